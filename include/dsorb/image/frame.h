@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/image/pyramid.h"
+
+#include <array>
+#include <memory>
+
+namespace dsorb {
+
+/// Position of an image in its sequence, or any number that is unique among the frames given.
+struct FrameId {
+  int value = -1;
+  friend bool operator==(FrameId l, FrameId r) { return l.value == r.value; }
+  friend bool operator!=(FrameId l, FrameId r) { return l.value != r.value; }
+  friend bool operator<(FrameId l, FrameId r) { return l.value < r.value; }
+};
+
+/// Factor from gradients of corrected grey levels to gradients of raw camera values, by corrected
+/// grey level: slope of the forward response. Selecting pixels by raw gradients makes the choice
+/// depend on image noise and not on the response curve.
+using ResponseSlope = std::array<float, 256>;
+
+struct FrameInfo {
+  FrameId id;
+  double timestamp = 0;                                           ///< [s]
+  double exposure = 1;                                            ///< [s]; 1 when unknown
+  std::shared_ptr<const ResponseSlope> response_slope = nullptr;  ///< null: the response is linear
+};
+
+class Frame;
+using FramePtr = std::shared_ptr<const Frame>;
+
+/// One image with its pyramid; immutable, safe to share between threads. Poses and brightness
+/// estimates live beside it.
+class Frame {
+ public:
+  /// @param image rectified and photometrically corrected, 8-bit or float (NaN marks invalid
+  /// pixels)
+  /// @throws std::invalid_argument on an empty or too small image
+  static FramePtr create(const ImageView& image, const FrameInfo& info) {
+    return std::make_shared<const Frame>(image, info);
+  }
+  Frame(const ImageView& image, const FrameInfo& info) : info_(info), pyramid_(image) {}
+
+  [[nodiscard]] FrameId id() const { return info_.id; }
+  [[nodiscard]] double timestamp() const { return info_.timestamp; }
+  [[nodiscard]] double exposure() const { return info_.exposure; }
+  [[nodiscard]] const ResponseSlope* responseSlope() const { return info_.response_slope.get(); }
+  [[nodiscard]] const Pyramid& pyramid() const { return pyramid_; }
+  [[nodiscard]] const PyramidLevel& level(int index) const { return pyramid_.level(index); }
+  [[nodiscard]] int width() const { return pyramid_.width(); }
+  [[nodiscard]] int height() const { return pyramid_.height(); }
+
+ private:
+  FrameInfo info_;
+  Pyramid pyramid_;
+};
+
+}  // namespace dsorb

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/init/result.h"
+#include "dsorb/options/initializer.h"
+
+#include <memory>
+#include <optional>
+
+namespace dsorb {
+
+enum class InitStatus {
+  kNeedsMoreFrames,  ///< nothing is dropped but the oldest frames of a bounded buffer
+  kRestarted,        ///< everything earlier is dropped, this frame is the new reference
+  kInitialized       ///< `result` is set; the object is spent until reset()
+};
+
+struct InitStep {
+  InitStatus status = InitStatus::kNeedsMoreFrames;
+  InitReason reason = InitReason::kFirstFrame;
+  std::optional<InitializationResult> result;
+};
+
+/// Finds the first poses, inverse depths and brightness from frames given one by one. The contract
+/// (house rules, section 5) is tested by one suite for every kind.
+class Initializer {
+ public:
+  virtual ~Initializer() = default;
+
+  /// @param frame of the camera's size, in time order (either direction)
+  /// @throws std::invalid_argument wrong size, timestamp equal to the previous one or a change of
+  ///         direction
+  /// @throws std::logic_error after a result, before reset()
+  [[nodiscard]] virtual InitStep addFrame(FramePtr frame) = 0;
+
+  /// Makes the object equal to a fresh one.
+  virtual void reset() = 0;
+};
+
+/// @throws ConfigError on options out of range
+std::unique_ptr<Initializer> makeInitializer(const InitializerOptions& options,
+                                             const PinholeCamera& camera);
+
+}  // namespace dsorb

@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/geometry/se3.h"
+#include "dsorb/image/affine_brightness.h"
+#include "dsorb/image/frame.h"
+
+#include <Eigen/Core>
+
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace dsorb {
+
+/// Why an initializer answered as it did; for logs, observers and tests, never for control flow.
+enum class InitReason {
+  kFirstFrame,
+  kTooFewPoints,
+  kTooLittleParallax,
+  kSettling,
+  kTrackingLost,
+  kDegenerateMotion,
+  kPoorQuality,
+  kTimeout,
+  kDone
+};
+
+/// Name as in logs and JSON, for example "too_little_parallax".
+[[nodiscard]] const char* name(InitReason reason);
+
+/// A frame since the reference. A frame that could not be posed has no pose instead of being
+/// hidden.
+struct PosedFrame {
+  FramePtr frame;
+  std::optional<SE3> T_cam_ref;
+  AffineBrightness affine;             ///< relative to the reference, which has a = b = 0
+  std::optional<Matrix6d> covariance;  ///< of exp(xi) * T_cam_ref, [translation; rotation]
+};
+
+struct InitPoint {
+  int host = 0;                 ///< index into the result's frames
+  Eigen::Vector2f pixel{0, 0};  ///< in the host, level 0 [px]
+  float inverse_depth = 0;      ///< for the host camera's z [1/unit]
+  float variance = 0;           ///< of the inverse depth [1/unit^2]
+  int observations = 0;
+};
+
+struct StageTime {
+  std::string stage;
+  double milliseconds = 0;
+};
+
+struct InitReport {
+  int frames_fed = 0;  ///< since the reference, the reference included
+  int frames_posed = 0;
+  int restarts = 0;
+  int points = 0;
+  std::string model;  ///< what explained the motion, for example "fundamental"
+  std::vector<StageTime> stages;
+  std::vector<InitReason> earlier_resets;
+  double median_parallax_deg = 0;  ///< rotation-compensated
+  double inlier_ratio = 0;
+  double residual_rms = 0;           ///< [px]
+  double median_relative_sigma = 0;  ///< of the inverse depths
+  std::vector<std::pair<std::string, double>> details;
+};
+
+/// What an initializer hands over. Front frame: the reference, identity pose, a = b = 0; back
+/// frame: the newest, posed. Unit: the mean inverse depth of the reference's points is 1.
+struct InitializationResult {
+  std::vector<PosedFrame> frames;
+  std::vector<InitPoint> points;
+  InitReport report;
+};
+
+/// Checks every clause of the hand-over that can be seen from the result alone.
+/// @throws std::logic_error naming the clause and the values that break it
+void checkInvariants(const InitializationResult& result);
+
+}  // namespace dsorb

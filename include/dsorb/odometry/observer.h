@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/init/initializer.h"
+
+#include <Eigen/Core>
+
+#include <optional>
+#include <vector>
+
+namespace dsorb {
+
+enum class OdometryState { kInitializing, kInitialized, kTracked, kLost };
+
+/// Name as in frames.csv, for example "tracked".
+[[nodiscard]] const char* name(OdometryState state);
+
+/// What is known of one frame after it was processed.
+struct FrameEstimate {
+  FramePtr frame;
+  OdometryState state = OdometryState::kInitializing;  ///< after this frame
+  int segment = 0;  ///< a new one begins with the frame after a loss
+  bool is_keyframe = false;
+  std::optional<SE3> T_world_cam;     ///< world: reference camera of the segment's initialization
+  std::optional<FrameId> keyframe;    ///< keyframe the pose hangs on ...
+  std::optional<SE3> T_cam_keyframe;  ///< ... and the pose relative to it
+  AffineBrightness affine;
+  std::optional<double> tracking_rmse;  ///< level 0 [grey levels]
+};
+
+struct MapPoint {
+  Eigen::Vector2f pixel{0, 0};  ///< in the keyframe, level 0 [px]
+  float inverse_depth = 0;      ///< [1/unit]
+  float variance = 0;           ///< [1/unit^2]
+  float intensity = 0;          ///< [grey levels]
+};
+
+/// A keyframe with the points it hosts, as a value.
+struct KeyframeSnapshot {
+  FrameId id;
+  double timestamp = 0;  ///< [s]
+  int segment = 0;
+  SE3 T_world_cam;
+  AffineBrightness affine;
+  PinholeCamera camera;
+  std::vector<MapPoint> points;
+};
+
+/// Told what happens, on the processing thread, in order. Calls must be quick; an exception
+/// propagates to the caller of Odometry::process.
+class OdometryObserver {
+ public:
+  virtual ~OdometryObserver() = default;
+  /// After every frame given to the initializer.
+  virtual void onInitStep(const InitStep& /*step*/, const Frame& /*frame*/, int /*segment*/) {}
+  /// After every frame; poses of frames before an initialization come with its result.
+  virtual void onFrame(const FrameEstimate& /*estimate*/) {}
+  /// A keyframe is new or its estimates changed.
+  virtual void onKeyframe(const KeyframeSnapshot& /*keyframe*/) {}
+  /// The keyframe's estimates are final.
+  virtual void onKeyframeRetired(const KeyframeSnapshot& /*keyframe*/) {}
+  virtual void onLost(FrameId /*frame*/, int /*segment*/) {}
+};
+
+}  // namespace dsorb

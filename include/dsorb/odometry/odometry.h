@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/init/initializer.h"
+#include "dsorb/odometry/observer.h"
+#include "dsorb/options/odometry.h"
+
+#include <memory>
+#include <vector>
+
+namespace dsorb {
+
+/// Seconds spent by stage, and counts, over the whole run.
+struct OdometryReport {
+  int frames_given = 0;
+  int frames_tracked = 0;
+  int keyframes = 0;
+  int segments = 0;  ///< with a successful initialization
+  double initializing_seconds = 0;
+  double tracking_seconds = 0;
+  double mapping_seconds = 0;
+};
+
+/// Direct visual odometry, one frame at a time: initializing, tracking, lost. Sequential and
+/// deterministic: the same frames and options give the same bits for any number of threads.
+class Odometry {
+ public:
+  /// Initializer by options. @throws ConfigError on options out of range
+  Odometry(const PinholeCamera& camera, const OdometryOptions& options);
+  /// Anybody's own initializer.
+  Odometry(const PinholeCamera& camera,
+           const OdometryOptions& options,
+           std::unique_ptr<Initializer> initializer);
+  ~Odometry();
+  Odometry(Odometry&&) noexcept;
+  Odometry& operator=(Odometry&&) noexcept;
+
+  /// @param observer must outlive this object; called in the order of registration
+  void addObserver(OdometryObserver* observer);
+
+  /// @throws std::invalid_argument wrong size or timestamp, std::logic_error when lost
+  FrameEstimate process(const FramePtr& frame);
+
+  /// Leaves the state lost: the next frame starts a new segment with a new initialization.
+  void restart();
+
+  /// Retires what is left and reports; further frames throw std::logic_error.
+  OdometryReport finish();
+
+ private:
+  class Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace dsorb

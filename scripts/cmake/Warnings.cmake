@@ -1,0 +1,16 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# dsorb_compile_options(TARGET): warnings, sanitizers and the instruction set, private to our targets.
+function(dsorb_compile_options target)
+  target_compile_options(${target} PRIVATE -Wall -Wextra -Wconversion -Wshadow)
+  if(DSORB_WERROR)
+    target_compile_options(${target} PRIVATE -Werror)
+  endif()
+  if(DSORB_NATIVE)
+    target_compile_options(${target} PRIVATE -march=native)
+  endif()
+  if(DSORB_SANITIZE)
+    target_compile_options(${target} PRIVATE -fsanitize=${DSORB_SANITIZE} -fno-omit-frame-pointer
+                                             -fno-sanitize-recover=all)
+    target_link_options(${target} PRIVATE -fsanitize=${DSORB_SANITIZE})
+  endif()
+endfunction()

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+
+#include <array>
+#include <cmath>
+
+namespace dsorb {
+
+struct PatternOffset {
+  int x;
+  int y;
+};
+
+/// The 8-pixel residual pattern: spread diamond without its lower-right diagonal pixel.
+/// @source Engel et al., DSO, arXiv:1607.02565, fig. 4
+constexpr std::array<PatternOffset, 8> kPattern = {
+    {{0, -2}, {-1, -1}, {1, -1}, {-2, 0}, {0, 0}, {2, 0}, {-1, 1}, {0, 2}}};
+constexpr int kPatternSize = 8;
+constexpr int kPatternRadius = 2;  // [px]
+
+constexpr float kHuberThreshold = 9.0F;  // [grey levels]; DSO, section 2.2
+
+/// Weight of iteratively re-weighted least squares: 1 below the threshold, threshold / |r| above.
+inline float huberWeight(float residual, float threshold = kHuberThreshold) {
+  const float magnitude = std::abs(residual);
+  return magnitude < threshold ? 1.0F : threshold / magnitude;
+}
+
+/// Huber energy on DSO's scale: r^2 below the threshold, 2 threshold |r| - threshold^2 above, which
+/// is w r^2 (2 - w).
+inline float huberEnergy(float residual, float weight) {
+  return weight * residual * residual * (2.0F - weight);
+}
+
+/// Weight that trusts strong gradients less: c^2 / (c^2 + |gradient|^2), c = 50 grey levels / px.
+/// @source Engel et al., DSO, eq. (7)
+inline float gradientWeight(float squared_gradient) {
+  constexpr float kC2 = 50.0F * 50.0F;
+  return kC2 / (kC2 + squared_gradient);
+}
+
+/// A pixel of a known frame whose inverse depth is known: what tracking needs of a map.
+struct DepthSample {
+  Eigen::Vector2f pixel{0, 0};  ///< level 0 [px]
+  float inverse_depth = 0;      ///< [1/unit], for the frame's z
+  float weight = 1;             ///< relative; square root of the inverse depth's information
+};
+
+}  // namespace dsorb

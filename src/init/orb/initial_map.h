@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/geometry/se3.h"
+#include "dsorb/image/affine_brightness.h"
+#include "dsorb/image/frame.h"
+
+#include <Eigen/Core>
+
+#include <optional>
+#include <vector>
+
+namespace dsorb::init_orb {
+
+/// Corner of the reference image, hosted there: its pixel is exact because the patch was cut there.
+struct Corner {
+  Eigen::Vector2d pixel{0, 0};  ///< in the reference [px]
+  double inverse_depth = 0;     ///< [1/unit]
+  double variance = 0;          ///< [1/unit^2]; 0 until an adjustment has set it
+};
+
+/// Where a corner was seen in a later frame.
+struct Observation {
+  int corner = 0;  ///< index into InitialMap::corners
+  int frame = 0;   ///< index into InitialMap::frames, at least 1
+  Eigen::Vector2d pixel{0, 0};
+};
+
+/// Gradient pixel of the reference with the inverse depth found by epipolar search.
+struct SemiDensePoint {
+  Eigen::Vector2f pixel{0, 0};
+  float inverse_depth = 0;  ///< [1/unit]
+  float variance = 0;       ///< [1/unit^2]
+  int observations = 0;
+};
+
+/// The attempt: everything since the reference, as values.
+struct InitialMap {
+  std::vector<FramePtr> frames;                     ///< front is the reference
+  std::vector<std::optional<SE3>> T_cam_ref;        ///< one a frame, identity first
+  std::vector<std::optional<Matrix6d>> covariance;  ///< of a left increment, one a frame
+  std::vector<AffineBrightness> affine;             ///< one a frame, zero first
+  std::vector<Corner> corners;
+  std::vector<Observation> observations;  ///< sorted by corner, then frame
+  std::vector<SemiDensePoint> points;
+};
+
+}  // namespace dsorb::init_orb
