@@ -2,22 +2,14 @@
 #pragma once
 
 #include "dsorb/options/field.h"
+#include "dsorb/options/orb.h"
 
-#include <cstdint>
+#include <string>
+#include <vector>
 
 namespace dsorb {
 
 enum class InitializerKind { kCoarse, kOrb };
-
-/// Options of ORBInitializer, one nested struct a stage.
-struct OrbOptions {
-  int min_frames = 5;  ///< frames before the first attempt, the reference counted
-};
-
-template <typename Visitor, typename Options>
-DescribeFor<Options, OrbOptions> describe(Visitor& visit, Options& o) {
-  visit.field("min_frames", o.min_frames, Range{2, 100}, "frames");
-}
 
 struct InitializerOptions {
   InitializerKind kind = InitializerKind::kOrb;
@@ -33,5 +25,12 @@ DescribeFor<Options, InitializerOptions> describe(Visitor& visit, Options& o) {
   visit.field("num_threads", o.num_threads, Range{0, 1024}, "threads");
   visit.group("orb", o.orb);
 }
+
+/// Names of the variants as on the command line: "orb", "orb-v1".
+[[nodiscard]] std::vector<std::string> initializerVariants();
+
+/// Options of a named variant.
+/// @throws ConfigError naming the variants there are
+[[nodiscard]] InitializerOptions initializerVariant(const std::string& name);
 
 }  // namespace dsorb

@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/options/field.h"
+
+namespace dsorb {
+
+/// Corners of the reference, followed from frame to frame.
+struct FeatureTrackOptions {
+  int max_corners = 2000;
+  double corner_quality = 0.01;     ///< corner strength relative to the strongest of the image
+  double min_distance = 8;          ///< between corners, for an image diagonal of 800 px
+  int cell_size = 64;               ///< of the grid that spreads the corners
+  int window = 21;                  ///< side of the patch that Lucas-Kanade aligns
+  int max_level = 3;                ///< coarsest pyramid level of Lucas-Kanade
+  int max_iterations = 30;          ///< of Lucas-Kanade on each level
+  double min_step = 0.01;           ///< Lucas-Kanade stops at smaller steps
+  double max_backward_error = 1;    ///< forward and backward again may miss the start by this much
+  double min_survivor_share = 0.2;  ///< fewer survivors of one step: the scene was cut
+};
+
+template <typename Visitor, typename Options>
+DescribeFor<Options, FeatureTrackOptions> describe(Visitor& visit, Options& o) {
+  visit.field("max_corners", o.max_corners, Range{50, 20000}, "corners");
+  visit.field("corner_quality", o.corner_quality, Range{1e-5, 1}, "");
+  visit.field("min_distance", o.min_distance, Range{0, 100}, "px");
+  visit.field("cell_size", o.cell_size, Range{8, 4096}, "px");
+  visit.field("window", o.window, Range{5, 101}, "px");
+  visit.field("max_level", o.max_level, Range{0, 8}, "levels");
+  visit.field("max_iterations", o.max_iterations, Range{1, 1000}, "iterations");
+  visit.field("min_step", o.min_step, Range{1e-4, 1}, "px");
+  visit.field("max_backward_error", o.max_backward_error, Range{0.01, 100}, "px");
+  visit.field("min_survivor_share", o.min_survivor_share, Range{0, 1}, "");
+}
+
+/// Motion between the reference and the newest frame.
+struct TwoViewOptions {
+  int rounds = 200;                  ///< of RANSAC; both models use the same samples
+  double sigma = 1;                  ///< of a corner's position in each image
+  double homography_share = 0.4;     ///< homography when S_H / (S_H + S_F) is above
+  double min_rotation_residual = 1;  ///< median that a rotation alone leaves; less: no parallax
+  int min_triangulated = 50;         ///< good points of the best hypothesis
+  double min_good_share = 0.9;       ///< good points of the best hypothesis, of the inliers
+  double max_second_share = 0.7;     ///< good points of the second hypothesis, of the best's
+  double min_parallax_deg = 1;       ///< of the point below
+  int parallax_rank = 51;            ///< this many points have the parallax above (or all)
+};
+
+template <typename Visitor, typename Options>
+DescribeFor<Options, TwoViewOptions> describe(Visitor& visit, Options& o) {
+  visit.field("rounds", o.rounds, Range{1, 100000}, "rounds");
+  visit.field("sigma", o.sigma, Range{0.01, 100}, "px");
+  visit.field("homography_share", o.homography_share, Range{0, 1}, "");
+  visit.field("min_rotation_residual", o.min_rotation_residual, Range{0, 100}, "px");
+  visit.field("min_triangulated", o.min_triangulated, Range{8, 20000}, "points");
+  visit.field("min_good_share", o.min_good_share, Range{0, 1}, "");
+  visit.field("max_second_share", o.max_second_share, Range{0, 1}, "");
+  visit.field("min_parallax_deg", o.min_parallax_deg, Range{0, 90}, "deg");
+  visit.field("parallax_rank", o.parallax_rank, Range{1, 20000}, "points");
+}
+
+/// Reprojection error of all frames since the reference.
+struct GeometricOptions {
+  double sigma = 1;  ///< of an observation, each axis
+};
+
+template <typename Visitor, typename Options>
+DescribeFor<Options, GeometricOptions> describe(Visitor& visit, Options& o) {
+  visit.field("sigma", o.sigma, Range{0.01, 100}, "px");
+}
+
+/// Inverse depth of gradient pixels by search along epipolar lines.
+struct SemiDenseOptions {
+  int min_points = 50;  ///< fewer: the attempt fails
+};
+
+template <typename Visitor, typename Options>
+DescribeFor<Options, SemiDenseOptions> describe(Visitor& visit, Options& o) {
+  visit.field("min_points", o.min_points, Range{1, 100000}, "points");
+}
+
+/// Options of ORBInitializer, one nested struct a stage.
+struct OrbOptions {
+  int min_frames = 5;    ///< before the first attempt, the reference counted
+  int max_frames = 20;   ///< since the reference; then a new one is taken
+  int min_tracked = 50;  ///< survivors of the reference's corners
+  FeatureTrackOptions tracks;
+  TwoViewOptions two_view;
+  GeometricOptions geometric;
+  SemiDenseOptions semi_dense;
+};
+
+template <typename Visitor, typename Options>
+DescribeFor<Options, OrbOptions> describe(Visitor& visit, Options& o) {
+  visit.field("min_frames", o.min_frames, Range{2, 100}, "frames");
+  visit.field("max_frames", o.max_frames, Range{2, 1000}, "frames");
+  visit.field("min_tracked", o.min_tracked, Range{8, 20000}, "corners");
+  visit.group("tracks", o.tracks);
+  visit.group("two_view", o.two_view);
+  visit.group("geometric", o.geometric);
+  visit.group("semi_dense", o.semi_dense);
+}
+
+}  // namespace dsorb
