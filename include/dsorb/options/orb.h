@@ -2,6 +2,7 @@
 #pragma once
 
 #include "dsorb/options/field.h"
+#include "dsorb/options/orb_mapping.h"
 
 namespace dsorb {
 
@@ -88,6 +89,8 @@ struct OrbOptions {
   TwoViewOptions two_view;
   GeometricOptions geometric;
   SemiDenseOptions semi_dense;
+  GeometricOptions geometric;
+  SemiDenseOptions semi_dense;
 };
 
 template <typename Visitor, typename Options>
@@ -97,6 +100,8 @@ DescribeFor<Options, OrbOptions> describe(Visitor& visit, Options& o) {
   visit.field("min_tracked", o.min_tracked, Range{8, 20000}, "corners");
   visit.group("tracks", o.tracks);
   visit.group("two_view", o.two_view);
+  visit.group("geometric", o.geometric);
+  visit.group("semi_dense", o.semi_dense);
   visit.group("geometric", o.geometric);
   visit.group("semi_dense", o.semi_dense);
 }

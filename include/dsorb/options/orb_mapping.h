@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/options/field.h"
+
+namespace dsorb {
+
+/// Options of the geometric bundle adjustment of ORBInitializer.
+struct GeometricOptions {
+  double sigma = 1.0;               ///< standard deviation of a corner's position [px]
+  double huber_threshold = 2.4474;  ///< of the whitened error [-]: sqrt(5.99), 95 % of chi-square 2
+  double severe_limit = 8.0;  ///< a corner above it in any frame goes, and all is solved again [px]
+  double normal_limit = 3.0;  ///< limit after the severe outliers are gone [px]
+  int min_points = 50;        ///< fewer corners left: the attempt fails
+  int max_iterations = 20;    ///< of one solve
+  int max_rounds = 10;        ///< of solving and removing severe outliers
+  double function_tolerance = 1e-6;  ///< relative change of the cost that ends a solve [-]
+};
+
+template <typename Visitor, typename Options>
+DescribeFor<Options, GeometricOptions> describe(Visitor& visit, Options& o) {
+  visit.field("sigma", o.sigma, Range{0.01, 100}, "px");
+  visit.field("huber_threshold", o.huber_threshold, Range{0.1, 1000}, "");
+  visit.field("severe_limit", o.severe_limit, Range{0.1, 1000}, "px");
+  visit.field("normal_limit", o.normal_limit, Range{0.1, 1000}, "px");
+  visit.field("min_points", o.min_points, Range{8, 100000}, "points");
+  visit.field("max_iterations", o.max_iterations, Range{1, 1000}, "iterations");
+  visit.field("max_rounds", o.max_rounds, Range{1, 100}, "rounds");
+  visit.field("function_tolerance", o.function_tolerance, Range{1e-16, 1}, "");
+}
+
+/// Pixels compared along the epipolar line.
+enum class SearchPatch {
+  kLine,    ///< 5 samples on the line
+  kPattern  ///< the 8-pixel pattern, warped by rotation and scale
+};
+
+/// How the brightness of two patches is made equal.
+enum class PatchBrightness {
+  kMeanRemoved,  ///< each patch minus its mean
+  kAffine        ///< affine brightness of the frames
+};
+
+/// What the geometric part of an observation's variance is made of.
+enum class LineError {
+  kNormal,    ///< pose covariance on the normal of the epipolar line
+  kGradient,  ///< pose covariance on the gradient: an error along the line shifts the match, too
+  kReport     ///< norm of the image gradient, as the report prints it (wrong unit)
+};
+
+/// How several observations of one inverse depth become one.
+enum class DepthFusion {
+  kProduct,     ///< product of Gaussians
+  kMostPrecise  ///< the observation of smallest variance: all share the reference patch
+};
+
+/// Options of the semi-dense structure of ORBInitializer.
+struct SemiDenseOptions {
+  int patch_size = 6;                ///< one candidate in a square of this side [px]
+  double gradient_above_median = 7;  ///< threshold over the median of its 32x32 block [grey/px]
+  int max_candidates = 3000;         ///< larger patches are taken until no more remain
+  SearchPatch patch = SearchPatch::kPattern;
+  PatchBrightness brightness = PatchBrightness::kMeanRemoved;
+  double min_gradient_share = 0.3;  ///< least |gradient along the line| / |gradient| [-]
+  double min_line_gradient = 2.0;   ///< least |gradient along the line| [grey/px]
+  int prior_neighbours = 5;         ///< nearest corners a prior is made of
+  double prior_radius = 60;         ///< corners farther away do not count [px]
+  double search_sigmas = 2.0;       ///< half length of the searched interval [sigma]
+  double max_search = 0.25;         ///< longest search [image diagonals]
+  double image_noise = 2.8284;      ///< of one grey value, sigma_i: sqrt(8) [grey levels]
+  double max_residual =
+      16;  ///< largest rms of a matched patch beside its gradient's share [grey levels]
+  double second_best_ratio = 1.5;  ///< least ratio of the second-best minimum to the best [-]
+  LineError line_error = LineError::kNormal;
+  double line_error_floor = 0.2;  ///< least sigma_l [px]
+  DepthFusion fusion = DepthFusion::kMostPrecise;
+  double fusion_gate = 3.0;   ///< farther from the prior is an outlier vote [combined sigma]
+  int max_outlier_votes = 3;  ///< so many votes remove a point
+};
+
+template <typename Visitor, typename Options>
+DescribeFor<Options, SemiDenseOptions> describe(Visitor& visit, Options& o) {
+  visit.field("patch_size", o.patch_size, Range{1, 1000}, "px");
+  visit.field("gradient_above_median", o.gradient_above_median, Range{0, 255}, "grey levels / px");
+  visit.field("max_candidates", o.max_candidates, Range{1, 1000000}, "points");
+  visit.choice(
+      "patch", o.patch, {{"line", SearchPatch::kLine}, {"pattern", SearchPatch::kPattern}});
+  visit.choice(
+      "brightness",
+      o.brightness,
+      {{"mean_removed", PatchBrightness::kMeanRemoved}, {"affine", PatchBrightness::kAffine}});
+  visit.field("min_gradient_share", o.min_gradient_share, Range{0, 1}, "");
+  visit.field("min_line_gradient", o.min_line_gradient, Range{0, 255}, "grey levels / px");
+  visit.field("prior_neighbours", o.prior_neighbours, Range{1, 32}, "corners");
+  visit.field("prior_radius", o.prior_radius, Range{0, 100000}, "px");
+  visit.field("search_sigmas", o.search_sigmas, Range{0.1, 100}, "sigma");
+  visit.field("max_search", o.max_search, Range{0.001, 1}, "image diagonals");
+  visit.field("image_noise", o.image_noise, Range{0.01, 255}, "grey levels");
+  visit.field("max_residual", o.max_residual, Range{0.1, 255}, "grey levels");
+  visit.field("second_best_ratio", o.second_best_ratio, Range{1, 1000}, "");
+  visit.choice("line_error",
+               o.line_error,
+               {{"normal", LineError::kNormal},
+                {"gradient", LineError::kGradient},
+                {"report", LineError::kReport}});
+  visit.field("line_error_floor", o.line_error_floor, Range{0, 100}, "px");
+  visit.choice("fusion",
+               o.fusion,
+               {{"product", DepthFusion::kProduct}, {"most_precise", DepthFusion::kMostPrecise}});
+  visit.field("fusion_gate", o.fusion_gate, Range{0.1, 1000}, "sigma");
+  visit.field("max_outlier_votes", o.max_outlier_votes, Range{1, 1000}, "votes");
+}
+
+}  // namespace dsorb
