@@ -60,26 +60,6 @@ DescribeFor<Options, TwoViewOptions> describe(Visitor& visit, Options& o) {
   visit.field("parallax_rank", o.parallax_rank, Range{1, 20000}, "points");
 }
 
-/// Reprojection error of all frames since the reference.
-struct GeometricOptions {
-  double sigma = 1;  ///< of an observation, each axis
-};
-
-template <typename Visitor, typename Options>
-DescribeFor<Options, GeometricOptions> describe(Visitor& visit, Options& o) {
-  visit.field("sigma", o.sigma, Range{0.01, 100}, "px");
-}
-
-/// Inverse depth of gradient pixels by search along epipolar lines.
-struct SemiDenseOptions {
-  int min_points = 50;  ///< fewer: the attempt fails
-};
-
-template <typename Visitor, typename Options>
-DescribeFor<Options, SemiDenseOptions> describe(Visitor& visit, Options& o) {
-  visit.field("min_points", o.min_points, Range{1, 100000}, "points");
-}
-
 /// Options of ORBInitializer, one nested struct a stage.
 struct OrbOptions {
   int min_frames = 5;    ///< before the first attempt, the reference counted
@@ -87,8 +67,6 @@ struct OrbOptions {
   int min_tracked = 50;  ///< survivors of the reference's corners
   FeatureTrackOptions tracks;
   TwoViewOptions two_view;
-  GeometricOptions geometric;
-  SemiDenseOptions semi_dense;
   GeometricOptions geometric;
   SemiDenseOptions semi_dense;
 };
@@ -100,8 +78,6 @@ DescribeFor<Options, OrbOptions> describe(Visitor& visit, Options& o) {
   visit.field("min_tracked", o.min_tracked, Range{8, 20000}, "corners");
   visit.group("tracks", o.tracks);
   visit.group("two_view", o.two_view);
-  visit.group("geometric", o.geometric);
-  visit.group("semi_dense", o.semi_dense);
   visit.group("geometric", o.geometric);
   visit.group("semi_dense", o.semi_dense);
 }

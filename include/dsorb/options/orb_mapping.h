@@ -76,6 +76,7 @@ struct SemiDenseOptions {
   DepthFusion fusion = DepthFusion::kMostPrecise;
   double fusion_gate = 3.0;   ///< farther from the prior is an outlier vote [combined sigma]
   int max_outlier_votes = 3;  ///< so many votes remove a point
+  int min_points = 50;        ///< fewer: the attempt fails
 };
 
 template <typename Visitor, typename Options>
@@ -109,6 +110,7 @@ DescribeFor<Options, SemiDenseOptions> describe(Visitor& visit, Options& o) {
                {{"product", DepthFusion::kProduct}, {"most_precise", DepthFusion::kMostPrecise}});
   visit.field("fusion_gate", o.fusion_gate, Range{0.1, 1000}, "sigma");
   visit.field("max_outlier_votes", o.max_outlier_votes, Range{1, 1000}, "votes");
+  visit.field("min_points", o.min_points, Range{1, 100000}, "points");
 }
 
 }  // namespace dsorb
