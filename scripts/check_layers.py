@@ -1,0 +1,79 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: BSD-3-Clause
+"""Fails when a source file includes what its layer may not know (house rules: data flows one way)."""
+import re
+import subprocess
+import sys
+
+# folder -> project folders it may include besides itself; public and private headers alike
+MAY_INCLUDE = {
+    'options': set(),
+    'base': {'options'},
+    'geometry': {'base'},
+    'camera': {'geometry', 'base', 'options'},
+    'image': {'camera', 'geometry', 'base', 'options'},
+    'init': {'image', 'camera', 'geometry', 'base', 'options'},
+    'track': {'image', 'camera', 'geometry', 'base', 'options'},
+    'depth': {'image', 'camera', 'geometry', 'base', 'options'},
+    'window': {'depth', 'image', 'camera', 'geometry', 'base', 'options'},
+    'odometry': {'window', 'track', 'depth', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
+    'synthetic': {'image', 'camera', 'geometry', 'base', 'options'},
+    'io': {'odometry', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
+    'app': {'io', 'odometry', 'init', 'synthetic', 'image', 'camera', 'geometry', 'base', 'options'},
+}
+# third-party header -> folders (or file prefixes) that may use it
+THIRD_PARTY = {
+    r'opencv2/': ('src/camera/undistorter', 'src/init/orb/', 'src/io/', 'src/app/'),
+    r'ceres/': ('src/init/orb/',),
+    r'glog/': ('src/init/orb/',),
+    r'tbb/|oneapi/': ('src/base/', 'src/odometry/'),
+    r'yaml-cpp/': ('src/io/',),
+    r'nlohmann/': ('src/io/',),
+    r'zip\.h': ('src/io/',),
+    r'fmt/': ('src/io/', 'src/app/'),
+    r'spdlog/': ('src/app/',),
+    r'CLI/': ('src/app/',),
+}
+INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
+
+
+def folder_of(path):
+    parts = path.split('/')
+    return parts[2] if path.startswith('include/dsorb/') and len(parts) > 3 else \
+        parts[1] if path.startswith('src/') and len(parts) > 2 else None
+
+
+def wrong_includes(path):
+    folder, public = folder_of(path), path.startswith('include/')
+    with open(path, encoding='utf-8') as file:
+        lines = file.readlines()
+    for number, line in enumerate(lines, 1):
+        match = INCLUDE.match(line)
+        if not match:
+            continue
+        header = match.group(2)
+        target = header.removeprefix('dsorb/').split('/')[0] if '/' in header.removeprefix('dsorb/') else None
+        if match.group(1) == '"' and target in MAY_INCLUDE and folder and target != folder:
+            if target not in MAY_INCLUDE[folder]:
+                yield number, f'{folder} may not include {header}'
+            if folder == 'odometry' and target == 'init' and not header.startswith('dsorb/'):
+                yield number, f'odometry may include init through dsorb/init only, not {header}'
+            if folder == 'io' and target in ('odometry', 'init', 'image') and not header.startswith('dsorb/'):
+                yield number, f'io may include {target} through public headers only, not {header}'
+        if public and match.group(1) == '"' and not header.startswith('dsorb/'):
+            yield number, f'a public header may not include the private {header}'
+        for pattern, allowed in THIRD_PARTY.items():
+            if match.group(1) == '<' and re.match(pattern, header) and not path.startswith(allowed):
+                yield number, f'{header} may be included only in {", ".join(allowed)}'
+
+
+def main():
+    paths = subprocess.run(['git', 'ls-files', 'include/*.h', 'src/*.h', 'src/*.cpp'],
+                           capture_output=True, text=True, check=True).stdout.split()
+    faults = [f'{path}:{number}: {text}' for path in paths for number, text in wrong_includes(path)]
+    print('\n'.join(faults) or f'layers: {len(paths)} files, no wrong arrow')
+    return 1 if faults else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
