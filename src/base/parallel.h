@@ -3,6 +3,7 @@
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_invoke.h>
 #include <tbb/parallel_reduce.h>
 #include <tbb/task_arena.h>
 
@@ -41,6 +42,12 @@ void forEachRange(std::size_t n, std::size_t grain, Function&& function) {
   tbb::parallel_for(
       tbb::blocked_range<std::size_t>(0, n, grain),
       [&](const tbb::blocked_range<std::size_t>& range) { function(range.begin(), range.end()); });
+}
+
+/// Runs two functions that share nothing they write, at the same time where threads are free.
+template <typename First, typename Second>
+void runBoth(First&& first, Second&& second) {
+  tbb::parallel_invoke(std::forward<First>(first), std::forward<Second>(second));
 }
 
 /// Sum over [0, n) of function(begin, end, partial) -> partial, split and added in an order that
