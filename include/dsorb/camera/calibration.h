@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+
+#include <array>
+#include <vector>
+
+namespace dsorb {
+
+/// How a lens bends the ray (x, y, 1). Coefficients in the order of `Lens::coefficients`:
+enum class LensModel {
+  kPinhole,      ///< none
+  kFov,          ///< omega [rad]: field-of-view model
+  kRadTan,       ///< k1 k2 p1 p2 k3: radial-tangential, the order of OpenCV
+  kEquidistant,  ///< k1 k2 k3 k4: fisheye; EquiDistant and KannalaBrandt of calibration files
+};
+
+/// The camera as it took the images. Centre of the top-left pixel is (0, 0).
+struct Lens {
+  LensModel model = LensModel::kPinhole;
+  double fx = 0;  ///< focal length [px]
+  double fy = 0;  ///< focal length [px]
+  double cx = 0;  ///< principal point [px]
+  double cy = 0;  ///< principal point [px]
+  std::array<double, 5> coefficients{};
+  int width = 0;   ///< [px]; 0: as the images are
+  int height = 0;  ///< [px]; 0: as the images are
+};
+
+enum class RectificationMode {
+  kCrop,      ///< largest rectangle without invalid pixels
+  kFull,      ///< whole field of view, with invalid pixels
+  kNone,      ///< no resampling, distortion is ignored
+  kExplicit,  ///< the camera given
+};
+
+/// The camera wanted. Sizes are cropped right and below to multiples of 16, so that the image
+/// pyramid gets enough levels.
+struct Rectification {
+  RectificationMode mode = RectificationMode::kCrop;
+  int width = 0;         ///< [px]; 0: as the input
+  int height = 0;        ///< [px]; 0: as the input
+  PinholeCamera camera;  ///< for kExplicit; its size is not used
+};
+
+/// What is known about grey levels. Empty vectors: unknown.
+struct PhotometricCalibration {
+  std::vector<float>
+      response;  ///< irradiance 0..255 by raw value, at least 256 entries, increasing
+  std::vector<float> vignette;  ///< attenuation 0..1, row-major, size of the input image
+  int vignette_width = 0;       ///< [px]
+  int vignette_height = 0;      ///< [px]
+};
+
+/// What the calibration files of a data set say.
+struct Calibration {
+  Lens lens;
+  Rectification rectification;
+  PhotometricCalibration photometric;
+};
+
+}  // namespace dsorb

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/image/frame.h"
+
+#include <memory>
+#include <optional>
+#include <string>
+
+namespace dsorb {
+
+enum class SequenceFormat { kAuto, kDso, kKitti, kEuroc, kTum, kImages };
+
+/// What grey levels mean. kAuto: calibrated where response and vignette are there, else
+/// uncalibrated.
+enum class PhotometryMode { kAuto, kCalibrated, kUncalibrated, kPerfect };
+
+struct SequenceOptions {
+  std::string path;  ///< data set folder, image folder, or .zip of images
+  SequenceFormat format = SequenceFormat::kAuto;
+  std::string calibration_file;  ///< empty: the one of the data set
+  std::string response_file;     ///< empty: pcalib.txt of the data set, if there
+  std::string vignette_file;     ///< empty: vignette.png of the data set, if there
+  PhotometryMode photometry = PhotometryMode::kAuto;
+  int start = 0;         ///< first image
+  int end = -1;          ///< one past the last image; negative or too large: the number of images
+  bool reverse = false;  ///< from end - 1 down to start, both included
+  int prefetch = 2;      ///< images prepared ahead by a thread of its own; 0: none, no thread
+};
+
+/// One image, rectified, photometrically corrected, with its pyramid.
+struct SequenceFrame {
+  int index = -1;  ///< position in the sequence, also the frame's id
+  FramePtr frame;
+  std::string image_file;
+  double read_milliseconds = 0;     ///< reading, decoding, correction, rectification [ms]
+  double pyramid_milliseconds = 0;  ///< Frame::create [ms]
+};
+
+/// Reads a data set image by image: DSO/TUM-mono folder (images or images.zip), KITTI odometry,
+/// EuRoC ASL, TUM RGB-D, or a plain folder of images with a calibration file. Images are prepared
+/// ahead in the background; the reader itself is used by one thread.
+class SequenceReader {
+ public:
+  /// @throws IoError on a missing or malformed data set or calibration
+  /// @throws ConfigError on options that contradict each other or the data set
+  explicit SequenceReader(const SequenceOptions& options);
+  ~SequenceReader();
+  SequenceReader(SequenceReader&&) noexcept;
+  SequenceReader& operator=(SequenceReader&&) noexcept;
+
+  /// Camera of the rectified images.
+  [[nodiscard]] const PinholeCamera& camera() const;
+  /// Number of images in the data set.
+  [[nodiscard]] int size() const;
+  /// Number of images that next() delivers in all.
+  [[nodiscard]] int selected() const;
+  /// Never kAuto: what was recognised.
+  [[nodiscard]] SequenceFormat format() const;
+  /// Never kAuto: what is in force.
+  [[nodiscard]] PhotometryMode photometry() const;
+  /// Time of any image [s]; 0.1 * index where the data set has no times.
+  [[nodiscard]] double timestamp(int index) const;
+
+  /// @return the next selected image; empty after the last one
+  /// @throws IoError where this image cannot be read; nothing follows it
+  [[nodiscard]] std::optional<SequenceFrame> next();
+
+ private:
+  class Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace dsorb
