@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/options/odometry.h"
+
+#include <string>
+#include <vector>
+
+namespace dsorb {
+
+/// One `key = value` for an option, as text, and where it was written (for messages).
+struct ConfigAssignment {
+  std::string key;  ///< full dotted key, or the end of exactly one: "orb.min_frames"
+  std::string value;
+  std::string origin;  ///< for example "--set", "slow.yaml:12"
+};
+
+/// Where options come from. Later wins: struct defaults, the preset, `program_defaults`, the
+/// variant's OrbOptions, the files in their order, `assignments`, `flags`. The key
+/// `initializer.kind` takes every variant name; the last one to name a variant decides.
+struct ConfigSources {
+  std::string preset = "default";
+  std::vector<ConfigAssignment> program_defaults;
+  std::vector<std::string> files;             ///< YAML
+  std::vector<ConfigAssignment> assignments;  ///< `--set`
+  std::vector<ConfigAssignment> flags;        ///< named flags of the command line
+};
+
+/// Effective configuration of a run.
+struct Config {
+  std::string initializer = "orb";  ///< name of the variant
+  OdometryOptions options;
+};
+
+/// @throws ConfigError naming file, line, full key, what is allowed, and the closest valid key
+[[nodiscard]] Config loadConfig(const ConfigSources& sources);
+
+/// Every option as YAML with unit and range as comments; loading it gives the same configuration.
+[[nodiscard]] std::string toYaml(const Config& config);
+
+/// Presets compiled into the library: the files of configs/.
+[[nodiscard]] std::vector<std::string> presetNames();
+
+/// `key=value` as typed.
+/// @throws ConfigError without `=` or without a key
+[[nodiscard]] ConfigAssignment parseAssignment(const std::string& text, const std::string& origin);
+
+/// The candidate with the smallest edit distance to the word; empty when there are none. For
+/// messages that help with a typing error.
+[[nodiscard]] std::string closestName(const std::string& word,
+                                      const std::vector<std::string>& candidates);
+
+}  // namespace dsorb

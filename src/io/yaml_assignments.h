@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/io/config.h"
+
+#include <string>
+#include <vector>
+
+namespace dsorb::io {
+
+/// Flattens nested YAML maps to dotted keys, in the order written, each with "<name>:<line>".
+/// @throws ConfigError naming the line, on anything but maps of scalars and on a key given twice
+[[nodiscard]] std::vector<ConfigAssignment> readYamlAssignments(const std::string& text,
+                                                                const std::string& name);
+
+/// The same from a file. @throws ConfigError also when it cannot be read
+[[nodiscard]] std::vector<ConfigAssignment> readYamlFile(const std::string& path);
+
+/// "a.b.c" as its parts.
+[[nodiscard]] std::vector<std::string> splitKey(const std::string& key);
+
+}  // namespace dsorb::io
