@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "dsorb/odometry/observer.h"
+
+namespace dsorb {
+
+const char* name(OdometryState state) {
+  switch (state) {
+    case OdometryState::kInitializing:
+      return "initializing";
+    case OdometryState::kInitialized:
+      return "initialized";
+    case OdometryState::kTracked:
+      return "tracked";
+    case OdometryState::kLost:
+      return "lost";
+  }
+  return "unknown";
+}
+
+}  // namespace dsorb
