@@ -1,0 +1,301 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/geometric_adjustment.h"
+
+#include "init/orb/geometric_covariance.h"
+#include "init/orb/inverse_depth_projection.h"
+#include "init/orb/reprojection_cost.h"
+#include "support/jacobian_check.h"
+#include "support/matchers.h"
+#include "support/synthetic_map.h"
+
+#include <Eigen/Eigenvalues>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+namespace dsorb::init_orb {
+namespace {
+
+using RowMajor2x7 = Eigen::Matrix<double, 2, 7, Eigen::RowMajor>;
+using RowMajor6x7 = Eigen::Matrix<double, 6, 7, Eigen::RowMajor>;
+using RowMajor7x6 = Eigen::Matrix<double, 7, 6, Eigen::RowMajor>;
+
+SE3 somePose(std::uint64_t seed) {
+  Random random(seed);
+  Vector6d xi;
+  for (int d = 0; d < 6; ++d) {
+    xi[d] = random.uniform(-0.5, 0.5);
+  }
+  return SE3::exp(xi);
+}
+
+double median(std::vector<double> values) {
+  std::nth_element(
+      values.begin(), values.begin() + static_cast<long>(values.size() / 2), values.end());
+  return values[values.size() / 2];
+}
+
+TEST(PoseManifold, MinusUndoesPlus) {
+  const PoseManifold manifold;
+  const PoseBlock x = toBlock(somePose(1));
+  Vector6d delta;
+  delta << 0.3, -0.2, 0.1, 0.4, 0.5, -0.6;
+  PoseBlock y{};
+  Vector6d back;
+  ASSERT_TRUE(manifold.Plus(x.data(), delta.data(), y.data()));
+  ASSERT_TRUE(manifold.Minus(y.data(), x.data(), back.data()));
+  EXPECT_LT((back - delta).norm(), 1e-12);
+  EXPECT_THAT(fromBlock(y.data()), Se3Near(SE3::exp(delta) * somePose(1), 1e-10, 1e-12));
+}
+
+TEST(PoseManifold, JacobiansMatchCentralDifferencesAndInvertEachOther) {
+  const PoseManifold manifold;
+  const PoseBlock x = toBlock(somePose(2));
+  RowMajor7x6 plus;
+  RowMajor6x7 minus;
+  ASSERT_TRUE(manifold.PlusJacobian(x.data(), plus.data()));
+  ASSERT_TRUE(manifold.MinusJacobian(x.data(), minus.data()));
+  const auto moved = [&](const Eigen::VectorXd& delta) {
+    PoseBlock y{};
+    manifold.Plus(x.data(), delta.data(), y.data());
+    return Eigen::VectorXd(Eigen::Map<const Eigen::Matrix<double, 7, 1>>(y.data()));
+  };
+  EXPECT_LT(relativeDifference(plus, numericJacobian(moved, 6)), 1e-8);
+  EXPECT_LT((minus * plus - Matrix6d::Identity()).norm(), 1e-12);
+}
+
+TEST(InverseDepthProjection, JacobiansMatchCentralDifferences) {
+  const PinholeCamera camera{400, 410, 319.5, 239.5, 640, 480};
+  const Eigen::Vector3d ray(0.2, -0.3, 1);
+  for (const double inverse_depth : {-0.05, 0.0, 0.4, 2.0}) {
+    const SE3 T = somePose(3);
+    const InverseDepthProjection at =
+        projectInverseDepth(camera, T.rotationMatrix(), T.translation(), ray, inverse_depth);
+    const auto project = [&](const Eigen::VectorXd& delta) {
+      const SE3 moved = SE3::exp(delta.head<6>()) * T;
+      return Eigen::VectorXd(
+          projectInverseDepth(
+              camera, moved.rotationMatrix(), moved.translation(), ray, inverse_depth + delta[6])
+              .pixel);
+    };
+    const Eigen::MatrixXd J = numericJacobian(project, 7);
+    EXPECT_LT(relativeDifference(at.J_pose, J.leftCols(6)), 1e-7) << inverse_depth;
+    EXPECT_LT(relativeDifference(at.J_inverse_depth, J.col(6)), 1e-7) << inverse_depth;
+    if (inverse_depth > 0) {
+      EXPECT_LT((at.pixel - camera.project(T * (ray / inverse_depth))).norm(), 1e-9);
+    }
+  }
+}
+
+TEST(ReprojectionCost, JacobiansMatchCentralDifferencesOnTheManifold) {
+  const PinholeCamera camera{400, 410, 319.5, 239.5, 640, 480};
+  const ReprojectionCost cost(camera, {0.2, -0.3, 1}, {350, 120}, 0.5);
+  const PoseManifold manifold;
+  const PoseBlock pose = toBlock(somePose(4));
+  const double inverse_depth = 0.7;
+  const auto residuals = [&](const Eigen::VectorXd& delta) {
+    PoseBlock moved{};
+    manifold.Plus(pose.data(), delta.data(), moved.data());
+    const double moved_depth = inverse_depth + delta[6];
+    const double* parameters[] = {moved.data(), &moved_depth};
+    Eigen::VectorXd r(2);
+    EXPECT_TRUE(cost.Evaluate(parameters, r.data(), nullptr));
+    return r;
+  };
+  const double* parameters[] = {pose.data(), &inverse_depth};
+  Eigen::Vector2d r;
+  RowMajor2x7 J_pose;
+  Eigen::Vector2d J_inverse_depth;
+  double* jacobians[] = {J_pose.data(), J_inverse_depth.data()};
+  ASSERT_TRUE(cost.Evaluate(parameters, r.data(), jacobians));
+  RowMajor7x6 plus;
+  manifold.PlusJacobian(pose.data(), plus.data());
+  const Eigen::MatrixXd J = numericJacobian(residuals, 7);
+  EXPECT_LT(relativeDifference(J_pose * plus, J.leftCols(6)), 1e-7);
+  EXPECT_LT(relativeDifference(J_inverse_depth, J.col(6)), 1e-7);
+}
+
+TEST(ReprojectionCost, RefusesPointsBehindTheCamera) {
+  const PinholeCamera camera{400, 410, 319.5, 239.5, 640, 480};
+  const ReprojectionCost cost(camera, {0, 0, 1}, {350, 120}, 1);
+  const PoseBlock pose = toBlock(SE3(Eigen::Matrix3d::Identity(), {0, 0, -1}));
+  const double inverse_depth = 2;  // at z = 0.5, the camera has moved to z = 1
+  const double* parameters[] = {pose.data(), &inverse_depth};
+  Eigen::Vector2d r;
+  EXPECT_FALSE(cost.Evaluate(parameters, r.data(), nullptr));
+}
+
+TEST(GeometricAdjustment, RecoversTruthFromAPerturbedStart) {
+  SyntheticMap scene = makeSyntheticMap({300, 5, 0, 0.3}, 5);
+  GeometricOptions options;
+  options.max_iterations = 50;
+  options.function_tolerance = 1e-16;
+  const GeometricReport report = adjustGeometry(scene.start, scene.camera, options);
+  ASSERT_TRUE(report.usable);
+  EXPECT_EQ(report.removed_severe + report.removed_normal + report.removed_unseen, 0);
+  EXPECT_LT(report.residual_rms, 1e-6);
+  for (std::size_t k = 1; k < 5; ++k) {
+    EXPECT_THAT(*scene.start.T_cam_ref[k], Se3Near(*scene.truth.T_cam_ref[k], 1e-6, 1e-6)) << k;
+  }
+  for (std::size_t i = 0; i < scene.truth.corners.size(); ++i) {
+    EXPECT_NEAR(scene.start.corners[i].inverse_depth, scene.truth.corners[i].inverse_depth, 1e-6);
+  }
+}
+
+TEST(GeometricAdjustment, VariancesPredictTheErrorsOfNoisyObservations) {
+  std::vector<double> depth_ratios;
+  std::vector<double> pose_ratios;
+  for (std::uint64_t seed = 10; seed < 30; ++seed) {
+    SyntheticMap scene = makeSyntheticMap({200, 4, 0.3, 0.1}, seed);
+    const GeometricReport report = adjustGeometry(scene.start, scene.camera, GeometricOptions());
+    ASSERT_TRUE(report.usable);
+    ASSERT_EQ(scene.start.corners.size(), scene.truth.corners.size());
+    EXPECT_NEAR(report.variance_factor, 0.09, 0.02);  // noise^2; 800 degrees of freedom: 5 %
+    // Truth in the gauge of the estimate: its noise moved the mean inverse depth.
+    for (std::size_t i = 0; i < scene.truth.corners.size(); ++i) {
+      const Corner& corner = scene.start.corners[i];
+      const double error = corner.inverse_depth - scene.truth.corners[i].inverse_depth;
+      depth_ratios.push_back(error * error / corner.variance);
+    }
+    const Vector6d error = (*scene.truth.T_cam_ref[3] * scene.start.T_cam_ref[3]->inverse()).log();
+    pose_ratios.push_back(error.dot(scene.start.covariance[3]->inverse() * error) / 6);
+  }
+  // Medians expected: 0.455 for chi-square 1, 0.891 for chi-square 6 over 6.
+  EXPECT_NEAR(median(depth_ratios), 0.455, 0.1);
+  EXPECT_NEAR(median(pose_ratios), 0.891, 0.35);
+}
+
+/// Covariance of all parameters [poses; inverse depths] by the pseudo-inverse of the whole Hessian
+/// (numeric Jacobians), moved to the gauge "mean inverse depth fixed".
+Eigen::MatrixXd denseCovariance(const InitialMap& map, const PinholeCamera& camera) {
+  const auto poses = static_cast<Eigen::Index>(6 * (map.frames.size() - 1));
+  const auto corners = static_cast<Eigen::Index>(map.corners.size());
+  const auto residuals = [&](const Eigen::VectorXd& delta) {
+    Eigen::VectorXd r(2 * static_cast<Eigen::Index>(map.observations.size()));
+    Eigen::Index row = 0;
+    for (const Observation& o : map.observations) {
+      const SE3 T = SE3::exp(delta.segment<6>(6 * (o.frame - 1))) *
+                    *map.T_cam_ref[static_cast<std::size_t>(o.frame)];
+      const Corner& corner = map.corners[static_cast<std::size_t>(o.corner)];
+      const double inverse_depth = corner.inverse_depth + delta[poses + o.corner];
+      r.segment<2>(row) =
+          camera.project(T * (camera.unproject(corner.pixel) / inverse_depth)) - o.pixel;
+      row += 2;
+    }
+    return r;
+  };
+  const Eigen::MatrixXd J = numericJacobian(residuals, static_cast<int>(poses + corners));
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(J.transpose() * J);
+  Eigen::VectorXd inverse = eigen.eigenvalues().cwiseInverse();
+  inverse[0] = 0;  // the scale
+  Eigen::VectorXd scale = eigen.eigenvectors().col(0);
+  scale /= -scale.tail(corners).mean();
+  Eigen::RowVectorXd mean = Eigen::RowVectorXd::Zero(poses + corners);
+  mean.tail(corners).setConstant(1.0 / static_cast<double>(corners));
+  const Eigen::MatrixXd to_gauge =
+      Eigen::MatrixXd::Identity(poses + corners, poses + corners) + scale * mean;
+  return to_gauge * eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose() *
+         to_gauge.transpose();
+}
+
+TEST(GeometricCovariance, EqualsTheDensePseudoInverseInTheSameGauge) {
+  SyntheticMap scene = makeSyntheticMap({40, 4, 0.2, 0}, 6);
+  GeometricOptions options;
+  options.min_points = 10;
+  options.huber_threshold = 1000;  // the referee has no weights
+  const GeometricReport report = adjustGeometry(scene.start, scene.camera, options);
+  ASSERT_TRUE(report.usable);
+  const Eigen::MatrixXd expected =
+      report.variance_factor * denseCovariance(scene.start, scene.camera);
+  for (int k = 1; k < 4; ++k) {
+    const Eigen::MatrixXd block = expected.block(6 * (k - 1), 6 * (k - 1), 6, 6);
+    EXPECT_LT(relativeDifference(*scene.start.covariance[static_cast<std::size_t>(k)], block),
+              1e-5);
+  }
+  for (int i = 0; i < 40; ++i) {
+    const double variance = scene.start.corners[static_cast<std::size_t>(i)].variance;
+    EXPECT_NEAR(variance / expected(18 + i, 18 + i), 1.0, 1e-5) << i;
+  }
+}
+
+TEST(GeometricAdjustment, RemovesPlantedOutliersAndKeepsMapConsistent) {
+  SyntheticMap scene = makeSyntheticMap({300, 5, 0.2, 0.1}, 7);
+  for (Observation& observation : scene.start.observations) {
+    if (observation.corner % 10 == 0 && observation.frame == 3) {
+      observation.pixel += Eigen::Vector2d(20, -25);  // 30 severe ones
+    }
+    if (observation.corner % 10 == 5 && observation.frame == 4) {
+      observation.pixel += Eigen::Vector2d(-4, 5);  // 30 normal ones
+    }
+  }
+  const std::vector<Corner> before = scene.start.corners;
+  const GeometricReport report = adjustGeometry(scene.start, scene.camera, GeometricOptions());
+  ASSERT_TRUE(report.usable);
+  EXPECT_GE(report.removed_severe, 30);
+  EXPECT_GE(report.removed_normal, 25);
+  EXPECT_LE(report.removed_severe + report.removed_normal, 62);
+  std::vector<int> seen(scene.start.corners.size(), 0);
+  for (const Observation& observation : scene.start.observations) {
+    ++seen.at(static_cast<std::size_t>(observation.corner));
+  }
+  EXPECT_EQ(std::count(seen.begin(), seen.end(), 4), static_cast<long>(seen.size()));
+  for (const Corner& corner : scene.start.corners) {
+    const auto match = std::find_if(before.begin(), before.end(), [&](const Corner& other) {
+      return other.pixel == corner.pixel;
+    });
+    ASSERT_NE(match, before.end());
+    EXPECT_NE((match - before.begin()) % 10, 0);
+  }
+  EXPECT_THAT(*scene.start.T_cam_ref[4], Se3Near(*scene.truth.T_cam_ref[4], 0.1, 0.01));
+}
+
+TEST(GeometricAdjustment, RemovesCornersBehindTheCameraAndUnseenOnes) {
+  SyntheticMap scene = makeSyntheticMap({200, 4, 0.1, 0.05}, 8);
+  scene.start.corners[3].inverse_depth = -0.2;
+  scene.start.T_cam_ref[2].reset();
+  scene.start.corners.push_back({{100, 100}, 1.0, 0});  // seen in the unposed frame alone
+  scene.start.observations.push_back({200, 2, {105, 100}});
+  const GeometricReport report = adjustGeometry(scene.start, scene.camera, GeometricOptions());
+  ASSERT_TRUE(report.usable);
+  EXPECT_EQ(report.removed_unseen, 1);
+  EXPECT_EQ(report.removed_severe, 1);
+  EXPECT_EQ(scene.start.corners.size(), 199U);
+  EXPECT_FALSE(scene.start.T_cam_ref[2].has_value());
+  EXPECT_FALSE(scene.start.covariance[2].has_value());
+  EXPECT_TRUE(scene.start.covariance[1].has_value());
+}
+
+TEST(GeometricAdjustment, FailsWithTooFewCorners) {
+  SyntheticMap scene = makeSyntheticMap({49, 4, 0.1, 0.05}, 9);
+  EXPECT_FALSE(adjustGeometry(scene.start, scene.camera, GeometricOptions()).usable);
+}
+
+TEST(GeometricAdjustment, FailsWithoutParallaxAndStaysSilent) {
+  SyntheticMap scene = makeSyntheticMap({100, 4, 0, 0}, 11);
+  for (std::size_t k = 1; k < 4; ++k) {
+    scene.start.T_cam_ref[k] = SE3();
+  }
+  for (Observation& observation : scene.start.observations) {
+    observation.pixel = scene.start.corners[static_cast<std::size_t>(observation.corner)].pixel;
+  }
+  testing::internal::CaptureStderr();
+  testing::internal::CaptureStdout();
+  EXPECT_FALSE(adjustGeometry(scene.start, scene.camera, GeometricOptions()).usable);
+  EXPECT_EQ(testing::internal::GetCapturedStdout(), "");
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+}
+
+TEST(GeometricAdjustment, SameInputGivesSameBits) {
+  SyntheticMap a = makeSyntheticMap({200, 4, 0.3, 0.1}, 12);
+  SyntheticMap b = makeSyntheticMap({200, 4, 0.3, 0.1}, 12);
+  ASSERT_TRUE(adjustGeometry(a.start, a.camera, GeometricOptions()).usable);
+  ASSERT_TRUE(adjustGeometry(b.start, b.camera, GeometricOptions()).usable);
+  EXPECT_EQ(a.start.T_cam_ref[3]->matrix(), b.start.T_cam_ref[3]->matrix());
+  for (std::size_t i = 0; i < a.start.corners.size(); ++i) {
+    EXPECT_EQ(a.start.corners[i].inverse_depth, b.start.corners[i].inverse_depth);
+    EXPECT_EQ(a.start.corners[i].variance, b.start.corners[i].variance);
+  }
+}
+
+}  // namespace
+}  // namespace dsorb::init_orb
