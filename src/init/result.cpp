@@ -1,7 +1,100 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "dsorb/init/result.h"
+#include "init/result.h"
+
+#include "image/photometric.h"
+
+#include <Eigen/Eigenvalues>
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
 
 namespace dsorb {
+namespace {
+
+constexpr double kScaleTolerance = 1e-4;     // of the mean of thousands of floats near 1
+constexpr double kSymmetryTolerance = 1e-9;  // relative to the largest entry
+
+void require(bool holds, const char* clause, double value) {
+  if (holds) return;
+  throw std::logic_error(std::string("initialization result: ") + clause + " (found " +
+                         std::to_string(value) + ")");
+}
+
+double meanInverseDepth(const InitializationResult& result) {
+  double sum = 0;
+  int count = 0;
+  for (const InitPoint& point : result.points) {
+    if (point.host != 0) continue;
+    sum += point.inverse_depth;
+    ++count;
+  }
+  return count > 0 ? sum / count : 0;
+}
+
+void checkCovariance(const Matrix6d& covariance, double frame) {
+  require(covariance.allFinite(), "covariance is finite in frame", frame);
+  const double largest = covariance.cwiseAbs().maxCoeff();
+  require(
+      (covariance - covariance.transpose()).cwiseAbs().maxCoeff() <= kSymmetryTolerance * largest,
+      "covariance is symmetric in frame",
+      frame);
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(covariance, Eigen::EigenvaluesOnly);
+  require(solver.eigenvalues()[0] >= -kSymmetryTolerance * largest,
+          "covariance is positive semi-definite, smallest eigenvalue",
+          solver.eigenvalues()[0]);
+}
+
+void checkFrames(const InitializationResult& result) {
+  require(
+      result.frames.size() >= 2, "at least two frames", static_cast<double>(result.frames.size()));
+  const PosedFrame& front = result.frames.front();
+  require(front.T_cam_ref && front.T_cam_ref->matrix() == Eigen::Matrix4d::Identity(),
+          "the front frame has identity pose",
+          front.T_cam_ref ? front.T_cam_ref->log().norm() : NAN);
+  require(front.affine.a == 0 && front.affine.b == 0,
+          "the front frame has a = b = 0",
+          std::abs(front.affine.a) + std::abs(front.affine.b));
+  require(result.frames.back().T_cam_ref.has_value(), "the back frame is posed", 0);
+  for (std::size_t i = 0; i < result.frames.size(); ++i) {
+    const PosedFrame& frame = result.frames[i];
+    const auto index = static_cast<double>(i);
+    require(frame.frame != nullptr, "every frame has its image, not frame", index);
+    require(std::isfinite(frame.affine.a) && std::isfinite(frame.affine.b),
+            "affine brightness is finite in frame",
+            index);
+    if (frame.T_cam_ref) {
+      require(frame.T_cam_ref->matrix().allFinite(), "the pose is finite in frame", index);
+    }
+    if (frame.covariance) checkCovariance(*frame.covariance, index);
+  }
+}
+
+void checkPoints(const InitializationResult& result) {
+  for (const InitPoint& point : result.points) {
+    require(point.host >= 0 && point.host < static_cast<int>(result.frames.size()),
+            "a point's host is one of the frames",
+            point.host);
+    const PosedFrame& host = result.frames[static_cast<std::size_t>(point.host)];
+    require(host.T_cam_ref.has_value(), "a point's host is posed", point.host);
+    require(std::isfinite(point.inverse_depth) && point.inverse_depth > 0,
+            "inverse depth is finite and positive",
+            point.inverse_depth);
+    require(std::isfinite(point.variance) && point.variance > 0,
+            "variance is finite and positive",
+            point.variance);
+    const auto right = static_cast<float>(host.frame->width() - 1 - kPatternRadius);
+    const auto bottom = static_cast<float>(host.frame->height() - 1 - kPatternRadius);
+    require(point.pixel.x() >= kPatternRadius && point.pixel.x() <= right,
+            "a pixel keeps the pattern's border, x",
+            point.pixel.x());
+    require(point.pixel.y() >= kPatternRadius && point.pixel.y() <= bottom,
+            "a pixel keeps the pattern's border, y",
+            point.pixel.y());
+  }
+}
+
+}  // namespace
 
 const char* name(InitReason reason) {
   switch (reason) {
@@ -25,6 +118,38 @@ const char* name(InitReason reason) {
       return "done";
   }
   return "unknown";
+}
+
+void normalizeScale(InitializationResult& result) {
+  const double mean = meanInverseDepth(result);
+  require(mean > 0 && std::isfinite(mean), "mean inverse depth of the reference", mean);
+  for (InitPoint& point : result.points) {
+    point.inverse_depth = static_cast<float>(point.inverse_depth / mean);
+    point.variance = static_cast<float>(point.variance / (mean * mean));
+  }
+  for (PosedFrame& frame : result.frames) {
+    if (frame.T_cam_ref) frame.T_cam_ref->setTranslation(frame.T_cam_ref->translation() * mean);
+    if (!frame.covariance) continue;
+    frame.covariance->topRows<3>() *= mean;
+    frame.covariance->leftCols<3>() *= mean;
+  }
+}
+
+void checkInvariants(const InitializationResult& result) {
+  checkFrames(result);
+  checkPoints(result);
+  const double mean = meanInverseDepth(result);
+  require(std::abs(mean - 1) < kScaleTolerance, "mean inverse depth of the reference", mean);
+  const InitReport& report = result.report;
+  const auto posed = std::count_if(result.frames.begin(), result.frames.end(), [](const auto& f) {
+    return f.T_cam_ref.has_value();
+  });
+  require(report.frames_fed == static_cast<int>(result.frames.size()),
+          "report: frames fed",
+          report.frames_fed);
+  require(
+      report.frames_posed == static_cast<int>(posed), "report: frames posed", report.frames_posed);
+  require(report.points == static_cast<int>(result.points.size()), "report: points", report.points);
 }
 
 }  // namespace dsorb

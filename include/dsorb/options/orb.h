@@ -36,15 +36,15 @@ DescribeFor<Options, FeatureTrackOptions> describe(Visitor& visit, Options& o) {
 
 /// Motion between the reference and the newest frame.
 struct TwoViewOptions {
-  int rounds = 200;                  ///< of RANSAC; both models use the same samples
-  double sigma = 1;                  ///< of a corner's position in each image
-  double homography_share = 0.4;     ///< homography when S_H / (S_H + S_F) is above
-  double min_rotation_residual = 1;  ///< median that a rotation alone leaves; less: no parallax
-  int min_triangulated = 50;         ///< good points of the best hypothesis
-  double min_good_share = 0.9;       ///< good points of the best hypothesis, of the inliers
-  double max_second_share = 0.7;     ///< good points of the second hypothesis, of the best's
-  double min_parallax_deg = 1;       ///< of the point below
-  int parallax_rank = 51;            ///< this many points have the parallax above (or all)
+  int rounds = 200;                        ///< of RANSAC; both models use the same samples
+  double sigma = 1;                        ///< of a corner's position in each image
+  double homography_share = 0.4;           ///< homography when S_H / (S_H + S_F) is above
+  double min_rotation_residual_deg = 0.1;  ///< median that a rotation leaves; less: no parallax
+  int min_triangulated = 50;               ///< good points of the best hypothesis
+  double min_good_share = 0.9;             ///< good points of the best hypothesis, of the inliers
+  double max_second_share = 0.7;           ///< good points of the second hypothesis, of the best's
+  double min_parallax_deg = 1;             ///< of the point below
+  int parallax_rank = 51;                  ///< this many points have the parallax above (or all)
 };
 
 template <typename Visitor, typename Options>
@@ -52,7 +52,7 @@ DescribeFor<Options, TwoViewOptions> describe(Visitor& visit, Options& o) {
   visit.field("rounds", o.rounds, Range{1, 100000}, "rounds");
   visit.field("sigma", o.sigma, Range{0.01, 100}, "px");
   visit.field("homography_share", o.homography_share, Range{0, 1}, "");
-  visit.field("min_rotation_residual", o.min_rotation_residual, Range{0, 100}, "px");
+  visit.field("min_rotation_residual_deg", o.min_rotation_residual_deg, Range{0, 90}, "deg");
   visit.field("min_triangulated", o.min_triangulated, Range{8, 20000}, "points");
   visit.field("min_good_share", o.min_good_share, Range{0, 1}, "");
   visit.field("max_second_share", o.max_second_share, Range{0, 1}, "");

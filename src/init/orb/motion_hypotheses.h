@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/geometry/se3.h"
+#include "dsorb/init/result.h"
+
+#include "geometry/triangulate.h"
+#include "init/orb/two_view.h"
+
+#include <optional>
+#include <vector>
+
+namespace dsorb::init_orb {
+
+/// One possible motion with the structure it implies.
+struct MotionHypothesis {
+  SE3 T_target_ref;                                      ///< translation of length 1
+  std::vector<std::optional<TriangulatedPoint>> points;  ///< one a match; set where it is good
+  int good = 0;                                          ///< good points among those counted
+  double parallax_deg = 0;                               ///< of the point of the options' rank
+};
+
+/// Motions that a homography allows (up to four), translations of length 1. Empty for a rotation.
+std::vector<SE3> decomposeHomography(const Eigen::Matrix3d& H_target_ref,
+                                     const PinholeCamera& camera);
+/// The four motions that a fundamental matrix allows, translations of length 1.
+std::vector<SE3> decomposeFundamental(const Eigen::Matrix3d& F, const PinholeCamera& camera);
+
+/// Triangulates matches under a motion and keeps the good ones: in front of both cameras and within
+/// two sigma of the measured position. (The position in the reference is exact: there the point is
+/// hosted.)
+/// @param counted one a match: whether it counts for `good` and the parallax
+MotionHypothesis evaluateMotion(const SE3& T_target_ref,
+                                const Matches& matches,
+                                const std::vector<char>& counted,
+                                const PinholeCamera& camera,
+                                const TwoViewOptions& options);
+
+/// The motion between two views, or why there is none yet.
+struct TwoViewMotion {
+  InitReason reason = InitReason::kDegenerateMotion;  ///< kDone when a motion was found
+  TwoViewModel model = TwoViewModel::kFundamental;
+  double homography_score = 0;
+  double fundamental_score = 0;
+  int inliers = 0;      ///< of the chosen model
+  int second_good = 0;  ///< good points of the second-best motion
+  MotionHypothesis best;
+};
+
+/// Fits both models, chooses one, decomposes it and chooses the motion that most points confirm.
+/// @param matches at least eight
+/// @source Mur-Artal, Montiel, Tardos, ORB-SLAM, arXiv:1502.00956, section IV; report, section 3.2
+TwoViewMotion estimateMotion(const Matches& matches,
+                             const PinholeCamera& camera,
+                             const TwoViewOptions& options,
+                             std::uint64_t seed);
+
+}  // namespace dsorb::init_orb

@@ -1,0 +1,250 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/two_view.h"
+
+#include "base/parallel.h"
+#include "base/random.h"
+
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <Eigen/QR>
+#include <Eigen/SVD>
+
+#include <cassert>
+#include <cmath>
+#include <numeric>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr double kHomographyThreshold = 5.99;    // T_H: chi-square, 2 degrees of freedom, 95 %
+constexpr double kFundamentalThreshold = 3.84;   // T_F: chi-square, 1 degree of freedom, 95 %
+constexpr double kGamma = kHomographyThreshold;  // same for both models so that scores compare
+constexpr double kMinPivot = 1e-9;  // of a normalised 8x9 system; less: the sample is degenerate
+
+using System = Eigen::Matrix<double, 8, 9>;
+
+/// Null vector of an 8x9 system as a row-major 3x3 matrix; nullopt when the rank is below 8.
+std::optional<Eigen::Matrix3d> nullMatrix(const System& system) {
+  const Eigen::ColPivHouseholderQR<Eigen::Matrix<double, 9, 8>> qr(system.transpose());
+  if (!(std::abs(qr.matrixR()(7, 7)) > kMinPivot)) return std::nullopt;
+  const Eigen::Matrix<double, 9, 1> null = qr.householderQ() * Eigen::Matrix<double, 9, 1>::Unit(8);
+  Eigen::Matrix3d matrix;
+  matrix << null[0], null[1], null[2], null[3], null[4], null[5], null[6], null[7], null[8];
+  return matrix;
+}
+
+double signedArea(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& c) {
+  return (b - a).x() * (c - a).y() - (b - a).y() * (c - a).x();
+}
+
+/// A plane in front of both cameras keeps the orientation of triangles, all of them or none.
+bool keepsOrientation(const Matches& matches, const Sample& sample) {
+  int kept = 0;
+  for (std::size_t leave_out = 0; leave_out < 4; ++leave_out) {
+    const std::uint32_t a = sample[(leave_out + 1) % 4];
+    const std::uint32_t b = sample[(leave_out + 2) % 4];
+    const std::uint32_t c = sample[(leave_out + 3) % 4];
+    const double before =
+        signedArea(matches.reference[a], matches.reference[b], matches.reference[c]);
+    const double after = signedArea(matches.target[a], matches.target[b], matches.target[c]);
+    if (before * after > 0) ++kept;
+  }
+  return kept == 4;
+}
+
+std::optional<Eigen::Matrix3d> solveHomography(const Matches& matches, const Sample& sample) {
+  if (!keepsOrientation(matches, sample)) return std::nullopt;
+  System system;
+  for (int i = 0; i < 4; ++i) {
+    const Eigen::Vector2d& r = matches.reference[sample[static_cast<std::size_t>(i)]];
+    const Eigen::Vector2d& t = matches.target[sample[static_cast<std::size_t>(i)]];
+    system.row(2 * i) << 0, 0, 0, -r.x(), -r.y(), -1, t.y() * r.x(), t.y() * r.y(), t.y();
+    system.row(2 * i + 1) << r.x(), r.y(), 1, 0, 0, 0, -t.x() * r.x(), -t.x() * r.y(), -t.x();
+  }
+  return nullMatrix(system);
+}
+
+std::optional<Eigen::Matrix3d> solveFundamental(const Matches& matches, const Sample& sample) {
+  System system;
+  for (int i = 0; i < 8; ++i) {
+    const Eigen::Vector2d& r = matches.reference[sample[static_cast<std::size_t>(i)]];
+    const Eigen::Vector2d& t = matches.target[sample[static_cast<std::size_t>(i)]];
+    system.row(i) << t.x() * r.x(), t.x() * r.y(), t.x(), t.y() * r.x(), t.y() * r.y(), t.y(),
+        r.x(), r.y(), 1;
+  }
+  const std::optional<Eigen::Matrix3d> full = nullMatrix(system);
+  if (!full) return std::nullopt;
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(*full, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Eigen::Vector3d singular_values = svd.singularValues();
+  singular_values[2] = 0;
+  return svd.matrixU() * singular_values.asDiagonal() * svd.matrixV().transpose();
+}
+
+/// Shift to the centroid and scale to a mean distance of sqrt(2).
+/// @source Hartley, In Defense of the Eight-Point Algorithm, PAMI 1997
+Eigen::Matrix3d normalize(std::vector<Eigen::Vector2d>& points) {
+  const double n = static_cast<double>(points.size());
+  const Eigen::Vector2d centroid =
+      std::accumulate(points.begin(), points.end(), Eigen::Vector2d(0, 0)) / n;
+  double distance = 0;
+  for (const Eigen::Vector2d& point : points) distance += (point - centroid).norm() / n;
+  const double scale = distance > 0 ? std::sqrt(2.0) / distance : 1.0;
+  for (Eigen::Vector2d& point : points) point = scale * (point - centroid);
+  Eigen::Matrix3d T;
+  T << scale, 0, -scale * centroid.x(), 0, scale, -scale * centroid.y(), 0, 0, 1;
+  return T;
+}
+
+std::vector<Sample> drawSamples(std::size_t n, int rounds, std::uint64_t seed) {
+  Random random(seed);
+  std::vector<std::uint32_t> order(n);
+  std::iota(order.begin(), order.end(), 0U);
+  std::vector<Sample> samples(static_cast<std::size_t>(rounds));
+  for (Sample& sample : samples) {
+    for (std::uint32_t i = 0; i < sample.size(); ++i) {
+      std::swap(order[i], order[i + random.below(static_cast<std::uint32_t>(n) - i)]);
+      sample[i] = order[i];
+    }
+  }
+  return samples;
+}
+
+/// Calls visit(index, distance in the target, distance in the reference), both squared.
+template <typename Visit>
+void forDistances(TwoViewModel kind,
+                  const Eigen::Matrix3d& matrix,
+                  const Matches& matches,
+                  Visit&& visit) {
+  if (kind == TwoViewModel::kHomography) {
+    const Eigen::Matrix3d inverse = matrix.inverse();
+    for (std::size_t i = 0; i < matches.size(); ++i) {
+      visit(i, homographyDistances(matrix, inverse, matches.reference[i], matches.target[i]));
+    }
+    return;
+  }
+  for (std::size_t i = 0; i < matches.size(); ++i) {
+    visit(i, fundamentalDistances(matrix, matches.reference[i], matches.target[i]));
+  }
+}
+
+double thresholdOf(TwoViewModel kind) {
+  return kind == TwoViewModel::kHomography ? kHomographyThreshold : kFundamentalThreshold;
+}
+
+double scoreOnly(TwoViewModel kind,
+                 const Eigen::Matrix3d& matrix,
+                 const Matches& matches,
+                 double information) {
+  const double threshold = thresholdOf(kind);
+  double score = 0;
+  forDistances(kind, matrix, matches, [&](std::size_t, const std::array<double, 2>& distances) {
+    score += supportOf(distances[0] * information, threshold) +
+             supportOf(distances[1] * information, threshold);
+  });
+  return score;
+}
+
+struct Normalized {
+  Matches matches;
+  Eigen::Matrix3d T_reference;
+  Eigen::Matrix3d T_target;
+
+  [[nodiscard]] Eigen::Matrix3d toPixels(TwoViewModel kind, const Eigen::Matrix3d& matrix) const {
+    return kind == TwoViewModel::kHomography
+               ? Eigen::Matrix3d(T_target.inverse() * matrix * T_reference)
+               : Eigen::Matrix3d(T_target.transpose() * matrix * T_reference);
+  }
+};
+
+ScoredModel fitModel(TwoViewModel kind,
+                     const Matches& matches,
+                     const Normalized& normalized,
+                     const std::vector<Sample>& samples,
+                     double sigma) {
+  const double information = 1.0 / (sigma * sigma);
+  double best_score = 0;
+  Eigen::Matrix3d best = Eigen::Matrix3d::Zero();
+  for (const Sample& sample : samples) {
+    const auto solution = solveModel(kind, normalized.matches, sample);
+    if (!solution) continue;
+    const Eigen::Matrix3d matrix = normalized.toPixels(kind, *solution);
+    const double score = scoreOnly(kind, matrix, matches, information);
+    if (score > best_score) {
+      best_score = score;
+      best = matrix;
+    }
+  }
+  if (best_score > 0) return scoreModel(kind, best, matches, sigma);
+  ScoredModel none;
+  none.inlier.assign(matches.size(), 0);
+  return none;
+}
+
+}  // namespace
+
+double supportOf(double squared_distance, double threshold) {
+  return squared_distance < threshold ? kGamma - squared_distance : 0.0;
+}
+
+std::array<double, 2> homographyDistances(const Eigen::Matrix3d& H_target_ref,
+                                          const Eigen::Matrix3d& H_ref_target,
+                                          const Eigen::Vector2d& reference,
+                                          const Eigen::Vector2d& target) {
+  const Eigen::Vector3d forward = H_target_ref * reference.homogeneous();
+  const Eigen::Vector3d backward = H_ref_target * target.homogeneous();
+  return {(forward.head<2>() / forward.z() - target).squaredNorm(),
+          (backward.head<2>() / backward.z() - reference).squaredNorm()};
+}
+
+std::array<double, 2> fundamentalDistances(const Eigen::Matrix3d& F,
+                                           const Eigen::Vector2d& reference,
+                                           const Eigen::Vector2d& target) {
+  const Eigen::Vector3d line_target = F * reference.homogeneous();
+  const Eigen::Vector3d line_reference = F.transpose() * target.homogeneous();
+  const double residual = target.homogeneous().dot(line_target);
+  return {residual * residual / line_target.head<2>().squaredNorm(),
+          residual * residual / line_reference.head<2>().squaredNorm()};
+}
+
+ScoredModel scoreModel(TwoViewModel kind,
+                       const Eigen::Matrix3d& matrix,
+                       const Matches& matches,
+                       double sigma) {
+  const double information = 1.0 / (sigma * sigma);
+  const double threshold = thresholdOf(kind);
+  ScoredModel model;
+  model.matrix = matrix;
+  model.score = scoreOnly(kind, matrix, matches, information);
+  model.inlier.assign(matches.size(), 0);
+  forDistances(kind, matrix, matches, [&](std::size_t i, const std::array<double, 2>& distances) {
+    const bool fits =
+        distances[0] * information < threshold && distances[1] * information < threshold;
+    model.inlier[i] = fits ? 1 : 0;
+    model.inliers += fits ? 1 : 0;
+  });
+  return model;
+}
+
+std::optional<Eigen::Matrix3d> solveModel(TwoViewModel kind,
+                                          const Matches& matches,
+                                          const Sample& sample) {
+  return kind == TwoViewModel::kHomography ? solveHomography(matches, sample)
+                                           : solveFundamental(matches, sample);
+}
+
+ModelPair fitModels(const Matches& matches, const TwoViewOptions& options, std::uint64_t seed) {
+  assert(matches.size() >= std::tuple_size<Sample>::value);
+  Normalized normalized{matches, {}, {}};
+  normalized.T_reference = normalize(normalized.matches.reference);
+  normalized.T_target = normalize(normalized.matches.target);
+  const std::vector<Sample> samples = drawSamples(matches.size(), options.rounds, seed);
+  const auto fit = [&](TwoViewModel kind) {
+    return fitModel(kind, matches, normalized, samples, options.sigma);
+  };
+  ModelPair pair;
+  runBoth([&] { pair.homography = fit(TwoViewModel::kHomography); },
+          [&] { pair.fundamental = fit(TwoViewModel::kFundamental); });
+  return pair;
+}
+
+}  // namespace dsorb::init_orb
