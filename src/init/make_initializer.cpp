@@ -2,15 +2,21 @@
 #include "dsorb/error.h"
 #include "dsorb/init/initializer.h"
 
+#include "base/describe.h"
+#include "init/orb/orb_initializer.h"
+
 namespace dsorb {
 
-std::vector<std::string> initializerVariants() {
-  return {"orb", "orb-v1"};
-}
-
-InitializerOptions initializerVariant(const std::string& name) {
-  if (name == "orb" || name == "orb-v1") return {};
-  throw ConfigError("initializer '" + name + "': this version has orb and orb-v1");
+std::unique_ptr<Initializer> makeInitializer(const InitializerOptions& options,
+                                             const PinholeCamera& camera) {
+  validateOptions(options);
+  switch (options.kind) {
+    case InitializerKind::kOrb:
+      return std::make_unique<init_orb::ORBInitializer>(options, camera);
+    case InitializerKind::kCoarse:
+      break;
+  }
+  throw ConfigError("initializer coarse: this version lacks it");
 }
 
 }  // namespace dsorb
