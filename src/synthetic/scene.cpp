@@ -1,0 +1,293 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "synthetic/scene.h"
+
+#include "base/parallel.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <string>
+
+namespace dsorb::synthetic {
+namespace {
+
+constexpr int kTileWidth = 32;   // pixels that share one list of boxes
+constexpr int kTileHeight = 16;  // [px]
+constexpr std::int32_t kSky = -1;
+constexpr double kNearest = 1e-3;  // nothing nearer is seen [m]
+
+// Texture axes (u, v) of the faces across each box axis: v is the vertical of upright boxes.
+constexpr std::array<std::array<int, 2>, 3> kFaceAxes = {{{2, 1}, {0, 2}, {0, 1}}};
+
+/// A box in the coordinates in which its rays are cast: camera centre and the ray through pixel
+/// (x, y) as origin_ray + x * step_x + y * step_y, all in box axes, scaled to camera z = 1.
+struct PreparedBox {
+  Eigen::Vector3d centre;
+  Eigen::Vector3d origin_ray;
+  Eigen::Vector3d step_x;
+  Eigen::Vector3d step_y;
+  Eigen::Vector3d half_size;
+  const Texture* texture;
+  bool inside;
+  Eigen::Vector3d direction;  ///< from camera to the box, unit vector in camera axes
+  double distance;            ///< [m]
+  double radius;              ///< of the bounding sphere [m]
+};
+
+struct Hit {
+  double depth = std::numeric_limits<double>::infinity();
+  int box = -1;
+  int axis = 0;
+  bool positive = false;  ///< the face at + half_size
+};
+
+/// Replaces `nearest` (but for its box) where the ray meets this box before it.
+bool intersect(const PreparedBox& box, const Eigen::Vector3d& ray, Hit& nearest) {
+  double enter = -std::numeric_limits<double>::infinity();
+  double leave = std::numeric_limits<double>::infinity();
+  int enter_axis = 0;
+  int leave_axis = 0;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double inverse = 1.0 / ray[axis];
+    const double low = (-box.half_size[axis] - box.centre[axis]) * inverse;
+    const double high = (box.half_size[axis] - box.centre[axis]) * inverse;
+    const double first = std::min(low, high);
+    const double second = std::max(low, high);
+    if (first > enter) {
+      enter = first;
+      enter_axis = axis;
+    }
+    if (second < leave) {
+      leave = second;
+      leave_axis = axis;
+    }
+  }
+  const double depth = box.inside ? leave : enter;
+  if (!(enter <= leave) || depth < kNearest || depth >= nearest.depth) return false;
+  nearest.depth = depth;
+  nearest.axis = box.inside ? leave_axis : enter_axis;
+  nearest.positive = (ray[nearest.axis] > 0) == box.inside;
+  return true;
+}
+
+class Renderer {
+ public:
+  Renderer(const Scene& scene, const PinholeCamera& camera, const SE3& T_world_cam)
+      : camera_(camera) {
+    boxes_.reserve(scene.boxes.size());
+    for (const Box& box : scene.boxes) {
+      const Texture& texture = scene.textures.at(static_cast<std::size_t>(box.texture));
+      boxes_.push_back(prepare(box, texture, T_world_cam));
+    }
+    Box sky;
+    sky.T_world_box.setTranslation(T_world_cam.translation());
+    sky.seen_from_inside = true;
+    sky_ = prepare(sky, scene.sky, T_world_cam);
+  }
+
+  /// Boxes that may be seen in the pixels from (x0, y0) to before (x1, y1).
+  void findCandidates(int x0, int y0, int x1, int y1, std::vector<int>& candidates) const {
+    const auto ray = [&](double x, double y) { return camera_.unproject({x, y}).normalized(); };
+    const Eigen::Vector3d axis = ray(0.5 * (x0 + x1 - 1), 0.5 * (y0 + y1 - 1));
+    double cosine = 1;
+    for (const double x : {x0 - 0.5, x1 - 0.5}) {
+      for (const double y : {y0 - 0.5, y1 - 0.5}) cosine = std::min(cosine, axis.dot(ray(x, y)));
+    }
+    const double half_angle = std::acos(cosine);
+    candidates.clear();
+    for (std::size_t i = 0; i < boxes_.size(); ++i) {
+      const PreparedBox& box = boxes_[i];
+      const bool around = box.distance <= box.radius;
+      if (around || std::acos(std::clamp(axis.dot(box.direction), -1.0, 1.0)) <=
+                        half_angle + std::asin(box.radius / box.distance)) {
+        candidates.push_back(static_cast<int>(i));
+      }
+    }
+  }
+
+  /// Nearest surface along the ray through a pixel position.
+  Hit cast(double x, double y, const std::vector<int>& candidates) const {
+    Hit hit;
+    for (const int i : candidates) {
+      const PreparedBox& box = boxes_[static_cast<std::size_t>(i)];
+      if (intersect(box, box.origin_ray + x * box.step_x + y * box.step_y, hit)) hit.box = i;
+    }
+    return hit;
+  }
+
+  /// Grey level where the ray through a pixel position ended.
+  float shade(double x, double y, Hit hit) const {
+    const PreparedBox& box = hit.box < 0 ? sky_ : boxes_[static_cast<std::size_t>(hit.box)];
+    const Eigen::Vector3d ray = box.origin_ray + x * box.step_x + y * box.step_y;
+    if (hit.box < 0) intersect(sky_, ray, hit);
+    const double slope_x = box.step_x[hit.axis] / ray[hit.axis];
+    const double slope_y = box.step_y[hit.axis] / ray[hit.axis];
+    const auto along = [&](int axis) {
+      const double per_x = hit.depth * (box.step_x[axis] - slope_x * ray[axis]);
+      const double per_y = hit.depth * (box.step_y[axis] - slope_y * ray[axis]);
+      return static_cast<float>(std::sqrt(per_x * per_x + per_y * per_y));
+    };
+    const int face = 2 * hit.axis + static_cast<int>(hit.positive);
+    const int axis_u = kFaceAxes[static_cast<std::size_t>(hit.axis)][0];
+    const int axis_v = kFaceAxes[static_cast<std::size_t>(hit.axis)][1];
+    // Every face shows another part of the texture.
+    const double elsewhere = 37.0 * face;
+    return sampleTexture(
+        *box.texture,
+        {static_cast<float>(box.centre[axis_u] + hit.depth * ray[axis_u] + elsewhere),
+         static_cast<float>(box.centre[axis_v] + hit.depth * ray[axis_v] + elsewhere),
+         along(axis_u),
+         along(axis_v)});
+  }
+
+  /// Mean grey level over n x n rays of one pixel.
+  float average(int x, int y, int n, const std::vector<int>& candidates) const {
+    float sum = 0;
+    for (int j = 0; j < n; ++j) {
+      for (int i = 0; i < n; ++i) {
+        const double ray_x = x + (i + 0.5) / n - 0.5;
+        const double ray_y = y + (j + 0.5) / n - 0.5;
+        sum += shade(ray_x, ray_y, cast(ray_x, ray_y, candidates));
+      }
+    }
+    return sum / static_cast<float>(n * n);
+  }
+
+ private:
+  PreparedBox prepare(const Box& box, const Texture& texture, const SE3& T_world_cam) const {
+    const SE3 T_box_cam = box.T_world_box.inverse() * T_world_cam;
+    const Eigen::Matrix3d R_box_cam = T_box_cam.rotationMatrix();
+    const Eigen::Vector3d to_box = T_box_cam.inverse().translation();
+    PreparedBox prepared;
+    prepared.centre = T_box_cam.translation();
+    prepared.origin_ray = R_box_cam * camera_.unproject({0, 0});
+    prepared.step_x = R_box_cam.col(0) / camera_.fx;
+    prepared.step_y = R_box_cam.col(1) / camera_.fy;
+    prepared.half_size = box.half_size;
+    prepared.texture = &texture;
+    prepared.inside = box.seen_from_inside;
+    prepared.distance = to_box.norm();
+    prepared.direction = to_box / std::max(prepared.distance, kNearest);
+    prepared.radius = box.half_size.norm();
+    return prepared;
+  }
+
+  const PinholeCamera& camera_;
+  std::vector<PreparedBox> boxes_;
+  PreparedBox sky_;
+};
+
+/// Calls function(x0, y0, x1, y1, candidates) for the tiles of the image.
+template <typename Function>
+void forEachTile(const Renderer& renderer, int width, int height, const Function& function) {
+  const int columns = (width + kTileWidth - 1) / kTileWidth;
+  const int rows = (height + kTileHeight - 1) / kTileHeight;
+  forEachRange(static_cast<std::size_t>(rows), 1, [&](std::size_t begin, std::size_t end) {
+    std::vector<int> candidates;
+    for (int row = static_cast<int>(begin); row < static_cast<int>(end); ++row) {
+      const int y0 = row * kTileHeight;
+      const int y1 = std::min(height, y0 + kTileHeight);
+      for (int column = 0; column < columns; ++column) {
+        const int x0 = column * kTileWidth;
+        const int x1 = std::min(width, x0 + kTileWidth);
+        renderer.findCandidates(x0, y0, x1, y1, candidates);
+        function(x0, y0, x1, y1, candidates);
+      }
+    }
+  });
+}
+
+void renderCentres(const Renderer& renderer, bool shade, View& view) {
+  forEachTile(renderer,
+              view.width,
+              view.height,
+              [&](int x0, int y0, int x1, int y1, const std::vector<int>& candidates) {
+                for (int y = y0; y < y1; ++y) {
+                  for (int x = x0; x < x1; ++x) {
+                    const auto pixel = static_cast<std::size_t>(y * view.width + x);
+                    const Hit hit = renderer.cast(x, y, candidates);
+                    view.inverse_depth[pixel] = static_cast<float>(1.0 / hit.depth);
+                    view.surface[pixel] =
+                        hit.box < 0 ? kSky
+                                    : 8 * hit.box + 2 * hit.axis + static_cast<int>(hit.positive);
+                    if (shade) view.intensity[pixel] = renderer.shade(x, y, hit);
+                  }
+                }
+              });
+}
+
+bool isOnEdge(const View& view, int x, int y) {
+  const auto surface = [&](int column, int row) {
+    return view.surface[static_cast<std::size_t>(std::clamp(row, 0, view.height - 1) * view.width +
+                                                 std::clamp(column, 0, view.width - 1))];
+  };
+  const std::int32_t own = surface(x, y);
+  return surface(x - 1, y) != own || surface(x + 1, y) != own || surface(x, y - 1) != own ||
+         surface(x, y + 1) != own;
+}
+
+void renderEdges(const Renderer& renderer, int rays, View& view) {
+  forEachTile(renderer,
+              view.width,
+              view.height,
+              [&](int x0, int y0, int x1, int y1, const std::vector<int>& candidates) {
+                for (int y = y0; y < y1; ++y) {
+                  for (int x = x0; x < x1; ++x) {
+                    if (!isOnEdge(view, x, y)) continue;
+                    view.intensity[static_cast<std::size_t>(y * view.width + x)] =
+                        renderer.average(x, y, rays, candidates);
+                  }
+                }
+              });
+}
+
+void renderSupersampled(const Renderer& renderer, int rays, View& view) {
+  forEachTile(renderer,
+              view.width,
+              view.height,
+              [&](int x0, int y0, int x1, int y1, const std::vector<int>& candidates) {
+                for (int y = y0; y < y1; ++y) {
+                  for (int x = x0; x < x1; ++x) {
+                    view.intensity[static_cast<std::size_t>(y * view.width + x)] =
+                        renderer.average(x, y, rays, candidates);
+                  }
+                }
+              });
+}
+
+}  // namespace
+
+View render(const Scene& scene,
+            const PinholeCamera& camera,
+            const SE3& T_world_cam,
+            const RenderOptions& options) {
+  if (camera.width <= 0 || camera.height <= 0 || !(camera.fx > 0) || !(camera.fy > 0)) {
+    throw std::invalid_argument("render: camera of " + std::to_string(camera.width) + " x " +
+                                std::to_string(camera.height) + " px with focal lengths " +
+                                std::to_string(camera.fx) + ", " + std::to_string(camera.fy));
+  }
+  if (options.supersampling < 1 || options.edge_supersampling < 1) {
+    throw std::invalid_argument("render: supersampling must be at least 1, is " +
+                                std::to_string(options.supersampling) + " and " +
+                                std::to_string(options.edge_supersampling) + " at edges");
+  }
+  const auto pixels =
+      static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
+  View view{camera.width,
+            camera.height,
+            std::vector<float>(pixels),
+            std::vector<float>(pixels),
+            std::vector<std::int32_t>(pixels)};
+  const Renderer renderer(scene, camera, T_world_cam);
+  renderCentres(renderer, options.supersampling == 1, view);
+  if (options.supersampling > 1) {
+    renderSupersampled(renderer, options.supersampling, view);
+  } else if (options.edge_supersampling > 1) {
+    renderEdges(renderer, options.edge_supersampling, view);
+  }
+  return view;
+}
+
+}  // namespace dsorb::synthetic

@@ -1,0 +1,206 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "synthetic/sequence.h"
+
+#include "synthetic/places.h"
+#include "synthetic/sensor.h"
+#include "synthetic/trajectory.h"
+
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+namespace dsorb::synthetic {
+namespace {
+
+constexpr double kPi = 3.14159265358979323846;
+constexpr double kStreetFocal = 0.58;       // focal length over width, as KITTI 00
+constexpr double kRoomFocal = 0.625;        // between EuRoC and TUM RGB-D
+constexpr double kStreetRate = 10;          // [frames/s]
+constexpr double kRoomRate = 30;            // [frames/s]
+constexpr double kNominalExposure = 0.01;   // [s]
+constexpr double kExposurePeriod = 37;      // of the exposure's swing [frames]
+constexpr int kBlurSamples = 7;             // views averaged over the open shutter
+constexpr double kPlaceDistance = 100;      // between the places of a cut [m]
+constexpr std::uint64_t kNextPlace = 1001;  // added to the seed after a cut
+constexpr int kSmallest = 32;               // image side [px]
+
+[[noreturn]] void reject(const std::string& what, double value) {
+  throw std::invalid_argument("SequenceOptions: " + what + ", is " + std::to_string(value));
+}
+
+void validate(const SequenceOptions& options) {
+  const auto inside = [](double value, double low, double high) {
+    return value >= low && value <= high;
+  };
+  if (options.width < kSmallest) reject("width must be at least 32 px", options.width);
+  if (options.height < kSmallest) reject("height must be at least 32 px", options.height);
+  if (!inside(options.fx, 0, 1e6)) reject("fx must lie in [0, 1e6] px", options.fx);
+  if (options.length < 1) reject("length must be at least 1 frame", options.length);
+  if (!inside(options.noise_sigma, 0, 100)) {
+    reject("noise_sigma must lie in [0, 100] grey levels", options.noise_sigma);
+  }
+  if (!inside(options.exposure_changes, 0, 2)) {
+    reject("exposure_changes must lie in [0, 2]", options.exposure_changes);
+  }
+  if (!inside(options.motion_blur, 0, 1)) {
+    reject("motion_blur must lie in [0, 1]", options.motion_blur);
+  }
+}
+
+Scene makePlace(const SequenceOptions& options, std::uint64_t seed) {
+  switch (options.kind) {
+    case SequenceKind::kStreet:
+      return makeStreet(seed, kStreetStep * options.length);
+    case SequenceKind::kPlane:
+      return makePlane(seed);
+    default:
+      return makeRoom(seed);
+  }
+}
+
+double frameRate(SequenceKind kind) {
+  return kind == SequenceKind::kStreet ? kStreetRate : kRoomRate;
+}
+
+}  // namespace
+
+SyntheticSequence::SyntheticSequence(const SequenceOptions& options) : options_(options) {
+  validate(options);
+  const bool street = options.kind == SequenceKind::kStreet;
+  const double fx =
+      options.fx > 0 ? options.fx : (street ? kStreetFocal : kRoomFocal) * options.width;
+  camera_ = {
+      fx, fx, 0.5 * (options.width - 1), 0.5 * (options.height - 1), options.width, options.height};
+  acts_.push_back(makePlace(options, options.seed));
+  if (options.kind == SequenceKind::kCut) {
+    acts_.push_back(makePlace(options, options.seed + kNextPlace));
+    for (Box& box : acts_.back().boxes) {
+      box.T_world_box.setTranslation(box.T_world_box.translation() +
+                                     Eigen::Vector3d(kPlaceDistance, 0, 0));
+    }
+  }
+  if (options.moving_object) {
+    const Eigen::Vector3d size =
+        street ? Eigen::Vector3d(1.8, 1.5, 4.0) : Eigen::Vector3d(0.6, 0.5, 0.5);
+    moving_box_ = addMovingBox(acts_.front(), options.seed, size);
+    if (acts_.size() > 1) addMovingBox(acts_.back(), options.seed + kNextPlace, size);
+  }
+  inverse_response_ = makeInverseResponse(options.nonlinear_response);
+  vignette_ = makeVignette(options.width, options.height, options.vignette);
+}
+
+int SyntheticSequence::actOf(int index) const {
+  if (index < 0 || index >= options_.length) {
+    throw std::out_of_range("SyntheticSequence: frame " + std::to_string(index) + " of " +
+                            std::to_string(options_.length));
+  }
+  return acts_.size() > 1 && index >= options_.length / 2 ? 1 : 0;
+}
+
+SE3 SyntheticSequence::poseAt(int act, double frame) const {
+  const std::uint64_t seed = options_.seed + (act > 0 ? kNextPlace : 0);
+  switch (options_.kind) {
+    case SequenceKind::kStreet:
+      return streetPose(frame, seed);
+    case SequenceKind::kPlane:
+      return planePose(frame, seed);
+    case SequenceKind::kStatic:
+      return roomPose(0, seed);
+    case SequenceKind::kRotation:
+      return rotationPose(frame, seed);
+    default:
+      return uprightPose({act * kPlaceDistance, 0, 0}) * roomPose(frame, seed);
+  }
+}
+
+View SyntheticSequence::renderAt(int act, double frame) const {
+  const Scene& scene = acts_[static_cast<std::size_t>(act)];
+  if (moving_box_ < 0) return render(scene, camera_, poseAt(act, frame), options_.rendering);
+  Scene moved = scene;
+  moved.boxes.back().T_world_box =
+      options_.kind == SequenceKind::kStreet
+          ? movingCarPose(frame, options_.seed)
+          : uprightPose({act * kPlaceDistance, 0, 0}) * movingCratePose(frame, options_.seed);
+  return render(moved, camera_, poseAt(act, frame), options_.rendering);
+}
+
+std::vector<float> SyntheticSequence::blurredIntensity(int index, View& centre) const {
+  std::vector<float> sum = std::move(centre.intensity);
+  if (!(options_.motion_blur > 0)) return sum;
+  for (int sample = 0; sample < kBlurSamples; ++sample) {
+    if (2 * sample == kBlurSamples - 1) continue;  // the middle is there already
+    const double offset = (sample + 0.5) / kBlurSamples - 0.5;
+    const View view = renderAt(actOf(index), index + options_.motion_blur * offset);
+    for (std::size_t i = 0; i < sum.size(); ++i) sum[i] += view.intensity[i];
+  }
+  for (float& value : sum) value *= 1.0F / kBlurSamples;
+  return sum;
+}
+
+SE3 SyntheticSequence::pose(int index) const {
+  return poseAt(actOf(index), index);
+}
+
+double SyntheticSequence::timestamp(int index) const {
+  return index / frameRate(options_.kind);
+}
+
+double SyntheticSequence::exposure(int index) const {
+  const double swing = std::sin(2 * kPi * index / kExposurePeriod);
+  return kNominalExposure * std::exp(options_.exposure_changes * swing);
+}
+
+SyntheticFrame SyntheticSequence::frame(int index) const {
+  View view = renderAt(actOf(index), index);
+  SyntheticFrame frame;
+  frame.width = view.width;
+  frame.height = view.height;
+  frame.inverse_depth = std::move(view.inverse_depth);
+  frame.T_world_cam = pose(index);
+  frame.timestamp = timestamp(index);
+  frame.exposure = exposure(index);
+  for (const std::int32_t surface : view.surface) {
+    frame.moving_object_visible |= moving_box_ >= 0 && surface / 8 == moving_box_;
+  }
+  const Exposure settings{frame.exposure / kNominalExposure,
+                          options_.nonlinear_response,
+                          options_.noise_sigma,
+                          (options_.seed << 32U) + static_cast<std::uint64_t>(index)};
+  frame.image = expose(blurredIntensity(index, view), vignette_, view.width, settings);
+  return frame;
+}
+
+std::vector<float> SyntheticSequence::inverseDepth(int index) const {
+  return renderAt(actOf(index), index).inverse_depth;
+}
+
+FramePtr SyntheticSequence::framePtr(int index) const {
+  return framePtr(frame(index), index);
+}
+
+FramePtr SyntheticSequence::framePtr(const SyntheticFrame& frame, int index) const {
+  FrameInfo info;
+  info.id = FrameId{index};
+  info.timestamp = frame.timestamp;
+  info.exposure = frame.exposure;
+  if (!isPhotometric()) return Frame::create(frame.view(), info);
+  std::vector<float> corrected(frame.image.size());
+  for (std::size_t i = 0; i < corrected.size(); ++i) {
+    const std::uint8_t value = frame.image[i];
+    corrected[i] = value == 255 ? std::numeric_limits<float>::quiet_NaN()
+                                : static_cast<float>(inverse_response_[value]) / vignette_[i];
+  }
+  return Frame::create(ImageView(corrected.data(), frame.width, frame.height), info);
+}
+
+bool SyntheticSequence::isPhotometric() const {
+  return options_.nonlinear_response || options_.vignette || options_.exposure_changes > 0;
+}
+
+bool SyntheticSequence::hasParallax() const {
+  return options_.kind != SequenceKind::kStatic && options_.kind != SequenceKind::kRotation;
+}
+
+}  // namespace dsorb::synthetic

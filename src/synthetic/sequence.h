@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/geometry/se3.h"
+#include "dsorb/image/frame.h"
+
+#include "synthetic/scene.h"
+
+#include <cstdint>
+#include <vector>
+
+namespace dsorb::synthetic {
+
+enum class SequenceKind {
+  kStreet,    ///< forward drive between facades and parked cars, 10 Hz, about 1.15 m per frame
+  kRoom,      ///< hand-held or flying camera in a furnished room, 30 Hz, 1.5 to 3 cm per frame
+  kPlane,     ///< general motion before one plane, 30 Hz, about 4 cm per frame
+  kStatic,    ///< the camera of kRoom stands still
+  kRotation,  ///< the camera of kRoom turns about its centre
+  kCut,       ///< kRoom; in the middle another room begins
+};
+
+struct SequenceOptions {
+  SequenceKind kind = SequenceKind::kRoom;
+  int width = 640;                  ///< [px]
+  int height = 480;                 ///< [px]
+  double fx = 0;                    ///< focal length [px]; 0: 0.58 width for kStreet, else 0.625
+  int length = 60;                  ///< frames
+  std::uint64_t seed = 1;           ///< texture, layout, path and noise
+  double noise_sigma = 0;           ///< of the 8-bit values [grey levels]
+  double exposure_changes = 0;      ///< amplitude of the log exposure [-]; 0: constant
+  bool nonlinear_response = false;  ///< camera response that is not a straight line
+  bool vignette = false;            ///< darker corners
+  double motion_blur = 0;           ///< open time of the shutter [share of the frame interval]
+  bool moving_object = false;       ///< a box that moves by itself
+  RenderOptions rendering;
+};
+
+/// What the camera delivers for one frame.
+struct SyntheticFrame {
+  int width = 0;
+  int height = 0;
+  std::vector<std::uint8_t> image;   ///< row-major, after blur, vignette, exposure, response, noise
+  std::vector<float> inverse_depth;  ///< row-major [1/m], at the middle of the exposure; 0: sky
+  SE3 T_world_cam;                   ///< at the middle of the exposure
+  double timestamp = 0;              ///< [s]
+  double exposure = 0;               ///< [s]
+  bool moving_object_visible = false;
+
+  [[nodiscard]] ImageView view() const { return {image.data(), width, height}; }
+  [[nodiscard]] float inverseDepthAt(int x, int y) const {
+    return inverse_depth[static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
+                         static_cast<std::size_t>(x)];
+  }
+};
+
+/// Rendered sequence with its truth. Frames are made on demand, in any order and from any thread;
+/// the same options give the same bits.
+class SyntheticSequence {
+ public:
+  /// @throws std::invalid_argument on options out of range
+  explicit SyntheticSequence(const SequenceOptions& options);
+
+  [[nodiscard]] const SequenceOptions& options() const { return options_; }
+  [[nodiscard]] int length() const { return options_.length; }
+  [[nodiscard]] const PinholeCamera& camera() const { return camera_; }
+
+  /// @throws std::out_of_range on an index outside [0, length)
+  [[nodiscard]] SE3 pose(int index) const;  ///< T_world_cam
+  [[nodiscard]] double timestamp(int index) const;
+  [[nodiscard]] double exposure(int index) const;  ///< [s]
+  [[nodiscard]] SyntheticFrame frame(int index) const;
+  [[nodiscard]] std::vector<float> inverseDepth(int index) const;
+
+  /// The frame as odometry gets it: response and vignette undone, saturated pixels marked invalid;
+  /// the id is the index.
+  [[nodiscard]] FramePtr framePtr(int index) const;
+  [[nodiscard]] FramePtr framePtr(const SyntheticFrame& frame, int index) const;
+
+  /// Inverse response: irradiance [grey levels, 0 to 255] of the 256 pixel values.
+  [[nodiscard]] const std::vector<double>& inverseResponse() const { return inverse_response_; }
+  /// Share of the light that arrives at each pixel (0, 1], row-major.
+  [[nodiscard]] const std::vector<float>& vignette() const { return vignette_; }
+  /// Whether response, vignette or exposure need a photometric calibration.
+  [[nodiscard]] bool isPhotometric() const;
+  /// Whether the camera's motion allows to triangulate at all.
+  [[nodiscard]] bool hasParallax() const;
+
+ private:
+  [[nodiscard]] int actOf(int index) const;
+  [[nodiscard]] SE3 poseAt(int act, double frame) const;
+  [[nodiscard]] View renderAt(int act, double frame) const;
+  [[nodiscard]] std::vector<float> blurredIntensity(int index, View& centre) const;
+
+  SequenceOptions options_;
+  PinholeCamera camera_;
+  std::vector<Scene> acts_;  ///< two for kCut, else one
+  int moving_box_ = -1;
+  std::vector<double> inverse_response_;
+  std::vector<float> vignette_;
+};
+
+}  // namespace dsorb::synthetic
