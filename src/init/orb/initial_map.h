@@ -1,14 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/geometry/se3.h"
 #include "dsorb/image/affine_brightness.h"
 #include "dsorb/image/frame.h"
-#include "dsorb/init/result.h"
-
-#include "init/orb/feature_tracks.h"
-#include "init/orb/motion_hypotheses.h"
 
 #include <Eigen/Core>
 
@@ -49,22 +44,5 @@ struct InitialMap {
   std::vector<Observation> observations;  ///< sorted by corner, then frame
   std::vector<SemiDensePoint> points;
 };
-
-/// The attempt's first map: a corner for every track that is good under the motion, with its
-/// observations in all frames; the first and the last frame posed.
-/// @param frames one a frame of the tracks
-/// @param motion reference to newest frame, its points in the order of the tracks
-InitialMap makeInitialMap(const std::vector<FramePtr>& frames,
-                          const FeatureTracks& tracks,
-                          const MotionHypothesis& motion);
-
-/// Poses the frames between the first and the last: from the corners, or where these do not agree
-/// by interpolation along the motion.
-/// @param sigma of an observation, each axis [px]
-void poseFramesBetween(InitialMap& map, const PinholeCamera& camera, double sigma);
-
-/// Poses, corners and semi-dense points as they are handed over, in the common unit; points at or
-/// behind infinity are left out. The report holds what can be seen from the map.
-InitializationResult toResult(const InitialMap& map);
 
 }  // namespace dsorb::init_orb

@@ -2,6 +2,7 @@
 #include "init/orb/orb_initializer.h"
 
 #include "init/orb/geometric_adjustment.h"
+#include "init/orb/map_assembly.h"
 #include "init/orb/motion_hypotheses.h"
 #include "init/orb/rotation_only.h"
 #include "init/orb/semi_dense_depth.h"

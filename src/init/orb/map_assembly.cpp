@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/initial_map.h"
+#include "init/orb/map_assembly.h"
 
 #include "init/orb/pose_from_points.h"
 #include "init/result.h"
