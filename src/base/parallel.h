@@ -19,8 +19,8 @@ namespace dsorb {
 class TaskArena {
  public:
   explicit TaskArena(int num_threads)
-      : arena_(std::make_unique<tbb::task_arena>(num_threads > 0 ? num_threads
-                                                                 : tbb::task_arena::automatic)) {}
+      : arena_(std::make_unique<tbb::task_arena>(
+            num_threads > 0 ? num_threads : int{tbb::task_arena::automatic})) {}
 
   template <typename Function>
   auto run(Function&& function) {
