@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/calibration.h"
+
+#include <Eigen/Core>
+
+namespace dsorb {
+
+/// Rays further out than this in x or y (z = 1) are never part of a rectified image; 157 degrees.
+/// @source range of the crop search of DSO as published
+inline constexpr double kMaxRay = 5;
+
+/// Pixel of the input image seen along the ray (x, y, 1).
+/// @param ray [-]
+/// @return pixel of the lens' image [px]; meaningful up to monotoneRadius()
+/// @source FOV: Devernay and Faugeras 2001; radial-tangential: Brown 1971;
+///         equidistant: Kannala and Brandt, PAMI 2006, eq. (6), in the form of OpenCV's fisheye
+[[nodiscard]] Eigen::Vector2d projectThroughLens(const Lens& lens, const Eigen::Vector2d& ray);
+
+/// Largest |(x, y)| up to which the distortion is invertible: beyond it the polynomial folds back
+/// and rays land on pixels that see something else.
+/// @return [-], at most that of the corner (kMaxRay, kMaxRay)
+[[nodiscard]] double monotoneRadius(const Lens& lens);
+
+/// Ray that a pixel of the input image sees: inverse of projectThroughLens.
+/// @param max_radius monotoneRadius(lens)
+/// @return ray [-]; of length max_radius where the pixel lies beyond the invertible range
+[[nodiscard]] Eigen::Vector2d rayOfPixel(const Lens& lens,
+                                         const Eigen::Vector2d& pixel,
+                                         double max_radius);
+
+/// Axis-parallel rectangle of rays at z = 1.
+struct RayRectangle {
+  double x_min = 0;
+  double x_max = 0;
+  double y_min = 0;
+  double y_max = 0;
+
+  /// Camera whose outermost pixel centres lie on the rectangle; pixels need not be square.
+  [[nodiscard]] PinholeCamera camera(int width, int height) const;
+};
+
+/// Largest rectangle of rays that all fall inside the input image: no edge can move outwards.
+/// @param width, height samples per edge: the size of the rectified image [px]
+/// @throws std::invalid_argument where there is none around the optical axis
+[[nodiscard]] RayRectangle largestInscribedRectangle(const Lens& lens, int width, int height);
+
+/// Smallest rectangle that holds the rays of all pixels, within kMaxRay.
+[[nodiscard]] RayRectangle boundingRectangle(const Lens& lens);
+
+}  // namespace dsorb

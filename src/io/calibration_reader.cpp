@@ -1,0 +1,311 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/calibration_reader.h"
+
+#include "io/calibration_yaml.h"
+#include "io/image_decoder.h"
+#include "io/text_file.h"
+
+#include <fmt/format.h>
+#include <opencv2/core.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace dsorb {
+namespace {
+
+constexpr double kMaxSize = 65536;  // [px] a side
+constexpr std::size_t kMinResponseEntries = 256;
+constexpr double kMaxLevel = 255;  // [grey levels]
+
+/// One way to write the first line of camera.txt.
+struct LensForm {
+  const char* word;
+  LensModel model;
+  std::vector<std::size_t> counts;  // numbers after the word
+  const char* expectation;
+};
+
+const std::vector<LensForm>& lensForms() {
+  static const std::vector<LensForm> kForms = {
+      {"Pinhole", LensModel::kPinhole, {5}, "Pinhole fx fy cx cy 0"},
+      {"FOV", LensModel::kFov, {5}, "FOV fx fy cx cy omega"},
+      {"RadTan", LensModel::kRadTan, {8, 9}, "RadTan fx fy cx cy k1 k2 p1 p2 [k3]"},
+      {"EquiDistant", LensModel::kEquidistant, {8}, "EquiDistant fx fy cx cy k1 k2 k3 k4"},
+      {"KannalaBrandt", LensModel::kEquidistant, {8}, "KannalaBrandt fx fy cx cy k1 k2 k3 k4"}};
+  return kForms;
+}
+
+/// Text file of a calibration, line by line.
+class Lines {
+ public:
+  explicit Lines(const std::filesystem::path& file) : file_(file), lines_(readLines(file)) {}
+
+  [[nodiscard]] const std::filesystem::path& file() const { return file_; }
+  [[nodiscard]] const std::vector<TextLine>& all() const { return lines_; }
+  [[nodiscard]] bool has(std::size_t i) const { return i < lines_.size(); }
+  [[nodiscard]] const std::string& text(std::size_t i) const { return lines_[i].text; }
+  [[nodiscard]] IoError error(std::size_t i, const std::string& what) const {
+    return lineError(file_, has(i) ? lines_[i].number : 0, what);
+  }
+  [[nodiscard]] std::vector<double> numbers(std::size_t i,
+                                            const std::vector<std::string>& words,
+                                            const std::string& what) const {
+    return parseNumbers(file_, lines_[i].number, words, what);
+  }
+
+ private:
+  std::filesystem::path file_;
+  std::vector<TextLine> lines_;
+};
+
+struct Size {
+  int width;
+  int height;
+};
+
+Size readSize(const Lines& lines, std::size_t i, const std::string& what) {
+  if (!lines.has(i)) throw lines.error(i, fmt::format("ends before '{}'", what));
+  const auto numbers = lines.numbers(i, splitWords(lines.text(i)), what);
+  const bool good =
+      numbers.size() == 2 && std::all_of(numbers.begin(), numbers.end(), [](double n) {
+        return n >= 1 && n <= kMaxSize && n == std::floor(n);
+      });
+  if (!good) {
+    throw lines.error(
+        i, fmt::format("'{}'; expected '{}', two positive whole numbers", lines.text(i), what));
+  }
+  return {static_cast<int>(numbers[0]), static_cast<int>(numbers[1])};
+}
+
+/// Model of a line without a word, by its numbers.
+LensModel legacyModel(const Lines& lines, const std::vector<double>& numbers) {
+  if (numbers.size() == 8) return LensModel::kRadTan;
+  if (numbers.size() == 5) return numbers[4] == 0 ? LensModel::kPinhole : LensModel::kFov;
+  throw lines.error(
+      0,
+      fmt::format("{} numbers without a model; expected 5 (Pinhole or FOV) or 8 (RadTan)",
+                  numbers.size()));
+}
+
+/// First line of camera.txt. @return model and its numbers as written
+std::pair<LensModel, std::vector<double>> readLensLine(const Lines& lines) {
+  if (!lines.has(0))
+    throw lines.error(0, "is empty; expected a camera model, for example 'Pinhole fx fy cx cy 0'");
+  std::vector<std::string> words = splitWords(lines.text(0));
+  double first = 0;
+  if (parseNumber(words.front(), first)) {
+    const auto numbers = lines.numbers(0, words, "numbers");
+    return {legacyModel(lines, numbers), numbers};
+  }
+  const auto& forms = lensForms();
+  const auto form = std::find_if(
+      forms.begin(), forms.end(), [&](const LensForm& f) { return words.front() == f.word; });
+  if (form == forms.end()) {
+    throw lines.error(0,
+                      fmt::format("'{}' is no camera model; expected Pinhole, FOV, RadTan, "
+                                  "EquiDistant, KannalaBrandt, or 5 or 8 numbers",
+                                  words.front()));
+  }
+  words.erase(words.begin());
+  const auto numbers = lines.numbers(0, words, form->expectation);
+  if (std::find(form->counts.begin(), form->counts.end(), numbers.size()) == form->counts.end()) {
+    throw lines.error(0,
+                      fmt::format("{} numbers; expected '{}'", numbers.size(), form->expectation));
+  }
+  return {form->model, numbers};
+}
+
+/// Relative intrinsics let pixel (0, 0) cover [0, 1]; ours has its centre at (0, 0).
+void scaleToPixels(double width, double height, double& fx, double& fy, double& cx, double& cy) {
+  fx *= width;
+  fy *= height;
+  cx = cx * width - 0.5;
+  cy = cy * height - 0.5;
+}
+
+Lens readLens(const Lines& lines) {
+  const auto [model, numbers] = readLensLine(lines);
+  const Size size = readSize(lines, 1, "input width and height");
+  Lens lens;
+  lens.model = model;
+  lens.fx = numbers[0];
+  lens.fy = numbers[1];
+  lens.cx = numbers[2];
+  lens.cy = numbers[3];
+  lens.width = size.width;
+  lens.height = size.height;
+  if (model != LensModel::kPinhole) {
+    std::copy(numbers.begin() + 4, numbers.end(), lens.coefficients.begin());
+  }
+  if (!(lens.fx > 0 && lens.fy > 0)) {
+    throw lines.error(
+        0, fmt::format("focal lengths {} {}; expected positive numbers", lens.fx, lens.fy));
+  }
+  if (model == LensModel::kFov && !(lens.coefficients[0] >= 0 && lens.coefficients[0] < M_PI)) {
+    throw lines.error(0, fmt::format("omega {}; expected 0 <= omega < pi", lens.coefficients[0]));
+  }
+  if (lens.cx < 1 && lens.cy < 1) {
+    scaleToPixels(size.width, size.height, lens.fx, lens.fy, lens.cx, lens.cy);
+  }
+  if (!(lens.cx >= 0 && lens.cy >= 0 && lens.cx < size.width && lens.cy < size.height)) {
+    throw lines.error(0,
+                      fmt::format("principal point {} {}; expected inside the image of {}x{} px",
+                                  lens.cx,
+                                  lens.cy,
+                                  size.width,
+                                  size.height));
+  }
+  return lens;
+}
+
+/// Third line: a word, or the relative intrinsics of the output camera.
+void readMode(const Lines& lines, Rectification& target) {
+  const std::string& text = lines.text(2);
+  if (text == "crop") {
+    target.mode = RectificationMode::kCrop;
+  } else if (text == "full") {
+    target.mode = RectificationMode::kFull;
+  } else if (text == "none") {
+    target.mode = RectificationMode::kNone;
+  } else {
+    const std::string what = "crop, full, none, or relative 'fx fy cx cy 0'";
+    const auto numbers = lines.numbers(2, splitWords(text), what);
+    if (numbers.size() != 5) {
+      throw lines.error(2, fmt::format("{} numbers; expected {}", numbers.size(), what));
+    }
+    const bool good = numbers[0] > 0 && numbers[1] > 0 && numbers[2] >= 0 && numbers[2] <= 1 &&
+                      numbers[3] >= 0 && numbers[3] <= 1;
+    if (!good) {
+      throw lines.error(2,
+                        fmt::format("'{}'; expected output intrinsics relative to the output size: "
+                                    "positive focal lengths, principal point between 0 and 1",
+                                    text));
+    }
+    target.mode = RectificationMode::kExplicit;
+    target.camera.fx = numbers[0];
+    target.camera.fy = numbers[1];
+    target.camera.cx = numbers[2];
+    target.camera.cy = numbers[3];
+  }
+}
+
+Rectification readRectification(const Lines& lines, const Lens& lens) {
+  Rectification target;
+  target.width = lens.width;
+  target.height = lens.height;
+  if (!lines.has(2)) {
+    if (lens.model == LensModel::kPinhole) target.mode = RectificationMode::kNone;
+    return target;
+  }
+  readMode(lines, target);
+  if (lines.has(3)) {
+    const Size size = readSize(lines, 3, "output width and height");
+    target.width = size.width;
+    target.height = size.height;
+  }
+  if (target.mode == RectificationMode::kNone &&
+      (target.width != lens.width || target.height != lens.height)) {
+    throw lines.error(
+        3,
+        fmt::format("'none' cannot turn {}x{} into {}x{} px; expected equal sizes, or crop",
+                    lens.width,
+                    lens.height,
+                    target.width,
+                    target.height));
+  }
+  if (target.mode == RectificationMode::kExplicit) {
+    PinholeCamera& camera = target.camera;
+    scaleToPixels(target.width, target.height, camera.fx, camera.fy, camera.cx, camera.cy);
+  }
+  if (lines.has(4)) throw lines.error(4, "more than four lines");
+  return target;
+}
+
+/// Projection matrix of one rectified KITTI camera. The file does not say the image size.
+Calibration readKitti(const Lines& lines, int camera) {
+  const std::string key = fmt::format("P{}:", camera);
+  for (std::size_t i = 0; i < lines.all().size(); ++i) {
+    std::vector<std::string> words = splitWords(lines.text(i));
+    if (words.front() != key) continue;
+    words.erase(words.begin());
+    const auto p = lines.numbers(i, words, "the 12 numbers of a 3x4 projection matrix");
+    if (p.size() != 12) {
+      throw lines.error(
+          i,
+          fmt::format("{} {} numbers; expected the 12 of a 3x4 projection matrix", key, p.size()));
+    }
+    if (!(p[0] > 0 && p[5] > 0)) {
+      throw lines.error(
+          i, fmt::format("{} focal lengths {} {}; expected positive numbers", key, p[0], p[5]));
+    }
+    Calibration calibration;
+    calibration.rectification.mode = RectificationMode::kNone;
+    calibration.lens.fx = p[0];
+    calibration.lens.fy = p[5];
+    calibration.lens.cx = p[2];
+    calibration.lens.cy = p[6];
+    return calibration;
+  }
+  throw lineError(lines.file(), 0, fmt::format("no line '{}' for image_{}", key, camera));
+}
+
+bool isKitti(const Lines& lines) {
+  return std::any_of(lines.all().begin(), lines.all().end(), [](const TextLine& line) {
+    return line.text.size() > 2 && line.text[0] == 'P' && line.text[1] >= '0' &&
+           line.text[1] <= '3' && line.text[2] == ':';
+  });
+}
+
+}  // namespace
+
+Calibration readCalibration(const std::filesystem::path& file, int kitti_camera) {
+  const std::string suffix = file.extension().string();
+  if (suffix == ".yaml" || suffix == ".yml") return readYamlCalibration(file);
+  const Lines lines(file);
+  if (isKitti(lines)) return readKitti(lines, kitti_camera);
+  Calibration calibration;
+  calibration.lens = readLens(lines);
+  calibration.rectification = readRectification(lines, calibration.lens);
+  return calibration;
+}
+
+std::vector<float> readResponse(const std::filesystem::path& file) {
+  const Lines lines(file);
+  const std::string what = "at least 256 increasing numbers on one line";
+  if (!lines.has(0)) throw lines.error(0, fmt::format("is empty; expected {}", what));
+  const auto raw = lines.numbers(0, splitWords(lines.text(0)), what);
+  if (raw.size() < kMinResponseEntries) {
+    throw lines.error(0, fmt::format("{} numbers; expected {}", raw.size(), what));
+  }
+  std::vector<float> response;
+  response.reserve(raw.size());
+  const double range = raw.back() - raw.front();
+  for (std::size_t i = 0; i < raw.size(); ++i) {
+    response.push_back(static_cast<float>(kMaxLevel * (raw[i] - raw.front()) / range));
+    if (i > 0 && !(response[i] > response[i - 1] && raw[i] > raw[i - 1])) {
+      throw lines.error(
+          0,
+          fmt::format(
+              "number {} ({}) is not above the one before; expected {}", i + 1, raw[i], what));
+    }
+  }
+  return response;
+}
+
+void readVignette(const std::filesystem::path& file, PhotometricCalibration& calibration) {
+  const cv::Mat image = decodeGrey(readFile(file), file.string());
+  double maximum = 0;
+  cv::minMaxLoc(image, nullptr, &maximum);
+  if (maximum <= 0) throw lineError(file, 0, "the vignette is black everywhere");
+  cv::Mat attenuation;
+  image.convertTo(attenuation, CV_32F, 1 / maximum);
+  calibration.vignette_width = image.cols;
+  calibration.vignette_height = image.rows;
+  calibration.vignette.assign(attenuation.begin<float>(), attenuation.end<float>());
+}
+
+}  // namespace dsorb

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/calibration.h"
+
+#include <filesystem>
+
+namespace dsorb {
+
+/// Lens and rectification of a calibration file of any known kind: EuRoC sensor.yaml or Kalibr
+/// camchain.yaml (by the suffix), KITTI calib.txt (by its lines P0: ... P3:), else the camera.txt
+/// of DSO. Nothing photometric is read.
+/// @param kitti_camera  which line of a KITTI file: that of image_0 ... image_3
+/// @return a lens of size 0 where the file does not say it (KITTI)
+/// @throws IoError naming file, line, key and expectation
+Calibration readCalibration(const std::filesystem::path& file, int kitti_camera = 0);
+
+/// Response table of pcalib.txt: at least 256 increasing numbers on its first line, any scale.
+/// @return normalised to 0..255
+/// @throws IoError naming file, line and expectation
+std::vector<float> readResponse(const std::filesystem::path& file);
+
+/// Vignette image of 8 or 16 bits, normalised to a maximum of 1, into `calibration`.
+/// @throws IoError where it cannot be read or is black
+void readVignette(const std::filesystem::path& file, PhotometricCalibration& calibration);
+
+}  // namespace dsorb

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/io/sequence_reader.h"
+
+#include "io/image_store.h"
+
+#include <filesystem>
+#include <memory>
+#include <vector>
+
+namespace dsorb {
+
+/// Where the parts of a data set lie. Paths may be empty: the data set has no such file.
+struct DatasetLayout {
+  SequenceFormat format = SequenceFormat::kImages;  ///< never kAuto
+  std::filesystem::path images;                     ///< folder, .zip, or the list that names them
+  std::filesystem::path times;                      ///< of the DSO and KITTI layouts
+  std::filesystem::path calibration;                ///< camera.txt, calib.txt or sensor.yaml
+  std::filesystem::path response;                   ///< pcalib.txt
+  std::filesystem::path vignette;                   ///< vignette.png
+  int kitti_camera = 0;                             ///< number N of image_N
+};
+
+/// Finds the parts of a data set, by its format or by what lies there.
+/// @throws IoError where the path is missing or holds no layout of that format
+DatasetLayout findDataset(const std::filesystem::path& path, SequenceFormat format);
+
+/// Images of a data set with what is known of each.
+struct Dataset {
+  std::unique_ptr<ImageStore> images;
+  std::vector<double> timestamps;  ///< [s], strictly increasing, one per image
+  std::vector<double> exposures;   ///< [s], one per image; empty: unknown
+};
+
+/// Lists images and times. No image is read.
+/// @throws IoError where there are no images, or times are malformed or of another number
+Dataset openDataset(const DatasetLayout& layout);
+
+}  // namespace dsorb

@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "dsorb/error.h"
+
+#include "io/dataset.h"
+
+#include <fmt/format.h>
+
+#include <array>
+#include <optional>
+#include <string>
+#include <string_view>
+
+namespace dsorb {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// The file if it is there, else nothing.
+fs::path existing(const fs::path& file) {
+  return fs::is_regular_file(file) ? file : fs::path();
+}
+
+/// What lies beside the images in the layout of DSO, TUM-mono and plain folders.
+DatasetLayout beside(SequenceFormat format, const fs::path& images, const fs::path& base) {
+  DatasetLayout layout;
+  layout.format = format;
+  layout.images = images;
+  layout.times = existing(base / "times.txt");
+  layout.calibration = existing(base / "camera.txt");
+  layout.response = existing(base / "pcalib.txt");
+  layout.vignette = existing(base / "vignette.png");
+  return layout;
+}
+
+std::optional<DatasetLayout> findDso(const fs::path& path) {
+  if (fs::is_regular_file(path) && path.extension() == ".zip") {
+    return beside(SequenceFormat::kDso, path, path.parent_path());
+  }
+  if (fs::is_directory(path / "images")) return beside(SequenceFormat::kDso, path / "images", path);
+  if (fs::is_regular_file(path / "images.zip")) {
+    return beside(SequenceFormat::kDso, path / "images.zip", path);
+  }
+  const bool image_folder = fs::is_directory(path) && holdsImages(path);
+  if (image_folder && fs::is_regular_file(path.parent_path() / "camera.txt")) {
+    return beside(SequenceFormat::kDso, path, path.parent_path());
+  }
+  return std::nullopt;
+}
+
+/// Number N of a folder image_N; nothing for other names.
+std::optional<int> kittiCamera(const fs::path& folder) {
+  const std::string name = folder.filename().string();
+  constexpr std::string_view kPrefix = "image_";
+  if (name.size() != kPrefix.size() + 1 || name.compare(0, kPrefix.size(), kPrefix) != 0) {
+    return std::nullopt;
+  }
+  const int camera = name.back() - '0';
+  return camera >= 0 && camera <= 3 ? std::optional<int>(camera) : std::nullopt;
+}
+
+std::optional<DatasetLayout> findKitti(const fs::path& path) {
+  constexpr std::array<const char*, 4> kFolders = {"image_0", "image_2", "image_1", "image_3"};
+  fs::path images;
+  if (kittiCamera(path)) {
+    images = path;
+  } else {
+    for (const char* folder : kFolders) {
+      if (images.empty() && fs::is_directory(path / folder)) images = path / folder;
+    }
+  }
+  if (images.empty()) return std::nullopt;
+  const fs::path base = images.parent_path();
+  DatasetLayout layout;
+  layout.format = SequenceFormat::kKitti;
+  layout.images = images;
+  layout.times = existing(base / "times.txt");
+  layout.calibration = existing(base / "calib.txt");
+  layout.kitti_camera = *kittiCamera(images);
+  return layout;
+}
+
+std::optional<DatasetLayout> findEuroc(const fs::path& path) {
+  for (const fs::path& camera : {path / "mav0" / "cam0", path / "cam0", path}) {
+    if (!fs::is_regular_file(camera / "data.csv") || !fs::is_directory(camera / "data")) continue;
+    DatasetLayout layout;
+    layout.format = SequenceFormat::kEuroc;
+    layout.images = camera / "data.csv";
+    layout.calibration = existing(camera / "sensor.yaml");
+    return layout;
+  }
+  return std::nullopt;
+}
+
+std::optional<DatasetLayout> findTum(const fs::path& path) {
+  if (!fs::is_regular_file(path / "rgb.txt")) return std::nullopt;
+  DatasetLayout layout;
+  layout.format = SequenceFormat::kTum;
+  layout.images = path / "rgb.txt";
+  layout.calibration = existing(path / "camera.txt");
+  return layout;
+}
+
+std::optional<DatasetLayout> findImages(const fs::path& path) {
+  if (!fs::is_directory(path) || !holdsImages(path)) return std::nullopt;
+  DatasetLayout layout = beside(SequenceFormat::kImages, path, path);
+  if (layout.times.empty()) layout.times = existing(path.parent_path() / "times.txt");
+  return layout;
+}
+
+struct Finder {
+  SequenceFormat format;
+  std::optional<DatasetLayout> (*find)(const fs::path&);
+  const char* expectation;
+};
+
+// In the order of recognition: from the most particular layout to the least.
+constexpr std::array<Finder, 5> kFinders = {{
+    {SequenceFormat::kEuroc, findEuroc, "EuRoC: mav0/cam0/data.csv and mav0/cam0/data"},
+    {SequenceFormat::kKitti, findKitti, "KITTI: image_0 or image_2"},
+    {SequenceFormat::kTum, findTum, "TUM RGB-D: rgb.txt"},
+    {SequenceFormat::kDso, findDso, "DSO: images or images.zip"},
+    {SequenceFormat::kImages, findImages, "a folder of images"},
+}};
+
+}  // namespace
+
+DatasetLayout findDataset(const fs::path& path, SequenceFormat format) {
+  std::error_code error;
+  if (!fs::exists(path, error)) {
+    throw IoError(fmt::format("{}: no such file or folder", path.string()));
+  }
+  // Without "." and trailing slashes, so that the parent folder is the one meant.
+  fs::path clean = fs::absolute(path).lexically_normal();
+  if (!clean.has_filename()) clean = clean.parent_path();
+  std::string expected;
+  for (const Finder& finder : kFinders) {
+    if (format != SequenceFormat::kAuto && format != finder.format) continue;
+    if (auto layout = finder.find(clean)) return *layout;
+    expected += (expected.empty() ? "" : "; ") + std::string(finder.expectation);
+  }
+  throw IoError(fmt::format("{}: no data set; expected {}", path.string(), expected));
+}
+
+}  // namespace dsorb

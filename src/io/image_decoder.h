@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <opencv2/core/mat.hpp>
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace dsorb {
+
+/// @throws IoError where the file cannot be read
+std::vector<std::uint8_t> readFile(const std::filesystem::path& file);
+
+/// Decodes PNG, JPG, PGM and what else OpenCV reads to one grey channel of 8 or 16 bits, as stored.
+/// @param name of the file, for messages
+/// @throws IoError where the bytes are no image, are truncated, or have another depth
+cv::Mat decodeGrey(const std::vector<std::uint8_t>& bytes, const std::string& name);
+
+/// Whether a file is taken for an image, by its suffix.
+bool hasImageSuffix(const std::filesystem::path& file);
+
+}  // namespace dsorb

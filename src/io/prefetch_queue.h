@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <condition_variable>
+#include <deque>
+#include <exception>
+#include <functional>
+#include <mutex>
+#include <optional>
+#include <thread>
+#include <utility>
+
+namespace dsorb {
+
+/// Makes items 0 .. count - 1 in order, some ahead of their use in a thread of its own. An
+/// exception of the maker is delivered in the place of its item and ends the queue.
+template <typename Item>
+class PrefetchQueue {
+ public:
+  /// @param depth items that wait at most; 0: no thread, items are made when asked for
+  PrefetchQueue(std::size_t count, int depth, std::function<Item(std::size_t)> make)
+      : count_(count),
+        depth_(depth > 0 ? static_cast<std::size_t>(depth) : 0),
+        make_(std::move(make)) {
+    if (depth_ > 0) worker_ = std::thread([this] { work(); });
+  }
+  ~PrefetchQueue() {
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      stopped_ = true;
+    }
+    changed_.notify_all();
+    if (worker_.joinable()) worker_.join();
+  }
+  PrefetchQueue(const PrefetchQueue&) = delete;
+  PrefetchQueue& operator=(const PrefetchQueue&) = delete;
+
+  /// @return the next item; empty after the last one or after an exception
+  std::optional<Item> next() {
+    if (delivered_ == count_) return std::nullopt;
+    Entry entry = depth_ > 0 ? take() : makeEntry(delivered_);
+    if (entry.error) {
+      delivered_ = count_;
+      std::rethrow_exception(entry.error);
+    }
+    ++delivered_;
+    return std::move(entry.item);
+  }
+
+ private:
+  struct Entry {
+    std::optional<Item> item;
+    std::exception_ptr error;
+  };
+
+  Entry makeEntry(std::size_t position) {
+    Entry entry;
+    try {
+      entry.item = make_(position);
+    } catch (...) {
+      entry.error = std::current_exception();
+    }
+    return entry;
+  }
+
+  Entry take() {
+    std::unique_lock<std::mutex> lock(mutex_);
+    changed_.wait(lock, [this] { return !entries_.empty(); });
+    Entry entry = std::move(entries_.front());
+    entries_.pop_front();
+    lock.unlock();
+    changed_.notify_all();
+    return entry;
+  }
+
+  void work() {
+    for (std::size_t position = 0; position < count_; ++position) {
+      {
+        std::unique_lock<std::mutex> lock(mutex_);
+        changed_.wait(lock, [this] { return stopped_ || entries_.size() < depth_; });
+        if (stopped_) return;
+      }
+      Entry entry = makeEntry(position);
+      const bool failed = entry.error != nullptr;
+      {
+        const std::lock_guard<std::mutex> lock(mutex_);
+        entries_.push_back(std::move(entry));
+      }
+      changed_.notify_all();
+      if (failed) return;
+    }
+  }
+
+  const std::size_t count_;
+  const std::size_t depth_;
+  const std::function<Item(std::size_t)> make_;
+  std::size_t delivered_ = 0;  // of the consumer's thread alone
+
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::deque<Entry> entries_;
+  bool stopped_ = false;
+  std::thread worker_;
+};
+
+}  // namespace dsorb

@@ -1,0 +1,228 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "dsorb/io/sequence_reader.h"
+
+#include "dsorb/error.h"
+
+#include "camera/photometric_correction.h"
+#include "camera/undistorter.h"
+#include "io/calibration_reader.h"
+#include "io/dataset.h"
+#include "io/image_decoder.h"
+#include "io/prefetch_queue.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <utility>
+#include <vector>
+
+namespace dsorb {
+namespace {
+
+double millisecondsSince(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
+      .count();
+}
+
+std::string orDefault(const std::string& given, const std::filesystem::path& found) {
+  return given.empty() ? found.string() : given;
+}
+
+/// Positions in the order they are fed.
+std::vector<int> playlist(const SequenceOptions& options, int size) {
+  if (options.start < 0 || options.start >= size) {
+    throw ConfigError(
+        fmt::format("start: {} lies outside the sequence of {} images", options.start, size));
+  }
+  const int end = options.end < 0 ? size : std::min(options.end, size);
+  if (end <= options.start) {
+    throw ConfigError(fmt::format("end: {} is not above start: {}", options.end, options.start));
+  }
+  std::vector<int> indices;
+  for (int i = options.start; i < end; ++i) indices.push_back(i);
+  if (options.reverse) std::reverse(indices.begin(), indices.end());
+  return indices;
+}
+
+/// Resolves kAuto, and checks that what is asked for is there.
+PhotometryMode photometryMode(const SequenceOptions& options,
+                              const std::string& response,
+                              const std::string& vignette) {
+  const PhotometryMode mode = options.photometry;
+  if (mode == PhotometryMode::kUncalibrated || mode == PhotometryMode::kPerfect) return mode;
+  if (!response.empty() && !vignette.empty()) return PhotometryMode::kCalibrated;
+  const bool asked = mode == PhotometryMode::kCalibrated || !options.response_file.empty() ||
+                     !options.vignette_file.empty();
+  if (!asked) return PhotometryMode::kUncalibrated;
+  throw ConfigError(
+      fmt::format("photometric calibration needs a response and a vignette, but there is no {}; "
+                  "give it, or choose the mode uncalibrated or perfect",
+                  response.empty() ? "response (pcalib.txt)" : "vignette (vignette.png)"));
+}
+
+}  // namespace
+
+/// The whole way from file to frame. After construction only prepare() changes the scratch images,
+/// and only one thread calls it.
+class SequenceReader::Impl {
+ public:
+  explicit Impl(const SequenceOptions& options)
+      : layout_(findDataset(options.path, options.format)), dataset_(openDataset(layout_)) {
+    indices_ = playlist(options, dataset_.images->size());
+    calibrate(options);
+    queue_ = std::make_unique<PrefetchQueue<SequenceFrame>>(
+        indices_.size(), options.prefetch, [this](std::size_t position) {
+          return prepare(indices_[position]);
+        });
+  }
+
+  [[nodiscard]] const PinholeCamera& camera() const { return undistorter_->camera(); }
+  [[nodiscard]] const Dataset& dataset() const { return dataset_; }
+  [[nodiscard]] int selected() const { return static_cast<int>(indices_.size()); }
+  [[nodiscard]] SequenceFormat format() const { return layout_.format; }
+  [[nodiscard]] PhotometryMode photometry() const { return photometry_; }
+  std::optional<SequenceFrame> next() { return queue_->next(); }
+
+ private:
+  void calibrate(const SequenceOptions& options);
+  void calibratePhotometry(const SequenceOptions& options, const Lens& lens);
+  [[nodiscard]] cv::Mat decode(int index);
+  [[nodiscard]] SequenceFrame prepare(int index);
+  void rectify(const cv::Mat& image);
+
+  DatasetLayout layout_;
+  Dataset dataset_;
+  std::vector<int> indices_;
+  PhotometryMode photometry_ = PhotometryMode::kUncalibrated;
+  std::optional<Undistorter> undistorter_;
+  std::optional<PhotometricCorrection> correction_;
+  std::shared_ptr<const ResponseSlope> response_slope_;
+  std::vector<float> corrected_;                         // scratch, input size
+  std::vector<float> rectified_;                         // scratch, output size
+  std::unique_ptr<PrefetchQueue<SequenceFrame>> queue_;  // last: its thread stops first
+};
+
+void SequenceReader::Impl::calibrate(const SequenceOptions& options) {
+  const std::string file = orDefault(options.calibration_file, layout_.calibration);
+  if (file.empty()) {
+    throw IoError(fmt::format("{}: no calibration lies beside the images; give one with --calib",
+                              layout_.images.string()));
+  }
+  Calibration calibration = readCalibration(file, layout_.kitti_camera);
+  Lens& lens = calibration.lens;
+  if (lens.width == 0) {
+    const cv::Mat first = decode(indices_.front());
+    lens.width = first.cols;
+    lens.height = first.rows;
+  }
+  try {
+    undistorter_.emplace(lens, calibration.rectification);
+  } catch (const std::invalid_argument& error) {
+    throw IoError(fmt::format("{}: {}", file, error.what()));
+  }
+  calibratePhotometry(options, lens);
+  const PinholeCamera& camera = undistorter_->camera();
+  corrected_.resize(static_cast<std::size_t>(lens.width) * static_cast<std::size_t>(lens.height));
+  rectified_.resize(static_cast<std::size_t>(camera.width) *
+                    static_cast<std::size_t>(camera.height));
+}
+
+void SequenceReader::Impl::calibratePhotometry(const SequenceOptions& options, const Lens& lens) {
+  const std::string response = orDefault(options.response_file, layout_.response);
+  const std::string vignette = orDefault(options.vignette_file, layout_.vignette);
+  photometry_ = photometryMode(options, response, vignette);
+  if (photometry_ != PhotometryMode::kCalibrated) {
+    correction_.emplace(lens.width, lens.height);
+    dataset_.exposures.clear();  // a linear ratio means nothing to an unknown response
+    return;
+  }
+  PhotometricCalibration photometric;
+  photometric.response = readResponse(response);
+  readVignette(vignette, photometric);
+  if (photometric.vignette_width != lens.width || photometric.vignette_height != lens.height) {
+    throw IoError(fmt::format("{}: {}x{} px; expected the size of the images, {}x{}",
+                              vignette,
+                              photometric.vignette_width,
+                              photometric.vignette_height,
+                              lens.width,
+                              lens.height));
+  }
+  correction_.emplace(photometric, lens.width, lens.height);
+  response_slope_ = std::make_shared<const ResponseSlope>(correction_->responseSlope());
+}
+
+cv::Mat SequenceReader::Impl::decode(int index) {
+  return decodeGrey(dataset_.images->read(index), dataset_.images->name(index));
+}
+
+void SequenceReader::Impl::rectify(const cv::Mat& image) {
+  if (image.depth() == CV_16U) {
+    correction_->apply(image.ptr<std::uint16_t>(), image.step, corrected_.data());
+  } else {
+    correction_->apply(image.ptr<std::uint8_t>(), image.step, corrected_.data());
+  }
+  undistorter_->apply(corrected_.data(), rectified_.data());
+}
+
+SequenceFrame SequenceReader::Impl::prepare(int index) {
+  SequenceFrame result;
+  result.index = index;
+  result.image_file = dataset_.images->name(index);
+  auto start = std::chrono::steady_clock::now();
+  const cv::Mat image = decode(index);
+  if (image.cols != undistorter_->inputWidth() || image.rows != undistorter_->inputHeight()) {
+    throw IoError(fmt::format("{}: {}x{} px; expected {}x{} as calibrated",
+                              result.image_file,
+                              image.cols,
+                              image.rows,
+                              undistorter_->inputWidth(),
+                              undistorter_->inputHeight()));
+  }
+  rectify(image);
+  result.read_milliseconds = millisecondsSince(start);
+
+  start = std::chrono::steady_clock::now();
+  FrameInfo info;
+  info.id = FrameId{index};
+  info.timestamp = dataset_.timestamps[static_cast<std::size_t>(index)];
+  if (!dataset_.exposures.empty()) {
+    info.exposure = dataset_.exposures[static_cast<std::size_t>(index)];
+  }
+  info.response_slope = response_slope_;
+  result.frame = Frame::create(
+      ImageView(rectified_.data(), undistorter_->camera().width, undistorter_->camera().height),
+      info);
+  result.pyramid_milliseconds = millisecondsSince(start);
+  return result;
+}
+
+SequenceReader::SequenceReader(const SequenceOptions& options)
+    : impl_(std::make_unique<Impl>(options)) {}
+SequenceReader::~SequenceReader() = default;
+SequenceReader::SequenceReader(SequenceReader&&) noexcept = default;
+SequenceReader& SequenceReader::operator=(SequenceReader&&) noexcept = default;
+
+const PinholeCamera& SequenceReader::camera() const {
+  return impl_->camera();
+}
+int SequenceReader::size() const {
+  return impl_->dataset().images->size();
+}
+int SequenceReader::selected() const {
+  return impl_->selected();
+}
+SequenceFormat SequenceReader::format() const {
+  return impl_->format();
+}
+PhotometryMode SequenceReader::photometry() const {
+  return impl_->photometry();
+}
+double SequenceReader::timestamp(int index) const {
+  return impl_->dataset().timestamps.at(static_cast<std::size_t>(index));
+}
+std::optional<SequenceFrame> SequenceReader::next() {
+  return impl_->next();
+}
+
+}  // namespace dsorb
