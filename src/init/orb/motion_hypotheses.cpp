@@ -2,6 +2,7 @@
 #include "init/orb/motion_hypotheses.h"
 
 #include "geometry/reprojection.h"
+#include "init/orb/motion_refinement.h"
 
 #include <opencv2/calib3d.hpp>
 
@@ -134,7 +135,9 @@ TwoViewMotion estimateMotion(const Matches& matches,
   }
   const std::vector<SE3> motions = planar ? decomposeHomography(chosen.matrix, camera)
                                           : decomposeFundamental(chosen.matrix, camera);
-  for (const SE3& T_target_ref : motions) {
+  for (const SE3& decomposed : motions) {
+    const SE3 T_target_ref =
+        refineMotion(decomposed, matches, chosen.inlier, camera, options.sigma);
     MotionHypothesis hypothesis =
         evaluateMotion(T_target_ref, matches, chosen.inlier, camera, options);
     if (hypothesis.good > motion.best.good) std::swap(hypothesis, motion.best);

@@ -4,6 +4,7 @@
 #include "base/parallel.h"
 #include "base/random.h"
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <Eigen/QR>
@@ -12,6 +13,7 @@
 #include <cassert>
 #include <cmath>
 #include <numeric>
+#include <utility>
 
 namespace dsorb::init_orb {
 namespace {
@@ -19,18 +21,21 @@ namespace {
 constexpr double kHomographyThreshold = 5.99;    // T_H: chi-square, 2 degrees of freedom, 95 %
 constexpr double kFundamentalThreshold = 3.84;   // T_F: chi-square, 1 degree of freedom, 95 %
 constexpr double kGamma = kHomographyThreshold;  // same for both models so that scores compare
+constexpr int kMaxRefits = 5;
 constexpr double kMinPivot = 1e-9;  // of a normalised 8x9 system; less: the sample is degenerate
 
 using System = Eigen::Matrix<double, 8, 9>;
+
+Eigen::Matrix3d asMatrix(const Eigen::Matrix<double, 9, 1>& rows) {
+  return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(rows.data());
+}
 
 /// Null vector of an 8x9 system as a row-major 3x3 matrix; nullopt when the rank is below 8.
 std::optional<Eigen::Matrix3d> nullMatrix(const System& system) {
   const Eigen::ColPivHouseholderQR<Eigen::Matrix<double, 9, 8>> qr(system.transpose());
   if (!(std::abs(qr.matrixR()(7, 7)) > kMinPivot)) return std::nullopt;
   const Eigen::Matrix<double, 9, 1> null = qr.householderQ() * Eigen::Matrix<double, 9, 1>::Unit(8);
-  Eigen::Matrix3d matrix;
-  matrix << null[0], null[1], null[2], null[3], null[4], null[5], null[6], null[7], null[8];
-  return matrix;
+  return asMatrix(null);
 }
 
 double signedArea(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& c) {
@@ -52,29 +57,24 @@ bool keepsOrientation(const Matches& matches, const Sample& sample) {
   return kept == 4;
 }
 
-std::optional<Eigen::Matrix3d> solveHomography(const Matches& matches, const Sample& sample) {
-  if (!keepsOrientation(matches, sample)) return std::nullopt;
-  System system;
-  for (int i = 0; i < 4; ++i) {
-    const Eigen::Vector2d& r = matches.reference[sample[static_cast<std::size_t>(i)]];
-    const Eigen::Vector2d& t = matches.target[sample[static_cast<std::size_t>(i)]];
-    system.row(2 * i) << 0, 0, 0, -r.x(), -r.y(), -1, t.y() * r.x(), t.y() * r.y(), t.y();
-    system.row(2 * i + 1) << r.x(), r.y(), 1, 0, 0, 0, -t.x() * r.x(), -t.x() * r.y(), -t.x();
+/// The linear equations of one match: two rows for a homography, one (and one of zeros) for a
+/// fundamental matrix.
+using Rows = Eigen::Matrix<double, 2, 9>;
+
+Rows equations(TwoViewModel kind, const Eigen::Vector2d& r, const Eigen::Vector2d& t) {
+  Rows rows = Rows::Zero();
+  if (kind == TwoViewModel::kHomography) {
+    rows.row(0) << 0, 0, 0, -r.x(), -r.y(), -1, t.y() * r.x(), t.y() * r.y(), t.y();
+    rows.row(1) << r.x(), r.y(), 1, 0, 0, 0, -t.x() * r.x(), -t.x() * r.y(), -t.x();
+  } else {
+    rows.row(0) << t.x() * r.x(), t.x() * r.y(), t.x(), t.y() * r.x(), t.y() * r.y(), t.y(), r.x(),
+        r.y(), 1;
   }
-  return nullMatrix(system);
+  return rows;
 }
 
-std::optional<Eigen::Matrix3d> solveFundamental(const Matches& matches, const Sample& sample) {
-  System system;
-  for (int i = 0; i < 8; ++i) {
-    const Eigen::Vector2d& r = matches.reference[sample[static_cast<std::size_t>(i)]];
-    const Eigen::Vector2d& t = matches.target[sample[static_cast<std::size_t>(i)]];
-    system.row(i) << t.x() * r.x(), t.x() * r.y(), t.x(), t.y() * r.x(), t.y() * r.y(), t.y(),
-        r.x(), r.y(), 1;
-  }
-  const std::optional<Eigen::Matrix3d> full = nullMatrix(system);
-  if (!full) return std::nullopt;
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(*full, Eigen::ComputeFullU | Eigen::ComputeFullV);
+Eigen::Matrix3d withRankTwo(const Eigen::Matrix3d& full) {
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(full, Eigen::ComputeFullU | Eigen::ComputeFullV);
   Eigen::Vector3d singular_values = svd.singularValues();
   singular_values[2] = 0;
   return svd.matrixU() * singular_values.asDiagonal() * svd.matrixV().transpose();
@@ -107,6 +107,21 @@ std::vector<Sample> drawSamples(std::size_t n, int rounds, std::uint64_t seed) {
     }
   }
   return samples;
+}
+
+/// Least squares over all inliers instead of through one sample.
+Eigen::Matrix3d solveOverInliers(TwoViewModel kind,
+                                 const Matches& matches,
+                                 const std::vector<char>& inlier) {
+  Eigen::Matrix<double, 9, 9> normal = Eigen::Matrix<double, 9, 9>::Zero();
+  for (std::size_t i = 0; i < matches.size(); ++i) {
+    if (inlier[i] == 0) continue;
+    const Rows rows = equations(kind, matches.reference[i], matches.target[i]);
+    normal += rows.transpose() * rows;
+  }
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 9, 9>> solver(normal);
+  const Eigen::Matrix3d matrix = asMatrix(solver.eigenvectors().col(0));
+  return kind == TwoViewModel::kHomography ? matrix : withRankTwo(matrix);
 }
 
 /// Calls visit(index, distance in the target, distance in the reference), both squared.
@@ -156,6 +171,22 @@ struct Normalized {
   }
 };
 
+/// Fits the model to its inliers, as long as its score rises.
+ScoredModel refit(ScoredModel model,
+                  TwoViewModel kind,
+                  const Matches& matches,
+                  const Normalized& normalized,
+                  double sigma) {
+  for (int round = 0; round < kMaxRefits; ++round) {
+    if (model.inliers < static_cast<int>(std::tuple_size<Sample>::value)) break;
+    const Eigen::Matrix3d solution = solveOverInliers(kind, normalized.matches, model.inlier);
+    ScoredModel refitted = scoreModel(kind, normalized.toPixels(kind, solution), matches, sigma);
+    if (!(refitted.score > model.score)) break;
+    model = std::move(refitted);
+  }
+  return model;
+}
+
 ScoredModel fitModel(TwoViewModel kind,
                      const Matches& matches,
                      const Normalized& normalized,
@@ -174,7 +205,9 @@ ScoredModel fitModel(TwoViewModel kind,
       best = matrix;
     }
   }
-  if (best_score > 0) return scoreModel(kind, best, matches, sigma);
+  if (best_score > 0) {
+    return refit(scoreModel(kind, best, matches, sigma), kind, matches, normalized, sigma);
+  }
   ScoredModel none;
   none.inlier.assign(matches.size(), 0);
   return none;
@@ -228,8 +261,22 @@ ScoredModel scoreModel(TwoViewModel kind,
 std::optional<Eigen::Matrix3d> solveModel(TwoViewModel kind,
                                           const Matches& matches,
                                           const Sample& sample) {
-  return kind == TwoViewModel::kHomography ? solveHomography(matches, sample)
-                                           : solveFundamental(matches, sample);
+  System system;
+  if (kind == TwoViewModel::kHomography) {
+    if (!keepsOrientation(matches, sample)) return std::nullopt;
+    for (std::size_t i = 0; i < 4; ++i) {
+      system.middleRows<2>(2 * static_cast<int>(i)) =
+          equations(kind, matches.reference[sample[i]], matches.target[sample[i]]);
+    }
+    return nullMatrix(system);
+  }
+  for (std::size_t i = 0; i < 8; ++i) {
+    system.row(static_cast<int>(i)) =
+        equations(kind, matches.reference[sample[i]], matches.target[sample[i]]).row(0);
+  }
+  const std::optional<Eigen::Matrix3d> full = nullMatrix(system);
+  if (!full) return std::nullopt;
+  return withRankTwo(*full);
 }
 
 ModelPair fitModels(const Matches& matches, const TwoViewOptions& options, std::uint64_t seed) {
