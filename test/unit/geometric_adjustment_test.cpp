@@ -2,7 +2,6 @@
 #include "init/orb/geometric_adjustment.h"
 
 #include "init/orb/geometric_covariance.h"
-#include "init/orb/inverse_depth_projection.h"
 #include "init/orb/reprojection_cost.h"
 #include "support/jacobian_check.h"
 #include "support/matchers.h"
@@ -62,29 +61,6 @@ TEST(PoseManifold, JacobiansMatchCentralDifferencesAndInvertEachOther) {
   };
   EXPECT_LT(relativeDifference(plus, numericJacobian(moved, 6)), 1e-8);
   EXPECT_LT((minus * plus - Matrix6d::Identity()).norm(), 1e-12);
-}
-
-TEST(InverseDepthProjection, JacobiansMatchCentralDifferences) {
-  const PinholeCamera camera{400, 410, 319.5, 239.5, 640, 480};
-  const Eigen::Vector3d ray(0.2, -0.3, 1);
-  for (const double inverse_depth : {-0.05, 0.0, 0.4, 2.0}) {
-    const SE3 T = somePose(3);
-    const InverseDepthProjection at =
-        projectInverseDepth(camera, T.rotationMatrix(), T.translation(), ray, inverse_depth);
-    const auto project = [&](const Eigen::VectorXd& delta) {
-      const SE3 moved = SE3::exp(delta.head<6>()) * T;
-      return Eigen::VectorXd(
-          projectInverseDepth(
-              camera, moved.rotationMatrix(), moved.translation(), ray, inverse_depth + delta[6])
-              .pixel);
-    };
-    const Eigen::MatrixXd J = numericJacobian(project, 7);
-    EXPECT_LT(relativeDifference(at.J_pose, J.leftCols(6)), 1e-7) << inverse_depth;
-    EXPECT_LT(relativeDifference(at.J_inverse_depth, J.col(6)), 1e-7) << inverse_depth;
-    if (inverse_depth > 0) {
-      EXPECT_LT((at.pixel - camera.project(T * (ray / inverse_depth))).norm(), 1e-9);
-    }
-  }
 }
 
 TEST(ReprojectionCost, JacobiansMatchCentralDifferencesOnTheManifold) {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/geometric_adjustment.h"
 
+#include "geometry/reprojection.h"
 #include "init/orb/geometric_covariance.h"
-#include "init/orb/inverse_depth_projection.h"
 #include "init/orb/reprojection_cost.h"
 
 #include <ceres/loss_function.h>
@@ -147,18 +147,16 @@ std::optional<int> Adjustment::solve() {
 }
 
 std::optional<double> Adjustment::error(const Observation& observation) const {
-  const SE3 T = fromBlock(poses_[static_cast<std::size_t>(observation.frame)].data());
   const auto corner = static_cast<std::size_t>(observation.corner);
-  const InverseDepthProjection projection =
-      projectInverseDepth(camera_,
-                          T.rotationMatrix(),
-                          T.translation(),
-                          camera_.unproject(map_.corners[corner].pixel),
-                          inverse_depths_[corner]);
-  if (!(projection.z > 0) || !(inverse_depths_[corner] > 0)) {
+  const std::optional<HostedProjection> projection =
+      projectHosted(camera_,
+                    fromBlock(poses_[static_cast<std::size_t>(observation.frame)].data()),
+                    camera_.unproject(map_.corners[corner].pixel),
+                    inverse_depths_[corner]);
+  if (!projection || !(inverse_depths_[corner] > 0)) {
     return std::nullopt;
   }
-  return (projection.pixel - observation.pixel).norm();
+  return (projection->pixel - observation.pixel).norm();
 }
 
 int Adjustment::removeAbove(double limit) {

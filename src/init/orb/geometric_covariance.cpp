@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/geometric_covariance.h"
 
-#include "init/orb/inverse_depth_projection.h"
+#include "geometry/reprojection.h"
 
 #include <Eigen/Cholesky>
 
@@ -51,19 +51,19 @@ NormalEquations accumulate(const InitialMap& map,
     }
     const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
     const SE3& T = *map.T_cam_ref[static_cast<std::size_t>(observation.frame)];
-    const InverseDepthProjection projection = projectInverseDepth(camera,
-                                                                  T.rotationMatrix(),
-                                                                  T.translation(),
-                                                                  camera.unproject(corner.pixel),
-                                                                  corner.inverse_depth);
-    const double error = (projection.pixel - observation.pixel).norm() / options.sigma;
+    const std::optional<HostedProjection> projection =
+        projectHosted(camera, T, camera.unproject(corner.pixel), corner.inverse_depth);
+    if (!projection) {
+      continue;
+    }
+    const double error = (projection->pixel - observation.pixel).norm() / options.sigma;
     const double robust = error > options.huber_threshold ? options.huber_threshold / error : 1.0;
     const double weight = robust / (options.sigma * options.sigma);
     system.schur.block<kPoseSize, kPoseSize>(row, row).noalias() +=
-        weight * projection.J_pose.transpose() * projection.J_pose;
+        weight * projection->J_pose.transpose() * projection->J_pose;
     system.coupling.col(observation.corner).segment<kPoseSize>(row).noalias() +=
-        weight * projection.J_pose.transpose() * projection.J_inverse_depth;
-    system.depth_hessian[observation.corner] += weight * projection.J_inverse_depth.squaredNorm();
+        weight * projection->J_pose.transpose() * projection->J_inverse_depth;
+    system.depth_hessian[observation.corner] += weight * projection->J_inverse_depth.squaredNorm();
     system.weighted_error += robust * error * error;
     system.rows += 2;
   }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/reprojection_cost.h"
 
-#include "init/orb/inverse_depth_projection.h"
+#include "geometry/reprojection->h"
 
 namespace dsorb::init_orb {
 namespace {
@@ -66,22 +66,21 @@ bool PoseManifold::MinusJacobian(const double* x, double* jacobian) const {
 bool ReprojectionCost::Evaluate(double const* const* parameters,
                                 double* residuals,
                                 double** jacobians) const {
-  const SE3 T = fromBlock(parameters[0]);
-  const InverseDepthProjection projection =
-      projectInverseDepth(*camera_, T.rotationMatrix(), T.translation(), ray_, parameters[1][0]);
-  if (!(projection.z > 0)) {
+  const std::optional<HostedProjection> projection =
+      projectHosted(*camera_, fromBlock(parameters[0]), ray_, parameters[1][0]);
+  if (!projection) {
     return false;
   }
-  Eigen::Map<Eigen::Vector2d>(residuals, 2) = inverse_sigma_ * (projection.pixel - pixel_);
+  Eigen::Map<Eigen::Vector2d>(residuals, 2) = inverse_sigma_ * (projection->pixel - pixel_);
   if (jacobians == nullptr) {
     return true;
   }
   if (jacobians[0] != nullptr) {
     Eigen::Map<RowMajor2x7>(jacobians[0], 2, 7).noalias() =
-        inverse_sigma_ * projection.J_pose * minusJacobian(parameters[0]);
+        inverse_sigma_ * projection->J_pose * minusJacobian(parameters[0]);
   }
   if (jacobians[1] != nullptr) {
-    Eigen::Map<Eigen::Vector2d>(jacobians[1], 2) = inverse_sigma_ * projection.J_inverse_depth;
+    Eigen::Map<Eigen::Vector2d>(jacobians[1], 2) = inverse_sigma_ * projection->J_inverse_depth;
   }
   return true;
 }
