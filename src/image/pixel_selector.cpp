@@ -1,0 +1,348 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "image/pixel_selector.h"
+
+#include "base/random.h"
+#include "image/photometric.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <string>
+
+namespace dsorb {
+namespace {
+
+constexpr float kScaleFactor1 = 0.75F;      // threshold factor of level 1; published DSO
+constexpr float kScaleFactor2 = 0.421875F;  // of level 2: 0.75 cubed; published DSO
+
+/// Strongest pixel of a block so far.
+struct Best {
+  float score = 0;
+  int x = -1;
+  int y = -1;
+  bool closed = false;  ///< a finer scale has a pixel here
+
+  void offer(float new_score, int new_x, int new_y) {
+    if (new_score > score) {
+      score = new_score;
+      x = new_x;
+      y = new_y;
+    }
+  }
+  void close() {
+    closed = true;
+    x = -1;
+  }
+};
+
+struct Direction {
+  float x;
+  float y;
+};
+
+std::array<Direction, 16> makeDirections() {
+  std::array<Direction, 16> directions{};
+  for (std::size_t i = 0; i < directions.size(); ++i) {
+    const double angle = M_PI * static_cast<double>(i) / static_cast<double>(directions.size());
+    directions[i] = {static_cast<float>(std::cos(angle)), static_cast<float>(std::sin(angle))};
+  }
+  return directions;
+}
+
+/// One pass over the image with a given block size.
+class BlockPass {
+ public:
+  BlockPass(const Frame& frame,
+            const RegionThresholds& thresholds,
+            const std::vector<std::uint8_t>& random_bytes,
+            float threshold_factor)
+      : frame_(frame),
+        thresholds_(thresholds),
+        random_bytes_(random_bytes),
+        factor_(threshold_factor),
+        levels_(frame.pyramid().levels()) {}
+
+  void run(int block_size, std::vector<SelectedPixel>& selected) {
+    selected.clear();
+    selected_ = &selected;
+    fine_count_ = 0;
+    size_ = block_size;
+    for (int y = 0; y < frame_.height(); y += 4 * size_) {
+      for (int x = 0; x < frame_.width(); x += 4 * size_) {
+        coarseBlock(x, y);
+      }
+    }
+  }
+
+ private:
+  struct Scale {
+    Best best;
+    Direction direction;
+  };
+
+  [[nodiscard]] Scale open() const {
+    return {{}, directions_[random_bytes_[fine_count_ % random_bytes_.size()] & 15U]};
+  }
+
+  void coarseBlock(int x0, int y0) {
+    Scale coarse = open();
+    for (int y = y0; y < std::min(y0 + 4 * size_, frame_.height()); y += 2 * size_) {
+      for (int x = x0; x < std::min(x0 + 4 * size_, frame_.width()); x += 2 * size_) {
+        mediumBlock(x, y, coarse);
+      }
+    }
+    keep(coarse.best, 4);
+  }
+
+  void mediumBlock(int x0, int y0, Scale& coarse) {
+    Scale medium = open();
+    for (int y = y0; y < std::min(y0 + 2 * size_, frame_.height()); y += size_) {
+      for (int x = x0; x < std::min(x0 + 2 * size_, frame_.width()); x += size_) {
+        fineBlock(x, y, medium, coarse);
+      }
+    }
+    keep(medium.best, 2);
+  }
+
+  void fineBlock(int x0, int y0, Scale& medium, Scale& coarse) {
+    Scale fine = open();
+    // Margins of published DSO.
+    const int begin_x = std::max(x0, 4);
+    const int end_x = std::min(x0 + size_, frame_.width() - 5);
+    const int end_y = std::min(y0 + size_, frame_.height() - 3);
+    for (int y = std::max(y0, 4); y < end_y; ++y) {
+      const float* squared = thresholds_.squaredGradients(y);
+      const float* regions = thresholds_.regionRow(y);
+      for (int x = begin_x; x < end_x; ++x) {
+        const float threshold = factor_ * regions[thresholds_.regionColumn(x)];
+        if (squared[x] > threshold) {
+          fine.best.offer(score(x, y, fine.direction), x, y);
+          if (fine.best.x >= 0) {
+            medium.best.close();
+            coarse.best.close();
+          }
+        }
+        if (!medium.best.closed) {
+          coarserScales(x, y, threshold, medium, coarse);
+        }
+      }
+    }
+    if (fine.best.x >= 0) {
+      ++fine_count_;
+    }
+    keep(fine.best, 1);
+  }
+
+  void coarserScales(int x, int y, float threshold, Scale& medium, Scale& coarse) const {
+    if (squaredAt(1, x, y) > kScaleFactor1 * threshold) {
+      medium.best.offer(score(x, y, medium.direction), x, y);
+      if (medium.best.x >= 0) {
+        coarse.best.close();
+      }
+    }
+    if (!coarse.best.closed && squaredAt(2, x, y) > kScaleFactor2 * threshold) {
+      coarse.best.offer(score(x, y, coarse.direction), x, y);
+    }
+  }
+
+  /// @return squared gradient of a coarser level, -1 where there is none
+  [[nodiscard]] float squaredAt(int level, int x, int y) const {
+    if (level >= levels_) {
+      return -1;
+    }
+    return rawSquaredGradient(frame_.level(level).at(x >> level, y >> level),
+                              frame_.responseSlope());
+  }
+
+  [[nodiscard]] float score(int x, int y, Direction direction) const {
+    const ImageSample& sample = frame_.level(0).at(x, y);
+    return std::abs(sample.dx * direction.x + sample.dy * direction.y);
+  }
+
+  void keep(const Best& best, int type) {
+    if (best.x >= 0) {
+      selected_->push_back({best.x, best.y, type});
+    }
+  }
+
+  const Frame& frame_;
+  const RegionThresholds& thresholds_;
+  const std::vector<std::uint8_t>& random_bytes_;
+  const float factor_;
+  const int levels_;
+  const std::array<Direction, 16> directions_ = makeDirections();
+  std::vector<SelectedPixel>* selected_ = nullptr;
+  std::size_t fine_count_ = 0;
+  int size_ = 1;
+};
+
+/// Drops pixels at random so that about `share` of them stays.
+void thin(std::vector<SelectedPixel>& selected,
+          double share,
+          const std::vector<std::uint8_t>& random_bytes) {
+  const auto limit = static_cast<int>(255.0 * share);
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < selected.size(); ++i) {
+    if (random_bytes[i % random_bytes.size()] <= limit) {
+      selected[kept++] = selected[i];
+    }
+  }
+  selected.resize(kept);
+}
+
+/// Marks the strongest pixels of one cell. @param out gets each pixel once
+void cellMaxima(const PyramidLevel& level,
+                int x0,
+                int y0,
+                int spacing,
+                float squared_threshold,
+                std::vector<SelectedPixel>& out) {
+  std::array<Best, 4> best;
+  for (int y = y0; y < y0 + spacing; ++y) {
+    const ImageSample* row = level.row(y);
+    for (int x = x0; x < x0 + spacing; ++x) {
+      const float dx = row[x].dx;
+      const float dy = row[x].dy;
+      if (dx * dx + dy * dy > squared_threshold) {
+        best[0].offer(std::abs(dx), x, y);
+        best[1].offer(std::abs(dy), x, y);
+        best[2].offer(std::abs(dx - dy), x, y);
+        best[3].offer(std::abs(dx + dy), x, y);
+      }
+    }
+  }
+  const std::size_t first = out.size();
+  for (const Best& candidate : best) {
+    const auto same = [&](const SelectedPixel& p) {
+      return p.x == candidate.x && p.y == candidate.y;
+    };
+    if (candidate.x >= 0 &&
+        std::none_of(out.begin() + static_cast<std::ptrdiff_t>(first), out.end(), same)) {
+      out.push_back({candidate.x, candidate.y, 1});
+    }
+  }
+}
+
+}  // namespace
+
+bool patternIsValid(const PyramidLevel& level, int x, int y) {
+  if (x < kPatternRadius || y < kPatternRadius || x >= level.width() - kPatternRadius ||
+      y >= level.height() - kPatternRadius) {
+    return false;
+  }
+  return std::all_of(kPattern.begin(), kPattern.end(), [&](const PatternOffset& offset) {
+    return std::isfinite(level.at(x + offset.x, y + offset.y).intensity);
+  });
+}
+
+PixelSelector::PixelSelector(int width, int height, const PixelSelectorOptions& options)
+    : options_(options),
+      width_(width),
+      height_(height),
+      block_size_(options.first_block_size),
+      random_bytes_(static_cast<std::size_t>(width) * static_cast<std::size_t>(height)) {
+  Random random(static_cast<std::uint64_t>(options.seed));
+  std::generate(random_bytes_.begin(), random_bytes_.end(), [&]() {
+    return static_cast<std::uint8_t>(random.below(256));
+  });
+}
+
+std::vector<SelectedPixel> PixelSelector::select(const Frame& frame,
+                                                 int wanted,
+                                                 float threshold_factor) {
+  if (frame.width() != width_ || frame.height() != height_) {
+    throw std::invalid_argument(
+        "pixel selector of " + std::to_string(width_) + "x" + std::to_string(height_) +
+        " got a frame of " + std::to_string(frame.width()) + "x" + std::to_string(frame.height()));
+  }
+  constexpr double kTooFew = 1.25;  // wanted / found; both limits: published DSO
+  constexpr double kTooMany = 0.25;
+  constexpr double kThin = 0.95;
+  thresholds_.compute(frame, options_.gradient_above_median);
+  BlockPass pass(frame, thresholds_, random_bytes_, threshold_factor);
+  std::vector<SelectedPixel> selected;
+  int smallest_too_few = std::numeric_limits<int>::max();
+  for (int left = options_.max_repetitions;; --left) {
+    pass.run(block_size_, selected);
+    const auto found = static_cast<double>(selected.size());
+    const double ratio = wanted / std::max(found, 0.5);
+    // The count is about proportional to 1 / (size + 1)^2.
+    int ideal = std::max(1, static_cast<int>(std::sqrt(found / wanted) * (block_size_ + 1) - 1));
+    const bool too_few = ratio > kTooFew && block_size_ > 1;
+    if (too_few) {
+      smallest_too_few = std::min(smallest_too_few, block_size_);
+      ideal = std::min(ideal, block_size_ - 1);
+    }
+    const bool too_many = ratio < kTooMany && block_size_ + 1 < smallest_too_few;
+    if (too_many) {
+      ideal = std::clamp(ideal, block_size_ + 1, smallest_too_few - 1);
+    }
+    if (left > 0 && (too_few || too_many)) {
+      block_size_ = ideal;
+      continue;
+    }
+    if (ratio < kThin) {
+      thin(selected, ratio, random_bytes_);
+    }
+    block_size_ = ideal;
+    return selected;
+  }
+}
+
+GridSelection selectGridMaxima(const PyramidLevel& level, int wanted, int spacing) {
+  constexpr int kRepetitions = 5;       // this and the next: published DSO
+  constexpr float kMinGradient = 7.5F;  // [grey levels / px]
+  GridSelection result;
+  result.spacing = std::max(1, spacing);
+  float factor = 1;
+  for (int left = kRepetitions;; --left) {
+    const int used = result.spacing;
+    const float squared_threshold = kMinGradient * factor * kMinGradient * factor;
+    result.pixels.clear();
+    for (int y = 1; y < level.height() - used; y += used) {
+      for (int x = 1; x < level.width() - used; x += used) {
+        cellMaxima(level, x, y, used, squared_threshold, result.pixels);
+      }
+    }
+    const double ratio = static_cast<double>(result.pixels.size()) / wanted;
+    result.spacing = std::max(1, static_cast<int>(used * std::sqrt(ratio) + 0.7));
+    const bool lower_threshold = used == 1 && result.spacing == 1 && factor == 1.0F;
+    if (lower_threshold) {
+      factor = 0.5F;
+    }
+    const bool unchanged = result.spacing == used && !lower_threshold;
+    if (unchanged || (ratio > 0.8 && ratio < 1.25) || left == 0) {
+      return result;
+    }
+  }
+}
+
+std::vector<SelectedPixel> selectPatchMaxima(const Frame& frame,
+                                             const RegionThresholds& thresholds,
+                                             int patch_size) {
+  std::vector<SelectedPixel> selected;
+  const PyramidLevel& level = frame.level(0);
+  const int end_x = level.width() - kPatternRadius - 1;
+  const int end_y = level.height() - kPatternRadius - 1;
+  for (int y0 = 0; y0 < level.height(); y0 += patch_size) {
+    for (int x0 = 0; x0 < level.width(); x0 += patch_size) {
+      Best best;
+      for (int y = std::max(y0, kPatternRadius + 1); y < std::min(y0 + patch_size, end_y); ++y) {
+        const float* squared = thresholds.squaredGradients(y);
+        for (int x = std::max(x0, kPatternRadius + 1); x < std::min(x0 + patch_size, end_x); ++x) {
+          if (squared[x] > best.score && squared[x] > thresholds.squaredThreshold(x, y)) {
+            best.offer(squared[x], x, y);
+          }
+        }
+      }
+      if (best.x >= 0 && patternIsValid(level, best.x, best.y)) {
+        selected.push_back({best.x, best.y, 1});
+      }
+    }
+  }
+  return selected;
+}
+
+}  // namespace dsorb

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "image/region_thresholds.h"
+
+#include <array>
+#include <cmath>
+
+namespace dsorb {
+namespace {
+
+constexpr int kGradientBins = 49;  // of 1 grey level / px; the last one takes the rest
+
+}  // namespace
+
+float rawSquaredGradient(const ImageSample& sample, const ResponseSlope* slope) {
+  const float squared = sample.dx * sample.dx + sample.dy * sample.dy;
+  if (slope == nullptr || squared == 0) {
+    return squared;
+  }
+  // The response is not known well at its ends; published DSO.
+  const float grey = std::clamp(sample.intensity + 0.5F, 5.0F, 250.0F);
+  const float factor = (*slope)[static_cast<std::size_t>(grey)];
+  return squared * factor * factor;
+}
+
+void RegionThresholds::compute(const Frame& frame, double above_median) {
+  const PyramidLevel& level = frame.level(0);
+  width_ = level.width();
+  regions_x_ = std::max(1, level.width() / kRegionSize);
+  regions_y_ = std::max(1, level.height() / kRegionSize);
+  const auto pixels =
+      static_cast<std::size_t>(level.width()) * static_cast<std::size_t>(level.height());
+  squared_gradients_.resize(pixels);
+  thresholds_.resize(static_cast<std::size_t>(regions_x_) * static_cast<std::size_t>(regions_y_));
+  squared_thresholds_.resize(thresholds_.size());
+  for (std::size_t i = 0; i < pixels; ++i) {
+    squared_gradients_[i] = rawSquaredGradient(level.data()[i], frame.responseSlope());
+  }
+  medianGradients(level, above_median);
+  smoothAndSquare();
+}
+
+void RegionThresholds::medianGradients(const PyramidLevel& level, double above_median) {
+  for (int region = 0; region < regions_x_ * regions_y_; ++region) {
+    const int x0 = region % regions_x_ * kRegionSize;
+    const int y0 = region / regions_x_ * kRegionSize;
+    std::array<int, kGradientBins> histogram{};
+    int count = 0;
+    for (int y = std::max(y0, 1); y < std::min(y0 + kRegionSize, level.height() - 1); ++y) {
+      const float* squared = squaredGradients(y);
+      const ImageSample* row = level.row(y);
+      for (int x = std::max(x0, 1); x < std::min(x0 + kRegionSize, level.width() - 1); ++x) {
+        if (std::isfinite(row[x].intensity)) {
+          const float gradient = std::min(std::sqrt(squared[x]), kGradientBins - 1.0F);
+          ++histogram[static_cast<std::size_t>(gradient)];
+          ++count;
+        }
+      }
+    }
+    const int half = (count + 1) / 2;
+    int bin = 0;
+    for (int sum = histogram[0]; sum <= half && bin < kGradientBins - 1;) {
+      sum += histogram[static_cast<std::size_t>(++bin)];
+    }
+    thresholds_[static_cast<std::size_t>(region)] =
+        static_cast<float>((count > 0 ? bin : 0) + above_median);
+  }
+}
+
+void RegionThresholds::smoothAndSquare() {
+  for (int y = 0; y < regions_y_; ++y) {
+    for (int x = 0; x < regions_x_; ++x) {
+      float sum = 0;
+      int count = 0;
+      for (int v = std::max(y - 1, 0); v <= std::min(y + 1, regions_y_ - 1); ++v) {
+        for (int u = std::max(x - 1, 0); u <= std::min(x + 1, regions_x_ - 1); ++u) {
+          sum += thresholds_[static_cast<std::size_t>(v * regions_x_ + u)];
+          ++count;
+        }
+      }
+      const float mean = sum / static_cast<float>(count);
+      squared_thresholds_[static_cast<std::size_t>(y * regions_x_ + x)] = mean * mean;
+    }
+  }
+}
+
+}  // namespace dsorb
