@@ -11,6 +11,7 @@ function(dsorb_compile_options target)
   if(DSORB_SANITIZE)
     target_compile_options(${target} PRIVATE -fsanitize=${DSORB_SANITIZE} -fno-omit-frame-pointer
                                              -fno-sanitize-recover=all)
+    target_compile_definitions(${target} PRIVATE DSORB_SANITIZED)
     target_link_options(${target} PRIVATE -fsanitize=${DSORB_SANITIZE})
   endif()
 endfunction()

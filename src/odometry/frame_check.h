@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/image/frame.h"
+
+#include <optional>
+
+namespace dsorb::odometry {
+
+/// Refuses frames that cannot belong to one sequence of one camera.
+class FrameCheck {
+ public:
+  explicit FrameCheck(const PinholeCamera& camera) : width_(camera.width), height_(camera.height) {}
+
+  /// Accepts the frame as the next one.
+  /// @throws std::invalid_argument no frame, wrong size, timestamp not finite, equal to the previous
+  ///         one or a change of direction; the message names both values, nothing is changed
+  void accept(const FramePtr& frame);
+
+ private:
+  int width_;
+  int height_;
+  std::optional<double> timestamp_;  // of the previous frame [s]
+  std::optional<bool> is_forward_;   // direction of time, known from the second frame on
+};
+
+}  // namespace dsorb::odometry

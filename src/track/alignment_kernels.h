@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/image/pyramid.h"
+
+#include <array>
+#include <cstddef>
+
+/// The inner loops of direct image alignment: plain arrays in, plain arrays out, in blocks.
+namespace dsorb::track {
+
+constexpr std::size_t kAlignmentBlock = 256;  ///< points summed in float before doubles take over
+constexpr int kAlignmentParameters = 8;       ///< translation 3, rotation 3, brightness a and b
+/// Upper triangle of J J^T, each row followed by its product with the residual.
+constexpr std::size_t kAlignmentSums = 44;
+
+/// Everything that is the same for all points of one evaluation, in single precision.
+struct AlignmentSetting {
+  std::array<float, 9> R;         ///< rotation reference to frame, row-major
+  std::array<float, 3> t;         ///< translation reference to frame [unit]
+  float fx, fy, cx, cy;           ///< of the level [px]
+  float gain, offset;             ///< I_frame = gain I_reference + offset
+  float affine_b_reference;       ///< [grey levels]
+  float huber_threshold, cutoff;  ///< [grey levels]
+  const ImageSample* image;       ///< the frame's level
+  int width, height;              ///< of the level [px]
+};
+
+/// Reference points; arrays of the same length.
+struct PointArrays {
+  const float* ray_x;
+  const float* ray_y;
+  const float* inverse_depth;
+  const float* intensity;
+};
+
+/// What an evaluation leaves for the normal equations, one value per point.
+struct SampleArrays {
+  float* u;         ///< normalised image coordinate in the frame
+  float* v;         ///<
+  float* rho;       ///< inverse depth in the frame [1/unit]
+  float* dx;        ///< image gradient [grey levels / px]
+  float* dy;        ///<
+  float* residual;  ///< [grey levels]; 0 where the point is not used
+  float* weight;    ///< Huber weight; 0 where the point is not used or saturated
+};
+
+struct BlockEnergy {
+  float energy;   ///< Huber energy, saturated points at their bound
+  int used;       ///< points inside the frame, saturated ones included
+  int saturated;  ///< points with a residual above the cut-off
+};
+
+/// Residuals of `count` <= kAlignmentBlock points.
+/// r = I_frame(p') - (gain I_reference + offset), p' the projection of the point.
+BlockEnergy evaluateBlock(const AlignmentSetting& setting,
+                          const PointArrays& points,
+                          const SampleArrays& samples,
+                          std::size_t count);
+
+/// Weighted sums of products of Jacobians and residuals of `count` <= kAlignmentBlock points.
+/// Jacobian of r by a left increment [translation; rotation] of the pose, then by a and b of the
+/// frame: with (g_x, g_y) = (fx dI/dx, fy dI/dy), each product of these with the derivative of (u,
+/// v).
+void accumulateBlock(const AlignmentSetting& setting,
+                     const PointArrays& points,
+                     const SampleArrays& samples,
+                     std::size_t count,
+                     std::array<float, kAlignmentSums>& sums);
+
+}  // namespace dsorb::track

@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/geometry/se3.h"
+#include "dsorb/options/tracker.h"
+
+#include "track/alignment_kernels.h"
+#include "track/tracking_reference.h"
+
+#include <Eigen/Core>
+
+#include <limits>
+#include <vector>
+
+namespace dsorb::track {
+
+using Vector8d = Eigen::Matrix<double, 8, 1>;
+using Matrix8d = Eigen::Matrix<double, 8, 8>;
+
+/// What alignment estimates. Increments are [translation; rotation] from the left, then a, b.
+struct AlignmentState {
+  SE3 T_frame_reference;
+  AffineBrightness affine;  ///< of the frame
+
+  [[nodiscard]] AlignmentState plus(const Vector8d& increment) const {
+    return {SE3::exp(increment.head<6>()) * T_frame_reference,
+            {affine.a + increment[6], affine.b + increment[7]}};
+  }
+};
+
+/// One pyramid level of a frame and of the reference it is aligned to.
+struct AlignmentLevel {
+  const TrackingReference& reference;
+  const Frame& frame;
+  int level = 0;
+};
+
+/// Energy of one state.
+struct Evaluation {
+  double energy = 0;  ///< sum of Huber energies [grey levels^2]
+  int used = 0;       ///< points inside the frame, saturated ones included
+  int saturated = 0;
+
+  [[nodiscard]] double meanEnergy() const {
+    return used > 0 ? energy / used : std::numeric_limits<double>::quiet_NaN();
+  }
+  [[nodiscard]] double saturatedFraction() const {
+    return used > 0 ? static_cast<double>(saturated) / used : 0.0;
+  }
+};
+
+/// Gauss-Newton system of one state: H = sum w J J^T, b = sum w J r.
+struct NormalEquations {
+  Matrix8d H = Matrix8d::Zero();
+  Vector8d b = Vector8d::Zero();
+};
+
+struct LevelResult {
+  double rmse = 0;  ///< sqrt(E / n) [grey levels]; NaN when no point is inside the frame
+  double saturated_fraction = 0;
+  double inside_fraction = 0;  ///< points inside the frame, of all points of the level
+  int iterations = 0;
+  bool cutoff_raised = false;
+};
+
+/// Direct alignment of one pyramid level: residuals, normal equations and the damped iteration.
+/// Owns buffers that are used again from call to call. The bits of the result do not depend on the
+/// number of threads.
+class PoseAlignment {
+ public:
+  PoseAlignment(const PinholeCamera& camera, const TrackerOptions& options)
+      : camera_(camera), options_(options) {}
+
+  /// @param cutoff larger residuals are saturated [grey levels]
+  Evaluation evaluate(const AlignmentLevel& level, const AlignmentState& state, double cutoff);
+
+  /// Of the last state evaluated.
+  [[nodiscard]] NormalEquations normalEquations();
+
+  /// Levenberg-Marquardt from `state`, which is left at the lowest energy found.
+  LevelResult align(const AlignmentLevel& level, int max_iterations, AlignmentState& state);
+
+ private:
+  struct Samples {
+    std::vector<float> u, v, rho, dx, dy, residual, weight;
+  };
+
+  void resize(std::size_t points);
+  [[nodiscard]] SampleArrays samplesFrom(std::size_t first);
+  [[nodiscard]] Evaluation evaluateRaisingCutoff(const AlignmentLevel& level,
+                                                 const AlignmentState& state,
+                                                 double& cutoff);
+  [[nodiscard]] Vector8d dampedStep(const NormalEquations& system, double lambda) const;
+
+  PinholeCamera camera_;
+  TrackerOptions options_;
+  AlignmentSetting setting_{};
+  const ReferencePoints* points_ = nullptr;  // of the last evaluation
+  Samples samples_;
+  std::vector<BlockEnergy> block_energies_;
+  std::vector<std::array<float, kAlignmentSums>> block_sums_;
+};
+
+}  // namespace dsorb::track

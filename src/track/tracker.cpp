@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "track/tracker.h"
+
+#include <cmath>
+#include <stdexcept>
+
+namespace dsorb::track {
+namespace {
+
+// Front end of DSO as published.
+constexpr std::array<int, kTrackingLevels> kMaxIterations = {10, 20, 50, 50, 50};
+constexpr double kMaxAbsoluteLogGain = 1.2;
+constexpr double kMaxRelativeLogGain = 1.5;
+constexpr double kMaxOffset = 200;  // [grey levels]
+
+/// Keeps the smaller value of each level; an unset value gives way to a set one.
+void lower(LevelRmse& bounds, const LevelRmse& rmse) {
+  for (std::size_t l = 0; l < bounds.size(); ++l) {
+    if (rmse[l] < bounds[l] || std::isnan(bounds[l])) bounds[l] = rmse[l];
+  }
+}
+
+}  // namespace
+
+bool Tracker::isPlausible(const AffineBrightness& affine, const Frame& frame) const {
+  if (options_.brightness == BrightnessModel::kUncalibrated) {
+    const BrightnessTransfer transfer = brightnessTransfer(
+        reference_.affine(), reference_.frame().exposure(), affine, frame.exposure());
+    return std::abs(std::log(transfer.gain)) <= kMaxRelativeLogGain &&
+           std::abs(transfer.offset) <= kMaxOffset;
+  }
+  return std::abs(affine.a) <= kMaxAbsoluteLogGain && std::abs(affine.b) <= kMaxOffset;
+}
+
+Tracker::Descent Tracker::descend(const Frame& frame,
+                                  const AlignmentState& start,
+                                  const LevelRmse& bounds) {
+  Descent descent;
+  descent.state = start;
+  descent.failure = TrackingFailure::kDiverged;
+  bool repeated = false;
+  for (int level = reference_.levels() - 1; level >= 0; --level) {
+    const auto l = static_cast<std::size_t>(level);
+    const LevelResult result =
+        alignment_.align({reference_, frame, level}, kMaxIterations[l], descent.state);
+    descent.rmse[l] = result.rmse;
+    descent.saturated_fraction = result.saturated_fraction;
+    descent.inside_fraction = result.inside_fraction;
+    if (!std::isfinite(result.rmse) || result.rmse > options_.abort_factor * bounds[l]) {
+      return descent;
+    }
+    if (result.cutoff_raised && !repeated) {
+      repeated = true;
+      ++level;
+    }
+  }
+  if (!isPlausible(descent.state.affine, frame)) {
+    descent.failure = TrackingFailure::kBrightness;
+  } else if (descent.inside_fraction < options_.min_inside_fraction) {
+    descent.failure = TrackingFailure::kTooFewInside;
+  } else {
+    descent.failure = TrackingFailure::kNone;
+  }
+  return descent;
+}
+
+TrackingResult Tracker::track(const Frame& frame, const TrackingStart& start) {
+  if (reference_.empty()) throw std::logic_error("Tracker::track before setReference");
+  const bool is_fixed = options_.brightness == BrightnessModel::kPerfect;
+  const AffineBrightness affine = is_fixed ? AffineBrightness{} : start.affine;
+  TrackingResult best;
+  best.T_frame_reference = start.guesses.at(0);
+  best.affine = affine;
+  for (const SE3& guess : start.guesses) {
+    const Descent descent = descend(frame, {guess, affine}, best.rmse);
+    ++best.hypotheses_tried;
+    if (descent.failure == TrackingFailure::kNone && !(descent.rmse[0] >= best.rmse[0])) {
+      best.failure = TrackingFailure::kNone;
+      best.T_frame_reference = descent.state.T_frame_reference;
+      best.affine = descent.state.affine;
+      best.saturated_fraction = descent.saturated_fraction;
+      best.inside_fraction = descent.inside_fraction;
+    } else if (best.hypotheses_tried == 1) {
+      best.failure = descent.failure;
+      best.saturated_fraction = descent.saturated_fraction;
+      best.inside_fraction = descent.inside_fraction;
+    }
+    if (descent.failure != TrackingFailure::kNone) continue;
+    lower(best.rmse, descent.rmse);
+    if (best.rmse[0] < options_.accept_factor * start.previous_rmse) break;
+  }
+  if (!best.good()) return best;
+  best.flow = flowIndicators(reference_.points(0), camera_, best.T_frame_reference);
+  if (best.rmse[0] > options_.max_rmse) best.failure = TrackingFailure::kLargeResidual;
+  return best;
+}
+
+}  // namespace dsorb::track

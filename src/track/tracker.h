@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/options/tracker.h"
+
+#include "track/flow_indicators.h"
+#include "track/pose_alignment.h"
+#include "track/tracking_reference.h"
+
+#include <array>
+#include <limits>
+#include <optional>
+#include <vector>
+
+namespace dsorb::track {
+
+constexpr int kTrackingLevels = 5;  ///< levels a pyramid has at most
+
+/// RMSE by pyramid level [grey levels]; NaN where unset.
+using LevelRmse = std::array<double, kTrackingLevels>;
+constexpr LevelRmse kUnsetRmse = {std::numeric_limits<double>::quiet_NaN(),
+                                  std::numeric_limits<double>::quiet_NaN(),
+                                  std::numeric_limits<double>::quiet_NaN(),
+                                  std::numeric_limits<double>::quiet_NaN(),
+                                  std::numeric_limits<double>::quiet_NaN()};
+
+/// What is known before a frame is tracked.
+struct TrackingStart {
+  std::vector<SE3> guesses;    ///< T_frame_reference, most likely first; not empty
+  AffineBrightness affine;     ///< of the previous frame
+  double previous_rmse = 100;  ///< level 0 of the previous frame [grey levels]
+};
+
+enum class TrackingFailure {
+  kNone,
+  kDiverged,       ///< non-finite, or worse than earlier hypotheses on some level
+  kBrightness,     ///< implausible brightness
+  kTooFewInside,   ///< too few reference points project into the frame
+  kLargeResidual,  ///< the best hypothesis fits badly
+};
+
+struct TrackingResult {
+  TrackingFailure failure =
+      TrackingFailure::kDiverged;  ///< of the first hypothesis if none is good
+  SE3 T_frame_reference;           ///< the first guess if none is good
+  AffineBrightness affine;
+  LevelRmse rmse = kUnsetRmse;  ///< lowest of the good hypotheses
+  FlowIndicators flow;
+  double saturated_fraction = 0;  ///< level 0
+  double inside_fraction = 0;     ///< level 0
+  int hypotheses_tried = 0;
+
+  [[nodiscard]] bool good() const { return failure == TrackingFailure::kNone; }
+};
+
+/// Coarse-to-fine pose and brightness of a frame against a reference with known inverse depths.
+/// The result of `track` depends on the reference and the arguments alone.
+/// @source Engel et al., DSO, arXiv:1607.02565, section 3.1; front end of DSO as published
+class Tracker {
+ public:
+  Tracker(const PinholeCamera& camera, const TrackerOptions& options)
+      : camera_(camera), options_(options), reference_(camera), alignment_(camera, options) {}
+
+  /// @param samples inverse depths on pixels of `frame`
+  void setReference(const FramePtr& frame,
+                    const std::vector<DepthSample>& samples,
+                    const AffineBrightness& affine) {
+    reference_.set(frame, samples, affine);
+  }
+  [[nodiscard]] const TrackingReference& reference() const { return reference_; }
+
+  /// Tries the guesses one by one until one fits nearly as well as the previous frame did.
+  /// @throws std::logic_error without a reference
+  [[nodiscard]] TrackingResult track(const Frame& frame, const TrackingStart& start);
+
+ private:
+  /// One hypothesis from the coarsest level to the finest.
+  struct Descent {
+    AlignmentState state;
+    TrackingFailure failure = TrackingFailure::kNone;
+    LevelRmse rmse = kUnsetRmse;
+    double saturated_fraction = 0;
+    double inside_fraction = 0;
+  };
+  [[nodiscard]] Descent descend(const Frame& frame,
+                                const AlignmentState& start,
+                                const LevelRmse& bounds);
+  [[nodiscard]] bool isPlausible(const AffineBrightness& affine, const Frame& frame) const;
+
+  PinholeCamera camera_;
+  TrackerOptions options_;
+  TrackingReference reference_;
+  PoseAlignment alignment_;
+};
+
+}  // namespace dsorb::track
