@@ -14,7 +14,8 @@ class FrameCheck {
   explicit FrameCheck(const PinholeCamera& camera) : width_(camera.width), height_(camera.height) {}
 
   /// Accepts the frame as the next one.
-  /// @throws std::invalid_argument no frame, wrong size, timestamp not finite, equal to the previous
+  /// @throws std::invalid_argument no frame, wrong size, timestamp not finite, equal to the
+  /// previous
   ///         one or a change of direction; the message names both values, nothing is changed
   void accept(const FramePtr& frame);
 

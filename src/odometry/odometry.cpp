@@ -223,12 +223,20 @@ Odometry::~Odometry() = default;
 Odometry::Odometry(Odometry&&) noexcept = default;
 Odometry& Odometry::operator=(Odometry&&) noexcept = default;
 
-void Odometry::addObserver(OdometryObserver* observer) { impl_->addObserver(observer); }
+void Odometry::addObserver(OdometryObserver* observer) {
+  impl_->addObserver(observer);
+}
 
-FrameEstimate Odometry::process(const FramePtr& frame) { return impl_->process(frame); }
+FrameEstimate Odometry::process(const FramePtr& frame) {
+  return impl_->process(frame);
+}
 
-void Odometry::restart() { impl_->restart(); }
+void Odometry::restart() {
+  impl_->restart();
+}
 
-OdometryReport Odometry::finish() { return impl_->finish(); }
+OdometryReport Odometry::finish() {
+  return impl_->finish();
+}
 
 }  // namespace dsorb

@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "track/tracker.h"
+
+#include "support/matchers.h"
+#include "support/textured_plane.h"
+#include "track/motion_guesses.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+namespace dsorb::track {
+namespace {
+
+SE3 motion(double scale) {
+  Vector6d xi;
+  xi << 0.05, -0.03, 0.08, 0.02, -0.03, 0.02;
+  return SE3::exp(scale * xi);
+}
+
+class TrackerTest : public ::testing::Test {
+ protected:
+  TrackerTest() : first_(plane_.render(camera_, SE3(), {FrameId{0}})) {}
+
+  Tracker makeTracker(const TrackerOptions& options = {}, float offset = 0) {
+    Tracker tracker(camera_, options);
+    tracker.setReference(first_, plane_.samples(camera_, SE3(), 4, offset), {});
+    return tracker;
+  }
+  [[nodiscard]] FramePtr render(const SE3& T_frame_reference,
+                                const AffineBrightness& affine = {}) const {
+    return plane_.render(camera_, T_frame_reference.inverse(), {FrameId{1}, 1.0}, affine);
+  }
+
+  PinholeCamera camera_ = smallCamera();
+  TexturedPlane plane_;
+  FramePtr first_;
+};
+
+TEST_F(TrackerTest, UnchangedImageGivesIdentityAndNoResidual) {
+  for (const float offset : {0.0F, 0.3F}) {
+    Tracker tracker = makeTracker({}, offset);
+    const TrackingResult result = tracker.track(*first_, {{SE3()}, {}, 100});
+    ASSERT_TRUE(result.good());
+    // Rounding of the projection: measured 6e-6 grey levels, margin x4, and no step taken.
+    EXPECT_LT(result.rmse[0], 2.5e-5);
+    EXPECT_THAT(result.T_frame_reference, Se3Near(SE3(), 1e-9, 1e-9));
+    EXPECT_EQ(result.hypotheses_tried, 1);
+    EXPECT_NEAR(result.flow.full, 0, 1e-4);
+  }
+}
+
+TEST_F(TrackerTest, RecoversMotionFromIdentity) {
+  Tracker tracker = makeTracker();
+  const SE3 truth = motion(1);
+  const TrackingResult result = tracker.track(*render(truth), {{SE3()}, {}, 100});
+  ASSERT_TRUE(result.good());
+  // Measured 0.0123 deg and 0.00047 units; margin x2.
+  EXPECT_THAT(result.T_frame_reference, Se3Near(truth, 0.025, 1e-3));
+  EXPECT_GT(result.inside_fraction, 0.8);
+}
+
+TEST_F(TrackerTest, SearchesFurtherHypothesesOnlyWhenTheResidualHasGrown) {
+  Tracker tracker = makeTracker();
+  const SE3 truth = motion(1);
+  const SE3 wrong(Eigen::Quaterniond(Eigen::AngleAxisd(0.5, Eigen::Vector3d::UnitZ())),
+                  Eigen::Vector3d(0.5, 0, 0));
+  const FramePtr frame = render(truth);
+  const double reached = tracker.track(*frame, {{truth}, {}, 100}).rmse[0];
+  const TrackingResult lenient = tracker.track(*frame, {{truth, SE3()}, {}, reached});
+  EXPECT_EQ(lenient.hypotheses_tried, 1);
+  const TrackingResult result = tracker.track(*frame, {{wrong, SE3(), truth}, {}, reached});
+  ASSERT_TRUE(result.good());
+  EXPECT_GT(result.hypotheses_tried, 1);
+  EXPECT_THAT(result.T_frame_reference, Se3Near(truth, 0.025, 1e-3));
+}
+
+TEST_F(TrackerTest, SaysTooFewInsideWhenTheSceneLeavesTheImage) {
+  Tracker tracker = makeTracker();
+  Vector6d xi = Vector6d::Zero();
+  xi[4] = 0.8;
+  const SE3 turned = SE3::exp(xi);
+  const TrackingResult result = tracker.track(*render(turned), {{turned}, {}, 100});
+  EXPECT_EQ(result.failure, TrackingFailure::kTooFewInside) << result.inside_fraction;
+  EXPECT_THAT(result.T_frame_reference, Se3Near(turned, 1e-9, 1e-9)) << "the guess is kept";
+}
+
+TEST_F(TrackerTest, RefusesImplausibleBrightnessByMode) {
+  const FramePtr dark = render(SE3(), {-1.35, 0});  // beyond 1.2, the bound of calibrated cameras
+  TrackerOptions options;
+  options.brightness = BrightnessModel::kCalibrated;
+  EXPECT_EQ(makeTracker(options).track(*dark, {{SE3()}, {}, 100}).failure,
+            TrackingFailure::kBrightness);
+  options.brightness = BrightnessModel::kUncalibrated;  // bound 1.5
+  EXPECT_TRUE(makeTracker(options).track(*dark, {{SE3()}, {}, 100}).good());
+}
+
+TEST_F(TrackerTest, LargeResidualIsAFailure) {
+  TrackerOptions options;
+  options.max_rmse = 5;
+  Tracker tracker = makeTracker(options);
+  std::vector<float> other(static_cast<std::size_t>(camera_.width * camera_.height));
+  for (std::size_t i = 0; i < other.size(); ++i) other[i] = (i / 7) % 2 == 0 ? 30.0F : 220.0F;
+  const FramePtr frame =
+      Frame::create(ImageView(other.data(), camera_.width, camera_.height), {FrameId{1}, 1.0});
+  const TrackingResult result = tracker.track(*frame, {{SE3()}, {}, 100});
+  EXPECT_FALSE(result.good());
+}
+
+TEST_F(TrackerTest, FlowIsThePixelDisplacement) {
+  Tracker tracker(camera_, {});
+  std::vector<DepthSample> samples = plane_.samples(camera_, SE3(), 4);
+  for (DepthSample& sample : samples) sample.inverse_depth = 1;
+  tracker.setReference(first_, samples, {});
+  const SE3 aside(Eigen::Quaterniond::Identity(), {0.1, 0, 0});
+  const FlowIndicators flow = flowIndicators(tracker.reference().points(0), camera_, aside);
+  // 150 px focal length, depth 1, 0.1 units aside: 15 px. The 0.1 in the denominator takes 0.1 %.
+  EXPECT_NEAR(std::sqrt(flow.translation), 15, 0.02);
+  EXPECT_NEAR(flow.full, flow.translation, 1e-9);
+  // Through the camera plane: left out or bounded by the image diagonal, never infinite.
+  const SE3 through(Eigen::Quaterniond::Identity(), {0.0, 0, -1});
+  const FlowIndicators bounded = flowIndicators(tracker.reference().points(0), camera_, through);
+  EXPECT_TRUE(std::isfinite(bounded.full));
+  EXPECT_LE(bounded.full, 160.0 * 160 + 128 * 128);
+}
+
+TEST_F(TrackerTest, NeedsAReference) {
+  Tracker tracker(camera_, {});
+  EXPECT_THROW((void)tracker.track(*first_, {{SE3()}, {}, 100}), std::logic_error);
+}
+
+}  // namespace
+}  // namespace dsorb::track
