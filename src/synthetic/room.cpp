@@ -19,7 +19,7 @@ class RoomBuilder {
     for (int wall = 0; wall < 4; ++wall) furnishWall(wall);
     addTable({builder_.uniform(-0.5, 0.5), 0, 1.5});
     addClutter();
-    builder_.scene().sky = builder_.texture(128, 0.5, 10, 3);  // never seen: walls all around
+    builder_.scene().sky = builder_.texture(128, 0.5, 17, 3);  // never seen: walls all around
     return builder_.take();
   }
 
@@ -46,7 +46,7 @@ class RoomBuilder {
   }
 
   void addShell() {
-    Texture walls = builder_.texture(150, 1.6, 15, 8);
+    Texture walls = builder_.texture(150, 1.6, 16, 8);
     walls.tiles = {{0.55F, 0.55F, 0.5F, 0.5F, 0.5F, 132, 26},
                    {0.55F, 0.55F, 0.2F, 0.2F, 0.5F, 185, 20}};
     const int texture = builder_.add(std::move(walls));
@@ -55,11 +55,11 @@ class RoomBuilder {
                                       texture,
                                       true});
     Texture boards = builder_.texture(105, 1.2, 14, 8);
-    boards.noise.push_back({0.03F, 0.25F, 20});  // grain
+    boards.noise.push_back({0.03F, 0.25F, 34});  // grain
     boards.tiles = {{0.14F, 1.3F, 0.96F, 0.995F, 0.37F, 112, 34}};
     builder_.add({{0, 0.01, 0}, {2 * kRoomHalfWidth, 0.012, 2 * kRoomHalfLength}, 0},
                  builder_.add(std::move(boards)));
-    Texture carpet = builder_.texture(120, 0.8, 18, 7);
+    Texture carpet = builder_.texture(120, 0.8, 19, 7);
     carpet.tiles = {{0.4F, 0.4F, 0.7F, 0.7F, 0.5F, 80, 35},
                     {0.4F, 0.4F, 0.35F, 0.35F, 0.5F, 190, 30}};
     builder_.add({{0.2, 0, 1.3}, {2.6, 0.014, 1.9}, 0.1}, builder_.add(std::move(carpet)));
@@ -73,13 +73,13 @@ class RoomBuilder {
 
   int woodTexture() {
     Texture wood = builder_.texture(builder_.uniform(70, 180), 0.6, 14, 7);
-    wood.noise.push_back({0.3F, 0.025F, 18});
+    wood.noise.push_back({0.3F, 0.025F, 31});
     wood.tiles = {{0.6F, 0.45F, 0.96F, 0.95F, 0, wood.grey, 22}};
     return builder_.add(std::move(wood));
   }
 
   int pictureTexture() {
-    Texture picture = builder_.texture(builder_.uniform(80, 190), 0.35, 34, 6);
+    Texture picture = builder_.texture(builder_.uniform(80, 190), 0.35, 35, 6);
     picture.tiles = {{0.3F, 0.22F, 0.6F, 0.6F, 0.5F, builder_.uniformFloat(60, 200), 50}};
     return builder_.add(std::move(picture));
   }
@@ -166,11 +166,11 @@ Scene makeRoom(std::uint64_t seed) {
 
 Scene makePlane(std::uint64_t seed) {
   PlaceBuilder builder(seed);
-  Texture ground = builder.texture(128, 3.2, 20, 10);
+  Texture ground = builder.texture(128, 3.2, 19, 10);
   ground.tiles = {{0.9F, 0.7F, 0.8F, 0.8F, 0.5F, 110, 45},
                   {0.37F, 0.53F, 0.4F, 0.35F, 0.3F, 160, 60}};
   const int texture = builder.add(std::move(ground));
-  builder.scene().sky = builder.texture(128, 0.5, 10, 3);
+  builder.scene().sky = builder.texture(128, 0.5, 17, 3);
   const SE3 T_world_plane(
       Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d(0, 0, -1), planeNormal()),
       {0, 0, kPlaneDistance});

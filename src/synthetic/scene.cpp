@@ -3,10 +3,13 @@
 
 #include "base/parallel.h"
 
+#include <Eigen/Geometry>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <stdexcept>
 #include <string>
 
@@ -31,9 +34,8 @@ struct PreparedBox {
   Eigen::Vector3d half_size;
   const Texture* texture;
   bool inside;
-  Eigen::Vector3d direction;  ///< from camera to the box, unit vector in camera axes
-  double distance;            ///< [m]
-  double radius;              ///< of the bounding sphere [m]
+  Eigen::AlignedBox2d seen;  ///< part of the image plane that it may cover [px]
+  double nearest;            ///< no point of it has a smaller depth, nor one below kNearest [m]
 };
 
 struct Hit {
@@ -81,28 +83,26 @@ class Renderer {
       const Texture& texture = scene.textures.at(static_cast<std::size_t>(box.texture));
       boxes_.push_back(prepare(box, texture, T_world_cam));
     }
+    nearest_first_.resize(boxes_.size());
+    std::iota(nearest_first_.begin(), nearest_first_.end(), 0);
+    std::stable_sort(nearest_first_.begin(), nearest_first_.end(), [&](int left, int right) {
+      return boxes_[static_cast<std::size_t>(left)].nearest <
+             boxes_[static_cast<std::size_t>(right)].nearest;
+    });
     Box sky;
     sky.T_world_box.setTranslation(T_world_cam.translation());
     sky.seen_from_inside = true;
     sky_ = prepare(sky, scene.sky, T_world_cam);
   }
 
-  /// Boxes that may be seen in the pixels from (x0, y0) to before (x1, y1).
+  /// Boxes that may be seen in the pixels from (x0, y0) to before (x1, y1), nearest first.
   void findCandidates(int x0, int y0, int x1, int y1, std::vector<int>& candidates) const {
-    const auto ray = [&](double x, double y) { return camera_.unproject({x, y}).normalized(); };
-    const Eigen::Vector3d axis = ray(0.5 * (x0 + x1 - 1), 0.5 * (y0 + y1 - 1));
-    double cosine = 1;
-    for (const double x : {x0 - 0.5, x1 - 0.5}) {
-      for (const double y : {y0 - 0.5, y1 - 0.5}) cosine = std::min(cosine, axis.dot(ray(x, y)));
-    }
-    const double half_angle = std::acos(cosine);
     candidates.clear();
-    for (std::size_t i = 0; i < boxes_.size(); ++i) {
-      const PreparedBox& box = boxes_[i];
-      const bool around = box.distance <= box.radius;
-      if (around || std::acos(std::clamp(axis.dot(box.direction), -1.0, 1.0)) <=
-                        half_angle + std::asin(box.radius / box.distance)) {
-        candidates.push_back(static_cast<int>(i));
+    for (const int i : nearest_first_) {
+      const Eigen::AlignedBox2d& seen = boxes_[static_cast<std::size_t>(i)].seen;
+      if (seen.min().x() <= x1 && seen.max().x() >= x0 - 1 && seen.min().y() <= y1 &&
+          seen.max().y() >= y0 - 1) {
+        candidates.push_back(i);
       }
     }
   }
@@ -112,6 +112,7 @@ class Renderer {
     Hit hit;
     for (const int i : candidates) {
       const PreparedBox& box = boxes_[static_cast<std::size_t>(i)];
+      if (box.nearest > hit.depth) break;
       if (intersect(box, box.origin_ray + x * box.step_x + y * box.step_y, hit)) hit.box = i;
     }
     return hit;
@@ -159,7 +160,6 @@ class Renderer {
   PreparedBox prepare(const Box& box, const Texture& texture, const SE3& T_world_cam) const {
     const SE3 T_box_cam = box.T_world_box.inverse() * T_world_cam;
     const Eigen::Matrix3d R_box_cam = T_box_cam.rotationMatrix();
-    const Eigen::Vector3d to_box = T_box_cam.inverse().translation();
     PreparedBox prepared;
     prepared.centre = T_box_cam.translation();
     prepared.origin_ray = R_box_cam * camera_.unproject({0, 0});
@@ -168,14 +168,36 @@ class Renderer {
     prepared.half_size = box.half_size;
     prepared.texture = &texture;
     prepared.inside = box.seen_from_inside;
-    prepared.distance = to_box.norm();
-    prepared.direction = to_box / std::max(prepared.distance, kNearest);
-    prepared.radius = box.half_size.norm();
+    bound(T_box_cam.inverse(), prepared);
     return prepared;
+  }
+
+  /// Sets `seen` and `nearest` from the edges of the box, cut off at depth kNearest.
+  void bound(const SE3& T_cam_box, PreparedBox& box) const {
+    std::array<Eigen::Vector3d, 8> corners;
+    for (std::size_t i = 0; i < corners.size(); ++i) {
+      const Eigen::Vector3d signs(
+          (i & 1U) != 0 ? 1 : -1, (i & 2U) != 0 ? 1 : -1, (i & 4U) != 0 ? 1 : -1);
+      corners[i] = T_cam_box * box.half_size.cwiseProduct(signs);
+    }
+    box.nearest = std::numeric_limits<double>::infinity();
+    for (std::size_t i = 0; i < corners.size(); ++i) {
+      box.nearest = std::min(box.nearest, std::max(corners[i].z(), kNearest));
+      if (corners[i].z() >= kNearest) box.seen.extend(camera_.project(corners[i]));
+      for (std::size_t bit = 1; bit < corners.size(); bit *= 2) {
+        const Eigen::Vector3d& other = corners[i ^ bit];
+        if ((corners[i].z() < kNearest) == (other.z() < kNearest)) continue;
+        const double share = (kNearest - corners[i].z()) / (other.z() - corners[i].z());
+        Eigen::Vector3d cut = corners[i] + share * (other - corners[i]);
+        cut.z() = kNearest;
+        box.seen.extend(camera_.project(cut));
+      }
+    }
   }
 
   const PinholeCamera& camera_;
   std::vector<PreparedBox> boxes_;
+  std::vector<int> nearest_first_;
   PreparedBox sky_;
 };
 

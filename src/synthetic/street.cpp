@@ -47,10 +47,8 @@ class StreetBuilder {
   }
 
   void addGround() {
-    Texture road = builder_.texture(96, 3.2, 17, 7);
-    road.noise.push_back({0.4F, 6.0F, 18});  // wheel tracks, seen far ahead
-    road.noise.push_back({0.16F, 2.4F, 18});
-    road.noise.push_back({0.08F, 0.6F, 14});
+    Texture road = builder_.texture(96, 1.6, 6, 5);
+    addOctaves(road, {1.6F, 9.6F, 9}, 6);  // wheel tracks, seen far ahead
     road.tiles = {{1.7F, 9.0F, 0.7F, 0.55F, 0.4F, 84, 26}, {9.4F, 6.0F, 0.018F, 0.5F, 0, 205, 8}};
     const int texture = builder_.add(std::move(road));
     const double length = end_ - begin_ + 400;
@@ -66,7 +64,7 @@ class StreetBuilder {
   }
 
   Texture facade() {
-    Texture wall = builder_.texture(builder_.uniform(110, 190), 3.0, 17, 8);
+    Texture wall = builder_.texture(builder_.uniform(110, 190), 3.0, 14, 8);
     const float window_u = builder_.uniformFloat(1.9, 3.1);
     const float window_v = builder_.uniformFloat(2.6, 3.2);
     const float wide = builder_.uniformFloat(0.36, 0.6);
@@ -78,8 +76,8 @@ class StreetBuilder {
     wall.tiles.push_back(
         {window_u, window_v, wide + frame, high + frame, 0, builder_.uniformFloat(170, 225), 12});
     wall.tiles.push_back({window_u, window_v, wide, high, 0, builder_.uniformFloat(40, 80), 34});
-    wall.noise.push_back({1.6F, 0.2F, 14});  // courses, seen at grazing angles
-    wall.noise.push_back({0.8F, 0.1F, 12});
+    wall.noise.push_back({1.6F, 0.2F, 21});  // courses, seen at grazing angles
+    wall.noise.push_back({0.8F, 0.1F, 18});
     return wall;
   }
 
@@ -100,7 +98,7 @@ class StreetBuilder {
   /// Doors, signs and balconies, which stand out from the wall.
   void addHouseDetails(double lateral, double z, double width) {
     const double side = lateral < 0 ? -1.0 : 1.0;
-    const int texture = builder_.add(builder_.texture(builder_.uniform(50, 200), 0.8, 24, 6));
+    const int texture = builder_.add(builder_.texture(builder_.uniform(50, 200), 0.8, 25, 6));
     place(lateral, z + builder_.uniform(0.2, 0.8) * width, {0.3, 2.2, 1.1}, texture);
     place(lateral - side * 0.3,
           z + builder_.uniform(0.3, 0.7) * width,
@@ -117,23 +115,23 @@ class StreetBuilder {
       Texture paint = builder_.texture(builder_.uniform(40, 215), 1.2, 15, 7);
       paint.tiles = {{1.35F, 0.5F, 0.93F, 0.9F, 0, paint.grey, 22}};
       const int body = builder_.add(std::move(paint));
-      Texture glass = builder_.texture(70, 0.8, 20, 6);
+      Texture glass = builder_.texture(70, 0.8, 21, 6);
       glass.tiles = {{0.9F, 0.7F, 0.85F, 0.8F, 0, 50, 25}};
       const int cabin = builder_.add(std::move(glass));
       const double lateral = side * (kKerb - builder_.uniform(1.0, 1.3));
       const double high = builder_.uniform(0, 1) < 0.2 ? 1.4 : 0.7;  // some are vans
       place(lateral, z, {1.75, high, 4.2}, body, 0.22);
       place(lateral, z - 0.2, {1.5, 0.58, 2.3}, cabin, 0.22 + high);
-      const int tyre = builder_.add(builder_.texture(38, 0.3, 18, 4));
+      const int tyre = builder_.add(builder_.texture(38, 0.3, 27, 4));
       for (const double along : {-1.3, 1.3}) place(lateral, z + along, {1.65, 0.5, 0.6}, tyre);
     }
   }
 
   void addPosts(double side) {
     for (double z = begin_ + builder_.uniform(2, 9); z < end_; z += builder_.uniform(9, 17)) {
-      const int post = builder_.add(builder_.texture(builder_.uniform(50, 190), 0.5, 22, 5));
+      const int post = builder_.add(builder_.texture(builder_.uniform(50, 190), 0.5, 23, 5));
       place(side * (kKerb + 0.5), z, {0.16, 3.4, 0.16}, post);
-      Texture sign = builder_.texture(builder_.uniform(120, 220), 0.3, 22, 4);
+      Texture sign = builder_.texture(builder_.uniform(120, 220), 0.3, 33, 4);
       sign.tiles = {{0.35F, 0.3F, 0.6F, 0.5F, 0, 60, 40}};
       place(side * (kKerb + 0.4), z, {0.75, 0.75, 0.06}, builder_.add(std::move(sign)), 2.3);
     }
@@ -141,8 +139,8 @@ class StreetBuilder {
 
   void addTrees(double side) {
     for (double z = begin_ + builder_.uniform(6, 20); z < end_; z += builder_.uniform(14, 30)) {
-      const int trunk = builder_.add(builder_.texture(70, 0.4, 24, 5));
-      const int crown = builder_.add(builder_.texture(92, 1.2, 30, 7));
+      const int trunk = builder_.add(builder_.texture(70, 0.4, 25, 5));
+      const int crown = builder_.add(builder_.texture(92, 1.2, 31, 7));
       const double lateral = side * (kKerb + 1.1);
       place(lateral, z, {0.28, 3.2, 0.28}, trunk);
       for (int i = 0; i < 3; ++i) {
@@ -159,7 +157,11 @@ class StreetBuilder {
   /// House across the end of the street.
   void addEnd() { place(0, end_ + 8, {60, 16, 8}, builder_.add(facade())); }
 
-  Texture sky() { return builder_.texture(205, 0.5, 13, 5); }
+  Texture sky() {
+    Texture clouds = builder_.texture(205, 0.6, 8, 5);
+    clouds.crispness = 1;
+    return clouds;
+  }
 
   PlaceBuilder builder_;
   double begin_;

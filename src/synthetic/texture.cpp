@@ -7,10 +7,13 @@
 namespace dsorb::synthetic {
 namespace {
 
-// A noise cell is invisible below the first and at full contrast above the second size [px]; the
-// shortest cell that counts is then 5 to 9 px, which bilinear interpolation reproduces well.
-constexpr float kFadedCell = 4.0F;
-constexpr float kFullCell = 7.5F;
+// A noise cell is invisible below the first and at full contrast above the second size [px]: the
+// shortest cells that count are then 5 to 9 px, which bilinear interpolation reproduces well, and
+// detail appears slowly when the camera comes nearer.
+constexpr float kFadedCell = 3.0F;
+constexpr float kFullCell = 9.0F;
+// Noise cells above this size are steepened [px].
+constexpr float kOutlineCell = 5.0F;
 // Width of the box filter over painted edges [px]: about the blur of a sharp lens.
 constexpr float kEdgeWidth = 1.8F;
 // Greys are squeezed softly into [kDarkest, kBrightest] from kKnee grey levels inside.
@@ -134,6 +137,15 @@ float paintTiles(const TileLayer& layer, const Footprint& at, float offset, floa
   return below + coverage * (grey - below);
 }
 
+/// Steepens noise of large cells, so that blotches have outlines that stay a few pixels wide from
+/// near and far, as a lens shows them.
+/// @param cell [px]
+float outline(float noise, float cell, float crispness) {
+  const float steep = std::clamp(cell / kOutlineCell, 1.0F, crispness) * noise;
+  const float bounded = std::clamp(steep, -1.0F, 1.0F);
+  return bounded * (1.5F - 0.5F * bounded * bounded);
+}
+
 /// Keeps greys away from black and white without a kink.
 float squeeze(float grey) {
   if (grey < kDarkest + kKnee) {
@@ -165,8 +177,9 @@ float sampleTexture(const Texture& texture, const Footprint& at) {
     seed += 0x9E3779B9U;
     const float cell = std::min(layer.cell_u / at.size_u, layer.cell_v / at.size_v);
     if (cell <= kFadedCell) continue;
-    grey += layer.amplitude * visibility(cell) *
-            valueNoise(at.u / layer.cell_u + offset, at.v / layer.cell_v + offset, seed);
+    const float noise =
+        valueNoise(at.u / layer.cell_u + offset, at.v / layer.cell_v + offset, seed);
+    grey += layer.amplitude * visibility(cell) * outline(noise, cell, texture.crispness);
   }
   return squeeze(grey);
 }

@@ -30,6 +30,7 @@ struct TileLayer {
 struct Texture {
   std::uint32_t seed = 0;
   float grey = 128;               ///< ground colour [grey levels]
+  float crispness = 4;            ///< how much blotches are steepened at most; 1: soft as clouds
   std::vector<TileLayer> tiles;   ///< painted in this order
   std::vector<NoiseLayer> noise;  ///< added on top; coarse to fine
 };
