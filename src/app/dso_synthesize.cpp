@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "dsorb/error.h"
+#include "dsorb/io/config.h"
+
+#include "io/dataset_writer.h"
+#include "synthetic/sequence.h"
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <exception>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace {
+
+using dsorb::synthetic::SequenceKind;
+using dsorb::synthetic::SequenceOptions;
+using dsorb::synthetic::SyntheticFrame;
+using dsorb::synthetic::SyntheticSequence;
+
+constexpr int kRuntimeError = 1;
+constexpr int kUsageError = 2;
+constexpr double kDefaultNoise = 1.0;          // [grey levels], of a decent camera
+constexpr double kDefaultExposureSwing = 0.3;  // of the log exposure
+constexpr double kDefaultBlur = 0.3;           // share of the frame interval
+constexpr double kRadiansPerDegree = 3.14159265358979323846 / 180.0;
+
+struct CommandLine {
+  SequenceOptions sequence;
+  std::string kind;
+  std::string output;
+  double fov_deg = 0;
+  int num_threads = 0;
+  bool exposure_changes = false;
+  bool motion_blur = false;
+  bool quiet = false;
+};
+
+constexpr std::array<std::pair<const char*, SequenceKind>, 6> kKinds = {{
+    {"street", SequenceKind::kStreet},
+    {"room", SequenceKind::kRoom},
+    {"plane", SequenceKind::kPlane},
+    {"static", SequenceKind::kStatic},
+    {"rotation", SequenceKind::kRotation},
+    {"cut", SequenceKind::kCut},
+}};
+
+/// @throws dsorb::ConfigError on a word that names no kind of sequence
+SequenceKind kindOf(const std::string& word) {
+  std::vector<std::string> names;
+  for (const auto& [name, kind] : kKinds) {
+    if (word == name) return kind;
+    names.emplace_back(name);
+  }
+  throw dsorb::ConfigError(
+      fmt::format("unknown kind of sequence '{}'; the closest valid kind is '{}'",
+                  word,
+                  dsorb::closestName(word, names)));
+}
+
+void addOptions(CLI::App& app, CommandLine& line) {
+  SequenceOptions& sequence = line.sequence;
+  sequence.noise_sigma = kDefaultNoise;
+  app.add_option("KIND", line.kind, "street, room, plane, static, rotation or cut")->required();
+  app.add_option("--output,-o", line.output, "data set folder, made where missing")->required();
+  app.add_option("--width", sequence.width, "image width [px]")
+      ->check(CLI::Range(32, 8192))
+      ->capture_default_str();
+  app.add_option("--height", sequence.height, "image height [px]")
+      ->check(CLI::Range(32, 8192))
+      ->capture_default_str();
+  app.add_option(
+         "--fov", line.fov_deg, "horizontal field of view [deg]; default: 82 for street, else 77")
+      ->check(CLI::Range(5.0, 150.0));
+  app.add_option("--frames", sequence.length, "length of the sequence")
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str();
+  app.add_option("--seed", sequence.seed, "texture, layout, path and noise")->capture_default_str();
+  app.add_option("--noise", sequence.noise_sigma, "standard deviation [grey levels]")
+      ->check(CLI::Range(0.0, 100.0))
+      ->capture_default_str();
+  app.add_flag("--exposure-changes",
+               line.exposure_changes,
+               "exposure time swings by 30 %, camera with a curved response (pcalib.txt)");
+  app.add_flag("--vignette", sequence.vignette, "darker corners (vignette.png)");
+  app.add_flag("--blur", line.motion_blur, "motion blur, shutter open for 30 % of the time");
+  app.add_flag("--moving-object", sequence.moving_object, "a car or crate that moves by itself");
+  app.add_option("--supersampling", sequence.rendering.supersampling, "n x n rays a pixel")
+      ->check(CLI::Range(1, 8))
+      ->capture_default_str();
+  app.add_option("--threads", line.num_threads, "0: all the machine has")
+      ->check(CLI::Range(0, 1024))
+      ->capture_default_str();
+  app.add_flag("--quiet", line.quiet, "no progress line");
+  app.set_version_flag("--version", "dso_synthesize " DSORB_VERSION);
+}
+
+/// Names the closest valid option for words that none of them takes.
+/// @throws dsorb::ConfigError
+void rejectUnknownWords(const CLI::App& app) {
+  const std::vector<std::string> words = app.remaining();
+  if (words.empty()) return;
+  std::vector<std::string> names;
+  for (const CLI::Option* option : app.get_options()) {
+    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
+  }
+  throw dsorb::ConfigError(fmt::format("unknown option '{}'; the closest valid option is '{}'",
+                                       words.front(),
+                                       dsorb::closestName(words.front(), names)));
+}
+
+/// Sequence options of a parsed command line. @throws dsorb::ConfigError
+SequenceOptions sequenceOptions(const CommandLine& line) {
+  SequenceOptions options = line.sequence;
+  options.kind = kindOf(line.kind);
+  if (line.fov_deg > 0) {
+    options.fx = 0.5 * options.width / std::tan(0.5 * line.fov_deg * kRadiansPerDegree);
+  }
+  if (line.exposure_changes) {
+    options.exposure_changes = kDefaultExposureSwing;
+    options.nonlinear_response = true;
+  }
+  if (line.motion_blur) options.motion_blur = kDefaultBlur;
+  return options;
+}
+
+void synthesize(const CommandLine& line) {
+  const SyntheticSequence sequence(sequenceOptions(line));
+  dsorb::DatasetDescription description;
+  description.folder = line.output;
+  description.camera = sequence.camera();
+  description.frames = sequence.length();
+  description.can_start = sequence.hasParallax();
+  description.num_threads = line.num_threads;
+  if (sequence.isPhotometric()) {
+    description.inverse_response = sequence.inverseResponse();
+    description.vignette = sequence.vignette();
+  }
+  const auto make = [&](int index) {
+    SyntheticFrame frame = sequence.frame(index);
+    return dsorb::DatasetFrame{std::move(frame.image),
+                               std::move(frame.inverse_depth),
+                               frame.T_world_cam,
+                               frame.timestamp,
+                               frame.exposure};
+  };
+  const auto progress = [&](int done) {
+    if (line.quiet) return;
+    fmt::print(stderr, "\r{}: {} of {} frames", line.output, done, sequence.length());
+    if (done == sequence.length()) fmt::print(stderr, "\n");
+    std::fflush(stderr);
+  };
+  dsorb::writeDataset(description, make, progress);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app("Renders a synthetic sequence with its truth as a data set in the layout of DSO");
+  CommandLine line;
+  addOptions(app, line);
+  app.allow_extras();
+  try {
+    app.parse(argc, argv);
+    rejectUnknownWords(app);
+    synthesize(line);
+    return 0;
+  } catch (const CLI::ParseError& error) {
+    return error.get_exit_code() == 0 ? app.exit(error) : (app.exit(error), kUsageError);
+  } catch (const dsorb::ConfigError& error) {
+    fmt::print(stderr, "dso_synthesize: {}\n", error.what());
+    return kUsageError;
+  } catch (const std::exception& error) {
+    fmt::print(stderr, "dso_synthesize: {}\n", error.what());
+    return kRuntimeError;
+  }
+}
