@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/semi_dense_depth.h"
+
+#include "base/parallel.h"
+#include "base/random.h"
+#include "image/pixel_selector.h"
+#include "init/orb/corner_prior.h"
+#include "init/orb/epipolar_search.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr std::size_t kGrain = 64;  // candidates one thread takes at a time
+
+/// Patches of growing size until few enough candidates are left; what is still too much goes at
+/// random.
+std::vector<SelectedPixel> selectCandidates(const Frame& reference,
+                                            const SemiDenseOptions& options,
+                                            Random& random) {
+  RegionThresholds thresholds;
+  thresholds.compute(reference, options.gradient_above_median);
+  const auto wanted = static_cast<std::size_t>(options.max_candidates);
+  int patch_size = options.patch_size;
+  std::vector<SelectedPixel> selected = selectPatchMaxima(reference, thresholds, patch_size);
+  // The count is about proportional to 1 / patch_size^2.
+  const double ratio = static_cast<double>(selected.size()) / static_cast<double>(wanted);
+  const auto better_size = static_cast<int>(patch_size * std::sqrt(ratio));
+  if (better_size > patch_size) {
+    selected = selectPatchMaxima(reference, thresholds, better_size);
+  }
+  for (; selected.size() > wanted; selected.pop_back()) {
+    std::swap(selected[random.below(static_cast<std::uint32_t>(selected.size()))], selected.back());
+  }
+  return selected;
+}
+
+/// What the frames so far say about one candidate.
+class CandidateDepth {
+ public:
+  CandidateDepth(const DepthEstimate& prior, const SemiDenseOptions& options)
+      : current_(prior), options_(options) {}
+
+  [[nodiscard]] const DepthEstimate& current() const { return current_; }
+  [[nodiscard]] int observations() const { return observations_; }
+  [[nodiscard]] bool removed() const { return votes_ >= options_.max_outlier_votes; }
+
+  void add(const DepthEstimate& observed) {
+    const float difference = observed.inverse_depth - current_.inverse_depth;
+    const float sum = current_.variance + observed.variance;
+    const auto gate = static_cast<float>(options_.fusion_gate);
+    if (difference * difference > gate * gate * sum) {
+      ++votes_;
+      return;
+    }
+    if (options_.fusion == DepthFusion::kProduct) {
+      current_ = {(current_.variance * observed.inverse_depth +
+                   observed.variance * current_.inverse_depth) /
+                      sum,
+                  current_.variance * observed.variance / sum};
+    } else if (observations_ == 0 || observed.variance < current_.variance) {
+      current_ = observed;  // the prior, made of neighbours, yields to any observation
+    }
+    ++observations_;
+  }
+
+ private:
+  DepthEstimate current_;
+  const SemiDenseOptions& options_;
+  int observations_ = 0;
+  int votes_ = 0;
+};
+
+/// Result of one candidate; observations 0: no depth.
+struct CandidateResult {
+  SemiDensePoint point;
+  int searches = 0;
+  int matches = 0;
+};
+
+CandidateResult observe(const SelectedPixel& pixel,
+                        const CornerPrior& prior,
+                        const std::vector<EpipolarSearch>& frames,
+                        const SemiDenseOptions& options,
+                        EpipolarSearch::Scratch& scratch) {
+  CandidateResult result;
+  result.point.pixel = {static_cast<float>(pixel.x), static_cast<float>(pixel.y)};
+  CandidateDepth depth(prior.at(result.point.pixel), options);
+  for (const EpipolarSearch& frame : frames) {
+    const SearchOutcome outcome = frame.search(result.point.pixel, depth.current(), scratch);
+    result.searches += outcome.status != SearchStatus::kSkipped ? 1 : 0;
+    if (outcome.status == SearchStatus::kFound) {
+      ++result.matches;
+      depth.add(outcome.observation);
+    }
+  }
+  if (!depth.removed()) {
+    result.point.inverse_depth = depth.current().inverse_depth;
+    result.point.variance = depth.current().variance;
+    result.point.observations = depth.observations();
+  }
+  return result;
+}
+
+/// Every posed frame after the reference.
+std::vector<SearchFrame> searchFrames(const InitialMap& map) {
+  std::vector<SearchFrame> frames;
+  for (std::size_t k = 1; k < map.frames.size(); ++k) {
+    if (map.T_cam_ref[k]) {
+      frames.push_back({map.frames[k],
+                        *map.T_cam_ref[k],
+                        map.covariance[k].value_or(Matrix6d::Zero()),
+                        brightnessTransfer(map.affine.front(),
+                                           map.frames.front()->exposure(),
+                                           map.affine[k],
+                                           map.frames[k]->exposure())});
+    }
+  }
+  return frames;
+}
+
+}  // namespace
+
+SemiDenseReport estimateSemiDenseDepth(InitialMap& map,
+                                       const PinholeCamera& camera,
+                                       const SemiDenseOptions& options,
+                                       std::uint64_t seed) {
+  SemiDenseReport report;
+  map.points.clear();
+  const std::vector<SearchFrame> frames = searchFrames(map);
+  if (map.corners.empty() || frames.empty()) {
+    return report;
+  }
+  Random random(seed);
+  const FramePtr& reference = map.frames.front();
+  const std::vector<SelectedPixel> candidates = selectCandidates(*reference, options, random);
+  const CornerPrior prior(map.corners, camera.width, camera.height, options);
+  std::vector<EpipolarSearch> searches;
+  searches.reserve(frames.size());
+  for (const SearchFrame& frame : frames) {
+    searches.emplace_back(reference, frame, camera, options);
+  }
+  std::vector<CandidateResult> results(candidates.size());
+  forEachRange(candidates.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    EpipolarSearch::Scratch scratch;
+    for (std::size_t i = begin; i < end; ++i) {
+      results[i] = observe(candidates[i], prior, searches, options, scratch);
+    }
+  });
+  for (const CandidateResult& result : results) {
+    report.searched += result.searches > 0 ? 1 : 0;
+    report.searches += result.searches;
+    report.matches += result.matches;
+    if (result.point.observations > 0) {
+      map.points.push_back(result.point);
+    }
+  }
+  report.candidates = static_cast<int>(candidates.size());
+  report.points = static_cast<int>(map.points.size());
+  return report;
+}
+
+}  // namespace dsorb::init_orb
