@@ -47,9 +47,30 @@ bool completeJpeg(const std::vector<std::uint8_t>& bytes) {
   return std::find_end(bytes.begin(), bytes.end(), kEndMark.begin(), kEndMark.end()) != bytes.end();
 }
 
+/// Whether a binary PGM or PPM holds the pixels its header announces: "P5 width height maximum"
+/// and one more white space.
+bool completePnm(const std::vector<std::uint8_t>& bytes, std::size_t channels) {
+  std::array<std::size_t, 3> header{};
+  std::size_t at = 2;
+  for (std::size_t& number : header) {
+    while (at < bytes.size() && std::isdigit(bytes[at]) == 0) {
+      const bool comment = bytes[at++] == '#';
+      while (comment && at < bytes.size() && bytes[at] != '\n') ++at;
+    }
+    constexpr std::size_t kTooLarge = 1000000;
+    while (at < bytes.size() && std::isdigit(bytes[at]) != 0 && number < kTooLarge) {
+      number = 10 * number + (bytes[at++] - std::size_t{'0'});
+    }
+  }
+  const std::size_t bytes_per_value = header[2] > 255 ? 2 : 1;
+  return at + 1 + header[0] * header[1] * channels * bytes_per_value <= bytes.size();
+}
+
 bool complete(const std::vector<std::uint8_t>& bytes) {
   if (startsWith(bytes, "\x89PNG\r\n\x1a\n")) return completePng(bytes);
   if (startsWith(bytes, "\xFF\xD8\xFF")) return completeJpeg(bytes);
+  if (startsWith(bytes, "P5")) return completePnm(bytes, 1);
+  if (startsWith(bytes, "P6")) return completePnm(bytes, 3);
   return !bytes.empty();
 }
 
