@@ -1,0 +1,198 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "depth/candidate_activation.h"
+
+#include "image/pattern_sampling.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace dsorb::depth {
+namespace {
+
+constexpr float kLowMargin = 1.1F;       // [px] residuals keep this from the image edge
+constexpr float kHighMargin = 3.0F;      // [px]
+constexpr float kInitialDamping = 0.1F;  // of the depth fit, and its factors below
+constexpr float kDampingOnSuccess = 0.5F;
+constexpr float kDampingOnFailure = 5.0F;
+constexpr float kRelativeStop = 1e-4F;  // of a step
+constexpr float kLooseLimit = 1000.0F;  // factor on the first outlier limit (reference)
+
+struct DepthTerms {
+  float energy = 0;
+  float curvature = 0;
+  float gradient = 0;
+  int inliers = 0;
+};
+
+enum class FitState : std::uint8_t { kIn, kOutOfBounds, kOutlier };
+
+struct TargetTerms {
+  bool inside = false;
+  float energy = 0;
+  float curvature = 0;
+  float gradient = 0;
+};
+
+/// Energy of the pattern in one target with its derivatives by the inverse depth.
+TargetTerms evaluateTarget(const CandidatePoint& candidate,
+                           const DepthTarget& target,
+                           float inverse_depth) {
+  using Lanes = PatternLanes;
+  const Lanes px = patternX() + candidate.pixel.x();
+  const Lanes py = patternY() + candidate.pixel.y();
+  const Eigen::Matrix3f& M = target.pair.KRKi;
+  const Eigen::Vector3f& Kt = target.pair.Kt;
+  const Lanes z = M(2, 0) * px + M(2, 1) * py + (M(2, 2) + Kt.z() * inverse_depth);
+  if (!(z.minCoeff() > 0)) return {};
+  const Lanes inverse_z = 1.0F / z;
+  const Lanes u = (M(0, 0) * px + M(0, 1) * py + (M(0, 2) + Kt.x() * inverse_depth)) * inverse_z;
+  const Lanes v = (M(1, 0) * px + M(1, 1) * py + (M(1, 2) + Kt.y() * inverse_depth)) * inverse_z;
+  const bool inside = u.minCoeff() > kLowMargin && v.minCoeff() > kLowMargin &&
+                      u.maxCoeff() < static_cast<float>(target.level->width()) - kHighMargin &&
+                      v.maxCoeff() < static_cast<float>(target.level->height()) - kHighMargin;
+  if (!inside) return {};
+  const PatternSamples samples = samplePattern(*target.level, u, v);
+  const Eigen::Map<const Lanes> host(candidate.patch.intensity.data());
+  const Eigen::Map<const Lanes> weight(candidate.patch.weight.data());
+  const Lanes residual = samples.intensity - (target.pair.gain * host + target.pair.offset);
+  if (!std::isfinite(residual.sum())) return {};
+  const Lanes slope =
+      (samples.dx * (Kt.x() - Kt.z() * u) + samples.dy * (Kt.y() - Kt.z() * v)) * inverse_z;
+  const Lanes huber = (kHuberThreshold / residual.abs().max(1e-6F)).min(1.0F);
+  const Lanes w = weight.square() * huber;
+  return {true,
+          (w * residual.square() * (2.0F - huber)).sum(),
+          (w * slope.square()).sum(),
+          (w * slope * residual).sum()};
+}
+
+/// Sum over all targets; `states` remembers which left the image for good.
+DepthTerms evaluateAll(const CandidatePoint& candidate,
+                       const std::vector<DepthTarget>& targets,
+                       float inverse_depth,
+                       float outlier_energy,
+                       std::vector<FitState>& states) {
+  DepthTerms sum;
+  for (std::size_t i = 0; i < targets.size(); ++i) {
+    if (states[i] == FitState::kOutOfBounds) continue;
+    const TargetTerms terms = evaluateTarget(candidate, targets[i], inverse_depth);
+    if (!terms.inside) {
+      states[i] = FitState::kOutOfBounds;
+      continue;
+    }
+    const bool outlier = terms.energy > outlier_energy;
+    states[i] = outlier ? FitState::kOutlier : FitState::kIn;
+    sum.inliers += outlier ? 0 : 1;
+    sum.energy += std::min(terms.energy, outlier_energy);
+    sum.curvature += terms.curvature;
+    sum.gradient += terms.gradient;
+  }
+  return sum;
+}
+
+}  // namespace
+
+DistanceMap::DistanceMap(int width, int height)
+    : width_(width),
+      height_(height),
+      cells_(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), kFar) {}
+
+void DistanceMap::growStep(int distance) {
+  static constexpr std::array<std::array<int, 2>, 8> kNeighbours = {
+      {{1, 0}, {-1, 0}, {0, 1}, {0, -1}, {1, 1}, {1, -1}, {-1, 1}, {-1, -1}}};
+  const std::size_t count = distance % 2 == 1 ? 8 : 4;
+  next_.clear();
+  for (const Eigen::Vector2i& cell : frontier_) {
+    const bool border =
+        cell.x() == 0 || cell.y() == 0 || cell.x() == width_ - 1 || cell.y() == height_ - 1;
+    if (border) continue;
+    for (std::size_t n = 0; n < count; ++n) {
+      const Eigen::Vector2i to(cell.x() + kNeighbours[n][0], cell.y() + kNeighbours[n][1]);
+      std::uint16_t& value = cells_[index(to.x(), to.y())];
+      if (value <= distance) continue;
+      value = static_cast<std::uint16_t>(distance);
+      next_.push_back(to);
+    }
+  }
+  std::swap(frontier_, next_);
+}
+
+void DistanceMap::add(const std::vector<Eigen::Vector2i>& seeds) {
+  frontier_ = seeds;
+  for (const Eigen::Vector2i& seed : seeds) cells_[index(seed.x(), seed.y())] = 0;
+  for (int distance = 1; distance <= kGrowthSteps && !frontier_.empty(); ++distance) {
+    growStep(distance);
+  }
+}
+
+double adaptDistance(double distance, int active, int desired, double max_distance) {
+  const double ratio = static_cast<double>(active) / desired;
+  if (ratio < 0.66) distance -= 0.8;
+  if (ratio < 0.8) {
+    distance -= 0.5;
+  } else if (ratio < 0.9) {
+    distance -= 0.2;
+  } else if (ratio < 1.0) {
+    distance -= 0.1;
+  }
+  if (ratio > 1.5) distance += 0.8;
+  if (ratio > 1.3) distance += 0.5;
+  if (ratio > 1.15) distance += 0.2;
+  if (ratio > 1.0) distance += 0.1;
+  return std::clamp(distance, 0.0, max_distance);
+}
+
+CandidateVerdict judgeCandidate(const CandidatePoint& candidate,
+                                bool host_leaves,
+                                const ActivationOptions& options) {
+  if (!candidate.hasDepth() || candidate.status == SearchStatus::kOutlier) {
+    return CandidateVerdict::kDrop;
+  }
+  const bool ready = candidate.status != SearchStatus::kUninitialized &&
+                     candidate.interval < static_cast<float>(options.max_interval) &&
+                     candidate.quality > static_cast<float>(options.min_quality) &&
+                     candidate.middle() > 0;
+  if (ready) return CandidateVerdict::kReady;
+  return host_leaves || candidate.finished ? CandidateVerdict::kDrop : CandidateVerdict::kWait;
+}
+
+DepthFit fitDepth(const CandidatePoint& candidate,
+                  const std::vector<DepthTarget>& targets,
+                  const ActivationOptions& options) {
+  const auto min_information = static_cast<float>(options.min_information);
+  const CandidateVerdict weak =
+      candidate.finished ? CandidateVerdict::kDrop : CandidateVerdict::kWait;
+  const float first_limit = kPatchOutlierEnergy * (options.consistent_energy ? 1 : kLooseLimit);
+  std::vector<FitState> states(targets.size(), FitState::kIn);
+  float depth = candidate.middle();
+  DepthTerms terms = evaluateAll(candidate, targets, depth, first_limit, states);
+  DepthFit fit;
+  fit.verdict = weak;
+  if (!std::isfinite(terms.energy) || terms.curvature < min_information) return fit;
+  float damping = kInitialDamping;
+  for (int i = 0; i < options.iterations; ++i) {
+    const float step = terms.gradient / ((1 + damping) * terms.curvature);
+    std::vector<FitState> trial_states = states;
+    const DepthTerms trial =
+        evaluateAll(candidate, targets, depth - step, kPatchOutlierEnergy, trial_states);
+    if (!std::isfinite(trial.energy) || trial.curvature < min_information) return fit;
+    if (trial.energy < terms.energy) {
+      depth -= step;
+      terms = trial;
+      states = std::move(trial_states);
+      damping *= kDampingOnSuccess;
+    } else {
+      damping *= kDampingOnFailure;
+    }
+    if (std::abs(step) < kRelativeStop * depth) break;
+  }
+  const bool good = std::isfinite(depth) && terms.inliers >= options.min_observations;
+  fit.verdict = good ? CandidateVerdict::kReady : CandidateVerdict::kDrop;
+  fit.inverse_depth = depth;
+  fit.information = terms.curvature;
+  for (const FitState state : states) fit.seen.push_back(state == FitState::kIn);
+  return fit;
+}
+
+}  // namespace dsorb::depth

@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/image/pyramid.h"
+#include "dsorb/options/depth.h"
+
+#include "depth/candidate_point.h"
+#include "depth/epipolar_search.h"
+
+#include <Eigen/Core>
+
+#include <cstdint>
+#include <vector>
+
+namespace dsorb::depth {
+
+/// Distance of every cell to the nearest seed, grown in alternating steps to 8 and 4 neighbours so
+/// that circles become octagons. Cells on the border are reached but not grown from.
+class DistanceMap {
+ public:
+  static constexpr int kFar = 1000;        ///< cells no growth reached
+  static constexpr int kGrowthSteps = 39;  ///< @source DSO as published
+
+  DistanceMap(int width, int height);
+
+  /// Adds seeds with distance 0 and grows from all of them together.
+  /// @param seeds cells inside the map
+  void add(const std::vector<Eigen::Vector2i>& seeds);
+  [[nodiscard]] int at(int x, int y) const { return cells_[index(x, y)]; }
+  [[nodiscard]] int width() const { return width_; }
+  [[nodiscard]] int height() const { return height_; }
+
+ private:
+  [[nodiscard]] std::size_t index(int x, int y) const {
+    return static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) +
+           static_cast<std::size_t>(x);
+  }
+  void growStep(int distance);
+
+  int width_;
+  int height_;
+  std::vector<std::uint16_t> cells_;
+  std::vector<Eigen::Vector2i> frontier_;
+  std::vector<Eigen::Vector2i> next_;
+};
+
+/// Next minimum distance between points, so that their number approaches the desired one.
+/// @param distance  current, half-resolution pixels
+/// @return          within [0, max_distance]
+[[nodiscard]] double adaptDistance(double distance, int active, int desired, double max_distance);
+
+enum class CandidateVerdict { kWait, kDrop, kReady };
+
+/// Whether a candidate's depth is good enough to enter the window.
+/// @param host_leaves  its keyframe is about to be marginalised
+[[nodiscard]] CandidateVerdict judgeCandidate(const CandidatePoint& candidate,
+                                              bool host_leaves,
+                                              const ActivationOptions& options);
+
+/// A keyframe that may see a candidate.
+struct DepthTarget {
+  EpipolarPair pair;
+  const PyramidLevel* level = nullptr;
+};
+
+struct DepthFit {
+  CandidateVerdict verdict = CandidateVerdict::kDrop;  ///< kReady: the rest is valid
+  float inverse_depth = 0;                             ///< [1/unit]
+  float information = 0;                               ///< [grey levels^2 unit^2]
+  std::vector<bool> seen;                              ///< by target: the residual is an inlier
+};
+
+/// Inverse depth of one candidate from all keyframes that see it, poses fixed: damped Gauss-Newton
+/// on the photometric energy of the pattern.
+/// @source Engel et al., DSO, arXiv:1607.02565, section 3.2 (activation)
+[[nodiscard]] DepthFit fitDepth(const CandidatePoint& candidate,
+                                const std::vector<DepthTarget>& targets,
+                                const ActivationOptions& options);
+
+}  // namespace dsorb::depth

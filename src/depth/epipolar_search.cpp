@@ -1,0 +1,327 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "depth/epipolar_search.h"
+
+#include "base/parallel.h"
+
+#include <algorithm>
+#include <array>
+#include <optional>
+
+namespace dsorb::depth {
+namespace {
+
+using Eigen::Vector2f;
+using Eigen::Vector3f;
+
+constexpr float kLowMargin = 4;   // [px] ends of a search keep this from the image edge
+constexpr float kHighMargin = 5;  // [px]
+constexpr float kDirectionInverseDepth = 0.01F;  // [1/unit] fixes the direction of a first search
+constexpr float kBaseError = 0.2F;               // [px] discretisation, and factor of the geometry
+constexpr float kInvalidEnergy = 1e5F;           // of one pixel without value
+constexpr int kMaxPositions = 99;                // of the discrete search, 1 px apart
+constexpr int kSecondBestDistance = 2;           // [px] the second best is farther away than this
+constexpr int kQualityReset = 10;                // searches over more positions replace the quality
+constexpr float kMaxRefinementStep = 0.5F;       // [px]
+constexpr float kMinRefinementStep = 0.1F;       // [px]
+
+/// The pattern as seen in the frame: offsets and expected intensities.
+struct WarpedPattern {
+  std::array<float, kPatternSize> x;
+  std::array<float, kPatternSize> y;
+  std::array<float, kPatternSize> intensity;
+  float extent_x = 0;  // [px]
+  float extent_y = 0;
+};
+
+WarpedPattern warpPattern(const CandidatePoint& candidate, const EpipolarPair& pair) {
+  WarpedPattern warped;
+  for (std::size_t k = 0; k < kPattern.size(); ++k) {
+    const Vector2f offset(static_cast<float>(kPattern[k].x), static_cast<float>(kPattern[k].y));
+    const Vector2f turned = pair.KRKi.topLeftCorner<2, 2>() * offset;
+    warped.x[k] = turned.x();
+    warped.y[k] = turned.y();
+    warped.extent_x = std::max(warped.extent_x, std::abs(turned.x()));
+    warped.extent_y = std::max(warped.extent_y, std::abs(turned.y()));
+    warped.intensity[k] = pair.gain * candidate.patch.intensity[k] + pair.offset;
+  }
+  return warped;
+}
+
+/// Part of the image where a search may end: the published margin, more if the pattern needs it.
+struct SearchArea {
+  float low_x, low_y, high_x, high_y;
+
+  SearchArea(const PyramidLevel& level, const WarpedPattern& pattern)
+      : low_x(std::max(kLowMargin, pattern.extent_x + 1)),
+        low_y(std::max(kLowMargin, pattern.extent_y + 1)),
+        high_x(static_cast<float>(level.width()) - std::max(kHighMargin, pattern.extent_x + 2)),
+        high_y(static_cast<float>(level.height()) - std::max(kHighMargin, pattern.extent_y + 2)) {}
+
+  [[nodiscard]] bool contains(const Vector2f& p) const {
+    return p.x() > low_x && p.y() > low_y && p.x() < high_x && p.y() < high_y;
+  }
+};
+
+/// The stretch of epipolar line to search.
+struct Segment {
+  Vector2f near{0, 0};
+  Vector2f direction{0, 0};  // unit, from near to far
+  float length = 0;          // [px]
+  float error = 0;           // expected of a match [px]
+};
+
+void fail(CandidatePoint& candidate, SearchStatus status) {
+  candidate.status = status;
+  candidate.interval = 0;
+}
+
+void leave(CandidatePoint& candidate, const EpipolarOptions& options) {
+  fail(candidate, SearchStatus::kOutOfBounds);
+  candidate.finished = options.final_out_of_bounds;
+}
+
+void rejectMatch(CandidatePoint& candidate) {
+  const bool again = candidate.status == SearchStatus::kOutlier;
+  fail(candidate, again ? SearchStatus::kOutOfBounds : SearchStatus::kOutlier);
+  candidate.finished = again;
+}
+
+/// Expected error of a match: discretisation, and more the less gradient lies along the line.
+float expectedError(const CandidatePoint& candidate,
+                    const EpipolarPair& pair,
+                    const Vector2f& direction,
+                    const EpipolarOptions& options) {
+  Vector2f in_host = direction;
+  if (options.rotate_gradients) {
+    in_host = pair.KRKi.topLeftCorner<2, 2>().inverse() * direction;
+    in_host.normalize();
+  }
+  const Vector3f& s = candidate.structure;
+  const float along = in_host.x() * in_host.x() * s[0] + 2 * in_host.x() * in_host.y() * s[1] +
+                      in_host.y() * in_host.y() * s[2];
+  const float across = in_host.y() * in_host.y() * s[0] - 2 * in_host.x() * in_host.y() * s[1] +
+                       in_host.x() * in_host.x() * s[2];
+  return kBaseError + kBaseError * (along + across) / along;
+}
+
+/// Where to search. @return nullopt when the candidate's status is decided without a search
+std::optional<Segment> planSearch(CandidatePoint& candidate,
+                                  const EpipolarPair& pair,
+                                  const SearchArea& area,
+                                  const EpipolarOptions& options,
+                                  float longest) {
+  const Vector3f infinity = pair.KRKi * candidate.pixel.homogeneous();
+  const Vector3f near = infinity + pair.Kt * candidate.min_inverse_depth;
+  Segment segment;
+  segment.near = near.hnormalized();
+  const bool known = candidate.hasDepth();
+  const Vector3f far =
+      infinity + pair.Kt * (known ? candidate.max_inverse_depth : kDirectionInverseDepth);
+  Vector2f line = Vector2f(far.hnormalized()) - segment.near;
+  if (!known) line *= longest / line.norm();
+  segment.length = line.norm();
+  const bool ends_inside = near.z() > 0 && far.z() > 0 && area.contains(segment.near) &&
+                           area.contains(segment.near + line);  // false for NaN as well
+  if (!ends_inside) {
+    leave(candidate, options);
+    return std::nullopt;
+  }
+  if (known && segment.length < static_cast<float>(options.min_interval)) {
+    candidate.status = SearchStatus::kSkipped;
+    candidate.interval = segment.length;
+    return std::nullopt;
+  }
+  const bool ratio_ok = near.z() > static_cast<float>(options.min_depth_ratio) &&
+                        near.z() < static_cast<float>(options.max_depth_ratio);
+  if (!ratio_ok && !(candidate.min_inverse_depth < 0)) {
+    leave(candidate, options);
+    return std::nullopt;
+  }
+  segment.direction = line / segment.length;
+  segment.error = expectedError(candidate, pair, segment.direction, options);
+  if (known && static_cast<float>(options.min_improvement) * segment.error > segment.length) {
+    candidate.status = SearchStatus::kIllConditioned;
+    candidate.interval = segment.length;
+    return std::nullopt;
+  }
+  segment.error = std::min(segment.error, static_cast<float>(options.max_error));
+  segment.length = std::min(segment.length, longest);
+  return segment;
+}
+
+float patchEnergy(const PyramidLevel& level, const WarpedPattern& pattern, const Vector2f& at) {
+  float energy = 0;
+  for (std::size_t k = 0; k < kPatternSize; ++k) {
+    const float value = interpolateIntensity(level, at.x() + pattern.x[k], at.y() + pattern.y[k]);
+    const float residual = value - pattern.intensity[k];
+    energy +=
+        std::isfinite(residual) ? huberEnergy(residual, huberWeight(residual)) : kInvalidEnergy;
+  }
+  return energy;
+}
+
+/// Best of positions 1 px apart; updates the quality.
+Vector2f searchDiscrete(CandidatePoint& candidate,
+                        const Segment& segment,
+                        const PyramidLevel& level,
+                        const WarpedPattern& pattern) {
+  const int positions = std::min(static_cast<int>(1.9999F + segment.length), kMaxPositions);
+  const float spread = segment.near.x() * 1000;  // sub-pixel phase that differs between candidates
+  const float phase = spread - std::floor(spread);
+  const Vector2f start = segment.near - phase * segment.direction;
+  std::array<float, kMaxPositions> energies;
+  int best = 0;
+  for (int i = 0; i < positions; ++i) {
+    const auto slot = static_cast<std::size_t>(i);
+    energies[slot] = patchEnergy(level, pattern, start + static_cast<float>(i) * segment.direction);
+    if (energies[slot] < energies[static_cast<std::size_t>(best)]) best = i;
+  }
+  float second = kInvalidEnergy * kPatternSize;
+  for (int i = 0; i < positions; ++i) {
+    if (std::abs(i - best) > kSecondBestDistance) {
+      second = std::min(second, energies[static_cast<std::size_t>(i)]);
+    }
+  }
+  const float quality = second / energies[static_cast<std::size_t>(best)];
+  if (quality < candidate.quality || positions > kQualityReset) candidate.quality = quality;
+  return start + static_cast<float>(best) * segment.direction;
+}
+
+struct LineTerms {
+  float energy = 0;
+  float curvature = 1;  // regularised
+  float gradient = 0;
+};
+
+LineTerms lineTerms(const CandidatePoint& candidate,
+                    const Vector2f& at,
+                    const Vector2f& direction,
+                    const PyramidLevel& level,
+                    const WarpedPattern& pattern) {
+  LineTerms terms;
+  for (std::size_t k = 0; k < kPatternSize; ++k) {
+    const float x = at.x() + pattern.x[k];
+    const float y = at.y() + pattern.y[k];
+    const bool inside = insideForInterpolation(level, x, y);
+    const ImageSample sample = inside ? interpolate(level, x, y) : ImageSample{NAN, 0, 0};
+    const float residual = sample.intensity - pattern.intensity[k];
+    if (!std::isfinite(residual)) {
+      terms.energy += kInvalidEnergy;
+      continue;
+    }
+    const float weight = huberWeight(residual);
+    const float slope = sample.dx * direction.x() + sample.dy * direction.y();
+    const float host_weight = candidate.patch.weight[k];
+    terms.curvature += weight * slope * slope;
+    terms.gradient += weight * residual * slope;
+    terms.energy += host_weight * host_weight * huberEnergy(residual, weight);
+  }
+  return terms;
+}
+
+struct Match {
+  Vector2f pixel{0, 0};
+  float energy = kInvalidEnergy;
+};
+
+/// Gauss-Newton along the line from the segment's near end; a step that raises the energy is
+/// halved.
+Match refineMatch(const CandidatePoint& candidate,
+                  const Segment& segment,
+                  const PyramidLevel& level,
+                  const WarpedPattern& pattern,
+                  int iterations) {
+  Match match{segment.near, kInvalidEnergy};
+  Vector2f previous = segment.near;
+  float step = 0;
+  for (int i = 0; i < iterations; ++i) {
+    const LineTerms terms = lineTerms(candidate, match.pixel, segment.direction, level, pattern);
+    if (terms.energy <= match.energy) {
+      match.energy = terms.energy;
+      step = -terms.gradient / terms.curvature;
+      step = std::isfinite(step) ? std::clamp(step, -kMaxRefinementStep, kMaxRefinementStep) : 0;
+      previous = match.pixel;
+    } else {
+      step *= 0.5F;
+    }
+    match.pixel = previous + step * segment.direction;
+    if (std::abs(step) < kMinRefinementStep) break;
+  }
+  return match;
+}
+
+/// Inverse depth at which the point projects to a position of its epipolar line, from the axis
+/// along which the line runs faster.
+float inverseDepthAt(const Vector3f& infinity, const Vector3f& Kt, const Vector2f& p, bool use_x) {
+  return use_x ? (infinity.z() * p.x() - infinity.x()) / (Kt.x() - Kt.z() * p.x())
+               : (infinity.z() * p.y() - infinity.y()) / (Kt.y() - Kt.z() * p.y());
+}
+
+void adoptMatch(CandidatePoint& candidate,
+                const EpipolarPair& pair,
+                const Segment& segment,
+                const Vector2f& match) {
+  const Vector3f infinity = pair.KRKi * candidate.pixel.homogeneous();
+  const bool use_x = std::abs(segment.direction.x()) > std::abs(segment.direction.y());
+  const Vector2f reach = segment.error * segment.direction;
+  const float first = inverseDepthAt(infinity, pair.Kt, match - reach, use_x);
+  const float second = inverseDepthAt(infinity, pair.Kt, match + reach, use_x);
+  const bool usable = std::isfinite(first) && std::isfinite(second) && std::max(first, second) >= 0;
+  if (!usable) {
+    fail(candidate, SearchStatus::kOutlier);
+    return;
+  }
+  candidate.min_inverse_depth = std::min(first, second);
+  candidate.max_inverse_depth = std::max(first, second);
+  candidate.status = SearchStatus::kGood;
+  candidate.interval = 2 * segment.error;
+}
+
+}  // namespace
+
+EpipolarPair makeEpipolarPair(const PinholeCamera& camera,
+                              const SE3& T_frame_host,
+                              const BrightnessTransfer& transfer) {
+  const Eigen::Matrix3d K = camera.matrix();
+  const Eigen::Matrix3d KRKi = K * T_frame_host.rotationMatrix() * K.inverse();
+  const Eigen::Vector3d Kt = K * T_frame_host.translation();
+  return {KRKi.cast<float>(),
+          Kt.cast<float>(),
+          static_cast<float>(transfer.gain),
+          static_cast<float>(transfer.offset)};
+}
+
+void searchEpipolarLine(CandidatePoint& candidate,
+                        const EpipolarPair& pair,
+                        const PyramidLevel& level,
+                        const EpipolarOptions& options) {
+  if (candidate.finished) return;
+  const WarpedPattern pattern = warpPattern(candidate, pair);
+  const SearchArea area(level, pattern);
+  const auto longest = static_cast<float>(options.max_search_share *
+                                          static_cast<double>(level.width() + level.height()));
+  std::optional<Segment> segment = planSearch(candidate, pair, area, options, longest);
+  if (!segment) return;
+  segment->near = searchDiscrete(candidate, *segment, level, pattern);
+  const Match match =
+      refineMatch(candidate, *segment, level, pattern, options.refinement_iterations);
+  if (!(match.energy < static_cast<float>(options.outlier_slack) * kPatchOutlierEnergy)) {
+    rejectMatch(candidate);
+    return;
+  }
+  adoptMatch(candidate, pair, *segment, match.pixel);
+}
+
+void searchEpipolarLines(std::vector<CandidatePoint>& candidates,
+                         const EpipolarPair& pair,
+                         const PyramidLevel& level,
+                         const EpipolarOptions& options,
+                         std::size_t grain) {
+  forEachRange(candidates.size(), grain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      searchEpipolarLine(candidates[i], pair, level, options);
+    }
+  });
+}
+
+}  // namespace dsorb::depth

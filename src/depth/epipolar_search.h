@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/geometry/se3.h"
+#include "dsorb/image/affine_brightness.h"
+#include "dsorb/image/pyramid.h"
+#include "dsorb/options/depth.h"
+
+#include "depth/candidate_point.h"
+
+#include <Eigen/Core>
+
+#include <cstddef>
+#include <vector>
+
+namespace dsorb::depth {
+
+/// Everything a search needs of a host and a posed frame; one for all candidates of the host.
+struct EpipolarPair {
+  Eigen::Matrix3f KRKi;  ///< host pixel to frame pixel at infinity, homogeneous
+  Eigen::Vector3f Kt;    ///< times the inverse depth: shift by parallax
+  float gain = 1;        ///< brightness, host to frame
+  float offset = 0;
+};
+
+[[nodiscard]] EpipolarPair makeEpipolarPair(const PinholeCamera& camera,
+                                            const SE3& T_frame_host,
+                                            const BrightnessTransfer& transfer);
+
+/// Refines the inverse-depth interval of one candidate with one posed frame: discrete search along
+/// the epipolar line, sub-pixel refinement, new interval from the expected error.
+/// @param level  level 0 of the frame
+/// @note         a match replaces the interval; intervals are not fused
+/// @source       Engel et al., DSO, arXiv:1607.02565, section 3.2; error model: Engel et al.,
+///               Semi-Dense Visual Odometry for a Monocular Camera, section 2.1
+void searchEpipolarLine(CandidatePoint& candidate,
+                        const EpipolarPair& pair,
+                        const PyramidLevel& level,
+                        const EpipolarOptions& options);
+
+/// The same for all candidates of one host.
+/// @param grain  candidates in a parallel task; 0 runs serially
+void searchEpipolarLines(std::vector<CandidatePoint>& candidates,
+                         const EpipolarPair& pair,
+                         const PyramidLevel& level,
+                         const EpipolarOptions& options,
+                         std::size_t grain);
+
+}  // namespace dsorb::depth

@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "window/keyframe_policy.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <optional>
+
+namespace dsorb::window {
+namespace {
+
+constexpr double kFixedRateSlack = 0.95;  // of the period, so that jitter does not skip a frame
+constexpr double kDistanceOffset = 1e-5;  // relative to the window's extent; keeps scores finite
+
+double extent(const std::vector<KeyframeSummary>& keyframes) {
+  double largest = 0;
+  for (const KeyframeSummary& keyframe : keyframes) {
+    largest = std::max(largest, (keyframe.center - keyframes.back().center).norm());
+  }
+  return largest > 0 ? largest : 1.0;
+}
+
+/// Large for a keyframe far from the newest and close to the others: it leaves first.
+double distanceScore(const std::vector<KeyframeSummary>& keyframes, std::size_t i, double offset) {
+  double sum = 0;
+  for (std::size_t j = 0; j < keyframes.size(); ++j) {
+    if (j == i) continue;
+    sum += 1.0 / ((keyframes[i].center - keyframes[j].center).norm() + offset);
+  }
+  return std::sqrt((keyframes[i].center - keyframes.back().center).norm()) * sum;
+}
+
+/// The keyframe, neither newest nor protected nor already leaving, with the highest score; equal
+/// scores (a camera that stands) take the oldest.
+std::optional<std::size_t> worstPlaced(const std::vector<KeyframeSummary>& keyframes,
+                                       const std::vector<bool>& leaving,
+                                       const WindowOptions& options) {
+  const double offset = kDistanceOffset * extent(keyframes);
+  std::optional<std::size_t> worst;
+  double worst_score = 0;
+  for (std::size_t i = 0; i + 1 < keyframes.size(); ++i) {
+    if (leaving[i] || (keyframes[i].is_first && options.policy.protect_first)) continue;
+    const double score = distanceScore(keyframes, i, offset);
+    if (worst && !(score > worst_score)) continue;
+    worst = i;
+    worst_score = score;
+  }
+  return worst;
+}
+
+}  // namespace
+
+bool needsKeyframe(const KeyframeEvidence& evidence, const KeyframePolicyOptions& options) {
+  if (options.per_second > 0) {
+    return evidence.seconds_since_keyframe > kFixedRateSlack / options.per_second;
+  }
+  const double flow = (options.translation_weight * std::sqrt(evidence.translation_flow) +
+                       options.full_weight * std::sqrt(evidence.full_flow)) /
+                      evidence.width_plus_height;
+  const double brightness = options.brightness_weight * std::abs(evidence.log_gain);
+  return options.frequency * (flow + brightness) > 1 ||
+         evidence.rmse > options.rmse_ratio * evidence.first_rmse;
+}
+
+std::vector<bool> chooseLeaving(const std::vector<KeyframeSummary>& keyframes,
+                                const WindowOptions& options) {
+  std::vector<bool> leaving(keyframes.size(), false);
+  auto staying = static_cast<int>(keyframes.size());
+  for (std::size_t i = 0; i < keyframes.size(); ++i) {
+    const KeyframeSummary& keyframe = keyframes[i];
+    const bool empty =
+        keyframe.alive < options.policy.min_alive_share * (keyframe.alive + keyframe.gone);
+    const bool other_brightness = std::abs(keyframe.log_gain) > options.policy.max_log_gain;
+    if ((empty || other_brightness) && staying > options.min_keyframes) {
+      leaving[i] = true;
+      --staying;
+    }
+  }
+  if (staying >= options.max_keyframes) {
+    const std::optional<std::size_t> worst = worstPlaced(keyframes, leaving, options);
+    if (worst) leaving[*worst] = true;
+  }
+  return leaving;
+}
+
+void flagLeaving(Window& window, const WindowOptions& options) {
+  if (window.keyframes.empty()) return;
+  const Keyframe& newest = window.keyframes.back();
+  std::vector<KeyframeSummary> summaries;
+  for (const Keyframe& keyframe : window.keyframes) {
+    const BrightnessTransfer transfer = brightnessTransfer(
+        newest.affine(), newest.frame->exposure(), keyframe.affine(), keyframe.frame->exposure());
+    summaries.push_back({keyframe.id.value == 0,
+                         static_cast<int>(keyframe.points.size() + keyframe.candidates.size()),
+                         static_cast<int>(keyframe.marginalized.size()) + keyframe.discarded,
+                         std::log(transfer.gain),
+                         keyframe.T_cam_world().inverse().translation()});
+  }
+  const std::vector<bool> leaving = chooseLeaving(summaries, options);
+  for (std::size_t i = 0; i < leaving.size(); ++i) window.keyframes[i].leaves = leaving[i];
+}
+
+}  // namespace dsorb::window

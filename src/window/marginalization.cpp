@@ -1,0 +1,184 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "window/marginalization.h"
+
+#include "window/normal_equations.h"
+
+#include <Eigen/Eigenvalues>
+
+#include <algorithm>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+namespace dsorb::window {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+// @source DSO as published, all five
+constexpr int kMinResiduals = 3;         // of a point worth keeping
+constexpr int kMinGoodObservations = 4;  // of a point worth marginalising
+constexpr int kOldObservations = 14;     // more: the point leaves before it has too few residuals
+constexpr double kScaleOffset = 10;      // on diagonals before scaling
+constexpr double kEigenvalueCutOff = 1e-12;  // relative; weaker directions carry no information
+
+int residualsToLeaving(const WindowPoint& point, const Window& window) {
+  return static_cast<int>(std::count_if(point.begin(), point.end(), [&](const Observation& o) {
+    return o.state == ResidualState::kIn && window.keyframes[o.target].leaves;
+  }));
+}
+
+/// Whether the residual to one of the two newest keyframes had this state when last looked at.
+bool wasSeen(const WindowPoint& point, std::size_t age, ResidualState state, const Window& window) {
+  const RecentState& recent = point.recent[age];
+  return window.keyframes.size() > age &&
+         recent.keyframe == window.keyframes[window.keyframes.size() - 1 - age].id &&
+         recent.state == state;
+}
+
+bool pointLeaves(const WindowPoint& point, const Window& window) {
+  const int residuals = point.num_observations;
+  const bool too_few_remain = residuals >= kMinResiduals &&
+                              point.good_observations > kOldObservations &&
+                              residuals - residualsToLeaving(point, window) < kMinResiduals;
+  const bool out_of_sight = wasSeen(point, 0, ResidualState::kOutOfBounds, window);
+  const bool twice_outlier = residuals >= 2 && wasSeen(point, 0, ResidualState::kOutlier, window) &&
+                             wasSeen(point, 1, ResidualState::kOutlier, window);
+  return too_few_remain || out_of_sight || twice_outlier;
+}
+
+/// Adds the points to the prior: residuals linearised at the first estimates, depths eliminated.
+void absorb(Window& window, const std::vector<PointRef>& points, const WindowOptions& options) {
+  if (points.empty()) return;
+  for (const PointRef& ref : points) {
+    for (Observation& o : window.keyframes[ref.keyframe].points[ref.point]) {
+      o.state = ResidualState::kIn;
+    }
+  }
+  LinearizeOptions linearize;
+  linearize.frozen = true;
+  linearize.intrinsics = options.optimizer.optimize_intrinsics;
+  linearize.depth_prior_factor = options.prior.depth_at_marginalization;
+  linearize.depth_prior_pulls =
+      options.prior.depth_pulls_to_value && options.prior.depth_at_marginalization == 1;
+  NormalEquationsBuilder builder;
+  NormalEquations equations;
+  builder.build(window, PairTable(window), points, linearize, equations);
+  window.prior.H += options.marginalization_weight * (equations.H - equations.H_schur);
+  window.prior.b += options.marginalization_weight * (equations.b - equations.b_schur);
+}
+
+RetiredPoint retired(const WindowPoint& point) {
+  return {point.pixel, point.inverse_depth, point.information, point.patch.intensity[4]};
+}
+
+/// Moves the 8 rows and columns of a keyframe behind all others.
+MarginalPrior keyframeLast(const MarginalPrior& prior, std::size_t position) {
+  const Index n = prior.b.size();
+  const Index at = kCameraDim + kFrameDim * static_cast<Index>(position);
+  Eigen::VectorXi order(n);
+  Index next = 0;
+  for (Index i = 0; i < n; ++i) {
+    if (i < at || i >= at + kFrameDim) order[next++] = static_cast<int>(i);
+  }
+  for (Index i = 0; i < kFrameDim; ++i) order[next++] = static_cast<int>(at + i);
+  return {prior.H(order, order), prior.b(order)};
+}
+
+}  // namespace
+
+PointVerdict judgePoint(const WindowPoint& point,
+                        bool host_leaves,
+                        const Window& window,
+                        const WindowOptions& options) {
+  if (!(point.inverse_depth >= 0) || point.num_observations == 0) return PointVerdict::kDiscard;
+  if (!host_leaves && !pointLeaves(point, window)) return PointVerdict::kStay;
+  const bool good = point.num_observations >= kMinResiduals &&
+                    point.good_observations >= kMinGoodObservations &&
+                    static_cast<double>(point.information) > options.min_information;
+  return good ? PointVerdict::kMarginalize : PointVerdict::kDiscard;
+}
+
+RetirementReport retirePoints(Window& window, const WindowOptions& options) {
+  std::vector<PointRef> to_absorb;
+  std::vector<std::vector<PointVerdict>> verdicts(window.keyframes.size());
+  for (std::size_t k = 0; k < window.keyframes.size(); ++k) {
+    const Keyframe& keyframe = window.keyframes[k];
+    for (std::size_t p = 0; p < keyframe.points.size(); ++p) {
+      verdicts[k].push_back(judgePoint(keyframe.points[p], keyframe.leaves, window, options));
+      if (verdicts[k].back() != PointVerdict::kMarginalize) continue;
+      to_absorb.push_back({static_cast<std::uint32_t>(k), static_cast<std::uint32_t>(p)});
+    }
+  }
+  absorb(window, to_absorb, options);
+  RetirementReport report;
+  for (std::size_t k = 0; k < window.keyframes.size(); ++k) {
+    Keyframe& keyframe = window.keyframes[k];
+    std::size_t kept = 0;
+    for (std::size_t p = 0; p < keyframe.points.size(); ++p) {
+      if (verdicts[k][p] == PointVerdict::kStay) {
+        if (kept != p) keyframe.points[kept] = keyframe.points[p];
+        ++kept;
+      } else if (verdicts[k][p] == PointVerdict::kMarginalize) {
+        keyframe.marginalized.push_back(retired(keyframe.points[p]));
+        ++report.marginalized;
+      } else {
+        ++keyframe.discarded;
+        ++report.discarded;
+      }
+    }
+    keyframe.points.resize(kept);
+  }
+  return report;
+}
+
+MarginalPrior eliminateLast(const MarginalPrior& prior, int count) {
+  const Index rest = prior.b.size() - count;
+  const VectorXd scale = (prior.H.diagonal().array().abs() + kScaleOffset).sqrt();
+  const VectorXd inverse_scale = scale.cwiseInverse();
+  const MatrixXd H = inverse_scale.asDiagonal() * prior.H * inverse_scale.asDiagonal();
+  const VectorXd b = inverse_scale.cwiseProduct(prior.b);
+  const MatrixXd block = H.bottomRightCorner(count, count);
+  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(0.5 * (block + block.transpose()));
+  const double cut_off = kEigenvalueCutOff * std::max(eigen.eigenvalues().maxCoeff(), 0.0);
+  const VectorXd inverse =
+      (eigen.eigenvalues().array() > cut_off).select(eigen.eigenvalues().cwiseInverse(), 0.0);
+  const MatrixXd half = inverse.cwiseSqrt().asDiagonal() * eigen.eigenvectors().transpose();
+  const MatrixXd coupling = half * H.bottomLeftCorner(count, rest);
+  const MatrixXd H_rest = H.topLeftCorner(rest, rest) - coupling.transpose() * coupling;
+  const VectorXd b_rest = b.head(rest) - coupling.transpose() * (half * b.tail(count));
+  const auto undo = scale.head(rest).asDiagonal();
+  const MatrixXd unscaled = undo * H_rest * undo;
+  return {0.5 * (unscaled + unscaled.transpose()), undo * b_rest};
+}
+
+Keyframe marginalizeKeyframe(Window& window, std::size_t position, const WindowOptions& options) {
+  const Keyframe& keyframe = window.keyframes[position];
+  if (!keyframe.points.empty()) {
+    throw std::logic_error("keyframe " + std::to_string(keyframe.id.value) + " still has " +
+                           std::to_string(keyframe.points.size()) + " points");
+  }
+  MarginalPrior prior = keyframeLast(window.prior, position);
+  // The keyframe's own prior pulls its state to zero; the energy is expanded at the first estimate.
+  const Vector8d& expansion = options.prior.consistent_gradient ? keyframe.first : keyframe.state;
+  prior.H.diagonal().tail<kFrameDim>() += keyframe.prior;
+  prior.b.tail<kFrameDim>() += keyframe.prior.cwiseProduct(expansion);
+  window.prior = eliminateLast(prior, kFrameDim);
+  return removeKeyframe(window, position);
+}
+
+std::vector<Keyframe> marginalizeFlagged(Window& window, const WindowOptions& options) {
+  std::vector<Keyframe> gone;
+  for (std::size_t i = 0; i < window.keyframes.size();) {
+    if (window.keyframes[i].leaves) {
+      gone.push_back(marginalizeKeyframe(window, i, options));
+    } else {
+      ++i;
+    }
+  }
+  return gone;
+}
+
+}  // namespace dsorb::window

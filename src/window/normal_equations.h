@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "window/pair_geometry.h"
+#include "window/photometric_residual.h"
+#include "window/window.h"
+
+#include <Eigen/Core>
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace dsorb::window {
+
+/// A point by its place in the window.
+struct PointRef {
+  std::uint32_t keyframe = 0;
+  std::uint32_t point = 0;
+};
+
+/// All points of a window, host by host.
+[[nodiscard]] std::vector<PointRef> allPoints(const Window& window);
+
+struct LinearizeOptions {
+  bool intrinsics = false;          ///< estimate the camera, too
+  bool frozen = false;              ///< residuals extrapolated to the first estimates (marginals)
+  bool depth_prior_pulls = true;    ///< false: the depth prior only adds curvature
+  double depth_prior_factor = 1;    ///< on every depth prior
+  std::size_t chunks_per_task = 0;  ///< of 128 points; 0 runs serially
+};
+
+/// Gauss-Newton system of a window, poses and intrinsics on one side, inverse depths on the other:
+/// [H V; V^T D] step = -[b; b_d], D diagonal. Without the priors of frames and intrinsics.
+struct NormalEquations {
+  Eigen::MatrixXd H;  ///< symmetric, scaled units; intrinsics, then frames
+  Eigen::VectorXd b;
+  /// One row a point: V^T. Zero for a point without used residual.
+  Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> coupling;
+  Eigen::VectorXf depth_curvature;  ///< D, prior included; 0 for a point without used residual
+  Eigen::VectorXf depth_gradient;   ///< b_d, prior included
+  Eigen::MatrixXd H_schur;          ///< V D^-1 V^T, symmetric
+  Eigen::VectorXd b_schur;          ///< V D^-1 b_d
+  double energy = 0;                ///< residuals, limited by their thresholds
+  double depth_prior_energy = 0;
+  int used = 0;  ///< residuals in the system
+};
+
+constexpr int kPoseRows = 6;
+
+/// Sums of one ordered pair: rows of the relative normal equations (translation, rotation,
+/// intrinsics; lanes as in photometric_residual.h) and the brightness block.
+struct PairSums {
+  alignas(32) float rows[kPoseRows + kCameraDim][kLanes];
+  alignas(32) float brightness[8];  // aa, ab, bb, ar, br
+};
+
+/// Points of one host that are summed in single precision.
+struct Chunk {
+  std::size_t host = 0;
+  std::size_t begin = 0;
+  std::size_t end = 0;
+  double energy = 0;
+  double depth_prior_energy = 0;
+  int used = 0;
+};
+
+/// Evaluates residuals and builds the system in one pass; owns the buffers it reuses. The result
+/// has the same bits for any number of threads.
+class NormalEquationsBuilder {
+ public:
+  /// Writes the trial values of all observations of the points and the system.
+  /// @param points  sorted by keyframe
+  void build(Window& window,
+             const PairTable& pairs,
+             const std::vector<PointRef>& points,
+             const LinearizeOptions& options,
+             NormalEquations& out);
+
+ private:
+  void split(const std::vector<PointRef>& points);
+  void stitch(const PairTable& pairs, NormalEquations& out) const;
+  void eliminateDepths(std::size_t tasks, NormalEquations& out);
+
+  std::vector<Chunk> chunks_;
+  std::vector<PairSums> pair_sums_;  // chunk by target
+  std::vector<double> schur_sums_;   // partial sums of the elimination
+};
+
+/// Dense symmetric solve with diagonal preconditioning.
+/// @return x with H x = b
+[[nodiscard]] Eigen::VectorXd solvePreconditioned(const Eigen::MatrixXd& H,
+                                                  const Eigen::VectorXd& b);
+
+/// Steps of the inverse depths that belong to a step of frames and intrinsics.
+/// @param frame_step  scaled units
+/// @param damping     of the depth curvature, as of the frames
+/// @return            0 for points without used residual
+[[nodiscard]] Eigen::VectorXd backSubstitute(const NormalEquations& equations,
+                                             const Eigen::VectorXd& frame_step,
+                                             double damping);
+
+}  // namespace dsorb::window

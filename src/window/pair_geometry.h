@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "window/window.h"
+
+#include <Eigen/Core>
+
+#include <cstddef>
+#include <vector>
+
+namespace dsorb::window {
+
+using Matrix8d = Eigen::Matrix<double, kFrameDim, kFrameDim>;
+using Matrix8f = Eigen::Matrix<float, kFrameDim, kFrameDim>;
+using Vector8f = Eigen::Matrix<float, kFrameDim, 1>;
+
+/// Relative quantities of an ordered pair of keyframes.
+struct PairGeometry {
+  Eigen::Matrix3f KRKi;  ///< current: host pixel to target pixel at infinity
+  Eigen::Vector3f Kt;    ///< current: times the inverse depth
+  float gain = 1;        ///< current brightness, host to target
+  float offset = 0;
+
+  Eigen::Matrix3f R_first;      ///< at the first estimates: rotation host to target
+  Eigen::Vector3f t_first;      ///< at the first estimates
+  float host_offset_first = 0;  ///< b of the host at its first estimate [grey levels]
+
+  /// Relative gradients (translation, rotation, a, b) to scaled gradients of the host state.
+  Matrix8d to_host;
+  Matrix8f to_host_single;
+  /// The same for the target; diagonal.
+  Vector8d to_target;
+  Vector8f to_target_single;
+};
+
+/// All ordered pairs of a window, row = host. Two refresh functions because first estimates are
+/// constant during an adjustment.
+class PairTable {
+ public:
+  /// Takes everything from the window.
+  explicit PairTable(const Window& window);
+  /// Takes the current poses, brightness and intrinsics from the window of unchanged size.
+  void refreshCurrent(const Window& window);
+
+  [[nodiscard]] const PairGeometry& at(std::size_t host, std::size_t target) const {
+    return pairs_[host * size_ + target];
+  }
+  [[nodiscard]] std::size_t size() const { return size_; }
+
+ private:
+  void refreshFirst(const Window& window);
+
+  std::size_t size_;
+  std::vector<PairGeometry> pairs_;
+};
+
+}  // namespace dsorb::window

@@ -1,0 +1,213 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "window/point_activation.h"
+
+#include "base/parallel.h"
+#include "depth/candidate_activation.h"
+#include "depth/epipolar_search.h"
+
+#include <cmath>
+#include <optional>
+#include <utility>
+#include <vector>
+
+namespace dsorb::window {
+namespace {
+
+using depth::CandidatePoint;
+using depth::CandidateVerdict;
+using depth::DepthFit;
+using depth::DepthTarget;
+using depth::EpipolarPair;
+
+constexpr int kMapLevel = 1;  // pyramid level of the distance map
+
+/// Candidate of a keyframe and what is to become of it.
+struct Pending {
+  std::size_t keyframe = 0;
+  std::size_t candidate = 0;
+  DepthFit fit;
+};
+
+BrightnessTransfer transferBetween(const Keyframe& from, const Keyframe& to) {
+  return brightnessTransfer(
+      from.affine(), from.frame->exposure(), to.affine(), to.frame->exposure());
+}
+
+/// Host pixels of level 0 to pixels of the distance map in the newest keyframe.
+EpipolarPair toMap(const Window& window, const Keyframe& host) {
+  const SE3 T_newest_host = window.keyframes.back().T_cam_world() * host.T_cam_world().inverse();
+  const PinholeCamera camera = window.camera();
+  const Eigen::Matrix3d K = camera.atLevel(kMapLevel).matrix();
+  const Eigen::Matrix3d KRKi = K * T_newest_host.rotationMatrix() * camera.matrix().inverse();
+  const Eigen::Vector3d Kt = K * T_newest_host.translation();
+  return {KRKi.cast<float>(), Kt.cast<float>(), 1, 0};
+}
+
+/// A projection into the map.
+struct MapCell {
+  Eigen::Vector2i cell{0, 0};
+  float dither = 0;  // in [0, 1), differs between points
+};
+
+std::optional<MapCell> cellOf(const EpipolarPair& pair,
+                              const Eigen::Vector2f& pixel,
+                              float inverse_depth,
+                              const depth::DistanceMap& map) {
+  const Eigen::Vector3f p = pair.KRKi * pixel.homogeneous() + pair.Kt * inverse_depth;
+  if (!(p.z() > 0)) return std::nullopt;
+  const float u = p.x() / p.z() + 0.5F;
+  const float v = p.y() / p.z() + 0.5F;
+  const bool inside = u >= 1 && v >= 1 && u < static_cast<float>(map.width()) &&
+                      v < static_cast<float>(map.height());
+  if (!inside) return std::nullopt;
+  return MapCell{{static_cast<int>(u), static_cast<int>(v)}, p.x() - std::floor(p.x())};
+}
+
+void fillMap(const Window& window, depth::DistanceMap& map) {
+  std::vector<Eigen::Vector2i> seeds;
+  for (std::size_t k = 0; k + 1 < window.keyframes.size(); ++k) {
+    const EpipolarPair pair = toMap(window, window.keyframes[k]);
+    for (const WindowPoint& point : window.keyframes[k].points) {
+      const auto cell = cellOf(pair, point.pixel, point.inverse_depth, map);
+      if (cell) seeds.push_back(cell->cell);
+    }
+  }
+  map.add(seeds);
+}
+
+/// Sorts the candidates of one keyframe: dropped ones are marked, those with room are pending.
+void choose(const Window& window,
+            std::size_t position,
+            const ActivationOptions& options,
+            depth::DistanceMap& map,
+            std::vector<std::pair<CandidateVerdict, Pending>>& chosen) {
+  const Keyframe& host = window.keyframes[position];
+  const EpipolarPair pair = toMap(window, host);
+  for (std::size_t c = 0; c < host.candidates.size(); ++c) {
+    const CandidatePoint& candidate = host.candidates[c];
+    CandidateVerdict verdict = depth::judgeCandidate(candidate, host.leaves, options);
+    if (verdict == CandidateVerdict::kReady) {
+      const auto cell = cellOf(pair, candidate.pixel, candidate.middle(), map);
+      const double room =
+          cell ? map.at(cell->cell.x(), cell->cell.y()) + static_cast<double>(cell->dither) : 0;
+      const double needed =
+          window.activation_distance * static_cast<double>(candidate.selection_scale);
+      if (!cell) {
+        verdict = CandidateVerdict::kDrop;
+      } else if (room < needed) {
+        verdict = CandidateVerdict::kWait;
+      } else {
+        map.add({cell->cell});
+      }
+    }
+    chosen.push_back({verdict, {position, c, {}}});
+  }
+}
+
+/// Views of all keyframes but the host, in the window's order.
+std::vector<DepthTarget> targetsOf(const Window& window, std::size_t host) {
+  std::vector<DepthTarget> targets;
+  const Keyframe& from = window.keyframes[host];
+  for (std::size_t k = 0; k < window.keyframes.size(); ++k) {
+    if (k == host) continue;
+    const Keyframe& to = window.keyframes[k];
+    const SE3 T_target_host = to.T_cam_world() * from.T_cam_world().inverse();
+    targets.push_back(
+        {depth::makeEpipolarPair(window.camera(), T_target_host, transferBetween(from, to)),
+         &to.frame->level(0)});
+  }
+  return targets;
+}
+
+void addActivated(Window& window, const Pending& pending) {
+  Keyframe& host = window.keyframes[pending.keyframe];
+  const CandidatePoint& candidate = host.candidates[pending.candidate];
+  WindowPoint point;
+  point.id = {window.next_point++};
+  point.pixel = candidate.pixel;
+  point.inverse_depth = pending.fit.inverse_depth;
+  point.prior_inverse_depth = pending.fit.inverse_depth;
+  point.information = pending.fit.information;
+  point.patch = candidate.patch;
+  std::size_t view = 0;
+  for (std::size_t k = 0; k < window.keyframes.size(); ++k) {
+    if (k == pending.keyframe) continue;
+    if (!pending.fit.seen[view++]) continue;
+    point.addObservation(k);
+    const std::size_t age = window.keyframes.size() - 1 - k;
+    if (age < point.recent.size()) {
+      point.recent[age] = {window.keyframes[k].id, ResidualState::kIn};
+    }
+  }
+  host.points.push_back(point);
+}
+
+}  // namespace
+
+void refineCandidates(Window& window,
+                      const TrackedFrame& tracked,
+                      const EpipolarOptions& options,
+                      std::size_t grain) {
+  for (Keyframe& keyframe : window.keyframes) {
+    if (keyframe.candidates.empty()) continue;
+    const SE3 T_frame_host = tracked.T_cam_world * keyframe.T_cam_world().inverse();
+    const BrightnessTransfer transfer = brightnessTransfer(
+        keyframe.affine(), keyframe.frame->exposure(), tracked.affine, tracked.frame->exposure());
+    depth::searchEpipolarLines(keyframe.candidates,
+                               depth::makeEpipolarPair(window.camera(), T_frame_host, transfer),
+                               tracked.frame->level(0),
+                               options,
+                               grain);
+  }
+}
+
+ActivationReport activateCandidates(Window& window,
+                                    const WindowOptions& window_options,
+                                    const DepthOptions& options,
+                                    std::size_t grain) {
+  ActivationReport report;
+  if (window.keyframes.size() < 2) return report;
+  window.activation_distance = depth::adaptDistance(window.activation_distance,
+                                                    static_cast<int>(window.numPoints()),
+                                                    window_options.desired_points,
+                                                    options.activation.max_distance);
+  const PinholeCamera map_camera = window.first_camera.atLevel(kMapLevel);
+  depth::DistanceMap map(map_camera.width, map_camera.height);
+  fillMap(window, map);
+  std::vector<std::pair<CandidateVerdict, Pending>> chosen;
+  std::vector<std::vector<DepthTarget>> targets;
+  for (std::size_t k = 0; k + 1 < window.keyframes.size(); ++k) {
+    targets.push_back(targetsOf(window, k));
+    choose(window, k, options.activation, map, chosen);
+  }
+  forEachRange(chosen.size(), grain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      auto& [verdict, pending] = chosen[i];
+      if (verdict != CandidateVerdict::kReady) continue;
+      pending.fit =
+          depth::fitDepth(window.keyframes[pending.keyframe].candidates[pending.candidate],
+                          targets[pending.keyframe],
+                          options.activation);
+      verdict = pending.fit.verdict;
+    }
+  });
+  std::vector<std::vector<CandidatePoint>> waiting(window.keyframes.size());
+  for (const auto& [verdict, pending] : chosen) {
+    if (verdict == CandidateVerdict::kReady) {
+      addActivated(window, pending);
+      ++report.activated;
+    } else if (verdict == CandidateVerdict::kDrop) {
+      ++report.dropped;
+    } else {
+      waiting[pending.keyframe].push_back(
+          window.keyframes[pending.keyframe].candidates[pending.candidate]);
+      ++report.waiting;
+    }
+  }
+  for (std::size_t k = 0; k + 1 < window.keyframes.size(); ++k) {
+    window.keyframes[k].candidates = std::move(waiting[k]);
+  }
+  return report;
+}
+
+}  // namespace dsorb::window

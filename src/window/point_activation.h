@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/geometry/se3.h"
+#include "dsorb/image/affine_brightness.h"
+#include "dsorb/image/frame.h"
+#include "dsorb/options/depth.h"
+#include "dsorb/options/window.h"
+
+#include "window/window.h"
+
+#include <cstddef>
+
+namespace dsorb::window {
+
+/// A tracked frame: where it was and how bright.
+struct TrackedFrame {
+  FramePtr frame;
+  SE3 T_cam_world;
+  AffineBrightness affine;
+};
+
+/// Searches all candidates of all keyframes in a tracked frame.
+/// @param grain  candidates in a parallel task; 0 runs serially
+void refineCandidates(Window& window,
+                      const TrackedFrame& tracked,
+                      const EpipolarOptions& options,
+                      std::size_t grain);
+
+struct ActivationReport {
+  int activated = 0;
+  int dropped = 0;
+  int waiting = 0;
+};
+
+/// Turns candidates of the older keyframes into points where the newest keyframe has room for them,
+/// each with a residual to every keyframe that sees it.
+/// @param grain  candidates in a parallel task; 0 runs serially
+/// @source       Engel et al., DSO, arXiv:1607.02565, section 3.2
+ActivationReport activateCandidates(Window& window,
+                                    const WindowOptions& window_options,
+                                    const DepthOptions& options,
+                                    std::size_t grain);
+
+}  // namespace dsorb::window

@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "window/window.h"
+
+#include <algorithm>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+namespace dsorb::window {
+namespace {
+
+constexpr float kCandidateMarginLow = 3;   // [px] of the pixel to the image edge
+constexpr float kCandidateMarginHigh = 5;  // [px]
+
+AffineBrightness affineOf(const Vector8d& state) {
+  const Vector8d scaled = frameScale().cwiseProduct(state);
+  return {scaled[6], scaled[7]};
+}
+
+/// Information that holds a new keyframe: the gauge for the first, brightness by mode.
+Vector8d priorOf(bool is_first, const WindowOptions& options) {
+  const PriorOptions& p = options.prior;
+  Vector8d prior = Vector8d::Zero();
+  if (is_first) {
+    prior.head<3>().setConstant(p.first_translation);
+    prior.segment<3>(3).setConstant(p.first_rotation);
+    prior.tail<2>().setConstant(p.first_brightness);
+  } else if (options.brightness == BrightnessMode::kFixed) {
+    prior.tail<2>().setConstant(p.first_brightness);
+  } else if (options.brightness == BrightnessMode::kCalibrated) {
+    prior[6] = p.brightness_a;
+    prior[7] = p.brightness_b;
+  }
+  return prior;
+}
+
+void enlarge(MarginalPrior& prior) {
+  const Eigen::Index old = prior.b.size();
+  prior.H.conservativeResizeLike(Eigen::MatrixXd::Zero(old + kFrameDim, old + kFrameDim));
+  prior.b.conservativeResizeLike(Eigen::VectorXd::Zero(old + kFrameDim));
+}
+
+}  // namespace
+
+void WindowPoint::addObservation(std::size_t target) {
+  if (num_observations == observations.size()) {
+    throw std::length_error("point has " + std::to_string(num_observations) +
+                            " residuals, no room for one to keyframe " + std::to_string(target));
+  }
+  Observation& added = observations[num_observations++];
+  added = {};
+  added.target = static_cast<std::uint8_t>(target);
+}
+
+SE3 Keyframe::T_cam_world() const {
+  return SE3::exp(frameScale().head<6>().cwiseProduct(state.head<6>())) * T_cam_world_first;
+}
+
+AffineBrightness Keyframe::affine() const {
+  return affineOf(state);
+}
+
+AffineBrightness Keyframe::firstAffine() const {
+  return affineOf(first);
+}
+
+void Keyframe::moveFirstEstimate() {
+  T_cam_world_first = T_cam_world();
+  state.head<6>().setZero();
+  first = state;
+}
+
+PinholeCamera Window::camera() const {
+  PinholeCamera camera = first_camera;
+  camera.fx += kCameraScale * camera_state[0];
+  camera.fy += kCameraScale * camera_state[1];
+  camera.cx += kCameraScale * camera_state[2];
+  camera.cy += kCameraScale * camera_state[3];
+  return camera;
+}
+
+std::size_t Window::numPoints() const {
+  std::size_t count = 0;
+  for (const Keyframe& keyframe : keyframes) count += keyframe.points.size();
+  return count;
+}
+
+std::optional<std::size_t> Window::find(KeyframeId id) const {
+  for (std::size_t i = 0; i < keyframes.size(); ++i) {
+    if (keyframes[i].id == id) return i;
+  }
+  return std::nullopt;
+}
+
+Eigen::VectorXd Window::deviation() const {
+  Eigen::VectorXd deviation(dimension());
+  deviation.head<kCameraDim>() = camera_state;
+  Eigen::Index at = kCameraDim;
+  for (const Keyframe& keyframe : keyframes) {
+    deviation.segment<kFrameDim>(at) = keyframe.state - keyframe.first;
+    at += kFrameDim;
+  }
+  return deviation;
+}
+
+Keyframe& addKeyframe(Window& window,
+                      const FramePtr& frame,
+                      const SE3& T_cam_world,
+                      const AffineBrightness& affine,
+                      const WindowOptions& options) {
+  const std::size_t position = window.keyframes.size();
+  if (position == kMaxKeyframes) {
+    throw std::length_error("window is full: " + std::to_string(position) + " keyframes");
+  }
+  Keyframe added;
+  added.id = {window.next_keyframe++};
+  added.frame = frame;
+  added.T_cam_world_first = T_cam_world;
+  added.state[6] = affine.a / frameScale()[6];
+  added.state[7] = affine.b / frameScale()[7];
+  added.first = added.state;
+  added.prior = priorOf(added.id.value == 0, options);
+  const bool inherits = options.optimizer.fixed_thresholds && added.id.value > 1;
+  added.energy_threshold = inherits ? window.keyframes.back().energy_threshold : kInitialThreshold;
+  for (Keyframe& keyframe : window.keyframes) {
+    for (WindowPoint& point : keyframe.points) {
+      point.addObservation(position);
+      point.recent[1] = point.recent[0];
+      point.recent[0] = {added.id, ResidualState::kIn};
+    }
+  }
+  enlarge(window.prior);
+  window.keyframes.push_back(std::move(added));
+  return window.keyframes.back();
+}
+
+WindowPoint* addPoint(Window& window, Keyframe& host, const PointEstimate& estimate) {
+  const std::optional<depth::HostPatch> patch =
+      depth::readHostPatch(host.frame->level(0), estimate.pixel);
+  if (!patch) return nullptr;
+  WindowPoint point;
+  point.id = {window.next_point++};
+  point.pixel = estimate.pixel;
+  point.inverse_depth = estimate.inverse_depth;
+  point.prior_inverse_depth = estimate.inverse_depth;
+  point.prior_information = estimate.prior_information;
+  point.patch = *patch;
+  host.points.push_back(point);
+  return &host.points.back();
+}
+
+int addCandidates(Keyframe& keyframe, const std::vector<Eigen::Vector3f>& pixels_and_scales) {
+  const PyramidLevel& level = keyframe.frame->level(0);
+  const float right = static_cast<float>(level.width()) - kCandidateMarginHigh;
+  const float bottom = static_cast<float>(level.height()) - kCandidateMarginHigh;
+  int added = 0;
+  for (const Eigen::Vector3f& selected : pixels_and_scales) {
+    const bool inside = selected.x() >= kCandidateMarginLow && selected.x() <= right &&
+                        selected.y() >= kCandidateMarginLow && selected.y() <= bottom;
+    if (!inside) continue;
+    const auto candidate = depth::makeCandidate(level, selected.head<2>(), selected.z());
+    if (!candidate) continue;
+    keyframe.candidates.push_back(*candidate);
+    ++added;
+  }
+  return added;
+}
+
+Keyframe removeKeyframe(Window& window, std::size_t position) {
+  Keyframe removed = std::move(window.keyframes[position]);
+  window.keyframes.erase(window.keyframes.begin() + static_cast<std::ptrdiff_t>(position));
+  for (Keyframe& keyframe : window.keyframes) {
+    for (WindowPoint& point : keyframe.points) {
+      point.removeObservations([&](const Observation& o) { return o.target == position; });
+      for (Observation& observation : point) {
+        if (observation.target > position) --observation.target;
+      }
+    }
+  }
+  return removed;
+}
+
+}  // namespace dsorb::window

@@ -1,0 +1,192 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/geometry/se3.h"
+#include "dsorb/image/affine_brightness.h"
+#include "dsorb/image/frame.h"
+#include "dsorb/options/window.h"
+
+#include "depth/candidate_point.h"
+
+#include <Eigen/Core>
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+namespace dsorb::window {
+
+constexpr int kCameraDim = 4;  // fx, fy, cx, cy
+constexpr int kFrameDim = 8;   // translation, rotation, a, b
+constexpr std::size_t kMaxKeyframes = 12;
+
+using Vector8d = Eigen::Matrix<double, kFrameDim, 1>;
+using Vector4d = Eigen::Vector4d;
+
+/// The state is kept in scaled units, physical = scale * state, so that blocks of the normal
+/// equations have comparable magnitude: translation, rotation, a, b of a frame; intrinsics [px].
+/// @source DSO as published
+inline Vector8d frameScale() {
+  return (Vector8d() << .5, .5, .5, 1, 1, 1, 10, 1000).finished();
+}
+constexpr double kCameraScale = 50;
+
+/// Running number of a keyframe, never reused within a window.
+struct KeyframeId {
+  int value = -1;
+  friend bool operator==(KeyframeId l, KeyframeId r) { return l.value == r.value; }
+  friend bool operator!=(KeyframeId l, KeyframeId r) { return l.value != r.value; }
+};
+
+/// Running number of a point, never reused within a window.
+struct PointId {
+  int value = -1;
+  friend bool operator==(PointId l, PointId r) { return l.value == r.value; }
+};
+
+enum class ResidualState : std::uint8_t { kIn, kOutOfBounds, kOutlier };
+
+/// One point seen in one keyframe. The trial values are those of the last evaluation; commit makes
+/// them current.
+struct Observation {
+  std::uint8_t target = 0;  ///< position of the keyframe in the window
+  ResidualState state = ResidualState::kIn;
+  ResidualState trial_state = ResidualState::kIn;
+  float energy = 0;        ///< limited by the outlier threshold
+  float trial_energy = 0;  ///< limited
+  float trial_raw = 0;     ///< not limited
+};
+
+/// What a point remembers of its residual to one of the two newest keyframes.
+struct RecentState {
+  KeyframeId keyframe;
+  ResidualState state = ResidualState::kIn;
+};
+
+/// A pixel of a keyframe with an inverse depth, part of the adjustment.
+struct WindowPoint {
+  PointId id;
+  Eigen::Vector2f pixel{0, 0};    ///< in the host, level 0 [px]
+  float inverse_depth = 0;        ///< [1/unit]
+  float prior_inverse_depth = 0;  ///< value the prior pulls to [1/unit]
+  float prior_information = 0;    ///< [grey levels^2 unit^2]
+  float information = 0;          ///< curvature of the last solve, prior included
+  float relative_baseline = 0;    ///< largest parallax seen [100 px]
+  int good_observations = 0;      ///< used residuals, counted at every keyframe
+  std::uint8_t num_observations = 0;
+  std::array<Observation, kMaxKeyframes - 1> observations;
+  std::array<RecentState, 2> recent;  ///< newest keyframe first
+  depth::HostPatch patch;
+
+  [[nodiscard]] const Observation* begin() const { return observations.data(); }
+  [[nodiscard]] const Observation* end() const { return begin() + num_observations; }
+  [[nodiscard]] Observation* begin() { return observations.data(); }
+  [[nodiscard]] Observation* end() { return begin() + num_observations; }
+  /// @throws std::length_error when the point already has a residual to every other keyframe
+  void addObservation(std::size_t target);
+  /// Removes residuals for which `predicate(observation)` holds; keeps the order.
+  template <typename Predicate>
+  void removeObservations(Predicate predicate) {
+    std::uint8_t kept = 0;
+    for (std::uint8_t i = 0; i < num_observations; ++i) {
+      if (!predicate(observations[i])) observations[kept++] = observations[i];
+    }
+    num_observations = kept;
+  }
+};
+
+/// What stays of a point that left the adjustment while its host is in the window.
+struct RetiredPoint {
+  Eigen::Vector2f pixel{0, 0};  ///< in the host, level 0 [px]
+  float inverse_depth = 0;      ///< [1/unit]
+  float information = 0;        ///< [grey levels^2 unit^2]
+  float intensity = 0;          ///< [grey levels]
+};
+
+/// A frame of the window with its estimate, its points and its candidates. The estimate is
+/// exp(scale * state) * T_cam_world_first, brightness = scale * state; `first` marks the value at
+/// which Jacobians are taken.
+struct Keyframe {
+  KeyframeId id;
+  FramePtr frame;
+  SE3 T_cam_world_first;
+  Vector8d first = Vector8d::Zero();  ///< pose part zero by construction
+  Vector8d state = Vector8d::Zero();
+  Vector8d prior = Vector8d::Zero();  ///< information, scaled units; pulls `state` to zero
+  float energy_threshold = 0;         ///< of residuals to this keyframe
+  bool leaves = false;                ///< flagged for marginalisation
+  std::vector<WindowPoint> points;
+  std::vector<depth::CandidatePoint> candidates;
+  std::vector<RetiredPoint> marginalized;
+  int discarded = 0;  ///< number of points thrown away
+
+  [[nodiscard]] SE3 T_cam_world() const;
+  [[nodiscard]] AffineBrightness affine() const;
+  [[nodiscard]] AffineBrightness firstAffine() const;
+  /// Takes the current estimate as the value at which Jacobians are taken.
+  void moveFirstEstimate();
+};
+
+/// Quadratic energy of what was marginalised: d^T H d + 2 b^T d, d = deviation of the state from
+/// its first estimate; order: intrinsics, then keyframes as in the window.
+struct MarginalPrior {
+  Eigen::MatrixXd H = Eigen::MatrixXd::Zero(kCameraDim, kCameraDim);
+  Eigen::VectorXd b = Eigen::VectorXd::Zero(kCameraDim);
+};
+
+/// The window: keyframes, their points, the prior. A plain value with one owner; everything that
+/// changes it is a function beside it.
+struct Window {
+  explicit Window(const PinholeCamera& initial_camera, double initial_distance = 2)
+      : first_camera(initial_camera), activation_distance(initial_distance) {}
+
+  PinholeCamera first_camera;
+  Vector4d camera_state = Vector4d::Zero();  ///< scaled deviation of the intrinsics
+  std::vector<Keyframe> keyframes;           ///< oldest first
+  MarginalPrior prior;
+  double activation_distance;  ///< adapted minimum distance between points [px, half resolution]
+  int next_keyframe = 0;
+  int next_point = 0;
+
+  [[nodiscard]] PinholeCamera camera() const;
+  [[nodiscard]] int dimension() const {
+    return kCameraDim + kFrameDim * static_cast<int>(keyframes.size());
+  }
+  [[nodiscard]] std::size_t numPoints() const;
+  /// @return position in the window, or nothing when the keyframe has left
+  [[nodiscard]] std::optional<std::size_t> find(KeyframeId id) const;
+  /// Stacked deviation of the state from the first estimate (dimension()).
+  [[nodiscard]] Eigen::VectorXd deviation() const;
+};
+
+/// Appends a keyframe: enlarges the prior and gives every point of the others a residual to it.
+/// @throws std::length_error when the window is full
+Keyframe& addKeyframe(Window& window,
+                      const FramePtr& frame,
+                      const SE3& T_cam_world,
+                      const AffineBrightness& affine,
+                      const WindowOptions& options);
+
+/// Inverse depth of a new point and what is known of it beforehand.
+struct PointEstimate {
+  Eigen::Vector2f pixel{0, 0};  ///< [px]
+  float inverse_depth = 0;      ///< [1/unit]
+  float prior_information = 0;  ///< 0: nothing is known
+};
+
+/// Appends a point without residuals. @return nullptr where its pattern leaves the image
+WindowPoint* addPoint(Window& window, Keyframe& host, const PointEstimate& estimate);
+
+/// Makes candidates of selected pixels. @return how many; pixels too near the edge are left out
+int addCandidates(Keyframe& keyframe, const std::vector<Eigen::Vector3f>& pixels_and_scales);
+
+/// Takes a keyframe out of the window and drops the residuals to it. The prior is not touched.
+Keyframe removeKeyframe(Window& window, std::size_t position);
+
+/// Energy threshold of a keyframe before any residual to it is known: 8 grey levels a pixel.
+constexpr float kInitialThreshold = 8.0F * 8.0F * kPatternSize;
+
+}  // namespace dsorb::window

@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/options/window.h"
+
+#include "window/normal_equations.h"
+#include "window/window.h"
+
+#include <Eigen/Core>
+
+#include <cstddef>
+#include <vector>
+
+namespace dsorb::window {
+
+/// What an adjustment did.
+struct OptimizationReport {
+  bool finite = true;  ///< false: the energy is no number; the window is as before the last step
+  bool converged = false;
+  int iterations = 0;       ///< steps tried
+  int undone_steps = 0;     ///< they raised the energy
+  int residuals = 0;        ///< used in the last system
+  double first_energy = 0;  ///< total, priors included
+  double last_energy = 0;
+  double rms = 0;  ///< of a used residual's pixel [grey levels]
+};
+
+/// Diagonal priors of frames and intrinsics at the current state.
+struct StatePrior {
+  Eigen::VectorXd information;  ///< scaled units
+  Eigen::VectorXd gradient;
+  double energy = 0;
+};
+[[nodiscard]] StatePrior statePrior(const Window& window, const WindowOptions& options);
+
+/// Columns: the six motions of the whole world and its scale, as changes of all frames' first
+/// estimates (intrinsics: zero), each of unit length.
+/// @return dimension x 7
+[[nodiscard]] Eigen::MatrixXd gaugeDirections(const Window& window);
+
+/// Takes out of a step what only moves or scales the whole world.
+[[nodiscard]] Eigen::VectorXd withoutGauge(const Eigen::VectorXd& step,
+                                           const Eigen::MatrixXd& directions);
+
+/// Step of frames and intrinsics that minimises the linearised energy, priors included.
+/// @param damping  relative increase of all diagonals
+[[nodiscard]] Eigen::VectorXd solveStep(const Window& window,
+                                        const NormalEquations& equations,
+                                        const WindowOptions& options,
+                                        double damping);
+
+/// Adapts the outlier threshold of the newest keyframe to its residuals.
+/// @source DSO as published: the mean of a constant and 1.5 times the root of the 70 % quantile
+void adaptNewestThreshold(Window& window);
+
+/// Windowed photometric bundle adjustment: poses, brightness, inverse depths and, as an option,
+/// intrinsics. Damped Gauss-Newton with first-estimate Jacobians; a step that raises the energy is
+/// undone. Afterwards the newest keyframe's estimate becomes its first estimate and residuals that
+/// were not used are gone.
+/// @source Engel et al., DSO, arXiv:1607.02565, section 2.3
+class WindowOptimizer {
+ public:
+  /// @param chunks_per_task  chunks of 128 points in a parallel task; 0 runs serially
+  explicit WindowOptimizer(const WindowOptions& options, std::size_t chunks_per_task = 0);
+
+  /// @throws std::logic_error with fewer than two keyframes
+  OptimizationReport optimize(Window& window);
+
+ private:
+  struct Backup {
+    Vector4d camera_state;
+    std::vector<Vector8d> states;
+    std::vector<float> inverse_depths;
+  };
+
+  double evaluate(Window& window, PairTable& pairs, NormalEquations& equations);
+  void start(Window& window, PairTable& pairs);
+  bool iterate(Window& window, PairTable& pairs, int iteration, OptimizationReport& report);
+  [[nodiscard]] bool applyStep(Window& window, const Eigen::VectorXd& step, double damping);
+  [[nodiscard]] bool isSmall(const Window& window, const Eigen::VectorXd& step) const;
+  void save(const Window& window);
+  void restore(Window& window) const;
+  void finish(Window& window, OptimizationReport& report);
+
+  WindowOptions options_;
+  LinearizeOptions linearize_;
+  NormalEquationsBuilder builder_;
+  std::vector<PointRef> points_;
+  NormalEquations current_;
+  NormalEquations trial_;
+  Backup backup_;
+  Eigen::MatrixXd gauge_;
+  double energy_ = 0;
+  double damping_ = 0;
+};
+
+}  // namespace dsorb::window
