@@ -3,6 +3,7 @@
 #include "dsorb/init/initializer.h"
 
 #include "base/describe.h"
+#include "init/coarse/coarse_initializer.h"
 #include "init/orb/orb_initializer.h"
 
 namespace dsorb {
@@ -14,9 +15,9 @@ std::unique_ptr<Initializer> makeInitializer(const InitializerOptions& options,
     case InitializerKind::kOrb:
       return std::make_unique<init_orb::ORBInitializer>(options, camera);
     case InitializerKind::kCoarse:
-      break;
+      return std::make_unique<init_coarse::CoarseInitializer>(options, camera);
   }
-  throw ConfigError("initializer coarse: this version lacks it");
+  throw ConfigError("initializer of unknown kind");
 }
 
 }  // namespace dsorb

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/options/coarse.h"
 #include "dsorb/options/field.h"
 #include "dsorb/options/orb.h"
 
@@ -15,14 +16,17 @@ struct InitializerOptions {
   InitializerKind kind = InitializerKind::kOrb;
   int seed = 1;         ///< of every random choice
   int num_threads = 1;  ///< 0: all the machine has
+  CoarseOptions coarse;
   OrbOptions orb;
 };
 
 template <typename Visitor, typename Options>
 DescribeFor<Options, InitializerOptions> describe(Visitor& visit, Options& o) {
-  visit.choice("kind", o.kind, {{"orb", InitializerKind::kOrb}});
+  visit.choice(
+      "kind", o.kind, {{"coarse", InitializerKind::kCoarse}, {"orb", InitializerKind::kOrb}});
   visit.field("seed", o.seed, Range{0, 2147483647}, "");
   visit.field("num_threads", o.num_threads, Range{0, 1024}, "threads");
+  visit.group("coarse", o.coarse);
   visit.group("orb", o.orb);
 }
 

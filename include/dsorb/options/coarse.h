@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/options/field.h"
+
+namespace dsorb {
+
+/// Options of CoarseInitializer: direct alignment of pose and inverse depths of a first and a
+/// newest frame. Every fault of the published system that is mended has a switch of its own;
+/// `referenceCoarseOptions()` has them all off.
+/// @source the initializer of DSO as published with Engel et al., arXiv:1607.02565 (the paper does
+///         not describe it)
+struct CoarseOptions {
+  double density = 1;          ///< factor on the wanted points of every level
+  double prior_weight = 150;   ///< toward no translation and inverse depth 1, square root
+  double prior_cap = 2.5;      ///< of the prior a point [grey levels]
+  int settle_frames = 5;       ///< frames after the one that left the prior
+  int handover_points = 2000;  ///< points of the result, at most
+
+  bool consistent_energy = true;     ///< count in the energy what the equations minimise
+  bool release_prior = true;         ///< once left, the prior stays off
+  bool estimate_brightness = true;   ///< gain and offset with the pose
+  bool predict_motion = true;        ///< start each frame from the last relative motion
+  bool drop_bad_points = true;       ///< hand over only points seen well in the newest frame
+  bool spread_points = true;         ///< hand over the best constrained point of each grid cell
+  bool keep_orphan_depth = true;     ///< a coarse point without fine points keeps its depth
+  double max_parent_distance = 2;    ///< pixels of the coarser level; 0: no limit
+  double min_parallax_deg = 1;       ///< of the result, median; 0: no test
+  double min_motion_gain = 0.05;     ///< share of the residual energy that translation removes
+  double max_outlier_share = 0.6;    ///< of the points before tracking counts as lost; 1: no test
+  double max_relative_sigma = 0.35;  ///< median of the result's inverse depths; 0: no test
+  int max_frames = 40;               ///< since the reference; 0: wait for ever
+};
+
+/// The published behaviour, its faults included.
+inline CoarseOptions referenceCoarseOptions() {
+  CoarseOptions o;
+  o.consistent_energy = o.release_prior = o.estimate_brightness = o.predict_motion = false;
+  o.drop_bad_points = o.spread_points = o.keep_orphan_depth = false;
+  o.max_parent_distance = o.min_parallax_deg = o.min_motion_gain = o.max_relative_sigma = 0;
+  o.max_outlier_share = 1;
+  o.max_frames = 0;
+  return o;
+}
+
+template <typename Visitor, typename Options>
+DescribeFor<Options, CoarseOptions> describe(Visitor& visit, Options& o) {
+  visit.field("density", o.density, Range{0.01, 4}, "");
+  visit.field("prior_weight", o.prior_weight, Range{1, 10000}, "grey levels / unit");
+  visit.field("prior_cap", o.prior_cap, Range{0.1, 100}, "grey levels");
+  visit.field("settle_frames", o.settle_frames, Range{0, 100}, "frames");
+  visit.field("handover_points", o.handover_points, Range{50, 100000}, "points");
+  visit.field("consistent_energy", o.consistent_energy);
+  visit.field("release_prior", o.release_prior);
+  visit.field("estimate_brightness", o.estimate_brightness);
+  visit.field("predict_motion", o.predict_motion);
+  visit.field("drop_bad_points", o.drop_bad_points);
+  visit.field("spread_points", o.spread_points);
+  visit.field("keep_orphan_depth", o.keep_orphan_depth);
+  visit.field("max_parent_distance", o.max_parent_distance, Range{0, 1000}, "px of the level");
+  visit.field("min_parallax_deg", o.min_parallax_deg, Range{0, 45}, "deg");
+  visit.field("min_motion_gain", o.min_motion_gain, Range{0, 1}, "");
+  visit.field("max_outlier_share", o.max_outlier_share, Range{0, 1}, "");
+  visit.field("max_relative_sigma", o.max_relative_sigma, Range{0, 100}, "");
+  visit.field("max_frames", o.max_frames, Range{0, 1000}, "frames");
+}
+
+}  // namespace dsorb

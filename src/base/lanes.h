@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstring>
+
+/// Compiles a function for the baseline and for AVX2 with FMA; the better one the machine has is
+/// taken at load time. Not under sanitizers, whose run time is not up yet when the choice is made.
+#if defined(__x86_64__) && defined(__linux__) && !defined(__AVX2__) && \
+    !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && !defined(__clang__)
+#define DSORB_MULTIVERSION __attribute__((target_clones("arch=haswell", "default")))
+#else
+#define DSORB_MULTIVERSION
+#endif
+
+#define DSORB_ALWAYS_INLINE inline __attribute__((always_inline))
+
+namespace dsorb {
+
+/// Eight floats in one (AVX) or two (SSE) registers; element-wise operators are the compiler's.
+/// Pass by reference: passing by value would depend on the instruction set.
+using Lanes = float __attribute__((vector_size(32)));
+constexpr int kLanes = 8;
+
+DSORB_ALWAYS_INLINE void load(const float* source, Lanes& lanes) {
+  std::memcpy(&lanes, source, sizeof(Lanes));
+}
+DSORB_ALWAYS_INLINE void store(const Lanes& lanes, float* target) {
+  std::memcpy(target, &lanes, sizeof(Lanes));
+}
+DSORB_ALWAYS_INLINE void fill(float value, Lanes& lanes) {
+  lanes = Lanes{value, value, value, value, value, value, value, value};
+}
+
+/// Sums over the lanes of eight vectors at once. Every sum is added in the same, fixed order.
+/// @param v    eight vectors
+/// @param sums lane i is the sum over the lanes of v[i]
+DSORB_ALWAYS_INLINE void sumLanes(const Lanes (&v)[8], Lanes& sums) {
+  Lanes pairs[4];
+  for (int i = 0; i < 4; ++i) {
+    const Lanes& a = v[2 * i];
+    const Lanes& b = v[2 * i + 1];
+    pairs[i] = __builtin_shufflevector(a, b, 0, 8, 2, 10, 4, 12, 6, 14) +
+               __builtin_shufflevector(a, b, 1, 9, 3, 11, 5, 13, 7, 15);
+  }
+  Lanes quads[2];
+  for (int i = 0; i < 2; ++i) {
+    const Lanes& a = pairs[2 * i];
+    const Lanes& b = pairs[2 * i + 1];
+    quads[i] = __builtin_shufflevector(a, b, 0, 1, 8, 9, 4, 5, 12, 13) +
+               __builtin_shufflevector(a, b, 2, 3, 10, 11, 6, 7, 14, 15);
+  }
+  sums = __builtin_shufflevector(quads[0], quads[1], 0, 1, 2, 3, 8, 9, 10, 11) +
+         __builtin_shufflevector(quads[0], quads[1], 4, 5, 6, 7, 12, 13, 14, 15);
+}
+
+/// Sum over the lanes of one vector, in a fixed order.
+DSORB_ALWAYS_INLINE float sumLanes(const Lanes& v) {
+  return ((v[0] + v[1]) + (v[2] + v[3])) + ((v[4] + v[5]) + (v[6] + v[7]));
+}
+
+}  // namespace dsorb

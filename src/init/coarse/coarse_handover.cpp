@@ -1,0 +1,268 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/coarse/coarse_handover.h"
+
+#include "base/random.h"
+#include "image/photometric.h"
+#include "init/result.h"
+
+#include <Eigen/Cholesky>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <utility>
+
+namespace dsorb::init_coarse {
+namespace {
+
+constexpr int kPoseIterations = 10;           // a level, when a frame is aligned to known depths
+constexpr double kMinPoseInlierShare = 0.5;   // of the points in view, else a frame has no pose
+constexpr double kMinPoseVisibleShare = 0.2;  // of all points, else a frame has no pose
+constexpr float kMinInverseDepth = 1e-3F;     // of the result; orphans of the reference may have 0
+// Factor from (residual variance / curvature) to the variance of a smoothed inverse depth:
+// residuals of overlapping patterns are correlated, smoothing takes noise away and adds bias at
+// depth edges.
+constexpr double kVarianceFactor = 1;
+
+double median(std::vector<double> values) {
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+/// Levels with the smoothed inverse depths as the ones evaluated.
+std::vector<PointLevel> fixedLevels(const std::vector<PointLevel>& levels) {
+  std::vector<PointLevel> fixed = levels;
+  for (PointLevel& level : fixed) level.trial_inverse_depth = level.inverse_depth = level.smoothed;
+  return fixed;
+}
+
+/// Coarse-to-fine alignment of one frame at known inverse depths; the finest level is the last.
+LevelReport alignFrame(const Attempt& attempt,
+                       const Frame& frame,
+                       Unknowns unknowns,
+                       LevelAligner& aligner,
+                       std::pair<std::vector<PointLevel>&, Alignment&> state) {
+  auto& [fixed, alignment] = state;
+  LevelReport report;
+  for (int l = static_cast<int>(fixed.size()) - 1; l >= 0; --l) {
+    PointLevel& points = fixed[static_cast<std::size_t>(l)];
+    points.good = attempt.levels[static_cast<std::size_t>(l)].good;
+    report = aligner.align(
+        viewOf(frame, attempt.camera, l), kPoseIterations, unknowns, points, alignment);
+  }
+  return report;
+}
+
+double energyPerPoint(const LevelState& state) {
+  return state.equations.good > 0 ? state.equations.good_energy / state.equations.good : HUGE_VAL;
+}
+
+/// Start of an earlier frame's alignment: its own estimate, that of the frame after it, or what
+/// lies between the latter and the reference; the best on the coarsest level.
+Alignment bestStart(const Attempt& attempt,
+                    const TrackedFrame& tracked,
+                    const std::pair<Alignment, double>& next,
+                    LevelAligner& aligner,
+                    PointLevel& coarsest) {
+  const int level = static_cast<int>(attempt.levels.size()) - 1;
+  std::vector<Alignment> starts = {tracked.alignment, tracked.alignment, next.first};
+  starts[1].T_new_ref = SE3::exp(next.second * next.first.T_new_ref.log());
+  double best = HUGE_VAL;
+  Alignment result = tracked.alignment;
+  for (const Alignment& start : starts) {
+    coarsest.good = attempt.levels.back().good;
+    const double energy = energyPerPoint(aligner.evaluate(
+        viewOf(*tracked.frame, attempt.camera, level), Unknowns::kPose, coarsest, start));
+    if (energy < best) {
+      best = energy;
+      result = start;
+    }
+  }
+  return result;
+}
+
+double parallaxDeg(const Attempt& attempt) {
+  const PointLevel& points = attempt.levels.front();
+  const SE3& T = attempt.frames.back().alignment.T_new_ref;
+  std::vector<double> angles;
+  for (std::size_t i = 0; i < points.x.size(); ++i) {
+    if (points.good[i] == 0) continue;
+    const Eigen::Vector3d ray =
+        T.unitQuaternion() * attempt.camera.unproject({points.x[i], points.y[i]});
+    const Eigen::Vector3d moved = ray + static_cast<double>(points.smoothed[i]) * T.translation();
+    angles.push_back(std::atan2(ray.cross(moved).norm(), ray.dot(moved)) * 180.0 / M_PI);
+  }
+  return median(std::move(angles));
+}
+
+/// Mean squared residual of the good points of level 0 [grey levels^2].
+double residualVariance(const LevelState& state) {
+  return energyPerPoint(state) / kPatternSize;
+}
+
+/// Indices of the points to hand over, ascending.
+std::vector<std::size_t> randomPoints(const Attempt& attempt) {
+  const PointLevel& points = attempt.levels.front();
+  const double share = static_cast<double>(attempt.options.handover_points) / points.size();
+  Random random(static_cast<std::uint64_t>(attempt.seed));
+  std::vector<std::size_t> kept;
+  for (std::size_t i = 0; i < points.x.size(); ++i) {
+    const bool fit = points.good[i] != 0 || !attempt.options.drop_bad_points;
+    if (fit && random.uniform() < share) kept.push_back(i);
+  }
+  return kept;
+}
+
+/// The point of the largest curvature of each cell of a grid with as many cells as points wanted.
+std::vector<std::size_t> spreadPoints(const Attempt& attempt) {
+  const PointLevel& points = attempt.levels.front();
+  const PinholeCamera& camera = attempt.camera;
+  const double cell = std::sqrt(static_cast<double>(camera.width) * camera.height /
+                                attempt.options.handover_points);
+  const int columns = static_cast<int>(camera.width / cell) + 1;
+  const int rows = static_cast<int>(camera.height / cell) + 1;
+  constexpr std::size_t kNone = SIZE_MAX;
+  std::vector<std::size_t> best(static_cast<std::size_t>(columns * rows), kNone);
+  for (std::size_t i = 0; i < points.x.size(); ++i) {
+    if (points.good[i] == 0 && attempt.options.drop_bad_points) continue;
+    const int column = static_cast<int>(static_cast<double>(points.x[i]) / cell);
+    const int row = static_cast<int>(static_cast<double>(points.y[i]) / cell);
+    std::size_t& holder = best[static_cast<std::size_t>(row * columns + column)];
+    if (holder == kNone || points.curvature[i] > points.curvature[holder]) holder = i;
+  }
+  best.erase(std::remove(best.begin(), best.end(), kNone), best.end());
+  std::sort(best.begin(), best.end());
+  return best;
+}
+
+double inverseDepthVariance(const PointLevel& points, std::size_t i, double residual_variance) {
+  const double curvature = std::max(static_cast<double>(points.curvature[i]), 1.0);
+  return kVarianceFactor * residual_variance / curvature;
+}
+
+std::vector<InitPoint> makePoints(const Attempt& attempt, double residual_variance) {
+  const PointLevel& points = attempt.levels.front();
+  std::vector<InitPoint> result;
+  for (const std::size_t i :
+       attempt.options.spread_points ? spreadPoints(attempt) : randomPoints(attempt)) {
+    InitPoint point;
+    point.pixel = {points.x[i] - kPixelOffset, points.y[i] - kPixelOffset};
+    point.inverse_depth = std::max(points.smoothed[i], kMinInverseDepth);
+    point.variance = static_cast<float>(inverseDepthVariance(points, i, residual_variance));
+    point.observations = 2;
+    result.push_back(point);
+  }
+  return result;
+}
+
+/// Poses of all frames at the final inverse depths, the newest first, so that each starts from a
+/// neighbour's; the order of the result is that of the frames.
+std::vector<PosedFrame> poseFrames(const Attempt& attempt, LevelAligner& aligner) {
+  const std::vector<TrackedFrame>& frames = attempt.frames;
+  const Frame& reference = *frames.front().frame;
+  std::vector<PosedFrame> posed(frames.size());
+  posed.front() = {frames.front().frame, SE3(), {}, std::nullopt};
+  std::vector<PointLevel> fixed = fixedLevels(attempt.levels);
+  Alignment next = frames.back().alignment;
+  for (std::size_t k = frames.size() - 1; k > 0; --k) {
+    const double fraction = static_cast<double>(k) / static_cast<double>(k + 1);
+    Alignment alignment = frames[k].alignment;
+    if (k + 1 < frames.size()) {
+      alignment = bestStart(attempt, frames[k], {next, fraction}, aligner, fixed.back());
+    }
+    const LevelReport report =
+        alignFrame(attempt, *frames[k].frame, Unknowns::kPose, aligner, {fixed, alignment});
+    posed[k].frame = frames[k].frame;
+    const bool newest = k + 1 == frames.size();
+    if (!newest && (report.inlierShare() < kMinPoseInlierShare ||
+                    report.visibleShare() < kMinPoseVisibleShare)) {
+      continue;
+    }
+    posed[k].T_cam_ref = alignment.T_new_ref;
+    posed[k].affine = relativeBrightness(reference, *frames[k].frame, alignment);
+    const Matrix6d information = report.state.equations.H.topLeftCorner<6, 6>();
+    posed[k].covariance =
+        residualVariance(report.state) * information.ldlt().solve(Matrix6d::Identity());
+    next = alignment;
+  }
+  return posed;
+}
+
+}  // namespace
+
+LevelView viewOf(const Frame& frame, const PinholeCamera& camera, int level) {
+  return {&frame.level(level), camera.atLevel(level)};
+}
+
+double logExposureRatio(const Frame& reference, const Frame& frame) {
+  if (!(reference.exposure() > 0 && frame.exposure() > 0)) return 0;
+  return std::log(frame.exposure() / reference.exposure());
+}
+
+AffineBrightness relativeBrightness(const Frame& reference,
+                                    const Frame& frame,
+                                    const Alignment& alignment) {
+  return {alignment.log_gain - logExposureRatio(reference, frame), alignment.offset};
+}
+
+Quality judge(const Attempt& attempt, LevelAligner& aligner) {
+  Quality quality;
+  std::vector<PointLevel> fixed = fixedLevels(attempt.levels);
+  const TrackedFrame& newest = attempt.frames.back();
+  const LevelState full = aligner.evaluate(
+      viewOf(*newest.frame, attempt.camera, 0), Unknowns::kPose, fixed.front(), newest.alignment);
+  const int total = attempt.levels.front().size();
+  quality.inlier_share = total > 0 ? static_cast<double>(full.equations.inliers) / total : 0.0;
+  quality.residual_rms = std::sqrt(residualVariance(full));
+  quality.parallax_deg = parallaxDeg(attempt);
+  std::vector<double> sigmas;
+  for (std::size_t i = 0; i < fixed.front().x.size(); ++i) {
+    if (fixed.front().good[i] == 0) continue;
+    const double variance = inverseDepthVariance(attempt.levels.front(), i, residualVariance(full));
+    sigmas.push_back(std::sqrt(variance) / static_cast<double>(fixed.front().smoothed[i]));
+  }
+  quality.relative_sigma = median(std::move(sigmas));
+  Alignment rotation = newest.alignment;
+  rotation.T_new_ref.setTranslation(Eigen::Vector3d::Zero());
+  const LevelReport still =
+      alignFrame(attempt, *newest.frame, Unknowns::kRotation, aligner, {fixed, rotation});
+  quality.motion_gain = 1.0 - energyPerPoint(full) / energyPerPoint(still.state);
+
+  const CoarseOptions& o = attempt.options;
+  if (quality.parallax_deg < o.min_parallax_deg) {
+    quality.reason = InitReason::kTooLittleParallax;
+  } else if (quality.motion_gain < o.min_motion_gain) {
+    quality.reason = InitReason::kDegenerateMotion;
+  } else if (1.0 - quality.inlier_share > o.max_outlier_share ||
+             (o.max_relative_sigma > 0 && quality.relative_sigma > o.max_relative_sigma)) {
+    quality.reason = InitReason::kPoorQuality;
+  }
+  return quality;
+}
+
+InitializationResult handOver(const Attempt& attempt,
+                              const Quality& quality,
+                              LevelAligner& aligner) {
+  InitializationResult result;
+  result.frames = poseFrames(attempt, aligner);
+  result.points = makePoints(attempt, quality.residual_rms * quality.residual_rms);
+  normalizeScale(result);
+  InitReport& report = result.report;
+  report.model = "direct";
+  report.frames_fed = static_cast<int>(result.frames.size());
+  report.frames_posed = static_cast<int>(
+      std::count_if(result.frames.begin(), result.frames.end(), [](const PosedFrame& f) {
+        return f.T_cam_ref.has_value();
+      }));
+  report.points = static_cast<int>(result.points.size());
+  report.median_parallax_deg = quality.parallax_deg;
+  report.inlier_ratio = quality.inlier_share;
+  report.median_relative_sigma = quality.relative_sigma;
+  report.details.emplace_back("residual_rms_grey", quality.residual_rms);
+  report.details.emplace_back("motion_gain", quality.motion_gain);
+  return result;
+}
+
+}  // namespace dsorb::init_coarse

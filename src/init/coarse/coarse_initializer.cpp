@@ -1,0 +1,228 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/coarse/coarse_initializer.h"
+
+#include "image/pixel_selector.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+namespace dsorb::init_coarse {
+namespace {
+
+constexpr std::array<int, 5> kIterations = {5, 5, 10, 30, 50};  // per level, finest first
+constexpr float kSelectionFactor = 2;     // on the selector's thresholds, level 0
+constexpr int kFirstGridSpacing = 5;      // of the grid maxima, levels from 1 [px]
+constexpr int kMinPoints = 100;           // of level 0, else the frame is no reference
+constexpr double kMinVisibleShare = 0.4;  // points in view, else the reference is too far away
+constexpr std::size_t kKeptResets = 32;   // reasons remembered
+constexpr int kKeptFrames = 40;           // in memory when there is no time-out
+
+/// Points of all levels, finest first, with neighbours and parents.
+std::vector<PointLevel> selectPoints(const Frame& frame, const CoarseOptions& options, int seed) {
+  const auto wanted = [&](int level) {
+    return wantedPoints(level, frame.width(), frame.height(), options.density);
+  };
+  PixelSelectorOptions selector_options;
+  selector_options.seed = seed;
+  PixelSelector selector(frame.width(), frame.height(), selector_options);
+  std::vector<PointLevel> levels;
+  levels.push_back(
+      makePointLevel(frame.level(0), selector.select(frame, wanted(0), kSelectionFactor)));
+  int spacing = kFirstGridSpacing;
+  for (int l = 1; l < frame.pyramid().levels(); ++l) {
+    const GridSelection selection = selectGridMaxima(frame.level(l), wanted(l), spacing);
+    spacing = selection.spacing;
+    levels.push_back(makePointLevel(frame.level(l), selection.pixels));
+    findParents(levels.back(), options.max_parent_distance, levels[levels.size() - 2]);
+  }
+  return levels;
+}
+
+}  // namespace
+
+CoarseInitializer::CoarseInitializer(const InitializerOptions& options, const PinholeCamera& camera)
+    : options_(options), camera_(camera), arena_(options.num_threads), aligner_(options.coarse) {
+  reset();
+}
+
+void CoarseInitializer::reset() {
+  attempt_ = Attempt{};
+  attempt_.camera = camera_;
+  attempt_.options = options_.coarse;
+  attempt_.seed = options_.seed;
+  snapped_since_ = tracked_ = restarts_ = 0;
+  done_ = false;
+  earlier_resets_.clear();
+  last_timestamp_.reset();
+  direction_ = 0;
+}
+
+void CoarseInitializer::checkFrame(const FramePtr& frame) const {
+  if (done_) throw std::logic_error("addFrame after a result: call reset() first");
+  if (!frame) throw std::invalid_argument("addFrame without a frame");
+  if (frame->width() != camera_.width || frame->height() != camera_.height) {
+    throw std::invalid_argument("frame of " + std::to_string(frame->width()) + "x" +
+                                std::to_string(frame->height()) + " pixels, camera of " +
+                                std::to_string(camera_.width) + "x" +
+                                std::to_string(camera_.height));
+  }
+  if (!last_timestamp_) return;
+  const double step = frame->timestamp() - *last_timestamp_;
+  if (step == 0 || step * direction_ < 0 || !std::isfinite(step)) {
+    throw std::invalid_argument("timestamp " + std::to_string(frame->timestamp()) + " s after " +
+                                std::to_string(*last_timestamp_) +
+                                " s: equal, or against the direction so far");
+  }
+}
+
+InitStep CoarseInitializer::addFrame(FramePtr frame) {
+  checkFrame(frame);
+  if (last_timestamp_) direction_ = frame->timestamp() > *last_timestamp_ ? 1 : -1;
+  last_timestamp_ = frame->timestamp();
+  return arena_.run([&]() -> InitStep {
+    if (attempt_.frames.empty()) {
+      const bool enough = setReference(frame);
+      return {InitStatus::kNeedsMoreFrames,
+              enough ? InitReason::kFirstFrame : InitReason::kTooFewPoints,
+              std::nullopt};
+    }
+    return assess(track(frame));
+  });
+}
+
+bool CoarseInitializer::setReference(const FramePtr& frame) {
+  snapped_since_ = tracked_ = 0;
+  attempt_.frames.clear();
+  attempt_.levels = selectPoints(*frame, options_.coarse, options_.seed);
+  if (attempt_.levels.front().size() < kMinPoints) return false;
+  attempt_.frames.push_back({frame, Alignment{}});
+  return true;
+}
+
+Alignment CoarseInitializer::startValue(const Frame& frame) {
+  const std::vector<TrackedFrame>& frames = attempt_.frames;
+  Alignment start = frames.back().alignment;
+  const Frame& reference = *frames.front().frame;
+  const double log_ratio = logExposureRatio(reference, frame);
+  if (options_.coarse.estimate_brightness) {
+    start.log_gain += log_ratio - logExposureRatio(reference, *frames.back().frame);
+  } else {
+    start.log_gain = log_ratio;
+    start.offset = 0;
+  }
+  if (!start.snapped) start.T_new_ref.setTranslation(Eigen::Vector3d::Zero());
+  if (!options_.coarse.predict_motion || frames.size() < 2) return start;
+
+  const SE3& T_last = frames.back().alignment.T_new_ref;
+  Alignment predicted = start;
+  predicted.T_new_ref =
+      T_last * frames[frames.size() - 2].alignment.T_new_ref.inverse() * start.T_new_ref;
+  if (!start.snapped) predicted.T_new_ref.setTranslation(Eigen::Vector3d::Zero());
+  const int coarsest = static_cast<int>(attempt_.levels.size()) - 1;
+  const auto view = viewOf(frame, camera_, coarsest);
+  PointLevel& points = attempt_.levels.back();
+  points.trial_inverse_depth = points.inverse_depth;
+  const auto energy = [&](const Alignment& alignment) {
+    const auto sums = aligner_.evaluate(view, Unknowns::kPose, points, alignment).equations;
+    return sums.good_energy + static_cast<double>(kOutlierEnergy) * (points.size() - sums.good);
+  };
+  return energy(predicted) < energy(start) ? predicted : start;
+}
+
+LevelReport CoarseInitializer::track(const FramePtr& frame) {
+  std::vector<PointLevel>& levels = attempt_.levels;
+  const bool was_snapped = attempt_.frames.back().alignment.snapped;
+  if (!was_snapped) {
+    for (PointLevel& level : levels) flatten(level);
+  }
+  Alignment alignment = startValue(*frame);
+  LevelReport report;
+  const int top = static_cast<int>(levels.size()) - 1;
+  for (int l = top; l >= 0; --l) {
+    PointLevel& points = levels[static_cast<std::size_t>(l)];
+    if (l < top) {
+      propagateDown(levels[static_cast<std::size_t>(l + 1)], points);
+      regularize(alignment.snapped, points);
+    } else {
+      reviveFromNeighbours(points);
+    }
+    points.trial_inverse_depth = points.inverse_depth;
+    report = aligner_.align(viewOf(*frame, camera_, l),
+                            kIterations[static_cast<std::size_t>(l)],
+                            Unknowns::kAll,
+                            points,
+                            alignment);
+  }
+  for (int l = 0; l < top; ++l) {
+    PointLevel& coarse = levels[static_cast<std::size_t>(l + 1)];
+    propagateUp(levels[static_cast<std::size_t>(l)], options_.coarse.keep_orphan_depth, coarse);
+    regularize(alignment.snapped, coarse);
+  }
+  ++tracked_;
+  if (alignment.snapped && snapped_since_ == 0) snapped_since_ = tracked_;
+  attempt_.frames.push_back({frame, alignment});
+  return report;
+}
+
+InitStep CoarseInitializer::assess(const LevelReport& finest) {
+  const CoarseOptions& o = options_.coarse;
+  const TrackedFrame newest = attempt_.frames.back();
+  const bool tests = o.max_outlier_share < 1;
+  if (tests && finest.inlierShare() < 1.0 - o.max_outlier_share) {
+    return startOver(newest.frame, InitReason::kTrackingLost, true);
+  }
+  if (tests && finest.visibleShare() < kMinVisibleShare) {
+    // Without parallax nothing is lost but old frames: the camera has turned away.
+    return newest.alignment.snapped
+               ? startOver(newest.frame, InitReason::kTrackingLost, true)
+               : startOver(newest.frame, InitReason::kTooLittleParallax, false);
+  }
+  InitReason reason = InitReason::kTooLittleParallax;
+  if (newest.alignment.snapped) {
+    reason = InitReason::kSettling;
+    if (tracked_ > snapped_since_ + o.settle_frames) {
+      InitStep step = conclude();
+      if (step.result) return step;
+      reason = step.reason;
+    }
+  }
+  if (o.max_frames > 0 && tracked_ + 1 >= o.max_frames) {
+    const bool parallax = newest.alignment.snapped && reason != InitReason::kTooLittleParallax &&
+                          reason != InitReason::kDegenerateMotion;
+    return startOver(newest.frame, parallax ? InitReason::kTimeout : reason, parallax);
+  }
+  if (static_cast<int>(attempt_.frames.size()) > kKeptFrames && o.max_frames == 0) {
+    attempt_.frames.erase(attempt_.frames.begin() + 1);
+  }
+  return {InitStatus::kNeedsMoreFrames, reason, std::nullopt};
+}
+
+InitStep CoarseInitializer::conclude() {
+  const Quality quality = judge(attempt_, aligner_);
+  if (quality.reason != InitReason::kDone) {
+    return {InitStatus::kNeedsMoreFrames, quality.reason, std::nullopt};
+  }
+  InitStep step{InitStatus::kInitialized, InitReason::kDone, handOver(attempt_, quality, aligner_)};
+  step.result->report.restarts = restarts_;
+  step.result->report.earlier_resets = earlier_resets_;
+  checkInvariants(*step.result);
+  done_ = true;
+  attempt_ = Attempt{};
+  return step;
+}
+
+InitStep CoarseInitializer::startOver(FramePtr frame, InitReason reason, bool lost) {
+  if (lost) {
+    ++restarts_;
+    if (earlier_resets_.size() == kKeptResets) earlier_resets_.erase(earlier_resets_.begin());
+    earlier_resets_.push_back(reason);
+  }
+  setReference(frame);
+  return {lost ? InitStatus::kRestarted : InitStatus::kNeedsMoreFrames, reason, std::nullopt};
+}
+
+}  // namespace dsorb::init_coarse

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/init/initializer.h"
+
+#include "base/parallel.h"
+#include "init/coarse/coarse_alignment.h"
+#include "init/coarse/coarse_handover.h"
+
+#include <optional>
+#include <vector>
+
+namespace dsorb::init_coarse {
+
+/// Direct initializer: aligns each new frame with the first one, pose, brightness and the inverse
+/// depths of the first frame's points together, coarse to fine. A prior holds translation and
+/// depths until the images explain a motion well enough ("snap"); after some more frames it hands
+/// over.
+/// @source front end of DSO as published with Engel et al., arXiv:1607.02565
+class CoarseInitializer : public Initializer {
+ public:
+  CoarseInitializer(const InitializerOptions& options, const PinholeCamera& camera);
+
+  [[nodiscard]] InitStep addFrame(FramePtr frame) override;
+  void reset() override;
+
+ private:
+  void checkFrame(const FramePtr& frame) const;
+  /// Makes the frame the first one.
+  /// @return false when it has too few points
+  bool setReference(const FramePtr& frame);
+  /// Aligns the newest frame on all levels; the report is that of the finest.
+  LevelReport track(const FramePtr& frame);
+  [[nodiscard]] Alignment startValue(const Frame& frame);
+  InitStep assess(const LevelReport& finest);
+  InitStep conclude();
+  /// Drops everything before the frame. @param lost everything is wrong, not just old
+  InitStep startOver(FramePtr frame, InitReason reason, bool lost);
+
+  InitializerOptions options_;
+  PinholeCamera camera_;
+  TaskArena arena_;
+  LevelAligner aligner_;
+
+  Attempt attempt_;
+  int snapped_since_ = 0;  ///< frames tracked up to the one that snapped, 0: not yet
+  int tracked_ = 0;        ///< frames since the reference
+  int restarts_ = 0;
+  bool done_ = false;
+  std::vector<InitReason> earlier_resets_;
+  std::optional<double> last_timestamp_;
+  double direction_ = 0;  ///< sign of the time step, 0: not known yet
+};
+
+}  // namespace dsorb::init_coarse
