@@ -199,7 +199,10 @@ float EpipolarSearch::bestStep(const Patch& patch,
     return i >= 0 && i < steps ? costs[static_cast<std::size_t>(i)]
                                : std::numeric_limits<float>::max();
   };
-  const auto limit = static_cast<float>(options_.second_best_ratio) * best_cost;
+  // Differences below the noise tell nothing.
+  const auto noise = static_cast<float>(options_.image_noise);
+  const float limit = static_cast<float>(options_.second_best_ratio) *
+                      std::max(best_cost, static_cast<float>(patch.size) * noise * noise);
   for (int i = 0; i < steps; ++i) {
     const bool other = std::abs(i - best) > kNeighbourhood;
     if (other && at(i) < limit && at(i) <= at(i - 1) && at(i) <= at(i + 1)) {

@@ -1,0 +1,362 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/semi_dense_depth.h"
+
+#include "base/parallel.h"
+#include "init/orb/candidate_depth.h"
+#include "init/orb/epipolar_line.h"
+#include "init/orb/epipolar_search.h"
+#include "support/plane_scene.h"
+
+#include <Eigen/Cholesky>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace dsorb::init_orb {
+namespace {
+
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<long>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+SE3 pose(double x, double y, double z, double turn) {
+  Vector6d xi;
+  xi << x, y, z, 0.3 * turn, turn, -0.5 * turn;
+  return SE3::exp(xi);
+}
+
+TEST(EpipolarLine, PositionAndDepthInvertEachOther) {
+  const PlaneScene scene(1);
+  const EpipolarGeometry geometry(scene.camera(), pose(0.1, -0.05, 0.15, 0.04));
+  const auto line = EpipolarLine::through(geometry, {60, 180}, 0.8F);
+  ASSERT_TRUE(line.has_value());
+  for (const float inverse_depth : {0.1F, 0.5F, 0.8F, 1.5F}) {
+    const std::optional<float> position = line->positionOf(inverse_depth);
+    ASSERT_TRUE(position.has_value());
+    EXPECT_NEAR(line->depthAt(*position).inverse_depth, inverse_depth, 1e-4F);
+  }
+  EXPECT_NEAR(*line->positionOf(0.8F), 0, 1e-4F);
+  EXPECT_GT(*line->positionOf(1.0F), 0);
+}
+
+TEST(EpipolarLine, DerivativesMatchCentralDifferences) {
+  const PlaneScene scene(1);
+  const SE3 T = pose(0.1, -0.05, 0.15, 0.04);
+  const EpipolarGeometry geometry(scene.camera(), T);
+  const Eigen::Vector2d pixel(60, 180);
+  const auto project = [&](const Eigen::Vector2d& at, double inverse_depth) {
+    return scene.camera().project(T * (scene.camera().unproject(at) / inverse_depth));
+  };
+  const auto line = EpipolarLine::through(geometry, pixel.cast<float>(), 0.8F);
+  ASSERT_TRUE(line.has_value());
+  const double h = 1e-5;
+  const Eigen::Vector2d velocity = (project(pixel, 0.8 + h) - project(pixel, 0.8 - h)) / (2 * h);
+  EXPECT_NEAR(line->speed() / velocity.norm(), 1, 1e-4);
+  EXPECT_NEAR(line->direction().cast<double>().dot(velocity.normalized()), 1, 1e-6);
+  EXPECT_LT((line->origin().cast<double>() - project(pixel, 0.8)).norm(), 1e-3);
+  for (int axis = 0; axis < 2; ++axis) {
+    const Eigen::Vector2d step = Eigen::Vector2d::Unit(axis) * 1e-3;
+    const Eigen::Vector2d column = (project(pixel + step, 0.8) - project(pixel - step, 0.8)) / 2e-3;
+    EXPECT_LT((line->warp().col(axis).cast<double>() - column).norm(), 1e-4);
+  }
+  // alpha, away from the origin: positions of two inverse depths close together.
+  const double at = *line->positionOf(1.2F);
+  const double moved = (project(pixel, 1.2 + h) - project(pixel, 1.2 - h)).norm() / (2 * h);
+  EXPECT_NEAR(line->depthAt(static_cast<float>(at)).alpha * moved, 1, 1e-3);
+}
+
+TEST(EpipolarLine, HasNoDirectionAtTheEpipoleOrWithoutTranslation) {
+  const PlaneScene scene(1);
+  const Eigen::Vector2f centre(159.5F, 119.5F);
+  const EpipolarGeometry forward(scene.camera(), pose(0, 0, 0.2, 0));
+  EXPECT_FALSE(EpipolarLine::through(forward, centre, 1.0F).has_value());
+  const EpipolarGeometry turned(scene.camera(), pose(0, 0, 0, 0.1));
+  EXPECT_FALSE(EpipolarLine::through(turned, {40, 40}, 1.0F).has_value());
+}
+
+TEST(CandidateDepth, MultipliesGaussians) {
+  SemiDenseOptions options;
+  options.fusion = DepthFusion::kProduct;
+  CandidateDepth depth({1.0F, 0.04F}, options);
+  depth.add({1.3F, 0.01F});
+  EXPECT_FLOAT_EQ(depth.current().inverse_depth, (1.0F * 0.01F + 1.3F * 0.04F) / 0.05F);
+  EXPECT_FLOAT_EQ(depth.current().variance, 0.04F * 0.01F / 0.05F);
+  EXPECT_EQ(depth.observations(), 1);
+}
+
+TEST(CandidateDepth, KeepsTheMostPreciseObservationAndNeverThePrior) {
+  SemiDenseOptions options;
+  options.fusion = DepthFusion::kMostPrecise;
+  CandidateDepth depth({1.0F, 0.01F}, options);
+  depth.add({1.1F, 0.02F});
+  EXPECT_FLOAT_EQ(depth.current().inverse_depth, 1.1F);
+  depth.add({1.2F, 0.05F});
+  EXPECT_FLOAT_EQ(depth.current().inverse_depth, 1.1F);
+  depth.add({1.15F, 0.001F});
+  EXPECT_FLOAT_EQ(depth.current().inverse_depth, 1.15F);
+  EXPECT_EQ(depth.observations(), 3);
+}
+
+TEST(CandidateDepth, ThreeObservationsOutsideTheGateRemoveThePoint) {
+  const SemiDenseOptions options;
+  CandidateDepth depth({1.0F, 0.01F}, options);
+  depth.add({1.5F, 0.01F});  // 3.5 combined sigma
+  depth.add({1.4F, 0.01F});  // 2.8: inside, becomes the estimate
+  EXPECT_EQ(depth.observations(), 1);
+  depth.add({0.9F, 0.01F});
+  EXPECT_FALSE(depth.removed());
+  depth.add({0.9F, 0.01F});
+  EXPECT_TRUE(depth.removed());
+}
+
+TEST(CornerPrior, WeighsTheNearestCornersAsASearchOverAllOfThem) {
+  Random random(2);
+  std::vector<Corner> corners;
+  for (int i = 0; i < 300; ++i) {
+    corners.push_back(
+        {{random.uniform(0, 319), random.uniform(0, 239)}, random.uniform(0.5, 1.5), 0.001});
+  }
+  SemiDenseOptions options;
+  options.min_prior_sigma = 0;
+  const CornerPrior prior(corners, 320, 240, options);
+  for (int trial = 0; trial < 50; ++trial) {
+    const Eigen::Vector2d at(random.uniform(0, 319), random.uniform(0, 239));
+    std::sort(corners.begin(), corners.end(), [&](const Corner& a, const Corner& b) {
+      return (a.pixel - at).norm() < (b.pixel - at).norm();
+    });
+    double weights = 0;
+    double mean = 0;
+    double variance = 0;
+    for (int i = 0; i < 5; ++i) {
+      const Corner& corner = corners[static_cast<std::size_t>(i)];
+      const double weight = 1 / (1 + (corner.pixel - at).norm());
+      weights += weight;
+      mean += weight * corner.inverse_depth;
+    }
+    mean /= weights;
+    for (int i = 0; i < 5; ++i) {
+      const Corner& corner = corners[static_cast<std::size_t>(i)];
+      const double weight = 1 / (1 + (corner.pixel - at).norm());
+      variance += weight / weights * (std::pow(corner.inverse_depth - mean, 2) + corner.variance);
+    }
+    const DepthEstimate estimate = prior.at(at.cast<float>());
+    EXPECT_NEAR(estimate.inverse_depth, mean, 1e-5);
+    EXPECT_NEAR(estimate.variance, variance, 1e-5);
+  }
+}
+
+TEST(CornerPrior, CoversTheWidenedRangeOfAllCornersWhereNoneIsClose) {
+  const std::vector<Corner> corners = {{{10, 10}, 0.4, 0}, {{20, 10}, 1.0, 0}, {{10, 30}, 2.0, 0}};
+  const SemiDenseOptions options;
+  const DepthEstimate wide = CornerPrior(corners, 320, 240, options).at({300, 200});
+  const double reach = options.search_sigmas * std::sqrt(wide.variance);
+  EXPECT_NEAR(wide.inverse_depth - reach, 0.2, 1e-5);
+  EXPECT_NEAR(wide.inverse_depth + reach, 4.0, 1e-5);
+}
+
+/// A reference, later frames and corners with exact inverse depths.
+InitialMap makeMap(const PlaneScene& scene, const std::vector<SE3>& poses, double noise) {
+  InitialMap map;
+  map.frames.push_back(scene.render(SE3(), noise, 0));
+  map.T_cam_ref.emplace_back(SE3());
+  for (const SE3& T : poses) {
+    map.frames.push_back(scene.render(T, noise, static_cast<int>(map.frames.size())));
+    map.T_cam_ref.emplace_back(T);
+  }
+  map.covariance.resize(map.frames.size());
+  map.affine.resize(map.frames.size());
+  for (int y = 20; y < 240; y += 40) {
+    for (int x = 20; x < 320; x += 40) {
+      map.corners.push_back({{x, y}, scene.inverseDepth({x, y}), 1e-4});
+    }
+  }
+  return map;
+}
+
+std::vector<SE3> sideways() {
+  return {pose(0.03, 0.01, 0.02, 0.01), pose(0.06, 0.02, 0.04, 0.02), pose(0.1, 0.03, 0.06, 0.03)};
+}
+
+std::vector<double> relativeErrors(const InitialMap& map, const PlaneScene& scene) {
+  std::vector<double> errors;
+  for (const SemiDensePoint& point : map.points) {
+    const double truth = scene.inverseDepth(point.pixel.cast<double>());
+    errors.push_back(std::abs(point.inverse_depth / truth - 1));
+  }
+  return errors;
+}
+
+TEST(SemiDenseDepth, FindsTheDepthOfAPlaneWithEveryPatchAndBrightness) {
+  const PlaneScene scene(3);
+  for (const SearchPatch patch : {SearchPatch::kLine, SearchPatch::kPattern}) {
+    for (const auto brightness : {PatchBrightness::kMeanRemoved, PatchBrightness::kAffine}) {
+      InitialMap map = makeMap(scene, sideways(), 0);
+      SemiDenseOptions options;
+      options.patch = patch;
+      options.brightness = brightness;
+      const SemiDenseReport report = estimateSemiDenseDepth(map, scene.camera(), options, 1);
+      EXPECT_EQ(report.points, static_cast<int>(map.points.size()));
+      EXPECT_GT(report.points, report.candidates / 3);
+      // Measured 0.0006 with the affine pair and 0.0054 without the mean (whose removal takes
+      // information from flat gradients); margin x2.
+      const double limit = brightness == PatchBrightness::kAffine ? 0.0012 : 0.011;
+      EXPECT_LT(median(relativeErrors(map, scene)), limit);
+    }
+  }
+}
+
+TEST(SemiDenseDepth, VariancesPredictErrorsOfNoisyImagesAndPoses) {
+  const PlaneScene scene(4);
+  // Poses off by 0.5 mrad and 0.1 % of the mean depth, known to be so.
+  Vector6d sigma;
+  sigma << 1e-3, 1e-3, 1e-3, 5e-4, 5e-4, 5e-4;
+  for (const LineError line_error : {LineError::kNormal, LineError::kGradient}) {
+    for (const DepthFusion fusion : {DepthFusion::kProduct, DepthFusion::kMostPrecise}) {
+      std::vector<double> ratios;
+      for (std::uint64_t trial = 0; trial < 2; ++trial) {
+        Random random(trial);
+        InitialMap map = makeMap(scene, sideways(), 2);
+        for (std::size_t k = 1; k < map.frames.size(); ++k) {
+          Vector6d xi;
+          for (int d = 0; d < 6; ++d) xi[d] = sigma[d] * random.gaussian();
+          map.T_cam_ref[k] = SE3::exp(xi) * *map.T_cam_ref[k];
+          map.covariance[k] = Matrix6d(sigma.cwiseAbs2().asDiagonal());
+        }
+        SemiDenseOptions options;
+        options.line_error = line_error;
+        options.fusion = fusion;
+        estimateSemiDenseDepth(map, scene.camera(), options, 1);
+        for (const SemiDensePoint& point : map.points) {
+          const double error = point.inverse_depth - scene.inverseDepth(point.pixel.cast<double>());
+          ratios.push_back(error * error / point.variance);
+        }
+      }
+      // Measured 0.22 to 0.40: the floor of the line's error is above the truth of this scene.
+      EXPECT_GT(median(ratios), 0.15);
+      EXPECT_LT(median(ratios), 2.0);
+    }
+  }
+}
+
+TEST(EpipolarSearch, GeometricVarianceIsTheSpreadUnderDrawnPoses) {
+  const PlaneScene scene(5);
+  const SE3 truth = pose(0.08, 0.03, 0.05, 0.02);
+  const FramePtr reference = scene.render(SE3(), 0, 0);
+  const FramePtr target = scene.render(truth, 0, 1);
+  Vector6d sigma;
+  sigma << 2e-3, 1e-3, 1e-3, 1e-3, 1e-3, 2e-3;
+  SemiDenseOptions options;
+  options.line_error = LineError::kGradient;
+  options.line_error_floor = 0;
+  options.image_noise = 1e-3;
+  std::vector<double> ratios;
+  for (int y = 30; y < 210; y += 20) {
+    for (int x = 30; x < 290; x += 20) {
+      const double rho = scene.inverseDepth({x, y});
+      Random random(static_cast<std::uint64_t>(1000 * y + x));
+      double squares = 0;
+      double predicted = 0;
+      int found = 0;
+      for (int draw = 0; draw < 60; ++draw) {
+        Vector6d xi;
+        for (int d = 0; d < 6; ++d) xi[d] = sigma[d] * random.gaussian();
+        const SearchFrame frame{
+            target, SE3::exp(xi) * truth, Matrix6d(sigma.cwiseAbs2().asDiagonal()), {}};
+        const EpipolarSearch search(reference, frame, scene.camera(), options);
+        EpipolarSearch::Scratch scratch;
+        const SearchOutcome outcome =
+            search.search(Eigen::Vector2f(static_cast<float>(x), static_cast<float>(y)),
+                          {static_cast<float>(rho), 0.01F},
+                          scratch);
+        if (outcome.status == SearchStatus::kFound) {
+          squares += std::pow(outcome.observation.inverse_depth - rho, 2);
+          predicted += outcome.observation.variance;
+          ++found;
+        }
+      }
+      if (found > 55) ratios.push_back(squares / predicted);
+    }
+  }
+  ASSERT_GT(ratios.size(), 20U);
+  EXPECT_NEAR(median(ratios), 1.0, 0.15);  // measured 1.04; 60 draws of 6 components
+}
+
+TEST(EpipolarSearch, SkipsGradientsAcrossTheLineAndPixelsThatLeaveTheImage) {
+  // Horizontal stripes: the gradient is vertical.
+  std::vector<float> grey;
+  for (int y = 0; y < 240; ++y) {
+    for (int x = 0; x < 320; ++x) {
+      grey.push_back(static_cast<float>(128 + 60 * std::sin(0.4 * y)));
+    }
+  }
+  const FramePtr frame = Frame::create(ImageView(grey.data(), 320, 240), {FrameId{0}});
+  const PinholeCamera camera = PlaneScene(1).camera();
+  const SemiDenseOptions options;
+  EpipolarSearch::Scratch scratch;
+  const DepthEstimate prior{1.0F, 0.04F};
+  const SearchFrame right{frame, pose(0.1, 0, 0, 0), Matrix6d::Zero(), {}};
+  EXPECT_EQ(EpipolarSearch(frame, right, camera, options).search({160, 110}, prior, scratch).status,
+            SearchStatus::kSkipped);
+  const SearchFrame down{frame, pose(0, 0.1, 0, 0), Matrix6d::Zero(), {}};
+  EXPECT_NE(EpipolarSearch(frame, down, camera, options).search({160, 110}, prior, scratch).status,
+            SearchStatus::kSkipped);
+  const SearchFrame away{frame, pose(0, 3, 0, 0), Matrix6d::Zero(), {}};
+  EXPECT_EQ(EpipolarSearch(frame, away, camera, options).search({160, 110}, prior, scratch).status,
+            SearchStatus::kSkipped);
+}
+
+TEST(EpipolarSearch, RejectsRepeatedTexture) {
+  std::vector<float> grey;
+  for (int y = 0; y < 240; ++y) {
+    for (int x = 0; x < 320; ++x) {
+      grey.push_back(static_cast<float>(128 + 60 * std::sin(2 * M_PI * x / 12)));  // 12 px period
+    }
+  }
+  const FramePtr frame = Frame::create(ImageView(grey.data(), 320, 240), {FrameId{0}});
+  const PinholeCamera camera = PlaneScene(1).camera();
+  const SemiDenseOptions options;
+  const SearchFrame right{frame, pose(0.2, 0, 0, 0), Matrix6d::Zero(), {}};
+  EpipolarSearch::Scratch scratch;
+  const EpipolarSearch search(frame, right, camera, options);
+  // 40 px per unit of inverse depth: +-0.8 covers five periods, +-0.08 less than one.
+  EXPECT_EQ(search.search({156, 110}, {0.9F, 0.16F}, scratch).status, SearchStatus::kRejected);
+  EXPECT_EQ(search.search({156, 110}, {0.9F, 0.0016F}, scratch).status, SearchStatus::kFound);
+}
+
+TEST(SemiDenseDepth, IsBitIdenticalForAnyNumberOfThreads) {
+  const PlaneScene scene(6);
+  InitialMap one = makeMap(scene, sideways(), 2);
+  InitialMap two = one;
+  SemiDenseOptions options;
+  options.max_candidates = 400;  // the random choice takes part
+  TaskArena(1).run([&] { return estimateSemiDenseDepth(one, scene.camera(), options, 7); });
+  TaskArena(2).run([&] { return estimateSemiDenseDepth(two, scene.camera(), options, 7); });
+  ASSERT_EQ(one.points.size(), two.points.size());
+  ASSERT_GT(one.points.size(), 100U);
+  for (std::size_t i = 0; i < one.points.size(); ++i) {
+    EXPECT_EQ(one.points[i].pixel, two.points[i].pixel);
+    EXPECT_EQ(one.points[i].inverse_depth, two.points[i].inverse_depth);
+    EXPECT_EQ(one.points[i].variance, two.points[i].variance);
+  }
+}
+
+TEST(SemiDenseDepth, TakesNoMoreCandidatesThanWanted) {
+  const PlaneScene scene(7);
+  InitialMap map = makeMap(scene, sideways(), 0);
+  SemiDenseOptions options;
+  options.max_candidates = 150;
+  const SemiDenseReport report = estimateSemiDenseDepth(map, scene.camera(), options, 1);
+  EXPECT_EQ(report.candidates, 150);
+}
+
+TEST(SemiDenseDepth, FindsNothingWithoutPosedFrames) {
+  const PlaneScene scene(8);
+  InitialMap map = makeMap(scene, {}, 0);
+  EXPECT_EQ(estimateSemiDenseDepth(map, scene.camera(), SemiDenseOptions(), 1).points, 0);
+}
+
+}  // namespace
+}  // namespace dsorb::init_orb
