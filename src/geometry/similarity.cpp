@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "geometry/similarity.h"
 
+#include <Eigen/LU>
 #include <Eigen/SVD>
 
 #include <cmath>
