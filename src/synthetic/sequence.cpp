@@ -164,7 +164,9 @@ SyntheticFrame SyntheticSequence::frame(int index) const {
   for (const std::int32_t surface : view.surface) {
     frame.moving_object_visible |= moving_box_ >= 0 && surface / 8 == moving_box_;
   }
-  const Exposure settings{frame.exposure / kNominalExposure,
+  // The longest exposure just does not saturate.
+  const double longest = kNominalExposure * std::exp(options_.exposure_changes);
+  const Exposure settings{frame.exposure / longest,
                           options_.nonlinear_response,
                           options_.noise_sigma,
                           (options_.seed << 32U) + static_cast<std::uint64_t>(index)};

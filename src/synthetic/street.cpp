@@ -47,13 +47,13 @@ class StreetBuilder {
   }
 
   void addGround() {
-    Texture road = builder_.texture(96, 1.6, 6, 5);
-    addOctaves(road, {1.6F, 9.6F, 9}, 6);  // wheel tracks, seen far ahead
+    Texture road = builder_.texture(96, 1.6, 6, 3);
+    addOctaves(road, {1.6F, 9.6F, 10}, 4);  // wheel tracks, seen far ahead
     road.tiles = {{1.7F, 9.0F, 0.7F, 0.55F, 0.4F, 84, 26}, {9.4F, 6.0F, 0.018F, 0.5F, 0, 205, 8}};
     const int texture = builder_.add(std::move(road));
     const double length = end_ - begin_ + 400;
     builder_.add({{0, 0.5, 0.5 * (begin_ + end_)}, {400, 0.5, length}, 0}, texture);
-    Texture stones = builder_.texture(138, 1.6, 15, 6);
+    Texture stones = builder_.texture(138, 1.6, 15, 4);
     stones.tiles = {{0.6F, 0.9F, 0.95F, 0.96F, 0.5F, 150, 30}};
     const int pavement = builder_.add(std::move(stones));
     for (const double side : {-1.0, 1.0}) {
@@ -64,7 +64,7 @@ class StreetBuilder {
   }
 
   Texture facade() {
-    Texture wall = builder_.texture(builder_.uniform(110, 190), 3.0, 14, 8);
+    Texture wall = builder_.texture(builder_.uniform(110, 190), 3.0, 16, 5);
     const float window_u = builder_.uniformFloat(1.9, 3.1);
     const float window_v = builder_.uniformFloat(2.6, 3.2);
     const float wide = builder_.uniformFloat(0.36, 0.6);
@@ -98,7 +98,7 @@ class StreetBuilder {
   /// Doors, signs and balconies, which stand out from the wall.
   void addHouseDetails(double lateral, double z, double width) {
     const double side = lateral < 0 ? -1.0 : 1.0;
-    const int texture = builder_.add(builder_.texture(builder_.uniform(50, 200), 0.8, 25, 6));
+    const int texture = builder_.add(builder_.texture(builder_.uniform(50, 200), 0.8, 25, 4));
     place(lateral, z + builder_.uniform(0.2, 0.8) * width, {0.3, 2.2, 1.1}, texture);
     place(lateral - side * 0.3,
           z + builder_.uniform(0.3, 0.7) * width,
@@ -112,26 +112,26 @@ class StreetBuilder {
 
   void addCars(double side) {
     for (double z = begin_ + builder_.uniform(0, 4); z < end_; z += builder_.uniform(5.2, 11)) {
-      Texture paint = builder_.texture(builder_.uniform(40, 215), 1.2, 15, 7);
+      Texture paint = builder_.texture(builder_.uniform(40, 215), 1.2, 17, 4);
       paint.tiles = {{1.35F, 0.5F, 0.93F, 0.9F, 0, paint.grey, 22}};
       const int body = builder_.add(std::move(paint));
-      Texture glass = builder_.texture(70, 0.8, 21, 6);
+      Texture glass = builder_.texture(70, 0.8, 21, 3);
       glass.tiles = {{0.9F, 0.7F, 0.85F, 0.8F, 0, 50, 25}};
       const int cabin = builder_.add(std::move(glass));
       const double lateral = side * (kKerb - builder_.uniform(1.0, 1.3));
       const double high = builder_.uniform(0, 1) < 0.2 ? 1.4 : 0.7;  // some are vans
       place(lateral, z, {1.75, high, 4.2}, body, 0.22);
       place(lateral, z - 0.2, {1.5, 0.58, 2.3}, cabin, 0.22 + high);
-      const int tyre = builder_.add(builder_.texture(38, 0.3, 27, 4));
+      const int tyre = builder_.add(builder_.texture(38, 0.3, 27, 2));
       for (const double along : {-1.3, 1.3}) place(lateral, z + along, {1.65, 0.5, 0.6}, tyre);
     }
   }
 
   void addPosts(double side) {
     for (double z = begin_ + builder_.uniform(2, 9); z < end_; z += builder_.uniform(9, 17)) {
-      const int post = builder_.add(builder_.texture(builder_.uniform(50, 190), 0.5, 23, 5));
+      const int post = builder_.add(builder_.texture(builder_.uniform(50, 190), 0.5, 23, 3));
       place(side * (kKerb + 0.5), z, {0.16, 3.4, 0.16}, post);
-      Texture sign = builder_.texture(builder_.uniform(120, 220), 0.3, 33, 4);
+      Texture sign = builder_.texture(builder_.uniform(120, 220), 0.3, 33, 3);
       sign.tiles = {{0.35F, 0.3F, 0.6F, 0.5F, 0, 60, 40}};
       place(side * (kKerb + 0.4), z, {0.75, 0.75, 0.06}, builder_.add(std::move(sign)), 2.3);
     }
@@ -139,8 +139,8 @@ class StreetBuilder {
 
   void addTrees(double side) {
     for (double z = begin_ + builder_.uniform(6, 20); z < end_; z += builder_.uniform(14, 30)) {
-      const int trunk = builder_.add(builder_.texture(70, 0.4, 25, 5));
-      const int crown = builder_.add(builder_.texture(92, 1.2, 31, 7));
+      const int trunk = builder_.add(builder_.texture(70, 0.4, 25, 3));
+      const int crown = builder_.add(builder_.texture(92, 1.2, 31, 4));
       const double lateral = side * (kKerb + 1.1);
       place(lateral, z, {0.28, 3.2, 0.28}, trunk);
       for (int i = 0; i < 3; ++i) {

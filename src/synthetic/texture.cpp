@@ -15,7 +15,7 @@ constexpr float kFullCell = 9.0F;
 // Noise cells above this size are steepened [px].
 constexpr float kOutlineCell = 5.0F;
 // Width of the box filter over painted edges [px]: about the blur of a sharp lens.
-constexpr float kEdgeWidth = 1.8F;
+constexpr float kEdgeWidth = 2.6F;
 // Greys are squeezed softly into [kDarkest, kBrightest] from kKnee grey levels inside.
 constexpr float kDarkest = 6.0F;
 constexpr float kBrightest = 244.0F;
