@@ -2,11 +2,13 @@
 #pragma once
 
 #include <tbb/blocked_range.h>
+#include <tbb/info.h>
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_invoke.h>
 #include <tbb/parallel_reduce.h>
 #include <tbb/task_arena.h>
 
+#include <algorithm>
 #include <cstddef>
 #include <functional>
 #include <memory>
@@ -15,12 +17,13 @@
 namespace dsorb {
 
 /// Threads owned by one object of the public API. Work run inside uses at most `num_threads`
-/// threads (0: all the machine has).
+/// threads (0: all the machine has), never more than the machine has: TBB would print a warning.
 class TaskArena {
  public:
   explicit TaskArena(int num_threads)
       : arena_(std::make_unique<tbb::task_arena>(
-            num_threads > 0 ? num_threads : int{tbb::task_arena::automatic})) {}
+            num_threads > 0 ? std::min(num_threads, tbb::info::default_concurrency())
+                            : int{tbb::task_arena::automatic})) {}
 
   template <typename Function>
   auto run(Function&& function) {
