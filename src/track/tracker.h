@@ -29,6 +29,8 @@ struct TrackingStart {
   std::vector<SE3> guesses;    ///< T_frame_reference, most likely first; not empty
   AffineBrightness affine;     ///< of the previous frame
   double previous_rmse = 100;  ///< level 0 of the previous frame [grey levels]
+  /// Largest plausible change of the log gain a since the previous frame [-].
+  double max_gain_step = std::numeric_limits<double>::infinity();
 };
 
 enum class TrackingFailure {

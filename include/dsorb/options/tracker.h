@@ -20,8 +20,18 @@ struct TrackerOptions {
   double max_saturated_fraction = 0.6;  ///< the cut-off is doubled while more points are saturated
   double abort_factor = 1.5;            ///< a hypothesis ends at a level worse than this x the best
   double accept_factor = 1.5;           ///< the search ends below this x the previous frame's rmse
-  double min_inside_fraction = 0.3;     ///< of the reference points; below: lost
-  double max_rmse = 12;                 ///< level 0; above: lost [grey levels]
+  /// Of the reference points in the image; below: lost. True poses were tracked to 0.2 deg and
+  /// 0.005 units on TartanAir hospital down to 0.33.
+  double min_inside_fraction = 0.3;
+  /// Level 0; above: lost [grey levels]. With true depths and the initial map alone: below 12 the
+  /// path error stayed under 2 % on a synthetic street, above 13 it reached 20 %; on TartanAir
+  /// hospital right poses ended at 11.5 and wrong ones began at 12.2.
+  double max_rmse = 12;
+  /// Change of the log gain between two frames; above, the hypothesis is refused. Wrong poses lower
+  /// their residual by lowering contrast: without this bound, on TartanAir hospital, the gain fell
+  /// by 0.4 to 0.7 in the frame where tracking failed and rotation errors up to 23 deg went
+  /// unnoticed.
+  double max_gain_step = 0.3;
 };
 
 template <typename Visitor, typename Options>
@@ -37,6 +47,7 @@ DescribeFor<Options, TrackerOptions> describe(Visitor& visit, Options& o) {
   visit.field("abort_factor", o.abort_factor, Range{1, 100}, "");
   visit.field("accept_factor", o.accept_factor, Range{1, 100}, "");
   visit.field("min_inside_fraction", o.min_inside_fraction, Range{0, 1}, "");
+  visit.field("max_gain_step", o.max_gain_step, Range{0, 100}, "");
   visit.field("max_rmse", o.max_rmse, Range{0.1, 1000}, "grey levels");
 }
 

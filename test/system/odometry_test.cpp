@@ -1,0 +1,288 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "dsorb/odometry/odometry.h"
+
+#include "dsorb/error.h"
+
+#include "support/matchers.h"
+#include "support/truth_initializer.h"
+#include "synthetic/sequence.h"
+
+#include <gtest/gtest.h>
+
+#include <map>
+#include <string>
+#include <vector>
+
+namespace dsorb {
+namespace {
+
+constexpr int kInitialFrames = 4;
+
+/// A rendered sequence, each frame made once.
+class World {
+ public:
+  explicit World(synthetic::SequenceKind kind, int length) : sequence_(options(kind, length)) {
+    for (int i = 0; i < length; ++i) frames_.push_back(sequence_.framePtr(i));
+  }
+  [[nodiscard]] const PinholeCamera& camera() const { return sequence_.camera(); }
+  [[nodiscard]] const std::vector<FramePtr>& frames() const { return frames_; }
+  [[nodiscard]] SE3 pose(int index) const { return sequence_.pose(index); }
+
+  [[nodiscard]] std::unique_ptr<Initializer> initializer() const {
+    return std::make_unique<TruthInitializer>(
+        camera(),
+        Truth{[this](int id) { return sequence_.pose(id); },
+              [this](int id) { return sequence_.inverseDepth(id); }},
+        kInitialFrames);
+  }
+  [[nodiscard]] Odometry odometry(const OdometryOptions& options = {}) const {
+    return Odometry(camera(), options, initializer());
+  }
+
+ private:
+  static synthetic::SequenceOptions options(synthetic::SequenceKind kind, int length) {
+    synthetic::SequenceOptions options;
+    options.kind = kind;
+    options.width = 320;
+    options.height = 240;
+    options.length = length;
+    options.noise_sigma = 1;
+    return options;
+  }
+
+  synthetic::SyntheticSequence sequence_;
+  std::vector<FramePtr> frames_;
+};
+
+const World& room() {
+  static const World world(synthetic::SequenceKind::kRoom, 30);
+  return world;
+}
+
+/// Writes down everything it is told.
+class Recorder : public OdometryObserver {
+ public:
+  void onInitStep(const InitStep& step, const Frame& /*frame*/, int segment) override {
+    events.push_back("init " + std::to_string(segment));
+    if (!step.result) return;
+    units.push_back(step.result->report.details.at(0).second);
+    references.push_back(step.result->frames.front().frame->id().value);
+  }
+  void onFrame(const FrameEstimate& estimate) override {
+    events.push_back(std::string(name(estimate.state)) + " " + std::to_string(estimate.segment));
+    estimates.push_back(estimate);
+  }
+  void onKeyframe(const KeyframeSnapshot& keyframe) override {
+    events.push_back("keyframe " + std::to_string(keyframe.id.value));
+    keyframes.push_back(keyframe);
+  }
+  void onKeyframeRetired(const KeyframeSnapshot& keyframe) override {
+    events.push_back("retired " + std::to_string(keyframe.id.value));
+  }
+  void onLost(FrameId frame, int segment) override {
+    events.push_back("lost at " + std::to_string(frame.value) + " in " + std::to_string(segment));
+  }
+
+  std::vector<std::string> events;
+  std::vector<double> units;    ///< length of a segment's unit [m]
+  std::vector<int> references;  ///< first frame of each segment's initialization
+  std::vector<FrameEstimate> estimates;
+  std::vector<KeyframeSnapshot> keyframes;
+};
+
+/// True pose in the segment's own origin and unit.
+SE3 truePose(const World& world, const Recorder& recorder, const FrameEstimate& estimate) {
+  const auto segment = static_cast<std::size_t>(estimate.segment);
+  SE3 T = world.pose(recorder.references.at(segment)).inverse() *
+          world.pose(estimate.frame->id().value);
+  T.setTranslation(T.translation() / recorder.units.at(segment));
+  return T;
+}
+
+/// Feeds frames [begin, end), with restart after a loss where wanted.
+void feed(Odometry& odometry, const World& world, int begin, int end) {
+  for (int i = begin; i < end; ++i) odometry.process(world.frames()[static_cast<std::size_t>(i)]);
+}
+
+void expectSameBits(const Recorder& a, const Recorder& b) {
+  ASSERT_EQ(a.estimates.size(), b.estimates.size());
+  EXPECT_EQ(a.events, b.events);
+  for (std::size_t i = 0; i < a.estimates.size(); ++i) {
+    const FrameEstimate& l = a.estimates[i];
+    const FrameEstimate& r = b.estimates[i];
+    ASSERT_EQ(l.T_world_cam.has_value(), r.T_world_cam.has_value()) << i;
+    if (l.T_world_cam) {
+      EXPECT_EQ(l.T_world_cam->matrix(), r.T_world_cam->matrix()) << i;
+    }
+    EXPECT_EQ(l.affine.a, r.affine.a) << i;
+    EXPECT_EQ(l.tracking_rmse, r.tracking_rmse) << i;
+  }
+}
+
+TEST(OdometryWithTruth, TracksARoomNearTheTruth) {
+  const World& world = room();
+  Recorder recorder;
+  Odometry odometry = world.odometry();
+  odometry.addObserver(&recorder);
+  feed(odometry, world, 0, 30);
+  int tracked = 0;
+  for (const FrameEstimate& estimate : recorder.estimates) {
+    if (estimate.state != OdometryState::kTracked) continue;
+    ++tracked;
+    EXPECT_THAT(*estimate.T_world_cam, Se3Near(truePose(world, recorder, estimate), 0.1, 0.005))
+        << "frame " << estimate.frame->id().value << ", rmse " << *estimate.tracking_rmse;
+  }
+  EXPECT_EQ(tracked, 30 - kInitialFrames);
+  const OdometryReport report = odometry.finish();
+  EXPECT_EQ(report.frames_given, 30);
+  EXPECT_EQ(report.frames_tracked, tracked);
+  EXPECT_EQ(report.segments, 1);
+  EXPECT_EQ(report.keyframes, 2);
+}
+
+TEST(OdometryWithTruth, TellsObserversInOrder) {
+  const World& world = room();
+  Recorder recorder;
+  Odometry odometry = world.odometry();
+  odometry.addObserver(&recorder);
+  feed(odometry, world, 0, 5);
+  odometry.finish();
+  const std::vector<std::string> expected = {"init 0",
+                                             "initializing 0",
+                                             "init 0",
+                                             "initializing 0",
+                                             "init 0",
+                                             "initializing 0",
+                                             "init 0",
+                                             "keyframe 0",
+                                             "keyframe 3",
+                                             "initialized 0",
+                                             "tracked 0",
+                                             "retired 0",
+                                             "retired 3"};
+  EXPECT_EQ(recorder.events, expected);
+  const FrameEstimate& initialized = recorder.estimates[3];
+  EXPECT_TRUE(initialized.is_keyframe);
+  EXPECT_EQ(initialized.keyframe, FrameId{3});
+  EXPECT_THAT(*initialized.T_world_cam,
+              Se3Near(truePose(world, recorder, initialized), 1e-9, 1e-9));
+  const FrameEstimate& tracked = recorder.estimates[4];
+  EXPECT_EQ(tracked.keyframe, FrameId{3});
+  const SE3 by_keyframe = recorder.keyframes[1].T_world_cam * tracked.T_cam_keyframe->inverse();
+  EXPECT_THAT(by_keyframe, Se3Near(*tracked.T_world_cam, 1e-9, 1e-9));
+  EXPECT_GT(recorder.keyframes[0].points.size(), 100U);
+  EXPECT_TRUE(recorder.keyframes[1].points.empty())
+      << "the truth hosts all points in its reference";
+}
+
+TEST(OdometryWithTruth, ASceneCutLosesAndRestartBeginsANewSegment) {
+  const World world(synthetic::SequenceKind::kCut, 24);
+  Recorder recorder;
+  Odometry odometry = world.odometry();
+  odometry.addObserver(&recorder);
+  feed(odometry, world, 0, 12);
+  EXPECT_EQ(recorder.estimates.back().state, OdometryState::kTracked);
+  feed(odometry, world, 12, 13);
+  const FrameEstimate lost = recorder.estimates.back();
+  EXPECT_EQ(lost.state, OdometryState::kLost) << "rmse " << lost.tracking_rmse.value_or(-1);
+  EXPECT_EQ(lost.segment, 0);
+  EXPECT_FALSE(lost.T_world_cam.has_value());
+  EXPECT_EQ(recorder.events.back(), "lost at 12 in 0");
+  EXPECT_THROW(feed(odometry, world, 13, 14), std::logic_error);
+
+  odometry.restart();
+  feed(odometry, world, 13, 24);
+  EXPECT_EQ(recorder.estimates[13].state, OdometryState::kInitializing);
+  EXPECT_EQ(recorder.estimates[13].segment, 1) << "the new segment begins with its first frame";
+  const FrameEstimate& last = recorder.estimates.back();
+  ASSERT_EQ(last.state, OdometryState::kTracked);
+  EXPECT_EQ(last.segment, 1);
+  EXPECT_THAT(*last.T_world_cam, Se3Near(truePose(world, recorder, last), 0.1, 0.005));
+  EXPECT_EQ(odometry.finish().segments, 2);
+}
+
+TEST(OdometryWithTruth, RestartBeforeAnyInitializationKeepsTheSegment) {
+  const World& world = room();
+  Recorder recorder;
+  Odometry odometry = world.odometry();
+  odometry.addObserver(&recorder);
+  feed(odometry, world, 0, 2);
+  odometry.restart();
+  feed(odometry, world, 2, 6);
+  EXPECT_EQ(recorder.estimates.back().state, OdometryState::kInitialized);
+  EXPECT_EQ(recorder.estimates.back().segment, 0);
+  EXPECT_EQ(recorder.references.front(), 2);
+}
+
+TEST(OdometryWithTruth, TwoObjectsInOneProcessAnswerAsAlone) {
+  const World& world = room();
+  const auto alone = [&](int begin) {
+    Recorder recorder;
+    Odometry odometry = world.odometry();
+    odometry.addObserver(&recorder);
+    feed(odometry, world, begin, begin + 15);
+    return recorder;
+  };
+  Recorder first;
+  Recorder second;
+  Odometry a = world.odometry();
+  Odometry b = world.odometry();
+  a.addObserver(&first);
+  b.addObserver(&second);
+  for (int i = 0; i < 15; ++i) {
+    feed(a, world, i, i + 1);
+    feed(b, world, i + 10, i + 11);
+  }
+  expectSameBits(first, alone(0));
+  expectSameBits(second, alone(10));
+}
+
+TEST(OdometryWithTruth, OneAndTwoThreadsGiveTheSameBits) {
+  const World& world = room();
+  const auto run = [&](int threads) {
+    OdometryOptions options;
+    options.num_threads = threads;
+    Recorder recorder;
+    Odometry odometry = world.odometry(options);
+    odometry.addObserver(&recorder);
+    feed(odometry, world, 0, 20);
+    return recorder;
+  };
+  expectSameBits(run(1), run(2));
+}
+
+TEST(OdometryWithTruth, RefusesFramesThatDoNotBelong) {
+  const World& world = room();
+  Odometry odometry = world.odometry();
+  feed(odometry, world, 0, 3);
+  EXPECT_THROW(odometry.process(nullptr), std::invalid_argument);
+  EXPECT_THROW(feed(odometry, world, 2, 3), std::invalid_argument) << "timestamp again";
+  EXPECT_THROW(feed(odometry, world, 1, 2), std::invalid_argument) << "time runs backwards";
+  const std::vector<std::uint8_t> grey(64 * 48, 100);
+  const FramePtr small = Frame::create(ImageView(grey.data(), 64, 48), {FrameId{3}, 1e3});
+  EXPECT_THROW(odometry.process(small), std::invalid_argument) << "size";
+  feed(odometry, world, 3, 5);
+  EXPECT_EQ(odometry.finish().frames_tracked, 1) << "refused frames leave no trace";
+  EXPECT_THROW(feed(odometry, world, 5, 6), std::logic_error) << "after finish()";
+}
+
+TEST(OdometryWithTruth, RefusesOptionsOutOfRange) {
+  OdometryOptions options;
+  options.tracker.min_inside_fraction = 1.5;
+  EXPECT_THROW(room().odometry(options), ConfigError);
+  EXPECT_THROW(Odometry(room().camera(), {}, nullptr), std::invalid_argument);
+}
+
+TEST(OdometryWithTruth, ReversedSequencesTrackToo) {
+  const World& world = room();
+  Recorder recorder;
+  Odometry odometry = world.odometry();
+  odometry.addObserver(&recorder);
+  for (int i = 19; i >= 0; --i) feed(odometry, world, i, i + 1);
+  const FrameEstimate& last = recorder.estimates.back();
+  ASSERT_EQ(last.state, OdometryState::kTracked);
+  EXPECT_THAT(*last.T_world_cam, Se3Near(truePose(world, recorder, last), 0.1, 0.005));
+}
+
+}  // namespace
+}  // namespace dsorb
