@@ -187,7 +187,7 @@ double monotoneRadius(const Lens& lens) {
 }
 
 Eigen::Vector2d rayOfPixel(const Lens& lens, const Eigen::Vector2d& pixel, double max_radius) {
-  const Eigen::Vector2d target((pixel.x() - lens.cx) / lens.fx, (pixel.y() - lens.cy) / lens.fy);
+  Eigen::Vector2d target((pixel.x() - lens.cx) / lens.fx, (pixel.y() - lens.cy) / lens.fy);
   const double distance = target.norm();
   if (distance < kTinyRadius) return target;
   if (max_radius * radialFactor(lens, max_radius) <= distance) {

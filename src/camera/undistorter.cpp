@@ -107,7 +107,7 @@ void Undistorter::buildMap(const Lens& lens) {
     const bool invertible = ray.norm() <= max_radius + kBorderTolerance / camera_.fx;
     return invertible ? projectThroughLens(lens, ray) : otherwise;
   };
-  const auto sampleAt = [&](const Eigen::Vector2d& position) -> Sample {
+  const auto sample_at = [&](const Eigen::Vector2d& position) -> Sample {
     const double u = std::clamp(position.x(), 0.0, last_u);
     const double v = std::clamp(position.y(), 0.0, last_v);
     const int column = std::min(static_cast<int>(u), lens.width - 2);
@@ -130,8 +130,9 @@ void Undistorter::buildMap(const Lens& lens) {
           continue;
         }
         const double dx = (i % samples_x_ + 0.5) / samples_x_ - 0.5;
-        const double dy = (i / samples_x_ + 0.5) / samples_y_ - 0.5;
-        map_.push_back(sampleAt(see(x + dx, y + dy, centre)));
+        const int row = i / samples_x_;
+        const double dy = (row + 0.5) / samples_y_ - 0.5;
+        map_.push_back(sample_at(see(x + dx, y + dy, centre)));
       }
     }
   }
@@ -141,7 +142,8 @@ void Undistorter::apply(const float* input, float* output) const {
   const std::ptrdiff_t stride = input_width_;
   if (map_.empty()) {
     for (int y = 0; y < camera_.height; ++y) {
-      std::copy_n(input + y * stride, camera_.width, output + y * camera_.width);
+      std::copy_n(input + y * stride, camera_.width, output);
+      output += camera_.width;
     }
     return;
   }

@@ -9,9 +9,11 @@
 #include <opencv2/core.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
-#include <optional>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 namespace dsorb {
@@ -23,21 +25,20 @@ constexpr double kMaxLevel = 255;  // [grey levels]
 
 /// One way to write the first line of camera.txt.
 struct LensForm {
-  const char* word;
+  std::string_view word;
   LensModel model;
-  std::vector<std::size_t> counts;  // numbers after the word
+  std::size_t least_numbers;  // after the word
+  std::size_t most_numbers;
   const char* expectation;
 };
 
-const std::vector<LensForm>& lensForms() {
-  static const std::vector<LensForm> kForms = {
-      {"Pinhole", LensModel::kPinhole, {5}, "Pinhole fx fy cx cy 0"},
-      {"FOV", LensModel::kFov, {5}, "FOV fx fy cx cy omega"},
-      {"RadTan", LensModel::kRadTan, {8, 9}, "RadTan fx fy cx cy k1 k2 p1 p2 [k3]"},
-      {"EquiDistant", LensModel::kEquidistant, {8}, "EquiDistant fx fy cx cy k1 k2 k3 k4"},
-      {"KannalaBrandt", LensModel::kEquidistant, {8}, "KannalaBrandt fx fy cx cy k1 k2 k3 k4"}};
-  return kForms;
-}
+constexpr std::array<LensForm, 5> kLensForms = {{
+    {"Pinhole", LensModel::kPinhole, 5, 5, "Pinhole fx fy cx cy 0"},
+    {"FOV", LensModel::kFov, 5, 5, "FOV fx fy cx cy omega"},
+    {"RadTan", LensModel::kRadTan, 8, 9, "RadTan fx fy cx cy k1 k2 p1 p2 [k3]"},
+    {"EquiDistant", LensModel::kEquidistant, 8, 8, "EquiDistant fx fy cx cy k1 k2 k3 k4"},
+    {"KannalaBrandt", LensModel::kEquidistant, 8, 8, "KannalaBrandt fx fy cx cy k1 k2 k3 k4"},
+}};
 
 /// Text file of a calibration, line by line.
 class Lines {
@@ -93,18 +94,19 @@ LensModel legacyModel(const Lines& lines, const std::vector<double>& numbers) {
 
 /// First line of camera.txt. @return model and its numbers as written
 std::pair<LensModel, std::vector<double>> readLensLine(const Lines& lines) {
-  if (!lines.has(0))
+  if (!lines.has(0)) {
     throw lines.error(0, "is empty; expected a camera model, for example 'Pinhole fx fy cx cy 0'");
+  }
   std::vector<std::string> words = splitWords(lines.text(0));
   double first = 0;
   if (parseNumber(words.front(), first)) {
     const auto numbers = lines.numbers(0, words, "numbers");
     return {legacyModel(lines, numbers), numbers};
   }
-  const auto& forms = lensForms();
-  const auto form = std::find_if(
-      forms.begin(), forms.end(), [&](const LensForm& f) { return words.front() == f.word; });
-  if (form == forms.end()) {
+  const auto* form = std::find_if(kLensForms.begin(), kLensForms.end(), [&](const LensForm& f) {
+    return words.front() == f.word;
+  });
+  if (form == kLensForms.end()) {
     throw lines.error(0,
                       fmt::format("'{}' is no camera model; expected Pinhole, FOV, RadTan, "
                                   "EquiDistant, KannalaBrandt, or 5 or 8 numbers",
@@ -112,7 +114,7 @@ std::pair<LensModel, std::vector<double>> readLensLine(const Lines& lines) {
   }
   words.erase(words.begin());
   const auto numbers = lines.numbers(0, words, form->expectation);
-  if (std::find(form->counts.begin(), form->counts.end(), numbers.size()) == form->counts.end()) {
+  if (numbers.size() < form->least_numbers || numbers.size() > form->most_numbers) {
     throw lines.error(0,
                       fmt::format("{} numbers; expected '{}'", numbers.size(), form->expectation));
   }
@@ -120,11 +122,13 @@ std::pair<LensModel, std::vector<double>> readLensLine(const Lines& lines) {
 }
 
 /// Relative intrinsics let pixel (0, 0) cover [0, 1]; ours has its centre at (0, 0).
-void scaleToPixels(double width, double height, double& fx, double& fy, double& cx, double& cy) {
-  fx *= width;
-  fy *= height;
-  cx = cx * width - 0.5;
-  cy = cy * height - 0.5;
+/// @tparam Camera with members fx, fy, cx, cy
+template <typename Camera>
+void scaleToPixels(Size size, Camera& camera) {
+  camera.fx *= size.width;
+  camera.fy *= size.height;
+  camera.cx = camera.cx * size.width - 0.5;
+  camera.cy = camera.cy * size.height - 0.5;
 }
 
 Lens readLens(const Lines& lines) {
@@ -149,7 +153,7 @@ Lens readLens(const Lines& lines) {
     throw lines.error(0, fmt::format("omega {}; expected 0 <= omega < pi", lens.coefficients[0]));
   }
   if (lens.cx < 1 && lens.cy < 1) {
-    scaleToPixels(size.width, size.height, lens.fx, lens.fy, lens.cx, lens.cy);
+    scaleToPixels(size, lens);
   }
   if (!(lens.cx >= 0 && lens.cy >= 0 && lens.cx < size.width && lens.cy < size.height)) {
     throw lines.error(0,
@@ -218,8 +222,7 @@ Rectification readRectification(const Lines& lines, const Lens& lens) {
                     target.height));
   }
   if (target.mode == RectificationMode::kExplicit) {
-    PinholeCamera& camera = target.camera;
-    scaleToPixels(target.width, target.height, camera.fx, camera.fy, camera.cx, camera.cy);
+    scaleToPixels({target.width, target.height}, target.camera);
   }
   if (lines.has(4)) throw lines.error(4, "more than four lines");
   return target;

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cstdint>
+#include <cstdlib>
 #include <string>
 #include <utility>
 
@@ -132,9 +133,9 @@ struct ImageList {
 
 /// The nearest double: nanoseconds since 1970 exceed its 53 bits.
 double secondsOf(std::int64_t nanoseconds) {
-  return static_cast<double>(nanoseconds / kNanosecondsPerSecond) +
-         static_cast<double>(nanoseconds % kNanosecondsPerSecond) /
-             static_cast<double>(kNanosecondsPerSecond);
+  const auto [seconds, rest] = std::lldiv(nanoseconds, kNanosecondsPerSecond);
+  return static_cast<double>(seconds) +
+         static_cast<double>(rest) / static_cast<double>(kNanosecondsPerSecond);
 }
 
 /// "timestamp [ns],filename" of EuRoC's data.csv.

@@ -50,7 +50,7 @@ Lens wideFisheye() {
   return lens;
 }
 Lens tumMono() {
-  return {LensModel::kFov, 686, 686, 631, 512, {0.9, 0, 0, 0, 0}, 1280, 1024};
+  return {LensModel::kFov, 343, 343, 315, 256, {0.9, 0, 0, 0, 0}, 640, 512};
 }
 Lens pinhole() {
   return {LensModel::kPinhole, 528, 530, 325.3, 236.6, {}, 640, 480};
