@@ -8,6 +8,7 @@
 #include <Eigen/Cholesky>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numeric>
 #include <utility>
@@ -15,7 +16,8 @@
 namespace dsorb::init_coarse {
 namespace {
 
-constexpr int kPoseIterations = 10;           // a level, when a frame is aligned to known depths
+// Per level, finest first, when a frame is aligned to known depths from a good start.
+constexpr std::array<int, 5> kPoseIterations = {2, 3, 5, 10, 10};
 constexpr double kMinPoseInlierShare = 0.5;   // of the points in view, else a frame has no pose
 constexpr double kMinPoseVisibleShare = 0.2;  // of all points, else a frame has no pose
 constexpr float kMinInverseDepth = 1e-3F;     // of the result; orphans of the reference may have 0
@@ -49,8 +51,11 @@ LevelReport alignFrame(const Attempt& attempt,
   for (int l = static_cast<int>(fixed.size()) - 1; l >= 0; --l) {
     PointLevel& points = fixed[static_cast<std::size_t>(l)];
     points.good = attempt.levels[static_cast<std::size_t>(l)].good;
-    report = aligner.align(
-        viewOf(frame, attempt.camera, l), kPoseIterations, unknowns, points, alignment);
+    report = aligner.align(viewOf(frame, attempt.camera, l),
+                           kPoseIterations[static_cast<std::size_t>(l)],
+                           unknowns,
+                           points,
+                           alignment);
   }
   return report;
 }
