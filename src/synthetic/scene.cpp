@@ -108,7 +108,7 @@ class Renderer {
   }
 
   /// Nearest surface along the ray through a pixel position.
-  Hit cast(double x, double y, const std::vector<int>& candidates) const {
+  [[nodiscard]] Hit cast(double x, double y, const std::vector<int>& candidates) const {
     Hit hit;
     for (const int i : candidates) {
       const PreparedBox& box = boxes_[static_cast<std::size_t>(i)];
@@ -119,7 +119,7 @@ class Renderer {
   }
 
   /// Grey level where the ray through a pixel position ended.
-  float shade(double x, double y, Hit hit) const {
+  [[nodiscard]] float shade(double x, double y, Hit hit) const {
     const PreparedBox& box = hit.box < 0 ? sky_ : boxes_[static_cast<std::size_t>(hit.box)];
     const Eigen::Vector3d ray = box.origin_ray + x * box.step_x + y * box.step_y;
     if (hit.box < 0) intersect(sky_, ray, hit);
@@ -144,7 +144,7 @@ class Renderer {
   }
 
   /// Mean grey level over n x n rays of one pixel.
-  float average(int x, int y, int n, const std::vector<int>& candidates) const {
+  [[nodiscard]] float average(int x, int y, int n, const std::vector<int>& candidates) const {
     float sum = 0;
     for (int j = 0; j < n; ++j) {
       for (int i = 0; i < n; ++i) {
@@ -157,7 +157,9 @@ class Renderer {
   }
 
  private:
-  PreparedBox prepare(const Box& box, const Texture& texture, const SE3& T_world_cam) const {
+  [[nodiscard]] PreparedBox prepare(const Box& box,
+                                    const Texture& texture,
+                                    const SE3& T_world_cam) const {
     const SE3 T_box_cam = box.T_world_box.inverse() * T_world_cam;
     const Eigen::Matrix3d R_box_cam = T_box_cam.rotationMatrix();
     PreparedBox prepared;
@@ -221,6 +223,11 @@ void forEachTile(const Renderer& renderer, int width, int height, const Function
   });
 }
 
+std::size_t pixelIndex(const View& view, int x, int y) {
+  return static_cast<std::size_t>(y) * static_cast<std::size_t>(view.width) +
+         static_cast<std::size_t>(x);
+}
+
 void renderCentres(const Renderer& renderer, bool shade, View& view) {
   forEachTile(renderer,
               view.width,
@@ -228,7 +235,7 @@ void renderCentres(const Renderer& renderer, bool shade, View& view) {
               [&](int x0, int y0, int x1, int y1, const std::vector<int>& candidates) {
                 for (int y = y0; y < y1; ++y) {
                   for (int x = x0; x < x1; ++x) {
-                    const auto pixel = static_cast<std::size_t>(y * view.width + x);
+                    const auto pixel = pixelIndex(view, x, y);
                     const Hit hit = renderer.cast(x, y, candidates);
                     view.inverse_depth[pixel] = static_cast<float>(1.0 / hit.depth);
                     view.surface[pixel] =
@@ -242,37 +249,24 @@ void renderCentres(const Renderer& renderer, bool shade, View& view) {
 
 bool isOnEdge(const View& view, int x, int y) {
   const auto surface = [&](int column, int row) {
-    return view.surface[static_cast<std::size_t>(std::clamp(row, 0, view.height - 1) * view.width +
-                                                 std::clamp(column, 0, view.width - 1))];
+    return view.surface[pixelIndex(
+        view, std::clamp(column, 0, view.width - 1), std::clamp(row, 0, view.height - 1))];
   };
   const std::int32_t own = surface(x, y);
   return surface(x - 1, y) != own || surface(x + 1, y) != own || surface(x, y - 1) != own ||
          surface(x, y + 1) != own;
 }
 
-void renderEdges(const Renderer& renderer, int rays, View& view) {
+/// Averages n x n rays of every pixel, or of those on the border between two surfaces.
+void renderAveraged(const Renderer& renderer, int rays, bool edges_only, View& view) {
   forEachTile(renderer,
               view.width,
               view.height,
               [&](int x0, int y0, int x1, int y1, const std::vector<int>& candidates) {
                 for (int y = y0; y < y1; ++y) {
                   for (int x = x0; x < x1; ++x) {
-                    if (!isOnEdge(view, x, y)) continue;
-                    view.intensity[static_cast<std::size_t>(y * view.width + x)] =
-                        renderer.average(x, y, rays, candidates);
-                  }
-                }
-              });
-}
-
-void renderSupersampled(const Renderer& renderer, int rays, View& view) {
-  forEachTile(renderer,
-              view.width,
-              view.height,
-              [&](int x0, int y0, int x1, int y1, const std::vector<int>& candidates) {
-                for (int y = y0; y < y1; ++y) {
-                  for (int x = x0; x < x1; ++x) {
-                    view.intensity[static_cast<std::size_t>(y * view.width + x)] =
+                    if (edges_only && !isOnEdge(view, x, y)) continue;
+                    view.intensity[pixelIndex(view, x, y)] =
                         renderer.average(x, y, rays, candidates);
                   }
                 }
@@ -305,9 +299,9 @@ View render(const Scene& scene,
   const Renderer renderer(scene, camera, T_world_cam);
   renderCentres(renderer, options.supersampling == 1, view);
   if (options.supersampling > 1) {
-    renderSupersampled(renderer, options.supersampling, view);
+    renderAveraged(renderer, options.supersampling, false, view);
   } else if (options.edge_supersampling > 1) {
-    renderEdges(renderer, options.edge_supersampling, view);
+    renderAveraged(renderer, options.edge_supersampling, true, view);
   }
   return view;
 }

@@ -46,11 +46,12 @@ std::vector<float> makeVignette(int width, int height, bool enabled) {
   const double middle_x = 0.5 * (width - 1);
   const double middle_y = 0.5 * (height - 1);
   const double corner = middle_x * middle_x + middle_y * middle_y;
+  float* pixel = vignette.data();
   for (int y = 0; y < height; ++y) {
     for (int x = 0; x < width; ++x) {
       const double square =
           ((x - middle_x) * (x - middle_x) + (y - middle_y) * (y - middle_y)) / corner;
-      vignette[static_cast<std::size_t>(y * width + x)] =
+      *pixel++ =
           static_cast<float>(1 - kVignetteSquare * square - kVignetteFourth * square * square);
     }
   }
