@@ -37,7 +37,11 @@ class PlaneScene {
     return normal_.dot(camera_.unproject(pixel));
   }
   /// @param noise standard deviation [grey levels]
-  [[nodiscard]] FramePtr render(const SE3& T_cam_ref, double noise, int id) const {
+  /// @param brightness of the image relative to the scene
+  [[nodiscard]] FramePtr render(const SE3& T_cam_ref,
+                                double noise,
+                                int id,
+                                const BrightnessTransfer& brightness = {}) const {
     const Eigen::Matrix3d K = camera_.matrix();
     const Eigen::Matrix3d H_ref_cam =
         (K * (T_cam_ref.rotationMatrix() + T_cam_ref.translation() * normal_.transpose()) *
@@ -48,8 +52,8 @@ class PlaneScene {
     for (int y = 0; y < camera_.height; ++y) {
       for (int x = 0; x < camera_.width; ++x) {
         const Eigen::Vector2d at = (H_ref_cam * Eigen::Vector3d(x, y, 1)).hnormalized();
-        grey.push_back(
-            static_cast<float>(texture(at) + (noise > 0 ? noise * random.gaussian() : 0)));
+        grey.push_back(static_cast<float>(brightness.gain * texture(at) + brightness.offset +
+                                          (noise > 0 ? noise * random.gaussian() : 0)));
       }
     }
     return Frame::create(ImageView(grey.data(), camera_.width, camera_.height),

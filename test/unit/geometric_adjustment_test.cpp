@@ -34,6 +34,13 @@ double median(std::vector<double> values) {
   return values[values.size() / 2];
 }
 
+/// Independent noise: every observation counts.
+GeometricOptions formal() {
+  GeometricOptions options;
+  options.effective_points = 0;
+  return options;
+}
+
 TEST(PoseManifold, MinusUndoesPlus) {
   const PoseManifold manifold;
   const PoseBlock x = toBlock(somePose(1));
@@ -123,7 +130,7 @@ TEST(GeometricAdjustment, VariancesPredictTheErrorsOfNoisyObservations) {
   std::vector<double> pose_ratios;
   for (std::uint64_t seed = 10; seed < 30; ++seed) {
     SyntheticMap scene = makeSyntheticMap({200, 4, 0.3, 0.1}, seed);
-    const GeometricReport report = adjustGeometry(scene.start, scene.camera, GeometricOptions());
+    const GeometricReport report = adjustGeometry(scene.start, scene.camera, formal());
     ASSERT_TRUE(report.usable);
     ASSERT_EQ(scene.start.corners.size(), scene.truth.corners.size());
     EXPECT_NEAR(report.variance_factor, 0.09, 0.02);  // noise^2; 800 degrees of freedom: 5 %
@@ -176,7 +183,7 @@ Eigen::MatrixXd denseCovariance(const InitialMap& map, const PinholeCamera& came
 
 TEST(GeometricCovariance, EqualsTheDensePseudoInverseInTheSameGauge) {
   SyntheticMap scene = makeSyntheticMap({40, 4, 0.2, 0}, 6);
-  GeometricOptions options;
+  GeometricOptions options = formal();
   options.min_points = 10;
   options.huber_threshold = 1000;  // the referee has no weights
   const GeometricReport report = adjustGeometry(scene.start, scene.camera, options);
@@ -191,6 +198,22 @@ TEST(GeometricCovariance, EqualsTheDensePseudoInverseInTheSameGauge) {
   for (int i = 0; i < 40; ++i) {
     const double variance = scene.start.corners[static_cast<std::size_t>(i)].variance;
     EXPECT_NEAR(variance / expected(18 + i, 18 + i), 1.0, 1e-5) << i;
+  }
+}
+
+TEST(GeometricCovariance, CountsAllObservationsAsAFewIndependentPoints) {
+  SyntheticMap a = makeSyntheticMap({200, 4, 0.3, 0}, 13);
+  SyntheticMap b = a;
+  GeometricOptions options;
+  options.effective_points = 50;
+  ASSERT_TRUE(adjustGeometry(a.start, a.camera, formal()).usable);
+  ASSERT_TRUE(adjustGeometry(b.start, b.camera, options).usable);
+  const Matrix6d expected = 12.0 * *a.start.covariance[3];  // 3 frames x 200 corners / 50
+  EXPECT_LT(relativeDifference(*b.start.covariance[3], expected), 1e-9);
+  for (std::size_t i = 0; i < a.start.corners.size(); ++i) {
+    const double ratio = b.start.corners[i].variance / a.start.corners[i].variance;
+    EXPECT_GT(ratio, 3.0 - 1e-9);
+    EXPECT_LT(ratio, 6.0 + 1e-9);
   }
 }
 

@@ -208,6 +208,29 @@ TEST(SemiDenseDepth, FindsTheDepthOfAPlaneWithEveryPatchAndBrightness) {
   }
 }
 
+TEST(SemiDenseDepth, EstimatesAndUndoesBrightnessChanges) {
+  const PlaneScene scene(9);
+  InitialMap map = makeMap(scene, sideways(), 0);
+  map.frames[3] = scene.render(*map.T_cam_ref[3], 0, 3, {1.3, -20});
+  for (std::size_t i = 0; i < map.corners.size(); ++i) {
+    const Corner& corner = map.corners[i];
+    for (int k = 1; k < 4; ++k) {
+      const Eigen::Vector3d point = scene.camera().unproject(corner.pixel) / corner.inverse_depth;
+      const SE3& T = *map.T_cam_ref[static_cast<std::size_t>(k)];
+      map.observations.push_back({static_cast<int>(i), k, scene.camera().project(T * point)});
+    }
+  }
+  map.observations[5].pixel += Eigen::Vector2d(15, 10);  // one bad track
+  SemiDenseOptions options;
+  options.brightness = PatchBrightness::kAffine;
+  estimateSemiDenseDepth(map, scene.camera(), options, 1);
+  EXPECT_NEAR(map.affine[1].a, 0, 0.01);
+  EXPECT_NEAR(map.affine[3].a, std::log(1.3), 0.01);
+  EXPECT_NEAR(map.affine[3].b, -20, 1.5);
+  EXPECT_GT(map.points.size(), 200U);
+  EXPECT_LT(median(relativeErrors(map, scene)), 0.005);
+}
+
 TEST(SemiDenseDepth, VariancesPredictErrorsOfNoisyImagesAndPoses) {
   const PlaneScene scene(4);
   // Poses off by 0.5 mrad and 0.1 % of the mean depth, known to be so.

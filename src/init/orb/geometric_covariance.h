@@ -17,7 +17,9 @@ namespace dsorb::init_orb {
 /// rho shrink) and m = mean A_i:
 ///   poses           P S^- P^T + n n^T c,  P = I - n m^T,  c = sum(1 / h_ii) / N^2
 ///   inverse depth i 1 / h_ii (1 - 2 rho_i / N) + g_i^T S^- g_i + rho_i^2 c,  g_i = A_i - rho_i m
-/// for any generalised inverse S^-, because P n = 0 and g_i^T n = 0.
+/// for any generalised inverse S^-, because P n = 0 and g_i^T n = 0. Unless
+/// `options.effective_points` is 0 these formal variances are multiplied by factors that make them
+/// predict real errors.
 /// @param map adjusted, mean inverse depth 1, every corner observed in a posed frame
 /// @return the variance factor s^2 [-]; nothing is set and NaN returned when the problem has no
 ///         redundancy or is degenerate

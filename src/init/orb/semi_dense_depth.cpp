@@ -7,6 +7,7 @@
 #include "init/orb/candidate_depth.h"
 #include "init/orb/corner_prior.h"
 #include "init/orb/epipolar_search.h"
+#include "init/orb/frame_brightness.h"
 
 #include <algorithm>
 #include <cmath>
@@ -94,6 +95,7 @@ SemiDenseReport estimateSemiDenseDepth(InitialMap& map,
                                        std::uint64_t seed) {
   SemiDenseReport report;
   map.points.clear();
+  estimateBrightness(map);
   const std::vector<SearchFrame> frames = searchFrames(map);
   if (map.corners.empty() || frames.empty()) {
     return report;

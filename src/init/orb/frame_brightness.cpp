@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/frame_brightness.h"
+
+#include "image/interpolate.h"
+#include "image/photometric.h"
+
+#include <cmath>
+#include <optional>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr int kMinPairs = 10;
+constexpr int kIterations = 5;      // of re-weighting
+constexpr double kMinContrast = 5;  // standard deviation of the reference's patches [grey levels]
+constexpr double kMaxGain = 5;      // and its inverse; more is no exposure change
+
+/// Mean grey value of the residual pattern; nullopt where it leaves the image or is invalid.
+std::optional<double> patchMean(const PyramidLevel& level, const Eigen::Vector2d& centre) {
+  const Eigen::Vector2f at = centre.cast<float>();
+  if (!insideForInterpolation(level, at.x(), at.y(), static_cast<float>(kPatternRadius))) {
+    return std::nullopt;
+  }
+  float sum = 0;
+  for (const PatternOffset& offset : kPattern) {
+    sum += interpolateIntensity(
+        level, at.x() + static_cast<float>(offset.x), at.y() + static_cast<float>(offset.y));
+  }
+  if (!std::isfinite(sum)) {
+    return std::nullopt;
+  }
+  return static_cast<double>(sum) / kPatternSize;
+}
+
+struct GreyPair {
+  double reference;
+  double target;
+};
+
+/// target = gain reference + offset, Huber weights.
+std::optional<BrightnessTransfer> fitLine(const std::vector<GreyPair>& pairs) {
+  if (pairs.size() < kMinPairs) {
+    return std::nullopt;
+  }
+  BrightnessTransfer line;
+  for (int iteration = 0; iteration < kIterations; ++iteration) {
+    double sum = 0;
+    double x = 0;
+    double y = 0;
+    double xx = 0;
+    double xy = 0;
+    for (const GreyPair& pair : pairs) {
+      const double error = pair.target - line.gain * pair.reference - line.offset;
+      // The first round has no line yet.
+      const double weight =
+          iteration == 0 ? 1.0 : static_cast<double>(huberWeight(static_cast<float>(error)));
+      sum += weight;
+      x += weight * pair.reference;
+      y += weight * pair.target;
+      xx += weight * pair.reference * pair.reference;
+      xy += weight * pair.reference * pair.target;
+    }
+    const double variance = xx / sum - x / sum * (x / sum);
+    if (!(variance > kMinContrast * kMinContrast)) {
+      return std::nullopt;
+    }
+    line.gain = (xy / sum - x / sum * (y / sum)) / variance;
+    line.offset = (y - line.gain * x) / sum;
+  }
+  if (!(line.gain > 1 / kMaxGain && line.gain < kMaxGain)) {
+    return std::nullopt;
+  }
+  return line;
+}
+
+}  // namespace
+
+void estimateBrightness(InitialMap& map) {
+  std::vector<std::optional<double>> reference;
+  for (const Corner& corner : map.corners) {
+    reference.push_back(patchMean(map.frames.front()->level(0), corner.pixel));
+  }
+  std::vector<std::vector<GreyPair>> pairs(map.frames.size());
+  for (const Observation& observation : map.observations) {
+    const auto frame = static_cast<std::size_t>(observation.frame);
+    const std::optional<double>& host = reference[static_cast<std::size_t>(observation.corner)];
+    if (!host || !map.T_cam_ref[frame]) {
+      continue;
+    }
+    if (const auto target = patchMean(map.frames[frame]->level(0), observation.pixel)) {
+      pairs[frame].push_back({*host, *target});
+    }
+  }
+  for (std::size_t k = 1; k < map.frames.size(); ++k) {
+    map.affine[k] = {};
+    if (const std::optional<BrightnessTransfer> line = fitLine(pairs[k])) {
+      const double exposure_ratio =
+          brightnessTransfer({}, map.frames.front()->exposure(), {}, map.frames[k]->exposure())
+              .gain;
+      map.affine[k] = {std::log(line->gain / exposure_ratio), line->offset};
+    }
+  }
+}
+
+}  // namespace dsorb::init_orb
