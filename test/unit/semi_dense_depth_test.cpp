@@ -101,7 +101,8 @@ TEST(CandidateDepth, KeepsTheMostPreciseObservationAndNeverThePrior) {
 }
 
 TEST(CandidateDepth, ThreeObservationsOutsideTheGateRemoveThePoint) {
-  const SemiDenseOptions options;
+  SemiDenseOptions options;
+  options.fusion = DepthFusion::kMostPrecise;
   CandidateDepth depth({1.0F, 0.01F}, options);
   depth.add({1.5F, 0.01F});  // 3.5 combined sigma
   depth.add({1.4F, 0.01F});  // 2.8: inside, becomes the estimate

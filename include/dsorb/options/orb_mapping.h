@@ -65,7 +65,7 @@ struct SemiDenseOptions {
   double gradient_above_median = 7;  ///< threshold over the median of its 32x32 block [grey/px]
   int max_candidates = 3000;         ///< larger patches are taken until no more remain
   SearchPatch patch = SearchPatch::kPattern;
-  PatchBrightness brightness = PatchBrightness::kMeanRemoved;
+  PatchBrightness brightness = PatchBrightness::kAffine;
   double min_gradient_share = 0.3;  ///< least |gradient along the line| / |gradient| [-]
   double min_line_gradient = 2.0;   ///< least |gradient along the line| [grey/px]
   int prior_neighbours = 5;         ///< nearest corners a prior is made of
@@ -79,7 +79,7 @@ struct SemiDenseOptions {
   double second_best_ratio = 1.5;  ///< least ratio of the second-best minimum to the best [-]
   LineError line_error = LineError::kNormal;
   double line_error_floor = 0.2;  ///< least sigma_l [px]
-  DepthFusion fusion = DepthFusion::kMostPrecise;
+  DepthFusion fusion = DepthFusion::kProduct;
   double fusion_gate = 3.0;   ///< farther from the prior is an outlier vote [combined sigma]
   int max_outlier_votes = 3;  ///< so many votes remove a point
   int min_points = 50;        ///< fewer: the attempt fails
