@@ -39,7 +39,7 @@ struct TwoViewOptions {
   int rounds = 200;                        ///< of RANSAC; both models use the same samples
   double sigma = 1;                        ///< of a corner's position in each image
   double homography_share = 0.4;           ///< homography when S_H / (S_H + S_F) is above
-  double min_rotation_residual_deg = 0.1;  ///< median that a rotation leaves; less: no parallax
+  double min_rotation_residual_deg = 0.3;  ///< median that a rotation leaves; less: no parallax
   int min_triangulated = 50;               ///< good points of the best hypothesis
   double min_good_share = 0.9;             ///< good points of the best hypothesis, of the inliers
   double max_second_share = 0.7;           ///< good points of the second hypothesis, of the best's

@@ -16,6 +16,7 @@ namespace {
 constexpr double kReferenceDiagonal = 800;   // [px] of 640x480, where min_distance is meant
 constexpr int kBorder = kPatternRadius + 1;  // [px]; the pattern and its interpolation stay inside
 constexpr std::uint8_t kValid = 255;
+constexpr double kMaxGain = 4;  // two stops; more is another scene or an image without content
 
 /// What OpenCV sees of a frame.
 struct GreyImage {
@@ -24,7 +25,29 @@ struct GreyImage {
                   // empty when the whole image is
 };
 
-GreyImage greyImage(const PyramidLevel& level, int margin) {
+/// Mean intensity of the valid pixels [grey levels]; 0 without any.
+double meanIntensity(const PyramidLevel& level) {
+  double sum = 0;
+  int count = 0;
+  for (int y = 0; y < level.height(); ++y) {
+    const ImageSample* row = level.row(y);
+    for (int x = 0; x < level.width(); ++x) {
+      if (!std::isfinite(row[x].intensity)) continue;
+      sum += row[x].intensity;
+      ++count;
+    }
+  }
+  return count > 0 ? sum / count : 0;
+}
+
+/// Level that is small enough to average quickly.
+int brightnessLevel(const Frame& frame) {
+  return std::min(2, frame.pyramid().levels() - 1);
+}
+
+/// @param gain   applied to the intensities; Lucas-Kanade expects equal brightness
+/// @param margin by which invalid regions are widened [px]
+GreyImage greyImage(const PyramidLevel& level, float gain, int margin) {
   GreyImage image{cv::Mat(level.height(), level.width(), CV_8UC1), {}};
   for (int y = 0; y < level.height(); ++y) {
     const ImageSample* source = level.row(y);
@@ -32,7 +55,7 @@ GreyImage greyImage(const PyramidLevel& level, int margin) {
     for (int x = 0; x < level.width(); ++x) {
       const float intensity = source[x].intensity;
       if (std::isfinite(intensity)) {
-        grey[x] = static_cast<std::uint8_t>(std::clamp(intensity, 0.0F, 255.0F) + 0.5F);
+        grey[x] = static_cast<std::uint8_t>(std::clamp(gain * intensity, 0.0F, 255.0F) + 0.5F);
         continue;
       }
       grey[x] = 0;
@@ -122,7 +145,7 @@ void FeatureTracks::clear() {
 
 void FeatureTracks::start(const Frame& reference) {
   clear();
-  const GreyImage image = greyImage(reference.level(0), options_.window / 2);
+  const GreyImage image = greyImage(reference.level(0), 1.0F, options_.window / 2);
   const double diagonal = std::hypot(image.grey.cols, image.grey.rows);
   const double min_distance = options_.min_distance * diagonal / kReferenceDiagonal;
   std::vector<cv::Point2f> corners;
@@ -130,11 +153,14 @@ void FeatureTracks::start(const Frame& reference) {
       image.grey, corners, 0, options_.corner_quality, min_distance, image.valid);
   positions_.push_back(spread(corners, image.grey.size(), options_));
   LucasKanade(options_).pyramid(image.grey, previous_pyramid_);
+  reference_mean_ = meanIntensity(reference.level(brightnessLevel(reference)));
 }
 
 void FeatureTracks::advance(const Frame& frame) {
   const LucasKanade lucas_kanade(options_);
-  const GreyImage image = greyImage(frame.level(0), options_.window / 2);
+  const double mean = meanIntensity(frame.level(brightnessLevel(frame)));
+  const double gain = mean > 0 ? std::clamp(reference_mean_ / mean, 1 / kMaxGain, kMaxGain) : 1.0;
+  const GreyImage image = greyImage(frame.level(0), static_cast<float>(gain), options_.window / 2);
   std::vector<cv::Mat> pyramid;
   lucas_kanade.pyramid(image.grey, pyramid);
 

@@ -46,6 +46,7 @@ class FeatureTracks {
   std::vector<std::vector<Eigen::Vector2f>> positions_;  // [frame][track]
   std::vector<cv::Mat> previous_pyramid_;                // Lucas-Kanade's own, with derivatives
   double survivor_share_ = 1;
+  double reference_mean_ = 0;  // intensity that later images are brought to [grey levels]
 };
 
 }  // namespace dsorb::init_orb
