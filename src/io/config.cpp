@@ -18,10 +18,6 @@ namespace {
 
 constexpr const char* kVariantKey = "initializer.kind";
 
-std::string quoted(const ConfigAssignment& assignment) {
-  return fmt::format("{}: {} = '{}'", assignment.origin, assignment.key, assignment.value);
-}
-
 bool endsWith(const std::string& text, const std::string& end) {
   return text.size() >= end.size() && text.compare(text.size() - end.size(), end.size(), end) == 0;
 }
@@ -103,7 +99,7 @@ const io::Preset& findPreset(const std::string& name) {
     if (name == preset.name) return preset;
   }
   throw ConfigError(
-      fmt::format("--preset {}: this version has only: {}", name, fmt::join(presetNames(), ", ")));
+      fmt::format("--preset {}: this version lacks it; it has {}", name, fmt::join(presetNames(), ", ")));
 }
 
 bool namesVariant(const ConfigAssignment& assignment) {
@@ -113,12 +109,14 @@ bool namesVariant(const ConfigAssignment& assignment) {
 /// Sets what distinguishes the variant from the defaults, and nothing else, so that a preset keeps
 /// its say about the rest.
 void applyVariant(const ConfigAssignment& choice, Config& config) {
-  InitializerOptions variant;
-  try {
-    variant = initializerVariant(choice.value);
-  } catch (const ConfigError& error) {
-    throw ConfigError(quoted(choice) + ": " + error.what());
+  const std::vector<std::string> names = initializerVariants();
+  if (std::find(names.begin(), names.end(), choice.value) == names.end()) {
+    throw ConfigError(fmt::format("{}: initializer '{}': this version lacks it; it has {}",
+                                  choice.origin,
+                                  choice.value,
+                                  fmt::join(names, ", ")));
   }
+  InitializerOptions variant = initializerVariant(choice.value);
   config.initializer = choice.value;
   const std::vector<std::string> keys = differingKeys(InitializerOptions{}, variant);
   std::vector<OptionField> target = listFields(config.options.initializer);

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/odometry/observer.h"
+#include "dsorb/odometry/odometry.h"
+
+#include <memory>
+#include <string>
+
+namespace dsorb {
+
+enum class RunStatus { kTracked, kLost, kNeverInitialized, kInterrupted, kError };
+
+/// Name as in run.json, for example "never_initialized".
+[[nodiscard]] const char* name(RunStatus status);
+
+/// What the files say about a run beyond what observers are told.
+struct RunInfo {
+  std::string program;
+  std::string version;
+  std::string dataset;
+  std::string initializer;  ///< name of the variant
+  int threads = 1;          ///< really used, never 0
+  std::string config_yaml;  ///< becomes config.yaml
+};
+
+/// Wall times of one frame.
+struct FrameTiming {
+  double work_milliseconds = 0;     ///< pyramid and odometry, without reading and undistorting
+  double reading_milliseconds = 0;  ///< reading, decoding, undistorting
+};
+
+/// Writes the output folder of a run: trajectories, initializations, points, per-frame table,
+/// summary and figures. As observer it only takes notes; files are written in frameDone() and
+/// finish(), so that writing is not part of a frame's measured time. Whatever lies in the folder
+/// after a crash is valid: text files grow by whole lines, all others are replaced by rename.
+class RunWriter : public OdometryObserver {
+ public:
+  /// Creates the folder and removes the files of an earlier run from it.
+  /// @throws IoError where the folder cannot be created or written to
+  RunWriter(const std::string& folder, const RunInfo& info);
+  ~RunWriter() override;
+  RunWriter(RunWriter&&) = delete;
+  RunWriter& operator=(RunWriter&&) = delete;
+  RunWriter(const RunWriter&) = delete;
+  RunWriter& operator=(const RunWriter&) = delete;
+
+  /// Camera of the rectified images; needed before the first frame.
+  void setCamera(const PinholeCamera& camera);
+
+  void onInitStep(const InitStep& step, const Frame& frame, int segment) override;
+  void onFrame(const FrameEstimate& estimate) override;
+  void onKeyframe(const KeyframeSnapshot& keyframe) override;
+  void onKeyframeRetired(const KeyframeSnapshot& keyframe) override;
+
+  /// Writes what the last frame brought; call it after each Odometry::process.
+  /// @throws IoError where a file cannot be written, for example on a full disk
+  void frameDone(const FrameTiming& timing);
+
+  /// What happened up to now: tracked, lost (and not initialized again) or never initialized.
+  [[nodiscard]] RunStatus outcome() const;
+
+  /// Writes the final files.
+  /// @param report of Odometry::finish(), or null when there is none after an error
+  /// @throws IoError where a file cannot be written
+  void finish(RunStatus status, const OdometryReport* report);
+
+  /// Writes the trajectory of all keyframes, as in keyframes.txt, to another file.
+  /// @throws IoError where it cannot be written
+  void writeKeyframes(const std::string& path) const;
+
+ private:
+  class Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace dsorb

@@ -1,0 +1,243 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "app/command_line.h"
+
+#include "dsorb/error.h"
+
+#include "app/original_words.h"
+
+#include <CLI/CLI.hpp>
+#include <spdlog/fmt/fmt.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <map>
+#include <optional>
+
+namespace dsorb::app {
+namespace {
+
+const std::map<std::string, SequenceFormat> kFormats = {{"auto", SequenceFormat::kAuto},
+                                                        {"dso", SequenceFormat::kDso},
+                                                        {"kitti", SequenceFormat::kKitti},
+                                                        {"euroc", SequenceFormat::kEuroc},
+                                                        {"tum", SequenceFormat::kTum},
+                                                        {"images", SequenceFormat::kImages}};
+const std::map<std::string, PhotometryMode> kModes = {
+    {"calibrated", PhotometryMode::kCalibrated},
+    {"uncalibrated", PhotometryMode::kUncalibrated},
+    {"perfect", PhotometryMode::kPerfect}};
+const std::map<std::string, ProgressMode> kProgressModes = {
+    {"auto", ProgressMode::kAuto}, {"on", ProgressMode::kOn}, {"off", ProgressMode::kOff}};
+
+/// What CLI11 fills before it becomes a CommandLine.
+struct Flags {
+  std::vector<std::string> words;
+  std::string format = "auto";
+  std::string mode;
+  std::string progress = "auto";
+  std::string on_lost = "restart";
+  std::string initializer;
+  std::vector<std::string> assignments;
+  std::optional<int> threads;
+  double speed = 0;
+  bool pipelined = false;
+  std::string record;
+};
+
+template <typename Value>
+std::vector<std::string> namesOf(const std::map<std::string, Value>& values) {
+  std::vector<std::string> names;
+  for (const auto& entry : values) names.push_back(entry.first);
+  return names;
+}
+
+void addInputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
+  app.add_option("DATASET", flags.words, "folder of a data set, of images, or .zip of images")
+      ->type_name("");
+  app.add_option("--format", flags.format, "default auto: recognised by what lies in the folder")
+      ->check(CLI::IsMember(namesOf(kFormats)))
+      ->group("Input");
+  app.add_option("--calib", request.sequence.calibration_file, "geometric calibration")
+      ->type_name("FILE")
+      ->group("Input");
+  app.add_option("--gamma", request.sequence.response_file, "response of the camera (pcalib.txt)")
+      ->type_name("FILE")
+      ->group("Input");
+  app.add_option("--vignette", request.sequence.vignette_file, "vignette image")
+      ->type_name("FILE")
+      ->group("Input");
+  app.add_option("--mode",
+                 flags.mode,
+                 "photometry; default calibrated where response and vignette are there, else "
+                 "uncalibrated")
+      ->check(CLI::IsMember(namesOf(kModes)))
+      ->group("Input");
+  app.add_option("--start", request.sequence.start, "first frame of the sequence; default 0")
+      ->type_name("N")
+      ->check(CLI::NonNegativeNumber)
+      ->group("Input");
+  app.add_option("--end", request.sequence.end, "one past the last frame; default: all")
+      ->type_name("M")
+      ->check(CLI::NonNegativeNumber)
+      ->group("Input");
+  app.add_flag("--reverse", request.sequence.reverse, "frames M-1 down to N, N included")
+      ->group("Input");
+}
+
+void addMethodFlags(CLI::App& app, Flags& flags, CommandLine& request) {
+  app.add_option("--initializer",
+                 flags.initializer,
+                 fmt::format("{}; default orb", fmt::join(initializerVariants(), ", ")))
+      ->type_name("NAME")
+      ->group("Method");
+  app.add_option("--preset",
+                 request.config.preset,
+                 fmt::format("{}; default default", fmt::join(presetNames(), ", ")))
+      ->type_name("NAME")
+      ->group("Method");
+  app.add_option("--config", request.config.files, "options from a YAML file; may repeat")
+      ->type_name("FILE")
+      ->expected(1)
+      ->allow_extra_args(false)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
+      ->group("Method");
+  app.add_option("--set", flags.assignments, "one option, e.g. orb.min_frames=6; may repeat")
+      ->type_name("KEY=VALUE")
+      ->expected(1)
+      ->allow_extra_args(false)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
+      ->group("Method");
+  app.add_flag("--print-config", request.print_config, "print all options as YAML and stop")
+      ->group("Method");
+  app.add_option("--threads", flags.threads, "default 0: all the machine has")
+      ->type_name("N")
+      ->group("Method");
+  app.add_option("--on-lost", flags.on_lost, "stop or restart; default restart: a new segment")
+      ->check(CLI::IsMember({"stop", "restart"}))
+      ->group("Method");
+  app.add_option("--speed", flags.speed, "0 (default): every frame, as fast as it goes")
+      ->type_name("X")
+      ->check(CLI::NonNegativeNumber)
+      ->group("Method");
+  app.add_flag("--pipelined", flags.pipelined)->group("");  // known, but not yet there
+  app.add_option("--record", flags.record)->group("");
+}
+
+void addOutputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
+  app.add_option("--output", request.output, "folder; default out/<dataset name>")
+      ->type_name("DIR")
+      ->group("Output");
+  app.add_flag("--quiet", request.quiet, "print errors only")->group("Output");
+  app.add_option("--progress", flags.progress, "default auto: a bar where a terminal is")
+      ->check(CLI::IsMember(namesOf(kProgressModes)))
+      ->group("Output");
+  app.set_version_flag("--version", std::string("dso_dataset ") + DSORB_VERSION);
+}
+
+/// The first argument that looks like an option and is none.
+void refuseUnknownOptions(const CLI::App& app) {
+  for (const std::string& word : app.remaining()) {
+    std::vector<std::string> known;
+    for (const CLI::Option* option : app.get_options()) {
+      for (const std::string& name : option->get_lnames()) known.push_back("--" + name);
+    }
+    const std::string option = word.substr(0, word.find('='));
+    throw ConfigError(fmt::format(
+        "unknown option '{}'; the closest is '{}'", word, closestName(option, known)));
+  }
+}
+
+void refuseWhatIsLacking(const Flags& flags) {
+  const auto refuse = [](const std::string& option) {
+    throw ConfigError(option + ": this version lacks it");
+  };
+  if (flags.speed > 0) refuse("--speed above 0");
+  if (flags.pipelined) refuse("--pipelined");
+  if (!flags.record.empty()) refuse("--record");
+}
+
+/// Data set and original words among the free words.
+void takeWords(const std::vector<std::string>& words, CommandLine& request) {
+  std::vector<std::string> original;
+  std::vector<std::string> paths;
+  for (const std::string& word : words) {
+    (looksLikeOriginalWord(word) ? original : paths).push_back(word);
+  }
+  if (paths.size() > 1) {
+    throw ConfigError(
+        fmt::format("one data set is expected, found '{}' and '{}'", paths[0], paths[1]));
+  }
+  applyOriginalWords(original, request);
+  if (paths.empty()) return;
+  if (!request.sequence.path.empty()) {
+    throw ConfigError(fmt::format(
+        "one data set is expected, found '{}' and 'files={}'", paths[0], request.sequence.path));
+  }
+  request.sequence.path = paths[0];
+}
+
+void takeFlags(const Flags& flags, CommandLine& request) {
+  request.sequence.format = kFormats.at(flags.format);
+  if (!flags.mode.empty()) request.sequence.photometry = kModes.at(flags.mode);
+  request.progress = kProgressModes.at(flags.progress);
+  request.restart_when_lost = flags.on_lost == "restart";
+  request.config.program_defaults = {{"num_threads", "0", "dso_dataset"}};
+  for (const std::string& text : flags.assignments) {
+    request.config.assignments.push_back(parseAssignment(text, "--set"));
+  }
+  if (!flags.initializer.empty()) {
+    request.config.flags.push_back({"initializer.kind", flags.initializer, "--initializer"});
+  }
+  if (flags.threads) {
+    request.config.flags.push_back({"num_threads", std::to_string(*flags.threads), "--threads"});
+  }
+}
+
+std::string datasetName(const std::string& path) {
+  const std::filesystem::path absolute = std::filesystem::absolute(path).lexically_normal();
+  const auto last = absolute.has_filename() ? absolute : absolute.parent_path();
+  const std::string name = (last.extension() == ".zip" ? last.stem() : last.filename()).string();
+  return name.empty() ? "dataset" : name;
+}
+
+}  // namespace
+
+CommandLine parseCommandLine(int argc, const char* const* argv) {
+  CommandLine request;
+  Flags flags;
+  CLI::App app("Monocular direct visual odometry on a data set, started from features.",
+               "dso_dataset");
+  app.allow_extras();
+  app.get_formatter()->column_width(34);
+  app.footer(
+      "The original program's key=value words (files= calib= gamma= vignette= preset= mode= start=\n"
+      "end= speed= reverse= quiet= nomt= ...) are understood too; with them the keyframe\n"
+      "trajectory is also written to result.txt in the working directory.\n"
+      "Exit codes: 0 tracked to the end, 1 runtime error, 2 wrong options, 3 never initialized or\n"
+      "lost.");
+  addInputFlags(app, flags, request);
+  addMethodFlags(app, flags, request);
+  addOutputFlags(app, flags, request);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::CallForHelp&) {
+    request.text = app.help();
+    return request;
+  } catch (const CLI::CallForVersion&) {
+    request.text = app.version() + "\n";
+    return request;
+  } catch (const CLI::ParseError& error) {
+    throw ConfigError(error.what());
+  }
+  refuseUnknownOptions(app);
+  refuseWhatIsLacking(flags);
+  takeFlags(flags, request);
+  takeWords(flags.words, request);
+  if (request.sequence.path.empty() && !request.print_config) {
+    throw ConfigError("no data set given; --help shows the options");
+  }
+  if (request.output.empty()) request.output = "out/" + datasetName(request.sequence.path);
+  return request;
+}
+
+}  // namespace dsorb::app

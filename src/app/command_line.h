@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/io/config.h"
+#include "dsorb/io/sequence_reader.h"
+
+#include <string>
+#include <vector>
+
+namespace dsorb::app {
+
+enum class ProgressMode { kAuto, kOn, kOff };
+
+/// What the user asked for.
+struct CommandLine {
+  SequenceOptions sequence;
+  ConfigSources config;
+  std::string output;  ///< folder
+  bool restart_when_lost = true;
+  ProgressMode progress = ProgressMode::kAuto;
+  bool quiet = false;
+  bool print_config = false;
+  bool write_result_txt = false;      ///< the original's words were used
+  std::string text;                   ///< help or version: print it and stop
+  std::vector<std::string> warnings;  ///< one line each
+};
+
+/// Reads flags and the original program's `key=value` words.
+/// @throws ConfigError with one line on what is wrong
+[[nodiscard]] CommandLine parseCommandLine(int argc, const char* const* argv);
+
+}  // namespace dsorb::app

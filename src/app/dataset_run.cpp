@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "app/dataset_run.h"
+
+#include "dsorb/odometry/odometry.h"
+
+#include "app/progress_bar.h"
+
+#include <opencv2/core/utility.hpp>
+
+#include <algorithm>
+#include <chrono>
+#include <exception>
+#include <optional>
+#include <thread>
+
+namespace dsorb::app {
+namespace {
+
+int threadsInUse(int num_threads) {
+  if (num_threads > 0) return num_threads;
+  return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+}
+
+RunInfo describeRun(const CommandLine& request, const Config& config) {
+  RunInfo info;
+  info.program = "dso_dataset";
+  info.version = DSORB_VERSION;
+  info.dataset = request.sequence.path;
+  info.initializer = config.initializer;
+  info.threads = threadsInUse(config.options.num_threads);
+  info.config_yaml = toYaml(config);
+  return info;
+}
+
+/// Feeds every selected frame. @return whether the user ended it
+bool feed(SequenceReader& reader,
+          Odometry& odometry,
+          RunWriter& writer,
+          const CommandLine& request,
+          Interrupt& interrupt) {
+  using Clock = std::chrono::steady_clock;
+  ProgressBar progress(reader.selected(), request.progress, request.quiet);
+  while (!interrupt.requested()) {
+    const std::optional<SequenceFrame> input = reader.next();
+    if (!input) return false;
+    const Clock::time_point begin = Clock::now();
+    const FrameEstimate estimate = odometry.process(input->frame);
+    const std::chrono::duration<double, std::milli> processing = Clock::now() - begin;
+    writer.frameDone(
+        {processing.count() + input->pyramid_milliseconds, input->read_milliseconds});
+    progress.update(estimate);
+    if (estimate.state != OdometryState::kLost) continue;
+    if (!request.restart_when_lost) return false;
+    odometry.restart();
+  }
+  return true;
+}
+
+/// Writes what there is after an error; a second error must not hide the first.
+void writeAfterError(RunWriter& writer, std::optional<Odometry>& odometry) {
+  try {
+    OdometryReport report;
+    if (odometry) report = odometry->finish();
+    writer.finish(RunStatus::kError, odometry ? &report : nullptr);
+  } catch (const std::exception&) {
+    return;
+  }
+}
+
+}  // namespace
+
+RunResult runDataset(const CommandLine& request, const Config& config, Interrupt& interrupt) {
+  const RunInfo info = describeRun(request, config);
+  cv::setNumThreads(info.threads);  // OpenCV's pool belongs to the process
+  RunWriter writer(request.output, info);
+  std::optional<Odometry> odometry;
+  RunResult result;
+  try {
+    SequenceReader reader(request.sequence);
+    writer.setCamera(reader.camera());
+    odometry.emplace(reader.camera(), config.options);
+    odometry->addObserver(&writer);
+    result.interrupted = feed(reader, *odometry, writer, request, interrupt);
+    result.report = odometry->finish();
+  } catch (...) {
+    writeAfterError(writer, odometry);
+    throw;
+  }
+  result.outcome = writer.outcome();
+  writer.finish(result.interrupted ? RunStatus::kInterrupted : result.outcome, &result.report);
+  if (request.write_result_txt) writer.writeKeyframes("result.txt");
+  return result;
+}
+
+}  // namespace dsorb::app

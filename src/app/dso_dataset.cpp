@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "dsorb/error.h"
+
+#include "app/command_line.h"
+#include "app/dataset_run.h"
+#include "app/interrupt.h"
+
+#include <spdlog/sinks/stdout_sinks.h>
+#include <spdlog/spdlog.h>
+
+#include <exception>
+
+namespace {
+
+using namespace dsorb;
+
+enum ExitCode { kSuccess = 0, kRuntimeError = 1, kWrongOptions = 2, kNotTracked = 3 };
+
+void setUpLog() {
+  spdlog::set_default_logger(spdlog::stderr_logger_st("dso_dataset"));
+  spdlog::set_pattern("%n: %l: %v");
+}
+
+void printSummary(const app::CommandLine& request, const app::RunResult& result) {
+  const OdometryReport& report = result.report;
+  fmt::print("{}{}: {} of {} frames tracked, {} keyframes, {} segments\n{}\n",
+             name(result.outcome),
+             result.interrupted ? " (interrupted)" : "",
+             report.frames_tracked,
+             report.frames_given,
+             report.keyframes,
+             report.segments,
+             request.output);
+}
+
+int run(int argc, const char* const* argv, app::Interrupt& interrupt) {
+  const app::CommandLine request = app::parseCommandLine(argc, argv);
+  if (!request.text.empty()) {
+    fmt::print("{}", request.text);
+    return kSuccess;
+  }
+  const Config config = loadConfig(request.config);
+  if (request.print_config) {
+    fmt::print("{}", toYaml(config));
+    return kSuccess;
+  }
+  for (const std::string& warning : request.warnings) {
+    if (!request.quiet) spdlog::warn(warning);
+  }
+  const app::RunResult result = app::runDataset(request, config, interrupt);
+  if (!request.quiet) printSummary(request, result);
+  return result.outcome == RunStatus::kTracked ? kSuccess : kNotTracked;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  app::Interrupt interrupt;  // before any thread is started
+  setUpLog();
+  try {
+    return run(argc, argv, interrupt);
+  } catch (const ConfigError& error) {
+    spdlog::error("{}", error.what());
+    return kWrongOptions;
+  } catch (const std::exception& error) {
+    spdlog::error("{}", error.what());
+    return kRuntimeError;
+  }
+}

@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "app/original_words.h"
+
+#include "dsorb/error.h"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <algorithm>
+#include <charconv>
+#include <filesystem>
+#include <functional>
+#include <map>
+
+namespace dsorb::app {
+namespace {
+
+template <typename Number>
+Number number(const ConfigAssignment& word) {
+  Number value{};
+  const char* const end = word.value.data() + word.value.size();
+  const auto [stop, error] = std::from_chars(word.value.data(), end, value);
+  if (error != std::errc() || stop != end) {
+    throw ConfigError(fmt::format("{}={}: expected a number", word.key, word.value));
+  }
+  return value;
+}
+
+int notNegative(const ConfigAssignment& word) {
+  const int value = number<int>(word);
+  if (value < 0) throw ConfigError(fmt::format("{}={}: must not be negative", word.key, value));
+  return value;
+}
+
+void setPreset(const ConfigAssignment& word, CommandLine& request) {
+  const int preset = number<int>(word);
+  if (preset != 0) {
+    throw ConfigError(fmt::format("preset={}: this version lacks it; it has preset=0", preset));
+  }
+  request.config.preset = "default";
+}
+
+void setMode(const ConfigAssignment& word, CommandLine& request) {
+  switch (number<int>(word)) {
+    case 0:
+      request.sequence.photometry = PhotometryMode::kCalibrated;
+      return;
+    case 1:
+      request.sequence.photometry = PhotometryMode::kUncalibrated;
+      return;
+    case 2:
+      request.sequence.photometry = PhotometryMode::kPerfect;
+      return;
+    default:
+      throw ConfigError(fmt::format("mode={}: must be 0, 1 or 2", word.value));
+  }
+}
+
+void setSpeed(const ConfigAssignment& word, CommandLine& request) {
+  (void)request;
+  if (number<double>(word) != 0) {
+    throw ConfigError(fmt::format("speed={}: this version lacks it; it has speed=0", word.value));
+  }
+}
+
+using Handler = std::function<void(const ConfigAssignment&, CommandLine&)>;
+
+/// Every word of the original; an empty handler: it has no meaning here.
+const std::map<std::string, Handler>& handlers() {
+  using Word = const ConfigAssignment&;
+  static const std::map<std::string, Handler> kHandlers = {
+      {"files", [](Word word, CommandLine& c) { c.sequence.path = word.value; }},
+      {"calib", [](Word word, CommandLine& c) { c.sequence.calibration_file = word.value; }},
+      {"gamma", [](Word word, CommandLine& c) { c.sequence.response_file = word.value; }},
+      {"vignette", [](Word word, CommandLine& c) { c.sequence.vignette_file = word.value; }},
+      {"preset", setPreset},
+      {"mode", setMode},
+      {"speed", setSpeed},
+      {"start", [](Word word, CommandLine& c) { c.sequence.start = notNegative(word); }},
+      {"end", [](Word word, CommandLine& c) { c.sequence.end = notNegative(word); }},
+      {"reverse", [](Word word, CommandLine& c) { c.sequence.reverse |= number<int>(word) == 1; }},
+      {"quiet", [](Word word, CommandLine& c) { c.quiet |= number<int>(word) == 1; }},
+      {"nomt",
+       [](Word word, CommandLine& c) {
+         if (number<int>(word) == 1) c.config.flags.push_back({"num_threads", "1", "nomt=1"});
+       }},
+      {"nogui", {}},
+      {"nolog", {}},
+      {"prefetch", {}},
+      {"save", {}},
+      {"rescale", {}},
+      {"rec", {}},
+      {"noros", {}},
+      {"sampleoutput", {}}};
+  return kHandlers;
+}
+
+std::string keyOf(const std::string& word) { return word.substr(0, word.find('=')); }
+
+}  // namespace
+
+bool looksLikeOriginalWord(const std::string& word) {
+  const std::size_t equals = word.find('=');
+  if (equals == std::string::npos) return false;
+  if (handlers().count(keyOf(word)) > 0) return true;
+  return word.find('/') > equals && !std::filesystem::exists(word);
+}
+
+void applyOriginalWords(const std::vector<std::string>& words, CommandLine& command_line) {
+  std::vector<std::string> meaningless;
+  for (const std::string& text : words) {
+    const ConfigAssignment word = parseAssignment(text, "word");
+    const auto handler = handlers().find(word.key);
+    if (handler == handlers().end()) {
+      std::vector<std::string> known;
+      for (const auto& entry : handlers()) known.push_back(entry.first);
+      throw ConfigError(fmt::format(
+          "unknown word '{}'; the closest known is '{}='", text, closestName(word.key, known)));
+    }
+    if (handler->second) {
+      handler->second(word, command_line);
+    } else if (std::find(meaningless.begin(), meaningless.end(), text) == meaningless.end()) {
+      meaningless.push_back(text);
+    }
+  }
+  command_line.write_result_txt = !words.empty();
+  if (!meaningless.empty()) {
+    command_line.warnings.push_back(
+        fmt::format("without meaning here and ignored: {}", fmt::join(meaningless, " ")));
+  }
+}
+
+}  // namespace dsorb::app

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "app/progress_bar.h"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <string>
+
+namespace dsorb::app {
+namespace {
+
+constexpr int kBarWidth = 30;
+constexpr std::chrono::milliseconds kRedrawInterval(100);
+
+}  // namespace
+
+ProgressBar::ProgressBar(int total, ProgressMode mode, bool quiet)
+    : total_(std::max(total, 1)),
+      enabled_(mode == ProgressMode::kOn ||
+               (mode == ProgressMode::kAuto && !quiet && isatty(STDERR_FILENO) == 1)) {}
+
+ProgressBar::~ProgressBar() {
+  if (enabled_ && done_ > 0) std::fputc('\n', stderr);
+}
+
+void ProgressBar::update(const FrameEstimate& estimate) {
+  ++done_;
+  const Clock::time_point now = Clock::now();
+  if (enabled_ && (done_ == total_ || now - drawn_ >= kRedrawInterval)) draw(estimate, now);
+}
+
+void ProgressBar::draw(const FrameEstimate& estimate, Clock::time_point now) {
+  drawn_ = now;
+  const int filled = kBarWidth * std::min(done_, total_) / total_;
+  const double seconds = std::chrono::duration<double>(now - begin_).count();
+  fmt::print(stderr,
+             "\r[{:<{}}] {}/{}  {:.1f} frames/s  segment {}  {:<12}",
+             std::string(static_cast<std::size_t>(filled), '#'),
+             kBarWidth,
+             done_,
+             total_,
+             done_ / std::max(seconds, 1e-3),
+             estimate.segment,
+             name(estimate.state));
+  std::fflush(stderr);
+}
+
+}  // namespace dsorb::app

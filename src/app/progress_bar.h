@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/odometry/observer.h"
+
+#include "app/command_line.h"
+
+#include <chrono>
+
+namespace dsorb::app {
+
+/// One line on stderr that shows how far a run is, redrawn at most ten times a second.
+class ProgressBar {
+ public:
+  ProgressBar(int total, ProgressMode mode, bool quiet);
+  /// Ends the line.
+  ~ProgressBar();
+  ProgressBar(const ProgressBar&) = delete;
+  ProgressBar& operator=(const ProgressBar&) = delete;
+
+  void update(const FrameEstimate& estimate);
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  void draw(const FrameEstimate& estimate, Clock::time_point now);
+
+  int total_;
+  bool enabled_;
+  int done_ = 0;
+  Clock::time_point begin_ = Clock::now();
+  Clock::time_point drawn_;
+};
+
+}  // namespace dsorb::app

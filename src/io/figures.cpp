@@ -1,0 +1,274 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/figures.h"
+
+#include "dsorb/error.h"
+
+#include "io/chart.h"
+#include "io/output_file.h"
+
+#include <fmt/format.h>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <vector>
+
+namespace dsorb::io {
+namespace {
+
+constexpr int kBarWidth = 90;
+constexpr std::size_t kMaxPanels = 4;
+const cv::Scalar kPathColour(180, 110, 30);
+const cv::Scalar kKeyframeColour(40, 40, 220);
+const cv::Scalar kStartColour(60, 160, 40);
+
+float quantile(std::vector<float> values, double share) {
+  if (values.empty()) return 0;
+  const auto rank = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), values.begin() + rank, values.end());
+  return values[static_cast<std::size_t>(rank)];
+}
+
+/// The 256 colours from far (blue) to near (red).
+cv::Mat inverseDepthColours() {
+  cv::Mat ramp(1, 256, CV_8UC1);
+  for (int i = 0; i < 256; ++i) ramp.at<uchar>(0, i) = static_cast<uchar>(i);
+  cv::Mat colours;
+  cv::applyColorMap(ramp, colours, cv::COLORMAP_TURBO);
+  return colours;
+}
+
+cv::Mat greyImage(const Frame& frame) {
+  cv::Mat grey(frame.height(), frame.width(), CV_8UC1);
+  for (int y = 0; y < grey.rows; ++y) {
+    for (int x = 0; x < grey.cols; ++x) {
+      const float value = frame.level(0).at(x, y).intensity;
+      grey.at<uchar>(y, x) = std::isfinite(value) ? cv::saturate_cast<uchar>(value) : uchar{0};
+    }
+  }
+  return grey;
+}
+
+void drawColourBar(cv::Mat& canvas, const cv::Mat& colours, float low, float high) {
+  const int left = canvas.cols - kBarWidth + 10;
+  const int top = 24;
+  const int height = canvas.rows - 2 * top;
+  for (int y = 0; y < height; ++y) {
+    const int index = 255 - 255 * y / std::max(1, height - 1);
+    canvas(cv::Rect(left, top + y, 16, 1)).setTo(colours.at<cv::Vec3b>(0, index));
+  }
+  for (int i = 0; i <= 4; ++i) {
+    const float value = high + (low - high) * static_cast<float>(i) / 4;
+    drawText(canvas,
+             fmt::format("{:.2f}", static_cast<double>(value)),
+             {left + 22, top + 5 + (height - 1) * i / 4},
+             0.4);
+  }
+  drawText(canvas, "1/depth", {left, 14}, 0.4);
+}
+
+/// Points of one segment seen from above: x to the right, z up.
+struct SegmentPath {
+  int segment = 0;
+  std::vector<cv::Point2d> frames;
+  std::vector<cv::Point2d> keyframes;
+};
+
+std::vector<cv::Point2d> topView(const RunRecord& record,
+                                 const std::vector<PosedEntry>& entries,
+                                 int segment) {
+  std::vector<cv::Point2d> points;
+  for (const PosedEntry& entry : entries) {
+    if (entry.segment != segment) continue;
+    const Eigen::Vector3d place = record.T_world_cam(entry).translation();
+    points.emplace_back(place.x(), place.z());
+  }
+  return points;
+}
+
+/// The longest segments, in the order of the sequence.
+std::vector<SegmentPath> longestPaths(const RunRecord& record) {
+  std::vector<SegmentPath> paths;
+  for (const int segment : record.segments()) {
+    paths.push_back({segment,
+                     topView(record, record.frames(), segment),
+                     topView(record, record.keyframes(), segment)});
+  }
+  if (paths.size() > kMaxPanels) {
+    std::stable_sort(paths.begin(), paths.end(), [](const SegmentPath& l, const SegmentPath& r) {
+      return l.frames.size() > r.frames.size();
+    });
+    paths.resize(kMaxPanels);
+    std::sort(paths.begin(), paths.end(), [](const SegmentPath& l, const SegmentPath& r) {
+      return l.segment < r.segment;
+    });
+  }
+  return paths;
+}
+
+void include(Interval& interval, double value) {
+  interval.low = std::min(interval.low, value);
+  interval.high = std::max(interval.high, value);
+}
+
+/// Makes the range cover `length` around its middle.
+Interval widened(const Interval& interval, double length) {
+  const double margin = 0.5 * std::max(0.0, length - interval.length());
+  return {interval.low - margin, interval.high + margin};
+}
+
+void drawPath(cv::Mat& canvas, const cv::Rect& area, const SegmentPath& path) {
+  Interval x{0, 0};  // the origin, the reference camera, is always in view
+  Interval z{0, 0};
+  for (const cv::Point2d& point : path.frames) {
+    include(x, point.x);
+    include(z, point.y);
+  }
+  Chart chart(canvas,
+              area,
+              fmt::format("segment {}: {} frames (blue), {} keyframes (red), start green",
+                          path.segment,
+                          path.frames.size(),
+                          path.keyframes.size()));
+  // One unit is equally long on both axes.
+  const double per_pixel =
+      std::max({x.length() / chart.plotSize().width, z.length() / chart.plotSize().height, 1e-6}) *
+      1.1;
+  x = widened(x, per_pixel * chart.plotSize().width);
+  z = widened(z, per_pixel * chart.plotSize().height);
+  const double step = std::max(roundAxis(x, 8).step, roundAxis(z, 8).step);
+  const auto ticksInside = [step](const Interval& range) { return RoundAxis{range, step}; };
+  chart.axes(ticksInside(x),
+             ticksInside(z),
+             "x right, z up; unit: mean inverse depth of the reference is 1");
+  chart.curve(path.frames, kPathColour);
+  chart.dots(path.keyframes, 4, kKeyframeColour);
+  chart.dots({{0, 0}}, 5, kStartColour);
+}
+
+cv::Scalar stateColour(OdometryState state) {
+  switch (state) {
+    case OdometryState::kInitializing:
+      return {190, 230, 255};
+    case OdometryState::kInitialized:
+      return {120, 190, 120};
+    case OdometryState::kTracked:
+      return {235, 250, 235};
+    case OdometryState::kLost:
+      return {150, 150, 245};
+  }
+  return cv::Scalar::all(255);
+}
+
+void drawNotes(cv::Mat& canvas,
+               const cv::Rect& area,
+               const std::string& title,
+               const std::vector<FrameNote>& notes,
+               float FrameNote::*member) {
+  Interval x{std::numeric_limits<double>::max(), std::numeric_limits<double>::lowest()};
+  Interval y{0, 1e-3};
+  std::vector<std::vector<cv::Point2d>> curves(1);
+  for (const FrameNote& note : notes) {
+    include(x, note.index);
+    if (note.*member < 0) {
+      if (!curves.back().empty()) curves.emplace_back();
+      continue;
+    }
+    include(y, static_cast<double>(note.*member));
+    curves.back().emplace_back(note.index, static_cast<double>(note.*member));
+  }
+  Chart chart(canvas, area, title);
+  RoundAxis x_axis = roundAxis(x, 10);
+  if (x_axis.step < 1) x_axis = {{x.low, std::max(x.high, x.low + 1)}, 1};
+  const RoundAxis y_axis = roundAxis(y, 5);
+  chart.axes(x_axis, y_axis, "");
+  for (const FrameNote& note : notes) {
+    chart.band(note.index - 0.5, note.index + 0.5, stateColour(note.state));
+  }
+  chart.axes(
+      x_axis,
+      y_axis,
+      "frame; yellow: initializing, dark green: initialized, light green: tracked, red: lost");
+  for (const auto& curve : curves) {
+    chart.curve(curve, kPathColour);
+    if (curve.size() == 1) chart.dots(curve, 2, kPathColour);
+  }
+}
+
+}  // namespace
+
+cv::Mat drawInverseDepth(const InitializationResult& result) {
+  const Frame& reference = *result.frames.front().frame;
+  std::vector<float> values;
+  for (const InitPoint& point : result.points) {
+    if (point.host == 0 && std::isfinite(point.inverse_depth)) {
+      values.push_back(point.inverse_depth);
+    }
+  }
+  const float low = quantile(values, 0.02);
+  const float high = std::max(quantile(values, 0.98), low + 1e-6F);
+
+  cv::Mat canvas = blankCanvas(reference.width() + kBarWidth, reference.height());
+  cv::Mat image = canvas(cv::Rect(0, 0, reference.width(), reference.height()));
+  cv::cvtColor(greyImage(reference), image, cv::COLOR_GRAY2BGR);
+  const cv::Mat colours = inverseDepthColours();
+  for (const InitPoint& point : result.points) {
+    if (point.host != 0 || !std::isfinite(point.inverse_depth)) continue;
+    const float place = std::clamp((point.inverse_depth - low) / (high - low), 0.0F, 1.0F);
+    const cv::Vec3b colour = colours.at<cv::Vec3b>(0, static_cast<int>(place * 255));
+    const int x = static_cast<int>(std::lround(point.pixel.x()));
+    const int y = static_cast<int>(std::lround(point.pixel.y()));
+    const cv::Rect square(x - 1, y - 1, 3, 3);
+    image(square & cv::Rect(0, 0, image.cols, image.rows)).setTo(colour);
+  }
+  drawColourBar(canvas, colours, low, high);
+  return canvas;
+}
+
+cv::Mat drawTrajectory(const RunRecord& record) {
+  const std::vector<SegmentPath> paths = longestPaths(record);
+  const int columns = paths.size() > 1 ? 2 : 1;
+  const int rows = std::max(1, (static_cast<int>(paths.size()) + 1) / 2);
+  const cv::Size panel(columns > 1 ? 560 : 800, columns > 1 ? 480 : 680);
+  cv::Mat canvas = blankCanvas(columns * panel.width, rows * panel.height);
+  for (std::size_t i = 0; i < paths.size(); ++i) {
+    const int column = static_cast<int>(i) % columns;
+    const int row = static_cast<int>(i) / columns;
+    drawPath(canvas, {{column * panel.width, row * panel.height}, panel}, paths[i]);
+  }
+  if (paths.empty()) drawText(canvas, "never initialized", {40, 60}, 0.6);
+  return canvas;
+}
+
+cv::Mat drawTimeline(const RunRecord& record) {
+  const cv::Size panel(1000, 300);
+  cv::Mat canvas = blankCanvas(panel.width, 2 * panel.height);
+  if (record.notes().empty()) {
+    drawText(canvas, "no frames", {40, 60}, 0.6);
+    return canvas;
+  }
+  drawNotes(canvas,
+            {{0, 0}, panel},
+            "tracking error, rms [grey levels]",
+            record.notes(),
+            &FrameNote::tracking_rmse);
+  drawNotes(canvas,
+            {{0, panel.height}, panel},
+            "work for a frame [ms]",
+            record.notes(),
+            &FrameNote::milliseconds);
+  return canvas;
+}
+
+void writePng(const std::filesystem::path& path, const cv::Mat& image) {
+  std::vector<uchar> bytes;
+  if (!cv::imencode(".png", image, bytes)) {
+    throw IoError(path.string() + ": the figure cannot be encoded");
+  }
+  replaceFile(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+}
+
+}  // namespace dsorb::io

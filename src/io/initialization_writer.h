@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+
+#include "io/json_text.h"
+#include "io/run_record.h"
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace dsorb::io {
+
+/// initialization.json: one object per successful initialization, replaced at each one.
+class InitializationWriter {
+ public:
+  /// Writes the empty list. @throws IoError where it cannot be written
+  InitializationWriter(std::filesystem::path path, std::string initializer);
+
+  void setCamera(const PinholeCamera& camera) { camera_ = camera; }
+
+  /// Counts the current frame and writes when it brought or took back an initialization.
+  void update(const RunRecord& record, double milliseconds);
+
+ private:
+  /// The start of a segment up to now.
+  struct Progress {
+    int segment = -1;
+    int frames_given = 0;
+    int resets = 0;
+    double total_milliseconds = 0;
+    double attempt_milliseconds = 0;  ///< since the last reset
+  };
+
+  [[nodiscard]] Json describe(const InitializationResult& result, double milliseconds) const;
+  void write() const;
+
+  std::filesystem::path path_;
+  std::string initializer_;
+  PinholeCamera camera_;
+  Progress progress_;
+  std::vector<Json> initializations_;
+};
+
+}  // namespace dsorb::io

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/json_text.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+
+namespace dsorb::io {
+namespace {
+
+bool isFlat(const Json& value) {
+  return std::none_of(
+      value.begin(), value.end(), [](const Json& element) { return element.is_structured(); });
+}
+
+/// Arrays of numbers and matrices stay on one line.
+bool onOneLine(const Json& value) {
+  if (!value.is_array()) return !value.is_structured() || value.empty();
+  return isFlat(value);
+}
+
+void write(const Json& value, int depth, std::string& text) {
+  if (onOneLine(value)) {
+    text += value.dump();
+    return;
+  }
+  const bool object = value.is_object();
+  text += object ? '{' : '[';
+  const char* separator = "\n";
+  for (const auto& [key, element] : value.items()) {
+    text += separator;
+    separator = ",\n";
+    text.append(static_cast<std::size_t>(depth) + 1, ' ');
+    if (object) text += Json(key).dump() + ": ";
+    write(element, depth + 1, text);
+  }
+  text += '\n';
+  text.append(static_cast<std::size_t>(depth), ' ');
+  text += object ? '}' : ']';
+}
+
+}  // namespace
+
+std::string jsonText(const Json& value) {
+  std::string text;
+  write(value, 0, text);
+  text += '\n';
+  return text;
+}
+
+double shortest(float value) {
+  const std::string text = fmt::format("{}", value);
+  double result = value;
+  std::from_chars(text.data(), text.data() + text.size(), result);
+  return result;
+}
+
+}  // namespace dsorb::io

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <nlohmann/json.hpp>
+
+#include <string>
+
+namespace dsorb::io {
+
+using Json = nlohmann::ordered_json;
+
+/// Text of a JSON value, indented; arrays of plain values stay on one line. Numbers are the
+/// shortest that read back the same; nan and infinity become null.
+[[nodiscard]] std::string jsonText(const Json& value);
+
+/// The double whose shortest text is that of the float: 0.1f gives 0.1.
+[[nodiscard]] double shortest(float value);
+
+}  // namespace dsorb::io

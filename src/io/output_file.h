@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <string_view>
+
+namespace dsorb::io {
+
+struct CloseFile {
+  void operator()(std::FILE* file) const { std::fclose(file); }
+};
+using FileHandle = std::unique_ptr<std::FILE, CloseFile>;
+
+/// A file that grows by whole records; each one is handed to the operating system at once.
+class GrowingFile {
+ public:
+  /// Starts with an empty file. @throws IoError where it cannot be created
+  explicit GrowingFile(std::filesystem::path path);
+  /// @throws IoError where not all could be written, for example on a full disk
+  void append(std::string_view text);
+
+ private:
+  std::filesystem::path path_;
+  FileHandle file_;
+};
+
+/// Replaces a file as a whole: readers see the old or the new content, never a part.
+class ReplacingFile {
+ public:
+  /// @throws IoError where nothing can be written beside the file
+  explicit ReplacingFile(std::filesystem::path path);
+  /// Without commit() the old content stays.
+  ~ReplacingFile();
+  ReplacingFile(const ReplacingFile&) = delete;
+  ReplacingFile& operator=(const ReplacingFile&) = delete;
+
+  /// @throws IoError where not all could be written
+  void append(std::string_view text);
+  /// Puts what was appended in the file's place. @throws IoError where that fails
+  void commit();
+
+ private:
+  std::filesystem::path path_;
+  std::filesystem::path part_;
+  FileHandle file_;
+};
+
+/// Replaces a file by this content, as a whole.
+/// @throws IoError where it cannot be written; the old content stays
+void replaceFile(const std::filesystem::path& path, std::string_view content);
+
+/// Creates the folder if needed and removes every file in it that a run writes.
+/// @throws IoError where it cannot be created or written to
+void prepareOutputFolder(const std::filesystem::path& folder);
+
+}  // namespace dsorb::io

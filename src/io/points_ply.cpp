@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/points_ply.h"
+
+#include "dsorb/error.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+namespace dsorb::io {
+namespace {
+
+constexpr std::uintmax_t kVertexBytes = 4 * sizeof(float) + 3 + sizeof(std::int32_t);
+constexpr std::size_t kCopyBytes = 1 << 16;
+constexpr std::uintmax_t kSmallMapBytes = 200000 * kVertexBytes;
+
+template <typename Value>
+void appendLittleEndian(Value value, std::string& bytes) {
+  std::uint32_t bits = 0;
+  static_assert(sizeof(Value) == sizeof(bits));
+  std::memcpy(&bits, &value, sizeof(bits));
+  for (int shift = 0; shift < 32; shift += 8) {
+    bytes.push_back(static_cast<char>((bits >> shift) & 0xFFU));
+  }
+}
+
+/// Vertices of all points that have a finite place in front of the camera.
+std::string vertices(const KeyframeSnapshot& keyframe) {
+  std::string bytes;
+  for (const MapPoint& point : keyframe.points) {
+    if (!(point.inverse_depth > 0) || !std::isfinite(point.variance)) continue;
+    const Eigen::Vector3d p_cam = keyframe.camera.unproject(point.pixel.cast<double>()) /
+                                  static_cast<double>(point.inverse_depth);
+    const Eigen::Vector3f p_world = (keyframe.T_world_cam * p_cam).cast<float>();
+    if (!p_world.allFinite()) continue;
+    for (const float coordinate : p_world) appendLittleEndian(coordinate, bytes);
+    const float grey = std::isfinite(point.intensity) ? point.intensity : 0.0F;
+    const auto level =
+        static_cast<char>(static_cast<unsigned char>(std::lround(std::clamp(grey, 0.0F, 255.0F))));
+    bytes.append(3, level);
+    appendLittleEndian(point.variance, bytes);
+    appendLittleEndian(static_cast<std::int32_t>(keyframe.segment), bytes);
+  }
+  return bytes;
+}
+
+std::string header(std::uintmax_t count) {
+  return fmt::format(
+      "ply\nformat binary_little_endian 1.0\ncomment unit: mean inverse depth of a segment's "
+      "reference is 1\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n"
+      "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+      "property float inverse_depth_variance\nproperty int segment\nend_header\n",
+      count);
+}
+
+}  // namespace
+
+PointsPly::PointsPly(std::filesystem::path folder) : folder_(std::move(folder)) {
+  update();
+}
+
+void PointsPly::setKeyframe(const KeyframeSnapshot& keyframe) {
+  active_[keyframe.id] = keyframe;
+  changed_ = true;
+}
+
+void PointsPly::retireKeyframe(const KeyframeSnapshot& keyframe) {
+  active_.erase(keyframe.id);
+  spool_begin_.try_emplace(keyframe.segment, spool_bytes_);
+  const std::string bytes = vertices(keyframe);
+  std::ofstream file(spool(), std::ios::binary | std::ios::app);
+  file.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  if (!file.flush()) throw IoError(spool().string() + ": cannot be written");
+  spool_bytes_ += bytes.size();
+  changed_ = true;
+}
+
+void PointsPly::withdraw(int segment) {
+  for (auto it = active_.begin(); it != active_.end();) {
+    it = it->second.segment == segment ? active_.erase(it) : std::next(it);
+  }
+  const auto begin = spool_begin_.find(segment);
+  if (begin != spool_begin_.end()) {  // the segment is the last one
+    std::filesystem::resize_file(spool(), begin->second);
+    spool_bytes_ = begin->second;
+    spool_begin_.erase(begin);
+  }
+  written_bytes_ = 0;
+  changed_ = true;
+}
+
+void PointsPly::update() {
+  const bool worth_it =
+      spool_bytes_ < kSmallMapBytes || spool_bytes_ >= written_bytes_ + written_bytes_ / 20;
+  if (changed_ && worth_it) write();
+}
+
+void PointsPly::finish() {
+  if (changed_) write();
+  std::error_code ignored;
+  std::filesystem::remove(spool(), ignored);
+}
+
+void PointsPly::copySpool(ReplacingFile& target) const {
+  std::ifstream source(spool(), std::ios::binary);
+  std::vector<char> block(kCopyBytes);
+  for (std::uintmax_t left = spool_bytes_; left > 0;) {
+    const auto size = static_cast<std::size_t>(std::min<std::uintmax_t>(left, block.size()));
+    if (!source.read(block.data(), static_cast<std::streamsize>(size))) {
+      throw IoError(spool().string() + ": cannot be read back");
+    }
+    target.append({block.data(), size});
+    left -= size;
+  }
+}
+
+void PointsPly::write() {
+  std::string body;
+  for (const auto& [id, keyframe] : active_) body += vertices(keyframe);
+  ReplacingFile file(folder_ / "points.ply");
+  file.append(header((spool_bytes_ + body.size()) / kVertexBytes));
+  if (spool_bytes_ > 0) copySpool(file);
+  file.append(body);
+  file.commit();
+  written_bytes_ = spool_bytes_ + body.size();
+  changed_ = false;
+}
+
+}  // namespace dsorb::io

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/odometry/observer.h"
+
+#include "io/output_file.h"
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <string>
+
+namespace dsorb::io {
+
+/// points.ply: the map as binary little-endian vertices `x y z red green blue
+/// inverse_depth_variance segment`, in world coordinates of each segment. Points of retired
+/// keyframes are final and wait in a file, not in memory.
+class PointsPly {
+ public:
+  explicit PointsPly(std::filesystem::path folder);
+
+  void setKeyframe(const KeyframeSnapshot& keyframe);
+  void retireKeyframe(const KeyframeSnapshot& keyframe);
+  /// Drops what the segment holds.
+  void withdraw(int segment);
+
+  /// Replaces the file when points changed. A large map is written anew only when it has grown by
+  /// a twentieth, so that writing stays linear in the length of the run.
+  void update();
+  /// Replaces the file in any case and removes the waiting room.
+  void finish();
+
+ private:
+  void write();
+  void copySpool(ReplacingFile& target) const;
+  [[nodiscard]] std::filesystem::path spool() const { return folder_ / "points.spool"; }
+
+  std::filesystem::path folder_;
+  std::map<FrameId, KeyframeSnapshot> active_;
+  std::map<int, std::uintmax_t> spool_begin_;  ///< bytes before the first retired of a segment
+  std::uintmax_t spool_bytes_ = 0;
+  std::uintmax_t written_bytes_ = 0;
+  bool changed_ = true;
+};
+
+}  // namespace dsorb::io

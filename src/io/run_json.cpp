@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/run_json.h"
+
+#include <sys/resource.h>
+
+#include <algorithm>
+
+namespace dsorb {
+
+const char* name(RunStatus status) {
+  switch (status) {
+    case RunStatus::kTracked:
+      return "tracked";
+    case RunStatus::kLost:
+      return "lost";
+    case RunStatus::kNeverInitialized:
+      return "never_initialized";
+    case RunStatus::kInterrupted:
+      return "interrupted";
+    case RunStatus::kError:
+      return "error";
+  }
+  return "error";
+}
+
+namespace io {
+
+double peakMemory() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<double>(usage.ru_maxrss) / 1024.0;  // Linux counts KiB
+}
+
+Json cameraJson(const PinholeCamera& camera) {
+  return {{"fx", camera.fx},
+          {"fy", camera.fy},
+          {"cx", camera.cx},
+          {"cy", camera.cy},
+          {"width", camera.width},
+          {"height", camera.height}};
+}
+
+Json runJson(const RunInfo& info,
+             const PinholeCamera* camera,
+             const RunRecord& record,
+             RunStatus status,
+             const RunSeconds& seconds) {
+  const std::vector<FrameNote>& notes = record.notes();
+  Json json = {{"program", info.program},
+               {"version", info.version},
+               {"dataset", info.dataset},
+               {"initializer", info.initializer},
+               {"camera", nullptr}};
+  if (camera != nullptr) json["camera"] = cameraJson(*camera);
+  json["frames_given"] = notes.size();
+  json["frames_tracked"] = std::count_if(notes.begin(), notes.end(), [](const FrameNote& note) {
+    return note.state == OdometryState::kTracked;
+  });
+  json["frames_dropped"] = 0;  // every frame is processed
+  json["keyframes"] = record.keyframes().size();
+  json["segments"] = record.segments().size();
+  json["status"] = name(status);
+  json["seconds"] = {{"total", seconds.total},
+                     {"reading", seconds.reading},
+                     {"initializing", seconds.initializing},
+                     {"tracking", seconds.tracking},
+                     {"mapping", seconds.mapping}};
+  json["peak_memory_mb"] = peakMemory();
+  json["threads"] = info.threads;
+  return json;
+}
+
+}  // namespace io
+}  // namespace dsorb

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/io/writers.h"
+
+#include "io/json_text.h"
+#include "io/run_record.h"
+
+namespace dsorb::io {
+
+/// Where the time of a run went [s].
+struct RunSeconds {
+  double total = 0;
+  double reading = 0;
+  double initializing = 0;
+  double tracking = 0;
+  double mapping = 0;
+};
+
+/// Largest resident memory of this process up to now [MiB].
+[[nodiscard]] double peakMemory();
+
+[[nodiscard]] Json cameraJson(const PinholeCamera& camera);
+
+/// Content of run.json.
+/// @param camera null before it is known
+[[nodiscard]] Json runJson(const RunInfo& info,
+                           const PinholeCamera* camera,
+                           const RunRecord& record,
+                           RunStatus status,
+                           const RunSeconds& seconds);
+
+}  // namespace dsorb::io

@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/run_record.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace dsorb::io {
+namespace {
+
+void removeSegment(std::vector<PosedEntry>& entries, int segment) {
+  entries.erase(
+      std::remove_if(entries.begin(),
+                     entries.end(),
+                     [segment](const PosedEntry& entry) { return entry.segment == segment; }),
+      entries.end());
+}
+
+/// Replaces the entry with the same id among the last segment's, or appends.
+void upsert(std::vector<PosedEntry>& entries, const PosedEntry& entry) {
+  for (auto it = entries.rbegin(); it != entries.rend() && it->segment == entry.segment; ++it) {
+    if (it->id == entry.id) {
+      *it = entry;
+      return;
+    }
+  }
+  entries.push_back(entry);
+}
+
+}  // namespace
+
+bool isFinite(const SE3& pose) {
+  return pose.unitQuaternion().coeffs().allFinite() && pose.translation().allFinite();
+}
+
+void RunRecord::addInitStep(const InitStep& step, int segment) {
+  // An initializer that is asked again in a segment that had begun: its start was taken back.
+  if (std::find(segments_.begin(), segments_.end(), segment) != segments_.end()) withdraw(segment);
+  steps_.push_back({step.status, step.reason, segment, step.result});
+  if (step.result) addInitialization(*step.result, segment);
+}
+
+void RunRecord::addInitialization(const InitializationResult& result, int segment) {
+  segments_.push_back(segment);
+  const FrameId reference = result.frames.front().frame->id();
+  T_world_anchor_[reference] = SE3();
+  for (const PosedFrame& posed : result.frames) {
+    if (!posed.T_cam_ref || !isFinite(*posed.T_cam_ref)) continue;
+    frames_.push_back(
+        {posed.frame->id(), posed.frame->timestamp(), segment, reference, *posed.T_cam_ref});
+  }
+}
+
+void RunRecord::withdraw(int segment) {
+  for (const auto* entries : {&frames_, &keyframes_}) {
+    for (const PosedEntry& entry : *entries) {
+      if (entry.segment == segment) T_world_anchor_.erase(entry.id);
+    }
+  }
+  removeSegment(frames_, segment);
+  removeSegment(keyframes_, segment);
+  segments_.erase(std::remove(segments_.begin(), segments_.end(), segment), segments_.end());
+  withdrawn_segment_ = segment;
+  ++withdrawals_;
+}
+
+void RunRecord::addFrame(const FrameEstimate& estimate) {
+  estimate_ = estimate;
+  const double rmse = estimate.tracking_rmse.value_or(-1);
+  notes_.push_back({estimate.frame->id().value,
+                    estimate.segment,
+                    estimate.state,
+                    0,
+                    std::isfinite(rmse) ? static_cast<float>(rmse) : -1.0F});
+  const bool placed =
+      estimate.state == OdometryState::kTracked || estimate.state == OdometryState::kInitialized;
+  if (!placed || !estimate.T_world_cam || !isFinite(*estimate.T_world_cam)) return;
+
+  PosedEntry entry{
+      estimate.frame->id(), estimate.frame->timestamp(), estimate.segment, FrameId{}, SE3()};
+  if (estimate.keyframe && estimate.T_cam_keyframe && isFinite(*estimate.T_cam_keyframe)) {
+    entry.anchor = *estimate.keyframe;
+    entry.T_cam_anchor = *estimate.T_cam_keyframe;
+    T_world_anchor_.try_emplace(entry.anchor, *estimate.T_world_cam * entry.T_cam_anchor);
+  } else {  // its own anchor
+    entry.anchor = entry.id;
+    T_world_anchor_.try_emplace(entry.id, *estimate.T_world_cam);
+  }
+  if (!frames_.empty() && frames_.back().id == entry.id) frames_.pop_back();  // came with a result
+  frames_.push_back(entry);
+}
+
+void RunRecord::addKeyframe(const KeyframeSnapshot& keyframe) {
+  if (!isFinite(keyframe.T_world_cam)) return;
+  T_world_anchor_[keyframe.id] = keyframe.T_world_cam;
+  upsert(keyframes_, {keyframe.id, keyframe.timestamp, keyframe.segment, keyframe.id, SE3()});
+}
+
+void RunRecord::setMilliseconds(double milliseconds) {
+  if (estimate_) notes_.back().milliseconds = static_cast<float>(milliseconds);
+}
+
+void RunRecord::nextFrame() {
+  steps_.clear();
+  estimate_.reset();
+  withdrawn_segment_.reset();
+}
+
+SE3 RunRecord::T_world_cam(const PosedEntry& entry) const {
+  const auto own = T_world_anchor_.find(entry.id);  // became a keyframe itself
+  if (own != T_world_anchor_.end()) return own->second;
+  return T_world_anchor_.at(entry.anchor) * entry.T_cam_anchor.inverse();
+}
+
+}  // namespace dsorb::io

@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/odometry/observer.h"
+
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace dsorb::io {
+
+/// A frame with a pose, hung on an anchor: a keyframe or the reference of an initialization.
+struct PosedEntry {
+  FrameId id;
+  double timestamp = 0;
+  int segment = 0;
+  FrameId anchor;
+  SE3 T_cam_anchor;
+};
+
+/// What figures need of every frame.
+struct FrameNote {
+  int index = 0;
+  int segment = 0;
+  OdometryState state = OdometryState::kInitializing;
+  float milliseconds = 0;
+  float tracking_rmse = 0;  ///< negative: there is none
+};
+
+/// A call of the initializer.
+struct InitStepNote {
+  InitStatus status = InitStatus::kNeedsMoreFrames;
+  InitReason reason = InitReason::kFirstFrame;
+  int segment = 0;
+  std::optional<InitializationResult> result;
+};
+
+/// What happened in a run, in about 150 bytes a frame: enough to write every trajectory with the
+/// poses that are final by then. Images are not kept beyond the current frame.
+class RunRecord {
+ public:
+  void addInitStep(const InitStep& step, int segment);
+  void addFrame(const FrameEstimate& estimate);
+  void addKeyframe(const KeyframeSnapshot& keyframe);
+  /// Completes the current frame's note.
+  void setMilliseconds(double milliseconds);
+  /// Forgets what belongs to the current frame only.
+  void nextFrame();
+
+  /// World (reference camera of the segment) from camera, by the present estimates.
+  [[nodiscard]] SE3 T_world_cam(const PosedEntry& entry) const;
+  [[nodiscard]] const std::vector<PosedEntry>& frames() const { return frames_; }
+  [[nodiscard]] const std::vector<PosedEntry>& keyframes() const { return keyframes_; }
+  [[nodiscard]] const std::vector<FrameNote>& notes() const { return notes_; }
+  /// Segments with a successful initialization that was not withdrawn.
+  [[nodiscard]] const std::vector<int>& segments() const { return segments_; }
+  /// How often entries were taken back.
+  [[nodiscard]] int withdrawals() const { return withdrawals_; }
+
+  /// Of the current frame.
+  [[nodiscard]] const std::vector<InitStepNote>& steps() const { return steps_; }
+  [[nodiscard]] const std::optional<FrameEstimate>& estimate() const { return estimate_; }
+  [[nodiscard]] const std::optional<int>& withdrawnSegment() const { return withdrawn_segment_; }
+
+ private:
+  void addInitialization(const InitializationResult& result, int segment);
+  void withdraw(int segment);
+
+  std::vector<PosedEntry> frames_;
+  std::vector<PosedEntry> keyframes_;  ///< each its own anchor
+  std::map<FrameId, SE3> T_world_anchor_;
+  std::vector<FrameNote> notes_;
+  std::vector<int> segments_;
+  int withdrawals_ = 0;
+
+  std::vector<InitStepNote> steps_;
+  std::optional<FrameEstimate> estimate_;
+  std::optional<int> withdrawn_segment_;
+};
+
+/// Whether rotation and translation hold neither nan nor infinity.
+[[nodiscard]] bool isFinite(const SE3& pose);
+
+}  // namespace dsorb::io

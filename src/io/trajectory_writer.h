@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "io/output_file.h"
+#include "io/run_record.h"
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace dsorb::io {
+
+/// trajectory.txt or keyframes.txt: grows with the estimates of the moment, ends as the final
+/// poses sorted by time, with one more file a segment when there are several.
+class TrajectoryWriter {
+ public:
+  /// @param stem "trajectory" or "keyframes"
+  TrajectoryWriter(std::filesystem::path folder, std::string stem);
+
+  /// Appends the entries that are new.
+  void update(const RunRecord& record, const std::vector<PosedEntry>& entries);
+  void finish(const RunRecord& record, const std::vector<PosedEntry>& entries);
+
+ private:
+  [[nodiscard]] std::filesystem::path path(const std::string& suffix) const;
+
+  std::filesystem::path folder_;
+  std::string stem_;
+  std::optional<GrowingFile> file_;
+  std::size_t written_ = 0;
+  int withdrawals_ = 0;
+};
+
+/// Lines `timestamp tx ty tz qx qy qz qw`, camera to world, sorted by time.
+/// @param segment only its entries; empty: all
+/// @source TUM RGB-D benchmark, file formats
+[[nodiscard]] std::string tumTrajectory(const RunRecord& record,
+                                        const std::vector<PosedEntry>& entries,
+                                        std::optional<int> segment = std::nullopt);
+
+/// The same entries as lines of a 3x4 matrix, row by row: line n belongs to line n of the above.
+/// @source KITTI odometry benchmark, format of poses
+[[nodiscard]] std::string kittiTrajectory(const RunRecord& record,
+                                          const std::vector<PosedEntry>& entries);
+
+}  // namespace dsorb::io

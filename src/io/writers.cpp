@@ -1,0 +1,174 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "dsorb/io/writers.h"
+
+#include "io/figures.h"
+#include "io/initialization_writer.h"
+#include "io/output_file.h"
+#include "io/points_ply.h"
+#include "io/run_json.h"
+#include "io/run_record.h"
+#include "io/trajectory_writer.h"
+
+#include <fmt/format.h>
+
+#include <chrono>
+#include <optional>
+
+namespace dsorb {
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+
+/// Creates the folder before any member opens a file in it.
+fs::path preparedFolder(const std::string& folder) {
+  io::prepareOutputFolder(folder);
+  return folder;
+}
+
+}  // namespace
+
+class RunWriter::Impl {
+ public:
+  Impl(const std::string& folder_name, const RunInfo& run_info)
+      : folder(preparedFolder(folder_name)),
+        info(run_info),
+        frames_csv(folder / "frames.csv"),
+        trajectory(folder, "trajectory"),
+        keyframes(folder, "keyframes"),
+        initializations(folder / "initialization.json", run_info.initializer),
+        points(folder) {
+    frames_csv.append("index,timestamp,state,milliseconds,is_keyframe,tracking_rmse,segment\n");
+    io::replaceFile(folder / "config.yaml", info.config_yaml);
+    writeRunJson(RunStatus::kError, nullptr);  // until finish(): the run was killed
+  }
+
+  void writeFrameLine(const FrameTiming& timing) {
+    const FrameEstimate& estimate = *record.estimate();
+    const float rmse = record.notes().back().tracking_rmse;
+    frames_csv.append(fmt::format("{},{:.9f},{},{:.3f},{},{},{}\n",
+                                  estimate.frame->id().value,
+                                  estimate.frame->timestamp(),
+                                  name(estimate.state),
+                                  timing.work_milliseconds,
+                                  estimate.is_keyframe ? 1 : 0,
+                                  rmse >= 0 ? fmt::format("{:.4f}", rmse) : "",
+                                  estimate.segment));
+  }
+
+  void writeInitialFigures() const {
+    for (const io::InitStepNote& step : record.steps()) {
+      if (!step.result) continue;
+      const std::string suffix = step.segment == 0 ? "" : fmt::format("_{}", step.segment);
+      io::writePng(folder / "figures" / ("initial_inverse_depth" + suffix + ".png"),
+                   io::drawInverseDepth(*step.result));
+    }
+  }
+
+  void writeRunJson(RunStatus status, const OdometryReport* report) const {
+    io::RunSeconds written = seconds;
+    written.total = std::chrono::duration<double>(Clock::now() - begin).count();
+    if (report != nullptr) {
+      written.initializing = report->initializing_seconds;
+      written.tracking = report->tracking_seconds;
+      written.mapping = report->mapping_seconds;
+    }
+    const io::Json json = io::runJson(info, camera ? &*camera : nullptr, record, status, written);
+    io::replaceFile(folder / "run.json", io::jsonText(json));
+  }
+
+  fs::path folder;
+  RunInfo info;
+  std::optional<PinholeCamera> camera;
+  Clock::time_point begin = Clock::now();
+  io::RunSeconds seconds;
+  io::RunRecord record;
+  io::GrowingFile frames_csv;
+  io::TrajectoryWriter trajectory;
+  io::TrajectoryWriter keyframes;
+  io::InitializationWriter initializations;
+  io::PointsPly points;
+  bool keyframes_changed = false;
+};
+
+RunWriter::RunWriter(const std::string& folder, const RunInfo& info)
+    : impl_(std::make_unique<Impl>(folder, info)) {}
+RunWriter::~RunWriter() = default;
+
+void RunWriter::setCamera(const PinholeCamera& camera) {
+  impl_->camera = camera;
+  impl_->initializations.setCamera(camera);
+}
+
+void RunWriter::onInitStep(const InitStep& step, const Frame& /*frame*/, int segment) {
+  impl_->record.addInitStep(step, segment);
+  if (impl_->record.withdrawnSegment()) impl_->points.withdraw(segment);
+}
+
+void RunWriter::onFrame(const FrameEstimate& estimate) {
+  impl_->record.addFrame(estimate);
+}
+
+void RunWriter::onKeyframe(const KeyframeSnapshot& keyframe) {
+  impl_->record.addKeyframe(keyframe);
+  impl_->points.setKeyframe(keyframe);
+  impl_->keyframes_changed = true;
+}
+
+void RunWriter::onKeyframeRetired(const KeyframeSnapshot& keyframe) {
+  impl_->record.addKeyframe(keyframe);
+  impl_->points.retireKeyframe(keyframe);
+  impl_->keyframes_changed = true;
+}
+
+void RunWriter::frameDone(const FrameTiming& timing) {
+  Impl& run = *impl_;
+  run.seconds.reading += timing.reading_milliseconds * 1e-3;
+  if (!run.record.estimate()) return;
+  const OdometryState state = run.record.estimate()->state;
+  const bool initializing =
+      state == OdometryState::kInitializing || state == OdometryState::kInitialized;
+  (initializing ? run.seconds.initializing : run.seconds.tracking) +=
+      timing.work_milliseconds * 1e-3;
+  run.record.setMilliseconds(timing.work_milliseconds);
+
+  run.writeFrameLine(timing);
+  run.trajectory.update(run.record, run.record.frames());
+  run.keyframes.update(run.record, run.record.keyframes());
+  run.initializations.update(run.record, timing.work_milliseconds);
+  run.writeInitialFigures();
+  if (run.keyframes_changed) {
+    run.points.update();
+    run.writeRunJson(RunStatus::kError, nullptr);
+    run.keyframes_changed = false;
+  }
+  run.record.nextFrame();
+}
+
+RunStatus RunWriter::outcome() const {
+  const io::RunRecord& record = impl_->record;
+  if (record.segments().empty()) return RunStatus::kNeverInitialized;
+  const OdometryState last = record.notes().back().state;
+  const bool placed = last == OdometryState::kTracked || last == OdometryState::kInitialized;
+  return placed ? RunStatus::kTracked : RunStatus::kLost;
+}
+
+void RunWriter::finish(RunStatus status, const OdometryReport* report) {
+  Impl& run = *impl_;
+  run.trajectory.finish(run.record, run.record.frames());
+  run.keyframes.finish(run.record, run.record.keyframes());
+  if (run.record.segments().size() == 1 && outcome() == RunStatus::kTracked) {
+    io::replaceFile(run.folder / "trajectory_kitti.txt",
+                    io::kittiTrajectory(run.record, run.record.frames()));
+  }
+  run.points.finish();
+  io::writePng(run.folder / "figures" / "trajectory.png", io::drawTrajectory(run.record));
+  io::writePng(run.folder / "figures" / "timeline.png", io::drawTimeline(run.record));
+  run.writeRunJson(status, report);
+}
+
+void RunWriter::writeKeyframes(const std::string& path) const {
+  io::replaceFile(path, io::tumTrajectory(impl_->record, impl_->record.keyframes()));
+}
+
+}  // namespace dsorb
