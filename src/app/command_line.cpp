@@ -142,8 +142,8 @@ void refuseUnknownOptions(const CLI::App& app) {
       for (const std::string& name : option->get_lnames()) known.push_back("--" + name);
     }
     const std::string option = word.substr(0, word.find('='));
-    throw ConfigError(fmt::format(
-        "unknown option '{}'; the closest is '{}'", word, closestName(option, known)));
+    throw ConfigError(
+        fmt::format("unknown option '{}'; the closest is '{}'", word, closestName(option, known)));
   }
 }
 
@@ -210,7 +210,8 @@ CommandLine parseCommandLine(int argc, const char* const* argv) {
   app.allow_extras();
   app.get_formatter()->column_width(34);
   app.footer(
-      "The original program's key=value words (files= calib= gamma= vignette= preset= mode= start=\n"
+      "The original program's key=value words (files= calib= gamma= vignette= preset= mode= "
+      "start=\n"
       "end= speed= reverse= quiet= nomt= ...) are understood too; with them the keyframe\n"
       "trajectory is also written to result.txt in the working directory.\n"
       "Exit codes: 0 tracked to the end, 1 runtime error, 2 wrong options, 3 never initialized or\n"

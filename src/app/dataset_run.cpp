@@ -46,8 +46,7 @@ bool feed(SequenceReader& reader,
     const Clock::time_point begin = Clock::now();
     const FrameEstimate estimate = odometry.process(input->frame);
     const std::chrono::duration<double, std::milli> processing = Clock::now() - begin;
-    writer.frameDone(
-        {processing.count() + input->pyramid_milliseconds, input->read_milliseconds});
+    writer.frameDone({processing.count() + input->pyramid_milliseconds, input->read_milliseconds});
     progress.update(estimate);
     if (estimate.state != OdometryState::kLost) continue;
     if (!request.restart_when_lost) return false;

@@ -94,7 +94,9 @@ const std::map<std::string, Handler>& handlers() {
   return kHandlers;
 }
 
-std::string keyOf(const std::string& word) { return word.substr(0, word.find('=')); }
+std::string keyOf(const std::string& word) {
+  return word.substr(0, word.find('='));
+}
 
 }  // namespace
 

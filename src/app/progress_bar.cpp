@@ -2,7 +2,6 @@
 #include "app/progress_bar.h"
 
 #include <spdlog/fmt/fmt.h>
-
 #include <unistd.h>
 
 #include <algorithm>

@@ -98,8 +98,8 @@ const io::Preset& findPreset(const std::string& name) {
   for (const io::Preset& preset : io::presets()) {
     if (name == preset.name) return preset;
   }
-  throw ConfigError(
-      fmt::format("--preset {}: this version lacks it; it has {}", name, fmt::join(presetNames(), ", ")));
+  throw ConfigError(fmt::format(
+      "--preset {}: this version lacks it; it has {}", name, fmt::join(presetNames(), ", ")));
 }
 
 bool namesVariant(const ConfigAssignment& assignment) {
