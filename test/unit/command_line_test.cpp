@@ -1,0 +1,202 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "app/command_line.h"
+
+#include "dsorb/error.h"
+
+#include <gmock/gmock.h>
+
+namespace dsorb::app {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+CommandLine parse(const std::vector<const char*>& arguments) {
+  std::vector<const char*> argv = {"dso_dataset"};
+  argv.insert(argv.end(), arguments.begin(), arguments.end());
+  return parseCommandLine(static_cast<int>(argv.size()), argv.data());
+}
+
+std::string errorOf(const std::vector<const char*>& arguments) {
+  try {
+    (void)parse(arguments);
+  } catch (const ConfigError& error) {
+    return error.what();
+  }
+  return "no ConfigError";
+}
+
+TEST(CommandLine, DefaultsAreThoseOfTheContract) {
+  const CommandLine request = parse({"data/street"});
+  EXPECT_EQ(request.sequence.path, "data/street");
+  EXPECT_EQ(request.sequence.format, SequenceFormat::kAuto);
+  EXPECT_EQ(request.sequence.photometry, PhotometryMode::kAuto);
+  EXPECT_EQ(request.sequence.start, 0);
+  EXPECT_LT(request.sequence.end, 0);
+  EXPECT_FALSE(request.sequence.reverse);
+  EXPECT_EQ(request.output, "out/street");
+  EXPECT_TRUE(request.restart_when_lost);
+  EXPECT_FALSE(request.write_result_txt);
+  const Config config = loadConfig(request.config);
+  EXPECT_EQ(config.initializer, "orb");
+  EXPECT_EQ(config.options.num_threads, 0) << "all the machine has";
+}
+
+TEST(CommandLine, EveryFlagArrives) {
+  const CommandLine request = parse({"seq",
+                                     "--format=kitti",
+                                     "--calib",
+                                     "c.txt",
+                                     "--gamma=g.txt",
+                                     "--vignette",
+                                     "v.png",
+                                     "--initializer=orb-v1",
+                                     "--preset",
+                                     "default",
+                                     "--set",
+                                     "orb.min_frames=7",
+                                     "--set=initializer.seed=3",
+                                     "--mode",
+                                     "perfect",
+                                     "--start",
+                                     "4",
+                                     "--end=9",
+                                     "--reverse",
+                                     "--speed",
+                                     "0",
+                                     "--threads",
+                                     "1",
+                                     "--on-lost",
+                                     "stop",
+                                     "--output",
+                                     "o",
+                                     "--quiet",
+                                     "--progress=off"});
+  EXPECT_EQ(request.sequence.format, SequenceFormat::kKitti);
+  EXPECT_EQ(request.sequence.calibration_file, "c.txt");
+  EXPECT_EQ(request.sequence.response_file, "g.txt");
+  EXPECT_EQ(request.sequence.vignette_file, "v.png");
+  EXPECT_EQ(request.sequence.photometry, PhotometryMode::kPerfect);
+  EXPECT_EQ(request.sequence.start, 4);
+  EXPECT_EQ(request.sequence.end, 9);
+  EXPECT_TRUE(request.sequence.reverse);
+  EXPECT_FALSE(request.restart_when_lost);
+  EXPECT_EQ(request.output, "o");
+  EXPECT_TRUE(request.quiet);
+  EXPECT_EQ(request.progress, ProgressMode::kOff);
+  const Config config = loadConfig(request.config);
+  EXPECT_EQ(config.initializer, "orb-v1");
+  EXPECT_EQ(config.options.num_threads, 1);
+  EXPECT_EQ(config.options.initializer.orb.min_frames, 7);
+  EXPECT_EQ(config.options.initializer.seed, 3);
+}
+
+TEST(CommandLine, DataSetMayStandAfterRepeatedOptions) {
+  const CommandLine request = parse({"--config", "a.yaml", "--config", "b.yaml", "seq"});
+  EXPECT_THAT(request.config.files, ElementsAre("a.yaml", "b.yaml"));
+  EXPECT_EQ(request.sequence.path, "seq");
+}
+
+TEST(CommandLine, OutputIsNamedAfterTheDataSet) {
+  EXPECT_EQ(parse({"/data/kitti/00/"}).output, "out/00");
+  EXPECT_EQ(parse({"/data/seq/images.zip"}).output, "out/images");
+}
+
+TEST(CommandLine, UnknownOptionNamesTheClosest) {
+  EXPECT_THAT(errorOf({"seq", "--initialiser=orb"}),
+              AllOf(HasSubstr("'--initialiser=orb'"), HasSubstr("'--initializer'")));
+  EXPECT_THAT(errorOf({"seq", "--theads", "2"}), HasSubstr("'--threads'"));
+}
+
+TEST(CommandLine, WrongValuesAreRefused) {
+  for (const std::vector<const char*>& arguments :
+       std::vector<std::vector<const char*>>{{"seq", "--start", "-1"},
+                                             {"seq", "--start", "two"},
+                                             {"seq", "--format", "ros"},
+                                             {"seq", "--mode", "0"},
+                                             {"seq", "--on-lost", "cry"},
+                                             {"seq", "--threads"},
+                                             {"seq", "--progress", "maybe"},
+                                             {"seq", "second"},
+                                             {"seq", "files=third"},
+                                             {}}) {
+    EXPECT_NE(errorOf(arguments), "no ConfigError");
+    EXPECT_EQ(errorOf(arguments).find('\n'), std::string::npos) << errorOf(arguments);
+  }
+}
+
+TEST(CommandLine, WhatThisVersionLacksIsSaid) {
+  for (const auto& arguments : std::vector<std::vector<const char*>>{{"seq", "--speed", "1"},
+                                                                     {"seq", "--pipelined"},
+                                                                     {"seq", "--record", "r.jsonl"},
+                                                                     {"files=seq", "speed=1"},
+                                                                     {"files=seq", "preset=1"}}) {
+    EXPECT_THAT(errorOf(arguments), HasSubstr("this version lacks it")) << arguments.back();
+  }
+}
+
+TEST(CommandLine, VersionAndHelpAreText) {
+  EXPECT_THAT(parse({"--version"}).text, HasSubstr("dso_dataset "));
+  const std::string help = parse({"--help"}).text;
+  for (const char* flag : {"--format",  "--calib",  "--gamma",   "--vignette",     "--initializer",
+                           "--preset",  "--config", "--set",     "--print-config", "--mode",
+                           "--start",   "--end",    "--reverse", "--speed",        "--threads",
+                           "--on-lost", "--output", "--quiet",   "--progress",     "--version"}) {
+    EXPECT_THAT(help, HasSubstr(flag));
+  }
+}
+
+TEST(OriginalWords, HaveTheirMeaning) {
+  const CommandLine request = parse({"files=seq/images",
+                                     "calib=c.txt",
+                                     "gamma=g.txt",
+                                     "vignette=v.png",
+                                     "preset=0",
+                                     "mode=1",
+                                     "start=3",
+                                     "end=100000",
+                                     "reverse=1",
+                                     "quiet=1",
+                                     "nomt=1",
+                                     "speed=0"});
+  EXPECT_EQ(request.sequence.path, "seq/images");
+  EXPECT_EQ(request.sequence.calibration_file, "c.txt");
+  EXPECT_EQ(request.sequence.response_file, "g.txt");
+  EXPECT_EQ(request.sequence.vignette_file, "v.png");
+  EXPECT_EQ(request.sequence.photometry, PhotometryMode::kUncalibrated);
+  EXPECT_EQ(request.sequence.start, 3);
+  EXPECT_EQ(request.sequence.end, 100000);
+  EXPECT_TRUE(request.sequence.reverse);
+  EXPECT_TRUE(request.quiet);
+  EXPECT_TRUE(request.write_result_txt);
+  EXPECT_EQ(loadConfig(request.config).options.num_threads, 1);
+  EXPECT_THAT(request.warnings, IsEmpty());
+}
+
+TEST(OriginalWords, SwitchesReactToOneOnly) {
+  const CommandLine request = parse({"files=seq", "reverse=0", "quiet=2", "nomt=0"});
+  EXPECT_FALSE(request.sequence.reverse);
+  EXPECT_FALSE(request.quiet);
+  EXPECT_EQ(loadConfig(request.config).options.num_threads, 0);
+}
+
+TEST(OriginalWords, WithoutMeaningGiveOneWarning) {
+  const CommandLine request = parse({"files=seq", "nogui=1", "nolog=1", "rescale=0.5", "nogui=1"});
+  EXPECT_THAT(request.warnings, ElementsAre(HasSubstr("nogui=1 nolog=1 rescale=0.5")));
+}
+
+TEST(OriginalWords, UnknownAndMalformedOnesAreErrors) {
+  EXPECT_THAT(errorOf({"files=seq", "calip=c.txt"}),
+              AllOf(HasSubstr("unknown word 'calip=c.txt'"), HasSubstr("'calib='")));
+  EXPECT_THAT(errorOf({"files=seq", "start=two"}), HasSubstr("start=two: expected a number"));
+  EXPECT_THAT(errorOf({"files=seq", "mode=3"}), HasSubstr("must be 0, 1 or 2"));
+}
+
+TEST(OriginalWords, PathWithAnEqualsSignIsStillADataSet) {
+  EXPECT_EQ(parse({"./runs/speed=3/images"}).sequence.path, "./runs/speed=3/images");
+}
+
+}  // namespace
+}  // namespace dsorb::app

@@ -1,0 +1,477 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "dsorb/io/writers.h"
+
+#include "dsorb/error.h"
+
+#include "io/json_text.h"
+#include "io/output_file.h"
+#include "support/temporary_folder.h"
+
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <fstream>
+#include <limits>
+#include <sstream>
+
+namespace dsorb {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::Not;
+using ::testing::StartsWith;
+
+const PinholeCamera kCamera{100, 100, 79.5, 59.5, 160, 120};
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+
+std::string readText(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::ostringstream text;
+  text << file.rdbuf();
+  return text.str();
+}
+
+std::vector<std::string> readLinesOf(const fs::path& path) {
+  std::vector<std::string> lines;
+  std::istringstream stream(readText(path));
+  for (std::string line; std::getline(stream, line);) lines.push_back(line);
+  return lines;
+}
+
+io::Json readJson(const fs::path& path) {
+  return io::Json::parse(readText(path));
+}
+
+FramePtr makeFrame(int index) {
+  std::vector<float> pixels(160 * 120);
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    pixels[i] = static_cast<float>(i % 160) + 0.5F * static_cast<float>(i / 160 % 2);
+  }
+  FrameInfo info;
+  info.id = {index};
+  info.timestamp = 0.1 * index;
+  return Frame::create(ImageView(pixels.data(), 160, 120), info);
+}
+
+SE3 translated(double z) {
+  return {Eigen::Quaterniond::Identity(), Eigen::Vector3d(0, 0, z)};
+}
+
+/// Camera that moves 0.1 forward a frame: T_cam_ref of the frame `steps` after the reference.
+SE3 forward(int steps) {
+  return translated(-0.1 * steps);
+}
+
+InitializationResult makeResult(const std::vector<FramePtr>& frames) {
+  InitializationResult result;
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    PosedFrame posed;
+    posed.frame = frames[i];
+    posed.T_cam_ref = forward(static_cast<int>(i));
+    posed.covariance = Matrix6d(1e-4 * Matrix6d::Identity());
+    result.frames.push_back(posed);
+  }
+  for (int i = 0; i < 40; ++i) {
+    const float x = 10.0F + 3.5F * static_cast<float>(i);
+    result.points.push_back({0, {x, 60}, 0.5F + 0.025F * static_cast<float>(i), 0.01F, 3});
+  }
+  result.points.push_back({1, {20, 20}, 1, 0.01F, 3});  // hosted elsewhere
+  result.report.model = "fundamental";
+  result.report.stages = {{"tracking", 1.5}};
+  result.report.residual_rms = kNan;
+  return result;
+}
+
+/// Plays the part of Odometry towards the observer.
+class FakeRun {
+ public:
+  explicit FakeRun(const fs::path& folder) : writer(folder.string(), info()) {
+    writer.setCamera(kCamera);
+  }
+
+  static RunInfo info() {
+    RunInfo info;
+    info.program = "test";
+    info.version = "1.2.3";
+    info.dataset = "a \"quoted\" name";
+    info.initializer = "orb-v1";
+    info.config_yaml = "num_threads: 1\n";
+    return info;
+  }
+
+  void initializing(int index, InitStatus status = InitStatus::kNeedsMoreFrames) {
+    fed_.push_back(makeFrame(index));
+    InitStep step;
+    step.status = status;
+    step.reason = InitReason::kTooLittleParallax;
+    writer.onInitStep(step, *fed_.back(), segment);
+    if (status == InitStatus::kRestarted) fed_.erase(fed_.begin(), fed_.end() - 1);
+    finishFrame(fed_.back(), OdometryState::kInitializing);
+  }
+
+  void initialized(int index) {
+    fed_.push_back(makeFrame(index));
+    InitStep step;
+    step.status = InitStatus::kInitialized;
+    step.reason = InitReason::kDone;
+    step.result = makeResult(fed_);
+    writer.onInitStep(step, *fed_.back(), segment);
+    reference_ = fed_.front();
+    keyframe(SE3());
+    FrameEstimate estimate = posed(fed_.back(), OdometryState::kInitialized);
+    writer.onFrame(estimate);
+    writer.frameDone({20, 1});
+    fed_.clear();
+  }
+
+  void tracked(int index) {
+    FrameEstimate estimate = posed(makeFrame(index), OdometryState::kTracked);
+    estimate.tracking_rmse = 5.25;
+    writer.onFrame(estimate);
+    writer.frameDone({4, 1});
+  }
+
+  void lost(int index) {
+    finishFrame(makeFrame(index), OdometryState::kLost);
+    retire();
+    ++segment;
+  }
+
+  void keyframe(const SE3& T_world_cam) {
+    snapshot_ = {reference_->id(), reference_->timestamp(), segment, T_world_cam, {}, kCamera, {}};
+    snapshot_.points = {{{79.5F, 59.5F}, 0.5F, 0.01F, 100}, {{30, 30}, 1, 0.02F, 300}};
+    writer.onKeyframe(snapshot_);
+  }
+  void retire() { writer.onKeyframeRetired(snapshot_); }
+
+  RunWriter writer;
+  int segment = 0;
+
+ private:
+  FrameEstimate posed(const FramePtr& frame, OdometryState state) const {
+    FrameEstimate estimate;
+    estimate.frame = frame;
+    estimate.state = state;
+    estimate.segment = segment;
+    estimate.T_cam_keyframe = forward(frame->id().value - reference_->id().value);
+    estimate.T_world_cam = estimate.T_cam_keyframe->inverse();
+    estimate.keyframe = reference_->id();
+    return estimate;
+  }
+  void finishFrame(const FramePtr& frame, OdometryState state) {
+    FrameEstimate estimate;
+    estimate.frame = frame;
+    estimate.state = state;
+    estimate.segment = segment;
+    writer.onFrame(estimate);
+    writer.frameDone({3, 1});
+  }
+
+  std::vector<FramePtr> fed_;
+  FramePtr reference_;
+  KeyframeSnapshot snapshot_;
+};
+
+/// Frames 0 to 2 initialize, 3 and 4 are tracked.
+void playOneSegment(FakeRun& run) {
+  run.initializing(0);
+  run.initializing(1);
+  run.initialized(2);
+  run.tracked(3);
+  run.tracked(4);
+}
+
+TEST(RunWriter, TrajectoryHoldsInitializationAndTrackedFrames) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  playOneSegment(run);
+  const auto lines = readLinesOf(folder.path() / "trajectory.txt");
+  ASSERT_EQ(lines.size(), 5U) << "grows while the run goes on";
+  EXPECT_EQ(lines[3],
+            "0.300000000 0.000000000 0.000000000 0.300000000 0.000000000 0.000000000 0.000000000 "
+            "1.000000000");
+  run.writer.finish(run.writer.outcome(), nullptr);
+  EXPECT_EQ(readLinesOf(folder.path() / "trajectory.txt"), lines);
+  EXPECT_EQ(readLinesOf(folder.path() / "keyframes.txt").size(), 1U);
+  const auto kitti = readLinesOf(folder.path() / "trajectory_kitti.txt");
+  ASSERT_EQ(kitti.size(), 5U);
+  EXPECT_THAT(kitti[4], StartsWith("1.000000000e+00 0.000000000e+00"));
+  EXPECT_FALSE(fs::exists(folder.path() / "trajectory_0.txt"));
+}
+
+TEST(RunWriter, FinalFramesFollowTheirKeyframe) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  playOneSegment(run);
+  run.keyframe(translated(10));  // the keyframe moved after all
+  run.writer.finish(run.writer.outcome(), nullptr);
+  const auto lines = readLinesOf(folder.path() / "trajectory.txt");
+  EXPECT_THAT(lines[0], StartsWith("0.000000000 0.000000000 0.000000000 10.000000000"));
+  EXPECT_THAT(lines[4], StartsWith("0.400000000 0.000000000 0.000000000 10.400000000"));
+}
+
+TEST(RunWriter, ReversedRunIsSortedByTimeAtTheEnd) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  run.initializing(9);
+  run.initialized(8);
+  run.tracked(7);
+  run.writer.finish(run.writer.outcome(), nullptr);
+  const auto lines = readLinesOf(folder.path() / "trajectory.txt");
+  ASSERT_EQ(lines.size(), 3U);
+  EXPECT_THAT(lines[0], StartsWith("0.700000000"));
+  EXPECT_THAT(lines[2], StartsWith("0.900000000"));
+  const auto start = readJson(folder.path() / "initialization.json")["initializations"][0];
+  EXPECT_EQ(start["frames_since_reference"], 1);
+}
+
+TEST(RunWriter, InitializationFollowsTheSchema) {
+  const TemporaryFolder folder;
+  EXPECT_FALSE(fs::exists(folder.path() / "initialization.json"));
+  FakeRun run(folder.path());
+  EXPECT_TRUE(readJson(folder.path() / "initialization.json")["initializations"].empty());
+  run.initializing(0);
+  run.initializing(1, InitStatus::kRestarted);
+  run.initializing(2);
+  run.initialized(3);
+  const auto start = readJson(folder.path() / "initialization.json")["initializations"][0];
+  EXPECT_EQ(start["initializer"], "orb-v1");
+  EXPECT_EQ(start["segment"], 0);
+  EXPECT_EQ(start["frames_given"], 4);
+  EXPECT_EQ(start["frames_since_reference"], 2);
+  EXPECT_EQ(start["resets"], 1);
+  EXPECT_EQ(start["withdrawn"], false);
+  EXPECT_EQ(start["reference"]["index"], 1);
+  EXPECT_EQ(start["target"]["index"], 3);
+  EXPECT_EQ(start["camera"]["width"], 160);
+  ASSERT_EQ(start["poses"].size(), 3U);
+  EXPECT_EQ(start["poses"][2]["T_cam_ref"][2][3], -0.2);
+  EXPECT_EQ(start["poses"][2]["covariance"].size(), 6U);
+  ASSERT_EQ(start["points"].size(), 40U) << "only those of the reference";
+  EXPECT_EQ(start["points"][1].dump(), "[13.5,60.0,0.525,0.01]");
+  EXPECT_EQ(start["milliseconds"]["total"], 29.0);
+  EXPECT_EQ(start["milliseconds"]["this_attempt"], 26.0);
+  EXPECT_EQ(start["milliseconds"]["last_frame"], 20.0);
+  EXPECT_EQ(start["milliseconds"]["stages"]["tracking"], 1.5);
+  EXPECT_TRUE(start["report"]["residual_rms"].is_null()) << "nan has no place in a file";
+}
+
+TEST(RunWriter, SecondSegmentGetsFilesOfItsOwn) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  playOneSegment(run);
+  run.lost(5);
+  EXPECT_EQ(run.writer.outcome(), RunStatus::kLost);
+  run.initializing(6);
+  EXPECT_EQ(run.writer.outcome(), RunStatus::kLost);
+  run.initialized(7);
+  EXPECT_EQ(run.writer.outcome(), RunStatus::kTracked);
+  run.writer.finish(run.writer.outcome(), nullptr);
+  EXPECT_EQ(readLinesOf(folder.path() / "trajectory.txt").size(), 7U);
+  EXPECT_EQ(readLinesOf(folder.path() / "trajectory_0.txt").size(), 5U);
+  EXPECT_EQ(readLinesOf(folder.path() / "trajectory_1.txt").size(), 2U);
+  EXPECT_EQ(readLinesOf(folder.path() / "keyframes_1.txt").size(), 1U);
+  EXPECT_FALSE(fs::exists(folder.path() / "trajectory_kitti.txt"));
+  const auto json = readJson(folder.path() / "run.json");
+  EXPECT_EQ(json["segments"], 2);
+  EXPECT_EQ(json["status"], "tracked");
+  const auto starts = readJson(folder.path() / "initialization.json")["initializations"];
+  EXPECT_EQ(starts[1]["segment"], 1);
+  EXPECT_EQ(starts[1]["frames_given"], 2);
+}
+
+TEST(RunWriter, WithdrawnStartLeavesNoTrace) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  playOneSegment(run);
+  run.initializing(5);  // the same segment asks its initializer again
+  EXPECT_EQ(run.writer.outcome(), RunStatus::kNeverInitialized);
+  EXPECT_TRUE(readLinesOf(folder.path() / "trajectory.txt").empty());
+  run.initialized(6);
+  run.writer.finish(run.writer.outcome(), nullptr);
+  EXPECT_EQ(readLinesOf(folder.path() / "trajectory.txt").size(), 2U);
+  EXPECT_EQ(readJson(folder.path() / "run.json")["segments"], 1);
+  const auto starts = readJson(folder.path() / "initialization.json")["initializations"];
+  ASSERT_EQ(starts.size(), 2U);
+  EXPECT_EQ(starts[0]["withdrawn"], true);
+  EXPECT_EQ(starts[1]["withdrawn"], false);
+  EXPECT_EQ(starts[1]["frames_given"], 7) << "each image counts once";
+}
+
+TEST(RunWriter, TableHasOneLineAFrame) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  playOneSegment(run);
+  run.lost(5);
+  EXPECT_THAT(readLinesOf(folder.path() / "frames.csv"),
+              ElementsAre("index,timestamp,state,milliseconds,is_keyframe,tracking_rmse,segment",
+                          "0,0.000000000,initializing,3.000,0,,0",
+                          "1,0.100000000,initializing,3.000,0,,0",
+                          "2,0.200000000,initialized,20.000,0,,0",
+                          "3,0.300000000,tracked,4.000,0,5.2500,0",
+                          "4,0.400000000,tracked,4.000,0,5.2500,0",
+                          "5,0.500000000,lost,3.000,0,,0"));
+}
+
+TEST(RunWriter, PointsAreBinaryVerticesInTheWorld) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  playOneSegment(run);
+  const auto check = [&folder] {
+    const std::string text = readText(folder.path() / "points.ply");
+    EXPECT_THAT(text, HasSubstr("format binary_little_endian 1.0"));
+    EXPECT_THAT(text, HasSubstr("element vertex 2\n"));
+    const std::string end = "end_header\n";
+    const std::string body = text.substr(text.find(end) + end.size());
+    ASSERT_EQ(body.size(), 2U * 23U);
+    float vertex[3];
+    std::memcpy(vertex, body.data(), sizeof(vertex));
+    EXPECT_THAT(vertex, ElementsAre(0, 0, 2)) << "image centre at inverse depth 0.5";
+    EXPECT_EQ(static_cast<unsigned char>(body[12]), 100);
+    EXPECT_EQ(static_cast<unsigned char>(body[23 + 12]), 255) << "clamped";
+  };
+  check();
+  run.retire();
+  run.writer.finish(run.writer.outcome(), nullptr);
+  check();
+  EXPECT_FALSE(fs::exists(folder.path() / "points.spool"));
+}
+
+TEST(RunWriter, SummaryIsValidFromTheBeginning) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  EXPECT_EQ(readJson(folder.path() / "run.json")["status"], "error") << "if it was killed now";
+  playOneSegment(run);
+  OdometryReport report;
+  report.tracking_seconds = 1.5;
+  run.writer.finish(RunStatus::kInterrupted, &report);
+  const auto json = readJson(folder.path() / "run.json");
+  EXPECT_EQ(json["program"], "test");
+  EXPECT_EQ(json["version"], "1.2.3");
+  EXPECT_EQ(json["dataset"], "a \"quoted\" name");
+  EXPECT_EQ(json["initializer"], "orb-v1");
+  EXPECT_EQ(json["camera"]["fx"], 100.0);
+  EXPECT_EQ(json["frames_given"], 5);
+  EXPECT_EQ(json["frames_tracked"], 2);
+  EXPECT_EQ(json["frames_dropped"], 0);
+  EXPECT_EQ(json["keyframes"], 1);
+  EXPECT_EQ(json["segments"], 1);
+  EXPECT_EQ(json["status"], "interrupted");
+  EXPECT_NEAR(json["seconds"]["reading"], 0.005, 1e-9);
+  EXPECT_EQ(json["seconds"]["tracking"], 1.5);
+  EXPECT_GE(json["seconds"]["total"], 0);
+  EXPECT_GT(json["peak_memory_mb"], 1);
+  EXPECT_EQ(json["threads"], 1);
+  EXPECT_EQ(readText(folder.path() / "config.yaml"), "num_threads: 1\n");
+}
+
+TEST(RunWriter, RunWithoutFramesIsValid) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  EXPECT_EQ(run.writer.outcome(), RunStatus::kNeverInitialized);
+  run.writer.finish(run.writer.outcome(), nullptr);
+  for (const char* file : {"trajectory.txt",
+                           "keyframes.txt",
+                           "frames.csv",
+                           "points.ply",
+                           "figures/trajectory.png",
+                           "figures/timeline.png"}) {
+    EXPECT_TRUE(fs::exists(folder.path() / file)) << file;
+  }
+}
+
+TEST(RunWriter, NotANumberNeverReachesAFile) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  playOneSegment(run);
+  FrameEstimate estimate;
+  estimate.frame = makeFrame(5);
+  estimate.state = OdometryState::kTracked;
+  estimate.T_world_cam = translated(kNan);
+  estimate.tracking_rmse = std::numeric_limits<double>::infinity();
+  run.writer.onFrame(estimate);
+  run.writer.frameDone({1, 1});
+  run.writer.finish(run.writer.outcome(), nullptr);
+  for (const char* file : {"trajectory.txt", "frames.csv", "initialization.json", "run.json"}) {
+    const std::string text = readText(folder.path() / file);
+    EXPECT_THAT(text, Not(HasSubstr("nan"))) << file;
+    EXPECT_THAT(text, Not(HasSubstr("inf,"))) << file;
+  }
+}
+
+TEST(RunWriter, RemovesTheFilesOfAnEarlierRunAndNothingElse) {
+  const TemporaryFolder folder;
+  fs::create_directories(folder.path() / "figures");
+  for (const char* file : {"trajectory_3.txt",
+                           "trajectory_kitti.txt",
+                           "keyframes_12.txt",
+                           "run.json.part",
+                           "points.spool",
+                           "figures/initial_inverse_depth_2.png",
+                           "notes.txt",
+                           "trajectory_mine.txt",
+                           "figures/mine.png"}) {
+    std::ofstream(folder.path() / file) << "old";
+  }
+  FakeRun run(folder.path());
+  for (const char* file : {"trajectory_3.txt",
+                           "trajectory_kitti.txt",
+                           "keyframes_12.txt",
+                           "run.json.part",
+                           "points.spool",
+                           "figures/initial_inverse_depth_2.png"}) {
+    EXPECT_FALSE(fs::exists(folder.path() / file)) << file;
+  }
+  for (const char* file : {"notes.txt", "trajectory_mine.txt", "figures/mine.png"}) {
+    EXPECT_TRUE(fs::exists(folder.path() / file)) << file;
+  }
+}
+
+TEST(RunWriter, UnwritableFolderIsNamed) {
+  const TemporaryFolder folder;
+  std::ofstream(folder.path() / "file") << "x";
+  const std::string below = (folder.path() / "file" / "out").string();
+  try {
+    FakeRun run{fs::path(below)};
+    FAIL() << "wrote below a file";
+  } catch (const IoError& error) {
+    EXPECT_THAT(error.what(), HasSubstr(below));
+  }
+}
+
+TEST(GrowingFile, FullDiskIsAnError) {
+  if (!fs::exists("/dev/full")) GTEST_SKIP() << "no /dev/full on this system";
+  io::GrowingFile file("/dev/full");
+  EXPECT_THROW(file.append("text"), IoError);
+}
+
+TEST(ReplacingFile, OldContentStaysUntilCommit) {
+  const TemporaryFolder folder;
+  const fs::path path = folder.path() / "file.txt";
+  io::replaceFile(path, "old");
+  {
+    io::ReplacingFile file(path);
+    file.append("half of the new");
+  }
+  EXPECT_EQ(readText(path), "old");
+  EXPECT_FALSE(fs::exists(path.string() + ".part"));
+  io::replaceFile(path, "new");
+  EXPECT_EQ(readText(path), "new");
+}
+
+TEST(JsonText, KeepsArraysOfNumbersOnOneLineAndReadsBack) {
+  const io::Json json = {{"a", {1, 2.5}}, {"b", {{1, 2}, {3, 4}}}, {"c", io::Json::object()}};
+  const std::string text = io::jsonText(json);
+  EXPECT_EQ(text, "{\n \"a\": [1,2.5],\n \"b\": [\n  [1,2],\n  [3,4]\n ],\n \"c\": {}\n}\n");
+  EXPECT_EQ(io::Json::parse(text), json);
+  EXPECT_EQ(io::jsonText({{"x", kNan}}), "{\n \"x\": null\n}\n");
+}
+
+TEST(JsonText, FloatsKeepTheirShortText) {
+  EXPECT_EQ(io::shortest(0.1F), 0.1);
+}
+
+}  // namespace
+}  // namespace dsorb
