@@ -118,10 +118,9 @@ void Chart::dots(const std::vector<cv::Point2d>& points, int radius, const cv::S
 void Chart::band(double x_begin, double x_end, const cv::Scalar& colour) {
   const cv::Point from = toPixel({x_begin, y_.high});
   const cv::Point to = toPixel({x_end, y_.low});
-  const cv::Rect strip(from.x >> kSubpixelBits,
-                       plot_.y + 1,
-                       std::max(1, (to.x - from.x) >> kSubpixelBits),
-                       plot_.height - 2);
+  const int left = from.x >> kSubpixelBits;
+  const int right = to.x >> kSubpixelBits;
+  const cv::Rect strip(left, plot_.y + 1, std::max(1, right - left), plot_.height - 2);
   canvas_(strip & plot_).setTo(colour);
 }
 

@@ -4,6 +4,7 @@
 #include "dsorb/error.h"
 
 #include "base/parallel.h"
+#include "io/trajectory_writer.h"
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -139,18 +140,8 @@ FrameRows writeFrame(const DatasetDescription& description, int index, DatasetFr
            cv::Mat(camera.height, camera.width, CV_8U, frame.image.data()));
   writePng(description.folder / "depth" / (name + ".png"),
            depthInMillimetres(frame.inverse_depth, camera));
-  const Eigen::Vector3d& t = frame.T_world_cam.translation();
-  const Eigen::Quaterniond& q = frame.T_world_cam.unitQuaternion();
   return {fmt::format("{} {:.9f} {:.6f}\n", name, frame.timestamp, 1e3 * frame.exposure),
-          fmt::format("{:.9f} {:.9f} {:.9f} {:.9f} {:.9f} {:.9f} {:.9f} {:.9f}\n",
-                      frame.timestamp,
-                      t.x(),
-                      t.y(),
-                      t.z(),
-                      q.x(),
-                      q.y(),
-                      q.z(),
-                      q.w())};
+          io::tumLine(frame.timestamp, frame.T_world_cam)};
 }
 
 std::vector<FrameRows> writeFrames(const DatasetDescription& description,

@@ -21,6 +21,8 @@ namespace {
 
 constexpr int kBarWidth = 90;
 constexpr std::size_t kMaxPanels = 4;
+constexpr int kFirstColour = 26;
+constexpr int kLastColour = 240;
 const cv::Scalar kPathColour(180, 110, 30);
 const cv::Scalar kKeyframeColour(40, 40, 220);
 const cv::Scalar kStartColour(60, 160, 40);
@@ -32,10 +34,13 @@ float quantile(std::vector<float> values, double share) {
   return values[static_cast<std::size_t>(rank)];
 }
 
-/// The 256 colours from far (blue) to near (red).
+/// 256 colours from far (blue) to near (red), without the dark ends of the map.
 cv::Mat inverseDepthColours() {
   cv::Mat ramp(1, 256, CV_8UC1);
-  for (int i = 0; i < 256; ++i) ramp.at<uchar>(0, i) = static_cast<uchar>(i);
+  for (int i = 0; i < 256; ++i) {
+    ramp.at<uchar>(0, i) =
+        static_cast<uchar>(kFirstColour + i * (kLastColour - kFirstColour) / 255);
+  }
   cv::Mat colours;
   cv::applyColorMap(ramp, colours, cv::COLORMAP_TURBO);
   return colours;
@@ -191,7 +196,7 @@ void drawNotes(cv::Mat& canvas,
   chart.axes(
       x_axis,
       y_axis,
-      "frame; yellow: initializing, dark green: initialized, light green: tracked, red: lost");
+      "frame; orange: initializing, dark green: initialized, light green: tracked, red: lost");
   for (const auto& curve : curves) {
     chart.curve(curve, kPathColour);
     if (curve.size() == 1) chart.dots(curve, 2, kPathColour);

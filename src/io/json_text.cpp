@@ -9,6 +9,8 @@
 namespace dsorb::io {
 namespace {
 
+constexpr const char* kTimestampKey = "timestamp";
+
 bool isFlat(const Json& value) {
   return std::none_of(
       value.begin(), value.end(), [](const Json& element) { return element.is_structured(); });
@@ -33,7 +35,11 @@ void write(const Json& value, int depth, std::string& text) {
     separator = ",\n";
     text.append(static_cast<std::size_t>(depth) + 1, ' ');
     if (object) text += Json(key).dump() + ": ";
-    write(element, depth + 1, text);
+    if (object && key == kTimestampKey && element.is_number_float()) {
+      text += fmt::format("{:.9f}", element.get<double>());
+    } else {
+      write(element, depth + 1, text);
+    }
   }
   text += '\n';
   text.append(static_cast<std::size_t>(depth), ' ');

@@ -10,7 +10,8 @@ namespace dsorb::io {
 using Json = nlohmann::ordered_json;
 
 /// Text of a JSON value, indented; arrays of plain values stay on one line. Numbers are the
-/// shortest that read back the same; nan and infinity become null.
+/// shortest that read back the same, but a `timestamp` has nine decimals as in every file; nan and
+/// infinity become null.
 [[nodiscard]] std::string jsonText(const Json& value);
 
 /// The double whose shortest text is that of the float: 0.1f gives 0.1.

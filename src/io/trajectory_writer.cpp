@@ -10,21 +10,6 @@
 namespace dsorb::io {
 namespace {
 
-std::string tumLine(const PosedEntry& entry, const SE3& T_world_cam) {
-  const Eigen::Vector3d& t = T_world_cam.translation();
-  Eigen::Vector4d q = T_world_cam.unitQuaternion().coeffs();  // x y z w
-  if (q.w() < 0) q = -q;
-  return fmt::format("{:.9f} {:.9f} {:.9f} {:.9f} {:.9f} {:.9f} {:.9f} {:.9f}\n",
-                     entry.timestamp,
-                     t.x(),
-                     t.y(),
-                     t.z(),
-                     q.x(),
-                     q.y(),
-                     q.z(),
-                     q.w());
-}
-
 std::vector<PosedEntry> sortedByTime(std::vector<PosedEntry> entries) {
   std::stable_sort(entries.begin(), entries.end(), [](const PosedEntry& l, const PosedEntry& r) {
     return l.timestamp < r.timestamp;
@@ -51,7 +36,8 @@ void TrajectoryWriter::update(const RunRecord& record, const std::vector<PosedEn
   }
   std::string lines;
   for (; written_ < entries.size(); ++written_) {
-    lines += tumLine(entries[written_], record.T_world_cam(entries[written_]));
+    const PosedEntry& entry = entries[written_];
+    lines += tumLine(entry.timestamp, record.T_world_cam(entry));
   }
   if (!lines.empty()) file_->append(lines);
 }
@@ -64,12 +50,28 @@ void TrajectoryWriter::finish(const RunRecord& record, const std::vector<PosedEn
   }
 }
 
+std::string tumLine(double timestamp, const SE3& T_world_cam) {
+  const Eigen::Vector3d& t = T_world_cam.translation();
+  Eigen::Vector4d q = T_world_cam.unitQuaternion().coeffs();  // x y z w
+  if (q.w() < 0) q = -q;
+  return fmt::format("{:.9f} {:.9f} {:.9f} {:.9f} {:.9f} {:.9f} {:.9f} {:.9f}\n",
+                     timestamp,
+                     t.x(),
+                     t.y(),
+                     t.z(),
+                     q.x(),
+                     q.y(),
+                     q.z(),
+                     q.w());
+}
+
 std::string tumTrajectory(const RunRecord& record,
                           const std::vector<PosedEntry>& entries,
                           std::optional<int> segment) {
   std::string text;
   for (const PosedEntry& entry : sortedByTime(entries)) {
-    if (!segment || entry.segment == *segment) text += tumLine(entry, record.T_world_cam(entry));
+    if (!segment || entry.segment == *segment)
+      text += tumLine(entry.timestamp, record.T_world_cam(entry));
   }
   return text;
 }

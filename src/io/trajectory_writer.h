@@ -32,9 +32,12 @@ class TrajectoryWriter {
   int withdrawals_ = 0;
 };
 
+/// A line `timestamp tx ty tz qx qy qz qw`, nine decimals, qw not negative.
+/// @source TUM RGB-D benchmark, file formats
+[[nodiscard]] std::string tumLine(double timestamp, const SE3& T_world_cam);
+
 /// Lines `timestamp tx ty tz qx qy qz qw`, camera to world, sorted by time.
 /// @param segment only its entries; empty: all
-/// @source TUM RGB-D benchmark, file formats
 [[nodiscard]] std::string tumTrajectory(const RunRecord& record,
                                         const std::vector<PosedEntry>& entries,
                                         std::optional<int> segment = std::nullopt);

@@ -6,13 +6,13 @@
 #include "io/json_text.h"
 #include "io/output_file.h"
 #include "support/temporary_folder.h"
+#include "support/text_files.h"
 
 #include <gmock/gmock.h>
 
-#include <cmath>
+#include <cstring>
 #include <fstream>
 #include <limits>
-#include <sstream>
 
 namespace dsorb {
 namespace {
@@ -25,20 +25,6 @@ using ::testing::StartsWith;
 
 const PinholeCamera kCamera{100, 100, 79.5, 59.5, 160, 120};
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-
-std::string readText(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  std::ostringstream text;
-  text << file.rdbuf();
-  return text.str();
-}
-
-std::vector<std::string> readLinesOf(const fs::path& path) {
-  std::vector<std::string> lines;
-  std::istringstream stream(readText(path));
-  for (std::string line; std::getline(stream, line);) lines.push_back(line);
-  return lines;
-}
 
 io::Json readJson(const fs::path& path) {
   return io::Json::parse(readText(path));
@@ -187,15 +173,15 @@ TEST(RunWriter, TrajectoryHoldsInitializationAndTrackedFrames) {
   const TemporaryFolder folder;
   FakeRun run(folder.path());
   playOneSegment(run);
-  const auto lines = readLinesOf(folder.path() / "trajectory.txt");
+  const auto lines = readTextLines(folder.path() / "trajectory.txt");
   ASSERT_EQ(lines.size(), 5U) << "grows while the run goes on";
   EXPECT_EQ(lines[3],
             "0.300000000 0.000000000 0.000000000 0.300000000 0.000000000 0.000000000 0.000000000 "
             "1.000000000");
   run.writer.finish(run.writer.outcome(), nullptr);
-  EXPECT_EQ(readLinesOf(folder.path() / "trajectory.txt"), lines);
-  EXPECT_EQ(readLinesOf(folder.path() / "keyframes.txt").size(), 1U);
-  const auto kitti = readLinesOf(folder.path() / "trajectory_kitti.txt");
+  EXPECT_EQ(readTextLines(folder.path() / "trajectory.txt"), lines);
+  EXPECT_EQ(readTextLines(folder.path() / "keyframes.txt").size(), 1U);
+  const auto kitti = readTextLines(folder.path() / "trajectory_kitti.txt");
   ASSERT_EQ(kitti.size(), 5U);
   EXPECT_THAT(kitti[4], StartsWith("1.000000000e+00 0.000000000e+00"));
   EXPECT_FALSE(fs::exists(folder.path() / "trajectory_0.txt"));
@@ -207,7 +193,7 @@ TEST(RunWriter, FinalFramesFollowTheirKeyframe) {
   playOneSegment(run);
   run.keyframe(translated(10));  // the keyframe moved after all
   run.writer.finish(run.writer.outcome(), nullptr);
-  const auto lines = readLinesOf(folder.path() / "trajectory.txt");
+  const auto lines = readTextLines(folder.path() / "trajectory.txt");
   EXPECT_THAT(lines[0], StartsWith("0.000000000 0.000000000 0.000000000 10.000000000"));
   EXPECT_THAT(lines[4], StartsWith("0.400000000 0.000000000 0.000000000 10.400000000"));
 }
@@ -219,7 +205,7 @@ TEST(RunWriter, ReversedRunIsSortedByTimeAtTheEnd) {
   run.initialized(8);
   run.tracked(7);
   run.writer.finish(run.writer.outcome(), nullptr);
-  const auto lines = readLinesOf(folder.path() / "trajectory.txt");
+  const auto lines = readTextLines(folder.path() / "trajectory.txt");
   ASSERT_EQ(lines.size(), 3U);
   EXPECT_THAT(lines[0], StartsWith("0.700000000"));
   EXPECT_THAT(lines[2], StartsWith("0.900000000"));
@@ -269,10 +255,10 @@ TEST(RunWriter, SecondSegmentGetsFilesOfItsOwn) {
   run.initialized(7);
   EXPECT_EQ(run.writer.outcome(), RunStatus::kTracked);
   run.writer.finish(run.writer.outcome(), nullptr);
-  EXPECT_EQ(readLinesOf(folder.path() / "trajectory.txt").size(), 7U);
-  EXPECT_EQ(readLinesOf(folder.path() / "trajectory_0.txt").size(), 5U);
-  EXPECT_EQ(readLinesOf(folder.path() / "trajectory_1.txt").size(), 2U);
-  EXPECT_EQ(readLinesOf(folder.path() / "keyframes_1.txt").size(), 1U);
+  EXPECT_EQ(readTextLines(folder.path() / "trajectory.txt").size(), 7U);
+  EXPECT_EQ(readTextLines(folder.path() / "trajectory_0.txt").size(), 5U);
+  EXPECT_EQ(readTextLines(folder.path() / "trajectory_1.txt").size(), 2U);
+  EXPECT_EQ(readTextLines(folder.path() / "keyframes_1.txt").size(), 1U);
   EXPECT_FALSE(fs::exists(folder.path() / "trajectory_kitti.txt"));
   const auto json = readJson(folder.path() / "run.json");
   EXPECT_EQ(json["segments"], 2);
@@ -288,10 +274,10 @@ TEST(RunWriter, WithdrawnStartLeavesNoTrace) {
   playOneSegment(run);
   run.initializing(5);  // the same segment asks its initializer again
   EXPECT_EQ(run.writer.outcome(), RunStatus::kNeverInitialized);
-  EXPECT_TRUE(readLinesOf(folder.path() / "trajectory.txt").empty());
+  EXPECT_TRUE(readTextLines(folder.path() / "trajectory.txt").empty());
   run.initialized(6);
   run.writer.finish(run.writer.outcome(), nullptr);
-  EXPECT_EQ(readLinesOf(folder.path() / "trajectory.txt").size(), 2U);
+  EXPECT_EQ(readTextLines(folder.path() / "trajectory.txt").size(), 2U);
   EXPECT_EQ(readJson(folder.path() / "run.json")["segments"], 1);
   const auto starts = readJson(folder.path() / "initialization.json")["initializations"];
   ASSERT_EQ(starts.size(), 2U);
@@ -305,7 +291,7 @@ TEST(RunWriter, TableHasOneLineAFrame) {
   FakeRun run(folder.path());
   playOneSegment(run);
   run.lost(5);
-  EXPECT_THAT(readLinesOf(folder.path() / "frames.csv"),
+  EXPECT_THAT(readTextLines(folder.path() / "frames.csv"),
               ElementsAre("index,timestamp,state,milliseconds,is_keyframe,tracking_rmse,segment",
                           "0,0.000000000,initializing,3.000,0,,0",
                           "1,0.100000000,initializing,3.000,0,,0",
@@ -467,6 +453,11 @@ TEST(JsonText, KeepsArraysOfNumbersOnOneLineAndReadsBack) {
   EXPECT_EQ(text, "{\n \"a\": [1,2.5],\n \"b\": [\n  [1,2],\n  [3,4]\n ],\n \"c\": {}\n}\n");
   EXPECT_EQ(io::Json::parse(text), json);
   EXPECT_EQ(io::jsonText({{"x", kNan}}), "{\n \"x\": null\n}\n");
+}
+
+TEST(JsonText, TimestampsAreFixedWithNineDecimals) {
+  EXPECT_EQ(io::jsonText({{"timestamp", 1e-5}, {"other", 1e-5}}),
+            "{\n \"timestamp\": 0.000010000,\n \"other\": 1e-05\n}\n");
 }
 
 TEST(JsonText, FloatsKeepTheirShortText) {
