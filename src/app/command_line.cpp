@@ -234,7 +234,8 @@ CommandLine parseCommandLine(int argc, const char* const* argv) {
   refuseWhatIsLacking(flags);
   takeFlags(flags, request);
   takeWords(flags.words, request);
-  if (request.sequence.path.empty() && !request.print_config) {
+  if (request.sequence.path.empty()) {
+    if (request.print_config) return request;
     throw ConfigError("no data set given; --help shows the options");
   }
   if (request.output.empty()) request.output = "out/" + datasetName(request.sequence.path);

@@ -11,6 +11,7 @@
 #include <chrono>
 #include <exception>
 #include <optional>
+#include <string>
 #include <thread>
 
 namespace dsorb::app {
@@ -19,6 +20,20 @@ namespace {
 int threadsInUse(int num_threads) {
   if (num_threads > 0) return num_threads;
   return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+}
+
+/// Value of the option tracker.brightness.
+std::string brightnessModel(PhotometryMode photometry) {
+  switch (photometry) {
+    case PhotometryMode::kCalibrated:
+      return "calibrated";
+    case PhotometryMode::kPerfect:
+      return "perfect";
+    case PhotometryMode::kUncalibrated:
+    case PhotometryMode::kAuto:
+      break;
+  }
+  return "uncalibrated";
 }
 
 RunInfo describeRun(const CommandLine& request, const Config& config) {
@@ -68,7 +83,16 @@ void writeAfterError(RunWriter& writer, std::optional<Odometry>& odometry) {
 
 }  // namespace
 
-RunResult runDataset(const CommandLine& request, const Config& config, Interrupt& interrupt) {
+Config configFor(ConfigSources sources, PhotometryMode photometry) {
+  if (photometry != PhotometryMode::kAuto) {
+    sources.program_defaults.push_back(
+        {"tracker.brightness", brightnessModel(photometry), "photometry"});
+  }
+  return loadConfig(sources);
+}
+
+RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
+  Config config = configFor(request.config, request.sequence.photometry);
   const RunInfo info = describeRun(request, config);
   cv::setNumThreads(info.threads);  // OpenCV's pool belongs to the process
   RunWriter writer(request.output, info);
@@ -77,6 +101,8 @@ RunResult runDataset(const CommandLine& request, const Config& config, Interrupt
   try {
     SequenceReader reader(request.sequence);
     writer.setCamera(reader.camera());
+    config = configFor(request.config, reader.photometry());
+    writer.setConfig(toYaml(config));
     odometry.emplace(reader.camera(), config.options);
     odometry->addObserver(&writer);
     result.interrupted = feed(reader, *odometry, writer, request, interrupt);

@@ -15,8 +15,12 @@ struct RunResult {
   OdometryReport report;
 };
 
+/// Configuration for images of this photometry: it decides what is free in a frame's brightness,
+/// unless a file or `--set` names `tracker.brightness`.
+[[nodiscard]] Config configFor(ConfigSources sources, PhotometryMode photometry);
+
 /// Reads the data set, runs the odometry on it and writes the output folder. After an error what
 /// was computed is written before it is thrown on.
-RunResult runDataset(const CommandLine& request, const Config& config, Interrupt& interrupt);
+RunResult runDataset(const CommandLine& request, Interrupt& interrupt);
 
 }  // namespace dsorb::app

@@ -39,15 +39,14 @@ int run(int argc, const char* const* argv, app::Interrupt& interrupt) {
     fmt::print("{}", request.text);
     return kSuccess;
   }
-  const Config config = loadConfig(request.config);
   if (request.print_config) {
-    fmt::print("{}", toYaml(config));
+    fmt::print("{}", toYaml(app::configFor(request.config, request.sequence.photometry)));
     return kSuccess;
   }
   for (const std::string& warning : request.warnings) {
     if (!request.quiet) spdlog::warn(warning);
   }
-  const app::RunResult result = app::runDataset(request, config, interrupt);
+  const app::RunResult result = app::runDataset(request, interrupt);
   if (!request.quiet) printSummary(request, result);
   return result.outcome == RunStatus::kTracked ? kSuccess : kNotTracked;
 }

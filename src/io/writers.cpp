@@ -100,6 +100,10 @@ void RunWriter::setCamera(const PinholeCamera& camera) {
   impl_->initializations.setCamera(camera);
 }
 
+void RunWriter::setConfig(const std::string& yaml) {
+  io::replaceFile(impl_->folder / "config.yaml", yaml);
+}
+
 void RunWriter::onInitStep(const InitStep& step, const Frame& /*frame*/, int segment) {
   impl_->record.addInitStep(step, segment);
   if (impl_->record.withdrawnSegment()) impl_->points.withdraw(segment);

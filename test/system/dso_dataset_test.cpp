@@ -176,6 +176,15 @@ TEST_F(DsoDataset, PrintedConfigurationReadsBackTheSame) {
       run({"--print-config", "--config", "printed.yaml", "--initializer", "orb-v1"}).exit_code, 0);
 }
 
+TEST_F(DsoDataset, PhotometryDecidesAboutBrightnessUnlessItIsSet) {
+  EXPECT_THAT(run({"--print-config", "--mode", "perfect"}).out, HasSubstr("brightness: perfect"));
+  EXPECT_THAT(
+      run({"--print-config", "--mode", "perfect", "--set", "tracker.brightness=calibrated"}).out,
+      HasSubstr("brightness: calibrated"));
+  ASSERT_EQ(runOn(room_, {"--end", "1", "--mode", "perfect"}).exit_code, 3);
+  EXPECT_THAT(readText(file("config.yaml")), HasSubstr("brightness: perfect"));
+}
+
 TEST_F(DsoDataset, VersionAndHelp) {
   const ProgramResult version = run({"--version"});
   EXPECT_EQ(version.exit_code, 0);

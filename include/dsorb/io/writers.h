@@ -48,6 +48,8 @@ class RunWriter : public OdometryObserver {
 
   /// Camera of the rectified images; needed before the first frame.
   void setCamera(const PinholeCamera& camera);
+  /// Writes config.yaml anew, where the data set decided about options.
+  void setConfig(const std::string& yaml);
 
   void onInitStep(const InitStep& step, const Frame& frame, int segment) override;
   void onFrame(const FrameEstimate& estimate) override;
