@@ -26,8 +26,8 @@ struct CoarseOptions {
   bool keep_orphan_depth = true;     ///< a coarse point without fine points keeps its depth
   double max_parent_distance = 2;    ///< pixels of the coarser level; 0: no limit
   double min_parallax_deg = 1;       ///< of the result, median; 0: no test
-  double min_motion_gain = 0.05;     ///< share of the residual energy that translation removes
-  double max_outlier_share = 0.6;    ///< of the points before tracking counts as lost; 1: no test
+  double min_motion_gain = 0.4;      ///< share of the residual energy that translation removes
+  double max_outlier_share = 0.65;   ///< of the points in view, more: tracking is lost; 1: no test
   double max_relative_sigma = 0.35;  ///< median of the result's inverse depths; 0: no test
   int max_frames = 40;               ///< since the reference; 0: wait for ever
 };

@@ -218,8 +218,9 @@ Quality judge(const Attempt& attempt, LevelAligner& aligner) {
   const TrackedFrame& newest = attempt.frames.back();
   const LevelState full = aligner.evaluate(
       viewOf(*newest.frame, attempt.camera, 0), Unknowns::kPose, fixed.front(), newest.alignment);
-  const int total = attempt.levels.front().size();
-  quality.inlier_share = total > 0 ? static_cast<double>(full.equations.inliers) / total : 0.0;
+  quality.inlier_share = full.equations.good > 0
+                             ? static_cast<double>(full.equations.inliers) / full.equations.good
+                             : 0.0;
   quality.residual_rms = std::sqrt(residualVariance(full));
   quality.parallax_deg = parallaxDeg(attempt);
   std::vector<double> sigmas;

@@ -14,12 +14,14 @@ namespace dsorb::init_coarse {
 namespace {
 
 constexpr std::array<int, 5> kIterations = {5, 5, 10, 30, 50};  // per level, finest first
-constexpr float kSelectionFactor = 2;     // on the selector's thresholds, level 0
-constexpr int kFirstGridSpacing = 5;      // of the grid maxima, levels from 1 [px]
-constexpr int kMinPoints = 100;           // of level 0, else the frame is no reference
-constexpr double kMinVisibleShare = 0.4;  // points in view, else the reference is too far away
-constexpr std::size_t kKeptResets = 32;   // reasons remembered
-constexpr int kKeptFrames = 40;           // in memory when there is no time-out
+constexpr float kSelectionFactor = 2;      // on the selector's thresholds, level 0
+constexpr int kFirstGridSpacing = 5;       // of the grid maxima, levels from 1 [px]
+constexpr int kMinPoints = 100;            // of level 0, else the frame is no reference
+constexpr double kMinVisibleShare = 0.25;  // points in view, else the reference is too far away
+constexpr double kMaxInlierDrop = 0.5;     // of the share of the frame before: the scene was cut
+constexpr int kMaxRefusals = 3;            // for poor quality; then the estimate is given up
+constexpr std::size_t kKeptResets = 32;    // reasons remembered
+constexpr int kKeptFrames = 40;            // in memory when there is no time-out
 
 /// Points of all levels, finest first, with neighbours and parents.
 std::vector<PointLevel> selectPoints(const Frame& frame, const CoarseOptions& options, int seed) {
@@ -54,7 +56,8 @@ void CoarseInitializer::reset() {
   attempt_.camera = camera_;
   attempt_.options = options_.coarse;
   attempt_.seed = options_.seed;
-  snapped_since_ = tracked_ = restarts_ = 0;
+  snapped_since_ = tracked_ = refusals_ = restarts_ = 0;
+  inlier_share_ = 0;
   done_ = false;
   earlier_resets_.clear();
   last_timestamp_.reset();
@@ -95,7 +98,8 @@ InitStep CoarseInitializer::addFrame(FramePtr frame) {
 }
 
 bool CoarseInitializer::setReference(const FramePtr& frame) {
-  snapped_since_ = tracked_ = 0;
+  snapped_since_ = tracked_ = refusals_ = 0;
+  inlier_share_ = 0;
   attempt_.frames.clear();
   attempt_.levels = selectPoints(*frame, options_.coarse, options_.seed);
   if (attempt_.levels.front().size() < kMinPoints) return false;
@@ -172,7 +176,8 @@ InitStep CoarseInitializer::assess(const LevelReport& finest) {
   const CoarseOptions& o = options_.coarse;
   const TrackedFrame newest = attempt_.frames.back();
   const bool tests = o.max_outlier_share < 1;
-  if (tests && finest.inlierShare() < 1.0 - o.max_outlier_share) {
+  const double cut_share = kMaxInlierDrop * std::exchange(inlier_share_, finest.inlierShare());
+  if (tests && inlier_share_ < std::max(1.0 - o.max_outlier_share, cut_share)) {
     return startOver(newest.frame, InitReason::kTrackingLost, true);
   }
   if (tests && finest.visibleShare() < kMinVisibleShare) {
@@ -190,6 +195,8 @@ InitStep CoarseInitializer::assess(const LevelReport& finest) {
       reason = step.reason;
     }
   }
+  refusals_ = reason == InitReason::kPoorQuality ? refusals_ + 1 : 0;
+  if (refusals_ >= kMaxRefusals) return startOver(newest.frame, reason, true);
   if (o.max_frames > 0 && tracked_ + 1 >= o.max_frames) {
     const bool parallax = newest.alignment.snapped && reason != InitReason::kTooLittleParallax &&
                           reason != InitReason::kDegenerateMotion;

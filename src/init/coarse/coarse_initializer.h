@@ -43,8 +43,10 @@ class CoarseInitializer : public Initializer {
   LevelAligner aligner_;
 
   Attempt attempt_;
-  int snapped_since_ = 0;  ///< frames tracked up to the one that snapped, 0: not yet
-  int tracked_ = 0;        ///< frames since the reference
+  int snapped_since_ = 0;    ///< frames tracked up to the one that snapped, 0: not yet
+  int tracked_ = 0;          ///< frames since the reference
+  int refusals_ = 0;         ///< frames in a row that settled in poor quality
+  double inlier_share_ = 0;  ///< of the newest frame
   int restarts_ = 0;
   bool done_ = false;
   std::vector<InitReason> earlier_resets_;
