@@ -147,6 +147,16 @@ TEST_P(InitializerContract, WaitsWhileTheCameraOnlyRotates) {
   }
 }
 
+TEST_P(InitializerContract, WaitsWhileTheCameraTurnsAwayFromTheReference) {
+  SequenceOptions options = optionsOf(SequenceKind::kRotation);
+  options.fx = 2400;  // 15 degrees of view: the reference leaves it within 12 frames
+  options.length = 40;
+  const InitRun result = run(rendered(options));
+  for (const InitStep& step : result.steps) {
+    EXPECT_EQ(step.status, InitStatus::kNeedsMoreFrames) << result.log();
+  }
+}
+
 TEST_P(InitializerContract, RestartsAfterSceneCut) {
   SequenceOptions options = optionsOf(SequenceKind::kCut);
   options.length = 8;  // the cut comes before the first attempt

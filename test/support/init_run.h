@@ -49,7 +49,7 @@ inline const RenderedSequence& rendered(const synthetic::SequenceOptions& option
   static std::map<std::string, RenderedSequence> sequences;
   std::ostringstream key;
   key << static_cast<int>(options.kind) << " " << options.length << " " << options.noise_sigma
-      << " " << options.exposure_changes << " " << options.seed;
+      << " " << options.exposure_changes << " " << options.seed << " " << options.fx;
   return sequences.try_emplace(key.str(), options).first->second;
 }
 

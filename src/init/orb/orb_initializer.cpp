@@ -17,6 +17,7 @@ namespace dsorb::init_orb {
 namespace {
 
 constexpr double kDegPerRad = 180.0 / M_PI;
+constexpr int kMinRotationTracks = 10;   // to tell that a rotation explains them all
 constexpr std::size_t kKeptResets = 32;  // reasons kept; a camera may stand in the dark for hours
 
 InitStep needsMoreFrames(InitReason reason) {
@@ -89,6 +90,19 @@ void ORBInitializer::checkFrame(const Frame& frame) const {
   }
 }
 
+/// Whether the tracks left the image because the camera turned: nothing is lost then.
+bool ORBInitializer::onlyRotated() const {
+  if (tracks_.size() < kMinRotationTracks ||
+      tracks_.survivorShare() < options_.orb.tracks.min_survivor_share) {
+    return false;
+  }
+  return rotationResidualDeg(matchesOf(tracks_)) < options_.orb.two_view.min_rotation_residual_deg;
+}
+
+double ORBInitializer::rotationResidualDeg(const Matches& matches) const {
+  return std::atan(fitRotation(matches, camera_).median_residual / camera_.fx) * kDegPerRad;
+}
+
 /// One step of algorithm 1.
 InitStep ORBInitializer::advance(FramePtr frame) {
   if (frames_.empty()) {
@@ -101,7 +115,8 @@ InitStep ORBInitializer::advance(FramePtr frame) {
   clock_.time("tracking", [&] { tracks_.advance(*frame); });
   if (tracks_.size() < options_.orb.min_tracked ||
       tracks_.survivorShare() < options_.orb.tracks.min_survivor_share) {
-    return restart(std::move(frame), InitReason::kTrackingLost);
+    return onlyRotated() ? waitWithNewReference(std::move(frame), InitReason::kTooLittleParallax)
+                         : restart(std::move(frame), InitReason::kTrackingLost);
   }
   frames_.push_back(frame);
   if (tracks_.frames() < options_.orb.min_frames) return needsMoreFrames(InitReason::kSettling);
@@ -117,10 +132,8 @@ InitStep ORBInitializer::advance(FramePtr frame) {
 ORBInitializer::Attempt ORBInitializer::attempt() {
   const Matches matches = matchesOf(tracks_);
   Attempt attempt;
-  const RotationFit rotation =
-      clock_.time("two_view", [&] { return fitRotation(matches, camera_); });
   attempt.report.median_parallax_deg =
-      std::atan(rotation.median_residual / camera_.fx) * kDegPerRad;
+      clock_.time("two_view", [&] { return rotationResidualDeg(matches); });
   if (attempt.report.median_parallax_deg < options_.orb.two_view.min_rotation_residual_deg) {
     attempt.reason = InitReason::kTooLittleParallax;
     return attempt;

@@ -28,13 +28,15 @@ class ORBInitializer final : public Initializer {
   /// What is known of one try to initialize; `map` is set when it succeeded.
   struct Attempt {
     InitReason reason = InitReason::kSettling;
-    double rotation_residual_deg = 0;
     std::optional<InitialMap> map;
     InitReport report;
   };
 
   void checkFrame(const Frame& frame) const;
   InitStep advance(FramePtr frame);
+  [[nodiscard]] bool onlyRotated() const;
+  /// Median that a rotation leaves of the displacements, as an angle.
+  [[nodiscard]] double rotationResidualDeg(const Matches& matches) const;
   Attempt attempt();
   void buildMap(const Matches& matches, Attempt& attempt);
   InitStep finish(Attempt attempt);
