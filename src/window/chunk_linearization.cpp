@@ -18,8 +18,8 @@ constexpr float kMinDepthCurvature = 1e-10F;
 struct ResidualTerms {
   PatchSums patch;
   ResidualGeometry geometry;
-  alignas(32) float x[kLanes];  // patch block times geometry, brightness, residual
-  alignas(32) float y[kLanes];
+  alignas(32) float x[kLanes] = {};  // patch block times geometry, brightness, residual
+  alignas(32) float y[kLanes] = {};
 };
 
 inline void reduce(ResidualTerms& terms, std::size_t lanes) {
@@ -66,26 +66,29 @@ inline void freeze(PatchSums& p,
 inline void accumulate(const ResidualTerms& terms, bool camera, PairSums& sums) {
   const ResidualGeometry& g = terms.geometry;
   const std::size_t lanes = camera ? kLanes : kLanesWithoutCamera;
-  for (int row = 0; row < kPoseRows; ++row) {
-    for (std::size_t i = 0; i < lanes; ++i) {
-      sums.rows[row][i] += g.x[row] * terms.x[i] + g.y[row] * terms.y[i];
-    }
+  alignas(32) double x[kLanes];
+  alignas(32) double y[kLanes];
+  for (std::size_t i = 0; i < kLanes; ++i) {
+    x[i] = static_cast<double>(terms.x[i]);
+    y[i] = static_cast<double>(terms.y[i]);
   }
+  const auto add_row = [&](double* row, float gx, float gy) {
+    const auto jx = static_cast<double>(gx);
+    const auto jy = static_cast<double>(gy);
+    for (std::size_t i = 0; i < lanes; ++i) row[i] += jx * x[i] + jy * y[i];
+  };
+  for (std::size_t row = 0; row < kPoseRows; ++row) add_row(sums.rows[row], g.x[row], g.y[row]);
   if (camera) {
     for (std::size_t row = 0; row < kCameraDim; ++row) {
-      const float gx = g.x[kLaneCamera + row];
-      const float gy = g.y[kLaneCamera + row];
-      for (std::size_t i = 0; i < lanes; ++i) {
-        sums.rows[kPoseRows + row][i] += gx * terms.x[i] + gy * terms.y[i];
-      }
+      add_row(sums.rows[kPoseRows + row], g.x[kLaneCamera + row], g.y[kLaneCamera + row]);
     }
   }
   const PatchSums& p = terms.patch;
-  sums.brightness[0] += p.aa;
-  sums.brightness[1] += p.ab;
-  sums.brightness[2] += p.bb;
-  sums.brightness[3] += p.ar;
-  sums.brightness[4] += p.br;
+  sums.brightness[0] += static_cast<double>(p.aa);
+  sums.brightness[1] += static_cast<double>(p.ab);
+  sums.brightness[2] += static_cast<double>(p.bb);
+  sums.brightness[3] += static_cast<double>(p.ar);
+  sums.brightness[4] += static_cast<double>(p.br);
 }
 
 /// Adds one residual to the row of its point. @return its share of (D, b_d)

@@ -12,7 +12,7 @@ namespace {
 
 using Eigen::Index;
 
-constexpr std::size_t kChunk = 128;     // points summed in single precision
+constexpr std::size_t kChunk = 128;     // points of one part of the work
 constexpr std::size_t kSchurTasks = 4;  // partial sums of the elimination
 constexpr std::size_t kSchurBlock = 4;  // points eliminated together
 constexpr std::size_t kMaxDimension = kCameraDim + kFrameDim * kMaxKeyframes;
@@ -65,29 +65,30 @@ struct PairBlocks {
   Vector4d b_camera = Vector4d::Zero();
 
   void add(const PairSums& sums) {
-    using Row = Eigen::Map<const Eigen::Array<float, 1, kLanes>>;
+    using Row = Eigen::Map<const Eigen::Array<double, 1, kLanes>>;
     for (Index i = 0; i < kPoseRows; ++i) {
-      const Eigen::Array<double, 1, kLanes> row = Row(sums.rows[i]).cast<double>();
+      const Eigen::Array<double, 1, kLanes> row = Row(sums.rows[i]);
       H.row(i) += row.head<kFrameDim>().matrix();
       b[i] += row[kLaneResidual];
       H_camera.row(i) += row.segment<kCameraDim>(kLaneCamera).matrix();
     }
     for (Index i = 0; i < kCameraDim; ++i) {
-      const Eigen::Array<double, 1, kLanes> row = Row(sums.rows[kPoseRows + i]).cast<double>();
+      const Eigen::Array<double, 1, kLanes> row = Row(sums.rows[kPoseRows + i]);
       H_camera(6, i) += row[kLaneA];
       H_camera(7, i) += row[kLaneB];
       b_camera[i] += row[kLaneResidual];
       camera.row(i) += row.segment<kCameraDim>(kLaneCamera).matrix();
     }
-    H(6, 6) += static_cast<double>(sums.brightness[0]);
-    H(6, 7) += static_cast<double>(sums.brightness[1]);
-    H(7, 7) += static_cast<double>(sums.brightness[2]);
-    b[6] += static_cast<double>(sums.brightness[3]);
-    b[7] += static_cast<double>(sums.brightness[4]);
+    H(6, 6) += sums.brightness[0];
+    H(6, 7) += sums.brightness[1];
+    H(7, 7) += sums.brightness[2];
+    b[6] += sums.brightness[3];
+    b[7] += sums.brightness[4];
   }
-  void finish() {
-    H.bottomLeftCorner<2, 6>() = H.topRightCorner<6, 2>().transpose();
-    H(7, 6) = H(6, 7);
+  /// Rounding makes the two triangles differ; the upper one counts.
+  void makeSymmetric() {
+    H = Matrix8d(H.selfadjointView<Eigen::Upper>());
+    camera = Eigen::Matrix4d(camera.selfadjointView<Eigen::Upper>());
   }
 };
 
@@ -99,7 +100,8 @@ void addPair(const PairBlocks& blocks,
              NormalEquations& out) {
   const Matrix8d host_H = pair.to_host * blocks.H;
   const auto to_target = pair.to_target.asDiagonal();
-  out.H.block<8, 8>(host, host) += host_H * pair.to_host.transpose();
+  const Matrix8d host_block = host_H * pair.to_host.transpose();
+  out.H.block<8, 8>(host, host) += 0.5 * (host_block + host_block.transpose());
   out.H.block<8, 8>(target, target) += to_target * blocks.H * to_target;
   const Matrix8d cross = host_H * to_target;
   out.H.block<8, 8>(host, target) += cross;
@@ -146,7 +148,7 @@ void NormalEquationsBuilder::stitch(const PairTable& pairs, NormalEquations& out
       for (std::size_t c = 0; c < chunks_.size(); ++c) {
         if (chunks_[c].host == host) blocks.add(pair_sums_[c * frames + target]);
       }
-      blocks.finish();
+      blocks.makeSymmetric();
       addPair(blocks,
               pairs.at(host, target),
               kCameraDim + kFrameDim * static_cast<Index>(host),

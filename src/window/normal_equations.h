@@ -51,11 +51,11 @@ constexpr int kPoseRows = 6;
 /// Sums of one ordered pair: rows of the relative normal equations (translation, rotation,
 /// intrinsics; lanes as in photometric_residual.h) and the brightness block.
 struct PairSums {
-  alignas(32) float rows[kPoseRows + kCameraDim][kLanes];
-  alignas(32) float brightness[8];  // aa, ab, bb, ar, br
+  alignas(32) double rows[kPoseRows + kCameraDim][kLanes];
+  double brightness[5];  // aa, ab, bb, ar, br
 };
 
-/// Points of one host that are summed in single precision.
+/// Points of one host that are summed one after the other.
 struct Chunk {
   std::size_t host = 0;
   std::size_t begin = 0;

@@ -1,0 +1,207 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "window/marginalization.h"
+
+#include "support/window_scene.h"
+#include "window/normal_equations.h"
+
+#include <Eigen/Cholesky>
+#include <gtest/gtest.h>
+
+#include <stdexcept>
+
+namespace dsorb::window {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+TEST(EliminateLastTest, EqualsTheSchurComplement) {
+  std::srand(4);  // Eigen's Random
+  const MatrixXd A = MatrixXd::Random(40, 28);
+  MarginalPrior prior{A.transpose() * A * 1e4, VectorXd::Random(28) * 1e3};
+  const MarginalPrior rest = eliminateLast(prior, 8);
+  const MatrixXd W = prior.H.bottomRightCorner(8, 8).ldlt().solve(prior.H.bottomLeftCorner(8, 20));
+  const MatrixXd H = prior.H.topLeftCorner(20, 20) - prior.H.topRightCorner(20, 8) * W;
+  const VectorXd b = prior.b.head(20) - W.transpose() * prior.b.tail(8);
+  EXPECT_LT((rest.H - H).norm(), 1e-10 * H.norm());
+  EXPECT_LT((rest.b - b).norm(), 1e-10 * b.norm());
+}
+
+TEST(EliminateLastTest, DirectionsWithoutInformationAreHarmless) {
+  MarginalPrior prior{MatrixXd::Zero(12, 12), VectorXd::Zero(12)};
+  prior.H(0, 0) = 5;
+  prior.b[0] = 2;
+  const MarginalPrior rest = eliminateLast(prior, 8);
+  EXPECT_NEAR(rest.H(0, 0), 5, 1e-12);
+  EXPECT_NEAR(rest.b[0], 2, 1e-12);
+}
+
+/// A window whose first keyframe hosts all points; they were seen often enough to be marginalised.
+WindowScene leavingScene(const WindowOptions& options) {
+  WindowSceneOptions scene_options;
+  scene_options.cell = 20;
+  scene_options.hosts = 1;
+  scene_options.prior_variance = 4e-4F;
+  WindowScene scene = makeWindowScene(scene_options, options);
+  perturb(scene, 5e-4, 2);
+  Keyframe& host = scene.window.keyframes[0];
+  host.leaves = true;
+  host.state.head<6>().setConstant(1e-5);  // away from its first estimate
+  for (WindowPoint& point : host.points) {
+    point.good_observations = 5;
+    point.information = 1000;
+  }
+  return scene;
+}
+
+TEST(MarginalizationTest, PriorEqualsTheSchurComplementOfTheFullProblem) {
+  WindowOptions options;
+  options.marginalization_weight = 1;
+  options.prior.depth_at_marginalization = 1;
+  WindowScene scene = leavingScene(options);
+  Window& window = scene.window;
+
+  LinearizeOptions linearize;
+  linearize.frozen = true;
+  NormalEquationsBuilder builder;
+  NormalEquations full;
+  builder.build(window, PairTable(window), allPoints(window), linearize, full);
+  ASSERT_GT(full.used, 100);
+  const Index frames = window.dimension();
+  const Index points = full.depth_curvature.size();
+  MatrixXd H = MatrixXd::Zero(frames + points, frames + points);
+  H.topLeftCorner(frames, frames) = full.H;
+  H.bottomLeftCorner(points, frames) = full.coupling.cast<double>();
+  H.topRightCorner(frames, points) = full.coupling.cast<double>().transpose();
+  for (Index i = 0; i < points; ++i) {
+    const auto curvature = static_cast<double>(full.depth_curvature[i]);
+    H(frames + i, frames + i) = curvature > 0 ? curvature : 1;
+  }
+  VectorXd b(frames + points);
+  b << full.b, full.depth_gradient.cast<double>();
+  H.diagonal().segment<8>(kCameraDim) += window.keyframes[0].prior;
+  b.segment<8>(kCameraDim) += window.keyframes[0].prior.cwiseProduct(window.keyframes[0].first);
+  // Keep the other three keyframes; eliminate keyframe 0 and all depths together.
+  const Index kept = 24;
+  Eigen::VectorXi order(frames + points);
+  for (Index i = 0; i < kept; ++i) order[i] = static_cast<int>(kCameraDim + 8 + i);
+  for (Index i = 0; i < 8; ++i) order[kept + i] = static_cast<int>(kCameraDim + i);
+  for (Index i = 0; i < points; ++i) order[kept + 8 + i] = static_cast<int>(frames + i);
+  const Eigen::VectorXi used = order.head(kept + 8 + points);
+  const VectorXd scale = H.diagonal()(used).cwiseSqrt();
+  const MatrixXd sorted = scale.cwiseInverse().asDiagonal() * MatrixXd(H(used, used)) *
+                          scale.cwiseInverse().asDiagonal();
+  const VectorXd sorted_b = b(used).cwiseQuotient(scale);
+  const Index gone = 8 + points;
+  const MatrixXd W =
+      sorted.bottomRightCorner(gone, gone).ldlt().solve(sorted.bottomLeftCorner(gone, kept));
+  const auto undo = scale.head(kept).asDiagonal();
+  const MatrixXd expected_H =
+      undo * (sorted.topLeftCorner(kept, kept) - sorted.topRightCorner(kept, gone) * W) * undo;
+  const VectorXd expected_b = undo * (sorted_b.head(kept) - W.transpose() * sorted_b.tail(gone));
+
+  const RetirementReport report = retirePoints(window, options);
+  EXPECT_EQ(report.marginalized, points);
+  const std::vector<Keyframe> gone_keyframes = marginalizeFlagged(window, options);
+  ASSERT_EQ(gone_keyframes.size(), 1U);
+  EXPECT_EQ(window.keyframes.size(), 3U);
+  const MatrixXd H_prior = window.prior.H.bottomRightCorner(kept, kept);
+  EXPECT_LT((H_prior - expected_H).norm(), 1e-8 * expected_H.norm());
+  EXPECT_LT((window.prior.b.tail(kept) - expected_b).norm(), 1e-8 * expected_b.norm());
+  EXPECT_EQ((window.prior.H - window.prior.H.transpose()).norm(), 0);
+}
+
+TEST(MarginalizationTest, RemainingResidualsFollowTheShiftedPositions) {
+  const WindowOptions options;
+  WindowSceneOptions scene_options;
+  scene_options.cell = 40;
+  WindowScene scene = makeWindowScene(scene_options, options);
+  Window& window = scene.window;
+  const KeyframeId second = window.keyframes[1].id;
+  window.keyframes[0].leaves = window.keyframes[1].leaves = true;
+  retirePoints(window, options);
+  const std::vector<Keyframe> gone = marginalizeFlagged(window, options);
+  ASSERT_EQ(gone.size(), 2U);  // the first and the second in one go
+  EXPECT_EQ(gone[1].id, second);
+  EXPECT_EQ(window.prior.b.size(), window.dimension());
+  ASSERT_FALSE(window.keyframes[0].points.empty());
+  for (const WindowPoint& point : window.keyframes[0].points) {
+    ASSERT_EQ(point.num_observations, 1);
+    EXPECT_EQ(point.begin()->target, 1);
+  }
+}
+
+TEST(MarginalizationTest, AKeyframeWithPointsIsRefused) {
+  const WindowOptions options;
+  WindowSceneOptions scene_options;
+  scene_options.cell = 60;
+  WindowScene scene = makeWindowScene(scene_options, options);
+  EXPECT_THROW(marginalizeKeyframe(scene.window, 0, options), std::logic_error);
+}
+
+/// Three keyframes without images and a point with residuals to both others.
+struct Judged {
+  Judged() : window(PinholeCamera{100, 100, 50, 50, 100, 100}) {
+    for (int i = 0; i < 5; ++i) {
+      window.keyframes.emplace_back();
+      window.keyframes.back().id = {i};
+    }
+    for (std::size_t k = 1; k < 5; ++k) point.addObservation(k);
+    point.inverse_depth = 1;
+    point.good_observations = 5;
+    point.information = 100;
+    point.recent = {RecentState{{4}, ResidualState::kIn}, RecentState{{3}, ResidualState::kIn}};
+  }
+  [[nodiscard]] PointVerdict verdict(bool host_leaves = false) const {
+    return judgePoint(point, host_leaves, window, {});
+  }
+  Window window;
+  WindowPoint point;
+};
+
+TEST(JudgePointTest, PointsStayWhileTheNewestKeyframeSeesThem) {
+  Judged judged;
+  EXPECT_EQ(judged.verdict(), PointVerdict::kStay);
+  judged.point.recent[0].state = ResidualState::kOutlier;
+  EXPECT_EQ(judged.verdict(), PointVerdict::kStay);
+  judged.point.recent[1].state = ResidualState::kOutlier;
+  EXPECT_EQ(judged.verdict(), PointVerdict::kMarginalize);
+  judged.point.recent[0].state = ResidualState::kOutOfBounds;
+  EXPECT_EQ(judged.verdict(), PointVerdict::kMarginalize);
+}
+
+TEST(JudgePointTest, OnlyWellObservedPointsKeepTheirInformation) {
+  Judged judged;
+  EXPECT_EQ(judged.verdict(true), PointVerdict::kMarginalize);
+  judged.point.information = 50;
+  EXPECT_EQ(judged.verdict(true), PointVerdict::kDiscard);
+  judged.point.information = 100;
+  judged.point.good_observations = 3;
+  EXPECT_EQ(judged.verdict(true), PointVerdict::kDiscard);
+  judged.point.good_observations = 5;
+  judged.point.num_observations = 2;
+  EXPECT_EQ(judged.verdict(true), PointVerdict::kDiscard);
+}
+
+TEST(JudgePointTest, ImpossibleDepthsAndUnseenPointsAreDiscarded) {
+  Judged judged;
+  judged.point.inverse_depth = -0.01F;
+  EXPECT_EQ(judged.verdict(), PointVerdict::kDiscard);
+  judged.point.inverse_depth = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_EQ(judged.verdict(), PointVerdict::kDiscard);
+  judged.point.inverse_depth = 1;
+  judged.point.num_observations = 0;
+  EXPECT_EQ(judged.verdict(), PointVerdict::kDiscard);
+}
+
+TEST(JudgePointTest, OldPointsLeaveBeforeTooFewResidualsRemain) {
+  Judged judged;
+  judged.window.keyframes[1].leaves = judged.window.keyframes[2].leaves = true;
+  EXPECT_EQ(judged.verdict(), PointVerdict::kStay);
+  judged.point.good_observations = 15;
+  EXPECT_EQ(judged.verdict(), PointVerdict::kMarginalize);
+}
+
+}  // namespace
+}  // namespace dsorb::window

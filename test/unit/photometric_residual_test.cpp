@@ -1,0 +1,179 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "window/photometric_residual.h"
+
+#include "support/jacobian_check.h"
+
+#include <gtest/gtest.h>
+
+#include <vector>
+
+namespace dsorb::window {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::VectorXd;
+
+const PinholeCamera kCamera{210, 190, 158.3, 121.7, 320, 240};
+
+/// Intensity linear in the pixel: interpolation and gradients are exact.
+FramePtr rampFrame(float offset, float dx, float dy, double exposure) {
+  std::vector<float> image;
+  for (int y = 0; y < kCamera.height; ++y) {
+    for (int x = 0; x < kCamera.width; ++x) {
+      image.push_back(offset + dx * static_cast<float>(x) + dy * static_cast<float>(y));
+    }
+  }
+  return Frame::create(ImageView(image.data(), kCamera.width, kCamera.height),
+                       {FrameId{0}, 0, exposure, nullptr});
+}
+
+/// Two keyframes with one point in the first; first estimates equal the current state.
+Window makeWindow() {
+  Window window(kCamera);
+  WindowOptions options;
+  Vector6d xi;
+  xi << 0.12, -0.07, 0.05, 0.03, -0.04, 0.05;
+  addKeyframe(window, rampFrame(40, 0.3F, 0.2F, 0.01), SE3::exp(0.7 * xi), {0.1, 3}, options);
+  addPoint(window, window.keyframes[0], {{133, 97}, 0.8F, 0});
+  addKeyframe(window, rampFrame(52, 0.25F, 0.22F, 0.012), SE3::exp(-xi), {-0.05, -2}, options);
+  return window;
+}
+
+/// Pixel of the point in keyframe 1 after the increments [host 6, target 6, inverse depth, camera].
+Vector2d projectAfter(const Window& window, const VectorXd& d) {
+  const WindowPoint& point = window.keyframes[0].points[0];
+  PinholeCamera camera = window.camera();
+  camera.fx += d[13];
+  camera.fy += d[14];
+  camera.cx += d[15];
+  camera.cy += d[16];
+  const SE3 host = SE3::exp(d.head<6>()) * window.keyframes[0].T_cam_world();
+  const SE3 target = SE3::exp(d.segment<6>(6)) * window.keyframes[1].T_cam_world();
+  const Eigen::Vector3d ray = camera.unproject(point.pixel.cast<double>());
+  const double rho = static_cast<double>(point.inverse_depth) + d[12];
+  return camera.project(target * (host.inverse() * Eigen::Vector3d(ray / rho)));
+}
+
+TEST(PhotometricResidualTest, GeometryAgreesWithCentralDifferences) {
+  const Window window = makeWindow();
+  const PairTable pairs(window);
+  ResidualGeometry geometry;
+  ASSERT_TRUE(evaluateGeometry(
+      window.keyframes[0].points[0], pairs.at(0, 1), window.camera(), true, geometry));
+  const Eigen::MatrixXd numeric =
+      numericJacobian([&](const VectorXd& d) { return VectorXd(projectAfter(window, d)); }, 17);
+
+  using Row8 = Eigen::Map<const Eigen::Matrix<float, 8, 1>>;
+  Eigen::Matrix<double, 2, 8> relative;
+  relative.row(0) = Row8(geometry.x).cast<double>().transpose();
+  relative.row(1) = Row8(geometry.y).cast<double>().transpose();
+  const Eigen::Matrix<double, 2, 6> unscale =
+      frameScale().head<6>().cwiseInverse().transpose().replicate<2, 1>();
+  const Eigen::Matrix<double, 2, 6> host =
+      (relative * pairs.at(0, 1).to_host.transpose()).leftCols<6>().cwiseProduct(unscale);
+  const Eigen::Matrix<double, 2, 6> target =
+      (relative * pairs.at(0, 1).to_target.asDiagonal()).leftCols<6>().cwiseProduct(unscale);
+  Eigen::Matrix<double, 2, 4> camera;
+  for (int i = 0; i < 4; ++i) {
+    camera(0, i) = static_cast<double>(geometry.x[kLaneCamera + static_cast<std::size_t>(i)]);
+    camera(1, i) = static_cast<double>(geometry.y[kLaneCamera + static_cast<std::size_t>(i)]);
+  }
+  // Single precision: measured below 5e-7, margin x20.
+  EXPECT_LT(relativeDifference(host, numeric.leftCols<6>()), 1e-5);
+  EXPECT_LT(relativeDifference(target, numeric.middleCols<6>(6)), 1e-5);
+  EXPECT_LT(relativeDifference(Vector2d(geometry.depth_x, geometry.depth_y), numeric.col(12)),
+            1e-5);
+  EXPECT_LT(relativeDifference(camera / kCameraScale, numeric.rightCols<4>()), 1e-5);
+}
+
+TEST(PhotometricResidualTest, GeometryStaysAtTheFirstEstimates) {
+  Window window = makeWindow();
+  ResidualGeometry before;
+  const WindowPoint& point = window.keyframes[0].points[0];
+  ASSERT_TRUE(evaluateGeometry(point, PairTable(window).at(0, 1), kCamera, true, before));
+  window.keyframes[1].state.head<6>().setConstant(0.02);
+  ResidualGeometry after;
+  ASSERT_TRUE(evaluateGeometry(point, PairTable(window).at(0, 1), kCamera, true, after));
+  for (std::size_t i = 0; i < kLanes; ++i) EXPECT_EQ(before.x[i], after.x[i]);
+  window.keyframes[1].moveFirstEstimate();
+  ASSERT_TRUE(evaluateGeometry(point, PairTable(window).at(0, 1), kCamera, true, after));
+  EXPECT_GT(std::abs(before.x[0] - after.x[0]), 1e-4F * std::abs(before.x[0]));
+}
+
+/// Residual of one pixel of constant images, by brightness [a_host, b_host, a_target, b_target].
+double brightnessResidual(const Window& window, const VectorXd& d) {
+  AffineBrightness host = window.keyframes[0].affine();
+  AffineBrightness target = window.keyframes[1].affine();
+  host.a += d[0];
+  host.b += d[1];
+  target.a += d[2];
+  target.b += d[3];
+  const BrightnessTransfer transfer = brightnessTransfer(
+      host, window.keyframes[0].frame->exposure(), target, window.keyframes[1].frame->exposure());
+  const double host_intensity =
+      static_cast<double>(window.keyframes[0].points[0].patch.intensity[4]);
+  return 80 - (transfer.gain * host_intensity + transfer.offset);
+}
+
+TEST(PhotometricResidualTest, BrightnessDerivativesAgreeWithCentralDifferences) {
+  const Window window = makeWindow();
+  const PairGeometry pair = PairTable(window).at(0, 1);
+  const Eigen::MatrixXd numeric = numericJacobian(
+      [&](const VectorXd& d) { return VectorXd::Constant(1, brightnessResidual(window, d)); }, 4);
+  const double radiance = static_cast<double>(window.keyframes[0].points[0].patch.intensity[4] -
+                                              pair.host_offset_first);
+  Eigen::RowVector4d analytic;
+  analytic << pair.to_host(6, 6) * radiance / frameScale()[6], pair.to_host(7, 7) / frameScale()[7],
+      pair.to_target[6] * radiance / frameScale()[6], pair.to_target[7] / frameScale()[7];
+  // Measured below 1e-8 (single-precision offset), margin to 1e-6.
+  EXPECT_LT(relativeDifference(analytic, numeric), 1e-6);
+}
+
+TEST(PhotometricResidualTest, SumsAgreeWithTheDefinitionPixelByPixel) {
+  const Window window = makeWindow();
+  const PairGeometry pair = PairTable(window).at(0, 1);
+  const WindowPoint& point = window.keyframes[0].points[0];
+  const PyramidLevel& level = window.keyframes[1].frame->level(0);
+  PatchSums sums;
+  ASSERT_TRUE(evaluatePatch(point, pair, level, sums));
+  double energy = 0, xx = 0, ya = 0, br = 0;
+  for (std::size_t k = 0; k < kPattern.size(); ++k) {
+    const Eigen::Vector3f pixel(point.pixel.x() + static_cast<float>(kPattern[k].x),
+                                point.pixel.y() + static_cast<float>(kPattern[k].y),
+                                1);
+    const Eigen::Vector2f at = (pair.KRKi * pixel + pair.Kt * point.inverse_depth).hnormalized();
+    const ImageSample sample = interpolate(level, at.x(), at.y());
+    const float r = sample.intensity - (pair.gain * point.patch.intensity[k] + pair.offset);
+    const float target_weight =
+        std::sqrt(gradientWeight(sample.dx * sample.dx + sample.dy * sample.dy));
+    const float mean = 0.5F * (target_weight + point.patch.weight[k]);
+    const float w = mean * mean * huberWeight(r);
+    energy += static_cast<double>(mean * mean * huberEnergy(r, huberWeight(r)));
+    xx += static_cast<double>(w * sample.dx * sample.dx);
+    ya += static_cast<double>(w * sample.dy * (point.patch.intensity[k] - pair.host_offset_first));
+    br += static_cast<double>(w * r);
+  }
+  // Single precision with another order of the sum.
+  EXPECT_NEAR(static_cast<double>(sums.energy), energy, 1e-5 * energy);
+  EXPECT_NEAR(static_cast<double>(sums.xx), xx, 1e-5 * xx);
+  EXPECT_NEAR(static_cast<double>(sums.ya), ya, 1e-5 * std::abs(ya));
+  EXPECT_NEAR(static_cast<double>(sums.br), br, 1e-5 * std::abs(br));
+}
+
+TEST(PhotometricResidualTest, PointsOutsideOrBehindAreRefused) {
+  Window window = makeWindow();
+  WindowPoint point = window.keyframes[0].points[0];
+  const PyramidLevel& level = window.keyframes[1].frame->level(0);
+  PatchSums sums;
+  ResidualGeometry geometry;
+  window.keyframes[1].state[4] = 1.0;  // 57 deg of yaw: out of sight
+  EXPECT_FALSE(evaluatePatch(point, PairTable(window).at(0, 1), level, sums));
+  window.keyframes[1].state[4] = 3.1;  // behind the camera
+  window.keyframes[1].moveFirstEstimate();
+  const PairTable turned(window);
+  EXPECT_FALSE(evaluatePatch(point, turned.at(0, 1), level, sums));
+  EXPECT_FALSE(evaluateGeometry(point, turned.at(0, 1), kCamera, false, geometry));
+}
+
+}  // namespace
+}  // namespace dsorb::window
