@@ -55,7 +55,7 @@ GreyImage greyImage(const PyramidLevel& level, float gain, int margin) {
     for (int x = 0; x < level.width(); ++x) {
       const float intensity = source[x].intensity;
       if (std::isfinite(intensity)) {
-        grey[x] = static_cast<std::uint8_t>(std::clamp(gain * intensity, 0.0F, 255.0F) + 0.5F);
+        grey[x] = cv::saturate_cast<std::uint8_t>(gain * intensity);
         continue;
       }
       grey[x] = 0;

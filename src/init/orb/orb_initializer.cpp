@@ -28,8 +28,8 @@ Matches matchesOf(const FeatureTracks& tracks) {
   Matches matches;
   const int newest = tracks.frames() - 1;
   for (std::size_t i = 0; i < static_cast<std::size_t>(tracks.size()); ++i) {
-    matches.reference.push_back(tracks.positions(0)[i].cast<double>());
-    matches.target.push_back(tracks.positions(newest)[i].cast<double>());
+    matches.reference.emplace_back(tracks.positions(0)[i].cast<double>());
+    matches.target.emplace_back(tracks.positions(newest)[i].cast<double>());
   }
   return matches;
 }
