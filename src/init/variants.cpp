@@ -4,11 +4,16 @@
 
 namespace dsorb {
 
-std::vector<std::string> initializerVariants() { return {"orb", "orb-v1"}; }
+std::vector<std::string> initializerVariants() { return {"coarse", "orb", "orb-v1"}; }
 
 InitializerOptions initializerVariant(const std::string& name) {
+  if (name == "coarse") {
+    InitializerOptions options;
+    options.kind = InitializerKind::kCoarse;
+    return options;
+  }
   if (name == "orb" || name == "orb-v1") return {};
-  throw ConfigError("initializer '" + name + "': this version has orb and orb-v1");
+  throw ConfigError("initializer '" + name + "': this version has coarse, orb and orb-v1");
 }
 
 }  // namespace dsorb

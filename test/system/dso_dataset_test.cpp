@@ -202,7 +202,6 @@ TEST_F(DsoDataset, WrongOptionsExitWithTwoAndOneLine) {
       {{room, "--config", "typo.yaml"}, "typo.yaml:3: unknown key 'initializer.orb.min_frame'"},
       {{room, "--set", "num_thread=1"}, "'num_threads'"},
       {{room, "--set", "num_threads=-1"}, "[0, 1024]"},
-      {{room, "--initializer", "coarse"}, "this version lacks it"},
       {{room, "--initializer", "orb-v2"}, "this version lacks it"},
       {{room, "--preset", "fast"}, "this version lacks it"},
       {{room, "--speed", "1"}, "this version lacks it"},

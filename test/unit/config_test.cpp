@@ -154,8 +154,8 @@ TEST(Config, OutOfRangeAndWrongTypeNameTheRange) {
 }
 
 TEST(Config, UnknownVariantAndPresetNameThoseThereAre) {
-  EXPECT_THAT(errorOf([] { loadSet("initializer.kind=coarse"); }),
-              AllOf(HasSubstr("coarse"), HasSubstr("orb-v1")));
+  EXPECT_THAT(errorOf([] { loadSet("initializer.kind=orb-v9"); }),
+              AllOf(HasSubstr("orb-v9"), HasSubstr("orb-v1")));
   ConfigSources sources;
   sources.preset = "fast";
   EXPECT_THAT(errorOf([&sources] { (void)loadConfig(sources); }),

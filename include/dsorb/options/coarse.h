@@ -14,7 +14,7 @@ struct CoarseOptions {
   double density = 1;          ///< factor on the wanted points of every level
   double prior_weight = 150;   ///< toward no translation and inverse depth 1, square root
   double prior_cap = 2.5;      ///< of the prior a point [grey levels]
-  int settle_frames = 5;       ///< frames after the one that left the prior
+  int settle_frames = 2;       ///< frames after the one that left the prior
   int handover_points = 2000;  ///< points of the result, at most
 
   bool consistent_energy = true;     ///< count in the energy what the equations minimise
@@ -35,6 +35,7 @@ struct CoarseOptions {
 /// The published behaviour, its faults included.
 inline CoarseOptions referenceCoarseOptions() {
   CoarseOptions o;
+  o.settle_frames = 5;
   o.consistent_energy = o.release_prior = o.estimate_brightness = o.predict_motion = false;
   o.drop_bad_points = o.spread_points = o.keep_orphan_depth = false;
   o.max_parent_distance = o.min_parallax_deg = o.min_motion_gain = o.max_relative_sigma = 0;

@@ -107,6 +107,13 @@ double residualVariance(const LevelState& state) {
   return energyPerPoint(state) / kPatternSize;
 }
 
+/// Whether a point was seen well enough in the newest frame to be handed over.
+bool isFit(const Attempt& attempt, std::size_t i) {
+  const PointLevel& points = attempt.levels.front();
+  return !attempt.options.drop_bad_points ||
+         (points.good[i] != 0 && points.energy[i] <= kOutlierEnergy);
+}
+
 /// Indices of the points to hand over, ascending.
 std::vector<std::size_t> randomPoints(const Attempt& attempt) {
   const PointLevel& points = attempt.levels.front();
@@ -114,8 +121,7 @@ std::vector<std::size_t> randomPoints(const Attempt& attempt) {
   Random random(static_cast<std::uint64_t>(attempt.seed));
   std::vector<std::size_t> kept;
   for (std::size_t i = 0; i < points.x.size(); ++i) {
-    const bool fit = points.good[i] != 0 || !attempt.options.drop_bad_points;
-    if (fit && random.uniform() < share) kept.push_back(i);
+    if (isFit(attempt, i) && random.uniform() < share) kept.push_back(i);
   }
   return kept;
 }
@@ -131,7 +137,7 @@ std::vector<std::size_t> spreadPoints(const Attempt& attempt) {
   constexpr std::size_t kNone = SIZE_MAX;
   std::vector<std::size_t> best(static_cast<std::size_t>(columns * rows), kNone);
   for (std::size_t i = 0; i < points.x.size(); ++i) {
-    if (points.good[i] == 0 && attempt.options.drop_bad_points) continue;
+    if (!isFit(attempt, i)) continue;
     const int column = static_cast<int>(static_cast<double>(points.x[i]) / cell);
     const int row = static_cast<int>(static_cast<double>(points.y[i]) / cell);
     std::size_t& holder = best[static_cast<std::size_t>(row * columns + column)];

@@ -52,6 +52,7 @@ CoarseInitializer::CoarseInitializer(const InitializerOptions& options, const Pi
 }
 
 void CoarseInitializer::reset() {
+  clock_.clear();
   attempt_ = Attempt{};
   attempt_.camera = camera_;
   attempt_.options = options_.coarse;
@@ -93,7 +94,7 @@ InitStep CoarseInitializer::addFrame(FramePtr frame) {
               enough ? InitReason::kFirstFrame : InitReason::kTooFewPoints,
               std::nullopt};
     }
-    return assess(track(frame));
+    return assess(clock_.time("alignment", [&] { return track(frame); }));
   });
 }
 
@@ -101,7 +102,8 @@ bool CoarseInitializer::setReference(const FramePtr& frame) {
   snapped_since_ = tracked_ = refusals_ = 0;
   inlier_share_ = 0;
   attempt_.frames.clear();
-  attempt_.levels = selectPoints(*frame, options_.coarse, options_.seed);
+  attempt_.levels =
+      clock_.time("points", [&] { return selectPoints(*frame, options_.coarse, options_.seed); });
   if (attempt_.levels.front().size() < kMinPoints) return false;
   attempt_.frames.push_back({frame, Alignment{}});
   return true;
@@ -209,11 +211,12 @@ InitStep CoarseInitializer::assess(const LevelReport& finest) {
 }
 
 InitStep CoarseInitializer::conclude() {
-  const Quality quality = judge(attempt_, aligner_);
+  const Quality quality = clock_.time("quality", [&] { return judge(attempt_, aligner_); });
   if (quality.reason != InitReason::kDone) {
     return {InitStatus::kNeedsMoreFrames, quality.reason, std::nullopt};
   }
   InitStep step{InitStatus::kInitialized, InitReason::kDone, handOver(attempt_, quality, aligner_)};
+  step.result->report.stages = clock_.stages();
   step.result->report.restarts = restarts_;
   step.result->report.earlier_resets = earlier_resets_;
   checkInvariants(*step.result);

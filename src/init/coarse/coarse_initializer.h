@@ -6,6 +6,7 @@
 #include "base/parallel.h"
 #include "init/coarse/coarse_alignment.h"
 #include "init/coarse/coarse_handover.h"
+#include "init/orb/stage_clock.h"
 
 #include <optional>
 #include <vector>
@@ -43,6 +44,7 @@ class CoarseInitializer : public Initializer {
   LevelAligner aligner_;
 
   Attempt attempt_;
+  init_orb::StageClock clock_;
   int snapped_since_ = 0;    ///< frames tracked up to the one that snapped, 0: not yet
   int tracked_ = 0;          ///< frames since the reference
   int refusals_ = 0;         ///< frames in a row that settled in poor quality
