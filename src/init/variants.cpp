@@ -4,7 +4,9 @@
 
 namespace dsorb {
 
-std::vector<std::string> initializerVariants() { return {"coarse", "orb", "orb-v1"}; }
+std::vector<std::string> initializerVariants() {
+  return {"coarse", "orb", "orb-v1"};
+}
 
 InitializerOptions initializerVariant(const std::string& name) {
   if (name == "coarse") {
