@@ -5,6 +5,7 @@ import matplotlib
 matplotlib.use('Agg')
 import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
+from matplotlib.ticker import MaxNLocator  # noqa: E402
 
 from .summary import finite, value_of  # noqa: E402
 
@@ -69,13 +70,15 @@ def draw_cumulative(axes, metric, runs, variants):
     if not any(found.values()):
         return False
     end = axis_end(found)
-    for variant in variants:
+    for position, variant in enumerate(variants):
         total = sum(r.entry['variant'] == variant for r in runs)
         x, y = cumulative(found[variant])
         x, y = np.append(x, max(end, x[-1])), np.append(y, y[-1])
-        axes.step(x, y, where='post', color=colour(variant, variants), linewidth=1.8,
+        axes.step(x, y, where='post', color=colour(variant, variants),
+                  linewidth=1.4 + .5 * (len(variants) - 1 - position),  # lines below others stay visible
                   label=f'{variant} ({len(found[variant])} of {total})')
     axes.set(title=title, xlabel=label, ylabel='number of runs', xlim=(0, end), ylim=(0, None))
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.grid(alpha=.3)
     axes.legend(fontsize=8, loc='lower right')
     return True

@@ -26,7 +26,7 @@ class Evaluation:
     """A plan with what was found of it in the output folder."""
 
     def __init__(self, folder):
-        self.folder = Path(folder)
+        self.folder = Path(folder).resolve()  # other programs are called from folders of their own
         self.plan = json.loads((self.folder / 'plan.json').read_text())
         self.sequences = {s['name']: s for s in self.plan['sequences']}
         self.runs = [self.load(entry) for entry in self.plan['runs']]
