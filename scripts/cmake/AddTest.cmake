@@ -11,3 +11,14 @@ function(dsorb_add_test name label)
   add_test(NAME ${name} COMMAND ${name})
   set_tests_properties(${name} PROPERTIES LABELS ${label} TIMEOUT 300)
 endfunction()
+
+# dsorb_add_benchmark(NAME SOURCES... [LIBS libraries...]): one Google Benchmark program,
+# benchmark/NAME in the build folder; NAME ends in _benchmark.
+function(dsorb_add_benchmark name)
+  cmake_parse_arguments(arg "" "" "LIBS" ${ARGN})
+  add_executable(${name} ${arg_UNPARSED_ARGUMENTS})
+  target_include_directories(${name} PRIVATE ${PROJECT_SOURCE_DIR}/src ${PROJECT_SOURCE_DIR}/test)
+  target_link_libraries(${name} PRIVATE ${arg_LIBS} TBB::tbb benchmark::benchmark_main)
+  dsorb_compile_options(${name})
+  set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/benchmark)
+endfunction()

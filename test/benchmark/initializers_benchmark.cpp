@@ -1,0 +1,224 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "dsorb/init/initializer.h"
+
+#include "benchmark/rendered_frames.h"
+#include "init/orb/feature_tracks.h"
+#include "init/orb/geometric_adjustment.h"
+#include "init/orb/map_assembly.h"
+#include "init/orb/motion_hypotheses.h"
+#include "init/orb/semi_dense_depth.h"
+#include "init/orb/two_view.h"
+
+#include <cstddef>
+#include <stdexcept>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr std::uint64_t kSeed = 1;
+constexpr int kFrames = 20;  // more than a start needs
+
+const RenderedFrames& room() {
+  static const RenderedFrames frames(roomOptions(kFrames));
+  return frames;
+}
+
+InitializerOptions optionsOf(InitializerKind kind, int threads) {
+  InitializerOptions options;
+  options.kind = kind;
+  options.num_threads = threads;
+  return options;
+}
+
+/// Frames that an initializer needs for its start.
+std::size_t framesNeeded(const InitializerOptions& options) {
+  const auto initializer = makeInitializer(options, room().camera);
+  for (std::size_t i = 0; i < room().frames.size(); ++i) {
+    if (initializer->addFrame(room().frames[i]).result) return i + 1;
+  }
+  throw std::runtime_error("the room was not initialized");
+}
+
+/// What every stage of the start in the room begins with.
+struct Stages {
+  Stages()
+      : frames(room().frames.begin(),
+               room().frames.begin() +
+                   static_cast<std::ptrdiff_t>(framesNeeded(optionsOf(InitializerKind::kOrb, 1)))),
+        tracks(options.tracks) {
+    tracks.start(*frames.front());
+    for (std::size_t i = 1; i < frames.size(); ++i) tracks.advance(*frames[i]);
+    for (std::size_t i = 0; i < static_cast<std::size_t>(tracks.size()); ++i) {
+      matches.reference.push_back(tracks.positions(0)[i].cast<double>());
+      matches.target.push_back(tracks.positions(tracks.frames() - 1)[i].cast<double>());
+    }
+    const TwoViewMotion motion = estimateMotion(matches, room().camera, options.two_view, kSeed);
+    unposed = makeInitialMap(frames, tracks, motion.best);
+    triangulated = unposed;
+    poseFramesBetween(triangulated, room().camera, options.two_view.sigma);
+    adjusted = triangulated;
+    adjustGeometry(adjusted, room().camera, options.geometric);
+  }
+
+  OrbOptions options;
+  std::vector<FramePtr> frames;
+  FeatureTracks tracks;
+  Matches matches;
+  InitialMap unposed;       // two frames posed
+  InitialMap triangulated;  // all frames posed, nothing adjusted
+  InitialMap adjusted;
+};
+
+const Stages& stages() {
+  static const Stages made;
+  return made;
+}
+
+void tracksStart(benchmark::State& state) {
+  FeatureTracks tracks(stages().options.tracks);
+  timeWithThreads(state, [&] {
+    tracks.start(*stages().frames.front());
+    return tracks.size();
+  });
+}
+BENCHMARK(tracksStart)->Arg(1)->UseRealTime()->MeasureProcessCPUTime();
+
+/// One step: the copy of the tracks is small beside it.
+void tracksAdvance(benchmark::State& state) {
+  FeatureTracks before(stages().options.tracks);
+  before.start(*stages().frames.front());
+  timeWithThreads(state, [&] {
+    FeatureTracks tracks = before;
+    tracks.advance(*stages().frames[1]);
+    return tracks.size();
+  });
+  state.counters["tracks"] = before.size();
+}
+BENCHMARK(tracksAdvance)->Arg(1)->UseRealTime()->MeasureProcessCPUTime();
+
+void twoViewModels(benchmark::State& state) {
+  timeWithThreads(state, [&] {
+    return fitModels(stages().matches, stages().options.two_view, kSeed).homographyShare();
+  });
+  state.counters["matches"] = static_cast<double>(stages().matches.size());
+}
+BENCHMARK(twoViewModels)->Arg(1)->Arg(2)->UseRealTime()->MeasureProcessCPUTime();
+
+/// Models, choice, decomposition and refinement.
+void twoViewMotion(benchmark::State& state) {
+  timeWithThreads(state, [&] {
+    return estimateMotion(stages().matches, room().camera, stages().options.two_view, kSeed)
+        .inliers;
+  });
+}
+BENCHMARK(twoViewMotion)->Arg(1)->Arg(2)->UseRealTime()->MeasureProcessCPUTime();
+
+void poseBetween(benchmark::State& state) {
+  timeWithThreads(state, [&] {
+    InitialMap map = stages().unposed;
+    poseFramesBetween(map, room().camera, stages().options.two_view.sigma);
+    return map.T_cam_ref.size();
+  });
+}
+BENCHMARK(poseBetween)->Arg(1)->UseRealTime()->MeasureProcessCPUTime();
+
+/// The first adjustment moves everything, the second starts from the first one's result.
+void geometricAdjustment(benchmark::State& state, InitialMap Stages::*start) {
+  GeometricReport report;
+  timeWithThreads(state, [&] {
+    InitialMap map = stages().*start;
+    report = adjustGeometry(map, room().camera, stages().options.geometric);
+    return report.usable;
+  });
+  state.counters["corners"] = static_cast<double>((stages().*start).corners.size());
+  state.counters["frames"] = static_cast<double>(stages().frames.size());
+  state.counters["rounds"] = report.rounds;
+  state.counters["iterations"] = report.iterations;
+}
+BENCHMARK_CAPTURE(geometricAdjustment, first, &Stages::triangulated)
+    ->Arg(1)
+    ->Arg(2)
+    ->UseRealTime()
+    ->MeasureProcessCPUTime()
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(geometricAdjustment, second, &Stages::adjusted)
+    ->Arg(1)
+    ->Arg(2)
+    ->UseRealTime()
+    ->MeasureProcessCPUTime()
+    ->Unit(benchmark::kMillisecond);
+
+void semiDenseSearch(benchmark::State& state) {
+  SemiDenseReport report;
+  timeWithThreads(state, [&] {
+    InitialMap map = stages().adjusted;
+    report = estimateSemiDenseDepth(map, room().camera, stages().options.semi_dense, kSeed);
+    return report.points;
+  });
+  state.counters["candidates"] = report.candidates;
+  state.counters["searches"] = report.searches;
+  state.counters["points"] = report.points;
+}
+BENCHMARK(semiDenseSearch)
+    ->Arg(1)
+    ->Arg(2)
+    ->UseRealTime()
+    ->MeasureProcessCPUTime()
+    ->Unit(benchmark::kMillisecond);
+
+/// The frame that completes a start; the frames before it are fed outside the time. Counters: the
+/// stages' milliseconds of the whole start.
+void completingFrame(benchmark::State& state, InitializerKind kind) {
+  const InitializerOptions options = optionsOf(kind, static_cast<int>(state.range(0)));
+  const std::size_t needed = framesNeeded(options);
+  InitStep step;
+  for (auto _ : state) {  // NOLINT(readability-identifier-naming): the library's idiom
+    state.PauseTiming();
+    const auto initializer = makeInitializer(options, room().camera);
+    for (std::size_t i = 0; i + 1 < needed; ++i) initializer->addFrame(room().frames[i]);
+    state.ResumeTiming();
+    step = initializer->addFrame(room().frames[needed - 1]);
+  }
+  state.counters["frames"] = static_cast<double>(needed);
+  state.counters["points"] = static_cast<double>(step.result->points.size());
+  for (const StageTime& time : step.result->report.stages) {
+    state.counters[time.stage] = time.milliseconds;
+  }
+}
+BENCHMARK_CAPTURE(completingFrame, orb, InitializerKind::kOrb)
+    ->Arg(1)
+    ->Arg(2)
+    ->UseRealTime()
+    ->MeasureProcessCPUTime()
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(completingFrame, coarse, InitializerKind::kCoarse)
+    ->Arg(1)
+    ->Arg(2)
+    ->UseRealTime()
+    ->MeasureProcessCPUTime()
+    ->Unit(benchmark::kMillisecond);
+
+/// All frames of a start.
+void wholeStart(benchmark::State& state, InitializerKind kind) {
+  const InitializerOptions options = optionsOf(kind, static_cast<int>(state.range(0)));
+  const std::size_t needed = framesNeeded(options);
+  for (auto _ : state) {  // NOLINT(readability-identifier-naming): the library's idiom
+    const auto initializer = makeInitializer(options, room().camera);
+    for (std::size_t i = 0; i < needed; ++i) {
+      benchmark::DoNotOptimize(initializer->addFrame(room().frames[i]));
+    }
+  }
+}
+BENCHMARK_CAPTURE(wholeStart, orb, InitializerKind::kOrb)
+    ->Arg(2)
+    ->UseRealTime()
+    ->MeasureProcessCPUTime()
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(wholeStart, coarse, InitializerKind::kCoarse)
+    ->Arg(2)
+    ->UseRealTime()
+    ->MeasureProcessCPUTime()
+    ->Unit(benchmark::kMillisecond);
+
+}  // namespace
+}  // namespace dsorb::init_orb
