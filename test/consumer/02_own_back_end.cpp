@@ -53,12 +53,11 @@ int main() {
     if (!step.result) continue;
 
     const Map map = copyToMap(*step.result, camera);
-    // The scene's walls are at x = 2 and z = 6, its floor at y = 1.2; the unit is the
-    // initializer's.
+    // The corridor's floor is at y = 1.2, in the initializer's unit.
     std::vector<double> floor;
     for (const Landmark& landmark : map.landmarks) {
       const Eigen::Vector3d& p = landmark.position;
-      if (p.y() > 0.3 * p.z()) floor.push_back(p.y());
+      if (p.y() > 0.25 * p.z() && std::abs(p.x()) < 0.8 * p.y()) floor.push_back(p.y());
     }
     if (floor.size() < 20) return std::puts("too few points on the floor"), 1;
     std::sort(floor.begin(), floor.end());

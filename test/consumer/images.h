@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Stands for a camera driver: raw grey images of a corner between a floor and two walls.
+// Stands for a camera driver: raw grey images of a corridor.
 #pragma once
 
 #include <algorithm>
@@ -34,12 +34,25 @@ inline double noise(double u, double v, unsigned seed) {
          sb * ((1 - sa) * value(x, y + 1) + sa * value(x + 1, y + 1));
 }
 
-/// Depth along the optical axis of a pixel of image i [unit].
-inline double depth(double u, double v, int i) {
+/// Where the ray of a pixel of image i meets the scene: depth along the optical axis and texture.
+struct Hit {
+  double depth;
+  double s, t;  // coordinates on the surface
+};
+
+inline Hit castRay(double u, double v, int i) {
   const double x = (u - kWidth / 2.0) / kFocal, y = (v - kHeight / 2.0) / kFocal;
-  const double floor_depth = y > 0 ? 1.2 / y : 1e9;                // plane y = 1.2
-  const double side_depth = x > 0 ? (2.0 - cameraX(i)) / x : 1e9;  // plane x = 2
-  return std::min({floor_depth, side_depth, 6.0 - cameraZ(i)});    // plane z = 6
+  const double wall_x = x > 0 ? 2.0 : -1.5;
+  const double wall = std::abs(x) > 1e-9 ? (wall_x - cameraX(i)) / x : 1e9;
+  const double floor = std::abs(y) > 1e-9 ? (y > 0 ? 1.2 : -1.6) / y : 1e9;
+  const double back = 9.0 - cameraZ(i);
+  if (wall < floor && wall < back) return {wall, wall + cameraZ(i), wall * y + 20};
+  if (floor < back) return {floor, floor * x + cameraX(i) + (y > 0 ? 40 : 80), floor + cameraZ(i)};
+  return {back, back * x + cameraX(i) + 60, back * y + 30};
+}
+
+inline double depth(double u, double v, int i) {
+  return castRay(u, v, i).depth;
 }
 
 inline std::vector<std::uint8_t> grabImage(int i) {
@@ -47,11 +60,10 @@ inline std::vector<std::uint8_t> grabImage(int i) {
   image.reserve(static_cast<std::size_t>(kWidth) * kHeight);
   for (int v = 0; v < kHeight; ++v) {
     for (int u = 0; u < kWidth; ++u) {
-      const double z = depth(u, v, i);
-      const double x = (u - kWidth / 2.0) / kFocal * z + cameraX(i);
-      const double y = (v - kHeight / 2.0) / kFocal * z;
-      const double s = x + 0.7 * (z + cameraZ(i)), t = y + 0.6 * (z + cameraZ(i));
-      const double grey = 0.6 * noise(4 * s, 4 * t, 1) + 0.4 * noise(11 * s, 11 * t, 2);
+      const Hit hit = castRay(u, v, i);
+      const double fine = std::min(1.0, 4.0 / hit.depth);  // far away the fine grain would alias
+      const double grey = 0.5 + 0.6 * (noise(5 * hit.s, 5 * hit.t, 1) - 0.5) +
+                          0.4 * fine * (noise(15 * hit.s, 15 * hit.t, 2) - 0.5);
       image.push_back(static_cast<std::uint8_t>(std::lround(20 + 215 * grey)));
     }
   }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/epipolar_search.h"
 
-#include "geometry/reprojection.h"
+#include "camera/reprojection.h"
 #include "image/interpolate.h"
 
 #include <Eigen/LU>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/geometric_adjustment.h"
 
-#include "geometry/reprojection.h"
+#include "camera/reprojection.h"
 #include "init/orb/geometric_covariance.h"
 #include "init/orb/reprojection_cost.h"
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/motion_hypotheses.h"
 
-#include "geometry/reprojection.h"
+#include "camera/reprojection.h"
 #include "init/orb/motion_refinement.h"
 
 #include <opencv2/calib3d.hpp>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/pose_from_points.h"
 
-#include "geometry/reprojection.h"
+#include "camera/reprojection.h"
 
 #include <Eigen/Cholesky>
 

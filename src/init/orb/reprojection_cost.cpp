@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/reprojection_cost.h"
 
-#include "geometry/reprojection.h"
+#include "camera/reprojection.h"
 
 namespace dsorb::init_orb {
 namespace {
