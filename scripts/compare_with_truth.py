@@ -77,14 +77,17 @@ def main():
         sys.exit(f'{args.out_dir}: never initialized')
     truth = load_tum(os.path.join(args.sequence, 'groundtruth.txt'))
     rotation, direction = start_error(starts[0], truth)
-    error, way = trajectory_error(load_tum(os.path.join(args.out_dir, 'trajectory.txt')), truth)
+    trajectory = os.path.join(args.out_dir, 'trajectory_0.txt')  # first of several segments, each has its own scale
+    if not os.path.exists(trajectory):
+        trajectory = os.path.join(args.out_dir, 'trajectory.txt')
+    error, way = trajectory_error(load_tum(trajectory), truth)
     rows = [('frames until initialized', f"{starts[0]['frames_given']}"),
             ('time of the frame that initialized', f"{starts[0]['milliseconds']['last_frame']:.0f} ms"),
             ('points handed over', f"{len(starts[0]['points'])}"),
             ('rotation error of the start', f'{rotation:.3f} deg'),
             ('direction error of the start', f'{direction:.3f} deg'),
             ('median depth error of the start', f'{100 * depth_error(starts[0], args.sequence):.2f} %'),
-            ('frames tracked afterwards', f"{run['frames_tracked']} of {run['frames_given'] - starts[0]['frames_given']}"),
+            ('frames tracked afterwards', f"{run['frames_tracked']} of {run['frames_given'] - starts[0]['frames_given']}, {run['segments']} segment(s)"),
             ('trajectory error (RMS) over the way', f'{error:.3f} m of {way:.1f} m, {100 * error / way:.2f} %')]
     for name, value in rows:
         print(f'  {name:<38}{value}')

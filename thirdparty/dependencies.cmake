@@ -2,6 +2,8 @@
 # Every dependency of dsorb, in one place. README.md beside this file lists versions and licences.
 
 # dsorb_find(NAME DEBIAN_PACKAGE ARGS...): find_package that names the Debian package when it fails.
+set(dsorb_message_level ${CMAKE_MESSAGE_LOG_LEVEL})
+set(CMAKE_MESSAGE_LOG_LEVEL NOTICE) # QUIET does not reach what Ceres' package looks for
 macro(dsorb_find name debian_package)
   find_package(${name} ${ARGN} QUIET)
   if(NOT ${name}_FOUND)
@@ -32,3 +34,4 @@ endif()
 if(DSORB_BUILD_BENCHMARKS)
   dsorb_find(benchmark libbenchmark-dev 1.7)
 endif()
+set(CMAKE_MESSAGE_LOG_LEVEL ${dsorb_message_level})
