@@ -8,6 +8,7 @@ packages=(
   libeigen3-dev libopencv-dev libceres-dev libsuitesparse-dev libtbb-dev libxsimd-dev
   libcli11-dev libyaml-cpp-dev nlohmann-json3-dev libzip-dev libspdlog-dev libfmt-dev
   libgtest-dev libgmock-dev libbenchmark-dev
+  python3-venv
   "$@"
 )
 missing=()

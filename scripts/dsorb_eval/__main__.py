@@ -6,15 +6,15 @@ from pathlib import Path
 
 
 def run(folder, key):
-    """One run of the plan with its figures. Nothing heavy is imported for the others."""
-    from . import report, runner
+    """One run of the plan with its figures."""
+    from . import runner, store
     runner.install_terminate_handler()
     plan = json.loads((Path(folder) / 'plan.json').read_text())
     entry = next(e for e in plan['runs'] if e['key'] == key)
     sequence = next(s for s in plan['sequences'] if s['name'] == entry['sequence'])
     target = Path(folder) / 'runs' / key
     record = runner.read_record(target) or runner.run_one(entry, target, plan['timeout'])
-    report.figures_of(record, target, sequence, plan['evo'])
+    store.figures_of(record, target, sequence, plan['evo'])
 
 
 def main():

@@ -14,7 +14,6 @@ import numpy as np  # noqa: E402
 from PIL import Image  # noqa: E402
 
 from . import plots  # noqa: E402
-from .judge import read_frames  # noqa: E402
 
 OVERLAY = 'out/figures/initial_inverse_depth.png'
 RESIDUALS = 'out/figures/residuals.csv'  # docs/formats.md
@@ -136,11 +135,6 @@ def tracking_histogram(values, title, path):
     axis.set(title=title, xlabel='rmse of a tracked frame [grey levels]', ylabel='frames')
     plots.save(figure, path)
     return True
-
-
-def trajectory_frames(folder, segment):
-    """Times of the frames of one segment of a run."""
-    return [f['timestamp'] for f in read_frames(folder / 'out/frames.csv') if f['segment'] == segment]
 
 
 def histogram_figures(plan, runs, folder_of, folder):

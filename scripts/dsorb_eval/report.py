@@ -2,13 +2,12 @@
 """report.html: everything on one page that needs no other file; and the other files of the output folder."""
 import base64
 import html
-import json
 import shlex
 from pathlib import Path
 
 from . import evo, judge, layout, pictures, plots, summary
-from .protocol import dump_json, write_if_changed
-from .runner import FIGURES, read_record
+from .protocol import write_if_changed
+from .store import Evaluation
 
 STYLE = """
 body{font:15px/1.45 system-ui,sans-serif;margin:2rem auto;max-width:1500px;padding:0 1.5rem;color:#1b1f24}
@@ -20,43 +19,6 @@ tr.total td{font-weight:600;background:#f8f9fb}img{max-width:100%}figure{margin:
 code,pre{font:12.5px/1.4 ui-monospace,monospace;background:#f3f5f8;border-radius:4px}pre{padding:.6rem;overflow-x:auto;white-space:pre-wrap}
 code{padding:.1rem .3rem}.failed{border-left:4px solid #c62828;padding-left:.8rem;margin:1rem 0}.note{color:#57606a}
 """
-
-
-class Evaluation:
-    """A plan with what was found of it in the output folder."""
-
-    def __init__(self, folder):
-        self.folder = Path(folder).resolve()  # other programs are called from folders of their own
-        self.plan = json.loads((self.folder / 'plan.json').read_text())
-        self.sequences = {s['name']: s for s in self.plan['sequences']}
-        self.runs = [self.load(entry) for entry in self.plan['runs']]
-
-    def folder_of(self, run):
-        return self.folder / 'runs' / run.entry['key']
-
-    def load(self, entry):
-        """A run with its figures; judged anew where another version of the judge did it."""
-        run = summary.Run(entry)
-        run.record = read_record(self.folder_of(run))
-        if run.record:
-            run.figures = figures_of(run.record, self.folder_of(run), self.sequences[entry['sequence']], self.plan['evo'])
-        return run
-
-    def done(self):
-        return [run for run in self.runs if run.record]
-
-
-def figures_of(record, folder, sequence, with_evo):
-    """The figures of a recorded run, from figures.json where this judge wrote it."""
-    path = folder / FIGURES
-    try:
-        figures = json.loads(path.read_text())
-    except (OSError, ValueError):
-        figures = {}
-    if figures.get('judge') != judge.version() or figures.get('evo') != bool(with_evo):
-        figures = judge.judge(record, folder, sequence, with_evo)
-        write_if_changed(path, dump_json(figures))
-    return figures
 
 
 def escape(text):
