@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "depth/candidate_activation.h"
+#include "depth/epipolar_search.h"
+#include "support/window_scene.h"
+
+#include <benchmark/benchmark.h>
+
+namespace dsorb::depth {
+namespace {
+
+struct Scene {
+  synthetic::SyntheticSequence sequence;
+  std::vector<CandidatePoint> candidates;
+  FramePtr target;
+  EpipolarPair pair;
+
+  Scene() : sequence(synthetic::SequenceOptions()) {
+    const synthetic::SyntheticFrame host = sequence.frame(0);
+    const FramePtr frame = sequence.framePtr(host, 0);
+    for (const auto& seed : window_scene::truePoints(frame->level(0), host.inverse_depth, 12, 0)) {
+      const auto candidate = makeCandidate(frame->level(0), seed.pixel, 1);
+      if (candidate) candidates.push_back(*candidate);
+    }
+    target = sequence.framePtr(6);
+    pair = makeEpipolarPair(
+        sequence.camera(), sequence.pose(6).inverse() * sequence.pose(0), BrightnessTransfer{});
+  }
+};
+
+/// New candidates: the longest searches there are.
+void BM_SearchNewCandidates(benchmark::State& state) {
+  const Scene scene;
+  for (auto _ : state) {
+    state.PauseTiming();
+    std::vector<CandidatePoint> candidates = scene.candidates;
+    state.ResumeTiming();
+    searchEpipolarLines(candidates, scene.pair, scene.target->level(0), {}, 0);
+    benchmark::DoNotOptimize(candidates.data());
+  }
+  state.counters["candidates"] = static_cast<double>(scene.candidates.size());
+  state.counters["per_candidate"] = benchmark::Counter(
+      static_cast<double>(scene.candidates.size()),
+      benchmark::Counter::kIsIterationInvariantRate | benchmark::Counter::kInvert);
+}
+BENCHMARK(BM_SearchNewCandidates)->Unit(benchmark::kMillisecond);
+
+/// Candidates whose interval is short already: most of a running system's.
+void BM_SearchKnownCandidates(benchmark::State& state) {
+  const Scene scene;
+  std::vector<CandidatePoint> known = scene.candidates;
+  searchEpipolarLines(known, scene.pair, scene.target->level(0), {}, 0);
+  for (auto _ : state) {
+    state.PauseTiming();
+    std::vector<CandidatePoint> candidates = known;
+    state.ResumeTiming();
+    searchEpipolarLines(candidates, scene.pair, scene.target->level(0), {}, 0);
+    benchmark::DoNotOptimize(candidates.data());
+  }
+}
+BENCHMARK(BM_SearchKnownCandidates)->Unit(benchmark::kMillisecond);
+
+void BM_FitDepth(benchmark::State& state) {
+  const Scene scene;
+  std::vector<CandidatePoint> known = scene.candidates;
+  searchEpipolarLines(known, scene.pair, scene.target->level(0), {}, 0);
+  const std::vector<DepthTarget> targets(4, DepthTarget{scene.pair, &scene.target->level(0)});
+  std::size_t i = 0;
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(fitDepth(known[i], targets, {}));
+    if (++i == known.size()) i = 0;
+  }
+}
+BENCHMARK(BM_FitDepth)->Unit(benchmark::kMicrosecond);
+
+void BM_DistanceMap(benchmark::State& state) {
+  Random random(1);
+  std::vector<Eigen::Vector2i> seeds;
+  for (int i = 0; i < 2000; ++i) {
+    seeds.emplace_back(1 + static_cast<int>(random.below(318)),
+                       1 + static_cast<int>(random.below(238)));
+  }
+  for (auto _ : state) {
+    DistanceMap map(320, 240);
+    map.add(seeds);
+    benchmark::DoNotOptimize(map.at(5, 5));
+  }
+}
+BENCHMARK(BM_DistanceMap)->Unit(benchmark::kMillisecond);
+
+}  // namespace
+}  // namespace dsorb::depth
