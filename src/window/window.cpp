@@ -9,8 +9,8 @@
 namespace dsorb::window {
 namespace {
 
-constexpr float kCandidateMarginLow = 3;   // [px] of the pixel to the image edge
-constexpr float kCandidateMarginHigh = 5;  // [px]
+constexpr int kCandidateMarginLow = 3;   // [px] of the pixel to the image edge
+constexpr int kCandidateMarginHigh = 5;  // [px]
 
 AffineBrightness affineOf(const Vector8d& state) {
   const Vector8d scaled = frameScale().cwiseProduct(state);
@@ -149,16 +149,16 @@ WindowPoint* addPoint(Window& window, Keyframe& host, const PointEstimate& estim
   return &host.points.back();
 }
 
-int addCandidates(Keyframe& keyframe, const std::vector<Eigen::Vector3f>& pixels_and_scales) {
+int addCandidates(Keyframe& keyframe, const std::vector<SelectedPixel>& pixels) {
   const PyramidLevel& level = keyframe.frame->level(0);
-  const float right = static_cast<float>(level.width()) - kCandidateMarginHigh;
-  const float bottom = static_cast<float>(level.height()) - kCandidateMarginHigh;
   int added = 0;
-  for (const Eigen::Vector3f& selected : pixels_and_scales) {
-    const bool inside = selected.x() >= kCandidateMarginLow && selected.x() <= right &&
-                        selected.y() >= kCandidateMarginLow && selected.y() <= bottom;
+  for (const SelectedPixel& selected : pixels) {
+    const bool inside = selected.x >= kCandidateMarginLow && selected.y >= kCandidateMarginLow &&
+                        selected.x <= level.width() - kCandidateMarginHigh &&
+                        selected.y <= level.height() - kCandidateMarginHigh;
     if (!inside) continue;
-    const auto candidate = depth::makeCandidate(level, selected.head<2>(), selected.z());
+    const Eigen::Vector2f pixel(static_cast<float>(selected.x), static_cast<float>(selected.y));
+    const auto candidate = depth::makeCandidate(level, pixel, static_cast<float>(selected.type));
     if (!candidate) continue;
     keyframe.candidates.push_back(*candidate);
     ++added;

@@ -8,6 +8,7 @@
 #include "dsorb/options/window.h"
 
 #include "depth/candidate_point.h"
+#include "image/pixel_selector.h"
 
 #include <Eigen/Core>
 
@@ -181,7 +182,7 @@ struct PointEstimate {
 WindowPoint* addPoint(Window& window, Keyframe& host, const PointEstimate& estimate);
 
 /// Makes candidates of selected pixels. @return how many; pixels too near the edge are left out
-int addCandidates(Keyframe& keyframe, const std::vector<Eigen::Vector3f>& pixels_and_scales);
+int addCandidates(Keyframe& keyframe, const std::vector<SelectedPixel>& pixels);
 
 /// Takes a keyframe out of the window and drops the residuals to it. The prior is not touched.
 Keyframe removeKeyframe(Window& window, std::size_t position);

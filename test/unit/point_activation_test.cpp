@@ -36,10 +36,10 @@ struct ActivationScene {
   ActivationScene() : sequence(options()), window(sequence.camera()) {
     const synthetic::SyntheticFrame host = sequence.frame(0);
     Keyframe& first = addKeyframe(window, sequence.framePtr(host, 0), pose(0), {}, window_options);
-    std::vector<Eigen::Vector3f> pixels;
+    std::vector<SelectedPixel> pixels;
     for (const SeedPoint& seed :
          window_scene::truePoints(first.frame->level(0), host.inverse_depth, 6, 0)) {
-      pixels.emplace_back(seed.pixel.x(), seed.pixel.y(), 1);
+      pixels.push_back({static_cast<int>(seed.pixel.x()), static_cast<int>(seed.pixel.y()), 1});
       truth[{static_cast<int>(seed.pixel.x()), static_cast<int>(seed.pixel.y())}] =
           seed.inverse_depth;
     }
