@@ -143,7 +143,7 @@ inline __attribute__((always_inline)) BlockEnergy weighResiduals(const Alignment
     samples.weight[i] = unsaturated ? w : 0.0F;
     samples.residual[i] = unsaturated ? r : 0.0F;
     used_count += used ? 1 : 0;
-    saturated_count += used & !unsaturated ? 1 : 0;
+    saturated_count += (used & !unsaturated) ? 1 : 0;
   }
   std::memset(scratch.energy + count, 0, kLanes * sizeof(float));
   FloatLanes total = {};
