@@ -9,15 +9,15 @@ import sys
 HERE = os.path.dirname(os.path.abspath(__file__))
 
 
-def use_environment():
+def use_environment(script):
     """Goes on in the virtual environment of scripts/venv.sh, unless this Python has what is needed."""
     python = os.path.join(os.environ.get('DSORB_VENV') or os.path.join(HERE, '..', '.venv'), 'bin', 'python')
     if os.path.exists(python) and os.path.realpath(sys.prefix) != os.path.realpath(os.path.dirname(os.path.dirname(python))):
-        os.execv(python, [python, os.path.abspath(__file__), *sys.argv[1:]])
+        os.execv(python, [python, os.path.abspath(script), *sys.argv[1:]])
 
 
 if __name__ == '__main__':
-    use_environment()
+    use_environment(__file__)
     sys.path.insert(0, HERE)
     try:
         from dsorb_eval.cli import main

@@ -175,8 +175,9 @@ def plan(request):
 def make_run(request, identity, sequence, variant, span):
     """One run of the plan; `key` names its folder."""
     start, end, reverse = span
-    command = [str(Path(request.program).resolve()), sequence.path, '--format', sequence.format, '--initializer', variant, '--start', str(start), '--end',
-               str(end), '--threads', str(request.threads), '--quiet', *(['--reverse'] if reverse else []), *request.extra]
+    program = str(Path(request.program).resolve())
+    command = [program, sequence.path, '--format', sequence.format, '--initializer', variant, '--start', str(start), '--end', str(end),
+               '--threads', str(request.threads), '--quiet', *(['--reverse'] if reverse else []), *request.extra]
     key = sha256(identity, json.dumps(command[1:]), sequence.groundtruth, request.timeout)[:HASH_LENGTH]
     name = f"{'bwd' if reverse else 'fwd'}_{start:05d}_{end:05d}"
     return dict(key=f'{sequence.name}/{variant}/{name}_{key}', sequence=sequence.name, variant=variant, start=start, end=end,

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A recording in the Rerun viewer: images with what is tracked in them, camera path, keyframes, the growing map.
+
+Every segment of a run is a space of its own, `segment_<n>`: it has its own origin and unit."""
+import colorsys
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+
+from . import recording
+
+APPLICATION = 'dsorb'
+TIMELINE = 'frame'  # counts the images given; positions and times run backwards in a reversed run
+PATH_CHUNK = 100  # camera positions an entity: logging one strip of all at every frame would grow with the square
+FRUSTUM = .08  # depth of a keyframe's drawn pyramid, in units of its segment
+PATH_COLOUR, KEYFRAME_COLOUR, FINAL_COLOUR = (31, 79, 214), (44, 160, 44), (120, 120, 120)
+NEAR_HUE, FAR_HUE = 0., .67  # red to blue, as in the program's figures
+
+
+def depth_colours(inverse_depths):
+    """Colours from near red to far blue, between the 5th and 95th percentile."""
+    values = np.asarray(inverse_depths, float)
+    if not len(values):
+        return np.zeros((0, 3), np.uint8)
+    low, high = np.percentile(values, [5, 95])
+    share = np.clip((values - low) / (high - low if high > low else 1), 0, 1)
+    return np.array([[255 * c for c in colorsys.hsv_to_rgb(FAR_HUE + s * (NEAR_HUE - FAR_HUE), 1, 1)] for s in share], np.uint8)
+
+
+class View:
+    """Logs events one after the other; `stream` is a rerun.RecordingStream."""
+
+    def __init__(self, path, stream, max_relative_sigma):
+        self.folder, self.stream, self.max_relative_sigma = Path(path).resolve().parent, stream, max_relative_sigma
+        self.camera, self.images, self.rectified = None, 0, False
+        self.paths, self.keyframe_poses, self.known = {}, {}, set()
+        self.handlers = dict(header=self.header, image=self.image, init=self.init, tracks=self.tracks, pose=self.pose,
+                             keyframe=self.keyframe, points=self.points, lost=self.lost, end=self.end)
+
+    def show(self, event):
+        """One event; kinds of later versions are skipped."""
+        handler = self.handlers.get(event['kind'])
+        if handler:
+            handler(event)
+
+    def log(self, entity, what, static=False):
+        rr.log(entity, what, static=static, recording=self.stream)
+
+    def say(self, text, level=rr.TextLogLevel.INFO):
+        self.log('log', rr.TextLog(text, level=level))
+
+    def root(self, event):
+        """The space of an event's segment, set up when first seen."""
+        segment = event['segment']
+        root = f'segment_{segment}'
+        if segment not in self.known:
+            self.known.add(segment)
+            self.log(root, rr.ViewCoordinates.RDF, static=True)
+            self.log(f'{root}/camera/image', self.pinhole(.25), static=True)
+        return root
+
+    def pinhole(self, size):
+        c = self.camera
+        return rr.Pinhole(focal_length=[c['fx'], c['fy']], principal_point=[c['cx'] + .5, c['cy'] + .5],  # Rerun counts from the corner
+                          resolution=[c['width'], c['height']], image_plane_distance=size)
+
+    def header(self, event):
+        self.camera = event['camera']
+        self.say(f"{event['program']}, {event['initializer']}, {event['dataset']}")
+
+    def image(self, event):
+        rr.set_time(TIMELINE, sequence=self.images, recording=self.stream)
+        self.images += 1
+        root, self.rectified = self.root(event), bool(event.get('rectified'))
+        self.log(f'{root}/camera/image/tracks', rr.Clear(recursive=True))
+        file = self.folder / event['file'] if event.get('file') else None
+        if file is not None and file.exists():
+            self.log(f'{root}/camera/image', rr.EncodedImage(path=file))
+
+    def init(self, event):
+        self.say(f"frame {event['index']}: {event['status']} ({event['reason']})")
+        if event['status'] != 'initialized':
+            return
+        root = self.root(event)
+        positions = [recording.pose(pose)[:3, 3] for _, pose in event['poses'] if pose]
+        self.paths[root] = [*positions, *self.paths.get(root, [])]
+        self.log_path(root, 0)
+
+    def tracks(self, event):
+        tracks = np.array(event['tracks'], float).reshape(-1, 3)
+        if self.rectified:
+            self.log(f'{self.root(event)}/camera/image/tracks', rr.Points2D(tracks[:, :2] + .5, colors=depth_colours(tracks[:, 2]), radii=2.))
+
+    def pose(self, event):
+        root = self.root(event)
+        if event['pose'] is None:
+            return
+        T_world_cam = recording.pose(event['pose'])
+        self.log(f'{root}/camera', rr.Transform3D(translation=T_world_cam[:3, 3], mat3x3=T_world_cam[:3, :3]))
+        self.paths.setdefault(root, []).append(T_world_cam[:3, 3])
+        self.log_path(root, len(self.paths[root]) - 1)
+        if event.get('rmse') is not None:
+            self.log('tracking_rmse', rr.Scalars(event['rmse']))
+
+    def log_path(self, root, first):
+        """The pieces of the camera path from a position on; neighbours share one position."""
+        path = self.paths[root]
+        for chunk in range(max(0, first - 1) // PATH_CHUNK, (len(path) - 1) // PATH_CHUNK + 1):
+            piece = path[chunk * PATH_CHUNK:(chunk + 1) * PATH_CHUNK + 1]
+            self.log(f'{root}/path/{chunk}', rr.LineStrips3D([np.array(piece)], colors=[PATH_COLOUR]))
+
+    def keyframe(self, event):
+        root, T_world_cam = self.root(event), recording.pose(event['pose'])
+        self.keyframe_poses[event['segment'], event['index']] = T_world_cam
+        c = self.camera
+        corners = np.array([[(u - c['cx']) / c['fx'], (v - c['cy']) / c['fy'], 1.]
+                            for u, v in ((0, 0), (c['width'], 0), (c['width'], c['height']), (0, c['height']))]) * FRUSTUM
+        strips = [corners[[0, 1, 2, 3, 0]], *(np.array([np.zeros(3), corner]) for corner in corners)]
+        entity = f"{root}/keyframes/{event['index']}"
+        self.log(entity, rr.LineStrips3D([s @ T_world_cam[:3, :3].T + T_world_cam[:3, 3] for s in strips],
+                                         colors=[FINAL_COLOUR if event['final'] else KEYFRAME_COLOUR]))
+
+    def points(self, event):
+        pose = self.keyframe_poses.get((event['segment'], event['keyframe']))
+        points = recording.certain(event['points'], self.max_relative_sigma)
+        if pose is None:
+            return
+        grey = np.clip(points[:, 4:5], 0, 255).astype(np.uint8)
+        self.log(f"{self.root(event)}/map/{event['keyframe']}",
+                 rr.Points3D(recording.world_points(points, pose, self.camera), colors=np.repeat(grey, 3, axis=1)))
+
+    def lost(self, event):
+        self.say(f"frame {event['index']}: lost", rr.TextLogLevel.WARN)
+
+    def end(self, event):
+        self.say(f"end: {event['status']}")
+
+
+def show(path, save=None, follow=False, patience=60., max_relative_sigma=.3):
+    """Shows a recording, or writes it to an .rrd file without any window.
+
+    @return number of images shown"""
+    stream = rr.RecordingStream(APPLICATION, recording_id=Path(path).resolve().as_posix())
+    if save:
+        stream.save(str(save))
+    else:
+        stream.spawn()
+    view = View(path, stream, max_relative_sigma)
+    for event in recording.events(path, follow, patience):
+        view.show(event)
+    stream.flush()
+    return view.images
