@@ -34,7 +34,7 @@ class View:
     def __init__(self, path, stream, max_relative_sigma):
         self.folder, self.stream, self.max_relative_sigma = Path(path).resolve().parent, stream, max_relative_sigma
         self.camera, self.images, self.rectified = None, 0, False
-        self.paths, self.keyframe_poses, self.known = {}, {}, set()
+        self.paths, self.keyframe_poses, self.known, self.started = {}, {}, set(), set()
         self.handlers = dict(header=self.header, image=self.image, init=self.init, tracks=self.tracks, pose=self.pose,
                              keyframe=self.keyframe, points=self.points, lost=self.lost, end=self.end)
 
@@ -79,10 +79,16 @@ class View:
             self.log(f'{root}/camera/image', rr.EncodedImage(path=file))
 
     def init(self, event):
+        root = self.root(event)
         self.say(f"frame {event['index']}: {event['status']} ({event['reason']})")
+        if event['segment'] in self.started:  # the initializer is asked again: its start was taken back
+            self.started.remove(event['segment'])
+            self.paths[root] = []
+            for part in ('path', 'keyframes', 'map'):
+                self.log(f'{root}/{part}', rr.Clear(recursive=True))
         if event['status'] != 'initialized':
             return
-        root = self.root(event)
+        self.started.add(event['segment'])
         positions = [recording.pose(pose)[:3, 3] for _, pose in event['poses'] if pose]
         self.paths[root] = [*positions, *self.paths.get(root, [])]
         self.log_path(root, 0)

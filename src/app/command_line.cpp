@@ -41,7 +41,6 @@ struct Flags {
   std::optional<int> threads;
   double speed = 0;
   bool pipelined = false;
-  std::string record;
 };
 
 template <typename Value>
@@ -120,12 +119,16 @@ void addMethodFlags(CLI::App& app, Flags& flags, CommandLine& request) {
       ->check(CLI::NonNegativeNumber)
       ->group("Method");
   app.add_flag("--pipelined", flags.pipelined)->group("");  // known, but not yet there
-  app.add_option("--record", flags.record)->group("");
 }
 
 void addOutputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
   app.add_option("--output", request.output, "folder; default out/<dataset name>")
       ->type_name("DIR")
+      ->group("Output");
+  app.add_option("--record",
+                 request.record,
+                 "everything a viewer needs, one JSON object a line (docs/formats.md)")
+      ->type_name("FILE")
       ->group("Output");
   app.add_flag("--quiet", request.quiet, "print errors only")->group("Output");
   app.add_option("--progress", flags.progress, "default auto: a bar where a terminal is")
@@ -153,7 +156,6 @@ void refuseWhatIsLacking(const Flags& flags) {
   };
   if (flags.speed > 0) refuse("--speed above 0");
   if (flags.pipelined) refuse("--pipelined");
-  if (!flags.record.empty()) refuse("--record");
 }
 
 /// Data set and original words among the free words.

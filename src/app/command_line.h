@@ -16,6 +16,7 @@ struct CommandLine {
   SequenceOptions sequence;
   ConfigSources config;
   std::string output;  ///< folder
+  std::string record;  ///< file of the recording; empty: none
   bool restart_when_lost = true;
   ProgressMode progress = ProgressMode::kAuto;
   bool quiet = false;

@@ -4,6 +4,7 @@
 #include "dsorb/odometry/odometry.h"
 
 #include "app/progress_bar.h"
+#include "io/recording_writer.h"
 
 #include <opencv2/core/utility.hpp>
 
@@ -47,10 +48,16 @@ RunInfo describeRun(const CommandLine& request, const Config& config) {
   return info;
 }
 
+/// What writes during a run.
+struct Writers {
+  RunWriter* run = nullptr;
+  io::RecordingWriter* recording = nullptr;  ///< null: no recording is wanted
+};
+
 /// Feeds every selected frame. @return whether the user ended it
 bool feed(SequenceReader& reader,
           Odometry& odometry,
-          RunWriter& writer,
+          const Writers& writers,
           const CommandLine& request,
           Interrupt& interrupt) {
   using Clock = std::chrono::steady_clock;
@@ -61,7 +68,9 @@ bool feed(SequenceReader& reader,
     const Clock::time_point begin = Clock::now();
     const FrameEstimate estimate = odometry.process(input->frame);
     const std::chrono::duration<double, std::milli> processing = Clock::now() - begin;
-    writer.frameDone({processing.count() + input->pyramid_milliseconds, input->read_milliseconds});
+    writers.run->frameDone(
+        {processing.count() + input->pyramid_milliseconds, input->read_milliseconds});
+    if (writers.recording != nullptr) writers.recording->frameDone(estimate);
     progress.update(estimate);
     if (estimate.state != OdometryState::kLost) continue;
     if (!request.restart_when_lost) return false;
@@ -96,6 +105,7 @@ RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
   const RunInfo info = describeRun(request, config);
   cv::setNumThreads(info.threads);  // OpenCV's pool belongs to the process
   RunWriter writer(request.output, info);
+  std::optional<io::RecordingWriter> recording;
   std::optional<Odometry> odometry;
   RunResult result;
   try {
@@ -105,14 +115,21 @@ RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
     writer.setConfig(toYaml(config));
     odometry.emplace(reader.camera(), config.options);
     odometry->addObserver(&writer);
-    result.interrupted = feed(reader, *odometry, writer, request, interrupt);
+    if (!request.record.empty()) {
+      recording.emplace(request.record, info, reader.camera());
+      odometry->addObserver(&*recording);
+    }
+    const Writers writers{&writer, recording ? &*recording : nullptr};
+    result.interrupted = feed(reader, *odometry, writers, request, interrupt);
     result.report = odometry->finish();
   } catch (...) {
     writeAfterError(writer, odometry);
     throw;
   }
   result.outcome = writer.outcome();
-  writer.finish(result.interrupted ? RunStatus::kInterrupted : result.outcome, &result.report);
+  const RunStatus status = result.interrupted ? RunStatus::kInterrupted : result.outcome;
+  writer.finish(status, &result.report);
+  if (recording) recording->finish(status);
   if (request.write_result_txt) writer.writeKeyframes("result.txt");
   return result;
 }

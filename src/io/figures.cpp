@@ -46,17 +46,6 @@ cv::Mat inverseDepthColours() {
   return colours;
 }
 
-cv::Mat greyImage(const Frame& frame) {
-  cv::Mat grey(frame.height(), frame.width(), CV_8UC1);
-  for (int y = 0; y < grey.rows; ++y) {
-    for (int x = 0; x < grey.cols; ++x) {
-      const float value = frame.level(0).at(x, y).intensity;
-      grey.at<uchar>(y, x) = std::isfinite(value) ? cv::saturate_cast<uchar>(value) : uchar{0};
-    }
-  }
-  return grey;
-}
-
 void drawColourBar(cv::Mat& canvas, const cv::Mat& colours, float low, float high) {
   const int left = canvas.cols - kBarWidth + 10;
   const int top = 24;
@@ -204,6 +193,17 @@ void drawNotes(cv::Mat& canvas,
 }
 
 }  // namespace
+
+cv::Mat greyImage(const Frame& frame) {
+  cv::Mat grey(frame.height(), frame.width(), CV_8UC1);
+  for (int y = 0; y < grey.rows; ++y) {
+    for (int x = 0; x < grey.cols; ++x) {
+      const float value = frame.level(0).at(x, y).intensity;
+      grey.at<uchar>(y, x) = std::isfinite(value) ? cv::saturate_cast<uchar>(value) : uchar{0};
+    }
+  }
+  return grey;
+}
 
 cv::Mat drawInverseDepth(const InitializationResult& result) {
   const Frame& reference = *result.frames.front().frame;

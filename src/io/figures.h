@@ -11,6 +11,9 @@
 
 namespace dsorb::io {
 
+/// Level 0 of a frame as 8-bit image; pixels that are not valid are black.
+[[nodiscard]] cv::Mat greyImage(const Frame& frame);
+
 /// The reference image with its points, coloured by inverse depth: near red, far blue, with a
 /// colour bar.
 [[nodiscard]] cv::Mat drawInverseDepth(const InitializationResult& result);

@@ -206,7 +206,7 @@ TEST_F(DsoDataset, WrongOptionsExitWithTwoAndOneLine) {
       {{room, "--preset", "fast"}, "this version lacks it"},
       {{room, "--speed", "1"}, "this version lacks it"},
       {{room, "--pipelined"}, "this version lacks it"},
-      {{room, "--record", "r"}, "this version lacks it"},
+      {{room, "--record"}, "--record"},
       {{"files=" + room, "colour=1"}, "unknown word"},
       {{}, "no data set given"}};
   for (const auto& [arguments, expected] : cases) {

@@ -130,7 +130,6 @@ TEST(CommandLine, WrongValuesAreRefused) {
 TEST(CommandLine, WhatThisVersionLacksIsSaid) {
   for (const auto& arguments : std::vector<std::vector<const char*>>{{"seq", "--speed", "1"},
                                                                      {"seq", "--pipelined"},
-                                                                     {"seq", "--record", "r.jsonl"},
                                                                      {"files=seq", "speed=1"},
                                                                      {"files=seq", "preset=1"}}) {
     EXPECT_THAT(errorOf(arguments), HasSubstr("this version lacks it")) << arguments.back();

@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/recording_writer.h"
+
+#include "dsorb/error.h"
+
+#include "support/temporary_folder.h"
+
+#include <gmock/gmock.h>
+#include <opencv2/imgcodecs.hpp>
+
+#include <fstream>
+#include <limits>
+#include <string>
+#include <vector>
+
+namespace dsorb {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::ElementsAre;
+
+const PinholeCamera kCamera{100, 100, 79.5, 59.5, 160, 120};
+constexpr float kGrey = 120;
+
+FramePtr makeFrame(int index) {
+  const std::vector<float> pixels(160 * 120, kGrey + static_cast<float>(index));
+  FrameInfo info;
+  info.id = {index};
+  info.timestamp = 0.1 * index;
+  return Frame::create(ImageView(pixels.data(), 160, 120), info);
+}
+
+SE3 forward(double z) {
+  return {Eigen::Quaterniond::Identity(), Eigen::Vector3d(0, 0, z)};
+}
+
+MapPoint point(float u, float v, float inverse_depth) {
+  MapPoint point;
+  point.pixel = {u, v};
+  point.inverse_depth = inverse_depth;
+  point.variance = 0.01F;
+  point.intensity = kGrey;
+  return point;
+}
+
+KeyframeSnapshot makeKeyframe(int index, std::vector<MapPoint> points) {
+  KeyframeSnapshot keyframe;
+  keyframe.id = {index};
+  keyframe.timestamp = 0.1 * index;
+  keyframe.camera = kCamera;
+  keyframe.points = std::move(points);
+  return keyframe;
+}
+
+FrameEstimate tracked(int index, double z) {
+  FrameEstimate estimate;
+  estimate.frame = makeFrame(index);
+  estimate.state = OdometryState::kTracked;
+  estimate.T_world_cam = forward(z);
+  estimate.keyframe = FrameId{0};
+  estimate.T_cam_keyframe = forward(-z);
+  estimate.tracking_rmse = 3.5;
+  return estimate;
+}
+
+std::vector<io::Json> readLines(const fs::path& path) {
+  std::ifstream file(path);
+  std::vector<io::Json> lines;
+  for (std::string line; std::getline(file, line);) lines.push_back(io::Json::parse(line));
+  return lines;
+}
+
+std::vector<std::string> kindsOf(const std::vector<io::Json>& lines) {
+  std::vector<std::string> kinds;
+  for (const io::Json& line : lines) kinds.push_back(line.at("kind"));
+  return kinds;
+}
+
+class RecordingWriterTest : public ::testing::Test {
+ protected:
+  RecordingWriterTest() {
+    info_.program = "dso_dataset";
+    info_.version = "1.2.3";
+    info_.initializer = "orb";
+  }
+
+  TemporaryFolder folder_;
+  fs::path path_ = folder_.path() / "deep" / "run.jsonl";
+  RunInfo info_;
+};
+
+TEST_F(RecordingWriterTest, LinesComeInTheOrderTheFormatPromises) {
+  io::RecordingWriter writer(path_, info_, kCamera);
+  EXPECT_THAT(kindsOf(readLines(path_)), ElementsAre("header"));
+  writer.onKeyframe(makeKeyframe(0, {point(79.5F, 59.5F, 0.5F)}));
+  const FrameEstimate estimate = tracked(1, 1.0);
+  writer.onFrame(estimate);
+  writer.frameDone(estimate);
+  const std::vector<io::Json> lines = readLines(path_);
+  EXPECT_THAT(kindsOf(lines),
+              ElementsAre("header", "image", "keyframe", "points", "pose", "tracks"));
+  EXPECT_EQ(lines[0].at("program"), "dso_dataset 1.2.3");
+  EXPECT_EQ(lines[0].at("camera").at("width"), 160);
+  EXPECT_EQ(lines[4].at("pose"), io::Json({0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0}));
+  EXPECT_EQ(lines[4].at("rmse"), 3.5);
+  writer.onLost({1}, 0);
+  writer.finish(RunStatus::kLost);
+  EXPECT_EQ(readLines(path_).back().at("status"), "lost");
+  EXPECT_EQ(readLines(path_)[6].at("kind"), "lost");
+}
+
+TEST_F(RecordingWriterTest, TracksAreThePointsAsTheFrameSeesThem) {
+  io::RecordingWriter writer(path_, info_, kCamera);
+  // Depth 2, 20 px right of the centre; one unit nearer it is 40 px right, at depth 1. The second
+  // point is passed by, the third leaves the image.
+  writer.onKeyframe(makeKeyframe(
+      0, {point(99.5F, 59.5F, 0.5F), point(99.5F, 59.5F, 1.25F), point(149.5F, 59.5F, 0.5F)}));
+  const FrameEstimate estimate = tracked(1, 1.0);
+  writer.onFrame(estimate);
+  writer.frameDone(estimate);
+  EXPECT_EQ(readLines(path_).back().at("tracks"), io::Json::array({{119.5, 59.5, 1.0}}));
+}
+
+TEST_F(RecordingWriterTest, ImagesLieBesideTheRecording) {
+  io::RecordingWriter writer(path_, info_, kCamera);
+  const FrameEstimate estimate = tracked(7, 1.0);
+  writer.onFrame(estimate);
+  writer.frameDone(estimate);
+  const io::Json line = readLines(path_).at(1);
+  EXPECT_EQ(line.at("file"), "run_images/000007.png");
+  const fs::path file = path_.parent_path() / line.at("file").get<std::string>();
+  const cv::Mat image = cv::imread(file.string(), cv::IMREAD_UNCHANGED);
+  ASSERT_EQ(image.size(), cv::Size(160, 120));
+  EXPECT_EQ(image.at<uchar>(60, 80), 127);
+}
+
+TEST_F(RecordingWriterTest, AnInitializationBringsPosesAndItsPoints) {
+  io::RecordingWriter writer(path_, info_, kCamera);
+  InitStep step;
+  step.status = InitStatus::kInitialized;
+  step.reason = InitReason::kDone;
+  step.result.emplace();
+  step.result->frames.resize(3);
+  for (std::size_t i = 0; i < 3; ++i) {
+    step.result->frames[i].frame = makeFrame(static_cast<int>(i) + 4);
+    if (i != 1) step.result->frames[i].T_cam_ref = forward(-0.5 * static_cast<double>(i));
+  }
+  step.result->points.resize(1);
+  step.result->points[0].pixel = {99.5F, 59.5F};
+  step.result->points[0].inverse_depth = 0.5F;
+  writer.onInitStep(step, *step.result->frames.back().frame, 0);
+  FrameEstimate estimate;
+  estimate.frame = step.result->frames.back().frame;
+  writer.frameDone(estimate);
+  const std::vector<io::Json> lines = readLines(path_);
+  ASSERT_THAT(kindsOf(lines), ElementsAre("header", "image", "init", "tracks"));
+  EXPECT_EQ(lines[2].at("reference"), 4);
+  EXPECT_TRUE(lines[2].at("poses").at(1).at(1).is_null());
+  EXPECT_EQ(lines[2].at("poses").at(2).at(1).at(2), 1.0);
+  EXPECT_EQ(lines[3].at("tracks"), io::Json::array({{119.5, 59.5, 1.0}}));
+}
+
+TEST_F(RecordingWriterTest, NumbersThatAreNoneAreLeftOut) {
+  constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+  io::RecordingWriter writer(path_, info_, kCamera);
+  writer.onKeyframe(makeKeyframe(0, {point(1, 1, kNan), point(1, 1, 1)}));
+  FrameEstimate estimate = tracked(1, std::numeric_limits<double>::quiet_NaN());
+  estimate.tracking_rmse = std::numeric_limits<double>::infinity();
+  writer.onFrame(estimate);
+  writer.frameDone(estimate);
+  const std::vector<io::Json> lines = readLines(path_);
+  EXPECT_EQ(lines[3].at("points").size(), 1U);
+  EXPECT_TRUE(lines[4].at("pose").is_null());
+  EXPECT_TRUE(lines[4].at("rmse").is_null());
+}
+
+TEST_F(RecordingWriterTest, AFileInTheWayIsAnError) {
+  std::ofstream(folder_.path() / "deep") << "no folder";
+  EXPECT_THROW(io::RecordingWriter(path_, info_, kCamera), IoError);
+}
+
+}  // namespace
+}  // namespace dsorb
