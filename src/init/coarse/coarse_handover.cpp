@@ -218,6 +218,19 @@ AffineBrightness relativeBrightness(const Frame& reference,
   return {alignment.log_gain - logExposureRatio(reference, frame), alignment.offset};
 }
 
+RotationTest testRotation(const Attempt& attempt, LevelAligner& aligner) {
+  std::vector<PointLevel> fixed = fixedLevels(attempt.levels);
+  const TrackedFrame& newest = attempt.frames.back();
+  const LevelState full = aligner.evaluate(
+      viewOf(*newest.frame, attempt.camera, 0), Unknowns::kPose, fixed.front(), newest.alignment);
+  RotationTest test;
+  test.rotation = newest.rotation;
+  const LevelReport still =
+      alignFrame(attempt, *newest.frame, Unknowns::kRotation, aligner, {fixed, test.rotation});
+  test.motion_gain = 1.0 - energyPerPoint(full) / energyPerPoint(still.state);
+  return test;
+}
+
 Quality judge(const Attempt& attempt, LevelAligner& aligner) {
   Quality quality;
   std::vector<PointLevel> fixed = fixedLevels(attempt.levels);
@@ -236,11 +249,7 @@ Quality judge(const Attempt& attempt, LevelAligner& aligner) {
     sigmas.push_back(std::sqrt(variance) / static_cast<double>(fixed.front().smoothed[i]));
   }
   quality.relative_sigma = median(std::move(sigmas));
-  Alignment rotation = newest.alignment;
-  rotation.T_new_ref.setTranslation(Eigen::Vector3d::Zero());
-  const LevelReport still =
-      alignFrame(attempt, *newest.frame, Unknowns::kRotation, aligner, {fixed, rotation});
-  quality.motion_gain = 1.0 - energyPerPoint(full) / energyPerPoint(still.state);
+  quality.motion_gain = testRotation(attempt, aligner).motion_gain;
 
   const CoarseOptions& o = attempt.options;
   if (quality.parallax_deg < o.min_parallax_deg) {

@@ -15,6 +15,7 @@ namespace dsorb::init_coarse {
 struct TrackedFrame {
   FramePtr frame;
   Alignment alignment;
+  Alignment rotation;  ///< pure rotation that fits best
 };
 
 /// The attempt as values: front frame the reference, back frame the newest.
@@ -35,6 +36,13 @@ struct Quality {
   double inlier_share = 0;    ///< of the points of level 0 in view
   double residual_rms = 0;    ///< [grey levels]
 };
+
+/// The best pure rotation against the estimate of the newest frame.
+struct RotationTest {
+  Alignment rotation;
+  double motion_gain = 0;  ///< share of the energy of the rotation that translation removes
+};
+[[nodiscard]] RotationTest testRotation(const Attempt& attempt, LevelAligner& aligner);
 
 /// Judges an attempt that has settled.
 [[nodiscard]] Quality judge(const Attempt& attempt, LevelAligner& aligner);

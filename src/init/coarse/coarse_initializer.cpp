@@ -47,7 +47,11 @@ std::vector<PointLevel> selectPoints(const Frame& frame, const CoarseOptions& op
 }  // namespace
 
 CoarseInitializer::CoarseInitializer(const InitializerOptions& options, const PinholeCamera& camera)
-    : options_(options), camera_(camera), arena_(options.num_threads), aligner_(options.coarse) {
+    : options_(options),
+      camera_(camera),
+      arena_(options.num_threads),
+      aligner_(options.coarse),
+      rotation_search_(options.coarse) {
   reset();
 }
 
@@ -63,6 +67,7 @@ void CoarseInitializer::reset() {
   earlier_resets_.clear();
   last_timestamp_.reset();
   direction_ = 0;
+  last_motion_ = SE3();
 }
 
 void CoarseInitializer::checkFrame(const FramePtr& frame) const {
@@ -105,29 +110,35 @@ bool CoarseInitializer::setReference(const FramePtr& frame) {
   attempt_.levels =
       clock_.time("points", [&] { return selectPoints(*frame, options_.coarse, options_.seed); });
   if (attempt_.levels.front().size() < kMinPoints) return false;
-  attempt_.frames.push_back({frame, Alignment{}});
+  attempt_.frames.push_back({frame, Alignment{}, Alignment{}});
+  rotation_search_.setReference(attempt_.levels.back());
   return true;
 }
 
-Alignment CoarseInitializer::startValue(const Frame& frame) {
-  const std::vector<TrackedFrame>& frames = attempt_.frames;
-  Alignment start = frames.back().alignment;
-  const Frame& reference = *frames.front().frame;
+std::vector<Alignment> CoarseInitializer::startValues(const Frame& frame,
+                                                      const Alignment& last,
+                                                      const SE3& motion) const {
+  Alignment start = last;
+  const Frame& reference = *attempt_.frames.front().frame;
   const double log_ratio = logExposureRatio(reference, frame);
   if (options_.coarse.estimate_brightness) {
-    start.log_gain += log_ratio - logExposureRatio(reference, *frames.back().frame);
+    start.log_gain += log_ratio - logExposureRatio(reference, *attempt_.frames.back().frame);
   } else {
     start.log_gain = log_ratio;
     start.offset = 0;
   }
-  if (!start.snapped) start.T_new_ref.setTranslation(Eigen::Vector3d::Zero());
-  if (!options_.coarse.predict_motion || frames.size() < 2) return start;
+  std::vector<Alignment> starts = {start};
+  if (options_.coarse.predict_motion) {
+    starts.push_back(start);
+    starts.back().T_new_ref = motion * start.T_new_ref;
+  }
+  if (!start.snapped) {
+    for (Alignment& value : starts) value.T_new_ref.setTranslation(Eigen::Vector3d::Zero());
+  }
+  return starts;
+}
 
-  const SE3& T_last = frames.back().alignment.T_new_ref;
-  Alignment predicted = start;
-  predicted.T_new_ref =
-      T_last * frames[frames.size() - 2].alignment.T_new_ref.inverse() * start.T_new_ref;
-  if (!start.snapped) predicted.T_new_ref.setTranslation(Eigen::Vector3d::Zero());
+Alignment CoarseInitializer::bestStart(const Frame& frame, const std::vector<Alignment>& starts) {
   const int coarsest = static_cast<int>(attempt_.levels.size()) - 1;
   const auto view = viewOf(frame, camera_, coarsest);
   PointLevel& points = attempt_.levels.back();
@@ -136,7 +147,7 @@ Alignment CoarseInitializer::startValue(const Frame& frame) {
     const auto sums = aligner_.evaluate(view, Unknowns::kPose, points, alignment).equations;
     return sums.good_energy + static_cast<double>(kOutlierEnergy) * (points.size() - sums.good);
   };
-  return energy(predicted) < energy(start) ? predicted : start;
+  return starts.size() == 2 && energy(starts[1]) < energy(starts[0]) ? starts[1] : starts[0];
 }
 
 LevelReport CoarseInitializer::track(const FramePtr& frame) {
@@ -145,7 +156,17 @@ LevelReport CoarseInitializer::track(const FramePtr& frame) {
   if (!was_snapped) {
     for (PointLevel& level : levels) flatten(level);
   }
-  Alignment alignment = startValue(*frame);
+  const TrackedFrame& last = attempt_.frames.back();
+  TrackedFrame next{frame, {}, {}};
+  next.alignment = bestStart(*frame, startValues(*frame, last.alignment, last_motion_));
+  if (options_.coarse.search_rotation) {
+    const RotationMatch match =
+        rotation_search_.find(viewOf(*frame, camera_, static_cast<int>(levels.size()) - 1),
+                              startValues(*frame, last.rotation, last_motion_));
+    next.rotation = match.rotation;
+    if (match.matches && !was_snapped) next.alignment = match.rotation;
+  }
+  Alignment& alignment = next.alignment;
   LevelReport report;
   const int top = static_cast<int>(levels.size()) - 1;
   for (int l = top; l >= 0; --l) {
@@ -169,9 +190,26 @@ LevelReport CoarseInitializer::track(const FramePtr& frame) {
     regularize(alignment.snapped, coarse);
   }
   ++tracked_;
-  if (alignment.snapped && snapped_since_ == 0) snapped_since_ = tracked_;
-  attempt_.frames.push_back({frame, alignment});
+  if (!options_.coarse.search_rotation) {
+    next.rotation = alignment;
+    next.rotation.T_new_ref.setTranslation(Eigen::Vector3d::Zero());
+  }
+  last_motion_ = alignment.T_new_ref * last.alignment.T_new_ref.inverse();
+  attempt_.frames.push_back(next);
+  if (alignment.snapped) confirmSnap();
   return report;
+}
+
+void CoarseInitializer::confirmSnap() {
+  TrackedFrame& newest = attempt_.frames.back();
+  if (snapped_since_ == 0 && options_.coarse.min_snap_gain > 0) {
+    const RotationTest test = testRotation(attempt_, aligner_);
+    if (test.motion_gain < options_.coarse.min_snap_gain) {
+      newest.alignment = newest.rotation = test.rotation;
+      return;
+    }
+  }
+  if (snapped_since_ == 0) snapped_since_ = tracked_;
 }
 
 InitStep CoarseInitializer::assess(const LevelReport& finest) {
@@ -227,6 +265,7 @@ InitStep CoarseInitializer::conclude() {
 
 InitStep CoarseInitializer::startOver(FramePtr frame, InitReason reason, bool lost) {
   if (lost) {
+    last_motion_ = SE3();
     ++restarts_;
     if (earlier_resets_.size() == kKeptResets) earlier_resets_.erase(earlier_resets_.begin());
     earlier_resets_.push_back(reason);

@@ -6,6 +6,7 @@
 #include "base/parallel.h"
 #include "init/coarse/coarse_alignment.h"
 #include "init/coarse/coarse_handover.h"
+#include "init/coarse/rotation_search.h"
 #include "init/orb/stage_clock.h"
 
 #include <optional>
@@ -32,7 +33,14 @@ class CoarseInitializer : public Initializer {
   bool setReference(const FramePtr& frame);
   /// Aligns the newest frame on all levels; the report is that of the finest.
   LevelReport track(const FramePtr& frame);
-  [[nodiscard]] Alignment startValue(const Frame& frame);
+  /// The estimate of the last frame, and what it becomes by the last relative motion.
+  [[nodiscard]] std::vector<Alignment> startValues(const Frame& frame,
+                                                   const Alignment& last,
+                                                   const SE3& motion) const;
+  /// The start that fits the coarsest level better.
+  [[nodiscard]] Alignment bestStart(const Frame& frame, const std::vector<Alignment>& starts);
+  /// Brings the prior back where a pure rotation explains the newest frame nearly as well.
+  void confirmSnap();
   InitStep assess(const LevelReport& finest);
   InitStep conclude();
   /// Drops everything before the frame. @param lost everything is wrong, not just old
@@ -42,6 +50,7 @@ class CoarseInitializer : public Initializer {
   PinholeCamera camera_;
   TaskArena arena_;
   LevelAligner aligner_;
+  RotationSearch rotation_search_;
 
   Attempt attempt_;
   init_orb::StageClock clock_;
@@ -53,6 +62,7 @@ class CoarseInitializer : public Initializer {
   bool done_ = false;
   std::vector<InitReason> earlier_resets_;
   std::optional<double> last_timestamp_;
+  SE3 last_motion_;       ///< from the frame before the newest to the newest
   double direction_ = 0;  ///< sign of the time step, 0: not known yet
 };
 
