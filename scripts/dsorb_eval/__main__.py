@@ -1,28 +1,28 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One step of the workflow: `python -m dsorb_eval run FOLDER KEY` or `python -m dsorb_eval report FOLDER`."""
+"""One step of the workflow: `python -m dsorb_eval run PLAN KEY RECORD` or `python -m dsorb_eval report PLAN`."""
 import json
 import sys
 from pathlib import Path
 
 
-def run(folder, key):
-    """One run of the plan with its figures."""
+def run(plan_file, key, record_file):
+    """One run of the plan with its figures, beside the record."""
     from . import runner, store
     runner.install_terminate_handler()
-    plan = json.loads((Path(folder) / 'plan.json').read_text())
+    plan = json.loads(Path(plan_file).read_text())
     entry = next(e for e in plan['runs'] if e['key'] == key)
     sequence = next(s for s in plan['sequences'] if s['name'] == entry['sequence'])
-    target = Path(folder) / 'runs' / key
-    record = runner.read_record(target) or runner.run_one(entry, target, plan['timeout'])
+    target = Path(record_file).parent
+    record = runner.run_one(entry, target, plan['timeout'])
     store.figures_of(record, target, sequence, plan['evo'])
 
 
 def main():
-    if sys.argv[1:2] == ['run'] and len(sys.argv) == 4:
+    if sys.argv[1:2] == ['run'] and len(sys.argv) == 5:
         run(*sys.argv[2:])
     elif sys.argv[1:2] == ['report'] and len(sys.argv) == 3:
         from . import report
-        report.write(sys.argv[2])
+        report.write(Path(sys.argv[2]).parent)
     else:
         sys.exit(__doc__)
 

@@ -11,6 +11,8 @@ import sys
 import time
 from pathlib import Path
 
+import yaml
+
 from . import evo, protocol
 from .runner import FIGURES, RECORD, read_record
 from .trajectory import FormatError
@@ -82,14 +84,26 @@ def forget_failed(plan, folder):
 
 
 def snakemake_command(args, folder):
-    """Snakemake's command line. The folder's own lock is ours, hence --nolock; a run is complete when its record is there."""
+    """Snakemake's command line. The folder's own lock is ours, hence --nolock; a run is complete when its record is there;
+    the report is cheap and follows the code that writes it, hence --forcerun."""
     command = [sys.executable, '-m', 'snakemake', '--snakefile', str(SCRIPTS / 'Snakefile'), '--directory', str(folder), '--nolock',
-               '--rerun-triggers', 'mtime', '--rerun-incomplete', '--keep-going', '--config', 'plan=plan.json']
-    if args.profile:
-        command += ['--workflow-profile', 'none', '--profile', str(Path(args.profile).resolve()), '--jobs', str(args.jobs)]
-    else:
-        command += ['--workflow-profile', 'none', '--cores', str(args.jobs)]
-    return command + (['--dry-run'] if args.dry_run else [])
+               '--rerun-triggers', 'mtime', '--rerun-incomplete', '--keep-going', '--forcerun', 'report', '--workflow-profile', 'none']
+    command += ['--dry-run'] if args.dry_run else []
+    if not args.profile:
+        return command + ['--cores', str(args.jobs)]
+    profile = Path(args.profile).resolve()
+    command += ['--profile', str(profile), '--jobs', str(args.jobs), '--config', f'folder={folder}']
+    if 'default-storage-provider' in profile_of(profile):  # jobs work on copies of what lies in the output folder
+        command += ['--default-storage-prefix', str(folder)]
+    return command
+
+
+def profile_of(folder):
+    """Content of a Snakemake profile. @throws FormatError"""
+    path = folder / 'config.yaml'
+    if not path.exists():
+        raise FormatError(f'--profile {folder}: no config.yaml there')
+    return yaml.safe_load(path.read_text()) or {}
 
 
 def count_done(plan, folder):
@@ -123,8 +137,6 @@ def run_workflow(args, plan, folder):
     """Hands the plan to Snakemake. @return its exit code"""
     log = folder / 'log' / 'snakemake.log'
     log.parent.mkdir(exist_ok=True)
-    if not args.dry_run:
-        (folder / '.reported').unlink(missing_ok=True)  # the report is cheap and follows the code that writes it
     with open(log, 'w') as stream:
         environment = dict(os.environ, PYTHONPATH=os.pathsep.join([str(SCRIPTS), os.environ.get('PYTHONPATH', '')]).rstrip(os.pathsep))
         process = subprocess.Popen(snakemake_command(args, folder), stdin=subprocess.DEVNULL, stdout=stream, stderr=stream,

@@ -167,7 +167,7 @@ def plan(request):
             identity = sha256(build, configs[variant], json.dumps(times))
             runs += [make_run(request, identity, sequence, variant, span)
                      for span in ranges_of(sequence, request.starts, request.frames)]
-    return dict(version=1, program=program, build=build, starts=request.starts, frames=request.frames, threads=request.threads,
+    return dict(version=1, scripts=str(Path(__file__).resolve().parent.parent), program=program, build=build, starts=request.starts, frames=request.frames, threads=request.threads,
                 extra=list(request.extra), timeout=request.timeout, evo=request.evo, variants=list(request.variants),
                 configs=configs, sequences=[asdict(s) for s in sequences], runs=runs)
 

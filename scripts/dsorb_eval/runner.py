@@ -70,6 +70,7 @@ def run_one(run, folder, timeout):
     code, seconds = execute(run['command'] + ['--output', str(attempt)], folder / 'log.txt', timeout)
     if interrupted_by_itself(attempt):
         raise Interrupted(f"{run['key']}: interrupted")
+    attempt.chmod(0o755)  # mkdtemp makes it private
     attempt.rename(folder / 'out')
     record = dict(key=run['key'], command=run['command'], exit_code=code, wall_seconds=round(seconds, 3))
     write_if_changed(folder / RECORD, dump_json(record))

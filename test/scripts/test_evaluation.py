@@ -137,10 +137,13 @@ class Evaluation(unittest.TestCase):
         first = self.evaluate(program, 'apart', '--no-evo', '--jobs', '2')
         self.assertEqual(first.returncode, 0, first.stderr)
         before = set(self.records('apart'))
-        dry = self.evaluate(program, 'apart', '--no-evo', '--extra=--set tracker.cutoff=19', '--dry-run', '--profile',
-                            str(SCRIPTS / 'profiles/slurm'))
-        self.assertEqual(dry.returncode, 0, dry.stderr)
-        self.assertRegex(dry.stderr, r'run\s+6\n')  # all six are new: nothing of the other configuration is taken
+        for profile in ('slurm', 'kubernetes'):
+            dry = self.evaluate(program, 'apart', '--no-evo', '--extra=--set tracker.cutoff=19', '--dry-run', '--profile',
+                                str(SCRIPTS / 'profiles' / profile))
+            self.assertEqual(dry.returncode, 0, dry.stderr)
+            self.assertRegex(dry.stderr, r'\n    output files have to be generated:\n        run\n')
+            # all six are new: nothing of the other configuration is taken
+            self.assertRegex((self.folder / 'apart/log/snakemake.log').read_text(), r'\nrun +6\n')
         self.assertEqual(set(self.records('apart')), before)
 
 
