@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "image/pixel_selector.h"
 
+#include "base/parallel.h"
 #include "base/random.h"
 #include "image/photometric.h"
 
@@ -13,6 +14,8 @@
 
 namespace dsorb {
 namespace {
+
+constexpr std::size_t kPatchRowGrain = 8;  // rows of patches one thread takes at a time
 
 constexpr float kScaleFactor1 = 0.75F;      // threshold factor of level 1; published DSO
 constexpr float kScaleFactor2 = 0.421875F;  // of level 2: 0.75 cubed; published DSO
@@ -322,27 +325,36 @@ GridSelection selectGridMaxima(const PyramidLevel& level, int wanted, int spacin
 std::vector<SelectedPixel> selectPatchMaxima(const Frame& frame,
                                              const RegionThresholds& thresholds,
                                              int patch_size) {
-  std::vector<SelectedPixel> selected;
   const PyramidLevel& level = frame.level(0);
   const int end_x = level.width() - kPatternRadius - 1;
   const int end_y = level.height() - kPatternRadius - 1;
-  for (int y0 = 0; y0 < level.height(); y0 += patch_size) {
-    for (int x0 = 0; x0 < level.width(); x0 += patch_size) {
-      Best best;
-      for (int y = std::max(y0, kPatternRadius + 1); y < std::min(y0 + patch_size, end_y); ++y) {
-        const float* squared = thresholds.squaredGradients(y);
-        for (int x = std::max(x0, kPatternRadius + 1); x < std::min(x0 + patch_size, end_x); ++x) {
-          if (squared[x] > best.score && squared[x] > thresholds.squaredThreshold(x, y)) {
-            best.offer(squared[x], x, y);
+  const auto rows = static_cast<std::size_t>((level.height() + patch_size - 1) / patch_size);
+  std::vector<std::vector<SelectedPixel>> selected(rows);  // by row of patches
+  forEachRange(rows, kPatchRowGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t row = begin; row < end; ++row) {
+      const int y0 = static_cast<int>(row) * patch_size;
+      for (int x0 = 0; x0 < level.width(); x0 += patch_size) {
+        Best best;
+        for (int y = std::max(y0, kPatternRadius + 1); y < std::min(y0 + patch_size, end_y); ++y) {
+          const float* squared = thresholds.squaredGradients(y);
+          for (int x = std::max(x0, kPatternRadius + 1); x < std::min(x0 + patch_size, end_x);
+               ++x) {
+            if (squared[x] > best.score && squared[x] > thresholds.squaredThreshold(x, y)) {
+              best.offer(squared[x], x, y);
+            }
           }
         }
-      }
-      if (best.x >= 0 && patternIsValid(level, best.x, best.y)) {
-        selected.push_back({best.x, best.y, 1});
+        if (best.x >= 0 && patternIsValid(level, best.x, best.y)) {
+          selected[row].push_back({best.x, best.y, 1});
+        }
       }
     }
+  });
+  std::vector<SelectedPixel> all;
+  for (const std::vector<SelectedPixel>& row : selected) {
+    all.insert(all.end(), row.begin(), row.end());
   }
-  return selected;
+  return all;
 }
 
 }  // namespace dsorb

@@ -1,13 +1,17 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "image/region_thresholds.h"
 
+#include "base/parallel.h"
+
 #include <array>
 #include <cmath>
 
 namespace dsorb {
 namespace {
 
-constexpr int kGradientBins = 49;  // of 1 grey level / px; the last one takes the rest
+constexpr int kGradientBins = 49;         // of 1 grey level / px; the last one takes the rest
+constexpr std::size_t kGrain = 8192;      // pixels one thread takes at a time
+constexpr std::size_t kRegionGrain = 16;  // regions one thread takes at a time
 
 }  // namespace
 
@@ -32,38 +36,54 @@ void RegionThresholds::compute(const Frame& frame, double above_median) {
   squared_gradients_.resize(pixels);
   thresholds_.resize(static_cast<std::size_t>(regions_x_) * static_cast<std::size_t>(regions_y_));
   squared_thresholds_.resize(thresholds_.size());
-  for (std::size_t i = 0; i < pixels; ++i) {
-    squared_gradients_[i] = rawSquaredGradient(level.data()[i], frame.responseSlope());
-  }
+  const ImageSample* samples = level.data();
+  const ResponseSlope* slope = frame.responseSlope();
+  forEachRange(pixels, kGrain, [&](std::size_t begin, std::size_t end) {
+    if (slope == nullptr) {
+      for (std::size_t i = begin; i < end; ++i) {
+        squared_gradients_[i] = samples[i].dx * samples[i].dx + samples[i].dy * samples[i].dy;
+      }
+      return;
+    }
+    for (std::size_t i = begin; i < end; ++i) {
+      squared_gradients_[i] = rawSquaredGradient(samples[i], slope);
+    }
+  });
   medianGradients(level, above_median);
   smoothAndSquare();
 }
 
 void RegionThresholds::medianGradients(const PyramidLevel& level, double above_median) {
-  for (int region = 0; region < regions_x_ * regions_y_; ++region) {
-    const int x0 = region % regions_x_ * kRegionSize;
-    const int y0 = region / regions_x_ * kRegionSize;
-    std::array<int, kGradientBins> histogram{};
-    int count = 0;
-    for (int y = std::max(y0, 1); y < std::min(y0 + kRegionSize, level.height() - 1); ++y) {
-      const float* squared = squaredGradients(y);
-      const ImageSample* row = level.row(y);
-      for (int x = std::max(x0, 1); x < std::min(x0 + kRegionSize, level.width() - 1); ++x) {
-        if (std::isfinite(row[x].intensity)) {
-          const float gradient = std::min(std::sqrt(squared[x]), kGradientBins - 1.0F);
-          ++histogram[static_cast<std::size_t>(gradient)];
-          ++count;
-        }
+  forEachRange(thresholds_.size(), kRegionGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t region = begin; region < end; ++region) {
+      thresholds_[region] =
+          static_cast<float>(medianGradient(level, static_cast<int>(region)) + above_median);
+    }
+  });
+}
+
+int RegionThresholds::medianGradient(const PyramidLevel& level, int region) const {
+  const int x0 = region % regions_x_ * kRegionSize;
+  const int y0 = region / regions_x_ * kRegionSize;
+  std::array<int, kGradientBins> histogram{};
+  int count = 0;
+  for (int y = std::max(y0, 1); y < std::min(y0 + kRegionSize, level.height() - 1); ++y) {
+    const float* squared = squaredGradients(y);
+    const ImageSample* row = level.row(y);
+    for (int x = std::max(x0, 1); x < std::min(x0 + kRegionSize, level.width() - 1); ++x) {
+      if (std::isfinite(row[x].intensity)) {
+        const float gradient = std::min(std::sqrt(squared[x]), kGradientBins - 1.0F);
+        ++histogram[static_cast<std::size_t>(gradient)];
+        ++count;
       }
     }
-    const int half = (count + 1) / 2;
-    int bin = 0;
-    for (int sum = histogram[0]; sum <= half && bin < kGradientBins - 1;) {
-      sum += histogram[static_cast<std::size_t>(++bin)];
-    }
-    thresholds_[static_cast<std::size_t>(region)] =
-        static_cast<float>((count > 0 ? bin : 0) + above_median);
   }
+  const int half = (count + 1) / 2;
+  int bin = 0;
+  for (int sum = histogram[0]; sum <= half && bin < kGradientBins - 1;) {
+    sum += histogram[static_cast<std::size_t>(++bin)];
+  }
+  return count > 0 ? bin : 0;
 }
 
 void RegionThresholds::smoothAndSquare() {

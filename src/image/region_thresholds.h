@@ -38,6 +38,7 @@ class RegionThresholds {
 
  private:
   void medianGradients(const PyramidLevel& level, double above_median);
+  [[nodiscard]] int medianGradient(const PyramidLevel& level, int region) const;
   void smoothAndSquare();
 
   int width_ = 0;

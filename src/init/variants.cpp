@@ -14,7 +14,12 @@ InitializerOptions initializerVariant(const std::string& name) {
     options.kind = InitializerKind::kCoarse;
     return options;
   }
-  if (name == "orb" || name == "orb-v1") return {};
+  if (name == "orb") return {};
+  if (name == "orb-v1") {
+    InitializerOptions options;
+    options.orb.geometric.solver = GeometricSolver::kCeres;  // as in the report
+    return options;
+  }
   throw ConfigError("initializer '" + name + "': this version has coarse, orb and orb-v1");
 }
 

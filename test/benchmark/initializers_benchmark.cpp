@@ -75,9 +75,10 @@ const Stages& stages() {
 }
 
 void tracksStart(benchmark::State& state) {
-  FeatureTracks tracks(stages().options.tracks);
+  const Stages& made = stages();  // outside the time
+  FeatureTracks tracks(made.options.tracks);
   timeWithThreads(state, [&] {
-    tracks.start(*stages().frames.front());
+    tracks.start(*made.frames.front());
     return tracks.size();
   });
 }
@@ -85,11 +86,12 @@ BENCHMARK(tracksStart)->Arg(1)->UseRealTime()->MeasureProcessCPUTime();
 
 /// One step: the copy of the tracks is small beside it.
 void tracksAdvance(benchmark::State& state) {
-  FeatureTracks before(stages().options.tracks);
-  before.start(*stages().frames.front());
+  const Stages& made = stages();  // outside the time
+  FeatureTracks before(made.options.tracks);
+  before.start(*made.frames.front());
   timeWithThreads(state, [&] {
     FeatureTracks tracks = before;
-    tracks.advance(*stages().frames[1]);
+    tracks.advance(*made.frames[1]);
     return tracks.size();
   });
   state.counters["tracks"] = before.size();
@@ -97,37 +99,44 @@ void tracksAdvance(benchmark::State& state) {
 BENCHMARK(tracksAdvance)->Arg(1)->UseRealTime()->MeasureProcessCPUTime();
 
 void twoViewModels(benchmark::State& state) {
+  const Stages& made = stages();  // outside the time
   timeWithThreads(state, [&] {
-    return fitModels(stages().matches, stages().options.two_view, kSeed).homographyShare();
+    return fitModels(made.matches, made.options.two_view, kSeed).homographyShare();
   });
-  state.counters["matches"] = static_cast<double>(stages().matches.size());
+  state.counters["matches"] = static_cast<double>(made.matches.size());
 }
 BENCHMARK(twoViewModels)->Arg(1)->Arg(2)->UseRealTime()->MeasureProcessCPUTime();
 
 /// Models, choice, decomposition and refinement.
 void twoViewMotion(benchmark::State& state) {
+  const Stages& made = stages();  // outside the time
   timeWithThreads(state, [&] {
-    return estimateMotion(stages().matches, room().camera, stages().options.two_view, kSeed)
-        .inliers;
+    return estimateMotion(made.matches, room().camera, made.options.two_view, kSeed).inliers;
   });
 }
 BENCHMARK(twoViewMotion)->Arg(1)->Arg(2)->UseRealTime()->MeasureProcessCPUTime();
 
 void poseBetween(benchmark::State& state) {
+  const Stages& made = stages();  // outside the time
   timeWithThreads(state, [&] {
-    InitialMap map = stages().unposed;
-    poseFramesBetween(map, room().camera, stages().options.two_view.sigma);
+    InitialMap map = made.unposed;
+    poseFramesBetween(map, room().camera, made.options.two_view.sigma);
     return map.T_cam_ref.size();
   });
 }
 BENCHMARK(poseBetween)->Arg(1)->UseRealTime()->MeasureProcessCPUTime();
 
 /// The first adjustment moves everything, the second starts from the first one's result.
-void geometricAdjustment(benchmark::State& state, InitialMap Stages::*start) {
+void geometricAdjustment(benchmark::State& state,
+                         InitialMap Stages::*start,
+                         GeometricSolver solver) {
+  const Stages& made = stages();
+  GeometricOptions options = made.options.geometric;
+  options.solver = solver;
   GeometricReport report;
   timeWithThreads(state, [&] {
-    InitialMap map = stages().*start;
-    report = adjustGeometry(map, room().camera, stages().options.geometric);
+    InitialMap map = made.*start;
+    report = adjustGeometry(map, room().camera, options);
     return report.usable;
   });
   state.counters["corners"] = static_cast<double>((stages().*start).corners.size());
@@ -135,24 +144,33 @@ void geometricAdjustment(benchmark::State& state, InitialMap Stages::*start) {
   state.counters["rounds"] = report.rounds;
   state.counters["iterations"] = report.iterations;
 }
-BENCHMARK_CAPTURE(geometricAdjustment, first, &Stages::triangulated)
+BENCHMARK_CAPTURE(geometricAdjustment, first, &Stages::triangulated, GeometricSolver::kSchur)
     ->Arg(1)
-    ->Arg(2)
     ->UseRealTime()
     ->MeasureProcessCPUTime()
     ->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(geometricAdjustment, second, &Stages::adjusted)
+BENCHMARK_CAPTURE(geometricAdjustment, second, &Stages::adjusted, GeometricSolver::kSchur)
     ->Arg(1)
-    ->Arg(2)
+    ->UseRealTime()
+    ->MeasureProcessCPUTime()
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(geometricAdjustment, first_ceres, &Stages::triangulated, GeometricSolver::kCeres)
+    ->Arg(1)
+    ->UseRealTime()
+    ->MeasureProcessCPUTime()
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(geometricAdjustment, second_ceres, &Stages::adjusted, GeometricSolver::kCeres)
+    ->Arg(1)
     ->UseRealTime()
     ->MeasureProcessCPUTime()
     ->Unit(benchmark::kMillisecond);
 
 void semiDenseSearch(benchmark::State& state) {
+  const Stages& made = stages();  // outside the time
   SemiDenseReport report;
   timeWithThreads(state, [&] {
-    InitialMap map = stages().adjusted;
-    report = estimateSemiDenseDepth(map, room().camera, stages().options.semi_dense, kSeed);
+    InitialMap map = made.adjusted;
+    report = estimateSemiDenseDepth(map, room().camera, made.options.semi_dense, kSeed);
     return report.points;
   });
   state.counters["candidates"] = report.candidates;

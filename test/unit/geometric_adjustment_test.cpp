@@ -125,6 +125,38 @@ TEST(GeometricAdjustment, RecoversTruthFromAPerturbedStart) {
   }
 }
 
+TEST(GeometricAdjustment, OurSolverAndCeresFindTheSameMinimum) {
+  for (std::uint64_t seed = 40; seed < 45; ++seed) {
+    SyntheticMap scene = makeSyntheticMap({200, 6, 0.5, 0.2}, seed);
+    Random random(seed);
+    for (Observation& observation : scene.start.observations) {
+      if (random.uniform() < 0.1) {  // beyond the Huber limit
+        observation.pixel += Eigen::Vector2d(random.uniform(-30, 30), random.uniform(-30, 30));
+      }
+    }
+    GeometricOptions options;
+    options.severe_limit = options.normal_limit = 1000;  // all corners stay
+    options.max_iterations = 200;
+    options.function_tolerance = 1e-15;
+    InitialMap by_ceres = scene.start;
+    options.solver = GeometricSolver::kCeres;
+    const GeometricReport ceres = adjustGeometry(by_ceres, scene.camera, options);
+    InitialMap by_schur = scene.start;
+    options.solver = GeometricSolver::kSchur;
+    const GeometricReport schur = adjustGeometry(by_schur, scene.camera, options);
+    ASSERT_TRUE(ceres.usable);
+    ASSERT_TRUE(schur.usable);
+    ASSERT_EQ(by_ceres.corners.size(), by_schur.corners.size());
+    EXPECT_NEAR(schur.residual_rms, ceres.residual_rms, 1e-5);
+    for (std::size_t k = 1; k < by_ceres.frames.size(); ++k) {
+      EXPECT_THAT(*by_schur.T_cam_ref[k], Se3Near(*by_ceres.T_cam_ref[k], 1e-4, 1e-5)) << k;
+    }
+    for (std::size_t i = 0; i < by_ceres.corners.size(); ++i) {
+      EXPECT_NEAR(by_schur.corners[i].inverse_depth, by_ceres.corners[i].inverse_depth, 1e-5) << i;
+    }
+  }
+}
+
 TEST(GeometricAdjustment, VariancesPredictTheErrorsOfNoisyObservations) {
   std::vector<double> depth_ratios;
   std::vector<double> pose_ratios;

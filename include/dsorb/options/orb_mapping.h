@@ -5,8 +5,15 @@
 
 namespace dsorb {
 
+/// Who minimises the reprojection errors; both to the same minimum.
+enum class GeometricSolver {
+  kCeres,
+  kSchur  ///< our own normal equations, many times faster at this size
+};
+
 /// Options of the geometric bundle adjustment of ORBInitializer.
 struct GeometricOptions {
+  GeometricSolver solver = GeometricSolver::kSchur;
   double sigma = 1.0;               ///< standard deviation of a corner's position [px]
   double huber_threshold = 2.4474;  ///< of the whitened error [-]: sqrt(5.99), 95 % of chi-square 2
   double severe_limit = 8.0;  ///< a corner above it in any frame goes, and all is solved again [px]
@@ -23,6 +30,8 @@ struct GeometricOptions {
 
 template <typename Visitor, typename Options>
 DescribeFor<Options, GeometricOptions> describe(Visitor& visit, Options& o) {
+  visit.choice(
+      "solver", o.solver, {{"ceres", GeometricSolver::kCeres}, {"schur", GeometricSolver::kSchur}});
   visit.field("sigma", o.sigma, Range{0.01, 100}, "px");
   visit.field("huber_threshold", o.huber_threshold, Range{0.1, 1000}, "");
   visit.field("severe_limit", o.severe_limit, Range{0.1, 1000}, "px");

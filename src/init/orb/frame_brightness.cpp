@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/frame_brightness.h"
 
+#include "base/parallel.h"
 #include "image/interpolate.h"
 #include "image/photometric.h"
 
@@ -10,6 +11,7 @@
 namespace dsorb::init_orb {
 namespace {
 
+constexpr std::size_t kGrain = 256;  // patches one thread takes at a time
 constexpr int kMinPairs = 10;
 constexpr int kIterations = 5;      // of re-weighting
 constexpr double kMinContrast = 5;  // standard deviation of the reference's patches [grey levels]
@@ -76,19 +78,28 @@ std::optional<BrightnessTransfer> fitLine(const std::vector<GreyPair>& pairs) {
 }  // namespace
 
 void estimateBrightness(InitialMap& map) {
-  std::vector<std::optional<double>> reference;
-  for (const Corner& corner : map.corners) {
-    reference.push_back(patchMean(map.frames.front()->level(0), corner.pixel));
-  }
-  std::vector<std::vector<GreyPair>> pairs(map.frames.size());
-  for (const Observation& observation : map.observations) {
-    const auto frame = static_cast<std::size_t>(observation.frame);
-    const std::optional<double>& host = reference[static_cast<std::size_t>(observation.corner)];
-    if (!host || !map.T_cam_ref[frame]) {
-      continue;
+  std::vector<std::optional<double>> reference(map.corners.size());
+  forEachRange(map.corners.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      reference[i] = patchMean(map.frames.front()->level(0), map.corners[i].pixel);
     }
-    if (const auto target = patchMean(map.frames[frame]->level(0), observation.pixel)) {
-      pairs[frame].push_back({*host, *target});
+  });
+  std::vector<std::optional<double>> target(map.observations.size());
+  forEachRange(map.observations.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const Observation& observation = map.observations[i];
+      const auto frame = static_cast<std::size_t>(observation.frame);
+      if (map.T_cam_ref[frame]) {
+        target[i] = patchMean(map.frames[frame]->level(0), observation.pixel);
+      }
+    }
+  });
+  std::vector<std::vector<GreyPair>> pairs(map.frames.size());
+  for (std::size_t i = 0; i < map.observations.size(); ++i) {
+    const Observation& observation = map.observations[i];
+    const std::optional<double>& host = reference[static_cast<std::size_t>(observation.corner)];
+    if (host && target[i]) {
+      pairs[static_cast<std::size_t>(observation.frame)].push_back({*host, *target[i]});
     }
   }
   for (std::size_t k = 1; k < map.frames.size(); ++k) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/geometric_covariance.h"
 
-#include "camera/reprojection.h"
+#include "init/orb/reprojection_equations.h"
 
 #include <Eigen/Cholesky>
 
@@ -12,74 +12,12 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kPoseSize = 6;
-
-/// Which six rows of the pose system belong to a frame; -1 for the reference and unposed frames.
-std::vector<int> poseRows(const InitialMap& map, int* size) {
-  std::vector<int> rows(map.frames.size(), -1);
-  *size = 0;
-  for (std::size_t k = 1; k < map.frames.size(); ++k) {
-    if (map.T_cam_ref[k]) {
-      rows[k] = *size;
-      *size += kPoseSize;
-    }
-  }
-  return rows;
-}
-
-/// Normal equations of poses and inverse depths; the pose block is block diagonal.
-struct NormalEquations {
-  Eigen::MatrixXd schur;          ///< pose system with the inverse depths eliminated
-  Eigen::MatrixXd coupling;       ///< column i: h_i / h_ii
-  Eigen::VectorXd depth_hessian;  ///< h_ii
-  double weighted_error = 0;      ///< sum of w e^2
-  int rows = 0;                   ///< scalar observations
-};
-
-NormalEquations accumulate(const InitialMap& map,
-                           const PinholeCamera& camera,
-                           const GeometricOptions& options,
-                           const std::vector<int>& pose_rows,
-                           int size) {
-  const auto corners = static_cast<Eigen::Index>(map.corners.size());
-  NormalEquations system{Eigen::MatrixXd::Zero(size, size),
-                         Eigen::MatrixXd::Zero(size, corners),
-                         Eigen::VectorXd::Zero(corners)};
-  for (const Observation& observation : map.observations) {
-    const int row = pose_rows[static_cast<std::size_t>(observation.frame)];
-    if (row < 0) {
-      continue;
-    }
-    const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
-    const SE3& T = *map.T_cam_ref[static_cast<std::size_t>(observation.frame)];
-    const std::optional<HostedProjection> projection =
-        projectHosted(camera, T, camera.unproject(corner.pixel), corner.inverse_depth);
-    if (!projection) {
-      continue;
-    }
-    const double error = (projection->pixel - observation.pixel).norm() / options.sigma;
-    const double robust = error > options.huber_threshold ? options.huber_threshold / error : 1.0;
-    const double weight = robust / (options.sigma * options.sigma);
-    system.schur.block<kPoseSize, kPoseSize>(row, row).noalias() +=
-        weight * projection->J_pose.transpose() * projection->J_pose;
-    system.coupling.col(observation.corner).segment<kPoseSize>(row).noalias() +=
-        weight * projection->J_pose.transpose() * projection->J_inverse_depth;
-    system.depth_hessian[observation.corner] += weight * projection->J_inverse_depth.squaredNorm();
-    system.weighted_error += robust * error * error;
-    system.rows += 2;
-  }
-  const Eigen::MatrixXd unscaled = system.coupling;
-  system.coupling.array().rowwise() /= system.depth_hessian.transpose().array();
-  system.schur.noalias() -= unscaled * system.coupling.transpose();
-  return system;
-}
-
 /// Direction in which all translations grow together: it leaves every projection unchanged.
-Eigen::VectorXd scaleDirection(const InitialMap& map, const std::vector<int>& pose_rows, int size) {
-  Eigen::VectorXd direction = Eigen::VectorXd::Zero(size);
+Eigen::VectorXd scaleDirection(const InitialMap& map, const PoseRows& pose_rows) {
+  Eigen::VectorXd direction = Eigen::VectorXd::Zero(pose_rows.size);
   for (std::size_t k = 1; k < map.frames.size(); ++k) {
-    if (pose_rows[k] >= 0) {
-      direction.segment<3>(pose_rows[k]) = map.T_cam_ref[k]->translation();
+    if (pose_rows.first[k] >= 0) {
+      direction.segment<3>(pose_rows.first[k]) = map.T_cam_ref[k]->translation();
     }
   }
   return direction;
@@ -110,10 +48,10 @@ double setCovariances(InitialMap& map,
                       const PinholeCamera& camera,
                       const GeometricOptions& options) {
   constexpr double kDegenerate = std::numeric_limits<double>::quiet_NaN();
-  int size = 0;
-  const std::vector<int> pose_rows = poseRows(map, &size);
+  const PoseRows pose_rows(map);
+  const int size = pose_rows.size;
   const auto corners = static_cast<Eigen::Index>(map.corners.size());
-  const NormalEquations system = accumulate(map, camera, options, pose_rows, size);
+  const ReprojectionEquations system = linearize(map, {}, pose_rows, camera, options);
   const auto redundancy = static_cast<double>(system.rows - size - corners + 1);
   if (size == 0 || redundancy <= 0 || !(system.depth_hessian.minCoeff() > 0)) {
     return kDegenerate;
@@ -121,18 +59,20 @@ double setCovariances(InitialMap& map,
   const double factor = system.weighted_error / redundancy;
   const Inflation inflation = inflationOf(size / kPoseSize, corners, options.effective_points);
 
+  const Eigen::VectorXd own = system.depth_hessian.cwiseInverse();
+  const Eigen::MatrixXd coupling = system.coupling * own.asDiagonal();
+  const Eigen::MatrixXd schur = system.pose_hessian - system.coupling * coupling.transpose();
   // The null direction gets the mean stiffness of the others; what it gets does not matter.
-  const Eigen::VectorXd scale = scaleDirection(map, pose_rows, size);
+  const Eigen::VectorXd scale = scaleDirection(map, pose_rows);
   const Eigen::VectorXd unit_scale = scale.normalized();
-  const Eigen::LLT<Eigen::MatrixXd> cholesky(
-      system.schur + system.schur.trace() / size * unit_scale * unit_scale.transpose());
+  const Eigen::LLT<Eigen::MatrixXd> cholesky(schur + schur.trace() / size * unit_scale *
+                                                         unit_scale.transpose());
   if (cholesky.info() != Eigen::Success) {
     return kDegenerate;
   }
-  const Eigen::VectorXd own = system.depth_hessian.cwiseInverse();
   const auto n = static_cast<double>(corners);
   const double mean_variance = own.sum() / (n * n);
-  const Eigen::VectorXd mean_coupling = system.coupling.rowwise().mean();
+  const Eigen::VectorXd mean_coupling = coupling.rowwise().mean();
   const Eigen::MatrixXd projector =
       Eigen::MatrixXd::Identity(size, size) - scale * mean_coupling.transpose();
   const Eigen::MatrixXd root = cholesky.matrixL().solve(projector.transpose());
@@ -141,15 +81,15 @@ double setCovariances(InitialMap& map,
       (root.transpose() * root + mean_variance * scale * scale.transpose());
   for (std::size_t k = 1; k < map.frames.size(); ++k) {
     map.covariance[k].reset();
-    if (pose_rows[k] >= 0) {
-      map.covariance[k] = poses.block<kPoseSize, kPoseSize>(pose_rows[k], pose_rows[k]);
+    if (pose_rows.first[k] >= 0) {
+      map.covariance[k] = poses.block<kPoseSize, kPoseSize>(pose_rows.first[k], pose_rows.first[k]);
     }
   }
   Eigen::VectorXd inverse_depths(corners);
   for (Eigen::Index i = 0; i < corners; ++i) {
     inverse_depths[i] = map.corners[static_cast<std::size_t>(i)].inverse_depth;
   }
-  Eigen::MatrixXd gauge_free = system.coupling - mean_coupling * inverse_depths.transpose();
+  Eigen::MatrixXd gauge_free = coupling - mean_coupling * inverse_depths.transpose();
   cholesky.matrixL().solveInPlace(gauge_free);
   for (Eigen::Index i = 0; i < corners; ++i) {
     const double rho = inverse_depths[i];

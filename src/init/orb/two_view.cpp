@@ -18,9 +18,8 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr double kHomographyThreshold = 5.99;    // T_H: chi-square, 2 degrees of freedom, 95 %
+constexpr double kHomographyThreshold = kGamma;  // T_H
 constexpr double kFundamentalThreshold = 3.84;   // T_F: chi-square, 1 degree of freedom, 95 %
-constexpr double kGamma = kHomographyThreshold;  // same for both models so that scores compare
 constexpr int kMaxRefits = 5;
 constexpr double kMinPivot = 1e-9;  // of a normalised 8x9 system; less: the sample is degenerate
 
@@ -124,7 +123,8 @@ Eigen::Matrix3d solveOverInliers(TwoViewModel kind,
   return kind == TwoViewModel::kHomography ? matrix : withRankTwo(matrix);
 }
 
-/// Calls visit(index, distance in the target, distance in the reference), both squared.
+/// Calls visit(index, {distance in the target, distance in the reference}), both squared, as long
+/// as it returns true.
 template <typename Visit>
 void forDistances(TwoViewModel kind,
                   const Eigen::Matrix3d& matrix,
@@ -133,28 +133,36 @@ void forDistances(TwoViewModel kind,
   if (kind == TwoViewModel::kHomography) {
     const Eigen::Matrix3d inverse = matrix.inverse();
     for (std::size_t i = 0; i < matches.size(); ++i) {
-      visit(i, homographyDistances(matrix, inverse, matches.reference[i], matches.target[i]));
+      const auto distances =
+          homographyDistances(matrix, inverse, matches.reference[i], matches.target[i]);
+      if (!visit(i, distances)) return;
     }
     return;
   }
   for (std::size_t i = 0; i < matches.size(); ++i) {
-    visit(i, fundamentalDistances(matrix, matches.reference[i], matches.target[i]));
+    if (!visit(i, fundamentalDistances(matrix, matches.reference[i], matches.target[i]))) return;
   }
 }
+
+constexpr std::size_t kScoreBlock = 32;  // matches scored between two looks at the bound
 
 double thresholdOf(TwoViewModel kind) {
   return kind == TwoViewModel::kHomography ? kHomographyThreshold : kFundamentalThreshold;
 }
 
+/// @param needed the rest of a model that cannot reach this score is not counted
 double scoreOnly(TwoViewModel kind,
                  const Eigen::Matrix3d& matrix,
                  const Matches& matches,
-                 double information) {
+                 double information,
+                 double needed = 0) {
   const double threshold = thresholdOf(kind);
   double score = 0;
-  forDistances(kind, matrix, matches, [&](std::size_t, const std::array<double, 2>& distances) {
+  forDistances(kind, matrix, matches, [&](std::size_t i, const std::array<double, 2>& distances) {
     score += supportOf(distances[0] * information, threshold) +
              supportOf(distances[1] * information, threshold);
+    const auto left = static_cast<double>(matches.size() - i - 1);
+    return (i + 1) % kScoreBlock != 0 || score + 2 * kGamma * left > needed;
   });
   return score;
 }
@@ -199,7 +207,7 @@ ScoredModel fitModel(TwoViewModel kind,
     const auto solution = solveModel(kind, normalized.matches, sample);
     if (!solution) continue;
     const Eigen::Matrix3d matrix = normalized.toPixels(kind, *solution);
-    const double score = scoreOnly(kind, matrix, matches, information);
+    const double score = scoreOnly(kind, matrix, matches, information, best_score);
     if (score > best_score) {
       best_score = score;
       best = matrix;
@@ -214,30 +222,6 @@ ScoredModel fitModel(TwoViewModel kind,
 }
 
 }  // namespace
-
-double supportOf(double squared_distance, double threshold) {
-  return squared_distance < threshold ? kGamma - squared_distance : 0.0;
-}
-
-std::array<double, 2> homographyDistances(const Eigen::Matrix3d& H_target_ref,
-                                          const Eigen::Matrix3d& H_ref_target,
-                                          const Eigen::Vector2d& reference,
-                                          const Eigen::Vector2d& target) {
-  const Eigen::Vector3d forward = H_target_ref * reference.homogeneous();
-  const Eigen::Vector3d backward = H_ref_target * target.homogeneous();
-  return {(forward.head<2>() / forward.z() - target).squaredNorm(),
-          (backward.head<2>() / backward.z() - reference).squaredNorm()};
-}
-
-std::array<double, 2> fundamentalDistances(const Eigen::Matrix3d& F,
-                                           const Eigen::Vector2d& reference,
-                                           const Eigen::Vector2d& target) {
-  const Eigen::Vector3d line_target = F * reference.homogeneous();
-  const Eigen::Vector3d line_reference = F.transpose() * target.homogeneous();
-  const double residual = target.homogeneous().dot(line_target);
-  return {residual * residual / line_target.head<2>().squaredNorm(),
-          residual * residual / line_reference.head<2>().squaredNorm()};
-}
 
 ScoredModel scoreModel(TwoViewModel kind,
                        const Eigen::Matrix3d& matrix,
@@ -254,6 +238,7 @@ ScoredModel scoreModel(TwoViewModel kind,
         distances[0] * information < threshold && distances[1] * information < threshold;
     model.inlier[i] = fits ? 1 : 0;
     model.inliers += fits ? 1 : 0;
+    return true;
   });
   return model;
 }

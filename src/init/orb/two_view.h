@@ -6,6 +6,7 @@
 #include "init/orb/matches.h"
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 
 #include <array>
 #include <cstdint>
@@ -36,27 +37,44 @@ struct ModelPair {
   }
 };
 
+/// Gamma of the score: chi-square, 2 degrees of freedom, 95 %; the same for both models so that
+/// their scores compare.
+constexpr double kGamma = 5.99;
+
 /// Contribution of one squared distance to a model's score.
 /// @param squared_distance over the measurement variance [-]
 /// @param threshold        T_M
 /// @source report, eq. (3)
-double supportOf(double squared_distance, double threshold);
+inline double supportOf(double squared_distance, double threshold) {
+  return squared_distance < threshold ? kGamma - squared_distance : 0.0;
+}
 
 /// Squared symmetric transfer distances of a match under a homography [px^2].
 /// @return {in the target, in the reference}
 /// @source report, eq. (4) and (5)
-std::array<double, 2> homographyDistances(const Eigen::Matrix3d& H_target_ref,
-                                          const Eigen::Matrix3d& H_ref_target,
-                                          const Eigen::Vector2d& reference,
-                                          const Eigen::Vector2d& target);
+inline std::array<double, 2> homographyDistances(const Eigen::Matrix3d& H_target_ref,
+                                                 const Eigen::Matrix3d& H_ref_target,
+                                                 const Eigen::Vector2d& reference,
+                                                 const Eigen::Vector2d& target) {
+  const Eigen::Vector3d forward = H_target_ref * reference.homogeneous();
+  const Eigen::Vector3d backward = H_ref_target * target.homogeneous();
+  return {(forward.head<2>() / forward.z() - target).squaredNorm(),
+          (backward.head<2>() / backward.z() - reference).squaredNorm()};
+}
 
 /// Squared distances of the points of a match to each other's epipolar lines [px^2].
 /// @return {in the target, in the reference}
 /// @source report, eq. (4) and (5), with the square and the norm of the line's direction that the
 ///         print lacks; Hartley and Zisserman, Multiple View Geometry, eq. (11.10)
-std::array<double, 2> fundamentalDistances(const Eigen::Matrix3d& F,
-                                           const Eigen::Vector2d& reference,
-                                           const Eigen::Vector2d& target);
+inline std::array<double, 2> fundamentalDistances(const Eigen::Matrix3d& F,
+                                                  const Eigen::Vector2d& reference,
+                                                  const Eigen::Vector2d& target) {
+  const Eigen::Vector3d line_target = F * reference.homogeneous();
+  const Eigen::Vector3d line_reference = F.transpose() * target.homogeneous();
+  const double residual = target.homogeneous().dot(line_target);
+  return {residual * residual / line_target.head<2>().squaredNorm(),
+          residual * residual / line_reference.head<2>().squaredNorm()};
+}
 
 /// Score and inliers of a model over all matches.
 /// @source report, eq. (2)

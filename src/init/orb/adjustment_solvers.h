@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/options/orb_mapping.h"
+
+#include "init/orb/initial_map.h"
+
+#include <optional>
+#include <vector>
+
+namespace dsorb::init_orb {
+
+/// Both solvers move the poses of all posed frames but the first and the inverse depths of the kept
+/// corners of `map` to the minimum of the reprojection errors with a Huber loss, and touch nothing
+/// else. The scale stays about where it was.
+/// @param map  observations sorted by corner; every kept corner in front of all cameras that see it
+/// @param kept one a corner
+/// @return     iterations, or nullopt when no usable numbers were found
+std::optional<int> solveWithCeres(InitialMap& map,
+                                  const std::vector<char>& kept,
+                                  const PinholeCamera& camera,
+                                  const GeometricOptions& options);
+
+/// @source Triggs et al., Bundle Adjustment - A Modern Synthesis, section 6.1 (Schur complement);
+///         Madsen, Nielsen, Tingleff, Methods for Non-Linear Least Squares Problems, algorithm 3.16
+///         (damping)
+std::optional<int> solveWithSchur(InitialMap& map,
+                                  const std::vector<char>& kept,
+                                  const PinholeCamera& camera,
+                                  const GeometricOptions& options);
+
+}  // namespace dsorb::init_orb
