@@ -11,5 +11,5 @@ else
   mapfile -t files < <(git ls-files 'src/*.cpp')
 fi
 [ ${#files[@]} -eq 0 ] && { echo "lint: nothing changed"; exit 0; }
-printf '%s\n' "${files[@]}" | xargs -P "$(nproc)" -n 4 clang-tidy-14 -p "$build" --quiet 2>/dev/null
+printf '%s\n' "${files[@]}" | xargs -P "$(nproc)" -n 1 clang-tidy-14 -p "$build" --quiet 2>/dev/null
 echo "lint: ${#files[@]} files clean"

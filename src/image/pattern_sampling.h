@@ -35,7 +35,7 @@ inline PatternSamples samplePattern(const PyramidLevel& level,
   using Lanes4 = Eigen::Array4f;
   constexpr std::ptrdiff_t kStride = sizeof(ImageSample) / sizeof(float);
   const auto load = [](const float* p) { return Eigen::Map<const Lanes4>(p); };
-  const float* image = reinterpret_cast<const float*>(level.data());
+  const auto* image = reinterpret_cast<const float*>(level.data());
   const std::ptrdiff_t row = kStride * level.width();
   PatternSamples samples;
   for (Eigen::Index k = 0; k < kPatternSize; ++k) {

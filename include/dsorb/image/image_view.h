@@ -17,7 +17,6 @@ class ImageView {
   /// @param stride_bytes distance between rows [bytes]; 0 means contiguous rows
   ImageView(const std::uint8_t* data, int width, int height, std::size_t stride_bytes = 0)
       : data_(data),
-        type_(Type::kUint8),
         width_(width),
         height_(height),
         stride_(stride_bytes != 0 ? stride_bytes : static_cast<std::size_t>(width)) {}
