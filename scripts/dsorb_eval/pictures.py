@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pictures of single runs: initial inverse depth side by side (the report's figure 1), residual histogram (figure 5),
-epipolar search (figure 3)."""
+"""Pictures of runs: initial inverse depth side by side (the report's figure 1), residual histograms (figure 5)."""
 import csv
 import math
-import shutil
 from collections import defaultdict
 
 import matplotlib
@@ -16,8 +14,6 @@ from PIL import Image  # noqa: E402
 from . import plots  # noqa: E402
 
 OVERLAY = 'out/figures/initial_inverse_depth.png'
-RESIDUALS = 'out/figures/residuals.csv'  # docs/formats.md
-EPIPOLAR = 'out/figures/epipolar_search.png'
 T_DEGREES = 5.  # of freedom, as in the report (section 3.4) and Kerl et al.
 FIT_ROUNDS = 100
 FIT_TOLERANCE = 1e-9
@@ -61,17 +57,8 @@ def side_by_side(sequence, span, by_variant, variants, folder_of, path):
     return True
 
 
-def read_residuals(path):
-    """Finite residuals [grey levels] by stage. @return dict stage -> array"""
-    stages = defaultdict(list)
-    with open(path, newline='') as file:
-        for row in csv.DictReader(file):
-            stages[row['stage']].append(float(row['residual']))
-    return {stage: np.array([v for v in values if math.isfinite(v)]) for stage, values in stages.items()}
-
-
 def tracking_residuals(runs, folder_of):
-    """What a program without residual samples leaves: the rmse of each tracked frame."""
+    """The rmse of each tracked frame [grey levels]."""
     found = []
     for run in runs:
         path = folder_of(run) / 'out/frames.csv'
@@ -127,7 +114,7 @@ def residual_histogram(residuals, title, path):
 
 
 def tracking_histogram(values, title, path):
-    """Histogram of the tracked frames' rmse; what is shown where no run left residual samples."""
+    """Histogram of the tracked frames' rmse."""
     if not len(values):
         return False
     figure, axis = plt.subplots(figsize=(6, 4), layout='constrained')
@@ -137,37 +124,14 @@ def tracking_histogram(values, title, path):
     return True
 
 
-def histogram_figures(plan, runs, folder_of, folder):
-    """Figure 5 of every variant whose runs left samples, else the one of tracking; (title, path, note) each."""
+def tracking_figures(plan, runs, folder_of, folder):
+    """The rmse of tracked frames, a figure per variant; (title, path, note) each."""
     figures = []
     for variant in plan['variants']:
         mine = [run for run in runs if run.figures and run.entry['variant'] == variant]
-        samples = next((p for p in (folder_of(run) / RESIDUALS for run in mine) if p.exists()), None)
-        for old in folder.glob(f'residuals_{variant}_*.png'):
-            old.unlink()
-        for stage, residuals in (read_residuals(samples) if samples else {}).items():
-            path = folder / f'residuals_{variant}_{stage}.png'
-            if residual_histogram(residuals, f'{variant}: {stage}', path):
-                figures.append((f'Residuals of {variant}, {stage}', path, 'figure 5'))
-        if not samples:
-            path = folder / f'residuals_{variant}_tracking.png'
-            if tracking_histogram(tracking_residuals(mine, folder_of), f'{variant}: tracked frames', path):
-                note = 'no run left figures/residuals.csv, so no distribution is fitted: rmse of the tracked frames instead'
-                figures.append((f'Residuals of {variant}', path, note))
-    return figures
-
-
-def epipolar_figures(plan, runs, folder_of, folder):
-    """The first epipolar search picture of each variant (figure 3)."""
-    figures = []
-    for variant in plan['variants']:
-        target = folder / f'epipolar_search_{variant}.png'
-        target.unlink(missing_ok=True)
-        files = (folder_of(run) / EPIPOLAR for run in runs if run.figures and run.entry['variant'] == variant)
-        source = next((file for file in files if file.exists()), None)
-        if source:
-            shutil.copyfile(source, target)
-            figures.append((f'Epipolar search of {variant}', target, 'figure 3'))
+        path = folder / f'tracking_rmse_{variant}.png'
+        if tracking_histogram(tracking_residuals(mine, folder_of), f'{variant}: tracked frames', path):
+            figures.append((f'Tracked frames of {variant}', path, ''))
     return figures
 
 

@@ -77,7 +77,8 @@ def draw_cumulative(axes, metric, runs, variants):
         axes.step(x, y, where='post', color=colour(variant, variants),
                   linewidth=1.4 + .5 * (len(variants) - 1 - position),  # lines below others stay visible
                   label=f'{variant} ({len(found[variant])} of {total})')
-    axes.set(title=title, xlabel=label, ylabel='number of runs', xlim=(0, end), ylim=(0, None))
+    axes.set(title=title, xlabel=label, ylabel='number of runs', xlim=(0, end),
+             ylim=(0, 1.04 * max(sum(r.entry['variant'] == v for r in runs) for v in variants)))
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.grid(alpha=.3)
     axes.legend(fontsize=8, loc='lower right')

@@ -5,7 +5,7 @@ import html
 import shlex
 from pathlib import Path
 
-from . import evo, judge, layout, pictures, plots, summary
+from . import evo, judge, layout, pictures, plots, start_pictures, summary
 from .protocol import write_if_changed
 from .store import Evaluation
 
@@ -17,7 +17,7 @@ th,td{padding:.25rem .55rem;border-bottom:1px solid #e4e8ec;text-align:right;whi
 th{position:sticky;top:0;background:#f3f5f8}td:first-child,td:nth-child(2),th:first-child,th:nth-child(2){text-align:left}
 tr.total td{font-weight:600;background:#f8f9fb}img{max-width:100%}figure{margin:1.2rem 0}figcaption{color:#57606a;font-size:13px}
 code,pre{font:12.5px/1.4 ui-monospace,monospace;background:#f3f5f8;border-radius:4px}pre{padding:.6rem;overflow-x:auto;white-space:pre-wrap}
-code{padding:.1rem .3rem}.failed{border-left:4px solid #c62828;padding-left:.8rem;margin:1rem 0}.note{color:#57606a}
+.row{display:flex;flex-wrap:wrap;gap:1rem}.row figure{flex:0 1 31%}code{padding:.1rem .3rem}.failed{border-left:4px solid #c62828;padding-left:.8rem;margin:1rem 0}.note{color:#57606a}
 """
 
 
@@ -136,8 +136,9 @@ def write(folder):
     target.mkdir(exist_ok=True)
     done = evaluation.done()
     curves = plots.all_figures(evaluation.plan, done, summary.datasets(evaluation.plan), target)
-    single = [make(evaluation.plan, done, evaluation.folder_of, target)
-              for make in (pictures.overlay_figures, pictures.histogram_figures, pictures.epipolar_figures)]
+    overlays, tracking = (make(evaluation.plan, done, evaluation.folder_of, target)
+                          for make in (pictures.overlay_figures, pictures.tracking_figures))
+    histograms, searches = start_pictures.figures(evaluation)
     trajectories = evo_plots(evaluation) if evaluation.plan['evo'] else []
     parts = ['<h2>Summary</h2>', html_table(rows)]
     parts += [html_figure(f'{group}: {title}', path, note) for group, title, path, note in curves if group == 'all']
@@ -145,8 +146,10 @@ def write(folder):
         parts += [f'<h2>{escape(dataset)}</h2>', html_table(part)]
         parts += [html_figure(f'{group}: {title}', path, note) for group, title, path, note in curves if group == dataset]
     parts += [f'<h2>{title}</h2>' + section(figures, otherwise) for title, figures, otherwise in (
-        ('Initial inverse depth', single[0], 'No run left an overlay.'), ('Residuals', single[1], 'No residuals.'),
-        ('Epipolar search', single[2], 'No run left figures/epipolar_search.png (docs/formats.md says what it is).'),
+        ('Initial inverse depth', overlays, 'No run left an overlay.'),
+        ('Residuals of the initial points', histograms, 'No start could be repeated with this program.'),
+        ('Residuals of tracked frames', tracking, 'No frame was tracked.'),
+        ('Epipolar search', searches, 'No start could be repeated with this program.'),
         ('Trajectories', trajectories, 'Not drawn.'))]
     parts += ['<h2>Failed runs</h2>', html_failed(done), '<h2>Configurations</h2>', configurations(evaluation.plan)]
     page = (f'<!doctype html><html lang=en><meta charset=utf-8><title>dsorb evaluation</title><style>{STYLE}</style>'
@@ -159,4 +162,5 @@ def section(figures, otherwise):
     """Figures of a section, or the sentence that says why there are none."""
     if not figures:
         return f'<p class=note>{escape(otherwise)}</p>'
-    return ''.join(html_figure(*figure) if figure[1] else f'<p class=note>{escape(figure[0])}</p>' for figure in figures)
+    parts = [html_figure(*figure) if figure[1] else f'<p class=note>{escape(figure[0])}</p>' for figure in figures]
+    return f'<div class={"row" if "Residuals" in figures[0][0] or "Tracked" in figures[0][0] else "column"}>{"".join(parts)}</div>'

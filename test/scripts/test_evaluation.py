@@ -107,7 +107,8 @@ class Evaluation(unittest.TestCase):
         self.assertNotRegex(page, r'<link|<script|url\(')
         self.assertGreaterEqual(len(re.findall('src="data:image/png', page)), 6)
         self.assertIn('evo computed ATE and RPE of', page)
-        for name in ('all_initial', 'all_trajectory', 'room_initial', 'overlay_room', 'evo_room_trajectories'):
+        for name in ('all_initial', 'all_trajectory', 'room_initial', 'overlay_room', 'evo_room_trajectories', 'residuals_orb',
+                     'epipolar_search_orb'):
             self.assertTrue((out / 'figures' / f'{name}.png').read_bytes().startswith(b'\x89PNG'), name)
         self.assertTrue((out / 'tables/room.md').exists() and (out / 'tables/static.csv').exists())
         self.check_evo(out)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from dsorb_eval import evo, metrics, pictures, plots, summary
+from dsorb_eval import evo, metrics, pictures, plots, start_pictures, summary
 from dsorb_eval import trajectory as tr
 
 
@@ -189,6 +189,50 @@ class Residuals(unittest.TestCase):
         x = np.linspace(-400, 400, 400001)
         for density in (pictures.t_density, pictures.gaussian_density):
             self.assertAlmostEqual(float(np.trapezoid(density(x, 1.7), x)), 1, places=5)
+
+
+class StartPictures(unittest.TestCase):
+    camera = dict(fx=100., fy=100., cx=31.5, cy=23.5, width=64, height=48)
+
+    def test_a_step_to_the_side_moves_near_pixels_further(self):
+        pixels = np.array([[31.5, 23.5], [31.5, 23.5], [11.5, 3.5]])
+        seen = start_pictures.project(pixels, np.array([.5, 1., .5]), pose(np.eye(3), [-.1, 0, 0]), self.camera)
+        np.testing.assert_allclose(seen, [[26.5, 23.5], [21.5, 23.5], [6.5, 3.5]], atol=1e-12)
+        behind = start_pictures.project(pixels[:1], np.array([1.]), pose(np.eye(3), [0, 0, -2]), self.camera)
+        self.assertTrue(np.isnan(behind).all())
+
+    def test_values_between_pixels_and_outside(self):
+        image = np.add.outer(10. * np.arange(5), np.arange(6))
+        values = start_pictures.sample(image, np.array([[1.5, 2.25], [0, 0], [5, 1], [-.1, 1], [np.nan, 1]]))
+        np.testing.assert_allclose(values[:2], [24, 0], atol=1e-12)
+        self.assertTrue(np.isnan(values[2:]).all())
+
+    def test_brightness_is_no_residual_and_outliers_keep_theirs(self):
+        reference = np.linspace(20, 200, 200)
+        target = 1.3 * reference - 12 + np.tile([.5, -.5], 100)
+        target[::20] += 60
+        residuals = start_pictures.brightness_residuals(reference, target)
+        np.testing.assert_allclose(residuals[::20], 60.5, atol=.1)
+        np.testing.assert_allclose(np.abs(np.delete(residuals, np.s_[::20])), .5, atol=.1)
+
+    def test_residuals_of_a_plane_seen_twice(self):
+        x, y = np.meshgrid(np.arange(64.), np.arange(48.))
+        texture = lambda shift: 100 + 3 * (x + shift) + y  # noqa: E731 (linear: bilinear values are exact)
+        points = [[10. + i % 40, 10. + i // 40, .5, .01] for i in range(400)]
+        start = dict(camera=self.camera, points=points, reference=dict(index=0), target=dict(index=3),
+                     poses=[dict(index=0, T_cam_ref=np.eye(4).tolist()), dict(index=3, T_cam_ref=pose(np.eye(3), [-.1, 0, 0]).tolist()),
+                            dict(index=4, T_cam_ref=None)])
+        residuals = start_pictures.residuals_of(start, {0: texture(0), 3: .8 * texture(5) + 4})
+        self.assertEqual(len(residuals), 400)
+        self.assertLess(np.abs(residuals).max(), 1e-9)
+
+    def test_the_repeated_command_ends_where_it_initialized(self):
+        def command(reverse):
+            run = summary.Run(dict(start=10, end=50, reverse=reverse), dict(command=['p', 'd', '--start', '10', '--end', '50']),
+                              dict(starts=[dict(frames_given=6)]))
+            return start_pictures.short_command(run)[2:]
+        self.assertEqual(command(False), ['--start', '10', '--end', '16'])
+        self.assertEqual(command(True), ['--start', '44', '--end', '50'])
 
 
 class Tables(unittest.TestCase):
