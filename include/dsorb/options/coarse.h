@@ -24,6 +24,7 @@ struct CoarseOptions {
   bool search_rotation = true;      ///< a grid of start rotations where images do not match
   double min_snap_gain = 0.2;  ///< share of the residual energy that translation removes, less: the
                                ///< prior comes back; 0: no test
+  bool try_hypotheses = true;  ///< other motions as starts when the prior goes
   bool drop_bad_points = true;       ///< hand over only points seen well in the newest frame
   bool spread_points = true;         ///< hand over the best constrained point of each grid cell
   bool keep_orphan_depth = true;     ///< a coarse point without fine points keeps its depth
@@ -40,7 +41,7 @@ inline CoarseOptions referenceCoarseOptions() {
   CoarseOptions o;
   o.settle_frames = 5;
   o.consistent_energy = o.release_prior = o.estimate_brightness = o.predict_motion = false;
-  o.search_rotation = false;
+  o.search_rotation = o.try_hypotheses = false;
   o.min_snap_gain = 0;
   o.drop_bad_points = o.spread_points = o.keep_orphan_depth = false;
   o.max_parent_distance = o.min_parallax_deg = o.min_motion_gain = o.max_relative_sigma = 0;
@@ -61,6 +62,7 @@ DescribeFor<Options, CoarseOptions> describe(Visitor& visit, Options& o) {
   visit.field("estimate_brightness", o.estimate_brightness);
   visit.field("predict_motion", o.predict_motion);
   visit.field("search_rotation", o.search_rotation);
+  visit.field("try_hypotheses", o.try_hypotheses);
   visit.field("min_snap_gain", o.min_snap_gain, Range{0, 1}, "");
   visit.field("drop_bad_points", o.drop_bad_points);
   visit.field("spread_points", o.spread_points);

@@ -17,6 +17,7 @@ constexpr double kMinDamping = 1e-4;
 constexpr double kMaxDamping = 1e4;
 constexpr double kMinStep = 1e-4;  // norm of [translation; rotation]
 constexpr int kMaxFailures = 2;
+constexpr double kMaxLogGain = 1;       // beyond the exposures; free, a flat region fits everything
 constexpr float kMaxPixelStep = 0.25F;  // of the projection by one depth step [px]
 constexpr float kMinInverseDepth = 1e-3F;
 constexpr float kMaxInverseDepth = 50.0F;
@@ -30,6 +31,10 @@ struct Span {
 
 Span span(Unknowns unknowns, bool brightness) {
   return {unknowns == Unknowns::kRotation ? 3 : 0, brightness ? 8 : 6};
+}
+
+bool plausibleBrightness(const Alignment& alignment) {
+  return std::abs(alignment.log_gain - alignment.exposure_log_gain) < kMaxLogGain;
 }
 
 Alignment moved(const Alignment& alignment, const Vector8d& step) {
@@ -183,7 +188,7 @@ LevelReport LevelAligner::align(const LevelView& view,
     if (unknowns == Unknowns::kAll) {
       gain += couplingGain(points, report.state, trial, alignment.snapped);
     }
-    if (gain < 0) {
+    if (gain < 0 && plausibleBrightness(trial_alignment)) {
       trial_alignment.snapped = alignment.snapped || trial.prior.capped;
       alignment = trial_alignment;
       report.state = trial;

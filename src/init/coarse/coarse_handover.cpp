@@ -240,6 +240,8 @@ Quality judge(const Attempt& attempt, LevelAligner& aligner) {
   quality.inlier_share = full.equations.good > 0
                              ? static_cast<double>(full.equations.inliers) / full.equations.good
                              : 0.0;
+  quality.visible_share =
+      static_cast<double>(full.equations.good) / std::max(fixed.front().size(), 1);
   quality.residual_rms = std::sqrt(residualVariance(full));
   quality.parallax_deg = parallaxDeg(attempt);
   std::vector<double> sigmas;
@@ -282,6 +284,7 @@ InitializationResult handOver(const Attempt& attempt,
   report.inlier_ratio = quality.inlier_share;
   report.median_relative_sigma = quality.relative_sigma;
   report.details.emplace_back("residual_rms_grey", quality.residual_rms);
+  report.details.emplace_back("visible_share", quality.visible_share);
   report.details.emplace_back("motion_gain", quality.motion_gain);
   return result;
 }

@@ -34,6 +34,7 @@ struct Quality {
   double motion_gain = 0;     ///< share of the energy of a pure rotation that translation removes
   double relative_sigma = 0;  ///< median of the good points of level 0
   double inlier_share = 0;    ///< of the points of level 0 in view
+  double visible_share = 0;   ///< points of level 0 in view and fit for tracking
   double residual_rms = 0;    ///< [grey levels]
 };
 

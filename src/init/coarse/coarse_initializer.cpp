@@ -4,7 +4,6 @@
 #include "image/pixel_selector.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <stdexcept>
 #include <string>
@@ -13,7 +12,6 @@
 namespace dsorb::init_coarse {
 namespace {
 
-constexpr std::array<int, 5> kIterations = {5, 5, 10, 30, 50};  // per level, finest first
 constexpr float kSelectionFactor = 2;      // on the selector's thresholds, level 0
 constexpr int kFirstGridSpacing = 5;       // of the grid maxima, levels from 1 [px]
 constexpr int kMinPoints = 100;            // of level 0, else the frame is no reference
@@ -121,6 +119,7 @@ std::vector<Alignment> CoarseInitializer::startValues(const Frame& frame,
   Alignment start = last;
   const Frame& reference = *attempt_.frames.front().frame;
   const double log_ratio = logExposureRatio(reference, frame);
+  start.exposure_log_gain = log_ratio;
   if (options_.coarse.estimate_brightness) {
     start.log_gain += log_ratio - logExposureRatio(reference, *attempt_.frames.back().frame);
   } else {
@@ -166,38 +165,25 @@ LevelReport CoarseInitializer::track(const FramePtr& frame) {
     next.rotation = match.rotation;
     if (match.matches && !was_snapped) next.alignment = match.rotation;
   }
-  Alignment& alignment = next.alignment;
-  LevelReport report;
-  const int top = static_cast<int>(levels.size()) - 1;
-  for (int l = top; l >= 0; --l) {
-    PointLevel& points = levels[static_cast<std::size_t>(l)];
-    if (l < top) {
-      propagateDown(levels[static_cast<std::size_t>(l + 1)], points);
-      regularize(alignment.snapped, points);
-    } else {
-      reviveFromNeighbours(points);
+  Estimate estimate{std::move(attempt_.levels), next.alignment, {}};
+  const AlignmentTask task{*frame, camera_, options_.coarse, aligner_};
+  alignLevels(task, estimate);
+  if (options_.coarse.try_hypotheses && snapped_since_ == 0 && estimate.alignment.snapped) {
+    if (auto better = betterHypothesis(task, next.rotation, estimate)) {
+      estimate = std::move(*better);
     }
-    points.trial_inverse_depth = points.inverse_depth;
-    report = aligner_.align(viewOf(*frame, camera_, l),
-                            kIterations[static_cast<std::size_t>(l)],
-                            Unknowns::kAll,
-                            points,
-                            alignment);
   }
-  for (int l = 0; l < top; ++l) {
-    PointLevel& coarse = levels[static_cast<std::size_t>(l + 1)];
-    propagateUp(levels[static_cast<std::size_t>(l)], options_.coarse.keep_orphan_depth, coarse);
-    regularize(alignment.snapped, coarse);
-  }
+  attempt_.levels = std::move(estimate.levels);
+  next.alignment = estimate.alignment;
   ++tracked_;
   if (!options_.coarse.search_rotation) {
-    next.rotation = alignment;
+    next.rotation = next.alignment;
     next.rotation.T_new_ref.setTranslation(Eigen::Vector3d::Zero());
   }
-  last_motion_ = alignment.T_new_ref * last.alignment.T_new_ref.inverse();
+  last_motion_ = next.alignment.T_new_ref * last.alignment.T_new_ref.inverse();
   attempt_.frames.push_back(next);
-  if (alignment.snapped) confirmSnap();
-  return report;
+  if (next.alignment.snapped) confirmSnap();
+  return estimate.finest;
 }
 
 void CoarseInitializer::confirmSnap() {

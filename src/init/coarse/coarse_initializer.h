@@ -7,6 +7,7 @@
 #include "init/coarse/coarse_alignment.h"
 #include "init/coarse/coarse_handover.h"
 #include "init/coarse/rotation_search.h"
+#include "init/coarse/start_hypotheses.h"
 #include "init/orb/stage_clock.h"
 
 #include <optional>

@@ -21,9 +21,10 @@ using Matrix8d = Eigen::Matrix<double, 8, 8>;
 /// rotation; log gain; offset].
 struct Alignment {
   SE3 T_new_ref;
-  double log_gain = 0;   ///< I_new = e^log_gain I_ref + offset
-  double offset = 0;     ///< [grey levels]
-  bool snapped = false;  ///< translation has left the prior once
+  double log_gain = 0;           ///< I_new = e^log_gain I_ref + offset
+  double offset = 0;             ///< [grey levels]
+  double exposure_log_gain = 0;  ///< what the exposure times say of log_gain; 0: unknown
+  bool snapped = false;          ///< translation has left the prior once
 };
 
 /// One level of the newest frame.
