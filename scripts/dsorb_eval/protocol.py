@@ -2,7 +2,7 @@
 """What is to be run: sequences, start frames, and the list of runs with their commands and folders.
 
 A run's folder is named by a hash over everything that decides its result: the program (with its own shared
-libraries), the effective configuration, the images given, threads and further arguments. Results of two builds or two
+libraries), the effective configuration, the data set's path and image times, threads and further arguments. Results of two builds or two
 configurations therefore never meet in one folder, and what is there already need not be run again."""
 import hashlib
 import json

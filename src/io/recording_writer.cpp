@@ -193,21 +193,21 @@ RecordingWriter::RecordingWriter(const fs::path& path,
 }
 
 void RecordingWriter::onInitStep(const InitStep& step, const Frame& frame, int segment) {
-  pending_.push_back([step, id = frame.id(), segment] { return initLine(step, id, segment); });
+  pending_.emplace_back([step, id = frame.id(), segment] { return initLine(step, id, segment); });
   if (!step.result) return;
-  pending_.push_back([result = *step.result, segment, camera = camera_] {
+  pending_.emplace_back([result = *step.result, segment, camera = camera_] {
     return initialTracks(result, segment, camera);
   });
 }
 
 void RecordingWriter::onFrame(const FrameEstimate& estimate) {
-  pending_.push_back([estimate] { return poseLine(estimate); });
+  pending_.emplace_back([estimate] { return poseLine(estimate); });
   if (estimate.state != OdometryState::kTracked || !estimate.keyframe || !estimate.T_cam_keyframe) {
     return;
   }
   const auto keyframe = keyframes_.find(*estimate.keyframe);
   if (keyframe == keyframes_.end() || keyframe->second.points.empty()) return;
-  pending_.push_back(
+  pending_.emplace_back(
       [estimate, snapshot = keyframe->second] { return mapTracks(estimate, snapshot); });
 }
 
@@ -223,12 +223,12 @@ void RecordingWriter::onKeyframeRetired(const KeyframeSnapshot& keyframe) {
 
 void RecordingWriter::noteKeyframe(const KeyframeSnapshot& keyframe, bool final) {
   if (!isFinite(keyframe.T_world_cam)) return;
-  pending_.push_back([keyframe, final] { return keyframeLine(keyframe, final); });
-  pending_.push_back([keyframe, final] { return pointsLine(keyframe, final); });
+  pending_.emplace_back([keyframe, final] { return keyframeLine(keyframe, final); });
+  pending_.emplace_back([keyframe, final] { return pointsLine(keyframe, final); });
 }
 
 void RecordingWriter::onLost(FrameId frame, int segment) {
-  pending_.push_back([frame, segment]() -> Json {
+  pending_.emplace_back([frame, segment]() -> Json {
     return {{"kind", "lost"}, {"index", frame.value}, {"segment", segment}};
   });
 }

@@ -2,6 +2,7 @@
 """scripts/evaluate.py end to end on synthetic sequences, interrupted and resumed, with a run that fails.
 
 DSO_DATASET and DSO_SYNTHESIZE name the programs (ctest sets them); without them the tests are skipped."""
+import contextlib
 import csv
 import json
 import os
@@ -62,6 +63,15 @@ class Evaluation(unittest.TestCase):
     def records(self, output):
         return sorted((self.folder / output / 'runs').glob('*/*/*/record.json'))
 
+    def processes_of(self, program):
+        """Command lines of processes that run this program or the evaluation of it."""
+        found, mine = [], str(self.folder / program).encode()
+        for file in Path('/proc').glob('[0-9]*/cmdline'):
+            with contextlib.suppress(OSError):
+                words = file.read_bytes()
+                found += [words] if mine in words or str(self.folder / 'out').encode() in words else []
+        return found
+
     def rows(self, output):
         with open(self.folder / output / 'summary.csv', newline='') as file:
             return {(row['sequence'], row['variant']): row for row in csv.DictReader(file)}
@@ -79,6 +89,7 @@ class Evaluation(unittest.TestCase):
             self.wait_for(lambda: len(self.records('out')) >= 2 or process.poll() is not None, 'the second run')
             process.send_signal(signal.SIGINT)
             self.assertEqual(process.wait(PATIENCE), 130, (self.folder / 'interrupted.log').read_text())
+        self.assertEqual(self.processes_of('slow'), [], 'left behind by the interruption')
         done = {path: path.stat().st_mtime_ns for path in self.records('out')}
         self.assertLess(len(done), 6)  # of six runs: four of room, two of static
         again = self.evaluate(program, 'out')
