@@ -110,6 +110,7 @@ void InitializationWriter::update(const RunRecord& record, double milliseconds) 
   for (const InitStepNote& step : record.steps()) {
     if (!step.result) continue;
     initializations_.push_back(describe(*step.result, milliseconds));
+    initializations_.back()["withdrawn"] = step.withdrawn;
     changed = true;
   }
   if (changed) write();
@@ -124,7 +125,7 @@ Json InitializationWriter::describe(const InitializationResult& result, double m
   json["frames_given"] = progress_.frames_given;
   json["frames_since_reference"] = std::abs(target.id().value - reference.id().value);
   json["resets"] = progress_.resets;
-  json["withdrawn"] = false;
+  json["withdrawn"] = false;  // until probation says otherwise
   json["reference"] = frameReference(reference);
   json["target"] = frameReference(target);
   json["camera"] = cameraJson(camera_);

@@ -3,9 +3,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <iterator>
 
 namespace dsorb::io {
 namespace {
+
+constexpr std::ptrdiff_t kMaxToldAgain = 1000;  // frames; upper limit of probation.max_frames
 
 void removeSegment(std::vector<PosedEntry>& entries, int segment) {
   entries.erase(
@@ -59,6 +63,7 @@ void RunRecord::withdraw(int segment) {
   removeSegment(frames_, segment);
   removeSegment(keyframes_, segment);
   segments_.erase(std::remove(segments_.begin(), segments_.end(), segment), segments_.end());
+  for (InitStepNote& step : steps_) step.withdrawn |= step.segment == segment;
   withdrawn_segment_ = segment;
   ++withdrawals_;
 }
@@ -66,11 +71,11 @@ void RunRecord::withdraw(int segment) {
 void RunRecord::addFrame(const FrameEstimate& estimate) {
   estimate_ = estimate;
   const double rmse = estimate.tracking_rmse.value_or(-1);
-  notes_.push_back({estimate.frame->id().value,
-                    estimate.segment,
-                    estimate.state,
-                    0,
-                    std::isfinite(rmse) ? static_cast<float>(rmse) : -1.0F});
+  noteOf(estimate.frame->id().value) = {estimate.frame->id().value,
+                                        estimate.segment,
+                                        estimate.state,
+                                        0,
+                                        std::isfinite(rmse) ? static_cast<float>(rmse) : -1.0F};
   const bool placed =
       estimate.state == OdometryState::kTracked || estimate.state == OdometryState::kInitialized;
   if (!placed || !estimate.T_world_cam || !isFinite(*estimate.T_world_cam)) return;
@@ -87,6 +92,15 @@ void RunRecord::addFrame(const FrameEstimate& estimate) {
   }
   if (!frames_.empty() && frames_.back().id == entry.id) frames_.pop_back();  // came with a result
   frames_.push_back(entry);
+}
+
+/// Frames of a withdrawn start are told again.
+FrameNote& RunRecord::noteOf(int index) {
+  for (auto note = notes_.rbegin(); note != notes_.rend(); ++note) {
+    if (note->index == index) return *note;
+    if (std::distance(notes_.rbegin(), note) >= kMaxToldAgain) break;
+  }
+  return notes_.emplace_back();
 }
 
 void RunRecord::addKeyframe(const KeyframeSnapshot& keyframe) {

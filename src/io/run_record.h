@@ -34,6 +34,7 @@ struct InitStepNote {
   InitReason reason = InitReason::kFirstFrame;
   int segment = 0;
   std::optional<InitializationResult> result;
+  bool withdrawn = false;  ///< within the current frame
 };
 
 /// What happened in a run, in about 150 bytes a frame: enough to write every trajectory with the
@@ -66,6 +67,7 @@ class RunRecord {
  private:
   void addInitialization(const InitializationResult& result, int segment);
   void withdraw(int segment);
+  FrameNote& noteOf(int index);
 
   std::vector<PosedEntry> frames_;
   std::vector<PosedEntry> keyframes_;  ///< each its own anchor
