@@ -14,6 +14,7 @@
 #include <optional>
 #include <string>
 #include <thread>
+#include <utility>
 
 namespace dsorb::app {
 namespace {
@@ -23,18 +24,18 @@ int threadsInUse(int num_threads) {
   return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
-/// Value of the option tracker.brightness.
-std::string brightnessModel(PhotometryMode photometry) {
+/// Values of the options tracker.brightness and window.brightness.
+std::pair<std::string, std::string> brightnessOptions(PhotometryMode photometry) {
   switch (photometry) {
     case PhotometryMode::kCalibrated:
-      return "calibrated";
+      return {"calibrated", "calibrated"};
     case PhotometryMode::kPerfect:
-      return "perfect";
+      return {"perfect", "fixed"};
     case PhotometryMode::kUncalibrated:
     case PhotometryMode::kAuto:
       break;
   }
-  return "uncalibrated";
+  return {"uncalibrated", "free"};
 }
 
 RunInfo describeRun(const CommandLine& request, const Config& config) {
@@ -94,8 +95,9 @@ void writeAfterError(RunWriter& writer, std::optional<Odometry>& odometry) {
 
 Config configFor(ConfigSources sources, PhotometryMode photometry) {
   if (photometry != PhotometryMode::kAuto) {
-    sources.program_defaults.push_back(
-        {"tracker.brightness", brightnessModel(photometry), "photometry"});
+    const auto [tracker, window] = brightnessOptions(photometry);
+    sources.program_defaults.push_back({"tracker.brightness", tracker, "photometry"});
+    sources.program_defaults.push_back({"window.brightness", window, "photometry"});
   }
   return loadConfig(sources);
 }

@@ -4,12 +4,16 @@
 #include "base/describe.h"
 #include "base/parallel.h"
 #include "odometry/frame_check.h"
-#include "odometry/initial_map.h"
+#include "odometry/mapper.h"
+#include "odometry/probation.h"
 #include "track/motion_guesses.h"
 #include "track/tracker.h"
+#include "window/keyframe_policy.h"
 
 #include <chrono>
 #include <cmath>
+#include <deque>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -45,11 +49,12 @@ class Odometry::Impl {
   Impl(const PinholeCamera& camera,
        const OdometryOptions& options,
        std::unique_ptr<Initializer> initializer)
-      : camera_(camera),
-        options_(checked(options)),
+      : options_(checked(options)),
         arena_(options_.num_threads),
         initializer_(std::move(initializer)),
         tracker_(camera, options_.tracker),
+        mapper_(camera, options_),
+        probation_(options_.probation),
         frame_check_(camera) {
     if (initializer_ == nullptr) initializer_ = makeInitializer(options_.initializer, camera);
   }
@@ -67,19 +72,26 @@ class Odometry::Impl {
     }
     frame_check_.accept(frame);
     ++report_.frames_given;
-    return phase_ == Phase::kInitializing ? initialize(frame) : track(frame);
+    waiting_.push_back(frame);
+    FrameEstimate estimate;
+    while (!waiting_.empty() && phase_ != Phase::kLost) {
+      const FramePtr next = waiting_.front();
+      waiting_.pop_front();
+      estimate = phase_ == Phase::kInitializing ? initialize(next) : track(next);
+    }
+    return estimate;
   }
 
   void restart() {
     if (is_finished_) throw std::logic_error("Odometry::restart after finish()");
-    retireKeyframes();
+    retireAll();
     if (phase_ != Phase::kInitializing) ++segment_;
     initializer_->reset();
     phase_ = Phase::kInitializing;
   }
 
   OdometryReport finish() {
-    retireKeyframes();
+    retireAll();
     is_finished_ = true;
     return report_;
   }
@@ -87,61 +99,49 @@ class Odometry::Impl {
  private:
   enum class Phase { kInitializing, kTracking, kLost };
 
-  /// Phase initializing: feeds the initializer; its result starts tracking.
+  /// Phase initializing: feeds the initializer; its result becomes the first window.
   FrameEstimate initialize(const FramePtr& frame) {
-    FrameEstimate estimate;
-    estimate.frame = frame;
-    estimate.segment = segment_;
+    FrameEstimate estimate = blank(frame);
     InitStep step;
     {
       const StageTimer timer(report_.initializing_seconds);
       step = initializer_->addFrame(frame);
-      if (step.result) seedTracking(*step.result, estimate);
     }
+    if (step.result) checkInvariants(*step.result);
     tell([&](OdometryObserver& o) { o.onInitStep(step, *frame, segment_); });
-    for (const KeyframeSnapshot& keyframe : keyframes_) {
-      tell([&](OdometryObserver& o) { o.onKeyframe(keyframe); });
-    }
-    tell([&](OdometryObserver& o) { o.onFrame(estimate); });
+    if (step.result) return takeOver(*step.result, std::move(estimate));
+    // Frames that are used again were told when they came.
+    if (waiting_.empty()) tell([&](OdometryObserver& o) { o.onFrame(estimate); });
     return estimate;
   }
 
-  /// Takes over the initial map: seen from its newest frame, it is what frames are tracked against.
-  /// Measured with true poses and depths, frames tracked until lost, against the newest frame or
-  /// the initial reference: 9.6 or 2.2 in the mean on synthetic street (4 and 6 initial frames), 20
-  /// or 17 on TartanAir hospital (8 initial frames).
-  void seedTracking(const InitializationResult& result, FrameEstimate& estimate) {
-    checkInvariants(result);
-    const PosedFrame& newest = result.frames.back();
-    tracker_.setReference(newest.frame,
-                          odometry::depthSamples(result, camera_, result.frames.size() - 1),
-                          newest.affine);
-    T_world_reference_ = newest.T_cam_ref->inverse();
+  /// The first window, and tracking with it.
+  FrameEstimate takeOver(const InitializationResult& result, FrameEstimate estimate) {
+    odometry::MappingReport mapping;
+    {
+      const StageTimer timer(report_.mapping_seconds);
+      mapping = arena_.run([&] { return mapper_.seed(result); });
+    }
+    phase_ = Phase::kTracking;
+    ++report_.segments;
+    probation_.begin(result);
     history_ = {};
+    const SE3 T_ref_newest = result.frames.back().T_cam_ref->inverse();
     for (const PosedFrame& posed : result.frames) {
       // Motion over a gap would pass for a faster one: the history starts anew behind it.
       if (posed.T_cam_ref) {
-        history_.push(*posed.T_cam_ref * T_world_reference_);
+        history_.push(*posed.T_cam_ref * T_ref_newest);
       } else {
         history_ = {};
       }
     }
-    affine_ = newest.affine;
     rmse_ = track::TrackingStart{}.previous_rmse;
-    keyframes_ = odometry::initialKeyframes(result, camera_, segment_);
-    report_.keyframes += static_cast<int>(keyframes_.size());
-    ++report_.segments;
-    phase_ = Phase::kTracking;
-
+    report_.keyframes += mapping.keyframes_so_far;
     estimate.state = OdometryState::kInitialized;
-    estimate.is_keyframe = true;
-    estimate.T_world_cam = T_world_reference_;
-    estimate.keyframe = newest.frame->id();
-    estimate.T_cam_keyframe = SE3();
-    estimate.affine = newest.affine;
+    return closeKeyframe(mapping, std::move(estimate));
   }
 
-  /// Phase tracking: pose of one frame against the initial map, or the loss of it.
+  /// Phase tracking: pose of one frame; it refines the map or becomes a keyframe.
   FrameEstimate track(const FramePtr& frame) {
     track::TrackingResult result;
     {
@@ -150,40 +150,135 @@ class Odometry::Impl {
           track::motionGuesses(history_), affine_, rmse_, options_.tracker.max_gain_step};
       result = arena_.run([&] { return tracker_.track(*frame, start); });
     }
-    FrameEstimate estimate;
-    estimate.frame = frame;
-    estimate.segment = segment_;
+    FrameEstimate estimate = blank(frame);
     if (std::isfinite(result.rmse[0])) estimate.tracking_rmse = result.rmse[0];
     if (!result.good()) return lose(std::move(estimate));
-    history_.push(result.T_frame_reference);
-    affine_ = result.affine;
-    rmse_ = result.rmse[0];
-    ++report_.frames_tracked;
+    const bool is_keyframe = needsKeyframe(*frame, result);
+    const window::Keyframe& reference = mapper_.newest();
     estimate.state = OdometryState::kTracked;
-    estimate.T_world_cam = T_world_reference_ * result.T_frame_reference.inverse();
-    estimate.keyframe = tracker_.reference().frame().id();
+    estimate.T_world_cam = (result.T_frame_reference * reference.T_cam_world()).inverse();
+    estimate.keyframe = reference.frame->id();
     estimate.T_cam_keyframe = result.T_frame_reference;
-    estimate.affine = result.affine;
+    estimate.affine = affine_ = result.affine;
+    history_.push(result.T_frame_reference);
+    rmse_ = result.rmse[0];
+    if (probation_.active()) probation_.add(frame);
+    return map(std::move(estimate), is_keyframe);
+  }
+
+  [[nodiscard]] bool needsKeyframe(const Frame& frame, const track::TrackingResult& result) {
+    const window::Keyframe& reference = mapper_.newest();
+    if (!first_rmse_) first_rmse_ = result.rmse[0];
+    window::KeyframeEvidence evidence;
+    evidence.translation_flow = result.flow.translation;
+    evidence.full_flow = result.flow.full;
+    evidence.log_gain = std::log(
+        brightnessTransfer(
+            reference.affine(), reference.frame->exposure(), result.affine, frame.exposure())
+            .gain);
+    evidence.rmse = result.rmse[0];
+    evidence.first_rmse = *first_rmse_;
+    evidence.seconds_since_keyframe = std::abs(frame.timestamp() - reference.frame->timestamp());
+    evidence.width_plus_height = frame.width() + frame.height();
+    return window::needsKeyframe(evidence, options_.window.policy);
+  }
+
+  /// Uses a tracked frame in the map.
+  FrameEstimate map(FrameEstimate estimate, bool is_keyframe) {
+    odometry::MappingReport mapping;
+    {
+      const StageTimer timer(report_.mapping_seconds);
+      const window::TrackedFrame tracked{
+          estimate.frame, estimate.T_world_cam->inverse(), estimate.affine};
+      arena_.run([&] {
+        mapper_.refine(tracked);
+        if (is_keyframe) mapping = mapper_.addKeyframe(tracked);
+      });
+    }
+    if (is_keyframe) {
+      ++report_.keyframes;
+      history_ = history_.relativeToPrevious();
+      return closeKeyframe(mapping, std::move(estimate));
+    }
+    ++report_.frames_tracked;
     tell([&](OdometryObserver& o) { o.onFrame(estimate); });
+    return estimate;
+  }
+
+  /// After an adjustment: the newest keyframe is what the next frames are tracked against.
+  FrameEstimate closeKeyframe(const odometry::MappingReport& mapping, FrameEstimate estimate) {
+    if (!mapping.adjustment.finite) return lose(std::move(estimate));
+    noise_ = mapping.adjustment.rms;
+    if (probation_.active() && !probation_.passes(mapping.keyframes_so_far, noise_)) {
+      return withdraw(std::move(estimate));
+    }
+    const window::Keyframe& newest = mapper_.newest();
+    tracker_.setReference(newest.frame, mapping.reference, newest.affine());
+    affine_ = newest.affine();
+    first_rmse_.reset();
+    estimate.is_keyframe = true;
+    estimate.T_world_cam = newest.T_cam_world().inverse();
+    estimate.keyframe = newest.frame->id();
+    estimate.T_cam_keyframe = SE3();
+    estimate.affine = affine_;
+    if (estimate.state == OdometryState::kTracked) ++report_.frames_tracked;
+    retire(mapping.retired, mapper_.camera());
+    for (const window::Keyframe& keyframe : mapper_.keyframes()) {
+      const KeyframeSnapshot shot =
+          odometry::snapshot(keyframe, mapper_.camera(), segment_, noise_);
+      tell([&](OdometryObserver& o) { o.onKeyframe(shot); });
+    }
+    tell([&](OdometryObserver& o) { o.onFrame(estimate); });
+    return estimate;
+  }
+
+  /// The map has failed its probation: its frames but the reference are used again. Observers learn
+  /// it by the initializer being asked anew in the same segment.
+  FrameEstimate withdraw(FrameEstimate estimate) {
+    report_.keyframes -= static_cast<int>(mapper_.clear().size());
+    --report_.segments;
+    std::deque<FramePtr> again = probation_.end();
+    again.insert(again.end(), waiting_.begin(), waiting_.end());
+    waiting_ = std::move(again);
+    initializer_->reset();
+    phase_ = Phase::kInitializing;
     return estimate;
   }
 
   /// Into phase lost, which only restart() leaves.
   FrameEstimate lose(FrameEstimate estimate) {
+    const std::optional<double> rmse = estimate.tracking_rmse;
+    estimate = blank(waiting_.empty() ? estimate.frame : waiting_.back());
+    waiting_.clear();
+    estimate.tracking_rmse = rmse;
     estimate.state = OdometryState::kLost;
     lost_at_ = estimate.frame->id();
     phase_ = Phase::kLost;
     tell([&](OdometryObserver& o) { o.onFrame(estimate); });
-    retireKeyframes();
+    retireAll();
     tell([&](OdometryObserver& o) { o.onLost(lost_at_, segment_); });
     return estimate;
   }
 
-  void retireKeyframes() {
-    const std::vector<KeyframeSnapshot> retired = std::exchange(keyframes_, {});
-    for (const KeyframeSnapshot& keyframe : retired) {
-      tell([&](OdometryObserver& o) { o.onKeyframeRetired(keyframe); });
+  [[nodiscard]] FrameEstimate blank(const FramePtr& frame) const {
+    FrameEstimate estimate;
+    estimate.frame = frame;
+    estimate.segment = segment_;
+    return estimate;
+  }
+
+  void retire(const std::vector<window::Keyframe>& keyframes, const PinholeCamera& camera) {
+    for (const window::Keyframe& keyframe : keyframes) {
+      const KeyframeSnapshot shot = odometry::snapshot(keyframe, camera, segment_, noise_);
+      tell([&](OdometryObserver& o) { o.onKeyframeRetired(shot); });
     }
+  }
+
+  void retireAll() {
+    probation_.end();
+    if (mapper_.empty()) return;
+    const PinholeCamera camera = mapper_.camera();
+    retire(mapper_.clear(), camera);
   }
 
   template <typename Function>
@@ -191,11 +286,12 @@ class Odometry::Impl {
     for (OdometryObserver* observer : observers_) call(*observer);
   }
 
-  PinholeCamera camera_;
   OdometryOptions options_;
   TaskArena arena_;
   std::unique_ptr<Initializer> initializer_;
   track::Tracker tracker_;
+  odometry::Mapper mapper_;
+  odometry::Probation probation_;
   odometry::FrameCheck frame_check_;
   std::vector<OdometryObserver*> observers_;
 
@@ -204,13 +300,14 @@ class Odometry::Impl {
   int segment_ = 0;
   FrameId lost_at_;
   OdometryReport report_;
+  std::deque<FramePtr> waiting_;  // to be processed: the frame given, behind those used again
 
   // Phase tracking: what the next frame is tracked with.
-  SE3 T_world_reference_;
   track::MotionHistory history_;
-  AffineBrightness affine_;                  // of the previous frame
-  double rmse_ = 0;                          // of the previous frame, level 0 [grey levels]
-  std::vector<KeyframeSnapshot> keyframes_;  // not yet retired
+  AffineBrightness affine_;           // of the previous frame
+  double rmse_ = 0;                   // of the previous frame, level 0 [grey levels]
+  std::optional<double> first_rmse_;  // of the first frame tracked against the newest keyframe
+  double noise_ = 0;                  // rms residual of the last adjustment [grey levels]
 };
 
 Odometry::Odometry(const PinholeCamera& camera, const OdometryOptions& options)

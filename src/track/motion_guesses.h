@@ -19,6 +19,16 @@ struct MotionHistory {
     T_before_reference = T_previous_reference;
     T_previous_reference = T_frame_reference;
   }
+  /// The same with the previous frame as the reference.
+  [[nodiscard]] MotionHistory relativeToPrevious() const {
+    MotionHistory moved;
+    if (!T_previous_reference) return moved;
+    moved.T_previous_reference = SE3();
+    if (T_before_reference) {
+      moved.T_before_reference = *T_before_reference * T_previous_reference->inverse();
+    }
+    return moved;
+  }
 };
 
 /// Poses reference -> new frame worth trying, most likely first: constant, double and half motion,

@@ -1,15 +1,37 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/options/depth.h"
 #include "dsorb/options/initializer.h"
 #include "dsorb/options/tracker.h"
+#include "dsorb/options/window.h"
 
 namespace dsorb {
+
+/// What the map of an initialization must fulfil to stay: limits of the residual's root mean
+/// square after the adjustment of its first keyframes. Limits as published (DSO).
+struct ProbationOptions {
+  double max_rms_second = 20;  ///< [grey levels]
+  double max_rms_third = 13;   ///< [grey levels]
+  double max_rms_fourth = 9;   ///< [grey levels]
+  int max_frames = 60;         ///< kept to be used again; older ones are forgotten
+};
+
+template <typename Visitor, typename Options>
+DescribeFor<Options, ProbationOptions> describe(Visitor& visit, Options& o) {
+  visit.field("max_rms_second", o.max_rms_second, Range{0, 1e4}, "grey levels");
+  visit.field("max_rms_third", o.max_rms_third, Range{0, 1e4}, "grey levels");
+  visit.field("max_rms_fourth", o.max_rms_fourth, Range{0, 1e4}, "grey levels");
+  visit.field("max_frames", o.max_frames, Range{2, 1000}, "frames");
+}
 
 struct OdometryOptions {
   int num_threads = 1;  ///< 0: all the machine has; replaces initializer.num_threads
   InitializerOptions initializer;
   TrackerOptions tracker;
+  DepthOptions depth;
+  WindowOptions window;
+  ProbationOptions probation;
 };
 
 template <typename Visitor, typename Options>
@@ -17,6 +39,9 @@ DescribeFor<Options, OdometryOptions> describe(Visitor& visit, Options& o) {
   visit.field("num_threads", o.num_threads, Range{0, 1024}, "threads");
   visit.group("initializer", o.initializer);
   visit.group("tracker", o.tracker);
+  visit.group("depth", o.depth);
+  visit.group("window", o.window);
+  visit.group("probation", o.probation);
 }
 
 }  // namespace dsorb

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "odometry/probation.h"
+
+#include <limits>
+#include <utility>
+
+namespace dsorb::odometry {
+
+void Probation::begin(const InitializationResult& result) {
+  frames_.clear();
+  for (const PosedFrame& posed : result.frames) add(posed.frame);
+}
+
+void Probation::add(const FramePtr& frame) {
+  frames_.push_back(frame);
+  if (frames_.size() > static_cast<std::size_t>(options_.max_frames)) frames_.pop_front();
+}
+
+bool Probation::passes(int keyframes, double rms) {
+  double limit = std::numeric_limits<double>::infinity();
+  if (keyframes <= 2) {
+    limit = options_.max_rms_second;
+  } else if (keyframes == 3) {
+    limit = options_.max_rms_third;
+  } else if (keyframes == 4) {
+    limit = options_.max_rms_fourth;
+  }
+  if (!(rms <= limit)) return false;
+  if (keyframes >= 4) frames_.clear();
+  return true;
+}
+
+std::deque<FramePtr> Probation::end() {
+  std::deque<FramePtr> frames = std::exchange(frames_, {});
+  if (!frames.empty()) frames.pop_front();
+  return frames;
+}
+
+}  // namespace dsorb::odometry

@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "odometry/seed_window.h"
+
+#include "window/handover.h"
+#include "window/point_activation.h"
+
+#include <algorithm>
+#include <vector>
+
+namespace dsorb::odometry {
+namespace {
+
+/// Indices of the frames that become keyframes, ascending: the reference, the newest, and as many
+/// hosts as the window holds, those with most points first.
+std::vector<std::size_t> keyframesOf(const InitializationResult& result, int max_keyframes) {
+  const std::size_t newest = result.frames.size() - 1;
+  std::vector<int> hosted(result.frames.size(), 0);
+  for (const InitPoint& point : result.points) ++hosted[static_cast<std::size_t>(point.host)];
+  std::vector<std::size_t> hosts;
+  for (std::size_t i = 1; i < newest; ++i) {
+    if (hosted[i] > 0) hosts.push_back(i);
+  }
+  std::stable_sort(hosts.begin(), hosts.end(), [&](std::size_t l, std::size_t r) {
+    return hosted[l] > hosted[r];
+  });
+  hosts.resize(std::min(hosts.size(), static_cast<std::size_t>(max_keyframes - 2)));
+  hosts.push_back(0);
+  hosts.push_back(newest);
+  std::sort(hosts.begin(), hosts.end());
+  return hosts;
+}
+
+std::vector<window::SeedPoint> pointsOf(const InitializationResult& result, std::size_t host) {
+  std::vector<window::SeedPoint> points;
+  for (const InitPoint& point : result.points) {
+    if (static_cast<std::size_t>(point.host) != host) continue;
+    points.push_back({point.pixel, point.inverse_depth, point.variance});
+  }
+  return points;
+}
+
+/// Thins the points of one host to its share of the wanted number.
+void addPoints(window::Window& window,
+               std::size_t position,
+               const std::vector<window::SeedPoint>& points,
+               std::size_t total,
+               const WindowOptions& options) {
+  const Frame& frame = *window.keyframes[position].frame;
+  const double share = static_cast<double>(points.size()) / static_cast<double>(total);
+  const int wanted = static_cast<int>(share * options.desired_points);
+  std::vector<window::SeedPoint> kept;
+  for (const std::size_t i : window::thinOnGrid(points, frame.width(), frame.height(), wanted)) {
+    kept.push_back(points[i]);
+  }
+  window::seedPoints(window, position, kept, options);
+}
+
+/// Fills a sparse window up with pixels of the reference, searched in all posed frames behind it.
+void fillUp(window::Window& window,
+            const InitializationResult& result,
+            const OdometryOptions& options,
+            PixelSelector& selector,
+            std::size_t grain) {
+  selectCandidates(window.keyframes.front(), selector, options.depth.candidates_per_keyframe);
+  for (std::size_t i = 1; i < result.frames.size(); ++i) {
+    const PosedFrame& posed = result.frames[i];
+    if (!posed.T_cam_ref) continue;
+    window::refineCandidates(
+        window, {posed.frame, *posed.T_cam_ref, posed.affine}, options.depth.epipolar, grain);
+  }
+  window::activateCandidates(window, options.window, options.depth, grain);
+}
+
+}  // namespace
+
+int selectCandidates(window::Keyframe& keyframe, PixelSelector& selector, int wanted) {
+  return window::addCandidates(keyframe, selector.select(*keyframe.frame, wanted));
+}
+
+window::Window seedWindow(const InitializationResult& result,
+                          const PinholeCamera& camera,
+                          const OdometryOptions& options,
+                          PixelSelector& selector,
+                          std::size_t grain) {
+  window::Window window(camera, options.depth.activation.initial_distance);
+  const std::vector<std::size_t> keyframes = keyframesOf(result, options.window.max_keyframes);
+  std::vector<std::vector<window::SeedPoint>> points;
+  std::size_t total = 0;
+  for (const std::size_t i : keyframes) {
+    const PosedFrame& posed = result.frames[i];
+    window::addKeyframe(window, posed.frame, *posed.T_cam_ref, posed.affine, options.window);
+    points.push_back(pointsOf(result, i));
+    total += points.back().size();
+  }
+  for (std::size_t k = 0; k < points.size(); ++k) {
+    if (!points[k].empty()) addPoints(window, k, points[k], total, options.window);
+  }
+  if (static_cast<int>(total) < options.window.desired_points) {
+    fillUp(window, result, options, selector, grain);
+  }
+  return window;
+}
+
+}  // namespace dsorb::odometry

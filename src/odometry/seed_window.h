@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/init/result.h"
+#include "dsorb/options/odometry.h"
+
+#include "image/pixel_selector.h"
+#include "window/window.h"
+
+#include <cstddef>
+
+namespace dsorb::odometry {
+
+/// The first window from any initialization, ready for its first adjustment: reference, hosts and
+/// newest frame are keyframes at the given poses and brightness; points are thinned on a grid, the
+/// most certain first, with prior information from their variances. Where they are fewer than the
+/// window wants, selected pixels of the reference become candidates, are searched in the posed
+/// frames and, where there is room, become points as well.
+/// @param selector of the keyframes' candidate pixels
+/// @param grain    candidates in a parallel task; 0 runs serially
+/// @note  hosts beyond what the window holds are left out, those with the fewest points first
+[[nodiscard]] window::Window seedWindow(const InitializationResult& result,
+                                        const PinholeCamera& camera,
+                                        const OdometryOptions& options,
+                                        PixelSelector& selector,
+                                        std::size_t grain);
+
+/// Gives a keyframe of the window its candidates.
+/// @return how many
+int selectCandidates(window::Keyframe& keyframe, PixelSelector& selector, int wanted);
+
+}  // namespace dsorb::odometry

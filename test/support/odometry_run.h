@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/odometry/odometry.h"
+
+#include "geometry/similarity.h"
+#include "support/truth_initializer.h"
+#include "synthetic/sequence.h"
+
+#include <cmath>
+#include <cstddef>
+#include <map>
+#include <memory>
+#include <set>
+#include <string>
+#include <vector>
+
+namespace dsorb {
+
+constexpr int kInitialFrames = 4;  // of the initialization by truth
+
+/// A rendered sequence, each frame made once.
+class World {
+ public:
+  explicit World(synthetic::SequenceKind kind, int length)
+      : sequence_(sequenceOptions(kind, length)) {
+    for (int i = 0; i < length; ++i) frames_.push_back(sequence_.framePtr(i));
+  }
+  [[nodiscard]] const PinholeCamera& camera() const { return sequence_.camera(); }
+  [[nodiscard]] const std::vector<FramePtr>& frames() const { return frames_; }
+  [[nodiscard]] SE3 pose(int index) const { return sequence_.pose(index); }
+
+  [[nodiscard]] std::unique_ptr<Initializer> initializer() const {
+    return std::make_unique<TruthInitializer>(
+        camera(),
+        Truth{[this](int id) { return sequence_.pose(id); },
+              [this](int id) { return sequence_.inverseDepth(id); }},
+        kInitialFrames);
+  }
+  [[nodiscard]] Odometry odometry(const OdometryOptions& options = {}) const {
+    return Odometry(camera(), options, initializer());
+  }
+
+ private:
+  static synthetic::SequenceOptions sequenceOptions(synthetic::SequenceKind kind, int length) {
+    synthetic::SequenceOptions options;
+    options.kind = kind;
+    options.width = 320;
+    options.height = 240;
+    options.length = length;
+    options.noise_sigma = 1;
+    return options;
+  }
+
+  synthetic::SyntheticSequence sequence_;
+  std::vector<FramePtr> frames_;
+};
+
+/// Writes down everything it is told.
+class Recorder : public OdometryObserver {
+ public:
+  void onInitStep(const InitStep& step, const Frame& /*frame*/, int segment) override {
+    events.push_back("init " + std::to_string(segment));
+    if (!step.result) return;
+    const auto& details = step.result->report.details;
+    units.push_back(details.empty() ? 1 : details.front().second);
+    references.push_back(step.result->frames.front().frame->id().value);
+  }
+  void onFrame(const FrameEstimate& estimate) override {
+    events.push_back(std::string(name(estimate.state)) + " " + std::to_string(estimate.segment));
+    estimates.push_back(estimate);
+  }
+  void onKeyframe(const KeyframeSnapshot& keyframe) override {
+    events.push_back("keyframe " + std::to_string(keyframe.id.value));
+    keyframes.push_back(keyframe);
+    ids.insert(keyframe.id.value);
+  }
+  void onKeyframeRetired(const KeyframeSnapshot& keyframe) override {
+    events.push_back("retired " + std::to_string(keyframe.id.value));
+  }
+  void onLost(FrameId frame, int segment) override {
+    events.push_back("lost at " + std::to_string(frame.value) + " in " + std::to_string(segment));
+  }
+
+  std::vector<std::string> events;
+  std::vector<double> units;    ///< length of a segment's unit [m]
+  std::vector<int> references;  ///< first frame of each segment's initialization
+  std::vector<FrameEstimate> estimates;
+  std::vector<KeyframeSnapshot> keyframes;
+  std::set<int> ids;  ///< of the keyframes
+};
+
+/// True pose in the segment's own origin and unit.
+inline SE3 truePose(const World& world, const Recorder& recorder, const FrameEstimate& estimate) {
+  const auto segment = static_cast<std::size_t>(estimate.segment);
+  SE3 T = world.pose(recorder.references.at(segment)).inverse() *
+          world.pose(estimate.frame->id().value);
+  T.setTranslation(T.translation() / recorder.units.at(segment));
+  return T;
+}
+
+/// Feeds frames [begin, end), with restart after a loss where wanted.
+inline void feed(Odometry& odometry, const World& world, int begin, int end) {
+  for (int i = begin; i < end; ++i) odometry.process(world.frames()[static_cast<std::size_t>(i)]);
+}
+
+/// Poses of all frames by the last word on them: frames hang on their keyframes, those of the
+/// initialization on its reference.
+class FinalTrajectory : public OdometryObserver {
+ public:
+  void onInitStep(const InitStep& step, const Frame& /*frame*/, int /*segment*/) override {
+    if (!frames_.empty()) ++withdrawals;
+    frames_.clear();
+    anchors_.clear();
+    if (!step.result) return;
+    const int reference = step.result->frames.front().frame->id().value;
+    anchors_[reference] = SE3();
+    for (const PosedFrame& posed : step.result->frames) {
+      if (posed.T_cam_ref) frames_[posed.frame->id().value] = {reference, *posed.T_cam_ref};
+    }
+  }
+  void onFrame(const FrameEstimate& estimate) override {
+    if (estimate.state == OdometryState::kLost) ++losses;
+    if (!estimate.T_world_cam) return;
+    frames_[estimate.frame->id().value] = {estimate.keyframe->value, *estimate.T_cam_keyframe};
+  }
+  void onKeyframe(const KeyframeSnapshot& keyframe) override {
+    anchors_[keyframe.id.value] = keyframe.T_world_cam;
+  }
+  void onKeyframeRetired(const KeyframeSnapshot& keyframe) override {
+    anchors_[keyframe.id.value] = keyframe.T_world_cam;
+    ++retired;
+    points += keyframe.points.size();
+  }
+
+  [[nodiscard]] std::size_t posed() const { return frames_.size(); }
+  /// Root mean square position error after the best similarity, over the length of the way.
+  [[nodiscard]] double relativeError(const World& world) const {
+    std::vector<Eigen::Vector3d> estimated;
+    std::vector<Eigen::Vector3d> truth;
+    double way = 0;
+    for (const auto& [index, hung] : frames_) {
+      estimated.push_back((anchors_.at(hung.anchor) * hung.T_cam_anchor.inverse()).translation());
+      const Eigen::Vector3d position = world.pose(index).translation();
+      if (!truth.empty()) way += (position - truth.back()).norm();
+      truth.push_back(position);
+    }
+    return alignmentRms(alignPoints(estimated, truth), estimated, truth) / way;
+  }
+
+  int withdrawals = 0;
+  int losses = 0;
+  int retired = 0;
+  std::size_t points = 0;  ///< of retired keyframes
+
+ private:
+  struct Hung {
+    int anchor = 0;
+    SE3 T_cam_anchor;
+  };
+  std::map<int, Hung> frames_;
+  std::map<int, SE3> anchors_;
+};
+
+}  // namespace dsorb

@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "odometry/seed_window.h"
+
+#include "support/matchers.h"
+#include "support/truth_initializer.h"
+#include "synthetic/sequence.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace dsorb::odometry {
+namespace {
+
+constexpr std::size_t kSerial = 0;
+
+/// True initializations of a rendered room.
+class SeedWindow : public ::testing::Test {
+ protected:
+  SeedWindow() : sequence_(sequenceOptions()) {}
+
+  /// @param cell side of the squares with one point each [px]
+  [[nodiscard]] InitializationResult resultWith(int cell) {
+    TruthInitializer initializer(sequence_.camera(),
+                                 {[this](int id) { return sequence_.pose(id); },
+                                  [this](int id) { return sequence_.inverseDepth(id); }},
+                                 kFrames,
+                                 cell);
+    for (int i = 0; i + 1 < kFrames; ++i) {
+      EXPECT_FALSE(initializer.addFrame(sequence_.framePtr(i)).result);
+    }
+    return initializer.addFrame(sequence_.framePtr(kFrames - 1)).result.value();
+  }
+  [[nodiscard]] window::Window seed(const InitializationResult& result) {
+    PixelSelector selector(sequence_.camera().width, sequence_.camera().height, {});
+    return seedWindow(result, sequence_.camera(), options_, selector, kSerial);
+  }
+
+  static synthetic::SequenceOptions sequenceOptions() {
+    synthetic::SequenceOptions options;
+    options.width = 320;
+    options.height = 240;
+    return options;
+  }
+
+  static constexpr int kFrames = 6;
+  synthetic::SyntheticSequence sequence_;
+  OdometryOptions options_;
+};
+
+TEST_F(SeedWindow, ReferenceAndNewestFrameBecomeKeyframesAtTheGivenPoses) {
+  const InitializationResult result = resultWith(8);
+  const window::Window window = seed(result);
+  ASSERT_EQ(window.keyframes.size(), 2U);
+  EXPECT_EQ(window.keyframes[0].frame, result.frames.front().frame);
+  EXPECT_EQ(window.keyframes[1].frame, result.frames.back().frame);
+  EXPECT_THAT(window.keyframes[0].T_cam_world(), Se3Near(SE3(), 1e-12, 1e-12));
+  EXPECT_THAT(window.keyframes[1].T_cam_world(),
+              Se3Near(*result.frames.back().T_cam_ref, 1e-12, 1e-12));
+}
+
+TEST_F(SeedWindow, ManyPointsAreThinnedAndNothingIsAdded) {
+  options_.window.desired_points = 300;
+  const InitializationResult result = resultWith(6);
+  ASSERT_GT(result.points.size(), 600U);
+  const window::Window window = seed(result);
+  EXPECT_LE(window.numPoints(), 300U);
+  EXPECT_GE(window.numPoints(), 200U);
+}
+
+TEST_F(SeedWindow, FewPointsAreFilledUpWithCandidatesNearTheTruth) {
+  const InitializationResult result = resultWith(40);
+  ASSERT_LT(result.points.size(), 60U);
+  const window::Window window = seed(result);
+  EXPECT_GT(window.numPoints(), 5 * result.points.size());
+  const double unit = result.report.details.at(0).second;
+  const std::vector<float> truth = sequence_.inverseDepth(0);
+  std::vector<double> errors;
+  for (const window::WindowPoint& point : window.keyframes[0].points) {
+    const auto at = static_cast<std::size_t>(point.pixel.y()) * 320U +
+                    static_cast<std::size_t>(point.pixel.x());
+    const double expected = static_cast<double>(truth[at]) * unit;
+    errors.push_back(std::abs(static_cast<double>(point.inverse_depth) / expected - 1));
+  }
+  std::nth_element(errors.begin(), errors.begin() + errors.size() / 2, errors.end());
+  EXPECT_LT(errors[errors.size() / 2], 0.05);
+}
+
+TEST_F(SeedWindow, UnknownVariancesGiveNoPrior) {
+  InitializationResult result = resultWith(8);
+  for (InitPoint& point : result.points) point.variance = 0;
+  const window::Window window = seed(result);
+  for (const window::WindowPoint& point : window.keyframes[0].points) {
+    EXPECT_EQ(point.prior_information, 0.0F);
+  }
+}
+
+TEST_F(SeedWindow, HostsBetweenBecomeKeyframesWithTheirPoints) {
+  InitializationResult result = resultWith(8);
+  for (std::size_t i = 0; i < result.points.size(); i += 3) result.points[i].host = 2;
+  const window::Window window = seed(result);
+  ASSERT_EQ(window.keyframes.size(), 3U);
+  EXPECT_EQ(window.keyframes[1].frame, result.frames[2].frame);
+  EXPECT_FALSE(window.keyframes[1].points.empty());
+  for (const window::WindowPoint& point : window.keyframes[1].points) {
+    EXPECT_EQ(point.num_observations, 2) << "one to each other keyframe";
+  }
+}
+
+TEST_F(SeedWindow, TooManyHostsAreLimitedToTheWindow) {
+  options_.window.max_keyframes = 3;
+  InitializationResult result = resultWith(8);
+  const int newest = kFrames - 1;
+  for (std::size_t i = 0; i < result.points.size(); ++i) {
+    result.points[i].host = static_cast<int>(i) % newest;
+  }
+  const window::Window window = seed(result);
+  EXPECT_EQ(window.keyframes.size(), 3U);
+}
+
+}  // namespace
+}  // namespace dsorb::odometry
