@@ -3,15 +3,6 @@
 
 #include <cstring>
 
-/// Compiles a function for the baseline and for AVX2 with FMA; the better one the machine runs is
-/// taken at load time. Not under sanitizers, whose run time is not up yet when the choice is made.
-#if defined(__x86_64__) && defined(__linux__) && !defined(__AVX2__) && \
-    !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && !defined(__clang__)
-#define DSORB_MULTIVERSION __attribute__((target_clones("arch=x86-64-v3", "default")))
-#else
-#define DSORB_MULTIVERSION
-#endif
-
 #define DSORB_ALWAYS_INLINE inline __attribute__((always_inline))
 
 namespace dsorb {

@@ -5,7 +5,8 @@
 /// when the program starts. `arch=haswell` would not do: it asks for that very Intel model. Not
 /// under sanitizers, which run before the choice is made, and not where the compiler lacks it.
 #if defined(__GNUC__) && !defined(__clang__) && __GNUC__ >= 12 && defined(__x86_64__) && \
-    defined(__linux__) && !defined(__AVX2__) && !defined(DSORB_SANITIZED)
+    defined(__linux__) && !defined(__AVX2__) && !defined(__SANITIZE_ADDRESS__) &&        \
+    !defined(__SANITIZE_THREAD__)
 #define DSORB_TARGET_CLONES __attribute__((target_clones("arch=x86-64-v3", "default")))
 #else
 #define DSORB_TARGET_CLONES

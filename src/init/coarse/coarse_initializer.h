@@ -8,7 +8,7 @@
 #include "init/coarse/coarse_handover.h"
 #include "init/coarse/rotation_search.h"
 #include "init/coarse/start_hypotheses.h"
-#include "init/orb/stage_clock.h"
+#include "init/stage_clock.h"
 
 #include <optional>
 #include <vector>
@@ -54,7 +54,7 @@ class CoarseInitializer : public Initializer {
   RotationSearch rotation_search_;
 
   Attempt attempt_;
-  init_orb::StageClock clock_;
+  StageClock clock_;
   int snapped_since_ = 0;    ///< frames tracked up to the one that snapped, 0: not yet
   int tracked_ = 0;          ///< frames since the reference
   int refusals_ = 0;         ///< frames in a row that settled in poor quality

@@ -3,6 +3,7 @@
 
 #include "base/lanes.h"
 #include "base/parallel.h"
+#include "base/target_clones.h"
 #include "image/photometric.h"
 
 #include <algorithm>
@@ -203,12 +204,12 @@ DSORB_ALWAYS_INLINE float accumulateDepth(const Constants& c,
 }
 
 /// Evaluates points [begin, end).
-DSORB_MULTIVERSION void evaluateBlock(const Constants& c,
-                                      std::size_t begin,
-                                      std::size_t end,
-                                      PointLevel& points,
-                                      SchurTerms& schur,
-                                      BlockSums& sums) {
+DSORB_TARGET_CLONES void evaluateBlock(const Constants& c,
+                                       std::size_t begin,
+                                       std::size_t end,
+                                       PointLevel& points,
+                                       SchurTerms& schur,
+                                       BlockSums& sums) {
   Lanes one;
   fill(1.0F, one);
   for (std::size_t i = begin; i < end; ++i) {

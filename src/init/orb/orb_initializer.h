@@ -7,7 +7,7 @@
 #include "init/orb/feature_tracks.h"
 #include "init/orb/initial_map.h"
 #include "init/orb/matches.h"
-#include "init/orb/stage_clock.h"
+#include "init/stage_clock.h"
 
 #include <optional>
 #include <vector>

@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-namespace dsorb::init_orb {
+namespace dsorb {
 
 /// Adds up the wall time of named stages, for the report; nothing ever decides by it.
 class StageClock {
@@ -52,4 +52,4 @@ class StageClock {
   std::vector<StageTime> stages_;
 };
 
-}  // namespace dsorb::init_orb
+}  // namespace dsorb
