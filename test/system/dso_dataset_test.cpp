@@ -203,7 +203,7 @@ TEST_F(DsoDataset, WrongOptionsExitWithTwoAndOneLine) {
       {{room, "--set", "num_thread=1"}, "'num_threads'"},
       {{room, "--set", "num_threads=-1"}, "[0, 1024]"},
       {{room, "--initializer", "orb-v2"}, "this version lacks it"},
-      {{room, "--preset", "fast"}, "this version lacks it"},
+      {{room, "--preset", "fastest"}, "this version lacks it"},
       {{room, "--speed", "1"}, "this version lacks it"},
       {{room, "--pipelined"}, "this version lacks it"},
       {{room, "--record"}, "--record"},

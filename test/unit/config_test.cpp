@@ -98,6 +98,23 @@ TEST(Config, DefaultPresetHoldsEveryKeyWithTheDefaultOfItsStruct) {
       << "write it anew: dso_dataset --threads 1 --print-config > configs/default.yaml";
 }
 
+TEST(Config, ReferencePresetHoldsThePublishedInitializer) {
+  ConfigSources sources;
+  sources.preset = "reference";
+  const OdometryOptions options = loadConfig(sources).options;
+  EXPECT_THAT(differingKeys(options.initializer.coarse, referenceCoarseOptions()), IsEmpty());
+  EXPECT_FALSE(options.window.optimizer.undo_bad_steps);
+  EXPECT_TRUE(options.depth.epipolar.final_out_of_bounds);
+}
+
+TEST(Config, FastPresetWantsLess) {
+  ConfigSources sources;
+  sources.preset = "fast";
+  const OdometryOptions options = loadConfig(sources).options;
+  EXPECT_EQ(options.window.desired_points, 800);
+  EXPECT_EQ(options.depth.candidates_per_keyframe, 600);
+}
+
 TEST(Config, LaterSourcesWin) {
   const TemporaryFolder folder;
   ConfigSources sources;
@@ -157,9 +174,9 @@ TEST(Config, UnknownVariantAndPresetNameThoseThereAre) {
   EXPECT_THAT(errorOf([] { loadSet("initializer.kind=orb-v9"); }),
               AllOf(HasSubstr("orb-v9"), HasSubstr("orb-v1")));
   ConfigSources sources;
-  sources.preset = "fast";
+  sources.preset = "fastest";
   EXPECT_THAT(errorOf([&sources] { (void)loadConfig(sources); }),
-              AllOf(HasSubstr("--preset fast"), HasSubstr("default")));
+              AllOf(HasSubstr("--preset fastest"), HasSubstr("default")));
 }
 
 TEST(Config, MalformedYamlNamesTheLine) {
