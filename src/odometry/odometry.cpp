@@ -124,6 +124,7 @@ class Odometry::Impl {
     }
     phase_ = Phase::kTracking;
     ++report_.segments;
+    tracked_before_ = report_.frames_tracked;
     probation_.begin(result);
     history_ = {};
     const SE3 T_ref_newest = result.frames.back().T_cam_ref->inverse();
@@ -236,6 +237,7 @@ class Odometry::Impl {
   /// it by the initializer being asked anew in the same segment.
   FrameEstimate withdraw(FrameEstimate estimate) {
     report_.keyframes -= static_cast<int>(mapper_.clear().size());
+    report_.frames_tracked = tracked_before_;
     --report_.segments;
     std::deque<FramePtr> again = probation_.end();
     again.insert(again.end(), waiting_.begin(), waiting_.end());
@@ -300,6 +302,7 @@ class Odometry::Impl {
   int segment_ = 0;
   FrameId lost_at_;
   OdometryReport report_;
+  int tracked_before_ = 0;        // frames, the newest initialization
   std::deque<FramePtr> waiting_;  // to be processed: the frame given, behind those used again
 
   // Phase tracking: what the next frame is tracked with.

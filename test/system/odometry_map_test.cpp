@@ -98,6 +98,7 @@ TEST(OdometryMap, ProbationWithdrawsAWrongStart) {
   const OdometryReport report = odometry.finish();
   EXPECT_EQ(trajectory.withdrawals, 1);
   EXPECT_EQ(report.segments, 1) << "the wrong start does not count";
+  EXPECT_EQ(report.frames_tracked, 25) << "30 without frame 0 and the 4 of the initialization";
   ASSERT_EQ(recorder.references.size(), 2U);
   EXPECT_EQ(recorder.references[0], 0);
   EXPECT_EQ(recorder.references[1], 1) << "its frames were used again, without the first";

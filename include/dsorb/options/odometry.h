@@ -9,12 +9,14 @@
 namespace dsorb {
 
 /// What the map of an initialization must fulfil to stay: limits of the residual's root mean
-/// square after the adjustment of its first keyframes. Limits as published (DSO).
+/// square after the adjustment of its first keyframes. Limits as published (DSO) unless noted.
 struct ProbationOptions {
   double max_rms_second = 20;  ///< [grey levels]
   double max_rms_third = 13;   ///< [grey levels]
-  double max_rms_fourth = 9;   ///< [grey levels]
-  int max_frames = 60;         ///< kept to be used again; older ones are forgotten
+  /// [grey levels]. Published: 9, which on KITTI 00 reversed from frame 199 refused eight starts in
+  /// a row at 9.2 to 9.7 that were as accurate as the one it accepted (path error 0.9 % both ways).
+  double max_rms_fourth = 11;
+  int max_frames = 60;  ///< kept to be used again; older ones are forgotten
 };
 
 template <typename Visitor, typename Options>
