@@ -22,6 +22,21 @@ bool endsWith(const std::string& text, const std::string& end) {
   return text.size() >= end.size() && text.compare(text.size() - end.size(), end.size(), end) == 0;
 }
 
+/// As an ending of a key is accepted too, words are compared with endings of as many parts.
+std::string closestKey(const std::string& word, const std::vector<OptionField>& fields) {
+  const auto parts = std::count(word.begin(), word.end(), '.') + 1;
+  std::vector<std::string> endings;
+  for (const OptionField& field : fields) {
+    std::size_t begin = field.key.size();
+    for (auto part = parts; part > 0 && begin != std::string::npos && begin > 0; --part) {
+      begin = field.key.rfind('.', begin - 1);
+    }
+    endings.push_back(begin == std::string::npos ? field.key : field.key.substr(begin + 1));
+  }
+  const auto closest = std::find(endings.begin(), endings.end(), closestName(word, endings));
+  return fields[static_cast<std::size_t>(closest - endings.begin())].key;
+}
+
 /// The field with this key; else the only one whose key ends with it at a dot.
 OptionField& findField(std::vector<OptionField>& fields, const ConfigAssignment& assignment) {
   std::vector<OptionField*> ending;
@@ -37,12 +52,10 @@ OptionField& findField(std::vector<OptionField>& fields, const ConfigAssignment&
                                   ending[0]->key,
                                   ending[1]->key));
   }
-  std::vector<std::string> keys;
-  for (const OptionField& field : fields) keys.push_back(field.key);
   throw ConfigError(fmt::format("{}: unknown key '{}'; the closest valid key is '{}'",
                                 assignment.origin,
                                 assignment.key,
-                                closestName(assignment.key, keys)));
+                                closestKey(assignment.key, fields)));
 }
 
 template <typename Number>

@@ -153,6 +153,8 @@ TEST(Config, UnknownKeyNamesFileLineAndClosestKey) {
                     HasSubstr("'initializer.orb.min_frames'")));
   EXPECT_THAT(errorOf([] { loadSet("num_thread=2"); }),
               AllOf(HasSubstr("--set: unknown key 'num_thread'"), HasSubstr("'num_threads'")));
+  EXPECT_THAT(errorOf([] { loadSet("orb.min_frmes=3"); }),
+              HasSubstr("the closest valid key is 'initializer.orb.min_frames'"));
 }
 
 TEST(Config, OutOfRangeAndWrongTypeNameTheRange) {
