@@ -164,14 +164,14 @@ Config loadConfig(const ConfigSources& sources) {
     }
   }
   std::vector<OptionField> fields = listFields(config.options);
-  const auto assignAll = [&fields](const std::vector<ConfigAssignment>& list) {
+  const auto assign_all = [&fields](const std::vector<ConfigAssignment>& list) {
     for (const ConfigAssignment& assignment : list) {
       if (!namesVariant(assignment)) assign(fields, assignment);
     }
   };
-  assignAll(before);
+  assign_all(before);
   applyVariant(variant, config);
-  assignAll(after);
+  assign_all(after);
   return config;
 }
 
