@@ -100,6 +100,7 @@ class Evaluation(unittest.TestCase):
             self.assertEqual(path.stat().st_mtime_ns, changed, f'{path} was run twice')
         self.check_results()
         self.check_third_time(program)
+        self.check_results_page()
 
     def check_results(self):
         out, rows = self.folder / 'out', self.rows('out')
@@ -143,6 +144,28 @@ class Evaluation(unittest.TestCase):
         self.assertEqual([p.stat().st_mtime_ns for p in self.records('out')], records)
         for file, content in zip(files, before):
             self.assertEqual(file.read_bytes(), content, file.name)
+
+    def check_results_page(self):
+        """Our rows beside published ones; better and worse as the numbers say; refused where runs are missing."""
+        out, page, published = self.folder / 'out', self.folder / 'page' / 'results.md', self.folder / 'published.csv'
+        page.parent.mkdir()
+        published.write_text('protocol,method,sequence,runs,init,dir,ate\ndense,reference,room,4,4,90,1e-9\nfive,reference,room,3,3,1,1\n')
+        command = [sys.executable, str(SCRIPTS / 'results_page.py'), '--five', str(out), '--dense', str(out), '--published', str(published),
+                   '--output', str(page)]
+        made = subprocess.run(command, capture_output=True, text=True, env=self.environment())
+        self.assertEqual(made.returncode, 0, made.stderr)
+        text, room = page.read_text(), self.rows('out')['room', 'orb']
+        dense, five = text.split("## The report's protocol")
+        self.assertIn('| room | *reference* | 4 | 4 |', dense)
+        better, worse = dense.split('- `orb` is worse')
+        self.assertIn(f'  - room: dir {float(room["dir"]):.4g} (90)', better)
+        self.assertRegex(worse, r'  - room: init 3 \(4\), ate \S+ \(1e-09\)')
+        self.assertIn('`orb` is better than the reference in no column', five)  # other runs are not compared
+        for picture in re.findall(r'!\[[^]]*\]\(([^)]*)\)', text):
+            self.assertTrue((page.parent / picture).exists(), picture)
+        published.write_text('protocol,method,sequence,runs,init\ndense,reference,room,4,many\n')
+        made = subprocess.run(command, capture_output=True, text=True, env=self.environment())
+        self.assertEqual((made.returncode, made.stderr.count('line 2')), (2, 1), made.stderr)
 
     def test_other_configurations_stay_apart_and_a_profile_can_take_the_runs(self):
         program = self.wrapper('quick', 0)
