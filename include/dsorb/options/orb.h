@@ -62,9 +62,10 @@ DescribeFor<Options, TwoViewOptions> describe(Visitor& visit, Options& o) {
 
 /// Options of ORBInitializer, one nested struct a stage.
 struct OrbOptions {
-  int min_frames = 5;    ///< before the first attempt, the reference counted
-  int max_frames = 20;   ///< since the reference; then a new one is taken
-  int min_tracked = 50;  ///< survivors of the reference's corners
+  int min_frames = 5;          ///< before the first attempt, the reference counted
+  int max_frames = 20;         ///< since a reference; then it is given up
+  int min_tracked = 50;        ///< survivors of a reference's corners
+  int reference_interval = 0;  ///< frames from one reference to the next; 0: only one at a time
   FeatureTrackOptions tracks;
   TwoViewOptions two_view;
   GeometricOptions geometric;
@@ -76,6 +77,7 @@ DescribeFor<Options, OrbOptions> describe(Visitor& visit, Options& o) {
   visit.field("min_frames", o.min_frames, Range{2, 100}, "frames");
   visit.field("max_frames", o.max_frames, Range{2, 1000}, "frames");
   visit.field("min_tracked", o.min_tracked, Range{8, 20000}, "corners");
+  visit.field("reference_interval", o.reference_interval, Range{0, 1000}, "frames");
   visit.group("tracks", o.tracks);
   visit.group("two_view", o.two_view);
   visit.group("geometric", o.geometric);

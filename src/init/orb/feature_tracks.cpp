@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/feature_tracks.h"
 
+#include "base/parallel.h"
 #include "image/photometric.h"
 
 #include <opencv2/imgproc.hpp>
@@ -9,6 +10,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <utility>
 
 namespace dsorb::init_orb {
 namespace {
@@ -16,6 +18,8 @@ namespace {
 constexpr double kReferenceDiagonal = 800;   // [px] of 640x480, where min_distance is meant
 constexpr int kBorder = kPatternRadius + 1;  // [px]; the pattern and its interpolation stay inside
 constexpr std::uint8_t kValid = 255;
+constexpr std::size_t kTrackGrain = 64;  // tracks one thread follows at a time
+constexpr float kLostMiss = 1e6F;        // [px]; of a track that was not found
 constexpr double kMaxGain = 4;  // two stops; more is another scene or an image without content
 
 /// What OpenCV sees of a frame.
@@ -71,32 +75,69 @@ GreyImage greyImage(const PyramidLevel& level, float gain, int margin) {
   return image;
 }
 
-/// Keeps the strongest corners of every grid cell, so that a textured corner of the image cannot
-/// take all. @param corners strongest first
-std::vector<Eigen::Vector2f> spread(const std::vector<cv::Point2f>& corners,
-                                    cv::Size size,
-                                    const FeatureTrackOptions& options) {
-  const int columns = (size.width + options.cell_size - 1) / options.cell_size;
-  const int rows = (size.height + options.cell_size - 1) / options.cell_size;
-  const int cells = columns * rows;
-  // Twice an even share: cells without texture leave theirs to others.
-  const int cap = std::max(1, (2 * options.max_corners + cells - 1) / cells);
-  std::vector<int> taken(static_cast<std::size_t>(cells), 0);
-  std::vector<Eigen::Vector2f> kept;
-  for (const cv::Point2f& corner : corners) {
-    if (corner.x < kBorder || corner.y < kBorder ||
-        corner.x > static_cast<float>(size.width - 1 - kBorder) ||
-        corner.y > static_cast<float>(size.height - 1 - kBorder)) {
-      continue;
-    }
-    const int cell = static_cast<int>(corner.y) / options.cell_size * columns +
-                     static_cast<int>(corner.x) / options.cell_size;
-    if (taken[static_cast<std::size_t>(cell)]++ >= cap) continue;
-    kept.emplace_back(corner.x, corner.y);
-    if (static_cast<int>(kept.size()) == options.max_corners) break;
+/// Corners of an image, well inside it, spread over it and away from those that are there already.
+class CornerGrid {
+ public:
+  CornerGrid(cv::Size size, const FeatureTrackOptions& options)
+      : size_(size),
+        options_(options),
+        columns_((size.width + options.cell_size - 1) / options.cell_size),
+        min_distance_(options.min_distance * std::hypot(size.width, size.height) /
+                      kReferenceDiagonal) {
+    const int rows = (size.height + options.cell_size - 1) / options.cell_size;
+    taken_.resize(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows), 0);
+    // Twice an even share: cells without texture leave theirs to others.
+    const auto cells = static_cast<int>(taken_.size());
+    cap_ = std::max(1, (2 * options.max_corners + cells - 1) / cells);
   }
-  return kept;
-}
+
+  /// The strongest corners of every cell, so that a textured part of the image cannot take all.
+  /// @param known places that are taken
+  [[nodiscard]] std::vector<Eigen::Vector2f> choose(const cv::Mat& grey,
+                                                    const cv::Mat& valid,
+                                                    const std::vector<Eigen::Vector2f>& known) {
+    std::vector<cv::Point2f> corners;
+    cv::goodFeaturesToTrack(grey, corners, 0, options_.corner_quality, min_distance_, valid);
+    cv::Mat occupied;
+    if (!known.empty()) occupied = cv::Mat::zeros(size_, CV_8UC1);
+    for (const Eigen::Vector2f& place : known) {
+      ++taken(place.x(), place.y());
+      const cv::Point centre(cvRound(place.x()), cvRound(place.y()));
+      cv::circle(occupied, centre, static_cast<int>(min_distance_), cv::Scalar(1), cv::FILLED);
+    }
+    const std::size_t wanted =
+        static_cast<std::size_t>(options_.max_corners) -
+        std::min(known.size(), static_cast<std::size_t>(options_.max_corners));
+    std::vector<Eigen::Vector2f> chosen;
+    for (const cv::Point2f& corner : corners) {
+      if (chosen.size() == wanted) break;
+      if (!isInside(corner) || (!occupied.empty() && occupied.at<std::uint8_t>(corner) != 0)) {
+        continue;
+      }
+      if (taken(corner.x, corner.y)++ < cap_) chosen.emplace_back(corner.x, corner.y);
+    }
+    return chosen;
+  }
+
+ private:
+  [[nodiscard]] bool isInside(const cv::Point2f& corner) const {
+    return corner.x >= kBorder && corner.y >= kBorder &&
+           corner.x <= static_cast<float>(size_.width - 1 - kBorder) &&
+           corner.y <= static_cast<float>(size_.height - 1 - kBorder);
+  }
+  int& taken(float x, float y) {
+    const int cell = static_cast<int>(y) / options_.cell_size * columns_ +
+                     static_cast<int>(x) / options_.cell_size;
+    return taken_[static_cast<std::size_t>(cell)];
+  }
+
+  cv::Size size_;
+  const FeatureTrackOptions& options_;
+  int columns_;
+  double min_distance_;  // [px] in this image
+  int cap_ = 1;
+  std::vector<int> taken_;  // corners by cell
+};
 
 bool usable(const GreyImage& image, const cv::Point2f& position) {
   if (!(position.x >= kBorder && position.y >= kBorder &&
@@ -108,7 +149,13 @@ bool usable(const GreyImage& image, const cv::Point2f& position) {
          image.valid.at<std::uint8_t>(cvRound(position.y), cvRound(position.x)) == kValid;
 }
 
-/// One call of Lucas-Kanade between two images.
+/// Where a step of Lucas-Kanade ended.
+struct StepEnds {
+  std::vector<cv::Point2f> place;
+  std::vector<float> miss;  // of the start, after going back again [px]
+};
+
+/// Lucas-Kanade between two images.
 struct LucasKanade {
   explicit LucasKanade(const FeatureTrackOptions& options)
       : window(options.window, options.window),
@@ -118,7 +165,6 @@ struct LucasKanade {
              options.min_step) {}
 
   void pyramid(const cv::Mat& grey, std::vector<cv::Mat>& levels) const {
-    levels.clear();
     cv::buildOpticalFlowPyramid(grey, levels, window, max_level, true);
   }
   void follow(const std::vector<cv::Mat>& from,
@@ -128,6 +174,26 @@ struct LucasKanade {
               std::vector<unsigned char>& found) const {
     cv::Mat error;
     cv::calcOpticalFlowPyrLK(from, to, start, end, found, error, window, max_level, stop);
+  }
+  [[nodiscard]] StepEnds followBothWays(const std::vector<cv::Mat>& from,
+                                        const std::vector<cv::Mat>& to,
+                                        const Eigen::Vector2f* places,
+                                        std::size_t count) const {
+    std::vector<cv::Point2f> start;
+    start.reserve(count);
+    for (std::size_t i = 0; i < count; ++i) start.emplace_back(places[i].x(), places[i].y());
+    StepEnds ends;
+    std::vector<cv::Point2f> back;
+    std::vector<unsigned char> found;
+    std::vector<unsigned char> found_back;
+    follow(from, to, start, ends.place, found);
+    follow(to, from, ends.place, back, found_back);
+    for (std::size_t i = 0; i < count; ++i) {
+      const cv::Point2f miss = back[i] - start[i];
+      ends.miss.push_back(found[i] != 0 && found_back[i] != 0 ? std::hypot(miss.x, miss.y)
+                                                              : kLostMiss);
+    }
+    return ends;
   }
 
   cv::Size window;
@@ -139,54 +205,55 @@ struct LucasKanade {
 
 void FeatureTracks::clear() {
   positions_.clear();
-  previous_pyramid_.clear();
+  births_.clear();
   survivor_share_ = 1;
 }
 
 void FeatureTracks::start(const Frame& reference) {
   clear();
-  const GreyImage image = greyImage(reference.level(0), 1.0F, options_.window / 2);
-  const double diagonal = std::hypot(image.grey.cols, image.grey.rows);
-  const double min_distance = options_.min_distance * diagonal / kReferenceDiagonal;
-  std::vector<cv::Point2f> corners;
-  cv::goodFeaturesToTrack(
-      image.grey, corners, 0, options_.corner_quality, min_distance, image.valid);
-  positions_.push_back(spread(corners, image.grey.size(), options_));
-  LucasKanade(options_).pyramid(image.grey, previous_pyramid_);
+  GreyImage image = greyImage(reference.level(0), 1.0F, options_.window / 2);
+  grey_ = std::move(image.grey);
+  valid_ = std::move(image.valid);
   reference_mean_ = meanIntensity(reference.level(brightnessLevel(reference)));
+  LucasKanade(options_).pyramid(grey_, pyramid_);
+  positions_.emplace_back();
+  addCorners();
+}
+
+void FeatureTracks::addCorners() {
+  const std::vector<Eigen::Vector2f> fresh =
+      CornerGrid(grey_.size(), options_).choose(grey_, valid_, positions_.back());
+  const std::size_t tracks = births_.size() + fresh.size();
+  for (auto& frame : positions_) frame.resize(tracks, Eigen::Vector2f::Constant(NAN));
+  std::copy(fresh.begin(),
+            fresh.end(),
+            positions_.back().begin() + static_cast<std::ptrdiff_t>(births_.size()));
+  births_.resize(tracks, frames() - 1);
 }
 
 void FeatureTracks::advance(const Frame& frame) {
-  const LucasKanade lucas_kanade(options_);
   const double mean = meanIntensity(frame.level(brightnessLevel(frame)));
   const double gain = mean > 0 ? std::clamp(reference_mean_ / mean, 1 / kMaxGain, kMaxGain) : 1.0;
   const GreyImage image = greyImage(frame.level(0), static_cast<float>(gain), options_.window / 2);
-  std::vector<cv::Mat> pyramid;
-  lucas_kanade.pyramid(image.grey, pyramid);
+  const LucasKanade lucas_kanade(options_);
+  std::swap(pyramid_, other_pyramid_);
+  lucas_kanade.pyramid(image.grey, pyramid_);
 
   const std::vector<Eigen::Vector2f>& before = positions_.back();
   std::vector<Eigen::Vector2f> after(before.size());
   std::vector<char> alive(before.size(), 0);
-  if (!before.empty()) {
-    std::vector<cv::Point2f> start;
-    start.reserve(before.size());
-    for (const Eigen::Vector2f& p : before) start.emplace_back(p.x(), p.y());
-    std::vector<cv::Point2f> forward;
-    std::vector<cv::Point2f> backward;
-    std::vector<unsigned char> found_forward;
-    std::vector<unsigned char> found_backward;
-    lucas_kanade.follow(previous_pyramid_, pyramid, start, forward, found_forward);
-    lucas_kanade.follow(pyramid, previous_pyramid_, forward, backward, found_backward);
-    for (std::size_t i = 0; i < before.size(); ++i) {
-      const cv::Point2f miss = backward[i] - start[i];
-      const bool returned = std::hypot(miss.x, miss.y) < options_.max_backward_error;
-      alive[i] =
-          found_forward[i] != 0 && found_backward[i] != 0 && returned && usable(image, forward[i]);
-      after[i] = {forward[i].x, forward[i].y};
+  forEachRange(before.size(), kTrackGrain, [&](std::size_t begin, std::size_t end) {
+    const StepEnds ends =
+        lucas_kanade.followBothWays(other_pyramid_, pyramid_, &before[begin], end - begin);
+    for (std::size_t i = begin; i < end; ++i) {
+      const cv::Point2f& place = ends.place[i - begin];
+      alive[i] = ends.miss[i - begin] < options_.max_backward_error && usable(image, place);
+      after[i] = {place.x, place.y};
     }
-  }
+  });
   positions_.push_back(std::move(after));
-  previous_pyramid_ = std::move(pyramid);
+  grey_ = image.grey;
+  valid_ = image.valid;
   keepOnly(alive);
 }
 
@@ -195,11 +262,30 @@ void FeatureTracks::keepOnly(const std::vector<char>& alive) {
   for (std::size_t i = 0; i < alive.size(); ++i) {
     if (alive[i] == 0) continue;
     for (auto& frame : positions_) frame[kept] = frame[i];
-    ++kept;
+    births_[kept++] = births_[i];
   }
   for (auto& frame : positions_) frame.resize(kept);
+  births_.resize(kept);
   survivor_share_ =
       alive.empty() ? 1.0 : static_cast<double>(kept) / static_cast<double>(alive.size());
+}
+
+void FeatureTracks::dropFrames(int count) {
+  positions_.erase(positions_.begin(), positions_.begin() + count);
+  for (int& birth : births_) birth = std::max(0, birth - count);
+}
+
+int FeatureTracks::sizeSince(int frame) const {
+  return static_cast<int>(std::upper_bound(births_.begin(), births_.end(), frame) -
+                          births_.begin());
+}
+
+CornerTracks FeatureTracks::since(int reference) const {
+  CornerTracks tracks;
+  for (auto frame = positions_.begin() + reference; frame != positions_.end(); ++frame) {
+    tracks.positions.emplace_back(frame->begin(), frame->begin() + sizeSince(reference));
+  }
+  return tracks;
 }
 
 }  // namespace dsorb::init_orb

@@ -4,6 +4,8 @@
 #include "dsorb/image/frame.h"
 #include "dsorb/options/orb.h"
 
+#include "init/orb/corner_tracks.h"
+
 #include <Eigen/Core>
 #include <opencv2/core.hpp>
 
@@ -11,40 +13,56 @@
 
 namespace dsorb::init_orb {
 
-/// Corners of a reference image followed from frame to frame with Lucas-Kanade; a track must come
-/// back to where it started when it is followed backwards. Only tracks that live in every frame
-/// since the reference are kept.
+/// Corners followed from frame to frame with Lucas-Kanade; a track must come back to where it
+/// started when it is followed backwards. Only tracks that live in the newest frame are kept.
+///
+/// Every frame can become a reference: its corners are the tracks that live there, topped up with
+/// fresh ones. So one set of tracks serves all references, each track is followed once.
 /// @source Bouguet, Pyramidal Implementation of the Lucas Kanade Feature Tracker; Shi and Tomasi,
 ///         Good Features to Track, CVPR 1994
 class FeatureTracks {
  public:
   explicit FeatureTracks(const FeatureTrackOptions& options) : options_(options) {}
+  FeatureTracks(const FeatureTracks&) = delete;  // the images of copies would share memory
+  FeatureTracks& operator=(const FeatureTracks&) = delete;
 
-  /// Forgets everything and finds the corners of a new reference.
+  /// Forgets everything and finds the corners of the first reference.
   void start(const Frame& reference);
-  /// Follows all live tracks into the next frame, which has the reference's size.
+  /// Follows all live tracks into the next frame, which has the reference's size. Runs in parallel
+  /// inside the caller's arena; the result does not depend on the number of threads.
   void advance(const Frame& frame);
+  /// Makes the newest frame a reference: adds corners away from the live tracks.
+  void addCorners();
+  /// Forgets the oldest frames and the tracks' positions there.
+  void dropFrames(int count);
   void clear();
 
   /// Live tracks.
-  [[nodiscard]] int size() const {
-    return positions_.empty() ? 0 : static_cast<int>(positions_.front().size());
-  }
-  /// Frames since the reference, the reference included.
+  [[nodiscard]] int size() const { return static_cast<int>(births_.size()); }
+  /// Live tracks that were there in a frame already.
+  [[nodiscard]] int sizeSince(int frame) const;
+  /// Frames since the first, the first included.
   [[nodiscard]] int frames() const { return static_cast<int>(positions_.size()); }
-  /// Share of the tracks that survived the last step; 1 for a reference.
+  /// Share of the tracks that survived the last step; 1 for the first frame.
   [[nodiscard]] double survivorShare() const { return survivor_share_; }
-  /// Positions of all live tracks in one frame [px]; entry i is the same corner in every frame.
+  /// Positions of all live tracks in one frame [px]; entry i is the same corner in every frame, NaN
+  /// before its first.
   [[nodiscard]] const std::vector<Eigen::Vector2f>& positions(int frame) const {
     return positions_[static_cast<std::size_t>(frame)];
   }
+  /// The tracks that live in every frame since a reference.
+  [[nodiscard]] CornerTracks since(int reference) const;
 
  private:
   void keepOnly(const std::vector<char>& alive);
 
   FeatureTrackOptions options_;
   std::vector<std::vector<Eigen::Vector2f>> positions_;  // [frame][track]
-  std::vector<cv::Mat> previous_pyramid_;                // Lucas-Kanade's own, with derivatives
+  std::vector<int> births_;                              // first frame of each track, ascending
+  cv::Mat grey_;                                         // newest image
+  cv::Mat valid_;                                        // its mask; empty: all of it
+  std::vector<cv::Mat> pyramid_;        // of the newest image, Lucas-Kanade's own, with derivatives
+  std::vector<cv::Mat> other_pyramid_;  // memory for the next one
   double survivor_share_ = 1;
   double reference_mean_ = 0;  // intensity that later images are brought to [grey levels]
 };

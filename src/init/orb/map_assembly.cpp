@@ -43,7 +43,7 @@ double medianRelativeSigma(const std::vector<InitPoint>& points) {
 }  // namespace
 
 InitialMap makeInitialMap(const std::vector<FramePtr>& frames,
-                          const FeatureTracks& tracks,
+                          const CornerTracks& tracks,
                           const MotionHypothesis& motion) {
   InitialMap map;
   map.frames = frames;
@@ -57,9 +57,10 @@ InitialMap makeInitialMap(const std::vector<FramePtr>& frames,
     if (!point) continue;
     const int corner = static_cast<int>(map.corners.size());
     map.corners.push_back(
-        {tracks.positions(0)[track].cast<double>(), point->inverse_depth, point->variance});
+        {tracks.positions[0][track].cast<double>(), point->inverse_depth, point->variance});
     for (int frame = 1; frame < tracks.frames(); ++frame) {
-      map.observations.push_back({corner, frame, tracks.positions(frame)[track].cast<double>()});
+      const Eigen::Vector2f& place = tracks.positions[static_cast<std::size_t>(frame)][track];
+      if (place.allFinite()) map.observations.push_back({corner, frame, place.cast<double>()});
     }
   }
   return map;

@@ -4,7 +4,7 @@
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/init/result.h"
 
-#include "init/orb/feature_tracks.h"
+#include "init/orb/corner_tracks.h"
 #include "init/orb/initial_map.h"
 #include "init/orb/motion_hypotheses.h"
 
@@ -13,11 +13,11 @@
 namespace dsorb::init_orb {
 
 /// The attempt's first map: a corner for every track that is good under the motion, with its
-/// observations in all frames; the first and the last frame posed.
+/// observations in all frames that see it; the first and the last frame posed.
 /// @param frames one a frame of the tracks
 /// @param motion reference to newest frame, its points in the order of the tracks
 InitialMap makeInitialMap(const std::vector<FramePtr>& frames,
-                          const FeatureTracks& tracks,
+                          const CornerTracks& tracks,
                           const MotionHypothesis& motion);
 
 /// Poses the frames between the first and the last: from the corners, or where these do not agree

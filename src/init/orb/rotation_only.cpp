@@ -5,11 +5,13 @@
 
 #include <algorithm>
 #include <cassert>
+#include <cmath>
 #include <cstddef>
 
 namespace dsorb::init_orb {
 namespace {
 
+constexpr double kDegPerRad = 180.0 / M_PI;
 constexpr int kRounds = 10;        // the angle then changes by less than a hundredth of a pixel
 constexpr double kMinChord = 0.1;  // [px]; smaller residuals are noise of the tracks
 constexpr double kBehindResidual =
@@ -60,6 +62,10 @@ RotationFit fitRotation(const Matches& matches, const PinholeCamera& camera) {
   std::nth_element(residuals.begin(), middle, residuals.end());
   fit.median_residual = *middle;
   return fit;
+}
+
+double rotationResidualDeg(const Matches& matches, const PinholeCamera& camera) {
+  return std::atan(fitRotation(matches, camera).median_residual / camera.fx) * kDegPerRad;
 }
 
 }  // namespace dsorb::init_orb

@@ -22,4 +22,8 @@ struct RotationFit {
 ///         step); weights 1 / residual as Weiszfeld's
 RotationFit fitRotation(const Matches& matches, const PinholeCamera& camera);
 
+/// Median that the best rotation leaves of the displacements, as an angle: the parallax that no
+/// rotation explains. @param matches not empty
+double rotationResidualDeg(const Matches& matches, const PinholeCamera& camera);
+
 }  // namespace dsorb::init_orb

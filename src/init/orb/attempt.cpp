@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/attempt.h"
+
+#include "init/orb/geometric_adjustment.h"
+#include "init/orb/map_assembly.h"
+#include "init/orb/report_motion.h"
+#include "init/orb/semi_dense_depth.h"
+
+#include <utility>
+
+namespace dsorb::init_orb {
+namespace {
+
+/// Semi-dense depths for the corners' map. @return whether enough came of it
+bool densify(const AttemptContext& context, Attempt& attempt) {
+  const SemiDenseReport report = context.clock.time("semi_dense", [&] {
+    return estimateSemiDenseDepth(
+        *attempt.map, context.camera, context.options.orb.semi_dense, context.seed());
+  });
+  attempt.report.details.emplace_back("semi_dense_candidates", report.candidates);
+  attempt.report.details.emplace_back("semi_dense_points", report.points);
+  return true;
+}
+
+}  // namespace
+
+Attempt attemptFrom(const ReferenceView& view, const AttemptContext& context) {
+  Attempt attempt;
+  const bool usable = estimateReportMotion(view, context, attempt) && densify(context, attempt) &&
+                      adjustCorners(context, attempt);
+  if (!usable) {
+    attempt.map.reset();
+    return attempt;
+  }
+  attempt.reason = InitReason::kDone;
+  attempt.report.details.emplace_back("corners", static_cast<double>(attempt.map->corners.size()));
+  return attempt;
+}
+
+InitializationResult toResult(Attempt attempt) {
+  InitializationResult result = toResult(*attempt.map);
+  InitReport& report = result.report;
+  report.model = std::move(attempt.report.model);
+  report.median_parallax_deg = attempt.report.median_parallax_deg;
+  report.inlier_ratio = attempt.report.inlier_ratio;
+  report.residual_rms = attempt.report.residual_rms;
+  report.details = std::move(attempt.report.details);
+  return result;
+}
+
+}  // namespace dsorb::init_orb
