@@ -5,7 +5,7 @@
 namespace dsorb {
 
 std::vector<std::string> initializerVariants() {
-  return {"coarse", "orb", "orb-v1"};
+  return {"coarse", "orb", "orb-v1", "orb-matching"};
 }
 
 InitializerOptions initializerVariant(const std::string& name) {
@@ -20,7 +20,16 @@ InitializerOptions initializerVariant(const std::string& name) {
     options.orb.geometric.solver = GeometricSolver::kCeres;  // as in the report
     return options;
   }
-  throw ConfigError("initializer '" + name + "': this version has coarse, orb and orb-v1");
+  if (name == "orb-matching") {
+    InitializerOptions options;
+    options.orb.front_end = OrbFrontEnd::kDescriptors;
+    options.orb.two_view.model_choice = ModelChoice::kInliers;
+    options.orb.geometric.solver = GeometricSolver::kCeres;
+    return options;
+  }
+  std::string known;
+  for (const std::string& variant : initializerVariants()) known += " " + variant;
+  throw ConfigError("initializer '" + name + "': this version has" + known);
 }
 
 }  // namespace dsorb

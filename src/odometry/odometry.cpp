@@ -3,7 +3,7 @@
 
 #include "base/describe.h"
 #include "base/parallel.h"
-#include "odometry/frame_check.h"
+#include "image/frame_check.h"
 #include "odometry/mapper.h"
 #include "odometry/probation.h"
 #include "track/motion_guesses.h"
@@ -294,7 +294,7 @@ class Odometry::Impl {
   track::Tracker tracker_;
   odometry::Mapper mapper_;
   odometry::Probation probation_;
-  odometry::FrameCheck frame_check_;
+  FrameCheck frame_check_;
   std::vector<OdometryObserver*> observers_;
 
   Phase phase_ = Phase::kInitializing;

@@ -3,6 +3,7 @@
 
 #include "dsorb/options/field.h"
 #include "dsorb/options/orb_mapping.h"
+#include "dsorb/options/orb_matching.h"
 
 namespace dsorb {
 
@@ -34,10 +35,17 @@ DescribeFor<Options, FeatureTrackOptions> describe(Visitor& visit, Options& o) {
   visit.field("min_survivor_share", o.min_survivor_share, Range{0, 1}, "");
 }
 
+/// Which of two models explains the matches.
+enum class ModelChoice {
+  kScore,   ///< by the homography's share of both scores
+  kInliers  ///< the one with more inliers
+};
+
 /// Motion between the reference and the newest frame.
 struct TwoViewOptions {
-  int rounds = 200;                        ///< of RANSAC; both models use the same samples
-  double sigma = 1;                        ///< of a corner's position in each image
+  int rounds = 200;  ///< of RANSAC; both models use the same samples
+  double sigma = 1;  ///< of a corner's position in each image
+  ModelChoice model_choice = ModelChoice::kScore;
   double homography_share = 0.4;           ///< homography when S_H / (S_H + S_F) is above
   double min_rotation_residual_deg = 0.3;  ///< median that a rotation leaves; less: no parallax
   int min_triangulated = 50;               ///< good points of the best hypothesis
@@ -51,6 +59,9 @@ template <typename Visitor, typename Options>
 DescribeFor<Options, TwoViewOptions> describe(Visitor& visit, Options& o) {
   visit.field("rounds", o.rounds, Range{1, 100000}, "rounds");
   visit.field("sigma", o.sigma, Range{0.01, 100}, "px");
+  visit.choice("model_choice",
+               o.model_choice,
+               {{"score", ModelChoice::kScore}, {"inliers", ModelChoice::kInliers}});
   visit.field("homography_share", o.homography_share, Range{0, 1}, "");
   visit.field("min_rotation_residual_deg", o.min_rotation_residual_deg, Range{0, 90}, "deg");
   visit.field("min_triangulated", o.min_triangulated, Range{8, 20000}, "points");
@@ -60,13 +71,21 @@ DescribeFor<Options, TwoViewOptions> describe(Visitor& visit, Options& o) {
   visit.field("parallax_rank", o.parallax_rank, Range{1, 20000}, "points");
 }
 
+/// How points of the reference are found again.
+enum class OrbFrontEnd {
+  kTracks,      ///< corners followed from frame to frame by optical flow
+  kDescriptors  ///< ORB features matched with the reference's by their descriptors
+};
+
 /// Options of ORBInitializer, one nested struct a stage.
 struct OrbOptions {
+  OrbFrontEnd front_end = OrbFrontEnd::kTracks;
   int min_frames = 5;          ///< before the first attempt, the reference counted
   int max_frames = 20;         ///< since a reference; then it is given up
   int min_tracked = 50;        ///< survivors of a reference's corners
   int reference_interval = 0;  ///< frames from one reference to the next; 0: only one at a time
   FeatureTrackOptions tracks;
+  OrbMatchingOptions matching;
   TwoViewOptions two_view;
   GeometricOptions geometric;
   SemiDenseOptions semi_dense;
@@ -74,11 +93,15 @@ struct OrbOptions {
 
 template <typename Visitor, typename Options>
 DescribeFor<Options, OrbOptions> describe(Visitor& visit, Options& o) {
+  visit.choice("front_end",
+               o.front_end,
+               {{"tracks", OrbFrontEnd::kTracks}, {"descriptors", OrbFrontEnd::kDescriptors}});
   visit.field("min_frames", o.min_frames, Range{2, 100}, "frames");
   visit.field("max_frames", o.max_frames, Range{2, 1000}, "frames");
   visit.field("min_tracked", o.min_tracked, Range{8, 20000}, "corners");
   visit.field("reference_interval", o.reference_interval, Range{0, 1000}, "frames");
   visit.group("tracks", o.tracks);
+  visit.group("matching", o.matching);
   visit.group("two_view", o.two_view);
   visit.group("geometric", o.geometric);
   visit.group("semi_dense", o.semi_dense);

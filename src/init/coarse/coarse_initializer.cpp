@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
-#include <string>
 #include <utility>
 
 namespace dsorb::init_coarse {
@@ -48,6 +47,7 @@ CoarseInitializer::CoarseInitializer(const InitializerOptions& options, const Pi
     : options_(options),
       camera_(camera),
       arena_(options.num_threads),
+      frame_check_(camera),
       aligner_(options.coarse),
       rotation_search_(options.coarse) {
   reset();
@@ -63,33 +63,13 @@ void CoarseInitializer::reset() {
   inlier_share_ = 0;
   done_ = false;
   earlier_resets_.clear();
-  last_timestamp_.reset();
-  direction_ = 0;
+  frame_check_ = FrameCheck(camera_);
   last_motion_ = SE3();
 }
 
-void CoarseInitializer::checkFrame(const FramePtr& frame) const {
-  if (done_) throw std::logic_error("addFrame after a result: call reset() first");
-  if (!frame) throw std::invalid_argument("addFrame without a frame");
-  if (frame->width() != camera_.width || frame->height() != camera_.height) {
-    throw std::invalid_argument("frame of " + std::to_string(frame->width()) + "x" +
-                                std::to_string(frame->height()) + " pixels, camera of " +
-                                std::to_string(camera_.width) + "x" +
-                                std::to_string(camera_.height));
-  }
-  if (!last_timestamp_) return;
-  const double step = frame->timestamp() - *last_timestamp_;
-  if (step == 0 || step * direction_ < 0 || !std::isfinite(step)) {
-    throw std::invalid_argument("timestamp " + std::to_string(frame->timestamp()) + " s after " +
-                                std::to_string(*last_timestamp_) +
-                                " s: equal, or against the direction so far");
-  }
-}
-
 InitStep CoarseInitializer::addFrame(FramePtr frame) {
-  checkFrame(frame);
-  if (last_timestamp_) direction_ = frame->timestamp() > *last_timestamp_ ? 1 : -1;
-  last_timestamp_ = frame->timestamp();
+  if (done_) throw std::logic_error("addFrame after a result: call reset() first");
+  frame_check_.accept(frame);
   return arena_.run([&]() -> InitStep {
     if (attempt_.frames.empty()) {
       const bool enough = setReference(frame);

@@ -4,13 +4,13 @@
 #include "dsorb/init/initializer.h"
 
 #include "base/parallel.h"
+#include "image/frame_check.h"
 #include "init/coarse/coarse_alignment.h"
 #include "init/coarse/coarse_handover.h"
 #include "init/coarse/rotation_search.h"
 #include "init/coarse/start_hypotheses.h"
 #include "init/stage_clock.h"
 
-#include <optional>
 #include <vector>
 
 namespace dsorb::init_coarse {
@@ -28,7 +28,6 @@ class CoarseInitializer : public Initializer {
   void reset() override;
 
  private:
-  void checkFrame(const FramePtr& frame) const;
   /// Makes the frame the first one.
   /// @return false when it has too few points
   bool setReference(const FramePtr& frame);
@@ -50,6 +49,7 @@ class CoarseInitializer : public Initializer {
   InitializerOptions options_;
   PinholeCamera camera_;
   TaskArena arena_;
+  FrameCheck frame_check_;
   LevelAligner aligner_;
   RotationSearch rotation_search_;
 
@@ -62,9 +62,7 @@ class CoarseInitializer : public Initializer {
   int restarts_ = 0;
   bool done_ = false;
   std::vector<InitReason> earlier_resets_;
-  std::optional<double> last_timestamp_;
-  SE3 last_motion_;       ///< from the frame before the newest to the newest
-  double direction_ = 0;  ///< sign of the time step, 0: not known yet
+  SE3 last_motion_;  ///< from the frame before the newest to the newest
 };
 
 }  // namespace dsorb::init_coarse

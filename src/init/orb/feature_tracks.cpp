@@ -2,7 +2,7 @@
 #include "init/orb/feature_tracks.h"
 
 #include "base/parallel.h"
-#include "image/photometric.h"
+#include "init/orb/grey_image.h"
 
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
@@ -15,65 +15,9 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr double kReferenceDiagonal = 800;   // [px] of 640x480, where min_distance is meant
-constexpr int kBorder = kPatternRadius + 1;  // [px]; the pattern and its interpolation stay inside
-constexpr std::uint8_t kValid = 255;
-constexpr std::size_t kTrackGrain = 64;  // tracks one thread follows at a time
-constexpr float kLostMiss = 1e6F;        // [px]; of a track that was not found
-constexpr double kMaxGain = 4;  // two stops; more is another scene or an image without content
-
-/// What OpenCV sees of a frame.
-struct GreyImage {
-  cv::Mat grey;   // 8 bit, invalid pixels black
-  cv::Mat valid;  // 255 where the pixel and all neighbours of the Lucas-Kanade window are valid;
-                  // empty when the whole image is
-};
-
-/// Mean intensity of the valid pixels [grey levels]; 0 without any.
-double meanIntensity(const PyramidLevel& level) {
-  double sum = 0;
-  int count = 0;
-  for (int y = 0; y < level.height(); ++y) {
-    const ImageSample* row = level.row(y);
-    for (int x = 0; x < level.width(); ++x) {
-      if (!std::isfinite(row[x].intensity)) continue;
-      sum += row[x].intensity;
-      ++count;
-    }
-  }
-  return count > 0 ? sum / count : 0;
-}
-
-/// Level that is small enough to average quickly.
-int brightnessLevel(const Frame& frame) {
-  return std::min(2, frame.pyramid().levels() - 1);
-}
-
-/// @param gain   applied to the intensities; Lucas-Kanade expects equal brightness
-/// @param margin by which invalid regions are widened [px]
-GreyImage greyImage(const PyramidLevel& level, float gain, int margin) {
-  GreyImage image{cv::Mat(level.height(), level.width(), CV_8UC1), {}};
-  for (int y = 0; y < level.height(); ++y) {
-    const ImageSample* source = level.row(y);
-    auto* grey = image.grey.ptr<std::uint8_t>(y);
-    for (int x = 0; x < level.width(); ++x) {
-      const float intensity = source[x].intensity;
-      if (std::isfinite(intensity)) {
-        grey[x] = cv::saturate_cast<std::uint8_t>(gain * intensity);
-        continue;
-      }
-      grey[x] = 0;
-      if (image.valid.empty())
-        image.valid = cv::Mat(image.grey.size(), CV_8UC1, cv::Scalar(kValid));
-      image.valid.at<std::uint8_t>(y, x) = 0;
-    }
-  }
-  if (!image.valid.empty()) {
-    const cv::Mat square = cv::Mat::ones(2 * margin + 1, 2 * margin + 1, CV_8UC1);
-    cv::erode(image.valid, image.valid, square);
-  }
-  return image;
-}
+constexpr double kReferenceDiagonal = 800;  // [px] of 640x480, where min_distance is meant
+constexpr std::size_t kTrackGrain = 64;     // tracks one thread follows at a time
+constexpr float kLostMiss = 1e6F;           // [px]; of a track that was not found
 
 /// Corners of an image, well inside it, spread over it and away from those that are there already.
 class CornerGrid {
@@ -121,9 +65,9 @@ class CornerGrid {
 
  private:
   [[nodiscard]] bool isInside(const cv::Point2f& corner) const {
-    return corner.x >= kBorder && corner.y >= kBorder &&
-           corner.x <= static_cast<float>(size_.width - 1 - kBorder) &&
-           corner.y <= static_cast<float>(size_.height - 1 - kBorder);
+    return corner.x >= kFeatureBorder && corner.y >= kFeatureBorder &&
+           corner.x <= static_cast<float>(size_.width - 1 - kFeatureBorder) &&
+           corner.y <= static_cast<float>(size_.height - 1 - kFeatureBorder);
   }
   int& taken(float x, float y) {
     const int cell = static_cast<int>(y) / options_.cell_size * columns_ +
@@ -138,16 +82,6 @@ class CornerGrid {
   int cap_ = 1;
   std::vector<int> taken_;  // corners by cell
 };
-
-bool usable(const GreyImage& image, const cv::Point2f& position) {
-  if (!(position.x >= kBorder && position.y >= kBorder &&
-        position.x <= static_cast<float>(image.grey.cols - 1 - kBorder) &&
-        position.y <= static_cast<float>(image.grey.rows - 1 - kBorder))) {
-    return false;
-  }
-  return image.valid.empty() ||
-         image.valid.at<std::uint8_t>(cvRound(position.y), cvRound(position.x)) == kValid;
-}
 
 /// Where a step of Lucas-Kanade ended.
 struct StepEnds {
@@ -214,7 +148,7 @@ void FeatureTracks::start(const Frame& reference) {
   GreyImage image = greyImage(reference.level(0), 1.0F, options_.window / 2);
   grey_ = std::move(image.grey);
   valid_ = std::move(image.valid);
-  reference_mean_ = meanIntensity(reference.level(brightnessLevel(reference)));
+  reference_mean_ = meanIntensity(reference);
   LucasKanade(options_).pyramid(grey_, pyramid_);
   positions_.emplace_back();
   addCorners();
@@ -232,9 +166,8 @@ void FeatureTracks::addCorners() {
 }
 
 void FeatureTracks::advance(const Frame& frame) {
-  const double mean = meanIntensity(frame.level(brightnessLevel(frame)));
-  const double gain = mean > 0 ? std::clamp(reference_mean_ / mean, 1 / kMaxGain, kMaxGain) : 1.0;
-  const GreyImage image = greyImage(frame.level(0), static_cast<float>(gain), options_.window / 2);
+  const GreyImage image =
+      greyImage(frame.level(0), gainTowards(reference_mean_, frame), options_.window / 2);
   const LucasKanade lucas_kanade(options_);
   std::swap(pyramid_, other_pyramid_);
   lucas_kanade.pyramid(image.grey, pyramid_);
@@ -247,7 +180,7 @@ void FeatureTracks::advance(const Frame& frame) {
         lucas_kanade.followBothWays(other_pyramid_, pyramid_, &before[begin], end - begin);
     for (std::size_t i = begin; i < end; ++i) {
       const cv::Point2f& place = ends.place[i - begin];
-      alive[i] = ends.miss[i - begin] < options_.max_backward_error && usable(image, place);
+      alive[i] = ends.miss[i - begin] < options_.max_backward_error && image.usable(place);
       after[i] = {place.x, place.y};
     }
   });

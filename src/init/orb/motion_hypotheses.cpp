@@ -125,7 +125,9 @@ TwoViewMotion estimateMotion(const Matches& matches,
   TwoViewMotion motion;
   motion.homography_score = pair.homography.score;
   motion.fundamental_score = pair.fundamental.score;
-  const bool planar = pair.homographyShare() > options.homography_share;
+  const bool planar = options.model_choice == ModelChoice::kScore
+                          ? pair.homographyShare() > options.homography_share
+                          : pair.homography.inliers >= pair.fundamental.inliers;
   motion.model = planar ? TwoViewModel::kHomography : TwoViewModel::kFundamental;
   const ScoredModel& chosen = planar ? pair.homography : pair.fundamental;
   motion.inliers = chosen.inliers;

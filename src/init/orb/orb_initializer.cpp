@@ -5,7 +5,6 @@
 
 #include <cstddef>
 #include <stdexcept>
-#include <string>
 #include <utility>
 
 namespace dsorb::init_orb {
@@ -21,14 +20,15 @@ InitStep needsMoreFrames(InitReason reason) {
 }  // namespace
 
 ORBInitializer::ORBInitializer(const InitializerOptions& options, const PinholeCamera& camera)
-    : options_(options), camera_(camera), arena_(options.num_threads), pool_(options.orb) {}
+    : options_(options),
+      camera_(camera),
+      arena_(options.num_threads),
+      frame_check_(camera),
+      pool_(options.orb) {}
 
 InitStep ORBInitializer::addFrame(FramePtr frame) {
   if (spent_) throw std::logic_error("addFrame after a result: call reset() first");
-  if (!frame) throw std::invalid_argument("addFrame without a frame");
-  checkFrame(*frame);
-  if (last_timestamps_.size() == 2) last_timestamps_.erase(last_timestamps_.begin());
-  last_timestamps_.push_back(frame->timestamp());
+  frame_check_.accept(frame);
   return arena_.run([&] { return advance(std::move(frame)); });
 }
 
@@ -37,25 +37,8 @@ void ORBInitializer::reset() {
   clock_.clear();
   restarts_ = 0;
   earlier_resets_.clear();
-  last_timestamps_.clear();
+  frame_check_ = FrameCheck(camera_);
   spent_ = false;
-}
-
-void ORBInitializer::checkFrame(const Frame& frame) const {
-  if (frame.width() != camera_.width || frame.height() != camera_.height) {
-    throw std::invalid_argument("frame of " + std::to_string(frame.width()) + "x" +
-                                std::to_string(frame.height()) + " pixels, the camera has " +
-                                std::to_string(camera_.width) + "x" +
-                                std::to_string(camera_.height));
-  }
-  if (last_timestamps_.empty()) return;
-  const double step = frame.timestamp() - last_timestamps_.back();
-  const double earlier_step = last_timestamps_.back() - last_timestamps_.front();
-  if (!(step * earlier_step >= 0) || step == 0) {
-    throw std::invalid_argument("timestamp " + std::to_string(frame.timestamp()) + " after " +
-                                std::to_string(last_timestamps_.back()) +
-                                ": equal, or the direction of time has changed");
-  }
 }
 
 /// One step of algorithm 1.

@@ -4,6 +4,7 @@
 #include "dsorb/init/initializer.h"
 
 #include "base/parallel.h"
+#include "image/frame_check.h"
 #include "init/orb/attempt.h"
 #include "init/orb/reference_pool.h"
 #include "init/stage_clock.h"
@@ -23,7 +24,6 @@ class ORBInitializer final : public Initializer {
   void reset() override;
 
  private:
-  void checkFrame(const Frame& frame) const;
   InitStep advance(FramePtr frame);
   /// Tries the references, oldest first, until one passes.
   Attempt attempt();
@@ -37,11 +37,11 @@ class ORBInitializer final : public Initializer {
   InitializerOptions options_;
   PinholeCamera camera_;
   TaskArena arena_;
+  FrameCheck frame_check_;
   ReferencePool pool_;
   StageClock clock_;
   int restarts_ = 0;
   std::vector<InitReason> earlier_resets_;  // the latest ones
-  std::vector<double> last_timestamps_;     // of the newest frames, at most two
   bool spent_ = false;
 };
 

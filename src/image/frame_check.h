@@ -6,7 +6,7 @@
 
 #include <optional>
 
-namespace dsorb::odometry {
+namespace dsorb {
 
 /// Refuses frames that cannot belong to one sequence of one camera.
 class FrameCheck {
@@ -26,4 +26,4 @@ class FrameCheck {
   std::optional<bool> is_forward_;   // direction of time, known from the second frame on
 };
 
-}  // namespace dsorb::odometry
+}  // namespace dsorb

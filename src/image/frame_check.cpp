@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "odometry/frame_check.h"
+#include "image/frame_check.h"
 
 #include <cmath>
 #include <stdexcept>
 #include <string>
 
-namespace dsorb::odometry {
+namespace dsorb {
 
 void FrameCheck::accept(const FramePtr& frame) {
   if (frame == nullptr) throw std::invalid_argument("frame is null");
@@ -30,4 +30,4 @@ void FrameCheck::accept(const FramePtr& frame) {
   timestamp_ = now;
 }
 
-}  // namespace dsorb::odometry
+}  // namespace dsorb

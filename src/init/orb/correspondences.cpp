@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/correspondences.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace dsorb::init_orb {
+
+Correspondences::Correspondences(const OrbOptions& options)
+    : options_(options), matches_(options.matching, options.tracks), tracks_(options.tracks) {}
+
+void Correspondences::clear() {
+  tracks_.clear();
+  uses_flow_ = false;
+  frames_.clear();
+  sightings_.clear();
+}
+
+void Correspondences::start(FramePtr reference) {
+  clear();
+  frames_.push_back(std::move(reference));
+  sightings_.push_back(matches_.start(*frames_.front()));
+  if (size() < options_.matching.min_matches) changeToFlow();
+}
+
+void Correspondences::advance(FramePtr frame) {
+  frames_.push_back(std::move(frame));
+  if (uses_flow_) {
+    tracks_.advance(*frames_.back());
+    return;
+  }
+  sightings_.push_back(matches_.find(*frames_.back()));
+  if (size() < options_.matching.min_matches) changeToFlow();
+}
+
+/// Follows corners through the frames given so far.
+void Correspondences::changeToFlow() {
+  uses_flow_ = true;
+  sightings_.clear();
+  tracks_.start(*frames_.front());
+  for (std::size_t k = 1; k < frames_.size(); ++k) tracks_.advance(*frames_[k]);
+}
+
+int Correspondences::size() const {
+  if (uses_flow_) return tracks_.size();
+  return static_cast<int>(
+      std::count_if(sightings_.back().begin(), sightings_.back().end(), isSeen));
+}
+
+bool Correspondences::lost() const {
+  return size() < options_.min_tracked ||
+         (uses_flow_ && tracks_.survivorShare() < options_.tracks.min_survivor_share);
+}
+
+ReferenceView Correspondences::view() const {
+  if (uses_flow_) return {frames_, tracks_.since(0)};
+  ReferenceView view{frames_, {}};
+  view.tracks.positions.resize(frames_.size());
+  for (std::size_t i = 0; i < sightings_.back().size(); ++i) {
+    if (!isSeen(sightings_.back()[i])) continue;
+    for (std::size_t k = 0; k < frames_.size(); ++k) {
+      view.tracks.positions[k].push_back(sightings_[k][i]);
+    }
+  }
+  return view;
+}
+
+}  // namespace dsorb::init_orb
