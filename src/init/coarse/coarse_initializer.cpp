@@ -4,7 +4,6 @@
 #include "image/pixel_selector.h"
 
 #include <algorithm>
-#include <cmath>
 #include <stdexcept>
 #include <utility>
 
