@@ -9,6 +9,7 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
+#include <cstdlib>
 #include <filesystem>
 #include <map>
 #include <optional>
@@ -29,6 +30,8 @@ const std::map<std::string, PhotometryMode> kModes = {
 const std::map<std::string, ProgressMode> kProgressModes = {
     {"auto", ProgressMode::kAuto}, {"on", ProgressMode::kOn}, {"off", ProgressMode::kOff}};
 
+constexpr double kMaxSpeed = 1e6;  // times real time
+
 /// What CLI11 fills before it becomes a CommandLine.
 struct Flags {
   std::vector<std::string> words;
@@ -39,7 +42,6 @@ struct Flags {
   std::string initializer;
   std::vector<std::string> assignments;
   std::optional<int> threads;
-  double speed = 0;
   bool pipelined = false;
 };
 
@@ -114,11 +116,24 @@ void addMethodFlags(CLI::App& app, Flags& flags, CommandLine& request) {
   app.add_option("--on-lost", flags.on_lost, "stop or restart; default restart: a new segment")
       ->check(CLI::IsMember({"stop", "restart"}))
       ->group("Method");
-  app.add_option("--speed", flags.speed, "0 (default): every frame, as fast as it goes")
+  app.add_option("--speed",
+                 request.speed,
+                 "play back at X times real time and drop frames as a live camera would; 0 "
+                 "(default): every frame, as fast as it goes")
       ->type_name("X")
-      ->check(CLI::NonNegativeNumber)
+      ->check(CLI::Validator(
+          [](const std::string& text) {
+            const double speed = std::strtod(text.c_str(), nullptr);
+            const bool good = speed >= 0 && speed <= kMaxSpeed;
+            return good ? std::string() : fmt::format("{}: not in [0, {}]", text, kMaxSpeed);
+          },
+          ""))
       ->group("Method");
-  app.add_flag("--pipelined", flags.pipelined)->group("");  // known, but not yet there
+  app.add_flag("--pipelined",
+               flags.pipelined,
+               "tracking and mapping in two threads, as live use needs; default: one after the "
+               "other")
+      ->group("Method");
 }
 
 void addOutputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
@@ -150,14 +165,6 @@ void refuseUnknownOptions(const CLI::App& app) {
   }
 }
 
-void refuseWhatIsLacking(const Flags& flags) {
-  const auto refuse = [](const std::string& option) {
-    throw ConfigError(option + ": this version lacks it");
-  };
-  if (flags.speed > 0) refuse("--speed above 0");
-  if (flags.pipelined) refuse("--pipelined");
-}
-
 /// Data set and original words among the free words.
 void takeWords(const std::vector<std::string>& words, CommandLine& request) {
   std::vector<std::string> original;
@@ -184,6 +191,7 @@ void takeFlags(const Flags& flags, CommandLine& request) {
   request.progress = kProgressModes.at(flags.progress);
   request.restart_when_lost = flags.on_lost == "restart";
   request.config.program_defaults = {{"num_threads", "0", "dso_dataset"}};
+  if (flags.pipelined) request.config.flags.push_back({"pipelined", "true", "--pipelined"});
   for (const std::string& text : flags.assignments) {
     request.config.assignments.push_back(parseAssignment(text, "--set"));
   }
@@ -233,7 +241,6 @@ CommandLine parseCommandLine(int argc, const char* const* argv) {
     throw ConfigError(error.what());
   }
   refuseUnknownOptions(app);
-  refuseWhatIsLacking(flags);
   takeFlags(flags, request);
   takeWords(flags.words, request);
   if (request.sequence.path.empty()) {

@@ -17,6 +17,7 @@ struct CommandLine {
   ConfigSources config;
   std::string output;  ///< folder
   std::string record;  ///< file of the recording; empty: none
+  double speed = 0;    ///< of the playback, times real time; 0: every frame, as fast as it goes
   bool restart_when_lost = true;
   ProgressMode progress = ProgressMode::kAuto;
   bool quiet = false;

@@ -3,6 +3,7 @@
 
 #include "dsorb/odometry/odometry.h"
 
+#include "app/playback.h"
 #include "app/progress_bar.h"
 #include "io/recording_writer.h"
 
@@ -15,9 +16,12 @@
 #include <string>
 #include <thread>
 #include <utility>
+#include <vector>
 
 namespace dsorb::app {
 namespace {
+
+constexpr double kLongestSleep = 0.05;  // between two looks for Ctrl-C [s]
 
 int threadsInUse(int num_threads) {
   if (num_threads > 0) return num_threads;
@@ -55,30 +59,73 @@ struct Writers {
   io::RecordingWriter* recording = nullptr;  ///< null: no recording is wanted
 };
 
-/// Feeds every selected frame. @return whether the user ended it
-bool feed(SequenceReader& reader,
-          Odometry& odometry,
-          const Writers& writers,
-          const CommandLine& request,
-          Interrupt& interrupt) {
-  using Clock = std::chrono::steady_clock;
-  ProgressBar progress(reader.selected(), request.progress, request.quiet);
-  while (!interrupt.requested()) {
-    const std::optional<SequenceFrame> input = reader.next();
-    if (!input) return false;
-    const Clock::time_point begin = Clock::now();
-    const FrameEstimate estimate = odometry.process(input->frame);
-    const std::chrono::duration<double, std::milli> processing = Clock::now() - begin;
-    writers.run->frameDone(
-        {processing.count() + input->pyramid_milliseconds, input->read_milliseconds});
-    if (writers.recording != nullptr) writers.recording->frameDone(estimate);
-    progress.update(estimate);
-    if (estimate.state != OdometryState::kLost) continue;
-    if (!request.restart_when_lost) return false;
-    odometry.restart();
-  }
-  return true;
+Playback playbackOf(const SequenceReader& reader, double speed) {
+  std::vector<double> timestamps;
+  for (int i = 0; i < reader.selected(); ++i)
+    timestamps.push_back(reader.timestamp(reader.index(i)));
+  return Playback(std::move(timestamps), speed);
 }
+
+/// Feeds the selected frames at the wanted speed.
+class Feeder {
+ public:
+  Feeder(SequenceReader& reader,
+         Odometry& odometry,
+         const Writers& writers,
+         const CommandLine& request)
+      : reader_(reader),
+        odometry_(odometry),
+        writers_(writers),
+        request_(request),
+        playback_(playbackOf(reader, request.speed)),
+        progress_(reader.selected(), request.progress, request.quiet) {}
+
+  /// @return whether the user ended it
+  bool run(Interrupt& interrupt) {
+    while (!interrupt.requested()) {
+      const Playback::Step step = playback_.next(secondsSince(begin_));
+      if (step.wait > 0) {
+        std::this_thread::sleep_for(
+            std::chrono::duration<double>(std::min(step.wait, kLongestSleep)));
+        continue;
+      }
+      reader_.skip(step.drop);
+      writers_.run->setDropped(playback_.dropped());
+      const std::optional<SequenceFrame> input = reader_.next();
+      if (!input) return false;
+      if (!process(*input)) return false;
+    }
+    return true;
+  }
+  [[nodiscard]] int dropped() const { return playback_.dropped(); }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  static double secondsSince(Clock::time_point begin) {
+    return std::chrono::duration<double>(Clock::now() - begin).count();
+  }
+
+  /// @return whether there is more to do
+  bool process(const SequenceFrame& input) {
+    const Clock::time_point begin = Clock::now();
+    const FrameEstimate estimate = odometry_.process(input.frame);
+    const double milliseconds = secondsSince(begin) * 1e3;
+    writers_.run->frameDone({milliseconds + input.pyramid_milliseconds, input.read_milliseconds});
+    if (writers_.recording != nullptr) writers_.recording->frameDone(estimate);
+    progress_.update(estimate, playback_.dropped());
+    if (estimate.state != OdometryState::kLost) return true;
+    if (request_.restart_when_lost) odometry_.restart();
+    return request_.restart_when_lost;
+  }
+
+  SequenceReader& reader_;
+  Odometry& odometry_;
+  Writers writers_;
+  const CommandLine& request_;
+  Playback playback_;
+  ProgressBar progress_;
+  Clock::time_point begin_ = Clock::now();
+};
 
 /// Writes what there is after an error; a second error must not hide the first.
 void writeAfterError(RunWriter& writer, std::optional<Odometry>& odometry) {
@@ -122,7 +169,9 @@ RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
       odometry->addObserver(&*recording);
     }
     const Writers writers{&writer, recording ? &*recording : nullptr};
-    result.interrupted = feed(reader, *odometry, writers, request, interrupt);
+    Feeder feeder(reader, *odometry, writers, request);
+    result.interrupted = feeder.run(interrupt);
+    result.frames_dropped = feeder.dropped();
     result.report = odometry->finish();
   } catch (...) {
     writeAfterError(writer, odometry);

@@ -12,6 +12,7 @@ namespace dsorb::app {
 struct RunResult {
   RunStatus outcome = RunStatus::kError;  ///< tracked, lost or never initialized
   bool interrupted = false;
+  int frames_dropped = 0;  ///< left out because the run was late
   OdometryReport report;
 };
 

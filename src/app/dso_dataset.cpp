@@ -23,11 +23,14 @@ void setUpLog() {
 
 void printSummary(const app::CommandLine& request, const app::RunResult& result) {
   const OdometryReport& report = result.report;
-  fmt::print("{}{}: {} of {} frames tracked, {} keyframes, {} segments\n{}\n",
+  const std::string dropped =
+      request.speed > 0 ? fmt::format(", {} dropped", result.frames_dropped) : "";
+  fmt::print("{}{}: {} of {} frames tracked{}, {} keyframes, {} segments\n{}\n",
              name(result.outcome),
              result.interrupted ? " (interrupted)" : "",
              report.frames_tracked,
              report.frames_given,
+             dropped,
              report.keyframes,
              report.segments,
              request.output);

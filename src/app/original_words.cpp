@@ -6,7 +6,9 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
+#include <array>
 #include <charconv>
+#include <cmath>
 #include <filesystem>
 #include <functional>
 #include <map>
@@ -31,12 +33,33 @@ int notNegative(const ConfigAssignment& word) {
   return value;
 }
 
+/// Playback of the original above speed 0 maps in a thread of its own.
+void playAt(double speed, const ConfigAssignment& word, CommandLine& request) {
+  request.speed = speed;
+  std::vector<ConfigAssignment>& flags = request.config.flags;
+  const auto is_earlier_word = [](const ConfigAssignment& flag) {
+    return flag.key == "pipelined" && flag.origin != "--pipelined";
+  };
+  flags.erase(std::remove_if(flags.begin(), flags.end(), is_earlier_word), flags.end());
+  if (speed > 0) flags.push_back({"pipelined", "true", fmt::format("{}={}", word.key, word.value)});
+}
+
+/// Sets the speed anew, too: a `speed=` behind it wins, one before it does not.
+/// @source Table of presets of the original program
 void setPreset(const ConfigAssignment& word, CommandLine& request) {
-  const int preset = number<int>(word);
-  if (preset != 0) {
-    throw ConfigError(fmt::format("preset={}: this version lacks it; it has preset=0", preset));
+  struct Preset {
+    const char* name;
+    double speed;
+  };
+  constexpr std::array<Preset, 4> kPresets = {
+      {{"default", 0}, {"default", 1}, {"fast", 0}, {"fast", 5}}};
+  const int number_of_preset = number<int>(word);
+  if (number_of_preset < 0 || number_of_preset >= static_cast<int>(kPresets.size())) {
+    throw ConfigError(fmt::format("preset={}: must be 0, 1, 2 or 3", word.value));
   }
-  request.config.preset = "default";
+  const Preset& preset = kPresets[static_cast<std::size_t>(number_of_preset)];
+  request.config.preset = preset.name;
+  playAt(preset.speed, word, request);
 }
 
 void setMode(const ConfigAssignment& word, CommandLine& request) {
@@ -56,10 +79,10 @@ void setMode(const ConfigAssignment& word, CommandLine& request) {
 }
 
 void setSpeed(const ConfigAssignment& word, CommandLine& request) {
-  (void)request;
-  if (number<double>(word) != 0) {
-    throw ConfigError(fmt::format("speed={}: this version lacks it; it has speed=0", word.value));
-  }
+  const auto speed = number<double>(word);
+  if (!(speed >= 0) || !std::isfinite(speed))
+    throw ConfigError(fmt::format("speed={}: must be a number, not negative", word.value));
+  playAt(speed, word, request);
 }
 
 using Handler = std::function<void(const ConfigAssignment&, CommandLine&)>;

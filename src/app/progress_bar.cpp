@@ -25,8 +25,9 @@ ProgressBar::~ProgressBar() {
   if (enabled_ && done_ > 0) std::fputc('\n', stderr);
 }
 
-void ProgressBar::update(const FrameEstimate& estimate) {
-  ++done_;
+void ProgressBar::update(const FrameEstimate& estimate, int dropped) {
+  done_ += 1 + dropped - dropped_;
+  dropped_ = dropped;
   const Clock::time_point now = Clock::now();
   if (enabled_ && (done_ == total_ || now - drawn_ >= kRedrawInterval)) draw(estimate, now);
 }

@@ -18,7 +18,8 @@ class ProgressBar {
   ProgressBar(const ProgressBar&) = delete;
   ProgressBar& operator=(const ProgressBar&) = delete;
 
-  void update(const FrameEstimate& estimate);
+  /// @param dropped images that were left out up to now
+  void update(const FrameEstimate& estimate, int dropped);
 
  private:
   using Clock = std::chrono::steady_clock;
@@ -26,7 +27,8 @@ class ProgressBar {
 
   int total_;
   bool enabled_;
-  int done_ = 0;
+  int done_ = 0;     // dropped images included
+  int dropped_ = 0;  // images
   Clock::time_point begin_ = Clock::now();
   Clock::time_point drawn_;
 };

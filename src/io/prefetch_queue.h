@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <algorithm>
 #include <condition_variable>
+#include <cstddef>
 #include <deque>
 #include <exception>
 #include <functional>
@@ -35,10 +37,25 @@ class PrefetchQueue {
   PrefetchQueue(const PrefetchQueue&) = delete;
   PrefetchQueue& operator=(const PrefetchQueue&) = delete;
 
+  /// Leaves out the next items; those not yet begun are never made.
+  void skip(std::size_t items) {
+    delivered_ += std::min(items, count_ - delivered_);
+    if (depth_ == 0) return;
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      wanted_ = delivered_;
+      while (!entries_.empty() && entries_.front().position < wanted_ && !entries_.front().error) {
+        entries_.pop_front();
+      }
+    }
+    changed_.notify_all();
+  }
+
   /// @return the next item; empty after the last one or after an exception
   std::optional<Item> next() {
     if (delivered_ == count_) return std::nullopt;
     Entry entry = depth_ > 0 ? take() : makeEntry(delivered_);
+    while (entry.position < delivered_ && !entry.error) entry = take();  // begun before a skip
     if (entry.error) {
       delivered_ = count_;
       std::rethrow_exception(entry.error);
@@ -49,12 +66,14 @@ class PrefetchQueue {
 
  private:
   struct Entry {
+    std::size_t position = 0;
     std::optional<Item> item;
     std::exception_ptr error;
   };
 
   Entry makeEntry(std::size_t position) {
     Entry entry;
+    entry.position = position;
     try {
       entry.item = make_(position);
     } catch (...) {
@@ -74,12 +93,14 @@ class PrefetchQueue {
   }
 
   void work() {
-    for (std::size_t position = 0; position < count_; ++position) {
+    for (std::size_t position = 0;; ++position) {
       {
         std::unique_lock<std::mutex> lock(mutex_);
         changed_.wait(lock, [this] { return stopped_ || entries_.size() < depth_; });
         if (stopped_) return;
+        position = std::max(position, wanted_);
       }
+      if (position >= count_) return;
       Entry entry = makeEntry(position);
       const bool failed = entry.error != nullptr;
       {
@@ -99,6 +120,7 @@ class PrefetchQueue {
   std::mutex mutex_;
   std::condition_variable changed_;
   std::deque<Entry> entries_;
+  std::size_t wanted_ = 0;  // items before are skipped
   bool stopped_ = false;
   std::thread worker_;
 };

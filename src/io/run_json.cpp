@@ -43,8 +43,7 @@ Json cameraJson(const PinholeCamera& camera) {
 Json runJson(const RunInfo& info,
              const PinholeCamera* camera,
              const RunRecord& record,
-             RunStatus status,
-             const RunSeconds& seconds) {
+             const RunEnd& end) {
   const std::vector<FrameNote>& notes = record.notes();
   Json json = {{"program", info.program},
                {"version", info.version},
@@ -56,15 +55,15 @@ Json runJson(const RunInfo& info,
   json["frames_tracked"] = std::count_if(notes.begin(), notes.end(), [](const FrameNote& note) {
     return note.state == OdometryState::kTracked;
   });
-  json["frames_dropped"] = 0;  // every frame is processed
+  json["frames_dropped"] = end.frames_dropped;
   json["keyframes"] = record.keyframes().size();
   json["segments"] = record.segments().size();
-  json["status"] = name(status);
-  json["seconds"] = {{"total", seconds.total},
-                     {"reading", seconds.reading},
-                     {"initializing", seconds.initializing},
-                     {"tracking", seconds.tracking},
-                     {"mapping", seconds.mapping}};
+  json["status"] = name(end.status);
+  json["seconds"] = {{"total", end.seconds.total},
+                     {"reading", end.seconds.reading},
+                     {"initializing", end.seconds.initializing},
+                     {"tracking", end.seconds.tracking},
+                     {"mapping", end.seconds.mapping}};
   json["peak_memory_mb"] = peakMemory();
   json["threads"] = info.threads;
   return json;

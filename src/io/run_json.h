@@ -17,6 +17,13 @@ struct RunSeconds {
   double mapping = 0;
 };
 
+/// How a run went beyond what its record says.
+struct RunEnd {
+  RunStatus status = RunStatus::kError;
+  int frames_dropped = 0;
+  RunSeconds seconds;
+};
+
 /// Largest resident memory of this process up to now [MiB].
 [[nodiscard]] double peakMemory();
 
@@ -27,7 +34,6 @@ struct RunSeconds {
 [[nodiscard]] Json runJson(const RunInfo& info,
                            const PinholeCamera* camera,
                            const RunRecord& record,
-                           RunStatus status,
-                           const RunSeconds& seconds);
+                           const RunEnd& end);
 
 }  // namespace dsorb::io

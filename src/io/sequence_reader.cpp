@@ -82,6 +82,10 @@ class SequenceReader::Impl {
   [[nodiscard]] int selected() const { return static_cast<int>(indices_.size()); }
   [[nodiscard]] SequenceFormat format() const { return layout_.format; }
   [[nodiscard]] PhotometryMode photometry() const { return photometry_; }
+  [[nodiscard]] int index(int position) const {
+    return indices_.at(static_cast<std::size_t>(position));
+  }
+  void skip(int images) { queue_->skip(static_cast<std::size_t>(std::max(images, 0))); }
   std::optional<SequenceFrame> next() { return queue_->next(); }
 
  private:
@@ -220,6 +224,12 @@ PhotometryMode SequenceReader::photometry() const {
 }
 double SequenceReader::timestamp(int index) const {
   return impl_->dataset().timestamps.at(static_cast<std::size_t>(index));
+}
+int SequenceReader::index(int position) const {
+  return impl_->index(position);
+}
+void SequenceReader::skip(int images) {
+  impl_->skip(images);
 }
 std::optional<SequenceFrame> SequenceReader::next() {
   return impl_->next();

@@ -73,7 +73,8 @@ class RunWriter::Impl {
       written.tracking = report->tracking_seconds;
       written.mapping = report->mapping_seconds;
     }
-    const io::Json json = io::runJson(info, camera ? &*camera : nullptr, record, status, written);
+    const io::Json json =
+        io::runJson(info, camera ? &*camera : nullptr, record, {status, frames_dropped, written});
     io::replaceFile(folder / "run.json", io::jsonText(json));
   }
 
@@ -89,6 +90,7 @@ class RunWriter::Impl {
   io::InitializationWriter initializations;
   io::PointsPly points;
   bool keyframes_changed = false;
+  int frames_dropped = 0;
 };
 
 RunWriter::RunWriter(const std::string& folder, const RunInfo& info)
@@ -147,6 +149,10 @@ void RunWriter::frameDone(const FrameTiming& timing) {
     run.keyframes_changed = false;
   }
   run.record.nextFrame();
+}
+
+void RunWriter::setDropped(int frames) {
+  impl_->frames_dropped = frames;
 }
 
 RunStatus RunWriter::outcome() const {

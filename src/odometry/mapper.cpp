@@ -5,8 +5,10 @@
 #include "window/handover.h"
 #include "window/keyframe_policy.h"
 #include "window/marginalization.h"
+#include "window/point_activation.h"
 
-#include <utility>
+#include <algorithm>
+#include <cstddef>
 
 namespace dsorb::odometry {
 namespace {
@@ -29,56 +31,78 @@ Mapper::Mapper(const PinholeCamera& camera, const OdometryOptions& options)
       selector_(camera.width, camera.height, selectorOptions(options)),
       optimizer_(options.window, kChunksPerTask) {}
 
-MappingReport Mapper::seed(const InitializationResult& result) {
+MapUpdate Mapper::seed(const InitializationResult& result) {
   selector_ = PixelSelector(camera_.width, camera_.height, selectorOptions(options_));
   window_ = seedWindow(result, camera_, options_, selector_, kCandidatesPerTask);
-  return adjust();
+  return adjust(SE3());
 }
 
-void Mapper::refine(const window::TrackedFrame& tracked) {
+std::unique_ptr<MapUpdate> Mapper::map(const MappingJob& job) {
+  const window::TrackedFrame tracked{job.frame, poseOf(job.pose), job.pose.affine};
   window::refineCandidates(*window_, tracked, options_.depth.epipolar, kCandidatesPerTask);
-}
-
-MappingReport Mapper::addKeyframe(const window::TrackedFrame& tracked) {
+  if (!job.becomes_keyframe) return nullptr;
   window::flagLeaving(*window_, options_.window);
   window::addKeyframe(
       *window_, tracked.frame, tracked.T_cam_world, tracked.affine, options_.window);
   window::activateCandidates(*window_, options_.window, options_.depth, kCandidatesPerTask);
-  return adjust();
+  return std::make_unique<MapUpdate>(adjust(job.pose.T_cam_keyframe));
 }
 
-MappingReport Mapper::adjust() {
-  MappingReport report;
-  report.keyframes_so_far = window_->next_keyframe;
-  report.adjustment = optimizer_.optimize(*window_);
-  if (!report.adjustment.finite) return report;
-  report.reference = window::depthSamples(*window_, options_.window);
+/// World pose of a tracked frame: its keyframe may have moved since the frame was tracked.
+SE3 Mapper::poseOf(const TrackedPose& pose) const {
+  const auto& keyframes = window_->keyframes;
+  const auto host =
+      std::find_if(keyframes.rbegin(), keyframes.rend(), [&pose](const window::Keyframe& keyframe) {
+        return keyframe.frame->id() == pose.keyframe;
+      });
+  return host == keyframes.rend() ? pose.T_cam_world : pose.T_cam_keyframe * host->T_cam_world();
+}
+
+MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
+  MapUpdate update;
+  update.keyframes_so_far = window_->next_keyframe;
+  const window::OptimizationReport adjustment = optimizer_.optimize(*window_);
+  update.finite = adjustment.finite;
+  update.rms = noise_ = adjustment.rms;
+  if (!update.finite) return update;
+  update.target.samples = window::depthSamples(*window_, options_.window);
   window::retirePoints(*window_, options_.window);
   selectCandidates(window_->keyframes.back(), selector_, options_.depth.candidates_per_keyframe);
-  report.retired = window::marginalizeFlagged(*window_, options_.window);
-  return report;
+  for (const window::Keyframe& keyframe : window::marginalizeFlagged(*window_, options_.window)) {
+    update.retired.push_back(snapshot(keyframe));
+  }
+  for (const window::Keyframe& keyframe : window_->keyframes) {
+    update.window.push_back(snapshot(keyframe));
+  }
+  const window::Keyframe& newest = window_->keyframes.back();
+  update.target.frame = newest.frame;
+  update.target.T_cam_world = newest.T_cam_world();
+  update.target.affine = newest.affine();
+  update.target.T_cam_previous = T_cam_previous;
+  return update;
 }
 
-std::vector<window::Keyframe> Mapper::clear() {
-  if (!window_) return {};
-  std::vector<window::Keyframe> keyframes = std::move(window_->keyframes);
+std::vector<KeyframeSnapshot> Mapper::clear() {
+  std::vector<KeyframeSnapshot> keyframes;
+  if (!window_) return keyframes;
+  for (const window::Keyframe& keyframe : window_->keyframes) {
+    keyframes.push_back(snapshot(keyframe));
+  }
   window_.reset();
   return keyframes;
 }
 
-KeyframeSnapshot snapshot(const window::Keyframe& keyframe,
-                          const PinholeCamera& camera,
-                          int segment,
-                          double noise) {
-  KeyframeSnapshot shot{keyframe.frame->id(),
-                        keyframe.frame->timestamp(),
-                        segment,
-                        keyframe.T_cam_world().inverse(),
-                        keyframe.affine(),
-                        camera,
-                        {}};
+/// A keyframe as observers see it: its points, those of the adjustment and those that left it with
+/// their information kept.
+KeyframeSnapshot Mapper::snapshot(const window::Keyframe& keyframe) const {
+  KeyframeSnapshot shot;
+  shot.id = keyframe.frame->id();
+  shot.timestamp = keyframe.frame->timestamp();
+  shot.T_world_cam = keyframe.T_cam_world().inverse();
+  shot.affine = keyframe.affine();
+  shot.camera = window_->camera();
   shot.points.reserve(keyframe.points.size() + keyframe.marginalized.size());
-  const auto variance = static_cast<float>(noise * noise);
+  const auto variance = static_cast<float>(noise_ * noise_);
   for (const window::RetiredPoint& point : keyframe.marginalized) {
     shot.points.push_back(
         {point.pixel, point.inverse_depth, variance / point.information, point.intensity});

@@ -6,25 +6,37 @@
 #include "dsorb/odometry/observer.h"
 #include "dsorb/options/odometry.h"
 
-#include "image/photometric.h"
 #include "image/pixel_selector.h"
-#include "window/point_activation.h"
+#include "odometry/frame_tracker.h"
 #include "window/window.h"
 #include "window/window_optimizer.h"
 
-#include <cstddef>
+#include <memory>
 #include <optional>
 #include <vector>
 
 namespace dsorb::odometry {
 
-/// What a new keyframe did to the map.
-struct MappingReport {
-  window::OptimizationReport adjustment;
+/// A tracked frame on its way into the map.
+struct MappingJob {
+  FramePtr frame;
+  TrackedPose pose;
+  bool becomes_keyframe = false;
+};
+
+/// What a new keyframe made of the map, as values.
+struct MapUpdate {
+  bool finite = false;       ///< else nothing else is valid: the adjustment broke down
+  double rms = 0;            ///< of a pixel's residual after the adjustment [grey levels]
   int keyframes_so_far = 0;  ///< since the initialization, this one included
-  /// What the next frames are tracked against: inverse depths in the newest keyframe.
-  std::vector<DepthSample> reference;
-  std::vector<window::Keyframe> retired;  ///< left the window, oldest first
+  TrackingTarget target;     ///< the newest keyframe
+  std::vector<KeyframeSnapshot> retired;  ///< left the window, oldest first; without a segment
+  std::vector<KeyframeSnapshot> window;   ///< oldest first; without a segment
+};
+
+struct MappingResult {
+  double seconds = 0;
+  std::unique_ptr<MapUpdate> update;  ///< of a keyframe, else null
 };
 
 /// Owner of the window: takes over an initialization, refines candidates with tracked frames, adds
@@ -34,41 +46,26 @@ class Mapper {
   Mapper(const PinholeCamera& camera, const OdometryOptions& options);
 
   /// Starts a new window from an initialization and adjusts it.
-  MappingReport seed(const InitializationResult& result);
-  /// Searches all candidates in a tracked frame.
-  void refine(const window::TrackedFrame& tracked);
-  /// The frame, already used by refine(), becomes a keyframe; the window is adjusted, points and
-  /// keyframes leave it.
+  MapUpdate seed(const InitializationResult& result);
+  /// Searches all candidates in a tracked frame. The frame may become a keyframe: then the window
+  /// is adjusted, points and keyframes leave it.
   /// @source Engel et al., DSO, arXiv:1607.02565, section 3; order of steps as published
-  MappingReport addKeyframe(const window::TrackedFrame& tracked);
-  /// Gives up the window. @return its keyframes, oldest first
-  std::vector<window::Keyframe> clear();
-
-  [[nodiscard]] bool empty() const { return !window_; }
-  // The following need a window.
-  [[nodiscard]] const window::Keyframe& newest() const { return window_->keyframes.back(); }
-  [[nodiscard]] const std::vector<window::Keyframe>& keyframes() const {
-    return window_->keyframes;
-  }
-  [[nodiscard]] PinholeCamera camera() const { return window_->camera(); }
+  /// @return what a keyframe changed; null for other frames
+  std::unique_ptr<MapUpdate> map(const MappingJob& job);
+  /// Gives up the window. @return its keyframes, oldest first, without a segment
+  std::vector<KeyframeSnapshot> clear();
 
  private:
-  MappingReport adjust();
+  MapUpdate adjust(const SE3& T_cam_previous);
+  [[nodiscard]] SE3 poseOf(const TrackedPose& pose) const;
+  [[nodiscard]] KeyframeSnapshot snapshot(const window::Keyframe& keyframe) const;
 
   PinholeCamera camera_;
   OdometryOptions options_;
   PixelSelector selector_;
   window::WindowOptimizer optimizer_;
   std::optional<window::Window> window_;
+  double noise_ = 0;  // standard deviation of a pixel's residual, last adjustment [grey levels]
 };
-
-/// A keyframe of the window as observers see it: its points, those of the adjustment and those
-/// that left it with their information kept.
-/// @param noise standard deviation of a pixel's residual [grey levels], turns information into
-///              variance
-[[nodiscard]] KeyframeSnapshot snapshot(const window::Keyframe& keyframe,
-                                        const PinholeCamera& camera,
-                                        int segment,
-                                        double noise);
 
 }  // namespace dsorb::odometry

@@ -3,15 +3,13 @@
 
 #include "base/describe.h"
 #include "base/parallel.h"
+#include "base/worker_queue.h"
 #include "image/frame_check.h"
+#include "odometry/frame_tracker.h"
 #include "odometry/mapper.h"
 #include "odometry/probation.h"
-#include "track/motion_guesses.h"
-#include "track/tracker.h"
-#include "window/keyframe_policy.h"
 
 #include <chrono>
-#include <cmath>
 #include <deque>
 #include <optional>
 #include <stdexcept>
@@ -51,11 +49,14 @@ class Odometry::Impl {
        std::unique_ptr<Initializer> initializer)
       : options_(checked(options)),
         arena_(options_.num_threads),
+        mapping_arena_(options_.num_threads),
         initializer_(std::move(initializer)),
-        tracker_(camera, options_.tracker),
+        tracker_(camera, options_),
         mapper_(camera, options_),
         probation_(options_.probation),
-        frame_check_(camera) {
+        frame_check_(camera),
+        mapping_([this](const odometry::MappingJob& job) { return map(job); },
+                 options_.pipelined ? options_.max_waiting : 0) {
     if (initializer_ == nullptr) initializer_ = makeInitializer(options_.initializer, camera);
   }
 
@@ -72,36 +73,51 @@ class Odometry::Impl {
     }
     frame_check_.accept(frame);
     ++report_.frames_given;
+    given_ = frame;
     waiting_.push_back(frame);
-    FrameEstimate estimate;
-    while (!waiting_.empty() && phase_ != Phase::kLost) {
-      const FramePtr next = waiting_.front();
-      waiting_.pop_front();
-      estimate = phase_ == Phase::kInitializing ? initialize(next) : track(next);
-    }
-    return estimate;
+    work();
+    return answer_;
   }
 
   void restart() {
     if (is_finished_) throw std::logic_error("Odometry::restart after finish()");
+    mapping_.wait();
+    receive(nullptr);
+    waiting_.clear();
+    const bool was_placed = phase_ != Phase::kInitializing;
     retireAll();
-    if (phase_ != Phase::kInitializing) ++segment_;
+    if (was_placed) ++segment_;
     initializer_->reset();
     phase_ = Phase::kInitializing;
   }
 
   OdometryReport finish() {
-    retireAll();
+    if (is_finished_) return report_;
     is_finished_ = true;
+    do {  // the last keyframes may take the start back: its frames are used again
+      work();
+      mapping_.wait();
+      receive(nullptr);
+    } while (!waiting_.empty());
+    retireAll();
     return report_;
   }
 
  private:
   enum class Phase { kInitializing, kTracking, kLost };
 
+  /// Works on all frames that wait.
+  void work() {
+    while (!waiting_.empty()) {
+      receive(nullptr);
+      if (waiting_.empty()) return;
+      phase_ == Phase::kInitializing ? initialize() : track();
+    }
+  }
+
   /// Phase initializing: feeds the initializer; its result becomes the first window.
-  FrameEstimate initialize(const FramePtr& frame) {
-    FrameEstimate estimate = blank(frame);
+  void initialize() {
+    const FramePtr frame = nextWaiting();
     InitStep step;
     {
       const StageTimer timer(report_.initializing_seconds);
@@ -109,157 +125,155 @@ class Odometry::Impl {
     }
     if (step.result) checkInvariants(*step.result);
     tell([&](OdometryObserver& o) { o.onInitStep(step, *frame, segment_); });
-    if (step.result) return takeOver(*step.result, std::move(estimate));
+    answer_ = blank(frame);
+    if (step.result) return takeOver(*step.result);
     // Frames that are used again were told when they came.
-    if (waiting_.empty()) tell([&](OdometryObserver& o) { o.onFrame(estimate); });
-    return estimate;
+    if (waiting_.empty()) tell([&](OdometryObserver& o) { o.onFrame(answer_); });
   }
 
   /// The first window, and tracking with it.
-  FrameEstimate takeOver(const InitializationResult& result, FrameEstimate estimate) {
-    odometry::MappingReport mapping;
-    {
-      const StageTimer timer(report_.mapping_seconds);
-      mapping = arena_.run([&] { return mapper_.seed(result); });
-    }
+  void takeOver(const InitializationResult& result) {
     phase_ = Phase::kTracking;
+    before_ = report_;
     ++report_.segments;
-    tracked_before_ = report_.frames_tracked;
     probation_.begin(result);
-    history_ = {};
-    const SE3 T_ref_newest = result.frames.back().T_cam_ref->inverse();
-    for (const PosedFrame& posed : result.frames) {
-      // Motion over a gap would pass for a faster one: the history starts anew behind it.
-      if (posed.T_cam_ref) {
-        history_.push(*posed.T_cam_ref * T_ref_newest);
-      } else {
-        history_ = {};
-      }
-    }
-    rmse_ = track::TrackingStart{}.previous_rmse;
-    report_.keyframes += mapping.keyframes_so_far;
-    estimate.state = OdometryState::kInitialized;
-    return closeKeyframe(mapping, std::move(estimate));
-  }
-
-  /// Phase tracking: pose of one frame; it refines the map or becomes a keyframe.
-  FrameEstimate track(const FramePtr& frame) {
-    track::TrackingResult result;
-    {
-      const StageTimer timer(report_.tracking_seconds);
-      const track::TrackingStart start{
-          track::motionGuesses(history_), affine_, rmse_, options_.tracker.max_gain_step};
-      result = arena_.run([&] { return tracker_.track(*frame, start); });
-    }
-    FrameEstimate estimate = blank(frame);
-    if (std::isfinite(result.rmse[0])) estimate.tracking_rmse = result.rmse[0];
-    if (!result.good()) return lose(std::move(estimate));
-    const bool is_keyframe = needsKeyframe(*frame, result);
-    const window::Keyframe& reference = mapper_.newest();
-    estimate.state = OdometryState::kTracked;
-    estimate.T_world_cam = (result.T_frame_reference * reference.T_cam_world()).inverse();
-    estimate.keyframe = reference.frame->id();
-    estimate.T_cam_keyframe = result.T_frame_reference;
-    estimate.affine = affine_ = result.affine;
-    history_.push(result.T_frame_reference);
-    rmse_ = result.rmse[0];
-    if (probation_.active()) probation_.add(frame);
-    return map(std::move(estimate), is_keyframe);
-  }
-
-  [[nodiscard]] bool needsKeyframe(const Frame& frame, const track::TrackingResult& result) {
-    const window::Keyframe& reference = mapper_.newest();
-    if (!first_rmse_) first_rmse_ = result.rmse[0];
-    window::KeyframeEvidence evidence;
-    evidence.translation_flow = result.flow.translation;
-    evidence.full_flow = result.flow.full;
-    evidence.log_gain = std::log(
-        brightnessTransfer(
-            reference.affine(), reference.frame->exposure(), result.affine, frame.exposure())
-            .gain);
-    evidence.rmse = result.rmse[0];
-    evidence.first_rmse = *first_rmse_;
-    evidence.seconds_since_keyframe = std::abs(frame.timestamp() - reference.frame->timestamp());
-    evidence.width_plus_height = frame.width() + frame.height();
-    return window::needsKeyframe(evidence, options_.window.policy);
-  }
-
-  /// Uses a tracked frame in the map.
-  FrameEstimate map(FrameEstimate estimate, bool is_keyframe) {
-    odometry::MappingReport mapping;
+    tracker_.begin(result);
+    odometry::MapUpdate update;
     {
       const StageTimer timer(report_.mapping_seconds);
-      const window::TrackedFrame tracked{
-          estimate.frame, estimate.T_world_cam->inverse(), estimate.affine};
-      arena_.run([&] {
-        mapper_.refine(tracked);
-        if (is_keyframe) mapping = mapper_.addKeyframe(tracked);
-      });
+      update = arena_.run([&] { return mapper_.seed(result); });
     }
-    if (is_keyframe) {
-      ++report_.keyframes;
-      history_ = history_.relativeToPrevious();
-      return closeKeyframe(mapping, std::move(estimate));
+    report_.keyframes += update.keyframes_so_far;
+    FrameEstimate estimate = answer_;
+    estimate.state = OdometryState::kInitialized;
+    estimate.is_keyframe = true;
+    if (adopt(update, &estimate)) close(std::move(estimate));
+  }
+
+  /// Phase tracking: pose of one frame, which then goes into the map.
+  void track() {
+    odometry::TrackedPose pose = poseOf(*waiting_.front());
+    if (!pose.good && mapping_.busy()) {  // once more, against a newer keyframe
+      mapping_.wait();
+      receive(nullptr);
+      if (phase_ != Phase::kTracking) return;
+      pose = poseOf(*waiting_.front());
     }
+    FrameEstimate estimate = blank(nextWaiting());
+    estimate.tracking_rmse = pose.rmse;
+    if (!pose.good) return lose(pose.rmse);
+    estimate.state = OdometryState::kTracked;
+    estimate.is_keyframe = pose.wants_keyframe && !keyframe_is_due_;
+    estimate.T_world_cam = pose.T_cam_world.inverse();
+    estimate.keyframe = pose.keyframe;
+    estimate.T_cam_keyframe = pose.T_cam_keyframe;
+    estimate.affine = pose.affine;
+    if (probation_.active()) probation_.add(estimate.frame);
+    keyframe_is_due_ |= estimate.is_keyframe;
+    mapping_.submit({estimate.frame, std::move(pose), estimate.is_keyframe});
+    if (!receive(&estimate)) return;
     ++report_.frames_tracked;
-    tell([&](OdometryObserver& o) { o.onFrame(estimate); });
-    return estimate;
+    close(std::move(estimate));
+  }
+
+  [[nodiscard]] odometry::TrackedPose poseOf(const Frame& frame) {
+    const StageTimer timer(report_.tracking_seconds);
+    return arena_.run([&] { return tracker_.track(frame); });
+  }
+
+  /// Work of the mapping queue; pipelined, it runs in the queue's thread.
+  odometry::MappingResult map(const odometry::MappingJob& job) {
+    odometry::MappingResult result;
+    TaskArena& arena = options_.pipelined ? mapping_arena_ : arena_;
+    {
+      const StageTimer timer(result.seconds);
+      result.update = arena.run([&] { return mapper_.map(job); });
+    }
+    return result;
+  }
+
+  /// Takes what mapping has finished.
+  /// @param estimate of the frame given last, or null; becomes that of its keyframe
+  /// @return whether the map is still there
+  bool receive(FrameEstimate* estimate) {
+    while (std::optional<odometry::MappingResult> result = takeResult()) {
+      report_.mapping_seconds += result->seconds;
+      if (!result->update) continue;
+      ++report_.keyframes;
+      keyframe_is_due_ = false;
+      if (!adopt(*result->update, estimate)) return false;
+    }
+    return true;
+  }
+
+  /// @throws what mapping threw; the map is lost then
+  std::optional<odometry::MappingResult> takeResult() {
+    try {
+      return mapping_.take();
+    } catch (...) {
+      phase_ = Phase::kLost;
+      lost_at_ = given_->id();
+      waiting_.clear();
+      throw;
+    }
   }
 
   /// After an adjustment: the newest keyframe is what the next frames are tracked against.
-  FrameEstimate closeKeyframe(const odometry::MappingReport& mapping, FrameEstimate estimate) {
-    if (!mapping.adjustment.finite) return lose(std::move(estimate));
-    noise_ = mapping.adjustment.rms;
-    if (probation_.active() && !probation_.passes(mapping.keyframes_so_far, noise_)) {
-      return withdraw(std::move(estimate));
+  bool adopt(odometry::MapUpdate& update, FrameEstimate* estimate) {
+    if (!update.finite) {
+      lose(std::nullopt);
+      return false;
     }
-    const window::Keyframe& newest = mapper_.newest();
-    tracker_.setReference(newest.frame, mapping.reference, newest.affine());
-    affine_ = newest.affine();
-    first_rmse_.reset();
-    estimate.is_keyframe = true;
-    estimate.T_world_cam = newest.T_cam_world().inverse();
-    estimate.keyframe = newest.frame->id();
-    estimate.T_cam_keyframe = SE3();
-    estimate.affine = affine_;
-    if (estimate.state == OdometryState::kTracked) ++report_.frames_tracked;
-    retire(mapping.retired, mapper_.camera());
-    for (const window::Keyframe& keyframe : mapper_.keyframes()) {
-      const KeyframeSnapshot shot =
-          odometry::snapshot(keyframe, mapper_.camera(), segment_, noise_);
-      tell([&](OdometryObserver& o) { o.onKeyframe(shot); });
+    if (probation_.active() && !probation_.passes(update.keyframes_so_far, update.rms)) {
+      withdraw();
+      return false;
     }
-    tell([&](OdometryObserver& o) { o.onFrame(estimate); });
-    return estimate;
+    const odometry::TrackingTarget& newest = update.target;
+    tracker_.setTarget(newest);
+    if (estimate != nullptr && estimate->frame == newest.frame) {
+      estimate->T_world_cam = newest.T_cam_world.inverse();
+      estimate->keyframe = newest.frame->id();
+      estimate->T_cam_keyframe = SE3();
+      estimate->affine = newest.affine;
+    }
+    tellRetired(update.retired);
+    for (KeyframeSnapshot& keyframe : update.window) {
+      keyframe.segment = segment_;
+      tell([&](OdometryObserver& o) { o.onKeyframe(keyframe); });
+    }
+    return true;
+  }
+
+  void close(FrameEstimate estimate) {
+    answer_ = std::move(estimate);
+    tell([&](OdometryObserver& o) { o.onFrame(answer_); });
   }
 
   /// The map has failed its probation: its frames but the reference are used again. Observers learn
   /// it by the initializer being asked anew in the same segment.
-  FrameEstimate withdraw(FrameEstimate estimate) {
-    report_.keyframes -= static_cast<int>(mapper_.clear().size());
-    report_.frames_tracked = tracked_before_;
-    --report_.segments;
+  void withdraw() {
+    dropMap();
+    report_.keyframes = before_.keyframes;
+    report_.frames_tracked = before_.frames_tracked;
+    report_.segments = before_.segments;
     std::deque<FramePtr> again = probation_.end();
     again.insert(again.end(), waiting_.begin(), waiting_.end());
     waiting_ = std::move(again);
     initializer_->reset();
     phase_ = Phase::kInitializing;
-    return estimate;
   }
 
   /// Into phase lost, which only restart() leaves.
-  FrameEstimate lose(FrameEstimate estimate) {
-    const std::optional<double> rmse = estimate.tracking_rmse;
-    estimate = blank(waiting_.empty() ? estimate.frame : waiting_.back());
+  void lose(std::optional<double> rmse) {
     waiting_.clear();
+    phase_ = Phase::kLost;
+    lost_at_ = given_->id();
+    FrameEstimate estimate = blank(given_);
     estimate.tracking_rmse = rmse;
     estimate.state = OdometryState::kLost;
-    lost_at_ = estimate.frame->id();
-    phase_ = Phase::kLost;
-    tell([&](OdometryObserver& o) { o.onFrame(estimate); });
+    close(std::move(estimate));
     retireAll();
     tell([&](OdometryObserver& o) { o.onLost(lost_at_, segment_); });
-    return estimate;
   }
 
   [[nodiscard]] FrameEstimate blank(const FramePtr& frame) const {
@@ -269,18 +283,30 @@ class Odometry::Impl {
     return estimate;
   }
 
-  void retire(const std::vector<window::Keyframe>& keyframes, const PinholeCamera& camera) {
-    for (const window::Keyframe& keyframe : keyframes) {
-      const KeyframeSnapshot shot = odometry::snapshot(keyframe, camera, segment_, noise_);
-      tell([&](OdometryObserver& o) { o.onKeyframeRetired(shot); });
+  [[nodiscard]] FramePtr nextWaiting() {
+    FramePtr frame = std::move(waiting_.front());
+    waiting_.pop_front();
+    return frame;
+  }
+
+  /// Ends mapping. @return the keyframes of the window
+  std::vector<KeyframeSnapshot> dropMap() {
+    mapping_.discard();
+    keyframe_is_due_ = false;
+    return mapper_.clear();
+  }
+
+  void tellRetired(std::vector<KeyframeSnapshot>& keyframes) {
+    for (KeyframeSnapshot& keyframe : keyframes) {
+      keyframe.segment = segment_;
+      tell([&](OdometryObserver& o) { o.onKeyframeRetired(keyframe); });
     }
   }
 
   void retireAll() {
     probation_.end();
-    if (mapper_.empty()) return;
-    const PinholeCamera camera = mapper_.camera();
-    retire(mapper_.clear(), camera);
+    std::vector<KeyframeSnapshot> keyframes = dropMap();
+    tellRetired(keyframes);
   }
 
   template <typename Function>
@@ -290,9 +316,10 @@ class Odometry::Impl {
 
   OdometryOptions options_;
   TaskArena arena_;
+  TaskArena mapping_arena_;  // two threads in one arena of one thread would wait for each other
   std::unique_ptr<Initializer> initializer_;
-  track::Tracker tracker_;
-  odometry::Mapper mapper_;
+  odometry::FrameTracker tracker_;
+  odometry::Mapper mapper_;  // belongs to mapping_ while that is busy
   odometry::Probation probation_;
   FrameCheck frame_check_;
   std::vector<OdometryObserver*> observers_;
@@ -302,15 +329,14 @@ class Odometry::Impl {
   int segment_ = 0;
   FrameId lost_at_;
   OdometryReport report_;
-  int tracked_before_ = 0;        // frames, the newest initialization
+  OdometryReport before_;         // before the newest initialization
   std::deque<FramePtr> waiting_;  // to be processed: the frame given, behind those used again
+  FramePtr given_;                // the last one
+  FrameEstimate answer_;          // of the frame processed last
+  bool keyframe_is_due_ = false;  // a tracked frame on its way becomes one
 
-  // Phase tracking: what the next frame is tracked with.
-  track::MotionHistory history_;
-  AffineBrightness affine_;           // of the previous frame
-  double rmse_ = 0;                   // of the previous frame, level 0 [grey levels]
-  std::optional<double> first_rmse_;  // of the first frame tracked against the newest keyframe
-  double noise_ = 0;                  // rms residual of the last adjustment [grey levels]
+  // Last: its thread ends before what it works with.
+  WorkerQueue<odometry::MappingJob, odometry::MappingResult> mapping_;
 };
 
 Odometry::Odometry(const PinholeCamera& camera, const OdometryOptions& options)

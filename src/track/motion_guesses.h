@@ -19,14 +19,12 @@ struct MotionHistory {
     T_before_reference = T_previous_reference;
     T_previous_reference = T_frame_reference;
   }
-  /// The same with the previous frame as the reference.
-  [[nodiscard]] MotionHistory relativeToPrevious() const {
+  /// The same with another frame as the reference.
+  [[nodiscard]] MotionHistory relativeTo(const SE3& T_new_old) const {
+    const SE3 T_old_new = T_new_old.inverse();
     MotionHistory moved;
-    if (!T_previous_reference) return moved;
-    moved.T_previous_reference = SE3();
-    if (T_before_reference) {
-      moved.T_before_reference = *T_before_reference * T_previous_reference->inverse();
-    }
+    if (T_previous_reference) moved.T_previous_reference = *T_previous_reference * T_old_new;
+    if (T_before_reference) moved.T_before_reference = *T_before_reference * T_old_new;
     return moved;
   }
 };

@@ -1,11 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The program itself, run as a user would on a small rendered sequence.
-#include "support/run_program.h"
-#include "support/temporary_folder.h"
-#include "support/text_files.h"
+#include "support/dso_dataset_run.h"
 
 #include <gmock/gmock.h>
-#include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <fstream>
@@ -20,8 +17,6 @@ using ::testing::HasSubstr;
 using ::testing::Not;
 using Json = nlohmann::json;
 
-constexpr int kFrames = 24;
-
 std::vector<fs::path> imagesOf(const fs::path& sequence) {
   std::vector<fs::path> images;
   for (const auto& entry : fs::directory_iterator(sequence / "images")) {
@@ -30,65 +25,6 @@ std::vector<fs::path> imagesOf(const fs::path& sequence) {
   std::sort(images.begin(), images.end());
   return images;
 }
-
-/// One rendered room for all tests; each test works in a folder of its own.
-class DsoDataset : public ::testing::Test {
- protected:
-  static void SetUpTestSuite() {
-    shared_ = new TemporaryFolder();
-    room_ = shared_->path() / "room";
-    const ProgramResult made = runProgram({DSORB_SYNTHESIZE,
-                                           "room",
-                                           "--output",
-                                           room_.string(),
-                                           "--frames",
-                                           std::to_string(kFrames),
-                                           "--width",
-                                           "320",
-                                           "--height",
-                                           "240",
-                                           "--quiet"},
-                                          shared_->path());
-    ASSERT_EQ(made.exit_code, 0) << made.err;
-  }
-  static void TearDownTestSuite() {
-    delete shared_;
-    shared_ = nullptr;
-  }
-
-  ProgramResult run(std::vector<std::string> arguments,
-                    const std::function<bool()>& interrupt_when = nullptr) const {
-    arguments.insert(arguments.begin(), DSORB_DATASET);
-    return runProgram(arguments, folder_.path(), interrupt_when);
-  }
-  /// Runs into the folder "out" of this test.
-  ProgramResult runOn(const fs::path& sequence, std::vector<std::string> more = {}) const {
-    more.insert(more.begin(), {sequence.string(), "--output", out().string(), "--quiet"});
-    return run(more);
-  }
-  /// A copy of the room that a test may spoil.
-  [[nodiscard]] fs::path copyOfRoom() const {
-    const fs::path copy = folder_.path() / "copy";
-    fs::copy(room_, copy, fs::copy_options::recursive);
-    return copy;
-  }
-  [[nodiscard]] fs::path out() const { return folder_.path() / "out"; }
-  [[nodiscard]] fs::path file(const std::string& name) const { return out() / name; }
-  [[nodiscard]] Json runJson() const { return Json::parse(readText(file("run.json"))); }
-  /// initialization.json without its times, as text.
-  [[nodiscard]] static std::string initializationsWithoutTimes(const fs::path& folder) {
-    Json json = Json::parse(readText(folder / "initialization.json"));
-    for (Json& start : json["initializations"]) start.erase("milliseconds");
-    return json.dump();
-  }
-
-  static TemporaryFolder* shared_;
-  static fs::path room_;
-  TemporaryFolder folder_;
-};
-
-TemporaryFolder* DsoDataset::shared_ = nullptr;
-fs::path DsoDataset::room_;
 
 void expectOneLine(const std::string& text) {
   EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 1) << text;
@@ -204,8 +140,7 @@ TEST_F(DsoDataset, WrongOptionsExitWithTwoAndOneLine) {
       {{room, "--set", "num_threads=-1"}, "[0, 1024]"},
       {{room, "--initializer", "orb-v2"}, "this version lacks it"},
       {{room, "--preset", "fastest"}, "this version lacks it"},
-      {{room, "--speed", "1"}, "this version lacks it"},
-      {{room, "--pipelined"}, "this version lacks it"},
+      {{room, "--speed", "-1"}, "--speed"},
       {{room, "--record"}, "--record"},
       {{"files=" + room, "colour=1"}, "unknown word"},
       {{}, "no data set given"}};

@@ -37,11 +37,13 @@ TEST(CommandLine, DefaultsAreThoseOfTheContract) {
   EXPECT_LT(request.sequence.end, 0);
   EXPECT_FALSE(request.sequence.reverse);
   EXPECT_EQ(request.output, "out/street");
+  EXPECT_EQ(request.speed, 0);
   EXPECT_TRUE(request.restart_when_lost);
   EXPECT_FALSE(request.write_result_txt);
   const Config config = loadConfig(request.config);
   EXPECT_EQ(config.initializer, "orb");
   EXPECT_EQ(config.options.num_threads, 0) << "all the machine has";
+  EXPECT_FALSE(config.options.pipelined);
 }
 
 TEST(CommandLine, EveryFlagArrives) {
@@ -65,7 +67,8 @@ TEST(CommandLine, EveryFlagArrives) {
                                      "--end=9",
                                      "--reverse",
                                      "--speed",
-                                     "0",
+                                     "2.5",
+                                     "--pipelined",
                                      "--threads",
                                      "1",
                                      "--on-lost",
@@ -83,12 +86,14 @@ TEST(CommandLine, EveryFlagArrives) {
   EXPECT_EQ(request.sequence.end, 9);
   EXPECT_TRUE(request.sequence.reverse);
   EXPECT_FALSE(request.restart_when_lost);
+  EXPECT_EQ(request.speed, 2.5);
   EXPECT_EQ(request.output, "o");
   EXPECT_TRUE(request.quiet);
   EXPECT_EQ(request.progress, ProgressMode::kOff);
   const Config config = loadConfig(request.config);
   EXPECT_EQ(config.initializer, "orb-v1");
   EXPECT_EQ(config.options.num_threads, 1);
+  EXPECT_TRUE(config.options.pipelined);
   EXPECT_EQ(config.options.initializer.orb.min_frames, 7);
   EXPECT_EQ(config.options.initializer.seed, 3);
 }
@@ -119,6 +124,8 @@ TEST(CommandLine, WrongValuesAreRefused) {
                                              {"seq", "--on-lost", "cry"},
                                              {"seq", "--threads"},
                                              {"seq", "--progress", "maybe"},
+                                             {"seq", "--speed", "-1"},
+                                             {"seq", "--speed", "nan"},
                                              {"seq", "second"},
                                              {"seq", "files=third"},
                                              {}}) {
@@ -127,22 +134,14 @@ TEST(CommandLine, WrongValuesAreRefused) {
   }
 }
 
-TEST(CommandLine, WhatThisVersionLacksIsSaid) {
-  for (const auto& arguments : std::vector<std::vector<const char*>>{{"seq", "--speed", "1"},
-                                                                     {"seq", "--pipelined"},
-                                                                     {"files=seq", "speed=1"},
-                                                                     {"files=seq", "preset=1"}}) {
-    EXPECT_THAT(errorOf(arguments), HasSubstr("this version lacks it")) << arguments.back();
-  }
-}
-
 TEST(CommandLine, VersionAndHelpAreText) {
   EXPECT_THAT(parse({"--version"}).text, HasSubstr("dso_dataset "));
   const std::string help = parse({"--help"}).text;
-  for (const char* flag : {"--format",  "--calib",  "--gamma",   "--vignette",     "--initializer",
-                           "--preset",  "--config", "--set",     "--print-config", "--mode",
-                           "--start",   "--end",    "--reverse", "--speed",        "--threads",
-                           "--on-lost", "--output", "--quiet",   "--progress",     "--version"}) {
+  for (const char* flag :
+       {"--format",   "--calib",   "--gamma",        "--vignette", "--initializer", "--preset",
+        "--config",   "--set",     "--print-config", "--mode",     "--start",       "--end",
+        "--reverse",  "--speed",   "--threads",      "--on-lost",  "--output",      "--quiet",
+        "--progress", "--version", "--pipelined"}) {
     EXPECT_THAT(help, HasSubstr(flag));
   }
 }
@@ -181,6 +180,34 @@ TEST(OriginalWords, SwitchesReactToOneOnly) {
   EXPECT_EQ(loadConfig(request.config).options.num_threads, 0);
 }
 
+TEST(OriginalWords, PresetsChooseSizeAndSpeed) {
+  struct Case {
+    const char* word;
+    const char* preset;
+    double speed;
+  };
+  for (const Case& c : {Case{"preset=0", "default", 0},
+                        Case{"preset=1", "default", 1},
+                        Case{"preset=2", "fast", 0},
+                        Case{"preset=3", "fast", 5}}) {
+    const CommandLine request = parse({"files=seq", c.word});
+    EXPECT_EQ(request.config.preset, c.preset) << c.word;
+    EXPECT_EQ(request.speed, c.speed) << c.word;
+    EXPECT_EQ(loadConfig(request.config).options.pipelined, c.speed > 0) << c.word;
+  }
+}
+
+TEST(OriginalWords, ALaterSpeedOrPresetWins) {
+  const CommandLine slower = parse({"files=seq", "preset=3", "speed=0.5"});
+  EXPECT_EQ(slower.speed, 0.5);
+  EXPECT_TRUE(loadConfig(slower.config).options.pipelined);
+  const CommandLine all = parse({"files=seq", "preset=1", "speed=0"});
+  EXPECT_EQ(all.speed, 0);
+  EXPECT_FALSE(loadConfig(all.config).options.pipelined);
+  EXPECT_EQ(parse({"files=seq", "speed=2", "preset=0"}).speed, 0);
+  EXPECT_TRUE(loadConfig(parse({"files=seq", "speed=0", "--pipelined"}).config).options.pipelined);
+}
+
 TEST(OriginalWords, WithoutMeaningGiveOneWarning) {
   const CommandLine request = parse({"files=seq", "nogui=1", "nolog=1", "rescale=0.5", "nogui=1"});
   EXPECT_THAT(request.warnings, ElementsAre(HasSubstr("nogui=1 nolog=1 rescale=0.5")));
@@ -191,6 +218,8 @@ TEST(OriginalWords, UnknownAndMalformedOnesAreErrors) {
               AllOf(HasSubstr("unknown word 'calip=c.txt'"), HasSubstr("'calib='")));
   EXPECT_THAT(errorOf({"files=seq", "start=two"}), HasSubstr("start=two: expected a number"));
   EXPECT_THAT(errorOf({"files=seq", "mode=3"}), HasSubstr("must be 0, 1 or 2"));
+  EXPECT_THAT(errorOf({"files=seq", "preset=4"}), HasSubstr("must be 0, 1, 2 or 3"));
+  EXPECT_THAT(errorOf({"files=seq", "speed=-1"}), HasSubstr("not negative"));
 }
 
 TEST(OriginalWords, PathWithAnEqualsSignIsStillADataSet) {

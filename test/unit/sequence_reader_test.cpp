@@ -96,6 +96,43 @@ TEST_F(SequenceReaderTest, StartEndAndReverseSelectImages) {
   EXPECT_THROW(SequenceReader{o}, ConfigError);
 }
 
+TEST_F(SequenceReaderTest, SkippedImagesAreLeftOut) {
+  writeDso(9);
+  for (const int prefetch : {0, 1, 3}) {
+    SequenceOptions o = options();
+    o.prefetch = prefetch;
+    SequenceReader reader(o);
+    EXPECT_EQ(reader.next()->index, 0);
+    reader.skip(4);
+    EXPECT_EQ(reader.next()->index, 5) << prefetch;
+    EXPECT_EQ(reader.next()->index, 6) << prefetch;
+    reader.skip(0);
+    reader.skip(1);
+    EXPECT_EQ(reader.next()->index, 8) << prefetch;
+    EXPECT_FALSE(reader.next().has_value());
+    reader.skip(3);
+    EXPECT_FALSE(reader.next().has_value());
+  }
+}
+
+TEST_F(SequenceReaderTest, AllImagesMayBeSkipped) {
+  writeDso(3);
+  SequenceReader reader(options());
+  reader.skip(100);
+  EXPECT_FALSE(reader.next().has_value());
+}
+
+TEST_F(SequenceReaderTest, IndicesAreKnownBeforehand) {
+  writeDso(5);
+  SequenceOptions o = options();
+  o.start = 2;
+  o.reverse = true;
+  const SequenceReader reader(o);
+  EXPECT_EQ(reader.index(0), 4);
+  EXPECT_EQ(reader.index(2), 2);
+  EXPECT_THROW((void)reader.index(3), std::out_of_range);
+}
+
 TEST_F(SequenceReaderTest, EveryImageKindIsRead) {
   for (const std::string suffix : {".png", ".jpg", ".pgm", ".PNG"}) {
     fs::remove_all(root() / "images");

@@ -63,6 +63,12 @@ class SequenceReader {
   /// Time of any image [s]; 0.1 * index where the data set has no times.
   [[nodiscard]] double timestamp(int index) const;
 
+  /// Index of the image that next() delivers as the position-th, counted from 0.
+  [[nodiscard]] int index(int position) const;
+
+  /// Leaves out the next images, unread as far as they are not yet prepared.
+  void skip(int images);
+
   /// @return the next selected image; empty after the last one
   /// @throws IoError where this image cannot be read; nothing follows it
   [[nodiscard]] std::optional<SequenceFrame> next();

@@ -60,6 +60,9 @@ class RunWriter : public OdometryObserver {
   /// @throws IoError where a file cannot be written, for example on a full disk
   void frameDone(const FrameTiming& timing);
 
+  /// Images that were left out because the run was late.
+  void setDropped(int frames);
+
   /// What happened up to now: tracked, lost (and not initialized again) or never initialized.
   [[nodiscard]] RunStatus outcome() const;
 

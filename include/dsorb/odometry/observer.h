@@ -20,10 +20,10 @@ enum class OdometryState { kInitializing, kInitialized, kTracked, kLost };
 struct FrameEstimate {
   FramePtr frame;
   OdometryState state = OdometryState::kInitializing;  ///< after this frame
-  int segment = 0;  ///< a new one begins with the frame after a loss
-  bool is_keyframe = false;
-  std::optional<SE3> T_world_cam;     ///< world: reference camera of the segment's initialization
-  std::optional<FrameId> keyframe;    ///< keyframe the pose hangs on ...
+  int segment = 0;                  ///< a new one begins with the frame after a loss
+  bool is_keyframe = false;         ///< or becomes one soon, where mapping has a thread of its own
+  std::optional<SE3> T_world_cam;   ///< world: reference camera of the segment's initialization
+  std::optional<FrameId> keyframe;  ///< keyframe the pose hangs on ...
   std::optional<SE3> T_cam_keyframe;  ///< ... and the pose relative to it
   AffineBrightness affine;
   std::optional<double> tracking_rmse;  ///< level 0 [grey levels]
@@ -47,8 +47,11 @@ struct KeyframeSnapshot {
   std::vector<MapPoint> points;
 };
 
-/// Told what happens, on the processing thread, in order. Calls must be quick; an exception
-/// propagates to the caller of Odometry::process.
+/// Told what happens, in order, on the thread that calls Odometry::process, restart or finish, also
+/// where mapping has a thread of its own. Calls must be quick; an exception propagates to that
+/// caller. Of one frame: onInitStep, onKeyframeRetired, onKeyframe of the whole window, onFrame,
+/// onLost. Pipelined, onKeyframe and onKeyframeRetired of a frame come with a later call than its
+/// onFrame, before what that call's own frame brings.
 class OdometryObserver {
  public:
   virtual ~OdometryObserver() = default;

@@ -22,7 +22,10 @@ struct OdometryReport {
 };
 
 /// Direct visual odometry, one frame at a time: initializing, tracking, lost. Sequential and
-/// deterministic: the same frames and options give the same bits for any number of threads.
+/// deterministic: the same frames and options give the same bits for any number of threads. With
+/// OdometryOptions::pipelined it returns as soon as the frame is tracked; mapping goes on in a
+/// thread of its own. Either way one thread at a time may call it, and only the calls of that
+/// thread tell observers.
 class Odometry {
  public:
   /// Initializer by options. @throws ConfigError on options out of range
@@ -38,7 +41,8 @@ class Odometry {
   /// @param observer must outlive this object; called in the order of registration
   void addObserver(OdometryObserver* observer);
 
-  /// @throws std::invalid_argument wrong size or timestamp, std::logic_error when lost
+  /// @throws std::invalid_argument wrong size or timestamp, std::logic_error when lost; pipelined,
+  ///         also what mapping an earlier frame threw: then the map is lost
   FrameEstimate process(const FramePtr& frame);
 
   /// Leaves the state lost: the next frame starts a new segment with a new initialization.

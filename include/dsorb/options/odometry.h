@@ -29,6 +29,12 @@ DescribeFor<Options, ProbationOptions> describe(Visitor& visit, Options& o) {
 
 struct OdometryOptions {
   int num_threads = 1;  ///< 0: all the machine has; replaces initializer.num_threads
+  /// Mapping in a thread of its own, beside tracking, as live use needs: frames are tracked against
+  /// the newest keyframe that is finished, so results depend on timing. Each side has num_threads.
+  bool pipelined = false;
+  /// Tracked frames that wait for mapping at most; then tracking waits. Frames that are tracked
+  /// while a keyframe is made see the one before it: more of them cost accuracy.
+  int max_waiting = 2;
   InitializerOptions initializer;
   TrackerOptions tracker;
   DepthOptions depth;
@@ -39,6 +45,8 @@ struct OdometryOptions {
 template <typename Visitor, typename Options>
 DescribeFor<Options, OdometryOptions> describe(Visitor& visit, Options& o) {
   visit.field("num_threads", o.num_threads, Range{0, 1024}, "threads");
+  visit.field("pipelined", o.pipelined);
+  visit.field("max_waiting", o.max_waiting, Range{1, 1000}, "frames");
   visit.group("initializer", o.initializer);
   visit.group("tracker", o.tracker);
   visit.group("depth", o.depth);

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "app/playback.h"
+
+#include <cmath>
+
+namespace dsorb::app {
+
+Playback::Playback(std::vector<double> timestamps, double speed) : due_(std::move(timestamps)) {
+  double due = 0;
+  double previous = due_.empty() ? 0 : due_.front();
+  for (double& time : due_) {
+    if (speed > 0) due += std::abs(time - previous) / speed;
+    previous = time;
+    time = due;
+  }
+}
+
+Playback::Step Playback::next(double now) {
+  Step step;
+  if (position_ == due_.size()) return step;
+  if (!begin_) begin_ = now;
+  const double elapsed = now - *begin_;
+  if (elapsed < due_[position_]) {
+    step.wait = due_[position_] - elapsed;
+    return step;
+  }
+  while (position_ + 1 < due_.size() && due_[position_ + 1] > due_[position_] &&
+         due_[position_ + 1] <= elapsed) {
+    ++position_;
+    ++step.drop;
+  }
+  ++position_;
+  dropped_ += step.drop;
+  return step;
+}
+
+}  // namespace dsorb::app

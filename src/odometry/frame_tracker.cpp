@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "odometry/frame_tracker.h"
+
+#include "window/keyframe_policy.h"
+
+#include <cmath>
+
+namespace dsorb::odometry {
+
+FrameTracker::FrameTracker(const PinholeCamera& camera, const OdometryOptions& options)
+    : options_(options), tracker_(camera, options.tracker) {}
+
+void FrameTracker::begin(const InitializationResult& result) {
+  target_.reset();
+  history_ = {};
+  const SE3 T_ref_newest = result.frames.back().T_cam_ref->inverse();
+  for (const PosedFrame& posed : result.frames) {
+    // Motion over a gap would pass for a faster one: the history starts anew behind it.
+    if (posed.T_cam_ref) {
+      history_.push(*posed.T_cam_ref * T_ref_newest);
+    } else {
+      history_ = {};
+    }
+  }
+  previous_ = result.frames.back().frame->id();
+  rmse_ = track::TrackingStart{}.previous_rmse;
+}
+
+void FrameTracker::setTarget(const TrackingTarget& target) {
+  if (target_) history_ = history_.relativeTo(target.T_cam_previous);
+  tracker_.setReference(target.frame, target.samples, target.affine);
+  if (target.frame->id() == previous_) affine_ = target.affine;
+  first_rmse_.reset();
+  target_ = {target.frame, target.T_cam_world, target.affine};
+}
+
+TrackedPose FrameTracker::track(const Frame& frame) {
+  const track::TrackingStart start{
+      track::motionGuesses(history_), affine_, rmse_, options_.tracker.max_gain_step};
+  const track::TrackingResult result = tracker_.track(frame, start);
+  TrackedPose pose;
+  if (std::isfinite(result.rmse[0])) pose.rmse = result.rmse[0];
+  if (!result.good()) return pose;
+  if (!first_rmse_) first_rmse_ = result.rmse[0];
+  pose.good = true;
+  pose.keyframe = target_->frame->id();
+  pose.T_cam_keyframe = result.T_frame_reference;
+  pose.T_cam_world = result.T_frame_reference * target_->T_cam_world;
+  pose.affine = affine_ = result.affine;
+  pose.wants_keyframe = needsKeyframe(frame, result);
+  history_.push(result.T_frame_reference);
+  rmse_ = result.rmse[0];
+  previous_ = frame.id();
+  return pose;
+}
+
+bool FrameTracker::needsKeyframe(const Frame& frame, const track::TrackingResult& result) const {
+  window::KeyframeEvidence evidence;
+  evidence.translation_flow = result.flow.translation;
+  evidence.full_flow = result.flow.full;
+  evidence.log_gain =
+      std::log(brightnessTransfer(
+                   target_->affine, target_->frame->exposure(), result.affine, frame.exposure())
+                   .gain);
+  evidence.rmse = result.rmse[0];
+  evidence.first_rmse = *first_rmse_;
+  evidence.seconds_since_keyframe = std::abs(frame.timestamp() - target_->frame->timestamp());
+  evidence.width_plus_height = frame.width() + frame.height();
+  return window::needsKeyframe(evidence, options_.window.policy);
+}
+
+}  // namespace dsorb::odometry

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/init/result.h"
+#include "dsorb/options/odometry.h"
+
+#include "image/photometric.h"
+#include "track/motion_guesses.h"
+#include "track/tracker.h"
+
+#include <optional>
+#include <vector>
+
+namespace dsorb::odometry {
+
+/// What frames are tracked against: a keyframe after its adjustment, as a value.
+struct TrackingTarget {
+  FramePtr frame;
+  SE3 T_cam_world;
+  AffineBrightness affine;
+  std::vector<DepthSample> samples;  ///< inverse depths in the keyframe
+  SE3 T_cam_previous;  ///< relative to the target before it, as tracked; unused for the first one
+};
+
+struct TrackedPose {
+  bool good = false;  ///< else only `rmse` has a meaning
+  FrameId keyframe;   ///< the target
+  SE3 T_cam_keyframe;
+  SE3 T_cam_world;
+  AffineBrightness affine;
+  std::optional<double> rmse;   ///< level 0 [grey levels]
+  bool wants_keyframe = false;  ///< the target is too far away
+};
+
+/// Frame by frame tracking against the newest target: remembers the motion, knows when a new
+/// keyframe is due. Knows neither the map nor observers.
+class FrameTracker {
+ public:
+  FrameTracker(const PinholeCamera& camera, const OdometryOptions& options);
+
+  /// Starts with the motion of an initialization; its newest frame is the first target to come.
+  void begin(const InitializationResult& result);
+  /// Later frames are tracked against this keyframe.
+  void setTarget(const TrackingTarget& target);
+  [[nodiscard]] TrackedPose track(const Frame& frame);
+
+ private:
+  struct Target {
+    FramePtr frame;
+    SE3 T_cam_world;
+    AffineBrightness affine;
+  };
+  [[nodiscard]] bool needsKeyframe(const Frame& frame, const track::TrackingResult& result) const;
+
+  OdometryOptions options_;
+  track::Tracker tracker_;
+  std::optional<Target> target_;
+  track::MotionHistory history_;      // relative to the target
+  FrameId previous_;                  // frame
+  AffineBrightness affine_;           // of the previous frame
+  double rmse_ = 0;                   // of the previous frame, level 0 [grey levels]
+  std::optional<double> first_rmse_;  // of the first frame tracked against the target
+};
+
+}  // namespace dsorb::odometry
