@@ -4,6 +4,7 @@
 #include "dsorb/options/field.h"
 #include "dsorb/options/orb_mapping.h"
 #include "dsorb/options/orb_matching.h"
+#include "dsorb/options/orb_photometric.h"
 
 namespace dsorb {
 
@@ -89,6 +90,8 @@ struct OrbOptions {
   TwoViewOptions two_view;
   GeometricOptions geometric;
   SemiDenseOptions semi_dense;
+  PhotometricOptions photometric;
+  OutlierOptions outliers;
 };
 
 template <typename Visitor, typename Options>
@@ -105,6 +108,8 @@ DescribeFor<Options, OrbOptions> describe(Visitor& visit, Options& o) {
   visit.group("two_view", o.two_view);
   visit.group("geometric", o.geometric);
   visit.group("semi_dense", o.semi_dense);
+  visit.group("photometric", o.photometric);
+  visit.group("outliers", o.outliers);
 }
 
 }  // namespace dsorb

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/adjustment_solvers.h"
+#include "init/orb/damping.h"
 #include "init/orb/reprojection_equations.h"
 
 #include <Eigen/Cholesky>
@@ -12,8 +13,6 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr double kFirstDamping = 1e-4;  // of the diagonal; Ceres' first trust region, radius 1e4
-constexpr double kMaxDamping = 1e16;    // no step lowers the cost any more
 constexpr double kMinGradient = 1e-10;  // largest entry at a minimum; default of Ceres
 
 bool isMinimum(const ReprojectionEquations& system) {
@@ -79,23 +78,6 @@ struct Unknowns {
   std::vector<double> inverse_depths;
 };
 
-/// Damping after a step: falls with the agreement of cost and prediction, rises faster and faster
-/// without.
-struct Damping {
-  double value = kFirstDamping;
-  double growth = 2;
-
-  void succeed(double gain) {
-    const double x = 2 * gain - 1;
-    value *= std::max(1.0 / 3, 1 - x * x * x);
-    growth = 2;
-  }
-  void fail() {
-    value *= growth;
-    growth *= 2;
-  }
-};
-
 }  // namespace
 
 std::optional<int> solveWithSchur(InitialMap& map,
@@ -110,7 +92,7 @@ std::optional<int> solveWithSchur(InitialMap& map,
   Damping damping;
   ReprojectionEquations system = linearize(map, kept, pose_rows, camera, options);
   int iteration = 0;
-  while (iteration < options.max_iterations && damping.value < kMaxDamping && !isMinimum(system)) {
+  while (iteration < options.max_iterations && !damping.exhausted() && !isMinimum(system)) {
     ++iteration;
     const Unknowns before(map);
     const std::optional<Step> step = solveDamped(system, damping.value);

@@ -1,0 +1,13 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "init/orb/initial_map.h"
+
+namespace dsorb::init_orb {
+
+/// Makes the mean inverse depth of corners and semi-dense points together 1; poses, covariances
+/// and variances change their unit with it.
+/// @return false when that mean is not positive; nothing is changed then
+bool normalizeMapScale(InitialMap& map);
+
+}  // namespace dsorb::init_orb

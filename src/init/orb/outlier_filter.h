@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/options/orb_photometric.h"
+
+#include "init/orb/initial_map.h"
+
+namespace dsorb::init_orb {
+
+struct OutlierReport {
+  int examined = 0;  ///< corners and semi-dense points
+  int removed_corners = 0;
+  int removed_points = 0;  ///< semi-dense
+  double t_scale = 0;      ///< of the residuals, median over the frames [grey levels]
+};
+
+/// Removes corners and semi-dense points that do not fit after a photometric adjustment.
+/// Pixel votes: a pixel is out when its residual is `t_quantile` scales of its frame's
+/// t-distribution, an observation when more than half of its pixels are, a point when fewer than
+/// `min_observations` remain (or all frames, when there are fewer).
+/// @source the report on feature-based initialization, section 3.4
+OutlierReport removeOutliers(InitialMap& map,
+                             const PinholeCamera& camera,
+                             const PhotometricOptions& photometric,
+                             const OutlierOptions& options);
+
+}  // namespace dsorb::init_orb

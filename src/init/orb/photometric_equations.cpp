@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/photometric_equations.h"
+
+#include "base/lanes.h"
+#include "base/parallel.h"
+
+#include <algorithm>
+
+namespace dsorb::init_orb {
+
+PhotometricLinearizer::PhotometricLinearizer(const PhotometricProblem& problem,
+                                             const PhotometricOptions& options)
+    : problem_(problem),
+      options_(options),
+      blocks_((problem.patches.size() + kPatchBlock - 1) / kPatchBlock),
+      settings_(problem.frames.size()),
+      inverse_depth_(problem.patches.size()),
+      sums_(blocks_ * problem.frames.size()) {}
+
+void PhotometricLinearizer::linearize(const PhotometricState& state,
+                                      PhotometricEquations& equations) {
+  prepare(state, equations);
+  forEachRange(blocks_, 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t block = begin; block < end; ++block) linearizeBlock(block, equations);
+  });
+  collect(equations);
+}
+
+void PhotometricLinearizer::prepare(const PhotometricState& state,
+                                    PhotometricEquations& equations) {
+  const std::size_t frames = problem_.frames.size();
+  for (std::size_t f = 0; f < frames; ++f) {
+    settings_[f] = patchSetting(
+        patchTarget(problem_, state, f), options_.brightness, options_.huber_threshold);
+  }
+  std::transform(state.inverse_depth.begin(),
+                 state.inverse_depth.end(),
+                 inverse_depth_.begin(),
+                 [](double value) { return static_cast<float>(value); });
+  const std::size_t patches = problem_.patches.size();
+  equations.frame_size = frameSize(options_.brightness);
+  const auto size = static_cast<std::size_t>(equations.frame_size) * frames;
+  equations.stride = (size + kLanes - 1) / kLanes * kLanes;
+  equations.hessian.setZero(static_cast<Eigen::Index>(size), static_cast<Eigen::Index>(size));
+  equations.gradient.setZero(static_cast<Eigen::Index>(size));
+  equations.coupling.assign(patches * equations.stride, 0);
+  equations.depth_hessian.assign(patches, 0);
+  equations.depth_gradient.assign(patches, 0);
+  equations.energy.assign(patches, 0);
+}
+
+void PhotometricLinearizer::linearizeBlock(std::size_t block, PhotometricEquations& equations) {
+  const std::size_t first = block * kPatchBlock;
+  const std::size_t count = std::min(kPatchBlock, problem_.patches.size() - first);
+  for (std::size_t f = 0; f < problem_.frames.size(); ++f) {
+    const PatchRun run{problem_.patches.data() + first,
+                       inverse_depth_.data() + first,
+                       problem_.seenIn(f) + first,
+                       count};
+    const PatchSums sums{equations.coupling.data() + first * equations.stride +
+                             f * static_cast<std::size_t>(equations.frame_size),
+                         equations.stride,
+                         equations.depth_hessian.data() + first,
+                         equations.depth_gradient.data() + first,
+                         equations.energy.data() + first};
+    auto& frame_sums = sums_[block * problem_.frames.size() + f];
+    frame_sums.fill(0);
+    linearizePatches(settings_[f], run, sums, frame_sums);
+  }
+}
+
+void PhotometricLinearizer::collect(PhotometricEquations& equations) const {
+  const int size = equations.frame_size;
+  const std::size_t frames = problem_.frames.size();
+  for (std::size_t f = 0; f < frames; ++f) {
+    const auto at = static_cast<Eigen::Index>(f) * size;
+    for (std::size_t block = 0; block < blocks_; ++block) {
+      const float* sum = sums_[block * frames + f].data();
+      for (int i = 0; i < size; ++i) {
+        for (int j = i; j < size; ++j) {
+          equations.hessian(at + i, at + j) += static_cast<double>(*sum++);
+        }
+        equations.gradient[at + i] += static_cast<double>(*sum++);
+      }
+    }
+    for (int i = 0; i < size; ++i) {
+      for (int j = 0; j < i; ++j)
+        equations.hessian(at + i, at + j) = equations.hessian(at + j, at + i);
+    }
+  }
+  equations.cost = 0;
+  for (const float energy : equations.energy) equations.cost += 0.5 * static_cast<double>(energy);
+}
+
+}  // namespace dsorb::init_orb

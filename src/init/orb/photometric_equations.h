@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "init/orb/photometric_kernels.h"
+#include "init/orb/photometric_problem.h"
+
+#include <Eigen/Core>
+
+#include <cstddef>
+#include <vector>
+
+namespace dsorb::init_orb {
+
+/// Robustly weighted normal equations over the frames (pose as left increment, then brightness
+/// where it is unknown) and inverse depths: [H, C; C^T, diag(h)].
+struct PhotometricEquations {
+  int frame_size = 6;                 ///< unknowns of one frame
+  std::size_t stride = 0;             ///< of `coupling`, frames * frame_size rounded up to 8 lanes
+  Eigen::MatrixXd hessian;            ///< of the frames, block diagonal
+  Eigen::VectorXd gradient;           ///< sum w J^T r
+  std::vector<float> coupling;        ///< by patch
+  std::vector<float> depth_hessian;   ///< 0 where a patch takes part nowhere
+  std::vector<float> depth_gradient;  ///<
+  std::vector<float> energy;          ///< of each patch, Huber [grey levels^2]
+  double cost = 0;                    ///< half the sum of the energies
+
+  /// Couplings of one patch with all frames.
+  [[nodiscard]] Eigen::Map<const Eigen::VectorXf> couplingOf(std::size_t patch) const {
+    return {coupling.data() + patch * stride, hessian.rows()};
+  }
+};
+
+/// Sets up the equations again and again; allocates at its construction and at the first
+/// evaluation of each result only.
+class PhotometricLinearizer {
+ public:
+  PhotometricLinearizer(const PhotometricProblem& problem, const PhotometricOptions& options);
+
+  void linearize(const PhotometricState& state, PhotometricEquations& equations);
+
+ private:
+  void prepare(const PhotometricState& state, PhotometricEquations& equations);
+  void linearizeBlock(std::size_t block, PhotometricEquations& equations);
+  void collect(PhotometricEquations& equations) const;
+
+  const PhotometricProblem& problem_;
+  PhotometricOptions options_;
+  std::size_t blocks_;
+  std::vector<PatchSetting> settings_;
+  std::vector<float> inverse_depth_;
+  std::vector<std::array<float, kFrameSums>> sums_;  ///< [block * frames + frame]
+};
+
+}  // namespace dsorb::init_orb

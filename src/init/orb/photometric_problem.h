@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "init/orb/initial_map.h"
+#include "init/orb/photometric_patch.h"
+
+#include <cstddef>
+#include <vector>
+
+namespace dsorb::init_orb {
+
+/// A frame of the photometric adjustment.
+struct PhotometricFrame {
+  std::size_t index = 0;  ///< into InitialMap::frames
+  const PyramidLevel* image = nullptr;
+  double exposure = 1;  ///< [s]
+};
+
+/// What stays constant during one photometric adjustment: patches of the reference at one pyramid
+/// level, the frames they are compared with, and which patch counts in which frame.
+struct PhotometricProblem {
+  PinholeCamera camera;           ///< of the level
+  double reference_exposure = 1;  ///< [s]
+  std::vector<PhotometricFrame> frames;
+  std::vector<HostPatch> patches;
+  std::vector<std::size_t> source;  ///< by patch: corner, or number of corners + semi-dense point
+  std::vector<char> seen;           ///< [frame * patches + patch]: takes part
+
+  [[nodiscard]] const char* seenIn(std::size_t frame) const {
+    return seen.data() + frame * patches.size();
+  }
+};
+
+/// The unknowns, in the order of the problem.
+struct PhotometricState {
+  std::vector<SE3> T_cam_ref;
+  std::vector<AffineBrightness> affine;
+  std::vector<double> inverse_depth;
+};
+
+/// At most `count` posed frames after the reference, evenly spaced, the last posed one included.
+std::vector<std::size_t> spreadFrames(const InitialMap& map, int count);
+
+/// Corners and semi-dense points whose pattern lies inside the reference.
+PhotometricProblem makeProblem(const InitialMap& map,
+                               const PinholeCamera& camera,
+                               const std::vector<std::size_t>& frames,
+                               int level,
+                               bool gradient_weights);
+
+PhotometricState makeState(const PhotometricProblem& problem, const InitialMap& map);
+
+/// Sets `problem.seen`: the whole pattern is inside the frame. @return share of all pairs [-]
+double findVisible(PhotometricProblem& problem, const PhotometricState& state);
+
+/// Puts the unknowns back into the map they came from.
+void writeState(const PhotometricProblem& problem, const PhotometricState& state, InitialMap& map);
+
+/// Some of the patches with all frames. @param patches indices in rising order
+PhotometricProblem subProblem(const PhotometricProblem& problem,
+                              const std::vector<std::size_t>& patches);
+
+/// One frame as the patch equations want it.
+PatchTarget patchTarget(const PhotometricProblem& problem,
+                        const PhotometricState& state,
+                        std::size_t frame);
+
+/// Residuals of every patch in one frame; nullopt where the patch does not take part.
+using FrameResiduals = std::vector<std::optional<PatchVector>>;
+FrameResiduals residualsIn(const PhotometricProblem& problem,
+                           const PhotometricState& state,
+                           std::size_t frame,
+                           PhotometricBrightness brightness);
+
+}  // namespace dsorb::init_orb

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <vector>
+
+namespace dsorb::init_orb {
+
+/// Degrees of freedom of the residuals' t-distribution.
+/// @source Kerl, Sturm, Cremers, Robust Odometry Estimation for RGB-D Cameras, ICRA 2013
+constexpr double kTDegrees = 5;
+
+/// Spread of residuals around zero, as a t-distribution of kTDegrees.
+struct TDistribution {
+  double scale = 0;  ///< sigma of the distribution, not its standard deviation
+  int samples = 0;   ///< that passed the prefilter
+  int iterations = 0;
+};
+
+/// Middle value; of an even number the upper one. 0 when there is none.
+double medianOf(std::vector<double> values);
+
+/// Scale of greatest likelihood. Residuals farther from the median than `prefilter` times 1.4826
+/// MAD have no part: the fit breaks down at one sixth of outliers.
+/// @param prefilter [1.4826 MAD]
+/// @source Kerl, Sturm, Cremers, ICRA 2013, eq. (15): sigma^2 = mean of w r^2,
+///         w = (nu + 1) / (nu + (r / sigma)^2)
+TDistribution fitTDistribution(const std::vector<double>& residuals, double prefilter);
+
+/// Weight of one residual under the distribution, 1.2 at zero.
+double tWeight(double residual, double scale);
+
+}  // namespace dsorb::init_orb
