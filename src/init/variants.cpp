@@ -3,33 +3,68 @@
 #include "dsorb/options/initializer.h"
 
 namespace dsorb {
+namespace {
+
+/// The report's first version: geometry only, solved by Ceres.
+OrbOptions reportGeometry() {
+  OrbOptions orb;
+  orb.geometric.solver = GeometricSolver::kCeres;
+  orb.photometric.enabled = false;
+  return orb;
+}
+
+/// Second version: photometric adjustment of everything, patches scaled by psi.
+OrbOptions reportPhotometry() {
+  OrbOptions orb = reportGeometry();
+  orb.photometric.enabled = true;
+  orb.photometric.solver = PhotometricSolver::kCeres;
+  orb.photometric.brightness = PhotometricBrightness::kPsiFixed;
+  orb.photometric.poses = PhotometricPoses::kFree;
+  orb.photometric.joint_points = 0;
+  orb.photometric.max_iterations = 10;
+  orb.outliers.rule = OutlierRule::kNone;
+  return orb;
+}
+
+/// Third version: outlier filter and second adjustment.
+OrbOptions reportFiltered() {
+  OrbOptions orb = reportPhotometry();
+  orb.outliers.rule = OutlierRule::kPixelVotes;
+  return orb;
+}
+
+/// Xingwei Qu's variant: descriptors between two frames, the model with the most inliers.
+OrbOptions matching() {
+  OrbOptions orb = reportGeometry();
+  orb.front_end = OrbFrontEnd::kDescriptors;
+  orb.two_view.model_choice = ModelChoice::kInliers;
+  return orb;
+}
+
+}  // namespace
 
 std::vector<std::string> initializerVariants() {
-  return {"coarse", "orb", "orb-v1", "orb-matching"};
+  return {"coarse", "orb", "orb-v1", "orb-v2", "orb-v3", "orb-matching"};
 }
 
 InitializerOptions initializerVariant(const std::string& name) {
+  InitializerOptions options;
   if (name == "coarse") {
-    InitializerOptions options;
     options.kind = InitializerKind::kCoarse;
-    return options;
+  } else if (name == "orb-v1") {
+    options.orb = reportGeometry();
+  } else if (name == "orb-v2") {
+    options.orb = reportPhotometry();
+  } else if (name == "orb-v3") {
+    options.orb = reportFiltered();
+  } else if (name == "orb-matching") {
+    options.orb = matching();
+  } else if (name != "orb") {
+    std::string known;
+    for (const std::string& variant : initializerVariants()) known += " " + variant;
+    throw ConfigError("initializer '" + name + "': this version has" + known);
   }
-  if (name == "orb") return {};
-  if (name == "orb-v1") {
-    InitializerOptions options;
-    options.orb.geometric.solver = GeometricSolver::kCeres;  // as in the report
-    return options;
-  }
-  if (name == "orb-matching") {
-    InitializerOptions options;
-    options.orb.front_end = OrbFrontEnd::kDescriptors;
-    options.orb.two_view.model_choice = ModelChoice::kInliers;
-    options.orb.geometric.solver = GeometricSolver::kCeres;
-    return options;
-  }
-  std::string known;
-  for (const std::string& variant : initializerVariants()) known += " " + variant;
-  throw ConfigError("initializer '" + name + "': this version has" + known);
+  return options;
 }
 
 }  // namespace dsorb

@@ -3,6 +3,7 @@
 
 #include "init/orb/geometric_adjustment.h"
 #include "init/orb/map_assembly.h"
+#include "init/orb/photometric_stage.h"
 #include "init/orb/report_motion.h"
 #include "init/orb/semi_dense_depth.h"
 
@@ -27,7 +28,7 @@ bool densify(const AttemptContext& context, Attempt& attempt) {
 Attempt attemptFrom(const ReferenceView& view, const AttemptContext& context) {
   Attempt attempt;
   const bool usable = estimateReportMotion(view, context, attempt) && densify(context, attempt) &&
-                      adjustCorners(context, attempt);
+                      adjustCorners(context, attempt) && adjustImages(context, attempt);
   if (!usable) {
     attempt.map.reset();
     return attempt;

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/photometric_stage.h"
+
+#include "init/orb/outlier_filter.h"
+#include "init/orb/photometric_adjustment.h"
+
+#include <string>
+
+namespace dsorb::init_orb {
+namespace {
+
+bool adjustOnce(const AttemptContext& context, const std::string& name, Attempt& attempt) {
+  const PhotometricReport report = context.clock.time("photometric", [&] {
+    return adjustPhotometry(*attempt.map, context.camera, context.options.orb.photometric);
+  });
+  auto& details = attempt.report.details;
+  details.emplace_back(name + "_patches", report.patches);
+  details.emplace_back(name + "_iterations", report.iterations);
+  details.emplace_back(name + "_first_cost", report.first_cost);
+  details.emplace_back(name + "_cost", report.cost);
+  details.emplace_back(name + "_inside", report.inside_share);
+  details.emplace_back(name + "_direction_sigmas", report.direction_sigmas);
+  details.emplace_back(name + "_poses_moved", report.poses_moved ? 1 : 0);
+  if (!report.usable) attempt.reason = InitReason::kPoorQuality;
+  return report.usable;
+}
+
+}  // namespace
+
+bool adjustImages(const AttemptContext& context, Attempt& attempt) {
+  const OrbOptions& orb = context.options.orb;
+  if (!orb.photometric.enabled) return true;
+  if (!adjustOnce(context, "photometric", attempt)) return false;
+  if (orb.outliers.rule == OutlierRule::kNone) return true;
+  const OutlierReport filter = context.clock.time("filter", [&] {
+    return removeOutliers(*attempt.map, context.camera, orb.photometric, orb.outliers);
+  });
+  auto& details = attempt.report.details;
+  details.emplace_back("filter_examined", filter.examined);
+  details.emplace_back("filter_removed_corners", filter.removed_corners);
+  details.emplace_back("filter_removed_points", filter.removed_points);
+  details.emplace_back("filter_t_scale", filter.t_scale);
+  return adjustOnce(context, "second_photometric", attempt);
+}
+
+}  // namespace dsorb::init_orb

@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/residual_statistics.h"
+
+#include "base/random.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr int kSamples = 20000;
+constexpr double kNoPrefilter = 1e9;
+
+double drawT(Random& random) {
+  double chi_square = 0;
+  for (int i = 0; i < static_cast<int>(kTDegrees); ++i) {
+    const double normal = random.gaussian();
+    chi_square += normal * normal;
+  }
+  return random.gaussian() / std::sqrt(chi_square / kTDegrees);
+}
+
+TEST(TDistribution, RecoversTheScaleOfDrawnSamples) {
+  Random random(1);
+  std::vector<double> residuals;
+  for (int i = 0; i < kSamples; ++i) residuals.push_back(3.7 * drawT(random));
+  const TDistribution fit = fitTDistribution(residuals, kNoPrefilter);
+  EXPECT_EQ(fit.samples, kSamples);
+  EXPECT_NEAR(fit.scale, 3.7, 0.05);  // sigma / sqrt(2 n 5/8) = 0.023, margin x2
+  // The prefilter cuts the tails of t-distributed residuals: 5 % at 3 x 1.376 / 1.4826 scales.
+  const TDistribution filtered = fitTDistribution(residuals, 3);
+  EXPECT_LT(filtered.samples, kSamples);
+  EXPECT_NEAR(filtered.scale, 3.7, 0.4);
+}
+
+TEST(TDistribution, OfAGaussianIsNarrowerThanItsSigma) {
+  Random random(2);
+  std::vector<double> residuals;
+  for (int i = 0; i < kSamples; ++i) residuals.push_back(2 * random.gaussian());
+  // .857 sigma is the fixed point of the integral.
+  EXPECT_NEAR(fitTDistribution(residuals, kNoPrefilter).scale, 2 * 0.857, 0.03);
+}
+
+TEST(TDistribution, PrefilterSavesTheFitFromManyOutliers) {
+  Random random(3);
+  std::vector<double> residuals;
+  for (int i = 0; i < kSamples; ++i) {
+    residuals.push_back(i % 5 == 0 ? random.uniform(-50, 50) : random.gaussian());
+  }
+  // 20 % are more than the fit can bear: its fixed point is 3.58.
+  EXPECT_NEAR(fitTDistribution(residuals, kNoPrefilter).scale, 3.58, 0.2);
+  EXPECT_NEAR(fitTDistribution(residuals, 3).scale, 1, 0.15);  // measured 1.04
+}
+
+TEST(TDistribution, QuantilesKeepWhatTheirNamesSay) {
+  Random random(4);
+  int inside_95 = 0;
+  int inside_90 = 0;
+  for (int i = 0; i < kSamples; ++i) {
+    const double magnitude = std::abs(drawT(random));
+    inside_95 += magnitude < 2.571 ? 1 : 0;
+    inside_90 += magnitude < 2.015 ? 1 : 0;
+  }
+  EXPECT_NEAR(inside_95, 0.95 * kSamples, 0.005 * kSamples);
+  EXPECT_NEAR(inside_90, 0.90 * kSamples, 0.007 * kSamples);
+}
+
+TEST(TDistribution, WeightsFallFromZeroOn) {
+  EXPECT_DOUBLE_EQ(tWeight(0, 2), 1.2);
+  EXPECT_DOUBLE_EQ(tWeight(2, 2), 1.0);
+  EXPECT_NEAR(tWeight(2 * 2.571, 2), 0.517, 0.001);
+}
+
+TEST(TDistribution, OfNothingIsZero) {
+  EXPECT_EQ(fitTDistribution({}, 3).scale, 0);
+  EXPECT_EQ(fitTDistribution({1, 1, 1}, 3).scale, 0);
+  EXPECT_EQ(medianOf({}), 0);
+}
+
+}  // namespace
+}  // namespace dsorb::init_orb
