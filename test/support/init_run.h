@@ -49,7 +49,8 @@ inline const RenderedSequence& rendered(const synthetic::SequenceOptions& option
   static std::map<std::string, RenderedSequence> sequences;
   std::ostringstream key;
   key << static_cast<int>(options.kind) << " " << options.length << " " << options.noise_sigma
-      << " " << options.exposure_changes << " " << options.seed << " " << options.fx;
+      << " " << options.exposure_changes << " " << options.seed << " " << options.fx << " "
+      << options.width << " " << options.height << " " << options.moving_object;
   return sequences.try_emplace(key.str(), options).first->second;
 }
 

@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/feature_tracks.h"
 
-#include "base/random.h"
+#include "support/painted_frame.h"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <limits>
 
 namespace dsorb::init_orb {
@@ -16,40 +15,9 @@ namespace {
 constexpr int kWidth = 320;
 constexpr int kHeight = 240;
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-using Paint = std::function<float(float x, float y)>;
 
 FramePtr paint(int id, const Paint& intensity) {
-  std::vector<float> pixels;
-  pixels.reserve(static_cast<std::size_t>(kWidth) * kHeight);
-  for (int y = 0; y < kHeight; ++y) {
-    for (int x = 0; x < kWidth; ++x) {
-      pixels.push_back(intensity(static_cast<float>(x), static_cast<float>(y)));
-    }
-  }
-  return Frame::create({pixels.data(), kWidth, kHeight}, {FrameId{id}, 0.1 * id, 1, nullptr});
-}
-
-/// Smooth random blobs; the seed makes the scene.
-Paint blobs(std::uint64_t seed) {
-  struct Wave {
-    float kx, ky, phase;
-  };
-  Random random(seed);
-  std::vector<Wave> waves(24);
-  for (Wave& wave : waves) {
-    wave = {static_cast<float>(random.uniform(-0.6, 0.6)),
-            static_cast<float>(random.uniform(-0.6, 0.6)),
-            static_cast<float>(random.uniform(0, 6.28))};
-  }
-  return [waves](float x, float y) {
-    float sum = 0;
-    for (const Wave& wave : waves) sum += std::sin(wave.kx * x + wave.ky * y + wave.phase);
-    return std::clamp(128.0F + 20.0F * sum, 1.0F, 254.0F);
-  };
-}
-
-Paint shifted(const Paint& scene, float dx, float dy) {
-  return [scene, dx, dy](float x, float y) { return scene(x - dx, y - dy); };
+  return paintFrame(id, kWidth, kHeight, intensity);
 }
 
 TEST(FeatureTracks, FollowAShiftWithSubpixelAccuracy) {

@@ -12,7 +12,7 @@ namespace dsorb::init_orb {
 namespace {
 
 constexpr int kPatchSize = 31;  // [px] of the level; side of the square a descriptor is made from
-constexpr int kSurplus = 2;     // features found for each that is kept when they are spread
+constexpr int kSurplus = 10;    // features found for each that is kept when they are spread
 
 /// Strongest first; position decides between equals, so that the order is the same everywhere.
 bool stronger(const cv::KeyPoint& a, const cv::KeyPoint& b) {

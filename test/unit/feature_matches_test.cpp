@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/feature_matches.h"
+
+#include "support/painted_frame.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <limits>
+#include <set>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr int kWidth = 320;
+constexpr int kHeight = 240;
+const Eigen::Vector2f kShift(7.3F, -4.6F);
+
+FramePtr paint(int id, const Paint& intensity) {
+  return paintFrame(id, kWidth, kHeight, intensity);
+}
+
+Paint shiftedScene(std::uint64_t seed) {
+  return shifted(blobs(seed), kShift.x(), kShift.y());
+}
+
+/// Sorted distances of what was found from the truth [px].
+std::vector<float> shiftErrors(const OrbMatchingOptions& options) {
+  FeatureMatches matches(options, {});
+  const std::vector<Eigen::Vector2f> reference = matches.start(*paint(0, blobs(1)));
+  const std::vector<Eigen::Vector2f> found = matches.find(*paint(1, shiftedScene(1)));
+  std::vector<float> errors;
+  for (std::size_t i = 0; i < reference.size(); ++i) {
+    if (isSeen(found[i])) errors.push_back((found[i] - reference[i] - kShift).norm());
+  }
+  std::sort(errors.begin(), errors.end());
+  return errors;
+}
+
+TEST(FeatureMatches, FindAShiftedSceneAgain) {
+  OrbMatchingOptions options;
+  options.refine = false;
+  const std::vector<float> errors = shiftErrors(options);
+  ASSERT_GT(errors.size(), 100U);
+  // Features lie on whole pixels of their pyramid level, 3.6 px at the coarsest.
+  EXPECT_LT(errors[errors.size() / 2], 1.0F);  // measured 0.5 and 1.5; margin x2
+  EXPECT_LT(errors[errors.size() * 9 / 10], 3.0F);
+}
+
+TEST(FeatureMatches, RefinementReachesAFractionOfAPixel) {
+  const std::vector<float> errors = shiftErrors({});
+  ASSERT_GT(errors.size(), 100U);
+  EXPECT_LT(errors[errors.size() / 2], 0.02F);  // measured 0.008 and 0.013; margin x2
+  EXPECT_LT(errors[errors.size() * 9 / 10], 0.03F);
+}
+
+TEST(FeatureMatches, OfAnotherSceneAreFew) {
+  FeatureMatches matches({}, {});
+  const std::size_t features = matches.start(*paint(0, blobs(1))).size();
+  const std::vector<Eigen::Vector2f> found = matches.find(*paint(1, blobs(2)));
+  EXPECT_LT(static_cast<double>(std::count_if(found.begin(), found.end(), isSeen)),
+            0.014 * static_cast<double>(features));  // measured 0.007; margin x2
+}
+
+TEST(FeatureMatches, SpreadTheFeaturesOverTheImage) {
+  OrbMatchingOptions options;
+  options.max_features = 200;
+  // One quarter of the image has five times the contrast of the others.
+  const Paint scene = [base = blobs(3)](float x, float y) {
+    const float contrast = x < kWidth / 2 && y < kHeight / 2 ? 1.0F : 0.2F;
+    return 128.0F + contrast * (base(x, y) - 128.0F);
+  };
+  FeatureMatches matches(options, {});
+  const std::vector<Eigen::Vector2f> found = matches.start(*paint(0, scene));
+  const auto loud = std::count_if(found.begin(), found.end(), [](const Eigen::Vector2f& p) {
+    return p.x() < kWidth / 2 && p.y() < kHeight / 2;
+  });
+  ASSERT_GT(found.size(), 100U);
+  EXPECT_LE(loud, 120);  // 6 of 20 cells, each twice its share; unspread all 200 are there
+}
+
+TEST(FeatureMatches, KeepAwayFromInvalidPixels) {
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  const Paint scene = [base = blobs(4), nan](float x, float y) {
+    return x > 100 && x < 200 ? nan : base(x, y);
+  };
+  FeatureMatches matches({}, {});
+  const std::vector<Eigen::Vector2f> found = matches.start(*paint(0, scene));
+  ASSERT_FALSE(found.empty());
+  for (const Eigen::Vector2f& point : found) EXPECT_TRUE(point.x() < 100 || point.x() > 200);
+}
+
+TEST(FeatureMatches, PartnersAreMutual) {
+  const GreyImage reference = greyImage(paint(0, blobs(5))->level(0), 1, 15);
+  const GreyImage target = greyImage(paint(1, shiftedScene(5))->level(0), 1, 15);
+  const OrbFeatures from = findFeatures(reference, {});
+  const OrbFeatures to = findFeatures(target, {});
+  const std::vector<int> partner = matchFeatures(from, to, {});
+  std::multiset<int> taken;
+  for (const int index : partner) {
+    if (index >= 0) taken.insert(index);
+  }
+  ASSERT_GT(taken.size(), 100U);
+  for (const int index : taken) EXPECT_EQ(taken.count(index), 1U);
+}
+
+TEST(FeatureMatches, OfNothingAreNone) {
+  FeatureMatches matches({}, {});
+  EXPECT_TRUE(matches.start(*paint(0, [](float, float) { return 90.0F; })).empty());
+  EXPECT_TRUE(matches.find(*paint(1, blobs(6))).empty());
+}
+
+}  // namespace
+}  // namespace dsorb::init_orb
