@@ -8,7 +8,18 @@ namespace {
 /// The report's first version: geometry only, solved by Ceres.
 OrbOptions reportGeometry() {
   OrbOptions orb;
+  orb.min_frames = 5;
+  orb.max_frames = 20;
+  orb.min_tracked = 50;
+  orb.reference_interval = 0;
+  orb.tracks.max_corners = 2000;
+  orb.tracks.corner_quality = 0.01;
+  orb.tracks.max_level = 3;
+  orb.motion = MotionMethod::kReport;
   orb.geometric.solver = GeometricSolver::kCeres;
+  orb.geometric.sigma = 1;
+  orb.geometric.loss = RobustLoss::kHuber;
+  orb.geometric.loss_threshold = 2.4474;  // sqrt(5.99): 95 % of chi-square, 2 degrees of freedom
   orb.photometric.enabled = false;
   return orb;
 }

@@ -34,11 +34,24 @@ double median(std::vector<double> values) {
   return values[values.size() / 2];
 }
 
+/// The report's: hardly any observation of these scenes is weighted down.
+GeometricOptions huber() {
+  GeometricOptions options;
+  options.sigma = 1;
+  options.loss = RobustLoss::kHuber;
+  options.loss_threshold = 2.4474;
+  return options;
+}
+
 /// Independent noise: every observation counts.
 GeometricOptions formal() {
-  GeometricOptions options;
+  GeometricOptions options = huber();
   options.effective_points = 0;
   return options;
+}
+
+Eigen::Matrix2d someWhitening() {
+  return (Eigen::Matrix2d() << 2, 0, 0.7, 1.5).finished();
 }
 
 TEST(PoseManifold, MinusUndoesPlus) {
@@ -72,7 +85,7 @@ TEST(PoseManifold, JacobiansMatchCentralDifferencesAndInvertEachOther) {
 
 TEST(ReprojectionCost, JacobiansMatchCentralDifferencesOnTheManifold) {
   const PinholeCamera camera{400, 410, 319.5, 239.5, 640, 480};
-  const ReprojectionCost cost(camera, {0.2, -0.3, 1}, {350, 120}, 0.5);
+  const ReprojectionCost cost(camera, {0.2, -0.3, 1}, {350, 120}, someWhitening());
   const PoseManifold manifold;
   const PoseBlock pose = toBlock(somePose(4));
   const double inverse_depth = 0.7;
@@ -100,7 +113,7 @@ TEST(ReprojectionCost, JacobiansMatchCentralDifferencesOnTheManifold) {
 
 TEST(ReprojectionCost, RefusesPointsBehindTheCamera) {
   const PinholeCamera camera{400, 410, 319.5, 239.5, 640, 480};
-  const ReprojectionCost cost(camera, {0, 0, 1}, {350, 120}, 1);
+  const ReprojectionCost cost(camera, {0, 0, 1}, {350, 120}, someWhitening());
   const PoseBlock pose = toBlock(SE3(Eigen::Matrix3d::Identity(), {0, 0, -1}));
   const double inverse_depth = 2;  // at z = 0.5, the camera has moved to z = 1
   const double* parameters[] = {pose.data(), &inverse_depth};
@@ -110,7 +123,7 @@ TEST(ReprojectionCost, RefusesPointsBehindTheCamera) {
 
 TEST(GeometricAdjustment, RecoversTruthFromAPerturbedStart) {
   SyntheticMap scene = makeSyntheticMap({300, 5, 0, 0.3}, 5);
-  GeometricOptions options;
+  GeometricOptions options = huber();
   options.max_iterations = 50;
   options.function_tolerance = 1e-16;
   const GeometricReport report = adjustGeometry(scene.start, scene.camera, options);
@@ -125,16 +138,20 @@ TEST(GeometricAdjustment, RecoversTruthFromAPerturbedStart) {
   }
 }
 
-TEST(GeometricAdjustment, OurSolverAndCeresFindTheSameMinimum) {
+class BothSolvers : public testing::TestWithParam<RobustLoss> {};
+
+TEST_P(BothSolvers, FindTheSameMinimum) {
   for (std::uint64_t seed = 40; seed < 45; ++seed) {
     SyntheticMap scene = makeSyntheticMap({200, 6, 0.5, 0.2}, seed);
     Random random(seed);
     for (Observation& observation : scene.start.observations) {
-      if (random.uniform() < 0.1) {  // beyond the Huber limit
+      if (random.uniform() < 0.1) {  // beyond the loss's limit
         observation.pixel += Eigen::Vector2d(random.uniform(-30, 30), random.uniform(-30, 30));
       }
+      observation.whitening = someWhitening();
     }
-    GeometricOptions options;
+    GeometricOptions options = huber();
+    options.loss = GetParam();
     options.severe_limit = options.normal_limit = 1000;  // all corners stay
     options.max_iterations = 200;
     options.function_tolerance = 1e-15;
@@ -156,6 +173,10 @@ TEST(GeometricAdjustment, OurSolverAndCeresFindTheSameMinimum) {
     }
   }
 }
+
+INSTANTIATE_TEST_SUITE_P(EveryLoss,
+                         BothSolvers,
+                         testing::Values(RobustLoss::kHuber, RobustLoss::kCauchy));
 
 TEST(GeometricAdjustment, VariancesPredictTheErrorsOfNoisyObservations) {
   std::vector<double> depth_ratios;
@@ -217,7 +238,7 @@ TEST(GeometricCovariance, EqualsTheDensePseudoInverseInTheSameGauge) {
   SyntheticMap scene = makeSyntheticMap({40, 4, 0.2, 0}, 6);
   GeometricOptions options = formal();
   options.min_points = 10;
-  options.huber_threshold = 1000;  // the referee has no weights
+  options.loss_threshold = 1000;  // the referee has no weights
   const GeometricReport report = adjustGeometry(scene.start, scene.camera, options);
   ASSERT_TRUE(report.usable);
   const Eigen::MatrixXd expected =
@@ -236,7 +257,7 @@ TEST(GeometricCovariance, EqualsTheDensePseudoInverseInTheSameGauge) {
 TEST(GeometricCovariance, CountsAllObservationsAsAFewIndependentPoints) {
   SyntheticMap a = makeSyntheticMap({200, 4, 0.3, 0}, 13);
   SyntheticMap b = a;
-  GeometricOptions options;
+  GeometricOptions options = huber();
   options.effective_points = 50;
   ASSERT_TRUE(adjustGeometry(a.start, a.camera, formal()).usable);
   ASSERT_TRUE(adjustGeometry(b.start, b.camera, options).usable);
@@ -260,7 +281,7 @@ TEST(GeometricAdjustment, RemovesPlantedOutliersAndKeepsMapConsistent) {
     }
   }
   const std::vector<Corner> before = scene.start.corners;
-  const GeometricReport report = adjustGeometry(scene.start, scene.camera, GeometricOptions());
+  const GeometricReport report = adjustGeometry(scene.start, scene.camera, huber());
   ASSERT_TRUE(report.usable);
   EXPECT_GE(report.removed_severe, 30);
   EXPECT_GE(report.removed_normal, 25);
@@ -286,7 +307,7 @@ TEST(GeometricAdjustment, RemovesCornersBehindTheCameraAndUnseenOnes) {
   scene.start.T_cam_ref[2].reset();
   scene.start.corners.push_back({{100, 100}, 1.0, 0});  // seen in the unposed frame alone
   scene.start.observations.push_back({200, 2, {105, 100}});
-  const GeometricReport report = adjustGeometry(scene.start, scene.camera, GeometricOptions());
+  const GeometricReport report = adjustGeometry(scene.start, scene.camera, huber());
   ASSERT_TRUE(report.usable);
   EXPECT_EQ(report.removed_unseen, 1);
   EXPECT_EQ(report.removed_severe, 1);
@@ -298,7 +319,7 @@ TEST(GeometricAdjustment, RemovesCornersBehindTheCameraAndUnseenOnes) {
 
 TEST(GeometricAdjustment, FailsWithTooFewCorners) {
   SyntheticMap scene = makeSyntheticMap({49, 4, 0.1, 0.05}, 9);
-  EXPECT_FALSE(adjustGeometry(scene.start, scene.camera, GeometricOptions()).usable);
+  EXPECT_FALSE(adjustGeometry(scene.start, scene.camera, huber()).usable);
 }
 
 TEST(GeometricAdjustment, FailsWithoutParallaxAndStaysSilent) {
@@ -311,7 +332,7 @@ TEST(GeometricAdjustment, FailsWithoutParallaxAndStaysSilent) {
   }
   testing::internal::CaptureStderr();
   testing::internal::CaptureStdout();
-  EXPECT_FALSE(adjustGeometry(scene.start, scene.camera, GeometricOptions()).usable);
+  EXPECT_FALSE(adjustGeometry(scene.start, scene.camera, huber()).usable);
   EXPECT_EQ(testing::internal::GetCapturedStdout(), "");
   EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
 }
@@ -319,8 +340,8 @@ TEST(GeometricAdjustment, FailsWithoutParallaxAndStaysSilent) {
 TEST(GeometricAdjustment, SameInputGivesSameBits) {
   SyntheticMap a = makeSyntheticMap({200, 4, 0.3, 0.1}, 12);
   SyntheticMap b = makeSyntheticMap({200, 4, 0.3, 0.1}, 12);
-  ASSERT_TRUE(adjustGeometry(a.start, a.camera, GeometricOptions()).usable);
-  ASSERT_TRUE(adjustGeometry(b.start, b.camera, GeometricOptions()).usable);
+  ASSERT_TRUE(adjustGeometry(a.start, a.camera, huber()).usable);
+  ASSERT_TRUE(adjustGeometry(b.start, b.camera, huber()).usable);
   EXPECT_EQ(a.start.T_cam_ref[3]->matrix(), b.start.T_cam_ref[3]->matrix());
   for (std::size_t i = 0; i < a.start.corners.size(); ++i) {
     EXPECT_EQ(a.start.corners[i].inverse_depth, b.start.corners[i].inverse_depth);

@@ -4,18 +4,19 @@
 #include "dsorb/options/field.h"
 #include "dsorb/options/orb_mapping.h"
 #include "dsorb/options/orb_matching.h"
+#include "dsorb/options/orb_motion.h"
 #include "dsorb/options/orb_photometric.h"
 
 namespace dsorb {
 
 /// Corners of the reference, followed from frame to frame.
 struct FeatureTrackOptions {
-  int max_corners = 2000;
-  double corner_quality = 0.01;     ///< corner strength relative to the strongest of the image
+  int max_corners = 1000;
+  double corner_quality = 0.003;    ///< corner strength relative to the strongest of the image
   double min_distance = 8;          ///< between corners, for an image diagonal of 800 px
   int cell_size = 64;               ///< of the grid that spreads the corners
   int window = 21;                  ///< side of the patch that Lucas-Kanade aligns
-  int max_level = 3;                ///< coarsest pyramid level of Lucas-Kanade
+  int max_level = 4;                ///< coarsest pyramid level of Lucas-Kanade
   int max_iterations = 30;          ///< of Lucas-Kanade on each level
   double min_step = 0.01;           ///< Lucas-Kanade stops at smaller steps
   double max_backward_error = 1;    ///< forward and backward again may miss the start by this much
@@ -42,7 +43,7 @@ enum class ModelChoice {
   kInliers  ///< the one with more inliers
 };
 
-/// Motion between the reference and the newest frame.
+/// Motion between the reference and the newest frame, the report's way.
 struct TwoViewOptions {
   int rounds = 200;  ///< of RANSAC; both models use the same samples
   double sigma = 1;  ///< of a corner's position in each image
@@ -81,12 +82,15 @@ enum class OrbFrontEnd {
 /// Options of ORBInitializer, one nested struct a stage.
 struct OrbOptions {
   OrbFrontEnd front_end = OrbFrontEnd::kTracks;
-  int min_frames = 5;          ///< before the first attempt, the reference counted
-  int max_frames = 20;         ///< since a reference; then it is given up
-  int min_tracked = 50;        ///< survivors of a reference's corners
-  int reference_interval = 0;  ///< frames from one reference to the next; 0: only one at a time
+  int min_frames = 2;          ///< before the first attempt, the reference counted
+  int max_frames = 36;         ///< since a reference; then it is given up
+  int min_tracked = 25;        ///< survivors of a reference's corners
+  int reference_interval = 5;  ///< frames from one reference to the next; 0: only one at a time
+  int max_attempts = 2;        ///< with one frame, oldest references first; 0: all of them
   FeatureTrackOptions tracks;
   OrbMatchingOptions matching;
+  MotionMethod motion = MotionMethod::kInformed;
+  InformedOptions informed;
   TwoViewOptions two_view;
   GeometricOptions geometric;
   SemiDenseOptions semi_dense;
@@ -103,8 +107,13 @@ DescribeFor<Options, OrbOptions> describe(Visitor& visit, Options& o) {
   visit.field("max_frames", o.max_frames, Range{2, 1000}, "frames");
   visit.field("min_tracked", o.min_tracked, Range{8, 20000}, "corners");
   visit.field("reference_interval", o.reference_interval, Range{0, 1000}, "frames");
+  visit.field("max_attempts", o.max_attempts, Range{0, 1000}, "attempts");
   visit.group("tracks", o.tracks);
   visit.group("matching", o.matching);
+  visit.choice("motion",
+               o.motion,
+               {{"report", MotionMethod::kReport}, {"informed", MotionMethod::kInformed}});
+  visit.group("informed", o.informed);
   visit.group("two_view", o.two_view);
   visit.group("geometric", o.geometric);
   visit.group("semi_dense", o.semi_dense);

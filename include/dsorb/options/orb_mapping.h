@@ -11,13 +11,21 @@ enum class GeometricSolver {
   kSchur  ///< our own normal equations, many times faster at this size
 };
 
+/// How little large reprojection errors count.
+enum class RobustLoss { kHuber, kCauchy };
+
 /// Options of the geometric bundle adjustment of ORBInitializer.
 struct GeometricOptions {
   GeometricSolver solver = GeometricSolver::kSchur;
-  double sigma = 1.0;               ///< standard deviation of a corner's position [px]
-  double huber_threshold = 2.4474;  ///< of the whitened error [-]: sqrt(5.99), 95 % of chi-square 2
+  double sigma = 0.5;  ///< standard deviation of a corner's position, unless measured [px]
+  RobustLoss loss = RobustLoss::kCauchy;
+  double loss_threshold = 1.5;  ///< of the whitened error, where the loss bends [-]
   double severe_limit = 8.0;  ///< a corner above it in any frame goes, and all is solved again [px]
   double normal_limit = 3.0;  ///< limit after the severe outliers are gone [px]
+  double limit_factor = 4;    ///< informed motion: limit in robust standard deviations, between
+                              ///< first_limit or normal_limit and severe_limit [-]
+  double first_limit = 6;     ///< informed motion: least limit after the first solution [px]
+  int max_frames = 6;         ///< informed motion: evenly spread frames adjusted, both ends too
   int min_points = 50;        ///< fewer corners left: the attempt fails
   int max_iterations = 20;    ///< of one solve
   int max_rounds = 10;        ///< of solving and removing severe outliers
@@ -33,9 +41,13 @@ DescribeFor<Options, GeometricOptions> describe(Visitor& visit, Options& o) {
   visit.choice(
       "solver", o.solver, {{"ceres", GeometricSolver::kCeres}, {"schur", GeometricSolver::kSchur}});
   visit.field("sigma", o.sigma, Range{0.01, 100}, "px");
-  visit.field("huber_threshold", o.huber_threshold, Range{0.1, 1000}, "");
+  visit.choice("loss", o.loss, {{"huber", RobustLoss::kHuber}, {"cauchy", RobustLoss::kCauchy}});
+  visit.field("loss_threshold", o.loss_threshold, Range{0.1, 1000}, "");
   visit.field("severe_limit", o.severe_limit, Range{0.1, 1000}, "px");
   visit.field("normal_limit", o.normal_limit, Range{0.1, 1000}, "px");
+  visit.field("limit_factor", o.limit_factor, Range{0, 1000}, "");
+  visit.field("first_limit", o.first_limit, Range{0.1, 1000}, "px");
+  visit.field("max_frames", o.max_frames, Range{2, 1000}, "frames");
   visit.field("min_points", o.min_points, Range{8, 100000}, "points");
   visit.field("max_iterations", o.max_iterations, Range{1, 1000}, "iterations");
   visit.field("max_rounds", o.max_rounds, Range{1, 100}, "rounds");

@@ -12,8 +12,8 @@
 namespace dsorb::init_orb {
 
 /// Both solvers move the poses of all posed frames but the first and the inverse depths of the kept
-/// corners of `map` to the minimum of the reprojection errors with a Huber loss, and touch nothing
-/// else. The scale stays about where it was.
+/// corners of `map` to the minimum of the reprojection errors with the robust loss of the options,
+/// and touch nothing else. The scale stays about where it was.
 /// @param map  observations sorted by corner; every kept corner in front of all cameras that see it
 /// @param kept one a corner
 /// @return     iterations, or nullopt when no usable numbers were found

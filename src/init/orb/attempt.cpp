@@ -2,6 +2,7 @@
 #include "init/orb/attempt.h"
 
 #include "init/orb/geometric_adjustment.h"
+#include "init/orb/informed_motion.h"
 #include "init/orb/map_assembly.h"
 #include "init/orb/photometric_stage.h"
 #include "init/orb/report_motion.h"
@@ -23,13 +24,24 @@ bool densify(const AttemptContext& context, Attempt& attempt) {
   return true;
 }
 
+/// @return whether the attempt's map can be handed over
+bool mapFrom(const ReferenceView& view, const AttemptContext& context, Attempt& attempt) {
+  if (context.options.orb.motion == MotionMethod::kReport) {
+    return estimateReportMotion(view, context, attempt) && densify(context, attempt) &&
+           adjustCorners(context, attempt) && adjustImages(context, attempt);
+  }
+  const bool usable = estimateInformedMotion(view, context, attempt) && densify(context, attempt) &&
+                      adjustImages(context, attempt);
+  if (!usable) return false;
+  context.clock.time("pose", [&] { poseOtherFrames(*attempt.map, context.camera); });
+  return true;
+}
+
 }  // namespace
 
 Attempt attemptFrom(const ReferenceView& view, const AttemptContext& context) {
   Attempt attempt;
-  const bool usable = estimateReportMotion(view, context, attempt) && densify(context, attempt) &&
-                      adjustCorners(context, attempt) && adjustImages(context, attempt);
-  if (!usable) {
+  if (!mapFrom(view, context, attempt)) {
     attempt.map.reset();
     return attempt;
   }

@@ -17,6 +17,7 @@ namespace dsorb::init_orb {
 struct Attempt {
   InitReason reason = InitReason::kSettling;
   std::optional<InitialMap> map;
+  MotionEvidence evidence;
   InitReport report;  ///< model, parallax, inliers, residual and details; the rest is the caller's
 };
 

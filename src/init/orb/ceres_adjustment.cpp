@@ -29,7 +29,7 @@ class CeresAdjustment {
   std::vector<double> inverse_depths_;
   std::deque<ReprojectionCost> costs_;  // Ceres costs cannot move
   PoseManifold manifold_;
-  ceres::HuberLoss loss_;
+  std::unique_ptr<ceres::LossFunction> loss_;
   ceres::Problem problem_;
 };
 
@@ -41,11 +41,18 @@ ceres::Problem::Options problemOptions() {
   return options;
 }
 
+std::unique_ptr<ceres::LossFunction> lossOf(const GeometricOptions& options) {
+  if (options.loss == RobustLoss::kHuber) {
+    return std::make_unique<ceres::HuberLoss>(options.loss_threshold);
+  }
+  return std::make_unique<ceres::CauchyLoss>(options.loss_threshold);
+}
+
 CeresAdjustment::CeresAdjustment(const InitialMap& map,
                                  const std::vector<char>& kept,
                                  const PinholeCamera& camera,
                                  const GeometricOptions& options)
-    : poses_(map.frames.size()), loss_(options.huber_threshold), problem_(problemOptions()) {
+    : poses_(map.frames.size()), loss_(lossOf(options)), problem_(problemOptions()) {
   for (std::size_t k = 0; k < map.frames.size(); ++k) {
     if (map.T_cam_ref[k]) {
       poses_[k] = toBlock(*map.T_cam_ref[k]);
@@ -61,10 +68,12 @@ CeresAdjustment::CeresAdjustment(const InitialMap& map,
     if (kept[corner] == 0 || !map.T_cam_ref[frame]) {
       continue;
     }
-    costs_.emplace_back(
-        camera, camera.unproject(map.corners[corner].pixel), observation.pixel, options.sigma);
+    costs_.emplace_back(camera,
+                        camera.unproject(map.corners[corner].pixel),
+                        observation.pixel,
+                        observation.whitening / options.sigma);
     problem_.AddResidualBlock(
-        &costs_.back(), &loss_, poses_[frame].data(), &inverse_depths_[corner]);
+        &costs_.back(), loss_.get(), poses_[frame].data(), &inverse_depths_[corner]);
   }
   for (PoseBlock& pose : poses_) {
     if (problem_.HasParameterBlock(pose.data())) {

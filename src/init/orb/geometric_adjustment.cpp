@@ -107,49 +107,11 @@ double Adjustment::residualRms() const {
 }
 
 void Adjustment::compact() {
-  std::vector<int> new_index(kept_.size(), -1);
-  std::size_t next = 0;
-  for (std::size_t i = 0; i < kept_.size(); ++i) {
-    if (kept_[i] != 0) {
-      new_index[i] = static_cast<int>(next);
-      map_.corners[next++] = map_.corners[i];
-    }
-  }
-  map_.corners.resize(next);
-  kept_.assign(next, 1);
-  next = 0;
-  for (const Observation& observation : map_.observations) {
-    const int corner = new_index[static_cast<std::size_t>(observation.corner)];
-    if (corner >= 0) {
-      map_.observations[next] = observation;
-      map_.observations[next++].corner = corner;
-    }
-  }
-  map_.observations.resize(next);
-}
-
-/// Makes the mean inverse depth of the corners 1. @return false when it is not positive
-bool normalizeScale(InitialMap& map) {
-  double mean = 0;
-  for (const Corner& corner : map.corners) {
-    mean += corner.inverse_depth / static_cast<double>(map.corners.size());
-  }
-  if (!(mean > 0) || !std::isfinite(mean)) {
-    return false;
-  }
-  for (Corner& corner : map.corners) {
-    corner.inverse_depth /= mean;
-  }
-  for (SemiDensePoint& point : map.points) {
-    point.inverse_depth /= static_cast<float>(mean);
-    point.variance /= static_cast<float>(mean * mean);
-  }
-  for (std::optional<SE3>& pose : map.T_cam_ref) {
-    if (pose) {
-      pose->setTranslation(pose->translation() * mean);
-    }
-  }
-  return true;
+  std::vector<char> removed(kept_.size());
+  std::transform(
+      kept_.begin(), kept_.end(), removed.begin(), [](char kept) { return kept == 0 ? 1 : 0; });
+  removeCorners(map_, removed);
+  kept_.assign(map_.corners.size(), 1);
 }
 
 /// Severe outliers with a new solution after each removal, then normal ones.

@@ -24,6 +24,8 @@ struct Observation {
   int corner = 0;  ///< index into InitialMap::corners
   int frame = 0;   ///< index into InitialMap::frames, at least 1
   Eigen::Vector2d pixel{0, 0};
+  /// Inverse square root of the pixel's covariance over the options' sigma^2.
+  Eigen::Matrix2d whitening = Eigen::Matrix2d::Identity();
 };
 
 /// Gradient pixel of the reference with the inverse depth found by epipolar search.
@@ -44,5 +46,11 @@ struct InitialMap {
   std::vector<Observation> observations;  ///< sorted by corner, then frame
   std::vector<SemiDensePoint> points;
 };
+
+/// Removes the marked corners with their observations. @param removed one a corner
+void removeCorners(InitialMap& map, const std::vector<char>& removed);
+
+/// Makes the mean inverse depth of the corners 1. @return false when it is not positive
+bool normalizeScale(InitialMap& map);
 
 }  // namespace dsorb::init_orb

@@ -7,9 +7,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <numeric>
 
 namespace dsorb::init_orb {
 namespace {
+
+constexpr double kTrackSigma = 1;  // [px], generous: the inverse depths may be rough
 
 /// Sightings of the corners by frame.
 std::vector<std::vector<PointSighting>> sightingsByFrame(const InitialMap& map,
@@ -21,6 +24,18 @@ std::vector<std::vector<PointSighting>> sightingsByFrame(const InitialMap& map,
         {camera.unproject(corner.pixel), corner.inverse_depth, observation.pixel});
   }
   return sightings;
+}
+
+/// Pose of a frame by constant motion between the nearest posed frames before and after it.
+SE3 interpolatedPose(const InitialMap& map, int frame) {
+  int before = frame;
+  int after = frame;
+  while (!map.T_cam_ref[static_cast<std::size_t>(before)]) --before;
+  while (!map.T_cam_ref[static_cast<std::size_t>(after)]) ++after;
+  const SE3& T_before = *map.T_cam_ref[static_cast<std::size_t>(before)];
+  const SE3& T_after = *map.T_cam_ref[static_cast<std::size_t>(after)];
+  const double share = static_cast<double>(frame - before) / static_cast<double>(after - before);
+  return SE3::exp(share * (T_after * T_before.inverse()).log()) * T_before;
 }
 
 bool handedOver(double inverse_depth, double variance) {
@@ -74,6 +89,23 @@ void poseFramesBetween(InitialMap& map, const PinholeCamera& camera, double sigm
     const SE3 guess = SE3::exp(static_cast<double>(frame) / last * motion);
     map.T_cam_ref[frame] = poseFromPoints(sightings[frame], camera, guess, sigma).value_or(guess);
   }
+}
+
+void poseFrames(InitialMap& map, const PinholeCamera& camera, const std::vector<int>& frames) {
+  const auto sightings = sightingsByFrame(map, camera);
+  for (const int frame : frames) {
+    std::optional<SE3>& pose = map.T_cam_ref[static_cast<std::size_t>(frame)];
+    if (pose) continue;
+    const SE3 guess = interpolatedPose(map, frame);
+    const auto& seen = sightings[static_cast<std::size_t>(frame)];
+    pose = poseFromPoints(seen, camera, guess, kTrackSigma).value_or(guess);
+  }
+}
+
+void poseOtherFrames(InitialMap& map, const PinholeCamera& camera) {
+  std::vector<int> frames(map.frames.size());
+  std::iota(frames.begin(), frames.end(), 0);
+  poseFrames(map, camera, frames);
 }
 
 InitializationResult toResult(const InitialMap& map) {

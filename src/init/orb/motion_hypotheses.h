@@ -8,6 +8,8 @@
 #include "geometry/triangulate.h"
 #include "init/orb/two_view.h"
 
+#include <opencv2/core/matx.hpp>
+
 #include <optional>
 #include <vector>
 
@@ -24,6 +26,8 @@ struct MotionHypothesis {
 /// Motions that a homography allows (up to four), translations of length 1. Empty for a rotation.
 std::vector<SE3> decomposeHomography(const Eigen::Matrix3d& H_target_ref,
                                      const PinholeCamera& camera);
+/// The four motions that an essential matrix allows, translations of length 1.
+std::vector<SE3> decomposeEssential(const cv::Matx33d& E);
 /// The four motions that a fundamental matrix allows, translations of length 1.
 std::vector<SE3> decomposeFundamental(const Eigen::Matrix3d& F, const PinholeCamera& camera);
 

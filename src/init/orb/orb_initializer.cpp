@@ -67,14 +67,18 @@ InitStep ORBInitializer::advance(FramePtr frame) {
 }
 
 Attempt ORBInitializer::attempt() {
-  Attempt made;
+  Attempt first;  // its reason is the answer when none succeeds
+  int tried = 0;
   for (int reference = 0; reference < pool_.references(); ++reference) {
     if (pool_.age(reference) < options_.orb.min_frames) break;
+    if (options_.orb.max_attempts > 0 && tried == options_.orb.max_attempts) break;
     Attempt next = attemptFrom(pool_.view(reference), {camera_, options_, clock_});
-    if (reference == 0 || next.map) made = std::move(next);
-    if (made.map) break;
+    if (next.map) return next;
+    pool_.remember(reference, next.evidence);
+    tried += next.evidence.tried ? 1 : 0;
+    if (reference == 0) first = std::move(next);
   }
-  return made;
+  return first;
 }
 
 /// Whether the tracks left the image because the camera turned: nothing is lost then.

@@ -10,7 +10,7 @@ void ReferencePool::start(FramePtr frame) {
   clear();
   tracks_.start(*frame);
   frames_.push_back(std::move(frame));
-  references_.push_back(0);
+  references_.emplace_back();
 }
 
 void ReferencePool::advance(FramePtr frame) {
@@ -20,8 +20,8 @@ void ReferencePool::advance(FramePtr frame) {
 
 bool ReferencePool::dropLost() {
   const bool cut = tracks_.survivorShare() < options_.tracks.min_survivor_share;
-  const auto lost = [&](int reference) {
-    return cut || tracks_.sizeSince(reference) < options_.min_tracked;
+  const auto lost = [&](const Reference& reference) {
+    return cut || tracks_.sizeSince(reference.frame) < options_.min_tracked;
   };
   references_.erase(std::remove_if(references_.begin(), references_.end(), lost),
                     references_.end());
@@ -30,8 +30,8 @@ bool ReferencePool::dropLost() {
 }
 
 bool ReferencePool::dropExpired() {
-  const auto expired = [&](int reference) {
-    return tracks_.frames() - reference >= options_.max_frames;
+  const auto expired = [&](const Reference& reference) {
+    return tracks_.frames() - reference.frame >= options_.max_frames;
   };
   references_.erase(std::remove_if(references_.begin(), references_.end(), expired),
                     references_.end());
@@ -45,7 +45,7 @@ void ReferencePool::addWhenDue() {
     return;
   }
   tracks_.addCorners();
-  references_.push_back(newest_frame);
+  references_.push_back({newest_frame, {}});
   newest_ = newest_frame;
 }
 
@@ -57,15 +57,15 @@ void ReferencePool::clear() {
 }
 
 ReferenceView ReferencePool::view(int reference) const {
-  const int first = references_[static_cast<std::size_t>(reference)];
-  return {{frames_.begin() + first, frames_.end()}, tracks_.since(first)};
+  const Reference& from = references_[static_cast<std::size_t>(reference)];
+  return {{frames_.begin() + from.frame, frames_.end()}, tracks_.since(from.frame), from.evidence};
 }
 
 void ReferencePool::forgetUnusedFrames() {
-  const int unused = references_.empty() ? newest_ : references_.front();
+  const int unused = references_.empty() ? newest_ : references_.front().frame;
   tracks_.dropFrames(unused);
   frames_.erase(frames_.begin(), frames_.begin() + unused);
-  for (int& reference : references_) reference -= unused;
+  for (Reference& reference : references_) reference.frame -= unused;
   newest_ -= unused;
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "dsorb/image/frame.h"
+#include "dsorb/init/result.h"
 #include "dsorb/options/orb.h"
 
 #include "init/orb/corner_tracks.h"
@@ -11,10 +12,21 @@
 
 namespace dsorb::init_orb {
 
+/// What the latest attempt from a reference saw, to tell when the next one is worth its time.
+struct MotionEvidence {
+  InitReason reason = InitReason::kSettling;  ///< why it did not succeed
+  double rotation_residual = 0;    ///< median that a rotation leaves of the displacements [px]
+  double direction_sigma_deg = 0;  ///< predicted error of the direction; 0: not known
+  double parallax_deg = 0;         ///< median angle; 0: not known
+  int skipped = 0;                 ///< frames since then
+  bool tried = false;              ///< with this frame: it took its time
+};
+
 /// Everything since one reference: what an attempt starts from.
 struct ReferenceView {
   std::vector<FramePtr> frames;  ///< the reference first
   CornerTracks tracks;           ///< one entry a frame
+  MotionEvidence evidence;       ///< of the attempt before
 };
 
 /// The frames an initializer may start from: one only, or a sliding pool with a new one every few
@@ -40,26 +52,34 @@ class ReferencePool {
   [[nodiscard]] int references() const { return static_cast<int>(references_.size()); }
   /// Frames since a reference, both counted. @param reference oldest first
   [[nodiscard]] int age(int reference) const {
-    return tracks_.frames() - references_[static_cast<std::size_t>(reference)];
+    return tracks_.frames() - references_[static_cast<std::size_t>(reference)].frame;
   }
   /// Live tracks of a reference.
   [[nodiscard]] int tracks(int reference) const {
-    return tracks_.sizeSince(references_[static_cast<std::size_t>(reference)]);
+    return tracks_.sizeSince(references_[static_cast<std::size_t>(reference)].frame);
   }
   /// Share of the tracks that survived the last step.
   [[nodiscard]] double survivorShare() const { return tracks_.survivorShare(); }
   [[nodiscard]] ReferenceView view(int reference) const;
+  void remember(int reference, const MotionEvidence& evidence) {
+    references_[static_cast<std::size_t>(reference)].evidence = evidence;
+  }
   /// Of the newest reference, the lost ones included.
   [[nodiscard]] CornerTracks newestTracks() const { return tracks_.since(newest_); }
 
  private:
+  struct Reference {
+    int frame = 0;  // index of frames_
+    MotionEvidence evidence;
+  };
+
   void forgetUnusedFrames();
 
   OrbOptions options_;
   FeatureTracks tracks_;
-  std::vector<FramePtr> frames_;  // since the oldest reference
-  std::vector<int> references_;   // indices of frames_, ascending
-  int newest_ = 0;                // index of the newest reference, lost or not
+  std::vector<FramePtr> frames_;       // since the oldest reference
+  std::vector<Reference> references_;  // oldest first
+  int newest_ = 0;                     // index of the newest reference, lost or not
 };
 
 }  // namespace dsorb::init_orb

@@ -71,16 +71,16 @@ bool ReprojectionCost::Evaluate(double const* const* parameters,
   if (!projection) {
     return false;
   }
-  Eigen::Map<Eigen::Vector2d>(residuals, 2) = inverse_sigma_ * (projection->pixel - pixel_);
+  Eigen::Map<Eigen::Vector2d>(residuals, 2) = whitening_ * (projection->pixel - pixel_);
   if (jacobians == nullptr) {
     return true;
   }
   if (jacobians[0] != nullptr) {
     Eigen::Map<RowMajor2x7>(jacobians[0], 2, 7).noalias() =
-        inverse_sigma_ * projection->J_pose * minusJacobian(parameters[0]);
+        whitening_ * projection->J_pose * minusJacobian(parameters[0]);
   }
   if (jacobians[1] != nullptr) {
-    Eigen::Map<Eigen::Vector2d>(jacobians[1], 2) = inverse_sigma_ * projection->J_inverse_depth;
+    Eigen::Map<Eigen::Vector2d>(jacobians[1], 2) = whitening_ * projection->J_inverse_depth;
   }
   return true;
 }

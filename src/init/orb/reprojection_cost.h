@@ -34,14 +34,14 @@ class PoseManifold final : public ceres::Manifold {
 /// Evaluation fails when the point is not in front of the camera.
 class ReprojectionCost final : public ceres::SizedCostFunction<2, 7, 1> {
  public:
-  /// @param ray   of the corner in the reference, z = 1
-  /// @param pixel observed [px]
-  /// @param sigma of one coordinate [px]
+  /// @param ray       of the corner in the reference, z = 1
+  /// @param pixel     observed [px]
+  /// @param whitening inverse square root of the pixel's covariance [1/px]
   ReprojectionCost(const PinholeCamera& camera,
                    const Eigen::Vector3d& ray,
                    const Eigen::Vector2d& pixel,
-                   double sigma)
-      : camera_(&camera), ray_(ray), pixel_(pixel), inverse_sigma_(1.0 / sigma) {}
+                   const Eigen::Matrix2d& whitening)
+      : camera_(&camera), ray_(ray), pixel_(pixel), whitening_(whitening) {}
 
   bool Evaluate(double const* const* parameters,
                 double* residuals,
@@ -51,7 +51,7 @@ class ReprojectionCost final : public ceres::SizedCostFunction<2, 7, 1> {
   const PinholeCamera* camera_;
   Eigen::Vector3d ray_;
   Eigen::Vector2d pixel_;
-  double inverse_sigma_;
+  Eigen::Matrix2d whitening_;
 };
 
 }  // namespace dsorb::init_orb

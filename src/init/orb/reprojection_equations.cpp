@@ -13,6 +13,14 @@ bool isKept(const std::vector<char>& kept, int corner) {
   return kept.empty() || kept[static_cast<std::size_t>(corner)] != 0;
 }
 
+/// Derivative of the robust loss by half the squared error.
+/// @param error whitened, at least 0
+double robustWeight(double error, const GeometricOptions& options) {
+  const double limit = options.loss_threshold;
+  if (options.loss == RobustLoss::kHuber) return error > limit ? limit / error : 1.0;
+  return 1.0 / (1.0 + error * error / (limit * limit));
+}
+
 std::optional<HostedProjection> project(const InitialMap& map,
                                         const Observation& observation,
                                         const PinholeCamera& camera) {
@@ -24,6 +32,14 @@ std::optional<HostedProjection> project(const InitialMap& map,
 }
 
 }  // namespace
+
+double robustCost(double error, const GeometricOptions& options) {
+  const double limit = options.loss_threshold;
+  if (options.loss == RobustLoss::kHuber) {
+    return error <= limit ? 0.5 * error * error : limit * error - 0.5 * limit * limit;
+  }
+  return 0.5 * limit * limit * std::log1p(error * error / (limit * limit));
+}
 
 PoseRows::PoseRows(const InitialMap& map) : first(map.frames.size(), -1) {
   for (std::size_t k = 1; k < map.frames.size(); ++k) {
@@ -55,19 +71,19 @@ ReprojectionEquations linearize(const InitialMap& map,
     if (!projection) {
       continue;
     }
-    const Eigen::Vector2d residual = projection->pixel - observation.pixel;
-    const double error = residual.norm() / options.sigma;
-    const double robust = error > options.huber_threshold ? options.huber_threshold / error : 1.0;
-    const double weight = robust / (options.sigma * options.sigma);
-    const Eigen::Matrix<double, kPoseSize, 2> weighted = weight * projection->J_pose.transpose();
-    system.pose_hessian.block<kPoseSize, kPoseSize>(row, row) +=
-        weighted.lazyProduct(projection->J_pose);
+    const Eigen::Matrix2d whitening = observation.whitening / options.sigma;
+    const Eigen::Vector2d residual = whitening * (projection->pixel - observation.pixel);
+    const Eigen::Matrix<double, 2, kPoseSize> J_pose = whitening * projection->J_pose;
+    const Eigen::Vector2d J_depth = whitening * projection->J_inverse_depth;
+    const double weight = robustWeight(residual.norm(), options);
+    const Eigen::Matrix<double, kPoseSize, 2> weighted = weight * J_pose.transpose();
+    system.pose_hessian.block<kPoseSize, kPoseSize>(row, row) += weighted.lazyProduct(J_pose);
     system.coupling.col(observation.corner).segment<kPoseSize>(row) +=
-        weighted.lazyProduct(projection->J_inverse_depth);
+        weighted.lazyProduct(J_depth);
     system.pose_gradient.segment<kPoseSize>(row) += weighted.lazyProduct(residual);
-    system.depth_hessian[observation.corner] += weight * projection->J_inverse_depth.squaredNorm();
-    system.depth_gradient[observation.corner] += weight * projection->J_inverse_depth.dot(residual);
-    system.weighted_error += robust * error * error;
+    system.depth_hessian[observation.corner] += weight * J_depth.squaredNorm();
+    system.depth_gradient[observation.corner] += weight * J_depth.dot(residual);
+    system.weighted_error += weight * residual.squaredNorm();
     system.rows += 2;
   }
   return system;
@@ -87,9 +103,8 @@ std::optional<double> reprojectionCost(const InitialMap& map,
     if (!projection) {
       return std::nullopt;
     }
-    const double error = (projection->pixel - observation.pixel).norm() / options.sigma;
-    const double limit = options.huber_threshold;
-    cost += error <= limit ? 0.5 * error * error : limit * error - 0.5 * limit * limit;
+    const Eigen::Vector2d error = observation.whitening * (projection->pixel - observation.pixel);
+    cost += robustCost(error.norm() / options.sigma, options);
   }
   return std::isfinite(cost) ? std::optional(cost) : std::nullopt;
 }

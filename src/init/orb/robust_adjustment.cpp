@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/robust_adjustment.h"
+
+#include "camera/reprojection.h"
+#include "init/orb/adjustment_solvers.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr double kSigmaOfMedian = 1.4826;  // of a normal distribution, by its median deviation
+// Median length of a two-dimensional vector whose coordinates have standard deviation 1.
+constexpr double kMedianLength = 1.1774;
+constexpr double kMinSigma = 1e-3;  // [px]; exact tracks of synthetic maps
+
+constexpr double kBehind = std::numeric_limits<double>::infinity();
+
+/// Reprojection error of every observation, whitened but for sigma; infinite behind a camera, NaN
+/// in frames without pose.
+std::vector<double> errorsOf(const InitialMap& map, const PinholeCamera& camera) {
+  std::vector<double> errors;
+  errors.reserve(map.observations.size());
+  for (const Observation& observation : map.observations) {
+    const auto& pose = map.T_cam_ref[static_cast<std::size_t>(observation.frame)];
+    if (!pose) {
+      errors.push_back(std::numeric_limits<double>::quiet_NaN());
+      continue;
+    }
+    const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
+    const auto projection =
+        projectHosted(camera, *pose, camera.unproject(corner.pixel), corner.inverse_depth);
+    errors.push_back(projection
+                         ? (observation.whitening * (projection->pixel - observation.pixel)).norm()
+                         : kBehind);
+  }
+  return errors;
+}
+
+double medianOf(std::vector<double> values) {
+  values.erase(
+      std::remove_if(values.begin(), values.end(), [](double value) { return std::isnan(value); }),
+      values.end());
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+void removeAbove(InitialMap& map, const std::vector<double>& errors, double limit) {
+  std::vector<char> removed(map.corners.size(), 0);
+  for (std::size_t i = 0; i < errors.size(); ++i) {
+    if (errors[i] > limit) removed[static_cast<std::size_t>(map.observations[i].corner)] = 1;
+  }
+  removeCorners(map, removed);
+}
+
+bool solve(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options) {
+  const std::vector<char> kept(map.corners.size(), 1);
+  const auto iterations = options.solver == GeometricSolver::kCeres
+                              ? solveWithCeres(map, kept, camera, options)
+                              : solveWithSchur(map, kept, camera, options);
+  return iterations.has_value();
+}
+
+}  // namespace
+
+std::vector<int> spreadFrames(int frames, int count) {
+  std::vector<int> chosen;
+  const int last = frames - 1;
+  const int steps = std::min(last, count - 1);
+  for (int step = 1; step <= steps; ++step) chosen.push_back((step * last + steps / 2) / steps);
+  return chosen;
+}
+
+bool adjustOnce(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options) {
+  removeAbove(map, errorsOf(map, camera), std::numeric_limits<double>::max());
+  return !map.corners.empty() && solve(map, camera, options);
+}
+
+bool adjustRobustly(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options) {
+  for (const double least : {options.first_limit, options.normal_limit}) {
+    if (!adjustOnce(map, camera, options)) return false;
+    const std::vector<double> errors = errorsOf(map, camera);
+    const double limit = options.limit_factor * kSigmaOfMedian * medianOf(errors);
+    removeAbove(map, errors, std::clamp(limit, least, std::max(least, options.severe_limit)));
+    if (static_cast<int>(map.corners.size()) < options.min_points) return false;
+  }
+  return true;
+}
+
+double medianError(const InitialMap& map, const PinholeCamera& camera) {
+  return medianOf(errorsOf(map, camera));
+}
+
+GeometricOptions adjustToNoise(InitialMap& map,
+                               const PinholeCamera& camera,
+                               const GeometricOptions& options,
+                               int rounds) {
+  GeometricOptions measured = options;
+  for (int round = 0; round < rounds; ++round) {
+    measured.sigma = std::max(kMinSigma, medianError(map, camera) / kMedianLength);
+    if (!solve(map, camera, measured)) break;
+  }
+  return measured;
+}
+
+double faceForward(InitialMap& map) {
+  const auto in_front =
+      std::count_if(map.corners.begin(), map.corners.end(), [](const Corner& corner) {
+        return corner.inverse_depth > 0;
+      });
+  const double share = static_cast<double>(in_front) / static_cast<double>(map.corners.size());
+  if (share >= 0.5) return share;
+  for (Corner& corner : map.corners) corner.inverse_depth = -corner.inverse_depth;
+  for (std::optional<SE3>& pose : map.T_cam_ref) {
+    if (pose) pose->setTranslation(-pose->translation());
+  }
+  return 1 - share;
+}
+
+}  // namespace dsorb::init_orb

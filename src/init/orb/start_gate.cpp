@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/start_gate.h"
+
+#include "geometry/triangulate.h"
+#include "init/orb/motion_refinement.h"
+#include "init/orb/reprojection_equations.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <vector>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr double kDegPerRad = 180.0 / M_PI;
+constexpr double kReferenceCorners = 100;  // the predicted error is scaled to this many
+
+}  // namespace
+
+double directionSigma(const InitialMap& map,
+                      const PinholeCamera& camera,
+                      const GeometricOptions& options) {
+  constexpr double kUnknown = std::numeric_limits<double>::infinity();
+  const PoseRows pose_rows(map);
+  const ReprojectionEquations system = linearize(map, {}, pose_rows, camera, options);
+  if (map.corners.empty() || !(system.depth_hessian.minCoeff() > 0)) return kUnknown;
+  Eigen::VectorXd scale = Eigen::VectorXd::Zero(pose_rows.size);
+  for (std::size_t k = 1; k < map.frames.size(); ++k) {
+    if (pose_rows.first[k] >= 0) {
+      scale.segment<3>(pose_rows.first[k]) = map.T_cam_ref[k]->translation();
+    }
+  }
+  scale.normalize();
+  Eigen::MatrixXd schur =
+      system.pose_hessian - system.coupling * system.depth_hessian.cwiseInverse().asDiagonal() *
+                                system.coupling.transpose();
+  // The scale is free: it gets the mean stiffness of the others, and is not looked at.
+  schur += schur.trace() / pose_rows.size * scale * scale.transpose();
+  const Eigen::LLT<Eigen::MatrixXd> cholesky(schur);
+  if (cholesky.info() != Eigen::Success) return kUnknown;
+  const Eigen::Vector3d& t = map.T_cam_ref.back()->translation();
+  Eigen::MatrixXd perpendicular = Eigen::MatrixXd::Zero(pose_rows.size, 2);
+  perpendicular.middleRows<3>(pose_rows.first.back()) = tangentBasis(t.normalized());
+  perpendicular -= scale * (scale.transpose() * perpendicular);
+  const Eigen::Matrix2d covariance = perpendicular.transpose() * cholesky.solve(perpendicular);
+  const double variance =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance).eigenvalues()[1];
+  return variance >= 0 ? std::sqrt(variance) / t.norm() : kUnknown;
+}
+
+double medianParallaxDeg(const InitialMap& map, const PinholeCamera& camera) {
+  const int newest = static_cast<int>(map.frames.size()) - 1;
+  std::vector<double> angles;
+  for (const Observation& observation : map.observations) {
+    if (observation.frame != newest) continue;
+    const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
+    angles.push_back(parallaxAngle(*map.T_cam_ref.back(),
+                                   camera.unproject(corner.pixel),
+                                   camera.unproject(observation.pixel)));
+  }
+  if (angles.empty()) return 0;
+  const auto middle = angles.begin() + static_cast<std::ptrdiff_t>(angles.size() / 2);
+  std::nth_element(angles.begin(), middle, angles.end());
+  return *middle * kDegPerRad;
+}
+
+GateReport judgeStart(const InitialMap& map,
+                      const PinholeCamera& camera,
+                      const OrbOptions& options,
+                      int live_tracks,
+                      double front_share) {
+  const GateOptions& gate = options.informed.gate;
+  const auto corners = static_cast<double>(map.corners.size());
+  GateReport report;
+  report.parallax_deg = medianParallaxDeg(map, camera);
+  report.direction_sigma_deg = directionSigma(map, camera, options.geometric) *
+                               std::sqrt(corners / kReferenceCorners) * kDegPerRad;
+  if (corners < gate.min_points || corners < gate.min_track_share * live_tracks) {
+    report.reason = InitReason::kTooFewPoints;
+  } else if (front_share < gate.min_front_share) {
+    report.reason = InitReason::kDegenerateMotion;
+  } else if (report.parallax_deg < gate.min_parallax_deg) {
+    report.reason = InitReason::kTooLittleParallax;
+  } else if (!(report.direction_sigma_deg <= gate.max_direction_sigma_deg)) {
+    report.reason = InitReason::kPoorQuality;
+  }
+  return report;
+}
+
+}  // namespace dsorb::init_orb
