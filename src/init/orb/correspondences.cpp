@@ -53,8 +53,8 @@ bool Correspondences::lost() const {
 }
 
 ReferenceView Correspondences::view() const {
-  if (uses_flow_) return {frames_, tracks_.since(0)};
-  ReferenceView view{frames_, {}};
+  if (uses_flow_) return {frames_, tracks_.since(0), {}};
+  ReferenceView view{frames_, {}, {}};
   view.tracks.positions.resize(frames_.size());
   for (std::size_t i = 0; i < sightings_.back().size(); ++i) {
     if (!isSeen(sightings_.back()[i])) continue;

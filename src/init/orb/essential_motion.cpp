@@ -108,7 +108,7 @@ std::optional<EssentialMotion> estimateEssentialMotion(const Matches& matches,
   for (std::size_t i = 0; i < inlier.size(); ++i) {
     inlier[i] = mask.at<std::uint8_t>(static_cast<int>(i)) != 0 ? 1 : 0;
   }
-  const std::vector<SE3> motions = decomposeEssential(E);
+  const std::vector<SE3> motions = decomposeEssential(toEigen(E));
   if (motions.empty()) return std::nullopt;
   EssentialMotion motion = refineOnInliers(
       mostInFront(motions, matches, inlier, camera), matches, camera, options.ransac_threshold);

@@ -93,10 +93,7 @@ std::optional<Eigen::Matrix3d> estimateHomography(const Matches& matches,
                                        cv::noArray(),
                                        ransacParameters(threshold, kHomographyRounds, seed));
   if (H.rows != 3 || H.cols != 3) return std::nullopt;
-  const cv::Matx33d h = H;
-  Eigen::Matrix3d matrix;
-  matrix << h(0, 0), h(0, 1), h(0, 2), h(1, 0), h(1, 1), h(1, 2), h(2, 0), h(2, 1), h(2, 2);
-  return matrix;
+  return toEigen(H);
 }
 
 }  // namespace dsorb::init_orb

@@ -71,11 +71,11 @@ std::vector<SE3> decomposeHomography(const Eigen::Matrix3d& H_target_ref,
   return motions;
 }
 
-std::vector<SE3> decomposeEssential(const cv::Matx33d& E) {
+std::vector<SE3> decomposeEssential(const Eigen::Matrix3d& E) {
   cv::Mat first;
   cv::Mat second;
   cv::Mat translation;
-  cv::decomposeEssentialMat(E, first, second, translation);
+  cv::decomposeEssentialMat(toCv(E), first, second, translation);
   std::vector<SE3> motions;
   for (const cv::Mat& rotation : {first, second}) {
     for (const double sign : {1.0, -1.0}) {
@@ -87,7 +87,7 @@ std::vector<SE3> decomposeEssential(const cv::Matx33d& E) {
 
 std::vector<SE3> decomposeFundamental(const Eigen::Matrix3d& F, const PinholeCamera& camera) {
   const Eigen::Matrix3d K = camera.matrix();
-  return decomposeEssential(toCv(K.transpose() * F * K));
+  return decomposeEssential(K.transpose() * F * K);
 }
 
 MotionHypothesis evaluateMotion(const SE3& T_target_ref,

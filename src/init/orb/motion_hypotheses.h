@@ -8,8 +8,6 @@
 #include "geometry/triangulate.h"
 #include "init/orb/two_view.h"
 
-#include <opencv2/core/matx.hpp>
-
 #include <optional>
 #include <vector>
 
@@ -27,7 +25,7 @@ struct MotionHypothesis {
 std::vector<SE3> decomposeHomography(const Eigen::Matrix3d& H_target_ref,
                                      const PinholeCamera& camera);
 /// The four motions that an essential matrix allows, translations of length 1.
-std::vector<SE3> decomposeEssential(const cv::Matx33d& E);
+std::vector<SE3> decomposeEssential(const Eigen::Matrix3d& E);
 /// The four motions that a fundamental matrix allows, translations of length 1.
 std::vector<SE3> decomposeFundamental(const Eigen::Matrix3d& F, const PinholeCamera& camera);
 

@@ -36,4 +36,9 @@ inline std::vector<cv::Point2d> toCv(const std::vector<Eigen::Vector2d>& points)
   return out;
 }
 
+/// @param matrix 3x3 of doubles
+inline Eigen::Matrix3d toEigen(const cv::Mat& matrix) {
+  return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(matrix.ptr<double>());
+}
+
 }  // namespace dsorb::init_orb
