@@ -75,6 +75,17 @@ Json reportJson(const InitReport& report) {
   return json;
 }
 
+void noteWithdrawal(const std::optional<Withdrawal>& withdrawal, Json& initialization) {
+  initialization["withdrawn"] = withdrawal.has_value();
+  initialization["withdrawal"] = nullptr;
+  if (!withdrawal) return;
+  initialization["withdrawal"] = {{"reason", name(withdrawal->reason)},
+                                  {"index", withdrawal->frame.value},
+                                  {"keyframes", withdrawal->keyframes},
+                                  {"rms", withdrawal->rms},
+                                  {"limit", withdrawal->limit}};
+}
+
 }  // namespace
 
 InitializationWriter::InitializationWriter(std::filesystem::path path, std::string initializer)
@@ -91,10 +102,8 @@ void InitializationWriter::update(const RunRecord& record, double milliseconds) 
     ++progress_.frames_given;
   }
   bool changed = false;
-  if (const auto withdrawn = record.withdrawnSegment()) {
-    for (Json& initialization : initializations_) {
-      if (initialization["segment"] == *withdrawn) initialization["withdrawn"] = true;
-    }
+  if (record.withdrawal() && !initializations_.empty()) {
+    noteWithdrawal(record.withdrawal(), initializations_.back());
     changed = true;
   }
   for (const InitStepNote& step : record.steps()) {
@@ -110,7 +119,7 @@ void InitializationWriter::update(const RunRecord& record, double milliseconds) 
   for (const InitStepNote& step : record.steps()) {
     if (!step.result) continue;
     initializations_.push_back(describe(*step.result, milliseconds));
-    initializations_.back()["withdrawn"] = step.withdrawn;
+    noteWithdrawal(step.withdrawal, initializations_.back());
     changed = true;
   }
   if (changed) write();
@@ -125,7 +134,7 @@ Json InitializationWriter::describe(const InitializationResult& result, double m
   json["frames_given"] = progress_.frames_given;
   json["frames_since_reference"] = std::abs(target.id().value - reference.id().value);
   json["resets"] = progress_.resets;
-  json["withdrawn"] = false;  // until probation says otherwise
+  noteWithdrawal(std::nullopt, json);  // until probation says otherwise
   json["reference"] = frameReference(reference);
   json["target"] = frameReference(target);
   json["camera"] = cameraJson(camera_);

@@ -58,6 +58,9 @@ Json runJson(const RunInfo& info,
   json["frames_dropped"] = end.frames_dropped;
   json["keyframes"] = record.keyframes().size();
   json["segments"] = record.segments().size();
+  json["withdrawn"] = {
+      {name(WithdrawalReason::kResidual), record.withdrawals(WithdrawalReason::kResidual)},
+      {name(WithdrawalReason::kLost), record.withdrawals(WithdrawalReason::kLost)}};
   json["status"] = name(end.status);
   json["seconds"] = {{"total", end.seconds.total},
                      {"reading", end.seconds.reading},

@@ -37,9 +37,7 @@ bool isFinite(const SE3& pose) {
 }
 
 void RunRecord::addInitStep(const InitStep& step, int segment) {
-  // An initializer that is asked again in a segment that had begun: its start was taken back.
-  if (std::find(segments_.begin(), segments_.end(), segment) != segments_.end()) withdraw(segment);
-  steps_.push_back({step.status, step.reason, segment, step.result});
+  steps_.push_back({step.status, step.reason, segment, step.result, {}});
   if (step.result) addInitialization(*step.result, segment);
 }
 
@@ -54,7 +52,8 @@ void RunRecord::addInitialization(const InitializationResult& result, int segmen
   }
 }
 
-void RunRecord::withdraw(int segment) {
+void RunRecord::addWithdrawal(const Withdrawal& withdrawal) {
+  const int segment = withdrawal.segment;
   for (const auto* entries : {&frames_, &keyframes_}) {
     for (const PosedEntry& entry : *entries) {
       if (entry.segment == segment) T_world_anchor_.erase(entry.id);
@@ -63,9 +62,15 @@ void RunRecord::withdraw(int segment) {
   removeSegment(frames_, segment);
   removeSegment(keyframes_, segment);
   segments_.erase(std::remove(segments_.begin(), segments_.end(), segment), segments_.end());
-  for (InitStepNote& step : steps_) step.withdrawn |= step.segment == segment;
-  withdrawn_segment_ = segment;
-  ++withdrawals_;
+  withdrawals_.push_back(withdrawal.reason);
+  const auto start = std::find_if(steps_.begin(), steps_.end(), [](const InitStepNote& step) {
+    return step.result && !step.withdrawal;
+  });
+  (start == steps_.end() ? withdrawal_ : start->withdrawal) = withdrawal;
+}
+
+int RunRecord::withdrawals(WithdrawalReason reason) const {
+  return static_cast<int>(std::count(withdrawals_.begin(), withdrawals_.end(), reason));
 }
 
 void RunRecord::addFrame(const FrameEstimate& estimate) {
@@ -116,7 +121,7 @@ void RunRecord::setMilliseconds(double milliseconds) {
 void RunRecord::nextFrame() {
   steps_.clear();
   estimate_.reset();
-  withdrawn_segment_.reset();
+  withdrawal_.reset();
 }
 
 SE3 RunRecord::T_world_cam(const PosedEntry& entry) const {

@@ -34,7 +34,7 @@ struct InitStepNote {
   InitReason reason = InitReason::kFirstFrame;
   int segment = 0;
   std::optional<InitializationResult> result;
-  bool withdrawn = false;  ///< within the current frame
+  std::optional<Withdrawal> withdrawal;  ///< of its result, within the current frame
 };
 
 /// What happened in a run, in about 150 bytes a frame: enough to write every trajectory with the
@@ -42,6 +42,7 @@ struct InitStepNote {
 class RunRecord {
  public:
   void addInitStep(const InitStep& step, int segment);
+  void addWithdrawal(const Withdrawal& withdrawal);
   void addFrame(const FrameEstimate& estimate);
   void addKeyframe(const KeyframeSnapshot& keyframe);
   /// Completes the current frame's note.
@@ -57,16 +58,17 @@ class RunRecord {
   /// Segments with a successful initialization that was not withdrawn.
   [[nodiscard]] const std::vector<int>& segments() const { return segments_; }
   /// How often entries were taken back.
-  [[nodiscard]] int withdrawals() const { return withdrawals_; }
+  [[nodiscard]] int withdrawals() const { return static_cast<int>(withdrawals_.size()); }
+  [[nodiscard]] int withdrawals(WithdrawalReason reason) const;
 
   /// Of the current frame.
   [[nodiscard]] const std::vector<InitStepNote>& steps() const { return steps_; }
   [[nodiscard]] const std::optional<FrameEstimate>& estimate() const { return estimate_; }
-  [[nodiscard]] const std::optional<int>& withdrawnSegment() const { return withdrawn_segment_; }
+  /// Of a start of an earlier frame.
+  [[nodiscard]] const std::optional<Withdrawal>& withdrawal() const { return withdrawal_; }
 
  private:
   void addInitialization(const InitializationResult& result, int segment);
-  void withdraw(int segment);
   FrameNote& noteOf(int index);
 
   std::vector<PosedEntry> frames_;
@@ -74,11 +76,11 @@ class RunRecord {
   std::map<FrameId, SE3> T_world_anchor_;
   std::vector<FrameNote> notes_;
   std::vector<int> segments_;
-  int withdrawals_ = 0;
+  std::vector<WithdrawalReason> withdrawals_;
 
   std::vector<InitStepNote> steps_;
   std::optional<FrameEstimate> estimate_;
-  std::optional<int> withdrawn_segment_;
+  std::optional<Withdrawal> withdrawal_;
 };
 
 /// Whether rotation and translation hold neither nan nor infinity.

@@ -108,7 +108,11 @@ void RunWriter::setConfig(const std::string& yaml) {
 
 void RunWriter::onInitStep(const InitStep& step, const Frame& /*frame*/, int segment) {
   impl_->record.addInitStep(step, segment);
-  if (impl_->record.withdrawnSegment()) impl_->points.withdraw(segment);
+}
+
+void RunWriter::onWithdrawn(const Withdrawal& withdrawal) {
+  impl_->record.addWithdrawal(withdrawal);
+  impl_->points.withdraw(withdrawal.segment);
 }
 
 void RunWriter::onFrame(const FrameEstimate& estimate) {

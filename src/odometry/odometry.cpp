@@ -86,7 +86,10 @@ class Odometry::Impl {
     waiting_.clear();
     const bool was_placed = phase_ != Phase::kInitializing;
     retireAll();
-    if (was_placed) ++segment_;
+    if (was_placed) {
+      ++segment_;
+      was_lost_in_probation_ = false;
+    }
     initializer_->reset();
     phase_ = Phase::kInitializing;
   }
@@ -159,9 +162,9 @@ class Odometry::Impl {
       if (phase_ != Phase::kTracking) return;
       pose = poseOf(*waiting_.front());
     }
+    if (!pose.good) return lose(pose.rmse);
     FrameEstimate estimate = blank(nextWaiting());
     estimate.tracking_rmse = pose.rmse;
-    if (!pose.good) return lose(pose.rmse);
     estimate.state = OdometryState::kTracked;
     estimate.is_keyframe = pose.wants_keyframe && !keyframe_is_due_;
     estimate.T_world_cam = pose.T_cam_world.inverse();
@@ -225,7 +228,7 @@ class Odometry::Impl {
       return false;
     }
     if (probation_.active() && !probation_.passes(update.keyframes_so_far, update.rms)) {
-      withdraw();
+      withdraw(WithdrawalReason::kResidual);
       return false;
     }
     const odometry::TrackingTarget& newest = update.target;
@@ -249,9 +252,12 @@ class Odometry::Impl {
     tell([&](OdometryObserver& o) { o.onFrame(answer_); });
   }
 
-  /// The map has failed its probation: its frames but the reference are used again. Observers learn
-  /// it by the initializer being asked anew in the same segment.
-  void withdraw() {
+  /// The map has failed its probation: its frames but the reference are used again.
+  void withdraw(WithdrawalReason reason) {
+    Withdrawal withdrawal = probation_.judgement();
+    withdrawal.frame = given_->id();
+    withdrawal.segment = segment_;
+    withdrawal.reason = reason;
     dropMap();
     report_.keyframes = before_.keyframes;
     report_.frames_tracked = before_.frames_tracked;
@@ -261,10 +267,15 @@ class Odometry::Impl {
     waiting_ = std::move(again);
     initializer_->reset();
     phase_ = Phase::kInitializing;
+    tell([&](OdometryObserver& o) { o.onWithdrawn(withdrawal); });
   }
 
-  /// Into phase lost, which only restart() leaves.
+  /// Into phase lost, which only restart() leaves; within probation the start is given up instead.
   void lose(std::optional<double> rmse) {
+    if (probation_.active() && options_.probation.includes_loss && !was_lost_in_probation_) {
+      was_lost_in_probation_ = true;
+      return withdraw(WithdrawalReason::kLost);
+    }
     waiting_.clear();
     phase_ = Phase::kLost;
     lost_at_ = given_->id();
@@ -326,6 +337,7 @@ class Odometry::Impl {
 
   Phase phase_ = Phase::kInitializing;
   bool is_finished_ = false;
+  bool was_lost_in_probation_ = false;  // in this segment
   int segment_ = 0;
   FrameId lost_at_;
   OdometryReport report_;

@@ -25,6 +25,10 @@ bool Probation::passes(int keyframes, double rms) {
   } else if (keyframes == 4) {
     limit = options_.max_rms_fourth;
   }
+  judgement_ = {};
+  judgement_.keyframes = keyframes;
+  judgement_.rms = rms;
+  judgement_.limit = limit;
   if (!(rms <= limit)) return false;
   if (keyframes >= 4) frames_.clear();
   return true;

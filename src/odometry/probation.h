@@ -3,6 +3,7 @@
 
 #include "dsorb/image/frame.h"
 #include "dsorb/init/result.h"
+#include "dsorb/odometry/observer.h"
 #include "dsorb/options/odometry.h"
 
 #include <deque>
@@ -25,6 +26,8 @@ class Probation {
   /// @param rms        of a pixel's residual [grey levels]
   /// @return           whether the map may stay
   [[nodiscard]] bool passes(int keyframes, double rms);
+  /// The last judgement, as observers are told of it; without frame, segment and reason.
+  [[nodiscard]] const Withdrawal& judgement() const { return judgement_; }
   /// Ends it. @return the frames to be used again, without the reference
   std::deque<FramePtr> end();
 
@@ -33,6 +36,7 @@ class Probation {
  private:
   ProbationOptions options_;
   std::deque<FramePtr> frames_;
+  Withdrawal judgement_;
 };
 
 }  // namespace dsorb::odometry

@@ -78,6 +78,10 @@ class Recorder : public OdometryObserver {
   void onKeyframeRetired(const KeyframeSnapshot& keyframe) override {
     events.push_back("retired " + std::to_string(keyframe.id.value));
   }
+  void onWithdrawn(const Withdrawal& withdrawal) override {
+    events.push_back("withdrawn " + std::to_string(withdrawal.segment));
+    withdrawals.push_back(withdrawal);
+  }
   void onLost(FrameId frame, int segment) override {
     events.push_back("lost at " + std::to_string(frame.value) + " in " + std::to_string(segment));
   }
@@ -87,6 +91,7 @@ class Recorder : public OdometryObserver {
   std::vector<int> references;  ///< first frame of each segment's initialization
   std::vector<FrameEstimate> estimates;
   std::vector<KeyframeSnapshot> keyframes;
+  std::vector<Withdrawal> withdrawals;
   std::set<int> ids;  ///< of the keyframes
 };
 

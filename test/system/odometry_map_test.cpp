@@ -7,7 +7,9 @@
 
 #include <algorithm>
 #include <memory>
+#include <optional>
 #include <utility>
+#include <vector>
 
 namespace dsorb {
 namespace {
@@ -97,6 +99,10 @@ TEST(OdometryMap, ProbationWithdrawsAWrongStart) {
   for (int i = 0; i < 30; ++i) odometry.process(world.frames()[static_cast<std::size_t>(i)]);
   const OdometryReport report = odometry.finish();
   EXPECT_EQ(trajectory.withdrawals, 1);
+  ASSERT_EQ(recorder.withdrawals.size(), 1U);
+  EXPECT_EQ(recorder.withdrawals[0].reason, WithdrawalReason::kResidual);
+  EXPECT_EQ(recorder.withdrawals[0].limit, options.probation.max_rms_second);
+  EXPECT_GT(recorder.withdrawals[0].rms, options.probation.max_rms_second);
   EXPECT_EQ(report.segments, 1) << "the wrong start does not count";
   EXPECT_EQ(report.frames_tracked, 25) << "30 without frame 0 and the 4 of the initialization";
   ASSERT_EQ(recorder.references.size(), 2U);
@@ -104,6 +110,43 @@ TEST(OdometryMap, ProbationWithdrawsAWrongStart) {
   EXPECT_EQ(recorder.references[1], 1) << "its frames were used again, without the first";
   EXPECT_EQ(trajectory.posed(), 29U);
   EXPECT_LT(trajectory.relativeError(world), kMaxErrorAfterTruth);
+}
+
+/// A room that is cut soon after the initialization, while the start is on probation.
+class LossInProbation : public ::testing::Test {
+ protected:
+  /// Runs to the frame of the cut.
+  void run(bool includes_loss) {
+    OdometryOptions options;
+    options.probation.includes_loss = includes_loss;
+    odometry.emplace(world.camera(), options, world.initializer());
+    odometry->addObserver(&recorder);
+    feed(*odometry, world, 0, kCutAt + 1);
+  }
+  static constexpr int kCutAt = 6;
+  const World world{synthetic::SequenceKind::kCut, 2 * kCutAt};
+  Recorder recorder;
+  std::optional<Odometry> odometry;
+};
+
+TEST_F(LossInProbation, CountsAsFailedOnceThenItIsALoss) {
+  run(true);
+  ASSERT_EQ(recorder.withdrawals.size(), 1U);
+  EXPECT_EQ(recorder.withdrawals[0].reason, WithdrawalReason::kLost);
+  EXPECT_EQ(recorder.withdrawals[0].frame.value, kCutAt);
+  EXPECT_EQ(recorder.references, (std::vector<int>{0, 1})) << "again, without the reference";
+  EXPECT_EQ(recorder.estimates.back().state, OdometryState::kLost);
+  EXPECT_EQ(recorder.events.back(), "lost at 6 in 0");
+  const OdometryReport report = odometry->finish();
+  EXPECT_EQ(report.segments, 1);
+  EXPECT_EQ(report.frames_tracked, 1) << "frame 5; 1 to 4 are the second initialization";
+}
+
+TEST_F(LossInProbation, IsALossLikeAnyOtherWhereTheOptionSaysSo) {
+  run(false);
+  EXPECT_TRUE(recorder.withdrawals.empty());
+  EXPECT_EQ(recorder.events.back(), "lost at 6 in 0");
+  EXPECT_EQ(odometry->finish().frames_tracked, 2);
 }
 
 }  // namespace

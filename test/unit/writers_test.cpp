@@ -272,6 +272,12 @@ TEST(RunWriter, WithdrawnStartLeavesNoTrace) {
   const TemporaryFolder folder;
   FakeRun run(folder.path());
   playOneSegment(run);
+  Withdrawal withdrawal;
+  withdrawal.frame = {5};
+  withdrawal.keyframes = 3;
+  withdrawal.rms = 14.5;
+  withdrawal.limit = 13;
+  run.writer.onWithdrawn(withdrawal);
   run.initializing(5);  // the same segment asks its initializer again
   EXPECT_EQ(run.writer.outcome(), RunStatus::kNeverInitialized);
   EXPECT_TRUE(readTextLines(folder.path() / "trajectory.txt").empty());
@@ -282,8 +288,23 @@ TEST(RunWriter, WithdrawnStartLeavesNoTrace) {
   const auto starts = readJson(folder.path() / "initialization.json")["initializations"];
   ASSERT_EQ(starts.size(), 2U);
   EXPECT_EQ(starts[0]["withdrawn"], true);
+  EXPECT_EQ(starts[0]["withdrawal"].dump(),
+            R"({"reason":"residual","index":5,"keyframes":3,"rms":14.5,"limit":13.0})");
   EXPECT_EQ(starts[1]["withdrawn"], false);
+  EXPECT_TRUE(starts[1]["withdrawal"].is_null());
+  EXPECT_EQ(readJson(folder.path() / "run.json")["withdrawn"]["residual"], 1);
+  EXPECT_EQ(readJson(folder.path() / "run.json")["withdrawn"]["lost"], 0);
   EXPECT_EQ(starts[1]["frames_given"], 7) << "each image counts once";
+}
+
+TEST(RunWriter, SummaryCountsWhatWasDropped) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  playOneSegment(run);
+  run.writer.setDropped(7);
+  run.writer.finish(run.writer.outcome(), nullptr);
+  EXPECT_EQ(readJson(folder.path() / "run.json")["frames_dropped"], 7);
+  EXPECT_EQ(readJson(folder.path() / "run.json")["frames_given"], 5);
 }
 
 TEST(RunWriter, TableHasOneLineAFrame) {

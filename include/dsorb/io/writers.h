@@ -55,6 +55,7 @@ class RunWriter : public OdometryObserver {
   void onFrame(const FrameEstimate& estimate) override;
   void onKeyframe(const KeyframeSnapshot& keyframe) override;
   void onKeyframeRetired(const KeyframeSnapshot& keyframe) override;
+  void onWithdrawn(const Withdrawal& withdrawal) override;
 
   /// Writes what the last frame brought; call it after each Odometry::process.
   /// @throws IoError where a file cannot be written, for example on a full disk

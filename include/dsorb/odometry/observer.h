@@ -47,6 +47,26 @@ struct KeyframeSnapshot {
   std::vector<MapPoint> points;
 };
 
+/// Why a start was taken back during its probation.
+enum class WithdrawalReason {
+  kResidual,  ///< the adjustment of one of its first keyframes leaves too much
+  kLost       ///< tracking or an adjustment broke down before it was proven
+};
+
+/// Name as in initialization.json, for example "residual".
+[[nodiscard]] const char* name(WithdrawalReason reason);
+
+/// A start that was taken back: nothing told of its segment holds any more, and its frames but the
+/// reference go to the initializer again.
+struct Withdrawal {
+  FrameId frame;  ///< the newest one given
+  int segment = 0;
+  WithdrawalReason reason = WithdrawalReason::kResidual;
+  int keyframes = 0;  ///< since the start, at the last adjustment
+  double rms = 0;     ///< of a pixel's residual after it [grey levels]
+  double limit = 0;   ///< it had to keep to [grey levels]
+};
+
 /// Told what happens, in order, on the thread that calls Odometry::process, restart or finish, also
 /// where mapping has a thread of its own. Calls must be quick; an exception propagates to that
 /// caller. Of one frame: onInitStep, onKeyframeRetired, onKeyframe of the whole window, onFrame,
@@ -63,6 +83,8 @@ class OdometryObserver {
   virtual void onKeyframe(const KeyframeSnapshot& /*keyframe*/) {}
   /// The keyframe's estimates are final.
   virtual void onKeyframeRetired(const KeyframeSnapshot& /*keyframe*/) {}
+  /// A start failed its probation; onInitStep of its frames follows, in the same segment.
+  virtual void onWithdrawn(const Withdrawal& /*withdrawal*/) {}
   virtual void onLost(FrameId /*frame*/, int /*segment*/) {}
 };
 

@@ -17,6 +17,9 @@ struct ProbationOptions {
   /// a row at 9.2 to 9.7 that were as accurate as the one it accepted (path error 0.9 % both ways).
   double max_rms_fourth = 11;
   int max_frames = 60;  ///< kept to be used again; older ones are forgotten
+  /// Whether a loss in this time counts as failed, once a segment; else, and the second time, it
+  /// is a loss like any other.
+  bool includes_loss = true;
 };
 
 template <typename Visitor, typename Options>
@@ -25,6 +28,7 @@ DescribeFor<Options, ProbationOptions> describe(Visitor& visit, Options& o) {
   visit.field("max_rms_third", o.max_rms_third, Range{0, 1e4}, "grey levels");
   visit.field("max_rms_fourth", o.max_rms_fourth, Range{0, 1e4}, "grey levels");
   visit.field("max_frames", o.max_frames, Range{2, 1000}, "frames");
+  visit.field("includes_loss", o.includes_loss);
 }
 
 struct OdometryOptions {
