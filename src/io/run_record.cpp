@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/run_record.h"
 
+#include "geometry/reattachment.h"
+
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -45,10 +47,19 @@ void RunRecord::addInitialization(const InitializationResult& result, int segmen
   segments_.push_back(segment);
   const FrameId reference = result.frames.front().frame->id();
   T_world_anchor_[reference] = SE3();
-  for (const PosedFrame& posed : result.frames) {
+  starts_.push_back({result.frames.back().frame->id(), *result.frames.back().T_cam_ref});
+  const int start = static_cast<int>(starts_.size()) - 1;
+  const double last = static_cast<double>(result.frames.size() - 1);
+  for (std::size_t i = 0; i < result.frames.size(); ++i) {
+    const PosedFrame& posed = result.frames[i];
     if (!posed.T_cam_ref || !isFinite(*posed.T_cam_ref)) continue;
-    frames_.push_back(
-        {posed.frame->id(), posed.frame->timestamp(), segment, reference, *posed.T_cam_ref});
+    frames_.push_back({posed.frame->id(),
+                       posed.frame->timestamp(),
+                       segment,
+                       reference,
+                       *posed.T_cam_ref,
+                       start,
+                       static_cast<double>(i) / last});
   }
 }
 
@@ -86,7 +97,7 @@ void RunRecord::addFrame(const FrameEstimate& estimate) {
   if (!placed || !estimate.T_world_cam || !isFinite(*estimate.T_world_cam)) return;
 
   PosedEntry entry{
-      estimate.frame->id(), estimate.frame->timestamp(), estimate.segment, FrameId{}, SE3()};
+      estimate.frame->id(), estimate.frame->timestamp(), estimate.segment, FrameId{}, SE3(), -1, 0};
   if (estimate.keyframe && estimate.T_cam_keyframe && isFinite(*estimate.T_cam_keyframe)) {
     entry.anchor = *estimate.keyframe;
     entry.T_cam_anchor = *estimate.T_cam_keyframe;
@@ -111,7 +122,8 @@ FrameNote& RunRecord::noteOf(int index) {
 void RunRecord::addKeyframe(const KeyframeSnapshot& keyframe) {
   if (!isFinite(keyframe.T_world_cam)) return;
   T_world_anchor_[keyframe.id] = keyframe.T_world_cam;
-  upsert(keyframes_, {keyframe.id, keyframe.timestamp, keyframe.segment, keyframe.id, SE3()});
+  upsert(keyframes_,
+         {keyframe.id, keyframe.timestamp, keyframe.segment, keyframe.id, SE3(), -1, 0});
 }
 
 void RunRecord::setMilliseconds(double milliseconds) {
@@ -127,7 +139,15 @@ void RunRecord::nextFrame() {
 SE3 RunRecord::T_world_cam(const PosedEntry& entry) const {
   const auto own = T_world_anchor_.find(entry.id);  // became a keyframe itself
   if (own != T_world_anchor_.end()) return own->second;
-  return T_world_anchor_.at(entry.anchor) * entry.T_cam_anchor.inverse();
+  const SE3& T_world_anchor = T_world_anchor_.at(entry.anchor);
+  if (entry.start < 0) return T_world_anchor * entry.T_cam_anchor.inverse();
+  const Start& start = starts_[static_cast<std::size_t>(entry.start)];
+  const auto newest = T_world_anchor_.find(start.newest);
+  if (newest == T_world_anchor_.end()) return T_world_anchor * entry.T_cam_anchor.inverse();
+  const SE3 T_newest_anchor = newest->second.inverse() * T_world_anchor;
+  return T_world_anchor *
+         reattach(entry.T_cam_anchor, {start.T_newest_reference, T_newest_anchor}, entry.progress)
+             .inverse();
 }
 
 }  // namespace dsorb::io

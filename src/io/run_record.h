@@ -17,6 +17,8 @@ struct PosedEntry {
   int segment = 0;
   FrameId anchor;
   SE3 T_cam_anchor;
+  int start = -1;       ///< initialization it came with: the anchor is its reference; -1: none
+  double progress = 0;  ///< from its reference to its newest frame, 0 to 1
 };
 
 /// What figures need of every frame.
@@ -68,11 +70,17 @@ class RunRecord {
   [[nodiscard]] const std::optional<Withdrawal>& withdrawal() const { return withdrawal_; }
 
  private:
+  /// Frames of an initialization and how far its two ends were apart.
+  struct Start {
+    FrameId newest;
+    SE3 T_newest_reference;
+  };
   void addInitialization(const InitializationResult& result, int segment);
   FrameNote& noteOf(int index);
 
   std::vector<PosedEntry> frames_;
   std::vector<PosedEntry> keyframes_;  ///< each its own anchor
+  std::vector<Start> starts_;
   std::map<FrameId, SE3> T_world_anchor_;
   std::vector<FrameNote> notes_;
   std::vector<int> segments_;

@@ -198,6 +198,21 @@ TEST(RunWriter, FinalFramesFollowTheirKeyframe) {
   EXPECT_THAT(lines[4], StartsWith("0.400000000 0.000000000 0.000000000 10.400000000"));
 }
 
+TEST(RunWriter, FramesOfTheInitializationFollowItsTwoEnds) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  playOneSegment(run);
+  KeyframeSnapshot newest;
+  newest.id = {2};
+  newest.timestamp = 0.2;
+  newest.T_world_cam = translated(0.3);  // the initializer had said 0.2
+  run.writer.onKeyframe(newest);
+  run.writer.finish(run.writer.outcome(), nullptr);
+  const auto lines = readTextLines(folder.path() / "trajectory.txt");
+  EXPECT_THAT(lines[1], StartsWith("0.100000000 0.000000000 0.000000000 0.150000000"));
+  EXPECT_THAT(lines[2], StartsWith("0.200000000 0.000000000 0.000000000 0.300000000"));
+}
+
 TEST(RunWriter, ReversedRunIsSortedByTimeAtTheEnd) {
   const TemporaryFolder folder;
   FakeRun run(folder.path());

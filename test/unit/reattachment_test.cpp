@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// What reattach() promises, step by step: nothing changes where nothing was corrected; the ends are
+// the two cameras themselves; positions follow the similarity about the first camera that takes the
+// second one's old position to its new one.
+#include "geometry/reattachment.h"
+
+#include "support/matchers.h"
+
+#include <gtest/gtest.h>
+
+namespace dsorb {
+namespace {
+
+SE3 pose(double tx, double ty, double tz, double rx, double ry, double rz) {
+  Vector6d xi;
+  xi << tx, ty, tz, rx, ry, rz;
+  return SE3::exp(xi);
+}
+
+const SE3 kThen = pose(0.4, -0.1, 0.2, 0.02, 0.1, -0.05);
+const SE3 kNow = pose(0.5, -0.05, 0.3, 0.03, 0.12, -0.04);
+const SE3 kBetween = pose(0.2, -0.03, 0.1, 0.01, 0.04, -0.02);
+
+TEST(Reattach, WithoutACorrectionNothingChanges) {
+  EXPECT_THAT(reattach(kBetween, {kThen, kThen}, 0.5), Se3Near(kBetween, 1e-9, 1e-12));
+}
+
+TEST(Reattach, TheEndsAreTheCamerasThemselves) {
+  EXPECT_THAT(reattach(SE3(), {kThen, kNow}, 0), Se3Near(SE3(), 1e-9, 1e-12));
+  EXPECT_THAT(reattach(kThen, {kThen, kNow}, 1), Se3Near(kNow, 1e-9, 1e-12));
+}
+
+TEST(Reattach, PositionsFollowTheScale) {
+  SE3 longer = kThen;
+  longer.setTranslation(2.5 * kThen.translation());
+  const SE3 moved = reattach(kBetween, {kThen, longer}, 0.5);
+  EXPECT_NEAR(
+      (moved.inverse().translation() - 2.5 * kBetween.inverse().translation()).norm(), 0, 1e-12);
+  EXPECT_NEAR(moved.unitQuaternion().angularDistance(kBetween.unitQuaternion()), 0, 1e-7);
+}
+
+TEST(Reattach, PositionsFollowTheDirection) {
+  const Eigen::Vector3d old_way = kThen.inverse().translation();
+  const Eigen::Vector3d new_way = kNow.inverse().translation();
+  // A camera on the straight line to the second one stays on it, at the same share of the way.
+  const SE3 on_the_line(kBetween.unitQuaternion(),
+                        -(kBetween.unitQuaternion() * Eigen::Vector3d(0.3 * old_way)));
+  const SE3 moved = reattach(on_the_line, {kThen, kNow}, 0.3);
+  EXPECT_NEAR((moved.inverse().translation() - 0.3 * new_way).norm(), 0, 1e-12);
+}
+
+TEST(Reattach, WithoutATranslationThereIsNoScale) {
+  const SE3 moved = reattach(kBetween, {SE3(), kNow}, 0.5);
+  EXPECT_TRUE(moved.translation().allFinite());
+  EXPECT_NEAR(moved.translation().norm(), kBetween.translation().norm(), 1e-12);
+}
+
+}  // namespace
+}  // namespace dsorb
