@@ -1,7 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "dsorb/image/pyramid.h"
 
+#include "base/target_clones.h"
+
+#include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
 #include <limits>
 #include <stdexcept>
 #include <string>
@@ -13,45 +18,75 @@ constexpr int kMaxLevels = 5;
 constexpr int kMinPixelsToHalve = 5000;
 constexpr int kMinSide = 16;  // [px]
 
-template <typename Pixel>
-void copyIntensity(const ImageView& image, ImageSample* level) {
+/// Intensities alone, row-major: what the samples of a level are made of.
+struct Plane {
+  const float* data = nullptr;
+  std::ptrdiff_t stride = 0;  // [float]
+  int width = 0;
+  int height = 0;
+  [[nodiscard]] const float* row(int y) const { return data + y * stride; }
+};
+
+/// The image itself where it holds floats, else a copy.
+Plane planeOf(const ImageView& image, std::vector<float>& copy) {
+  const auto width = static_cast<std::size_t>(image.width());
+  if (image.type() == ImageView::Type::kFloat) {
+    const std::ptrdiff_t stride =
+        image.height() > 1 ? image.row<float>(1) - image.row<float>(0) : 0;
+    return {image.row<float>(0), stride, image.width(), image.height()};
+  }
+  copy.resize(width * static_cast<std::size_t>(image.height()));
   for (int y = 0; y < image.height(); ++y) {
-    const Pixel* source = image.row<Pixel>(y);
-    for (int x = 0; x < image.width(); ++x) {
-      (level++)->intensity = static_cast<float>(source[x]);
-    }
+    const auto* source = image.row<std::uint8_t>(y);
+    std::copy(source, source + image.width(), copy.begin() + y * image.width());
   }
+  return {copy.data(), image.width(), image.width(), image.height()};
 }
 
-void halve(const PyramidLevel& fine, ImageSample* coarse) {
-  const int width = fine.width() / 2;
-  for (int y = 0; y < fine.height() / 2; ++y) {
-    const ImageSample* top = fine.row(2 * y);
-    const ImageSample* bottom = fine.row(2 * y + 1);
-    for (int x = 0; x < width; ++x) {
-      (coarse++)->intensity = 0.25F * (top[2 * x].intensity + top[2 * x + 1].intensity +
-                                       bottom[2 * x].intensity + bottom[2 * x + 1].intensity);
+DSORB_TARGET_CLONES
+Plane halve(const Plane& fine, float* coarse) {
+  const Plane result{coarse, fine.width / 2, fine.width / 2, fine.height / 2};
+  for (int y = 0; y < result.height; ++y, coarse += result.width) {
+    const float* top = fine.row(2 * y);
+    const float* bottom = fine.row(2 * y + 1);
+    for (int x = 0; x < result.width; ++x) {
+      coarse[x] = 0.25F * (top[2 * x] + top[2 * x + 1] + bottom[2 * x] + bottom[2 * x + 1]);
     }
   }
+  return result;
 }
 
-/// Zero where either neighbour or the pixel itself is invalid.
-float centralDifference(float before, float after) {
-  const float difference = 0.5F * (after - before);
-  return std::isfinite(difference) ? difference : 0.0F;
+inline bool isFinite(float value) {
+  return std::abs(value) <= std::numeric_limits<float>::max();
 }
 
-void differentiate(ImageSample* level, int width, int height) {
-  const auto stride = static_cast<std::ptrdiff_t>(width);
-  for (int y = 0; y < height; ++y) {
-    const bool outer_row = y == 0 || y == height - 1;
-    for (int x = 0; x < width; ++x, ++level) {
-      const bool outer = outer_row || x == 0 || x == width - 1 || !std::isfinite(level->intensity);
-      level->dx = outer ? 0.0F : centralDifference(level[-1].intensity, level[1].intensity);
-      level->dy =
-          outer ? 0.0F : centralDifference(level[-stride].intensity, level[stride].intensity);
+void fillOuterRow(const float* row, int width, ImageSample* samples) {
+  for (int x = 0; x < width; ++x) samples[x] = {row[x], 0.0F, 0.0F};
+}
+
+/// Samples of a level: intensity and central differences, zero where a neighbour or the pixel
+/// itself is invalid.
+DSORB_TARGET_CLONES
+void differentiate(const Plane& plane, ImageSample* samples) {
+  const int width = plane.width;
+  fillOuterRow(plane.row(0), width, samples);
+  for (int y = 1; y < plane.height - 1; ++y) {
+    samples += width;
+    const float* above = plane.row(y - 1);
+    const float* here = plane.row(y);
+    const float* below = plane.row(y + 1);
+    for (int x = 1; x < width - 1; ++x) {
+      const float dx = 0.5F * (here[x + 1] - here[x - 1]);
+      const float dy = 0.5F * (below[x] - above[x]);
+      const bool valid = isFinite(here[x]);
+      samples[x].intensity = here[x];
+      samples[x].dx = (valid & isFinite(dx)) ? dx : 0.0F;
+      samples[x].dy = (valid & isFinite(dy)) ? dy : 0.0F;
     }
+    samples[0] = {here[0], 0.0F, 0.0F};
+    samples[width - 1] = {here[width - 1], 0.0F, 0.0F};
   }
+  fillOuterRow(plane.row(plane.height - 1), width, samples + width);
 }
 
 }  // namespace
@@ -80,19 +115,20 @@ Pyramid::Pyramid(const ImageView& image) {
              static_cast<std::size_t>(image.height() >> l);
   }
   samples_ = std::unique_ptr<ImageSample[]>(new ImageSample[total]);
+  std::vector<float> copy;
+  std::vector<float> coarse(total - static_cast<std::size_t>(image.width()) *
+                                        static_cast<std::size_t>(image.height()));
+  Plane plane = planeOf(image, copy);
   ImageSample* next = samples_.get();
+  float* next_plane = coarse.data();
   for (int l = 0; l < count; ++l) {
-    const PyramidLevel level(next, image.width() >> l, image.height() >> l);
     if (l > 0) {
-      halve(levels_.back(), next);
-    } else if (image.type() == ImageView::Type::kFloat) {
-      copyIntensity<float>(image, next);
-    } else {
-      copyIntensity<std::uint8_t>(image, next);
+      plane = halve(plane, next_plane);
+      next_plane += static_cast<std::ptrdiff_t>(plane.width) * plane.height;
     }
-    differentiate(next, level.width(), level.height());
-    levels_.push_back(level);
-    next += static_cast<std::ptrdiff_t>(level.width()) * level.height();
+    differentiate(plane, next);
+    levels_.emplace_back(next, plane.width, plane.height);
+    next += static_cast<std::ptrdiff_t>(plane.width) * plane.height;
   }
 }
 

@@ -89,23 +89,31 @@ void dilate(DepthAccumulator& level, DilationNeighbours neighbours) {
   constexpr std::array<PatternOffset, 4> kDiagonal = {{{-1, -1}, {1, -1}, {-1, 1}, {1, 1}}};
   constexpr std::array<PatternOffset, 4> kDirect = {{{0, -1}, {-1, 0}, {1, 0}, {0, 1}}};
   const auto& offsets = neighbours == DilationNeighbours::kDiagonal ? kDiagonal : kDirect;
-  for (int y = 1; y < level.height - 1; ++y) {
-    for (int x = 1; x < level.width - 1; ++x) {
-      const std::size_t here = level.index(x, y);
-      if (level.weight[here] != 0) continue;
-      float depth_sum = 0;
-      float weight_sum = 0;
-      int count = 0;
+  const auto fill = [&](int x, int y) {
+    float depth_sum = 0;
+    float weight_sum = 0;
+    int count = 0;
+    for (const PatternOffset& offset : offsets) {
+      const std::size_t there = level.index(x + offset.x, y + offset.y);
+      if (level.weight[there] <= 0) continue;
+      depth_sum += level.weighted_depth[there];
+      weight_sum += level.weight[there];
+      ++count;
+    }
+    level.weighted_depth[level.index(x, y)] = -depth_sum / static_cast<float>(count);
+    level.weight[level.index(x, y)] = -weight_sum / static_cast<float>(count);
+  };
+  // Few pixels have a depth: start from them. Negative values are not seen as depths.
+  for (int y = 0; y < level.height; ++y) {
+    for (int x = 0; x < level.width; ++x) {
+      if (!(level.weight[level.index(x, y)] > 0)) continue;
       for (const PatternOffset& offset : offsets) {
-        const std::size_t there = level.index(x + offset.x, y + offset.y);
-        if (level.weight[there] <= 0) continue;
-        depth_sum += level.weighted_depth[there];
-        weight_sum += level.weight[there];
-        ++count;
+        const int to_x = x + offset.x;
+        const int to_y = y + offset.y;
+        const bool inside =
+            to_x > 0 && to_y > 0 && to_x < level.width - 1 && to_y < level.height - 1;
+        if (inside && level.weight[level.index(to_x, to_y)] == 0) fill(to_x, to_y);
       }
-      if (count == 0) continue;
-      level.weighted_depth[here] = -depth_sum / static_cast<float>(count);
-      level.weight[here] = -weight_sum / static_cast<float>(count);
     }
   }
 }

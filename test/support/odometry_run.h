@@ -7,12 +7,16 @@
 #include "support/truth_initializer.h"
 #include "synthetic/sequence.h"
 
+#include <gtest/gtest.h>
+
 #include <cmath>
 #include <cstddef>
 #include <map>
 #include <memory>
+#include <optional>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace dsorb {
@@ -65,6 +69,7 @@ class Recorder : public OdometryObserver {
     const auto& details = step.result->report.details;
     units.push_back(details.empty() ? 1 : details.front().second);
     references.push_back(step.result->frames.front().frame->id().value);
+    starts[segment] = {references.back(), units.back()};
   }
   void onFrame(const FrameEstimate& estimate) override {
     events.push_back(std::string(name(estimate.state)) + " " + std::to_string(estimate.segment));
@@ -87,8 +92,9 @@ class Recorder : public OdometryObserver {
   }
 
   std::vector<std::string> events;
-  std::vector<double> units;    ///< length of a segment's unit [m]
-  std::vector<int> references;  ///< first frame of each segment's initialization
+  std::vector<double> units;                     ///< length of each initialization's unit [m]
+  std::vector<int> references;                   ///< first frame of each initialization
+  std::map<int, std::pair<int, double>> starts;  ///< the last of both by segment
   std::vector<FrameEstimate> estimates;
   std::vector<KeyframeSnapshot> keyframes;
   std::vector<Withdrawal> withdrawals;
@@ -97,14 +103,13 @@ class Recorder : public OdometryObserver {
 
 /// True pose in the segment's own origin and unit.
 inline SE3 truePose(const World& world, const Recorder& recorder, const FrameEstimate& estimate) {
-  const auto segment = static_cast<std::size_t>(estimate.segment);
-  SE3 T = world.pose(recorder.references.at(segment)).inverse() *
-          world.pose(estimate.frame->id().value);
-  T.setTranslation(T.translation() / recorder.units.at(segment));
+  const auto& [reference, unit] = recorder.starts.at(estimate.segment);
+  SE3 T = world.pose(reference).inverse() * world.pose(estimate.frame->id().value);
+  T.setTranslation(T.translation() / unit);
   return T;
 }
 
-/// Feeds frames [begin, end), with restart after a loss where wanted.
+/// Feeds frames [begin, end).
 inline void feed(Odometry& odometry, const World& world, int begin, int end) {
   for (int i = begin; i < end; ++i) odometry.process(world.frames()[static_cast<std::size_t>(i)]);
 }
@@ -165,6 +170,27 @@ class FinalTrajectory : public OdometryObserver {
   };
   std::map<int, Hung> frames_;
   std::map<int, SE3> anchors_;
+};
+
+/// An odometry started by the truth, with observers that write everything down.
+class TruthStarted : public ::testing::Test {
+ protected:
+  void start(const World& world, const OdometryOptions& options = {}) {
+    world_ = &world;
+    odometry.emplace(world.camera(), options, world.initializer());
+    odometry->addObserver(&recorder);
+    odometry->addObserver(&trajectory);
+  }
+  /// Feeds frames [begin, end).
+  void run(int begin, int end) { feed(*odometry, *world_, begin, end); }
+  [[nodiscard]] const FrameEstimate& last() const { return recorder.estimates.back(); }
+
+  Recorder recorder;
+  FinalTrajectory trajectory;
+  std::optional<Odometry> odometry;
+
+ private:
+  const World* world_ = nullptr;
 };
 
 }  // namespace dsorb

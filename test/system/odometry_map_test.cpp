@@ -113,29 +113,26 @@ TEST(OdometryMap, ProbationWithdrawsAWrongStart) {
 }
 
 /// A room that is cut soon after the initialization, while the start is on probation.
-class LossInProbation : public ::testing::Test {
+class LossInProbation : public TruthStarted {
  protected:
   /// Runs to the frame of the cut.
-  void run(bool includes_loss) {
+  void runToTheCut(bool includes_loss) {
     OdometryOptions options;
     options.probation.includes_loss = includes_loss;
-    odometry.emplace(world.camera(), options, world.initializer());
-    odometry->addObserver(&recorder);
-    feed(*odometry, world, 0, kCutAt + 1);
+    start(world, options);
+    run(0, kCutAt + 1);
   }
   static constexpr int kCutAt = 6;
   const World world{synthetic::SequenceKind::kCut, 2 * kCutAt};
-  Recorder recorder;
-  std::optional<Odometry> odometry;
 };
 
 TEST_F(LossInProbation, CountsAsFailedOnceThenItIsALoss) {
-  run(true);
+  runToTheCut(true);
   ASSERT_EQ(recorder.withdrawals.size(), 1U);
   EXPECT_EQ(recorder.withdrawals[0].reason, WithdrawalReason::kLost);
   EXPECT_EQ(recorder.withdrawals[0].frame.value, kCutAt);
   EXPECT_EQ(recorder.references, (std::vector<int>{0, 1})) << "again, without the reference";
-  EXPECT_EQ(recorder.estimates.back().state, OdometryState::kLost);
+  EXPECT_EQ(last().state, OdometryState::kLost);
   EXPECT_EQ(recorder.events.back(), "lost at 6 in 0");
   const OdometryReport report = odometry->finish();
   EXPECT_EQ(report.segments, 1);
@@ -143,7 +140,7 @@ TEST_F(LossInProbation, CountsAsFailedOnceThenItIsALoss) {
 }
 
 TEST_F(LossInProbation, IsALossLikeAnyOtherWhereTheOptionSaysSo) {
-  run(false);
+  runToTheCut(false);
   EXPECT_TRUE(recorder.withdrawals.empty());
   EXPECT_EQ(recorder.events.back(), "lost at 6 in 0");
   EXPECT_EQ(odometry->finish().frames_tracked, 2);

@@ -38,12 +38,12 @@ void expectSameBits(const Recorder& a, const Recorder& b) {
   }
 }
 
-TEST(OdometryWithTruth, TracksARoomNearTheTruth) {
+class OdometryWithTruth : public TruthStarted {};
+
+TEST_F(OdometryWithTruth, TracksARoomNearTheTruth) {
   const World& world = room();
-  Recorder recorder;
-  Odometry odometry = world.odometry();
-  odometry.addObserver(&recorder);
-  feed(odometry, world, 0, 30);
+  start(world);
+  run(0, 30);
   int tracked = 0;
   for (const FrameEstimate& estimate : recorder.estimates) {
     if (estimate.state != OdometryState::kTracked) continue;
@@ -53,20 +53,18 @@ TEST(OdometryWithTruth, TracksARoomNearTheTruth) {
         << "frame " << estimate.frame->id().value << ", rmse " << *estimate.tracking_rmse;
   }
   EXPECT_EQ(tracked, 30 - kInitialFrames);
-  const OdometryReport report = odometry.finish();
+  const OdometryReport report = odometry->finish();
   EXPECT_EQ(report.frames_given, 30);
   EXPECT_EQ(report.frames_tracked, tracked);
   EXPECT_EQ(report.segments, 1);
   EXPECT_EQ(report.keyframes, static_cast<int>(recorder.ids.size()));
 }
 
-TEST(OdometryWithTruth, TellsObserversInOrder) {
+TEST_F(OdometryWithTruth, TellsObserversInOrder) {
   const World& world = room();
-  Recorder recorder;
-  Odometry odometry = world.odometry();
-  odometry.addObserver(&recorder);
-  feed(odometry, world, 0, 5);
-  odometry.finish();
+  start(world);
+  run(0, 5);
+  odometry->finish();
   const std::vector<std::string> expected = {"init 0",
                                              "initializing 0",
                                              "init 0",
@@ -95,47 +93,44 @@ TEST(OdometryWithTruth, TellsObserversInOrder) {
       << "the truth hosts all points in its reference";
 }
 
-TEST(OdometryWithTruth, ASceneCutLosesAndRestartBeginsANewSegment) {
+TEST_F(OdometryWithTruth, ASceneCutLosesAndRestartBeginsANewSegment) {
   const World world(synthetic::SequenceKind::kCut, 24);
-  Recorder recorder;
-  Odometry odometry = world.odometry();
-  odometry.addObserver(&recorder);
-  feed(odometry, world, 0, 12);
-  EXPECT_EQ(recorder.estimates.back().state, OdometryState::kTracked);
-  feed(odometry, world, 12, 13);
-  const FrameEstimate lost = recorder.estimates.back();
+  start(world);
+  run(0, 12);
+  EXPECT_EQ(last().state, OdometryState::kTracked);
+  run(12, 13);
+  const FrameEstimate lost = last();
   EXPECT_EQ(lost.state, OdometryState::kLost) << "rmse " << lost.tracking_rmse.value_or(-1);
   EXPECT_EQ(lost.segment, 0);
   EXPECT_FALSE(lost.T_world_cam.has_value());
   EXPECT_EQ(recorder.events.back(), "lost at 12 in 0");
-  EXPECT_THROW(feed(odometry, world, 13, 14), std::logic_error);
+  EXPECT_THROW(run(13, 14), std::logic_error);
 
-  odometry.restart();
-  feed(odometry, world, 13, 24);
-  EXPECT_EQ(recorder.estimates[13].state, OdometryState::kInitializing);
-  EXPECT_EQ(recorder.estimates[13].segment, 1) << "the new segment begins with its first frame";
-  const FrameEstimate& last = recorder.estimates.back();
-  ASSERT_EQ(last.state, OdometryState::kTracked);
-  EXPECT_EQ(last.segment, 1);
-  EXPECT_THAT(*last.T_world_cam,
-              Se3Near(truePose(world, recorder, last), kMaxRotationDeg, kMaxTranslation));
-  EXPECT_EQ(odometry.finish().segments, 2);
+  const std::size_t before = recorder.estimates.size();
+  odometry->restart();
+  run(13, 24);
+  const FrameEstimate& first = recorder.estimates[before];
+  EXPECT_EQ(first.frame->id().value, 13);
+  EXPECT_EQ(first.state, OdometryState::kInitializing);
+  EXPECT_EQ(first.segment, 1) << "the new segment begins with its first frame";
+  ASSERT_EQ(last().state, OdometryState::kTracked);
+  EXPECT_EQ(last().segment, 1);
+  EXPECT_THAT(*last().T_world_cam,
+              Se3Near(truePose(world, recorder, last()), kMaxRotationDeg, kMaxTranslation));
+  EXPECT_EQ(odometry->finish().segments, 2);
 }
 
-TEST(OdometryWithTruth, RestartBeforeAnyInitializationKeepsTheSegment) {
-  const World& world = room();
-  Recorder recorder;
-  Odometry odometry = world.odometry();
-  odometry.addObserver(&recorder);
-  feed(odometry, world, 0, 2);
-  odometry.restart();
-  feed(odometry, world, 2, 6);
-  EXPECT_EQ(recorder.estimates.back().state, OdometryState::kInitialized);
-  EXPECT_EQ(recorder.estimates.back().segment, 0);
+TEST_F(OdometryWithTruth, RestartBeforeAnyInitializationKeepsTheSegment) {
+  start(room());
+  run(0, 2);
+  odometry->restart();
+  run(2, 6);
+  EXPECT_EQ(last().state, OdometryState::kInitialized);
+  EXPECT_EQ(last().segment, 0);
   EXPECT_EQ(recorder.references.front(), 2);
 }
 
-TEST(OdometryWithTruth, TwoObjectsInOneProcessAnswerAsAlone) {
+TEST(OdometryRepeated, TwoObjectsInOneProcessAnswerAsAlone) {
   const World& world = room();
   const auto alone = [&](int begin) {
     Recorder recorder;
@@ -158,7 +153,7 @@ TEST(OdometryWithTruth, TwoObjectsInOneProcessAnswerAsAlone) {
   expectSameBits(second, alone(10));
 }
 
-TEST(OdometryWithTruth, OneAndTwoThreadsGiveTheSameBits) {
+TEST(OdometryRepeated, OneAndTwoThreadsGiveTheSameBits) {
   const World& world = room();
   const auto run = [&](int threads) {
     OdometryOptions options;
@@ -172,38 +167,34 @@ TEST(OdometryWithTruth, OneAndTwoThreadsGiveTheSameBits) {
   expectSameBits(run(1), run(2));
 }
 
-TEST(OdometryWithTruth, RefusesFramesThatDoNotBelong) {
-  const World& world = room();
-  Odometry odometry = world.odometry();
-  feed(odometry, world, 0, 3);
-  EXPECT_THROW(odometry.process(nullptr), std::invalid_argument);
-  EXPECT_THROW(feed(odometry, world, 2, 3), std::invalid_argument) << "timestamp again";
-  EXPECT_THROW(feed(odometry, world, 1, 2), std::invalid_argument) << "time runs backwards";
+TEST_F(OdometryWithTruth, RefusesFramesThatDoNotBelong) {
+  start(room());
+  run(0, 3);
+  EXPECT_THROW(odometry->process(nullptr), std::invalid_argument);
+  EXPECT_THROW(run(2, 3), std::invalid_argument) << "timestamp again";
+  EXPECT_THROW(run(1, 2), std::invalid_argument) << "time runs backwards";
   const std::vector<std::uint8_t> grey(64 * 48, 100);
   const FramePtr small = Frame::create(ImageView(grey.data(), 64, 48), {FrameId{3}, 1e3});
-  EXPECT_THROW(odometry.process(small), std::invalid_argument) << "size";
-  feed(odometry, world, 3, 5);
-  EXPECT_EQ(odometry.finish().frames_tracked, 1) << "refused frames leave no trace";
-  EXPECT_THROW(feed(odometry, world, 5, 6), std::logic_error) << "after finish()";
+  EXPECT_THROW(odometry->process(small), std::invalid_argument) << "size";
+  run(3, 5);
+  EXPECT_EQ(odometry->finish().frames_tracked, 1) << "refused frames leave no trace";
+  EXPECT_THROW(run(5, 6), std::logic_error) << "after finish()";
 }
 
-TEST(OdometryWithTruth, RefusesOptionsOutOfRange) {
+TEST_F(OdometryWithTruth, RefusesOptionsOutOfRange) {
   OdometryOptions options;
   options.tracker.min_inside_fraction = 1.5;
   EXPECT_THROW(room().odometry(options), ConfigError);
   EXPECT_THROW(Odometry(room().camera(), {}, nullptr), std::invalid_argument);
 }
 
-TEST(OdometryWithTruth, ReversedSequencesTrackToo) {
+TEST_F(OdometryWithTruth, ReversedSequencesTrackToo) {
   const World& world = room();
-  Recorder recorder;
-  Odometry odometry = world.odometry();
-  odometry.addObserver(&recorder);
-  for (int i = 19; i >= 0; --i) feed(odometry, world, i, i + 1);
-  const FrameEstimate& last = recorder.estimates.back();
-  ASSERT_EQ(last.state, OdometryState::kTracked);
-  EXPECT_THAT(*last.T_world_cam,
-              Se3Near(truePose(world, recorder, last), kMaxRotationDeg, kMaxTranslation));
+  start(world);
+  for (int i = 19; i >= 0; --i) run(i, i + 1);
+  ASSERT_EQ(last().state, OdometryState::kTracked);
+  EXPECT_THAT(*last().T_world_cam,
+              Se3Near(truePose(world, recorder, last()), kMaxRotationDeg, kMaxTranslation));
 }
 
 /// Remembers which frame the initializer took as its reference.

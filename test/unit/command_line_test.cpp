@@ -13,13 +13,19 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-CommandLine parse(const std::vector<const char*>& arguments) {
-  std::vector<const char*> argv = {"dso_dataset"};
+using Arguments = std::vector<const char*>;
+
+CommandLine parse(const Arguments& arguments) {
+  Arguments argv = {"dso_dataset"};
   argv.insert(argv.end(), arguments.begin(), arguments.end());
   return parseCommandLine(static_cast<int>(argv.size()), argv.data());
 }
 
-std::string errorOf(const std::vector<const char*>& arguments) {
+OdometryOptions optionsOf(const CommandLine& request) {
+  return loadConfig(request.config).options;
+}
+
+std::string errorOf(const Arguments& arguments) {
   try {
     (void)parse(arguments);
   } catch (const ConfigError& error) {
@@ -116,19 +122,18 @@ TEST(CommandLine, UnknownOptionNamesTheClosest) {
 }
 
 TEST(CommandLine, WrongValuesAreRefused) {
-  for (const std::vector<const char*>& arguments :
-       std::vector<std::vector<const char*>>{{"seq", "--start", "-1"},
-                                             {"seq", "--start", "two"},
-                                             {"seq", "--format", "ros"},
-                                             {"seq", "--mode", "0"},
-                                             {"seq", "--on-lost", "cry"},
-                                             {"seq", "--threads"},
-                                             {"seq", "--progress", "maybe"},
-                                             {"seq", "--speed", "-1"},
-                                             {"seq", "--speed", "nan"},
-                                             {"seq", "second"},
-                                             {"seq", "files=third"},
-                                             {}}) {
+  for (const Arguments& arguments : std::vector<Arguments>{{"seq", "--start", "-1"},
+                                                           {"seq", "--start", "two"},
+                                                           {"seq", "--format", "ros"},
+                                                           {"seq", "--mode", "0"},
+                                                           {"seq", "--on-lost", "cry"},
+                                                           {"seq", "--threads"},
+                                                           {"seq", "--progress", "maybe"},
+                                                           {"seq", "--speed", "-1"},
+                                                           {"seq", "--speed", "nan"},
+                                                           {"seq", "second"},
+                                                           {"seq", "files=third"},
+                                                           {}}) {
     EXPECT_NE(errorOf(arguments), "no ConfigError");
     EXPECT_EQ(errorOf(arguments).find('\n'), std::string::npos) << errorOf(arguments);
   }
@@ -169,7 +174,7 @@ TEST(OriginalWords, HaveTheirMeaning) {
   EXPECT_TRUE(request.sequence.reverse);
   EXPECT_TRUE(request.quiet);
   EXPECT_TRUE(request.write_result_txt);
-  EXPECT_EQ(loadConfig(request.config).options.num_threads, 1);
+  EXPECT_EQ(optionsOf(request).num_threads, 1);
   EXPECT_THAT(request.warnings, IsEmpty());
 }
 
@@ -177,7 +182,7 @@ TEST(OriginalWords, SwitchesReactToOneOnly) {
   const CommandLine request = parse({"files=seq", "reverse=0", "quiet=2", "nomt=0"});
   EXPECT_FALSE(request.sequence.reverse);
   EXPECT_FALSE(request.quiet);
-  EXPECT_EQ(loadConfig(request.config).options.num_threads, 0);
+  EXPECT_EQ(optionsOf(request).num_threads, 0);
 }
 
 TEST(OriginalWords, PresetsChooseSizeAndSpeed) {
@@ -193,19 +198,19 @@ TEST(OriginalWords, PresetsChooseSizeAndSpeed) {
     const CommandLine request = parse({"files=seq", c.word});
     EXPECT_EQ(request.config.preset, c.preset) << c.word;
     EXPECT_EQ(request.speed, c.speed) << c.word;
-    EXPECT_EQ(loadConfig(request.config).options.pipelined, c.speed > 0) << c.word;
+    EXPECT_EQ(optionsOf(request).pipelined, c.speed > 0) << c.word;
   }
 }
 
 TEST(OriginalWords, ALaterSpeedOrPresetWins) {
   const CommandLine slower = parse({"files=seq", "preset=3", "speed=0.5"});
   EXPECT_EQ(slower.speed, 0.5);
-  EXPECT_TRUE(loadConfig(slower.config).options.pipelined);
+  EXPECT_TRUE(optionsOf(slower).pipelined);
   const CommandLine all = parse({"files=seq", "preset=1", "speed=0"});
   EXPECT_EQ(all.speed, 0);
-  EXPECT_FALSE(loadConfig(all.config).options.pipelined);
+  EXPECT_FALSE(optionsOf(all).pipelined);
   EXPECT_EQ(parse({"files=seq", "speed=2", "preset=0"}).speed, 0);
-  EXPECT_TRUE(loadConfig(parse({"files=seq", "speed=0", "--pipelined"}).config).options.pipelined);
+  EXPECT_TRUE(optionsOf(parse({"files=seq", "speed=0", "--pipelined"})).pipelined);
 }
 
 TEST(OriginalWords, WithoutMeaningGiveOneWarning) {
