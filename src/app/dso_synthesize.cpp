@@ -91,6 +91,10 @@ void addOptions(CLI::App& app, CommandLine& line) {
   app.add_flag("--vignette", sequence.vignette, "darker corners (vignette.png)");
   app.add_flag("--blur", line.motion_blur, "motion blur, shutter open for 30 % of the time");
   app.add_flag("--moving-object", sequence.moving_object, "a car or crate that moves by itself");
+  app.add_option("--moving-object-share",
+                 sequence.moving_object_share,
+                 "of the first street image that it covers: a van close ahead; 0: a car far ahead")
+      ->check(CLI::Range(0.0, 0.5));
   app.add_option("--supersampling", sequence.rendering.supersampling, "n x n rays a pixel")
       ->check(CLI::Range(1, 8))
       ->capture_default_str();

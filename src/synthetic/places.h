@@ -44,7 +44,11 @@ constexpr double kPlaneDistance = 4.0;
 /// Normal of that plane, unit length, towards the origin.
 [[nodiscard]] Eigen::Vector3d planeNormal();
 
-/// Index of a cube with edges of `size` [m] that is added to a scene, to be moved by its pose.
-int addMovingBox(Scene& scene, std::uint64_t seed, const Eigen::Vector3d& size);
+/// Index of a cuboid with edges of `size` [m] that is added to a scene, to be moved by its pose.
+/// @param painted textured as parked cars are; else with many more corners
+int addMovingBox(Scene& scene,
+                 std::uint64_t seed,
+                 const Eigen::Vector3d& size,
+                 bool painted = false);
 
 }  // namespace dsorb::synthetic

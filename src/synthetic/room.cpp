@@ -182,10 +182,12 @@ Eigen::Vector3d planeNormal() {
   return so3Exp({kPlaneTilt, 0.5 * kPlaneTilt, 0}) * Eigen::Vector3d(0, 0, -1);
 }
 
-int addMovingBox(Scene& scene, std::uint64_t seed, const Eigen::Vector3d& size) {
+int addMovingBox(Scene& scene, std::uint64_t seed, const Eigen::Vector3d& size, bool painted) {
   PlaceBuilder builder(seed);
-  Texture paint = builder.texture(builder.uniform(90, 170), 1.2, 20, 8);
-  paint.tiles = {{0.4F, 0.35F, 0.7F, 0.6F, 0.5F, 150, 60}};
+  Texture paint =
+      builder.texture(builder.uniform(90, 170), 1.2, painted ? 17 : 20, painted ? 4 : 8);
+  paint.tiles = {painted ? TileLayer{1.35F, 0.5F, 0.93F, 0.9F, 0, paint.grey, 22}
+                         : TileLayer{0.4F, 0.35F, 0.7F, 0.6F, 0.5F, 150, 60}};
   scene.textures.push_back(std::move(paint));
   scene.boxes.push_back({SE3(), 0.5 * size, static_cast<int>(scene.textures.size()) - 1, false});
   return static_cast<int>(scene.boxes.size()) - 1;

@@ -24,6 +24,7 @@ constexpr double kExposurePeriod = 37;      // of the exposure's swing [frames]
 constexpr int kBlurSamples = 7;             // views averaged over the open shutter
 constexpr double kPlaceDistance = 100;      // between the places of a cut [m]
 constexpr std::uint64_t kNextPlace = 1001;  // added to the seed after a cut
+const Eigen::Vector3d kVan(2.2, 2.4, 4.5);  // [m], across, up, along
 constexpr int kSmallest = 32;               // image side [px]
 
 [[noreturn]] void reject(const std::string& what, double value) {
@@ -43,6 +44,9 @@ void validate(const SequenceOptions& options) {
   }
   if (!inside(options.exposure_changes, 0, 2)) {
     reject("exposure_changes must lie in [0, 2]", options.exposure_changes);
+  }
+  if (!inside(options.moving_object_share, 0, 0.5)) {
+    reject("moving_object_share must lie in [0, 0.5]", options.moving_object_share);
   }
   if (!inside(options.motion_blur, 0, 1)) {
     reject("motion_blur must lie in [0, 1]", options.motion_blur);
@@ -82,9 +86,11 @@ SyntheticSequence::SyntheticSequence(const SequenceOptions& options) : options_(
     }
   }
   if (options.moving_object) {
-    const Eigen::Vector3d size =
-        street ? Eigen::Vector3d(1.8, 1.5, 4.0) : Eigen::Vector3d(0.6, 0.5, 0.5);
-    moving_box_ = addMovingBox(acts_.front(), options.seed, size);
+    const bool close = street && options.moving_object_share > 0;
+    const Eigen::Vector3d size = close    ? kVan
+                                 : street ? Eigen::Vector3d(1.8, 1.5, 4.0)
+                                          : Eigen::Vector3d(0.6, 0.5, 0.5);
+    moving_box_ = addMovingBox(acts_.front(), options.seed, size, close);
     if (acts_.size() > 1) addMovingBox(acts_.back(), options.seed + kNextPlace, size);
   }
   inverse_response_ = makeInverseResponse(options.nonlinear_response);
@@ -115,14 +121,22 @@ SE3 SyntheticSequence::poseAt(int act, double frame) const {
   }
 }
 
+SE3 SyntheticSequence::movingBoxPose(int act, double frame) const {
+  if (options_.kind != SequenceKind::kStreet) {
+    return uprightPose({act * kPlaceDistance, 0, 0}) * movingCratePose(frame, options_.seed);
+  }
+  if (!(options_.moving_object_share > 0)) return movingCarPose(frame, options_.seed);
+  const double pixels =
+      options_.moving_object_share * options_.width * static_cast<double>(options_.height);
+  const double rear = camera_.fx * std::sqrt(kVan.x() * kVan.y() / pixels);  // pinhole, seen square
+  return movingVanPose(frame, options_.seed, rear + 0.5 * kVan.z(), 0.5 * kVan.y());
+}
+
 View SyntheticSequence::renderAt(int act, double frame) const {
   const Scene& scene = acts_[static_cast<std::size_t>(act)];
   if (moving_box_ < 0) return render(scene, camera_, poseAt(act, frame), options_.rendering);
   Scene moved = scene;
-  moved.boxes.back().T_world_box =
-      options_.kind == SequenceKind::kStreet
-          ? movingCarPose(frame, options_.seed)
-          : uprightPose({act * kPlaceDistance, 0, 0}) * movingCratePose(frame, options_.seed);
+  moved.boxes.back().T_world_box = movingBoxPose(act, frame);
   return render(moved, camera_, poseAt(act, frame), options_.rendering);
 }
 

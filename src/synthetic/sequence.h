@@ -34,6 +34,9 @@ struct SequenceOptions {
   bool vignette = false;            ///< darker corners
   double motion_blur = 0;           ///< open time of the shutter [share of the frame interval]
   bool moving_object = false;       ///< a box that moves by itself
+  /// Share of the first image of kStreet that the box covers: a van close ahead that swerves;
+  /// 0: a car farther ahead.
+  double moving_object_share = 0;
   RenderOptions rendering;
 };
 
@@ -90,6 +93,7 @@ class SyntheticSequence {
  private:
   [[nodiscard]] int actOf(int index) const;
   [[nodiscard]] SE3 poseAt(int act, double frame) const;
+  [[nodiscard]] SE3 movingBoxPose(int act, double frame) const;
   [[nodiscard]] View renderAt(int act, double frame) const;
   [[nodiscard]] std::vector<float> blurredIntensity(int index, View& centre) const;
 

@@ -83,6 +83,13 @@ SE3 movingCarPose(double frame, std::uint64_t seed) {
   return {so3Exp({0, axis.heading, 0}), Eigen::Vector3d(axis.x + 0.4, -0.95, z)};
 }
 
+SE3 movingVanPose(double frame, std::uint64_t seed, double ahead, double height) {
+  const double z = ahead + streetPosition(frame, startPhase(seed));
+  const StreetAxis axis = streetAxis(z);
+  const double swerve = 1.2 * std::sin(0.13 * frame);  // at most 16 cm per frame
+  return {so3Exp({0, axis.heading, 0}), Eigen::Vector3d(axis.x + swerve, -height, z)};
+}
+
 SE3 movingCratePose(double frame, std::uint64_t seed) {
   const double phase = 0.04 * frame + startPhase(seed);
   return {so3Exp({0, 0.5 * phase, 0}),

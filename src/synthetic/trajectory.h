@@ -22,6 +22,10 @@ constexpr double kStreetStep = 1.15;
 
 /// Pose of the box that moves by itself: a car ahead on the street, a crate elsewhere.
 [[nodiscard]] SE3 movingCarPose(double frame, std::uint64_t seed);
+/// Pose of the middle of a box that stays as far ahead of the street's camera and swerves.
+/// @param ahead  middle to camera [m]
+/// @param height of the middle above the street [m]
+[[nodiscard]] SE3 movingVanPose(double frame, std::uint64_t seed, double ahead, double height);
 [[nodiscard]] SE3 movingCratePose(double frame, std::uint64_t seed);
 
 }  // namespace dsorb::synthetic

@@ -50,7 +50,8 @@ inline const RenderedSequence& rendered(const synthetic::SequenceOptions& option
   std::ostringstream key;
   key << static_cast<int>(options.kind) << " " << options.length << " " << options.noise_sigma
       << " " << options.exposure_changes << " " << options.seed << " " << options.fx << " "
-      << options.width << " " << options.height << " " << options.moving_object;
+      << options.width << " " << options.height << " " << options.moving_object << " "
+      << options.moving_object_share;
   return sequences.try_emplace(key.str(), options).first->second;
 }
 

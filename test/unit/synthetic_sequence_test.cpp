@@ -167,6 +167,17 @@ TEST(SyntheticSequence, CarAheadIsSeenInTheStreet) {
   EXPECT_TRUE(sequence.frame(19).moving_object_visible);
 }
 
+TEST(SyntheticSequence, VanAheadCoversItsShareOfTheStreet) {
+  SequenceOptions options = small(SequenceKind::kStreet);
+  const std::vector<float> empty = SyntheticSequence(options).inverseDepth(0);
+  options.moving_object = true;
+  options.moving_object_share = 0.1;
+  const std::vector<float> van = SyntheticSequence(options).inverseDepth(0);
+  int covered = 0;
+  for (std::size_t i = 0; i < van.size(); ++i) covered += van[i] != empty[i] ? 1 : 0;
+  EXPECT_NEAR(covered / static_cast<double>(van.size()), 0.1, 0.015);
+}
+
 TEST(SyntheticSequence, BlurSoftensTheImageAndKeepsTheDepth) {
   SequenceOptions options = small(SequenceKind::kRotation);
   const SyntheticFrame sharp = SyntheticSequence(options).frame(4);
