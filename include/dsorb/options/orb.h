@@ -5,6 +5,7 @@
 #include "dsorb/options/orb_mapping.h"
 #include "dsorb/options/orb_matching.h"
 #include "dsorb/options/orb_motion.h"
+#include "dsorb/options/orb_moving.h"
 #include "dsorb/options/orb_photometric.h"
 
 namespace dsorb {
@@ -96,6 +97,7 @@ struct OrbOptions {
   SemiDenseOptions semi_dense;
   PhotometricOptions photometric;
   OutlierOptions outliers;
+  MovingPartsOptions moving;
 };
 
 template <typename Visitor, typename Options>
@@ -119,6 +121,7 @@ DescribeFor<Options, OrbOptions> describe(Visitor& visit, Options& o) {
   visit.group("semi_dense", o.semi_dense);
   visit.group("photometric", o.photometric);
   visit.group("outliers", o.outliers);
+  visit.group("moving", o.moving);
 }
 
 }  // namespace dsorb

@@ -4,6 +4,7 @@
 #include "init/orb/geometric_adjustment.h"
 #include "init/orb/informed_motion.h"
 #include "init/orb/map_assembly.h"
+#include "init/orb/moving_parts.h"
 #include "init/orb/photometric_stage.h"
 #include "init/orb/report_motion.h"
 #include "init/orb/semi_dense_depth.h"
@@ -13,25 +14,44 @@
 namespace dsorb::init_orb {
 namespace {
 
-/// Semi-dense depths for the corners' map. @return whether enough came of it
-bool densify(const AttemptContext& context, Attempt& attempt) {
+void densify(const AttemptContext& context, Attempt& attempt) {
   const SemiDenseReport report = context.clock.time("semi_dense", [&] {
     return estimateSemiDenseDepth(
         *attempt.map, context.camera, context.options.orb.semi_dense, context.seed());
   });
   attempt.report.details.emplace_back("semi_dense_candidates", report.candidates);
   attempt.report.details.emplace_back("semi_dense_points", report.points);
-  return true;
+}
+
+/// Semi-dense depths for the corners' map, without what moves by itself.
+/// @return whether enough came of it
+bool addSemiDense(const ReferenceView& view, const AttemptContext& context, Attempt& attempt) {
+  const OrbOptions& orb = context.options.orb;
+  if (orb.moving.remove) {
+    const MovingParts moving = context.clock.time("moving", [&] {
+      return MovingParts(*attempt.map, view.tracks, context.camera, orb.moving);
+    });
+    int removed = moving.removeCorners(*attempt.map);
+    densify(context, attempt);
+    removed += moving.removePoints(*attempt.map);
+    attempt.report.details.emplace_back("contradicting_tracks", moving.contradicting());
+    attempt.report.details.emplace_back("removed_moving", removed);
+  } else {
+    densify(context, attempt);
+  }
+  if (static_cast<int>(attempt.map->points.size()) >= orb.semi_dense.min_points) return true;
+  attempt.reason = InitReason::kTooFewPoints;
+  return false;
 }
 
 /// @return whether the attempt's map can be handed over
 bool mapFrom(const ReferenceView& view, const AttemptContext& context, Attempt& attempt) {
   if (context.options.orb.motion == MotionMethod::kReport) {
-    return estimateReportMotion(view, context, attempt) && densify(context, attempt) &&
+    return estimateReportMotion(view, context, attempt) && addSemiDense(view, context, attempt) &&
            adjustCorners(context, attempt) && adjustImages(context, attempt);
   }
-  const bool usable = estimateInformedMotion(view, context, attempt) && densify(context, attempt) &&
-                      adjustImages(context, attempt);
+  const bool usable = estimateInformedMotion(view, context, attempt) &&
+                      addSemiDense(view, context, attempt) && adjustImages(context, attempt);
   if (!usable) return false;
   context.clock.time("pose", [&] { poseOtherFrames(*attempt.map, context.camera); });
   return true;

@@ -33,7 +33,8 @@ struct SemiDensePoint {
   Eigen::Vector2f pixel{0, 0};
   float inverse_depth = 0;  ///< [1/unit]
   float variance = 0;       ///< [1/unit^2]
-  int observations = 0;
+  int observations = 0;     ///< epipolar searches that agree on it
+  int searches = 0;         ///< all that were made for it
 };
 
 /// The attempt: everything since the reference, as values.

@@ -66,6 +66,7 @@ CandidateResult observe(const SelectedPixel& pixel,
     result.point.inverse_depth = depth.current().inverse_depth;
     result.point.variance = depth.current().variance;
     result.point.observations = depth.observations();
+    result.point.searches = result.searches;
   }
   return result;
 }

@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/moving_parts.h"
+
+#include "camera/reprojection.h"
+#include "geometry/triangulate.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <optional>
+#include <utility>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr int kIterations = 3;  // of Gauss-Newton on one inverse depth
+constexpr int kMinVotes = 3;    // fewer tracks close by decide nothing
+constexpr double kLost = 1e6;   // [px]; error of a track behind a camera
+
+struct Sighting {
+  SE3 T_cam_ref;
+  Eigen::Vector2d pixel;
+};
+
+/// Error of a point seen from several cameras, and the step that reduces it.
+struct DepthFit {
+  double squared = 0;  // [px^2]
+  double step = 0;     // [1/unit]
+};
+
+std::optional<DepthFit> evaluate(const std::vector<Sighting>& sightings,
+                                 const PinholeCamera& camera,
+                                 const Eigen::Vector3d& ray,
+                                 double inverse_depth) {
+  DepthFit fit;
+  double information = 0;
+  double gradient = 0;
+  for (const Sighting& sighting : sightings) {
+    const auto projection = projectHosted(camera, sighting.T_cam_ref, ray, inverse_depth);
+    if (!projection) return std::nullopt;
+    const Eigen::Vector2d residual = sighting.pixel - projection->pixel;
+    fit.squared += residual.squaredNorm();
+    information += projection->J_inverse_depth.squaredNorm();
+    gradient += projection->J_inverse_depth.dot(residual);
+  }
+  fit.step = information > 0 ? gradient / information : 0;
+  return fit;
+}
+
+double trackError(const std::vector<Sighting>& sightings,
+                  const PinholeCamera& camera,
+                  const Eigen::Vector3d& ray) {
+  if (sightings.empty()) return 0;
+  const Sighting& widest = sightings.back();
+  const auto start = triangulateInverseDepth(
+      widest.T_cam_ref, ray, camera.unproject(widest.pixel).head<2>(), 1 / camera.fx);
+  double inverse_depth = start ? std::max(start->inverse_depth, 0.0) : 0.0;
+  double best = kLost * kLost;
+  for (int i = 0; i <= kIterations; ++i) {
+    const auto fit = evaluate(sightings, camera, ray, inverse_depth);
+    if (!fit) break;
+    best = std::min(best, fit->squared);
+    inverse_depth = std::max(inverse_depth + fit->step, 0.0);
+  }
+  return std::sqrt(best / static_cast<double>(sightings.size()));
+}
+
+double medianOf(std::vector<double> values) {
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+}  // namespace
+
+std::vector<double> trackErrors(const InitialMap& map,
+                                const CornerTracks& tracks,
+                                const PinholeCamera& camera) {
+  std::vector<double> errors(static_cast<std::size_t>(tracks.size()));
+  std::vector<Sighting> sightings;
+  for (std::size_t i = 0; i < errors.size(); ++i) {
+    sightings.clear();
+    for (std::size_t k = 1; k < tracks.positions.size(); ++k) {
+      const Eigen::Vector2f& pixel = tracks.positions[k][i];
+      if (map.T_cam_ref[k] && std::isfinite(pixel.x())) {
+        sightings.push_back({*map.T_cam_ref[k], pixel.cast<double>()});
+      }
+    }
+    errors[i] =
+        trackError(sightings, camera, camera.unproject(tracks.positions.front()[i].cast<double>()));
+  }
+  return errors;
+}
+
+MovingParts::MovingParts(const InitialMap& map,
+                         const CornerTracks& tracks,
+                         const PinholeCamera& camera,
+                         const MovingPartsOptions& options)
+    : options_(options),
+      columns_(static_cast<int>(camera.width / options.radius) + 1),
+      rows_(static_cast<int>(camera.height / options.radius) + 1),
+      cells_(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_)) {
+  const std::vector<double> errors = trackErrors(map, tracks, camera);
+  const double limit = std::max(options.min_error, options.error_factor * medianOf(errors));
+  for (std::size_t i = 0; i < errors.size(); ++i) {
+    const Eigen::Vector2f& pixel = tracks.positions.front()[i];
+    const bool contradicts = errors[i] > limit;
+    contradicting_ += contradicts ? 1 : 0;
+    const int cell = cellOf(pixel.y(), rows_) * columns_ + cellOf(pixel.x(), columns_);
+    cells_[static_cast<std::size_t>(cell)].push_back({pixel, contradicts});
+  }
+}
+
+int MovingParts::cellOf(float coordinate, int cells) const {
+  return std::clamp(
+      static_cast<int>(coordinate / static_cast<float>(options_.radius)), 0, cells - 1);
+}
+
+bool MovingParts::cover(const Eigen::Vector2f& pixel) const {
+  if (contradicting_ == 0) return false;
+  const auto radius = static_cast<float>(options_.radius);
+  std::vector<std::pair<float, bool>> votes;  // squared distance, contradicts
+  const int column = cellOf(pixel.x(), columns_);
+  const int row = cellOf(pixel.y(), rows_);
+  for (int y = std::max(row - 1, 0); y <= std::min(row + 1, rows_ - 1); ++y) {
+    for (int x = std::max(column - 1, 0); x <= std::min(column + 1, columns_ - 1); ++x) {
+      for (const Vote& vote : cells_[static_cast<std::size_t>(y * columns_ + x)]) {
+        const float distance = (vote.pixel - pixel).squaredNorm();
+        if (distance <= radius * radius) votes.emplace_back(distance, vote.contradicts);
+      }
+    }
+  }
+  if (votes.size() < kMinVotes) return false;
+  const std::size_t count = std::min(votes.size(), static_cast<std::size_t>(options_.neighbours));
+  std::partial_sort(votes.begin(), votes.begin() + static_cast<std::ptrdiff_t>(count), votes.end());
+  const auto against =
+      std::count_if(votes.begin(),
+                    votes.begin() + static_cast<std::ptrdiff_t>(count),
+                    [](const std::pair<float, bool>& vote) { return vote.second; });
+  return static_cast<double>(against) > options_.max_share * static_cast<double>(count);
+}
+
+int MovingParts::removeCorners(InitialMap& map) const {
+  std::vector<int> new_index(map.corners.size(), -1);
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < map.corners.size(); ++i) {
+    if (cover(map.corners[i].pixel.cast<float>())) continue;
+    new_index[i] = static_cast<int>(kept);
+    map.corners[kept++] = map.corners[i];
+  }
+  const int removed = static_cast<int>(map.corners.size() - kept);
+  map.corners.resize(kept);
+  kept = 0;
+  for (const Observation& observation : map.observations) {
+    const int corner = new_index[static_cast<std::size_t>(observation.corner)];
+    if (corner < 0) continue;
+    map.observations[kept] = observation;
+    map.observations[kept++].corner = corner;
+  }
+  map.observations.resize(kept);
+  return removed;
+}
+
+int MovingParts::removePoints(InitialMap& map) const {
+  const auto moves = [&](const SemiDensePoint& point) {
+    return point.observations < options_.min_found_share * point.searches || cover(point.pixel);
+  };
+  const auto end = std::remove_if(map.points.begin(), map.points.end(), moves);
+  const int removed = static_cast<int>(map.points.end() - end);
+  map.points.erase(end, map.points.end());
+  return removed;
+}
+
+}  // namespace dsorb::init_orb

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/moving_parts.h"
+
+#include "base/random.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace dsorb::init_orb {
+namespace {
+
+const PinholeCamera kCamera{400, 400, 319.5, 239.5, 640, 480};
+constexpr int kFrames = 5;
+
+bool onBox(const Eigen::Vector2f& pixel) {
+  return pixel.x() > 200 && pixel.x() < 340 && pixel.y() > 150 && pixel.y() < 330;
+}
+
+/// A camera that moves ahead and a part of the image that moves by itself.
+struct Scene {
+  InitialMap map;
+  CornerTracks tracks;
+};
+
+/// @param own_motion of the box [unit per frame]
+Scene makeScene(const Eigen::Vector3d& own_motion) {
+  Scene scene;
+  Random random(7);
+  scene.tracks.positions.resize(kFrames);
+  for (int k = 0; k < kFrames; ++k) {
+    scene.map.T_cam_ref.emplace_back(SE3(Eigen::Quaterniond::Identity(), {0.02 * k, 0, -0.1 * k}));
+  }
+  scene.map.frames.resize(kFrames);
+  for (int i = 0; i < 800; ++i) {
+    const Eigen::Vector2d pixel(random.uniform(20, 620), random.uniform(20, 460));
+    const double depth = random.uniform(2, 6);
+    const bool moves = onBox(pixel.cast<float>());
+    scene.map.corners.push_back({pixel, 1 / depth, 1e-4});
+    scene.map.points.push_back({pixel.cast<float>(), static_cast<float>(1 / depth), 1e-4F, 4, 4});
+    for (int k = 0; k < kFrames; ++k) {
+      Eigen::Vector3d p = depth * kCamera.unproject(pixel);
+      if (moves) p += k * own_motion;
+      const Eigen::Vector2d noise(random.gaussian(), random.gaussian());
+      const Eigen::Vector2d seen =
+          kCamera.project(*scene.map.T_cam_ref[static_cast<std::size_t>(k)] * p) +
+          (k > 0 ? 0.1 : 0.0) * noise;
+      scene.tracks.positions[static_cast<std::size_t>(k)].push_back(seen.cast<float>());
+      if (k > 0) scene.map.observations.push_back({i, k, seen});
+    }
+  }
+  return scene;
+}
+
+TEST(MovingParts, ErrorsOfStaticTracksAreThoseOfTheTracking) {
+  const Scene scene = makeScene(Eigen::Vector3d::Zero());
+  std::vector<double> errors = trackErrors(scene.map, scene.tracks, kCamera);
+  std::nth_element(errors.begin(), errors.begin() + 400, errors.end());
+  // Two coordinates of 0.1 px, one of the eight degrees of freedom is spent.
+  EXPECT_NEAR(errors[400], 0.1 * std::sqrt(2 * 7.0 / 8.0), 0.02);
+}
+
+TEST(MovingParts, AreNoneInAStaticScene) {
+  Scene scene = makeScene(Eigen::Vector3d::Zero());
+  const MovingParts moving(scene.map, scene.tracks, kCamera, {});
+  EXPECT_EQ(moving.contradicting(), 0);
+  EXPECT_EQ(moving.removeCorners(scene.map), 0);
+  EXPECT_EQ(moving.removePoints(scene.map), 0);
+}
+
+TEST(MovingParts, AreWhereTracksContradictTheCamera) {
+  Scene scene = makeScene({0.05, 0.02, 0});
+  const MovingParts moving(scene.map, scene.tracks, kCamera, {});
+  const auto of_box = [](const auto& list) {
+    return std::count_if(list.begin(), list.end(), [](const auto& point) {
+      return onBox(point.pixel.template cast<float>());
+    });
+  };
+  const auto on_box = of_box(scene.map.corners);
+  ASSERT_GT(on_box, 30);
+  const int corners = moving.removeCorners(scene.map);
+  const int points = moving.removePoints(scene.map);
+  EXPECT_EQ(corners, points);  // they were at the same places
+  EXPECT_LE(of_box(scene.map.corners), on_box / 20);
+  EXPECT_LE(of_box(scene.map.points), on_box / 20);
+  EXPECT_LE(corners, 1.4 * static_cast<double>(on_box));  // a rim around it goes, too
+  EXPECT_EQ(scene.map.observations.size(), scene.map.corners.size() * (kFrames - 1));
+  for (const Observation& observation : scene.map.observations) {
+    ASSERT_LT(observation.corner, static_cast<int>(scene.map.corners.size()));
+    const Corner& corner = scene.map.corners[static_cast<std::size_t>(observation.corner)];
+    EXPECT_LT((observation.pixel - corner.pixel).norm(), 200);
+  }
+}
+
+TEST(MovingParts, OneBadTrackIsNoMovingPart) {
+  Scene scene = makeScene(Eigen::Vector3d::Zero());
+  scene.tracks.positions.back()[100] += Eigen::Vector2f(30, 40);
+  const MovingParts moving(scene.map, scene.tracks, kCamera, {});
+  EXPECT_EQ(moving.contradicting(), 1);
+  EXPECT_EQ(moving.removeCorners(scene.map), 0);
+}
+
+TEST(MovingParts, PointsThatFewSearchesFoundGo) {
+  Scene scene = makeScene(Eigen::Vector3d::Zero());
+  scene.map.points[3].observations = 2;  // of 4
+  const MovingParts moving(scene.map, scene.tracks, kCamera, {});
+  EXPECT_EQ(moving.removePoints(scene.map), 1);
+}
+
+}  // namespace
+}  // namespace dsorb::init_orb
