@@ -4,6 +4,7 @@
 #include "image/pixel_selector.h"
 
 #include <algorithm>
+#include <cmath>
 #include <stdexcept>
 #include <utility>
 
@@ -13,6 +14,7 @@ namespace {
 constexpr float kSelectionFactor = 2;      // on the selector's thresholds, level 0
 constexpr int kFirstGridSpacing = 5;       // of the grid maxima, levels from 1 [px]
 constexpr int kMinPoints = 100;            // of level 0, else the frame is no reference
+constexpr double kMinSpread = 0.02;        // of them across their main direction [diagonals]
 constexpr double kMinVisibleShare = 0.25;  // points in view, else the reference is too far away
 constexpr double kMaxInlierDrop = 0.5;     // of the share of the frame before: the scene was cut
 constexpr int kMaxRefusals = 3;            // for poor quality; then the estimate is given up
@@ -38,6 +40,19 @@ std::vector<PointLevel> selectPoints(const Frame& frame, const CoarseOptions& op
     findParents(levels.back(), options.max_parent_distance, levels[levels.size() - 2]);
   }
   return levels;
+}
+
+/// Standard deviation of the points across the line they lie along best [px]: points on one line
+/// lie in a plane with the camera's centre and determine no motion.
+double spreadAcross(const PointLevel& level) {
+  const Eigen::Map<const Eigen::ArrayXf> x(level.x.data(), level.size());
+  const Eigen::Map<const Eigen::ArrayXf> y(level.y.data(), level.size());
+  const Eigen::ArrayXd dx = x.cast<double>() - x.cast<double>().mean();
+  const Eigen::ArrayXd dy = y.cast<double>() - y.cast<double>().mean();
+  const double xx = dx.square().mean();
+  const double yy = dy.square().mean();
+  const double smaller_eigenvalue = 0.5 * (xx + yy) - std::hypot(0.5 * (xx - yy), (dx * dy).mean());
+  return std::sqrt(std::max(smaller_eigenvalue, 0.0));
 }
 
 }  // namespace
@@ -86,7 +101,9 @@ bool CoarseInitializer::setReference(const FramePtr& frame) {
   attempt_.frames.clear();
   attempt_.levels =
       clock_.time("points", [&] { return selectPoints(*frame, options_.coarse, options_.seed); });
-  if (attempt_.levels.front().size() < kMinPoints) return false;
+  const PointLevel& finest = attempt_.levels.front();
+  const double diagonal = std::hypot(frame->width(), frame->height());
+  if (finest.size() < kMinPoints || spreadAcross(finest) < kMinSpread * diagonal) return false;
   attempt_.frames.push_back({frame, Alignment{}, Alignment{}});
   rotation_search_.setReference(attempt_.levels.back());
   return true;
