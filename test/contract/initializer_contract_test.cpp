@@ -25,6 +25,14 @@ SequenceOptions optionsOf(SequenceKind kind) {
   return options;
 }
 
+/// Where accuracy is not the question: a quarter of the pixels.
+SequenceOptions smallOptionsOf(SequenceKind kind) {
+  SequenceOptions options = optionsOf(kind);
+  options.width = 320;
+  options.height = 240;
+  return options;
+}
+
 class InitializerContract : public testing::TestWithParam<std::string> {
  protected:
   static std::unique_ptr<Initializer> make(const PinholeCamera& camera, int num_threads = 1) {
@@ -118,7 +126,7 @@ TEST_P(InitializerContract, AnswersNeedsMoreFramesUntilTheResult) {
 }
 
 TEST_P(InitializerContract, WaitsWhileTheCameraStandsAndDropsTheOldestFrames) {
-  SequenceOptions options = optionsOf(SequenceKind::kStatic);
+  SequenceOptions options = smallOptionsOf(SequenceKind::kStatic);
   options.noise_sigma = 2;
   const RenderedSequence& sequence = rendered(options);
   const auto initializer = make(sequence.camera());
@@ -137,7 +145,7 @@ TEST_P(InitializerContract, WaitsWhileTheCameraStandsAndDropsTheOldestFrames) {
 }
 
 TEST_P(InitializerContract, WaitsWhileTheCameraOnlyRotates) {
-  SequenceOptions options = optionsOf(SequenceKind::kRotation);
+  SequenceOptions options = smallOptionsOf(SequenceKind::kRotation);
   options.noise_sigma = 2;
   options.length = 45;
   const InitRun result = run(rendered(options));
@@ -148,8 +156,8 @@ TEST_P(InitializerContract, WaitsWhileTheCameraOnlyRotates) {
 }
 
 TEST_P(InitializerContract, WaitsWhileTheCameraTurnsAwayFromTheReference) {
-  SequenceOptions options = optionsOf(SequenceKind::kRotation);
-  options.fx = 2400;  // 15 degrees of view: the reference leaves it within 12 frames
+  SequenceOptions options = smallOptionsOf(SequenceKind::kRotation);
+  options.fx = 1200;  // 15 degrees of view: the reference leaves it within 12 frames
   options.length = 40;
   const InitRun result = run(rendered(options));
   for (const InitStep& step : result.steps) {
