@@ -4,6 +4,7 @@
 #include "support/painted_frame.h"
 
 #include <gtest/gtest.h>
+#include <opencv2/features2d.hpp>
 
 #include <algorithm>
 #include <limits>
@@ -102,6 +103,28 @@ TEST(FeatureMatches, PartnersAreMutual) {
   }
   ASSERT_GT(taken.size(), 100U);
   for (const int index : taken) EXPECT_EQ(taken.count(index), 1U);
+}
+
+TEST(FeatureMatches, ArePartnersByOpenCvsMatcherToo) {
+  OrbMatchingOptions options;
+  options.max_ratio = 0.9;
+  const OrbFeatures from = findFeatures(greyImage(paint(0, blobs(7))->level(0), 1, 15), options);
+  const OrbFeatures to =
+      findFeatures(greyImage(paint(1, shiftedScene(7))->level(0), 1, 15), options);
+  const std::vector<int> partner = matchFeatures(from, to, options);
+  const cv::BFMatcher matcher(cv::NORM_HAMMING);
+  std::vector<std::vector<cv::DMatch>> forward;
+  std::vector<cv::DMatch> backward;
+  matcher.knnMatch(from.descriptors, to.descriptors, forward, 2);
+  matcher.match(to.descriptors, from.descriptors, backward);
+  for (std::size_t i = 0; i < forward.size(); ++i) {
+    const cv::DMatch& best = forward[i][0];
+    const bool expected =
+        backward[static_cast<std::size_t>(best.trainIdx)].trainIdx == static_cast<int>(i) &&
+        best.distance < options.max_ratio * static_cast<double>(forward[i][1].distance) &&
+        best.distance <= static_cast<float>(options.max_distance);
+    EXPECT_EQ(partner[i], expected ? best.trainIdx : -1) << "feature " << i;
+  }
 }
 
 TEST(FeatureMatches, OfNothingAreNone) {

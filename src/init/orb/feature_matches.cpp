@@ -1,12 +1,17 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/feature_matches.h"
 
+#include "base/target_clones.h"
+
 #include <opencv2/features2d.hpp>
 #include <opencv2/video/tracking.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
+#include <cstring>
 
 namespace dsorb::init_orb {
 namespace {
@@ -66,6 +71,50 @@ Eigen::Vector2f toEigen(const cv::Point2f& point) {
 
 const Eigen::Vector2f kNotSeen = Eigen::Vector2f::Constant(NAN);
 
+/// 256 bits of an ORB descriptor.
+using Descriptor = std::array<std::uint64_t, 4>;
+
+std::vector<Descriptor> descriptorsOf(const OrbFeatures& features) {
+  std::vector<Descriptor> descriptors(features.points.size());
+  for (std::size_t i = 0; i < descriptors.size(); ++i) {
+    std::memcpy(&descriptors[i], features.descriptors.ptr(static_cast<int>(i)), sizeof(Descriptor));
+  }
+  return descriptors;
+}
+
+/// The nearest descriptors of another image.
+struct Nearest {
+  int index = -1;
+  int distance = 257;  // [bits]
+  int second = 257;    // distance of the second nearest
+};
+
+/// Compares all with all; the first of several at the same distance counts as the nearest.
+DSORB_TARGET_CLONES void findNearest(const std::vector<Descriptor>& from,
+                                     const std::vector<Descriptor>& to,
+                                     std::vector<Nearest>& forward,
+                                     std::vector<Nearest>& backward) {
+  const int from_count = static_cast<int>(from.size());
+  const int to_count = static_cast<int>(to.size());
+  for (int i = 0; i < from_count; ++i) {
+    const Descriptor a = from[static_cast<std::size_t>(i)];
+    Nearest best;
+    for (int j = 0; j < to_count; ++j) {
+      const Descriptor& b = to[static_cast<std::size_t>(j)];
+      const int distance = __builtin_popcountll(a[0] ^ b[0]) + __builtin_popcountll(a[1] ^ b[1]) +
+                           __builtin_popcountll(a[2] ^ b[2]) + __builtin_popcountll(a[3] ^ b[3]);
+      if (distance < best.distance) {
+        best = {j, distance, best.distance};
+      } else if (distance < best.second) {
+        best.second = distance;
+      }
+      Nearest& back = backward[static_cast<std::size_t>(j)];
+      if (distance < back.distance) back = {i, distance, back.distance};
+    }
+    forward[static_cast<std::size_t>(i)] = best;
+  }
+}
+
 }  // namespace
 
 OrbFeatures findFeatures(const GreyImage& image, const OrbMatchingOptions& options) {
@@ -81,22 +130,15 @@ std::vector<int> matchFeatures(const OrbFeatures& from,
                                const OrbFeatures& to,
                                const OrbMatchingOptions& options) {
   std::vector<int> partner(from.points.size(), -1);
-  if (from.points.empty() || to.points.empty()) return partner;
-  const cv::BFMatcher matcher(cv::NORM_HAMMING);
-  std::vector<std::vector<cv::DMatch>> forward;
-  std::vector<cv::DMatch> backward;
-  matcher.knnMatch(from.descriptors, to.descriptors, forward, 2);
-  matcher.match(to.descriptors, from.descriptors, backward);
+  std::vector<Nearest> forward(from.points.size());
+  std::vector<Nearest> backward(to.points.size());
+  findNearest(descriptorsOf(from), descriptorsOf(to), forward, backward);
   for (std::size_t i = 0; i < forward.size(); ++i) {
-    const cv::DMatch& best = forward[i].front();
-    const bool mutual =
-        backward[static_cast<std::size_t>(best.trainIdx)].trainIdx == static_cast<int>(i);
-    const bool clear =
-        forward[i].size() < 2 ||
-        best.distance < options.max_ratio * static_cast<double>(forward[i][1].distance);
-    if (mutual && clear && best.distance <= static_cast<float>(options.max_distance)) {
-      partner[i] = best.trainIdx;
-    }
+    const Nearest& best = forward[i];
+    if (best.index < 0 || best.distance > options.max_distance) continue;
+    const bool mutual = backward[static_cast<std::size_t>(best.index)].index == static_cast<int>(i);
+    const bool clear = best.distance < options.max_ratio * best.second;
+    if (mutual && clear) partner[i] = best.index;
   }
   return partner;
 }
