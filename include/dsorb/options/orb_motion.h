@@ -19,6 +19,7 @@ struct GateOptions {
   double min_track_share = 0.5;           ///< of the reference's live tracks they must be
   double min_front_share = 0.8;           ///< of them, in front of the camera
   double max_direction_sigma_deg = 0.75;  ///< predicted, as if 100 corners had been seen
+  double max_fitted_sigma_deg = 180;      ///< the same from the residuals as they are
   double min_parallax_deg = 1;            ///< median angle under which both cameras see a corner
 };
 
@@ -28,6 +29,7 @@ DescribeFor<Options, GateOptions> describe(Visitor& visit, Options& o) {
   visit.field("min_track_share", o.min_track_share, Range{0, 1}, "");
   visit.field("min_front_share", o.min_front_share, Range{0, 1}, "");
   visit.field("max_direction_sigma_deg", o.max_direction_sigma_deg, Range{0, 180}, "deg");
+  visit.field("max_fitted_sigma_deg", o.max_fitted_sigma_deg, Range{0, 180}, "deg");
   visit.field("min_parallax_deg", o.min_parallax_deg, Range{0, 90}, "deg");
 }
 

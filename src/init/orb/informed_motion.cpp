@@ -101,6 +101,7 @@ InitReason InformedAttempt::run() {
   });
   attempt_.evidence.direction_sigma_deg = gate.direction_sigma_deg;
   attempt_.evidence.parallax_deg = gate.parallax_deg;
+  detail("fitted_sigma_deg", gate.fitted_sigma_deg);
   if (gate.reason != InitReason::kDone) return gate.reason;
   if (options_.name_models) {
     const InitReason reason = clock.time("planes", [&] { return choosePlane(essential_gric); });

@@ -22,10 +22,11 @@ constexpr double kReferenceCorners = 100;  // the predicted error is scaled to t
 
 }  // namespace
 
-double directionSigma(const InitialMap& map,
-                      const PinholeCamera& camera,
-                      const GeometricOptions& options) {
-  constexpr double kUnknown = std::numeric_limits<double>::infinity();
+DirectionSigma directionSigma(const InitialMap& map,
+                              const PinholeCamera& camera,
+                              const GeometricOptions& options) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  constexpr DirectionSigma kUnknown{kInfinity, kInfinity};
   const PoseRows pose_rows(map);
   const ReprojectionEquations system = linearize(map, {}, pose_rows, camera, options);
   if (map.corners.empty() || !(system.depth_hessian.minCoeff() > 0)) return kUnknown;
@@ -50,7 +51,11 @@ double directionSigma(const InitialMap& map,
   const Eigen::Matrix2d covariance = perpendicular.transpose() * cholesky.solve(perpendicular);
   const double variance =
       Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance).eigenvalues()[1];
-  return variance >= 0 ? std::sqrt(variance) / t.norm() : kUnknown;
+  const double redundancy =
+      system.rows - pose_rows.size - static_cast<double>(map.corners.size()) + 1;
+  if (!(variance >= 0 && redundancy > 0)) return kUnknown;
+  const double sigma = std::sqrt(variance) / t.norm();
+  return {sigma, sigma * std::sqrt(system.weighted_error / redundancy)};
 }
 
 double medianParallaxDeg(const InitialMap& map, const PinholeCamera& camera) {
@@ -78,15 +83,18 @@ GateReport judgeStart(const InitialMap& map,
   const auto corners = static_cast<double>(map.corners.size());
   GateReport report;
   report.parallax_deg = medianParallaxDeg(map, camera);
-  report.direction_sigma_deg = directionSigma(map, camera, options.geometric) *
-                               std::sqrt(corners / kReferenceCorners) * kDegPerRad;
+  const DirectionSigma sigma = directionSigma(map, camera, options.geometric);
+  report.direction_sigma_deg =
+      sigma.predicted * std::sqrt(corners / kReferenceCorners) * kDegPerRad;
+  report.fitted_sigma_deg = sigma.fitted * kDegPerRad;
   if (corners < gate.min_points || corners < gate.min_track_share * live_tracks) {
     report.reason = InitReason::kTooFewPoints;
   } else if (front_share < gate.min_front_share) {
     report.reason = InitReason::kDegenerateMotion;
   } else if (report.parallax_deg < gate.min_parallax_deg) {
     report.reason = InitReason::kTooLittleParallax;
-  } else if (!(report.direction_sigma_deg <= gate.max_direction_sigma_deg)) {
+  } else if (!(report.direction_sigma_deg <= gate.max_direction_sigma_deg &&
+               report.fitted_sigma_deg <= gate.max_fitted_sigma_deg)) {
     report.reason = InitReason::kPoorQuality;
   }
   return report;

@@ -14,17 +14,24 @@ struct GateReport {
   InitReason reason = InitReason::kDone;  ///< kDone: passed
   double direction_sigma_deg = 0;  ///< predicted, of the newest frame's direction of translation,
                                    ///< times sqrt(corners / 100): as if 100 had been seen
+  double fitted_sigma_deg = 0;     ///< the same from the residuals as they are, all corners counted
   double parallax_deg = 0;         ///< median angle under which both cameras see a corner
 };
 
-/// Predicted standard deviation of the direction of the newest frame's translation: the larger one
-/// perpendicular to it, from the adjustment's normal equations [rad]. Formal: errors that all
-/// corners share are not in it.
+/// Standard deviation of the direction of the newest frame's translation [rad].
+struct DirectionSigma {
+  double predicted;  ///< with the options' sigma
+  double fitted;     ///< times the root of the a-posteriori variance factor
+};
+
+/// Predicted error of the direction of the newest frame's translation: the larger one perpendicular
+/// to it, from the adjustment's normal equations. Formal: errors that all corners share are not in
+/// it.
 /// @param map adjusted; newest frame posed
 /// @return infinite when the equations are singular
-double directionSigma(const InitialMap& map,
-                      const PinholeCamera& camera,
-                      const GeometricOptions& options);
+DirectionSigma directionSigma(const InitialMap& map,
+                              const PinholeCamera& camera,
+                              const GeometricOptions& options);
 
 /// Median angle between the rays to a corner from the reference and from the newest frame [deg].
 double medianParallaxDeg(const InitialMap& map, const PinholeCamera& camera);

@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/corner_polish.h"
+
+#include "base/random.h"
+#include "camera/reprojection.h"
+#include "support/matchers.h"
+#include "support/plane_scene.h"
+
+#include <gtest/gtest.h>
+
+namespace dsorb::init_orb {
+namespace {
+
+/// A map of a rendered plane whose tracks are disturbed; poses and inverse depths start near truth.
+struct DisturbedMap {
+  PlaneScene scene{5};
+  std::vector<SE3> truth;
+  InitialMap map;
+};
+
+DisturbedMap makeDisturbedMap(double disturbance) {
+  DisturbedMap made;
+  Random random(9);
+  InitialMap& map = made.map;
+  for (int k = 0; k < 4; ++k) {
+    const double path = k / 3.0;
+    made.truth.emplace_back(so3Exp({0.01 * path, -0.02 * path, 0.03 * path}),
+                            Eigen::Vector3d(0.08 * path, 0.02 * path, 0.06 * path));
+    map.frames.push_back(made.scene.render(made.truth.back(), 1, k, {1 + 0.05 * k, 2.0 * k}));
+  }
+  map.T_cam_ref.assign(made.truth.begin(), made.truth.end());
+  map.covariance.resize(4);
+  map.affine.resize(4);
+  const PinholeCamera& camera = made.scene.camera();
+  for (int i = 0; i < 150; ++i) {
+    Corner corner;
+    corner.pixel = {random.uniform(0.15, 0.85) * camera.width,
+                    random.uniform(0.15, 0.85) * camera.height};
+    corner.inverse_depth = made.scene.inverseDepth(corner.pixel) * random.uniform(0.97, 1.03);
+    map.corners.push_back(corner);
+    for (int k = 1; k < 4; ++k) {
+      const auto projection = projectHosted(camera,
+                                            made.truth[static_cast<std::size_t>(k)],
+                                            camera.unproject(corner.pixel),
+                                            made.scene.inverseDepth(corner.pixel));
+      const Eigen::Vector2d noise(random.gaussian(), random.gaussian());
+      map.observations.push_back({i, k, projection->pixel + disturbance * noise});
+    }
+  }
+  return made;
+}
+
+double rmsError(const DisturbedMap& made) {
+  double sum = 0;
+  for (const Observation& observation : made.map.observations) {
+    const Corner& corner = made.map.corners[static_cast<std::size_t>(observation.corner)];
+    const auto truth = projectHosted(made.scene.camera(),
+                                     made.truth[static_cast<std::size_t>(observation.frame)],
+                                     made.scene.camera().unproject(corner.pixel),
+                                     made.scene.inverseDepth(corner.pixel));
+    sum += (truth->pixel - observation.pixel).squaredNorm();
+  }
+  return std::sqrt(sum / (2 * static_cast<double>(made.map.observations.size())));
+}
+
+TEST(CornerPolish, ReducesTheErrorOfDisturbedTracks) {
+  DisturbedMap made = makeDisturbedMap(0.4);
+  const double before = rmsError(made);
+  GeometricOptions geometric;
+  geometric.sigma = 0.4;
+  const PolishReport report = polishCorners(made.map, made.scene.camera(), geometric, {});
+  ASSERT_TRUE(report.accepted) << report.first_rms << " " << report.last_rms;
+  EXPECT_LT(rmsError(made), 0.35 * before);
+  EXPECT_LT(report.last_rms, report.first_rms);
+  EXPECT_LT(
+      directionErrorDeg(made.map.T_cam_ref.back()->translation(), made.truth.back().translation()),
+      1.0);
+}
+
+TEST(CornerPolish, KeepsTheMapWhereTheImagesDoNotFit) {
+  DisturbedMap made = makeDisturbedMap(0.4);
+  const PlaneScene other(77);
+  for (std::size_t k = 1; k < made.map.frames.size(); ++k) {
+    made.map.frames[k] = other.render(made.truth[k], 1, static_cast<int>(k));
+  }
+  const InitialMap before = made.map;
+  const PolishReport report =
+      polishCorners(made.map, made.scene.camera(), GeometricOptions(), PolishOptions());
+  EXPECT_FALSE(report.accepted);
+  ASSERT_EQ(made.map.corners.size(), before.corners.size());
+  EXPECT_EQ(made.map.observations.front().pixel, before.observations.front().pixel);
+  EXPECT_EQ(made.map.T_cam_ref.back()->matrix(), before.T_cam_ref.back()->matrix());
+}
+
+TEST(CornerPolish, IsOffWithoutRounds) {
+  DisturbedMap made = makeDisturbedMap(0.4);
+  PolishOptions options;
+  options.rounds = 0;
+  EXPECT_FALSE(polishCorners(made.map, made.scene.camera(), GeometricOptions(), options).accepted);
+}
+
+}  // namespace
+}  // namespace dsorb::init_orb

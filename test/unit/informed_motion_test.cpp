@@ -1,0 +1,233 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Motion by information, without images: essential matrix, competition of models, gate, noise.
+#include "init/orb/essential_motion.h"
+#include "init/orb/model_competition.h"
+#include "init/orb/motion_candidates.h"
+#include "init/orb/robust_adjustment.h"
+#include "init/orb/rotation_only.h"
+#include "init/orb/start_gate.h"
+#include "support/matchers.h"
+#include "support/synthetic_map.h"
+#include "support/two_view_scene.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr std::uint64_t kSeed = 1;
+
+TEST(EssentialMotion, IsFoundAmongFortyPercentOutliers) {
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    const TwoViewScene scene = makeTwoViewScene({400, false, {0.6, 0.1, 0.3}, 0.3, 0.4}, seed);
+    const auto motion = estimateEssentialMotion(scene.matches, scene.camera, {}, kSeed);
+    ASSERT_TRUE(motion) << seed;
+    EXPECT_GE(motion->inliers, 200) << seed;  // 240 are right
+    EXPECT_LT(rotationErrorDeg(motion->T_target_ref, scene.T_target_ref), 0.2) << seed;
+    EXPECT_LT(
+        directionErrorDeg(motion->T_target_ref.translation(), scene.T_target_ref.translation()),
+        1.0)
+        << seed;
+    EXPECT_NEAR(motion->noise, 0.25, 0.15) << seed;  // .3 px in one of two images: .3 / sqrt 2
+  }
+}
+
+TEST(EssentialMotion, GivesTheSameBitsTwice) {
+  const TwoViewScene scene = makeTwoViewScene({300, false, {0.6, 0.1, 0.3}, 0.3, 0.4}, 3);
+  const auto first = estimateEssentialMotion(scene.matches, scene.camera, {}, kSeed);
+  const auto second = estimateEssentialMotion(scene.matches, scene.camera, {}, kSeed);
+  ASSERT_TRUE(first && second);
+  EXPECT_EQ(first->T_target_ref.matrix(), second->T_target_ref.matrix());
+  EXPECT_EQ(first->inlier, second->inlier);
+}
+
+TEST(EssentialMotion, IsRefusedWithFewMatches) {
+  for (const int points : {2, 7, 40}) {
+    const TwoViewScene scene = makeTwoViewScene({points, false, {0.6, 0.1, 0.3}, 0.3}, 4);
+    EXPECT_FALSE(estimateEssentialMotion(scene.matches, scene.camera, {}, kSeed)) << points;
+  }
+}
+
+/// The model of least criterion, all fitted to the scene.
+DisplacementModel winner(const TwoViewScene& scene, double sigma) {
+  const auto motion = estimateEssentialMotion(scene.matches, scene.camera, {}, kSeed);
+  const auto H = estimateHomography(scene.matches, 1, kSeed);
+  std::vector<double> errors =
+      motion ? epipolarDistances(motion->T_target_ref, scene.matches, scene.camera)
+             : std::vector<double>(scene.matches.size(), 1e6);
+  for (double& error : errors) error *= error;
+  const double essential = gric(DisplacementModel::kEssential, errors, sigma);
+  const double homography =
+      H ? gric(DisplacementModel::kHomography, homographySampsonErrors(*H, scene.matches), sigma)
+        : 1e12;
+  const RotationFit fit = fitRotation(scene.matches, scene.camera);
+  const double rotation = gric(DisplacementModel::kRotation,
+                               rotationSampsonErrors(fit.R_target_ref, scene.matches, scene.camera),
+                               sigma);
+  if (rotation < std::min(homography, essential)) return DisplacementModel::kRotation;
+  return homography < essential ? DisplacementModel::kHomography : DisplacementModel::kEssential;
+}
+
+TEST(ModelCompetition, NamesRotationPlaneAndGeneralMotion) {
+  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+    const TwoViewScene turned = makeTwoViewScene({300, false, {0, 0, 0}, 0.4}, seed);
+    const TwoViewScene plane = makeTwoViewScene({300, true, {0.6, 0.1, 0.3}, 0.4}, seed);
+    const TwoViewScene general = makeTwoViewScene({300, false, {0.6, 0.1, 0.3}, 0.4}, seed);
+    EXPECT_STREQ(name(winner(turned, 0.5)), "rotation") << seed;
+    EXPECT_STREQ(name(winner(plane, 0.5)), "homography") << seed;
+    EXPECT_STREQ(name(winner(general, 0.5)), "essential") << seed;
+  }
+}
+
+/// Tracks of points on a plane, seen along a bent path.
+struct PlaneTracks {
+  PinholeCamera camera{450, 450, 319.5, 239.5, 640, 480};
+  std::vector<SE3> T_cam_ref;
+  ReferenceView view;
+};
+
+PlaneTracks makePlaneTracks(int frames, std::uint64_t seed) {
+  PlaneTracks scene;
+  Random random(seed);
+  const Eigen::Vector3d normal(0.3, -0.2, 1);
+  for (int k = 0; k < frames; ++k) {
+    const double path = static_cast<double>(k) / (frames - 1);
+    scene.T_cam_ref.emplace_back(so3Exp({0.02 * path, -0.05 * path, 0.03 * path}),
+                                 Eigen::Vector3d(0.9 * path, 0.8 * path * (1 - path), 0.4 * path));
+  }
+  scene.view.frames.resize(static_cast<std::size_t>(frames));
+  scene.view.tracks.positions.resize(static_cast<std::size_t>(frames));
+  while (scene.view.tracks.size() < 200) {
+    const Eigen::Vector2d pixel(random.uniform(90, 550), random.uniform(70, 410));
+    const Eigen::Vector3d ray = scene.camera.unproject(pixel);
+    for (std::size_t k = 0; k < scene.T_cam_ref.size(); ++k) {
+      const Eigen::Vector2d noise(random.gaussian(), random.gaussian());
+      const Eigen::Vector2d seen =
+          scene.camera.project(scene.T_cam_ref[k] * Eigen::Vector3d(6 / normal.dot(ray) * ray));
+      scene.view.tracks.positions[k].emplace_back(
+          (seen + (k > 0 ? 0.2 : 0.0) * noise).cast<float>());
+    }
+  }
+  return scene;
+}
+
+TEST(MotionCandidates, FramesBetweenDecideWhichMotionOfAPlaneIsRight) {
+  const PlaneTracks scene = makePlaneTracks(6, 8);
+  InitializerOptions options;
+  StageClock clock;
+  const AttemptContext context{scene.camera, options, clock};
+  const Matches matches = scene.view.tracks.matchesTo(5);
+  const auto H = estimateHomography(matches, 1, kSeed);
+  ASSERT_TRUE(H);
+  const std::vector<EssentialMotion> motions = planeMotions(*H, matches, scene.camera, 1);
+  ASSERT_EQ(motions.size(), 2U);
+  const Eigen::Vector3d truth = scene.T_cam_ref.back().translation();
+  const auto errorOf = [&](const SE3& pose) {
+    return directionErrorDeg(pose.translation(), truth);
+  };
+  for (const EssentialMotion& start : motions) {  // the right and the wrong one
+    auto best = makeCandidate(scene.view, start, context);
+    ASSERT_TRUE(best);
+    const double ratio = competeOverFrames(scene.view, motions, context, *best);
+    EXPECT_LT(errorOf(*best->map.T_cam_ref.back()), 2.0);
+    EXPECT_GT(ratio, options.orb.informed.min_plane_cost_ratio);
+  }
+  EXPECT_GT(std::max(errorOf(motions[0].T_target_ref), errorOf(motions[1].T_target_ref)), 20.0);
+}
+
+TEST(RobustAdjustment, MeasuresTheNoiseThatWasDrawn) {
+  for (const double noise : {0.05, 0.2, 0.8}) {
+    SyntheticMap scene = makeSyntheticMap({300, 5, noise, 0.05}, 11);
+    ASSERT_TRUE(adjustRobustly(scene.start, scene.camera, {}));
+    const double sigma = adjustToNoise(scene.start, scene.camera, {}, 3).sigma;
+    // The fit takes one of eight coordinates of every corner: .94 of the noise is left.
+    EXPECT_NEAR(sigma / noise, 0.94, 0.08) << noise;
+  }
+}
+
+TEST(RobustAdjustment, RemovesPlantedOutliersAndFindsTheTruth) {
+  SyntheticMap scene = makeSyntheticMap({300, 5, 0.1, 0.1}, 12);
+  for (Observation& observation : scene.start.observations) {
+    if (observation.corner % 5 == 0 && observation.frame == 3) {
+      observation.pixel += Eigen::Vector2d(15, -20);
+    }
+  }
+  ASSERT_TRUE(adjustRobustly(scene.start, scene.camera, {}));
+  EXPECT_EQ(scene.start.corners.size(), 240U);
+  EXPECT_LT(directionErrorDeg(scene.start.T_cam_ref.back()->translation(),
+                              scene.truth.T_cam_ref.back()->translation()),
+            0.2);
+}
+
+TEST(RobustAdjustment, TurnsAMotionOfTheWrongSign) {
+  SyntheticMap scene = makeSyntheticMap({100, 4, 0, 0}, 13);
+  InitialMap turned = scene.truth;
+  for (Corner& corner : turned.corners) corner.inverse_depth *= -1;
+  for (auto& pose : turned.T_cam_ref) pose->setTranslation(-pose->translation());
+  EXPECT_DOUBLE_EQ(faceForward(turned), 1);
+  EXPECT_THAT(*turned.T_cam_ref.back(), Se3Near(*scene.truth.T_cam_ref.back(), 1e-12, 1e-12));
+  EXPECT_GT(turned.corners.front().inverse_depth, 0);
+}
+
+TEST(StartGate, NamesWhatIsMissing) {
+  SyntheticMap scene = makeSyntheticMap({300, 5, 0.1, 0.05}, 14);
+  ASSERT_TRUE(adjustRobustly(scene.start, scene.camera, {}));
+  const auto judge = [&](const OrbOptions& options, int tracks, double front) {
+    return judgeStart(scene.start, scene.camera, options, tracks, front).reason;
+  };
+  OrbOptions options;
+  EXPECT_EQ(judge(options, 300, 1), InitReason::kDone);
+  EXPECT_EQ(judge(options, 700, 1), InitReason::kTooFewPoints);
+  EXPECT_EQ(judge(options, 300, 0.7), InitReason::kDegenerateMotion);
+  options.informed.gate.min_parallax_deg = 60;
+  EXPECT_EQ(judge(options, 300, 1), InitReason::kTooLittleParallax);
+  options = {};
+  options.informed.gate.max_direction_sigma_deg = 1e-4;
+  EXPECT_EQ(judge(options, 300, 1), InitReason::kPoorQuality);
+  options = {};
+  options.informed.gate.min_points = 400;
+  EXPECT_EQ(judge(options, 300, 1), InitReason::kTooFewPoints);
+}
+
+TEST(StartGate, PredictsTheErrorOfTheDirection) {
+  // Over many draws of the noise the larger component's root mean square is the predicted sigma.
+  GeometricOptions options;
+  options.loss_threshold = 1000;  // plain least squares: the prediction is exact
+  double squared = 0;
+  double predicted = 0;
+  constexpr int kDraws = 60;
+  for (std::uint64_t seed = 0; seed < kDraws; ++seed) {
+    SyntheticMap scene = makeSyntheticMap({60, 3, 0.5, 0}, 15);
+    Random random(seed + 1);
+    for (std::size_t i = 0; i < scene.start.observations.size(); ++i) {
+      const SE3& T =
+          *scene.truth.T_cam_ref[static_cast<std::size_t>(scene.start.observations[i].frame)];
+      const Corner& corner =
+          scene.truth.corners[static_cast<std::size_t>(scene.start.observations[i].corner)];
+      const Eigen::Vector3d point = scene.camera.unproject(corner.pixel) / corner.inverse_depth;
+      scene.start.observations[i].pixel =
+          scene.camera.project(T * point) +
+          0.5 * Eigen::Vector2d(random.gaussian(), random.gaussian());
+    }
+    ASSERT_TRUE(adjustOnce(scene.start, scene.camera, options));
+    const double error = directionErrorDeg(scene.start.T_cam_ref.back()->translation(),
+                                           scene.truth.T_cam_ref.back()->translation());
+    squared += error * error / kDraws;
+    predicted += directionSigma(scene.start, scene.camera, options).predicted * 180 / M_PI / kDraws;
+  }
+  // The error has two components, the smaller between nothing and the larger one.
+  EXPECT_GT(std::sqrt(squared), 0.8 * predicted);
+  EXPECT_LT(std::sqrt(squared), 1.7 * predicted);
+}
+
+TEST(SpreadFrames, CoverTheWholeTimeAndEndWithTheNewest) {
+  EXPECT_EQ(spreadFrames(2, 6), (std::vector<int>{1}));
+  EXPECT_EQ(spreadFrames(6, 6), (std::vector<int>{1, 2, 3, 4, 5}));
+  EXPECT_EQ(spreadFrames(31, 6), (std::vector<int>{6, 12, 18, 24, 30}));
+}
+
+}  // namespace
+}  // namespace dsorb::init_orb

@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/reference_pool.h"
+
+#include "support/plane_scene.h"
+
+#include <gtest/gtest.h>
+
+namespace dsorb::init_orb {
+namespace {
+
+/// A plane that a camera passes at constant speed.
+class PassedPlane {
+ public:
+  [[nodiscard]] FramePtr frame(int id) const {
+    return scene_.render(SE3(so3Exp({0, 0, 0}), Eigen::Vector3d(0.004 * id, 0, 0)), 0, id);
+  }
+
+ private:
+  PlaneScene scene_{3};
+};
+
+OrbOptions smallPool() {
+  OrbOptions options;
+  options.reference_interval = 3;
+  options.max_frames = 8;
+  options.tracks.max_corners = 200;
+  return options;
+}
+
+/// One life of the pool without attempts.
+void feed(ReferencePool& pool, const FramePtr& frame) {
+  pool.advance(frame);
+  pool.dropLost();
+  pool.dropExpired();
+  pool.addWhenDue();
+}
+
+TEST(ReferencePool, TakesANewReferenceEveryFewFramesAndDropsTheOldest) {
+  const PassedPlane plane;
+  ReferencePool pool(smallPool());
+  pool.start(plane.frame(0));
+  for (int k = 1; k <= 20; ++k) {
+    feed(pool, plane.frame(k));
+    ASSERT_FALSE(pool.empty());
+    for (int i = 0; i < pool.references(); ++i) {
+      const ReferenceView view = pool.view(i);
+      EXPECT_EQ(view.frames.size(), static_cast<std::size_t>(pool.age(i)));
+      EXPECT_EQ(view.tracks.frames(), pool.age(i));
+      EXPECT_EQ(view.frames.back()->id().value, k);
+      EXPECT_EQ(view.frames.front()->id().value % 3, 0);
+      EXPECT_LT(pool.age(i), 9);
+      EXPECT_EQ(view.tracks.size(), pool.tracks(i));
+    }
+  }
+  EXPECT_EQ(pool.references(), 2);  // frames 15 and 18; 12 is too old
+}
+
+TEST(ReferencePool, EveryReferenceHasItsCornersEverywhere) {
+  const PassedPlane plane;
+  ReferencePool pool(smallPool());
+  pool.start(plane.frame(0));
+  for (int k = 1; k <= 6; ++k) feed(pool, plane.frame(k));
+  ASSERT_EQ(pool.references(), 3);
+  int fewer = 0;
+  for (int i = 0; i < pool.references(); ++i) {
+    const CornerTracks tracks = pool.view(i).tracks;
+    EXPECT_GE(tracks.size(), fewer);  // a newer reference knows all that an older one does
+    fewer = tracks.size();
+    for (const auto& frame : tracks.positions) {
+      ASSERT_EQ(frame.size(), static_cast<std::size_t>(tracks.size()));
+      for (const Eigen::Vector2f& place : frame) EXPECT_TRUE(place.allFinite());
+    }
+  }
+  EXPECT_GT(fewer, 50);
+}
+
+TEST(ReferencePool, LosesAllReferencesAtASceneCut) {
+  const PassedPlane plane;
+  ReferencePool pool(smallPool());
+  pool.start(plane.frame(0));
+  for (int k = 1; k <= 4; ++k) feed(pool, plane.frame(k));
+  pool.advance(PlaneScene(99).render(SE3(), 0, 5));
+  EXPECT_TRUE(pool.dropLost());
+  EXPECT_EQ(pool.references(), 0);
+}
+
+TEST(ReferencePool, RemembersWhatAnAttemptSaw) {
+  const PassedPlane plane;
+  ReferencePool pool(smallPool());
+  pool.start(plane.frame(0));
+  MotionEvidence evidence;
+  evidence.direction_sigma_deg = 3;
+  pool.remember(0, evidence);
+  feed(pool, plane.frame(1));
+  EXPECT_EQ(pool.view(0).evidence.direction_sigma_deg, 3);
+  pool.start(plane.frame(2));
+  EXPECT_EQ(pool.view(0).evidence.direction_sigma_deg, 0);
+}
+
+}  // namespace
+}  // namespace dsorb::init_orb
