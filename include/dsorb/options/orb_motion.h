@@ -20,7 +20,7 @@ struct GateOptions {
   double min_front_share = 0.8;           ///< of them, in front of the camera
   double max_direction_sigma_deg = 0.75;  ///< predicted, as if 100 corners had been seen
   double max_fitted_sigma_deg = 180;      ///< the same from the residuals as they are
-  double min_parallax_deg = 1;            ///< median angle under which both cameras see a corner
+  double min_parallax_deg = 1.5;          ///< median angle under which both cameras see a corner
 };
 
 template <typename Visitor, typename Options>

@@ -61,9 +61,15 @@ class PatchMeasurer {
                                                            map_.frames.front()->exposure(),
                                                            map_.affine[frame],
                                                            map_.frames[frame]->exposure());
+    const Eigen::Matrix3d R = pose.rotationMatrix();
+    const Patch patch{
+        corner.pixel,
+        R * camera_.unproject(corner.pixel) + corner.inverse_depth * pose.translation(),
+        R.col(0) / camera_.fx,
+        R.col(1) / camera_.fy};
     Eigen::Vector2d b(0, 0);
     for (std::size_t i = 0; i < kPatchSize; ++i) {
-      const auto sample = sampleBoth(corner, pose, frame, sampleOffset(i));
+      const auto sample = sampleBoth(patch, frame, sampleOffset(i));
       if (!sample) return Measurement();
       const double residual =
           sample->target.intensity - transfer.gain * sample->reference - transfer.offset;
@@ -93,15 +99,21 @@ class PatchMeasurer {
     ImageSample target;
   };
 
-  [[nodiscard]] std::optional<Sample> sampleBoth(const Corner& corner,
-                                                 const SE3& pose,
+  /// A corner's patch seen from another frame: all at the corner's inverse depth.
+  struct Patch {
+    Eigen::Vector2d pixel;   // in the reference
+    Eigen::Vector3d centre;  // direction in the frame
+    Eigen::Vector3d by_x;    // and its change by the pixel's coordinates [1/px]
+    Eigen::Vector3d by_y;
+  };
+
+  [[nodiscard]] std::optional<Sample> sampleBoth(const Patch& patch,
                                                  std::size_t frame,
                                                  const Eigen::Vector2d& offset) const {
     const PyramidLevel& reference = map_.frames.front()->level(0);
     const PyramidLevel& target = map_.frames[frame]->level(0);
-    const Eigen::Vector2d host = corner.pixel + offset;
-    const Eigen::Vector3d p =
-        pose.unitQuaternion() * camera_.unproject(host) + corner.inverse_depth * pose.translation();
+    const Eigen::Vector2d host = patch.pixel + offset;
+    const Eigen::Vector3d p = patch.centre + offset.x() * patch.by_x + offset.y() * patch.by_y;
     if (!(p.z() > 0)) return std::nullopt;
     const Eigen::Vector2f from = host.cast<float>();
     const Eigen::Vector2f to = camera_.project(p).cast<float>();

@@ -158,6 +158,12 @@ InitReason InformedAttempt::refine() {
   std::vector<char> behind(map.corners.size(), 0);
   for (std::size_t i = 0; i < behind.size(); ++i) behind[i] = !(map.corners[i].inverse_depth > 0);
   removeCorners(map, behind);
+  // What the gate asked for must not have gone since: patches that do not match say as much.
+  if (static_cast<double>(map.corners.size()) <
+      std::max(static_cast<double>(options_.gate.min_points),
+               options_.gate.min_track_share * static_cast<double>(matches_.size()))) {
+    return InitReason::kPoorQuality;
+  }
   if (!normalizeScale(map)) return InitReason::kPoorQuality;
   attempt_.report.residual_rms = medianError(map, camera);
   const double factor =
