@@ -67,11 +67,11 @@ struct Withdrawal {
   double limit = 0;   ///< it had to keep to [grey levels]
 };
 
-/// Told what happens, in order, on the thread that calls Odometry::process, restart or finish, also
-/// where mapping has a thread of its own. Calls must be quick; an exception propagates to that
-/// caller. Of one frame: onInitStep, onKeyframeRetired, onKeyframe of the whole window, onFrame,
-/// onLost. Pipelined, onKeyframe and onKeyframeRetired of a frame come with a later call than its
-/// onFrame, before what that call's own frame brings.
+/// Told what happens, in order, by Odometry::process, restart or finish and on their thread, also
+/// where mapping has a thread of its own. Be quick; an exception propagates to the caller. Order of
+/// a frame: onInitStep, onKeyframeRetired, onKeyframe of the whole window, onFrame. Of a lost one:
+/// onFrame, onKeyframeRetired, onLost. Pipelined, onKeyframe and onKeyframeRetired come with a later
+/// frame, before what that frame itself brings; they tell of the estimates by then.
 class OdometryObserver {
  public:
   virtual ~OdometryObserver() = default;
