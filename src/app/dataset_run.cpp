@@ -61,6 +61,7 @@ struct Writers {
 
 Playback playbackOf(const SequenceReader& reader, double speed) {
   std::vector<double> timestamps;
+  timestamps.reserve(static_cast<std::size_t>(reader.selected()));
   for (int i = 0; i < reader.selected(); ++i)
     timestamps.push_back(reader.timestamp(reader.index(i)));
   return Playback(std::move(timestamps), speed);

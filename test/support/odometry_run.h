@@ -3,6 +3,7 @@
 
 #include "dsorb/odometry/odometry.h"
 
+#include "geometry/reattachment.h"
 #include "geometry/similarity.h"
 #include "support/truth_initializer.h"
 #include "synthetic/sequence.h"
@@ -115,7 +116,7 @@ inline void feed(Odometry& odometry, const World& world, int begin, int end) {
 }
 
 /// Poses of all frames by the last word on them: frames hang on their keyframes, those of the
-/// initialization on its reference.
+/// initialization follow its reference and its newest frame, as in the files of a run.
 class FinalTrajectory : public OdometryObserver {
  public:
   void onInitStep(const InitStep& step, const Frame& /*frame*/, int /*segment*/) override {
@@ -125,8 +126,13 @@ class FinalTrajectory : public OdometryObserver {
     if (!step.result) return;
     const int reference = step.result->frames.front().frame->id().value;
     anchors_[reference] = SE3();
-    for (const PosedFrame& posed : step.result->frames) {
-      if (posed.T_cam_ref) frames_[posed.frame->id().value] = {reference, *posed.T_cam_ref};
+    const std::vector<PosedFrame>& posed = step.result->frames;
+    newest_ = posed.back().frame->id().value;
+    T_newest_reference_ = *posed.back().T_cam_ref;
+    for (std::size_t i = 0; i < posed.size(); ++i) {
+      const double progress = static_cast<double>(i) / static_cast<double>(posed.size() - 1);
+      if (!posed[i].T_cam_ref) continue;
+      frames_[posed[i].frame->id().value] = {reference, *posed[i].T_cam_ref, progress};
     }
   }
   void onFrame(const FrameEstimate& estimate) override {
@@ -150,7 +156,7 @@ class FinalTrajectory : public OdometryObserver {
     std::vector<Eigen::Vector3d> truth;
     double way = 0;
     for (const auto& [index, hung] : frames_) {
-      estimated.push_back((anchors_.at(hung.anchor) * hung.T_cam_anchor.inverse()).translation());
+      estimated.push_back(T_world_cam(hung).translation());
       const Eigen::Vector3d position = world.pose(index).translation();
       if (!truth.empty()) way += (position - truth.back()).norm();
       truth.push_back(position);
@@ -167,7 +173,18 @@ class FinalTrajectory : public OdometryObserver {
   struct Hung {
     int anchor = 0;
     SE3 T_cam_anchor;
+    std::optional<double> progress = std::nullopt;  ///< of a frame of the initialization
   };
+  [[nodiscard]] SE3 T_world_cam(const Hung& hung) const {
+    const SE3& T_world_anchor = anchors_.at(hung.anchor);
+    if (!hung.progress) return T_world_anchor * hung.T_cam_anchor.inverse();
+    const CorrectedMotion ends{T_newest_reference_,
+                               anchors_.at(newest_).inverse() * T_world_anchor};
+    return T_world_anchor * reattach(hung.T_cam_anchor, ends, *hung.progress).inverse();
+  }
+
+  int newest_ = 0;  ///< frame of the initialization
+  SE3 T_newest_reference_;
   std::map<int, Hung> frames_;
   std::map<int, SE3> anchors_;
 };
