@@ -48,6 +48,7 @@ struct Flags {
 template <typename Value>
 std::vector<std::string> namesOf(const std::map<std::string, Value>& values) {
   std::vector<std::string> names;
+  names.reserve(values.size());
   for (const auto& entry : values) names.push_back(entry.first);
   return names;
 }

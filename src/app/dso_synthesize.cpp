@@ -163,20 +163,26 @@ void synthesize(const CommandLine& line) {
   dsorb::writeDataset(description, make, progress);
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
+int run(int argc, char** argv) {
   CLI::App app("Renders a synthetic sequence with its truth as a data set in the layout of DSO");
   CommandLine line;
   addOptions(app, line);
   app.allow_extras();
   try {
     app.parse(argc, argv);
-    rejectUnknownWords(app);
-    synthesize(line);
-    return 0;
   } catch (const CLI::ParseError& error) {
-    return error.get_exit_code() == 0 ? app.exit(error) : (app.exit(error), kUsageError);
+    return app.exit(error) == 0 ? 0 : kUsageError;
+  }
+  rejectUnknownWords(app);
+  synthesize(line);
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    return run(argc, argv);
   } catch (const dsorb::ConfigError& error) {
     fmt::print(stderr, "dso_synthesize: {}\n", error.what());
     return kUsageError;

@@ -13,16 +13,26 @@ inline bool insideForInterpolation(const PyramidLevel& level, float x, float y, 
          y < static_cast<float>(level.height() - 1) - border;
 }
 
+/// The four pixels around a position and where it lies between them.
+struct InterpolationCell {
+  const ImageSample* top;     ///< left of the upper two
+  const ImageSample* bottom;  ///< left of the lower two
+  float fx, fy;               ///< from the upper left pixel, [0, 1)
+};
+
+/// @param x, y position [px]; the caller guarantees insideForInterpolation
+inline InterpolationCell cellAt(const PyramidLevel& level, float x, float y) {
+  const int ix = static_cast<int>(x);
+  const int iy = static_cast<int>(y);
+  const ImageSample* top = level.row(iy) + ix;
+  return {top, top + level.width(), x - static_cast<float>(ix), y - static_cast<float>(iy)};
+}
+
 /// Bilinear interpolation of intensity and stored central-difference gradients.
 /// @param x, y position [px]; the caller guarantees insideForInterpolation
 /// @return NaN intensity where one of the four pixels is invalid
 inline ImageSample interpolate(const PyramidLevel& level, float x, float y) {
-  const int ix = static_cast<int>(x);
-  const int iy = static_cast<int>(y);
-  const float fx = x - static_cast<float>(ix);
-  const float fy = y - static_cast<float>(iy);
-  const ImageSample* top = level.row(iy) + ix;
-  const ImageSample* bottom = top + level.width();
+  const auto [top, bottom, fx, fy] = cellAt(level, x, y);
   const float w11 = fx * fy;
   const float w10 = fy - w11;
   const float w01 = fx - w11;
@@ -36,12 +46,7 @@ inline ImageSample interpolate(const PyramidLevel& level, float x, float y) {
 /// Bilinear intensity with the exact gradient of that interpolation: difference of the interpolated
 /// right and left (bottom and top) cell edges.
 inline ImageSample interpolateWithCellGradient(const PyramidLevel& level, float x, float y) {
-  const int ix = static_cast<int>(x);
-  const int iy = static_cast<int>(y);
-  const float fx = x - static_cast<float>(ix);
-  const float fy = y - static_cast<float>(iy);
-  const ImageSample* top = level.row(iy) + ix;
-  const ImageSample* bottom = top + level.width();
+  const auto [top, bottom, fx, fy] = cellAt(level, x, y);
   const float left = (1.0F - fy) * top[0].intensity + fy * bottom[0].intensity;
   const float right = (1.0F - fy) * top[1].intensity + fy * bottom[1].intensity;
   const float above = (1.0F - fx) * top[0].intensity + fx * top[1].intensity;
@@ -51,12 +56,7 @@ inline ImageSample interpolateWithCellGradient(const PyramidLevel& level, float 
 
 /// Bilinear intensity alone.
 inline float interpolateIntensity(const PyramidLevel& level, float x, float y) {
-  const int ix = static_cast<int>(x);
-  const int iy = static_cast<int>(y);
-  const float fx = x - static_cast<float>(ix);
-  const float fy = y - static_cast<float>(iy);
-  const ImageSample* top = level.row(iy) + ix;
-  const ImageSample* bottom = top + level.width();
+  const auto [top, bottom, fx, fy] = cellAt(level, x, y);
   return (1.0F - fy) * ((1.0F - fx) * top[0].intensity + fx * top[1].intensity) +
          fy * ((1.0F - fx) * bottom[0].intensity + fx * bottom[1].intensity);
 }

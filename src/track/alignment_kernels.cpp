@@ -2,6 +2,7 @@
 #include "track/alignment_kernels.h"
 
 #include "base/target_clones.h"
+#include "image/sample_quad.h"
 
 #include <cmath>
 #include <cstring>
@@ -16,7 +17,6 @@ constexpr float kSafePixel = 3;  // [px]; read in place of a projection outside 
 
 constexpr std::size_t kLanes = 8;
 using FloatLanes = float __attribute__((vector_size(kLanes * sizeof(float))));
-using FloatQuad = float __attribute__((vector_size(4 * sizeof(float))));
 
 template <typename Vector>
 inline __attribute__((always_inline)) void load(const float* from, Vector& to) {
@@ -98,24 +98,8 @@ inline __attribute__((always_inline)) void sampleImage(const AlignmentSetting& s
                                                        std::size_t count,
                                                        Scratch& scratch) {
   for (std::size_t i = 0; i < count; ++i) {
-    const int ix = static_cast<int>(scratch.x[i]);
-    const int iy = static_cast<int>(scratch.y[i]);
-    const float fx = scratch.x[i] - static_cast<float>(ix);
-    const float fy = scratch.y[i] - static_cast<float>(iy);
-    const ImageSample* top = s.image + static_cast<std::ptrdiff_t>(iy) * s.width + ix;
-    const ImageSample* bottom = top + s.width;
-    // A quad holds the three values of a sample and one of the next sample, which is not used.
-    FloatQuad v00;
-    FloatQuad v01;
-    FloatQuad v10;
-    FloatQuad v11;
-    load(&top[0].intensity, v00);
-    load(&top[1].intensity, v01);
-    load(&bottom[0].intensity, v10);
-    load(&bottom[1].intensity, v11);
-    const FloatQuad above = v00 + fx * (v01 - v00);
-    const FloatQuad below = v10 + fx * (v11 - v10);
-    const FloatQuad value = above + fy * (below - above);
+    SampleQuad value;
+    interpolateQuad(s.image, s.width, scratch.x[i], scratch.y[i], value);
     scratch.intensity[i] = value[0];
     samples.dx[i] = value[1];
     samples.dy[i] = value[2];

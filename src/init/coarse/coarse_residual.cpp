@@ -5,6 +5,7 @@
 #include "base/parallel.h"
 #include "base/target_clones.h"
 #include "image/photometric.h"
+#include "image/sample_quad.h"
 
 #include <algorithm>
 #include <array>
@@ -20,7 +21,6 @@ constexpr int kParameters = 8;
 constexpr int kTriangle = kParameters * (kParameters + 1) / 2;
 constexpr float kMaxInverseStep = 1e-10F;  // of the step limit, against division by zero
 
-using Quad = float __attribute__((vector_size(16)));
 using Mask = std::int32_t __attribute__((vector_size(32)));
 
 /// Everything the loop over points reads that is the same for all of them.
@@ -83,10 +83,6 @@ DSORB_ALWAYS_INLINE bool project(const Constants& c, float x, float y, float dep
   return all != 0;
 }
 
-DSORB_ALWAYS_INLINE void loadQuad(const float* source, Quad& quad) {
-  std::memcpy(&quad, source, sizeof(Quad));
-}
-
 /// Bilinear samples at the eight projections. Four floats are read a pixel, the fourth belongs to
 /// its right neighbour, which the margin of the projections keeps inside the image.
 DSORB_ALWAYS_INLINE void sample(
@@ -97,24 +93,9 @@ DSORB_ALWAYS_INLINE void sample(
   store(p.x, xs);
   store(p.y, ys);
   for (int i = 0; i < kLanes; ++i) {
-    const int ix = static_cast<int>(xs[i]);
-    const int iy = static_cast<int>(ys[i]);
-    const float fx = xs[i] - static_cast<float>(ix);
-    const float fy = ys[i] - static_cast<float>(iy);
-    const ImageSample* top = c.samples + iy * c.width + ix;
-    const ImageSample* bottom = top + c.width;
-    Quad q00;
-    Quad q01;
-    Quad q10;
-    Quad q11;
-    loadQuad(&top[0].intensity, q00);
-    loadQuad(&top[1].intensity, q01);
-    loadQuad(&bottom[0].intensity, q10);
-    loadQuad(&bottom[1].intensity, q11);
-    const Quad upper = q00 + fx * (q01 - q00);
-    const Quad lower = q10 + fx * (q11 - q10);
-    const Quad value = upper + fy * (lower - upper);
-    std::memcpy(mixed + 4 * i, &value, sizeof(Quad));
+    SampleQuad value;
+    interpolateQuad(c.samples, c.width, xs[i], ys[i], value);
+    std::memcpy(mixed + 4 * i, &value, sizeof(SampleQuad));
   }
   Lanes m[4];
   for (int i = 0; i < 4; ++i) load(mixed + kLanes * i, m[i]);
