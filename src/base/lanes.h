@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cstddef>
 #include <cstring>
 
 #define DSORB_ALWAYS_INLINE inline __attribute__((always_inline))
@@ -27,14 +28,14 @@ DSORB_ALWAYS_INLINE void fill(float value, Lanes& lanes) {
 /// @param sums lane i is the sum over the lanes of v[i]
 DSORB_ALWAYS_INLINE void sumLanes(const Lanes (&v)[8], Lanes& sums) {
   Lanes pairs[4];
-  for (int i = 0; i < 4; ++i) {
+  for (std::size_t i = 0; i < 4; ++i) {
     const Lanes& a = v[2 * i];
     const Lanes& b = v[2 * i + 1];
     pairs[i] = __builtin_shufflevector(a, b, 0, 8, 2, 10, 4, 12, 6, 14) +
                __builtin_shufflevector(a, b, 1, 9, 3, 11, 5, 13, 7, 15);
   }
   Lanes quads[2];
-  for (int i = 0; i < 2; ++i) {
+  for (std::size_t i = 0; i < 2; ++i) {
     const Lanes& a = pairs[2 * i];
     const Lanes& b = pairs[2 * i + 1];
     quads[i] = __builtin_shufflevector(a, b, 0, 1, 8, 9, 4, 5, 12, 13) +

@@ -107,8 +107,8 @@ MovingParts::MovingParts(const InitialMap& map,
     const Eigen::Vector2f& pixel = tracks.positions.front()[i];
     const bool contradicts = errors[i] > limit;
     contradicting_ += contradicts ? 1 : 0;
-    const int cell = cellOf(pixel.y(), rows_) * columns_ + cellOf(pixel.x(), columns_);
-    cells_[static_cast<std::size_t>(cell)].push_back({pixel, contradicts});
+    cells_[cellIndex(cellOf(pixel.x(), columns_), cellOf(pixel.y(), rows_))].push_back(
+        {pixel, contradicts});
   }
 }
 
@@ -125,7 +125,7 @@ bool MovingParts::cover(const Eigen::Vector2f& pixel) const {
   const int row = cellOf(pixel.y(), rows_);
   for (int y = std::max(row - 1, 0); y <= std::min(row + 1, rows_ - 1); ++y) {
     for (int x = std::max(column - 1, 0); x <= std::min(column + 1, columns_ - 1); ++x) {
-      for (const Vote& vote : cells_[static_cast<std::size_t>(y * columns_ + x)]) {
+      for (const Vote& vote : cells_[cellIndex(x, y)]) {
         const float distance = (vote.pixel - pixel).squaredNorm();
         if (distance <= radius * radius) votes.emplace_back(distance, vote.contradicts);
       }

@@ -7,6 +7,7 @@
 #include "init/orb/corner_tracks.h"
 #include "init/orb/initial_map.h"
 
+#include <cstddef>
 #include <vector>
 
 namespace dsorb::init_orb {
@@ -46,6 +47,10 @@ class MovingParts {
     bool contradicts;
   };
   [[nodiscard]] int cellOf(float coordinate, int cells) const;
+  [[nodiscard]] std::size_t cellIndex(int column, int row) const {
+    return static_cast<std::size_t>(row) * static_cast<std::size_t>(columns_) +
+           static_cast<std::size_t>(column);
+  }
 
   MovingPartsOptions options_;
   int columns_;
