@@ -299,6 +299,54 @@ TEST_F(PriorTest, EnergyIsConsistentWithItsGradient) {
   EXPECT_NEAR((plus - minus) / 0.002, 2 * state.prior.weight * 0.01, 1);
 }
 
+TEST(CoarseAlignment, BalancedEnergyIsConsistentWithItsGradient) {
+  const Pyramid image = texturedPyramid(1.5);
+  PointLevel points = makePointLevel(image.level(0), gridPixels(9));
+  matchReference(texturedPyramid(0).level(0), {}, points);
+  const LevelView view{&image.level(0), kCamera};
+  Alignment alignment;
+  alignment.log_gain = 0.2;
+  alignment.exposure_log_gain = 0.05;
+  alignment.balanced = true;
+  SchurTerms schur;
+  const NormalEquations at = evaluateLevel(view, alignment, {}, points, schur);
+  ASSERT_EQ(at.good, points.size());
+  const Eigen::MatrixXd gradient = numericJacobian(
+      [&](const Eigen::VectorXd& xi) -> Eigen::VectorXd {
+        SchurTerms terms;
+        return Eigen::VectorXd::Constant(
+            1, evaluateLevel(view, movedBy(alignment, xi), {}, points, terms).energy);
+      },
+      8,
+      3e-3);
+  EXPECT_NEAR(gradient(0, 6) / (2 * at.b[6]), 1, 1e-3);
+  EXPECT_NEAR(gradient(0, 7) / (2 * at.b[7]), 1, 1e-3);
+}
+
+TEST(CoarseAlignment, ContrastStaysWhereImagesDoNotMatch) {
+  // Image and reference differ by a shift the rotation may not follow: gain and offset alone.
+  const Pyramid image = texturedPyramid(9);
+  std::vector<double> log_gains;
+  for (const bool balanced : {true, false}) {
+    PointLevel points = makePointLevel(image.level(0), gridPixels(5));
+    matchReference(texturedPyramid(0).level(0), {}, points);
+    LevelAligner aligner{CoarseOptions{}};
+    Alignment alignment;
+    alignment.balanced = balanced;
+    for (int i = 0; i < 20; ++i) {
+      const LevelState state =
+          aligner.evaluate({&image.level(0), kCamera}, Unknowns::kPose, points, alignment);
+      const Eigen::Vector2d step =
+          state.equations.H.bottomRightCorner<2, 2>().ldlt().solve(state.equations.b.tail<2>());
+      alignment.log_gain -= step[0];
+      alignment.offset -= step[1];
+    }
+    log_gains.push_back(alignment.log_gain);
+  }
+  EXPECT_LT(std::abs(log_gains[0]), 0.1) << log_gains[0];
+  EXPECT_LT(log_gains[1], -0.4) << log_gains[1];
+}
+
 TEST_F(PriorTest, PublishedEnergyLacksTheDepths) {
   const CoarseOptions options = referenceCoarseOptions();
   const double before = evaluate(alignment_, options).energy();

@@ -70,6 +70,9 @@ class LevelAligner {
   /// Sets the trial inverse depths that belong to a step of pose and brightness.
   void stepDepths(const Vector8d& step, double damping, PointLevel& points) const;
 
+  /// Schur terms of the last evaluation.
+  [[nodiscard]] const SchurTerms& evaluated() const { return trial_schur_; }
+
   /// Makes the last evaluation the accepted one.
   void accept(PointLevel& points);
 

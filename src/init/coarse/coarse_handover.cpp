@@ -3,6 +3,7 @@
 
 #include "base/random.h"
 #include "image/photometric.h"
+#include "init/coarse/coarse_covariance.h"
 #include "init/result.h"
 
 #include <Eigen/Cholesky>
@@ -21,10 +22,8 @@ constexpr std::array<int, 5> kPoseIterations = {2, 3, 5, 10, 10};
 constexpr double kMinPoseInlierShare = 0.5;   // of the points in view, else a frame has no pose
 constexpr double kMinPoseVisibleShare = 0.2;  // of all points, else a frame has no pose
 constexpr float kMinInverseDepth = 1e-3F;     // of the result; orphans of the reference may have 0
-// Factor from (residual variance / curvature) to the variance of a smoothed inverse depth:
-// residuals of overlapping patterns are correlated, smoothing takes noise away and adds bias at
-// depth edges.
-constexpr double kVarianceFactor = 1;
+constexpr double kMaxMargin = 1e3;            // reported where there is no rival
+constexpr double kUnknownVariance = 1;        // of an inverse depth the newest frame does not tell
 
 double median(std::vector<double> values) {
   if (values.empty()) return 0;
@@ -148,20 +147,24 @@ std::vector<std::size_t> spreadPoints(const Attempt& attempt) {
   return best;
 }
 
-double inverseDepthVariance(const PointLevel& points, std::size_t i, double residual_variance) {
-  const double curvature = std::max(static_cast<double>(points.curvature[i]), 1.0);
-  return kVarianceFactor * residual_variance / curvature;
+/// Formal variance of an inverse depth at a known pose.
+double formalVariance(const PointLevel& points, std::size_t i, double residual_variance) {
+  return residual_variance / std::max(static_cast<double>(points.curvature[i]), 1.0);
 }
 
-std::vector<InitPoint> makePoints(const Attempt& attempt, double residual_variance) {
+std::vector<InitPoint> makePoints(const Attempt& attempt, LevelAligner& aligner) {
   const PointLevel& points = attempt.levels.front();
+  PointLevel fixed = points;
+  fixed.trial_inverse_depth = fixed.inverse_depth = fixed.smoothed;
+  const auto uncertainty = uncertaintyOf(attempt, attempt.frames.back(), fixed, {}, aligner);
   std::vector<InitPoint> result;
   for (const std::size_t i :
        attempt.options.spread_points ? spreadPoints(attempt) : randomPoints(attempt)) {
     InitPoint point;
     point.pixel = {points.x[i] - kPixelOffset, points.y[i] - kPixelOffset};
     point.inverse_depth = std::max(points.smoothed[i], kMinInverseDepth);
-    point.variance = static_cast<float>(inverseDepthVariance(points, i, residual_variance));
+    const double variance = uncertainty ? uncertainty->inverse_depth[i] : 0.0;
+    point.variance = static_cast<float>(variance > 0 ? variance : kUnknownVariance);
     point.observations = 2;
     result.push_back(point);
   }
@@ -176,6 +179,7 @@ std::vector<PosedFrame> poseFrames(const Attempt& attempt, LevelAligner& aligner
   std::vector<PosedFrame> posed(frames.size());
   posed.front() = {frames.front().frame, SE3(), {}, std::nullopt};
   std::vector<PointLevel> fixed = fixedLevels(attempt.levels);
+  const std::vector<float>& known = attempt.levels.front().curvature;
   Alignment next = frames.back().alignment;
   for (std::size_t k = frames.size() - 1; k > 0; --k) {
     const double fraction = static_cast<double>(k) / static_cast<double>(k + 1);
@@ -193,9 +197,12 @@ std::vector<PosedFrame> poseFrames(const Attempt& attempt, LevelAligner& aligner
     }
     posed[k].T_cam_ref = alignment.T_new_ref;
     posed[k].affine = relativeBrightness(reference, *frames[k].frame, alignment);
-    const Matrix6d information = report.state.equations.H.topLeftCorner<6, 6>();
-    posed[k].covariance =
-        residualVariance(report.state) * information.ldlt().solve(Matrix6d::Identity());
+    const auto uncertainty = uncertaintyOf(attempt,
+                                           {frames[k].frame, alignment, {}},
+                                           fixed.front(),
+                                           newest ? std::vector<float>{} : known,
+                                           aligner);
+    if (uncertainty) posed[k].covariance = uncertainty->pose;
     next = alignment;
   }
   return posed;
@@ -244,19 +251,21 @@ Quality judge(const Attempt& attempt, LevelAligner& aligner) {
       static_cast<double>(full.equations.good) / std::max(fixed.front().size(), 1);
   quality.residual_rms = std::sqrt(residualVariance(full));
   quality.parallax_deg = parallaxDeg(attempt);
+  if (quality.parallax_deg < attempt.options.min_parallax_deg) {
+    quality.reason = InitReason::kTooLittleParallax;
+    return quality;
+  }
   std::vector<double> sigmas;
   for (std::size_t i = 0; i < fixed.front().x.size(); ++i) {
     if (fixed.front().good[i] == 0) continue;
-    const double variance = inverseDepthVariance(attempt.levels.front(), i, residualVariance(full));
+    const double variance = formalVariance(attempt.levels.front(), i, residualVariance(full));
     sigmas.push_back(std::sqrt(variance) / static_cast<double>(fixed.front().smoothed[i]));
   }
   quality.relative_sigma = median(std::move(sigmas));
   quality.motion_gain = testRotation(attempt, aligner).motion_gain;
 
   const CoarseOptions& o = attempt.options;
-  if (quality.parallax_deg < o.min_parallax_deg) {
-    quality.reason = InitReason::kTooLittleParallax;
-  } else if (quality.motion_gain < o.min_motion_gain) {
+  if (quality.motion_gain < o.min_motion_gain) {
     quality.reason = InitReason::kDegenerateMotion;
   } else if (1.0 - quality.inlier_share > o.max_outlier_share ||
              (o.max_relative_sigma > 0 && quality.relative_sigma > o.max_relative_sigma)) {
@@ -270,7 +279,7 @@ InitializationResult handOver(const Attempt& attempt,
                               LevelAligner& aligner) {
   InitializationResult result;
   result.frames = poseFrames(attempt, aligner);
-  result.points = makePoints(attempt, quality.residual_rms * quality.residual_rms);
+  result.points = makePoints(attempt, aligner);
   normalizeScale(result);
   InitReport& report = result.report;
   report.model = "direct";
@@ -286,6 +295,7 @@ InitializationResult handOver(const Attempt& attempt,
   report.details.emplace_back("residual_rms_grey", quality.residual_rms);
   report.details.emplace_back("visible_share", quality.visible_share);
   report.details.emplace_back("motion_gain", quality.motion_gain);
+  report.details.emplace_back("rival_margin", std::min(quality.rival_margin, kMaxMargin));
   return result;
 }
 

@@ -36,6 +36,7 @@ struct Quality {
   double inlier_share = 0;    ///< of the points of level 0 in view
   double visible_share = 0;   ///< points of level 0 in view and fit for tracking
   double residual_rms = 0;    ///< [grey levels]
+  double rival_margin = 0;    ///< energy of the best motion elsewhere over its own, less 1
 };
 
 /// The best pure rotation against the estimate of the newest frame.

@@ -18,13 +18,15 @@ constexpr double kMinSpread = 0.02;        // of them across their main directio
 constexpr double kMinVisibleShare = 0.25;  // points in view, else the reference is too far away
 constexpr double kMaxInlierDrop = 0.5;     // of the share of the frame before: the scene was cut
 constexpr int kMaxRefusals = 3;            // for poor quality; then the estimate is given up
+constexpr double kMatchShare = 0.8;        // of all points; once over the levels was enough
 constexpr std::size_t kKeptResets = 32;    // reasons remembered
 constexpr int kKeptFrames = 40;            // in memory when there is no time-out
 
 /// Points of all levels, finest first, with neighbours and parents.
 std::vector<PointLevel> selectPoints(const Frame& frame, const CoarseOptions& options, int seed) {
   const auto wanted = [&](int level) {
-    return wantedPoints(level, frame.width(), frame.height(), options.density);
+    const int dense = wantedPoints(level, frame.width(), frame.height(), options.density);
+    return options.max_points > 0 ? std::min(dense, options.max_points) : dense;
   };
   PixelSelectorOptions selector_options;
   selector_options.seed = seed;
@@ -104,7 +106,9 @@ bool CoarseInitializer::setReference(const FramePtr& frame) {
   const PointLevel& finest = attempt_.levels.front();
   const double diagonal = std::hypot(frame->width(), frame->height());
   if (finest.size() < kMinPoints || spreadAcross(finest) < kMinSpread * diagonal) return false;
-  attempt_.frames.push_back({frame, Alignment{}, Alignment{}});
+  Alignment still;
+  still.balanced = options_.coarse.estimate_brightness && options_.coarse.balance_gain;
+  attempt_.frames.push_back({frame, still, still});
   rotation_search_.setReference(attempt_.levels.back());
   return true;
 }
@@ -163,7 +167,7 @@ LevelReport CoarseInitializer::track(const FramePtr& frame) {
   }
   Estimate estimate{std::move(attempt_.levels), next.alignment, {}};
   const AlignmentTask task{*frame, camera_, options_.coarse, aligner_};
-  alignLevels(task, estimate);
+  converge(task, kMatchShare, estimate);
   if (options_.coarse.try_hypotheses && snapped_since_ == 0 && estimate.alignment.snapped) {
     if (auto better = betterHypothesis(task, next.rotation, estimate)) {
       estimate = std::move(*better);
@@ -212,7 +216,7 @@ InitStep CoarseInitializer::assess(const LevelReport& finest) {
   if (newest.alignment.snapped) {
     reason = InitReason::kSettling;
     if (tracked_ > snapped_since_ + o.settle_frames) {
-      InitStep step = conclude();
+      InitStep step = conclude(finest);
       if (step.result) return step;
       reason = step.reason;
     }
@@ -230,8 +234,27 @@ InitStep CoarseInitializer::assess(const LevelReport& finest) {
   return {InitStatus::kNeedsMoreFrames, reason, std::nullopt};
 }
 
-InitStep CoarseInitializer::conclude() {
-  const Quality quality = clock_.time("quality", [&] { return judge(attempt_, aligner_); });
+double CoarseInitializer::challenge(const LevelReport& finest) {
+  TrackedFrame& newest = attempt_.frames.back();
+  const AlignmentTask task{*newest.frame, camera_, options_.coarse, aligner_};
+  Contest result =
+      contest(task, newest.rotation, Estimate{attempt_.levels, newest.alignment, finest});
+  attempt_.levels = std::move(result.winner.levels);
+  newest.alignment = result.winner.alignment;
+  return result.margin;
+}
+
+InitStep CoarseInitializer::conclude(const LevelReport& finest) {
+  const CoarseOptions& o = options_.coarse;
+  Quality quality = clock_.time("quality", [&] { return judge(attempt_, aligner_); });
+  if (quality.reason != InitReason::kTooLittleParallax && o.min_rival_margin > 0) {
+    const double margin = clock_.time("rivals", [&] { return challenge(finest); });
+    quality = clock_.time("quality", [&] { return judge(attempt_, aligner_); });
+    quality.rival_margin = margin;
+    if (quality.reason == InitReason::kDone && margin < o.min_rival_margin) {
+      quality.reason = InitReason::kDegenerateMotion;
+    }
+  }
   if (quality.reason != InitReason::kDone) {
     return {InitStatus::kNeedsMoreFrames, quality.reason, std::nullopt};
   }

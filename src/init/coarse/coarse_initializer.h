@@ -42,7 +42,10 @@ class CoarseInitializer : public Initializer {
   /// Brings the prior back where a pure rotation explains the newest frame nearly as well.
   void confirmSnap();
   InitStep assess(const LevelReport& finest);
-  InitStep conclude();
+  /// Lets motions in other directions compete with the estimate and takes over the best.
+  /// @return margin of the contest
+  double challenge(const LevelReport& finest);
+  InitStep conclude(const LevelReport& finest);
   /// Drops everything before the frame. @param lost everything is wrong, not just old
   InitStep startOver(FramePtr frame, InitReason reason, bool lost);
 

@@ -142,6 +142,21 @@ void findNeighbours(PointLevel& level) {
   }
 }
 
+/// Element count / 2 of all neighbours' sorted values: keeps the least in order, without branches.
+float upperMedianOfAll(const float* values) {
+  std::array<float, kNeighbours / 2 + 1> least{};
+  least.fill(HUGE_VALF);
+  for (int i = 0; i < kNeighbours; ++i) {
+    float value = values[i];
+    for (float& slot : least) {
+      const float low = std::min(slot, value);
+      value = std::max(slot, value);
+      slot = low;
+    }
+  }
+  return least.back();
+}
+
 /// Element count / 2 of the sorted values, count at least 1; reorders them.
 float upperMedian(float* values, int count) {
   for (int i = 1; i < count; ++i) {
@@ -226,8 +241,10 @@ void smooth(PointLevel& level) {
       values[static_cast<std::size_t>(count++)] = level.smoothed[static_cast<std::size_t>(other)];
     }
     if (count < kMinGoodNeighbours) continue;
-    level.smoothed[i] = (1.0F - kSmoothingWeight) * level.inverse_depth[i] +
-                        kSmoothingWeight * upperMedian(values.data(), count);
+    const float median =
+        count == kNeighbours ? upperMedianOfAll(values.data()) : upperMedian(values.data(), count);
+    level.smoothed[i] =
+        (1.0F - kSmoothingWeight) * level.inverse_depth[i] + kSmoothingWeight * median;
   }
 }
 

@@ -32,6 +32,8 @@ struct Constants {
   float RKi[9];  // pixel of the reference to ray in the new camera
   float t[3];
   float gain, offset;
+  float scale;       // of residuals
+  float scale_rate;  // half where the scale follows the gain
   DepthTerms terms;
 };
 
@@ -52,6 +54,9 @@ Constants makeConstants(const LevelView& view,
   for (int i = 0; i < 3; ++i) c.t[i] = static_cast<float>(alignment.T_new_ref.translation()[i]);
   c.gain = static_cast<float>(std::exp(alignment.log_gain));
   c.offset = static_cast<float>(alignment.offset);
+  const double log_scale = 0.5 * (alignment.exposure_log_gain - alignment.log_gain);
+  c.scale = alignment.balanced ? static_cast<float>(std::exp(log_scale)) : 1.0F;
+  c.scale_rate = alignment.balanced ? 0.5F : 0.0F;
   c.terms = terms;
   return c;
 }
@@ -130,7 +135,7 @@ DSORB_ALWAYS_INLINE void differentiate(const Constants& c,
   out.J[3] = -uv * gx - (1.0F + p.v * p.v) * gy;
   out.J[4] = (1.0F + p.u * p.u) * gx + uv * gy;
   out.J[5] = p.u * gy - p.v * gx;
-  fill(-1.0F, out.J[7]);
+  fill(-c.scale, out.J[7]);
   const Lanes du = (c.t[0] - c.t[2] * p.u) * p.inverse_z;
   const Lanes dv = (c.t[1] - c.t[2] * p.v) * p.inverse_z;
   out.J_depth = gx * du + gy * dv;
@@ -208,11 +213,12 @@ DSORB_TARGET_CLONES void evaluateBlock(const Constants& c,
       sample(c, p, intensity, dx, dy);
       load(&points.reference[i * kPatternSize], reference);
       s.J[6] = -c.gain * reference;
-      s.r = intensity + s.J[6] - c.offset;
+      s.r = c.scale * (intensity + s.J[6] - c.offset);
+      s.J[6] = c.scale * s.J[6] - c.scale_rate * s.r;
       const Lanes magnitude = s.r < 0.0F ? -s.r : s.r;
       s.weight = magnitude < kHuberThreshold ? one : kHuberThreshold / magnitude;
       energy = sumLanes(s.weight * s.r * s.r * (2.0F - s.weight));
-      differentiate(c, p, depth, c.fx * dx, c.fy * dy, s);
+      differentiate(c, p, depth, (c.scale * c.fx) * dx, (c.scale * c.fy) * dy, s);
     }
     if (!(energy <= kMaxPatternEnergy)) {
       sums.energy += static_cast<double>(points.energy[i]);

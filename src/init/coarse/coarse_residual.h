@@ -25,6 +25,11 @@ struct Alignment {
   double offset = 0;             ///< [grey levels]
   double exposure_log_gain = 0;  ///< what the exposure times say of log_gain; 0: unknown
   bool snapped = false;          ///< translation has left the prior once
+  /// Residuals are divided by the root of the gain, beyond what the exposures say: both images
+  /// count alike. By least squares alone the gain falls with the share of the images that does not
+  /// match.
+  /// @source geometric mean regression, minimum of (I_new - g I_ref - b)^2 / g
+  bool balanced = false;
 };
 
 /// One level of the newest frame.

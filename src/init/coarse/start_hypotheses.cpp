@@ -5,6 +5,8 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <cstdlib>
 #include <utility>
 
 namespace dsorb::init_coarse {
@@ -14,6 +16,9 @@ constexpr std::array<int, 5> kIterations = {5, 5, 10, 30, 50};  // per level, fi
 constexpr int kScreenIterations = 15;  // on the coarsest level, of every hypothesis
 constexpr std::size_t kFinalists = 2;  // aligned on all levels
 constexpr double kTranslation = 0.1;   // of a hypothesis, in units of the mean depth
+constexpr std::size_t kRivals = 3;     // of an estimate, aligned on all levels
+constexpr double kConverged = 0.98;    // of the energy left by a pass: the next one would not help
+constexpr double kSameDirection = 0.94;  // cosine of 20 deg
 
 double robustEnergy(const LevelReport& report) {
   const NormalEquations& sums = report.state.equations;
@@ -42,10 +47,65 @@ std::vector<Alignment> hypotheses(const Alignment& rotation) {
   return result;
 }
 
+/// Mean inverse depth of the good points.
+float meanInverseDepth(const PointLevel& points) {
+  double sum = 0;
+  int count = 0;
+  for (std::size_t i = 0; i < points.x.size(); ++i) {
+    if (points.good[i] == 0) continue;
+    sum += static_cast<double>(points.smoothed[i]);
+    ++count;
+  }
+  return count > 0 ? static_cast<float>(sum / count) : 1.0F;
+}
+
+/// The axes and the diagonals between them, both ways.
+std::vector<Eigen::Vector3d> directions() {
+  std::vector<Eigen::Vector3d> result;
+  for (int x = -1; x <= 1; ++x) {
+    for (int y = -1; y <= 1; ++y) {
+      for (int z = -1; z <= 1; ++z) {
+        const int parts = std::abs(x) + std::abs(y) + std::abs(z);
+        if (parts == 1 || parts == 3) result.push_back(Eigen::Vector3d(x, y, z).normalized());
+      }
+    }
+  }
+  return result;
+}
+
+bool sameDirection(const Alignment& a, const Alignment& b) {
+  const Eigen::Vector3d t_a = a.T_new_ref.translation().normalized();
+  return t_a.dot(b.T_new_ref.translation().normalized()) > kSameDirection;
+}
+
 /// All points good and on the plane of unit depth.
 void restart(PointLevel& level) {
   flatten(level);
   std::fill(level.good.begin(), level.good.end(), std::uint8_t{1});
+}
+
+void sortByEnergy(std::vector<Estimate>& estimates) {
+  std::stable_sort(estimates.begin(), estimates.end(), [](const Estimate& a, const Estimate& b) {
+    return a.energy() < b.energy();
+  });
+}
+
+/// Estimates from the plane of unit depth, on the coarse levels, the best first.
+std::vector<Estimate> screenDirections(const AlignmentTask& task,
+                                       const Alignment& rotation,
+                                       const Estimate& given) {
+  const int coarsest = static_cast<int>(given.levels.size()) - 1;
+  const double length = given.alignment.T_new_ref.translation().norm() *
+                        static_cast<double>(meanInverseDepth(given.levels.front()));
+  std::vector<Estimate> screened;
+  for (const Eigen::Vector3d& direction : directions()) {
+    Estimate trial{given.levels, hypothesis(rotation, length * direction), {}};
+    for (PointLevel& level : trial.levels) restart(level);
+    alignLevels(task, std::max(coarsest - 1, 0), trial);
+    screened.push_back(std::move(trial));
+  }
+  sortByEnergy(screened);
+  return screened;
 }
 
 }  // namespace
@@ -54,11 +114,11 @@ double Estimate::energy() const {
   return robustEnergy(finest);
 }
 
-void alignLevels(const AlignmentTask& task, Estimate& estimate) {
+void alignLevels(const AlignmentTask& task, int finest, Estimate& estimate) {
   std::vector<PointLevel>& levels = estimate.levels;
   Alignment& alignment = estimate.alignment;
   const int top = static_cast<int>(levels.size()) - 1;
-  for (int l = top; l >= 0; --l) {
+  for (int l = top; l >= finest; --l) {
     PointLevel& points = levels[static_cast<std::size_t>(l)];
     if (l < top) {
       propagateDown(levels[static_cast<std::size_t>(l + 1)], points);
@@ -73,7 +133,7 @@ void alignLevels(const AlignmentTask& task, Estimate& estimate) {
                                          points,
                                          alignment);
   }
-  for (int l = 0; l < top; ++l) {
+  for (int l = finest; l < top; ++l) {
     PointLevel& coarse = levels[static_cast<std::size_t>(l + 1)];
     propagateUp(levels[static_cast<std::size_t>(l)], task.options.keep_orphan_depth, coarse);
     regularize(alignment.snapped, coarse);
@@ -102,13 +162,42 @@ std::optional<Estimate> betterHypothesis(const AlignmentTask& task,
   for (std::size_t i = 0; i < std::min(kFinalists, screened.size()); ++i) {
     Estimate trial{given.levels, screened[i].second, {}};
     for (PointLevel& level : trial.levels) restart(level);
-    alignLevels(task, trial);
+    alignLevels(task, 0, trial);
     if (trial.energy() < least) {
       least = trial.energy();
       best = std::move(trial);
     }
   }
   return best;
+}
+
+void converge(const AlignmentTask& task, double enough, Estimate& estimate) {
+  double before = HUGE_VAL;
+  for (int pass = 0; pass < task.options.max_passes; ++pass) {
+    alignLevels(task, 0, estimate);
+    if (estimate.finest.inlierShare() * estimate.finest.visibleShare() > enough) break;
+    if (estimate.energy() > kConverged * before) break;
+    before = estimate.energy();
+  }
+}
+
+Contest contest(const AlignmentTask& task, const Alignment& rotation, const Estimate& given) {
+  std::vector<Estimate> finalists = {given};
+  for (Estimate& trial : screenDirections(task, rotation, given)) {
+    const bool known = std::any_of(finalists.begin(), finalists.end(), [&](const Estimate& other) {
+      return sameDirection(other.alignment, trial.alignment);
+    });
+    if (!known) finalists.push_back(std::move(trial));
+    if (finalists.size() > kRivals) break;
+  }
+  for (Estimate& finalist : finalists) converge(task, 1.0, finalist);
+  sortByEnergy(finalists);
+  const auto rival = std::find_if(finalists.begin(), finalists.end(), [&](const Estimate& other) {
+    return !sameDirection(finalists.front().alignment, other.alignment);
+  });
+  const double margin =
+      rival == finalists.end() ? HUGE_VAL : rival->energy() / finalists.front().energy() - 1.0;
+  return {std::move(finalists.front()), margin};
 }
 
 }  // namespace dsorb::init_coarse

@@ -27,8 +27,13 @@ struct AlignmentTask {
   LevelAligner& aligner;
 };
 
-/// Aligns the frame on all levels, coarse to fine, from the estimate's alignment and depths.
-void alignLevels(const AlignmentTask& task, Estimate& estimate);
+/// Aligns the frame, coarse to fine, from the estimate's alignment and depths.
+/// @param finest last level, 0: all
+void alignLevels(const AlignmentTask& task, int finest, Estimate& estimate);
+
+/// Aligns the frame on all levels again and again while that helps.
+/// @param enough share of the points that match; from there on once will do
+void converge(const AlignmentTask& task, double enough, Estimate& estimate);
 
 /// Tries motions along the axes, each turned so that points of unit depth stay where the rotation
 /// alone has them: what tells them apart is relief, which the alignment from no translation may see
@@ -38,5 +43,20 @@ void alignLevels(const AlignmentTask& task, Estimate& estimate);
 [[nodiscard]] std::optional<Estimate> betterHypothesis(const AlignmentTask& task,
                                                        const Alignment& rotation,
                                                        const Estimate& given);
+
+/// Outcome of a contest between motions.
+struct Contest {
+  Estimate winner;
+  double margin = 0;  ///< energy of the best one elsewhere over the winner's, less 1
+};
+
+/// Aligns the frame anew from motions in all directions over the plane of unit depth; the best of
+/// them compete with the given estimate. A scene near a plane, or seen by a small motion, has
+/// several motions that explain it nearly as well, and from no translation the alignment may end in
+/// any of them.
+/// @param rotation best pure rotation
+[[nodiscard]] Contest contest(const AlignmentTask& task,
+                              const Alignment& rotation,
+                              const Estimate& given);
 
 }  // namespace dsorb::init_coarse
