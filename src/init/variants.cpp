@@ -20,6 +20,7 @@ OrbOptions reportGeometry() {
   orb.geometric.sigma = 1;
   orb.geometric.loss = RobustLoss::kHuber;
   orb.geometric.loss_threshold = 2.4474;  // sqrt(5.99): 95 % of chi-square, 2 degrees of freedom
+  orb.semi_dense.fusion = DepthFusion::kProduct;
   orb.photometric.enabled = false;
   orb.moving.remove = false;
   return orb;

@@ -100,7 +100,7 @@ struct SemiDenseOptions {
   double second_best_ratio = 1.5;  ///< least ratio of the second-best minimum to the best [-]
   LineError line_error = LineError::kNormal;
   double line_error_floor = 0.2;  ///< least sigma_l [px]
-  DepthFusion fusion = DepthFusion::kProduct;
+  DepthFusion fusion = DepthFusion::kMostPrecise;
   double fusion_gate = 3.0;   ///< farther from the prior is an outlier vote [combined sigma]
   int max_outlier_votes = 3;  ///< so many votes remove a point
   int min_points = 50;        ///< fewer: the attempt fails

@@ -30,7 +30,7 @@ enum class PhotometricPoses {
 struct PhotometricOptions {
   bool enabled = true;
   PhotometricSolver solver = PhotometricSolver::kSchur;
-  PhotometricBrightness brightness = PhotometricBrightness::kMeanRemoved;
+  PhotometricBrightness brightness = PhotometricBrightness::kAffine;
   PhotometricPoses poses = PhotometricPoses::kGated;
   double max_pose_move = 2;      ///< of the gate: largest move of the target's direction [sigma]
   double huber_threshold = 9;    ///< of one pixel [grey levels]
@@ -42,6 +42,9 @@ struct PhotometricOptions {
   int joint_points = 500;         ///< best points that give the poses, beside the corners; 0: all
   int depth_iterations = 3;       ///< of the other points, poses fixed
   double min_inside_share = 0.5;  ///< of the residuals; fewer inside the images: failed
+  bool variances = true;  ///< replace those of the search by those of the photometric equations
+  double pose_variance_factor = 4;  ///< on the clustered covariance of photometric poses [-]
+  double match_error = 0.1;         ///< error that all frames share, along a gradient [px]
 };
 
 template <typename Visitor, typename Options>
@@ -71,6 +74,9 @@ DescribeFor<Options, PhotometricOptions> describe(Visitor& visit, Options& o) {
   visit.field("joint_points", o.joint_points, Range{0, 100000}, "points");
   visit.field("depth_iterations", o.depth_iterations, Range{1, 100}, "iterations");
   visit.field("min_inside_share", o.min_inside_share, Range{0, 1}, "");
+  visit.field("variances", o.variances);
+  visit.field("pose_variance_factor", o.pose_variance_factor, Range{0, 10000}, "");
+  visit.field("match_error", o.match_error, Range{0, 100}, "px");
 }
 
 /// Which rule removes points after the photometric adjustment.

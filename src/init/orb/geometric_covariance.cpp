@@ -79,6 +79,7 @@ double setCovariances(InitialMap& map,
   const Eigen::MatrixXd poses =
       inflation.pose * factor *
       (root.transpose() * root + mean_variance * scale * scale.transpose());
+  map.joint_covariance = poses;
   for (std::size_t k = 1; k < map.frames.size(); ++k) {
     map.covariance[k].reset();
     if (pose_rows.first[k] >= 0) {

@@ -8,7 +8,8 @@
 
 namespace dsorb::init_orb {
 
-/// Sets the covariance of every posed frame after the reference and the variance of every corner,
+/// Sets the covariance of every posed frame after the reference, the joint one of all of them and
+/// the variance of every corner,
 /// in the gauge "reference pose and mean inverse depth fixed", times the a-posteriori variance
 /// factor s^2 = sum w e^2 / (observations - parameters) of the whitened errors e.
 ///

@@ -42,7 +42,8 @@ struct InitialMap {
   std::vector<FramePtr> frames;                     ///< front is the reference
   std::vector<std::optional<SE3>> T_cam_ref;        ///< one a frame, identity first
   std::vector<std::optional<Matrix6d>> covariance;  ///< of a left increment, one a frame
-  std::vector<AffineBrightness> affine;             ///< one a frame, zero first
+  Eigen::MatrixXd joint_covariance;  ///< of all posed frames but the first, 6 rows each, in order
+  std::vector<AffineBrightness> affine;  ///< one a frame, zero first
   std::vector<Corner> corners;
   std::vector<Observation> observations;  ///< sorted by corner, then frame
   std::vector<SemiDensePoint> points;

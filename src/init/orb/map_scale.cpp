@@ -28,6 +28,11 @@ bool normalizeMapScale(InitialMap& map) {
     covariance->topRows<3>() *= mean;
     covariance->leftCols<3>() *= mean;
   }
+  for (Eigen::Index row = 0; row < map.joint_covariance.rows(); ++row) {
+    if (row % 6 >= 3) continue;  // a rotation
+    map.joint_covariance.row(row) *= mean;
+    map.joint_covariance.col(row) *= mean;
+  }
   return true;
 }
 

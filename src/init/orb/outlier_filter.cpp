@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/outlier_filter.h"
 
+#include "init/orb/neighbour_disagreement.h"
+#include "init/orb/photometric_covariance.h"
 #include "init/orb/photometric_problem.h"
 #include "init/orb/residual_statistics.h"
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace dsorb::init_orb {
 namespace {
@@ -48,6 +51,121 @@ Verdicts votePixels(const PhotometricProblem& problem,
   return verdicts;
 }
 
+/// How the noise of a residual grows with the gradient: variance s_n^2 + s_x^2 |gradient|^2.
+struct NoiseModel {
+  double grey_variance = 1;      ///< s_n^2 [grey levels^2]
+  double position_variance = 0;  ///< s_x^2 [px^2]
+
+  [[nodiscard]] double variance(double squared_gradient) const {
+    return grey_variance + position_variance * squared_gradient;
+  }
+};
+
+double squaredGradient(const PatchGradients& gradients, std::size_t pixel) {
+  const auto x = static_cast<double>(gradients.x[pixel]);
+  const auto y = static_cast<double>(gradients.y[pixel]);
+  return x * x + y * y;
+}
+
+/// Residuals of weak and of strong gradients, and what follows from their medians.
+/// @source experiments on rendered and real sequences, section A5
+NoiseModel fitNoise(const std::vector<FrameResiduals>& residuals,
+                    const std::vector<PatchGradients>& gradients) {
+  constexpr double kMadToSigma = 1.4826;
+  constexpr double kWeak = 20;        // [grey levels / px]
+  constexpr double kStrong = 40;      // [grey levels / px]
+  constexpr double kMinVariance = 1;  // of grey values [grey levels^2]
+  struct Class {
+    std::vector<double> magnitudes;
+    double gradient_sum = 0;
+    [[nodiscard]] double gradient() const {
+      return gradient_sum / std::max<double>(1, static_cast<double>(magnitudes.size()));
+    }
+  };
+  Class weak;
+  Class strong;
+  for (const FrameResiduals& frame : residuals) {
+    for (std::size_t i = 0; i < frame.size(); ++i) {
+      for (std::size_t j = 0; frame[i] && j < kPattern.size(); ++j) {
+        const double gradient = std::sqrt(squaredGradient(gradients[i], j));
+        if (gradient >= kWeak && gradient <= kStrong) continue;
+        Class& into = gradient < kWeak ? weak : strong;
+        into.magnitudes.push_back(std::abs((*frame[i])[static_cast<Eigen::Index>(j)]));
+        into.gradient_sum += gradient;
+      }
+    }
+  }
+  NoiseModel noise;
+  const double a = kMadToSigma * medianOf(weak.magnitudes);
+  const double b = kMadToSigma * medianOf(strong.magnitudes);
+  const double weak_gradient = weak.gradient();
+  const double strong_gradient = strong.gradient();
+  const double span = strong_gradient * strong_gradient - weak_gradient * weak_gradient;
+  if (span > 0 && !weak.magnitudes.empty()) {
+    noise.position_variance = std::max(0.0, (b * b - a * a) / span);
+  }
+  noise.grey_variance =
+      std::max(kMinVariance, a * a - noise.position_variance * weak_gradient * weak_gradient);
+  return noise;
+}
+
+/// Mean t-weight of each patch over all its pixels and frames, residuals divided by what their
+/// gradients let expect; 0 for a patch that takes part nowhere.
+std::vector<double> meanWeights(const PhotometricProblem& problem,
+                                std::vector<FrameResiduals> residuals,
+                                const std::vector<PatchGradients>& gradients,
+                                const OutlierOptions& options) {
+  const NoiseModel noise = fitNoise(residuals, gradients);
+  std::vector<double> sums(problem.patches.size(), 0.0);
+  std::vector<int> counts(problem.patches.size(), 0);
+  for (FrameResiduals& frame : residuals) {
+    for (std::size_t i = 0; i < frame.size(); ++i) {
+      for (std::size_t j = 0; frame[i] && j < kPattern.size(); ++j) {
+        (*frame[i])[static_cast<Eigen::Index>(j)] /=
+            std::sqrt(noise.variance(squaredGradient(gradients[i], j)));
+      }
+    }
+    const double scale = fitTDistribution(pixelsOf(frame), options.prefilter).scale;
+    if (!(scale > 0)) continue;
+    for (std::size_t i = 0; i < frame.size(); ++i) {
+      if (!frame[i]) continue;
+      for (const double residual : *frame[i]) sums[i] += tWeight(residual, scale) / kPatternSize;
+      ++counts[i];
+    }
+  }
+  for (std::size_t i = 0; i < sums.size(); ++i) sums[i] /= std::max(counts[i], 1);
+  return sums;
+}
+
+/// Predicted sigma, neighbours and residuals together: on weak texture residuals do not show a
+/// wrong depth, at occlusions they do.
+Verdicts combine(const PhotometricProblem& problem,
+                 const PhotometricState& state,
+                 const std::vector<double>& weights,
+                 const PhotometricUncertainty& uncertainty,
+                 const OutlierOptions& options) {
+  std::vector<Eigen::Vector2f> pixels;
+  pixels.reserve(problem.patches.size());
+  const PinholeCamera& camera = problem.camera;
+  for (const HostPatch& patch : problem.patches) {
+    const Eigen::Vector3d ray = patch.ray.cast<double>().homogeneous();
+    pixels.push_back(camera.project(ray).cast<float>());
+  }
+  const std::vector<double> disagreement = neighbourDisagreement(pixels, state.inverse_depth);
+  Verdicts verdicts(problem.patches.size(), 0);
+  for (std::size_t i = 0; i < verdicts.size(); ++i) {
+    const double rho = state.inverse_depth[i];
+    const double limit = options.max_relative_sigma * rho;
+    const bool sharp =
+        !uncertainty.usable || (uncertainty.formal[static_cast<Eigen::Index>(i)] > 0 &&
+                                uncertainty.formal[static_cast<Eigen::Index>(i)] <= limit * limit);
+    const bool good = rho > 0 && sharp && disagreement[i] <= options.max_disagreement &&
+                      weights[i] >= options.min_t_weight;
+    verdicts[i] = good ? 0 : 1;
+  }
+  return verdicts;
+}
+
 /// Drops corners, with their observations, and semi-dense points.
 void removeFrom(InitialMap& map,
                 const PhotometricProblem& problem,
@@ -87,6 +205,7 @@ OutlierReport removeOutliers(InitialMap& map,
                              const PhotometricOptions& photometric,
                              const OutlierOptions& options) {
   OutlierReport report;
+  if (options.rule == OutlierRule::kNone) return report;
   const std::vector<std::size_t> frames = spreadFrames(map, photometric.max_frames);
   PhotometricProblem problem = makeProblem(map, camera, frames, 0, photometric.gradient_weights);
   const PhotometricState state = makeState(problem, map);
@@ -94,7 +213,18 @@ OutlierReport removeOutliers(InitialMap& map,
   for (std::size_t f = 0; f < frames.size(); ++f) {
     residuals.push_back(residualsIn(problem, state, f, photometric.brightness));
   }
-  removeFrom(map, problem, votePixels(problem, residuals, options, report), report);
+  const Verdicts votes = votePixels(problem, residuals, options, report);
+  if (options.rule == OutlierRule::kPixelVotes) {
+    removeFrom(map, problem, votes, report);
+    return report;
+  }
+  const PyramidLevel& reference = map.frames.front()->level(0);
+  findVisible(problem, state);
+  const PhotometricUncertainty uncertainty =
+      estimateUncertainty(problem, state, reference, photometric);
+  const std::vector<double> weights =
+      meanWeights(problem, std::move(residuals), hostGradients(problem, reference), options);
+  removeFrom(map, problem, combine(problem, state, weights, uncertainty, options), report);
   return report;
 }
 

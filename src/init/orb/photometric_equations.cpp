@@ -5,22 +5,52 @@
 #include "base/parallel.h"
 
 #include <algorithm>
+#include <utility>
 
 namespace dsorb::init_orb {
 
+namespace {
+
+std::vector<std::size_t> equalBlocks(std::size_t patches) {
+  std::vector<std::size_t> begin;
+  for (std::size_t i = 0; i < patches; i += kPatchBlock) begin.push_back(i);
+  begin.push_back(patches);
+  return begin;
+}
+
+}  // namespace
+
 PhotometricLinearizer::PhotometricLinearizer(const PhotometricProblem& problem,
                                              const PhotometricOptions& options)
+    : PhotometricLinearizer(problem, options, equalBlocks(problem.patches.size())) {}
+
+PhotometricLinearizer::PhotometricLinearizer(const PhotometricProblem& problem,
+                                             const PhotometricOptions& options,
+                                             std::vector<std::size_t> block_begin)
     : problem_(problem),
       options_(options),
-      blocks_((problem.patches.size() + kPatchBlock - 1) / kPatchBlock),
+      block_begin_(std::move(block_begin)),
       settings_(problem.frames.size()),
       inverse_depth_(problem.patches.size()),
-      sums_(blocks_ * problem.frames.size()) {}
+      sums_(blocks() * problem.frames.size()) {}
+
+Eigen::VectorXd PhotometricLinearizer::blockGradient(std::size_t block) const {
+  const int size = frameSize(options_.brightness);
+  Eigen::VectorXd gradient(static_cast<Eigen::Index>(settings_.size()) * size);
+  for (std::size_t f = 0; f < settings_.size(); ++f) {
+    const float* sum = sums_[block * settings_.size() + f].data();
+    for (int i = 0; i < size; ++i) {
+      sum += size - i;
+      gradient[static_cast<Eigen::Index>(f) * size + i] = static_cast<double>(*sum++);
+    }
+  }
+  return gradient;
+}
 
 void PhotometricLinearizer::linearize(const PhotometricState& state,
                                       PhotometricEquations& equations) {
   prepare(state, equations);
-  forEachRange(blocks_, 1, [&](std::size_t begin, std::size_t end) {
+  forEachRange(blocks(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t block = begin; block < end; ++block) linearizeBlock(block, equations);
   });
   collect(equations);
@@ -50,8 +80,8 @@ void PhotometricLinearizer::prepare(const PhotometricState& state,
 }
 
 void PhotometricLinearizer::linearizeBlock(std::size_t block, PhotometricEquations& equations) {
-  const std::size_t first = block * kPatchBlock;
-  const std::size_t count = std::min(kPatchBlock, problem_.patches.size() - first);
+  const std::size_t first = block_begin_[block];
+  const std::size_t count = block_begin_[block + 1] - first;
   for (std::size_t f = 0; f < problem_.frames.size(); ++f) {
     const PatchRun run{problem_.patches.data() + first,
                        inverse_depth_.data() + first,
@@ -74,7 +104,7 @@ void PhotometricLinearizer::collect(PhotometricEquations& equations) const {
   const std::size_t frames = problem_.frames.size();
   for (std::size_t f = 0; f < frames; ++f) {
     const auto at = static_cast<Eigen::Index>(f) * size;
-    for (std::size_t block = 0; block < blocks_; ++block) {
+    for (std::size_t block = 0; block < blocks(); ++block) {
       const float* sum = sums_[block * frames + f].data();
       for (int i = 0; i < size; ++i) {
         for (int j = i; j < size; ++j) {

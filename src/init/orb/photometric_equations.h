@@ -35,17 +35,25 @@ struct PhotometricEquations {
 class PhotometricLinearizer {
  public:
   PhotometricLinearizer(const PhotometricProblem& problem, const PhotometricOptions& options);
+  /// @param block_begin first patch of each block that is summed in single precision, and the end
+  PhotometricLinearizer(const PhotometricProblem& problem,
+                        const PhotometricOptions& options,
+                        std::vector<std::size_t> block_begin);
 
   void linearize(const PhotometricState& state, PhotometricEquations& equations);
+
+  /// What one block added to PhotometricEquations::gradient in the last evaluation.
+  [[nodiscard]] Eigen::VectorXd blockGradient(std::size_t block) const;
 
  private:
   void prepare(const PhotometricState& state, PhotometricEquations& equations);
   void linearizeBlock(std::size_t block, PhotometricEquations& equations);
   void collect(PhotometricEquations& equations) const;
+  [[nodiscard]] std::size_t blocks() const { return block_begin_.size() - 1; }
 
   const PhotometricProblem& problem_;
   PhotometricOptions options_;
-  std::size_t blocks_;
+  std::vector<std::size_t> block_begin_;
   std::vector<PatchSetting> settings_;
   std::vector<float> inverse_depth_;
   std::vector<std::array<float, kFrameSums>> sums_;  ///< [block * frames + frame]

@@ -34,7 +34,7 @@ PatchSetting patchSetting(const PatchTarget& target,
                           PhotometricBrightness brightness,
                           double huber_threshold);
 
-/// A run of at most kPatchBlock patches.
+/// A run of patches, few enough to be summed in single precision.
 struct PatchRun {
   const HostPatch* patches;
   const float* inverse_depth;

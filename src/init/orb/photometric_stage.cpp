@@ -3,13 +3,18 @@
 
 #include "init/orb/outlier_filter.h"
 #include "init/orb/photometric_adjustment.h"
+#include "init/orb/photometric_covariance.h"
 
+#include <optional>
 #include <string>
 
 namespace dsorb::init_orb {
 namespace {
 
-bool adjustOnce(const AttemptContext& context, const std::string& name, Attempt& attempt) {
+/// @return nullopt when the attempt fails
+std::optional<PhotometricReport> adjustOnce(const AttemptContext& context,
+                                            const std::string& name,
+                                            Attempt& attempt) {
   const PhotometricReport report = context.clock.time("photometric", [&] {
     return adjustPhotometry(*attempt.map, context.camera, context.options.orb.photometric);
   });
@@ -21,8 +26,9 @@ bool adjustOnce(const AttemptContext& context, const std::string& name, Attempt&
   details.emplace_back(name + "_inside", report.inside_share);
   details.emplace_back(name + "_direction_sigmas", report.direction_sigmas);
   details.emplace_back(name + "_poses_moved", report.poses_moved ? 1 : 0);
-  if (!report.usable) attempt.reason = InitReason::kPoorQuality;
-  return report.usable;
+  if (report.usable) return report;
+  attempt.reason = InitReason::kPoorQuality;
+  return std::nullopt;
 }
 
 }  // namespace
@@ -30,17 +36,28 @@ bool adjustOnce(const AttemptContext& context, const std::string& name, Attempt&
 bool adjustImages(const AttemptContext& context, Attempt& attempt) {
   const OrbOptions& orb = context.options.orb;
   if (!orb.photometric.enabled) return true;
-  if (!adjustOnce(context, "photometric", attempt)) return false;
-  if (orb.outliers.rule == OutlierRule::kNone) return true;
-  const OutlierReport filter = context.clock.time("filter", [&] {
-    return removeOutliers(*attempt.map, context.camera, orb.photometric, orb.outliers);
-  });
-  auto& details = attempt.report.details;
-  details.emplace_back("filter_examined", filter.examined);
-  details.emplace_back("filter_removed_corners", filter.removed_corners);
-  details.emplace_back("filter_removed_points", filter.removed_points);
-  details.emplace_back("filter_t_scale", filter.t_scale);
-  return adjustOnce(context, "second_photometric", attempt);
+  std::optional<PhotometricReport> adjusted = adjustOnce(context, "photometric", attempt);
+  if (!adjusted) return false;
+  bool poses_moved = adjusted->poses_moved;
+  if (orb.outliers.rule != OutlierRule::kNone) {
+    const OutlierReport filter = context.clock.time("filter", [&] {
+      return removeOutliers(*attempt.map, context.camera, orb.photometric, orb.outliers);
+    });
+    auto& details = attempt.report.details;
+    details.emplace_back("filter_examined", filter.examined);
+    details.emplace_back("filter_removed_corners", filter.removed_corners);
+    details.emplace_back("filter_removed_points", filter.removed_points);
+    details.emplace_back("filter_t_scale", filter.t_scale);
+    adjusted = adjustOnce(context, "second_photometric", attempt);
+    if (!adjusted) return false;
+    poses_moved = poses_moved || adjusted->poses_moved;
+  }
+  if (orb.photometric.variances) {
+    context.clock.time("variances", [&] {
+      return setPhotometricVariances(*attempt.map, context.camera, orb.photometric, poses_moved);
+    });
+  }
+  return true;
 }
 
 }  // namespace dsorb::init_orb
