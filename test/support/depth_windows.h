@@ -101,9 +101,9 @@ inline DepthQuality judge(const init_orb::InitialMap& map, const DepthWindow& wi
   quality.median = medianOf(errors);
   quality.nees = medianOf(normalized);
   const SE3& pose = *map.T_cam_ref.back();
-  quality.direction_deg =
-      directionErrorDeg(pose.translation(), window.T_cam_ref.back().translation());
-  quality.rotation_deg = rotationErrorDeg(pose, window.T_cam_ref.back());
+  const SE3& truth = window.T_cam_ref[map.frames.size() - 1];
+  quality.direction_deg = directionErrorDeg(pose.translation(), truth.translation());
+  quality.rotation_deg = rotationErrorDeg(pose, truth);
   return quality;
 }
 
@@ -165,15 +165,21 @@ inline DepthWindow realWindow(const std::string& sequence, int first, int frames
   return window;
 }
 
-/// The map that the stages before the photometric ones make of a window.
+/// The map that the stages before the photometric ones make of a window, at the first frame where
+/// they do.
 inline std::optional<init_orb::InitialMap> mapOf(const DepthWindow& window,
                                                  InitializerOptions options) {
   options.orb.photometric.enabled = false;
   init_orb::ReferencePool pool(options.orb);
   pool.start(window.frames.front());
-  for (std::size_t k = 1; k < window.frames.size(); ++k) pool.advance(window.frames[k]);
-  StageClock clock;
-  return init_orb::attemptFrom(pool.view(0), {window.camera, options, clock}).map;
+  for (std::size_t k = 1; k < window.frames.size(); ++k) {
+    pool.advance(window.frames[k]);
+    if (static_cast<int>(k) + 1 < options.orb.min_frames) continue;
+    StageClock clock;
+    auto attempt = init_orb::attemptFrom(pool.view(0), {window.camera, options, clock});
+    if (attempt.map) return std::move(attempt.map);
+  }
+  return std::nullopt;
 }
 
 }  // namespace dsorb

@@ -32,7 +32,7 @@ struct PhotometricOptions {
   PhotometricSolver solver = PhotometricSolver::kSchur;
   PhotometricBrightness brightness = PhotometricBrightness::kAffine;
   PhotometricPoses poses = PhotometricPoses::kGated;
-  double max_pose_move = 2;      ///< of the gate: largest move of the target's direction [sigma]
+  double max_pose_move = 5;      ///< of the gate: largest move of the target's direction [sigma]
   double huber_threshold = 9;    ///< of one pixel [grey levels]
   bool gradient_weights = true;  ///< strong gradients count less
   int max_frames = 4;            ///< evenly spaced, the newest included
@@ -43,7 +43,7 @@ struct PhotometricOptions {
   int depth_iterations = 3;       ///< of the other points, poses fixed
   double min_inside_share = 0.5;  ///< of the residuals; fewer inside the images: failed
   bool variances = true;  ///< replace those of the search by those of the photometric equations
-  double pose_variance_factor = 4;  ///< on the clustered covariance of photometric poses [-]
+  double pose_variance_factor = 6;  ///< on the clustered covariance of photometric poses [-]
   double match_error = 0.1;         ///< error that all frames share, along a gradient [px]
 };
 
@@ -92,9 +92,9 @@ struct OutlierOptions {
   double prefilter = 3;       ///< residuals beyond do not enter the t-fit [1.4826 MAD]
   double t_quantile = 2.571;  ///< pixel votes: cut, keeps 95 % (5 degrees of freedom) [t-scale]
   int min_observations = 2;   ///< pixel votes: frames a point needs; fewer where fewer were given
-  double max_relative_sigma = 0.1;  ///< combined: predicted sigma over inverse depth [-]
-  double max_disagreement = 0.25;   ///< combined: difference of log inverse depth to neighbours [-]
-  double min_t_weight = 0.5;        ///< combined: mean over the pixels [-]
+  double max_relative_sigma = 0.15;  ///< combined: predicted sigma over inverse depth [-]
+  double max_disagreement = 0.25;  ///< combined: difference of log inverse depth to neighbours [-]
+  double min_t_weight = 0.5;       ///< combined: mean over the pixels [-]
 };
 
 template <typename Visitor, typename Options>

@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/outlier_filter.h"
+
+#include "dsorb/options/initializer.h"
+
+#include "init/orb/neighbour_disagreement.h"
+#include "init/orb/photometric_adjustment.h"
+#include "init/orb/photometric_covariance.h"
+#include "support/depth_windows.h"
+
+#include <gtest/gtest.h>
+
+#include <iostream>
+
+namespace dsorb::init_orb {
+namespace {
+
+TEST(NeighbourDisagreement, IsLargeForALonePointAndSmallBesideADepthEdge) {
+  std::vector<Eigen::Vector2f> pixels;
+  std::vector<double> inverse_depths;
+  for (int y = 0; y < 100; y += 8) {
+    for (int x = 0; x < 100; x += 8) {
+      pixels.emplace_back(static_cast<float>(x), static_cast<float>(y));
+      inverse_depths.push_back(x < 50 ? 1.0 : 2.0);
+    }
+  }
+  const std::size_t alone = 30;
+  inverse_depths[alone] = 6;
+  const std::vector<double> disagreement = neighbourDisagreement(pixels, inverse_depths);
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    if (i == alone) {
+      EXPECT_GT(disagreement[i], 1.0);
+    } else {
+      EXPECT_LT(disagreement[i], 1e-12) << i;
+    }
+  }
+  EXPECT_EQ(neighbourDisagreement({{0, 0}, {1, 1}}, {1, 5}), (std::vector<double>{0, 0}));
+}
+
+/// Outliers and good points before and after a filter, depth errors before and after filter and
+/// second adjustment; summed or averaged over windows.
+struct FilterEffect {
+  int windows = 0;
+  int outliers = 0;
+  int removed = 0;
+  int good = 0;
+  int lost = 0;
+  double median_before = 0;
+  double median_after = 0;
+  double nees = 0;
+
+  [[nodiscard]] double removedShare() const { return removed / std::max(1.0, 1.0 * outliers); }
+  [[nodiscard]] double lostShare() const { return lost / std::max(1.0, 1.0 * good); }
+};
+
+FilterEffect effectOn(const std::vector<DepthWindow>& windows, const std::string& variant) {
+  const InitializerOptions options = initializerVariant(variant);
+  const PhotometricOptions& photometric = options.orb.photometric;
+  FilterEffect effect;
+  for (const DepthWindow& window : windows) {
+    std::optional<InitialMap> map = mapOf(window, options);
+    if (!map || !adjustPhotometry(*map, window.camera, photometric).usable) continue;
+    const DepthQuality before = judge(*map, window);
+    removeOutliers(*map, window.camera, photometric, options.orb.outliers);
+    const DepthQuality filtered = judge(*map, window);
+    const PhotometricReport report = adjustPhotometry(*map, window.camera, photometric);
+    if (!report.usable) continue;
+    setPhotometricVariances(*map, window.camera, photometric, report.poses_moved);
+    const DepthQuality after = judge(*map, window);
+    ++effect.windows;
+    effect.outliers += before.outliers;
+    effect.removed += before.outliers - filtered.outliers;
+    effect.good += before.good();
+    effect.lost += before.good() - filtered.good();
+    effect.median_before += before.median;
+    effect.median_after += after.median;
+    effect.nees += after.nees;
+  }
+  const double n = std::max(effect.windows, 1);
+  effect.median_before /= n;
+  effect.median_after /= n;
+  effect.nees /= n;
+  std::cout << variant << ": " << effect.windows << " windows, median depth error "
+            << effect.median_before << " -> " << effect.median_after << ", removed "
+            << effect.removedShare() << " of " << effect.outliers << " outliers, lost "
+            << effect.lostShare() << " of " << effect.good << " good points, error^2/variance "
+            << effect.nees << "\n";
+  return effect;
+}
+
+std::vector<DepthWindow> roomWindows() {
+  std::vector<DepthWindow> windows;
+  for (const std::uint64_t seed : {1U, 2U}) {
+    synthetic::SequenceOptions options;
+    options.seed = seed;
+    options.length = 14;
+    options.noise_sigma = 2;
+    options.exposure_changes = 0.1;
+    windows.push_back(renderedWindow(synthetic::SyntheticSequence(options), 0, 12));
+  }
+  return windows;
+}
+
+/// Bounds are the aims. Measured with a sigma limit of 0.1 instead of 0.15: 0.75 and 0.82 of the
+/// outliers removed, 0.024 and 0.081 of the good points lost, error^2/variance 0.47 and 0.78.
+void expectHelpful(const FilterEffect& effect) {
+  EXPECT_GE(effect.windows, 1);
+  EXPECT_GE(effect.removedShare(), 0.5);
+  EXPECT_LE(effect.lostShare(), 0.08);
+  EXPECT_LE(effect.median_after, effect.median_before);
+  EXPECT_GT(effect.nees, 0.2);
+  EXPECT_LT(effect.nees, 1.0);
+}
+
+TEST(OutlierFilter, RemovesHalfOfTheOutliersAndFewGoodPointsInARoomWithOcclusions) {
+  expectHelpful(effectOn(roomWindows(), "orb"));
+}
+
+TEST(OutlierFilter, RemovesHalfOfTheOutliersAndFewGoodPointsOnTartanAir) {
+  if (!std::filesystem::exists(realData("tartanair_hospital"))) {
+    GTEST_SKIP() << "no " << realData("tartanair_hospital");
+  }
+  std::vector<DepthWindow> windows;
+  for (int first = 0; first + 12 <= 90; first += 12) {
+    windows.push_back(realWindow("tartanair_hospital", first, 12));
+  }
+  expectHelpful(effectOn(windows, "orb"));
+  // The report's filter, on its own map, for comparison.
+  effectOn(windows, "orb-v3");
+}
+
+}  // namespace
+}  // namespace dsorb::init_orb
