@@ -52,6 +52,7 @@ class DsoDataset : public ::testing::Test {
   ProgramResult runOn(const std::filesystem::path& sequence,
                       std::vector<std::string> more = {}) const {
     more.insert(more.begin(), {sequence.string(), "--output", out().string(), "--quiet"});
+    more.insert(more.begin(), {"--initializer", "orb-v1"});  // orb waits longer at this size
     return run(more);
   }
   /// A copy of the room that a test may spoil.
