@@ -15,12 +15,12 @@ enum class MotionMethod {
 /// @source measured on 5250 windows: of all numbers tried the predicted error of the direction of
 ///         translation tells right starts from wrong ones best
 struct GateOptions {
-  int min_points = 80;                    ///< corners left after the adjustment
-  double min_track_share = 0.5;           ///< of the reference's live tracks they must be
-  double min_front_share = 0.8;           ///< of them, in front of the camera
-  double max_direction_sigma_deg = 0.75;  ///< predicted, as if 100 corners had been seen
-  double max_fitted_sigma_deg = 180;      ///< the same from the residuals as they are
-  double min_parallax_deg = 1.5;          ///< median angle under which both cameras see a corner
+  int min_points = 60;                   ///< corners left after the adjustment
+  double min_track_share = 0.5;          ///< of the reference's live tracks they must be
+  double min_front_share = 0.8;          ///< of them, in front of the camera
+  double max_direction_sigma_deg = 1.0;  ///< predicted, as if 100 corners had been seen
+  double max_fitted_sigma_deg = 0.25;    ///< the same from the residuals as they are
+  double min_parallax_deg = 1.5;         ///< median angle under which both cameras see a corner
 };
 
 template <typename Visitor, typename Options>

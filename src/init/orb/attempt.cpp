@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/attempt.h"
 
+#include "init/orb/corner_polish.h"
 #include "init/orb/geometric_adjustment.h"
 #include "init/orb/informed_motion.h"
 #include "init/orb/map_assembly.h"
@@ -10,6 +11,7 @@
 #include "init/orb/semi_dense_depth.h"
 
 #include <utility>
+#include <vector>
 
 namespace dsorb::init_orb {
 namespace {
@@ -53,7 +55,10 @@ bool mapFrom(const ReferenceView& view, const AttemptContext& context, Attempt& 
   const bool usable = estimateInformedMotion(view, context, attempt) &&
                       addSemiDense(view, context, attempt) && adjustImages(context, attempt);
   if (!usable) return false;
-  context.clock.time("pose", [&] { poseOtherFrames(*attempt.map, context.camera); });
+  context.clock.time("pose", [&] {
+    const std::vector<int> frames = poseOtherFrames(*attempt.map, context.camera);
+    polishPoses(*attempt.map, context.camera, context.options.orb.informed.polish, frames);
+  });
   return true;
 }
 

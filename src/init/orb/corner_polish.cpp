@@ -5,6 +5,7 @@
 #include "camera/reprojection.h"
 #include "image/interpolate.h"
 #include "init/orb/frame_brightness.h"
+#include "init/orb/pose_from_points.h"
 #include "init/orb/robust_adjustment.h"
 
 #include <Eigen/Cholesky>
@@ -14,16 +15,20 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <optional>
+#include <utility>
+#include <vector>
 
 namespace dsorb::init_orb {
 namespace {
 
 constexpr double kDegPerRad = 180.0 / M_PI;
 constexpr int kPatchSide = 5;
-constexpr int kPatchStep = 2;       // [px] between two samples
-constexpr double kDamping = 1e-3;   // of the mean curvature
-constexpr double kMinGradient = 1;  // rms in the weakest direction [grey levels / px]
-constexpr std::size_t kGrain = 64;  // observations one thread measures at a time
+constexpr int kPatchStep = 2;           // [px] between two samples
+constexpr double kDamping = 1e-3;       // of the mean curvature
+constexpr double kMinGradient = 1;      // rms in the weakest direction [grey levels / px]
+constexpr double kMeasuredSigma = 0.2;  // of a measured corner, for the pose of a single frame [px]
+constexpr std::size_t kGrain = 64;      // observations one thread measures at a time
 constexpr std::size_t kPatchSize = std::size_t{kPatchSide} * kPatchSide;
 
 /// What a patch in one frame says about its corner.
@@ -201,6 +206,37 @@ Round measureAll(InitialMap& map,
   return round;
 }
 
+/// A corner's measurements in one frame, those that can be believed.
+std::vector<PointSighting> measureFrame(const InitialMap& map,
+                                        const PinholeCamera& camera,
+                                        const PolishOptions& options,
+                                        int frame) {
+  const PatchMeasurer measurer(map, camera, options);
+  std::vector<PointSighting> sightings;
+  for (const Observation& observation : map.observations) {
+    if (observation.frame != frame) continue;
+    const Measurement measurement = measurer.measure(observation);
+    if (!measurement.valid || measurement.mean_residual > options.max_residual ||
+        !strongEnough(measurement.information)) {
+      continue;
+    }
+    const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
+    sightings.push_back({camera.unproject(corner.pixel), corner.inverse_depth, measurement.pixel});
+  }
+  return sightings;
+}
+
+/// Sets the brightness of these frames only.
+void estimateBrightnessOf(InitialMap& map, const std::vector<int>& frames) {
+  std::vector<AffineBrightness> affine = map.affine;
+  estimateBrightness(map);
+  for (const int frame : frames) {
+    const auto k = static_cast<std::size_t>(frame);
+    affine[k] = map.affine[k];
+  }
+  map.affine = std::move(affine);
+}
+
 double turnDeg(const InitialMap& before, const InitialMap& after) {
   const Eigen::Vector3d& from = before.T_cam_ref.back()->translation();
   const Eigen::Vector3d& to = after.T_cam_ref.back()->translation();
@@ -234,6 +270,26 @@ PolishReport polishCorners(InitialMap& map,
                     static_cast<int>(polished.corners.size()) >= geometric.min_points;
   if (report.accepted) map = std::move(polished);
   return report;
+}
+
+void polishPoses(InitialMap& map,
+                 const PinholeCamera& camera,
+                 const PolishOptions& options,
+                 const std::vector<int>& frames) {
+  estimateBrightnessOf(map, frames);
+  std::vector<std::optional<SE3>> poses(frames.size());
+  for (int round = 0; round < options.rounds; ++round) {
+    forEachRange(frames.size(), 1, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) {
+        const SE3& guess = *map.T_cam_ref[static_cast<std::size_t>(frames[i])];
+        poses[i] = poseFromPoints(
+            measureFrame(map, camera, options, frames[i]), camera, guess, kMeasuredSigma);
+      }
+    });
+    for (std::size_t i = 0; i < frames.size(); ++i) {
+      if (poses[i]) map.T_cam_ref[static_cast<std::size_t>(frames[i])] = poses[i];
+    }
+  }
 }
 
 }  // namespace dsorb::init_orb

@@ -6,6 +6,8 @@
 
 #include "init/orb/initial_map.h"
 
+#include <vector>
+
 namespace dsorb::init_orb {
 
 struct PolishReport {
@@ -27,5 +29,14 @@ PolishReport polishCorners(InitialMap& map,
                            const PinholeCamera& camera,
                            const GeometricOptions& geometric,
                            const PolishOptions& options);
+
+/// The same measurements for single frames: their poses are fitted to them, all inverse depths and
+/// all other poses stay. Sets the brightness of the frames as well.
+/// @param map    every frame posed; observations are left as they are
+/// @param frames indices, none of them the reference
+void polishPoses(InitialMap& map,
+                 const PinholeCamera& camera,
+                 const PolishOptions& options,
+                 const std::vector<int>& frames);
 
 }  // namespace dsorb::init_orb

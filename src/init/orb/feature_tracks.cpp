@@ -3,6 +3,7 @@
 
 #include "base/parallel.h"
 #include "init/orb/grey_image.h"
+#include "init/orb/image_scale.h"
 
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
@@ -15,9 +16,8 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr double kReferenceDiagonal = 800;  // [px] of 640x480, where min_distance is meant
-constexpr std::size_t kTrackGrain = 64;     // tracks one thread follows at a time
-constexpr float kLostMiss = 1e6F;           // [px]; of a track that was not found
+constexpr std::size_t kTrackGrain = 64;  // tracks one thread follows at a time
+constexpr float kLostMiss = 1e6F;        // [px]; of a track that was not found
 
 /// Corners of an image, well inside it, spread over it and away from those that are there already.
 class CornerGrid {
@@ -26,8 +26,7 @@ class CornerGrid {
       : size_(size),
         options_(options),
         columns_((size.width + options.cell_size - 1) / options.cell_size),
-        min_distance_(options.min_distance * std::hypot(size.width, size.height) /
-                      kReferenceDiagonal) {
+        min_distance_(options.min_distance * imageScale(size.width, size.height)) {
     const int rows = (size.height + options.cell_size - 1) / options.cell_size;
     taken_.resize(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows), 0);
     // Twice an even share: cells without texture leave theirs to others.

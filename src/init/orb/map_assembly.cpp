@@ -91,21 +91,26 @@ void poseFramesBetween(InitialMap& map, const PinholeCamera& camera, double sigm
   }
 }
 
-void poseFrames(InitialMap& map, const PinholeCamera& camera, const std::vector<int>& frames) {
+std::vector<int> poseFrames(InitialMap& map,
+                            const PinholeCamera& camera,
+                            const std::vector<int>& frames) {
   const auto sightings = sightingsByFrame(map, camera);
+  std::vector<int> posed;
   for (const int frame : frames) {
     std::optional<SE3>& pose = map.T_cam_ref[static_cast<std::size_t>(frame)];
     if (pose) continue;
+    posed.push_back(frame);
     const SE3 guess = interpolatedPose(map, frame);
     const auto& seen = sightings[static_cast<std::size_t>(frame)];
     pose = poseFromPoints(seen, camera, guess, kTrackSigma).value_or(guess);
   }
+  return posed;
 }
 
-void poseOtherFrames(InitialMap& map, const PinholeCamera& camera) {
+std::vector<int> poseOtherFrames(InitialMap& map, const PinholeCamera& camera) {
   std::vector<int> frames(map.frames.size());
   std::iota(frames.begin(), frames.end(), 0);
-  poseFrames(map, camera, frames);
+  return poseFrames(map, camera, frames);
 }
 
 InitializationResult toResult(const InitialMap& map) {

@@ -28,10 +28,13 @@ void poseFramesBetween(InitialMap& map, const PinholeCamera& camera, double sigm
 /// Poses some frames from the corners, each from where its nearest posed neighbours let expect it;
 /// a frame whose corners do not agree is interpolated between them.
 /// @param frames ascending; those that have a pose keep it
-void poseFrames(InitialMap& map, const PinholeCamera& camera, const std::vector<int>& frames);
+/// @return       those that had none
+std::vector<int> poseFrames(InitialMap& map,
+                            const PinholeCamera& camera,
+                            const std::vector<int>& frames);
 
-/// Poses all frames that have no pose yet.
-void poseOtherFrames(InitialMap& map, const PinholeCamera& camera);
+/// Poses all frames that have no pose yet. @return these frames
+std::vector<int> poseOtherFrames(InitialMap& map, const PinholeCamera& camera);
 
 /// Poses, corners and semi-dense points as they are handed over, in the common unit; points at or
 /// behind infinity are left out. The report holds what can be seen from the map.

@@ -116,6 +116,7 @@ class Adjustment {
   void solveCoarse(PhotometricState& state);
   bool solveFine(PhotometricState& state);
   bool refineDepths(PhotometricState& state);
+  [[nodiscard]] bool posesAreUnknown() const;
   [[nodiscard]] bool mayMove(const PhotometricState& state);
   void alignOtherFrames();
 
@@ -155,7 +156,7 @@ bool Adjustment::refineDepths(PhotometricState& state) {
 }
 
 bool Adjustment::solveFine(PhotometricState& state) {
-  if (options_.poses == PhotometricPoses::kFixed) return refineDepths(state);
+  if (!posesAreUnknown()) return refineDepths(state);
   const PhotometricState before = state;
   const auto joint = jointPatches(problem_, map_, options_.joint_points);
   const std::optional<PhotometricSolve> solve = solveJoint(problem_, joint, options_, state);
@@ -170,6 +171,12 @@ bool Adjustment::solveFine(PhotometricState& state) {
   report_.poses_moved = true;
   if (joint.size() < problem_.patches.size()) refinePhotometricDepths(problem_, options_, state);
   return solve->cost <= solve->first_cost;
+}
+
+/// Whether the images can say more about the poses than the corners did.
+bool Adjustment::posesAreUnknown() const {
+  if (options_.poses != PhotometricPoses::kGated) return options_.poses == PhotometricPoses::kFree;
+  return static_cast<int>(map_.corners.size()) < options_.enough_corners;
 }
 
 bool Adjustment::mayMove(const PhotometricState& state) {

@@ -2,6 +2,7 @@
 #include "init/orb/start_gate.h"
 
 #include "geometry/triangulate.h"
+#include "init/orb/image_scale.h"
 #include "init/orb/motion_refinement.h"
 #include "init/orb/reprojection_equations.h"
 
@@ -84,8 +85,10 @@ GateReport judgeStart(const InitialMap& map,
   GateReport report;
   report.parallax_deg = medianParallaxDeg(map, camera);
   const DirectionSigma sigma = directionSigma(map, camera, options.geometric);
+  // Small images are tracked as well as large ones, in pixels of the large ones.
+  const double scale = std::min(1.0, imageScale(camera.width, camera.height));
   report.direction_sigma_deg =
-      sigma.predicted * std::sqrt(corners / kReferenceCorners) * kDegPerRad;
+      scale * sigma.predicted * std::sqrt(corners / kReferenceCorners) * kDegPerRad;
   report.fitted_sigma_deg = sigma.fitted * kDegPerRad;
   if (corners < gate.min_points || corners < gate.min_track_share * live_tracks) {
     report.reason = InitReason::kTooFewPoints;
