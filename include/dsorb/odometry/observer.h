@@ -70,8 +70,8 @@ struct Withdrawal {
 /// Told what happens, in order, by Odometry::process, restart or finish and on their thread, also
 /// where mapping has a thread of its own. Be quick; an exception propagates to the caller. Order of
 /// a frame: onInitStep, onKeyframeRetired, onKeyframe of the whole window, onFrame. Of a lost one:
-/// onFrame, onKeyframeRetired, onLost. Pipelined, onKeyframe and onKeyframeRetired come with a later
-/// frame, before what that frame itself brings; they tell of the estimates by then.
+/// onFrame, onKeyframeRetired, onLost. Pipelined, onKeyframe and onKeyframeRetired come with a
+/// later frame, before what that frame itself brings; they tell of the estimates by then.
 class OdometryObserver {
  public:
   virtual ~OdometryObserver() = default;
