@@ -179,7 +179,8 @@ void FeatureTracks::advance(const Frame& frame) {
         lucas_kanade.followBothWays(other_pyramid_, pyramid_, &before[begin], end - begin);
     for (std::size_t i = begin; i < end; ++i) {
       const cv::Point2f& place = ends.place[i - begin];
-      alive[i] = ends.miss[i - begin] < options_.max_backward_error && image.usable(place);
+      const bool kept = ends.miss[i - begin] < options_.max_backward_error && image.usable(place);
+      alive[i] = kept ? 1 : 0;
       after[i] = {place.x, place.y};
     }
   });

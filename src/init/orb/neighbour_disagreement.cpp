@@ -20,17 +20,17 @@ constexpr std::size_t kGrain = 64;  // points one thread takes at a time
 /// Points by the cell of a grid they lie in.
 class Grid {
  public:
-  explicit Grid(const std::vector<Eigen::Vector2f>& pixels) : pixels_(pixels) {
+  explicit Grid(const std::vector<Eigen::Vector2f>& pixels) {
     for (const Eigen::Vector2f& pixel : pixels) {
       columns_ = std::max(columns_, cell(pixel.x()) + 1);
       rows_ = std::max(rows_, cell(pixel.y()) + 1);
     }
-    first_.assign(static_cast<std::size_t>(columns_ * rows_ + 1), 0);
-    for (const Eigen::Vector2f& pixel : pixels) ++first_[index(pixel) + 1];
+    first_.assign(index(columns_, rows_ - 1) + 1, 0);
+    for (const Eigen::Vector2f& pixel : pixels) ++first_[indexOf(pixel) + 1];
     for (std::size_t i = 1; i < first_.size(); ++i) first_[i] += first_[i - 1];
     std::vector<std::size_t> next(first_.begin(), first_.end() - 1);
     points_.resize(pixels.size());
-    for (std::size_t i = 0; i < pixels.size(); ++i) points_[next[index(pixels[i])]++] = i;
+    for (std::size_t i = 0; i < pixels.size(); ++i) points_[next[indexOf(pixels[i])]++] = i;
   }
 
   /// Calls function(point) for every point that may be within the radius.
@@ -40,8 +40,8 @@ class Grid {
     const int x = cell(pixel.x());
     const int y = cell(pixel.y());
     for (int row = std::max(0, y - reach); row <= std::min(rows_ - 1, y + reach); ++row) {
-      const auto begin = static_cast<std::size_t>(row * columns_ + std::max(0, x - reach));
-      const auto end = static_cast<std::size_t>(row * columns_ + std::min(columns_ - 1, x + reach));
+      const auto begin = index(std::max(0, x - reach), row);
+      const auto end = index(std::min(columns_ - 1, x + reach), row);
       for (std::size_t i = first_[begin]; i < first_[end + 1]; ++i) function(points_[i]);
     }
   }
@@ -49,11 +49,14 @@ class Grid {
  private:
   static constexpr float kCell = 20;  // [px]
   static int cell(float coordinate) { return static_cast<int>(std::max(coordinate, 0.0F) / kCell); }
-  [[nodiscard]] std::size_t index(const Eigen::Vector2f& pixel) const {
-    return static_cast<std::size_t>(cell(pixel.y()) * columns_ + cell(pixel.x()));
+  [[nodiscard]] std::size_t index(int column, int row) const {
+    return static_cast<std::size_t>(row) * static_cast<std::size_t>(columns_) +
+           static_cast<std::size_t>(column);
+  }
+  [[nodiscard]] std::size_t indexOf(const Eigen::Vector2f& pixel) const {
+    return index(cell(pixel.x()), cell(pixel.y()));
   }
 
-  const std::vector<Eigen::Vector2f>& pixels_;
   int columns_ = 1;
   int rows_ = 1;
   std::vector<std::size_t> first_;

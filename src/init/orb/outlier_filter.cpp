@@ -149,7 +149,7 @@ Verdicts combine(const PhotometricProblem& problem,
   const PinholeCamera& camera = problem.camera;
   for (const HostPatch& patch : problem.patches) {
     const Eigen::Vector3d ray = patch.ray.cast<double>().homogeneous();
-    pixels.push_back(camera.project(ray).cast<float>());
+    pixels.emplace_back(camera.project(ray).cast<float>());
   }
   const std::vector<double> disagreement = neighbourDisagreement(pixels, state.inverse_depth);
   Verdicts verdicts(problem.patches.size(), 0);

@@ -44,7 +44,7 @@ std::vector<std::size_t> jointPatches(const PhotometricProblem& problem,
       std::lower_bound(problem.source.begin(), problem.source.end(), corners) -
       problem.source.begin());
   if (points == 0 || all.size() - first_point <= wanted) return all;
-  const auto relativeVariance = [&](std::size_t patch) {
+  const auto relative_variance = [&](std::size_t patch) {
     const SemiDensePoint& point = map.points[problem.source[patch] - corners];
     return point.variance / (point.inverse_depth * point.inverse_depth);
   };
@@ -53,8 +53,8 @@ std::vector<std::size_t> jointPatches(const PhotometricProblem& problem,
                    begin + static_cast<std::ptrdiff_t>(wanted),
                    all.end(),
                    [&](std::size_t a, std::size_t b) {
-                     const float va = relativeVariance(a);
-                     const float vb = relativeVariance(b);
+                     const float va = relative_variance(a);
+                     const float vb = relative_variance(b);
                      return va < vb || (va == vb && a < b);
                    });
   all.resize(first_point + wanted);

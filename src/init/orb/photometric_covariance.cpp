@@ -19,12 +19,12 @@ constexpr int kCellsY = 8;
 
 std::size_t cellOf(const HostPatch& patch, const PinholeCamera& camera) {
   const auto index = [](double pixel, int size, int cells) {
-    return std::clamp(static_cast<int>(pixel * cells / size), 0, cells - 1);
+    return static_cast<std::size_t>(
+        std::clamp(static_cast<int>(pixel * cells / size), 0, cells - 1));
   };
   const double x = camera.fx * static_cast<double>(patch.ray.x()) + camera.cx;
   const double y = camera.fy * static_cast<double>(patch.ray.y()) + camera.cy;
-  return static_cast<std::size_t>(index(y, camera.height, kCellsY) * kCellsX +
-                                  index(x, camera.width, kCellsX));
+  return index(y, camera.height, kCellsY) * kCellsX + index(x, camera.width, kCellsX);
 }
 
 /// Patches sorted by cell, and where each cell begins.
