@@ -143,15 +143,16 @@ def machine():
     return f'{os.cpu_count()} cores, {model}'
 
 
-def page(protocols, target):
+def page(protocols, target, of_commit, note):
     """The whole page as Markdown."""
     plan = protocols[0].evaluation.plan
-    parts = ['# Results\n', f'Written by `scripts/results_page.py` on {datetime.date.today()} from runs of commit `{commit()}` (program '
+    parts = ['# Results\n', f'Written by `scripts/results_page.py` on {datetime.date.today()} from runs of commit `{of_commit}` (program '
              f'`{plan["build"][:16]}`) on {machine()}; {plan["threads"]} thread a run. Sequences: excerpts of public data sets '
              '(KITTI odometry, EuRoC, TUM RGB-D, 7-Scenes, TartanAir) and a rendered hand-held one (`room_hand`).\n',
              'Rows in *italics* are published figures (`docs/results/reference.csv`): *reference* is the original DSO program with its own '
              'initializer, the others are two-view initializations on the same starts. Its runs on `euroc_static` were made on a longer '
              'excerpt, its depth on 7-Scenes judged against depth images that we do not have; its milliseconds are from a busy machine of the same kind.\n']
+    parts += [note + '\n'] if note else []
     for protocol in protocols:
         parts += [f'## {TITLES[protocol.name]}\n', table_of(protocol)]
         parts += [comparison(protocol, variant) for variant in OURS if variant in plan['variants']]
@@ -167,6 +168,8 @@ def main(arguments=None):
     parser.add_argument('--dense', required=True, metavar='DIR', help='output of evaluate.py --starts every:10 --frames 40')
     parser.add_argument('--published', default=str(ROOT / 'docs' / 'results' / 'reference.csv'), metavar='FILE.csv')
     parser.add_argument('--output', default=str(ROOT / 'docs' / 'results.md'), metavar='FILE.md', help='pictures go to the folder results beside it')
+    parser.add_argument('--commit', default=commit(), help='of the program that ran; default: of the sources as they are')
+    parser.add_argument('--note', default='', help='a sentence about the runs, for the head of the page')
     args = parser.parse_args(arguments)
     try:
         protocols = [load(name, getattr(args, name), args.published) for name in ('dense', 'five')]
@@ -174,7 +177,7 @@ def main(arguments=None):
             raise FormatError('the two evaluations were made with different programs')
         target = Path(args.output).parent / 'results'
         target.mkdir(parents=True, exist_ok=True)
-        Path(args.output).write_text(page(protocols, target))
+        Path(args.output).write_text(page(protocols, target, args.commit, args.note))
     except (FormatError, OSError) as error:
         print(f'results_page.py: {error}', file=sys.stderr)
         return 2
