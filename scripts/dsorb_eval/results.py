@@ -11,7 +11,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from . import summary
+from . import start_pictures, summary
 from .store import Evaluation
 from .trajectory import FormatError
 
@@ -124,8 +124,9 @@ def copy_pictures(protocol, target):
 
 
 def may_be_shown(protocol):
-    """Whether the start that start_pictures draws comes from images that may be passed on: it takes the first sequence."""
-    return protocol.evaluation.plan['sequences'][0]['name'] in FREE_TO_SHOW
+    """Whether the start of orb that start_pictures draws comes from images that may be passed on."""
+    sequence, _ = start_pictures.choose(protocol.evaluation).get('orb', (None, None))
+    return sequence in FREE_TO_SHOW
 
 
 def commit():

@@ -4,7 +4,7 @@
 #include "base/random.h"
 #include "image/photometric.h"
 #include "support/jacobian_check.h"
-#include "synthetic/sequence.h"
+#include "support/two_room_views.h"
 
 #include <Eigen/QR>
 #include <gtest/gtest.h>
@@ -21,16 +21,11 @@ using Eigen::VectorXd;
 class CoarseCovarianceTest : public testing::Test {
  protected:
   CoarseCovarianceTest() {
-    synthetic::SequenceOptions options;
-    options.kind = synthetic::SequenceKind::kRoom;
-    options.length = 5;
-    options.width = 320;
-    options.height = 240;
-    const synthetic::SyntheticSequence sequence(options);
-    attempt_.camera = sequence.camera();
-    attempt_.frames.push_back({sequence.framePtr(0), {}, {}});
-    tracked_.frame = sequence.framePtr(4);
-    tracked_.alignment.T_new_ref = sequence.pose(4).inverse() * sequence.pose(0);
+    const TwoRoomViews views = twoRoomViews();
+    attempt_.camera = views.camera;
+    attempt_.frames.push_back({views.reference, {}, {}});
+    tracked_.frame = views.frame;
+    tracked_.alignment.T_new_ref = views.T_frame_reference;
     std::vector<SelectedPixel> pixels;
     for (int y = 30; y < 210; y += 15) {
       for (int x = 30; x < 290; x += 15) pixels.push_back({x, y, 1});

@@ -5,6 +5,7 @@
 #include "init/orb/motion_candidates.h"
 #include "init/orb/robust_adjustment.h"
 #include "init/orb/rotation_only.h"
+#include "init/orb/spread_frames.h"
 #include "init/orb/start_gate.h"
 #include "support/matchers.h"
 #include "support/synthetic_map.h"

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/residual_statistics.h"
 
+#include "base/median.h"
 #include "base/random.h"
 
 #include <gtest/gtest.h>

@@ -3,7 +3,7 @@
 
 #include "init/coarse/coarse_handover.h"
 #include "support/matchers.h"
-#include "synthetic/sequence.h"
+#include "support/two_room_views.h"
 
 #include <gtest/gtest.h>
 
@@ -16,41 +16,29 @@ namespace {
 class ContestTest : public testing::Test {
  protected:
   ContestTest() {
-    synthetic::SequenceOptions options;
-    options.kind = synthetic::SequenceKind::kRoom;
-    options.length = 5;
-    options.width = 320;
-    options.height = 240;
-    const synthetic::SyntheticSequence sequence(options);
-    camera_ = sequence.camera();
-    reference_ = sequence.framePtr(0);
-    frame_ = sequence.framePtr(4);
-    truth_ = sequence.pose(4).inverse() * sequence.pose(0);
     int spacing = 5;
-    for (int l = 0; l < reference_->pyramid().levels(); ++l) {
-      const GridSelection selection = selectGridMaxima(reference_->level(l), 2500, spacing);
+    for (int l = 0; l < views_.reference->pyramid().levels(); ++l) {
+      const GridSelection selection = selectGridMaxima(views_.reference->level(l), 2500, spacing);
       spacing = selection.spacing;
-      levels_.push_back(makePointLevel(reference_->level(l), selection.pixels));
+      levels_.push_back(makePointLevel(views_.reference->level(l), selection.pixels));
       if (l > 0) findParents(levels_.back(), 2, levels_[levels_.size() - 2]);
     }
-    rotation_.T_new_ref = SE3(truth_.unitQuaternion(), Eigen::Vector3d::Zero());
+    rotation_.T_new_ref = SE3(views_.T_frame_reference.unitQuaternion(), Eigen::Vector3d::Zero());
   }
   /// From the plane of unit depth and a motion with the true rotation.
   Estimate alignedFrom(const Eigen::Vector3d& t) {
     Estimate estimate{levels_, rotation_, {}};
     estimate.alignment.T_new_ref.setTranslation(t);
     estimate.alignment.snapped = true;
-    alignLevels({*frame_, camera_, options_, aligner_}, 0, estimate);
+    alignLevels({*views_.frame, views_.camera, options_, aligner_}, 0, estimate);
     return estimate;
   }
   [[nodiscard]] double directionError(const Estimate& estimate) const {
     const Eigen::Vector3d t = estimate.alignment.T_new_ref.translation();
-    return std::acos(t.normalized().dot(truth_.translation().normalized())) * 180 / M_PI;
+    return std::acos(t.normalized().dot(views_.T_frame_reference.translation().normalized())) *
+           180 / M_PI;
   }
-  PinholeCamera camera_;
-  FramePtr reference_;
-  FramePtr frame_;
-  SE3 truth_;
+  TwoRoomViews views_ = twoRoomViews();
   std::vector<PointLevel> levels_;
   Alignment rotation_;
   CoarseOptions options_;
@@ -58,25 +46,27 @@ class ContestTest : public testing::Test {
 };
 
 TEST_F(ContestTest, FindsTheMotionFromAWrongOne) {
-  const Estimate wrong = alignedFrom(-0.1 * truth_.translation().normalized());
+  const Estimate wrong = alignedFrom(-0.1 * views_.T_frame_reference.translation().normalized());
   ASSERT_GT(directionError(wrong), 20);
-  const Contest result = contest({*frame_, camera_, options_, aligner_}, rotation_, wrong);
+  const Contest result =
+      contest({*views_.frame, views_.camera, options_, aligner_}, rotation_, wrong);
   EXPECT_LT(directionError(result.winner), 5) << "margin " << result.margin;
   EXPECT_GT(result.margin, 0.2);
   EXPECT_LT(result.winner.energy(), wrong.energy());
 }
 
 TEST_F(ContestTest, KeepsTheRightMotion) {
-  const Estimate right = alignedFrom(0.1 * truth_.translation().normalized());
-  const Contest result = contest({*frame_, camera_, options_, aligner_}, rotation_, right);
+  const Estimate right = alignedFrom(0.1 * views_.T_frame_reference.translation().normalized());
+  const Contest result =
+      contest({*views_.frame, views_.camera, options_, aligner_}, rotation_, right);
   EXPECT_LT(directionError(result.winner), 5);
   EXPECT_LE(result.winner.energy(), right.energy());
 }
 
 TEST_F(ContestTest, PassesEndWhenTheyNoLongerHelp) {
-  Estimate once = alignedFrom(0.1 * truth_.translation().normalized());
+  Estimate once = alignedFrom(0.1 * views_.T_frame_reference.translation().normalized());
   const double first = once.energy();
-  converge({*frame_, camera_, options_, aligner_}, 1, once);
+  converge({*views_.frame, views_.camera, options_, aligner_}, 1, once);
   EXPECT_LT(once.energy(), first);
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/coarse/coarse_handover.h"
 
+#include "base/median.h"
 #include "base/random.h"
 #include "image/photometric.h"
 #include "init/coarse/coarse_covariance.h"
@@ -24,13 +25,6 @@ constexpr double kMinPoseVisibleShare = 0.2;  // of all points, else a frame has
 constexpr float kMinInverseDepth = 1e-3F;     // of the result; orphans of the reference may have 0
 constexpr double kMaxMargin = 1e3;            // reported where there is no rival
 constexpr double kUnknownVariance = 1;        // of an inverse depth the newest frame does not tell
-
-double median(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 /// Levels with the smoothed inverse depths as the ones evaluated.
 std::vector<PointLevel> fixedLevels(const std::vector<PointLevel>& levels) {
@@ -98,7 +92,7 @@ double parallaxDeg(const Attempt& attempt) {
     const Eigen::Vector3d moved = ray + static_cast<double>(points.smoothed[i]) * T.translation();
     angles.push_back(std::atan2(ray.cross(moved).norm(), ray.dot(moved)) * 180.0 / M_PI);
   }
-  return median(std::move(angles));
+  return medianOf(std::move(angles));
 }
 
 /// Mean squared residual of the good points of level 0 [grey levels^2].
@@ -261,7 +255,7 @@ Quality judge(const Attempt& attempt, LevelAligner& aligner) {
     const double variance = formalVariance(attempt.levels.front(), i, residualVariance(full));
     sigmas.push_back(std::sqrt(variance) / static_cast<double>(fixed.front().smoothed[i]));
   }
-  quality.relative_sigma = median(std::move(sigmas));
+  quality.relative_sigma = medianOf(std::move(sigmas));
   quality.motion_gain = testRotation(attempt, aligner).motion_gain;
 
   const CoarseOptions& o = attempt.options;

@@ -19,7 +19,6 @@ constexpr double kMinVisibleShare = 0.25;  // points in view, else the reference
 constexpr double kMaxInlierDrop = 0.5;     // of the share of the frame before: the scene was cut
 constexpr int kMaxRefusals = 3;            // for poor quality; then the estimate is given up
 constexpr double kMatchShare = 0.8;        // of all points; once over the levels was enough
-constexpr std::size_t kKeptResets = 32;    // reasons remembered
 constexpr int kKeptFrames = 40;            // in memory when there is no time-out
 
 /// Points of all levels, finest first, with neighbours and parents.
@@ -75,10 +74,10 @@ void CoarseInitializer::reset() {
   attempt_.camera = camera_;
   attempt_.options = options_.coarse;
   attempt_.seed = options_.seed;
-  snapped_since_ = tracked_ = refusals_ = restarts_ = 0;
+  snapped_since_ = tracked_ = refusals_ = 0;
   inlier_share_ = 0;
   done_ = false;
-  earlier_resets_.clear();
+  resets_.clear();
   frame_check_ = FrameCheck(camera_);
   last_motion_ = SE3();
 }
@@ -89,9 +88,7 @@ InitStep CoarseInitializer::addFrame(FramePtr frame) {
   return arena_.run([&]() -> InitStep {
     if (attempt_.frames.empty()) {
       const bool enough = setReference(frame);
-      return {InitStatus::kNeedsMoreFrames,
-              enough ? InitReason::kFirstFrame : InitReason::kTooFewPoints,
-              std::nullopt};
+      return needsMoreFrames(enough ? InitReason::kFirstFrame : InitReason::kTooFewPoints);
     }
     return assess(clock_.time("alignment", [&] { return track(frame); }));
   });
@@ -231,7 +228,7 @@ InitStep CoarseInitializer::assess(const LevelReport& finest) {
   if (static_cast<int>(attempt_.frames.size()) > kKeptFrames && o.max_frames == 0) {
     attempt_.frames.erase(attempt_.frames.begin() + 1);
   }
-  return {InitStatus::kNeedsMoreFrames, reason, std::nullopt};
+  return needsMoreFrames(reason);
 }
 
 double CoarseInitializer::challenge(const LevelReport& finest) {
@@ -255,28 +252,18 @@ InitStep CoarseInitializer::conclude(const LevelReport& finest) {
       quality.reason = InitReason::kDegenerateMotion;
     }
   }
-  if (quality.reason != InitReason::kDone) {
-    return {InitStatus::kNeedsMoreFrames, quality.reason, std::nullopt};
-  }
-  InitStep step{InitStatus::kInitialized, InitReason::kDone, handOver(attempt_, quality, aligner_)};
-  step.result->report.stages = clock_.stages();
-  step.result->report.restarts = restarts_;
-  step.result->report.earlier_resets = earlier_resets_;
-  checkInvariants(*step.result);
+  if (quality.reason != InitReason::kDone) return needsMoreFrames(quality.reason);
+  InitStep step = resets_.finish(handOver(attempt_, quality, aligner_), clock_);
   done_ = true;
   attempt_ = Attempt{};
   return step;
 }
 
 InitStep CoarseInitializer::startOver(FramePtr frame, InitReason reason, bool lost) {
-  if (lost) {
-    last_motion_ = SE3();
-    ++restarts_;
-    if (earlier_resets_.size() == kKeptResets) earlier_resets_.erase(earlier_resets_.begin());
-    earlier_resets_.push_back(reason);
-  }
   setReference(frame);
-  return {lost ? InitStatus::kRestarted : InitStatus::kNeedsMoreFrames, reason, std::nullopt};
+  if (!lost) return needsMoreFrames(reason);
+  last_motion_ = SE3();
+  return resets_.restart(reason);
 }
 
 }  // namespace dsorb::init_coarse

@@ -9,6 +9,7 @@
 #include "init/coarse/coarse_handover.h"
 #include "init/coarse/rotation_search.h"
 #include "init/coarse/start_hypotheses.h"
+#include "init/reset_log.h"
 #include "init/stage_clock.h"
 
 #include <vector>
@@ -62,9 +63,8 @@ class CoarseInitializer : public Initializer {
   int tracked_ = 0;          ///< frames since the reference
   int refusals_ = 0;         ///< frames in a row that settled in poor quality
   double inlier_share_ = 0;  ///< of the newest frame
-  int restarts_ = 0;
   bool done_ = false;
-  std::vector<InitReason> earlier_resets_;
+  ResetLog resets_;
   SE3 last_motion_;  ///< from the frame before the newest to the newest
 };
 

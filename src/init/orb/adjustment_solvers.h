@@ -30,4 +30,13 @@ std::optional<int> solveWithSchur(InitialMap& map,
                                   const PinholeCamera& camera,
                                   const GeometricOptions& options);
 
+/// The solver that the options name.
+inline std::optional<int> solveGeometry(InitialMap& map,
+                                        const std::vector<char>& kept,
+                                        const PinholeCamera& camera,
+                                        const GeometricOptions& options) {
+  return options.solver == GeometricSolver::kCeres ? solveWithCeres(map, kept, camera, options)
+                                                   : solveWithSchur(map, kept, camera, options);
+}
+
 }  // namespace dsorb::init_orb

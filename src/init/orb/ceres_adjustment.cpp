@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/adjustment_solvers.h"
+#include "init/orb/ceres_solve.h"
 #include "init/orb/reprojection_cost.h"
 
 #include <ceres/loss_function.h>
 #include <ceres/problem.h>
-#include <ceres/solver.h>
 
 #include <cstddef>
 #include <deque>
 #include <memory>
+#include <utility>
 
 namespace dsorb::init_orb {
 namespace {
@@ -83,29 +84,21 @@ CeresAdjustment::CeresAdjustment(const InitialMap& map,
 }
 
 std::optional<int> CeresAdjustment::solve(const GeometricOptions& options) {
-  ceres::Solver::Options solver;
-  solver.linear_solver_type = ceres::DENSE_SCHUR;
-  solver.linear_solver_ordering = std::make_shared<ceres::ParameterBlockOrdering>();
+  auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
   for (double& inverse_depth : inverse_depths_) {
     if (problem_.HasParameterBlock(&inverse_depth)) {
-      solver.linear_solver_ordering->AddElementToGroup(&inverse_depth, 0);
+      ordering->AddElementToGroup(&inverse_depth, 0);
     }
   }
   for (PoseBlock& pose : poses_) {
     if (problem_.HasParameterBlock(pose.data())) {
-      solver.linear_solver_ordering->AddElementToGroup(pose.data(), 1);
+      ordering->AddElementToGroup(pose.data(), 1);
     }
   }
-  solver.max_num_iterations = options.max_iterations;
-  solver.function_tolerance = options.function_tolerance;
-  solver.num_threads = 1;  // with more the sums have no fixed order
-  solver.logging_type = ceres::SILENT;
-  ceres::Solver::Summary summary;
-  ceres::Solve(solver, &problem_, &summary);
-  if (!summary.IsSolutionUsable()) {
-    return std::nullopt;
-  }
-  return static_cast<int>(summary.iterations.size());
+  const auto summary = solveBySchur(
+      problem_, std::move(ordering), options.max_iterations, options.function_tolerance);
+  if (!summary) return std::nullopt;
+  return static_cast<int>(summary->iterations.size());
 }
 
 void CeresAdjustment::writeTo(InitialMap& map) const {

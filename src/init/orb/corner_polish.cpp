@@ -226,17 +226,6 @@ std::vector<PointSighting> measureFrame(const InitialMap& map,
   return sightings;
 }
 
-/// Sets the brightness of these frames only.
-void estimateBrightnessOf(InitialMap& map, const std::vector<int>& frames) {
-  std::vector<AffineBrightness> affine = map.affine;
-  estimateBrightness(map);
-  for (const int frame : frames) {
-    const auto k = static_cast<std::size_t>(frame);
-    affine[k] = map.affine[k];
-  }
-  map.affine = std::move(affine);
-}
-
 double turnDeg(const InitialMap& before, const InitialMap& after) {
   const Eigen::Vector3d& from = before.T_cam_ref.back()->translation();
   const Eigen::Vector3d& to = after.T_cam_ref.back()->translation();
@@ -276,7 +265,7 @@ void polishPoses(InitialMap& map,
                  const PinholeCamera& camera,
                  const PolishOptions& options,
                  const std::vector<int>& frames) {
-  estimateBrightnessOf(map, frames);
+  estimateBrightness(map, frames);
   std::vector<std::optional<SE3>> poses(frames.size());
   for (int round = 0; round < options.rounds; ++round) {
     forEachRange(frames.size(), 1, [&](std::size_t begin, std::size_t end) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/essential_motion.h"
 
+#include "base/median.h"
 #include "geometry/triangulate.h"
 #include "init/orb/motion_hypotheses.h"
 #include "init/orb/motion_refinement.h"
@@ -17,7 +18,6 @@ namespace {
 
 constexpr int kMinMatches = 8;  // of OpenCV's local optimisation
 constexpr int kRefits = 2;      // of motion and inliers; the inliers then stay the same
-constexpr double kSigmaOfMedian = 1.4826;
 
 /// Of the four motions of an essential matrix the one with most inliers in front of both cameras.
 SE3 mostInFront(const std::vector<SE3>& motions,
@@ -75,7 +75,7 @@ EssentialMotion refineOnInliers(const SE3& T_target_ref,
         static_cast<int>(std::count(motion.inlier.begin(), motion.inlier.end(), char{1}));
     const auto middle = distances.begin() + motion.inliers / 2;
     std::nth_element(distances.begin(), middle, distances.end());
-    motion.noise = kSigmaOfMedian * *middle;
+    motion.noise = kMadToSigma * *middle;
     if (refit == kRefits || motion.inliers < kMinMatches) break;
     motion.T_target_ref =
         refineMotion(motion.T_target_ref, matches, motion.inlier, camera, threshold / 2);

@@ -6,6 +6,7 @@
 #include "image/photometric.h"
 
 #include <cmath>
+#include <numeric>
 #include <optional>
 
 namespace dsorb::init_orb {
@@ -78,6 +79,14 @@ std::optional<BrightnessTransfer> fitLine(const std::vector<GreyPair>& pairs) {
 }  // namespace
 
 void estimateBrightness(InitialMap& map) {
+  std::vector<int> all(map.frames.size() - 1);
+  std::iota(all.begin(), all.end(), 1);
+  estimateBrightness(map, all);
+}
+
+void estimateBrightness(InitialMap& map, const std::vector<int>& frames) {
+  std::vector<char> wanted(map.frames.size(), 0);
+  for (const int frame : frames) wanted[static_cast<std::size_t>(frame)] = 1;
   std::vector<std::optional<double>> reference(map.corners.size());
   forEachRange(map.corners.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
@@ -89,7 +98,7 @@ void estimateBrightness(InitialMap& map) {
     for (std::size_t i = begin; i < end; ++i) {
       const Observation& observation = map.observations[i];
       const auto frame = static_cast<std::size_t>(observation.frame);
-      if (map.T_cam_ref[frame]) {
+      if (wanted[frame] != 0 && map.T_cam_ref[frame]) {
         target[i] = patchMean(map.frames[frame]->level(0), observation.pixel);
       }
     }
@@ -102,7 +111,8 @@ void estimateBrightness(InitialMap& map) {
       pairs[static_cast<std::size_t>(observation.frame)].push_back({*host, *target[i]});
     }
   }
-  for (std::size_t k = 1; k < map.frames.size(); ++k) {
+  for (const int frame : frames) {
+    const auto k = static_cast<std::size_t>(frame);
     map.affine[k] = {};
     if (const std::optional<BrightnessTransfer> line = fitLine(pairs[k])) {
       const double exposure_ratio =

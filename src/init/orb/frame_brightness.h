@@ -3,6 +3,8 @@
 
 #include "init/orb/initial_map.h"
 
+#include <vector>
+
 namespace dsorb::init_orb {
 
 /// Sets `map.affine` of every posed frame after the reference: gain and offset between the grey
@@ -10,5 +12,8 @@ namespace dsorb::init_orb {
 /// patch means. A frame with too few corners or too little contrast keeps a = b = 0.
 /// @source Engel et al., DSO, arXiv:1607.02565, eq. (4) for the meaning of a and b
 void estimateBrightness(InitialMap& map);
+
+/// The same for some frames. @param frames indices, not the reference
+void estimateBrightness(InitialMap& map, const std::vector<int>& frames);
 
 }  // namespace dsorb::init_orb

@@ -4,6 +4,7 @@
 #include "camera/reprojection.h"
 #include "init/orb/adjustment_solvers.h"
 #include "init/orb/geometric_covariance.h"
+#include "init/orb/map_scale.h"
 
 #include <algorithm>
 #include <cmath>
@@ -60,9 +61,7 @@ Adjustment::Adjustment(InitialMap& map,
 }
 
 std::optional<int> Adjustment::solve() {
-  return options_.solver == GeometricSolver::kCeres
-             ? solveWithCeres(map_, kept_, camera_, options_)
-             : solveWithSchur(map_, kept_, camera_, options_);
+  return solveGeometry(map_, kept_, camera_, options_);
 }
 
 std::optional<double> Adjustment::error(const Observation& observation) const {
@@ -161,7 +160,7 @@ GeometricReport adjustGeometry(InitialMap& map,
   }
   report.residual_rms = adjustment.residualRms();
   adjustment.compact();
-  if (!normalizeScale(map)) {
+  if (!normalizeCornerScale(map)) {
     return report;
   }
   report.variance_factor = setCovariances(map, camera, options);

@@ -4,6 +4,7 @@
 #include "init/orb/corner_polish.h"
 #include "init/orb/essential_motion.h"
 #include "init/orb/geometric_covariance.h"
+#include "init/orb/map_scale.h"
 #include "init/orb/model_competition.h"
 #include "init/orb/motion_candidates.h"
 #include "init/orb/robust_adjustment.h"
@@ -164,7 +165,7 @@ InitReason InformedAttempt::refine() {
                options_.gate.min_track_share * static_cast<double>(matches_.size()))) {
     return InitReason::kPoorQuality;
   }
-  if (!normalizeScale(map)) return InitReason::kPoorQuality;
+  if (!normalizeCornerScale(map)) return InitReason::kPoorQuality;
   attempt_.report.residual_rms = medianError(map, camera);
   const double factor =
       context_.clock.time("covariance", [&] { return setCovariances(map, camera, adjusted); });

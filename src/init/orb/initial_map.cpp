@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/initial_map.h"
 
-#include <cmath>
 #include <cstddef>
 
 namespace dsorb::init_orb {
@@ -23,29 +22,6 @@ void removeCorners(InitialMap& map, const std::vector<char>& removed) {
     map.observations[kept++].corner = corner;
   }
   map.observations.resize(kept);
-}
-
-bool normalizeScale(InitialMap& map) {
-  double mean = 0;
-  for (const Corner& corner : map.corners) {
-    mean += corner.inverse_depth / static_cast<double>(map.corners.size());
-  }
-  if (!(mean > 0) || !std::isfinite(mean)) {
-    return false;
-  }
-  for (Corner& corner : map.corners) {
-    corner.inverse_depth /= mean;
-  }
-  for (SemiDensePoint& point : map.points) {
-    point.inverse_depth /= static_cast<float>(mean);
-    point.variance /= static_cast<float>(mean * mean);
-  }
-  for (std::optional<SE3>& pose : map.T_cam_ref) {
-    if (pose) {
-      pose->setTranslation(pose->translation() * mean);
-    }
-  }
-  return true;
 }
 
 }  // namespace dsorb::init_orb

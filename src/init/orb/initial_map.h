@@ -52,7 +52,4 @@ struct InitialMap {
 /// Removes the marked corners with their observations. @param removed one a corner
 void removeCorners(InitialMap& map, const std::vector<char>& removed);
 
-/// Makes the mean inverse depth of the corners 1. @return false when it is not positive
-bool normalizeScale(InitialMap& map);
-
 }  // namespace dsorb::init_orb

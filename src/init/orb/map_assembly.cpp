@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/map_assembly.h"
 
+#include "base/median.h"
 #include "init/orb/pose_from_points.h"
 #include "init/result.h"
 
@@ -8,6 +9,7 @@
 #include <cmath>
 #include <cstddef>
 #include <numeric>
+#include <utility>
 
 namespace dsorb::init_orb {
 namespace {
@@ -44,15 +46,12 @@ bool handedOver(double inverse_depth, double variance) {
 }
 
 double medianRelativeSigma(const std::vector<InitPoint>& points) {
-  if (points.empty()) return 0;
   std::vector<double> sigmas;
   sigmas.reserve(points.size());
   for (const InitPoint& point : points) {
     sigmas.push_back(std::sqrt(point.variance) / point.inverse_depth);
   }
-  const auto middle = sigmas.begin() + static_cast<std::ptrdiff_t>(sigmas.size() / 2);
-  std::nth_element(sigmas.begin(), middle, sigmas.end());
-  return *middle;
+  return medianOf(std::move(sigmas));
 }
 
 }  // namespace

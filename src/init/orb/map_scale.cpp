@@ -5,11 +5,10 @@
 
 namespace dsorb::init_orb {
 
-bool normalizeMapScale(InitialMap& map) {
-  double sum = 0;
-  for (const Corner& corner : map.corners) sum += corner.inverse_depth;
-  for (const SemiDensePoint& point : map.points) sum += static_cast<double>(point.inverse_depth);
-  const double mean = sum / static_cast<double>(map.corners.size() + map.points.size());
+namespace {
+
+/// Makes this inverse depth 1. @return false when it is not positive
+bool rescale(InitialMap& map, double mean) {
   if (!(mean > 0) || !std::isfinite(mean)) return false;
   const double square = mean * mean;
   for (Corner& corner : map.corners) {
@@ -34,6 +33,23 @@ bool normalizeMapScale(InitialMap& map) {
     map.joint_covariance.col(row) *= mean;
   }
   return true;
+}
+
+}  // namespace
+
+bool normalizeCornerScale(InitialMap& map) {
+  double mean = 0;
+  for (const Corner& corner : map.corners) {
+    mean += corner.inverse_depth / static_cast<double>(map.corners.size());
+  }
+  return rescale(map, mean);
+}
+
+bool normalizeMapScale(InitialMap& map) {
+  double sum = 0;
+  for (const Corner& corner : map.corners) sum += corner.inverse_depth;
+  for (const SemiDensePoint& point : map.points) sum += static_cast<double>(point.inverse_depth);
+  return rescale(map, sum / static_cast<double>(map.corners.size() + map.points.size()));
 }
 
 }  // namespace dsorb::init_orb

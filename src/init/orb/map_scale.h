@@ -5,9 +5,12 @@
 
 namespace dsorb::init_orb {
 
-/// Makes the mean inverse depth of corners and semi-dense points together 1; poses, covariances
-/// and variances change their unit with it.
+/// Makes the mean inverse depth of the corners 1; poses, covariances and variances change their
+/// unit with it.
 /// @return false when that mean is not positive; nothing is changed then
+bool normalizeCornerScale(InitialMap& map);
+
+/// The same with the mean over corners and semi-dense points together.
 bool normalizeMapScale(InitialMap& map);
 
 }  // namespace dsorb::init_orb

@@ -4,7 +4,6 @@
 #include "init/orb/rotation_only.h"
 #include "init/result.h"
 
-#include <cstddef>
 #include <stdexcept>
 #include <utility>
 
@@ -12,11 +11,6 @@ namespace dsorb::init_orb {
 namespace {
 
 constexpr int kMinRotationMatches = 10;  // to tell that a rotation explains them all
-constexpr std::size_t kKeptResets = 32;  // reasons kept; a camera may stand in the dark for hours
-
-InitStep needsMoreFrames(InitReason reason) {
-  return {InitStatus::kNeedsMoreFrames, reason, std::nullopt};
-}
 
 }  // namespace
 
@@ -38,8 +32,7 @@ void MatchingInitializer::reset() {
   frame_check_ = FrameCheck(camera_);
   pair_.clear();
   clock_.clear();
-  restarts_ = 0;
-  earlier_resets_.clear();
+  resets_.clear();
   spent_ = false;
 }
 
@@ -72,13 +65,8 @@ bool MatchingInitializer::onlyRotated() const {
 
 InitStep MatchingInitializer::finish(Attempt attempt) {
   attempt.report.details.emplace_back("optical_flow", pair_.usesFlow() ? 1 : 0);
-  InitializationResult result = toResult(std::move(attempt));
-  result.report.restarts = restarts_;
-  result.report.earlier_resets = earlier_resets_;
-  result.report.stages = clock_.stages();
-  checkInvariants(result);
   spent_ = true;
-  return {InitStatus::kInitialized, InitReason::kDone, std::move(result)};
+  return resets_.finish(toResult(std::move(attempt)), clock_);
 }
 
 InitStep MatchingInitializer::waitWithNewReference(FramePtr frame, InitReason reason) {
@@ -87,11 +75,8 @@ InitStep MatchingInitializer::waitWithNewReference(FramePtr frame, InitReason re
 }
 
 InitStep MatchingInitializer::restart(FramePtr frame, InitReason reason) {
-  ++restarts_;
-  if (earlier_resets_.size() == kKeptResets) earlier_resets_.erase(earlier_resets_.begin());
-  earlier_resets_.push_back(reason);
   clock_.time("matching", [&] { pair_.start(std::move(frame)); });
-  return {InitStatus::kRestarted, reason, std::nullopt};
+  return resets_.restart(reason);
 }
 
 }  // namespace dsorb::init_orb

@@ -7,6 +7,7 @@
 #include "init/orb/motion_hypotheses.h"
 #include "init/orb/reprojection_equations.h"
 #include "init/orb/robust_adjustment.h"
+#include "init/orb/spread_frames.h"
 
 #include <algorithm>
 #include <cmath>

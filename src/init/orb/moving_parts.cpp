@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/moving_parts.h"
 
+#include "base/median.h"
 #include "camera/reprojection.h"
 #include "geometry/triangulate.h"
 
@@ -63,13 +64,6 @@ double trackError(const std::vector<Sighting>& sightings,
     inverse_depth = std::max(inverse_depth + fit->step, 0.0);
   }
   return std::sqrt(best / static_cast<double>(sightings.size()));
-}
-
-double medianOf(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 }  // namespace
@@ -142,24 +136,13 @@ bool MovingParts::cover(const Eigen::Vector2f& pixel) const {
 }
 
 int MovingParts::removeCorners(InitialMap& map) const {
-  std::vector<int> new_index(map.corners.size(), -1);
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < map.corners.size(); ++i) {
-    if (cover(map.corners[i].pixel.cast<float>())) continue;
-    new_index[i] = static_cast<int>(kept);
-    map.corners[kept++] = map.corners[i];
-  }
-  const int removed = static_cast<int>(map.corners.size() - kept);
-  map.corners.resize(kept);
-  kept = 0;
-  for (const Observation& observation : map.observations) {
-    const int corner = new_index[static_cast<std::size_t>(observation.corner)];
-    if (corner < 0) continue;
-    map.observations[kept] = observation;
-    map.observations[kept++].corner = corner;
-  }
-  map.observations.resize(kept);
-  return removed;
+  std::vector<char> covered(map.corners.size());
+  std::transform(
+      map.corners.begin(), map.corners.end(), covered.begin(), [this](const Corner& corner) {
+        return cover(corner.pixel.cast<float>()) ? 1 : 0;
+      });
+  init_orb::removeCorners(map, covered);
+  return static_cast<int>(covered.size() - map.corners.size());
 }
 
 int MovingParts::removePoints(InitialMap& map) const {

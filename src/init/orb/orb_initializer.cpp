@@ -3,19 +3,13 @@
 
 #include "init/orb/rotation_only.h"
 
-#include <cstddef>
 #include <stdexcept>
 #include <utility>
 
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kMinRotationTracks = 10;   // to tell that a rotation explains them all
-constexpr std::size_t kKeptResets = 32;  // reasons kept; a camera may stand in the dark for hours
-
-InitStep needsMoreFrames(InitReason reason) {
-  return {InitStatus::kNeedsMoreFrames, reason, std::nullopt};
-}
+constexpr int kMinRotationTracks = 10;  // to tell that a rotation explains them all
 
 }  // namespace
 
@@ -35,8 +29,7 @@ InitStep ORBInitializer::addFrame(FramePtr frame) {
 void ORBInitializer::reset() {
   pool_.clear();
   clock_.clear();
-  restarts_ = 0;
-  earlier_resets_.clear();
+  resets_.clear();
   frame_check_ = FrameCheck(camera_);
   spent_ = false;
 }
@@ -102,21 +95,13 @@ InitStep ORBInitializer::waitWithNewReference(FramePtr frame, InitReason reason)
 }
 
 InitStep ORBInitializer::restart(FramePtr frame, InitReason reason) {
-  ++restarts_;
-  if (earlier_resets_.size() == kKeptResets) earlier_resets_.erase(earlier_resets_.begin());
-  earlier_resets_.push_back(reason);
   takeReference(std::move(frame));
-  return {InitStatus::kRestarted, reason, std::nullopt};
+  return resets_.restart(reason);
 }
 
 InitStep ORBInitializer::finish(Attempt attempt) {
-  InitializationResult result = toResult(std::move(attempt));
-  result.report.restarts = restarts_;
-  result.report.earlier_resets = earlier_resets_;
-  result.report.stages = clock_.stages();
-  checkInvariants(result);
   spent_ = true;
-  return {InitStatus::kInitialized, InitReason::kDone, std::move(result)};
+  return resets_.finish(toResult(std::move(attempt)), clock_);
 }
 
 }  // namespace dsorb::init_orb

@@ -7,9 +7,8 @@
 #include "image/frame_check.h"
 #include "init/orb/attempt.h"
 #include "init/orb/reference_pool.h"
+#include "init/reset_log.h"
 #include "init/stage_clock.h"
-
-#include <vector>
 
 namespace dsorb::init_orb {
 
@@ -40,8 +39,7 @@ class ORBInitializer final : public Initializer {
   FrameCheck frame_check_;
   ReferencePool pool_;
   StageClock clock_;
-  int restarts_ = 0;
-  std::vector<InitReason> earlier_resets_;  // the latest ones
+  ResetLog resets_;
   bool spent_ = false;
 };
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/outlier_filter.h"
 
+#include "base/median.h"
 #include "init/orb/neighbour_disagreement.h"
 #include "init/orb/photometric_covariance.h"
 #include "init/orb/photometric_problem.h"
@@ -71,7 +72,6 @@ double squaredGradient(const PatchGradients& gradients, std::size_t pixel) {
 /// @source experiments on rendered and real sequences, section A5
 NoiseModel fitNoise(const std::vector<FrameResiduals>& residuals,
                     const std::vector<PatchGradients>& gradients) {
-  constexpr double kMadToSigma = 1.4826;
   constexpr double kWeak = 20;        // [grey levels / px]
   constexpr double kStrong = 40;      // [grey levels / px]
   constexpr double kMinVariance = 1;  // of grey values [grey levels^2]
@@ -174,26 +174,14 @@ void removeFrom(InitialMap& map,
   const std::size_t corners = map.corners.size();
   std::vector<char> gone(corners + map.points.size(), 0);
   for (std::size_t i = 0; i < verdicts.size(); ++i) gone[problem.source[i]] = verdicts[i];
-  std::vector<int> new_index(corners, -1);
-  std::size_t next = 0;
-  for (std::size_t i = 0; i < corners; ++i) {
-    if (gone[i] != 0) continue;
-    new_index[i] = static_cast<int>(next);
-    map.corners[next++] = map.corners[i];
-  }
-  map.corners.resize(next);
-  std::size_t kept = 0;
-  for (Observation observation : map.observations) {
-    observation.corner = new_index[static_cast<std::size_t>(observation.corner)];
-    if (observation.corner >= 0) map.observations[kept++] = observation;
-  }
-  map.observations.resize(kept);
+  const auto first_point = gone.begin() + static_cast<std::ptrdiff_t>(corners);
+  removeCorners(map, {gone.begin(), first_point});
   std::size_t point = 0;
   for (std::size_t i = 0; i < map.points.size(); ++i) {
     if (gone[corners + i] == 0) map.points[point++] = map.points[i];
   }
   report.examined = static_cast<int>(gone.size());
-  report.removed_corners = static_cast<int>(corners - next);
+  report.removed_corners = static_cast<int>(corners - map.corners.size());
   report.removed_points = static_cast<int>(map.points.size() - point);
   map.points.resize(point);
 }

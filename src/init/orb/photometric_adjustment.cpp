@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/photometric_adjustment.h"
 
+#include "base/median.h"
 #include "init/orb/map_scale.h"
 #include "init/orb/photometric_solvers.h"
 
@@ -9,6 +10,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <utility>
 
 namespace dsorb::init_orb {
 namespace {
@@ -26,10 +28,7 @@ double medianResidual(const PhotometricProblem& problem,
       for (const double residual : *patch) magnitudes.push_back(std::abs(residual));
     }
   }
-  if (magnitudes.empty()) return 0;
-  const auto middle = magnitudes.begin() + static_cast<std::ptrdiff_t>(magnitudes.size() / 2);
-  std::nth_element(magnitudes.begin(), middle, magnitudes.end());
-  return *middle;
+  return medianOf(std::move(magnitudes));
 }
 
 /// All corners and the semi-dense points with the smallest relative variance.

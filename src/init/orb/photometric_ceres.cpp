@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/ceres_solve.h"
 #include "init/orb/photometric_cost.h"
 #include "init/orb/photometric_solvers.h"
 #include "init/orb/reprojection_cost.h"
 
 #include <ceres/problem.h>
-#include <ceres/solver.h>
 
 #include <array>
 #include <deque>
@@ -91,18 +91,11 @@ std::shared_ptr<ceres::ParameterBlockOrdering> CeresPhotometry::ordering() {
 }
 
 std::optional<PhotometricSolve> CeresPhotometry::solve(const PhotometricOptions& options) {
-  ceres::Solver::Options solver;
-  solver.linear_solver_type = ceres::DENSE_SCHUR;
-  solver.linear_solver_ordering = ordering();
-  solver.max_num_iterations = options.max_iterations;
-  solver.function_tolerance = options.function_tolerance;
-  solver.num_threads = 1;  // with more the sums have no fixed order
-  solver.logging_type = ceres::SILENT;
-  ceres::Solver::Summary summary;
-  ceres::Solve(solver, &problem_, &summary);
-  if (!summary.IsSolutionUsable()) return std::nullopt;
+  const auto summary =
+      solveBySchur(problem_, ordering(), options.max_iterations, options.function_tolerance);
+  if (!summary) return std::nullopt;
   return PhotometricSolve{
-      static_cast<int>(summary.iterations.size()), summary.initial_cost, summary.final_cost};
+      static_cast<int>(summary->iterations.size()), summary->initial_cost, summary->final_cost};
 }
 
 void CeresPhotometry::writeTo(PhotometricState& state) const {

@@ -3,20 +3,14 @@
 
 #include "base/lanes.h"
 #include "base/target_clones.h"
-
-#include <cstring>
+#include "image/sample_quad.h"
 
 namespace dsorb::init_orb {
 namespace {
 
 using IntLanes = int __attribute__((vector_size(32)));
-using Quad = float __attribute__((vector_size(16)));
 
 constexpr float kMinGreySum = 8;  // of a patch; psi of a darker one means nothing [grey levels]
-
-DSORB_ALWAYS_INLINE void loadQuad(const ImageSample* sample, Quad& quad) {
-  std::memcpy(&quad, sample, sizeof(Quad));
-}
 
 /// Value and gradients at the pixels of one pattern.
 struct Samples {
@@ -30,35 +24,17 @@ DSORB_ALWAYS_INLINE void sampleImage(const PatchSetting& s,
                                      const Lanes& x,
                                      const Lanes& y,
                                      Samples& samples) {
-  const IntLanes ix = __builtin_convertvector(x, IntLanes);
-  const IntLanes iy = __builtin_convertvector(y, IntLanes);
-  const Lanes fx = x - __builtin_convertvector(ix, Lanes);
-  const Lanes fy = y - __builtin_convertvector(iy, Lanes);
-  Quad values[kLanes];
-  for (int k = 0; k < kLanes; ++k) {
-    const ImageSample* top = s.image + static_cast<std::ptrdiff_t>(iy[k]) * s.width + ix[k];
-    const ImageSample* bottom = top + s.width;
-    Quad v00;
-    Quad v01;
-    Quad v10;
-    Quad v11;
-    loadQuad(top, v00);
-    loadQuad(top + 1, v01);
-    loadQuad(bottom, v10);
-    loadQuad(bottom + 1, v11);
-    const Quad above = v00 + fx[k] * (v01 - v00);
-    const Quad below = v10 + fx[k] * (v11 - v10);
-    values[k] = above + fy[k] * (below - above);
-  }
-  Quad intensity[2];
-  Quad dx[2];
-  Quad dy[2];
+  SampleQuad values[kLanes];
+  for (int k = 0; k < kLanes; ++k) interpolateQuad(s.image, s.width, x[k], y[k], values[k]);
+  SampleQuad intensity[2];
+  SampleQuad dx[2];
+  SampleQuad dy[2];
   for (int half = 0; half < 2; ++half) {
-    const Quad* v = values + 4 * half;
-    const Quad front01 = __builtin_shufflevector(v[0], v[1], 0, 4, 1, 5);
-    const Quad front23 = __builtin_shufflevector(v[2], v[3], 0, 4, 1, 5);
-    const Quad back01 = __builtin_shufflevector(v[0], v[1], 2, 6, 3, 7);
-    const Quad back23 = __builtin_shufflevector(v[2], v[3], 2, 6, 3, 7);
+    const SampleQuad* v = values + 4 * half;
+    const SampleQuad front01 = __builtin_shufflevector(v[0], v[1], 0, 4, 1, 5);
+    const SampleQuad front23 = __builtin_shufflevector(v[2], v[3], 0, 4, 1, 5);
+    const SampleQuad back01 = __builtin_shufflevector(v[0], v[1], 2, 6, 3, 7);
+    const SampleQuad back23 = __builtin_shufflevector(v[2], v[3], 2, 6, 3, 7);
     intensity[half] = __builtin_shufflevector(front01, front23, 0, 1, 4, 5);
     dx[half] = __builtin_shufflevector(front01, front23, 2, 3, 6, 7);
     dy[half] = __builtin_shufflevector(back01, back23, 0, 1, 4, 5);

@@ -3,6 +3,7 @@
 
 #include "base/parallel.h"
 #include "image/interpolate.h"
+#include "init/orb/spread_frames.h"
 
 #include <cmath>
 #include <limits>
@@ -42,12 +43,9 @@ std::vector<std::size_t> spreadFrames(const InitialMap& map, int count) {
   for (std::size_t k = 1; k < map.frames.size(); ++k) {
     if (map.T_cam_ref[k]) posed.push_back(k);
   }
-  const auto wanted = static_cast<std::size_t>(count);
-  if (posed.size() <= wanted) return posed;
   std::vector<std::size_t> spread;
-  for (std::size_t i = 1; i <= wanted; ++i) {
-    // The i-th of equal parts ends here; the last ends with the newest frame.
-    spread.push_back(posed[(2 * i * posed.size() + wanted) / (2 * wanted) - 1]);
+  for (const int i : spreadFrames(static_cast<int>(posed.size()) + 1, count + 1)) {
+    spread.push_back(posed[static_cast<std::size_t>(i) - 1]);
   }
   return spread;
 }

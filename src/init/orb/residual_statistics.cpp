@@ -1,24 +1,18 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/residual_statistics.h"
 
-#include <algorithm>
+#include "base/median.h"
+
 #include <cmath>
+#include <utility>
 
 namespace dsorb::init_orb {
 namespace {
 
-constexpr double kMadToSigma = 1.4826;  // of a Gaussian
-constexpr double kConverged = 1e-3;     // relative change of the squared scale
-constexpr int kMaxIterations = 50;      // measured: 8 to 12 are needed
+constexpr double kConverged = 1e-3;  // relative change of the squared scale
+constexpr int kMaxIterations = 50;   // measured: 8 to 12 are needed
 
 }  // namespace
-
-double medianOf(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 double tWeight(double residual, double scale) {
   const double ratio = residual / scale;

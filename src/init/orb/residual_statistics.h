@@ -16,9 +16,6 @@ struct TDistribution {
   int iterations = 0;
 };
 
-/// Middle value; of an even number the upper one. 0 when there is none.
-double medianOf(std::vector<double> values);
-
 /// Scale of greatest likelihood. Residuals farther from the median than `prefilter` times 1.4826
 /// MAD have no part: the fit breaks down at one sixth of outliers.
 /// @param prefilter [1.4826 MAD]

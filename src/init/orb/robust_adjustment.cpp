@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/robust_adjustment.h"
 
+#include "base/median.h"
 #include "camera/reprojection.h"
 #include "init/orb/adjustment_solvers.h"
 
@@ -8,11 +9,11 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <utility>
 
 namespace dsorb::init_orb {
 namespace {
 
-constexpr double kSigmaOfMedian = 1.4826;  // of a normal distribution, by its median deviation
 // Median length of a two-dimensional vector whose coordinates have standard deviation 1.
 constexpr double kMedianLength = 1.1774;
 constexpr double kMinSigma = 1e-3;  // [px]; exact tracks of synthetic maps
@@ -40,14 +41,12 @@ std::vector<double> errorsOf(const InitialMap& map, const PinholeCamera& camera)
   return errors;
 }
 
-double medianOf(std::vector<double> values) {
-  values.erase(
-      std::remove_if(values.begin(), values.end(), [](double value) { return std::isnan(value); }),
-      values.end());
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+/// Median over frames with a pose.
+double medianKnown(std::vector<double> errors) {
+  errors.erase(
+      std::remove_if(errors.begin(), errors.end(), [](double error) { return std::isnan(error); }),
+      errors.end());
+  return medianOf(std::move(errors));
 }
 
 void removeAbove(InitialMap& map, const std::vector<double>& errors, double limit) {
@@ -60,21 +59,10 @@ void removeAbove(InitialMap& map, const std::vector<double>& errors, double limi
 
 bool solve(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options) {
   const std::vector<char> kept(map.corners.size(), 1);
-  const auto iterations = options.solver == GeometricSolver::kCeres
-                              ? solveWithCeres(map, kept, camera, options)
-                              : solveWithSchur(map, kept, camera, options);
-  return iterations.has_value();
+  return solveGeometry(map, kept, camera, options).has_value();
 }
 
 }  // namespace
-
-std::vector<int> spreadFrames(int frames, int count) {
-  std::vector<int> chosen;
-  const int last = frames - 1;
-  const int steps = std::min(last, count - 1);
-  for (int step = 1; step <= steps; ++step) chosen.push_back((step * last + steps / 2) / steps);
-  return chosen;
-}
 
 bool adjustOnce(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options) {
   removeAbove(map, errorsOf(map, camera), std::numeric_limits<double>::max());
@@ -85,7 +73,7 @@ bool adjustRobustly(InitialMap& map, const PinholeCamera& camera, const Geometri
   for (const double least : {options.first_limit, options.normal_limit}) {
     if (!adjustOnce(map, camera, options)) return false;
     const std::vector<double> errors = errorsOf(map, camera);
-    const double limit = options.limit_factor * kSigmaOfMedian * medianOf(errors);
+    const double limit = options.limit_factor * kMadToSigma * medianKnown(errors);
     removeAbove(map, errors, std::clamp(limit, least, std::max(least, options.severe_limit)));
     if (static_cast<int>(map.corners.size()) < options.min_points) return false;
   }
@@ -93,7 +81,7 @@ bool adjustRobustly(InitialMap& map, const PinholeCamera& camera, const Geometri
 }
 
 double medianError(const InitialMap& map, const PinholeCamera& camera) {
-  return medianOf(errorsOf(map, camera));
+  return medianKnown(errorsOf(map, camera));
 }
 
 GeometricOptions adjustToNoise(InitialMap& map,

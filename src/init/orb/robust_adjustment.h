@@ -10,9 +10,6 @@
 
 namespace dsorb::init_orb {
 
-/// Indices of at most `count` frames after the reference, evenly spread, the newest one included.
-std::vector<int> spreadFrames(int frames, int count);
-
 /// Adjusts poses and corners in two rounds, each followed by the removal of corners whose largest
 /// error is above a multiple of the robust standard deviation. Corners behind the camera stay: they
 /// speak against the motion.

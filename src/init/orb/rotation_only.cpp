@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/rotation_only.h"
 
+#include "base/median.h"
+
 #include <Eigen/SVD>
 
 #include <algorithm>
 #include <cassert>
 #include <cmath>
 #include <cstddef>
+#include <utility>
 
 namespace dsorb::init_orb {
 namespace {
@@ -58,9 +61,7 @@ RotationFit fitRotation(const Matches& matches, const PinholeCamera& camera) {
     residuals[i] =
         turned.z() > 0 ? (camera.project(turned) - matches.target[i]).norm() : kBehindResidual;
   }
-  const auto middle = residuals.begin() + static_cast<std::ptrdiff_t>(n / 2);
-  std::nth_element(residuals.begin(), middle, residuals.end());
-  fit.median_residual = *middle;
+  fit.median_residual = medianOf(std::move(residuals));
   return fit;
 }
 

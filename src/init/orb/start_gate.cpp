@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/start_gate.h"
 
+#include "base/median.h"
 #include "geometry/triangulate.h"
 #include "init/orb/image_scale.h"
 #include "init/orb/motion_refinement.h"
@@ -13,6 +14,7 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <utility>
 #include <vector>
 
 namespace dsorb::init_orb {
@@ -69,10 +71,7 @@ double medianParallaxDeg(const InitialMap& map, const PinholeCamera& camera) {
                                    camera.unproject(corner.pixel),
                                    camera.unproject(observation.pixel)));
   }
-  if (angles.empty()) return 0;
-  const auto middle = angles.begin() + static_cast<std::ptrdiff_t>(angles.size() / 2);
-  std::nth_element(angles.begin(), middle, angles.end());
-  return *middle * kDegPerRad;
+  return medianOf(std::move(angles)) * kDegPerRad;
 }
 
 GateReport judgeStart(const InitialMap& map,
