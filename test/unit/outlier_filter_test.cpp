@@ -59,13 +59,15 @@ FilterEffect effectOn(const std::vector<DepthWindow>& windows, const std::string
   FilterEffect effect;
   for (const DepthWindow& window : windows) {
     std::optional<InitialMap> map = mapOf(window, options);
-    if (!map || !adjustPhotometry(*map, window.camera, photometric).usable) continue;
+    if (!map) continue;
+    PhotometricProblem problem = makeProblem(*map, window.camera, photometric);
+    if (!adjustPhotometry(*map, problem, window.camera, photometric).usable) continue;
     const DepthQuality before = judge(*map, window);
-    removeOutliers(*map, window.camera, photometric, options.orb.outliers);
+    removeOutliers(*map, problem, photometric, options.orb.outliers);
     const DepthQuality filtered = judge(*map, window);
-    const PhotometricReport report = adjustPhotometry(*map, window.camera, photometric);
+    const PhotometricReport report = adjustPhotometry(*map, problem, window.camera, photometric);
     if (!report.usable) continue;
-    setPhotometricVariances(*map, window.camera, photometric, report.poses_moved);
+    setPhotometricVariances(*map, problem, photometric, report.poses_moved);
     const DepthQuality after = judge(*map, window);
     ++effect.windows;
     effect.outliers += before.outliers;

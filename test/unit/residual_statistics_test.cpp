@@ -25,8 +25,8 @@ double drawT(Random& random) {
 
 TEST(TDistribution, RecoversTheScaleOfDrawnSamples) {
   Random random(1);
-  std::vector<double> residuals;
-  for (int i = 0; i < kSamples; ++i) residuals.push_back(3.7 * drawT(random));
+  std::vector<float> residuals;
+  for (int i = 0; i < kSamples; ++i) residuals.push_back(static_cast<float>(3.7 * drawT(random)));
   const TDistribution fit = fitTDistribution(residuals, kNoPrefilter);
   EXPECT_EQ(fit.samples, kSamples);
   EXPECT_NEAR(fit.scale, 3.7, 0.05);  // sigma / sqrt(2 n 5/8) = 0.023, margin x2
@@ -38,17 +38,18 @@ TEST(TDistribution, RecoversTheScaleOfDrawnSamples) {
 
 TEST(TDistribution, OfAGaussianIsNarrowerThanItsSigma) {
   Random random(2);
-  std::vector<double> residuals;
-  for (int i = 0; i < kSamples; ++i) residuals.push_back(2 * random.gaussian());
+  std::vector<float> residuals;
+  for (int i = 0; i < kSamples; ++i) residuals.push_back(static_cast<float>(2 * random.gaussian()));
   // .857 sigma is the fixed point of the integral.
   EXPECT_NEAR(fitTDistribution(residuals, kNoPrefilter).scale, 2 * 0.857, 0.03);
 }
 
 TEST(TDistribution, PrefilterSavesTheFitFromManyOutliers) {
   Random random(3);
-  std::vector<double> residuals;
+  std::vector<float> residuals;
   for (int i = 0; i < kSamples; ++i) {
-    residuals.push_back(i % 5 == 0 ? random.uniform(-50, 50) : random.gaussian());
+    residuals.push_back(
+        static_cast<float>(i % 5 == 0 ? random.uniform(-50, 50) : random.gaussian()));
   }
   // 20 % are more than the fit can bear: its fixed point is 3.58.
   EXPECT_NEAR(fitTDistribution(residuals, kNoPrefilter).scale, 3.58, 0.2);

@@ -1,18 +1,21 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/options/orb_photometric.h"
 
 #include "init/orb/initial_map.h"
 
 namespace dsorb::init_orb {
 
+struct PhotometricProblem;
+
 struct OutlierReport {
   int examined = 0;  ///< corners and semi-dense points
   int removed_corners = 0;
   int removed_points = 0;  ///< semi-dense
-  double t_scale = 0;      ///< of the residuals, median over the frames [grey levels]
+  /// Of the residuals' t-distribution, median over the frames [grey levels]; combined: of the
+  /// residuals over what their gradients let expect [-].
+  double t_scale = 0;
 };
 
 /// Removes corners and semi-dense points that do not fit after a photometric adjustment.
@@ -23,8 +26,9 @@ struct OutlierReport {
 /// gradients let expect, have a small mean weight under the t-distribution.
 /// @source the report on feature-based initialization, section 3.4; experiments on rendered and
 ///         real sequences, section A5
+/// @param problem the map's; what is removed there goes here, too
 OutlierReport removeOutliers(InitialMap& map,
-                             const PinholeCamera& camera,
+                             PhotometricProblem& problem,
                              const PhotometricOptions& photometric,
                              const OutlierOptions& options);
 

@@ -17,15 +17,16 @@ namespace {
 
 constexpr std::size_t kMinPatches = 8;  // fewer do not determine a frame
 
-/// Median of the absolute residuals of all patches and frames [grey levels].
+/// Median of the absolute residuals in all frames, of one pixel a patch in turn [grey levels].
 double medianResidual(const PhotometricProblem& problem,
                       const PhotometricState& state,
                       PhotometricBrightness brightness) {
   std::vector<double> magnitudes;
-  for (std::size_t f = 0; f < problem.frames.size(); ++f) {
-    for (const auto& patch : residualsIn(problem, state, f, brightness)) {
-      if (!patch) continue;
-      for (const double residual : *patch) magnitudes.push_back(std::abs(residual));
+  magnitudes.reserve(problem.seen.size());
+  for (const FrameResiduals& frame : residualsOf(problem, state, brightness)) {
+    for (std::size_t i = 0; i < frame.valid.size(); ++i) {
+      if (frame.valid[i] == 0) continue;
+      magnitudes.push_back(std::abs(static_cast<double>(frame.of(i)[i % kPatternSize])));
     }
   }
   return medianOf(std::move(magnitudes));
@@ -106,8 +107,11 @@ double directionMove(const SE3& before, const SE3& after, const Matrix6d& covari
 /// One adjustment of one map, step by step.
 class Adjustment {
  public:
-  Adjustment(InitialMap& map, const PinholeCamera& camera, const PhotometricOptions& options)
-      : map_(map), camera_(camera), options_(options) {}
+  Adjustment(InitialMap& map,
+             PhotometricProblem& problem,
+             const PinholeCamera& camera,
+             const PhotometricOptions& options)
+      : map_(map), camera_(camera), options_(options), problem_(problem) {}
 
   PhotometricReport run();
 
@@ -122,7 +126,7 @@ class Adjustment {
   InitialMap& map_;
   const PinholeCamera& camera_;
   const PhotometricOptions& options_;
-  PhotometricProblem problem_;
+  PhotometricProblem& problem_;
   PhotometricReport report_;
 };
 
@@ -209,12 +213,11 @@ void Adjustment::alignOtherFrames() {
 }
 
 PhotometricReport Adjustment::run() {
-  const std::vector<std::size_t> frames = spreadFrames(map_, options_.max_frames);
-  problem_ = makeProblem(map_, camera_, frames, 0, options_.gradient_weights);
-  report_.frames = static_cast<int>(frames.size());
+  report_.frames = static_cast<int>(problem_.frames.size());
   report_.patches = static_cast<int>(problem_.patches.size());
-  if (frames.empty() || problem_.patches.size() < kMinPatches) return report_;
-  PhotometricState state = makeState(problem_, map_);
+  if (problem_.frames.empty() || problem_.patches.size() < kMinPatches) return report_;
+  const PhotometricState before = makeState(problem_, map_);
+  PhotometricState state = before;
   findVisible(problem_, state);
   report_.median_residual = medianResidual(problem_, state, options_.brightness);
   const bool far = report_.median_residual > options_.coarse_residual;
@@ -223,20 +226,29 @@ PhotometricReport Adjustment::run() {
   report_.inside_share = findVisible(problem_, state);
   if (report_.inside_share < options_.min_inside_share) return report_;
   writeState(problem_, state, map_);
-  if (report_.poses_moved) alignOtherFrames();
   report_.usable = normalizeMapScale(map_);
+  if (!report_.usable) {
+    writeState(problem_, before, map_);
+  } else if (report_.poses_moved) {
+    alignOtherFrames();
+  }
   return report_;
 }
 
 }  // namespace
 
 PhotometricReport adjustPhotometry(InitialMap& map,
+                                   PhotometricProblem& problem,
                                    const PinholeCamera& camera,
                                    const PhotometricOptions& options) {
-  InitialMap adjusted = map;
-  const PhotometricReport report = Adjustment(adjusted, camera, options).run();
-  if (report.usable) map = std::move(adjusted);
-  return report;
+  return Adjustment(map, problem, camera, options).run();
+}
+
+PhotometricReport adjustPhotometry(InitialMap& map,
+                                   const PinholeCamera& camera,
+                                   const PhotometricOptions& options) {
+  PhotometricProblem problem = makeProblem(map, camera, options);
+  return adjustPhotometry(map, problem, camera, options);
 }
 
 }  // namespace dsorb::init_orb

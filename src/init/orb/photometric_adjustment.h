@@ -4,7 +4,7 @@
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/options/orb_photometric.h"
 
-#include "init/orb/initial_map.h"
+#include "init/orb/photometric_problem.h"
 
 namespace dsorb::init_orb {
 
@@ -25,7 +25,14 @@ struct PhotometricReport {
 /// Adjusts inverse depths of corners and semi-dense points, the poses, and with the affine model
 /// the brightness of the frames to the grey values of the images. Afterwards the mean inverse depth
 /// of what took part is 1. When the report is not usable the map is as before.
-/// @param map adjusted geometrically, with semi-dense points and brightness
+/// @param map     adjusted geometrically, with semi-dense points and brightness
+/// @param problem the map's; gets what is visible in the end
+PhotometricReport adjustPhotometry(InitialMap& map,
+                                   PhotometricProblem& problem,
+                                   const PinholeCamera& camera,
+                                   const PhotometricOptions& options);
+
+/// The same for a map that is adjusted only once.
 PhotometricReport adjustPhotometry(InitialMap& map,
                                    const PinholeCamera& camera,
                                    const PhotometricOptions& options);

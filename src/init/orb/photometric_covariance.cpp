@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/photometric_covariance.h"
 
+#include "base/parallel.h"
 #include "camera/reprojection.h"
 #include "image/interpolate.h"
-#include "init/orb/photometric_equations.h"
-
-#include <Eigen/Cholesky>
 
 #include <algorithm>
 #include <cmath>
@@ -14,7 +12,8 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kCellsX = 10;  // of the image; errors inside a cell count as one
+constexpr std::size_t kGrain = 64;  // patches one thread takes at a time
+constexpr int kCellsX = 10;         // of the image; errors inside a cell count as one
 constexpr int kCellsY = 8;
 
 std::size_t cellOf(const HostPatch& patch, const PinholeCamera& camera) {
@@ -46,41 +45,6 @@ struct CellOrder {
   }
 };
 
-/// The equations at the solution with everything that follows from them.
-class Evidence {
- public:
-  Evidence(const PhotometricProblem& problem,
-           const PhotometricState& state,
-           const PhotometricOptions& options);
-
-  [[nodiscard]] bool usable() const { return usable_; }
-  void fill(const PhotometricState& state, PhotometricUncertainty& out) const;
-
- private:
-  void countResiduals(const PhotometricProblem& problem);
-  [[nodiscard]] Eigen::MatrixXd poseRows(const Eigen::MatrixXd& frames) const;
-  [[nodiscard]] Eigen::MatrixXd clusteredCovariance() const;
-
-  CellOrder order_;
-  PhotometricProblem sorted_;
-  PhotometricEquations equations_;
-  std::vector<Eigen::VectorXd> cell_gradients_;
-  std::vector<int> observations_;  ///< by patch, sorted
-  Eigen::VectorXd hessian_;        ///< by patch, sorted
-  Eigen::MatrixXd ratio_;          ///< column i: coupling over depth Hessian
-  Eigen::LLT<Eigen::MatrixXd> cholesky_;
-  double noise_variance_ = 0;
-  bool usable_ = false;
-};
-
-PhotometricState sortedState(const PhotometricState& state, const CellOrder& order) {
-  PhotometricState sorted = state;
-  for (std::size_t i = 0; i < order.patches.size(); ++i) {
-    sorted.inverse_depth[i] = state.inverse_depth[order.patches[i]];
-  }
-  return sorted;
-}
-
 /// Direction in which all translations grow together: it leaves every residual unchanged.
 Eigen::VectorXd scaleDirection(const PhotometricState& state, int frame_size) {
   const auto frames = static_cast<Eigen::Index>(state.T_cam_ref.size());
@@ -92,112 +56,26 @@ Eigen::VectorXd scaleDirection(const PhotometricState& state, int frame_size) {
   return direction;
 }
 
-Evidence::Evidence(const PhotometricProblem& problem,
-                   const PhotometricState& state,
-                   const PhotometricOptions& options)
-    : order_(problem), sorted_(subProblem(problem, order_.patches)) {
-  PhotometricLinearizer linearizer(sorted_, options, order_.begin);
-  linearizer.linearize(sortedState(state, order_), equations_);
-  for (std::size_t cell = 0; cell + 1 < order_.begin.size(); ++cell) {
-    cell_gradients_.push_back(linearizer.blockGradient(cell));
-  }
-  countResiduals(sorted_);
-  const Eigen::Index size = equations_.hessian.rows();
-  const auto patches = static_cast<Eigen::Index>(sorted_.patches.size());
-  hessian_.resize(patches);
-  ratio_.setZero(size, patches);
-  Eigen::MatrixXd root = Eigen::MatrixXd::Zero(size, patches);
-  for (Eigen::Index i = 0; i < patches; ++i) {
-    const auto index = static_cast<std::size_t>(i);
-    hessian_[i] = static_cast<double>(equations_.depth_hessian[index]);
-    if (!(hessian_[i] > 0)) continue;
-    ratio_.col(i) = equations_.couplingOf(index).cast<double>() / hessian_[i];
-    root.col(i) = ratio_.col(i) * std::sqrt(hessian_[i]);
-  }
-  Eigen::MatrixXd schur = equations_.hessian;
-  schur.selfadjointView<Eigen::Lower>().rankUpdate(root, -1.0);
-  const Eigen::VectorXd scale = scaleDirection(state, equations_.frame_size).normalized();
-  // The null direction gets the mean stiffness of the others; what it gets does not matter.
-  schur += schur.trace() / static_cast<double>(size) * scale * scale.transpose();
-  cholesky_.compute(schur);
-  usable_ = cholesky_.info() == Eigen::Success && noise_variance_ > 0;
-}
-
-void Evidence::countResiduals(const PhotometricProblem& problem) {
-  const std::size_t patches = problem.patches.size();
-  observations_.assign(patches, 0);
-  double count = 0;
-  for (std::size_t f = 0; f < problem.frames.size(); ++f) {
-    for (std::size_t i = 0; i < patches; ++i) {
-      observations_[i] += problem.seenIn(f)[i] != 0 ? 1 : 0;
-      count += problem.seenIn(f)[i] != 0 ? kPatternSize : 0;
-    }
-  }
-  const double redundancy =
-      count - static_cast<double>(patches) - static_cast<double>(equations_.hessian.rows());
-  noise_variance_ = redundancy > 0 ? 2 * equations_.cost / redundancy : 0;
-}
-
-/// S^- (sum over cells of q q^T) S^-, q the gradient that the cell's patches leave to the frames.
-Eigen::MatrixXd Evidence::clusteredCovariance() const {
-  const Eigen::Index size = equations_.hessian.rows();
-  Eigen::MatrixXd spread = Eigen::MatrixXd::Zero(size, size);
-  for (std::size_t cell = 0; cell < cell_gradients_.size(); ++cell) {
-    Eigen::VectorXd q = cell_gradients_[cell];
-    for (std::size_t i = order_.begin[cell]; i < order_.begin[cell + 1]; ++i) {
-      q -= ratio_.col(static_cast<Eigen::Index>(i)) *
-           static_cast<double>(equations_.depth_gradient[i]);
-    }
-    spread += q * q.transpose();
-  }
-  const auto cells = static_cast<double>(cell_gradients_.size());
-  const auto frames = static_cast<double>(sorted_.frames.size());
-  const Eigen::MatrixXd half = cholesky_.solve(spread);
-  return cholesky_.solve(half.transpose()) * cells / std::max(cells - frames, 1.0);
-}
-
 /// Only the rows that belong to poses, 6 a frame.
-Eigen::MatrixXd Evidence::poseRows(const Eigen::MatrixXd& frames) const {
-  const auto count = static_cast<Eigen::Index>(sorted_.frames.size());
+Eigen::MatrixXd poseRows(const Eigen::MatrixXd& frames, int frame_size) {
+  const Eigen::Index count = frames.rows() / frame_size;
   Eigen::MatrixXd poses(6 * count, frames.cols());
   for (Eigen::Index f = 0; f < count; ++f) {
-    poses.middleRows<6>(6 * f) = frames.middleRows<6>(f * equations_.frame_size);
+    poses.middleRows<6>(6 * f) = frames.middleRows<6>(f * frame_size);
   }
   return poses;
 }
 
-void Evidence::fill(const PhotometricState& state, PhotometricUncertainty& out) const {
-  const auto patches = static_cast<Eigen::Index>(sorted_.patches.size());
-  Eigen::VectorXd rho(patches);
-  for (Eigen::Index i = 0; i < patches; ++i) {
-    rho[i] = state.inverse_depth[order_.patches[static_cast<std::size_t>(i)]];
+/// The other way round: zeros where frames have more unknowns than their pose.
+Eigen::MatrixXd spreadPoses(const Eigen::MatrixXd& poses, int frame_size) {
+  const Eigen::Index count = poses.rows() / 6;
+  Eigen::MatrixXd frames = Eigen::MatrixXd::Zero(count * frame_size, count * frame_size);
+  for (Eigen::Index i = 0; i < count; ++i) {
+    for (Eigen::Index j = 0; j < count; ++j) {
+      frames.block<6, 6>(i * frame_size, j * frame_size) = poses.block<6, 6>(6 * i, 6 * j);
+    }
   }
-  const double mean_rho = rho.mean();
-  const Eigen::VectorXd mean_ratio = ratio_.rowwise().mean() / mean_rho;
-  const Eigen::MatrixXd effect = ratio_ - mean_ratio * rho.transpose();
-  const Eigen::VectorXd scale = scaleDirection(state, equations_.frame_size);
-  const Eigen::Index size = equations_.hessian.rows();
-  const Eigen::MatrixXd projector =
-      Eigen::MatrixXd::Identity(size, size) - scale * mean_ratio.transpose();
-  const Eigen::MatrixXd robust = projector * clusteredCovariance() * projector.transpose();
-  out.usable = true;
-  out.noise_variance = noise_variance_;
-  out.poses = poseRows(poseRows(robust).transpose());
-  const Eigen::MatrixXd whitened = cholesky_.matrixL().solve(effect);
-  const Eigen::MatrixXd pose_effect = poseRows(effect);
-  out.own.setZero(patches);
-  out.formal.setZero(patches);
-  out.pose_effect.setZero(pose_effect.rows(), patches);
-  for (Eigen::Index i = 0; i < patches; ++i) {
-    const auto sorted = static_cast<std::size_t>(i);
-    const auto to = static_cast<Eigen::Index>(order_.patches[sorted]);
-    if (!(hessian_[i] > 0)) continue;
-    const double redundancy = kPatternSize * observations_[sorted] - 1;
-    const double own_variance = static_cast<double>(equations_.energy[sorted]) / redundancy;
-    out.own[to] = std::max(noise_variance_, own_variance) / hessian_[i];
-    out.formal[to] = noise_variance_ * (1 / hessian_[i] + whitened.col(i).squaredNorm());
-    out.pose_effect.col(to) = pose_effect.col(i);
-  }
+  return frames;
 }
 
 /// Largest motion along the patch's gradients by a unit of inverse depth.
@@ -228,47 +106,169 @@ double speedOf(const HostPatch& patch,
 
 }  // namespace
 
-std::vector<PatchGradients> hostGradients(const PhotometricProblem& problem,
-                                          const PyramidLevel& reference) {
-  std::vector<PatchGradients> all(problem.patches.size());
-  for (std::size_t i = 0; i < all.size(); ++i) {
-    const Eigen::Vector2f& ray = problem.patches[i].ray;
-    const auto x =
-        static_cast<float>(problem.camera.fx * static_cast<double>(ray.x()) + problem.camera.cx);
-    const auto y =
-        static_cast<float>(problem.camera.fy * static_cast<double>(ray.y()) + problem.camera.cy);
-    for (std::size_t j = 0; j < kPattern.size(); ++j) {
-      const ImageSample sample = interpolate(
-          reference, x + static_cast<float>(kPattern[j].x), y + static_cast<float>(kPattern[j].y));
-      all[i].x[j] = sample.dx;
-      all[i].y[j] = sample.dy;
-    }
-  }
-  return all;
+PhotometricEvidence::PhotometricEvidence(const PhotometricProblem& problem,
+                                         const PhotometricState& state,
+                                         const PhotometricOptions& options)
+    : problem_(problem), state_(state), options_(options) {
+  if (problem.patches.empty() || problem.frames.empty()) return;
+  PhotometricLinearizer(problem, options).linearize(state, equations_);
+  scale_ = scaleDirection(state, equations_.frame_size);
+  countResiduals();
+  eliminate();
 }
 
-PhotometricUncertainty estimateUncertainty(const PhotometricProblem& problem,
-                                           const PhotometricState& state,
-                                           const PyramidLevel& reference,
-                                           const PhotometricOptions& options) {
-  PhotometricUncertainty out;
-  if (problem.patches.empty() || problem.frames.empty()) return out;
-  const Evidence evidence(problem, state, options);
-  if (!evidence.usable()) return out;
-  evidence.fill(state, out);
-  const std::vector<PatchGradients> gradients = hostGradients(problem, reference);
-  out.speed.resize(static_cast<Eigen::Index>(problem.patches.size()));
-  for (std::size_t i = 0; i < problem.patches.size(); ++i) {
-    out.speed[static_cast<Eigen::Index>(i)] =
-        speedOf(problem.patches[i], gradients[i], problem, state, i);
+void PhotometricEvidence::countResiduals() {
+  const std::size_t patches = problem_.patches.size();
+  observations_.assign(patches, 0);
+  int count = 0;
+  for (std::size_t f = 0; f < problem_.frames.size(); ++f) {
+    const char* seen = problem_.seenIn(f);
+    for (std::size_t i = 0; i < patches; ++i) observations_[i] += seen[i] != 0 ? 1 : 0;
   }
-  return out;
+  for (const int observations : observations_) count += observations * kPatternSize;
+  const double redundancy =
+      count - static_cast<double>(patches) - static_cast<double>(equations_.hessian.rows());
+  noise_variance_ = redundancy > 0 ? 2 * equations_.cost / redundancy : 0;
+}
+
+Eigen::VectorXd PhotometricEvidence::ratio(std::size_t patch) const {
+  return equations_.couplingOf(patch).cast<double>() /
+         static_cast<double>(equations_.depth_hessian[patch]);
+}
+
+/// The frames' equations without the depths.
+void PhotometricEvidence::eliminate() {
+  const std::size_t patches = problem_.patches.size();
+  const Eigen::Index size = equations_.hessian.rows();
+  std::vector<float> inverse(patches, 0);
+  Eigen::VectorXd ratio_sum = Eigen::VectorXd::Zero(size);
+  double rho_sum = 0;
+  for (std::size_t i = 0; i < patches; ++i) {
+    rho_sum += state_.inverse_depth[i];
+    if (!known(i)) continue;
+    inverse[i] = 1 / equations_.depth_hessian[i];
+    ratio_sum += equations_.couplingOf(i).cast<double>() * static_cast<double>(inverse[i]);
+  }
+  mean_ratio_ = ratio_sum / rho_sum;
+  Eigen::MatrixXd schur = equations_.hessian;
+  Eigen::VectorXd right = equations_.gradient;
+  DepthElimination(patches).subtract(equations_, inverse, schur, right);
+  // The null direction gets the mean stiffness of the others; what it gets does not matter.
+  const Eigen::VectorXd scale = scale_.normalized();
+  schur += schur.trace() / static_cast<double>(size) * scale * scale.transpose();
+  cholesky_.compute(schur);
+  usable_ = cholesky_.info() == Eigen::Success && noise_variance_ > 0;
+}
+
+/// Calls function(first patch, effects) on runs of patches: column i is -d inverse depth / d frames
+/// of the i-th patch of the run, mean inverse depth fixed; NaN where it is not known.
+template <typename Function>
+void PhotometricEvidence::forEachEffect(Function&& function) const {
+  const Eigen::Index size = equations_.hessian.rows();
+  const std::size_t patches = problem_.patches.size();
+  const std::size_t runs = (patches + kGrain - 1) / kGrain;  // fixed: products depend on the width
+  forEachRange(runs, 1, [&](std::size_t begin, std::size_t end) {
+    Eigen::MatrixXd effects;
+    for (std::size_t run = begin; run < end; ++run) {
+      const std::size_t first = run * kGrain;
+      const std::size_t last = std::min(first + kGrain, patches);
+      effects.resize(size, static_cast<Eigen::Index>(last - first));
+      for (std::size_t i = first; i < last; ++i) {
+        effects.col(static_cast<Eigen::Index>(i - first)) =
+            ratio(i) - state_.inverse_depth[i] * mean_ratio_;
+      }
+      function(first, effects);
+    }
+  });
+}
+
+Eigen::VectorXd PhotometricEvidence::formalVariances() const {
+  Eigen::VectorXd variances =
+      Eigen::VectorXd::Zero(static_cast<Eigen::Index>(problem_.patches.size()));
+  forEachEffect([&](std::size_t first, Eigen::MatrixXd& effects) {
+    cholesky_.matrixL().solveInPlace(effects);
+    for (Eigen::Index k = 0; k < effects.cols(); ++k) {
+      const std::size_t i = first + static_cast<std::size_t>(k);
+      if (!known(i)) continue;
+      const auto h = static_cast<double>(equations_.depth_hessian[i]);
+      variances[static_cast<Eigen::Index>(i)] =
+          noise_variance_ * (1 / h + effects.col(k).squaredNorm());
+    }
+  });
+  return variances;
+}
+
+Eigen::VectorXd PhotometricEvidence::variances(const Eigen::MatrixXd& poses) const {
+  Eigen::VectorXd variances =
+      Eigen::VectorXd::Zero(static_cast<Eigen::Index>(problem_.patches.size()));
+  const Eigen::MatrixXd frames = spreadPoses(poses, equations_.frame_size);
+  forEachEffect([&](std::size_t first, const Eigen::MatrixXd& effects) {
+    const Eigen::MatrixXd spread = frames * effects;
+    for (Eigen::Index k = 0; k < effects.cols(); ++k) {
+      const std::size_t i = first + static_cast<std::size_t>(k);
+      if (!known(i)) continue;
+      const double redundancy = kPatternSize * observations_[i] - 1;
+      const double own = static_cast<double>(equations_.energy[i]) / redundancy;
+      variances[static_cast<Eigen::Index>(i)] =
+          std::max(noise_variance_, own) / static_cast<double>(equations_.depth_hessian[i]) +
+          effects.col(k).dot(spread.col(k));
+    }
+  });
+  return variances;
+}
+
+/// S^- (sum over cells of q q^T) S^-, q the gradient that the cell's patches leave to the frames.
+Eigen::MatrixXd PhotometricEvidence::clusteredPoseCovariance() const {
+  const CellOrder order(problem_);
+  const PhotometricProblem sorted = subProblem(problem_, order.patches);
+  PhotometricState sorted_state = state_;
+  for (std::size_t i = 0; i < order.patches.size(); ++i) {
+    sorted_state.inverse_depth[i] = state_.inverse_depth[order.patches[i]];
+  }
+  PhotometricLinearizer linearizer(sorted, options_, order.begin);
+  PhotometricEquations equations;
+  linearizer.linearize(sorted_state, equations);
+  const Eigen::Index size = equations_.hessian.rows();
+  Eigen::MatrixXd spread = Eigen::MatrixXd::Zero(size, size);
+  for (std::size_t cell = 0; cell + 1 < order.begin.size(); ++cell) {
+    Eigen::VectorXd q = linearizer.blockGradient(cell);
+    for (std::size_t at = order.begin[cell]; at < order.begin[cell + 1]; ++at) {
+      const std::size_t i = order.patches[at];
+      if (known(i)) q -= ratio(i) * static_cast<double>(equations_.depth_gradient[i]);
+    }
+    spread += q * q.transpose();
+  }
+  const auto cells = static_cast<double>(order.begin.size() - 1);
+  const auto frames = static_cast<double>(problem_.frames.size());
+  const Eigen::MatrixXd half = cholesky_.solve(spread);
+  const Eigen::MatrixXd robust =
+      cholesky_.solve(half.transpose()) * cells / std::max(cells - frames, 1.0);
+  const Eigen::MatrixXd projector =
+      Eigen::MatrixXd::Identity(size, size) - scale_ * mean_ratio_.transpose();
+  const Eigen::MatrixXd rows =
+      poseRows(projector * robust * projector.transpose(), equations_.frame_size);
+  return poseRows(rows.transpose(), equations_.frame_size);
+}
+
+PatchGradients hostGradients(const HostPatch& patch,
+                             const PinholeCamera& camera,
+                             const PyramidLevel& reference) {
+  PatchGradients gradients;
+  const auto x = static_cast<float>(camera.fx * static_cast<double>(patch.ray.x()) + camera.cx);
+  const auto y = static_cast<float>(camera.fy * static_cast<double>(patch.ray.y()) + camera.cy);
+  for (std::size_t j = 0; j < kPattern.size(); ++j) {
+    const ImageSample sample = interpolate(
+        reference, x + static_cast<float>(kPattern[j].x), y + static_cast<float>(kPattern[j].y));
+    gradients.x[j] = sample.dx;
+    gradients.y[j] = sample.dy;
+  }
+  return gradients;
 }
 
 namespace {
 
 /// The corners' covariance of some frames' poses, 6 rows each; zero when there is none.
-Eigen::MatrixXd geometricCovariance(const InitialMap& map, const std::vector<std::size_t>& frames) {
+Eigen::MatrixXd geometricCovariance(const InitialMap& map, const PhotometricProblem& problem) {
   std::vector<Eigen::Index> rows(map.frames.size(), -1);
   Eigen::Index size = 0;
   for (std::size_t k = 1; k < map.frames.size(); ++k) {
@@ -276,45 +276,61 @@ Eigen::MatrixXd geometricCovariance(const InitialMap& map, const std::vector<std
     rows[k] = size;
     size += 6;
   }
-  const auto count = static_cast<Eigen::Index>(frames.size());
+  const auto count = static_cast<Eigen::Index>(problem.frames.size());
   Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(6 * count, 6 * count);
   if (map.joint_covariance.rows() != size) return covariance;
+  const auto rowOf = [&](Eigen::Index frame) {
+    return rows[problem.frames[static_cast<std::size_t>(frame)].index];
+  };
   for (Eigen::Index i = 0; i < count; ++i) {
     for (Eigen::Index j = 0; j < count; ++j) {
-      covariance.block<6, 6>(6 * i, 6 * j) = map.joint_covariance.block<6, 6>(
-          rows[frames[static_cast<std::size_t>(i)]], rows[frames[static_cast<std::size_t>(j)]]);
+      covariance.block<6, 6>(6 * i, 6 * j) = map.joint_covariance.block<6, 6>(rowOf(i), rowOf(j));
     }
   }
   return covariance;
 }
 
+/// speedOf() every patch.
+std::vector<double> speedsOf(const PhotometricProblem& problem,
+                             const PhotometricState& state,
+                             const PyramidLevel& reference) {
+  std::vector<double> speeds(problem.patches.size());
+  forEachRange(speeds.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const HostPatch& patch = problem.patches[i];
+      speeds[i] =
+          speedOf(patch, hostGradients(patch, problem.camera, reference), problem, state, i);
+    }
+  });
+  return speeds;
+}
+
 }  // namespace
 
 bool setPhotometricVariances(InitialMap& map,
-                             const PinholeCamera& camera,
+                             PhotometricProblem& problem,
                              const PhotometricOptions& options,
                              bool poses_moved) {
-  const std::vector<std::size_t> frames = spreadFrames(map, options.max_frames);
-  PhotometricProblem problem = makeProblem(map, camera, frames, 0, options.gradient_weights);
   const PhotometricState state = makeState(problem, map);
   findVisible(problem, state);
-  const PhotometricUncertainty u =
-      estimateUncertainty(problem, state, map.frames.front()->level(0), options);
-  if (!u.usable) return false;
-  const Eigen::MatrixXd poses = poses_moved
-                                    ? Eigen::MatrixXd(options.pose_variance_factor * u.poses)
-                                    : geometricCovariance(map, frames);
-  for (std::size_t f = 0; poses_moved && f < frames.size(); ++f) {
+  const PhotometricEvidence evidence(problem, state, options);
+  if (!evidence.usable()) return false;
+  const Eigen::MatrixXd poses =
+      poses_moved
+          ? Eigen::MatrixXd(options.pose_variance_factor * evidence.clusteredPoseCovariance())
+          : geometricCovariance(map, problem);
+  for (std::size_t f = 0; poses_moved && f < problem.frames.size(); ++f) {
     const auto at = static_cast<Eigen::Index>(6 * f);
-    map.covariance[frames[f]] = poses.block<6, 6>(at, at);
+    map.covariance[problem.frames[f].index] = poses.block<6, 6>(at, at);
   }
-  const Eigen::MatrixXd spread = poses * u.pose_effect;
+  const Eigen::VectorXd variances = evidence.variances(poses);
+  const std::vector<double> speeds = speedsOf(problem, state, map.frames.front()->level(0));
   const std::size_t corners = map.corners.size();
   for (std::size_t i = 0; i < problem.patches.size(); ++i) {
-    const auto at = static_cast<Eigen::Index>(i);
-    if (!(u.own[at] > 0) || !(u.speed[at] > 0)) continue;
-    const double shift = options.match_error / u.speed[at];
-    const double variance = u.own[at] + u.pose_effect.col(at).dot(spread.col(at)) + shift * shift;
+    double variance = variances[static_cast<Eigen::Index>(i)];
+    if (!(variance > 0) || !(speeds[i] > 0)) continue;
+    const double shift = options.match_error / speeds[i];
+    variance += shift * shift;
     if (problem.source[i] < corners) {
       map.corners[problem.source[i]].variance = variance;
     } else {

@@ -20,6 +20,36 @@ std::vector<std::size_t> equalBlocks(std::size_t patches) {
 
 }  // namespace
 
+void DepthElimination::subtract(const PhotometricEquations& equations,
+                                const std::vector<float>& inverse,
+                                Eigen::MatrixXd& matrix,
+                                Eigen::VectorXd& right) {
+  const std::size_t stride = equations.stride;
+  const std::size_t part = stride * stride + stride;
+  partial_.assign(blocks_ * part, 0);
+  forEachRange(blocks_, 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t block = begin; block < end; ++block) {
+      const std::size_t first = block * kPatchBlock;
+      const EliminationRun run{equations.coupling.data() + first * stride,
+                               stride,
+                               inverse.data() + first,
+                               equations.depth_gradient.data() + first,
+                               std::min(kPatchBlock, inverse.size() - first)};
+      float* sums = partial_.data() + block * part;
+      accumulateSchur(run, sums, sums + stride * stride);
+    }
+  });
+  for (std::size_t block = 0; block < blocks_; ++block) {
+    const float* sums = partial_.data() + block * part;
+    const float* vector = sums + stride * stride;
+    for (Eigen::Index r = 0; r < matrix.rows(); ++r) {
+      const float* row = sums + static_cast<std::size_t>(r) * stride;
+      for (Eigen::Index c = r; c < matrix.rows(); ++c) matrix(c, r) -= static_cast<double>(row[c]);
+      right[r] -= static_cast<double>(vector[r]);
+    }
+  }
+}
+
 PhotometricLinearizer::PhotometricLinearizer(const PhotometricProblem& problem,
                                              const PhotometricOptions& options)
     : PhotometricLinearizer(problem, options, equalBlocks(problem.patches.size())) {}

@@ -30,6 +30,25 @@ struct PhotometricEquations {
   }
 };
 
+/// Takes the inverse depths out of the equations: subtracts the sum of c c^T / h from `matrix`, of
+/// which the lower triangle is written, and that of c b / h from `right`. Runs in parallel inside
+/// the caller's arena; the order of the sums does not depend on it.
+class DepthElimination {
+ public:
+  explicit DepthElimination(std::size_t patches)
+      : blocks_((patches + kPatchBlock - 1) / kPatchBlock) {}
+
+  /// @param inverse 1 / h by patch, 0 where the patch is left out
+  void subtract(const PhotometricEquations& equations,
+                const std::vector<float>& inverse,
+                Eigen::MatrixXd& matrix,
+                Eigen::VectorXd& right);
+
+ private:
+  std::size_t blocks_;
+  std::vector<float> partial_;  ///< by block: matrix, then vector
+};
+
 /// Sets up the equations again and again; allocates at its construction and at the first
 /// evaluation of each result only.
 class PhotometricLinearizer {

@@ -67,6 +67,7 @@ struct Patch {
   Lanes residual;
   Lanes weight;
   Lanes energy;
+  IntLanes inside;
 };
 
 /// Projects, samples and differentiates, before brightness. @return intensities in `residual`
@@ -94,6 +95,7 @@ DSORB_ALWAYS_INLINE void projectPatch(
   Samples samples;
   sampleImage(s, clamped_x, clamped_y, samples);
   const IntLanes inside = front & (x == clamped_x) & (y == clamped_y);
+  out.inside = inside & (samples.intensity == samples.intensity);  // not NaN
   Lanes zero;
   fill(0, zero);
   const Lanes gx = inside ? samples.dx * s.fx : zero;
@@ -228,6 +230,29 @@ DSORB_ALWAYS_INLINE void linearizeRun(const PatchSetting& s,
   }
 }
 
+template <PhotometricBrightness kModel>
+DSORB_ALWAYS_INLINE void evaluateRun(const PatchSetting& s,
+                                     const PatchRun& run,
+                                     float* residual,
+                                     char* inside) {
+  LaneSetting lanes;
+  spread(s, lanes);
+  for (std::size_t i = 0; i < run.count; ++i) {
+    if (run.seen != nullptr && run.seen[i] == 0) {
+      inside[i] = 0;
+      continue;
+    }
+    Patch patch;
+    projectPatch<false>(s, lanes, run.patches[i], run.inverse_depth[i], patch);
+    int all = -1;
+    for (int k = 0; k < kLanes; ++k) all &= patch.inside[k];
+    inside[i] = all != 0 ? 1 : 0;
+    if (residual == nullptr) continue;
+    applyBrightness<kModel, false>(s, run.patches[i], patch);
+    store(patch.residual, residual + i * kLanes);
+  }
+}
+
 template <bool kPoses>
 DSORB_ALWAYS_INLINE void linearizeAs(const PatchSetting& s,
                                      const PatchRun& run,
@@ -256,6 +281,21 @@ DSORB_TARGET_CLONES void linearizeDepths(const PatchSetting& s,
                                          const PatchRun& run,
                                          const PatchSums& sums) {
   linearizeAs<false>(s, run, sums, nullptr);
+}
+
+DSORB_TARGET_CLONES void evaluateAs(const PatchSetting& s,
+                                    const PatchRun& run,
+                                    float* residual,
+                                    char* inside) {
+  switch (s.brightness) {
+    case PhotometricBrightness::kPsiFixed:
+    case PhotometricBrightness::kPsi:
+      return evaluateRun<PhotometricBrightness::kPsiFixed>(s, run, residual, inside);
+    case PhotometricBrightness::kMeanRemoved:
+      return evaluateRun<PhotometricBrightness::kMeanRemoved>(s, run, residual, inside);
+    case PhotometricBrightness::kAffine:
+      return evaluateRun<PhotometricBrightness::kAffine>(s, run, residual, inside);
+  }
 }
 
 }  // namespace
@@ -296,6 +336,13 @@ void linearizePatches(const PatchSetting& setting,
   Lanes totals[kFrameSums] = {};
   linearizeWithPoses(setting, run, sums, totals);
   for (std::size_t i = 0; i < kFrameSums; ++i) frame[i] += sumLanes(totals[i]);
+}
+
+void evaluatePatches(const PatchSetting& setting,
+                     const PatchRun& run,
+                     float* residual,
+                     char* inside) {
+  evaluateAs(setting, run, residual, inside);
 }
 
 DSORB_TARGET_CLONES void accumulateSchur(const EliminationRun& run, float* matrix, float* vector) {

@@ -58,6 +58,16 @@ void linearizePatches(const PatchSetting& setting,
                       const PatchSums& sums,
                       std::array<float, kFrameSums>& frame);
 
+/// Residuals of a run of patches without derivatives. A patch that is not seen gives none.
+/// @param run      `seen` may be null: all are
+/// @param residual kPatternSize a patch [grey levels]; null: not wanted
+/// @param inside   by patch: the whole pattern inside the image, in front, and valid; may be
+///                 `run.seen`
+void evaluatePatches(const PatchSetting& setting,
+                     const PatchRun& run,
+                     float* residual,
+                     char* inside);
+
 /// Couplings of some patches for their elimination.
 struct EliminationRun {
   const float* coupling;  ///< c, one row a patch

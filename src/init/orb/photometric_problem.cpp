@@ -3,15 +3,16 @@
 
 #include "base/parallel.h"
 #include "image/interpolate.h"
+#include "init/orb/photometric_kernels.h"
 #include "init/orb/spread_frames.h"
 
+#include <algorithm>
 #include <cmath>
-#include <limits>
 
 namespace dsorb::init_orb {
 namespace {
 
-constexpr std::size_t kGrain = 64;  // patches one thread takes at a time
+constexpr std::size_t kGrain = 128;  // patches one thread takes at a time
 
 /// @return false when the pattern leaves the level or is invalid
 bool cutPatch(const PyramidLevel& level,
@@ -34,6 +35,14 @@ bool cutPatch(const PyramidLevel& level,
     sum += sample.intensity;
   }
   return std::isfinite(sum);
+}
+
+std::vector<float> singlePrecision(const std::vector<double>& values) {
+  std::vector<float> floats(values.size());
+  std::transform(values.begin(), values.end(), floats.begin(), [](double value) {
+    return static_cast<float>(value);
+  });
+  return floats;
 }
 
 }  // namespace
@@ -65,20 +74,32 @@ PhotometricProblem makeProblem(const InitialMap& map,
   const float scale = 1.0F / static_cast<float>(1 << level);
   const std::size_t corners = map.corners.size();
   const std::size_t total = corners + map.points.size();
-  problem.patches.reserve(total);
+  std::vector<char> cut(total);
+  problem.patches.resize(total);
+  forEachRange(total, kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const Eigen::Vector2f pixel =
+          i < corners ? map.corners[i].pixel.cast<float>() : map.points[i - corners].pixel;
+      const Eigen::Vector2f at = ((pixel.array() + 0.5F) * scale - 0.5F).matrix();
+      cut[i] = cutPatch(reference, problem.camera, at, gradient_weights, problem.patches[i]);
+    }
+  });
   problem.source.reserve(total);
   for (std::size_t i = 0; i < total; ++i) {
-    const Eigen::Vector2f pixel =
-        i < corners ? map.corners[i].pixel.cast<float>() : map.points[i - corners].pixel;
-    const Eigen::Vector2f at = ((pixel.array() + 0.5F) * scale - 0.5F).matrix();
-    HostPatch patch;
-    if (cutPatch(reference, problem.camera, at, gradient_weights, patch)) {
-      problem.patches.push_back(patch);
-      problem.source.push_back(i);
-    }
+    if (cut[i] == 0) continue;
+    problem.patches[problem.source.size()] = problem.patches[i];
+    problem.source.push_back(i);
   }
+  problem.patches.resize(problem.source.size());
   problem.seen.assign(problem.frames.size() * problem.patches.size(), 1);
   return problem;
+}
+
+PhotometricProblem makeProblem(const InitialMap& map,
+                               const PinholeCamera& camera,
+                               const PhotometricOptions& options) {
+  return makeProblem(
+      map, camera, spreadFrames(map, options.max_frames), 0, options.gradient_weights);
 }
 
 PhotometricState makeState(const PhotometricProblem& problem, const InitialMap& map) {
@@ -99,18 +120,19 @@ PhotometricState makeState(const PhotometricProblem& problem, const InitialMap& 
 
 double findVisible(PhotometricProblem& problem, const PhotometricState& state) {
   const std::size_t count = problem.patches.size();
+  const std::vector<float> inverse_depth = singlePrecision(state.inverse_depth);
   std::size_t visible = 0;
   for (std::size_t f = 0; f < problem.frames.size(); ++f) {
     char* seen = problem.seen.data() + f * count;
-    const PatchTarget target = patchTarget(problem, state, f);
+    const PatchSetting setting =
+        patchSetting(patchTarget(problem, state, f), PhotometricBrightness::kPsiFixed, 1);
     forEachRange(count, kGrain, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t i = begin; i < end; ++i) {
-        const PatchResidual patch = evaluatePatch(
-            problem.patches[i], target, state.inverse_depth[i], PhotometricBrightness::kPsiFixed);
-        seen[i] = patch.inside ? 1 : 0;
-      }
+      evaluatePatches(setting,
+                      {&problem.patches[begin], &inverse_depth[begin], nullptr, end - begin},
+                      nullptr,
+                      seen + begin);
     });
-    for (std::size_t i = 0; i < count; ++i) visible += seen[i] != 0 ? 1 : 0;
+    visible += static_cast<std::size_t>(std::count(seen, seen + count, char{1}));
   }
   return static_cast<double>(visible) /
          static_cast<double>(std::max<std::size_t>(problem.seen.size(), 1));
@@ -158,21 +180,25 @@ PatchTarget patchTarget(const PhotometricProblem& problem,
               {}, problem.reference_exposure, state.affine[frame], problem.frames[frame].exposure)};
 }
 
-FrameResiduals residualsIn(const PhotometricProblem& problem,
-                           const PhotometricState& state,
-                           std::size_t frame,
-                           PhotometricBrightness brightness) {
-  FrameResiduals residuals(problem.patches.size());
-  const PatchTarget target = patchTarget(problem, state, frame);
-  const char* seen = problem.seenIn(frame);
-  forEachRange(residuals.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      if (seen[i] == 0) continue;
-      const PatchResidual patch =
-          evaluatePatch(problem.patches[i], target, state.inverse_depth[i], brightness);
-      if (patch.inside) residuals[i] = patch.residual;
-    }
-  });
+std::vector<FrameResiduals> residualsOf(const PhotometricProblem& problem,
+                                        const PhotometricState& state,
+                                        PhotometricBrightness brightness) {
+  const std::size_t count = problem.patches.size();
+  const std::vector<float> inverse_depth = singlePrecision(state.inverse_depth);
+  std::vector<FrameResiduals> residuals(problem.frames.size());
+  for (std::size_t f = 0; f < residuals.size(); ++f) {
+    FrameResiduals& frame = residuals[f];
+    frame.values.resize(count * kPatternSize);
+    frame.valid.resize(count);
+    const PatchSetting setting = patchSetting(patchTarget(problem, state, f), brightness, 1);
+    const char* seen = problem.seenIn(f);
+    forEachRange(count, kGrain, [&](std::size_t begin, std::size_t end) {
+      evaluatePatches(setting,
+                      {&problem.patches[begin], &inverse_depth[begin], seen + begin, end - begin},
+                      &frame.values[begin * kPatternSize],
+                      &frame.valid[begin]);
+    });
+  }
   return residuals;
 }
 

@@ -41,12 +41,18 @@ struct PhotometricState {
 /// At most `count` posed frames after the reference, evenly spaced, the last posed one included.
 std::vector<std::size_t> spreadFrames(const InitialMap& map, int count);
 
-/// Corners and semi-dense points whose pattern lies inside the reference.
+/// Corners and semi-dense points whose pattern lies inside the reference. All are marked as seen.
+/// Runs in parallel inside the caller's arena.
 PhotometricProblem makeProblem(const InitialMap& map,
                                const PinholeCamera& camera,
                                const std::vector<std::size_t>& frames,
                                int level,
                                bool gradient_weights);
+
+/// The same at level 0 with the frames that the options want.
+PhotometricProblem makeProblem(const InitialMap& map,
+                               const PinholeCamera& camera,
+                               const PhotometricOptions& options);
 
 PhotometricState makeState(const PhotometricProblem& problem, const InitialMap& map);
 
@@ -65,11 +71,19 @@ PatchTarget patchTarget(const PhotometricProblem& problem,
                         const PhotometricState& state,
                         std::size_t frame);
 
-/// Residuals of every patch in one frame; nullopt where the patch does not take part.
-using FrameResiduals = std::vector<std::optional<PatchVector>>;
-FrameResiduals residualsIn(const PhotometricProblem& problem,
-                           const PhotometricState& state,
-                           std::size_t frame,
-                           PhotometricBrightness brightness);
+/// Residuals of all patches in one frame.
+struct FrameResiduals {
+  std::vector<float> values;  ///< kPatternSize a patch [grey levels]; undefined where not valid
+  std::vector<char> valid;    ///< by patch: takes part
+
+  [[nodiscard]] const float* of(std::size_t patch) const {
+    return values.data() + patch * kPatternSize;
+  }
+};
+
+/// Residuals of all patches in every frame. Runs in parallel inside the caller's arena.
+std::vector<FrameResiduals> residualsOf(const PhotometricProblem& problem,
+                                        const PhotometricState& state,
+                                        PhotometricBrightness brightness);
 
 }  // namespace dsorb::init_orb

@@ -18,7 +18,7 @@ constexpr double kMaxDepthStep = 0.5;  // of an inverse depth in one step, relat
 class Elimination {
  public:
   explicit Elimination(const PhotometricProblem& problem)
-      : blocks_((problem.patches.size() + kPatchBlock - 1) / kPatchBlock),
+      : elimination_(problem.patches.size()),
         inverse_(problem.patches.size()),
         depths_(problem.patches.size(), 0.0) {}
 
@@ -35,9 +35,8 @@ class Elimination {
   void eliminate(const PhotometricEquations& equations, double damping);
   void backSubstitute(const PhotometricEquations& equations);
 
-  std::size_t blocks_;
+  DepthElimination elimination_;
   std::vector<float> inverse_;  ///< 1 / damped depth Hessian
-  std::vector<float> partial_;  ///< by block: matrix, then vector
   Eigen::MatrixXd schur_;
   Eigen::VectorXd right_;
   Eigen::VectorXd frames_;
@@ -45,43 +44,17 @@ class Elimination {
 };
 
 void Elimination::eliminate(const PhotometricEquations& equations, double damping) {
-  const std::size_t stride = equations.stride;
-  const std::size_t part = stride * stride + stride;
-  partial_.assign(blocks_ * part, 0);
-  forEachRange(blocks_, 1, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t block = begin; block < end; ++block) {
-      const std::size_t first = block * kPatchBlock;
-      const std::size_t count = std::min(kPatchBlock, inverse_.size() - first);
-      for (std::size_t i = first; i < first + count; ++i) {
-        const float h = equations.depth_hessian[i] * static_cast<float>(1 + damping);
-        inverse_[i] = h > 0 ? 1 / h : 0;
-      }
-      const EliminationRun run{equations.coupling.data() + first * stride,
-                               stride,
-                               inverse_.data() + first,
-                               equations.depth_gradient.data() + first,
-                               count};
-      float* matrix = partial_.data() + block * part;
-      accumulateSchur(run, matrix, matrix + stride * stride);
-    }
-  });
-  const Eigen::Index size = schur_.rows();
-  for (std::size_t block = 0; block < blocks_; ++block) {
-    const float* matrix = partial_.data() + block * part;
-    const float* vector = matrix + stride * stride;
-    for (Eigen::Index r = 0; r < size; ++r) {
-      const float* row = matrix + static_cast<std::size_t>(r) * stride;
-      for (Eigen::Index c = r; c < size; ++c) schur_(c, r) -= static_cast<double>(row[c]);
-      right_[r] -= static_cast<double>(vector[r]);
-    }
+  for (std::size_t i = 0; i < inverse_.size(); ++i) {
+    const float h = equations.depth_hessian[i] * static_cast<float>(1 + damping);
+    inverse_[i] = h > 0 ? 1 / h : 0;
   }
+  elimination_.subtract(equations, inverse_, schur_, right_);
 }
 
 void Elimination::backSubstitute(const PhotometricEquations& equations) {
   const Eigen::VectorXf step = frames_.cast<float>();
-  forEachRange(blocks_, 1, [&](std::size_t begin, std::size_t end) {
-    const std::size_t last = std::min(end * kPatchBlock, inverse_.size());
-    for (std::size_t i = begin * kPatchBlock; i < last; ++i) {
+  forEachRange(inverse_.size(), kPatchBlock, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
       const float sum = equations.depth_gradient[i] + equations.couplingOf(i).dot(step);
       depths_[i] = static_cast<double>(-inverse_[i] * sum);
     }

@@ -14,9 +14,10 @@ namespace {
 /// @return nullopt when the attempt fails
 std::optional<PhotometricReport> adjustOnce(const AttemptContext& context,
                                             const std::string& name,
+                                            PhotometricProblem& problem,
                                             Attempt& attempt) {
   const PhotometricReport report = context.clock.time("photometric", [&] {
-    return adjustPhotometry(*attempt.map, context.camera, context.options.orb.photometric);
+    return adjustPhotometry(*attempt.map, problem, context.camera, context.options.orb.photometric);
   });
   auto& details = attempt.report.details;
   details.emplace_back(name + "_patches", report.patches);
@@ -36,25 +37,27 @@ std::optional<PhotometricReport> adjustOnce(const AttemptContext& context,
 bool adjustImages(const AttemptContext& context, Attempt& attempt) {
   const OrbOptions& orb = context.options.orb;
   if (!orb.photometric.enabled) return true;
-  std::optional<PhotometricReport> adjusted = adjustOnce(context, "photometric", attempt);
+  PhotometricProblem problem = context.clock.time(
+      "photometric", [&] { return makeProblem(*attempt.map, context.camera, orb.photometric); });
+  std::optional<PhotometricReport> adjusted = adjustOnce(context, "photometric", problem, attempt);
   if (!adjusted) return false;
   bool poses_moved = adjusted->poses_moved;
   if (orb.outliers.rule != OutlierRule::kNone) {
     const OutlierReport filter = context.clock.time("filter", [&] {
-      return removeOutliers(*attempt.map, context.camera, orb.photometric, orb.outliers);
+      return removeOutliers(*attempt.map, problem, orb.photometric, orb.outliers);
     });
     auto& details = attempt.report.details;
     details.emplace_back("filter_examined", filter.examined);
     details.emplace_back("filter_removed_corners", filter.removed_corners);
     details.emplace_back("filter_removed_points", filter.removed_points);
     details.emplace_back("filter_t_scale", filter.t_scale);
-    adjusted = adjustOnce(context, "second_photometric", attempt);
+    adjusted = adjustOnce(context, "second_photometric", problem, attempt);
     if (!adjusted) return false;
     poses_moved = poses_moved || adjusted->poses_moved;
   }
   if (orb.photometric.variances) {
     context.clock.time("variances", [&] {
-      return setPhotometricVariances(*attempt.map, context.camera, orb.photometric, poses_moved);
+      return setPhotometricVariances(*attempt.map, problem, orb.photometric, poses_moved);
     });
   }
   return true;

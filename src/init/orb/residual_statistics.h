@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cstddef>
 #include <vector>
 
 namespace dsorb::init_orb {
@@ -21,9 +22,12 @@ struct TDistribution {
 /// @param prefilter [1.4826 MAD]
 /// @source Kerl, Sturm, Cremers, ICRA 2013, eq. (15): sigma^2 = mean of w r^2,
 ///         w = (nu + 1) / (nu + (r / sigma)^2)
-TDistribution fitTDistribution(const std::vector<double>& residuals, double prefilter);
+TDistribution fitTDistribution(std::vector<float> residuals, double prefilter);
 
 /// Weight of one residual under the distribution, 1.2 at zero.
 double tWeight(double residual, double scale);
+
+/// Sum of the weights of some residuals.
+float sumOfTWeights(const float* residuals, std::size_t count, float scale);
 
 }  // namespace dsorb::init_orb
