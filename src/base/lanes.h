@@ -13,6 +13,10 @@ namespace dsorb {
 using Lanes = float __attribute__((vector_size(32)));
 constexpr int kLanes = 8;
 
+/// Four doubles, the same way.
+using DoubleLanes = double __attribute__((vector_size(32)));
+constexpr int kDoubleLanes = 4;
+
 DSORB_ALWAYS_INLINE void load(const float* source, Lanes& lanes) {
   std::memcpy(&lanes, source, sizeof(Lanes));
 }
@@ -21,6 +25,16 @@ DSORB_ALWAYS_INLINE void store(const Lanes& lanes, float* target) {
 }
 DSORB_ALWAYS_INLINE void fill(float value, Lanes& lanes) {
   lanes = Lanes{value, value, value, value, value, value, value, value};
+}
+
+DSORB_ALWAYS_INLINE void load(const double* source, DoubleLanes& lanes) {
+  std::memcpy(&lanes, source, sizeof(DoubleLanes));
+}
+DSORB_ALWAYS_INLINE void store(const DoubleLanes& lanes, double* target) {
+  std::memcpy(target, &lanes, sizeof(DoubleLanes));
+}
+DSORB_ALWAYS_INLINE void fill(double value, DoubleLanes& lanes) {
+  lanes = DoubleLanes{value, value, value, value};
 }
 
 /// Sums over the lanes of eight vectors at once. Every sum is added in the same, fixed order.
@@ -48,6 +62,9 @@ DSORB_ALWAYS_INLINE void sumLanes(const Lanes (&v)[8], Lanes& sums) {
 /// Sum over the lanes of one vector, in a fixed order.
 DSORB_ALWAYS_INLINE float sumLanes(const Lanes& v) {
   return ((v[0] + v[1]) + (v[2] + v[3])) + ((v[4] + v[5]) + (v[6] + v[7]));
+}
+DSORB_ALWAYS_INLINE double sumLanes(const DoubleLanes& v) {
+  return (v[0] + v[1]) + (v[2] + v[3]);
 }
 
 }  // namespace dsorb

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/pose_from_points.h"
 
-#include "camera/reprojection.h"
+#include "base/lanes.h"
+#include "init/orb/reprojection_kernels.h"
 
 #include <Eigen/Cholesky>
 
@@ -16,30 +17,50 @@ constexpr int kMaxIterations = 20;
 constexpr double kMinStep = 1e-8;             // norm of the increment; the end of iteration
 const double kHuberLimit = std::sqrt(5.991);  // [sigma]; chi-square, 2 dof, 95 %
 
-struct NormalEquations {
-  Matrix6d H = Matrix6d::Zero();
-  Vector6d b = Vector6d::Zero();
-  std::size_t within = 0;  // sightings inside the Huber limit
-};
-
-NormalEquations linearize(const std::vector<PointSighting>& sightings,
-                          const PinholeCamera& camera,
-                          const SE3& T_cam_host,
-                          double limit) {
-  NormalEquations equations;
-  for (const PointSighting& sighting : sightings) {
-    const auto projection =
-        projectHosted(camera, T_cam_host, sighting.host_ray, sighting.inverse_depth);
-    if (!projection) continue;
-    const Eigen::Vector2d residual = sighting.pixel - projection->pixel;
-    const double norm = residual.norm();
-    const double weight = norm <= limit ? 1.0 : limit / norm;
-    equations.within += norm <= limit ? 1 : 0;
-    equations.H += weight * projection->J_pose.transpose() * projection->J_pose;
-    equations.b += weight * projection->J_pose.transpose() * residual;
+/// Sightings arranged for the kernels.
+class SightingArrays {
+ public:
+  explicit SightingArrays(const std::vector<PointSighting>& sightings)
+      : stride_((sightings.size() + kDoubleLanes - 1) / kDoubleLanes * kDoubleLanes),
+        arrays_(kRows * stride_, 0.0) {
+    for (std::size_t i = 0; i < sightings.size(); ++i) {
+      at(kRayX, i) = sightings[i].host_ray.x();
+      at(kRayY, i) = sightings[i].host_ray.y();
+      at(kInverseDepth, i) = sightings[i].inverse_depth;
+      at(kPixelX, i) = sightings[i].pixel.x();
+      at(kPixelY, i) = sightings[i].pixel.y();
+      at(kInformation, i) = 1;
+    }
   }
-  return equations;
-}
+
+  [[nodiscard]] PoseSums linearize(const PinholeCamera& camera,
+                                   const SE3& T_cam_host,
+                                   double limit) const {
+    PoseSums sums;
+    linearizeSightings(sightingFrame(camera, T_cam_host),
+                       {row(kRayX),
+                        row(kRayY),
+                        row(kInverseDepth),
+                        row(kPixelX),
+                        row(kPixelY),
+                        row(kInformation),
+                        row(kZero),
+                        row(kInformation),
+                        stride_},
+                       {RobustLoss::kHuber, limit},
+                       {},
+                       sums);
+    return sums;
+  }
+
+ private:
+  enum Row { kRayX, kRayY, kInverseDepth, kPixelX, kPixelY, kInformation, kZero, kRows };
+  double& at(Row row, std::size_t i) { return arrays_[row * stride_ + i]; }
+  [[nodiscard]] const double* row(Row row) const { return arrays_.data() + row * stride_; }
+
+  std::size_t stride_;
+  std::vector<double> arrays_;
+};
 
 }  // namespace
 
@@ -49,16 +70,18 @@ std::optional<SE3> poseFromPoints(const std::vector<PointSighting>& sightings,
                                   double sigma) {
   if (sightings.size() < kMinSightings) return std::nullopt;
   const double limit = kHuberLimit * sigma;
+  const SightingArrays arrays(sightings);
   SE3 T_cam_host = guess;
   for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
-    const NormalEquations equations = linearize(sightings, camera, T_cam_host, limit);
-    const Vector6d step = equations.H.ldlt().solve(equations.b);
+    const PoseSums sums = arrays.linearize(camera, T_cam_host, limit);
+    const Vector6d step =
+        -hessianOf(sums).ldlt().solve(Eigen::Map<const Vector6d>(sums.gradient.data()));
     if (!step.allFinite()) return std::nullopt;
     T_cam_host = SE3::exp(step) * T_cam_host;
     if (step.norm() < kMinStep) break;
   }
-  const std::size_t within = linearize(sightings, camera, T_cam_host, limit).within;
-  if (2 * within < sightings.size()) return std::nullopt;
+  const double within = arrays.linearize(camera, T_cam_host, limit).within;
+  if (2 * within < static_cast<double>(sightings.size())) return std::nullopt;
   return T_cam_host;
 }
 

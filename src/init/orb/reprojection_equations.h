@@ -5,6 +5,7 @@
 #include "dsorb/options/orb_mapping.h"
 
 #include "init/orb/initial_map.h"
+#include "init/orb/reprojection_kernels.h"
 
 #include <Eigen/Core>
 
@@ -13,8 +14,6 @@
 
 namespace dsorb::init_orb {
 
-constexpr int kPoseSize = 6;
-
 /// Where the unknowns of the posed frames stand in the equations.
 struct PoseRows {
   explicit PoseRows(const InitialMap& map);
@@ -22,6 +21,63 @@ struct PoseRows {
   std::vector<int> first;  ///< one a frame; -1 for the reference and unposed frames
   int size = 0;            ///< of all poses together
 };
+
+/// What an adjustment moves: the posed frames after the reference and the inverse depths of the
+/// corners, these filled up with zeros to whole lanes.
+struct ReprojectionState {
+  std::vector<SE3> T_cam_ref;
+  std::vector<double> inverse_depth;
+
+  ReprojectionState(const InitialMap& map, const PoseRows& rows);
+  void writeTo(InitialMap& map, const PoseRows& rows) const;
+};
+
+/// Robustly weighted normal equations over poses (left increments) and inverse depths, as they come
+/// from the kernels; all arrays by corner have the length of ReprojectionState::inverse_depth.
+struct ReprojectionSums {
+  std::vector<PoseSums> poses;
+  std::size_t stride = 0;              ///< of `coupling`, one row an unknown of the poses
+  std::vector<double> coupling;        ///<
+  std::vector<double> depth_hessian;   ///< 0 for corners left out
+  std::vector<double> depth_gradient;  ///<
+  double cost = 0;                     ///< half the sum of the robust loss, as Ceres counts it
+  bool behind = false;                 ///< a point is behind a camera that sees it: no cost
+};
+
+/// Observations of the kept corners in posed frames, arranged for the kernels. Runs in parallel
+/// inside the caller's arena; sums are added in an order that does not depend on it.
+class ReprojectionProblem {
+ public:
+  /// @param kept one a corner; empty: all
+  ReprojectionProblem(const InitialMap& map,
+                      const std::vector<char>& kept,
+                      const PoseRows& rows,
+                      const PinholeCamera& camera,
+                      const GeometricOptions& options);
+
+  void linearize(const ReprojectionState& state, ReprojectionSums& sums) const;
+
+  [[nodiscard]] std::size_t frames() const { return sightings_.size(); }
+  /// Corners, filled up to whole lanes.
+  [[nodiscard]] std::size_t stride() const { return ray_x_.size(); }
+
+ private:
+  struct Sightings {
+    std::vector<double> pixel_x, pixel_y, information_xx, information_xy, information_yy;
+  };
+  [[nodiscard]] SightingRun run(std::size_t frame,
+                                std::size_t first,
+                                std::size_t count,
+                                const ReprojectionState& state) const;
+
+  PinholeCamera camera_;
+  LossSetting loss_;
+  std::vector<double> ray_x_;
+  std::vector<double> ray_y_;
+  std::vector<Sightings> sightings_;  ///< by posed frame
+};
+
+constexpr std::size_t kCornerBlock = 64;  ///< corners that one thread takes at a time
 
 /// Robustly weighted normal equations of the reprojection errors over poses (left increments) and
 /// inverse depths: [pose_hessian, coupling; coupling^T, diag(depth_hessian)].
@@ -35,6 +91,7 @@ struct ReprojectionEquations {
   int rows = 0;                    ///< scalar observations
 };
 
+/// Points behind a camera have no part.
 /// @param kept one a corner; empty: all
 ReprojectionEquations linearize(const InitialMap& map,
                                 const std::vector<char>& kept,

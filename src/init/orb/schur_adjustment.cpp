@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include "base/parallel.h"
 #include "init/orb/adjustment_solvers.h"
 #include "init/orb/damping.h"
 #include "init/orb/reprojection_equations.h"
@@ -15,68 +16,111 @@ namespace {
 
 constexpr double kMinGradient = 1e-10;  // largest entry at a minimum; default of Ceres
 
-bool isMinimum(const ReprojectionEquations& system) {
-  return system.pose_gradient.lpNorm<Eigen::Infinity>() < kMinGradient &&
-         system.depth_gradient.lpNorm<Eigen::Infinity>() < kMinGradient;
+bool isMinimum(const ReprojectionSums& sums) {
+  const auto small = [](double entry) { return std::abs(entry) < kMinGradient; };
+  return std::all_of(sums.depth_gradient.begin(), sums.depth_gradient.end(), small) &&
+         std::all_of(sums.poses.begin(), sums.poses.end(), [&](const PoseSums& pose) {
+           return std::all_of(pose.gradient.begin(), pose.gradient.end(), small);
+         });
 }
 
-struct Step {
-  Eigen::VectorXd poses;   // left increments, 6 a posed frame
-  Eigen::VectorXd depths;  // one a corner
-  double decrease = 0;     // of the cost that the equations predict
+/// Solves the equations with their diagonal scaled by 1 + damping; depths are eliminated. Allocates
+/// at the first solution only.
+class Elimination {
+ public:
+  /// @return decrease of the cost that the equations predict; nullopt when they are degenerate
+  std::optional<double> solve(const ReprojectionSums& sums, double damping);
+
+  /// @param state gets `from`, moved by the solution
+  void move(const ReprojectionState& from, ReprojectionState& state) const;
+
+ private:
+  [[nodiscard]] std::size_t blocks() const {
+    return (inverse_.size() + kCornerBlock - 1) / kCornerBlock;
+  }
+  CouplingRun run(const ReprojectionSums& sums, std::size_t block) const;
+  void eliminate(const ReprojectionSums& sums);
+
+  std::vector<double> inverse_;  // of the damped depth Hessian, by corner
+  std::vector<double> partial_;  // by block: matrix, then vector
+  Eigen::MatrixXd schur_;        // lower triangle
+  Eigen::VectorXd right_;
+  Eigen::VectorXd poses_;       // left increments, 6 a posed frame
+  std::vector<double> depths_;  // one a corner
 };
 
-/// Solution of the equations with their diagonal scaled by 1 + damping; depths are eliminated.
-std::optional<Step> solveDamped(const ReprojectionEquations& system, double damping) {
-  const Eigen::VectorXd pose_diagonal = system.pose_hessian.diagonal();
-  const Eigen::ArrayXd depth_hessian = (1 + damping) * system.depth_hessian.array();
-  const Eigen::VectorXd inverse = (depth_hessian > 0).select(depth_hessian.inverse(), 0.0);
-  const Eigen::MatrixXd root = system.coupling * inverse.cwiseSqrt().asDiagonal();
-  Eigen::MatrixXd schur = system.pose_hessian;
-  schur.diagonal() += damping * pose_diagonal;
-  schur.selfadjointView<Eigen::Lower>().rankUpdate(root, -1.0);
-  const Eigen::LLT<Eigen::MatrixXd, Eigen::Lower> cholesky(schur);
-  if (cholesky.info() != Eigen::Success) {
-    return std::nullopt;
-  }
-  Step step;
-  step.poses = -cholesky.solve(system.pose_gradient -
-                               system.coupling * inverse.cwiseProduct(system.depth_gradient));
-  step.depths =
-      -inverse.cwiseProduct(system.depth_gradient + system.coupling.transpose() * step.poses);
-  step.decrease =
-      0.5 *
-      (step.poses.dot(damping * pose_diagonal.cwiseProduct(step.poses) - system.pose_gradient) +
-       step.depths.dot(damping * system.depth_hessian.cwiseProduct(step.depths) -
-                       system.depth_gradient));
-  return std::isfinite(step.decrease) ? std::optional(std::move(step)) : std::nullopt;
+CouplingRun Elimination::run(const ReprojectionSums& sums, std::size_t block) const {
+  const std::size_t first = block * kCornerBlock;
+  return {sums.coupling.data() + first,
+          sums.poses.size() * kPoseSize,
+          sums.stride,
+          inverse_.data() + first,
+          sums.depth_gradient.data() + first,
+          std::min(kCornerBlock, inverse_.size() - first)};
 }
 
-/// Poses and inverse depths of a map: what a solver moves.
-struct Unknowns {
-  explicit Unknowns(const InitialMap& map) : T_cam_ref(map.T_cam_ref) {
-    for (const Corner& corner : map.corners) inverse_depths.push_back(corner.inverse_depth);
-  }
-  void writeTo(InitialMap& map) const {
-    map.T_cam_ref = T_cam_ref;
-    for (std::size_t i = 0; i < inverse_depths.size(); ++i) {
-      map.corners[i].inverse_depth = inverse_depths[i];
+void Elimination::eliminate(const ReprojectionSums& sums) {
+  const std::size_t size = sums.poses.size() * kPoseSize;
+  const std::size_t part = size * size + size;
+  partial_.assign(blocks() * part, 0);
+  forEachRange(blocks(), 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t block = begin; block < end; ++block) {
+      double* matrix = &partial_[block * part];
+      eliminateCorners(run(sums, block), matrix, matrix + size * size);
+    }
+  });
+  for (std::size_t block = 0; block < blocks(); ++block) {
+    const double* matrix = &partial_[block * part];
+    for (std::size_t r = 0; r < size; ++r) {
+      const auto row = static_cast<Eigen::Index>(r);
+      for (Eigen::Index c = 0; c <= row; ++c) schur_(row, c) -= matrix[r * size + std::size_t(c)];
+      right_[row] -= matrix[size * size + r];
     }
   }
-  void move(const Step& step, const PoseRows& pose_rows) {
-    for (std::size_t k = 1; k < T_cam_ref.size(); ++k) {
-      if (pose_rows.first[k] < 0) continue;
-      const Vector6d increment = step.poses.segment<kPoseSize>(pose_rows.first[k]);
-      T_cam_ref[k] = SE3::exp(increment) * *T_cam_ref[k];
-    }
-    for (std::size_t i = 0; i < inverse_depths.size(); ++i) {
-      inverse_depths[i] += step.depths[static_cast<Eigen::Index>(i)];
-    }
-  }
+}
 
-  std::vector<std::optional<SE3>> T_cam_ref;
-  std::vector<double> inverse_depths;
-};
+std::optional<double> Elimination::solve(const ReprojectionSums& sums, double damping) {
+  const auto size = static_cast<Eigen::Index>(sums.poses.size()) * kPoseSize;
+  schur_.setZero(size, size);
+  right_.resize(size);
+  for (Eigen::Index at = 0; at < size; at += kPoseSize) {
+    const PoseSums& pose = sums.poses[static_cast<std::size_t>(at / kPoseSize)];
+    schur_.block<kPoseSize, kPoseSize>(at, at) = hessianOf(pose);
+    right_.segment<kPoseSize>(at) = Eigen::Map<const Vector6d>(pose.gradient.data());
+  }
+  const Eigen::VectorXd diagonal = schur_.diagonal();
+  const Eigen::VectorXd gradient = right_;
+  schur_.diagonal() += damping * diagonal;
+  inverse_.resize(sums.stride);
+  std::transform(
+      sums.depth_hessian.begin(), sums.depth_hessian.end(), inverse_.begin(), [damping](double h) {
+        return h > 0 ? 1 / ((1 + damping) * h) : 0.0;
+      });
+  eliminate(sums);
+  const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>, Eigen::Lower> cholesky(schur_);
+  if (cholesky.info() != Eigen::Success) return std::nullopt;
+  poses_ = -cholesky.solve(right_);
+  depths_.resize(sums.stride);
+  double decrease = poses_.dot(damping * diagonal.cwiseProduct(poses_) - gradient);
+  for (std::size_t block = 0; block < blocks(); ++block) {
+    substituteBack(run(sums, block), poses_.data(), &depths_[block * kCornerBlock]);
+  }
+  for (std::size_t i = 0; i < depths_.size(); ++i) {
+    decrease +=
+        depths_[i] * (damping * sums.depth_hessian[i] * depths_[i] - sums.depth_gradient[i]);
+  }
+  return std::isfinite(decrease) ? std::optional(0.5 * decrease) : std::nullopt;
+}
+
+void Elimination::move(const ReprojectionState& from, ReprojectionState& state) const {
+  for (std::size_t f = 0; f < from.T_cam_ref.size(); ++f) {
+    const Vector6d increment = poses_.segment<kPoseSize>(static_cast<Eigen::Index>(f) * kPoseSize);
+    state.T_cam_ref[f] = SE3::exp(increment) * from.T_cam_ref[f];
+  }
+  for (std::size_t i = 0; i < depths_.size(); ++i) {
+    state.inverse_depth[i] = from.inverse_depth[i] + depths_[i];
+  }
+}
 
 }  // namespace
 
@@ -85,38 +129,37 @@ std::optional<int> solveWithSchur(InitialMap& map,
                                   const PinholeCamera& camera,
                                   const GeometricOptions& options) {
   const PoseRows pose_rows(map);
-  std::optional<double> cost = reprojectionCost(map, kept, camera, options);
-  if (!cost || pose_rows.size == 0) {
-    return std::nullopt;
-  }
+  if (pose_rows.size == 0) return std::nullopt;
+  const ReprojectionProblem problem(map, kept, pose_rows, camera, options);
+  ReprojectionState state(map, pose_rows);
+  ReprojectionState moved = state;
+  ReprojectionSums sums;
+  ReprojectionSums moved_sums;
+  Elimination elimination;
   Damping damping;
-  ReprojectionEquations system = linearize(map, kept, pose_rows, camera, options);
+  problem.linearize(state, sums);
+  if (sums.behind || !std::isfinite(sums.cost)) return std::nullopt;
   int iteration = 0;
-  while (iteration < options.max_iterations && !damping.exhausted() && !isMinimum(system)) {
+  while (iteration < options.max_iterations && !damping.exhausted() && !isMinimum(sums)) {
     ++iteration;
-    const Unknowns before(map);
-    const std::optional<Step> step = solveDamped(system, damping.value);
-    std::optional<double> moved_cost;
-    if (step) {
-      Unknowns moved = before;
-      moved.move(*step, pose_rows);
-      moved.writeTo(map);
-      moved_cost = reprojectionCost(map, kept, camera, options);
+    const std::optional<double> decrease = elimination.solve(sums, damping.value);
+    if (decrease) {
+      elimination.move(state, moved);
+      problem.linearize(moved, moved_sums);
     }
-    if (!moved_cost || !(*moved_cost <= *cost)) {
-      before.writeTo(map);
-      const bool at_minimum = step && step->decrease < options.function_tolerance * *cost;
-      if (at_minimum) break;
+    if (!decrease || moved_sums.behind || !(moved_sums.cost <= sums.cost)) {
+      if (decrease && *decrease < options.function_tolerance * sums.cost) break;
       damping.fail();
       continue;
     }
-    const double change = *cost - *moved_cost;
-    damping.succeed(step->decrease > 0 ? change / step->decrease : 0);
-    const bool converged = change <= options.function_tolerance * *cost;
-    cost = moved_cost;
+    const double change = sums.cost - moved_sums.cost;
+    damping.succeed(*decrease > 0 ? change / *decrease : 0);
+    const bool converged = change <= options.function_tolerance * sums.cost;
+    std::swap(state, moved);
+    std::swap(sums, moved_sums);
     if (converged) break;
-    system = linearize(map, kept, pose_rows, camera, options);
   }
+  state.writeTo(map, pose_rows);
   return iteration;
 }
 
