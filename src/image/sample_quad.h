@@ -42,4 +42,38 @@ DSORB_ALWAYS_INLINE void interpolateQuad(
   value = upper + fy * (lower - upper);
 }
 
+/// Values and gradients at eight positions.
+struct LaneSamples {
+  Lanes intensity;
+  Lanes dx;
+  Lanes dy;
+};
+
+/// Bilinear samples, all eight at once; a quad holds one sample and one value of the next, unused.
+/// @param x, y positions as for interpolateQuad()
+DSORB_ALWAYS_INLINE void interpolateLanes(const ImageSample* image,
+                                          std::ptrdiff_t width,
+                                          const Lanes& x,
+                                          const Lanes& y,
+                                          LaneSamples& samples) {
+  SampleQuad values[kLanes];
+  for (int k = 0; k < kLanes; ++k) interpolateQuad(image, width, x[k], y[k], values[k]);
+  SampleQuad intensity[2];
+  SampleQuad dx[2];
+  SampleQuad dy[2];
+  for (int half = 0; half < 2; ++half) {
+    const SampleQuad* v = values + 4 * half;
+    const SampleQuad front01 = __builtin_shufflevector(v[0], v[1], 0, 4, 1, 5);
+    const SampleQuad front23 = __builtin_shufflevector(v[2], v[3], 0, 4, 1, 5);
+    const SampleQuad back01 = __builtin_shufflevector(v[0], v[1], 2, 6, 3, 7);
+    const SampleQuad back23 = __builtin_shufflevector(v[2], v[3], 2, 6, 3, 7);
+    intensity[half] = __builtin_shufflevector(front01, front23, 0, 1, 4, 5);
+    dx[half] = __builtin_shufflevector(front01, front23, 2, 3, 6, 7);
+    dy[half] = __builtin_shufflevector(back01, back23, 0, 1, 4, 5);
+  }
+  samples.intensity = __builtin_shufflevector(intensity[0], intensity[1], 0, 1, 2, 3, 4, 5, 6, 7);
+  samples.dx = __builtin_shufflevector(dx[0], dx[1], 0, 1, 2, 3, 4, 5, 6, 7);
+  samples.dy = __builtin_shufflevector(dy[0], dy[1], 0, 1, 2, 3, 4, 5, 6, 7);
+}
+
 }  // namespace dsorb

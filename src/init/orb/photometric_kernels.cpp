@@ -12,38 +12,6 @@ using IntLanes = int __attribute__((vector_size(32)));
 
 constexpr float kMinGreySum = 8;  // of a patch; psi of a darker one means nothing [grey levels]
 
-/// Value and gradients at the pixels of one pattern.
-struct Samples {
-  Lanes intensity;
-  Lanes dx;
-  Lanes dy;
-};
-
-/// Bilinear samples, all eight at once; a quad holds one sample and one value of the next, unused.
-DSORB_ALWAYS_INLINE void sampleImage(const PatchSetting& s,
-                                     const Lanes& x,
-                                     const Lanes& y,
-                                     Samples& samples) {
-  SampleQuad values[kLanes];
-  for (int k = 0; k < kLanes; ++k) interpolateQuad(s.image, s.width, x[k], y[k], values[k]);
-  SampleQuad intensity[2];
-  SampleQuad dx[2];
-  SampleQuad dy[2];
-  for (int half = 0; half < 2; ++half) {
-    const SampleQuad* v = values + 4 * half;
-    const SampleQuad front01 = __builtin_shufflevector(v[0], v[1], 0, 4, 1, 5);
-    const SampleQuad front23 = __builtin_shufflevector(v[2], v[3], 0, 4, 1, 5);
-    const SampleQuad back01 = __builtin_shufflevector(v[0], v[1], 2, 6, 3, 7);
-    const SampleQuad back23 = __builtin_shufflevector(v[2], v[3], 2, 6, 3, 7);
-    intensity[half] = __builtin_shufflevector(front01, front23, 0, 1, 4, 5);
-    dx[half] = __builtin_shufflevector(front01, front23, 2, 3, 6, 7);
-    dy[half] = __builtin_shufflevector(back01, back23, 0, 1, 4, 5);
-  }
-  samples.intensity = __builtin_shufflevector(intensity[0], intensity[1], 0, 1, 2, 3, 4, 5, 6, 7);
-  samples.dx = __builtin_shufflevector(dx[0], dx[1], 0, 1, 2, 3, 4, 5, 6, 7);
-  samples.dy = __builtin_shufflevector(dy[0], dy[1], 0, 1, 2, 3, 4, 5, 6, 7);
-}
-
 /// The setting spread over lanes, once a run.
 struct LaneSetting {
   Lanes offset_x;  // of the pattern, in rays
@@ -92,8 +60,8 @@ DSORB_ALWAYS_INLINE void projectPatch(
   const Lanes low_y = y > lanes.min ? y : lanes.min;
   const Lanes clamped_x = low_x < lanes.max_x ? low_x : lanes.max_x;
   const Lanes clamped_y = low_y < lanes.max_y ? low_y : lanes.max_y;
-  Samples samples;
-  sampleImage(s, clamped_x, clamped_y, samples);
+  LaneSamples samples;
+  interpolateLanes(s.image, s.width, clamped_x, clamped_y, samples);
   const IntLanes inside = front & (x == clamped_x) & (y == clamped_y);
   out.inside = inside & (samples.intensity == samples.intensity);  // not NaN
   Lanes zero;
