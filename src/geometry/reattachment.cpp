@@ -19,4 +19,9 @@ SE3 reattach(const SE3& T_cam_first, const CorrectedMotion& motion, double progr
   return {rotation, -(rotation * position)};
 }
 
+SE3 spreadCorrection(const SE3& T_cam_first, const CorrectedMotion& motion, double progress) {
+  const SE3 correction = motion.T_second_first_now * motion.T_second_first_then.inverse();
+  return SE3::exp(progress * correction.log()) * T_cam_first;
+}
+
 }  // namespace dsorb

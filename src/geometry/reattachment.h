@@ -21,4 +21,11 @@ struct CorrectedMotion {
 /// @source derived in reattachment_test
 [[nodiscard]] SE3 reattach(const SE3& T_cam_first, const CorrectedMotion& motion, double progress);
 
+/// The same for a camera that was tracked against the first one, as the second one was: errors of
+/// tracking grow on the way, so the whole correction does.
+/// @param T_cam_first  as tracked
+[[nodiscard]] SE3 spreadCorrection(const SE3& T_cam_first,
+                                   const CorrectedMotion& motion,
+                                   double progress);
+
 }  // namespace dsorb

@@ -67,7 +67,9 @@ void RunRecord::addWithdrawal(const Withdrawal& withdrawal) {
   const int segment = withdrawal.segment;
   for (const auto* entries : {&frames_, &keyframes_}) {
     for (const PosedEntry& entry : *entries) {
-      if (entry.segment == segment) T_world_anchor_.erase(entry.id);
+      if (entry.segment != segment) continue;
+      T_world_anchor_.erase(entry.id);
+      successors_.erase(entry.id);
     }
   }
   removeSegment(frames_, segment);
@@ -102,6 +104,9 @@ void RunRecord::addFrame(const FrameEstimate& estimate) {
     entry.anchor = *estimate.keyframe;
     entry.T_cam_anchor = *estimate.T_cam_keyframe;
     T_world_anchor_.try_emplace(entry.anchor, *estimate.T_world_cam * entry.T_cam_anchor);
+    if (estimate.is_keyframe && entry.anchor != entry.id) {
+      successors_[entry.anchor] = {entry.id, entry.T_cam_anchor};
+    }
   } else {  // its own anchor
     entry.anchor = entry.id;
     T_world_anchor_.try_emplace(entry.id, *estimate.T_world_cam);
@@ -139,15 +144,32 @@ void RunRecord::nextFrame() {
 SE3 RunRecord::T_world_cam(const PosedEntry& entry) const {
   const auto own = T_world_anchor_.find(entry.id);  // became a keyframe itself
   if (own != T_world_anchor_.end()) return own->second;
-  const SE3& T_world_anchor = T_world_anchor_.at(entry.anchor);
-  if (entry.start < 0) return T_world_anchor * entry.T_cam_anchor.inverse();
+  const SE3 T_cam_anchor = entry.start < 0 ? T_cam_keyframe(entry) : T_cam_reference(entry);
+  return T_world_anchor_.at(entry.anchor) * T_cam_anchor.inverse();
+}
+
+/// Of a frame of an initialization.
+SE3 RunRecord::T_cam_reference(const PosedEntry& entry) const {
   const Start& start = starts_[static_cast<std::size_t>(entry.start)];
   const auto newest = T_world_anchor_.find(start.newest);
-  if (newest == T_world_anchor_.end()) return T_world_anchor * entry.T_cam_anchor.inverse();
-  const SE3 T_newest_anchor = newest->second.inverse() * T_world_anchor;
-  return T_world_anchor *
-         reattach(entry.T_cam_anchor, {start.T_newest_reference, T_newest_anchor}, entry.progress)
-             .inverse();
+  if (newest == T_world_anchor_.end()) return entry.T_cam_anchor;
+  const SE3 T_newest_anchor = newest->second.inverse() * T_world_anchor_.at(entry.anchor);
+  return reattach(entry.T_cam_anchor, {start.T_newest_reference, T_newest_anchor}, entry.progress);
+}
+
+/// Of a tracked frame.
+SE3 RunRecord::T_cam_keyframe(const PosedEntry& entry) const {
+  const auto successor = successors_.find(entry.anchor);
+  if (successor == successors_.end()) return entry.T_cam_anchor;
+  const Successor& next = successor->second;
+  const auto T_world_next = T_world_anchor_.find(next.id);
+  if (T_world_next == T_world_anchor_.end()) return entry.T_cam_anchor;
+  const SE3 T_next_anchor = T_world_next->second.inverse() * T_world_anchor_.at(entry.anchor);
+  const double progress = static_cast<double>(entry.id.value - entry.anchor.value) /
+                          static_cast<double>(next.id.value - entry.anchor.value);
+  // Frames tracked while the next keyframe is made lie behind it.
+  return spreadCorrection(
+      entry.T_cam_anchor, {next.T_cam_anchor, T_next_anchor}, std::min(progress, 1.0));
 }
 
 }  // namespace dsorb::io

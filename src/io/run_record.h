@@ -10,7 +10,8 @@
 
 namespace dsorb::io {
 
-/// A frame with a pose, hung on an anchor: a keyframe or the reference of an initialization.
+/// A frame with a pose, hung on an anchor: a keyframe or the reference of an initialization. Where
+/// the next keyframe (the newest frame of the initialization) is known, it follows that one, too.
 struct PosedEntry {
   FrameId id;
   double timestamp = 0;
@@ -75,13 +76,21 @@ class RunRecord {
     FrameId newest;
     SE3 T_newest_reference;
   };
+  /// Keyframe that was tracked against another one, and where it seemed to be then.
+  struct Successor {
+    FrameId id;
+    SE3 T_cam_anchor;
+  };
   void addInitialization(const InitializationResult& result, int segment);
+  [[nodiscard]] SE3 T_cam_reference(const PosedEntry& entry) const;
+  [[nodiscard]] SE3 T_cam_keyframe(const PosedEntry& entry) const;
   FrameNote& noteOf(int index);
 
   std::vector<PosedEntry> frames_;
   std::vector<PosedEntry> keyframes_;  ///< each its own anchor
   std::vector<Start> starts_;
   std::map<FrameId, SE3> T_world_anchor_;
+  std::map<FrameId, Successor> successors_;  ///< by the keyframe tracked against
   std::vector<FrameNote> notes_;
   std::vector<int> segments_;
   std::vector<WithdrawalReason> withdrawals_;

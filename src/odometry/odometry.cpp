@@ -235,8 +235,10 @@ class Odometry::Impl {
     tracker_.setTarget(newest);
     if (estimate != nullptr && estimate->frame == newest.frame) {
       estimate->T_world_cam = newest.T_cam_world.inverse();
-      estimate->keyframe = newest.frame->id();
-      estimate->T_cam_keyframe = SE3();
+      if (!estimate->keyframe) {  // not tracked
+        estimate->keyframe = newest.frame->id();
+        estimate->T_cam_keyframe = SE3();
+      }
       estimate->affine = newest.affine;
     }
     tellRetired(update.retired);

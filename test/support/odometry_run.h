@@ -156,7 +156,9 @@ class FinalTrajectory : public OdometryObserver {
     std::vector<Eigen::Vector3d> truth;
     double way = 0;
     for (const auto& [index, hung] : frames_) {
-      estimated.push_back(T_world_cam(hung).translation());
+      const auto keyframe = anchors_.find(index);
+      const SE3 pose = keyframe == anchors_.end() ? T_world_cam(hung) : keyframe->second;
+      estimated.push_back(pose.translation());
       const Eigen::Vector3d position = world.pose(index).translation();
       if (!truth.empty()) way += (position - truth.back()).norm();
       truth.push_back(position);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// What reattach() promises, step by step: nothing changes where nothing was corrected; the ends are
-// the two cameras themselves; positions follow the similarity about the first camera that takes the
-// second one's old position to its new one.
+// What reattach() and spreadCorrection() promise, step by step: nothing changes where nothing was
+// corrected; the ends are the two cameras themselves; positions follow the similarity about the
+// first camera that takes the second one's old position to its new one, or the correction itself.
 #include "geometry/reattachment.h"
 
 #include "support/matchers.h"
@@ -53,6 +53,31 @@ TEST(Reattach, WithoutATranslationThereIsNoScale) {
   const SE3 moved = reattach(kBetween, {SE3(), kNow}, 0.5);
   EXPECT_TRUE(moved.translation().allFinite());
   EXPECT_NEAR(moved.translation().norm(), kBetween.translation().norm(), 1e-12);
+}
+
+TEST(SpreadCorrection, WithoutACorrectionNothingChanges) {
+  EXPECT_THAT(spreadCorrection(kBetween, {kThen, kThen}, 0.5), Se3Near(kBetween, 1e-9, 1e-12));
+}
+
+TEST(SpreadCorrection, TheEndsAreTheCamerasThemselves) {
+  EXPECT_THAT(spreadCorrection(SE3(), {kThen, kNow}, 0), Se3Near(SE3(), 1e-9, 1e-12));
+  EXPECT_THAT(spreadCorrection(kThen, {kThen, kNow}, 1), Se3Near(kNow, 1e-9, 1e-12));
+}
+
+TEST(SpreadCorrection, AWayTrackedTooShortIsStretched) {
+  const SE3 half(kThen.unitQuaternion(), 0.5 * kThen.translation());
+  const SE3 longer(kThen.unitQuaternion(), 1.04 * kThen.translation());
+  const SE3 moved = spreadCorrection(half, {kThen, longer}, 0.5);
+  const SE3 expected(kThen.unitQuaternion(), 0.52 * kThen.translation());
+  EXPECT_THAT(moved, Se3Near(expected, 1e-7, 1e-12));
+}
+
+TEST(SpreadCorrection, AWayThereAndBackIsNotScaled) {
+  // The second camera stands almost where the first one is: the ratio of the ways says nothing.
+  const SE3 then = pose(0.001, 0, 0, 0, 0, 0);
+  const SE3 now = pose(-0.001, 0, 0, 0, 0, 0);
+  const SE3 moved = spreadCorrection(kBetween, {then, now}, 0.5);
+  EXPECT_LE((moved.translation() - kBetween.translation()).norm(), 0.0011);
 }
 
 }  // namespace

@@ -119,6 +119,18 @@ class FakeRun {
     writer.frameDone({4, 1});
   }
 
+  /// Tracked against the reference, then moved by the adjustment.
+  void trackedKeyframe(int index, const SE3& T_world_cam) {
+    FrameEstimate estimate = posed(makeFrame(index), OdometryState::kTracked);
+    estimate.tracking_rmse = 5.25;
+    estimate.is_keyframe = true;
+    estimate.T_world_cam = T_world_cam;
+    const Frame& frame = *estimate.frame;
+    writer.onKeyframe({frame.id(), frame.timestamp(), segment, T_world_cam, {}, kCamera, {}});
+    writer.onFrame(estimate);
+    writer.frameDone({4, 1});
+  }
+
   void lost(int index) {
     finishFrame(makeFrame(index), OdometryState::kLost);
     retire();
@@ -185,6 +197,21 @@ TEST(RunWriter, TrajectoryHoldsInitializationAndTrackedFrames) {
   ASSERT_EQ(kitti.size(), 5U);
   EXPECT_THAT(kitti[4], StartsWith("1.000000000e+00 0.000000000e+00"));
   EXPECT_FALSE(fs::exists(folder.path() / "trajectory_0.txt"));
+}
+
+TEST(RunWriter, FinalFramesFollowTheNextKeyframeToo) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  playOneSegment(run);
+  run.trackedKeyframe(5, translated(0.7));  // tracked at 0.5
+  run.tracked(6);                           // still against the first one, as when pipelined
+  run.writer.finish(run.writer.outcome(), nullptr);
+  const auto lines = readTextLines(folder.path() / "trajectory.txt");
+  ASSERT_EQ(lines.size(), 7U);
+  EXPECT_THAT(lines[3], StartsWith("0.300000000 0.000000000 0.000000000 0.420000000"));
+  EXPECT_THAT(lines[4], StartsWith("0.400000000 0.000000000 0.000000000 0.560000000"));
+  EXPECT_THAT(lines[5], StartsWith("0.500000000 0.000000000 0.000000000 0.700000000"));
+  EXPECT_THAT(lines[6], StartsWith("0.600000000 0.000000000 0.000000000 0.800000000"));
 }
 
 TEST(RunWriter, FinalFramesFollowTheirKeyframe) {

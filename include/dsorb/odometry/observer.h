@@ -23,8 +23,8 @@ struct FrameEstimate {
   int segment = 0;                  ///< a new one begins with the frame after a loss
   bool is_keyframe = false;         ///< or becomes one soon, where mapping has a thread of its own
   std::optional<SE3> T_world_cam;   ///< world: reference camera of the segment's initialization
-  std::optional<FrameId> keyframe;  ///< keyframe the pose hangs on ...
-  std::optional<SE3> T_cam_keyframe;  ///< ... and the pose relative to it
+  std::optional<FrameId> keyframe;  ///< it was tracked against; of an initialization: itself ...
+  std::optional<SE3> T_cam_keyframe;  ///< ... and the pose relative to that, before any adjustment
   AffineBrightness affine;
   std::optional<double> tracking_rmse;  ///< level 0 [grey levels]
 };
