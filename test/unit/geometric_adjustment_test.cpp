@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/geometric_adjustment.h"
 
-#include "init/orb/geometric_covariance.h"
 #include "init/orb/reprojection_cost.h"
 #include "support/jacobian_check.h"
 #include "support/matchers.h"
 #include "support/synthetic_map.h"
 
-#include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -28,25 +26,12 @@ SE3 somePose(std::uint64_t seed) {
   return SE3::exp(xi);
 }
 
-double median(std::vector<double> values) {
-  std::nth_element(
-      values.begin(), values.begin() + static_cast<long>(values.size() / 2), values.end());
-  return values[values.size() / 2];
-}
-
 /// The report's: hardly any observation of these scenes is weighted down.
 GeometricOptions huber() {
   GeometricOptions options;
   options.sigma = 1;
   options.loss = RobustLoss::kHuber;
   options.loss_threshold = 2.4474;
-  return options;
-}
-
-/// Independent noise: every observation counts.
-GeometricOptions formal() {
-  GeometricOptions options = huber();
-  options.effective_points = 0;
   return options;
 }
 
@@ -177,98 +162,6 @@ TEST_P(BothSolvers, FindTheSameMinimum) {
 INSTANTIATE_TEST_SUITE_P(EveryLoss,
                          BothSolvers,
                          testing::Values(RobustLoss::kHuber, RobustLoss::kCauchy));
-
-TEST(GeometricAdjustment, VariancesPredictTheErrorsOfNoisyObservations) {
-  std::vector<double> depth_ratios;
-  std::vector<double> pose_ratios;
-  for (std::uint64_t seed = 10; seed < 30; ++seed) {
-    SyntheticMap scene = makeSyntheticMap({200, 4, 0.3, 0.1}, seed);
-    const GeometricReport report = adjustGeometry(scene.start, scene.camera, formal());
-    ASSERT_TRUE(report.usable);
-    ASSERT_EQ(scene.start.corners.size(), scene.truth.corners.size());
-    EXPECT_NEAR(report.variance_factor, 0.09, 0.02);  // noise^2; 800 degrees of freedom: 5 %
-    // Truth in the gauge of the estimate: its noise moved the mean inverse depth.
-    for (std::size_t i = 0; i < scene.truth.corners.size(); ++i) {
-      const Corner& corner = scene.start.corners[i];
-      const double error = corner.inverse_depth - scene.truth.corners[i].inverse_depth;
-      depth_ratios.push_back(error * error / corner.variance);
-    }
-    const Vector6d error = (*scene.truth.T_cam_ref[3] * scene.start.T_cam_ref[3]->inverse()).log();
-    pose_ratios.push_back(error.dot(scene.start.covariance[3]->inverse() * error) / 6);
-  }
-  // Medians expected: 0.455 for chi-square 1, 0.891 for chi-square 6 over 6.
-  EXPECT_NEAR(median(depth_ratios), 0.455, 0.1);
-  EXPECT_NEAR(median(pose_ratios), 0.891, 0.35);
-}
-
-/// Covariance of all parameters [poses; inverse depths] by the pseudo-inverse of the whole Hessian
-/// (numeric Jacobians), moved to the gauge "mean inverse depth fixed".
-Eigen::MatrixXd denseCovariance(const InitialMap& map, const PinholeCamera& camera) {
-  const auto poses = static_cast<Eigen::Index>(6 * (map.frames.size() - 1));
-  const auto corners = static_cast<Eigen::Index>(map.corners.size());
-  const auto residuals = [&](const Eigen::VectorXd& delta) {
-    Eigen::VectorXd r(2 * static_cast<Eigen::Index>(map.observations.size()));
-    Eigen::Index row = 0;
-    for (const Observation& o : map.observations) {
-      const SE3 T = SE3::exp(delta.segment<6>(6 * (o.frame - 1))) *
-                    *map.T_cam_ref[static_cast<std::size_t>(o.frame)];
-      const Corner& corner = map.corners[static_cast<std::size_t>(o.corner)];
-      const double inverse_depth = corner.inverse_depth + delta[poses + o.corner];
-      r.segment<2>(row) =
-          camera.project(T * (camera.unproject(corner.pixel) / inverse_depth)) - o.pixel;
-      row += 2;
-    }
-    return r;
-  };
-  const Eigen::MatrixXd J = numericJacobian(residuals, static_cast<int>(poses + corners));
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(J.transpose() * J);
-  Eigen::VectorXd inverse = eigen.eigenvalues().cwiseInverse();
-  inverse[0] = 0;  // the scale
-  Eigen::VectorXd scale = eigen.eigenvectors().col(0);
-  scale /= -scale.tail(corners).mean();
-  Eigen::RowVectorXd mean = Eigen::RowVectorXd::Zero(poses + corners);
-  mean.tail(corners).setConstant(1.0 / static_cast<double>(corners));
-  const Eigen::MatrixXd to_gauge =
-      Eigen::MatrixXd::Identity(poses + corners, poses + corners) + scale * mean;
-  return to_gauge * eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose() *
-         to_gauge.transpose();
-}
-
-TEST(GeometricCovariance, EqualsTheDensePseudoInverseInTheSameGauge) {
-  SyntheticMap scene = makeSyntheticMap({40, 4, 0.2, 0}, 6);
-  GeometricOptions options = formal();
-  options.min_points = 10;
-  options.loss_threshold = 1000;  // the referee has no weights
-  const GeometricReport report = adjustGeometry(scene.start, scene.camera, options);
-  ASSERT_TRUE(report.usable);
-  const Eigen::MatrixXd expected =
-      report.variance_factor * denseCovariance(scene.start, scene.camera);
-  for (int k = 1; k < 4; ++k) {
-    const Eigen::MatrixXd block = expected.block(6 * (k - 1), 6 * (k - 1), 6, 6);
-    EXPECT_LT(relativeDifference(*scene.start.covariance[static_cast<std::size_t>(k)], block),
-              1e-5);
-  }
-  for (int i = 0; i < 40; ++i) {
-    const double variance = scene.start.corners[static_cast<std::size_t>(i)].variance;
-    EXPECT_NEAR(variance / expected(18 + i, 18 + i), 1.0, 1e-5) << i;
-  }
-}
-
-TEST(GeometricCovariance, CountsAllObservationsAsAFewIndependentPoints) {
-  SyntheticMap a = makeSyntheticMap({200, 4, 0.3, 0}, 13);
-  SyntheticMap b = a;
-  GeometricOptions options = huber();
-  options.effective_points = 50;
-  ASSERT_TRUE(adjustGeometry(a.start, a.camera, formal()).usable);
-  ASSERT_TRUE(adjustGeometry(b.start, b.camera, options).usable);
-  const Matrix6d expected = 12.0 * *a.start.covariance[3];  // 3 frames x 200 corners / 50
-  EXPECT_LT(relativeDifference(*b.start.covariance[3], expected), 1e-9);
-  for (std::size_t i = 0; i < a.start.corners.size(); ++i) {
-    const double ratio = b.start.corners[i].variance / a.start.corners[i].variance;
-    EXPECT_GT(ratio, 3.0 - 1e-9);
-    EXPECT_LT(ratio, 6.0 + 1e-9);
-  }
-}
 
 TEST(GeometricAdjustment, RemovesPlantedOutliersAndKeepsMapConsistent) {
   SyntheticMap scene = makeSyntheticMap({300, 5, 0.2, 0.1}, 7);

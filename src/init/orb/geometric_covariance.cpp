@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/geometric_covariance.h"
 
+#include "camera/reprojection.h"
+#include "init/orb/image_cells.h"
 #include "init/orb/reprojection_equations.h"
 
 #include <Eigen/Cholesky>
@@ -8,6 +10,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <vector>
 
 namespace dsorb::init_orb {
 namespace {
@@ -23,23 +26,43 @@ Eigen::VectorXd scaleDirection(const InitialMap& map, const PoseRows& pose_rows)
   return direction;
 }
 
-/// Factors on formal variances.
-struct Inflation {
-  double pose = 1;
-  double own = 1;            ///< of an inverse depth, poses known
-  double depth_by_pose = 1;  ///< of an inverse depth, by the poses' errors
-};
-
-/// As if all observations of n corners in F frames carried the information of `effective_points`
-/// of one frame.
-/// @source measured on TartanAir and EuRoC starts: F n / 50 for poses, F for an inverse depth's own
-///         part, half of the poses' factor for the rest
-Inflation inflationOf(int frames, Eigen::Index corners, double effective_points) {
-  if (effective_points <= 0) {
-    return {};
+/// What the corners of each cell leave of the gradient for the poses, one column a cell:
+/// independent samples of an error whose covariance is unknown.
+Eigen::MatrixXd cellGradients(const InitialMap& map,
+                              const ReprojectionEquations& system,
+                              const PoseRows& pose_rows,
+                              const PinholeCamera& camera,
+                              const GeometricOptions& options) {
+  std::vector<Eigen::Index> column(static_cast<std::size_t>(kCellsX * kCellsY), -1);
+  std::vector<std::size_t> cell(map.corners.size());
+  Eigen::Index cells = 0;
+  for (std::size_t i = 0; i < cell.size(); ++i) {
+    cell[i] = imageCell(map.corners[i].pixel, camera);
+    if (column[cell[i]] < 0) column[cell[i]] = cells++;
   }
-  const double pose = frames * static_cast<double>(corners) / effective_points;
-  return {std::max(1.0, pose), static_cast<double>(frames), std::max(1.0, 0.5 * pose)};
+  Eigen::MatrixXd gradients = Eigen::MatrixXd::Zero(pose_rows.size, cells);
+  for (const Observation& observation : map.observations) {
+    const auto frame = static_cast<std::size_t>(observation.frame);
+    const auto corner = static_cast<std::size_t>(observation.corner);
+    if (pose_rows.first[frame] < 0) continue;
+    const auto projection = projectHosted(camera,
+                                          *map.T_cam_ref[frame],
+                                          camera.unproject(map.corners[corner].pixel),
+                                          map.corners[corner].inverse_depth);
+    if (!projection) continue;
+    const Eigen::Matrix2d whitening = observation.whitening / options.sigma;
+    const Eigen::Vector2d error = whitening * (projection->pixel - observation.pixel);
+    gradients.col(column[cell[corner]]).segment<kPoseSize>(pose_rows.first[frame]) +=
+        robustWeight(error.norm(), options) * projection->J_pose.transpose() *
+        (whitening.transpose() * error);
+  }
+  for (std::size_t i = 0; i < cell.size(); ++i) {
+    const auto k = static_cast<Eigen::Index>(i);
+    gradients.col(column[cell[i]]) -=
+        system.coupling.col(k) * (system.depth_gradient[k] / system.depth_hessian[k]);
+  }
+  const auto free = static_cast<double>(cells) - static_cast<double>(pose_rows.size) / kPoseSize;
+  return gradients * std::sqrt(static_cast<double>(cells) / std::max(free, 1.0));
 }
 
 }  // namespace
@@ -57,7 +80,9 @@ double setCovariances(InitialMap& map,
     return kDegenerate;
   }
   const double factor = system.weighted_error / redundancy;
-  const Inflation inflation = inflationOf(size / kPoseSize, corners, options.effective_points);
+  const bool formal = options.pose_variance_factor <= 0;
+  // Errors of one track in all frames are one error.
+  const double own_factor = formal ? factor : factor * size / kPoseSize;
 
   const Eigen::VectorXd own = system.depth_hessian.cwiseInverse();
   const Eigen::MatrixXd coupling = system.coupling * own.asDiagonal();
@@ -75,10 +100,18 @@ double setCovariances(InitialMap& map,
   const Eigen::VectorXd mean_coupling = coupling.rowwise().mean();
   const Eigen::MatrixXd projector =
       Eigen::MatrixXd::Identity(size, size) - scale * mean_coupling.transpose();
-  const Eigen::MatrixXd root = cholesky.matrixL().solve(projector.transpose());
+  // Columns r with sum of r r^T = covariance of the poses, before the gauge.
+  Eigen::MatrixXd roots =
+      std::sqrt(factor) * cholesky.matrixU().solve(Eigen::MatrixXd::Identity(size, size));
+  if (!formal) {
+    const Eigen::MatrixXd cells = std::sqrt(options.pose_variance_factor) *
+                                  cellGradients(map, system, pose_rows, camera, options);
+    roots.conservativeResize(Eigen::NoChange, size + cells.cols());
+    roots.rightCols(cells.cols()) = cholesky.solve(cells);
+  }
+  const Eigen::MatrixXd in_gauge = projector * roots;
   const Eigen::MatrixXd poses =
-      inflation.pose * factor *
-      (root.transpose() * root + mean_variance * scale * scale.transpose());
+      in_gauge * in_gauge.transpose() + own_factor * mean_variance * scale * scale.transpose();
   map.joint_covariance = poses;
   for (std::size_t k = 1; k < map.frames.size(); ++k) {
     map.covariance[k].reset();
@@ -90,14 +123,13 @@ double setCovariances(InitialMap& map,
   for (Eigen::Index i = 0; i < corners; ++i) {
     inverse_depths[i] = map.corners[static_cast<std::size_t>(i)].inverse_depth;
   }
-  Eigen::MatrixXd gauge_free = coupling - mean_coupling * inverse_depths.transpose();
-  cholesky.matrixL().solveInPlace(gauge_free);
+  const Eigen::MatrixXd by_pose =
+      roots.transpose() * (coupling - mean_coupling * inverse_depths.transpose());
   for (Eigen::Index i = 0; i < corners; ++i) {
     const double rho = inverse_depths[i];
-    const double from_poses = gauge_free.col(i).squaredNorm() + rho * rho * mean_variance;
     map.corners[static_cast<std::size_t>(i)].variance =
-        factor * (inflation.own * own[i] * std::max(0.0, 1.0 - 2.0 * rho / n) +
-                  inflation.depth_by_pose * from_poses);
+        own_factor * (own[i] * std::max(0.0, 1.0 - 2.0 * rho / n) + rho * rho * mean_variance) +
+        by_pose.col(i).squaredNorm();
   }
   return factor;
 }

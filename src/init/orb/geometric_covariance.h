@@ -18,14 +18,16 @@ namespace dsorb::init_orb {
 /// rho shrink) and m = mean A_i:
 ///   poses           P S^- P^T + n n^T c,  P = I - n m^T,  c = sum(1 / h_ii) / N^2
 ///   inverse depth i 1 / h_ii (1 - 2 rho_i / N) + g_i^T S^- g_i + rho_i^2 c,  g_i = A_i - rho_i m
-/// for any generalised inverse S^-, because P n = 0 and g_i^T n = 0. Unless
-/// `options.effective_points` is 0 these formal variances are multiplied by factors that make them
-/// predict real errors.
+/// for any generalised inverse S^-, because P n = 0 and g_i^T n = 0. Tracks share the reference
+/// patch and the calibration, neighbours share more: unless `options.pose_variance_factor` is 0 the
+/// spread of the gradient over cells of the image is added to S^- (as in photometric_covariance.h),
+/// and 1 / h_ii counts once for all frames.
 /// @param map adjusted, mean inverse depth 1, every corner observed in a posed frame
 /// @return the variance factor s^2 [-]; nothing is set and NaN returned when the problem has no
 ///         redundancy or is degenerate
 /// @source derived from Triggs et al., Bundle Adjustment - A Modern Synthesis, section 9 (gauge
-///         projection); compared with a dense solution in geometric_adjustment_test
+///         projection); compared with dense and sparse QR solutions in geometric_covariance_test;
+///         White, A Heteroskedasticity-Consistent Covariance Matrix Estimator, Econometrica 1980
 double setCovariances(InitialMap& map,
                       const PinholeCamera& camera,
                       const GeometricOptions& options);

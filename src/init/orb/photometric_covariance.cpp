@@ -4,6 +4,7 @@
 #include "base/parallel.h"
 #include "camera/reprojection.h"
 #include "image/interpolate.h"
+#include "init/orb/image_cells.h"
 
 #include <algorithm>
 #include <cmath>
@@ -13,18 +14,6 @@ namespace dsorb::init_orb {
 namespace {
 
 constexpr std::size_t kGrain = 64;  // patches one thread takes at a time
-constexpr int kCellsX = 10;         // of the image; errors inside a cell count as one
-constexpr int kCellsY = 8;
-
-std::size_t cellOf(const HostPatch& patch, const PinholeCamera& camera) {
-  const auto index = [](double pixel, int size, int cells) {
-    return static_cast<std::size_t>(
-        std::clamp(static_cast<int>(pixel * cells / size), 0, cells - 1));
-  };
-  const double x = camera.fx * static_cast<double>(patch.ray.x()) + camera.cx;
-  const double y = camera.fy * static_cast<double>(patch.ray.y()) + camera.cy;
-  return index(y, camera.height, kCellsY) * kCellsX + index(x, camera.width, kCellsX);
-}
 
 /// Patches sorted by cell, and where each cell begins.
 struct CellOrder {
@@ -33,7 +22,11 @@ struct CellOrder {
 
   explicit CellOrder(const PhotometricProblem& problem) : patches(problem.patches.size()) {
     std::vector<std::size_t> cells;
-    for (const HostPatch& patch : problem.patches) cells.push_back(cellOf(patch, problem.camera));
+    const PinholeCamera& camera = problem.camera;
+    for (const HostPatch& patch : problem.patches) {
+      const Eigen::Vector3d ray = patch.ray.cast<double>().homogeneous();
+      cells.push_back(imageCell(camera.project(ray), camera));
+    }
     std::iota(patches.begin(), patches.end(), std::size_t{0});
     std::stable_sort(patches.begin(), patches.end(), [&](std::size_t a, std::size_t b) {
       return cells[a] < cells[b];

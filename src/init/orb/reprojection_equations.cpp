@@ -28,6 +28,12 @@ double robustCost(double error, const GeometricOptions& options) {
   return 0.5 * limit * limit * std::log1p(error * error / (limit * limit));
 }
 
+double robustWeight(double error, const GeometricOptions& options) {
+  const double limit = options.loss_threshold;
+  if (options.loss == RobustLoss::kHuber) return error > limit ? limit / error : 1.0;
+  return 1.0 / (1.0 + error * error / (limit * limit));
+}
+
 PoseRows::PoseRows(const InitialMap& map) : first(map.frames.size(), -1) {
   for (std::size_t k = 1; k < map.frames.size(); ++k) {
     if (map.T_cam_ref[k]) {

@@ -102,6 +102,9 @@ ReprojectionEquations linearize(const InitialMap& map,
 /// Robust loss of one observation, as Ceres counts it. @param error whitened, at least 0
 double robustCost(double error, const GeometricOptions& options);
 
+/// Its derivative by half the squared error.
+double robustWeight(double error, const GeometricOptions& options);
+
 /// Half the sum of the robust loss, as Ceres counts it; nullopt when a point is behind a camera.
 std::optional<double> reprojectionCost(const InitialMap& map,
                                        const std::vector<char>& kept,
