@@ -3,8 +3,7 @@
 
 #include "dsorb/error.h"
 
-#include "io/json_text.h"
-#include "io/output_file.h"
+#include "support/fake_run.h"
 #include "support/temporary_folder.h"
 #include "support/text_files.h"
 
@@ -23,163 +22,7 @@ using ::testing::HasSubstr;
 using ::testing::Not;
 using ::testing::StartsWith;
 
-const PinholeCamera kCamera{100, 100, 79.5, 59.5, 160, 120};
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-
-io::Json readJson(const fs::path& path) {
-  return io::Json::parse(readText(path));
-}
-
-FramePtr makeFrame(int index) {
-  std::vector<float> pixels(160 * 120);
-  for (std::size_t i = 0; i < pixels.size(); ++i) {
-    pixels[i] = static_cast<float>(i % 160) + 0.5F * static_cast<float>(i / 160 % 2);
-  }
-  FrameInfo info;
-  info.id = {index};
-  info.timestamp = 0.1 * index;
-  return Frame::create(ImageView(pixels.data(), 160, 120), info);
-}
-
-SE3 translated(double z) {
-  return {Eigen::Quaterniond::Identity(), Eigen::Vector3d(0, 0, z)};
-}
-
-/// Camera that moves 0.1 forward a frame: T_cam_ref of the frame `steps` after the reference.
-SE3 forward(int steps) {
-  return translated(-0.1 * steps);
-}
-
-InitializationResult makeResult(const std::vector<FramePtr>& frames) {
-  InitializationResult result;
-  for (std::size_t i = 0; i < frames.size(); ++i) {
-    PosedFrame posed;
-    posed.frame = frames[i];
-    posed.T_cam_ref = forward(static_cast<int>(i));
-    posed.covariance = Matrix6d(1e-4 * Matrix6d::Identity());
-    result.frames.push_back(posed);
-  }
-  for (int i = 0; i < 40; ++i) {
-    const float x = 10.0F + 3.5F * static_cast<float>(i);
-    result.points.push_back({0, {x, 60}, 0.5F + 0.025F * static_cast<float>(i), 0.01F, 3});
-  }
-  result.points.push_back({1, {20, 20}, 1, 0.01F, 3});  // hosted elsewhere
-  result.report.model = "fundamental";
-  result.report.stages = {{"tracking", 1.5}};
-  result.report.residual_rms = kNan;
-  return result;
-}
-
-/// Plays the part of Odometry towards the observer.
-class FakeRun {
- public:
-  explicit FakeRun(const fs::path& folder) : writer(folder.string(), info()) {
-    writer.setCamera(kCamera);
-  }
-
-  static RunInfo info() {
-    RunInfo info;
-    info.program = "test";
-    info.version = "1.2.3";
-    info.dataset = "a \"quoted\" name";
-    info.initializer = "orb-v1";
-    info.config_yaml = "num_threads: 1\n";
-    return info;
-  }
-
-  void initializing(int index, InitStatus status = InitStatus::kNeedsMoreFrames) {
-    fed_.push_back(makeFrame(index));
-    InitStep step;
-    step.status = status;
-    step.reason = InitReason::kTooLittleParallax;
-    writer.onInitStep(step, *fed_.back(), segment);
-    if (status == InitStatus::kRestarted) fed_.erase(fed_.begin(), fed_.end() - 1);
-    finishFrame(fed_.back(), OdometryState::kInitializing);
-  }
-
-  void initialized(int index) {
-    fed_.push_back(makeFrame(index));
-    InitStep step;
-    step.status = InitStatus::kInitialized;
-    step.reason = InitReason::kDone;
-    step.result = makeResult(fed_);
-    writer.onInitStep(step, *fed_.back(), segment);
-    reference_ = fed_.front();
-    keyframe(SE3());
-    FrameEstimate estimate = posed(fed_.back(), OdometryState::kInitialized);
-    writer.onFrame(estimate);
-    writer.frameDone({20, 1});
-    fed_.clear();
-  }
-
-  void tracked(int index) {
-    FrameEstimate estimate = posed(makeFrame(index), OdometryState::kTracked);
-    estimate.tracking_rmse = 5.25;
-    writer.onFrame(estimate);
-    writer.frameDone({4, 1});
-  }
-
-  /// Tracked against the reference, then moved by the adjustment.
-  void trackedKeyframe(int index, const SE3& T_world_cam) {
-    FrameEstimate estimate = posed(makeFrame(index), OdometryState::kTracked);
-    estimate.tracking_rmse = 5.25;
-    estimate.is_keyframe = true;
-    estimate.T_world_cam = T_world_cam;
-    const Frame& frame = *estimate.frame;
-    writer.onKeyframe({frame.id(), frame.timestamp(), segment, T_world_cam, {}, kCamera, {}});
-    writer.onFrame(estimate);
-    writer.frameDone({4, 1});
-  }
-
-  void lost(int index) {
-    finishFrame(makeFrame(index), OdometryState::kLost);
-    retire();
-    ++segment;
-  }
-
-  void keyframe(const SE3& T_world_cam) {
-    snapshot_ = {reference_->id(), reference_->timestamp(), segment, T_world_cam, {}, kCamera, {}};
-    snapshot_.points = {{{79.5F, 59.5F}, 0.5F, 0.01F, 100}, {{30, 30}, 1, 0.02F, 300}};
-    writer.onKeyframe(snapshot_);
-  }
-  void retire() { writer.onKeyframeRetired(snapshot_); }
-
-  RunWriter writer;
-  int segment = 0;
-
- private:
-  FrameEstimate posed(const FramePtr& frame, OdometryState state) const {
-    FrameEstimate estimate;
-    estimate.frame = frame;
-    estimate.state = state;
-    estimate.segment = segment;
-    estimate.T_cam_keyframe = forward(frame->id().value - reference_->id().value);
-    estimate.T_world_cam = estimate.T_cam_keyframe->inverse();
-    estimate.keyframe = reference_->id();
-    return estimate;
-  }
-  void finishFrame(const FramePtr& frame, OdometryState state) {
-    FrameEstimate estimate;
-    estimate.frame = frame;
-    estimate.state = state;
-    estimate.segment = segment;
-    writer.onFrame(estimate);
-    writer.frameDone({3, 1});
-  }
-
-  std::vector<FramePtr> fed_;
-  FramePtr reference_;
-  KeyframeSnapshot snapshot_;
-};
-
-/// Frames 0 to 2 initialize, 3 and 4 are tracked.
-void playOneSegment(FakeRun& run) {
-  run.initializing(0);
-  run.initializing(1);
-  run.initialized(2);
-  run.tracked(3);
-  run.tracked(4);
-}
 
 TEST(RunWriter, TrajectoryHoldsInitializationAndTrackedFrames) {
   const TemporaryFolder folder;
@@ -488,43 +331,6 @@ TEST(RunWriter, UnwritableFolderIsNamed) {
   } catch (const IoError& error) {
     EXPECT_THAT(error.what(), HasSubstr(below));
   }
-}
-
-TEST(GrowingFile, FullDiskIsAnError) {
-  if (!fs::exists("/dev/full")) GTEST_SKIP() << "no /dev/full on this system";
-  io::GrowingFile file("/dev/full");
-  EXPECT_THROW(file.append("text"), IoError);
-}
-
-TEST(ReplacingFile, OldContentStaysUntilCommit) {
-  const TemporaryFolder folder;
-  const fs::path path = folder.path() / "file.txt";
-  io::replaceFile(path, "old");
-  {
-    io::ReplacingFile file(path);
-    file.append("half of the new");
-  }
-  EXPECT_EQ(readText(path), "old");
-  EXPECT_FALSE(fs::exists(path.string() + ".part"));
-  io::replaceFile(path, "new");
-  EXPECT_EQ(readText(path), "new");
-}
-
-TEST(JsonText, KeepsArraysOfNumbersOnOneLineAndReadsBack) {
-  const io::Json json = {{"a", {1, 2.5}}, {"b", {{1, 2}, {3, 4}}}, {"c", io::Json::object()}};
-  const std::string text = io::jsonText(json);
-  EXPECT_EQ(text, "{\n \"a\": [1,2.5],\n \"b\": [\n  [1,2],\n  [3,4]\n ],\n \"c\": {}\n}\n");
-  EXPECT_EQ(io::Json::parse(text), json);
-  EXPECT_EQ(io::jsonText({{"x", kNan}}), "{\n \"x\": null\n}\n");
-}
-
-TEST(JsonText, TimestampsAreFixedWithNineDecimals) {
-  EXPECT_EQ(io::jsonText({{"timestamp", 1e-5}, {"other", 1e-5}}),
-            "{\n \"timestamp\": 0.000010000,\n \"other\": 1e-05\n}\n");
-}
-
-TEST(JsonText, FloatsKeepTheirShortText) {
-  EXPECT_EQ(io::shortest(0.1F), 0.1);
 }
 
 }  // namespace
