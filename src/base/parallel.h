@@ -1,17 +1,20 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "base/fork_join.h"
+
 #include <tbb/blocked_range.h>
 #include <tbb/info.h>
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_invoke.h>
-#include <tbb/parallel_reduce.h>
 #include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <cstddef>
 #include <functional>
 #include <memory>
+#include <optional>
+#include <type_traits>
 #include <utility>
 
 namespace dsorb {
@@ -42,32 +45,55 @@ void forEachRange(std::size_t n, std::size_t grain, Function&& function) {
     if (n > 0) function(std::size_t{0}, n);
     return;
   }
-  tbb::parallel_for(
-      tbb::blocked_range<std::size_t>(0, n, grain),
-      [&](const tbb::blocked_range<std::size_t>& range) { function(range.begin(), range.end()); });
+  ForkJoin call;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, n, grain),
+                    [&](const tbb::blocked_range<std::size_t>& range) {
+                      const ForkJoin::Task task(call);
+                      function(range.begin(), range.end());
+                    });
 }
 
 /// Runs two functions that share nothing they write, at the same time where threads are free.
 template <typename First, typename Second>
 void runBoth(First&& first, Second&& second) {
-  tbb::parallel_invoke(std::forward<First>(first), std::forward<Second>(second));
+  ForkJoin call;
+  tbb::parallel_invoke(
+      [&] {
+        const ForkJoin::Task task(call);
+        first();
+      },
+      [&] {
+        const ForkJoin::Task task(call);
+        second();
+      });
 }
+
+/// Sum over [begin, end) of function(begin, end, zero) -> Value; halves until a range has at most
+/// `grain` items.
+template <typename Value, typename Function>
+struct Summation {
+  Value operator()(std::size_t begin, std::size_t end) const {
+    if (end - begin <= grain) return function(begin, end, zero);
+    const std::size_t middle = begin + (end - begin) / 2;
+    std::optional<Value> left;
+    std::optional<Value> right;
+    runBoth([&] { left = (*this)(begin, middle); }, [&] { right = (*this)(middle, end); });
+    *left += *right;
+    return std::move(*left);
+  }
+
+  std::size_t grain;
+  const Value& zero;
+  Function& function;
+};
 
 /// Sum over [0, n) of function(begin, end, partial) -> partial, split and added in an order that
 /// depends on n and grain alone, so that the bits are the same for any number of threads.
 /// @param grain items a range has at most; not 0
 template <typename Value, typename Function>
 Value deterministicSum(std::size_t n, std::size_t grain, const Value& zero, Function&& function) {
-  return tbb::parallel_deterministic_reduce(
-      tbb::blocked_range<std::size_t>(0, n, grain),
-      zero,
-      [&](const tbb::blocked_range<std::size_t>& range, Value partial) {
-        return function(range.begin(), range.end(), std::move(partial));
-      },
-      [](Value left, const Value& right) {
-        left += right;
-        return left;
-      });
+  if (n == 0) return zero;
+  return Summation<Value, std::remove_reference_t<Function>>{grain, zero, function}(0, n);
 }
 
 }  // namespace dsorb

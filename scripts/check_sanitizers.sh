@@ -1,0 +1,45 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: BSD-3-Clause
+# Builds dso_dataset with sanitizers and runs it on one start of every sequence given, with both initializers, forward
+# and in reverse; fails at the first report, crash, nan or inf: check_sanitizers.sh [FOLDER...]
+#   FOLDER            sequences; default: all that sequences.json in DSORB_DATA (default ../shared/data) lists
+#   DSORB_SANITIZE    address,undefined (default) or thread: then with tracking, mapping and inner loops in parallel
+#   DSORB_FRAMES      frames of each run, default 50
+set -euo pipefail
+cd "$(dirname "$0")/.."
+sanitize=${DSORB_SANITIZE:-address,undefined}
+frames=${DSORB_FRAMES:-50}
+sequences=("$@")
+if [ ${#sequences[@]} -eq 0 ]; then
+  data=${DSORB_DATA:-../shared/data}
+  mapfile -t sequences < <(python3 -c 'import json, sys
+for entry in json.load(open(sys.argv[1] + "/sequences.json")).values(): print(sys.argv[1] + "/" + entry["path"])' "$data")
+fi
+
+build=build-sanitize
+extra=(--threads 1)
+if [ "$sanitize" = thread ]; then
+  build=build-thread
+  extra=(--threads 2 --pipelined)
+  export TSAN_OPTIONS="suppressions=$PWD/scripts/tsan_suppressions.txt history_size=4"
+fi
+cmake -S . -B "$build" -G Ninja -DCMAKE_CXX_COMPILER_LAUNCHER=ccache -DCMAKE_BUILD_TYPE=Debug \
+  -DCMAKE_CXX_FLAGS_DEBUG=-O1 "-DDSORB_SANITIZE=$sanitize" >/dev/null
+cmake --build "$build" --target dso_dataset | tail -n 1
+
+output=$(mktemp -d)
+trap 'rm -rf "$output"' EXIT
+for sequence in "${sequences[@]}"; do
+  for direction in "" --reverse; do
+    for initializer in orb coarse; do
+      begin=$SECONDS
+      code=0
+      "$build/bin/dso_dataset" "$sequence" --end "$frames" $direction --initializer="$initializer" "${extra[@]}" \
+        --output "$output" --quiet || code=$?
+      echo "$sequence $initializer${direction:+ reversed}: exit code $code, $((SECONDS - begin)) s"
+      if [ "$code" -ne 0 ] && [ "$code" -ne 3 ]; then exit 1; fi # 3: not initialized or lost
+      if grep -rwiE --include='*.txt' --include='*.csv' --include='*.json' -- '-?(nan|inf)' "$output"; then exit 1; fi
+      rm -rf "${output:?}"/*
+    done
+  done
+done
