@@ -66,8 +66,24 @@ TEST_F(ContestTest, KeepsTheRightMotion) {
 TEST_F(ContestTest, PassesEndWhenTheyNoLongerHelp) {
   Estimate once = alignedFrom(0.1 * views_.T_frame_reference.translation().normalized());
   const double first = once.energy();
-  converge({*views_.frame, views_.camera, options_, aligner_}, 1, once);
+  converge({*views_.frame, views_.camera, options_, aligner_}, Aim{}, once);
   EXPECT_LT(once.energy(), first);
+}
+
+TEST_F(ContestTest, OnePassIsEnoughForWhatCannotReachItsAim) {
+  const AlignmentTask task{*views_.frame, views_.camera, options_, aligner_};
+  const Estimate start = alignedFrom(-0.1 * views_.T_frame_reference.translation().normalized());
+  Estimate once = start;
+  alignLevels(task, 0, once);
+  Estimate all = start;
+  converge(task, Aim{}, all);
+  ASSERT_LT(all.energy(), once.energy());
+  Estimate hopeless = start;
+  converge(task, Aim{1, 0.1 * all.energy()}, hopeless);
+  EXPECT_EQ(hopeless.energy(), once.energy());
+  Estimate hopeful = start;
+  converge(task, Aim{1, all.energy()}, hopeful);
+  EXPECT_EQ(hopeful.energy(), all.energy());
 }
 
 }  // namespace

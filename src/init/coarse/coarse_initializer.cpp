@@ -164,7 +164,7 @@ LevelReport CoarseInitializer::track(const FramePtr& frame) {
   }
   Estimate estimate{std::move(attempt_.levels), next.alignment, {}};
   const AlignmentTask task{*frame, camera_, options_.coarse, aligner_};
-  converge(task, kMatchShare, estimate);
+  converge(task, {kMatchShare, HUGE_VAL}, estimate);
   if (options_.coarse.try_hypotheses && snapped_since_ == 0 && estimate.alignment.snapped) {
     if (auto better = betterHypothesis(task, next.rotation, estimate)) {
       estimate = std::move(*better);

@@ -5,6 +5,7 @@
 
 #include "init/coarse/coarse_alignment.h"
 
+#include <cmath>
 #include <optional>
 #include <vector>
 
@@ -31,9 +32,14 @@ struct AlignmentTask {
 /// @param finest last level, 0: all
 void alignLevels(const AlignmentTask& task, int finest, Estimate& estimate);
 
+/// What an estimate is made for.
+struct Aim {
+  double enough = 1;         ///< share of the points that match; from there on one pass will do
+  double energy = HUGE_VAL;  ///< it has to come down to, or else it does not matter
+};
+
 /// Aligns the frame on all levels again and again while that helps.
-/// @param enough share of the points that match; from there on once will do
-void converge(const AlignmentTask& task, double enough, Estimate& estimate);
+void converge(const AlignmentTask& task, const Aim& aim, Estimate& estimate);
 
 /// Tries motions along the axes, each turned so that points of unit depth stay where the rotation
 /// alone has them: what tells them apart is relief, which the alignment from no translation may see
