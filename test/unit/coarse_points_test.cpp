@@ -52,6 +52,20 @@ TEST(CoarsePoints, WantedCountsOfAVgaImage) {
   EXPECT_EQ(wantedPoints(0, 640, 480, 0.5), 4608);
 }
 
+TEST(CoarsePoints, SpreadOfNeighboursIsWhatSmoothingLevelled) {
+  PointLevel level = FlatLevel(200, 120).points(randomPixels(200, 120, 300, 1));
+  EXPECT_EQ(neighbourSpread(level, 7), 0);
+  for (std::size_t i = 0; i < level.x.size(); ++i) {
+    level.inverse_depth[i] = i % 2 == 0 ? 1.0F : 2.0F;
+    level.smoothed[i] = 1.5F;
+  }
+  for (const std::size_t i : {0U, 7U, 299U}) {
+    EXPECT_NEAR(neighbourSpread(level, i), 1.4826 * 0.5, 1e-5);
+  }
+  std::fill(level.good.begin(), level.good.end(), std::uint8_t{0});
+  EXPECT_EQ(neighbourSpread(level, 7), 0) << "nobody to ask";
+}
+
 TEST(CoarsePoints, NeighboursAreTheNearestOfAllByBruteForce) {
   const FlatLevel image(200, 120);
   for (const int count : {11, 60, 700, 5000}) {

@@ -81,20 +81,6 @@ Alignment bestStart(const Attempt& attempt,
   return result;
 }
 
-double parallaxDeg(const Attempt& attempt) {
-  const PointLevel& points = attempt.levels.front();
-  const SE3& T = attempt.frames.back().alignment.T_new_ref;
-  std::vector<double> angles;
-  for (std::size_t i = 0; i < points.x.size(); ++i) {
-    if (points.good[i] == 0) continue;
-    const Eigen::Vector3d ray =
-        T.unitQuaternion() * attempt.camera.unproject({points.x[i], points.y[i]});
-    const Eigen::Vector3d moved = ray + static_cast<double>(points.smoothed[i]) * T.translation();
-    angles.push_back(std::atan2(ray.cross(moved).norm(), ray.dot(moved)) * 180.0 / M_PI);
-  }
-  return medianOf(std::move(angles));
-}
-
 /// Mean squared residual of the good points of level 0 [grey levels^2].
 double residualVariance(const LevelState& state) {
   return energyPerPoint(state) / kPatternSize;
@@ -158,7 +144,9 @@ std::vector<InitPoint> makePoints(const Attempt& attempt, LevelAligner& aligner)
     point.pixel = {points.x[i] - kPixelOffset, points.y[i] - kPixelOffset};
     point.inverse_depth = std::max(points.smoothed[i], kMinInverseDepth);
     const double variance = uncertainty ? uncertainty->inverse_depth[i] : 0.0;
-    point.variance = static_cast<float>(variance > 0 ? variance : kUnknownVariance);
+    const float smoothing = neighbourSpread(points, i);  // has the own uncertainty in it, too
+    point.variance = std::max(static_cast<float>(variance > 0 ? variance : kUnknownVariance),
+                              smoothing * smoothing);
     point.observations = 2;
     result.push_back(point);
   }
@@ -217,6 +205,20 @@ AffineBrightness relativeBrightness(const Frame& reference,
                                     const Frame& frame,
                                     const Alignment& alignment) {
   return {alignment.log_gain - logExposureRatio(reference, frame), alignment.offset};
+}
+
+double parallaxDeg(const Attempt& attempt) {
+  const PointLevel& points = attempt.levels.front();
+  const SE3& T = attempt.frames.back().alignment.T_new_ref;
+  std::vector<double> angles;
+  for (std::size_t i = 0; i < points.x.size(); ++i) {
+    if (points.good[i] == 0) continue;
+    const Eigen::Vector3d ray =
+        T.unitQuaternion() * attempt.camera.unproject({points.x[i], points.y[i]});
+    const Eigen::Vector3d moved = ray + static_cast<double>(points.smoothed[i]) * T.translation();
+    angles.push_back(std::atan2(ray.cross(moved).norm(), ray.dot(moved)) * 180.0 / M_PI);
+  }
+  return medianOf(std::move(angles));
 }
 
 RotationTest testRotation(const Attempt& attempt, LevelAligner& aligner) {

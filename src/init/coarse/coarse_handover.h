@@ -39,6 +39,9 @@ struct Quality {
   double rival_margin = 0;    ///< energy of the best motion elsewhere over its own, less 1
 };
 
+/// Median angle between the rays to the good points from the reference and the newest frame [deg].
+[[nodiscard]] double parallaxDeg(const Attempt& attempt);
+
 /// The best pure rotation against the estimate of the newest frame.
 struct RotationTest {
   Alignment rotation;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/coarse/coarse_points.h"
 
+#include "base/median.h"
 #include "image/interpolate.h"
 #include "image/photometric.h"
 
@@ -246,6 +247,21 @@ void smooth(PointLevel& level) {
     level.smoothed[i] =
         (1.0F - kSmoothingWeight) * level.inverse_depth[i] + kSmoothingWeight * median;
   }
+}
+
+float neighbourSpread(const PointLevel& level, std::size_t point) {
+  std::array<float, kNeighbours> off{};
+  int count = 0;
+  for (std::size_t n = 0; n < kNeighbours; ++n) {
+    const std::int32_t other = level.neighbours[point * kNeighbours + n];
+    if (other < 0) break;
+    const auto neighbour = static_cast<std::size_t>(other);
+    if (level.good[neighbour] == 0) continue;
+    off[static_cast<std::size_t>(count++)] =
+        std::abs(level.inverse_depth[neighbour] - level.smoothed[point]);
+  }
+  if (count < kMinGoodNeighbours) return 0;
+  return static_cast<float>(kMadToSigma) * upperMedian(off.data(), count);
 }
 
 void propagateDown(const PointLevel& coarse, PointLevel& fine) {

@@ -55,6 +55,11 @@ void flatten(PointLevel& level);
 /// their own inverse depth and their good neighbours' median.
 void smooth(PointLevel& level);
 
+/// Standard deviation of the good neighbours' own inverse depths about the smoothed one of a point:
+/// by about so much smoothing is wrong, where it reaches over an edge of depth. Robust; 0 without
+/// enough neighbours.
+[[nodiscard]] float neighbourSpread(const PointLevel& level, std::size_t point);
+
 /// Hands inverse depths from a level to the next finer one. The caller smooths the fine level then.
 void propagateDown(const PointLevel& coarse, PointLevel& fine);
 
