@@ -55,10 +55,10 @@ TEST(CoarseInitializer, StartsWhenSettledAfterLeavingThePriorWithUnitMeanInverse
   const std::vector<FramePtr> frames = framesOf(sequence);
   struct Case {
     CoarseOptions coarse;
-    std::size_t frames;       // leaves the prior a frame earlier, settles three earlier
+    std::size_t frames;       // the default waits one frame for parallax
     double max_rotation_deg;  // measured 0.05 and 0.245; margin x4 and x2
   };
-  for (const Case& c : {Case{CoarseOptions{}, 5, 0.2}, Case{referenceCoarseOptions(), 9, 0.5}}) {
+  for (const Case& c : {Case{CoarseOptions{}, 6, 0.2}, Case{referenceCoarseOptions(), 9, 0.5}}) {
     InitializerOptions options;
     options.coarse = c.coarse;
     CoarseInitializer initializer(options, sequence.camera());
@@ -79,6 +79,23 @@ TEST(CoarseInitializer, StartsWhenSettledAfterLeavingThePriorWithUnitMeanInverse
     }
     EXPECT_THROW((void)initializer.addFrame(frames.back()), std::logic_error);
   }
+}
+
+TEST(CoarseInitializer, WaitsForParallaxButNotForEver) {
+  const SyntheticSequence sequence(sequenceOf(SequenceKind::kRoom, 14));
+  const std::vector<FramePtr> frames = framesOf(sequence);
+  const auto framesUntilStart = [&](double wanted_parallax_deg, int at_most) {
+    InitializerOptions options;
+    options.coarse.wanted_parallax_deg = wanted_parallax_deg;
+    options.coarse.max_settle_frames = at_most;
+    CoarseInitializer initializer(options, sequence.camera());
+    const std::vector<InitStep> steps = feed(initializer, frames);
+    EXPECT_TRUE(steps.back().result) << name(steps.back().reason);
+    return steps.size();
+  };
+  const std::size_t soonest = framesUntilStart(0, 5);
+  EXPECT_EQ(framesUntilStart(40, 5), soonest + 3) << "settles 5 frames instead of 2";
+  EXPECT_EQ(framesUntilStart(40, 2), soonest);
 }
 
 TEST(CoarseInitializer, SameResultForAnyThreadsAndAfterReset) {

@@ -11,13 +11,15 @@ namespace dsorb {
 /// @source the initializer of DSO as published with Engel et al., arXiv:1607.02565 (the paper does
 ///         not describe it)
 struct CoarseOptions {
-  double density = 1;          ///< factor on the wanted points of every level
-  double prior_weight = 150;   ///< toward no translation and inverse depth 1, square root
-  double prior_cap = 2.5;      ///< of the prior a point [grey levels]
-  int settle_frames = 2;       ///< frames after the one that left the prior
-  int handover_points = 2000;  ///< points of the result, at most
-  int max_points = 6000;       ///< of a level; 0: as the density says
-  int max_passes = 4;          ///< over all levels, for a frame that does not match at once
+  double density = 1;                ///< factor on the wanted points of every level
+  double prior_weight = 150;         ///< toward no translation and inverse depth 1, square root
+  double prior_cap = 2.5;            ///< of the prior a point [grey levels]
+  int settle_frames = 2;             ///< frames after the one that left the prior, at least
+  int max_settle_frames = 5;         ///< to wait for the wanted parallax; as published
+  double wanted_parallax_deg = 1.5;  ///< median; 0: not waited for
+  int handover_points = 2000;        ///< points of the result, at most
+  int max_points = 6000;             ///< of a level; 0: as the density says
+  int max_passes = 4;                ///< over all levels, for a frame that does not match at once
 
   bool consistent_energy = true;    ///< count in the energy what the equations minimise
   bool release_prior = true;        ///< once left, the prior stays off
@@ -49,7 +51,7 @@ inline CoarseOptions referenceCoarseOptions() {
   o.consistent_energy = o.release_prior = o.estimate_brightness = o.predict_motion = false;
   o.balance_gain = false;
   o.search_rotation = o.try_hypotheses = false;
-  o.min_snap_gain = o.min_rival_margin = 0;
+  o.wanted_parallax_deg = o.min_snap_gain = o.min_rival_margin = 0;
   o.max_points = 0;
   o.max_passes = 1;
   o.drop_bad_points = o.spread_points = o.keep_orphan_depth = false;
@@ -65,6 +67,8 @@ DescribeFor<Options, CoarseOptions> describe(Visitor& visit, Options& o) {
   visit.field("prior_weight", o.prior_weight, Range{1, 10000}, "grey levels / unit");
   visit.field("prior_cap", o.prior_cap, Range{0.1, 100}, "grey levels");
   visit.field("settle_frames", o.settle_frames, Range{0, 100}, "frames");
+  visit.field("max_settle_frames", o.max_settle_frames, Range{0, 100}, "frames");
+  visit.field("wanted_parallax_deg", o.wanted_parallax_deg, Range{0, 45}, "deg");
   visit.field("handover_points", o.handover_points, Range{50, 100000}, "points");
   visit.field("max_points", o.max_points, Range{0, 1000000}, "points");
   visit.field("max_passes", o.max_passes, Range{1, 100}, "passes");

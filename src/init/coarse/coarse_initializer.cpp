@@ -195,6 +195,12 @@ void CoarseInitializer::confirmSnap() {
   if (snapped_since_ == 0) snapped_since_ = tracked_;
 }
 
+/// A later frame would tell depths better; but it may also be lost.
+bool CoarseInitializer::waitsForParallax() const {
+  return tracked_ <= snapped_since_ + options_.coarse.max_settle_frames &&
+         parallaxDeg(attempt_) < options_.coarse.wanted_parallax_deg;
+}
+
 InitStep CoarseInitializer::assess(const LevelReport& finest) {
   const CoarseOptions& o = options_.coarse;
   const TrackedFrame newest = attempt_.frames.back();
@@ -212,7 +218,7 @@ InitStep CoarseInitializer::assess(const LevelReport& finest) {
   InitReason reason = InitReason::kTooLittleParallax;
   if (newest.alignment.snapped) {
     reason = InitReason::kSettling;
-    if (tracked_ > snapped_since_ + o.settle_frames) {
+    if (tracked_ > snapped_since_ + o.settle_frames && !waitsForParallax()) {
       InitStep step = conclude(finest);
       if (step.result) return step;
       reason = step.reason;

@@ -42,6 +42,7 @@ class CoarseInitializer : public Initializer {
   [[nodiscard]] Alignment bestStart(const Frame& frame, const std::vector<Alignment>& starts);
   /// Brings the prior back where a pure rotation explains the newest frame nearly as well.
   void confirmSnap();
+  [[nodiscard]] bool waitsForParallax() const;
   InitStep assess(const LevelReport& finest);
   /// Lets motions in other directions compete with the estimate and takes over the best.
   /// @return margin of the contest
