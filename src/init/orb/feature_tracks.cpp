@@ -6,18 +6,17 @@
 #include "init/orb/image_scale.h"
 
 #include <opencv2/imgproc.hpp>
-#include <opencv2/video/tracking.hpp>
 
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <utility>
 
 namespace dsorb::init_orb {
 namespace {
 
-constexpr std::size_t kTrackGrain = 64;  // tracks one thread follows at a time
-constexpr float kLostMiss = 1e6F;        // [px]; of a track that was not found
+constexpr std::size_t kTrackGrain = 32;  // tracks one thread follows at a time
 
 /// Corners of an image, well inside it, spread over it and away from those that are there already.
 class CornerGrid {
@@ -82,57 +81,20 @@ class CornerGrid {
   std::vector<int> taken_;  // corners by cell
 };
 
-/// Where a step of Lucas-Kanade ended.
-struct StepEnds {
-  std::vector<cv::Point2f> place;
-  std::vector<float> miss;  // of the start, after going back again [px]
-};
+LucasKanadeOptions flowOptions(const FeatureTrackOptions& options) {
+  return {options.window, options.max_level, options.max_iterations, options.min_step};
+}
 
-/// Lucas-Kanade between two images.
-struct LucasKanade {
-  explicit LucasKanade(const FeatureTrackOptions& options)
-      : window(options.window, options.window),
-        max_level(options.max_level),
-        stop(cv::TermCriteria::COUNT + cv::TermCriteria::EPS,
-             options.max_iterations,
-             options.min_step) {}
-
-  void pyramid(const cv::Mat& grey, std::vector<cv::Mat>& levels) const {
-    cv::buildOpticalFlowPyramid(grey, levels, window, max_level, true);
+/// Level 0 of a pyramid as OpenCV wants it.
+cv::Mat eightBit(const FlowLevel& level) {
+  cv::Mat grey(level.height, level.width, CV_8UC1);
+  for (int y = 0; y < level.height; ++y) {
+    auto* row = grey.ptr<std::uint8_t>(y);
+    const float* source = level.row(y);
+    for (int x = 0; x < level.width; ++x) row[x] = static_cast<std::uint8_t>(source[x] + 0.5F);
   }
-  void follow(const std::vector<cv::Mat>& from,
-              const std::vector<cv::Mat>& to,
-              const std::vector<cv::Point2f>& start,
-              std::vector<cv::Point2f>& end,
-              std::vector<unsigned char>& found) const {
-    cv::Mat error;
-    cv::calcOpticalFlowPyrLK(from, to, start, end, found, error, window, max_level, stop);
-  }
-  [[nodiscard]] StepEnds followBothWays(const std::vector<cv::Mat>& from,
-                                        const std::vector<cv::Mat>& to,
-                                        const Eigen::Vector2f* places,
-                                        std::size_t count) const {
-    std::vector<cv::Point2f> start;
-    start.reserve(count);
-    for (std::size_t i = 0; i < count; ++i) start.emplace_back(places[i].x(), places[i].y());
-    StepEnds ends;
-    std::vector<cv::Point2f> back;
-    std::vector<unsigned char> found;
-    std::vector<unsigned char> found_back;
-    follow(from, to, start, ends.place, found);
-    follow(to, from, ends.place, back, found_back);
-    for (std::size_t i = 0; i < count; ++i) {
-      const cv::Point2f miss = back[i] - start[i];
-      ends.miss.push_back(found[i] != 0 && found_back[i] != 0 ? std::hypot(miss.x, miss.y)
-                                                              : kLostMiss);
-    }
-    return ends;
-  }
-
-  cv::Size window;
-  int max_level;
-  cv::TermCriteria stop;
-};
+  return grey;
+}
 
 }  // namespace
 
@@ -144,18 +106,22 @@ void FeatureTracks::clear() {
 
 void FeatureTracks::start(const Frame& reference) {
   clear();
-  GreyImage image = greyImage(reference.level(0), 1.0F, options_.window / 2);
-  grey_ = std::move(image.grey);
-  valid_ = std::move(image.valid);
   reference_mean_ = meanIntensity(reference);
-  LucasKanade(options_).pyramid(grey_, pyramid_);
+  show(reference, 1.0F);
   positions_.emplace_back();
   addCorners();
 }
 
+void FeatureTracks::show(const Frame& frame, float gain) {
+  const bool all_valid = pyramid_.build(frame.level(0), gain, flowOptions(options_));
+  valid_ = all_valid ? cv::Mat() : validMask(frame.level(0), options_.window / 2);
+}
+
 void FeatureTracks::addCorners() {
+  const FlowLevel& image = pyramid_.levels().front();
   const std::vector<Eigen::Vector2f> fresh =
-      CornerGrid(grey_.size(), options_).choose(grey_, valid_, positions_.back());
+      CornerGrid({image.width, image.height}, options_)
+          .choose(eightBit(image), valid_, positions_.back());
   const std::size_t tracks = births_.size() + fresh.size();
   for (auto& frame : positions_) frame.resize(tracks, Eigen::Vector2f::Constant(NAN));
   std::copy(fresh.begin(),
@@ -165,28 +131,26 @@ void FeatureTracks::addCorners() {
 }
 
 void FeatureTracks::advance(const Frame& frame) {
-  const GreyImage image =
-      greyImage(frame.level(0), gainTowards(reference_mean_, frame), options_.window / 2);
-  const LucasKanade lucas_kanade(options_);
   std::swap(pyramid_, other_pyramid_);
-  lucas_kanade.pyramid(image.grey, pyramid_);
-
+  show(frame, gainTowards(reference_mean_, frame));
+  const cv::Size size(frame.level(0).width(), frame.level(0).height());
+  const auto max_miss = static_cast<float>(options_.max_backward_error);
   const std::vector<Eigen::Vector2f>& before = positions_.back();
-  std::vector<Eigen::Vector2f> after(before.size());
+  std::vector<Eigen::Vector2f> after = before;
   std::vector<char> alive(before.size(), 0);
   forEachRange(before.size(), kTrackGrain, [&](std::size_t begin, std::size_t end) {
-    const StepEnds ends =
-        lucas_kanade.followBothWays(other_pyramid_, pyramid_, &before[begin], end - begin);
+    LucasKanade lucas_kanade(flowOptions(options_));
     for (std::size_t i = begin; i < end; ++i) {
-      const cv::Point2f& place = ends.place[i - begin];
-      const bool kept = ends.miss[i - begin] < options_.max_backward_error && image.usable(place);
-      alive[i] = kept ? 1 : 0;
-      after[i] = {place.x, place.y};
+      if (!lucas_kanade.follow(other_pyramid_, pyramid_, after[i])) continue;
+      Eigen::Vector2f back = after[i];
+      if (!isUsable(after[i], size, valid_) ||
+          !lucas_kanade.follow(pyramid_, other_pyramid_, back)) {
+        continue;
+      }
+      alive[i] = (back - before[i]).norm() < max_miss ? 1 : 0;
     }
   });
   positions_.push_back(std::move(after));
-  grey_ = image.grey;
-  valid_ = image.valid;
   keepOnly(alive);
 }
 

@@ -5,6 +5,7 @@
 #include "dsorb/options/orb.h"
 
 #include "init/orb/corner_tracks.h"
+#include "init/orb/lucas_kanade.h"
 
 #include <Eigen/Core>
 #include <opencv2/core.hpp>
@@ -23,7 +24,7 @@ namespace dsorb::init_orb {
 class FeatureTracks {
  public:
   explicit FeatureTracks(const FeatureTrackOptions& options) : options_(options) {}
-  FeatureTracks(const FeatureTracks&) = delete;  // the images of copies would share memory
+  FeatureTracks(const FeatureTracks&) = delete;  // the masks of copies would share memory
   FeatureTracks& operator=(const FeatureTracks&) = delete;
 
   /// Forgets everything and finds the corners of the first reference.
@@ -54,15 +55,15 @@ class FeatureTracks {
   [[nodiscard]] CornerTracks since(int reference) const;
 
  private:
+  void show(const Frame& frame, float gain);
   void keepOnly(const std::vector<char>& alive);
 
   FeatureTrackOptions options_;
   std::vector<std::vector<Eigen::Vector2f>> positions_;  // [frame][track]
   std::vector<int> births_;                              // first frame of each track, ascending
-  cv::Mat grey_;                                         // newest image
-  cv::Mat valid_;                                        // its mask; empty: all of it
-  std::vector<cv::Mat> pyramid_;        // of the newest image, Lucas-Kanade's own, with derivatives
-  std::vector<cv::Mat> other_pyramid_;  // memory for the next one
+  cv::Mat valid_;              // mask of the newest image; empty: all of it
+  FlowPyramid pyramid_;        // of the newest image
+  FlowPyramid other_pyramid_;  // memory for the next one
   double survivor_share_ = 1;
   double reference_mean_ = 0;  // intensity that later images are brought to [grey levels]
 };

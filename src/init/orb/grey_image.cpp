@@ -37,38 +37,48 @@ float gainTowards(double mean_intensity, const Frame& frame) {
                   : 1.0F;
 }
 
+cv::Mat validMask(const PyramidLevel& level, int margin) {
+  cv::Mat valid(level.height(), level.width(), CV_8UC1);
+  for (int y = 0; y < level.height(); ++y) {
+    const ImageSample* source = level.row(y);
+    auto* row = valid.ptr<std::uint8_t>(y);
+    for (int x = 0; x < level.width(); ++x) {
+      row[x] = std::isfinite(source[x].intensity) ? kValid : 0;
+    }
+  }
+  cv::erode(valid, valid, cv::Mat::ones(2 * margin + 1, 2 * margin + 1, CV_8UC1));
+  return valid;
+}
+
 GreyImage greyImage(const PyramidLevel& level, float gain, int margin) {
   GreyImage image{cv::Mat(level.height(), level.width(), CV_8UC1), {}};
+  bool all_valid = true;
   for (int y = 0; y < level.height(); ++y) {
     const ImageSample* source = level.row(y);
     auto* grey = image.grey.ptr<std::uint8_t>(y);
     for (int x = 0; x < level.width(); ++x) {
       const float intensity = source[x].intensity;
-      if (std::isfinite(intensity)) {
-        grey[x] = cv::saturate_cast<std::uint8_t>(gain * intensity);
-        continue;
-      }
-      grey[x] = 0;
-      if (image.valid.empty())
-        image.valid = cv::Mat(image.grey.size(), CV_8UC1, cv::Scalar(kValid));
-      image.valid.at<std::uint8_t>(y, x) = 0;
+      const bool valid = std::isfinite(intensity);
+      grey[x] = valid ? cv::saturate_cast<std::uint8_t>(gain * intensity) : std::uint8_t{0};
+      all_valid = all_valid && valid;
     }
   }
-  if (!image.valid.empty()) {
-    const cv::Mat square = cv::Mat::ones(2 * margin + 1, 2 * margin + 1, CV_8UC1);
-    cv::erode(image.valid, image.valid, square);
-  }
+  if (!all_valid) image.valid = validMask(level, margin);
   return image;
 }
 
-bool GreyImage::usable(const cv::Point2f& position) const {
-  if (!(position.x >= kFeatureBorder && position.y >= kFeatureBorder &&
-        position.x <= static_cast<float>(grey.cols - 1 - kFeatureBorder) &&
-        position.y <= static_cast<float>(grey.rows - 1 - kFeatureBorder))) {
+bool isUsable(const Eigen::Vector2f& position, cv::Size size, const cv::Mat& valid) {
+  if (!(position.x() >= kFeatureBorder && position.y() >= kFeatureBorder &&
+        position.x() <= static_cast<float>(size.width - 1 - kFeatureBorder) &&
+        position.y() <= static_cast<float>(size.height - 1 - kFeatureBorder))) {
     return false;
   }
   return valid.empty() ||
-         valid.at<std::uint8_t>(cvRound(position.y), cvRound(position.x)) == kValid;
+         valid.at<std::uint8_t>(cvRound(position.y()), cvRound(position.x())) == kValid;
+}
+
+bool GreyImage::usable(const cv::Point2f& position) const {
+  return isUsable({position.x, position.y}, grey.size(), valid);
 }
 
 }  // namespace dsorb::init_orb

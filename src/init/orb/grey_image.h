@@ -5,6 +5,7 @@
 
 #include "image/photometric.h"
 
+#include <Eigen/Core>
 #include <opencv2/core.hpp>
 
 namespace dsorb::init_orb {
@@ -25,6 +26,13 @@ struct GreyImage {
 /// @param gain   applied to the intensities
 /// @param margin by which invalid regions are widened [px]
 GreyImage greyImage(const PyramidLevel& level, float gain, int margin);
+
+/// 255 where a pixel and all its neighbours up to `margin` [px] are valid.
+cv::Mat validMask(const PyramidLevel& level, int margin);
+
+/// Whether a feature can be there: away from the border and from invalid pixels.
+/// @param valid mask; empty: all are
+bool isUsable(const Eigen::Vector2f& position, cv::Size size, const cv::Mat& valid);
 
 /// Mean intensity of the valid pixels [grey levels], from a coarse level; 0 without any.
 double meanIntensity(const Frame& frame);

@@ -63,8 +63,6 @@ DSORB_ALWAYS_INLINE void project(const SightingFrame& f,
   const DoubleLanes uv = u * v;
   out.error_x = f.fx * u + (f.cx - seen_x);
   out.error_y = f.fy * v + (f.cy - seen_y);
-  fill(0, out.pose_x[1]);
-  fill(0, out.pose_y[0]);
   out.pose_x[0] = fx_rho;
   out.pose_x[2] = -fx_rho * u;
   out.pose_x[3] = -f.fx * uv;
@@ -133,14 +131,37 @@ DSORB_ALWAYS_INLINE void addSums(const Projection& at,
                                  LaneSums& sums) {
   const DoubleLanes error_x = information.xx * at.error_x + information.xy * at.error_y;
   const DoubleLanes error_y = information.xy * at.error_x + information.yy * at.error_y;
+  // pose_x[1] and pose_y[0] are zero, and not touched.
   int entry = 0;
+#pragma GCC unroll 6
   for (int r = 0; r < kPoseSize; ++r) {
-    const DoubleLanes x = information.xx * at.pose_x[r] + information.xy * at.pose_y[r];
-    const DoubleLanes y = information.xy * at.pose_x[r] + information.yy * at.pose_y[r];
-    for (int c = r; c < kPoseSize; ++c) {
-      sums.hessian[entry++] += x * at.pose_x[c] + y * at.pose_y[c];
+    DoubleLanes x;  // derivatives by this unknown, times the information
+    DoubleLanes y;
+    DoubleLanes gradient;
+    if (r == 0) {
+      x = information.xx * at.pose_x[r];
+      y = information.xy * at.pose_x[r];
+      gradient = at.pose_x[r] * error_x;
+    } else if (r == 1) {
+      x = information.xy * at.pose_y[r];
+      y = information.yy * at.pose_y[r];
+      gradient = at.pose_y[r] * error_y;
+    } else {
+      x = information.xx * at.pose_x[r] + information.xy * at.pose_y[r];
+      y = information.xy * at.pose_x[r] + information.yy * at.pose_y[r];
+      gradient = at.pose_x[r] * error_x + at.pose_y[r] * error_y;
     }
-    sums.gradient[r] += at.pose_x[r] * error_x + at.pose_y[r] * error_y;
+    sums.gradient[r] += gradient;
+#pragma GCC unroll 6
+    for (int c = r; c < kPoseSize; ++c) {
+      if (c == 0) {
+        sums.hessian[entry++] += x * at.pose_x[c];
+      } else if (c == 1) {
+        sums.hessian[entry++] += y * at.pose_y[c];
+      } else {
+        sums.hessian[entry++] += x * at.pose_x[c] + y * at.pose_y[c];
+      }
+    }
     if constexpr (kDepths) {
       store(x * at.depth_x + y * at.depth_y,
             depths.coupling + static_cast<std::size_t>(r) * depths.stride + i);
@@ -163,7 +184,8 @@ DSORB_ALWAYS_INLINE void linearizeAs(const SightingFrame& frame,
                                      const SightingRun& run,
                                      const LossSetting& loss,
                                      const DepthSums& depths,
-                                     LaneSums& sums) {
+                                     LaneSums& result) {
+  LaneSums sums = {};  // a local one stays in registers
   const double half_square = 0.5 * loss.limit * loss.limit;
   for (std::size_t begin = 0; begin < run.count; begin += kFactors * kDoubleLanes) {
     const std::size_t end = std::min(run.count, begin + kFactors * kDoubleLanes);
@@ -183,6 +205,7 @@ DSORB_ALWAYS_INLINE void linearizeAs(const SightingFrame& frame,
       for (int k = 0; k < kDoubleLanes; ++k) sums.cost[k] += half_square * std::log(product[k]);
     }
   }
+  result = sums;
 }
 
 DSORB_TARGET_CLONES void linearizeInLanes(const SightingFrame& frame,
