@@ -37,19 +37,28 @@ void resize(FlowLevel& level, int width, int height, int border) {
   level.origin = border * level.stride + border;
 }
 
-/// Repeats the outermost pixels of rows that are filled.
+/// Pixel that stands for one outside: the image continues mirrored, the outermost pixel not
+/// doubled.
+int mirrored(int index, int size) {
+  const int period = std::max(1, 2 * (size - 1));
+  const int folded = (index % period + period) % period;
+  return std::min(folded, period - folded);
+}
+
 void extendRow(FlowLevel& level, int y, int border) {
   float* row = level.row(y);
-  std::fill(row - border, row, row[0]);
-  std::fill(row + level.width, row + level.width + border, row[level.width - 1]);
+  for (int k = 1; k <= border; ++k) {
+    row[-k] = row[mirrored(-k, level.width)];
+    row[level.width - 1 + k] = row[mirrored(level.width - 1 + k, level.width)];
+  }
 }
 
 void extendColumns(FlowLevel& level, int border) {
-  const float* first = level.row(0) - border;
-  const float* last = level.row(level.height - 1) - border;
-  for (int y = 1; y <= border; ++y) {
-    std::copy(first, first + level.stride, level.row(-y) - border);
-    std::copy(last, last + level.stride, level.row(level.height - 1 + y) - border);
+  for (int k = 1; k <= border; ++k) {
+    for (const int y : {-k, level.height - 1 + k}) {
+      const float* source = level.row(mirrored(y, level.height)) - border;
+      std::copy(source, source + level.stride, level.row(y) - border);
+    }
   }
 }
 

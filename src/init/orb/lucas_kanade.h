@@ -30,7 +30,7 @@ struct FlowLevel {
 };
 
 /// Intensities alone, each level smoothed and halved from the one before (pixel x lies on pixel
-/// 2 x), with a border of repeated pixels so that windows may leave the image.
+/// 2 x), with a mirrored border so that windows may leave the image.
 class FlowPyramid {
  public:
   /// Replaces what was there; memory is kept. Runs in parallel inside the caller's arena.
