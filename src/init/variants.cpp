@@ -21,6 +21,7 @@ OrbOptions reportGeometry() {
   orb.geometric.loss = RobustLoss::kHuber;
   orb.geometric.loss_threshold = 2.4474;  // sqrt(5.99): 95 % of chi-square, 2 degrees of freedom
   orb.semi_dense.fusion = DepthFusion::kProduct;
+  orb.semi_dense.max_points = 0;
   orb.photometric.enabled = false;
   orb.moving.remove = false;
   return orb;

@@ -382,5 +382,24 @@ TEST(SemiDenseDepth, FindsNothingWithoutPosedFrames) {
   EXPECT_EQ(estimateSemiDenseDepth(map, scene.camera(), SemiDenseOptions(), 1).points, 0);
 }
 
+TEST(SemiDenseDepth, KeepsTheMostCertainPoints) {
+  InitialMap map;
+  map.corners.resize(2);
+  for (int i = 0; i < 5; ++i) {
+    SemiDensePoint point;
+    point.pixel = {static_cast<float>(i), 0};
+    point.inverse_depth = i == 3 ? 10.0F : 1.0F;
+    point.variance = i == 3 ? 20.0F : static_cast<float>(5 - i);  // relative: 5 4 3 .2 1
+    map.points.push_back(point);
+  }
+  EXPECT_EQ(keepBestPoints(map, 7), 0);
+  EXPECT_EQ(keepBestPoints(map, 5), 2);
+  ASSERT_EQ(map.points.size(), 3U);
+  EXPECT_EQ(map.points[0].pixel.x(), 2);
+  EXPECT_EQ(map.points[1].pixel.x(), 3);
+  EXPECT_EQ(map.points[2].pixel.x(), 4);
+  EXPECT_EQ(keepBestPoints(map, 1), 3);  // corners alone are more
+}
+
 }  // namespace
 }  // namespace dsorb::init_orb

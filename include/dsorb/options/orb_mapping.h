@@ -104,6 +104,9 @@ struct SemiDenseOptions {
   double fusion_gate = 3.0;   ///< farther from the prior is an outlier vote [combined sigma]
   int max_outlier_votes = 3;  ///< so many votes remove a point
   int min_points = 50;        ///< fewer: the attempt fails
+  /// Corners and points together that are adjusted and handed over, those of smallest relative
+  /// variance; 0: all. As many as the window takes.
+  int max_points = 2000;
 };
 
 template <typename Visitor, typename Options>
@@ -139,6 +142,7 @@ DescribeFor<Options, SemiDenseOptions> describe(Visitor& visit, Options& o) {
   visit.field("fusion_gate", o.fusion_gate, Range{0.1, 1000}, "sigma");
   visit.field("max_outlier_votes", o.max_outlier_votes, Range{1, 1000}, "votes");
   visit.field("min_points", o.min_points, Range{1, 100000}, "points");
+  visit.field("max_points", o.max_points, Range{0, 1000000}, "points");
 }
 
 }  // namespace dsorb

@@ -41,7 +41,10 @@ bool addSemiDense(const ReferenceView& view, const AttemptContext& context, Atte
   } else {
     densify(context, attempt);
   }
-  if (static_cast<int>(attempt.map->points.size()) >= orb.semi_dense.min_points) return true;
+  if (static_cast<int>(attempt.map->points.size()) >= orb.semi_dense.min_points) {
+    if (orb.semi_dense.max_points > 0) keepBestPoints(*attempt.map, orb.semi_dense.max_points);
+    return true;
+  }
   attempt.reason = InitReason::kTooFewPoints;
   return false;
 }

@@ -12,8 +12,7 @@ namespace dsorb::init_orb {
 namespace {
 
 constexpr std::size_t kGrain = 16;         // rows one thread takes at a time
-constexpr float kMinEigenvalue = 0.1F;     // of the mean gradient tensor [grey levels^2 / px^2]
-constexpr float kCoarseStep = 0.1F;        // ends the iteration on coarser levels [px]
+constexpr float kMinEigenvalue = 0.3F;     // of the mean gradient tensor [grey levels^2 / px^2]
 constexpr float kMaxIntensity = 255;       // [grey levels]
 constexpr std::size_t kTemplateParts = 3;  // intensity, dx, dy
 
@@ -341,12 +340,11 @@ bool LucasKanade::follow(const FlowPyramid& from, const FlowPyramid& to, Eigen::
   for (int level = levels - 1; level >= 0; --level) {
     const auto l = static_cast<std::size_t>(level);
     const Eigen::Vector2f at = start / static_cast<float>(1 << level);
-    const float min_step = level > 0 ? kCoarseStep : static_cast<float>(options_.min_step);
     const bool found = followOnLevel({from.levels()[l],
                                       to.levels()[l],
                                       options_.window,
                                       options_.max_iterations,
-                                      min_step,
+                                      static_cast<float>(options_.min_step),
                                       patch_.data(),
                                       template_.data()},
                                      at.x(),

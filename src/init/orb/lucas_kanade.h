@@ -14,7 +14,7 @@ struct LucasKanadeOptions {
   int window = 21;          ///< side of the aligned patch [px]
   int max_level = 4;        ///< coarsest level of the pyramid
   int max_iterations = 30;  ///< on each level
-  double min_step = 0.01;   ///< a smaller one ends the iteration on the finest level [px]
+  double min_step = 0.01;   ///< a smaller one ends the iteration [px of the level]
 };
 
 /// One level of a FlowPyramid with a border around it.

@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace dsorb::init_orb {
 namespace {
@@ -128,6 +129,28 @@ SemiDenseReport estimateSemiDenseDepth(InitialMap& map,
   report.candidates = static_cast<int>(candidates.size());
   report.points = static_cast<int>(map.points.size());
   return report;
+}
+
+int keepBestPoints(InitialMap& map, int wanted) {
+  const auto total = static_cast<std::size_t>(wanted);
+  const std::size_t left = total - std::min(total, map.corners.size());
+  const std::size_t before = map.points.size();
+  if (before <= left) return 0;
+  std::vector<std::pair<float, std::size_t>> order;  // relative variance, point
+  order.reserve(before);
+  for (std::size_t i = 0; i < before; ++i) {
+    const SemiDensePoint& point = map.points[i];
+    order.emplace_back(point.variance / (point.inverse_depth * point.inverse_depth), i);
+  }
+  std::nth_element(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(left), order.end());
+  std::vector<char> kept(before, 0);
+  for (std::size_t k = 0; k < left; ++k) kept[order[k].second] = 1;
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < before; ++i) {
+    if (kept[i] != 0) map.points[count++] = map.points[i];
+  }
+  map.points.resize(count);
+  return static_cast<int>(before - count);
 }
 
 }  // namespace dsorb::init_orb

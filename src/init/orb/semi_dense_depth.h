@@ -30,4 +30,8 @@ SemiDenseReport estimateSemiDenseDepth(InitialMap& map,
                                        const SemiDenseOptions& options,
                                        std::uint64_t seed);
 
+/// Keeps the points of smallest relative variance, so that corners and points are no more than
+/// wanted. @return number of points removed
+int keepBestPoints(InitialMap& map, int wanted);
+
 }  // namespace dsorb::init_orb

@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "dsorb/options/orb.h"
+
+#include "base/random.h"
+#include "benchmark/rendered_frames.h"
+#include "init/orb/corner_polish.h"
+#include "init/orb/feature_tracks.h"
+#include "init/orb/map_scale.h"
+#include "init/orb/outlier_filter.h"
+#include "init/orb/photometric_adjustment.h"
+#include "init/orb/photometric_covariance.h"
+#include "init/orb/semi_dense_depth.h"
+
+#include <cstddef>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr std::uint64_t kSeed = 1;
+constexpr int kFrames = 11;           // about what a start in the room needs
+constexpr int kAdjusted = 5;          // of them, evenly spread, the newest included
+constexpr double kDepthError = 0.02;  // of the inverse depths, relative
+constexpr double kTrackError = 0.1;   // [px]
+
+const RenderedFrames& room() {
+  static const RenderedFrames frames(roomOptions(kFrames));
+  return frames;
+}
+
+/// A map as the geometric adjustment leaves it, with semi-dense points.
+struct Start {
+  Start() {
+    const RenderedFrames& scene = room();
+    FeatureTracks tracks(options.tracks);
+    tracks.start(*scene.frames.front());
+    Random random(kSeed);
+    map.frames = scene.frames;
+    map.T_cam_ref.resize(kFrames);
+    map.covariance.resize(kFrames);
+    map.affine.resize(kFrames);
+    for (int k = 0; k < kFrames; ++k) {
+      map.T_cam_ref[static_cast<std::size_t>(k)] = scene.T_cam_first(k);
+      if (k > 0 && k % (kFrames / kAdjusted) != 0) others.push_back(k);
+    }
+    for (const Eigen::Vector2f& pixel : tracks.positions(0))
+      addCorner(pixel.cast<double>(), random);
+    for (const int k : others) map.T_cam_ref[static_cast<std::size_t>(k)].reset();
+    normalizeCornerScale(map);
+    estimateSemiDenseDepth(map, scene.camera, options.semi_dense, kSeed);
+    keepBestPoints(map, options.semi_dense.max_points);
+  }
+
+  void addCorner(const Eigen::Vector2d& pixel, Random& random) {
+    const RenderedFrames& scene = room();
+    const auto at =
+        static_cast<std::size_t>(pixel.y()) * static_cast<std::size_t>(scene.camera.width) +
+        static_cast<std::size_t>(pixel.x());
+    const auto rho = static_cast<double>(scene.inverse_depth[at]);
+    const Eigen::Vector3d point = scene.camera.unproject(pixel) / rho;
+    const int corner = static_cast<int>(map.corners.size());
+    const double error = kDepthError * rho;
+    map.corners.push_back({pixel, rho + error * random.gaussian(), error * error});
+    for (int k = 1; k < kFrames; ++k) {
+      const Eigen::Vector2d noise(random.gaussian(), random.gaussian());
+      map.observations.push_back(
+          {corner, k, scene.camera.project(scene.T_cam_first(k) * point) + kTrackError * noise});
+    }
+  }
+
+  OrbOptions options;
+  InitialMap map;
+  std::vector<int> others;  ///< frames without pose
+};
+
+const Start& start() {
+  static const Start made;
+  return made;
+}
+
+void count(benchmark::State& state, const InitialMap& map) {
+  state.counters["corners"] = static_cast<double>(map.corners.size());
+  state.counters["points"] = static_cast<double>(map.points.size());
+}
+
+void polish(benchmark::State& state) {
+  const Start& from = start();
+  timeWithThreads(state, [&] {
+    InitialMap map = from.map;
+    return polishCorners(map, room().camera, from.options.geometric, from.options.informed.polish)
+        .last_rms;
+  });
+  count(state, from.map);
+}
+BENCHMARK(polish)->Arg(1)->Arg(2)->UseRealTime()->Unit(benchmark::kMillisecond);
+
+void polishOtherPoses(benchmark::State& state) {
+  const Start& from = start();
+  InitialMap posed = from.map;
+  for (const int k : from.others) {
+    posed.T_cam_ref[static_cast<std::size_t>(k)] = room().T_cam_first(k);
+  }
+  timeWithThreads(state, [&] {
+    InitialMap map = posed;
+    polishPoses(map, room().camera, from.options.informed.polish, from.others);
+    return map.T_cam_ref.size();
+  });
+  state.counters["frames"] = static_cast<double>(from.others.size());
+}
+BENCHMARK(polishOtherPoses)->Arg(1)->Arg(2)->UseRealTime()->Unit(benchmark::kMillisecond);
+
+/// Poses free, so that the joint problem is solved.
+void photometric(benchmark::State& state, PhotometricSolver solver, PhotometricPoses poses) {
+  const Start& from = start();
+  PhotometricOptions options = from.options.photometric;
+  options.solver = solver;
+  options.poses = poses;
+  PhotometricReport report;
+  timeWithThreads(state, [&] {
+    InitialMap map = from.map;
+    report = adjustPhotometry(map, room().camera, options);
+    return report.usable;
+  });
+  count(state, from.map);
+  state.counters["iterations"] = report.iterations;
+}
+BENCHMARK_CAPTURE(photometric, free_schur, PhotometricSolver::kSchur, PhotometricPoses::kFree)
+    ->Arg(1)
+    ->Arg(2)
+    ->UseRealTime()
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(photometric, free_ceres, PhotometricSolver::kCeres, PhotometricPoses::kFree)
+    ->Arg(1)
+    ->UseRealTime()
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(photometric, depths, PhotometricSolver::kSchur, PhotometricPoses::kFixed)
+    ->Arg(1)
+    ->Arg(2)
+    ->UseRealTime()
+    ->Unit(benchmark::kMillisecond);
+
+void filter(benchmark::State& state, OutlierRule rule) {
+  const Start& from = start();
+  OutlierOptions options = from.options.outliers;
+  options.rule = rule;
+  const PhotometricProblem problem = makeProblem(from.map, room().camera, from.options.photometric);
+  timeWithThreads(state, [&] {
+    InitialMap map = from.map;
+    PhotometricProblem part = problem;
+    return removeOutliers(map, part, from.options.photometric, options).examined;
+  });
+  count(state, from.map);
+}
+BENCHMARK_CAPTURE(filter, combined, OutlierRule::kCombined)
+    ->Arg(1)
+    ->Arg(2)
+    ->UseRealTime()
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(filter, pixel_votes, OutlierRule::kPixelVotes)
+    ->Arg(1)
+    ->Arg(2)
+    ->UseRealTime()
+    ->Unit(benchmark::kMillisecond);
+
+void variances(benchmark::State& state) {
+  const Start& from = start();
+  PhotometricProblem problem = makeProblem(from.map, room().camera, from.options.photometric);
+  InitialMap map = from.map;
+  timeWithThreads(state, [&] {
+    return setPhotometricVariances(map, problem, from.options.photometric, false);
+  });
+  count(state, from.map);
+}
+BENCHMARK(variances)->Arg(1)->Arg(2)->UseRealTime()->Unit(benchmark::kMillisecond);
+
+}  // namespace
+}  // namespace dsorb::init_orb

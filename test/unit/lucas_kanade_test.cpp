@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/lucas_kanade.h"
+
+#include "support/painted_frame.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr int kWidth = 320;
+constexpr int kHeight = 240;
+
+FlowPyramid pyramidOf(const Paint& intensity, float gain = 1) {
+  const FramePtr frame = paintFrame(0, kWidth, kHeight, intensity);
+  FlowPyramid pyramid;
+  EXPECT_TRUE(pyramid.build(frame->level(0), gain, {}));
+  return pyramid;
+}
+
+TEST(FlowPyramid, HalvesWhilePixelsStayOnEvenOnes) {
+  const FlowPyramid pyramid = pyramidOf([](float x, float y) { return 0.3F * x + 0.2F * y; }, 2);
+  ASSERT_EQ(pyramid.levels().size(), 4U);  // the next one is smaller than the window
+  EXPECT_EQ(pyramid.levels()[3].width, 40);
+  EXPECT_EQ(pyramid.levels()[3].height, 30);
+  for (std::size_t l = 0; l < 4; ++l) {
+    const auto scale = static_cast<float>(1 << l);
+    EXPECT_NEAR(pyramid.levels()[l].row(10)[20], 2 * (0.3F * 20 + 0.2F * 10) * scale, 0.01F) << l;
+  }
+}
+
+TEST(FlowPyramid, MirrorsTheImageAndClearsInvalidPixels) {
+  const FramePtr frame = paintFrame(0, kWidth, kHeight, [](float x, float y) {
+    return x == 5 && y == 3 ? std::numeric_limits<float>::quiet_NaN() : 10 * x + y;
+  });
+  FlowPyramid pyramid;
+  EXPECT_FALSE(pyramid.build(frame->level(0), 1, {}));
+  const FlowLevel& level = pyramid.levels().front();
+  EXPECT_EQ(level.row(3)[5], 0);
+  EXPECT_EQ(level.row(3)[300], 255);  // saturated
+  EXPECT_EQ(level.row(-2)[4], level.row(2)[4]);
+  EXPECT_EQ(level.row(7)[-3], level.row(7)[3]);
+  EXPECT_EQ(level.row(kHeight + 1)[-1], level.row(kHeight - 3)[1]);
+}
+
+TEST(LucasKanade, FindsAShiftAcrossLevels) {
+  const Paint scene = blobs(11);
+  const FlowPyramid from = pyramidOf(scene);
+  const FlowPyramid to = pyramidOf(shifted(scene, 9.4F, -6.7F));
+  LucasKanade lucas_kanade({});
+  for (int y = 60; y < 200; y += 20) {
+    for (int x = 60; x < 260; x += 20) {
+      Eigen::Vector2f place(static_cast<float>(x) + 0.3F, static_cast<float>(y) - 0.2F);
+      const Eigen::Vector2f expected = place + Eigen::Vector2f(9.4F, -6.7F);
+      ASSERT_TRUE(lucas_kanade.follow(from, to, place)) << x << " " << y;
+      EXPECT_LT((place - expected).norm(), 0.1F) << x << " " << y;  // measured .05 and below
+    }
+  }
+}
+
+TEST(LucasKanade, RefusesWhatHasNoTextureOrLiesOutside) {
+  const FlowPyramid flat = pyramidOf([](float, float) { return 90.0F; });
+  const FlowPyramid edge = pyramidOf([](float x, float) { return x < 150 ? 50.0F : 150.0F; });
+  const FlowPyramid scene = pyramidOf(blobs(12));
+  LucasKanade lucas_kanade({});
+  Eigen::Vector2f place(150, 120);
+  EXPECT_FALSE(lucas_kanade.follow(flat, scene, place));
+  EXPECT_FALSE(lucas_kanade.follow(edge, edge, place));  // an edge alone does not hold a point
+  place = {-40, 120};
+  EXPECT_FALSE(lucas_kanade.follow(scene, scene, place));
+  place = {std::numeric_limits<float>::quiet_NaN(), 120};
+  EXPECT_FALSE(lucas_kanade.follow(scene, scene, place));
+}
+
+TEST(LucasKanade, TakesWindowsOfAnySize) {
+  const Paint scene = blobs(13);
+  for (const int window : {8, 16, 31}) {
+    LucasKanadeOptions options;
+    options.window = window;
+    FlowPyramid from;
+    FlowPyramid to;
+    from.build(paintFrame(0, kWidth, kHeight, scene)->level(0), 1, options);
+    to.build(paintFrame(1, kWidth, kHeight, shifted(scene, 1.3F, 0.6F))->level(0), 1, options);
+    LucasKanade lucas_kanade(options);
+    Eigen::Vector2f place(150, 120);
+    ASSERT_TRUE(lucas_kanade.follow(from, to, place)) << window;
+    EXPECT_LT((place - Eigen::Vector2f(151.3F, 120.6F)).norm(), 0.1F) << window;
+  }
+}
+
+}  // namespace
+}  // namespace dsorb::init_orb
