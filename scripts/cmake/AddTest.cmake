@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # dsorb_add_test(NAME LABEL SOURCES... [LIBS libraries...] [PARTS parameters...]): one GoogleTest program,
 # registered as one ctest entry; with PARTS one entry for each of these test parameters, to run side by
-# side, and one for all the rest. Labels: unit, contract, system, package.
+# side, and one for all the rest. Labels: unit, contract, system, package; target LABEL_tests builds those of one.
 function(dsorb_add_test name label)
   cmake_parse_arguments(arg "" "" "LIBS;PARTS" ${ARGN})
   add_executable(${name} ${arg_UNPARSED_ARGUMENTS})
@@ -9,6 +9,10 @@ function(dsorb_add_test name label)
   target_link_libraries(${name} PRIVATE ${arg_LIBS} GTest::gmock GTest::gtest_main)
   dsorb_compile_options(${name})
   set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/test)
+  if(NOT TARGET ${label}_tests)
+    add_custom_target(${label}_tests)
+  endif()
+  add_dependencies(${label}_tests ${name})
   set(rest "*-")
   set(entries ${name})
   foreach(part IN LISTS arg_PARTS)

@@ -195,17 +195,21 @@ void thin(std::vector<SelectedPixel>& selected,
   selected.resize(kept);
 }
 
+struct Cell {
+  int x = 0;  // of the top left pixel
+  int y = 0;
+  int size = 1;
+};
+
 /// Marks the strongest pixels of one cell. @param out gets each pixel once
 void cellMaxima(const PyramidLevel& level,
-                int x0,
-                int y0,
-                int spacing,
+                const Cell& cell,
                 float squared_threshold,
                 std::vector<SelectedPixel>& out) {
   std::array<Best, 4> best;
-  for (int y = y0; y < y0 + spacing; ++y) {
+  for (int y = cell.y; y < cell.y + cell.size; ++y) {
     const ImageSample* row = level.row(y);
-    for (int x = x0; x < x0 + spacing; ++x) {
+    for (int x = cell.x; x < cell.x + cell.size; ++x) {
       const float dx = row[x].dx;
       const float dy = row[x].dy;
       if (dx * dx + dy * dy > squared_threshold) {
@@ -306,7 +310,7 @@ GridSelection selectGridMaxima(const PyramidLevel& level, int wanted, int spacin
     result.pixels.clear();
     for (int y = 1; y < level.height() - used; y += used) {
       for (int x = 1; x < level.width() - used; x += used) {
-        cellMaxima(level, x, y, used, squared_threshold, result.pixels);
+        cellMaxima(level, {x, y, used}, squared_threshold, result.pixels);
       }
     }
     const double ratio = static_cast<double>(result.pixels.size()) / wanted;

@@ -38,7 +38,7 @@ Plane planeOf(const ImageView& image, std::vector<float>& copy) {
   copy.resize(width * static_cast<std::size_t>(image.height()));
   for (int y = 0; y < image.height(); ++y) {
     const auto* source = image.row<std::uint8_t>(y);
-    std::copy(source, source + image.width(), copy.begin() + y * image.width());
+    std::copy(source, source + width, copy.data() + static_cast<std::size_t>(y) * width);
   }
   return {copy.data(), image.width(), image.width(), image.height()};
 }
@@ -50,7 +50,8 @@ Plane halve(const Plane& fine, float* coarse) {
     const float* top = fine.row(2 * y);
     const float* bottom = fine.row(2 * y + 1);
     for (int x = 0; x < result.width; ++x) {
-      coarse[x] = 0.25F * (top[2 * x] + top[2 * x + 1] + bottom[2 * x] + bottom[2 * x + 1]);
+      const int left = 2 * x;
+      coarse[x] = 0.25F * (top[left] + top[left + 1] + bottom[left] + bottom[left + 1]);
     }
   }
   return result;

@@ -93,12 +93,12 @@ void RegionThresholds::smoothAndSquare() {
       int count = 0;
       for (int v = std::max(y - 1, 0); v <= std::min(y + 1, regions_y_ - 1); ++v) {
         for (int u = std::max(x - 1, 0); u <= std::min(x + 1, regions_x_ - 1); ++u) {
-          sum += thresholds_[static_cast<std::size_t>(v * regions_x_ + u)];
+          sum += thresholds_[index(u, v)];
           ++count;
         }
       }
       const float mean = sum / static_cast<float>(count);
-      squared_thresholds_[static_cast<std::size_t>(y * regions_x_ + x)] = mean * mean;
+      squared_thresholds_[index(x, y)] = mean * mean;
     }
   }
 }

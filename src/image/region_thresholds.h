@@ -40,6 +40,11 @@ class RegionThresholds {
   void medianGradients(const PyramidLevel& level, double above_median);
   [[nodiscard]] int medianGradient(const PyramidLevel& level, int region) const;
   void smoothAndSquare();
+  /// @param x,y of a region
+  [[nodiscard]] std::size_t index(int x, int y) const {
+    return static_cast<std::size_t>(y) * static_cast<std::size_t>(regions_x_) +
+           static_cast<std::size_t>(x);
+  }
 
   int width_ = 0;
   int regions_x_ = 0;

@@ -134,9 +134,8 @@ void drawPath(cv::Mat& canvas, const cv::Rect& area, const SegmentPath& path) {
   x = widened(x, per_pixel * chart.plotSize().width);
   z = widened(z, per_pixel * chart.plotSize().height);
   const double step = std::max(roundAxis(x, 8).step, roundAxis(z, 8).step);
-  const auto ticksInside = [step](const Interval& range) { return RoundAxis{range, step}; };
-  chart.axes(ticksInside(x),
-             ticksInside(z),
+  chart.axes(RoundAxis{x, step},
+             RoundAxis{z, step},
              "x right, z up; unit: mean inverse depth of the reference is 1");
   chart.curve(path.frames, kPathColour);
   chart.dots(path.keyframes, 4, kKeyframeColour);
@@ -223,7 +222,7 @@ cv::Mat drawInverseDepth(const InitializationResult& result) {
   for (const InitPoint& point : result.points) {
     if (point.host != 0 || !std::isfinite(point.inverse_depth)) continue;
     const float place = std::clamp((point.inverse_depth - low) / (high - low), 0.0F, 1.0F);
-    const cv::Vec3b colour = colours.at<cv::Vec3b>(0, static_cast<int>(place * 255));
+    const auto& colour = colours.at<cv::Vec3b>(0, static_cast<int>(place * 255));
     const int x = static_cast<int>(std::lround(point.pixel.x()));
     const int y = static_cast<int>(std::lround(point.pixel.y()));
     const cv::Rect square(x - 1, y - 1, 3, 3);

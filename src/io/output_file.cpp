@@ -6,7 +6,6 @@
 #include <fmt/format.h>
 
 #include <cerrno>
-#include <cstring>
 #include <regex>
 #include <system_error>
 #include <utility>
@@ -20,7 +19,8 @@ namespace fs = std::filesystem;
 constexpr const char* kPartSuffix = ".part";
 
 IoError writeError(const fs::path& path) {
-  return IoError(fmt::format("{}: cannot be written: {}", path.string(), std::strerror(errno)));
+  return IoError(fmt::format(
+      "{}: cannot be written: {}", path.string(), std::generic_category().message(errno)));
 }
 
 FileHandle openForWriting(const fs::path& path) {

@@ -49,7 +49,7 @@ void RunRecord::addInitialization(const InitializationResult& result, int segmen
   T_world_anchor_[reference] = SE3();
   starts_.push_back({result.frames.back().frame->id(), *result.frames.back().T_cam_ref});
   const int start = static_cast<int>(starts_.size()) - 1;
-  const double last = static_cast<double>(result.frames.size() - 1);
+  const auto last = static_cast<double>(result.frames.size() - 1);
   for (std::size_t i = 0; i < result.frames.size(); ++i) {
     const PosedFrame& posed = result.frames[i];
     if (!posed.T_cam_ref || !isFinite(*posed.T_cam_ref)) continue;
