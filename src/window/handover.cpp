@@ -31,8 +31,9 @@ std::vector<std::size_t> bestOfCells(const std::vector<SeedPoint>& points,
   std::vector<std::size_t> best(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows),
                                 kNone);
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const int x = std::clamp(static_cast<int>(points[i].pixel.x() / cell), 0, columns - 1);
-    const int y = std::clamp(static_cast<int>(points[i].pixel.y() / cell), 0, rows - 1);
+    const std::ptrdiff_t x =
+        std::clamp(static_cast<int>(points[i].pixel.x() / cell), 0, columns - 1);
+    const std::ptrdiff_t y = std::clamp(static_cast<int>(points[i].pixel.y() / cell), 0, rows - 1);
     std::size_t& holder = best[static_cast<std::size_t>(y * columns + x)];
     if (holder == kNone || uncertainty(points[i]) < uncertainty(points[holder])) holder = i;
   }

@@ -197,7 +197,7 @@ void NormalEquationsBuilder::build(Window& window,
   ChunkContext context{
       &window, &pairs, points.data(), &options, window.camera(), {}, nullptr, &out};
   for (const Keyframe& keyframe : window.keyframes) {
-    context.frame_deviation.push_back(keyframe.state - keyframe.first);
+    context.frame_deviation.emplace_back(keyframe.state - keyframe.first);
   }
   forEachRange(chunks_.size(), options.chunks_per_task, [&](std::size_t begin, std::size_t end) {
     ChunkContext mine = context;
