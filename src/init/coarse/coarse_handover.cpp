@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstddef>
 #include <numeric>
 #include <utility>
 
@@ -114,11 +115,12 @@ std::vector<std::size_t> spreadPoints(const Attempt& attempt) {
   const int columns = static_cast<int>(camera.width / cell) + 1;
   const int rows = static_cast<int>(camera.height / cell) + 1;
   constexpr std::size_t kNone = SIZE_MAX;
-  std::vector<std::size_t> best(static_cast<std::size_t>(columns * rows), kNone);
+  std::vector<std::size_t> best(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows),
+                                kNone);
   for (std::size_t i = 0; i < points.x.size(); ++i) {
     if (!isFit(attempt, i)) continue;
-    const int column = static_cast<int>(static_cast<double>(points.x[i]) / cell);
-    const int row = static_cast<int>(static_cast<double>(points.y[i]) / cell);
+    const std::ptrdiff_t column = static_cast<int>(static_cast<double>(points.x[i]) / cell);
+    const std::ptrdiff_t row = static_cast<int>(static_cast<double>(points.y[i]) / cell);
     std::size_t& holder = best[static_cast<std::size_t>(row * columns + column)];
     if (holder == kNone || points.curvature[i] > points.curvature[holder]) holder = i;
   }

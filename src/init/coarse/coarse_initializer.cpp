@@ -265,7 +265,7 @@ InitStep CoarseInitializer::conclude(const LevelReport& finest) {
   return step;
 }
 
-InitStep CoarseInitializer::startOver(FramePtr frame, InitReason reason, bool lost) {
+InitStep CoarseInitializer::startOver(const FramePtr& frame, InitReason reason, bool lost) {
   setReference(frame);
   if (!lost) return needsMoreFrames(reason);
   last_motion_ = SE3();

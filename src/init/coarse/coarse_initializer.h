@@ -49,7 +49,7 @@ class CoarseInitializer : public Initializer {
   double challenge(const LevelReport& finest);
   InitStep conclude(const LevelReport& finest);
   /// Drops everything before the frame. @param lost everything is wrong, not just old
-  InitStep startOver(FramePtr frame, InitReason reason, bool lost);
+  InitStep startOver(const FramePtr& frame, InitReason reason, bool lost);
 
   InitializerOptions options_;
   PinholeCamera camera_;

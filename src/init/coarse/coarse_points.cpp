@@ -173,7 +173,7 @@ float upperMedian(float* values, int count) {
 
 int wantedPoints(int level, int width, int height, double density) {
   const std::size_t index = std::min(static_cast<std::size_t>(level), kDensities.size() - 1);
-  return static_cast<int>(density * kDensities[index] * width * height + 0.5);
+  return static_cast<int>(std::lround(density * kDensities[index] * width * height));
 }
 
 PointLevel makePointLevel(const PyramidLevel& image, const std::vector<SelectedPixel>& pixels) {

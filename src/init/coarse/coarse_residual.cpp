@@ -97,13 +97,13 @@ DSORB_ALWAYS_INLINE void sample(
   float mixed[kLanes * 4];
   store(p.x, xs);
   store(p.y, ys);
-  for (int i = 0; i < kLanes; ++i) {
+  for (std::size_t i = 0; i < kLanes; ++i) {
     SampleQuad value;
     interpolateQuad(c.samples, c.width, xs[i], ys[i], value);
     std::memcpy(mixed + 4 * i, &value, sizeof(SampleQuad));
   }
   Lanes m[4];
-  for (int i = 0; i < 4; ++i) load(mixed + kLanes * i, m[i]);
+  for (std::size_t i = 0; i < 4; ++i) load(mixed + kLanes * i, m[i]);
   const Lanes a = __builtin_shufflevector(m[0], m[1], 0, 4, 8, 12, 1, 5, 9, 13);
   const Lanes b = __builtin_shufflevector(m[2], m[3], 0, 4, 8, 12, 1, 5, 9, 13);
   const Lanes d = __builtin_shufflevector(m[0], m[1], 2, 6, 10, 14, 2, 6, 10, 14);

@@ -143,7 +143,7 @@ void alignLevels(const AlignmentTask& task, int finest, Estimate& estimate) {
   for (int l = top; l >= finest; --l) {
     PointLevel& points = levels[static_cast<std::size_t>(l)];
     if (l < top) {
-      propagateDown(levels[static_cast<std::size_t>(l + 1)], points);
+      propagateDown(levels[static_cast<std::size_t>(l) + 1], points);
       regularize(alignment.snapped, points);
     } else {
       reviveFromNeighbours(points);
@@ -156,7 +156,7 @@ void alignLevels(const AlignmentTask& task, int finest, Estimate& estimate) {
                                          alignment);
   }
   for (int l = finest; l < top; ++l) {
-    PointLevel& coarse = levels[static_cast<std::size_t>(l + 1)];
+    PointLevel& coarse = levels[static_cast<std::size_t>(l) + 1];
     propagateUp(levels[static_cast<std::size_t>(l)], task.options.keep_orphan_depth, coarse);
     regularize(alignment.snapped, coarse);
   }
