@@ -10,6 +10,8 @@
 namespace dsorb::odometry {
 namespace {
 
+constexpr double kNearlyFull = 0.9;  // of the wanted points; the rest is not worth a search
+
 /// Indices of the frames that become keyframes, ascending: the reference, the newest, and as many
 /// hosts as the window holds, those with most points first.
 std::vector<std::size_t> keyframesOf(const InitializationResult& result, int max_keyframes) {
@@ -95,7 +97,7 @@ window::Window seedWindow(const InitializationResult& result,
   for (std::size_t k = 0; k < points.size(); ++k) {
     if (!points[k].empty()) addPoints(window, k, points[k], total, options.window);
   }
-  if (static_cast<int>(total) < options.window.desired_points) {
+  if (static_cast<double>(total) < kNearlyFull * options.window.desired_points) {
     fillUp(window, result, options, selector, grain);
   }
   return window;
