@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 
 namespace dsorb::init_orb {
 namespace {
@@ -26,12 +27,12 @@ CornerPrior::CornerPrior(const std::vector<Corner>& corners,
       min_relative_sigma_(static_cast<float>(options.min_prior_sigma)),
       cells_x_((width + kCellSize - 1) / kCellSize),
       cells_y_((height + kCellSize - 1) / kCellSize),
-      first_entry_(static_cast<std::size_t>(cells_x_ * cells_y_ + 1), 0) {
+      first_entry_(static_cast<std::size_t>(cells_x_) * static_cast<std::size_t>(cells_y_) + 1, 0) {
   const auto cell = [&](const Eigen::Vector2f& pixel) {
-    return static_cast<std::size_t>(cellOf(pixel.y(), cells_y_) * cells_x_ +
-                                    cellOf(pixel.x(), cells_x_));
+    const std::ptrdiff_t row = cellOf(pixel.y(), cells_y_);
+    return static_cast<std::size_t>(row * cells_x_ + cellOf(pixel.x(), cells_x_));
   };
-  float low = static_cast<float>(corners.front().inverse_depth);
+  auto low = static_cast<float>(corners.front().inverse_depth);
   float high = low;
   for (const Corner& corner : corners) {
     entries_.push_back({corner.pixel.cast<float>(),
@@ -60,7 +61,7 @@ void CornerPrior::collectCell(int cell_x,
   if (cell_x < 0 || cell_y < 0 || cell_x >= cells_x_ || cell_y >= cells_y_) {
     return;
   }
-  const auto cell = static_cast<std::size_t>(cell_y * cells_x_ + cell_x);
+  const auto cell = static_cast<std::size_t>(std::ptrdiff_t{cell_y} * cells_x_ + cell_x);
   for (int i = first_entry_[cell]; i < first_entry_[cell + 1]; ++i) {
     const Entry& entry = entries_[static_cast<std::size_t>(i)];
     const float squared = (entry.pixel - pixel).squaredNorm();

@@ -70,7 +70,9 @@ EssentialMotion refineOnInliers(const SE3& T_target_ref,
   EssentialMotion motion{T_target_ref, std::vector<char>(matches.size(), 0)};
   for (int refit = 0; refit <= kRefits; ++refit) {
     std::vector<double> distances = epipolarDistances(motion.T_target_ref, matches, camera);
-    for (std::size_t i = 0; i < matches.size(); ++i) motion.inlier[i] = distances[i] < threshold;
+    for (std::size_t i = 0; i < matches.size(); ++i) {
+      motion.inlier[i] = distances[i] < threshold ? 1 : 0;
+    }
     motion.inliers =
         static_cast<int>(std::count(motion.inlier.begin(), motion.inlier.end(), char{1}));
     const auto middle = distances.begin() + motion.inliers / 2;

@@ -157,7 +157,9 @@ InitReason InformedAttempt::refine() {
   if (polish.accepted) adjusted = polish.adjusted;
 
   std::vector<char> behind(map.corners.size(), 0);
-  for (std::size_t i = 0; i < behind.size(); ++i) behind[i] = !(map.corners[i].inverse_depth > 0);
+  for (std::size_t i = 0; i < behind.size(); ++i) {
+    behind[i] = map.corners[i].inverse_depth > 0 ? 0 : 1;
+  }
   removeCorners(map, behind);
   // What the gate asked for must not have gone since: patches that do not match say as much.
   if (static_cast<double>(map.corners.size()) <

@@ -272,12 +272,12 @@ Eigen::MatrixXd geometricCovariance(const InitialMap& map, const PhotometricProb
   const auto count = static_cast<Eigen::Index>(problem.frames.size());
   Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(6 * count, 6 * count);
   if (map.joint_covariance.rows() != size) return covariance;
-  const auto rowOf = [&](Eigen::Index frame) {
+  const auto row_of = [&](Eigen::Index frame) {
     return rows[problem.frames[static_cast<std::size_t>(frame)].index];
   };
   for (Eigen::Index i = 0; i < count; ++i) {
     for (Eigen::Index j = 0; j < count; ++j) {
-      covariance.block<6, 6>(6 * i, 6 * j) = map.joint_covariance.block<6, 6>(rowOf(i), rowOf(j));
+      covariance.block<6, 6>(6 * i, 6 * j) = map.joint_covariance.block<6, 6>(row_of(i), row_of(j));
     }
   }
   return covariance;
