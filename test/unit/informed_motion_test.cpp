@@ -184,6 +184,8 @@ TEST(StartGate, NamesWhatIsMissing) {
   EXPECT_EQ(judge(options, 700, 1), InitReason::kTooFewPoints);
   EXPECT_EQ(judge(options, 300, 0.7), InitReason::kDegenerateMotion);
   options.informed.gate.min_parallax_deg = 60;
+  EXPECT_EQ(judge(options, 300, 1), InitReason::kDone) << "its direction is sharp";
+  options.informed.gate.sharp_sigma_deg = 0;
   EXPECT_EQ(judge(options, 300, 1), InitReason::kTooLittleParallax);
   options = {};
   options.informed.gate.max_direction_sigma_deg = 1e-4;

@@ -21,6 +21,8 @@ struct GateOptions {
   double max_direction_sigma_deg = 1.0;  ///< predicted, as if 100 corners had been seen
   double max_fitted_sigma_deg = 0.25;    ///< the same from the residuals as they are
   double min_parallax_deg = 1.5;         ///< median angle under which both cameras see a corner
+  double sharp_sigma_deg = 0.35;         ///< predicted, up to it sharp_parallax_deg is enough
+  double sharp_parallax_deg = 1;         ///< wide views tell the direction before the depths
 };
 
 template <typename Visitor, typename Options>
@@ -31,6 +33,8 @@ DescribeFor<Options, GateOptions> describe(Visitor& visit, Options& o) {
   visit.field("max_direction_sigma_deg", o.max_direction_sigma_deg, Range{0, 180}, "deg");
   visit.field("max_fitted_sigma_deg", o.max_fitted_sigma_deg, Range{0, 180}, "deg");
   visit.field("min_parallax_deg", o.min_parallax_deg, Range{0, 90}, "deg");
+  visit.field("sharp_sigma_deg", o.sharp_sigma_deg, Range{0, 180}, "deg");
+  visit.field("sharp_parallax_deg", o.sharp_parallax_deg, Range{0, 90}, "deg");
 }
 
 /// Corners are measured again with the patch of the reference, warped by pose and inverse depth.

@@ -57,9 +57,10 @@ bool InformedAttempt::worthTheTime() const {
   const MotionEvidence& last = view_.evidence;
   if (last.direction_sigma_deg == 0 || last.skipped >= options_.max_skipped_frames) return true;
   const double growth = attempt_.evidence.rotation_residual / last.rotation_residual;
-  return last.direction_sigma_deg <
-             options_.hope * growth * options_.gate.max_direction_sigma_deg &&
-         options_.hope * growth * last.parallax_deg > options_.gate.min_parallax_deg;
+  const double better = options_.hope * growth;
+  const double sigma = last.direction_sigma_deg / better;
+  return sigma < options_.gate.max_direction_sigma_deg &&
+         better * last.parallax_deg > neededParallaxDeg(options_.gate, sigma);
 }
 
 InitReason InformedAttempt::run() {

@@ -74,6 +74,12 @@ double medianParallaxDeg(const InitialMap& map, const PinholeCamera& camera) {
   return medianOf(std::move(angles)) * kDegPerRad;
 }
 
+double neededParallaxDeg(const GateOptions& gate, double direction_sigma_deg) {
+  return direction_sigma_deg <= gate.sharp_sigma_deg
+             ? std::min(gate.sharp_parallax_deg, gate.min_parallax_deg)
+             : gate.min_parallax_deg;
+}
+
 GateReport judgeStart(const InitialMap& map,
                       const PinholeCamera& camera,
                       const OrbOptions& options,
@@ -93,7 +99,7 @@ GateReport judgeStart(const InitialMap& map,
     report.reason = InitReason::kTooFewPoints;
   } else if (front_share < gate.min_front_share) {
     report.reason = InitReason::kDegenerateMotion;
-  } else if (report.parallax_deg < gate.min_parallax_deg) {
+  } else if (report.parallax_deg < neededParallaxDeg(gate, report.direction_sigma_deg)) {
     report.reason = InitReason::kTooLittleParallax;
   } else if (!(report.direction_sigma_deg <= gate.max_direction_sigma_deg &&
                report.fitted_sigma_deg <= gate.max_fitted_sigma_deg)) {

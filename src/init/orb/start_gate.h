@@ -37,6 +37,9 @@ DirectionSigma directionSigma(const InitialMap& map,
 /// Median angle between the rays to a corner from the reference and from the newest frame [deg].
 double medianParallaxDeg(const InitialMap& map, const PinholeCamera& camera);
 
+/// Parallax that a start needs whose direction has this predicted sigma [deg].
+double neededParallaxDeg(const GateOptions& gate, double direction_sigma_deg);
+
 /// Judges a start.
 /// @param map         adjusted
 /// @param live_tracks of the reference
