@@ -62,7 +62,7 @@ DSORB_ALWAYS_INLINE void interpolateLanes(const ImageSample* image,
   SampleQuad dx[2];
   SampleQuad dy[2];
   for (int half = 0; half < 2; ++half) {
-    const SampleQuad* v = values + 4 * half;
+    const SampleQuad* v = values + std::ptrdiff_t{4} * half;
     const SampleQuad front01 = __builtin_shufflevector(v[0], v[1], 0, 4, 1, 5);
     const SampleQuad front23 = __builtin_shufflevector(v[2], v[3], 0, 4, 1, 5);
     const SampleQuad back01 = __builtin_shufflevector(v[0], v[1], 2, 6, 3, 7);

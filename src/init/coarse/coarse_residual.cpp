@@ -88,31 +88,6 @@ DSORB_ALWAYS_INLINE bool project(const Constants& c, float x, float y, float dep
   return all != 0;
 }
 
-/// Bilinear samples at the eight projections. Four floats are read a pixel, the fourth belongs to
-/// its right neighbour, which the margin of the projections keeps inside the image.
-DSORB_ALWAYS_INLINE void sample(
-    const Constants& c, const Projection& p, Lanes& intensity, Lanes& dx, Lanes& dy) {
-  float xs[kLanes];
-  float ys[kLanes];
-  float mixed[kLanes * 4];
-  store(p.x, xs);
-  store(p.y, ys);
-  for (std::size_t i = 0; i < kLanes; ++i) {
-    SampleQuad value;
-    interpolateQuad(c.samples, c.width, xs[i], ys[i], value);
-    std::memcpy(mixed + 4 * i, &value, sizeof(SampleQuad));
-  }
-  Lanes m[4];
-  for (std::size_t i = 0; i < 4; ++i) load(mixed + kLanes * i, m[i]);
-  const Lanes a = __builtin_shufflevector(m[0], m[1], 0, 4, 8, 12, 1, 5, 9, 13);
-  const Lanes b = __builtin_shufflevector(m[2], m[3], 0, 4, 8, 12, 1, 5, 9, 13);
-  const Lanes d = __builtin_shufflevector(m[0], m[1], 2, 6, 10, 14, 2, 6, 10, 14);
-  const Lanes e = __builtin_shufflevector(m[2], m[3], 2, 6, 10, 14, 2, 6, 10, 14);
-  intensity = __builtin_shufflevector(a, b, 0, 1, 2, 3, 8, 9, 10, 11);
-  dx = __builtin_shufflevector(a, b, 4, 5, 6, 7, 12, 13, 14, 15);
-  dy = __builtin_shufflevector(d, e, 0, 1, 2, 3, 8, 9, 10, 11);
-}
-
 /// Residuals of one point with their derivatives.
 struct Residual {
   Lanes r, weight;
@@ -121,12 +96,10 @@ struct Residual {
   Lanes squared_flow;  // of the projection over the inverse depth [px^2]
 };
 
-DSORB_ALWAYS_INLINE void differentiate(const Constants& c,
-                                       const Projection& p,
-                                       float depth,
-                                       const Lanes& gx,
-                                       const Lanes& gy,
-                                       Residual& out) {
+DSORB_ALWAYS_INLINE void differentiate(
+    const Constants& c, const Projection& p, float depth, const LaneSamples& seen, Residual& out) {
+  const Lanes gx = (c.scale * c.fx) * seen.dx;
+  const Lanes gy = (c.scale * c.fy) * seen.dy;
   const Lanes new_depth = depth * p.inverse_z;
   const Lanes uv = p.u * p.v;
   out.J[0] = new_depth * gx;
@@ -164,22 +137,22 @@ DSORB_ALWAYS_INLINE void accumulate(const Residual& s, BlockSums& sums) {
   }
 }
 
+struct Depth {
+  float value, smoothed;
+};
+
 /// Coupling, gradient and curvature of one inverse depth, and its share of the Schur complement.
 /// @return photometric curvature
-DSORB_ALWAYS_INLINE float accumulateDepth(const Constants& c,
-                                          const Residual& s,
-                                          float depth,
-                                          float smoothed,
-                                          float* schur_row,
-                                          BlockSums& sums) {
+DSORB_ALWAYS_INLINE float accumulateDepth(
+    const Constants& c, const Residual& s, const Depth& depth, float* schur_row, BlockSums& sums) {
   Lanes products[kParameters];
   const Lanes weighted = s.weight * s.J_depth;
   for (int i = 0; i < kParameters; ++i) products[i] = weighted * s.J[i];
   Lanes h;
   sumLanes(products, h);
   const float curvature = sumLanes(weighted * s.J_depth);
-  const float gradient = sumLanes(weighted * s.r) + c.terms.prior * (depth - 1.0F) +
-                         c.terms.coupling * (depth - smoothed);
+  const float gradient = sumLanes(weighted * s.r) + c.terms.prior * (depth.value - 1.0F) +
+                         c.terms.coupling * (depth.value - depth.smoothed);
   const float inverse = 1.0F / (1.0F + curvature + c.terms.prior + c.terms.coupling);
   for (int i = 0; i < kParameters; ++i) sums.schur[i] += (inverse * h[i]) * h;
   sums.schur_b += (inverse * gradient) * h;
@@ -189,16 +162,19 @@ DSORB_ALWAYS_INLINE float accumulateDepth(const Constants& c,
   return curvature;
 }
 
-/// Evaluates points [begin, end).
+/// Points [begin, end).
+struct Block {
+  std::size_t begin, end;
+};
+
 DSORB_TARGET_CLONES void evaluateBlock(const Constants& c,
-                                       std::size_t begin,
-                                       std::size_t end,
+                                       const Block& block,
                                        PointLevel& points,
                                        SchurTerms& schur,
                                        BlockSums& sums) {
   Lanes one;
   fill(1.0F, one);
-  for (std::size_t i = begin; i < end; ++i) {
+  for (std::size_t i = block.begin; i < block.end; ++i) {
     points.trial_good[i] = 0;
     points.trial_energy[i] = points.energy[i];
     Projection p;
@@ -206,19 +182,17 @@ DSORB_TARGET_CLONES void evaluateBlock(const Constants& c,
     Residual s;
     float energy = HUGE_VALF;
     if (points.good[i] != 0 && project(c, points.x[i], points.y[i], depth, p)) {
-      Lanes intensity;
-      Lanes dx;
-      Lanes dy;
+      LaneSamples seen;
       Lanes reference;
-      sample(c, p, intensity, dx, dy);
+      interpolateLanes(c.samples, c.width, p.x, p.y, seen);
       load(&points.reference[i * kPatternSize], reference);
       s.J[6] = -c.gain * reference;
-      s.r = c.scale * (intensity + s.J[6] - c.offset);
+      s.r = c.scale * (seen.intensity + s.J[6] - c.offset);
       s.J[6] = c.scale * s.J[6] - c.scale_rate * s.r;
       const Lanes magnitude = s.r < 0.0F ? -s.r : s.r;
       s.weight = magnitude < kHuberThreshold ? one : kHuberThreshold / magnitude;
       energy = sumLanes(s.weight * s.r * s.r * (2.0F - s.weight));
-      differentiate(c, p, depth, (c.scale * c.fx) * dx, (c.scale * c.fy) * dy, s);
+      differentiate(c, p, depth, seen, s);
     }
     if (!(energy <= kMaxPatternEnergy)) {
       sums.energy += static_cast<double>(points.energy[i]);
@@ -227,7 +201,7 @@ DSORB_TARGET_CLONES void evaluateBlock(const Constants& c,
     float row[kParameters + 2];
     points.trial_good[i] = 1;
     points.trial_energy[i] = energy;
-    points.trial_curvature[i] = accumulateDepth(c, s, depth, points.smoothed[i], row, sums);
+    points.trial_curvature[i] = accumulateDepth(c, s, {depth, points.smoothed[i]}, row, sums);
     float flow = kMaxInverseStep * kMaxInverseStep;
     for (int k = 0; k < kLanes; ++k) flow = std::max(flow, s.squared_flow[k]);
     points.max_step[i] = 1.0F / std::sqrt(flow);
@@ -300,7 +274,7 @@ NormalEquations evaluateLevel(const LevelView& view,
                           NormalEquations{},
                           [&](std::size_t begin, std::size_t end, NormalEquations partial) {
                             BlockSums sums{};
-                            evaluateBlock(constants, begin, end, points, schur, sums);
+                            evaluateBlock(constants, {begin, end}, points, schur, sums);
                             addTo(sums, partial);
                             return partial;
                           });

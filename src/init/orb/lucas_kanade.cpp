@@ -11,10 +11,11 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr std::size_t kGrain = 16;         // rows one thread takes at a time
-constexpr float kMinEigenvalue = 0.3F;     // of the mean gradient tensor [grey levels^2 / px^2]
-constexpr float kMaxIntensity = 255;       // [grey levels]
-constexpr std::size_t kTemplateParts = 3;  // intensity, dx, dy
+constexpr std::size_t kGrain = 16;        // rows one thread takes at a time
+constexpr float kMinEigenvalue = 0.3F;    // of the mean gradient tensor [grey levels^2 / px^2]
+constexpr float kMaxIntensity = 255;      // [grey levels]
+constexpr std::ptrdiff_t kPart = kLanes;  // of a template's step: intensity, dx, dy
+constexpr std::ptrdiff_t kTemplateStep = 3 * kPart;
 
 /// Columns of a window, filled up to whole lanes.
 constexpr int columnsOf(int window) {
@@ -85,7 +86,7 @@ DSORB_TARGET_CLONES void halveRow(
     smoothed[x] = (r0[x] + r4[x] + 4 * (r1[x] + r3[x]) + 6 * r2[x]) * (1.0F / 256);
   }
   const float* s = smoothed + kLanes;
-  for (int x = 0; x < width; ++x) {
+  for (std::ptrdiff_t x = 0; x < width; ++x) {
     row[x] = s[2 * x - 2] + s[2 * x + 2] + 4 * (s[2 * x - 1] + s[2 * x + 1]) + 6 * s[2 * x];
   }
 }
@@ -146,7 +147,7 @@ DSORB_ALWAYS_INLINE void cutPatch(const FlowLevel& level,
 }
 
 /// Scharr's weights across the derivative, 3 10 3, of the pixels at p, p + step, p + 2 step.
-DSORB_ALWAYS_INLINE void smooth(const float* p, int step, Lanes& value) {
+DSORB_ALWAYS_INLINE void smooth(const float* p, std::ptrdiff_t step, Lanes& value) {
   Lanes a;
   Lanes b;
   Lanes c;
@@ -170,7 +171,7 @@ struct Inside {
 /// Intensities and gradients of a patch; no gradients beyond the window and outside the image.
 DSORB_ALWAYS_INLINE void makeTemplate(
     const float* patch, int window, const Inside& inside, float* target, Tensor& tensor) {
-  const int stride = columnsOf(window) + kLanes;
+  const std::ptrdiff_t stride = columnsOf(window) + kLanes;
   Lanes xx = {};
   Lanes xy = {};
   Lanes yy = {};
@@ -193,9 +194,9 @@ DSORB_ALWAYS_INLINE void makeTemplate(
       const Lanes dy = row_used * used * (after - before);
       load(p + stride + 1, intensity);
       store(intensity, target);
-      store(dx, target + kLanes);
-      store(dy, target + 2 * kLanes);
-      target += kTemplateParts * kLanes;
+      store(dx, target + kPart);
+      store(dy, target + 2 * kPart);
+      target += kTemplateStep;
       xx += dx * dx;
       xy += dx * dy;
       yy += dy * dy;
@@ -205,8 +206,14 @@ DSORB_ALWAYS_INLINE void makeTemplate(
 }
 
 /// Sums of gradient times difference between a window and the template.
-DSORB_ALWAYS_INLINE void compare(
-    const FlowLevel& level, const Corner& at, int window, const float* source, float& x, float& y) {
+struct Slope {
+  float x, y;
+};
+
+DSORB_ALWAYS_INLINE Slope compare(const FlowLevel& level,
+                                  const Corner& at,
+                                  int window,
+                                  const float* source) {
   Lanes sum_x = {};
   Lanes sum_y = {};
   for (int column = 0; column < window; column += kLanes) {
@@ -221,17 +228,16 @@ DSORB_ALWAYS_INLINE void compare(
       Lanes dy;
       interpolateRow(pixels, at.fx, lower);
       load(source, intensity);
-      load(source + kLanes, dx);
-      load(source + 2 * kLanes, dy);
-      source += kTemplateParts * kLanes;
+      load(source + kPart, dx);
+      load(source + 2 * kPart, dy);
+      source += kTemplateStep;
       const Lanes difference = upper + at.fy * (lower - upper) - intensity;
       sum_x += difference * dx;
       sum_y += difference * dy;
       upper = lower;
     }
   }
-  x = sumLanes(sum_x);
-  y = sumLanes(sum_y);
+  return {sumLanes(sum_x), sumLanes(sum_y)};
 }
 
 /// What followOnLevel() works with.
@@ -264,11 +270,9 @@ DSORB_TARGET_CLONES bool followOnLevel(
   float last_y = 0;
   for (int iteration = 0; iteration < task.max_iterations; ++iteration) {
     if (!cornerAt(task.to, u, v, task.window, at)) return false;
-    float bx = 0;
-    float by = 0;
-    compare(task.to, at, task.window, task.memory, bx, by);
-    const float step_x = (tensor.xy * by - tensor.yy * bx) / determinant;
-    const float step_y = (tensor.xy * bx - tensor.xx * by) / determinant;
+    const Slope b = compare(task.to, at, task.window, task.memory);
+    const float step_x = (tensor.xy * b.y - tensor.yy * b.x) / determinant;
+    const float step_y = (tensor.xy * b.x - tensor.xx * b.y) / determinant;
     u += step_x;
     v += step_y;
     if (step_x * step_x + step_y * step_y <= task.min_step * task.min_step) break;
@@ -329,7 +333,7 @@ LucasKanade::LucasKanade(const LucasKanadeOptions& options) : options_(options) 
   const auto columns = static_cast<std::size_t>(columnsOf(options.window));
   const auto rows = static_cast<std::size_t>(options.window);
   patch_.resize((columns + kLanes) * (rows + 2) + kLanes);  // gradients read beyond the last row
-  template_.resize(kTemplateParts * columns * rows);
+  template_.resize(static_cast<std::size_t>(kTemplateStep) / kLanes * columns * rows);
 }
 
 bool LucasKanade::follow(const FlowPyramid& from, const FlowPyramid& to, Eigen::Vector2f& place) {
