@@ -18,19 +18,24 @@ constexpr int kLineSamples = 5;         // Engel et al. 2013, section 2.1
 constexpr int kRefinements = 5;         // Gauss-Newton steps along the line
 constexpr float kMaxRefinement = 1.5F;  // farther from the best step is another minimum [px]
 constexpr float kConverged = 0.01F;     // [px]
-constexpr int kNeighbourhood = 2;       // steps around the best that belong to its minimum
+constexpr int kLineRadius = kLineSamples / 2;
+constexpr int kNeighbourhood = 2;  // steps around the best that belong to its minimum
 constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
 
-/// Shortens [begin, end] to where origin + position * direction is within [low, high].
-void clip(float origin, float direction, float low, float high, float* begin, float* end) {
+struct Bounds {
+  float low, high;
+};
+
+/// Shortens [begin, end] to where origin + position * direction is within the bounds.
+void clip(float origin, float direction, const Bounds& bounds, float* begin, float* end) {
   if (std::abs(direction) < 1e-6F) {
-    if (!(origin >= low && origin <= high)) {
+    if (!(origin >= bounds.low && origin <= bounds.high)) {
       *end = *begin - 1;
     }
     return;
   }
-  const float a = (low - origin) / direction;
-  const float b = (high - origin) / direction;
+  const float a = (bounds.low - origin) / direction;
+  const float b = (bounds.high - origin) / direction;
   *begin = std::max(*begin, std::min(a, b));
   *end = std::min(*end, std::max(a, b));
 }
@@ -110,9 +115,9 @@ EpipolarSearch::Patch EpipolarSearch::cutPatch(const Eigen::Vector2f& pixel,
     Eigen::Vector2f step = line.warp().inverse() * line.direction();
     step *= std::min(1.0F,
                      static_cast<float>(kPatternRadius) / step.lpNorm<Eigen::Infinity>() /
-                         static_cast<float>(kLineSamples / 2));
+                         static_cast<float>(kLineRadius));
     for (int i = 0; i < kLineSamples; ++i) {
-      const auto distance = static_cast<float>(i - kLineSamples / 2);
+      const auto distance = static_cast<float>(i - kLineRadius);
       const Eigen::Vector2f at = pixel + distance * step;
       patch.grey[static_cast<std::size_t>(i)] = interpolateIntensity(reference_, at.x(), at.y());
       patch.offset[static_cast<std::size_t>(i)] = line.warp() * (distance * step);
@@ -148,14 +153,12 @@ EpipolarSearch::Interval EpipolarSearch::clippedInterval(const EpipolarLine& lin
                     std::clamp(high, kMinHalfLength, max_half_length_)};
   clip(line.origin().x(),
        line.direction().x(),
-       margin,
-       static_cast<float>(target_.width() - 1) - margin,
+       {margin, static_cast<float>(target_.width() - 1) - margin},
        &interval.begin,
        &interval.end);
   clip(line.origin().y(),
        line.direction().y(),
-       margin,
-       static_cast<float>(target_.height() - 1) - margin,
+       {margin, static_cast<float>(target_.height() - 1) - margin},
        &interval.begin,
        &interval.end);
   return interval;

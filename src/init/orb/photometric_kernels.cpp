@@ -275,7 +275,8 @@ PatchSetting patchSetting(const PatchTarget& target,
   const Eigen::Matrix3d R = target.T_cam_ref.rotationMatrix();
   for (int row = 0; row < 3; ++row) {
     for (int column = 0; column < 3; ++column) {
-      s.R[static_cast<std::size_t>(3 * row + column)] = static_cast<float>(R(row, column));
+      const int entry = 3 * row + column;
+      s.R[static_cast<std::size_t>(entry)] = static_cast<float>(R(row, column));
     }
     s.t[static_cast<std::size_t>(row)] = static_cast<float>(target.T_cam_ref.translation()[row]);
   }

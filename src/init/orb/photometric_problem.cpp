@@ -81,7 +81,8 @@ PhotometricProblem makeProblem(const InitialMap& map,
       const Eigen::Vector2f pixel =
           i < corners ? map.corners[i].pixel.cast<float>() : map.points[i - corners].pixel;
       const Eigen::Vector2f at = ((pixel.array() + 0.5F) * scale - 0.5F).matrix();
-      cut[i] = cutPatch(reference, problem.camera, at, gradient_weights, problem.patches[i]);
+      cut[i] =
+          cutPatch(reference, problem.camera, at, gradient_weights, problem.patches[i]) ? 1 : 0;
     }
   });
   problem.source.reserve(total);

@@ -24,8 +24,9 @@ constexpr Offsets makeOffsets() {
   Offsets offsets;
   for (std::size_t i = 0; i < kPolishPixels; ++i) {
     const int index = static_cast<int>(i);
-    offsets.x[i] = static_cast<float>(kPolishStep * (index % kPolishSide - kRadius));
-    offsets.y[i] = static_cast<float>(kPolishStep * (index / kPolishSide - kRadius));
+    const int row = index / kPolishSide;
+    offsets.x[i] = static_cast<float>(kPolishStep * (index - row * kPolishSide - kRadius));
+    offsets.y[i] = static_cast<float>(kPolishStep * (row - kRadius));
     offsets.used[i] = 1;
   }
   return offsets;

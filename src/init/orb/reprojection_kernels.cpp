@@ -230,7 +230,8 @@ SightingFrame sightingFrame(const PinholeCamera& camera, const SE3& T_cam_ref) {
   const Eigen::Matrix3d R = T_cam_ref.rotationMatrix();
   for (int row = 0; row < 3; ++row) {
     for (int column = 0; column < 3; ++column) {
-      frame.R[static_cast<std::size_t>(3 * row + column)] = R(row, column);
+      const int entry = 3 * row + column;
+      frame.R[static_cast<std::size_t>(entry)] = R(row, column);
     }
     frame.t[static_cast<std::size_t>(row)] = T_cam_ref.translation()[row];
   }

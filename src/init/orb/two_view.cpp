@@ -82,7 +82,7 @@ Eigen::Matrix3d withRankTwo(const Eigen::Matrix3d& full) {
 /// Shift to the centroid and scale to a mean distance of sqrt(2).
 /// @source Hartley, In Defense of the Eight-Point Algorithm, PAMI 1997
 Eigen::Matrix3d normalize(std::vector<Eigen::Vector2d>& points) {
-  const double n = static_cast<double>(points.size());
+  const auto n = static_cast<double>(points.size());
   const Eigen::Vector2d centroid =
       std::accumulate(points.begin(), points.end(), Eigen::Vector2d(0, 0)) / n;
   double distance = 0;
@@ -250,7 +250,7 @@ std::optional<Eigen::Matrix3d> solveModel(TwoViewModel kind,
   if (kind == TwoViewModel::kHomography) {
     if (!keepsOrientation(matches, sample)) return std::nullopt;
     for (std::size_t i = 0; i < 4; ++i) {
-      system.middleRows<2>(2 * static_cast<int>(i)) =
+      system.middleRows<2>(Eigen::Index{2} * static_cast<Eigen::Index>(i)) =
           equations(kind, matches.reference[sample[i]], matches.target[sample[i]]);
     }
     return nullMatrix(system);
