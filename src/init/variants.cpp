@@ -51,6 +51,7 @@ OrbOptions reportFiltered() {
 OrbOptions matching() {
   OrbOptions orb = reportGeometry();
   orb.front_end = OrbFrontEnd::kDescriptors;
+  orb.tracks.min_eigenvalue = 0.1;  // OpenCV's: flow is for images out of focus
   orb.two_view.model_choice = ModelChoice::kInliers;
   return orb;
 }

@@ -20,6 +20,7 @@ struct FeatureTrackOptions {
   int max_level = 4;                ///< coarsest pyramid level of Lucas-Kanade
   int max_iterations = 30;          ///< of Lucas-Kanade on each level
   double min_step = 0.01;           ///< Lucas-Kanade stops at smaller steps
+  double min_eigenvalue = 0.3;      ///< texture of a patch: smaller one of its mean gradient tensor
   double max_backward_error = 1;    ///< forward and backward again may miss the start by this much
   double min_survivor_share = 0.2;  ///< fewer survivors of one step: the scene was cut
 };
@@ -34,6 +35,7 @@ DescribeFor<Options, FeatureTrackOptions> describe(Visitor& visit, Options& o) {
   visit.field("max_level", o.max_level, Range{0, 8}, "levels");
   visit.field("max_iterations", o.max_iterations, Range{1, 1000}, "iterations");
   visit.field("min_step", o.min_step, Range{1e-4, 1}, "px");
+  visit.field("min_eigenvalue", o.min_eigenvalue, Range{0, 1e4}, "grey levels^2 / px^2");
   visit.field("max_backward_error", o.max_backward_error, Range{0.01, 100}, "px");
   visit.field("min_survivor_share", o.min_survivor_share, Range{0, 1}, "");
 }

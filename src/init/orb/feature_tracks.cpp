@@ -82,7 +82,11 @@ class CornerGrid {
 };
 
 LucasKanadeOptions flowOptions(const FeatureTrackOptions& options) {
-  return {options.window, options.max_level, options.max_iterations, options.min_step};
+  return {options.window,
+          options.max_level,
+          options.max_iterations,
+          options.min_step,
+          options.min_eigenvalue};
 }
 
 /// Level 0 of a pyramid as OpenCV wants it.

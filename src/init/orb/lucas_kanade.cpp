@@ -12,7 +12,6 @@ namespace dsorb::init_orb {
 namespace {
 
 constexpr std::size_t kGrain = 16;        // rows one thread takes at a time
-constexpr float kMinEigenvalue = 0.3F;    // of the mean gradient tensor [grey levels^2 / px^2]
 constexpr float kMaxIntensity = 255;      // [grey levels]
 constexpr std::ptrdiff_t kPart = kLanes;  // of a template's step: intensity, dx, dy
 constexpr std::ptrdiff_t kTemplateStep = 3 * kPart;
@@ -247,6 +246,7 @@ struct LevelTask {
   int window;
   int max_iterations;
   float min_step;
+  float min_eigenvalue;
   float* patch;
   float* memory;
 };
@@ -265,7 +265,7 @@ DSORB_TARGET_CLONES bool followOnLevel(
   const float least = 0.5F * (tensor.xx + tensor.yy - root);
   const float determinant = tensor.xx * tensor.yy - tensor.xy * tensor.xy;
   const auto pixels = static_cast<float>(task.window * task.window);
-  if (!(least >= kMinEigenvalue * pixels && determinant > 0)) return false;
+  if (!(least >= task.min_eigenvalue * pixels && determinant > 0)) return false;
   float last_x = 0;
   float last_y = 0;
   for (int iteration = 0; iteration < task.max_iterations; ++iteration) {
@@ -349,6 +349,7 @@ bool LucasKanade::follow(const FlowPyramid& from, const FlowPyramid& to, Eigen::
                                       options_.window,
                                       options_.max_iterations,
                                       static_cast<float>(options_.min_step),
+                                      static_cast<float>(options_.min_eigenvalue),
                                       patch_.data(),
                                       template_.data()},
                                      at.x(),

@@ -11,10 +11,11 @@
 namespace dsorb::init_orb {
 
 struct LucasKanadeOptions {
-  int window = 21;          ///< side of the aligned patch [px]
-  int max_level = 4;        ///< coarsest level of the pyramid
-  int max_iterations = 30;  ///< on each level
-  double min_step = 0.01;   ///< a smaller one ends the iteration [px of the level]
+  int window = 21;              ///< side of the aligned patch [px]
+  int max_level = 4;            ///< coarsest level of the pyramid
+  int max_iterations = 30;      ///< on each level
+  double min_step = 0.01;       ///< a smaller one ends the iteration [px of the level]
+  double min_eigenvalue = 0.3;  ///< of the mean gradient tensor [grey levels^2 / px^2]
 };
 
 /// One level of a FlowPyramid with a border around it.
