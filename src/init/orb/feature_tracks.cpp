@@ -95,7 +95,8 @@ cv::Mat eightBit(const FlowLevel& level) {
   for (int y = 0; y < level.height; ++y) {
     auto* row = grey.ptr<std::uint8_t>(y);
     const float* source = level.row(y);
-    for (int x = 0; x < level.width; ++x) row[x] = static_cast<std::uint8_t>(source[x] + 0.5F);
+    for (int x = 0; x < level.width; ++x)
+      row[x] = static_cast<std::uint8_t>(std::lround(source[x]));
   }
   return grey;
 }
