@@ -84,7 +84,7 @@ inline DepthQuality judge(const init_orb::InitialMap& map, const DepthWindow& wi
         static_cast<double>(point.inverse_depth),
         static_cast<double>(point.variance));
   }
-  const double scale = medianOf(ratios);
+  const double scale = medianOrNan(ratios);
   DepthQuality quality;
   quality.points = static_cast<int>(points.size());
   std::vector<double> errors;
@@ -98,8 +98,8 @@ inline DepthQuality judge(const init_orb::InitialMap& map, const DepthWindow& wi
     quality.outliers += window.agrees(point.pixel, point.inverse_depth / scale, 0.2) ? 0 : 1;
     quality.within_10 += depth_error <= 0.1 ? 1.0 / static_cast<double>(points.size()) : 0;
   }
-  quality.median = medianOf(errors);
-  quality.nees = medianOf(normalized);
+  quality.median = medianOrNan(errors);
+  quality.nees = medianOrNan(normalized);
   const SE3& pose = *map.T_cam_ref.back();
   const SE3& truth = window.T_cam_ref[map.frames.size() - 1];
   quality.direction_deg = directionErrorDeg(pose.translation(), truth.translation());

@@ -3,6 +3,7 @@
 
 #include "dsorb/init/initializer.h"
 
+#include "base/median.h"
 #include "support/matchers.h"
 #include "synthetic/sequence.h"
 
@@ -11,6 +12,7 @@
 #include <map>
 #include <sstream>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace dsorb {
@@ -91,11 +93,9 @@ struct StartErrors {
   double median_squared_error_over_variance = 0;
 };
 
-inline double medianOf(std::vector<double> values) {
-  if (values.empty()) return NAN;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+/// No bound holds for the median of nothing.
+inline double medianOrNan(std::vector<double> values) {
+  return values.empty() ? NAN : medianOf(std::move(values));
 }
 
 /// Compares a result with the truth; frame ids are indices of the sequence. Points hosted in the
@@ -131,7 +131,7 @@ inline StartErrors startErrors(const InitializationResult& result,
     pairs.push_back({point.inverse_depth, true_value, point.variance});
     ratios.push_back(point.inverse_depth / true_value);
   }
-  const double scale = medianOf(ratios);
+  const double scale = medianOrNan(ratios);
   std::vector<double> relative;
   std::vector<double> normalized;
   for (const Pair& pair : pairs) {
@@ -139,8 +139,8 @@ inline StartErrors startErrors(const InitializationResult& result,
     relative.push_back(std::abs(error) / (scale * pair.truth));
     normalized.push_back(error * error / pair.variance);
   }
-  errors.median_relative_depth = medianOf(relative);
-  errors.median_squared_error_over_variance = medianOf(normalized);
+  errors.median_relative_depth = medianOrNan(relative);
+  errors.median_squared_error_over_variance = medianOrNan(normalized);
   return errors;
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/geometric_covariance.h"
 
+#include "base/median.h"
 #include "init/orb/geometric_adjustment.h"
 #include "init/orb/image_cells.h"
 #include "init/orb/reprojection_cost.h"
@@ -21,12 +22,6 @@
 
 namespace dsorb::init_orb {
 namespace {
-
-double median(std::vector<double> values) {
-  std::nth_element(
-      values.begin(), values.begin() + static_cast<long>(values.size() / 2), values.end());
-  return values[values.size() / 2];
-}
 
 /// Independent noise: every observation counts, hardly any is weighted down.
 GeometricOptions formal() {
@@ -57,8 +52,8 @@ TEST(GeometricCovariance, VariancesPredictTheErrorsOfNoisyObservations) {
     pose_ratios.push_back(error.dot(scene.start.covariance[3]->inverse() * error) / 6);
   }
   // Medians expected: 0.455 for chi-square 1, 0.891 for chi-square 6 over 6.
-  EXPECT_NEAR(median(depth_ratios), 0.455, 0.1);
-  EXPECT_NEAR(median(pose_ratios), 0.891, 0.35);
+  EXPECT_NEAR(medianOf(depth_ratios), 0.455, 0.1);
+  EXPECT_NEAR(medianOf(pose_ratios), 0.891, 0.35);
 }
 
 /// Covariance of all parameters [poses; inverse depths] by the pseudo-inverse of the whole Hessian
@@ -245,7 +240,7 @@ double medianPoseRatio(const GeometricOptions& options) {
     const Vector6d error = (*scene.truth.T_cam_ref[3] * scene.start.T_cam_ref[3]->inverse()).log();
     ratios.push_back(error.dot(scene.start.covariance[3]->inverse() * error) / 6);
   }
-  return median(ratios);
+  return medianOf(ratios);
 }
 
 TEST(GeometricCovariance, ClusteredPredictsErrorsThatNeighboursShare) {

@@ -15,17 +15,6 @@
 namespace dsorb::init_orb {
 namespace {
 
-/// Direction in which all translations grow together: it leaves every projection unchanged.
-Eigen::VectorXd scaleDirection(const InitialMap& map, const PoseRows& pose_rows) {
-  Eigen::VectorXd direction = Eigen::VectorXd::Zero(pose_rows.size);
-  for (std::size_t k = 1; k < map.frames.size(); ++k) {
-    if (pose_rows.first[k] >= 0) {
-      direction.segment<3>(pose_rows.first[k]) = map.T_cam_ref[k]->translation();
-    }
-  }
-  return direction;
-}
-
 /// What the corners of each cell leave of the gradient for the poses, one column a cell:
 /// independent samples of an error whose covariance is unknown.
 Eigen::MatrixXd cellGradients(const InitialMap& map,

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/pose_from_points.h"
 
-#include "base/lanes.h"
 #include "init/orb/reprojection_kernels.h"
 
 #include <Eigen/Cholesky>
@@ -21,8 +20,7 @@ const double kHuberLimit = std::sqrt(5.991);  // [sigma]; chi-square, 2 dof, 95 
 class SightingArrays {
  public:
   explicit SightingArrays(const std::vector<PointSighting>& sightings)
-      : stride_((sightings.size() + kDoubleLanes - 1) / kDoubleLanes * kDoubleLanes),
-        arrays_(kRows * stride_, 0.0) {
+      : stride_(wholeLanes(sightings.size())), arrays_(kRows * stride_, 0.0) {
     for (std::size_t i = 0; i < sightings.size(); ++i) {
       at(kRayX, i) = sightings[i].host_ray.x();
       at(kRayY, i) = sightings[i].host_ray.y();

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/reprojection_equations.h"
 
-#include "base/lanes.h"
 #include "base/parallel.h"
 
 #include <algorithm>
@@ -10,11 +9,6 @@
 
 namespace dsorb::init_orb {
 namespace {
-
-std::size_t wholeLanes(std::size_t count) {
-  constexpr std::size_t kWidth = kDoubleLanes;
-  return (count + kWidth - 1) / kWidth * kWidth;
-}
 
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
@@ -41,6 +35,16 @@ PoseRows::PoseRows(const InitialMap& map) : first(map.frames.size(), -1) {
       size += kPoseSize;
     }
   }
+}
+
+Eigen::VectorXd scaleDirection(const InitialMap& map, const PoseRows& rows) {
+  Eigen::VectorXd direction = Eigen::VectorXd::Zero(rows.size);
+  for (std::size_t k = 1; k < map.frames.size(); ++k) {
+    if (rows.first[k] >= 0) {
+      direction.segment<3>(rows.first[k]) = map.T_cam_ref[k]->translation();
+    }
+  }
+  return direction;
 }
 
 ReprojectionState::ReprojectionState(const InitialMap& map, const PoseRows& rows)

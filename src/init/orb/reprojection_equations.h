@@ -22,6 +22,9 @@ struct PoseRows {
   int size = 0;            ///< of all poses together
 };
 
+/// Direction in which all translations grow together: it leaves every projection unchanged.
+Eigen::VectorXd scaleDirection(const InitialMap& map, const PoseRows& rows);
+
 /// What an adjustment moves: the posed frames after the reference and the inverse depths of the
 /// corners, these filled up with zeros to whole lanes.
 struct ReprojectionState {

@@ -5,6 +5,8 @@
 #include "dsorb/geometry/se3.h"
 #include "dsorb/options/orb_mapping.h"
 
+#include "base/lanes.h"
+
 #include <array>
 #include <cstddef>
 
@@ -13,6 +15,12 @@ namespace dsorb::init_orb {
 
 constexpr int kPoseSize = 6;
 constexpr std::size_t kPoseTriangle = 21;  ///< entries on and above the diagonal of a pose's block
+
+/// Length of an array of corners, filled up to whole lanes.
+constexpr std::size_t wholeLanes(std::size_t count) {
+  constexpr std::size_t kWidth = kDoubleLanes;
+  return (count + kWidth - 1) / kWidth * kWidth;
+}
 
 /// Camera and pose of one frame.
 struct SightingFrame {

@@ -33,13 +33,7 @@ DirectionSigma directionSigma(const InitialMap& map,
   const PoseRows pose_rows(map);
   const ReprojectionEquations system = linearize(map, {}, pose_rows, camera, options);
   if (map.corners.empty() || !(system.depth_hessian.minCoeff() > 0)) return kUnknown;
-  Eigen::VectorXd scale = Eigen::VectorXd::Zero(pose_rows.size);
-  for (std::size_t k = 1; k < map.frames.size(); ++k) {
-    if (pose_rows.first[k] >= 0) {
-      scale.segment<3>(pose_rows.first[k]) = map.T_cam_ref[k]->translation();
-    }
-  }
-  scale.normalize();
+  const Eigen::VectorXd scale = scaleDirection(map, pose_rows).normalized();
   Eigen::MatrixXd schur =
       system.pose_hessian - system.coupling * system.depth_hessian.cwiseInverse().asDiagonal() *
                                 system.coupling.transpose();
