@@ -54,6 +54,23 @@ Eigen::MatrixXd cellGradients(const InitialMap& map,
   return gradients * std::sqrt(static_cast<double>(cells) / std::max(free, 1.0));
 }
 
+void setPoseCovariances(InitialMap& map, const PoseRows& pose_rows, const Eigen::MatrixXd& joint) {
+  map.joint_covariance = joint;
+  for (std::size_t k = 1; k < map.frames.size(); ++k) {
+    map.covariance[k].reset();
+    const int row = pose_rows.first[k];
+    if (row >= 0) map.covariance[k] = joint.block<kPoseSize, kPoseSize>(row, row);
+  }
+}
+
+Eigen::VectorXd inverseDepths(const InitialMap& map) {
+  Eigen::VectorXd inverse_depths(static_cast<Eigen::Index>(map.corners.size()));
+  for (Eigen::Index i = 0; i < inverse_depths.size(); ++i) {
+    inverse_depths[i] = map.corners[static_cast<std::size_t>(i)].inverse_depth;
+  }
+  return inverse_depths;
+}
+
 }  // namespace
 
 double setCovariances(InitialMap& map,
@@ -101,17 +118,8 @@ double setCovariances(InitialMap& map,
   const Eigen::MatrixXd in_gauge = projector * roots;
   const Eigen::MatrixXd poses =
       in_gauge * in_gauge.transpose() + own_factor * mean_variance * scale * scale.transpose();
-  map.joint_covariance = poses;
-  for (std::size_t k = 1; k < map.frames.size(); ++k) {
-    map.covariance[k].reset();
-    if (pose_rows.first[k] >= 0) {
-      map.covariance[k] = poses.block<kPoseSize, kPoseSize>(pose_rows.first[k], pose_rows.first[k]);
-    }
-  }
-  Eigen::VectorXd inverse_depths(corners);
-  for (Eigen::Index i = 0; i < corners; ++i) {
-    inverse_depths[i] = map.corners[static_cast<std::size_t>(i)].inverse_depth;
-  }
+  setPoseCovariances(map, pose_rows, poses);
+  const Eigen::VectorXd inverse_depths = inverseDepths(map);
   const Eigen::MatrixXd by_pose =
       roots.transpose() * (coupling - mean_coupling * inverse_depths.transpose());
   for (Eigen::Index i = 0; i < corners; ++i) {
