@@ -9,8 +9,9 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
-#include <cstdlib>
+#include <charconv>
 #include <filesystem>
+#include <limits>
 #include <map>
 #include <optional>
 
@@ -31,6 +32,35 @@ const std::map<std::string, ProgressMode> kProgressModes = {
     {"auto", ProgressMode::kAuto}, {"on", ProgressMode::kOn}, {"off", ProgressMode::kOff}};
 
 constexpr double kMaxSpeed = 1e6;  // times real time
+
+template <typename Number>
+bool isNumberIn(const std::string& text, Number low, Number high) {
+  Number value{};
+  const char* const end = text.data() + text.size();
+  const auto [stop, error] = std::from_chars(text.data(), end, value);
+  return error == std::errc() && stop == end && value >= low && value <= high;
+}
+
+/// Says what is expected, which a failed conversion of CLI11 does not.
+CLI::Validator wholeNumber(int low) {
+  return {[low](const std::string& text) {
+            return isNumberIn(text, low, std::numeric_limits<int>::max())
+                       ? std::string()
+                       : fmt::format("'{}' must be a whole number{}",
+                                     text,
+                                     low == 0 ? ", not negative" : "");
+          },
+          ""};
+}
+
+CLI::Validator playbackSpeed() {
+  return {[](const std::string& text) {
+            return isNumberIn(text, 0.0, kMaxSpeed)
+                       ? std::string()
+                       : fmt::format("'{}' must be a number in [0, {}]", text, kMaxSpeed);
+          },
+          ""};
+}
 
 /// What CLI11 fills before it becomes a CommandLine.
 struct Flags {
@@ -76,11 +106,11 @@ void addInputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
       ->group("Input");
   app.add_option("--start", request.sequence.start, "first frame of the sequence; default 0")
       ->type_name("N")
-      ->check(CLI::NonNegativeNumber)
+      ->check(wholeNumber(0))
       ->group("Input");
   app.add_option("--end", request.sequence.end, "one past the last frame; default: all")
       ->type_name("M")
-      ->check(CLI::NonNegativeNumber)
+      ->check(wholeNumber(0))
       ->group("Input");
   app.add_flag("--reverse", request.sequence.reverse, "frames M-1 down to N, N included")
       ->group("Input");
@@ -113,6 +143,7 @@ void addMethodFlags(CLI::App& app, Flags& flags, CommandLine& request) {
       ->group("Method");
   app.add_option("--threads", flags.threads, "default 0: all the machine has")
       ->type_name("N")
+      ->check(wholeNumber(std::numeric_limits<int>::min()))
       ->group("Method");
   app.add_option("--on-lost", flags.on_lost, "stop or restart; default restart: a new segment")
       ->check(CLI::IsMember({"stop", "restart"}))
@@ -122,13 +153,7 @@ void addMethodFlags(CLI::App& app, Flags& flags, CommandLine& request) {
                  "play back at X times real time and drop frames as a live camera would; 0 "
                  "(default): every frame, as fast as it goes")
       ->type_name("X")
-      ->check(CLI::Validator(
-          [](const std::string& text) {
-            const double speed = std::strtod(text.c_str(), nullptr);
-            const bool good = speed >= 0 && speed <= kMaxSpeed;
-            return good ? std::string() : fmt::format("{}: not in [0, {}]", text, kMaxSpeed);
-          },
-          ""))
+      ->check(playbackSpeed())
       ->group("Method");
   app.add_flag("--pipelined",
                flags.pipelined,

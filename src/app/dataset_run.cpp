@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "app/dataset_run.h"
 
+#include "dsorb/error.h"
 #include "dsorb/odometry/odometry.h"
 
 #include "app/playback.h"
@@ -129,13 +130,27 @@ class Feeder {
 };
 
 /// Writes what there is after an error; a second error must not hide the first.
-void writeAfterError(RunWriter& writer, std::optional<Odometry>& odometry) {
+void writeAfterError(const Writers& writers, std::optional<Odometry>& odometry) {
   try {
     OdometryReport report;
     if (odometry) report = odometry->finish();
-    writer.finish(RunStatus::kError, odometry ? &report : nullptr);
+    writers.run->finish(RunStatus::kError, odometry ? &report : nullptr);
+    if (writers.recording != nullptr) writers.recording->finish(RunStatus::kError);
   } catch (const std::exception&) {
     return;
+  }
+}
+
+/// The data set. Wrong options leave the results of an earlier run alone; where the data cannot be
+/// read the output folder says so.
+SequenceReader openSequence(const CommandLine& request, const RunInfo& info) {
+  try {
+    return SequenceReader(request.sequence);
+  } catch (const ConfigError&) {
+    throw;
+  } catch (const std::exception&) {
+    RunWriter(request.output, info).finish(RunStatus::kError, nullptr);
+    throw;
   }
 }
 
@@ -154,28 +169,28 @@ RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
   Config config = configFor(request.config, request.sequence.photometry);
   const RunInfo info = describeRun(request, config);
   cv::setNumThreads(info.threads);  // OpenCV's pool belongs to the process
+  SequenceReader reader = openSequence(request, info);
   RunWriter writer(request.output, info);
+  Writers writers{&writer};
   std::optional<io::RecordingWriter> recording;
   std::optional<Odometry> odometry;
   RunResult result;
   try {
-    SequenceReader reader(request.sequence);
     writer.setCamera(reader.camera());
     config = configFor(request.config, reader.photometry());
     writer.setConfig(toYaml(config));
     odometry.emplace(reader.camera(), config.options);
     odometry->addObserver(&writer);
     if (!request.record.empty()) {
-      recording.emplace(request.record, info, reader.camera());
+      writers.recording = &recording.emplace(request.record, info, reader.camera());
       odometry->addObserver(&*recording);
     }
-    const Writers writers{&writer, recording ? &*recording : nullptr};
     Feeder feeder(reader, *odometry, writers, request);
     result.interrupted = feeder.run(interrupt);
     result.frames_dropped = feeder.dropped();
     result.report = odometry->finish();
   } catch (...) {
-    writeAfterError(writer, odometry);
+    writeAfterError(writers, odometry);
     throw;
   }
   result.outcome = writer.outcome();

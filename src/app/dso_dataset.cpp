@@ -4,6 +4,7 @@
 #include "app/command_line.h"
 #include "app/dataset_run.h"
 #include "app/interrupt.h"
+#include "app/standard_streams.h"
 
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
@@ -39,16 +40,17 @@ void printSummary(const app::CommandLine& request, const app::RunResult& result)
 int run(int argc, const char* const* argv, app::Interrupt& interrupt) {
   const app::CommandLine request = app::parseCommandLine(argc, argv);
   if (!request.text.empty()) {
-    fmt::print("{}", request.text);
+    app::printText(request.text);
     return kSuccess;
   }
   if (request.print_config) {
-    fmt::print("{}", toYaml(app::configFor(request.config, request.sequence.photometry)));
+    app::printText(toYaml(app::configFor(request.config, request.sequence.photometry)));
     return kSuccess;
   }
   for (const std::string& warning : request.warnings) {
     if (!request.quiet) spdlog::warn(warning);
   }
+  app::outliveListeners();
   const app::RunResult result = app::runDataset(request, interrupt);
   if (!request.quiet) printSummary(request, result);
   return result.outcome == RunStatus::kTracked ? kSuccess : kNotTracked;
@@ -57,6 +59,7 @@ int run(int argc, const char* const* argv, app::Interrupt& interrupt) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  app::openStandardStreams();
   app::Interrupt interrupt;  // before any thread is started
   setUpLog();
   try {

@@ -12,6 +12,7 @@
 #include <filesystem>
 #include <functional>
 #include <map>
+#include <type_traits>
 
 namespace dsorb::app {
 namespace {
@@ -22,7 +23,10 @@ Number number(const ConfigAssignment& word) {
   const char* const end = word.value.data() + word.value.size();
   const auto [stop, error] = std::from_chars(word.value.data(), end, value);
   if (error != std::errc() || stop != end) {
-    throw ConfigError(fmt::format("{}={}: expected a number", word.key, word.value));
+    throw ConfigError(fmt::format("{}={}: expected a {}number",
+                                  word.key,
+                                  word.value,
+                                  std::is_integral_v<Number> ? "whole " : ""));
   }
   return value;
 }

@@ -36,15 +36,15 @@ void ProgressBar::draw(const FrameEstimate& estimate, Clock::time_point now) {
   drawn_ = now;
   const int filled = kBarWidth * std::min(done_, total_) / total_;
   const double seconds = std::chrono::duration<double>(now - begin_).count();
-  fmt::print(stderr,
-             "\r[{:<{}}] {}/{}  {:.1f} frames/s  segment {}  {:<12}",
-             std::string(static_cast<std::size_t>(filled), '#'),
-             kBarWidth,
-             done_,
-             total_,
-             done_ / std::max(seconds, 1e-3),
-             estimate.segment,
-             name(estimate.state));
+  const std::string line = fmt::format("\r[{:<{}}] {}/{}  {:.1f} frames/s  segment {}  {:<12}",
+                                       std::string(static_cast<std::size_t>(filled), '#'),
+                                       kBarWidth,
+                                       done_,
+                                       total_,
+                                       done_ / std::max(seconds, 1e-3),
+                                       estimate.segment,
+                                       name(estimate.state));
+  std::fputs(line.c_str(), stderr);  // a bar that nobody can see is no reason to end a run
   std::fflush(stderr);
 }
 

@@ -37,11 +37,19 @@ std::string closestKey(const std::string& word, const std::vector<OptionField>& 
   return fields[static_cast<std::size_t>(closest - endings.begin())].key;
 }
 
-/// The field with this key; else the only one whose key ends with it at a dot.
+/// The field with this key; else the only one whose key ends with it at a dot, unless it names a
+/// group: `window` is no short form of `initializer.orb.tracks.window`.
 OptionField& findField(std::vector<OptionField>& fields, const ConfigAssignment& assignment) {
   std::vector<OptionField*> ending;
   for (OptionField& field : fields) {
     if (field.key == assignment.key) return field;
+    if (field.key.compare(0, assignment.key.size() + 1, assignment.key + ".") == 0) {
+      throw ConfigError(
+          fmt::format("{}: '{}' is a group of keys, not an option; one of its keys is '{}'",
+                      assignment.origin,
+                      assignment.key,
+                      field.key));
+    }
     if (endsWith(field.key, "." + assignment.key)) ending.push_back(&field);
   }
   if (ending.size() == 1) return *ending.front();

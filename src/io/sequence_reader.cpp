@@ -33,7 +33,10 @@ std::string orDefault(const std::string& given, const std::filesystem::path& fou
 std::vector<int> playlist(const SequenceOptions& options, int size) {
   if (options.start < 0 || options.start >= size) {
     throw ConfigError(
-        fmt::format("start: {} lies outside the sequence of {} images", options.start, size));
+        fmt::format("start: {} lies outside the sequence of {} images; expected 0 to {}",
+                    options.start,
+                    size,
+                    size - 1));
   }
   const int end = options.end < 0 ? size : std::min(options.end, size);
   if (end <= options.start) {

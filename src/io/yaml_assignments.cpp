@@ -47,7 +47,13 @@ std::vector<ConfigAssignment> readYamlAssignments(const std::string& text,
                                                   const std::string& name) {
   std::vector<ConfigAssignment> assignments;
   try {
-    const YAML::Node root = YAML::Load(text);
+    const std::vector<YAML::Node> documents = YAML::LoadAll(text);
+    if (documents.empty()) return assignments;
+    if (documents.size() > 1) {
+      throw ConfigError(position(name, documents[1].Mark()) +
+                        ": a second document begins; expected one");
+    }
+    const YAML::Node& root = documents.front();
     if (root.IsNull()) return assignments;
     if (!root.IsMap()) {
       throw ConfigError(position(name, root.Mark()) + ": expected lines of 'key: value'");

@@ -139,6 +139,23 @@ TEST(CommandLine, WrongValuesAreRefused) {
   }
 }
 
+TEST(CommandLine, WrongNumbersSayWhatIsExpected) {
+  struct Case {
+    Arguments arguments;
+    const char* expected;
+  };
+  for (const Case& c :
+       {Case{{"seq", "--start", "-1"}, "--start: '-1' must be a whole number, not negative"},
+        Case{{"seq", "--start", "1.5"}, "'1.5' must be a whole number, not negative"},
+        Case{{"seq", "--end=99999999999"}, "'99999999999' must be a whole number"},
+        Case{{"seq", "--threads", "two"}, "--threads: 'two' must be a whole number"},
+        Case{{"seq", "--speed", "1x"}, "'1x' must be a number in [0, 1000000]"},
+        Case{{"start=1.5"}, "start=1.5: expected a whole number"},
+        Case{{"speed=fast"}, "speed=fast: expected a number"}}) {
+    EXPECT_THAT(errorOf(c.arguments), HasSubstr(c.expected));
+  }
+}
+
 TEST(CommandLine, VersionAndHelpAreText) {
   EXPECT_THAT(parse({"--version"}).text, HasSubstr("dso_dataset "));
   const std::string help = parse({"--help"}).text;
@@ -221,7 +238,7 @@ TEST(OriginalWords, WithoutMeaningGiveOneWarning) {
 TEST(OriginalWords, UnknownAndMalformedOnesAreErrors) {
   EXPECT_THAT(errorOf({"files=seq", "calip=c.txt"}),
               AllOf(HasSubstr("unknown word 'calip=c.txt'"), HasSubstr("'calib='")));
-  EXPECT_THAT(errorOf({"files=seq", "start=two"}), HasSubstr("start=two: expected a number"));
+  EXPECT_THAT(errorOf({"files=seq", "start=two"}), HasSubstr("start=two: expected a whole number"));
   EXPECT_THAT(errorOf({"files=seq", "mode=3"}), HasSubstr("must be 0, 1 or 2"));
   EXPECT_THAT(errorOf({"files=seq", "preset=4"}), HasSubstr("must be 0, 1, 2 or 3"));
   EXPECT_THAT(errorOf({"files=seq", "speed=-1"}), HasSubstr("not negative"));

@@ -193,6 +193,18 @@ TEST(Config, MalformedYamlNamesTheLine) {
               HasSubstr("/nowhere/missing.yaml: configuration file cannot be read"));
 }
 
+TEST(Config, SecondDocumentOfAFileIsRefused) {
+  EXPECT_THAT(errorOf([] { loadText("num_threads: 1\n---\nnum_threads: 2\n"); }),
+              HasSubstr("test.yaml:3: a second document begins"));
+  EXPECT_EQ(loadText("---\nnum_threads: 2\n").options.num_threads, 2);
+}
+
+TEST(Config, GroupIsNoShortFormOfAnotherOption) {
+  EXPECT_THAT(errorOf([] { loadText("num_threads: 1\nwindow: 21\n"); }),
+              AllOf(HasSubstr("test.yaml:2: 'window' is a group of keys"), HasSubstr("'window.")));
+  EXPECT_EQ(loadSet("tracks.window=19").options.initializer.orb.tracks.window, 19);
+}
+
 TEST(Config, AmbiguousEndOfAKeyIsRefused) {
   EXPECT_THAT(errorOf([] { loadSet("min_points=60"); }), HasSubstr("could be"));
 }

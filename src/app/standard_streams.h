@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <string>
+
+namespace dsorb::app {
+
+/// Puts /dev/null where standard input, output or error are closed: the next file opened would get
+/// that number, and what is printed would land in it. Call it before any file is opened.
+void openStandardStreams();
+
+/// Prints what the user asked for.
+/// @throws std::system_error where not all of it arrives
+void printText(const std::string& text);
+
+/// From now on nobody listening any more (`| head`) is no reason to end: files are still to be
+/// written.
+void outliveListeners();
+
+}  // namespace dsorb::app
