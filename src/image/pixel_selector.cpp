@@ -4,6 +4,7 @@
 #include "base/parallel.h"
 #include "base/random.h"
 #include "image/photometric.h"
+#include "image/scale_map.h"
 
 #include <algorithm>
 #include <array>
@@ -17,8 +18,10 @@ namespace {
 
 constexpr std::size_t kPatchRowGrain = 8;  // rows of patches one thread takes at a time
 
-constexpr float kScaleFactor1 = 0.75F;      // threshold factor of level 1; published DSO
-constexpr float kScaleFactor2 = 0.421875F;  // of level 2: 0.75 cubed; published DSO
+// Pixels this near to the edge are not looked at. Published DSO.
+constexpr int kMarginLow = 4;
+constexpr int kMarginRight = 5;
+constexpr int kMarginBottom = 3;
 
 /// Strongest pixel of a block so far.
 struct Best {
@@ -58,14 +61,9 @@ std::array<Direction, 16> makeDirections() {
 class BlockPass {
  public:
   BlockPass(const Frame& frame,
-            const RegionThresholds& thresholds,
-            const std::vector<std::uint8_t>& random_bytes,
-            float threshold_factor)
-      : frame_(frame),
-        thresholds_(thresholds),
-        random_bytes_(random_bytes),
-        factor_(threshold_factor),
-        levels_(frame.pyramid().levels()) {}
+            const ScaleMap& scales,
+            const std::vector<std::uint8_t>& random_bytes)
+      : frame_(frame), scales_(scales), random_bytes_(random_bytes) {}
 
   void run(int block_size, std::vector<SelectedPixel>& selected) {
     selected.clear();
@@ -111,25 +109,13 @@ class BlockPass {
 
   void fineBlock(int x0, int y0, Scale& medium, Scale& coarse) {
     Scale fine = open();
-    // Margins of published DSO.
-    const int begin_x = std::max(x0, 4);
-    const int end_x = std::min(x0 + size_, frame_.width() - 5);
-    const int end_y = std::min(y0 + size_, frame_.height() - 3);
-    for (int y = std::max(y0, 4); y < end_y; ++y) {
-      const float* squared = thresholds_.squaredGradients(y);
-      const float* regions = thresholds_.regionRow(y);
+    const int begin_x = std::max(x0, kMarginLow);
+    const int end_x = std::min(x0 + size_, frame_.width() - kMarginRight);
+    const int end_y = std::min(y0 + size_, frame_.height() - kMarginBottom);
+    for (int y = std::max(y0, kMarginLow); y < end_y; ++y) {
+      const std::uint8_t* types = scales_.row(y);
       for (int x = begin_x; x < end_x; ++x) {
-        const float threshold = factor_ * regions[thresholds_.regionColumn(x)];
-        if (squared[x] > threshold) {
-          fine.best.offer(score(x, y, fine.direction), x, y);
-          if (fine.best.x >= 0) {
-            medium.best.close();
-            coarse.best.close();
-          }
-        }
-        if (!medium.best.closed) {
-          coarserScales(x, y, threshold, medium, coarse);
-        }
+        if (types[x] != 0) offer(x, y, types[x], fine, medium, coarse);
       }
     }
     if (fine.best.x >= 0) {
@@ -138,25 +124,24 @@ class BlockPass {
     keep(fine.best, 1);
   }
 
-  void coarserScales(int x, int y, float threshold, Scale& medium, Scale& coarse) const {
-    if (squaredAt(1, x, y) > kScaleFactor1 * threshold) {
+  /// A pixel that qualifies at some scale. What a finer scale has found closes the coarser ones.
+  void offer(int x, int y, unsigned types, Scale& fine, Scale& medium, Scale& coarse) const {
+    if ((types & 1U) != 0) {
+      fine.best.offer(score(x, y, fine.direction), x, y);
+      if (fine.best.x >= 0) {
+        medium.best.close();
+        coarse.best.close();
+      }
+    }
+    if (!medium.best.closed && (types & 2U) != 0) {
       medium.best.offer(score(x, y, medium.direction), x, y);
       if (medium.best.x >= 0) {
         coarse.best.close();
       }
     }
-    if (!coarse.best.closed && squaredAt(2, x, y) > kScaleFactor2 * threshold) {
+    if (!medium.best.closed && !coarse.best.closed && (types & 4U) != 0) {
       coarse.best.offer(score(x, y, coarse.direction), x, y);
     }
-  }
-
-  /// @return squared gradient of a coarser level, -1 where there is none
-  [[nodiscard]] float squaredAt(int level, int x, int y) const {
-    if (level >= levels_) {
-      return -1;
-    }
-    return rawSquaredGradient(frame_.level(level).at(x >> level, y >> level),
-                              frame_.responseSlope());
   }
 
   [[nodiscard]] float score(int x, int y, Direction direction) const {
@@ -171,10 +156,8 @@ class BlockPass {
   }
 
   const Frame& frame_;
-  const RegionThresholds& thresholds_;
+  const ScaleMap& scales_;
   const std::vector<std::uint8_t>& random_bytes_;
-  const float factor_;
-  const int levels_;
   const std::array<Direction, 16> directions_ = makeDirections();
   std::vector<SelectedPixel>* selected_ = nullptr;
   std::size_t fine_count_ = 0;
@@ -268,7 +251,8 @@ std::vector<SelectedPixel> PixelSelector::select(const Frame& frame,
   constexpr double kTooMany = 0.25;
   constexpr double kThin = 0.95;
   thresholds_.compute(frame, options_.gradient_above_median);
-  BlockPass pass(frame, thresholds_, random_bytes_, threshold_factor);
+  scales_.compute(frame, thresholds_, threshold_factor);
+  BlockPass pass(frame, scales_, random_bytes_);
   std::vector<SelectedPixel> selected;
   int smallest_too_few = std::numeric_limits<int>::max();
   for (int left = options_.max_repetitions;; --left) {

@@ -4,6 +4,7 @@
 #include "dsorb/image/frame.h"
 
 #include "image/region_thresholds.h"
+#include "image/scale_map.h"
 
 #include <cstdint>
 #include <vector>
@@ -41,6 +42,8 @@ class PixelSelector {
   /// @throws std::invalid_argument when the frame has another size than the selector
   std::vector<SelectedPixel> select(const Frame& frame, int wanted, float threshold_factor = 1);
 
+  /// Forgets the block size of earlier frames.
+  void reset() { block_size_ = options_.first_block_size; }
   [[nodiscard]] int blockSize() const { return block_size_; }
   [[nodiscard]] const RegionThresholds& thresholds() const { return thresholds_; }
 
@@ -51,6 +54,7 @@ class PixelSelector {
   int block_size_;
   std::vector<std::uint8_t> random_bytes_;
   RegionThresholds thresholds_;
+  ScaleMap scales_;
 };
 
 struct GridSelection {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "odometry/mapper.h"
 
+#include "base/parallel.h"
 #include "odometry/seed_window.h"
 #include "window/handover.h"
 #include "window/keyframe_policy.h"
@@ -32,7 +33,7 @@ Mapper::Mapper(const PinholeCamera& camera, const OdometryOptions& options)
       optimizer_(options.window, kChunksPerTask) {}
 
 MapUpdate Mapper::seed(const InitializationResult& result) {
-  selector_ = PixelSelector(camera_.width, camera_.height, selectorOptions(options_));
+  selector_.reset();
   window_ = seedWindow(result, camera_, options_, selector_, kCandidatesPerTask);
   return adjust(SE3());
 }
@@ -61,13 +62,17 @@ SE3 Mapper::poseOf(const TrackedPose& pose) const {
 MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
   MapUpdate update;
   update.keyframes_so_far = window_->next_keyframe;
-  const window::OptimizationReport adjustment = optimizer_.optimize(*window_);
+  window::OptimizationReport adjustment;
+  runBoth([&] { adjustment = optimizer_.optimize(*window_); },
+          [&] {
+            selectCandidates(
+                window_->keyframes.back(), selector_, options_.depth.candidates_per_keyframe);
+          });
   update.finite = adjustment.finite;
   update.rms = noise_ = adjustment.rms;
   if (!update.finite) return update;
   update.target.samples = window::depthSamples(*window_, options_.window);
   window::retirePoints(*window_, options_.window);
-  selectCandidates(window_->keyframes.back(), selector_, options_.depth.candidates_per_keyframe);
   for (const window::Keyframe& keyframe : window::marginalizeFlagged(*window_, options_.window)) {
     update.retired.push_back(snapshot(keyframe));
   }

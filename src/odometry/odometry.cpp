@@ -232,7 +232,7 @@ class Odometry::Impl {
       return false;
     }
     const odometry::TrackingTarget& newest = update.target;
-    tracker_.setTarget(newest);
+    arena_.run([&] { tracker_.setTarget(newest); });
     if (estimate != nullptr && estimate->frame == newest.frame) {
       estimate->T_world_cam = newest.T_cam_world.inverse();
       if (!estimate->keyframe) {  // not tracked

@@ -1,16 +1,19 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "track/tracking_reference.h"
 
+#include "base/parallel.h"
 #include "image/interpolate.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstddef>
 
 namespace dsorb::track {
 namespace {
 
-constexpr int kBorder = 2;  // [px]; pixels of a level nearer to its edge carry no point
+constexpr int kBorder = 2;             // [px]; pixels of a level nearer to its edge carry no point
+constexpr std::size_t kRowGrain = 32;  // rows one thread takes at a time
 
 int nearest(float coordinate) {
   return static_cast<int>(std::floor(coordinate + 0.5F));
@@ -63,26 +66,37 @@ void ReferencePoints::append(float x, float y, float depth, float grey) {
   intensity.push_back(grey);
 }
 
-void DepthAccumulator::reset(int new_width, int new_height) {
+void DepthAccumulator::resize(int new_width, int new_height) {
   width = new_width;
   height = new_height;
   const std::size_t size = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
-  weighted_depth.assign(size, 0.0F);
-  weight.assign(size, 0.0F);
+  weighted_depth.resize(size);
+  weight.resize(size);
+}
+
+void DepthAccumulator::reset(int new_width, int new_height) {
+  resize(new_width, new_height);
+  std::fill(weighted_depth.begin(), weighted_depth.end(), 0.0F);
+  std::fill(weight.begin(), weight.end(), 0.0F);
 }
 
 void accumulateBlocks(const DepthAccumulator& fine, DepthAccumulator& coarse) {
-  coarse.reset(fine.width / 2, fine.height / 2);
-  for (int y = 0; y < coarse.height; ++y) {
-    for (int x = 0; x < coarse.width; ++x) {
-      const std::size_t to = coarse.index(x, y);
-      for (const int row : {2 * y, 2 * y + 1}) {
-        const std::size_t from = fine.index(2 * x, row);
-        coarse.weighted_depth[to] += fine.weighted_depth[from] + fine.weighted_depth[from + 1];
-        coarse.weight[to] += fine.weight[from] + fine.weight[from + 1];
-      }
+  coarse.resize(fine.width / 2, fine.height / 2);
+  const auto add = [&](const std::vector<float>& from, std::vector<float>& to, int y) {
+    const float* upper = &from[fine.index(0, 2 * y)];
+    const float* lower = &from[fine.index(0, 2 * y + 1)];
+    float* sums = &to[coarse.index(0, y)];
+    for (std::ptrdiff_t x = 0; x < coarse.width; ++x) {
+      sums[x] = (upper[2 * x] + upper[2 * x + 1]) + (lower[2 * x] + lower[2 * x + 1]);
     }
-  }
+  };
+  forEachRange(
+      static_cast<std::size_t>(coarse.height), kRowGrain, [&](std::size_t begin, std::size_t end) {
+        for (auto y = static_cast<int>(begin); y < static_cast<int>(end); ++y) {
+          add(fine.weighted_depth, coarse.weighted_depth, y);
+          add(fine.weight, coarse.weight, y);
+        }
+      });
 }
 
 void dilate(DepthAccumulator& level, DilationNeighbours neighbours) {
@@ -118,6 +132,13 @@ void dilate(DepthAccumulator& level, DilationNeighbours neighbours) {
   }
 }
 
+TrackingReference::TrackingReference(const PinholeCamera& camera)
+    : camera_(camera), maps_(static_cast<std::size_t>(pyramidLevels(camera.width, camera.height))) {
+  for (std::size_t l = 0; l < maps_.size(); ++l) {
+    maps_[l].resize(camera.width >> l, camera.height >> l);
+  }
+}
+
 void TrackingReference::set(const FramePtr& frame,
                             const std::vector<DepthSample>& samples,
                             const AffineBrightness& affine) {
@@ -134,8 +155,10 @@ void TrackingReference::set(const FramePtr& frame,
     maps_[0].weight[to] += sample.weight;
   }
   for (std::size_t l = 1; l < levels; ++l) accumulateBlocks(maps_[l - 1], maps_[l]);
-  listFinest();
-  for (std::size_t l = 1; l < levels; ++l) listCoarse(static_cast<int>(l));
+  runBoth([&] { listFinest(); },
+          [&] {
+            for (std::size_t l = 1; l < levels; ++l) listCoarse(static_cast<int>(l));
+          });
 }
 
 void TrackingReference::sortIntoRows(const std::vector<DepthSample>& samples) {

@@ -32,6 +32,9 @@ struct DepthAccumulator {
   std::vector<float> weighted_depth;
   std::vector<float> weight;
 
+  /// Values are undefined afterwards.
+  void resize(int new_width, int new_height);
+  /// Everything 0.
   void reset(int new_width, int new_height);
   [[nodiscard]] std::size_t index(int x, int y) const {
     return static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
@@ -56,7 +59,8 @@ void dilate(DepthAccumulator& level, DilationNeighbours neighbours);
 /// @source front end of DSO as published, with exact positions on level 0
 class TrackingReference {
  public:
-  explicit TrackingReference(const PinholeCamera& camera) : camera_(camera) {}
+  /// Takes all memory it needs for frames of the camera.
+  explicit TrackingReference(const PinholeCamera& camera);
 
   /// Replaces what was there; buffers are kept.
   /// @param samples pixels of `frame` with inverse depth; those outside the image or not positive
