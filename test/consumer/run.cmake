@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# Installs the build to a fresh prefix, then configures, builds and runs the outside project against it.
+# Installs the build to a fresh prefix, then configures, builds and runs the outside project against it; at last
+# configures one that takes the sources in.
 #   cmake -DBUILD_DIR=... -DSOURCE_DIR=... -DWORK_DIR=... -DCOMPONENTS=... -P run.cmake
 function(run)
   execute_process(COMMAND ${ARGV} RESULT_VARIABLE result OUTPUT_VARIABLE output ERROR_VARIABLE output)
@@ -21,3 +22,5 @@ execute_process(COMMAND ${CMAKE_COMMAND} -S ${SOURCE_DIR} -B ${WORK_DIR}/wrong
 if(result EQUAL 0 OR NOT output MATCHES "no_such_part")
   message(FATAL_ERROR "an unknown component must fail with its name:\n${output}")
 endif()
+
+run(${CMAKE_COMMAND} -S ${SOURCE_DIR}/subproject -B ${WORK_DIR}/subproject -DDSORB_SOURCE_DIR=${SOURCE_DIR}/../..)
