@@ -2,10 +2,31 @@
 #include "image/frame_check.h"
 
 #include <cmath>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 
 namespace dsorb {
+namespace {
+
+void requireOfCamera(bool holds, const char* name, double value, const char* expected) {
+  if (holds) return;
+  std::ostringstream message;
+  message << "camera: " << name << " = " << value << "; expected " << expected;
+  throw std::invalid_argument(message.str());
+}
+
+}  // namespace
+
+FrameCheck::FrameCheck(const PinholeCamera& camera) : width_(camera.width), height_(camera.height) {
+  const auto is_length = [](double value) { return std::isfinite(value) && value > 0; };
+  requireOfCamera(width_ > 0, "width", width_, "a number of pixels");
+  requireOfCamera(height_ > 0, "height", height_, "a number of pixels");
+  requireOfCamera(is_length(camera.fx), "fx", camera.fx, "a focal length in pixels");
+  requireOfCamera(is_length(camera.fy), "fy", camera.fy, "a focal length in pixels");
+  requireOfCamera(std::isfinite(camera.cx), "cx", camera.cx, "a pixel");
+  requireOfCamera(std::isfinite(camera.cy), "cy", camera.cy, "a pixel");
+}
 
 void FrameCheck::accept(const FramePtr& frame) {
   if (frame == nullptr) throw std::invalid_argument("frame is null");
@@ -14,6 +35,12 @@ void FrameCheck::accept(const FramePtr& frame) {
     throw std::invalid_argument(who + "size " + std::to_string(frame->width()) + "x" +
                                 std::to_string(frame->height()) + " differs from the camera's " +
                                 std::to_string(width_) + "x" + std::to_string(height_));
+  }
+  if (id_ == frame->id()) throw std::invalid_argument(who + "the frame before has the same id");
+  const double exposure = frame->exposure();
+  if (!std::isfinite(exposure) || exposure <= 0) {
+    throw std::invalid_argument(who + "exposure " + std::to_string(exposure) +
+                                " s; expected a positive time, 1 where it is unknown");
   }
   const double now = frame->timestamp();
   if (!std::isfinite(now)) throw std::invalid_argument(who + "timestamp is not finite");
@@ -27,6 +54,7 @@ void FrameCheck::accept(const FramePtr& frame) {
     }
     is_forward_ = is_forward;
   }
+  id_ = frame->id();
   timestamp_ = now;
 }
 

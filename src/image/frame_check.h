@@ -11,17 +11,19 @@ namespace dsorb {
 /// Refuses frames that cannot belong to one sequence of one camera.
 class FrameCheck {
  public:
-  explicit FrameCheck(const PinholeCamera& camera) : width_(camera.width), height_(camera.height) {}
+  /// @throws std::invalid_argument a camera without size, focal length or principal point
+  explicit FrameCheck(const PinholeCamera& camera);
 
   /// Accepts the frame as the next one.
-  /// @throws std::invalid_argument no frame, wrong size, timestamp not finite, equal to the
-  /// previous
-  ///         one or a change of direction; the message names both values, nothing is changed
+  /// @throws std::invalid_argument no frame, wrong size, id of the previous frame, exposure not
+  ///         positive, timestamp not finite, equal to the previous one or a change of direction;
+  ///         the message names both values, nothing is changed
   void accept(const FramePtr& frame);
 
  private:
   int width_;
   int height_;
+  std::optional<FrameId> id_;        // of the previous frame
   std::optional<double> timestamp_;  // of the previous frame [s]
   std::optional<bool> is_forward_;   // direction of time, known from the second frame on
 };

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <sstream>
 #include <stdexcept>
 
 namespace dsorb {
@@ -17,8 +18,9 @@ constexpr double kSymmetryTolerance = 1e-9;  // relative to the largest entry
 
 void require(bool holds, const char* clause, double value) {
   if (holds) return;
-  throw std::logic_error(std::string("initialization result: ") + clause + " (found " +
-                         std::to_string(value) + ")");
+  std::ostringstream message;
+  message << "initialization result: " << clause << " (found " << value << ")";
+  throw std::logic_error(message.str());
 }
 
 double meanInverseDepth(const InitializationResult& result) {
@@ -59,7 +61,7 @@ void checkFrames(const InitializationResult& result) {
   for (std::size_t i = 0; i < result.frames.size(); ++i) {
     const PosedFrame& frame = result.frames[i];
     const auto index = static_cast<double>(i);
-    require(frame.frame != nullptr, "every frame has its image, not frame", index);
+    require(frame.frame != nullptr, "every frame has its image; one without", index);
     require(std::isfinite(frame.affine.a) && std::isfinite(frame.affine.b),
             "affine brightness is finite in frame",
             index);
@@ -139,7 +141,7 @@ void checkInvariants(const InitializationResult& result) {
   checkFrames(result);
   checkPoints(result);
   const double mean = meanInverseDepth(result);
-  require(std::abs(mean - 1) < kScaleTolerance, "mean inverse depth of the reference", mean);
+  require(std::abs(mean - 1) < kScaleTolerance, "mean inverse depth of the reference is 1", mean);
   const InitReport& report = result.report;
   const auto posed = std::count_if(result.frames.begin(), result.frames.end(), [](const auto& f) {
     return f.T_cam_ref.has_value();

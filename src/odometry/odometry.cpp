@@ -40,6 +40,15 @@ OdometryOptions checked(OdometryOptions options) {
   return options;
 }
 
+/// What an own initializer may get wrong. @throws std::logic_error
+void checkStep(const InitStep& step) {
+  if ((step.status == InitStatus::kInitialized) != step.result.has_value()) {
+    throw std::logic_error(std::string("initializer: a result is set exactly with kInitialized; ") +
+                           (step.result ? "it came with another status" : "it is missing"));
+  }
+  if (step.result) checkInvariants(*step.result);
+}
+
 }  // namespace
 
 class Odometry::Impl {
@@ -126,7 +135,7 @@ class Odometry::Impl {
       const StageTimer timer(report_.initializing_seconds);
       step = initializer_->addFrame(frame);
     }
-    if (step.result) checkInvariants(*step.result);
+    checkStep(step);
     tell([&](OdometryObserver& o) { o.onInitStep(step, *frame, segment_); });
     answer_ = blank(frame);
     if (step.result) return takeOver(*step.result);

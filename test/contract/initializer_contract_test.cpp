@@ -245,6 +245,7 @@ TEST(MakeInitializer, RefusesOptionsOutOfRangeAndUnknownVariants) {
   InitializerOptions options;
   options.orb.min_frames = 0;
   EXPECT_THROW((void)makeInitializer(options, camera), ConfigError);
+  EXPECT_THROW((void)makeInitializer({}, PinholeCamera()), std::invalid_argument);
   EXPECT_THROW((void)initializerVariant("orb-v9"), ConfigError);
 }
 

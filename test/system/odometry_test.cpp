@@ -181,11 +181,35 @@ TEST_F(OdometryWithTruth, RefusesFramesThatDoNotBelong) {
   EXPECT_THROW(run(5, 6), std::logic_error) << "after finish()";
 }
 
+/// Says that it is done without a result, or the other way round.
+class ConfusedInitializer : public Initializer {
+ public:
+  explicit ConfusedInitializer(bool has_result) : has_result_(has_result) {}
+  [[nodiscard]] InitStep addFrame(FramePtr /*frame*/) override {
+    InitStep step;
+    step.status = has_result_ ? InitStatus::kNeedsMoreFrames : InitStatus::kInitialized;
+    if (has_result_) step.result.emplace();
+    return step;
+  }
+  void reset() override {}
+
+ private:
+  bool has_result_;
+};
+
+TEST(OdometryWithOwnInitializer, RefusesAResultThatDisagreesWithItsStatus) {
+  for (const bool has_result : {false, true}) {
+    Odometry odometry(room().camera(), {}, std::make_unique<ConfusedInitializer>(has_result));
+    EXPECT_THROW(odometry.process(room().frames()[0]), std::logic_error);
+  }
+}
+
 TEST_F(OdometryWithTruth, RefusesOptionsOutOfRange) {
   OdometryOptions options;
   options.tracker.min_inside_fraction = 1.5;
   EXPECT_THROW(room().odometry(options), ConfigError);
   EXPECT_THROW(Odometry(room().camera(), {}, nullptr), std::invalid_argument);
+  EXPECT_THROW(Odometry(PinholeCamera(), {}), std::invalid_argument);
 }
 
 TEST_F(OdometryWithTruth, ReversedSequencesTrackToo) {

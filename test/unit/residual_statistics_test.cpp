@@ -70,9 +70,12 @@ TEST(TDistribution, QuantilesKeepWhatTheirNamesSay) {
 }
 
 TEST(TDistribution, WeightsFallFromZeroOn) {
-  EXPECT_DOUBLE_EQ(tWeight(0, 2), 1.2);
-  EXPECT_DOUBLE_EQ(tWeight(2, 2), 1.0);
-  EXPECT_NEAR(tWeight(2 * 2.571, 2), 0.517, 0.001);
+  const std::vector<float> residuals = {0, 2, -2 * 2.571F};
+  const auto weight = [&](std::size_t i) { return sumOfTWeights(&residuals[i], 1, 2); };
+  EXPECT_FLOAT_EQ(weight(0), 1.2F);
+  EXPECT_FLOAT_EQ(weight(1), 1.0F);
+  EXPECT_NEAR(weight(2), 0.517F, 0.001F);
+  EXPECT_FLOAT_EQ(sumOfTWeights(residuals.data(), 3, 2), weight(0) + weight(1) + weight(2));
 }
 
 TEST(TDistribution, OfNothingIsZero) {

@@ -33,6 +33,7 @@ TEST(Se3Test, GroupLaws) {
     EXPECT_NEAR(((a * b) * p - a * (b * p)).norm(), 0, 1e-12);
     EXPECT_NEAR((a.inverse() * (a * p) - p).norm(), 0, 1e-12);
     EXPECT_NEAR(((a * b).matrix() - a.matrix() * b.matrix()).norm(), 0, 1e-12);
+    EXPECT_NEAR((SE3::fromMatrix(a.matrix()) * p - a * p).norm(), 0, 1e-12);
   }
 }
 

@@ -38,7 +38,7 @@ class Initializer {
   virtual void reset() = 0;
 };
 
-/// @throws ConfigError on options out of range
+/// @throws ConfigError on options out of range, std::invalid_argument on an impossible camera
 std::unique_ptr<Initializer> makeInitializer(const InitializerOptions& options,
                                              const PinholeCamera& camera);
 

@@ -30,7 +30,7 @@ class Odometry {
  public:
   /// Initializer by options. @throws ConfigError on options out of range
   Odometry(const PinholeCamera& camera, const OdometryOptions& options);
-  /// Anybody's own initializer.
+  /// Anybody's own initializer. Both throw std::invalid_argument on an impossible camera.
   Odometry(const PinholeCamera& camera,
            const OdometryOptions& options,
            std::unique_ptr<Initializer> initializer);
@@ -41,7 +41,7 @@ class Odometry {
   /// @param observer must outlive this object; called in the order of registration
   void addObserver(OdometryObserver* observer);
 
-  /// @throws std::invalid_argument wrong size or timestamp, std::logic_error when lost; pipelined,
+  /// @throws std::invalid_argument a frame out of place, std::logic_error when lost; pipelined,
   ///         also what mapping an earlier frame threw: then the map is lost
   FrameEstimate process(const FramePtr& frame);
 

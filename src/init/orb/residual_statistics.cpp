@@ -46,11 +46,6 @@ std::vector<float> filteredSquares(const std::vector<float>& residuals,
 
 }  // namespace
 
-double tWeight(double residual, double scale) {
-  const double ratio = residual / scale;
-  return (kTDegrees + 1) / (kTDegrees + ratio * ratio);
-}
-
 float sumOfTWeights(const float* residuals, std::size_t count, float scale) {
   const float inverse = 1 / (scale * scale);
   float sum = 0;

@@ -24,10 +24,7 @@ struct TDistribution {
 ///         w = (nu + 1) / (nu + (r / sigma)^2)
 TDistribution fitTDistribution(std::vector<float> residuals, double prefilter);
 
-/// Weight of one residual under the distribution, 1.2 at zero.
-double tWeight(double residual, double scale);
-
-/// Sum of the weights of some residuals.
+/// Sum of the weights of some residuals under the distribution; the weight of a zero is 1.2.
 float sumOfTWeights(const float* residuals, std::size_t count, float scale);
 
 }  // namespace dsorb::init_orb

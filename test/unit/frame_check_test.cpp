@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "image/frame_check.h"
+
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <functional>
+#include <stdexcept>
+#include <vector>
+
+namespace dsorb {
+namespace {
+
+using ::testing::HasSubstr;
+
+constexpr PinholeCamera kCamera{40, 40, 15.5, 15.5, 32, 32};
+
+FramePtr frameOf(int id, double timestamp, double exposure = 1, int side = 32) {
+  const std::vector<float> pixels(static_cast<std::size_t>(side * side), 100);
+  return Frame::create({pixels.data(), side, side}, {FrameId{id}, timestamp, exposure, nullptr});
+}
+
+std::string errorOf(const std::function<void()>& call) {
+  try {
+    call();
+  } catch (const std::invalid_argument& error) {
+    return error.what();
+  }
+  return "no std::invalid_argument";
+}
+
+TEST(FrameCheck, RefusesAnImpossibleCamera) {
+  const auto error_of = [](double PinholeCamera::*member, double value) {
+    PinholeCamera camera = kCamera;
+    camera.*member = value;
+    return errorOf([&camera] { (void)FrameCheck(camera); });
+  };
+  EXPECT_EQ(error_of(&PinholeCamera::fx, 0), "camera: fx = 0; expected a focal length in pixels");
+  EXPECT_THAT(error_of(&PinholeCamera::fx, -40), HasSubstr("fx = -40"));
+  EXPECT_THAT(error_of(&PinholeCamera::fy, NAN), HasSubstr("fy = nan"));
+  EXPECT_THAT(error_of(&PinholeCamera::cx, INFINITY), HasSubstr("cx = inf"));
+  EXPECT_THAT(error_of(&PinholeCamera::cy, NAN), HasSubstr("cy = nan"));
+  EXPECT_THAT(errorOf([] { (void)FrameCheck(PinholeCamera()); }), HasSubstr("width = 0"));
+}
+
+TEST(FrameCheck, RefusesWhatCannotBeTheNextFrame) {
+  FrameCheck check(kCamera);
+  const auto error_of = [&check](const FramePtr& frame) {
+    return errorOf([&] { check.accept(frame); });
+  };
+  EXPECT_EQ(error_of(nullptr), "frame is null");
+  EXPECT_THAT(error_of(frameOf(0, 0, 1, 16)),
+              HasSubstr("size 16x16 differs from the camera's 32x32"));
+  EXPECT_THAT(error_of(frameOf(0, NAN)), HasSubstr("timestamp is not finite"));
+  for (const double exposure : {0.0, -0.01, std::nan("")}) {
+    EXPECT_THAT(error_of(frameOf(0, 0, exposure)), HasSubstr("expected a positive time"));
+  }
+  check.accept(frameOf(4, 2.5));
+  EXPECT_THAT(error_of(frameOf(4, 2.6)), HasSubstr("frame 4: the frame before has the same id"));
+  EXPECT_THAT(error_of(frameOf(5, 2.5)), HasSubstr("2.500000 after 2.500000: equal"));
+  check.accept(frameOf(5, 2.4));
+  EXPECT_THAT(error_of(frameOf(6, 2.6)), HasSubstr("time has changed its direction"));
+  check.accept(frameOf(6, 2.3));
+}
+
+}  // namespace
+}  // namespace dsorb
