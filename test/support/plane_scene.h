@@ -79,4 +79,11 @@ class PlaneScene {
   std::array<Wave, 16> waves_;
 };
 
+/// Pose of a camera that moved by x, y, z and turned about all axes, mostly the second.
+inline SE3 poseOf(double x, double y, double z, double turn) {
+  Vector6d xi;
+  xi << x, y, z, 0.3 * turn, turn, -0.5 * turn;
+  return SE3::exp(xi);
+}
+
 }  // namespace dsorb

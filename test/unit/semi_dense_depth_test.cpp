@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/semi_dense_depth.h"
 
+#include "base/median.h"
 #include "base/parallel.h"
 #include "init/orb/candidate_depth.h"
-#include "init/orb/epipolar_line.h"
-#include "init/orb/epipolar_search.h"
 #include "support/plane_scene.h"
 
 #include <Eigen/Cholesky>
@@ -15,67 +14,6 @@
 
 namespace dsorb::init_orb {
 namespace {
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<long>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
-SE3 pose(double x, double y, double z, double turn) {
-  Vector6d xi;
-  xi << x, y, z, 0.3 * turn, turn, -0.5 * turn;
-  return SE3::exp(xi);
-}
-
-TEST(EpipolarLine, PositionAndDepthInvertEachOther) {
-  const PlaneScene scene(1);
-  const EpipolarGeometry geometry(scene.camera(), pose(0.1, -0.05, 0.15, 0.04));
-  const auto line = EpipolarLine::through(geometry, {60, 180}, 0.8F);
-  ASSERT_TRUE(line.has_value());
-  for (const float inverse_depth : {0.1F, 0.5F, 0.8F, 1.5F}) {
-    const std::optional<float> position = line->positionOf(inverse_depth);
-    ASSERT_TRUE(position.has_value());
-    EXPECT_NEAR(line->depthAt(*position).inverse_depth, inverse_depth, 1e-4F);
-  }
-  EXPECT_NEAR(*line->positionOf(0.8F), 0, 1e-4F);
-  EXPECT_GT(*line->positionOf(1.0F), 0);
-}
-
-TEST(EpipolarLine, DerivativesMatchCentralDifferences) {
-  const PlaneScene scene(1);
-  const SE3 T = pose(0.1, -0.05, 0.15, 0.04);
-  const EpipolarGeometry geometry(scene.camera(), T);
-  const Eigen::Vector2d pixel(60, 180);
-  const auto project = [&](const Eigen::Vector2d& at, double inverse_depth) {
-    return scene.camera().project(T * (scene.camera().unproject(at) / inverse_depth));
-  };
-  const auto line = EpipolarLine::through(geometry, pixel.cast<float>(), 0.8F);
-  ASSERT_TRUE(line.has_value());
-  const double h = 1e-5;
-  const Eigen::Vector2d velocity = (project(pixel, 0.8 + h) - project(pixel, 0.8 - h)) / (2 * h);
-  EXPECT_NEAR(line->speed() / velocity.norm(), 1, 1e-4);
-  EXPECT_NEAR(line->direction().cast<double>().dot(velocity.normalized()), 1, 1e-6);
-  EXPECT_LT((line->origin().cast<double>() - project(pixel, 0.8)).norm(), 1e-3);
-  for (int axis = 0; axis < 2; ++axis) {
-    const Eigen::Vector2d step = Eigen::Vector2d::Unit(axis) * 1e-3;
-    const Eigen::Vector2d column = (project(pixel + step, 0.8) - project(pixel - step, 0.8)) / 2e-3;
-    EXPECT_LT((line->warp().col(axis).cast<double>() - column).norm(), 1e-4);
-  }
-  // alpha, away from the origin: positions of two inverse depths close together.
-  const double at = *line->positionOf(1.2F);
-  const double moved = (project(pixel, 1.2 + h) - project(pixel, 1.2 - h)).norm() / (2 * h);
-  EXPECT_NEAR(line->depthAt(static_cast<float>(at)).alpha * moved, 1, 1e-3);
-}
-
-TEST(EpipolarLine, HasNoDirectionAtTheEpipoleOrWithoutTranslation) {
-  const PlaneScene scene(1);
-  const Eigen::Vector2f centre(159.5F, 119.5F);
-  const EpipolarGeometry forward(scene.camera(), pose(0, 0, 0.2, 0));
-  EXPECT_FALSE(EpipolarLine::through(forward, centre, 1.0F).has_value());
-  const EpipolarGeometry turned(scene.camera(), pose(0, 0, 0, 0.1));
-  EXPECT_FALSE(EpipolarLine::through(turned, {40, 40}, 1.0F).has_value());
-}
 
 TEST(CandidateDepth, MultipliesGaussians) {
   SemiDenseOptions options;
@@ -178,7 +116,9 @@ InitialMap makeMap(const PlaneScene& scene, const std::vector<SE3>& poses, doubl
 }
 
 std::vector<SE3> sideways() {
-  return {pose(0.03, 0.01, 0.02, 0.01), pose(0.06, 0.02, 0.04, 0.02), pose(0.1, 0.03, 0.06, 0.03)};
+  return {poseOf(0.03, 0.01, 0.02, 0.01),
+          poseOf(0.06, 0.02, 0.04, 0.02),
+          poseOf(0.1, 0.03, 0.06, 0.03)};
 }
 
 std::vector<double> relativeErrors(const InitialMap& map, const PlaneScene& scene) {
@@ -204,7 +144,7 @@ TEST(SemiDenseDepth, FindsTheDepthOfAPlaneWithEveryPatchAndBrightness) {
       // Measured 0.0006 with the affine pair and 0.0054 without the mean (whose removal takes
       // information from flat gradients); margin x2.
       const double limit = brightness == PatchBrightness::kAffine ? 0.0012 : 0.011;
-      EXPECT_LT(median(relativeErrors(map, scene)), limit);
+      EXPECT_LT(medianOf(relativeErrors(map, scene)), limit);
     }
   }
 }
@@ -229,7 +169,7 @@ TEST(SemiDenseDepth, EstimatesAndUndoesBrightnessChanges) {
   EXPECT_NEAR(map.affine[3].a, std::log(1.3), 0.01);
   EXPECT_NEAR(map.affine[3].b, -20, 1.5);
   EXPECT_GT(map.points.size(), 200U);
-  EXPECT_LT(median(relativeErrors(map, scene)), 0.005);
+  EXPECT_LT(medianOf(relativeErrors(map, scene)), 0.005);
 }
 
 TEST(SemiDenseDepth, VariancesPredictErrorsOfNoisyImagesAndPoses) {
@@ -259,95 +199,10 @@ TEST(SemiDenseDepth, VariancesPredictErrorsOfNoisyImagesAndPoses) {
         }
       }
       // Measured 0.22 to 0.40: the floor of the line's error is above the truth of this scene.
-      EXPECT_GT(median(ratios), 0.15);
-      EXPECT_LT(median(ratios), 2.0);
+      EXPECT_GT(medianOf(ratios), 0.15);
+      EXPECT_LT(medianOf(ratios), 2.0);
     }
   }
-}
-
-TEST(EpipolarSearch, GeometricVarianceIsTheSpreadUnderDrawnPoses) {
-  const PlaneScene scene(5);
-  const SE3 truth = pose(0.08, 0.03, 0.05, 0.02);
-  const FramePtr reference = scene.render(SE3(), 0, 0);
-  const FramePtr target = scene.render(truth, 0, 1);
-  Vector6d sigma;
-  sigma << 2e-3, 1e-3, 1e-3, 1e-3, 1e-3, 2e-3;
-  SemiDenseOptions options;
-  options.line_error = LineError::kGradient;
-  options.line_error_floor = 0;
-  options.image_noise = 1e-3;
-  std::vector<double> ratios;
-  for (int y = 30; y < 210; y += 20) {
-    for (int x = 30; x < 290; x += 20) {
-      const double rho = scene.inverseDepth({x, y});
-      Random random(static_cast<std::uint64_t>(1000 * y + x));
-      double squares = 0;
-      double predicted = 0;
-      int found = 0;
-      for (int draw = 0; draw < 60; ++draw) {
-        Vector6d xi;
-        for (int d = 0; d < 6; ++d) xi[d] = sigma[d] * random.gaussian();
-        const SearchFrame frame{
-            target, SE3::exp(xi) * truth, Matrix6d(sigma.cwiseAbs2().asDiagonal()), {}};
-        const EpipolarSearch search(reference, frame, scene.camera(), options);
-        EpipolarSearch::Scratch scratch;
-        const SearchOutcome outcome =
-            search.search(Eigen::Vector2f(static_cast<float>(x), static_cast<float>(y)),
-                          {static_cast<float>(rho), 0.01F},
-                          scratch);
-        if (outcome.status == SearchStatus::kFound) {
-          squares += std::pow(outcome.observation.inverse_depth - rho, 2);
-          predicted += outcome.observation.variance;
-          ++found;
-        }
-      }
-      if (found > 55) ratios.push_back(squares / predicted);
-    }
-  }
-  ASSERT_GT(ratios.size(), 20U);
-  EXPECT_NEAR(median(ratios), 1.0, 0.15);  // measured 1.04; 60 draws of 6 components
-}
-
-TEST(EpipolarSearch, SkipsGradientsAcrossTheLineAndPixelsThatLeaveTheImage) {
-  // Horizontal stripes: the gradient is vertical.
-  std::vector<float> grey;
-  for (int y = 0; y < 240; ++y) {
-    for (int x = 0; x < 320; ++x) {
-      grey.push_back(static_cast<float>(128 + 60 * std::sin(0.4 * y)));
-    }
-  }
-  const FramePtr frame = Frame::create(ImageView(grey.data(), 320, 240), {FrameId{0}});
-  const PinholeCamera camera = PlaneScene(1).camera();
-  const SemiDenseOptions options;
-  EpipolarSearch::Scratch scratch;
-  const DepthEstimate prior{1.0F, 0.04F};
-  const SearchFrame right{frame, pose(0.1, 0, 0, 0), Matrix6d::Zero(), {}};
-  EXPECT_EQ(EpipolarSearch(frame, right, camera, options).search({160, 110}, prior, scratch).status,
-            SearchStatus::kSkipped);
-  const SearchFrame down{frame, pose(0, 0.1, 0, 0), Matrix6d::Zero(), {}};
-  EXPECT_NE(EpipolarSearch(frame, down, camera, options).search({160, 110}, prior, scratch).status,
-            SearchStatus::kSkipped);
-  const SearchFrame away{frame, pose(0, 3, 0, 0), Matrix6d::Zero(), {}};
-  EXPECT_EQ(EpipolarSearch(frame, away, camera, options).search({160, 110}, prior, scratch).status,
-            SearchStatus::kSkipped);
-}
-
-TEST(EpipolarSearch, RejectsRepeatedTexture) {
-  std::vector<float> grey;
-  for (int y = 0; y < 240; ++y) {
-    for (int x = 0; x < 320; ++x) {
-      grey.push_back(static_cast<float>(128 + 60 * std::sin(2 * M_PI * x / 12)));  // 12 px period
-    }
-  }
-  const FramePtr frame = Frame::create(ImageView(grey.data(), 320, 240), {FrameId{0}});
-  const PinholeCamera camera = PlaneScene(1).camera();
-  const SemiDenseOptions options;
-  const SearchFrame right{frame, pose(0.2, 0, 0, 0), Matrix6d::Zero(), {}};
-  EpipolarSearch::Scratch scratch;
-  const EpipolarSearch search(frame, right, camera, options);
-  // 40 px per unit of inverse depth: +-0.8 covers five periods, +-0.08 less than one.
-  EXPECT_EQ(search.search({156, 110}, {0.9F, 0.16F}, scratch).status, SearchStatus::kRejected);
-  EXPECT_EQ(search.search({156, 110}, {0.9F, 0.0016F}, scratch).status, SearchStatus::kFound);
 }
 
 TEST(SemiDenseDepth, IsBitIdenticalForAnyNumberOfThreads) {
