@@ -76,6 +76,17 @@ std::optional<BrightnessTransfer> fitLine(const std::vector<GreyPair>& pairs) {
   return line;
 }
 
+/// Brightness of a frame whose reference has none; none either where nothing can be said.
+AffineBrightness affineOf(const Frame& reference,
+                          const Frame& frame,
+                          const std::vector<GreyPair>& pairs) {
+  const std::optional<BrightnessTransfer> line = fitLine(pairs);
+  if (!line) return {};
+  const double exposure_ratio =
+      brightnessTransfer({}, reference.exposure(), {}, frame.exposure()).gain;
+  return {std::log(line->gain / exposure_ratio), line->offset};
+}
+
 }  // namespace
 
 void estimateBrightness(InitialMap& map) {
@@ -111,16 +122,12 @@ void estimateBrightness(InitialMap& map, const std::vector<int>& frames) {
       pairs[static_cast<std::size_t>(observation.frame)].push_back({*host, *target[i]});
     }
   }
-  for (const int frame : frames) {
-    const auto k = static_cast<std::size_t>(frame);
-    map.affine[k] = {};
-    if (const std::optional<BrightnessTransfer> line = fitLine(pairs[k])) {
-      const double exposure_ratio =
-          brightnessTransfer({}, map.frames.front()->exposure(), {}, map.frames[k]->exposure())
-              .gain;
-      map.affine[k] = {std::log(line->gain / exposure_ratio), line->offset};
+  forEachRange(frames.size(), 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const auto k = static_cast<std::size_t>(frames[i]);
+      map.affine[k] = affineOf(*map.frames.front(), *map.frames[k], pairs[k]);
     }
-  }
+  });
 }
 
 }  // namespace dsorb::init_orb

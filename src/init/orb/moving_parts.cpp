@@ -2,6 +2,7 @@
 #include "init/orb/moving_parts.h"
 
 #include "base/median.h"
+#include "base/parallel.h"
 #include "camera/reprojection.h"
 #include "geometry/triangulate.h"
 
@@ -13,6 +14,8 @@
 
 namespace dsorb::init_orb {
 namespace {
+
+constexpr std::size_t kGrain = 64;  // pixels one thread judges at a time
 
 constexpr int kIterations = 3;  // of Gauss-Newton on one inverse depth
 constexpr int kMinVotes = 3;    // fewer tracks close by decide nothing
@@ -111,10 +114,9 @@ int MovingParts::cellOf(float coordinate, int cells) const {
       static_cast<int>(coordinate / static_cast<float>(options_.radius)), 0, cells - 1);
 }
 
-bool MovingParts::cover(const Eigen::Vector2f& pixel) const {
-  if (contradicting_ == 0) return false;
+bool MovingParts::cover(const Eigen::Vector2f& pixel, Votes& votes) const {
   const auto radius = static_cast<float>(options_.radius);
-  std::vector<std::pair<float, bool>> votes;  // squared distance, contradicts
+  votes.clear();
   const int column = cellOf(pixel.x(), columns_);
   const int row = cellOf(pixel.y(), rows_);
   for (int y = std::max(row - 1, 0); y <= std::min(row + 1, rows_ - 1); ++y) {
@@ -135,24 +137,41 @@ bool MovingParts::cover(const Eigen::Vector2f& pixel) const {
   return static_cast<double>(against) > options_.max_share * static_cast<double>(count);
 }
 
+std::vector<char> MovingParts::covered(const std::vector<Eigen::Vector2f>& pixels) const {
+  std::vector<char> covered(pixels.size(), 0);
+  if (contradicting_ == 0) return covered;
+  forEachRange(pixels.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    Votes votes;
+    for (std::size_t i = begin; i < end; ++i) covered[i] = cover(pixels[i], votes) ? 1 : 0;
+  });
+  return covered;
+}
+
 int MovingParts::removeCorners(InitialMap& map) const {
-  std::vector<char> covered(map.corners.size());
-  std::transform(
-      map.corners.begin(), map.corners.end(), covered.begin(), [this](const Corner& corner) {
-        return cover(corner.pixel.cast<float>()) ? 1 : 0;
-      });
-  init_orb::removeCorners(map, covered);
-  return static_cast<int>(covered.size() - map.corners.size());
+  std::vector<Eigen::Vector2f> pixels;
+  pixels.reserve(map.corners.size());
+  for (const Corner& corner : map.corners) pixels.push_back(corner.pixel.cast<float>());
+  init_orb::removeCorners(map, covered(pixels));
+  return static_cast<int>(pixels.size() - map.corners.size());
 }
 
 int MovingParts::removePoints(InitialMap& map) const {
-  const auto moves = [&](const SemiDensePoint& point) {
-    return point.observations < options_.min_found_share * point.searches || cover(point.pixel);
+  const auto rarely_found = [&](const SemiDensePoint& point) {
+    return point.observations < options_.min_found_share * point.searches;
   };
-  const auto end = std::remove_if(map.points.begin(), map.points.end(), moves);
-  const int removed = static_cast<int>(map.points.end() - end);
-  map.points.erase(end, map.points.end());
-  return removed;
+  const std::size_t before = map.points.size();
+  map.points.erase(std::remove_if(map.points.begin(), map.points.end(), rarely_found),
+                   map.points.end());
+  std::vector<Eigen::Vector2f> pixels;
+  pixels.reserve(map.points.size());
+  for (const SemiDensePoint& point : map.points) pixels.push_back(point.pixel);
+  const std::vector<char> moves = covered(pixels);
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < moves.size(); ++i) {
+    if (moves[i] == 0) map.points[kept++] = map.points[i];
+  }
+  map.points.resize(kept);
+  return static_cast<int>(before - kept);
 }
 
 }  // namespace dsorb::init_orb

@@ -8,6 +8,7 @@
 #include "init/orb/initial_map.h"
 
 #include <cstddef>
+#include <utility>
 #include <vector>
 
 namespace dsorb::init_orb {
@@ -32,8 +33,6 @@ class MovingParts {
 
   /// Tracks that contradict.
   [[nodiscard]] int contradicting() const { return contradicting_; }
-  /// Whether too many of the nearest tracks contradict. @param pixel in the reference
-  [[nodiscard]] bool cover(const Eigen::Vector2f& pixel) const;
 
   /// Takes the corners of these parts out of a map. @return their number
   int removeCorners(InitialMap& map) const;
@@ -46,6 +45,12 @@ class MovingParts {
     Eigen::Vector2f pixel;
     bool contradicts;
   };
+  using Votes = std::vector<std::pair<float, bool>>;  // squared distance [px^2], contradicts
+
+  /// Whether too many of the nearest tracks contradict. @param votes memory of the caller
+  [[nodiscard]] bool cover(const Eigen::Vector2f& pixel, Votes& votes) const;
+  /// @return by pixel of the reference, whether it is covered
+  [[nodiscard]] std::vector<char> covered(const std::vector<Eigen::Vector2f>& pixels) const;
   [[nodiscard]] int cellOf(float coordinate, int cells) const;
   [[nodiscard]] std::size_t cellIndex(int column, int row) const {
     return static_cast<std::size_t>(row) * static_cast<std::size_t>(columns_) +

@@ -2,6 +2,7 @@
 #include "init/orb/robust_adjustment.h"
 
 #include "base/median.h"
+#include "base/parallel.h"
 #include "camera/reprojection.h"
 #include "init/orb/adjustment_solvers.h"
 
@@ -18,26 +19,26 @@ namespace {
 constexpr double kMedianLength = 1.1774;
 constexpr double kMinSigma = 1e-3;  // [px]; exact tracks of synthetic maps
 
+constexpr std::size_t kGrain = 512;  // observations one thread projects at a time
+
 constexpr double kBehind = std::numeric_limits<double>::infinity();
 
 /// Reprojection error of every observation, whitened but for sigma; infinite behind a camera, NaN
 /// in frames without pose.
 std::vector<double> errorsOf(const InitialMap& map, const PinholeCamera& camera) {
-  std::vector<double> errors;
-  errors.reserve(map.observations.size());
-  for (const Observation& observation : map.observations) {
+  const auto error = [&](const Observation& observation) {
     const auto& pose = map.T_cam_ref[static_cast<std::size_t>(observation.frame)];
-    if (!pose) {
-      errors.push_back(std::numeric_limits<double>::quiet_NaN());
-      continue;
-    }
+    if (!pose) return std::numeric_limits<double>::quiet_NaN();
     const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
     const auto projection =
         projectHosted(camera, *pose, camera.unproject(corner.pixel), corner.inverse_depth);
-    errors.push_back(projection
-                         ? (observation.whitening * (projection->pixel - observation.pixel)).norm()
-                         : kBehind);
-  }
+    return projection ? (observation.whitening * (projection->pixel - observation.pixel)).norm()
+                      : kBehind;
+  };
+  std::vector<double> errors(map.observations.size());
+  forEachRange(errors.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) errors[i] = error(map.observations[i]);
+  });
   return errors;
 }
 
