@@ -82,6 +82,11 @@ class BlockPass {
     Best best;
     Direction direction;
   };
+  struct Candidate {
+    int x;
+    int y;
+    unsigned scales;  ///< sum
+  };
 
   [[nodiscard]] Scale open() const {
     return {{}, directions_[random_bytes_[fine_count_ % random_bytes_.size()] & 15U]};
@@ -113,9 +118,9 @@ class BlockPass {
     const int end_x = std::min(x0 + size_, frame_.width() - kMarginRight);
     const int end_y = std::min(y0 + size_, frame_.height() - kMarginBottom);
     for (int y = std::max(y0, kMarginLow); y < end_y; ++y) {
-      const std::uint8_t* types = scales_.row(y);
+      const std::uint8_t* scales = scales_.row(y);
       for (int x = begin_x; x < end_x; ++x) {
-        if (types[x] != 0) offer(x, y, types[x], fine, medium, coarse);
+        if (scales[x] != 0) offer({x, y, scales[x]}, fine, medium, coarse);
       }
     }
     if (fine.best.x >= 0) {
@@ -125,28 +130,29 @@ class BlockPass {
   }
 
   /// A pixel that qualifies at some scale. What a finer scale has found closes the coarser ones.
-  void offer(int x, int y, unsigned types, Scale& fine, Scale& medium, Scale& coarse) const {
-    if ((types & 1U) != 0) {
-      fine.best.offer(score(x, y, fine.direction), x, y);
+  void offer(const Candidate& pixel, Scale& fine, Scale& medium, Scale& coarse) const {
+    if ((pixel.scales & 1U) != 0) {
+      offerTo(fine, pixel);
       if (fine.best.x >= 0) {
         medium.best.close();
         coarse.best.close();
       }
     }
-    if (!medium.best.closed && (types & 2U) != 0) {
-      medium.best.offer(score(x, y, medium.direction), x, y);
+    if (!medium.best.closed && (pixel.scales & 2U) != 0) {
+      offerTo(medium, pixel);
       if (medium.best.x >= 0) {
         coarse.best.close();
       }
     }
-    if (!medium.best.closed && !coarse.best.closed && (types & 4U) != 0) {
-      coarse.best.offer(score(x, y, coarse.direction), x, y);
+    if (!coarse.best.closed && (pixel.scales & 4U) != 0) {
+      offerTo(coarse, pixel);
     }
   }
 
-  [[nodiscard]] float score(int x, int y, Direction direction) const {
-    const ImageSample& sample = frame_.level(0).at(x, y);
-    return std::abs(sample.dx * direction.x + sample.dy * direction.y);
+  void offerTo(Scale& scale, const Candidate& pixel) const {
+    const ImageSample& sample = frame_.level(0).at(pixel.x, pixel.y);
+    const Direction& direction = scale.direction;
+    scale.best.offer(std::abs(sample.dx * direction.x + sample.dy * direction.y), pixel.x, pixel.y);
   }
 
   void keep(const Best& best, int type) {
@@ -233,6 +239,8 @@ PixelSelector::PixelSelector(int width, int height, const PixelSelectorOptions& 
       height_(height),
       block_size_(options.first_block_size),
       random_bytes_(static_cast<std::size_t>(width) * static_cast<std::size_t>(height)) {
+  thresholds_.resize(width, height);
+  scales_.resize(width, height);
   Random random(static_cast<std::uint64_t>(options.seed));
   std::generate(random_bytes_.begin(), random_bytes_.end(), [&]() {
     return static_cast<std::uint8_t>(random.below(256));

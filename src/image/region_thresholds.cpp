@@ -26,16 +26,19 @@ float rawSquaredGradient(const ImageSample& sample, const ResponseSlope* slope) 
   return squared * factor * factor;
 }
 
-void RegionThresholds::compute(const Frame& frame, double above_median) {
-  const PyramidLevel& level = frame.level(0);
-  width_ = level.width();
-  regions_x_ = std::max(1, level.width() / kRegionSize);
-  regions_y_ = std::max(1, level.height() / kRegionSize);
-  const auto pixels =
-      static_cast<std::size_t>(level.width()) * static_cast<std::size_t>(level.height());
-  squared_gradients_.resize(pixels);
+void RegionThresholds::resize(int width, int height) {
+  width_ = width;
+  regions_x_ = std::max(1, width / kRegionSize);
+  regions_y_ = std::max(1, height / kRegionSize);
+  squared_gradients_.resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
   thresholds_.resize(static_cast<std::size_t>(regions_x_) * static_cast<std::size_t>(regions_y_));
   squared_thresholds_.resize(thresholds_.size());
+}
+
+void RegionThresholds::compute(const Frame& frame, double above_median) {
+  const PyramidLevel& level = frame.level(0);
+  resize(level.width(), level.height());
+  const std::size_t pixels = squared_gradients_.size();
   const ImageSample* samples = level.data();
   const ResponseSlope* slope = frame.responseSlope();
   forEachRange(pixels, kGrain, [&](std::size_t begin, std::size_t end) {

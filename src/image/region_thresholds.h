@@ -20,6 +20,8 @@ namespace dsorb {
 ///         the last one, invalid pixels do not vote
 class RegionThresholds {
  public:
+  /// Takes the memory for frames of one size; compute() does so where it has not been done.
+  void resize(int width, int height);
   /// @param above_median added to each region's median gradient [grey levels / px]
   void compute(const Frame& frame, double above_median);
 

@@ -26,8 +26,11 @@ template <int kLevel>
 void addLevel(const Frame& frame, const Run& run, float threshold, std::uint8_t* scales) {
   constexpr int kScale = 1 << kLevel;
   const ImageSample* samples = frame.level(kLevel).row(run.y >> kLevel);
+  const ResponseSlope* slope = frame.responseSlope();
   for (int x = run.begin; x < run.end; x += kScale) {
-    const float squared = rawSquaredGradient(samples[x >> kLevel], frame.responseSlope());
+    const ImageSample& sample = samples[x >> kLevel];
+    const float squared = slope == nullptr ? sample.dx * sample.dx + sample.dy * sample.dy
+                                           : rawSquaredGradient(sample, slope);
     if (!(squared > threshold)) continue;
     for (int i = 0; i < kScale; ++i) {
       scales[x + i] = static_cast<std::uint8_t>(scales[x + i] + kScale);
@@ -54,16 +57,20 @@ void fillRow(const Frame& frame,
 
 }  // namespace
 
+void ScaleMap::resize(int width, int height) {
+  width_ = width;
+  scales_.resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+}
+
 void ScaleMap::compute(const Frame& frame,
                        const RegionThresholds& thresholds,
                        float threshold_factor) {
-  width_ = frame.width();
-  const auto width = static_cast<std::size_t>(width_);
+  resize(frame.width(), frame.height());
   const auto height = static_cast<std::size_t>(frame.height());
-  scales_.resize(width * height);
   forEachRange(height, kRowGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t y = begin; y < end; ++y) {
-      fillRow(frame, thresholds, threshold_factor, static_cast<int>(y), scales_.data() + y * width);
+    for (auto y = static_cast<std::ptrdiff_t>(begin); y < static_cast<std::ptrdiff_t>(end); ++y) {
+      fillRow(
+          frame, thresholds, threshold_factor, static_cast<int>(y), scales_.data() + y * width_);
     }
   });
 }

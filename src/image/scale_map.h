@@ -18,6 +18,8 @@ namespace dsorb {
 ///         implementation
 class ScaleMap {
  public:
+  /// Takes the memory for frames of one size; compute() does so where it has not been done.
+  void resize(int width, int height);
   /// @param threshold_factor on squared gradients
   void compute(const Frame& frame, const RegionThresholds& thresholds, float threshold_factor);
 

@@ -184,6 +184,20 @@ TEST(PixelSelector, SameSeedGivesSamePixelsAndAnotherSeedOthers) {
   EXPECT_NE(places(1), places(2));
 }
 
+TEST(PixelSelector, SelectsLikeAFreshOneAfterAReset) {
+  const auto places = [](const std::vector<SelectedPixel>& pixels) {
+    std::vector<std::pair<int, int>> result;
+    for (const SelectedPixel& pixel : pixels) result.emplace_back(pixel.x, pixel.y);
+    return result;
+  };
+  const FramePtr frame = makeFrame(texture(kWidth, kHeight, 6, 5), kWidth);
+  const auto fresh = places(PixelSelector(kWidth, kHeight, {}).select(*frame, 2000));
+  PixelSelector used(kWidth, kHeight, {});
+  used.select(*makeFrame(texture(kWidth, kHeight, 8, 3), kWidth), 100);
+  used.reset();
+  EXPECT_EQ(places(used.select(*frame, 2000)), fresh);
+}
+
 TEST(PixelSelector, RefusesAFrameOfAnotherSize) {
   PixelSelector selector(kWidth, kHeight, {});
   const FramePtr other = makeFrame(texture(160, 120, 6, 6), 160);

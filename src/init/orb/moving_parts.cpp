@@ -150,7 +150,7 @@ std::vector<char> MovingParts::covered(const std::vector<Eigen::Vector2f>& pixel
 int MovingParts::removeCorners(InitialMap& map) const {
   std::vector<Eigen::Vector2f> pixels;
   pixels.reserve(map.corners.size());
-  for (const Corner& corner : map.corners) pixels.push_back(corner.pixel.cast<float>());
+  for (const Corner& corner : map.corners) pixels.emplace_back(corner.pixel.cast<float>());
   init_orb::removeCorners(map, covered(pixels));
   return static_cast<int>(pixels.size() - map.corners.size());
 }

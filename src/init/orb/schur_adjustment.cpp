@@ -38,7 +38,7 @@ class Elimination {
   [[nodiscard]] std::size_t blocks() const {
     return (inverse_.size() + kCornerBlock - 1) / kCornerBlock;
   }
-  CouplingRun run(const ReprojectionSums& sums, std::size_t block) const;
+  [[nodiscard]] CouplingRun run(const ReprojectionSums& sums, std::size_t block) const;
   void eliminate(const ReprojectionSums& sums);
 
   std::vector<double> inverse_;  // of the damped depth Hessian, by corner
@@ -102,9 +102,11 @@ std::optional<double> Elimination::solve(const ReprojectionSums& sums, double da
   poses_ = -cholesky.solve(right_);
   depths_.resize(sums.stride);
   double decrease = poses_.dot(damping * diagonal.cwiseProduct(poses_) - gradient);
-  for (std::size_t block = 0; block < blocks(); ++block) {
-    substituteBack(run(sums, block), poses_.data(), &depths_[block * kCornerBlock]);
-  }
+  forEachRange(blocks(), 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t block = begin; block < end; ++block) {
+      substituteBack(run(sums, block), poses_.data(), &depths_[block * kCornerBlock]);
+    }
+  });
   for (std::size_t i = 0; i < depths_.size(); ++i) {
     decrease +=
         depths_[i] * (damping * sums.depth_hessian[i] * depths_[i] - sums.depth_gradient[i]);
