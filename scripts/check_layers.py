@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: BSD-3-Clause
-"""Fails when a source file includes what its layer may not know (house rules: data flows one way)."""
+"""Fails when a source file includes what its layer may not know: data flows one way."""
 import re
 import subprocess
 import sys

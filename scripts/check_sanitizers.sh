@@ -10,6 +10,9 @@ cd "$(dirname "$0")/.."
 sanitize=${DSORB_SANITIZE:-address,undefined}
 frames=${DSORB_FRAMES:-50}
 sequences=("$@")
+for sequence in "${sequences[@]}"; do
+  [ -e "$sequence" ] || { echo "check_sanitizers: $sequence: no such sequence" >&2; exit 2; }
+done
 if [ ${#sequences[@]} -eq 0 ]; then
   data=${DSORB_DATA:-../shared/data}
   mapfile -t sequences < <(python3 -c 'import json, sys

@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/python3
 # SPDX-License-Identifier: BSD-3-Clause
 """Compare an output folder of dso_dataset with the truth of a synthetic sequence and print a small table.
 

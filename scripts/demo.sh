@@ -4,6 +4,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
+[ $# -eq 0 ] || { echo "usage: demo.sh (build folder: DSORB_BUILD_DIR, default build)" >&2; exit 2; }
 scripts/install_dependencies.sh python3-numpy python3-opencv
 build=${DSORB_BUILD_DIR:-build}
 if [ ! -f "$build/build.ninja" ]; then

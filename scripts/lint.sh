@@ -5,7 +5,12 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 build=${DSORB_BUILD_DIR:-build}
-if [ "${1:-}" = --since ]; then
+if [ $# -ne 0 ] && { [ $# -ne 2 ] || [ "$1" != --since ]; }; then
+  echo "usage: lint.sh [--since COMMIT]" >&2
+  exit 2
+fi
+[ -f "$build/compile_commands.json" ] || { echo "lint: no $build/compile_commands.json; configure $build first" >&2; exit 2; }
+if [ $# -eq 2 ]; then
   mapfile -t files < <(git diff --name-only --diff-filter=d "$2" -- 'src/*.cpp')
 else
   mapfile -t files < <(git ls-files 'src/*.cpp')

@@ -23,7 +23,7 @@ struct InitStep {
 };
 
 /// Finds the first poses, inverse depths and brightness from frames given one by one. The contract
-/// (house rules, section 5) is tested by one suite for every kind.
+/// (docs/library.md) is tested by one suite for every kind.
 class Initializer {
  public:
   virtual ~Initializer() = default;
