@@ -54,6 +54,18 @@ RunInfo describeRun(const CommandLine& request, const Config& config) {
   return info;
 }
 
+/// Keeps what the initializer said last.
+class InitializerListener : public OdometryObserver {
+ public:
+  void onInitStep(const InitStep& step, const Frame& /*frame*/, int /*segment*/) override {
+    last_ = step.reason;
+  }
+  [[nodiscard]] InitReason last() const { return last_; }
+
+ private:
+  InitReason last_ = InitReason::kFirstFrame;
+};
+
 /// What writes during a run.
 struct Writers {
   RunWriter* run = nullptr;
@@ -173,6 +185,7 @@ RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
   RunWriter writer(request.output, info);
   Writers writers{&writer};
   std::optional<io::RecordingWriter> recording;
+  InitializerListener initializer;
   std::optional<Odometry> odometry;
   RunResult result;
   try {
@@ -181,6 +194,7 @@ RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
     writer.setConfig(toYaml(config));
     odometry.emplace(reader.camera(), config.options);
     odometry->addObserver(&writer);
+    odometry->addObserver(&initializer);
     if (!request.record.empty()) {
       writers.recording = &recording.emplace(request.record, info, reader.camera());
       odometry->addObserver(&*recording);
@@ -189,6 +203,7 @@ RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
     result.interrupted = feeder.run(interrupt);
     result.frames_dropped = feeder.dropped();
     result.report = odometry->finish();
+    result.last_answer = initializer.last();
   } catch (...) {
     writeAfterError(writers, odometry);
     throw;

@@ -12,7 +12,8 @@ namespace dsorb::app {
 struct RunResult {
   RunStatus outcome = RunStatus::kError;  ///< tracked, lost or never initialized
   bool interrupted = false;
-  int frames_dropped = 0;  ///< left out because the run was late
+  int frames_dropped = 0;                            ///< left out because the run was late
+  InitReason last_answer = InitReason::kFirstFrame;  ///< of the initializer
   OdometryReport report;
 };
 

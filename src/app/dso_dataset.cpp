@@ -26,7 +26,11 @@ void printSummary(const app::CommandLine& request, const app::RunResult& result)
   const OdometryReport& report = result.report;
   const std::string dropped =
       request.speed > 0 ? fmt::format(", {} dropped", result.frames_dropped) : "";
-  fmt::print("{}{}: {} of {} frames tracked{}, {} keyframes, {} segments\n{}\n",
+  const std::string reason =
+      result.outcome == RunStatus::kTracked
+          ? ""
+          : fmt::format("the initializer's last answer: {}\n", name(result.last_answer));
+  fmt::print("{}{}: {} of {} frames tracked{}, {} keyframes, {} segments\n{}{}\n",
              name(result.outcome),
              result.interrupted ? " (interrupted)" : "",
              report.frames_tracked,
@@ -34,6 +38,7 @@ void printSummary(const app::CommandLine& request, const app::RunResult& result)
              dropped,
              report.keyframes,
              report.segments,
+             reason,
              request.output);
 }
 

@@ -61,6 +61,13 @@ TEST_F(DatasetFailures, WrongRangeLeavesTheEarlierResults) {
   EXPECT_EQ(runJson()["status"], "tracked");
 }
 
+TEST_F(DatasetFailures, RunThatNeverInitializedSaysWhatItWaitedFor) {
+  const ProgramResult result = run({room_.string(), "--end", "1"});
+  EXPECT_EQ(result.exit_code, 3);
+  EXPECT_THAT(result.out, HasSubstr("the initializer's last answer: first_frame"));
+  EXPECT_THAT(run({room_.string(), "--initializer", "orb-v1"}).out, Not(HasSubstr("last answer")));
+}
+
 TEST_F(DatasetFailures, RecordingOfAFailedRunSaysSo) {
   const fs::path copy = copyOfRoom();
   std::ofstream(copy / "images" / "00012.png") << "no image";
