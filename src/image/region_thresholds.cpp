@@ -66,19 +66,25 @@ void RegionThresholds::medianGradients(const PyramidLevel& level, double above_m
 }
 
 int RegionThresholds::medianGradient(const PyramidLevel& level, int region) const {
-  const int x0 = region % regions_x_ * kRegionSize;
-  const int y0 = region / regions_x_ * kRegionSize;
+  const int left = region % regions_x_ * kRegionSize;
+  const int top = region / regions_x_ * kRegionSize;
+  const int begin_x = std::max(left, 1);
+  const int width = std::min(left + kRegionSize, level.width() - 1) - begin_x;
+  const int end_y = std::min(top + kRegionSize, level.height() - 1);
   std::array<int, kGradientBins> histogram{};
+  std::array<int, kRegionSize> bins{};
   int count = 0;
-  for (int y = std::max(y0, 1); y < std::min(y0 + kRegionSize, level.height() - 1); ++y) {
-    const float* squared = squaredGradients(y);
-    const ImageSample* row = level.row(y);
-    for (int x = std::max(x0, 1); x < std::min(x0 + kRegionSize, level.width() - 1); ++x) {
-      if (std::isfinite(row[x].intensity)) {
-        const float gradient = std::min(std::sqrt(squared[x]), kGradientBins - 1.0F);
-        ++histogram[static_cast<std::size_t>(gradient)];
-        ++count;
-      }
+  for (int y = std::max(top, 1); y < end_y; ++y) {
+    const float* squared = squaredGradients(y) + begin_x;
+    const ImageSample* row = level.row(y) + begin_x;
+    for (int i = 0; i < width; ++i) {  // apart from the counting: several at once
+      bins[static_cast<std::size_t>(i)] =
+          static_cast<int>(std::min(std::sqrt(squared[i]), kGradientBins - 1.0F));
+    }
+    for (int i = 0; i < width; ++i) {
+      const int valid = std::isfinite(row[i].intensity) ? 1 : 0;
+      histogram[static_cast<std::size_t>(bins[static_cast<std::size_t>(i)])] += valid;
+      count += valid;
     }
   }
   const int half = (count + 1) / 2;

@@ -187,6 +187,7 @@ TEST(PixelSelector, SameSeedGivesSamePixelsAndAnotherSeedOthers) {
 TEST(PixelSelector, SelectsLikeAFreshOneAfterAReset) {
   const auto places = [](const std::vector<SelectedPixel>& pixels) {
     std::vector<std::pair<int, int>> result;
+    result.reserve(pixels.size());
     for (const SelectedPixel& pixel : pixels) result.emplace_back(pixel.x, pixel.y);
     return result;
   };
