@@ -7,6 +7,7 @@
 
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <array>
 #include <cmath>
@@ -154,10 +155,17 @@ void synthesize(const CommandLine& line) {
                                frame.timestamp,
                                frame.exposure};
   };
+  const bool is_terminal = isatty(STDERR_FILENO) == 1;  // elsewhere one line at the end is enough
   const auto progress = [&](int done) {
-    if (line.quiet) return;
-    fmt::print(stderr, "\r{}: {} of {} frames", line.output, done, sequence.length());
-    if (done == sequence.length()) fmt::print(stderr, "\n");
+    const bool is_last = done == sequence.length();
+    if (line.quiet || !(is_terminal || is_last)) return;
+    fmt::print(stderr,
+               "{}{}: {} of {} frames{}",
+               is_terminal ? "\r" : "",
+               line.output,
+               done,
+               sequence.length(),
+               is_last ? "\n" : "");
     std::fflush(stderr);
   };
   dsorb::writeDataset(description, make, progress);
