@@ -5,6 +5,7 @@
 #include "benchmark/rendered_frames.h"
 #include "init/orb/corner_polish.h"
 #include "init/orb/feature_tracks.h"
+#include "init/orb/geometric_covariance.h"
 #include "init/orb/map_scale.h"
 #include "init/orb/outlier_filter.h"
 #include "init/orb/photometric_adjustment.h"
@@ -96,12 +97,14 @@ BENCHMARK(polish)->Arg(1)->Arg(2)->UseRealTime()->Unit(benchmark::kMillisecond);
 void polishOtherPoses(benchmark::State& state) {
   const Start& from = start();
   InitialMap posed = from.map;
+  setCovariances(posed, room().camera, from.options.geometric);
   for (const int k : from.others) {
     posed.T_cam_ref[static_cast<std::size_t>(k)] = room().T_cam_first(k);
   }
   timeWithThreads(state, [&] {
     InitialMap map = posed;
-    polishPoses(map, room().camera, from.options.informed.polish, from.others);
+    polishPoses(
+        map, room().camera, from.options.geometric, from.options.informed.polish, from.others);
     return map.T_cam_ref.size();
   });
   state.counters["frames"] = static_cast<double>(from.others.size());

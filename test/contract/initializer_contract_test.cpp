@@ -108,6 +108,8 @@ TEST_P(InitializerContract, HandsOverEveryFrameSinceTheReference) {
   for (std::size_t i = 1; i < frames.size(); ++i) {
     EXPECT_EQ(frames[i].frame->id().value, frames[i - 1].frame->id().value + 1);
     EXPECT_TRUE(frames[i].T_cam_ref) << "frame " << i;
+    EXPECT_EQ(frames[i].covariance.has_value(), frames.back().covariance.has_value())
+        << "frame " << i;
   }
   EXPECT_EQ(result.steps.back().reason, InitReason::kDone);
   EXPECT_FALSE(result.result->report.stages.empty());

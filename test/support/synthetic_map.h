@@ -4,8 +4,10 @@
 #include "dsorb/camera/pinhole_camera.h"
 
 #include "base/random.h"
+#include "init/orb/image_cells.h"
 #include "init/orb/initial_map.h"
 
+#include <cstddef>
 #include <vector>
 
 namespace dsorb {
@@ -73,6 +75,21 @@ inline SyntheticMap makeSyntheticMap(const SyntheticMapOptions& options, std::ui
     scene.start.T_cam_ref[k] = SE3::exp(xi) * *scene.start.T_cam_ref[k];
   }
   return scene;
+}
+
+/// Adds the same error to all corners of a cell of the image, another in each frame.
+/// @param sigma each axis [px]
+inline void addSharedErrors(SyntheticMap& scene, double sigma, std::uint64_t seed) {
+  constexpr std::size_t kCells = static_cast<std::size_t>(init_orb::kCellsX) * init_orb::kCellsY;
+  Random random(seed);
+  std::vector<Eigen::Vector2d> errors(kCells * scene.start.frames.size());
+  for (Eigen::Vector2d& error : errors) error = {random.gaussian(), random.gaussian()};
+  for (init_orb::Observation& observation : scene.start.observations) {
+    const auto corner = static_cast<std::size_t>(observation.corner);
+    const std::size_t cell = init_orb::imageCell(scene.start.corners[corner].pixel, scene.camera);
+    observation.pixel +=
+        sigma * errors[kCells * static_cast<std::size_t>(observation.frame) + cell];
+  }
 }
 
 }  // namespace dsorb

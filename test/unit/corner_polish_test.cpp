@@ -3,10 +3,17 @@
 
 #include "base/random.h"
 #include "camera/reprojection.h"
+#include "init/orb/geometric_adjustment.h"
+#include "init/orb/map_assembly.h"
 #include "support/matchers.h"
 #include "support/plane_scene.h"
 
+#include <Eigen/LU>
 #include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
 
 namespace dsorb::init_orb {
 namespace {
@@ -97,6 +104,58 @@ TEST(CornerPolish, IsOffWithoutRounds) {
   PolishOptions options;
   options.rounds = 0;
   EXPECT_FALSE(polishCorners(made.map, made.scene.camera(), GeometricOptions(), options).accepted);
+}
+
+/// Adjusted frames 1 and 3, then frame 2 posed from the corners; its covariance.
+Matrix6d covarianceBetween(DisturbedMap& made, const PolishOptions& options) {
+  const PinholeCamera& camera = made.scene.camera();
+  GeometricOptions geometric;
+  geometric.sigma = 0.4;
+  made.map.T_cam_ref[2].reset();
+  EXPECT_TRUE(adjustGeometry(made.map, camera, geometric).usable);
+  const std::vector<int> others = poseOtherFrames(made.map, camera);
+  EXPECT_EQ(others, std::vector<int>{2});
+  polishPoses(made.map, camera, geometric, options, others);
+  EXPECT_TRUE(made.map.covariance[2]);
+  return made.map.covariance[2].value_or(Matrix6d::Zero());
+}
+
+/// Squared error of the rotation of frame 2 over its covariance, a third.
+double rotationRatio(const DisturbedMap& made, const Matrix6d& covariance) {
+  const Vector6d error = (made.truth[2] * made.map.T_cam_ref[2]->inverse()).log();
+  const Eigen::Vector3d turn = error.tail<3>();
+  return turn.dot(covariance.bottomRightCorner<3, 3>().inverse() * turn) / 3;
+}
+
+TEST(CornerPolish, SingleFramesGetACovariance) {
+  DisturbedMap made = makeDisturbedMap(0.4);
+  const Matrix6d covariance = covarianceBetween(made, {});
+  // Measured 2.0 and 0.0020 rad, margin x2.
+  EXPECT_LT(rotationRatio(made, covariance), 4) << covariance;
+  EXPECT_LT(std::sqrt(covariance(4, 4)), 0.004);
+}
+
+TEST(CornerPolish, SingleFramesGetTheCovarianceOfTheirTracksWithoutRounds) {
+  DisturbedMap made = makeDisturbedMap(0.4);
+  PolishOptions options;
+  options.rounds = 0;
+  const Matrix6d covariance = covarianceBetween(made, options);
+  // Measured 1.7 and 0.0028 rad, margin x2.
+  EXPECT_LT(rotationRatio(made, covariance), 4) << covariance;
+  EXPECT_LT(std::sqrt(covariance(4, 4)), 0.006);
+}
+
+TEST(CornerPolish, SingleFramesThatSeeNoCornerAreUncertain) {
+  DisturbedMap made = makeDisturbedMap(0.4);
+  std::vector<Observation>& observations = made.map.observations;
+  observations.erase(std::remove_if(observations.begin(),
+                                    observations.end(),
+                                    [](const Observation& seen) { return seen.frame == 2; }),
+                     observations.end());
+  const Matrix6d covariance = covarianceBetween(made, {});
+  const Vector6d motion = (made.truth[3] * made.truth[1].inverse()).log();
+  EXPECT_GT(covariance(4, 4), 0.2 * motion.tail<3>().squaredNorm());
+  EXPECT_LT(rotationRatio(made, covariance), 1);  // measured 0.06
 }
 
 }  // namespace

@@ -3,7 +3,6 @@
 
 #include "base/median.h"
 #include "init/orb/geometric_adjustment.h"
-#include "init/orb/image_cells.h"
 #include "init/orb/reprojection_cost.h"
 #include "support/jacobian_check.h"
 #include "support/matchers.h"
@@ -14,7 +13,6 @@
 #include <ceres/problem.h>
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <deque>
 #include <memory>
 #include <optional>
@@ -213,20 +211,6 @@ TEST(GeometricCovariance, EqualsSparseQrOfCeres) {
   for (std::size_t i = 0; i < 200; ++i) {
     const double expected = report.variance_factor * referee.depth(i);
     EXPECT_NEAR(scene.start.corners[i].variance / expected, 1, 1e-9) << i;
-  }
-}
-
-/// Adds the same error to all corners of a tenth by an eighth of the image, another in each frame.
-void addSharedErrors(SyntheticMap& scene, double sigma, std::uint64_t seed) {
-  constexpr std::size_t kCells = kCellsX * kCellsY;
-  Random random(seed);
-  std::vector<Eigen::Vector2d> errors(kCells * scene.start.frames.size());
-  for (Eigen::Vector2d& error : errors) error = {random.gaussian(), random.gaussian()};
-  for (Observation& observation : scene.start.observations) {
-    const Corner& corner = scene.start.corners[static_cast<std::size_t>(observation.corner)];
-    const std::size_t cell = imageCell(corner.pixel, scene.camera);
-    observation.pixel +=
-        sigma * errors[kCells * static_cast<std::size_t>(observation.frame) + cell];
   }
 }
 

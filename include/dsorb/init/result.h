@@ -31,7 +31,8 @@ enum class InitReason {
 [[nodiscard]] const char* name(InitReason reason);
 
 /// A frame since the reference. A frame that could not be posed has no pose instead of being
-/// hidden.
+/// hidden. Every other frame but the reference has a covariance where the initializer estimates
+/// them; it holds the common error of the structure, so those of two frames are not independent.
 struct PosedFrame {
   FramePtr frame;
   std::optional<SE3> T_cam_ref;

@@ -60,7 +60,8 @@ bool mapFrom(const ReferenceView& view, const AttemptContext& context, Attempt& 
   if (!usable) return false;
   context.clock.time("pose", [&] {
     const std::vector<int> frames = poseOtherFrames(*attempt.map, context.camera);
-    polishPoses(*attempt.map, context.camera, context.options.orb.informed.polish, frames);
+    const OrbOptions& orb = context.options.orb;
+    polishPoses(*attempt.map, context.camera, orb.geometric, orb.informed.polish, frames);
   });
   return true;
 }

@@ -31,11 +31,14 @@ PolishReport polishCorners(InitialMap& map,
                            const PolishOptions& options);
 
 /// The same measurements for single frames: their poses are fitted to them, all inverse depths and
-/// all other poses stay. Sets the brightness of the frames as well.
-/// @param map    every frame posed; observations are left as they are
-/// @param frames indices, none of them the reference
+/// all other poses stay. Sets the brightness and the covariance of the frames as well.
+/// @param map       every frame posed, adjusted frames with their joint covariance; observations
+///                  are left as they are
+/// @param geometric of the adjustment: its robust loss and variance factor
+/// @param frames    indices, none of them adjusted nor the reference
 void polishPoses(InitialMap& map,
                  const PinholeCamera& camera,
+                 const GeometricOptions& geometric,
                  const PolishOptions& options,
                  const std::vector<int>& frames);
 

@@ -56,10 +56,13 @@ Eigen::MatrixXd cellGradients(const InitialMap& map,
 
 void setPoseCovariances(InitialMap& map, const PoseRows& pose_rows, const Eigen::MatrixXd& joint) {
   map.joint_covariance = joint;
+  map.joint_frames.clear();
   for (std::size_t k = 1; k < map.frames.size(); ++k) {
     map.covariance[k].reset();
     const int row = pose_rows.first[k];
-    if (row >= 0) map.covariance[k] = joint.block<kPoseSize, kPoseSize>(row, row);
+    if (row < 0) continue;
+    map.joint_frames.push_back(static_cast<int>(k));
+    map.covariance[k] = joint.block<kPoseSize, kPoseSize>(row, row);
   }
 }
 

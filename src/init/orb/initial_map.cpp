@@ -1,9 +1,16 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/initial_map.h"
 
+#include <algorithm>
 #include <cstddef>
 
 namespace dsorb::init_orb {
+
+Eigen::Index jointRow(const InitialMap& map, std::size_t frame) {
+  const auto found =
+      std::find(map.joint_frames.begin(), map.joint_frames.end(), static_cast<int>(frame));
+  return found == map.joint_frames.end() ? -1 : 6 * (found - map.joint_frames.begin());
+}
 
 void removeCorners(InitialMap& map, const std::vector<char>& removed) {
   std::vector<int> new_index(map.corners.size(), -1);

@@ -42,12 +42,16 @@ struct InitialMap {
   std::vector<FramePtr> frames;                     ///< front is the reference
   std::vector<std::optional<SE3>> T_cam_ref;        ///< one a frame, identity first
   std::vector<std::optional<Matrix6d>> covariance;  ///< of a left increment, one a frame
-  Eigen::MatrixXd joint_covariance;  ///< of all posed frames but the first, 6 rows each, in order
+  std::vector<int> joint_frames;         ///< adjusted together, ascending, without the reference
+  Eigen::MatrixXd joint_covariance;      ///< of the joint frames' left increments, 6 rows each
   std::vector<AffineBrightness> affine;  ///< one a frame, zero first
   std::vector<Corner> corners;
   std::vector<Observation> observations;  ///< sorted by corner, then frame
   std::vector<SemiDensePoint> points;
 };
+
+/// First row of a frame in the joint covariance; -1 when it has none.
+Eigen::Index jointRow(const InitialMap& map, std::size_t frame);
 
 /// Removes the marked corners with their observations. @param removed one a corner
 void removeCorners(InitialMap& map, const std::vector<char>& removed);

@@ -14,8 +14,6 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr double kTrackSigma = 1;  // [px], generous: the inverse depths may be rough
-
 /// Sightings of the corners by frame.
 std::vector<std::vector<PointSighting>> sightingsByFrame(const InitialMap& map,
                                                          const PinholeCamera& camera) {

@@ -262,25 +262,32 @@ namespace {
 
 /// The corners' covariance of some frames' poses, 6 rows each; zero when there is none.
 Eigen::MatrixXd geometricCovariance(const InitialMap& map, const PhotometricProblem& problem) {
-  std::vector<Eigen::Index> rows(map.frames.size(), -1);
-  Eigen::Index size = 0;
-  for (std::size_t k = 1; k < map.frames.size(); ++k) {
-    if (!map.T_cam_ref[k]) continue;
-    rows[k] = size;
-    size += 6;
-  }
   const auto count = static_cast<Eigen::Index>(problem.frames.size());
   Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(6 * count, 6 * count);
-  if (map.joint_covariance.rows() != size) return covariance;
   const auto row_of = [&](Eigen::Index frame) {
-    return rows[problem.frames[static_cast<std::size_t>(frame)].index];
+    return jointRow(map, problem.frames[static_cast<std::size_t>(frame)].index);
   };
+  for (Eigen::Index i = 0; i < count; ++i) {
+    if (row_of(i) < 0) return covariance;
+  }
   for (Eigen::Index i = 0; i < count; ++i) {
     for (Eigen::Index j = 0; j < count; ++j) {
       covariance.block<6, 6>(6 * i, 6 * j) = map.joint_covariance.block<6, 6>(row_of(i), row_of(j));
     }
   }
   return covariance;
+}
+
+void setPoseCovariances(const PhotometricProblem& problem,
+                        const Eigen::MatrixXd& joint,
+                        InitialMap& map) {
+  map.joint_covariance = joint;
+  map.joint_frames.clear();
+  for (std::size_t f = 0; f < problem.frames.size(); ++f) {
+    const auto at = static_cast<Eigen::Index>(6 * f);
+    map.covariance[problem.frames[f].index] = joint.block<6, 6>(at, at);
+    map.joint_frames.push_back(static_cast<int>(problem.frames[f].index));
+  }
 }
 
 /// speedOf() every patch.
@@ -312,10 +319,7 @@ bool setPhotometricVariances(InitialMap& map,
       poses_moved
           ? Eigen::MatrixXd(options.pose_variance_factor * evidence.clusteredPoseCovariance())
           : geometricCovariance(map, problem);
-  for (std::size_t f = 0; poses_moved && f < problem.frames.size(); ++f) {
-    const auto at = static_cast<Eigen::Index>(6 * f);
-    map.covariance[problem.frames[f].index] = poses.block<6, 6>(at, at);
-  }
+  if (poses_moved) setPoseCovariances(problem, poses, map);
   const Eigen::VectorXd variances = evidence.variances(poses);
   const std::vector<double> speeds = speedsOf(problem, state, map.frames.front()->level(0));
   const std::size_t corners = map.corners.size();

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/pose_from_points.h"
 
-#include "init/orb/reprojection_kernels.h"
-
 #include <Eigen/Cholesky>
 
 #include <cmath>
@@ -62,12 +60,26 @@ class SightingArrays {
 
 }  // namespace
 
+double huberLimit(double sigma) {
+  return kHuberLimit * sigma;
+}
+
+std::optional<PoseSums> poseEquations(const std::vector<PointSighting>& sightings,
+                                      const PinholeCamera& camera,
+                                      const SE3& T_cam_host,
+                                      double sigma) {
+  if (sightings.size() < kMinSightings) return std::nullopt;
+  const PoseSums sums = SightingArrays(sightings).linearize(camera, T_cam_host, huberLimit(sigma));
+  if (2 * sums.within < static_cast<double>(sightings.size())) return std::nullopt;
+  return sums;
+}
+
 std::optional<SE3> poseFromPoints(const std::vector<PointSighting>& sightings,
                                   const PinholeCamera& camera,
                                   const SE3& guess,
                                   double sigma) {
   if (sightings.size() < kMinSightings) return std::nullopt;
-  const double limit = kHuberLimit * sigma;
+  const double limit = huberLimit(sigma);
   const SightingArrays arrays(sightings);
   SE3 T_cam_host = guess;
   for (int iteration = 0; iteration < kMaxIterations; ++iteration) {

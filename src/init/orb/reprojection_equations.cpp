@@ -37,6 +37,14 @@ PoseRows::PoseRows(const InitialMap& map) : first(map.frames.size(), -1) {
   }
 }
 
+PoseRows::PoseRows(const InitialMap& map, const std::vector<int>& frames)
+    : first(map.frames.size(), -1) {
+  for (const int frame : frames) {
+    first[static_cast<std::size_t>(frame)] = size;
+    size += kPoseSize;
+  }
+}
+
 Eigen::VectorXd scaleDirection(const InitialMap& map, const PoseRows& rows) {
   Eigen::VectorXd direction = Eigen::VectorXd::Zero(rows.size);
   for (std::size_t k = 1; k < map.frames.size(); ++k) {

@@ -17,6 +17,8 @@ namespace dsorb::init_orb {
 /// Where the unknowns of the posed frames stand in the equations.
 struct PoseRows {
   explicit PoseRows(const InitialMap& map);
+  /// @param frames posed, ascending, without the reference; no others have rows
+  PoseRows(const InitialMap& map, const std::vector<int>& frames);
 
   std::vector<int> first;  ///< one a frame; -1 for the reference and unposed frames
   int size = 0;            ///< of all poses together

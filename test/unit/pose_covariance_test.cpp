@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/pose_covariance.h"
+
+#include "base/median.h"
+#include "base/random.h"
+#include "init/orb/geometric_adjustment.h"
+#include "init/orb/map_assembly.h"
+#include "init/orb/reprojection_equations.h"
+#include "support/jacobian_check.h"
+#include "support/synthetic_map.h"
+
+#include <Eigen/LU>
+#include <gtest/gtest.h>
+
+#include <vector>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr int kFrames = 9;
+
+/// Every second frame is adjusted, the newest too; the others are posed from the corners.
+bool isAdjusted(int frame) {
+  return frame > 0 && frame % 2 == 0;
+}
+
+GeometricOptions options(double pose_variance_factor) {
+  GeometricOptions options;
+  options.sigma = 1;
+  options.loss = RobustLoss::kHuber;
+  options.loss_threshold = 2.4474;
+  options.pose_variance_factor = pose_variance_factor;
+  return options;
+}
+
+std::vector<PointSighting> sightingsIn(const InitialMap& map,
+                                       const PinholeCamera& camera,
+                                       int frame) {
+  std::vector<PointSighting> sightings;
+  for (const Observation& observation : map.observations) {
+    if (observation.frame != frame) continue;
+    const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
+    sightings.push_back({camera.unproject(corner.pixel), corner.inverse_depth, observation.pixel});
+  }
+  return sightings;
+}
+
+/// Medians over maps and frames of the squared error of the pose over its covariance, a sixth.
+struct Ratios {
+  double adjusted = 0;
+  double between = 0;
+  double between_own = 0;  ///< without the inherited part
+};
+
+Ratios measure(const SyntheticMapOptions& kind, double shared, double pose_variance_factor) {
+  std::vector<double> adjusted;
+  std::vector<double> between;
+  std::vector<double> between_own;
+  for (std::uint64_t seed = 100; seed < 130; ++seed) {
+    SyntheticMap scene = makeSyntheticMap(kind, seed);
+    addSharedErrors(scene, shared, seed);
+    InitialMap& map = scene.start;
+    for (int k = 1; k < kFrames; ++k) {
+      if (!isAdjusted(k)) map.T_cam_ref[static_cast<std::size_t>(k)].reset();
+    }
+    EXPECT_TRUE(adjustGeometry(map, scene.camera, options(pose_variance_factor)).usable);
+    EXPECT_EQ(map.corners.size(), scene.truth.corners.size());  // else the gauge is another
+    poseOtherFrames(map, scene.camera);
+    const InheritedPoseError inherited(map, scene.camera, options(pose_variance_factor));
+    for (int k = 1; k < kFrames; ++k) {
+      const auto at = static_cast<std::size_t>(k);
+      const SE3& T = *map.T_cam_ref[at];
+      const Vector6d error = (*scene.truth.T_cam_ref[at] * T.inverse()).log();
+      const auto ratio = [&](const Matrix6d& covariance) {
+        return error.dot(covariance.inverse() * error) / 6;
+      };
+      if (isAdjusted(k)) {
+        adjusted.push_back(ratio(*map.covariance[at]));
+        continue;
+      }
+      const auto own = poseCovariance(
+          sightingsIn(map, scene.camera, k), scene.camera, T, {1, pose_variance_factor});
+      EXPECT_TRUE(own);
+      between.push_back(ratio(*own + inherited.covariance(T)));
+      between_own.push_back(ratio(*own));
+    }
+  }
+  return {medianOf(adjusted), medianOf(between), medianOf(between_own)};
+}
+
+TEST(PoseCovariance, PredictsTheSpreadOfPosesFromNoisySightings) {
+  const Ratios ratios = measure({200, kFrames, 0.3, 0.02}, 0, 0);
+  // Expected 0.891, chi-square 6 over 6. Measured 0.893, 0.968 and 1.28.
+  EXPECT_NEAR(ratios.adjusted, 0.891, 0.15);
+  EXPECT_NEAR(ratios.between, 0.891, 0.2);
+  EXPECT_GT(ratios.between_own, ratios.between + 0.15);
+}
+
+TEST(PoseCovariance, ClusteredPredictsErrorsThatNeighboursShare) {
+  const Ratios ratios = measure({600, kFrames, 0.1, 0.02}, 0.3, 1);
+  // Measured 0.833, 0.832 and 1.31; formal covariances: 6.9.
+  EXPECT_NEAR(ratios.adjusted, 0.891, 0.2);
+  EXPECT_NEAR(ratios.between, 0.891, 0.2);
+  EXPECT_GT(ratios.between_own, ratios.between + 0.2);
+  EXPECT_GT(measure({600, kFrames, 0.1, 0.02}, 0.3, 0).between, 4);
+}
+
+TEST(PoseCovariance, ResponseIsThatOfAPoseFittedToTheMovedStructure) {
+  SyntheticMap scene = makeSyntheticMap({300, kFrames, 0.05, 0.02}, 3);
+  InitialMap& map = scene.start;
+  for (int k = 1; k < kFrames; ++k) {
+    if (!isAdjusted(k)) map.T_cam_ref[static_cast<std::size_t>(k)].reset();
+  }
+  ASSERT_TRUE(adjustGeometry(map, scene.camera, options(0)).usable);
+  poseOtherFrames(map, scene.camera);
+  const InheritedPoseError inherited(map, scene.camera, options(0));
+  const PoseRows rows(map, map.joint_frames);
+  const ReprojectionEquations system = linearize(map, {}, rows, scene.camera, options(0));
+  Random random(4);
+  Eigen::VectorXd moved(rows.size);
+  for (double& value : moved) value = 1e-4 * random.gaussian();
+  for (int k = 1; k < kFrames; k += 2) {
+    const SE3& before = *map.T_cam_ref[static_cast<std::size_t>(k)];
+    std::vector<PointSighting> sightings = sightingsIn(map, scene.camera, k);
+    const auto fitted = poseFromPoints(sightings, scene.camera, before, 1);
+    for (std::size_t i = 0; i < sightings.size(); ++i) {
+      const auto at = static_cast<Eigen::Index>(i);  // every frame sees every corner, in order
+      sightings[i].inverse_depth -= system.coupling.col(at).dot(moved) / system.depth_hessian[at];
+    }
+    const auto after = poseFromPoints(sightings, scene.camera, before, 1);
+    ASSERT_TRUE(fitted && after);
+    const Vector6d expected = (*after * fitted->inverse()).log();
+    const Vector6d response = inherited.response(before) * moved;
+    // First order in the motion: measured 0.064, 0.15, 0.24, 0.34; the camera's way ends at an
+    // eighth to a half of the points' depths.
+    EXPECT_LT((response - expected).norm(), 0.08 * k * expected.norm()) << k;
+  }
+}
+
+TEST(PoseCovariance, HoldsTheStepThatTheSightingsStillAskFor) {
+  const SyntheticMap scene = makeSyntheticMap({100, kFrames, 0, 0}, 5);
+  const std::vector<PointSighting> sightings = sightingsIn(scene.truth, scene.camera, 4);
+  Vector6d step;
+  step << 1e-3, -2e-3, 1e-3, 5e-4, 1e-3, -1e-3;
+  const SE3 displaced = SE3::exp(step) * *scene.truth.T_cam_ref[4];
+  const auto covariance = poseCovariance(sightings, scene.camera, displaced, {1, 0});
+  ASSERT_TRUE(covariance);
+  const Vector6d along = step.normalized();
+  // Measured 1.023: the errors that the step leaves behind are taken for noise, too.
+  EXPECT_NEAR(along.dot(*covariance * along) / step.squaredNorm(), 1.0, 0.05);
+}
+
+TEST(PoseCovariance, SaysNothingWhereThePoseWouldNotBeTaken) {
+  const SyntheticMap scene = makeSyntheticMap({100, kFrames, 0, 0}, 6);
+  std::vector<PointSighting> sightings = sightingsIn(scene.truth, scene.camera, 4);
+  const SE3& T = *scene.truth.T_cam_ref[4];
+  EXPECT_TRUE(poseCovariance(sightings, scene.camera, T, {1, 4}));
+  std::vector<PointSighting> wrong = sightings;
+  for (std::size_t i = 0; i < 60; ++i) wrong[i].pixel.x() += 50;
+  EXPECT_FALSE(poseCovariance(wrong, scene.camera, T, {1, 4}));
+  sightings.resize(9);
+  EXPECT_FALSE(poseCovariance(sightings, scene.camera, T, {1, 4}));
+}
+
+TEST(PoseCovariance, InterpolatedPoseIsAsUncertainAsTheMotionAroundIt) {
+  SyntheticMap scene = makeSyntheticMap({100, kFrames, 0.1, 0}, 7);
+  InitialMap& map = scene.start;
+  for (int k = 1; k < kFrames; ++k) {
+    if (!isAdjusted(k)) map.T_cam_ref[static_cast<std::size_t>(k)].reset();
+  }
+  ASSERT_TRUE(adjustGeometry(map, scene.camera, options(0)).usable);
+  for (const int k : {1, 5}) {
+    const auto before = static_cast<std::size_t>(k - 1);
+    const auto after = static_cast<std::size_t>(k + 1);
+    const Vector6d motion = (*map.T_cam_ref[after] * map.T_cam_ref[before]->inverse()).log();
+    const Matrix6d covariance = interpolatedCovariance(map, k);
+    const Vector6d variances = covariance.diagonal();
+    EXPECT_GT(variances.head<3>().minCoeff(), 0.25 * motion.head<3>().squaredNorm());
+    EXPECT_GT(variances.tail<3>().minCoeff(), 0.25 * motion.tail<3>().squaredNorm());
+    EXPECT_LT(relativeDifference(covariance, covariance.transpose()), 1e-12);
+  }
+}
+
+}  // namespace
+}  // namespace dsorb::init_orb
