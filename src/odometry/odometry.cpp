@@ -236,7 +236,7 @@ class Odometry::Impl {
       lose(std::nullopt);
       return false;
     }
-    if (probation_.active() && !probation_.passes(update.keyframes_so_far, update.rms)) {
+    if (probation_.active() && !probation_.passes(update.rms)) {
       withdraw(WithdrawalReason::kResidual);
       return false;
     }

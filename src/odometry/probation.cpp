@@ -8,6 +8,7 @@ namespace dsorb::odometry {
 
 void Probation::begin(const InitializationResult& result) {
   frames_.clear();
+  keyframes_ = 1;
   for (const PosedFrame& posed : result.frames) add(posed.frame);
 }
 
@@ -16,21 +17,22 @@ void Probation::add(const FramePtr& frame) {
   if (frames_.size() > static_cast<std::size_t>(options_.max_frames)) frames_.pop_front();
 }
 
-bool Probation::passes(int keyframes, double rms) {
+bool Probation::passes(double rms) {
+  ++keyframes_;
   double limit = std::numeric_limits<double>::infinity();
-  if (keyframes <= 2) {
+  if (keyframes_ <= 2) {
     limit = options_.max_rms_second;
-  } else if (keyframes == 3) {
+  } else if (keyframes_ == 3) {
     limit = options_.max_rms_third;
-  } else if (keyframes == 4) {
+  } else if (keyframes_ == 4) {
     limit = options_.max_rms_fourth;
   }
   judgement_ = {};
-  judgement_.keyframes = keyframes;
+  judgement_.keyframes = keyframes_;
   judgement_.rms = rms;
   judgement_.limit = limit;
   if (!(rms <= limit)) return false;
-  if (keyframes >= 4) frames_.clear();
+  if (keyframes_ >= 4) frames_.clear();
   return true;
 }
 

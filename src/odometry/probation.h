@@ -21,11 +21,11 @@ class Probation {
   void begin(const InitializationResult& result);
   /// A further frame; the oldest are forgotten when they become too many.
   void add(const FramePtr& frame);
-  /// Judges an adjustment; after the last judged one probation ends.
-  /// @param keyframes  since the initialization, the newest included
-  /// @param rms        of a pixel's residual [grey levels]
-  /// @return           whether the map may stay
-  [[nodiscard]] bool passes(int keyframes, double rms);
+  /// Judges the next adjustment; after the last judged one probation ends. The first is that of the
+  /// initialization: whatever it made keyframes, reference and newest frame count.
+  /// @param rms of a pixel's residual [grey levels]
+  /// @return    whether the map may stay
+  [[nodiscard]] bool passes(double rms);
   /// The last judgement, as observers are told of it; without frame, segment and reason.
   [[nodiscard]] const Withdrawal& judgement() const { return judgement_; }
   /// Ends it. @return the frames to be used again, without the reference
@@ -36,6 +36,7 @@ class Probation {
  private:
   ProbationOptions options_;
   std::deque<FramePtr> frames_;
+  int keyframes_ = 0;
   Withdrawal judgement_;
 };
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "odometry/seed_window.h"
 
+#include "base/spread_frames.h"
 #include "window/handover.h"
 #include "window/point_activation.h"
 
@@ -12,9 +13,11 @@ namespace {
 
 constexpr double kNearlyFull = 0.9;  // of the wanted points; the rest is not worth a search
 
-/// Indices of the frames that become keyframes, ascending: the reference, the newest, and as many
-/// hosts as the window holds, those with most points first.
-std::vector<std::size_t> keyframesOf(const InitializationResult& result, int max_keyframes) {
+/// Indices of the frames that become keyframes, ascending: the reference, the newest, as many hosts
+/// as the window holds, those with most points first, and evenly spread frames up to the wanted
+/// number: the more frames see the first points, the better their depths.
+std::vector<std::size_t> keyframesOf(const InitializationResult& result,
+                                     const WindowOptions& options) {
   const std::size_t newest = result.frames.size() - 1;
   std::vector<int> hosted(result.frames.size(), 0);
   for (const InitPoint& point : result.points) ++hosted[static_cast<std::size_t>(point.host)];
@@ -25,11 +28,18 @@ std::vector<std::size_t> keyframesOf(const InitializationResult& result, int max
   std::stable_sort(hosts.begin(), hosts.end(), [&](std::size_t l, std::size_t r) {
     return hosted[l] > hosted[r];
   });
-  hosts.resize(std::min(hosts.size(), static_cast<std::size_t>(max_keyframes - 2)));
-  hosts.push_back(0);
-  hosts.push_back(newest);
-  std::sort(hosts.begin(), hosts.end());
-  return hosts;
+  hosts.resize(std::min(hosts.size(), static_cast<std::size_t>(options.max_keyframes - 2)));
+  std::vector<std::size_t> keyframes = {0, newest};
+  keyframes.insert(keyframes.end(), hosts.begin(), hosts.end());
+  const int wanted = std::min(options.first_keyframes, options.max_keyframes);
+  for (const int frame : spreadFrames(static_cast<int>(result.frames.size()), wanted)) {
+    if (keyframes.size() >= static_cast<std::size_t>(wanted)) break;
+    const auto i = static_cast<std::size_t>(frame);
+    const bool is_new = std::find(keyframes.begin(), keyframes.end(), i) == keyframes.end();
+    if (result.frames[i].T_cam_ref && is_new) keyframes.push_back(i);
+  }
+  std::sort(keyframes.begin(), keyframes.end());
+  return keyframes;
 }
 
 std::vector<window::SeedPoint> pointsOf(const InitializationResult& result, std::size_t host) {
@@ -85,7 +95,7 @@ window::Window seedWindow(const InitializationResult& result,
                           PixelSelector& selector,
                           std::size_t grain) {
   window::Window window(camera, options.depth.activation.initial_distance);
-  const std::vector<std::size_t> keyframes = keyframesOf(result, options.window.max_keyframes);
+  const std::vector<std::size_t> keyframes = keyframesOf(result, options.window);
   std::vector<std::vector<window::SeedPoint>> points;
   std::size_t total = 0;
   for (const std::size_t i : keyframes) {

@@ -12,9 +12,10 @@
 
 namespace dsorb::odometry {
 
-/// The first window from any initialization, ready for its first adjustment: reference, hosts and
-/// newest frame are keyframes at the given poses and brightness; points are thinned on a grid, the
-/// most certain first, with prior information from their variances. Where they are fewer than the
+/// The first window from any initialization, ready for its first adjustment: reference, hosts,
+/// newest frame and, up to WindowOptions::first_keyframes, frames between are keyframes at the
+/// given poses and brightness; points are thinned on a grid, the most certain first, with prior
+/// information from their variances. Where they are fewer than the
 /// window wants, selected pixels of the reference become candidates, are searched in the posed
 /// frames and, where there is room, become points as well.
 /// @param selector of the keyframes' candidate pixels

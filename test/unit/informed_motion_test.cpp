@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Motion by information, without images: essential matrix, competition of models, gate, noise.
+#include "base/spread_frames.h"
 #include "init/orb/essential_motion.h"
 #include "init/orb/model_competition.h"
 #include "init/orb/motion_candidates.h"
 #include "init/orb/robust_adjustment.h"
 #include "init/orb/rotation_only.h"
-#include "init/orb/spread_frames.h"
 #include "init/orb/start_gate.h"
 #include "support/matchers.h"
 #include "support/synthetic_map.h"

@@ -51,6 +51,7 @@ class SeedWindow : public ::testing::Test {
 };
 
 TEST_F(SeedWindow, ReferenceAndNewestFrameBecomeKeyframesAtTheGivenPoses) {
+  options_.window.first_keyframes = 2;
   const InitializationResult result = resultWith(8);
   const window::Window window = seed(result);
   ASSERT_EQ(window.keyframes.size(), 2U);
@@ -59,6 +60,21 @@ TEST_F(SeedWindow, ReferenceAndNewestFrameBecomeKeyframesAtTheGivenPoses) {
   EXPECT_THAT(window.keyframes[0].T_cam_world(), Se3Near(SE3(), 1e-12, 1e-12));
   EXPECT_THAT(window.keyframes[1].T_cam_world(),
               Se3Near(*result.frames.back().T_cam_ref, 1e-12, 1e-12));
+}
+
+TEST_F(SeedWindow, PosedFramesBetweenBecomeKeyframesThatSeeThePoints) {
+  options_.window.first_keyframes = 4;
+  options_.window.desired_points = 300;  // nothing is added
+  InitializationResult result = resultWith(8);
+  result.frames[3].T_cam_ref.reset();
+  const window::Window window = seed(result);
+  ASSERT_EQ(window.keyframes.size(), 3U) << "frame 3 has no pose";
+  EXPECT_EQ(window.keyframes[1].frame, result.frames[2].frame);
+  EXPECT_THAT(window.keyframes[1].T_cam_world(),
+              Se3Near(*result.frames[2].T_cam_ref, 1e-12, 1e-12));
+  for (const window::WindowPoint& point : window.keyframes[0].points) {
+    EXPECT_EQ(point.num_observations, 2) << "one to each other keyframe";
+  }
 }
 
 TEST_F(SeedWindow, ManyPointsAreThinnedAndNothingIsAdded) {
@@ -98,6 +114,7 @@ TEST_F(SeedWindow, UnknownVariancesGiveNoPrior) {
 }
 
 TEST_F(SeedWindow, HostsBetweenBecomeKeyframesWithTheirPoints) {
+  options_.window.first_keyframes = 2;
   InitializationResult result = resultWith(8);
   for (std::size_t i = 0; i < result.points.size(); i += 3) result.points[i].host = 2;
   const window::Window window = seed(result);

@@ -62,7 +62,7 @@ struct Withdrawal {
   FrameId frame;  ///< the newest one given
   int segment = 0;
   WithdrawalReason reason = WithdrawalReason::kResidual;
-  int keyframes = 0;  ///< since the start, at the last adjustment
+  int keyframes = 0;  ///< since the start, which counts as two, at the last adjustment
   double rms = 0;     ///< of a pixel's residual after it [grey levels]
   double limit = 0;   ///< it had to keep to [grey levels]
 };

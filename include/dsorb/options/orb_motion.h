@@ -15,14 +15,14 @@ enum class MotionMethod {
 /// @source measured on 5250 windows: of all numbers tried the predicted error of the direction of
 ///         translation tells right starts from wrong ones best
 struct GateOptions {
-  int min_points = 60;                   ///< corners left after the adjustment
-  double min_track_share = 0.5;          ///< of the reference's live tracks they must be
-  double min_front_share = 0.8;          ///< of them, in front of the camera
-  double max_direction_sigma_deg = 1.0;  ///< predicted, as if 100 corners had been seen
-  double max_fitted_sigma_deg = 0.25;    ///< the same from the residuals as they are
-  double min_parallax_deg = 1.5;         ///< median angle under which both cameras see a corner
-  double sharp_sigma_deg = 0.35;         ///< predicted, up to it sharp_parallax_deg is enough
-  double sharp_parallax_deg = 1;         ///< wide views tell the direction before the depths
+  int min_points = 60;                    ///< corners left after the adjustment
+  double min_track_share = 0.5;           ///< of the reference's live tracks they must be
+  double min_front_share = 0.8;           ///< of them, in front of the camera
+  double max_direction_sigma_deg = 0.98;  ///< predicted, as if 100 corners had been seen
+  double max_fitted_sigma_deg = 0.25;     ///< the same from the residuals as they are
+  double min_parallax_deg = 1.5;          ///< median angle under which both cameras see a corner
+  double sharp_sigma_deg = 0.35;          ///< predicted, up to it sharp_parallax_deg is enough
+  double sharp_parallax_deg = 0.9;        ///< wide views tell the direction before the depths
 };
 
 template <typename Visitor, typename Options>

@@ -98,6 +98,8 @@ DescribeFor<Options, KeyframePolicyOptions> describe(Visitor& visit, Options& o)
 struct WindowOptions {
   int min_keyframes = 5;
   int max_keyframes = 7;  ///< after marginalisation; one more while optimising
+  int first_keyframes =
+      4;  ///< made of the frames of an initialization, as far as it has posed them
   int desired_points = 2000;
   BrightnessMode brightness = BrightnessMode::kFree;
   double marginalization_weight = 0.25;  ///< of newly marginalised information
@@ -112,6 +114,7 @@ template <typename Visitor, typename Options>
 DescribeFor<Options, WindowOptions> describe(Visitor& visit, Options& o) {
   visit.field("min_keyframes", o.min_keyframes, Range{2, 10}, "keyframes");
   visit.field("max_keyframes", o.max_keyframes, Range{2, 10}, "keyframes");
+  visit.field("first_keyframes", o.first_keyframes, Range{2, 10}, "keyframes");
   visit.field("desired_points", o.desired_points, Range{10, 100000}, "points");
   visit.choice("brightness",
                o.brightness,

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/motion_candidates.h"
 
+#include "base/spread_frames.h"
 #include "geometry/triangulate.h"
 #include "init/orb/map_assembly.h"
 #include "init/orb/model_competition.h"
 #include "init/orb/motion_hypotheses.h"
 #include "init/orb/reprojection_equations.h"
 #include "init/orb/robust_adjustment.h"
-#include "init/orb/spread_frames.h"
 
 #include <algorithm>
 #include <cmath>

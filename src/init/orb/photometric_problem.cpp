@@ -2,9 +2,9 @@
 #include "init/orb/photometric_problem.h"
 
 #include "base/parallel.h"
+#include "base/spread_frames.h"
 #include "image/interpolate.h"
 #include "init/orb/photometric_kernels.h"
-#include "init/orb/spread_frames.h"
 
 #include <algorithm>
 #include <cmath>
@@ -53,7 +53,7 @@ std::vector<std::size_t> spreadFrames(const InitialMap& map, int count) {
     if (map.T_cam_ref[k]) posed.push_back(k);
   }
   std::vector<std::size_t> spread;
-  for (const int i : spreadFrames(static_cast<int>(posed.size()) + 1, count + 1)) {
+  for (const int i : dsorb::spreadFrames(static_cast<int>(posed.size()) + 1, count + 1)) {
     spread.push_back(posed[static_cast<std::size_t>(i) - 1]);
   }
   return spread;

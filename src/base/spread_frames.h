@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <vector>
 
-namespace dsorb::init_orb {
+namespace dsorb {
 
 /// Indices of at most `count` frames, the reference counted, evenly spread over the frames after
 /// it, the newest one included.
@@ -16,4 +16,4 @@ inline std::vector<int> spreadFrames(int frames, int count) {
   return chosen;
 }
 
-}  // namespace dsorb::init_orb
+}  // namespace dsorb
