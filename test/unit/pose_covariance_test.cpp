@@ -33,18 +33,6 @@ GeometricOptions options(double pose_variance_factor) {
   return options;
 }
 
-std::vector<PointSighting> sightingsIn(const InitialMap& map,
-                                       const PinholeCamera& camera,
-                                       int frame) {
-  std::vector<PointSighting> sightings;
-  for (const Observation& observation : map.observations) {
-    if (observation.frame != frame) continue;
-    const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
-    sightings.push_back({camera.unproject(corner.pixel), corner.inverse_depth, observation.pixel});
-  }
-  return sightings;
-}
-
 /// Medians over maps and frames of the squared error of the pose over its covariance, a sixth.
 struct Ratios {
   double adjusted = 0;
@@ -79,7 +67,7 @@ Ratios measure(const SyntheticMapOptions& kind, double shared, double pose_varia
         continue;
       }
       const auto own = poseCovariance(
-          sightingsIn(map, scene.camera, k), scene.camera, T, {1, pose_variance_factor});
+          sightingsByFrame(map, scene.camera)[k], scene.camera, T, {1, pose_variance_factor});
       EXPECT_TRUE(own);
       between.push_back(ratio(*own + inherited.covariance(T)));
       between_own.push_back(ratio(*own));
@@ -121,7 +109,7 @@ TEST(PoseCovariance, ResponseIsThatOfAPoseFittedToTheMovedStructure) {
   for (double& value : moved) value = 1e-4 * random.gaussian();
   for (int k = 1; k < kFrames; k += 2) {
     const SE3& before = *map.T_cam_ref[static_cast<std::size_t>(k)];
-    std::vector<PointSighting> sightings = sightingsIn(map, scene.camera, k);
+    std::vector<PointSighting> sightings = sightingsByFrame(map, scene.camera)[k];
     const auto fitted = poseFromPoints(sightings, scene.camera, before, 1);
     for (std::size_t i = 0; i < sightings.size(); ++i) {
       const auto at = static_cast<Eigen::Index>(i);  // every frame sees every corner, in order
@@ -139,7 +127,7 @@ TEST(PoseCovariance, ResponseIsThatOfAPoseFittedToTheMovedStructure) {
 
 TEST(PoseCovariance, HoldsTheStepThatTheSightingsStillAskFor) {
   const SyntheticMap scene = makeSyntheticMap({100, kFrames, 0, 0}, 5);
-  const std::vector<PointSighting> sightings = sightingsIn(scene.truth, scene.camera, 4);
+  const std::vector<PointSighting> sightings = sightingsByFrame(scene.truth, scene.camera)[4];
   Vector6d step;
   step << 1e-3, -2e-3, 1e-3, 5e-4, 1e-3, -1e-3;
   const SE3 displaced = SE3::exp(step) * *scene.truth.T_cam_ref[4];
@@ -152,7 +140,7 @@ TEST(PoseCovariance, HoldsTheStepThatTheSightingsStillAskFor) {
 
 TEST(PoseCovariance, SaysNothingWhereThePoseWouldNotBeTaken) {
   const SyntheticMap scene = makeSyntheticMap({100, kFrames, 0, 0}, 6);
-  std::vector<PointSighting> sightings = sightingsIn(scene.truth, scene.camera, 4);
+  std::vector<PointSighting> sightings = sightingsByFrame(scene.truth, scene.camera)[4];
   const SE3& T = *scene.truth.T_cam_ref[4];
   EXPECT_TRUE(poseCovariance(sightings, scene.camera, T, {1, 4}));
   std::vector<PointSighting> wrong = sightings;

@@ -3,6 +3,7 @@
 
 #include "base/parallel.h"
 #include "init/orb/frame_brightness.h"
+#include "init/orb/map_assembly.h"
 #include "init/orb/polish_kernels.h"
 #include "init/orb/pose_covariance.h"
 #include "init/orb/pose_from_points.h"
@@ -216,19 +217,6 @@ struct FittedPose {
   double sigma = kTrackSigma;  ///< of a sighting [px]
 };
 
-/// Sightings of the corners in a frame as they were tracked.
-std::vector<PointSighting> trackedSightings(const InitialMap& map,
-                                            const PinholeCamera& camera,
-                                            int frame) {
-  std::vector<PointSighting> sightings;
-  for (const Observation& observation : map.observations) {
-    if (observation.frame != frame) continue;
-    const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
-    sightings.push_back({camera.unproject(corner.pixel), corner.inverse_depth, observation.pixel});
-  }
-  return sightings;
-}
-
 /// Pose of a single frame from its corners, measured again several times.
 FittedPose polishPose(const InitialMap& map,
                       const PinholeCamera& camera,
@@ -261,7 +249,7 @@ FittedPose polishPose(const InitialMap& map,
     fit.sightings.swap(sightings);
     fit.sigma = kMeasuredSigma;
   }
-  if (fit.sightings.empty()) fit.sightings = trackedSightings(map, camera, frame);
+  if (fit.sightings.empty()) fit.sightings = sightingsByFrame(map, camera)[k];
   return fit;
 }
 

@@ -14,18 +14,6 @@
 namespace dsorb::init_orb {
 namespace {
 
-/// Sightings of the corners by frame.
-std::vector<std::vector<PointSighting>> sightingsByFrame(const InitialMap& map,
-                                                         const PinholeCamera& camera) {
-  std::vector<std::vector<PointSighting>> sightings(map.frames.size());
-  for (const Observation& observation : map.observations) {
-    const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
-    sightings[static_cast<std::size_t>(observation.frame)].push_back(
-        {camera.unproject(corner.pixel), corner.inverse_depth, observation.pixel});
-  }
-  return sightings;
-}
-
 /// Pose of a frame by constant motion between the nearest posed frames before and after it.
 SE3 interpolatedPose(const InitialMap& map, int frame) {
   int before = frame;
@@ -53,6 +41,17 @@ double medianRelativeSigma(const std::vector<InitPoint>& points) {
 }
 
 }  // namespace
+
+std::vector<std::vector<PointSighting>> sightingsByFrame(const InitialMap& map,
+                                                         const PinholeCamera& camera) {
+  std::vector<std::vector<PointSighting>> sightings(map.frames.size());
+  for (const Observation& observation : map.observations) {
+    const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
+    sightings[static_cast<std::size_t>(observation.frame)].push_back(
+        {camera.unproject(corner.pixel), corner.inverse_depth, observation.pixel});
+  }
+  return sightings;
+}
 
 InitialMap makeInitialMap(const std::vector<FramePtr>& frames,
                           const CornerTracks& tracks,

@@ -7,6 +7,7 @@
 #include "init/orb/corner_tracks.h"
 #include "init/orb/initial_map.h"
 #include "init/orb/motion_hypotheses.h"
+#include "init/orb/pose_from_points.h"
 
 #include <vector>
 
@@ -19,6 +20,10 @@ namespace dsorb::init_orb {
 InitialMap makeInitialMap(const std::vector<FramePtr>& frames,
                           const CornerTracks& tracks,
                           const MotionHypothesis& motion);
+
+/// The corners as they were tracked, by frame.
+std::vector<std::vector<PointSighting>> sightingsByFrame(const InitialMap& map,
+                                                         const PinholeCamera& camera);
 
 /// Poses the frames between the first and the last: from the corners, or where these do not agree
 /// by interpolation along the motion.
