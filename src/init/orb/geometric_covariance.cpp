@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 #include <vector>
 
 namespace dsorb::init_orb {
@@ -55,15 +56,12 @@ Eigen::MatrixXd cellGradients(const InitialMap& map,
 }
 
 void setPoseCovariances(InitialMap& map, const PoseRows& pose_rows, const Eigen::MatrixXd& joint) {
-  map.joint_covariance = joint;
-  map.joint_frames.clear();
+  std::vector<int> frames;
   for (std::size_t k = 1; k < map.frames.size(); ++k) {
     map.covariance[k].reset();
-    const int row = pose_rows.first[k];
-    if (row < 0) continue;
-    map.joint_frames.push_back(static_cast<int>(k));
-    map.covariance[k] = joint.block<kPoseSize, kPoseSize>(row, row);
+    if (pose_rows.first[k] >= 0) frames.push_back(static_cast<int>(k));
   }
+  setJointCovariance(map, std::move(frames), joint);
 }
 
 Eigen::VectorXd inverseDepths(const InitialMap& map) {

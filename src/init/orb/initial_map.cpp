@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <utility>
 
 namespace dsorb::init_orb {
 
@@ -10,6 +11,16 @@ Eigen::Index jointRow(const InitialMap& map, std::size_t frame) {
   const auto found =
       std::find(map.joint_frames.begin(), map.joint_frames.end(), static_cast<int>(frame));
   return found == map.joint_frames.end() ? -1 : 6 * (found - map.joint_frames.begin());
+}
+
+void setJointCovariance(InitialMap& map, std::vector<int> frames, const Eigen::MatrixXd& joint) {
+  map.joint_frames = std::move(frames);
+  map.joint_covariance = joint;
+  Eigen::Index row = 0;
+  for (const int frame : map.joint_frames) {
+    map.covariance[static_cast<std::size_t>(frame)] = joint.block<6, 6>(row, row);
+    row += 6;
+  }
 }
 
 void removeCorners(InitialMap& map, const std::vector<char>& removed) {

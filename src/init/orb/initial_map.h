@@ -53,6 +53,11 @@ struct InitialMap {
 /// First row of a frame in the joint covariance; -1 when it has none.
 Eigen::Index jointRow(const InitialMap& map, std::size_t frame);
 
+/// Sets the joint covariance, and from it that of every frame in it; other frames keep theirs.
+/// @param frames ascending, without the reference
+/// @param joint  of their left increments, 6 rows each
+void setJointCovariance(InitialMap& map, std::vector<int> frames, const Eigen::MatrixXd& joint);
+
 /// Removes the marked corners with their observations. @param removed one a corner
 void removeCorners(InitialMap& map, const std::vector<char>& removed);
 

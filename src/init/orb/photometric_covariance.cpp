@@ -278,16 +278,12 @@ Eigen::MatrixXd geometricCovariance(const InitialMap& map, const PhotometricProb
   return covariance;
 }
 
-void setPoseCovariances(const PhotometricProblem& problem,
-                        const Eigen::MatrixXd& joint,
-                        InitialMap& map) {
-  map.joint_covariance = joint;
-  map.joint_frames.clear();
-  for (std::size_t f = 0; f < problem.frames.size(); ++f) {
-    const auto at = static_cast<Eigen::Index>(6 * f);
-    map.covariance[problem.frames[f].index] = joint.block<6, 6>(at, at);
-    map.joint_frames.push_back(static_cast<int>(problem.frames[f].index));
+std::vector<int> framesOf(const PhotometricProblem& problem) {
+  std::vector<int> frames;
+  for (const PhotometricFrame& frame : problem.frames) {
+    frames.push_back(static_cast<int>(frame.index));
   }
+  return frames;
 }
 
 /// speedOf() every patch.
@@ -319,7 +315,7 @@ bool setPhotometricVariances(InitialMap& map,
       poses_moved
           ? Eigen::MatrixXd(options.pose_variance_factor * evidence.clusteredPoseCovariance())
           : geometricCovariance(map, problem);
-  if (poses_moved) setPoseCovariances(problem, poses, map);
+  if (poses_moved) setJointCovariance(map, framesOf(problem), poses);
   const Eigen::VectorXd variances = evidence.variances(poses);
   const std::vector<double> speeds = speedsOf(problem, state, map.frames.front()->level(0));
   const std::size_t corners = map.corners.size();
