@@ -72,5 +72,12 @@ TEST(PyramidTest, RefusesImagesThatAreEmptyOrTiny) {
   EXPECT_THROW(Pyramid(ImageView(image.data(), 10, 10)), std::invalid_argument);
 }
 
+TEST(ImageViewTest, RefusesRowsThatOverlapOrSplitAPixel) {
+  const std::vector<float> image(64);
+  EXPECT_NO_THROW(ImageView(image.data(), 6, 8, 32));
+  EXPECT_THROW(ImageView(image.data(), 6, 8, 20), std::invalid_argument);
+  EXPECT_THROW(ImageView(image.data(), 6, 8, 26), std::invalid_argument);
+}
+
 }  // namespace
 }  // namespace dsorb

@@ -3,6 +3,8 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <stdexcept>
+#include <string>
 #include <type_traits>
 
 namespace dsorb {
@@ -15,18 +17,11 @@ class ImageView {
 
   ImageView() = default;
   /// @param stride_bytes distance between rows [bytes]; 0 means contiguous rows
+  /// @throws std::invalid_argument on a distance below a row or not of whole pixels
   ImageView(const std::uint8_t* data, int width, int height, std::size_t stride_bytes = 0)
-      : data_(data),
-        width_(width),
-        height_(height),
-        stride_(stride_bytes != 0 ? stride_bytes : static_cast<std::size_t>(width)) {}
+      : ImageView(data, Type::kUint8, sizeof(*data), width, height, stride_bytes) {}
   ImageView(const float* data, int width, int height, std::size_t stride_bytes = 0)
-      : data_(data),
-        type_(Type::kFloat),
-        width_(width),
-        height_(height),
-        stride_(stride_bytes != 0 ? stride_bytes
-                                  : static_cast<std::size_t>(width) * sizeof(float)) {}
+      : ImageView(data, Type::kFloat, sizeof(*data), width, height, stride_bytes) {}
 
   [[nodiscard]] Type type() const { return type_; }
   [[nodiscard]] int width() const { return width_; }
@@ -42,6 +37,21 @@ class ImageView {
   }
 
  private:
+  ImageView(const void* data,
+            Type type,
+            std::size_t pixel_bytes,
+            int width,
+            int height,
+            std::size_t stride_bytes)
+      : data_(data), type_(type), width_(width), height_(height), stride_(stride_bytes) {
+    const std::size_t row_bytes = pixel_bytes * static_cast<std::size_t>(width > 0 ? width : 0);
+    if (stride_ == 0) stride_ = row_bytes;
+    if (stride_ >= row_bytes && stride_ % pixel_bytes == 0) return;
+    throw std::invalid_argument("stride of " + std::to_string(stride_) +
+                                " bytes: expected whole pixels, at least the " +
+                                std::to_string(row_bytes) + " bytes of a row");
+  }
+
   const void* data_ = nullptr;
   Type type_ = Type::kUint8;
   int width_ = 0;
