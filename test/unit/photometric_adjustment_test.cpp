@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/photometric_adjustment.h"
 
+#include "base/median.h"
 #include "base/parallel.h"
 #include "init/orb/photometric_solvers.h"
 #include "support/matchers.h"
@@ -10,13 +11,6 @@
 
 namespace dsorb::init_orb {
 namespace {
-
-double median(std::vector<double> values) {
-  std::nth_element(values.begin(),
-                   values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2),
-                   values.end());
-  return values[values.size() / 2];
-}
 
 PhotometricOptions thorough(PhotometricBrightness brightness) {
   PhotometricOptions options;
@@ -37,7 +31,7 @@ TEST(PhotometricAdjustment, RecoversPosesAndDepthsWithEveryBrightnessModel) {
     // psi knows no offset, and without its derivative it converges slowly.
     scene_options.brightness_changes = brightness == PhotometricBrightness::kAffine;
     PhotometricMap scene(3, scene_options);
-    const double before = median(scene.depthErrors(scene.start));
+    const double before = medianOf(scene.depthErrors(scene.start));
     const PhotometricReport report =
         adjustPhotometry(scene.start, scene.scene.camera(), thorough(brightness));
     ASSERT_TRUE(report.usable);
@@ -45,7 +39,7 @@ TEST(PhotometricAdjustment, RecoversPosesAndDepthsWithEveryBrightnessModel) {
     // Bilinear interpolation flattens waves of 8 px by some percent, which biases a plane. Measured
     // at most 0.0020, 0.32 and 0.067 degrees (psi without its derivative); margin x1.6.
     EXPECT_GT(before, 0.02);
-    EXPECT_LT(median(scene.depthErrors(scene.start)), 0.0033);
+    EXPECT_LT(medianOf(scene.depthErrors(scene.start)), 0.0033);
     const SE3& pose = *scene.start.T_cam_ref.back();
     const SE3& truth = *scene.truth.T_cam_ref.back();
     EXPECT_LT(directionErrorDeg(pose.translation(), truth.translation()), 0.5);
@@ -88,7 +82,7 @@ TEST(PhotometricAdjustment, BothSolversFindTheSameMinimum) {
       differences.push_back(
           std::abs(ceres.points[i].inverse_depth / schur.points[i].inverse_depth - 1));
     }
-    EXPECT_LT(median(differences), 5e-4);
+    EXPECT_LT(medianOf(differences), 5e-4);
   }
 }
 
@@ -107,7 +101,7 @@ TEST(PhotometricAdjustment, RefinesDepthsUnderFixedPoses) {
   EXPECT_LT(rotationErrorDeg(*scene.start.T_cam_ref.back(), pose), 1e-9);
   EXPECT_LT(directionErrorDeg(scene.start.T_cam_ref.back()->translation(), pose.translation()),
             1e-6);
-  EXPECT_LT(median(scene.depthErrors(scene.start)), 0.004);  // measured 0.0024, margin x1.6
+  EXPECT_LT(medianOf(scene.depthErrors(scene.start)), 0.004);  // measured 0.0024, margin x1.6
 }
 
 TEST(PhotometricAdjustment, SomePointsGiveThePosesAndTheOthersFollow) {
@@ -117,7 +111,7 @@ TEST(PhotometricAdjustment, SomePointsGiveThePosesAndTheOthersFollow) {
   options.depth_iterations = 10;
   const PhotometricReport report = adjustPhotometry(scene.start, scene.scene.camera(), options);
   ASSERT_TRUE(report.usable);
-  EXPECT_LT(median(scene.depthErrors(scene.start)), 0.003);
+  EXPECT_LT(medianOf(scene.depthErrors(scene.start)), 0.003);
 }
 
 TEST(PhotometricAdjustment, MeanInverseDepthIsOneAfterwards) {
@@ -170,7 +164,7 @@ TEST(PhotometricAdjustment, StartsAtACoarserLevelWhenFarOff) {
   const PhotometricReport report = adjustPhotometry(scene.start, scene.scene.camera(), options);
   ASSERT_TRUE(report.usable);
   EXPECT_TRUE(report.coarse_level);
-  EXPECT_LT(median(scene.depthErrors(scene.start)), 0.003);
+  EXPECT_LT(medianOf(scene.depthErrors(scene.start)), 0.003);
 }
 
 TEST(PhotometricAdjustment, FailsWithoutFramesOrPoints) {

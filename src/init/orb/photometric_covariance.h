@@ -31,9 +31,8 @@ class PhotometricEvidence {
 
   /// Whether the equations determine their solution; nothing else may be asked when not.
   [[nodiscard]] bool usable() const { return usable_; }
-  /// s^2 = sum w r^2 / degrees of freedom [grey levels^2].
-  [[nodiscard]] double noiseVariance() const { return noise_variance_; }
-  /// By patch: s^2 (1 / h + g^T S^- g) [1/unit^2], g = - d inverse depth / d frames; 0 unknown.
+  /// By patch: s^2 (1 / h + g^T S^- g) [1/unit^2], g = - d inverse depth / d frames,
+  /// s^2 = sum w r^2 / degrees of freedom [grey levels^2]; 0 unknown.
   [[nodiscard]] Eigen::VectorXd formalVariances() const;
   /// By patch: max(s^2, s_i^2) / h + g^T poses g [1/unit^2]; 0 unknown.
   /// @param poses covariance of the poses, 6 a frame
