@@ -23,7 +23,7 @@ struct PolishReport {
 /// reference is warped by pose and inverse depth, so the measurement does not drift as tracking
 /// from frame to frame does, and knows its covariance. Runs in parallel inside the caller's arena.
 /// @param map       adjusted; unchanged unless the polish is accepted: the pixels fit no worse than
-///                  before and the direction of translation hardly turned
+///                  before, most corners do, and the direction of translation hardly turned
 /// @param geometric of the adjustment before: sigma of the tracks
 PolishReport polishCorners(InitialMap& map,
                            const PinholeCamera& camera,
