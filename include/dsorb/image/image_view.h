@@ -19,9 +19,9 @@ class ImageView {
   /// @param stride_bytes distance between rows [bytes]; 0 means contiguous rows
   /// @throws std::invalid_argument on a distance below a row or not of whole pixels
   ImageView(const std::uint8_t* data, int width, int height, std::size_t stride_bytes = 0)
-      : ImageView(data, Type::kUint8, sizeof(*data), width, height, stride_bytes) {}
+      : ImageView(data, Type::kUint8, width, height, stride_bytes) {}
   ImageView(const float* data, int width, int height, std::size_t stride_bytes = 0)
-      : ImageView(data, Type::kFloat, sizeof(*data), width, height, stride_bytes) {}
+      : ImageView(data, Type::kFloat, width, height, stride_bytes) {}
 
   [[nodiscard]] Type type() const { return type_; }
   [[nodiscard]] int width() const { return width_; }
@@ -37,13 +37,9 @@ class ImageView {
   }
 
  private:
-  ImageView(const void* data,
-            Type type,
-            std::size_t pixel_bytes,
-            int width,
-            int height,
-            std::size_t stride_bytes)
+  ImageView(const void* data, Type type, int width, int height, std::size_t stride_bytes)
       : data_(data), type_(type), width_(width), height_(height), stride_(stride_bytes) {
+    const std::size_t pixel_bytes = type == Type::kFloat ? sizeof(float) : 1;
     const std::size_t row_bytes = pixel_bytes * static_cast<std::size_t>(width > 0 ? width : 0);
     if (stride_ == 0) stride_ = row_bytes;
     if (stride_ >= row_bytes && stride_ % pixel_bytes == 0) return;
