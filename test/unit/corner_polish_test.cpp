@@ -77,6 +77,7 @@ TEST(CornerPolish, ReducesTheErrorOfDisturbedTracks) {
   geometric.sigma = 0.4;
   const PolishReport report = polishCorners(made.map, made.scene.camera(), geometric, {});
   ASSERT_TRUE(report.accepted) << report.first_rms << " " << report.last_rms;
+  EXPECT_TRUE(report.fits);
   EXPECT_LT(rmsError(made), 0.35 * before);
   EXPECT_LT(report.last_rms, report.first_rms);
   EXPECT_LT(
@@ -94,6 +95,7 @@ TEST(CornerPolish, KeepsTheMapWhereTheImagesDoNotFit) {
   const PolishReport report =
       polishCorners(made.map, made.scene.camera(), GeometricOptions(), PolishOptions());
   EXPECT_FALSE(report.accepted);
+  EXPECT_FALSE(report.fits);  // a start from such tracks is refused
   ASSERT_EQ(made.map.corners.size(), before.corners.size());
   EXPECT_EQ(made.map.observations.front().pixel, before.observations.front().pixel);
   EXPECT_EQ(made.map.T_cam_ref.back()->matrix(), before.T_cam_ref.back()->matrix());

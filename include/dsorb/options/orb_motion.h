@@ -13,8 +13,8 @@ enum class MotionMethod {
 
 /// What a start must show before it is believed.
 /// @source measured on 5250 windows: of all numbers tried the predicted error of the direction of
-///         translation tells right starts from wrong ones best. The limits are inside the ranges
-///         in which nothing measured gets worse, on cars, a drone and hands: predicted sigma 0.90
+///         translation tells right starts from wrong ones best. The limits are in the ranges in
+///         which no measured sequence leaves its bounds (cars, drone, hands): predicted sigma 0.90
 ///         to 0.99, fitted sigma 0.25 to 0.27 (0.24: fewer starts), parallax 1.5 to 1.6 (1.4:
 ///         worse depths), sharp sigma 0.35 to 0.5, sharp parallax 0.85 to 0.95
 struct GateOptions {

@@ -30,7 +30,7 @@ constexpr double kMeasuredSigma = 0.2;  // of a measured corner, for the pose of
 /// stands for comes with the inverse depths. Measured on six rendered sequences, room_hand and
 /// TartanAir: the median of error^2 over variance is 0.25, as that of the adjusted frames.
 constexpr double kOwnFactor = 0.5;
-/// Share of the corners that must fit the images; as in the gate, fewer speak against the start.
+/// Share of the corners that must match the images.
 constexpr double kMinFittingShare = 0.5;
 constexpr std::size_t kGrain = 64;  // observations one thread measures at a time
 
@@ -283,10 +283,11 @@ PolishReport polishCorners(InitialMap& map,
     if (!adjustOnce(polished, camera, report.adjusted)) return report;
   }
   report.turn_deg = turnDeg(map, polished);
-  const auto corners = static_cast<double>(polished.corners.size());
-  report.accepted = options.rounds > 0 && report.last_rms <= report.first_rms &&
-                    report.turn_deg < options.max_turn_deg && corners >= geometric.min_points &&
-                    corners >= kMinFittingShare * static_cast<double>(map.corners.size());
+  report.fits = static_cast<double>(polished.corners.size()) >=
+                kMinFittingShare * static_cast<double>(map.corners.size());
+  report.accepted = report.fits && options.rounds > 0 && report.last_rms <= report.first_rms &&
+                    report.turn_deg < options.max_turn_deg &&
+                    static_cast<int>(polished.corners.size()) >= geometric.min_points;
   if (report.accepted) map = std::move(polished);
   return report;
 }

@@ -12,6 +12,7 @@ namespace dsorb::init_orb {
 
 struct PolishReport {
   bool accepted = false;
+  bool fits = true;           ///< at least half of the corners match the images
   double first_rms = 0;       ///< of the patches' pixels before the first step [grey levels]
   double last_rms = 0;        ///< and before the last one
   double turn_deg = 0;        ///< of the newest frame's direction of translation

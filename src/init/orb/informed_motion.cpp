@@ -155,6 +155,7 @@ InitReason InformedAttempt::refine() {
   detail("polish_first_rms", polish.first_rms);
   detail("polish_last_rms", polish.last_rms);
   detail("polish_turn_deg", polish.turn_deg);
+  if (!polish.fits) return InitReason::kPoorQuality;
   if (polish.accepted) adjusted = polish.adjusted;
 
   std::vector<char> behind(map.corners.size(), 0);
