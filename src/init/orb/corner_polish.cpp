@@ -32,6 +32,8 @@ constexpr double kMeasuredSigma = 0.2;  // of a measured corner, for the pose of
 constexpr double kOwnFactor = 0.5;
 /// Share of the corners that must match the images.
 constexpr double kMinFittingShare = 0.5;
+constexpr int kBrightnessRounds = 2;  // the pixels hardly move in the others
+constexpr double kMinStep = 1e-5;   // of a single frame's pose, which ends its rounds: below .01 px
 constexpr std::size_t kGrain = 64;  // observations one thread measures at a time
 
 /// What a patch in one frame says about its corner.
@@ -140,8 +142,8 @@ struct Round {
 /// Every observation in a posed frame measured again.
 std::vector<Measurement> measureAll(const InitialMap& map,
                                     const PinholeCamera& camera,
+                                    const std::vector<PolishPatch>& patches,
                                     const PolishOptions& options) {
-  const std::vector<PolishPatch> patches = cutPatches(map);
   std::vector<std::optional<FrameMeasurer>> measurers(map.frames.size());
   for (std::size_t k = 1; k < measurers.size(); ++k) {
     if (map.T_cam_ref[k]) measurers[k].emplace(map, camera, options, k, *map.T_cam_ref[k]);
@@ -171,12 +173,14 @@ struct CornerSummary {
 };
 
 /// Replaces observations in posed frames by new measurements; those without keep the old pixel.
-/// @param sigma of old pixels
+/// @param patches of the corners; those of dropped corners go with them
+/// @param sigma   of old pixels
 Round measureCorners(InitialMap& map,
+                     std::vector<PolishPatch>& patches,
                      const PinholeCamera& camera,
                      double sigma,
                      const PolishOptions& options) {
-  const std::vector<Measurement> measurements = measureAll(map, camera, options);
+  const std::vector<Measurement> measurements = measureAll(map, camera, patches, options);
   std::vector<CornerSummary> summaries(map.corners.size());
   for (std::size_t i = 0; i < measurements.size(); ++i) {
     if (!measurements[i].valid) continue;
@@ -209,6 +213,7 @@ Round measureCorners(InitialMap& map,
   round.rms = weight > 0 ? std::sqrt(square / weight) : 0;
   round.dropped = static_cast<int>(std::count(removed.begin(), removed.end(), char{1}));
   removeCorners(map, removed);
+  eraseMarked(removed, patches);
   return round;
 }
 
@@ -247,9 +252,11 @@ FittedPose polishPose(const InitialMap& map,
     }
     const auto found = poseFromPoints(sightings, camera, fit.T_cam_ref, kMeasuredSigma);
     if (!found) continue;
+    const double step = (*found * fit.T_cam_ref.inverse()).log().norm();
     fit.T_cam_ref = *found;
     fit.sightings.swap(sightings);
     fit.sigma = kMeasuredSigma;
+    if (step < kMinStep) break;
   }
   if (fit.sightings.empty()) fit.sightings = sightingsByFrame(map, camera)[k];
   return fit;
@@ -274,9 +281,10 @@ PolishReport polishCorners(InitialMap& map,
   report.adjusted.loss_threshold = options.cauchy_threshold;
   report.adjusted.max_iterations = options.iterations;
   InitialMap polished = map;
+  std::vector<PolishPatch> patches = cutPatches(polished);
   for (int round = 0; round < options.rounds; ++round) {
-    estimateBrightness(polished);
-    const Round measured = measureCorners(polished, camera, geometric.sigma, options);
+    if (round < kBrightnessRounds) estimateBrightness(polished);
+    const Round measured = measureCorners(polished, patches, camera, geometric.sigma, options);
     report.dropped += measured.dropped;
     if (round == 0) report.first_rms = measured.rms;
     report.last_rms = measured.rms;

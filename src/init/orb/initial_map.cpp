@@ -25,14 +25,12 @@ void setJointCovariance(InitialMap& map, std::vector<int> frames, const Eigen::M
 
 void removeCorners(InitialMap& map, const std::vector<char>& removed) {
   std::vector<int> new_index(map.corners.size(), -1);
-  std::size_t kept = 0;
+  int next = 0;
   for (std::size_t i = 0; i < map.corners.size(); ++i) {
-    if (removed[i] != 0) continue;
-    new_index[i] = static_cast<int>(kept);
-    map.corners[kept++] = map.corners[i];
+    if (removed[i] == 0) new_index[i] = next++;
   }
-  map.corners.resize(kept);
-  kept = 0;
+  eraseMarked(removed, map.corners);
+  std::size_t kept = 0;
   for (const Observation& observation : map.observations) {
     const int corner = new_index[static_cast<std::size_t>(observation.corner)];
     if (corner < 0) continue;

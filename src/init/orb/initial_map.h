@@ -7,6 +7,7 @@
 
 #include <Eigen/Core>
 
+#include <cstddef>
 #include <optional>
 #include <vector>
 
@@ -57,6 +58,16 @@ Eigen::Index jointRow(const InitialMap& map, std::size_t frame);
 /// @param frames ascending, without the reference
 /// @param joint  of their left increments, 6 rows each
 void setJointCovariance(InitialMap& map, std::vector<int> frames, const Eigen::MatrixXd& joint);
+
+/// Erases the marked elements, order kept. @param marked not zero where marked; one an element
+template <typename T>
+void eraseMarked(const std::vector<char>& marked, std::vector<T>& elements) {
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < elements.size(); ++i) {
+    if (marked[i] == 0) elements[kept++] = elements[i];
+  }
+  elements.resize(kept);
+}
 
 /// Removes the marked corners with their observations. @param removed one a corner
 void removeCorners(InitialMap& map, const std::vector<char>& removed);

@@ -117,24 +117,29 @@ int MovingParts::cellOf(float coordinate, int cells) const {
 bool MovingParts::cover(const Eigen::Vector2f& pixel, Votes& votes) const {
   const auto radius = static_cast<float>(options_.radius);
   votes.clear();
+  int contradicting = 0;
   const int column = cellOf(pixel.x(), columns_);
   const int row = cellOf(pixel.y(), rows_);
   for (int y = std::max(row - 1, 0); y <= std::min(row + 1, rows_ - 1); ++y) {
     for (int x = std::max(column - 1, 0); x <= std::min(column + 1, columns_ - 1); ++x) {
       for (const Vote& vote : cells_[cellIndex(x, y)]) {
         const float distance = (vote.pixel - pixel).squaredNorm();
-        if (distance <= radius * radius) votes.emplace_back(distance, vote.contradicts);
+        if (distance > radius * radius) continue;
+        votes.emplace_back(distance, vote.contradicts);
+        contradicting += vote.contradicts ? 1 : 0;
       }
     }
   }
   if (votes.size() < kMinVotes) return false;
   const std::size_t count = std::min(votes.size(), static_cast<std::size_t>(options_.neighbours));
+  const double needed = options_.max_share * static_cast<double>(count);
+  if (contradicting <= needed) return false;  // too few even if all were among the nearest
   std::partial_sort(votes.begin(), votes.begin() + static_cast<std::ptrdiff_t>(count), votes.end());
   const auto against =
       std::count_if(votes.begin(),
                     votes.begin() + static_cast<std::ptrdiff_t>(count),
                     [](const std::pair<float, bool>& vote) { return vote.second; });
-  return static_cast<double>(against) > options_.max_share * static_cast<double>(count);
+  return static_cast<double>(against) > needed;
 }
 
 std::vector<char> MovingParts::covered(const std::vector<Eigen::Vector2f>& pixels) const {
@@ -165,13 +170,8 @@ int MovingParts::removePoints(InitialMap& map) const {
   std::vector<Eigen::Vector2f> pixels;
   pixels.reserve(map.points.size());
   for (const SemiDensePoint& point : map.points) pixels.push_back(point.pixel);
-  const std::vector<char> moves = covered(pixels);
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < moves.size(); ++i) {
-    if (moves[i] == 0) map.points[kept++] = map.points[i];
-  }
-  map.points.resize(kept);
-  return static_cast<int>(before - kept);
+  eraseMarked(covered(pixels), map.points);
+  return static_cast<int>(before - map.points.size());
 }
 
 }  // namespace dsorb::init_orb

@@ -220,15 +220,12 @@ void removeFrom(InitialMap& map,
   problem = subProblem(problem, kept_patches);
   for (std::size_t& source : problem.source) source = new_source[source];
   const auto first_point = gone.begin() + static_cast<std::ptrdiff_t>(corners);
+  const std::size_t points = map.points.size();
   removeCorners(map, {gone.begin(), first_point});
-  std::size_t point = 0;
-  for (std::size_t i = 0; i < map.points.size(); ++i) {
-    if (gone[corners + i] == 0) map.points[point++] = map.points[i];
-  }
+  eraseMarked({first_point, gone.end()}, map.points);
   report.examined = static_cast<int>(gone.size());
   report.removed_corners = static_cast<int>(corners - map.corners.size());
-  report.removed_points = static_cast<int>(map.points.size() - point);
-  map.points.resize(point);
+  report.removed_points = static_cast<int>(points - map.points.size());
 }
 
 }  // namespace
