@@ -43,7 +43,7 @@ DescribeFor<Options, GateOptions> describe(Visitor& visit, Options& o) {
 /// Corners are measured again with the patch of the reference, warped by pose and inverse depth.
 struct PolishOptions {
   int rounds = 5;               ///< of measuring and adjusting; 0: no polish
-  int iterations = 3;           ///< of the adjustment in each round; 2 to 6 give the same starts
+  int iterations = 2;           ///< of the adjustment in each round; 2 to 6 give the same starts
   double cauchy_threshold = 2;  ///< of the whitened error [-]
   double huber_threshold = 9;   ///< of a pixel's residual [grey levels]
   double max_step = 1;          ///< of one corner in one round [px]
