@@ -92,7 +92,7 @@ FilterEffect effectOn(const std::vector<DepthWindow>& windows, const std::string
 
 std::vector<DepthWindow> roomWindows() {
   std::vector<DepthWindow> windows;
-  for (const std::uint64_t seed : {1U, 2U}) {
+  for (const std::uint64_t seed : {1U, 2U, 3U, 4U}) {
     synthetic::SequenceOptions options;
     options.seed = seed;
     options.length = 14;
@@ -103,8 +103,8 @@ std::vector<DepthWindow> roomWindows() {
   return windows;
 }
 
-/// Bounds are the aims. Measured in the room and on TartanAir: 0.73 and 0.71 of the outliers
-/// removed, 0.015 and 0.039 of the good points lost, error^2/variance 0.47 and 0.96.
+/// Bounds are the aims. Measured in the room and on TartanAir: 0.56 and 0.66 of the outliers
+/// removed, 0.010 and 0.047 of the good points lost, error^2/variance 0.49 and 0.58.
 void expectHelpful(const FilterEffect& effect) {
   EXPECT_GE(effect.windows, 1);
   EXPECT_GE(effect.removedShare(), 0.5);
