@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# dsorb_compile_options(TARGET): warnings, sanitizers and the instruction set, private to our targets.
+# dsorb_compile_options(TARGET): warnings, arithmetic, sanitizers and the instruction set, private to our targets.
 function(dsorb_compile_options target)
   target_compile_options(${target} PRIVATE -Wall -Wextra -Wconversion -Wshadow)
+  # Eigen's fast square root of floats starts from the processor's estimate, whose bits are the maker's own.
+  target_compile_definitions(${target} PRIVATE EIGEN_FAST_MATH=0)
   if(DSORB_WERROR)
     target_compile_options(${target} PRIVATE -Werror)
   endif()

@@ -149,6 +149,27 @@ TEST(RobustAdjustment, MeasuresTheNoiseThatWasDrawn) {
   }
 }
 
+TEST(RobustAdjustment, TellsTailsFromNoise) {
+  for (const int frames : {2, 5}) {
+    for (std::uint64_t seed = 21; seed < 29; ++seed) {
+      SyntheticMap noisy = makeSyntheticMap({600, frames, 0.2, 0.05}, seed);
+      ASSERT_TRUE(adjustOnce(noisy.start, noisy.camera, {}));
+      const double noise = tailExcess(noisy.start, noisy.camera);
+      SyntheticMap tailed = makeSyntheticMap({600, frames, 0.2, 0.05}, seed);
+      Random random(seed);
+      for (Observation& observation : tailed.start.observations) {
+        if (random.uniform(0, 1) < 0.2) {
+          observation.pixel += 0.8 * Eigen::Vector2d(random.gaussian(), random.gaussian());
+        }
+      }
+      ASSERT_TRUE(adjustOnce(tailed.start, tailed.camera, {}));
+      const double tails = tailExcess(tailed.start, tailed.camera);
+      EXPECT_LT(noise, 0.15);  // measured up to 0.09
+      EXPECT_GT(tails, 0.45);  // measured 0.55 to 1.6
+    }
+  }
+}
+
 TEST(RobustAdjustment, RemovesPlantedOutliersAndFindsTheTruth) {
   SyntheticMap scene = makeSyntheticMap({300, 5, 0.1, 0.1}, 12);
   for (Observation& observation : scene.start.observations) {

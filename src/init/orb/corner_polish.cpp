@@ -309,7 +309,7 @@ void polishPoses(InitialMap& map,
   estimateBrightness(map, frames);
   const std::vector<PolishPatch> patches = cutPatches(map);
   const InheritedPoseError inherited(map, camera, geometric);
-  const double factor = kOwnFactor * geometric.pose_variance_factor;
+  const double factor = kOwnFactor * map.clustered_factor;
   std::vector<SE3> poses(frames.size());
   std::vector<std::optional<Matrix6d>> covariances(frames.size());
   forEachRange(frames.size(), 1, [&](std::size_t begin, std::size_t end) {

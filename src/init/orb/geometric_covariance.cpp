@@ -4,6 +4,7 @@
 #include "camera/reprojection.h"
 #include "init/orb/image_cells.h"
 #include "init/orb/reprojection_equations.h"
+#include "init/orb/robust_adjustment.h"
 
 #include <Eigen/Cholesky>
 
@@ -111,8 +112,10 @@ double setCovariances(InitialMap& map,
   Eigen::MatrixXd roots =
       std::sqrt(factor) * cholesky.matrixU().solve(Eigen::MatrixXd::Identity(size, size));
   if (!formal) {
-    const Eigen::MatrixXd cells = std::sqrt(options.pose_variance_factor) *
-                                  cellGradients(map, system, pose_rows, camera, options);
+    map.clustered_factor =
+        options.pose_variance_factor * (1 + options.tail_variance_factor * tailExcess(map, camera));
+    const Eigen::MatrixXd cells =
+        std::sqrt(map.clustered_factor) * cellGradients(map, system, pose_rows, camera, options);
     roots.conservativeResize(Eigen::NoChange, size + cells.cols());
     roots.rightCols(cells.cols()) = cholesky.solve(cells);
   }

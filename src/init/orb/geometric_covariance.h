@@ -21,7 +21,9 @@ namespace dsorb::init_orb {
 /// for any generalised inverse S^-, because P n = 0 and g_i^T n = 0. Tracks share the reference
 /// patch and the calibration, neighbours share more: unless `options.pose_variance_factor` is 0 the
 /// spread of the gradient over cells of the image is added to S^- (as in photometric_covariance.h),
-/// and 1 / h_ii counts once for all frames.
+/// and 1 / h_ii counts once for all frames. What is no noise (occlusions, wrong warps) does not
+/// average out over cells either, and shows in the tails of the errors: that spread is multiplied
+/// by pose_variance_factor (1 + tail_variance_factor * tailExcess), kept in `map.clustered_factor`.
 /// @param map adjusted, mean inverse depth 1, every corner observed in a posed frame
 /// @return the variance factor s^2 [-]; nothing is set and NaN returned when the problem has no
 ///         redundancy or is degenerate

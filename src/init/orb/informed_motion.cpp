@@ -174,6 +174,7 @@ InitReason InformedAttempt::refine() {
   const double factor =
       context_.clock.time("covariance", [&] { return setCovariances(map, camera, adjusted); });
   detail("variance_factor", factor);
+  detail("clustered_factor", map.clustered_factor);
   return std::isfinite(factor) ? InitReason::kDone : InitReason::kPoorQuality;
 }
 

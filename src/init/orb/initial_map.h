@@ -45,6 +45,7 @@ struct InitialMap {
   std::vector<std::optional<Matrix6d>> covariance;  ///< of a left increment, one a frame
   std::vector<int> joint_frames;         ///< adjusted together, ascending, without the reference
   Eigen::MatrixXd joint_covariance;      ///< of the joint frames' left increments, 6 rows each
+  double clustered_factor = 0;           ///< on what cells of the image add to it [-]; 0: nothing
   std::vector<AffineBrightness> affine;  ///< one a frame, zero first
   std::vector<Corner> corners;
   std::vector<Observation> observations;  ///< sorted by corner, then frame

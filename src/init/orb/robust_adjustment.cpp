@@ -17,21 +17,35 @@ namespace {
 
 // Median length of a two-dimensional vector whose coordinates have standard deviation 1.
 constexpr double kMedianLength = 1.1774;
+// 90th percentile over median of the absolute value of a normal distribution.
+constexpr double kNormalTail = 2.4387;
 constexpr double kMinSigma = 1e-3;  // [px]; exact tracks of synthetic maps
 
 constexpr std::size_t kGrain = 512;  // observations one thread projects at a time
 
 constexpr double kBehind = std::numeric_limits<double>::infinity();
 
+bool isPosed(const InitialMap& map, const Observation& observation) {
+  return map.T_cam_ref[static_cast<std::size_t>(observation.frame)].has_value();
+}
+
+/// Where the corner of an observation is expected, in a frame with pose; nullopt behind the camera.
+std::optional<HostedProjection> expected(const InitialMap& map,
+                                         const PinholeCamera& camera,
+                                         const Observation& observation) {
+  const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
+  return projectHosted(camera,
+                       *map.T_cam_ref[static_cast<std::size_t>(observation.frame)],
+                       camera.unproject(corner.pixel),
+                       corner.inverse_depth);
+}
+
 /// Reprojection error of every observation, whitened but for sigma; infinite behind a camera, NaN
 /// in frames without pose.
 std::vector<double> errorsOf(const InitialMap& map, const PinholeCamera& camera) {
   const auto error = [&](const Observation& observation) {
-    const auto& pose = map.T_cam_ref[static_cast<std::size_t>(observation.frame)];
-    if (!pose) return std::numeric_limits<double>::quiet_NaN();
-    const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
-    const auto projection =
-        projectHosted(camera, *pose, camera.unproject(corner.pixel), corner.inverse_depth);
+    if (!isPosed(map, observation)) return std::numeric_limits<double>::quiet_NaN();
+    const auto projection = expected(map, camera, observation);
     return projection ? (observation.whitening * (projection->pixel - observation.pixel)).norm()
                       : kBehind;
   };
@@ -95,6 +109,28 @@ GeometricOptions adjustToNoise(InitialMap& map,
     if (!solve(map, camera, measured)) break;
   }
   return measured;
+}
+
+double tailExcess(const InitialMap& map, const PinholeCamera& camera) {
+  std::vector<double> across;
+  across.reserve(map.observations.size());
+  for (const Observation& observation : map.observations) {
+    if (!isPosed(map, observation)) continue;
+    const auto projection = expected(map, camera, observation);
+    if (!projection) continue;
+    const Eigen::Vector2d line = observation.whitening * projection->J_inverse_depth;
+    const Eigen::Vector2d error = observation.whitening * (projection->pixel - observation.pixel);
+    const double length = line.norm();
+    if (length > 0) {
+      across.push_back(std::abs(line.x() * error.y() - line.y() * error.x()) / length);
+    }
+  }
+  const double median = medianInPlace(across);
+  if (!(median > 0)) return 0;
+  const auto tail = across.begin() + static_cast<std::ptrdiff_t>(across.size() * 9 / 10);
+  std::nth_element(across.begin(), tail, across.end());
+  const double ratio = *tail / (kNormalTail * median);
+  return std::max(0.0, ratio * ratio - 1);
 }
 
 double faceForward(InitialMap& map) {

@@ -29,6 +29,11 @@ bool adjustOnce(InitialMap& map, const PinholeCamera& camera, const GeometricOpt
 /// Median of the reprojection errors of all observations in posed frames, whitened but for sigma.
 double medianError(const InitialMap& map, const PinholeCamera& camera);
 
+/// How much heavier the tails of the errors are than noise's: of the whitened errors across the
+/// epipolar line, which no inverse depth absorbs, the square of the 90th percentile over the
+/// median, over that of a normal distribution, less 1 [-]; at least 0.
+double tailExcess(const InitialMap& map, const PinholeCamera& camera);
+
 /// When most corners are behind the camera, the motion has the wrong sign: turns it round, which
 /// changes no projection. @return share of the corners in front of the camera
 double faceForward(InitialMap& map);
