@@ -61,7 +61,7 @@ TEST(Parallel, SumOfNothingIsZero) {
 }
 
 TEST(Parallel, ForEachRangeCoversEveryItemOnce) {
-  for (const std::size_t grain : {0, 1, 64, 1000}) {
+  for (const std::size_t grain : {0U, 1U, 64U, 1000U}) {
     std::vector<int> visits(1000, 0);
     forEachRange(visits.size(), grain, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) ++visits[i];

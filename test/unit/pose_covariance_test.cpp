@@ -67,7 +67,7 @@ Ratios measure(const SyntheticMapOptions& kind, double shared, double pose_varia
         continue;
       }
       const auto own = poseCovariance(
-          sightingsByFrame(map, scene.camera)[k], scene.camera, T, {1, pose_variance_factor});
+          sightingsByFrame(map, scene.camera)[at], scene.camera, T, {1, pose_variance_factor});
       EXPECT_TRUE(own);
       between.push_back(ratio(*own + inherited.covariance(T)));
       between_own.push_back(ratio(*own));
@@ -109,7 +109,8 @@ TEST(PoseCovariance, ResponseIsThatOfAPoseFittedToTheMovedStructure) {
   for (double& value : moved) value = 1e-4 * random.gaussian();
   for (int k = 1; k < kFrames; k += 2) {
     const SE3& before = *map.T_cam_ref[static_cast<std::size_t>(k)];
-    std::vector<PointSighting> sightings = sightingsByFrame(map, scene.camera)[k];
+    std::vector<PointSighting> sightings =
+        sightingsByFrame(map, scene.camera)[static_cast<std::size_t>(k)];
     const auto fitted = poseFromPoints(sightings, scene.camera, before, 1);
     for (std::size_t i = 0; i < sightings.size(); ++i) {
       const auto at = static_cast<Eigen::Index>(i);  // every frame sees every corner, in order
