@@ -159,7 +159,7 @@ TEST(RobustAdjustment, TellsTailsFromNoise) {
       Random random(seed);
       for (Observation& observation : tailed.start.observations) {
         if (random.uniform(0, 1) < 0.2) {
-          observation.pixel += 0.8 * Eigen::Vector2d(random.gaussian(), random.gaussian());
+          observation.pixel += 0.8 * Eigen::Vector2d{random.gaussian(), random.gaussian()};
         }
       }
       ASSERT_TRUE(adjustOnce(tailed.start, tailed.camera, {}));
