@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/geometric_adjustment.h"
 
-#include "camera/reprojection.h"
 #include "init/orb/adjustment_solvers.h"
 #include "init/orb/geometric_covariance.h"
 #include "init/orb/map_scale.h"
+#include "init/orb/reprojection_equations.h"
 
 #include <algorithm>
 #include <cmath>
@@ -66,11 +66,7 @@ std::optional<int> Adjustment::solve() {
 
 std::optional<double> Adjustment::error(const Observation& observation) const {
   const Corner& corner = map_.corners[static_cast<std::size_t>(observation.corner)];
-  const std::optional<HostedProjection> projection =
-      projectHosted(camera_,
-                    *map_.T_cam_ref[static_cast<std::size_t>(observation.frame)],
-                    camera_.unproject(corner.pixel),
-                    corner.inverse_depth);
+  const auto projection = projectCorner(map_, camera_, observation);
   if (!projection || !(corner.inverse_depth > 0)) {
     return std::nullopt;
   }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/geometric_covariance.h"
 
-#include "camera/reprojection.h"
 #include "init/orb/image_cells.h"
 #include "init/orb/reprojection_equations.h"
 #include "init/orb/robust_adjustment.h"
@@ -36,10 +35,7 @@ Eigen::MatrixXd cellGradients(const InitialMap& map,
     const auto frame = static_cast<std::size_t>(observation.frame);
     const auto corner = static_cast<std::size_t>(observation.corner);
     if (pose_rows.first[frame] < 0) continue;
-    const auto projection = projectHosted(camera,
-                                          *map.T_cam_ref[frame],
-                                          camera.unproject(map.corners[corner].pixel),
-                                          map.corners[corner].inverse_depth);
+    const auto projection = projectCorner(map, camera, observation);
     if (!projection) continue;
     const Eigen::Matrix2d whitening = observation.whitening / options.sigma;
     const Eigen::Vector2d error = whitening * (projection->pixel - observation.pixel);

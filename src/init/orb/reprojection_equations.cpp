@@ -14,6 +14,16 @@ using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::Ro
 
 }  // namespace
 
+std::optional<HostedProjection> projectCorner(const InitialMap& map,
+                                              const PinholeCamera& camera,
+                                              const Observation& observation) {
+  const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
+  return projectHosted(camera,
+                       *map.T_cam_ref[static_cast<std::size_t>(observation.frame)],
+                       camera.unproject(corner.pixel),
+                       corner.inverse_depth);
+}
+
 double robustCost(double error, const GeometricOptions& options) {
   const double limit = options.loss_threshold;
   if (options.loss == RobustLoss::kHuber) {

@@ -4,6 +4,7 @@
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/options/orb_mapping.h"
 
+#include "camera/reprojection.h"
 #include "init/orb/initial_map.h"
 #include "init/orb/reprojection_kernels.h"
 
@@ -103,6 +104,12 @@ ReprojectionEquations linearize(const InitialMap& map,
                                 const PoseRows& pose_rows,
                                 const PinholeCamera& camera,
                                 const GeometricOptions& options);
+
+/// Where the corner of an observation is expected; nullopt behind the camera.
+/// @param observation of a frame with pose
+std::optional<HostedProjection> projectCorner(const InitialMap& map,
+                                              const PinholeCamera& camera,
+                                              const Observation& observation);
 
 /// Robust loss of one observation, as Ceres counts it. @param error whitened, at least 0
 double robustCost(double error, const GeometricOptions& options);

@@ -3,8 +3,8 @@
 
 #include "base/median.h"
 #include "base/parallel.h"
-#include "camera/reprojection.h"
 #include "init/orb/adjustment_solvers.h"
+#include "init/orb/reprojection_equations.h"
 
 #include <algorithm>
 #include <cmath>
@@ -29,23 +29,12 @@ bool isPosed(const InitialMap& map, const Observation& observation) {
   return map.T_cam_ref[static_cast<std::size_t>(observation.frame)].has_value();
 }
 
-/// Where the corner of an observation is expected, in a frame with pose; nullopt behind the camera.
-std::optional<HostedProjection> expected(const InitialMap& map,
-                                         const PinholeCamera& camera,
-                                         const Observation& observation) {
-  const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
-  return projectHosted(camera,
-                       *map.T_cam_ref[static_cast<std::size_t>(observation.frame)],
-                       camera.unproject(corner.pixel),
-                       corner.inverse_depth);
-}
-
 /// Reprojection error of every observation, whitened but for sigma; infinite behind a camera, NaN
 /// in frames without pose.
 std::vector<double> errorsOf(const InitialMap& map, const PinholeCamera& camera) {
   const auto error = [&](const Observation& observation) {
     if (!isPosed(map, observation)) return std::numeric_limits<double>::quiet_NaN();
-    const auto projection = expected(map, camera, observation);
+    const auto projection = projectCorner(map, camera, observation);
     return projection ? (observation.whitening * (projection->pixel - observation.pixel)).norm()
                       : kBehind;
   };
@@ -116,7 +105,7 @@ double tailExcess(const InitialMap& map, const PinholeCamera& camera) {
   across.reserve(map.observations.size());
   for (const Observation& observation : map.observations) {
     if (!isPosed(map, observation)) continue;
-    const auto projection = expected(map, camera, observation);
+    const auto projection = projectCorner(map, camera, observation);
     if (!projection) continue;
     const Eigen::Vector2d line = observation.whitening * projection->J_inverse_depth;
     const Eigen::Vector2d error = observation.whitening * (projection->pixel - observation.pixel);
