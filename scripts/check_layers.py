@@ -1,9 +1,11 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: BSD-3-Clause
 """Fails when a source file includes what its layer may not know: data flows one way."""
+import os
 import re
 import subprocess
 import sys
+from collections import Counter
 
 # folder -> project folders it may include besides itself; public and private headers alike
 MAY_INCLUDE = {
@@ -21,11 +23,24 @@ MAY_INCLUDE = {
     'io': {'odometry', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
     'app': {'io', 'odometry', 'init', 'synthetic', 'image', 'camera', 'geometry', 'base', 'options'},
 }
+# rooms of src/init/orb -> rooms each may include besides itself; files of init/orb itself may include all
+TRACKS, GEOMETRY = {'tracks'}, {'tracks', 'two_view', 'map', 'bundle'}
+ORB_ROOMS = {
+    'tracks': set(),
+    'two_view': TRACKS,
+    'map': TRACKS,
+    'bundle': GEOMETRY,
+    'semi_dense': GEOMETRY,
+    'photometric': GEOMETRY,
+    'start': GEOMETRY,
+    'thesis': GEOMETRY | {'photometric'},
+}
+MAX_FILES = 22  # in one folder of src/init/orb
 # third-party header -> folders (or file prefixes) that may use it
 THIRD_PARTY = {
     r'opencv2/': ('src/camera/undistorter', 'src/init/orb/', 'src/io/', 'src/app/'),
-    r'ceres/': ('src/init/orb/',),
-    r'glog/': ('src/init/orb/',),
+    r'ceres/': ('src/init/orb/thesis/ceres/',),
+    r'glog/': ('src/init/orb/thesis/ceres/',),
     r'tbb/|oneapi/': ('src/base/', 'src/odometry/'),
     r'yaml-cpp/': ('src/io/',),
     r'nlohmann/': ('src/io/',),
@@ -41,6 +56,25 @@ def folder_of(path):
     parts = path.split('/')
     return parts[2] if path.startswith('include/dsorb/') and len(parts) > 3 else \
         parts[1] if path.startswith('src/') and len(parts) > 2 else None
+
+
+def room_of(path):
+    """Room of a file of init/orb; '' for its top, None outside."""
+    match = re.match(r'(?:src/)?init/orb/(?:(\w+)/)?', path)
+    return match and (match.group(1) or '')
+
+
+def wrong_room(path, header):
+    room, target = room_of(path), room_of(header)
+    if not room or target is None or target == room or target in ORB_ROOMS.get(room, ()):
+        return None
+    return f'init/orb/{room} may not include {header}'
+
+
+def crowded(paths):
+    files = Counter(os.path.dirname(path) for path in paths if path.startswith('src/init/orb'))
+    return [f'{folder}: {count} files, at most {MAX_FILES} keep it readable'
+            for folder, count in sorted(files.items()) if count > MAX_FILES]
 
 
 def wrong_includes(path):
@@ -62,6 +96,8 @@ def wrong_includes(path):
                 yield number, f'io may include {target} through public headers only, not {header}'
         if public and match.group(1) == '"' and not header.startswith('dsorb/'):
             yield number, f'a public header may not include the private {header}'
+        if match.group(1) == '"' and wrong_room(path, header):
+            yield number, wrong_room(path, header)
         for pattern, allowed in THIRD_PARTY.items():
             if match.group(1) == '<' and re.match(pattern, header) and not path.startswith(allowed):
                 yield number, f'{header} may be included only in {", ".join(allowed)}'
@@ -71,6 +107,7 @@ def main():
     paths = subprocess.run(['git', 'ls-files', 'include/*.h', 'src/*.h', 'src/*.cpp'],
                            capture_output=True, text=True, check=True).stdout.split()
     faults = [f'{path}:{number}: {text}' for path in paths for number, text in wrong_includes(path)]
+    faults += crowded(paths)
     print('\n'.join(faults) or f'layers: {len(paths)} files, no wrong arrow')
     return 1 if faults else 0
 

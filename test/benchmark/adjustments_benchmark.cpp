@@ -3,14 +3,14 @@
 
 #include "base/random.h"
 #include "benchmark/rendered_frames.h"
-#include "init/orb/corner_polish.h"
-#include "init/orb/feature_tracks.h"
-#include "init/orb/geometric_covariance.h"
-#include "init/orb/map_scale.h"
-#include "init/orb/outlier_filter.h"
-#include "init/orb/photometric_adjustment.h"
-#include "init/orb/photometric_covariance.h"
-#include "init/orb/semi_dense_depth.h"
+#include "init/orb/bundle/corner_polish.h"
+#include "init/orb/bundle/geometric_covariance.h"
+#include "init/orb/map/map_scale.h"
+#include "init/orb/photometric/outlier_filter.h"
+#include "init/orb/photometric/photometric_adjustment.h"
+#include "init/orb/photometric/photometric_covariance.h"
+#include "init/orb/semi_dense/semi_dense_depth.h"
+#include "init/orb/tracks/feature_tracks.h"
 
 #include <cstddef>
 

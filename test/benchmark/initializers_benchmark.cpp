@@ -2,12 +2,12 @@
 #include "dsorb/init/initializer.h"
 
 #include "benchmark/rendered_frames.h"
-#include "init/orb/feature_tracks.h"
-#include "init/orb/geometric_adjustment.h"
-#include "init/orb/map_assembly.h"
-#include "init/orb/motion_hypotheses.h"
-#include "init/orb/semi_dense_depth.h"
-#include "init/orb/two_view.h"
+#include "init/orb/bundle/map_assembly.h"
+#include "init/orb/semi_dense/semi_dense_depth.h"
+#include "init/orb/thesis/geometric_adjustment.h"
+#include "init/orb/thesis/two_view.h"
+#include "init/orb/tracks/feature_tracks.h"
+#include "init/orb/two_view/decomposition.h"
 
 #include <cstddef>
 #include <stdexcept>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "init/orb/initial_map.h"
+#include "init/orb/map/initial_map.h"
 #include "support/plane_scene.h"
 
 #include <cmath>

@@ -4,8 +4,8 @@
 #include "dsorb/camera/pinhole_camera.h"
 
 #include "base/random.h"
-#include "init/orb/image_cells.h"
-#include "init/orb/initial_map.h"
+#include "init/orb/map/image_cells.h"
+#include "init/orb/map/initial_map.h"
 
 #include <cstddef>
 #include <vector>

@@ -5,7 +5,7 @@
 #include "dsorb/geometry/se3.h"
 
 #include "base/random.h"
-#include "init/orb/matches.h"
+#include "init/orb/tracks/matches.h"
 
 #include <cstdint>
 #include <vector>

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/corner_polish.h"
+#include "init/orb/bundle/corner_polish.h"
 
 #include "base/median.h"
 #include "base/random.h"
 #include "camera/reprojection.h"
-#include "init/orb/geometric_adjustment.h"
-#include "init/orb/map_assembly.h"
+#include "init/orb/bundle/map_assembly.h"
+#include "init/orb/thesis/geometric_adjustment.h"
 #include "support/matchers.h"
 #include "support/plane_scene.h"
 

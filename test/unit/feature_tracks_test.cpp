@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/feature_tracks.h"
+#include "init/orb/tracks/feature_tracks.h"
 
 #include "support/painted_frame.h"
 

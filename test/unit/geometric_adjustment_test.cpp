@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/geometric_adjustment.h"
+#include "init/orb/thesis/geometric_adjustment.h"
 
-#include "init/orb/reprojection_cost.h"
+#include "init/orb/thesis/ceres/reprojection_cost.h"
 #include "support/jacobian_check.h"
 #include "support/matchers.h"
 #include "support/synthetic_map.h"

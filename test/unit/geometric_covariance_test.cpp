@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/geometric_covariance.h"
+#include "init/orb/bundle/geometric_covariance.h"
 
 #include "base/median.h"
-#include "init/orb/geometric_adjustment.h"
-#include "init/orb/reprojection_cost.h"
+#include "init/orb/thesis/ceres/reprojection_cost.h"
+#include "init/orb/thesis/geometric_adjustment.h"
 #include "support/jacobian_check.h"
 #include "support/matchers.h"
 #include "support/synthetic_map.h"

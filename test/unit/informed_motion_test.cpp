@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Motion by information, without images: essential matrix, competition of models, gate, noise.
 #include "base/spread_frames.h"
-#include "init/orb/essential_motion.h"
-#include "init/orb/model_competition.h"
-#include "init/orb/motion_candidates.h"
-#include "init/orb/robust_adjustment.h"
-#include "init/orb/rotation_only.h"
-#include "init/orb/start_gate.h"
+#include "init/orb/bundle/robust_adjustment.h"
+#include "init/orb/start/motion_candidates.h"
+#include "init/orb/start/start_gate.h"
+#include "init/orb/two_view/essential_motion.h"
+#include "init/orb/two_view/model_competition.h"
+#include "init/orb/two_view/rotation_only.h"
 #include "support/matchers.h"
 #include "support/synthetic_map.h"
 #include "support/two_view_scene.h"

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/motion_hypotheses.h"
-
-#include "init/orb/motion_refinement.h"
-#include "init/orb/pose_from_points.h"
-#include "init/orb/rotation_only.h"
+#include "init/orb/bundle/pose_from_points.h"
+#include "init/orb/thesis/two_view_motion.h"
+#include "init/orb/two_view/motion_refinement.h"
+#include "init/orb/two_view/rotation_only.h"
 #include "support/jacobian_check.h"
 #include "support/matchers.h"
 #include "support/two_view_scene.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/moving_parts.h"
+#include "init/orb/semi_dense/moving_parts.h"
 
 #include "base/random.h"
 

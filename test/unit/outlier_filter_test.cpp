@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/outlier_filter.h"
+#include "init/orb/photometric/outlier_filter.h"
 
 #include "dsorb/options/initializer.h"
 
-#include "init/orb/neighbour_disagreement.h"
-#include "init/orb/photometric_adjustment.h"
-#include "init/orb/photometric_covariance.h"
+#include "init/orb/photometric/neighbour_disagreement.h"
+#include "init/orb/photometric/photometric_adjustment.h"
+#include "init/orb/photometric/photometric_covariance.h"
 #include "support/depth_windows.h"
 
 #include <gtest/gtest.h>

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/photometric_adjustment.h"
+#include "init/orb/photometric/photometric_adjustment.h"
 
 #include "base/median.h"
 #include "base/parallel.h"
-#include "init/orb/photometric_solvers.h"
+#include "init/orb/photometric/photometric_solvers.h"
 #include "support/matchers.h"
 #include "support/photometric_map.h"
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/photometric_cost.h"
-#include "init/orb/photometric_equations.h"
-#include "init/orb/reprojection_cost.h"
+#include "init/orb/photometric/photometric_equations.h"
+#include "init/orb/thesis/ceres/photometric_cost.h"
+#include "init/orb/thesis/ceres/reprojection_cost.h"
 #include "support/jacobian_check.h"
 #include "support/plane_scene.h"
 

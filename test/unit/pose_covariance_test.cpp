@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/pose_covariance.h"
+#include "init/orb/bundle/pose_covariance.h"
 
 #include "base/median.h"
 #include "base/random.h"
-#include "init/orb/geometric_adjustment.h"
-#include "init/orb/map_assembly.h"
-#include "init/orb/reprojection_equations.h"
+#include "init/orb/bundle/map_assembly.h"
+#include "init/orb/bundle/reprojection_equations.h"
+#include "init/orb/thesis/geometric_adjustment.h"
 #include "support/jacobian_check.h"
 #include "support/synthetic_map.h"
 

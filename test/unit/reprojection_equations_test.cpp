@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/reprojection_equations.h"
+#include "init/orb/bundle/reprojection_equations.h"
 
 #include "base/parallel.h"
 #include "camera/reprojection.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/residual_statistics.h"
+#include "init/orb/photometric/residual_statistics.h"
 
 #include "base/median.h"
 #include "base/random.h"

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/semi_dense_depth.h"
+#include "init/orb/semi_dense/semi_dense_depth.h"
 
 #include "base/median.h"
 #include "base/parallel.h"
-#include "init/orb/candidate_depth.h"
+#include "init/orb/semi_dense/candidate_depth.h"
 #include "support/plane_scene.h"
 
 #include <Eigen/Cholesky>

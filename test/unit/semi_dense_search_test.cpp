@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // One pixel's search along its epipolar line, as semi-dense depth uses it.
 #include "base/median.h"
-#include "init/orb/epipolar_line.h"
-#include "init/orb/epipolar_search.h"
+#include "init/orb/semi_dense/epipolar_line.h"
+#include "init/orb/semi_dense/epipolar_search.h"
 #include "support/plane_scene.h"
 
 #include <gtest/gtest.h>

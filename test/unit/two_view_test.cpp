@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/two_view.h"
+#include "init/orb/thesis/two_view.h"
 
 #include "base/parallel.h"
 #include "support/two_view_scene.h"

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/attempt.h"
 
-#include "init/orb/corner_polish.h"
-#include "init/orb/geometric_adjustment.h"
-#include "init/orb/informed_motion.h"
-#include "init/orb/map_assembly.h"
-#include "init/orb/moving_parts.h"
+#include "init/orb/bundle/corner_polish.h"
+#include "init/orb/bundle/map_assembly.h"
 #include "init/orb/photometric_stage.h"
-#include "init/orb/report_motion.h"
-#include "init/orb/semi_dense_depth.h"
+#include "init/orb/semi_dense/moving_parts.h"
+#include "init/orb/semi_dense/semi_dense_depth.h"
+#include "init/orb/start/informed_motion.h"
+#include "init/orb/thesis/geometric_adjustment.h"
+#include "init/orb/thesis/report_motion.h"
 
 #include <utility>
 #include <vector>

@@ -1,34 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/init/result.h"
-#include "dsorb/options/initializer.h"
 
-#include "init/orb/initial_map.h"
-#include "init/orb/reference_pool.h"
-#include "init/stage_clock.h"
-
-#include <optional>
+#include "init/orb/map/attempt_types.h"
 
 namespace dsorb::init_orb {
-
-/// One try to initialize: the map when it succeeded, else the reason.
-struct Attempt {
-  InitReason reason = InitReason::kSettling;
-  std::optional<InitialMap> map;
-  MotionEvidence evidence;
-  InitReport report;  ///< model, parallax, inliers, residual and details; the rest is the caller's
-};
-
-/// What every stage of an attempt is given.
-struct AttemptContext {
-  const PinholeCamera& camera;
-  const InitializerOptions& options;
-  StageClock& clock;
-
-  [[nodiscard]] std::uint64_t seed() const { return static_cast<std::uint64_t>(options.seed); }
-};
 
 /// Tries to initialize from one reference: motion and corners (report_motion or informed_motion),
 /// then semi-dense depth and what follows it.

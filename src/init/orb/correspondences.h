@@ -4,9 +4,9 @@
 #include "dsorb/image/frame.h"
 #include "dsorb/options/orb.h"
 
-#include "init/orb/feature_matches.h"
-#include "init/orb/feature_tracks.h"
-#include "init/orb/reference_pool.h"
+#include "init/orb/map/reference_view.h"
+#include "init/orb/tracks/feature_matches.h"
+#include "init/orb/tracks/feature_tracks.h"
 
 #include <vector>
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/matching_initializer.h"
 
-#include "init/orb/rotation_only.h"
+#include "init/orb/two_view/rotation_only.h"
 #include "init/result.h"
 
 #include <stdexcept>

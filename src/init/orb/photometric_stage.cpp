@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/photometric_stage.h"
 
-#include "init/orb/outlier_filter.h"
-#include "init/orb/photometric_adjustment.h"
-#include "init/orb/photometric_covariance.h"
+#include "init/orb/photometric/outlier_filter.h"
+#include "init/orb/photometric/photometric_adjustment.h"
+#include "init/orb/photometric/photometric_covariance.h"
 
 #include <optional>
 #include <string>

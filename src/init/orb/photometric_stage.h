@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "init/orb/attempt.h"
+#include "init/orb/map/attempt_types.h"
 
 namespace dsorb::init_orb {
 

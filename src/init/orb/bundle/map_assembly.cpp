@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/bundle/map_assembly.h"
+
+#include "base/median.h"
+#include "init/orb/bundle/pose_from_points.h"
+#include "init/result.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <numeric>
+#include <utility>
+
+namespace dsorb::init_orb {
+namespace {
+
+/// Pose of a frame by constant motion between the nearest posed frames before and after it.
+SE3 interpolatedPose(const InitialMap& map, int frame) {
+  int before = frame;
+  int after = frame;
+  while (!map.T_cam_ref[static_cast<std::size_t>(before)]) --before;
+  while (!map.T_cam_ref[static_cast<std::size_t>(after)]) ++after;
+  const SE3& T_before = *map.T_cam_ref[static_cast<std::size_t>(before)];
+  const SE3& T_after = *map.T_cam_ref[static_cast<std::size_t>(after)];
+  const double share = static_cast<double>(frame - before) / static_cast<double>(after - before);
+  return SE3::exp(share * (T_after * T_before.inverse()).log()) * T_before;
+}
+
+bool handedOver(double inverse_depth, double variance) {
+  return std::isfinite(inverse_depth) && inverse_depth > 0 && std::isfinite(variance) &&
+         variance > 0;
+}
+
+double medianRelativeSigma(const std::vector<InitPoint>& points) {
+  std::vector<double> sigmas;
+  sigmas.reserve(points.size());
+  for (const InitPoint& point : points) {
+    sigmas.push_back(std::sqrt(point.variance) / point.inverse_depth);
+  }
+  return medianOf(std::move(sigmas));
+}
+
+}  // namespace
+
+std::vector<std::vector<PointSighting>> sightingsByFrame(const InitialMap& map,
+                                                         const PinholeCamera& camera) {
+  std::vector<std::vector<PointSighting>> sightings(map.frames.size());
+  for (const Observation& observation : map.observations) {
+    const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
+    sightings[static_cast<std::size_t>(observation.frame)].push_back(
+        {camera.unproject(corner.pixel), corner.inverse_depth, observation.pixel});
+  }
+  return sightings;
+}
+
+InitialMap makeInitialMap(const std::vector<FramePtr>& frames,
+                          const CornerTracks& tracks,
+                          const MotionHypothesis& motion) {
+  InitialMap map;
+  map.frames = frames;
+  map.T_cam_ref.resize(frames.size());
+  map.T_cam_ref.front() = SE3();
+  map.T_cam_ref.back() = motion.T_target_ref;
+  map.covariance.resize(frames.size());
+  map.affine.resize(frames.size());
+  for (std::size_t track = 0; track < motion.points.size(); ++track) {
+    const auto& point = motion.points[track];
+    if (!point) continue;
+    const int corner = static_cast<int>(map.corners.size());
+    map.corners.push_back(
+        {tracks.positions[0][track].cast<double>(), point->inverse_depth, point->variance});
+    for (int frame = 1; frame < tracks.frames(); ++frame) {
+      const Eigen::Vector2f& place = tracks.positions[static_cast<std::size_t>(frame)][track];
+      if (place.allFinite()) map.observations.push_back({corner, frame, place.cast<double>()});
+    }
+  }
+  return map;
+}
+
+void poseFramesBetween(InitialMap& map, const PinholeCamera& camera, double sigma) {
+  const auto sightings = sightingsByFrame(map, camera);
+  const Vector6d motion = map.T_cam_ref.back()->log();
+  const auto last = static_cast<double>(map.frames.size() - 1);
+  for (std::size_t frame = 1; frame + 1 < map.frames.size(); ++frame) {
+    const SE3 guess = SE3::exp(static_cast<double>(frame) / last * motion);
+    map.T_cam_ref[frame] = poseFromPoints(sightings[frame], camera, guess, sigma).value_or(guess);
+  }
+}
+
+std::vector<int> poseFrames(InitialMap& map,
+                            const PinholeCamera& camera,
+                            const std::vector<int>& frames) {
+  const auto sightings = sightingsByFrame(map, camera);
+  std::vector<int> posed;
+  for (const int frame : frames) {
+    std::optional<SE3>& pose = map.T_cam_ref[static_cast<std::size_t>(frame)];
+    if (pose) continue;
+    posed.push_back(frame);
+    const SE3 guess = interpolatedPose(map, frame);
+    const auto& seen = sightings[static_cast<std::size_t>(frame)];
+    pose = poseFromPoints(seen, camera, guess, kTrackSigma).value_or(guess);
+  }
+  return posed;
+}
+
+std::vector<int> poseOtherFrames(InitialMap& map, const PinholeCamera& camera) {
+  std::vector<int> frames(map.frames.size());
+  std::iota(frames.begin(), frames.end(), 0);
+  return poseFrames(map, camera, frames);
+}
+
+InitializationResult toResult(const InitialMap& map) {
+  InitializationResult result;
+  for (std::size_t i = 0; i < map.frames.size(); ++i) {
+    result.frames.push_back({map.frames[i], map.T_cam_ref[i], map.affine[i], map.covariance[i]});
+  }
+  std::vector<int> observations(map.corners.size(), 0);
+  for (const Observation& observation : map.observations) {
+    ++observations[static_cast<std::size_t>(observation.corner)];
+  }
+  for (std::size_t i = 0; i < map.corners.size(); ++i) {
+    const Corner& corner = map.corners[i];
+    if (!handedOver(corner.inverse_depth, corner.variance)) continue;
+    result.points.push_back({0,
+                             corner.pixel.cast<float>(),
+                             static_cast<float>(corner.inverse_depth),
+                             static_cast<float>(corner.variance),
+                             observations[i]});
+  }
+  for (const SemiDensePoint& point : map.points) {
+    if (!handedOver(point.inverse_depth, point.variance)) continue;
+    result.points.push_back(
+        {0, point.pixel, point.inverse_depth, point.variance, point.observations});
+  }
+  normalizeScale(result);
+  result.report.frames_fed = static_cast<int>(result.frames.size());
+  result.report.frames_posed = static_cast<int>(
+      std::count_if(result.frames.begin(), result.frames.end(), [](const PosedFrame& frame) {
+        return frame.T_cam_ref.has_value();
+      }));
+  result.report.points = static_cast<int>(result.points.size());
+  result.report.median_relative_sigma = medianRelativeSigma(result.points);
+  return result;
+}
+
+}  // namespace dsorb::init_orb

@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/init/result.h"
+
+#include "init/orb/bundle/pose_from_points.h"
+#include "init/orb/map/initial_map.h"
+#include "init/orb/tracks/corner_tracks.h"
+#include "init/orb/two_view/decomposition.h"
+
+#include <vector>
+
+namespace dsorb::init_orb {
+
+/// The attempt's first map: a corner for every track that is good under the motion, with its
+/// observations in all frames that see it; the first and the last frame posed.
+/// @param frames one a frame of the tracks
+/// @param motion reference to newest frame, its points in the order of the tracks
+InitialMap makeInitialMap(const std::vector<FramePtr>& frames,
+                          const CornerTracks& tracks,
+                          const MotionHypothesis& motion);
+
+/// The corners as they were tracked, by frame.
+std::vector<std::vector<PointSighting>> sightingsByFrame(const InitialMap& map,
+                                                         const PinholeCamera& camera);
+
+/// Poses the frames between the first and the last: from the corners, or where these do not agree
+/// by interpolation along the motion.
+/// @param sigma of an observation, each axis [px]
+void poseFramesBetween(InitialMap& map, const PinholeCamera& camera, double sigma);
+
+/// Poses some frames from the corners, each from where its nearest posed neighbours let expect it;
+/// a frame whose corners do not agree is interpolated between them.
+/// @param frames ascending; those that have a pose keep it
+/// @return       those that had none
+std::vector<int> poseFrames(InitialMap& map,
+                            const PinholeCamera& camera,
+                            const std::vector<int>& frames);
+
+/// Poses all frames that have no pose yet. @return these frames
+std::vector<int> poseOtherFrames(InitialMap& map, const PinholeCamera& camera);
+
+/// Poses, corners and semi-dense points as they are handed over, in the common unit; points at or
+/// behind infinity are left out. The report holds what can be seen from the map.
+InitializationResult toResult(const InitialMap& map);
+
+}  // namespace dsorb::init_orb

@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/bundle/pose_covariance.h"
+
+#include "camera/reprojection.h"
+#include "init/orb/bundle/reprojection_equations.h"
+#include "init/orb/map/image_cells.h"
+
+#include <Eigen/Cholesky>
+
+#include <algorithm>
+#include <cstddef>
+
+namespace dsorb::init_orb {
+namespace {
+
+/// Sum over cells of the image of g g^T, g the gradient of the cell's sightings.
+Matrix6d gradientSpread(const std::vector<PointSighting>& sightings,
+                        const PinholeCamera& camera,
+                        const SE3& T_cam_host,
+                        double limit) {
+  constexpr std::size_t kCells = static_cast<std::size_t>(kCellsX) * kCellsY;
+  std::array<Vector6d, kCells> gradients;
+  gradients.fill(Vector6d::Zero());
+  std::array<bool, kCells> used{};
+  for (const PointSighting& sighting : sightings) {
+    const auto projection =
+        projectHosted(camera, T_cam_host, sighting.host_ray, sighting.inverse_depth);
+    if (!projection) continue;
+    const Eigen::Vector2d error = projection->pixel - sighting.pixel;
+    const double magnitude = error.norm();
+    const double weight = magnitude > limit ? limit / magnitude : 1;
+    const std::size_t cell = imageCell(camera.project(sighting.host_ray), camera);
+    used[cell] = true;
+    gradients[cell] += projection->J_pose.transpose() * (weight * error);
+  }
+  Matrix6d spread = Matrix6d::Zero();
+  int cells = 0;
+  for (std::size_t cell = 0; cell < kCells; ++cell) {
+    if (!used[cell]) continue;
+    spread += gradients[cell] * gradients[cell].transpose();
+    ++cells;
+  }
+  return spread * (static_cast<double>(cells) / std::max(cells - 1, 1));
+}
+
+}  // namespace
+
+std::optional<Matrix6d> poseCovariance(const std::vector<PointSighting>& sightings,
+                                       const PinholeCamera& camera,
+                                       const SE3& T_cam_host,
+                                       const SightingNoise& noise) {
+  const std::optional<PoseSums> sums = poseEquations(sightings, camera, T_cam_host, noise.sigma);
+  if (!sums) return std::nullopt;
+  const Eigen::LDLT<Matrix6d> hessian(hessianOf(*sums));
+  if (!hessian.isPositive()) return std::nullopt;
+  const Matrix6d inverse = hessian.solve(Matrix6d::Identity());
+  const Vector6d step = inverse * Eigen::Map<const Vector6d>(sums->gradient.data());
+  Matrix6d covariance =
+      sums->weighted_square / (2 * sums->sightings - kPoseSize) * inverse + step * step.transpose();
+  if (noise.variance_factor > 0) {
+    const double limit = huberLimit(noise.sigma);
+    covariance += noise.variance_factor * inverse *
+                  gradientSpread(sightings, camera, T_cam_host, limit) * inverse;
+  }
+  covariance = (0.5 * (covariance + covariance.transpose())).eval();
+  return covariance.allFinite() ? std::optional(covariance) : std::nullopt;
+}
+
+InheritedPoseError::InheritedPoseError(const InitialMap& map,
+                                       const PinholeCamera& camera,
+                                       const GeometricOptions& options)
+    : joint_(map.joint_covariance) {
+  const PoseRows rows(map, map.joint_frames);
+  const ReprojectionEquations system = linearize(map, {}, rows, camera, options);
+  const auto corners = static_cast<Eigen::Index>(map.corners.size());
+  // Rows 6 d to 6 d + 5: J^T J_t,d / (rho h).
+  Eigen::Matrix<double, 18, Eigen::Dynamic> effects =
+      Eigen::Matrix<double, 18, Eigen::Dynamic>::Zero(18, corners);
+  Matrix6d hessian = Matrix6d::Zero();
+  for (Eigen::Index i = 0; i < corners; ++i) {
+    const Corner& corner = map.corners[static_cast<std::size_t>(i)];
+    if (!(system.depth_hessian[i] > 0) || !(corner.inverse_depth > 0)) continue;
+    const auto projection =
+        projectHosted(camera, SE3(), camera.unproject(corner.pixel), corner.inverse_depth);
+    const Matrix6d own = projection->J_pose.transpose() * projection->J_pose;
+    hessian += own;
+    const double scale = 1 / (corner.inverse_depth * system.depth_hessian[i]);
+    for (Eigen::Index d = 0; d < 3; ++d) effects.col(i).segment<6>(6 * d) = scale * own.col(d);
+  }
+  const Eigen::Matrix<double, 18, Eigen::Dynamic> sums = effects * system.coupling.transpose();
+  const Eigen::LDLT<Matrix6d> cholesky(hessian);
+  for (Eigen::Index d = 0; d < 3; ++d) {
+    response_[static_cast<std::size_t>(d)] = cholesky.solve(sums.middleRows<6>(6 * d));
+  }
+}
+
+Eigen::Matrix<double, 6, Eigen::Dynamic> InheritedPoseError::response(const SE3& T_cam_ref) const {
+  const Eigen::Matrix3d R = T_cam_ref.unitQuaternion().toRotationMatrix();
+  const Eigen::Vector3d t = R.transpose() * T_cam_ref.translation();
+  Eigen::Matrix<double, 6, Eigen::Dynamic> response =
+      t.x() * response_[0] + t.y() * response_[1] + t.z() * response_[2];
+  response.topRows<3>() = (R * response.topRows<3>()).eval();
+  response.bottomRows<3>() = (R * response.bottomRows<3>()).eval();
+  return response;
+}
+
+Matrix6d InheritedPoseError::covariance(const SE3& T_cam_ref) const {
+  const Eigen::Matrix<double, 6, Eigen::Dynamic> inherited = response(T_cam_ref);
+  const Matrix6d covariance = inherited * joint_ * inherited.transpose();
+  return 0.5 * (covariance + covariance.transpose());
+}
+
+Matrix6d interpolatedCovariance(const InitialMap& map, int frame) {
+  const auto after = std::find_if(map.joint_frames.begin(),
+                                  map.joint_frames.end(),
+                                  [&](int adjusted) { return adjusted > frame; });
+  const auto last = static_cast<std::size_t>(*after);
+  Matrix6d covariance = map.covariance[last].value_or(Matrix6d::Zero());
+  SE3 T_before;
+  if (after != map.joint_frames.begin()) {
+    const auto first = static_cast<std::size_t>(*(after - 1));
+    T_before = *map.T_cam_ref[first];
+    covariance += map.covariance[first].value_or(Matrix6d::Zero());
+  }
+  const Vector6d motion = (*map.T_cam_ref[last] * T_before.inverse()).log();
+  covariance.diagonal().head<3>().array() += 0.25 * motion.head<3>().squaredNorm();
+  covariance.diagonal().tail<3>().array() += 0.25 * motion.tail<3>().squaredNorm();
+  return covariance;
+}
+
+}  // namespace dsorb::init_orb

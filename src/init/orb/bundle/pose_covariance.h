@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/geometry/se3.h"
+#include "dsorb/options/orb_mapping.h"
+
+#include "init/orb/bundle/pose_from_points.h"
+#include "init/orb/map/initial_map.h"
+
+#include <Eigen/Core>
+
+#include <array>
+#include <optional>
+#include <vector>
+
+namespace dsorb::init_orb {
+
+/// What is known about the errors of sightings.
+struct SightingNoise {
+  double sigma = 1;            ///< of a sighting, each axis: where the loss bends [px]
+  double variance_factor = 0;  ///< on the clustered covariance [-]; 0: every sighting counts
+};
+
+/// Covariance that the sightings' own errors give a pose fitted to them by poseFromPoints(), the
+/// points taken as exact: s^2 H^-1, plus the spread of the gradient over cells of the image as in
+/// geometric_covariance.h, plus the square of the step that the sightings still ask for (none where
+/// the pose was fitted to just these). It holds the errors that the inverse depths have each by
+/// itself, too: they show in the residuals.
+/// @param T_cam_host the fitted pose
+/// @return of a left increment; nullopt where poseFromPoints() would not take the pose
+/// @source White, Econometrica 1980, with clusters
+std::optional<Matrix6d> poseCovariance(const std::vector<PointSighting>& sightings,
+                                       const PinholeCamera& camera,
+                                       const SE3& T_cam_host,
+                                       const SightingNoise& noise);
+
+/// The other part of such a frame's error: inverse depths share the errors of the poses they were
+/// adjusted with, and hand them on. With x the errors of the adjusted poses, A_i = h_i / h_ii as in
+/// geometric_covariance.h and J = [J_t J_w] the projection's derivative by the pose:
+///   d rho_i = -A_i^T x,  d projection / d rho_i = J_t t / rho_i (exact),
+///   error of the pose = sum_d t_d M_d x,  M_d = H^-1 sum_i J^T J_t,d A_i^T / rho_i.
+/// M_d is taken once, where the camera has not moved, and turned with the camera: to first order in
+/// the motion, and as if every frame saw every corner.
+class InheritedPoseError {
+ public:
+  /// @param map adjusted, with its joint covariance
+  InheritedPoseError(const InitialMap& map,
+                     const PinholeCamera& camera,
+                     const GeometricOptions& options);
+
+  /// Rows: left increment of a pose; columns: those of InitialMap::joint_frames.
+  [[nodiscard]] Eigen::Matrix<double, 6, Eigen::Dynamic> response(const SE3& T_cam_ref) const;
+  [[nodiscard]] Matrix6d covariance(const SE3& T_cam_ref) const;
+
+ private:
+  std::array<Eigen::Matrix<double, 6, Eigen::Dynamic>, 3> response_;  ///< M, by axis of t
+  Eigen::MatrixXd joint_;
+};
+
+/// Covariance of a pose that is only interpolated between adjusted frames: theirs, and half the
+/// motion from one to the other as standard deviation along every axis.
+/// @param frame index, between the reference and an adjusted frame
+Matrix6d interpolatedCovariance(const InitialMap& map, int frame);
+
+}  // namespace dsorb::init_orb

@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/bundle/pose_from_points.h"
+
+#include <Eigen/Cholesky>
+
+#include <cmath>
+#include <cstddef>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr std::size_t kMinSightings = 10;  // six unknowns, two equations each, and some to spare
+constexpr int kMaxIterations = 20;
+constexpr double kMinStep = 1e-8;             // norm of the increment; the end of iteration
+const double kHuberLimit = std::sqrt(5.991);  // [sigma]; chi-square, 2 dof, 95 %
+
+/// Sightings arranged for the kernels.
+class SightingArrays {
+ public:
+  explicit SightingArrays(const std::vector<PointSighting>& sightings)
+      : stride_(wholeLanes(sightings.size())), arrays_(kRows * stride_, 0.0) {
+    for (std::size_t i = 0; i < sightings.size(); ++i) {
+      at(kRayX, i) = sightings[i].host_ray.x();
+      at(kRayY, i) = sightings[i].host_ray.y();
+      at(kInverseDepth, i) = sightings[i].inverse_depth;
+      at(kPixelX, i) = sightings[i].pixel.x();
+      at(kPixelY, i) = sightings[i].pixel.y();
+      at(kInformation, i) = 1;
+    }
+  }
+
+  [[nodiscard]] PoseSums linearize(const PinholeCamera& camera,
+                                   const SE3& T_cam_host,
+                                   double limit) const {
+    PoseSums sums;
+    linearizeSightings(sightingFrame(camera, T_cam_host),
+                       {row(kRayX),
+                        row(kRayY),
+                        row(kInverseDepth),
+                        row(kPixelX),
+                        row(kPixelY),
+                        row(kInformation),
+                        row(kZero),
+                        row(kInformation),
+                        stride_},
+                       {RobustLoss::kHuber, limit},
+                       {},
+                       sums);
+    return sums;
+  }
+
+ private:
+  enum Row { kRayX, kRayY, kInverseDepth, kPixelX, kPixelY, kInformation, kZero, kRows };
+  double& at(Row row, std::size_t i) { return arrays_[row * stride_ + i]; }
+  [[nodiscard]] const double* row(Row row) const { return arrays_.data() + row * stride_; }
+
+  std::size_t stride_;
+  std::vector<double> arrays_;
+};
+
+}  // namespace
+
+double huberLimit(double sigma) {
+  return kHuberLimit * sigma;
+}
+
+std::optional<PoseSums> poseEquations(const std::vector<PointSighting>& sightings,
+                                      const PinholeCamera& camera,
+                                      const SE3& T_cam_host,
+                                      double sigma) {
+  if (sightings.size() < kMinSightings) return std::nullopt;
+  const PoseSums sums = SightingArrays(sightings).linearize(camera, T_cam_host, huberLimit(sigma));
+  if (2 * sums.within < static_cast<double>(sightings.size())) return std::nullopt;
+  return sums;
+}
+
+std::optional<SE3> poseFromPoints(const std::vector<PointSighting>& sightings,
+                                  const PinholeCamera& camera,
+                                  const SE3& guess,
+                                  double sigma) {
+  if (sightings.size() < kMinSightings) return std::nullopt;
+  const double limit = huberLimit(sigma);
+  const SightingArrays arrays(sightings);
+  SE3 T_cam_host = guess;
+  for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
+    const PoseSums sums = arrays.linearize(camera, T_cam_host, limit);
+    const Vector6d step =
+        -hessianOf(sums).ldlt().solve(Eigen::Map<const Vector6d>(sums.gradient.data()));
+    if (!step.allFinite()) return std::nullopt;
+    T_cam_host = SE3::exp(step) * T_cam_host;
+    if (step.norm() < kMinStep) break;
+  }
+  const double within = arrays.linearize(camera, T_cam_host, limit).within;
+  if (2 * within < static_cast<double>(sightings.size())) return std::nullopt;
+  return T_cam_host;
+}
+
+}  // namespace dsorb::init_orb

@@ -1,0 +1,211 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/bundle/reprojection_equations.h"
+
+#include "base/parallel.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+
+namespace dsorb::init_orb {
+namespace {
+
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+}  // namespace
+
+std::optional<HostedProjection> projectCorner(const InitialMap& map,
+                                              const PinholeCamera& camera,
+                                              const Observation& observation) {
+  const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
+  return projectHosted(camera,
+                       *map.T_cam_ref[static_cast<std::size_t>(observation.frame)],
+                       camera.unproject(corner.pixel),
+                       corner.inverse_depth);
+}
+
+double robustCost(double error, const GeometricOptions& options) {
+  const double limit = options.loss_threshold;
+  if (options.loss == RobustLoss::kHuber) {
+    return error <= limit ? 0.5 * error * error : limit * error - 0.5 * limit * limit;
+  }
+  return 0.5 * limit * limit * std::log1p(error * error / (limit * limit));
+}
+
+double robustWeight(double error, const GeometricOptions& options) {
+  const double limit = options.loss_threshold;
+  if (options.loss == RobustLoss::kHuber) return error > limit ? limit / error : 1.0;
+  return 1.0 / (1.0 + error * error / (limit * limit));
+}
+
+PoseRows::PoseRows(const InitialMap& map) : first(map.frames.size(), -1) {
+  for (std::size_t k = 1; k < map.frames.size(); ++k) {
+    if (map.T_cam_ref[k]) {
+      first[k] = size;
+      size += kPoseSize;
+    }
+  }
+}
+
+PoseRows::PoseRows(const InitialMap& map, const std::vector<int>& frames)
+    : first(map.frames.size(), -1) {
+  for (const int frame : frames) {
+    first[static_cast<std::size_t>(frame)] = size;
+    size += kPoseSize;
+  }
+}
+
+Eigen::VectorXd scaleDirection(const InitialMap& map, const PoseRows& rows) {
+  Eigen::VectorXd direction = Eigen::VectorXd::Zero(rows.size);
+  for (std::size_t k = 1; k < map.frames.size(); ++k) {
+    if (rows.first[k] >= 0) {
+      direction.segment<3>(rows.first[k]) = map.T_cam_ref[k]->translation();
+    }
+  }
+  return direction;
+}
+
+ReprojectionState::ReprojectionState(const InitialMap& map, const PoseRows& rows)
+    : inverse_depth(wholeLanes(map.corners.size()), 0.0) {
+  for (std::size_t k = 0; k < rows.first.size(); ++k) {
+    if (rows.first[k] >= 0) T_cam_ref.push_back(*map.T_cam_ref[k]);
+  }
+  std::transform(
+      map.corners.begin(), map.corners.end(), inverse_depth.begin(), [](const Corner& corner) {
+        return corner.inverse_depth;
+      });
+}
+
+void ReprojectionState::writeTo(InitialMap& map, const PoseRows& rows) const {
+  auto pose = T_cam_ref.begin();
+  for (std::size_t k = 0; k < rows.first.size(); ++k) {
+    if (rows.first[k] >= 0) map.T_cam_ref[k] = *pose++;
+  }
+  for (std::size_t i = 0; i < map.corners.size(); ++i) {
+    map.corners[i].inverse_depth = inverse_depth[i];
+  }
+}
+
+ReprojectionProblem::ReprojectionProblem(const InitialMap& map,
+                                         const std::vector<char>& kept,
+                                         const PoseRows& rows,
+                                         const PinholeCamera& camera,
+                                         const GeometricOptions& options)
+    : camera_(camera),
+      loss_{options.loss, options.loss_threshold},
+      ray_x_(wholeLanes(map.corners.size()), 0.0),
+      ray_y_(ray_x_.size(), 0.0) {
+  for (std::size_t i = 0; i < map.corners.size(); ++i) {
+    const Eigen::Vector3d ray = camera.unproject(map.corners[i].pixel);
+    ray_x_[i] = ray.x();
+    ray_y_[i] = ray.y();
+  }
+  const std::vector<double> zeros(stride(), 0.0);
+  sightings_.assign(static_cast<std::size_t>(rows.size / kPoseSize),
+                    {zeros, zeros, zeros, zeros, zeros});
+  const double weight = 1 / (options.sigma * options.sigma);
+  for (const Observation& observation : map.observations) {
+    const int row = rows.first[static_cast<std::size_t>(observation.frame)];
+    const auto corner = static_cast<std::size_t>(observation.corner);
+    if (row < 0 || (!kept.empty() && kept[corner] == 0)) continue;
+    Sightings& seen = sightings_[static_cast<std::size_t>(row / kPoseSize)];
+    const Eigen::Matrix2d& whitening = observation.whitening;
+    seen.pixel_x[corner] = observation.pixel.x();
+    seen.pixel_y[corner] = observation.pixel.y();
+    seen.information_xx[corner] = weight * whitening.col(0).squaredNorm();
+    seen.information_xy[corner] = weight * whitening.col(0).dot(whitening.col(1));
+    seen.information_yy[corner] = weight * whitening.col(1).squaredNorm();
+  }
+}
+
+SightingRun ReprojectionProblem::run(std::size_t frame,
+                                     std::size_t first,
+                                     std::size_t count,
+                                     const ReprojectionState& state) const {
+  const Sightings& seen = sightings_[frame];
+  return {ray_x_.data() + first,
+          ray_y_.data() + first,
+          state.inverse_depth.data() + first,
+          seen.pixel_x.data() + first,
+          seen.pixel_y.data() + first,
+          seen.information_xx.data() + first,
+          seen.information_xy.data() + first,
+          seen.information_yy.data() + first,
+          count};
+}
+
+void ReprojectionProblem::linearize(const ReprojectionState& state, ReprojectionSums& sums) const {
+  std::vector<SightingFrame> frame;
+  for (const SE3& pose : state.T_cam_ref) frame.push_back(sightingFrame(camera_, pose));
+  sums.stride = stride();
+  sums.coupling.resize(frames() * kPoseSize * stride());
+  sums.depth_hessian.assign(stride(), 0);
+  sums.depth_gradient.assign(stride(), 0);
+  const std::size_t blocks = (stride() + kCornerBlock - 1) / kCornerBlock;
+  std::vector<PoseSums> partial(blocks * frames());
+  forEachRange(blocks, 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t block = begin; block < end; ++block) {
+      const std::size_t first = block * kCornerBlock;
+      const std::size_t count = std::min(kCornerBlock, stride() - first);
+      for (std::size_t f = 0; f < frames(); ++f) {
+        linearizeSightings(frame[f],
+                           run(f, first, count, state),
+                           loss_,
+                           {&sums.coupling[f * kPoseSize * stride() + first],
+                            stride(),
+                            &sums.depth_hessian[first],
+                            &sums.depth_gradient[first]},
+                           partial[block * frames() + f]);
+      }
+    }
+  });
+  sums.poses.assign(frames(), PoseSums());
+  for (std::size_t i = 0; i < partial.size(); ++i) sums.poses[i % frames()] += partial[i];
+  sums.cost = 0;
+  sums.behind = false;
+  for (const PoseSums& pose : sums.poses) {
+    sums.cost += pose.cost;
+    sums.behind = sums.behind || pose.behind > 0;
+  }
+}
+
+ReprojectionEquations linearize(const InitialMap& map,
+                                const std::vector<char>& kept,
+                                const PoseRows& pose_rows,
+                                const PinholeCamera& camera,
+                                const GeometricOptions& options) {
+  ReprojectionSums sums;
+  ReprojectionProblem(map, kept, pose_rows, camera, options)
+      .linearize(ReprojectionState(map, pose_rows), sums);
+  const int size = pose_rows.size;
+  const auto corners = static_cast<Eigen::Index>(map.corners.size());
+  ReprojectionEquations system{
+      Eigen::MatrixXd::Zero(size, size),
+      Eigen::Map<const RowMajor>(sums.coupling.data(), size, static_cast<int>(sums.stride))
+          .leftCols(corners),
+      Eigen::Map<const Eigen::VectorXd>(sums.depth_hessian.data(), corners),
+      Eigen::VectorXd(size),
+      Eigen::Map<const Eigen::VectorXd>(sums.depth_gradient.data(), corners)};
+  for (std::size_t f = 0; f < sums.poses.size(); ++f) {
+    const PoseSums& pose = sums.poses[f];
+    const auto at = static_cast<Eigen::Index>(f) * kPoseSize;
+    system.pose_hessian.block<kPoseSize, kPoseSize>(at, at) = hessianOf(pose);
+    system.pose_gradient.segment<kPoseSize>(at) = Eigen::Map<const Vector6d>(pose.gradient.data());
+    system.weighted_error += pose.weighted_square;
+    system.rows += 2 * static_cast<int>(pose.sightings);
+  }
+  return system;
+}
+
+std::optional<double> reprojectionCost(const InitialMap& map,
+                                       const std::vector<char>& kept,
+                                       const PinholeCamera& camera,
+                                       const GeometricOptions& options) {
+  const PoseRows rows(map);
+  ReprojectionSums sums;
+  ReprojectionProblem(map, kept, rows, camera, options)
+      .linearize(ReprojectionState(map, rows), sums);
+  return sums.behind || !std::isfinite(sums.cost) ? std::nullopt : std::optional(sums.cost);
+}
+
+}  // namespace dsorb::init_orb

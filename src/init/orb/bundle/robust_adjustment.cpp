@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/bundle/robust_adjustment.h"
+
+#include "base/median.h"
+#include "base/parallel.h"
+#include "init/orb/bundle/adjustment_solvers.h"
+#include "init/orb/bundle/reprojection_equations.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <utility>
+
+namespace dsorb::init_orb {
+namespace {
+
+// Median length of a two-dimensional vector whose coordinates have standard deviation 1.
+constexpr double kMedianLength = 1.1774;
+// 90th percentile over median of the absolute value of a normal distribution.
+constexpr double kNormalTail = 2.4387;
+constexpr double kMinSigma = 1e-3;  // [px]; exact tracks of synthetic maps
+
+constexpr std::size_t kGrain = 512;  // observations one thread projects at a time
+
+constexpr double kBehind = std::numeric_limits<double>::infinity();
+
+bool isPosed(const InitialMap& map, const Observation& observation) {
+  return map.T_cam_ref[static_cast<std::size_t>(observation.frame)].has_value();
+}
+
+/// Reprojection error of every observation, whitened but for sigma; infinite behind a camera, NaN
+/// in frames without pose.
+std::vector<double> errorsOf(const InitialMap& map, const PinholeCamera& camera) {
+  const auto error = [&](const Observation& observation) {
+    if (!isPosed(map, observation)) return std::numeric_limits<double>::quiet_NaN();
+    const auto projection = projectCorner(map, camera, observation);
+    return projection ? (observation.whitening * (projection->pixel - observation.pixel)).norm()
+                      : kBehind;
+  };
+  std::vector<double> errors(map.observations.size());
+  forEachRange(errors.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) errors[i] = error(map.observations[i]);
+  });
+  return errors;
+}
+
+/// Median over frames with a pose.
+double medianKnown(std::vector<double> errors) {
+  errors.erase(
+      std::remove_if(errors.begin(), errors.end(), [](double error) { return std::isnan(error); }),
+      errors.end());
+  return medianOf(std::move(errors));
+}
+
+void removeAbove(InitialMap& map, const std::vector<double>& errors, double limit) {
+  std::vector<char> removed(map.corners.size(), 0);
+  for (std::size_t i = 0; i < errors.size(); ++i) {
+    if (errors[i] > limit) removed[static_cast<std::size_t>(map.observations[i].corner)] = 1;
+  }
+  removeCorners(map, removed);
+}
+
+bool solve(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options) {
+  const std::vector<char> kept(map.corners.size(), 1);
+  return solveGeometry(map, kept, camera, options).has_value();
+}
+
+}  // namespace
+
+bool adjustOnce(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options) {
+  removeAbove(map, errorsOf(map, camera), std::numeric_limits<double>::max());
+  return !map.corners.empty() && solve(map, camera, options);
+}
+
+bool adjustRobustly(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options) {
+  for (const double least : {options.first_limit, options.normal_limit}) {
+    if (!adjustOnce(map, camera, options)) return false;
+    const std::vector<double> errors = errorsOf(map, camera);
+    const double limit = options.limit_factor * kMadToSigma * medianKnown(errors);
+    removeAbove(map, errors, std::clamp(limit, least, std::max(least, options.severe_limit)));
+    if (static_cast<int>(map.corners.size()) < options.min_points) return false;
+  }
+  return true;
+}
+
+double medianError(const InitialMap& map, const PinholeCamera& camera) {
+  return medianKnown(errorsOf(map, camera));
+}
+
+GeometricOptions adjustToNoise(InitialMap& map,
+                               const PinholeCamera& camera,
+                               const GeometricOptions& options,
+                               int rounds) {
+  GeometricOptions measured = options;
+  for (int round = 0; round < rounds; ++round) {
+    measured.sigma = std::max(kMinSigma, medianError(map, camera) / kMedianLength);
+    if (!solve(map, camera, measured)) break;
+  }
+  return measured;
+}
+
+double tailExcess(const InitialMap& map, const PinholeCamera& camera) {
+  std::vector<double> across;
+  across.reserve(map.observations.size());
+  for (const Observation& observation : map.observations) {
+    if (!isPosed(map, observation)) continue;
+    const auto projection = projectCorner(map, camera, observation);
+    if (!projection) continue;
+    const Eigen::Vector2d line = observation.whitening * projection->J_inverse_depth;
+    const Eigen::Vector2d error = observation.whitening * (projection->pixel - observation.pixel);
+    const double length = line.norm();
+    if (length > 0) {
+      across.push_back(std::abs(line.x() * error.y() - line.y() * error.x()) / length);
+    }
+  }
+  const double median = medianInPlace(across);
+  if (!(median > 0)) return 0;
+  const auto tail = across.begin() + static_cast<std::ptrdiff_t>(across.size() * 9 / 10);
+  std::nth_element(across.begin(), tail, across.end());
+  const double ratio = *tail / (kNormalTail * median);
+  return std::max(0.0, ratio * ratio - 1);
+}
+
+double faceForward(InitialMap& map) {
+  const auto in_front =
+      std::count_if(map.corners.begin(), map.corners.end(), [](const Corner& corner) {
+        return corner.inverse_depth > 0;
+      });
+  const double share = static_cast<double>(in_front) / static_cast<double>(map.corners.size());
+  if (share >= 0.5) return share;
+  for (Corner& corner : map.corners) corner.inverse_depth = -corner.inverse_depth;
+  for (std::optional<SE3>& pose : map.T_cam_ref) {
+    if (pose) pose->setTranslation(-pose->translation());
+  }
+  return 1 - share;
+}
+
+}  // namespace dsorb::init_orb

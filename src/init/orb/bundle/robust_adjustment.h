@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/options/orb.h"
+
+#include "init/orb/map/initial_map.h"
+
+#include <vector>
+
+namespace dsorb::init_orb {
+
+/// Adjusts poses and corners in two rounds, each followed by the removal of corners whose largest
+/// error is above a multiple of the robust standard deviation. Corners behind the camera stay: they
+/// speak against the motion.
+/// @return whether it found usable numbers and corners were left
+bool adjustRobustly(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options);
+
+/// Measures the noise of the corners from their residuals and adjusts with it, several times.
+/// @return the options with the measured sigma
+GeometricOptions adjustToNoise(InitialMap& map,
+                               const PinholeCamera& camera,
+                               const GeometricOptions& options,
+                               int rounds);
+
+/// Adjusts what there is, and removes nothing. @return whether it found usable numbers
+bool adjustOnce(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options);
+
+/// Median of the reprojection errors of all observations in posed frames, whitened but for sigma.
+double medianError(const InitialMap& map, const PinholeCamera& camera);
+
+/// How much heavier the tails of the errors are than noise's: of the whitened errors across the
+/// epipolar line, which no inverse depth absorbs, the square of the 90th percentile over the
+/// median, over that of a normal distribution, less 1 [-]; at least 0.
+double tailExcess(const InitialMap& map, const PinholeCamera& camera);
+
+/// When most corners are behind the camera, the motion has the wrong sign: turns it round, which
+/// changes no projection. @return share of the corners in front of the camera
+double faceForward(InitialMap& map);
+
+}  // namespace dsorb::init_orb

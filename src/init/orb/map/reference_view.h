@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/image/frame.h"
+#include "dsorb/init/result.h"
+
+#include "init/orb/tracks/corner_tracks.h"
+
+#include <vector>
+
+namespace dsorb::init_orb {
+
+/// What the latest attempt from a reference saw, to tell when the next one is worth its time.
+struct MotionEvidence {
+  InitReason reason = InitReason::kSettling;  ///< why it did not succeed
+  double rotation_residual = 0;    ///< median that a rotation leaves of the displacements [px]
+  double direction_sigma_deg = 0;  ///< predicted error of the direction; 0: not known
+  double parallax_deg = 0;         ///< median angle; 0: not known
+  int skipped = 0;                 ///< frames since then
+  bool tried = false;              ///< with this frame: it took its time
+};
+
+/// Everything since one reference: what an attempt starts from.
+struct ReferenceView {
+  std::vector<FramePtr> frames;  ///< the reference first
+  CornerTracks tracks;           ///< one entry a frame
+  MotionEvidence evidence;       ///< of the attempt before
+};
+
+}  // namespace dsorb::init_orb

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "init/orb/photometric/photometric_equations.h"
+#include "init/orb/photometric/photometric_problem.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+
+#include <array>
+#include <vector>
+
+namespace dsorb::init_orb {
+
+/// Gradients of the reference at the pixels of a patch.
+struct PatchGradients {
+  std::array<float, kPatternSize> x{};  ///< [grey levels / px]
+  std::array<float, kPatternSize> y{};
+};
+PatchGradients hostGradients(const HostPatch& patch,
+                             const PinholeCamera& camera,
+                             const PyramidLevel& reference);
+
+/// What the photometric equations say about their solution, in the gauge "reference pose and mean
+/// inverse depth fixed". Runs in parallel inside the caller's arena.
+class PhotometricEvidence {
+ public:
+  PhotometricEvidence(const PhotometricProblem& problem,
+                      const PhotometricState& state,
+                      const PhotometricOptions& options);
+
+  /// Whether the equations determine their solution; nothing else may be asked when not.
+  [[nodiscard]] bool usable() const { return usable_; }
+  /// By patch: s^2 (1 / h + g^T S^- g) [1/unit^2], g = - d inverse depth / d frames,
+  /// s^2 = sum w r^2 / degrees of freedom [grey levels^2]; 0 unknown.
+  [[nodiscard]] Eigen::VectorXd formalVariances() const;
+  /// By patch: max(s^2, s_i^2) / h + g^T poses g [1/unit^2]; 0 unknown.
+  /// @param poses covariance of the poses, 6 a frame
+  [[nodiscard]] Eigen::VectorXd variances(const Eigen::MatrixXd& poses) const;
+  /// Joint covariance of the poses, 6 a frame, robust against clustered errors: those of pixels
+  /// close together are not independent, so the gradient of the cost is summed over cells of the
+  /// image and the spread of these sums taken as it is.
+  /// @source experiments on rendered and real sequences, section A6; White, A Heteroskedasticity-
+  ///         Consistent Covariance Matrix Estimator, Econometrica 1980, with clusters
+  [[nodiscard]] Eigen::MatrixXd clusteredPoseCovariance() const;
+
+ private:
+  /// Sum over patches of a quadratic form of what moves with their inverse depths.
+  template <typename Function>
+  void forEachEffect(Function&& function) const;
+  void countResiduals();
+  void eliminate();
+  [[nodiscard]] bool known(std::size_t patch) const { return equations_.depth_hessian[patch] > 0; }
+  [[nodiscard]] Eigen::VectorXd ratio(std::size_t patch) const;
+
+  const PhotometricProblem& problem_;
+  const PhotometricState& state_;
+  const PhotometricOptions& options_;
+  PhotometricEquations equations_;
+  std::vector<int> observations_;  ///< by patch
+  Eigen::VectorXd mean_ratio_;     ///< mean of coupling over depth Hessian, over the mean depth
+  Eigen::VectorXd scale_;          ///< direction in which all translations grow together
+  Eigen::LLT<Eigen::MatrixXd> cholesky_;
+  double noise_variance_ = 0;
+  bool usable_ = false;
+};
+
+/// Sets the variances of corners and semi-dense points of an adjusted map, and the covariances of
+/// its poses where the photometric ones were taken.
+/// @param problem     the map's
+/// @param poses_moved the poses are the photometric ones
+/// @return false when the equations tell nothing; the map is as before then
+bool setPhotometricVariances(InitialMap& map,
+                             PhotometricProblem& problem,
+                             const PhotometricOptions& options,
+                             bool poses_moved);
+
+}  // namespace dsorb::init_orb

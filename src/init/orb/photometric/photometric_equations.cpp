@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/photometric/photometric_equations.h"
+
+#include "base/lanes.h"
+#include "base/parallel.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace dsorb::init_orb {
+
+namespace {
+
+std::vector<std::size_t> equalBlocks(std::size_t patches) {
+  std::vector<std::size_t> begin;
+  for (std::size_t i = 0; i < patches; i += kPatchBlock) begin.push_back(i);
+  begin.push_back(patches);
+  return begin;
+}
+
+}  // namespace
+
+void DepthElimination::subtract(const PhotometricEquations& equations,
+                                const std::vector<float>& inverse,
+                                Eigen::MatrixXd& matrix,
+                                Eigen::VectorXd& right) {
+  const std::size_t stride = equations.stride;
+  const std::size_t part = stride * stride + stride;
+  partial_.assign(blocks_ * part, 0);
+  forEachRange(blocks_, 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t block = begin; block < end; ++block) {
+      const std::size_t first = block * kPatchBlock;
+      const EliminationRun run{equations.coupling.data() + first * stride,
+                               stride,
+                               inverse.data() + first,
+                               equations.depth_gradient.data() + first,
+                               std::min(kPatchBlock, inverse.size() - first)};
+      float* sums = partial_.data() + block * part;
+      accumulateSchur(run, sums, sums + stride * stride);
+    }
+  });
+  for (std::size_t block = 0; block < blocks_; ++block) {
+    const float* sums = partial_.data() + block * part;
+    const float* vector = sums + stride * stride;
+    for (Eigen::Index r = 0; r < matrix.rows(); ++r) {
+      const float* row = sums + static_cast<std::size_t>(r) * stride;
+      for (Eigen::Index c = r; c < matrix.rows(); ++c) matrix(c, r) -= static_cast<double>(row[c]);
+      right[r] -= static_cast<double>(vector[r]);
+    }
+  }
+}
+
+PhotometricLinearizer::PhotometricLinearizer(const PhotometricProblem& problem,
+                                             const PhotometricOptions& options)
+    : PhotometricLinearizer(problem, options, equalBlocks(problem.patches.size())) {}
+
+PhotometricLinearizer::PhotometricLinearizer(const PhotometricProblem& problem,
+                                             const PhotometricOptions& options,
+                                             std::vector<std::size_t> block_begin)
+    : problem_(problem),
+      options_(options),
+      block_begin_(std::move(block_begin)),
+      settings_(problem.frames.size()),
+      inverse_depth_(problem.patches.size()),
+      sums_(blocks() * problem.frames.size()) {}
+
+Eigen::VectorXd PhotometricLinearizer::blockGradient(std::size_t block) const {
+  const int size = frameSize(options_.brightness);
+  Eigen::VectorXd gradient(static_cast<Eigen::Index>(settings_.size()) * size);
+  for (std::size_t f = 0; f < settings_.size(); ++f) {
+    const float* sum = sums_[block * settings_.size() + f].data();
+    for (int i = 0; i < size; ++i) {
+      sum += size - i;
+      gradient[static_cast<Eigen::Index>(f) * size + i] = static_cast<double>(*sum++);
+    }
+  }
+  return gradient;
+}
+
+void PhotometricLinearizer::linearize(const PhotometricState& state,
+                                      PhotometricEquations& equations) {
+  prepare(state, equations);
+  forEachRange(blocks(), 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t block = begin; block < end; ++block) linearizeBlock(block, equations);
+  });
+  collect(equations);
+}
+
+void PhotometricLinearizer::prepare(const PhotometricState& state,
+                                    PhotometricEquations& equations) {
+  const std::size_t frames = problem_.frames.size();
+  for (std::size_t f = 0; f < frames; ++f) {
+    settings_[f] = patchSetting(
+        patchTarget(problem_, state, f), options_.brightness, options_.huber_threshold);
+  }
+  std::transform(state.inverse_depth.begin(),
+                 state.inverse_depth.end(),
+                 inverse_depth_.begin(),
+                 [](double value) { return static_cast<float>(value); });
+  const std::size_t patches = problem_.patches.size();
+  equations.frame_size = frameSize(options_.brightness);
+  const auto size = static_cast<std::size_t>(equations.frame_size) * frames;
+  equations.stride = (size + kLanes - 1) / kLanes * kLanes;
+  equations.hessian.setZero(static_cast<Eigen::Index>(size), static_cast<Eigen::Index>(size));
+  equations.gradient.setZero(static_cast<Eigen::Index>(size));
+  equations.coupling.assign(patches * equations.stride, 0);
+  equations.depth_hessian.assign(patches, 0);
+  equations.depth_gradient.assign(patches, 0);
+  equations.energy.assign(patches, 0);
+}
+
+void PhotometricLinearizer::linearizeBlock(std::size_t block, PhotometricEquations& equations) {
+  const std::size_t first = block_begin_[block];
+  const std::size_t count = block_begin_[block + 1] - first;
+  for (std::size_t f = 0; f < problem_.frames.size(); ++f) {
+    const PatchRun run{problem_.patches.data() + first,
+                       inverse_depth_.data() + first,
+                       problem_.seenIn(f) + first,
+                       count};
+    const PatchSums sums{equations.coupling.data() + first * equations.stride +
+                             f * static_cast<std::size_t>(equations.frame_size),
+                         equations.stride,
+                         equations.depth_hessian.data() + first,
+                         equations.depth_gradient.data() + first,
+                         equations.energy.data() + first};
+    auto& frame_sums = sums_[block * problem_.frames.size() + f];
+    frame_sums.fill(0);
+    linearizePatches(settings_[f], run, sums, frame_sums);
+  }
+}
+
+void PhotometricLinearizer::collect(PhotometricEquations& equations) const {
+  const int size = equations.frame_size;
+  const std::size_t frames = problem_.frames.size();
+  for (std::size_t f = 0; f < frames; ++f) {
+    const auto at = static_cast<Eigen::Index>(f) * size;
+    for (std::size_t block = 0; block < blocks(); ++block) {
+      const float* sum = sums_[block * frames + f].data();
+      for (int i = 0; i < size; ++i) {
+        for (int j = i; j < size; ++j) {
+          equations.hessian(at + i, at + j) += static_cast<double>(*sum++);
+        }
+        equations.gradient[at + i] += static_cast<double>(*sum++);
+      }
+    }
+    for (int i = 0; i < size; ++i) {
+      for (int j = 0; j < i; ++j)
+        equations.hessian(at + i, at + j) = equations.hessian(at + j, at + i);
+    }
+  }
+  equations.cost = 0;
+  for (const float energy : equations.energy) equations.cost += 0.5 * static_cast<double>(energy);
+}
+
+}  // namespace dsorb::init_orb

@@ -1,0 +1,206 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/photometric/photometric_problem.h"
+
+#include "base/parallel.h"
+#include "base/spread_frames.h"
+#include "image/interpolate.h"
+#include "init/orb/photometric/photometric_kernels.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr std::size_t kGrain = 128;  // patches one thread takes at a time
+
+/// @return false when the pattern leaves the level or is invalid
+bool cutPatch(const PyramidLevel& level,
+              const PinholeCamera& camera,
+              const Eigen::Vector2f& pixel,
+              bool gradient_weights,
+              HostPatch& patch) {
+  if (!insideForInterpolation(level, pixel.x(), pixel.y(), static_cast<float>(kPatternRadius))) {
+    return false;
+  }
+  patch.ray = camera.unproject(pixel.cast<double>()).head<2>().cast<float>();
+  float sum = 0;
+  for (std::size_t j = 0; j < kPattern.size(); ++j) {
+    const ImageSample sample = interpolate(level,
+                                           pixel.x() + static_cast<float>(kPattern[j].x),
+                                           pixel.y() + static_cast<float>(kPattern[j].y));
+    patch.grey[j] = sample.intensity;
+    patch.weight[j] =
+        gradient_weights ? gradientWeight(sample.dx * sample.dx + sample.dy * sample.dy) : 1.0F;
+    sum += sample.intensity;
+  }
+  return std::isfinite(sum);
+}
+
+std::vector<float> singlePrecision(const std::vector<double>& values) {
+  std::vector<float> floats(values.size());
+  std::transform(values.begin(), values.end(), floats.begin(), [](double value) {
+    return static_cast<float>(value);
+  });
+  return floats;
+}
+
+}  // namespace
+
+std::vector<std::size_t> spreadFrames(const InitialMap& map, int count) {
+  std::vector<std::size_t> posed;
+  for (std::size_t k = 1; k < map.frames.size(); ++k) {
+    if (map.T_cam_ref[k]) posed.push_back(k);
+  }
+  std::vector<std::size_t> spread;
+  for (const int i : dsorb::spreadFrames(static_cast<int>(posed.size()) + 1, count + 1)) {
+    spread.push_back(posed[static_cast<std::size_t>(i) - 1]);
+  }
+  return spread;
+}
+
+PhotometricProblem makeProblem(const InitialMap& map,
+                               const PinholeCamera& camera,
+                               const std::vector<std::size_t>& frames,
+                               int level,
+                               bool gradient_weights) {
+  PhotometricProblem problem;
+  problem.camera = camera.atLevel(level);
+  problem.reference_exposure = map.frames.front()->exposure();
+  for (const std::size_t k : frames) {
+    problem.frames.push_back({k, &map.frames[k]->level(level), map.frames[k]->exposure()});
+  }
+  const PyramidLevel& reference = map.frames.front()->level(level);
+  const float scale = 1.0F / static_cast<float>(1 << level);
+  const std::size_t corners = map.corners.size();
+  const std::size_t total = corners + map.points.size();
+  std::vector<char> cut(total);
+  problem.patches.resize(total);
+  forEachRange(total, kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const Eigen::Vector2f pixel =
+          i < corners ? map.corners[i].pixel.cast<float>() : map.points[i - corners].pixel;
+      const Eigen::Vector2f at = ((pixel.array() + 0.5F) * scale - 0.5F).matrix();
+      cut[i] =
+          cutPatch(reference, problem.camera, at, gradient_weights, problem.patches[i]) ? 1 : 0;
+    }
+  });
+  problem.source.reserve(total);
+  for (std::size_t i = 0; i < total; ++i) {
+    if (cut[i] == 0) continue;
+    problem.patches[problem.source.size()] = problem.patches[i];
+    problem.source.push_back(i);
+  }
+  problem.patches.resize(problem.source.size());
+  problem.seen.assign(problem.frames.size() * problem.patches.size(), 1);
+  return problem;
+}
+
+PhotometricProblem makeProblem(const InitialMap& map,
+                               const PinholeCamera& camera,
+                               const PhotometricOptions& options) {
+  return makeProblem(
+      map, camera, spreadFrames(map, options.max_frames), 0, options.gradient_weights);
+}
+
+PhotometricState makeState(const PhotometricProblem& problem, const InitialMap& map) {
+  PhotometricState state;
+  for (const PhotometricFrame& frame : problem.frames) {
+    state.T_cam_ref.push_back(*map.T_cam_ref[frame.index]);
+    state.affine.push_back(map.affine[frame.index]);
+  }
+  const std::size_t corners = map.corners.size();
+  state.inverse_depth.reserve(problem.source.size());
+  for (const std::size_t i : problem.source) {
+    state.inverse_depth.push_back(i < corners
+                                      ? map.corners[i].inverse_depth
+                                      : static_cast<double>(map.points[i - corners].inverse_depth));
+  }
+  return state;
+}
+
+double findVisible(PhotometricProblem& problem, const PhotometricState& state) {
+  const std::size_t count = problem.patches.size();
+  const std::vector<float> inverse_depth = singlePrecision(state.inverse_depth);
+  std::size_t visible = 0;
+  for (std::size_t f = 0; f < problem.frames.size(); ++f) {
+    char* seen = problem.seen.data() + f * count;
+    const PatchSetting setting =
+        patchSetting(patchTarget(problem, state, f), PhotometricBrightness::kPsiFixed, 1);
+    forEachRange(count, kGrain, [&](std::size_t begin, std::size_t end) {
+      evaluatePatches(setting,
+                      {&problem.patches[begin], &inverse_depth[begin], nullptr, end - begin},
+                      nullptr,
+                      seen + begin);
+    });
+    visible += static_cast<std::size_t>(std::count(seen, seen + count, char{1}));
+  }
+  return static_cast<double>(visible) /
+         static_cast<double>(std::max<std::size_t>(problem.seen.size(), 1));
+}
+
+void writeState(const PhotometricProblem& problem, const PhotometricState& state, InitialMap& map) {
+  for (std::size_t f = 0; f < problem.frames.size(); ++f) {
+    map.T_cam_ref[problem.frames[f].index] = state.T_cam_ref[f];
+    map.affine[problem.frames[f].index] = state.affine[f];
+  }
+  const std::size_t corners = map.corners.size();
+  for (std::size_t i = 0; i < problem.source.size(); ++i) {
+    const std::size_t source = problem.source[i];
+    if (source < corners) {
+      map.corners[source].inverse_depth = state.inverse_depth[i];
+    } else {
+      map.points[source - corners].inverse_depth = static_cast<float>(state.inverse_depth[i]);
+    }
+  }
+}
+
+PhotometricProblem subProblem(const PhotometricProblem& problem,
+                              const std::vector<std::size_t>& patches) {
+  PhotometricProblem part;
+  part.camera = problem.camera;
+  part.reference_exposure = problem.reference_exposure;
+  part.frames = problem.frames;
+  for (const std::size_t i : patches) {
+    part.patches.push_back(problem.patches[i]);
+    part.source.push_back(problem.source[i]);
+  }
+  for (std::size_t f = 0; f < problem.frames.size(); ++f) {
+    for (const std::size_t i : patches) part.seen.push_back(problem.seenIn(f)[i]);
+  }
+  return part;
+}
+
+PatchTarget patchTarget(const PhotometricProblem& problem,
+                        const PhotometricState& state,
+                        std::size_t frame) {
+  return {problem.frames[frame].image,
+          &problem.camera,
+          state.T_cam_ref[frame],
+          brightnessTransfer(
+              {}, problem.reference_exposure, state.affine[frame], problem.frames[frame].exposure)};
+}
+
+std::vector<FrameResiduals> residualsOf(const PhotometricProblem& problem,
+                                        const PhotometricState& state,
+                                        PhotometricBrightness brightness) {
+  const std::size_t count = problem.patches.size();
+  const std::vector<float> inverse_depth = singlePrecision(state.inverse_depth);
+  std::vector<FrameResiduals> residuals(problem.frames.size());
+  for (std::size_t f = 0; f < residuals.size(); ++f) {
+    FrameResiduals& frame = residuals[f];
+    frame.values.resize(count * kPatternSize);
+    frame.valid.resize(count);
+    const PatchSetting setting = patchSetting(patchTarget(problem, state, f), brightness, 1);
+    const char* seen = problem.seenIn(f);
+    forEachRange(count, kGrain, [&](std::size_t begin, std::size_t end) {
+      evaluatePatches(setting,
+                      {&problem.patches[begin], &inverse_depth[begin], seen + begin, end - begin},
+                      &frame.values[begin * kPatternSize],
+                      &frame.valid[begin]);
+    });
+  }
+  return residuals;
+}
+
+}  // namespace dsorb::init_orb

@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "init/orb/map/initial_map.h"
+#include "init/orb/photometric/photometric_patch.h"
+
+#include <cstddef>
+#include <vector>
+
+namespace dsorb::init_orb {
+
+/// A frame of the photometric adjustment.
+struct PhotometricFrame {
+  std::size_t index = 0;  ///< into InitialMap::frames
+  const PyramidLevel* image = nullptr;
+  double exposure = 1;  ///< [s]
+};
+
+/// What stays constant during one photometric adjustment: patches of the reference at one pyramid
+/// level, the frames they are compared with, and which patch counts in which frame.
+struct PhotometricProblem {
+  PinholeCamera camera;           ///< of the level
+  double reference_exposure = 1;  ///< [s]
+  std::vector<PhotometricFrame> frames;
+  std::vector<HostPatch> patches;
+  std::vector<std::size_t> source;  ///< by patch: corner, or number of corners + semi-dense point
+  std::vector<char> seen;           ///< [frame * patches + patch]: takes part
+
+  [[nodiscard]] const char* seenIn(std::size_t frame) const {
+    return seen.data() + frame * patches.size();
+  }
+};
+
+/// The unknowns, in the order of the problem.
+struct PhotometricState {
+  std::vector<SE3> T_cam_ref;
+  std::vector<AffineBrightness> affine;
+  std::vector<double> inverse_depth;
+};
+
+/// At most `count` posed frames after the reference, evenly spaced, the last posed one included.
+std::vector<std::size_t> spreadFrames(const InitialMap& map, int count);
+
+/// Corners and semi-dense points whose pattern lies inside the reference. All are marked as seen.
+/// Runs in parallel inside the caller's arena.
+PhotometricProblem makeProblem(const InitialMap& map,
+                               const PinholeCamera& camera,
+                               const std::vector<std::size_t>& frames,
+                               int level,
+                               bool gradient_weights);
+
+/// The same at level 0 with the frames that the options want.
+PhotometricProblem makeProblem(const InitialMap& map,
+                               const PinholeCamera& camera,
+                               const PhotometricOptions& options);
+
+PhotometricState makeState(const PhotometricProblem& problem, const InitialMap& map);
+
+/// Sets `problem.seen`: the whole pattern is inside the frame. @return share of all pairs [-]
+double findVisible(PhotometricProblem& problem, const PhotometricState& state);
+
+/// Puts the unknowns back into the map they came from.
+void writeState(const PhotometricProblem& problem, const PhotometricState& state, InitialMap& map);
+
+/// Some of the patches with all frames. @param patches indices in rising order
+PhotometricProblem subProblem(const PhotometricProblem& problem,
+                              const std::vector<std::size_t>& patches);
+
+/// One frame as the patch equations want it.
+PatchTarget patchTarget(const PhotometricProblem& problem,
+                        const PhotometricState& state,
+                        std::size_t frame);
+
+/// Residuals of all patches in one frame.
+struct FrameResiduals {
+  std::vector<float> values;  ///< kPatternSize a patch [grey levels]; undefined where not valid
+  std::vector<char> valid;    ///< by patch: takes part
+
+  [[nodiscard]] const float* of(std::size_t patch) const {
+    return values.data() + patch * kPatternSize;
+  }
+};
+
+/// Residuals of all patches in every frame. Runs in parallel inside the caller's arena.
+std::vector<FrameResiduals> residualsOf(const PhotometricProblem& problem,
+                                        const PhotometricState& state,
+                                        PhotometricBrightness brightness);
+
+}  // namespace dsorb::init_orb

@@ -1,0 +1,312 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/semi_dense/epipolar_search.h"
+
+#include "camera/reprojection.h"
+#include "image/interpolate.h"
+
+#include <Eigen/LU>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr float kMinHalfLength = 1.5F;  // a minimum needs neighbours on both sides [px]
+constexpr int kLineSamples = 5;         // Engel et al. 2013, section 2.1
+constexpr int kRefinements = 5;         // Gauss-Newton steps along the line
+constexpr float kMaxRefinement = 1.5F;  // farther from the best step is another minimum [px]
+constexpr float kConverged = 0.01F;     // [px]
+constexpr int kLineRadius = kLineSamples / 2;
+constexpr int kNeighbourhood = 2;  // steps around the best that belong to its minimum
+constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
+
+struct Bounds {
+  float low, high;
+};
+
+/// Shortens [begin, end] to where origin + position * direction is within the bounds.
+void clip(float origin, float direction, const Bounds& bounds, float* begin, float* end) {
+  if (std::abs(direction) < 1e-6F) {
+    if (!(origin >= bounds.low && origin <= bounds.high)) {
+      *end = *begin - 1;
+    }
+    return;
+  }
+  const float a = (bounds.low - origin) / direction;
+  const float b = (bounds.high - origin) / direction;
+  *begin = std::max(*begin, std::min(a, b));
+  *end = std::min(*end, std::max(a, b));
+}
+
+}  // namespace
+
+EpipolarSearch::EpipolarSearch(const FramePtr& reference,
+                               const SearchFrame& target,
+                               const PinholeCamera& camera,
+                               const SemiDenseOptions& options)
+    : reference_(reference->level(0)),
+      target_(target.frame->level(0)),
+      frame_(target),
+      camera_(camera),
+      options_(options),
+      geometry_(camera, target.T_cam_ref),
+      max_half_length_(
+          static_cast<float>(0.5 * options.max_search * std::hypot(camera.width, camera.height))) {}
+
+SearchOutcome EpipolarSearch::search(const Eigen::Vector2f& pixel,
+                                     const DepthEstimate& prior,
+                                     Scratch& scratch) const {
+  const std::optional<EpipolarLine> line =
+      EpipolarLine::through(geometry_, pixel, prior.inverse_depth);
+  // The floor of the line's error limits what this frame can tell.
+  if (!line || line->speed() * std::sqrt(prior.variance) < options_.line_error_floor ||
+      !gradientIsUsable(pixel, *line)) {
+    return {};
+  }
+  const Patch patch = cutPatch(pixel, *line);
+  const Interval interval = clippedInterval(*line, prior, patch.extent + 1.0F);
+  if (!(interval.end - interval.begin >= 2.0F)) {
+    return {};
+  }
+  Match match;
+  match.position = bestStep(patch, *line, interval, scratch);
+  if (!std::isfinite(match.position) || !refine(patch, *line, interval, match)) {
+    return {SearchStatus::kRejected, {}};
+  }
+  const EpipolarLine::Depth depth = line->depthAt(match.position);
+  const auto noise = static_cast<float>(options_.image_noise);
+  const float photometric = 2.0F * noise * noise / match.information;
+  const float variance =
+      depth.alpha * depth.alpha *
+      (geometricVariance(pixel, *line, match, depth.inverse_depth) + photometric);
+  if (!(depth.inverse_depth > 0) || !std::isfinite(variance) || !(variance > 0)) {
+    return {SearchStatus::kRejected, {}};
+  }
+  return {SearchStatus::kFound, {depth.inverse_depth, variance}};
+}
+
+bool EpipolarSearch::gradientIsUsable(const Eigen::Vector2f& pixel,
+                                      const EpipolarLine& line) const {
+  const ImageSample& sample =
+      reference_.at(static_cast<int>(pixel.x()), static_cast<int>(pixel.y()));
+  const Eigen::Vector2f gradient =
+      line.warp().inverse().transpose() * Eigen::Vector2f(sample.dx, sample.dy);
+  const float along = std::abs(gradient.dot(line.direction()));
+  return along >= options_.min_line_gradient &&
+         along >= static_cast<float>(options_.min_gradient_share) * gradient.norm();
+}
+
+EpipolarSearch::Patch EpipolarSearch::cutPatch(const Eigen::Vector2f& pixel,
+                                               const EpipolarLine& line) const {
+  Patch patch;
+  if (options_.patch == SearchPatch::kPattern) {
+    patch.size = kPatternSize;
+    const int x = static_cast<int>(pixel.x());
+    const int y = static_cast<int>(pixel.y());
+    for (std::size_t i = 0; i < kPatternSize; ++i) {
+      patch.grey[i] = reference_.at(x + kPattern[i].x, y + kPattern[i].y).intensity;
+      patch.offset[i] = line.warp() * Eigen::Vector2f(static_cast<float>(kPattern[i].x),
+                                                      static_cast<float>(kPattern[i].y));
+    }
+  } else {
+    patch.size = kLineSamples;
+    Eigen::Vector2f step = line.warp().inverse() * line.direction();
+    step *= std::min(1.0F,
+                     static_cast<float>(kPatternRadius) / step.lpNorm<Eigen::Infinity>() /
+                         static_cast<float>(kLineRadius));
+    for (int i = 0; i < kLineSamples; ++i) {
+      const auto distance = static_cast<float>(i - kLineRadius);
+      const Eigen::Vector2f at = pixel + distance * step;
+      patch.grey[static_cast<std::size_t>(i)] = interpolateIntensity(reference_, at.x(), at.y());
+      patch.offset[static_cast<std::size_t>(i)] = line.warp() * (distance * step);
+    }
+  }
+  float mean = 0;
+  for (int i = 0; i < patch.size; ++i) {
+    float& grey = patch.grey[static_cast<std::size_t>(i)];
+    if (options_.brightness == PatchBrightness::kAffine) {
+      grey = static_cast<float>(frame_.transfer.gain) * grey +
+             static_cast<float>(frame_.transfer.offset);
+    }
+    mean += grey / static_cast<float>(patch.size);
+    patch.extent =
+        std::max(patch.extent, patch.offset[static_cast<std::size_t>(i)].lpNorm<Eigen::Infinity>());
+  }
+  if (options_.brightness == PatchBrightness::kMeanRemoved) {
+    for (int i = 0; i < patch.size; ++i) {
+      patch.grey[static_cast<std::size_t>(i)] -= mean;
+    }
+  }
+  return patch;
+}
+
+EpipolarSearch::Interval EpipolarSearch::clippedInterval(const EpipolarLine& line,
+                                                         const DepthEstimate& prior,
+                                                         float margin) const {
+  const float reach = static_cast<float>(options_.search_sigmas) * std::sqrt(prior.variance);
+  const float low =
+      line.positionOf(std::max(prior.inverse_depth - reach, 0.0F)).value_or(-max_half_length_);
+  const float high = line.positionOf(prior.inverse_depth + reach).value_or(max_half_length_);
+  Interval interval{std::clamp(low, -max_half_length_, -kMinHalfLength),
+                    std::clamp(high, kMinHalfLength, max_half_length_)};
+  clip(line.origin().x(),
+       line.direction().x(),
+       {margin, static_cast<float>(target_.width() - 1) - margin},
+       &interval.begin,
+       &interval.end);
+  clip(line.origin().y(),
+       line.direction().y(),
+       {margin, static_cast<float>(target_.height() - 1) - margin},
+       &interval.begin,
+       &interval.end);
+  return interval;
+}
+
+float EpipolarSearch::cost(const Patch& patch, const Eigen::Vector2f& centre) const {
+  float sum = 0;
+  float squares = 0;
+  for (int i = 0; i < patch.size; ++i) {
+    const auto index = static_cast<std::size_t>(i);
+    const Eigen::Vector2f at = centre + patch.offset[index];
+    const float difference = interpolateIntensity(target_, at.x(), at.y()) - patch.grey[index];
+    sum += difference;
+    squares += difference * difference;
+  }
+  return options_.brightness == PatchBrightness::kMeanRemoved
+             ? squares - sum * sum / static_cast<float>(patch.size)
+             : squares;
+}
+
+float EpipolarSearch::bestStep(const Patch& patch,
+                               const EpipolarLine& line,
+                               const Interval& interval,
+                               Scratch& costs) const {
+  const int steps = static_cast<int>(interval.end - interval.begin) + 1;
+  costs.resize(static_cast<std::size_t>(steps));
+  int best = -1;
+  float best_cost = std::numeric_limits<float>::max();
+  for (int i = 0; i < steps; ++i) {
+    const float value = cost(patch, line.at(interval.begin + static_cast<float>(i)));
+    costs[static_cast<std::size_t>(i)] = value;
+    if (value < best_cost) {  // never true for an invalid pixel's NaN
+      best_cost = value;
+      best = i;
+    }
+  }
+  if (best < 0) {
+    return kNone;
+  }
+  const auto at = [&](int i) {
+    return i >= 0 && i < steps ? costs[static_cast<std::size_t>(i)]
+                               : std::numeric_limits<float>::max();
+  };
+  // Differences below the noise tell nothing.
+  const auto noise = static_cast<float>(options_.image_noise);
+  const float limit = static_cast<float>(options_.second_best_ratio) *
+                      std::max(best_cost, static_cast<float>(patch.size) * noise * noise);
+  for (int i = 0; i < steps; ++i) {
+    const bool other = std::abs(i - best) > kNeighbourhood;
+    if (other && at(i) < limit && at(i) <= at(i - 1) && at(i) <= at(i + 1)) {
+      return kNone;
+    }
+  }
+  return interval.begin + static_cast<float>(best);
+}
+
+EpipolarSearch::Linearization EpipolarSearch::linearize(const Patch& patch,
+                                                        const EpipolarLine& line,
+                                                        float position) const {
+  Linearization sums;
+  float difference_sum = 0;
+  float along_sum = 0;
+  Eigen::Vector2f gradient_sum{0, 0};
+  const Eigen::Vector2f centre = line.at(position);
+  for (int i = 0; i < patch.size; ++i) {
+    const auto index = static_cast<std::size_t>(i);
+    const Eigen::Vector2f at = centre + patch.offset[index];
+    const ImageSample sample = interpolate(target_, at.x(), at.y());
+    const Eigen::Vector2f gradient(sample.dx, sample.dy);
+    const float difference = sample.intensity - patch.grey[index];
+    const float along = gradient.dot(line.direction());
+    sums.squared_error += difference * difference;
+    sums.gradient += along * difference;
+    sums.information += along * along;
+    sums.cross += along * gradient;
+    difference_sum += difference;
+    along_sum += along;
+    gradient_sum += gradient;
+  }
+  if (options_.brightness == PatchBrightness::kMeanRemoved) {
+    const float share = 1.0F / static_cast<float>(patch.size);
+    sums.squared_error -= share * difference_sum * difference_sum;
+    sums.gradient -= share * along_sum * difference_sum;
+    sums.information -= share * along_sum * along_sum;
+    sums.cross -= share * along_sum * gradient_sum;
+  }
+  return sums;
+}
+
+bool EpipolarSearch::refine(const Patch& patch,
+                            const EpipolarLine& line,
+                            const Interval& interval,
+                            Match& match) const {
+  const float begin = std::max(interval.begin, match.position - kMaxRefinement);
+  const float end = std::min(interval.end, match.position + kMaxRefinement);
+  Linearization sums = linearize(patch, line, match.position);
+  const auto min_gradient = static_cast<float>(options_.min_line_gradient);
+  for (int i = 0; i < kRefinements; ++i) {
+    if (!(sums.information >= min_gradient * min_gradient)) {
+      return false;
+    }
+    const float step = -sums.gradient / sums.information;
+    const float position = match.position + step;
+    if (!(position >= begin && position <= end)) {
+      return false;
+    }
+    const Linearization moved = linearize(patch, line, position);
+    if (!(moved.squared_error <= sums.squared_error)) {
+      break;
+    }
+    match.position = position;
+    sums = moved;
+    if (std::abs(step) < kConverged) {
+      break;
+    }
+  }
+  match.information = sums.information;
+  match.shift = sums.cross / sums.information;
+  const auto max_residual = static_cast<float>(options_.max_residual);
+  return sums.squared_error <= static_cast<float>(patch.size) * max_residual * max_residual;
+}
+
+float EpipolarSearch::geometricVariance(const Eigen::Vector2f& pixel,
+                                        const EpipolarLine& line,
+                                        const Match& match,
+                                        float inverse_depth) const {
+  // A displacement d of the line moves the match by -shift . d; for one gradient direction g of
+  // unit length shift = g / <g, l>.
+  const float shift = match.shift.squaredNorm();
+  if (options_.line_error == LineError::kReport) {
+    const Eigen::Vector2f at = line.at(match.position);
+    const ImageSample sample = interpolate(target_, at.x(), at.y());
+    return (sample.dx * sample.dx + sample.dy * sample.dy) * shift;
+  }
+  const std::optional<HostedProjection> projection = projectHosted(
+      camera_, frame_.T_cam_ref, camera_.unproject(pixel.cast<double>()), inverse_depth);
+  if (!projection) {
+    return kNone;
+  }
+  const Eigen::Matrix2d position_covariance =
+      projection->J_pose * frame_.covariance * projection->J_pose.transpose();
+  const bool normal = options_.line_error == LineError::kNormal;
+  const Eigen::Vector2f axis = normal ? Eigen::Vector2f(-line.direction().y(), line.direction().x())
+                                      : Eigen::Vector2f(match.shift.normalized());
+  const auto sigma_squared =
+      static_cast<float>(axis.cast<double>().dot(position_covariance * axis.cast<double>()));
+  const auto floor = static_cast<float>(options_.line_error_floor);
+  return std::max(sigma_squared, floor * floor) * shift;
+}
+
+}  // namespace dsorb::init_orb

@@ -1,0 +1,177 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/semi_dense/moving_parts.h"
+
+#include "base/median.h"
+#include "base/parallel.h"
+#include "camera/reprojection.h"
+#include "geometry/triangulate.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <optional>
+#include <utility>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr std::size_t kGrain = 64;  // pixels one thread judges at a time
+
+constexpr int kIterations = 3;  // of Gauss-Newton on one inverse depth
+constexpr int kMinVotes = 3;    // fewer tracks close by decide nothing
+constexpr double kLost = 1e6;   // [px]; error of a track behind a camera
+
+struct Sighting {
+  SE3 T_cam_ref;
+  Eigen::Vector2d pixel;
+};
+
+/// Error of a point seen from several cameras, and the step that reduces it.
+struct DepthFit {
+  double squared = 0;  // [px^2]
+  double step = 0;     // [1/unit]
+};
+
+std::optional<DepthFit> evaluate(const std::vector<Sighting>& sightings,
+                                 const PinholeCamera& camera,
+                                 const Eigen::Vector3d& ray,
+                                 double inverse_depth) {
+  DepthFit fit;
+  double information = 0;
+  double gradient = 0;
+  for (const Sighting& sighting : sightings) {
+    const auto projection = projectHosted(camera, sighting.T_cam_ref, ray, inverse_depth);
+    if (!projection) return std::nullopt;
+    const Eigen::Vector2d residual = sighting.pixel - projection->pixel;
+    fit.squared += residual.squaredNorm();
+    information += projection->J_inverse_depth.squaredNorm();
+    gradient += projection->J_inverse_depth.dot(residual);
+  }
+  fit.step = information > 0 ? gradient / information : 0;
+  return fit;
+}
+
+double trackError(const std::vector<Sighting>& sightings,
+                  const PinholeCamera& camera,
+                  const Eigen::Vector3d& ray) {
+  if (sightings.empty()) return 0;
+  const Sighting& widest = sightings.back();
+  const auto start = triangulateInverseDepth(
+      widest.T_cam_ref, ray, camera.unproject(widest.pixel).head<2>(), 1 / camera.fx);
+  double inverse_depth = start ? std::max(start->inverse_depth, 0.0) : 0.0;
+  double best = kLost * kLost;
+  for (int i = 0; i <= kIterations; ++i) {
+    const auto fit = evaluate(sightings, camera, ray, inverse_depth);
+    if (!fit) break;
+    best = std::min(best, fit->squared);
+    inverse_depth = std::max(inverse_depth + fit->step, 0.0);
+  }
+  return std::sqrt(best / static_cast<double>(sightings.size()));
+}
+
+}  // namespace
+
+std::vector<double> trackErrors(const InitialMap& map,
+                                const CornerTracks& tracks,
+                                const PinholeCamera& camera) {
+  std::vector<double> errors(static_cast<std::size_t>(tracks.size()));
+  std::vector<Sighting> sightings;
+  for (std::size_t i = 0; i < errors.size(); ++i) {
+    sightings.clear();
+    for (std::size_t k = 1; k < tracks.positions.size(); ++k) {
+      const Eigen::Vector2f& pixel = tracks.positions[k][i];
+      if (map.T_cam_ref[k] && std::isfinite(pixel.x())) {
+        sightings.push_back({*map.T_cam_ref[k], pixel.cast<double>()});
+      }
+    }
+    errors[i] =
+        trackError(sightings, camera, camera.unproject(tracks.positions.front()[i].cast<double>()));
+  }
+  return errors;
+}
+
+MovingParts::MovingParts(const InitialMap& map,
+                         const CornerTracks& tracks,
+                         const PinholeCamera& camera,
+                         const MovingPartsOptions& options)
+    : options_(options),
+      columns_(static_cast<int>(camera.width / options.radius) + 1),
+      rows_(static_cast<int>(camera.height / options.radius) + 1),
+      cells_(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_)) {
+  const std::vector<double> errors = trackErrors(map, tracks, camera);
+  const double limit = std::max(options.min_error, options.error_factor * medianOf(errors));
+  for (std::size_t i = 0; i < errors.size(); ++i) {
+    const Eigen::Vector2f& pixel = tracks.positions.front()[i];
+    const bool contradicts = errors[i] > limit;
+    contradicting_ += contradicts ? 1 : 0;
+    cells_[cellIndex(cellOf(pixel.x(), columns_), cellOf(pixel.y(), rows_))].push_back(
+        {pixel, contradicts});
+  }
+}
+
+int MovingParts::cellOf(float coordinate, int cells) const {
+  return std::clamp(
+      static_cast<int>(coordinate / static_cast<float>(options_.radius)), 0, cells - 1);
+}
+
+bool MovingParts::cover(const Eigen::Vector2f& pixel, Votes& votes) const {
+  const auto radius = static_cast<float>(options_.radius);
+  votes.clear();
+  int contradicting = 0;
+  const int column = cellOf(pixel.x(), columns_);
+  const int row = cellOf(pixel.y(), rows_);
+  for (int y = std::max(row - 1, 0); y <= std::min(row + 1, rows_ - 1); ++y) {
+    for (int x = std::max(column - 1, 0); x <= std::min(column + 1, columns_ - 1); ++x) {
+      for (const Vote& vote : cells_[cellIndex(x, y)]) {
+        const float distance = (vote.pixel - pixel).squaredNorm();
+        if (distance > radius * radius) continue;
+        votes.emplace_back(distance, vote.contradicts);
+        contradicting += vote.contradicts ? 1 : 0;
+      }
+    }
+  }
+  if (votes.size() < kMinVotes) return false;
+  const std::size_t count = std::min(votes.size(), static_cast<std::size_t>(options_.neighbours));
+  const double needed = options_.max_share * static_cast<double>(count);
+  if (contradicting <= needed) return false;  // too few even if all were among the nearest
+  std::partial_sort(votes.begin(), votes.begin() + static_cast<std::ptrdiff_t>(count), votes.end());
+  const auto against =
+      std::count_if(votes.begin(),
+                    votes.begin() + static_cast<std::ptrdiff_t>(count),
+                    [](const std::pair<float, bool>& vote) { return vote.second; });
+  return static_cast<double>(against) > needed;
+}
+
+std::vector<char> MovingParts::covered(const std::vector<Eigen::Vector2f>& pixels) const {
+  std::vector<char> covered(pixels.size(), 0);
+  if (contradicting_ == 0) return covered;
+  forEachRange(pixels.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    Votes votes;
+    for (std::size_t i = begin; i < end; ++i) covered[i] = cover(pixels[i], votes) ? 1 : 0;
+  });
+  return covered;
+}
+
+int MovingParts::removeCorners(InitialMap& map) const {
+  std::vector<Eigen::Vector2f> pixels;
+  pixels.reserve(map.corners.size());
+  for (const Corner& corner : map.corners) pixels.emplace_back(corner.pixel.cast<float>());
+  init_orb::removeCorners(map, covered(pixels));
+  return static_cast<int>(pixels.size() - map.corners.size());
+}
+
+int MovingParts::removePoints(InitialMap& map) const {
+  const auto rarely_found = [&](const SemiDensePoint& point) {
+    return point.observations < options_.min_found_share * point.searches;
+  };
+  const std::size_t before = map.points.size();
+  map.points.erase(std::remove_if(map.points.begin(), map.points.end(), rarely_found),
+                   map.points.end());
+  std::vector<Eigen::Vector2f> pixels;
+  pixels.reserve(map.points.size());
+  for (const SemiDensePoint& point : map.points) pixels.push_back(point.pixel);
+  eraseMarked(covered(pixels), map.points);
+  return static_cast<int>(before - map.points.size());
+}
+
+}  // namespace dsorb::init_orb

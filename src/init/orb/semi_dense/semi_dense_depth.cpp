@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/semi_dense/semi_dense_depth.h"
+
+#include "base/parallel.h"
+#include "base/random.h"
+#include "image/pixel_selector.h"
+#include "init/orb/map/frame_brightness.h"
+#include "init/orb/semi_dense/candidate_depth.h"
+#include "init/orb/semi_dense/corner_prior.h"
+#include "init/orb/semi_dense/epipolar_search.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr std::size_t kGrain = 64;  // candidates one thread takes at a time
+
+/// Patches of growing size until few enough candidates are left; what is still too much goes at
+/// random.
+std::vector<SelectedPixel> selectCandidates(const Frame& reference,
+                                            const SemiDenseOptions& options,
+                                            Random& random) {
+  RegionThresholds thresholds;
+  thresholds.compute(reference, options.gradient_above_median);
+  const auto wanted = static_cast<std::size_t>(options.max_candidates);
+  int patch_size = options.patch_size;
+  std::vector<SelectedPixel> selected = selectPatchMaxima(reference, thresholds, patch_size);
+  // The count is about proportional to 1 / patch_size^2.
+  const double ratio = static_cast<double>(selected.size()) / static_cast<double>(wanted);
+  const auto better_size = static_cast<int>(patch_size * std::sqrt(ratio));
+  if (better_size > patch_size) {
+    selected = selectPatchMaxima(reference, thresholds, better_size);
+  }
+  for (; selected.size() > wanted; selected.pop_back()) {
+    std::swap(selected[random.below(static_cast<std::uint32_t>(selected.size()))], selected.back());
+  }
+  return selected;
+}
+
+/// Result of one candidate; observations 0: no depth.
+struct CandidateResult {
+  SemiDensePoint point;
+  int searches = 0;
+  int matches = 0;
+};
+
+CandidateResult observe(const SelectedPixel& pixel,
+                        const CornerPrior& prior,
+                        const std::vector<EpipolarSearch>& frames,
+                        const SemiDenseOptions& options,
+                        EpipolarSearch::Scratch& scratch) {
+  CandidateResult result;
+  result.point.pixel = {static_cast<float>(pixel.x), static_cast<float>(pixel.y)};
+  CandidateDepth depth(prior.at(result.point.pixel), options);
+  for (const EpipolarSearch& frame : frames) {
+    const SearchOutcome outcome = frame.search(result.point.pixel, depth.current(), scratch);
+    result.searches += outcome.status != SearchStatus::kSkipped ? 1 : 0;
+    if (outcome.status == SearchStatus::kFound) {
+      ++result.matches;
+      depth.add(outcome.observation);
+    }
+  }
+  if (!depth.removed()) {
+    result.point.inverse_depth = depth.current().inverse_depth;
+    result.point.variance = depth.current().variance;
+    result.point.observations = depth.observations();
+    result.point.searches = result.searches;
+  }
+  return result;
+}
+
+/// Every posed frame after the reference.
+std::vector<SearchFrame> searchFrames(const InitialMap& map) {
+  std::vector<SearchFrame> frames;
+  for (std::size_t k = 1; k < map.frames.size(); ++k) {
+    if (map.T_cam_ref[k]) {
+      frames.push_back({map.frames[k],
+                        *map.T_cam_ref[k],
+                        map.covariance[k].value_or(Matrix6d::Zero()),
+                        brightnessTransfer(map.affine.front(),
+                                           map.frames.front()->exposure(),
+                                           map.affine[k],
+                                           map.frames[k]->exposure())});
+    }
+  }
+  return frames;
+}
+
+}  // namespace
+
+SemiDenseReport estimateSemiDenseDepth(InitialMap& map,
+                                       const PinholeCamera& camera,
+                                       const SemiDenseOptions& options,
+                                       std::uint64_t seed) {
+  SemiDenseReport report;
+  map.points.clear();
+  estimateBrightness(map);
+  const std::vector<SearchFrame> frames = searchFrames(map);
+  if (map.corners.empty() || frames.empty()) {
+    return report;
+  }
+  Random random(seed);
+  const FramePtr& reference = map.frames.front();
+  const std::vector<SelectedPixel> candidates = selectCandidates(*reference, options, random);
+  const CornerPrior prior(map.corners, camera.width, camera.height, options);
+  std::vector<EpipolarSearch> searches;
+  searches.reserve(frames.size());
+  for (const SearchFrame& frame : frames) {
+    searches.emplace_back(reference, frame, camera, options);
+  }
+  std::vector<CandidateResult> results(candidates.size());
+  forEachRange(candidates.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    EpipolarSearch::Scratch scratch;
+    for (std::size_t i = begin; i < end; ++i) {
+      results[i] = observe(candidates[i], prior, searches, options, scratch);
+    }
+  });
+  for (const CandidateResult& result : results) {
+    report.searched += result.searches > 0 ? 1 : 0;
+    report.searches += result.searches;
+    report.matches += result.matches;
+    if (result.point.observations > 0) {
+      map.points.push_back(result.point);
+    }
+  }
+  report.candidates = static_cast<int>(candidates.size());
+  report.points = static_cast<int>(map.points.size());
+  return report;
+}
+
+int keepBestPoints(InitialMap& map, int wanted) {
+  const auto total = static_cast<std::size_t>(wanted);
+  const std::size_t left = total - std::min(total, map.corners.size());
+  const std::size_t before = map.points.size();
+  if (before <= left) return 0;
+  std::vector<std::pair<float, std::size_t>> order;  // relative variance, point
+  order.reserve(before);
+  for (std::size_t i = 0; i < before; ++i) {
+    const SemiDensePoint& point = map.points[i];
+    order.emplace_back(point.variance / (point.inverse_depth * point.inverse_depth), i);
+  }
+  std::nth_element(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(left), order.end());
+  std::vector<char> kept(before, 0);
+  for (std::size_t k = 0; k < left; ++k) kept[order[k].second] = 1;
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < before; ++i) {
+    if (kept[i] != 0) map.points[count++] = map.points[i];
+  }
+  map.points.resize(count);
+  return static_cast<int>(before - count);
+}
+
+}  // namespace dsorb::init_orb

@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/start/motion_candidates.h"
+
+#include "base/spread_frames.h"
+#include "geometry/triangulate.h"
+#include "init/orb/bundle/map_assembly.h"
+#include "init/orb/bundle/reprojection_equations.h"
+#include "init/orb/bundle/robust_adjustment.h"
+#include "init/orb/two_view/decomposition.h"
+#include "init/orb/two_view/model_competition.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <utility>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr double kSameDirection = 0.9986;  // cosine of 3 degrees: the same minimum
+constexpr double kMinFrontShare = 0.5;     // of a plane's inliers
+
+std::optional<TriangulatedPoint> triangulate(const SE3& T_target_ref,
+                                             const Matches& matches,
+                                             std::size_t i,
+                                             const PinholeCamera& camera) {
+  return triangulateInverseDepth(T_target_ref,
+                                 camera.unproject(matches.reference[i]),
+                                 camera.unproject(matches.target[i]).head<2>(),
+                                 1.0 / camera.fx);
+}
+
+/// Corners of all inliers, on either side of the camera.
+MotionHypothesis triangulateInliers(const EssentialMotion& motion,
+                                    const Matches& matches,
+                                    const PinholeCamera& camera) {
+  MotionHypothesis hypothesis;
+  hypothesis.T_target_ref = motion.T_target_ref;
+  hypothesis.points.resize(matches.size());
+  for (std::size_t i = 0; i < matches.size(); ++i) {
+    if (motion.inlier[i] != 0) {
+      hypothesis.points[i] = triangulate(motion.T_target_ref, matches, i, camera);
+    }
+  }
+  return hypothesis;
+}
+
+double frontShare(const EssentialMotion& motion,
+                  const Matches& matches,
+                  const PinholeCamera& camera) {
+  int in_front = 0;
+  for (std::size_t i = 0; i < matches.size(); ++i) {
+    if (motion.inlier[i] == 0) continue;
+    const auto point = triangulate(motion.T_target_ref, matches, i, camera);
+    if (point && point->inverse_depth > 0) ++in_front;
+  }
+  return motion.inliers > 0 ? static_cast<double>(in_front) / motion.inliers : 0;
+}
+
+}  // namespace
+
+std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,
+                                             const EssentialMotion& motion,
+                                             const AttemptContext& context) {
+  const GeometricOptions& options = context.options.orb.geometric;
+  const Matches matches = view.tracks.matchesTo(view.tracks.frames() - 1);
+  const std::vector<int> frames = spreadFrames(view.tracks.frames(), options.max_frames);
+  MotionCandidate candidate;
+  InitialMap& map = candidate.map;
+  map =
+      makeInitialMap(view.frames, view.tracks, triangulateInliers(motion, matches, context.camera));
+  poseFrames(map, context.camera, frames);
+  if (!adjustRobustly(map, context.camera, options)) return std::nullopt;
+  const auto cost = reprojectionCost(map, {}, context.camera, options);
+  if (!cost) return std::nullopt;
+  const auto tracks = static_cast<double>(matches.size());
+  const double lost = (tracks - static_cast<double>(map.corners.size())) *
+                      robustCost(options.severe_limit / options.sigma, options);
+  candidate.cost = *cost / (tracks * static_cast<double>(frames.size())) + lost / tracks;
+  candidate.front_share = faceForward(map);
+  return candidate;
+}
+
+std::vector<EssentialMotion> planeMotions(const Eigen::Matrix3d& H_target_ref,
+                                          const Matches& matches,
+                                          const PinholeCamera& camera,
+                                          double threshold) {
+  const std::vector<double> errors = homographySampsonErrors(H_target_ref, matches);
+  EssentialMotion motion;
+  for (const double error : errors) motion.inlier.push_back(error < threshold * threshold ? 1 : 0);
+  motion.inliers = static_cast<int>(std::count(motion.inlier.begin(), motion.inlier.end(), 1));
+  std::vector<EssentialMotion> motions;
+  for (const SE3& decomposed : decomposeHomography(H_target_ref, camera)) {
+    motion.T_target_ref = decomposed;
+    if (frontShare(motion, matches, camera) > kMinFrontShare) motions.push_back(motion);
+  }
+  return motions;
+}
+
+double competeOverFrames(const ReferenceView& view,
+                         const std::vector<EssentialMotion>& motions,
+                         const AttemptContext& context,
+                         MotionCandidate& best) {
+  std::vector<MotionCandidate> candidates;
+  candidates.push_back(std::move(best));
+  for (const EssentialMotion& motion : motions) {
+    auto candidate = makeCandidate(view, motion, context);
+    if (candidate) candidates.push_back(std::move(*candidate));
+  }
+  const auto direction = [](const MotionCandidate& candidate) {
+    return candidate.map.T_cam_ref.back()->translation().normalized();
+  };
+  const auto less = [](const auto& a, const auto& b) { return a.cost < b.cost; };
+  std::swap(candidates.front(), *std::min_element(candidates.begin(), candidates.end(), less));
+  best = std::move(candidates.front());
+  double second_cost = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 1; i < candidates.size(); ++i) {
+    if (direction(candidates[i]).dot(direction(best)) > kSameDirection) continue;
+    second_cost = std::min(second_cost, candidates[i].cost);
+  }
+  return second_cost / best.cost;
+}
+
+}  // namespace dsorb::init_orb

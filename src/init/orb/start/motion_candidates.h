@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "init/orb/map/attempt_types.h"
+#include "init/orb/two_view/essential_motion.h"
+
+#include <Eigen/Core>
+
+#include <optional>
+#include <vector>
+
+namespace dsorb::init_orb {
+
+/// A motion with the map that follows from it, adjusted over a few frames.
+struct MotionCandidate {
+  InitialMap map;
+  double front_share = 0;  ///< of the corners, in front of the camera
+  double cost = 0;         ///< mean robust cost of all tracks in these frames, lost corners at the
+                           ///< cost of the severe limit
+};
+
+/// Triangulates the motion's inliers, poses a few frames and adjusts all.
+/// @return nullopt when too few corners are left
+std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,
+                                             const EssentialMotion& motion,
+                                             const AttemptContext& context);
+
+/// Motions that a homography of the images allows, with most of its inliers in front of both
+/// cameras: two at most. Translations of length 1.
+std::vector<EssentialMotion> planeMotions(const Eigen::Matrix3d& H_target_ref,
+                                          const Matches& matches,
+                                          const PinholeCamera& camera,
+                                          double threshold);
+
+/// Lets the motions of a plane compete with a candidate: the tracks of all its frames decide.
+/// @param best in: what was found without the plane; out: the candidate of least cost
+/// @return cost of the best really different one over the best's; infinite without such
+double competeOverFrames(const ReferenceView& view,
+                         const std::vector<EssentialMotion>& motions,
+                         const AttemptContext& context,
+                         MotionCandidate& best);
+
+}  // namespace dsorb::init_orb

@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/start/start_gate.h"
+
+#include "base/median.h"
+#include "geometry/triangulate.h"
+#include "init/orb/bundle/reprojection_equations.h"
+#include "init/orb/tracks/image_scale.h"
+#include "init/orb/two_view/motion_refinement.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <utility>
+#include <vector>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr double kDegPerRad = 180.0 / M_PI;
+constexpr double kReferenceCorners = 100;  // the predicted error is scaled to this many
+
+}  // namespace
+
+DirectionSigma directionSigma(const InitialMap& map,
+                              const PinholeCamera& camera,
+                              const GeometricOptions& options) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  constexpr DirectionSigma kUnknown{kInfinity, kInfinity};
+  const PoseRows pose_rows(map);
+  const ReprojectionEquations system = linearize(map, {}, pose_rows, camera, options);
+  if (map.corners.empty() || !(system.depth_hessian.minCoeff() > 0)) return kUnknown;
+  const Eigen::VectorXd scale = scaleDirection(map, pose_rows).normalized();
+  Eigen::MatrixXd schur =
+      system.pose_hessian - system.coupling * system.depth_hessian.cwiseInverse().asDiagonal() *
+                                system.coupling.transpose();
+  // The scale is free: it gets the mean stiffness of the others, and is not looked at.
+  schur += schur.trace() / pose_rows.size * scale * scale.transpose();
+  const Eigen::LLT<Eigen::MatrixXd> cholesky(schur);
+  if (cholesky.info() != Eigen::Success) return kUnknown;
+  const Eigen::Vector3d& t = map.T_cam_ref.back()->translation();
+  Eigen::MatrixXd perpendicular = Eigen::MatrixXd::Zero(pose_rows.size, 2);
+  perpendicular.middleRows<3>(pose_rows.first.back()) = tangentBasis(t.normalized());
+  perpendicular -= scale * (scale.transpose() * perpendicular);
+  const Eigen::Matrix2d covariance = perpendicular.transpose() * cholesky.solve(perpendicular);
+  const double variance =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance).eigenvalues()[1];
+  const double redundancy =
+      system.rows - pose_rows.size - static_cast<double>(map.corners.size()) + 1;
+  if (!(variance >= 0 && redundancy > 0)) return kUnknown;
+  const double sigma = std::sqrt(variance) / t.norm();
+  return {sigma, sigma * std::sqrt(system.weighted_error / redundancy)};
+}
+
+double medianParallaxDeg(const InitialMap& map, const PinholeCamera& camera) {
+  const int newest = static_cast<int>(map.frames.size()) - 1;
+  std::vector<double> angles;
+  for (const Observation& observation : map.observations) {
+    if (observation.frame != newest) continue;
+    const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
+    angles.push_back(parallaxAngle(*map.T_cam_ref.back(),
+                                   camera.unproject(corner.pixel),
+                                   camera.unproject(observation.pixel)));
+  }
+  return medianOf(std::move(angles)) * kDegPerRad;
+}
+
+double neededParallaxDeg(const GateOptions& gate, double direction_sigma_deg) {
+  return direction_sigma_deg <= gate.sharp_sigma_deg
+             ? std::min(gate.sharp_parallax_deg, gate.min_parallax_deg)
+             : gate.min_parallax_deg;
+}
+
+GateReport judgeStart(const InitialMap& map,
+                      const PinholeCamera& camera,
+                      const OrbOptions& options,
+                      int live_tracks,
+                      double front_share) {
+  const GateOptions& gate = options.informed.gate;
+  const auto corners = static_cast<double>(map.corners.size());
+  GateReport report;
+  report.parallax_deg = medianParallaxDeg(map, camera);
+  const DirectionSigma sigma = directionSigma(map, camera, options.geometric);
+  // Small images are tracked as well as large ones, in pixels of the large ones.
+  const double scale = std::min(1.0, imageScale(camera.width, camera.height));
+  report.direction_sigma_deg =
+      scale * sigma.predicted * std::sqrt(corners / kReferenceCorners) * kDegPerRad;
+  report.fitted_sigma_deg = sigma.fitted * kDegPerRad;
+  if (corners < gate.min_points || corners < gate.min_track_share * live_tracks) {
+    report.reason = InitReason::kTooFewPoints;
+  } else if (front_share < gate.min_front_share) {
+    report.reason = InitReason::kDegenerateMotion;
+  } else if (report.parallax_deg < neededParallaxDeg(gate, report.direction_sigma_deg)) {
+    report.reason = InitReason::kTooLittleParallax;
+  } else if (!(report.direction_sigma_deg <= gate.max_direction_sigma_deg &&
+               report.fitted_sigma_deg <= gate.max_fitted_sigma_deg)) {
+    report.reason = InitReason::kPoorQuality;
+  }
+  return report;
+}
+
+}  // namespace dsorb::init_orb

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "init/orb/tracks/matches.h"
+
+#include <Eigen/Core>
+
+#include <cstddef>
+#include <vector>
+
+namespace dsorb::init_orb {
+
+/// Where the corners of a reference were seen: all that an attempt knows of the images' motion.
+struct CornerTracks {
+  /// [frame][corner], the reference first [px]; NaN where a corner was not seen. The reference and
+  /// the newest frame see all.
+  std::vector<std::vector<Eigen::Vector2f>> positions;
+
+  [[nodiscard]] int frames() const { return static_cast<int>(positions.size()); }
+  [[nodiscard]] int size() const {
+    return positions.empty() ? 0 : static_cast<int>(positions.front().size());
+  }
+  /// Matches between the reference and a later frame that sees all corners.
+  [[nodiscard]] Matches matchesTo(int frame) const {
+    Matches matches;
+    matches.reference.reserve(positions.front().size());
+    matches.target.reserve(positions.front().size());
+    const auto& target = positions[static_cast<std::size_t>(frame)];
+    for (std::size_t i = 0; i < target.size(); ++i) {
+      matches.reference.emplace_back(positions.front()[i].cast<double>());
+      matches.target.emplace_back(target[i].cast<double>());
+    }
+    return matches;
+  }
+};
+
+}  // namespace dsorb::init_orb

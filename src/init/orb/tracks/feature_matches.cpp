@@ -1,0 +1,202 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/tracks/feature_matches.h"
+
+#include "base/target_clones.h"
+
+#include <opencv2/features2d.hpp>
+#include <opencv2/video/tracking.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr int kPatchSize = 31;  // [px] of the level; side of the square a descriptor is made from
+constexpr int kSurplus = 10;    // features found for each that is kept when they are spread
+
+/// Strongest first; position decides between equals, so that the order is the same everywhere.
+bool stronger(const cv::KeyPoint& a, const cv::KeyPoint& b) {
+  if (a.response != b.response) return a.response > b.response;
+  if (a.pt.y != b.pt.y) return a.pt.y < b.pt.y;
+  return a.pt.x < b.pt.x;
+}
+
+/// Keeps the strongest features of every grid cell.
+void spread(const GreyImage& image,
+            const OrbMatchingOptions& options,
+            std::vector<cv::KeyPoint>& points) {
+  std::sort(points.begin(), points.end(), stronger);
+  const int columns = (image.grey.cols + options.cell_size - 1) / options.cell_size;
+  const int rows = (image.grey.rows + options.cell_size - 1) / options.cell_size;
+  const int cells = columns * rows;
+  // Twice an even share: cells without texture leave theirs to others.
+  const int cap = std::max(1, (2 * options.max_features + cells - 1) / cells);
+  std::vector<int> taken(static_cast<std::size_t>(cells), 0);
+  std::size_t kept = 0;
+  for (const cv::KeyPoint& point : points) {
+    if (!image.usable(point.pt)) continue;
+    const int cell = static_cast<int>(point.pt.y) / options.cell_size * columns +
+                     static_cast<int>(point.pt.x) / options.cell_size;
+    if (taken[static_cast<std::size_t>(cell)]++ >= cap) continue;
+    points[kept++] = point;
+    if (static_cast<int>(kept) == options.max_features) break;
+  }
+  points.resize(kept);
+}
+
+cv::Ptr<cv::ORB> makeDetector(const OrbMatchingOptions& options) {
+  return cv::ORB::create(kSurplus * options.max_features,
+                         static_cast<float>(options.scale_factor),
+                         options.levels,
+                         kPatchSize,
+                         0,
+                         2,
+                         cv::ORB::HARRIS_SCORE,
+                         kPatchSize,
+                         options.fast_threshold);
+}
+
+cv::Point2f toCv(const Eigen::Vector2f& point) {
+  return {point.x(), point.y()};
+}
+
+Eigen::Vector2f toEigen(const cv::Point2f& point) {
+  return {point.x, point.y};
+}
+
+const Eigen::Vector2f kNotSeen = Eigen::Vector2f::Constant(NAN);
+
+/// 256 bits of an ORB descriptor.
+using Descriptor = std::array<std::uint64_t, 4>;
+
+std::vector<Descriptor> descriptorsOf(const OrbFeatures& features) {
+  std::vector<Descriptor> descriptors(features.points.size());
+  for (std::size_t i = 0; i < descriptors.size(); ++i) {
+    std::memcpy(&descriptors[i], features.descriptors.ptr(static_cast<int>(i)), sizeof(Descriptor));
+  }
+  return descriptors;
+}
+
+/// The nearest descriptors of another image.
+struct Nearest {
+  int index = -1;
+  int distance = 257;  // [bits]
+  int second = 257;    // distance of the second nearest
+};
+
+/// Compares all with all; the first of several at the same distance counts as the nearest.
+DSORB_TARGET_CLONES void findNearest(const std::vector<Descriptor>& from,
+                                     const std::vector<Descriptor>& to,
+                                     std::vector<Nearest>& forward,
+                                     std::vector<Nearest>& backward) {
+  const int from_count = static_cast<int>(from.size());
+  const int to_count = static_cast<int>(to.size());
+  for (int i = 0; i < from_count; ++i) {
+    const Descriptor a = from[static_cast<std::size_t>(i)];
+    Nearest best;
+    for (int j = 0; j < to_count; ++j) {
+      const Descriptor& b = to[static_cast<std::size_t>(j)];
+      const int distance = __builtin_popcountll(a[0] ^ b[0]) + __builtin_popcountll(a[1] ^ b[1]) +
+                           __builtin_popcountll(a[2] ^ b[2]) + __builtin_popcountll(a[3] ^ b[3]);
+      if (distance < best.distance) {
+        best = {j, distance, best.distance};
+      } else if (distance < best.second) {
+        best.second = distance;
+      }
+      Nearest& back = backward[static_cast<std::size_t>(j)];
+      if (distance < back.distance) back = {i, distance, back.distance};
+    }
+    forward[static_cast<std::size_t>(i)] = best;
+  }
+}
+
+}  // namespace
+
+OrbFeatures findFeatures(const GreyImage& image, const OrbMatchingOptions& options) {
+  OrbFeatures features;
+  const cv::Ptr<cv::ORB> detector = makeDetector(options);
+  detector->detect(image.grey, features.points, image.valid);
+  spread(image, options, features.points);
+  detector->compute(image.grey, features.points, features.descriptors);
+  return features;
+}
+
+std::vector<int> matchFeatures(const OrbFeatures& from,
+                               const OrbFeatures& to,
+                               const OrbMatchingOptions& options) {
+  std::vector<int> partner(from.points.size(), -1);
+  std::vector<Nearest> forward(from.points.size());
+  std::vector<Nearest> backward(to.points.size());
+  findNearest(descriptorsOf(from), descriptorsOf(to), forward, backward);
+  for (std::size_t i = 0; i < forward.size(); ++i) {
+    const Nearest& best = forward[i];
+    if (best.index < 0 || best.distance > options.max_distance) continue;
+    const bool mutual = backward[static_cast<std::size_t>(best.index)].index == static_cast<int>(i);
+    const bool clear = best.distance < options.max_ratio * best.second;
+    if (mutual && clear) partner[i] = best.index;
+  }
+  return partner;
+}
+
+const std::vector<Eigen::Vector2f>& FeatureMatches::start(const Frame& reference) {
+  image_ = greyImage(reference.level(0), 1.0F, kPatchSize / 2);
+  mean_ = meanIntensity(reference);
+  features_ = findFeatures(image_, options_);
+  positions_.clear();
+  for (const cv::KeyPoint& point : features_.points) positions_.push_back(toEigen(point.pt));
+  return positions_;
+}
+
+std::vector<Eigen::Vector2f> FeatureMatches::find(const Frame& frame) const {
+  const GreyImage image = greyImage(frame.level(0), gainTowards(mean_, frame), kPatchSize / 2);
+  const OrbFeatures found = findFeatures(image, options_);
+  const std::vector<int> partner = matchFeatures(features_, found, options_);
+  std::vector<Eigen::Vector2f> sightings(positions_.size(), kNotSeen);
+  for (std::size_t i = 0; i < partner.size(); ++i) {
+    if (partner[i] < 0) continue;
+    sightings[i] = toEigen(found.points[static_cast<std::size_t>(partner[i])].pt);
+  }
+  if (options_.refine) refine(image, sightings);
+  return sightings;
+}
+
+void FeatureMatches::refine(const GreyImage& image, std::vector<Eigen::Vector2f>& sightings) const {
+  std::vector<std::size_t> which;
+  std::vector<cv::Point2f> start;
+  std::vector<cv::Point2f> end;
+  for (std::size_t i = 0; i < sightings.size(); ++i) {
+    if (!isSeen(sightings[i])) continue;
+    which.push_back(i);
+    start.push_back(toCv(positions_[i]));
+    end.push_back(toCv(sightings[i]));
+  }
+  if (which.empty()) return;
+  const std::vector<cv::Point2f> matched = end;
+  std::vector<unsigned char> found;
+  cv::Mat error;
+  const cv::TermCriteria stop(
+      cv::TermCriteria::COUNT + cv::TermCriteria::EPS, flow_.max_iterations, flow_.min_step);
+  cv::calcOpticalFlowPyrLK(image_.grey,
+                           image.grey,
+                           start,
+                           end,
+                           found,
+                           error,
+                           {flow_.window, flow_.window},
+                           0,
+                           stop,
+                           cv::OPTFLOW_USE_INITIAL_FLOW);
+  for (std::size_t k = 0; k < which.size(); ++k) {
+    const cv::Point2f moved = end[k] - matched[k];
+    const bool kept = found[k] != 0 && std::hypot(moved.x, moved.y) <= options_.max_refinement &&
+                      image.usable(end[k]);
+    sightings[which[k]] = kept ? toEigen(end[k]) : kNotSeen;
+  }
+}
+
+}  // namespace dsorb::init_orb

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/image/frame.h"
+#include "dsorb/options/orb.h"
+
+#include "init/orb/tracks/grey_image.h"
+
+#include <Eigen/Core>
+#include <opencv2/core.hpp>
+
+#include <cmath>
+#include <vector>
+
+namespace dsorb::init_orb {
+
+/// ORB features of one image, spread over it.
+struct OrbFeatures {
+  std::vector<cv::KeyPoint> points;
+  cv::Mat descriptors;  ///< one row of 32 bytes a point
+};
+
+/// @source Rublee, Rabaud, Konolige, Bradski, ORB: an efficient alternative to SIFT or SURF,
+///         ICCV 2011
+OrbFeatures findFeatures(const GreyImage& image, const OrbMatchingOptions& options);
+
+/// Index of the partner of each feature of `from`, -1 without one: nearest in Hamming distance,
+/// mutually, and clearly nearer than the second nearest.
+std::vector<int> matchFeatures(const OrbFeatures& from,
+                               const OrbFeatures& to,
+                               const OrbMatchingOptions& options);
+
+/// Whether a feature was found; positions of those that were not are NaN.
+inline bool isSeen(const Eigen::Vector2f& position) {
+  return std::isfinite(position.x());
+}
+
+/// Features of a reference image and where later images show them, by descriptors.
+class FeatureMatches {
+ public:
+  /// @param flow window, levels and limits of the refinement
+  FeatureMatches(const OrbMatchingOptions& options, const FeatureTrackOptions& flow)
+      : options_(options), flow_(flow) {}
+
+  /// Forgets everything and finds the features of a new reference. @return their positions [px]
+  const std::vector<Eigen::Vector2f>& start(const Frame& reference);
+  /// Matches the reference with an image of its size.
+  /// @return positions there, one a feature of the reference; NaN where it was not found [px]
+  [[nodiscard]] std::vector<Eigen::Vector2f> find(const Frame& frame) const;
+
+ private:
+  void refine(const GreyImage& image, std::vector<Eigen::Vector2f>& sightings) const;
+
+  OrbMatchingOptions options_;
+  FeatureTrackOptions flow_;
+  OrbFeatures features_;
+  std::vector<Eigen::Vector2f> positions_;
+  GreyImage image_;
+  double mean_ = 0;  // intensity that later images are brought to [grey levels]
+};
+
+}  // namespace dsorb::init_orb

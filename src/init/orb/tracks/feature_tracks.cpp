@@ -1,0 +1,193 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/tracks/feature_tracks.h"
+
+#include "base/parallel.h"
+#include "init/orb/tracks/grey_image.h"
+#include "init/orb/tracks/image_scale.h"
+
+#include <opencv2/imgproc.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr std::size_t kTrackGrain = 32;  // tracks one thread follows at a time
+
+/// Corners of an image, well inside it, spread over it and away from those that are there already.
+class CornerGrid {
+ public:
+  CornerGrid(cv::Size size, const FeatureTrackOptions& options)
+      : size_(size),
+        options_(options),
+        columns_((size.width + options.cell_size - 1) / options.cell_size),
+        min_distance_(options.min_distance * imageScale(size.width, size.height)) {
+    const int rows = (size.height + options.cell_size - 1) / options.cell_size;
+    taken_.resize(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows), 0);
+    // Twice an even share: cells without texture leave theirs to others.
+    const auto cells = static_cast<int>(taken_.size());
+    cap_ = std::max(1, (2 * options.max_corners + cells - 1) / cells);
+  }
+
+  /// The strongest corners of every cell, so that a textured part of the image cannot take all.
+  /// @param known places that are taken
+  [[nodiscard]] std::vector<Eigen::Vector2f> choose(const cv::Mat& grey,
+                                                    const cv::Mat& valid,
+                                                    const std::vector<Eigen::Vector2f>& known) {
+    std::vector<cv::Point2f> corners;
+    cv::goodFeaturesToTrack(grey, corners, 0, options_.corner_quality, min_distance_, valid);
+    cv::Mat occupied;
+    if (!known.empty()) occupied = cv::Mat::zeros(size_, CV_8UC1);
+    for (const Eigen::Vector2f& place : known) {
+      ++taken(place.x(), place.y());
+      const cv::Point centre(cvRound(place.x()), cvRound(place.y()));
+      cv::circle(occupied, centre, static_cast<int>(min_distance_), cv::Scalar(1), cv::FILLED);
+    }
+    const std::size_t wanted =
+        static_cast<std::size_t>(options_.max_corners) -
+        std::min(known.size(), static_cast<std::size_t>(options_.max_corners));
+    std::vector<Eigen::Vector2f> chosen;
+    for (const cv::Point2f& corner : corners) {
+      if (chosen.size() == wanted) break;
+      if (!isInside(corner) || (!occupied.empty() && occupied.at<std::uint8_t>(corner) != 0)) {
+        continue;
+      }
+      if (taken(corner.x, corner.y)++ < cap_) chosen.emplace_back(corner.x, corner.y);
+    }
+    return chosen;
+  }
+
+ private:
+  [[nodiscard]] bool isInside(const cv::Point2f& corner) const {
+    return corner.x >= kFeatureBorder && corner.y >= kFeatureBorder &&
+           corner.x <= static_cast<float>(size_.width - 1 - kFeatureBorder) &&
+           corner.y <= static_cast<float>(size_.height - 1 - kFeatureBorder);
+  }
+  int& taken(float x, float y) {
+    const int cell = static_cast<int>(y) / options_.cell_size * columns_ +
+                     static_cast<int>(x) / options_.cell_size;
+    return taken_[static_cast<std::size_t>(cell)];
+  }
+
+  cv::Size size_;
+  const FeatureTrackOptions& options_;
+  int columns_;
+  double min_distance_;  // [px] in this image
+  int cap_ = 1;
+  std::vector<int> taken_;  // corners by cell
+};
+
+LucasKanadeOptions flowOptions(const FeatureTrackOptions& options) {
+  return {options.window,
+          options.max_level,
+          options.max_iterations,
+          options.min_step,
+          options.min_eigenvalue};
+}
+
+/// Level 0 of a pyramid as OpenCV wants it.
+cv::Mat eightBit(const FlowLevel& level) {
+  cv::Mat grey(level.height, level.width, CV_8UC1);
+  for (int y = 0; y < level.height; ++y) {
+    auto* row = grey.ptr<std::uint8_t>(y);
+    const float* source = level.row(y);
+    for (int x = 0; x < level.width; ++x)
+      row[x] = static_cast<std::uint8_t>(std::lround(source[x]));
+  }
+  return grey;
+}
+
+}  // namespace
+
+void FeatureTracks::clear() {
+  positions_.clear();
+  births_.clear();
+  survivor_share_ = 1;
+}
+
+void FeatureTracks::start(const Frame& reference) {
+  clear();
+  reference_mean_ = meanIntensity(reference);
+  show(reference, 1.0F);
+  positions_.emplace_back();
+  addCorners();
+}
+
+void FeatureTracks::show(const Frame& frame, float gain) {
+  const bool all_valid = pyramid_.build(frame.level(0), gain, flowOptions(options_));
+  valid_ = all_valid ? cv::Mat() : validMask(frame.level(0), options_.window / 2);
+}
+
+void FeatureTracks::addCorners() {
+  const FlowLevel& image = pyramid_.levels().front();
+  const std::vector<Eigen::Vector2f> fresh =
+      CornerGrid({image.width, image.height}, options_)
+          .choose(eightBit(image), valid_, positions_.back());
+  const std::size_t tracks = births_.size() + fresh.size();
+  for (auto& frame : positions_) frame.resize(tracks, Eigen::Vector2f::Constant(NAN));
+  std::copy(fresh.begin(),
+            fresh.end(),
+            positions_.back().begin() + static_cast<std::ptrdiff_t>(births_.size()));
+  births_.resize(tracks, frames() - 1);
+}
+
+void FeatureTracks::advance(const Frame& frame) {
+  std::swap(pyramid_, other_pyramid_);
+  show(frame, gainTowards(reference_mean_, frame));
+  const cv::Size size(frame.level(0).width(), frame.level(0).height());
+  const auto max_miss = static_cast<float>(options_.max_backward_error);
+  const std::vector<Eigen::Vector2f>& before = positions_.back();
+  std::vector<Eigen::Vector2f> after = before;
+  std::vector<char> alive(before.size(), 0);
+  forEachRange(before.size(), kTrackGrain, [&](std::size_t begin, std::size_t end) {
+    LucasKanade lucas_kanade(flowOptions(options_));
+    for (std::size_t i = begin; i < end; ++i) {
+      if (!lucas_kanade.follow(other_pyramid_, pyramid_, after[i])) continue;
+      Eigen::Vector2f back = after[i];
+      if (!isUsable(after[i], size, valid_) ||
+          !lucas_kanade.follow(pyramid_, other_pyramid_, back)) {
+        continue;
+      }
+      alive[i] = (back - before[i]).norm() < max_miss ? 1 : 0;
+    }
+  });
+  positions_.push_back(std::move(after));
+  keepOnly(alive);
+}
+
+void FeatureTracks::keepOnly(const std::vector<char>& alive) {
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < alive.size(); ++i) {
+    if (alive[i] == 0) continue;
+    for (auto& frame : positions_) frame[kept] = frame[i];
+    births_[kept++] = births_[i];
+  }
+  for (auto& frame : positions_) frame.resize(kept);
+  births_.resize(kept);
+  survivor_share_ =
+      alive.empty() ? 1.0 : static_cast<double>(kept) / static_cast<double>(alive.size());
+}
+
+void FeatureTracks::dropFrames(int count) {
+  positions_.erase(positions_.begin(), positions_.begin() + count);
+  for (int& birth : births_) birth = std::max(0, birth - count);
+}
+
+int FeatureTracks::sizeSince(int frame) const {
+  return static_cast<int>(std::upper_bound(births_.begin(), births_.end(), frame) -
+                          births_.begin());
+}
+
+CornerTracks FeatureTracks::since(int reference) const {
+  CornerTracks tracks;
+  for (auto frame = positions_.begin() + reference; frame != positions_.end(); ++frame) {
+    tracks.positions.emplace_back(frame->begin(), frame->begin() + sizeSince(reference));
+  }
+  return tracks;
+}
+
+}  // namespace dsorb::init_orb

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/image/frame.h"
+#include "dsorb/options/orb.h"
+
+#include "init/orb/tracks/corner_tracks.h"
+#include "init/orb/tracks/lucas_kanade.h"
+
+#include <Eigen/Core>
+#include <opencv2/core.hpp>
+
+#include <vector>
+
+namespace dsorb::init_orb {
+
+/// Corners followed from frame to frame with Lucas-Kanade; a track must come back to where it
+/// started when it is followed backwards. Only tracks that live in the newest frame are kept.
+///
+/// Every frame can become a reference: its corners are the tracks that live there, topped up with
+/// fresh ones. So one set of tracks serves all references, each track is followed once.
+/// @source Bouguet, Pyramidal Implementation of the Lucas Kanade Feature Tracker; Shi and Tomasi,
+///         Good Features to Track, CVPR 1994
+class FeatureTracks {
+ public:
+  explicit FeatureTracks(const FeatureTrackOptions& options) : options_(options) {}
+  FeatureTracks(const FeatureTracks&) = delete;  // the masks of copies would share memory
+  FeatureTracks& operator=(const FeatureTracks&) = delete;
+
+  /// Forgets everything and finds the corners of the first reference.
+  void start(const Frame& reference);
+  /// Follows all live tracks into the next frame, which has the reference's size. Runs in parallel
+  /// inside the caller's arena; the result does not depend on the number of threads.
+  void advance(const Frame& frame);
+  /// Makes the newest frame a reference: adds corners away from the live tracks.
+  void addCorners();
+  /// Forgets the oldest frames and the tracks' positions there.
+  void dropFrames(int count);
+  void clear();
+
+  /// Live tracks.
+  [[nodiscard]] int size() const { return static_cast<int>(births_.size()); }
+  /// Live tracks that were there in a frame already.
+  [[nodiscard]] int sizeSince(int frame) const;
+  /// Frames since the first, the first included.
+  [[nodiscard]] int frames() const { return static_cast<int>(positions_.size()); }
+  /// Share of the tracks that survived the last step; 1 for the first frame.
+  [[nodiscard]] double survivorShare() const { return survivor_share_; }
+  /// Positions of all live tracks in one frame [px]; entry i is the same corner in every frame, NaN
+  /// before its first.
+  [[nodiscard]] const std::vector<Eigen::Vector2f>& positions(int frame) const {
+    return positions_[static_cast<std::size_t>(frame)];
+  }
+  /// The tracks that live in every frame since a reference.
+  [[nodiscard]] CornerTracks since(int reference) const;
+
+ private:
+  void show(const Frame& frame, float gain);
+  void keepOnly(const std::vector<char>& alive);
+
+  FeatureTrackOptions options_;
+  std::vector<std::vector<Eigen::Vector2f>> positions_;  // [frame][track]
+  std::vector<int> births_;                              // first frame of each track, ascending
+  cv::Mat valid_;              // mask of the newest image; empty: all of it
+  FlowPyramid pyramid_;        // of the newest image
+  FlowPyramid other_pyramid_;  // memory for the next one
+  double survivor_share_ = 1;
+  double reference_mean_ = 0;  // intensity that later images are brought to [grey levels]
+};
+
+}  // namespace dsorb::init_orb

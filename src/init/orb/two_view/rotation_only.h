@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+
+#include "init/orb/tracks/matches.h"
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+
+namespace dsorb::init_orb {
+
+struct RotationFit {
+  Eigen::Quaterniond R_target_ref = Eigen::Quaterniond::Identity();
+  double median_residual = 0;  ///< what the rotation leaves of the displacements [px]
+};
+
+/// The rotation that explains the matches best, without any translation. Robust: it minimises the
+/// sum of the chord lengths between bearings, so that less than half of them may be wrong.
+/// @param matches not empty
+/// @source Arun, Huang, Blostein, Least-Squares Fitting of Two 3-D Point Sets (the weighted SVD
+///         step); weights 1 / residual as Weiszfeld's
+RotationFit fitRotation(const Matches& matches, const PinholeCamera& camera);
+
+/// Median that the best rotation leaves of the displacements, as an angle: the parallax that no
+/// rotation explains. @param matches not empty
+double rotationResidualDeg(const Matches& matches, const PinholeCamera& camera);
+
+}  // namespace dsorb::init_orb
