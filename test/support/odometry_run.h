@@ -4,10 +4,10 @@
 #include "dsorb/odometry/odometry.h"
 
 #include "geometry/reattachment.h"
-#include "geometry/similarity.h"
 #include "support/truth_initializer.h"
 #include "synthetic/sequence.h"
 
+#include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -152,18 +152,20 @@ class FinalTrajectory : public OdometryObserver {
   [[nodiscard]] std::size_t posed() const { return frames_.size(); }
   /// Root mean square position error after the best similarity, over the length of the way.
   [[nodiscard]] double relativeError(const World& world) const {
-    std::vector<Eigen::Vector3d> estimated;
-    std::vector<Eigen::Vector3d> truth;
-    double way = 0;
+    Eigen::Matrix3Xd estimated(3, static_cast<Eigen::Index>(frames_.size()));
+    Eigen::Matrix3Xd truth(3, estimated.cols());
+    Eigen::Index column = 0;
     for (const auto& [index, hung] : frames_) {
       const auto keyframe = anchors_.find(index);
       const SE3 pose = keyframe == anchors_.end() ? T_world_cam(hung) : keyframe->second;
-      estimated.push_back(pose.translation());
-      const Eigen::Vector3d position = world.pose(index).translation();
-      if (!truth.empty()) way += (position - truth.back()).norm();
-      truth.push_back(position);
+      estimated.col(column) = pose.translation();
+      truth.col(column++) = world.pose(index).translation();
     }
-    return alignmentRms(alignPoints(estimated, truth), estimated, truth) / way;
+    const Eigen::Affine3d truth_from_estimated(Eigen::umeyama(estimated, truth));
+    const Eigen::Matrix3Xd errors = truth_from_estimated * estimated - truth;
+    const Eigen::Index steps = truth.cols() - 1;
+    const double way = (truth.rightCols(steps) - truth.leftCols(steps)).colwise().norm().sum();
+    return std::sqrt(errors.colwise().squaredNorm().mean()) / way;
   }
 
   int withdrawals = 0;
