@@ -2,7 +2,7 @@
 """Evaluation of dso_dataset: many runs against ground truth, summed up in tables, figures and one HTML page.
 
 trajectory  poses, ground truth files, alignment          store     the output folder: plan, records, figures of runs
-metrics     the report's equations 15-19 and their kin    summary   rows of the tables, CSV and Markdown
+metrics     equations 15-19 of [Gladkova] and more        summary   rows of the tables, CSV and Markdown
 layout      times, ground truth and depth of data sets    plots     cumulative plots
 protocol    sequences file, start frames, list of runs    pictures  overlays side by side, residual histogram
 runner      one run of the program                        report    report.html

@@ -29,7 +29,7 @@ def parse_arguments(arguments):
     parser.add_argument('--sequences', required=True, metavar='FILE.yaml', help='`sequences:` a list of {name, path, format, '
                         'groundtruth, first, last}; the last four may be left out')
     parser.add_argument('--variants', nargs='+', default=list(protocol.VARIANTS), metavar='NAME', help='initializers; default: all six')
-    parser.add_argument('--starts', default='five', help='five (the report: 0, 10, .. 40) or every:K; default five')
+    parser.add_argument('--starts', default='five', help='five (0, 10, .. 40, as in [Gladkova]) or every:K; default five')
     parser.add_argument('--frames', type=int, default=200, metavar='N', help='frames given to a run at most; default 200')
     parser.add_argument('--jobs', type=int, default=1, metavar='N', help='runs side by side; 1 (default) when times matter')
     parser.add_argument('--output', required=True, metavar='DIR', help='results; runs that are there already are not repeated')

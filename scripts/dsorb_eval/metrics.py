@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Errors of trajectories, initial poses and initial depths.
 
-Source: Feature-based Initialization for Monocular Direct Visual Odometry, section 4.1, equations 15-19, and
+Source: [Gladkova] (docs/references.md), section 4.1, equations 15-19, and
 Sturm et al., A benchmark for the evaluation of RGB-D SLAM systems (IROS 2012). Lengths are in the unit of the ground
 truth; every error called `_over_path` is divided by the distance travelled."""
 import math
@@ -53,7 +53,7 @@ def trajectory_errors(rows, truth, step=1):
 
 def initial_pose_errors(T_target_ref, reference_time, target_time, truth, frame_times):
     """Errors of the relative pose an initializer delivers. Its unit is free, so its translation is first scaled to the
-    true length; then the norm of equation 16 (without the square, which the report's plots do not have either).
+    true length; then the norm of equation 16 (without the square, which the plots of [Gladkova] do not have either).
 
     @param T_target_ref  4x4, reference camera to target camera
     @param frame_times   times of all frames of the run: the way between the two goes through them

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pictures of runs: initial inverse depth side by side (the report's figure 1), residual histograms (figure 5)."""
+"""Pictures of runs: initial inverse depth side by side ([Gladkova], figure 1), residual histograms (figure 5)."""
 import csv
 import math
 from collections import defaultdict
@@ -14,7 +14,7 @@ from PIL import Image  # noqa: E402
 from . import plots  # noqa: E402
 
 OVERLAY = 'out/figures/initial_inverse_depth.png'
-T_DEGREES = 5.  # of freedom, as in the report (section 3.4) and Kerl et al.
+T_DEGREES = 5.  # of freedom, as in [Gladkova], section 3.4
 FIT_ROUNDS = 100
 FIT_TOLERANCE = 1e-9
 HISTOGRAM_RANGE = 6.  # in scales of the t-distribution, to both sides
@@ -71,7 +71,7 @@ def tracking_residuals(runs, folder_of):
 
 def t_scale(residuals, degrees=T_DEGREES):
     """Scale of a zero-mean t-distribution, by the fixed point of its maximum likelihood:
-    sigma^2 = 1/n sum r^2 (v + 1) / (v + r^2 / sigma^2) (the report's equation 14, from Kerl 2012)."""
+    sigma^2 = 1/n sum r^2 (v + 1) / (v + r^2 / sigma^2) ([Gladkova], equation 14, from [Kerl 2012])."""
     squares = np.square(np.asarray(residuals, float))
     variance = float(np.median(squares)) or float(squares.mean())
     if not variance:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures in the style of the report: cumulative plots per metric, one line per variant in its colours."""
+"""Figures in the style of [Gladkova]: cumulative plots per metric, one line per variant in its colours."""
 import matplotlib
 
 matplotlib.use('Agg')
@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator  # noqa: E402
 
 from .summary import finite, value_of  # noqa: E402
 
-# The report's: CoarseInitializer red, v1 yellow, v2 blue, v3 green, the matching variant magenta. Its final ORBInitializer is
+# [Gladkova]: CoarseInitializer red, v1 yellow, v2 blue, v3 green, the matching variant magenta. Its final ORBInitializer is
 # v3; ours has parts of its own and is black.
 COLOURS = {'coarse': '#d62728', 'orb-v1': '#e0b000', 'orb-v2': '#1f4fd6', 'orb-v3': '#2ca02c', 'orb-matching': '#d428c8',
            'orb': '#111111'}
@@ -17,7 +17,7 @@ OTHER_COLOURS = ('#17becf', '#8c564b', '#ff7f0e', '#7f7f7f')
 RESOLUTION = 110  # [dots per inch]
 CAP_PERCENTILE = 97  # the axis ends there: one wild run must not press all others against the left edge
 
-# file name -> (title, axis, report's figures, where the value of a run lies)
+# file name -> (title, axis, figures of [Gladkova], where the value of a run lies)
 METRICS = {
     'initial_pose': ('Initial keyframe pose', 'relative pose error [1/m]', '7, 8, 11, 16', ('start', 'error_over_path')),
     'initial_depth': ('Initial 3d map', 'median relative depth error', '7, 8', ('start', 'depth', 'median')),
@@ -33,7 +33,7 @@ METRICS = {
 
 
 def colour(variant, variants):
-    """Colour of a line; names the report does not have get one by their position."""
+    """Colour of a line; names that [Gladkova] does not have get one by their position."""
     others = [v for v in variants if v not in COLOURS]
     return COLOURS.get(variant) or OTHER_COLOURS[others.index(variant) % len(OTHER_COLOURS)]
 
@@ -101,7 +101,7 @@ def cumulative_figure(metrics, runs, variants, path, heading):
     return True
 
 
-# The report's pairs of plots: file name, metrics, what it is compared with
+# Pairs of plots in [Gladkova]: file name, metrics, what it is compared with
 PAIRS = (('initial', ('initial_pose', 'initial_depth'), 'figures 7, 8, 11, 16'),
          ('trajectory', ('ate_frames', 'rpe_frames'), 'figures 9, 10, 12, 13, 19, 20'),
          ('trajectory_keyframes', ('ate_keyframes', 'rpe_keyframes'), 'figures 15, 17, 18'),

@@ -18,7 +18,7 @@ from . import layout
 from .trajectory import FormatError
 
 VARIANTS = ('coarse', 'orb-v1', 'orb-v2', 'orb-v3', 'orb-matching', 'orb')
-FIVE_STARTS = range(0, 50, 10)  # the report's five forward and five backward runs
+FIVE_STARTS = range(0, 50, 10)  # five forward and five backward runs, as in [Gladkova], section 4
 MIN_FRAMES = 20  # a run over fewer frames says nothing
 HASH_LENGTH = 12
 SEQUENCE_KEYS = {'name', 'path', 'format', 'groundtruth', 'first', 'last', 'no_start', 'dataset'}

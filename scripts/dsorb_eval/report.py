@@ -37,7 +37,7 @@ def html_table(rows):
 
 def html_figure(title, path, note):
     data = base64.b64encode(path.read_bytes()).decode()
-    caption = escape(title) + (f' <span class=note>(as in the report: {escape(note)})</span>' if note.startswith('figure')
+    caption = escape(title) + (f' <span class=note>(as in Gladkova: {escape(note)})</span>' if note.startswith('figure')
                                else f' <span class=note>({escape(note)})</span>' if note else '')
     return f'<figure><img alt="{escape(title)}" src="data:image/png;base64,{data}"><figcaption>{caption}</figcaption></figure>'
 

@@ -29,7 +29,7 @@ COLUMNS = {
 HIGHER_IS_BETTER = ('init', 'good', 'hit10', 'depth10', 'tracked_after')
 LOWER_IS_BETTER = ('crash', 'given', 'dir', 'dir95', 'wrong20', 'rot', 'init_rpe', 'depth', 'ms_init', 'ate', 'ate_kf', 'mb')
 TITLES = {'dense': 'Dense starts: every 10th frame, forward and reversed, 40 frames each',
-          'five': "The report's protocol: five starts forward, five reversed, at most 200 frames each"}
+          'five': "Gladkova's protocol: five starts forward, five reversed, at most 200 frames each"}
 CURVES = {'dense': ('all_initial', 'all_initial_angles', 'all_effort'), 'five': ('all_trajectory', 'all_trajectory_keyframes')}
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Residuals and epipolar segments of one initialization per variant (the report's figures 5 and 3).
+"""Residuals and epipolar segments of one initialization per variant ([Gladkova], figures 5 and 3).
 
 A start of the evaluation is run once more, up to the frame that initialized, with --record: that leaves the rectified images, and
 with the initializer's own poses and inverse depths everything the two pictures need."""

@@ -22,7 +22,7 @@ COLUMNS = dict(
     nan='runs that wrote nan or inf',
     good='runs initialized, one segment, over 95 % of the later frames tracked, ATE below 5 % of the way',
     given='frames fed until initialized, median',
-    given_mean='the same, mean (as the report gives it)',
+    given_mean='the same, mean (as [Gladkova] gives it)',
     given90='the same, 90th percentile',
     since_ref='positions between reference and target, median',
     dir='error of the initial translation direction [deg], median',
@@ -141,7 +141,7 @@ def datasets(plan):
 
 
 def dataset_tables(plan, runs):
-    """Per data set its own table(): the report sums up KITTI, EuRoC and CARLA separately."""
+    """Per data set its own table(): [Gladkova] sums up KITTI, EuRoC and CARLA separately."""
     tables = {}
     for dataset, names in datasets(plan).items():
         part = dict(plan, sequences=[s for s in plan['sequences'] if s['name'] in names])

@@ -153,7 +153,7 @@ def load_euroc(path, T_body_cam):
 @dataclass
 class GroundTruth:
     """True poses of the camera; between two of them positions are interpolated linearly, rotations by slerp
-    (the report, 4.1, does so for EuRoC)."""
+    ([Gladkova], section 4.1, does so for EuRoC)."""
     rows: np.ndarray
 
     def __post_init__(self):

@@ -155,7 +155,7 @@ class Evaluation(unittest.TestCase):
         made = subprocess.run(command, capture_output=True, text=True, env=self.environment())
         self.assertEqual(made.returncode, 0, made.stderr)
         text, room = page.read_text(), self.rows('out')['room', 'orb']
-        dense, five = text.split("## The report's protocol")
+        dense, five = text.split("## Gladkova's protocol")
         self.assertIn('| room | *reference* | 4 | 4 |', dense)
         better, worse = dense.split('- `orb` is worse')
         self.assertIn(f'  - room: dir {float(room["dir"]):.4g} (90)', better)
