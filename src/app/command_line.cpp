@@ -178,7 +178,7 @@ void addOutputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
   app.set_version_flag("--version", std::string("dso_dataset ") + DSORB_VERSION);
 }
 
-/// The first argument that looks like an option and is none.
+/// The first argument that looks like an option but is not one.
 void refuseUnknownOptions(const CLI::App& app) {
   for (const std::string& word : app.remaining()) {
     std::vector<std::string> known;

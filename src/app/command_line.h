@@ -11,13 +11,13 @@ namespace dsorb::app {
 
 enum class ProgressMode { kAuto, kOn, kOff };
 
-/// What the user asked for.
+/// The user's request.
 struct CommandLine {
   SequenceOptions sequence;
   ConfigSources config;
   std::string output;  ///< folder
   std::string record;  ///< file of the recording; empty: none
-  double speed = 0;    ///< of the playback, times real time; 0: every frame, as fast as it goes
+  double speed = 0;    ///< of the playback over real time; 0 plays every frame as fast as possible
   bool restart_when_lost = true;
   ProgressMode progress = ProgressMode::kAuto;
   bool quiet = false;

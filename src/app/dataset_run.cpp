@@ -54,7 +54,7 @@ RunInfo describeRun(const CommandLine& request, const Config& config) {
   return info;
 }
 
-/// Keeps what the initializer said last.
+/// Keeps the last answer of the initializer.
 class InitializerListener : public OdometryObserver {
  public:
   void onInitStep(const InitStep& step, const Frame& /*frame*/, int /*segment*/) override {
@@ -66,7 +66,7 @@ class InitializerListener : public OdometryObserver {
   InitReason last_ = InitReason::kFirstFrame;
 };
 
-/// What writes during a run.
+/// The writers of a run.
 struct Writers {
   RunWriter* run = nullptr;
   io::RecordingWriter* recording = nullptr;  ///< null: no recording is wanted
@@ -141,7 +141,7 @@ class Feeder {
   Clock::time_point begin_ = Clock::now();
 };
 
-/// Writes what there is after an error; a second error must not hide the first.
+/// Writes the results so far after an error. A second error must not hide the first.
 void writeAfterError(const Writers& writers, std::optional<Odometry>& odometry) {
   try {
     OdometryReport report;
@@ -153,8 +153,8 @@ void writeAfterError(const Writers& writers, std::optional<Odometry>& odometry) 
   }
 }
 
-/// The data set. Wrong options leave the results of an earlier run alone; where the data cannot be
-/// read the output folder says so.
+/// Opens the data set. Wrong options leave the results of an earlier run alone; where the data
+/// cannot be read the output folder says so.
 SequenceReader openSequence(const CommandLine& request, const RunInfo& info) {
   try {
     return SequenceReader(request.sequence);

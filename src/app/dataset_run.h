@@ -21,8 +21,8 @@ struct RunResult {
 /// unless a file or `--set` names `tracker.brightness`.
 [[nodiscard]] Config configFor(ConfigSources sources, PhotometryMode photometry);
 
-/// Reads the data set, runs the odometry on it and writes the output folder. After an error what
-/// was computed is written before it is thrown on.
+/// Reads the data set, runs the odometry on it and writes the output folder. After an error the
+/// results so far are written before it is thrown on.
 RunResult runDataset(const CommandLine& request, Interrupt& interrupt);
 
 }  // namespace dsorb::app

@@ -5,14 +5,14 @@
 
 namespace dsorb::app {
 
-/// Turns the first Ctrl-C (SIGINT) or SIGTERM into a question that the program answers when it
-/// suits: signals are blocked and asked for, no handler runs. A second one ends the program as
-/// usual. Make it before any thread is started: threads inherit what is blocked.
+/// Turns the first Ctrl-C (SIGINT) or SIGTERM into a flag that the program polls: the signals are
+/// blocked and no handler runs. A second one ends the program as usual. To be constructed before
+/// any thread is started, because threads inherit the mask of blocked signals.
 class Interrupt {
  public:
   Interrupt();
 
-  /// Whether a signal came; from then on further ones have their usual effect.
+  /// Whether a signal has arrived. From then on further ones have their usual effect.
   [[nodiscard]] bool requested();
 
  private:

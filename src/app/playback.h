@@ -7,8 +7,8 @@
 
 namespace dsorb::app {
 
-/// Plays a sequence back like a live camera that keeps its newest image only: who comes late finds
-/// that one, the images before it are dropped. Knows no clock: the caller says what time it is.
+/// Plays a sequence back like a live camera that keeps its newest image only: a late caller gets
+/// that image, and those before it are dropped. It has no clock; the caller passes the time.
 class Playback {
  public:
   /// @param timestamps of the images in the order they are played [s]; direction does not matter
@@ -17,10 +17,10 @@ class Playback {
 
   struct Step {
     double wait = 0;  ///< until the next image is there [s]; 0: take it now
-    int drop = 0;     ///< images before it that are gone
+    int drop = 0;     ///< number of images before it that are dropped
   };
-  /// What to do about the next image. Time starts at the first call. With nothing to wait for the
-  /// image counts as taken.
+  /// Tells what to do about the next image. Time starts at the first call. When there is nothing to
+  /// wait for the image counts as taken.
   /// @param now [s], of any clock that does not run backwards
   [[nodiscard]] Step next(double now);
 

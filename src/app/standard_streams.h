@@ -9,12 +9,12 @@ namespace dsorb::app {
 /// that number, and what is printed would land in it. Call it before any file is opened.
 void openStandardStreams();
 
-/// Prints what the user asked for.
+/// Prints a text that the user asked for.
 /// @throws std::system_error where not all of it arrives
 void printText(const std::string& text);
 
-/// From now on nobody listening any more (`| head`) is no reason to end: files are still to be
-/// written.
+/// Makes the program go on when the reader of its output has closed the pipe (`| head`): files are
+/// still to be written.
 void outliveListeners();
 
 }  // namespace dsorb::app

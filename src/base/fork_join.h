@@ -9,7 +9,7 @@ namespace dsorb {
 
 /// Life of a parallel call. Tells ThreadSanitizer what TBB promises but a library built without it
 /// cannot show: tasks see what was written before the call, and whoever comes after the call sees
-/// what tasks have written. Tasks stay unordered among each other. Nothing in other builds.
+/// what tasks have written. Tasks stay unordered among each other. In other builds it does nothing.
 class ForkJoin {
  public:
   /// Life of a task of the call.

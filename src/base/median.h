@@ -10,7 +10,8 @@ namespace dsorb {
 /// Standard deviation of a normal distribution over the median of its absolute deviations.
 constexpr double kMadToSigma = 1.4826;
 
-/// The upper one of an even number of values; 0 without values. @param values get another order
+/// Median, the upper one of the middle values when their number is even; 0 when there are none.
+/// @param values are reordered
 template <typename Value>
 Value medianInPlace(std::vector<Value>& values) {
   if (values.empty()) return 0;
@@ -19,7 +20,7 @@ Value medianInPlace(std::vector<Value>& values) {
   return *middle;
 }
 
-/// The same without touching the caller's values.
+/// The same, leaving the caller's values as they are.
 inline double medianOf(std::vector<double> values) {
   return medianInPlace(values);
 }

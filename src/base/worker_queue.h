@@ -25,7 +25,7 @@ class WorkerQueue {
         max_waiting_(max_waiting > 0 ? static_cast<std::size_t>(max_waiting) : 0) {
     if (max_waiting_ > 0) worker_ = std::thread([this] { run(); });
   }
-  /// Drops what waits and ends with the job under work.
+  /// Drops the jobs that wait and ends when the current job is done.
   ~WorkerQueue() {
     {
       const std::lock_guard<std::mutex> lock(mutex_);
@@ -38,8 +38,8 @@ class WorkerQueue {
   WorkerQueue(const WorkerQueue&) = delete;
   WorkerQueue& operator=(const WorkerQueue&) = delete;
 
-  /// Waits while the queue is full. After an exception of the work jobs are dropped until it is
-  /// taken. @throws what the work throws, where there is no thread
+  /// Waits while the queue is full. After a job has thrown, jobs are dropped until its exception is
+  /// taken. @throws what the job throws, where there is no thread
   void submit(Job job) {
     if (max_waiting_ == 0) {
       results_.push_back(work_(job));
@@ -52,8 +52,8 @@ class WorkerQueue {
     changed_.notify_all();
   }
 
-  /// @return the oldest result not yet taken; empty: there is none at the moment
-  /// @throws what the work threw, once all results before it are taken
+  /// @return the oldest result not yet taken, empty when there is none at the moment
+  /// @throws what a job threw, once all results before it are taken
   [[nodiscard]] std::optional<Result> take() {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (results_.empty()) {
@@ -65,7 +65,7 @@ class WorkerQueue {
     return result;
   }
 
-  /// Whether there is work or a result to come.
+  /// Whether a job is left to do or a result to take.
   [[nodiscard]] bool busy() const {
     const std::lock_guard<std::mutex> lock(mutex_);
     return is_working_ || !jobs_.empty() || !results_.empty() || error_;
@@ -77,7 +77,7 @@ class WorkerQueue {
     changed_.wait(lock, [this] { return !is_working_ && jobs_.empty(); });
   }
 
-  /// Drops what waits, waits for the job under work, and drops results.
+  /// Drops the jobs that wait, waits for the current one, and drops all results.
   void discard() {
     std::unique_lock<std::mutex> lock(mutex_);
     jobs_.clear();

@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kTinyRadius = 1e-8;     // below it the distortion factor is its limit
 constexpr double kRadiusStep = 1e-3;     // walk outwards from the axis
-constexpr double kShrinkFactor = 0.995;  // of one edge and round
+constexpr double kShrinkFactor = 0.995;  // of one edge in one round
 constexpr int kMaxShrinkRounds = 500;
 constexpr double kInitialMargin = 1.01;  // of the range along the axes, before shrinking
 constexpr int kGrowPasses = 2;
@@ -129,8 +129,8 @@ bool perimeterInside(const FieldOfView& view, const RayRectangle& r, int width, 
          holdsAlong({r.x_max, r.y_min}, {r.x_max, r.y_max}, height, inside);
 }
 
-/// One round: every edge with a ray outside moves inwards; of a vertical and a horizontal one only
-/// that of the wider extent. @return whether an edge moved
+/// One round: every edge with a ray outside moves inwards. Where a vertical and a horizontal one
+/// would, only the one of the wider extent does. @return whether an edge moved
 bool shrinkOnce(const FieldOfView& view, int width, int height, RayRectangle& r) {
   bool left = !verticalEdgeInside(view, r, r.x_min, height);
   bool right = !verticalEdgeInside(view, r, r.x_max, height);

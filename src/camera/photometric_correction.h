@@ -15,10 +15,10 @@ namespace dsorb {
 /// @source Engel et al., DSO, arXiv:1607.02565, eq. (2) and (3)
 class PhotometricCorrection {
  public:
-  /// Without calibration: grey levels as they are, scaled to 0..255.
+  /// Without a calibration; grey levels are only scaled to 0..255.
   PhotometricCorrection(int width, int height);
 
-  /// With response and vignette.
+  /// With a known response and vignette.
   /// @throws std::invalid_argument where the response has fewer than 256 entries or does not
   ///         increase, or the vignette is not of the image's size
   PhotometricCorrection(const PhotometricCalibration& calibration, int width, int height);

@@ -13,7 +13,7 @@ namespace dsorb {
 class Undistorter {
  public:
   /// @param lens          with the size of the input images
-  /// @param rectification the camera wanted; its size is cropped to multiples of 16
+  /// @param rectification the camera to rectify for; its size is cropped to multiples of 16
   /// @throws std::invalid_argument where numbers are not finite, focal lengths not positive, sizes
   ///         below 16, `none` asks for another size, or `crop` finds no rectangle
   Undistorter(const Lens& lens, const Rectification& rectification);

@@ -6,7 +6,8 @@ namespace {
 
 constexpr double kSmallAngle = 1e-4;  // [rad]; the Taylor terms left out are below 1e-16 here
 
-/// Left Jacobian V of SO(3): translation of exp([v; w]) is V v. @source Eade, eq. (77) ff.
+/// Left Jacobian V of SO(3): translation of exp([v; w]) is V v. @source Eade, Lie Groups for 2D and
+/// 3D Transformations, section 3, exponential map of SE(3)
 Eigen::Matrix3d leftJacobian(const Eigen::Vector3d& omega) {
   const double theta2 = omega.squaredNorm();
   const double theta = std::sqrt(theta2);

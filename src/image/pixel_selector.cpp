@@ -18,7 +18,7 @@ namespace {
 
 constexpr std::size_t kPatchRowGrain = 8;  // rows of patches one thread takes at a time
 
-// Pixels this near to the edge are not looked at. Published DSO.
+// Pixels this near to the edge are not looked at. @source DSO as published
 constexpr int kMarginLow = 4;
 constexpr int kMarginRight = 5;
 constexpr int kMarginBottom = 3;
@@ -255,7 +255,7 @@ std::vector<SelectedPixel> PixelSelector::select(const Frame& frame,
         "pixel selector of " + std::to_string(width_) + "x" + std::to_string(height_) +
         " got a frame of " + std::to_string(frame.width()) + "x" + std::to_string(frame.height()));
   }
-  constexpr double kTooFew = 1.25;  // wanted / found; both limits: published DSO
+  constexpr double kTooFew = 1.25;  // wanted / found. @source of both limits: DSO as published
   constexpr double kTooMany = 0.25;
   constexpr double kThin = 0.95;
   thresholds_.compute(frame, options_.gradient_above_median);
@@ -291,7 +291,7 @@ std::vector<SelectedPixel> PixelSelector::select(const Frame& frame,
 }
 
 GridSelection selectGridMaxima(const PyramidLevel& level, int wanted, int spacing) {
-  constexpr int kRepetitions = 5;       // this and the next: published DSO
+  constexpr int kRepetitions = 5;       // @source of this and the next: DSO as published
   constexpr float kMinGradient = 7.5F;  // [grey levels / px]
   GridSelection result;
   result.spacing = std::max(1, spacing);

@@ -30,8 +30,8 @@ struct PixelSelectorOptions {
 
 /// Well-spread gradient pixels: in each block the strongest along a random direction, on three
 /// scales, the block size adapted to the wanted number. Keeps the block size between frames.
-/// @source Engel et al., DSO, section 3.2; its published implementation for the random direction
-///         and the density control
+/// @source Engel et al., DSO, section 3.2; random direction and control of the density: DSO as
+///         published
 class PixelSelector {
  public:
   PixelSelector(int width, int height, const PixelSelectorOptions& options);
@@ -65,13 +65,13 @@ struct GridSelection {
 /// Up to four pixels of each grid cell: largest gradient along x, y and both diagonals. The spacing
 /// is adapted to the wanted number.
 /// @param spacing first spacing to try [px]
-/// @source published implementation of DSO, initializer on coarse levels
+/// @source DSO as published, coarse levels of the initializer
 [[nodiscard]] GridSelection selectGridMaxima(const PyramidLevel& level, int wanted, int spacing);
 
 /// The pixel with the largest gradient of every square patch, where it passes its region's
 /// threshold and its residual pattern is valid.
 /// @param patch_size side of the patches [px]
-/// @source the report on feature-based initialization, semi-dense selection
+/// @source [Gladkova], section 3.3
 [[nodiscard]] std::vector<SelectedPixel> selectPatchMaxima(const Frame& frame,
                                                            const RegionThresholds& thresholds,
                                                            int patch_size);

@@ -20,7 +20,7 @@ float rawSquaredGradient(const ImageSample& sample, const ResponseSlope* slope) 
   if (slope == nullptr || squared == 0) {
     return squared;
   }
-  // The response is not known well at its ends; published DSO.
+  // The response is not known well at its ends. @source DSO as published
   const float grey = std::clamp(sample.intensity + 0.5F, 5.0F, 250.0F);
   const float factor = (*slope)[static_cast<std::size_t>(grey)];
   return squared * factor * factor;

@@ -10,8 +10,8 @@ namespace {
 
 constexpr std::size_t kRowGrain = 32;  // rows one thread takes at a time
 
-constexpr float kScaleFactor1 = 0.75F;      // threshold factor of level 1; published DSO
-constexpr float kScaleFactor2 = 0.421875F;  // of level 2: 0.75 cubed; published DSO
+constexpr float kScaleFactor1 = 0.75F;      // threshold factor of level 1; DSO as published
+constexpr float kScaleFactor2 = 0.421875F;  // of level 2: 0.75 cubed; DSO as published
 
 /// Pixels of a row that belong to one region.
 struct Run {

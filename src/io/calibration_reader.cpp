@@ -82,7 +82,7 @@ Size readSize(const Lines& lines, std::size_t i, const std::string& what) {
   return {static_cast<int>(numbers[0]), static_cast<int>(numbers[1])};
 }
 
-/// Model of a line without a word, by its numbers.
+/// Model of a line without a name, told by its numbers.
 LensModel legacyModel(const Lines& lines, const std::vector<double>& numbers) {
   if (numbers.size() == 8) return LensModel::kRadTan;
   if (numbers.size() == 5) return numbers[4] == 0 ? LensModel::kPinhole : LensModel::kFov;

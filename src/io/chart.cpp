@@ -25,7 +25,7 @@ std::string tickText(double value, double step) {
 
 /// Multiples of the step inside the interval.
 std::vector<double> tickValues(const RoundAxis& axis) {
-  const double tolerance = 1e-6;  // of a step: ends that are ticks but for rounding
+  const double tolerance = 1e-6;  // share of a step; keeps ends that are ticks up to rounding
   const auto first = std::lround(std::ceil(axis.interval.low / axis.step - tolerance));
   const auto last = std::lround(std::floor(axis.interval.high / axis.step + tolerance));
   std::vector<double> values;

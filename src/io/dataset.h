@@ -11,7 +11,7 @@
 
 namespace dsorb {
 
-/// Where the parts of a data set lie. Paths may be empty: the data set has no such file.
+/// Paths of the parts of a data set. A path is empty where the data set has no such file.
 struct DatasetLayout {
   SequenceFormat format = SequenceFormat::kImages;  ///< never kAuto
   std::filesystem::path images;                     ///< folder, .zip, or the list that names them
@@ -26,7 +26,7 @@ struct DatasetLayout {
 /// @throws IoError where the path is missing or holds no layout of that format
 DatasetLayout findDataset(const std::filesystem::path& path, SequenceFormat format);
 
-/// Images of a data set with what is known of each.
+/// Images of a data set with time and exposure of each.
 struct Dataset {
   std::unique_ptr<ImageStore> images;
   std::vector<double> timestamps;  ///< [s], strictly increasing, one per image

@@ -15,12 +15,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The file if it is there, else nothing.
+/// The file when it exists, else an empty path.
 fs::path existing(const fs::path& file) {
   return fs::is_regular_file(file) ? file : fs::path();
 }
 
-/// What lies beside the images in the layout of DSO, TUM-mono and plain folders.
+/// Files that lie beside the images in the layouts of DSO, TUM-mono and plain folders.
 DatasetLayout beside(SequenceFormat format, const fs::path& images, const fs::path& base) {
   DatasetLayout layout;
   layout.format = format;
@@ -47,7 +47,7 @@ std::optional<DatasetLayout> findDso(const fs::path& path) {
   return std::nullopt;
 }
 
-/// Number N of a folder image_N; nothing for other names.
+/// Number N of a folder image_N, empty for other names.
 std::optional<int> kittiCamera(const fs::path& folder) {
   const std::string name = folder.filename().string();
   constexpr std::string_view kPrefix = "image_";

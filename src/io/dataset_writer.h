@@ -20,7 +20,7 @@ struct DatasetFrame {
   double exposure = 0;   ///< [s]
 };
 
-/// What holds for a whole data set.
+/// Properties of a whole data set.
 struct DatasetDescription {
   std::filesystem::path folder;  ///< made where missing
   PinholeCamera camera;

@@ -9,7 +9,7 @@
 
 namespace dsorb {
 
-/// Encoded images by position. Not for several threads at once.
+/// Encoded images by position. To be used by one thread at a time.
 class ImageStore {
  public:
   virtual ~ImageStore() = default;
@@ -28,7 +28,7 @@ class ImageStore {
   std::vector<std::string> names_;
 };
 
-/// Given files, in the order given.
+/// Images given as a list of files, in that order.
 std::unique_ptr<ImageStore> openImageList(const std::vector<std::filesystem::path>& files);
 
 /// Images of a folder or of a .zip archive in byte-wise order of their names. Hidden files,

@@ -31,7 +31,7 @@ class ReplacingFile {
  public:
   /// @throws IoError where nothing can be written beside the file
   explicit ReplacingFile(std::filesystem::path path);
-  /// Without commit() the old content stays.
+  /// Leaves the old content in place unless commit() was called.
   ~ReplacingFile();
   ReplacingFile(const ReplacingFile&) = delete;
   ReplacingFile& operator=(const ReplacingFile&) = delete;

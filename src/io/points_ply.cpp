@@ -87,7 +87,7 @@ void PointsPly::withdraw(int segment) {
     it = it->second.segment == segment ? active_.erase(it) : std::next(it);
   }
   const auto begin = spool_begin_.find(segment);
-  if (begin != spool_begin_.end()) {  // the segment is the last one
+  if (begin != spool_begin_.end()) {  // the current segment is the last one
     std::filesystem::resize_file(spool(), begin->second);
     spool_bytes_ = begin->second;
     spool_begin_.erase(begin);

@@ -21,7 +21,7 @@ class PointsPly {
 
   void setKeyframe(const KeyframeSnapshot& keyframe);
   void retireKeyframe(const KeyframeSnapshot& keyframe);
-  /// Drops what the segment holds.
+  /// Drops the points of the segment.
   void withdraw(int segment);
 
   /// Replaces the file when points changed. A large map is written anew only when it has grown by

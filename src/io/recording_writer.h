@@ -36,7 +36,7 @@ class RecordingWriter : public OdometryObserver {
   /// @param estimate what Odometry::process returned for the frame
   /// @throws IoError where something cannot be written
   void frameDone(const FrameEstimate& estimate);
-  /// Writes what is left and the last line.
+  /// Writes the remaining lines and the last one.
   void finish(RunStatus status);
 
  private:

@@ -8,7 +8,7 @@
 
 namespace dsorb::io {
 
-/// Where the time of a run went [s].
+/// Time that the stages of a run took [s].
 struct RunSeconds {
   double total = 0;
   double reading = 0;
@@ -17,7 +17,7 @@ struct RunSeconds {
   double mapping = 0;
 };
 
-/// How a run went beyond what its record says.
+/// Outcome of a run as far as its record does not contain it.
 struct RunEnd {
   RunStatus status = RunStatus::kError;
   int frames_dropped = 0;

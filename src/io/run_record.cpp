@@ -107,7 +107,7 @@ void RunRecord::addFrame(const FrameEstimate& estimate) {
     if (estimate.is_keyframe && entry.anchor != entry.id) {
       successors_[entry.anchor] = {entry.id, entry.T_cam_anchor};
     }
-  } else {  // its own anchor
+  } else {  // a keyframe is its own anchor
     entry.anchor = entry.id;
     T_world_anchor_.try_emplace(entry.id, *estimate.T_world_cam);
   }
@@ -142,13 +142,13 @@ void RunRecord::nextFrame() {
 }
 
 SE3 RunRecord::T_world_cam(const PosedEntry& entry) const {
-  const auto own = T_world_anchor_.find(entry.id);  // became a keyframe itself
+  const auto own = T_world_anchor_.find(entry.id);  // the frame became a keyframe itself
   if (own != T_world_anchor_.end()) return own->second;
   const SE3 T_cam_anchor = entry.start < 0 ? T_cam_keyframe(entry) : T_cam_reference(entry);
   return T_world_anchor_.at(entry.anchor) * T_cam_anchor.inverse();
 }
 
-/// Of a frame of an initialization.
+/// Pose of a frame of an initialization.
 SE3 RunRecord::T_cam_reference(const PosedEntry& entry) const {
   const Start& start = starts_[static_cast<std::size_t>(entry.start)];
   const auto newest = T_world_anchor_.find(start.newest);
@@ -157,7 +157,7 @@ SE3 RunRecord::T_cam_reference(const PosedEntry& entry) const {
   return reattach(entry.T_cam_anchor, {start.T_newest_reference, T_newest_anchor}, entry.progress);
 }
 
-/// Of a tracked frame.
+/// Pose of a tracked frame.
 SE3 RunRecord::T_cam_keyframe(const PosedEntry& entry) const {
   const auto successor = successors_.find(entry.anchor);
   if (successor == successors_.end()) return entry.T_cam_anchor;

@@ -22,7 +22,7 @@ struct PosedEntry {
   double progress = 0;  ///< from its reference to its newest frame, 0 to 1
 };
 
-/// What figures need of every frame.
+/// Values of every frame that the figures need.
 struct FrameNote {
   int index = 0;
   int segment = 0;
@@ -40,8 +40,8 @@ struct InitStepNote {
   std::optional<Withdrawal> withdrawal;  ///< of its result, within the current frame
 };
 
-/// What happened in a run, in about 150 bytes a frame: enough to write every trajectory with the
-/// poses that are final by then. Images are not kept beyond the current frame.
+/// Record of a run, about 150 bytes a frame: enough to write every trajectory with the poses that
+/// are final by then. Images are not kept beyond the current frame.
 class RunRecord {
  public:
   void addInitStep(const InitStep& step, int segment);
@@ -50,7 +50,7 @@ class RunRecord {
   void addKeyframe(const KeyframeSnapshot& keyframe);
   /// Completes the current frame's note.
   void setMilliseconds(double milliseconds);
-  /// Forgets what belongs to the current frame only.
+  /// Forgets everything that belongs to the current frame only.
   void nextFrame();
 
   /// World (reference camera of the segment) from camera, by the present estimates.
@@ -60,7 +60,7 @@ class RunRecord {
   [[nodiscard]] const std::vector<FrameNote>& notes() const { return notes_; }
   /// Segments with a successful initialization that was not withdrawn.
   [[nodiscard]] const std::vector<int>& segments() const { return segments_; }
-  /// How often entries were taken back.
+  /// Number of times that entries were taken back.
   [[nodiscard]] int withdrawals() const { return static_cast<int>(withdrawals_.size()); }
   [[nodiscard]] int withdrawals(WithdrawalReason reason) const;
 

@@ -48,7 +48,7 @@ std::vector<int> playlist(const SequenceOptions& options, int size) {
   return indices;
 }
 
-/// Resolves kAuto, and checks that what is asked for is there.
+/// Resolves kAuto, and checks that the requested photometry is available.
 PhotometryMode photometryMode(const SequenceOptions& options,
                               const std::string& response,
                               const std::string& vignette) {

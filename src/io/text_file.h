@@ -20,7 +20,7 @@ struct TextLine {
 /// @throws IoError where the file is missing or unreadable
 std::vector<TextLine> readLines(const std::filesystem::path& file);
 
-/// "FILE:LINE: what"; without a line where it is 0.
+/// Message "FILE:LINE: what"; the line is left out where it is 0.
 IoError lineError(const std::filesystem::path& file, int line, const std::string& what);
 
 /// Words between white space, commas not included.

@@ -37,7 +37,7 @@ class TrajectoryWriter {
 [[nodiscard]] std::string tumLine(double timestamp, const SE3& T_world_cam);
 
 /// Lines `timestamp tx ty tz qx qy qz qw`, camera to world, sorted by time.
-/// @param segment only its entries; empty: all
+/// @param segment whose entries are written; empty stands for all segments
 [[nodiscard]] std::string tumTrajectory(const RunRecord& record,
                                         const std::vector<PosedEntry>& entries,
                                         std::optional<int> segment = std::nullopt);

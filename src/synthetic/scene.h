@@ -20,7 +20,7 @@ struct Box {
   bool seen_from_inside = false;
 };
 
-/// Everything there is to see. Rays that hit no box see the sky, which is infinitely far away.
+/// Boxes, textures and sky. Rays that hit no box see the sky, which is infinitely far away.
 struct Scene {
   std::vector<Texture> textures;
   std::vector<Box> boxes;

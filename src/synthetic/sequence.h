@@ -40,7 +40,7 @@ struct SequenceOptions {
   RenderOptions rendering;
 };
 
-/// What the camera delivers for one frame.
+/// One frame as the camera delivers it.
 struct SyntheticFrame {
   int width = 0;
   int height = 0;

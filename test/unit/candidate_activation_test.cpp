@@ -66,7 +66,7 @@ TEST(DistanceMapTest, EmptyMapIsFarAway) {
   EXPECT_EQ(map.at(3, 4), DistanceMap::kFar);
 }
 
-TEST(AdaptDistanceTest, FollowsTheTableOfTheSpecification) {
+TEST(AdaptDistanceTest, FollowsThePublishedTable) {
   const auto change = [](double ratio) {
     return adaptDistance(2, static_cast<int>(1000 * ratio), 1000, 10) - 2;
   };

@@ -41,7 +41,7 @@ TEST(MotionGuesses, NamesTheFiveMotionsFirst) {
 TEST(MotionGuesses, TurnsConstantMotionBySingleAxesThenTwoThenThree) {
   const std::vector<SE3> guesses = motionGuesses(twoFrames());
   ASSERT_EQ(guesses.size(), 31U);
-  // Angle of the normalised quaternion (1, e): 2 atan |e|; source: front-end specification 6.5.
+  // Angle of the normalised quaternion (1, e): 2 atan |e|, as in DSO as published.
   const double single = 2 * std::atan(0.02);
   for (std::size_t i = 5; i < 31; ++i) {
     const SE3 turn = guesses[0].inverse() * guesses[i];

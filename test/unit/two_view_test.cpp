@@ -105,7 +105,8 @@ TEST(TwoViewSolver, RefusesCollinearAndFoldedQuadruples) {
 }
 
 TEST(TwoViewSelection, PlaneIsAHomographyAndDepthAFundamentalMatrix) {
-  // Threshold of the report .4. Measured over 30 seeds: plane at least .492, depth at most .125.
+  // Threshold of [Gladkova], eq. (1): .4. Measured over 30 seeds: plane at least .492, depth at
+  // most .125.
   for (std::uint64_t seed = 1; seed <= 5; ++seed) {
     const auto plane = makeTwoViewScene({300, true, {0.6, 0.1, 0.3}, 0.3, 0.1}, seed);
     const auto depth = makeTwoViewScene({300, false, {0.6, 0.1, 0.3}, 0.3, 0.1}, seed);

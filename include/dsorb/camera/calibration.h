@@ -8,15 +8,16 @@
 
 namespace dsorb {
 
-/// How a lens bends the ray (x, y, 1). Coefficients in the order of `Lens::coefficients`:
+/// Distortion model of a lens, which maps the ray (x, y, 1). The comments list the coefficients in
+/// the order of `Lens::coefficients`.
 enum class LensModel {
-  kPinhole,      ///< none
+  kPinhole,      ///< no distortion, no coefficients
   kFov,          ///< omega [rad]: field-of-view model
   kRadTan,       ///< k1 k2 p1 p2 k3: radial-tangential, the order of OpenCV
   kEquidistant,  ///< k1 k2 k3 k4: fisheye; EquiDistant and KannalaBrandt of calibration files
 };
 
-/// The camera as it took the images. Centre of the top-left pixel is (0, 0).
+/// The camera that took the images. The centre of the top-left pixel is (0, 0).
 struct Lens {
   LensModel model = LensModel::kPinhole;
   double fx = 0;  ///< focal length [px]
@@ -35,8 +36,8 @@ enum class RectificationMode {
   kExplicit,  ///< the camera given
 };
 
-/// The camera wanted. Sizes are cropped right and below to multiples of 16, so that the image
-/// pyramid gets enough levels.
+/// The camera that images are rectified for. Its size is cropped on the right and at the bottom to
+/// multiples of 16, so that the image pyramid gets enough levels.
 struct Rectification {
   RectificationMode mode = RectificationMode::kCrop;
   int width = 0;         ///< [px]; 0: as the input
@@ -44,7 +45,7 @@ struct Rectification {
   PinholeCamera camera;  ///< for kExplicit; its size is not used
 };
 
-/// What is known about grey levels. Empty vectors: unknown.
+/// Photometric calibration. An empty vector says that the quantity is unknown.
 struct PhotometricCalibration {
   std::vector<float>
       response;  ///< irradiance 0..255 by raw value, at least 256 entries, increasing
@@ -53,7 +54,7 @@ struct PhotometricCalibration {
   int vignette_height = 0;      ///< [px]
 };
 
-/// What the calibration files of a data set say.
+/// Content of the calibration files of a data set.
 struct Calibration {
   Lens lens;
   Rectification rectification;

@@ -17,7 +17,8 @@ class ImageView {
 
   ImageView() = default;
   /// @param stride_bytes distance between rows [bytes]; 0 means contiguous rows
-  /// @throws std::invalid_argument on a distance below a row or not of whole pixels
+  /// @throws std::invalid_argument when the distance is shorter than a row or no multiple of a
+  /// pixel
   ImageView(const std::uint8_t* data, int width, int height, std::size_t stride_bytes = 0)
       : ImageView(data, Type::kUint8, width, height, stride_bytes) {}
   ImageView(const float* data, int width, int height, std::size_t stride_bytes = 0)

@@ -16,7 +16,7 @@ struct ImageSample {
   float dy;
 };
 
-/// One level: row-major samples, contiguous.
+/// One level of the pyramid: contiguous row-major samples.
 class PyramidLevel {
  public:
   PyramidLevel(const ImageSample* data, int width, int height)
@@ -36,8 +36,8 @@ class PyramidLevel {
   int height_;
 };
 
-/// Number of pyramid levels for a size: halve while both sides are even, the level has more than
-/// 5000 pixels and there are fewer than 5 levels.
+/// Number of pyramid levels for a size: it is halved while both sides are even, the level has more
+/// than 5000 pixels and there are fewer than 5 levels.
 /// @source front end of DSO as published, with the level limit mended from 6 to 5
 [[nodiscard]] int pyramidLevels(int width, int height);
 

@@ -11,8 +11,8 @@
 namespace dsorb {
 
 enum class InitStatus {
-  kNeedsMoreFrames,  ///< nothing is dropped but the oldest frames of a bounded buffer
-  kRestarted,        ///< everything earlier is dropped, this frame is the new reference
+  kNeedsMoreFrames,  ///< only the oldest frames of a bounded buffer may be dropped
+  kRestarted,        ///< all earlier frames are dropped, this one is the new reference
   kInitialized       ///< `result` is set; the object is spent until reset()
 };
 

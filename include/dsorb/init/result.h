@@ -30,9 +30,9 @@ enum class InitReason {
 /// Name as in logs and JSON, for example "too_little_parallax".
 [[nodiscard]] const char* name(InitReason reason);
 
-/// A frame since the reference. A frame that could not be posed has no pose instead of being
-/// hidden. Every other frame but the reference has a covariance where the initializer estimates
-/// them; it holds the common error of the structure, so those of two frames are not independent.
+/// One of the frames since the reference. A frame that could not be posed is listed without a pose.
+/// Every posed frame but the reference has a covariance where the initializer estimates them. It
+/// includes the error of the structure that all frames share: two frames are not independent.
 struct PosedFrame {
   FramePtr frame;
   std::optional<SE3> T_cam_ref;
@@ -54,11 +54,11 @@ struct StageTime {
 };
 
 struct InitReport {
-  int frames_fed = 0;  ///< since the reference, the reference included
+  int frames_fed = 0;  ///< since the reference, which counts as well
   int frames_posed = 0;
   int restarts = 0;
   int points = 0;
-  std::string model;  ///< what explained the motion, for example "fundamental"
+  std::string model;  ///< selected for the motion, for example "fundamental"
   std::vector<StageTime> stages;
   std::vector<InitReason> earlier_resets;
   double median_parallax_deg = 0;  ///< rotation-compensated
@@ -68,8 +68,9 @@ struct InitReport {
   std::vector<std::pair<std::string, double>> details;
 };
 
-/// What an initializer hands over. Front frame: the reference, identity pose, a = b = 0; back
-/// frame: the newest, posed. Unit: the mean inverse depth of the reference's points is 1.
+/// Result of an initializer. The front frame is the reference, with identity pose and a = b = 0;
+/// the back frame is the newest one and has a pose. The unit of length is chosen such that the mean
+/// inverse depth of the reference's points is 1.
 struct InitializationResult {
   std::vector<PosedFrame> frames;
   std::vector<InitPoint> points;

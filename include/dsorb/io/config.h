@@ -8,16 +8,17 @@
 
 namespace dsorb {
 
-/// One `key = value` for an option, as text, and where it was written (for messages).
+/// One assignment to an option as text, with the place where it was written for messages.
 struct ConfigAssignment {
   std::string key;  ///< full dotted key, or the end of exactly one: "orb.min_frames"
   std::string value;
   std::string origin;  ///< for example "--set", "slow.yaml:12"
 };
 
-/// Where options come from. Later wins: struct defaults, the preset, `program_defaults`, the
-/// variant's OrbOptions, the files in their order, `assignments`, `flags`. The key
-/// `initializer.kind` takes every variant name; the last one to name a variant decides.
+/// Sources of options. A later one overrides an earlier one in this order: struct defaults, the
+/// preset, `program_defaults`, the variant's OrbOptions, the files in their order, `assignments`,
+/// `flags`. The key `initializer.kind` takes every variant name; the last one to name a variant
+/// decides.
 struct ConfigSources {
   std::string preset = "default";
   std::vector<ConfigAssignment> program_defaults;
@@ -45,8 +46,8 @@ struct Config {
 /// @throws ConfigError without `=` or without a key
 [[nodiscard]] ConfigAssignment parseAssignment(const std::string& text, const std::string& origin);
 
-/// The candidate with the smallest edit distance to the word; empty when there are none. For
-/// messages that help with a typing error.
+/// The candidate with the smallest edit distance to the word, for messages that help with a typing
+/// error. Empty when there are no candidates.
 [[nodiscard]] std::string closestName(const std::string& word,
                                       const std::vector<std::string>& candidates);
 

@@ -12,8 +12,8 @@ namespace dsorb {
 
 enum class SequenceFormat { kAuto, kDso, kKitti, kEuroc, kTum, kImages };
 
-/// What grey levels mean. kAuto: calibrated where response and vignette are there, else
-/// uncalibrated.
+/// What is known of the grey levels. With kAuto they are taken as calibrated where response and
+/// vignette are there, and as uncalibrated elsewhere.
 enum class PhotometryMode { kAuto, kCalibrated, kUncalibrated, kPerfect };
 
 struct SequenceOptions {
@@ -29,7 +29,7 @@ struct SequenceOptions {
   int prefetch = 2;      ///< images prepared ahead by a thread of its own; 0: none, no thread
 };
 
-/// One image, rectified, photometrically corrected, with its pyramid.
+/// One rectified and photometrically corrected image with its pyramid.
 struct SequenceFrame {
   int index = -1;  ///< position in the sequence, also the frame's id
   FramePtr frame;
@@ -56,9 +56,9 @@ class SequenceReader {
   [[nodiscard]] int size() const;
   /// Number of images that next() delivers in all.
   [[nodiscard]] int selected() const;
-  /// Never kAuto: what was recognised.
+  /// The format that was recognised, never kAuto.
   [[nodiscard]] SequenceFormat format() const;
-  /// Never kAuto: what is in force.
+  /// The photometry in force, never kAuto.
   [[nodiscard]] PhotometryMode photometry() const;
   /// Time of any image [s]; 0.1 * index where the data set has no times.
   [[nodiscard]] double timestamp(int index) const;

@@ -15,13 +15,13 @@ enum class RunStatus { kTracked, kLost, kNeverInitialized, kInterrupted, kError 
 /// Name as in run.json, for example "never_initialized".
 [[nodiscard]] const char* name(RunStatus status);
 
-/// What the files say about a run beyond what observers are told.
+/// Facts about a run that the files contain although observers are not told them.
 struct RunInfo {
   std::string program;
   std::string version;
   std::string dataset;
   std::string initializer;  ///< name of the variant
-  int threads = 1;          ///< really used, never 0
+  int threads = 1;          ///< actually used, never 0
   std::string config_yaml;  ///< becomes config.yaml
 };
 
@@ -57,14 +57,14 @@ class RunWriter : public OdometryObserver {
   void onKeyframeRetired(const KeyframeSnapshot& keyframe) override;
   void onWithdrawn(const Withdrawal& withdrawal) override;
 
-  /// Writes what the last frame brought; call it after each Odometry::process.
+  /// Writes what was noted since the last call. To be called after each Odometry::process.
   /// @throws IoError where a file cannot be written, for example on a full disk
   void frameDone(const FrameTiming& timing);
 
-  /// Images that were left out because the run was late.
+  /// Counts images that were dropped because the run was late.
   void setDropped(int frames);
 
-  /// What happened up to now: tracked, lost (and not initialized again) or never initialized.
+  /// Status up to now: tracked, lost (and not initialized again) or never initialized.
   [[nodiscard]] RunStatus outcome() const;
 
   /// Writes the final files.

@@ -10,7 +10,7 @@
 
 namespace dsorb {
 
-/// Seconds spent by stage, and counts, over the whole run.
+/// Seconds spent in each stage and counts, over the whole run.
 struct OdometryReport {
   int frames_given = 0;
   int frames_tracked = 0;
@@ -28,9 +28,10 @@ struct OdometryReport {
 /// thread tell observers.
 class Odometry {
  public:
-  /// Initializer by options. @throws ConfigError on options out of range
+  /// Makes the initializer that the options name. @throws ConfigError on options out of range
   Odometry(const PinholeCamera& camera, const OdometryOptions& options);
-  /// Anybody's own initializer. Both throw std::invalid_argument on an impossible camera.
+  /// Takes an initializer of the caller's. Both throw std::invalid_argument on an impossible
+  /// camera.
   Odometry(const PinholeCamera& camera,
            const OdometryOptions& options,
            std::unique_ptr<Initializer> initializer);
