@@ -5,6 +5,7 @@
 
 #include "base/describe.h"
 #include "io/presets.h"
+#include "io/retired_keys.h"
 #include "io/yaml_assignments.h"
 
 #include <fmt/format.h>
@@ -17,10 +18,6 @@ namespace dsorb {
 namespace {
 
 constexpr const char* kVariantKey = "initializer.kind";
-
-bool endsWith(const std::string& text, const std::string& end) {
-  return text.size() >= end.size() && text.compare(text.size() - end.size(), end.size(), end) == 0;
-}
 
 /// As an ending of a key is accepted too, words are compared with endings of as many parts.
 std::string closestKey(const std::string& word, const std::vector<OptionField>& fields) {
@@ -50,7 +47,7 @@ OptionField& findField(std::vector<OptionField>& fields, const ConfigAssignment&
                       assignment.key,
                       field.key));
     }
-    if (endsWith(field.key, "." + assignment.key)) ending.push_back(&field);
+    if (io::isEndOfKey(assignment.key, field.key)) ending.push_back(&field);
   }
   if (ending.size() == 1) return *ending.front();
   if (ending.size() > 1) {
@@ -59,6 +56,10 @@ OptionField& findField(std::vector<OptionField>& fields, const ConfigAssignment&
                                   assignment.key,
                                   ending[0]->key,
                                   ending[1]->key));
+  }
+  if (const io::RetiredKey* retired = io::findRetiredKey(assignment.key)) {
+    throw ConfigError(fmt::format(
+        "{}: key '{}' {}; see CHANGELOG.md", assignment.origin, retired->key, retired->fate));
   }
   throw ConfigError(fmt::format("{}: unknown key '{}'; the closest valid key is '{}'",
                                 assignment.origin,

@@ -75,6 +75,11 @@ std::vector<ConfigAssignment> readYamlFile(const std::string& path) {
   return readYamlAssignments(text.str(), path);
 }
 
+bool isEndOfKey(const std::string& end, const std::string& key) {
+  return key.size() > end.size() && key[key.size() - end.size() - 1] == '.' &&
+         key.compare(key.size() - end.size(), end.size(), end) == 0;
+}
+
 std::vector<std::string> splitKey(const std::string& key) {
   std::vector<std::string> parts;
   std::istringstream stream(key);

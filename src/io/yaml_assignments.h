@@ -16,6 +16,9 @@ namespace dsorb::io {
 /// The same from a file. @throws ConfigError also when it cannot be read
 [[nodiscard]] std::vector<ConfigAssignment> readYamlFile(const std::string& path);
 
+/// Whether `key` ends with `end` at a dot: "b.c" is an end of "a.b.c".
+[[nodiscard]] bool isEndOfKey(const std::string& end, const std::string& key);
+
 /// "a.b.c" as its parts.
 [[nodiscard]] std::vector<std::string> splitKey(const std::string& key);
 

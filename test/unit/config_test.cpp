@@ -5,6 +5,8 @@
 
 #include "base/describe.h"
 #include "io/presets.h"
+#include "io/retired_keys.h"
+#include "io/yaml_assignments.h"
 #include "support/temporary_folder.h"
 
 #include <gmock/gmock.h>
@@ -155,6 +157,29 @@ TEST(Config, UnknownKeyNamesFileLineAndClosestKey) {
               AllOf(HasSubstr("--set: unknown key 'num_thread'"), HasSubstr("'num_threads'")));
   EXPECT_THAT(errorOf([] { loadSet("orb.min_frmes=3"); }),
               HasSubstr("the closest valid key is 'initializer.orb.min_frames'"));
+}
+
+TEST(Config, RetiredKeySaysWhatBecameOfIt) {
+  EXPECT_THAT(
+      errorOf([] { loadText("initializer:\n  orb:\n    semi_dense:\n      patch: line\n"); }),
+      HasSubstr("test.yaml:4: key 'initializer.orb.semi_dense.patch' is gone: the patch is "
+                "always the 8-pixel pattern"));
+  EXPECT_THAT(errorOf([] { loadSet("line_error=normal"); }),
+              HasSubstr("--set: key 'initializer.orb.semi_dense.line_error' is gone"));
+}
+
+TEST(Config, EveryRetiredKeyIsRefusedAndNoneIsInUse) {
+  OdometryOptions options;
+  const std::vector<OptionField> fields = listFields(options);
+  for (const io::RetiredKey& retired : io::retiredKeys()) {
+    EXPECT_THAT(
+        errorOf([&retired] { loadSet(std::string(retired.key) + "=1"); }),
+        AllOf(HasSubstr(std::string("key '") + retired.key + "'"), HasSubstr(retired.fate)));
+    for (const OptionField& field : fields) {
+      EXPECT_NE(field.key, retired.key);
+      EXPECT_FALSE(io::isEndOfKey(retired.key, field.key)) << retired.key << " " << field.key;
+    }
+  }
 }
 
 TEST(Config, OutOfRangeAndWrongTypeNameTheRange) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // One pixel's search along its epipolar line, as semi-dense depth uses it.
 #include "base/median.h"
+#include "camera/reprojection.h"
 #include "init/orb/semi_dense/epipolar_line.h"
 #include "init/orb/semi_dense/epipolar_search.h"
 #include "support/plane_scene.h"
@@ -70,25 +71,30 @@ TEST(EpipolarSearch, GeometricVarianceIsTheSpreadUnderDrawnPoses) {
   const SE3 truth = poseOf(0.08, 0.03, 0.05, 0.02);
   const FramePtr reference = scene.render(SE3(), 0, 0);
   const FramePtr target = scene.render(truth, 0, 1);
-  Vector6d sigma;
-  sigma << 2e-3, 1e-3, 1e-3, 1e-3, 1e-3, 2e-3;
+  const double sigma = 0.3;  // of a pixel's place in the target, the same in every direction [px]
   SemiDenseOptions options;
-  options.line_error = LineError::kGradient;
   options.line_error_floor = 0;
   options.image_noise = 1e-3;
   std::vector<double> ratios;
   for (int y = 30; y < 210; y += 20) {
     for (int x = 30; x < 290; x += 20) {
       const double rho = scene.inverseDepth({x, y});
+      // The smallest motions of the camera that displace this pixel along x and y.
+      const auto projection = projectHosted(
+          scene.camera(), truth, scene.camera().unproject(Eigen::Vector2d(x, y)), rho);
+      ASSERT_TRUE(projection.has_value());
+      const Eigen::Matrix<double, 2, 6> J = projection->J_pose;
+      const Eigen::Matrix<double, 6, 2> motion = J.transpose() * (J * J.transpose()).inverse();
+      const Matrix6d covariance = sigma * sigma * motion * motion.transpose();
       Random random(static_cast<std::uint64_t>(1000 * y + x));
       double squares = 0;
       double predicted = 0;
       int found = 0;
       for (int draw = 0; draw < 60; ++draw) {
-        Vector6d xi;
-        for (int d = 0; d < 6; ++d) xi[d] = sigma[d] * random.gaussian();
-        const SearchFrame frame{
-            target, SE3::exp(xi) * truth, Matrix6d(sigma.cwiseAbs2().asDiagonal()), {}};
+        Eigen::Vector2d displacement;
+        for (int d = 0; d < 2; ++d) displacement[d] = sigma * random.gaussian();
+        const Vector6d xi = motion * displacement;
+        const SearchFrame frame{target, SE3::exp(xi) * truth, covariance, {}};
         const EpipolarSearch search(reference, frame, scene.camera(), options);
         EpipolarSearch::Scratch scratch;
         const SearchOutcome outcome =

@@ -59,25 +59,6 @@ DescribeFor<Options, GeometricOptions> describe(Visitor& visit, Options& o) {
   visit.field("tail_variance_factor", o.tail_variance_factor, Range{0, 10000}, "");
 }
 
-/// Pixels compared along the epipolar line.
-enum class SearchPatch {
-  kLine,    ///< 5 samples on the line
-  kPattern  ///< the 8-pixel pattern, warped by rotation and scale
-};
-
-/// How the brightness of two patches is made equal.
-enum class PatchBrightness {
-  kMeanRemoved,  ///< each patch minus its mean
-  kAffine        ///< affine brightness of the frames
-};
-
-/// What the geometric part of an observation's variance is made of.
-enum class LineError {
-  kNormal,    ///< pose covariance on the normal of the epipolar line
-  kGradient,  ///< pose covariance on the gradient: an error along the line shifts the match, too
-  kReport     ///< norm of the image gradient, as the report prints it (wrong unit)
-};
-
 /// How several observations of one inverse depth become one.
 enum class DepthFusion {
   kProduct,     ///< product of Gaussians
@@ -89,21 +70,18 @@ struct SemiDenseOptions {
   int patch_size = 6;                ///< one candidate in a square of this side [px]
   double gradient_above_median = 7;  ///< threshold over the median of its 32x32 block [grey/px]
   int max_candidates = 3000;         ///< larger patches are taken until no more remain
-  SearchPatch patch = SearchPatch::kPattern;
-  PatchBrightness brightness = PatchBrightness::kAffine;
-  double min_gradient_share = 0.3;  ///< least |gradient along the line| / |gradient| [-]
-  double min_line_gradient = 2.0;   ///< least |gradient along the line| [grey/px]
-  int prior_neighbours = 5;         ///< nearest corners a prior is made of
-  double prior_radius = 60;         ///< corners farther away do not count [px]
-  double min_prior_sigma = 0.1;     ///< of a prior, relative to its inverse depth [-]
-  double search_sigmas = 2.0;       ///< half length of the searched interval [sigma]
-  double max_search = 0.25;         ///< longest search [image diagonals]
-  double image_noise = 2.8284;      ///< of one grey value, sigma_i: sqrt(8) [grey levels]
+  double min_gradient_share = 0.3;   ///< least |gradient along the line| / |gradient| [-]
+  double min_line_gradient = 2.0;    ///< least |gradient along the line| [grey/px]
+  int prior_neighbours = 5;          ///< nearest corners a prior is made of
+  double prior_radius = 60;          ///< corners farther away do not count [px]
+  double min_prior_sigma = 0.1;      ///< of a prior, relative to its inverse depth [-]
+  double search_sigmas = 2.0;        ///< half length of the searched interval [sigma]
+  double max_search = 0.25;          ///< longest search [image diagonals]
+  double image_noise = 2.8284;       ///< of one grey value, sigma_i: sqrt(8) [grey levels]
   double max_residual =
       16;  ///< largest rms of a matched patch [grey levels]; LSD: 1300 over 5 samples
   double second_best_ratio = 1.5;  ///< least ratio of the second-best minimum to the best [-]
-  LineError line_error = LineError::kNormal;
-  double line_error_floor = 0.2;  ///< least sigma_l [px]
+  double line_error_floor = 0.2;   ///< least sigma_l [px]
   DepthFusion fusion = DepthFusion::kMostPrecise;
   double fusion_gate = 3.0;   ///< farther from the prior is an outlier vote [combined sigma]
   int max_outlier_votes = 3;  ///< so many votes remove a point
@@ -118,12 +96,6 @@ DescribeFor<Options, SemiDenseOptions> describe(Visitor& visit, Options& o) {
   visit.field("patch_size", o.patch_size, Range{1, 1000}, "px");
   visit.field("gradient_above_median", o.gradient_above_median, Range{0, 255}, "grey levels / px");
   visit.field("max_candidates", o.max_candidates, Range{1, 1000000}, "points");
-  visit.choice(
-      "patch", o.patch, {{"line", SearchPatch::kLine}, {"pattern", SearchPatch::kPattern}});
-  visit.choice(
-      "brightness",
-      o.brightness,
-      {{"mean_removed", PatchBrightness::kMeanRemoved}, {"affine", PatchBrightness::kAffine}});
   visit.field("min_gradient_share", o.min_gradient_share, Range{0, 1}, "");
   visit.field("min_line_gradient", o.min_line_gradient, Range{0, 255}, "grey levels / px");
   visit.field("prior_neighbours", o.prior_neighbours, Range{1, 32}, "corners");
@@ -134,11 +106,6 @@ DescribeFor<Options, SemiDenseOptions> describe(Visitor& visit, Options& o) {
   visit.field("image_noise", o.image_noise, Range{0.01, 255}, "grey levels");
   visit.field("max_residual", o.max_residual, Range{0.1, 255}, "grey levels");
   visit.field("second_best_ratio", o.second_best_ratio, Range{1, 1000}, "");
-  visit.choice("line_error",
-               o.line_error,
-               {{"normal", LineError::kNormal},
-                {"gradient", LineError::kGradient},
-                {"report", LineError::kReport}});
   visit.field("line_error_floor", o.line_error_floor, Range{0, 100}, "px");
   visit.choice("fusion",
                o.fusion,

@@ -13,18 +13,15 @@ enum class PhotometricSolver {
 
 /// How the brightness of a patch in two frames is made equal.
 enum class PhotometricBrightness {
-  kPsiFixed,     ///< times the ratio psi of the patch sums, its derivative ignored, as the report
-  kPsi,          ///< the same with its derivative
-  kMeanRemoved,  ///< each patch minus its mean, the gain of the frame as found by the corners
-  kAffine        ///< one pair (a, b) a frame as unknowns
+  kPsiFixed,  ///< times the ratio psi of the patch sums, its derivative ignored, as the report
+  kAffine     ///< one pair (a, b) a frame as unknowns
 };
 
 /// What becomes of the poses that the corners gave.
 enum class PhotometricPoses {
-  kFree,   ///< adjusted with the inverse depths
-  kFixed,  ///< kept; every inverse depth is refined on its own
-  kGated   ///< adjusted where corners are few, but kept when they would move farther than their
-           ///< covariance allows
+  kFree,  ///< adjusted with the inverse depths
+  kGated  ///< adjusted where corners are few, but kept when they would move farther than their
+          ///< covariance allows; where they are kept, every inverse depth is refined on its own
 };
 
 /// Options of the photometric bundle adjustment of ORBInitializer.
@@ -61,14 +58,9 @@ DescribeFor<Options, PhotometricOptions> describe(Visitor& visit, Options& o) {
   visit.choice("brightness",
                o.brightness,
                {{"psi_fixed", PhotometricBrightness::kPsiFixed},
-                {"psi", PhotometricBrightness::kPsi},
-                {"mean_removed", PhotometricBrightness::kMeanRemoved},
                 {"affine", PhotometricBrightness::kAffine}});
-  visit.choice("poses",
-               o.poses,
-               {{"free", PhotometricPoses::kFree},
-                {"fixed", PhotometricPoses::kFixed},
-                {"gated", PhotometricPoses::kGated}});
+  visit.choice(
+      "poses", o.poses, {{"free", PhotometricPoses::kFree}, {"gated", PhotometricPoses::kGated}});
   visit.field("max_pose_move", o.max_pose_move, Range{0, 1000}, "sigma");
   visit.field("enough_corners", o.enough_corners, Range{0, 1000000}, "corners");
   visit.field("huber_threshold", o.huber_threshold, Range{0.1, 1000}, "grey levels");

@@ -178,8 +178,8 @@ bool Adjustment::solveFine(PhotometricState& state) {
 
 /// Whether the images can say more about the poses than the corners did.
 bool Adjustment::posesAreUnknown() const {
-  if (options_.poses != PhotometricPoses::kGated) return options_.poses == PhotometricPoses::kFree;
-  return static_cast<int>(map_.corners.size()) < options_.enough_corners;
+  return options_.poses == PhotometricPoses::kFree ||
+         static_cast<int>(map_.corners.size()) < options_.enough_corners;
 }
 
 bool Adjustment::mayMove(const PhotometricState& state) {

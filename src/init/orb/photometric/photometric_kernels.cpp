@@ -82,22 +82,7 @@ DSORB_ALWAYS_INLINE void projectPatch(
   }
 }
 
-/// Takes the part that the brightness model follows by itself out of derivatives and values.
-template <bool kPoses>
-DSORB_ALWAYS_INLINE void removeShare(const Lanes& share, Patch& out) {
-  if constexpr (kPoses) {
-    const Lanes all[8] = {
-        out.J[0], out.J[1], out.J[2], out.J[3], out.J[4], out.J[5], out.J[8], out.J[8]};
-    Lanes totals;
-    sumLanes(all, totals);
-    for (int i = 0; i < 6; ++i) out.J[i] -= totals[i] * share;
-    out.J[8] -= totals[6] * share;
-  } else {
-    out.J[8] -= sumLanes(out.J[8]) * share;
-  }
-}
-
-template <PhotometricBrightness kModel, bool kPoses>
+template <PhotometricBrightness kModel>
 DSORB_ALWAYS_INLINE void applyBrightness(const PatchSetting& s, const HostPatch& host, Patch& out) {
   Lanes grey;
   load(host.grey.data(), grey);
@@ -105,17 +90,10 @@ DSORB_ALWAYS_INLINE void applyBrightness(const PatchSetting& s, const HostPatch&
     out.J[6] = -s.gain * grey;
     fill(-1, out.J[7]);
     out.residual -= s.gain * grey + s.offset;
-  } else if constexpr (kModel == PhotometricBrightness::kMeanRemoved) {
-    Lanes share;
-    fill(1.0F / kLanes, share);
-    out.residual -= s.gain * grey;
-    out.residual -= sumLanes(out.residual) * share;
-    removeShare<kPoses>(share, out);
   } else {
     const float sum = sumLanes(grey);
     const Lanes share = grey / (sum > kMinGreySum ? sum : kMinGreySum);
     out.residual -= sumLanes(out.residual) * share;
-    if constexpr (kModel == PhotometricBrightness::kPsi) removeShare<kPoses>(share, out);
   }
 }
 
@@ -191,7 +169,7 @@ DSORB_ALWAYS_INLINE void linearizeRun(const PatchSetting& s,
     if (run.seen[i] == 0) continue;
     Patch patch;
     projectPatch<kPoses>(s, lanes, run.patches[i], run.inverse_depth[i], patch);
-    applyBrightness<kModel, kPoses>(s, run.patches[i], patch);
+    applyBrightness<kModel>(s, run.patches[i], patch);
     weigh(s, run.patches[i], patch);
     if constexpr (kPoses) addFrameSums<kModel>(patch, totals);
     addPatchSums<kModel, kPoses>(patch, sums, i);
@@ -216,7 +194,7 @@ DSORB_ALWAYS_INLINE void evaluateRun(const PatchSetting& s,
     for (int k = 0; k < kLanes; ++k) all &= patch.inside[k];
     inside[i] = all != 0 ? 1 : 0;
     if (residual == nullptr) continue;
-    applyBrightness<kModel, false>(s, run.patches[i], patch);
+    applyBrightness<kModel>(s, run.patches[i], patch);
     store(patch.residual, residual + i * kLanes);
   }
 }
@@ -229,10 +207,6 @@ DSORB_ALWAYS_INLINE void linearizeAs(const PatchSetting& s,
   switch (s.brightness) {
     case PhotometricBrightness::kPsiFixed:
       return linearizeRun<PhotometricBrightness::kPsiFixed, kPoses>(s, run, sums, totals);
-    case PhotometricBrightness::kPsi:
-      return linearizeRun<PhotometricBrightness::kPsi, kPoses>(s, run, sums, totals);
-    case PhotometricBrightness::kMeanRemoved:
-      return linearizeRun<PhotometricBrightness::kMeanRemoved, kPoses>(s, run, sums, totals);
     case PhotometricBrightness::kAffine:
       return linearizeRun<PhotometricBrightness::kAffine, kPoses>(s, run, sums, totals);
   }
@@ -257,10 +231,7 @@ DSORB_TARGET_CLONES void evaluateAs(const PatchSetting& s,
                                     char* inside) {
   switch (s.brightness) {
     case PhotometricBrightness::kPsiFixed:
-    case PhotometricBrightness::kPsi:
       return evaluateRun<PhotometricBrightness::kPsiFixed>(s, run, residual, inside);
-    case PhotometricBrightness::kMeanRemoved:
-      return evaluateRun<PhotometricBrightness::kMeanRemoved>(s, run, residual, inside);
     case PhotometricBrightness::kAffine:
       return evaluateRun<PhotometricBrightness::kAffine>(s, run, residual, inside);
   }

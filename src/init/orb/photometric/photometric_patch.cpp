@@ -66,12 +66,6 @@ PatchPixel samplePixel(const PatchTarget& target, const Eigen::Vector3d& ray, do
   return pixel;
 }
 
-/// Takes out of the columns of `J` what the brightness model follows by itself.
-template <typename Jacobian>
-void removeMean(Jacobian& J, const PatchVector& share) {
-  J -= (share * J.colwise().sum()).eval();
-}
-
 }  // namespace
 
 PatchResidual evaluatePatch(const HostPatch& patch,
@@ -100,19 +94,9 @@ PatchResidual evaluatePatch(const HostPatch& patch,
     out.residual = grey.array() - target.transfer.gain * host.array() - target.transfer.offset;
     out.J_affine.col(0) = -target.transfer.gain * host;
     out.J_affine.col(1).setConstant(-1);
-  } else if (brightness == PhotometricBrightness::kMeanRemoved) {
-    const PatchVector share = PatchVector::Constant(1.0 / kPatternSize);
-    out.residual = grey - target.transfer.gain * host;
-    removeMean(out.residual, share);
-    removeMean(out.J_pose, share);
-    removeMean(out.J_inverse_depth, share);
   } else {
     const PatchVector share = host / std::max(host.sum(), kMinGreySum);
     out.residual = grey - grey.sum() * share;
-    if (brightness == PhotometricBrightness::kPsi) {
-      removeMean(out.J_pose, share);
-      removeMean(out.J_inverse_depth, share);
-    }
   }
   return out;
 }

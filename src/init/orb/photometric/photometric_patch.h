@@ -47,9 +47,9 @@ struct PatchResidual {
   bool inside = false;  ///< the whole pattern inside the image, in front, and valid
 };
 
-/// r_j = I(p_j) - model(I_ref,j): psi I_ref with psi = sum I / sum I_ref; gain (I_ref - mean I_ref)
-/// + mean I; or gain I_ref + offset. Every pixel of the pattern moves with the inverse depth of the
-/// centre; gradients are interpolated central differences.
+/// r_j = I(p_j) - model(I_ref,j): psi I_ref with psi = sum I / sum I_ref, which the derivatives
+/// hold constant; or gain I_ref + offset. Every pixel of the pattern moves with the inverse depth
+/// of the centre; gradients are interpolated central differences.
 /// @param inverse_depth of the centre [1/unit]
 /// @source the report on feature-based initialization, eq. 11 and 12; Engel et al., DSO, eq. (4)
 PatchResidual evaluatePatch(const HostPatch& patch,

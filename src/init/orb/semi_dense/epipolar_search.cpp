@@ -14,12 +14,10 @@ namespace dsorb::init_orb {
 namespace {
 
 constexpr float kMinHalfLength = 1.5F;  // a minimum needs neighbours on both sides [px]
-constexpr int kLineSamples = 5;         // Engel et al. 2013, section 2.1
 constexpr int kRefinements = 5;         // Gauss-Newton steps along the line
 constexpr float kMaxRefinement = 1.5F;  // farther from the best step is another minimum [px]
 constexpr float kConverged = 0.01F;     // [px]
-constexpr int kLineRadius = kLineSamples / 2;
-constexpr int kNeighbourhood = 2;  // steps around the best that belong to its minimum
+constexpr int kNeighbourhood = 2;       // steps around the best that belong to its minimum
 constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
 
 struct Bounds {
@@ -101,43 +99,15 @@ bool EpipolarSearch::gradientIsUsable(const Eigen::Vector2f& pixel,
 EpipolarSearch::Patch EpipolarSearch::cutPatch(const Eigen::Vector2f& pixel,
                                                const EpipolarLine& line) const {
   Patch patch;
-  if (options_.patch == SearchPatch::kPattern) {
-    patch.size = kPatternSize;
-    const int x = static_cast<int>(pixel.x());
-    const int y = static_cast<int>(pixel.y());
-    for (std::size_t i = 0; i < kPatternSize; ++i) {
-      patch.grey[i] = reference_.at(x + kPattern[i].x, y + kPattern[i].y).intensity;
-      patch.offset[i] = line.warp() * Eigen::Vector2f(static_cast<float>(kPattern[i].x),
-                                                      static_cast<float>(kPattern[i].y));
-    }
-  } else {
-    patch.size = kLineSamples;
-    Eigen::Vector2f step = line.warp().inverse() * line.direction();
-    step *= std::min(1.0F,
-                     static_cast<float>(kPatternRadius) / step.lpNorm<Eigen::Infinity>() /
-                         static_cast<float>(kLineRadius));
-    for (int i = 0; i < kLineSamples; ++i) {
-      const auto distance = static_cast<float>(i - kLineRadius);
-      const Eigen::Vector2f at = pixel + distance * step;
-      patch.grey[static_cast<std::size_t>(i)] = interpolateIntensity(reference_, at.x(), at.y());
-      patch.offset[static_cast<std::size_t>(i)] = line.warp() * (distance * step);
-    }
-  }
-  float mean = 0;
-  for (int i = 0; i < patch.size; ++i) {
-    float& grey = patch.grey[static_cast<std::size_t>(i)];
-    if (options_.brightness == PatchBrightness::kAffine) {
-      grey = static_cast<float>(frame_.transfer.gain) * grey +
-             static_cast<float>(frame_.transfer.offset);
-    }
-    mean += grey / static_cast<float>(patch.size);
-    patch.extent =
-        std::max(patch.extent, patch.offset[static_cast<std::size_t>(i)].lpNorm<Eigen::Infinity>());
-  }
-  if (options_.brightness == PatchBrightness::kMeanRemoved) {
-    for (int i = 0; i < patch.size; ++i) {
-      patch.grey[static_cast<std::size_t>(i)] -= mean;
-    }
+  const int x = static_cast<int>(pixel.x());
+  const int y = static_cast<int>(pixel.y());
+  for (std::size_t i = 0; i < kPatternSize; ++i) {
+    const float grey = reference_.at(x + kPattern[i].x, y + kPattern[i].y).intensity;
+    patch.grey[i] = static_cast<float>(frame_.transfer.gain) * grey +
+                    static_cast<float>(frame_.transfer.offset);
+    patch.offset[i] = line.warp() * Eigen::Vector2f(static_cast<float>(kPattern[i].x),
+                                                    static_cast<float>(kPattern[i].y));
+    patch.extent = std::max(patch.extent, patch.offset[i].lpNorm<Eigen::Infinity>());
   }
   return patch;
 }
@@ -165,18 +135,13 @@ EpipolarSearch::Interval EpipolarSearch::clippedInterval(const EpipolarLine& lin
 }
 
 float EpipolarSearch::cost(const Patch& patch, const Eigen::Vector2f& centre) const {
-  float sum = 0;
   float squares = 0;
-  for (int i = 0; i < patch.size; ++i) {
-    const auto index = static_cast<std::size_t>(i);
-    const Eigen::Vector2f at = centre + patch.offset[index];
-    const float difference = interpolateIntensity(target_, at.x(), at.y()) - patch.grey[index];
-    sum += difference;
+  for (std::size_t i = 0; i < kPatternSize; ++i) {
+    const Eigen::Vector2f at = centre + patch.offset[i];
+    const float difference = interpolateIntensity(target_, at.x(), at.y()) - patch.grey[i];
     squares += difference * difference;
   }
-  return options_.brightness == PatchBrightness::kMeanRemoved
-             ? squares - sum * sum / static_cast<float>(patch.size)
-             : squares;
+  return squares;
 }
 
 float EpipolarSearch::bestStep(const Patch& patch,
@@ -205,7 +170,7 @@ float EpipolarSearch::bestStep(const Patch& patch,
   // Differences below the noise tell nothing.
   const auto noise = static_cast<float>(options_.image_noise);
   const float limit = static_cast<float>(options_.second_best_ratio) *
-                      std::max(best_cost, static_cast<float>(patch.size) * noise * noise);
+                      std::max(best_cost, static_cast<float>(kPatternSize) * noise * noise);
   for (int i = 0; i < steps; ++i) {
     const bool other = std::abs(i - best) > kNeighbourhood;
     if (other && at(i) < limit && at(i) <= at(i - 1) && at(i) <= at(i + 1)) {
@@ -219,31 +184,17 @@ EpipolarSearch::Linearization EpipolarSearch::linearize(const Patch& patch,
                                                         const EpipolarLine& line,
                                                         float position) const {
   Linearization sums;
-  float difference_sum = 0;
-  float along_sum = 0;
-  Eigen::Vector2f gradient_sum{0, 0};
   const Eigen::Vector2f centre = line.at(position);
-  for (int i = 0; i < patch.size; ++i) {
-    const auto index = static_cast<std::size_t>(i);
-    const Eigen::Vector2f at = centre + patch.offset[index];
+  for (std::size_t i = 0; i < kPatternSize; ++i) {
+    const Eigen::Vector2f at = centre + patch.offset[i];
     const ImageSample sample = interpolate(target_, at.x(), at.y());
     const Eigen::Vector2f gradient(sample.dx, sample.dy);
-    const float difference = sample.intensity - patch.grey[index];
+    const float difference = sample.intensity - patch.grey[i];
     const float along = gradient.dot(line.direction());
     sums.squared_error += difference * difference;
     sums.gradient += along * difference;
     sums.information += along * along;
     sums.cross += along * gradient;
-    difference_sum += difference;
-    along_sum += along;
-    gradient_sum += gradient;
-  }
-  if (options_.brightness == PatchBrightness::kMeanRemoved) {
-    const float share = 1.0F / static_cast<float>(patch.size);
-    sums.squared_error -= share * difference_sum * difference_sum;
-    sums.gradient -= share * along_sum * difference_sum;
-    sums.information -= share * along_sum * along_sum;
-    sums.cross -= share * along_sum * gradient_sum;
   }
   return sums;
 }
@@ -278,7 +229,7 @@ bool EpipolarSearch::refine(const Patch& patch,
   match.information = sums.information;
   match.shift = sums.cross / sums.information;
   const auto max_residual = static_cast<float>(options_.max_residual);
-  return sums.squared_error <= static_cast<float>(patch.size) * max_residual * max_residual;
+  return sums.squared_error <= static_cast<float>(kPatternSize) * max_residual * max_residual;
 }
 
 float EpipolarSearch::geometricVariance(const Eigen::Vector2f& pixel,
@@ -286,13 +237,8 @@ float EpipolarSearch::geometricVariance(const Eigen::Vector2f& pixel,
                                         const Match& match,
                                         float inverse_depth) const {
   // A displacement d of the line moves the match by -shift . d; for one gradient direction g of
-  // unit length shift = g / <g, l>.
-  const float shift = match.shift.squaredNorm();
-  if (options_.line_error == LineError::kReport) {
-    const Eigen::Vector2f at = line.at(match.position);
-    const ImageSample sample = interpolate(target_, at.x(), at.y());
-    return (sample.dx * sample.dx + sample.dy * sample.dy) * shift;
-  }
+  // unit length shift = g / <g, l>. The line's error is taken to be the same in all directions as
+  // it is across the line.
   const std::optional<HostedProjection> projection = projectHosted(
       camera_, frame_.T_cam_ref, camera_.unproject(pixel.cast<double>()), inverse_depth);
   if (!projection) {
@@ -300,13 +246,11 @@ float EpipolarSearch::geometricVariance(const Eigen::Vector2f& pixel,
   }
   const Eigen::Matrix2d position_covariance =
       projection->J_pose * frame_.covariance * projection->J_pose.transpose();
-  const bool normal = options_.line_error == LineError::kNormal;
-  const Eigen::Vector2f axis = normal ? Eigen::Vector2f(-line.direction().y(), line.direction().x())
-                                      : Eigen::Vector2f(match.shift.normalized());
-  const auto sigma_squared =
-      static_cast<float>(axis.cast<double>().dot(position_covariance * axis.cast<double>()));
+  const Eigen::Vector2d normal(static_cast<double>(-line.direction().y()),
+                               static_cast<double>(line.direction().x()));
+  const auto sigma_squared = static_cast<float>(normal.dot(position_covariance * normal));
   const auto floor = static_cast<float>(options_.line_error_floor);
-  return std::max(sigma_squared, floor * floor) * shift;
+  return std::max(sigma_squared, floor * floor) * match.shift.squaredNorm();
 }
 
 }  // namespace dsorb::init_orb

@@ -59,7 +59,6 @@ class EpipolarSearch {
  private:
   /// Reference patch and where its pixels lie in the target around the centre.
   struct Patch {
-    int size = 0;
     std::array<float, kPatternSize> grey;
     std::array<Eigen::Vector2f, kPatternSize> offset;
     float extent = 0;  ///< largest offset along an axis [px]

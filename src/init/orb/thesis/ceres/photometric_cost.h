@@ -15,7 +15,7 @@ class PhotometricCost final : public ceres::CostFunction {
   /// What all patches of one frame share; must outlive the costs.
   struct Setting {
     PatchTarget target;  ///< its pose is not used, its transfer without the affine model only
-    PhotometricBrightness brightness = PhotometricBrightness::kPsi;
+    PhotometricBrightness brightness = PhotometricBrightness::kAffine;
     double huber_threshold = 9;  ///< [grey levels]
     double reference_exposure = 1;
     double exposure = 1;
