@@ -24,10 +24,10 @@ const std::map<std::string, SequenceFormat> kFormats = {{"auto", SequenceFormat:
                                                         {"euroc", SequenceFormat::kEuroc},
                                                         {"tum", SequenceFormat::kTum},
                                                         {"images", SequenceFormat::kImages}};
-const std::map<std::string, PhotometryMode> kModes = {
-    {"calibrated", PhotometryMode::kCalibrated},
-    {"uncalibrated", PhotometryMode::kUncalibrated},
-    {"perfect", PhotometryMode::kPerfect}};
+const std::map<std::string, BrightnessModel> kModes = {
+    {"calibrated", BrightnessModel::kCalibrated},
+    {"uncalibrated", BrightnessModel::kUncalibrated},
+    {"perfect", BrightnessModel::kPerfect}};
 const std::map<std::string, ProgressMode> kProgressModes = {
     {"auto", ProgressMode::kAuto}, {"on", ProgressMode::kOn}, {"off", ProgressMode::kOff}};
 
@@ -213,7 +213,7 @@ void takeWords(const std::vector<std::string>& words, CommandLine& request) {
 
 void takeFlags(const Flags& flags, CommandLine& request) {
   request.sequence.format = kFormats.at(flags.format);
-  if (!flags.mode.empty()) request.sequence.photometry = kModes.at(flags.mode);
+  if (!flags.mode.empty()) request.sequence.brightness = kModes.at(flags.mode);
   request.progress = kProgressModes.at(flags.progress);
   request.restart_when_lost = flags.on_lost == "restart";
   request.config.program_defaults = {{"num_threads", "0", "dso_dataset"}};

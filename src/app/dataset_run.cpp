@@ -29,18 +29,17 @@ int threadsInUse(int num_threads) {
   return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
-/// Values of the options tracker.brightness and window.brightness.
-std::pair<std::string, std::string> brightnessOptions(PhotometryMode photometry) {
-  switch (photometry) {
-    case PhotometryMode::kCalibrated:
-      return {"calibrated", "calibrated"};
-    case PhotometryMode::kPerfect:
-      return {"perfect", "fixed"};
-    case PhotometryMode::kUncalibrated:
-    case PhotometryMode::kAuto:
+/// As a value of the option `brightness`.
+std::string nameOf(BrightnessModel brightness) {
+  switch (brightness) {
+    case BrightnessModel::kCalibrated:
+      return "calibrated";
+    case BrightnessModel::kPerfect:
+      return "perfect";
+    case BrightnessModel::kUncalibrated:
       break;
   }
-  return {"uncalibrated", "free"};
+  return "uncalibrated";
 }
 
 RunInfo describeRun(const CommandLine& request, const Config& config) {
@@ -168,17 +167,13 @@ SequenceReader openSequence(const CommandLine& request, const RunInfo& info) {
 
 }  // namespace
 
-Config configFor(ConfigSources sources, PhotometryMode photometry) {
-  if (photometry != PhotometryMode::kAuto) {
-    const auto [tracker, window] = brightnessOptions(photometry);
-    sources.program_defaults.push_back({"tracker.brightness", tracker, "photometry"});
-    sources.program_defaults.push_back({"window.brightness", window, "photometry"});
-  }
+Config configFor(ConfigSources sources, std::optional<BrightnessModel> known) {
+  if (known) sources.program_defaults.push_back({"brightness", nameOf(*known), "photometry"});
   return loadConfig(sources);
 }
 
 RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
-  Config config = configFor(request.config, request.sequence.photometry);
+  Config config = configFor(request.config, request.sequence.brightness);
   const RunInfo info = describeRun(request, config);
   cv::setNumThreads(info.threads);  // OpenCV's pool belongs to the process
   SequenceReader reader = openSequence(request, info);
@@ -190,7 +185,7 @@ RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
   RunResult result;
   try {
     writer.setCamera(reader.camera());
-    config = configFor(request.config, reader.photometry());
+    config = configFor(request.config, reader.brightness());
     writer.setConfig(toYaml(config));
     odometry.emplace(reader.camera(), config.options);
     odometry->addObserver(&writer);

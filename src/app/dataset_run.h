@@ -6,6 +6,8 @@
 #include "app/command_line.h"
 #include "app/interrupt.h"
 
+#include <optional>
+
 namespace dsorb::app {
 
 /// Result of a run for people and for the exit code.
@@ -17,9 +19,9 @@ struct RunResult {
   OdometryReport report;
 };
 
-/// Configuration for images of this photometry: it decides what is free in a frame's brightness,
-/// unless a file or `--set` names `tracker.brightness`.
-[[nodiscard]] Config configFor(ConfigSources sources, PhotometryMode photometry);
+/// Configuration for images of which this is known, unless a file or `--set` names `brightness`.
+/// @param known empty: not known yet
+[[nodiscard]] Config configFor(ConfigSources sources, std::optional<BrightnessModel> known);
 
 /// Reads the data set, runs the odometry on it and writes the output folder. After an error the
 /// results so far are written before it is thrown on.

@@ -49,7 +49,7 @@ int run(int argc, const char* const* argv, app::Interrupt& interrupt) {
     return kSuccess;
   }
   if (request.print_config) {
-    app::printText(toYaml(app::configFor(request.config, request.sequence.photometry)));
+    app::printText(toYaml(app::configFor(request.config, request.sequence.brightness)));
     return kSuccess;
   }
   for (const std::string& warning : request.warnings) {

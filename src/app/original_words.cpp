@@ -69,13 +69,13 @@ void setPreset(const ConfigAssignment& word, CommandLine& request) {
 void setMode(const ConfigAssignment& word, CommandLine& request) {
   switch (number<int>(word)) {
     case 0:
-      request.sequence.photometry = PhotometryMode::kCalibrated;
+      request.sequence.brightness = BrightnessModel::kCalibrated;
       return;
     case 1:
-      request.sequence.photometry = PhotometryMode::kUncalibrated;
+      request.sequence.brightness = BrightnessModel::kUncalibrated;
       return;
     case 2:
-      request.sequence.photometry = PhotometryMode::kPerfect;
+      request.sequence.brightness = BrightnessModel::kPerfect;
       return;
     default:
       throw ConfigError(fmt::format("mode={}: must be 0, 1 or 2", word.value));

@@ -10,6 +10,13 @@
 namespace dsorb::depth {
 namespace {
 
+// Of candidates that become points of the window, as published with DSO.
+constexpr float kMinQuality = 3;        // second best over best energy of the last long search
+constexpr float kMaxInterval = 8;       // [px] uncertainty along the epipolar line
+constexpr int kIterations = 3;          // of the depth alone, before activation
+constexpr float kMinInformation = 100;  // [grey^2 unit^2] curvature of the energy a depth needs
+constexpr int kMinObservations = 1;     // good residuals a depth needs
+
 constexpr float kLowMargin = 1.1F;       // [px] residuals keep this from the image edge
 constexpr float kHighMargin = 3.0F;      // [px]
 constexpr float kInitialDamping = 0.1F;  // of the depth fit, and its factors below
@@ -143,15 +150,12 @@ double adaptDistance(double distance, int active, int desired, double max_distan
   return std::clamp(distance, 0.0, max_distance);
 }
 
-CandidateVerdict judgeCandidate(const CandidatePoint& candidate,
-                                bool host_leaves,
-                                const ActivationOptions& options) {
+CandidateVerdict judgeCandidate(const CandidatePoint& candidate, bool host_leaves) {
   if (!candidate.hasDepth() || candidate.status == SearchStatus::kOutlier) {
     return CandidateVerdict::kDrop;
   }
   const bool ready = candidate.status != SearchStatus::kUninitialized &&
-                     candidate.interval < static_cast<float>(options.max_interval) &&
-                     candidate.quality > static_cast<float>(options.min_quality) &&
+                     candidate.interval < kMaxInterval && candidate.quality > kMinQuality &&
                      candidate.middle() > 0;
   if (ready) return CandidateVerdict::kReady;
   return host_leaves || candidate.finished ? CandidateVerdict::kDrop : CandidateVerdict::kWait;
@@ -160,7 +164,6 @@ CandidateVerdict judgeCandidate(const CandidatePoint& candidate,
 DepthFit fitDepth(const CandidatePoint& candidate,
                   const std::vector<DepthTarget>& targets,
                   const ActivationOptions& options) {
-  const auto min_information = static_cast<float>(options.min_information);
   const CandidateVerdict weak =
       candidate.finished ? CandidateVerdict::kDrop : CandidateVerdict::kWait;
   const float first_limit = kPatchOutlierEnergy * (options.consistent_energy ? 1 : kLooseLimit);
@@ -169,14 +172,14 @@ DepthFit fitDepth(const CandidatePoint& candidate,
   DepthTerms terms = evaluateAll(candidate, targets, depth, first_limit, states);
   DepthFit fit;
   fit.verdict = weak;
-  if (!std::isfinite(terms.energy) || terms.curvature < min_information) return fit;
+  if (!std::isfinite(terms.energy) || terms.curvature < kMinInformation) return fit;
   float damping = kInitialDamping;
-  for (int i = 0; i < options.iterations; ++i) {
+  for (int i = 0; i < kIterations; ++i) {
     const float step = terms.gradient / ((1 + damping) * terms.curvature);
     std::vector<FitState> trial_states = states;
     const DepthTerms trial =
         evaluateAll(candidate, targets, depth - step, kPatchOutlierEnergy, trial_states);
-    if (!std::isfinite(trial.energy) || trial.curvature < min_information) return fit;
+    if (!std::isfinite(trial.energy) || trial.curvature < kMinInformation) return fit;
     if (trial.energy < terms.energy) {
       depth -= step;
       terms = trial;
@@ -187,7 +190,7 @@ DepthFit fitDepth(const CandidatePoint& candidate,
     }
     if (std::abs(step) < kRelativeStop * depth) break;
   }
-  const bool good = std::isfinite(depth) && terms.inliers >= options.min_observations;
+  const bool good = std::isfinite(depth) && terms.inliers >= kMinObservations;
   fit.verdict = good ? CandidateVerdict::kReady : CandidateVerdict::kDrop;
   fit.inverse_depth = depth;
   fit.information = terms.curvature;

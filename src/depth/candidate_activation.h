@@ -53,9 +53,7 @@ enum class CandidateVerdict { kWait, kDrop, kReady };
 
 /// Whether a candidate's depth is good enough to enter the window.
 /// @param host_leaves  its keyframe is about to be marginalised
-[[nodiscard]] CandidateVerdict judgeCandidate(const CandidatePoint& candidate,
-                                              bool host_leaves,
-                                              const ActivationOptions& options);
+[[nodiscard]] CandidateVerdict judgeCandidate(const CandidatePoint& candidate, bool host_leaves);
 
 /// A keyframe that may see a candidate.
 struct DepthTarget {

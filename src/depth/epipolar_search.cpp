@@ -13,8 +13,17 @@ namespace {
 using Eigen::Vector2f;
 using Eigen::Vector3f;
 
-constexpr float kLowMargin = 4;   // [px] ends of a search keep this from the image edge
-constexpr float kHighMargin = 5;  // [px]
+// Constants as published with DSO (Engel et al., arXiv:1607.02565) unless noted.
+constexpr double kMaxSearchShare = 0.027;  // longest search, relative to width + height
+constexpr float kMinInterval = 1.5F;       // [px] shorter epipolar intervals are not searched again
+constexpr float kMinImprovement = 2;     // the interval must be this many times the expected error
+constexpr float kMaxError = 10;          // [px] the expected error is limited to this
+constexpr float kMinDepthRatio = 0.75F;  // admissible depth in the frame over depth in the host
+constexpr float kMaxDepthRatio = 1.5F;
+constexpr int kRefinementIterations = 3;  // Gauss-Newton along the line
+constexpr float kOutlierSlack = 1.2F;     // on the patch energy that makes a match an outlier
+constexpr float kLowMargin = 4;           // [px] ends of a search keep this from the image edge
+constexpr float kHighMargin = 5;          // [px]
 constexpr float kDirectionInverseDepth = 0.01F;  // [1/unit] fixes the direction of a first search
 constexpr float kBaseError = 0.2F;               // [px] discretisation, and factor of the geometry
 constexpr float kInvalidEnergy = 1e5F;           // of one pixel without value
@@ -126,25 +135,24 @@ std::optional<Segment> planSearch(CandidatePoint& candidate,
     leave(candidate, options);
     return std::nullopt;
   }
-  if (known && segment.length < static_cast<float>(options.min_interval)) {
+  if (known && segment.length < kMinInterval) {
     candidate.status = SearchStatus::kSkipped;
     candidate.interval = segment.length;
     return std::nullopt;
   }
-  const bool ratio_ok = near.z() > static_cast<float>(options.min_depth_ratio) &&
-                        near.z() < static_cast<float>(options.max_depth_ratio);
+  const bool ratio_ok = near.z() > kMinDepthRatio && near.z() < kMaxDepthRatio;
   if (!ratio_ok && !(candidate.min_inverse_depth < 0)) {
     leave(candidate, options);
     return std::nullopt;
   }
   segment.direction = line / segment.length;
   segment.error = expectedError(candidate, pair, segment.direction, options);
-  if (known && static_cast<float>(options.min_improvement) * segment.error > segment.length) {
+  if (known && kMinImprovement * segment.error > segment.length) {
     candidate.status = SearchStatus::kIllConditioned;
     candidate.interval = segment.length;
     return std::nullopt;
   }
-  segment.error = std::min(segment.error, static_cast<float>(options.max_error));
+  segment.error = std::min(segment.error, kMaxError);
   segment.length = std::min(segment.length, longest);
   return segment;
 }
@@ -229,12 +237,11 @@ struct Match {
 Match refineMatch(const CandidatePoint& candidate,
                   const Segment& segment,
                   const PyramidLevel& level,
-                  const WarpedPattern& pattern,
-                  int iterations) {
+                  const WarpedPattern& pattern) {
   Match match{segment.near, kInvalidEnergy};
   Vector2f previous = segment.near;
   float step = 0;
-  for (int i = 0; i < iterations; ++i) {
+  for (int i = 0; i < kRefinementIterations; ++i) {
     const LineTerms terms = lineTerms(candidate, match.pixel, segment.direction, level, pattern);
     if (terms.energy <= match.energy) {
       match.energy = terms.energy;
@@ -298,14 +305,13 @@ void searchEpipolarLine(CandidatePoint& candidate,
   if (candidate.finished) return;
   const WarpedPattern pattern = warpPattern(candidate, pair);
   const SearchArea area(level, pattern);
-  const auto longest = static_cast<float>(options.max_search_share *
-                                          static_cast<double>(level.width() + level.height()));
+  const auto longest =
+      static_cast<float>(kMaxSearchShare * static_cast<double>(level.width() + level.height()));
   std::optional<Segment> segment = planSearch(candidate, pair, area, options, longest);
   if (!segment) return;
   segment->near = searchDiscrete(candidate, *segment, level, pattern);
-  const Match match =
-      refineMatch(candidate, *segment, level, pattern, options.refinement_iterations);
-  if (!(match.energy < static_cast<float>(options.outlier_slack) * kPatchOutlierEnergy)) {
+  const Match match = refineMatch(candidate, *segment, level, pattern);
+  if (!(match.energy < kOutlierSlack * kPatchOutlierEnergy)) {
     rejectMatch(candidate);
     return;
   }

@@ -48,16 +48,15 @@ std::vector<int> playlist(const SequenceOptions& options, int size) {
   return indices;
 }
 
-/// Resolves kAuto, and checks that the requested photometry is available.
-PhotometryMode photometryMode(const SequenceOptions& options,
-                              const std::string& response,
-                              const std::string& vignette) {
-  const PhotometryMode mode = options.photometry;
-  if (mode == PhotometryMode::kUncalibrated || mode == PhotometryMode::kPerfect) return mode;
-  if (!response.empty() && !vignette.empty()) return PhotometryMode::kCalibrated;
-  const bool asked = mode == PhotometryMode::kCalibrated || !options.response_file.empty() ||
-                     !options.vignette_file.empty();
-  if (!asked) return PhotometryMode::kUncalibrated;
+/// Decides where nothing is asked for, and checks that what is asked for is there.
+BrightnessModel brightnessModel(const SequenceOptions& options,
+                                const std::string& response,
+                                const std::string& vignette) {
+  const std::optional<BrightnessModel> wanted = options.brightness;
+  if (wanted && *wanted != BrightnessModel::kCalibrated) return *wanted;
+  if (!response.empty() && !vignette.empty()) return BrightnessModel::kCalibrated;
+  const bool asked = wanted || !options.response_file.empty() || !options.vignette_file.empty();
+  if (!asked) return BrightnessModel::kUncalibrated;
   throw ConfigError(
       fmt::format("photometric calibration needs a response and a vignette, but there is no {}; "
                   "give it, or choose the mode uncalibrated or perfect",
@@ -84,7 +83,7 @@ class SequenceReader::Impl {
   [[nodiscard]] const Dataset& dataset() const { return dataset_; }
   [[nodiscard]] int selected() const { return static_cast<int>(indices_.size()); }
   [[nodiscard]] SequenceFormat format() const { return layout_.format; }
-  [[nodiscard]] PhotometryMode photometry() const { return photometry_; }
+  [[nodiscard]] BrightnessModel brightness() const { return brightness_; }
   [[nodiscard]] int index(int position) const {
     return indices_.at(static_cast<std::size_t>(position));
   }
@@ -101,7 +100,7 @@ class SequenceReader::Impl {
   DatasetLayout layout_;
   Dataset dataset_;
   std::vector<int> indices_;
-  PhotometryMode photometry_ = PhotometryMode::kUncalibrated;
+  BrightnessModel brightness_ = BrightnessModel::kUncalibrated;
   std::optional<Undistorter> undistorter_;
   std::optional<PhotometricCorrection> correction_;
   std::shared_ptr<const ResponseSlope> response_slope_;
@@ -138,8 +137,8 @@ void SequenceReader::Impl::calibrate(const SequenceOptions& options) {
 void SequenceReader::Impl::calibratePhotometry(const SequenceOptions& options, const Lens& lens) {
   const std::string response = orDefault(options.response_file, layout_.response);
   const std::string vignette = orDefault(options.vignette_file, layout_.vignette);
-  photometry_ = photometryMode(options, response, vignette);
-  if (photometry_ != PhotometryMode::kCalibrated) {
+  brightness_ = brightnessModel(options, response, vignette);
+  if (brightness_ != BrightnessModel::kCalibrated) {
     correction_.emplace(lens.width, lens.height);
     dataset_.exposures.clear();  // a linear ratio means nothing to an unknown response
     return;
@@ -222,8 +221,8 @@ int SequenceReader::selected() const {
 SequenceFormat SequenceReader::format() const {
   return impl_->format();
 }
-PhotometryMode SequenceReader::photometry() const {
-  return impl_->photometry();
+BrightnessModel SequenceReader::brightness() const {
+  return impl_->brightness();
 }
 double SequenceReader::timestamp(int index) const {
   return impl_->dataset().timestamps.at(static_cast<std::size_t>(index));

@@ -8,7 +8,7 @@
 namespace dsorb::odometry {
 
 FrameTracker::FrameTracker(const PinholeCamera& camera, const OdometryOptions& options)
-    : options_(options), tracker_(camera, options.tracker) {}
+    : options_(options), tracker_(camera, options.tracker, options.brightness) {}
 
 void FrameTracker::begin(const InitializationResult& result) {
   target_.reset();

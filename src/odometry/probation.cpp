@@ -5,6 +5,11 @@
 #include <utility>
 
 namespace dsorb::odometry {
+namespace {
+
+constexpr std::size_t kMaxFrames = 60;  // kept to be used again; older ones are forgotten
+
+}  // namespace
 
 void Probation::begin(const InitializationResult& result) {
   frames_.clear();
@@ -14,7 +19,7 @@ void Probation::begin(const InitializationResult& result) {
 
 void Probation::add(const FramePtr& frame) {
   frames_.push_back(frame);
-  if (frames_.size() > static_cast<std::size_t>(options_.max_frames)) frames_.pop_front();
+  if (frames_.size() > kMaxFrames) frames_.pop_front();
 }
 
 bool Probation::passes(double rms) {

@@ -94,7 +94,7 @@ window::Window seedWindow(const InitializationResult& result,
                           const OdometryOptions& options,
                           PixelSelector& selector,
                           std::size_t grain) {
-  window::Window window(camera, options.depth.activation.initial_distance);
+  window::Window window(camera, options.brightness);
   const std::vector<std::size_t> keyframes = keyframesOf(result, options.window);
   std::vector<std::vector<window::SeedPoint>> points;
   std::size_t total = 0;

@@ -2,6 +2,7 @@
 #include "track/pose_alignment.h"
 
 #include "base/parallel.h"
+#include "image/photometric.h"
 
 #include <Eigen/Cholesky>
 
@@ -12,6 +13,8 @@ namespace dsorb::track {
 namespace {
 
 // Constants of the damped iteration: front end of DSO as published.
+constexpr double kCutoff = 20;                 // larger residuals are saturated [grey levels]
+constexpr double kMaxSaturatedFraction = 0.6;  // the cut-off is doubled while more are saturated
 constexpr double kInitialLambda = 0.01;
 constexpr double kLambdaFloor = 0.001;  // after a rejected step; steps below it are extrapolated
 constexpr double kLambdaDown = 0.5;
@@ -87,7 +90,7 @@ Evaluation PoseAlignment::evaluate(const AlignmentLevel& level,
                                    double cutoff) {
   points_ = &level.reference.points(level.level);
   setting_ = makeSetting(level, state, camera_.atLevel(level.level));
-  setting_.huber_threshold = static_cast<float>(options_.huber_threshold);
+  setting_.huber_threshold = kHuberThreshold;
   setting_.cutoff = static_cast<float>(cutoff);
   resize(points_->size());
   forEachRange(block_energies_.size(), kBlocksPerTask, [&](std::size_t begin, std::size_t end) {
@@ -144,8 +147,8 @@ Evaluation PoseAlignment::evaluateRaisingCutoff(const AlignmentLevel& level,
                                                 const AlignmentState& state,
                                                 double& cutoff) {
   Evaluation evaluation = evaluate(level, state, cutoff);
-  while (evaluation.saturatedFraction() > options_.max_saturated_fraction &&
-         cutoff < kMaxCutoffFactor * options_.cutoff) {
+  while (evaluation.saturatedFraction() > kMaxSaturatedFraction &&
+         cutoff < kMaxCutoffFactor * kCutoff) {
     cutoff *= 2;
     evaluation = evaluate(level, state, cutoff);
   }
@@ -156,7 +159,7 @@ Vector8d PoseAlignment::dampedStep(const NormalEquations& system, double lambda)
   Matrix8d H = system.H;
   H.diagonal() *= 1.0 + lambda;
   Vector8d step = Vector8d::Zero();
-  if (options_.brightness == BrightnessModel::kPerfect) {
+  if (brightness_ == BrightnessModel::kPerfect) {
     step.head<6>() = -H.topLeftCorner<6, 6>().ldlt().solve(system.b.head<6>());
   } else {
     step = -H.ldlt().solve(system.b);
@@ -168,7 +171,7 @@ Vector8d PoseAlignment::dampedStep(const NormalEquations& system, double lambda)
 LevelResult PoseAlignment::align(const AlignmentLevel& level,
                                  int max_iterations,
                                  AlignmentState& state) {
-  double cutoff = options_.cutoff;
+  double cutoff = kCutoff;
   Evaluation current = evaluateRaisingCutoff(level, state, cutoff);
   NormalEquations system = normalEquations();
   double lambda = kInitialLambda;
@@ -194,7 +197,7 @@ LevelResult PoseAlignment::align(const AlignmentLevel& level,
   result.inside_fraction =
       static_cast<double>(current.used) /
       static_cast<double>(std::max<std::size_t>(level.reference.points(level.level).size(), 1));
-  result.cutoff_raised = cutoff > options_.cutoff;
+  result.cutoff_raised = cutoff > kCutoff;
   return result;
 }
 

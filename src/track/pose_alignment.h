@@ -3,7 +3,7 @@
 
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/geometry/se3.h"
-#include "dsorb/options/tracker.h"
+#include "dsorb/options/brightness.h"
 
 #include "track/alignment_kernels.h"
 #include "track/tracking_reference.h"
@@ -69,8 +69,8 @@ struct LevelResult {
 /// number of threads.
 class PoseAlignment {
  public:
-  PoseAlignment(const PinholeCamera& camera, const TrackerOptions& options)
-      : camera_(camera), options_(options) {}
+  explicit PoseAlignment(const PinholeCamera& camera, BrightnessModel brightness = {})
+      : camera_(camera), brightness_(brightness) {}
 
   /// @param cutoff larger residuals are saturated [grey levels]
   Evaluation evaluate(const AlignmentLevel& level, const AlignmentState& state, double cutoff);
@@ -94,7 +94,7 @@ class PoseAlignment {
   [[nodiscard]] Vector8d dampedStep(const NormalEquations& system, double lambda) const;
 
   PinholeCamera camera_;
-  TrackerOptions options_;
+  BrightnessModel brightness_;
   AlignmentSetting setting_{};
   const ReferencePoints* points_ = nullptr;  // of the last evaluation
   Samples samples_;

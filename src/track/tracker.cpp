@@ -9,6 +9,8 @@ namespace {
 
 // Front end of DSO as published.
 constexpr std::array<int, kTrackingLevels> kMaxIterations = {10, 20, 50, 50, 50};
+constexpr double kAbortFactor = 1.5;   // a hypothesis ends at a level worse than this x the best
+constexpr double kAcceptFactor = 1.5;  // the search ends below this x the previous frame's rmse
 constexpr double kMaxAbsoluteLogGain = 1.2;
 constexpr double kMaxRelativeLogGain = 1.5;
 constexpr double kMaxOffset = 200;  // [grey levels]
@@ -23,7 +25,7 @@ void lower(LevelRmse& bounds, const LevelRmse& rmse) {
 }  // namespace
 
 bool Tracker::isPlausible(const AffineBrightness& affine, const Frame& frame) const {
-  if (options_.brightness == BrightnessModel::kUncalibrated) {
+  if (brightness_ == BrightnessModel::kUncalibrated) {
     const BrightnessTransfer transfer = brightnessTransfer(
         reference_.affine(), reference_.frame().exposure(), affine, frame.exposure());
     return std::abs(std::log(transfer.gain)) <= kMaxRelativeLogGain &&
@@ -46,7 +48,7 @@ Tracker::Descent Tracker::descend(const Frame& frame,
     descent.rmse[l] = result.rmse;
     descent.saturated_fraction = result.saturated_fraction;
     descent.inside_fraction = result.inside_fraction;
-    if (!std::isfinite(result.rmse) || result.rmse > options_.abort_factor * bounds[l]) {
+    if (!std::isfinite(result.rmse) || result.rmse > kAbortFactor * bounds[l]) {
       return descent;
     }
     if (result.cutoff_raised && !repeated) {
@@ -66,7 +68,7 @@ Tracker::Descent Tracker::descend(const Frame& frame,
 
 TrackingResult Tracker::track(const Frame& frame, const TrackingStart& start) {
   if (reference_.empty()) throw std::logic_error("Tracker::track before setReference");
-  const bool is_fixed = options_.brightness == BrightnessModel::kPerfect;
+  const bool is_fixed = brightness_ == BrightnessModel::kPerfect;
   const AffineBrightness affine = is_fixed ? AffineBrightness{} : start.affine;
   TrackingResult best;
   best.T_frame_reference = start.guesses.at(0);
@@ -90,7 +92,7 @@ TrackingResult Tracker::track(const Frame& frame, const TrackingStart& start) {
     }
     if (descent.failure != TrackingFailure::kNone) continue;
     lower(best.rmse, descent.rmse);
-    if (best.rmse[0] < options_.accept_factor * start.previous_rmse) break;
+    if (best.rmse[0] < kAcceptFactor * start.previous_rmse) break;
   }
   if (!best.good()) return best;
   best.flow = flowIndicators(reference_.points(0), camera_, best.T_frame_reference);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/options/brightness.h"
 #include "dsorb/options/tracker.h"
 
 #include "track/flow_indicators.h"
@@ -60,8 +61,14 @@ struct TrackingResult {
 /// @source Engel et al., DSO, arXiv:1607.02565, section 3.1; front end of DSO as published
 class Tracker {
  public:
-  Tracker(const PinholeCamera& camera, const TrackerOptions& options)
-      : camera_(camera), options_(options), reference_(camera), alignment_(camera, options) {}
+  Tracker(const PinholeCamera& camera,
+          const TrackerOptions& options,
+          BrightnessModel brightness = {})
+      : camera_(camera),
+        options_(options),
+        brightness_(brightness),
+        reference_(camera),
+        alignment_(camera, brightness) {}
 
   /// @param samples inverse depths on pixels of `frame`
   void setReference(const FramePtr& frame,
@@ -91,6 +98,7 @@ class Tracker {
 
   PinholeCamera camera_;
   TrackerOptions options_;
+  BrightnessModel brightness_;
   TrackingReference reference_;
   PoseAlignment alignment_;
 };

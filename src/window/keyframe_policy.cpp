@@ -9,8 +9,16 @@
 namespace dsorb::window {
 namespace {
 
-constexpr double kFixedRateSlack = 0.95;  // of the period, so that jitter does not skip a frame
-constexpr double kDistanceOffset = 1e-5;  // relative to the window's extent; keeps scores finite
+// When a keyframe is added and which one leaves, as published with DSO.
+constexpr double kTranslationWeight = 44.8;  // of the flow by translation over width + height;
+                                             // 0.04 * 1120
+constexpr double kFlowWeight = 22.4;         // of the whole flow over width + height; 0.02 * 1120
+constexpr double kBrightnessWeight = 2;      // of the absolute log gain
+constexpr double kRmseRatio = 2;             // of the tracking error to that of the first frame
+constexpr double kMinAliveShare = 0.05;      // a keyframe with fewer of its points left leaves
+constexpr double kMaxLogGain = 0.7;          // to the newest keyframe; more leaves
+constexpr double kFixedRateSlack = 0.95;     // of the period, so that jitter does not skip a frame
+constexpr double kDistanceOffset = 1e-5;     // relative to the window's extent; keeps scores finite
 
 double extent(const std::vector<KeyframeSummary>& keyframes) {
   double largest = 0;
@@ -30,16 +38,15 @@ double distanceScore(const std::vector<KeyframeSummary>& keyframes, std::size_t 
   return std::sqrt((keyframes[i].center - keyframes.back().center).norm()) * sum;
 }
 
-/// The keyframe, neither newest nor protected nor already leaving, with the highest score; equal
-/// scores (a camera that stands) take the oldest.
+/// The keyframe, neither the first nor the newest nor already leaving, with the highest score;
+/// equal scores (a camera that stands) take the oldest.
 std::optional<std::size_t> worstPlaced(const std::vector<KeyframeSummary>& keyframes,
-                                       const std::vector<bool>& leaving,
-                                       const WindowOptions& options) {
+                                       const std::vector<bool>& leaving) {
   const double offset = kDistanceOffset * extent(keyframes);
   std::optional<std::size_t> worst;
   double worst_score = 0;
   for (std::size_t i = 0; i + 1 < keyframes.size(); ++i) {
-    if (leaving[i] || (keyframes[i].is_first && options.policy.protect_first)) continue;
+    if (leaving[i] || keyframes[i].is_first) continue;
     const double score = distanceScore(keyframes, i, offset);
     if (worst && !(score > worst_score)) continue;
     worst = i;
@@ -54,12 +61,12 @@ bool needsKeyframe(const KeyframeEvidence& evidence, const KeyframePolicyOptions
   if (options.per_second > 0) {
     return evidence.seconds_since_keyframe > kFixedRateSlack / options.per_second;
   }
-  const double flow = (options.translation_weight * std::sqrt(evidence.translation_flow) +
-                       options.full_weight * std::sqrt(evidence.full_flow)) /
+  const double flow = (kTranslationWeight * std::sqrt(evidence.translation_flow) +
+                       kFlowWeight * std::sqrt(evidence.full_flow)) /
                       evidence.width_plus_height;
-  const double brightness = options.brightness_weight * std::abs(evidence.log_gain);
+  const double brightness = kBrightnessWeight * std::abs(evidence.log_gain);
   return options.frequency * (flow + brightness) > 1 ||
-         evidence.rmse > options.rmse_ratio * evidence.first_rmse;
+         evidence.rmse > kRmseRatio * evidence.first_rmse;
 }
 
 std::vector<bool> chooseLeaving(const std::vector<KeyframeSummary>& keyframes,
@@ -68,16 +75,15 @@ std::vector<bool> chooseLeaving(const std::vector<KeyframeSummary>& keyframes,
   auto staying = static_cast<int>(keyframes.size());
   for (std::size_t i = 0; i < keyframes.size(); ++i) {
     const KeyframeSummary& keyframe = keyframes[i];
-    const bool empty =
-        keyframe.alive < options.policy.min_alive_share * (keyframe.alive + keyframe.gone);
-    const bool other_brightness = std::abs(keyframe.log_gain) > options.policy.max_log_gain;
+    const bool empty = keyframe.alive < kMinAliveShare * (keyframe.alive + keyframe.gone);
+    const bool other_brightness = std::abs(keyframe.log_gain) > kMaxLogGain;
     if ((empty || other_brightness) && staying > options.min_keyframes) {
       leaving[i] = true;
       --staying;
     }
   }
   if (staying >= options.max_keyframes) {
-    const std::optional<std::size_t> worst = worstPlaced(keyframes, leaving, options);
+    const std::optional<std::size_t> worst = worstPlaced(keyframes, leaving);
     if (worst) leaving[*worst] = true;
   }
   return leaving;

@@ -17,9 +17,10 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-// @source DSO as published, all five
+// @source DSO as published, all six
 constexpr int kMinResiduals = 3;         // of a point worth keeping
 constexpr int kMinGoodObservations = 4;  // of a point worth marginalising
+constexpr double kMinInformation = 50;   // of a depth worth marginalising [grey^2 unit^2]
 constexpr int kOldObservations = 14;     // more: the point leaves before it has too few residuals
 constexpr double kScaleOffset = 10;      // on diagonals before scaling
 constexpr double kEigenvalueCutOff = 1e-12;  // relative; weaker directions carry no information
@@ -89,15 +90,12 @@ MarginalPrior keyframeLast(const MarginalPrior& prior, std::size_t position) {
 
 }  // namespace
 
-PointVerdict judgePoint(const WindowPoint& point,
-                        bool host_leaves,
-                        const Window& window,
-                        const WindowOptions& options) {
+PointVerdict judgePoint(const WindowPoint& point, bool host_leaves, const Window& window) {
   if (!(point.inverse_depth >= 0) || point.num_observations == 0) return PointVerdict::kDiscard;
   if (!host_leaves && !pointLeaves(point, window)) return PointVerdict::kStay;
   const bool good = point.num_observations >= kMinResiduals &&
                     point.good_observations >= kMinGoodObservations &&
-                    static_cast<double>(point.information) > options.min_information;
+                    static_cast<double>(point.information) > kMinInformation;
   return good ? PointVerdict::kMarginalize : PointVerdict::kDiscard;
 }
 
@@ -107,7 +105,7 @@ RetirementReport retirePoints(Window& window, const WindowOptions& options) {
   for (std::size_t k = 0; k < window.keyframes.size(); ++k) {
     const Keyframe& keyframe = window.keyframes[k];
     for (std::size_t p = 0; p < keyframe.points.size(); ++p) {
-      verdicts[k].push_back(judgePoint(keyframe.points[p], keyframe.leaves, window, options));
+      verdicts[k].push_back(judgePoint(keyframe.points[p], keyframe.leaves, window));
       if (verdicts[k].back() != PointVerdict::kMarginalize) continue;
       to_absorb.push_back({static_cast<std::uint32_t>(k), static_cast<std::uint32_t>(p)});
     }

@@ -18,8 +18,7 @@ enum class PointVerdict { kStay, kDiscard, kMarginalize };
 /// @source DSO as published; arXiv:1607.02565, section 2.4
 [[nodiscard]] PointVerdict judgePoint(const WindowPoint& point,
                                       bool host_leaves,
-                                      const Window& window,
-                                      const WindowOptions& options);
+                                      const Window& window);
 
 struct RetirementReport {
   int marginalized = 0;

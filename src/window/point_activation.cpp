@@ -19,7 +19,8 @@ using depth::DepthFit;
 using depth::DepthTarget;
 using depth::EpipolarPair;
 
-constexpr int kMapLevel = 1;  // pyramid level of the distance map
+constexpr int kMapLevel = 1;        // pyramid level of the distance map
+constexpr double kMaxDistance = 4;  // between points at most [px of half resolution]; DSO
 
 /// Candidate of a keyframe and what is to become of it.
 struct Pending {
@@ -78,14 +79,13 @@ void fillMap(const Window& window, depth::DistanceMap& map) {
 /// Sorts the candidates of one keyframe: dropped ones are marked, those with room are pending.
 void choose(const Window& window,
             std::size_t position,
-            const ActivationOptions& options,
             depth::DistanceMap& map,
             std::vector<std::pair<CandidateVerdict, Pending>>& chosen) {
   const Keyframe& host = window.keyframes[position];
   const EpipolarPair pair = toMap(window, host);
   for (std::size_t c = 0; c < host.candidates.size(); ++c) {
     const CandidatePoint& candidate = host.candidates[c];
-    CandidateVerdict verdict = depth::judgeCandidate(candidate, host.leaves, options);
+    CandidateVerdict verdict = depth::judgeCandidate(candidate, host.leaves);
     if (verdict == CandidateVerdict::kReady) {
       const auto cell = cellOf(pair, candidate.pixel, candidate.middle(), map);
       const double room =
@@ -170,7 +170,7 @@ ActivationReport activateCandidates(Window& window,
   window.activation_distance = depth::adaptDistance(window.activation_distance,
                                                     static_cast<int>(window.numPoints()),
                                                     window_options.desired_points,
-                                                    options.activation.max_distance);
+                                                    kMaxDistance);
   const PinholeCamera map_camera = window.first_camera.atLevel(kMapLevel);
   depth::DistanceMap map(map_camera.width, map_camera.height);
   fillMap(window, map);
@@ -178,7 +178,7 @@ ActivationReport activateCandidates(Window& window,
   std::vector<std::vector<DepthTarget>> targets;
   for (std::size_t k = 0; k + 1 < window.keyframes.size(); ++k) {
     targets.push_back(targetsOf(window, k));
-    choose(window, k, options.activation, map, chosen);
+    choose(window, k, map, chosen);
   }
   forEachRange(chosen.size(), grain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {

@@ -9,6 +9,12 @@
 namespace dsorb::window {
 namespace {
 
+// Information of the priors on frames, in scaled units (window.h), as published with DSO.
+constexpr double kFirstTranslation = 1e10;  // of the first keyframe, which holds the gauge
+constexpr double kFirstRotation = 1e11;
+constexpr double kFixedBrightness = 1e14;
+constexpr double kCalibratedGain = 1e12;  // of further keyframes with calibrated brightness
+constexpr double kCalibratedOffset = 1e8;
 constexpr int kCandidateMarginLow = 3;   // [px] of the pixel to the image edge
 constexpr int kCandidateMarginHigh = 5;  // [px]
 
@@ -17,19 +23,18 @@ AffineBrightness affineOf(const Vector8d& state) {
   return {scaled[6], scaled[7]};
 }
 
-/// Information that holds a new keyframe: the gauge for the first, brightness by mode.
-Vector8d priorOf(bool is_first, const WindowOptions& options) {
-  const PriorOptions& p = options.prior;
+/// Information that holds a new keyframe: the gauge for the first, brightness by what is known.
+Vector8d priorOf(bool is_first, BrightnessModel brightness) {
   Vector8d prior = Vector8d::Zero();
   if (is_first) {
-    prior.head<3>().setConstant(p.first_translation);
-    prior.segment<3>(3).setConstant(p.first_rotation);
-    prior.tail<2>().setConstant(p.first_brightness);
-  } else if (options.brightness == BrightnessMode::kFixed) {
-    prior.tail<2>().setConstant(p.first_brightness);
-  } else if (options.brightness == BrightnessMode::kCalibrated) {
-    prior[6] = p.brightness_a;
-    prior[7] = p.brightness_b;
+    prior.head<3>().setConstant(kFirstTranslation);
+    prior.segment<3>(3).setConstant(kFirstRotation);
+    prior.tail<2>().setConstant(kFixedBrightness);
+  } else if (brightness == BrightnessModel::kPerfect) {
+    prior.tail<2>().setConstant(kFixedBrightness);
+  } else if (brightness == BrightnessModel::kCalibrated) {
+    prior[6] = kCalibratedGain;
+    prior[7] = kCalibratedOffset;
   }
   return prior;
 }
@@ -119,7 +124,7 @@ Keyframe& addKeyframe(Window& window,
   added.state[6] = affine.a / frameScale()[6];
   added.state[7] = affine.b / frameScale()[7];
   added.first = added.state;
-  added.prior = priorOf(added.id.value == 0, options);
+  added.prior = priorOf(added.id.value == 0, window.brightness);
   const bool inherits = options.optimizer.fixed_thresholds && added.id.value > 1;
   added.energy_threshold = inherits ? window.keyframes.back().energy_threshold : kInitialThreshold;
   for (Keyframe& keyframe : window.keyframes) {

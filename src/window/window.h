@@ -5,6 +5,7 @@
 #include "dsorb/geometry/se3.h"
 #include "dsorb/image/affine_brightness.h"
 #include "dsorb/image/frame.h"
+#include "dsorb/options/brightness.h"
 #include "dsorb/options/window.h"
 
 #include "depth/candidate_point.h"
@@ -141,14 +142,17 @@ struct MarginalPrior {
 /// The window: keyframes, their points, the prior. A plain value with one owner; everything that
 /// changes it is a function beside it.
 struct Window {
-  explicit Window(const PinholeCamera& initial_camera, double initial_distance = 2)
-      : first_camera(initial_camera), activation_distance(initial_distance) {}
+  explicit Window(const PinholeCamera& initial_camera, BrightnessModel known = {})
+      : first_camera(initial_camera), brightness(known) {}
 
   PinholeCamera first_camera;
+  BrightnessModel brightness;
   Vector4d camera_state = Vector4d::Zero();  ///< scaled deviation of the intrinsics
   std::vector<Keyframe> keyframes;           ///< oldest first
   MarginalPrior prior;
-  double activation_distance;  ///< adapted minimum distance between points [px, half resolution]
+  /// Adapted minimum distance between points [px, half resolution]; it starts as published with
+  /// DSO.
+  double activation_distance = 2;
   int next_keyframe = 0;
   int next_point = 0;
 

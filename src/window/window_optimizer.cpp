@@ -16,7 +16,11 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr std::size_t kSmallWindow = 4;     // fewer keyframes get more iterations
+constexpr std::size_t kSmallWindow = 4;   // fewer keyframes get more iterations
+constexpr int kMaxIterationsSmall = 15;   // while the window is small. @source DSO as published
+constexpr double kInitialDamping = 1e-5;  // of the diagonal. @source DSO as published
+constexpr int kNullSpaceFrom =
+    2;  // first iteration whose step has gauge motion removed; as published
 constexpr double kDampingOnSuccess = 0.25;  // @source DSO as published
 constexpr double kDampingOnFailure = 100;   // @source DSO as published
 constexpr double kMinDampingOnFailure = 1e-2;
@@ -29,6 +33,7 @@ constexpr double kSmallA = 5e-4;
 constexpr double kSmallB = 5e-5;
 constexpr double kSmallRotation = 5e-5;
 constexpr double kSmallTranslation = 5e-5;
+constexpr double kSlack = 1.2;  // factor on all four
 
 // Outlier threshold (13 + 0.75 sqrt(E))^2 with E the 70 % quantile. @source DSO as published
 constexpr double kThresholdQuantile = 0.7;
@@ -201,7 +206,7 @@ double WindowOptimizer::evaluate(Window& window, PairTable& pairs, NormalEquatio
 
 void WindowOptimizer::start(Window& window, PairTable& pairs) {
   points_ = allPoints(window);
-  damping_ = options_.optimizer.initial_damping;
+  damping_ = kInitialDamping;
   gauge_ = gaugeDirections(window);
   resetResiduals(window);
   energy_ = evaluate(window, pairs, current_);
@@ -264,10 +269,9 @@ bool WindowOptimizer::isSmall(const Window& window, const VectorXd& step) const 
   }
   const auto frames = static_cast<double>(window.keyframes.size());
   const double mean_depth = points_.empty() ? 0 : depths / static_cast<double>(points_.size());
-  const double factor = options_.optimizer.convergence;
-  return std::sqrt(a / frames) < factor * kSmallA && std::sqrt(b / frames) < factor * kSmallB &&
-         std::sqrt(rotation / frames) < factor * kSmallRotation &&
-         std::sqrt(translation / frames) * mean_depth < factor * kSmallTranslation;
+  return std::sqrt(a / frames) < kSlack * kSmallA && std::sqrt(b / frames) < kSlack * kSmallB &&
+         std::sqrt(rotation / frames) < kSlack * kSmallRotation &&
+         std::sqrt(translation / frames) * mean_depth < kSlack * kSmallTranslation;
 }
 
 /// One step. @return whether to go on
@@ -276,7 +280,7 @@ bool WindowOptimizer::iterate(Window& window,
                               int iteration,
                               OptimizationReport& report) {
   VectorXd step = solveStep(window, current_, options_, damping_);
-  if (iteration >= options_.optimizer.null_space_from) step = withoutGauge(step, gauge_);
+  if (iteration >= kNullSpaceFrom) step = withoutGauge(step, gauge_);
   save(window);
   if (!applyStep(window, step, damping_)) {
     report.finite = false;
@@ -329,8 +333,7 @@ OptimizationReport WindowOptimizer::optimize(Window& window) {
                            " keyframes cannot be adjusted; 2 are needed");
   }
   const bool small = window.keyframes.size() < kSmallWindow;
-  const int limit =
-      small ? options_.optimizer.max_iterations_small : options_.optimizer.max_iterations;
+  const int limit = small ? kMaxIterationsSmall : options_.optimizer.max_iterations;
   OptimizationReport report;
   PairTable pairs(window);
   start(window, pairs);

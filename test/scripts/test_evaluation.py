@@ -173,7 +173,7 @@ class Evaluation(unittest.TestCase):
         self.assertEqual(first.returncode, 0, first.stderr)
         before = set(self.records('apart'))
         for profile in ('slurm', 'kubernetes'):
-            dry = self.evaluate(program, 'apart', '--no-evo', '--extra=--set tracker.cutoff=19', '--dry-run', '--profile',
+            dry = self.evaluate(program, 'apart', '--no-evo', '--extra=--set tracker.max_rmse=13', '--dry-run', '--profile',
                                 str(SCRIPTS / 'profiles' / profile))
             self.assertEqual(dry.returncode, 0, dry.stderr)
             self.assertRegex(dry.stderr, r'\n    output files have to be generated:\n        run\n')

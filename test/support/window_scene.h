@@ -30,6 +30,7 @@ struct WindowSceneOptions {
   int hosts = 0;  ///< number of keyframes that host points; 0: all but the newest
   double exposure_changes = 0;
   float prior_variance = 0;  ///< of the true inverse depths; 0: unknown
+  BrightnessModel brightness = BrightnessModel::kUncalibrated;
 };
 
 namespace window_scene {
@@ -108,7 +109,7 @@ inline WindowScene makeWindowScene(const WindowSceneOptions& scene_options,
     }
   }
   const double scale = sum / static_cast<double>(count);
-  WindowScene scene((window::Window(sequence.camera())));
+  WindowScene scene(window::Window(sequence.camera(), scene_options.brightness));
   const SE3 T_world_first = sequence.pose(scene_options.frames[0]);
   for (std::size_t k = 0; k < frames.size(); ++k) {
     SE3 T = sequence.pose(scene_options.frames[k]).inverse() * T_world_first;

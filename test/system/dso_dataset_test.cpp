@@ -115,9 +115,8 @@ TEST_F(DsoDataset, PrintedConfigurationReadsBackTheSame) {
 
 TEST_F(DsoDataset, PhotometryDecidesAboutBrightnessUnlessItIsSet) {
   EXPECT_THAT(run({"--print-config", "--mode", "perfect"}).out, HasSubstr("brightness: perfect"));
-  EXPECT_THAT(
-      run({"--print-config", "--mode", "perfect", "--set", "tracker.brightness=calibrated"}).out,
-      HasSubstr("brightness: calibrated"));
+  EXPECT_THAT(run({"--print-config", "--mode", "perfect", "--set", "brightness=calibrated"}).out,
+              HasSubstr("brightness: calibrated"));
   ASSERT_EQ(runOn(room_, {"--end", "1", "--mode", "perfect"}).exit_code, 3);
   EXPECT_THAT(readText(file("config.yaml")), HasSubstr("brightness: perfect"));
 }

@@ -94,26 +94,25 @@ CandidatePoint readyCandidate() {
 }
 
 TEST(JudgeCandidateTest, OnlyWellKnownDepthsAreReady) {
-  const ActivationOptions options;
-  EXPECT_EQ(judgeCandidate(readyCandidate(), false, options), CandidateVerdict::kReady);
+  EXPECT_EQ(judgeCandidate(readyCandidate(), false), CandidateVerdict::kReady);
   CandidatePoint candidate = readyCandidate();
   candidate.interval = 8;
-  EXPECT_EQ(judgeCandidate(candidate, false, options), CandidateVerdict::kWait);
-  EXPECT_EQ(judgeCandidate(candidate, true, options), CandidateVerdict::kDrop);
+  EXPECT_EQ(judgeCandidate(candidate, false), CandidateVerdict::kWait);
+  EXPECT_EQ(judgeCandidate(candidate, true), CandidateVerdict::kDrop);
   candidate = readyCandidate();
   candidate.quality = 3;
-  EXPECT_EQ(judgeCandidate(candidate, false, options), CandidateVerdict::kWait);
+  EXPECT_EQ(judgeCandidate(candidate, false), CandidateVerdict::kWait);
   candidate.finished = true;
-  EXPECT_EQ(judgeCandidate(candidate, false, options), CandidateVerdict::kDrop);
+  EXPECT_EQ(judgeCandidate(candidate, false), CandidateVerdict::kDrop);
   candidate = readyCandidate();
   candidate.status = SearchStatus::kOutlier;
-  EXPECT_EQ(judgeCandidate(candidate, false, options), CandidateVerdict::kDrop);
+  EXPECT_EQ(judgeCandidate(candidate, false), CandidateVerdict::kDrop);
   candidate = readyCandidate();
   candidate.max_inverse_depth = CandidatePoint::kUnknown;
-  EXPECT_EQ(judgeCandidate(candidate, false, options), CandidateVerdict::kDrop);
+  EXPECT_EQ(judgeCandidate(candidate, false), CandidateVerdict::kDrop);
   candidate = readyCandidate();
   candidate.min_inverse_depth = -1.2F;  // middle behind the camera
-  EXPECT_EQ(judgeCandidate(candidate, false, options), CandidateVerdict::kWait);
+  EXPECT_EQ(judgeCandidate(candidate, false), CandidateVerdict::kWait);
 }
 
 }  // namespace

@@ -38,7 +38,7 @@ TEST(CommandLine, DefaultsAreThoseOfTheContract) {
   const CommandLine request = parse({"data/street"});
   EXPECT_EQ(request.sequence.path, "data/street");
   EXPECT_EQ(request.sequence.format, SequenceFormat::kAuto);
-  EXPECT_EQ(request.sequence.photometry, PhotometryMode::kAuto);
+  EXPECT_FALSE(request.sequence.brightness.has_value());
   EXPECT_EQ(request.sequence.start, 0);
   EXPECT_LT(request.sequence.end, 0);
   EXPECT_FALSE(request.sequence.reverse);
@@ -87,7 +87,7 @@ TEST(CommandLine, EveryFlagArrives) {
   EXPECT_EQ(request.sequence.calibration_file, "c.txt");
   EXPECT_EQ(request.sequence.response_file, "g.txt");
   EXPECT_EQ(request.sequence.vignette_file, "v.png");
-  EXPECT_EQ(request.sequence.photometry, PhotometryMode::kPerfect);
+  EXPECT_EQ(request.sequence.brightness, BrightnessModel::kPerfect);
   EXPECT_EQ(request.sequence.start, 4);
   EXPECT_EQ(request.sequence.end, 9);
   EXPECT_TRUE(request.sequence.reverse);
@@ -185,7 +185,7 @@ TEST(OriginalWords, HaveTheirMeaning) {
   EXPECT_EQ(request.sequence.calibration_file, "c.txt");
   EXPECT_EQ(request.sequence.response_file, "g.txt");
   EXPECT_EQ(request.sequence.vignette_file, "v.png");
-  EXPECT_EQ(request.sequence.photometry, PhotometryMode::kUncalibrated);
+  EXPECT_EQ(request.sequence.brightness, BrightnessModel::kUncalibrated);
   EXPECT_EQ(request.sequence.start, 3);
   EXPECT_EQ(request.sequence.end, 100000);
   EXPECT_TRUE(request.sequence.reverse);

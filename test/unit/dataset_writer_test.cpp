@@ -66,7 +66,7 @@ TEST(DatasetWriter, WritesWhatTheReaderReads) {
   reading.path = (folder.path() / "street").string();
   SequenceReader reader(reading);
   ASSERT_EQ(reader.size(), 3);
-  EXPECT_EQ(reader.photometry(), PhotometryMode::kCalibrated);
+  EXPECT_EQ(reader.brightness(), BrightnessModel::kCalibrated);
   EXPECT_DOUBLE_EQ(reader.camera().fx, sequence.camera().fx);
   EXPECT_DOUBLE_EQ(reader.camera().cx, sequence.camera().cx);
   for (int index = 0; index < 3; ++index) {

@@ -154,7 +154,7 @@ struct Judged {
     point.recent = {RecentState{{4}, ResidualState::kIn}, RecentState{{3}, ResidualState::kIn}};
   }
   [[nodiscard]] PointVerdict verdict(bool host_leaves = false) const {
-    return judgePoint(point, host_leaves, window, {});
+    return judgePoint(point, host_leaves, window);
   }
   Window window;
   WindowPoint point;

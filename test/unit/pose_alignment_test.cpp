@@ -246,9 +246,7 @@ TEST(PoseAlignment, ExposureTimesExplainBrightnessWithoutGain) {
 
 TEST(PoseAlignment, PerfectPhotometryFixesBrightness) {
   const Scene scene(3, {0.02, 1});
-  TrackerOptions options;
-  options.brightness = BrightnessModel::kPerfect;
-  PoseAlignment alignment(scene.camera, options);
+  PoseAlignment alignment(scene.camera, BrightnessModel::kPerfect);
   AlignmentState state;
   alignment.align(scene.level(0), 20, state);
   EXPECT_EQ(state.affine.a, 0);

@@ -21,7 +21,7 @@ class SequenceErrorsTest : public SequenceFixture {};
 TEST_F(SequenceErrorsTest, CalibratedPhotometryNeedsItsFiles) {
   writeDso(1);
   SequenceOptions o = options();
-  o.photometry = PhotometryMode::kCalibrated;
+  o.brightness = BrightnessModel::kCalibrated;
   EXPECT_THROW(SequenceReader{o}, ConfigError);
   EXPECT_THAT(openingComplaint(o), HasSubstr("pcalib.txt"));
 }

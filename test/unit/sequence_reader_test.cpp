@@ -39,7 +39,7 @@ TEST_F(SequenceReaderTest, DsoFolderWithoutTimes) {
   writeDso(3);
   SequenceReader reader(options());
   EXPECT_EQ(reader.format(), SequenceFormat::kDso);
-  EXPECT_EQ(reader.photometry(), PhotometryMode::kUncalibrated);
+  EXPECT_EQ(reader.brightness(), BrightnessModel::kUncalibrated);
   EXPECT_EQ(reader.size(), 3);
   EXPECT_EQ(reader.camera().width, 64);
   EXPECT_EQ(reader.camera().fx, 50);
@@ -184,7 +184,7 @@ TEST_F(SequenceReaderTest, CalibratedPhotometryUsesResponseVignetteAndExposure) 
   vignette.at<std::uint8_t>(30, 30) = 0;
   writeImage(root() / "vignette.png", vignette);
   SequenceReader reader(options());
-  EXPECT_EQ(reader.photometry(), PhotometryMode::kCalibrated);
+  EXPECT_EQ(reader.brightness(), BrightnessModel::kCalibrated);
   const auto frames = readAll(reader);
   EXPECT_NEAR(levelOf(frames[2]), 2 * 20.0 * 20.0 / 255, 1e-3);
   EXPECT_TRUE(std::isnan(frames[2].frame->level(0).at(30, 30).intensity));
@@ -193,11 +193,11 @@ TEST_F(SequenceReaderTest, CalibratedPhotometryUsesResponseVignetteAndExposure) 
   ASSERT_NE(frames[0].frame->responseSlope(), nullptr);
   EXPECT_GT((*frames[0].frame->responseSlope())[20], (*frames[0].frame->responseSlope())[200]);
 
-  for (const auto mode : {PhotometryMode::kUncalibrated, PhotometryMode::kPerfect}) {
+  for (const auto mode : {BrightnessModel::kUncalibrated, BrightnessModel::kPerfect}) {
     SequenceOptions o = options();
-    o.photometry = mode;
+    o.brightness = mode;
     SequenceReader raw(o);
-    EXPECT_EQ(raw.photometry(), mode);
+    EXPECT_EQ(raw.brightness(), mode);
     const auto raw_frames = readAll(raw);
     EXPECT_EQ(levelOf(raw_frames[2]), 20);
     EXPECT_EQ(raw_frames[2].frame->exposure(), 1);  // means nothing without a response
@@ -216,7 +216,7 @@ TEST_F(SequenceReaderTest, ExposuresThatStayUnknownAreDropped) {
   EXPECT_THAT(openingComplaint(o), HasSubstr("vignette"));
   o.vignette_file = (root() / "my_vignette.png").string();
   SequenceReader reader(o);
-  EXPECT_EQ(reader.photometry(), PhotometryMode::kCalibrated);
+  EXPECT_EQ(reader.brightness(), BrightnessModel::kCalibrated);
   for (const auto& frame : readAll(reader)) EXPECT_EQ(frame.frame->exposure(), 1);
   writeImage(root() / "my_vignette.png", cv::Mat(48, 60, CV_8U, cv::Scalar(200)));
   EXPECT_THAT(openingComplaint(o), AllOf(HasSubstr("60x48"), HasSubstr("64x48")));

@@ -22,8 +22,10 @@ class TrackerTest : public ::testing::Test {
  protected:
   TrackerTest() : first_(plane_.render(camera_, SE3(), {FrameId{0}})) {}
 
-  Tracker makeTracker(const TrackerOptions& options = {}, float offset = 0) {
-    Tracker tracker(camera_, options);
+  Tracker makeTracker(const TrackerOptions& options = {},
+                      float offset = 0,
+                      BrightnessModel brightness = {}) {
+    Tracker tracker(camera_, options, brightness);
     tracker.setReference(first_, plane_.samples(camera_, SE3(), 4, offset), {});
     return tracker;
   }
@@ -87,12 +89,12 @@ TEST_F(TrackerTest, SaysTooFewInsideWhenTheSceneLeavesTheImage) {
 
 TEST_F(TrackerTest, RefusesImplausibleBrightnessByMode) {
   const FramePtr dark = render(SE3(), {-1.35, 0});  // beyond 1.2, the bound of calibrated cameras
-  TrackerOptions options;
-  options.brightness = BrightnessModel::kCalibrated;
-  EXPECT_EQ(makeTracker(options).track(*dark, {{SE3()}, {}, 100}).failure,
-            TrackingFailure::kBrightness);
-  options.brightness = BrightnessModel::kUncalibrated;  // bound 1.5
-  EXPECT_TRUE(makeTracker(options).track(*dark, {{SE3()}, {}, 100}).good());
+  EXPECT_EQ(
+      makeTracker({}, 0, BrightnessModel::kCalibrated).track(*dark, {{SE3()}, {}, 100}).failure,
+      TrackingFailure::kBrightness);
+  EXPECT_TRUE(makeTracker({}, 0, BrightnessModel::kUncalibrated)  // bound 1.5
+                  .track(*dark, {{SE3()}, {}, 100})
+                  .good());
 }
 
 TEST_F(TrackerTest, LargeResidualIsAFailure) {

@@ -52,9 +52,12 @@ Errors errorsOf(const WindowScene& scene) {
 }
 
 /// No point was removed by an adjustment: the order of points is that of the truth.
-WindowScene roomScene(const WindowOptions& options, int cell = 10) {
+WindowScene roomScene(const WindowOptions& options,
+                      int cell = 10,
+                      BrightnessModel brightness = {}) {
   WindowSceneOptions scene_options;
   scene_options.cell = cell;
+  scene_options.brightness = brightness;
   return makeWindowScene(scene_options, options);
 }
 
@@ -139,9 +142,8 @@ TEST(WindowOptimizerTest, SameBitsForOneAndTwoThreads) {
 }
 
 TEST(WindowOptimizerTest, FixedBrightnessStaysAtZero) {
-  WindowOptions options;
-  options.brightness = BrightnessMode::kFixed;
-  WindowScene scene = roomScene(options, 20);
+  const WindowOptions options;
+  WindowScene scene = roomScene(options, 20, BrightnessModel::kPerfect);
   WindowOptimizer(options).optimize(scene.window);
   for (const Keyframe& keyframe : scene.window.keyframes) {
     EXPECT_LT(std::abs(keyframe.affine().a), 1e-6);

@@ -3,6 +3,7 @@
 
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/image/frame.h"
+#include "dsorb/options/brightness.h"
 
 #include <memory>
 #include <optional>
@@ -12,17 +13,14 @@ namespace dsorb {
 
 enum class SequenceFormat { kAuto, kDso, kKitti, kEuroc, kTum, kImages };
 
-/// What is known of the grey levels. With kAuto they are taken as calibrated where response and
-/// vignette are there, and as uncalibrated elsewhere.
-enum class PhotometryMode { kAuto, kCalibrated, kUncalibrated, kPerfect };
-
 struct SequenceOptions {
   std::string path;  ///< data set folder, image folder, or .zip of images
   SequenceFormat format = SequenceFormat::kAuto;
   std::string calibration_file;  ///< empty: the one of the data set
   std::string response_file;     ///< empty: pcalib.txt of the data set, if there
   std::string vignette_file;     ///< empty: vignette.png of the data set, if there
-  PhotometryMode photometry = PhotometryMode::kAuto;
+  /// Empty: calibrated where response and vignette are there, else uncalibrated.
+  std::optional<BrightnessModel> brightness;
   int start = 0;         ///< first image
   int end = -1;          ///< one past the last image; negative or too large: the number of images
   bool reverse = false;  ///< from end - 1 down to start, both included
@@ -58,8 +56,8 @@ class SequenceReader {
   [[nodiscard]] int selected() const;
   /// The format that was recognised, never kAuto.
   [[nodiscard]] SequenceFormat format() const;
-  /// The photometry in force, never kAuto.
-  [[nodiscard]] PhotometryMode photometry() const;
+  /// The brightness model in force.
+  [[nodiscard]] BrightnessModel brightness() const;
   /// Time of any image [s]; 0.1 * index where the data set has no times.
   [[nodiscard]] double timestamp(int index) const;
 

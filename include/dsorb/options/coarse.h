@@ -11,9 +11,6 @@ namespace dsorb {
 /// @source the initializer of DSO as published with Engel et al., arXiv:1607.02565 (the paper does
 ///         not describe it)
 struct CoarseOptions {
-  double density = 1;                ///< factor on the wanted points of every level
-  double prior_weight = 150;         ///< toward no translation and inverse depth 1, square root
-  double prior_cap = 2.5;            ///< of the prior a point [grey levels]
   int settle_frames = 2;             ///< frames after the one that left the prior, at least
   int max_settle_frames = 5;         ///< to wait for the wanted parallax; as published
   double wanted_parallax_deg = 1.5;  ///< median; 0: not waited for
@@ -63,9 +60,6 @@ inline CoarseOptions referenceCoarseOptions() {
 
 template <typename Visitor, typename Options>
 DescribeFor<Options, CoarseOptions> describe(Visitor& visit, Options& o) {
-  visit.field("density", o.density, Range{0.01, 4}, "");
-  visit.field("prior_weight", o.prior_weight, Range{1, 10000}, "grey levels / unit");
-  visit.field("prior_cap", o.prior_cap, Range{0.1, 100}, "grey levels");
   visit.field("settle_frames", o.settle_frames, Range{0, 100}, "frames");
   visit.field("max_settle_frames", o.max_settle_frames, Range{0, 100}, "frames");
   visit.field("wanted_parallax_deg", o.wanted_parallax_deg, Range{0, 45}, "deg");

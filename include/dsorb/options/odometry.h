@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/options/brightness.h"
 #include "dsorb/options/depth.h"
 #include "dsorb/options/initializer.h"
 #include "dsorb/options/tracker.h"
@@ -16,7 +17,6 @@ struct ProbationOptions {
   /// [grey levels]. Published: 9, which on KITTI 00 reversed from frame 199 refused eight starts in
   /// a row at 9.2 to 9.7 that were as accurate as the one it accepted (path error 0.9 % both ways).
   double max_rms_fourth = 11;
-  int max_frames = 60;  ///< kept to be used again; older ones are forgotten
   /// Whether a loss in this time counts as failed, once a segment; else, and the second time, it
   /// is a loss like any other.
   bool includes_loss = true;
@@ -27,7 +27,6 @@ DescribeFor<Options, ProbationOptions> describe(Visitor& visit, Options& o) {
   visit.field("max_rms_second", o.max_rms_second, Range{0, 1e4}, "grey levels");
   visit.field("max_rms_third", o.max_rms_third, Range{0, 1e4}, "grey levels");
   visit.field("max_rms_fourth", o.max_rms_fourth, Range{0, 1e4}, "grey levels");
-  visit.field("max_frames", o.max_frames, Range{2, 1000}, "frames");
   visit.field("includes_loss", o.includes_loss);
 }
 
@@ -39,6 +38,7 @@ struct OdometryOptions {
   /// Tracked frames that wait for mapping at most; then tracking waits. Frames that are tracked
   /// while a keyframe is made see the one before it: more of them cost accuracy.
   int max_waiting = 2;
+  BrightnessModel brightness = BrightnessModel::kUncalibrated;
   InitializerOptions initializer;
   TrackerOptions tracker;
   DepthOptions depth;
@@ -51,6 +51,11 @@ DescribeFor<Options, OdometryOptions> describe(Visitor& visit, Options& o) {
   visit.field("num_threads", o.num_threads, Range{0, 1024}, "threads");
   visit.field("pipelined", o.pipelined);
   visit.field("max_waiting", o.max_waiting, Range{1, 1000}, "frames");
+  visit.choice("brightness",
+               o.brightness,
+               {{"uncalibrated", BrightnessModel::kUncalibrated},
+                {"calibrated", BrightnessModel::kCalibrated},
+                {"perfect", BrightnessModel::kPerfect}});
   visit.group("initializer", o.initializer);
   visit.group("tracker", o.tracker);
   visit.group("depth", o.depth);

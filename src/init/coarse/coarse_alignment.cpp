@@ -11,7 +11,10 @@ namespace dsorb::init_coarse {
 namespace {
 
 // Constants of the published front end.
-constexpr double kCoupling = 1;  // weight toward the smoothed inverse depth
+constexpr double kPriorWeight = 150;  // toward no translation and inverse depth 1, square root
+                                      // [grey levels / unit]
+constexpr double kPriorCap = 2.5;     // of that prior a point [grey levels]
+constexpr double kCoupling = 1;       // weight toward the smoothed inverse depth
 constexpr double kFirstDamping = 0.1;
 constexpr double kMinDamping = 1e-4;
 constexpr double kMaxDamping = 1e4;
@@ -67,8 +70,8 @@ void regularize(bool snapped, PointLevel& points) {
 TrivialPrior LevelAligner::trivialPrior(const PointLevel& points,
                                         const Alignment& alignment) const {
   const double n = points.size();
-  const double weight = options_.prior_weight * options_.prior_weight;
-  const double cap = options_.prior_cap * options_.prior_cap * n;
+  const double weight = kPriorWeight * kPriorWeight;
+  const double cap = kPriorCap * kPriorCap * n;
   double squares = n * alignment.T_new_ref.translation().squaredNorm();
   if (options_.consistent_energy) {
     for (std::size_t i = 0; i < points.x.size(); ++i) {

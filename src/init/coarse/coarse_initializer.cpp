@@ -24,7 +24,7 @@ constexpr int kKeptFrames = 40;            // in memory when there is no time-ou
 /// Points of all levels, finest first, with neighbours and parents.
 std::vector<PointLevel> selectPoints(const Frame& frame, const CoarseOptions& options, int seed) {
   const auto wanted = [&](int level) {
-    const int dense = wantedPoints(level, frame.width(), frame.height(), options.density);
+    const int dense = wantedPoints(level, frame.width(), frame.height());
     return options.max_points > 0 ? std::min(dense, options.max_points) : dense;
   };
   PixelSelectorOptions selector_options;

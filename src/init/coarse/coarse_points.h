@@ -37,7 +37,7 @@ struct PointLevel {
 
 /// Points wanted on a level of an image of width x height at level 0; on coarse levels more than
 /// there are pixels, which means all that have some gradient.
-[[nodiscard]] int wantedPoints(int level, int width, int height, double density);
+[[nodiscard]] int wantedPoints(int level, int width, int height);
 
 /// A level of good points at inverse depth 1, with neighbours and without parents. Pixels too near
 /// to the border and those whose pattern touches an invalid pixel are left out.
