@@ -163,7 +163,7 @@ CandidateVerdict judgeCandidate(const CandidatePoint& candidate, bool host_leave
 
 DepthFit fitDepth(const CandidatePoint& candidate,
                   const std::vector<DepthTarget>& targets,
-                  const ActivationOptions& options) {
+                  const DepthOptions& options) {
   const CandidateVerdict weak =
       candidate.finished ? CandidateVerdict::kDrop : CandidateVerdict::kWait;
   const float first_limit = kPatchOutlierEnergy * (options.consistent_energy ? 1 : kLooseLimit);

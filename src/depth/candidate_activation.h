@@ -73,6 +73,6 @@ struct DepthFit {
 /// @source Engel et al., DSO, arXiv:1607.02565, section 3.2 (activation)
 [[nodiscard]] DepthFit fitDepth(const CandidatePoint& candidate,
                                 const std::vector<DepthTarget>& targets,
-                                const ActivationOptions& options);
+                                const DepthOptions& options);
 
 }  // namespace dsorb::depth

@@ -84,7 +84,7 @@ void fail(CandidatePoint& candidate, SearchStatus status) {
   candidate.interval = 0;
 }
 
-void leave(CandidatePoint& candidate, const EpipolarOptions& options) {
+void leave(CandidatePoint& candidate, const DepthOptions& options) {
   fail(candidate, SearchStatus::kOutOfBounds);
   candidate.finished = options.final_out_of_bounds;
 }
@@ -99,7 +99,7 @@ void rejectMatch(CandidatePoint& candidate) {
 float expectedError(const CandidatePoint& candidate,
                     const EpipolarPair& pair,
                     const Vector2f& direction,
-                    const EpipolarOptions& options) {
+                    const DepthOptions& options) {
   Vector2f in_host = direction;
   if (options.rotate_gradients) {
     in_host = pair.KRKi.topLeftCorner<2, 2>().inverse() * direction;
@@ -117,7 +117,7 @@ float expectedError(const CandidatePoint& candidate,
 std::optional<Segment> planSearch(CandidatePoint& candidate,
                                   const EpipolarPair& pair,
                                   const SearchArea& area,
-                                  const EpipolarOptions& options,
+                                  const DepthOptions& options,
                                   float longest) {
   const Vector3f infinity = pair.KRKi * candidate.pixel.homogeneous();
   const Vector3f near = infinity + pair.Kt * candidate.min_inverse_depth;
@@ -301,7 +301,7 @@ EpipolarPair makeEpipolarPair(const PinholeCamera& camera,
 void searchEpipolarLine(CandidatePoint& candidate,
                         const EpipolarPair& pair,
                         const PyramidLevel& level,
-                        const EpipolarOptions& options) {
+                        const DepthOptions& options) {
   if (candidate.finished) return;
   const WarpedPattern pattern = warpPattern(candidate, pair);
   const SearchArea area(level, pattern);
@@ -321,7 +321,7 @@ void searchEpipolarLine(CandidatePoint& candidate,
 void searchEpipolarLines(std::vector<CandidatePoint>& candidates,
                          const EpipolarPair& pair,
                          const PyramidLevel& level,
-                         const EpipolarOptions& options,
+                         const DepthOptions& options,
                          std::size_t grain) {
   forEachRange(candidates.size(), grain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {

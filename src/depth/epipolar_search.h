@@ -37,14 +37,14 @@ struct EpipolarPair {
 void searchEpipolarLine(CandidatePoint& candidate,
                         const EpipolarPair& pair,
                         const PyramidLevel& level,
-                        const EpipolarOptions& options);
+                        const DepthOptions& options);
 
 /// The same for all candidates of one host.
 /// @param grain  candidates in a parallel task; 0 runs serially
 void searchEpipolarLines(std::vector<CandidatePoint>& candidates,
                          const EpipolarPair& pair,
                          const PyramidLevel& level,
-                         const EpipolarOptions& options,
+                         const DepthOptions& options,
                          std::size_t grain);
 
 }  // namespace dsorb::depth

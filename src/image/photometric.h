@@ -21,6 +21,7 @@ constexpr int kPatternSize = 8;
 constexpr int kPatternRadius = 2;  // [px]
 
 constexpr float kHuberThreshold = 9.0F;  // [grey levels]; DSO, section 2.2
+constexpr double kImageNoise = 2.8284;   // of one grey value: sqrt(8) [grey levels]
 
 /// Weight of iteratively re-weighted least squares: 1 below the threshold, threshold / |r| above.
 inline float huberWeight(float residual, float threshold = kHuberThreshold) {

@@ -15,15 +15,15 @@ OrbOptions reportGeometry() {
   orb.tracks.max_corners = 2000;
   orb.tracks.corner_quality = 0.01;
   orb.tracks.max_level = 3;
-  orb.motion = MotionMethod::kReport;
-  orb.geometric.solver = GeometricSolver::kCeres;
+  orb.motion = MotionMethod::kGladkova;
+  orb.geometric.solver = AdjustmentSolver::kCeres;
   orb.geometric.sigma = 1;
   orb.geometric.loss = RobustLoss::kHuber;
   orb.geometric.loss_threshold = 2.4474;  // sqrt(5.99): 95 % of chi-square, 2 degrees of freedom
   orb.semi_dense.fusion = DepthFusion::kProduct;
   orb.semi_dense.max_points = 0;
   orb.photometric.enabled = false;
-  orb.moving.remove = false;
+  orb.remove_moving = false;
   return orb;
 }
 
@@ -31,19 +31,19 @@ OrbOptions reportGeometry() {
 OrbOptions reportPhotometry() {
   OrbOptions orb = reportGeometry();
   orb.photometric.enabled = true;
-  orb.photometric.solver = PhotometricSolver::kCeres;
+  orb.photometric.solver = AdjustmentSolver::kCeres;
   orb.photometric.brightness = PhotometricBrightness::kPsiFixed;
   orb.photometric.poses = PhotometricPoses::kFree;
   orb.photometric.joint_points = 0;
   orb.photometric.max_iterations = 10;
-  orb.outliers.rule = OutlierRule::kNone;
+  orb.outlier_rule = OutlierRule::kNone;
   return orb;
 }
 
 /// Third version: outlier filter and second adjustment.
 OrbOptions reportFiltered() {
   OrbOptions orb = reportPhotometry();
-  orb.outliers.rule = OutlierRule::kPixelVotes;
+  orb.outlier_rule = OutlierRule::kPixelVotes;
   return orb;
 }
 
@@ -52,7 +52,7 @@ OrbOptions matching() {
   OrbOptions orb = reportGeometry();
   orb.front_end = OrbFrontEnd::kDescriptors;
   orb.tracks.min_eigenvalue = 0.1;  // OpenCV's: flow is for images out of focus
-  orb.two_view.model_choice = ModelChoice::kInliers;
+  orb.model_choice = ModelChoice::kInliers;
   return orb;
 }
 

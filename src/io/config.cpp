@@ -35,7 +35,7 @@ std::string closestKey(const std::string& word, const std::vector<OptionField>& 
 }
 
 /// The field with this key; else the only one whose key ends with it at a dot, unless it names a
-/// group: `window` is no short form of `initializer.orb.tracks.window`.
+/// group.
 OptionField& findField(std::vector<OptionField>& fields, const ConfigAssignment& assignment) {
   std::vector<OptionField*> ending;
   for (OptionField& field : fields) {

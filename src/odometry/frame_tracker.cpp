@@ -66,7 +66,7 @@ bool FrameTracker::needsKeyframe(const Frame& frame, const track::TrackingResult
   evidence.first_rmse = *first_rmse_;
   evidence.seconds_since_keyframe = std::abs(frame.timestamp() - target_->frame->timestamp());
   evidence.width_plus_height = frame.width() + frame.height();
-  return window::needsKeyframe(evidence, options_.window.policy);
+  return window::needsKeyframe(evidence, options_.window);
 }
 
 }  // namespace dsorb::odometry

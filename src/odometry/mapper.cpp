@@ -40,7 +40,7 @@ MapUpdate Mapper::seed(const InitializationResult& result) {
 
 std::unique_ptr<MapUpdate> Mapper::map(const MappingJob& job) {
   const window::TrackedFrame tracked{job.frame, poseOf(job.pose), job.pose.affine};
-  window::refineCandidates(*window_, tracked, options_.depth.epipolar, kCandidatesPerTask);
+  window::refineCandidates(*window_, tracked, options_.depth, kCandidatesPerTask);
   if (!job.becomes_keyframe) return nullptr;
   window::flagLeaving(*window_, options_.window);
   window::addKeyframe(

@@ -78,7 +78,7 @@ void fillUp(window::Window& window,
     const PosedFrame& posed = result.frames[i];
     if (!posed.T_cam_ref) continue;
     window::refineCandidates(
-        window, {posed.frame, *posed.T_cam_ref, posed.affine}, options.depth.epipolar, grain);
+        window, {posed.frame, *posed.T_cam_ref, posed.affine}, options.depth, grain);
   }
   window::activateCandidates(window, options.window, options.depth, grain);
 }

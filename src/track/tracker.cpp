@@ -15,6 +15,20 @@ constexpr double kMaxAbsoluteLogGain = 1.2;
 constexpr double kMaxRelativeLogGain = 1.5;
 constexpr double kMaxOffset = 200;  // [grey levels]
 
+// Evidence for the limits of TrackerOptions.
+//
+// min_inside_fraction: true poses were tracked to 0.2 deg and 0.005 units on TartanAir hospital
+// down to 0.33.
+//
+// max_rmse: measured against the initial map alone. KITTI 00 after ORBInitializer, 5 starts: up to
+// 13.9 path errors stay at 2 to 4 % where they began so, at 13.9 a first pose is wrong by 2 deg;
+// 12, 13, 14 track 5, 10, 16 frames in the median. Synthetic street with true depths: 7 % at 13,
+// 20 % at 14. TartanAir hospital: a first wrong pose at 13.0.
+//
+// max_gain_step: wrong poses lower their residual by lowering contrast. Without this bound, on
+// TartanAir hospital, the gain fell by 0.4 to 0.7 in the frame where tracking failed and rotation
+// errors up to 23 deg went unnoticed.
+
 /// Keeps the smaller value of each level; an unset value gives way to a set one.
 void lower(LevelRmse& bounds, const LevelRmse& rmse) {
   for (std::size_t l = 0; l < bounds.size(); ++l) {

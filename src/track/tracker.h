@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/image/affine_brightness.h"
 #include "dsorb/options/brightness.h"
 #include "dsorb/options/tracker.h"
 

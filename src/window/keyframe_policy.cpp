@@ -57,15 +57,15 @@ std::optional<std::size_t> worstPlaced(const std::vector<KeyframeSummary>& keyfr
 
 }  // namespace
 
-bool needsKeyframe(const KeyframeEvidence& evidence, const KeyframePolicyOptions& options) {
-  if (options.per_second > 0) {
-    return evidence.seconds_since_keyframe > kFixedRateSlack / options.per_second;
+bool needsKeyframe(const KeyframeEvidence& evidence, const WindowOptions& options) {
+  if (options.keyframes_per_second > 0) {
+    return evidence.seconds_since_keyframe > kFixedRateSlack / options.keyframes_per_second;
   }
   const double flow = (kTranslationWeight * std::sqrt(evidence.translation_flow) +
                        kFlowWeight * std::sqrt(evidence.full_flow)) /
                       evidence.width_plus_height;
   const double brightness = kBrightnessWeight * std::abs(evidence.log_gain);
-  return options.frequency * (flow + brightness) > 1 ||
+  return options.keyframe_frequency * (flow + brightness) > 1 ||
          evidence.rmse > kRmseRatio * evidence.first_rmse;
 }
 

@@ -23,8 +23,7 @@ struct KeyframeEvidence {
 };
 
 /// @source Engel et al., DSO, arXiv:1607.02565, section 3.1; weights as published
-[[nodiscard]] bool needsKeyframe(const KeyframeEvidence& evidence,
-                                 const KeyframePolicyOptions& options);
+[[nodiscard]] bool needsKeyframe(const KeyframeEvidence& evidence, const WindowOptions& options);
 
 /// What the choice of leaving keyframes depends on.
 struct KeyframeSummary {

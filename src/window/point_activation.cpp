@@ -146,7 +146,7 @@ void addActivated(Window& window, const Pending& pending) {
 
 void refineCandidates(Window& window,
                       const TrackedFrame& tracked,
-                      const EpipolarOptions& options,
+                      const DepthOptions& options,
                       std::size_t grain) {
   for (Keyframe& keyframe : window.keyframes) {
     if (keyframe.candidates.empty()) continue;
@@ -187,7 +187,7 @@ ActivationReport activateCandidates(Window& window,
       pending.fit =
           depth::fitDepth(window.keyframes[pending.keyframe].candidates[pending.candidate],
                           targets[pending.keyframe],
-                          options.activation);
+                          options);
       verdict = pending.fit.verdict;
     }
   });

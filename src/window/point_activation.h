@@ -24,7 +24,7 @@ struct TrackedFrame {
 /// @param grain  candidates in a parallel task; 0 runs serially
 void refineCandidates(Window& window,
                       const TrackedFrame& tracked,
-                      const EpipolarOptions& options,
+                      const DepthOptions& options,
                       std::size_t grain);
 
 struct ActivationReport {

@@ -87,7 +87,7 @@ void polish(benchmark::State& state) {
   const Start& from = start();
   timeWithThreads(state, [&] {
     InitialMap map = from.map;
-    return polishCorners(map, room().camera, from.options.geometric, from.options.informed.polish)
+    return polishCorners(map, room().camera, from.options.geometric, from.options.polish_rounds)
         .last_rms;
   });
   count(state, from.map);
@@ -104,7 +104,7 @@ void polishOtherPoses(benchmark::State& state) {
   timeWithThreads(state, [&] {
     InitialMap map = posed;
     polishPoses(
-        map, room().camera, from.options.geometric, from.options.informed.polish, from.others);
+        map, room().camera, from.options.geometric, from.options.polish_rounds, from.others);
     return map.T_cam_ref.size();
   });
   state.counters["frames"] = static_cast<double>(from.others.size());
@@ -112,7 +112,7 @@ void polishOtherPoses(benchmark::State& state) {
 BENCHMARK(polishOtherPoses)->Arg(1)->Arg(2)->UseRealTime()->Unit(benchmark::kMillisecond);
 
 /// Poses free, so that the joint problem is solved; or kept, so that each depth is on its own.
-void photometric(benchmark::State& state, PhotometricSolver solver, PhotometricPoses poses) {
+void photometric(benchmark::State& state, AdjustmentSolver solver, PhotometricPoses poses) {
   const Start& from = start();
   PhotometricOptions options = from.options.photometric;
   options.solver = solver;
@@ -127,16 +127,16 @@ void photometric(benchmark::State& state, PhotometricSolver solver, PhotometricP
   count(state, from.map);
   state.counters["iterations"] = report.iterations;
 }
-BENCHMARK_CAPTURE(photometric, free_schur, PhotometricSolver::kSchur, PhotometricPoses::kFree)
+BENCHMARK_CAPTURE(photometric, free_schur, AdjustmentSolver::kSchur, PhotometricPoses::kFree)
     ->Arg(1)
     ->Arg(2)
     ->UseRealTime()
     ->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(photometric, free_ceres, PhotometricSolver::kCeres, PhotometricPoses::kFree)
+BENCHMARK_CAPTURE(photometric, free_ceres, AdjustmentSolver::kCeres, PhotometricPoses::kFree)
     ->Arg(1)
     ->UseRealTime()
     ->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(photometric, depths, PhotometricSolver::kSchur, PhotometricPoses::kGated)
+BENCHMARK_CAPTURE(photometric, depths, AdjustmentSolver::kSchur, PhotometricPoses::kGated)
     ->Arg(1)
     ->Arg(2)
     ->UseRealTime()
@@ -144,13 +144,11 @@ BENCHMARK_CAPTURE(photometric, depths, PhotometricSolver::kSchur, PhotometricPos
 
 void filter(benchmark::State& state, OutlierRule rule) {
   const Start& from = start();
-  OutlierOptions options = from.options.outliers;
-  options.rule = rule;
   const PhotometricProblem problem = makeProblem(from.map, room().camera, from.options.photometric);
   timeWithThreads(state, [&] {
     InitialMap map = from.map;
     PhotometricProblem part = problem;
-    return removeOutliers(map, part, from.options.photometric, options).examined;
+    return removeOutliers(map, part, from.options.photometric, rule).examined;
   });
   count(state, from.map);
 }

@@ -54,10 +54,11 @@ struct Stages {
                    static_cast<std::ptrdiff_t>(framesNeeded(optionsOf(InitializerKind::kOrb, 1)))),
         tracks(tracksOf(frames, options.tracks)),
         matches(tracks.matchesTo(tracks.frames() - 1)) {
-    const TwoViewMotion motion = estimateMotion(matches, room().camera, options.two_view, kSeed);
+    const TwoViewMotion motion =
+        estimateMotion(matches, room().camera, options.model_choice, kSeed);
     unposed = makeInitialMap(frames, tracks, motion.best);
     triangulated = unposed;
-    poseFramesBetween(triangulated, room().camera, options.two_view.sigma);
+    poseFramesBetween(triangulated, room().camera, kCornerSigma);
     adjusted = triangulated;
     adjustGeometry(adjusted, room().camera, options.geometric);
   }
@@ -104,9 +105,7 @@ BENCHMARK(tracksAdvance)->Arg(1)->UseRealTime()->MeasureProcessCPUTime();
 
 void twoViewModels(benchmark::State& state) {
   const Stages& made = stages();  // outside the time
-  timeWithThreads(state, [&] {
-    return fitModels(made.matches, made.options.two_view, kSeed).homographyShare();
-  });
+  timeWithThreads(state, [&] { return fitModels(made.matches, kSeed).homographyShare(); });
   state.counters["matches"] = static_cast<double>(made.matches.size());
 }
 BENCHMARK(twoViewModels)->Arg(1)->Arg(2)->UseRealTime()->MeasureProcessCPUTime();
@@ -115,7 +114,7 @@ BENCHMARK(twoViewModels)->Arg(1)->Arg(2)->UseRealTime()->MeasureProcessCPUTime()
 void twoViewMotion(benchmark::State& state) {
   const Stages& made = stages();  // outside the time
   timeWithThreads(state, [&] {
-    return estimateMotion(made.matches, room().camera, made.options.two_view, kSeed).inliers;
+    return estimateMotion(made.matches, room().camera, made.options.model_choice, kSeed).inliers;
   });
 }
 BENCHMARK(twoViewMotion)->Arg(1)->Arg(2)->UseRealTime()->MeasureProcessCPUTime();
@@ -124,7 +123,7 @@ void poseBetween(benchmark::State& state) {
   const Stages& made = stages();  // outside the time
   timeWithThreads(state, [&] {
     InitialMap map = made.unposed;
-    poseFramesBetween(map, room().camera, made.options.two_view.sigma);
+    poseFramesBetween(map, room().camera, kCornerSigma);
     return map.T_cam_ref.size();
   });
 }
@@ -133,7 +132,7 @@ BENCHMARK(poseBetween)->Arg(1)->UseRealTime()->MeasureProcessCPUTime();
 /// The first adjustment moves everything, the second starts from the first one's result.
 void geometricAdjustment(benchmark::State& state,
                          InitialMap Stages::*start,
-                         GeometricSolver solver) {
+                         AdjustmentSolver solver) {
   const Stages& made = stages();
   GeometricOptions options = made.options.geometric;
   options.solver = solver;
@@ -148,22 +147,22 @@ void geometricAdjustment(benchmark::State& state,
   state.counters["rounds"] = report.rounds;
   state.counters["iterations"] = report.iterations;
 }
-BENCHMARK_CAPTURE(geometricAdjustment, first, &Stages::triangulated, GeometricSolver::kSchur)
+BENCHMARK_CAPTURE(geometricAdjustment, first, &Stages::triangulated, AdjustmentSolver::kSchur)
     ->Arg(1)
     ->UseRealTime()
     ->MeasureProcessCPUTime()
     ->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(geometricAdjustment, second, &Stages::adjusted, GeometricSolver::kSchur)
+BENCHMARK_CAPTURE(geometricAdjustment, second, &Stages::adjusted, AdjustmentSolver::kSchur)
     ->Arg(1)
     ->UseRealTime()
     ->MeasureProcessCPUTime()
     ->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(geometricAdjustment, first_ceres, &Stages::triangulated, GeometricSolver::kCeres)
+BENCHMARK_CAPTURE(geometricAdjustment, first_ceres, &Stages::triangulated, AdjustmentSolver::kCeres)
     ->Arg(1)
     ->UseRealTime()
     ->MeasureProcessCPUTime()
     ->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(geometricAdjustment, second_ceres, &Stages::adjusted, GeometricSolver::kCeres)
+BENCHMARK_CAPTURE(geometricAdjustment, second_ceres, &Stages::adjusted, AdjustmentSolver::kCeres)
     ->Arg(1)
     ->UseRealTime()
     ->MeasureProcessCPUTime()

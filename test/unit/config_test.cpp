@@ -8,6 +8,7 @@
 #include "io/retired_keys.h"
 #include "io/yaml_assignments.h"
 #include "support/temporary_folder.h"
+#include "support/text_files.h"
 
 #include <gmock/gmock.h>
 
@@ -106,7 +107,7 @@ TEST(Config, ReferencePresetHoldsThePublishedInitializer) {
   const OdometryOptions options = loadConfig(sources).options;
   EXPECT_THAT(differingKeys(options.initializer.coarse, referenceCoarseOptions()), IsEmpty());
   EXPECT_FALSE(options.window.optimizer.undo_bad_steps);
-  EXPECT_TRUE(options.depth.epipolar.final_out_of_bounds);
+  EXPECT_TRUE(options.depth.final_out_of_bounds);
 }
 
 TEST(Config, FastPresetWantsLess) {
@@ -171,7 +172,9 @@ TEST(Config, RetiredKeySaysWhatBecameOfIt) {
 TEST(Config, EveryRetiredKeyIsRefusedAndNoneIsInUse) {
   OdometryOptions options;
   const std::vector<OptionField> fields = listFields(options);
+  const std::string changelog = readText(DSORB_CHANGELOG);
   for (const io::RetiredKey& retired : io::retiredKeys()) {
+    EXPECT_THAT(changelog, HasSubstr(std::string("| `") + retired.key + "` |"));
     EXPECT_THAT(
         errorOf([&retired] { loadSet(std::string(retired.key) + "=1"); }),
         AllOf(HasSubstr(std::string("key '") + retired.key + "'"), HasSubstr(retired.fate)));
@@ -180,6 +183,19 @@ TEST(Config, EveryRetiredKeyIsRefusedAndNoneIsInUse) {
       EXPECT_FALSE(io::isEndOfKey(retired.key, field.key)) << retired.key << " " << field.key;
     }
   }
+}
+
+TEST(Config, RetiredKeysThatMovedNameAKeyInUse) {
+  const std::string moved = "is now the option '";
+  int count = 0;
+  for (const io::RetiredKey& retired : io::retiredKeys()) {
+    const std::string fate = retired.fate;
+    if (fate.compare(0, moved.size(), moved) != 0) continue;
+    const std::string key = fate.substr(moved.size(), fate.find('\'', moved.size()) - moved.size());
+    EXPECT_THAT(errorOf([&key] { loadSet(key + "="); }), HasSubstr("must be")) << retired.key;
+    ++count;
+  }
+  EXPECT_GT(count, 10);
 }
 
 TEST(Config, OutOfRangeAndWrongTypeNameTheRange) {
@@ -191,7 +207,7 @@ TEST(Config, OutOfRangeAndWrongTypeNameTheRange) {
                 HasSubstr("must be a whole number"))
         << value;
   }
-  EXPECT_THAT(errorOf([] { loadSet("orb.semi_dense.image_noise=nan"); }),
+  EXPECT_THAT(errorOf([] { loadSet("orb.geometric.sigma=nan"); }),
               HasSubstr("must be a number in"));
   EXPECT_THAT(errorOf([] { loadSet("orb.semi_dense.fusion=best"); }),
               HasSubstr("must be one of product, most_precise"));
@@ -227,7 +243,6 @@ TEST(Config, SecondDocumentOfAFileIsRefused) {
 TEST(Config, GroupIsNoShortFormOfAnotherOption) {
   EXPECT_THAT(errorOf([] { loadText("num_threads: 1\nwindow: 21\n"); }),
               AllOf(HasSubstr("test.yaml:2: 'window' is a group of keys"), HasSubstr("'window.")));
-  EXPECT_EQ(loadSet("tracks.window=19").options.initializer.orb.tracks.window, 19);
 }
 
 TEST(Config, AmbiguousEndOfAKeyIsRefused) {

@@ -76,7 +76,8 @@ TEST(CornerPolish, ReducesTheErrorOfDisturbedTracks) {
   const double before = rmsError(made);
   GeometricOptions geometric;
   geometric.sigma = 0.4;
-  const PolishReport report = polishCorners(made.map, made.scene.camera(), geometric, {});
+  const PolishReport report =
+      polishCorners(made.map, made.scene.camera(), geometric, OrbOptions().polish_rounds);
   ASSERT_TRUE(report.accepted) << report.first_rms << " " << report.last_rms;
   EXPECT_TRUE(report.fits);
   EXPECT_LT(rmsError(made), 0.35 * before);
@@ -94,7 +95,7 @@ TEST(CornerPolish, KeepsTheMapWhereTheImagesDoNotFit) {
   }
   const InitialMap before = made.map;
   const PolishReport report =
-      polishCorners(made.map, made.scene.camera(), GeometricOptions(), PolishOptions());
+      polishCorners(made.map, made.scene.camera(), GeometricOptions(), OrbOptions().polish_rounds);
   EXPECT_FALSE(report.accepted);
   EXPECT_FALSE(report.fits);  // a start from such tracks is refused
   ASSERT_EQ(made.map.corners.size(), before.corners.size());
@@ -104,15 +105,13 @@ TEST(CornerPolish, KeepsTheMapWhereTheImagesDoNotFit) {
 
 TEST(CornerPolish, IsOffWithoutRounds) {
   DisturbedMap made = makeDisturbedMap(0.4);
-  PolishOptions options;
-  options.rounds = 0;
-  EXPECT_FALSE(polishCorners(made.map, made.scene.camera(), GeometricOptions(), options).accepted);
+  EXPECT_FALSE(polishCorners(made.map, made.scene.camera(), GeometricOptions(), 0).accepted);
 }
 
 constexpr double kDisturbance = 0.1;  // [px]; with .4 the pose is no longer linear in the errors
 
 /// Adjusted frames 1 and 3, then frame 2 posed from the corners; its covariance.
-Matrix6d covarianceBetween(DisturbedMap& made, const PolishOptions& options) {
+Matrix6d covarianceBetween(DisturbedMap& made, int rounds) {
   const PinholeCamera& camera = made.scene.camera();
   GeometricOptions geometric;
   geometric.sigma = kDisturbance;
@@ -120,7 +119,7 @@ Matrix6d covarianceBetween(DisturbedMap& made, const PolishOptions& options) {
   EXPECT_TRUE(adjustGeometry(made.map, camera, geometric).usable);
   const std::vector<int> others = poseOtherFrames(made.map, camera);
   EXPECT_EQ(others, std::vector<int>{2});
-  polishPoses(made.map, camera, geometric, options, others);
+  polishPoses(made.map, camera, geometric, rounds, others);
   EXPECT_TRUE(made.map.covariance[2]);
   return made.map.covariance[2].value_or(Matrix6d::Zero());
 }
@@ -138,12 +137,12 @@ struct BetweenSpread {
   double sigma = 0;
 };
 
-BetweenSpread spreadBetween(const PolishOptions& options) {
+BetweenSpread spreadBetween(int rounds) {
   std::vector<double> ratios;
   std::vector<double> sigmas;
   for (std::uint64_t seed = 9; seed < 24; ++seed) {
     DisturbedMap made = makeDisturbedMap(kDisturbance, seed);
-    const Matrix6d covariance = covarianceBetween(made, options);
+    const Matrix6d covariance = covarianceBetween(made, rounds);
     ratios.push_back(rotationRatio(made, covariance));
     sigmas.push_back(std::sqrt(covariance(4, 4)));
   }
@@ -151,7 +150,7 @@ BetweenSpread spreadBetween(const PolishOptions& options) {
 }
 
 TEST(CornerPolish, SingleFramesGetACovariance) {
-  const BetweenSpread spread = spreadBetween({});
+  const BetweenSpread spread = spreadBetween(OrbOptions().polish_rounds);
   // Expected 0.79, chi-square 3 over 3. Measured 1.2 and 0.00049 rad, margin x2.
   EXPECT_GT(spread.ratio, 0.4);
   EXPECT_LT(spread.ratio, 2.4);
@@ -159,9 +158,7 @@ TEST(CornerPolish, SingleFramesGetACovariance) {
 }
 
 TEST(CornerPolish, SingleFramesGetTheCovarianceOfTheirTracksWithoutRounds) {
-  PolishOptions options;
-  options.rounds = 0;
-  const BetweenSpread spread = spreadBetween(options);
+  const BetweenSpread spread = spreadBetween(0);
   // Measured 1.3 and 0.00058 rad, margin x2.
   EXPECT_GT(spread.ratio, 0.4);
   EXPECT_LT(spread.ratio, 2.6);

@@ -116,7 +116,7 @@ TEST(EpipolarSearchTest, LeavingTheImageIsFinalOnlyInReferenceMode) {
   SearchScene scene;
   const FramePtr frame = scene.sequence.framePtr(0);
   const SE3 turned(so3Exp({0, 1.2, 0}), {0.1, 0, 0});
-  EpipolarOptions options;
+  DepthOptions options;
   for (const bool final_out_of_bounds : {false, true}) {
     options.final_out_of_bounds = final_out_of_bounds;
     CandidatePoint candidate = scene.candidates[scene.candidates.size() / 2];

@@ -21,27 +21,28 @@ FramePtr paint(int id, const Paint& intensity) {
   return paintFrame(id, kWidth, kHeight, intensity);
 }
 
+constexpr int kFeatures = 2000;
+
+OrbFeatures featuresOf(const Paint& scene) {
+  return findFeatures(greyImage(paint(0, scene)->level(0), 1, 15), kFeatures);
+}
+
 Paint shiftedScene(std::uint64_t seed) {
   return shifted(blobs(seed), kShift.x(), kShift.y());
 }
 
-/// Sorted distances of what was found from the truth [px].
-std::vector<float> shiftErrors(const OrbMatchingOptions& options) {
-  FeatureMatches matches(options, {});
-  const std::vector<Eigen::Vector2f> reference = matches.start(*paint(0, blobs(1)));
-  const std::vector<Eigen::Vector2f> found = matches.find(*paint(1, shiftedScene(1)));
-  std::vector<float> errors;
-  for (std::size_t i = 0; i < reference.size(); ++i) {
-    if (isSeen(found[i])) errors.push_back((found[i] - reference[i] - kShift).norm());
+TEST(FeatureMatches, FindAShiftedSceneAgain) {
+  const OrbFeatures from = featuresOf(blobs(1));
+  const OrbFeatures to = featuresOf(shiftedScene(1));
+  const std::vector<int> partner = matchFeatures(from, to);
+  std::vector<float> errors;  // before refinement
+  for (std::size_t i = 0; i < partner.size(); ++i) {
+    if (partner[i] < 0) continue;
+    const cv::Point2f moved =
+        to.points[static_cast<std::size_t>(partner[i])].pt - from.points[i].pt;
+    errors.push_back((Eigen::Vector2f(moved.x, moved.y) - kShift).norm());
   }
   std::sort(errors.begin(), errors.end());
-  return errors;
-}
-
-TEST(FeatureMatches, FindAShiftedSceneAgain) {
-  OrbMatchingOptions options;
-  options.refine = false;
-  const std::vector<float> errors = shiftErrors(options);
   ASSERT_GT(errors.size(), 100U);
   // Features lie on whole pixels of their pyramid level, 3.6 px at the coarsest.
   EXPECT_LT(errors[errors.size() / 2], 1.0F);  // measured 0.5 and 1.5; margin x2
@@ -49,14 +50,21 @@ TEST(FeatureMatches, FindAShiftedSceneAgain) {
 }
 
 TEST(FeatureMatches, RefinementReachesAFractionOfAPixel) {
-  const std::vector<float> errors = shiftErrors({});
+  FeatureMatches matches(kFeatures);
+  const std::vector<Eigen::Vector2f> reference = matches.start(*paint(0, blobs(1)));
+  const std::vector<Eigen::Vector2f> found = matches.find(*paint(1, shiftedScene(1)));
+  std::vector<float> errors;
+  for (std::size_t i = 0; i < reference.size(); ++i) {
+    if (isSeen(found[i])) errors.push_back((found[i] - reference[i] - kShift).norm());
+  }
+  std::sort(errors.begin(), errors.end());
   ASSERT_GT(errors.size(), 100U);
   EXPECT_LT(errors[errors.size() / 2], 0.02F);  // measured 0.008 and 0.013; margin x2
   EXPECT_LT(errors[errors.size() * 9 / 10], 0.03F);
 }
 
 TEST(FeatureMatches, OfAnotherSceneAreFew) {
-  FeatureMatches matches({}, {});
+  FeatureMatches matches(kFeatures);
   const std::size_t features = matches.start(*paint(0, blobs(1))).size();
   const std::vector<Eigen::Vector2f> found = matches.find(*paint(1, blobs(2)));
   EXPECT_LT(static_cast<double>(std::count_if(found.begin(), found.end(), isSeen)),
@@ -64,14 +72,12 @@ TEST(FeatureMatches, OfAnotherSceneAreFew) {
 }
 
 TEST(FeatureMatches, SpreadTheFeaturesOverTheImage) {
-  OrbMatchingOptions options;
-  options.max_features = 200;
   // One quarter of the image has five times the contrast of the others.
   const Paint scene = [base = blobs(3)](float x, float y) {
     const float contrast = x < kWidth / 2 && y < kHeight / 2 ? 1.0F : 0.2F;
     return 128.0F + contrast * (base(x, y) - 128.0F);
   };
-  FeatureMatches matches(options, {});
+  FeatureMatches matches(200);
   const std::vector<Eigen::Vector2f> found = matches.start(*paint(0, scene));
   const auto loud = std::count_if(found.begin(), found.end(), [](const Eigen::Vector2f& p) {
     return p.x() < kWidth / 2 && p.y() < kHeight / 2;
@@ -85,18 +91,16 @@ TEST(FeatureMatches, KeepAwayFromInvalidPixels) {
   const Paint scene = [base = blobs(4), nan](float x, float y) {
     return x > 100 && x < 200 ? nan : base(x, y);
   };
-  FeatureMatches matches({}, {});
+  FeatureMatches matches(kFeatures);
   const std::vector<Eigen::Vector2f> found = matches.start(*paint(0, scene));
   ASSERT_FALSE(found.empty());
   for (const Eigen::Vector2f& point : found) EXPECT_TRUE(point.x() < 100 || point.x() > 200);
 }
 
 TEST(FeatureMatches, PartnersAreMutual) {
-  const GreyImage reference = greyImage(paint(0, blobs(5))->level(0), 1, 15);
-  const GreyImage target = greyImage(paint(1, shiftedScene(5))->level(0), 1, 15);
-  const OrbFeatures from = findFeatures(reference, {});
-  const OrbFeatures to = findFeatures(target, {});
-  const std::vector<int> partner = matchFeatures(from, to, {});
+  const OrbFeatures from = featuresOf(blobs(5));
+  const OrbFeatures to = featuresOf(shiftedScene(5));
+  const std::vector<int> partner = matchFeatures(from, to);
   std::multiset<int> taken;
   for (const int index : partner) {
     if (index >= 0) taken.insert(index);
@@ -106,12 +110,9 @@ TEST(FeatureMatches, PartnersAreMutual) {
 }
 
 TEST(FeatureMatches, ArePartnersByOpenCvsMatcherToo) {
-  OrbMatchingOptions options;
-  options.max_ratio = 0.9;
-  const OrbFeatures from = findFeatures(greyImage(paint(0, blobs(7))->level(0), 1, 15), options);
-  const OrbFeatures to =
-      findFeatures(greyImage(paint(1, shiftedScene(7))->level(0), 1, 15), options);
-  const std::vector<int> partner = matchFeatures(from, to, options);
+  const OrbFeatures from = featuresOf(blobs(7));
+  const OrbFeatures to = featuresOf(shiftedScene(7));
+  const std::vector<int> partner = matchFeatures(from, to);
   const cv::BFMatcher matcher(cv::NORM_HAMMING);
   std::vector<std::vector<cv::DMatch>> forward;
   std::vector<cv::DMatch> backward;
@@ -121,14 +122,14 @@ TEST(FeatureMatches, ArePartnersByOpenCvsMatcherToo) {
     const cv::DMatch& best = forward[i][0];
     const bool expected =
         backward[static_cast<std::size_t>(best.trainIdx)].trainIdx == static_cast<int>(i) &&
-        best.distance < options.max_ratio * static_cast<double>(forward[i][1].distance) &&
-        best.distance <= static_cast<float>(options.max_distance);
+        best.distance < kMaxRatio * static_cast<double>(forward[i][1].distance) &&
+        best.distance <= static_cast<float>(kMaxDistance);
     EXPECT_EQ(partner[i], expected ? best.trainIdx : -1) << "feature " << i;
   }
 }
 
 TEST(FeatureMatches, OfNothingAreNone) {
-  FeatureMatches matches({}, {});
+  FeatureMatches matches(kFeatures);
   EXPECT_TRUE(matches.start(*paint(0, [](float, float) { return 90.0F; })).empty());
   EXPECT_TRUE(matches.find(*paint(1, blobs(6))).empty());
 }

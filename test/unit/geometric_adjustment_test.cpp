@@ -141,10 +141,10 @@ TEST_P(BothSolvers, FindTheSameMinimum) {
     options.max_iterations = 200;
     options.function_tolerance = 1e-16;
     InitialMap by_ceres = scene.start;
-    options.solver = GeometricSolver::kCeres;
+    options.solver = AdjustmentSolver::kCeres;
     const GeometricReport ceres = adjustGeometry(by_ceres, scene.camera, options);
     InitialMap by_schur = scene.start;
-    options.solver = GeometricSolver::kSchur;
+    options.solver = AdjustmentSolver::kSchur;
     const GeometricReport schur = adjustGeometry(by_schur, scene.camera, options);
     ASSERT_TRUE(ceres.usable);
     ASSERT_TRUE(schur.usable);

@@ -24,7 +24,7 @@ constexpr std::uint64_t kSeed = 1;
 TEST(EssentialMotion, IsFoundAmongFortyPercentOutliers) {
   for (std::uint64_t seed = 1; seed <= 10; ++seed) {
     const TwoViewScene scene = makeTwoViewScene({400, false, {0.6, 0.1, 0.3}, 0.3, 0.4}, seed);
-    const auto motion = estimateEssentialMotion(scene.matches, scene.camera, {}, kSeed);
+    const auto motion = estimateEssentialMotion(scene.matches, scene.camera, kSeed);
     ASSERT_TRUE(motion) << seed;
     EXPECT_GE(motion->inliers, 200) << seed;  // 240 are right
     EXPECT_LT(rotationErrorDeg(motion->T_target_ref, scene.T_target_ref), 0.2) << seed;
@@ -38,8 +38,8 @@ TEST(EssentialMotion, IsFoundAmongFortyPercentOutliers) {
 
 TEST(EssentialMotion, GivesTheSameBitsTwice) {
   const TwoViewScene scene = makeTwoViewScene({300, false, {0.6, 0.1, 0.3}, 0.3, 0.4}, 3);
-  const auto first = estimateEssentialMotion(scene.matches, scene.camera, {}, kSeed);
-  const auto second = estimateEssentialMotion(scene.matches, scene.camera, {}, kSeed);
+  const auto first = estimateEssentialMotion(scene.matches, scene.camera, kSeed);
+  const auto second = estimateEssentialMotion(scene.matches, scene.camera, kSeed);
   ASSERT_TRUE(first && second);
   EXPECT_EQ(first->T_target_ref.matrix(), second->T_target_ref.matrix());
   EXPECT_EQ(first->inlier, second->inlier);
@@ -48,13 +48,13 @@ TEST(EssentialMotion, GivesTheSameBitsTwice) {
 TEST(EssentialMotion, IsRefusedWithFewMatches) {
   for (const int points : {2, 7, 40}) {
     const TwoViewScene scene = makeTwoViewScene({points, false, {0.6, 0.1, 0.3}, 0.3}, 4);
-    EXPECT_FALSE(estimateEssentialMotion(scene.matches, scene.camera, {}, kSeed)) << points;
+    EXPECT_FALSE(estimateEssentialMotion(scene.matches, scene.camera, kSeed)) << points;
   }
 }
 
 /// The model of least criterion, all fitted to the scene.
 DisplacementModel winner(const TwoViewScene& scene, double sigma) {
-  const auto motion = estimateEssentialMotion(scene.matches, scene.camera, {}, kSeed);
+  const auto motion = estimateEssentialMotion(scene.matches, scene.camera, kSeed);
   const auto H = estimateHomography(scene.matches, 1, kSeed);
   std::vector<double> errors =
       motion ? epipolarDistances(motion->T_target_ref, scene.matches, scene.camera)
@@ -134,7 +134,7 @@ TEST(MotionCandidates, FramesBetweenDecideWhichMotionOfAPlaneIsRight) {
     ASSERT_TRUE(best);
     const double ratio = competeOverFrames(scene.view, motions, context, *best);
     EXPECT_LT(errorOf(*best->map.T_cam_ref.back()), 2.0);
-    EXPECT_GT(ratio, options.orb.informed.min_plane_cost_ratio);
+    EXPECT_GT(ratio, kMinPlaneCostRatio);
   }
   EXPECT_GT(std::max(errorOf(motions[0].T_target_ref), errorOf(motions[1].T_target_ref)), 20.0);
 }
@@ -204,15 +204,15 @@ TEST(StartGate, NamesWhatIsMissing) {
   EXPECT_EQ(judge(options, 300, 1), InitReason::kDone);
   EXPECT_EQ(judge(options, 700, 1), InitReason::kTooFewPoints);
   EXPECT_EQ(judge(options, 300, 0.7), InitReason::kDegenerateMotion);
-  options.informed.gate.min_parallax_deg = 60;
+  options.gate.min_parallax_deg = 60;
   EXPECT_EQ(judge(options, 300, 1), InitReason::kDone) << "its direction is sharp";
-  options.informed.gate.sharp_sigma_deg = 0;
+  options.gate.sharp_sigma_deg = 0;
   EXPECT_EQ(judge(options, 300, 1), InitReason::kTooLittleParallax);
   options = {};
-  options.informed.gate.max_direction_sigma_deg = 1e-4;
+  options.gate.max_direction_sigma_deg = 1e-4;
   EXPECT_EQ(judge(options, 300, 1), InitReason::kPoorQuality);
   options = {};
-  options.informed.gate.min_points = 400;
+  options.gate.min_points = 400;
   EXPECT_EQ(judge(options, 300, 1), InitReason::kTooFewPoints);
 }
 

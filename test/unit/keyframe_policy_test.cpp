@@ -17,7 +17,7 @@ KeyframeEvidence quiet() {
 }
 
 TEST(NeedsKeyframeTest, FlowBrightnessAndErrorEachSuffice) {
-  const KeyframePolicyOptions options;
+  const WindowOptions options;
   EXPECT_FALSE(needsKeyframe(quiet(), options));
   KeyframeEvidence evidence = quiet();
   evidence.translation_flow = 24.9 * 24.9;  // 25 px alone are enough at 640 x 480
@@ -36,8 +36,8 @@ TEST(NeedsKeyframeTest, FlowBrightnessAndErrorEachSuffice) {
 }
 
 TEST(NeedsKeyframeTest, FixedRateCountsOnlyTime) {
-  KeyframePolicyOptions options;
-  options.per_second = 5;
+  WindowOptions options;
+  options.keyframes_per_second = 5;
   KeyframeEvidence evidence = quiet();
   evidence.translation_flow = 1e4;
   evidence.seconds_since_keyframe = 0.18;

@@ -112,7 +112,7 @@ TEST(MatchingInitializer, AFeatureCanMissInFramesBetween) {
 TEST(MatchingInitializer, StartsAfreshWithTheFrameOfAFailedPair) {
   const RenderedSequence& room = rendered(small(SequenceKind::kRoom, 16));
   InitializerOptions options = variant();
-  options.orb.two_view.min_triangulated = 20000;
+  options.orb.geometric.min_points = 20000;
   const InitRun result = run(options, room.camera(), room.frames());
   EXPECT_FALSE(result.result);
   std::vector<std::size_t> restarts;
@@ -120,7 +120,7 @@ TEST(MatchingInitializer, StartsAfreshWithTheFrameOfAFailedPair) {
     if (result.steps[i].status == InitStatus::kRestarted) restarts.push_back(i);
   }
   ASSERT_GE(restarts.size(), 2U) << result.log();
-  EXPECT_EQ(result.steps[restarts[0]].reason, InitReason::kTooFewPoints);
+  EXPECT_EQ(result.steps[restarts[0]].reason, InitReason::kPoorQuality);
   // The frame of the failure is the new reference, so the next pair needs min_frames - 1 more.
   EXPECT_GE(restarts[1] - restarts[0], static_cast<std::size_t>(options.orb.min_frames - 1));
 }

@@ -50,7 +50,7 @@ TEST(Decomposition, FundamentalMatrixHoldsTheTrueMotion) {
 
 TEST(Decomposition, HomographyHoldsTheTrueMotion) {
   const TwoViewScene scene = makeTwoViewScene({300, true}, 2);
-  const ModelPair pair = fitModels(scene.matches, {}, 2);
+  const ModelPair pair = fitModels(scene.matches, 2);
   const std::vector<SE3> motions = decomposeHomography(pair.homography.matrix, scene.camera);
   EXPECT_GE(motions.size(), 2U);
   EXPECT_LE(motions.size(), 4U);

@@ -63,7 +63,7 @@ TEST(MovingParts, ErrorsOfStaticTracksAreThoseOfTheTracking) {
 
 TEST(MovingParts, AreNoneInAStaticScene) {
   Scene scene = makeScene(Eigen::Vector3d::Zero());
-  const MovingParts moving(scene.map, scene.tracks, kCamera, {});
+  const MovingParts moving(scene.map, scene.tracks, kCamera);
   EXPECT_EQ(moving.contradicting(), 0);
   EXPECT_EQ(moving.removeCorners(scene.map), 0);
   EXPECT_EQ(moving.removePoints(scene.map), 0);
@@ -71,7 +71,7 @@ TEST(MovingParts, AreNoneInAStaticScene) {
 
 TEST(MovingParts, AreWhereTracksContradictTheCamera) {
   Scene scene = makeScene({0.05, 0.02, 0});
-  const MovingParts moving(scene.map, scene.tracks, kCamera, {});
+  const MovingParts moving(scene.map, scene.tracks, kCamera);
   const auto of_box = [](const auto& list) {
     return std::count_if(list.begin(), list.end(), [](const auto& point) {
       return onBox(point.pixel.template cast<float>());
@@ -96,7 +96,7 @@ TEST(MovingParts, AreWhereTracksContradictTheCamera) {
 TEST(MovingParts, OneBadTrackIsNoMovingPart) {
   Scene scene = makeScene(Eigen::Vector3d::Zero());
   scene.tracks.positions.back()[100] += Eigen::Vector2f(30, 40);
-  const MovingParts moving(scene.map, scene.tracks, kCamera, {});
+  const MovingParts moving(scene.map, scene.tracks, kCamera);
   EXPECT_EQ(moving.contradicting(), 1);
   EXPECT_EQ(moving.removeCorners(scene.map), 0);
 }
@@ -104,7 +104,7 @@ TEST(MovingParts, OneBadTrackIsNoMovingPart) {
 TEST(MovingParts, PointsThatFewSearchesFoundGo) {
   Scene scene = makeScene(Eigen::Vector3d::Zero());
   scene.map.points[3].observations = 2;  // of 4
-  const MovingParts moving(scene.map, scene.tracks, kCamera, {});
+  const MovingParts moving(scene.map, scene.tracks, kCamera);
   EXPECT_EQ(moving.removePoints(scene.map), 1);
 }
 

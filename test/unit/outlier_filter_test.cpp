@@ -63,7 +63,7 @@ FilterEffect effectOn(const std::vector<DepthWindow>& windows, const std::string
     PhotometricProblem problem = makeProblem(*map, window.camera, photometric);
     if (!adjustPhotometry(*map, problem, window.camera, photometric).usable) continue;
     const DepthQuality before = judge(*map, window);
-    removeOutliers(*map, problem, photometric, options.orb.outliers);
+    removeOutliers(*map, problem, photometric, options.orb.outlier_rule);
     const DepthQuality filtered = judge(*map, window);
     const PhotometricReport report = adjustPhotometry(*map, problem, window.camera, photometric);
     if (!report.usable) continue;

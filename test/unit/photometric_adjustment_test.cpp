@@ -58,9 +58,9 @@ TEST(PhotometricAdjustment, BothSolversFindTheSameMinimum) {
   PhotometricOptions options = thorough(PhotometricBrightness::kAffine);
   InitialMap ceres = scene.start;
   InitialMap schur = scene.start;
-  options.solver = PhotometricSolver::kCeres;
+  options.solver = AdjustmentSolver::kCeres;
   const PhotometricReport by_ceres = adjustPhotometry(ceres, scene.scene.camera(), options);
-  options.solver = PhotometricSolver::kSchur;
+  options.solver = AdjustmentSolver::kSchur;
   const PhotometricReport by_schur = adjustPhotometry(schur, scene.scene.camera(), options);
   ASSERT_TRUE(by_ceres.usable && by_schur.usable);
   // One computes in single precision, and both stop where the interpolated gradients, which are
@@ -127,12 +127,12 @@ TEST(PhotometricAdjustment, GateKeepsPosesThatWouldMoveTooFar) {
   PhotometricReport report = adjustPhotometry(scene.start, scene.scene.camera(), options);
   ASSERT_TRUE(report.usable);
   EXPECT_FALSE(report.poses_moved);
-  EXPECT_GT(report.direction_sigmas, options.max_pose_move);
+  EXPECT_GT(report.direction_sigmas, kMaxPoseMove);
   EXPECT_LT(rotationErrorDeg(*scene.start.T_cam_ref.back(), pose), 1e-9);
   for (auto& covariance : scene.start.covariance) covariance = Matrix6d::Identity();
   report = adjustPhotometry(scene.start, scene.scene.camera(), options);
   EXPECT_TRUE(report.poses_moved);
-  EXPECT_LT(report.direction_sigmas, options.max_pose_move);
+  EXPECT_LT(report.direction_sigmas, kMaxPoseMove);
 }
 
 TEST(PhotometricAdjustment, FramesWithoutAPartFollow) {

@@ -225,7 +225,7 @@ TEST(PhotometricEquations, AreTheSumsOfThePatches) {
     }
   }
   for (const PhotometricBrightness model : kModels) {
-    PhotometricProblem problem = makeProblem(map, scene.camera(), {1, 2}, 0, true);
+    PhotometricProblem problem = makeProblem(map, scene.camera(), {1, 2}, 0);
     PhotometricState state = makeState(problem, map);
     EXPECT_GT(findVisible(problem, state), 0.9);
     expectSameResiduals(problem, state, model);

@@ -16,9 +16,7 @@ namespace dsorb::init_orb {
 namespace {
 
 TEST(CandidateDepth, MultipliesGaussians) {
-  SemiDenseOptions options;
-  options.fusion = DepthFusion::kProduct;
-  CandidateDepth depth({1.0F, 0.04F}, options);
+  CandidateDepth depth({1.0F, 0.04F}, DepthFusion::kProduct);
   depth.add({1.3F, 0.01F});
   EXPECT_FLOAT_EQ(depth.current().inverse_depth, (1.0F * 0.01F + 1.3F * 0.04F) / 0.05F);
   EXPECT_FLOAT_EQ(depth.current().variance, 0.04F * 0.01F / 0.05F);
@@ -26,9 +24,7 @@ TEST(CandidateDepth, MultipliesGaussians) {
 }
 
 TEST(CandidateDepth, KeepsTheMostPreciseObservationAndNeverThePrior) {
-  SemiDenseOptions options;
-  options.fusion = DepthFusion::kMostPrecise;
-  CandidateDepth depth({1.0F, 0.01F}, options);
+  CandidateDepth depth({1.0F, 0.01F}, DepthFusion::kMostPrecise);
   depth.add({1.1F, 0.02F});
   EXPECT_FLOAT_EQ(depth.current().inverse_depth, 1.1F);
   depth.add({1.2F, 0.05F});
@@ -39,9 +35,7 @@ TEST(CandidateDepth, KeepsTheMostPreciseObservationAndNeverThePrior) {
 }
 
 TEST(CandidateDepth, ThreeObservationsOutsideTheGateRemoveThePoint) {
-  SemiDenseOptions options;
-  options.fusion = DepthFusion::kMostPrecise;
-  CandidateDepth depth({1.0F, 0.01F}, options);
+  CandidateDepth depth({1.0F, 0.01F}, DepthFusion::kMostPrecise);
   depth.add({1.5F, 0.01F});  // 3.5 combined sigma
   depth.add({1.4F, 0.01F});  // 2.8: inside, becomes the estimate
   EXPECT_EQ(depth.observations(), 1);
@@ -58,9 +52,8 @@ TEST(CornerPrior, WeighsTheNearestCornersAsASearchOverAllOfThem) {
     corners.push_back(
         {{random.uniform(0, 319), random.uniform(0, 239)}, random.uniform(0.5, 1.5), 0.001});
   }
-  SemiDenseOptions options;
-  options.min_prior_sigma = 0;
-  const CornerPrior prior(corners, 320, 240, options);
+  const CornerPrior prior(corners, 320, 240);
+  int above_floor = 0;
   for (int trial = 0; trial < 50; ++trial) {
     const Eigen::Vector2d at(random.uniform(0, 319), random.uniform(0, 239));
     std::sort(corners.begin(), corners.end(), [&](const Corner& a, const Corner& b) {
@@ -83,17 +76,19 @@ TEST(CornerPrior, WeighsTheNearestCornersAsASearchOverAllOfThem) {
     }
     const DepthEstimate estimate = prior.at(at.cast<float>());
     EXPECT_NEAR(estimate.inverse_depth, mean, 1e-5);
-    EXPECT_NEAR(estimate.variance, variance, 1e-5);
+    const double floor = static_cast<double>(kMinPriorSigma) * mean;
+    EXPECT_NEAR(estimate.variance, std::max(variance, floor * floor), 1e-5);
+    above_floor += variance > floor * floor ? 1 : 0;
   }
+  EXPECT_GT(above_floor, 40);
 }
 
 TEST(CornerPrior, CoversTheWidenedRangeOfAllCornersWhereNoneIsClose) {
   const std::vector<Corner> corners = {{{10, 10}, 0.4, 0}, {{20, 10}, 1.0, 0}, {{10, 30}, 2.0, 0}};
-  const SemiDenseOptions options;
-  const DepthEstimate wide = CornerPrior(corners, 320, 240, options).at({300, 200});
-  const double reach = options.search_sigmas * std::sqrt(wide.variance);
-  EXPECT_NEAR(wide.inverse_depth - reach, 0.2, 1e-5);
-  EXPECT_NEAR(wide.inverse_depth + reach, 4.0, 1e-5);
+  const DepthEstimate wide = CornerPrior(corners, 320, 240).at({300, 200});
+  const float reach = kSearchSigmas * std::sqrt(wide.variance);
+  EXPECT_NEAR(wide.inverse_depth - reach, 0.2F, 1e-5F);
+  EXPECT_NEAR(wide.inverse_depth + reach, 4.0F, 1e-5F);
 }
 
 /// A reference, later frames and corners with exact inverse depths.

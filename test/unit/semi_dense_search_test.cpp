@@ -72,9 +72,7 @@ TEST(EpipolarSearch, GeometricVarianceIsTheSpreadUnderDrawnPoses) {
   const FramePtr reference = scene.render(SE3(), 0, 0);
   const FramePtr target = scene.render(truth, 0, 1);
   const double sigma = 0.3;  // of a pixel's place in the target, the same in every direction [px]
-  SemiDenseOptions options;
-  options.line_error_floor = 0;
-  options.image_noise = 1e-3;
+  const SemiDenseOptions options;
   std::vector<double> ratios;
   for (int y = 30; y < 210; y += 20) {
     for (int x = 30; x < 290; x += 20) {
@@ -94,7 +92,7 @@ TEST(EpipolarSearch, GeometricVarianceIsTheSpreadUnderDrawnPoses) {
         Eigen::Vector2d displacement;
         for (int d = 0; d < 2; ++d) displacement[d] = sigma * random.gaussian();
         const Vector6d xi = motion * displacement;
-        const SearchFrame frame{target, SE3::exp(xi) * truth, covariance, {}};
+        const SearchFrame frame{target, SE3::exp(xi) * truth, covariance, {}, 1e-3};
         const EpipolarSearch search(reference, frame, scene.camera(), options);
         EpipolarSearch::Scratch scratch;
         const SearchOutcome outcome =

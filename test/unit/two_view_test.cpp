@@ -110,14 +110,14 @@ TEST(TwoViewSelection, PlaneIsAHomographyAndDepthAFundamentalMatrix) {
   for (std::uint64_t seed = 1; seed <= 5; ++seed) {
     const auto plane = makeTwoViewScene({300, true, {0.6, 0.1, 0.3}, 0.3, 0.1}, seed);
     const auto depth = makeTwoViewScene({300, false, {0.6, 0.1, 0.3}, 0.3, 0.1}, seed);
-    EXPECT_GT(fitModels(plane.matches, {}, seed).homographyShare(), 0.48);
-    EXPECT_LT(fitModels(depth.matches, {}, seed).homographyShare(), 0.2);
+    EXPECT_GT(fitModels(plane.matches, seed).homographyShare(), 0.48);
+    EXPECT_LT(fitModels(depth.matches, seed).homographyShare(), 0.2);
   }
 }
 
 TEST(TwoViewRansac, FindsTheInliersAmongThirtyPercentOutliers) {
   const auto scene = makeTwoViewScene({300, false, {0.6, 0.1, 0.3}, 0.3, 0.3}, 7);
-  const ScoredModel model = fitModels(scene.matches, {}, 7).fundamental;
+  const ScoredModel model = fitModels(scene.matches, 7).fundamental;
   const ScoredModel truth =
       scoreModel(TwoViewModel::kFundamental, fundamentalOf(scene), scene.matches, 1);
   // Measured over 30 seeds: at least .995 of the inliers of the true model.
@@ -129,7 +129,7 @@ TEST(TwoViewRansac, SameBitsForAnyNumberOfThreads) {
   const auto scene = makeTwoViewScene({300, false, {0.6, 0.1, 0.3}, 0.5, 0.3}, 9);
   const auto fitWith = [&](int threads) {
     TaskArena arena(threads);
-    return arena.run([&] { return fitModels(scene.matches, {}, 5); });
+    return arena.run([&] { return fitModels(scene.matches, 5); });
   };
   const ModelPair one = fitWith(1);
   const ModelPair four = fitWith(4);
@@ -142,7 +142,7 @@ TEST(TwoViewRansac, AllMatchesInOnePointGiveNoModel) {
   Matches matches;
   matches.reference.assign(20, {100, 100});
   matches.target.assign(20, {100, 100});
-  const ModelPair pair = fitModels(matches, {}, 1);
+  const ModelPair pair = fitModels(matches, 1);
   EXPECT_EQ(pair.homography.inliers, 0);
   EXPECT_EQ(pair.homography.inlier.size(), matches.size());
 }

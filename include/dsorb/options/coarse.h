@@ -6,32 +6,25 @@
 namespace dsorb {
 
 /// Options of CoarseInitializer: direct alignment of pose and inverse depths of a first and a
-/// newest frame. Every fault of the published system that is mended has a switch of its own;
-/// `referenceCoarseOptions()` has them all off.
+/// newest frame.
 /// @source the initializer of DSO as published with Engel et al., arXiv:1607.02565 (the paper does
 ///         not describe it)
 struct CoarseOptions {
+  /// As published, faults included: the energy is not what the equations minimise, the prior comes
+  /// back, gain and offset are not estimated, a frame starts from the last estimate only, neither a
+  /// grid of rotations nor other motions are tried as starts, bad points are handed over as well, a
+  /// coarse point without fine points loses its depth.
+  bool published = false;
   int settle_frames = 2;             ///< frames after the one that left the prior, at least
   int max_settle_frames = 5;         ///< to wait for the wanted parallax; as published
   double wanted_parallax_deg = 1.5;  ///< median; 0: not waited for
   int handover_points = 2000;        ///< points of the result, at most
   int max_points = 6000;             ///< of a level; 0: as the density says
   int max_passes = 4;                ///< over all levels, for a frame that does not match at once
-
-  bool consistent_energy = true;    ///< count in the energy what the equations minimise
-  bool release_prior = true;        ///< once left, the prior stays off
-  bool estimate_brightness = true;  ///< gain and offset with the pose
-  bool balance_gain = true;         ///< lower contrast does not pay where the images do not match
-  bool predict_motion = true;       ///< start each frame from the last relative motion
-  bool search_rotation = true;      ///< a grid of start rotations where images do not match
   double min_snap_gain = 0.2;  ///< share of the residual energy that translation removes, less: the
                                ///< prior comes back; 0: no test
-  bool try_hypotheses = true;  ///< other motions as starts when the prior goes
   double min_rival_margin = 0.15;  ///< by which the best motion elsewhere explains the images worse
                                    ///< before it starts, share of the energy; 0: no rivals
-  bool drop_bad_points = true;     ///< hand over only points seen well in the newest frame
-  bool spread_points = true;       ///< hand over the best constrained point of each grid cell
-  bool keep_orphan_depth = true;   ///< a coarse point without fine points keeps its depth
   double max_parent_distance = 2;  ///< pixels of the coarser level; 0: no limit
   double min_parallax_deg = 0.7;   ///< of the result, median; 0: no test
   double min_motion_gain = 0.4;    ///< share of the residual energy that translation removes
@@ -41,17 +34,14 @@ struct CoarseOptions {
   double effective_points = 2.5;     ///< whose information the pose's variance is worth; 0: formal
 };
 
-/// The published behaviour, its faults included.
+/// The published system: its behaviour and its numbers.
 inline CoarseOptions referenceCoarseOptions() {
   CoarseOptions o;
+  o.published = true;
   o.settle_frames = 5;
-  o.consistent_energy = o.release_prior = o.estimate_brightness = o.predict_motion = false;
-  o.balance_gain = false;
-  o.search_rotation = o.try_hypotheses = false;
   o.wanted_parallax_deg = o.min_snap_gain = o.min_rival_margin = 0;
   o.max_points = 0;
   o.max_passes = 1;
-  o.drop_bad_points = o.spread_points = o.keep_orphan_depth = false;
   o.max_parent_distance = o.min_parallax_deg = o.min_motion_gain = o.max_relative_sigma = 0;
   o.max_outlier_share = 1;
   o.max_frames = 0;
@@ -60,24 +50,15 @@ inline CoarseOptions referenceCoarseOptions() {
 
 template <typename Visitor, typename Options>
 DescribeFor<Options, CoarseOptions> describe(Visitor& visit, Options& o) {
+  visit.field("published", o.published);
   visit.field("settle_frames", o.settle_frames, Range{0, 100}, "frames");
   visit.field("max_settle_frames", o.max_settle_frames, Range{0, 100}, "frames");
   visit.field("wanted_parallax_deg", o.wanted_parallax_deg, Range{0, 45}, "deg");
   visit.field("handover_points", o.handover_points, Range{50, 100000}, "points");
   visit.field("max_points", o.max_points, Range{0, 1000000}, "points");
   visit.field("max_passes", o.max_passes, Range{1, 100}, "passes");
-  visit.field("consistent_energy", o.consistent_energy);
-  visit.field("release_prior", o.release_prior);
-  visit.field("estimate_brightness", o.estimate_brightness);
-  visit.field("balance_gain", o.balance_gain);
-  visit.field("predict_motion", o.predict_motion);
-  visit.field("search_rotation", o.search_rotation);
-  visit.field("try_hypotheses", o.try_hypotheses);
   visit.field("min_snap_gain", o.min_snap_gain, Range{0, 1}, "");
   visit.field("min_rival_margin", o.min_rival_margin, Range{0, 10}, "");
-  visit.field("drop_bad_points", o.drop_bad_points);
-  visit.field("spread_points", o.spread_points);
-  visit.field("keep_orphan_depth", o.keep_orphan_depth);
   visit.field("max_parent_distance", o.max_parent_distance, Range{0, 1000}, "px of the level");
   visit.field("min_parallax_deg", o.min_parallax_deg, Range{0, 45}, "deg");
   visit.field("min_motion_gain", o.min_motion_gain, Range{0, 1}, "");

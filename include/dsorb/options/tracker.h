@@ -5,22 +5,12 @@
 
 namespace dsorb {
 
-/// Options of the direct tracker (coarse-to-fine pose and brightness of one frame).
+/// Options of the direct tracker (coarse-to-fine pose and brightness of one frame): when a frame
+/// counts as lost. What the limits were measured on is in track/tracker.cpp.
 struct TrackerOptions {
-  /// Of the reference points in the image; below: lost. True poses were tracked to 0.2 deg and
-  /// 0.005 units on TartanAir hospital down to 0.33.
-  double min_inside_fraction = 0.3;
-  /// Level 0; above: lost [grey levels]. Measured against the initial map alone. KITTI 00 after
-  /// ORBInitializer, 5 starts: up to 13.9 path errors stay at 2 to 4 % where they began so, at 13.9
-  /// a first pose is wrong by 2 deg; 12, 13, 14 track 5, 10, 16 frames in the median. Synthetic
-  /// street with true depths: 7 % at 13, 20 % at 14. TartanAir hospital: a first wrong pose
-  /// at 13.0.
-  double max_rmse = 13.5;
-  /// Change of the log gain between two frames; above, the hypothesis is refused. Wrong poses lower
-  /// their residual by lowering contrast: without this bound, on TartanAir hospital, the gain fell
-  /// by 0.4 to 0.7 in the frame where tracking failed and rotation errors up to 23 deg went
-  /// unnoticed.
-  double max_gain_step = 0.3;
+  double min_inside_fraction = 0.3;  ///< of the reference points in the image; below: lost
+  double max_gain_step = 0.3;        ///< of the log gain between two frames; above: refused
+  double max_rmse = 13.5;            ///< level 0; above: lost [grey levels]
 };
 
 template <typename Visitor, typename Options>

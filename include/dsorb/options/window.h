@@ -42,30 +42,18 @@ DescribeFor<Options, PriorOptions> describe(Visitor& visit, Options& o) {
   visit.field("consistent_gradient", o.consistent_gradient);
 }
 
-/// When a keyframe is added and which one leaves.
-struct KeyframePolicyOptions {
-  double frequency = 1;   ///< factor on all three
-  double per_second = 0;  ///< fixed rate instead; 0: off
-};
-
-template <typename Visitor, typename Options>
-DescribeFor<Options, KeyframePolicyOptions> describe(Visitor& visit, Options& o) {
-  visit.field("frequency", o.frequency, Range{0, 100}, "");
-  visit.field("per_second", o.per_second, Range{0, 1000}, "1/s");
-}
-
 /// The window of keyframes and its adjustment.
 struct WindowOptions {
   int min_keyframes = 5;
-  int max_keyframes = 7;  ///< after marginalisation; one more while optimising
-  int first_keyframes =
-      4;  ///< made of the frames of an initialization, as far as it has posed them
+  int max_keyframes = 7;            ///< after marginalisation; one more while optimising
+  int first_keyframes = 4;          ///< at most, of the frames that an initialization has posed
+  double keyframe_frequency = 1;    ///< factor on flow and change of brightness that want one
+  double keyframes_per_second = 0;  ///< fixed rate instead; 0: off
   int desired_points = 2000;
   double marginalization_weight = 0.25;  ///< of newly marginalised information
   bool current_reference = true;  ///< false (reference): tracking depths use first-estimate poses
   OptimizerOptions optimizer;
   PriorOptions prior;
-  KeyframePolicyOptions policy;
 };
 
 template <typename Visitor, typename Options>
@@ -73,12 +61,13 @@ DescribeFor<Options, WindowOptions> describe(Visitor& visit, Options& o) {
   visit.field("min_keyframes", o.min_keyframes, Range{2, 10}, "keyframes");
   visit.field("max_keyframes", o.max_keyframes, Range{2, 10}, "keyframes");
   visit.field("first_keyframes", o.first_keyframes, Range{2, 10}, "keyframes");
+  visit.field("keyframe_frequency", o.keyframe_frequency, Range{0, 100}, "");
+  visit.field("keyframes_per_second", o.keyframes_per_second, Range{0, 1000}, "1/s");
   visit.field("desired_points", o.desired_points, Range{10, 100000}, "points");
   visit.field("marginalization_weight", o.marginalization_weight, Range{0, 1}, "");
   visit.field("current_reference", o.current_reference);
   visit.group("optimizer", o.optimizer);
   visit.group("prior", o.prior);
-  visit.group("policy", o.policy);
 }
 
 }  // namespace dsorb

@@ -73,13 +73,13 @@ TrivialPrior LevelAligner::trivialPrior(const PointLevel& points,
   const double weight = kPriorWeight * kPriorWeight;
   const double cap = kPriorCap * kPriorCap * n;
   double squares = n * alignment.T_new_ref.translation().squaredNorm();
-  if (options_.consistent_energy) {
+  if (!options_.published) {
     for (std::size_t i = 0; i < points.x.size(); ++i) {
       const auto off = static_cast<double>(points.trial_inverse_depth[i] - 1.0F);
       if (points.good[i] != 0) squares += off * off;
     }
   }
-  if (weight * squares > cap || (options_.release_prior && alignment.snapped)) {
+  if (weight * squares > cap || (!options_.published && alignment.snapped)) {
     return {cap, 0, true};
   }
   return {weight * squares, weight, false};
@@ -100,16 +100,16 @@ LevelState LevelAligner::evaluate(const LevelView& view,
                          static_cast<float>(state.prior.capped ? kCoupling : 0.0)};
   state.equations = evaluateLevel(view, alignment, terms, points, trial_schur_);
   // The gradient of |t|^2 over a left increment is 2 t; the published program takes log T there.
-  const Eigen::Vector3d pull = options_.consistent_energy
-                                   ? alignment.T_new_ref.translation()
-                                   : Eigen::Vector3d(alignment.T_new_ref.log().head<3>());
+  const Eigen::Vector3d pull = options_.published
+                                   ? Eigen::Vector3d(alignment.T_new_ref.log().head<3>())
+                                   : alignment.T_new_ref.translation();
   state.equations.H.diagonal().head<3>().array() += weight * points.size();
   state.equations.b.head<3>() += weight * points.size() * pull;
   return state;
 }
 
 Vector8d LevelAligner::solve(const LevelState& state, Unknowns unknowns, double damping) const {
-  const Span free = span(unknowns, options_.estimate_brightness);
+  const Span free = span(unknowns, !options_.published);
   const double schur = unknowns == Unknowns::kAll ? 1.0 / (1.0 + damping) : 0.0;
   Matrix8d H = state.equations.H;
   H.diagonal() *= 1.0 + damping;
@@ -156,8 +156,8 @@ double LevelAligner::couplingGain(const PointLevel& points,
                                   const LevelState& accepted,
                                   const LevelState& trial,
                                   bool snapped) const {
-  const bool of_accepted = options_.consistent_energy ? accepted.prior.capped : snapped;
-  const bool of_trial = options_.consistent_energy ? trial.prior.capped : snapped;
+  const bool of_accepted = options_.published ? snapped : accepted.prior.capped;
+  const bool of_trial = options_.published ? snapped : trial.prior.capped;
   if (!of_accepted && !of_trial) return 0;
   double gain = 0;
   for (std::size_t i = 0; i < points.x.size(); ++i) {

@@ -90,8 +90,7 @@ double residualVariance(const LevelState& state) {
 /// Whether a point was seen well enough in the newest frame to be handed over.
 bool isFit(const Attempt& attempt, std::size_t i) {
   const PointLevel& points = attempt.levels.front();
-  return !attempt.options.drop_bad_points ||
-         (points.good[i] != 0 && points.energy[i] <= kOutlierEnergy);
+  return attempt.options.published || (points.good[i] != 0 && points.energy[i] <= kOutlierEnergy);
 }
 
 /// Indices of the points to hand over, ascending.
@@ -141,7 +140,7 @@ std::vector<InitPoint> makePoints(const Attempt& attempt, LevelAligner& aligner)
   const auto uncertainty = uncertaintyOf(attempt, attempt.frames.back(), fixed, {}, aligner);
   std::vector<InitPoint> result;
   for (const std::size_t i :
-       attempt.options.spread_points ? spreadPoints(attempt) : randomPoints(attempt)) {
+       attempt.options.published ? randomPoints(attempt) : spreadPoints(attempt)) {
     InitPoint point;
     point.pixel = {points.x[i] - kPixelOffset, points.y[i] - kPixelOffset};
     point.inverse_depth = std::max(points.smoothed[i], kMinInverseDepth);

@@ -104,7 +104,7 @@ bool CoarseInitializer::setReference(const FramePtr& frame) {
   const double diagonal = std::hypot(frame->width(), frame->height());
   if (finest.size() < kMinPoints || spreadAcross(finest) < kMinSpread * diagonal) return false;
   Alignment still;
-  still.balanced = options_.coarse.estimate_brightness && options_.coarse.balance_gain;
+  still.balanced = !options_.coarse.published;
   attempt_.frames.push_back({frame, still, still});
   rotation_search_.setReference(attempt_.levels.back());
   return true;
@@ -117,15 +117,14 @@ std::vector<Alignment> CoarseInitializer::startValues(const Frame& frame,
   const Frame& reference = *attempt_.frames.front().frame;
   const double log_ratio = logExposureRatio(reference, frame);
   start.exposure_log_gain = log_ratio;
-  if (options_.coarse.estimate_brightness) {
-    start.log_gain += log_ratio - logExposureRatio(reference, *attempt_.frames.back().frame);
-  } else {
+  std::vector<Alignment> starts;
+  if (options_.coarse.published) {
     start.log_gain = log_ratio;
     start.offset = 0;
-  }
-  std::vector<Alignment> starts = {start};
-  if (options_.coarse.predict_motion) {
-    starts.push_back(start);
+    starts = {start};
+  } else {
+    start.log_gain += log_ratio - logExposureRatio(reference, *attempt_.frames.back().frame);
+    starts = {start, start};
     starts.back().T_new_ref = motion * start.T_new_ref;
   }
   if (!start.snapped) {
@@ -155,7 +154,7 @@ LevelReport CoarseInitializer::track(const FramePtr& frame) {
   const TrackedFrame& last = attempt_.frames.back();
   TrackedFrame next{frame, {}, {}};
   next.alignment = bestStart(*frame, startValues(*frame, last.alignment, last_motion_));
-  if (options_.coarse.search_rotation) {
+  if (!options_.coarse.published) {
     const RotationMatch match =
         rotation_search_.find(viewOf(*frame, camera_, static_cast<int>(levels.size()) - 1),
                               startValues(*frame, last.rotation, last_motion_));
@@ -165,7 +164,7 @@ LevelReport CoarseInitializer::track(const FramePtr& frame) {
   Estimate estimate{std::move(attempt_.levels), next.alignment, {}};
   const AlignmentTask task{*frame, camera_, options_.coarse, aligner_};
   converge(task, {kMatchShare, HUGE_VAL}, estimate);
-  if (options_.coarse.try_hypotheses && snapped_since_ == 0 && estimate.alignment.snapped) {
+  if (!options_.coarse.published && snapped_since_ == 0 && estimate.alignment.snapped) {
     if (auto better = betterHypothesis(task, next.rotation, estimate)) {
       estimate = std::move(*better);
     }
@@ -173,7 +172,7 @@ LevelReport CoarseInitializer::track(const FramePtr& frame) {
   attempt_.levels = std::move(estimate.levels);
   next.alignment = estimate.alignment;
   ++tracked_;
-  if (!options_.coarse.search_rotation) {
+  if (options_.coarse.published) {
     next.rotation = next.alignment;
     next.rotation.T_new_ref.setTranslation(Eigen::Vector3d::Zero());
   }

@@ -157,7 +157,7 @@ void alignLevels(const AlignmentTask& task, int finest, Estimate& estimate) {
   }
   for (int l = finest; l < top; ++l) {
     PointLevel& coarse = levels[static_cast<std::size_t>(l) + 1];
-    propagateUp(levels[static_cast<std::size_t>(l)], task.options.keep_orphan_depth, coarse);
+    propagateUp(levels[static_cast<std::size_t>(l)], !task.options.published, coarse);
     regularize(alignment.snapped, coarse);
   }
 }

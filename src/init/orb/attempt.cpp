@@ -16,6 +16,8 @@
 namespace dsorb::init_orb {
 namespace {
 
+constexpr int kMinPoints = 50;  // semi-dense ones; fewer: the attempt fails
+
 void densify(const AttemptContext& context, Attempt& attempt) {
   const SemiDenseReport report = context.clock.time("semi_dense", [&] {
     return estimateSemiDenseDepth(
@@ -29,10 +31,9 @@ void densify(const AttemptContext& context, Attempt& attempt) {
 /// @return whether enough came of it
 bool addSemiDense(const ReferenceView& view, const AttemptContext& context, Attempt& attempt) {
   const OrbOptions& orb = context.options.orb;
-  if (orb.moving.remove) {
-    const MovingParts moving = context.clock.time("moving", [&] {
-      return MovingParts(*attempt.map, view.tracks, context.camera, orb.moving);
-    });
+  if (orb.remove_moving) {
+    const MovingParts moving = context.clock.time(
+        "moving", [&] { return MovingParts(*attempt.map, view.tracks, context.camera); });
     int removed = moving.removeCorners(*attempt.map);
     densify(context, attempt);
     removed += moving.removePoints(*attempt.map);
@@ -41,7 +42,7 @@ bool addSemiDense(const ReferenceView& view, const AttemptContext& context, Atte
   } else {
     densify(context, attempt);
   }
-  if (static_cast<int>(attempt.map->points.size()) >= orb.semi_dense.min_points) {
+  if (static_cast<int>(attempt.map->points.size()) >= kMinPoints) {
     if (orb.semi_dense.max_points > 0) keepBestPoints(*attempt.map, orb.semi_dense.max_points);
     return true;
   }
@@ -51,7 +52,7 @@ bool addSemiDense(const ReferenceView& view, const AttemptContext& context, Atte
 
 /// @return whether the attempt's map can be handed over
 bool mapFrom(const ReferenceView& view, const AttemptContext& context, Attempt& attempt) {
-  if (context.options.orb.motion == MotionMethod::kReport) {
+  if (context.options.orb.motion == MotionMethod::kGladkova) {
     return estimateReportMotion(view, context, attempt) && addSemiDense(view, context, attempt) &&
            adjustCorners(context, attempt) && adjustImages(context, attempt);
   }
@@ -61,7 +62,7 @@ bool mapFrom(const ReferenceView& view, const AttemptContext& context, Attempt& 
   context.clock.time("pose", [&] {
     const std::vector<int> frames = poseOtherFrames(*attempt.map, context.camera);
     const OrbOptions& orb = context.options.orb;
-    polishPoses(*attempt.map, context.camera, orb.geometric, orb.informed.polish, frames);
+    polishPoses(*attempt.map, context.camera, orb.geometric, orb.polish_rounds, frames);
   });
   return true;
 }

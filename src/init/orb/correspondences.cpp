@@ -5,9 +5,14 @@
 #include <utility>
 
 namespace dsorb::init_orb {
+namespace {
+
+constexpr int kMinMatches = 100;  // fewer: optical flow
+
+}  // namespace
 
 Correspondences::Correspondences(const OrbOptions& options)
-    : options_(options), matches_(options.matching, options.tracks), tracks_(options.tracks) {}
+    : options_(options), matches_(options.max_features), tracks_(options.tracks) {}
 
 void Correspondences::clear() {
   tracks_.clear();
@@ -20,7 +25,7 @@ void Correspondences::start(FramePtr reference) {
   clear();
   frames_.push_back(std::move(reference));
   sightings_.push_back(matches_.start(*frames_.front()));
-  if (size() < options_.matching.min_matches) changeToFlow();
+  if (size() < kMinMatches) changeToFlow();
 }
 
 void Correspondences::advance(FramePtr frame) {
@@ -30,7 +35,7 @@ void Correspondences::advance(FramePtr frame) {
     return;
   }
   sightings_.push_back(matches_.find(*frames_.back()));
-  if (size() < options_.matching.min_matches) changeToFlow();
+  if (size() < kMinMatches) changeToFlow();
 }
 
 /// Follows corners through the frames given so far.
@@ -49,7 +54,7 @@ int Correspondences::size() const {
 
 bool Correspondences::lost() const {
   return size() < options_.min_tracked ||
-         (uses_flow_ && tracks_.survivorShare() < options_.tracks.min_survivor_share);
+         (uses_flow_ && tracks_.survivorShare() < kMinSurvivorShare);
 }
 
 ReferenceView Correspondences::view() const {

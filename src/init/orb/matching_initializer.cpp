@@ -60,7 +60,7 @@ bool MatchingInitializer::onlyRotated() const {
   const CornerTracks points = pair_.view().tracks;
   return points.size() >= kMinRotationMatches &&
          rotationResidualDeg(points.matchesTo(points.frames() - 1), camera_) <
-             options_.orb.two_view.min_rotation_residual_deg;
+             kMinRotationResidualDeg;
 }
 
 InitStep MatchingInitializer::finish(Attempt attempt) {

@@ -9,6 +9,7 @@
 namespace dsorb::init_orb {
 namespace {
 
+constexpr int kMaxAttempts = 2;         // with one frame, oldest references first
 constexpr int kMinRotationTracks = 10;  // to tell that a rotation explains them all
 
 }  // namespace
@@ -64,7 +65,7 @@ Attempt ORBInitializer::attempt() {
   int tried = 0;
   for (int reference = 0; reference < pool_.references(); ++reference) {
     if (pool_.age(reference) < options_.orb.min_frames) break;
-    if (options_.orb.max_attempts > 0 && tried == options_.orb.max_attempts) break;
+    if (tried == kMaxAttempts) break;
     Attempt next = attemptFrom(pool_.view(reference), {camera_, options_, clock_});
     if (next.map) return next;
     pool_.remember(reference, next.evidence);
@@ -77,12 +78,11 @@ Attempt ORBInitializer::attempt() {
 /// Whether the tracks left the image because the camera turned: nothing is lost then.
 bool ORBInitializer::onlyRotated() const {
   const CornerTracks tracks = pool_.newestTracks();
-  if (tracks.size() < kMinRotationTracks ||
-      pool_.survivorShare() < options_.orb.tracks.min_survivor_share) {
+  if (tracks.size() < kMinRotationTracks || pool_.survivorShare() < kMinSurvivorShare) {
     return false;
   }
   return rotationResidualDeg(tracks.matchesTo(tracks.frames() - 1), camera_) <
-         options_.orb.two_view.min_rotation_residual_deg;
+         kMinRotationResidualDeg;
 }
 
 void ORBInitializer::takeReference(FramePtr frame) {

@@ -42,9 +42,9 @@ bool adjustImages(const AttemptContext& context, Attempt& attempt) {
   std::optional<PhotometricReport> adjusted = adjustOnce(context, "photometric", problem, attempt);
   if (!adjusted) return false;
   bool poses_moved = adjusted->poses_moved;
-  if (orb.outliers.rule != OutlierRule::kNone) {
+  if (orb.outlier_rule != OutlierRule::kNone) {
     const OutlierReport filter = context.clock.time("filter", [&] {
-      return removeOutliers(*attempt.map, problem, orb.photometric, orb.outliers);
+      return removeOutliers(*attempt.map, problem, orb.photometric, orb.outlier_rule);
     });
     auto& details = attempt.report.details;
     details.emplace_back("filter_examined", filter.examined);
@@ -55,11 +55,9 @@ bool adjustImages(const AttemptContext& context, Attempt& attempt) {
     if (!adjusted) return false;
     poses_moved = poses_moved || adjusted->poses_moved;
   }
-  if (orb.photometric.variances) {
-    context.clock.time("variances", [&] {
-      return setPhotometricVariances(*attempt.map, problem, orb.photometric, poses_moved);
-    });
-  }
+  context.clock.time("variances", [&] {
+    return setPhotometricVariances(*attempt.map, problem, orb.photometric, poses_moved);
+  });
   return true;
 }
 

@@ -19,7 +19,7 @@ void ReferencePool::advance(FramePtr frame) {
 }
 
 bool ReferencePool::dropLost() {
-  const bool cut = tracks_.survivorShare() < options_.tracks.min_survivor_share;
+  const bool cut = tracks_.survivorShare() < kMinSurvivorShare;
   const auto lost = [&](const Reference& reference) {
     return cut || tracks_.sizeSince(reference.frame) < options_.min_tracked;
   };

@@ -35,8 +35,8 @@ inline std::optional<int> solveGeometry(InitialMap& map,
                                         const std::vector<char>& kept,
                                         const PinholeCamera& camera,
                                         const GeometricOptions& options) {
-  return options.solver == GeometricSolver::kCeres ? solveWithCeres(map, kept, camera, options)
-                                                   : solveWithSchur(map, kept, camera, options);
+  return options.solver == AdjustmentSolver::kCeres ? solveWithCeres(map, kept, camera, options)
+                                                    : solveWithSchur(map, kept, camera, options);
 }
 
 }  // namespace dsorb::init_orb

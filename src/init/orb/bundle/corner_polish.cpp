@@ -2,6 +2,7 @@
 #include "init/orb/bundle/corner_polish.h"
 
 #include "base/parallel.h"
+#include "image/photometric.h"
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/bundle/polish_kernels.h"
 #include "init/orb/bundle/pose_covariance.h"
@@ -23,8 +24,14 @@ namespace dsorb::init_orb {
 namespace {
 
 constexpr double kDegPerRad = 180.0 / M_PI;
-constexpr double kDamping = 1e-3;       // of the mean curvature
-constexpr double kMinGradient = 1;      // rms in the weakest direction [grey levels / px]
+constexpr int kIterations = 2;  // of the adjustment in each round; 2 to 6 give the same starts
+constexpr double kCauchyThreshold = 2;  // of the whitened error [-]
+constexpr double kMaxStep = 1;          // of one corner in one round [px]
+constexpr double kMaxResidual = 25;  // mean of a patch; more: the corner is dropped [grey levels]
+constexpr double kMinSigma = 0.05;   // of a corner however strong its gradients [px]
+constexpr double kMaxTurnDeg = 15;  // of the direction of translation; more: polish is not believed
+constexpr double kDamping = 1e-3;   // of the mean curvature
+constexpr double kMinGradient = 1;  // rms in the weakest direction [grey levels / px]
 constexpr double kMeasuredSigma = 0.2;  // of a measured corner, for the pose of a single frame [px]
 /// Of the adjustment's variance factor, for a single frame's own part: the rest of what that factor
 /// stands for comes with the inverse depths. Measured on six rendered sequences, room_hand and
@@ -63,11 +70,9 @@ class FrameMeasurer {
  public:
   FrameMeasurer(const InitialMap& map,
                 const PinholeCamera& camera,
-                const PolishOptions& options,
                 std::size_t frame,
                 const SE3& T_cam_ref)
       : camera_(camera),
-        max_step_(options.max_step),
         T_cam_ref_(T_cam_ref),
         frame_(polishFrame(camera,
                            T_cam_ref,
@@ -76,7 +81,7 @@ class FrameMeasurer {
                                               map.affine[frame],
                                               map.frames[frame]->exposure()),
                            map.frames[frame]->level(0))) {
-    frame_.huber_threshold = static_cast<float>(options.huber_threshold);
+    frame_.huber_threshold = kHuberThreshold;
   }
 
   /// One damped Gauss-Newton step from the corner's projection.
@@ -107,7 +112,7 @@ class FrameMeasurer {
     const Eigen::Vector2d b(static_cast<double>(sums.x), static_cast<double>(sums.y));
     Eigen::Vector2d step = -damped.inverse() * b;
     if (!step.allFinite()) return measurement;
-    if (step.norm() > max_step_) step *= max_step_ / step.norm();
+    if (step.norm() > kMaxStep) step *= kMaxStep / step.norm();
     measurement.pixel = camera_.project(direction) + step;
     measurement.valid = true;
     return measurement;
@@ -115,16 +120,14 @@ class FrameMeasurer {
 
  private:
   const PinholeCamera& camera_;
-  double max_step_;
   SE3 T_cam_ref_;
   PolishFrame frame_;
 };
 
 /// Inverse square root of a corner's covariance, from the mean information of its patches.
-Eigen::Matrix2d whiteningOf(const Eigen::Matrix2d& information, const PolishOptions& options) {
-  const Eigen::Matrix2d covariance =
-      options.image_noise * options.image_noise * information.inverse() +
-      options.min_sigma * options.min_sigma * Eigen::Matrix2d::Identity();
+Eigen::Matrix2d whiteningOf(const Eigen::Matrix2d& information) {
+  const Eigen::Matrix2d covariance = kImageNoise * kImageNoise * information.inverse() +
+                                     kMinSigma * kMinSigma * Eigen::Matrix2d::Identity();
   return covariance.llt().matrixL().solve(Eigen::Matrix2d::Identity());
 }
 
@@ -142,11 +145,10 @@ struct Round {
 /// Every observation in a posed frame measured again.
 std::vector<Measurement> measureAll(const InitialMap& map,
                                     const PinholeCamera& camera,
-                                    const std::vector<PolishPatch>& patches,
-                                    const PolishOptions& options) {
+                                    const std::vector<PolishPatch>& patches) {
   std::vector<std::optional<FrameMeasurer>> measurers(map.frames.size());
   for (std::size_t k = 1; k < measurers.size(); ++k) {
-    if (map.T_cam_ref[k]) measurers[k].emplace(map, camera, options, k, *map.T_cam_ref[k]);
+    if (map.T_cam_ref[k]) measurers[k].emplace(map, camera, k, *map.T_cam_ref[k]);
   }
   std::vector<Measurement> measurements(map.observations.size());
   forEachRange(measurements.size(), kGrain, [&](std::size_t begin, std::size_t end) {
@@ -166,9 +168,9 @@ struct CornerSummary {
   bool fits = true;
   std::optional<Eigen::Matrix2d> whitening;  // none: too weak
 
-  void finish(const PolishOptions& options) {
+  void finish() {
     const Eigen::Matrix2d mean = information / std::max(1, patches);
-    if (strongEnough(mean)) whitening = whiteningOf(mean, options);
+    if (strongEnough(mean)) whitening = whiteningOf(mean);
   }
 };
 
@@ -178,18 +180,17 @@ struct CornerSummary {
 Round measureCorners(InitialMap& map,
                      std::vector<PolishPatch>& patches,
                      const PinholeCamera& camera,
-                     double sigma,
-                     const PolishOptions& options) {
-  const std::vector<Measurement> measurements = measureAll(map, camera, patches, options);
+                     double sigma) {
+  const std::vector<Measurement> measurements = measureAll(map, camera, patches);
   std::vector<CornerSummary> summaries(map.corners.size());
   for (std::size_t i = 0; i < measurements.size(); ++i) {
     if (!measurements[i].valid) continue;
     CornerSummary& summary = summaries[static_cast<std::size_t>(map.observations[i].corner)];
     summary.information += measurements[i].information;
     ++summary.patches;
-    if (measurements[i].mean_residual > options.max_residual) summary.fits = false;
+    if (measurements[i].mean_residual > kMaxResidual) summary.fits = false;
   }
-  for (CornerSummary& summary : summaries) summary.finish(options);
+  for (CornerSummary& summary : summaries) summary.finish();
   Round round;
   double square = 0;
   double weight = 0;
@@ -227,7 +228,7 @@ struct FittedPose {
 /// Pose of a single frame from its corners, measured again several times.
 FittedPose polishPose(const InitialMap& map,
                       const PinholeCamera& camera,
-                      const PolishOptions& options,
+                      int rounds,
                       const std::vector<PolishPatch>& patches,
                       int frame) {
   std::vector<std::size_t> seen;
@@ -237,13 +238,13 @@ FittedPose polishPose(const InitialMap& map,
   const auto k = static_cast<std::size_t>(frame);
   FittedPose fit{*map.T_cam_ref[k], {}};
   std::vector<PointSighting> sightings;
-  for (int round = 0; round < options.rounds; ++round) {
-    const FrameMeasurer measurer(map, camera, options, k, fit.T_cam_ref);
+  for (int round = 0; round < rounds; ++round) {
+    const FrameMeasurer measurer(map, camera, k, fit.T_cam_ref);
     sightings.clear();
     for (const std::size_t i : seen) {
       const Corner& corner = map.corners[i];
       const Measurement measurement = measurer.measure(corner, patches[i]);
-      if (!measurement.valid || measurement.mean_residual > options.max_residual ||
+      if (!measurement.valid || measurement.mean_residual > kMaxResidual ||
           !strongEnough(measurement.information)) {
         continue;
       }
@@ -273,18 +274,18 @@ double turnDeg(const InitialMap& before, const InitialMap& after) {
 PolishReport polishCorners(InitialMap& map,
                            const PinholeCamera& camera,
                            const GeometricOptions& geometric,
-                           const PolishOptions& options) {
+                           int rounds) {
   PolishReport report;
   report.adjusted = geometric;
   report.adjusted.sigma = 1;  // the whitening has each corner's own
   report.adjusted.loss = RobustLoss::kCauchy;
-  report.adjusted.loss_threshold = options.cauchy_threshold;
-  report.adjusted.max_iterations = options.iterations;
+  report.adjusted.loss_threshold = kCauchyThreshold;
+  report.adjusted.max_iterations = kIterations;
   InitialMap polished = map;
   std::vector<PolishPatch> patches = cutPatches(polished);
-  for (int round = 0; round < options.rounds; ++round) {
+  for (int round = 0; round < rounds; ++round) {
     if (round < kBrightnessRounds) estimateBrightness(polished);
-    const Round measured = measureCorners(polished, patches, camera, geometric.sigma, options);
+    const Round measured = measureCorners(polished, patches, camera, geometric.sigma);
     report.dropped += measured.dropped;
     if (round == 0) report.first_rms = measured.rms;
     report.last_rms = measured.rms;
@@ -293,8 +294,8 @@ PolishReport polishCorners(InitialMap& map,
   report.turn_deg = turnDeg(map, polished);
   report.fits = static_cast<double>(polished.corners.size()) >=
                 kMinFittingShare * static_cast<double>(map.corners.size());
-  report.accepted = report.fits && options.rounds > 0 && report.last_rms <= report.first_rms &&
-                    report.turn_deg < options.max_turn_deg &&
+  report.accepted = report.fits && rounds > 0 && report.last_rms <= report.first_rms &&
+                    report.turn_deg < kMaxTurnDeg &&
                     static_cast<int>(polished.corners.size()) >= geometric.min_points;
   if (report.accepted) map = std::move(polished);
   return report;
@@ -303,7 +304,7 @@ PolishReport polishCorners(InitialMap& map,
 void polishPoses(InitialMap& map,
                  const PinholeCamera& camera,
                  const GeometricOptions& geometric,
-                 const PolishOptions& options,
+                 int rounds,
                  const std::vector<int>& frames) {
   if (frames.empty()) return;
   estimateBrightness(map, frames);
@@ -314,7 +315,7 @@ void polishPoses(InitialMap& map,
   std::vector<std::optional<Matrix6d>> covariances(frames.size());
   forEachRange(frames.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      const FittedPose fit = polishPose(map, camera, options, patches, frames[i]);
+      const FittedPose fit = polishPose(map, camera, rounds, patches, frames[i]);
       poses[i] = fit.T_cam_ref;
       covariances[i] = poseCovariance(fit.sightings, camera, poses[i], {fit.sigma, factor});
       if (covariances[i]) *covariances[i] += inherited.covariance(poses[i]);

@@ -29,7 +29,7 @@ struct PolishReport {
 PolishReport polishCorners(InitialMap& map,
                            const PinholeCamera& camera,
                            const GeometricOptions& geometric,
-                           const PolishOptions& options);
+                           int rounds);
 
 /// The same measurements for single frames: their poses are fitted to them, all inverse depths and
 /// all other poses stay. Sets the brightness and the covariance of the frames as well.
@@ -40,7 +40,7 @@ PolishReport polishCorners(InitialMap& map,
 void polishPoses(InitialMap& map,
                  const PinholeCamera& camera,
                  const GeometricOptions& geometric,
-                 const PolishOptions& options,
+                 int rounds,
                  const std::vector<int>& frames);
 
 }  // namespace dsorb::init_orb

@@ -19,6 +19,10 @@ namespace {
 constexpr double kMedianLength = 1.1774;
 // 90th percentile over median of the absolute value of a normal distribution.
 constexpr double kNormalTail = 2.4387;
+constexpr double kFirstLimit = 6;  // least limit after the first solution [px]
+/// Limit of an error, between kFirstLimit or the normal limit and the severe limit [robust standard
+/// deviations].
+constexpr double kLimitFactor = 4;
 constexpr double kMinSigma = 1e-3;  // [px]; exact tracks of synthetic maps
 
 constexpr std::size_t kGrain = 512;  // observations one thread projects at a time
@@ -74,10 +78,10 @@ bool adjustOnce(InitialMap& map, const PinholeCamera& camera, const GeometricOpt
 }
 
 bool adjustRobustly(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options) {
-  for (const double least : {options.first_limit, options.normal_limit}) {
+  for (const double least : {kFirstLimit, options.normal_limit}) {
     if (!adjustOnce(map, camera, options)) return false;
     const std::vector<double> errors = errorsOf(map, camera);
-    const double limit = options.limit_factor * kMadToSigma * medianKnown(errors);
+    const double limit = kLimitFactor * kMadToSigma * medianKnown(errors);
     removeAbove(map, errors, std::clamp(limit, least, std::max(least, options.severe_limit)));
     if (static_cast<int>(map.corners.size()) < options.min_points) return false;
   }

@@ -15,7 +15,14 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr std::size_t kGrain = 128;  // patches one thread takes at a time
+constexpr double kPrefilter = 3;      // residuals beyond do not enter the t-fit [1.4826 MAD]
+constexpr double kTQuantile = 2.571;  // pixel votes: keeps 95 % (5 degrees of freedom) [t-scale]
+constexpr int kMinObservations = 2;   // pixel votes: frames a point needs; fewer where fewer were
+                                      // given
+constexpr double kMaxRelativeSigma = 0.15;  // combined: predicted sigma over inverse depth [-]
+constexpr double kMaxDisagreement = 0.25;   // combined: of log inverse depth with neighbours [-]
+constexpr double kMinTWeight = 0.5;         // combined: mean over the pixels [-]
+constexpr std::size_t kGrain = 128;         // patches one thread takes at a time
 
 /// Every pixel of every patch that takes part in a frame.
 std::vector<float> pixelsOf(const FrameResiduals& frame) {
@@ -28,11 +35,11 @@ std::vector<float> pixelsOf(const FrameResiduals& frame) {
 }
 
 /// Scale of every frame's residuals [grey levels].
-std::vector<double> scalesOf(const std::vector<FrameResiduals>& residuals, double prefilter) {
+std::vector<double> scalesOf(const std::vector<FrameResiduals>& residuals) {
   std::vector<double> scales(residuals.size());
   forEachRange(scales.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t f = begin; f < end; ++f) {
-      scales[f] = fitTDistribution(pixelsOf(residuals[f]), prefilter).scale;
+      scales[f] = fitTDistribution(pixelsOf(residuals[f]), kPrefilter).scale;
     }
   });
   return scales;
@@ -41,14 +48,12 @@ std::vector<double> scalesOf(const std::vector<FrameResiduals>& residuals, doubl
 /// By patch: whether it is to go.
 using Verdicts = std::vector<char>;
 
-Verdicts votePixels(const std::vector<FrameResiduals>& residuals,
-                    const OutlierOptions& options,
-                    OutlierReport& report) {
-  const std::vector<double> scales = scalesOf(residuals, options.prefilter);
+Verdicts votePixels(const std::vector<FrameResiduals>& residuals, OutlierReport& report) {
+  const std::vector<double> scales = scalesOf(residuals);
   std::vector<int> remaining(residuals.front().valid.size(), 0);
   for (std::size_t f = 0; f < residuals.size(); ++f) {
     const FrameResiduals& frame = residuals[f];
-    const auto cut = static_cast<float>(options.t_quantile * scales[f]);
+    const auto cut = static_cast<float>(kTQuantile * scales[f]);
     for (std::size_t i = 0; i < remaining.size(); ++i) {
       if (frame.valid[i] == 0) continue;
       const auto out = std::count_if(
@@ -57,7 +62,7 @@ Verdicts votePixels(const std::vector<FrameResiduals>& residuals,
     }
   }
   report.t_scale = medianOf(scales);
-  const int needed = std::min(options.min_observations, static_cast<int>(residuals.size()));
+  const int needed = std::min(kMinObservations, static_cast<int>(residuals.size()));
   Verdicts verdicts(remaining.size());
   std::transform(remaining.begin(), remaining.end(), verdicts.begin(), [needed](int count) {
     return static_cast<char>(count < needed ? 1 : 0);
@@ -175,8 +180,7 @@ std::vector<float> meanWeights(const std::vector<FrameResiduals>& residuals,
 Verdicts combine(const PhotometricProblem& problem,
                  const PhotometricState& state,
                  const std::vector<float>& weights,
-                 const PhotometricEvidence& evidence,
-                 const OutlierOptions& options) {
+                 const PhotometricEvidence& evidence) {
   std::vector<Eigen::Vector2f> pixels;
   pixels.reserve(problem.patches.size());
   const PinholeCamera& camera = problem.camera;
@@ -189,11 +193,11 @@ Verdicts combine(const PhotometricProblem& problem,
   Verdicts verdicts(problem.patches.size(), 0);
   for (std::size_t i = 0; i < verdicts.size(); ++i) {
     const double rho = state.inverse_depth[i];
-    const double limit = options.max_relative_sigma * rho;
+    const double limit = kMaxRelativeSigma * rho;
     const auto at = static_cast<Eigen::Index>(i);
     const bool sharp = !evidence.usable() || (formal[at] > 0 && formal[at] <= limit * limit);
-    const bool good = rho > 0 && sharp && disagreement[i] <= options.max_disagreement &&
-                      static_cast<double>(weights[i]) >= options.min_t_weight;
+    const bool good = rho > 0 && sharp && disagreement[i] <= kMaxDisagreement &&
+                      static_cast<double>(weights[i]) >= kMinTWeight;
     verdicts[i] = good ? 0 : 1;
   }
   return verdicts;
@@ -233,24 +237,23 @@ void removeFrom(InitialMap& map,
 OutlierReport removeOutliers(InitialMap& map,
                              PhotometricProblem& problem,
                              const PhotometricOptions& photometric,
-                             const OutlierOptions& options) {
+                             OutlierRule rule) {
   OutlierReport report;
-  if (options.rule == OutlierRule::kNone || problem.frames.empty()) return report;
+  if (rule == OutlierRule::kNone || problem.frames.empty()) return report;
   const PhotometricState state = makeState(problem, map);
   findVisible(problem, state);
   std::vector<FrameResiduals> residuals = residualsOf(problem, state, photometric.brightness);
-  if (options.rule == OutlierRule::kPixelVotes) {
-    removeFrom(map, problem, votePixels(residuals, options, report), report);
+  if (rule == OutlierRule::kPixelVotes) {
+    removeFrom(map, problem, votePixels(residuals, report), report);
     return report;
   }
   whiten(gradientLengths(problem, map.frames.front()->level(0)), residuals);
-  const std::vector<double> scales = scalesOf(residuals, options.prefilter);
+  const std::vector<double> scales = scalesOf(residuals);
   report.t_scale = medianOf(scales);
   const Verdicts verdicts = combine(problem,
                                     state,
                                     meanWeights(residuals, scales),
-                                    PhotometricEvidence(problem, state, photometric),
-                                    options);
+                                    PhotometricEvidence(problem, state, photometric));
   removeFrom(map, problem, verdicts, report);
   return report;
 }

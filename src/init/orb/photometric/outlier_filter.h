@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "dsorb/options/orb_photometric.h"
+#include "dsorb/options/orb_mapping.h"
 
 #include "init/orb/map/initial_map.h"
 
@@ -30,6 +30,6 @@ struct OutlierReport {
 OutlierReport removeOutliers(InitialMap& map,
                              PhotometricProblem& problem,
                              const PhotometricOptions& photometric,
-                             const OutlierOptions& options);
+                             OutlierRule rule);
 
 }  // namespace dsorb::init_orb

@@ -15,7 +15,8 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr std::size_t kMinPatches = 8;  // fewer do not determine a frame
+constexpr double kMinInsideShare = 0.5;  // of the residuals; fewer inside the images: failed
+constexpr std::size_t kMinPatches = 8;   // fewer do not determine a frame
 
 /// Median of the absolute residuals in all frames, of one pixel a patch in turn [grey levels].
 double medianResidual(const PhotometricProblem& problem,
@@ -72,7 +73,7 @@ std::optional<PhotometricSolve> solveJoint(const PhotometricProblem& problem,
   part_state.inverse_depth.clear();
   for (const std::size_t i : patches) part_state.inverse_depth.push_back(state.inverse_depth[i]);
   const std::optional<PhotometricSolve> solve =
-      options.solver == PhotometricSolver::kCeres
+      options.solver == AdjustmentSolver::kCeres
           ? solvePhotometricWithCeres(part, options, part_state)
           : solvePhotometricWithSchur(part, options, part_state);
   if (!solve) return std::nullopt;
@@ -134,7 +135,7 @@ class Adjustment {
 void Adjustment::solveCoarse(PhotometricState& state) {
   std::vector<std::size_t> frames;
   for (const PhotometricFrame& frame : problem_.frames) frames.push_back(frame.index);
-  PhotometricProblem coarse = makeProblem(map_, camera_, frames, 1, options_.gradient_weights);
+  PhotometricProblem coarse = makeProblem(map_, camera_, frames, 1);
   PhotometricState coarse_state = makeState(coarse, map_);
   findVisible(coarse, coarse_state);
   if (coarse.patches.size() < kMinPatches) return;
@@ -176,7 +177,9 @@ bool Adjustment::solveFine(PhotometricState& state) {
   return solve->cost <= solve->first_cost;
 }
 
-/// Whether the images can say more about the poses than the corners did.
+/// Whether the images can say more about the poses than the corners did. Measured: with 160 corners
+/// (TartanAir) the direction gains .2 deg, with 300 and more (KITTI, EuRoC, rendered) it loses .02
+/// to .1 deg.
 bool Adjustment::posesAreUnknown() const {
   return options_.poses == PhotometricPoses::kFree ||
          static_cast<int>(map_.corners.size()) < options_.enough_corners;
@@ -187,8 +190,7 @@ bool Adjustment::mayMove(const PhotometricState& state) {
   if (!map_.covariance[target]) return true;
   report_.direction_sigmas =
       directionMove(*map_.T_cam_ref[target], state.T_cam_ref.back(), *map_.covariance[target]);
-  return options_.poses == PhotometricPoses::kFree ||
-         report_.direction_sigmas <= options_.max_pose_move;
+  return options_.poses == PhotometricPoses::kFree || report_.direction_sigmas <= kMaxPoseMove;
 }
 
 /// Posed frames that had no part follow the adjusted depths.
@@ -201,7 +203,7 @@ void Adjustment::alignOtherFrames() {
     if (map_.T_cam_ref[k] && !part) others.push_back(k);
   }
   if (others.empty()) return;
-  PhotometricProblem problem = makeProblem(map_, camera_, others, 0, options_.gradient_weights);
+  PhotometricProblem problem = makeProblem(map_, camera_, others, 0);
   PhotometricState state = makeState(problem, map_);
   findVisible(problem, state);
   const auto patches = jointPatches(problem, map_, options_.joint_points);
@@ -224,7 +226,7 @@ PhotometricReport Adjustment::run() {
   if (far && map_.frames.front()->pyramid().levels() > 1) solveCoarse(state);
   if (!solveFine(state) || !isFinite(state)) return report_;
   report_.inside_share = findVisible(problem_, state);
-  if (report_.inside_share < options_.min_inside_share) return report_;
+  if (report_.inside_share < kMinInsideShare) return report_;
   writeState(problem_, state, map_);
   report_.usable = normalizeMapScale(map_);
   if (!report_.usable) {

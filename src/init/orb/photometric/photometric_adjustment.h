@@ -2,11 +2,14 @@
 #pragma once
 
 #include "dsorb/camera/pinhole_camera.h"
-#include "dsorb/options/orb_photometric.h"
+#include "dsorb/options/orb_mapping.h"
 
 #include "init/orb/photometric/photometric_problem.h"
 
 namespace dsorb::init_orb {
+
+/// Poses are kept when the target's direction would move farther [sigma].
+constexpr double kMaxPoseMove = 5;
 
 struct PhotometricReport {
   bool usable = false;  ///< converged to numbers, lower cost, enough residuals inside

@@ -13,7 +13,9 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr std::size_t kGrain = 64;  // patches one thread takes at a time
+constexpr double kPoseVarianceFactor = 6;  // on the clustered covariance of photometric poses [-]
+constexpr double kMatchError = 0.1;        // error that all frames share, along a gradient [px]
+constexpr std::size_t kGrain = 64;         // patches one thread takes at a time
 
 /// Patches sorted by cell, and where each cell begins.
 struct CellOrder {
@@ -312,9 +314,8 @@ bool setPhotometricVariances(InitialMap& map,
   const PhotometricEvidence evidence(problem, state, options);
   if (!evidence.usable()) return false;
   const Eigen::MatrixXd poses =
-      poses_moved
-          ? Eigen::MatrixXd(options.pose_variance_factor * evidence.clusteredPoseCovariance())
-          : geometricCovariance(map, problem);
+      poses_moved ? Eigen::MatrixXd(kPoseVarianceFactor * evidence.clusteredPoseCovariance())
+                  : geometricCovariance(map, problem);
   if (poses_moved) setJointCovariance(map, framesOf(problem), poses);
   const Eigen::VectorXd variances = evidence.variances(poses);
   const std::vector<double> speeds = speedsOf(problem, state, map.frames.front()->level(0));
@@ -322,7 +323,7 @@ bool setPhotometricVariances(InitialMap& map,
   for (std::size_t i = 0; i < problem.patches.size(); ++i) {
     double variance = variances[static_cast<Eigen::Index>(i)];
     if (!(variance > 0) || !(speeds[i] > 0)) continue;
-    const double shift = options.match_error / speeds[i];
+    const double shift = kMatchError / speeds[i];
     variance += shift * shift;
     if (problem.source[i] < corners) {
       map.corners[problem.source[i]].variance = variance;

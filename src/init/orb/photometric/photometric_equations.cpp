@@ -91,7 +91,7 @@ void PhotometricLinearizer::prepare(const PhotometricState& state,
   const std::size_t frames = problem_.frames.size();
   for (std::size_t f = 0; f < frames; ++f) {
     settings_[f] = patchSetting(
-        patchTarget(problem_, state, f), options_.brightness, options_.huber_threshold);
+        patchTarget(problem_, state, f), options_.brightness, static_cast<double>(kHuberThreshold));
   }
   std::transform(state.inverse_depth.begin(),
                  state.inverse_depth.end(),

@@ -5,7 +5,7 @@
 #include "dsorb/geometry/se3.h"
 #include "dsorb/image/affine_brightness.h"
 #include "dsorb/image/pyramid.h"
-#include "dsorb/options/orb_photometric.h"
+#include "dsorb/options/orb_mapping.h"
 
 #include "image/photometric.h"
 

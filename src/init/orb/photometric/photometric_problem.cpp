@@ -18,7 +18,6 @@ constexpr std::size_t kGrain = 128;  // patches one thread takes at a time
 bool cutPatch(const PyramidLevel& level,
               const PinholeCamera& camera,
               const Eigen::Vector2f& pixel,
-              bool gradient_weights,
               HostPatch& patch) {
   if (!insideForInterpolation(level, pixel.x(), pixel.y(), static_cast<float>(kPatternRadius))) {
     return false;
@@ -30,8 +29,7 @@ bool cutPatch(const PyramidLevel& level,
                                            pixel.x() + static_cast<float>(kPattern[j].x),
                                            pixel.y() + static_cast<float>(kPattern[j].y));
     patch.grey[j] = sample.intensity;
-    patch.weight[j] =
-        gradient_weights ? gradientWeight(sample.dx * sample.dx + sample.dy * sample.dy) : 1.0F;
+    patch.weight[j] = gradientWeight(sample.dx * sample.dx + sample.dy * sample.dy);
     sum += sample.intensity;
   }
   return std::isfinite(sum);
@@ -62,8 +60,7 @@ std::vector<std::size_t> spreadFrames(const InitialMap& map, int count) {
 PhotometricProblem makeProblem(const InitialMap& map,
                                const PinholeCamera& camera,
                                const std::vector<std::size_t>& frames,
-                               int level,
-                               bool gradient_weights) {
+                               int level) {
   PhotometricProblem problem;
   problem.camera = camera.atLevel(level);
   problem.reference_exposure = map.frames.front()->exposure();
@@ -81,8 +78,7 @@ PhotometricProblem makeProblem(const InitialMap& map,
       const Eigen::Vector2f pixel =
           i < corners ? map.corners[i].pixel.cast<float>() : map.points[i - corners].pixel;
       const Eigen::Vector2f at = ((pixel.array() + 0.5F) * scale - 0.5F).matrix();
-      cut[i] =
-          cutPatch(reference, problem.camera, at, gradient_weights, problem.patches[i]) ? 1 : 0;
+      cut[i] = cutPatch(reference, problem.camera, at, problem.patches[i]) ? 1 : 0;
     }
   });
   problem.source.reserve(total);
@@ -99,8 +95,7 @@ PhotometricProblem makeProblem(const InitialMap& map,
 PhotometricProblem makeProblem(const InitialMap& map,
                                const PinholeCamera& camera,
                                const PhotometricOptions& options) {
-  return makeProblem(
-      map, camera, spreadFrames(map, options.max_frames), 0, options.gradient_weights);
+  return makeProblem(map, camera, spreadFrames(map, options.max_frames), 0);
 }
 
 PhotometricState makeState(const PhotometricProblem& problem, const InitialMap& map) {

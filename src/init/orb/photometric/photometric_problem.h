@@ -46,8 +46,7 @@ std::vector<std::size_t> spreadFrames(const InitialMap& map, int count);
 PhotometricProblem makeProblem(const InitialMap& map,
                                const PinholeCamera& camera,
                                const std::vector<std::size_t>& frames,
-                               int level,
-                               bool gradient_weights);
+                               int level);
 
 /// The same at level 0 with the frames that the options want.
 PhotometricProblem makeProblem(const InitialMap& map,

@@ -242,8 +242,8 @@ PhotometricSolve refinePhotometricDepths(const PhotometricProblem& problem,
                                          PhotometricState& state) {
   std::vector<PatchSetting> settings;
   for (std::size_t f = 0; f < problem.frames.size(); ++f) {
-    settings.push_back(
-        patchSetting(patchTarget(problem, state, f), options.brightness, options.huber_threshold));
+    settings.push_back(patchSetting(
+        patchTarget(problem, state, f), options.brightness, static_cast<double>(kHuberThreshold)));
   }
   const std::size_t blocks = (problem.patches.size() + kPatchBlock - 1) / kPatchBlock;
   std::vector<std::pair<double, double>> energies(blocks);

@@ -10,24 +10,23 @@ namespace dsorb::init_orb {
 /// What the frames so far say about one candidate.
 class CandidateDepth {
  public:
-  CandidateDepth(const DepthEstimate& prior, const SemiDenseOptions& options)
-      : current_(prior), options_(options) {}
+  CandidateDepth(const DepthEstimate& prior, DepthFusion fusion)
+      : current_(prior), fusion_(fusion) {}
 
   [[nodiscard]] const DepthEstimate& current() const { return current_; }
   [[nodiscard]] int observations() const { return observations_; }
-  [[nodiscard]] bool removed() const { return votes_ >= options_.max_outlier_votes; }
+  [[nodiscard]] bool removed() const { return votes_ >= kMaxOutlierVotes; }
 
   /// Takes an observation in, or counts an outlier vote when it is outside the gate.
   /// @source Engel, Sturm, Cremers, ICCV 2013, section 2.3 (product of Gaussians)
   void add(const DepthEstimate& observed) {
     const float difference = observed.inverse_depth - current_.inverse_depth;
     const float sum = current_.variance + observed.variance;
-    const auto gate = static_cast<float>(options_.fusion_gate);
-    if (difference * difference > gate * gate * sum) {
+    if (difference * difference > kFusionGate * kFusionGate * sum) {
       ++votes_;
       return;
     }
-    if (options_.fusion == DepthFusion::kProduct) {
+    if (fusion_ == DepthFusion::kProduct) {
       current_ = {(current_.variance * observed.inverse_depth +
                    observed.variance * current_.inverse_depth) /
                       sum,
@@ -39,8 +38,11 @@ class CandidateDepth {
   }
 
  private:
+  static constexpr float kFusionGate = 3;     // farther from the prior: a vote [combined sigma]
+  static constexpr int kMaxOutlierVotes = 3;  // so many remove a point
+
   DepthEstimate current_;
-  const SemiDenseOptions& options_;
+  DepthFusion fusion_;
   int observations_ = 0;
   int votes_ = 0;
 };

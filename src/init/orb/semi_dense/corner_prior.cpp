@@ -8,6 +8,7 @@
 namespace dsorb::init_orb {
 namespace {
 
+constexpr float kRadius = 60;      // corners farther away do not count [px]
 constexpr int kCellSize = 32;      // [px]
 constexpr int kMinNeighbours = 3;  // for a spread that means something
 constexpr float kWiden = 2;        // of the range of all corners
@@ -18,14 +19,8 @@ int cellOf(float coordinate, int cells) {
 
 }  // namespace
 
-CornerPrior::CornerPrior(const std::vector<Corner>& corners,
-                         int width,
-                         int height,
-                         const SemiDenseOptions& options)
-    : wanted_(std::min(options.prior_neighbours, kMaxNeighbours)),
-      radius_(static_cast<float>(options.prior_radius)),
-      min_relative_sigma_(static_cast<float>(options.min_prior_sigma)),
-      cells_x_((width + kCellSize - 1) / kCellSize),
+CornerPrior::CornerPrior(const std::vector<Corner>& corners, int width, int height)
+    : cells_x_((width + kCellSize - 1) / kCellSize),
       cells_y_((height + kCellSize - 1) / kCellSize),
       first_entry_(static_cast<std::size_t>(cells_x_) * static_cast<std::size_t>(cells_y_) + 1, 0) {
   const auto cell = [&](const Eigen::Vector2f& pixel) {
@@ -50,7 +45,7 @@ CornerPrior::CornerPrior(const std::vector<Corner>& corners,
   });
   low /= kWiden;
   high *= kWiden;
-  const float sigma = 0.5F * (high - low) / static_cast<float>(options.search_sigmas);
+  const float sigma = 0.5F * (high - low) / kSearchSigmas;
   wide_ = {0.5F * (low + high), sigma * sigma};
 }
 
@@ -65,11 +60,11 @@ void CornerPrior::collectCell(int cell_x,
   for (int i = first_entry_[cell]; i < first_entry_[cell + 1]; ++i) {
     const Entry& entry = entries_[static_cast<std::size_t>(i)];
     const float squared = (entry.pixel - pixel).squaredNorm();
-    if (squared > radius_ * radius_ ||
-        (out.count == wanted_ && squared >= out.squared_distance[out.count - 1])) {
+    if (squared > kRadius * kRadius ||
+        (out.count == kNeighbours && squared >= out.squared_distance[out.count - 1])) {
       continue;
     }
-    int place = out.count < wanted_ ? out.count++ : out.count - 1;
+    int place = out.count < kNeighbours ? out.count++ : out.count - 1;
     for (; place > 0 && out.squared_distance[place - 1] > squared; --place) {
       out.squared_distance[place] = out.squared_distance[place - 1];
       out.entry[place] = out.entry[place - 1];
@@ -83,11 +78,11 @@ CornerPrior::Neighbours CornerPrior::nearest(const Eigen::Vector2f& pixel) const
   Neighbours out;
   const int x = cellOf(pixel.x(), cells_x_);
   const int y = cellOf(pixel.y(), cells_y_);
-  const int rings = static_cast<int>(radius_) / kCellSize + 1;
+  const int rings = static_cast<int>(kRadius) / kCellSize + 1;
   for (int ring = 0; ring <= rings; ++ring) {
     // Every corner of this ring is at least so far away.
     const auto closest = static_cast<float>((ring - 1) * kCellSize);
-    if (out.count == wanted_ && ring > 1 &&
+    if (out.count == kNeighbours && ring > 1 &&
         out.squared_distance[out.count - 1] < closest * closest) {
       break;
     }
@@ -120,7 +115,7 @@ DepthEstimate CornerPrior::at(const Eigen::Vector2f& pixel) const {
     const float difference = neighbours.entry[i]->inverse_depth - mean;
     variance += weight * (difference * difference + neighbours.entry[i]->variance);
   }
-  const float floor = min_relative_sigma_ * mean;
+  const float floor = kMinPriorSigma * mean;
   return {mean, std::max(variance / sum, floor * floor)};
 }
 

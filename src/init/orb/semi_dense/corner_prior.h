@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "dsorb/options/orb_mapping.h"
-
 #include "init/orb/map/initial_map.h"
 
 #include <vector>
 
 namespace dsorb::init_orb {
+
+constexpr float kMinPriorSigma = 0.1F;  ///< of a prior, relative to its inverse depth [-]
+constexpr float kSearchSigmas = 2;      ///< half length of the searched interval [sigma]
 
 /// Inverse depth as a Gaussian.
 struct DepthEstimate {
@@ -19,10 +20,7 @@ struct DepthEstimate {
 class CornerPrior {
  public:
   /// @param corners adjusted, at least one
-  CornerPrior(const std::vector<Corner>& corners,
-              int width,
-              int height,
-              const SemiDenseOptions& options);
+  CornerPrior(const std::vector<Corner>& corners, int width, int height);
 
   /// Mean of the nearest corners weighted by 1 / distance, with their spread and their own
   /// variances. With fewer than 3 corners close by: a Gaussian whose searched interval is the range
@@ -35,19 +33,16 @@ class CornerPrior {
     float inverse_depth;
     float variance;
   };
-  static constexpr int kMaxNeighbours = 32;  // upper end of the option's range
+  static constexpr int kNeighbours = 5;  // nearest corners a prior is made of
   struct Neighbours {
     int count = 0;
-    float squared_distance[kMaxNeighbours];
-    const Entry* entry[kMaxNeighbours];
+    float squared_distance[kNeighbours];
+    const Entry* entry[kNeighbours];
   };
 
   void collectCell(int cell_x, int cell_y, const Eigen::Vector2f& pixel, Neighbours& out) const;
   [[nodiscard]] Neighbours nearest(const Eigen::Vector2f& pixel) const;
 
-  int wanted_;
-  float radius_;
-  float min_relative_sigma_;
   int cells_x_;
   int cells_y_;
   std::vector<Entry> entries_;    ///< sorted by cell

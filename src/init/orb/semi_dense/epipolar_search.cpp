@@ -13,11 +13,17 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr float kMinHalfLength = 1.5F;  // a minimum needs neighbours on both sides [px]
-constexpr int kRefinements = 5;         // Gauss-Newton steps along the line
-constexpr float kMaxRefinement = 1.5F;  // farther from the best step is another minimum [px]
-constexpr float kConverged = 0.01F;     // [px]
-constexpr int kNeighbourhood = 2;       // steps around the best that belong to its minimum
+constexpr double kMaxSearch = 0.25;        // longest search [image diagonals]
+constexpr float kMinGradientShare = 0.3F;  // least |gradient along the line| / |gradient| [-]
+constexpr float kMaxResidual = 16;        // largest rms of a matched patch [grey levels]; LSD: 1300
+                                          // over 5 samples
+constexpr float kSecondBestRatio = 1.5F;  // least ratio of the second-best minimum to the best [-]
+constexpr float kLineErrorFloor = 0.2F;   // least error of the epipolar line [px]
+constexpr float kMinHalfLength = 1.5F;    // a minimum needs neighbours on both sides [px]
+constexpr int kRefinements = 5;           // Gauss-Newton steps along the line
+constexpr float kMaxRefinement = 1.5F;    // farther from the best step is another minimum [px]
+constexpr float kConverged = 0.01F;       // [px]
+constexpr int kNeighbourhood = 2;         // steps around the best that belong to its minimum
 constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
 
 struct Bounds {
@@ -51,7 +57,7 @@ EpipolarSearch::EpipolarSearch(const FramePtr& reference,
       options_(options),
       geometry_(camera, target.T_cam_ref),
       max_half_length_(
-          static_cast<float>(0.5 * options.max_search * std::hypot(camera.width, camera.height))) {}
+          static_cast<float>(0.5 * kMaxSearch * std::hypot(camera.width, camera.height))) {}
 
 SearchOutcome EpipolarSearch::search(const Eigen::Vector2f& pixel,
                                      const DepthEstimate& prior,
@@ -59,7 +65,7 @@ SearchOutcome EpipolarSearch::search(const Eigen::Vector2f& pixel,
   const std::optional<EpipolarLine> line =
       EpipolarLine::through(geometry_, pixel, prior.inverse_depth);
   // The floor of the line's error limits what this frame can tell.
-  if (!line || line->speed() * std::sqrt(prior.variance) < options_.line_error_floor ||
+  if (!line || line->speed() * std::sqrt(prior.variance) < kLineErrorFloor ||
       !gradientIsUsable(pixel, *line)) {
     return {};
   }
@@ -74,7 +80,7 @@ SearchOutcome EpipolarSearch::search(const Eigen::Vector2f& pixel,
     return {SearchStatus::kRejected, {}};
   }
   const EpipolarLine::Depth depth = line->depthAt(match.position);
-  const auto noise = static_cast<float>(options_.image_noise);
+  const auto noise = static_cast<float>(frame_.image_noise);
   const float photometric = 2.0F * noise * noise / match.information;
   const float variance =
       depth.alpha * depth.alpha *
@@ -92,8 +98,7 @@ bool EpipolarSearch::gradientIsUsable(const Eigen::Vector2f& pixel,
   const Eigen::Vector2f gradient =
       line.warp().inverse().transpose() * Eigen::Vector2f(sample.dx, sample.dy);
   const float along = std::abs(gradient.dot(line.direction()));
-  return along >= options_.min_line_gradient &&
-         along >= static_cast<float>(options_.min_gradient_share) * gradient.norm();
+  return along >= options_.min_line_gradient && along >= kMinGradientShare * gradient.norm();
 }
 
 EpipolarSearch::Patch EpipolarSearch::cutPatch(const Eigen::Vector2f& pixel,
@@ -115,7 +120,7 @@ EpipolarSearch::Patch EpipolarSearch::cutPatch(const Eigen::Vector2f& pixel,
 EpipolarSearch::Interval EpipolarSearch::clippedInterval(const EpipolarLine& line,
                                                          const DepthEstimate& prior,
                                                          float margin) const {
-  const float reach = static_cast<float>(options_.search_sigmas) * std::sqrt(prior.variance);
+  const float reach = kSearchSigmas * std::sqrt(prior.variance);
   const float low =
       line.positionOf(std::max(prior.inverse_depth - reach, 0.0F)).value_or(-max_half_length_);
   const float high = line.positionOf(prior.inverse_depth + reach).value_or(max_half_length_);
@@ -168,9 +173,9 @@ float EpipolarSearch::bestStep(const Patch& patch,
                                : std::numeric_limits<float>::max();
   };
   // Differences below the noise tell nothing.
-  const auto noise = static_cast<float>(options_.image_noise);
-  const float limit = static_cast<float>(options_.second_best_ratio) *
-                      std::max(best_cost, static_cast<float>(kPatternSize) * noise * noise);
+  const auto noise = static_cast<float>(frame_.image_noise);
+  const float limit =
+      kSecondBestRatio * std::max(best_cost, static_cast<float>(kPatternSize) * noise * noise);
   for (int i = 0; i < steps; ++i) {
     const bool other = std::abs(i - best) > kNeighbourhood;
     if (other && at(i) < limit && at(i) <= at(i - 1) && at(i) <= at(i + 1)) {
@@ -228,8 +233,7 @@ bool EpipolarSearch::refine(const Patch& patch,
   }
   match.information = sums.information;
   match.shift = sums.cross / sums.information;
-  const auto max_residual = static_cast<float>(options_.max_residual);
-  return sums.squared_error <= static_cast<float>(kPatternSize) * max_residual * max_residual;
+  return sums.squared_error <= static_cast<float>(kPatternSize) * kMaxResidual * kMaxResidual;
 }
 
 float EpipolarSearch::geometricVariance(const Eigen::Vector2f& pixel,
@@ -249,8 +253,7 @@ float EpipolarSearch::geometricVariance(const Eigen::Vector2f& pixel,
   const Eigen::Vector2d normal(static_cast<double>(-line.direction().y()),
                                static_cast<double>(line.direction().x()));
   const auto sigma_squared = static_cast<float>(normal.dot(position_covariance * normal));
-  const auto floor = static_cast<float>(options_.line_error_floor);
-  return std::max(sigma_squared, floor * floor) * match.shift.squaredNorm();
+  return std::max(sigma_squared, kLineErrorFloor * kLineErrorFloor) * match.shift.squaredNorm();
 }
 
 }  // namespace dsorb::init_orb

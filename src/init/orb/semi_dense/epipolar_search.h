@@ -32,6 +32,7 @@ struct SearchFrame {
   SE3 T_cam_ref;
   Matrix6d covariance = Matrix6d::Zero();  ///< of a left increment, [translation; rotation]
   BrightnessTransfer transfer;             ///< reference to this frame
+  double image_noise = kImageNoise;        ///< of one grey value [grey levels]
 };
 
 /// Searches pixels of a reference along their epipolar lines in one other frame. Holds references
@@ -47,7 +48,7 @@ class EpipolarSearch {
                  const SemiDenseOptions& options);
 
   /// @param pixel of the reference, its residual pattern inside the image
-  /// @param prior what is known: the search covers `search_sigmas` to both sides
+  /// @param prior what is known: the search covers kSearchSigmas to both sides
   /// @return observed inverse depth with the variance
   ///         alpha^2 (sigma_geo^2 + sigma_photo^2), alpha = d inverse depth / d position
   /// @source Engel, Sturm, Cremers, ICCV 2013, section 2.2 (geometric and photometric disparity

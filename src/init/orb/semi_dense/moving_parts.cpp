@@ -17,9 +17,15 @@ namespace {
 
 constexpr std::size_t kGrain = 64;  // pixels one thread judges at a time
 
-constexpr int kIterations = 3;  // of Gauss-Newton on one inverse depth
-constexpr int kMinVotes = 3;    // fewer tracks close by decide nothing
-constexpr double kLost = 1e6;   // [px]; error of a track behind a camera
+constexpr double kMinError = 1;     // rms over the frames from which a track may contradict [px]
+constexpr double kErrorFactor = 5;  // and by which it exceeds the median of all tracks [-]
+constexpr std::size_t kNeighbours = 5;  // nearest tracks that vote on a point
+constexpr double kRadius = 60;          // tracks farther away do not vote [px]
+constexpr double kMaxShare = 0.4;       // of contradicting neighbours that a point may have
+constexpr double kMinFoundShare = 0.7;  // of a point's epipolar searches that agree on its depth
+constexpr int kIterations = 3;          // of Gauss-Newton on one inverse depth
+constexpr int kMinVotes = 3;            // fewer tracks close by decide nothing
+constexpr double kLost = 1e6;           // [px]; error of a track behind a camera
 
 struct Sighting {
   SE3 T_cam_ref;
@@ -92,14 +98,12 @@ std::vector<double> trackErrors(const InitialMap& map,
 
 MovingParts::MovingParts(const InitialMap& map,
                          const CornerTracks& tracks,
-                         const PinholeCamera& camera,
-                         const MovingPartsOptions& options)
-    : options_(options),
-      columns_(static_cast<int>(camera.width / options.radius) + 1),
-      rows_(static_cast<int>(camera.height / options.radius) + 1),
+                         const PinholeCamera& camera)
+    : columns_(static_cast<int>(camera.width / kRadius) + 1),
+      rows_(static_cast<int>(camera.height / kRadius) + 1),
       cells_(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_)) {
   const std::vector<double> errors = trackErrors(map, tracks, camera);
-  const double limit = std::max(options.min_error, options.error_factor * medianOf(errors));
+  const double limit = std::max(kMinError, kErrorFactor * medianOf(errors));
   for (std::size_t i = 0; i < errors.size(); ++i) {
     const Eigen::Vector2f& pixel = tracks.positions.front()[i];
     const bool contradicts = errors[i] > limit;
@@ -110,12 +114,11 @@ MovingParts::MovingParts(const InitialMap& map,
 }
 
 int MovingParts::cellOf(float coordinate, int cells) const {
-  return std::clamp(
-      static_cast<int>(coordinate / static_cast<float>(options_.radius)), 0, cells - 1);
+  return std::clamp(static_cast<int>(coordinate / static_cast<float>(kRadius)), 0, cells - 1);
 }
 
 bool MovingParts::cover(const Eigen::Vector2f& pixel, Votes& votes) const {
-  const auto radius = static_cast<float>(options_.radius);
+  const auto radius = static_cast<float>(kRadius);
   votes.clear();
   int contradicting = 0;
   const int column = cellOf(pixel.x(), columns_);
@@ -131,8 +134,8 @@ bool MovingParts::cover(const Eigen::Vector2f& pixel, Votes& votes) const {
     }
   }
   if (votes.size() < kMinVotes) return false;
-  const std::size_t count = std::min(votes.size(), static_cast<std::size_t>(options_.neighbours));
-  const double needed = options_.max_share * static_cast<double>(count);
+  const std::size_t count = std::min(votes.size(), kNeighbours);
+  const double needed = kMaxShare * static_cast<double>(count);
   if (contradicting <= needed) return false;  // too few even if all were among the nearest
   std::partial_sort(votes.begin(), votes.begin() + static_cast<std::ptrdiff_t>(count), votes.end());
   const auto against =
@@ -162,7 +165,7 @@ int MovingParts::removeCorners(InitialMap& map) const {
 
 int MovingParts::removePoints(InitialMap& map) const {
   const auto rarely_found = [&](const SemiDensePoint& point) {
-    return point.observations < options_.min_found_share * point.searches;
+    return point.observations < kMinFoundShare * point.searches;
   };
   const std::size_t before = map.points.size();
   map.points.erase(std::remove_if(map.points.begin(), map.points.end(), rarely_found),

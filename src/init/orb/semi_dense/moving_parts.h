@@ -2,7 +2,6 @@
 #pragma once
 
 #include "dsorb/camera/pinhole_camera.h"
-#include "dsorb/options/orb_moving.h"
 
 #include "init/orb/map/initial_map.h"
 #include "init/orb/tracks/corner_tracks.h"
@@ -26,10 +25,7 @@ class MovingParts {
  public:
   /// @param map    adjusted poses
   /// @param tracks all of them, those that the map left out included
-  MovingParts(const InitialMap& map,
-              const CornerTracks& tracks,
-              const PinholeCamera& camera,
-              const MovingPartsOptions& options);
+  MovingParts(const InitialMap& map, const CornerTracks& tracks, const PinholeCamera& camera);
 
   /// Tracks that contradict.
   [[nodiscard]] int contradicting() const { return contradicting_; }
@@ -57,7 +53,6 @@ class MovingParts {
            static_cast<std::size_t>(column);
   }
 
-  MovingPartsOptions options_;
   int columns_;
   int rows_;
   int contradicting_ = 0;

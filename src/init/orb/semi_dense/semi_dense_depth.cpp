@@ -16,6 +16,7 @@
 namespace dsorb::init_orb {
 namespace {
 
+constexpr int kPatchSize = 6;       // one candidate in a square of this side [px]
 constexpr std::size_t kGrain = 64;  // candidates one thread takes at a time
 
 /// Patches of growing size until few enough candidates are left; what is still too much goes at
@@ -26,7 +27,7 @@ std::vector<SelectedPixel> selectCandidates(const Frame& reference,
   RegionThresholds thresholds;
   thresholds.compute(reference, options.gradient_above_median);
   const auto wanted = static_cast<std::size_t>(options.max_candidates);
-  int patch_size = options.patch_size;
+  int patch_size = kPatchSize;
   std::vector<SelectedPixel> selected = selectPatchMaxima(reference, thresholds, patch_size);
   // The count is about proportional to 1 / patch_size^2.
   const double ratio = static_cast<double>(selected.size()) / static_cast<double>(wanted);
@@ -54,7 +55,7 @@ CandidateResult observe(const SelectedPixel& pixel,
                         EpipolarSearch::Scratch& scratch) {
   CandidateResult result;
   result.point.pixel = {static_cast<float>(pixel.x), static_cast<float>(pixel.y)};
-  CandidateDepth depth(prior.at(result.point.pixel), options);
+  CandidateDepth depth(prior.at(result.point.pixel), options.fusion);
   for (const EpipolarSearch& frame : frames) {
     const SearchOutcome outcome = frame.search(result.point.pixel, depth.current(), scratch);
     result.searches += outcome.status != SearchStatus::kSkipped ? 1 : 0;
@@ -105,7 +106,7 @@ SemiDenseReport estimateSemiDenseDepth(InitialMap& map,
   Random random(seed);
   const FramePtr& reference = map.frames.front();
   const std::vector<SelectedPixel> candidates = selectCandidates(*reference, options, random);
-  const CornerPrior prior(map.corners, camera.width, camera.height, options);
+  const CornerPrior prior(map.corners, camera.width, camera.height);
   std::vector<EpipolarSearch> searches;
   searches.reserve(frames.size());
   for (const SearchFrame& frame : frames) {

@@ -18,13 +18,23 @@
 namespace dsorb::init_orb {
 namespace {
 
+constexpr int kMinTracks = 50;  // of a reference, before an attempt
+constexpr double kMinRotationResidual =
+    0.5;                                // median that a rotation leaves; less: no parallax [px]
+constexpr double kMinTrackNoise = 0.5;  // where models compete, however well the tracks fit [px]
+/// An attempt is left out where the last one from this reference, extrapolated by the growth of the
+/// parallax, misses the gate by more than this factor.
+constexpr double kRetryMargin = 1.25;
+constexpr int kMaxSkippedFrames = 2;  // but so many times in a row at most
+constexpr int kNoiseRounds = 3;       // of measuring the tracks' noise from the residuals
+
 /// One attempt on its way from tracks to a map.
 class InformedAttempt {
  public:
   InformedAttempt(const ReferenceView& view, const AttemptContext& context, Attempt& attempt)
       : view_(view),
         context_(context),
-        options_(context.options.orb.informed),
+        gate_(context.options.orb.gate),
         attempt_(attempt),
         matches_(view.tracks.matchesTo(view.tracks.frames() - 1)) {}
 
@@ -36,13 +46,11 @@ class InformedAttempt {
   InitReason choosePlane(double essential_gric);
   InitReason refine();
   void detail(const char* key, double value) { attempt_.report.details.emplace_back(key, value); }
-  [[nodiscard]] double trackNoise() const {
-    return std::max(options_.min_track_noise, motion_->noise);
-  }
+  [[nodiscard]] double trackNoise() const { return std::max(kMinTrackNoise, motion_->noise); }
 
   const ReferenceView& view_;
   const AttemptContext& context_;
-  const InformedOptions& options_;
+  const GateOptions& gate_;
   Attempt& attempt_;
   Matches matches_;
   RotationFit rotation_;
@@ -55,20 +63,20 @@ class InformedAttempt {
 /// falls, and the parallax grows, with what a rotation leaves of the displacements.
 bool InformedAttempt::worthTheTime() const {
   const MotionEvidence& last = view_.evidence;
-  if (last.direction_sigma_deg == 0 || last.skipped >= options_.max_skipped_frames) return true;
+  if (last.direction_sigma_deg == 0 || last.skipped >= kMaxSkippedFrames) return true;
   const double growth = attempt_.evidence.rotation_residual / last.rotation_residual;
-  const double better = options_.hope * growth;
+  const double better = kRetryMargin * growth;
   const double sigma = last.direction_sigma_deg / better;
-  return sigma < options_.gate.max_direction_sigma_deg &&
-         better * last.parallax_deg > neededParallaxDeg(options_.gate, sigma);
+  return sigma < gate_.max_direction_sigma_deg &&
+         better * last.parallax_deg > neededParallaxDeg(gate_, sigma);
 }
 
 InitReason InformedAttempt::run() {
-  if (static_cast<int>(matches_.size()) < options_.min_tracks) return InitReason::kTooFewPoints;
+  if (static_cast<int>(matches_.size()) < kMinTracks) return InitReason::kTooFewPoints;
   StageClock& clock = context_.clock;
   rotation_ = clock.time("rotation", [&] { return fitRotation(matches_, context_.camera); });
   attempt_.evidence.rotation_residual = rotation_.median_residual;
-  if (rotation_.median_residual < options_.min_rotation_residual) {
+  if (rotation_.median_residual < kMinRotationResidual) {
     return InitReason::kTooLittleParallax;
   }
   if (!worthTheTime()) {
@@ -78,19 +86,15 @@ InitReason InformedAttempt::run() {
   }
   attempt_.evidence.tried = true;
   motion_ = clock.time("essential", [&] {
-    return estimateEssentialMotion(matches_, context_.camera, options_, context_.seed());
+    return estimateEssentialMotion(matches_, context_.camera, context_.seed());
   });
   if (!motion_) return InitReason::kPoorQuality;
-  double essential_gric = 0;
-  if (options_.name_models) {
-    std::vector<double> errors =
-        epipolarDistances(motion_->T_target_ref, matches_, context_.camera);
-    for (double& error : errors) error *= error;
-    essential_gric = gric(DisplacementModel::kEssential, errors, trackNoise());
-    errors = rotationSampsonErrors(rotation_.R_target_ref, matches_, context_.camera);
-    if (gric(DisplacementModel::kRotation, errors, trackNoise()) < essential_gric) {
-      return InitReason::kTooLittleParallax;
-    }
+  std::vector<double> errors = epipolarDistances(motion_->T_target_ref, matches_, context_.camera);
+  for (double& error : errors) error *= error;
+  const double essential_gric = gric(DisplacementModel::kEssential, errors, trackNoise());
+  errors = rotationSampsonErrors(rotation_.R_target_ref, matches_, context_.camera);
+  if (gric(DisplacementModel::kRotation, errors, trackNoise()) < essential_gric) {
+    return InitReason::kTooLittleParallax;
   }
   candidate_ = clock.time("geometric", [&] { return makeCandidate(view_, *motion_, context_); });
   if (!candidate_) return InitReason::kTooFewPoints;
@@ -105,31 +109,25 @@ InitReason InformedAttempt::run() {
   attempt_.evidence.parallax_deg = gate.parallax_deg;
   detail("fitted_sigma_deg", gate.fitted_sigma_deg);
   if (gate.reason != InitReason::kDone) return gate.reason;
-  if (options_.name_models) {
-    const InitReason reason = clock.time("planes", [&] { return choosePlane(essential_gric); });
-    if (reason != InitReason::kDone) return reason;
-  }
+  const InitReason reason = clock.time("planes", [&] { return choosePlane(essential_gric); });
+  if (reason != InitReason::kDone) return reason;
   attempt_.report.median_parallax_deg = gate.parallax_deg;
   return refine();
 }
 
 /// Where a homography explains the matches better, both motions of the plane are tried.
 InitReason InformedAttempt::choosePlane(double essential_gric) {
-  const auto H = estimateHomography(matches_, options_.ransac_threshold, context_.seed());
+  const auto H = estimateHomography(matches_, kRansacThreshold, context_.seed());
   if (!H) return InitReason::kDone;
   const double homography_gric =
       gric(DisplacementModel::kHomography, homographySampsonErrors(*H, matches_), trackNoise());
   detail("gric_homography_over_essential", homography_gric / essential_gric);
   if (homography_gric >= essential_gric) return InitReason::kDone;
   model_ = DisplacementModel::kHomography;
-  if (!options_.try_planes) return InitReason::kDone;
-  const double ratio =
-      competeOverFrames(view_,
-                        planeMotions(*H, matches_, context_.camera, options_.ransac_threshold),
-                        context_,
-                        *candidate_);
-  detail("second_motion_cost_ratio", std::min(ratio, options_.min_plane_cost_ratio * 1000));
-  return ratio < options_.min_plane_cost_ratio ? InitReason::kDegenerateMotion : InitReason::kDone;
+  const double ratio = competeOverFrames(
+      view_, planeMotions(*H, matches_, context_.camera, kRansacThreshold), context_, *candidate_);
+  detail("second_motion_cost_ratio", std::min(ratio, kMinPlaneCostRatio * 1000));
+  return ratio < kMinPlaneCostRatio ? InitReason::kDegenerateMotion : InitReason::kDone;
 }
 
 /// Measures noise and corners, drops what is behind the camera, sets scale and covariances.
@@ -146,11 +144,12 @@ InitReason InformedAttempt::refine() {
   const PinholeCamera& camera = context_.camera;
   InitialMap& map = attempt_.map.emplace(std::move(candidate_->map));
   GeometricOptions adjusted = context_.clock.time("geometric", [&] {
-    return adjustToNoise(map, camera, context_.options.orb.geometric, options_.noise_rounds);
+    return adjustToNoise(map, camera, context_.options.orb.geometric, kNoiseRounds);
   });
   detail("track_noise", adjusted.sigma);
-  const PolishReport polish = context_.clock.time(
-      "polish", [&] { return polishCorners(map, camera, adjusted, options_.polish); });
+  const PolishReport polish = context_.clock.time("polish", [&] {
+    return polishCorners(map, camera, adjusted, context_.options.orb.polish_rounds);
+  });
   detail("polished", polish.accepted ? 1 : 0);
   detail("polish_first_rms", polish.first_rms);
   detail("polish_last_rms", polish.last_rms);
@@ -165,8 +164,8 @@ InitReason InformedAttempt::refine() {
   removeCorners(map, behind);
   // What the gate asked for must not have gone since: patches that do not match say as much.
   if (static_cast<double>(map.corners.size()) <
-      std::max(static_cast<double>(options_.gate.min_points),
-               options_.gate.min_track_share * static_cast<double>(matches_.size()))) {
+      std::max(static_cast<double>(gate_.min_points),
+               gate_.min_track_share * static_cast<double>(matches_.size()))) {
     return InitReason::kPoorQuality;
   }
   if (!normalizeCornerScale(map)) return InitReason::kPoorQuality;

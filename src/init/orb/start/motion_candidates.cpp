@@ -18,6 +18,7 @@
 namespace dsorb::init_orb {
 namespace {
 
+constexpr int kMaxFrames = 6;              // evenly spread frames adjusted, both ends too
 constexpr double kSameDirection = 0.9986;  // cosine of 3 degrees: the same minimum
 constexpr double kMinFrontShare = 0.5;     // of a plane's inliers
 
@@ -65,7 +66,7 @@ std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,
                                              const AttemptContext& context) {
   const GeometricOptions& options = context.options.orb.geometric;
   const Matches matches = view.tracks.matchesTo(view.tracks.frames() - 1);
-  const std::vector<int> frames = spreadFrames(view.tracks.frames(), options.max_frames);
+  const std::vector<int> frames = spreadFrames(view.tracks.frames(), kMaxFrames);
   MotionCandidate candidate;
   InitialMap& map = candidate.map;
   map =

@@ -11,6 +11,9 @@
 
 namespace dsorb::init_orb {
 
+/// Cost of the second-best motion of a plane over the best's; less: undecided.
+constexpr double kMinPlaneCostRatio = 1.2;
+
 /// A motion with the map that follows from it, adjusted over a few frames.
 struct MotionCandidate {
   InitialMap map;

@@ -79,7 +79,7 @@ GateReport judgeStart(const InitialMap& map,
                       const OrbOptions& options,
                       int live_tracks,
                       double front_share) {
-  const GateOptions& gate = options.informed.gate;
+  const GateOptions& gate = options.gate;
   const auto corners = static_cast<double>(map.corners.size());
   GateReport report;
   report.parallax_deg = medianParallaxDeg(map, camera);

@@ -13,6 +13,8 @@
 namespace dsorb::init_orb {
 namespace {
 
+constexpr int kMaxRounds = 10;  // of solving and removing corners
+
 /// A map under adjustment: solves, and forgets corners that do not fit.
 class Adjustment {
  public:
@@ -130,10 +132,10 @@ bool solveAndRemove(Adjustment& adjustment,
     }
     removed = adjustment.removeAbove(options.severe_limit);
     report.removed_severe += removed;
-  } while (removed > 0 && report.rounds < options.max_rounds);
+  } while (removed > 0 && report.rounds < kMaxRounds);
   removed = adjustment.removeAbove(options.normal_limit);
   report.removed_normal = removed;
-  while (removed > 0 && report.rounds < options.max_rounds) {
+  while (removed > 0 && report.rounds < kMaxRounds) {
     if (!solve()) {
       return false;
     }

@@ -40,22 +40,23 @@ void count(InitReport& report, const std::string& name, double value) {
 bool estimateReportMotion(const ReferenceView& view,
                           const AttemptContext& context,
                           Attempt& attempt) {
-  const TwoViewOptions& options = context.options.orb.two_view;
   const Matches matches = view.tracks.matchesTo(view.tracks.frames() - 1);
   attempt.report.median_parallax_deg =
       context.clock.time("two_view", [&] { return rotationResidualDeg(matches, context.camera); });
-  if (attempt.report.median_parallax_deg < options.min_rotation_residual_deg) {
+  if (attempt.report.median_parallax_deg < kMinRotationResidualDeg) {
     attempt.reason = InitReason::kTooLittleParallax;
     return false;
   }
-  const TwoViewMotion motion = context.clock.time(
-      "two_view", [&] { return estimateMotion(matches, context.camera, options, context.seed()); });
+  const TwoViewMotion motion = context.clock.time("two_view", [&] {
+    return estimateMotion(
+        matches, context.camera, context.options.orb.model_choice, context.seed());
+  });
   attempt.reason = motion.reason;
   if (motion.reason != InitReason::kDone) return false;
   describeMotion(motion, matches.size(), attempt.report);
   attempt.map = makeInitialMap(view.frames, view.tracks, motion.best);
   context.clock.time("pose",
-                     [&] { poseFramesBetween(*attempt.map, context.camera, options.sigma); });
+                     [&] { poseFramesBetween(*attempt.map, context.camera, kCornerSigma); });
   return adjustCorners(context, attempt);
 }
 

@@ -3,6 +3,7 @@
 
 #include "base/parallel.h"
 #include "base/random.h"
+#include "init/orb/two_view/decomposition.h"
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
@@ -18,6 +19,7 @@
 namespace dsorb::init_orb {
 namespace {
 
+constexpr int kRounds = 200;                     // of RANSAC; both models use the same samples
 constexpr double kHomographyThreshold = kGamma;  // T_H
 constexpr double kFundamentalThreshold = 3.84;   // T_F: chi-square, 1 degree of freedom, 95 %
 constexpr int kMaxRefits = 5;
@@ -264,14 +266,14 @@ std::optional<Eigen::Matrix3d> solveModel(TwoViewModel kind,
   return withRankTwo(*full);
 }
 
-ModelPair fitModels(const Matches& matches, const TwoViewOptions& options, std::uint64_t seed) {
+ModelPair fitModels(const Matches& matches, std::uint64_t seed) {
   assert(matches.size() >= std::tuple_size<Sample>::value);
   Normalized normalized{matches, {}, {}};
   normalized.T_reference = normalize(normalized.matches.reference);
   normalized.T_target = normalize(normalized.matches.target);
-  const std::vector<Sample> samples = drawSamples(matches.size(), options.rounds, seed);
+  const std::vector<Sample> samples = drawSamples(matches.size(), kRounds, seed);
   const auto fit = [&](TwoViewModel kind) {
-    return fitModel(kind, matches, normalized, samples, options.sigma);
+    return fitModel(kind, matches, normalized, samples, kCornerSigma);
   };
   ModelPair pair;
   runBoth([&] { pair.homography = fit(TwoViewModel::kHomography); },

@@ -98,6 +98,6 @@ std::optional<Eigen::Matrix3d> solveModel(TwoViewModel kind,
 /// Fits both models by RANSAC, at the same time; the result does not depend on the threads.
 /// @param matches at least eight
 /// @param seed    of the samples
-ModelPair fitModels(const Matches& matches, const TwoViewOptions& options, std::uint64_t seed);
+ModelPair fitModels(const Matches& matches, std::uint64_t seed);
 
 }  // namespace dsorb::init_orb

@@ -10,14 +10,21 @@
 namespace dsorb::init_orb {
 namespace {
 
-InitReason judge(const TwoViewMotion& motion, const TwoViewOptions& options) {
+// Gates of the thesis.
+constexpr double kHomographyShare = 0.4;  // homography when S_H / (S_H + S_F) is above
+constexpr int kMinTriangulated = 50;      // good points of the best motion
+constexpr double kMinGoodShare = 0.9;     // good points of the best motion, of the inliers
+constexpr double kMaxSecondShare = 0.7;   // good points of the second motion, of the best's
+constexpr double kMinParallaxDeg = 1;     // of the point of evaluateMotion()'s rank
+
+InitReason judge(const TwoViewMotion& motion) {
   const int good = motion.best.good;
-  if (motion.inliers < options.min_triangulated) return InitReason::kTooFewPoints;
-  const double needed = std::max(options.min_good_share * motion.inliers,
-                                 static_cast<double>(options.min_triangulated));
+  if (motion.inliers < kMinTriangulated) return InitReason::kTooFewPoints;
+  const double needed =
+      std::max(kMinGoodShare * motion.inliers, static_cast<double>(kMinTriangulated));
   if (good < needed) return InitReason::kPoorQuality;
-  if (motion.second_good > options.max_second_share * good) return InitReason::kDegenerateMotion;
-  if (motion.best.parallax_deg < options.min_parallax_deg) return InitReason::kTooLittleParallax;
+  if (motion.second_good > kMaxSecondShare * good) return InitReason::kDegenerateMotion;
+  if (motion.best.parallax_deg < kMinParallaxDeg) return InitReason::kTooLittleParallax;
   return InitReason::kDone;
 }
 
@@ -25,14 +32,14 @@ InitReason judge(const TwoViewMotion& motion, const TwoViewOptions& options) {
 
 TwoViewMotion estimateMotion(const Matches& matches,
                              const PinholeCamera& camera,
-                             const TwoViewOptions& options,
+                             ModelChoice choice,
                              std::uint64_t seed) {
-  const ModelPair pair = fitModels(matches, options, seed);
+  const ModelPair pair = fitModels(matches, seed);
   TwoViewMotion motion;
   motion.homography_score = pair.homography.score;
   motion.fundamental_score = pair.fundamental.score;
-  const bool planar = options.model_choice == ModelChoice::kScore
-                          ? pair.homographyShare() > options.homography_share
+  const bool planar = choice == ModelChoice::kScore
+                          ? pair.homographyShare() > kHomographyShare
                           : pair.homography.inliers >= pair.fundamental.inliers;
   motion.model = planar ? TwoViewModel::kHomography : TwoViewModel::kFundamental;
   const ScoredModel& chosen = planar ? pair.homography : pair.fundamental;
@@ -44,14 +51,12 @@ TwoViewMotion estimateMotion(const Matches& matches,
   const std::vector<SE3> motions = planar ? decomposeHomography(chosen.matrix, camera)
                                           : decomposeFundamental(chosen.matrix, camera);
   for (const SE3& decomposed : motions) {
-    const SE3 T_target_ref =
-        refineMotion(decomposed, matches, chosen.inlier, camera, options.sigma);
-    MotionHypothesis hypothesis =
-        evaluateMotion(T_target_ref, matches, chosen.inlier, camera, options);
+    const SE3 T_target_ref = refineMotion(decomposed, matches, chosen.inlier, camera, kCornerSigma);
+    MotionHypothesis hypothesis = evaluateMotion(T_target_ref, matches, chosen.inlier, camera);
     if (hypothesis.good > motion.best.good) std::swap(hypothesis, motion.best);
     motion.second_good = std::max(motion.second_good, hypothesis.good);
   }
-  motion.reason = judge(motion, options);
+  motion.reason = judge(motion);
   return motion;
 }
 

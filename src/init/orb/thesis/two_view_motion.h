@@ -27,7 +27,7 @@ struct TwoViewMotion {
 /// @source Mur-Artal, Montiel, Tardos, ORB-SLAM, arXiv:1502.00956, section IV; report, section 3.2
 TwoViewMotion estimateMotion(const Matches& matches,
                              const PinholeCamera& camera,
-                             const TwoViewOptions& options,
+                             ModelChoice choice,
                              std::uint64_t seed);
 
 }  // namespace dsorb::init_orb

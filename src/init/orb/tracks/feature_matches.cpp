@@ -16,6 +16,11 @@
 namespace dsorb::init_orb {
 namespace {
 
+constexpr int kCellSize = 64;         // of the grid that spreads the features [px]
+constexpr int kLevels = 8;            // of the image pyramid
+constexpr float kScaleFactor = 1.2F;  // between two levels
+constexpr int kFastThreshold = 7;     // contrast of a FAST corner to its ring [grey levels]
+constexpr double kMaxRefinement = 4;  // a match that moves farther goes [px]
 constexpr int kPatchSize = 31;  // [px] of the level; side of the square a descriptor is made from
 constexpr int kSurplus = 10;    // features found for each that is kept when they are spread
 
@@ -27,38 +32,36 @@ bool stronger(const cv::KeyPoint& a, const cv::KeyPoint& b) {
 }
 
 /// Keeps the strongest features of every grid cell.
-void spread(const GreyImage& image,
-            const OrbMatchingOptions& options,
-            std::vector<cv::KeyPoint>& points) {
+void spread(const GreyImage& image, int max_features, std::vector<cv::KeyPoint>& points) {
   std::sort(points.begin(), points.end(), stronger);
-  const int columns = (image.grey.cols + options.cell_size - 1) / options.cell_size;
-  const int rows = (image.grey.rows + options.cell_size - 1) / options.cell_size;
+  const int columns = (image.grey.cols + kCellSize - 1) / kCellSize;
+  const int rows = (image.grey.rows + kCellSize - 1) / kCellSize;
   const int cells = columns * rows;
   // Twice an even share: cells without texture leave theirs to others.
-  const int cap = std::max(1, (2 * options.max_features + cells - 1) / cells);
+  const int cap = std::max(1, (2 * max_features + cells - 1) / cells);
   std::vector<int> taken(static_cast<std::size_t>(cells), 0);
   std::size_t kept = 0;
   for (const cv::KeyPoint& point : points) {
     if (!image.usable(point.pt)) continue;
-    const int cell = static_cast<int>(point.pt.y) / options.cell_size * columns +
-                     static_cast<int>(point.pt.x) / options.cell_size;
+    const int cell = static_cast<int>(point.pt.y) / kCellSize * columns +
+                     static_cast<int>(point.pt.x) / kCellSize;
     if (taken[static_cast<std::size_t>(cell)]++ >= cap) continue;
     points[kept++] = point;
-    if (static_cast<int>(kept) == options.max_features) break;
+    if (static_cast<int>(kept) == max_features) break;
   }
   points.resize(kept);
 }
 
-cv::Ptr<cv::ORB> makeDetector(const OrbMatchingOptions& options) {
-  return cv::ORB::create(kSurplus * options.max_features,
-                         static_cast<float>(options.scale_factor),
-                         options.levels,
+cv::Ptr<cv::ORB> makeDetector(int max_features) {
+  return cv::ORB::create(kSurplus * max_features,
+                         kScaleFactor,
+                         kLevels,
                          kPatchSize,
                          0,
                          2,
                          cv::ORB::HARRIS_SCORE,
                          kPatchSize,
-                         options.fast_threshold);
+                         kFastThreshold);
 }
 
 cv::Point2f toCv(const Eigen::Vector2f& point) {
@@ -117,27 +120,25 @@ DSORB_TARGET_CLONES void findNearest(const std::vector<Descriptor>& from,
 
 }  // namespace
 
-OrbFeatures findFeatures(const GreyImage& image, const OrbMatchingOptions& options) {
+OrbFeatures findFeatures(const GreyImage& image, int max_features) {
   OrbFeatures features;
-  const cv::Ptr<cv::ORB> detector = makeDetector(options);
+  const cv::Ptr<cv::ORB> detector = makeDetector(max_features);
   detector->detect(image.grey, features.points, image.valid);
-  spread(image, options, features.points);
+  spread(image, max_features, features.points);
   detector->compute(image.grey, features.points, features.descriptors);
   return features;
 }
 
-std::vector<int> matchFeatures(const OrbFeatures& from,
-                               const OrbFeatures& to,
-                               const OrbMatchingOptions& options) {
+std::vector<int> matchFeatures(const OrbFeatures& from, const OrbFeatures& to) {
   std::vector<int> partner(from.points.size(), -1);
   std::vector<Nearest> forward(from.points.size());
   std::vector<Nearest> backward(to.points.size());
   findNearest(descriptorsOf(from), descriptorsOf(to), forward, backward);
   for (std::size_t i = 0; i < forward.size(); ++i) {
     const Nearest& best = forward[i];
-    if (best.index < 0 || best.distance > options.max_distance) continue;
+    if (best.index < 0 || best.distance > kMaxDistance) continue;
     const bool mutual = backward[static_cast<std::size_t>(best.index)].index == static_cast<int>(i);
-    const bool clear = best.distance < options.max_ratio * best.second;
+    const bool clear = best.distance < kMaxRatio * best.second;
     if (mutual && clear) partner[i] = best.index;
   }
   return partner;
@@ -146,7 +147,7 @@ std::vector<int> matchFeatures(const OrbFeatures& from,
 const std::vector<Eigen::Vector2f>& FeatureMatches::start(const Frame& reference) {
   image_ = greyImage(reference.level(0), 1.0F, kPatchSize / 2);
   mean_ = meanIntensity(reference);
-  features_ = findFeatures(image_, options_);
+  features_ = findFeatures(image_, max_features_);
   positions_.clear();
   for (const cv::KeyPoint& point : features_.points) positions_.push_back(toEigen(point.pt));
   return positions_;
@@ -154,14 +155,14 @@ const std::vector<Eigen::Vector2f>& FeatureMatches::start(const Frame& reference
 
 std::vector<Eigen::Vector2f> FeatureMatches::find(const Frame& frame) const {
   const GreyImage image = greyImage(frame.level(0), gainTowards(mean_, frame), kPatchSize / 2);
-  const OrbFeatures found = findFeatures(image, options_);
-  const std::vector<int> partner = matchFeatures(features_, found, options_);
+  const OrbFeatures found = findFeatures(image, max_features_);
+  const std::vector<int> partner = matchFeatures(features_, found);
   std::vector<Eigen::Vector2f> sightings(positions_.size(), kNotSeen);
   for (std::size_t i = 0; i < partner.size(); ++i) {
     if (partner[i] < 0) continue;
     sightings[i] = toEigen(found.points[static_cast<std::size_t>(partner[i])].pt);
   }
-  if (options_.refine) refine(image, sightings);
+  refine(image, sightings);
   return sightings;
 }
 
@@ -179,22 +180,23 @@ void FeatureMatches::refine(const GreyImage& image, std::vector<Eigen::Vector2f>
   const std::vector<cv::Point2f> matched = end;
   std::vector<unsigned char> found;
   cv::Mat error;
+  const LucasKanadeOptions flow;
   const cv::TermCriteria stop(
-      cv::TermCriteria::COUNT + cv::TermCriteria::EPS, flow_.max_iterations, flow_.min_step);
+      cv::TermCriteria::COUNT + cv::TermCriteria::EPS, flow.max_iterations, flow.min_step);
   cv::calcOpticalFlowPyrLK(image_.grey,
                            image.grey,
                            start,
                            end,
                            found,
                            error,
-                           {flow_.window, flow_.window},
+                           {flow.window, flow.window},
                            0,
                            stop,
                            cv::OPTFLOW_USE_INITIAL_FLOW);
   for (std::size_t k = 0; k < which.size(); ++k) {
     const cv::Point2f moved = end[k] - matched[k];
-    const bool kept = found[k] != 0 && std::hypot(moved.x, moved.y) <= options_.max_refinement &&
-                      image.usable(end[k]);
+    const bool kept =
+        found[k] != 0 && std::hypot(moved.x, moved.y) <= kMaxRefinement && image.usable(end[k]);
     sightings[which[k]] = kept ? toEigen(end[k]) : kNotSeen;
   }
 }

@@ -2,9 +2,9 @@
 #pragma once
 
 #include "dsorb/image/frame.h"
-#include "dsorb/options/orb.h"
 
 #include "init/orb/tracks/grey_image.h"
+#include "init/orb/tracks/lucas_kanade.h"
 
 #include <Eigen/Core>
 #include <opencv2/core.hpp>
@@ -22,13 +22,14 @@ struct OrbFeatures {
 
 /// @source Rublee, Rabaud, Konolige, Bradski, ORB: an efficient alternative to SIFT or SURF,
 ///         ICCV 2011
-OrbFeatures findFeatures(const GreyImage& image, const OrbMatchingOptions& options);
+OrbFeatures findFeatures(const GreyImage& image, int max_features);
+
+constexpr double kMaxRatio = 0.8;  ///< of the best distance to the second best
+constexpr int kMaxDistance = 64;   ///< between two descriptors [bits of 256]
 
 /// Index of the partner of each feature of `from`, -1 without one: nearest in Hamming distance,
 /// mutually, and clearly nearer than the second nearest.
-std::vector<int> matchFeatures(const OrbFeatures& from,
-                               const OrbFeatures& to,
-                               const OrbMatchingOptions& options);
+std::vector<int> matchFeatures(const OrbFeatures& from, const OrbFeatures& to);
 
 /// Whether a feature was found; positions of those that were not are NaN.
 inline bool isSeen(const Eigen::Vector2f& position) {
@@ -38,9 +39,7 @@ inline bool isSeen(const Eigen::Vector2f& position) {
 /// Features of a reference image and where later images show them, by descriptors.
 class FeatureMatches {
  public:
-  /// @param flow window, levels and limits of the refinement
-  FeatureMatches(const OrbMatchingOptions& options, const FeatureTrackOptions& flow)
-      : options_(options), flow_(flow) {}
+  explicit FeatureMatches(int max_features) : max_features_(max_features) {}
 
   /// Forgets everything and finds the features of a new reference. @return their positions [px]
   const std::vector<Eigen::Vector2f>& start(const Frame& reference);
@@ -51,8 +50,7 @@ class FeatureMatches {
  private:
   void refine(const GreyImage& image, std::vector<Eigen::Vector2f>& sightings) const;
 
-  OrbMatchingOptions options_;
-  FeatureTrackOptions flow_;
+  int max_features_;
   OrbFeatures features_;
   std::vector<Eigen::Vector2f> positions_;
   GreyImage image_;

@@ -16,6 +16,9 @@
 namespace dsorb::init_orb {
 namespace {
 
+constexpr int kCellSize = 64;            // of the grid that spreads the corners [px]
+constexpr double kMinDistance = 8;       // between corners, for an image diagonal of 800 px [px]
+constexpr float kMaxBackwardError = 1;   // forward and backward again may miss the start by it [px]
 constexpr std::size_t kTrackGrain = 32;  // tracks one thread follows at a time
 
 /// Corners of an image, well inside it, spread over it and away from those that are there already.
@@ -24,9 +27,9 @@ class CornerGrid {
   CornerGrid(cv::Size size, const FeatureTrackOptions& options)
       : size_(size),
         options_(options),
-        columns_((size.width + options.cell_size - 1) / options.cell_size),
-        min_distance_(options.min_distance * imageScale(size.width, size.height)) {
-    const int rows = (size.height + options.cell_size - 1) / options.cell_size;
+        columns_((size.width + kCellSize - 1) / kCellSize),
+        min_distance_(kMinDistance * imageScale(size.width, size.height)) {
+    const int rows = (size.height + kCellSize - 1) / kCellSize;
     taken_.resize(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows), 0);
     // Twice an even share: cells without texture leave theirs to others.
     const auto cells = static_cast<int>(taken_.size());
@@ -68,8 +71,7 @@ class CornerGrid {
            corner.y <= static_cast<float>(size_.height - 1 - kFeatureBorder);
   }
   int& taken(float x, float y) {
-    const int cell = static_cast<int>(y) / options_.cell_size * columns_ +
-                     static_cast<int>(x) / options_.cell_size;
+    const int cell = static_cast<int>(y) / kCellSize * columns_ + static_cast<int>(x) / kCellSize;
     return taken_[static_cast<std::size_t>(cell)];
   }
 
@@ -82,11 +84,10 @@ class CornerGrid {
 };
 
 LucasKanadeOptions flowOptions(const FeatureTrackOptions& options) {
-  return {options.window,
-          options.max_level,
-          options.max_iterations,
-          options.min_step,
-          options.min_eigenvalue};
+  LucasKanadeOptions flow;
+  flow.max_level = options.max_level;
+  flow.min_eigenvalue = options.min_eigenvalue;
+  return flow;
 }
 
 /// Level 0 of a pyramid as OpenCV wants it.
@@ -119,7 +120,7 @@ void FeatureTracks::start(const Frame& reference) {
 
 void FeatureTracks::show(const Frame& frame, float gain) {
   const bool all_valid = pyramid_.build(frame.level(0), gain, flowOptions(options_));
-  valid_ = all_valid ? cv::Mat() : validMask(frame.level(0), options_.window / 2);
+  valid_ = all_valid ? cv::Mat() : validMask(frame.level(0), LucasKanadeOptions().window / 2);
 }
 
 void FeatureTracks::addCorners() {
@@ -139,7 +140,6 @@ void FeatureTracks::advance(const Frame& frame) {
   std::swap(pyramid_, other_pyramid_);
   show(frame, gainTowards(reference_mean_, frame));
   const cv::Size size(frame.level(0).width(), frame.level(0).height());
-  const auto max_miss = static_cast<float>(options_.max_backward_error);
   const std::vector<Eigen::Vector2f>& before = positions_.back();
   std::vector<Eigen::Vector2f> after = before;
   std::vector<char> alive(before.size(), 0);
@@ -152,7 +152,7 @@ void FeatureTracks::advance(const Frame& frame) {
           !lucas_kanade.follow(pyramid_, other_pyramid_, back)) {
         continue;
       }
-      alive[i] = (back - before[i]).norm() < max_miss ? 1 : 0;
+      alive[i] = (back - before[i]).norm() < kMaxBackwardError ? 1 : 0;
     }
   });
   positions_.push_back(std::move(after));

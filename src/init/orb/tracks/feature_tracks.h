@@ -14,6 +14,9 @@
 
 namespace dsorb::init_orb {
 
+/// Fewer survivors of one step: the scene was cut.
+constexpr double kMinSurvivorShare = 0.2;
+
 /// Corners followed from frame to frame with Lucas-Kanade; a track must come back to where it
 /// started when it is followed backwards. Only tracks that live in the newest frame are kept.
 ///

@@ -14,6 +14,7 @@ namespace dsorb::init_orb {
 namespace {
 
 constexpr double kDegPerRad = 180.0 / M_PI;
+constexpr int kParallaxRank = 51;         // of the point whose parallax counts
 constexpr double kGoodSquaredError = 4;   // [sigma^2], ORB-SLAM's limit of the reprojection error
 constexpr double kMinTranslation = 1e-9;  // of a homography's t over the plane's distance
 
@@ -33,12 +34,12 @@ std::optional<SE3> unitMotion(const cv::Mat& rotation, const cv::Mat& translatio
   return SE3(R, direction / length);
 }
 
-/// Parallax of the point that `rank` points (or all, when fewer) reach [deg].
-double rankedParallax(std::vector<double>& parallaxes, int rank) {
+/// Parallax that kParallaxRank points (or all, when fewer) reach [deg].
+double rankedParallax(std::vector<double>& parallaxes) {
   if (parallaxes.empty()) return 0;
   const auto place =
       parallaxes.begin() +
-      std::min<std::ptrdiff_t>(rank, static_cast<std::ptrdiff_t>(parallaxes.size())) - 1;
+      std::min<std::ptrdiff_t>(kParallaxRank, static_cast<std::ptrdiff_t>(parallaxes.size())) - 1;
   std::nth_element(parallaxes.begin(), place, parallaxes.end(), std::greater<>());
   return *place;
 }
@@ -81,10 +82,9 @@ std::vector<SE3> decomposeFundamental(const Eigen::Matrix3d& F, const PinholeCam
 MotionHypothesis evaluateMotion(const SE3& T_target_ref,
                                 const Matches& matches,
                                 const std::vector<char>& counted,
-                                const PinholeCamera& camera,
-                                const TwoViewOptions& options) {
-  const double max_squared_error = kGoodSquaredError * options.sigma * options.sigma;
-  const double normalized_sigma = options.sigma / camera.fx;
+                                const PinholeCamera& camera) {
+  const double max_squared_error = kGoodSquaredError * kCornerSigma * kCornerSigma;
+  const double normalized_sigma = kCornerSigma / camera.fx;
   MotionHypothesis hypothesis;
   hypothesis.T_target_ref = T_target_ref;
   hypothesis.points.resize(matches.size());
@@ -104,7 +104,7 @@ MotionHypothesis evaluateMotion(const SE3& T_target_ref,
     ++hypothesis.good;
     parallaxes.push_back(parallaxAngle(T_target_ref, ray, target_ray) * kDegPerRad);
   }
-  hypothesis.parallax_deg = rankedParallax(parallaxes, options.parallax_rank);
+  hypothesis.parallax_deg = rankedParallax(parallaxes);
   return hypothesis;
 }
 

@@ -13,12 +13,15 @@
 
 namespace dsorb::init_orb {
 
+/// Standard deviation of a corner's position in each image, for the models of two views [px].
+constexpr double kCornerSigma = 1;
+
 /// One possible motion with the structure it implies.
 struct MotionHypothesis {
   SE3 T_target_ref;                                      ///< translation of length 1
   std::vector<std::optional<TriangulatedPoint>> points;  ///< one a match; set where it is good
   int good = 0;                                          ///< good points among those counted
-  double parallax_deg = 0;                               ///< of the point of the options' rank
+  double parallax_deg = 0;                               ///< that 51 of them reach
 };
 
 /// Motions that a homography allows (up to four), translations of length 1. Empty for a rotation.
@@ -36,7 +39,6 @@ std::vector<SE3> decomposeFundamental(const Eigen::Matrix3d& F, const PinholeCam
 MotionHypothesis evaluateMotion(const SE3& T_target_ref,
                                 const Matches& matches,
                                 const std::vector<char>& counted,
-                                const PinholeCamera& camera,
-                                const TwoViewOptions& options);
+                                const PinholeCamera& camera);
 
 }  // namespace dsorb::init_orb

@@ -16,6 +16,8 @@
 namespace dsorb::init_orb {
 namespace {
 
+constexpr int kMaxRounds = 1000;  // of RANSAC; it stops when it is sure
+constexpr int kMinInliers = 50;
 constexpr int kMinMatches = 8;  // of OpenCV's local optimisation
 constexpr int kRefits = 2;      // of motion and inliers; the inliers then stay the same
 
@@ -87,24 +89,22 @@ EssentialMotion refineOnInliers(const SE3& T_target_ref,
 
 std::optional<EssentialMotion> estimateEssentialMotion(const Matches& matches,
                                                        const PinholeCamera& camera,
-                                                       const InformedOptions& options,
                                                        std::uint64_t seed) {
-  if (static_cast<int>(matches.size()) < std::max(kMinMatches, options.min_inliers)) {
+  if (static_cast<int>(matches.size()) < std::max(kMinMatches, kMinInliers)) {
     return std::nullopt;
   }
   const Eigen::Matrix3d k = camera.matrix();
   const cv::Matx33d K(k(0, 0), k(0, 1), k(0, 2), k(1, 0), k(1, 1), k(1, 2), 0, 0, 1);
   const cv::Mat no_distortion = cv::Mat::zeros(1, 4, CV_64F);
   cv::Mat mask;
-  const cv::Mat E =
-      cv::findEssentialMat(toCv(matches.reference),
-                           toCv(matches.target),
-                           K,
-                           K,
-                           no_distortion,
-                           no_distortion,
-                           mask,
-                           ransacParameters(options.ransac_threshold, options.max_rounds, seed));
+  const cv::Mat E = cv::findEssentialMat(toCv(matches.reference),
+                                         toCv(matches.target),
+                                         K,
+                                         K,
+                                         no_distortion,
+                                         no_distortion,
+                                         mask,
+                                         ransacParameters(kRansacThreshold, kMaxRounds, seed));
   if (E.rows != 3 || E.cols != 3) return std::nullopt;
   std::vector<char> inlier(matches.size(), 0);
   for (std::size_t i = 0; i < inlier.size(); ++i) {
@@ -113,8 +113,8 @@ std::optional<EssentialMotion> estimateEssentialMotion(const Matches& matches,
   const std::vector<SE3> motions = decomposeEssential(toEigen(E));
   if (motions.empty()) return std::nullopt;
   EssentialMotion motion = refineOnInliers(
-      mostInFront(motions, matches, inlier, camera), matches, camera, options.ransac_threshold);
-  if (motion.inliers < options.min_inliers) return std::nullopt;
+      mostInFront(motions, matches, inlier, camera), matches, camera, kRansacThreshold);
+  if (motion.inliers < kMinInliers) return std::nullopt;
   return motion;
 }
 

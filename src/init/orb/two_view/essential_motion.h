@@ -3,7 +3,7 @@
 
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/geometry/se3.h"
-#include "dsorb/options/orb_motion.h"
+#include "dsorb/options/orb.h"
 
 #include "init/orb/tracks/matches.h"
 
@@ -12,6 +12,9 @@
 #include <vector>
 
 namespace dsorb::init_orb {
+
+/// Distance from the epipolar line, or from where a homography wants the match, of an inlier [px].
+constexpr double kRansacThreshold = 1;
 
 /// Motion between two calibrated views with the matches that support it.
 struct EssentialMotion {
@@ -30,7 +33,6 @@ struct EssentialMotion {
 ///         Matas, Kittler, Locally Optimized RANSAC, DAGM 2003 (both as in OpenCV's USAC)
 std::optional<EssentialMotion> estimateEssentialMotion(const Matches& matches,
                                                        const PinholeCamera& camera,
-                                                       const InformedOptions& options,
                                                        std::uint64_t seed);
 
 /// The motion moved to the minimum over its inliers, and its inliers counted anew.

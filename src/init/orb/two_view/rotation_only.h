@@ -10,6 +10,9 @@
 
 namespace dsorb::init_orb {
 
+/// Median angle that a rotation leaves of the displacements; less: no parallax.
+constexpr double kMinRotationResidualDeg = 0.3;
+
 struct RotationFit {
   Eigen::Quaterniond R_target_ref = Eigen::Quaterniond::Identity();
   double median_residual = 0;  ///< what the rotation leaves of the displacements [px]

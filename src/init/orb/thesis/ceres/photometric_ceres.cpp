@@ -54,7 +54,7 @@ CeresPhotometry::CeresPhotometry(const PhotometricProblem& problem,
     affine_.push_back({state.affine[f].a, state.affine[f].b});
     settings_.push_back({patchTarget(problem, state, f),
                          options.brightness,
-                         options.huber_threshold,
+                         static_cast<double>(kHuberThreshold),
                          problem.reference_exposure,
                          problem.frames[f].exposure});
   }
