@@ -35,17 +35,14 @@ struct Start {
     FeatureTracks tracks(options.tracks);
     tracks.start(*scene.frames.front());
     Random random(kSeed);
-    map.frames = scene.frames;
-    map.T_cam_ref.resize(kFrames);
-    map.covariance.resize(kFrames);
-    map.affine.resize(kFrames);
     for (int k = 0; k < kFrames; ++k) {
-      map.T_cam_ref[static_cast<std::size_t>(k)] = scene.T_cam_first(k);
+      const FramePtr& frame = scene.frames[static_cast<std::size_t>(k)];
+      map.frames.push_back({frame, scene.T_cam_first(k), {}, {}});
       if (k > 0 && k % (kFrames / kAdjusted) != 0) others.push_back(k);
     }
     for (const Eigen::Vector2f& pixel : tracks.positions(0))
       addCorner(pixel.cast<double>(), random);
-    for (const int k : others) map.T_cam_ref[static_cast<std::size_t>(k)].reset();
+    for (const int k : others) map.frames[static_cast<std::size_t>(k)].T_cam_ref.reset();
     normalizeCornerScale(map);
     estimateSemiDenseDepth(map, scene.camera, options.semi_dense, kSeed);
     keepBestPoints(map, options.semi_dense.max_points);
@@ -99,13 +96,13 @@ void polishOtherPoses(benchmark::State& state) {
   InitialMap posed = from.map;
   setCovariances(posed, room().camera, from.options.geometric);
   for (const int k : from.others) {
-    posed.T_cam_ref[static_cast<std::size_t>(k)] = room().T_cam_first(k);
+    posed.frames[static_cast<std::size_t>(k)].T_cam_ref = room().T_cam_first(k);
   }
   timeWithThreads(state, [&] {
     InitialMap map = posed;
     polishPoses(
         map, room().camera, from.options.geometric, from.options.polish_rounds, from.others);
-    return map.T_cam_ref.size();
+    return map.frames.size();
   });
   state.counters["frames"] = static_cast<double>(from.others.size());
 }

@@ -124,7 +124,7 @@ void poseBetween(benchmark::State& state) {
   timeWithThreads(state, [&] {
     InitialMap map = made.unposed;
     poseFramesBetween(map, room().camera, kCornerSigma);
-    return map.T_cam_ref.size();
+    return map.frames.size();
   });
 }
 BENCHMARK(poseBetween)->Arg(1)->UseRealTime()->MeasureProcessCPUTime();

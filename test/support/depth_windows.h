@@ -100,7 +100,7 @@ inline DepthQuality judge(const init_orb::InitialMap& map, const DepthWindow& wi
   }
   quality.median = medianOrNan(errors);
   quality.nees = medianOrNan(normalized);
-  const SE3& pose = *map.T_cam_ref.back();
+  const SE3& pose = *map.frames.back().T_cam_ref;
   const SE3& truth = window.T_cam_ref[map.frames.size() - 1];
   quality.direction_deg = directionErrorDeg(pose.translation(), truth.translation());
   quality.rotation_deg = rotationErrorDeg(pose, truth);

@@ -33,12 +33,11 @@ struct PhotometricMap {
       xi << path[k], turn, -turn, 0.5 * turn;
       const AffineBrightness affine =
           options.brightness_changes ? brightness[k] : AffineBrightness();
-      truth.T_cam_ref.emplace_back(SE3::exp(xi));
-      truth.affine.push_back(affine);
-      truth.frames.push_back(scene.render(
-          SE3::exp(xi), options.noise, static_cast<int>(k), {std::exp(affine.a), affine.b}));
+      const SE3 pose = SE3::exp(xi);
+      const BrightnessTransfer change{std::exp(affine.a), affine.b};
+      truth.frames.push_back(
+          {scene.render(pose, options.noise, static_cast<int>(k), change), pose, affine, {}});
     }
-    truth.covariance.resize(path.size());
     for (int y = 12; y < 228; y += 9) {
       for (int x = 12; x < 308; x += 9) {
         const double rho = scene.inverseDepth({x, y});
@@ -80,8 +79,8 @@ struct PhotometricMap {
         xi[d] = random.uniform(-1, 1) *
                 (d < 3 ? 0.2 * options.translation_error : options.rotation_error);
       }
-      start.T_cam_ref[k] = SE3::exp(xi) * *truth.T_cam_ref[k];
-      start.affine[k].a += options.brightness_changes ? 0.02 * random.uniform(-1, 1) : 0;
+      start.frames[k].T_cam_ref = SE3::exp(xi) * *truth.frames[k].T_cam_ref;
+      start.frames[k].affine.a += options.brightness_changes ? 0.02 * random.uniform(-1, 1) : 0;
     }
     for (init_orb::Corner& corner : start.corners) {
       corner.inverse_depth *= 1 + options.depth_error * random.uniform(-1, 1);

@@ -41,9 +41,7 @@ inline SyntheticMap makeSyntheticMap(const SyntheticMapOptions& options, std::ui
   }
   const auto frames = static_cast<std::size_t>(options.frames);
   truth.frames.resize(frames);
-  truth.covariance.resize(frames);
-  truth.affine.resize(frames);
-  truth.T_cam_ref.emplace_back(SE3());
+  truth.frames.front().T_cam_ref = SE3();
   for (int k = 1; k < options.frames; ++k) {
     const double path = static_cast<double>(k) / (options.frames - 1);
     Vector6d xi;
@@ -51,14 +49,14 @@ inline SyntheticMap makeSyntheticMap(const SyntheticMapOptions& options, std::ui
         0.01 * random.gaussian(), 0.03 * path, 0.01 * random.gaussian();
     SE3 pose = SE3::exp(xi);
     pose.setTranslation(pose.translation() * mean);
-    truth.T_cam_ref.emplace_back(pose);
+    truth.frames[static_cast<std::size_t>(k)].T_cam_ref = pose;
   }
   for (int i = 0; i < options.corners; ++i) {
     init_orb::Corner& corner = truth.corners[static_cast<std::size_t>(i)];
     corner.inverse_depth /= mean;
     const Eigen::Vector3d point = scene.camera.unproject(corner.pixel) / corner.inverse_depth;
     for (int k = 1; k < options.frames; ++k) {
-      const SE3& T = *truth.T_cam_ref[static_cast<std::size_t>(k)];
+      const SE3& T = *truth.frames[static_cast<std::size_t>(k)].T_cam_ref;
       const Eigen::Vector2d noise(random.gaussian(), random.gaussian());
       truth.observations.push_back({i, k, scene.camera.project(T * point) + options.noise * noise});
     }
@@ -72,7 +70,7 @@ inline SyntheticMap makeSyntheticMap(const SyntheticMapOptions& options, std::ui
     for (int d = 0; d < 6; ++d) {
       xi[d] = 0.1 * options.perturbation * random.uniform(-1, 1);
     }
-    scene.start.T_cam_ref[k] = SE3::exp(xi) * *scene.start.T_cam_ref[k];
+    scene.start.frames[k].T_cam_ref = SE3::exp(xi) * *scene.start.frames[k].T_cam_ref;
   }
   return scene;
 }

@@ -34,11 +34,9 @@ DisturbedMap makeDisturbedMap(double disturbance, std::uint64_t seed = 9) {
     const double path = k / 3.0;
     made.truth.emplace_back(so3Exp({0.01 * path, -0.02 * path, 0.03 * path}),
                             Eigen::Vector3d(0.08 * path, 0.02 * path, 0.06 * path));
-    map.frames.push_back(made.scene.render(made.truth.back(), 1, k, {1 + 0.05 * k, 2.0 * k}));
+    const SE3& pose = made.truth.back();
+    map.frames.push_back({made.scene.render(pose, 1, k, {1 + 0.05 * k, 2.0 * k}), pose, {}, {}});
   }
-  map.T_cam_ref.assign(made.truth.begin(), made.truth.end());
-  map.covariance.resize(4);
-  map.affine.resize(4);
   const PinholeCamera& camera = made.scene.camera();
   for (int i = 0; i < 150; ++i) {
     Corner corner;
@@ -82,16 +80,16 @@ TEST(CornerPolish, ReducesTheErrorOfDisturbedTracks) {
   EXPECT_TRUE(report.fits);
   EXPECT_LT(rmsError(made), 0.35 * before);
   EXPECT_LT(report.last_rms, report.first_rms);
-  EXPECT_LT(
-      directionErrorDeg(made.map.T_cam_ref.back()->translation(), made.truth.back().translation()),
-      1.0);
+  EXPECT_LT(directionErrorDeg(made.map.frames.back().T_cam_ref->translation(),
+                              made.truth.back().translation()),
+            1.0);
 }
 
 TEST(CornerPolish, KeepsTheMapWhereTheImagesDoNotFit) {
   DisturbedMap made = makeDisturbedMap(0.4);
   const PlaneScene other(77);
   for (std::size_t k = 1; k < made.map.frames.size(); ++k) {
-    made.map.frames[k] = other.render(made.truth[k], 1, static_cast<int>(k));
+    made.map.frames[k].frame = other.render(made.truth[k], 1, static_cast<int>(k));
   }
   const InitialMap before = made.map;
   const PolishReport report =
@@ -100,7 +98,7 @@ TEST(CornerPolish, KeepsTheMapWhereTheImagesDoNotFit) {
   EXPECT_FALSE(report.fits);  // a start from such tracks is refused
   ASSERT_EQ(made.map.corners.size(), before.corners.size());
   EXPECT_EQ(made.map.observations.front().pixel, before.observations.front().pixel);
-  EXPECT_EQ(made.map.T_cam_ref.back()->matrix(), before.T_cam_ref.back()->matrix());
+  EXPECT_EQ(made.map.frames.back().T_cam_ref->matrix(), before.frames.back().T_cam_ref->matrix());
 }
 
 TEST(CornerPolish, IsOffWithoutRounds) {
@@ -115,18 +113,18 @@ Matrix6d covarianceBetween(DisturbedMap& made, int rounds) {
   const PinholeCamera& camera = made.scene.camera();
   GeometricOptions geometric;
   geometric.sigma = kDisturbance;
-  made.map.T_cam_ref[2].reset();
+  made.map.frames[2].T_cam_ref.reset();
   EXPECT_TRUE(adjustGeometry(made.map, camera, geometric).usable);
   const std::vector<int> others = poseOtherFrames(made.map, camera);
   EXPECT_EQ(others, std::vector<int>{2});
   polishPoses(made.map, camera, geometric, rounds, others);
-  EXPECT_TRUE(made.map.covariance[2]);
-  return made.map.covariance[2].value_or(Matrix6d::Zero());
+  EXPECT_TRUE(made.map.frames[2].covariance);
+  return made.map.frames[2].covariance.value_or(Matrix6d::Zero());
 }
 
 /// Squared error of the rotation of frame 2 over its covariance, a third.
 double rotationRatio(const DisturbedMap& made, const Matrix6d& covariance) {
-  const Vector6d error = (made.truth[2] * made.map.T_cam_ref[2]->inverse()).log();
+  const Vector6d error = (made.truth[2] * made.map.frames[2].T_cam_ref->inverse()).log();
   const Eigen::Vector3d turn = error.tail<3>();
   return turn.dot(covariance.bottomRightCorner<3, 3>().inverse() * turn) / 3;
 }

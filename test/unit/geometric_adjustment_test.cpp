@@ -116,7 +116,9 @@ TEST(GeometricAdjustment, RecoversTruthFromAPerturbedStart) {
   EXPECT_EQ(report.removed_severe + report.removed_normal + report.removed_unseen, 0);
   EXPECT_LT(report.residual_rms, 1e-6);
   for (std::size_t k = 1; k < 5; ++k) {
-    EXPECT_THAT(*scene.start.T_cam_ref[k], Se3Near(*scene.truth.T_cam_ref[k], 1e-6, 1e-6)) << k;
+    EXPECT_THAT(*scene.start.frames[k].T_cam_ref,
+                Se3Near(*scene.truth.frames[k].T_cam_ref, 1e-6, 1e-6))
+        << k;
   }
   for (std::size_t i = 0; i < scene.truth.corners.size(); ++i) {
     EXPECT_NEAR(scene.start.corners[i].inverse_depth, scene.truth.corners[i].inverse_depth, 1e-6);
@@ -151,7 +153,8 @@ TEST_P(BothSolvers, FindTheSameMinimum) {
     ASSERT_EQ(by_ceres.corners.size(), by_schur.corners.size());
     EXPECT_NEAR(schur.residual_rms, ceres.residual_rms, 1e-5);
     for (std::size_t k = 1; k < by_ceres.frames.size(); ++k) {
-      EXPECT_THAT(*by_schur.T_cam_ref[k], Se3Near(*by_ceres.T_cam_ref[k], 1e-4, 1e-5)) << k;
+      EXPECT_THAT(*by_schur.frames[k].T_cam_ref, Se3Near(*by_ceres.frames[k].T_cam_ref, 1e-4, 1e-5))
+          << k;
     }
     for (std::size_t i = 0; i < by_ceres.corners.size(); ++i) {
       EXPECT_NEAR(by_schur.corners[i].inverse_depth, by_ceres.corners[i].inverse_depth, 1e-5) << i;
@@ -191,13 +194,14 @@ TEST(GeometricAdjustment, RemovesPlantedOutliersAndKeepsMapConsistent) {
     ASSERT_NE(match, before.end());
     EXPECT_NE((match - before.begin()) % 10, 0);
   }
-  EXPECT_THAT(*scene.start.T_cam_ref[4], Se3Near(*scene.truth.T_cam_ref[4], 0.1, 0.01));
+  EXPECT_THAT(*scene.start.frames[4].T_cam_ref,
+              Se3Near(*scene.truth.frames[4].T_cam_ref, 0.1, 0.01));
 }
 
 TEST(GeometricAdjustment, RemovesCornersBehindTheCameraAndUnseenOnes) {
   SyntheticMap scene = makeSyntheticMap({200, 4, 0.1, 0.05}, 8);
   scene.start.corners[3].inverse_depth = -0.2;
-  scene.start.T_cam_ref[2].reset();
+  scene.start.frames[2].T_cam_ref.reset();
   scene.start.corners.push_back({{100, 100}, 1.0, 0});  // seen in the unposed frame alone
   scene.start.observations.push_back({200, 2, {105, 100}});
   const GeometricReport report = adjustGeometry(scene.start, scene.camera, huber());
@@ -205,9 +209,9 @@ TEST(GeometricAdjustment, RemovesCornersBehindTheCameraAndUnseenOnes) {
   EXPECT_EQ(report.removed_unseen, 1);
   EXPECT_EQ(report.removed_severe, 1);
   EXPECT_EQ(scene.start.corners.size(), 199U);
-  EXPECT_FALSE(scene.start.T_cam_ref[2].has_value());
-  EXPECT_FALSE(scene.start.covariance[2].has_value());
-  EXPECT_TRUE(scene.start.covariance[1].has_value());
+  EXPECT_FALSE(scene.start.frames[2].T_cam_ref.has_value());
+  EXPECT_FALSE(scene.start.frames[2].covariance.has_value());
+  EXPECT_TRUE(scene.start.frames[1].covariance.has_value());
 }
 
 TEST(GeometricAdjustment, FailsWithTooFewCorners) {
@@ -218,7 +222,7 @@ TEST(GeometricAdjustment, FailsWithTooFewCorners) {
 TEST(GeometricAdjustment, FailsWithoutParallaxAndStaysSilent) {
   SyntheticMap scene = makeSyntheticMap({100, 4, 0, 0}, 11);
   for (std::size_t k = 1; k < 4; ++k) {
-    scene.start.T_cam_ref[k] = SE3();
+    scene.start.frames[k].T_cam_ref = SE3();
   }
   for (Observation& observation : scene.start.observations) {
     observation.pixel = scene.start.corners[static_cast<std::size_t>(observation.corner)].pixel;
@@ -235,7 +239,7 @@ TEST(GeometricAdjustment, SameInputGivesSameBits) {
   SyntheticMap b = makeSyntheticMap({200, 4, 0.3, 0.1}, 12);
   ASSERT_TRUE(adjustGeometry(a.start, a.camera, huber()).usable);
   ASSERT_TRUE(adjustGeometry(b.start, b.camera, huber()).usable);
-  EXPECT_EQ(a.start.T_cam_ref[3]->matrix(), b.start.T_cam_ref[3]->matrix());
+  EXPECT_EQ(a.start.frames[3].T_cam_ref->matrix(), b.start.frames[3].T_cam_ref->matrix());
   for (std::size_t i = 0; i < a.start.corners.size(); ++i) {
     EXPECT_EQ(a.start.corners[i].inverse_depth, b.start.corners[i].inverse_depth);
     EXPECT_EQ(a.start.corners[i].variance, b.start.corners[i].variance);

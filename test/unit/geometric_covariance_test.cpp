@@ -46,8 +46,9 @@ TEST(GeometricCovariance, VariancesPredictTheErrorsOfNoisyObservations) {
       const double error = corner.inverse_depth - scene.truth.corners[i].inverse_depth;
       depth_ratios.push_back(error * error / corner.variance);
     }
-    const Vector6d error = (*scene.truth.T_cam_ref[3] * scene.start.T_cam_ref[3]->inverse()).log();
-    pose_ratios.push_back(error.dot(scene.start.covariance[3]->inverse() * error) / 6);
+    const Vector6d error =
+        (*scene.truth.frames[3].T_cam_ref * scene.start.frames[3].T_cam_ref->inverse()).log();
+    pose_ratios.push_back(error.dot(scene.start.frames[3].covariance->inverse() * error) / 6);
   }
   // Medians expected: 0.455 for chi-square 1, 0.891 for chi-square 6 over 6.
   EXPECT_NEAR(medianOf(depth_ratios), 0.455, 0.1);
@@ -64,7 +65,7 @@ Eigen::MatrixXd denseCovariance(const InitialMap& map, const PinholeCamera& came
     Eigen::Index row = 0;
     for (const Observation& o : map.observations) {
       const SE3 T = SE3::exp(delta.segment<6>(6 * (o.frame - 1))) *
-                    *map.T_cam_ref[static_cast<std::size_t>(o.frame)];
+                    *map.frames[static_cast<std::size_t>(o.frame)].T_cam_ref;
       const Corner& corner = map.corners[static_cast<std::size_t>(o.corner)];
       const double inverse_depth = corner.inverse_depth + delta[poses + o.corner];
       r.segment<2>(row) =
@@ -98,8 +99,9 @@ TEST(GeometricCovariance, EqualsTheDensePseudoInverseInTheSameGauge) {
       report.variance_factor * denseCovariance(scene.start, scene.camera);
   for (int k = 1; k < 4; ++k) {
     const Eigen::MatrixXd block = expected.block(6 * (k - 1), 6 * (k - 1), 6, 6);
-    EXPECT_LT(relativeDifference(*scene.start.covariance[static_cast<std::size_t>(k)], block),
-              1e-5);
+    EXPECT_LT(
+        relativeDifference(*scene.start.frames[static_cast<std::size_t>(k)].covariance, block),
+        1e-5);
   }
   for (int i = 0; i < 40; ++i) {
     const double variance = scene.start.corners[static_cast<std::size_t>(i)].variance;
@@ -135,7 +137,7 @@ class FixedMean final : public ceres::CostFunction {
 class SparseQrReferee {
  public:
   SparseQrReferee(const InitialMap& map, const PinholeCamera& camera) {
-    for (const std::optional<SE3>& pose : map.T_cam_ref) poses_.push_back(toBlock(*pose));
+    for (const PosedFrame& frame : map.frames) poses_.push_back(toBlock(*frame.T_cam_ref));
     std::vector<double*> depths;
     for (const Corner& corner : map.corners) {
       depths_.push_back(corner.inverse_depth);
@@ -206,7 +208,7 @@ TEST(GeometricCovariance, EqualsSparseQrOfCeres) {
   // Measured at most 2e-10, poses and depths; margin x5.
   for (std::size_t k = 1; k < scene.start.frames.size(); ++k) {
     const Matrix6d expected = report.variance_factor * referee.pose(k);
-    EXPECT_LT(relativeDifference(*scene.start.covariance[k], expected), 1e-9) << k;
+    EXPECT_LT(relativeDifference(*scene.start.frames[k].covariance, expected), 1e-9) << k;
   }
   for (std::size_t i = 0; i < 200; ++i) {
     const double expected = report.variance_factor * referee.depth(i);
@@ -221,8 +223,9 @@ double medianPoseRatio(const GeometricOptions& options) {
     SyntheticMap scene = makeSyntheticMap({600, 4, 0.1, 0}, seed);
     addSharedErrors(scene, 0.3, seed);
     EXPECT_TRUE(adjustGeometry(scene.start, scene.camera, options).usable);
-    const Vector6d error = (*scene.truth.T_cam_ref[3] * scene.start.T_cam_ref[3]->inverse()).log();
-    ratios.push_back(error.dot(scene.start.covariance[3]->inverse() * error) / 6);
+    const Vector6d error =
+        (*scene.truth.frames[3].T_cam_ref * scene.start.frames[3].T_cam_ref->inverse()).log();
+    ratios.push_back(error.dot(scene.start.frames[3].covariance->inverse() * error) / 6);
   }
   return medianOf(ratios);
 }

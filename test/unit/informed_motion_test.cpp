@@ -133,7 +133,7 @@ TEST(MotionCandidates, FramesBetweenDecideWhichMotionOfAPlaneIsRight) {
     auto best = makeCandidate(scene.view, start, context);
     ASSERT_TRUE(best);
     const double ratio = competeOverFrames(scene.view, motions, context, *best);
-    EXPECT_LT(errorOf(*best->map.T_cam_ref.back()), 2.0);
+    EXPECT_LT(errorOf(*best->map.frames.back().T_cam_ref), 2.0);
     EXPECT_GT(ratio, kMinPlaneCostRatio);
   }
   EXPECT_GT(std::max(errorOf(motions[0].T_target_ref), errorOf(motions[1].T_target_ref)), 20.0);
@@ -179,8 +179,8 @@ TEST(RobustAdjustment, RemovesPlantedOutliersAndFindsTheTruth) {
   }
   ASSERT_TRUE(adjustRobustly(scene.start, scene.camera, {}));
   EXPECT_EQ(scene.start.corners.size(), 240U);
-  EXPECT_LT(directionErrorDeg(scene.start.T_cam_ref.back()->translation(),
-                              scene.truth.T_cam_ref.back()->translation()),
+  EXPECT_LT(directionErrorDeg(scene.start.frames.back().T_cam_ref->translation(),
+                              scene.truth.frames.back().T_cam_ref->translation()),
             0.2);
 }
 
@@ -188,9 +188,12 @@ TEST(RobustAdjustment, TurnsAMotionOfTheWrongSign) {
   SyntheticMap scene = makeSyntheticMap({100, 4, 0, 0}, 13);
   InitialMap turned = scene.truth;
   for (Corner& corner : turned.corners) corner.inverse_depth *= -1;
-  for (auto& pose : turned.T_cam_ref) pose->setTranslation(-pose->translation());
+  for (PosedFrame& frame : turned.frames) {
+    frame.T_cam_ref->setTranslation(-frame.T_cam_ref->translation());
+  }
   EXPECT_DOUBLE_EQ(faceForward(turned), 1);
-  EXPECT_THAT(*turned.T_cam_ref.back(), Se3Near(*scene.truth.T_cam_ref.back(), 1e-12, 1e-12));
+  EXPECT_THAT(*turned.frames.back().T_cam_ref,
+              Se3Near(*scene.truth.frames.back().T_cam_ref, 1e-12, 1e-12));
   EXPECT_GT(turned.corners.front().inverse_depth, 0);
 }
 
@@ -228,7 +231,8 @@ TEST(StartGate, PredictsTheErrorOfTheDirection) {
     Random random(seed + 1);
     for (std::size_t i = 0; i < scene.start.observations.size(); ++i) {
       const SE3& T =
-          *scene.truth.T_cam_ref[static_cast<std::size_t>(scene.start.observations[i].frame)];
+          *scene.truth.frames[static_cast<std::size_t>(scene.start.observations[i].frame)]
+               .T_cam_ref;
       const Corner& corner =
           scene.truth.corners[static_cast<std::size_t>(scene.start.observations[i].corner)];
       const Eigen::Vector3d point = scene.camera.unproject(corner.pixel) / corner.inverse_depth;
@@ -237,8 +241,8 @@ TEST(StartGate, PredictsTheErrorOfTheDirection) {
           0.5 * Eigen::Vector2d(random.gaussian(), random.gaussian());
     }
     ASSERT_TRUE(adjustOnce(scene.start, scene.camera, options));
-    const double error = directionErrorDeg(scene.start.T_cam_ref.back()->translation(),
-                                           scene.truth.T_cam_ref.back()->translation());
+    const double error = directionErrorDeg(scene.start.frames.back().T_cam_ref->translation(),
+                                           scene.truth.frames.back().T_cam_ref->translation());
     squared += error * error / kDraws;
     predicted += directionSigma(scene.start, scene.camera, options).predicted * 180 / M_PI / kDraws;
   }

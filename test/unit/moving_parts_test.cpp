@@ -30,9 +30,9 @@ Scene makeScene(const Eigen::Vector3d& own_motion) {
   Random random(7);
   scene.tracks.positions.resize(kFrames);
   for (int k = 0; k < kFrames; ++k) {
-    scene.map.T_cam_ref.emplace_back(SE3(Eigen::Quaterniond::Identity(), {0.02 * k, 0, -0.1 * k}));
+    const SE3 pose(Eigen::Quaterniond::Identity(), {0.02 * k, 0, -0.1 * k});
+    scene.map.frames.push_back({nullptr, pose, {}, {}});
   }
-  scene.map.frames.resize(kFrames);
   for (int i = 0; i < 800; ++i) {
     const Eigen::Vector2d pixel(random.uniform(20, 620), random.uniform(20, 460));
     const double depth = random.uniform(2, 6);
@@ -44,7 +44,7 @@ Scene makeScene(const Eigen::Vector3d& own_motion) {
       if (moves) p += k * own_motion;
       const Eigen::Vector2d noise(random.gaussian(), random.gaussian());
       const Eigen::Vector2d seen =
-          kCamera.project(*scene.map.T_cam_ref[static_cast<std::size_t>(k)] * p) +
+          kCamera.project(*scene.map.frames[static_cast<std::size_t>(k)].T_cam_ref * p) +
           (k > 0 ? 0.1 : 0.0) * noise;
       scene.tracks.positions[static_cast<std::size_t>(k)].push_back(seen.cast<float>());
       if (k > 0) scene.map.observations.push_back({i, k, seen});

@@ -37,14 +37,14 @@ TEST(PhotometricAdjustment, RecoversPosesAndDepthsWithEveryBrightnessModel) {
     // at most 0.0020, 0.32 and 0.067 degrees (psi without its derivative); margin x1.6.
     EXPECT_GT(before, 0.02);
     EXPECT_LT(medianOf(scene.depthErrors(scene.start)), 0.0033);
-    const SE3& pose = *scene.start.T_cam_ref.back();
-    const SE3& truth = *scene.truth.T_cam_ref.back();
+    const SE3& pose = *scene.start.frames.back().T_cam_ref;
+    const SE3& truth = *scene.truth.frames.back().T_cam_ref;
     EXPECT_LT(directionErrorDeg(pose.translation(), truth.translation()), 0.5);
     EXPECT_LT(rotationErrorDeg(pose, truth), 0.11);
     if (brightness == PhotometricBrightness::kAffine) {
       // The flattened contrast makes the gain smaller; measured 0.0144. The mean grey level, 128,
       // is not touched by it: measured 0.01 levels.
-      const AffineBrightness& affine = scene.start.affine[3];
+      const AffineBrightness& affine = scene.start.frames[3].affine;
       EXPECT_NEAR(affine.a, 0.15, 0.025);
       EXPECT_NEAR(std::exp(affine.a) * 128 + affine.b, std::exp(0.15) * 128 - 8, 0.5);
     }
@@ -67,9 +67,10 @@ TEST(PhotometricAdjustment, BothSolversFindTheSameMinimum) {
   // not exactly those of the interpolated image, lower the cost no more.
   EXPECT_NEAR(by_ceres.first_cost / by_schur.first_cost, 1, 1e-4);
   EXPECT_NEAR(by_ceres.cost / by_schur.cost, 1, 2e-3);
-  EXPECT_LT(rotationErrorDeg(*ceres.T_cam_ref.back(), *schur.T_cam_ref.back()), 0.003);
-  EXPECT_LT(directionErrorDeg(ceres.T_cam_ref.back()->translation(),
-                              schur.T_cam_ref.back()->translation()),
+  EXPECT_LT(rotationErrorDeg(*ceres.frames.back().T_cam_ref, *schur.frames.back().T_cam_ref),
+            0.003);
+  EXPECT_LT(directionErrorDeg(ceres.frames.back().T_cam_ref->translation(),
+                              schur.frames.back().T_cam_ref->translation()),
             0.03);
   std::vector<double> differences;
   for (std::size_t i = 0; i < ceres.points.size(); ++i) {
@@ -86,13 +87,14 @@ TEST(PhotometricAdjustment, RefinesDepthsUnderFixedPoses) {
   PhotometricMap scene(6, scene_options);
   PhotometricOptions options;
   options.enough_corners = 0;  // all that there are: they give the better poses
-  const SE3 pose = *scene.start.T_cam_ref.back();
+  const SE3 pose = *scene.start.frames.back().T_cam_ref;
   const PhotometricReport report = adjustPhotometry(scene.start, scene.scene.camera(), options);
   ASSERT_TRUE(report.usable);
   EXPECT_FALSE(report.poses_moved);
-  EXPECT_LT(rotationErrorDeg(*scene.start.T_cam_ref.back(), pose), 1e-9);
-  EXPECT_LT(directionErrorDeg(scene.start.T_cam_ref.back()->translation(), pose.translation()),
-            1e-6);
+  EXPECT_LT(rotationErrorDeg(*scene.start.frames.back().T_cam_ref, pose), 1e-9);
+  EXPECT_LT(
+      directionErrorDeg(scene.start.frames.back().T_cam_ref->translation(), pose.translation()),
+      1e-6);
   EXPECT_LT(medianOf(scene.depthErrors(scene.start)), 0.004);  // measured 0.0024, margin x1.6
 }
 
@@ -120,16 +122,16 @@ TEST(PhotometricAdjustment, MeanInverseDepthIsOneAfterwards) {
 TEST(PhotometricAdjustment, GateKeepsPosesThatWouldMoveTooFar) {
   PhotometricMap scene(9, {});
   const Matrix6d tight = 1e-12 * Matrix6d::Identity();
-  for (auto& covariance : scene.start.covariance) covariance = tight;
+  for (PosedFrame& frame : scene.start.frames) frame.covariance = tight;
   PhotometricOptions options;
   options.poses = PhotometricPoses::kGated;
-  const SE3 pose = *scene.start.T_cam_ref.back();
+  const SE3 pose = *scene.start.frames.back().T_cam_ref;
   PhotometricReport report = adjustPhotometry(scene.start, scene.scene.camera(), options);
   ASSERT_TRUE(report.usable);
   EXPECT_FALSE(report.poses_moved);
   EXPECT_GT(report.direction_sigmas, kMaxPoseMove);
-  EXPECT_LT(rotationErrorDeg(*scene.start.T_cam_ref.back(), pose), 1e-9);
-  for (auto& covariance : scene.start.covariance) covariance = Matrix6d::Identity();
+  EXPECT_LT(rotationErrorDeg(*scene.start.frames.back().T_cam_ref, pose), 1e-9);
+  for (PosedFrame& frame : scene.start.frames) frame.covariance = Matrix6d::Identity();
   report = adjustPhotometry(scene.start, scene.scene.camera(), options);
   EXPECT_TRUE(report.poses_moved);
   EXPECT_LT(report.direction_sigmas, kMaxPoseMove);
@@ -141,9 +143,10 @@ TEST(PhotometricAdjustment, FramesWithoutAPartFollow) {
   options.max_frames = 2;
   EXPECT_EQ(spreadFrames(scene.start, 2), (std::vector<std::size_t>{2, 3}));
   ASSERT_TRUE(adjustPhotometry(scene.start, scene.scene.camera(), options).usable);
-  EXPECT_LT(rotationErrorDeg(*scene.start.T_cam_ref[1], *scene.truth.T_cam_ref[1]), 0.02);
-  EXPECT_LT(directionErrorDeg(scene.start.T_cam_ref[1]->translation(),
-                              scene.truth.T_cam_ref[1]->translation()),
+  EXPECT_LT(rotationErrorDeg(*scene.start.frames[1].T_cam_ref, *scene.truth.frames[1].T_cam_ref),
+            0.02);
+  EXPECT_LT(directionErrorDeg(scene.start.frames[1].T_cam_ref->translation(),
+                              scene.truth.frames[1].T_cam_ref->translation()),
             0.3);
 }
 
@@ -166,7 +169,7 @@ TEST(PhotometricAdjustment, FailsWithoutFramesOrPoints) {
   empty.points.clear();
   EXPECT_FALSE(adjustPhotometry(empty, scene.scene.camera(), {}).usable);
   InitialMap alone = scene.start;
-  for (std::size_t k = 1; k < alone.frames.size(); ++k) alone.T_cam_ref[k].reset();
+  for (std::size_t k = 1; k < alone.frames.size(); ++k) alone.frames[k].T_cam_ref.reset();
   EXPECT_FALSE(adjustPhotometry(alone, scene.scene.camera(), {}).usable);
 }
 
@@ -179,7 +182,7 @@ TEST(PhotometricAdjustment, IsBitIdenticalForAnyNumberOfThreads) {
   for (std::size_t i = 0; i < one.points.size(); ++i) {
     EXPECT_EQ(one.points[i].inverse_depth, two.points[i].inverse_depth);
   }
-  EXPECT_EQ(one.T_cam_ref.back()->matrix(), two.T_cam_ref.back()->matrix());
+  EXPECT_EQ(one.frames.back().T_cam_ref->matrix(), two.frames.back().T_cam_ref->matrix());
 }
 
 }  // namespace

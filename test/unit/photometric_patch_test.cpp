@@ -210,12 +210,10 @@ void expectSameResiduals(const PhotometricProblem& problem,
 TEST(PhotometricEquations, AreTheSumsOfThePatches) {
   const PlaneScene scene(3);
   InitialMap map;
-  map.frames = {scene.render(SE3(), 1, 0),
-                scene.render(somePose(), 1, 1),
-                scene.render(somePose() * somePose(), 1, 2)};
-  map.T_cam_ref = {SE3(), somePose(), somePose() * somePose()};
-  map.affine = {{}, {0.02, 3}, {-0.05, 8}};
-  map.covariance.resize(3);
+  const SE3 twice = somePose() * somePose();
+  map.frames = {{scene.render(SE3(), 1, 0), SE3(), {}, {}},
+                {scene.render(somePose(), 1, 1), somePose(), {0.02, 3}, {}},
+                {scene.render(twice, 1, 2), twice, {-0.05, 8}, {}}};
   for (int y = 50; y < 200; y += 9) {
     for (int x = 50; x < 280; x += 9) {
       SemiDensePoint point;

@@ -49,7 +49,7 @@ Ratios measure(const SyntheticMapOptions& kind, double shared, double pose_varia
     addSharedErrors(scene, shared, seed);
     InitialMap& map = scene.start;
     for (int k = 1; k < kFrames; ++k) {
-      if (!isAdjusted(k)) map.T_cam_ref[static_cast<std::size_t>(k)].reset();
+      if (!isAdjusted(k)) map.frames[static_cast<std::size_t>(k)].T_cam_ref.reset();
     }
     EXPECT_TRUE(adjustGeometry(map, scene.camera, options(pose_variance_factor)).usable);
     EXPECT_EQ(map.corners.size(), scene.truth.corners.size());  // else the gauge is another
@@ -57,13 +57,13 @@ Ratios measure(const SyntheticMapOptions& kind, double shared, double pose_varia
     const InheritedPoseError inherited(map, scene.camera, options(pose_variance_factor));
     for (int k = 1; k < kFrames; ++k) {
       const auto at = static_cast<std::size_t>(k);
-      const SE3& T = *map.T_cam_ref[at];
-      const Vector6d error = (*scene.truth.T_cam_ref[at] * T.inverse()).log();
+      const SE3& T = *map.frames[at].T_cam_ref;
+      const Vector6d error = (*scene.truth.frames[at].T_cam_ref * T.inverse()).log();
       const auto ratio = [&](const Matrix6d& covariance) {
         return error.dot(covariance.inverse() * error) / 6;
       };
       if (isAdjusted(k)) {
-        adjusted.push_back(ratio(*map.covariance[at]));
+        adjusted.push_back(ratio(*map.frames[at].covariance));
         continue;
       }
       const auto own = poseCovariance(
@@ -97,7 +97,7 @@ TEST(PoseCovariance, ResponseIsThatOfAPoseFittedToTheMovedStructure) {
   SyntheticMap scene = makeSyntheticMap({300, kFrames, 0.05, 0.02}, 3);
   InitialMap& map = scene.start;
   for (int k = 1; k < kFrames; ++k) {
-    if (!isAdjusted(k)) map.T_cam_ref[static_cast<std::size_t>(k)].reset();
+    if (!isAdjusted(k)) map.frames[static_cast<std::size_t>(k)].T_cam_ref.reset();
   }
   ASSERT_TRUE(adjustGeometry(map, scene.camera, options(0)).usable);
   poseOtherFrames(map, scene.camera);
@@ -108,7 +108,7 @@ TEST(PoseCovariance, ResponseIsThatOfAPoseFittedToTheMovedStructure) {
   Eigen::VectorXd moved(rows.size);
   for (double& value : moved) value = 1e-4 * random.gaussian();
   for (int k = 1; k < kFrames; k += 2) {
-    const SE3& before = *map.T_cam_ref[static_cast<std::size_t>(k)];
+    const SE3& before = *map.frames[static_cast<std::size_t>(k)].T_cam_ref;
     std::vector<PointSighting> sightings =
         sightingsByFrame(map, scene.camera)[static_cast<std::size_t>(k)];
     const auto fitted = poseFromPoints(sightings, scene.camera, before, 1);
@@ -131,7 +131,7 @@ TEST(PoseCovariance, HoldsTheStepThatTheSightingsStillAskFor) {
   const std::vector<PointSighting> sightings = sightingsByFrame(scene.truth, scene.camera)[4];
   Vector6d step;
   step << 1e-3, -2e-3, 1e-3, 5e-4, 1e-3, -1e-3;
-  const SE3 displaced = SE3::exp(step) * *scene.truth.T_cam_ref[4];
+  const SE3 displaced = SE3::exp(step) * *scene.truth.frames[4].T_cam_ref;
   const auto covariance = poseCovariance(sightings, scene.camera, displaced, {1, 0});
   ASSERT_TRUE(covariance);
   const Vector6d along = step.normalized();
@@ -142,7 +142,7 @@ TEST(PoseCovariance, HoldsTheStepThatTheSightingsStillAskFor) {
 TEST(PoseCovariance, SaysNothingWhereThePoseWouldNotBeTaken) {
   const SyntheticMap scene = makeSyntheticMap({100, kFrames, 0, 0}, 6);
   std::vector<PointSighting> sightings = sightingsByFrame(scene.truth, scene.camera)[4];
-  const SE3& T = *scene.truth.T_cam_ref[4];
+  const SE3& T = *scene.truth.frames[4].T_cam_ref;
   EXPECT_TRUE(poseCovariance(sightings, scene.camera, T, {1, 4}));
   std::vector<PointSighting> wrong = sightings;
   for (std::size_t i = 0; i < 60; ++i) wrong[i].pixel.x() += 50;
@@ -155,13 +155,14 @@ TEST(PoseCovariance, InterpolatedPoseIsAsUncertainAsTheMotionAroundIt) {
   SyntheticMap scene = makeSyntheticMap({100, kFrames, 0.1, 0}, 7);
   InitialMap& map = scene.start;
   for (int k = 1; k < kFrames; ++k) {
-    if (!isAdjusted(k)) map.T_cam_ref[static_cast<std::size_t>(k)].reset();
+    if (!isAdjusted(k)) map.frames[static_cast<std::size_t>(k)].T_cam_ref.reset();
   }
   ASSERT_TRUE(adjustGeometry(map, scene.camera, options(0)).usable);
   for (const int k : {1, 5}) {
     const auto before = static_cast<std::size_t>(k - 1);
     const auto after = static_cast<std::size_t>(k + 1);
-    const Vector6d motion = (*map.T_cam_ref[after] * map.T_cam_ref[before]->inverse()).log();
+    const Vector6d motion =
+        (*map.frames[after].T_cam_ref * map.frames[before].T_cam_ref->inverse()).log();
     const Matrix6d covariance = interpolatedCovariance(map, k);
     const Vector6d variances = covariance.diagonal();
     EXPECT_GT(variances.head<3>().minCoeff(), 0.25 * motion.head<3>().squaredNorm());

@@ -50,7 +50,7 @@ ReprojectionEquations expectedEquations(const SyntheticMap& scene,
   for (const Observation& o : map.observations) {
     const Corner& corner = map.corners[static_cast<std::size_t>(o.corner)];
     const auto projection = projectHosted(scene.camera,
-                                          *map.T_cam_ref[static_cast<std::size_t>(o.frame)],
+                                          *map.frames[static_cast<std::size_t>(o.frame)].T_cam_ref,
                                           scene.camera.unproject(corner.pixel),
                                           corner.inverse_depth);
     const int row = rows.first[static_cast<std::size_t>(o.frame)];
@@ -104,7 +104,7 @@ TEST(ReprojectionEquations, LeaveOutCornersThatAreNotKept) {
 
 TEST(ReprojectionEquations, HaveNoCostWhereAPointIsBehindACamera) {
   SyntheticMap scene = someMap();
-  scene.start.T_cam_ref[2] = SE3(Eigen::Matrix3d::Identity(), {0, 0, -10});
+  scene.start.frames[2].T_cam_ref = SE3(Eigen::Matrix3d::Identity(), {0, 0, -10});
   const GeometricOptions options = optionsWith(RobustLoss::kHuber);
   EXPECT_FALSE(reprojectionCost(scene.start, {}, scene.camera, options));
   // The others still count.

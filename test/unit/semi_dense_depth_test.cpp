@@ -94,14 +94,11 @@ TEST(CornerPrior, CoversTheWidenedRangeOfAllCornersWhereNoneIsClose) {
 /// A reference, later frames and corners with exact inverse depths.
 InitialMap makeMap(const PlaneScene& scene, const std::vector<SE3>& poses, double noise) {
   InitialMap map;
-  map.frames.push_back(scene.render(SE3(), noise, 0));
-  map.T_cam_ref.emplace_back(SE3());
+  map.frames.push_back({scene.render(SE3(), noise, 0), SE3(), {}, {}});
   for (const SE3& T : poses) {
-    map.frames.push_back(scene.render(T, noise, static_cast<int>(map.frames.size())));
-    map.T_cam_ref.emplace_back(T);
+    const auto index = static_cast<int>(map.frames.size());
+    map.frames.push_back({scene.render(T, noise, index), T, {}, {}});
   }
-  map.covariance.resize(map.frames.size());
-  map.affine.resize(map.frames.size());
   for (int y = 20; y < 240; y += 40) {
     for (int x = 20; x < 320; x += 40) {
       map.corners.push_back({{x, y}, scene.inverseDepth({x, y}), 1e-4});
@@ -137,20 +134,20 @@ TEST(SemiDenseDepth, FindsTheDepthOfAPlane) {
 TEST(SemiDenseDepth, EstimatesAndUndoesBrightnessChanges) {
   const PlaneScene scene(9);
   InitialMap map = makeMap(scene, sideways(), 0);
-  map.frames[3] = scene.render(*map.T_cam_ref[3], 0, 3, {1.3, -20});
+  map.frames[3].frame = scene.render(*map.frames[3].T_cam_ref, 0, 3, {1.3, -20});
   for (std::size_t i = 0; i < map.corners.size(); ++i) {
     const Corner& corner = map.corners[i];
     for (int k = 1; k < 4; ++k) {
       const Eigen::Vector3d point = scene.camera().unproject(corner.pixel) / corner.inverse_depth;
-      const SE3& T = *map.T_cam_ref[static_cast<std::size_t>(k)];
+      const SE3& T = *map.frames[static_cast<std::size_t>(k)].T_cam_ref;
       map.observations.push_back({static_cast<int>(i), k, scene.camera().project(T * point)});
     }
   }
   map.observations[5].pixel += Eigen::Vector2d(15, 10);  // one bad track
   estimateSemiDenseDepth(map, scene.camera(), {}, 1);
-  EXPECT_NEAR(map.affine[1].a, 0, 0.01);
-  EXPECT_NEAR(map.affine[3].a, std::log(1.3), 0.01);
-  EXPECT_NEAR(map.affine[3].b, -20, 1.5);
+  EXPECT_NEAR(map.frames[1].affine.a, 0, 0.01);
+  EXPECT_NEAR(map.frames[3].affine.a, std::log(1.3), 0.01);
+  EXPECT_NEAR(map.frames[3].affine.b, -20, 1.5);
   EXPECT_GT(map.points.size(), 200U);
   EXPECT_LT(medianOf(relativeErrors(map, scene)), 0.005);
 }
@@ -168,8 +165,8 @@ TEST(SemiDenseDepth, VariancesPredictErrorsOfNoisyImagesAndPoses) {
       for (std::size_t k = 1; k < map.frames.size(); ++k) {
         Vector6d xi;
         for (int d = 0; d < 6; ++d) xi[d] = sigma[d] * random.gaussian();
-        map.T_cam_ref[k] = SE3::exp(xi) * *map.T_cam_ref[k];
-        map.covariance[k] = Matrix6d(sigma.cwiseAbs2().asDiagonal());
+        map.frames[k].T_cam_ref = SE3::exp(xi) * *map.frames[k].T_cam_ref;
+        map.frames[k].covariance = Matrix6d(sigma.cwiseAbs2().asDiagonal());
       }
       SemiDenseOptions options;
       options.fusion = fusion;

@@ -59,7 +59,7 @@ std::vector<PolishPatch> cutPatches(const InitialMap& map) {
   forEachRange(patches.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const Eigen::Vector2f pixel = map.corners[i].pixel.cast<float>();
-      patches[i] = cutPolishPatch(map.frames.front()->level(0), pixel.x(), pixel.y());
+      patches[i] = cutPolishPatch(map.frames.front().frame->level(0), pixel.x(), pixel.y());
     }
   });
   return patches;
@@ -76,11 +76,11 @@ class FrameMeasurer {
         T_cam_ref_(T_cam_ref),
         frame_(polishFrame(camera,
                            T_cam_ref,
-                           brightnessTransfer(map.affine.front(),
-                                              map.frames.front()->exposure(),
-                                              map.affine[frame],
-                                              map.frames[frame]->exposure()),
-                           map.frames[frame]->level(0))) {
+                           brightnessTransfer(map.frames.front().affine,
+                                              map.frames.front().frame->exposure(),
+                                              map.frames[frame].affine,
+                                              map.frames[frame].frame->exposure()),
+                           map.frames[frame].frame->level(0))) {
     frame_.huber_threshold = kHuberThreshold;
   }
 
@@ -148,7 +148,7 @@ std::vector<Measurement> measureAll(const InitialMap& map,
                                     const std::vector<PolishPatch>& patches) {
   std::vector<std::optional<FrameMeasurer>> measurers(map.frames.size());
   for (std::size_t k = 1; k < measurers.size(); ++k) {
-    if (map.T_cam_ref[k]) measurers[k].emplace(map, camera, k, *map.T_cam_ref[k]);
+    if (map.frames[k].T_cam_ref) measurers[k].emplace(map, camera, k, *map.frames[k].T_cam_ref);
   }
   std::vector<Measurement> measurements(map.observations.size());
   forEachRange(measurements.size(), kGrain, [&](std::size_t begin, std::size_t end) {
@@ -236,7 +236,7 @@ FittedPose polishPose(const InitialMap& map,
     if (observation.frame == frame) seen.push_back(static_cast<std::size_t>(observation.corner));
   }
   const auto k = static_cast<std::size_t>(frame);
-  FittedPose fit{*map.T_cam_ref[k], {}};
+  FittedPose fit{*map.frames[k].T_cam_ref, {}};
   std::vector<PointSighting> sightings;
   for (int round = 0; round < rounds; ++round) {
     const FrameMeasurer measurer(map, camera, k, fit.T_cam_ref);
@@ -264,8 +264,8 @@ FittedPose polishPose(const InitialMap& map,
 }
 
 double turnDeg(const InitialMap& before, const InitialMap& after) {
-  const Eigen::Vector3d& from = before.T_cam_ref.back()->translation();
-  const Eigen::Vector3d& to = after.T_cam_ref.back()->translation();
+  const Eigen::Vector3d& from = before.frames.back().T_cam_ref->translation();
+  const Eigen::Vector3d& to = after.frames.back().T_cam_ref->translation();
   return std::atan2(from.cross(to).norm(), from.dot(to)) * kDegPerRad;
 }
 
@@ -323,8 +323,8 @@ void polishPoses(InitialMap& map,
   });
   for (std::size_t i = 0; i < frames.size(); ++i) {
     const auto frame = static_cast<std::size_t>(frames[i]);
-    map.T_cam_ref[frame] = poses[i];
-    map.covariance[frame] =
+    map.frames[frame].T_cam_ref = poses[i];
+    map.frames[frame].covariance =
         covariances[i] ? *covariances[i] : interpolatedCovariance(map, frames[i]);
   }
 }

@@ -61,7 +61,7 @@ Eigen::MatrixXd cellGradients(const InitialMap& map,
 void setPoseCovariances(InitialMap& map, const PoseRows& pose_rows, const Eigen::MatrixXd& joint) {
   std::vector<int> frames;
   for (std::size_t k = 1; k < map.frames.size(); ++k) {
-    map.covariance[k].reset();
+    map.frames[k].covariance.reset();
     if (pose_rows.first[k] >= 0) frames.push_back(static_cast<int>(k));
   }
   setJointCovariance(map, std::move(frames), joint);

@@ -18,10 +18,10 @@ namespace {
 SE3 interpolatedPose(const InitialMap& map, int frame) {
   int before = frame;
   int after = frame;
-  while (!map.T_cam_ref[static_cast<std::size_t>(before)]) --before;
-  while (!map.T_cam_ref[static_cast<std::size_t>(after)]) ++after;
-  const SE3& T_before = *map.T_cam_ref[static_cast<std::size_t>(before)];
-  const SE3& T_after = *map.T_cam_ref[static_cast<std::size_t>(after)];
+  while (!map.frames[static_cast<std::size_t>(before)].T_cam_ref) --before;
+  while (!map.frames[static_cast<std::size_t>(after)].T_cam_ref) ++after;
+  const SE3& T_before = *map.frames[static_cast<std::size_t>(before)].T_cam_ref;
+  const SE3& T_after = *map.frames[static_cast<std::size_t>(after)].T_cam_ref;
   const double share = static_cast<double>(frame - before) / static_cast<double>(after - before);
   return SE3::exp(share * (T_after * T_before.inverse()).log()) * T_before;
 }
@@ -57,12 +57,9 @@ InitialMap makeInitialMap(const std::vector<FramePtr>& frames,
                           const CornerTracks& tracks,
                           const MotionHypothesis& motion) {
   InitialMap map;
-  map.frames = frames;
-  map.T_cam_ref.resize(frames.size());
-  map.T_cam_ref.front() = SE3();
-  map.T_cam_ref.back() = motion.T_target_ref;
-  map.covariance.resize(frames.size());
-  map.affine.resize(frames.size());
+  for (const FramePtr& frame : frames) map.frames.push_back({frame, {}, {}, {}});
+  map.frames.front().T_cam_ref = SE3();
+  map.frames.back().T_cam_ref = motion.T_target_ref;
   for (std::size_t track = 0; track < motion.points.size(); ++track) {
     const auto& point = motion.points[track];
     if (!point) continue;
@@ -79,11 +76,12 @@ InitialMap makeInitialMap(const std::vector<FramePtr>& frames,
 
 void poseFramesBetween(InitialMap& map, const PinholeCamera& camera, double sigma) {
   const auto sightings = sightingsByFrame(map, camera);
-  const Vector6d motion = map.T_cam_ref.back()->log();
+  const Vector6d motion = map.frames.back().T_cam_ref->log();
   const auto last = static_cast<double>(map.frames.size() - 1);
   for (std::size_t frame = 1; frame + 1 < map.frames.size(); ++frame) {
     const SE3 guess = SE3::exp(static_cast<double>(frame) / last * motion);
-    map.T_cam_ref[frame] = poseFromPoints(sightings[frame], camera, guess, sigma).value_or(guess);
+    map.frames[frame].T_cam_ref =
+        poseFromPoints(sightings[frame], camera, guess, sigma).value_or(guess);
   }
 }
 
@@ -93,7 +91,7 @@ std::vector<int> poseFrames(InitialMap& map,
   const auto sightings = sightingsByFrame(map, camera);
   std::vector<int> posed;
   for (const int frame : frames) {
-    std::optional<SE3>& pose = map.T_cam_ref[static_cast<std::size_t>(frame)];
+    std::optional<SE3>& pose = map.frames[static_cast<std::size_t>(frame)].T_cam_ref;
     if (pose) continue;
     posed.push_back(frame);
     const SE3 guess = interpolatedPose(map, frame);
@@ -111,9 +109,7 @@ std::vector<int> poseOtherFrames(InitialMap& map, const PinholeCamera& camera) {
 
 InitializationResult toResult(const InitialMap& map) {
   InitializationResult result;
-  for (std::size_t i = 0; i < map.frames.size(); ++i) {
-    result.frames.push_back({map.frames[i], map.T_cam_ref[i], map.affine[i], map.covariance[i]});
-  }
+  result.frames = map.frames;
   std::vector<int> observations(map.corners.size(), 0);
   for (const Observation& observation : map.observations) {
     ++observations[static_cast<std::size_t>(observation.corner)];

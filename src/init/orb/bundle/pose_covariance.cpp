@@ -115,14 +115,14 @@ Matrix6d interpolatedCovariance(const InitialMap& map, int frame) {
                                   map.joint_frames.end(),
                                   [&](int adjusted) { return adjusted > frame; });
   const auto last = static_cast<std::size_t>(*after);
-  Matrix6d covariance = map.covariance[last].value_or(Matrix6d::Zero());
+  Matrix6d covariance = map.frames[last].covariance.value_or(Matrix6d::Zero());
   SE3 T_before;
   if (after != map.joint_frames.begin()) {
     const auto first = static_cast<std::size_t>(*(after - 1));
-    T_before = *map.T_cam_ref[first];
-    covariance += map.covariance[first].value_or(Matrix6d::Zero());
+    T_before = *map.frames[first].T_cam_ref;
+    covariance += map.frames[first].covariance.value_or(Matrix6d::Zero());
   }
-  const Vector6d motion = (*map.T_cam_ref[last] * T_before.inverse()).log();
+  const Vector6d motion = (*map.frames[last].T_cam_ref * T_before.inverse()).log();
   covariance.diagonal().head<3>().array() += 0.25 * motion.head<3>().squaredNorm();
   covariance.diagonal().tail<3>().array() += 0.25 * motion.tail<3>().squaredNorm();
   return covariance;

@@ -19,7 +19,7 @@ std::optional<HostedProjection> projectCorner(const InitialMap& map,
                                               const Observation& observation) {
   const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
   return projectHosted(camera,
-                       *map.T_cam_ref[static_cast<std::size_t>(observation.frame)],
+                       *map.frames[static_cast<std::size_t>(observation.frame)].T_cam_ref,
                        camera.unproject(corner.pixel),
                        corner.inverse_depth);
 }
@@ -40,7 +40,7 @@ double robustWeight(double error, const GeometricOptions& options) {
 
 PoseRows::PoseRows(const InitialMap& map) : first(map.frames.size(), -1) {
   for (std::size_t k = 1; k < map.frames.size(); ++k) {
-    if (map.T_cam_ref[k]) {
+    if (map.frames[k].T_cam_ref) {
       first[k] = size;
       size += kPoseSize;
     }
@@ -59,7 +59,7 @@ Eigen::VectorXd scaleDirection(const InitialMap& map, const PoseRows& rows) {
   Eigen::VectorXd direction = Eigen::VectorXd::Zero(rows.size);
   for (std::size_t k = 1; k < map.frames.size(); ++k) {
     if (rows.first[k] >= 0) {
-      direction.segment<3>(rows.first[k]) = map.T_cam_ref[k]->translation();
+      direction.segment<3>(rows.first[k]) = map.frames[k].T_cam_ref->translation();
     }
   }
   return direction;
@@ -68,7 +68,7 @@ Eigen::VectorXd scaleDirection(const InitialMap& map, const PoseRows& rows) {
 ReprojectionState::ReprojectionState(const InitialMap& map, const PoseRows& rows)
     : inverse_depth(wholeLanes(map.corners.size()), 0.0) {
   for (std::size_t k = 0; k < rows.first.size(); ++k) {
-    if (rows.first[k] >= 0) T_cam_ref.push_back(*map.T_cam_ref[k]);
+    if (rows.first[k] >= 0) T_cam_ref.push_back(*map.frames[k].T_cam_ref);
   }
   std::transform(
       map.corners.begin(), map.corners.end(), inverse_depth.begin(), [](const Corner& corner) {
@@ -79,7 +79,7 @@ ReprojectionState::ReprojectionState(const InitialMap& map, const PoseRows& rows
 void ReprojectionState::writeTo(InitialMap& map, const PoseRows& rows) const {
   auto pose = T_cam_ref.begin();
   for (std::size_t k = 0; k < rows.first.size(); ++k) {
-    if (rows.first[k] >= 0) map.T_cam_ref[k] = *pose++;
+    if (rows.first[k] >= 0) map.frames[k].T_cam_ref = *pose++;
   }
   for (std::size_t i = 0; i < map.corners.size(); ++i) {
     map.corners[i].inverse_depth = inverse_depth[i];

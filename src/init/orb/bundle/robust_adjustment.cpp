@@ -30,7 +30,7 @@ constexpr std::size_t kGrain = 512;  // observations one thread projects at a ti
 constexpr double kBehind = std::numeric_limits<double>::infinity();
 
 bool isPosed(const InitialMap& map, const Observation& observation) {
-  return map.T_cam_ref[static_cast<std::size_t>(observation.frame)].has_value();
+  return map.frames[static_cast<std::size_t>(observation.frame)].T_cam_ref.has_value();
 }
 
 /// Reprojection error of every observation, whitened but for sigma; infinite behind a camera, NaN
@@ -134,8 +134,8 @@ double faceForward(InitialMap& map) {
   const double share = static_cast<double>(in_front) / static_cast<double>(map.corners.size());
   if (share >= 0.5) return share;
   for (Corner& corner : map.corners) corner.inverse_depth = -corner.inverse_depth;
-  for (std::optional<SE3>& pose : map.T_cam_ref) {
-    if (pose) pose->setTranslation(-pose->translation());
+  for (PosedFrame& frame : map.frames) {
+    if (frame.T_cam_ref) frame.T_cam_ref->setTranslation(-frame.T_cam_ref->translation());
   }
   return 1 - share;
 }

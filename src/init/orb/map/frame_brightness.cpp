@@ -101,7 +101,7 @@ void estimateBrightness(InitialMap& map, const std::vector<int>& frames) {
   std::vector<std::optional<double>> reference(map.corners.size());
   forEachRange(map.corners.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      reference[i] = patchMean(map.frames.front()->level(0), map.corners[i].pixel);
+      reference[i] = patchMean(map.frames.front().frame->level(0), map.corners[i].pixel);
     }
   });
   std::vector<std::optional<double>> target(map.observations.size());
@@ -109,8 +109,8 @@ void estimateBrightness(InitialMap& map, const std::vector<int>& frames) {
     for (std::size_t i = begin; i < end; ++i) {
       const Observation& observation = map.observations[i];
       const auto frame = static_cast<std::size_t>(observation.frame);
-      if (wanted[frame] != 0 && map.T_cam_ref[frame]) {
-        target[i] = patchMean(map.frames[frame]->level(0), observation.pixel);
+      if (wanted[frame] != 0 && map.frames[frame].T_cam_ref) {
+        target[i] = patchMean(map.frames[frame].frame->level(0), observation.pixel);
       }
     }
   });
@@ -125,7 +125,7 @@ void estimateBrightness(InitialMap& map, const std::vector<int>& frames) {
   forEachRange(frames.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const auto k = static_cast<std::size_t>(frames[i]);
-      map.affine[k] = affineOf(*map.frames.front(), *map.frames[k], pairs[k]);
+      map.frames[k].affine = affineOf(*map.frames.front().frame, *map.frames[k].frame, pairs[k]);
     }
   });
 }

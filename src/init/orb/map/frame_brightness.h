@@ -7,7 +7,7 @@
 
 namespace dsorb::init_orb {
 
-/// Sets `map.affine` of every posed frame after the reference: gain and offset between the grey
+/// Sets the brightness of every posed frame after the reference: gain and offset between the grey
 /// values around the corners in the reference and where they are seen, by a robust line through the
 /// patch means. A frame with too few corners or too little contrast keeps a = b = 0.
 /// @source Engel et al., DSO, arXiv:1607.02565, eq. (4) for the meaning of a and b

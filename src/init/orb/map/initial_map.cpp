@@ -18,7 +18,7 @@ void setJointCovariance(InitialMap& map, std::vector<int> frames, const Eigen::M
   map.joint_covariance = joint;
   Eigen::Index row = 0;
   for (const int frame : map.joint_frames) {
-    map.covariance[static_cast<std::size_t>(frame)] = joint.block<6, 6>(row, row);
+    map.frames[static_cast<std::size_t>(frame)].covariance = joint.block<6, 6>(row, row);
     row += 6;
   }
 }

@@ -1,14 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "dsorb/geometry/se3.h"
-#include "dsorb/image/affine_brightness.h"
-#include "dsorb/image/frame.h"
+#include "dsorb/init/result.h"
 
 #include <Eigen/Core>
 
 #include <cstddef>
-#include <optional>
 #include <vector>
 
 namespace dsorb::init_orb {
@@ -40,13 +37,10 @@ struct SemiDensePoint {
 
 /// The attempt: everything since the reference, as values.
 struct InitialMap {
-  std::vector<FramePtr> frames;                     ///< front is the reference
-  std::vector<std::optional<SE3>> T_cam_ref;        ///< one a frame, identity first
-  std::vector<std::optional<Matrix6d>> covariance;  ///< of a left increment, one a frame
-  std::vector<int> joint_frames;         ///< adjusted together, ascending, without the reference
-  Eigen::MatrixXd joint_covariance;      ///< of the joint frames' left increments, 6 rows each
-  double clustered_factor = 0;           ///< on what cells of the image add to it [-]; 0: nothing
-  std::vector<AffineBrightness> affine;  ///< one a frame, zero first
+  std::vector<PosedFrame> frames;    ///< front is the reference: identity, a = b = 0
+  std::vector<int> joint_frames;     ///< adjusted together, ascending, without the reference
+  Eigen::MatrixXd joint_covariance;  ///< of the joint frames' left increments, 6 rows each
+  double clustered_factor = 0;       ///< on what cells of the image add to it [-]; 0: nothing
   std::vector<Corner> corners;
   std::vector<Observation> observations;  ///< sorted by corner, then frame
   std::vector<SemiDensePoint> points;

@@ -19,13 +19,11 @@ bool rescale(InitialMap& map, double mean) {
     point.inverse_depth /= static_cast<float>(mean);
     point.variance /= static_cast<float>(square);
   }
-  for (std::optional<SE3>& pose : map.T_cam_ref) {
-    if (pose) pose->setTranslation(pose->translation() * mean);
-  }
-  for (std::optional<Matrix6d>& covariance : map.covariance) {
-    if (!covariance) continue;
-    covariance->topRows<3>() *= mean;
-    covariance->leftCols<3>() *= mean;
+  for (PosedFrame& frame : map.frames) {
+    if (frame.T_cam_ref) frame.T_cam_ref->setTranslation(frame.T_cam_ref->translation() * mean);
+    if (!frame.covariance) continue;
+    frame.covariance->topRows<3>() *= mean;
+    frame.covariance->leftCols<3>() *= mean;
   }
   for (Eigen::Index row = 0; row < map.joint_covariance.rows(); ++row) {
     if (row % 6 >= 3) continue;  // a rotation

@@ -247,7 +247,7 @@ OutlierReport removeOutliers(InitialMap& map,
     removeFrom(map, problem, votePixels(residuals, report), report);
     return report;
   }
-  whiten(gradientLengths(problem, map.frames.front()->level(0)), residuals);
+  whiten(gradientLengths(problem, map.frames.front().frame->level(0)), residuals);
   const std::vector<double> scales = scalesOf(residuals);
   report.t_scale = medianOf(scales);
   const Verdicts verdicts = combine(problem,

@@ -187,9 +187,9 @@ bool Adjustment::posesAreUnknown() const {
 
 bool Adjustment::mayMove(const PhotometricState& state) {
   const std::size_t target = problem_.frames.back().index;
-  if (!map_.covariance[target]) return true;
-  report_.direction_sigmas =
-      directionMove(*map_.T_cam_ref[target], state.T_cam_ref.back(), *map_.covariance[target]);
+  if (!map_.frames[target].covariance) return true;
+  report_.direction_sigmas = directionMove(
+      *map_.frames[target].T_cam_ref, state.T_cam_ref.back(), *map_.frames[target].covariance);
   return options_.poses == PhotometricPoses::kFree || report_.direction_sigmas <= kMaxPoseMove;
 }
 
@@ -200,7 +200,7 @@ void Adjustment::alignOtherFrames() {
     const bool part = std::any_of(problem_.frames.begin(),
                                   problem_.frames.end(),
                                   [k](const PhotometricFrame& frame) { return frame.index == k; });
-    if (map_.T_cam_ref[k] && !part) others.push_back(k);
+    if (map_.frames[k].T_cam_ref && !part) others.push_back(k);
   }
   if (others.empty()) return;
   PhotometricProblem problem = makeProblem(map_, camera_, others, 0);
@@ -223,7 +223,7 @@ PhotometricReport Adjustment::run() {
   findVisible(problem_, state);
   report_.median_residual = medianResidual(problem_, state, options_.brightness);
   const bool far = report_.median_residual > options_.coarse_residual;
-  if (far && map_.frames.front()->pyramid().levels() > 1) solveCoarse(state);
+  if (far && map_.frames.front().frame->pyramid().levels() > 1) solveCoarse(state);
   if (!solveFine(state) || !isFinite(state)) return report_;
   report_.inside_share = findVisible(problem_, state);
   if (report_.inside_share < kMinInsideShare) return report_;

@@ -318,7 +318,7 @@ bool setPhotometricVariances(InitialMap& map,
                   : geometricCovariance(map, problem);
   if (poses_moved) setJointCovariance(map, framesOf(problem), poses);
   const Eigen::VectorXd variances = evidence.variances(poses);
-  const std::vector<double> speeds = speedsOf(problem, state, map.frames.front()->level(0));
+  const std::vector<double> speeds = speedsOf(problem, state, map.frames.front().frame->level(0));
   const std::size_t corners = map.corners.size();
   for (std::size_t i = 0; i < problem.patches.size(); ++i) {
     double variance = variances[static_cast<Eigen::Index>(i)];

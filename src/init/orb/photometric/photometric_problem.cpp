@@ -48,7 +48,7 @@ std::vector<float> singlePrecision(const std::vector<double>& values) {
 std::vector<std::size_t> spreadFrames(const InitialMap& map, int count) {
   std::vector<std::size_t> posed;
   for (std::size_t k = 1; k < map.frames.size(); ++k) {
-    if (map.T_cam_ref[k]) posed.push_back(k);
+    if (map.frames[k].T_cam_ref) posed.push_back(k);
   }
   std::vector<std::size_t> spread;
   for (const int i : dsorb::spreadFrames(static_cast<int>(posed.size()) + 1, count + 1)) {
@@ -63,11 +63,12 @@ PhotometricProblem makeProblem(const InitialMap& map,
                                int level) {
   PhotometricProblem problem;
   problem.camera = camera.atLevel(level);
-  problem.reference_exposure = map.frames.front()->exposure();
+  problem.reference_exposure = map.frames.front().frame->exposure();
   for (const std::size_t k : frames) {
-    problem.frames.push_back({k, &map.frames[k]->level(level), map.frames[k]->exposure()});
+    problem.frames.push_back(
+        {k, &map.frames[k].frame->level(level), map.frames[k].frame->exposure()});
   }
-  const PyramidLevel& reference = map.frames.front()->level(level);
+  const PyramidLevel& reference = map.frames.front().frame->level(level);
   const float scale = 1.0F / static_cast<float>(1 << level);
   const std::size_t corners = map.corners.size();
   const std::size_t total = corners + map.points.size();
@@ -101,8 +102,8 @@ PhotometricProblem makeProblem(const InitialMap& map,
 PhotometricState makeState(const PhotometricProblem& problem, const InitialMap& map) {
   PhotometricState state;
   for (const PhotometricFrame& frame : problem.frames) {
-    state.T_cam_ref.push_back(*map.T_cam_ref[frame.index]);
-    state.affine.push_back(map.affine[frame.index]);
+    state.T_cam_ref.push_back(*map.frames[frame.index].T_cam_ref);
+    state.affine.push_back(map.frames[frame.index].affine);
   }
   const std::size_t corners = map.corners.size();
   state.inverse_depth.reserve(problem.source.size());
@@ -136,8 +137,8 @@ double findVisible(PhotometricProblem& problem, const PhotometricState& state) {
 
 void writeState(const PhotometricProblem& problem, const PhotometricState& state, InitialMap& map) {
   for (std::size_t f = 0; f < problem.frames.size(); ++f) {
-    map.T_cam_ref[problem.frames[f].index] = state.T_cam_ref[f];
-    map.affine[problem.frames[f].index] = state.affine[f];
+    map.frames[problem.frames[f].index].T_cam_ref = state.T_cam_ref[f];
+    map.frames[problem.frames[f].index].affine = state.affine[f];
   }
   const std::size_t corners = map.corners.size();
   for (std::size_t i = 0; i < problem.source.size(); ++i) {

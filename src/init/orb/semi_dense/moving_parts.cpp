@@ -86,8 +86,8 @@ std::vector<double> trackErrors(const InitialMap& map,
     sightings.clear();
     for (std::size_t k = 1; k < tracks.positions.size(); ++k) {
       const Eigen::Vector2f& pixel = tracks.positions[k][i];
-      if (map.T_cam_ref[k] && std::isfinite(pixel.x())) {
-        sightings.push_back({*map.T_cam_ref[k], pixel.cast<double>()});
+      if (map.frames[k].T_cam_ref && std::isfinite(pixel.x())) {
+        sightings.push_back({*map.frames[k].T_cam_ref, pixel.cast<double>()});
       }
     }
     errors[i] =

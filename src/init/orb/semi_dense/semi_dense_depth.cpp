@@ -77,14 +77,14 @@ CandidateResult observe(const SelectedPixel& pixel,
 std::vector<SearchFrame> searchFrames(const InitialMap& map) {
   std::vector<SearchFrame> frames;
   for (std::size_t k = 1; k < map.frames.size(); ++k) {
-    if (map.T_cam_ref[k]) {
-      frames.push_back({map.frames[k],
-                        *map.T_cam_ref[k],
-                        map.covariance[k].value_or(Matrix6d::Zero()),
-                        brightnessTransfer(map.affine.front(),
-                                           map.frames.front()->exposure(),
-                                           map.affine[k],
-                                           map.frames[k]->exposure())});
+    if (map.frames[k].T_cam_ref) {
+      frames.push_back({map.frames[k].frame,
+                        *map.frames[k].T_cam_ref,
+                        map.frames[k].covariance.value_or(Matrix6d::Zero()),
+                        brightnessTransfer(map.frames.front().affine,
+                                           map.frames.front().frame->exposure(),
+                                           map.frames[k].affine,
+                                           map.frames[k].frame->exposure())});
     }
   }
   return frames;
@@ -104,7 +104,7 @@ SemiDenseReport estimateSemiDenseDepth(InitialMap& map,
     return report;
   }
   Random random(seed);
-  const FramePtr& reference = map.frames.front();
+  const FramePtr& reference = map.frames.front().frame;
   const std::vector<SelectedPixel> candidates = selectCandidates(*reference, options, random);
   const CornerPrior prior(map.corners, camera.width, camera.height);
   std::vector<EpipolarSearch> searches;

@@ -18,10 +18,10 @@ struct SemiDenseReport {
   int matches = 0;     ///< searches that ended with an observation
 };
 
-/// Fills `map.affine` and `map.points`: selects gradient pixels of the reference, searches each
-/// along its epipolar line in every later posed frame and fuses what is found to one inverse depth
-/// with variance. Runs in parallel inside the caller's arena; the result does not depend on the
-/// number of threads.
+/// Sets the frames' brightness and `map.points`: selects gradient pixels of the reference, searches
+/// each along its epipolar line in every later posed frame and fuses what is found to one inverse
+/// depth with variance. Runs in parallel inside the caller's arena; the result does not depend on
+/// the number of threads.
 /// @param map adjusted: poses, covariances, corners with variances; mean inverse depth 1
 /// @param seed of the random choice among too many candidates
 /// @source Engel, Sturm, Cremers, Semi-Dense Visual Odometry for a Monocular Camera, ICCV 2013

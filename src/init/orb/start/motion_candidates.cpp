@@ -110,7 +110,7 @@ double competeOverFrames(const ReferenceView& view,
     if (candidate) candidates.push_back(std::move(*candidate));
   }
   const auto direction = [](const MotionCandidate& candidate) {
-    return candidate.map.T_cam_ref.back()->translation().normalized();
+    return candidate.map.frames.back().T_cam_ref->translation().normalized();
   };
   const auto less = [](const auto& a, const auto& b) { return a.cost < b.cost; };
   std::swap(candidates.front(), *std::min_element(candidates.begin(), candidates.end(), less));

@@ -41,7 +41,7 @@ DirectionSigma directionSigma(const InitialMap& map,
   schur += schur.trace() / pose_rows.size * scale * scale.transpose();
   const Eigen::LLT<Eigen::MatrixXd> cholesky(schur);
   if (cholesky.info() != Eigen::Success) return kUnknown;
-  const Eigen::Vector3d& t = map.T_cam_ref.back()->translation();
+  const Eigen::Vector3d& t = map.frames.back().T_cam_ref->translation();
   Eigen::MatrixXd perpendicular = Eigen::MatrixXd::Zero(pose_rows.size, 2);
   perpendicular.middleRows<3>(pose_rows.first.back()) = tangentBasis(t.normalized());
   perpendicular -= scale * (scale.transpose() * perpendicular);
@@ -61,7 +61,7 @@ double medianParallaxDeg(const InitialMap& map, const PinholeCamera& camera) {
   for (const Observation& observation : map.observations) {
     if (observation.frame != newest) continue;
     const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
-    angles.push_back(parallaxAngle(*map.T_cam_ref.back(),
+    angles.push_back(parallaxAngle(*map.frames.back().T_cam_ref,
                                    camera.unproject(corner.pixel),
                                    camera.unproject(observation.pixel)));
   }

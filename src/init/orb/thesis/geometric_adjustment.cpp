@@ -36,7 +36,7 @@ class Adjustment {
  private:
   [[nodiscard]] bool counts(const Observation& observation) const {
     return kept_[static_cast<std::size_t>(observation.corner)] != 0 &&
-           map_.T_cam_ref[static_cast<std::size_t>(observation.frame)].has_value();
+           map_.frames[static_cast<std::size_t>(observation.frame)].T_cam_ref.has_value();
   }
   /// @return reprojection error [px]; nullopt when the point is not in front of the camera
   [[nodiscard]] std::optional<double> error(const Observation& observation) const;
@@ -54,7 +54,7 @@ Adjustment::Adjustment(InitialMap& map,
                        const GeometricOptions& options)
     : map_(map), camera_(camera), options_(options), kept_(map.corners.size(), 0) {
   for (const Observation& observation : map.observations) {
-    if (map.T_cam_ref[static_cast<std::size_t>(observation.frame)]) {
+    if (map.frames[static_cast<std::size_t>(observation.frame)].T_cam_ref) {
       kept_[static_cast<std::size_t>(observation.corner)] = 1;
     }
   }

@@ -21,7 +21,7 @@ struct GeometricReport {
 
 /// Adjusts the poses of all posed frames but the first and the inverse depths of all corners to the
 /// observed corners, and removes outliers. Afterwards the mean inverse depth of the corners is 1;
-/// corners and observations are compacted; `map.covariance` of posed frames and the corners'
+/// corners and observations are compacted; the covariances of posed frames and the corners'
 /// variances are those of the gauge "reference pose and mean inverse depth fixed", scaled by the
 /// a-posteriori variance factor. When the report is not usable the map is left half adjusted.
 /// @param map at least one posed frame after the reference; corners with inverse depths to start

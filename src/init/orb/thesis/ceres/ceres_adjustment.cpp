@@ -55,8 +55,8 @@ CeresAdjustment::CeresAdjustment(const InitialMap& map,
                                  const GeometricOptions& options)
     : poses_(map.frames.size()), loss_(lossOf(options)), problem_(problemOptions()) {
   for (std::size_t k = 0; k < map.frames.size(); ++k) {
-    if (map.T_cam_ref[k]) {
-      poses_[k] = toBlock(*map.T_cam_ref[k]);
+    if (map.frames[k].T_cam_ref) {
+      poses_[k] = toBlock(*map.frames[k].T_cam_ref);
     }
   }
   inverse_depths_.reserve(map.corners.size());
@@ -66,7 +66,7 @@ CeresAdjustment::CeresAdjustment(const InitialMap& map,
   for (const Observation& observation : map.observations) {
     const auto corner = static_cast<std::size_t>(observation.corner);
     const auto frame = static_cast<std::size_t>(observation.frame);
-    if (kept[corner] == 0 || !map.T_cam_ref[frame]) {
+    if (kept[corner] == 0 || !map.frames[frame].T_cam_ref) {
       continue;
     }
     costs_.emplace_back(camera,
@@ -104,7 +104,7 @@ std::optional<int> CeresAdjustment::solve(const GeometricOptions& options) {
 void CeresAdjustment::writeTo(InitialMap& map) const {
   for (std::size_t k = 1; k < poses_.size(); ++k) {
     if (problem_.HasParameterBlock(poses_[k].data())) {
-      map.T_cam_ref[k] = fromBlock(poses_[k].data());
+      map.frames[k].T_cam_ref = fromBlock(poses_[k].data());
     }
   }
   for (std::size_t i = 0; i < inverse_depths_.size(); ++i) {
