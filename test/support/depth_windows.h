@@ -6,6 +6,7 @@
 
 #include "image/photometric.h"
 #include "init/orb/attempt.h"
+#include "init/orb/reference_pool.h"
 #include "support/init_run.h"
 #include "support/real_data.h"
 #include "synthetic/sequence.h"
