@@ -30,6 +30,12 @@ DSORB_ALWAYS_INLINE void fill(float value, Lanes& lanes) {
 DSORB_ALWAYS_INLINE void load(const double* source, DoubleLanes& lanes) {
   std::memcpy(&lanes, source, sizeof(DoubleLanes));
 }
+/// Four floats, widened.
+DSORB_ALWAYS_INLINE void load(const float* source, DoubleLanes& lanes) {
+  float values __attribute__((vector_size(16)));
+  std::memcpy(&values, source, sizeof(values));
+  lanes = __builtin_convertvector(values, DoubleLanes);
+}
 DSORB_ALWAYS_INLINE void store(const DoubleLanes& lanes, double* target) {
   std::memcpy(target, &lanes, sizeof(DoubleLanes));
 }

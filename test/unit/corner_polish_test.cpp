@@ -3,7 +3,7 @@
 
 #include "base/median.h"
 #include "base/random.h"
-#include "camera/reprojection.h"
+#include "estimate/warp.h"
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/thesis/geometric_adjustment.h"
 #include "support/matchers.h"

@@ -2,7 +2,7 @@
 #include "init/orb/bundle/reprojection_equations.h"
 
 #include "base/parallel.h"
-#include "camera/reprojection.h"
+#include "estimate/warp.h"
 #include "support/jacobian_check.h"
 #include "support/synthetic_map.h"
 

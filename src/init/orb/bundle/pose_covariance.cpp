@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/bundle/pose_covariance.h"
 
-#include "camera/reprojection.h"
+#include "estimate/warp.h"
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/map/image_cells.h"
 

@@ -4,7 +4,7 @@
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/options/orb_mapping.h"
 
-#include "camera/reprojection.h"
+#include "estimate/warp.h"
 #include "init/orb/bundle/reprojection_kernels.h"
 #include "init/orb/map/initial_map.h"
 

@@ -2,7 +2,7 @@
 #include "init/orb/photometric/photometric_covariance.h"
 
 #include "base/parallel.h"
-#include "camera/reprojection.h"
+#include "estimate/warp.h"
 #include "image/interpolate.h"
 #include "init/orb/map/image_cells.h"
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/semi_dense/epipolar_search.h"
 
-#include "camera/reprojection.h"
+#include "estimate/warp.h"
 #include "image/interpolate.h"
 
 #include <Eigen/LU>

@@ -3,7 +3,7 @@
 
 #include "base/median.h"
 #include "base/parallel.h"
-#include "camera/reprojection.h"
+#include "estimate/warp.h"
 #include "geometry/triangulate.h"
 
 #include <algorithm>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/two_view/decomposition.h"
 
-#include "camera/reprojection.h"
+#include "estimate/warp.h"
 
 #include <opencv2/calib3d.hpp>
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/thesis/ceres/reprojection_cost.h"
 
-#include "camera/reprojection.h"
+#include "estimate/warp.h"
 
 namespace dsorb::init_orb {
 namespace {

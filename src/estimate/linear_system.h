@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+
+#include <cstddef>
+#include <optional>
+#include <vector>
+
+namespace dsorb {
+
+/// Normal equations over the states of frames, x, and inverse depths of points, d:
+///   [H C; C^T diag(h)] [x; d] = -[b; b_d],  H = sum w J^T J, b = sum w J^T r, and so on.
+/// @tparam Scalar of the numbers by point
+template <typename Scalar>
+struct LinearSystem {
+  Eigen::MatrixXd H;                   ///< of the states
+  Eigen::VectorXd b;                   ///< gradient of half the squared error
+  std::size_t stride = 0;              ///< of `coupling`: size() rounded up to 8
+  std::vector<Scalar> coupling;        ///< C, one row a point, zeros up to `stride`
+  std::vector<Scalar> depth_hessian;   ///< h; 0: the point has no part
+  std::vector<Scalar> depth_gradient;  ///< b_d
+
+  /// Everything to zero.
+  void reset(Eigen::Index size, std::size_t points);
+  [[nodiscard]] Eigen::Index size() const { return H.rows(); }
+  [[nodiscard]] std::size_t points() const { return depth_hessian.size(); }
+  [[nodiscard]] bool known(std::size_t point) const { return depth_hessian[point] > 0; }
+  /// Couplings of one point with all states.
+  [[nodiscard]] Eigen::Map<const Eigen::Matrix<Scalar, Eigen::Dynamic, 1>> couplingOf(
+      std::size_t point) const {
+    return {coupling.data() + point * stride, H.rows()};
+  }
+};
+
+/// Takes the inverse depths out of a system and puts them back. Sums run over blocks of points
+/// whose order is fixed, in parallel inside the caller's arena: the same bits for any number of
+/// threads. Keeps its memory for the next time.
+/// @tparam Sum precision of the sums within a block; over blocks they are double
+/// @source Triggs et al., Bundle Adjustment - A Modern Synthesis, section 6.1 (Schur complement)
+template <typename Scalar, typename Sum = Scalar>
+class DepthElimination {
+ public:
+  static constexpr std::size_t kBlock = 128;  ///< points
+
+  /// Sets 1 / ((1 + damping) h), 0 for points without part, which the next two use.
+  void damp(const LinearSystem<Scalar>& system, double damping);
+  /// Subtracts C D^-1 C^T from H, of which the lower triangle is written, and C D^-1 b_d from b; D
+  /// is damped.
+  void eliminate(const LinearSystem<Scalar>& system, Eigen::MatrixXd& H, Eigen::VectorXd& b);
+  /// Steps of the inverse depths that belong to one of the states: -D^-1 (b_d + C^T step).
+  void substituteBack(const LinearSystem<Scalar>& system,
+                      const Eigen::VectorXd& step,
+                      std::vector<double>& depth_step) const;
+
+ private:
+  std::vector<Scalar> inverse_;  // of the damped depth Hessian, by point
+  std::vector<Sum> partial_;     // by block: matrix, then vector
+};
+
+/// Solves a system whose diagonal is scaled by 1 + damping.
+template <typename Scalar>
+class DampedSolver {
+ public:
+  /// @param depths_fixed every depth step is 0
+  /// @return decrease of the cost, half the squared error, that the equations predict; nullopt when
+  ///         they are degenerate
+  std::optional<double> solve(const LinearSystem<Scalar>& system,
+                              double damping,
+                              bool depths_fixed = false);
+
+  [[nodiscard]] const Eigen::VectorXd& step() const { return step_; }
+  [[nodiscard]] const std::vector<double>& depthStep() const { return depth_step_; }
+
+ private:
+  DepthElimination<Scalar> elimination_;
+  Eigen::MatrixXd reduced_;
+  Eigen::VectorXd right_;
+  Eigen::VectorXd step_;
+  std::vector<double> depth_step_;
+};
+
+}  // namespace dsorb

@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "estimate/marginals.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace dsorb {
+
+template <typename Scalar>
+Marginals::Marginals(const LinearSystem<Scalar>& system,
+                     const Eigen::VectorXd& scale,
+                     const std::vector<double>& inverse_depth)
+    : scale_(scale), ratio_(Eigen::VectorXd::Zero(system.size())) {
+  double rho_sum = 0;
+  double variance_sum = 0;
+  for (std::size_t i = 0; i < inverse_depth.size(); ++i) {
+    rho_sum += inverse_depth[i];
+    if (!system.known(i)) continue;
+    const double variance = 1 / static_cast<double>(system.depth_hessian[i]);
+    ratio_ += variance * system.couplingOf(i).template cast<double>();
+    variance_sum += variance;
+  }
+  ratio_ /= rho_sum;
+  depth_variance_ = variance_sum / (rho_sum * rho_sum);
+  Eigen::MatrixXd reduced = system.H;
+  Eigen::VectorXd right = system.b;
+  DepthElimination<Scalar> elimination;
+  elimination.damp(system, 0);
+  elimination.eliminate(system, reduced, right);
+  factorize(reduced);
+}
+
+Marginals::Marginals(Eigen::MatrixXd reduced,
+                     const Eigen::VectorXd& scale,
+                     Eigen::VectorXd ratio,
+                     double depth_variance)
+    : scale_(scale), ratio_(std::move(ratio)), depth_variance_(depth_variance) {
+  factorize(reduced);
+}
+
+/// Scale is unobservable: its direction gets the mean curvature of the others, which the gauge
+/// projection removes again.
+void Marginals::factorize(const Eigen::MatrixXd& reduced) {
+  if (reduced.size() == 0) return;
+  const Eigen::VectorXd unit_scale = scale_.normalized();
+  const double curvature = reduced.trace() / static_cast<double>(reduced.rows());
+  cholesky_.compute(reduced + curvature * unit_scale * unit_scale.transpose());
+  usable_ = cholesky_.info() == Eigen::Success;
+}
+
+Eigen::MatrixXd Marginals::roots() const {
+  return cholesky_.matrixU().solve(Eigen::MatrixXd::Identity(scale_.size(), scale_.size()));
+}
+
+Eigen::MatrixXd Marginals::inGauge(const Eigen::MatrixXd& columns) const {
+  return columns - scale_ * (ratio_.transpose() * columns);
+}
+
+Eigen::MatrixXd Marginals::clusteredRoots(const Eigen::MatrixXd& gradients,
+                                          Eigen::Index frames) const {
+  const auto clusters = static_cast<double>(gradients.cols());
+  const double free = std::max(clusters - static_cast<double>(frames), 1.0);
+  return std::sqrt(clusters / free) * cholesky_.solve(gradients);
+}
+
+template <typename Scalar>
+void Marginals::depthEffect(const LinearSystem<Scalar>& system,
+                            std::size_t point,
+                            double inverse_depth,
+                            Eigen::Ref<Eigen::VectorXd> effect) const {
+  effect = system.couplingOf(point).template cast<double>() /
+               static_cast<double>(system.depth_hessian[point]) -
+           inverse_depth * ratio_;
+}
+
+template Marginals::Marginals(const LinearSystem<float>&,
+                              const Eigen::VectorXd&,
+                              const std::vector<double>&);
+template Marginals::Marginals(const LinearSystem<double>&,
+                              const Eigen::VectorXd&,
+                              const std::vector<double>&);
+template void Marginals::depthEffect(const LinearSystem<float>&,
+                                     std::size_t,
+                                     double,
+                                     Eigen::Ref<Eigen::VectorXd>) const;
+template void Marginals::depthEffect(const LinearSystem<double>&,
+                                     std::size_t,
+                                     double,
+                                     Eigen::Ref<Eigen::VectorXd>) const;
+
+}  // namespace dsorb
