@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "depth/candidate_activation.h"
 
-#include "image/pattern_sampling.h"
+#include "estimate/pattern_sampling.h"
+#include "estimate/robust_loss.h"
 
 #include <algorithm>
 #include <array>
@@ -166,7 +167,7 @@ DepthFit fitDepth(const CandidatePoint& candidate,
                   const DepthOptions& options) {
   const CandidateVerdict weak =
       candidate.finished ? CandidateVerdict::kDrop : CandidateVerdict::kWait;
-  const float first_limit = kPatchOutlierEnergy * (options.consistent_energy ? 1 : kLooseLimit);
+  const float first_limit = kPatternOutlierEnergy * (options.consistent_energy ? 1 : kLooseLimit);
   std::vector<FitState> states(targets.size(), FitState::kIn);
   float depth = candidate.middle();
   DepthTerms terms = evaluateAll(candidate, targets, depth, first_limit, states);
@@ -178,7 +179,7 @@ DepthFit fitDepth(const CandidatePoint& candidate,
     const float step = terms.gradient / ((1 + damping) * terms.curvature);
     std::vector<FitState> trial_states = states;
     const DepthTerms trial =
-        evaluateAll(candidate, targets, depth - step, kPatchOutlierEnergy, trial_states);
+        evaluateAll(candidate, targets, depth - step, kPatternOutlierEnergy, trial_states);
     if (!std::isfinite(trial.energy) || trial.curvature < kMinInformation) return fit;
     if (trial.energy < terms.energy) {
       depth -= step;

@@ -3,7 +3,7 @@
 
 #include "dsorb/image/pyramid.h"
 
-#include "image/interpolate.h"
+#include "estimate/sampling.h"
 #include "image/photometric.h"
 
 #include <Eigen/Core>
@@ -51,10 +51,6 @@ struct CandidatePoint {
   [[nodiscard]] bool hasDepth() const { return std::isfinite(max_inverse_depth); }
   [[nodiscard]] float middle() const { return 0.5F * (min_inverse_depth + max_inverse_depth); }
 };
-
-/// Patch energy above which a match is an outlier: 12 grey levels a pixel.
-/// @source DSO as published
-constexpr float kPatchOutlierEnergy = 12.0F * 12.0F * kPatternSize;
 
 /// Reads the pattern around a pixel of the host.
 /// @param structure  if given, receives the sum of g g^T over the pattern (xx, xy, yy)

@@ -2,6 +2,7 @@
 #include "depth/epipolar_search.h"
 
 #include "base/parallel.h"
+#include "estimate/robust_loss.h"
 
 #include <algorithm>
 #include <array>
@@ -311,7 +312,7 @@ void searchEpipolarLine(CandidatePoint& candidate,
   if (!segment) return;
   segment->near = searchDiscrete(candidate, *segment, level, pattern);
   const Match match = refineMatch(candidate, *segment, level, pattern);
-  if (!(match.energy < kOutlierSlack * kPatchOutlierEnergy)) {
+  if (!(match.energy < kOutlierSlack * kPatternOutlierEnergy)) {
     rejectMatch(candidate);
     return;
   }

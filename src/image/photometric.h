@@ -4,7 +4,6 @@
 #include <Eigen/Core>
 
 #include <array>
-#include <cmath>
 
 namespace dsorb {
 
@@ -20,20 +19,11 @@ constexpr std::array<PatternOffset, 8> kPattern = {
 constexpr int kPatternSize = 8;
 constexpr int kPatternRadius = 2;  // [px]
 
-constexpr float kHuberThreshold = 9.0F;  // [grey levels]; DSO, section 2.2
-constexpr double kImageNoise = 2.8284;   // of one grey value: sqrt(8) [grey levels]
+constexpr double kImageNoise = 2.8284;  // of one grey value: sqrt(8) [grey levels]
 
-/// Weight of iteratively re-weighted least squares: 1 below the threshold, threshold / |r| above.
-inline float huberWeight(float residual, float threshold = kHuberThreshold) {
-  const float magnitude = std::abs(residual);
-  return magnitude < threshold ? 1.0F : threshold / magnitude;
-}
-
-/// Huber energy on DSO's scale: r^2 below the threshold, 2 threshold |r| - threshold^2 above, which
-/// is w r^2 (2 - w).
-inline float huberEnergy(float residual, float weight) {
-  return weight * residual * residual * (2.0F - weight);
-}
+/// Robust energy of a pattern above which it is an outlier: 12 grey levels a pixel.
+/// @source DSO as published
+constexpr float kPatternOutlierEnergy = 12.0F * 12.0F * kPatternSize;
 
 /// Weight that trusts strong gradients less: c^2 / (c^2 + |gradient|^2), c = 50 grey levels / px.
 /// @source Engel et al., DSO, eq. (7)

@@ -2,7 +2,8 @@
 #include "track/alignment_kernels.h"
 
 #include "base/target_clones.h"
-#include "image/sample_quad.h"
+#include "estimate/robust_loss.h"
+#include "estimate/sampling.h"
 
 #include <cmath>
 #include <cstring>
@@ -120,9 +121,8 @@ inline __attribute__((always_inline)) BlockEnergy weighResiduals(const Alignment
     const float magnitude = std::abs(r);
     const bool used = (scratch.inside[i] > 0.0F) & (magnitude <= std::numeric_limits<float>::max());
     const bool unsaturated = used & (magnitude <= s.cutoff);
-    const float w =
-        s.huber_threshold / (magnitude > s.huber_threshold ? magnitude : s.huber_threshold);
-    const float bounded = unsaturated ? w * r * r * (2.0F - w) : saturated_energy;
+    const float w = huberWeight(r, s.huber_threshold);
+    const float bounded = unsaturated ? huberEnergy(r, w) : saturated_energy;
     scratch.energy[i] = used ? bounded : 0.0F;
     samples.weight[i] = unsaturated ? w : 0.0F;
     samples.residual[i] = unsaturated ? r : 0.0F;

@@ -2,7 +2,7 @@
 #include "track/tracking_reference.h"
 
 #include "base/parallel.h"
-#include "image/interpolate.h"
+#include "estimate/sampling.h"
 
 #include <algorithm>
 #include <array>

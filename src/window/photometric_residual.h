@@ -4,7 +4,8 @@
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/image/pyramid.h"
 
-#include "image/pattern_sampling.h"
+#include "estimate/pattern_sampling.h"
+#include "estimate/robust_loss.h"
 #include "window/pair_geometry.h"
 
 #include <cmath>

@@ -39,7 +39,6 @@ constexpr double kSlack = 1.2;  // factor on all four
 constexpr double kThresholdQuantile = 0.7;
 constexpr float kThresholdConstant = 0.5F * 26.0F;  // root of a patch energy [grey levels]
 constexpr float kThresholdFactor = 0.5F * 1.5F;
-constexpr float kThresholdWithoutData = 12.0F * 12.0F * kPatternSize;
 constexpr float kBaselineUnit = 0.01F;  // relative baseline per pixel of parallax
 
 double marginalEnergy(const Window& window) {
@@ -179,7 +178,7 @@ void adaptNewestThreshold(Window& window) {
   }
   float& threshold = window.keyframes.back().energy_threshold;
   if (energies.empty()) {
-    threshold = kThresholdWithoutData;
+    threshold = kPatternOutlierEnergy;
     return;
   }
   const auto rank =

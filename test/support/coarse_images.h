@@ -5,7 +5,7 @@
 #include "dsorb/image/pyramid.h"
 
 #include "base/random.h"
-#include "image/interpolate.h"
+#include "estimate/sampling.h"
 #include "image/photometric.h"
 #include "init/coarse/coarse_alignment.h"
 

@@ -2,7 +2,7 @@
 #include "init/coarse/coarse_points.h"
 
 #include "base/median.h"
-#include "image/interpolate.h"
+#include "estimate/sampling.h"
 #include "image/photometric.h"
 
 #include <algorithm>

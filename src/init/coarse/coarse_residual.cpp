@@ -4,8 +4,8 @@
 #include "base/lanes.h"
 #include "base/parallel.h"
 #include "base/target_clones.h"
-#include "image/photometric.h"
-#include "image/sample_quad.h"
+#include "estimate/robust_loss.h"
+#include "estimate/sampling.h"
 
 #include <algorithm>
 #include <array>
@@ -15,7 +15,6 @@
 namespace dsorb::init_coarse {
 namespace {
 
-static_assert(kLanes == kPatternSize, "one lane a pattern pixel");
 constexpr std::size_t kBlock = 512;  // points a block of float sums has at most
 constexpr int kParameters = 8;
 constexpr int kTriangle = kParameters * (kParameters + 1) / 2;
@@ -69,10 +68,8 @@ struct Projection {
 };
 
 DSORB_ALWAYS_INLINE bool project(const Constants& c, float x, float y, float depth, Projection& p) {
-  constexpr Lanes kOffsetX = {0, -1, 1, -2, 0, 2, -1, 0};
-  constexpr Lanes kOffsetY = {-2, -1, -1, 0, 0, 0, 1, 2};
-  const Lanes px = x + kOffsetX;
-  const Lanes py = y + kOffsetY;
+  const Lanes px = x + kPatternX;
+  const Lanes py = y + kPatternY;
   const Lanes qx = c.RKi[0] * px + c.RKi[1] * py + (c.RKi[2] + depth * c.t[0]);
   const Lanes qy = c.RKi[3] * px + c.RKi[4] * py + (c.RKi[5] + depth * c.t[1]);
   const Lanes qz = c.RKi[6] * px + c.RKi[7] * py + (c.RKi[8] + depth * c.t[2]);
@@ -172,8 +169,8 @@ DSORB_TARGET_CLONES void evaluateBlock(const Constants& c,
                                        PointLevel& points,
                                        SchurTerms& schur,
                                        BlockSums& sums) {
-  Lanes one;
-  fill(1.0F, one);
+  Lanes threshold;
+  fill(kHuberThreshold, threshold);
   for (std::size_t i = block.begin; i < block.end; ++i) {
     points.trial_good[i] = 0;
     points.trial_energy[i] = points.energy[i];
@@ -190,7 +187,7 @@ DSORB_TARGET_CLONES void evaluateBlock(const Constants& c,
       s.r = c.scale * (seen.intensity + s.J[6] - c.offset);
       s.J[6] = c.scale * s.J[6] - c.scale_rate * s.r;
       const Lanes magnitude = s.r < 0.0F ? -s.r : s.r;
-      s.weight = magnitude < kHuberThreshold ? one : kHuberThreshold / magnitude;
+      huberWeights(magnitude, threshold, s.weight);
       energy = sumLanes(s.weight * s.r * s.r * (2.0F - s.weight));
       differentiate(c, p, depth, seen, s);
     }
@@ -212,7 +209,7 @@ DSORB_TARGET_CLONES void evaluateBlock(const Constants& c,
     sums.energy += static_cast<double>(energy);
     sums.good_energy += static_cast<double>(energy);
     ++sums.good;
-    sums.inliers += energy <= kOutlierEnergy ? 1 : 0;
+    sums.inliers += energy <= kPatternOutlierEnergy ? 1 : 0;
   }
 }
 

@@ -5,6 +5,7 @@
 #include "dsorb/geometry/se3.h"
 #include "dsorb/image/pyramid.h"
 
+#include "image/photometric.h"
 #include "init/coarse/coarse_points.h"
 
 #include <Eigen/Core>
@@ -63,12 +64,11 @@ struct NormalEquations {
   double energy = 0;       ///< bad points count with their last accepted one
   double good_energy = 0;  ///< of the good points
   int good = 0;
-  int inliers = 0;  ///< good with a pattern energy of at most kOutlierEnergy
+  int inliers = 0;  ///< good with a pattern energy of at most kPatternOutlierEnergy
   NormalEquations& operator+=(const NormalEquations& other);
 };
 
-constexpr float kOutlierEnergy = 8 * 12 * 12;             // of a pattern: rms of 12 grey levels
-constexpr float kMaxPatternEnergy = 20 * kOutlierEnergy;  // above, the point is bad
+constexpr float kMaxPatternEnergy = 20 * kPatternOutlierEnergy;  // above, the point is bad
 
 /// Evaluates all points of a level at their trial inverse depths: writes trial energy, curvature
 /// and flag, the step limit and the Schur terms, and sums the normal equations. Same bits for any

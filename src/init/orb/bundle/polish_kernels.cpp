@@ -3,8 +3,8 @@
 
 #include "base/lanes.h"
 #include "base/target_clones.h"
-#include "image/interpolate.h"
-#include "image/sample_quad.h"
+#include "estimate/robust_loss.h"
+#include "estimate/sampling.h"
 
 #include <cmath>
 
@@ -67,7 +67,9 @@ DSORB_TARGET_CLONES bool linearizeInLanes(const PolishFrame& f,
     const Lanes magnitude = residual < 0.0F ? -residual : residual;
     Lanes threshold;
     fill(f.huber_threshold, threshold);
-    const Lanes weight = used * threshold / (magnitude > threshold ? magnitude : threshold);
+    Lanes weight;
+    huberWeights(magnitude, threshold, weight);
+    weight *= used;
     const Lanes wx = weight * samples.dx;
     const Lanes wy = weight * samples.dy;
     terms[0] += wx * samples.dx;

@@ -2,7 +2,8 @@
 #include "init/orb/map/frame_brightness.h"
 
 #include "base/parallel.h"
-#include "image/interpolate.h"
+#include "estimate/robust_loss.h"
+#include "estimate/sampling.h"
 #include "image/photometric.h"
 
 #include <cmath>

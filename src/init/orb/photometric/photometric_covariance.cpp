@@ -2,8 +2,8 @@
 #include "init/orb/photometric/photometric_covariance.h"
 
 #include "base/parallel.h"
+#include "estimate/sampling.h"
 #include "estimate/warp.h"
-#include "image/interpolate.h"
 #include "init/orb/map/image_cells.h"
 
 #include <algorithm>

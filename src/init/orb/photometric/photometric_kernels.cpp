@@ -3,7 +3,8 @@
 
 #include "base/lanes.h"
 #include "base/target_clones.h"
-#include "image/sample_quad.h"
+#include "estimate/robust_loss.h"
+#include "estimate/sampling.h"
 
 namespace dsorb::init_orb {
 namespace {
@@ -106,7 +107,8 @@ DSORB_ALWAYS_INLINE void weigh(const PatchSetting& s, const HostPatch& host, Pat
   const IntLanes valid = out.residual == out.residual;  // not NaN
   const Lanes r = valid ? out.residual : zero;
   const Lanes magnitude = r < zero ? -r : r;
-  const Lanes robust = threshold / (magnitude > threshold ? magnitude : threshold);
+  Lanes robust;
+  huberWeights(magnitude, threshold, robust);
   out.residual = r;
   out.weight = valid ? out.weight * robust : zero;
   out.energy = out.weight * r * r * (2.0F - robust);

@@ -3,7 +3,7 @@
 
 #include "base/parallel.h"
 #include "base/spread_frames.h"
-#include "image/interpolate.h"
+#include "estimate/sampling.h"
 #include "init/orb/photometric/photometric_kernels.h"
 
 #include <algorithm>

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/semi_dense/epipolar_search.h"
 
+#include "estimate/sampling.h"
 #include "estimate/warp.h"
-#include "image/interpolate.h"
 
 #include <Eigen/LU>
 

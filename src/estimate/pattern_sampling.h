@@ -3,6 +3,7 @@
 
 #include "dsorb/image/pyramid.h"
 
+#include "estimate/sampling.h"
 #include "image/photometric.h"
 
 #include <Eigen/Core>
@@ -14,10 +15,10 @@ using PatternLanes = Eigen::Array<float, kPatternSize, 1>;
 
 /// Offsets of kPattern, one lane a pixel [px].
 inline PatternLanes patternX() {
-  return (PatternLanes() << 0, -1, 1, -2, 0, 2, -1, 0).finished();
+  return PatternLanes::NullaryExpr([](Eigen::Index k) { return kPatternX[k]; });
 }
 inline PatternLanes patternY() {
-  return (PatternLanes() << -2, -1, -1, 0, 0, 0, 1, 2).finished();
+  return PatternLanes::NullaryExpr([](Eigen::Index k) { return kPatternY[k]; });
 }
 
 struct PatternSamples {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "image/interpolate.h"
+#include "estimate/sampling.h"
 
 #include "base/random.h"
 

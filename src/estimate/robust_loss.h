@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "base/lanes.h"
+
+#include <cmath>
+
+/// Robust losses rho(r) and their weights w = rho'(r) / (2 r), for iteratively re-weighted least
+/// squares. All are r^2 near zero; Ceres counts half of each.
+namespace dsorb {
+
+constexpr float kHuberThreshold = 9.0F;  // [grey levels]; DSO, section 2.2
+
+/// Huber's weight: 1 up to the threshold, threshold / |r| above; 1 for NaN.
+template <typename Scalar>
+inline Scalar huberWeight(Scalar residual, Scalar threshold) {
+  const Scalar magnitude = std::abs(residual);
+  return threshold / (magnitude > threshold ? magnitude : threshold);
+}
+inline float huberWeight(float residual) {
+  return huberWeight(residual, kHuberThreshold);
+}
+
+/// The same in lanes of T = Lanes or DoubleLanes.
+/// @param magnitude |r|
+/// @param threshold the same in all lanes
+template <typename T>
+DSORB_ALWAYS_INLINE void huberWeights(const T& magnitude, const T& threshold, T& weight) {
+  weight = threshold / (magnitude > threshold ? magnitude : threshold);
+}
+
+/// Huber's loss, r^2 up to the threshold, 2 threshold |r| - threshold^2 above, by its weight:
+/// w r^2 (2 - w).
+inline float huberEnergy(float residual, float weight) {
+  return weight * residual * residual * (2.0F - weight);
+}
+
+/// Cauchy's loss is limit^2 log(ratio) with ratio = 1 + r^2 / limit^2; its weight is 1 / ratio.
+/// @param squared r^2, in lanes or alone
+template <typename T, typename Scalar>
+DSORB_ALWAYS_INLINE void cauchyWeights(const T& squared, Scalar limit, T& ratio, T& weight) {
+  ratio = Scalar(1) + squared * (1 / (limit * limit));
+  weight = Scalar(1) / ratio;
+}
+
+}  // namespace dsorb
