@@ -3,7 +3,7 @@
 
 #include "dsorb/error.h"
 
-#include "app/original_words.h"
+#include "app/legacy_arguments.h"
 
 #include <CLI/CLI.hpp>
 #include <spdlog/fmt/fmt.h>
@@ -191,18 +191,18 @@ void refuseUnknownOptions(const CLI::App& app) {
   }
 }
 
-/// Data set and original words among the free words.
+/// Data set and legacy arguments among the free words.
 void takeWords(const std::vector<std::string>& words, CommandLine& request) {
-  std::vector<std::string> original;
+  std::vector<std::string> legacy;
   std::vector<std::string> paths;
   for (const std::string& word : words) {
-    (looksLikeOriginalWord(word) ? original : paths).push_back(word);
+    (looksLikeLegacyArgument(word) ? legacy : paths).push_back(word);
   }
   if (paths.size() > 1) {
     throw ConfigError(
         fmt::format("one data set is expected, found '{}' and '{}'", paths[0], paths[1]));
   }
-  applyOriginalWords(original, request);
+  applyLegacyArguments(legacy, request);
   if (paths.empty()) return;
   if (!request.sequence.path.empty()) {
     throw ConfigError(fmt::format(

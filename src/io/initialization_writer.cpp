@@ -75,15 +75,15 @@ Json reportJson(const InitReport& report) {
   return json;
 }
 
-void noteWithdrawal(const std::optional<Withdrawal>& withdrawal, Json& initialization) {
-  initialization["withdrawn"] = withdrawal.has_value();
+void noteRollback(const std::optional<InitializationRollback>& rollback, Json& initialization) {
+  initialization["withdrawn"] = rollback.has_value();
   initialization["withdrawal"] = nullptr;
-  if (!withdrawal) return;
-  initialization["withdrawal"] = {{"reason", name(withdrawal->reason)},
-                                  {"index", withdrawal->frame.value},
-                                  {"keyframes", withdrawal->keyframes},
-                                  {"rms", withdrawal->rms},
-                                  {"limit", withdrawal->limit}};
+  if (!rollback) return;
+  initialization["withdrawal"] = {{"reason", name(rollback->reason)},
+                                  {"index", rollback->frame.value},
+                                  {"keyframes", rollback->keyframes},
+                                  {"rms", rollback->rms},
+                                  {"limit", rollback->limit}};
 }
 
 }  // namespace
@@ -102,8 +102,8 @@ void InitializationWriter::update(const RunRecord& record, double milliseconds) 
     ++progress_.frames_given;
   }
   bool changed = false;
-  if (record.withdrawal() && !initializations_.empty()) {
-    noteWithdrawal(record.withdrawal(), initializations_.back());
+  if (record.rollback() && !initializations_.empty()) {
+    noteRollback(record.rollback(), initializations_.back());
     changed = true;
   }
   for (const InitStepNote& step : record.steps()) {
@@ -119,7 +119,7 @@ void InitializationWriter::update(const RunRecord& record, double milliseconds) 
   for (const InitStepNote& step : record.steps()) {
     if (!step.result) continue;
     initializations_.push_back(describe(*step.result, milliseconds));
-    noteWithdrawal(step.withdrawal, initializations_.back());
+    noteRollback(step.rollback, initializations_.back());
     changed = true;
   }
   if (changed) write();
@@ -134,7 +134,7 @@ Json InitializationWriter::describe(const InitializationResult& result, double m
   json["frames_given"] = progress_.frames_given;
   json["frames_since_reference"] = std::abs(target.id().value - reference.id().value);
   json["resets"] = progress_.resets;
-  noteWithdrawal(std::nullopt, json);  // until probation says otherwise
+  noteRollback(std::nullopt, json);  // until probation says otherwise
   json["reference"] = frameReference(reference);
   json["target"] = frameReference(target);
   json["camera"] = cameraJson(camera_);

@@ -82,7 +82,7 @@ void PointsPly::retireKeyframe(const KeyframeSnapshot& keyframe) {
   changed_ = true;
 }
 
-void PointsPly::withdraw(int segment) {
+void PointsPly::rollBack(int segment) {
   for (auto it = active_.begin(); it != active_.end();) {
     it = it->second.segment == segment ? active_.erase(it) : std::next(it);
   }

@@ -22,7 +22,7 @@ class PointsPly {
   void setKeyframe(const KeyframeSnapshot& keyframe);
   void retireKeyframe(const KeyframeSnapshot& keyframe);
   /// Drops the points of the segment.
-  void withdraw(int segment);
+  void rollBack(int segment);
 
   /// Replaces the file when points changed. A large map is written anew only when it has grown by
   /// a twentieth, so that writing stays linear in the length of the run.

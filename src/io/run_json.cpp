@@ -59,8 +59,8 @@ Json runJson(const RunInfo& info,
   json["keyframes"] = record.keyframes().size();
   json["segments"] = record.segments().size();
   json["withdrawn"] = {
-      {name(WithdrawalReason::kResidual), record.withdrawals(WithdrawalReason::kResidual)},
-      {name(WithdrawalReason::kLost), record.withdrawals(WithdrawalReason::kLost)}};
+      {name(RollbackReason::kResidual), record.rollbacks(RollbackReason::kResidual)},
+      {name(RollbackReason::kLost), record.rollbacks(RollbackReason::kLost)}};
   json["status"] = name(end.status);
   json["seconds"] = {{"total", end.seconds.total},
                      {"reading", end.seconds.reading},

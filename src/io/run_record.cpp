@@ -63,8 +63,8 @@ void RunRecord::addInitialization(const InitializationResult& result, int segmen
   }
 }
 
-void RunRecord::addWithdrawal(const Withdrawal& withdrawal) {
-  const int segment = withdrawal.segment;
+void RunRecord::addRollback(const InitializationRollback& rollback) {
+  const int segment = rollback.segment;
   for (const auto* entries : {&frames_, &keyframes_}) {
     for (const PosedEntry& entry : *entries) {
       if (entry.segment != segment) continue;
@@ -75,15 +75,15 @@ void RunRecord::addWithdrawal(const Withdrawal& withdrawal) {
   removeSegment(frames_, segment);
   removeSegment(keyframes_, segment);
   segments_.erase(std::remove(segments_.begin(), segments_.end(), segment), segments_.end());
-  withdrawals_.push_back(withdrawal.reason);
+  rollbacks_.push_back(rollback.reason);
   const auto start = std::find_if(steps_.begin(), steps_.end(), [](const InitStepNote& step) {
-    return step.result && !step.withdrawal;
+    return step.result && !step.rollback;
   });
-  (start == steps_.end() ? withdrawal_ : start->withdrawal) = withdrawal;
+  (start == steps_.end() ? rollback_ : start->rollback) = rollback;
 }
 
-int RunRecord::withdrawals(WithdrawalReason reason) const {
-  return static_cast<int>(std::count(withdrawals_.begin(), withdrawals_.end(), reason));
+int RunRecord::rollbacks(RollbackReason reason) const {
+  return static_cast<int>(std::count(rollbacks_.begin(), rollbacks_.end(), reason));
 }
 
 void RunRecord::addFrame(const FrameEstimate& estimate) {
@@ -115,7 +115,7 @@ void RunRecord::addFrame(const FrameEstimate& estimate) {
   frames_.push_back(entry);
 }
 
-/// Frames of a withdrawn start are told again.
+/// Frames of a start that was rolled back are told again.
 FrameNote& RunRecord::noteOf(int index) {
   for (auto note = notes_.rbegin(); note != notes_.rend(); ++note) {
     if (note->index == index) return *note;
@@ -138,7 +138,7 @@ void RunRecord::setMilliseconds(double milliseconds) {
 void RunRecord::nextFrame() {
   steps_.clear();
   estimate_.reset();
-  withdrawal_.reset();
+  rollback_.reset();
 }
 
 SE3 RunRecord::T_world_cam(const PosedEntry& entry) const {

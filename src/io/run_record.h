@@ -37,7 +37,7 @@ struct InitStepNote {
   InitReason reason = InitReason::kFirstFrame;
   int segment = 0;
   std::optional<InitializationResult> result;
-  std::optional<Withdrawal> withdrawal;  ///< of its result, within the current frame
+  std::optional<InitializationRollback> rollback;  ///< of its result, within the current frame
 };
 
 /// Record of a run, about 150 bytes a frame: enough to write every trajectory with the poses that
@@ -45,7 +45,7 @@ struct InitStepNote {
 class RunRecord {
  public:
   void addInitStep(const InitStep& step, int segment);
-  void addWithdrawal(const Withdrawal& withdrawal);
+  void addRollback(const InitializationRollback& rollback);
   void addFrame(const FrameEstimate& estimate);
   void addKeyframe(const KeyframeSnapshot& keyframe);
   /// Completes the current frame's note.
@@ -58,17 +58,17 @@ class RunRecord {
   [[nodiscard]] const std::vector<PosedEntry>& frames() const { return frames_; }
   [[nodiscard]] const std::vector<PosedEntry>& keyframes() const { return keyframes_; }
   [[nodiscard]] const std::vector<FrameNote>& notes() const { return notes_; }
-  /// Segments with a successful initialization that was not withdrawn.
+  /// Segments with a successful initialization that was not rolled back.
   [[nodiscard]] const std::vector<int>& segments() const { return segments_; }
   /// Number of times that entries were taken back.
-  [[nodiscard]] int withdrawals() const { return static_cast<int>(withdrawals_.size()); }
-  [[nodiscard]] int withdrawals(WithdrawalReason reason) const;
+  [[nodiscard]] int rollbacks() const { return static_cast<int>(rollbacks_.size()); }
+  [[nodiscard]] int rollbacks(RollbackReason reason) const;
 
   /// Of the current frame.
   [[nodiscard]] const std::vector<InitStepNote>& steps() const { return steps_; }
   [[nodiscard]] const std::optional<FrameEstimate>& estimate() const { return estimate_; }
   /// Of a start of an earlier frame.
-  [[nodiscard]] const std::optional<Withdrawal>& withdrawal() const { return withdrawal_; }
+  [[nodiscard]] const std::optional<InitializationRollback>& rollback() const { return rollback_; }
 
  private:
   /// Frames of an initialization and how far its two ends were apart.
@@ -93,11 +93,11 @@ class RunRecord {
   std::map<FrameId, Successor> successors_;  ///< by the keyframe tracked against
   std::vector<FrameNote> notes_;
   std::vector<int> segments_;
-  std::vector<WithdrawalReason> withdrawals_;
+  std::vector<RollbackReason> rollbacks_;
 
   std::vector<InitStepNote> steps_;
   std::optional<FrameEstimate> estimate_;
-  std::optional<Withdrawal> withdrawal_;
+  std::optional<InitializationRollback> rollback_;
 };
 
 /// Whether rotation and translation hold neither nan nor infinity.

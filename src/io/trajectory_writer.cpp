@@ -29,8 +29,8 @@ std::filesystem::path TrajectoryWriter::path(const std::string& suffix) const {
 }
 
 void TrajectoryWriter::update(const RunRecord& record, const std::vector<PosedEntry>& entries) {
-  if (record.withdrawals() != withdrawals_) {  // lines were taken back: write the rest anew
-    withdrawals_ = record.withdrawals();
+  if (record.rollbacks() != rollbacks_) {  // lines were taken back: write the rest anew
+    rollbacks_ = record.rollbacks();
     written_ = 0;
     file_.emplace(path(""));
   }

@@ -29,7 +29,7 @@ class TrajectoryWriter {
   std::string stem_;
   std::optional<GrowingFile> file_;
   std::size_t written_ = 0;
-  int withdrawals_ = 0;
+  int rollbacks_ = 0;
 };
 
 /// A line `timestamp tx ty tz qx qy qz qw`, nine decimals, qw not negative.

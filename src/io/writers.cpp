@@ -110,9 +110,9 @@ void RunWriter::onInitStep(const InitStep& step, const Frame& /*frame*/, int seg
   impl_->record.addInitStep(step, segment);
 }
 
-void RunWriter::onWithdrawn(const Withdrawal& withdrawal) {
-  impl_->record.addWithdrawal(withdrawal);
-  impl_->points.withdraw(withdrawal.segment);
+void RunWriter::onInitializationRollback(const InitializationRollback& rollback) {
+  impl_->record.addRollback(rollback);
+  impl_->points.rollBack(rollback.segment);
 }
 
 void RunWriter::onFrame(const FrameEstimate& estimate) {

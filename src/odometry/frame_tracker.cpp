@@ -55,18 +55,18 @@ TrackedPose FrameTracker::track(const Frame& frame) {
 }
 
 bool FrameTracker::needsKeyframe(const Frame& frame, const track::TrackingResult& result) const {
-  window::KeyframeEvidence evidence;
-  evidence.translation_flow = result.flow.translation;
-  evidence.full_flow = result.flow.full;
-  evidence.log_gain =
+  window::KeyframeCues cues;
+  cues.translation_flow = result.flow.translation;
+  cues.full_flow = result.flow.full;
+  cues.log_gain =
       std::log(brightnessTransfer(
                    target_->affine, target_->frame->exposure(), result.affine, frame.exposure())
                    .gain);
-  evidence.rmse = result.rmse[0];
-  evidence.first_rmse = *first_rmse_;
-  evidence.seconds_since_keyframe = std::abs(frame.timestamp() - target_->frame->timestamp());
-  evidence.width_plus_height = frame.width() + frame.height();
-  return window::needsKeyframe(evidence, options_.window);
+  cues.rmse = result.rmse[0];
+  cues.first_rmse = *first_rmse_;
+  cues.seconds_since_keyframe = std::abs(frame.timestamp() - target_->frame->timestamp());
+  cues.width_plus_height = frame.width() + frame.height();
+  return window::needsKeyframe(cues, options_.window);
 }
 
 }  // namespace dsorb::odometry

@@ -3,7 +3,7 @@
 
 #include "base/parallel.h"
 #include "odometry/seed_window.h"
-#include "window/handover.h"
+#include "window/depth_samples.h"
 #include "window/keyframe_policy.h"
 #include "window/marginalization.h"
 #include "window/point_activation.h"

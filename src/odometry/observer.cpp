@@ -17,8 +17,8 @@ const char* name(OdometryState state) {
   return "unknown";
 }
 
-const char* name(WithdrawalReason reason) {
-  return reason == WithdrawalReason::kResidual ? "residual" : "lost";
+const char* name(RollbackReason reason) {
+  return reason == RollbackReason::kResidual ? "residual" : "lost";
 }
 
 }  // namespace dsorb

@@ -82,10 +82,10 @@ class Odometry::Impl {
     }
     frame_check_.accept(frame);
     ++report_.frames_given;
-    given_ = frame;
+    last_input_ = frame;
     waiting_.push_back(frame);
-    work();
-    return answer_;
+    processPending();
+    return last_estimate_;
   }
 
   void restart() {
@@ -107,7 +107,7 @@ class Odometry::Impl {
     if (is_finished_) return report_;
     is_finished_ = true;
     do {  // the last keyframes may take the start back: its frames are used again
-      work();
+      processPending();
       mapping_.wait();
       receive(nullptr);
     } while (!waiting_.empty());
@@ -119,7 +119,7 @@ class Odometry::Impl {
   enum class Phase { kInitializing, kTracking, kLost };
 
   /// Works on all frames that wait.
-  void work() {
+  void processPending() {
     while (!waiting_.empty()) {
       receive(nullptr);
       if (waiting_.empty()) return;
@@ -136,11 +136,11 @@ class Odometry::Impl {
       step = initializer_->addFrame(frame);
     }
     checkStep(step);
-    tell([&](OdometryObserver& o) { o.onInitStep(step, *frame, segment_); });
-    answer_ = blank(frame);
+    notify([&](OdometryObserver& o) { o.onInitStep(step, *frame, segment_); });
+    last_estimate_ = blank(frame);
     if (step.result) return takeOver(*step.result);
     // Frames that are used again were told when they came.
-    if (waiting_.empty()) tell([&](OdometryObserver& o) { o.onFrame(answer_); });
+    if (waiting_.empty()) notify([&](OdometryObserver& o) { o.onFrame(last_estimate_); });
   }
 
   /// The first window, and tracking with it.
@@ -156,7 +156,7 @@ class Odometry::Impl {
       update = arena_.run([&] { return mapper_.seed(result); });
     }
     report_.keyframes += update.keyframes_so_far;
-    FrameEstimate estimate = answer_;
+    FrameEstimate estimate = last_estimate_;
     estimate.state = OdometryState::kInitialized;
     estimate.is_keyframe = true;
     if (adopt(update, &estimate)) close(std::move(estimate));
@@ -224,7 +224,7 @@ class Odometry::Impl {
       return mapping_.take();
     } catch (...) {
       phase_ = Phase::kLost;
-      lost_at_ = given_->id();
+      lost_at_ = last_input_->id();
       waiting_.clear();
       throw;
     }
@@ -237,7 +237,7 @@ class Odometry::Impl {
       return false;
     }
     if (probation_.active() && !probation_.passes(update.rms)) {
-      withdraw(WithdrawalReason::kResidual);
+      rollBack(RollbackReason::kResidual);
       return false;
     }
     const odometry::TrackingTarget& newest = update.target;
@@ -250,25 +250,25 @@ class Odometry::Impl {
       }
       estimate->affine = newest.affine;
     }
-    tellRetired(update.retired);
+    notifyRetired(update.retired);
     for (KeyframeSnapshot& keyframe : update.window) {
       keyframe.segment = segment_;
-      tell([&](OdometryObserver& o) { o.onKeyframe(keyframe); });
+      notify([&](OdometryObserver& o) { o.onKeyframe(keyframe); });
     }
     return true;
   }
 
   void close(FrameEstimate estimate) {
-    answer_ = std::move(estimate);
-    tell([&](OdometryObserver& o) { o.onFrame(answer_); });
+    last_estimate_ = std::move(estimate);
+    notify([&](OdometryObserver& o) { o.onFrame(last_estimate_); });
   }
 
   /// The map has failed its probation: its frames but the reference are used again.
-  void withdraw(WithdrawalReason reason) {
-    Withdrawal withdrawal = probation_.judgement();
-    withdrawal.frame = given_->id();
-    withdrawal.segment = segment_;
-    withdrawal.reason = reason;
+  void rollBack(RollbackReason reason) {
+    InitializationRollback rollback = probation_.judgement();
+    rollback.frame = last_input_->id();
+    rollback.segment = segment_;
+    rollback.reason = reason;
     dropMap();
     report_.keyframes = before_.keyframes;
     report_.frames_tracked = before_.frames_tracked;
@@ -278,24 +278,24 @@ class Odometry::Impl {
     waiting_ = std::move(again);
     initializer_->reset();
     phase_ = Phase::kInitializing;
-    tell([&](OdometryObserver& o) { o.onWithdrawn(withdrawal); });
+    notify([&](OdometryObserver& o) { o.onInitializationRollback(rollback); });
   }
 
   /// Into phase lost, which only restart() leaves; within probation the start is given up instead.
   void lose(std::optional<double> rmse) {
     if (probation_.active() && options_.probation.includes_loss && !was_lost_in_probation_) {
       was_lost_in_probation_ = true;
-      return withdraw(WithdrawalReason::kLost);
+      return rollBack(RollbackReason::kLost);
     }
     waiting_.clear();
     phase_ = Phase::kLost;
-    lost_at_ = given_->id();
-    FrameEstimate estimate = blank(given_);
+    lost_at_ = last_input_->id();
+    FrameEstimate estimate = blank(last_input_);
     estimate.tracking_rmse = rmse;
     estimate.state = OdometryState::kLost;
     close(std::move(estimate));
     retireAll();
-    tell([&](OdometryObserver& o) { o.onLost(lost_at_, segment_); });
+    notify([&](OdometryObserver& o) { o.onLost(lost_at_, segment_); });
   }
 
   [[nodiscard]] FrameEstimate blank(const FramePtr& frame) const {
@@ -318,21 +318,21 @@ class Odometry::Impl {
     return mapper_.clear();
   }
 
-  void tellRetired(std::vector<KeyframeSnapshot>& keyframes) {
+  void notifyRetired(std::vector<KeyframeSnapshot>& keyframes) {
     for (KeyframeSnapshot& keyframe : keyframes) {
       keyframe.segment = segment_;
-      tell([&](OdometryObserver& o) { o.onKeyframeRetired(keyframe); });
+      notify([&](OdometryObserver& o) { o.onKeyframeRetired(keyframe); });
     }
   }
 
   void retireAll() {
     probation_.end();
     std::vector<KeyframeSnapshot> keyframes = dropMap();
-    tellRetired(keyframes);
+    notifyRetired(keyframes);
   }
 
   template <typename Function>
-  void tell(const Function& call) {
+  void notify(const Function& call) {
     for (OdometryObserver* observer : observers_) call(*observer);
   }
 
@@ -354,8 +354,8 @@ class Odometry::Impl {
   OdometryReport report_;
   OdometryReport before_;         // before the newest initialization
   std::deque<FramePtr> waiting_;  // to be processed: the frame given, behind those used again
-  FramePtr given_;                // the last one
-  FrameEstimate answer_;          // of the frame processed last
+  FramePtr last_input_;           // the last one
+  FrameEstimate last_estimate_;   // of the frame processed last
   bool keyframe_is_due_ = false;  // a tracked frame on its way becomes one
 
   // Last: its thread ends before what it works with.

@@ -27,7 +27,7 @@ class Probation {
   /// @return    whether the map may stay
   [[nodiscard]] bool passes(double rms);
   /// The last judgement, as observers are told of it; without frame, segment and reason.
-  [[nodiscard]] const Withdrawal& judgement() const { return judgement_; }
+  [[nodiscard]] const InitializationRollback& judgement() const { return judgement_; }
   /// Ends it. @return the frames to be used again, without the reference
   std::deque<FramePtr> end();
 
@@ -37,7 +37,7 @@ class Probation {
   ProbationOptions options_;
   std::deque<FramePtr> frames_;
   int keyframes_ = 0;
-  Withdrawal judgement_;
+  InitializationRollback judgement_;
 };
 
 }  // namespace dsorb::odometry

@@ -2,8 +2,8 @@
 #include "odometry/seed_window.h"
 
 #include "base/spread_frames.h"
-#include "window/handover.h"
 #include "window/point_activation.h"
+#include "window/seeding.h"
 
 #include <algorithm>
 #include <vector>

@@ -57,16 +57,16 @@ std::optional<std::size_t> worstPlaced(const std::vector<KeyframeSummary>& keyfr
 
 }  // namespace
 
-bool needsKeyframe(const KeyframeEvidence& evidence, const WindowOptions& options) {
+bool needsKeyframe(const KeyframeCues& cues, const WindowOptions& options) {
   if (options.keyframes_per_second > 0) {
-    return evidence.seconds_since_keyframe > kFixedRateSlack / options.keyframes_per_second;
+    return cues.seconds_since_keyframe > kFixedRateSlack / options.keyframes_per_second;
   }
-  const double flow = (kTranslationWeight * std::sqrt(evidence.translation_flow) +
-                       kFlowWeight * std::sqrt(evidence.full_flow)) /
-                      evidence.width_plus_height;
-  const double brightness = kBrightnessWeight * std::abs(evidence.log_gain);
+  const double flow = (kTranslationWeight * std::sqrt(cues.translation_flow) +
+                       kFlowWeight * std::sqrt(cues.full_flow)) /
+                      cues.width_plus_height;
+  const double brightness = kBrightnessWeight * std::abs(cues.log_gain);
   return options.keyframe_frequency * (flow + brightness) > 1 ||
-         evidence.rmse > kRmseRatio * evidence.first_rmse;
+         cues.rmse > kRmseRatio * cues.first_rmse;
 }
 
 std::vector<bool> chooseLeaving(const std::vector<KeyframeSummary>& keyframes,

@@ -12,7 +12,7 @@
 namespace dsorb::window {
 
 /// What tracking a frame says about the need of a keyframe.
-struct KeyframeEvidence {
+struct KeyframeCues {
   double translation_flow = 0;  ///< mean squared flow by translation alone [px^2]
   double full_flow = 0;         ///< mean squared flow [px^2]
   double log_gain = 0;          ///< brightness, reference to frame
@@ -23,7 +23,7 @@ struct KeyframeEvidence {
 };
 
 /// @source Engel et al., DSO, arXiv:1607.02565, section 3.1; weights as published
-[[nodiscard]] bool needsKeyframe(const KeyframeEvidence& evidence, const WindowOptions& options);
+[[nodiscard]] bool needsKeyframe(const KeyframeCues& cues, const WindowOptions& options);
 
 /// What the choice of leaving keyframes depends on.
 struct KeyframeSummary {

@@ -84,9 +84,9 @@ class Recorder : public OdometryObserver {
   void onKeyframeRetired(const KeyframeSnapshot& keyframe) override {
     events.push_back("retired " + std::to_string(keyframe.id.value));
   }
-  void onWithdrawn(const Withdrawal& withdrawal) override {
-    events.push_back("withdrawn " + std::to_string(withdrawal.segment));
-    withdrawals.push_back(withdrawal);
+  void onInitializationRollback(const InitializationRollback& rollback) override {
+    events.push_back("rolled back " + std::to_string(rollback.segment));
+    rollbacks.push_back(rollback);
   }
   void onLost(FrameId frame, int segment) override {
     events.push_back("lost at " + std::to_string(frame.value) + " in " + std::to_string(segment));
@@ -98,7 +98,7 @@ class Recorder : public OdometryObserver {
   std::map<int, std::pair<int, double>> starts;  ///< the last of both by segment
   std::vector<FrameEstimate> estimates;
   std::vector<KeyframeSnapshot> keyframes;
-  std::vector<Withdrawal> withdrawals;
+  std::vector<InitializationRollback> rollbacks;
   std::set<int> ids;  ///< of the keyframes
 };
 
@@ -120,7 +120,7 @@ inline void feed(Odometry& odometry, const World& world, int begin, int end) {
 class FinalTrajectory : public OdometryObserver {
  public:
   void onInitStep(const InitStep& step, const Frame& /*frame*/, int /*segment*/) override {
-    if (!frames_.empty()) ++withdrawals;
+    if (!frames_.empty()) ++rollbacks;
     frames_.clear();
     anchors_.clear();
     if (!step.result) return;
@@ -168,7 +168,7 @@ class FinalTrajectory : public OdometryObserver {
     return std::sqrt(errors.colwise().squaredNorm().mean()) / way;
   }
 
-  int withdrawals = 0;
+  int rollbacks = 0;
   int losses = 0;
   int retired = 0;
   std::size_t points = 0;  ///< of retired keyframes

@@ -5,7 +5,7 @@
 
 #include "base/random.h"
 #include "synthetic/sequence.h"
-#include "window/handover.h"
+#include "window/seeding.h"
 #include "window/window.h"
 
 #include <algorithm>

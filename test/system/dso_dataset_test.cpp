@@ -87,7 +87,7 @@ TEST_F(DsoDataset, ReversedRunKeepsIndicesAndSortsByTime) {
   }
 }
 
-TEST_F(DsoDataset, OriginalWordsWork) {
+TEST_F(DsoDataset, LegacyArgumentsWork) {
   const ProgramResult result = run({"files=" + (room_ / "images").string(),
                                     "calib=" + (room_ / "camera.txt").string(),
                                     "--initializer=orb-v1",

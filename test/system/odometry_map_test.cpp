@@ -86,7 +86,7 @@ class WrongOnce : public Initializer {
   bool is_done_ = false;
 };
 
-TEST(OdometryMap, ProbationWithdrawsAWrongStart) {
+TEST(OdometryMap, ProbationRollsAWrongStartBack) {
   const World& world = room();
   OdometryOptions options;
   // Measured on the first window: 3.1 from the truth, 4.3 from the wrong depths.
@@ -98,11 +98,11 @@ TEST(OdometryMap, ProbationWithdrawsAWrongStart) {
   odometry.addObserver(&recorder);
   for (int i = 0; i < 30; ++i) odometry.process(world.frames()[static_cast<std::size_t>(i)]);
   const OdometryReport report = odometry.finish();
-  EXPECT_EQ(trajectory.withdrawals, 1);
-  ASSERT_EQ(recorder.withdrawals.size(), 1U);
-  EXPECT_EQ(recorder.withdrawals[0].reason, WithdrawalReason::kResidual);
-  EXPECT_EQ(recorder.withdrawals[0].limit, options.probation.max_rms_second);
-  EXPECT_GT(recorder.withdrawals[0].rms, options.probation.max_rms_second);
+  EXPECT_EQ(trajectory.rollbacks, 1);
+  ASSERT_EQ(recorder.rollbacks.size(), 1U);
+  EXPECT_EQ(recorder.rollbacks[0].reason, RollbackReason::kResidual);
+  EXPECT_EQ(recorder.rollbacks[0].limit, options.probation.max_rms_second);
+  EXPECT_GT(recorder.rollbacks[0].rms, options.probation.max_rms_second);
   EXPECT_EQ(report.segments, 1) << "the wrong start does not count";
   EXPECT_EQ(report.frames_tracked, 25) << "30 without frame 0 and the 4 of the initialization";
   ASSERT_EQ(recorder.references.size(), 2U);
@@ -128,9 +128,9 @@ class LossInProbation : public TruthStarted {
 
 TEST_F(LossInProbation, CountsAsFailedOnceThenItIsALoss) {
   runToTheCut(true);
-  ASSERT_EQ(recorder.withdrawals.size(), 1U);
-  EXPECT_EQ(recorder.withdrawals[0].reason, WithdrawalReason::kLost);
-  EXPECT_EQ(recorder.withdrawals[0].frame.value, kCutAt);
+  ASSERT_EQ(recorder.rollbacks.size(), 1U);
+  EXPECT_EQ(recorder.rollbacks[0].reason, RollbackReason::kLost);
+  EXPECT_EQ(recorder.rollbacks[0].frame.value, kCutAt);
   EXPECT_EQ(recorder.references, (std::vector<int>{0, 1})) << "again, without the reference";
   EXPECT_EQ(last().state, OdometryState::kLost);
   EXPECT_EQ(recorder.events.back(), "lost at 6 in 0");
@@ -141,7 +141,7 @@ TEST_F(LossInProbation, CountsAsFailedOnceThenItIsALoss) {
 
 TEST_F(LossInProbation, IsALossLikeAnyOtherWhereTheOptionSaysSo) {
   runToTheCut(false);
-  EXPECT_TRUE(recorder.withdrawals.empty());
+  EXPECT_TRUE(recorder.rollbacks.empty());
   EXPECT_EQ(recorder.events.back(), "lost at 6 in 0");
   EXPECT_EQ(odometry->finish().frames_tracked, 2);
 }

@@ -168,7 +168,7 @@ TEST(CommandLine, VersionAndHelpAreText) {
   }
 }
 
-TEST(OriginalWords, HaveTheirMeaning) {
+TEST(LegacyArguments, HaveTheirMeaning) {
   const CommandLine request = parse({"files=seq/images",
                                      "calib=c.txt",
                                      "gamma=g.txt",
@@ -195,14 +195,14 @@ TEST(OriginalWords, HaveTheirMeaning) {
   EXPECT_THAT(request.warnings, IsEmpty());
 }
 
-TEST(OriginalWords, SwitchesReactToOneOnly) {
+TEST(LegacyArguments, SwitchesReactToOneOnly) {
   const CommandLine request = parse({"files=seq", "reverse=0", "quiet=2", "nomt=0"});
   EXPECT_FALSE(request.sequence.reverse);
   EXPECT_FALSE(request.quiet);
   EXPECT_EQ(optionsOf(request).num_threads, 0);
 }
 
-TEST(OriginalWords, PresetsChooseSizeAndSpeed) {
+TEST(LegacyArguments, PresetsChooseSizeAndSpeed) {
   struct Case {
     const char* word;
     const char* preset;
@@ -219,7 +219,7 @@ TEST(OriginalWords, PresetsChooseSizeAndSpeed) {
   }
 }
 
-TEST(OriginalWords, ALaterSpeedOrPresetWins) {
+TEST(LegacyArguments, ALaterSpeedOrPresetWins) {
   const CommandLine slower = parse({"files=seq", "preset=3", "speed=0.5"});
   EXPECT_EQ(slower.speed, 0.5);
   EXPECT_TRUE(optionsOf(slower).pipelined);
@@ -230,12 +230,12 @@ TEST(OriginalWords, ALaterSpeedOrPresetWins) {
   EXPECT_TRUE(optionsOf(parse({"files=seq", "speed=0", "--pipelined"})).pipelined);
 }
 
-TEST(OriginalWords, WithoutMeaningGiveOneWarning) {
+TEST(LegacyArguments, WithoutMeaningGiveOneWarning) {
   const CommandLine request = parse({"files=seq", "nogui=1", "nolog=1", "rescale=0.5", "nogui=1"});
   EXPECT_THAT(request.warnings, ElementsAre(HasSubstr("nogui=1 nolog=1 rescale=0.5")));
 }
 
-TEST(OriginalWords, UnknownAndMalformedOnesAreErrors) {
+TEST(LegacyArguments, UnknownAndMalformedOnesAreErrors) {
   EXPECT_THAT(errorOf({"files=seq", "calip=c.txt"}),
               AllOf(HasSubstr("unknown word 'calip=c.txt'"), HasSubstr("'calib='")));
   EXPECT_THAT(errorOf({"files=seq", "start=two"}), HasSubstr("start=two: expected a whole number"));
@@ -244,7 +244,7 @@ TEST(OriginalWords, UnknownAndMalformedOnesAreErrors) {
   EXPECT_THAT(errorOf({"files=seq", "speed=-1"}), HasSubstr("not negative"));
 }
 
-TEST(OriginalWords, PathWithAnEqualsSignIsStillADataSet) {
+TEST(LegacyArguments, PathWithAnEqualsSignIsStillADataSet) {
   EXPECT_EQ(parse({"./runs/speed=3/images"}).sequence.path, "./runs/speed=3/images");
 }
 

@@ -8,42 +8,42 @@
 namespace dsorb::window {
 namespace {
 
-KeyframeEvidence quiet() {
-  KeyframeEvidence evidence;
-  evidence.rmse = 5;
-  evidence.first_rmse = 4;
-  evidence.width_plus_height = 1120;
-  return evidence;
+KeyframeCues quiet() {
+  KeyframeCues cues;
+  cues.rmse = 5;
+  cues.first_rmse = 4;
+  cues.width_plus_height = 1120;
+  return cues;
 }
 
 TEST(NeedsKeyframeTest, FlowBrightnessAndErrorEachSuffice) {
   const WindowOptions options;
   EXPECT_FALSE(needsKeyframe(quiet(), options));
-  KeyframeEvidence evidence = quiet();
-  evidence.translation_flow = 24.9 * 24.9;  // 25 px alone are enough at 640 x 480
-  EXPECT_FALSE(needsKeyframe(evidence, options));
-  evidence.translation_flow = 25.1 * 25.1;
-  EXPECT_TRUE(needsKeyframe(evidence, options));
-  evidence = quiet();
-  evidence.full_flow = 50.1 * 50.1;
-  EXPECT_TRUE(needsKeyframe(evidence, options));
-  evidence = quiet();
-  evidence.log_gain = -0.51;
-  EXPECT_TRUE(needsKeyframe(evidence, options));
-  evidence = quiet();
-  evidence.rmse = 8.1;
-  EXPECT_TRUE(needsKeyframe(evidence, options));
+  KeyframeCues cues = quiet();
+  cues.translation_flow = 24.9 * 24.9;  // 25 px alone are enough at 640 x 480
+  EXPECT_FALSE(needsKeyframe(cues, options));
+  cues.translation_flow = 25.1 * 25.1;
+  EXPECT_TRUE(needsKeyframe(cues, options));
+  cues = quiet();
+  cues.full_flow = 50.1 * 50.1;
+  EXPECT_TRUE(needsKeyframe(cues, options));
+  cues = quiet();
+  cues.log_gain = -0.51;
+  EXPECT_TRUE(needsKeyframe(cues, options));
+  cues = quiet();
+  cues.rmse = 8.1;
+  EXPECT_TRUE(needsKeyframe(cues, options));
 }
 
 TEST(NeedsKeyframeTest, FixedRateCountsOnlyTime) {
   WindowOptions options;
   options.keyframes_per_second = 5;
-  KeyframeEvidence evidence = quiet();
-  evidence.translation_flow = 1e4;
-  evidence.seconds_since_keyframe = 0.18;
-  EXPECT_FALSE(needsKeyframe(evidence, options));
-  evidence.seconds_since_keyframe = 0.2;
-  EXPECT_TRUE(needsKeyframe(evidence, options));
+  KeyframeCues cues = quiet();
+  cues.translation_flow = 1e4;
+  cues.seconds_since_keyframe = 0.18;
+  EXPECT_FALSE(needsKeyframe(cues, options));
+  cues.seconds_since_keyframe = 0.2;
+  EXPECT_TRUE(needsKeyframe(cues, options));
 }
 
 /// Keyframes on a line, 1 unit apart, all alive.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // One pixel's search along its epipolar line, as semi-dense depth uses it.
 #include "base/median.h"
-#include "camera/reprojection.h"
+#include "estimate/warp.h"
 #include "init/orb/semi_dense/epipolar_line.h"
 #include "init/orb/semi_dense/epipolar_search.h"
 #include "support/plane_scene.h"

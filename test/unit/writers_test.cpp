@@ -153,16 +153,16 @@ TEST(RunWriter, SecondSegmentGetsFilesOfItsOwn) {
   EXPECT_EQ(starts[1]["frames_given"], 2);
 }
 
-TEST(RunWriter, WithdrawnStartLeavesNoTrace) {
+TEST(RunWriter, RolledBackStartLeavesNoTrace) {
   const TemporaryFolder folder;
   FakeRun run(folder.path());
   playOneSegment(run);
-  Withdrawal withdrawal;
-  withdrawal.frame = {5};
-  withdrawal.keyframes = 3;
-  withdrawal.rms = 14.5;
-  withdrawal.limit = 13;
-  run.writer.onWithdrawn(withdrawal);
+  InitializationRollback rollback;
+  rollback.frame = {5};
+  rollback.keyframes = 3;
+  rollback.rms = 14.5;
+  rollback.limit = 13;
+  run.writer.onInitializationRollback(rollback);
   run.initializing(5);  // the same segment asks its initializer again
   EXPECT_EQ(run.writer.outcome(), RunStatus::kNeverInitialized);
   EXPECT_TRUE(readTextLines(folder.path() / "trajectory.txt").empty());

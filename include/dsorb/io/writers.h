@@ -55,7 +55,7 @@ class RunWriter : public OdometryObserver {
   void onFrame(const FrameEstimate& estimate) override;
   void onKeyframe(const KeyframeSnapshot& keyframe) override;
   void onKeyframeRetired(const KeyframeSnapshot& keyframe) override;
-  void onWithdrawn(const Withdrawal& withdrawal) override;
+  void onInitializationRollback(const InitializationRollback& rollback) override;
 
   /// Writes what was noted since the last call. To be called after each Odometry::process.
   /// @throws IoError where a file cannot be written, for example on a full disk

@@ -48,20 +48,20 @@ struct KeyframeSnapshot {
 };
 
 /// Why a start was taken back during its probation.
-enum class WithdrawalReason {
+enum class RollbackReason {
   kResidual,  ///< the adjustment of one of its first keyframes leaves too much
   kLost       ///< tracking or an adjustment broke down before it was proven
 };
 
 /// Name as in initialization.json, for example "residual".
-[[nodiscard]] const char* name(WithdrawalReason reason);
+[[nodiscard]] const char* name(RollbackReason reason);
 
 /// A start that was taken back: nothing told of its segment holds any more, and its frames but the
 /// reference go to the initializer again.
-struct Withdrawal {
+struct InitializationRollback {
   FrameId frame;  ///< the newest one given
   int segment = 0;
-  WithdrawalReason reason = WithdrawalReason::kResidual;
+  RollbackReason reason = RollbackReason::kResidual;
   int keyframes = 0;  ///< since the start, which counts as two, at the last adjustment
   double rms = 0;     ///< of a pixel's residual after it [grey levels]
   double limit = 0;   ///< it had to keep to [grey levels]
@@ -84,7 +84,7 @@ class OdometryObserver {
   /// The keyframe's estimates are final.
   virtual void onKeyframeRetired(const KeyframeSnapshot& /*keyframe*/) {}
   /// A start failed its probation; onInitStep of its frames follows, in the same segment.
-  virtual void onWithdrawn(const Withdrawal& /*withdrawal*/) {}
+  virtual void onInitializationRollback(const InitializationRollback& /*rollback*/) {}
   virtual void onLost(FrameId /*frame*/, int /*segment*/) {}
 };
 

@@ -90,7 +90,8 @@ double residualVariance(const LevelState& state) {
 /// Whether a point was seen well enough in the newest frame to be handed over.
 bool isFit(const Attempt& attempt, std::size_t i) {
   const PointLevel& points = attempt.levels.front();
-  return attempt.options.published || (points.good[i] != 0 && points.energy[i] <= kPatternOutlierEnergy);
+  return attempt.options.published ||
+         (points.good[i] != 0 && points.energy[i] <= kPatternOutlierEnergy);
 }
 
 /// Indices of the points to hand over, ascending.

@@ -3,11 +3,11 @@
 
 #include "dsorb/options/window.h"
 
-#include "image/photometric.h"
 #include "window/window.h"
 
 #include <Eigen/Core>
 
+#include <cstddef>
 #include <vector>
 
 namespace dsorb::window {
@@ -36,11 +36,5 @@ int seedPoints(Window& window,
                std::size_t host,
                const std::vector<SeedPoint>& points,
                const WindowOptions& options);
-
-/// Inverse depths of the newest keyframe's pixels by the points it sees, for the tracker; weight
-/// sqrt(1e-3 / (1 / information + 1e-12)). Call after an adjustment, before points retire.
-/// @source weight: DSO as published
-[[nodiscard]] std::vector<DepthSample> depthSamples(const Window& window,
-                                                    const WindowOptions& options);
 
 }  // namespace dsorb::window

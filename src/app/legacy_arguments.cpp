@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "app/original_words.h"
+#include "app/legacy_arguments.h"
 
 #include "dsorb/error.h"
 
@@ -127,14 +127,14 @@ std::string keyOf(const std::string& word) {
 
 }  // namespace
 
-bool looksLikeOriginalWord(const std::string& word) {
+bool looksLikeLegacyArgument(const std::string& word) {
   const std::size_t equals = word.find('=');
   if (equals == std::string::npos) return false;
   if (handlers().count(keyOf(word)) > 0) return true;
   return word.find('/') > equals && !std::filesystem::exists(word);
 }
 
-void applyOriginalWords(const std::vector<std::string>& words, CommandLine& command_line) {
+void applyLegacyArguments(const std::vector<std::string>& words, CommandLine& command_line) {
   std::vector<std::string> meaningless;
   for (const std::string& text : words) {
     const ConfigAssignment word = parseAssignment(text, "word");

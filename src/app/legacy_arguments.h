@@ -9,11 +9,12 @@
 namespace dsorb::app {
 
 /// Whether a free word of the command line is meant as `key=value` and not as a path.
-[[nodiscard]] bool looksLikeOriginalWord(const std::string& word);
+[[nodiscard]] bool looksLikeLegacyArgument(const std::string& word);
 
-/// Applies the original program's `key=value` words, a later one overriding an earlier.
+/// Applies the `key=value` arguments of the original program, DSO's `dso_dataset`, a later one
+/// overriding an earlier.
 /// @throws ConfigError on an unknown word, a malformed value, or what this version lacks
-/// @source front-end specification, section 10.1
-void applyOriginalWords(const std::vector<std::string>& words, CommandLine& command_line);
+/// @source "Usage" in the README of DSO
+void applyLegacyArguments(const std::vector<std::string>& words, CommandLine& command_line);
 
 }  // namespace dsorb::app
