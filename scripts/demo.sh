@@ -7,10 +7,7 @@ cd "$(dirname "$0")/.."
 [ $# -eq 0 ] || { echo "usage: demo.sh (build folder: DSORB_BUILD_DIR, default build)" >&2; exit 2; }
 scripts/install_dependencies.sh python3-numpy python3-opencv
 build=${DSORB_BUILD_DIR:-build}
-if [ ! -f "$build/build.ninja" ]; then
-  cmake -S . -B "$build" -G Ninja -DCMAKE_CXX_COMPILER_LAUNCHER=ccache >/dev/null
-fi
-cmake --build "$build" --target dso_dataset dso_synthesize
+scripts/build.sh -- dso_dataset dso_synthesize
 
 sequence=out/demo/street
 results=out/demo/results

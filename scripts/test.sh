@@ -5,9 +5,5 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 scripts/install_dependencies.sh
-build=${DSORB_BUILD_DIR:-build}
-cmake -S . -B "$build" -G Ninja -DCMAKE_CXX_COMPILER_LAUNCHER=ccache -DDSORB_BUILD_TESTS=ON ${DSORB_CMAKE_FLAGS:-} >"$build.log" 2>&1 ||
-  { cat "$build.log"; exit 1; }
-rm -f "$build.log"
-cmake --build "$build"
-ctest --test-dir "$build" --output-on-failure --parallel "$(nproc)" "$@"
+scripts/build.sh -DDSORB_BUILD_TESTS=ON ${DSORB_CMAKE_FLAGS:-}
+ctest --test-dir "${DSORB_BUILD_DIR:-build}" --output-on-failure --parallel "$(nproc)" "$@"

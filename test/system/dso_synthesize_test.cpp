@@ -20,7 +20,7 @@ struct ProgramRun {
 };
 
 ProgramRun synthesize(const std::string& arguments) {
-  const std::string command = std::string("'" DSO_SYNTHESIZE "' ") + arguments + " 2>&1";
+  const std::string command = std::string("'" DSORB_SYNTHESIZE "' ") + arguments + " 2>&1";
   FILE* pipe = popen(command.c_str(), "r");
   ProgramRun run;
   std::array<char, 512> buffer{};
