@@ -49,7 +49,7 @@ void playAt(double speed, const ConfigAssignment& word, CommandLine& request) {
 }
 
 /// Sets the speed anew, too: a `speed=` behind it wins, one before it does not.
-/// @source Table of presets of the original program
+/// @source presets of DSO as published
 void setPreset(const ConfigAssignment& word, CommandLine& request) {
   struct Preset {
     const char* name;

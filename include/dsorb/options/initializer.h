@@ -14,7 +14,7 @@ enum class InitializerKind { kCoarse, kOrb };
 
 struct InitializerOptions {
   InitializerKind kind = InitializerKind::kOrb;
-  int seed = 1;         ///< of every random choice
+  int seed = 1;         ///< seed of every random choice
   int num_threads = 1;  ///< 0: all the machine has
   CoarseOptions coarse;
   OrbOptions orb;

@@ -9,16 +9,17 @@
 
 namespace dsorb {
 
-/// What the map of an initialization must fulfil to stay: limits of the residual's root mean
-/// square after the adjustment of its first keyframes. Limits as published (DSO) unless noted.
+/// Limits of the residual's root mean square after the adjustment of the first keyframes, beyond
+/// which a start is taken back. @source DSO as published, unless noted
 struct ProbationOptions {
   double max_rms_second = 20;  ///< [grey levels]
   double max_rms_third = 13;   ///< [grey levels]
-  /// [grey levels]. Published: 9, which on KITTI 00 reversed from frame 199 refused eight starts in
-  /// a row at 9.2 to 9.7 that were as accurate as the one it accepted (path error 0.9 % both ways).
+  /// [grey levels]. The published limit is 9, which on KITTI 00 reversed from frame 199 refused
+  /// eight starts in a row at 9.2 to 9.7 that were as accurate as the one it accepted (path error
+  /// 0.9 % both ways).
   double max_rms_fourth = 11;
-  /// Whether a loss in this time counts as failed, once a segment; else, and the second time, it
-  /// is a loss like any other.
+  /// Whether a loss during probation takes the start back, once in a segment. The second loss, or
+  /// every one without this option, is a loss like any other.
   bool includes_loss = true;
 };
 
@@ -35,8 +36,8 @@ struct OdometryOptions {
   /// Mapping in a thread of its own, beside tracking, as live use needs: frames are tracked against
   /// the newest keyframe that is finished, so results depend on timing. Each side has num_threads.
   bool pipelined = false;
-  /// Tracked frames that wait for mapping at most; then tracking waits. Frames that are tracked
-  /// while a keyframe is made see the one before it: more of them cost accuracy.
+  /// Number of tracked frames that may wait for mapping before tracking waits. Frames that are
+  /// tracked while a keyframe is made use the one before it, which costs accuracy.
   int max_waiting = 2;
   BrightnessModel brightness = BrightnessModel::kUncalibrated;
   InitializerOptions initializer;

@@ -28,21 +28,18 @@ enum class MotionMethod {
   kEssential  ///< essential matrix and adjustment, gate on the predicted error of the direction
 };
 
-/// What a start must show before it is believed.
-/// @source measured on 5250 windows: of all numbers tried the predicted error of the direction of
-///         translation tells right starts from wrong ones best. The limits are in the ranges in
-///         which no measured sequence leaves its bounds (cars, drone, hands): predicted sigma 0.90
-///         to 0.99, fitted sigma 0.25 to 0.27 (0.24: fewer starts), parallax 1.5 to 1.6 (1.4:
-///         worse depths), sharp sigma 0.35 to 0.5, sharp parallax 0.85 to 0.95
+/// Conditions that a start must fulfil. Each limit lies in the range in which every measured
+/// sequence keeps its bounds.
+/// @source docs/experiments.md, "When to start"
 struct GateOptions {
-  int min_points = 60;                    ///< corners left after the adjustment
-  double min_track_share = 0.5;           ///< of the reference's live tracks they must be
-  double min_front_share = 0.8;           ///< of them, in front of the camera
-  double max_direction_sigma_deg = 0.95;  ///< predicted, as if 100 corners had been seen
-  double max_fitted_sigma_deg = 0.25;     ///< the same from the residuals as they are
+  int min_points = 60;           ///< corners left after the adjustment
+  double min_track_share = 0.5;  ///< least share of the reference's live tracks that are left
+  double min_front_share = 0.8;  ///< least share of the corners in front of the camera
+  double max_direction_sigma_deg = 0.95;  ///< predicted sigma, scaled to 100 corners
+  double max_fitted_sigma_deg = 0.25;     ///< sigma from the actual residuals, all corners
   double min_parallax_deg = 1.5;          ///< median angle under which both cameras see a corner
-  double sharp_sigma_deg = 0.35;          ///< predicted, up to it sharp_parallax_deg is enough
-  double sharp_parallax_deg = 0.9;        ///< wide views tell the direction before the depths
+  double sharp_sigma_deg = 0.35;          ///< predicted sigma that needs less parallax
+  double sharp_parallax_deg = 0.9;        ///< parallax that is enough for such a sharp start
 };
 
 template <typename Visitor, typename Options>
@@ -63,7 +60,7 @@ enum class ModelChoice {
   kInliers  ///< the one with more inliers
 };
 
-/// How points of the reference are found again.
+/// How points of the reference are found again in later frames.
 enum class OrbFrontEnd {
   kTracks,      ///< corners followed from frame to frame by optical flow
   kDescriptors  ///< ORB features matched with the reference's by their descriptors
@@ -72,23 +69,23 @@ enum class OrbFrontEnd {
 /// Options of ORBInitializer, one nested struct a stage.
 struct OrbOptions {
   OrbFrontEnd front_end = OrbFrontEnd::kTracks;
-  int min_frames = 2;          ///< before the first attempt, the reference counted
-  int max_frames = 36;         ///< since a reference; then it is given up
-  int min_tracked = 25;        ///< survivors of a reference's corners
+  int min_frames = 2;          ///< before the first attempt, including the reference
+  int max_frames = 36;         ///< after which a reference is given up
+  int min_tracked = 25;        ///< live tracks below which a reference is given up
   int reference_interval = 5;  ///< frames from one reference to the next; 0: only one at a time
   FeatureTrackOptions tracks;
   int max_features = 2000;  ///< ORB features that are matched by their descriptors
   MotionMethod motion = MotionMethod::kEssential;
   GateOptions gate;
-  /// Of measuring the corners again with the patches of the reference, warped by pose and inverse
-  /// depth, and adjusting; 0: not done.
+  /// Rounds of refining the corners by patches of the reference, warped by pose and inverse depth,
+  /// and adjusting again; 0 leaves it out. docs/experiments.md, "Refinement of corners"
   int polish_rounds = 5;
   ModelChoice model_choice = ModelChoice::kScore;
   GeometricOptions geometric;
   SemiDenseOptions semi_dense;
   PhotometricOptions photometric;
   OutlierRule outlier_rule = OutlierRule::kCombined;
-  bool remove_moving = true;  ///< points where the tracks contradict the camera's motion
+  bool remove_moving = true;  ///< drops points where tracks contradict the camera's motion
 };
 
 template <typename Visitor, typename Options>

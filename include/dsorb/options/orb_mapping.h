@@ -5,10 +5,11 @@
 
 namespace dsorb {
 
-/// Ceres, or our own normal equations: the same minimum, about ten times faster.
+/// Solver of an adjustment. Ours reaches the same minimum as Ceres about ten times faster
+/// (docs/experiments.md, "Speed of the solvers").
 enum class AdjustmentSolver { kCeres, kSchur };
 
-/// How little large reprojection errors count.
+/// Robust loss of reprojection errors.
 enum class RobustLoss { kHuber, kCauchy };
 
 /// Options of the geometric bundle adjustment of ORBInitializer.
@@ -16,13 +17,14 @@ struct GeometricOptions {
   AdjustmentSolver solver = AdjustmentSolver::kSchur;
   double sigma = 0.5;  ///< standard deviation of a corner's position, unless measured [px]
   RobustLoss loss = RobustLoss::kCauchy;
-  double loss_threshold = 1.5;  ///< of the whitened error, where the loss bends [-]
-  double severe_limit = 8.0;  ///< a corner above it in any frame goes, and all is solved again [px]
-  double normal_limit = 3.0;  ///< limit after the severe outliers are gone [px]
-  int min_points = 50;        ///< fewer corners left: the attempt fails
-  int max_iterations = 20;    ///< of one solve
+  double loss_threshold = 1.5;       ///< of the whitened error, where the loss bends [-]
+  double severe_limit = 8.0;         ///< corners above it in any frame go before solving again [px]
+  double normal_limit = 3.0;         ///< limit after the severe outliers are gone [px]
+  int min_points = 50;               ///< with fewer corners left the attempt fails
+  int max_iterations = 20;           ///< of one solve
   double function_tolerance = 1e-6;  ///< relative change of the cost that ends a solve [-]
-  /// On the clustered covariance of the poses [-]; 0: formal covariances, every observation counts.
+  /// Factor on the clustered covariance of the poses [-]; 0 stands for formal covariances.
+  /// docs/experiments.md, "Variances of depths and poses"
   double pose_variance_factor = 1;
 };
 
@@ -42,10 +44,10 @@ DescribeFor<Options, GeometricOptions> describe(Visitor& visit, Options& o) {
   visit.field("pose_variance_factor", o.pose_variance_factor, Range{0, 10000}, "");
 }
 
-/// How several observations of one inverse depth become one.
+/// How several observations of a depth are fused (docs/experiments.md, "Fusion of observations").
 enum class DepthFusion {
   kProduct,     ///< product of Gaussians
-  kMostPrecise  ///< the observation of smallest variance: all share the reference patch
+  kMostPrecise  ///< the observation of smallest variance
 };
 
 /// Options of the semi-dense structure of ORBInitializer.
@@ -54,8 +56,8 @@ struct SemiDenseOptions {
   int max_candidates = 3000;         ///< larger patches are taken until no more remain
   double min_line_gradient = 2.0;    ///< least |gradient along the line| [grey/px]
   DepthFusion fusion = DepthFusion::kMostPrecise;
-  /// Corners and points together that are adjusted and handed over, those of smallest relative
-  /// variance; 0: all. As many as the window takes.
+  /// Number of corners and points that are adjusted and handed over, as many as the window takes:
+  /// those of smallest relative variance. 0 keeps all.
   int max_points = 2000;
 };
 
@@ -71,12 +73,13 @@ DescribeFor<Options, SemiDenseOptions> describe(Visitor& visit, Options& o) {
 }
 
 /// How the brightness of a patch in two frames is made equal.
+/// @source docs/experiments.md, "Brightness in the photometric adjustment"
 enum class PhotometricBrightness {
   kPsiFixed,  ///< times the ratio psi of the patch sums, its derivative ignored, as [Gladkova]
   kAffine     ///< one pair (a, b) a frame as unknowns
 };
 
-/// What becomes of the poses that the corners gave.
+/// Treatment of the corners' poses (docs/experiments.md, "Photometric adjustment").
 enum class PhotometricPoses {
   kFree,  ///< adjusted with the inverse depths
   kGated  ///< adjusted where corners are few, but kept when they would move farther than their
@@ -89,7 +92,7 @@ struct PhotometricOptions {
   AdjustmentSolver solver = AdjustmentSolver::kSchur;
   PhotometricBrightness brightness = PhotometricBrightness::kAffine;
   PhotometricPoses poses = PhotometricPoses::kGated;
-  int enough_corners = 250;          ///< of the gate: so many give the better poses
+  int enough_corners = 250;          ///< from which on the corners' poses are the better ones
   int max_frames = 4;                ///< evenly spaced, the newest included
   int max_iterations = 4;            ///< of one solve
   double function_tolerance = 1e-6;  ///< relative change of the cost that ends a solve [-]
@@ -119,7 +122,7 @@ DescribeFor<Options, PhotometricOptions> describe(Visitor& visit, Options& o) {
   visit.field("depth_iterations", o.depth_iterations, Range{1, 100}, "iterations");
 }
 
-/// Which rule removes points after the photometric adjustment.
+/// Rule that removes points afterwards (docs/experiments.md, "Outlier filter").
 enum class OutlierRule {
   kNone,
   kPixelVotes,  ///< [Gladkova]: pixels outside a quantile of the t-distribution

@@ -21,7 +21,7 @@ DescribeFor<Options, OptimizerOptions> describe(Visitor& visit, Options& o) {
   visit.field("optimize_intrinsics", o.optimize_intrinsics);
 }
 
-/// Weights of the priors. Frames and intrinsics in scaled units (window/window.h).
+/// Weights of the priors; those of intrinsics in scaled units (window/window.h).
 struct PriorOptions {
   double intrinsics = 5e9;
   double depth_gain = 1;                     ///< on 1 / variance of an initial point
