@@ -28,10 +28,10 @@ void FrameTracker::begin(const InitializationResult& result) {
 
 void FrameTracker::setTarget(const TrackingTarget& target) {
   if (target_) history_ = history_.relativeTo(target.T_cam_previous);
-  tracker_.setReference(target.frame, target.samples, target.affine);
-  if (target.frame->id() == previous_) affine_ = target.affine;
+  target_ = target.keyframe;
+  tracker_.setReference(target_->frame, target.samples, target_->affine);
+  if (target_->frame->id() == previous_) affine_ = target_->affine;
   first_rmse_.reset();
-  target_ = {target.frame, target.T_cam_world, target.affine};
 }
 
 TrackedPose FrameTracker::track(const Frame& frame) {

@@ -14,11 +14,16 @@
 
 namespace dsorb::odometry {
 
-/// What frames are tracked against: a keyframe after its adjustment, as a value.
-struct TrackingTarget {
+/// Where a keyframe is after its adjustment.
+struct KeyframePose {
   FramePtr frame;
   SE3 T_cam_world;
   AffineBrightness affine;
+};
+
+/// What frames are tracked against, as a value.
+struct TrackingTarget {
+  KeyframePose keyframe;
   std::vector<DepthSample> samples;  ///< inverse depths in the keyframe
   SE3 T_cam_previous;  ///< relative to the target before it, as tracked; unused for the first one
 };
@@ -44,18 +49,15 @@ class FrameTracker {
   /// Later frames are tracked against this keyframe.
   void setTarget(const TrackingTarget& target);
   [[nodiscard]] TrackedPose track(const Frame& frame);
+  /// The keyframe that frames are tracked against; there is one after setTarget().
+  [[nodiscard]] const KeyframePose& target() const { return *target_; }
 
  private:
-  struct Target {
-    FramePtr frame;
-    SE3 T_cam_world;
-    AffineBrightness affine;
-  };
   [[nodiscard]] bool needsKeyframe(const Frame& frame, const track::TrackingResult& result) const;
 
   OdometryOptions options_;
   track::Tracker tracker_;
-  std::optional<Target> target_;
+  std::optional<KeyframePose> target_;
   track::MotionHistory history_;      // relative to the target
   FrameId previous_;                  // frame
   AffineBrightness affine_;           // of the previous frame

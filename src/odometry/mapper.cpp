@@ -32,10 +32,13 @@ Mapper::Mapper(const PinholeCamera& camera, const OdometryOptions& options)
       selector_(camera.width, camera.height, selectorOptions(options)),
       optimizer_(options.window, kChunksPerTask) {}
 
-MapUpdate Mapper::seed(const InitializationResult& result) {
+MapUpdate Mapper::seed(const InitializationResult& result, int segment) {
   selector_.reset();
+  segment_ = segment;
   window_ = seedWindow(result, camera_, options_, selector_, kCandidatesPerTask);
-  return adjust(SE3());
+  MapUpdate update = adjust(SE3());
+  update.new_keyframes = window_->next_keyframe;
+  return update;
 }
 
 std::unique_ptr<MapUpdate> Mapper::map(const MappingJob& job) {
@@ -61,7 +64,7 @@ SE3 Mapper::poseOf(const TrackedPose& pose) const {
 
 MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
   MapUpdate update;
-  update.keyframes_so_far = window_->next_keyframe;
+  update.new_keyframes = 1;
   window::OptimizationReport adjustment;
   runBoth([&] { adjustment = optimizer_.optimize(*window_); },
           [&] {
@@ -76,24 +79,25 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
   for (const window::Keyframe& keyframe : window::marginalizeFlagged(*window_, options_.window)) {
     update.retired.push_back(snapshot(keyframe));
   }
-  for (const window::Keyframe& keyframe : window_->keyframes) {
-    update.window.push_back(snapshot(keyframe));
-  }
+  update.window = snapshots();
   const window::Keyframe& newest = window_->keyframes.back();
-  update.target.frame = newest.frame;
-  update.target.T_cam_world = newest.T_cam_world();
-  update.target.affine = newest.affine();
+  update.target.keyframe = {newest.frame, newest.T_cam_world(), newest.affine()};
   update.target.T_cam_previous = T_cam_previous;
   return update;
 }
 
 std::vector<KeyframeSnapshot> Mapper::clear() {
+  if (!window_) return {};
+  std::vector<KeyframeSnapshot> keyframes = snapshots();
+  window_.reset();
+  return keyframes;
+}
+
+std::vector<KeyframeSnapshot> Mapper::snapshots() const {
   std::vector<KeyframeSnapshot> keyframes;
-  if (!window_) return keyframes;
   for (const window::Keyframe& keyframe : window_->keyframes) {
     keyframes.push_back(snapshot(keyframe));
   }
-  window_.reset();
   return keyframes;
 }
 
@@ -103,6 +107,7 @@ KeyframeSnapshot Mapper::snapshot(const window::Keyframe& keyframe) const {
   KeyframeSnapshot shot;
   shot.id = keyframe.frame->id();
   shot.timestamp = keyframe.frame->timestamp();
+  shot.segment = segment_;
   shot.T_world_cam = keyframe.T_cam_world().inverse();
   shot.affine = keyframe.affine();
   shot.camera = window_->camera();

@@ -26,17 +26,12 @@ struct MappingJob {
 
 /// What a new keyframe made of the map, as values.
 struct MapUpdate {
-  bool finite = false;       ///< else nothing else is valid: the adjustment broke down
-  double rms = 0;            ///< of a pixel's residual after the adjustment [grey levels]
-  int keyframes_so_far = 0;  ///< since the initialization, this one included
-  TrackingTarget target;     ///< the newest keyframe
-  std::vector<KeyframeSnapshot> retired;  ///< left the window, oldest first; without a segment
-  std::vector<KeyframeSnapshot> window;   ///< oldest first; without a segment
-};
-
-struct MappingResult {
-  double seconds = 0;
-  std::unique_ptr<MapUpdate> update;  ///< of a keyframe, else null
+  int new_keyframes = 0;  ///< one, or those of an initialization
+  bool finite = false;    ///< else nothing below is valid: the adjustment broke down
+  double rms = 0;         ///< of a pixel's residual after the adjustment [grey levels]
+  TrackingTarget target;  ///< the newest keyframe
+  std::vector<KeyframeSnapshot> retired;  ///< left the window, oldest first
+  std::vector<KeyframeSnapshot> window;   ///< oldest first
 };
 
 /// Owner of the window: takes over an initialization, refines candidates with tracked frames, adds
@@ -46,18 +41,20 @@ class Mapper {
   Mapper(const PinholeCamera& camera, const OdometryOptions& options);
 
   /// Starts a new window from an initialization and adjusts it.
-  MapUpdate seed(const InitializationResult& result);
+  /// @param segment of its keyframes
+  [[nodiscard]] MapUpdate seed(const InitializationResult& result, int segment);
   /// Searches all candidates in a tracked frame. The frame may become a keyframe: then the window
   /// is adjusted, points and keyframes leave it.
   /// @source Engel et al., DSO, arXiv:1607.02565, section 3; order of steps as published
   /// @return what a keyframe changed; null for other frames
   std::unique_ptr<MapUpdate> map(const MappingJob& job);
-  /// Gives up the window. @return its keyframes, oldest first, without a segment
+  /// Gives up the window. @return its keyframes, oldest first
   std::vector<KeyframeSnapshot> clear();
 
  private:
   MapUpdate adjust(const SE3& T_cam_previous);
   [[nodiscard]] SE3 poseOf(const TrackedPose& pose) const;
+  [[nodiscard]] std::vector<KeyframeSnapshot> snapshots() const;
   [[nodiscard]] KeyframeSnapshot snapshot(const window::Keyframe& keyframe) const;
 
   PinholeCamera camera_;
@@ -65,6 +62,7 @@ class Mapper {
   PixelSelector selector_;
   window::WindowOptimizer optimizer_;
   std::optional<window::Window> window_;
+  int segment_ = 0;
   double noise_ = 0;  // standard deviation of a pixel's residual, last adjustment [grey levels]
 };
 

@@ -3,13 +3,13 @@
 
 #include "base/describe.h"
 #include "base/parallel.h"
-#include "base/worker_queue.h"
+#include "base/timed.h"
 #include "image/frame_check.h"
+#include "odometry/async_mapper.h"
 #include "odometry/frame_tracker.h"
-#include "odometry/mapper.h"
-#include "odometry/probation.h"
+#include "odometry/observers.h"
+#include "odometry/segments.h"
 
-#include <chrono>
 #include <deque>
 #include <optional>
 #include <stdexcept>
@@ -18,21 +18,6 @@
 
 namespace dsorb {
 namespace {
-
-/// Adds the time of its own life to a counter [s]. Times are reported, never decided upon.
-class StageTimer {
- public:
-  explicit StageTimer(double& seconds) : seconds_(seconds) {}
-  ~StageTimer() {
-    seconds_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
-  }
-  StageTimer(const StageTimer&) = delete;
-  StageTimer& operator=(const StageTimer&) = delete;
-
- private:
-  double& seconds_;
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-};
 
 OdometryOptions checked(OdometryOptions options) {
   options.initializer.num_threads = options.num_threads;
@@ -49,8 +34,23 @@ void checkStep(const InitStep& step) {
   if (step.result) checkInvariants(*step.result);
 }
 
+FrameEstimate estimateOf(const FramePtr& frame, int segment) {
+  FrameEstimate estimate;
+  estimate.frame = frame;
+  estimate.segment = segment;
+  return estimate;
+}
+
+/// Why the map cannot go on.
+struct Failure {
+  RollbackReason reason = RollbackReason::kLost;
+  std::optional<double> tracking_rmse;
+};
+
 }  // namespace
 
+/// The phases of a run. Frames wait in a queue: the one given, behind those that a start which was
+/// rolled back leaves to be used again.
 class Odometry::Impl {
  public:
   Impl(const PinholeCamera& camera,
@@ -58,47 +58,29 @@ class Odometry::Impl {
        std::unique_ptr<Initializer> initializer)
       : options_(checked(options)),
         arena_(options_.num_threads),
-        mapping_arena_(options_.num_threads),
         initializer_(std::move(initializer)),
         tracker_(camera, options_),
-        mapper_(camera, options_),
-        probation_(options_.probation),
-        frame_check_(camera),
-        mapping_([this](const odometry::MappingJob& job) { return map(job); },
-                 options_.pipelined ? options_.max_waiting : 0) {
+        mapper_(camera, options_, arena_),
+        segments_(options_.probation),
+        frame_check_(camera) {
     if (initializer_ == nullptr) initializer_ = makeInitializer(options_.initializer, camera);
   }
 
-  void addObserver(OdometryObserver* observer) {
-    if (observer == nullptr) throw std::invalid_argument("observer is null");
-    observers_.push_back(observer);
-  }
+  void addObserver(OdometryObserver* observer) { observers_.add(observer); }
 
   FrameEstimate process(const FramePtr& frame) {
-    if (is_finished_) throw std::logic_error("Odometry::process after finish()");
-    if (phase_ == Phase::kLost) {
-      throw std::logic_error("Odometry::process after the loss at frame " +
-                             std::to_string(lost_at_.value) + " without restart()");
-    }
-    frame_check_.accept(frame);
-    ++report_.frames_given;
-    last_input_ = frame;
-    waiting_.push_back(frame);
+    accept(frame);
     processPending();
     return last_estimate_;
   }
 
   void restart() {
     if (is_finished_) throw std::logic_error("Odometry::restart after finish()");
-    mapping_.wait();
-    receive(nullptr);
-    waiting_.clear();
+    finishMapping();
+    pending_.clear();
     const bool was_placed = phase_ != Phase::kInitializing;
     retireAll();
-    if (was_placed) {
-      ++segment_;
-      was_lost_in_probation_ = false;
-    }
+    if (was_placed) segments_.next();
     initializer_->reset();
     phase_ = Phase::kInitializing;
   }
@@ -106,260 +88,207 @@ class Odometry::Impl {
   OdometryReport finish() {
     if (is_finished_) return report_;
     is_finished_ = true;
-    do {  // the last keyframes may take the start back: its frames are used again
+    do {  // The last keyframes may roll the start back: its frames are used again.
       processPending();
-      mapping_.wait();
-      receive(nullptr);
-    } while (!waiting_.empty());
+      finishMapping();
+    } while (!pending_.empty());
     retireAll();
+    report_.segments = segments_.counts().starts;
+    report_.keyframes = segments_.counts().keyframes;
+    report_.frames_tracked = segments_.counts().tracked_frames;
     return report_;
   }
 
  private:
   enum class Phase { kInitializing, kTracking, kLost };
 
-  /// Works on all frames that wait.
+  void accept(const FramePtr& frame) {
+    if (is_finished_) throw std::logic_error("Odometry::process after finish()");
+    if (phase_ == Phase::kLost) {
+      throw std::logic_error("Odometry::process after the loss at frame " +
+                             std::to_string(last_input_->id().value) + " without restart()");
+    }
+    frame_check_.accept(frame);
+    ++report_.frames_given;
+    last_input_ = frame;
+    pending_.push_back(frame);
+  }
+
   void processPending() {
-    while (!waiting_.empty()) {
-      receive(nullptr);
-      if (waiting_.empty()) return;
-      phase_ == Phase::kInitializing ? initialize() : track();
+    while (!pending_.empty()) {
+      std::optional<Failure> failure = adoptKeyframes();
+      if (!failure) failure = phase_ == Phase::kInitializing ? initialize() : track();
+      if (failure) giveUp(*failure);
     }
   }
 
-  /// Phase initializing: feeds the initializer; its result becomes the first window.
-  void initialize() {
-    const FramePtr frame = nextWaiting();
-    InitStep step;
-    {
-      const StageTimer timer(report_.initializing_seconds);
-      step = initializer_->addFrame(frame);
-    }
+  /// Phase initializing: feeds the initializer; its result becomes the first map.
+  std::optional<Failure> initialize() {
+    const FramePtr frame = nextPending();
+    const InitStep step =
+        timed(report_.initializing_seconds, [&] { return initializer_->addFrame(frame); });
     checkStep(step);
-    notify([&](OdometryObserver& o) { o.onInitStep(step, *frame, segment_); });
-    last_estimate_ = blank(frame);
-    if (step.result) return takeOver(*step.result);
+    observers_.notify(&OdometryObserver::onInitStep, step, *frame, segments_.current());
+    last_estimate_ = estimateOf(frame, segments_.current());
+    if (step.result) return begin(*step.result);
     // Frames that are used again were told when they came.
-    if (waiting_.empty()) notify([&](OdometryObserver& o) { o.onFrame(last_estimate_); });
+    if (pending_.empty()) observers_.notify(&OdometryObserver::onFrame, last_estimate_);
+    return std::nullopt;
   }
 
-  /// The first window, and tracking with it.
-  void takeOver(const InitializationResult& result) {
+  /// Phase tracking begins with the map of an initialization.
+  std::optional<Failure> begin(const InitializationResult& result) {
     phase_ = Phase::kTracking;
-    before_ = report_;
-    ++report_.segments;
-    probation_.begin(result);
+    segments_.begin(result);
     tracker_.begin(result);
-    odometry::MapUpdate update;
-    {
-      const StageTimer timer(report_.mapping_seconds);
-      update = arena_.run([&] { return mapper_.seed(result); });
-    }
-    report_.keyframes += update.keyframes_so_far;
+    const std::optional<Failure> failure = adopt(mapper_.seed(result, segments_.current()));
+    if (failure) return failure;
     FrameEstimate estimate = last_estimate_;
     estimate.state = OdometryState::kInitialized;
     estimate.is_keyframe = true;
-    if (adopt(update, &estimate)) close(std::move(estimate));
+    conclude(std::move(estimate));
+    return std::nullopt;
   }
 
   /// Phase tracking: pose of one frame, which then goes into the map.
-  void track() {
-    odometry::TrackedPose pose = poseOf(*waiting_.front());
-    if (!pose.good && mapping_.busy()) {  // once more, against a newer keyframe
-      mapping_.wait();
-      receive(nullptr);
-      if (phase_ != Phase::kTracking) return;
-      pose = poseOf(*waiting_.front());
+  std::optional<Failure> track() {
+    odometry::TrackedPose pose = poseOf(*pending_.front());
+    if (!pose.good && mapper_.busy()) {  // once more, against a newer keyframe
+      mapper_.wait();
+      if (const std::optional<Failure> failure = adoptKeyframes()) return failure;
+      pose = poseOf(*pending_.front());
     }
-    if (!pose.good) return lose(pose.rmse);
-    FrameEstimate estimate = blank(nextWaiting());
-    estimate.tracking_rmse = pose.rmse;
+    if (!pose.good) return Failure{RollbackReason::kLost, pose.rmse};
+    FrameEstimate estimate = estimateOf(nextPending(), segments_.current());
     estimate.state = OdometryState::kTracked;
-    estimate.is_keyframe = pose.wants_keyframe && !keyframe_is_due_;
+    estimate.is_keyframe = pose.wants_keyframe && !mapper_.keyframeIsDue();
     estimate.T_world_cam = pose.T_cam_world.inverse();
     estimate.keyframe = pose.keyframe;
     estimate.T_cam_keyframe = pose.T_cam_keyframe;
     estimate.affine = pose.affine;
-    if (probation_.active()) probation_.add(estimate.frame);
-    keyframe_is_due_ |= estimate.is_keyframe;
-    mapping_.submit({estimate.frame, std::move(pose), estimate.is_keyframe});
-    if (!receive(&estimate)) return;
-    ++report_.frames_tracked;
-    close(std::move(estimate));
+    estimate.tracking_rmse = pose.rmse;
+    segments_.keepForRollback(estimate.frame);
+    mapper_.submit({estimate.frame, std::move(pose), estimate.is_keyframe});
+    if (const std::optional<Failure> failure = adoptKeyframes()) return failure;
+    segments_.countTrackedFrame();
+    conclude(std::move(estimate));
+    return std::nullopt;
   }
 
   [[nodiscard]] odometry::TrackedPose poseOf(const Frame& frame) {
-    const StageTimer timer(report_.tracking_seconds);
-    return arena_.run([&] { return tracker_.track(frame); });
+    return timed(report_.tracking_seconds,
+                 [&] { return arena_.run([&] { return tracker_.track(frame); }); });
   }
 
-  /// Work of the mapping queue; pipelined, it runs in the queue's thread.
-  odometry::MappingResult map(const odometry::MappingJob& job) {
-    odometry::MappingResult result;
-    TaskArena& arena = options_.pipelined ? mapping_arena_ : arena_;
-    {
-      const StageTimer timer(result.seconds);
-      result.update = arena.run([&] { return mapper_.map(job); });
+  /// Tells of a frame. Where mapping has made a keyframe of it, its pose is that after adjustment.
+  void conclude(FrameEstimate estimate) {
+    const odometry::KeyframePose& newest = tracker_.target();
+    if (estimate.frame == newest.frame) {
+      estimate.T_world_cam = newest.T_cam_world.inverse();
+      estimate.affine = newest.affine;
+      if (!estimate.keyframe) {  // of an initialization
+        estimate.keyframe = estimate.frame->id();
+        estimate.T_cam_keyframe = SE3();
+      }
     }
-    return result;
+    last_estimate_ = std::move(estimate);
+    observers_.notify(&OdometryObserver::onFrame, last_estimate_);
   }
 
-  /// Takes what mapping has finished.
-  /// @param estimate of the frame given last, or null; becomes that of its keyframe
-  /// @return whether the map is still there
-  bool receive(FrameEstimate* estimate) {
-    while (std::optional<odometry::MappingResult> result = takeResult()) {
-      report_.mapping_seconds += result->seconds;
-      if (!result->update) continue;
-      ++report_.keyframes;
-      keyframe_is_due_ = false;
-      if (!adopt(*result->update, estimate)) return false;
+  /// Adopts all keyframes that mapping has finished.
+  std::optional<Failure> adoptKeyframes() {
+    while (const std::optional<odometry::MappingResult> result = takeResult()) {
+      if (const std::optional<Failure> failure = adopt(*result)) return failure;
     }
-    return true;
+    return std::nullopt;
   }
 
   /// @throws what mapping threw; the map is lost then
   std::optional<odometry::MappingResult> takeResult() {
     try {
-      return mapping_.take();
+      return mapper_.take();
     } catch (...) {
       phase_ = Phase::kLost;
-      lost_at_ = last_input_->id();
-      waiting_.clear();
+      pending_.clear();
       throw;
     }
   }
 
-  /// After an adjustment: the newest keyframe is what the next frames are tracked against.
-  bool adopt(odometry::MapUpdate& update, FrameEstimate* estimate) {
-    if (!update.finite) {
-      lose(std::nullopt);
-      return false;
-    }
-    if (probation_.active() && !probation_.passes(update.rms)) {
-      rollBack(RollbackReason::kResidual);
-      return false;
-    }
-    const odometry::TrackingTarget& newest = update.target;
-    arena_.run([&] { tracker_.setTarget(newest); });
-    if (estimate != nullptr && estimate->frame == newest.frame) {
-      estimate->T_world_cam = newest.T_cam_world.inverse();
-      if (!estimate->keyframe) {  // not tracked
-        estimate->keyframe = newest.frame->id();
-        estimate->T_cam_keyframe = SE3();
-      }
-      estimate->affine = newest.affine;
-    }
-    notifyRetired(update.retired);
-    for (KeyframeSnapshot& keyframe : update.window) {
-      keyframe.segment = segment_;
-      notify([&](OdometryObserver& o) { o.onKeyframe(keyframe); });
-    }
-    return true;
+  /// Later frames are tracked against the newest keyframe, unless its adjustment failed.
+  std::optional<Failure> adopt(const odometry::MappingResult& result) {
+    report_.mapping_seconds += result.seconds;
+    if (!result.update) return std::nullopt;
+    const odometry::MapUpdate& update = *result.update;
+    segments_.countKeyframes(update.new_keyframes);
+    if (!update.finite) return Failure{};
+    if (!segments_.passes(update.rms)) return Failure{RollbackReason::kResidual, {}};
+    arena_.run([&] { tracker_.setTarget(update.target); });
+    observers_.notifyEach(&OdometryObserver::onKeyframeRetired, update.retired);
+    observers_.notifyEach(&OdometryObserver::onKeyframe, update.window);
+    return std::nullopt;
   }
 
-  void close(FrameEstimate estimate) {
-    last_estimate_ = std::move(estimate);
-    notify([&](OdometryObserver& o) { o.onFrame(last_estimate_); });
+  void finishMapping() {
+    mapper_.wait();
+    if (const std::optional<Failure> failure = adoptKeyframes()) giveUp(*failure);
   }
 
-  /// The map has failed its probation: its frames but the reference are used again.
+  void giveUp(const Failure& failure) {
+    if (segments_.canRollBack(failure.reason)) {
+      rollBack(failure.reason);
+    } else {
+      lose(failure.tracking_rmse);
+    }
+  }
+
+  /// Back to phase initializing, with the frames since the reference.
   void rollBack(RollbackReason reason) {
-    InitializationRollback rollback = probation_.judgement();
-    rollback.frame = last_input_->id();
-    rollback.segment = segment_;
-    rollback.reason = reason;
-    dropMap();
-    report_.keyframes = before_.keyframes;
-    report_.frames_tracked = before_.frames_tracked;
-    report_.segments = before_.segments;
-    std::deque<FramePtr> again = probation_.end();
-    again.insert(again.end(), waiting_.begin(), waiting_.end());
-    waiting_ = std::move(again);
+    odometry::FailedStart start = segments_.rollBack(reason, last_input_->id());
+    mapper_.clear();
+    pending_.insert(pending_.begin(), start.frames.begin(), start.frames.end());
     initializer_->reset();
     phase_ = Phase::kInitializing;
-    notify([&](OdometryObserver& o) { o.onInitializationRollback(rollback); });
+    observers_.notify(&OdometryObserver::onInitializationRollback, start.notice);
   }
 
-  /// Into phase lost, which only restart() leaves; within probation the start is given up instead.
-  void lose(std::optional<double> rmse) {
-    if (probation_.active() && options_.probation.includes_loss && !was_lost_in_probation_) {
-      was_lost_in_probation_ = true;
-      return rollBack(RollbackReason::kLost);
-    }
-    waiting_.clear();
+  /// Into phase lost, which only restart() leaves.
+  void lose(std::optional<double> tracking_rmse) {
+    pending_.clear();
     phase_ = Phase::kLost;
-    lost_at_ = last_input_->id();
-    FrameEstimate estimate = blank(last_input_);
-    estimate.tracking_rmse = rmse;
-    estimate.state = OdometryState::kLost;
-    close(std::move(estimate));
+    last_estimate_ = estimateOf(last_input_, segments_.current());
+    last_estimate_.state = OdometryState::kLost;
+    last_estimate_.tracking_rmse = tracking_rmse;
+    observers_.notify(&OdometryObserver::onFrame, last_estimate_);
     retireAll();
-    notify([&](OdometryObserver& o) { o.onLost(lost_at_, segment_); });
-  }
-
-  [[nodiscard]] FrameEstimate blank(const FramePtr& frame) const {
-    FrameEstimate estimate;
-    estimate.frame = frame;
-    estimate.segment = segment_;
-    return estimate;
-  }
-
-  [[nodiscard]] FramePtr nextWaiting() {
-    FramePtr frame = std::move(waiting_.front());
-    waiting_.pop_front();
-    return frame;
-  }
-
-  /// Ends mapping. @return the keyframes of the window
-  std::vector<KeyframeSnapshot> dropMap() {
-    mapping_.discard();
-    keyframe_is_due_ = false;
-    return mapper_.clear();
-  }
-
-  void notifyRetired(std::vector<KeyframeSnapshot>& keyframes) {
-    for (KeyframeSnapshot& keyframe : keyframes) {
-      keyframe.segment = segment_;
-      notify([&](OdometryObserver& o) { o.onKeyframeRetired(keyframe); });
-    }
+    observers_.notify(&OdometryObserver::onLost, last_input_->id(), segments_.current());
   }
 
   void retireAll() {
-    probation_.end();
-    std::vector<KeyframeSnapshot> keyframes = dropMap();
-    notifyRetired(keyframes);
+    segments_.endProbation();
+    observers_.notifyEach(&OdometryObserver::onKeyframeRetired, mapper_.clear());
   }
 
-  template <typename Function>
-  void notify(const Function& call) {
-    for (OdometryObserver* observer : observers_) call(*observer);
+  [[nodiscard]] FramePtr nextPending() {
+    FramePtr frame = std::move(pending_.front());
+    pending_.pop_front();
+    return frame;
   }
 
   OdometryOptions options_;
   TaskArena arena_;
-  TaskArena mapping_arena_;  // two threads in one arena of one thread would wait for each other
   std::unique_ptr<Initializer> initializer_;
   odometry::FrameTracker tracker_;
-  odometry::Mapper mapper_;  // belongs to mapping_ while that is busy
-  odometry::Probation probation_;
+  odometry::AsyncMapper mapper_;
+  odometry::Segments segments_;
+  odometry::Observers observers_;
   FrameCheck frame_check_;
-  std::vector<OdometryObserver*> observers_;
 
   Phase phase_ = Phase::kInitializing;
   bool is_finished_ = false;
-  bool was_lost_in_probation_ = false;  // in this segment
-  int segment_ = 0;
-  FrameId lost_at_;
-  OdometryReport report_;
-  OdometryReport before_;         // before the newest initialization
-  std::deque<FramePtr> waiting_;  // to be processed: the frame given, behind those used again
-  FramePtr last_input_;           // the last one
-  FrameEstimate last_estimate_;   // of the frame processed last
-  bool keyframe_is_due_ = false;  // a tracked frame on its way becomes one
-
-  // Last: its thread ends before what it works with.
-  WorkerQueue<odometry::MappingJob, odometry::MappingResult> mapping_;
+  OdometryReport report_;         // counts of segments_ are added at the end
+  std::deque<FramePtr> pending_;  // oldest first
+  FramePtr last_input_;
+  FrameEstimate last_estimate_;
 };
 
 Odometry::Odometry(const PinholeCamera& camera, const OdometryOptions& options)

@@ -1,43 +1,46 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "odometry/probation.h"
 
-#include <limits>
+#include <algorithm>
+#include <cstddef>
 #include <utility>
 
 namespace dsorb::odometry {
 namespace {
 
-constexpr std::size_t kMaxFrames = 60;  // kept to be used again; older ones are forgotten
+// Keyframes since the start.
+constexpr int kOfTheStart = 2;
+constexpr int kLastJudged = 4;
+
+/// @param keyframes since the start, at most kLastJudged
+double limitOf(int keyframes, const ProbationOptions& options) {
+  if (keyframes <= 2) return options.max_rms_second;
+  return keyframes == 3 ? options.max_rms_third : options.max_rms_fourth;
+}
 
 }  // namespace
 
 void Probation::begin(const InitializationResult& result) {
   frames_.clear();
-  keyframes_ = 1;
-  for (const PosedFrame& posed : result.frames) add(posed.frame);
+  judgement_ = {};
+  for (const PosedFrame& posed : result.frames) keep(posed.frame);
 }
 
 void Probation::add(const FramePtr& frame) {
+  if (active()) keep(frame);
+}
+
+void Probation::keep(const FramePtr& frame) {
   frames_.push_back(frame);
   if (frames_.size() > kMaxFrames) frames_.pop_front();
 }
 
 bool Probation::passes(double rms) {
-  ++keyframes_;
-  double limit = std::numeric_limits<double>::infinity();
-  if (keyframes_ <= 2) {
-    limit = options_.max_rms_second;
-  } else if (keyframes_ == 3) {
-    limit = options_.max_rms_third;
-  } else if (keyframes_ == 4) {
-    limit = options_.max_rms_fourth;
-  }
-  judgement_ = {};
-  judgement_.keyframes = keyframes_;
-  judgement_.rms = rms;
-  judgement_.limit = limit;
-  if (!(rms <= limit)) return false;
-  if (keyframes_ >= 4) frames_.clear();
+  if (!active()) return true;
+  const int keyframes = std::max(judgement_.keyframes + 1, kOfTheStart);
+  judgement_ = {keyframes, rms, limitOf(keyframes, options_)};
+  if (!(rms <= judgement_.limit)) return false;
+  if (keyframes >= kLastJudged) frames_.clear();
   return true;
 }
 

@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "odometry/frame_tracker.h"
+
+#include "support/matchers.h"
+#include "support/painted_frame.h"
+#include "support/textured_plane.h"
+
+#include <gtest/gtest.h>
+
+namespace dsorb::odometry {
+namespace {
+
+/// A camera that moves steadily along a plane; frames 0 to 3 are its initialization.
+class FrameTrackerTest : public ::testing::Test {
+ protected:
+  [[nodiscard]] static SE3 T_cam_world(int i) {
+    Vector6d xi;
+    xi << 0.02, -0.01, 0.01, 0.002, -0.004, 0.003;
+    return SE3::exp(i * xi);
+  }
+  [[nodiscard]] static SE3 T_cam_keyframe(int i, int keyframe) {
+    return T_cam_world(i) * T_cam_world(keyframe).inverse();
+  }
+  [[nodiscard]] FramePtr frame(int i, double log_gain = 0) const {
+    return plane_.render(
+        camera_, T_cam_world(i).inverse(), {FrameId{i}, 0.1 * i}, {log_gain, 0});
+  }
+  [[nodiscard]] TrackingTarget target(int i, int previous, double log_gain = 0) const {
+    return {{frame(i, log_gain), T_cam_world(i), {log_gain, 0}},
+            plane_.samples(camera_, T_cam_world(i).inverse(), 4),
+            T_cam_keyframe(i, previous)};
+  }
+  [[nodiscard]] FrameTracker started(double log_gain = 0) const {
+    InitializationResult result;
+    for (int i = 0; i < 4; ++i) result.frames.push_back({frame(i), T_cam_world(i), {}, {}});
+    FrameTracker tracker(camera_, options_);
+    tracker.begin(result);
+    tracker.setTarget(target(3, 0, log_gain));
+    return tracker;
+  }
+  void expectNearTruth(const TrackedPose& pose, int i, int keyframe) const {
+    ASSERT_TRUE(pose.good) << "rmse " << pose.rmse.value_or(-1);
+    EXPECT_EQ(pose.keyframe, FrameId{keyframe});
+    // Measured at most 0.007 deg and 0.0003 units; margin x3.
+    EXPECT_THAT(pose.T_cam_keyframe, Se3Near(T_cam_keyframe(i, keyframe), 0.02, 1e-3));
+    EXPECT_THAT(pose.T_cam_world,
+                Se3Near(pose.T_cam_keyframe * T_cam_world(keyframe), 1e-9, 1e-12));
+  }
+
+  PinholeCamera camera_ = smallCamera();
+  TexturedPlane plane_;
+  OdometryOptions options_;
+};
+
+TEST_F(FrameTrackerTest, PosesAreRelativeToTheTarget) {
+  FrameTracker tracker = started();
+  EXPECT_EQ(tracker.target().frame->id(), FrameId{3});
+  for (int i = 4; i < 7; ++i) expectNearTruth(tracker.track(*frame(i)), i, 3);
+}
+
+TEST_F(FrameTrackerTest, GoesOnAgainstANewTarget) {
+  FrameTracker tracker = started();
+  for (int i = 4; i < 7; ++i) expectNearTruth(tracker.track(*frame(i)), i, 3);
+  tracker.setTarget(target(6, 3));
+  EXPECT_EQ(tracker.target().frame->id(), FrameId{6});
+  for (int i = 7; i < 10; ++i) expectNearTruth(tracker.track(*frame(i)), i, 6);
+}
+
+TEST_F(FrameTrackerTest, WantsAKeyframeOnceTheTargetIsFarAway) {
+  FrameTracker tracker = started();
+  EXPECT_FALSE(tracker.track(*frame(4)).wants_keyframe);
+  int first = 5;
+  while (first < 20 && !tracker.track(*frame(first)).wants_keyframe) ++first;
+  EXPECT_EQ(first, 7);
+  tracker.setTarget(target(first, 3));
+  EXPECT_FALSE(tracker.track(*frame(first + 1)).wants_keyframe) << "near the new target";
+}
+
+TEST_F(FrameTrackerTest, AFailureSaysHowBadAndLeavesTheMotionAsItWas) {
+  FrameTracker tracker = started();
+  expectNearTruth(tracker.track(*frame(4)), 4, 3);
+  const TrackedPose failed =
+      tracker.track(*paintFrame(5, camera_.width, camera_.height, blobs(1)));
+  EXPECT_FALSE(failed.good);
+  EXPECT_FALSE(failed.wants_keyframe);
+  expectNearTruth(tracker.track(*frame(5)), 5, 3);
+}
+
+TEST_F(FrameTrackerTest, BrightnessMayStepOnlySoFarFromThePreviousFrame) {
+  options_.tracker.max_gain_step = 0.2;
+  FrameTracker tracker = started();
+  EXPECT_FALSE(tracker.track(*frame(4, 0.3)).good);
+  EXPECT_TRUE(tracker.track(*frame(4, 0.15)).good);
+  const TrackedPose pose = tracker.track(*frame(5, 0.3));
+  expectNearTruth(pose, 5, 3);
+  EXPECT_NEAR(pose.affine.a, 0.3, 0.01);
+}
+
+TEST_F(FrameTrackerTest, TheAdjustedBrightnessOfThePreviousFrameCounts) {
+  options_.tracker.max_gain_step = 0.2;
+  FrameTracker tracker = started(0.3);  // the target's; it is the frame before the next
+  expectNearTruth(tracker.track(*frame(4, 0.4)), 4, 3);
+}
+
+}  // namespace
+}  // namespace dsorb::odometry
