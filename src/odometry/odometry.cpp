@@ -86,17 +86,14 @@ class Odometry::Impl {
   }
 
   OdometryReport finish() {
-    if (is_finished_) return report_;
+    if (is_finished_) return report();
     is_finished_ = true;
     do {  // The last keyframes may roll the start back: its frames are used again.
       processPending();
       finishMapping();
     } while (!pending_.empty());
     retireAll();
-    report_.segments = segments_.counts().starts;
-    report_.keyframes = segments_.counts().keyframes;
-    report_.frames_tracked = segments_.counts().tracked_frames;
-    return report_;
+    return report();
   }
 
  private:
@@ -268,6 +265,14 @@ class Odometry::Impl {
     observers_.notifyEach(&OdometryObserver::onKeyframeRetired, mapper_.clear());
   }
 
+  [[nodiscard]] OdometryReport report() const {
+    OdometryReport report = report_;
+    report.segments = segments_.counts().starts;
+    report.keyframes = segments_.counts().keyframes;
+    report.frames_tracked = segments_.counts().tracked_frames;
+    return report;
+  }
+
   [[nodiscard]] FramePtr nextPending() {
     FramePtr frame = std::move(pending_.front());
     pending_.pop_front();
@@ -285,7 +290,7 @@ class Odometry::Impl {
 
   Phase phase_ = Phase::kInitializing;
   bool is_finished_ = false;
-  OdometryReport report_;         // counts of segments_ are added at the end
+  OdometryReport report_;         // without what segments_ counts
   std::deque<FramePtr> pending_;  // oldest first
   FramePtr last_input_;
   FrameEstimate last_estimate_;

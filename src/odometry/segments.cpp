@@ -22,8 +22,7 @@ bool Segments::canRollBack(RollbackReason reason) const {
 FailedStart Segments::rollBack(RollbackReason reason, FrameId newest) {
   const Judgement& judgement = probation_.lastJudgement();
   FailedStart start;
-  start.notice = {
-      newest, current_, reason, judgement.keyframes, judgement.rms, judgement.limit};
+  start.notice = {newest, current_, reason, judgement.keyframes, judgement.rms, judgement.limit};
   start.frames = probation_.end();
   counts_ = counts_before_;
   was_lost_on_probation_ |= reason == RollbackReason::kLost;

@@ -34,13 +34,44 @@ class World {
   [[nodiscard]] const PinholeCamera& camera() const { return sequence_.camera(); }
   [[nodiscard]] const std::vector<FramePtr>& frames() const { return frames_; }
   [[nodiscard]] SE3 pose(int index) const { return sequence_.pose(index); }
+  /// Row-major [1/m].
+  [[nodiscard]] std::vector<float> inverseDepth(int index) const {
+    return sequence_.inverseDepth(index);
+  }
 
-  [[nodiscard]] std::unique_ptr<Initializer> initializer() const {
+  /// @param cell side of the squares with one point each [px]
+  [[nodiscard]] std::unique_ptr<Initializer> initializer(int frames = kInitialFrames,
+                                                         int cell = 8) const {
     return std::make_unique<TruthInitializer>(
         camera(),
-        Truth{[this](int id) { return sequence_.pose(id); },
-              [this](int id) { return sequence_.inverseDepth(id); }},
-        kInitialFrames);
+        Truth{[this](int id) { return pose(id); }, [this](int id) { return inverseDepth(id); }},
+        frames,
+        cell);
+  }
+  /// The true initialization by the first frames.
+  [[nodiscard]] InitializationResult initialization(int frames = kInitialFrames,
+                                                    int cell = 8) const {
+    const std::unique_ptr<Initializer> truth = initializer(frames, cell);
+    InitStep step;
+    for (int i = 0; i < frames; ++i) step = truth->addFrame(frames_[static_cast<std::size_t>(i)]);
+    return step.result.value();
+  }
+  /// Length of an initialization's unit [m].
+  [[nodiscard]] double unitOf(const InitializationResult& start) const {
+    const PosedFrame& newest = start.frames.back();
+    return (pose(newest.frame->id().value).inverse() * pose(referenceOf(start)))
+               .translation()
+               .norm() /
+           newest.T_cam_ref->translation().norm();
+  }
+  /// True pose of a frame in the origin and the unit of an initialization.
+  [[nodiscard]] SE3 T_cam_world(const InitializationResult& start, int index) const {
+    SE3 T = pose(index).inverse() * pose(referenceOf(start));
+    T.setTranslation(T.translation() / unitOf(start));
+    return T;
+  }
+  [[nodiscard]] static int referenceOf(const InitializationResult& start) {
+    return start.frames.front().frame->id().value;
   }
   [[nodiscard]] Odometry odometry(const OdometryOptions& options = {}) const {
     return Odometry(camera(), options, initializer());
@@ -67,10 +98,8 @@ class Recorder : public OdometryObserver {
   void onInitStep(const InitStep& step, const Frame& /*frame*/, int segment) override {
     events.push_back("init " + std::to_string(segment));
     if (!step.result) return;
-    const auto& details = step.result->report.details;
-    units.push_back(details.empty() ? 1 : details.front().second);
-    references.push_back(step.result->frames.front().frame->id().value);
-    starts[segment] = {references.back(), units.back()};
+    references.push_back(World::referenceOf(*step.result));
+    starts[segment] = *step.result;
   }
   void onFrame(const FrameEstimate& estimate) override {
     events.push_back(std::string(name(estimate.state)) + " " + std::to_string(estimate.segment));
@@ -93,9 +122,8 @@ class Recorder : public OdometryObserver {
   }
 
   std::vector<std::string> events;
-  std::vector<double> units;                     ///< length of each initialization's unit [m]
-  std::vector<int> references;                   ///< first frame of each initialization
-  std::map<int, std::pair<int, double>> starts;  ///< the last of both by segment
+  std::vector<int> references;                 ///< first frame of each initialization
+  std::map<int, InitializationResult> starts;  ///< the last one of each segment
   std::vector<FrameEstimate> estimates;
   std::vector<KeyframeSnapshot> keyframes;
   std::vector<InitializationRollback> rollbacks;
@@ -104,10 +132,8 @@ class Recorder : public OdometryObserver {
 
 /// True pose in the segment's own origin and unit.
 inline SE3 truePose(const World& world, const Recorder& recorder, const FrameEstimate& estimate) {
-  const auto& [reference, unit] = recorder.starts.at(estimate.segment);
-  SE3 T = world.pose(reference).inverse() * world.pose(estimate.frame->id().value);
-  T.setTranslation(T.translation() / unit);
-  return T;
+  return world.T_cam_world(recorder.starts.at(estimate.segment), estimate.frame->id().value)
+      .inverse();
 }
 
 /// Feeds frames [begin, end).
@@ -124,7 +150,7 @@ class FinalTrajectory : public OdometryObserver {
     frames_.clear();
     anchors_.clear();
     if (!step.result) return;
-    const int reference = step.result->frames.front().frame->id().value;
+    const int reference = World::referenceOf(*step.result);
     anchors_[reference] = SE3();
     const std::vector<PosedFrame>& posed = step.result->frames;
     newest_ = posed.back().frame->id().value;

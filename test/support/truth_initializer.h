@@ -59,7 +59,6 @@ class TruthInitializer : public Initializer {
     result.report.frames_fed = result.report.frames_posed = static_cast<int>(fed_.size());
     result.report.points = static_cast<int>(result.points.size());
     result.report.model = "truth";
-    result.report.details.emplace_back("unit_length", unit);
     return result;
   }
 

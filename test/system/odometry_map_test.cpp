@@ -19,12 +19,6 @@ const World& room() {
   return world;
 }
 
-OdometryOptions startedBy(InitializerKind kind) {
-  OdometryOptions options;
-  options.initializer.kind = kind;
-  return options;
-}
-
 /// Runs over all frames of the room; the report is final.
 FinalTrajectory run(Odometry odometry) {
   FinalTrajectory trajectory;
@@ -42,21 +36,23 @@ FinalTrajectory run(Odometry odometry) {
 constexpr double kMaxError = 0.0011;
 constexpr double kMaxErrorAfterTruth = 0.0009;
 
-TEST(OdometryMap, SixtyFramesOfARoomAfterCoarse) {
-  const FinalTrajectory trajectory =
-      run(Odometry(room().camera(), startedBy(InitializerKind::kCoarse)));
+class OdometryMapAfter : public ::testing::TestWithParam<InitializerKind> {};
+
+TEST_P(OdometryMapAfter, SixtyFramesOfARoom) {
+  OdometryOptions options;
+  options.initializer.kind = GetParam();
+  const FinalTrajectory trajectory = run(Odometry(room().camera(), options));
   EXPECT_EQ(trajectory.losses, 0);
   EXPECT_EQ(trajectory.posed(), 60U) << "frames of the initialization included";
   EXPECT_LT(trajectory.relativeError(room()), kMaxError);
 }
 
-TEST(OdometryMap, SixtyFramesOfARoomAfterOrb) {
-  const FinalTrajectory trajectory =
-      run(Odometry(room().camera(), startedBy(InitializerKind::kOrb)));
-  EXPECT_EQ(trajectory.losses, 0);
-  EXPECT_EQ(trajectory.posed(), 60U) << "frames of the initialization included";
-  EXPECT_LT(trajectory.relativeError(room()), kMaxError);
-}
+INSTANTIATE_TEST_SUITE_P(Initializers,
+                         OdometryMapAfter,
+                         ::testing::Values(InitializerKind::kCoarse, InitializerKind::kOrb),
+                         [](const auto& info) {
+                           return info.param == InitializerKind::kCoarse ? "coarse" : "orb";
+                         });
 
 TEST(OdometryMap, SixtyFramesOfARoomAfterTheTruth) {
   const FinalTrajectory trajectory = run(room().odometry());

@@ -22,8 +22,7 @@ class FrameTrackerTest : public ::testing::Test {
     return T_cam_world(i) * T_cam_world(keyframe).inverse();
   }
   [[nodiscard]] FramePtr frame(int i, double log_gain = 0) const {
-    return plane_.render(
-        camera_, T_cam_world(i).inverse(), {FrameId{i}, 0.1 * i}, {log_gain, 0});
+    return plane_.render(camera_, T_cam_world(i).inverse(), {FrameId{i}, 0.1 * i}, {log_gain, 0});
   }
   [[nodiscard]] TrackingTarget target(int i, int previous, double log_gain = 0) const {
     return {{frame(i, log_gain), T_cam_world(i), {log_gain, 0}},
@@ -79,8 +78,7 @@ TEST_F(FrameTrackerTest, WantsAKeyframeOnceTheTargetIsFarAway) {
 TEST_F(FrameTrackerTest, AFailureSaysHowBadAndLeavesTheMotionAsItWas) {
   FrameTracker tracker = started();
   expectNearTruth(tracker.track(*frame(4)), 4, 3);
-  const TrackedPose failed =
-      tracker.track(*paintFrame(5, camera_.width, camera_.height, blobs(1)));
+  const TrackedPose failed = tracker.track(*paintFrame(5, camera_.width, camera_.height, blobs(1)));
   EXPECT_FALSE(failed.good);
   EXPECT_FALSE(failed.wants_keyframe);
   expectNearTruth(tracker.track(*frame(5)), 5, 3);

@@ -3,7 +3,8 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
+#include <cstddef>
+#include <vector>
 
 namespace dsorb::window {
 namespace {
@@ -55,23 +56,30 @@ std::vector<KeyframeSummary> line(int count) {
   return keyframes;
 }
 
+/// Places of the keyframes that leave.
+std::vector<std::size_t> leavingOf(const std::vector<KeyframeSummary>& keyframes) {
+  const std::vector<bool> flags = chooseLeaving(keyframes, {});
+  EXPECT_EQ(flags.size(), keyframes.size());
+  std::vector<std::size_t> leaving;
+  for (std::size_t i = 0; i < flags.size(); ++i) {
+    if (flags[i]) leaving.push_back(i);
+  }
+  return leaving;
+}
+using Places = std::vector<std::size_t>;
+
 TEST(ChooseLeavingTest, NobodyLeavesAWindowWithRoom) {
-  const std::vector<bool> leaving = chooseLeaving(line(6), {});
-  EXPECT_EQ(std::count(leaving.begin(), leaving.end(), true), 0);
+  EXPECT_EQ(leavingOf(line(6)), Places{});
 }
 
 TEST(ChooseLeavingTest, FullWindowLosesExactlyOneNeitherFirstNorNewest) {
-  const std::vector<bool> leaving = chooseLeaving(line(7), {});
-  EXPECT_EQ(std::count(leaving.begin(), leaving.end(), true), 1);
-  EXPECT_FALSE(leaving.front());
-  EXPECT_FALSE(leaving.back());
+  EXPECT_EQ(leavingOf(line(7)), Places{1}) << "farthest from the newest but for the first";
 }
 
 TEST(ChooseLeavingTest, TheCrowdedKeyframeFarFromTheNewestLeaves) {
   std::vector<KeyframeSummary> keyframes = line(7);
-  keyframes[2].center.z() = 1.01;  // almost where keyframe 1 is; keyframe 1 is farther away
-  const std::vector<bool> leaving = chooseLeaving(keyframes, {});
-  EXPECT_TRUE(leaving[1]);
+  keyframes[3].center.z() = 2.01;  // almost where keyframe 2 is; keyframe 2 is farther away
+  EXPECT_EQ(leavingOf(keyframes), Places{2}) << "evenly spread, keyframe 1 would leave";
 }
 
 TEST(ChooseLeavingTest, EmptyAndBrightnessChangedKeyframesLeaveDownToTheMinimum) {
@@ -80,19 +88,13 @@ TEST(ChooseLeavingTest, EmptyAndBrightnessChangedKeyframesLeaveDownToTheMinimum)
   keyframes[0].gone = 96;
   keyframes[3].log_gain = 0.71;
   keyframes[4].log_gain = -0.71;
-  const std::vector<bool> leaving = chooseLeaving(keyframes, {});
-  EXPECT_TRUE(leaving[0]);
-  EXPECT_TRUE(leaving[3]);
-  EXPECT_FALSE(leaving[4]);  // five must stay
-  EXPECT_EQ(std::count(leaving.begin(), leaving.end(), true), 2);
+  EXPECT_EQ(leavingOf(keyframes), (Places{0, 3})) << "five must stay, so keyframe 4 does";
 }
 
 TEST(ChooseLeavingTest, ACameraThatStandsLosesTheOldest) {
   std::vector<KeyframeSummary> keyframes = line(7);
   for (KeyframeSummary& keyframe : keyframes) keyframe.center.setZero();
-  const std::vector<bool> leaving = chooseLeaving(keyframes, {});
-  EXPECT_TRUE(leaving[1]);
-  EXPECT_EQ(std::count(leaving.begin(), leaving.end(), true), 1);
+  EXPECT_EQ(leavingOf(keyframes), Places{1}) << "the first is protected";
 }
 
 }  // namespace

@@ -33,11 +33,7 @@ class MapperTest : public ::testing::Test {
     return initialization;
   }
   /// In the origin and the unit of the initialization.
-  [[nodiscard]] static SE3 T_cam_world(int i) {
-    SE3 T = room().pose(i).inverse() * room().pose(0);
-    T.setTranslation(T.translation() / room().unitOf(result()));
-    return T;
-  }
+  [[nodiscard]] static SE3 T_cam_world(int i) { return room().T_cam_world(result(), i); }
   /// A frame with its true pose relative to a keyframe.
   [[nodiscard]] static MappingJob job(int i, int keyframe, bool becomes_keyframe) {
     MappingJob job;
@@ -91,9 +87,8 @@ TEST_F(MapperTest, SnapshotsTellSegmentPoseAndDepthsNearTheTruth) {
     EXPECT_GT(point.variance, 0);
     const auto at = static_cast<std::size_t>(point.pixel.y()) * 320U +
                     static_cast<std::size_t>(point.pixel.x());
-    errors.push_back(
-        std::abs(static_cast<double>(point.inverse_depth) / (unit * static_cast<double>(truth[at])) -
-                 1));
+    errors.push_back(std::abs(
+        static_cast<double>(point.inverse_depth) / (unit * static_cast<double>(truth[at])) - 1));
   }
   EXPECT_GT(errors.size(), 300U);
   EXPECT_LT(medianOf(errors), 0.02);

@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "odometry/seed_window.h"
 
+#include "base/median.h"
 #include "support/matchers.h"
-#include "support/truth_initializer.h"
-#include "synthetic/sequence.h"
+#include "support/odometry_run.h"
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -19,34 +18,21 @@ constexpr std::size_t kSerial = 0;
 /// True initializations of a rendered room.
 class SeedWindow : public ::testing::Test {
  protected:
-  SeedWindow() : sequence_(sequenceOptions()) {}
-
-  /// @param cell side of the squares with one point each [px]
-  [[nodiscard]] InitializationResult resultWith(int cell) {
-    TruthInitializer initializer(sequence_.camera(),
-                                 {[this](int id) { return sequence_.pose(id); },
-                                  [this](int id) { return sequence_.inverseDepth(id); }},
-                                 kFrames,
-                                 cell);
-    for (int i = 0; i + 1 < kFrames; ++i) {
-      EXPECT_FALSE(initializer.addFrame(sequence_.framePtr(i)).result);
-    }
-    return initializer.addFrame(sequence_.framePtr(kFrames - 1)).result.value();
-  }
-  [[nodiscard]] window::Window seed(const InitializationResult& result) {
-    PixelSelector selector(sequence_.camera().width, sequence_.camera().height, {});
-    return seedWindow(result, sequence_.camera(), options_, selector, kSerial);
-  }
-
-  static synthetic::SequenceOptions sequenceOptions() {
-    synthetic::SequenceOptions options;
-    options.width = 320;
-    options.height = 240;
-    return options;
-  }
-
   static constexpr int kFrames = 6;
-  synthetic::SyntheticSequence sequence_;
+  static const World& room() {
+    static const World world(synthetic::SequenceKind::kRoom, kFrames);
+    return world;
+  }
+  /// @param cell side of the squares with one point each [px]
+  [[nodiscard]] static InitializationResult resultWith(int cell) {
+    return room().initialization(kFrames, cell);
+  }
+  [[nodiscard]] window::Window seed(const InitializationResult& result) const {
+    const PinholeCamera& camera = room().camera();
+    PixelSelector selector(camera.width, camera.height, {});
+    return seedWindow(result, camera, options_, selector, kSerial);
+  }
+
   OdometryOptions options_;
 };
 
@@ -91,8 +77,8 @@ TEST_F(SeedWindow, FewPointsAreFilledUpWithCandidatesNearTheTruth) {
   ASSERT_LT(result.points.size(), 60U);
   const window::Window window = seed(result);
   EXPECT_GT(window.numPoints(), 5 * result.points.size());
-  const double unit = result.report.details.at(0).second;
-  const std::vector<float> truth = sequence_.inverseDepth(0);
+  const double unit = room().unitOf(result);
+  const std::vector<float> truth = room().inverseDepth(0);
   std::vector<double> errors;
   for (const window::WindowPoint& point : window.keyframes[0].points) {
     const auto at = static_cast<std::size_t>(point.pixel.y()) * 320U +
@@ -100,8 +86,7 @@ TEST_F(SeedWindow, FewPointsAreFilledUpWithCandidatesNearTheTruth) {
     const double expected = static_cast<double>(truth[at]) * unit;
     errors.push_back(std::abs(static_cast<double>(point.inverse_depth) / expected - 1));
   }
-  std::nth_element(errors.begin(), errors.begin() + errors.size() / 2, errors.end());
-  EXPECT_LT(errors[errors.size() / 2], 0.05);
+  EXPECT_LT(medianOf(errors), 0.05);
 }
 
 TEST_F(SeedWindow, UnknownVariancesGiveNoPrior) {
@@ -126,15 +111,22 @@ TEST_F(SeedWindow, HostsBetweenBecomeKeyframesWithTheirPoints) {
   }
 }
 
-TEST_F(SeedWindow, TooManyHostsAreLimitedToTheWindow) {
-  options_.window.max_keyframes = 3;
+TEST_F(SeedWindow, OfTooManyHostsThoseWithTheMostPointsStay) {
+  options_.window.max_keyframes = 4;
+  options_.window.desired_points = 100;  // nothing is added
   InitializationResult result = resultWith(8);
-  const int newest = kFrames - 1;
+  const std::vector<int> hosts = {0, 3, 1, 3, 2, 1, 3, 1, 3, 4};  // 3 most often, then 1
   for (std::size_t i = 0; i < result.points.size(); ++i) {
-    result.points[i].host = static_cast<int>(i) % newest;
+    result.points[i].host = hosts[i % hosts.size()];
   }
   const window::Window window = seed(result);
-  EXPECT_EQ(window.keyframes.size(), 3U);
+  std::vector<int> ids;
+  for (const window::Keyframe& keyframe : window.keyframes) {
+    ids.push_back(keyframe.frame->id().value);
+  }
+  EXPECT_EQ(ids, (std::vector<int>{0, 1, 3, kFrames - 1}));
+  for (const std::size_t host : {0U, 1U, 2U}) EXPECT_FALSE(window.keyframes[host].points.empty());
+  EXPECT_TRUE(window.keyframes.back().points.empty()) << "nobody else's points";
 }
 
 }  // namespace

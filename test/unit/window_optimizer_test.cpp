@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "window/window_optimizer.h"
 
+#include "base/median.h"
 #include "base/parallel.h"
 #include "support/matchers.h"
 #include "support/window_scene.h"
@@ -33,13 +34,10 @@ Errors errorsOf(const WindowScene& scene) {
       ratios[next++] /= static_cast<double>(scene.depths[k][p]);
     }
   }
-  std::vector<double> sorted = ratios;
-  std::nth_element(sorted.begin(), sorted.begin() + sorted.size() / 2, sorted.end());
-  const double scale = sorted[sorted.size() / 2];
+  const double scale = medianOf(ratios);
   Errors errors;
   for (double& ratio : ratios) ratio = std::abs(ratio / scale - 1);
-  std::nth_element(ratios.begin(), ratios.begin() + ratios.size() / 2, ratios.end());
-  errors.depth = ratios[ratios.size() / 2];
+  errors.depth = medianOf(ratios);
   for (std::size_t k = 0; k < scene.true_poses.size(); ++k) {
     SE3 pose = scene.window.keyframes[k].T_cam_world();
     pose.setTranslation(pose.translation() * scale);
@@ -151,6 +149,42 @@ TEST(WindowOptimizerTest, FixedBrightnessStaysAtZero) {
   }
 }
 
+FramePtr brightened(const Frame& frame, float gain) {
+  const PyramidLevel& image = frame.level(0);
+  std::vector<float> pixels;
+  for (int y = 0; y < image.height(); ++y) {
+    for (int x = 0; x < image.width(); ++x) pixels.push_back(gain * image.at(x, y).intensity);
+  }
+  return Frame::create({pixels.data(), image.width(), image.height()},
+                       {frame.id(), frame.timestamp(), frame.exposure(), nullptr});
+}
+
+/// Log gain that the adjustment finds for a frame 5 % brighter than its exposure says.
+double gainFound(BrightnessMode mode) {
+  WindowOptions options;
+  options.brightness = mode;
+  WindowSceneOptions scene_options;
+  scene_options.frames = {0, 4};
+  scene_options.cell = 20;
+  WindowScene scene = makeWindowScene(scene_options, options);
+  Keyframe& newest = scene.window.keyframes.back();
+  newest.frame = brightened(*newest.frame, 1.05F);
+  WindowOptimizer(options).optimize(scene.window);
+  const double gain = newest.affine().a;
+  testing::Test::RecordProperty("gain" + std::to_string(static_cast<int>(mode)),
+                                std::to_string(gain));
+  return gain;
+}
+
+TEST(WindowOptimizerTest, BrightnessIsFreeHeldNearZeroOrFixedByMode) {
+  const double truth = std::log(1.05);
+  EXPECT_NEAR(gainFound(BrightnessMode::kFree), truth, 0.01);
+  const double calibrated = gainFound(BrightnessMode::kCalibrated);
+  EXPECT_LT(calibrated, 0.5 * truth) << "the prior holds it";
+  EXPECT_GT(calibrated, 1e-4) << "yet it is estimated";
+  EXPECT_LT(std::abs(gainFound(BrightnessMode::kFixed)), 1e-5);
+}
+
 TEST(WindowOptimizerTest, OnlyTheNewestKeyframeMovesItsFirstEstimate) {
   const WindowOptions options;
   WindowScene scene = roomScene(options, 20);
@@ -177,12 +211,19 @@ TEST(WindowOptimizerTest, IntrinsicsAreFoundWhenAsked) {
   scene_options.cell = 10;
   scene_options.frames = {0, 15, 30, 45};
   WindowScene scene = makeWindowScene(scene_options, options);
-  const double truth = scene.window.first_camera.fx;
+  const PinholeCamera truth = scene.window.first_camera;
   scene.window.first_camera.fx *= 1.05;
   scene.window.first_camera.fy *= 1.05;
   WindowOptimizer(options).optimize(scene.window);
-  RecordProperty("fx", std::to_string(scene.window.camera().fx / truth));
-  EXPECT_LT(std::abs(scene.window.camera().fx / truth - 1), 0.005);  // measured 0.0017
+  const PinholeCamera found = scene.window.camera();
+  RecordProperty("fx", std::to_string(found.fx / truth.fx));
+  RecordProperty("fy", std::to_string(found.fy / truth.fy));
+  RecordProperty("cx", std::to_string(found.cx - truth.cx));
+  RecordProperty("cy", std::to_string(found.cy - truth.cy));
+  EXPECT_LT(std::abs(found.fx / truth.fx - 1), 0.005);  // measured 0.0017
+  EXPECT_LT(std::abs(found.fy / truth.fy - 1), 0.005);
+  EXPECT_LT(std::abs(found.cx - truth.cx), 1);
+  EXPECT_LT(std::abs(found.cy - truth.cy), 1);
 }
 
 TEST(WindowOptimizerTest, OneKeyframeIsRefused) {
