@@ -4,7 +4,6 @@
 
 #include "base/describe.h"
 #include "init/coarse/coarse_initializer.h"
-#include "init/orb/matching_initializer.h"
 #include "init/orb/orb_initializer.h"
 
 namespace dsorb {
@@ -14,9 +13,6 @@ std::unique_ptr<Initializer> makeInitializer(const InitializerOptions& options,
   validateOptions(options);
   switch (options.kind) {
     case InitializerKind::kOrb:
-      if (options.orb.front_end == OrbFrontEnd::kDescriptors) {
-        return std::make_unique<init_orb::MatchingInitializer>(options, camera);
-      }
       return std::make_unique<init_orb::ORBInitializer>(options, camera);
     case InitializerKind::kCoarse:
       return std::make_unique<init_coarse::CoarseInitializer>(options, camera);

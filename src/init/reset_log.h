@@ -17,7 +17,7 @@ class ResetLog {
  public:
   void clear();
   [[nodiscard]] InitStep restart(InitReason reason);
-  /// @param result its report gets resets and stages; its invariants are checked
+  /// @param result its report gets counts, resets and stages; its invariants are checked
   [[nodiscard]] InitStep finish(InitializationResult result, const StageClock& clock) const;
 
  private:

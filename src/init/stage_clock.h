@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "dsorb/init/result.h"
+#include "dsorb/init/report.h"
 
 #include <chrono>
 #include <string>

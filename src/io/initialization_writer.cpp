@@ -6,6 +6,8 @@
 
 #include <cmath>
 #include <cstdlib>
+#include <optional>
+#include <string>
 #include <utility>
 
 namespace dsorb::io {
@@ -56,6 +58,98 @@ Json referencePoints(const InitializationResult& result) {
   return list;
 }
 
+/// Names and numbers of what the stages found, in the order in which they run.
+class Details {
+ public:
+  template <typename Number>
+  void add(const std::string& name, Number value) {
+    json_[name] = static_cast<double>(value);
+  }
+  template <typename Number>
+  void add(const std::string& name, const std::optional<Number>& value) {
+    if (value) add(name, *value);
+  }
+  void add(const TwoViewReport& report);
+  void add(const EssentialReport& report);
+  void add(const std::string& name, const PhotometricReport& report);
+  Json take() { return std::move(json_); }
+
+ private:
+  Json json_ = Json::object();
+};
+
+void Details::add(const TwoViewReport& report) {
+  add("tracks", report.tracks);
+  add("score_homography", report.homography_score);
+  add("score_fundamental", report.fundamental_score);
+  add("model_inliers", report.inliers);
+  add("good_points", report.good_points);
+  add("good_points_of_second_motion", report.second_good);
+  add("ranked_parallax_deg", report.parallax_deg);
+  add("removed_severe", report.removed_severe);
+  add("removed_normal", report.removed_normal);
+}
+
+void Details::add(const EssentialReport& report) {
+  add("fitted_sigma_deg", report.gate.fitted_sigma_deg);
+  add("gric_homography_over_essential", report.homography_gric);
+  add("second_motion_cost_ratio", report.second_cost);
+  add("tracks", report.tracks);
+  add("model_inliers", report.inliers);
+  add("rotation_residual_px", report.rotation_residual);
+  add("direction_sigma_deg", report.gate.direction_sigma_deg);
+  add("front_share", report.front_share);
+  add("track_noise", report.track_noise);
+  add("polished", report.refinement.accepted);
+  add("polish_first_rms", report.refinement.first_rms);
+  add("polish_last_rms", report.refinement.last_rms);
+  add("polish_turn_deg", report.refinement.direction_change_deg);
+  add("variance_factor", report.variance_factor);
+  add("clustered_factor", report.clustered_factor);
+}
+
+void Details::add(const std::string& name, const PhotometricReport& report) {
+  add(name + "_patches", report.patches);
+  add(name + "_iterations", report.iterations);
+  add(name + "_first_cost", report.first_cost);
+  add(name + "_cost", report.cost);
+  add(name + "_inside", report.inside_share);
+  add(name + "_direction_sigmas", report.direction_sigmas);
+  add(name + "_poses_moved", report.poses_moved);
+}
+
+Json detailsOf(const InitReport& report) {
+  Details details;
+  details.add("unit_length", report.unit_length);
+  if (const auto& direct = report.direct) {
+    details.add("residual_rms_grey", direct->residual_rms);
+    details.add("visible_share", direct->visible_share);
+    details.add("motion_gain", direct->motion_gain);
+    details.add("rival_margin", direct->rival_margin);
+  }
+  if (report.two_view) details.add(*report.two_view);
+  if (report.essential) details.add(*report.essential);
+  if (const auto& semi_dense = report.semi_dense) {
+    details.add("semi_dense_candidates", semi_dense->candidates);
+    details.add("semi_dense_points", semi_dense->points);
+  }
+  if (const auto& moving = report.moving_parts) {
+    details.add("contradicting_tracks", moving->contradicting_tracks);
+    details.add("removed_moving", moving->removed);
+  }
+  if (report.photometric) details.add("photometric", *report.photometric);
+  if (const auto& outliers = report.outliers) {
+    details.add("filter_examined", outliers->examined);
+    details.add("filter_removed_corners", outliers->removed_corners);
+    details.add("filter_removed_points", outliers->removed_points);
+    details.add("filter_t_scale", outliers->t_scale);
+  }
+  if (report.second_photometric) details.add("second_photometric", *report.second_photometric);
+  details.add("corners", report.corners);
+  details.add("optical_flow", report.optical_flow);
+  return details.take();
+}
+
 Json reportJson(const InitReport& report) {
   Json json = {{"model", report.model},
                {"frames_fed", report.frames_fed},
@@ -70,8 +164,7 @@ Json reportJson(const InitReport& report) {
   for (const InitReason reason : report.earlier_resets) {
     json["earlier_resets"].push_back(name(reason));
   }
-  json["details"] = Json::object();
-  for (const auto& [key, value] : report.details) json["details"][key] = value;
+  json["details"] = detailsOf(report);
   return json;
 }
 

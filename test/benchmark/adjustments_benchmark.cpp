@@ -84,7 +84,7 @@ void polish(benchmark::State& state) {
   const Start& from = start();
   timeWithThreads(state, [&] {
     InitialMap map = from.map;
-    return polishCorners(map, room().camera, from.options.geometric, from.options.polish_rounds)
+    return refineCorners(map, room().camera, from.options.geometric, from.options.polish_rounds)
         .last_rms;
   });
   count(state, from.map);
@@ -100,7 +100,7 @@ void polishOtherPoses(benchmark::State& state) {
   }
   timeWithThreads(state, [&] {
     InitialMap map = posed;
-    polishPoses(
+    refinePoses(
         map, room().camera, from.options.geometric, from.options.polish_rounds, from.others);
     return map.frames.size();
   });

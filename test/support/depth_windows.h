@@ -178,7 +178,7 @@ inline std::optional<init_orb::InitialMap> mapOf(const DepthWindow& window,
     if (static_cast<int>(k) + 1 < options.orb.min_frames) continue;
     StageClock clock;
     auto attempt = init_orb::attemptFrom(pool.view(0), {window.camera, options, clock});
-    if (attempt.map) return std::move(attempt.map);
+    if (attempt.made) return std::move(attempt.made->map);
   }
   return std::nullopt;
 }

@@ -74,8 +74,8 @@ TEST(CornerPolish, ReducesTheErrorOfDisturbedTracks) {
   const double before = rmsError(made);
   GeometricOptions geometric;
   geometric.sigma = 0.4;
-  const PolishReport report =
-      polishCorners(made.map, made.scene.camera(), geometric, OrbOptions().polish_rounds);
+  const RefinementReport report =
+      refineCorners(made.map, made.scene.camera(), geometric, OrbOptions().polish_rounds);
   ASSERT_TRUE(report.accepted) << report.first_rms << " " << report.last_rms;
   EXPECT_TRUE(report.fits);
   EXPECT_LT(rmsError(made), 0.35 * before);
@@ -92,8 +92,8 @@ TEST(CornerPolish, KeepsTheMapWhereTheImagesDoNotFit) {
     made.map.frames[k].frame = other.render(made.truth[k], 1, static_cast<int>(k));
   }
   const InitialMap before = made.map;
-  const PolishReport report =
-      polishCorners(made.map, made.scene.camera(), GeometricOptions(), OrbOptions().polish_rounds);
+  const RefinementReport report =
+      refineCorners(made.map, made.scene.camera(), GeometricOptions(), OrbOptions().polish_rounds);
   EXPECT_FALSE(report.accepted);
   EXPECT_FALSE(report.fits);  // a start from such tracks is refused
   ASSERT_EQ(made.map.corners.size(), before.corners.size());
@@ -103,7 +103,7 @@ TEST(CornerPolish, KeepsTheMapWhereTheImagesDoNotFit) {
 
 TEST(CornerPolish, IsOffWithoutRounds) {
   DisturbedMap made = makeDisturbedMap(0.4);
-  EXPECT_FALSE(polishCorners(made.map, made.scene.camera(), GeometricOptions(), 0).accepted);
+  EXPECT_FALSE(refineCorners(made.map, made.scene.camera(), GeometricOptions(), 0).accepted);
 }
 
 constexpr double kDisturbance = 0.1;  // [px]; with .4 the pose is no longer linear in the errors
@@ -117,7 +117,7 @@ Matrix6d covarianceBetween(DisturbedMap& made, int rounds) {
   EXPECT_TRUE(adjustGeometry(made.map, camera, geometric).usable);
   const std::vector<int> others = poseOtherFrames(made.map, camera);
   EXPECT_EQ(others, std::vector<int>{2});
-  polishPoses(made.map, camera, geometric, rounds, others);
+  refinePoses(made.map, camera, geometric, rounds, others);
   EXPECT_TRUE(made.map.frames[2].covariance);
   return made.map.frames[2].covariance.value_or(Matrix6d::Zero());
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/matching_initializer.h"
-
+#include "init/orb/correspondences.h"
+#include "init/orb/orb_initializer.h"
 #include "support/init_run.h"
 
 #include <gtest/gtest.h>
@@ -30,15 +30,8 @@ InitializerOptions variant() {
 InitRun run(const InitializerOptions& options,
             const PinholeCamera& camera,
             const std::vector<FramePtr>& frames) {
-  MatchingInitializer initializer(options, camera);
+  ORBInitializer initializer(options, camera);
   return feed(initializer, frames);
-}
-
-double detail(const InitializationResult& result, const std::string& name) {
-  for (const auto& [key, value] : result.report.details) {
-    if (key == name) return value;
-  }
-  return NAN;
 }
 
 /// The same view out of focus.
@@ -58,7 +51,7 @@ TEST(MatchingInitializer, FindsPosesByDescriptors) {
   const RenderedSequence& street = rendered(small(SequenceKind::kStreet, 8));
   const InitRun result = run(variant(), street.camera(), street.frames());
   ASSERT_TRUE(result.result) << result.log();
-  EXPECT_EQ(detail(*result.result, "optical_flow"), 0);
+  EXPECT_EQ(result.result->report.optical_flow, false);
   const StartErrors errors = startErrors(*result.result, street);
   EXPECT_LT(errors.direction_deg, 3.0);  // measured 1.6, 0.21 and 0.086; margin x2
   EXPECT_LT(errors.rotation_deg, 0.4);
@@ -74,7 +67,7 @@ TEST(MatchingInitializer, FollowsOpticalFlowWhereDescriptorsFail) {
   options.orb.semi_dense.min_line_gradient = 0.5;
   const InitRun result = run(options, room.camera(), frames);
   ASSERT_TRUE(result.result) << result.log();
-  EXPECT_EQ(detail(*result.result, "optical_flow"), 1);
+  EXPECT_EQ(result.result->report.optical_flow, true);
   const StartErrors errors = startErrors(*result.result, room);
   EXPECT_LT(errors.direction_deg, 1.0);  // measured 0.49 and 0.20; margin x2
   EXPECT_LT(errors.rotation_deg, 0.4);
@@ -88,8 +81,8 @@ TEST(MatchingInitializer, ChangesToOpticalFlowBetweenFrames) {
   EXPECT_FALSE(pair.usesFlow());
   pair.advance(blurred(*room.frames()[2], 4));
   ASSERT_TRUE(pair.usesFlow());
-  EXPECT_FALSE(pair.lost());
-  const ReferenceView view = pair.view();
+  EXPECT_FALSE(pair.dropLost());
+  const ReferenceView view = pair.view(0);
   EXPECT_EQ(view.frames.size(), 3U);
   EXPECT_EQ(view.tracks.frames(), 3);
   EXPECT_EQ(view.tracks.size(), pair.size());
@@ -101,7 +94,7 @@ TEST(MatchingInitializer, AFeatureCanMissInFramesBetween) {
   pair.start(room.frames()[0]);
   for (std::size_t k = 1; k < 5; ++k) pair.advance(room.frames()[k]);
   ASSERT_FALSE(pair.usesFlow());
-  const CornerTracks tracks = pair.view().tracks;
+  const CornerTracks tracks = pair.view(0).tracks;
   EXPECT_EQ(tracks.size(), pair.size());
   EXPECT_TRUE(
       std::all_of(tracks.positions.front().begin(), tracks.positions.front().end(), isSeen));

@@ -31,7 +31,7 @@ OrbOptions smallPool() {
 void feed(ReferencePool& pool, const FramePtr& frame) {
   pool.advance(frame);
   pool.dropLost();
-  pool.dropExpired();
+  pool.giveUp(InitReason::kPoorQuality);
   pool.addWhenDue();
 }
 
@@ -88,13 +88,13 @@ TEST(ReferencePool, RemembersWhatAnAttemptSaw) {
   const PassedPlane plane;
   ReferencePool pool(smallPool());
   pool.start(plane.frame(0));
-  MotionEvidence evidence;
+  AttemptSummary evidence;
   evidence.direction_sigma_deg = 3;
   pool.remember(0, evidence);
   feed(pool, plane.frame(1));
-  EXPECT_EQ(pool.view(0).evidence.direction_sigma_deg, 3);
+  EXPECT_EQ(pool.view(0).last.direction_sigma_deg, 3);
   pool.start(plane.frame(2));
-  EXPECT_EQ(pool.view(0).evidence.direction_sigma_deg, 0);
+  EXPECT_EQ(pool.view(0).last.direction_sigma_deg, 0);
 }
 
 }  // namespace

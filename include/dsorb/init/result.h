@@ -4,31 +4,14 @@
 #include "dsorb/geometry/se3.h"
 #include "dsorb/image/affine_brightness.h"
 #include "dsorb/image/frame.h"
+#include "dsorb/init/report.h"
 
 #include <Eigen/Core>
 
 #include <optional>
-#include <string>
-#include <utility>
 #include <vector>
 
 namespace dsorb {
-
-/// Why an initializer answered as it did; for logs, observers and tests, never for control flow.
-enum class InitReason {
-  kFirstFrame,
-  kTooFewPoints,
-  kTooLittleParallax,
-  kSettling,
-  kTrackingLost,
-  kDegenerateMotion,
-  kPoorQuality,
-  kTimeout,
-  kDone
-};
-
-/// Name as in logs and JSON, for example "too_little_parallax".
-[[nodiscard]] const char* name(InitReason reason);
 
 /// One of the frames since the reference. A frame that could not be posed is listed without a pose.
 /// Every posed frame but the reference has a covariance where the initializer estimates them. It
@@ -46,26 +29,6 @@ struct InitPoint {
   float inverse_depth = 0;      ///< for the host camera's z [1/unit]
   float variance = 0;           ///< of the inverse depth [1/unit^2]
   int observations = 0;
-};
-
-struct StageTime {
-  std::string stage;
-  double milliseconds = 0;
-};
-
-struct InitReport {
-  int frames_fed = 0;  ///< since the reference, which counts as well
-  int frames_posed = 0;
-  int restarts = 0;
-  int points = 0;
-  std::string model;  ///< selected for the motion, for example "fundamental"
-  std::vector<StageTime> stages;
-  std::vector<InitReason> earlier_resets;
-  double median_parallax_deg = 0;  ///< rotation-compensated
-  double inlier_ratio = 0;
-  double residual_rms = 0;           ///< [px]
-  double median_relative_sigma = 0;  ///< of the inverse depths
-  std::vector<std::pair<std::string, double>> details;
 };
 
 /// Result of an initializer. The front frame is the reference, with identity pose and a = b = 0;

@@ -281,19 +281,13 @@ InitializationResult handOver(const Attempt& attempt,
   normalizeScale(result);
   InitReport& report = result.report;
   report.model = "direct";
-  report.frames_fed = static_cast<int>(result.frames.size());
-  report.frames_posed = static_cast<int>(
-      std::count_if(result.frames.begin(), result.frames.end(), [](const PosedFrame& f) {
-        return f.T_cam_ref.has_value();
-      }));
-  report.points = static_cast<int>(result.points.size());
   report.median_parallax_deg = quality.parallax_deg;
   report.inlier_ratio = quality.inlier_share;
   report.median_relative_sigma = quality.relative_sigma;
-  report.details.emplace_back("residual_rms_grey", quality.residual_rms);
-  report.details.emplace_back("visible_share", quality.visible_share);
-  report.details.emplace_back("motion_gain", quality.motion_gain);
-  report.details.emplace_back("rival_margin", std::min(quality.rival_margin, kMaxMargin));
+  report.direct = DirectReport{quality.residual_rms,
+                               quality.visible_share,
+                               quality.motion_gain,
+                               std::min(quality.rival_margin, kMaxMargin)};
   return result;
 }
 

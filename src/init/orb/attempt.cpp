@@ -1,93 +1,73 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/attempt.h"
 
-#include "init/orb/bundle/corner_polish.h"
-#include "init/orb/bundle/map_assembly.h"
-#include "init/orb/photometric_stage.h"
-#include "init/orb/semi_dense/moving_parts.h"
-#include "init/orb/semi_dense/semi_dense_depth.h"
-#include "init/orb/start/informed_motion.h"
-#include "init/orb/thesis/geometric_adjustment.h"
-#include "init/orb/thesis/report_motion.h"
+#include "base/median.h"
+#include "init/orb/stages.h"
+#include "init/orb/start/essential_start.h"
+#include "init/orb/thesis/two_view_start.h"
+#include "init/result.h"
 
+#include <cmath>
 #include <utility>
 #include <vector>
 
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kMinPoints = 50;  // semi-dense ones; fewer: the attempt fails
-
-void densify(const AttemptContext& context, Attempt& attempt) {
-  const SemiDenseReport report = context.clock.time("semi_dense", [&] {
-    return estimateSemiDenseDepth(
-        *attempt.map, context.camera, context.options.orb.semi_dense, context.seed());
-  });
-  attempt.report.details.emplace_back("semi_dense_candidates", report.candidates);
-  attempt.report.details.emplace_back("semi_dense_points", report.points);
+/// Two-view geometry by homography or fundamental matrix, adjustments of all frames.
+/// @source Gladkova, Feature-based Initialization for Monocular Direct Visual Odometry, algorithm 1
+Outcome<Reconstruction> reconstructAsGladkova(const ReferenceView& view,
+                                              const AttemptContext& context) {
+  using Made = Reconstruction;
+  return startFromTwoViews(view, context)
+      .then([&](Made made) { return adjustCorners(std::move(made), context); })
+      .then([&](Made made) { return addSemiDense(std::move(made), view, context); })
+      .then([&](Made made) { return adjustCorners(std::move(made), context); })
+      .then([&](Made made) { return adjustImages(std::move(made), context); });
 }
 
-/// Semi-dense depths for the corners' map, without what moves by itself.
-/// @return whether enough came of it
-bool addSemiDense(const ReferenceView& view, const AttemptContext& context, Attempt& attempt) {
-  const OrbOptions& orb = context.options.orb;
-  if (orb.remove_moving) {
-    const MovingParts moving = context.clock.time(
-        "moving", [&] { return MovingParts(*attempt.map, view.tracks, context.camera); });
-    int removed = moving.removeCorners(*attempt.map);
-    densify(context, attempt);
-    removed += moving.removePoints(*attempt.map);
-    attempt.report.details.emplace_back("contradicting_tracks", moving.contradicting());
-    attempt.report.details.emplace_back("removed_moving", removed);
-  } else {
-    densify(context, attempt);
-  }
-  if (static_cast<int>(attempt.map->points.size()) >= kMinPoints) {
-    if (orb.semi_dense.max_points > 0) keepBestPoints(*attempt.map, orb.semi_dense.max_points);
-    return true;
-  }
-  attempt.reason = InitReason::kTooFewPoints;
-  return false;
+/// Ours: essential matrix, adjustment of a few frames, a gate, corners measured again; all other
+/// frames are posed in the end.
+Attempt reconstruct(const ReferenceView& view, const AttemptContext& context) {
+  using Made = Reconstruction;
+  auto [start, summary] = startFromEssential(view, context);
+  auto made = std::move(start)
+                  .then([&](Made m) { return addSemiDense(std::move(m), view, context); })
+                  .then([&](Made m) { return adjustImages(std::move(m), context); })
+                  .then([&](Made m) { return poseOtherFrames(std::move(m), context); });
+  return {std::move(made), summary};
 }
 
-/// @return whether the attempt's map can be handed over
-bool mapFrom(const ReferenceView& view, const AttemptContext& context, Attempt& attempt) {
-  if (context.options.orb.motion == MotionMethod::kGladkova) {
-    return estimateReportMotion(view, context, attempt) && addSemiDense(view, context, attempt) &&
-           adjustCorners(context, attempt) && adjustImages(context, attempt);
+double medianRelativeSigma(const std::vector<InitPoint>& points) {
+  std::vector<double> sigmas;
+  sigmas.reserve(points.size());
+  for (const InitPoint& point : points) {
+    sigmas.push_back(std::sqrt(point.variance) / point.inverse_depth);
   }
-  const bool usable = estimateInformedMotion(view, context, attempt) &&
-                      addSemiDense(view, context, attempt) && adjustImages(context, attempt);
-  if (!usable) return false;
-  context.clock.time("pose", [&] {
-    const std::vector<int> frames = poseOtherFrames(*attempt.map, context.camera);
-    const OrbOptions& orb = context.options.orb;
-    polishPoses(*attempt.map, context.camera, orb.geometric, orb.polish_rounds, frames);
-  });
-  return true;
+  return medianOf(std::move(sigmas));
 }
 
 }  // namespace
 
 Attempt attemptFrom(const ReferenceView& view, const AttemptContext& context) {
-  Attempt attempt;
-  if (!mapFrom(view, context, attempt)) {
-    attempt.map.reset();
-    return attempt;
+  Attempt attempt = context.options.orb.motion == MotionMethod::kGladkova
+                        ? Attempt{reconstructAsGladkova(view, context), {}}
+                        : reconstruct(view, context);
+  attempt.summary.reason = attempt.made.reason();
+  if (attempt.made) {
+    attempt.made->report.corners = static_cast<int>(attempt.made->map.corners.size());
+    attempt.made->report.optical_flow = view.optical_flow;
   }
-  attempt.reason = InitReason::kDone;
-  attempt.report.details.emplace_back("corners", static_cast<double>(attempt.map->corners.size()));
   return attempt;
 }
 
-InitializationResult toResult(Attempt attempt) {
-  InitializationResult result = toResult(*attempt.map);
-  InitReport& report = result.report;
-  report.model = std::move(attempt.report.model);
-  report.median_parallax_deg = attempt.report.median_parallax_deg;
-  report.inlier_ratio = attempt.report.inlier_ratio;
-  report.residual_rms = attempt.report.residual_rms;
-  report.details = std::move(attempt.report.details);
+InitializationResult toResult(Reconstruction made) {
+  InitializationResult result;
+  result.points = pointsOf(made.map);
+  result.frames = std::move(made.map.frames);
+  result.report = std::move(made.report);
+  normalizeScale(result);
+  result.report.median_relative_sigma = medianRelativeSigma(result.points);
   return result;
 }
 

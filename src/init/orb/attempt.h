@@ -7,11 +7,17 @@
 
 namespace dsorb::init_orb {
 
-/// Tries to initialize from one reference: motion and corners (report_motion or informed_motion),
-/// then semi-dense depth and what follows it.
+/// One try to initialize.
+struct Attempt {
+  Outcome<Reconstruction> made = InitReason::kSettling;
+  AttemptSummary summary;
+};
+
+/// Tries to initialize from one reference.
 Attempt attemptFrom(const ReferenceView& view, const AttemptContext& context);
 
-/// The result of a successful attempt; restarts and stages are the caller's.
-InitializationResult toResult(Attempt attempt);
+/// The hand-over of a successful attempt, in the common unit; points at or behind infinity are left
+/// out. Counts, restarts and stages of the report are the caller's.
+InitializationResult toResult(Reconstruction made);
 
 }  // namespace dsorb::init_orb

@@ -52,14 +52,20 @@ int Correspondences::size() const {
       std::count_if(sightings_.back().begin(), sightings_.back().end(), isSeen));
 }
 
-bool Correspondences::lost() const {
+bool Correspondences::dropLost() {
   return size() < options_.min_tracked ||
          (uses_flow_ && tracks_.survivorShare() < kMinSurvivorShare);
 }
 
-ReferenceView Correspondences::view() const {
-  if (uses_flow_) return {frames_, tracks_.since(0), {}};
-  ReferenceView view{frames_, {}, {}};
+std::optional<InitReason> Correspondences::giveUp(InitReason failure) {
+  if (failure == InitReason::kSettling) return std::nullopt;  // the pair is too young
+  const bool grows = failure == InitReason::kTooLittleParallax && age(0) < options_.max_frames;
+  return grows ? std::nullopt : std::optional(failure);
+}
+
+ReferenceView Correspondences::view(int /*reference*/) const {
+  if (uses_flow_) return {frames_, tracks_.since(0), {}, true};
+  ReferenceView view{frames_, {}, {}, false};
   view.tracks.positions.resize(frames_.size());
   for (std::size_t i = 0; i < sightings_.back().size(); ++i) {
     if (!isSeen(sightings_.back()[i])) continue;

@@ -4,7 +4,7 @@
 #include "dsorb/image/frame.h"
 #include "dsorb/options/orb.h"
 
-#include "init/orb/map/reference_view.h"
+#include "init/orb/reference_source.h"
 #include "init/orb/tracks/feature_matches.h"
 #include "init/orb/tracks/feature_tracks.h"
 
@@ -12,26 +12,36 @@
 
 namespace dsorb::init_orb {
 
-/// Points of a reference frame and where the frames after it show them: ORB features matched by
-/// their descriptors; from the first frame on that has too few of these, corners followed by
-/// optical flow instead, through all frames since the reference.
-class Correspondences {
+/// A single reference, paired with the newest frame: ORB features matched by their descriptors;
+/// from the first frame on that has too few of these, corners followed by optical flow instead,
+/// through all frames since the reference. While there is too little parallax the pair grows; one
+/// that fails otherwise is given up.
+/// @source the variant of X. Qu in Gladkova, Feature-based Initialization for Monocular Direct
+///         Visual Odometry, section 4
+class Correspondences final : public ReferenceSource {
  public:
   explicit Correspondences(const OrbOptions& options);
 
-  void start(FramePtr reference);
-  void advance(FramePtr frame);
-  void clear();
+  void start(FramePtr reference) override;
+  void advance(FramePtr frame) override;
+  void clear() override;
 
-  /// Since the reference, which counts.
-  [[nodiscard]] int frames() const { return static_cast<int>(frames_.size()); }
+  [[nodiscard]] bool empty() const override { return frames_.empty(); }
+  [[nodiscard]] bool tooFewCorners() const override {
+    return frames_.size() == 1 && size() < options_.min_tracked;
+  }
+  bool dropLost() override;
+  std::optional<InitReason> giveUp(InitReason failure) override;
+
+  [[nodiscard]] int references() const override { return 1; }
+  [[nodiscard]] int age(int /*reference*/) const override {
+    return static_cast<int>(frames_.size());
+  }
+  [[nodiscard]] ReferenceView view(int reference) const override;
+  [[nodiscard]] CornerTracks newestTracks() const override { return view(0).tracks; }
   /// Points of the reference that the newest frame shows.
   [[nodiscard]] int size() const;
-  /// Whether too little of the reference is left, or a cut ended it.
-  [[nodiscard]] bool lost() const;
   [[nodiscard]] bool usesFlow() const { return uses_flow_; }
-  /// All frames; the points that the newest one shows.
-  [[nodiscard]] ReferenceView view() const;
 
  private:
   void changeToFlow();

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/orb_initializer.h"
 
+#include "init/orb/correspondences.h"
+#include "init/orb/reference_pool.h"
 #include "init/orb/two_view/rotation_only.h"
 
 #include <stdexcept>
@@ -9,8 +11,15 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kMaxAttempts = 2;         // with one frame, oldest references first
 constexpr int kMinRotationTracks = 10;  // to tell that a rotation explains them all
+constexpr int kMaxAttempts = 2;         // with one frame, oldest references first
+
+std::unique_ptr<ReferenceSource> makeSource(const OrbOptions& options) {
+  if (options.front_end == OrbFrontEnd::kDescriptors) {
+    return std::make_unique<Correspondences>(options);
+  }
+  return std::make_unique<ReferencePool>(options);
+}
 
 }  // namespace
 
@@ -19,7 +28,11 @@ ORBInitializer::ORBInitializer(const InitializerOptions& options, const PinholeC
       camera_(camera),
       arena_(options.num_threads),
       frame_check_(camera),
-      pool_(options.orb) {}
+      source_(makeSource(options.orb)) {
+  const bool matches = options.orb.front_end == OrbFrontEnd::kDescriptors;
+  start_stage_ = matches ? "matching" : "corners";
+  advance_stage_ = matches ? "matching" : "tracking";
+}
 
 InitStep ORBInitializer::addFrame(FramePtr frame) {
   if (spent_) throw std::logic_error("addFrame after a result: call reset() first");
@@ -28,80 +41,67 @@ InitStep ORBInitializer::addFrame(FramePtr frame) {
 }
 
 void ORBInitializer::reset() {
-  pool_.clear();
+  source_->clear();
   clock_.clear();
   resets_.clear();
   frame_check_ = FrameCheck(camera_);
   spent_ = false;
 }
 
-/// One step of algorithm 1.
 InitStep ORBInitializer::advance(FramePtr frame) {
-  if (pool_.empty()) {
-    takeReference(std::move(frame));
-    return needsMoreFrames(InitReason::kFirstFrame);
+  if (source_->empty()) {
+    return startOver(std::move(frame), needsMoreFrames(InitReason::kFirstFrame));
   }
-  if (pool_.references() == 1 && pool_.tracks(0) < options_.orb.min_tracked) {
-    return waitWithNewReference(std::move(frame), InitReason::kTooFewPoints);
+  if (source_->tooFewCorners()) {
+    return startOver(std::move(frame), needsMoreFrames(InitReason::kTooFewPoints));
   }
-  clock_.time("tracking", [&] { pool_.advance(frame); });
-  if (pool_.dropLost()) {
-    return onlyRotated() ? waitWithNewReference(std::move(frame), InitReason::kTooLittleParallax)
-                         : restart(std::move(frame), InitReason::kTrackingLost);
+  clock_.time(advance_stage_, [&] { source_->advance(frame); });
+  if (source_->dropLost()) {
+    return startOver(std::move(frame),
+                     onlyRotated() ? needsMoreFrames(InitReason::kTooLittleParallax)
+                                   : resets_.restart(InitReason::kTrackingLost));
   }
-  Attempt made = attempt();
-  if (made.map) return finish(std::move(made));
-  if (pool_.dropExpired()) {
-    return made.reason == InitReason::kTooLittleParallax
-               ? waitWithNewReference(std::move(frame), made.reason)
-               : restart(std::move(frame), InitReason::kTimeout);
+  Attempt attempt = tryReferences();
+  if (attempt.made) {
+    spent_ = true;
+    return resets_.finish(toResult(std::move(*attempt.made)), clock_);
   }
-  clock_.time("corners", [&] { pool_.addWhenDue(); });
-  return needsMoreFrames(made.reason);
+  const InitReason failure = attempt.made.reason();
+  if (const auto reason = source_->giveUp(failure)) {
+    return startOver(std::move(frame),
+                     *reason == InitReason::kTooLittleParallax ? needsMoreFrames(*reason)
+                                                               : resets_.restart(*reason));
+  }
+  clock_.time(start_stage_, [&] { source_->addWhenDue(); });
+  return needsMoreFrames(failure);
 }
 
-Attempt ORBInitializer::attempt() {
+Attempt ORBInitializer::tryReferences() {
   Attempt first;  // its reason is the answer when none succeeds
   int tried = 0;
-  for (int reference = 0; reference < pool_.references(); ++reference) {
-    if (pool_.age(reference) < options_.orb.min_frames) break;
+  for (int reference = 0; reference < source_->references(); ++reference) {
+    if (source_->age(reference) < options_.orb.min_frames) break;
     if (tried == kMaxAttempts) break;
-    Attempt next = attemptFrom(pool_.view(reference), {camera_, options_, clock_});
-    if (next.map) return next;
-    pool_.remember(reference, next.evidence);
-    tried += next.evidence.tried ? 1 : 0;
+    Attempt next = attemptFrom(source_->view(reference), {camera_, options_, clock_});
+    if (next.made) return next;
+    source_->remember(reference, next.summary);
+    tried += next.summary.tried ? 1 : 0;
     if (reference == 0) first = std::move(next);
   }
   return first;
 }
 
-/// Whether the tracks left the image because the camera turned: nothing is lost then.
+/// Whether the corners left the image because the camera rotated: nothing is lost then.
 bool ORBInitializer::onlyRotated() const {
-  const CornerTracks tracks = pool_.newestTracks();
-  if (tracks.size() < kMinRotationTracks || pool_.survivorShare() < kMinSurvivorShare) {
-    return false;
-  }
-  return rotationResidualDeg(tracks.matchesTo(tracks.frames() - 1), camera_) <
-         kMinRotationResidualDeg;
+  const CornerTracks tracks = source_->newestTracks();
+  return tracks.size() >= kMinRotationTracks &&
+         rotationResidualDeg(tracks.matchesTo(tracks.frames() - 1), camera_) <
+             kMinRotationResidualDeg;
 }
 
-void ORBInitializer::takeReference(FramePtr frame) {
-  clock_.time("corners", [&] { pool_.start(std::move(frame)); });
-}
-
-InitStep ORBInitializer::waitWithNewReference(FramePtr frame, InitReason reason) {
-  takeReference(std::move(frame));
-  return needsMoreFrames(reason);
-}
-
-InitStep ORBInitializer::restart(FramePtr frame, InitReason reason) {
-  takeReference(std::move(frame));
-  return resets_.restart(reason);
-}
-
-InitStep ORBInitializer::finish(Attempt attempt) {
-  spent_ = true;
-  return resets_.finish(toResult(std::move(attempt)), clock_);
+InitStep ORBInitializer::startOver(FramePtr frame, InitStep step) {
+  clock_.time(start_stage_, [&] { source_->start(std::move(frame)); });
+  return step;
 }
 
 }  // namespace dsorb::init_orb

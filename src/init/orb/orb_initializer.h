@@ -6,14 +6,17 @@
 #include "base/parallel.h"
 #include "image/frame_check.h"
 #include "init/orb/attempt.h"
-#include "init/orb/reference_pool.h"
+#include "init/orb/reference_source.h"
 #include "init/reset_log.h"
 #include "init/stage_clock.h"
 
+#include <memory>
+
 namespace dsorb::init_orb {
 
-/// Initializer from corner tracks: motion between a reference and the newest frame, geometric
-/// adjustment of the frames since the reference, semi-dense inverse depth of the reference.
+/// Initializer from corners: motion between a reference and the newest frame, geometric adjustment
+/// of the frames since the reference, semi-dense inverse depth of the reference. Where the corners
+/// of the references are found again is the source's: followed by optical flow, or matched.
 /// @source Gladkova, Feature-based Initialization for Monocular Direct Visual Odometry, algorithm 1
 class ORBInitializer final : public Initializer {
  public:
@@ -25,19 +28,19 @@ class ORBInitializer final : public Initializer {
  private:
   InitStep advance(FramePtr frame);
   /// Tries the references, oldest first, until one passes.
-  Attempt attempt();
+  Attempt tryReferences();
   [[nodiscard]] bool onlyRotated() const;
 
-  void takeReference(FramePtr frame);
-  InitStep waitWithNewReference(FramePtr frame, InitReason reason);
-  InitStep restart(FramePtr frame, InitReason reason);
-  InitStep finish(Attempt attempt);
+  /// Makes the frame the only reference. @return the step
+  InitStep startOver(FramePtr frame, InitStep step);
 
   InitializerOptions options_;
   PinholeCamera camera_;
   TaskArena arena_;
   FrameCheck frame_check_;
-  ReferencePool pool_;
+  std::unique_ptr<ReferenceSource> source_;
+  const char* start_stage_;  // names for the clock
+  const char* advance_stage_;
   StageClock clock_;
   ResetLog resets_;
   bool spent_ = false;

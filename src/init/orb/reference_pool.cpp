@@ -19,9 +19,8 @@ void ReferencePool::advance(FramePtr frame) {
 }
 
 bool ReferencePool::dropLost() {
-  const bool cut = tracks_.survivorShare() < kMinSurvivorShare;
   const auto lost = [&](const Reference& reference) {
-    return cut || tracks_.sizeSince(reference.frame) < options_.min_tracked;
+    return cut() || tracks_.sizeSince(reference.frame) < options_.min_tracked;
   };
   references_.erase(std::remove_if(references_.begin(), references_.end(), lost),
                     references_.end());
@@ -29,14 +28,15 @@ bool ReferencePool::dropLost() {
   return references_.empty();
 }
 
-bool ReferencePool::dropExpired() {
+std::optional<InitReason> ReferencePool::giveUp(InitReason failure) {
   const auto expired = [&](const Reference& reference) {
     return tracks_.frames() - reference.frame >= options_.max_frames;
   };
   references_.erase(std::remove_if(references_.begin(), references_.end(), expired),
                     references_.end());
   forgetUnusedFrames();
-  return references_.empty();
+  if (!references_.empty()) return std::nullopt;
+  return failure == InitReason::kTooLittleParallax ? failure : InitReason::kTimeout;
 }
 
 void ReferencePool::addWhenDue() {
@@ -58,7 +58,7 @@ void ReferencePool::clear() {
 
 ReferenceView ReferencePool::view(int reference) const {
   const Reference& from = references_[static_cast<std::size_t>(reference)];
-  return {{frames_.begin() + from.frame, frames_.end()}, tracks_.since(from.frame), from.evidence};
+  return {{frames_.begin() + from.frame, frames_.end()}, tracks_.since(from.frame), from.last, {}};
 }
 
 void ReferencePool::forgetUnusedFrames() {

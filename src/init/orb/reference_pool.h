@@ -4,58 +4,57 @@
 #include "dsorb/image/frame.h"
 #include "dsorb/options/orb.h"
 
-#include "init/orb/map/reference_view.h"
-#include "init/orb/tracks/corner_tracks.h"
+#include "init/orb/reference_source.h"
 #include "init/orb/tracks/feature_tracks.h"
 
 #include <vector>
 
 namespace dsorb::init_orb {
 
-/// The frames an initializer may start from: one only, or a sliding pool with a new one every few
-/// frames, because a fast camera loses its tracks before a slow one has parallax.
+/// References whose corners are followed from frame to frame: one only, or a sliding pool with a
+/// new one every few frames, because a fast camera loses its tracks before a slow one has parallax.
 /// @source experiments on KITTI, EuRoC, TartanAir and 7-Scenes: more starts within 10 degrees
-class ReferencePool {
+class ReferencePool final : public ReferenceSource {
  public:
   explicit ReferencePool(const OrbOptions& options) : options_(options), tracks_(options.tracks) {}
 
-  /// Forgets everything; the frame becomes the only reference.
-  void start(FramePtr frame);
-  /// Follows the corners of all references into the next frame.
-  void advance(FramePtr frame);
-  /// Drops references with too few tracks, and all at a scene cut. @return whether none is left
-  bool dropLost();
-  /// Drops references that have waited too long. @return whether none is left
-  bool dropExpired();
-  /// Makes the newest frame a reference when it is time for one.
-  void addWhenDue();
-  void clear();
+  void start(FramePtr frame) override;
+  void advance(FramePtr frame) override;
+  void addWhenDue() override;
+  void clear() override;
 
-  [[nodiscard]] bool empty() const { return frames_.empty(); }
-  [[nodiscard]] int references() const { return static_cast<int>(references_.size()); }
-  /// Frames since a reference, both counted. @param reference oldest first
-  [[nodiscard]] int age(int reference) const {
+  [[nodiscard]] bool empty() const override { return frames_.empty(); }
+  [[nodiscard]] bool tooFewCorners() const override {
+    return references() == 1 && tracks(0) < options_.min_tracked;
+  }
+  bool dropLost() override;
+  /// Gives up references that have waited too long.
+  std::optional<InitReason> giveUp(InitReason failure) override;
+
+  [[nodiscard]] int references() const override { return static_cast<int>(references_.size()); }
+  [[nodiscard]] int age(int reference) const override {
     return tracks_.frames() - references_[static_cast<std::size_t>(reference)].frame;
   }
   /// Live tracks of a reference.
   [[nodiscard]] int tracks(int reference) const {
     return tracks_.sizeSince(references_[static_cast<std::size_t>(reference)].frame);
   }
-  /// Share of the tracks that survived the last step.
-  [[nodiscard]] double survivorShare() const { return tracks_.survivorShare(); }
-  [[nodiscard]] ReferenceView view(int reference) const;
-  void remember(int reference, const MotionEvidence& evidence) {
-    references_[static_cast<std::size_t>(reference)].evidence = evidence;
+  [[nodiscard]] ReferenceView view(int reference) const override;
+  void remember(int reference, const AttemptSummary& attempt) override {
+    references_[static_cast<std::size_t>(reference)].last = attempt;
   }
-  /// Of the newest reference, the lost ones included.
-  [[nodiscard]] CornerTracks newestTracks() const { return tracks_.since(newest_); }
+  [[nodiscard]] CornerTracks newestTracks() const override {
+    return cut() ? CornerTracks() : tracks_.since(newest_);
+  }
 
  private:
   struct Reference {
     int frame = 0;  // index of frames_
-    MotionEvidence evidence;
+    AttemptSummary last;
   };
 
+  /// Whether most tracks ended with the last step.
+  [[nodiscard]] bool cut() const { return tracks_.survivorShare() < kMinSurvivorShare; }
   void forgetUnusedFrames();
 
   OrbOptions options_;

@@ -226,7 +226,7 @@ struct FittedPose {
 };
 
 /// Pose of a single frame from its corners, measured again several times.
-FittedPose polishPose(const InitialMap& map,
+FittedPose refinePose(const InitialMap& map,
                       const PinholeCamera& camera,
                       int rounds,
                       const std::vector<PolishPatch>& patches,
@@ -263,7 +263,7 @@ FittedPose polishPose(const InitialMap& map,
   return fit;
 }
 
-double turnDeg(const InitialMap& before, const InitialMap& after) {
+double directionChangeDeg(const InitialMap& before, const InitialMap& after) {
   const Eigen::Vector3d& from = before.frames.back().T_cam_ref->translation();
   const Eigen::Vector3d& to = after.frames.back().T_cam_ref->translation();
   return std::atan2(from.cross(to).norm(), from.dot(to)) * kDegPerRad;
@@ -271,37 +271,42 @@ double turnDeg(const InitialMap& before, const InitialMap& after) {
 
 }  // namespace
 
-PolishReport polishCorners(InitialMap& map,
-                           const PinholeCamera& camera,
-                           const GeometricOptions& geometric,
-                           int rounds) {
-  PolishReport report;
-  report.adjusted = geometric;
-  report.adjusted.sigma = 1;  // the whitening has each corner's own
-  report.adjusted.loss = RobustLoss::kCauchy;
-  report.adjusted.loss_threshold = kCauchyThreshold;
-  report.adjusted.max_iterations = kIterations;
-  InitialMap polished = map;
-  std::vector<PolishPatch> patches = cutPatches(polished);
+GeometricOptions refinedAdjustment(const GeometricOptions& geometric) {
+  GeometricOptions adjusted = geometric;
+  adjusted.sigma = 1;
+  adjusted.loss = RobustLoss::kCauchy;
+  adjusted.loss_threshold = kCauchyThreshold;
+  adjusted.max_iterations = kIterations;
+  return adjusted;
+}
+
+RefinementReport refineCorners(InitialMap& map,
+                               const PinholeCamera& camera,
+                               const GeometricOptions& geometric,
+                               int rounds) {
+  RefinementReport report;
+  const GeometricOptions adjusted = refinedAdjustment(geometric);
+  InitialMap refined = map;
+  std::vector<PolishPatch> patches = cutPatches(refined);
   for (int round = 0; round < rounds; ++round) {
-    if (round < kBrightnessRounds) estimateBrightness(polished);
-    const Round measured = measureCorners(polished, patches, camera, geometric.sigma);
+    if (round < kBrightnessRounds) estimateBrightness(refined);
+    const Round measured = measureCorners(refined, patches, camera, geometric.sigma);
     report.dropped += measured.dropped;
     if (round == 0) report.first_rms = measured.rms;
     report.last_rms = measured.rms;
-    if (!adjustOnce(polished, camera, report.adjusted)) return report;
+    if (!adjustOnce(refined, camera, adjusted)) return report;
   }
-  report.turn_deg = turnDeg(map, polished);
-  report.fits = static_cast<double>(polished.corners.size()) >=
+  report.direction_change_deg = directionChangeDeg(map, refined);
+  report.fits = static_cast<double>(refined.corners.size()) >=
                 kMinFittingShare * static_cast<double>(map.corners.size());
   report.accepted = report.fits && rounds > 0 && report.last_rms <= report.first_rms &&
-                    report.turn_deg < kMaxTurnDeg &&
-                    static_cast<int>(polished.corners.size()) >= geometric.min_points;
-  if (report.accepted) map = std::move(polished);
+                    report.direction_change_deg < kMaxTurnDeg &&
+                    static_cast<int>(refined.corners.size()) >= geometric.min_points;
+  if (report.accepted) map = std::move(refined);
   return report;
 }
 
-void polishPoses(InitialMap& map,
+void refinePoses(InitialMap& map,
                  const PinholeCamera& camera,
                  const GeometricOptions& geometric,
                  int rounds,
@@ -315,7 +320,7 @@ void polishPoses(InitialMap& map,
   std::vector<std::optional<Matrix6d>> covariances(frames.size());
   forEachRange(frames.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      const FittedPose fit = polishPose(map, camera, rounds, patches, frames[i]);
+      const FittedPose fit = refinePose(map, camera, rounds, patches, frames[i]);
       poses[i] = fit.T_cam_ref;
       covariances[i] = poseCovariance(fit.sightings, camera, poses[i], {fit.sigma, factor});
       if (covariances[i]) *covariances[i] += inherited.covariance(poses[i]);

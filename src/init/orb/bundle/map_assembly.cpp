@@ -1,15 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/bundle/map_assembly.h"
 
-#include "base/median.h"
 #include "init/orb/bundle/pose_from_points.h"
-#include "init/result.h"
 
-#include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <numeric>
-#include <utility>
+#include <optional>
 
 namespace dsorb::init_orb {
 namespace {
@@ -24,20 +20,6 @@ SE3 interpolatedPose(const InitialMap& map, int frame) {
   const SE3& T_after = *map.frames[static_cast<std::size_t>(after)].T_cam_ref;
   const double share = static_cast<double>(frame - before) / static_cast<double>(after - before);
   return SE3::exp(share * (T_after * T_before.inverse()).log()) * T_before;
-}
-
-bool handedOver(double inverse_depth, double variance) {
-  return std::isfinite(inverse_depth) && inverse_depth > 0 && std::isfinite(variance) &&
-         variance > 0;
-}
-
-double medianRelativeSigma(const std::vector<InitPoint>& points) {
-  std::vector<double> sigmas;
-  sigmas.reserve(points.size());
-  for (const InitPoint& point : points) {
-    sigmas.push_back(std::sqrt(point.variance) / point.inverse_depth);
-  }
-  return medianOf(std::move(sigmas));
 }
 
 }  // namespace
@@ -105,38 +87,6 @@ std::vector<int> poseOtherFrames(InitialMap& map, const PinholeCamera& camera) {
   std::vector<int> frames(map.frames.size());
   std::iota(frames.begin(), frames.end(), 0);
   return poseFrames(map, camera, frames);
-}
-
-InitializationResult toResult(const InitialMap& map) {
-  InitializationResult result;
-  result.frames = map.frames;
-  std::vector<int> observations(map.corners.size(), 0);
-  for (const Observation& observation : map.observations) {
-    ++observations[static_cast<std::size_t>(observation.corner)];
-  }
-  for (std::size_t i = 0; i < map.corners.size(); ++i) {
-    const Corner& corner = map.corners[i];
-    if (!handedOver(corner.inverse_depth, corner.variance)) continue;
-    result.points.push_back({0,
-                             corner.pixel.cast<float>(),
-                             static_cast<float>(corner.inverse_depth),
-                             static_cast<float>(corner.variance),
-                             observations[i]});
-  }
-  for (const SemiDensePoint& point : map.points) {
-    if (!handedOver(point.inverse_depth, point.variance)) continue;
-    result.points.push_back(
-        {0, point.pixel, point.inverse_depth, point.variance, point.observations});
-  }
-  normalizeScale(result);
-  result.report.frames_fed = static_cast<int>(result.frames.size());
-  result.report.frames_posed = static_cast<int>(
-      std::count_if(result.frames.begin(), result.frames.end(), [](const PosedFrame& frame) {
-        return frame.T_cam_ref.has_value();
-      }));
-  result.report.points = static_cast<int>(result.points.size());
-  result.report.median_relative_sigma = medianRelativeSigma(result.points);
-  return result;
 }
 
 }  // namespace dsorb::init_orb

@@ -2,7 +2,6 @@
 #pragma once
 
 #include "dsorb/camera/pinhole_camera.h"
-#include "dsorb/init/result.h"
 
 #include "init/orb/bundle/pose_from_points.h"
 #include "init/orb/map/initial_map.h"
@@ -40,9 +39,5 @@ std::vector<int> poseFrames(InitialMap& map,
 
 /// Poses all frames that have no pose yet. @return these frames
 std::vector<int> poseOtherFrames(InitialMap& map, const PinholeCamera& camera);
-
-/// Poses, corners and semi-dense points as they are handed over, in the common unit; points at or
-/// behind infinity are left out. The report holds what can be seen from the map.
-InitializationResult toResult(const InitialMap& map);
 
 }  // namespace dsorb::init_orb

@@ -2,10 +2,19 @@
 #include "init/orb/map/initial_map.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <utility>
 
 namespace dsorb::init_orb {
+namespace {
+
+bool handedOver(double inverse_depth, double variance) {
+  return std::isfinite(inverse_depth) && inverse_depth > 0 && std::isfinite(variance) &&
+         variance > 0;
+}
+
+}  // namespace
 
 Eigen::Index jointRow(const InitialMap& map, std::size_t frame) {
   const auto found =
@@ -38,6 +47,28 @@ void removeCorners(InitialMap& map, const std::vector<char>& removed) {
     map.observations[kept++].corner = corner;
   }
   map.observations.resize(kept);
+}
+
+std::vector<InitPoint> pointsOf(const InitialMap& map) {
+  std::vector<int> observations(map.corners.size(), 0);
+  for (const Observation& observation : map.observations) {
+    ++observations[static_cast<std::size_t>(observation.corner)];
+  }
+  std::vector<InitPoint> points;
+  for (std::size_t i = 0; i < map.corners.size(); ++i) {
+    const Corner& corner = map.corners[i];
+    if (!handedOver(corner.inverse_depth, corner.variance)) continue;
+    points.push_back({0,
+                      corner.pixel.cast<float>(),
+                      static_cast<float>(corner.inverse_depth),
+                      static_cast<float>(corner.variance),
+                      observations[i]});
+  }
+  for (const SemiDensePoint& point : map.points) {
+    if (!handedOver(point.inverse_depth, point.variance)) continue;
+    points.push_back({0, point.pixel, point.inverse_depth, point.variance, point.observations});
+  }
+  return points;
 }
 
 }  // namespace dsorb::init_orb

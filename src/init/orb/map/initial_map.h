@@ -64,6 +64,9 @@ void eraseMarked(const std::vector<char>& marked, std::vector<T>& elements) {
   elements.resize(kept);
 }
 
+/// Corners and semi-dense points as they are handed over; those at or behind infinity are left out.
+std::vector<InitPoint> pointsOf(const InitialMap& map);
+
 /// Removes the marked corners with their observations. @param removed one a corner
 void removeCorners(InitialMap& map, const std::vector<char>& removed);
 

@@ -2,29 +2,31 @@
 #pragma once
 
 #include "dsorb/image/frame.h"
-#include "dsorb/init/result.h"
+#include "dsorb/init/report.h"
 
 #include "init/orb/tracks/corner_tracks.h"
 
+#include <optional>
 #include <vector>
 
 namespace dsorb::init_orb {
 
 /// What the latest attempt from a reference saw, to tell when the next one is worth its time.
-struct MotionEvidence {
+struct AttemptSummary {
   InitReason reason = InitReason::kSettling;  ///< why it did not succeed
-  double rotation_residual = 0;    ///< median that a rotation leaves of the displacements [px]
-  double direction_sigma_deg = 0;  ///< predicted error of the direction; 0: not known
-  double parallax_deg = 0;         ///< median angle; 0: not known
-  int skipped = 0;                 ///< frames since then
-  bool tried = false;              ///< with this frame: it took its time
+  double rotation_residual = 0;               ///< median rotation-compensated flow [px]
+  double direction_sigma_deg = 0;             ///< predicted error of the direction; 0: not known
+  double parallax_deg = 0;                    ///< median angle; 0: not known
+  int skipped = 0;                            ///< frames since then
+  bool tried = false;                         ///< with this frame: it took its time
 };
 
 /// Everything since one reference: what an attempt starts from.
 struct ReferenceView {
-  std::vector<FramePtr> frames;  ///< the reference first
-  CornerTracks tracks;           ///< one entry a frame
-  MotionEvidence evidence;       ///< of the attempt before
+  std::vector<FramePtr> frames;        ///< the reference first
+  CornerTracks tracks;                 ///< one entry a frame
+  AttemptSummary last;                 ///< the attempt before
+  std::optional<bool> optical_flow{};  ///< in place of descriptors, where there is a choice
 };
 
 }  // namespace dsorb::init_orb

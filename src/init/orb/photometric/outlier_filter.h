@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/init/report.h"
 #include "dsorb/options/orb_mapping.h"
 
 #include "init/orb/map/initial_map.h"
@@ -8,15 +9,6 @@
 namespace dsorb::init_orb {
 
 struct PhotometricProblem;
-
-struct OutlierReport {
-  int examined = 0;  ///< corners and semi-dense points
-  int removed_corners = 0;
-  int removed_points = 0;  ///< semi-dense
-  /// Of the residuals' t-distribution, median over the frames [grey levels]; combined: of the
-  /// residuals over what their gradients let expect [-].
-  double t_scale = 0;
-};
 
 /// Removes corners and semi-dense points that do not fit after a photometric adjustment.
 /// Pixel votes: a pixel is out when its residual is `t_quantile` scales of its frame's

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/init/report.h"
 #include "dsorb/options/orb_mapping.h"
 
 #include "init/orb/photometric/photometric_problem.h"
@@ -10,20 +11,6 @@ namespace dsorb::init_orb {
 
 /// Poses are kept when the target's direction would move farther [sigma].
 constexpr double kMaxPoseMove = 5;
-
-struct PhotometricReport {
-  bool usable = false;  ///< converged to numbers, lower cost, enough residuals inside
-  int patches = 0;      ///< corners and semi-dense points that took part
-  int frames = 0;
-  int iterations = 0;           ///< of the joint solve at level 0
-  bool coarse_level = false;    ///< level 1 came first
-  bool poses_moved = false;     ///< the photometric poses were taken
-  double first_cost = 0;        ///< half the weighted Huber energy of the joint problem
-  double cost = 0;              ///< the same afterwards
-  double inside_share = 0;      ///< of the patches' residuals inside the images [-]
-  double median_residual = 0;   ///< before, absolute [grey levels]
-  double direction_sigmas = 0;  ///< move of the target's direction by the geometric sigma
-};
 
 /// Adjusts inverse depths of corners and semi-dense points, the poses, and with the affine model
 /// the brightness of the frames to the grey values of the images. Afterwards the mean inverse depth

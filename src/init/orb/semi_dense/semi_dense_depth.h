@@ -2,6 +2,7 @@
 #pragma once
 
 #include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/init/report.h"
 #include "dsorb/options/orb_mapping.h"
 
 #include "init/orb/map/initial_map.h"
@@ -9,14 +10,6 @@
 #include <cstdint>
 
 namespace dsorb::init_orb {
-
-struct SemiDenseReport {
-  int candidates = 0;  ///< selected gradient pixels
-  int searched = 0;    ///< of them: gradient well along an epipolar line
-  int points = 0;      ///< of them: found and consistent
-  int searches = 0;    ///< epipolar searches made
-  int matches = 0;     ///< searches that ended with an observation
-};
 
 /// Sets the frames' brightness and `map.points`: selects gradient pixels of the reference, searches
 /// each along its epipolar line in every later posed frame and fuses what is found to one inverse

@@ -2,22 +2,12 @@
 #pragma once
 
 #include "dsorb/camera/pinhole_camera.h"
-#include "dsorb/init/result.h"
+#include "dsorb/init/report.h"
 #include "dsorb/options/orb.h"
 
 #include "init/orb/map/initial_map.h"
 
 namespace dsorb::init_orb {
-
-/// What is known of a start, and whether it is enough.
-struct GateReport {
-  InitReason reason = InitReason::kDone;  ///< kDone: passed
-  double direction_sigma_deg = 0;  ///< predicted, of the newest frame's direction of translation,
-                                   ///< times sqrt(corners / 100): as if 100 had been seen; the
-                                   ///< assumed error of a track shrinks with images below 640x480
-  double fitted_sigma_deg = 0;     ///< the same from the residuals as they are, all corners counted
-  double parallax_deg = 0;         ///< median angle under which both cameras see a corner
-};
 
 /// Standard deviation of the direction of the newest frame's translation [rad].
 struct DirectionSigma {

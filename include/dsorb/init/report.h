@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace dsorb {
+
+/// Why an initializer answered as it did; for logs, observers and tests, never for control flow.
+enum class InitReason {
+  kFirstFrame,
+  kTooFewPoints,
+  kTooLittleParallax,
+  kSettling,
+  kTrackingLost,
+  kDegenerateMotion,
+  kPoorQuality,
+  kTimeout,
+  kDone
+};
+
+/// Name as in logs and JSON, for example "too_little_parallax".
+[[nodiscard]] const char* name(InitReason reason);
+
+struct StageTime {
+  std::string stage;
+  double milliseconds = 0;
+};
+
+/// What the direct initializer ("coarse") knows of its end.
+struct DirectReport {
+  double residual_rms = 0;   ///< [grey levels]
+  double visible_share = 0;  ///< points in view and fit for tracking
+  double motion_gain = 0;    ///< share of the energy of a pure rotation that translation removes
+  double rival_margin = 0;   ///< energy of the best motion elsewhere over its own, less 1
+};
+
+/// Homography against fundamental matrix, and the adjustments of the corners' map.
+struct TwoViewReport {
+  int tracks = 0;
+  double homography_score = 0;
+  double fundamental_score = 0;
+  int inliers = 0;          ///< of the chosen model
+  int good_points = 0;      ///< of the best motion
+  int second_good = 0;      ///< of the second-best motion
+  double parallax_deg = 0;  ///< of the point whose rank the options give
+  int removed_severe = 0;   ///< corners far off or behind a camera, all adjustments together
+  int removed_normal = 0;   ///< corners above the normal limit
+};
+
+/// What is known of a start from the essential matrix, and whether it is enough.
+struct GateReport {
+  InitReason reason = InitReason::kDone;  ///< kDone: passed
+  double direction_sigma_deg = 0;  ///< predicted, of the newest frame's direction of translation,
+                                   ///< times sqrt(corners / 100): as if 100 had been seen; the
+                                   ///< assumed error of a track shrinks with images below 640x480
+  double fitted_sigma_deg = 0;     ///< the same from the residuals as they are, all corners counted
+  double parallax_deg = 0;         ///< median angle under which both cameras see a corner
+};
+
+/// Corners measured again by aligning warped patches.
+struct RefinementReport {
+  bool accepted = false;
+  bool fits = true;                 ///< at least half of the corners match the images
+  double first_rms = 0;             ///< of the patches' pixels before the first step [grey levels]
+  double last_rms = 0;              ///< and before the last one
+  double direction_change_deg = 0;  ///< of the newest frame's translation
+  int dropped = 0;                  ///< corners whose patches do not match
+};
+
+/// Essential matrix, model selection, gate and refinement.
+struct EssentialReport {
+  int tracks = 0;
+  int inliers = 0;
+  double rotation_residual = 0;           ///< median rotation-compensated flow [px]
+  double front_share = 0;                 ///< corners in front of the camera
+  std::optional<double> homography_gric;  ///< over that of the essential matrix, where compared
+  std::optional<double> second_cost;      ///< cost of a plane's other motion over the best's
+  GateReport gate;
+  double track_noise = 0;  ///< standard deviation of the corners, measured [px]
+  RefinementReport refinement;
+  double variance_factor = 0;   ///< a-posteriori [-]
+  double clustered_factor = 0;  ///< on the clustered covariance [-]
+};
+
+struct SemiDenseReport {
+  int candidates = 0;  ///< selected gradient pixels
+  int searched = 0;    ///< of them: gradient well along an epipolar line
+  int points = 0;      ///< of them: found and consistent
+  int searches = 0;    ///< epipolar searches made
+  int matches = 0;     ///< searches that ended with an observation
+};
+
+/// What moves by itself.
+struct MovingPartsReport {
+  int contradicting_tracks = 0;
+  int removed = 0;  ///< corners and semi-dense points
+};
+
+struct PhotometricReport {
+  bool usable = false;  ///< converged to numbers, lower cost, enough residuals inside
+  int patches = 0;      ///< corners and semi-dense points that took part
+  int frames = 0;
+  int iterations = 0;           ///< of the joint solve at level 0
+  bool coarse_level = false;    ///< level 1 came first
+  bool poses_moved = false;     ///< the photometric poses were taken
+  double first_cost = 0;        ///< half the weighted Huber energy of the joint problem
+  double cost = 0;              ///< the same afterwards
+  double inside_share = 0;      ///< of the patches' residuals inside the images [-]
+  double median_residual = 0;   ///< before, absolute [grey levels]
+  double direction_sigmas = 0;  ///< move of the target's direction by the geometric sigma
+};
+
+struct OutlierReport {
+  int examined = 0;  ///< corners and semi-dense points
+  int removed_corners = 0;
+  int removed_points = 0;  ///< semi-dense
+  /// Of the residuals' t-distribution, median over the frames [grey levels]; combined: of the
+  /// residuals over what their gradients let expect [-].
+  double t_scale = 0;
+};
+
+/// What led to a result. The parts of stages that did not run are empty.
+struct InitReport {
+  int frames_fed = 0;  ///< since the reference, which counts as well
+  int frames_posed = 0;
+  int restarts = 0;
+  int points = 0;
+  std::string model;  ///< selected for the motion, for example "fundamental"
+  std::vector<StageTime> stages;
+  std::vector<InitReason> earlier_resets;
+  double median_parallax_deg = 0;  ///< rotation-compensated
+  double inlier_ratio = 0;
+  double residual_rms = 0;            ///< [px]
+  double median_relative_sigma = 0;   ///< of the inverse depths
+  std::optional<double> unit_length;  ///< [m]; where the initializer knows it
+  std::optional<DirectReport> direct;
+  std::optional<TwoViewReport> two_view;
+  std::optional<EssentialReport> essential;
+  std::optional<SemiDenseReport> semi_dense;
+  std::optional<MovingPartsReport> moving_parts;
+  std::optional<PhotometricReport> photometric;
+  std::optional<OutlierReport> outliers;
+  std::optional<PhotometricReport> second_photometric;  ///< after the outliers are gone
+  std::optional<int> corners;                           ///< of the result
+  std::optional<bool> optical_flow;                     ///< in place of descriptors
+};
+
+}  // namespace dsorb

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/image/frame.h"
+#include "dsorb/init/report.h"
+
+#include "init/orb/map/reference_view.h"
+#include "init/orb/tracks/corner_tracks.h"
+
+#include <optional>
+
+namespace dsorb::init_orb {
+
+/// The frames an initializer may start from, and where later frames show their corners.
+class ReferenceSource {
+ public:
+  virtual ~ReferenceSource() = default;
+
+  /// Forgets everything; the frame becomes the only reference.
+  virtual void start(FramePtr frame) = 0;
+  /// Finds the corners of all references in the next frame.
+  virtual void advance(FramePtr frame) = 0;
+  /// Makes the newest frame a reference, too, when it is time for one.
+  virtual void addWhenDue() {}
+  virtual void clear() = 0;
+
+  [[nodiscard]] virtual bool empty() const = 0;
+  /// Whether the first reference has too few corners to follow.
+  [[nodiscard]] virtual bool tooFewCorners() const = 0;
+  /// Drops references of which too little is left, and all at a scene cut.
+  /// @return whether none is left
+  virtual bool dropLost() = 0;
+  /// Drops references that are given up after an attempt.
+  /// @param failure of the attempt from the oldest one
+  /// @return        why none is left; nullopt where one is
+  virtual std::optional<InitReason> giveUp(InitReason failure) = 0;
+
+  [[nodiscard]] virtual int references() const = 0;
+  /// Frames since a reference, both counted. @param reference oldest first
+  [[nodiscard]] virtual int age(int reference) const = 0;
+  [[nodiscard]] virtual ReferenceView view(int reference) const = 0;
+  virtual void remember(int /*reference*/, const AttemptSummary& /*attempt*/) {}
+  /// Of the newest reference, lost or not; empty after a scene cut.
+  [[nodiscard]] virtual CornerTracks newestTracks() const = 0;
+};
+
+}  // namespace dsorb::init_orb

@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/start/essential_start.h"
+
+#include "init/orb/bundle/corner_polish.h"
+#include "init/orb/bundle/geometric_covariance.h"
+#include "init/orb/bundle/robust_adjustment.h"
+#include "init/orb/map/map_scale.h"
+#include "init/orb/start/motion_candidates.h"
+#include "init/orb/start/start_gate.h"
+#include "init/orb/two_view/essential_motion.h"
+#include "init/orb/two_view/model_competition.h"
+#include "init/orb/two_view/rotation_only.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <optional>
+#include <utility>
+#include <vector>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr int kMinTracks = 50;                // of a reference, before an attempt
+constexpr double kMinRotationResidual = 0.5;  // rotation-compensated flow; less: no parallax [px]
+constexpr double kMinTrackNoise = 0.5;  // where models compete, however well the tracks fit [px]
+/// An attempt is left out where the last one from this reference, extrapolated by the growth of the
+/// parallax, misses the gate by more than this factor.
+constexpr double kRetryMargin = 1.25;
+constexpr int kMaxSkippedFrames = 2;  // but so many times in a row at most
+constexpr int kNoiseRounds = 3;       // of measuring the tracks' noise from the residuals
+
+/// Whether enough has changed since the last attempt from this reference: the predicted error
+/// falls, and the parallax grows, with the rotation-compensated flow.
+bool worthTheTime(const AttemptSummary& last, double rotation_residual, const GateOptions& gate) {
+  if (last.direction_sigma_deg == 0 || last.skipped >= kMaxSkippedFrames) return true;
+  const double growth = rotation_residual / last.rotation_residual;
+  const double better = kRetryMargin * growth;
+  const double sigma = last.direction_sigma_deg / better;
+  return sigma < gate.max_direction_sigma_deg &&
+         better * last.parallax_deg > neededParallaxDeg(gate, sigma);
+}
+
+/// A motion between two views, and how well its model explains the matches.
+struct SelectedMotion {
+  EssentialMotion motion;
+  double noise = 0;  ///< of a match [px]
+  double gric = 0;
+};
+
+/// The essential matrix's motion, unless a rotation explains the matches better.
+Outcome<SelectedMotion> selectMotion(const Matches& matches,
+                                     const RotationFit& rotation,
+                                     const AttemptContext& context) {
+  auto motion = context.clock.time("essential", [&] {
+    return estimateEssentialMotion(matches, context.camera, context.seed());
+  });
+  if (!motion) return InitReason::kPoorQuality;
+  SelectedMotion selected{std::move(*motion), 0, 0};
+  selected.noise = std::max(kMinTrackNoise, selected.motion.noise);
+  std::vector<double> errors =
+      epipolarDistances(selected.motion.T_target_ref, matches, context.camera);
+  for (double& error : errors) error *= error;
+  selected.gric = gric(DisplacementModel::kEssential, errors, selected.noise);
+  errors = rotationSampsonErrors(rotation.R_target_ref, matches, context.camera);
+  if (gric(DisplacementModel::kRotation, errors, selected.noise) < selected.gric) {
+    return InitReason::kTooLittleParallax;
+  }
+  return selected;
+}
+
+/// The best motion after those that a plane allows have been tried, too.
+struct PlaneComparison {
+  MotionCandidate best;
+  DisplacementModel model = DisplacementModel::kEssential;
+  std::optional<double> homography_gric;  ///< over that of the essential matrix
+  std::optional<double> second_cost;      ///< of the best really different motion, over the best's
+};
+
+/// Where a homography explains the matches better, both motions of the plane are tried.
+PlaneComparison comparePlane(MotionCandidate candidate,
+                             const SelectedMotion& selected,
+                             const ReferenceView& view,
+                             const Matches& matches,
+                             const AttemptContext& context) {
+  PlaneComparison compared{std::move(candidate), DisplacementModel::kEssential, {}, {}};
+  const auto H = estimateHomography(matches, kRansacThreshold, context.seed());
+  if (!H) return compared;
+  const double homography_gric =
+      gric(DisplacementModel::kHomography, homographySampsonErrors(*H, matches), selected.noise);
+  compared.homography_gric = homography_gric / selected.gric;
+  if (homography_gric >= selected.gric) return compared;
+  compared.model = DisplacementModel::kHomography;
+  const double ratio = competeOverFrames(
+      view, planeMotions(*H, matches, context.camera, kRansacThreshold), context, compared.best);
+  compared.second_cost = std::min(ratio, kMinPlaneCostRatio * 1000);
+  return compared;
+}
+
+/// Measures noise and corners, drops what is behind the camera, sets scale and covariances.
+Outcome<Reconstruction> refineStart(Reconstruction made, const AttemptContext& context) {
+  auto& [map, report] = made;
+  EssentialReport& found = *report.essential;
+  const PinholeCamera& camera = context.camera;
+  const OrbOptions& orb = context.options.orb;
+  GeometricOptions adjusted = context.clock.time(
+      "geometric", [&] { return adjustToNoise(map, camera, orb.geometric, kNoiseRounds); });
+  found.track_noise = adjusted.sigma;
+  found.refinement = context.clock.time(
+      "polish", [&] { return refineCorners(map, camera, adjusted, orb.polish_rounds); });
+  if (!found.refinement.fits) return InitReason::kPoorQuality;
+  if (found.refinement.accepted) adjusted = refinedAdjustment(adjusted);
+  std::vector<char> behind(map.corners.size(), 0);
+  for (std::size_t i = 0; i < behind.size(); ++i) {
+    behind[i] = map.corners[i].inverse_depth > 0 ? 0 : 1;
+  }
+  removeCorners(map, behind);
+  // What the gate asked for must not have gone since: patches that do not match say as much.
+  if (static_cast<double>(map.corners.size()) <
+      std::max<double>(orb.gate.min_points, orb.gate.min_track_share * found.tracks)) {
+    return InitReason::kPoorQuality;
+  }
+  if (!normalizeCornerScale(map)) return InitReason::kPoorQuality;
+  report.residual_rms = medianError(map, camera);
+  found.variance_factor =
+      context.clock.time("covariance", [&] { return setCovariances(map, camera, adjusted); });
+  found.clustered_factor = map.clustered_factor;
+  if (!std::isfinite(found.variance_factor)) return InitReason::kPoorQuality;
+  return made;
+}
+
+}  // namespace
+
+EssentialStart startFromEssential(const ReferenceView& view, const AttemptContext& context) {
+  StageClock& clock = context.clock;
+  AttemptSummary summary;
+  const auto refuse = [&summary](InitReason reason) { return EssentialStart{reason, summary}; };
+  const Matches matches = view.tracks.matchesTo(view.tracks.frames() - 1);
+  const auto tracks = static_cast<int>(matches.size());
+  if (tracks < kMinTracks) return refuse(InitReason::kTooFewPoints);
+  const RotationFit rotation =
+      clock.time("rotation", [&] { return fitRotation(matches, context.camera); });
+  summary.rotation_residual = rotation.median_residual;
+  if (rotation.median_residual < kMinRotationResidual) {
+    return refuse(InitReason::kTooLittleParallax);
+  }
+  if (!worthTheTime(view.last, rotation.median_residual, context.options.orb.gate)) {
+    summary = view.last;
+    ++summary.skipped;
+    return refuse(summary.reason);
+  }
+  summary.tried = true;
+  auto selected = selectMotion(matches, rotation, context);
+  if (!selected) return refuse(selected.reason());
+  auto candidate =
+      clock.time("geometric", [&] { return makeCandidate(view, selected->motion, context); });
+  if (!candidate) return refuse(InitReason::kTooFewPoints);
+  const GateReport gate = clock.time("gate", [&] {
+    return judgeStart(
+        candidate->map, context.camera, context.options.orb, tracks, candidate->front_share);
+  });
+  summary.direction_sigma_deg = gate.direction_sigma_deg;
+  summary.parallax_deg = gate.parallax_deg;
+  if (gate.reason != InitReason::kDone) return refuse(gate.reason);
+  PlaneComparison compared = clock.time("planes", [&] {
+    return comparePlane(std::move(*candidate), *selected, view, matches, context);
+  });
+  if (compared.second_cost.value_or(HUGE_VAL) < kMinPlaneCostRatio) {
+    return refuse(InitReason::kDegenerateMotion);
+  }
+  Reconstruction made{std::move(compared.best.map), {}};
+  made.report.model = name(compared.model);
+  made.report.median_parallax_deg = gate.parallax_deg;
+  made.report.inlier_ratio = static_cast<double>(selected->motion.inliers) / tracks;
+  EssentialReport& found = made.report.essential.emplace();
+  found.tracks = tracks;
+  found.inliers = selected->motion.inliers;
+  found.rotation_residual = rotation.median_residual;
+  found.front_share = compared.best.front_share;
+  found.homography_gric = compared.homography_gric;
+  found.second_cost = compared.second_cost;
+  found.gate = gate;
+  return {refineStart(std::move(made), context), summary};
+}
+
+}  // namespace dsorb::init_orb

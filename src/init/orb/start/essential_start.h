@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "init/orb/map/attempt_types.h"
+
+namespace dsorb::init_orb {
+
+/// Poses and corners of a few frames, and what the next attempt from this reference should know.
+struct EssentialStart {
+  Outcome<Reconstruction> made;
+  AttemptSummary summary;
+};
+
+/// Poses and corners from the essential matrix: robust adjustment of a few frames, a gate on the
+/// predicted error of the direction of translation, the tracks' noise measured, corners refined by
+/// aligning warped patches. Only the adjusted frames are posed.
+EssentialStart startFromEssential(const ReferenceView& view, const AttemptContext& context);
+
+}  // namespace dsorb::init_orb
