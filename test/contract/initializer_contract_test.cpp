@@ -89,13 +89,19 @@ TEST_P(InitializerContract, VariancesAreThoseOfTheErrors) {
   EXPECT_LT(nees, 2.0);
 }
 
-TEST_P(InitializerContract, PlaneIsStartedRightOrNotAtAll) {
+TEST(InitializersOnAPlane, MostStartAndAllStartsAreRight) {
   const RenderedSequence& sequence = rendered(optionsOf(SequenceKind::kPlane));
-  const InitRun result = run(sequence);
-  if (!result.result) return;
-  const StartErrors errors = startErrors(*result.result, sequence);
-  EXPECT_LT(errors.rotation_deg, 1.0) << result.log();
-  EXPECT_LT(errors.direction_deg, 5.0) << result.log();
+  int starts = 0;
+  for (const std::string& variant : initializerVariants()) {
+    const auto initializer = makeInitializer(initializerVariant(variant), sequence.camera());
+    const InitRun result = feed(*initializer, sequence.frames());
+    if (!result.result) continue;
+    ++starts;
+    const StartErrors errors = startErrors(*result.result, sequence);
+    EXPECT_LT(errors.rotation_deg, 1.0) << variant << ": " << result.log();
+    EXPECT_LT(errors.direction_deg, 5.0) << variant << ": " << result.log();
+  }
+  EXPECT_GE(starts, 99);
 }
 
 TEST_P(InitializerContract, HandsOverEveryFrameSinceTheReference) {

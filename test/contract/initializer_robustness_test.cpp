@@ -37,6 +37,15 @@ const RenderedSequence& street() {
 /// Intensity of frame k of a sequence.
 using PaintOfFrame = std::function<Paint(int k)>;
 
+void expectRight(const InitRun& run) {
+  ASSERT_TRUE(run.result) << run.log();
+  EXPECT_NO_THROW(checkInvariants(*run.result));
+  EXPECT_GE(run.result->frames.front().frame->id().value, 0) << "a frame without information";
+  const StartErrors errors = startErrors(*run.result, street());
+  EXPECT_LT(errors.direction_deg, 3.6);  // measured at most 2.4 and 0.49 (orb-v1, orb-matching
+  EXPECT_LT(errors.rotation_deg, 0.75);  // on these small images); margin x1.5
+}
+
 class InitializerRobustness : public testing::TestWithParam<std::string> {
  protected:
   static std::unique_ptr<Initializer> make(int num_threads = 1) {
@@ -54,15 +63,6 @@ class InitializerRobustness : public testing::TestWithParam<std::string> {
       ASSERT_FALSE(step.result) << "frame " << k;
     }
     expectRight(feed(*initializer, street().frames()));
-  }
-
-  static void expectRight(const InitRun& run) {
-    ASSERT_TRUE(run.result) << run.log();
-    EXPECT_NO_THROW(checkInvariants(*run.result));
-    EXPECT_GE(run.result->frames.front().frame->id().value, 0) << "a frame without information";
-    const StartErrors errors = startErrors(*run.result, street());
-    EXPECT_LT(errors.direction_deg, 3.6);  // measured at most 2.4 and 0.49 (orb-v1, orb-matching
-    EXPECT_LT(errors.rotation_deg, 0.75);  // on these small images); margin x1.5
   }
 };
 
@@ -123,18 +123,26 @@ TEST_P(InitializerRobustness, PartlyInvalidFramesGiveFinitePoints) {
   }
 }
 
-TEST_P(InitializerRobustness, InvalidFrameInTheMiddleNeverGivesAWrongMap) {
-  std::vector<FramePtr> frames = street().frames();
-  frames[3] = paintFrame(3, kWidth, kHeight, [](float, float) { return kNan; });
-  const InitRun run = feed(*make(), frames);
-  if (run.result) expectRight(run);
-}
-
 TEST_P(InitializerRobustness, SameBitsWithTwoThreads) {
   const InitRun one = feed(*make(1), street().frames());
   const InitRun two = feed(*make(2), street().frames());
   ASSERT_TRUE(one.result && two.result) << one.log();
   EXPECT_TRUE(sameBits(*one.result, *two.result));
+}
+
+TEST(InitializersAfterAnInvalidFrame, MostStartAndAllStartsAreRight) {
+  std::vector<FramePtr> frames = street().frames();
+  frames[3] = paintFrame(3, kWidth, kHeight, [](float, float) { return kNan; });
+  int starts = 0;
+  for (const std::string& variant : initializerVariants()) {
+    const InitRun run =
+        feed(*makeInitializer(initializerVariant(variant), street().camera()), frames);
+    if (!run.result) continue;
+    SCOPED_TRACE(variant);
+    expectRight(run);
+    ++starts;
+  }
+  EXPECT_GE(starts, 99);
 }
 
 std::string testName(const testing::TestParamInfo<std::string>& info) {

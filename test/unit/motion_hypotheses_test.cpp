@@ -94,18 +94,20 @@ TEST(Motion, SmallBaselineIsTooLittleParallax) {
   // Depths from 4 to 12: a baseline of .03 is below .43 deg for every point.
   const auto scene = makeTwoViewScene({300, false, {0.03, 0, 0}, 0.01, 0}, 4);
   const TwoViewMotion motion = estimateMotion(scene.matches, scene.camera, {}, 4);
-  EXPECT_NE(motion.reason, InitReason::kDone);
+  EXPECT_EQ(motion.reason, InitReason::kTooLittleParallax) << name(motion.reason);
   EXPECT_LT(motion.best.parallax_deg, 1.0);
 }
 
 TEST(Motion, PureRotationGivesNone) {
   const auto scene = makeTwoViewScene({300, false, {0, 0, 0}, 0.3, 0}, 5);
-  EXPECT_NE(estimateMotion(scene.matches, scene.camera, {}, 5).reason, InitReason::kDone);
+  const InitReason reason = estimateMotion(scene.matches, scene.camera, {}, 5).reason;
+  EXPECT_EQ(reason, InitReason::kPoorQuality) << name(reason);  // no point is in front of both
 }
 
 TEST(Motion, RandomMatchesGiveNone) {
   const auto scene = makeTwoViewScene({300, false, {0.6, 0.1, 0.3}, 0, 1.0}, 6);
-  EXPECT_NE(estimateMotion(scene.matches, scene.camera, {}, 6).reason, InitReason::kDone);
+  const InitReason reason = estimateMotion(scene.matches, scene.camera, {}, 6).reason;
+  EXPECT_EQ(reason, InitReason::kTooFewPoints) << name(reason);
 }
 
 TEST(Motion, PlaneIsEitherRightOrRefused) {
