@@ -2,7 +2,7 @@
 #include "init/orb/bundle/corner_polish.h"
 
 #include "base/parallel.h"
-#include "image/photometric.h"
+#include "estimate/robust_loss.h"
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/bundle/polish_kernels.h"
 #include "init/orb/bundle/pose_covariance.h"
