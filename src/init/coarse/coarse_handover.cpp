@@ -3,6 +3,7 @@
 
 #include "base/median.h"
 #include "base/random.h"
+#include "image/cell_grid.h"
 #include "image/photometric.h"
 #include "init/coarse/coarse_covariance.h"
 #include "init/result.h"
@@ -110,18 +111,14 @@ std::vector<std::size_t> randomPoints(const Attempt& attempt) {
 std::vector<std::size_t> spreadPoints(const Attempt& attempt) {
   const PointLevel& points = attempt.levels.front();
   const PinholeCamera& camera = attempt.camera;
-  const double cell = std::sqrt(static_cast<double>(camera.width) * camera.height /
-                                attempt.options.handover_points);
-  const int columns = static_cast<int>(camera.width / cell) + 1;
-  const int rows = static_cast<int>(camera.height / cell) + 1;
+  const double area = static_cast<double>(camera.width) * camera.height;
+  const CellGrid cells(
+      camera.width, camera.height, std::sqrt(area / attempt.options.handover_points));
   constexpr std::size_t kNone = SIZE_MAX;
-  std::vector<std::size_t> best(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows),
-                                kNone);
+  std::vector<std::size_t> best(cells.size(), kNone);
   for (std::size_t i = 0; i < points.x.size(); ++i) {
     if (!isFit(attempt, i)) continue;
-    const std::ptrdiff_t column = static_cast<int>(static_cast<double>(points.x[i]) / cell);
-    const std::ptrdiff_t row = static_cast<int>(static_cast<double>(points.y[i]) / cell);
-    std::size_t& holder = best[static_cast<std::size_t>(row * columns + column)];
+    std::size_t& holder = best[cells.at(points.x[i], points.y[i])];
     if (holder == kNone || points.curvature[i] > points.curvature[holder]) holder = i;
   }
   best.erase(std::remove(best.begin(), best.end(), kNone), best.end());

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "image/cell_grid.h"
 #include "init/orb/map/initial_map.h"
 
 #include <vector>
@@ -28,25 +29,8 @@ class CornerPrior {
   [[nodiscard]] DepthEstimate at(const Eigen::Vector2f& pixel) const;
 
  private:
-  struct Entry {
-    Eigen::Vector2f pixel;
-    float inverse_depth;
-    float variance;
-  };
-  static constexpr int kNeighbours = 5;  // nearest corners a prior is made of
-  struct Neighbours {
-    int count = 0;
-    float squared_distance[kNeighbours];
-    const Entry* entry[kNeighbours];
-  };
-
-  void collectCell(int cell_x, int cell_y, const Eigen::Vector2f& pixel, Neighbours& out) const;
-  [[nodiscard]] Neighbours nearest(const Eigen::Vector2f& pixel) const;
-
-  int cells_x_;
-  int cells_y_;
-  std::vector<Entry> entries_;    ///< sorted by cell
-  std::vector<int> first_entry_;  ///< by cell, one more at the end
+  PointGrid grid_;                     ///< the corners
+  std::vector<DepthEstimate> depths_;  ///< theirs
   DepthEstimate wide_;
 };
 

@@ -10,7 +10,6 @@
 #include <cmath>
 #include <cstddef>
 #include <optional>
-#include <utility>
 
 namespace dsorb::init_orb {
 namespace {
@@ -20,11 +19,11 @@ constexpr std::size_t kGrain = 64;  // pixels one thread judges at a time
 constexpr double kMinError = 1;     // rms over the frames from which a track may contradict [px]
 constexpr double kErrorFactor = 5;  // and by which it exceeds the median of all tracks [-]
 constexpr std::size_t kNeighbours = 5;  // nearest tracks that vote on a point
-constexpr double kRadius = 60;          // tracks farther away do not vote [px]
+constexpr float kRadius = 60;           // tracks farther away do not vote [px]
 constexpr double kMaxShare = 0.4;       // of contradicting neighbours that a point may have
 constexpr double kMinFoundShare = 0.7;  // of a point's epipolar searches that agree on its depth
 constexpr int kIterations = 3;          // of Gauss-Newton on one inverse depth
-constexpr int kMinVotes = 3;            // fewer tracks close by decide nothing
+constexpr std::size_t kMinVotes = 3;    // fewer tracks close by decide nothing
 constexpr double kLost = 1e6;           // [px]; error of a track behind a camera
 
 struct Sighting {
@@ -99,58 +98,27 @@ std::vector<double> trackErrors(const InitialMap& map,
 MovingParts::MovingParts(const InitialMap& map,
                          const CornerTracks& tracks,
                          const PinholeCamera& camera)
-    : columns_(static_cast<int>(camera.width / kRadius) + 1),
-      rows_(static_cast<int>(camera.height / kRadius) + 1),
-      cells_(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_)) {
+    : grid_(tracks.positions.front(), CellGrid(camera.width, camera.height, kRadius)) {
   const std::vector<double> errors = trackErrors(map, tracks, camera);
   const double limit = std::max(kMinError, kErrorFactor * medianOf(errors));
-  for (std::size_t i = 0; i < errors.size(); ++i) {
-    const Eigen::Vector2f& pixel = tracks.positions.front()[i];
-    const bool contradicts = errors[i] > limit;
-    contradicting_ += contradicts ? 1 : 0;
-    cells_[cellIndex(cellOf(pixel.x(), columns_), cellOf(pixel.y(), rows_))].push_back(
-        {pixel, contradicts});
-  }
-}
-
-int MovingParts::cellOf(float coordinate, int cells) const {
-  return std::clamp(static_cast<int>(coordinate / static_cast<float>(kRadius)), 0, cells - 1);
-}
-
-bool MovingParts::cover(const Eigen::Vector2f& pixel, Votes& votes) const {
-  const auto radius = static_cast<float>(kRadius);
-  votes.clear();
-  int contradicting = 0;
-  const int column = cellOf(pixel.x(), columns_);
-  const int row = cellOf(pixel.y(), rows_);
-  for (int y = std::max(row - 1, 0); y <= std::min(row + 1, rows_ - 1); ++y) {
-    for (int x = std::max(column - 1, 0); x <= std::min(column + 1, columns_ - 1); ++x) {
-      for (const Vote& vote : cells_[cellIndex(x, y)]) {
-        const float distance = (vote.pixel - pixel).squaredNorm();
-        if (distance > radius * radius) continue;
-        votes.emplace_back(distance, vote.contradicts);
-        contradicting += vote.contradicts ? 1 : 0;
-      }
-    }
-  }
-  if (votes.size() < kMinVotes) return false;
-  const std::size_t count = std::min(votes.size(), kNeighbours);
-  const double needed = kMaxShare * static_cast<double>(count);
-  if (contradicting <= needed) return false;  // too few even if all were among the nearest
-  std::partial_sort(votes.begin(), votes.begin() + static_cast<std::ptrdiff_t>(count), votes.end());
-  const auto against =
-      std::count_if(votes.begin(),
-                    votes.begin() + static_cast<std::ptrdiff_t>(count),
-                    [](const std::pair<float, bool>& vote) { return vote.second; });
-  return static_cast<double>(against) > needed;
+  for (const double error : errors) contradicts_.push_back(error > limit ? 1 : 0);
+  contradicting_ = static_cast<int>(std::count(contradicts_.begin(), contradicts_.end(), 1));
 }
 
 std::vector<char> MovingParts::covered(const std::vector<Eigen::Vector2f>& pixels) const {
   std::vector<char> covered(pixels.size(), 0);
   if (contradicting_ == 0) return covered;
   forEachRange(pixels.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-    Votes votes;
-    for (std::size_t i = begin; i < end; ++i) covered[i] = cover(pixels[i], votes) ? 1 : 0;
+    for (std::size_t i = begin; i < end; ++i) {
+      const auto nearest =
+          grid_.nearest<kNeighbours>(pixels[i], kRadius, [](std::size_t) { return true; });
+      const auto against = std::count_if(nearest.begin(), nearest.end(), [&](const auto& track) {
+        return contradicts_[track.point] != 0;
+      });
+      const bool enough = nearest.count >= kMinVotes;
+      covered[i] =
+          enough && static_cast<double>(against) > kMaxShare * static_cast<double>(nearest.count);
+    }
   });
   return covered;
 }

@@ -3,11 +3,10 @@
 
 #include "dsorb/camera/pinhole_camera.h"
 
+#include "image/cell_grid.h"
 #include "init/orb/map/initial_map.h"
 #include "init/orb/tracks/corner_tracks.h"
 
-#include <cstddef>
-#include <utility>
 #include <vector>
 
 namespace dsorb::init_orb {
@@ -37,26 +36,12 @@ class MovingParts {
   int removePoints(InitialMap& map) const;
 
  private:
-  struct Vote {
-    Eigen::Vector2f pixel;
-    bool contradicts;
-  };
-  using Votes = std::vector<std::pair<float, bool>>;  // squared distance [px^2], contradicts
-
-  /// Whether too many of the nearest tracks contradict. @param votes memory of the caller
-  [[nodiscard]] bool cover(const Eigen::Vector2f& pixel, Votes& votes) const;
-  /// @return by pixel of the reference, whether it is covered
+  /// @return by pixel of the reference, whether too many of the nearest tracks contradict
   [[nodiscard]] std::vector<char> covered(const std::vector<Eigen::Vector2f>& pixels) const;
-  [[nodiscard]] int cellOf(float coordinate, int cells) const;
-  [[nodiscard]] std::size_t cellIndex(int column, int row) const {
-    return static_cast<std::size_t>(row) * static_cast<std::size_t>(columns_) +
-           static_cast<std::size_t>(column);
-  }
 
-  int columns_;
-  int rows_;
+  PointGrid grid_;                 ///< the tracks in the reference
+  std::vector<char> contradicts_;  ///< by track
   int contradicting_ = 0;
-  std::vector<std::vector<Vote>> cells_;  // squares of the radius' side
 };
 
 }  // namespace dsorb::init_orb

@@ -2,6 +2,7 @@
 #include "init/orb/tracks/feature_matches.h"
 
 #include "base/target_clones.h"
+#include "image/cell_grid.h"
 
 #include <opencv2/features2d.hpp>
 #include <opencv2/video/tracking.hpp>
@@ -34,18 +35,10 @@ bool stronger(const cv::KeyPoint& a, const cv::KeyPoint& b) {
 /// Keeps the strongest features of every grid cell.
 void spread(const GreyImage& image, int max_features, std::vector<cv::KeyPoint>& points) {
   std::sort(points.begin(), points.end(), stronger);
-  const int columns = (image.grey.cols + kCellSize - 1) / kCellSize;
-  const int rows = (image.grey.rows + kCellSize - 1) / kCellSize;
-  const int cells = columns * rows;
-  // Twice an even share: cells without texture leave theirs to others.
-  const int cap = std::max(1, (2 * max_features + cells - 1) / cells);
-  std::vector<int> taken(static_cast<std::size_t>(cells), 0);
+  CellQuota quota(CellGrid(image.grey.cols, image.grey.rows, kCellSize), max_features);
   std::size_t kept = 0;
   for (const cv::KeyPoint& point : points) {
-    if (!image.usable(point.pt)) continue;
-    const int cell = static_cast<int>(point.pt.y) / kCellSize * columns +
-                     static_cast<int>(point.pt.x) / kCellSize;
-    if (taken[static_cast<std::size_t>(cell)]++ >= cap) continue;
+    if (!image.usable(point.pt) || !quota.take(point.pt.x, point.pt.y)) continue;
     points[kept++] = point;
     if (static_cast<int>(kept) == max_features) break;
   }

@@ -2,6 +2,7 @@
 #include "init/orb/tracks/feature_tracks.h"
 
 #include "base/parallel.h"
+#include "image/cell_grid.h"
 #include "init/orb/tracks/grey_image.h"
 #include "init/orb/tracks/image_scale.h"
 
@@ -21,67 +22,43 @@ constexpr double kMinDistance = 8;       // between corners, for an image diagon
 constexpr float kMaxBackwardError = 1;   // forward and backward again may miss the start by it [px]
 constexpr std::size_t kTrackGrain = 32;  // tracks one thread follows at a time
 
-/// Corners of an image, well inside it, spread over it and away from those that are there already.
-class CornerGrid {
- public:
-  CornerGrid(cv::Size size, const FeatureTrackOptions& options)
-      : size_(size),
-        options_(options),
-        columns_((size.width + kCellSize - 1) / kCellSize),
-        min_distance_(kMinDistance * imageScale(size.width, size.height)) {
-    const int rows = (size.height + kCellSize - 1) / kCellSize;
-    taken_.resize(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows), 0);
-    // Twice an even share: cells without texture leave theirs to others.
-    const auto cells = static_cast<int>(taken_.size());
-    cap_ = std::max(1, (2 * options.max_corners + cells - 1) / cells);
-  }
+bool isInside(const cv::Point2f& corner, const cv::Size& size) {
+  return corner.x >= kFeatureBorder && corner.y >= kFeatureBorder &&
+         corner.x <= static_cast<float>(size.width - 1 - kFeatureBorder) &&
+         corner.y <= static_cast<float>(size.height - 1 - kFeatureBorder);
+}
 
-  /// The strongest corners of every cell, so that a textured part of the image cannot take all.
-  /// @param known places that are taken
-  [[nodiscard]] std::vector<Eigen::Vector2f> choose(const cv::Mat& grey,
-                                                    const cv::Mat& valid,
-                                                    const std::vector<Eigen::Vector2f>& known) {
-    std::vector<cv::Point2f> corners;
-    cv::goodFeaturesToTrack(grey, corners, 0, options_.corner_quality, min_distance_, valid);
-    cv::Mat occupied;
-    if (!known.empty()) occupied = cv::Mat::zeros(size_, CV_8UC1);
-    for (const Eigen::Vector2f& place : known) {
-      ++taken(place.x(), place.y());
-      const cv::Point centre(cvRound(place.x()), cvRound(place.y()));
-      cv::circle(occupied, centre, static_cast<int>(min_distance_), cv::Scalar(1), cv::FILLED);
+/// Corners of an image, well inside it and away from those that are there already: the strongest
+/// ones of every cell, so that a textured part of the image cannot take all.
+/// @param known places that are taken
+std::vector<Eigen::Vector2f> chooseCorners(const cv::Mat& grey,
+                                           const cv::Mat& valid,
+                                           const std::vector<Eigen::Vector2f>& known,
+                                           const FeatureTrackOptions& options) {
+  const cv::Size size = grey.size();
+  const double min_distance = kMinDistance * imageScale(size.width, size.height);
+  std::vector<cv::Point2f> corners;
+  cv::goodFeaturesToTrack(grey, corners, 0, options.corner_quality, min_distance, valid);
+  CellQuota quota(CellGrid(size.width, size.height, kCellSize), options.max_corners);
+  cv::Mat occupied;
+  if (!known.empty()) occupied = cv::Mat::zeros(size, CV_8UC1);
+  for (const Eigen::Vector2f& place : known) {
+    quota.take(place.x(), place.y());
+    const cv::Point centre(cvRound(place.x()), cvRound(place.y()));
+    cv::circle(occupied, centre, static_cast<int>(min_distance), cv::Scalar(1), cv::FILLED);
+  }
+  const auto most = static_cast<std::size_t>(options.max_corners);
+  const std::size_t wanted = most - std::min(known.size(), most);
+  std::vector<Eigen::Vector2f> chosen;
+  for (const cv::Point2f& corner : corners) {
+    if (chosen.size() == wanted) break;
+    const bool free = occupied.empty() || occupied.at<std::uint8_t>(corner) == 0;
+    if (isInside(corner, size) && free && quota.take(corner.x, corner.y)) {
+      chosen.emplace_back(corner.x, corner.y);
     }
-    const std::size_t wanted =
-        static_cast<std::size_t>(options_.max_corners) -
-        std::min(known.size(), static_cast<std::size_t>(options_.max_corners));
-    std::vector<Eigen::Vector2f> chosen;
-    for (const cv::Point2f& corner : corners) {
-      if (chosen.size() == wanted) break;
-      if (!isInside(corner) || (!occupied.empty() && occupied.at<std::uint8_t>(corner) != 0)) {
-        continue;
-      }
-      if (taken(corner.x, corner.y)++ < cap_) chosen.emplace_back(corner.x, corner.y);
-    }
-    return chosen;
   }
-
- private:
-  [[nodiscard]] bool isInside(const cv::Point2f& corner) const {
-    return corner.x >= kFeatureBorder && corner.y >= kFeatureBorder &&
-           corner.x <= static_cast<float>(size_.width - 1 - kFeatureBorder) &&
-           corner.y <= static_cast<float>(size_.height - 1 - kFeatureBorder);
-  }
-  int& taken(float x, float y) {
-    const int cell = static_cast<int>(y) / kCellSize * columns_ + static_cast<int>(x) / kCellSize;
-    return taken_[static_cast<std::size_t>(cell)];
-  }
-
-  cv::Size size_;
-  const FeatureTrackOptions& options_;
-  int columns_;
-  double min_distance_;  // [px] in this image
-  int cap_ = 1;
-  std::vector<int> taken_;  // corners by cell
-};
+  return chosen;
+}
 
 LucasKanadeOptions flowOptions(const FeatureTrackOptions& options) {
   LucasKanadeOptions flow;
@@ -126,8 +103,7 @@ void FeatureTracks::show(const Frame& frame, float gain) {
 void FeatureTracks::addCorners() {
   const FlowLevel& image = pyramid_.levels().front();
   const std::vector<Eigen::Vector2f> fresh =
-      CornerGrid({image.width, image.height}, options_)
-          .choose(eightBit(image), valid_, positions_.back());
+      chooseCorners(eightBit(image), valid_, positions_.back(), options_);
   const std::size_t tracks = births_.size() + fresh.size();
   for (auto& frame : positions_) frame.resize(tracks, Eigen::Vector2f::Constant(NAN));
   std::copy(fresh.begin(),

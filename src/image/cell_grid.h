@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdlib>
+#include <utility>
+#include <vector>
+
+namespace dsorb {
+
+/// Square cells over an image, row by row.
+class CellGrid {
+ public:
+  /// @param cell side of a cell [px]
+  CellGrid(int width, int height, double cell)
+      : cell_(cell), columns_(cellsAlong(width)), rows_(cellsAlong(height)) {}
+
+  [[nodiscard]] double cell() const { return cell_; }
+  [[nodiscard]] int columns() const { return columns_; }
+  [[nodiscard]] int rows() const { return rows_; }
+  [[nodiscard]] std::size_t size() const { return index(0, rows_); }
+  [[nodiscard]] std::size_t index(int column, int row) const {
+    return static_cast<std::size_t>(row) * static_cast<std::size_t>(columns_) +
+           static_cast<std::size_t>(column);
+  }
+  /// Column and row of the cell at a position; positions outside belong to the border's cells.
+  [[nodiscard]] int column(double x) const { return inside(x, columns_); }
+  [[nodiscard]] int row(double y) const { return inside(y, rows_); }
+  /// Index of the cell at a position.
+  [[nodiscard]] std::size_t at(double x, double y) const { return index(column(x), row(y)); }
+
+ private:
+  [[nodiscard]] int cellsAlong(int size) const {
+    return std::max(1, static_cast<int>(std::ceil(size / cell_)));
+  }
+  [[nodiscard]] int inside(double position, int cells) const {
+    return std::clamp(static_cast<int>(position / cell_), 0, cells - 1);
+  }
+
+  double cell_;
+  int columns_;
+  int rows_;
+};
+
+/// Spreads a number of things over the cells: each takes at most twice its even share, because
+/// cells without texture leave theirs to others.
+class CellQuota {
+ public:
+  CellQuota(const CellGrid& cells, int total) : cells_(cells), taken_(cells.size(), 0) {
+    const auto count = static_cast<int>(cells.size());
+    most_ = std::max(1, (2 * total + count - 1) / count);
+  }
+  /// Counts one more in the cell at a position. @return whether there was room for it
+  bool take(double x, double y) { return taken_[cells_.at(x, y)]++ < most_; }
+
+ private:
+  CellGrid cells_;
+  std::vector<int> taken_;  // by cell
+  int most_;
+};
+
+/// Points of an image, to find those near a pixel.
+class PointGrid {
+ public:
+  /// A point near a pixel.
+  struct Neighbour {
+    float squared_distance = 0;  ///< [px^2]
+    std::size_t point = 0;       ///< index
+  };
+  /// At most kWanted points, nearest first.
+  template <std::size_t kWanted>
+  struct Neighbours {
+    std::array<Neighbour, kWanted> nearest;
+    std::size_t count = 0;
+
+    [[nodiscard]] const Neighbour* begin() const { return nearest.data(); }
+    [[nodiscard]] const Neighbour* end() const { return nearest.data() + count; }
+    /// Of several points at the same distance the first one stays ahead.
+    void add(float squared_distance, std::size_t point) {
+      if (count == kWanted && squared_distance >= nearest[kWanted - 1].squared_distance) return;
+      std::size_t place = count < kWanted ? count++ : kWanted - 1;
+      for (; place > 0 && nearest[place - 1].squared_distance > squared_distance; --place) {
+        nearest[place] = nearest[place - 1];
+      }
+      nearest[place] = {squared_distance, point};
+    }
+  };
+
+  PointGrid(std::vector<Eigen::Vector2f> points, const CellGrid& cells)
+      : cells_(cells), points_(std::move(points)), first_(cells.size() + 1, 0) {
+    for (const Eigen::Vector2f& point : points_) ++first_[cellOf(point) + 1];
+    for (std::size_t i = 1; i < first_.size(); ++i) first_[i] += first_[i - 1];
+    std::vector<std::size_t> next(first_.begin(), first_.end() - 1);
+    sorted_.resize(points_.size());
+    for (std::size_t i = 0; i < points_.size(); ++i) sorted_[next[cellOf(points_[i])]++] = i;
+  }
+
+  [[nodiscard]] std::size_t size() const { return points_.size(); }
+
+  /// The nearest points within a radius, found ring by ring of cells.
+  /// @param accept whether a point counts, by its index
+  template <std::size_t kWanted, typename Accept>
+  [[nodiscard]] Neighbours<kWanted> nearest(const Eigen::Vector2f& pixel,
+                                            float radius,
+                                            Accept&& accept) const {
+    Neighbours<kWanted> found;
+    const auto visit = [&](int column, int row) {
+      if (column < 0 || row < 0 || column >= cells_.columns() || row >= cells_.rows()) return;
+      const std::size_t cell = cells_.index(column, row);
+      for (std::size_t i = first_[cell]; i < first_[cell + 1]; ++i) {
+        const float squared = (points_[sorted_[i]] - pixel).squaredNorm();
+        if (squared <= radius * radius && accept(sorted_[i])) found.add(squared, sorted_[i]);
+      }
+    };
+    const int x = cells_.column(pixel.x());
+    const int y = cells_.row(pixel.y());
+    const auto cell_size = static_cast<float>(cells_.cell());
+    const int rings = static_cast<int>(radius / cell_size) + 1;
+    for (int ring = 0; ring <= rings; ++ring) {
+      // Every point of this ring is at least so far away.
+      const float closest = static_cast<float>(ring - 1) * cell_size;
+      if (found.count == kWanted && ring > 1 &&
+          found.nearest.back().squared_distance < closest * closest) {
+        break;
+      }
+      for (int dy = -ring; dy <= ring; ++dy) {
+        const int step = std::abs(dy) == ring ? 1 : 2 * ring;
+        for (int dx = -ring; dx <= ring; dx += std::max(step, 1)) visit(x + dx, y + dy);
+      }
+    }
+    return found;
+  }
+
+ private:
+  [[nodiscard]] std::size_t cellOf(const Eigen::Vector2f& point) const {
+    return cells_.at(point.x(), point.y());
+  }
+
+  CellGrid cells_;
+  std::vector<Eigen::Vector2f> points_;
+  std::vector<std::size_t> sorted_;  // points by cell
+  std::vector<std::size_t> first_;   // by cell, one more at the end
+};
+
+}  // namespace dsorb
