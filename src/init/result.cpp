@@ -122,19 +122,20 @@ const char* name(InitReason reason) {
   return "unknown";
 }
 
-void normalizeScale(InitializationResult& result) {
-  const double mean = meanInverseDepth(result);
-  require(mean > 0 && std::isfinite(mean), "mean inverse depth of the reference", mean);
-  for (InitPoint& point : result.points) {
-    point.inverse_depth = static_cast<float>(point.inverse_depth / mean);
-    point.variance = static_cast<float>(point.variance / (mean * mean));
-  }
-  for (PosedFrame& frame : result.frames) {
+void changeUnit(double mean, std::vector<PosedFrame>& frames) {
+  for (PosedFrame& frame : frames) {
     if (frame.T_cam_ref) frame.T_cam_ref->setTranslation(frame.T_cam_ref->translation() * mean);
     if (!frame.covariance) continue;
     frame.covariance->topRows<3>() *= mean;
     frame.covariance->leftCols<3>() *= mean;
   }
+}
+
+void normalizeScale(InitializationResult& result) {
+  const double mean = meanInverseDepth(result);
+  require(mean > 0 && std::isfinite(mean), "mean inverse depth of the reference", mean);
+  for (InitPoint& point : result.points) changeUnit(mean, point.inverse_depth, point.variance);
+  changeUnit(mean, result.frames);
 }
 
 void checkInvariants(const InitializationResult& result) {

@@ -3,7 +3,6 @@
 
 #include "base/median.h"
 #include "base/parallel.h"
-#include "init/orb/semi_dense/candidate_depth.h"
 #include "support/plane_scene.h"
 
 #include <Eigen/Cholesky>

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/map/map_scale.h"
 
+#include "init/result.h"
+
 #include <cmath>
 
 namespace dsorb::init_orb {
@@ -10,21 +12,9 @@ namespace {
 /// Makes this inverse depth 1. @return false when it is not positive
 bool rescale(InitialMap& map, double mean) {
   if (!(mean > 0) || !std::isfinite(mean)) return false;
-  const double square = mean * mean;
-  for (Corner& corner : map.corners) {
-    corner.inverse_depth /= mean;
-    corner.variance /= square;
-  }
-  for (SemiDensePoint& point : map.points) {
-    point.inverse_depth /= static_cast<float>(mean);
-    point.variance /= static_cast<float>(square);
-  }
-  for (PosedFrame& frame : map.frames) {
-    if (frame.T_cam_ref) frame.T_cam_ref->setTranslation(frame.T_cam_ref->translation() * mean);
-    if (!frame.covariance) continue;
-    frame.covariance->topRows<3>() *= mean;
-    frame.covariance->leftCols<3>() *= mean;
-  }
+  for (Corner& corner : map.corners) changeUnit(mean, corner.inverse_depth, corner.variance);
+  for (SemiDensePoint& point : map.points) changeUnit(mean, point.inverse_depth, point.variance);
+  changeUnit(mean, map.frames);
   for (Eigen::Index row = 0; row < map.joint_covariance.rows(); ++row) {
     if (row % 6 >= 3) continue;  // a rotation
     map.joint_covariance.row(row) *= mean;

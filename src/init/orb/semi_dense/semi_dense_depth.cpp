@@ -5,8 +5,6 @@
 #include "base/random.h"
 #include "image/pixel_selector.h"
 #include "init/orb/map/frame_brightness.h"
-#include "init/orb/semi_dense/candidate_depth.h"
-#include "init/orb/semi_dense/corner_prior.h"
 #include "init/orb/semi_dense/epipolar_search.h"
 
 #include <algorithm>
