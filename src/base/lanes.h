@@ -43,6 +43,30 @@ DSORB_ALWAYS_INLINE void fill(double value, DoubleLanes& lanes) {
   lanes = DoubleLanes{value, value, value, value};
 }
 
+/// Stores lane k of six vectors side by side at target + k * stride, for each k.
+DSORB_ALWAYS_INLINE void storeTransposed(const DoubleLanes (&v)[6],
+                                         double* target,
+                                         std::size_t stride) {
+  using Pair = double __attribute__((vector_size(16)));
+  DoubleLanes even[3];  // lanes 0 and 2 of each pair of vectors
+  DoubleLanes odd[3];   // lanes 1 and 3
+  for (std::size_t i = 0; i < 3; ++i) {
+    even[i] = __builtin_shufflevector(v[2 * i], v[2 * i + 1], 0, 4, 2, 6);
+    odd[i] = __builtin_shufflevector(v[2 * i], v[2 * i + 1], 1, 5, 3, 7);
+  }
+  const Pair tails[4] = {__builtin_shufflevector(even[2], even[2], 0, 1),
+                         __builtin_shufflevector(odd[2], odd[2], 0, 1),
+                         __builtin_shufflevector(even[2], even[2], 2, 3),
+                         __builtin_shufflevector(odd[2], odd[2], 2, 3)};
+  store(__builtin_shufflevector(even[0], even[1], 0, 1, 4, 5), target);
+  store(__builtin_shufflevector(odd[0], odd[1], 0, 1, 4, 5), target + stride);
+  store(__builtin_shufflevector(even[0], even[1], 2, 3, 6, 7), target + 2 * stride);
+  store(__builtin_shufflevector(odd[0], odd[1], 2, 3, 6, 7), target + 3 * stride);
+  for (std::size_t k = 0; k < 4; ++k) {
+    std::memcpy(target + k * stride + 4, &tails[k], sizeof(Pair));
+  }
+}
+
 /// Sums over the lanes of eight vectors at once. Every sum is added in the same, fixed order.
 /// @param v    eight vectors
 /// @param sums lane i is the sum over the lanes of v[i]

@@ -126,10 +126,12 @@ void forEachBlock(const LinearSystem<Scalar>& system,
 
 template <typename Scalar>
 void LinearSystem<Scalar>::reset(Eigen::Index size, std::size_t points) {
+  if (size != H.rows() || points != this->points()) {
+    stride = (static_cast<std::size_t>(size) + kRows - 1) / kRows * kRows;
+    coupling.assign(points * stride, 0);
+  }
   H.setZero(size, size);
   b.setZero(size);
-  stride = (static_cast<std::size_t>(size) + kRows - 1) / kRows * kRows;
-  coupling.assign(points * stride, 0);
   depth_hessian.assign(points, 0);
   depth_gradient.assign(points, 0);
 }

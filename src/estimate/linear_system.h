@@ -9,11 +9,23 @@
 
 namespace dsorb {
 
+/// Where a kernel puts what it sums for each point of a run, from the first one on.
+template <typename Scalar>
+struct PointSums {
+  Scalar* coupling =
+      nullptr;                ///< w J_state^T J_depth of one frame, one row a point; null: unwanted
+  std::size_t stride = 0;     ///< from row to row
+  Scalar* hessian = nullptr;  ///< added to: w J_depth^2
+  Scalar* gradient = nullptr;  ///< added to: w J_depth r
+};
+
 /// Normal equations over the states of frames, x, and inverse depths of points, d:
 ///   [H C; C^T diag(h)] [x; d] = -[b; b_d],  H = sum w J^T J, b = sum w J^T r, and so on.
 /// @tparam Scalar of the numbers by point
 template <typename Scalar>
 struct LinearSystem {
+  using Number = Scalar;
+
   Eigen::MatrixXd H;                   ///< of the states
   Eigen::VectorXd b;                   ///< gradient of half the squared error
   std::size_t stride = 0;              ///< of `coupling`: size() rounded up to 8
@@ -21,7 +33,7 @@ struct LinearSystem {
   std::vector<Scalar> depth_hessian;   ///< h; 0: the point has no part
   std::vector<Scalar> depth_gradient;  ///< b_d
 
-  /// Everything to zero.
+  /// Sets all to zero but the couplings, which stay as they are while the sizes do.
   void reset(Eigen::Index size, std::size_t points);
   [[nodiscard]] Eigen::Index size() const { return H.rows(); }
   [[nodiscard]] std::size_t points() const { return depth_hessian.size(); }
@@ -30,6 +42,20 @@ struct LinearSystem {
   [[nodiscard]] Eigen::Map<const Eigen::Matrix<Scalar, Eigen::Dynamic, 1>> couplingOf(
       std::size_t point) const {
     return {coupling.data() + point * stride, H.rows()};
+  }
+  /// C^T, one row a point.
+  [[nodiscard]] auto couplings() const {
+    using Rows = Eigen::Matrix<Scalar, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+    return Eigen::Map<const Rows>(coupling.data(),
+                                  static_cast<Eigen::Index>(points()),
+                                  static_cast<Eigen::Index>(stride))
+        .leftCols(H.rows());
+  }
+  [[nodiscard]] PointSums<Scalar> sumsOf(std::size_t first_point, std::size_t first_state) {
+    return {coupling.data() + first_point * stride + first_state,
+            stride,
+            depth_hessian.data() + first_point,
+            depth_gradient.data() + first_point};
   }
 };
 

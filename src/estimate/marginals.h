@@ -18,7 +18,8 @@ namespace dsorb {
 /// the inverse depths, n the direction in which all translations grow together (it leaves every
 /// residual unchanged while the inverse depths rho shrink) and m = sum A_i / sum rho_i:
 ///   states           P S^- P^T + n n^T v,  P = I - n m^T,  v = sum(1 / h_i) / (sum rho_i)^2
-///   inverse depth i  1 / h_i + g_i^T S^- g_i,  g_i = A_i - rho_i m
+///   inverse depth i  1 / h_i (1 - 2 rho_i / sum rho) + rho_i^2 v + g_i^T S^- g_i,
+///                    g_i = A_i - rho_i m
 /// for any generalised inverse S^-, because P n = 0 and g_i^T n = 0.
 /// @source derived from Triggs et al., Bundle Adjustment - A Modern Synthesis, section 9 (gauge
 ///         projection); compared with dense and sparse QR solutions in geometric_covariance_test

@@ -9,6 +9,7 @@
 #include <Eigen/Core>
 
 #include <optional>
+#include <type_traits>
 #include <utility>
 
 /// How a point hosted in one frame, with a ray and an inverse depth, meets another image. All
@@ -46,10 +47,10 @@ using MaskOf = decltype(std::declval<T>() > std::declval<T>());
 /// The same number in all lanes.
 template <typename T, typename Scalar>
 DSORB_ALWAYS_INLINE void spread(Scalar value, T& lanes) {
-  if constexpr (sizeof(T) > sizeof(Scalar)) {
-    fill(value, lanes);
+  if constexpr (std::is_arithmetic_v<T>) {
+    lanes = static_cast<T>(value);
   } else {
-    lanes = value;
+    fill(value, lanes);
   }
 }
 

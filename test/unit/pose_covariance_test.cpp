@@ -103,7 +103,7 @@ TEST(PoseCovariance, ResponseIsThatOfAPoseFittedToTheMovedStructure) {
   poseOtherFrames(map, scene.camera);
   const InheritedPoseError inherited(map, scene.camera, options(0));
   const PoseRows rows(map, map.joint_frames);
-  const ReprojectionEquations system = linearize(map, {}, rows, scene.camera, options(0));
+  const LinearSystem<double> system = linearize(map, {}, rows, scene.camera, options(0)).system;
   Random random(4);
   Eigen::VectorXd moved(rows.size);
   for (double& value : moved) value = 1e-4 * random.gaussian();
@@ -113,8 +113,8 @@ TEST(PoseCovariance, ResponseIsThatOfAPoseFittedToTheMovedStructure) {
         sightingsByFrame(map, scene.camera)[static_cast<std::size_t>(k)];
     const auto fitted = poseFromPoints(sightings, scene.camera, before, 1);
     for (std::size_t i = 0; i < sightings.size(); ++i) {
-      const auto at = static_cast<Eigen::Index>(i);  // every frame sees every corner, in order
-      sightings[i].inverse_depth -= system.coupling.col(at).dot(moved) / system.depth_hessian[at];
+      // Every frame sees every corner, in order.
+      sightings[i].inverse_depth -= system.couplingOf(i).dot(moved) / system.depth_hessian[i];
     }
     const auto after = poseFromPoints(sightings, scene.camera, before, 1);
     ASSERT_TRUE(fitted && after);

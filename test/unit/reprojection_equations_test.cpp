@@ -34,19 +34,18 @@ SyntheticMap someMap() {
   return scene;
 }
 
+Eigen::VectorXd asVector(const std::vector<double>& values) {
+  return Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
+}
+
 /// The same, observation by observation.
 ReprojectionEquations expectedEquations(const SyntheticMap& scene,
                                         const PoseRows& rows,
-                                        const GeometricOptions& options,
-                                        double& cost) {
+                                        const GeometricOptions& options) {
   const InitialMap& map = scene.start;
-  const auto corners = static_cast<Eigen::Index>(map.corners.size());
-  ReprojectionEquations e{Eigen::MatrixXd::Zero(rows.size, rows.size),
-                          Eigen::MatrixXd::Zero(rows.size, corners),
-                          Eigen::VectorXd::Zero(corners),
-                          Eigen::VectorXd::Zero(rows.size),
-                          Eigen::VectorXd::Zero(corners)};
-  cost = 0;
+  ReprojectionEquations e;
+  LinearSystem<double>& system = e.system;
+  system.reset(rows.size, wholeLanes(map.corners.size()));
   for (const Observation& o : map.observations) {
     const Corner& corner = map.corners[static_cast<std::size_t>(o.corner)];
     const auto projection = projectHosted(scene.camera,
@@ -59,14 +58,16 @@ ReprojectionEquations expectedEquations(const SyntheticMap& scene,
     const Eigen::Matrix<double, 2, 6> J = whitening * projection->J_pose;
     const Eigen::Vector2d d = whitening * projection->J_inverse_depth;
     const double weight = robustWeight(r.norm(), options);
-    e.pose_hessian.block<6, 6>(row, row) += weight * J.transpose() * J;
-    e.pose_gradient.segment<6>(row) += weight * J.transpose() * r;
-    e.coupling.col(o.corner).segment<6>(row) += weight * J.transpose() * d;
-    e.depth_hessian[o.corner] += weight * d.squaredNorm();
-    e.depth_gradient[o.corner] += weight * d.dot(r);
-    e.weighted_error += weight * r.squaredNorm();
+    const auto corner_index = static_cast<std::size_t>(o.corner);
+    system.H.block<6, 6>(row, row) += weight * J.transpose() * J;
+    system.b.segment<6>(row) += weight * J.transpose() * r;
+    Eigen::Map<Vector6d>(system.sumsOf(corner_index, static_cast<std::size_t>(row)).coupling) +=
+        weight * J.transpose() * d;
+    system.depth_hessian[corner_index] += weight * d.squaredNorm();
+    system.depth_gradient[corner_index] += weight * d.dot(r);
+    e.weighted_square += weight * r.squaredNorm();
     e.rows += 2;
-    cost += robustCost(r.norm(), options);
+    e.cost += robustCost(r.norm(), options);
   }
   return e;
 }
@@ -76,17 +77,21 @@ TEST(ReprojectionEquations, InLanesEqualThoseOneByOne) {
   const PoseRows rows(scene.start);
   for (const RobustLoss loss : {RobustLoss::kHuber, RobustLoss::kCauchy}) {
     const GeometricOptions options = optionsWith(loss);
-    double cost = 0;
-    const ReprojectionEquations expected = expectedEquations(scene, rows, options, cost);
+    const ReprojectionEquations expected = expectedEquations(scene, rows, options);
     const ReprojectionEquations made = linearize(scene.start, {}, rows, scene.camera, options);
-    EXPECT_LT(relativeDifference(made.pose_hessian, expected.pose_hessian), 1e-12);
-    EXPECT_LT(relativeDifference(made.coupling, expected.coupling), 1e-12);
-    EXPECT_LT(relativeDifference(made.depth_hessian, expected.depth_hessian), 1e-12);
-    EXPECT_LT(relativeDifference(made.pose_gradient, expected.pose_gradient), 1e-10);
-    EXPECT_LT(relativeDifference(made.depth_gradient, expected.depth_gradient), 1e-10);
-    EXPECT_NEAR(made.weighted_error / expected.weighted_error, 1, 1e-12);
+    EXPECT_LT(relativeDifference(made.system.H, expected.system.H), 1e-12);
+    EXPECT_LT(relativeDifference(made.system.couplings(), expected.system.couplings()), 1e-12);
+    EXPECT_LT(relativeDifference(asVector(made.system.depth_hessian),
+                                 asVector(expected.system.depth_hessian)),
+              1e-12);
+    EXPECT_LT(relativeDifference(made.system.b, expected.system.b), 1e-10);
+    EXPECT_LT(relativeDifference(asVector(made.system.depth_gradient),
+                                 asVector(expected.system.depth_gradient)),
+              1e-10);
+    EXPECT_NEAR(made.weighted_square / expected.weighted_square, 1, 1e-12);
     EXPECT_EQ(made.rows, expected.rows);
-    EXPECT_NEAR(*reprojectionCost(scene.start, {}, scene.camera, options) / cost, 1, 1e-12);
+    EXPECT_NEAR(
+        *reprojectionCost(scene.start, {}, scene.camera, options) / expected.cost, 1, 1e-12);
   }
 }
 
@@ -97,9 +102,9 @@ TEST(ReprojectionEquations, LeaveOutCornersThatAreNotKept) {
   kept[7] = 0;
   const ReprojectionEquations made =
       linearize(scene.start, kept, rows, scene.camera, optionsWith(RobustLoss::kCauchy));
-  EXPECT_EQ(made.depth_hessian[7], 0);
-  EXPECT_EQ(made.coupling.col(7).norm(), 0);
-  EXPECT_GT(made.depth_hessian[8], 0);
+  EXPECT_EQ(made.system.depth_hessian[7], 0);
+  EXPECT_EQ(made.system.couplings().row(7).norm(), 0);
+  EXPECT_GT(made.system.depth_hessian[8], 0);
 }
 
 TEST(ReprojectionEquations, HaveNoCostWhereAPointIsBehindACamera) {
@@ -120,9 +125,9 @@ TEST(ReprojectionEquations, AreBitIdenticalForAnyNumberOfThreads) {
   };
   const ReprojectionEquations one = TaskArena(1).run(make);
   const ReprojectionEquations two = TaskArena(2).run(make);
-  EXPECT_EQ(one.pose_hessian, two.pose_hessian);
-  EXPECT_EQ(one.coupling, two.coupling);
-  EXPECT_EQ(one.pose_gradient, two.pose_gradient);
+  EXPECT_EQ(one.system.H, two.system.H);
+  EXPECT_EQ(one.system.couplings(), two.system.couplings());
+  EXPECT_EQ(one.system.b, two.system.b);
 }
 
 }  // namespace

@@ -74,32 +74,25 @@ class FrameMeasurer {
                 const SE3& T_cam_ref)
       : camera_(camera),
         T_cam_ref_(T_cam_ref),
-        frame_(polishFrame(camera,
-                           T_cam_ref,
-                           brightnessTransfer(map.frames.front().affine,
-                                              map.frames.front().frame->exposure(),
-                                              map.frames[frame].affine,
-                                              map.frames[frame].frame->exposure()),
-                           map.frames[frame].frame->level(0))) {
-    frame_.huber_threshold = kHuberThreshold;
-  }
+        target_(makeTargetImage(camera,
+                                T_cam_ref,
+                                brightnessTransfer(map.frames.front().affine,
+                                                   map.frames.front().frame->exposure(),
+                                                   map.frames[frame].affine,
+                                                   map.frames[frame].frame->exposure()),
+                                map.frames[frame].frame->level(0))) {}
 
   /// One damped Gauss-Newton step from the corner's projection.
   [[nodiscard]] Measurement measure(const Corner& corner, const PolishPatch& patch) const {
     Measurement measurement;
+    const Eigen::Vector3d ray = camera_.unproject(corner.pixel);
     const Eigen::Vector3d direction =
-        T_cam_ref_.unitQuaternion() * camera_.unproject(corner.pixel) +
-        corner.inverse_depth * T_cam_ref_.translation();
-    if (!(direction.z() > 0)) return measurement;
+        T_cam_ref_.unitQuaternion() * ray + corner.inverse_depth * T_cam_ref_.translation();
+    const PolishRay single{static_cast<float>(ray.x()),
+                           static_cast<float>(ray.y()),
+                           static_cast<float>(corner.inverse_depth)};
     PolishSums sums;
-    if (!linearizePolish(frame_,
-                         patch,
-                         {static_cast<float>(direction.x()),
-                          static_cast<float>(direction.y()),
-                          static_cast<float>(direction.z())},
-                         sums)) {
-      return measurement;
-    }
+    if (!linearizePolish(target_, patch, single, sums)) return measurement;
     const auto xx = static_cast<double>(sums.xx);
     const auto xy = static_cast<double>(sums.xy);
     const auto yy = static_cast<double>(sums.yy);
@@ -121,7 +114,7 @@ class FrameMeasurer {
  private:
   const PinholeCamera& camera_;
   SE3 T_cam_ref_;
-  PolishFrame frame_;
+  TargetImage target_;
 };
 
 /// Inverse square root of a corner's covariance, from the mean information of its patches.

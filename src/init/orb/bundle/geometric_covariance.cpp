@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/bundle/geometric_covariance.h"
 
+#include "estimate/marginals.h"
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/map/image_cells.h"
-
-#include <Eigen/Cholesky>
 
 #include <algorithm>
 #include <cmath>
@@ -25,7 +24,7 @@ constexpr double kTailVarianceFactor = 4;
 /// What the corners of each cell leave of the gradient for the poses, one column a cell:
 /// independent samples of an error whose covariance is unknown.
 Eigen::MatrixXd cellGradients(const InitialMap& map,
-                              const ReprojectionEquations& system,
+                              const LinearSystem<double>& system,
                               const PoseRows& pose_rows,
                               const PinholeCamera& camera,
                               const GeometricOptions& options) {
@@ -50,12 +49,10 @@ Eigen::MatrixXd cellGradients(const InitialMap& map,
         (whitening.transpose() * error);
   }
   for (std::size_t i = 0; i < cell.size(); ++i) {
-    const auto k = static_cast<Eigen::Index>(i);
     gradients.col(column[cell[i]]) -=
-        system.coupling.col(k) * (system.depth_gradient[k] / system.depth_hessian[k]);
+        system.couplingOf(i) * (system.depth_gradient[i] / system.depth_hessian[i]);
   }
-  const auto free = static_cast<double>(cells) - static_cast<double>(pose_rows.size) / kPoseSize;
-  return gradients * std::sqrt(static_cast<double>(cells) / std::max(free, 1.0));
+  return gradients;
 }
 
 void setPoseCovariances(InitialMap& map, const PoseRows& pose_rows, const Eigen::MatrixXd& joint) {
@@ -67,14 +64,6 @@ void setPoseCovariances(InitialMap& map, const PoseRows& pose_rows, const Eigen:
   setJointCovariance(map, std::move(frames), joint);
 }
 
-Eigen::VectorXd inverseDepths(const InitialMap& map) {
-  Eigen::VectorXd inverse_depths(static_cast<Eigen::Index>(map.corners.size()));
-  for (Eigen::Index i = 0; i < inverse_depths.size(); ++i) {
-    inverse_depths[i] = map.corners[static_cast<std::size_t>(i)].inverse_depth;
-  }
-  return inverse_depths;
-}
-
 }  // namespace
 
 double setCovariances(InitialMap& map,
@@ -83,56 +72,41 @@ double setCovariances(InitialMap& map,
   constexpr double kDegenerate = std::numeric_limits<double>::quiet_NaN();
   const PoseRows pose_rows(map);
   const int size = pose_rows.size;
-  const auto corners = static_cast<Eigen::Index>(map.corners.size());
-  const ReprojectionEquations system = linearize(map, {}, pose_rows, camera, options);
-  const auto redundancy = static_cast<double>(system.rows - size - corners + 1);
-  if (size == 0 || redundancy <= 0 || !(system.depth_hessian.minCoeff() > 0)) {
-    return kDegenerate;
-  }
-  const double factor = system.weighted_error / redundancy;
+  const auto n = static_cast<double>(map.corners.size());
+  const ReprojectionEquations equations = linearize(map, {}, pose_rows, camera, options);
+  const LinearSystem<double>& system = equations.system;
+  const double redundancy = equations.rows - size - n + 1;
+  if (size == 0 || redundancy <= 0 || !allKnown(system, map)) return kDegenerate;
+  const Eigen::VectorXd scale = scaleDirection(map, pose_rows);
+  const Marginals marginals(system, scale, ReprojectionState(map, pose_rows).inverse_depth);
+  if (!marginals.usable()) return kDegenerate;
+  const double factor = equations.weighted_square / redundancy;
   const bool formal = options.pose_variance_factor <= 0;
   // Errors of one track in all frames are one error.
   const double own_factor = formal ? factor : factor * size / kPoseSize;
-
-  const Eigen::VectorXd own = system.depth_hessian.cwiseInverse();
-  const Eigen::MatrixXd coupling = system.coupling * own.asDiagonal();
-  const Eigen::MatrixXd schur = system.pose_hessian - system.coupling * coupling.transpose();
-  // The null direction gets the mean stiffness of the others; what it gets does not matter.
-  const Eigen::VectorXd scale = scaleDirection(map, pose_rows);
-  const Eigen::VectorXd unit_scale = scale.normalized();
-  const Eigen::LLT<Eigen::MatrixXd> cholesky(schur + schur.trace() / size * unit_scale *
-                                                         unit_scale.transpose());
-  if (cholesky.info() != Eigen::Success) {
-    return kDegenerate;
-  }
-  const auto n = static_cast<double>(corners);
-  const double mean_variance = own.sum() / (n * n);
-  const Eigen::VectorXd mean_coupling = coupling.rowwise().mean();
-  const Eigen::MatrixXd projector =
-      Eigen::MatrixXd::Identity(size, size) - scale * mean_coupling.transpose();
   // Columns r with sum of r r^T = covariance of the poses, before the gauge.
-  Eigen::MatrixXd roots =
-      std::sqrt(factor) * cholesky.matrixU().solve(Eigen::MatrixXd::Identity(size, size));
+  Eigen::MatrixXd roots = std::sqrt(factor) * marginals.roots();
   if (!formal) {
     map.clustered_factor =
         options.pose_variance_factor * (1 + kTailVarianceFactor * tailExcess(map, camera));
-    const Eigen::MatrixXd cells =
-        std::sqrt(map.clustered_factor) * cellGradients(map, system, pose_rows, camera, options);
-    roots.conservativeResize(Eigen::NoChange, size + cells.cols());
-    roots.rightCols(cells.cols()) = cholesky.solve(cells);
+    const Eigen::MatrixXd clustered = marginals.clusteredRoots(
+        cellGradients(map, system, pose_rows, camera, options), size / kPoseSize);
+    roots.conservativeResize(Eigen::NoChange, size + clustered.cols());
+    roots.rightCols(clustered.cols()) = std::sqrt(map.clustered_factor) * clustered;
   }
-  const Eigen::MatrixXd in_gauge = projector * roots;
-  const Eigen::MatrixXd poses =
-      in_gauge * in_gauge.transpose() + own_factor * mean_variance * scale * scale.transpose();
-  setPoseCovariances(map, pose_rows, poses);
-  const Eigen::VectorXd inverse_depths = inverseDepths(map);
-  const Eigen::MatrixXd by_pose =
-      roots.transpose() * (coupling - mean_coupling * inverse_depths.transpose());
-  for (Eigen::Index i = 0; i < corners; ++i) {
-    const double rho = inverse_depths[i];
-    map.corners[static_cast<std::size_t>(i)].variance =
-        own_factor * (own[i] * std::max(0.0, 1.0 - 2.0 * rho / n) + rho * rho * mean_variance) +
-        by_pose.col(i).squaredNorm();
+  const double mean_variance = marginals.depthVariance();
+  const Eigen::MatrixXd in_gauge = marginals.inGauge(roots);
+  setPoseCovariances(
+      map,
+      pose_rows,
+      in_gauge * in_gauge.transpose() + own_factor * mean_variance * scale * scale.transpose());
+  Eigen::VectorXd effect(size);
+  for (std::size_t i = 0; i < map.corners.size(); ++i) {
+    const double rho = map.corners[i].inverse_depth;
+    marginals.depthEffect(system, i, rho, effect);
+    const double own = std::max(0.0, 1.0 - 2.0 * rho / n) / system.depth_hessian[i];
+    map.corners[i].variance =
+        own_factor * (own + rho * rho * mean_variance) + (roots.transpose() * effect).squaredNorm();
   }
   return factor;
 }

@@ -34,13 +34,15 @@ constexpr Offsets makeOffsets() {
 
 constexpr Offsets kOffsets = makeOffsets();
 
-DSORB_TARGET_CLONES bool linearizeInLanes(const PolishFrame& f,
+DSORB_TARGET_CLONES bool linearizeInLanes(const TargetImage& target,
                                           const PolishPatch& patch,
-                                          const float* direction,
+                                          const PolishRay& ray,
                                           Lanes& totals) {
   Lanes terms[8] = {};
-  const auto max_x = static_cast<float>(f.width - 2);
-  const auto max_y = static_cast<float>(f.height - 2);
+  const float step_x = 1.0F / target.warp.fx;
+  const float step_y = 1.0F / target.warp.fy;
+  SampleArea<Lanes> area;
+  sampleArea(target.width, target.height, area);
   for (std::size_t i = 0; i < kPolishLanes; i += kLanes) {
     Lanes offset_x;
     Lanes offset_y;
@@ -50,23 +52,18 @@ DSORB_TARGET_CLONES bool linearizeInLanes(const PolishFrame& f,
     load(&kOffsets.y[i], offset_y);
     load(&kOffsets.used[i], used);
     load(&patch.grey[i], grey);
-    const Lanes px = direction[0] + offset_x * f.by_x[0] + offset_y * f.by_y[0];
-    const Lanes py = direction[1] + offset_x * f.by_x[1] + offset_y * f.by_y[1];
-    const Lanes pz = direction[2] + offset_x * f.by_x[2] + offset_y * f.by_y[2];
-    const Lanes inverse_z = 1.0F / pz;
-    const Lanes x = f.fx * px * inverse_z + f.cx;
-    const Lanes y = f.fy * py * inverse_z + f.cy;
-    // Written so that NaN is outside.
-    const auto inside = (pz > 0.0F) & (x >= 1.0F) & (y >= 1.0F) & (x < max_x) & (y < max_y);
-    int all = -1;
-    for (int k = 0; k < kLanes; ++k) all &= inside[k];
-    if (all == 0) return false;
+    const Lanes ray_x = ray.x + step_x * offset_x;
+    const Lanes ray_y = ray.y + step_y * offset_y;
+    WarpedPoint<Lanes> point;
+    warpPoint(target.warp, ray_x, ray_y, ray.inverse_depth, point);
     LaneSamples samples;
-    interpolateLanes(f.image, f.width, x, y, samples);
-    const Lanes residual = (samples.intensity - f.gain * grey - f.offset) * used;
+    MaskOf<Lanes> inside;
+    sampleTarget(target, area, point, samples, inside);
+    if (!inAllLanes(inside)) return false;
+    const Lanes residual = (samples.intensity - target.gain * grey - target.offset) * used;
     const Lanes magnitude = residual < 0.0F ? -residual : residual;
     Lanes threshold;
-    fill(f.huber_threshold, threshold);
+    fill(kHuberThreshold, threshold);
     Lanes weight;
     huberWeights(magnitude, threshold, weight);
     weight *= used;
@@ -101,34 +98,12 @@ PolishPatch cutPolishPatch(const PyramidLevel& reference, float x, float y) {
   return patch;
 }
 
-PolishFrame polishFrame(const PinholeCamera& camera,
-                        const SE3& T_cam_ref,
-                        const BrightnessTransfer& transfer,
-                        const PyramidLevel& image) {
-  PolishFrame frame{};
-  const Eigen::Matrix3d R = T_cam_ref.rotationMatrix();
-  for (int row = 0; row < 3; ++row) {
-    frame.by_x[static_cast<std::size_t>(row)] = static_cast<float>(R(row, 0) / camera.fx);
-    frame.by_y[static_cast<std::size_t>(row)] = static_cast<float>(R(row, 1) / camera.fy);
-  }
-  frame.image = image.data();
-  frame.width = image.width();
-  frame.height = image.height();
-  frame.fx = static_cast<float>(camera.fx);
-  frame.fy = static_cast<float>(camera.fy);
-  frame.cx = static_cast<float>(camera.cx);
-  frame.cy = static_cast<float>(camera.cy);
-  frame.gain = static_cast<float>(transfer.gain);
-  frame.offset = static_cast<float>(transfer.offset);
-  return frame;
-}
-
-bool linearizePolish(const PolishFrame& frame,
+bool linearizePolish(const TargetImage& target,
                      const PolishPatch& patch,
-                     const std::array<float, 3>& direction,
+                     const PolishRay& ray,
                      PolishSums& sums) {
   Lanes totals;
-  if (!patch.valid || !linearizeInLanes(frame, patch, direction.data(), totals)) return false;
+  if (!patch.valid || !linearizeInLanes(target, patch, ray, totals)) return false;
   sums = {totals[0], totals[1], totals[2], totals[3], totals[4], totals[5], totals[6], totals[7]};
   return std::isfinite(sums.magnitude);
 }

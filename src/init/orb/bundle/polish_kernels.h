@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "dsorb/camera/pinhole_camera.h"
-#include "dsorb/geometry/se3.h"
-#include "dsorb/image/affine_brightness.h"
 #include "dsorb/image/pyramid.h"
+
+#include "estimate/target_image.h"
 
 #include <array>
 #include <cstddef>
@@ -24,21 +23,11 @@ struct PolishPatch {
 };
 PolishPatch cutPolishPatch(const PyramidLevel& reference, float x, float y);
 
-/// Everything that is the same for all corners of one frame.
-struct PolishFrame {
-  const ImageSample* image;
-  int width, height;
-  float fx, fy, cx, cy;  ///< [px]
-  std::array<float, 3>
-      by_x;  ///< change of a direction in the frame by the reference's pixel [1/px]
-  std::array<float, 3> by_y;
-  float gain, offset;     ///< I_frame = gain I_reference + offset
-  float huber_threshold;  ///< [grey levels]
+/// A corner in the reference.
+struct PolishRay {
+  float x, y;           ///< at z = 1
+  float inverse_depth;  ///< [1/unit]
 };
-PolishFrame polishFrame(const PinholeCamera& camera,
-                        const SE3& T_cam_ref,
-                        const BrightnessTransfer& transfer,
-                        const PyramidLevel& image);
 
 /// Sums over the pixels of a patch; w is Huber's weight.
 struct PolishSums {
@@ -53,11 +42,10 @@ struct PolishSums {
 };
 
 /// Residuals of a corner's patch, warped into a frame, over a shift of the patch there.
-/// @param direction of the corner in the frame, not normalised
-/// @return          false where the patch leaves the image or is invalid
-bool linearizePolish(const PolishFrame& frame,
+/// @return false where the patch leaves the image or is invalid
+bool linearizePolish(const TargetImage& target,
                      const PolishPatch& patch,
-                     const std::array<float, 3>& direction,
+                     const PolishRay& ray,
                      PolishSums& sums);
 
 }  // namespace dsorb::init_orb

@@ -71,7 +71,7 @@ InheritedPoseError::InheritedPoseError(const InitialMap& map,
                                        const GeometricOptions& options)
     : joint_(map.joint_covariance) {
   const PoseRows rows(map, map.joint_frames);
-  const ReprojectionEquations system = linearize(map, {}, rows, camera, options);
+  const LinearSystem<double> system = linearize(map, {}, rows, camera, options).system;
   const auto corners = static_cast<Eigen::Index>(map.corners.size());
   // Rows 6 d to 6 d + 5: J^T J_t,d / (rho h).
   Eigen::Matrix<double, 18, Eigen::Dynamic> effects =
@@ -79,15 +79,17 @@ InheritedPoseError::InheritedPoseError(const InitialMap& map,
   Matrix6d hessian = Matrix6d::Zero();
   for (Eigen::Index i = 0; i < corners; ++i) {
     const Corner& corner = map.corners[static_cast<std::size_t>(i)];
-    if (!(system.depth_hessian[i] > 0) || !(corner.inverse_depth > 0)) continue;
+    const auto k = static_cast<std::size_t>(i);
+    if (!system.known(k) || !(corner.inverse_depth > 0)) continue;
     const auto projection =
         projectHosted(camera, SE3(), camera.unproject(corner.pixel), corner.inverse_depth);
     const Matrix6d own = projection->J_pose.transpose() * projection->J_pose;
     hessian += own;
-    const double scale = 1 / (corner.inverse_depth * system.depth_hessian[i]);
+    const double scale = 1 / (corner.inverse_depth * system.depth_hessian[k]);
     for (Eigen::Index d = 0; d < 3; ++d) effects.col(i).segment<6>(6 * d) = scale * own.col(d);
   }
-  const Eigen::Matrix<double, 18, Eigen::Dynamic> sums = effects * system.coupling.transpose();
+  const Eigen::Matrix<double, 18, Eigen::Dynamic> sums =
+      effects * system.couplings().topRows(corners);
   const Eigen::LDLT<Matrix6d> cholesky(hessian);
   for (Eigen::Index d = 0; d < 3; ++d) {
     response_[static_cast<std::size_t>(d)] = cholesky.solve(sums.middleRows<6>(6 * d));

@@ -33,7 +33,7 @@ class SightingArrays {
                                    const SE3& T_cam_host,
                                    double limit) const {
     PoseSums sums;
-    linearizeSightings(sightingFrame(camera, T_cam_host),
+    linearizeSightings(makeWarp<double>(camera, T_cam_host),
                        {row(kRayX),
                         row(kRayY),
                         row(kInverseDepth),

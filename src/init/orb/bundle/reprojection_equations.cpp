@@ -6,11 +6,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 
 namespace dsorb::init_orb {
 namespace {
 
-using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+constexpr std::size_t kCornerBlock = 64;  // corners that one thread takes at a time
 
 }  // namespace
 
@@ -22,6 +23,12 @@ std::optional<HostedProjection> projectCorner(const InitialMap& map,
                        *map.frames[static_cast<std::size_t>(observation.frame)].T_cam_ref,
                        camera.unproject(corner.pixel),
                        corner.inverse_depth);
+}
+
+bool allKnown(const LinearSystem<double>& system, const InitialMap& map) {
+  return std::all_of(system.depth_hessian.begin(),
+                     system.depth_hessian.begin() + static_cast<std::ptrdiff_t>(map.corners.size()),
+                     [](double h) { return h > 0; });
 }
 
 double robustCost(double error, const GeometricOptions& options) {
@@ -134,13 +141,12 @@ SightingRun ReprojectionProblem::run(std::size_t frame,
           count};
 }
 
-void ReprojectionProblem::linearize(const ReprojectionState& state, ReprojectionSums& sums) const {
-  std::vector<SightingFrame> frame;
-  for (const SE3& pose : state.T_cam_ref) frame.push_back(sightingFrame(camera_, pose));
-  sums.stride = stride();
-  sums.coupling.resize(frames() * kPoseSize * stride());
-  sums.depth_hessian.assign(stride(), 0);
-  sums.depth_gradient.assign(stride(), 0);
+void ReprojectionProblem::linearize(const ReprojectionState& state,
+                                    ReprojectionEquations& equations) const {
+  std::vector<Warp<double>> frame;
+  for (const SE3& pose : state.T_cam_ref) frame.push_back(makeWarp<double>(camera_, pose));
+  LinearSystem<double>& system = equations.system;
+  system.reset(static_cast<Eigen::Index>(frames() * kPoseSize), stride());
   const std::size_t blocks = (stride() + kCornerBlock - 1) / kCornerBlock;
   std::vector<PoseSums> partial(blocks * frames());
   forEachRange(blocks, 1, [&](std::size_t begin, std::size_t end) {
@@ -151,22 +157,23 @@ void ReprojectionProblem::linearize(const ReprojectionState& state, Reprojection
         linearizeSightings(frame[f],
                            run(f, first, count, state),
                            loss_,
-                           {&sums.coupling[f * kPoseSize * stride() + first],
-                            stride(),
-                            &sums.depth_hessian[first],
-                            &sums.depth_gradient[first]},
+                           system.sumsOf(first, f * kPoseSize),
                            partial[block * frames() + f]);
       }
     }
   });
-  sums.poses.assign(frames(), PoseSums());
-  for (std::size_t i = 0; i < partial.size(); ++i) sums.poses[i % frames()] += partial[i];
-  sums.cost = 0;
-  sums.behind = false;
-  for (const PoseSums& pose : sums.poses) {
-    sums.cost += pose.cost;
-    sums.behind = sums.behind || pose.behind > 0;
+  PoseSums total;
+  for (std::size_t f = 0; f < frames(); ++f) {
+    PoseSums pose;
+    for (std::size_t block = 0; block < blocks; ++block) pose += partial[block * frames() + f];
+    const auto at = static_cast<Eigen::Index>(f * kPoseSize);
+    system.H.block<kPoseSize, kPoseSize>(at, at) = hessianOf(pose);
+    system.b.segment<kPoseSize>(at) = Eigen::Map<const Vector6d>(pose.gradient.data());
+    total += pose;
   }
+  equations.cost = total.behind > 0 ? std::numeric_limits<double>::infinity() : total.cost;
+  equations.weighted_square = total.weighted_square;
+  equations.rows = 2 * static_cast<int>(total.sightings);
 }
 
 ReprojectionEquations linearize(const InitialMap& map,
@@ -174,38 +181,18 @@ ReprojectionEquations linearize(const InitialMap& map,
                                 const PoseRows& pose_rows,
                                 const PinholeCamera& camera,
                                 const GeometricOptions& options) {
-  ReprojectionSums sums;
+  ReprojectionEquations equations;
   ReprojectionProblem(map, kept, pose_rows, camera, options)
-      .linearize(ReprojectionState(map, pose_rows), sums);
-  const int size = pose_rows.size;
-  const auto corners = static_cast<Eigen::Index>(map.corners.size());
-  ReprojectionEquations system{
-      Eigen::MatrixXd::Zero(size, size),
-      Eigen::Map<const RowMajor>(sums.coupling.data(), size, static_cast<int>(sums.stride))
-          .leftCols(corners),
-      Eigen::Map<const Eigen::VectorXd>(sums.depth_hessian.data(), corners),
-      Eigen::VectorXd(size),
-      Eigen::Map<const Eigen::VectorXd>(sums.depth_gradient.data(), corners)};
-  for (std::size_t f = 0; f < sums.poses.size(); ++f) {
-    const PoseSums& pose = sums.poses[f];
-    const auto at = static_cast<Eigen::Index>(f) * kPoseSize;
-    system.pose_hessian.block<kPoseSize, kPoseSize>(at, at) = hessianOf(pose);
-    system.pose_gradient.segment<kPoseSize>(at) = Eigen::Map<const Vector6d>(pose.gradient.data());
-    system.weighted_error += pose.weighted_square;
-    system.rows += 2 * static_cast<int>(pose.sightings);
-  }
-  return system;
+      .linearize(ReprojectionState(map, pose_rows), equations);
+  return equations;
 }
 
 std::optional<double> reprojectionCost(const InitialMap& map,
                                        const std::vector<char>& kept,
                                        const PinholeCamera& camera,
                                        const GeometricOptions& options) {
-  const PoseRows rows(map);
-  ReprojectionSums sums;
-  ReprojectionProblem(map, kept, rows, camera, options)
-      .linearize(ReprojectionState(map, rows), sums);
-  return sums.behind || !std::isfinite(sums.cost) ? std::nullopt : std::optional(sums.cost);
+  const double cost = linearize(map, kept, PoseRows(map), camera, options).cost;
+  return std::isfinite(cost) ? std::optional(cost) : std::nullopt;
 }
 
 }  // namespace dsorb::init_orb

@@ -4,6 +4,7 @@
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/options/orb_mapping.h"
 
+#include "estimate/linear_system.h"
 #include "estimate/warp.h"
 #include "init/orb/bundle/reprojection_kernels.h"
 #include "init/orb/map/initial_map.h"
@@ -38,16 +39,14 @@ struct ReprojectionState {
   void writeTo(InitialMap& map, const PoseRows& rows) const;
 };
 
-/// Robustly weighted normal equations over poses (left increments) and inverse depths, as they come
-/// from the kernels; all arrays by corner have the length of ReprojectionState::inverse_depth.
-struct ReprojectionSums {
-  std::vector<PoseSums> poses;
-  std::size_t stride = 0;              ///< of `coupling`, one row an unknown of the poses
-  std::vector<double> coupling;        ///<
-  std::vector<double> depth_hessian;   ///< 0 for corners left out
-  std::vector<double> depth_gradient;  ///<
-  double cost = 0;                     ///< half the sum of the robust loss, as Ceres counts it
-  bool behind = false;                 ///< a point is behind a camera that sees it: no cost
+/// Robustly weighted normal equations over poses (left increments) and inverse depths, the latter
+/// as many as ReprojectionState has. Points behind a camera have no part.
+struct ReprojectionEquations {
+  LinearSystem<double> system;
+  double cost = 0;             ///< half the sum of the robust loss, as Ceres counts it; infinite
+                               ///< where a point is behind a camera that sees it
+  double weighted_square = 0;  ///< sum of w e^2 [-]
+  int rows = 0;                ///< scalar observations
 };
 
 /// Observations of the kept corners in posed frames, arranged for the kernels. Runs in parallel
@@ -61,7 +60,7 @@ class ReprojectionProblem {
                       const PinholeCamera& camera,
                       const GeometricOptions& options);
 
-  void linearize(const ReprojectionState& state, ReprojectionSums& sums) const;
+  void linearize(const ReprojectionState& state, ReprojectionEquations& equations) const;
 
   [[nodiscard]] std::size_t frames() const { return sightings_.size(); }
   /// Corners, filled up to whole lanes.
@@ -83,27 +82,15 @@ class ReprojectionProblem {
   std::vector<Sightings> sightings_;  ///< by posed frame
 };
 
-constexpr std::size_t kCornerBlock = 64;  ///< corners that one thread takes at a time
-
-/// Robustly weighted normal equations of the reprojection errors over poses (left increments) and
-/// inverse depths: [pose_hessian, coupling; coupling^T, diag(depth_hessian)].
-struct ReprojectionEquations {
-  Eigen::MatrixXd pose_hessian;    ///< block diagonal
-  Eigen::MatrixXd coupling;        ///< column i: corner i
-  Eigen::VectorXd depth_hessian;   ///< 0 for corners left out
-  Eigen::VectorXd pose_gradient;   ///< sum w J^T e
-  Eigen::VectorXd depth_gradient;  ///<
-  double weighted_error = 0;       ///< sum of w e^2 [-]
-  int rows = 0;                    ///< scalar observations
-};
-
-/// Points behind a camera have no part.
-/// @param kept one a corner; empty: all
+/// Those of a map. @param kept one a corner; empty: all
 ReprojectionEquations linearize(const InitialMap& map,
                                 const std::vector<char>& kept,
                                 const PoseRows& pose_rows,
                                 const PinholeCamera& camera,
                                 const GeometricOptions& options);
+
+/// Whether every corner has part in the equations.
+bool allKnown(const LinearSystem<double>& system, const InitialMap& map);
 
 /// Where the corner of an observation is expected; nullopt behind the camera.
 /// @param observation of a frame with pose

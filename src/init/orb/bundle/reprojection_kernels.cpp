@@ -10,9 +10,8 @@
 namespace dsorb::init_orb {
 namespace {
 
-using Mask = long long __attribute__((vector_size(32)));
+using Mask = MaskOf<DoubleLanes>;
 
-constexpr double kMinZ = 1e-6;  // of a point over its depth in the reference; as projectHosted()
 // Factors of a product whose logarithm is taken: each is below 1e30, so it does not overflow.
 constexpr std::size_t kFactors = 8;
 
@@ -29,52 +28,31 @@ struct LaneSums {
 
 /// Projections of four corners with their derivatives.
 struct Projection {
-  DoubleLanes error_x, error_y;                      // projected minus seen [px]
-  DoubleLanes pose_x[kPoseSize], pose_y[kPoseSize];  // derivatives by the pose
-  DoubleLanes depth_x, depth_y;                      // by the inverse depth
+  DoubleLanes error_x, error_y;  // projected minus seen [px]
+  PixelJacobian<DoubleLanes> J;
   Mask front;
 };
 
-DSORB_ALWAYS_INLINE void project(const SightingFrame& f,
+DSORB_ALWAYS_INLINE void project(const Warp<double>& frame,
                                  const SightingRun& run,
                                  std::size_t i,
                                  Projection& out) {
-  DoubleLanes rx;
-  DoubleLanes ry;
+  DoubleLanes ray_x;
+  DoubleLanes ray_y;
   DoubleLanes rho;
   DoubleLanes seen_x;
   DoubleLanes seen_y;
-  load(run.ray_x + i, rx);
-  load(run.ray_y + i, ry);
+  load(run.ray_x + i, ray_x);
+  load(run.ray_y + i, ray_y);
   load(run.inverse_depth + i, rho);
   load(run.pixel_x + i, seen_x);
   load(run.pixel_y + i, seen_y);
-  const DoubleLanes px = f.R[0] * rx + f.R[1] * ry + (f.R[2] + rho * f.t[0]);
-  const DoubleLanes py = f.R[3] * rx + f.R[4] * ry + (f.R[5] + rho * f.t[1]);
-  const DoubleLanes pz = f.R[6] * rx + f.R[7] * ry + (f.R[8] + rho * f.t[2]);
-  DoubleLanes min_z;
-  fill(kMinZ, min_z);
-  out.front = pz > min_z;
-  const DoubleLanes inverse_z = 1.0 / (out.front ? pz : min_z);
-  const DoubleLanes u = px * inverse_z;
-  const DoubleLanes v = py * inverse_z;
-  const DoubleLanes fx_rho = f.fx * rho * inverse_z;
-  const DoubleLanes fy_rho = f.fy * rho * inverse_z;
-  const DoubleLanes uv = u * v;
-  out.error_x = f.fx * u + (f.cx - seen_x);
-  out.error_y = f.fy * v + (f.cy - seen_y);
-  out.pose_x[0] = fx_rho;
-  out.pose_x[2] = -fx_rho * u;
-  out.pose_x[3] = -f.fx * uv;
-  out.pose_x[4] = f.fx + f.fx * u * u;
-  out.pose_x[5] = -f.fx * v;
-  out.pose_y[1] = fy_rho;
-  out.pose_y[2] = -fy_rho * v;
-  out.pose_y[3] = -f.fy - f.fy * v * v;
-  out.pose_y[4] = f.fy * uv;
-  out.pose_y[5] = f.fy * u;
-  out.depth_x = f.fx * inverse_z * (f.t[0] - u * f.t[2]);
-  out.depth_y = f.fy * inverse_z * (f.t[1] - v * f.t[2]);
+  WarpedPoint<DoubleLanes> point;
+  warpPoint(frame, ray_x, ray_y, rho, point);
+  pixelJacobian(frame, point, rho, out.J);
+  out.error_x = point.x - seen_x;
+  out.error_y = point.y - seen_y;
+  out.front = point.front;
 }
 
 /// Inverse covariances of four sightings, zero where there is none, later times the weight.
@@ -127,11 +105,13 @@ template <bool kDepths>
 DSORB_ALWAYS_INLINE void addSums(const Projection& at,
                                  const Information& information,
                                  std::size_t i,
-                                 const DepthSums& depths,
+                                 const PointSums<double>& depths,
                                  LaneSums& sums) {
+  const PixelJacobian<DoubleLanes>& J = at.J;
+  DoubleLanes coupling[kPoseSize];
   const DoubleLanes error_x = information.xx * at.error_x + information.xy * at.error_y;
   const DoubleLanes error_y = information.xy * at.error_x + information.yy * at.error_y;
-  // pose_x[1] and pose_y[0] are zero, and not touched.
+  // J.x[1] and J.y[0] are zero, and not touched.
   int entry = 0;
 #pragma GCC unroll 6
   for (int r = 0; r < kPoseSize; ++r) {
@@ -139,51 +119,49 @@ DSORB_ALWAYS_INLINE void addSums(const Projection& at,
     DoubleLanes y;
     DoubleLanes gradient;
     if (r == 0) {
-      x = information.xx * at.pose_x[r];
-      y = information.xy * at.pose_x[r];
-      gradient = at.pose_x[r] * error_x;
+      x = information.xx * J.x[r];
+      y = information.xy * J.x[r];
+      gradient = J.x[r] * error_x;
     } else if (r == 1) {
-      x = information.xy * at.pose_y[r];
-      y = information.yy * at.pose_y[r];
-      gradient = at.pose_y[r] * error_y;
+      x = information.xy * J.y[r];
+      y = information.yy * J.y[r];
+      gradient = J.y[r] * error_y;
     } else {
-      x = information.xx * at.pose_x[r] + information.xy * at.pose_y[r];
-      y = information.xy * at.pose_x[r] + information.yy * at.pose_y[r];
-      gradient = at.pose_x[r] * error_x + at.pose_y[r] * error_y;
+      x = information.xx * J.x[r] + information.xy * J.y[r];
+      y = information.xy * J.x[r] + information.yy * J.y[r];
+      gradient = J.x[r] * error_x + J.y[r] * error_y;
     }
     sums.gradient[r] += gradient;
 #pragma GCC unroll 6
     for (int c = r; c < kPoseSize; ++c) {
       if (c == 0) {
-        sums.hessian[entry++] += x * at.pose_x[c];
+        sums.hessian[entry++] += x * J.x[c];
       } else if (c == 1) {
-        sums.hessian[entry++] += y * at.pose_y[c];
+        sums.hessian[entry++] += y * J.y[c];
       } else {
-        sums.hessian[entry++] += x * at.pose_x[c] + y * at.pose_y[c];
+        sums.hessian[entry++] += x * J.x[c] + y * J.y[c];
       }
     }
-    if constexpr (kDepths) {
-      store(x * at.depth_x + y * at.depth_y,
-            depths.coupling + static_cast<std::size_t>(r) * depths.stride + i);
-    }
+    if constexpr (kDepths) coupling[r] = x * J.depth_x + y * J.depth_y;
   }
   if constexpr (kDepths) {
-    const DoubleLanes x = information.xx * at.depth_x + information.xy * at.depth_y;
-    const DoubleLanes y = information.xy * at.depth_x + information.yy * at.depth_y;
+    storeTransposed(coupling, depths.coupling + i * depths.stride, depths.stride);
+    const DoubleLanes x = information.xx * J.depth_x + information.xy * J.depth_y;
+    const DoubleLanes y = information.xy * J.depth_x + information.yy * J.depth_y;
     DoubleLanes hessian;
     DoubleLanes gradient;
     load(depths.hessian + i, hessian);
     load(depths.gradient + i, gradient);
-    store(hessian + x * at.depth_x + y * at.depth_y, depths.hessian + i);
-    store(gradient + at.depth_x * error_x + at.depth_y * error_y, depths.gradient + i);
+    store(hessian + x * J.depth_x + y * J.depth_y, depths.hessian + i);
+    store(gradient + J.depth_x * error_x + J.depth_y * error_y, depths.gradient + i);
   }
 }
 
 template <RobustLoss kLoss, bool kDepths>
-DSORB_ALWAYS_INLINE void linearizeAs(const SightingFrame& frame,
+DSORB_ALWAYS_INLINE void linearizeAs(const Warp<double>& frame,
                                      const SightingRun& run,
                                      const LossSetting& loss,
-                                     const DepthSums& depths,
+                                     const PointSums<double>& depths,
                                      LaneSums& result) {
   LaneSums sums = {};  // a local one stays in registers
   const double half_square = 0.5 * loss.limit * loss.limit;
@@ -208,10 +186,10 @@ DSORB_ALWAYS_INLINE void linearizeAs(const SightingFrame& frame,
   result = sums;
 }
 
-DSORB_TARGET_CLONES void linearizeInLanes(const SightingFrame& frame,
+DSORB_TARGET_CLONES void linearizeInLanes(const Warp<double>& frame,
                                           const SightingRun& run,
                                           const LossSetting& loss,
-                                          const DepthSums& depths,
+                                          const PointSums<double>& depths,
                                           LaneSums& sums) {
   const bool free = depths.coupling != nullptr;
   if (loss.loss == RobustLoss::kHuber) {
@@ -224,23 +202,6 @@ DSORB_TARGET_CLONES void linearizeInLanes(const SightingFrame& frame,
 }
 
 }  // namespace
-
-SightingFrame sightingFrame(const PinholeCamera& camera, const SE3& T_cam_ref) {
-  SightingFrame frame{};
-  const Eigen::Matrix3d R = T_cam_ref.rotationMatrix();
-  for (int row = 0; row < 3; ++row) {
-    for (int column = 0; column < 3; ++column) {
-      const int entry = 3 * row + column;
-      frame.R[static_cast<std::size_t>(entry)] = R(row, column);
-    }
-    frame.t[static_cast<std::size_t>(row)] = T_cam_ref.translation()[row];
-  }
-  frame.fx = camera.fx;
-  frame.fy = camera.fy;
-  frame.cx = camera.cx;
-  frame.cy = camera.cy;
-  return frame;
-}
 
 PoseSums& PoseSums::operator+=(const PoseSums& other) {
   for (std::size_t i = 0; i < hessian.size(); ++i) hessian[i] += other.hessian[i];
@@ -262,10 +223,10 @@ Matrix6d hessianOf(const PoseSums& sums) {
   return hessian;
 }
 
-void linearizeSightings(const SightingFrame& frame,
+void linearizeSightings(const Warp<double>& frame,
                         const SightingRun& run,
                         const LossSetting& loss,
-                        const DepthSums& depths,
+                        const PointSums<double>& depths,
                         PoseSums& sums) {
   LaneSums lanes = {};
   linearizeInLanes(frame, run, loss, depths, lanes);
@@ -276,58 +237,6 @@ void linearizeSightings(const SightingFrame& frame,
   sums.sightings += sumLanes(lanes.sightings);
   sums.within += sumLanes(lanes.within);
   sums.behind += sumLanes(lanes.behind);
-}
-
-DSORB_TARGET_CLONES void eliminateCorners(const CouplingRun& run, double* matrix, double* vector) {
-  for (std::size_t r = 0; r < run.rows; ++r) {
-    const double* row = run.coupling + r * run.stride;
-    for (std::size_t first = 0; first <= r; first += kPoseSize) {
-      DoubleLanes sums[kPoseSize] = {};
-      for (std::size_t i = 0; i < run.count; i += kDoubleLanes) {
-        DoubleLanes scaled;
-        DoubleLanes inverse;
-        load(row + i, scaled);
-        load(run.inverse + i, inverse);
-        scaled *= inverse;
-        for (std::size_t c = 0; c < kPoseSize; ++c) {
-          DoubleLanes other;
-          load(run.coupling + (first + c) * run.stride + i, other);
-          sums[c] += scaled * other;
-        }
-      }
-      for (std::size_t c = 0; c < kPoseSize && first + c <= r; ++c) {
-        matrix[r * run.rows + first + c] += sumLanes(sums[c]);
-      }
-    }
-    DoubleLanes sum = {};
-    for (std::size_t i = 0; i < run.count; i += kDoubleLanes) {
-      DoubleLanes coupling;
-      DoubleLanes inverse;
-      DoubleLanes gradient;
-      load(row + i, coupling);
-      load(run.inverse + i, inverse);
-      load(run.gradient + i, gradient);
-      sum += coupling * inverse * gradient;
-    }
-    vector[r] += sumLanes(sum);
-  }
-}
-
-DSORB_TARGET_CLONES void substituteBack(const CouplingRun& run,
-                                        const double* step,
-                                        double* depths) {
-  for (std::size_t i = 0; i < run.count; i += kDoubleLanes) {
-    DoubleLanes sum;
-    load(run.gradient + i, sum);
-    for (std::size_t r = 0; r < run.rows; ++r) {
-      DoubleLanes coupling;
-      load(run.coupling + r * run.stride + i, coupling);
-      sum += step[r] * coupling;
-    }
-    DoubleLanes inverse;
-    load(run.inverse + i, inverse);
-    store(-inverse * sum, depths + i);
-  }
 }
 
 }  // namespace dsorb::init_orb

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/geometry/se3.h"
 #include "dsorb/options/orb_mapping.h"
 
 #include "base/lanes.h"
+#include "estimate/linear_system.h"
+#include "estimate/warp.h"
 
 #include <array>
 #include <cstddef>
@@ -21,14 +22,6 @@ constexpr std::size_t wholeLanes(std::size_t count) {
   constexpr std::size_t kWidth = kDoubleLanes;
   return (count + kWidth - 1) / kWidth * kWidth;
 }
-
-/// Camera and pose of one frame.
-struct SightingFrame {
-  std::array<double, 9> R;  ///< rotation reference to frame, row-major
-  std::array<double, 3> t;  ///< translation reference to frame [unit]
-  double fx, fy, cx, cy;    ///< [px]
-};
-SightingFrame sightingFrame(const PinholeCamera& camera, const SE3& T_cam_ref);
 
 /// Corners as one frame sees them: arrays of `count` numbers, a multiple of kDoubleLanes.
 struct SightingRun {
@@ -65,37 +58,13 @@ struct PoseSums {
 /// Symmetric matrix of the sums over one pose.
 Matrix6d hessianOf(const PoseSums& sums);
 
-/// What is asked for each corner of a run; null where depths are fixed.
-struct DepthSums {
-  double* coupling = nullptr;  ///< set: w J_pose^T J_depth, 6 rows
-  std::size_t stride = 0;      ///< from row to row
-  double* hessian = nullptr;   ///< added to: w J_depth^2
-  double* gradient = nullptr;  ///< added to: w J_depth e
-};
-
-/// Linearizes projectHosted() over a left increment of the pose and the inverse depths.
-/// @param sums added to
-void linearizeSightings(const SightingFrame& frame,
+/// Linearizes the projection over a left increment of the pose and the inverse depths.
+/// @param depths null where the inverse depths are fixed; couplings are set
+/// @param sums   added to
+void linearizeSightings(const Warp<double>& frame,
                         const SightingRun& run,
                         const LossSetting& loss,
-                        const DepthSums& depths,
+                        const PointSums<double>& depths,
                         PoseSums& sums);
-
-/// Couplings of a run of corners with all poses.
-struct CouplingRun {
-  const double* coupling;  ///< one row an unknown of the poses
-  std::size_t rows;        ///< a multiple of kPoseSize
-  std::size_t stride;      ///< from row to row
-  const double* inverse;   ///< 1 / h, 0 for corners left out
-  const double* gradient;  ///< b
-  std::size_t count;       ///< of corners, a multiple of kDoubleLanes
-};
-
-/// Adds the sum of c c^T / h to the lower triangle of `matrix` (row-major) and that of c b / h to
-/// `vector`.
-void eliminateCorners(const CouplingRun& run, double* matrix, double* vector);
-
-/// Solution for the inverse depths: -(b + c^T step) / h.
-void substituteBack(const CouplingRun& run, const double* step, double* depths);
 
 }  // namespace dsorb::init_orb

@@ -107,9 +107,10 @@ PhotometricEvidence::PhotometricEvidence(const PhotometricProblem& problem,
     : problem_(problem), state_(state), options_(options) {
   if (problem.patches.empty() || problem.frames.empty()) return;
   PhotometricLinearizer(problem, options).linearize(state, equations_);
-  scale_ = scaleDirection(state, equations_.frame_size);
   countResiduals();
-  eliminate();
+  marginals_ = Marginals(
+      equations_.system, scaleDirection(state, equations_.frame_size), state.inverse_depth);
+  usable_ = marginals_.usable() && noise_variance_ > 0;
 }
 
 void PhotometricEvidence::countResiduals() {
@@ -122,44 +123,15 @@ void PhotometricEvidence::countResiduals() {
   }
   for (const int observations : observations_) count += observations * kPatternSize;
   const double redundancy =
-      count - static_cast<double>(patches) - static_cast<double>(equations_.hessian.rows());
+      count - static_cast<double>(patches) - static_cast<double>(equations_.system.size());
   noise_variance_ = redundancy > 0 ? 2 * equations_.cost / redundancy : 0;
-}
-
-Eigen::VectorXd PhotometricEvidence::ratio(std::size_t patch) const {
-  return equations_.couplingOf(patch).cast<double>() /
-         static_cast<double>(equations_.depth_hessian[patch]);
-}
-
-/// The frames' equations without the depths.
-void PhotometricEvidence::eliminate() {
-  const std::size_t patches = problem_.patches.size();
-  const Eigen::Index size = equations_.hessian.rows();
-  std::vector<float> inverse(patches, 0);
-  Eigen::VectorXd ratio_sum = Eigen::VectorXd::Zero(size);
-  double rho_sum = 0;
-  for (std::size_t i = 0; i < patches; ++i) {
-    rho_sum += state_.inverse_depth[i];
-    if (!known(i)) continue;
-    inverse[i] = 1 / equations_.depth_hessian[i];
-    ratio_sum += equations_.couplingOf(i).cast<double>() * static_cast<double>(inverse[i]);
-  }
-  mean_ratio_ = ratio_sum / rho_sum;
-  Eigen::MatrixXd schur = equations_.hessian;
-  Eigen::VectorXd right = equations_.gradient;
-  DepthElimination(patches).subtract(equations_, inverse, schur, right);
-  // The null direction gets the mean stiffness of the others; what it gets does not matter.
-  const Eigen::VectorXd scale = scale_.normalized();
-  schur += schur.trace() / static_cast<double>(size) * scale * scale.transpose();
-  cholesky_.compute(schur);
-  usable_ = cholesky_.info() == Eigen::Success && noise_variance_ > 0;
 }
 
 /// Calls function(first patch, effects) on runs of patches: column i is -d inverse depth / d frames
 /// of the i-th patch of the run, mean inverse depth fixed; NaN where it is not known.
 template <typename Function>
 void PhotometricEvidence::forEachEffect(Function&& function) const {
-  const Eigen::Index size = equations_.hessian.rows();
+  const Eigen::Index size = equations_.system.size();
   const std::size_t patches = problem_.patches.size();
   const std::size_t runs = (patches + kGrain - 1) / kGrain;  // fixed: products depend on the width
   forEachRange(runs, 1, [&](std::size_t begin, std::size_t end) {
@@ -169,8 +141,10 @@ void PhotometricEvidence::forEachEffect(Function&& function) const {
       const std::size_t last = std::min(first + kGrain, patches);
       effects.resize(size, static_cast<Eigen::Index>(last - first));
       for (std::size_t i = first; i < last; ++i) {
-        effects.col(static_cast<Eigen::Index>(i - first)) =
-            ratio(i) - state_.inverse_depth[i] * mean_ratio_;
+        marginals_.depthEffect(equations_.system,
+                               i,
+                               state_.inverse_depth[i],
+                               effects.col(static_cast<Eigen::Index>(i - first)));
       }
       function(first, effects);
     }
@@ -180,14 +154,15 @@ void PhotometricEvidence::forEachEffect(Function&& function) const {
 Eigen::VectorXd PhotometricEvidence::formalVariances() const {
   Eigen::VectorXd variances =
       Eigen::VectorXd::Zero(static_cast<Eigen::Index>(problem_.patches.size()));
-  forEachEffect([&](std::size_t first, Eigen::MatrixXd& effects) {
-    cholesky_.matrixL().solveInPlace(effects);
+  const Eigen::MatrixXd roots = marginals_.roots();
+  forEachEffect([&](std::size_t first, const Eigen::MatrixXd& effects) {
+    const Eigen::MatrixXd spread = roots.transpose() * effects;
     for (Eigen::Index k = 0; k < effects.cols(); ++k) {
       const std::size_t i = first + static_cast<std::size_t>(k);
-      if (!known(i)) continue;
-      const auto h = static_cast<double>(equations_.depth_hessian[i]);
+      if (!equations_.system.known(i)) continue;
+      const auto h = static_cast<double>(equations_.system.depth_hessian[i]);
       variances[static_cast<Eigen::Index>(i)] =
-          noise_variance_ * (1 / h + effects.col(k).squaredNorm());
+          noise_variance_ * (1 / h + spread.col(k).squaredNorm());
     }
   });
   return variances;
@@ -201,11 +176,11 @@ Eigen::VectorXd PhotometricEvidence::variances(const Eigen::MatrixXd& poses) con
     const Eigen::MatrixXd spread = frames * effects;
     for (Eigen::Index k = 0; k < effects.cols(); ++k) {
       const std::size_t i = first + static_cast<std::size_t>(k);
-      if (!known(i)) continue;
+      if (!equations_.system.known(i)) continue;
       const double redundancy = kPatternSize * observations_[i] - 1;
       const double own = static_cast<double>(equations_.energy[i]) / redundancy;
       variances[static_cast<Eigen::Index>(i)] =
-          std::max(noise_variance_, own) / static_cast<double>(equations_.depth_hessian[i]) +
+          std::max(noise_variance_, own) / static_cast<double>(equations_.system.depth_hessian[i]) +
           effects.col(k).dot(spread.col(k));
     }
   });
@@ -223,26 +198,23 @@ Eigen::MatrixXd PhotometricEvidence::clusteredPoseCovariance() const {
   PhotometricLinearizer linearizer(sorted, options_, order.begin);
   PhotometricEquations equations;
   linearizer.linearize(sorted_state, equations);
-  const Eigen::Index size = equations_.hessian.rows();
-  Eigen::MatrixXd spread = Eigen::MatrixXd::Zero(size, size);
-  for (std::size_t cell = 0; cell + 1 < order.begin.size(); ++cell) {
+  const LinearSystem<float>& system = equations_.system;
+  const std::size_t cells = order.begin.size() - 1;
+  Eigen::MatrixXd gradients(system.size(), static_cast<Eigen::Index>(cells));
+  for (std::size_t cell = 0; cell < cells; ++cell) {
     Eigen::VectorXd q = linearizer.blockGradient(cell);
     for (std::size_t at = order.begin[cell]; at < order.begin[cell + 1]; ++at) {
       const std::size_t i = order.patches[at];
-      if (known(i)) q -= ratio(i) * static_cast<double>(equations_.depth_gradient[i]);
+      if (!system.known(i)) continue;
+      q -= system.couplingOf(i).cast<double>() * (static_cast<double>(system.depth_gradient[i]) /
+                                                  static_cast<double>(system.depth_hessian[i]));
     }
-    spread += q * q.transpose();
+    gradients.col(static_cast<Eigen::Index>(cell)) = q;
   }
-  const auto cells = static_cast<double>(order.begin.size() - 1);
-  const auto frames = static_cast<double>(problem_.frames.size());
-  const Eigen::MatrixXd half = cholesky_.solve(spread);
-  const Eigen::MatrixXd robust =
-      cholesky_.solve(half.transpose()) * cells / std::max(cells - frames, 1.0);
-  const Eigen::MatrixXd projector =
-      Eigen::MatrixXd::Identity(size, size) - scale_ * mean_ratio_.transpose();
-  const Eigen::MatrixXd rows =
-      poseRows(projector * robust * projector.transpose(), equations_.frame_size);
-  return poseRows(rows.transpose(), equations_.frame_size);
+  const auto frames = static_cast<Eigen::Index>(problem_.frames.size());
+  const Eigen::MatrixXd roots = poseRows(
+      marginals_.inGauge(marginals_.clusteredRoots(gradients, frames)), equations_.frame_size);
+  return roots * roots.transpose();
 }
 
 PatchGradients hostGradients(const HostPatch& patch,

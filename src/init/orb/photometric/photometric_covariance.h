@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "estimate/marginals.h"
 #include "init/orb/photometric/photometric_equations.h"
 #include "init/orb/photometric/photometric_problem.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 
 #include <array>
@@ -49,18 +49,13 @@ class PhotometricEvidence {
   template <typename Function>
   void forEachEffect(Function&& function) const;
   void countResiduals();
-  void eliminate();
-  [[nodiscard]] bool known(std::size_t patch) const { return equations_.depth_hessian[patch] > 0; }
-  [[nodiscard]] Eigen::VectorXd ratio(std::size_t patch) const;
 
   const PhotometricProblem& problem_;
   const PhotometricState& state_;
   const PhotometricOptions& options_;
   PhotometricEquations equations_;
   std::vector<int> observations_;  ///< by patch
-  Eigen::VectorXd mean_ratio_;     ///< mean of coupling over depth Hessian, over the mean depth
-  Eigen::VectorXd scale_;          ///< direction in which all translations grow together
-  Eigen::LLT<Eigen::MatrixXd> cholesky_;
+  Marginals marginals_;
   double noise_variance_ = 0;
   bool usable_ = false;
 };

@@ -20,36 +20,6 @@ std::vector<std::size_t> equalBlocks(std::size_t patches) {
 
 }  // namespace
 
-void DepthElimination::subtract(const PhotometricEquations& equations,
-                                const std::vector<float>& inverse,
-                                Eigen::MatrixXd& matrix,
-                                Eigen::VectorXd& right) {
-  const std::size_t stride = equations.stride;
-  const std::size_t part = stride * stride + stride;
-  partial_.assign(blocks_ * part, 0);
-  forEachRange(blocks_, 1, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t block = begin; block < end; ++block) {
-      const std::size_t first = block * kPatchBlock;
-      const EliminationRun run{equations.coupling.data() + first * stride,
-                               stride,
-                               inverse.data() + first,
-                               equations.depth_gradient.data() + first,
-                               std::min(kPatchBlock, inverse.size() - first)};
-      float* sums = partial_.data() + block * part;
-      accumulateSchur(run, sums, sums + stride * stride);
-    }
-  });
-  for (std::size_t block = 0; block < blocks_; ++block) {
-    const float* sums = partial_.data() + block * part;
-    const float* vector = sums + stride * stride;
-    for (Eigen::Index r = 0; r < matrix.rows(); ++r) {
-      const float* row = sums + static_cast<std::size_t>(r) * stride;
-      for (Eigen::Index c = r; c < matrix.rows(); ++c) matrix(c, r) -= static_cast<double>(row[c]);
-      right[r] -= static_cast<double>(vector[r]);
-    }
-  }
-}
-
 PhotometricLinearizer::PhotometricLinearizer(const PhotometricProblem& problem,
                                              const PhotometricOptions& options)
     : PhotometricLinearizer(problem, options, equalBlocks(problem.patches.size())) {}
@@ -60,15 +30,15 @@ PhotometricLinearizer::PhotometricLinearizer(const PhotometricProblem& problem,
     : problem_(problem),
       options_(options),
       block_begin_(std::move(block_begin)),
-      settings_(problem.frames.size()),
+      targets_(problem.frames.size()),
       inverse_depth_(problem.patches.size()),
       sums_(blocks() * problem.frames.size()) {}
 
 Eigen::VectorXd PhotometricLinearizer::blockGradient(std::size_t block) const {
   const int size = frameSize(options_.brightness);
-  Eigen::VectorXd gradient(static_cast<Eigen::Index>(settings_.size()) * size);
-  for (std::size_t f = 0; f < settings_.size(); ++f) {
-    const float* sum = sums_[block * settings_.size() + f].data();
+  Eigen::VectorXd gradient(static_cast<Eigen::Index>(targets_.size()) * size);
+  for (std::size_t f = 0; f < targets_.size(); ++f) {
+    const float* sum = sums_[block * targets_.size() + f].data();
     for (int i = 0; i < size; ++i) {
       sum += size - i;
       gradient[static_cast<Eigen::Index>(f) * size + i] = static_cast<double>(*sum++);
@@ -90,23 +60,16 @@ void PhotometricLinearizer::prepare(const PhotometricState& state,
                                     PhotometricEquations& equations) {
   const std::size_t frames = problem_.frames.size();
   for (std::size_t f = 0; f < frames; ++f) {
-    settings_[f] = patchSetting(
-        patchTarget(problem_, state, f), options_.brightness, static_cast<double>(kHuberThreshold));
+    targets_[f] = targetImage(problem_, state, f);
   }
   std::transform(state.inverse_depth.begin(),
                  state.inverse_depth.end(),
                  inverse_depth_.begin(),
                  [](double value) { return static_cast<float>(value); });
-  const std::size_t patches = problem_.patches.size();
   equations.frame_size = frameSize(options_.brightness);
-  const auto size = static_cast<std::size_t>(equations.frame_size) * frames;
-  equations.stride = (size + kLanes - 1) / kLanes * kLanes;
-  equations.hessian.setZero(static_cast<Eigen::Index>(size), static_cast<Eigen::Index>(size));
-  equations.gradient.setZero(static_cast<Eigen::Index>(size));
-  equations.coupling.assign(patches * equations.stride, 0);
-  equations.depth_hessian.assign(patches, 0);
-  equations.depth_gradient.assign(patches, 0);
-  equations.energy.assign(patches, 0);
+  const auto size = static_cast<Eigen::Index>(frames) * equations.frame_size;
+  equations.system.reset(size, problem_.patches.size());
+  equations.energy.assign(problem_.patches.size(), 0);
 }
 
 void PhotometricLinearizer::linearizeBlock(std::size_t block, PhotometricEquations& equations) {
@@ -117,20 +80,18 @@ void PhotometricLinearizer::linearizeBlock(std::size_t block, PhotometricEquatio
                        inverse_depth_.data() + first,
                        problem_.seenIn(f) + first,
                        count};
-    const PatchSums sums{equations.coupling.data() + first * equations.stride +
-                             f * static_cast<std::size_t>(equations.frame_size),
-                         equations.stride,
-                         equations.depth_hessian.data() + first,
-                         equations.depth_gradient.data() + first,
-                         equations.energy.data() + first};
+    const PatchSums sums{
+        equations.system.sumsOf(first, f * static_cast<std::size_t>(equations.frame_size)),
+        equations.energy.data() + first};
     auto& frame_sums = sums_[block * problem_.frames.size() + f];
     frame_sums.fill(0);
-    linearizePatches(settings_[f], run, sums, frame_sums);
+    linearizePatches(targets_[f], options_.brightness, run, sums, frame_sums);
   }
 }
 
 void PhotometricLinearizer::collect(PhotometricEquations& equations) const {
   const int size = equations.frame_size;
+  Eigen::MatrixXd& H = equations.system.H;
   const std::size_t frames = problem_.frames.size();
   for (std::size_t f = 0; f < frames; ++f) {
     const auto at = static_cast<Eigen::Index>(f) * size;
@@ -138,14 +99,13 @@ void PhotometricLinearizer::collect(PhotometricEquations& equations) const {
       const float* sum = sums_[block * frames + f].data();
       for (int i = 0; i < size; ++i) {
         for (int j = i; j < size; ++j) {
-          equations.hessian(at + i, at + j) += static_cast<double>(*sum++);
+          H(at + i, at + j) += static_cast<double>(*sum++);
         }
-        equations.gradient[at + i] += static_cast<double>(*sum++);
+        equations.system.b[at + i] += static_cast<double>(*sum++);
       }
     }
     for (int i = 0; i < size; ++i) {
-      for (int j = 0; j < i; ++j)
-        equations.hessian(at + i, at + j) = equations.hessian(at + j, at + i);
+      for (int j = 0; j < i; ++j) H(at + i, at + j) = H(at + j, at + i);
     }
   }
   equations.cost = 0;

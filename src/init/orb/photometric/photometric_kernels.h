@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "estimate/linear_system.h"
+#include "estimate/target_image.h"
 #include "init/orb/photometric/photometric_patch.h"
 
 #include <array>
@@ -19,21 +21,6 @@ inline int frameSize(PhotometricBrightness brightness) {
   return brightness == PhotometricBrightness::kAffine ? 8 : 6;
 }
 
-/// Everything that is the same for all patches of one frame, in single precision.
-struct PatchSetting {
-  std::array<float, 9> R;  ///< rotation reference to frame, row-major
-  std::array<float, 3> t;  ///< translation reference to frame [unit]
-  float fx, fy, cx, cy;    ///< of the level [px]
-  float gain, offset;      ///< I_frame = gain I_reference + offset
-  float huber_threshold;   ///< [grey levels]
-  const ImageSample* image;
-  int width, height;
-  PhotometricBrightness brightness;
-};
-PatchSetting patchSetting(const PatchTarget& target,
-                          PhotometricBrightness brightness,
-                          double huber_threshold);
-
 /// A run of patches, few enough to be summed in single precision.
 struct PatchRun {
   const HostPatch* patches;
@@ -42,18 +29,17 @@ struct PatchRun {
   std::size_t count;
 };
 
-/// Sums over the pixels of each patch, added to what is there.
+/// Sums over the pixels of each patch, added to what is there; couplings are set, also those of
+/// patches that are not seen.
 struct PatchSums {
-  float* coupling = nullptr;  ///< frame by inverse depth; null: no sums of frames are wanted
-  std::size_t stride = 0;     ///< of `coupling` from patch to patch
-  float* depth_hessian = nullptr;
-  float* depth_gradient = nullptr;
+  PointSums<float> points;
   float* energy = nullptr;  ///< Huber energy, huberEnergy()
 };
 
-/// @param sums  from the first patch on
+/// @param sums  from the first patch on; without couplings poses are fixed
 /// @param frame sums over all patches, the rows of the triangle that frameSize() wants
-void linearizePatches(const PatchSetting& setting,
+void linearizePatches(const TargetImage& target,
+                      PhotometricBrightness brightness,
                       const PatchRun& run,
                       const PatchSums& sums,
                       std::array<float, kFrameSums>& frame);
@@ -63,22 +49,10 @@ void linearizePatches(const PatchSetting& setting,
 /// @param residual kPatternSize a patch [grey levels]; null: not wanted
 /// @param inside   by patch: the whole pattern inside the image, in front, and valid; may be
 ///                 `run.seen`
-void evaluatePatches(const PatchSetting& setting,
+void evaluatePatches(const TargetImage& target,
+                     PhotometricBrightness brightness,
                      const PatchRun& run,
                      float* residual,
                      char* inside);
-
-/// Couplings of some patches for their elimination.
-struct EliminationRun {
-  const float* coupling;  ///< c, one row a patch
-  std::size_t size;       ///< of a row, a multiple of 8
-  const float* inverse;   ///< 1 / h, one a patch
-  const float* gradient;  ///< b, one a patch
-  std::size_t count;
-};
-
-/// Adds the sum of c c^T / h to `matrix` (row-major; of each row the blocks of 8 from its diagonal
-/// on) and that of c b / h to `vector`.
-void accumulateSchur(const EliminationRun& run, float* matrix, float* vector);
 
 }  // namespace dsorb::init_orb

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/photometric/photometric_patch.h"
 
+#include "estimate/warp.h"
+
 #include <algorithm>
 #include <cmath>
 
@@ -38,31 +40,25 @@ struct PatchPixel {
   bool inside = false;
 };
 
-PatchPixel samplePixel(const PatchTarget& target, const Eigen::Vector3d& ray, double rho) {
-  const PinholeCamera& camera = *target.camera;
-  const Eigen::Vector3d& t = target.T_cam_ref.translation();
-  const Eigen::Vector3d p = target.T_cam_ref.unitQuaternion() * ray + rho * t;
-  const double inverse_z = 1 / std::max(p.z(), kMinPatchZ);
-  const double u = p.x() * inverse_z;
-  const double v = p.y() * inverse_z;
-  const double x = camera.fx * u + camera.cx;
-  const double y = camera.fy * v + camera.cy;
-  const double clamped_x = std::clamp(x, kNearBorder, camera.width - kFarBorder);
-  const double clamped_y = std::clamp(y, kNearBorder, camera.height - kFarBorder);
-  const Sample sample = sampleAt(*target.image, clamped_x, clamped_y);
+PatchPixel samplePixel(const PyramidLevel& image,
+                       const Warp<double>& warp,
+                       const Eigen::Vector2d& ray,
+                       double rho) {
+  WarpedPoint<double> point;
+  warpPoint(warp, ray.x(), ray.y(), rho, point);
+  SampleArea<double> area;
+  sampleArea(image.width(), image.height(), area);
+  SamplePosition<double> at;
+  clampToArea(area, point, at);
+  const Sample sample = sampleAt(image, at.x, at.y);
   PatchPixel pixel;
   pixel.intensity = sample.intensity;
-  pixel.inside = p.z() > kMinPatchZ && x == clamped_x && y == clamped_y;
-  if (!pixel.inside) {
-    return pixel;
-  }
-  const double gx = sample.gradient.x() * camera.fx;
-  const double gy = sample.gradient.y() * camera.fy;
-  const double scaled_rho = rho * inverse_z;
-  const double radial = u * gx + v * gy;
-  pixel.J_pose << scaled_rho * gx, scaled_rho * gy, -scaled_rho * radial, -gy - v * radial,
-      gx + u * radial, u * gy - v * gx;
-  pixel.J_inverse_depth = inverse_z * (gx * t.x() + gy * t.y() - radial * t.z());
+  pixel.inside = point.front && at.inside;
+  if (!pixel.inside) return pixel;
+  RayGradient<double> gradient;
+  rayGradient(warp, point, sample.gradient.x(), sample.gradient.y(), gradient);
+  poseJacobian(point, gradient, rho * point.inverse_z, pixel.J_pose.data());
+  depthJacobian(warp, point, gradient, pixel.J_inverse_depth);
   return pixel;
 }
 
@@ -72,17 +68,17 @@ PatchResidual evaluatePatch(const HostPatch& patch,
                             const PatchTarget& target,
                             double inverse_depth,
                             PhotometricBrightness brightness) {
+  const auto warp = makeWarp<double>(*target.camera, target.T_cam_ref);
   PatchResidual out;
   out.inside = true;
   PatchVector grey;
   PatchVector host;
   for (int j = 0; j < kPatternSize; ++j) {
     const auto index = static_cast<std::size_t>(j);
-    const Eigen::Vector3d ray(
-        static_cast<double>(patch.ray.x()) + kPattern[index].x / target.camera->fx,
-        static_cast<double>(patch.ray.y()) + kPattern[index].y / target.camera->fy,
-        1);
-    const PatchPixel pixel = samplePixel(target, ray, inverse_depth);
+    const Eigen::Vector2d ray =
+        patch.ray.cast<double>() +
+        Eigen::Vector2d(kPattern[index].x / warp.fx, kPattern[index].y / warp.fy);
+    const PatchPixel pixel = samplePixel(*target.image, warp, ray, inverse_depth);
     grey[j] = pixel.intensity;
     host[j] = static_cast<double>(patch.grey[index]);
     out.J_pose.row(j) = pixel.J_pose;

@@ -7,28 +7,14 @@
 #include "dsorb/image/pyramid.h"
 #include "dsorb/options/orb_mapping.h"
 
-#include "image/photometric.h"
+#include "estimate/host_patch.h"
 
 #include <Eigen/Core>
 
-#include <array>
-
 namespace dsorb::init_orb {
-
-/// Where the pattern of a patch may be: closer to the border the nearest pixel inside is read.
-constexpr double kNearBorder = 1;    ///< least coordinate [px]
-constexpr double kFarBorder = 3;     ///< greatest coordinate is the size minus this [px]
-constexpr double kMinPatchZ = 1e-3;  ///< depth in the frame over depth in the reference [-]
 
 /// One value a pixel of the pattern.
 using PatchVector = Eigen::Matrix<double, kPatternSize, 1>;
-
-/// A patch of the reference at some pyramid level.
-struct HostPatch {
-  Eigen::Vector2f ray{0, 0};                 ///< of its centre, at z = 1
-  std::array<float, kPatternSize> grey{};    ///< [grey levels]
-  std::array<float, kPatternSize> weight{};  ///< of each pixel's squared residual [-]
-};
 
 /// A later frame at the same level.
 struct PatchTarget {

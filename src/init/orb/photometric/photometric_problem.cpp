@@ -121,10 +121,10 @@ double findVisible(PhotometricProblem& problem, const PhotometricState& state) {
   std::size_t visible = 0;
   for (std::size_t f = 0; f < problem.frames.size(); ++f) {
     char* seen = problem.seen.data() + f * count;
-    const PatchSetting setting =
-        patchSetting(patchTarget(problem, state, f), PhotometricBrightness::kPsiFixed, 1);
+    const TargetImage target = targetImage(problem, state, f);
     forEachRange(count, kGrain, [&](std::size_t begin, std::size_t end) {
-      evaluatePatches(setting,
+      evaluatePatches(target,
+                      PhotometricBrightness::kPsiFixed,
                       {&problem.patches[begin], &inverse_depth[begin], nullptr, end - begin},
                       nullptr,
                       seen + begin);
@@ -177,6 +177,13 @@ PatchTarget patchTarget(const PhotometricProblem& problem,
               {}, problem.reference_exposure, state.affine[frame], problem.frames[frame].exposure)};
 }
 
+TargetImage targetImage(const PhotometricProblem& problem,
+                        const PhotometricState& state,
+                        std::size_t frame) {
+  const PatchTarget target = patchTarget(problem, state, frame);
+  return makeTargetImage(*target.camera, target.T_cam_ref, target.transfer, *target.image);
+}
+
 std::vector<FrameResiduals> residualsOf(const PhotometricProblem& problem,
                                         const PhotometricState& state,
                                         PhotometricBrightness brightness) {
@@ -187,10 +194,11 @@ std::vector<FrameResiduals> residualsOf(const PhotometricProblem& problem,
     FrameResiduals& frame = residuals[f];
     frame.values.resize(count * kPatternSize);
     frame.valid.resize(count);
-    const PatchSetting setting = patchSetting(patchTarget(problem, state, f), brightness, 1);
+    const TargetImage target = targetImage(problem, state, f);
     const char* seen = problem.seenIn(f);
     forEachRange(count, kGrain, [&](std::size_t begin, std::size_t end) {
-      evaluatePatches(setting,
+      evaluatePatches(target,
+                      brightness,
                       {&problem.patches[begin], &inverse_depth[begin], seen + begin, end - begin},
                       &frame.values[begin * kPatternSize],
                       &frame.valid[begin]);

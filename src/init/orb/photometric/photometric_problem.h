@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "estimate/target_image.h"
 #include "init/orb/map/initial_map.h"
 #include "init/orb/photometric/photometric_patch.h"
 
@@ -67,6 +68,11 @@ PhotometricProblem subProblem(const PhotometricProblem& problem,
 
 /// One frame as the patch equations want it.
 PatchTarget patchTarget(const PhotometricProblem& problem,
+                        const PhotometricState& state,
+                        std::size_t frame);
+
+/// The same in single precision, for the kernels.
+TargetImage targetImage(const PhotometricProblem& problem,
                         const PhotometricState& state,
                         std::size_t frame);
 

@@ -2,12 +2,12 @@
 #include "init/orb/start/start_gate.h"
 
 #include "base/median.h"
+#include "estimate/marginals.h"
 #include "geometry/triangulate.h"
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/tracks/image_scale.h"
 #include "init/orb/two_view/motion_refinement.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 
 #include <algorithm>
@@ -31,28 +31,25 @@ DirectionSigma directionSigma(const InitialMap& map,
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   constexpr DirectionSigma kUnknown{kInfinity, kInfinity};
   const PoseRows pose_rows(map);
-  const ReprojectionEquations system = linearize(map, {}, pose_rows, camera, options);
-  if (map.corners.empty() || !(system.depth_hessian.minCoeff() > 0)) return kUnknown;
-  const Eigen::VectorXd scale = scaleDirection(map, pose_rows).normalized();
-  Eigen::MatrixXd schur =
-      system.pose_hessian - system.coupling * system.depth_hessian.cwiseInverse().asDiagonal() *
-                                system.coupling.transpose();
-  // The scale is free: it gets the mean stiffness of the others, and is not looked at.
-  schur += schur.trace() / pose_rows.size * scale * scale.transpose();
-  const Eigen::LLT<Eigen::MatrixXd> cholesky(schur);
-  if (cholesky.info() != Eigen::Success) return kUnknown;
+  const ReprojectionEquations equations = linearize(map, {}, pose_rows, camera, options);
+  if (map.corners.empty() || !allKnown(equations.system, map)) return kUnknown;
+  const Eigen::VectorXd scale = scaleDirection(map, pose_rows);
+  const Marginals marginals(
+      equations.system, scale, ReprojectionState(map, pose_rows).inverse_depth);
+  if (!marginals.usable()) return kUnknown;
   const Eigen::Vector3d& t = map.frames.back().T_cam_ref->translation();
   Eigen::MatrixXd perpendicular = Eigen::MatrixXd::Zero(pose_rows.size, 2);
   perpendicular.middleRows<3>(pose_rows.first.back()) = tangentBasis(t.normalized());
-  perpendicular -= scale * (scale.transpose() * perpendicular);
-  const Eigen::Matrix2d covariance = perpendicular.transpose() * cholesky.solve(perpendicular);
+  const Eigen::VectorXd unit_scale = scale.normalized();
+  perpendicular -= unit_scale * (unit_scale.transpose() * perpendicular);
+  const Eigen::Matrix2d covariance = perpendicular.transpose() * marginals.solve(perpendicular);
   const double variance =
       Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance).eigenvalues()[1];
   const double redundancy =
-      system.rows - pose_rows.size - static_cast<double>(map.corners.size()) + 1;
+      equations.rows - pose_rows.size - static_cast<double>(map.corners.size()) + 1;
   if (!(variance >= 0 && redundancy > 0)) return kUnknown;
   const double sigma = std::sqrt(variance) / t.norm();
-  return {sigma, sigma * std::sqrt(system.weighted_error / redundancy)};
+  return {sigma, sigma * std::sqrt(equations.weighted_square / redundancy)};
 }
 
 double medianParallaxDeg(const InitialMap& map, const PinholeCamera& camera) {

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "estimate/levenberg_marquardt.h"
+#include "estimate/linear_system.h"
+
+#include <optional>
+#include <utility>
+
+namespace dsorb {
+
+/// A problem for minimize() over states of frames and inverse depths, solved by elimination. Ends
+/// where the cost changes, or is predicted to change, by less than a share of itself.
+/// @tparam Model     linearize(state, equations) and move(state, solver, moved state)
+/// @tparam Equations has a LinearSystem `system` and a `cost`, infinite or NaN where there is none
+template <typename Model, typename State, typename Equations>
+class SchurProblem {
+ public:
+  using Solver = DampedSolver<typename decltype(Equations::system)::Number>;
+
+  SchurProblem(Model model, State state, double tolerance, bool depths_fixed = false)
+      : model_(std::move(model)),
+        tolerance_(tolerance),
+        depths_fixed_(depths_fixed),
+        state_(std::move(state)),
+        moved_(state_) {
+    model_.linearize(state_, equations_);
+  }
+
+  [[nodiscard]] const State& state() const { return state_; }
+  [[nodiscard]] double cost() const { return equations_.cost; }
+
+  std::optional<double> solve(double damping) {
+    return solver_.solve(equations_.system, damping, depths_fixed_);
+  }
+  std::optional<double> tryStep() {
+    model_.move(state_, solver_, moved_);
+    model_.linearize(moved_, moved_equations_);
+    const double decrease = equations_.cost - moved_equations_.cost;
+    return decrease >= 0 ? std::optional(decrease) : std::nullopt;
+  }
+  bool accept(const DampedStep& step) {
+    const bool converged = *step.decrease <= tolerance_ * equations_.cost;
+    std::swap(state_, moved_);
+    std::swap(equations_, moved_equations_);
+    return !converged;
+  }
+  bool reject(const DampedStep& step) const {
+    return !step.predicted || *step.predicted >= tolerance_ * equations_.cost;
+  }
+
+ private:
+  Model model_;
+  double tolerance_;
+  bool depths_fixed_;
+  State state_;
+  State moved_;
+  Equations equations_;
+  Equations moved_equations_;
+  Solver solver_;
+};
+
+}  // namespace dsorb
