@@ -2,6 +2,7 @@
 #include "track/pose_alignment.h"
 
 #include "base/parallel.h"
+#include "estimate/robust_loss.h"
 #include "image/photometric.h"
 
 #include <Eigen/Cholesky>

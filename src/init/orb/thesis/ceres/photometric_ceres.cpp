@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include "estimate/robust_loss.h"
 #include "init/orb/photometric/photometric_solvers.h"
 #include "init/orb/thesis/ceres/ceres_solve.h"
 #include "init/orb/thesis/ceres/photometric_cost.h"
