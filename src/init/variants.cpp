@@ -5,7 +5,7 @@
 namespace dsorb {
 namespace {
 
-/// The report's first version: geometry only, solved by Ceres.
+/// First version of [Gladkova]: geometry only, solved by Ceres.
 OrbOptions reportGeometry() {
   OrbOptions orb;
   orb.min_frames = 5;

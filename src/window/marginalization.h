@@ -15,7 +15,7 @@ enum class PointVerdict { kStay, kDiscard, kMarginalize };
 /// What becomes of a point after an adjustment: a point leaves with its host, when the newest
 /// keyframe does not see it, or when too few residuals would remain; its information is kept if it
 /// was observed well.
-/// @source DSO as published; arXiv:1607.02565, section 2.4
+/// @source DSO as published; arXiv:1607.02565, section 2.3 (marginalization)
 [[nodiscard]] PointVerdict judgePoint(const WindowPoint& point,
                                       bool host_leaves,
                                       const Window& window);

@@ -8,7 +8,7 @@
 namespace dsorb::window {
 namespace {
 
-/// A full window of the specification: 8 keyframes of 640 x 480, about 2000 points.
+/// A full window: 8 keyframes of 640 x 480, about 2000 points.
 const WindowScene& fullWindow() {
   static const WindowScene scene = [] {
     WindowSceneOptions options;

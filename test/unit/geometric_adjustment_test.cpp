@@ -26,7 +26,7 @@ SE3 somePose(std::uint64_t seed) {
   return SE3::exp(xi);
 }
 
-/// The report's: hardly any observation of these scenes is weighted down.
+/// As [Gladkova]: hardly any observation of these scenes is weighted down.
 GeometricOptions huber() {
   GeometricOptions options;
   options.sigma = 1;

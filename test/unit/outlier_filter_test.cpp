@@ -128,7 +128,7 @@ TEST(OutlierFilter, RemovesHalfOfTheOutliersAndFewGoodPointsOnTartanAir) {
     windows.push_back(realWindow("tartanair_hospital", first, 12));
   }
   expectHelpful(effectOn(windows, "orb"), 99);
-  // The report's filter, on its own map, for comparison.
+  // The filter of [Gladkova], on its own map, for comparison.
   effectOn(windows, "orb-v3");
 }
 

@@ -64,7 +64,7 @@ TEST(PhotometricPatch, JacobiansMatchCentralDifferences) {
   for (const PhotometricBrightness model : kModels) {
     const PatchResidual patch = f.at(Eigen::VectorXd::Zero(9), model);
     ASSERT_TRUE(patch.inside);
-    // The report's psi is held constant by its derivative, but not by its value: there the
+    // The psi of [Gladkova] is held constant by its derivative, but not by its value: there the
     // derivative is that of the samples alone, as with the affine model.
     const Eigen::MatrixXd J = numericJacobian(
         [&](const Eigen::VectorXd& step) {
@@ -103,7 +103,7 @@ TEST(PhotometricPatch, OutsideTheImageTheBorderIsRepeated) {
   EXPECT_FALSE(f.at(Eigen::VectorXd::Zero(9), PhotometricBrightness::kAffine).inside);
 }
 
-/// With the affine model: the report's derivative leaves psi out and is not the residuals'.
+/// With the affine model: the derivative of [Gladkova] leaves psi out and is not the residuals'.
 TEST(PhotometricCost, JacobiansMatchCentralDifferencesOnTheManifold) {
   Fixture f;
   const PoseManifold manifold;

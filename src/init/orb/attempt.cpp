@@ -15,7 +15,7 @@ namespace dsorb::init_orb {
 namespace {
 
 /// Two-view geometry by homography or fundamental matrix, adjustments of all frames.
-/// @source Gladkova, Feature-based Initialization for Monocular Direct Visual Odometry, algorithm 1
+/// @source [Gladkova], algorithm 1
 Outcome<Reconstruction> reconstructAsGladkova(const ReferenceView& view,
                                               const AttemptContext& context) {
   using Made = Reconstruction;

@@ -16,8 +16,7 @@ namespace dsorb::init_orb {
 /// from the first frame on that has too few of these, corners followed by optical flow instead,
 /// through all frames since the reference. While there is too little parallax the pair grows; one
 /// that fails otherwise is given up.
-/// @source the variant of X. Qu in Gladkova, Feature-based Initialization for Monocular Direct
-///         Visual Odometry, section 4
+/// @source the variant of X. Qu, described in [Gladkova], section 4
 class Correspondences final : public ReferenceSource {
  public:
   explicit Correspondences(const OrbOptions& options);

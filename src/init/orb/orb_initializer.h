@@ -15,9 +15,9 @@
 namespace dsorb::init_orb {
 
 /// Initializer from corners: motion between a reference and the newest frame, geometric adjustment
-/// of the frames since the reference, semi-dense inverse depth of the reference. Where the corners
-/// of the references are found again is the source's: followed by optical flow, or matched.
-/// @source Gladkova, Feature-based Initialization for Monocular Direct Visual Odometry, algorithm 1
+/// of the frames since the reference, semi-dense inverse depth of the reference. The source of
+/// references finds their corners again, by optical flow or by matching descriptors.
+/// @source [Gladkova], algorithm 1 (full reference: docs/references.md)
 class ORBInitializer final : public Initializer {
  public:
   ORBInitializer(const InitializerOptions& options, const PinholeCamera& camera);

@@ -13,7 +13,7 @@ namespace dsorb::init_orb {
 
 /// References whose corners are followed from frame to frame: one only, or a sliding pool with a
 /// new one every few frames, because a fast camera loses its tracks before a slow one has parallax.
-/// @source experiments on KITTI, EuRoC, TartanAir and 7-Scenes: more starts within 10 degrees
+/// @source docs/experiments.md, "Pool of references"
 class ReferencePool final : public ReferenceSource {
  public:
   explicit ReferencePool(const OrbOptions& options) : options_(options), tracks_(options.tracks) {}

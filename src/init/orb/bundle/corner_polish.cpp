@@ -33,9 +33,9 @@ constexpr double kMaxTurnDeg = 15;  // of the direction of translation; more: po
 constexpr double kDamping = 1e-3;   // of the mean curvature
 constexpr double kMinGradient = 1;  // rms in the weakest direction [grey levels / px]
 constexpr double kMeasuredSigma = 0.2;  // of a measured corner, for the pose of a single frame [px]
-/// Of the adjustment's variance factor, for a single frame's own part: the rest of what that factor
-/// stands for comes with the inverse depths. Measured on six rendered sequences, room_hand and
-/// TartanAir: the median of error^2 over variance is 0.25, as that of the adjusted frames.
+/// Share of the adjustment's variance factor for the own part of a single frame's pose; the rest
+/// comes with the inverse depths.
+/// @source docs/experiments.md, "Refinement of corners"
 constexpr double kOwnFactor = 0.5;
 /// Share of the corners that must match the images.
 constexpr double kMinFittingShare = 0.5;

@@ -15,14 +15,13 @@
 namespace dsorb::init_orb {
 namespace {
 
-/// What the factor on the clustered covariance grows by, as a share of itself, where the errors'
-/// tails are in excess by 1 [-]. With 1 and 4 the median of error^2 over variance is .45 and .49
-/// (rotation, direction) over 18 rendered sequences, .15 to 1.6 on each; .55, .51 on TartanAir and
-/// .37, .34 on room_hand.
+/// Relative growth of the factor on the clustered covariance per unit by which the tails of the
+/// errors exceed a Gaussian's [-].
+/// @source docs/experiments.md, "Variances of depths and poses"
 constexpr double kTailVarianceFactor = 4;
 
-/// What the corners of each cell leave of the gradient for the poses, one column a cell:
-/// independent samples of an error whose covariance is unknown.
+/// Gradient of the cost by the poses, summed over the corners of each cell, one column a cell: they
+/// are independent samples of an error whose covariance is unknown.
 Eigen::MatrixXd cellGradients(const InitialMap& map,
                               const LinearSystem<double>& system,
                               const PoseRows& pose_rows,

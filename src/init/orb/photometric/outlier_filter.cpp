@@ -118,7 +118,7 @@ struct GradientClass {
 };
 
 /// Residuals of weak and of strong gradients, and what follows from their medians.
-/// @source experiments on rendered and real sequences, section A5
+/// @source docs/experiments.md, "Outlier filter"
 NoiseModel fitNoise(const std::vector<FrameResiduals>& residuals,
                     const std::vector<float>& lengths) {
   constexpr float kWeak = 20;         // [grey levels / px]

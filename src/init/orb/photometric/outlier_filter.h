@@ -11,14 +11,13 @@ namespace dsorb::init_orb {
 struct PhotometricProblem;
 
 /// Removes corners and semi-dense points that do not fit after a photometric adjustment.
-/// Pixel votes: a pixel is out when its residual is `t_quantile` scales of its frame's
-/// t-distribution, an observation when more than half of its pixels are, a point when fewer than
-/// `min_observations` remain (or all frames, when there are fewer). Combined: a point goes when its
-/// predicted sigma is large, its neighbours disagree, or its residuals, divided by what their
-/// gradients let expect, have a small mean weight under the t-distribution.
-/// @source the report on feature-based initialization, section 3.4; experiments on rendered and
-///         real sequences, section A5
-/// @param problem the map's; what is removed there goes here, too
+/// Pixel votes: a pixel is an outlier when its residual exceeds a quantile of its frame's
+/// t-distribution, an observation when more than half of its pixels are, and a point when fewer
+/// than two observations remain (or fewer than there are frames). Combined: a point is removed
+/// when its predicted sigma is large, when its neighbours disagree, or when its residuals, divided
+/// by the noise expected at their gradients, have a small mean weight under the t-distribution.
+/// @source pixel votes: [Gladkova], section 3.4; combined: docs/experiments.md, "Outlier filter"
+/// @param problem of the map; its patches of removed points are removed as well
 OutlierReport removeOutliers(InitialMap& map,
                              PhotometricProblem& problem,
                              const PhotometricOptions& photometric,

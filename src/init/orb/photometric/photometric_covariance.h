@@ -40,7 +40,7 @@ class PhotometricEvidence {
   /// Joint covariance of the poses, 6 a frame, robust against clustered errors: those of pixels
   /// close together are not independent, so the gradient of the cost is summed over cells of the
   /// image and the spread of these sums taken as it is.
-  /// @source experiments on rendered and real sequences, section A6; White, A Heteroskedasticity-
+  /// @source docs/experiments.md, "Variances of depths and poses"; White, A Heteroskedasticity-
   ///         Consistent Covariance Matrix Estimator, Econometrica 1980, with clusters
   [[nodiscard]] Eigen::MatrixXd clusteredPoseCovariance() const;
 

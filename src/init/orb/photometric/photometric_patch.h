@@ -37,7 +37,7 @@ struct PatchResidual {
 /// hold constant; or gain I_ref + offset. Every pixel of the pattern moves with the inverse depth
 /// of the centre; gradients are interpolated central differences.
 /// @param inverse_depth of the centre [1/unit]
-/// @source the report on feature-based initialization, eq. 11 and 12; Engel et al., DSO, eq. (4)
+/// @source [Gladkova], eq. (11) and (12); Engel et al., DSO, eq. (4)
 PatchResidual evaluatePatch(const HostPatch& patch,
                             const PatchTarget& target,
                             double inverse_depth,

@@ -7,7 +7,7 @@
 namespace dsorb::init_orb {
 
 /// Degrees of freedom of the residuals' t-distribution.
-/// @source Kerl, Sturm, Cremers, Robust Odometry Estimation for RGB-D Cameras, ICRA 2013
+/// @source [Gladkova], section 3.4, after Kerl, Sturm, Cremers, ICRA 2013
 constexpr double kTDegrees = 5;
 
 /// Spread of residuals around zero, as a t-distribution of kTDegrees.
@@ -20,8 +20,7 @@ struct TDistribution {
 /// Scale of greatest likelihood. Residuals farther from the median than `prefilter` times 1.4826
 /// MAD have no part: the fit breaks down at one sixth of outliers.
 /// @param prefilter [1.4826 MAD]
-/// @source Kerl, Sturm, Cremers, ICRA 2013, eq. (15): sigma^2 = mean of w r^2,
-///         w = (nu + 1) / (nu + (r / sigma)^2)
+/// @source [Gladkova], eq. (14): sigma^2 = mean of w r^2, w = (nu + 1) / (nu + (r / sigma)^2)
 TDistribution fitTDistribution(std::vector<float> residuals, double prefilter);
 
 /// Sum of the weights of some residuals under the distribution; the weight of a zero is 1.2.

@@ -23,12 +23,15 @@ namespace {
 
 constexpr int kMinTracks = 50;                // of a reference, before an attempt
 constexpr double kMinRotationResidual = 0.5;  // rotation-compensated flow; less: no parallax [px]
-constexpr double kMinTrackNoise = 0.5;  // where models compete, however well the tracks fit [px]
+/// Least noise of the tracks in the competition of models [px]. With the measured 0.1 px a rotation
+/// never wins on real images: docs/experiments.md, "What did not help".
+constexpr double kMinTrackNoise = 0.5;
 /// An attempt is left out where the last one from this reference, extrapolated by the growth of the
 /// parallax, misses the gate by more than this factor.
 constexpr double kRetryMargin = 1.25;
 constexpr int kMaxSkippedFrames = 2;  // but so many times in a row at most
-constexpr int kNoiseRounds = 3;       // of measuring the tracks' noise from the residuals
+constexpr int kNoiseRounds =
+    3;  // of measuring the noise; docs/experiments.md, "Noise of the tracks"
 
 /// Whether enough has changed since the last attempt from this reference: the predicted error
 /// falls, and the parallax grows, with the rotation-compensated flow.

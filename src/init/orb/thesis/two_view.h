@@ -44,14 +44,14 @@ constexpr double kGamma = 5.99;
 /// Contribution of one squared distance to a model's score.
 /// @param squared_distance over the measurement variance [-]
 /// @param threshold        T_M
-/// @source report, eq. (3)
+/// @source [Gladkova], eq. (3)
 inline double supportOf(double squared_distance, double threshold) {
   return squared_distance < threshold ? kGamma - squared_distance : 0.0;
 }
 
 /// Squared symmetric transfer distances of a match under a homography [px^2].
 /// @return {in the target, in the reference}
-/// @source report, eq. (4) and (5)
+/// @source [Gladkova], eq. (4) and (5)
 inline std::array<double, 2> homographyDistances(const Eigen::Matrix3d& H_target_ref,
                                                  const Eigen::Matrix3d& H_ref_target,
                                                  const Eigen::Vector2d& reference,
@@ -64,8 +64,8 @@ inline std::array<double, 2> homographyDistances(const Eigen::Matrix3d& H_target
 
 /// Squared distances of the points of a match to each other's epipolar lines [px^2].
 /// @return {in the target, in the reference}
-/// @source report, eq. (4) and (5), with the square and the norm of the line's direction that the
-///         print lacks; Hartley and Zisserman, Multiple View Geometry, eq. (11.10)
+/// @source [Gladkova], eq. (4) and (5), with the square and the norm of the line's direction that
+///         the print lacks; Hartley and Zisserman, Multiple View Geometry, eq. (11.10)
 inline std::array<double, 2> fundamentalDistances(const Eigen::Matrix3d& F,
                                                   const Eigen::Vector2d& reference,
                                                   const Eigen::Vector2d& target) {
@@ -77,7 +77,7 @@ inline std::array<double, 2> fundamentalDistances(const Eigen::Matrix3d& F,
 }
 
 /// Score and inliers of a model over all matches.
-/// @source report, eq. (2)
+/// @source [Gladkova], eq. (2)
 ScoredModel scoreModel(TwoViewModel kind,
                        const Eigen::Matrix3d& matrix,
                        const Matches& matches,

@@ -11,7 +11,7 @@ namespace dsorb::init_orb {
 namespace {
 
 // Gates of the thesis.
-constexpr double kHomographyShare = 0.4;  // homography when S_H / (S_H + S_F) is above
+constexpr double kHomographyShare = 0.4;  // homography above it; [Gladkova], eq. (1)
 constexpr int kMinTriangulated = 50;      // good points of the best motion
 constexpr double kMinGoodShare = 0.9;     // good points of the best motion, of the inliers
 constexpr double kMaxSecondShare = 0.7;   // good points of the second motion, of the best's

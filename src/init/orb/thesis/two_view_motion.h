@@ -24,7 +24,8 @@ struct TwoViewMotion {
 
 /// Fits both models, chooses one, decomposes it and chooses the motion that most points confirm.
 /// @param matches at least eight
-/// @source Mur-Artal, Montiel, Tardos, ORB-SLAM, arXiv:1502.00956, section IV; report, section 3.2
+/// @source Mur-Artal, Montiel, Tardos, ORB-SLAM, arXiv:1502.00956, section IV; [Gladkova],
+/// section 3.2
 TwoViewMotion estimateMotion(const Matches& matches,
                              const PinholeCamera& camera,
                              ModelChoice choice,

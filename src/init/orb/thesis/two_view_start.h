@@ -7,7 +7,7 @@ namespace dsorb::init_orb {
 
 /// Poses and corners from two views: homography against fundamental matrix between the reference
 /// and the newest frame, then the poses of the frames between.
-/// @source Gladkova, Feature-based Initialization for Monocular Direct Visual Odometry, section 3
+/// @source [Gladkova], section 3.2
 Outcome<Reconstruction> startFromTwoViews(const ReferenceView& view, const AttemptContext& context);
 
 /// Adjusts poses and corners of such a start.

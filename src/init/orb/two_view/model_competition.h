@@ -18,7 +18,7 @@ namespace dsorb::init_orb {
 /// Models of the displacement between two views, simplest first.
 enum class DisplacementModel { kRotation, kHomography, kEssential };
 
-/// Name as in the report, for example "homography".
+/// Name as in initialization.json, for example "homography".
 [[nodiscard]] const char* name(DisplacementModel model);
 
 /// Squared distances of all matches from a model [px^2]: of the four coordinates of a match to the
