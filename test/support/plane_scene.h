@@ -3,6 +3,7 @@
 
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/geometry/se3.h"
+#include "dsorb/image/affine_brightness.h"
 #include "dsorb/image/frame.h"
 
 #include "base/random.h"

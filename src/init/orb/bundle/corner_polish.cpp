@@ -3,6 +3,7 @@
 
 #include "base/parallel.h"
 #include "estimate/robust_loss.h"
+#include "image/photometric.h"
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/bundle/polish_kernels.h"
 #include "init/orb/bundle/pose_covariance.h"
