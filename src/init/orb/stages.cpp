@@ -22,7 +22,8 @@ constexpr int kMinPoints = 50;  // semi-dense ones; fewer: the attempt fails
 Outcome<Reconstruction> addSemiDense(Reconstruction made,
                                      const ReferenceView& view,
                                      const AttemptContext& context) {
-  auto& [map, report] = made;
+  InitialMap& map = made.map;
+  InitReport& report = made.report;
   const OrbOptions& orb = context.options.orb;
   std::optional<MovingParts> moving;
   if (orb.remove_moving) {
@@ -41,7 +42,8 @@ Outcome<Reconstruction> addSemiDense(Reconstruction made,
 }
 
 Outcome<Reconstruction> adjustImages(Reconstruction made, const AttemptContext& context) {
-  auto& [map, report] = made;
+  InitialMap& map = made.map;
+  InitReport& report = made.report;
   const OrbOptions& orb = context.options.orb;
   if (!orb.photometric.enabled) return made;
   PhotometricProblem problem = context.clock.time(

@@ -13,7 +13,7 @@ namespace dsorb::init_orb {
 template <typename T>
 class Outcome {
  public:
-  Outcome(T made) : state_(std::move(made)) {}    // implicit: a stage returns what it made,
+  Outcome(T&& made) : state_(std::move(made)) {}  // implicit: a stage returns what it made,
   Outcome(InitReason reason) : state_(reason) {}  // or its reason
 
   explicit operator bool() const { return state_.index() == 0; }

@@ -102,7 +102,8 @@ PlaneComparison comparePlane(MotionCandidate candidate,
 
 /// Measures noise and corners, drops what is behind the camera, sets scale and covariances.
 Outcome<Reconstruction> refineStart(Reconstruction made, const AttemptContext& context) {
-  auto& [map, report] = made;
+  InitialMap& map = made.map;
+  InitReport& report = made.report;
   EssentialReport& found = *report.essential;
   const PinholeCamera& camera = context.camera;
   const OrbOptions& orb = context.options.orb;
