@@ -120,7 +120,6 @@ void Details::add(const std::string& name, const PhotometricReport& report) {
 
 Json detailsOf(const InitReport& report) {
   Details details;
-  details.add("unit_length", report.unit_length);
   if (const auto& direct = report.direct) {
     details.add("residual_rms_grey", direct->residual_rms);
     details.add("visible_share", direct->visible_share);

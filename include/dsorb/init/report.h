@@ -132,9 +132,8 @@ struct InitReport {
   std::vector<InitReason> earlier_resets;
   double median_parallax_deg = 0;  ///< rotation-compensated
   double inlier_ratio = 0;
-  double residual_rms = 0;            ///< [px]
-  double median_relative_sigma = 0;   ///< of the inverse depths
-  std::optional<double> unit_length;  ///< [m]; where the initializer knows it
+  double residual_rms = 0;           ///< [px]
+  double median_relative_sigma = 0;  ///< of the inverse depths
   std::optional<DirectReport> direct;
   std::optional<TwoViewReport> two_view;
   std::optional<EssentialReport> essential;
