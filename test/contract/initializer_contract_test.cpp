@@ -89,7 +89,7 @@ TEST_P(InitializerContract, VariancesAreThoseOfTheErrors) {
   EXPECT_LT(nees, 2.0);
 }
 
-TEST(InitializersOnAPlane, MostStartAndAllStartsAreRight) {
+TEST(InitializersOnAPlane, TwoStartAndAllStartsAreRight) {
   const RenderedSequence& sequence = rendered(optionsOf(SequenceKind::kPlane));
   int starts = 0;
   for (const std::string& variant : initializerVariants()) {
@@ -101,7 +101,7 @@ TEST(InitializersOnAPlane, MostStartAndAllStartsAreRight) {
     EXPECT_LT(errors.rotation_deg, 1.0) << variant << ": " << result.log();
     EXPECT_LT(errors.direction_deg, 5.0) << variant << ": " << result.log();
   }
-  EXPECT_GE(starts, 99);
+  EXPECT_EQ(starts, 2);  // coarse and orb; the published variants refuse it as degenerate
 }
 
 TEST_P(InitializerContract, HandsOverEveryFrameSinceTheReference) {

@@ -123,26 +123,17 @@ TEST_P(InitializerRobustness, PartlyInvalidFramesGiveFinitePoints) {
   }
 }
 
+TEST_P(InitializerRobustness, StartsRightDespiteAnInvalidFrame) {
+  std::vector<FramePtr> frames = street().frames();
+  frames[3] = paintFrame(3, kWidth, kHeight, [](float, float) { return kNan; });
+  expectRight(feed(*make(), frames));
+}
+
 TEST_P(InitializerRobustness, SameBitsWithTwoThreads) {
   const InitRun one = feed(*make(1), street().frames());
   const InitRun two = feed(*make(2), street().frames());
   ASSERT_TRUE(one.result && two.result) << one.log();
   EXPECT_TRUE(sameBits(*one.result, *two.result));
-}
-
-TEST(InitializersAfterAnInvalidFrame, MostStartAndAllStartsAreRight) {
-  std::vector<FramePtr> frames = street().frames();
-  frames[3] = paintFrame(3, kWidth, kHeight, [](float, float) { return kNan; });
-  int starts = 0;
-  for (const std::string& variant : initializerVariants()) {
-    const InitRun run =
-        feed(*makeInitializer(initializerVariant(variant), street().camera()), frames);
-    if (!run.result) continue;
-    SCOPED_TRACE(variant);
-    expectRight(run);
-    ++starts;
-  }
-  EXPECT_GE(starts, 99);
 }
 
 std::string testName(const testing::TestParamInfo<std::string>& info) {

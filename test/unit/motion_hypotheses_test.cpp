@@ -91,8 +91,8 @@ TEST(Motion, TranslationHasLengthOneAndDepthsFollow) {
 }
 
 TEST(Motion, SmallBaselineIsTooLittleParallax) {
-  // Depths from 4 to 12: a baseline of .03 is below .43 deg for every point.
-  const auto scene = makeTwoViewScene({300, false, {0.03, 0, 0}, 0.01, 0}, 4);
+  // Depths from 4 to 12: a baseline of .08 is .38 to 1.1 deg.
+  const auto scene = makeTwoViewScene({300, false, {0.08, 0, 0}, 0.01, 0}, 4);
   const TwoViewMotion motion = estimateMotion(scene.matches, scene.camera, {}, 4);
   EXPECT_EQ(motion.reason, InitReason::kTooLittleParallax) << name(motion.reason);
   EXPECT_LT(motion.best.parallax_deg, 1.0);

@@ -116,7 +116,7 @@ void expectHelpful(const FilterEffect& effect, int windows) {
 }
 
 TEST(OutlierFilter, RemovesHalfOfTheOutliersAndFewGoodPointsInARoomWithOcclusions) {
-  expectHelpful(effectOn(roomWindows(), "orb"), 99);
+  expectHelpful(effectOn(roomWindows(), "orb"), 4);
 }
 
 TEST(OutlierFilter, RemovesHalfOfTheOutliersAndFewGoodPointsOnTartanAir) {
@@ -127,7 +127,7 @@ TEST(OutlierFilter, RemovesHalfOfTheOutliersAndFewGoodPointsOnTartanAir) {
   for (int first = 0; first + 12 <= 90; first += 12) {
     windows.push_back(realWindow("tartanair_hospital", first, 12));
   }
-  expectHelpful(effectOn(windows, "orb"), 99);
+  expectHelpful(effectOn(windows, "orb"), 6);
   // The filter of [Gladkova], on its own map, for comparison.
   effectOn(windows, "orb-v3");
 }
