@@ -132,7 +132,7 @@ Json detailsOf(const InitReport& report) {
     details.add("semi_dense_candidates", semi_dense->candidates);
     details.add("semi_dense_points", semi_dense->points);
   }
-  if (const auto& moving = report.moving_parts) {
+  if (const auto& moving = report.dynamic_regions) {
     details.add("contradicting_tracks", moving->contradicting_tracks);
     details.add("removed_moving", moving->removed);
   }

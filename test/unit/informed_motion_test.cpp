@@ -5,7 +5,7 @@
 #include "init/orb/start/motion_candidates.h"
 #include "init/orb/start/start_gate.h"
 #include "init/orb/two_view/essential_motion.h"
-#include "init/orb/two_view/model_competition.h"
+#include "init/orb/two_view/model_selection.h"
 #include "init/orb/two_view/rotation_only.h"
 #include "support/matchers.h"
 #include "support/synthetic_map.h"
@@ -191,7 +191,7 @@ TEST(RobustAdjustment, TurnsAMotionOfTheWrongSign) {
   for (PosedFrame& frame : turned.frames) {
     frame.T_cam_ref->setTranslation(-frame.T_cam_ref->translation());
   }
-  EXPECT_DOUBLE_EQ(faceForward(turned), 1);
+  EXPECT_DOUBLE_EQ(flipToPositiveDepth(turned), 1);
   EXPECT_THAT(*turned.frames.back().T_cam_ref,
               Se3Near(*scene.truth.frames.back().T_cam_ref, 1e-12, 1e-12));
   EXPECT_GT(turned.corners.front().inverse_depth, 0);

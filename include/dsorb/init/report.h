@@ -93,7 +93,7 @@ struct SemiDenseReport {
 };
 
 /// What moves by itself.
-struct MovingPartsReport {
+struct DynamicRegionsReport {
   int contradicting_tracks = 0;
   int removed = 0;  ///< corners and semi-dense points
 };
@@ -138,7 +138,7 @@ struct InitReport {
   std::optional<TwoViewReport> two_view;
   std::optional<EssentialReport> essential;
   std::optional<SemiDenseReport> semi_dense;
-  std::optional<MovingPartsReport> moving_parts;
+  std::optional<DynamicRegionsReport> dynamic_regions;
   std::optional<PhotometricReport> photometric;
   std::optional<OutlierReport> outliers;
   std::optional<PhotometricReport> second_photometric;  ///< after the outliers are gone

@@ -6,7 +6,7 @@
 #include "init/orb/photometric/outlier_filter.h"
 #include "init/orb/photometric/photometric_adjustment.h"
 #include "init/orb/photometric/photometric_covariance.h"
-#include "init/orb/semi_dense/moving_parts.h"
+#include "init/orb/semi_dense/dynamic_regions.h"
 #include "init/orb/semi_dense/semi_dense_depth.h"
 
 #include <optional>
@@ -25,15 +25,15 @@ Outcome<Reconstruction> addSemiDense(Reconstruction made,
   InitialMap& map = made.map;
   InitReport& report = made.report;
   const OrbOptions& orb = context.options.orb;
-  std::optional<MovingParts> moving;
+  std::optional<DynamicRegions> moving;
   if (orb.remove_moving) {
     context.clock.time("moving", [&] { moving.emplace(map, view.tracks, context.camera); });
-    report.moving_parts = {moving->contradicting(), moving->removeCorners(map)};
+    report.dynamic_regions = {moving->contradicting(), moving->removeCorners(map)};
   }
   report.semi_dense = context.clock.time("semi_dense", [&] {
     return estimateSemiDenseDepth(map, context.camera, orb.semi_dense, context.seed());
   });
-  if (moving) report.moving_parts->removed += moving->removePoints(map);
+  if (moving) report.dynamic_regions->removed += moving->removePoints(map);
   if (static_cast<int>(map.points.size()) < kMinPoints) {
     return InitReason::kTooFewPoints;
   }

@@ -126,7 +126,7 @@ double tailExcess(const InitialMap& map, const PinholeCamera& camera) {
   return std::max(0.0, ratio * ratio - 1);
 }
 
-double faceForward(InitialMap& map) {
+double flipToPositiveDepth(InitialMap& map) {
   const auto in_front =
       std::count_if(map.corners.begin(), map.corners.end(), [](const Corner& corner) {
         return corner.inverse_depth > 0;

@@ -36,6 +36,6 @@ double tailExcess(const InitialMap& map, const PinholeCamera& camera);
 
 /// When most corners are behind the camera, the motion has the wrong sign: turns it round, which
 /// changes no projection. @return share of the corners in front of the camera
-double faceForward(InitialMap& map);
+double flipToPositiveDepth(InitialMap& map);
 
 }  // namespace dsorb::init_orb

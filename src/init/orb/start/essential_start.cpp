@@ -8,7 +8,7 @@
 #include "init/orb/start/motion_candidates.h"
 #include "init/orb/start/start_gate.h"
 #include "init/orb/two_view/essential_motion.h"
-#include "init/orb/two_view/model_competition.h"
+#include "init/orb/two_view/model_selection.h"
 #include "init/orb/two_view/rotation_only.h"
 
 #include <algorithm>

@@ -7,7 +7,7 @@
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/two_view/decomposition.h"
-#include "init/orb/two_view/model_competition.h"
+#include "init/orb/two_view/model_selection.h"
 
 #include <algorithm>
 #include <cmath>
@@ -79,7 +79,7 @@ std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,
   const double lost = (tracks - static_cast<double>(map.corners.size())) *
                       robustCost(options.severe_limit / options.sigma, options);
   candidate.cost = *cost / (tracks * static_cast<double>(frames.size())) + lost / tracks;
-  candidate.front_share = faceForward(map);
+  candidate.front_share = flipToPositiveDepth(map);
   return candidate;
 }
 

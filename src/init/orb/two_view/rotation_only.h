@@ -10,12 +10,12 @@
 
 namespace dsorb::init_orb {
 
-/// Median angle that a rotation leaves of the displacements; less: no parallax.
+/// Median rotation-compensated flow, as an angle; less is no parallax.
 constexpr double kMinRotationResidualDeg = 0.3;
 
 struct RotationFit {
   Eigen::Quaterniond R_target_ref = Eigen::Quaterniond::Identity();
-  double median_residual = 0;  ///< what the rotation leaves of the displacements [px]
+  double median_residual = 0;  ///< rotation-compensated flow [px]
 };
 
 /// The rotation that explains the matches best, without any translation. Robust: it minimises the
@@ -25,8 +25,8 @@ struct RotationFit {
 ///         step); weights 1 / residual as Weiszfeld's
 RotationFit fitRotation(const Matches& matches, const PinholeCamera& camera);
 
-/// Median that the best rotation leaves of the displacements, as an angle: the parallax that no
-/// rotation explains. @param matches not empty
+/// Median rotation-compensated flow, as an angle: the parallax that no rotation explains.
+/// @param matches not empty
 double rotationResidualDeg(const Matches& matches, const PinholeCamera& camera);
 
 }  // namespace dsorb::init_orb

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/semi_dense/moving_parts.h"
+#include "init/orb/semi_dense/dynamic_regions.h"
 
 #include "base/random.h"
 
@@ -53,7 +53,7 @@ Scene makeScene(const Eigen::Vector3d& own_motion) {
   return scene;
 }
 
-TEST(MovingParts, ErrorsOfStaticTracksAreThoseOfTheTracking) {
+TEST(DynamicRegions, ErrorsOfStaticTracksAreThoseOfTheTracking) {
   const Scene scene = makeScene(Eigen::Vector3d::Zero());
   std::vector<double> errors = trackErrors(scene.map, scene.tracks, kCamera);
   std::nth_element(errors.begin(), errors.begin() + 400, errors.end());
@@ -61,17 +61,17 @@ TEST(MovingParts, ErrorsOfStaticTracksAreThoseOfTheTracking) {
   EXPECT_NEAR(errors[400], 0.1 * std::sqrt(2 * 7.0 / 8.0), 0.02);
 }
 
-TEST(MovingParts, AreNoneInAStaticScene) {
+TEST(DynamicRegions, AreNoneInAStaticScene) {
   Scene scene = makeScene(Eigen::Vector3d::Zero());
-  const MovingParts moving(scene.map, scene.tracks, kCamera);
+  const DynamicRegions moving(scene.map, scene.tracks, kCamera);
   EXPECT_EQ(moving.contradicting(), 0);
   EXPECT_EQ(moving.removeCorners(scene.map), 0);
   EXPECT_EQ(moving.removePoints(scene.map), 0);
 }
 
-TEST(MovingParts, AreWhereTracksContradictTheCamera) {
+TEST(DynamicRegions, AreWhereTracksContradictTheCamera) {
   Scene scene = makeScene({0.05, 0.02, 0});
-  const MovingParts moving(scene.map, scene.tracks, kCamera);
+  const DynamicRegions moving(scene.map, scene.tracks, kCamera);
   const auto of_box = [](const auto& list) {
     return std::count_if(list.begin(), list.end(), [](const auto& point) {
       return onBox(point.pixel.template cast<float>());
@@ -93,18 +93,18 @@ TEST(MovingParts, AreWhereTracksContradictTheCamera) {
   }
 }
 
-TEST(MovingParts, OneBadTrackIsNoMovingPart) {
+TEST(DynamicRegions, OneBadTrackIsNoRegion) {
   Scene scene = makeScene(Eigen::Vector3d::Zero());
   scene.tracks.positions.back()[100] += Eigen::Vector2f(30, 40);
-  const MovingParts moving(scene.map, scene.tracks, kCamera);
+  const DynamicRegions moving(scene.map, scene.tracks, kCamera);
   EXPECT_EQ(moving.contradicting(), 1);
   EXPECT_EQ(moving.removeCorners(scene.map), 0);
 }
 
-TEST(MovingParts, PointsThatFewSearchesFoundGo) {
+TEST(DynamicRegions, PointsThatFewSearchesFoundGo) {
   Scene scene = makeScene(Eigen::Vector3d::Zero());
   scene.map.points[3].observations = 2;  // of 4
-  const MovingParts moving(scene.map, scene.tracks, kCamera);
+  const DynamicRegions moving(scene.map, scene.tracks, kCamera);
   EXPECT_EQ(moving.removePoints(scene.map), 1);
 }
 

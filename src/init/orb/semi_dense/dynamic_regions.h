@@ -17,21 +17,21 @@ std::vector<double> trackErrors(const InitialMap& map,
                                 const CornerTracks& tracks,
                                 const PinholeCamera& camera);
 
-/// The parts of the reference image whose tracks contradict the motion of the camera: what moves
-/// by itself. One contradicting track may be an accident of tracking; a part is where its
-/// neighbours contradict, too.
-class MovingParts {
+/// The regions of the reference image whose tracks contradict the motion of the camera: what moves
+/// by itself. One contradicting track may be an accident of tracking; in a region its neighbours
+/// contradict, too.
+class DynamicRegions {
  public:
   /// @param map    adjusted poses
   /// @param tracks all of them, those that the map left out included
-  MovingParts(const InitialMap& map, const CornerTracks& tracks, const PinholeCamera& camera);
+  DynamicRegions(const InitialMap& map, const CornerTracks& tracks, const PinholeCamera& camera);
 
   /// Tracks that contradict.
   [[nodiscard]] int contradicting() const { return contradicting_; }
 
-  /// Takes the corners of these parts out of a map. @return their number
+  /// Takes the corners of these regions out of a map. @return their number
   int removeCorners(InitialMap& map) const;
-  /// Takes the semi-dense points of these parts out of a map, and those that too few of their
+  /// Takes the semi-dense points of these regions out of a map, and those that too few of their
   /// searches found: another depth fits in every frame. @return their number
   int removePoints(InitialMap& map) const;
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/two_view/model_competition.h"
+#include "init/orb/two_view/model_selection.h"
 
 #include "init/orb/two_view/ransac.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/semi_dense/moving_parts.h"
+#include "init/orb/semi_dense/dynamic_regions.h"
 
 #include "base/median.h"
 #include "base/parallel.h"
@@ -96,9 +96,9 @@ std::vector<double> trackErrors(const InitialMap& map,
   return errors;
 }
 
-MovingParts::MovingParts(const InitialMap& map,
-                         const CornerTracks& tracks,
-                         const PinholeCamera& camera)
+DynamicRegions::DynamicRegions(const InitialMap& map,
+                               const CornerTracks& tracks,
+                               const PinholeCamera& camera)
     : grid_(tracks.positions.front(), CellGrid(camera.width, camera.height, kRadius)) {
   const std::vector<double> errors = trackErrors(map, tracks, camera);
   const double limit = std::max(kMinError, kErrorFactor * medianOf(errors));
@@ -106,7 +106,7 @@ MovingParts::MovingParts(const InitialMap& map,
   contradicting_ = static_cast<int>(std::count(contradicts_.begin(), contradicts_.end(), 1));
 }
 
-std::vector<char> MovingParts::covered(const std::vector<Eigen::Vector2f>& pixels) const {
+std::vector<char> DynamicRegions::covered(const std::vector<Eigen::Vector2f>& pixels) const {
   std::vector<char> covered(pixels.size(), 0);
   if (contradicting_ == 0) return covered;
   forEachRange(pixels.size(), kGrain, [&](std::size_t begin, std::size_t end) {
@@ -124,7 +124,7 @@ std::vector<char> MovingParts::covered(const std::vector<Eigen::Vector2f>& pixel
   return covered;
 }
 
-int MovingParts::removeCorners(InitialMap& map) const {
+int DynamicRegions::removeCorners(InitialMap& map) const {
   std::vector<Eigen::Vector2f> pixels;
   pixels.reserve(map.corners.size());
   for (const Corner& corner : map.corners) pixels.emplace_back(corner.pixel.cast<float>());
@@ -132,7 +132,7 @@ int MovingParts::removeCorners(InitialMap& map) const {
   return static_cast<int>(pixels.size() - map.corners.size());
 }
 
-int MovingParts::removePoints(InitialMap& map) const {
+int DynamicRegions::removePoints(InitialMap& map) const {
   const auto rarely_found = [&](const SemiDensePoint& point) {
     return point.observations < kMinFoundShare * point.searches;
   };
