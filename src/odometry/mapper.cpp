@@ -113,16 +113,15 @@ KeyframeSnapshot Mapper::snapshot(const window::Keyframe& keyframe) const {
   shot.camera = window_->camera();
   shot.points.reserve(keyframe.points.size() + keyframe.marginalized.size());
   const auto variance = static_cast<float>(noise_ * noise_);
-  for (const window::RetiredPoint& point : keyframe.marginalized) {
-    shot.points.push_back(
-        {point.pixel, point.inverse_depth, variance / point.information, point.intensity});
-  }
-  for (const window::WindowPoint& point : keyframe.points) {
-    if (!(point.information > 0) || !(point.inverse_depth > 0)) continue;
+  const auto add = [&](const window::WindowPoint& point) {
     shot.points.push_back({point.pixel,
                            point.inverse_depth,
                            variance / point.information,
                            point.patch.intensity[kPatternCenter]});
+  };
+  for (const window::WindowPoint& point : keyframe.marginalized) add(point);
+  for (const window::WindowPoint& point : keyframe.points) {
+    if (point.information > 0 && point.inverse_depth > 0) add(point);
   }
   return shot;
 }

@@ -42,8 +42,8 @@ std::vector<std::size_t> keyframesOf(const InitializationResult& result,
   return keyframes;
 }
 
-std::vector<window::SeedPoint> pointsOf(const InitializationResult& result, std::size_t host) {
-  std::vector<window::SeedPoint> points;
+std::vector<MapPoint> pointsOf(const InitializationResult& result, std::size_t host) {
+  std::vector<MapPoint> points;
   for (const InitPoint& point : result.points) {
     if (static_cast<std::size_t>(point.host) != host) continue;
     points.push_back({point.pixel, point.inverse_depth, point.variance});
@@ -54,13 +54,13 @@ std::vector<window::SeedPoint> pointsOf(const InitializationResult& result, std:
 /// Thins the points of one host to its share of the wanted number.
 void addPoints(window::Window& window,
                std::size_t position,
-               const std::vector<window::SeedPoint>& points,
+               const std::vector<MapPoint>& points,
                std::size_t total,
                const WindowOptions& options) {
   const Frame& frame = *window.keyframes[position].frame;
   const double share = static_cast<double>(points.size()) / static_cast<double>(total);
   const int wanted = static_cast<int>(share * options.desired_points);
-  std::vector<window::SeedPoint> kept;
+  std::vector<MapPoint> kept;
   for (const std::size_t i : window::thinOnGrid(points, frame.width(), frame.height(), wanted)) {
     kept.push_back(points[i]);
   }
@@ -96,7 +96,7 @@ window::Window seedWindow(const InitializationResult& result,
                           std::size_t grain) {
   window::Window window(camera, options.brightness);
   const std::vector<std::size_t> keyframes = keyframesOf(result, options.window);
-  std::vector<std::vector<window::SeedPoint>> points;
+  std::vector<std::vector<MapPoint>> points;
   std::size_t total = 0;
   for (const std::size_t i : keyframes) {
     const PosedFrame& posed = result.frames[i];

@@ -71,10 +71,6 @@ void absorb(Window& window, const std::vector<PointRef>& points, const WindowOpt
   window.prior.b += options.marginalization_weight * (equations.b - equations.b_schur);
 }
 
-RetiredPoint retired(const WindowPoint& point) {
-  return {point.pixel, point.inverse_depth, point.information, point.patch.intensity[4]};
-}
-
 /// Moves the 8 rows and columns of a keyframe behind all others.
 MarginalPrior keyframeLast(const MarginalPrior& prior, std::size_t position) {
   const Index n = prior.b.size();
@@ -120,7 +116,7 @@ RetirementReport retirePoints(Window& window, const WindowOptions& options) {
         if (kept != p) keyframe.points[kept] = keyframe.points[p];
         ++kept;
       } else if (verdicts[k][p] == PointVerdict::kMarginalize) {
-        keyframe.marginalized.push_back(retired(keyframe.points[p]));
+        keyframe.marginalized.push_back(keyframe.points[p]);
         ++report.marginalized;
       } else {
         ++keyframe.discarded;

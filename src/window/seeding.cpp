@@ -11,12 +11,12 @@ namespace {
 constexpr int kThinningRounds = 20;  // of the search for the cell size
 
 /// Relative uncertainty, by which seeds compete for a cell.
-float uncertainty(const SeedPoint& point) {
+float uncertainty(const MapPoint& point) {
   if (!(point.variance > 0)) return std::numeric_limits<float>::max();
   return point.variance / (point.inverse_depth * point.inverse_depth);
 }
 
-std::vector<std::size_t> bestOfCells(const std::vector<SeedPoint>& points,
+std::vector<std::size_t> bestOfCells(const std::vector<MapPoint>& points,
                                      int width,
                                      int height,
                                      double cell) {
@@ -39,7 +39,7 @@ std::vector<std::size_t> bestOfCells(const std::vector<SeedPoint>& points,
 
 }  // namespace
 
-std::vector<std::size_t> thinOnGrid(const std::vector<SeedPoint>& points,
+std::vector<std::size_t> thinOnGrid(const std::vector<MapPoint>& points,
                                     int width,
                                     int height,
                                     int wanted) {
@@ -62,7 +62,7 @@ std::vector<std::size_t> thinOnGrid(const std::vector<SeedPoint>& points,
   return result;
 }
 
-float seedInformation(const SeedPoint& point, const PriorOptions& options) {
+float seedInformation(const MapPoint& point, const PriorOptions& options) {
   const auto limit = static_cast<float>(options.max_depth);
   if (!(point.variance > 0)) return 0;
   return std::min(static_cast<float>(options.depth_gain) / point.variance, limit);
@@ -70,13 +70,13 @@ float seedInformation(const SeedPoint& point, const PriorOptions& options) {
 
 int seedPoints(Window& window,
                std::size_t host,
-               const std::vector<SeedPoint>& points,
+               const std::vector<MapPoint>& points,
                const WindowOptions& options) {
   Keyframe& keyframe = window.keyframes[host];
   int added = 0;
-  for (const SeedPoint& seed : points) {
+  for (const MapPoint& seed : points) {
     WindowPoint* point = addPoint(
-        window, keyframe, {seed.pixel, seed.inverse_depth, seedInformation(seed, options.prior)});
+        window, keyframe, seed.pixel, seed.inverse_depth, seedInformation(seed, options.prior));
     if (point == nullptr) continue;
     ++added;
     const std::size_t newest = window.keyframes.size() - 1;

@@ -139,16 +139,19 @@ Keyframe& addKeyframe(Window& window,
   return window.keyframes.back();
 }
 
-WindowPoint* addPoint(Window& window, Keyframe& host, const PointEstimate& estimate) {
-  const std::optional<depth::HostPatch> patch =
-      depth::readHostPatch(host.frame->level(0), estimate.pixel);
+WindowPoint* addPoint(Window& window,
+                      Keyframe& host,
+                      const Eigen::Vector2f& pixel,
+                      float inverse_depth,
+                      float prior_information) {
+  const std::optional<depth::HostPatch> patch = depth::readHostPatch(host.frame->level(0), pixel);
   if (!patch) return nullptr;
   WindowPoint point;
   point.id = {window.next_point++};
-  point.pixel = estimate.pixel;
-  point.inverse_depth = estimate.inverse_depth;
-  point.prior_inverse_depth = estimate.inverse_depth;
-  point.prior_information = estimate.prior_information;
+  point.pixel = pixel;
+  point.inverse_depth = inverse_depth;
+  point.prior_inverse_depth = inverse_depth;
+  point.prior_information = prior_information;
   point.patch = *patch;
   host.points.push_back(point);
   return &host.points.back();

@@ -100,14 +100,6 @@ struct WindowPoint {
   }
 };
 
-/// What stays of a point that left the adjustment while its host is in the window.
-struct RetiredPoint {
-  Eigen::Vector2f pixel{0, 0};  ///< in the host, level 0 [px]
-  float inverse_depth = 0;      ///< [1/unit]
-  float information = 0;        ///< [grey levels^2 unit^2]
-  float intensity = 0;          ///< [grey levels]
-};
-
 /// A frame of the window with its estimate, its points and its candidates. The estimate is
 /// exp(scale * state) * T_cam_world_first, brightness = scale * state; `first` marks the value at
 /// which Jacobians are taken.
@@ -122,8 +114,8 @@ struct Keyframe {
   bool leaves = false;                ///< flagged for marginalisation
   std::vector<WindowPoint> points;
   std::vector<depth::CandidatePoint> candidates;
-  std::vector<RetiredPoint> marginalized;
-  int discarded = 0;  ///< number of points thrown away
+  std::vector<WindowPoint> marginalized;  ///< left the adjustment, their information is kept
+  int discarded = 0;                      ///< number of points thrown away
 
   [[nodiscard]] SE3 T_cam_world() const;
   [[nodiscard]] AffineBrightness affine() const;
@@ -175,15 +167,14 @@ Keyframe& addKeyframe(Window& window,
                       const AffineBrightness& affine,
                       const WindowOptions& options);
 
-/// Inverse depth of a new point and what is known of it beforehand.
-struct PointEstimate {
-  Eigen::Vector2f pixel{0, 0};  ///< [px]
-  float inverse_depth = 0;      ///< [1/unit]
-  float prior_information = 0;  ///< 0: nothing is known
-};
-
-/// Appends a point without residuals. @return nullptr where its pattern leaves the image
-WindowPoint* addPoint(Window& window, Keyframe& host, const PointEstimate& estimate);
+/// Appends a point without residuals.
+/// @param prior_information of the inverse depth; 0 where nothing is known [grey levels^2 unit^2]
+/// @return nullptr where its pattern leaves the image
+WindowPoint* addPoint(Window& window,
+                      Keyframe& host,
+                      const Eigen::Vector2f& pixel,
+                      float inverse_depth,
+                      float prior_information);
 
 /// Makes candidates of selected pixels. @return how many; pixels too near the edge are left out
 int addCandidates(Keyframe& keyframe, const std::vector<SelectedPixel>& pixels);

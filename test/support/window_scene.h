@@ -62,11 +62,11 @@ inline Eigen::Vector2i bestOfCell(
   return best;
 }
 
-inline std::vector<window::SeedPoint> truePoints(const PyramidLevel& level,
-                                                 const std::vector<float>& depth,
-                                                 int cell,
-                                                 float variance) {
-  std::vector<window::SeedPoint> points;
+inline std::vector<MapPoint> truePoints(const PyramidLevel& level,
+                                        const std::vector<float>& depth,
+                                        int cell,
+                                        float variance) {
+  std::vector<MapPoint> points;
   for (int y = 0; y < level.height(); y += cell) {
     for (int x = 0; x < level.width(); x += cell) {
       const Eigen::Vector2i best = bestOfCell(level, depth, x, y, cell);
@@ -92,7 +92,7 @@ inline WindowScene makeWindowScene(const WindowSceneOptions& scene_options,
   sequence_options.rendering.supersampling = 2;
   const synthetic::SyntheticSequence sequence(sequence_options);
   std::vector<FramePtr> frames;
-  std::vector<std::vector<window::SeedPoint>> points;
+  std::vector<std::vector<MapPoint>> points;
   double sum = 0;
   std::size_t count = 0;
   for (std::size_t k = 0; k < scene_options.frames.size(); ++k) {
@@ -103,7 +103,7 @@ inline WindowScene makeWindowScene(const WindowSceneOptions& scene_options,
                                               rendered.inverse_depth,
                                               scene_options.cell,
                                               scene_options.prior_variance));
-    for (const window::SeedPoint& point : points.back()) {
+    for (const MapPoint& point : points.back()) {
       sum += static_cast<double>(point.inverse_depth);
       ++count;
     }
@@ -120,7 +120,7 @@ inline WindowScene makeWindowScene(const WindowSceneOptions& scene_options,
   const std::size_t hosts =
       scene_options.hosts > 0 ? static_cast<std::size_t>(scene_options.hosts) : frames.size() - 1;
   for (std::size_t k = 0; k < hosts; ++k) {
-    for (window::SeedPoint& point : points[k]) point.inverse_depth /= static_cast<float>(scale);
+    for (MapPoint& point : points[k]) point.inverse_depth /= static_cast<float>(scale);
     window::seedPoints(scene.window, k, points[k], options);
   }
   for (const window::Keyframe& keyframe : scene.window.keyframes) {

@@ -35,7 +35,7 @@ Window makeWindow() {
   Vector6d xi;
   xi << 0.12, -0.07, 0.05, 0.03, -0.04, 0.05;
   addKeyframe(window, rampFrame(40, 0.3F, 0.2F, 0.01), SE3::exp(0.7 * xi), {0.1, 3}, options);
-  addPoint(window, window.keyframes[0], {{133, 97}, 0.8F, 0});
+  addPoint(window, window.keyframes[0], {133, 97}, 0.8F, 0);
   addKeyframe(window, rampFrame(52, 0.25F, 0.22F, 0.012), SE3::exp(-xi), {-0.05, -2}, options);
   return window;
 }

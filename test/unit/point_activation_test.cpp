@@ -38,7 +38,7 @@ struct ActivationScene {
     const synthetic::SyntheticFrame host = sequence.frame(0);
     Keyframe& first = addKeyframe(window, sequence.framePtr(host, 0), pose(0), {}, window_options);
     std::vector<SelectedPixel> pixels;
-    for (const SeedPoint& seed :
+    for (const MapPoint& seed :
          window_scene::truePoints(first.frame->level(0), host.inverse_depth, 6, 0)) {
       pixels.push_back({static_cast<int>(seed.pixel.x()), static_cast<int>(seed.pixel.y()), 1});
       truth[{static_cast<int>(seed.pixel.x()), static_cast<int>(seed.pixel.y())}] =
@@ -116,7 +116,7 @@ TEST(PointActivationTest, SameBitsForAnyNumberOfThreads) {
 }
 
 TEST(HandoverTest, ThinningKeepsTheMostCertainOfEveryCell) {
-  std::vector<SeedPoint> points;
+  std::vector<MapPoint> points;
   Random random(2);
   for (int i = 0; i < 5000; ++i) {
     points.push_back(
@@ -128,7 +128,7 @@ TEST(HandoverTest, ThinningKeepsTheMostCertainOfEveryCell) {
   EXPECT_LE(kept.size(), 800U);
   EXPECT_GT(kept.size(), 700U);
   double all = 0, thinned = 0;
-  for (const SeedPoint& point : points) all += static_cast<double>(point.variance) / 5000;
+  for (const MapPoint& point : points) all += static_cast<double>(point.variance) / 5000;
   for (const std::size_t i : kept) {
     thinned += static_cast<double>(points[i].variance) / static_cast<double>(kept.size());
   }

@@ -15,32 +15,32 @@ namespace dsorb::init_orb {
 namespace {
 
 TEST(CandidateDepth, MultipliesGaussians) {
-  CandidateDepth depth({1.0F, 0.04F}, DepthFusion::kProduct);
-  depth.add({1.3F, 0.01F});
+  CandidateDepth depth({{0, 0}, 1.0F, 0.04F}, DepthFusion::kProduct);
+  depth.add({{0, 0}, 1.3F, 0.01F});
   EXPECT_FLOAT_EQ(depth.current().inverse_depth, (1.0F * 0.01F + 1.3F * 0.04F) / 0.05F);
   EXPECT_FLOAT_EQ(depth.current().variance, 0.04F * 0.01F / 0.05F);
   EXPECT_EQ(depth.observations(), 1);
 }
 
 TEST(CandidateDepth, KeepsTheMostPreciseObservationAndNeverThePrior) {
-  CandidateDepth depth({1.0F, 0.01F}, DepthFusion::kMostPrecise);
-  depth.add({1.1F, 0.02F});
+  CandidateDepth depth({{0, 0}, 1.0F, 0.01F}, DepthFusion::kMostPrecise);
+  depth.add({{0, 0}, 1.1F, 0.02F});
   EXPECT_FLOAT_EQ(depth.current().inverse_depth, 1.1F);
-  depth.add({1.2F, 0.05F});
+  depth.add({{0, 0}, 1.2F, 0.05F});
   EXPECT_FLOAT_EQ(depth.current().inverse_depth, 1.1F);
-  depth.add({1.15F, 0.001F});
+  depth.add({{0, 0}, 1.15F, 0.001F});
   EXPECT_FLOAT_EQ(depth.current().inverse_depth, 1.15F);
   EXPECT_EQ(depth.observations(), 3);
 }
 
 TEST(CandidateDepth, ThreeObservationsOutsideTheGateRemoveThePoint) {
-  CandidateDepth depth({1.0F, 0.01F}, DepthFusion::kMostPrecise);
-  depth.add({1.5F, 0.01F});  // 3.5 combined sigma
-  depth.add({1.4F, 0.01F});  // 2.8: inside, becomes the estimate
+  CandidateDepth depth({{0, 0}, 1.0F, 0.01F}, DepthFusion::kMostPrecise);
+  depth.add({{0, 0}, 1.5F, 0.01F});  // 3.5 combined sigma
+  depth.add({{0, 0}, 1.4F, 0.01F});  // 2.8: inside, becomes the estimate
   EXPECT_EQ(depth.observations(), 1);
-  depth.add({0.9F, 0.01F});
+  depth.add({{0, 0}, 0.9F, 0.01F});
   EXPECT_FALSE(depth.removed());
-  depth.add({0.9F, 0.01F});
+  depth.add({{0, 0}, 0.9F, 0.01F});
   EXPECT_TRUE(depth.removed());
 }
 
@@ -73,7 +73,7 @@ TEST(CornerPrior, WeighsTheNearestCornersAsASearchOverAllOfThem) {
       const double weight = 1 / (1 + (corner.pixel - at).norm());
       variance += weight / weights * (std::pow(corner.inverse_depth - mean, 2) + corner.variance);
     }
-    const DepthEstimate estimate = prior.at(at.cast<float>());
+    const SemiDensePoint estimate = prior.at(at.cast<float>());
     EXPECT_NEAR(estimate.inverse_depth, mean, 1e-5);
     const double floor = static_cast<double>(kMinPriorSigma) * mean;
     EXPECT_NEAR(estimate.variance, std::max(variance, floor * floor), 1e-5);
@@ -84,7 +84,7 @@ TEST(CornerPrior, WeighsTheNearestCornersAsASearchOverAllOfThem) {
 
 TEST(CornerPrior, CoversTheWidenedRangeOfAllCornersWhereNoneIsClose) {
   const std::vector<Corner> corners = {{{10, 10}, 0.4, 0}, {{20, 10}, 1.0, 0}, {{10, 30}, 2.0, 0}};
-  const DepthEstimate wide = CornerPrior(corners, 320, 240).at({300, 200});
+  const SemiDensePoint wide = CornerPrior(corners, 320, 240).at({300, 200});
   const float reach = kSearchSigmas * std::sqrt(wide.variance);
   EXPECT_NEAR(wide.inverse_depth - reach, 0.2F, 1e-5F);
   EXPECT_NEAR(wide.inverse_depth + reach, 4.0F, 1e-5F);

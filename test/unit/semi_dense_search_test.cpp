@@ -96,8 +96,9 @@ TEST(EpipolarSearch, GeometricVarianceIsTheSpreadUnderDrawnPoses) {
         const EpipolarSearch search(reference, frame, scene.camera(), options);
         EpipolarSearch::Scratch scratch;
         const SearchOutcome outcome =
-            search.search(Eigen::Vector2f(static_cast<float>(x), static_cast<float>(y)),
-                          {static_cast<float>(rho), 0.01F},
+            search.search({Eigen::Vector2f(static_cast<float>(x), static_cast<float>(y)),
+                           static_cast<float>(rho),
+                           0.01F},
                           scratch);
         if (outcome.status == SearchStatus::kFound) {
           squares += std::pow(outcome.observation.inverse_depth - rho, 2);
@@ -124,15 +125,15 @@ TEST(EpipolarSearch, SkipsGradientsAcrossTheLineAndPixelsThatLeaveTheImage) {
   const PinholeCamera camera = PlaneScene(1).camera();
   const SemiDenseOptions options;
   EpipolarSearch::Scratch scratch;
-  const DepthEstimate prior{1.0F, 0.04F};
+  const SemiDensePoint prior{{160, 110}, 1.0F, 0.04F};
   const SearchFrame right{frame, poseOf(0.1, 0, 0, 0), Matrix6d::Zero(), {}};
-  EXPECT_EQ(EpipolarSearch(frame, right, camera, options).search({160, 110}, prior, scratch).status,
+  EXPECT_EQ(EpipolarSearch(frame, right, camera, options).search(prior, scratch).status,
             SearchStatus::kSkipped);
   const SearchFrame down{frame, poseOf(0, 0.1, 0, 0), Matrix6d::Zero(), {}};
-  EXPECT_NE(EpipolarSearch(frame, down, camera, options).search({160, 110}, prior, scratch).status,
+  EXPECT_NE(EpipolarSearch(frame, down, camera, options).search(prior, scratch).status,
             SearchStatus::kSkipped);
   const SearchFrame away{frame, poseOf(0, 3, 0, 0), Matrix6d::Zero(), {}};
-  EXPECT_EQ(EpipolarSearch(frame, away, camera, options).search({160, 110}, prior, scratch).status,
+  EXPECT_EQ(EpipolarSearch(frame, away, camera, options).search(prior, scratch).status,
             SearchStatus::kSkipped);
 }
 
@@ -150,8 +151,8 @@ TEST(EpipolarSearch, RejectsRepeatedTexture) {
   EpipolarSearch::Scratch scratch;
   const EpipolarSearch search(frame, right, camera, options);
   // 40 px per unit of inverse depth: +-0.8 covers five periods, +-0.08 less than one.
-  EXPECT_EQ(search.search({156, 110}, {0.9F, 0.16F}, scratch).status, SearchStatus::kRejected);
-  EXPECT_EQ(search.search({156, 110}, {0.9F, 0.0016F}, scratch).status, SearchStatus::kFound);
+  EXPECT_EQ(search.search({{156, 110}, 0.9F, 0.16F}, scratch).status, SearchStatus::kRejected);
+  EXPECT_EQ(search.search({{156, 110}, 0.9F, 0.0016F}, scratch).status, SearchStatus::kFound);
 }
 
 }  // namespace

@@ -87,14 +87,14 @@ class MappingRun {
   RunResult run(int frames) {
     const synthetic::SyntheticFrame first = sequence_.frame(0);
     const FramePtr frame = sequence_.framePtr(first, 0);
-    std::vector<SeedPoint> seeds =
+    std::vector<MapPoint> seeds =
         window_scene::truePoints(frame->level(0), first.inverse_depth, 10, 1e-4F);
     double mean = 0;
-    for (const SeedPoint& seed : seeds) {
+    for (const MapPoint& seed : seeds) {
       mean += static_cast<double>(seed.inverse_depth) / static_cast<double>(seeds.size());
     }
     unit_ = mean;
-    for (SeedPoint& seed : seeds) seed.inverse_depth /= static_cast<float>(mean);
+    for (MapPoint& seed : seeds) seed.inverse_depth /= static_cast<float>(mean);
     addKeyframe(window_, frame, SE3(), {}, options_);
     seedPoints(window_, 0, seeds, options_);
     for (int index = 1; index < frames; ++index) process(index);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/image/map_point.h"
 #include "dsorb/init/initializer.h"
 
 #include <Eigen/Core>
@@ -27,14 +28,6 @@ struct FrameEstimate {
   std::optional<SE3> T_cam_keyframe;  ///< pose relative to that keyframe, before any adjustment
   AffineBrightness affine;
   std::optional<double> tracking_rmse;  ///< level 0 [grey levels]
-};
-
-/// A point of the map, hosted in a keyframe.
-struct MapPoint {
-  Eigen::Vector2f pixel{0, 0};  ///< in the keyframe, level 0 [px]
-  float inverse_depth = 0;      ///< [1/unit]
-  float variance = 0;           ///< [1/unit^2]
-  float intensity = 0;          ///< [grey levels]
 };
 
 /// A keyframe with the points it hosts, as a value.

@@ -26,7 +26,7 @@ struct Observation {
   Eigen::Matrix2d whitening = Eigen::Matrix2d::Identity();
 };
 
-/// Gradient pixel of the reference with the inverse depth found by epipolar search.
+/// Pixel of the reference with its inverse depth as a Gaussian, found by epipolar search.
 struct SemiDensePoint {
   Eigen::Vector2f pixel{0, 0};
   float inverse_depth = 0;  ///< [1/unit]

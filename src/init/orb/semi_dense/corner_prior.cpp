@@ -30,21 +30,22 @@ CornerPrior::CornerPrior(const std::vector<Corner>& corners, int width, int heig
   float high = std::numeric_limits<float>::lowest();
   depths_.reserve(corners.size());
   for (const Corner& corner : corners) {
-    depths_.push_back(
-        {static_cast<float>(corner.inverse_depth), static_cast<float>(corner.variance)});
+    depths_.push_back({corner.pixel.cast<float>(),
+                       static_cast<float>(corner.inverse_depth),
+                       static_cast<float>(corner.variance)});
     low = std::min(low, depths_.back().inverse_depth);
     high = std::max(high, depths_.back().inverse_depth);
   }
   low /= kWiden;
   high *= kWiden;
   const float sigma = 0.5F * (high - low) / kSearchSigmas;
-  wide_ = {0.5F * (low + high), sigma * sigma};
+  wide_ = {{0, 0}, 0.5F * (low + high), sigma * sigma};
 }
 
-DepthEstimate CornerPrior::at(const Eigen::Vector2f& pixel) const {
+SemiDensePoint CornerPrior::at(const Eigen::Vector2f& pixel) const {
   const auto neighbours =
       grid_.nearest<kNeighbours>(pixel, kRadius, [](std::size_t) { return true; });
-  if (neighbours.count < kMinNeighbours) return wide_;
+  if (neighbours.count < kMinNeighbours) return {pixel, wide_.inverse_depth, wide_.variance};
   float sum = 0;
   float mean = 0;
   for (const auto& [squared_distance, corner] : neighbours) {
@@ -60,7 +61,7 @@ DepthEstimate CornerPrior::at(const Eigen::Vector2f& pixel) const {
     variance += weight * (difference * difference + depths_[corner].variance);
   }
   const float floor = kMinPriorSigma * mean;
-  return {mean, std::max(variance / sum, floor * floor)};
+  return {pixel, mean, std::max(variance / sum, floor * floor)};
 }
 
 }  // namespace dsorb::init_orb

@@ -11,12 +11,6 @@ namespace dsorb::init_orb {
 constexpr float kMinPriorSigma = 0.1F;  ///< of a prior, relative to its inverse depth [-]
 constexpr float kSearchSigmas = 2;      ///< half length of the searched interval [sigma]
 
-/// Inverse depth as a Gaussian.
-struct DepthEstimate {
-  float inverse_depth = 0;  ///< [1/unit]
-  float variance = 0;       ///< [1/unit^2]
-};
-
 /// Guesses the inverse depth of any pixel of the reference from the corners around it.
 class CornerPrior {
  public:
@@ -26,12 +20,12 @@ class CornerPrior {
   /// Mean of the nearest corners weighted by 1 / distance, with their spread and their own
   /// variances. With fewer than 3 corners close by: a Gaussian whose searched interval is the range
   /// of all corners, widened by a factor 2 at both ends.
-  [[nodiscard]] DepthEstimate at(const Eigen::Vector2f& pixel) const;
+  [[nodiscard]] SemiDensePoint at(const Eigen::Vector2f& pixel) const;
 
  private:
-  PointGrid grid_;                     ///< the corners
-  std::vector<DepthEstimate> depths_;  ///< theirs
-  DepthEstimate wide_;
+  PointGrid grid_;                      ///< the corners
+  std::vector<SemiDensePoint> depths_;  ///< inverse depths of the corners
+  SemiDensePoint wide_;                 ///< without a pixel
 };
 
 }  // namespace dsorb::init_orb

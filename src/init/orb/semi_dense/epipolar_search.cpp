@@ -59,9 +59,8 @@ EpipolarSearch::EpipolarSearch(const FramePtr& reference,
       max_half_length_(
           static_cast<float>(0.5 * kMaxSearch * std::hypot(camera.width, camera.height))) {}
 
-SearchOutcome EpipolarSearch::search(const Eigen::Vector2f& pixel,
-                                     const DepthEstimate& prior,
-                                     Scratch& scratch) const {
+SearchOutcome EpipolarSearch::search(const SemiDensePoint& prior, Scratch& scratch) const {
+  const Eigen::Vector2f& pixel = prior.pixel;
   const std::optional<EpipolarLine> line =
       EpipolarLine::through(geometry_, pixel, prior.inverse_depth);
   // The floor of the line's error limits what this frame can tell.
@@ -88,7 +87,7 @@ SearchOutcome EpipolarSearch::search(const Eigen::Vector2f& pixel,
   if (!(depth.inverse_depth > 0) || !std::isfinite(variance) || !(variance > 0)) {
     return {SearchStatus::kRejected, {}};
   }
-  return {SearchStatus::kFound, {depth.inverse_depth, variance}};
+  return {SearchStatus::kFound, {pixel, depth.inverse_depth, variance}};
 }
 
 bool EpipolarSearch::gradientIsUsable(const Eigen::Vector2f& pixel,
@@ -118,7 +117,7 @@ EpipolarSearch::Patch EpipolarSearch::cutPatch(const Eigen::Vector2f& pixel,
 }
 
 EpipolarSearch::Interval EpipolarSearch::clippedInterval(const EpipolarLine& line,
-                                                         const DepthEstimate& prior,
+                                                         const SemiDensePoint& prior,
                                                          float margin) const {
   const float reach = kSearchSigmas * std::sqrt(prior.variance);
   const float low =

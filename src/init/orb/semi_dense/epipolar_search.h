@@ -23,7 +23,7 @@ enum class SearchStatus {
 
 struct SearchOutcome {
   SearchStatus status = SearchStatus::kSkipped;
-  DepthEstimate observation;  ///< when found
+  SemiDensePoint observation;  ///< when found
 };
 
 /// A later frame as the search needs it.
@@ -47,15 +47,13 @@ class EpipolarSearch {
                  const PinholeCamera& camera,
                  const SemiDenseOptions& options);
 
-  /// @param pixel of the reference, its residual pattern inside the image
-  /// @param prior what is known: the search covers kSearchSigmas to both sides
+  /// @param prior pixel of the reference, its residual pattern inside the image, and what is known
+  ///              of its inverse depth: the search covers kSearchSigmas to both sides
   /// @return observed inverse depth with the variance
   ///         alpha^2 (sigma_geo^2 + sigma_photo^2), alpha = d inverse depth / d position
   /// @source Engel, Sturm, Cremers, ICCV 2013, section 2.2 (geometric and photometric disparity
   ///         error); the geometric part from the pose covariance
-  [[nodiscard]] SearchOutcome search(const Eigen::Vector2f& pixel,
-                                     const DepthEstimate& prior,
-                                     Scratch& scratch) const;
+  [[nodiscard]] SearchOutcome search(const SemiDensePoint& prior, Scratch& scratch) const;
 
  private:
   /// Reference patch and where its pixels lie in the target around the centre.
@@ -78,7 +76,7 @@ class EpipolarSearch {
   [[nodiscard]] bool gradientIsUsable(const Eigen::Vector2f& pixel, const EpipolarLine& line) const;
   [[nodiscard]] Patch cutPatch(const Eigen::Vector2f& pixel, const EpipolarLine& line) const;
   [[nodiscard]] Interval clippedInterval(const EpipolarLine& line,
-                                         const DepthEstimate& prior,
+                                         const SemiDensePoint& prior,
                                          float margin) const;
   [[nodiscard]] float cost(const Patch& patch, const Eigen::Vector2f& centre) const;
   /// @return position of the best step, NaN when there is none or another is about as good

@@ -52,10 +52,10 @@ CandidateResult observe(const SelectedPixel& pixel,
                         const SemiDenseOptions& options,
                         EpipolarSearch::Scratch& scratch) {
   CandidateResult result;
-  result.point.pixel = {static_cast<float>(pixel.x), static_cast<float>(pixel.y)};
-  CandidateDepth depth(prior.at(result.point.pixel), options.fusion);
+  CandidateDepth depth(prior.at({static_cast<float>(pixel.x), static_cast<float>(pixel.y)}),
+                       options.fusion);
   for (const EpipolarSearch& frame : frames) {
-    const SearchOutcome outcome = frame.search(result.point.pixel, depth.current(), scratch);
+    const SearchOutcome outcome = frame.search(depth.current(), scratch);
     result.searches += outcome.status != SearchStatus::kSkipped ? 1 : 0;
     if (outcome.status == SearchStatus::kFound) {
       ++result.matches;
@@ -63,8 +63,7 @@ CandidateResult observe(const SelectedPixel& pixel,
     }
   }
   if (!depth.removed()) {
-    result.point.inverse_depth = depth.current().inverse_depth;
-    result.point.variance = depth.current().variance;
+    result.point = depth.current();
     result.point.observations = depth.observations();
     result.point.searches = result.searches;
   }

@@ -15,16 +15,16 @@ namespace dsorb::init_orb {
 /// What the frames so far say about one candidate.
 class CandidateDepth {
  public:
-  CandidateDepth(const DepthEstimate& prior, DepthFusion fusion)
+  CandidateDepth(const SemiDensePoint& prior, DepthFusion fusion)
       : current_(prior), fusion_(fusion) {}
 
-  [[nodiscard]] const DepthEstimate& current() const { return current_; }
+  [[nodiscard]] const SemiDensePoint& current() const { return current_; }
   [[nodiscard]] int observations() const { return observations_; }
   [[nodiscard]] bool removed() const { return votes_ >= kMaxOutlierVotes; }
 
   /// Takes an observation in, or counts an outlier vote when it is outside the gate.
   /// @source Engel, Sturm, Cremers, ICCV 2013, section 2.3 (product of Gaussians)
-  void add(const DepthEstimate& observed) {
+  void add(const SemiDensePoint& observed) {
     const float difference = observed.inverse_depth - current_.inverse_depth;
     const float sum = current_.variance + observed.variance;
     if (difference * difference > kFusionGate * kFusionGate * sum) {
@@ -32,7 +32,8 @@ class CandidateDepth {
       return;
     }
     if (fusion_ == DepthFusion::kProduct) {
-      current_ = {(current_.variance * observed.inverse_depth +
+      current_ = {current_.pixel,
+                  (current_.variance * observed.inverse_depth +
                    observed.variance * current_.inverse_depth) /
                       sum,
                   current_.variance * observed.variance / sum};
@@ -46,7 +47,7 @@ class CandidateDepth {
   static constexpr float kFusionGate = 3;     // farther from the prior: a vote [combined sigma]
   static constexpr int kMaxOutlierVotes = 3;  // so many remove a point
 
-  DepthEstimate current_;
+  SemiDensePoint current_;
   DepthFusion fusion_;
   int observations_ = 0;
   int votes_ = 0;
