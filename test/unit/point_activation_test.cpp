@@ -4,6 +4,7 @@
 #include "base/median.h"
 #include "base/parallel.h"
 #include "support/window_scene.h"
+#include "window/depth_samples.h"
 #include "window/window_optimizer.h"
 
 #include <gtest/gtest.h>
@@ -46,8 +47,7 @@ struct ActivationScene {
     }
     addCandidates(first, pixels);
     for (const int index : {2, 4, 6, 8, 10, 12}) {
-      refineCandidates(
-          window, {sequence.framePtr(index), pose(index), {}}, depth_options.epipolar, 0);
+      refineCandidates(window, {sequence.framePtr(index), pose(index), {}}, depth_options, 0);
     }
     addKeyframe(window, sequence.framePtr(12), pose(12), {}, window_options);
   }

@@ -114,7 +114,7 @@ class MappingRun {
     Vector6d noise;
     for (int i = 0; i < 6; ++i) noise[i] = 5e-4 * random_.gaussian();
     const SE3 T_cam_world = SE3::exp(noise) * T_frame_last * last.T_cam_world();
-    refineCandidates(window_, {frame, T_cam_world, {}}, depth_options_.epipolar, 0);
+    refineCandidates(window_, {frame, T_cam_world, {}}, depth_options_, 0);
     if (index % kInterval == 0) addAndMap(frame, T_cam_world);
   }
 
