@@ -8,7 +8,7 @@
 
 namespace dsorb::odometry {
 
-/// Those who are told what happens, in the order in which they were added.
+/// The observers of a run, called in the order in which they were added.
 class Observers {
  public:
   /// @throws std::invalid_argument for a null pointer

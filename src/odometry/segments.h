@@ -9,7 +9,7 @@
 
 namespace dsorb::odometry {
 
-/// What the segments of a run hold; a start that is rolled back counts for nothing.
+/// Counts over the segments of a run, without starts that were rolled back.
 struct SegmentCounts {
   int starts = 0;
   int keyframes = 0;

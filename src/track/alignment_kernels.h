@@ -14,7 +14,7 @@ constexpr int kAlignmentParameters = 8;       ///< translation 3, rotation 3, br
 /// Upper triangle of J J^T, each row followed by its product with the residual.
 constexpr std::size_t kAlignmentSums = 44;
 
-/// Everything that is the same for all points of one evaluation, in single precision.
+/// Constants of one evaluation, the same for all points, in single precision.
 struct AlignmentSetting {
   std::array<float, 9> R;         ///< rotation reference to frame, row-major
   std::array<float, 3> t;         ///< translation reference to frame [unit]

@@ -19,7 +19,7 @@ struct MotionHistory {
     T_before_reference = T_previous_reference;
     T_previous_reference = T_frame_reference;
   }
-  /// The same with another frame as the reference.
+  /// This history relative to another reference frame.
   [[nodiscard]] MotionHistory relativeTo(const SE3& T_new_old) const {
     const SE3 T_old_new = T_new_old.inverse();
     MotionHistory moved;

@@ -19,7 +19,7 @@ namespace dsorb::track {
 using Vector8d = Eigen::Matrix<double, 8, 1>;
 using Matrix8d = Eigen::Matrix<double, 8, 8>;
 
-/// What alignment estimates. Increments are [translation; rotation] from the left, then a, b.
+/// State that alignment estimates. Increments are [translation; rotation] from the left, then a, b.
 struct AlignmentState {
   SE3 T_frame_reference;
   AffineBrightness affine;  ///< of the frame

@@ -53,7 +53,8 @@ enum class DilationNeighbours { kDiagonal, kDirect };
 /// negative sign, which marks it and leaves their quotient right.
 void dilate(DepthAccumulator& level, DilationNeighbours neighbours);
 
-/// What frames are tracked against: sparse inverse depths of a frame on every pyramid level. On
+/// Reference that frames are tracked against: sparse inverse depths of a frame on every pyramid
+/// level. On
 /// level 0 the samples keep their exact positions and are widened to the pixels diagonal to them;
 /// on coarser levels the samples are averaged on pixels.
 /// @source front end of DSO as published, with exact positions on level 0
@@ -62,7 +63,7 @@ class TrackingReference {
   /// Takes all memory it needs for frames of the camera.
   explicit TrackingReference(const PinholeCamera& camera);
 
-  /// Replaces what was there; buffers are kept.
+  /// Replaces the previous content, keeping the buffers.
   /// @param samples pixels of `frame` with inverse depth; those outside the image or not positive
   ///        are ignored
   void set(const FramePtr& frame,

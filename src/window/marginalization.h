@@ -12,7 +12,7 @@ namespace dsorb::window {
 
 enum class PointVerdict { kStay, kDiscard, kMarginalize };
 
-/// What becomes of a point after an adjustment: a point leaves with its host, when the newest
+/// Decides about a point after an adjustment: a point leaves with its host, when the newest
 /// keyframe does not see it, or when too few residuals would remain; its information is kept if it
 /// was observed well.
 /// @source DSO as published; arXiv:1607.02565, section 2.3 (marginalization)

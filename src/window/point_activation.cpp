@@ -22,7 +22,7 @@ using depth::EpipolarPair;
 constexpr int kMapLevel = 1;        // pyramid level of the distance map
 constexpr double kMaxDistance = 4;  // between points at most [px of half resolution]; DSO
 
-/// Candidate of a keyframe and what is to become of it.
+/// Candidate of a keyframe with the decision about it.
 struct Pending {
   std::size_t keyframe = 0;
   std::size_t candidate = 0;

@@ -13,7 +13,7 @@
 
 namespace dsorb::window {
 
-/// A tracked frame: where it was and how bright.
+/// A tracked frame with its pose and brightness.
 struct TrackedFrame {
   FramePtr frame;
   SE3 T_cam_world;

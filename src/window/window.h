@@ -62,7 +62,7 @@ struct Observation {
   float trial_raw = 0;     ///< not limited
 };
 
-/// What a point remembers of its residual to one of the two newest keyframes.
+/// State of a point's residual to one of the two newest keyframes.
 struct RecentState {
   KeyframeId keyframe;
   ResidualState state = ResidualState::kIn;

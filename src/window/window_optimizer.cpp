@@ -75,7 +75,7 @@ float parallax(const WindowPoint& point, const PairGeometry& pair) {
   return (infinity.hnormalized() - at_depth.hnormalized()).norm();
 }
 
-/// Notes of the final evaluation in one point; unused residuals go.
+/// Notes the final evaluation in one point and removes unused residuals.
 void closePoint(WindowPoint& point,
                 const Window& window,
                 const PairTable& pairs,

@@ -38,7 +38,7 @@ struct StatePrior {
 /// @return dimension x 7
 [[nodiscard]] Eigen::MatrixXd gaugeDirections(const Window& window);
 
-/// Takes out of a step what only moves or scales the whole world.
+/// Projects a step onto the complement of motions and scale of the whole world.
 [[nodiscard]] Eigen::VectorXd withoutGauge(const Eigen::VectorXd& step,
                                            const Eigen::MatrixXd& directions);
 

@@ -12,8 +12,8 @@ namespace dsorb::init_coarse {
 namespace {
 
 constexpr int kParameters = 8;
-// What of an inverse depth's variance comes from the pose, as if so many points told the pose: more
-// than tell it, since errors of the pose that the depths absorb do not show in them.
+// Effective number of points in the part of an inverse depth's variance that comes from the pose.
+// It is larger than for the pose itself, since the depths absorb some errors of the pose.
 constexpr double kDepthEffectivePoints = 50;
 constexpr double kMinCurvature = 1;  // [grey levels^2 unit^2]; less tells nothing
 
@@ -73,7 +73,7 @@ std::optional<Uncertainty> uncertaintyOf(const Attempt& attempt,
   const LevelState state = aligner.evaluate(
       viewOf(*tracked.frame, attempt.camera, 0), Unknowns::kPose, points, tracked.alignment);
   const PoseSystem system = eliminate(state.equations, aligner.evaluated(), points, curvature);
-  // Nothing tells the scale; the null direction gets the mean stiffness of the others.
+  // Scale is unobservable: its direction gets the mean curvature of the others.
   Vector6d scale = Vector6d::Zero();
   scale.head<3>() = tracked.alignment.T_new_ref.translation();
   const Vector6d unit_scale = scale.normalized();

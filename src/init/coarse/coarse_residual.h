@@ -45,8 +45,8 @@ struct DepthTerms {
   float coupling = 0;  ///< weight toward the smoothed inverse depth
 };
 
-/// What the Schur complement needs of every point: coupling of its inverse depth with the eight
-/// parameters, gradient and inverse of the damped curvature.
+/// Terms of every point that the Schur complement needs: coupling of its inverse depth with the
+/// eight parameters, gradient and inverse of the damped curvature.
 struct SchurTerms {
   std::vector<float> coupling;  ///< 8 a point
   std::vector<float> gradient;

@@ -11,7 +11,7 @@
 
 namespace dsorb::init_coarse {
 
-/// Points of all levels, finest first, with what they say of the newest frame.
+/// Points of all levels, finest first, with their terms in the newest frame.
 struct Estimate {
   std::vector<PointLevel> levels;
   Alignment alignment;
@@ -20,7 +20,7 @@ struct Estimate {
   [[nodiscard]] double energy() const;
 };
 
-/// The newest frame and what it takes to align it.
+/// The newest frame with the context of its alignment.
 struct AlignmentTask {
   const Frame& frame;
   const PinholeCamera& camera;

@@ -14,7 +14,8 @@
 namespace dsorb::init_orb {
 namespace {
 
-/// Two-view geometry by homography or fundamental matrix, adjustments of all frames.
+/// Reconstruction of the published variants: two-view geometry by homography or fundamental matrix,
+/// then adjustments of all frames.
 /// @source [Gladkova], algorithm 1
 Outcome<Reconstruction> reconstructAsGladkova(const ReferenceView& view,
                                               const AttemptContext& context) {
@@ -26,8 +27,8 @@ Outcome<Reconstruction> reconstructAsGladkova(const ReferenceView& view,
       .then([&](Made made) { return adjustImages(std::move(made), context); });
 }
 
-/// Ours: essential matrix, adjustment of a few frames, a gate, corners measured again; all other
-/// frames are posed in the end.
+/// Reconstruction of `orb`: essential matrix, adjustment of a few frames, a gate, refined corners;
+/// all other frames are posed in the end.
 Attempt reconstruct(const ReferenceView& view, const AttemptContext& context) {
   using Made = Reconstruction;
   auto [start, summary] = startFromEssential(view, context);

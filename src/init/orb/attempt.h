@@ -16,8 +16,8 @@ struct Attempt {
 /// Tries to initialize from one reference.
 Attempt attemptFrom(const ReferenceView& view, const AttemptContext& context);
 
-/// The hand-over of a successful attempt, in the common unit; points at or behind infinity are left
-/// out. Counts, restarts and stages of the report are the caller's.
+/// Converts a successful attempt into the hand-over, in the common unit, without points at or
+/// behind infinity. The caller fills in counts, restarts and stages of the report.
 InitializationResult toResult(Reconstruction made);
 
 }  // namespace dsorb::init_orb

@@ -11,7 +11,7 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kMinRotationTracks = 10;  // to tell that a rotation explains them all
+constexpr int kMinRotationTracks = 10;  // needed to tell that a rotation explains them
 constexpr int kMaxAttempts = 2;         // with one frame, oldest references first
 
 std::unique_ptr<ReferenceSource> makeSource(const OrbOptions& options) {
@@ -91,7 +91,7 @@ Attempt ORBInitializer::tryReferences() {
   return first;
 }
 
-/// Whether the corners left the image because the camera rotated: nothing is lost then.
+/// Whether the corners left the image only because the camera rotated.
 bool ORBInitializer::onlyRotated() const {
   const CornerTracks tracks = source_->newestTracks();
   return tracks.size() >= kMinRotationTracks &&

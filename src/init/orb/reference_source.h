@@ -11,7 +11,7 @@
 
 namespace dsorb::init_orb {
 
-/// The frames an initializer may start from, and where later frames show their corners.
+/// Source of the frames that an initializer may start from, with the tracks of their corners.
 class ReferenceSource {
  public:
   virtual ~ReferenceSource() = default;
@@ -20,19 +20,19 @@ class ReferenceSource {
   virtual void start(FramePtr frame) = 0;
   /// Finds the corners of all references in the next frame.
   virtual void advance(FramePtr frame) = 0;
-  /// Makes the newest frame a reference, too, when it is time for one.
+  /// Makes the newest frame another reference when one is due.
   virtual void addWhenDue() {}
   virtual void clear() = 0;
 
   [[nodiscard]] virtual bool empty() const = 0;
   /// Whether the first reference has too few corners to follow.
   [[nodiscard]] virtual bool tooFewCorners() const = 0;
-  /// Drops references of which too little is left, and all at a scene cut.
+  /// Drops references with too few live tracks, and all at a scene cut.
   /// @return whether none is left
   virtual bool dropLost() = 0;
   /// Drops references that are given up after an attempt.
   /// @param failure of the attempt from the oldest one
-  /// @return        why none is left; nullopt where one is
+  /// @return        the reason when none is left
   virtual std::optional<InitReason> giveUp(InitReason failure) = 0;
 
   [[nodiscard]] virtual int references() const = 0;

@@ -5,12 +5,13 @@
 
 namespace dsorb::init_orb {
 
-/// Semi-dense inverse depths of the reference, without what moves by itself.
+/// Adds semi-dense inverse depths of the reference, leaving out regions that move by themselves.
 Outcome<Reconstruction> addSemiDense(Reconstruction made,
                                      const ReferenceView& view,
                                      const AttemptContext& context);
 
-/// Photometric adjustment, outlier filter and second adjustment, as the options want them.
+/// Runs the photometric adjustment, the outlier filter and the second adjustment that the options
+/// ask for.
 Outcome<Reconstruction> adjustImages(Reconstruction made, const AttemptContext& context);
 
 /// Poses the frames that had no part in the adjustments.

@@ -28,11 +28,11 @@ constexpr double kDegPerRad = 180.0 / M_PI;
 constexpr int kIterations = 2;  // of the adjustment in each round; 2 to 6 give the same starts
 constexpr double kCauchyThreshold = 2;  // of the whitened error [-]
 constexpr double kMaxStep = 1;          // of one corner in one round [px]
-constexpr double kMaxResidual = 25;  // mean of a patch; more: the corner is dropped [grey levels]
+constexpr double kMaxResidual = 25;  // mean of a patch, above which the corner goes [grey levels]
 constexpr double kMinSigma = 0.05;   // of a corner however strong its gradients [px]
-constexpr double kMaxTurnDeg = 15;  // of the direction of translation; more: polish is not believed
-constexpr double kDamping = 1e-3;   // of the mean curvature
-constexpr double kMinGradient = 1;  // rms in the weakest direction [grey levels / px]
+constexpr double kMaxTurnDeg = 15;   // of the direction of translation; beyond it, rejected
+constexpr double kDamping = 1e-3;    // of the mean curvature
+constexpr double kMinGradient = 1;   // rms in the weakest direction [grey levels / px]
 constexpr double kMeasuredSigma = 0.2;  // of a measured corner, for the pose of a single frame [px]
 /// Share of the adjustment's variance factor for the own part of a single frame's pose; the rest
 /// comes with the inverse depths.
@@ -44,7 +44,7 @@ constexpr int kBrightnessRounds = 2;  // the pixels hardly move in the others
 constexpr double kMinStep = 1e-5;   // of a single frame's pose, which ends its rounds: below .01 px
 constexpr std::size_t kGrain = 64;  // observations one thread measures at a time
 
-/// What a patch in one frame says about its corner.
+/// Measurement of a corner by its patch in one frame.
 struct Measurement {
   bool valid = false;
   Eigen::Vector2d pixel{0, 0};
@@ -54,7 +54,7 @@ struct Measurement {
   double mean_residual = 0;                               // of |r| [grey levels]
 };
 
-/// The corners' patches in the reference.
+/// Cuts the corners' patches out of the reference.
 std::vector<PolishPatch> cutPatches(const InitialMap& map) {
   std::vector<PolishPatch> patches(map.corners.size());
   forEachRange(patches.size(), kGrain, [&](std::size_t begin, std::size_t end) {
@@ -136,7 +136,7 @@ struct Round {
   int dropped = 0;
 };
 
-/// Every observation in a posed frame measured again.
+/// Measures every observation in a posed frame again.
 std::vector<Measurement> measureAll(const InitialMap& map,
                                     const PinholeCamera& camera,
                                     const std::vector<PolishPatch>& patches) {
@@ -155,7 +155,7 @@ std::vector<Measurement> measureAll(const InitialMap& map,
   return measurements;
 }
 
-/// What all measurements of a corner say together.
+/// Summary of all measurements of a corner.
 struct CornerSummary {
   Eigen::Matrix2d information = Eigen::Matrix2d::Zero();  // sum
   int patches = 0;

@@ -11,8 +11,8 @@
 
 namespace dsorb::init_orb {
 
-/// What an adjustment of refined corners runs with: sigma 1, because the whitening has each
-/// corner's own, and a loss that falls.
+/// Options for the adjustment of refined corners: sigma 1, because each observation is whitened by
+/// its own covariance, and a redescending loss.
 GeometricOptions refinedAdjustment(const GeometricOptions& geometric);
 
 /// Measures every corner again in every posed frame and adjusts, several times. The patch of the
@@ -26,8 +26,8 @@ RefinementReport refineCorners(InitialMap& map,
                                const GeometricOptions& geometric,
                                int rounds);
 
-/// The same measurements for single frames: their poses are fitted to them, all inverse depths and
-/// all other poses stay. Sets the brightness and the covariance of the frames as well.
+/// Refines the poses of single frames by the same measurements, with all inverse depths and all
+/// other poses fixed. Sets the brightness and the covariance of the frames as well.
 /// @param map       every frame posed, adjusted frames with their joint covariance; observations
 ///                  are left as they are
 /// @param geometric of the adjustment: its robust loss and variance factor

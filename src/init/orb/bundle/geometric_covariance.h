@@ -14,10 +14,10 @@ namespace dsorb::init_orb {
 ///
 /// Tracks share the reference patch and the calibration, neighbours share more: unless
 /// `options.pose_variance_factor` is 0 the clustered covariance over cells of the image is added,
-/// and what an inverse depth has of its own counts once for all frames. What is no noise
-/// (occlusions, wrong warps) does not average out over cells either, and shows in the tails of the
-/// errors: that covariance is multiplied by pose_variance_factor (1 + tail_variance_factor *
-/// tailExcess), kept in `map.clustered_factor`.
+/// and the part of the variance that an inverse depth has of its own counts once for all frames.
+/// Errors that are no noise (occlusions, wrong warps) do not average out over cells either, and
+/// show in the tails of the errors: the clustered covariance is multiplied by pose_variance_factor
+/// (1 + tail_variance_factor * tailExcess), kept in `map.clustered_factor`.
 /// @param map adjusted, mean inverse depth 1, every corner observed in a posed frame
 /// @return the variance factor s^2 [-]; nothing is set and NaN returned when the problem has no
 ///         redundancy or is degenerate

@@ -20,11 +20,11 @@ InitialMap makeInitialMap(const std::vector<FramePtr>& frames,
                           const CornerTracks& tracks,
                           const MotionHypothesis& motion);
 
-/// The corners as they were tracked, by frame.
+/// Observations of the corners, sorted by frame.
 std::vector<std::vector<PointSighting>> sightingsByFrame(const InitialMap& map,
                                                          const PinholeCamera& camera);
 
-/// Poses the frames between the first and the last: from the corners, or where these do not agree
+/// Poses the frames between the first and the last, from the corners or, where these do not agree,
 /// by interpolation along the motion.
 /// @param sigma of an observation, each axis [px]
 void poseFramesBetween(InitialMap& map, const PinholeCamera& camera, double sigma);

@@ -16,17 +16,17 @@
 
 namespace dsorb::init_orb {
 
-/// What is known about the errors of sightings.
+/// Noise model of the observations that a pose was fitted to.
 struct SightingNoise {
   double sigma = 1;            ///< of a sighting, each axis: where the loss bends [px]
-  double variance_factor = 0;  ///< on the clustered covariance [-]; 0: every sighting counts
+  double variance_factor = 0;  ///< on the clustered covariance [-]; 0 takes the formal one
 };
 
 /// Covariance that the sightings' own errors give a pose fitted to them by poseFromPoints(), the
 /// points taken as exact: s^2 H^-1, plus the spread of the gradient over cells of the image as in
 /// geometric_covariance.h, plus the square of the step that the sightings still ask for (none where
-/// the pose was fitted to just these). It holds the errors that the inverse depths have each by
-/// itself, too: they show in the residuals.
+/// the pose was fitted to just these). It includes the independent errors of the inverse depths,
+/// because they show in the residuals.
 /// @param T_cam_host the fitted pose
 /// @return of a left increment; nullopt where poseFromPoints() would not take the pose
 /// @source White, Econometrica 1980, with clusters
@@ -35,9 +35,10 @@ std::optional<Matrix6d> poseCovariance(const std::vector<PointSighting>& sightin
                                        const SE3& T_cam_host,
                                        const SightingNoise& noise);
 
-/// The other part of such a frame's error: inverse depths share the errors of the poses they were
-/// adjusted with, and hand them on. With x the errors of the adjusted poses, A_i = h_i / h_ii as in
-/// geometric_covariance.h and J = [J_t J_w] the projection's derivative by the pose:
+/// Second part of the error of a frame that is posed afterwards: inverse depths share the errors of
+/// the poses they were adjusted with, and propagate them. With x the errors of the adjusted poses,
+/// A_i = h_i / h_ii as in geometric_covariance.h and J = [J_t J_w] the projection's derivative by
+/// the pose:
 ///   d rho_i = -A_i^T x,  d projection / d rho_i = J_t t / rho_i (exact),
 ///   error of the pose = sum_d t_d M_d x,  M_d = H^-1 sum_i J^T J_t,d A_i^T / rho_i.
 /// M_d is taken once, where the camera has not moved, and turned with the camera: to first order in

@@ -16,7 +16,7 @@
 
 namespace dsorb::init_orb {
 
-/// Where the unknowns of the posed frames stand in the equations.
+/// Rows of the posed frames' unknowns in the equations.
 struct PoseRows {
   explicit PoseRows(const InitialMap& map);
   /// @param frames posed, ascending, without the reference; no others have rows
@@ -29,8 +29,8 @@ struct PoseRows {
 /// Direction in which all translations grow together: it leaves every projection unchanged.
 Eigen::VectorXd scaleDirection(const InitialMap& map, const PoseRows& rows);
 
-/// What an adjustment moves: the posed frames after the reference and the inverse depths of the
-/// corners, these filled up with zeros to whole lanes.
+/// State of an adjustment: poses of the posed frames after the reference, and inverse depths of the
+/// corners, filled up with zeros to whole lanes.
 struct ReprojectionState {
   std::vector<SE3> T_cam_ref;
   std::vector<double> inverse_depth;
@@ -82,7 +82,7 @@ class ReprojectionProblem {
   std::vector<Sightings> sightings_;  ///< by posed frame
 };
 
-/// Those of a map. @param kept one a corner; empty: all
+/// Equations of a map. @param kept one flag a corner; empty stands for all
 ReprojectionEquations linearize(const InitialMap& map,
                                 const std::vector<char>& kept,
                                 const PoseRows& pose_rows,

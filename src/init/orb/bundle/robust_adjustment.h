@@ -11,8 +11,8 @@
 namespace dsorb::init_orb {
 
 /// Adjusts poses and corners in two rounds, each followed by the removal of corners whose largest
-/// error is above a multiple of the robust standard deviation. Corners behind the camera stay: they
-/// speak against the motion.
+/// error is above a multiple of the robust standard deviation. Corners behind the camera stay,
+/// because they are evidence against the motion.
 /// @return whether it found usable numbers and corners were left
 bool adjustRobustly(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options);
 
@@ -23,7 +23,7 @@ GeometricOptions adjustToNoise(InitialMap& map,
                                const GeometricOptions& options,
                                int rounds);
 
-/// Adjusts what there is, and removes nothing. @return whether it found usable numbers
+/// Adjusts without removing corners. @return whether it found usable numbers
 bool adjustOnce(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options);
 
 /// Median of the reprojection errors of all observations in posed frames, whitened but for sigma.
@@ -34,7 +34,7 @@ double medianError(const InitialMap& map, const PinholeCamera& camera);
 /// median, over that of a normal distribution, less 1 [-]; at least 0.
 double tailExcess(const InitialMap& map, const PinholeCamera& camera);
 
-/// When most corners are behind the camera, the motion has the wrong sign: turns it round, which
+/// Flips the sign of translations and inverse depths when most corners are behind the camera, which
 /// changes no projection. @return share of the corners in front of the camera
 double flipToPositiveDepth(InitialMap& map);
 

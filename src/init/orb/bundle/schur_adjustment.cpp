@@ -10,7 +10,7 @@
 namespace dsorb::init_orb {
 namespace {
 
-/// What moves, and how.
+/// Linearization and update of the state.
 struct Model {
   const ReprojectionProblem& problem;
 

@@ -13,13 +13,13 @@
 
 namespace dsorb::init_orb {
 
-/// What goes through the stages of an attempt: a map, and what the stages so far found.
+/// Value that passes through the stages of an attempt: the map and the report so far.
 struct Reconstruction {
   InitialMap map;
   InitReport report;
 };
 
-/// What every stage of an attempt is given.
+/// Context of every stage of an attempt.
 struct AttemptContext {
   const PinholeCamera& camera;
   const InitializerOptions& options;

@@ -13,7 +13,7 @@ namespace dsorb::init_orb {
 /// @source Engel et al., DSO, arXiv:1607.02565, eq. (4) for the meaning of a and b
 void estimateBrightness(InitialMap& map);
 
-/// The same for some frames. @param frames indices, not the reference
+/// Sets the brightness of some frames only. @param frames indices without the reference
 void estimateBrightness(InitialMap& map, const std::vector<int>& frames);
 
 }  // namespace dsorb::init_orb

@@ -10,14 +10,14 @@
 
 namespace dsorb::init_orb {
 
-/// Corner of the reference image, hosted there: its pixel is exact because the patch was cut there.
+/// Corner hosted in the reference. Its pixel is exact because the patch was cut there.
 struct Corner {
   Eigen::Vector2d pixel{0, 0};  ///< in the reference [px]
   double inverse_depth = 0;     ///< [1/unit]
   double variance = 0;          ///< [1/unit^2]; 0 until an adjustment has set it
 };
 
-/// Where a corner was seen in a later frame.
+/// Observation of a corner in a later frame.
 struct Observation {
   int corner = 0;  ///< index into InitialMap::corners
   int frame = 0;   ///< index into InitialMap::frames, at least 1
@@ -32,15 +32,15 @@ struct SemiDensePoint {
   float inverse_depth = 0;  ///< [1/unit]
   float variance = 0;       ///< [1/unit^2]
   int observations = 0;     ///< epipolar searches that agree on it
-  int searches = 0;         ///< all that were made for it
+  int searches = 0;         ///< number of searches for it
 };
 
-/// The attempt: everything since the reference, as values.
+/// Map of an attempt with all frames since the reference.
 struct InitialMap {
   std::vector<PosedFrame> frames;    ///< front is the reference: identity, a = b = 0
   std::vector<int> joint_frames;     ///< adjusted together, ascending, without the reference
   Eigen::MatrixXd joint_covariance;  ///< of the joint frames' left increments, 6 rows each
-  double clustered_factor = 0;       ///< on what cells of the image add to it [-]; 0: nothing
+  double clustered_factor = 0;       ///< factor on the clustered part of the covariance [-]
   std::vector<Corner> corners;
   std::vector<Observation> observations;  ///< sorted by corner, then frame
   std::vector<SemiDensePoint> points;

@@ -10,7 +10,7 @@ namespace dsorb::init_orb {
 /// @return false when that mean is not positive; nothing is changed then
 bool normalizeCornerScale(InitialMap& map);
 
-/// The same with the mean over corners and semi-dense points together.
+/// Does the same with the mean over corners and semi-dense points together.
 bool normalizeMapScale(InitialMap& map);
 
 }  // namespace dsorb::init_orb

@@ -9,7 +9,7 @@
 
 namespace dsorb::init_orb {
 
-/// What a stage made, or the reason why it made nothing.
+/// Result of a stage, or the reason why there is none.
 template <typename T>
 class Outcome {
  public:
@@ -23,7 +23,7 @@ class Outcome {
   T& operator*() { return std::get<0>(state_); }
   T* operator->() { return &std::get<0>(state_); }
 
-  /// What the next stage makes of it; without it, the reason again.
+  /// Passes the result to the next stage; without a result the reason is passed on.
   template <typename Stage>
   std::invoke_result_t<Stage, T> then(Stage&& stage) && {
     if (!*this) return reason();

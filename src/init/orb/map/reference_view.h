@@ -11,7 +11,7 @@
 
 namespace dsorb::init_orb {
 
-/// What the latest attempt from a reference saw, to tell when the next one is worth its time.
+/// Summary of the latest attempt from a reference, which tells when the next one is worth its time.
 struct AttemptSummary {
   InitReason reason = InitReason::kSettling;  ///< why it did not succeed
   double rotation_residual = 0;               ///< median rotation-compensated flow [px]
@@ -21,7 +21,7 @@ struct AttemptSummary {
   bool tried = false;                         ///< with this frame: it took its time
 };
 
-/// Everything since one reference: what an attempt starts from.
+/// Input of an attempt: frames and tracks since one reference.
 struct ReferenceView {
   std::vector<FramePtr> frames;        ///< the reference first
   CornerTracks tracks;                 ///< one entry a frame

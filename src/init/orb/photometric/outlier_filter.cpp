@@ -45,7 +45,7 @@ std::vector<double> scalesOf(const std::vector<FrameResiduals>& residuals) {
   return scales;
 }
 
-/// By patch: whether it is to go.
+/// Flags of the patches that are to be removed.
 using Verdicts = std::vector<char>;
 
 Verdicts votePixels(const std::vector<FrameResiduals>& residuals, OutlierReport& report) {
@@ -117,7 +117,7 @@ struct GradientClass {
   }
 };
 
-/// Residuals of weak and of strong gradients, and what follows from their medians.
+/// Fits the noise model to the median residuals at weak and at strong gradients.
 /// @source docs/experiments.md, "Outlier filter"
 NoiseModel fitNoise(const std::vector<FrameResiduals>& residuals,
                     const std::vector<float>& lengths) {
@@ -139,7 +139,7 @@ NoiseModel fitNoise(const std::vector<FrameResiduals>& residuals,
   return noise;
 }
 
-/// Divides residuals by what their gradients let expect.
+/// Divides residuals by the noise expected at their gradients.
 void whiten(const std::vector<float>& lengths, std::vector<FrameResiduals>& residuals) {
   const NoiseModel noise = fitNoise(residuals, lengths);
   const auto grey = static_cast<float>(noise.grey_variance);
@@ -175,7 +175,7 @@ std::vector<float> meanWeights(const std::vector<FrameResiduals>& residuals,
   return means;
 }
 
-/// Predicted sigma, neighbours and residuals together: on weak texture residuals do not show a
+/// Combines predicted sigma, neighbours and residuals: on weak texture residuals do not show a
 /// wrong depth, at occlusions they do.
 Verdicts combine(const PhotometricProblem& problem,
                  const PhotometricState& state,

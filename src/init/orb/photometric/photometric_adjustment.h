@@ -14,15 +14,15 @@ constexpr double kMaxPoseMove = 5;
 
 /// Adjusts inverse depths of corners and semi-dense points, the poses, and with the affine model
 /// the brightness of the frames to the grey values of the images. Afterwards the mean inverse depth
-/// of what took part is 1. When the report is not usable the map is as before.
+/// of the adjusted points is 1. When the report is not usable the map is unchanged.
 /// @param map     adjusted geometrically, with semi-dense points and brightness
-/// @param problem the map's; gets what is visible in the end
+/// @param problem of the map; its visibility is updated
 PhotometricReport adjustPhotometry(InitialMap& map,
                                    PhotometricProblem& problem,
                                    const PinholeCamera& camera,
                                    const PhotometricOptions& options);
 
-/// The same for a map that is adjusted only once.
+/// Adjusts a map whose problem is needed only once.
 PhotometricReport adjustPhotometry(InitialMap& map,
                                    const PinholeCamera& camera,
                                    const PhotometricOptions& options);

@@ -21,8 +21,8 @@ PatchGradients hostGradients(const HostPatch& patch,
                              const PinholeCamera& camera,
                              const PyramidLevel& reference);
 
-/// What the photometric equations say about their solution, in the gauge "reference pose and mean
-/// inverse depth fixed". Runs in parallel inside the caller's arena.
+/// Marginals of the photometric solution, in the gauge "reference pose and mean inverse depth
+/// fixed". Runs in parallel inside the caller's arena.
 class PhotometricEvidence {
  public:
   PhotometricEvidence(const PhotometricProblem& problem,
@@ -64,7 +64,7 @@ class PhotometricEvidence {
 /// its poses where the photometric ones were taken.
 /// @param problem     the map's
 /// @param poses_moved the poses are the photometric ones
-/// @return false when the equations tell nothing; the map is as before then
+/// @return false when the equations are degenerate; the map is unchanged then
 bool setPhotometricVariances(InitialMap& map,
                              PhotometricProblem& problem,
                              const PhotometricOptions& options,

@@ -49,7 +49,7 @@ PhotometricProblem makeProblem(const InitialMap& map,
                                const std::vector<std::size_t>& frames,
                                int level);
 
-/// The same at level 0 with the frames that the options want.
+/// Makes the problem at level 0 with the frames that the options select.
 PhotometricProblem makeProblem(const InitialMap& map,
                                const PinholeCamera& camera,
                                const PhotometricOptions& options);
@@ -62,16 +62,16 @@ double findVisible(PhotometricProblem& problem, const PhotometricState& state);
 /// Puts the unknowns back into the map they came from.
 void writeState(const PhotometricProblem& problem, const PhotometricState& state, InitialMap& map);
 
-/// Some of the patches with all frames. @param patches indices in rising order
+/// Problem of some of the patches with all frames. @param patches indices in rising order
 PhotometricProblem subProblem(const PhotometricProblem& problem,
                               const std::vector<std::size_t>& patches);
 
-/// One frame as the patch equations want it.
+/// One frame in the form of the patch equations.
 PatchTarget patchTarget(const PhotometricProblem& problem,
                         const PhotometricState& state,
                         std::size_t frame);
 
-/// The same in single precision, for the kernels.
+/// One frame in single precision, for the kernels.
 TargetImage targetImage(const PhotometricProblem& problem,
                         const PhotometricState& state,
                         std::size_t frame);

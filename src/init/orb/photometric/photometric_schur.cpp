@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kMaxDepthStep = 0.5;  // of an inverse depth in one step, relative to it
 
-/// What moves, and how.
+/// Linearization and update of the state.
 struct Model {
   PhotometricLinearizer linearizer;
   int frame_size;

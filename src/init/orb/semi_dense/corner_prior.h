@@ -18,8 +18,8 @@ class CornerPrior {
   CornerPrior(const std::vector<Corner>& corners, int width, int height);
 
   /// Mean of the nearest corners weighted by 1 / distance, with their spread and their own
-  /// variances. With fewer than 3 corners close by: a Gaussian whose searched interval is the range
-  /// of all corners, widened by a factor 2 at both ends.
+  /// variances. With fewer than 3 corners close by it is a Gaussian whose searched interval is the
+  /// range of all corners, widened by a factor 2 at both ends.
   [[nodiscard]] SemiDensePoint at(const Eigen::Vector2f& pixel) const;
 
  private:

@@ -16,8 +16,8 @@
 namespace dsorb::init_orb {
 
 enum class SearchStatus {
-  kSkipped,   ///< nothing to gain: outside the image, gradient across the line, too little motion
-  kRejected,  ///< searched, no trustworthy match
+  kSkipped,   ///< outside the image, gradient across the line, or too little motion
+  kRejected,  ///< searched without a trustworthy match
   kFound
 };
 

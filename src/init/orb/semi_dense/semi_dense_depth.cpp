@@ -17,8 +17,8 @@ namespace {
 constexpr int kPatchSize = 6;       // one candidate in a square of this side [px]
 constexpr std::size_t kGrain = 64;  // candidates one thread takes at a time
 
-/// Patches of growing size until few enough candidates are left; what is still too much goes at
-/// random.
+/// Grows the patches until few enough candidates are left; candidates that are still too many are
+/// removed at random.
 std::vector<SelectedPixel> selectCandidates(const Frame& reference,
                                             const SemiDenseOptions& options,
                                             Random& random) {
@@ -39,7 +39,7 @@ std::vector<SelectedPixel> selectCandidates(const Frame& reference,
   return selected;
 }
 
-/// Result of one candidate; observations 0: no depth.
+/// Result of one candidate; without observations it has no depth.
 struct CandidateResult {
   SemiDensePoint point;
   int searches = 0;

@@ -12,7 +12,7 @@
 
 namespace dsorb::init_orb {
 
-/// What the frames so far say about one candidate.
+/// Estimate of one candidate from the frames so far.
 class CandidateDepth {
  public:
   CandidateDepth(const SemiDensePoint& prior, DepthFusion fusion)

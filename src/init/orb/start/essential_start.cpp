@@ -72,7 +72,7 @@ Outcome<SelectedMotion> selectMotion(const Matches& matches,
   return selected;
 }
 
-/// The best motion after those that a plane allows have been tried, too.
+/// The best motion after the motions of a plane have been tried as well.
 struct PlaneComparison {
   MotionCandidate best;
   DisplacementModel model = DisplacementModel::kEssential;
@@ -100,7 +100,8 @@ PlaneComparison comparePlane(MotionCandidate candidate,
   return compared;
 }
 
-/// Measures noise and corners, drops what is behind the camera, sets scale and covariances.
+/// Measures the noise, refines the corners, drops those behind the camera, sets scale and
+/// covariances.
 Outcome<Reconstruction> refineStart(Reconstruction made, const AttemptContext& context) {
   InitialMap& map = made.map;
   InitReport& report = made.report;
@@ -119,7 +120,7 @@ Outcome<Reconstruction> refineStart(Reconstruction made, const AttemptContext& c
     behind[i] = map.corners[i].inverse_depth > 0 ? 0 : 1;
   }
   removeCorners(map, behind);
-  // What the gate asked for must not have gone since: patches that do not match say as much.
+  // The gate's conditions must still hold: a refinement whose patches do not match loses corners.
   if (static_cast<double>(map.corners.size()) <
       std::max<double>(orb.gate.min_points, orb.gate.min_track_share * found.tracks)) {
     return InitReason::kPoorQuality;

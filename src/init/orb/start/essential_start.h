@@ -5,7 +5,7 @@
 
 namespace dsorb::init_orb {
 
-/// Poses and corners of a few frames, and what the next attempt from this reference should know.
+/// Poses and corners of a few frames, with a summary for the next attempt from this reference.
 struct EssentialStart {
   Outcome<Reconstruction> made;
   AttemptSummary summary;

@@ -11,7 +11,8 @@
 
 namespace dsorb::init_orb {
 
-/// Cost of the second-best motion of a plane over the best's; less: undecided.
+/// Least ratio of the costs of the second-best and the best motion; below it the plane is
+/// ambiguous.
 constexpr double kMinPlaneCostRatio = 1.2;
 
 /// A motion with the map that follows from it, adjusted over a few frames.
@@ -36,8 +37,9 @@ std::vector<EssentialMotion> planeMotions(const Eigen::Matrix3d& H_target_ref,
                                           double threshold);
 
 /// Lets the motions of a plane compete with a candidate: the tracks of all its frames decide.
-/// @param best in: what was found without the plane; out: the candidate of least cost
-/// @return cost of the best really different one over the best's; infinite without such
+/// @param best in: candidate found without the plane; out: candidate of least cost
+/// @return cost of the best candidate with another motion over that of the best; infinite without
+///         such a candidate
 double competeOverFrames(const ReferenceView& view,
                          const std::vector<EssentialMotion>& motions,
                          const AttemptContext& context,

@@ -15,7 +15,7 @@ namespace {
 
 constexpr int kMaxRounds = 10;  // of solving and removing corners
 
-/// A map under adjustment: solves, and forgets corners that do not fit.
+/// Adjusts a map and removes corners that do not fit.
 class Adjustment {
  public:
   Adjustment(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options);

@@ -11,7 +11,7 @@
 
 namespace dsorb::init_orb {
 
-/// The motion between two views, or why there is none yet.
+/// The motion between two views, or the reason why there is none yet.
 struct TwoViewMotion {
   InitReason reason = InitReason::kDegenerateMotion;  ///< kDone when a motion was found
   TwoViewModel model = TwoViewModel::kFundamental;

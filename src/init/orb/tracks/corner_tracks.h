@@ -10,7 +10,7 @@
 
 namespace dsorb::init_orb {
 
-/// Where the corners of a reference were seen: all that an attempt knows of the images' motion.
+/// Tracks of the corners of a reference: an attempt knows the motion of the images by them alone.
 struct CornerTracks {
   /// [frame][corner], the reference first [px]; NaN where a corner was not seen. The reference and
   /// the newest frame see all.

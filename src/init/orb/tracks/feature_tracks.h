@@ -14,7 +14,7 @@
 
 namespace dsorb::init_orb {
 
-/// Fewer survivors of one step: the scene was cut.
+/// Least share of tracks that survive one step; with fewer, the scene was cut.
 constexpr double kMinSurvivorShare = 0.2;
 
 /// Corners followed from frame to frame with Lucas-Kanade; a track must come back to where it
