@@ -8,7 +8,6 @@
 #include <CLI/CLI.hpp>
 #include <spdlog/fmt/fmt.h>
 
-#include <algorithm>
 #include <charconv>
 #include <filesystem>
 #include <limits>

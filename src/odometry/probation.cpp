@@ -2,7 +2,6 @@
 #include "odometry/probation.h"
 
 #include <algorithm>
-#include <cstddef>
 #include <utility>
 
 namespace dsorb::odometry {

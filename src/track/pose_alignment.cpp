@@ -3,7 +3,6 @@
 
 #include "base/parallel.h"
 #include "estimate/robust_loss.h"
-#include "image/photometric.h"
 
 #include <Eigen/Cholesky>
 

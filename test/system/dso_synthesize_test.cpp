@@ -5,7 +5,6 @@
 #include <sys/wait.h>
 
 #include <array>
-#include <cstdio>
 #include <filesystem>
 #include <string>
 

@@ -13,7 +13,6 @@
 
 #include <fstream>
 #include <string>
-#include <vector>
 
 namespace dsorb {
 namespace {

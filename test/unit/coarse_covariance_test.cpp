@@ -9,8 +9,6 @@
 #include <Eigen/QR>
 #include <gtest/gtest.h>
 
-#include <cmath>
-
 namespace dsorb::init_coarse {
 namespace {
 

@@ -6,7 +6,6 @@
 
 #include <gmock/gmock.h>
 
-#include <algorithm>
 #include <vector>
 
 namespace dsorb::init_coarse {

@@ -6,8 +6,6 @@
 #include <gtest/gtest.h>
 
 #include <limits>
-#include <map>
-#include <utility>
 
 namespace dsorb::track {
 namespace {

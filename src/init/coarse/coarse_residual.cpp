@@ -8,7 +8,6 @@
 #include "estimate/sampling.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 

@@ -10,7 +10,6 @@
 #include "init/orb/semi_dense/semi_dense_depth.h"
 
 #include <optional>
-#include <utility>
 
 namespace dsorb::init_orb {
 namespace {

@@ -2,7 +2,6 @@
 #include "init/orb/bundle/corner_polish.h"
 
 #include "base/parallel.h"
-#include "estimate/robust_loss.h"
 #include "image/photometric.h"
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/bundle/polish_kernels.h"

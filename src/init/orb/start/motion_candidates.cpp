@@ -10,7 +10,6 @@
 #include "init/orb/two_view/model_selection.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <limits>
 #include <utility>

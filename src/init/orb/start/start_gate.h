@@ -16,8 +16,9 @@ struct DirectionSigma {
 };
 
 /// Predicted error of the direction of the newest frame's translation: the larger one perpendicular
-/// to it, from the adjustment's normal equations. Formal: errors that all corners share are not in
-/// it.
+/// to it, from the adjustment's normal equations. It is formal: errors that all corners share are
+/// not included.
+/// @source docs/experiments.md, "When to start"
 /// @param map adjusted; newest frame posed
 /// @return infinite when the equations are singular
 DirectionSigma directionSigma(const InitialMap& map,
