@@ -62,7 +62,7 @@ struct DepthTarget {
 };
 
 struct DepthFit {
-  CandidateVerdict verdict = CandidateVerdict::kDrop;  ///< kReady: the rest is valid
+  CandidateVerdict verdict = CandidateVerdict::kDrop;  ///< the members below are valid for kReady
   float inverse_depth = 0;                             ///< [1/unit]
   float information = 0;                               ///< [grey levels^2 unit^2]
   std::vector<bool> seen;                              ///< by target: the residual is an inlier

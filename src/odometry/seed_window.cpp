@@ -11,7 +11,7 @@
 namespace dsorb::odometry {
 namespace {
 
-constexpr double kNearlyFull = 0.9;  // of the wanted points; the rest is not worth a search
+constexpr double kNearlyFull = 0.9;  // of the wanted points; beyond it no search is worth its time
 
 /// Indices of the frames that become keyframes, ascending: the reference, the newest, as many hosts
 /// as the window holds, those with most points first, and evenly spread frames up to the wanted

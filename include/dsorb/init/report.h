@@ -28,7 +28,7 @@ struct StageTime {
   double milliseconds = 0;
 };
 
-/// What the direct initializer ("coarse") knows of its end.
+/// Report of the direct initializer, "coarse".
 struct DirectReport {
   double residual_rms = 0;   ///< [grey levels]
   double visible_share = 0;  ///< points in view and fit for tracking
@@ -49,13 +49,13 @@ struct TwoViewReport {
   int removed_normal = 0;   ///< corners above the normal limit
 };
 
-/// What is known of a start from the essential matrix, and whether it is enough.
+/// Judgement of a start from the essential matrix.
 struct GateReport {
-  InitReason reason = InitReason::kDone;  ///< kDone: passed
-  double direction_sigma_deg = 0;  ///< predicted, of the newest frame's direction of translation,
-                                   ///< times sqrt(corners / 100): as if 100 had been seen; the
-                                   ///< assumed error of a track shrinks with images below 640x480
-  double fitted_sigma_deg = 0;     ///< the same from the residuals as they are, all corners counted
+  InitReason reason = InitReason::kDone;  ///< kDone when it passed
+  double direction_sigma_deg = 0;  ///< predicted for the newest frame's direction of translation,
+                                   ///< scaled by sqrt(corners / 100) to 100 corners; the assumed
+                                   ///< error of a track shrinks with images below 640x480
+  double fitted_sigma_deg = 0;     ///< from the actual residuals of all corners
   double parallax_deg = 0;         ///< median angle under which both cameras see a corner
 };
 
@@ -64,7 +64,7 @@ struct RefinementReport {
   bool accepted = false;
   bool fits = true;                 ///< at least half of the corners match the images
   double first_rms = 0;             ///< of the patches' pixels before the first step [grey levels]
-  double last_rms = 0;              ///< and before the last one
+  double last_rms = 0;              ///< of the patches' pixels before the last step [grey levels]
   double direction_change_deg = 0;  ///< of the newest frame's translation
   int dropped = 0;                  ///< corners whose patches do not match
 };
@@ -86,13 +86,13 @@ struct EssentialReport {
 
 struct SemiDenseReport {
   int candidates = 0;  ///< selected gradient pixels
-  int searched = 0;    ///< of them: gradient well along an epipolar line
-  int points = 0;      ///< of them: found and consistent
+  int searched = 0;    ///< candidates whose gradient runs along an epipolar line
+  int points = 0;      ///< candidates that were found consistently
   int searches = 0;    ///< epipolar searches made
   int matches = 0;     ///< searches that ended with an observation
 };
 
-/// What moves by itself.
+/// Regions of the image that move by themselves.
 struct DynamicRegionsReport {
   int contradicting_tracks = 0;
   int removed = 0;  ///< corners and semi-dense points
@@ -106,7 +106,7 @@ struct PhotometricReport {
   bool coarse_level = false;    ///< level 1 came first
   bool poses_moved = false;     ///< the photometric poses were taken
   double first_cost = 0;        ///< half the weighted Huber energy of the joint problem
-  double cost = 0;              ///< the same afterwards
+  double cost = 0;              ///< that energy afterwards
   double inside_share = 0;      ///< of the patches' residuals inside the images [-]
   double median_residual = 0;   ///< before, absolute [grey levels]
   double direction_sigmas = 0;  ///< move of the target's direction by the geometric sigma
