@@ -21,9 +21,9 @@ constexpr double kErrorFactor = 5;  // and by which it exceeds the median of all
 constexpr std::size_t kNeighbours = 5;  // nearest tracks that vote on a point
 constexpr float kRadius = 60;           // tracks farther away do not vote [px]
 constexpr double kMaxShare = 0.4;       // of contradicting neighbours that a point may have
-constexpr double kMinFoundShare =
-    0.7;                        // of a point's epipolar searches that agree; docs/experiments.md
-constexpr int kIterations = 3;  // of Gauss-Newton on one inverse depth
+/// Least share of a point's epipolar searches that agree. docs/experiments.md, "Moving objects"
+constexpr double kMinFoundShare = 0.7;
+constexpr int kIterations = 3;        // of Gauss-Newton on one inverse depth
 constexpr std::size_t kMinVotes = 3;  // fewer tracks close by decide nothing
 constexpr double kLost = 1e6;         // [px]; error of a track behind a camera
 
