@@ -4,6 +4,8 @@
 #include "estimate/levenberg_marquardt.h"
 #include "estimate/linear_system.h"
 
+#include <algorithm>
+#include <cmath>
 #include <optional>
 #include <utility>
 
@@ -29,6 +31,15 @@ class SchurProblem {
 
   [[nodiscard]] const State& state() const { return state_; }
   [[nodiscard]] double cost() const { return equations_.cost; }
+  /// No entry of the gradient is worth a step.
+  [[nodiscard]] bool atMinimum() const {
+    const auto small = [](auto entry) {
+      return std::abs(static_cast<double>(entry)) < kMinGradient;
+    };
+    const auto& system = equations_.system;
+    return std::all_of(system.b.data(), system.b.data() + system.b.size(), small) &&
+           std::all_of(system.depth_gradient.begin(), system.depth_gradient.end(), small);
+  }
 
   std::optional<double> solve(double damping) {
     return solver_.solve(equations_.system, damping, depths_fixed_);
@@ -43,13 +54,15 @@ class SchurProblem {
     const bool converged = *step.decrease <= tolerance_ * equations_.cost;
     std::swap(state_, moved_);
     std::swap(equations_, moved_equations_);
-    return !converged;
+    return !converged && !atMinimum();
   }
   bool reject(const DampedStep& step) const {
     return !step.predicted || *step.predicted >= tolerance_ * equations_.cost;
   }
 
  private:
+  static constexpr double kMinGradient = 1e-10;  // default of Ceres
+
   Model model_;
   double tolerance_;
   bool depths_fixed_;

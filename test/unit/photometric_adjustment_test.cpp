@@ -85,6 +85,9 @@ TEST(PhotometricAdjustment, RefinesDepthsUnderFixedPoses) {
   scene_options.rotation_error = 0;
   scene_options.translation_error = 0;
   PhotometricMap scene(6, scene_options);
+  for (std::size_t k = 0; k < scene.start.frames.size(); ++k) {
+    scene.start.frames[k].affine = scene.truth.frames[k].affine;  // fixed as well
+  }
   PhotometricOptions options;
   options.enough_corners = 0;  // all that there are: they give the better poses
   const SE3 pose = *scene.start.frames.back().T_cam_ref;

@@ -43,7 +43,8 @@ std::optional<int> solveWithSchur(InitialMap& map,
       {problem}, ReprojectionState(map, pose_rows), options.function_tolerance);
   if (!std::isfinite(adjustment.cost())) return std::nullopt;
   GainDamping damping;
-  const int iterations = minimize(adjustment, damping, options.max_iterations);
+  const int iterations =
+      adjustment.atMinimum() ? 0 : minimize(adjustment, damping, options.max_iterations);
   adjustment.state().writeTo(map, pose_rows);
   return iterations;
 }
