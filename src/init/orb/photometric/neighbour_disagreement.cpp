@@ -43,12 +43,13 @@ std::vector<double> neighbourDisagreement(const std::vector<Eigen::Vector2f>& pi
         return other != i && inverse_depths[other] > 0;
       });
       if (neighbours.count < kMinNeighbours) continue;
-      std::array<double, kNeighbours> differences{};
-      const auto last = std::transform(
+      std::array<double, kNeighbours> differences;
+      differences.fill(std::numeric_limits<double>::infinity());
+      std::transform(
           neighbours.begin(), neighbours.end(), differences.begin(), [&](const auto& neighbour) {
             return std::abs(logs[neighbour.point] - logs[i]);
           });
-      std::sort(differences.begin(), last);
+      std::sort(differences.begin(), differences.end());
       disagreement[i] =
           differences[static_cast<std::size_t>(kQuantile * static_cast<float>(neighbours.count))];
     }
