@@ -81,12 +81,15 @@ TEST(Probation, KeepsTheFramesBehindTheReference) {
 }
 
 TEST(Probation, ForgetsTheOldestFramesBeyondTheLimit) {
-  ProbationOptions options = limits();
-  options.max_frames = 3;
-  Probation probation(options);
-  probation.begin(resultOf(4));
-  probation.add(frame(4));
-  EXPECT_EQ(idsOf(probation.end()), (std::vector<int>{3, 4}));
+  const int most = static_cast<int>(Probation::kMaxFrames);
+  Probation probation(limits());
+  probation.begin(resultOf(most));
+  probation.add(frame(most));
+  probation.add(frame(most + 1));
+  const std::vector<int> ids = idsOf(probation.end());
+  EXPECT_EQ(ids.size(), Probation::kMaxFrames - 1);
+  EXPECT_EQ(ids.front(), 3);
+  EXPECT_EQ(ids.back(), most + 1);
 }
 
 TEST(Probation, EveryBeginningIsJudgedAnew) {

@@ -160,10 +160,10 @@ FramePtr brightened(const Frame& frame, float gain) {
 }
 
 /// Log gain that the adjustment finds for a frame 5 % brighter than its exposure says.
-double gainFound(BrightnessMode mode) {
-  WindowOptions options;
-  options.brightness = mode;
+double gainFound(BrightnessModel brightness) {
+  const WindowOptions options;
   WindowSceneOptions scene_options;
+  scene_options.brightness = brightness;
   scene_options.frames = {0, 4};
   scene_options.cell = 20;
   WindowScene scene = makeWindowScene(scene_options, options);
@@ -171,18 +171,18 @@ double gainFound(BrightnessMode mode) {
   newest.frame = brightened(*newest.frame, 1.05F);
   WindowOptimizer(options).optimize(scene.window);
   const double gain = newest.affine().a;
-  testing::Test::RecordProperty("gain" + std::to_string(static_cast<int>(mode)),
+  testing::Test::RecordProperty("gain" + std::to_string(static_cast<int>(brightness)),
                                 std::to_string(gain));
   return gain;
 }
 
 TEST(WindowOptimizerTest, BrightnessIsFreeHeldNearZeroOrFixedByMode) {
   const double truth = std::log(1.05);
-  EXPECT_NEAR(gainFound(BrightnessMode::kFree), truth, 0.01);
-  const double calibrated = gainFound(BrightnessMode::kCalibrated);
+  EXPECT_NEAR(gainFound(BrightnessModel::kUncalibrated), truth, 0.01);
+  const double calibrated = gainFound(BrightnessModel::kCalibrated);
   EXPECT_LT(calibrated, 0.5 * truth) << "the prior holds it";
   EXPECT_GT(calibrated, 1e-4) << "yet it is estimated";
-  EXPECT_LT(std::abs(gainFound(BrightnessMode::kFixed)), 1e-5);
+  EXPECT_LT(std::abs(gainFound(BrightnessModel::kPerfect)), 1e-5);
 }
 
 TEST(WindowOptimizerTest, OnlyTheNewestKeyframeMovesItsFirstEstimate) {
