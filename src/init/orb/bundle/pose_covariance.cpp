@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/bundle/pose_covariance.h"
 
+#include "estimate/robust_loss.h"
 #include "estimate/warp.h"
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/map/image_cells.h"
@@ -27,11 +28,9 @@ Matrix6d gradientSpread(const std::vector<PointSighting>& sightings,
         projectHosted(camera, T_cam_host, sighting.host_ray, sighting.inverse_depth);
     if (!projection) continue;
     const Eigen::Vector2d error = projection->pixel - sighting.pixel;
-    const double magnitude = error.norm();
-    const double weight = magnitude > limit ? limit / magnitude : 1;
     const std::size_t cell = imageCell(camera.project(sighting.host_ray), camera);
     used[cell] = true;
-    gradients[cell] += projection->J_pose.transpose() * (weight * error);
+    gradients[cell] += projection->J_pose.transpose() * (huberWeight(error.norm(), limit) * error);
   }
   Matrix6d spread = Matrix6d::Zero();
   int cells = 0;

@@ -2,6 +2,7 @@
 #include "init/orb/bundle/reprojection_equations.h"
 
 #include "base/parallel.h"
+#include "estimate/robust_loss.h"
 
 #include <algorithm>
 #include <cmath>
@@ -33,16 +34,17 @@ bool allKnown(const LinearSystem<double>& system, const InitialMap& map) {
 
 double robustCost(double error, const GeometricOptions& options) {
   const double limit = options.loss_threshold;
-  if (options.loss == RobustLoss::kHuber) {
-    return error <= limit ? 0.5 * error * error : limit * error - 0.5 * limit * limit;
-  }
-  return 0.5 * limit * limit * std::log1p(error * error / (limit * limit));
+  const double weight = robustWeight(error, options);
+  return options.loss == RobustLoss::kHuber ? 0.5 * weight * error * error * (2 - weight)
+                                            : -0.5 * limit * limit * std::log(weight);
 }
 
 double robustWeight(double error, const GeometricOptions& options) {
-  const double limit = options.loss_threshold;
-  if (options.loss == RobustLoss::kHuber) return error > limit ? limit / error : 1.0;
-  return 1.0 / (1.0 + error * error / (limit * limit));
+  if (options.loss == RobustLoss::kHuber) return huberWeight(error, options.loss_threshold);
+  double ratio = 1;
+  double weight = 1;
+  cauchyWeights(error * error, options.loss_threshold, ratio, weight);
+  return weight;
 }
 
 PoseRows::PoseRows(const InitialMap& map) : first(map.frames.size(), -1) {

@@ -3,6 +3,7 @@
 
 #include "base/lanes.h"
 #include "base/target_clones.h"
+#include "estimate/robust_loss.h"
 
 #include <algorithm>
 #include <cmath>
@@ -81,19 +82,18 @@ DSORB_ALWAYS_INLINE void weigh(const LossSetting& loss,
   const DoubleLanes square =
       at.error_x * (information.xx * at.error_x + 2.0 * information.xy * at.error_y) +
       information.yy * at.error_y * at.error_y;
-  const double limit_square = loss.limit * loss.limit;
-  const Mask outside = square > (one * limit_square);
+  const Mask outside = square > one * (loss.limit * loss.limit);
   sums.within += used & ~outside ? one : zero;
   DoubleLanes weight;
   if constexpr (kLoss == RobustLoss::kHuber) {
     DoubleLanes norm = square;
     for (int k = 0; k < kDoubleLanes; ++k) norm[k] = std::sqrt(norm[k]);
-    weight = outside ? loss.limit / norm : one;
-    sums.cost += outside ? loss.limit * norm - 0.5 * limit_square : 0.5 * square;
+    huberWeights<DoubleLanes>(norm, one * loss.limit, weight);
+    sums.cost += 0.5 * weight * square * (2.0 - weight);
   } else {
-    const DoubleLanes factor = 1.0 + square * (1 / limit_square);
-    weight = 1.0 / factor;
-    product *= factor;
+    DoubleLanes ratio;
+    cauchyWeights(square, loss.limit, ratio, weight);
+    product *= ratio;
   }
   sums.weighted_square += weight * square;
   information.xx *= weight;
