@@ -49,8 +49,8 @@ TEST_P(OdometryMapAfter, SixtyFramesOfARoom) {
 INSTANTIATE_TEST_SUITE_P(Initializers,
                          OdometryMapAfter,
                          ::testing::Values(InitializerKind::kCoarse, InitializerKind::kOrb),
-                         [](const auto& info) {
-                           return info.param == InitializerKind::kCoarse ? "coarse" : "orb";
+                         [](const auto& kind) {
+                           return kind.param == InitializerKind::kCoarse ? "coarse" : "orb";
                          });
 
 TEST(OdometryMap, SixtyFramesOfARoomAfterTheTruth) {
