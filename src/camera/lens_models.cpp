@@ -157,6 +157,7 @@ void growEdge(
     return perimeterInside(view, trial, width, height);
   };
   double inside = r.*edge;
+  if (inside == 0) return;  // the principal point lies on this edge of the image: nothing beyond
   double outside = inside / kShrinkFactor;
   while (std::abs(outside) < kMaxRay && fits(outside)) {
     inside = outside;

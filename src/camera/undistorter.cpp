@@ -16,8 +16,17 @@ constexpr int kSizeUnit = 16;              // [px] five pyramid levels
 constexpr double kBorderTolerance = 1e-3;  // [px] rounding of rays on the border
 constexpr int kMaxSamplesPerSide = 8;
 
+constexpr std::int64_t kMaxInputPixels = std::int64_t{1} << 28;
+constexpr std::int64_t kMaxOutputPixels = std::int64_t{1} << 26;  // the map takes 12 bytes for each
+
 std::string sizeText(int width, int height) {
   return std::to_string(width) + "x" + std::to_string(height);
+}
+
+void checkPixels(const char* what, int width, int height, std::int64_t most) {
+  if (std::int64_t{width} * height <= most) return;
+  throw std::invalid_argument(what + (" size " + sizeText(width, height)) + ": at most " +
+                              std::to_string(most >> 20) + " megapixels are expected");
 }
 
 int roundedDown(int size) {
@@ -43,6 +52,7 @@ PinholeCamera targetCamera(const Lens& lens, const Rectification& wanted) {
     throw std::invalid_argument("output size " + sizeText(width, height) + ": at least " +
                                 sizeText(kSizeUnit, kSizeUnit) + " is expected");
   }
+  checkPixels("output", width, height, kMaxOutputPixels);
   switch (wanted.mode) {
     case RectificationMode::kCrop:
       return largestInscribedRectangle(lens, cropped_width, cropped_height)
@@ -74,6 +84,7 @@ Undistorter::Undistorter(const Lens& lens, const Rectification& rectification)
     throw std::invalid_argument("input size " + sizeText(lens.width, lens.height) + ": at least " +
                                 sizeText(kSizeUnit, kSizeUnit) + " is expected");
   }
+  checkPixels("input", lens.width, lens.height, kMaxInputPixels);
   if (!std::all_of(lens.coefficients.begin(), lens.coefficients.end(), [](double coefficient) {
         return std::isfinite(coefficient);
       })) {

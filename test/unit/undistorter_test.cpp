@@ -348,5 +348,34 @@ TEST(UndistorterTest, RefusesNumbersThatMakeNoCamera) {
                std::invalid_argument);
 }
 
+TEST(Undistorter, CropEndsWhereThePrincipalPointLiesOnTheEdgeOfTheImage) {
+  const Lens left{LensModel::kRadTan, 200, 200, 0, 119.5, {-0.28, 0.07, 0, 0, 0}, 320, 240};
+  Lens top = left;
+  top.cx = 159.5;
+  top.cy = 0;
+  const Lens right{LensModel::kEquidistant, 200, 200, 319, 119.5, {-0.02, 0.01, 0, 0, 0}, 320, 240};
+  const Lens undistorted{LensModel::kPinhole, 200, 200, 0, 119.5, {}, 320, 240};
+  for (const Lens& lens : {left, top, right, undistorted}) {
+    const PinholeCamera camera = Undistorter(lens, {}).camera();
+    const double edge = lens.cx == 0   ? camera.cx
+                        : lens.cy == 0 ? camera.cy
+                                       : camera.width - 1 - camera.cx;
+    EXPECT_NEAR(edge, 0, 1e-6);
+    EXPECT_GT(camera.fx, 50);
+    EXPECT_LT(camera.fx, 300);
+  }
+}
+
+TEST(Undistorter, ImagesOfMoreThanTheirMegapixelsAreRefused) {
+  Rectification wanted;
+  wanted.width = wanted.height = 65536;
+  try {
+    const Undistorter undistorter(pinhole(), wanted);
+    ADD_FAILURE() << "nothing was thrown";
+  } catch (const std::invalid_argument& error) {
+    EXPECT_STREQ(error.what(), "output size 65536x65536: at most 64 megapixels are expected");
+  }
+}
+
 }  // namespace
 }  // namespace dsorb
