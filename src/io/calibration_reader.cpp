@@ -43,7 +43,8 @@ constexpr std::array<LensForm, 5> kLensForms = {{
 /// Text file of a calibration, line by line.
 class Lines {
  public:
-  explicit Lines(const std::filesystem::path& file) : file_(file), lines_(readLines(file)) {}
+  explicit Lines(const std::filesystem::path& file)
+      : file_(file), lines_(readLines(file, kMaxCalibrationBytes)) {}
 
   [[nodiscard]] const std::filesystem::path& file() const { return file_; }
   [[nodiscard]] const std::vector<TextLine>& all() const { return lines_; }
@@ -77,7 +78,9 @@ Size readSize(const Lines& lines, std::size_t i, const std::string& what) {
       });
   if (!good) {
     throw lines.error(
-        i, fmt::format("'{}'; expected '{}', two positive whole numbers", lines.text(i), what));
+        i,
+        fmt::format(
+            "'{}'; expected '{}', two positive whole numbers", quotable(lines.text(i)), what));
   }
   return {static_cast<int>(numbers[0]), static_cast<int>(numbers[1])};
 }
@@ -110,7 +113,7 @@ std::pair<LensModel, std::vector<double>> readLensLine(const Lines& lines) {
     throw lines.error(0,
                       fmt::format("'{}' is no camera model; expected Pinhole, FOV, RadTan, "
                                   "EquiDistant, KannalaBrandt, or 5 or 8 numbers",
-                                  words.front()));
+                                  quotable(words.front())));
   }
   words.erase(words.begin());
   const auto numbers = lines.numbers(0, words, form->expectation);
@@ -187,7 +190,7 @@ void readMode(const Lines& lines, Rectification& target) {
       throw lines.error(2,
                         fmt::format("'{}'; expected output intrinsics relative to the output size: "
                                     "positive focal lengths, principal point between 0 and 1",
-                                    text));
+                                    quotable(text)));
     }
     target.mode = RectificationMode::kExplicit;
     target.camera.fx = numbers[0];

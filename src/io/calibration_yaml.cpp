@@ -2,6 +2,7 @@
 #include "io/calibration_yaml.h"
 
 #include "io/text_file.h"
+#include "io/yaml_text.h"
 
 #include <fmt/format.h>
 #include <yaml-cpp/yaml.h>
@@ -56,16 +57,6 @@ class Section {
   YAML::Node node_;
 };
 
-YAML::Node load(const std::filesystem::path& file) {
-  try {
-    return YAML::LoadFile(file.string());
-  } catch (const YAML::BadFile&) {
-    throw lineError(file, 0, "cannot be opened for reading");
-  } catch (const YAML::Exception& e) {
-    throw lineError(file, e.mark.line + 1, "no valid YAML: " + e.msg);
-  }
-}
-
 void readDistortion(const Section& section, Lens& lens) {
   const std::string model = section.text("distortion_model", "radial-tangential or equidistant");
   const char* key =
@@ -90,10 +81,16 @@ void readDistortion(const Section& section, Lens& lens) {
 }  // namespace
 
 Calibration readYamlCalibration(const std::filesystem::path& file) {
-  YAML::Node root = load(file);
-  if (!root.IsMap())
+  const YAML::Node root = io::parseYaml(readText(file, kMaxYamlBytes), file.string());
+  if (!root.IsMap()) {
     throw lineError(file, 0, "a mapping with camera_model, intrinsics is expected");
-  const Section section(file, root["cam0"] ? root["cam0"] : root);
+  }
+  const YAML::Node camera = root["cam0"] ? root["cam0"] : root;
+  if (!camera.IsMap()) {
+    throw lineError(
+        file, camera.Mark().line + 1, "cam0: a mapping with camera_model, intrinsics is expected");
+  }
+  const Section section(file, camera);
 
   const std::string camera_model = section.text("camera_model", "pinhole");
   if (camera_model != "pinhole") {

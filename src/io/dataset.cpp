@@ -34,11 +34,13 @@ double readTime(const fs::path& file, const TextLine& line, const std::string& w
 /// Lines "id seconds [exposure in ms]" of DSO's times.txt; the id is not used.
 std::vector<TimeEntry> readDsoTimes(const fs::path& file) {
   std::vector<TimeEntry> entries;
-  for (const TextLine& line : readLines(file)) {
+  for (const TextLine& line : readLines(file, kMaxListBytes)) {
     const std::vector<std::string> words = splitWords(line.text);
     if (words.size() != 2 && words.size() != 3) {
       throw lineError(
-          file, line.number, fmt::format("'{}'; expected 'id seconds [exposure_ms]'", line.text));
+          file,
+          line.number,
+          fmt::format("'{}'; expected 'id seconds [exposure_ms]'", quotable(line.text)));
     }
     TimeEntry entry{readTime(file, line, words[1]), 0, line.number};
     if (words.size() == 3) {
@@ -56,7 +58,7 @@ std::vector<TimeEntry> readDsoTimes(const fs::path& file) {
 /// Lines "seconds" of KITTI's times.txt.
 std::vector<TimeEntry> readKittiTimes(const fs::path& file) {
   std::vector<TimeEntry> entries;
-  for (const TextLine& line : readLines(file)) {
+  for (const TextLine& line : readLines(file, kMaxListBytes)) {
     entries.push_back({readTime(file, line, line.text), 0, line.number});
   }
   return entries;
@@ -140,7 +142,7 @@ double secondsOf(std::int64_t nanoseconds) {
 /// "timestamp [ns],filename" of EuRoC's data.csv.
 ImageList readEurocList(const fs::path& file) {
   ImageList list;
-  for (const TextLine& line : readLines(file)) {
+  for (const TextLine& line : readLines(file, kMaxListBytes)) {
     const std::size_t comma = line.text.find(',');
     const std::string_view stamp = trimmed(std::string_view(line.text).substr(0, comma));
     const std::string_view name = comma == std::string::npos
@@ -150,8 +152,9 @@ ImageList readEurocList(const fs::path& file) {
     const char* end = stamp.data() + stamp.size();
     const auto [rest, error] = std::from_chars(stamp.data(), end, nanoseconds);
     if (name.empty() || error != std::errc() || rest != end) {
-      throw lineError(
-          file, line.number, fmt::format("'{}'; expected 'nanoseconds,filename'", line.text));
+      throw lineError(file,
+                      line.number,
+                      fmt::format("'{}'; expected 'nanoseconds,filename'", quotable(line.text)));
     }
     list.files.push_back(file.parent_path() / "data" / name);
     list.times.push_back({secondsOf(nanoseconds), 0, line.number});
@@ -162,11 +165,11 @@ ImageList readEurocList(const fs::path& file) {
 /// "seconds filename" of TUM's rgb.txt.
 ImageList readTumList(const fs::path& file) {
   ImageList list;
-  for (const TextLine& line : readLines(file)) {
+  for (const TextLine& line : readLines(file, kMaxListBytes)) {
     const std::vector<std::string> words = splitWords(line.text);
     if (words.size() != 2) {
       throw lineError(
-          file, line.number, fmt::format("'{}'; expected 'seconds filename'", line.text));
+          file, line.number, fmt::format("'{}'; expected 'seconds filename'", quotable(line.text)));
     }
     list.files.push_back(file.parent_path() / words[1]);
     list.times.push_back({readTime(file, line, words[0]), 0, line.number});

@@ -1,16 +1,73 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/text_file.h"
 
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <poll.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
+#include <algorithm>
+#include <array>
+#include <cerrno>
 #include <charconv>
 #include <cmath>
-#include <fstream>
+#include <system_error>
 
 namespace dsorb {
 namespace {
 
 constexpr std::string_view kWhiteSpace = " \t\r\n\v\f";
+constexpr std::size_t kBlockBytes = 1 << 16;
+constexpr int kPatience = 2000;           // for the first byte of a pipe [ms]
+constexpr std::size_t kMaxQuotable = 80;  // characters
+
+/// A file that is open for reading; a pipe without a writer does not block that.
+class Descriptor {
+ public:
+  explicit Descriptor(const std::filesystem::path& file)
+      : number_(open(file.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC)) {}
+  ~Descriptor() {
+    if (number_ >= 0) close(number_);
+  }
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  [[nodiscard]] int number() const { return number_; }
+
+ private:
+  int number_;
+};
+
+IoError readError(const std::filesystem::path& file, int code) {
+  return lineError(
+      file,
+      0,
+      fmt::format("cannot be opened for reading: {}", std::generic_category().message(code)));
+}
+
+IoError sizeError(const std::filesystem::path& file, std::size_t most_bytes) {
+  return lineError(
+      file, 0, fmt::format("too large; at most {} KiB of text are expected", most_bytes >> 10U));
+}
+
+/// Everything up to the end. @throws IoError
+std::string readAll(const Descriptor& source,
+                    const std::filesystem::path& file,
+                    std::size_t most_bytes) {
+  std::string text;
+  std::array<char, kBlockBytes> block{};
+  while (true) {
+    pollfd request{source.number(), POLLIN, 0};
+    const bool ready = poll(&request, 1, kPatience) != 0;
+    const ssize_t count = read(source.number(), block.data(), block.size());
+    if (count == 0 && ready) return text;
+    if (count == 0) throw lineError(file, 0, "a pipe that nobody writes to");
+    if (count < 0 && (errno == EAGAIN || errno == EINTR)) continue;
+    if (count < 0) throw readError(file, errno);
+    text.append(block.data(), static_cast<std::size_t>(count));
+    if (text.size() > most_bytes) throw sizeError(file, most_bytes);
+  }
+}
 
 }  // namespace
 
@@ -20,20 +77,43 @@ std::string_view trimmed(std::string_view text) {
   return text.substr(first, text.find_last_not_of(kWhiteSpace) - first + 1);
 }
 
-std::vector<TextLine> readLines(const std::filesystem::path& file) {
-  std::ifstream stream(file);
-  if (!stream || std::filesystem::is_directory(file)) {
-    throw IoError(fmt::format("{}: cannot be opened for reading", file.string()));
+std::string readText(const std::filesystem::path& file, std::size_t most_bytes) {
+  const Descriptor source(file);
+  struct stat status {};
+  if (source.number() < 0 || fstat(source.number(), &status) != 0) throw readError(file, errno);
+  if (S_ISDIR(status.st_mode)) throw readError(file, EISDIR);
+  if (S_ISREG(status.st_mode) && static_cast<std::size_t>(status.st_size) > most_bytes) {
+    throw sizeError(file, most_bytes);
   }
+  const std::string text = readAll(source, file, most_bytes);
+  const std::size_t zero = text.find('\0');
+  if (zero != std::string::npos) {
+    const auto end = text.begin() + static_cast<std::ptrdiff_t>(zero);
+    const auto line = 1 + std::count(text.begin(), end, '\n');
+    throw lineError(file, static_cast<int>(line), "a zero byte; text is expected");
+  }
+  return text;
+}
+
+std::vector<TextLine> readLines(const std::filesystem::path& file, std::size_t most_bytes) {
+  const std::string text = readText(file, most_bytes);
+  const std::string_view all = text;
   std::vector<TextLine> lines;
-  std::string text;
-  for (int number = 1; std::getline(stream, text); ++number) {
-    const std::string_view content = trimmed(text);
+  int number = 1;
+  for (std::size_t begin = 0; begin < all.size(); ++number) {
+    const std::size_t end = std::min(all.find('\n', begin), all.size());
+    const std::string_view content = trimmed(all.substr(begin, end - begin));
     if (!content.empty() && content.front() != '#') {
       lines.push_back({number, std::string(content)});
     }
+    begin = end + 1;
   }
   return lines;
+}
+
+std::string quotable(std::string_view text) {
+  if (text.size() <= kMaxQuotable) return std::string(text);
+  return std::string(text.substr(0, kMaxQuotable)) + "...";
 }
 
 IoError lineError(const std::filesystem::path& file, int line, const std::string& what) {
@@ -69,7 +149,9 @@ std::vector<double> parseNumbers(const std::filesystem::path& file,
     double value = 0;
     if (!parseNumber(word, value)) {
       throw lineError(
-          file, line, fmt::format("'{}' is not a finite number; expected {}", word, what));
+          file,
+          line,
+          fmt::format("'{}' is not a finite number; expected {}", quotable(word), what));
     }
     numbers.push_back(value);
   }

@@ -3,6 +3,7 @@
 
 #include "dsorb/error.h"
 
+#include <cstddef>
 #include <filesystem>
 #include <string>
 #include <string_view>
@@ -16,15 +17,29 @@ struct TextLine {
   std::string text;
 };
 
+/// Most that is read of a file: configurations, calibrations with responses of 16 bits, and lists
+/// of a million images are far smaller.
+inline constexpr std::size_t kMaxYamlBytes = std::size_t{1} << 18;
+inline constexpr std::size_t kMaxCalibrationBytes = std::size_t{1} << 22;
+inline constexpr std::size_t kMaxListBytes = std::size_t{1} << 26;
+
+/// Whole content of a text file or of a pipe.
+/// @throws IoError where it is missing, unreadable, larger than `most_bytes` or holds a zero byte,
+///         and where nobody writes to the pipe
+std::string readText(const std::filesystem::path& file, std::size_t most_bytes);
+
 /// Lines of a text file without empty lines and lines that start with '#'.
-/// @throws IoError where the file is missing or unreadable
-std::vector<TextLine> readLines(const std::filesystem::path& file);
+/// @throws IoError as readText() does
+std::vector<TextLine> readLines(const std::filesystem::path& file, std::size_t most_bytes);
 
 /// Message "FILE:LINE: what"; the line is left out where it is 0.
 IoError lineError(const std::filesystem::path& file, int line, const std::string& what);
 
 /// Words between white space, commas not included.
 std::vector<std::string> splitWords(std::string_view text);
+
+/// Text as a message may quote it: without what exceeds a line of a terminal.
+std::string quotable(std::string_view text);
 
 std::string_view trimmed(std::string_view text);
 

@@ -3,11 +3,12 @@
 
 #include "dsorb/error.h"
 
+#include "io/text_file.h"
+#include "io/yaml_text.h"
+
 #include <fmt/format.h>
 #include <yaml-cpp/yaml.h>
 
-#include <filesystem>
-#include <fstream>
 #include <set>
 #include <sstream>
 
@@ -46,33 +47,28 @@ void flatten(const YAML::Node& node,
 std::vector<ConfigAssignment> readYamlAssignments(const std::string& text,
                                                   const std::string& name) {
   std::vector<ConfigAssignment> assignments;
+  YAML::Node root;
   try {
-    const std::vector<YAML::Node> documents = YAML::LoadAll(text);
-    if (documents.empty()) return assignments;
-    if (documents.size() > 1) {
-      throw ConfigError(position(name, documents[1].Mark()) +
-                        ": a second document begins; expected one");
-    }
-    const YAML::Node& root = documents.front();
-    if (root.IsNull()) return assignments;
-    if (!root.IsMap()) {
-      throw ConfigError(position(name, root.Mark()) + ": expected lines of 'key: value'");
-    }
-    flatten(root, "", name, assignments);
-  } catch (const YAML::Exception& error) {
-    throw ConfigError(fmt::format("{}: not YAML: {}", position(name, error.mark), error.msg));
+    root = parseYaml(text, name);
+  } catch (const IoError& error) {
+    throw ConfigError(error.what());
   }
+  if (root.IsNull()) return assignments;
+  if (!root.IsMap()) {
+    throw ConfigError(position(name, root.Mark()) + ": expected lines of 'key: value'");
+  }
+  flatten(root, "", name, assignments);
   return assignments;
 }
 
 std::vector<ConfigAssignment> readYamlFile(const std::string& path) {
-  std::ifstream file(path);
-  if (std::filesystem::is_directory(path) || !file) {
-    throw ConfigError(path + ": configuration file cannot be read");
+  std::string text;
+  try {
+    text = readText(path, kMaxYamlBytes);
+  } catch (const IoError& error) {
+    throw ConfigError(error.what());
   }
-  std::ostringstream text;
-  text << file.rdbuf();
-  return readYamlAssignments(text.str(), path);
+  return readYamlAssignments(text, path);
 }
 
 bool isEndOfKey(const std::string& end, const std::string& key) {

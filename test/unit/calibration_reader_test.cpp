@@ -10,9 +10,11 @@
 #include <gtest/gtest.h>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <sys/stat.h>
 
 #include <fstream>
 #include <string>
+#include <thread>
 
 namespace dsorb {
 namespace {
@@ -231,8 +233,36 @@ TEST_F(CalibrationReaderTest, YamlComplaintsNameLineAndKey) {
               AllOf(HasSubstr("sensor.yaml:2"), HasSubstr("resolution")));
   EXPECT_THAT(yamlComplaint(replaced(kSensor, "resolution: [752, 480]\n", "")),
               AllOf(HasSubstr("sensor.yaml"), HasSubstr("resolution: 0 numbers")));
-  EXPECT_THAT(yamlComplaint("a: [1, 2\nb: 3"), HasSubstr("no valid YAML"));
+  EXPECT_THAT(yamlComplaint("a: [1, 2\nb: 3"), HasSubstr("not YAML"));
   EXPECT_THAT(yamlComplaint("just text"), HasSubstr("a mapping"));
+}
+
+TEST_F(CalibrationReaderTest, CameraOfAChainMustBeAMapping) {
+  EXPECT_THAT(yamlComplaint("cam0: 5\n"),
+              AllOf(HasSubstr("sensor.yaml:1"), HasSubstr("cam0: a mapping")));
+}
+
+TEST_F(CalibrationReaderTest, ZeroBytesAndHugeFilesAreRefusedBeforeTheyAreRead) {
+  EXPECT_THAT(cameraComplaint(std::string("Pinhole 50 50 31.5 23.5 0\n64 4\0", 32)),
+              HasSubstr("camera.txt:2: a zero byte"));
+  for (const char* name : {"camera.txt", "sensor.yaml"}) {
+    const auto file = write(name, "Pinhole 50 50 31.5 23.5 0\n");
+    std::filesystem::resize_file(file, std::uintmax_t{1} << 31U);  // sparse
+    EXPECT_THAT(complaint([&] { readCalibration(file); }),
+                AllOf(HasSubstr(name), HasSubstr("too large")));
+  }
+}
+
+TEST_F(CalibrationReaderTest, PipesAreReadUnlessNobodyWrites) {
+  const std::string pipe = (folder_.path() / "pipe").string();
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  EXPECT_THAT(complaint([&] { readCalibration(pipe); }),
+              AllOf(HasSubstr("pipe: "), HasSubstr("nobody writes")));
+  std::thread writer([&pipe] {
+    std::ofstream(pipe) << "Pinhole 528 529 325.3 236.6 0\n640 480\nnone\n640 480\n";
+  });
+  EXPECT_EQ(readCalibration(pipe).lens.fy, 529);
+  writer.join();
 }
 
 std::string responseText(std::size_t entries, double offset = 3, double scale = 0.1) {

@@ -231,7 +231,30 @@ TEST(Config, MalformedYamlNamesTheLine) {
   ConfigSources sources;
   sources.files = {"/nowhere/missing.yaml"};
   EXPECT_THAT(errorOf([&sources] { (void)loadConfig(sources); }),
-              HasSubstr("/nowhere/missing.yaml: configuration file cannot be read"));
+              HasSubstr("/nowhere/missing.yaml: cannot be opened for reading: No such file"));
+}
+
+TEST(Config, AliasesDepthAndSizeAreLimitedBeforeAnythingIsBuilt) {
+  EXPECT_THAT(errorOf([] { loadText("a: &a\n  b: *a\n"); }),
+              HasSubstr("test.yaml:2: an alias stands for the group it is part of"));
+  std::string bomb = "a0: &a0 {x: 1}\n";
+  for (int i = 1; i < 30; ++i) {
+    const std::string before = "*a" + std::to_string(i - 1);
+    bomb += "a" + std::to_string(i) + ": &a" + std::to_string(i) + " {";
+    for (int k = 0; k < 9; ++k) bomb += "k" + std::to_string(k) + ": " + before + ", ";
+    bomb += "}\n";
+  }
+  EXPECT_THAT(errorOf([&bomb] { loadText(bomb); }),
+              AllOf(HasSubstr("test.yaml:"), HasSubstr("more than 100000 values")));
+  EXPECT_THAT(errorOf([] { loadText("a: " + std::string(40, '[') + std::string(40, ']')); }),
+              HasSubstr("test.yaml:1: more than 32 groups within each other"));
+  EXPECT_EQ(loadText("initializer:\n  seed: &n 3\nnum_threads: *n\n").options.num_threads, 3);
+}
+
+TEST(Config, ParserThatStaysWhereItIsEnds) {
+  for (const char* text : {",", "\n\n, num_threads: 2", "# comment\n]"}) {
+    EXPECT_THAT(errorOf([&text] { loadText(text); }), HasSubstr("not YAML")) << text;
+  }
 }
 
 TEST(Config, SecondDocumentOfAFileIsRefused) {
