@@ -19,6 +19,7 @@ dsorb_find(Ceres "libceres-dev libsuitesparse-dev" 2.1)
 dsorb_find(yaml-cpp libyaml-cpp-dev 0.7)
 dsorb_find(nlohmann_json nlohmann-json3-dev 3.9)
 dsorb_find(fmt libfmt-dev 9)
+dsorb_find(JPEG libjpeg-dev)
 dsorb_find(PkgConfig pkg-config)
 pkg_check_modules(libzip QUIET IMPORTED_TARGET libzip) # its CMake targets want a program of another package
 if(NOT libzip_FOUND)

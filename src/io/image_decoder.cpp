@@ -3,6 +3,8 @@
 
 #include "dsorb/error.h"
 
+#include "io/jpeg_decoder.h"
+
 #include <fmt/format.h>
 #include <opencv2/imgcodecs.hpp>
 
@@ -41,12 +43,6 @@ bool completePng(const std::vector<std::uint8_t>& bytes) {
   return false;
 }
 
-/// Whether a JPEG has its end mark; decoders fill the missing part with grey otherwise.
-bool completeJpeg(const std::vector<std::uint8_t>& bytes) {
-  constexpr std::array<std::uint8_t, 2> kEndMark = {0xFF, 0xD9};
-  return std::find_end(bytes.begin(), bytes.end(), kEndMark.begin(), kEndMark.end()) != bytes.end();
-}
-
 /// Whether a binary PGM or PPM holds the pixels its header announces: "P5 width height maximum"
 /// and one more white space.
 bool completePnm(const std::vector<std::uint8_t>& bytes, std::size_t channels) {
@@ -68,7 +64,6 @@ bool completePnm(const std::vector<std::uint8_t>& bytes, std::size_t channels) {
 
 bool complete(const std::vector<std::uint8_t>& bytes) {
   if (startsWith(bytes, "\x89PNG\r\n\x1a\n")) return completePng(bytes);
-  if (startsWith(bytes, "\xFF\xD8\xFF")) return completeJpeg(bytes);
   if (startsWith(bytes, "P5")) return completePnm(bytes, 1);
   if (startsWith(bytes, "P6")) return completePnm(bytes, 3);
   return !bytes.empty();
@@ -77,10 +72,14 @@ bool complete(const std::vector<std::uint8_t>& bytes) {
 }  // namespace
 
 std::vector<std::uint8_t> readFile(const std::filesystem::path& file) {
-  std::ifstream stream(file, std::ios::binary);
   std::error_code error;
-  const auto size = std::filesystem::file_size(file, error);
-  if (!stream || error) throw IoError(fmt::format("{}: cannot be read", file.string()));
+  const auto size = std::filesystem::file_size(file, error);  // none of what is no regular file
+  if (error) throw IoError(fmt::format("{}: cannot be read: {}", file.string(), error.message()));
+  if (size > kMaxImageBytes) {
+    throw IoError(fmt::format("{}: {} MiB are too many for an image", file.string(), size >> 20U));
+  }
+  std::ifstream stream(file, std::ios::binary);
+  if (!stream) throw IoError(fmt::format("{}: cannot be read", file.string()));
   std::vector<std::uint8_t> bytes(size);
   if (size > 0 &&
       !stream.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(size))) {
@@ -92,6 +91,8 @@ std::vector<std::uint8_t> readFile(const std::filesystem::path& file) {
 cv::Mat decodeGrey(const std::vector<std::uint8_t>& bytes, const std::string& name) {
   if (!complete(bytes)) throw IoError(fmt::format("{}: the image is truncated", name));
   cv::Mat image;
+  if (isJpeg(bytes)) image = decodeJpeg(bytes, name);
+  if (!image.empty()) return image;
   try {
     image = cv::imdecode(
         bytes, cv::IMREAD_GRAYSCALE | cv::IMREAD_ANYDEPTH | cv::IMREAD_IGNORE_ORIENTATION);

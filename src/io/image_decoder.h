@@ -10,6 +10,9 @@
 
 namespace dsorb {
 
+/// Largest image file that is read.
+inline constexpr std::uintmax_t kMaxImageBytes = std::uintmax_t{1} << 30;
+
 /// @throws IoError where the file cannot be read
 std::vector<std::uint8_t> readFile(const std::filesystem::path& file);
 

@@ -50,6 +50,10 @@ class ZippedImages : public ImageStore {
 
   [[nodiscard]] std::vector<std::uint8_t> read(int index) override {
     const ArchiveEntry& entry = entries_[static_cast<std::size_t>(index)];
+    if (entry.bytes > kMaxImageBytes) {
+      throw IoError(
+          fmt::format("{}: {} MiB are too many for an image", name(index), entry.bytes >> 20U));
+    }
     const std::unique_ptr<zip_file_t, CloseEntry> file(
         zip_fopen_index(archive_.get(), entry.position, 0));
     std::vector<std::uint8_t> bytes(entry.bytes);
