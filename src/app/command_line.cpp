@@ -103,6 +103,13 @@ void addInputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
                  "uncalibrated")
       ->check(CLI::IsMember(namesOf(kModes)))
       ->group("Input");
+  app.add_option("--bits",
+                 request.sequence.bits,
+                 "that values of 16-bit images take, 9 to 16; default: 10 or 12 where all values "
+                 "fit into them, else 16")
+      ->type_name("N")
+      ->check(CLI::Range(9, 16))
+      ->group("Input");
   app.add_option("--start", request.sequence.start, "first frame of the sequence; default 0")
       ->type_name("N")
       ->check(wholeNumber(0))

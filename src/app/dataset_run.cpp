@@ -6,12 +6,14 @@
 
 #include "app/playback.h"
 #include "app/progress_bar.h"
-#include "io/recording_writer.h"
+#include "app/run_outputs.h"
 
 #include <opencv2/core/utility.hpp>
+#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <chrono>
+#include <cstdio>
 #include <exception>
 #include <optional>
 #include <string>
@@ -22,11 +24,13 @@
 namespace dsorb::app {
 namespace {
 
-constexpr double kLongestSleep = 0.05;  // between two looks for Ctrl-C [s]
+constexpr double kLongestSleep = 0.05;                     // between two looks for Ctrl-C [s]
+constexpr std::chrono::milliseconds kWriterPatience(200);  // for a run that writes when it is ended
 
+/// More than the machine has are not started.
 int threadsInUse(int num_threads) {
-  if (num_threads > 0) return num_threads;
-  return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  const int available = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  return num_threads > 0 ? std::min(num_threads, available) : available;
 }
 
 /// As a value of the option `brightness`.
@@ -53,24 +57,6 @@ RunInfo describeRun(const CommandLine& request, const Config& config) {
   return info;
 }
 
-/// Keeps the last answer of the initializer.
-class InitializerListener : public OdometryObserver {
- public:
-  void onInitStep(const InitStep& step, const Frame& /*frame*/, int /*segment*/) override {
-    last_ = step.reason;
-  }
-  [[nodiscard]] InitReason last() const { return last_; }
-
- private:
-  InitReason last_ = InitReason::kFirstFrame;
-};
-
-/// The writers of a run.
-struct Writers {
-  RunWriter* run = nullptr;
-  io::RecordingWriter* recording = nullptr;  ///< null: no recording is wanted
-};
-
 Playback playbackOf(const SequenceReader& reader, double speed) {
   std::vector<double> timestamps;
   timestamps.reserve(static_cast<std::size_t>(reader.selected()));
@@ -84,17 +70,18 @@ class Feeder {
  public:
   Feeder(SequenceReader& reader,
          Odometry& odometry,
-         const Writers& writers,
+         RunOutputs& outputs,
          const CommandLine& request)
       : reader_(reader),
         odometry_(odometry),
-        writers_(writers),
+        outputs_(outputs),
         request_(request),
         playback_(playbackOf(reader, request.speed)),
         progress_(reader.selected(), request.progress, request.quiet) {}
 
   /// @return whether the user ended it
-  bool run(Interrupt& interrupt) {
+  bool run(const Interrupt& interrupt) {
+    warn(reader_.warnings());
     while (!interrupt.requested()) {
       const Playback::Step step = playback_.next(secondsSince(begin_));
       if (step.wait > 0) {
@@ -103,7 +90,7 @@ class Feeder {
         continue;
       }
       reader_.skip(step.drop);
-      writers_.run->setDropped(playback_.dropped());
+      outputs_.setDropped(playback_.dropped());
       const std::optional<SequenceFrame> input = reader_.next();
       if (!input) return false;
       if (!process(*input)) return false;
@@ -118,13 +105,20 @@ class Feeder {
     return std::chrono::duration<double>(Clock::now() - begin).count();
   }
 
+  void warn(const std::vector<std::string>& warnings) const {
+    for (const std::string& warning : warnings) {
+      if (!request_.quiet) spdlog::warn("{}", warning);
+    }
+  }
+
   /// @return whether there is more to do
   bool process(const SequenceFrame& input) {
+    warn(input.warnings);
     const Clock::time_point begin = Clock::now();
     const FrameEstimate estimate = odometry_.process(input.frame);
     const double milliseconds = secondsSince(begin) * 1e3;
-    writers_.run->frameDone({milliseconds + input.pyramid_milliseconds, input.read_milliseconds});
-    if (writers_.recording != nullptr) writers_.recording->frameDone(estimate);
+    outputs_.frameDone({milliseconds + input.pyramid_milliseconds, input.read_milliseconds},
+                       estimate);
     progress_.update(estimate, playback_.dropped());
     if (estimate.state != OdometryState::kLost) return true;
     if (request_.restart_when_lost) odometry_.restart();
@@ -133,7 +127,7 @@ class Feeder {
 
   SequenceReader& reader_;
   Odometry& odometry_;
-  Writers writers_;
+  RunOutputs& outputs_;
   const CommandLine& request_;
   Playback playback_;
   ProgressBar progress_;
@@ -141,12 +135,11 @@ class Feeder {
 };
 
 /// Writes the results so far after an error. A second error must not hide the first.
-void writeAfterError(const Writers& writers, std::optional<Odometry>& odometry) {
+void writeAfterError(RunOutputs& outputs, std::optional<Odometry>& odometry) {
   try {
     OdometryReport report;
     if (odometry) report = odometry->finish();
-    writers.run->finish(RunStatus::kError, odometry ? &report : nullptr);
-    if (writers.recording != nullptr) writers.recording->finish(RunStatus::kError);
+    outputs.finish(RunStatus::kError, odometry ? &report : nullptr);
   } catch (const std::exception&) {
     return;
   }
@@ -154,16 +147,46 @@ void writeAfterError(const Writers& writers, std::optional<Odometry>& odometry) 
 
 /// Opens the data set. Wrong options leave the results of an earlier run alone; where the data
 /// cannot be read the output folder says so.
-SequenceReader openSequence(const CommandLine& request, const RunInfo& info) {
+SequenceReader openSequence(const CommandLine& request, RunOutputs& outputs) {
   try {
     return SequenceReader(request.sequence);
   } catch (const ConfigError&) {
     throw;
   } catch (const std::exception&) {
-    RunWriter(request.output, info).finish(RunStatus::kError, nullptr);
+    outputs.finish(RunStatus::kError, nullptr);
     throw;
   }
 }
+
+/// While it lives, an interrupt that the run does not answer in time writes the results so far.
+class LateEnd {
+ public:
+  LateEnd(Interrupt& interrupt, RunOutputs& outputs, const CommandLine& request)
+      : interrupt_(interrupt) {
+    interrupt_.setLastResort([&outputs, &request] { return end(outputs, request); });
+  }
+  ~LateEnd() { interrupt_.setLastResort({}); }
+  LateEnd(const LateEnd&) = delete;
+  LateEnd& operator=(const LateEnd&) = delete;
+
+ private:
+  static int end(RunOutputs& outputs, const CommandLine& request) {
+    try {
+      const std::optional<RunStatus> outcome = outputs.finishNow(kWriterPatience);
+      const RunStatus status = outcome.value_or(RunStatus::kInterrupted);
+      if (!request.quiet) {
+        fmt::print(
+            "{} (interrupted before the frame was done)\n{}\n", name(status), request.output);
+        std::fflush(stdout);
+      }
+      return status == RunStatus::kTracked ? kTracked : kNotTracked;
+    } catch (const std::exception& error) {
+      spdlog::error("{}", error.what());
+      return kRuntimeError;
+    }
+  }
+  Interrupt& interrupt_;
+};
 
 }  // namespace
 
@@ -176,38 +199,29 @@ RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
   Config config = configFor(request.config, request.sequence.brightness);
   const RunInfo info = describeRun(request, config);
   cv::setNumThreads(info.threads);  // OpenCV's pool belongs to the process
-  SequenceReader reader = openSequence(request, info);
-  RunWriter writer(request.output, info);
-  Writers writers{&writer};
-  std::optional<io::RecordingWriter> recording;
-  InitializerListener initializer;
+  RunOutputs outputs(request, info);
+  const LateEnd late_end(interrupt, outputs, request);
+  SequenceReader reader = openSequence(request, outputs);
+  config = configFor(request.config, reader.brightness());
   std::optional<Odometry> odometry;
   RunResult result;
   try {
-    writer.setCamera(reader.camera());
-    config = configFor(request.config, reader.brightness());
-    writer.setConfig(toYaml(config));
+    outputs.open(reader.camera(), toYaml(config));
     odometry.emplace(reader.camera(), config.options);
-    odometry->addObserver(&writer);
-    odometry->addObserver(&initializer);
-    if (!request.record.empty()) {
-      writers.recording = &recording.emplace(request.record, info, reader.camera());
-      odometry->addObserver(&*recording);
-    }
-    Feeder feeder(reader, *odometry, writers, request);
+    odometry->addObserver(&outputs);
+    Feeder feeder(reader, *odometry, outputs, request);
     result.interrupted = feeder.run(interrupt);
     result.frames_dropped = feeder.dropped();
     result.report = odometry->finish();
-    result.last_answer = initializer.last();
   } catch (...) {
-    writeAfterError(writers, odometry);
+    interrupt.settle();
+    writeAfterError(outputs, odometry);
     throw;
   }
-  result.outcome = writer.outcome();
-  const RunStatus status = result.interrupted ? RunStatus::kInterrupted : result.outcome;
-  writer.finish(status, &result.report);
-  if (recording) recording->finish(status);
-  if (request.write_result_txt) writer.writeKeyframes("result.txt");
+  interrupt.settle();
+  result.last_answer = outputs.lastAnswer();
+  result.outcome = outputs.outcome();
+  outputs.finish(result.interrupted ? RunStatus::kInterrupted : result.outcome, &result.report);
   return result;
 }
 

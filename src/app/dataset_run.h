@@ -10,6 +10,8 @@
 
 namespace dsorb::app {
 
+enum ExitCode { kTracked = 0, kRuntimeError = 1, kWrongOptions = 2, kNotTracked = 3 };
+
 /// Result of a run for people and for the exit code.
 struct RunResult {
   RunStatus outcome = RunStatus::kError;  ///< tracked, lost or never initialized

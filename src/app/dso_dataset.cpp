@@ -10,12 +10,11 @@
 #include <spdlog/spdlog.h>
 
 #include <exception>
+#include <new>
 
 namespace {
 
 using namespace dsorb;
-
-enum ExitCode { kSuccess = 0, kRuntimeError = 1, kWrongOptions = 2, kNotTracked = 3 };
 
 void setUpLog() {
   spdlog::set_default_logger(spdlog::stderr_logger_st("dso_dataset"));
@@ -46,11 +45,11 @@ int run(int argc, const char* const* argv, app::Interrupt& interrupt) {
   const app::CommandLine request = app::parseCommandLine(argc, argv);
   if (!request.text.empty()) {
     app::printText(request.text);
-    return kSuccess;
+    return app::kTracked;
   }
   if (request.print_config) {
     app::printText(toYaml(app::configFor(request.config, request.sequence.brightness)));
-    return kSuccess;
+    return app::kTracked;
   }
   for (const std::string& warning : request.warnings) {
     if (!request.quiet) spdlog::warn(warning);
@@ -58,7 +57,7 @@ int run(int argc, const char* const* argv, app::Interrupt& interrupt) {
   app::outliveListeners();
   const app::RunResult result = app::runDataset(request, interrupt);
   if (!request.quiet) printSummary(request, result);
-  return result.outcome == RunStatus::kTracked ? kSuccess : kNotTracked;
+  return result.outcome == RunStatus::kTracked ? app::kTracked : app::kNotTracked;
 }
 
 }  // namespace
@@ -71,9 +70,12 @@ int main(int argc, char** argv) {
     return run(argc, argv, interrupt);
   } catch (const ConfigError& error) {
     spdlog::error("{}", error.what());
-    return kWrongOptions;
+    return app::kWrongOptions;
+  } catch (const std::bad_alloc&) {
+    spdlog::error("out of memory");
+    return app::kRuntimeError;
   } catch (const std::exception& error) {
     spdlog::error("{}", error.what());
-    return kRuntimeError;
+    return app::kRuntimeError;
   }
 }

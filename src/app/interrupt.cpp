@@ -1,23 +1,66 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "app/interrupt.h"
 
-#include <ctime>
+#include <unistd.h>
+
+#include <chrono>
+#include <utility>
 
 namespace dsorb::app {
+namespace {
+
+// From a signal to the end of a program that does not end by itself. It stays below a second with
+// what is written then.
+constexpr std::chrono::milliseconds kPatience(500);
+constexpr int kNothingToWrite = 3;  // exit code: nothing was tracked
+
+}  // namespace
 
 Interrupt::Interrupt() : signals_() {
   sigemptyset(&signals_);
   sigaddset(&signals_, SIGINT);
   sigaddset(&signals_, SIGTERM);
   pthread_sigmask(SIG_BLOCK, &signals_, nullptr);
+  watcher_ = std::thread([this] { watch(); });
 }
 
-bool Interrupt::requested() {
-  if (requested_) return true;
-  const timespec no_wait{0, 0};
-  requested_ = sigtimedwait(&signals_, nullptr, &no_wait) > 0;
-  if (requested_) pthread_sigmask(SIG_UNBLOCK, &signals_, nullptr);
-  return requested_;
+Interrupt::~Interrupt() {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stopping_ = true;
+    // The watcher takes the signal itself, or has it blocked when it ends.
+    if (!requested_) pthread_kill(watcher_.native_handle(), SIGTERM);
+  }
+  changed_.notify_all();
+  watcher_.join();
+}
+
+void Interrupt::setLastResort(LastResort last_resort) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  last_resort_ = std::move(last_resort);
+}
+
+void Interrupt::settle() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  settled_ = true;
+  changed_.notify_all();
+}
+
+void Interrupt::watch() {
+  int signal = 0;
+  sigwait(&signals_, &signal);
+  std::unique_lock<std::mutex> lock(mutex_);
+  if (stopping_) return;
+  requested_ = true;
+  pthread_sigmask(SIG_UNBLOCK, &signals_, nullptr);  // a second one ends the program
+  endWhenLate(lock);
+}
+
+/// Holds the lock to the end of the program, so that settle() and setLastResort() cannot return.
+void Interrupt::endWhenLate(std::unique_lock<std::mutex>& lock) {
+  const bool in_time = changed_.wait_for(lock, kPatience, [this] { return settled_ || stopping_; });
+  if (!in_time) _exit(last_resort_ ? last_resort_() : kNothingToWrite);
+  changed_.wait(lock, [this] { return stopping_; });
 }
 
 }  // namespace dsorb::app

@@ -1,23 +1,53 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <atomic>
+#include <condition_variable>
 #include <csignal>
+#include <functional>
+#include <mutex>
+#include <thread>
 
 namespace dsorb::app {
 
-/// Turns the first Ctrl-C (SIGINT) or SIGTERM into a flag that the program polls: the signals are
-/// blocked and no handler runs. A second one ends the program as usual. To be constructed before
-/// any thread is started, because threads inherit the mask of blocked signals.
+/// Turns the first Ctrl-C (SIGINT) or SIGTERM into a question that the program answers when it
+/// suits: signals are blocked in every thread but one that waits for them, no handler runs. Where
+/// the program does not come to its end soon, because it reads or computes for long, that thread
+/// ends it. A second signal ends the program as usual. Make it before any thread is started:
+/// threads inherit what is blocked.
 class Interrupt {
  public:
-  Interrupt();
+  /// Writes what there is. @return the exit code
+  using LastResort = std::function<int()>;
 
-  /// Whether a signal has arrived. From then on further ones have their usual effect.
-  [[nodiscard]] bool requested();
+  Interrupt();
+  ~Interrupt();
+  Interrupt(const Interrupt&) = delete;
+  Interrupt& operator=(const Interrupt&) = delete;
+
+  /// Whether a signal came.
+  [[nodiscard]] bool requested() const { return requested_; }
+
+  /// What the waiting thread does before it ends a program that is late. Empty: nothing. The
+  /// program's own thread may be anywhere then.
+  void setLastResort(LastResort last_resort);
+
+  /// The program is about to end by itself: it is not late any more. Does not return where it was
+  /// too late to say so.
+  void settle();
 
  private:
+  void watch();
+  void endWhenLate(std::unique_lock<std::mutex>& lock);
+
   sigset_t signals_;
-  bool requested_ = false;
+  std::atomic<bool> requested_{false};
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  LastResort last_resort_;
+  bool settled_ = false;
+  bool stopping_ = false;
+  std::thread watcher_;
 };
 
 }  // namespace dsorb::app

@@ -11,6 +11,8 @@ namespace dsorb {
 namespace {
 
 constexpr std::size_t kMinResponseEntries = 256;
+constexpr std::size_t kEntries8 = 1 << 8;
+constexpr std::size_t kEntries16 = 1 << 16;
 constexpr float kMaxLevel = 255;
 // Below this the correction multiplies noise of one grey level to more than a third of the range.
 constexpr float kMinVignette = 0.01F;
@@ -51,8 +53,9 @@ void checkResponse(const std::vector<float>& response) {
 PhotometricCorrection::PhotometricCorrection(int width, int height)
     : width_(width),
       height_(height),
-      table8_(resampled({0, kMaxLevel}, std::numeric_limits<std::uint8_t>::max() + 1)),
-      table16_(resampled({0, kMaxLevel}, std::numeric_limits<std::uint16_t>::max() + 1)) {}
+      response_({0, kMaxLevel}),
+      table8_(resampled(response_, kEntries8)),
+      table16_(resampled(response_, kEntries16)) {}
 
 PhotometricCorrection::PhotometricCorrection(const PhotometricCalibration& calibration,
                                              int width,
@@ -67,8 +70,9 @@ PhotometricCorrection::PhotometricCorrection(const PhotometricCalibration& calib
                                 " pixels for images of " + std::to_string(width) + "x" +
                                 std::to_string(height));
   }
-  table8_ = resampled(calibration.response, std::numeric_limits<std::uint8_t>::max() + 1);
-  table16_ = resampled(calibration.response, std::numeric_limits<std::uint16_t>::max() + 1);
+  response_ = calibration.response;
+  table8_ = resampled(response_, kEntries8);
+  table16_ = resampled(response_, kEntries16);
   gain_.resize(pixels);
   std::transform(calibration.vignette.begin(),
                  calibration.vignette.end(),
@@ -77,6 +81,11 @@ PhotometricCorrection::PhotometricCorrection(const PhotometricCalibration& calib
                    return attenuation >= kMinVignette ? 1.0F / attenuation
                                                       : std::numeric_limits<float>::quiet_NaN();
                  });
+}
+
+void PhotometricCorrection::setBits(int bits) {
+  table16_ = resampled(response_, std::size_t{1} << static_cast<unsigned>(bits));
+  table16_.resize(kEntries16, table16_.back());
 }
 
 template <>

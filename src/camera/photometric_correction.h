@@ -23,9 +23,13 @@ class PhotometricCorrection {
   ///         increase, or the vignette is not of the image's size
   PhotometricCorrection(const PhotometricCalibration& calibration, int width, int height);
 
+  /// The values of 16-bit images take so many bits only: the range of grey levels is spread over
+  /// them, larger values count as the largest.
+  /// @param bits 9 to 16
+  void setBits(int bits);
+
   /// @tparam Pixel        std::uint8_t or std::uint16_t; a table of N entries covers the whole
-  /// range
-  ///                      of the type
+  ///                      range of the type, or of its bits that are used
   /// @param stride_bytes  distance between the rows of `raw`
   /// @param corrected     width x height [grey levels, 0..255 times the vignette's gain]; NaN where
   ///                      the vignette lets nothing through
@@ -42,6 +46,7 @@ class PhotometricCorrection {
 
   int width_;
   int height_;
+  std::vector<float> response_;
   std::vector<float> table8_;   // corrected level by 8-bit value
   std::vector<float> table16_;  // corrected level by 16-bit value
   std::vector<float> gain_;     // 1 / V, NaN where V is nearly 0; empty: 1

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cmath>
 #include <cstdint>
 #include <cstdlib>
 #include <string>
@@ -19,6 +20,9 @@ namespace fs = std::filesystem;
 constexpr double kDefaultPeriod = 0.1;  // [s] between images without times
 constexpr double kSecondsPerMillisecond = 1e-3;
 constexpr std::int64_t kNanosecondsPerSecond = 1000000000;
+constexpr double kLeastNanosecondStep = 1e5;  // 10000 images a second, or more than a day for one
+constexpr double kMostNanosecondStep = 1e11;  // an image every 100 seconds, or 3000 years for one
+constexpr double kLongStep = 60;              // [s] between images; nothing is tracked over it
 
 /// Time of one image, and where it is written.
 struct TimeEntry {
@@ -94,7 +98,39 @@ void checkIncreasing(const fs::path& file, const std::vector<TimeEntry>& entries
   }
 }
 
-void assignTimes(const fs::path& file, const std::vector<TimeEntry>& entries, Dataset& dataset) {
+/// Median time between neighbours. @param entries at least two
+double medianStep(const std::vector<TimeEntry>& entries) {
+  std::vector<double> steps;
+  for (std::size_t i = 1; i < entries.size(); ++i) {
+    steps.push_back(entries[i].timestamp - entries[i - 1].timestamp);
+  }
+  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
+  std::nth_element(steps.begin(), middle, steps.end());
+  return *middle;
+}
+
+/// Whole numbers a year apart, taken as seconds, are nanoseconds.
+void convertNanoseconds(const fs::path& file,
+                        std::vector<TimeEntry>& entries,
+                        std::vector<std::string>& warnings) {
+  if (entries.size() < 2) return;
+  const double step = medianStep(entries);
+  const bool whole = std::all_of(entries.begin(), entries.end(), [](const TimeEntry& entry) {
+    return entry.timestamp == std::floor(entry.timestamp);
+  });
+  if (whole && step >= kLeastNanosecondStep && step <= kMostNanosecondStep) {
+    for (TimeEntry& entry : entries) entry.timestamp /= kNanosecondsPerSecond;
+    warnings.push_back(
+        fmt::format("{}: times are taken as nanoseconds: as seconds the images would be {} s apart",
+                    file.string(),
+                    step));
+  } else if (step > kLongStep) {
+    warnings.push_back(
+        fmt::format("{}: images are {} s apart; are the times in seconds?", file.string(), step));
+  }
+}
+
+void assignTimes(const fs::path& file, std::vector<TimeEntry> entries, Dataset& dataset) {
   const auto images = static_cast<std::size_t>(dataset.images->size());
   if (entries.size() != images) {
     throw lineError(
@@ -103,6 +139,7 @@ void assignTimes(const fs::path& file, const std::vector<TimeEntry>& entries, Da
         fmt::format("{} times for {} images; expected one line for each", entries.size(), images));
   }
   checkIncreasing(file, entries);
+  convertNanoseconds(file, entries, dataset.warnings);
   for (const TimeEntry& entry : entries) dataset.timestamps.push_back(entry.timestamp);
   dataset.exposures = repairedExposures(entries);
 }

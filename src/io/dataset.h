@@ -7,6 +7,7 @@
 
 #include <filesystem>
 #include <memory>
+#include <string>
 #include <vector>
 
 namespace dsorb {
@@ -29,8 +30,9 @@ DatasetLayout findDataset(const std::filesystem::path& path, SequenceFormat form
 /// Images of a data set with time and exposure of each.
 struct Dataset {
   std::unique_ptr<ImageStore> images;
-  std::vector<double> timestamps;  ///< [s], strictly increasing, one per image
-  std::vector<double> exposures;   ///< [s], one per image; empty: unknown
+  std::vector<double> timestamps;     ///< [s], strictly increasing, one per image
+  std::vector<double> exposures;      ///< [s], one per image; empty: unknown
+  std::vector<std::string> warnings;  ///< one sentence each
 };
 
 /// Lists images and times. No image is read.

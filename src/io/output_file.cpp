@@ -3,9 +3,15 @@
 
 #include "dsorb/error.h"
 
+#include "io/json_text.h"
+
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/file.h>
+#include <unistd.h>
 
 #include <cerrno>
+#include <fstream>
 #include <regex>
 #include <system_error>
 #include <utility>
@@ -17,6 +23,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kPartSuffix = ".part";
+constexpr const char* kSummary = "run.json";
 
 IoError writeError(const fs::path& path) {
   return IoError(fmt::format(
@@ -35,15 +42,23 @@ void writeAll(std::FILE* file, std::string_view text, const fs::path& path) {
   }
 }
 
-/// Removes the regular files of a folder whose whole name matches.
-void removeMatching(const fs::path& folder, const std::regex& names) {
+/// Files of a run, by their names relative to the output folder. Those of earlier versions count.
+std::vector<fs::path> outputFilesIn(const fs::path& folder) {
   std::vector<fs::path> found;
-  for (const auto& entry : fs::directory_iterator(folder)) {
-    if (!entry.is_directory() && std::regex_match(entry.path().filename().string(), names)) {
-      found.push_back(entry.path());
+  for (const fs::path& part : {fs::path(), fs::path("figures")}) {
+    if (!fs::is_directory(folder / part)) continue;
+    for (const auto& entry : fs::directory_iterator(folder / part)) {
+      const fs::path name = part / entry.path().filename();
+      if (!entry.is_directory() && isOutputFile(name)) found.push_back(name);
     }
   }
-  for (const fs::path& path : found) fs::remove(path);
+  return found;
+}
+
+bool isSummaryOf(const std::string& program, const fs::path& run_json) {
+  std::ifstream file(run_json);
+  const Json json = Json::parse(file, nullptr, false);
+  return json.is_object() && json.contains("program") && json["program"] == program;
 }
 
 }  // namespace
@@ -83,21 +98,54 @@ void replaceFile(const fs::path& path, std::string_view content) {
   file.commit();
 }
 
-void prepareOutputFolder(const fs::path& folder) {
-  static const std::regex kFiles(
+bool isOutputFile(const fs::path& name) {
+  static const std::regex kNames(
       R"((trajectory(_kitti|_\d+)?\.txt|keyframes(_\d+)?\.txt|initialization\.json|frames\.csv|)"
-      R"(points\.ply|run\.json|config\.yaml)(\.part)?|points\.spool)");
-  static const std::regex kFigures(
-      R"((initial_inverse_depth(_\d+)?|trajectory|timeline)\.png(\.part)?)");
+      R"(points\.ply|run\.json|config\.yaml)(\.part)?|points\.spool|)"
+      R"(figures/(initial_inverse_depth(_\d+)?|trajectory|timeline)\.png(\.part)?)");
+  return std::regex_match(name.generic_string(), kNames);
+}
+
+OutputFolder::OutputFolder(const fs::path& folder,
+                           const std::string& program,
+                           std::string_view run_json) {
   try {
-    const fs::path figures = folder / "figures";
-    fs::create_directories(figures);
-    removeMatching(folder, kFiles);
-    removeMatching(figures, kFigures);
+    fs::create_directories(folder / "figures");
+    lock_ = open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    // A file system without locks is no reason not to run.
+    if (lock_ >= 0 && flock(lock_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+      throw IoError(fmt::format("output folder {}: another run writes into it", folder.string()));
+    }
+    const std::vector<fs::path> old = outputFilesIn(folder);
+    if (!old.empty() && !isSummaryOf(program, folder / kSummary)) {
+      throw IoError(
+          fmt::format("output folder {}: {} there is not from a run of {}; it would be replaced. "
+                      "Choose another folder or move it away",
+                      folder.string(),
+                      old.front().generic_string(),
+                      program));
+    }
+    replaceFile(folder / kSummary, run_json);
+    for (const fs::path& name : old) {
+      if (name != kSummary) fs::remove(folder / name);
+    }
   } catch (const fs::filesystem_error& error) {
+    release();
     throw IoError(fmt::format(
         "output folder {}: cannot be prepared: {}", folder.string(), error.code().message()));
+  } catch (...) {
+    release();
+    throw;
   }
+}
+
+OutputFolder::~OutputFolder() {
+  release();
+}
+
+void OutputFolder::release() {
+  if (lock_ >= 0) close(lock_);
+  lock_ = -1;
 }
 
 }  // namespace dsorb::io

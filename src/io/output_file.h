@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
+#include <string>
 #include <string_view>
 
 namespace dsorb::io {
@@ -51,8 +52,28 @@ class ReplacingFile {
 /// @throws IoError where it cannot be written; the old content stays
 void replaceFile(const std::filesystem::path& path, std::string_view content);
 
-/// Creates the folder if needed and removes every file in it that a run writes.
-/// @throws IoError where it cannot be created or written to
-void prepareOutputFolder(const std::filesystem::path& folder);
+/// Whether a run writes a file of this name, given relative to its output folder.
+[[nodiscard]] bool isOutputFile(const std::filesystem::path& name);
+
+/// The folder that a run writes into. While it lives no other run of this library does.
+class OutputFolder {
+ public:
+  /// Creates the folder if needed, puts the new run.json there and removes every other file that an
+  /// earlier run of the program wrote.
+  /// @param run_json of a run that just begins; it names the program
+  /// @throws IoError where the folder cannot be created or written to, another run writes into it,
+  ///         or it holds files named as those of a run, but no run.json of the program
+  OutputFolder(const std::filesystem::path& folder,
+               const std::string& program,
+               std::string_view run_json);
+  ~OutputFolder();
+  OutputFolder(const OutputFolder&) = delete;
+  OutputFolder& operator=(const OutputFolder&) = delete;
+
+ private:
+  void release();
+
+  int lock_ = -1;  // descriptor of the folder
+};
 
 }  // namespace dsorb::io

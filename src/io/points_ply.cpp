@@ -4,11 +4,12 @@
 #include "dsorb/error.h"
 
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <cstring>
-#include <fstream>
 #include <iterator>
 #include <system_error>
 #include <utility>
@@ -19,7 +20,6 @@ namespace {
 
 constexpr std::uintmax_t kVertexBytes = 4 * sizeof(float) + 3 + sizeof(std::int32_t);
 constexpr std::size_t kCopyBytes = 1 << 16;
-constexpr std::uintmax_t kSmallMapBytes = 200000 * kVertexBytes;
 
 template <typename Value>
 void appendLittleEndian(Value value, std::string& bytes) {
@@ -75,9 +75,11 @@ void PointsPly::retireKeyframe(const KeyframeSnapshot& keyframe) {
   active_.erase(keyframe.id);
   spool_begin_.try_emplace(keyframe.segment, spool_bytes_);
   const std::string bytes = vertices(keyframe);
-  std::ofstream file(spool(), std::ios::binary | std::ios::app);
-  file.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-  if (!file.flush()) throw IoError(spool().string() + ": cannot be written");
+  openSpool();
+  if (std::fwrite(bytes.data(), 1, bytes.size(), spool_.get()) != bytes.size() ||
+      std::fflush(spool_.get()) != 0) {
+    throw IoError(spool().string() + ": cannot be written");
+  }
   spool_bytes_ += bytes.size();
   changed_ = true;
 }
@@ -88,40 +90,41 @@ void PointsPly::rollBack(int segment) {
   }
   const auto begin = spool_begin_.find(segment);
   if (begin != spool_begin_.end()) {  // the current segment is the last one
-    std::filesystem::resize_file(spool(), begin->second);
     spool_bytes_ = begin->second;
+    if (spool_ && (ftruncate(fileno(spool_.get()), static_cast<off_t>(spool_bytes_)) != 0 ||
+                   std::fseek(spool_.get(), 0, SEEK_END) != 0)) {
+      throw IoError(spool().string() + ": cannot be shortened");
+    }
     spool_begin_.erase(begin);
   }
-  written_bytes_ = 0;
   changed_ = true;
 }
 
-void PointsPly::update() {
-  const bool worth_it =
-      spool_bytes_ < kSmallMapBytes || spool_bytes_ >= written_bytes_ + written_bytes_ / 20;
-  if (changed_ && worth_it) write();
-}
-
-void PointsPly::finish() {
-  if (changed_) write();
+/// Nobody else needs the file: without a name it cannot be left behind.
+void PointsPly::openSpool() {
+  if (spool_) return;
+  spool_.reset(std::fopen(spool().c_str(), "w+b"));
+  if (!spool_) throw IoError(spool().string() + ": cannot be created");
   std::error_code ignored;
   std::filesystem::remove(spool(), ignored);
 }
 
 void PointsPly::copySpool(ReplacingFile& target) const {
-  std::ifstream source(spool(), std::ios::binary);
+  std::rewind(spool_.get());
   std::vector<char> block(kCopyBytes);
   for (std::uintmax_t left = spool_bytes_; left > 0;) {
     const auto size = static_cast<std::size_t>(std::min<std::uintmax_t>(left, block.size()));
-    if (!source.read(block.data(), static_cast<std::streamsize>(size))) {
+    if (std::fread(block.data(), 1, size, spool_.get()) != size) {
       throw IoError(spool().string() + ": cannot be read back");
     }
     target.append({block.data(), size});
     left -= size;
   }
+  std::fseek(spool_.get(), 0, SEEK_END);  // between reading and writing
 }
 
-void PointsPly::write() {
+void PointsPly::update() {
+  if (!changed_) return;
   std::string body;
   for (const auto& [id, keyframe] : active_) body += vertices(keyframe);
   ReplacingFile file(folder_ / "points.ply");
@@ -129,7 +132,6 @@ void PointsPly::write() {
   if (spool_bytes_ > 0) copySpool(file);
   file.append(body);
   file.commit();
-  written_bytes_ = spool_bytes_ + body.size();
   changed_ = false;
 }
 

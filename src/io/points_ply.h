@@ -24,22 +24,19 @@ class PointsPly {
   /// Drops the points of the segment.
   void rollBack(int segment);
 
-  /// Replaces the file when points changed. A large map is written anew only when it has grown by
-  /// a twentieth, so that writing stays linear in the length of the run.
+  /// Replaces the file when points changed.
   void update();
-  /// Replaces the file in any case and removes the waiting room.
-  void finish();
 
  private:
-  void write();
+  void openSpool();
   void copySpool(ReplacingFile& target) const;
   [[nodiscard]] std::filesystem::path spool() const { return folder_ / "points.spool"; }
 
   std::filesystem::path folder_;
   std::map<FrameId, KeyframeSnapshot> active_;
   std::map<int, std::uintmax_t> spool_begin_;  ///< bytes before the first retired of a segment
+  FileHandle spool_;  ///< has no name any more: it ends with the program, however that ends
   std::uintmax_t spool_bytes_ = 0;
-  std::uintmax_t written_bytes_ = 0;
   bool changed_ = true;
 };
 

@@ -4,6 +4,9 @@
 #include <sys/resource.h>
 
 #include <algorithm>
+#include <fstream>
+#include <string>
+#include <string_view>
 
 namespace dsorb {
 
@@ -25,7 +28,14 @@ const char* name(RunStatus status) {
 
 namespace io {
 
+/// Unlike the resource usage that the system keeps, the mark begins anew with the program: it is
+/// not that of whoever started it.
 double peakMemory() {
+  std::ifstream status("/proc/self/status");
+  const std::string_view key = "VmHWM:";
+  for (std::string line; std::getline(status, line);) {
+    if (line.compare(0, key.size(), key) == 0) return std::stod(line.substr(key.size())) / 1024.0;
+  }
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
   return static_cast<double>(usage.ru_maxrss) / 1024.0;  // Linux counts KiB

@@ -24,6 +24,7 @@ void removeSegment(std::vector<PosedEntry>& entries, int segment) {
 /// Replaces the entry with the same id among the last segment's, or appends.
 void upsert(std::vector<PosedEntry>& entries, const PosedEntry& entry) {
   for (auto it = entries.rbegin(); it != entries.rend() && it->segment == entry.segment; ++it) {
+    if (std::distance(entries.rbegin(), it) >= kMaxToldAgain) break;  // no window is that large
     if (it->id == entry.id) {
       *it = entry;
       return;

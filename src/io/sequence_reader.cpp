@@ -3,21 +3,29 @@
 
 #include "dsorb/error.h"
 
+#include "camera/calibration_check.h"
 #include "camera/photometric_correction.h"
 #include "camera/undistorter.h"
+#include "io/bit_depth.h"
 #include "io/calibration_reader.h"
 #include "io/dataset.h"
 #include "io/image_decoder.h"
 #include "io/prefetch_queue.h"
 
 #include <fmt/format.h>
+#include <opencv2/core.hpp>
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
+#include <new>
 #include <vector>
 
 namespace dsorb {
 namespace {
+
+constexpr std::size_t kDepthSamples =
+    4;  // images beside the first that show how many bits are used
 
 double millisecondsSince(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
@@ -83,6 +91,7 @@ class SequenceReader::Impl {
   [[nodiscard]] int selected() const { return static_cast<int>(indices_.size()); }
   [[nodiscard]] SequenceFormat format() const { return layout_.format; }
   [[nodiscard]] BrightnessModel brightness() const { return brightness_; }
+  [[nodiscard]] const std::vector<std::string>& warnings() const { return dataset_.warnings; }
   [[nodiscard]] int index(int position) const {
     return indices_.at(static_cast<std::size_t>(position));
   }
@@ -91,9 +100,12 @@ class SequenceReader::Impl {
 
  private:
   void calibrate(const SequenceOptions& options);
+  void rectifyWith(const Calibration& calibration, const std::string& file);
   void calibratePhotometry(const SequenceOptions& options, const Lens& lens);
   [[nodiscard]] cv::Mat decode(int index);
   [[nodiscard]] SequenceFrame prepare(int index);
+  void chooseBits(const cv::Mat& image, std::vector<std::string>& warnings);
+  [[nodiscard]] std::uint16_t largestValue(const cv::Mat& image);
   void rectify(const cv::Mat& image);
 
   DatasetLayout layout_;
@@ -103,8 +115,10 @@ class SequenceReader::Impl {
   std::optional<Undistorter> undistorter_;
   std::optional<PhotometricCorrection> correction_;
   std::shared_ptr<const ResponseSlope> response_slope_;
-  std::vector<float> corrected_;                         // scratch, input size
-  std::vector<float> rectified_;                         // scratch, output size
+  int bits_ = 0;                  // of 16-bit images; 0: not known before the first of them
+  bool exceeded_ = false;         // by the values of one
+  std::vector<float> corrected_;  // scratch, input size
+  std::vector<float> rectified_;  // scratch, output size
   std::unique_ptr<PrefetchQueue<SequenceFrame>> queue_;  // last: its thread stops first
 };
 
@@ -121,16 +135,32 @@ void SequenceReader::Impl::calibrate(const SequenceOptions& options) {
     lens.width = first.cols;
     lens.height = first.rows;
   }
-  try {
-    undistorter_.emplace(lens, calibration.rectification);
-  } catch (const std::invalid_argument& error) {
-    throw IoError(fmt::format("{}: {}", file, error.what()));
-  }
+  rectifyWith(calibration, file);
   calibratePhotometry(options, lens);
+  if (options.bits != 0) {
+    bits_ = options.bits;
+    correction_->setBits(bits_);
+  }
   const PinholeCamera& camera = undistorter_->camera();
   corrected_.resize(static_cast<std::size_t>(lens.width) * static_cast<std::size_t>(lens.height));
   rectified_.resize(static_cast<std::size_t>(camera.width) *
                     static_cast<std::size_t>(camera.height));
+}
+
+/// @throws IoError naming the file that the calibration comes from
+void SequenceReader::Impl::rectifyWith(const Calibration& calibration, const std::string& file) {
+  try {
+    refuseImpossibleLens(calibration.lens);
+    undistorter_.emplace(calibration.lens, calibration.rectification);
+  } catch (const std::invalid_argument& error) {
+    throw IoError(fmt::format("{}: {}", file, error.what()));
+  } catch (const std::bad_alloc&) {
+    throw IoError(fmt::format("{}: no memory for images of this size", file));
+  }
+  for (const std::string& doubt :
+       doubtsAbout(calibration.lens, calibration.rectification.mode, undistorter_->camera())) {
+    dataset_.warnings.push_back(fmt::format("{}: {}", file, doubt));
+  }
 }
 
 void SequenceReader::Impl::calibratePhotometry(const SequenceOptions& options, const Lens& lens) {
@@ -158,7 +188,48 @@ void SequenceReader::Impl::calibratePhotometry(const SequenceOptions& options, c
 }
 
 cv::Mat SequenceReader::Impl::decode(int index) {
-  return decodeGrey(dataset_.images->read(index), dataset_.images->name(index));
+  const std::string name = dataset_.images->name(index);
+  try {
+    return decodeGrey(dataset_.images->read(index), name);
+  } catch (const std::bad_alloc&) {
+    throw IoError(fmt::format("{}: no memory for this image", name));
+  }
+}
+
+/// Over an image and some others of the sequence. Those that cannot be read complain in their turn.
+std::uint16_t SequenceReader::Impl::largestValue(const cv::Mat& image) {
+  double largest = 0;
+  cv::minMaxLoc(image, nullptr, &largest);
+  for (std::size_t i = 1; i <= kDepthSamples; ++i) {
+    try {
+      double value = 0;
+      const cv::Mat other = decode(indices_[(indices_.size() - 1) * i / kDepthSamples]);
+      cv::minMaxLoc(other, nullptr, &value);
+      if (other.depth() == CV_16U) largest = std::max(largest, value);
+    } catch (const IoError&) {
+      continue;
+    }
+  }
+  return static_cast<std::uint16_t>(largest);
+}
+
+/// With the first 16-bit image the bits are chosen; later ones must keep to them.
+void SequenceReader::Impl::chooseBits(const cv::Mat& image, std::vector<std::string>& warnings) {
+  if (bits_ == 0) {
+    const BitDepth depth = recogniseBitDepth(largestValue(image));
+    bits_ = depth.bits;
+    correction_->setBits(bits_);
+    if (!depth.warning.empty()) warnings.push_back(depth.warning);
+  }
+  double largest = 0;
+  if (bits_ < 16 && !exceeded_) cv::minMaxLoc(image, nullptr, &largest);
+  if (largest < std::exp2(bits_)) return;
+  exceeded_ = true;
+  warnings.push_back(
+      fmt::format("a value of {} does not fit into {} bits and counts as the largest "
+                  "that does; say with --bits how many the images have",
+                  largest,
+                  bits_));
 }
 
 void SequenceReader::Impl::rectify(const cv::Mat& image) {
@@ -184,6 +255,7 @@ SequenceFrame SequenceReader::Impl::prepare(int index) {
                               undistorter_->inputWidth(),
                               undistorter_->inputHeight()));
   }
+  if (image.depth() == CV_16U) chooseBits(image, result.warnings);
   rectify(image);
   result.read_milliseconds = millisecondsSince(start);
 
@@ -225,6 +297,9 @@ BrightnessModel SequenceReader::brightness() const {
 }
 double SequenceReader::timestamp(int index) const {
   return impl_->dataset().timestamps.at(static_cast<std::size_t>(index));
+}
+const std::vector<std::string>& SequenceReader::warnings() const {
+  return impl_->warnings();
 }
 int SequenceReader::index(int position) const {
   return impl_->index(position);

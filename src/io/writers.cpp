@@ -11,6 +11,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <chrono>
 #include <optional>
 
@@ -20,10 +21,15 @@ namespace {
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
-/// Creates the folder before any member opens a file in it.
-fs::path preparedFolder(const std::string& folder) {
-  io::prepareOutputFolder(folder);
-  return folder;
+/// What run.json says until finish(): the run was killed.
+std::string firstSummary(const RunInfo& info) {
+  return io::jsonText(io::runJson(info, nullptr, io::RunRecord(), {}));
+}
+
+/// Keyframes from which on the files that are replaced as a whole are worth it again: each a tenth
+/// after the one before, so that writing stays linear in the length of the run.
+std::size_t nextWriting(std::size_t keyframes) {
+  return keyframes + std::max<std::size_t>(1, keyframes / 10);
 }
 
 }  // namespace
@@ -31,7 +37,8 @@ fs::path preparedFolder(const std::string& folder) {
 class RunWriter::Impl {
  public:
   Impl(const std::string& folder_name, const RunInfo& run_info)
-      : folder(preparedFolder(folder_name)),
+      : folder(folder_name),
+        prepared(folder, run_info.program, firstSummary(run_info)),
         info(run_info),
         frames_csv(folder / "frames.csv"),
         trajectory(folder, "trajectory"),
@@ -40,7 +47,6 @@ class RunWriter::Impl {
         points(folder) {
     frames_csv.append("index,timestamp,state,milliseconds,is_keyframe,tracking_rmse,segment\n");
     io::replaceFile(folder / "config.yaml", info.config_yaml);
-    writeRunJson(RunStatus::kError, nullptr);  // until finish(): the run was killed
   }
 
   void writeFrameLine(const FrameTiming& timing) {
@@ -79,6 +85,7 @@ class RunWriter::Impl {
   }
 
   fs::path folder;
+  io::OutputFolder prepared;  // before any member opens a file there
   RunInfo info;
   std::optional<PinholeCamera> camera;
   Clock::time_point begin = Clock::now();
@@ -90,6 +97,7 @@ class RunWriter::Impl {
   io::InitializationWriter initializations;
   io::PointsPly points;
   bool keyframes_changed = false;
+  std::size_t next_writing = 0;  // number of keyframes
   int frames_dropped = 0;
 };
 
@@ -113,6 +121,8 @@ void RunWriter::onInitStep(const InitStep& step, const Frame& /*frame*/, int seg
 void RunWriter::onInitializationRollback(const InitializationRollback& rollback) {
   impl_->record.addRollback(rollback);
   impl_->points.rollBack(rollback.segment);
+  impl_->next_writing = 0;
+  impl_->keyframes_changed = true;
 }
 
 void RunWriter::onFrame(const FrameEstimate& estimate) {
@@ -147,8 +157,10 @@ void RunWriter::frameDone(const FrameTiming& timing) {
   run.keyframes.update(run.record, run.record.keyframes());
   run.initializations.update(run.record, timing.work_milliseconds);
   run.writeInitialFigures();
-  if (run.keyframes_changed) {
+  const std::size_t keyframes = run.record.keyframes().size();
+  if (run.keyframes_changed && keyframes >= run.next_writing) {
     run.points.update();
+    run.next_writing = nextWriting(keyframes);
     run.writeRunJson(RunStatus::kError, nullptr);
     run.keyframes_changed = false;
   }
@@ -175,7 +187,7 @@ void RunWriter::finish(RunStatus status, const OdometryReport* report) {
     io::replaceFile(run.folder / "trajectory_kitti.txt",
                     io::kittiTrajectory(run.record, run.record.frames()));
   }
-  run.points.finish();
+  run.points.update();
   io::writePng(run.folder / "figures" / "trajectory.png", io::drawTrajectory(run.record));
   io::writePng(run.folder / "figures" / "timeline.png", io::drawTimeline(run.record));
   run.writeRunJson(status, report);

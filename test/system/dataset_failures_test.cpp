@@ -2,9 +2,15 @@
 // The program where something goes wrong around it: streams, wrong options, unreadable images.
 #include "support/dso_dataset_run.h"
 
+#include <fcntl.h>
 #include <gmock/gmock.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
+#include <chrono>
 #include <fstream>
+#include <thread>
+#include <vector>
 
 namespace dsorb {
 namespace {
@@ -75,6 +81,44 @@ TEST_F(DatasetFailures, RecordingOfAFailedRunSaysSo) {
   EXPECT_EQ(result.exit_code, 1);
   EXPECT_THAT(result.err, HasSubstr("00012.png"));
   EXPECT_EQ(readTextLines(file("run.jsonl")).back(), R"({"kind":"end","status":"error"})");
+}
+
+TEST_F(DatasetFailures, RecordingDoesNotTakeThePlaceOfAResult) {
+  for (const char* name : {"run.json", "../out/points.ply", "figures/trajectory.png"}) {
+    const ProgramResult result = runOn(room_, {"--record", file(name).string()});
+    EXPECT_EQ(result.exit_code, 2) << name;
+    EXPECT_THAT(result.err, HasSubstr("the run itself writes a file of this name"));
+  }
+}
+
+TEST_F(DatasetFailures, MoreThreadsThanTheMachineHasAreNoReasonForAWord) {
+  const ProgramResult result = runOn(room_, {"--threads", "64", "--end", "8"});
+  EXPECT_EQ(result.err, "");
+  EXPECT_LE(runJson()["threads"].get<unsigned>(), std::thread::hardware_concurrency());
+}
+
+TEST_F(DatasetFailures, MemoryIsThatOfTheProgramAndNotOfItsParent) {
+  const std::size_t parents = std::size_t{400} << 20U;
+  const std::vector<char> block(parents, 1);
+  ASSERT_EQ(runOn(room_, {"--end", "2"}).exit_code, 3);
+  EXPECT_LT(runJson()["peak_memory_mb"].get<double>(), 200);
+  EXPECT_EQ(block.back(), 1);
+}
+
+TEST_F(DatasetFailures, InterruptEndsALoadThatWaits) {
+  const fs::path pipe = folder_.path() / "pipe";
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  const int writer = open(pipe.c_str(), O_RDWR);  // somebody who never writes
+  using Clock = std::chrono::steady_clock;
+  const Clock::time_point begin = Clock::now();
+  const auto later = [&begin] { return Clock::now() - begin > std::chrono::milliseconds(500); };
+  const ProgramResult result =
+      run({room_.string(), "--output", out().string(), "--calib", pipe.string()}, later);
+  EXPECT_LT(std::chrono::duration<double>(Clock::now() - begin).count(), 4) << "one expected";
+  close(writer);
+  EXPECT_EQ(result.exit_code, 3);
+  EXPECT_EQ(runJson()["status"], "interrupted");
+  EXPECT_EQ(runJson()["frames_given"], 0);
 }
 
 }  // namespace

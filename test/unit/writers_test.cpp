@@ -17,6 +17,7 @@ namespace dsorb {
 namespace {
 
 namespace fs = std::filesystem;
+using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::Not;
@@ -307,6 +308,7 @@ TEST(RunWriter, RemovesTheFilesOfAnEarlierRunAndNothingElse) {
                            "figures/mine.png"}) {
     std::ofstream(folder.path() / file) << "old";
   }
+  std::ofstream(folder.path() / "run.json") << R"({"program": "test"})";
   FakeRun run(folder.path());
   for (const char* file : {"trajectory_3.txt",
                            "trajectory_kitti.txt",
@@ -319,6 +321,50 @@ TEST(RunWriter, RemovesTheFilesOfAnEarlierRunAndNothingElse) {
   for (const char* file : {"notes.txt", "trajectory_mine.txt", "figures/mine.png"}) {
     EXPECT_TRUE(fs::exists(folder.path() / file)) << file;
   }
+}
+
+/// Message of the IoError that a run into this folder throws.
+std::string complaintOfRunInto(const fs::path& folder) {
+  try {
+    FakeRun run(folder);
+  } catch (const IoError& error) {
+    return error.what();
+  }
+  return "nothing was thrown";
+}
+
+TEST(RunWriter, FilesThatNoRunWroteAreNotReplaced) {
+  for (const char* summary : {"", "{}", R"({"program": "another"})"}) {
+    const TemporaryFolder folder;
+    std::ofstream(folder.path() / "config.yaml") << "mine";
+    if (*summary != '\0') std::ofstream(folder.path() / "run.json") << summary;
+    EXPECT_THAT(complaintOfRunInto(folder.path()),
+                AllOf(HasSubstr(folder.path().string()), HasSubstr("not from a run of test")));
+    EXPECT_EQ(readText(folder.path() / "config.yaml"), "mine");
+    EXPECT_EQ(readText(folder.path() / "run.json"), summary);
+  }
+}
+
+TEST(RunWriter, TwoRunsDoNotShareAFolder) {
+  const TemporaryFolder folder;
+  {
+    FakeRun run(folder.path());
+    playOneSegment(run);
+    EXPECT_THAT(complaintOfRunInto(folder.path()), HasSubstr("another run writes into it"));
+    run.writer.finish(run.writer.outcome(), nullptr);
+  }
+  EXPECT_EQ(readJson(folder.path() / "run.json")["frames_given"], 5);
+  EXPECT_EQ(complaintOfRunInto(folder.path()), "nothing was thrown");
+}
+
+TEST(RunWriter, NothingButResultsLiesInTheFolderOfARunThatEndsAtOnce) {
+  const TemporaryFolder folder;
+  {
+    FakeRun run(folder.path());
+    playOneSegment(run);
+    run.retire();
+  }
+  EXPECT_FALSE(fs::exists(folder.path() / "points.spool"));
 }
 
 TEST(RunWriter, UnwritableFolderIsNamed) {

@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace dsorb {
 
@@ -21,8 +22,9 @@ struct SequenceOptions {
   std::string vignette_file;     ///< empty: vignette.png of the data set, if there
   /// Empty: calibrated where response and vignette are there, else uncalibrated.
   std::optional<BrightnessModel> brightness;
-  int start = 0;         ///< first image
-  int end = -1;          ///< one past the last image; negative or too large: the number of images
+  int bits = 0;   ///< that values of 16-bit files take, 9 to 16; 0: recognised by their largest
+  int start = 0;  ///< first image
+  int end = -1;   ///< one past the last image; negative or too large: the number of images
   bool reverse = false;  ///< from end - 1 down to start, both included
   int prefetch = 2;      ///< images prepared ahead by a thread of its own; 0: none, no thread
 };
@@ -32,8 +34,9 @@ struct SequenceFrame {
   int index = -1;  ///< position in the sequence, also the frame's id
   FramePtr frame;
   std::string image_file;
-  double read_milliseconds = 0;     ///< reading, decoding, correction, rectification [ms]
-  double pyramid_milliseconds = 0;  ///< Frame::create [ms]
+  std::vector<std::string> warnings;  ///< one sentence each, about the image as it was read
+  double read_milliseconds = 0;       ///< reading, decoding, correction, rectification [ms]
+  double pyramid_milliseconds = 0;    ///< Frame::create [ms]
 };
 
 /// Reads a data set image by image: DSO/TUM-mono folder (images or images.zip), KITTI odometry,
@@ -60,6 +63,9 @@ class SequenceReader {
   [[nodiscard]] BrightnessModel brightness() const;
   /// Time of any image [s]; 0.1 * index where the data set has no times.
   [[nodiscard]] double timestamp(int index) const;
+
+  /// What speaks against data set or calibration without making it unreadable, one sentence each.
+  [[nodiscard]] const std::vector<std::string>& warnings() const;
 
   /// Index of the image that next() delivers as the position-th, counted from 0.
   [[nodiscard]] int index(int position) const;

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "app/run_outputs.h"
+
+#include "dsorb/error.h"
+
+#include "io/output_file.h"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <filesystem>
+#include <utility>
+
+namespace dsorb::app {
+
+RunOutputs::RunOutputs(const CommandLine& request, RunInfo info)
+    : folder_(request.output),
+      record_(request.record),
+      write_result_txt_(request.write_result_txt),
+      info_(std::move(info)) {
+  if (record_.empty()) return;
+  namespace fs = std::filesystem;
+  const fs::path name =
+      fs::weakly_canonical(record_).lexically_relative(fs::weakly_canonical(folder_));
+  if (io::isOutputFile(name)) {
+    throw ConfigError(fmt::format(
+        "--record {}: the run itself writes a file of this name; choose another", record_));
+  }
+}
+
+void RunOutputs::open(const PinholeCamera& camera, const std::string& config_yaml) {
+  const Lock lock(mutex_);
+  info_.config_yaml = config_yaml;
+  run_.emplace(folder_, info_);
+  run_->setCamera(camera);
+  if (!record_.empty()) recording_.emplace(record_, info_, camera);
+}
+
+void RunOutputs::onInitStep(const InitStep& step, const Frame& frame, int segment) {
+  const Lock lock(mutex_);
+  last_answer_ = step.reason;
+  run_->onInitStep(step, frame, segment);
+  if (recording_) recording_->onInitStep(step, frame, segment);
+}
+
+void RunOutputs::onFrame(const FrameEstimate& estimate) {
+  const Lock lock(mutex_);
+  run_->onFrame(estimate);
+  if (recording_) recording_->onFrame(estimate);
+}
+
+void RunOutputs::onKeyframe(const KeyframeSnapshot& keyframe) {
+  const Lock lock(mutex_);
+  run_->onKeyframe(keyframe);
+  if (recording_) recording_->onKeyframe(keyframe);
+}
+
+void RunOutputs::onKeyframeRetired(const KeyframeSnapshot& keyframe) {
+  const Lock lock(mutex_);
+  run_->onKeyframeRetired(keyframe);
+  if (recording_) recording_->onKeyframeRetired(keyframe);
+}
+
+void RunOutputs::onInitializationRollback(const InitializationRollback& rollback) {
+  const Lock lock(mutex_);
+  run_->onInitializationRollback(rollback);
+  if (recording_) recording_->onInitializationRollback(rollback);
+}
+
+void RunOutputs::onLost(FrameId frame, int segment) {
+  const Lock lock(mutex_);
+  run_->onLost(frame, segment);
+  if (recording_) recording_->onLost(frame, segment);
+}
+
+void RunOutputs::frameDone(const FrameTiming& timing, const FrameEstimate& estimate) {
+  const Lock lock(mutex_);
+  run_->frameDone(timing);
+  if (recording_) recording_->frameDone(estimate);
+}
+
+void RunOutputs::setDropped(int frames) {
+  const Lock lock(mutex_);
+  run_->setDropped(frames);
+}
+
+void RunOutputs::finish(RunStatus status, const OdometryReport* report) {
+  const Lock lock(mutex_);
+  finishLocked(status, report);
+}
+
+std::optional<RunStatus> RunOutputs::finishNow(std::chrono::milliseconds patience) {
+  if (!mutex_.try_lock_for(patience)) return std::nullopt;  // never unlocked
+  const RunStatus outcome = run_ ? run_->outcome() : RunStatus::kNeverInitialized;
+  finishLocked(RunStatus::kInterrupted, nullptr);
+  return outcome;
+}
+
+void RunOutputs::finishLocked(RunStatus status, const OdometryReport* report) {
+  if (!run_) run_.emplace(folder_, info_);
+  run_->finish(status, report);
+  if (recording_) recording_->finish(status);
+  if (write_result_txt_ && status != RunStatus::kError) run_->writeKeyframes("result.txt");
+}
+
+RunStatus RunOutputs::outcome() const {
+  const Lock lock(mutex_);
+  return run_ ? run_->outcome() : RunStatus::kNeverInitialized;
+}
+
+}  // namespace dsorb::app

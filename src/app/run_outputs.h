@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/io/writers.h"
+
+#include "app/command_line.h"
+#include "io/recording_writer.h"
+
+#include <chrono>
+#include <mutex>
+#include <optional>
+#include <string>
+
+namespace dsorb::app {
+
+/// Everything that a run writes. Two threads may ask for the end: the run's own, and the one that
+/// ends a program that does not answer an interrupt; whatever was told until then is written.
+class RunOutputs : public OdometryObserver {
+ public:
+  RunOutputs(const CommandLine& request, RunInfo info);
+
+  /// Prepares the output folder, and the recording where one is wanted.
+  void open(const PinholeCamera& camera, const std::string& config_yaml);
+
+  void onInitStep(const InitStep& step, const Frame& frame, int segment) override;
+  void onFrame(const FrameEstimate& estimate) override;
+  void onKeyframe(const KeyframeSnapshot& keyframe) override;
+  void onKeyframeRetired(const KeyframeSnapshot& keyframe) override;
+  void onInitializationRollback(const InitializationRollback& rollback) override;
+  void onLost(FrameId frame, int segment) override;
+
+  void frameDone(const FrameTiming& timing, const FrameEstimate& estimate);
+  void setDropped(int frames);
+
+  /// Writes the final files; before open() these say that nothing was computed.
+  void finish(RunStatus status, const OdometryReport* report);
+  /// The same within `patience`, for a run that was interrupted and does not come to its end.
+  /// Nobody writes anything afterwards.
+  /// @return what happened; nothing where the run was busy writing: what lies there is valid
+  [[nodiscard]] std::optional<RunStatus> finishNow(std::chrono::milliseconds patience);
+
+  [[nodiscard]] RunStatus outcome() const;
+  /// What the initializer said last.
+  [[nodiscard]] InitReason lastAnswer() const { return last_answer_; }
+
+ private:
+  using Lock = std::lock_guard<std::timed_mutex>;
+  void finishLocked(RunStatus status, const OdometryReport* report);
+
+  std::string folder_;
+  std::string record_;
+  bool write_result_txt_;
+  RunInfo info_;
+  mutable std::timed_mutex mutex_;
+  std::optional<RunWriter> run_;
+  std::optional<io::RecordingWriter> recording_;
+  InitReason last_answer_ = InitReason::kFirstFrame;
+};
+
+}  // namespace dsorb::app
