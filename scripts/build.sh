@@ -13,11 +13,12 @@ if [ ! -f "$build/build.ninja" ] || [ ${#flags[@]} -ne 0 ]; then
   log=$(cmake -S . -B "$build" -G Ninja -DCMAKE_CXX_COMPILER_LAUNCHER=ccache "${flags[@]}" 2>&1) || { echo "$log"; exit 1; }
 fi
 
-seconds_per_step=3.3 # of one core: an average over all sources
-steps=$(ninja -C "$build" -n "$@" | sed -n 's|^\[[0-9]*/\([0-9]*\)\].*|\1|p' | tail -n 1)
-if [ "${steps:-0}" -gt 20 ]; then
-  awk -v n="$steps" -v s="$seconds_per_step" -v c="$(nproc)" \
-    'BEGIN { printf "Building, %d steps: about %.0f minutes on %d cores, less where ccache knows them.\n", n, n * s / c / 60 + 0.5, c }'
+seconds_per_source=3.3 # of one core, on average
+sources=$(ninja -C "$build" -t commands "$@" | grep -c -- ' -c ' || true)
+missing=$((sources - $(find "$build" -name '*.o' -o -name '*.gch' -o -name '*.pch' | wc -l)))
+if [ "$missing" -gt 20 ]; then
+  awk -v n="$missing" -v s="$seconds_per_source" -v c="$(nproc)" \
+    'BEGIN { printf "Building %d sources: about %.0f minutes on %d cores, less where ccache knows them.\n", n, n * s / c / 60, c }'
 fi
 if [ -t 1 ]; then
   ninja -C "$build" "$@"

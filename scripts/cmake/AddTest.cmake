@@ -1,14 +1,23 @@
 # SPDX-License-Identifier: BSD-3-Clause
+# dsorb_test_options(TARGET): how tests are compiled.
+function(dsorb_test_options target)
+  dsorb_compile_options(${target})
+  # Less than -O3 saves a quarter of the time to compile tests; what they test is optimized as ever.
+  target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O1>)
+  dsorb_precompile(${target} dsorb_test_main ${dsorb_library_headers} <gmock/gmock.h> <gtest/gtest.h>)
+endfunction()
+
 # dsorb_add_tests(PROGRAM LABEL SOURCES... [LIBS libraries...] [PARTS FILE parameters...]): one GoogleTest program,
 # test/PROGRAM in the build folder. Each source NAME_test.cpp is a ctest entry NAME_test that runs what stands in that
 # file; with PARTS the file FILE is one entry for each of these test parameters, to run side by side, and one for all
 # the rest. Labels: unit, contract, system, package; target LABEL_tests builds the programs of one.
 function(dsorb_add_tests program label)
   cmake_parse_arguments(arg "" "" "LIBS;PARTS" ${ARGN})
+  set(CMAKE_POSITION_INDEPENDENT_CODE OFF) # or a library's precompiled headers were none for a program
   if(NOT TARGET dsorb_test_main)
     add_library(dsorb_test_main STATIC ${PROJECT_SOURCE_DIR}/test/support/main.cpp)
-    target_link_libraries(dsorb_test_main PUBLIC GTest::gmock GTest::gtest)
-    dsorb_compile_options(dsorb_test_main)
+    target_link_libraries(dsorb_test_main PUBLIC GTest::gmock GTest::gtest PRIVATE Eigen3::Eigen TBB::tbb)
+    dsorb_test_options(dsorb_test_main)
   endif()
   if(NOT TARGET ${label}_tests)
     add_custom_target(${label}_tests)
@@ -16,8 +25,7 @@ function(dsorb_add_tests program label)
   add_executable(${program} ${arg_UNPARSED_ARGUMENTS})
   target_include_directories(${program} PRIVATE ${PROJECT_SOURCE_DIR}/src ${PROJECT_SOURCE_DIR}/test)
   target_link_libraries(${program} PRIVATE ${arg_LIBS} dsorb_test_main)
-  dsorb_compile_options(${program})
-  dsorb_precompile(${program} test_core ${dsorb_library_headers} <gmock/gmock.h> <gtest/gtest.h>)
+  dsorb_test_options(${program})
   set_target_properties(${program} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/test)
   add_dependencies(${label}_tests ${program})
 

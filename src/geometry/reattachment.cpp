@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "geometry/reattachment.h"
 
+#include "geometry/turn_between.h"
+
 namespace dsorb {
 
 SE3 reattach(const SE3& T_cam_first, const CorrectedMotion& motion, double progress) {
@@ -8,7 +10,7 @@ SE3 reattach(const SE3& T_cam_first, const CorrectedMotion& motion, double progr
   const Eigen::Vector3d now = motion.T_second_first_now.inverse().translation();
   Eigen::Vector3d position = T_cam_first.inverse().translation();
   if (then.norm() > 0 && now.norm() > 0) {
-    position = Eigen::Quaterniond::FromTwoVectors(then, now) * position;
+    position = turnBetween(then, now) * position;
     position *= now.norm() / then.norm();
   }
   const SE3 turn(motion.T_second_first_now.unitQuaternion() *

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/result.h"
 
+#include "geometry/symmetric_eigen.h"
 #include "image/photometric.h"
-
-#include <Eigen/Eigenvalues>
 
 #include <algorithm>
 #include <cmath>
@@ -41,10 +40,10 @@ void checkCovariance(const Matrix6d& covariance, double frame) {
       (covariance - covariance.transpose()).cwiseAbs().maxCoeff() <= kSymmetryTolerance * largest,
       "covariance is symmetric in frame",
       frame);
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(covariance, Eigen::EigenvaluesOnly);
-  require(solver.eigenvalues()[0] >= -kSymmetryTolerance * largest,
+  const double smallest = symmetricEigen(covariance).values[0];
+  require(smallest >= -kSymmetryTolerance * largest,
           "covariance is positive semi-definite, smallest eigenvalue",
-          solver.eigenvalues()[0]);
+          smallest);
 }
 
 void checkFrames(const InitializationResult& result) {

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include "geometry/turn_between.h"
 #include "synthetic/place_builder.h"
 #include "synthetic/places.h"
 
@@ -171,9 +172,7 @@ Scene makePlane(std::uint64_t seed) {
                   {0.37F, 0.53F, 0.4F, 0.35F, 0.3F, 160, 60}};
   const int texture = builder.add(std::move(ground));
   builder.scene().sky = builder.texture(128, 0.5, 17, 3);
-  const SE3 T_world_plane(
-      Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d(0, 0, -1), planeNormal()),
-      {0, 0, kPlaneDistance});
+  const SE3 T_world_plane(turnBetween({0, 0, -1}, planeNormal()), {0, 0, kPlaneDistance});
   builder.scene().boxes.push_back({T_world_plane, {1e3, 1e3, 0}, texture, false});
   return builder.take();
 }

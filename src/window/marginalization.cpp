@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "window/marginalization.h"
 
+#include "geometry/symmetric_eigen.h"
 #include "window/normal_equations.h"
-
-#include <Eigen/Eigenvalues>
 
 #include <algorithm>
 #include <stdexcept>
@@ -134,11 +133,11 @@ MarginalPrior eliminateLast(const MarginalPrior& prior, int count) {
   const MatrixXd H = inverse_scale.asDiagonal() * prior.H * inverse_scale.asDiagonal();
   const VectorXd b = inverse_scale.cwiseProduct(prior.b);
   const MatrixXd block = H.bottomRightCorner(count, count);
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(0.5 * (block + block.transpose()));
-  const double cut_off = kEigenvalueCutOff * std::max(eigen.eigenvalues().maxCoeff(), 0.0);
+  const SymmetricEigen eigen = symmetricEigen(0.5 * (block + block.transpose()));
+  const double cut_off = kEigenvalueCutOff * std::max(eigen.values.maxCoeff(), 0.0);
   const VectorXd inverse =
-      (eigen.eigenvalues().array() > cut_off).select(eigen.eigenvalues().cwiseInverse(), 0.0);
-  const MatrixXd half = inverse.cwiseSqrt().asDiagonal() * eigen.eigenvectors().transpose();
+      (eigen.values.array() > cut_off).select(eigen.values.cwiseInverse(), 0.0);
+  const MatrixXd half = inverse.cwiseSqrt().asDiagonal() * eigen.vectors.transpose();
   const MatrixXd coupling = half * H.bottomLeftCorner(count, rest);
   const MatrixXd H_rest = H.topLeftCorner(rest, rest) - coupling.transpose() * coupling;
   const VectorXd b_rest = b.head(rest) - coupling.transpose() * (half * b.tail(count));

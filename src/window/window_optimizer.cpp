@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "window/window_optimizer.h"
 
-#include <Eigen/Eigenvalues>
+#include "geometry/symmetric_eigen.h"
 
 #include <algorithm>
 #include <cmath>
@@ -132,13 +132,13 @@ MatrixXd gaugeDirections(const Window& window) {
 
 VectorXd withoutGauge(const VectorXd& step, const MatrixXd& directions) {
   const Eigen::Matrix<double, 7, 7> gram = directions.transpose() * directions;
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 7, 7>> eigen(gram);
-  const double cut_off = kSingularCutOff * kSingularCutOff * eigen.eigenvalues()[6];
+  const SymmetricEigen eigen = symmetricEigen(gram);
+  const double cut_off = kSingularCutOff * kSingularCutOff * eigen.values[6];
   VectorXd result = step;
   for (Index i = 0; i < 7; ++i) {
-    const double eigenvalue = eigen.eigenvalues()[i];
+    const double eigenvalue = eigen.values[i];
     if (!(eigenvalue > cut_off)) continue;
-    const VectorXd direction = directions * eigen.eigenvectors().col(i) / std::sqrt(eigenvalue);
+    const VectorXd direction = directions * eigen.vectors.col(i) / std::sqrt(eigenvalue);
     result -= direction * direction.dot(step);
   }
   return result;

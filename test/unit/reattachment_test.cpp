@@ -4,6 +4,7 @@
 // first camera that takes the second one's old position to its new one, or the correction itself.
 #include "geometry/reattachment.h"
 
+#include "geometry/turn_between.h"
 #include "support/matchers.h"
 
 #include <gtest/gtest.h>
@@ -20,6 +21,16 @@ SE3 pose(double tx, double ty, double tz, double rx, double ry, double rz) {
 const SE3 kThen = pose(0.4, -0.1, 0.2, 0.02, 0.1, -0.05);
 const SE3 kNow = pose(0.5, -0.05, 0.3, 0.03, 0.12, -0.04);
 const SE3 kBetween = pose(0.2, -0.03, 0.1, 0.01, 0.04, -0.02);
+
+TEST(TurnBetween, TurnsOneDirectionIntoTheOther) {
+  const Eigen::Vector3d from(0.3, -0.2, 0.9);
+  for (const Eigen::Vector3d& to :
+       {Eigen::Vector3d(-0.5, 0.1, 0.4), from, Eigen::Vector3d(-2 * from)}) {
+    const Eigen::Quaterniond turn = turnBetween(from, to);
+    EXPECT_NEAR(turn.norm(), 1, 1e-12);
+    EXPECT_NEAR((turn * from.normalized() - to.normalized()).norm(), 0, 1e-12);
+  }
+}
 
 TEST(Reattach, WithoutACorrectionNothingChanges) {
   EXPECT_THAT(reattach(kBetween, {kThen, kThen}, 0.5), Se3Near(kBetween, 1e-9, 1e-12));

@@ -3,12 +3,11 @@
 
 #include "base/median.h"
 #include "estimate/marginals.h"
+#include "geometry/symmetric_eigen.h"
 #include "geometry/triangulate.h"
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/tracks/image_scale.h"
 #include "init/orb/two_view/motion_refinement.h"
-
-#include <Eigen/Eigenvalues>
 
 #include <algorithm>
 #include <cmath>
@@ -43,8 +42,7 @@ DirectionSigma directionSigma(const InitialMap& map,
   const Eigen::VectorXd unit_scale = scale.normalized();
   perpendicular -= unit_scale * (unit_scale.transpose() * perpendicular);
   const Eigen::Matrix2d covariance = perpendicular.transpose() * marginals.solve(perpendicular);
-  const double variance =
-      Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance).eigenvalues()[1];
+  const double variance = symmetricEigen(covariance).values[1];
   const double redundancy =
       equations.rows - pose_rows.size - static_cast<double>(map.corners.size()) + 1;
   if (!(variance >= 0 && redundancy > 0)) return kUnknown;

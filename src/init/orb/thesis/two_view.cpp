@@ -3,9 +3,9 @@
 
 #include "base/parallel.h"
 #include "base/random.h"
+#include "geometry/symmetric_eigen.h"
 #include "init/orb/two_view/decomposition.h"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <Eigen/QR>
@@ -35,7 +35,14 @@ Eigen::Matrix3d asMatrix(const Eigen::Matrix<double, 9, 1>& rows) {
 std::optional<Eigen::Matrix3d> nullMatrix(const System& system) {
   const Eigen::ColPivHouseholderQR<Eigen::Matrix<double, 9, 8>> qr(system.transpose());
   if (!(std::abs(qr.matrixR()(7, 7)) > kMinPivot)) return std::nullopt;
-  const Eigen::Matrix<double, 9, 1> null = qr.householderQ() * Eigen::Matrix<double, 9, 1>::Unit(8);
+  // The last column of Q, by single reflections: the product of Eigen takes long to compile.
+  const auto reflections = qr.householderQ();
+  Eigen::Matrix<double, 9, 1> null = Eigen::Matrix<double, 9, 1>::Unit(8);
+  double workspace = 0;
+  for (Eigen::Index k = 7; k >= 0; --k) {
+    null.tail(9 - k).applyHouseholderOnTheLeft(
+        reflections.essentialVector(k), qr.hCoeffs()[k], &workspace);
+  }
   return asMatrix(null);
 }
 
@@ -120,8 +127,7 @@ Eigen::Matrix3d solveOverInliers(TwoViewModel kind,
     const Rows rows = equations(kind, matches.reference[i], matches.target[i]);
     normal += rows.transpose() * rows;
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 9, 9>> solver(normal);
-  const Eigen::Matrix3d matrix = asMatrix(solver.eigenvectors().col(0));
+  const Eigen::Matrix3d matrix = asMatrix(symmetricEigen(normal).vectors.col(0));
   return kind == TwoViewModel::kHomography ? matrix : withRankTwo(matrix);
 }
 
