@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 #include <cstring>
 
@@ -65,6 +66,14 @@ DSORB_ALWAYS_INLINE void storeTransposed(const DoubleLanes (&v)[6],
   for (std::size_t k = 0; k < 4; ++k) {
     std::memcpy(target + k * stride + 4, &tails[k], sizeof(Pair));
   }
+}
+
+/// In all lanes at once where the file is compiled with -fno-math-errno.
+DSORB_ALWAYS_INLINE void squareRoots(Lanes& lanes) {
+  float values[kLanes];
+  store(lanes, values);
+  for (float& value : values) value = std::sqrt(value);
+  load(values, lanes);
 }
 
 /// Sums over the lanes of eight vectors at once. Every sum is added in the same, fixed order.

@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "depth/candidate_activation.h"
 
-#include "estimate/pattern_sampling.h"
+#include "base/target_clones.h"
 #include "estimate/robust_loss.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 
 namespace dsorb::depth {
 namespace {
@@ -18,83 +19,77 @@ constexpr int kIterations = 3;          // of the depth alone, before activation
 constexpr float kMinInformation = 100;  // [grey^2 unit^2] curvature of the energy a depth needs
 constexpr int kMinObservations = 1;     // good residuals a depth needs
 
-constexpr float kLowMargin = 1.1F;       // [px] residuals keep this from the image edge
-constexpr float kHighMargin = 3.0F;      // [px]
 constexpr float kInitialDamping = 0.1F;  // of the depth fit, and its factors below
 constexpr float kDampingOnSuccess = 0.5F;
 constexpr float kDampingOnFailure = 5.0F;
 constexpr float kRelativeStop = 1e-4F;  // of a step
 constexpr float kLooseLimit = 1000.0F;  // factor on the first outlier limit (reference)
 
-struct DepthTerms {
+enum class FitState : std::uint8_t { kIn, kOutOfBounds, kOutlier };
+
+/// Energy of the pattern with its derivatives by the inverse depth, of one target or several.
+struct FitSums {
   float energy = 0;
   float curvature = 0;
   float gradient = 0;
   int inliers = 0;
 };
 
-enum class FitState : std::uint8_t { kIn, kOutOfBounds, kOutlier };
-
-struct TargetTerms {
-  bool inside = false;
-  float energy = 0;
-  float curvature = 0;
-  float gradient = 0;
-};
-
-/// Energy of the pattern in one target with its derivatives by the inverse depth.
-TargetTerms evaluateTarget(const CandidatePoint& candidate,
-                           const DepthTarget& target,
-                           float inverse_depth) {
-  using Lanes = PatternLanes;
-  const Lanes px = patternX() + candidate.pixel.x();
-  const Lanes py = patternY() + candidate.pixel.y();
-  const Eigen::Matrix3f& M = target.pair.KRKi;
-  const Eigen::Vector3f& Kt = target.pair.Kt;
-  const Lanes z = M(2, 0) * px + M(2, 1) * py + (M(2, 2) + Kt.z() * inverse_depth);
-  if (!(z.minCoeff() > 0)) return {};
-  const Lanes inverse_z = 1.0F / z;
-  const Lanes u = (M(0, 0) * px + M(0, 1) * py + (M(0, 2) + Kt.x() * inverse_depth)) * inverse_z;
-  const Lanes v = (M(1, 0) * px + M(1, 1) * py + (M(1, 2) + Kt.y() * inverse_depth)) * inverse_z;
-  const bool inside = u.minCoeff() > kLowMargin && v.minCoeff() > kLowMargin &&
-                      u.maxCoeff() < static_cast<float>(target.level->width()) - kHighMargin &&
-                      v.maxCoeff() < static_cast<float>(target.level->height()) - kHighMargin;
-  if (!inside) return {};
-  const PatternSamples samples = samplePattern(*target.level, u, v);
-  const Eigen::Map<const Lanes> host(candidate.patch.intensity.data());
-  const Eigen::Map<const Lanes> weight(candidate.patch.weight.data());
-  const Lanes residual = samples.intensity - (target.pair.gain * host + target.pair.offset);
-  if (!std::isfinite(residual.sum())) return {};
-  const Lanes slope =
-      (samples.dx * (Kt.x() - Kt.z() * u) + samples.dy * (Kt.y() - Kt.z() * v)) * inverse_z;
-  const Lanes huber = (kHuberThreshold / residual.abs().max(1e-6F)).min(1.0F);
-  const Lanes w = weight.square() * huber;
-  return {true,
-          (w * residual.square() * (2.0F - huber)).sum(),
-          (w * slope.square()).sum(),
-          (w * slope * residual).sum()};
+/// @return nothing where the pattern cannot be seen
+DSORB_ALWAYS_INLINE std::optional<FitSums> evaluateTarget(const CandidatePoint& candidate,
+                                                          const HostRays& rays,
+                                                          const TargetImage& target,
+                                                          float inverse_depth) {
+  WarpedPoint<Lanes> p;
+  LaneSamples seen;
+  const HostedPoint point{candidate.pixel.x(), candidate.pixel.y(), inverse_depth};
+  if (!samplePattern(target, rays, point, p, seen)) return std::nullopt;
+  Lanes host;
+  Lanes weight;
+  Lanes threshold;
+  load(candidate.patch.grey.data(), host);
+  load(candidate.patch.root_weight.data(), weight);
+  fill(kHuberThreshold, threshold);
+  const Lanes residual = seen.intensity - (target.gain * host + target.offset);
+  const Lanes magnitude = residual < 0.0F ? -residual : residual;
+  Lanes huber;
+  huberWeights(magnitude, threshold, huber);
+  Lanes flow_x;
+  Lanes flow_y;
+  depthFlow(target.warp, p, flow_x, flow_y);
+  const Lanes slope = seen.dx * flow_x + seen.dy * flow_y;
+  const Lanes w = weight * weight * huber;
+  const float energy = sumLanes(w * residual * residual * (2.0F - huber));
+  if (!std::isfinite(energy)) return std::nullopt;
+  return FitSums{energy, sumLanes(w * slope * slope), sumLanes(w * slope * residual), 0};
 }
 
+/// A depth to try.
+struct HypotheticalDepth {
+  float inverse;         // [1/unit]
+  float outlier_energy;  // of a target
+};
+
 /// Sum over all targets; `states` remembers which left the image for good.
-DepthTerms evaluateAll(const CandidatePoint& candidate,
-                       const std::vector<DepthTarget>& targets,
-                       float inverse_depth,
-                       float outlier_energy,
-                       std::vector<FitState>& states) {
-  DepthTerms sum;
+DSORB_TARGET_CLONES FitSums evaluateAll(const CandidatePoint& candidate,
+                                        const HostRays& rays,
+                                        const std::vector<TargetImage>& targets,
+                                        const HypotheticalDepth& depth,
+                                        std::vector<FitState>& states) {
+  FitSums sum;
   for (std::size_t i = 0; i < targets.size(); ++i) {
     if (states[i] == FitState::kOutOfBounds) continue;
-    const TargetTerms terms = evaluateTarget(candidate, targets[i], inverse_depth);
-    if (!terms.inside) {
+    const auto terms = evaluateTarget(candidate, rays, targets[i], depth.inverse);
+    if (!terms) {
       states[i] = FitState::kOutOfBounds;
       continue;
     }
-    const bool outlier = terms.energy > outlier_energy;
+    const bool outlier = terms->energy > depth.outlier_energy;
     states[i] = outlier ? FitState::kOutlier : FitState::kIn;
     sum.inliers += outlier ? 0 : 1;
-    sum.energy += std::min(terms.energy, outlier_energy);
-    sum.curvature += terms.curvature;
-    sum.gradient += terms.gradient;
+    sum.energy += std::min(terms->energy, depth.outlier_energy);
+    sum.curvature += terms->curvature;
+    sum.gradient += terms->gradient;
   }
   return sum;
 }
@@ -152,10 +147,10 @@ double adaptDistance(double distance, int active, int desired, double max_distan
 }
 
 CandidateVerdict judgeCandidate(const CandidatePoint& candidate, bool host_leaves) {
-  if (!candidate.hasDepth() || candidate.status == SearchStatus::kOutlier) {
+  if (!candidate.hasDepth() || candidate.status == CandidateStatus::kOutlier) {
     return CandidateVerdict::kDrop;
   }
-  const bool ready = candidate.status != SearchStatus::kUninitialized &&
+  const bool ready = candidate.status != CandidateStatus::kUninitialized &&
                      candidate.interval < kMaxInterval && candidate.quality > kMinQuality &&
                      candidate.middle() > 0;
   if (ready) return CandidateVerdict::kReady;
@@ -163,23 +158,24 @@ CandidateVerdict judgeCandidate(const CandidatePoint& candidate, bool host_leave
 }
 
 DepthFit fitDepth(const CandidatePoint& candidate,
-                  const std::vector<DepthTarget>& targets,
+                  const HostRays& rays,
+                  const std::vector<TargetImage>& targets,
                   const DepthOptions& options) {
   const CandidateVerdict weak =
       candidate.finished ? CandidateVerdict::kDrop : CandidateVerdict::kWait;
   const float first_limit = kPatternOutlierEnergy * (options.consistent_energy ? 1 : kLooseLimit);
   std::vector<FitState> states(targets.size(), FitState::kIn);
   float depth = candidate.middle();
-  DepthTerms terms = evaluateAll(candidate, targets, depth, first_limit, states);
+  FitSums terms = evaluateAll(candidate, rays, targets, {depth, first_limit}, states);
   DepthFit fit;
   fit.verdict = weak;
   if (!std::isfinite(terms.energy) || terms.curvature < kMinInformation) return fit;
-  float damping = kInitialDamping;
+  float damping = kInitialDamping;  // of a single number: a loop shorter than a minimize() of it
   for (int i = 0; i < kIterations; ++i) {
     const float step = terms.gradient / ((1 + damping) * terms.curvature);
     std::vector<FitState> trial_states = states;
-    const DepthTerms trial =
-        evaluateAll(candidate, targets, depth - step, kPatternOutlierEnergy, trial_states);
+    const FitSums trial =
+        evaluateAll(candidate, rays, targets, {depth - step, kPatternOutlierEnergy}, trial_states);
     if (!std::isfinite(trial.energy) || trial.curvature < kMinInformation) return fit;
     if (trial.energy < terms.energy) {
       depth -= step;

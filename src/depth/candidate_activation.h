@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "dsorb/image/pyramid.h"
 #include "dsorb/options/depth.h"
 
 #include "depth/candidate_point.h"
-#include "depth/epipolar_search.h"
+#include "estimate/host_patch.h"
 
 #include <Eigen/Core>
 
@@ -55,12 +54,6 @@ enum class CandidateVerdict { kWait, kDrop, kReady };
 /// @param host_leaves  its keyframe is about to be marginalised
 [[nodiscard]] CandidateVerdict judgeCandidate(const CandidatePoint& candidate, bool host_leaves);
 
-/// A keyframe that may see a candidate.
-struct DepthTarget {
-  EpipolarPair pair;
-  const PyramidLevel* level = nullptr;
-};
-
 struct DepthFit {
   CandidateVerdict verdict = CandidateVerdict::kDrop;  ///< the members below are valid for kReady
   float inverse_depth = 0;                             ///< [1/unit]
@@ -70,9 +63,12 @@ struct DepthFit {
 
 /// Inverse depth of one candidate from all keyframes that see it, poses fixed: damped Gauss-Newton
 /// on the photometric energy of the pattern.
+/// @param rays    of the host
+/// @param targets level 0 of each keyframe
 /// @source Engel et al., DSO, arXiv:1607.02565, section 3.2 (activation)
 [[nodiscard]] DepthFit fitDepth(const CandidatePoint& candidate,
-                                const std::vector<DepthTarget>& targets,
+                                const HostRays& rays,
+                                const std::vector<TargetImage>& targets,
                                 const DepthOptions& options);
 
 }  // namespace dsorb::depth

@@ -23,8 +23,6 @@ constexpr float kMinDepthRatio = 0.75F;  // admissible depth in the frame over d
 constexpr float kMaxDepthRatio = 1.5F;
 constexpr int kRefinementIterations = 3;  // Gauss-Newton along the line
 constexpr float kOutlierSlack = 1.2F;     // on the patch energy that makes a match an outlier
-constexpr float kLowMargin = 4;           // [px] ends of a search keep this from the image edge
-constexpr float kHighMargin = 5;          // [px]
 constexpr float kDirectionInverseDepth = 0.01F;  // [1/unit] fixes the direction of a first search
 constexpr float kBaseError = 0.2F;               // [px] discretisation, and factor of the geometry
 constexpr float kInvalidEnergy = 1e5F;           // of one pixel without value
@@ -47,25 +45,27 @@ WarpedPattern warpPattern(const CandidatePoint& candidate, const EpipolarPair& p
   WarpedPattern warped;
   for (std::size_t k = 0; k < kPattern.size(); ++k) {
     const Vector2f offset(static_cast<float>(kPattern[k].x), static_cast<float>(kPattern[k].y));
-    const Vector2f turned = pair.KRKi.topLeftCorner<2, 2>() * offset;
+    const Vector2f turned = pair.geometry.A.topLeftCorner<2, 2>() * offset;
     warped.x[k] = turned.x();
     warped.y[k] = turned.y();
     warped.extent_x = std::max(warped.extent_x, std::abs(turned.x()));
     warped.extent_y = std::max(warped.extent_y, std::abs(turned.y()));
-    warped.intensity[k] = pair.gain * candidate.patch.intensity[k] + pair.offset;
+    warped.intensity[k] = pair.gain * candidate.patch.grey[k] + pair.offset;
   }
   return warped;
 }
 
-/// Part of the image where a search may end: the published margin, more if the pattern needs it.
+/// Part of the image where a search may end: positions 1 px further on can be sampled with their
+/// pattern, because the discrete search begins up to 1 px before its segment and ends as far
+/// behind.
 struct SearchArea {
   float low_x, low_y, high_x, high_y;
 
   SearchArea(const PyramidLevel& level, const WarpedPattern& pattern)
-      : low_x(std::max(kLowMargin, pattern.extent_x + 1)),
-        low_y(std::max(kLowMargin, pattern.extent_y + 1)),
-        high_x(static_cast<float>(level.width()) - std::max(kHighMargin, pattern.extent_x + 2)),
-        high_y(static_cast<float>(level.height()) - std::max(kHighMargin, pattern.extent_y + 2)) {}
+      : low_x(kNearBorder + 1 + pattern.extent_x),
+        low_y(kNearBorder + 1 + pattern.extent_y),
+        high_x(static_cast<float>(level.width()) - (kFarBorder + 1 + pattern.extent_x)),
+        high_y(static_cast<float>(level.height()) - (kFarBorder + 1 + pattern.extent_y)) {}
 
   [[nodiscard]] bool contains(const Vector2f& p) const {
     return p.x() > low_x && p.y() > low_y && p.x() < high_x && p.y() < high_y;
@@ -80,19 +80,19 @@ struct Segment {
   float error = 0;           // expected of a match [px]
 };
 
-void fail(CandidatePoint& candidate, SearchStatus status) {
+void fail(CandidatePoint& candidate, CandidateStatus status) {
   candidate.status = status;
   candidate.interval = 0;
 }
 
 void leave(CandidatePoint& candidate, const DepthOptions& options) {
-  fail(candidate, SearchStatus::kOutOfBounds);
+  fail(candidate, CandidateStatus::kOutOfBounds);
   candidate.finished = options.final_out_of_bounds;
 }
 
 void rejectMatch(CandidatePoint& candidate) {
-  const bool again = candidate.status == SearchStatus::kOutlier;
-  fail(candidate, again ? SearchStatus::kOutOfBounds : SearchStatus::kOutlier);
+  const bool again = candidate.status == CandidateStatus::kOutlier;
+  fail(candidate, again ? CandidateStatus::kOutOfBounds : CandidateStatus::kOutlier);
   candidate.finished = again;
 }
 
@@ -103,7 +103,7 @@ float expectedError(const CandidatePoint& candidate,
                     const DepthOptions& options) {
   Vector2f in_host = direction;
   if (options.rotate_gradients) {
-    in_host = pair.KRKi.topLeftCorner<2, 2>().inverse() * direction;
+    in_host = pair.geometry.A.topLeftCorner<2, 2>().inverse() * direction;
     in_host.normalize();
   }
   const Vector3f& s = candidate.structure;
@@ -120,13 +120,12 @@ std::optional<Segment> planSearch(CandidatePoint& candidate,
                                   const SearchArea& area,
                                   const DepthOptions& options,
                                   float longest) {
-  const Vector3f infinity = pair.KRKi * candidate.pixel.homogeneous();
-  const Vector3f near = infinity + pair.Kt * candidate.min_inverse_depth;
+  const Vector3f near = pair.geometry.at(candidate.pixel, candidate.min_inverse_depth);
   Segment segment;
   segment.near = near.hnormalized();
   const bool known = candidate.hasDepth();
-  const Vector3f far =
-      infinity + pair.Kt * (known ? candidate.max_inverse_depth : kDirectionInverseDepth);
+  const Vector3f far = pair.geometry.at(
+      candidate.pixel, known ? candidate.max_inverse_depth : kDirectionInverseDepth);
   Vector2f line = Vector2f(far.hnormalized()) - segment.near;
   if (!known) line *= longest / line.norm();
   segment.length = line.norm();
@@ -137,7 +136,7 @@ std::optional<Segment> planSearch(CandidatePoint& candidate,
     return std::nullopt;
   }
   if (known && segment.length < kMinInterval) {
-    candidate.status = SearchStatus::kSkipped;
+    candidate.status = CandidateStatus::kSkipped;
     candidate.interval = segment.length;
     return std::nullopt;
   }
@@ -149,7 +148,7 @@ std::optional<Segment> planSearch(CandidatePoint& candidate,
   segment.direction = line / segment.length;
   segment.error = expectedError(candidate, pair, segment.direction, options);
   if (known && kMinImprovement * segment.error > segment.length) {
-    candidate.status = SearchStatus::kIllConditioned;
+    candidate.status = CandidateStatus::kIllConditioned;
     candidate.interval = segment.length;
     return std::nullopt;
   }
@@ -211,8 +210,8 @@ LineTerms lineTerms(const CandidatePoint& candidate,
   for (std::size_t k = 0; k < kPatternSize; ++k) {
     const float x = at.x() + pattern.x[k];
     const float y = at.y() + pattern.y[k];
-    const bool inside = insideForInterpolation(level, x, y);
-    const ImageSample sample = inside ? interpolate(level, x, y) : ImageSample{NAN, 0, 0};
+    const bool inside = canSample(level, x, y);
+    const Sample<float> sample = inside ? interpolate(level, x, y) : Sample<float>{NAN, 0, 0};
     const float residual = sample.intensity - pattern.intensity[k];
     if (!std::isfinite(residual)) {
       terms.energy += kInvalidEnergy;
@@ -220,7 +219,7 @@ LineTerms lineTerms(const CandidatePoint& candidate,
     }
     const float weight = huberWeight(residual);
     const float slope = sample.dx * direction.x() + sample.dy * direction.y();
-    const float host_weight = candidate.patch.weight[k];
+    const float host_weight = candidate.patch.root_weight[k];
     terms.curvature += weight * slope * slope;
     terms.gradient += weight * residual * slope;
     terms.energy += host_weight * host_weight * huberEnergy(residual, weight);
@@ -269,35 +268,23 @@ void adoptMatch(CandidatePoint& candidate,
                 const EpipolarPair& pair,
                 const Segment& segment,
                 const Vector2f& match) {
-  const Vector3f infinity = pair.KRKi * candidate.pixel.homogeneous();
+  const Vector3f infinity = pair.geometry.atInfinity(candidate.pixel);
   const bool use_x = std::abs(segment.direction.x()) > std::abs(segment.direction.y());
   const Vector2f reach = segment.error * segment.direction;
-  const float first = inverseDepthAt(infinity, pair.Kt, match - reach, use_x);
-  const float second = inverseDepthAt(infinity, pair.Kt, match + reach, use_x);
+  const float first = inverseDepthAt(infinity, pair.geometry.b, match - reach, use_x);
+  const float second = inverseDepthAt(infinity, pair.geometry.b, match + reach, use_x);
   const bool usable = std::isfinite(first) && std::isfinite(second) && std::max(first, second) >= 0;
   if (!usable) {
-    fail(candidate, SearchStatus::kOutlier);
+    fail(candidate, CandidateStatus::kOutlier);
     return;
   }
   candidate.min_inverse_depth = std::min(first, second);
   candidate.max_inverse_depth = std::max(first, second);
-  candidate.status = SearchStatus::kGood;
+  candidate.status = CandidateStatus::kGood;
   candidate.interval = 2 * segment.error;
 }
 
 }  // namespace
-
-EpipolarPair makeEpipolarPair(const PinholeCamera& camera,
-                              const SE3& T_frame_host,
-                              const BrightnessTransfer& transfer) {
-  const Eigen::Matrix3d K = camera.matrix();
-  const Eigen::Matrix3d KRKi = K * T_frame_host.rotationMatrix() * K.inverse();
-  const Eigen::Vector3d Kt = K * T_frame_host.translation();
-  return {KRKi.cast<float>(),
-          Kt.cast<float>(),
-          static_cast<float>(transfer.gain),
-          static_cast<float>(transfer.offset)};
-}
 
 void searchEpipolarLine(CandidatePoint& candidate,
                         const EpipolarPair& pair,

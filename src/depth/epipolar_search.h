@@ -8,6 +8,7 @@
 #include "dsorb/options/depth.h"
 
 #include "depth/candidate_point.h"
+#include "estimate/epipolar_geometry.h"
 
 #include <Eigen/Core>
 
@@ -18,15 +19,16 @@ namespace dsorb::depth {
 
 /// Everything a search needs of a host and a posed frame; one for all candidates of the host.
 struct EpipolarPair {
-  Eigen::Matrix3f KRKi;  ///< host pixel to frame pixel at infinity, homogeneous
-  Eigen::Vector3f Kt;    ///< times the inverse depth: shift by parallax
-  float gain = 1;        ///< brightness, host to frame
-  float offset = 0;
-};
+  EpipolarPair(const PinholeCamera& camera,
+               const SE3& T_frame_host,
+               const BrightnessTransfer& transfer)
+      : geometry(camera, T_frame_host),
+        gain(static_cast<float>(transfer.gain)),
+        offset(static_cast<float>(transfer.offset)) {}
 
-[[nodiscard]] EpipolarPair makeEpipolarPair(const PinholeCamera& camera,
-                                            const SE3& T_frame_host,
-                                            const BrightnessTransfer& transfer);
+  EpipolarGeometry geometry;
+  float gain, offset;  ///< brightness, host to frame
+};
 
 /// Refines the inverse-depth interval of one candidate with one posed frame: discrete search along
 /// the epipolar line, sub-pixel refinement, new interval from the expected error.

@@ -20,11 +20,11 @@ template <typename Sum>
 using LanesOf = std::conditional_t<std::is_same_v<Sum, float>, Lanes, DoubleLanes>;
 
 /// Some points of a system.
-template <typename Scalar>
+template <typename Scalar, typename Sum>
 struct PointBlock {
   const Scalar* coupling;  // c, one row a point
   std::size_t stride;      // of a row, a multiple of kRows
-  const Scalar* inverse;   // 1 / h
+  const Sum* inverse;      // 1 / h
   const Scalar* gradient;  // b
   std::size_t count;
 };
@@ -32,7 +32,7 @@ struct PointBlock {
 /// Sum of c c^T / h, row-major, of each row the blocks of kRows from its diagonal on, then that of
 /// c b / h. One tile of the matrix at a time stays in registers.
 template <typename Scalar, typename Sum>
-DSORB_ALWAYS_INLINE void sumBlock(const PointBlock<Scalar>& block, Sum* matrix) {
+DSORB_ALWAYS_INLINE void sumBlock(const PointBlock<Scalar, Sum>& block, Sum* matrix) {
   using SumLanes = LanesOf<Sum>;
   constexpr std::size_t kWidth = sizeof(SumLanes) / sizeof(Sum);
   constexpr std::size_t kPoints = DepthElimination<Scalar, Sum>::kBlock;
@@ -45,7 +45,7 @@ DSORB_ALWAYS_INLINE void sumBlock(const PointBlock<Scalar>& block, Sum* matrix) 
       for (std::size_t i = 0; i < block.count; ++i) {
         SumLanes coupling;
         load(block.coupling + i * stride + row + part, coupling);
-        coupling *= static_cast<Sum>(block.inverse[i]);
+        coupling *= block.inverse[i];
         store(coupling, scaled[i] + part);
         sum += coupling * static_cast<Sum>(block.gradient[i]);
       }
@@ -64,48 +64,54 @@ DSORB_ALWAYS_INLINE void sumBlock(const PointBlock<Scalar>& block, Sum* matrix) 
 }
 
 /// @param step filled up with zeros to the stride
-template <typename Scalar>
-DSORB_ALWAYS_INLINE void substituteBlock(const PointBlock<Scalar>& block,
-                                         const Scalar* step,
+template <typename Scalar, typename Sum>
+DSORB_ALWAYS_INLINE void substituteBlock(const PointBlock<Scalar, Sum>& block,
+                                         const Sum* step,
                                          double* depth_step) {
-  constexpr std::size_t kWidth = sizeof(LanesOf<Scalar>) / sizeof(Scalar);
+  constexpr std::size_t kWidth = sizeof(LanesOf<Sum>) / sizeof(Sum);
   for (std::size_t i = 0; i < block.count; ++i) {
-    LanesOf<Scalar> sum = {};
+    LanesOf<Sum> sum = {};
     for (std::size_t k = 0; k < block.stride; k += kWidth) {
-      LanesOf<Scalar> coupling;
-      LanesOf<Scalar> by;
+      LanesOf<Sum> coupling;
+      LanesOf<Sum> by;
       load(block.coupling + i * block.stride + k, coupling);
       load(step + k, by);
       sum += coupling * by;
     }
-    depth_step[i] = static_cast<double>(-block.inverse[i] * (block.gradient[i] + sumLanes(sum)));
+    depth_step[i] = static_cast<double>(-block.inverse[i] *
+                                        (static_cast<Sum>(block.gradient[i]) + sumLanes(sum)));
   }
 }
 
-DSORB_TARGET_CLONES void sum(const PointBlock<float>& block, float* matrix) {
+DSORB_TARGET_CLONES void sum(const PointBlock<float, float>& block, float* matrix) {
   sumBlock(block, matrix);
 }
-DSORB_TARGET_CLONES void sum(const PointBlock<float>& block, double* matrix) {
+DSORB_TARGET_CLONES void sum(const PointBlock<float, double>& block, double* matrix) {
   sumBlock(block, matrix);
 }
-DSORB_TARGET_CLONES void sum(const PointBlock<double>& block, double* matrix) {
+DSORB_TARGET_CLONES void sum(const PointBlock<double, double>& block, double* matrix) {
   sumBlock(block, matrix);
 }
-DSORB_TARGET_CLONES void substitute(const PointBlock<float>& block,
+DSORB_TARGET_CLONES void substitute(const PointBlock<float, float>& block,
                                     const float* step,
                                     double* depth_step) {
   substituteBlock(block, step, depth_step);
 }
-DSORB_TARGET_CLONES void substitute(const PointBlock<double>& block,
+DSORB_TARGET_CLONES void substitute(const PointBlock<float, double>& block,
+                                    const double* step,
+                                    double* depth_step) {
+  substituteBlock(block, step, depth_step);
+}
+DSORB_TARGET_CLONES void substitute(const PointBlock<double, double>& block,
                                     const double* step,
                                     double* depth_step) {
   substituteBlock(block, step, depth_step);
 }
 
 /// Calls function(number, block) for all blocks of points.
-template <typename Scalar, typename Function>
+template <typename Scalar, typename Sum, typename Function>
 void forEachBlock(const LinearSystem<Scalar>& system,
-                  const std::vector<Scalar>& inverse,
+                  const std::vector<Sum>& inverse,
                   std::size_t size,
                   Function&& function) {
   const std::size_t points = system.points();
@@ -113,11 +119,11 @@ void forEachBlock(const LinearSystem<Scalar>& system,
     for (std::size_t number = begin; number < end; ++number) {
       const std::size_t first = number * size;
       function(number,
-               PointBlock<Scalar>{system.coupling.data() + first * system.stride,
-                                  system.stride,
-                                  inverse.data() + first,
-                                  system.depth_gradient.data() + first,
-                                  std::min(size, points - first)});
+               PointBlock<Scalar, Sum>{system.coupling.data() + first * system.stride,
+                                       system.stride,
+                                       inverse.data() + first,
+                                       system.depth_gradient.data() + first,
+                                       std::min(size, points - first)});
     }
   });
 }
@@ -138,12 +144,12 @@ void LinearSystem<Scalar>::reset(Eigen::Index size, std::size_t points) {
 
 template <typename Scalar, typename Sum>
 void DepthElimination<Scalar, Sum>::damp(const LinearSystem<Scalar>& system, double damping) {
-  const auto factor = static_cast<Scalar>(1 + damping);
+  const auto factor = static_cast<Sum>(1 + damping);
   inverse_.resize(system.points());
   std::transform(system.depth_hessian.begin(),
                  system.depth_hessian.end(),
                  inverse_.begin(),
-                 [factor](Scalar h) { return h > 0 ? 1 / (factor * h) : 0; });
+                 [factor](Scalar h) { return h > 0 ? 1 / (factor * static_cast<Sum>(h)) : 0; });
 }
 
 template <typename Scalar, typename Sum>
@@ -154,9 +160,10 @@ void DepthElimination<Scalar, Sum>::eliminate(const LinearSystem<Scalar>& system
   const std::size_t blocks = (system.points() + kBlock - 1) / kBlock;
   const std::size_t part = stride * stride + stride;
   partial_.resize(blocks * part);
-  forEachBlock(system, inverse_, kBlock, [&](std::size_t number, const PointBlock<Scalar>& block) {
-    sum(block, partial_.data() + number * part);
-  });
+  forEachBlock(
+      system, inverse_, kBlock, [&](std::size_t number, const PointBlock<Scalar, Sum>& block) {
+        sum(block, partial_.data() + number * part);
+      });
   for (std::size_t block = 0; block < blocks; ++block) {
     const Sum* matrix = partial_.data() + block * part;
     const Sum* vector = matrix + stride * stride;
@@ -172,14 +179,15 @@ template <typename Scalar, typename Sum>
 void DepthElimination<Scalar, Sum>::substituteBack(const LinearSystem<Scalar>& system,
                                                    const Eigen::VectorXd& step,
                                                    std::vector<double>& depth_step) const {
-  std::vector<Scalar> padded(system.stride, 0);
+  std::vector<Sum> padded(system.stride, 0);
   for (Eigen::Index i = 0; i < step.size(); ++i) {
-    padded[static_cast<std::size_t>(i)] = static_cast<Scalar>(step[i]);
+    padded[static_cast<std::size_t>(i)] = static_cast<Sum>(step[i]);
   }
   depth_step.resize(system.points());
-  forEachBlock(system, inverse_, kBlock, [&](std::size_t number, const PointBlock<Scalar>& block) {
-    substitute(block, padded.data(), depth_step.data() + number * kBlock);
-  });
+  forEachBlock(
+      system, inverse_, kBlock, [&](std::size_t number, const PointBlock<Scalar, Sum>& block) {
+        substitute(block, padded.data(), depth_step.data() + number * kBlock);
+      });
 }
 
 template <typename Scalar>

@@ -62,7 +62,7 @@ struct LinearSystem {
 /// Takes the inverse depths out of a system and puts them back. Sums run over blocks of points
 /// whose order is fixed, in parallel inside the caller's arena: the same bits for any number of
 /// threads. Keeps its memory for the next time.
-/// @tparam Sum precision of the sums within a block; over blocks they are double
+/// @tparam Sum precision of the steps and of the sums within a block; over blocks they are double
 /// @source Triggs et al., Bundle Adjustment - A Modern Synthesis, section 6.1 (Schur complement)
 template <typename Scalar, typename Sum = Scalar>
 class DepthElimination {
@@ -80,8 +80,8 @@ class DepthElimination {
                       std::vector<double>& depth_step) const;
 
  private:
-  std::vector<Scalar> inverse_;  // of the damped depth Hessian, by point
-  std::vector<Sum> partial_;     // by block: matrix, then vector
+  std::vector<Sum> inverse_;  // of the damped depth Hessian, by point
+  std::vector<Sum> partial_;  // by block: matrix, then vector
 };
 
 /// Solves a system whose diagonal is scaled by 1 + damping.

@@ -4,117 +4,109 @@
 #include "dsorb/image/pyramid.h"
 
 #include "base/lanes.h"
-#include "image/photometric.h"
 
 #include <cstddef>
 #include <cstring>
 
+/// Bilinear interpolation of an image: one arithmetic, one border rule, for one position or eight.
 namespace dsorb {
 
-/// Whether bilinear interpolation at (x, y) reads only pixels at least `border` inside the level.
-inline bool insideForInterpolation(const PyramidLevel& level, float x, float y, float border = 0) {
-  return x >= border && y >= border && x < static_cast<float>(level.width() - 1) - border &&
-         y < static_cast<float>(level.height() - 1) - border;
+/// The border rule: coordinates are in [kNearBorder, size - kFarBorder]. There all pixels that are
+/// read have central differences, which the outermost ones lack, and a load of four floats, which
+/// takes in a value of the next pixel on the right, stays in the row.
+constexpr float kNearBorder = 1;  ///< [px]
+constexpr float kFarBorder = 3;   ///< [px]
+
+/// Whether everything within `margin` of a position can be interpolated; false for NaN.
+inline bool canSample(const PyramidLevel& level, float x, float y, float margin = 0) {
+  const float near = kNearBorder + margin;
+  const float far = kFarBorder + margin;
+  return x >= near && y >= near && x <= static_cast<float>(level.width()) - far &&
+         y <= static_cast<float>(level.height()) - far;
+}
+
+/// Between four neighbours. @tparam T a number or several in a register
+template <typename T, typename Scalar>
+DSORB_ALWAYS_INLINE T bilinear(const T (&top)[2], const T (&bottom)[2], Scalar fx, Scalar fy) {
+  const T upper = top[0] + fx * (top[1] - top[0]);
+  const T lower = bottom[0] + fx * (bottom[1] - bottom[0]);
+  return upper + fy * (lower - upper);
 }
 
 /// The four pixels around a position and where it lies between them.
+template <typename Scalar>
 struct InterpolationCell {
   const ImageSample* top;     ///< left of the upper two
   const ImageSample* bottom;  ///< left of the lower two
-  float fx, fy;               ///< from the upper left pixel, [0, 1)
+  Scalar fx, fy;              ///< from the upper left pixel, [0, 1)
+
+  InterpolationCell(const ImageSample* image, std::ptrdiff_t width, Scalar x, Scalar y) {
+    const int ix = static_cast<int>(x);
+    const int iy = static_cast<int>(y);
+    top = image + iy * width + ix;
+    bottom = top + width;
+    fx = x - static_cast<Scalar>(ix);
+    fy = y - static_cast<Scalar>(iy);
+  }
+
+  [[nodiscard]] Scalar at(float ImageSample::*value) const {
+    const Scalar upper[2] = {static_cast<Scalar>(top[0].*value),
+                             static_cast<Scalar>(top[1].*value)};
+    const Scalar lower[2] = {static_cast<Scalar>(bottom[0].*value),
+                             static_cast<Scalar>(bottom[1].*value)};
+    return bilinear(upper, lower, fx, fy);
+  }
 };
 
-/// @param x, y position [px]; the caller guarantees insideForInterpolation
-inline InterpolationCell cellAt(const PyramidLevel& level, float x, float y) {
-  const int ix = static_cast<int>(x);
-  const int iy = static_cast<int>(y);
-  const ImageSample* top = level.row(iy) + ix;
-  return {top, top + level.width(), x - static_cast<float>(ix), y - static_cast<float>(iy)};
+/// Intensity with gradients; NaN intensity where one of the four pixels is invalid.
+template <typename Scalar>
+struct Sample {
+  Scalar intensity;  ///< [grey levels]
+  Scalar dx, dy;     ///< [grey levels / px]
+};
+
+/// Intensity and central differences, all interpolated.
+/// @param x, y position [px]; the caller guarantees canSample()
+template <typename Scalar>
+inline Sample<Scalar> interpolate(const PyramidLevel& level, Scalar x, Scalar y) {
+  const InterpolationCell<Scalar> cell(level.data(), level.width(), x, y);
+  return {cell.at(&ImageSample::intensity), cell.at(&ImageSample::dx), cell.at(&ImageSample::dy)};
 }
 
-/// Bilinear interpolation of intensity and stored central-difference gradients.
-/// @param x, y position [px]; the caller guarantees insideForInterpolation
-/// @return NaN intensity where one of the four pixels is invalid
-inline ImageSample interpolate(const PyramidLevel& level, float x, float y) {
-  const auto [top, bottom, fx, fy] = cellAt(level, x, y);
-  const float w11 = fx * fy;
-  const float w10 = fy - w11;
-  const float w01 = fx - w11;
-  const float w00 = 1.0F - fx - fy + w11;
-  return {w00 * top[0].intensity + w01 * top[1].intensity + w10 * bottom[0].intensity +
-              w11 * bottom[1].intensity,
-          w00 * top[0].dx + w01 * top[1].dx + w10 * bottom[0].dx + w11 * bottom[1].dx,
-          w00 * top[0].dy + w01 * top[1].dy + w10 * bottom[0].dy + w11 * bottom[1].dy};
-}
-
-/// Bilinear intensity with the exact gradient of that interpolation: difference of the interpolated
-/// right and left (bottom and top) cell edges.
-inline ImageSample interpolateWithCellGradient(const PyramidLevel& level, float x, float y) {
-  const auto [top, bottom, fx, fy] = cellAt(level, x, y);
-  const float left = (1.0F - fy) * top[0].intensity + fy * bottom[0].intensity;
-  const float right = (1.0F - fy) * top[1].intensity + fy * bottom[1].intensity;
-  const float above = (1.0F - fx) * top[0].intensity + fx * top[1].intensity;
-  const float below = (1.0F - fx) * bottom[0].intensity + fx * bottom[1].intensity;
-  return {(1.0F - fx) * left + fx * right, right - left, below - above};
-}
-
-/// Bilinear intensity alone.
+/// Intensity alone.
 inline float interpolateIntensity(const PyramidLevel& level, float x, float y) {
-  const auto [top, bottom, fx, fy] = cellAt(level, x, y);
-  return (1.0F - fy) * ((1.0F - fx) * top[0].intensity + fx * top[1].intensity) +
-         fy * ((1.0F - fx) * bottom[0].intensity + fx * bottom[1].intensity);
+  return InterpolationCell<float>(level.data(), level.width(), x, y).at(&ImageSample::intensity);
 }
 
-/// The three values of a sample in one register; the fourth float belongs to its right neighbour,
-/// which must be there to be read.
+/// Intensity with the exact gradient of its interpolation: the difference of the interpolated right
+/// and left (bottom and top) edges of the cell.
+inline Sample<float> interpolateWithCellGradient(const PyramidLevel& level, float x, float y) {
+  const InterpolationCell<float> cell(level.data(), level.width(), x, y);
+  const auto [top, bottom, fx, fy] = cell;
+  const float above = top[1].intensity - top[0].intensity;
+  const float below = bottom[1].intensity - bottom[0].intensity;
+  const float left = bottom[0].intensity - top[0].intensity;
+  const float right = bottom[1].intensity - top[1].intensity;
+  return {
+      cell.at(&ImageSample::intensity), above + fy * (below - above), left + fx * (right - left)};
+}
+
+/// The three values of a sample in one register; the fourth float belongs to its right neighbour.
 using SampleQuad = float __attribute__((vector_size(16)));
 
-DSORB_ALWAYS_INLINE void loadQuad(const ImageSample* sample, SampleQuad& quad) {
-  std::memcpy(&quad, &sample->intensity, sizeof(SampleQuad));
-}
-
-/// Bilinear interpolation of all values of a sample at once; 3 x 2 pixels are read.
-/// @param samples first of the image, `width` a row
-/// @param x, y    position [px], inside the image by one pixel more on the right
+/// All values of a sample at once.
+/// @param image first sample of the level, `width` a row
 DSORB_ALWAYS_INLINE void interpolateQuad(
-    const ImageSample* samples, std::ptrdiff_t width, float x, float y, SampleQuad& value) {
-  const int ix = static_cast<int>(x);
-  const int iy = static_cast<int>(y);
-  const float fx = x - static_cast<float>(ix);
-  const float fy = y - static_cast<float>(iy);
-  const ImageSample* top = samples + iy * width + ix;
-  const ImageSample* bottom = top + width;
-  SampleQuad q00;
-  SampleQuad q01;
-  SampleQuad q10;
-  SampleQuad q11;
-  loadQuad(top, q00);
-  loadQuad(top + 1, q01);
-  loadQuad(bottom, q10);
-  loadQuad(bottom + 1, q11);
-  const SampleQuad upper = q00 + fx * (q01 - q00);
-  const SampleQuad lower = q10 + fx * (q11 - q10);
-  value = upper + fy * (lower - upper);
+    const ImageSample* image, std::ptrdiff_t width, float x, float y, SampleQuad& value) {
+  const InterpolationCell<float> cell(image, width, x, y);
+  SampleQuad top[2];
+  SampleQuad bottom[2];
+  for (int i = 0; i < 2; ++i) {
+    std::memcpy(&top[i], &cell.top[i].intensity, sizeof(SampleQuad));
+    std::memcpy(&bottom[i], &cell.bottom[i].intensity, sizeof(SampleQuad));
+  }
+  value = bilinear(top, bottom, cell.fx, cell.fy);
 }
-
-/// Offsets of kPattern, a lane a pixel [px].
-static_assert(kPatternSize == kLanes, "one lane a pixel of the pattern");
-constexpr Lanes kPatternX = {kPattern[0].x,
-                             kPattern[1].x,
-                             kPattern[2].x,
-                             kPattern[3].x,
-                             kPattern[4].x,
-                             kPattern[5].x,
-                             kPattern[6].x,
-                             kPattern[7].x};
-constexpr Lanes kPatternY = {kPattern[0].y,
-                             kPattern[1].y,
-                             kPattern[2].y,
-                             kPattern[3].y,
-                             kPattern[4].y,
-                             kPattern[5].y,
-                             kPattern[6].y,
-                             kPattern[7].y};
 
 /// Values and gradients at eight positions.
 struct LaneSamples {
@@ -123,8 +115,7 @@ struct LaneSamples {
   Lanes dy;
 };
 
-/// Bilinear samples, all eight at once; a quad holds one sample and one value of the next, unused.
-/// @param x, y positions as for interpolateQuad()
+/// Eight positions at once.
 DSORB_ALWAYS_INLINE void interpolateLanes(const ImageSample* image,
                                           std::ptrdiff_t width,
                                           const Lanes& x,

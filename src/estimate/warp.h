@@ -5,6 +5,7 @@
 #include "dsorb/geometry/se3.h"
 
 #include "base/lanes.h"
+#include "estimate/sampling.h"
 
 #include <Eigen/Core>
 
@@ -25,6 +26,13 @@ struct Warp {
   Scalar R[9];            ///< rotation host to target, row-major
   Scalar t[3];            ///< translation host to target [unit]
   Scalar fx, fy, cx, cy;  ///< of the target's image [px]
+
+  void setCamera(const PinholeCamera& camera) {
+    fx = static_cast<Scalar>(camera.fx);
+    fy = static_cast<Scalar>(camera.fy);
+    cx = static_cast<Scalar>(camera.cx);
+    cy = static_cast<Scalar>(camera.cy);
+  }
 };
 
 template <typename Scalar>
@@ -33,10 +41,7 @@ Warp<Scalar> makeWarp(const PinholeCamera& camera, const SE3& T_target_host) {
   const Eigen::Matrix3d R = T_target_host.rotationMatrix();
   for (int i = 0; i < 9; ++i) warp.R[i] = static_cast<Scalar>(R(i / 3, i % 3));
   for (int i = 0; i < 3; ++i) warp.t[i] = static_cast<Scalar>(T_target_host.translation()[i]);
-  warp.fx = static_cast<Scalar>(camera.fx);
-  warp.fy = static_cast<Scalar>(camera.fy);
-  warp.cx = static_cast<Scalar>(camera.cx);
-  warp.cy = static_cast<Scalar>(camera.cy);
+  warp.setCamera(camera);
   return warp;
 }
 
@@ -81,6 +86,16 @@ DSORB_ALWAYS_INLINE void warpPoint(
   out.y = w.fy * out.v + w.cy;
 }
 
+/// Derivatives of the pixel by the inverse depth alone [px unit].
+template <typename Scalar, typename T>
+DSORB_ALWAYS_INLINE void depthFlow(const Warp<Scalar>& w,
+                                   const WarpedPoint<T>& p,
+                                   T& flow_x,
+                                   T& flow_y) {
+  flow_x = w.fx * p.inverse_z * (w.t[0] - p.u * w.t[2]);
+  flow_y = w.fy * p.inverse_z * (w.t[1] - p.v * w.t[2]);
+}
+
 /// Derivatives of the pixel (x, y), one row each, by a left increment [translation; rotation] of
 /// the target's pose and by the inverse depth. x[1] and y[0] are zero.
 template <typename T>
@@ -109,8 +124,7 @@ DSORB_ALWAYS_INLINE void pixelJacobian(const Warp<Scalar>& w,
   J.y[3] = -w.fy - w.fy * p.v * p.v;
   J.y[4] = w.fy * uv;
   J.y[5] = w.fy * p.u;
-  J.depth_x = w.fx * p.inverse_z * (w.t[0] - p.u * w.t[2]);
-  J.depth_y = w.fy * p.inverse_z * (w.t[1] - p.v * w.t[2]);
+  depthFlow(w, p, J.depth_x, J.depth_y);
 }
 
 /// An image gradient in units of the ray: (gx, gy) = (fx dI/dx, fy dI/dy) [grey levels], and what
@@ -154,11 +168,8 @@ DSORB_ALWAYS_INLINE void depthJacobian(const Warp<Scalar>& w,
   J = p.inverse_z * (g.x * w.t[0] + g.y * w.t[1] - g.radial * w.t[2]);
 }
 
-/// Positions whose intensity and central differences can be interpolated: closer to the border
-/// than this the nearest position inside is read. The same for all that samples an image.
-constexpr float kNearBorder = 1;  ///< least coordinate [px]
-constexpr float kFarBorder = 3;   ///< greatest coordinate is the size minus this [px]
-
+/// The border rule of sampling.h spread over lanes: closer to the border the nearest position
+/// inside is read.
 template <typename T>
 struct SampleArea {
   T min, max_x, max_y;  ///< [px], included

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 
 #include <array>
+#include <cstddef>
 
 namespace dsorb {
 
@@ -17,7 +18,8 @@ struct PatternOffset {
 constexpr std::array<PatternOffset, 8> kPattern = {
     {{0, -2}, {-1, -1}, {1, -1}, {-2, 0}, {0, 0}, {2, 0}, {-1, 1}, {0, 2}}};
 constexpr int kPatternSize = 8;
-constexpr int kPatternRadius = 2;  // [px]
+constexpr int kPatternRadius = 2;          // [px]
+constexpr std::size_t kPatternCenter = 4;  // index of the pixel itself
 
 constexpr double kImageNoise = 2.8284;  // of one grey value: sqrt(8) [grey levels]
 

@@ -16,7 +16,6 @@ namespace {
 
 constexpr std::size_t kCandidatesPerTask = 64;
 constexpr std::size_t kChunksPerTask = 2;  // of 128 points each, in the adjustment
-constexpr std::size_t kPatternCenter = 4;  // index into kPattern
 
 PixelSelectorOptions selectorOptions(const OdometryOptions& options) {
   PixelSelectorOptions selector;
@@ -117,7 +116,7 @@ KeyframeSnapshot Mapper::snapshot(const window::Keyframe& keyframe) const {
     shot.points.push_back({point.pixel,
                            point.inverse_depth,
                            variance / point.information,
-                           point.patch.intensity[kPatternCenter]});
+                           point.patch.grey[kPatternCenter]});
   };
   for (const window::WindowPoint& point : keyframe.marginalized) add(point);
   for (const window::WindowPoint& point : keyframe.points) {

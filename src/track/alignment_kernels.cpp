@@ -5,28 +5,12 @@
 #include "estimate/robust_loss.h"
 #include "estimate/sampling.h"
 
-#include <cmath>
 #include <cstring>
 #include <limits>
+#include <utility>
 
 namespace dsorb::track {
 namespace {
-
-constexpr float kBorder = 2;  // [px]; a projection keeps further than this from the first pixel ...
-constexpr float kFarBorder = 3;  // [px]; ... and from the number of pixels
-constexpr float kSafePixel = 3;  // [px]; read in place of a projection outside the image
-
-constexpr std::size_t kLanes = 8;
-using FloatLanes = float __attribute__((vector_size(kLanes * sizeof(float))));
-
-template <typename Vector>
-inline __attribute__((always_inline)) void load(const float* from, Vector& to) {
-  std::memcpy(&to, from, sizeof(Vector));
-}
-
-inline __attribute__((always_inline)) float horizontalSum(const FloatLanes& v) {
-  return ((v[0] + v[4]) + (v[2] + v[6])) + ((v[1] + v[5]) + (v[3] + v[7]));
-}
 
 /// Columns of one block: Jacobian by the 8 parameters, then the residual.
 struct Columns {
@@ -34,15 +18,15 @@ struct Columns {
 };
 
 template <int kRow>
-inline __attribute__((always_inline)) void accumulateRow(const Columns& columns,
-                                                         const float* weight,
-                                                         std::size_t padded,
-                                                         float* sums) {
+DSORB_ALWAYS_INLINE void accumulateRow(const Columns& columns,
+                                       const float* weight,
+                                       std::size_t padded,
+                                       float* sums) {
   constexpr int kTerms = kAlignmentParameters + 1 - kRow;
-  FloatLanes total[kTerms] = {};
+  Lanes total[kTerms] = {};
   for (std::size_t i = 0; i < padded; i += kLanes) {
-    FloatLanes weighted;
-    FloatLanes factor;
+    Lanes weighted;
+    Lanes factor;
     load(weight + i, weighted);
     load(columns.value[kRow] + i, factor);
     weighted *= factor;
@@ -51,92 +35,74 @@ inline __attribute__((always_inline)) void accumulateRow(const Columns& columns,
       total[j] += weighted * factor;
     }
   }
-  for (int j = 0; j < kTerms; ++j) sums[j] = horizontalSum(total[j]);
+  for (int j = 0; j < kTerms; ++j) sums[j] = sumLanes(total[j]);
 }
 
-/// Values of one block that only live during its evaluation.
-struct Scratch {
-  alignas(32) float x[kAlignmentBlock];  // [px]
-  alignas(32) float y[kAlignmentBlock];
-  alignas(32) float intensity[kAlignmentBlock];
-  alignas(32) float inside[kAlignmentBlock];  // 1 or 0
-  alignas(32) float energy[kAlignmentBlock + kLanes];
+/// The first `count` of eight, zeros after them.
+DSORB_ALWAYS_INLINE void loadSome(const float* from, std::size_t count, Lanes& lanes) {
+  lanes = Lanes{};
+  std::memcpy(&lanes, from, count * sizeof(float));
+}
+DSORB_ALWAYS_INLINE void storeSome(const Lanes& lanes, std::size_t count, float* to) {
+  std::memcpy(to, &lanes, count * sizeof(float));
+}
+
+/// Sums over some points, a lane each.
+struct LaneEnergy {
+  Lanes energy = {};
+  MaskOf<Lanes> used = {};
+  MaskOf<Lanes> saturated = {};
 };
 
-inline __attribute__((always_inline)) void projectPoints(const AlignmentSetting& s,
-                                                         const PointArrays& points,
-                                                         const SampleArrays& samples,
-                                                         std::size_t count,
-                                                         Scratch& scratch) {
-  const float max_x = static_cast<float>(s.width) - kFarBorder;
-  const float max_y = static_cast<float>(s.height) - kFarBorder;
-  for (std::size_t i = 0; i < count; ++i) {
-    const float rx = points.ray_x[i];
-    const float ry = points.ray_y[i];
-    const float rho = points.inverse_depth[i];
-    const float qx = s.R[0] * rx + s.R[1] * ry + s.R[2] + rho * s.t[0];
-    const float qy = s.R[3] * rx + s.R[4] * ry + s.R[5] + rho * s.t[1];
-    const float qz = s.R[6] * rx + s.R[7] * ry + s.R[8] + rho * s.t[2];
-    const float inverse = 1.0F / qz;
-    const float u = qx * inverse;
-    const float v = qy * inverse;
-    const float px = s.fx * u + s.cx;
-    const float py = s.fy * v + s.cy;
-    const float rho_frame = rho * inverse;
-    const bool in =
-        (rho_frame > 0.0F) & (px > kBorder) & (px < max_x) & (py > kBorder) & (py < max_y);
-    samples.u[i] = in ? u : 0.0F;
-    samples.v[i] = in ? v : 0.0F;
-    samples.rho[i] = in ? rho_frame : 0.0F;
-    scratch.x[i] = in ? px : kSafePixel;
-    scratch.y[i] = in ? py : kSafePixel;
-    scratch.inside[i] = in ? 1.0F : 0.0F;
-  }
+/// Residuals of at most eight points, of which the first is number `i`.
+DSORB_ALWAYS_INLINE void evaluateLanes(const AlignmentSetting& s,
+                                       const PointArrays& points,
+                                       const SampleArrays& samples,
+                                       std::pair<std::size_t, std::size_t> first_count,
+                                       LaneEnergy& sums) {
+  const auto [i, count] = first_count;
+  Lanes ray_x;
+  Lanes ray_y;
+  Lanes rho;
+  Lanes grey;
+  loadSome(points.ray_x + i, count, ray_x);
+  loadSome(points.ray_y + i, count, ray_y);
+  loadSome(points.inverse_depth + i, count, rho);
+  loadSome(points.intensity + i, count, grey);
+  WarpedPoint<Lanes> p;
+  SampleArea<Lanes> area = {};
+  MaskOf<Lanes> inside;
+  LaneSamples seen;
+  warpPoint(s.target.warp, ray_x, ray_y, rho, p);
+  sampleArea(s.target.width, s.target.height, area);
+  sampleTarget(s.target, area, p, seen, inside);
+  const Lanes r = seen.intensity - (s.target.gain * grey + s.target.offset);
+  const Lanes magnitude = r < 0.0F ? -r : r;
+  const auto used = (rho > 0.0F) & inside & (magnitude <= std::numeric_limits<float>::max());
+  const auto unsaturated = used & (magnitude <= s.cutoff);
+  Lanes zero = {};
+  Lanes threshold;
+  Lanes bound;
+  fill(s.huber_threshold, threshold);
+  fill(s.huber_threshold * (2.0F * s.cutoff - s.huber_threshold), bound);
+  Lanes weight;
+  huberWeights(magnitude, threshold, weight);
+  sums.energy += unsaturated ? weight * r * r * (2.0F - weight) : (used ? bound : zero);
+  sums.used -= used;  // a lane that is true holds -1
+  sums.saturated -= used & ~unsaturated;
+  storeSome(p.u, count, samples.u + i);
+  storeSome(p.v, count, samples.v + i);
+  storeSome(rho * p.inverse_z, count, samples.rho + i);
+  storeSome(seen.dx, count, samples.dx + i);
+  storeSome(seen.dy, count, samples.dy + i);
+  storeSome(unsaturated ? r : zero, count, samples.residual + i);
+  storeSome(unsaturated ? weight : zero, count, samples.weight + i);
 }
 
-inline __attribute__((always_inline)) void sampleImage(const AlignmentSetting& s,
-                                                       const SampleArrays& samples,
-                                                       std::size_t count,
-                                                       Scratch& scratch) {
-  for (std::size_t i = 0; i < count; ++i) {
-    SampleQuad value;
-    interpolateQuad(s.image, s.width, scratch.x[i], scratch.y[i], value);
-    scratch.intensity[i] = value[0];
-    samples.dx[i] = value[1];
-    samples.dy[i] = value[2];
-  }
-}
-
-inline __attribute__((always_inline)) BlockEnergy weighResiduals(const AlignmentSetting& s,
-                                                                 const PointArrays& points,
-                                                                 const SampleArrays& samples,
-                                                                 std::size_t count,
-                                                                 Scratch& scratch) {
-  const float saturated_energy =
-      2.0F * s.huber_threshold * s.cutoff - s.huber_threshold * s.huber_threshold;
-  int used_count = 0;
-  int saturated_count = 0;
-  for (std::size_t i = 0; i < count; ++i) {
-    const float r = scratch.intensity[i] - (s.gain * points.intensity[i] + s.offset);
-    const float magnitude = std::abs(r);
-    const bool used = (scratch.inside[i] > 0.0F) & (magnitude <= std::numeric_limits<float>::max());
-    const bool unsaturated = used & (magnitude <= s.cutoff);
-    const float w = huberWeight(r, s.huber_threshold);
-    const float bounded = unsaturated ? huberEnergy(r, w) : saturated_energy;
-    scratch.energy[i] = used ? bounded : 0.0F;
-    samples.weight[i] = unsaturated ? w : 0.0F;
-    samples.residual[i] = unsaturated ? r : 0.0F;
-    used_count += used ? 1 : 0;
-    saturated_count += (used & !unsaturated) ? 1 : 0;
-  }
-  std::memset(scratch.energy + count, 0, kLanes * sizeof(float));
-  FloatLanes total = {};
-  for (std::size_t i = 0; i < count; i += kLanes) {
-    FloatLanes part;
-    load(scratch.energy + i, part);
-    total += part;
-  }
-  return {horizontalSum(total), used_count, saturated_count};
+int sumOf(const MaskOf<Lanes>& counts) {
+  int sum = 0;
+  for (int k = 0; k < kLanes; ++k) sum += counts[k];
+  return sum;
 }
 
 }  // namespace
@@ -146,10 +112,13 @@ BlockEnergy evaluateBlock(const AlignmentSetting& setting,
                           const PointArrays& points,
                           const SampleArrays& samples,
                           std::size_t count) {
-  Scratch scratch;
-  projectPoints(setting, points, samples, count, scratch);
-  sampleImage(setting, samples, count, scratch);
-  return weighResiduals(setting, points, samples, count, scratch);
+  LaneEnergy sums;
+  const std::size_t whole = count / kLanes * kLanes;
+  for (std::size_t i = 0; i < whole; i += kLanes) {
+    evaluateLanes(setting, points, samples, {i, kLanes}, sums);
+  }
+  if (whole < count) evaluateLanes(setting, points, samples, {whole, count - whole}, sums);
+  return {sumLanes(sums.energy), sumOf(sums.used), sumOf(sums.saturated)};
 }
 
 DSORB_TARGET_CLONES
@@ -161,23 +130,17 @@ void accumulateBlock(const AlignmentSetting& setting,
   Columns columns;
   alignas(32) float weight[kAlignmentBlock];
   auto& J = columns.value;
-  const float fx = setting.fx;
-  const float fy = setting.fy;
-  const float gain = setting.gain;
+  const float gain = setting.target.gain;
   const float b_reference = setting.affine_b_reference;
   for (std::size_t i = 0; i < count; ++i) {
-    const float u = samples.u[i];
-    const float v = samples.v[i];
-    const float rho = samples.rho[i];
-    const float gx = fx * samples.dx[i];
-    const float gy = fy * samples.dy[i];
-    const float radial = u * gx + v * gy;
-    J[0][i] = rho * gx;
-    J[1][i] = rho * gy;
-    J[2][i] = -rho * radial;
-    J[3][i] = -v * radial - gy;
-    J[4][i] = u * radial + gx;
-    J[5][i] = u * gy - v * gx;
+    WarpedPoint<float> p;
+    p.u = samples.u[i];
+    p.v = samples.v[i];
+    RayGradient<float> gradient;
+    rayGradient(setting.target.warp, p, samples.dx[i], samples.dy[i], gradient);
+    float by_pose[6];
+    poseJacobian(p, gradient, samples.rho[i], by_pose);
+    for (std::size_t k = 0; k < 6; ++k) J[k][i] = by_pose[k];
     J[6][i] = gain * (b_reference - points.intensity[i]);
     J[7][i] = -1.0F;
     J[8][i] = samples.residual[i];

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "dsorb/image/pyramid.h"
+#include "estimate/host_patch.h"
 
 #include <array>
 #include <cstddef>
@@ -14,16 +14,11 @@ constexpr int kAlignmentParameters = 8;       ///< translation 3, rotation 3, br
 /// Upper triangle of J J^T, each row followed by its product with the residual.
 constexpr std::size_t kAlignmentSums = 44;
 
-/// Constants of one evaluation, the same for all points, in single precision.
+/// Constants of one evaluation, the same for all points.
 struct AlignmentSetting {
-  std::array<float, 9> R;         ///< rotation reference to frame, row-major
-  std::array<float, 3> t;         ///< translation reference to frame [unit]
-  float fx, fy, cx, cy;           ///< of the level [px]
-  float gain, offset;             ///< I_frame = gain I_reference + offset
+  TargetImage target;             ///< level of the frame
   float affine_b_reference;       ///< [grey levels]
   float huber_threshold, cutoff;  ///< [grey levels]
-  const ImageSample* image;       ///< the frame's level
-  int width, height;              ///< of the level [px]
 };
 
 /// Reference points; arrays of the same length.

@@ -2,12 +2,14 @@
 #include "track/pose_alignment.h"
 
 #include "base/parallel.h"
+#include "estimate/levenberg_marquardt.h"
 #include "estimate/robust_loss.h"
 
 #include <Eigen/Cholesky>
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 namespace dsorb::track {
 namespace {
@@ -15,10 +17,8 @@ namespace {
 // Constants of the damped iteration: front end of DSO as published.
 constexpr double kCutoff = 20;                 // larger residuals are saturated [grey levels]
 constexpr double kMaxSaturatedFraction = 0.6;  // the cut-off is doubled while more are saturated
-constexpr double kInitialLambda = 0.01;
 constexpr double kLambdaFloor = 0.001;  // after a rejected step; steps below it are extrapolated
-constexpr double kLambdaDown = 0.5;
-constexpr double kLambdaUp = 4;
+constexpr FactorDamping kDamping{0.01, 0.5, 4, 0, kLambdaFloor};
 constexpr double kStopNorm = 1e-3;       // of a step in scaled units
 constexpr double kRotationScale = 0.5;   // [rad]
 constexpr double kGainScale = 10;        // of a [-]
@@ -45,19 +45,8 @@ AlignmentSetting makeSetting(const AlignmentLevel& level,
   const BrightnessTransfer transfer = brightnessTransfer(
       reference.affine(), reference.frame().exposure(), state.affine, level.frame.exposure());
   AlignmentSetting s{};
-  Eigen::Map<Eigen::Matrix<float, 3, 3, Eigen::RowMajor>>(s.R.data()) =
-      state.T_frame_reference.rotationMatrix().cast<float>();
-  Eigen::Map<Eigen::Vector3f>(s.t.data()) = state.T_frame_reference.translation().cast<float>();
-  s.fx = static_cast<float>(camera.fx);
-  s.fy = static_cast<float>(camera.fy);
-  s.cx = static_cast<float>(camera.cx);
-  s.cy = static_cast<float>(camera.cy);
-  s.gain = static_cast<float>(transfer.gain);
-  s.offset = static_cast<float>(transfer.offset);
+  s.target = makeTargetImage(camera, state.T_frame_reference, transfer, image);
   s.affine_b_reference = static_cast<float>(reference.affine().b);
-  s.image = image.data();
-  s.width = image.width();
-  s.height = image.height();
   return s;
 }
 
@@ -120,7 +109,7 @@ SampleArrays PoseAlignment::samplesFrom(std::size_t first) {
           samples_.weight.data() + first};
 }
 
-NormalEquations PoseAlignment::normalEquations() {
+PoseEquations PoseAlignment::normalEquations() {
   forEachRange(block_sums_.size(), kBlocksPerTask, [&](std::size_t begin, std::size_t end) {
     for (std::size_t block = begin; block < end; ++block) {
       const std::size_t first = block * kAlignmentBlock;
@@ -132,7 +121,7 @@ NormalEquations PoseAlignment::normalEquations() {
   for (const auto& block : block_sums_) {
     for (std::size_t i = 0; i < kAlignmentSums; ++i) total[i] += static_cast<double>(block[i]);
   }
-  NormalEquations system;
+  PoseEquations system;
   const double* next = total.data();
   for (int row = 0; row < kAlignmentParameters; ++row) {
     for (int column = row; column < kAlignmentParameters; ++column) {
@@ -155,49 +144,73 @@ Evaluation PoseAlignment::evaluateRaisingCutoff(const AlignmentLevel& level,
   return evaluation;
 }
 
-Vector8d PoseAlignment::dampedStep(const NormalEquations& system, double lambda) const {
-  Matrix8d H = system.H;
-  H.diagonal() *= 1.0 + lambda;
-  Vector8d step = Vector8d::Zero();
-  if (brightness_ == BrightnessModel::kPerfect) {
-    step.head<6>() = -H.topLeftCorner<6, 6>().ldlt().solve(system.b.head<6>());
-  } else {
-    step = -H.ldlt().solve(system.b);
+/// One level for minimize().
+class PoseAlignment::Problem {
+ public:
+  Problem(PoseAlignment& alignment, const AlignmentLevel& level, AlignmentState& state)
+      : alignment_(alignment), level_(level), state_(state) {
+    current_ = alignment.evaluateRaisingCutoff(level, state, cutoff_);
+    equations_ = alignment.normalEquations();
   }
-  if (lambda < kLambdaFloor) step *= std::pow(kLambdaFloor / lambda, 0.25);
-  return step;
-}
+
+  std::optional<double> solve(double lambda) {
+    Matrix8d H = equations_.H;
+    H.diagonal() *= 1.0 + lambda;
+    if (alignment_.brightness_ == BrightnessModel::kPerfect) {
+      step_.head<6>() = -H.topLeftCorner<6, 6>().ldlt().solve(equations_.b.head<6>());
+    } else {
+      step_ = -H.ldlt().solve(equations_.b);
+    }
+    if (lambda < kLambdaFloor) step_ *= std::pow(kLambdaFloor / lambda, 0.25);
+    return step_.allFinite() ? std::optional(0.0) : std::nullopt;
+  }
+
+  std::optional<double> tryStep() {
+    trial_state_ = state_.plus(step_);
+    trial_ = alignment_.evaluate(level_, trial_state_, cutoff_);
+    const double decrease = current_.meanEnergy() - trial_.meanEnergy();
+    return decrease > 0 ? std::optional(decrease) : std::nullopt;
+  }
+
+  bool accept(const DampedStep& /*step*/) {
+    state_ = trial_state_;
+    current_ = trial_;
+    equations_ = alignment_.normalEquations();
+    return scaledNorm(step_) > kStopNorm;
+  }
+  bool reject(const DampedStep& step) const {
+    return step.predicted && scaledNorm(step_) > kStopNorm;
+  }
+
+  [[nodiscard]] const Evaluation& current() const { return current_; }
+  [[nodiscard]] bool cutoffRaised() const { return cutoff_ > kCutoff; }
+
+ private:
+  PoseAlignment& alignment_;
+  const AlignmentLevel& level_;
+  AlignmentState& state_;
+  double cutoff_ = kCutoff;
+  Evaluation current_;
+  PoseEquations equations_;
+  Vector8d step_ = Vector8d::Zero();
+  AlignmentState trial_state_;
+  Evaluation trial_;
+};
 
 LevelResult PoseAlignment::align(const AlignmentLevel& level,
                                  int max_iterations,
                                  AlignmentState& state) {
-  double cutoff = kCutoff;
-  Evaluation current = evaluateRaisingCutoff(level, state, cutoff);
-  NormalEquations system = normalEquations();
-  double lambda = kInitialLambda;
+  Problem problem(*this, level, state);
+  FactorDamping damping = kDamping;
   LevelResult result;
-  while (result.iterations < max_iterations) {
-    ++result.iterations;
-    const Vector8d step = dampedStep(system, lambda);
-    if (!step.allFinite()) break;
-    const AlignmentState trial = state.plus(step);
-    const Evaluation evaluation = evaluate(level, trial, cutoff);
-    if (evaluation.meanEnergy() < current.meanEnergy()) {
-      state = trial;
-      current = evaluation;
-      system = normalEquations();
-      lambda *= kLambdaDown;
-    } else {
-      lambda = std::max(kLambdaUp * lambda, kLambdaFloor);
-    }
-    if (scaledNorm(step) <= kStopNorm) break;
-  }
+  result.iterations = minimize(problem, damping, max_iterations);
+  const Evaluation& current = problem.current();
   result.rmse = std::sqrt(current.meanEnergy());
   result.saturated_fraction = current.saturatedFraction();
   result.inside_fraction =
       static_cast<double>(current.used) /
       static_cast<double>(std::max<std::size_t>(level.reference.points(level.level).size(), 1));
-  result.cutoff_raised = cutoff > kCutoff;
+  result.cutoff_raised = problem.cutoffRaised();
   return result;
 }
 

@@ -52,7 +52,7 @@ struct Evaluation {
 };
 
 /// Gauss-Newton system of one state: H = sum w J J^T, b = sum w J r.
-struct NormalEquations {
+struct PoseEquations {
   Matrix8d H = Matrix8d::Zero();
   Vector8d b = Vector8d::Zero();
 };
@@ -77,12 +77,13 @@ class PoseAlignment {
   Evaluation evaluate(const AlignmentLevel& level, const AlignmentState& state, double cutoff);
 
   /// Of the last state evaluated.
-  [[nodiscard]] NormalEquations normalEquations();
+  [[nodiscard]] PoseEquations normalEquations();
 
   /// Levenberg-Marquardt from `state`, which is left at the lowest energy found.
   LevelResult align(const AlignmentLevel& level, int max_iterations, AlignmentState& state);
 
  private:
+  class Problem;
   struct Samples {
     std::vector<float> u, v, rho, dx, dy, residual, weight;
   };
@@ -92,7 +93,6 @@ class PoseAlignment {
   [[nodiscard]] Evaluation evaluateRaisingCutoff(const AlignmentLevel& level,
                                                  const AlignmentState& state,
                                                  double& cutoff);
-  [[nodiscard]] Vector8d dampedStep(const NormalEquations& system, double lambda) const;
 
   PinholeCamera camera_;
   BrightnessModel brightness_;

@@ -18,11 +18,11 @@ constexpr float kMinDepthCurvature = 1e-10F;
 struct ResidualTerms {
   PatchSums patch;
   ResidualGeometry geometry;
-  alignas(32) float x[kLanes] = {};  // patch block times geometry, brightness, residual
-  alignas(32) float y[kLanes] = {};
+  alignas(32) float x[kRowLanes] = {};  // patch block times geometry, brightness, residual
+  alignas(32) float y[kRowLanes] = {};
 };
 
-inline void reduce(ResidualTerms& terms, std::size_t lanes) {
+DSORB_ALWAYS_INLINE void reduce(ResidualTerms& terms, std::size_t lanes) {
   const PatchSums& p = terms.patch;
   const ResidualGeometry& g = terms.geometry;
   for (std::size_t i = 0; i < lanes; ++i) {
@@ -39,10 +39,10 @@ inline void reduce(ResidualTerms& terms, std::size_t lanes) {
 
 /// Extrapolates the residual to the first estimates: r - J d, d the deviation of the relative state
 /// and of the intrinsics.
-inline void freeze(PatchSums& p,
-                   const ResidualGeometry& g,
-                   const Vector8d& relative,
-                   const Vector4d& camera_state) {
+DSORB_ALWAYS_INLINE void freeze(PatchSums& p,
+                                const ResidualGeometry& g,
+                                const Vector8d& relative,
+                                const Vector4d& camera_state) {
   float dx = 0;
   float dy = 0;
   for (Index i = 0; i < kPoseRows; ++i) {
@@ -63,12 +63,12 @@ inline void freeze(PatchSums& p,
   p.br -= p.xb * dx + p.yb * dy + p.ab * da + p.bb * db;
 }
 
-inline void accumulate(const ResidualTerms& terms, bool camera, PairSums& sums) {
+DSORB_ALWAYS_INLINE void accumulate(const ResidualTerms& terms, bool camera, PairSums& sums) {
   const ResidualGeometry& g = terms.geometry;
-  const std::size_t lanes = camera ? kLanes : kLanesWithoutCamera;
-  alignas(32) double x[kLanes];
-  alignas(32) double y[kLanes];
-  for (std::size_t i = 0; i < kLanes; ++i) {
+  const std::size_t lanes = camera ? kRowLanes : kRowLanesWithoutCamera;
+  alignas(32) double x[kRowLanes];
+  alignas(32) double y[kRowLanes];
+  for (std::size_t i = 0; i < kRowLanes; ++i) {
     x[i] = static_cast<double>(terms.x[i]);
     y[i] = static_cast<double>(terms.y[i]);
   }
@@ -92,11 +92,11 @@ inline void accumulate(const ResidualTerms& terms, bool camera, PairSums& sums) 
 }
 
 /// Adds one residual to the row of its point. @return its share of (D, b_d)
-inline Eigen::Vector2f couple(const ResidualTerms& terms,
-                              const PairGeometry& pair,
-                              bool camera,
-                              float* row,
-                              std::pair<std::size_t, std::size_t> host_target) {
+DSORB_ALWAYS_INLINE Eigen::Vector2f couple(const ResidualTerms& terms,
+                                           const PairGeometry& pair,
+                                           bool camera,
+                                           float* row,
+                                           std::pair<std::size_t, std::size_t> host_target) {
   const PatchSums& p = terms.patch;
   const float jx = terms.geometry.depth_x;
   const float jy = terms.geometry.depth_y;
@@ -124,19 +124,20 @@ inline Eigen::Vector2f couple(const ResidualTerms& terms,
 }
 
 /// Evaluates one observation and sets its trial values. @return whether it enters the system
-inline bool evaluate(const WindowPoint& point,
-                     const ChunkContext& context,
-                     std::size_t host,
-                     Observation& observation,
-                     ResidualTerms& terms) {
+DSORB_ALWAYS_INLINE bool evaluate(const WindowPoint& point,
+                                  const ChunkContext& context,
+                                  std::size_t host,
+                                  Observation& observation,
+                                  ResidualTerms& terms) {
   const Keyframe& target = context.window->keyframes[observation.target];
   const PairGeometry& pair = context.pairs->at(host, observation.target);
   observation.trial_state = ResidualState::kOutOfBounds;
   observation.trial_energy = observation.energy;
   if (observation.state == ResidualState::kOutOfBounds) return false;
   const bool seen =
-      evaluatePatch(point, pair, target.frame->level(0), terms.patch) &&
-      evaluateGeometry(point, pair, context.camera, context.options->intrinsics, terms.geometry);
+      evaluatePatch(point, context.pairs->rays(), pair, terms.patch) &&
+      evaluateGeometry(
+          point, context.pairs->rays(), pair, context.options->intrinsics, terms.geometry);
   if (!seen) return false;
   const float limit =
       std::max(context.window->keyframes[host].energy_threshold, target.energy_threshold);
@@ -151,19 +152,20 @@ inline bool evaluate(const WindowPoint& point,
   return true;
 }
 
-struct DepthTerms {
+/// Sums over the residuals of one point.
+struct ResidualSums {
   float curvature = 0;
   float gradient = 0;
   int used = 0;
 };
 
-inline DepthTerms linearizePoint(WindowPoint& point,
-                                 const ChunkContext& context,
-                                 float* row,
-                                 Chunk& chunk) {
+DSORB_ALWAYS_INLINE ResidualSums linearizePoint(WindowPoint& point,
+                                                const ChunkContext& context,
+                                                float* row,
+                                                Chunk& chunk) {
   const bool camera = context.options->intrinsics;
   ResidualTerms terms;
-  DepthTerms sum;
+  ResidualSums sum;
   for (Observation& observation : point) {
     const bool used = evaluate(point, context, chunk.host, observation, terms);
     chunk.energy += static_cast<double>(observation.trial_energy);
@@ -175,7 +177,7 @@ inline DepthTerms linearizePoint(WindowPoint& point,
                                 pair.to_target.cwiseProduct(context.frame_deviation[target]);
       freeze(terms.patch, terms.geometry, relative, context.window->camera_state);
     }
-    reduce(terms, camera ? kLanes : kLanesWithoutCamera);
+    reduce(terms, camera ? kRowLanes : kRowLanesWithoutCamera);
     accumulate(terms, camera, context.sums[target]);
     const Eigen::Vector2f depth = couple(terms, pair, camera, row, {chunk.host, target});
     sum.curvature += depth[0];
@@ -189,22 +191,22 @@ inline DepthTerms linearizePoint(WindowPoint& point,
 
 DSORB_TARGET_CLONES
 void linearizeChunk(const ChunkContext& context, Chunk& chunk) {
-  NormalEquations& out = *context.out;
+  WindowEquations& out = *context.out;
   Keyframe& host = context.window->keyframes[chunk.host];
   const auto factor = static_cast<float>(context.options->depth_prior_factor);
   const float pull = context.options->depth_prior_pulls ? 1.0F : 0.0F;
   for (std::size_t i = chunk.begin; i < chunk.end; ++i) {
     WindowPoint& point = host.points[context.refs[i].point];
-    const auto index = static_cast<Index>(i);
-    float* row = out.coupling.data() + index * out.coupling.cols();
-    const DepthTerms depth = linearizePoint(point, context, row, chunk);
+    float* row = out.coupling.data() + i * out.stride;
+    std::fill_n(row, out.stride, 0.0F);
+    const ResidualSums depth = linearizePoint(point, context, row, chunk);
     const float prior = factor * point.prior_information;
     const float deviation = pull * (point.inverse_depth - point.prior_inverse_depth);
     chunk.depth_prior_energy += static_cast<double>(prior * deviation * deviation);
     chunk.used += depth.used;
     const bool any = depth.used > 0;
-    out.depth_curvature[index] = any ? std::max(depth.curvature + prior, kMinDepthCurvature) : 0;
-    out.depth_gradient[index] = any ? depth.gradient + prior * deviation : 0;
+    out.depth_hessian[i] = any ? std::max(depth.curvature + prior, kMinDepthCurvature) : 0;
+    out.depth_gradient[i] = any ? depth.gradient + prior * deviation : 0;
   }
 }
 

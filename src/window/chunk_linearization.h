@@ -14,10 +14,9 @@ struct ChunkContext {
   const PairTable* pairs;
   const PointRef* refs;
   const LinearizeOptions* options;
-  PinholeCamera camera;
   std::vector<Vector8d> frame_deviation;  // for frozen residuals
   PairSums* sums;                         // by target
-  NormalEquations* out;
+  WindowEquations* out;
 };
 
 /// Evaluates the residuals of a chunk: trial values of its observations, rows of its points, sums

@@ -63,10 +63,14 @@ void absorb(Window& window, const std::vector<PointRef>& points, const WindowOpt
   linearize.depth_prior_pulls =
       options.prior.depth_pulls_to_value && options.prior.depth_at_marginalization == 1;
   NormalEquationsBuilder builder;
-  NormalEquations equations;
+  WindowEquations equations;
   builder.build(window, PairTable(window), points, linearize, equations);
-  window.prior.H += options.marginalization_weight * (equations.H - equations.H_schur);
-  window.prior.b += options.marginalization_weight * (equations.b - equations.b_schur);
+  WindowElimination elimination;
+  elimination.damp(equations, 0);
+  elimination.eliminate(equations, equations.H, equations.b);
+  window.prior.H +=
+      options.marginalization_weight * MatrixXd(equations.H.selfadjointView<Eigen::Lower>());
+  window.prior.b += options.marginalization_weight * equations.b;
 }
 
 /// Moves the 8 rows and columns of a keyframe behind all others.

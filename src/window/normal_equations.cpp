@@ -2,7 +2,6 @@
 #include "window/normal_equations.h"
 
 #include "base/parallel.h"
-#include "base/target_clones.h"
 #include "window/chunk_linearization.h"
 
 #include <Eigen/Cholesky>
@@ -12,48 +11,8 @@ namespace {
 
 using Eigen::Index;
 
-constexpr std::size_t kChunk = 128;     // points of one part of the work
-constexpr std::size_t kSchurTasks = 4;  // partial sums of the elimination
-constexpr std::size_t kSchurBlock = 4;  // points eliminated together
-constexpr std::size_t kMaxDimension = kCameraDim + kFrameDim * kMaxKeyframes;
+constexpr std::size_t kChunk = 128;           // points of one part of the work
 constexpr double kPreconditionerOffset = 10;  // @source DSO as published
-
-/// Adds v v^T / D of a range of points to the upper triangle of `sum` (row-major, dimension +
-/// 1 columns; the last column takes v b_d / D).
-DSORB_TARGET_CLONES
-void eliminateRange(const NormalEquations& equations,
-                    std::size_t begin,
-                    std::size_t end,
-                    double* sum) {
-  const auto dimension = static_cast<std::size_t>(equations.coupling.cols());
-  const std::size_t columns = dimension + 1;
-  alignas(32) double rows[kSchurBlock][kMaxDimension + 1];
-  double weights[kSchurBlock];
-  for (std::size_t block = begin; block < end; block += kSchurBlock) {
-    for (std::size_t k = 0; k < kSchurBlock; ++k) {
-      const std::size_t point = block + k;
-      const float curvature =
-          point < end ? equations.depth_curvature[static_cast<Index>(point)] : 0.0F;
-      weights[k] = curvature > 0 ? 1.0 / static_cast<double>(curvature) : 0.0;
-      const float* row = equations.coupling.data() + (point < end ? point : begin) * dimension;
-      for (std::size_t i = 0; i < dimension; ++i) rows[k][i] = static_cast<double>(row[i]);
-      rows[k][dimension] =
-          point < end ? static_cast<double>(equations.depth_gradient[static_cast<Index>(point)])
-                      : 0.0;
-    }
-    for (std::size_t i = 0; i < dimension; ++i) {
-      const double a0 = weights[0] * rows[0][i];
-      const double a1 = weights[1] * rows[1][i];
-      const double a2 = weights[2] * rows[2][i];
-      const double a3 = weights[3] * rows[3][i];
-      if (a0 == 0 && a1 == 0 && a2 == 0 && a3 == 0) continue;  // a frame none of them is seen in
-      double* to = sum + i * columns;
-      for (std::size_t j = i; j < columns; ++j) {
-        to[j] += (a0 * rows[0][j] + a1 * rows[1][j]) + (a2 * rows[2][j] + a3 * rows[3][j]);
-      }
-    }
-  }
-}
 
 /// Double-precision sums of one ordered pair over all chunks of its host.
 struct PairBlocks {
@@ -65,15 +24,15 @@ struct PairBlocks {
   Vector4d b_camera = Vector4d::Zero();
 
   void add(const PairSums& sums) {
-    using Row = Eigen::Map<const Eigen::Array<double, 1, kLanes>>;
+    using Row = Eigen::Map<const Eigen::Array<double, 1, kRowLanes>>;
     for (Index i = 0; i < kPoseRows; ++i) {
-      const Eigen::Array<double, 1, kLanes> row = Row(sums.rows[i]);
+      const Eigen::Array<double, 1, kRowLanes> row = Row(sums.rows[i]);
       H.row(i) += row.head<kFrameDim>().matrix();
       b[i] += row[kLaneResidual];
       H_camera.row(i) += row.segment<kCameraDim>(kLaneCamera).matrix();
     }
     for (Index i = 0; i < kCameraDim; ++i) {
-      const Eigen::Array<double, 1, kLanes> row = Row(sums.rows[kPoseRows + i]);
+      const Eigen::Array<double, 1, kRowLanes> row = Row(sums.rows[kPoseRows + i]);
       H_camera(6, i) += row[kLaneA];
       H_camera(7, i) += row[kLaneB];
       b_camera[i] += row[kLaneResidual];
@@ -97,7 +56,7 @@ void addPair(const PairBlocks& blocks,
              const PairGeometry& pair,
              Index host,
              Index target,
-             NormalEquations& out) {
+             WindowEquations& out) {
   const Matrix8d host_H = pair.to_host * blocks.H;
   const auto to_target = pair.to_target.asDiagonal();
   const Matrix8d host_block = host_H * pair.to_host.transpose();
@@ -139,7 +98,7 @@ void NormalEquationsBuilder::split(const std::vector<PointRef>& points) {
   }
 }
 
-void NormalEquationsBuilder::stitch(const PairTable& pairs, NormalEquations& out) const {
+void NormalEquationsBuilder::stitch(const PairTable& pairs, WindowEquations& out) const {
   const std::size_t frames = pairs.size();
   for (std::size_t host = 0; host < frames; ++host) {
     for (std::size_t target = 0; target < frames; ++target) {
@@ -158,44 +117,15 @@ void NormalEquationsBuilder::stitch(const PairTable& pairs, NormalEquations& out
   }
 }
 
-void NormalEquationsBuilder::eliminateDepths(std::size_t grain, NormalEquations& out) {
-  const auto dimension = static_cast<std::size_t>(out.coupling.cols());
-  const auto points = static_cast<std::size_t>(out.coupling.rows());
-  const std::size_t size = dimension * (dimension + 1);
-  schur_sums_.assign(kSchurTasks * size, 0.0);
-  forEachRange(kSchurTasks, grain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t task = begin; task < end; ++task) {
-      eliminateRange(out,
-                     task * points / kSchurTasks,
-                     (task + 1) * points / kSchurTasks,
-                     schur_sums_.data() + task * size);
-    }
-  });
-  using Sums =
-      Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>;
-  const auto n = static_cast<Index>(dimension);
-  Eigen::MatrixXd total = Eigen::MatrixXd::Zero(n, n + 1);
-  for (std::size_t task = 0; task < kSchurTasks; ++task) {
-    total += Sums(schur_sums_.data() + task * size, n, n + 1);
-  }
-  out.H_schur = total.leftCols(n).selfadjointView<Eigen::Upper>();
-  out.b_schur = total.col(n);
-}
-
 void NormalEquationsBuilder::build(Window& window,
                                    const PairTable& pairs,
                                    const std::vector<PointRef>& points,
                                    const LinearizeOptions& options,
-                                   NormalEquations& out) {
-  const Index dimension = window.dimension();
-  const auto count = static_cast<Index>(points.size());
+                                   WindowEquations& out) {
   split(points);
   pair_sums_.assign(chunks_.size() * pairs.size(), PairSums{});
-  out.coupling.setZero(count, dimension);
-  out.depth_curvature.resize(count);
-  out.depth_gradient.resize(count);
-  ChunkContext context{
-      &window, &pairs, points.data(), &options, window.camera(), {}, nullptr, &out};
+  out.reset(window.dimension(), points.size());
+  ChunkContext context{&window, &pairs, points.data(), &options, {}, nullptr, &out};
   for (const Keyframe& keyframe : window.keyframes) {
     context.frame_deviation.emplace_back(keyframe.state - keyframe.first);
   }
@@ -214,10 +144,7 @@ void NormalEquationsBuilder::build(Window& window,
     out.depth_prior_energy += chunk.depth_prior_energy;
     out.used += chunk.used;
   }
-  out.H.setZero(dimension, dimension);
-  out.b.setZero(dimension);
   stitch(pairs, out);
-  eliminateDepths(options.chunks_per_task == 0 ? 0 : 1, out);
 }
 
 Eigen::VectorXd solvePreconditioned(const Eigen::MatrixXd& H, const Eigen::VectorXd& b) {
@@ -225,18 +152,6 @@ Eigen::VectorXd solvePreconditioned(const Eigen::MatrixXd& H, const Eigen::Vecto
       (H.diagonal().array().abs() + kPreconditionerOffset).sqrt().inverse();
   const Eigen::MatrixXd scaled = scale.asDiagonal() * H * scale.asDiagonal();
   return scale.asDiagonal() * scaled.ldlt().solve(scale.asDiagonal() * b);
-}
-
-Eigen::VectorXd backSubstitute(const NormalEquations& equations,
-                               const Eigen::VectorXd& frame_step,
-                               double damping) {
-  Eigen::VectorXd depth_step =
-      -(equations.depth_gradient.cast<double>() + equations.coupling.cast<double>() * frame_step);
-  for (Index i = 0; i < depth_step.size(); ++i) {
-    const auto curvature = static_cast<double>(equations.depth_curvature[i]);
-    depth_step[i] = curvature > 0 ? depth_step[i] / ((1 + damping) * curvature) : 0.0;
-  }
-  return depth_step;
 }
 
 }  // namespace dsorb::window

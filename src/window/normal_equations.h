@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "estimate/linear_system.h"
 #include "window/pair_geometry.h"
 #include "window/photometric_residual.h"
 #include "window/window.h"
@@ -30,28 +31,22 @@ struct LinearizeOptions {
   std::size_t chunks_per_task = 0;  ///< of 128 points; 0 runs serially
 };
 
-/// Gauss-Newton system of a window, poses and intrinsics on one side, inverse depths on the other:
-/// [H V; V^T D] step = -[b; b_d], D diagonal. Without the priors of frames and intrinsics.
-struct NormalEquations {
-  Eigen::MatrixXd H;  ///< symmetric, scaled units; intrinsics, then frames
-  Eigen::VectorXd b;
-  /// One row a point: V^T. Zero for a point without used residual.
-  Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> coupling;
-  Eigen::VectorXf depth_curvature;  ///< D, prior included; 0 for a point without used residual
-  Eigen::VectorXf depth_gradient;   ///< b_d, prior included
-  Eigen::MatrixXd H_schur;          ///< V D^-1 V^T, symmetric
-  Eigen::VectorXd b_schur;          ///< V D^-1 b_d
-  double energy = 0;                ///< residuals, limited by their thresholds
+/// Gauss-Newton system of a window: intrinsics and frames in scaled units, and inverse depths;
+/// without the priors of intrinsics and frames.
+struct WindowEquations : LinearSystem<float> {
+  double energy = 0;  ///< residuals, limited by their thresholds
   double depth_prior_energy = 0;
   int used = 0;  ///< residuals in the system
 };
 
-constexpr int kPoseRows = 6;
+/// Sums in double precision: what the inverse depths leave of gauge directions is a small
+/// difference.
+using WindowElimination = DepthElimination<float, double>;
 
 /// Sums of one ordered pair: rows of the relative normal equations (translation, rotation,
 /// intrinsics; lanes as in photometric_residual.h) and the brightness block.
 struct PairSums {
-  alignas(32) double rows[kPoseRows + kCameraDim][kLanes];
+  alignas(32) double rows[kPoseRows + kCameraDim][kRowLanes];
   double brightness[5];  // aa, ab, bb, ar, br
 };
 
@@ -75,29 +70,20 @@ class NormalEquationsBuilder {
              const PairTable& pairs,
              const std::vector<PointRef>& points,
              const LinearizeOptions& options,
-             NormalEquations& out);
+             WindowEquations& out);
 
  private:
   void split(const std::vector<PointRef>& points);
-  void stitch(const PairTable& pairs, NormalEquations& out) const;
-  void eliminateDepths(std::size_t tasks, NormalEquations& out);
+  void stitch(const PairTable& pairs, WindowEquations& out) const;
 
   std::vector<Chunk> chunks_;
   std::vector<PairSums> pair_sums_;  // chunk by target
-  std::vector<double> schur_sums_;   // partial sums of the elimination
 };
 
 /// Dense symmetric solve with diagonal preconditioning.
+/// @param H lower triangle
 /// @return x with H x = b
 [[nodiscard]] Eigen::VectorXd solvePreconditioned(const Eigen::MatrixXd& H,
                                                   const Eigen::VectorXd& b);
-
-/// Steps of the inverse depths that belong to a step of frames and intrinsics.
-/// @param frame_step  scaled units
-/// @param damping     of the depth curvature, as of the frames
-/// @return            0 for points without used residual
-[[nodiscard]] Eigen::VectorXd backSubstitute(const NormalEquations& equations,
-                                             const Eigen::VectorXd& frame_step,
-                                             double damping);
 
 }  // namespace dsorb::window

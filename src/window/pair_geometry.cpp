@@ -4,12 +4,14 @@
 namespace dsorb::window {
 namespace {
 
-void setFirst(PairGeometry& pair, const Keyframe& host, const Keyframe& target) {
+void setFirst(const PinholeCamera& camera,
+              const Keyframe& host,
+              const Keyframe& target,
+              PairGeometry& pair) {
   const SE3 T_target_host = target.T_cam_world_first * host.T_cam_world_first.inverse();
   const BrightnessTransfer transfer = brightnessTransfer(
       host.firstAffine(), host.frame->exposure(), target.firstAffine(), target.frame->exposure());
-  pair.R_first = T_target_host.rotationMatrix().cast<float>();
-  pair.t_first = T_target_host.translation().cast<float>();
+  pair.first = makeWarp<float>(camera, T_target_host);
   pair.host_offset_first = static_cast<float>(host.firstAffine().b);
   // Left increments: xi_relative = xi_target - Ad(T_target_host) xi_host; r falls with the gain.
   pair.to_host.setZero();
@@ -25,23 +27,23 @@ void setFirst(PairGeometry& pair, const Keyframe& host, const Keyframe& target) 
 
 }  // namespace
 
-PairTable::PairTable(const Window& window) : size_(window.keyframes.size()), pairs_(size_ * size_) {
-  refreshFirst(window);
-  refreshCurrent(window);
-}
-
-void PairTable::refreshFirst(const Window& window) {
+PairTable::PairTable(const Window& window)
+    : size_(window.keyframes.size()), rays_(window.camera()), pairs_(size_ * size_) {
   for (std::size_t host = 0; host < size_; ++host) {
     for (std::size_t target = 0; target < size_; ++target) {
       if (host == target) continue;
-      setFirst(pairs_[host * size_ + target], window.keyframes[host], window.keyframes[target]);
+      setFirst(window.camera(),
+               window.keyframes[host],
+               window.keyframes[target],
+               pairs_[host * size_ + target]);
     }
   }
+  refreshCurrent(window);
 }
 
 void PairTable::refreshCurrent(const Window& window) {
-  const Eigen::Matrix3d K = window.camera().matrix();
-  const Eigen::Matrix3d K_inverse = K.inverse();
+  const PinholeCamera camera = window.camera();
+  rays_ = HostRays(camera);
   std::vector<SE3> poses;
   for (const Keyframe& keyframe : window.keyframes) poses.push_back(keyframe.T_cam_world());
   for (std::size_t host = 0; host < size_; ++host) {
@@ -50,14 +52,12 @@ void PairTable::refreshCurrent(const Window& window) {
     for (std::size_t target = 0; target < size_; ++target) {
       if (host == target) continue;
       const Keyframe& to = window.keyframes[target];
-      const SE3 T_target_host = poses[target] * T_world_host;
       const BrightnessTransfer transfer = brightnessTransfer(
           from.affine(), from.frame->exposure(), to.affine(), to.frame->exposure());
       PairGeometry& pair = pairs_[host * size_ + target];
-      pair.KRKi = (K * T_target_host.rotationMatrix() * K_inverse).cast<float>();
-      pair.Kt = (K * T_target_host.translation()).cast<float>();
-      pair.gain = static_cast<float>(transfer.gain);
-      pair.offset = static_cast<float>(transfer.offset);
+      pair.current =
+          makeTargetImage(camera, poses[target] * T_world_host, transfer, to.frame->level(0));
+      pair.first.setCamera(camera);
     }
   }
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "estimate/host_patch.h"
 #include "window/window.h"
 
 #include <Eigen/Core>
@@ -16,13 +17,8 @@ using Vector8f = Eigen::Matrix<float, kFrameDim, 1>;
 
 /// Relative quantities of an ordered pair of keyframes.
 struct PairGeometry {
-  Eigen::Matrix3f KRKi;  ///< current: host pixel to target pixel at infinity
-  Eigen::Vector3f Kt;    ///< current: times the inverse depth
-  float gain = 1;        ///< current brightness, host to target
-  float offset = 0;
-
-  Eigen::Matrix3f R_first;      ///< at the first estimates: rotation host to target
-  Eigen::Vector3f t_first;      ///< at the first estimates
+  TargetImage current;          ///< into level 0 of the target
+  Warp<float> first;            ///< poses at their first estimates, intrinsics current
   float host_offset_first = 0;  ///< b of the host at its first estimate [grey levels]
 
   /// Relative gradients (translation, rotation, a, b) to scaled gradients of the host state.
@@ -46,11 +42,11 @@ class PairTable {
     return pairs_[host * size_ + target];
   }
   [[nodiscard]] std::size_t size() const { return size_; }
+  [[nodiscard]] const HostRays& rays() const { return rays_; }
 
  private:
-  void refreshFirst(const Window& window);
-
   std::size_t size_;
+  HostRays rays_;
   std::vector<PairGeometry> pairs_;
 };
 

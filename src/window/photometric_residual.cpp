@@ -1,62 +1,120 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "window/photometric_residual.h"
 
+#include "base/target_clones.h"
+#include "estimate/robust_loss.h"
+
+#include <algorithm>
+#include <cmath>
+
 namespace dsorb::window {
 namespace {
 
 /// Intrinsics enter twice: in the host's ray and in the target's projection.
-void addCameraRows(const Eigen::Vector3f& ray,
-                   const Eigen::Vector3f& projected,  // u, v, 1 / z of the target's ray
-                   const PairGeometry& pair,
-                   float fx_over_fy,
+void addCameraRows(float ray_x,
+                   float ray_y,
+                   const Warp<float>& warp,
+                   const WarpedPoint<float>& p,
                    ResidualGeometry& geometry) {
   constexpr auto kScale = static_cast<float>(kCameraScale);
-  const Eigen::Matrix3f& R = pair.R_first;
-  const float u = projected.x();
-  const float v = projected.y();
-  const float inverse_z = projected.z();
-  const float xx = (R(2, 0) * u - R(0, 0)) * inverse_z;
-  const float xy = fx_over_fy * (R(2, 1) * u - R(0, 1)) * inverse_z;
-  const float yx = (R(2, 0) * v - R(1, 0)) * inverse_z / fx_over_fy;
-  const float yy = (R(2, 1) * v - R(1, 1)) * inverse_z;
-  geometry.x[kLaneCamera + 0] = kScale * (u + ray.x() * xx);
-  geometry.x[kLaneCamera + 1] = kScale * ray.y() * xy;
+  const float* R = warp.R;
+  const float fx_over_fy = warp.fx / warp.fy;
+  const float xx = (R[6] * p.u - R[0]) * p.inverse_z;
+  const float xy = fx_over_fy * (R[7] * p.u - R[1]) * p.inverse_z;
+  const float yx = (R[6] * p.v - R[3]) * p.inverse_z / fx_over_fy;
+  const float yy = (R[7] * p.v - R[4]) * p.inverse_z;
+  geometry.x[kLaneCamera + 0] = kScale * (p.u + ray_x * xx);
+  geometry.x[kLaneCamera + 1] = kScale * ray_y * xy;
   geometry.x[kLaneCamera + 2] = kScale * (1 + xx);
   geometry.x[kLaneCamera + 3] = kScale * xy;
-  geometry.y[kLaneCamera + 0] = kScale * ray.x() * yx;
-  geometry.y[kLaneCamera + 1] = kScale * (v + ray.y() * yy);
+  geometry.y[kLaneCamera + 0] = kScale * ray_x * yx;
+  geometry.y[kLaneCamera + 1] = kScale * (p.v + ray_y * yy);
   geometry.y[kLaneCamera + 2] = kScale * yx;
   geometry.y[kLaneCamera + 3] = kScale * (1 + yy);
 }
 
 }  // namespace
 
+DSORB_TARGET_CLONES bool evaluatePatch(const WindowPoint& point,
+                                       const HostRays& rays,
+                                       const PairGeometry& pair,
+                                       PatchSums& sums) {
+  WarpedPoint<Lanes> p;
+  LaneSamples seen;
+  const HostedPoint hosted{point.pixel.x(), point.pixel.y(), point.inverse_depth};
+  if (!samplePattern(pair.current, rays, hosted, p, seen)) return false;
+  Lanes host;
+  Lanes host_weight;
+  Lanes threshold;
+  load(point.patch.grey.data(), host);
+  load(point.patch.root_weight.data(), host_weight);
+  fill(kHuberThreshold, threshold);
+  const Lanes residual = seen.intensity - (pair.current.gain * host + pair.current.offset);
+
+  constexpr float kC = 50.0F;  // of gradientWeight
+  const Lanes squared_gradient = seen.dx * seen.dx + seen.dy * seen.dy;
+  Lanes root = squared_gradient + kC * kC;
+  squareRoots(root);
+  const Lanes mean_weight = 0.5F * (kC / root + host_weight);
+  const Lanes weight = mean_weight * mean_weight;
+  const Lanes magnitude = residual < 0.0F ? -residual : residual;
+  Lanes huber;
+  huberWeights(magnitude, threshold, huber);
+  const Lanes w = weight * huber;
+  const Lanes wx = w * seen.dx;
+  const Lanes wy = w * seen.dy;
+  const Lanes wr = w * residual;
+  const Lanes radiance = host - pair.host_offset_first;
+  const Lanes wa = w * radiance;
+  Lanes totals;
+  sumLanes({wr * residual * (2.0F - huber),
+            weight * w * squared_gradient,
+            wx * seen.dx,
+            wx * seen.dy,
+            wy * seen.dy,
+            wx * radiance,
+            wy * radiance,
+            wx},
+           totals);
+  sums.energy = totals[0];
+  if (!std::isfinite(sums.energy)) return false;
+  sums.texture = totals[1];
+  sums.xx = totals[2];
+  sums.xy = totals[3];
+  sums.yy = totals[4];
+  sums.xa = totals[5];
+  sums.ya = totals[6];
+  sums.xb = totals[7];
+  sumLanes({wy, wa * radiance, wa, w, wx * residual, wy * residual, wa * residual, wr}, totals);
+  sums.yb = totals[0];
+  sums.aa = totals[1];
+  sums.ab = totals[2];
+  sums.bb = totals[3];
+  sums.xr = totals[4];
+  sums.yr = totals[5];
+  sums.ar = totals[6];
+  sums.br = totals[7];
+  return true;
+}
+
 bool evaluateGeometry(const WindowPoint& point,
+                      const HostRays& rays,
                       const PairGeometry& pair,
-                      const PinholeCamera& camera,
                       bool with_camera,
                       ResidualGeometry& geometry) {
-  const auto fx = static_cast<float>(camera.fx);
-  const auto fy = static_cast<float>(camera.fy);
-  const Eigen::Vector3f ray((point.pixel.x() - static_cast<float>(camera.cx)) / fx,
-                            (point.pixel.y() - static_cast<float>(camera.cy)) / fy,
-                            1);
-  const Eigen::Vector3f& t = pair.t_first;
-  const Eigen::Vector3f p = pair.R_first * ray + t * point.inverse_depth;
-  if (!(p.z() > 0)) return false;
-  const float inverse_z = 1 / p.z();
-  const float u = p.x() * inverse_z;
-  const float v = p.y() * inverse_z;
-  const float rho = point.inverse_depth * inverse_z;
-  const float rows_x[] = {rho, 0, -rho * u, -u * v, 1 + u * u, -v};
-  const float rows_y[] = {0, rho, -rho * v, -(1 + v * v), u * v, u};
-  for (std::size_t i = 0; i < 6; ++i) {
-    geometry.x[i] = fx * rows_x[i];
-    geometry.y[i] = fy * rows_y[i];
-  }
-  geometry.depth_x = fx * (t.x() - t.z() * u) * inverse_z;
-  geometry.depth_y = fy * (t.y() - t.z() * v) * inverse_z;
-  if (with_camera) addCameraRows(ray, {u, v, inverse_z}, pair, fx / fy, geometry);
+  float ray_x = 0;
+  float ray_y = 0;
+  rays.at(point.pixel.x(), point.pixel.y(), ray_x, ray_y);
+  WarpedPoint<float> p;
+  warpPoint(pair.first, ray_x, ray_y, point.inverse_depth, p);
+  if (!p.front) return false;
+  PixelJacobian<float> J;
+  pixelJacobian(pair.first, p, point.inverse_depth, J);
+  std::copy_n(J.x, kPoseRows, geometry.x);
+  std::copy_n(J.y, kPoseRows, geometry.y);
+  geometry.depth_x = J.depth_x;
+  geometry.depth_y = J.depth_y;
+  if (with_camera) addCameraRows(ray_x, ray_y, pair.first, p, geometry);
   return true;
 }
 

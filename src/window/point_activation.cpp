@@ -4,6 +4,7 @@
 #include "base/parallel.h"
 #include "depth/candidate_activation.h"
 #include "depth/epipolar_search.h"
+#include "window/pair_geometry.h"
 
 #include <cmath>
 #include <optional>
@@ -16,8 +17,6 @@ namespace {
 using depth::CandidatePoint;
 using depth::CandidateVerdict;
 using depth::DepthFit;
-using depth::DepthTarget;
-using depth::EpipolarPair;
 
 constexpr int kMapLevel = 1;        // pyramid level of the distance map
 constexpr double kMaxDistance = 4;  // between points at most [px of half resolution]; DSO
@@ -29,19 +28,12 @@ struct Pending {
   DepthFit fit;
 };
 
-BrightnessTransfer transferBetween(const Keyframe& from, const Keyframe& to) {
-  return brightnessTransfer(
-      from.affine(), from.frame->exposure(), to.affine(), to.frame->exposure());
-}
-
 /// Host pixels of level 0 to pixels of the distance map in the newest keyframe.
-EpipolarPair toMap(const Window& window, const Keyframe& host) {
-  const SE3 T_newest_host = window.keyframes.back().T_cam_world() * host.T_cam_world().inverse();
+EpipolarGeometry toMap(const Window& window, const Keyframe& host) {
   const PinholeCamera camera = window.camera();
-  const Eigen::Matrix3d K = camera.atLevel(kMapLevel).matrix();
-  const Eigen::Matrix3d KRKi = K * T_newest_host.rotationMatrix() * camera.matrix().inverse();
-  const Eigen::Vector3d Kt = K * T_newest_host.translation();
-  return {KRKi.cast<float>(), Kt.cast<float>(), 1, 0};
+  return {camera,
+          camera.atLevel(kMapLevel),
+          window.keyframes.back().T_cam_world() * host.T_cam_world().inverse()};
 }
 
 /// A projection into the map.
@@ -50,11 +42,11 @@ struct MapCell {
   float dither = 0;  // in [0, 1), differs between points
 };
 
-std::optional<MapCell> cellOf(const EpipolarPair& pair,
+std::optional<MapCell> cellOf(const EpipolarGeometry& geometry,
                               const Eigen::Vector2f& pixel,
                               float inverse_depth,
                               const depth::DistanceMap& map) {
-  const Eigen::Vector3f p = pair.KRKi * pixel.homogeneous() + pair.Kt * inverse_depth;
+  const Eigen::Vector3f p = geometry.at(pixel, inverse_depth);
   if (!(p.z() > 0)) return std::nullopt;
   const float u = p.x() / p.z() + 0.5F;
   const float v = p.y() / p.z() + 0.5F;
@@ -67,9 +59,9 @@ std::optional<MapCell> cellOf(const EpipolarPair& pair,
 void fillMap(const Window& window, depth::DistanceMap& map) {
   std::vector<Eigen::Vector2i> seeds;
   for (std::size_t k = 0; k + 1 < window.keyframes.size(); ++k) {
-    const EpipolarPair pair = toMap(window, window.keyframes[k]);
+    const EpipolarGeometry geometry = toMap(window, window.keyframes[k]);
     for (const WindowPoint& point : window.keyframes[k].points) {
-      const auto cell = cellOf(pair, point.pixel, point.inverse_depth, map);
+      const auto cell = cellOf(geometry, point.pixel, point.inverse_depth, map);
       if (cell) seeds.push_back(cell->cell);
     }
   }
@@ -82,12 +74,12 @@ void choose(const Window& window,
             depth::DistanceMap& map,
             std::vector<std::pair<CandidateVerdict, Pending>>& chosen) {
   const Keyframe& host = window.keyframes[position];
-  const EpipolarPair pair = toMap(window, host);
+  const EpipolarGeometry geometry = toMap(window, host);
   for (std::size_t c = 0; c < host.candidates.size(); ++c) {
     const CandidatePoint& candidate = host.candidates[c];
     CandidateVerdict verdict = depth::judgeCandidate(candidate, host.leaves);
     if (verdict == CandidateVerdict::kReady) {
-      const auto cell = cellOf(pair, candidate.pixel, candidate.middle(), map);
+      const auto cell = cellOf(geometry, candidate.pixel, candidate.middle(), map);
       const double room =
           cell ? map.at(cell->cell.x(), cell->cell.y()) + static_cast<double>(cell->dither) : 0;
       const double needed =
@@ -104,17 +96,11 @@ void choose(const Window& window,
   }
 }
 
-/// Views of all keyframes but the host, in the window's order.
-std::vector<DepthTarget> targetsOf(const Window& window, std::size_t host) {
-  std::vector<DepthTarget> targets;
-  const Keyframe& from = window.keyframes[host];
-  for (std::size_t k = 0; k < window.keyframes.size(); ++k) {
-    if (k == host) continue;
-    const Keyframe& to = window.keyframes[k];
-    const SE3 T_target_host = to.T_cam_world() * from.T_cam_world().inverse();
-    targets.push_back(
-        {depth::makeEpipolarPair(window.camera(), T_target_host, transferBetween(from, to)),
-         &to.frame->level(0)});
+/// Warps into all keyframes but the host, in the window's order.
+std::vector<TargetImage> targetsOf(const PairTable& pairs, std::size_t host) {
+  std::vector<TargetImage> targets;
+  for (std::size_t k = 0; k < pairs.size(); ++k) {
+    if (k != host) targets.push_back(pairs.at(host, k).current);
   }
   return targets;
 }
@@ -154,7 +140,7 @@ void refineCandidates(Window& window,
     const BrightnessTransfer transfer = brightnessTransfer(
         keyframe.affine(), keyframe.frame->exposure(), tracked.affine, tracked.frame->exposure());
     depth::searchEpipolarLines(keyframe.candidates,
-                               depth::makeEpipolarPair(window.camera(), T_frame_host, transfer),
+                               depth::EpipolarPair(window.camera(), T_frame_host, transfer),
                                tracked.frame->level(0),
                                options,
                                grain);
@@ -175,9 +161,10 @@ ActivationReport activateCandidates(Window& window,
   depth::DistanceMap map(map_camera.width, map_camera.height);
   fillMap(window, map);
   std::vector<std::pair<CandidateVerdict, Pending>> chosen;
-  std::vector<std::vector<DepthTarget>> targets;
+  const PairTable pairs(window);
+  std::vector<std::vector<TargetImage>> targets;
   for (std::size_t k = 0; k + 1 < window.keyframes.size(); ++k) {
-    targets.push_back(targetsOf(window, k));
+    targets.push_back(targetsOf(pairs, k));
     choose(window, k, map, chosen);
   }
   forEachRange(chosen.size(), grain, [&](std::size_t begin, std::size_t end) {
@@ -186,6 +173,7 @@ ActivationReport activateCandidates(Window& window,
       if (verdict != CandidateVerdict::kReady) continue;
       pending.fit =
           depth::fitDepth(window.keyframes[pending.keyframe].candidates[pending.candidate],
+                          pairs.rays(),
                           targets[pending.keyframe],
                           options);
       verdict = pending.fit.verdict;

@@ -15,8 +15,6 @@ constexpr double kFirstRotation = 1e11;
 constexpr double kFixedBrightness = 1e14;
 constexpr double kCalibratedGain = 1e12;  // of further keyframes with calibrated brightness
 constexpr double kCalibratedOffset = 1e8;
-constexpr int kCandidateMarginLow = 3;   // [px] of the pixel to the image edge
-constexpr int kCandidateMarginHigh = 5;  // [px]
 
 AffineBrightness affineOf(const Vector8d& state) {
   const Vector8d scaled = frameScale().cwiseProduct(state);
@@ -144,7 +142,7 @@ WindowPoint* addPoint(Window& window,
                       const Eigen::Vector2f& pixel,
                       float inverse_depth,
                       float prior_information) {
-  const std::optional<depth::HostPatch> patch = depth::readHostPatch(host.frame->level(0), pixel);
+  const std::optional<HostPattern> patch = readHostPattern(host.frame->level(0), pixel);
   if (!patch) return nullptr;
   WindowPoint point;
   point.id = {window.next_point++};
@@ -161,10 +159,6 @@ int addCandidates(Keyframe& keyframe, const std::vector<SelectedPixel>& pixels) 
   const PyramidLevel& level = keyframe.frame->level(0);
   int added = 0;
   for (const SelectedPixel& selected : pixels) {
-    const bool inside = selected.x >= kCandidateMarginLow && selected.y >= kCandidateMarginLow &&
-                        selected.x <= level.width() - kCandidateMarginHigh &&
-                        selected.y <= level.height() - kCandidateMarginHigh;
-    if (!inside) continue;
     const Eigen::Vector2f pixel(static_cast<float>(selected.x), static_cast<float>(selected.y));
     const auto candidate = depth::makeCandidate(level, pixel, static_cast<float>(selected.type));
     if (!candidate) continue;

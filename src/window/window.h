@@ -81,7 +81,7 @@ struct WindowPoint {
   std::uint8_t num_observations = 0;
   std::array<Observation, kMaxKeyframes - 1> observations;
   std::array<RecentState, 2> recent;  ///< newest keyframe first
-  depth::HostPatch patch;
+  HostPattern patch;
 
   [[nodiscard]] const Observation* begin() const { return observations.data(); }
   [[nodiscard]] const Observation* end() const { return begin() + num_observations; }

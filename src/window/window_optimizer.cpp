@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "window/window_optimizer.h"
 
+#include "estimate/levenberg_marquardt.h"
 #include "geometry/symmetric_eigen.h"
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -16,16 +18,13 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr std::size_t kSmallWindow = 4;   // fewer keyframes get more iterations
-constexpr int kMaxIterationsSmall = 15;   // while the window is small. @source DSO as published
-constexpr double kInitialDamping = 1e-5;  // of the diagonal. @source DSO as published
+constexpr std::size_t kSmallWindow = 4;  // fewer keyframes get more iterations
+constexpr int kMaxIterationsSmall = 15;  // while the window is small. @source DSO as published
 constexpr int kNullSpaceFrom =
     2;  // first iteration whose step has gauge motion removed; as published
-constexpr double kDampingOnSuccess = 0.25;  // @source DSO as published
-constexpr double kDampingOnFailure = 100;   // @source DSO as published
-constexpr double kMinDampingOnFailure = 1e-2;
-constexpr double kSingularCutOff = 1e-5;  // relative, of gauge directions
-constexpr int kMaxUndone = 3;             // steps undone in one adjustment; then the iteration ends
+constexpr FactorDamping kDamping{1e-5, 0.25, 100, 0, 1e-2};  // @source DSO as published
+constexpr double kSingularCutOff = 1e-5;                     // relative, of gauge directions
+constexpr int kMaxUndone = 3;  // steps undone in one adjustment; then the iteration ends
 
 // Limits of a step that ends the iteration, scaled units: a, b, rotation, translation times mean
 // inverse depth. @source DSO as published
@@ -69,10 +68,15 @@ void resetResiduals(Window& window) {
 }
 
 /// Parallax of a point in a target: distance between its projections at its depth and at infinity.
-float parallax(const WindowPoint& point, const PairGeometry& pair) {
-  const Eigen::Vector3f infinity = pair.KRKi * point.pixel.homogeneous();
-  const Eigen::Vector3f at_depth = infinity + pair.Kt * point.inverse_depth;
-  return (infinity.hnormalized() - at_depth.hnormalized()).norm();
+float parallax(const WindowPoint& point, const HostRays& rays, const Warp<float>& warp) {
+  float ray_x = 0;
+  float ray_y = 0;
+  rays.at(point.pixel.x(), point.pixel.y(), ray_x, ray_y);
+  WarpedPoint<float> infinity;
+  WarpedPoint<float> at_depth;
+  warpPoint(warp, ray_x, ray_y, 0.0F, infinity);
+  warpPoint(warp, ray_x, ray_y, point.inverse_depth, at_depth);
+  return std::hypot(infinity.x - at_depth.x, infinity.y - at_depth.y);
 }
 
 /// Notes the final evaluation in one point and removes unused residuals.
@@ -87,7 +91,9 @@ void closePoint(WindowPoint& point,
     }
     if (observation.state != ResidualState::kIn) continue;
     ++point.good_observations;
-    const float seen = kBaselineUnit * parallax(point, pairs.at(host, observation.target));
+    const float seen =
+        kBaselineUnit *
+        parallax(point, pairs.rays(), pairs.at(host, observation.target).current.warp);
     point.relative_baseline = std::max(point.relative_baseline, seen);
   }
   point.removeObservations([](const Observation& o) { return o.state != ResidualState::kIn; });
@@ -145,16 +151,17 @@ VectorXd withoutGauge(const VectorXd& step, const MatrixXd& directions) {
 }
 
 VectorXd solveStep(const Window& window,
-                   const NormalEquations& equations,
+                   const WindowEquations& equations,
                    const WindowOptions& options,
-                   double damping) {
+                   double damping,
+                   WindowElimination& elimination) {
   const StatePrior prior = statePrior(window, options);
   MatrixXd H = equations.H + window.prior.H;
   H.diagonal() += prior.information;
   H.diagonal() *= 1 + damping;
-  H -= equations.H_schur / (1 + damping);
-  VectorXd b = equations.b + prior.gradient + window.prior.b + window.prior.H * window.deviation() -
-               equations.b_schur / (1 + damping);
+  VectorXd b = equations.b + prior.gradient + window.prior.b + window.prior.H * window.deviation();
+  elimination.damp(equations, damping);
+  elimination.eliminate(equations, H, b);
   if (!options.optimizer.optimize_intrinsics) {
     H.topRows<kCameraDim>().setZero();
     H.leftCols<kCameraDim>().setZero();
@@ -196,134 +203,164 @@ WindowOptimizer::WindowOptimizer(const WindowOptions& options, std::size_t chunk
   linearize_.chunks_per_task = chunks_per_task;
 }
 
-double WindowOptimizer::evaluate(Window& window, PairTable& pairs, NormalEquations& equations) {
-  pairs.refreshCurrent(window);
-  builder_.build(window, pairs, points_, linearize_, equations);
-  return equations.energy + equations.depth_prior_energy + marginalEnergy(window) +
-         statePrior(window, options_).energy;
-}
-
-void WindowOptimizer::start(Window& window, PairTable& pairs) {
-  points_ = allPoints(window);
-  damping_ = kInitialDamping;
-  gauge_ = gaugeDirections(window);
-  resetResiduals(window);
-  energy_ = evaluate(window, pairs, current_);
-  adaptNewestThreshold(window);
-  if (options_.optimizer.fixed_thresholds) energy_ = evaluate(window, pairs, current_);
-  commit(window);
-}
-
-void WindowOptimizer::save(const Window& window) {
-  backup_.camera_state = window.camera_state;
-  backup_.states.clear();
-  backup_.inverse_depths.clear();
-  for (const Keyframe& keyframe : window.keyframes) {
-    backup_.states.push_back(keyframe.state);
-    for (const WindowPoint& point : keyframe.points) {
-      backup_.inverse_depths.push_back(point.inverse_depth);
-    }
+/// One adjustment, for minimize().
+class WindowOptimizer::Adjustment {
+ public:
+  Adjustment(WindowOptimizer& memory, Window& window)
+      : memory_(memory),
+        options_(memory.options_.optimizer),
+        window_(window),
+        pairs_(window),
+        points_(allPoints(window)),
+        gauge_(gaugeDirections(window)) {
+    resetResiduals(window_);
+    energy_ = evaluate(memory_.current_);
+    adaptNewestThreshold(window_);
+    if (options_.fixed_thresholds) energy_ = evaluate(memory_.current_);
+    commit(window_);
+    report_.first_energy = energy_;
+    report_.finite = std::isfinite(energy_);
   }
-}
 
-void WindowOptimizer::restore(Window& window) const {
-  window.camera_state = backup_.camera_state;
-  std::size_t next = 0;
-  for (std::size_t k = 0; k < window.keyframes.size(); ++k) {
-    window.keyframes[k].state = backup_.states[k];
-    for (WindowPoint& point : window.keyframes[k].points) {
-      point.inverse_depth = backup_.inverse_depths[next++];
-    }
+  std::optional<double> solve(double damping) {
+    step_ = solveStep(window_, memory_.current_, memory_.options_, damping, memory_.elimination_);
+    if (report_.iterations >= kNullSpaceFrom) step_ = withoutGauge(step_, gauge_);
+    memory_.elimination_.substituteBack(memory_.current_, step_, depth_step_);
+    const bool finite =
+        step_.allFinite() && std::all_of(depth_step_.begin(), depth_step_.end(), [](double step) {
+          return std::isfinite(step);
+        });
+    return finite ? std::optional(0.0) : std::nullopt;
   }
+
+  std::optional<double> tryStep() {
+    ++report_.iterations;
+    save();
+    applyStep();
+    trial_energy_ = evaluate(memory_.trial_);
+    const bool keep =
+        std::isfinite(trial_energy_) && (!options_.undo_bad_steps || trial_energy_ <= energy_);
+    return keep ? std::optional(energy_ - trial_energy_) : std::nullopt;
+  }
+
+  bool accept(const DampedStep& /*step*/) {
+    if (!options_.fixed_thresholds) adaptNewestThreshold(window_);
+    commit(window_);
+    std::swap(memory_.current_, memory_.trial_);
+    energy_ = trial_energy_;
+    report_.converged = report_.iterations > 1 && isSmall();
+    return !report_.converged;
+  }
+
+  bool reject(const DampedStep& step) {
+    if (!step.predicted) {
+      report_.finite = false;
+      return false;
+    }
+    restore();
+    ++report_.undone_steps;
+    report_.finite = std::isfinite(trial_energy_) || options_.undo_bad_steps;
+    return report_.finite && report_.undone_steps < kMaxUndone && !isSmall();
+  }
+
+  OptimizationReport finish();
+  [[nodiscard]] bool finite() const { return report_.finite; }
+
+ private:
+  double evaluate(WindowEquations& equations) {
+    pairs_.refreshCurrent(window_);
+    memory_.builder_.build(window_, pairs_, points_, memory_.linearize_, equations);
+    return equations.energy + equations.depth_prior_energy + marginalEnergy(window_) +
+           statePrior(window_, memory_.options_).energy;
+  }
+  WindowPoint& at(std::size_t i) {
+    return window_.keyframes[points_[i].keyframe].points[points_[i].point];
+  }
+  void applyStep();
+  void save();
+  void restore();
+  [[nodiscard]] bool isSmall() const;
+
+  WindowOptimizer& memory_;
+  const OptimizerOptions& options_;
+  Window& window_;
+  PairTable pairs_;
+  std::vector<PointRef> points_;
+  MatrixXd gauge_;
+  OptimizationReport report_;
+  VectorXd step_;
+  std::vector<double> depth_step_;
+  double energy_ = 0;
+  double trial_energy_ = 0;
+  // The state before a step.
+  Vector4d camera_state_;
+  std::vector<Vector8d> states_;
+  std::vector<float> inverse_depths_;
+};
+
+void WindowOptimizer::Adjustment::save() {
+  camera_state_ = window_.camera_state;
+  states_.clear();
+  inverse_depths_.clear();
+  for (const Keyframe& keyframe : window_.keyframes) states_.push_back(keyframe.state);
+  for (std::size_t i = 0; i < points_.size(); ++i) inverse_depths_.push_back(at(i).inverse_depth);
 }
 
-bool WindowOptimizer::applyStep(Window& window, const VectorXd& step, double damping) {
-  const VectorXd depth_step = backSubstitute(current_, step, damping);
-  if (!step.allFinite() || !depth_step.allFinite()) return false;
-  if (options_.optimizer.optimize_intrinsics) window.camera_state += step.head<kCameraDim>();
-  Index at = kCameraDim;
-  for (Keyframe& keyframe : window.keyframes) {
-    keyframe.state += step.segment<kFrameDim>(at);
-    at += kFrameDim;
+void WindowOptimizer::Adjustment::restore() {
+  window_.camera_state = camera_state_;
+  for (std::size_t k = 0; k < states_.size(); ++k) window_.keyframes[k].state = states_[k];
+  for (std::size_t i = 0; i < points_.size(); ++i) at(i).inverse_depth = inverse_depths_[i];
+}
+
+void WindowOptimizer::Adjustment::applyStep() {
+  if (options_.optimize_intrinsics) window_.camera_state += step_.head<kCameraDim>();
+  Index row = kCameraDim;
+  for (Keyframe& keyframe : window_.keyframes) {
+    keyframe.state += step_.segment<kFrameDim>(row);
+    row += kFrameDim;
   }
   for (std::size_t i = 0; i < points_.size(); ++i) {
-    WindowPoint& point = window.keyframes[points_[i].keyframe].points[points_[i].point];
-    point.inverse_depth += static_cast<float>(depth_step[static_cast<Index>(i)]);
+    at(i).inverse_depth += static_cast<float>(depth_step_[i]);
   }
-  return true;
 }
 
-bool WindowOptimizer::isSmall(const Window& window, const VectorXd& step) const {
+bool WindowOptimizer::Adjustment::isSmall() const {
   double a = 0, b = 0, rotation = 0, translation = 0, depths = 0;
-  for (Index at = kCameraDim; at < step.size(); at += kFrameDim) {
-    translation += step.segment<3>(at).squaredNorm();
-    rotation += step.segment<3>(at + 3).squaredNorm();
-    a += step[at + 6] * step[at + 6];
-    b += step[at + 7] * step[at + 7];
+  for (Index row = kCameraDim; row < step_.size(); row += kFrameDim) {
+    translation += step_.segment<3>(row).squaredNorm();
+    rotation += step_.segment<3>(row + 3).squaredNorm();
+    a += step_[row + 6] * step_[row + 6];
+    b += step_[row + 7] * step_[row + 7];
   }
-  for (const Keyframe& keyframe : window.keyframes) {
+  for (const Keyframe& keyframe : window_.keyframes) {
     for (const WindowPoint& point : keyframe.points) {
       depths += std::abs(static_cast<double>(point.inverse_depth));
     }
   }
-  const auto frames = static_cast<double>(window.keyframes.size());
+  const auto frames = static_cast<double>(window_.keyframes.size());
   const double mean_depth = points_.empty() ? 0 : depths / static_cast<double>(points_.size());
   return std::sqrt(a / frames) < kSlack * kSmallA && std::sqrt(b / frames) < kSlack * kSmallB &&
          std::sqrt(rotation / frames) < kSlack * kSmallRotation &&
          std::sqrt(translation / frames) * mean_depth < kSlack * kSmallTranslation;
 }
 
-/// One step. @return whether to go on
-bool WindowOptimizer::iterate(Window& window,
-                              PairTable& pairs,
-                              int iteration,
-                              OptimizationReport& report) {
-  VectorXd step = solveStep(window, current_, options_, damping_);
-  if (iteration >= kNullSpaceFrom) step = withoutGauge(step, gauge_);
-  save(window);
-  if (!applyStep(window, step, damping_)) {
-    report.finite = false;
-    return false;
-  }
-  ++report.iterations;
-  const double energy = evaluate(window, pairs, trial_);
-  const bool keep =
-      std::isfinite(energy) && (!options_.optimizer.undo_bad_steps || energy <= energy_);
-  if (!keep) {
-    restore(window);
-    pairs.refreshCurrent(window);
-    ++report.undone_steps;
-    report.finite = std::isfinite(energy) || options_.optimizer.undo_bad_steps;
-    damping_ = std::max(damping_ * kDampingOnFailure, kMinDampingOnFailure);
-    return report.finite && report.undone_steps < kMaxUndone && !isSmall(window, step);
-  }
-  if (!options_.optimizer.fixed_thresholds) adaptNewestThreshold(window);
-  commit(window);
-  std::swap(current_, trial_);
-  energy_ = energy;
-  if (options_.optimizer.undo_bad_steps) damping_ *= kDampingOnSuccess;
-  report.converged = iteration >= 1 && isSmall(window, step);
-  return !report.converged;
-}
-
-void WindowOptimizer::finish(Window& window, OptimizationReport& report) {
-  for (std::size_t i = 0; i < points_.size(); ++i) {
-    const float curvature = current_.depth_curvature[static_cast<Index>(i)];
-    window.keyframes[points_[i].keyframe].points[points_[i].point].information = curvature;
-  }
-  report.residuals = current_.used;
-  report.last_energy = energy_;
-  report.rms = std::sqrt(current_.energy / (kPatternSize * std::max(1, current_.used)));
-  window.keyframes.back().moveFirstEstimate();
-  PairTable pairs(window);
-  evaluate(window, pairs, trial_);
-  commit(window);
-  adaptNewestThreshold(window);
-  for (std::size_t host = 0; host < window.keyframes.size(); ++host) {
-    for (WindowPoint& point : window.keyframes[host].points) {
-      closePoint(point, window, pairs, host);
+OptimizationReport WindowOptimizer::Adjustment::finish() {
+  const WindowEquations& last = memory_.current_;
+  for (std::size_t i = 0; i < points_.size(); ++i) at(i).information = last.depth_hessian[i];
+  report_.residuals = last.used;
+  report_.last_energy = energy_;
+  report_.rms = std::sqrt(last.energy / (kPatternSize * std::max(1, last.used)));
+  window_.keyframes.back().moveFirstEstimate();
+  pairs_ = PairTable(window_);
+  evaluate(memory_.trial_);
+  commit(window_);
+  adaptNewestThreshold(window_);
+  for (std::size_t host = 0; host < window_.keyframes.size(); ++host) {
+    for (WindowPoint& point : window_.keyframes[host].points) {
+      closePoint(point, window_, pairs_, host);
     }
   }
+  return report_;
 }
 
 OptimizationReport WindowOptimizer::optimize(Window& window) {
@@ -332,17 +369,13 @@ OptimizationReport WindowOptimizer::optimize(Window& window) {
                            " keyframes cannot be adjusted; 2 are needed");
   }
   const bool small = window.keyframes.size() < kSmallWindow;
-  const int limit = small ? kMaxIterationsSmall : options_.optimizer.max_iterations;
-  OptimizationReport report;
-  PairTable pairs(window);
-  start(window, pairs);
-  report.first_energy = energy_;
-  report.finite = std::isfinite(energy_);
-  for (int i = 0; report.finite && i < limit; ++i) {
-    if (!iterate(window, pairs, i, report)) break;
+  Adjustment adjustment(*this, window);
+  FactorDamping damping = kDamping;
+  if (!options_.optimizer.undo_bad_steps) damping.down = 1;
+  if (adjustment.finite()) {
+    minimize(adjustment, damping, small ? kMaxIterationsSmall : options_.optimizer.max_iterations);
   }
-  finish(window, report);
-  return report;
+  return adjustment.finish();
 }
 
 }  // namespace dsorb::window

@@ -43,11 +43,13 @@ struct StatePrior {
                                            const Eigen::MatrixXd& directions);
 
 /// Step of frames and intrinsics that minimises the linearised energy, priors included.
-/// @param damping  relative increase of all diagonals
+/// @param damping     relative increase of all diagonals
+/// @param elimination afterwards gives the steps of the inverse depths
 [[nodiscard]] Eigen::VectorXd solveStep(const Window& window,
-                                        const NormalEquations& equations,
+                                        const WindowEquations& equations,
                                         const WindowOptions& options,
-                                        double damping);
+                                        double damping,
+                                        WindowElimination& elimination);
 
 /// Adapts the outlier threshold of the newest keyframe to its residuals.
 /// @source DSO as published: the mean of a constant and 1.5 times the root of the 70 % quantile
@@ -67,31 +69,15 @@ class WindowOptimizer {
   OptimizationReport optimize(Window& window);
 
  private:
-  struct Backup {
-    Vector4d camera_state;
-    std::vector<Vector8d> states;
-    std::vector<float> inverse_depths;
-  };
-
-  double evaluate(Window& window, PairTable& pairs, NormalEquations& equations);
-  void start(Window& window, PairTable& pairs);
-  bool iterate(Window& window, PairTable& pairs, int iteration, OptimizationReport& report);
-  [[nodiscard]] bool applyStep(Window& window, const Eigen::VectorXd& step, double damping);
-  [[nodiscard]] bool isSmall(const Window& window, const Eigen::VectorXd& step) const;
-  void save(const Window& window);
-  void restore(Window& window) const;
-  void finish(Window& window, OptimizationReport& report);
+  class Adjustment;
 
   WindowOptions options_;
   LinearizeOptions linearize_;
+  // Memory kept from one adjustment to the next.
   NormalEquationsBuilder builder_;
-  std::vector<PointRef> points_;
-  NormalEquations current_;
-  NormalEquations trial_;
-  Backup backup_;
-  Eigen::MatrixXd gauge_;
-  double energy_ = 0;
-  double damping_ = 0;
+  WindowElimination elimination_;
+  WindowEquations current_;
+  WindowEquations trial_;
 };
 
 }  // namespace dsorb::window

@@ -12,18 +12,20 @@ struct Scene {
   synthetic::SyntheticSequence sequence;
   std::vector<CandidatePoint> candidates;
   FramePtr target;
+  SE3 T_target_host;
   EpipolarPair pair;
 
-  Scene() : sequence(synthetic::SequenceOptions()) {
+  Scene()
+      : sequence(synthetic::SequenceOptions()),
+        target(sequence.framePtr(6)),
+        T_target_host(sequence.pose(6).inverse() * sequence.pose(0)),
+        pair(sequence.camera(), T_target_host, BrightnessTransfer{}) {
     const synthetic::SyntheticFrame host = sequence.frame(0);
     const FramePtr frame = sequence.framePtr(host, 0);
     for (const auto& seed : window_scene::truePoints(frame->level(0), host.inverse_depth, 12, 0)) {
       const auto candidate = makeCandidate(frame->level(0), seed.pixel, 1);
       if (candidate) candidates.push_back(*candidate);
     }
-    target = sequence.framePtr(6);
-    pair = makeEpipolarPair(
-        sequence.camera(), sequence.pose(6).inverse() * sequence.pose(0), BrightnessTransfer{});
   }
 };
 
@@ -63,10 +65,12 @@ void BM_FitDepth(benchmark::State& state) {
   const Scene scene;
   std::vector<CandidatePoint> known = scene.candidates;
   searchEpipolarLines(known, scene.pair, scene.target->level(0), {}, 0);
-  const std::vector<DepthTarget> targets(4, DepthTarget{scene.pair, &scene.target->level(0)});
+  const HostRays rays(scene.sequence.camera());
+  const std::vector<TargetImage> targets(
+      4, makeTargetImage(scene.sequence.camera(), scene.T_target_host, {}, scene.target->level(0)));
   std::size_t i = 0;
   for (auto _ : state) {
-    benchmark::DoNotOptimize(fitDepth(known[i], targets, {}));
+    benchmark::DoNotOptimize(fitDepth(known[i], rays, targets, {}));
     if (++i == known.size()) i = 0;
   }
 }

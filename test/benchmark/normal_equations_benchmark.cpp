@@ -30,7 +30,7 @@ void BM_BuildSystem(benchmark::State& state) {
   LinearizeOptions options;
   options.intrinsics = state.range(0) != 0;
   NormalEquationsBuilder builder;
-  NormalEquations equations;
+  WindowEquations equations;
   for (auto _ : state) {
     builder.build(scene.window, pairs, points, options, equations);
     benchmark::DoNotOptimize(equations.energy);
@@ -43,12 +43,11 @@ BENCHMARK(BM_BuildSystem)->Arg(0)->Arg(1)->Unit(benchmark::kMillisecond);
 void BM_EvaluatePatch(benchmark::State& state) {
   const WindowScene& scene = fullWindow();
   const PairTable pairs(scene.window);
-  const PyramidLevel& level = scene.window.keyframes[1].frame->level(0);
   const std::vector<WindowPoint>& points = scene.window.keyframes[0].points;
   PatchSums sums;
   std::size_t i = 0;
   for (auto _ : state) {
-    benchmark::DoNotOptimize(evaluatePatch(points[i], pairs.at(0, 1), level, sums));
+    benchmark::DoNotOptimize(evaluatePatch(points[i], pairs.rays(), pairs.at(0, 1), sums));
     if (++i == points.size()) i = 0;
   }
 }
@@ -57,13 +56,17 @@ BENCHMARK(BM_EvaluatePatch)->Unit(benchmark::kNanosecond);
 void BM_SolveStep(benchmark::State& state) {
   WindowScene scene = fullWindow();
   NormalEquationsBuilder builder;
-  NormalEquations equations;
+  WindowEquations equations;
   const PairTable pairs(scene.window);
   builder.build(scene.window, pairs, allPoints(scene.window), {}, equations);
+  WindowElimination elimination;
+  std::vector<double> depth_step;
   const Eigen::MatrixXd gauge = gaugeDirections(scene.window);
   for (auto _ : state) {
-    const Eigen::VectorXd step = withoutGauge(solveStep(scene.window, equations, {}, 1e-5), gauge);
-    benchmark::DoNotOptimize(backSubstitute(equations, step, 1e-5));
+    const Eigen::VectorXd step =
+        withoutGauge(solveStep(scene.window, equations, {}, 1e-5, elimination), gauge);
+    elimination.substituteBack(equations, step, depth_step);
+    benchmark::DoNotOptimize(depth_step.data());
   }
 }
 BENCHMARK(BM_SolveStep)->Unit(benchmark::kMillisecond);

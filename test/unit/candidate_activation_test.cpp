@@ -85,7 +85,7 @@ TEST(AdaptDistanceTest, FollowsThePublishedTable) {
 
 CandidatePoint readyCandidate() {
   CandidatePoint candidate;
-  candidate.status = SearchStatus::kGood;
+  candidate.status = CandidateStatus::kGood;
   candidate.min_inverse_depth = 0.9F;
   candidate.max_inverse_depth = 1.1F;
   candidate.interval = 2;
@@ -105,7 +105,7 @@ TEST(JudgeCandidateTest, OnlyWellKnownDepthsAreReady) {
   candidate.finished = true;
   EXPECT_EQ(judgeCandidate(candidate, false), CandidateVerdict::kDrop);
   candidate = readyCandidate();
-  candidate.status = SearchStatus::kOutlier;
+  candidate.status = CandidateStatus::kOutlier;
   EXPECT_EQ(judgeCandidate(candidate, false), CandidateVerdict::kDrop);
   candidate = readyCandidate();
   candidate.max_inverse_depth = CandidatePoint::kUnknown;

@@ -23,33 +23,30 @@ TEST(CoarseAlignment, SchurSolveEqualsTheDenseSolve) {
   matchReference(texturedPyramid(0).level(0), alignment, points);
   LevelAligner aligner{CoarseOptions{}};
   const LevelState state = aligner.evaluate(view, Unknowns::kAll, points, alignment);
-  aligner.accept(points);
-  SchurTerms terms;  // the coupling of the capped prior, toward the smoothed depth 1
   ASSERT_TRUE(state.prior.capped);
-  evaluateLevel(view, alignment, {0, 1}, points, terms);
+  const LinearSystem<float> system = aligner.evaluated();
+  aligner.accept(points);
 
   constexpr double kDamping = 0.1;
   const int n = points.size();
   Eigen::MatrixXd A = Eigen::MatrixXd::Zero(8 + n, 8 + n);
   Eigen::VectorXd g(8 + n);
-  A.topLeftCorner<8, 8>() = state.equations.H;
-  g.head<8>() = state.equations.b;
+  A.topLeftCorner<8, 8>() = system.H;
+  g.head<8>() = system.b;
   for (int i = 0; i < n; ++i) {
     const auto point = static_cast<std::size_t>(i);
-    for (int k = 0; k < 8; ++k) {
-      A(k, 8 + i) = A(8 + i, k) =
-          static_cast<double>(terms.coupling[point * 8 + static_cast<std::size_t>(k)]);
-    }
-    A(8 + i, 8 + i) = 1.0 / static_cast<double>(terms.inverse_curvature[point]);
-    g[8 + i] = static_cast<double>(terms.gradient[point]);
+    A.col(8 + i).head<8>() = system.couplingOf(point).cast<double>();
+    A.row(8 + i).head<8>() = A.col(8 + i).head<8>().transpose();
+    A(8 + i, 8 + i) = static_cast<double>(system.depth_hessian[point]);
+    g[8 + i] = static_cast<double>(system.depth_gradient[point]);
   }
   A.diagonal() *= 1.0 + kDamping;
   const Eigen::VectorXd dense = -A.fullPivLu().solve(g);
-  const Vector8d step = aligner.solve(state, Unknowns::kAll, kDamping);
+  const Vector8d step = aligner.solve(Unknowns::kAll, kDamping);
   // Float sums: measured 3.1e-6 for the pose, 6.1e-8 for the depths; margin x5.
   EXPECT_LT((step - dense.head<8>()).norm() / dense.head<8>().norm(), 1.5e-5);
   points.inverse_depth = points.trial_inverse_depth;
-  aligner.stepDepths(step, kDamping, points);
+  aligner.stepDepths(step, points);
   for (int i = 0; i < n; ++i) {
     const auto point = static_cast<std::size_t>(i);
     const double limit = 0.25 * static_cast<double>(points.max_step[point]);
@@ -68,11 +65,15 @@ class PriorTest : public testing::Test {
   }
   LevelState evaluate(const Alignment& alignment, const CoarseOptions& options) {
     LevelAligner aligner(options);
-    return aligner.evaluate({&image_.level(0), kCamera}, Unknowns::kAll, points_, alignment);
+    const LevelState state =
+        aligner.evaluate({&image_.level(0), kCamera}, Unknowns::kAll, points_, alignment);
+    gradient_ = 2 * aligner.evaluated().b;
+    return state;
   }
   Pyramid image_;
   PointLevel points_;
   Alignment alignment_;
+  Vector8d gradient_;  ///< of the energy last evaluated
 };
 
 TEST_F(PriorTest, EnergyIsConsistentWithItsGradient) {
@@ -80,6 +81,7 @@ TEST_F(PriorTest, EnergyIsConsistentWithItsGradient) {
   points_.trial_inverse_depth[3] = 1.01F;
   const LevelState state = evaluate(alignment_, options);
   ASSERT_FALSE(state.prior.capped);
+  const Vector8d analytic = gradient_;
   const Eigen::MatrixXd gradient = numericJacobian(
       [&](const Eigen::VectorXd& xi) -> Eigen::VectorXd {
         Eigen::VectorXd step = Eigen::VectorXd::Zero(8);
@@ -89,7 +91,7 @@ TEST_F(PriorTest, EnergyIsConsistentWithItsGradient) {
       6,
       1e-5);
   // Measured 1.0e-6 (central differences); margin x10.
-  EXPECT_LT(relativeDifference(2 * state.equations.b.head<6>().transpose(), gradient), 1e-5);
+  EXPECT_LT(relativeDifference(analytic.head<6>().transpose(), gradient), 1e-5);
 
   points_.trial_inverse_depth[3] = 1.011F;
   const double plus = evaluate(alignment_, options).energy();
@@ -107,14 +109,13 @@ TEST(CoarseAlignment, BalancedEnergyIsConsistentWithItsGradient) {
   alignment.log_gain = 0.2;
   alignment.exposure_log_gain = 0.05;
   alignment.balanced = true;
-  SchurTerms schur;
-  const NormalEquations at = evaluateLevel(view, alignment, {}, points, schur);
-  ASSERT_EQ(at.good, points.size());
+  LinearSystem<float> at;
+  ASSERT_EQ(evaluateLevel(view, alignment, {}, points, at).good, points.size());
   const Eigen::MatrixXd gradient = numericJacobian(
       [&](const Eigen::VectorXd& xi) -> Eigen::VectorXd {
-        SchurTerms terms;
+        LinearSystem<float> system;
         return Eigen::VectorXd::Constant(
-            1, evaluateLevel(view, movedBy(alignment, xi), {}, points, terms).energy);
+            1, evaluateLevel(view, movedBy(alignment, xi), {}, points, system).energy);
       },
       8,
       3e-3);
@@ -133,10 +134,10 @@ TEST(CoarseAlignment, ContrastStaysWhereImagesDoNotMatch) {
     Alignment alignment;
     alignment.balanced = balanced;
     for (int i = 0; i < 20; ++i) {
-      const LevelState state =
-          aligner.evaluate({&image.level(0), kCamera}, Unknowns::kPose, points, alignment);
+      aligner.evaluate({&image.level(0), kCamera}, Unknowns::kPose, points, alignment);
+      const LinearSystem<float>& system = aligner.evaluated();
       const Eigen::Vector2d step =
-          state.equations.H.bottomRightCorner<2, 2>().ldlt().solve(state.equations.b.tail<2>());
+          system.H.bottomRightCorner<2, 2>().ldlt().solve(system.b.tail<2>());
       alignment.log_gain -= step[0];
       alignment.offset -= step[1];
     }

@@ -47,7 +47,7 @@ TEST_F(CoarseCovarianceTest, EqualsTheDenseInverseWithTheMeanInverseDepthFixed) 
 
   const LevelState state = aligner.evaluate(
       viewOf(*tracked_.frame, attempt_.camera, 0), Unknowns::kPose, points_, tracked_.alignment);
-  const SchurTerms& terms = aligner.evaluated();
+  const LinearSystem<float>& system = aligner.evaluated();
   std::vector<std::size_t> good;
   for (std::size_t i = 0; i < points_.x.size(); ++i) {
     if (points_.trial_good[i] != 0 && points_.trial_curvature[i] >= 1) good.push_back(i);
@@ -55,13 +55,11 @@ TEST_F(CoarseCovarianceTest, EqualsTheDenseInverseWithTheMeanInverseDepthFixed) 
   ASSERT_GT(good.size(), 100U);
   const auto n = static_cast<Eigen::Index>(good.size());
   MatrixXd A = MatrixXd::Zero(8 + n, 8 + n);
-  A.topLeftCorner<8, 8>() = state.equations.H;
+  A.topLeftCorner<8, 8>() = system.H;
   for (Eigen::Index i = 0; i < n; ++i) {
     const std::size_t point = good[static_cast<std::size_t>(i)];
-    for (Eigen::Index k = 0; k < 8; ++k) {
-      A(k, 8 + i) = A(8 + i, k) =
-          static_cast<double>(terms.coupling[point * 8 + static_cast<std::size_t>(k)]);
-    }
+    A.col(8 + i).head<8>() = system.couplingOf(point).cast<double>();
+    A.row(8 + i).head<8>() = A.col(8 + i).head<8>().transpose();
     A(8 + i, 8 + i) = static_cast<double>(points_.trial_curvature[point]);
   }
   VectorXd mean = VectorXd::Zero(8 + n);
@@ -69,7 +67,7 @@ TEST_F(CoarseCovarianceTest, EqualsTheDenseInverseWithTheMeanInverseDepthFixed) 
   const MatrixXd Q = Eigen::HouseholderQR<MatrixXd>(mean).householderQ();
   const MatrixXd Z = Q.rightCols(7 + n);  // what keeps the mean
   const double variance =
-      state.equations.good_energy / (static_cast<double>(kPatternSize) * static_cast<double>(n));
+      state.sums.good_energy / (static_cast<double>(kPatternSize) * static_cast<double>(n));
   const MatrixXd dense = variance * Z * (Z.transpose() * A * Z).ldlt().solve(Z.transpose());
   // Float sums: measured 1.5e-3; margin x2.
   EXPECT_LT(relativeDifference(result->pose, dense.topLeftCorner<6, 6>()), 3e-3);

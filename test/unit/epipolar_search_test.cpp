@@ -41,7 +41,7 @@ struct SearchScene {
     const SE3 T_frame_host = sequence.pose(index).inverse() * sequence.pose(0);
     const FramePtr frame = sequence.framePtr(index);
     searchEpipolarLines(
-        points, makeEpipolarPair(sequence.camera(), T_frame_host, {}), frame->level(0), {}, grain);
+        points, EpipolarPair(sequence.camera(), T_frame_host, {}), frame->level(0), {}, grain);
   }
 };
 
@@ -52,8 +52,8 @@ TEST(EpipolarSearchTest, FindsTheTrueDepthOfARenderedScene) {
   std::vector<double> errors;
   for (std::size_t i = 0; i < scene.candidates.size(); ++i) {
     const CandidatePoint& candidate = scene.candidates[i];
-    const bool usable =
-        candidate.hasDepth() && candidate.quality > 3 && candidate.status != SearchStatus::kOutlier;
+    const bool usable = candidate.hasDepth() && candidate.quality > 3 &&
+                        candidate.status != CandidateStatus::kOutlier;
     if (!usable) continue;
     ++known;
     inside += candidate.min_inverse_depth <= scene.truth[i] &&
@@ -94,15 +94,15 @@ TEST(EpipolarSearchTest, BrightnessTransferIsApplied) {
   const FramePtr frame = Frame::create(ImageView(dark.data(), 320, 240), {});
   const SE3 T_frame_host = scene.sequence.pose(6).inverse() * scene.sequence.pose(0);
   searchEpipolarLines(scene.candidates,
-                      makeEpipolarPair(scene.sequence.camera(), T_frame_host, {0.7, 9}),
+                      EpipolarPair(scene.sequence.camera(), T_frame_host, {0.7, 9}),
                       frame->level(0),
                       {},
                       0);
   int good = 0, same = 0;
   for (std::size_t i = 0; i < plain.size(); ++i) {
-    if (plain[i].status != SearchStatus::kGood) continue;
+    if (plain[i].status != CandidateStatus::kGood) continue;
     ++good;
-    same += scene.candidates[i].status == SearchStatus::kGood &&
+    same += scene.candidates[i].status == CandidateStatus::kGood &&
                     std::abs(scene.candidates[i].middle() - plain[i].middle()) <
                         0.05F * plain[i].middle()
                 ? 1
@@ -121,8 +121,8 @@ TEST(EpipolarSearchTest, LeavingTheImageIsFinalOnlyInReferenceMode) {
     options.final_out_of_bounds = final_out_of_bounds;
     CandidatePoint candidate = scene.candidates[scene.candidates.size() / 2];
     searchEpipolarLine(
-        candidate, makeEpipolarPair(scene.sequence.camera(), turned, {}), frame->level(0), options);
-    EXPECT_EQ(candidate.status, SearchStatus::kOutOfBounds);
+        candidate, EpipolarPair(scene.sequence.camera(), turned, {}), frame->level(0), options);
+    EXPECT_EQ(candidate.status, CandidateStatus::kOutOfBounds);
     EXPECT_EQ(candidate.finished, final_out_of_bounds);
   }
 }
@@ -135,10 +135,10 @@ TEST(EpipolarSearchTest, ShortIntervalsAreSkipped) {
   candidate.max_inverse_depth = 1.001F * truth;
   const SE3 T_frame_host = scene.sequence.pose(6).inverse() * scene.sequence.pose(0);
   searchEpipolarLine(candidate,
-                     makeEpipolarPair(scene.sequence.camera(), T_frame_host, {}),
+                     EpipolarPair(scene.sequence.camera(), T_frame_host, {}),
                      scene.sequence.framePtr(6)->level(0),
                      {});
-  EXPECT_EQ(candidate.status, SearchStatus::kSkipped);
+  EXPECT_EQ(candidate.status, CandidateStatus::kSkipped);
   EXPECT_EQ(candidate.min_inverse_depth, 0.999F * truth);
 }
 

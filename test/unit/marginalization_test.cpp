@@ -65,21 +65,23 @@ TEST(MarginalizationTest, PriorEqualsTheSchurComplementOfTheFullProblem) {
   LinearizeOptions linearize;
   linearize.frozen = true;
   NormalEquationsBuilder builder;
-  NormalEquations full;
+  WindowEquations full;
   builder.build(window, PairTable(window), allPoints(window), linearize, full);
   ASSERT_GT(full.used, 100);
   const Index frames = window.dimension();
-  const Index points = full.depth_curvature.size();
+  const auto points = static_cast<Index>(full.points());
   MatrixXd H = MatrixXd::Zero(frames + points, frames + points);
   H.topLeftCorner(frames, frames) = full.H;
-  H.bottomLeftCorner(points, frames) = full.coupling.cast<double>();
-  H.topRightCorner(frames, points) = full.coupling.cast<double>().transpose();
-  for (Index i = 0; i < points; ++i) {
-    const auto curvature = static_cast<double>(full.depth_curvature[i]);
-    H(frames + i, frames + i) = curvature > 0 ? curvature : 1;
-  }
   VectorXd b(frames + points);
-  b << full.b, full.depth_gradient.cast<double>();
+  b.head(frames) = full.b;
+  for (Index i = 0; i < points; ++i) {
+    const auto point = static_cast<std::size_t>(i);
+    H.col(frames + i).head(frames) = full.couplingOf(point).cast<double>();
+    H.row(frames + i).head(frames) = H.col(frames + i).head(frames).transpose();
+    H(frames + i, frames + i) =
+        full.known(point) ? static_cast<double>(full.depth_hessian[point]) : 1;
+    b[frames + i] = static_cast<double>(full.depth_gradient[point]);
+  }
   H.diagonal().segment<8>(kCameraDim) += window.keyframes[0].prior;
   b.segment<8>(kCameraDim) += window.keyframes[0].prior.cwiseProduct(window.keyframes[0].first);
   // Keep the other three keyframes; eliminate keyframe 0 and all depths together.

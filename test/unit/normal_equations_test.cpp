@@ -29,13 +29,39 @@ WindowScene perturbedScene(const WindowOptions& options, float prior_variance = 
   return scene;
 }
 
-NormalEquations linearized(Window& window, bool intrinsics = false) {
+WindowEquations linearized(Window& window, bool intrinsics = false) {
   NormalEquationsBuilder builder;
-  NormalEquations equations;
+  WindowEquations equations;
   LinearizeOptions options;
   options.intrinsics = intrinsics;
   builder.build(window, PairTable(window), allPoints(window), options, equations);
   return equations;
+}
+
+/// C^T, one row a point.
+MatrixXd couplingOf(const WindowEquations& equations) {
+  MatrixXd rows(static_cast<Index>(equations.points()), equations.size());
+  for (Index i = 0; i < rows.rows(); ++i) {
+    rows.row(i) = equations.couplingOf(static_cast<std::size_t>(i)).cast<double>().transpose();
+  }
+  return rows;
+}
+
+VectorXd vectorOf(const std::vector<float>& values) {
+  return Eigen::Map<const Eigen::VectorXf>(values.data(), static_cast<Index>(values.size()))
+      .cast<double>();
+}
+
+/// Steps of frames and intrinsics, and of the inverse depths.
+std::pair<VectorXd, VectorXd> stepsOf(const Window& window,
+                                      const WindowEquations& equations,
+                                      const WindowOptions& options,
+                                      double damping) {
+  WindowElimination elimination;
+  const VectorXd step = solveStep(window, equations, options, damping, elimination);
+  std::vector<double> depths;
+  elimination.substituteBack(equations, step, depths);
+  return {step, Eigen::Map<const VectorXd>(depths.data(), static_cast<Index>(depths.size()))};
 }
 
 TEST(NormalEquationsTest, SchurSolveEqualsDenseSolve) {
@@ -43,23 +69,22 @@ TEST(NormalEquationsTest, SchurSolveEqualsDenseSolve) {
     WindowOptions options;
     options.optimizer.optimize_intrinsics = intrinsics;
     WindowScene scene = perturbedScene(options);
-    const NormalEquations equations = linearized(scene.window, intrinsics);
+    const WindowEquations equations = linearized(scene.window, intrinsics);
     ASSERT_GT(equations.used, 200);
     const double damping = 0.01;
-    const VectorXd step = solveStep(scene.window, equations, options, damping);
-    const VectorXd depth_step = backSubstitute(equations, step, damping);
+    const auto [step, depth_step] = stepsOf(scene.window, equations, options, damping);
 
     const StatePrior prior = statePrior(scene.window, options);
     const Index frames = scene.window.dimension();
-    const Index points = equations.depth_curvature.size();
+    const auto points = static_cast<Index>(equations.points());
     MatrixXd H = MatrixXd::Zero(frames + points, frames + points);
     H.topLeftCorner(frames, frames) = equations.H;
     H.diagonal().head(frames) += prior.information;
-    H.bottomLeftCorner(points, frames) = equations.coupling.cast<double>();
-    H.topRightCorner(frames, points) = equations.coupling.cast<double>().transpose();
-    H.diagonal().tail(points) = equations.depth_curvature.cast<double>();
+    H.bottomLeftCorner(points, frames) = couplingOf(equations);
+    H.topRightCorner(frames, points) = couplingOf(equations).transpose();
+    H.diagonal().tail(points) = vectorOf(equations.depth_hessian);
     VectorXd b(frames + points);
-    b << equations.b + prior.gradient, equations.depth_gradient.cast<double>();
+    b << equations.b + prior.gradient, vectorOf(equations.depth_gradient);
     H.diagonal() *= 1 + damping;
     for (Index i = 0; i < H.rows(); ++i) {  // fixed intrinsics, points without residual
       if (H(i, i) == 0) H(i, i) = 1;
@@ -169,8 +194,8 @@ CeresStep solveWithCeres(const Window& window) {
         PatchSums sums;
         ResidualGeometry geometry;
         const PairGeometry& pair = pairs.at(host, o.target);
-        evaluatePatch(point, pair, window.keyframes[o.target].frame->level(0), sums);
-        evaluateGeometry(point, pair, window.camera(), false, geometry);
+        evaluatePatch(point, pairs.rays(), pair, sums);
+        evaluateGeometry(point, pairs.rays(), pair, false, geometry);
         problem.AddResidualBlock(new PatchCost(sums, geometry, pair),
                                  nullptr,
                                  step.frames[host].data(),
@@ -206,9 +231,8 @@ TEST(NormalEquationsTest, WindowStepEqualsCeres) {
   WindowOptions options;
   options.prior.max_depth = 1e7;
   WindowScene scene = perturbedScene(options, 1e-6F);
-  const NormalEquations equations = linearized(scene.window);
-  const VectorXd step = solveStep(scene.window, equations, options, 0);
-  const VectorXd depth_step = backSubstitute(equations, step, 0);
+  const WindowEquations equations = linearized(scene.window);
+  const auto [step, depth_step] = stepsOf(scene.window, equations, options, 0);
   const CeresStep ceres_step = solveWithCeres(scene.window);
   VectorXd frames(step.size());
   frames.head<kCameraDim>().setZero();
@@ -230,7 +254,7 @@ TEST(NormalEquationsTest, FrozenResidualsReferToTheFirstEstimates) {
     for (int i = 0; i < 8; ++i) keyframe.state[i] += 1e-3 * random.gaussian();
   }
   NormalEquationsBuilder builder;
-  NormalEquations current, frozen;
+  WindowEquations current, frozen;
   LinearizeOptions linearize;
   const PairTable pairs(scene.window);
   const std::vector<PointRef> points = allPoints(scene.window);
@@ -247,8 +271,11 @@ TEST(NormalEquationsTest, GaugeDirectionsCostNothing) {
   WindowSceneOptions scene_options;
   scene_options.cell = 20;
   WindowScene scene = makeWindowScene(scene_options, WindowOptions());
-  const NormalEquations equations = linearized(scene.window);
-  const MatrixXd H = equations.H - equations.H_schur;
+  WindowEquations equations = linearized(scene.window);
+  WindowElimination elimination;
+  elimination.damp(equations, 0);
+  elimination.eliminate(equations, equations.H, equations.b);
+  const MatrixXd H = equations.H.selfadjointView<Eigen::Lower>();
   const MatrixXd directions = gaugeDirections(scene.window);
   for (Index i = 0; i < directions.cols(); ++i) {
     const double cost = (H * directions.col(i)).norm() / H.norm();
@@ -266,7 +293,7 @@ TEST(NormalEquationsTest, SameBitsForAnyNumberOfThreads) {
   const std::vector<PointRef> points = allPoints(scene.window);
   ASSERT_GT(points.size(), 1000U);
   const auto build = [&](int threads, std::size_t chunks) {
-    NormalEquations equations;
+    WindowEquations equations;
     TaskArena(threads).run([&] {
       NormalEquationsBuilder builder;
       LinearizeOptions linearize;
@@ -275,12 +302,14 @@ TEST(NormalEquationsTest, SameBitsForAnyNumberOfThreads) {
     });
     return equations;
   };
-  const NormalEquations serial = build(1, 0);
+  const WindowEquations serial = build(1, 0);
   for (const int threads : {1, 2}) {
-    const NormalEquations parallel = build(threads, 1);
+    const WindowEquations parallel = build(threads, 1);
     EXPECT_TRUE((serial.H.array() == parallel.H.array()).all());
-    EXPECT_TRUE((serial.H_schur.array() == parallel.H_schur.array()).all());
-    EXPECT_TRUE((serial.b_schur.array() == parallel.b_schur.array()).all());
+    EXPECT_TRUE((serial.b.array() == parallel.b.array()).all());
+    EXPECT_EQ(serial.coupling, parallel.coupling);
+    EXPECT_EQ(serial.depth_hessian, parallel.depth_hessian);
+    EXPECT_EQ(serial.depth_gradient, parallel.depth_gradient);
     EXPECT_EQ(serial.energy, parallel.energy);
   }
 }

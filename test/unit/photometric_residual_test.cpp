@@ -15,6 +15,7 @@ using Eigen::Vector2d;
 using Eigen::VectorXd;
 
 const PinholeCamera kCamera{210, 190, 158.3, 121.7, 320, 240};
+const HostRays kRays(kCamera);
 
 /// Intensity linear in the pixel: interpolation and gradients are exact.
 FramePtr rampFrame(float offset, float dx, float dy, double exposure) {
@@ -60,7 +61,7 @@ TEST(PhotometricResidualTest, GeometryAgreesWithCentralDifferences) {
   const PairTable pairs(window);
   ResidualGeometry geometry;
   ASSERT_TRUE(evaluateGeometry(
-      window.keyframes[0].points[0], pairs.at(0, 1), window.camera(), true, geometry));
+      window.keyframes[0].points[0], pairs.rays(), pairs.at(0, 1), true, geometry));
   const Eigen::MatrixXd numeric =
       numericJacobian([&](const VectorXd& d) { return VectorXd(projectAfter(window, d)); }, 17);
 
@@ -91,13 +92,13 @@ TEST(PhotometricResidualTest, GeometryStaysAtTheFirstEstimates) {
   Window window = makeWindow();
   ResidualGeometry before;
   const WindowPoint& point = window.keyframes[0].points[0];
-  ASSERT_TRUE(evaluateGeometry(point, PairTable(window).at(0, 1), kCamera, true, before));
+  ASSERT_TRUE(evaluateGeometry(point, kRays, PairTable(window).at(0, 1), true, before));
   window.keyframes[1].state.head<6>().setConstant(0.02);
   ResidualGeometry after;
-  ASSERT_TRUE(evaluateGeometry(point, PairTable(window).at(0, 1), kCamera, true, after));
-  for (std::size_t i = 0; i < kLanes; ++i) EXPECT_EQ(before.x[i], after.x[i]);
+  ASSERT_TRUE(evaluateGeometry(point, kRays, PairTable(window).at(0, 1), true, after));
+  for (std::size_t i = 0; i < kRowLanes; ++i) EXPECT_EQ(before.x[i], after.x[i]);
   window.keyframes[1].moveFirstEstimate();
-  ASSERT_TRUE(evaluateGeometry(point, PairTable(window).at(0, 1), kCamera, true, after));
+  ASSERT_TRUE(evaluateGeometry(point, kRays, PairTable(window).at(0, 1), true, after));
   EXPECT_GT(std::abs(before.x[0] - after.x[0]), 1e-4F * std::abs(before.x[0]));
 }
 
@@ -111,8 +112,7 @@ double brightnessResidual(const Window& window, const VectorXd& d) {
   target.b += d[3];
   const BrightnessTransfer transfer = brightnessTransfer(
       host, window.keyframes[0].frame->exposure(), target, window.keyframes[1].frame->exposure());
-  const double host_intensity =
-      static_cast<double>(window.keyframes[0].points[0].patch.intensity[4]);
+  const double host_intensity = static_cast<double>(window.keyframes[0].points[0].patch.grey[4]);
   return 80 - (transfer.gain * host_intensity + transfer.offset);
 }
 
@@ -121,8 +121,8 @@ TEST(PhotometricResidualTest, BrightnessDerivativesAgreeWithCentralDifferences) 
   const PairGeometry pair = PairTable(window).at(0, 1);
   const Eigen::MatrixXd numeric = numericJacobian(
       [&](const VectorXd& d) { return VectorXd::Constant(1, brightnessResidual(window, d)); }, 4);
-  const double radiance = static_cast<double>(window.keyframes[0].points[0].patch.intensity[4] -
-                                              pair.host_offset_first);
+  const double radiance =
+      static_cast<double>(window.keyframes[0].points[0].patch.grey[4] - pair.host_offset_first);
   Eigen::RowVector4d analytic;
   analytic << pair.to_host(6, 6) * radiance / frameScale()[6], pair.to_host(7, 7) / frameScale()[7],
       pair.to_target[6] * radiance / frameScale()[6], pair.to_target[7] / frameScale()[7];
@@ -136,22 +136,27 @@ TEST(PhotometricResidualTest, SumsAgreeWithTheDefinitionPixelByPixel) {
   const WindowPoint& point = window.keyframes[0].points[0];
   const PyramidLevel& level = window.keyframes[1].frame->level(0);
   PatchSums sums;
-  ASSERT_TRUE(evaluatePatch(point, pair, level, sums));
+  ASSERT_TRUE(evaluatePatch(point, kRays, pair, sums));
   double energy = 0, xx = 0, ya = 0, br = 0;
   for (std::size_t k = 0; k < kPattern.size(); ++k) {
-    const Eigen::Vector3f pixel(point.pixel.x() + static_cast<float>(kPattern[k].x),
-                                point.pixel.y() + static_cast<float>(kPattern[k].y),
-                                1);
-    const Eigen::Vector2f at = (pair.KRKi * pixel + pair.Kt * point.inverse_depth).hnormalized();
-    const ImageSample sample = interpolate(level, at.x(), at.y());
-    const float r = sample.intensity - (pair.gain * point.patch.intensity[k] + pair.offset);
+    float ray_x = 0;
+    float ray_y = 0;
+    kRays.at(point.pixel.x() + static_cast<float>(kPattern[k].x),
+             point.pixel.y() + static_cast<float>(kPattern[k].y),
+             ray_x,
+             ray_y);
+    WarpedPoint<float> at;
+    warpPoint(pair.current.warp, ray_x, ray_y, point.inverse_depth, at);
+    const Sample<float> sample = interpolate(level, at.x, at.y);
+    const float r =
+        sample.intensity - (pair.current.gain * point.patch.grey[k] + pair.current.offset);
     const float target_weight =
         std::sqrt(gradientWeight(sample.dx * sample.dx + sample.dy * sample.dy));
-    const float mean = 0.5F * (target_weight + point.patch.weight[k]);
+    const float mean = 0.5F * (target_weight + point.patch.root_weight[k]);
     const float w = mean * mean * huberWeight(r);
     energy += static_cast<double>(mean * mean * huberEnergy(r, huberWeight(r)));
     xx += static_cast<double>(w * sample.dx * sample.dx);
-    ya += static_cast<double>(w * sample.dy * (point.patch.intensity[k] - pair.host_offset_first));
+    ya += static_cast<double>(w * sample.dy * (point.patch.grey[k] - pair.host_offset_first));
     br += static_cast<double>(w * r);
   }
   // Single precision with another order of the sum.
@@ -163,17 +168,16 @@ TEST(PhotometricResidualTest, SumsAgreeWithTheDefinitionPixelByPixel) {
 
 TEST(PhotometricResidualTest, PointsOutsideOrBehindAreRefused) {
   Window window = makeWindow();
-  WindowPoint point = window.keyframes[0].points[0];
-  const PyramidLevel& level = window.keyframes[1].frame->level(0);
+  const WindowPoint point = window.keyframes[0].points[0];
   PatchSums sums;
   ResidualGeometry geometry;
   window.keyframes[1].state[4] = 1.0;  // 57 deg of yaw: out of sight
-  EXPECT_FALSE(evaluatePatch(point, PairTable(window).at(0, 1), level, sums));
+  EXPECT_FALSE(evaluatePatch(point, kRays, PairTable(window).at(0, 1), sums));
   window.keyframes[1].state[4] = 3.1;  // behind the camera
   window.keyframes[1].moveFirstEstimate();
   const PairTable turned(window);
-  EXPECT_FALSE(evaluatePatch(point, turned.at(0, 1), level, sums));
-  EXPECT_FALSE(evaluateGeometry(point, turned.at(0, 1), kCamera, false, geometry));
+  EXPECT_FALSE(evaluatePatch(point, kRays, turned.at(0, 1), sums));
+  EXPECT_FALSE(evaluateGeometry(point, kRays, turned.at(0, 1), false, geometry));
 }
 
 }  // namespace

@@ -66,9 +66,8 @@ TEST(PoseAlignment, JacobianOfOnePointMatchesCentralDifferences) {
   const Eigen::MatrixXd numeric = numericJacobian(residual, 8);
 
   AlignmentSetting setting{};
-  setting.fx = static_cast<float>(camera.fx);
-  setting.fy = static_cast<float>(camera.fy);
-  setting.gain =
+  setting.target.warp.setCamera(camera);
+  setting.target.gain =
       static_cast<float>(brightnessTransfer(point.reference_affine, 1, point.state.affine, 1).gain);
   setting.affine_b_reference = static_cast<float>(point.reference_affine.b);
   const Eigen::Vector3d q = point.transformed(point.state);
@@ -114,7 +113,7 @@ TEST(PoseAlignment, GradientOfTheEnergyMatchesCentralDifferences) {
   const AlignmentState state{scene.T_frame_reference * smallMotion(), {0.03, 2.0}};
   const Evaluation start = alignment.evaluate(scene.level(0), state, kCutoff);
   ASSERT_EQ(start.saturated, 0);
-  const NormalEquations system = alignment.normalEquations();
+  const PoseEquations system = alignment.normalEquations();
   const Vector8d gradient = 2 * system.b;
   for (int i = 0; i < 8; ++i) {
     const double step = i < 6 ? 1e-4 : i == 6 ? 1e-3 : 0.1;
@@ -136,7 +135,7 @@ TEST(PoseAlignment, NormalEquationsMatchADoublePrecisionSum) {
   PoseAlignment alignment(whole.camera, {});
   const AlignmentState state{whole.T_frame_reference * smallMotion(), {}};
   alignment.evaluate(whole.level(0), state, 20);
-  const NormalEquations all = alignment.normalEquations();
+  const PoseEquations all = alignment.normalEquations();
 
   const ReferencePoints& points = whole.reference.points(0);
   ASSERT_NE(points.size() % kAlignmentBlock, 0U) << "the tail of the last block must be covered";
@@ -150,10 +149,8 @@ TEST(PoseAlignment, NormalEquationsMatchADoublePrecisionSum) {
     const Eigen::Vector3d q = R * Eigen::Vector3d(points.ray_x[i], points.ray_y[i], 1) +
                               rho * state.T_frame_reference.translation();
     const Eigen::Vector2d pixel = camera.project(q);
-    if (!(pixel.x() > 2 && pixel.y() > 2 && pixel.x() < camera.width - 3 &&
-          pixel.y() < camera.height - 3)) {
-      continue;
-    }
+    const auto at = pixel.cast<float>();
+    if (!canSample(whole.frame->level(0), at.x(), at.y())) continue;
     const int ix = static_cast<int>(pixel.x());
     const int iy = static_cast<int>(pixel.y());
     const double fx = pixel.x() - ix;

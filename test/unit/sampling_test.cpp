@@ -25,7 +25,7 @@ class InterpolateTest : public testing::Test {
 };
 
 TEST_F(InterpolateTest, IsExactAtPixelCentres) {
-  const ImageSample sample = interpolate(level(), 7, 9);
+  const Sample<float> sample = interpolate(level(), 7.0F, 9.0F);
   EXPECT_FLOAT_EQ(sample.intensity, level().at(7, 9).intensity);
   EXPECT_FLOAT_EQ(sample.dx, level().at(7, 9).dx);
   EXPECT_FLOAT_EQ(interpolateIntensity(level(), 7, 9), sample.intensity);
@@ -33,7 +33,7 @@ TEST_F(InterpolateTest, IsExactAtPixelCentres) {
 
 TEST_F(InterpolateTest, CellGradientIsTheDerivative) {
   const float x = 7.3F, y = 9.6F, step = 0.05F;
-  const ImageSample sample = interpolateWithCellGradient(level(), x, y);
+  const Sample<float> sample = interpolateWithCellGradient(level(), x, y);
   EXPECT_NEAR(sample.intensity, interpolateIntensity(level(), x, y), 1e-4);
   const float dx =
       (interpolateIntensity(level(), x + step, y) - interpolateIntensity(level(), x - step, y)) /
@@ -45,12 +45,29 @@ TEST_F(InterpolateTest, CellGradientIsTheDerivative) {
   EXPECT_NEAR(sample.dy, dy, 1e-2);
 }
 
-TEST_F(InterpolateTest, BorderRuleKeepsReadsInside) {
-  EXPECT_TRUE(insideForInterpolation(level(), 0, 0));
-  EXPECT_FALSE(insideForInterpolation(level(), 31, 5));
-  EXPECT_TRUE(insideForInterpolation(level(), 30.99F, 22.99F));
-  EXPECT_FALSE(insideForInterpolation(level(), -0.01F, 5));
-  EXPECT_FALSE(insideForInterpolation(level(), 1.9F, 5, 2));
+TEST_F(InterpolateTest, AllFormsGiveTheSameNumbers) {
+  LaneSamples eight;
+  const Lanes x = {1, 5.5F, 7.25F, 29, 12.125F, 3.75F, 20.5F, 28.875F};
+  const Lanes y = {21, 1, 9.5F, 4.75F, 17.25F, 20.875F, 13, 2.5F};
+  interpolateLanes(level().data(), level().width(), x, y, eight);
+  for (int k = 0; k < kLanes; ++k) {
+    const Sample<float> one = interpolate(level(), x[k], y[k]);
+    const Sample<double> precise =
+        interpolate(level(), static_cast<double>(x[k]), static_cast<double>(y[k]));
+    EXPECT_FLOAT_EQ(eight.intensity[k], one.intensity);
+    EXPECT_FLOAT_EQ(eight.dx[k], one.dx);
+    EXPECT_FLOAT_EQ(eight.dy[k], one.dy);
+    EXPECT_NEAR(precise.intensity, static_cast<double>(one.intensity), 1e-4);
+  }
+}
+
+TEST_F(InterpolateTest, BorderRuleKeepsReadsInside) {  // 32 x 24
+  EXPECT_TRUE(canSample(level(), 1, 1));
+  EXPECT_TRUE(canSample(level(), 29, 21));
+  EXPECT_FALSE(canSample(level(), 29.01F, 5));
+  EXPECT_FALSE(canSample(level(), 0.99F, 5));
+  EXPECT_FALSE(canSample(level(), 2.9F, 5, 2));
+  EXPECT_FALSE(canSample(level(), NAN, 5));
 }
 
 }  // namespace

@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/coarse/coarse_alignment.h"
 
+#include "estimate/levenberg_marquardt.h"
+
 #include <Eigen/Cholesky>
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <utility>
 
 namespace dsorb::init_coarse {
@@ -15,11 +18,8 @@ constexpr double kPriorWeight = 150;  // toward no translation and inverse depth
                                       // [grey levels / unit]
 constexpr double kPriorCap = 2.5;     // of that prior a point [grey levels]
 constexpr double kCoupling = 1;       // weight toward the smoothed inverse depth
-constexpr double kFirstDamping = 0.1;
-constexpr double kMinDamping = 1e-4;
-constexpr double kMaxDamping = 1e4;
-constexpr double kMinStep = 1e-4;  // norm of [translation; rotation]
-constexpr int kMaxFailures = 2;
+constexpr FactorDamping kDamping{0.1, 0.5, 4, 1e-4, 0, 1e4, 2};
+constexpr double kMinStep = 1e-4;       // norm of [translation; rotation]
 constexpr double kMaxLogGain = 1;       // beyond the exposures; free, a flat region fits everything
 constexpr float kMaxPixelStep = 0.25F;  // of the projection by one depth step [px]
 constexpr float kMinInverseDepth = 1e-3F;
@@ -51,12 +51,11 @@ Alignment moved(const Alignment& alignment, const Vector8d& step) {
 }  // namespace
 
 double LevelReport::inlierShare() const {
-  const NormalEquations& sums = state.equations;
-  return sums.good > 0 ? static_cast<double>(sums.inliers) / sums.good : 0.0;
+  return state.sums.good > 0 ? static_cast<double>(state.sums.inliers) / state.sums.good : 0.0;
 }
 
 double LevelReport::visibleShare() const {
-  return points > 0 ? static_cast<double>(state.equations.good) / points : 0.0;
+  return points > 0 ? static_cast<double>(state.sums.good) / points : 0.0;
 }
 
 void regularize(bool snapped, PointLevel& points) {
@@ -91,30 +90,32 @@ LevelState LevelAligner::evaluate(const LevelView& view,
                                   const Alignment& alignment) {
   LevelState state;
   if (unknowns != Unknowns::kAll) {
-    state.equations = evaluateLevel(view, alignment, {}, points, trial_schur_);
+    state.sums = evaluateLevel(view, alignment, {}, points, trial_);
     return state;
   }
   state.prior = trivialPrior(points, alignment);
   const double weight = state.prior.weight;
-  const DepthTerms terms{static_cast<float>(weight),
-                         static_cast<float>(state.prior.capped ? kCoupling : 0.0)};
-  state.equations = evaluateLevel(view, alignment, terms, points, trial_schur_);
+  const DepthPull pull{static_cast<float>(weight),
+                       static_cast<float>(state.prior.capped ? kCoupling : 0.0)};
+  state.sums = evaluateLevel(view, alignment, pull, points, trial_);
   // The gradient of |t|^2 over a left increment is 2 t; the published program takes log T there.
-  const Eigen::Vector3d pull = options_.published
-                                   ? Eigen::Vector3d(alignment.T_new_ref.log().head<3>())
-                                   : alignment.T_new_ref.translation();
-  state.equations.H.diagonal().head<3>().array() += weight * points.size();
-  state.equations.b.head<3>() += weight * points.size() * pull;
+  const Eigen::Vector3d shift = options_.published
+                                    ? Eigen::Vector3d(alignment.T_new_ref.log().head<3>())
+                                    : alignment.T_new_ref.translation();
+  trial_.H.diagonal().head<3>().array() += weight * points.size();
+  trial_.b.head<3>() += weight * points.size() * shift;
   return state;
 }
 
-Vector8d LevelAligner::solve(const LevelState& state, Unknowns unknowns, double damping) const {
+Vector8d LevelAligner::solve(Unknowns unknowns, double damping) {
   const Span free = span(unknowns, !options_.published);
-  const double schur = unknowns == Unknowns::kAll ? 1.0 / (1.0 + damping) : 0.0;
-  Matrix8d H = state.equations.H;
+  Eigen::MatrixXd H = accepted_.H;
+  Eigen::VectorXd b = accepted_.b;
   H.diagonal() *= 1.0 + damping;
-  H -= schur * state.equations.H_schur;
-  const Vector8d b = state.equations.b - schur * state.equations.b_schur;
+  if (unknowns == Unknowns::kAll) {
+    elimination_.damp(accepted_, damping);
+    elimination_.eliminate(accepted_, H, b);
+  }
   Vector8d step = Vector8d::Zero();
   step.segment(free.begin, free.size()) = -H.block(free.begin, free.begin, free.size(), free.size())
                                                .ldlt()
@@ -122,19 +123,15 @@ Vector8d LevelAligner::solve(const LevelState& state, Unknowns unknowns, double 
   return step.allFinite() ? step : Vector8d::Zero();
 }
 
-void LevelAligner::stepDepths(const Vector8d& step, double damping, PointLevel& points) const {
-  const Eigen::Matrix<float, 8, 1> s = step.cast<float>();
-  const float factor = 1.0F / (1.0F + static_cast<float>(damping));
+void LevelAligner::stepDepths(const Vector8d& step, PointLevel& points) {
+  elimination_.substituteBack(accepted_, step, depth_step_);
   for (std::size_t i = 0; i < points.x.size(); ++i) {
     if (points.good[i] == 0) continue;
-    const Eigen::Map<const Eigen::Matrix<float, 8, 1>> h(&accepted_schur_.coupling[i * 8]);
     const float limit = kMaxPixelStep * points.max_step[i];
-    const float change =
-        -accepted_schur_.inverse_curvature[i] * (accepted_schur_.gradient[i] + h.dot(s)) * factor;
-    points.trial_inverse_depth[i] =
-        std::clamp(points.inverse_depth[i] + std::clamp(change, -limit, limit),
-                   kMinInverseDepth,
-                   kMaxInverseDepth);
+    points.trial_inverse_depth[i] = std::clamp(
+        points.inverse_depth[i] + std::clamp(static_cast<float>(depth_step_[i]), -limit, limit),
+        kMinInverseDepth,
+        kMaxInverseDepth);
   }
 }
 
@@ -149,7 +146,7 @@ void LevelAligner::accept(PointLevel& points) {
       points.inverse_depth[i] = points.trial_inverse_depth[i] = points.smoothed[i];
     }
   }
-  std::swap(accepted_schur_, trial_schur_);
+  std::swap(accepted_, trial_);
 }
 
 double LevelAligner::couplingGain(const PointLevel& points,
@@ -169,42 +166,78 @@ double LevelAligner::couplingGain(const PointLevel& points,
   return kCoupling * gain;
 }
 
+/// One level for minimize().
+class LevelAligner::Problem {
+ public:
+  Problem(LevelAligner& aligner,
+          const LevelView& view,
+          Unknowns unknowns,
+          PointLevel& points,
+          Alignment& alignment)
+      : aligner_(aligner),
+        view_(view),
+        unknowns_(unknowns),
+        points_(points),
+        alignment_(alignment),
+        state_(aligner.evaluate(view, unknowns, points, alignment)) {
+    aligner_.accept(points_);
+  }
+
+  std::optional<double> solve(double damping) {
+    step_ = aligner_.solve(unknowns_, damping);
+    trial_alignment_ = moved(alignment_, step_);
+    if (unknowns_ == Unknowns::kAll) aligner_.stepDepths(step_, points_);
+    return 0;
+  }
+
+  std::optional<double> tryStep() {
+    trial_ = aligner_.evaluate(view_, unknowns_, points_, trial_alignment_);
+    double decrease = state_.energy() - trial_.energy();
+    if (unknowns_ == Unknowns::kAll) {
+      decrease -= aligner_.couplingGain(points_, state_, trial_, alignment_.snapped);
+    }
+    const bool better = decrease > 0 && plausibleBrightness(trial_alignment_);
+    return better ? std::optional(decrease) : std::nullopt;
+  }
+
+  bool accept(const DampedStep& /*step*/) {
+    trial_alignment_.snapped = alignment_.snapped || trial_.prior.capped;
+    alignment_ = trial_alignment_;
+    state_ = trial_;
+    aligner_.accept(points_);
+    if (unknowns_ == Unknowns::kAll) regularize(alignment_.snapped, points_);
+    return movesOn();
+  }
+  bool reject(const DampedStep& /*step*/) const { return movesOn(); }
+
+  [[nodiscard]] const LevelState& state() const { return state_; }
+
+ private:
+  [[nodiscard]] bool movesOn() const { return step_.head<6>().norm() > kMinStep; }
+
+  LevelAligner& aligner_;
+  const LevelView& view_;
+  Unknowns unknowns_;
+  PointLevel& points_;
+  Alignment& alignment_;
+  LevelState state_;
+  LevelState trial_;
+  Alignment trial_alignment_;
+  Vector8d step_ = Vector8d::Zero();
+};
+
 LevelReport LevelAligner::align(const LevelView& view,
                                 int max_iterations,
                                 Unknowns unknowns,
                                 PointLevel& points,
                                 Alignment& alignment) {
   std::fill(points.energy.begin(), points.energy.end(), 0.0F);
+  Problem problem(*this, view, unknowns, points, alignment);
+  FactorDamping damping = kDamping;
   LevelReport report;
+  report.iterations = minimize(problem, damping, max_iterations + 1);
   report.points = points.size();
-  report.state = evaluate(view, unknowns, points, alignment);
-  accept(points);
-  double damping = kFirstDamping;
-  int failures = 0;
-  while (report.iterations <= max_iterations && failures < kMaxFailures) {
-    ++report.iterations;
-    const Vector8d step = solve(report.state, unknowns, damping);
-    Alignment trial_alignment = moved(alignment, step);
-    if (unknowns == Unknowns::kAll) stepDepths(step, damping, points);
-    const LevelState trial = evaluate(view, unknowns, points, trial_alignment);
-    double gain = trial.energy() - report.state.energy();
-    if (unknowns == Unknowns::kAll) {
-      gain += couplingGain(points, report.state, trial, alignment.snapped);
-    }
-    if (gain < 0 && plausibleBrightness(trial_alignment)) {
-      trial_alignment.snapped = alignment.snapped || trial.prior.capped;
-      alignment = trial_alignment;
-      report.state = trial;
-      accept(points);
-      if (unknowns == Unknowns::kAll) regularize(alignment.snapped, points);
-      damping = std::max(0.5 * damping, kMinDamping);
-      failures = 0;
-    } else {
-      damping = std::min(4.0 * damping, kMaxDamping);
-      ++failures;
-    }
-    if (step.head<6>().norm() <= kMinStep) break;
-  }
+  report.state = problem.state();
   return report;
 }
 

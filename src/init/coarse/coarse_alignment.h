@@ -24,11 +24,11 @@ struct TrivialPrior {
   bool capped = false;
 };
 
-/// Equations of one state: photometric and prior terms together.
+/// One state: photometric and prior terms together.
 struct LevelState {
-  NormalEquations equations;
+  LevelSums sums;
   TrivialPrior prior;
-  [[nodiscard]] double energy() const { return equations.energy + prior.energy; }
+  [[nodiscard]] double energy() const { return sums.energy + prior.energy; }
 };
 
 /// How one level went.
@@ -63,20 +63,22 @@ class LevelAligner {
                       PointLevel& points,
                       const Alignment& alignment);
 
-  /// Damped step of pose and brightness.
+  /// Damped step of pose and brightness from the accepted equations.
   /// @return increment, [translation; rotation; log gain; offset], 0 where nothing may change
-  [[nodiscard]] Vector8d solve(const LevelState& state, Unknowns unknowns, double damping) const;
+  [[nodiscard]] Vector8d solve(Unknowns unknowns, double damping);
 
-  /// Sets the trial inverse depths that belong to a step of pose and brightness.
-  void stepDepths(const Vector8d& step, double damping, PointLevel& points) const;
+  /// Sets the trial inverse depths that belong to a step of solve().
+  void stepDepths(const Vector8d& step, PointLevel& points);
 
-  /// Schur terms of the last evaluation.
-  [[nodiscard]] const SchurTerms& evaluated() const { return trial_schur_; }
+  /// Equations of the last evaluation, prior included.
+  [[nodiscard]] const LinearSystem<float>& evaluated() const { return trial_; }
 
   /// Makes the last evaluation the accepted one.
   void accept(PointLevel& points);
 
  private:
+  class Problem;
+
   [[nodiscard]] TrivialPrior trivialPrior(const PointLevel& points,
                                           const Alignment& alignment) const;
   /// Difference of the coupling energies, trial less accepted.
@@ -86,8 +88,10 @@ class LevelAligner {
                                     bool snapped) const;
 
   CoarseOptions options_;
-  SchurTerms accepted_schur_;
-  SchurTerms trial_schur_;
+  LinearSystem<float> accepted_;
+  LinearSystem<float> trial_;
+  DepthElimination<float> elimination_;
+  std::vector<double> depth_step_;
 };
 
 /// Smooths the inverse depths of a level, or, before the translation has left the prior, sets the

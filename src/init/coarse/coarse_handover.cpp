@@ -55,7 +55,7 @@ LevelReport alignFrame(const Attempt& attempt,
 }
 
 double energyPerPoint(const LevelState& state) {
-  return state.equations.good > 0 ? state.equations.good_energy / state.equations.good : HUGE_VAL;
+  return state.sums.good > 0 ? state.sums.good_energy / state.sums.good : HUGE_VAL;
 }
 
 /// Start of an earlier frame's alignment: its own estimate, that of the frame after it, or what
@@ -238,11 +238,9 @@ Quality judge(const Attempt& attempt, LevelAligner& aligner) {
   const TrackedFrame& newest = attempt.frames.back();
   const LevelState full = aligner.evaluate(
       viewOf(*newest.frame, attempt.camera, 0), Unknowns::kPose, fixed.front(), newest.alignment);
-  quality.inlier_share = full.equations.good > 0
-                             ? static_cast<double>(full.equations.inliers) / full.equations.good
-                             : 0.0;
-  quality.visible_share =
-      static_cast<double>(full.equations.good) / std::max(fixed.front().size(), 1);
+  quality.inlier_share =
+      full.sums.good > 0 ? static_cast<double>(full.sums.inliers) / full.sums.good : 0.0;
+  quality.visible_share = static_cast<double>(full.sums.good) / std::max(fixed.front().size(), 1);
   quality.residual_rms = std::sqrt(residualVariance(full));
   quality.parallax_deg = parallaxDeg(attempt);
   if (quality.parallax_deg < attempt.options.min_parallax_deg) {

@@ -139,9 +139,8 @@ Alignment CoarseInitializer::bestStart(const Frame& frame, const std::vector<Ali
   PointLevel& points = attempt_.levels.back();
   points.trial_inverse_depth = points.inverse_depth;
   const auto energy = [&](const Alignment& alignment) {
-    const auto sums = aligner_.evaluate(view, Unknowns::kPose, points, alignment).equations;
-    return sums.good_energy +
-           static_cast<double>(kPatternOutlierEnergy) * (points.size() - sums.good);
+    return aligner_.evaluate(view, Unknowns::kPose, points, alignment)
+        .sums.robustEnergy(points.size());
   };
   return starts.size() == 2 && energy(starts[1]) < energy(starts[0]) ? starts[1] : starts[0];
 }

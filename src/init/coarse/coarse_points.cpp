@@ -2,7 +2,7 @@
 #include "init/coarse/coarse_points.h"
 
 #include "base/median.h"
-#include "estimate/sampling.h"
+#include "estimate/host_patch.h"
 #include "image/photometric.h"
 
 #include <algorithm>
@@ -13,8 +13,6 @@ namespace dsorb::init_coarse {
 namespace {
 
 constexpr std::array<double, 5> kDensities = {0.03, 0.05, 0.15, 0.5, 1.0};  // of level 0's pixels
-constexpr int kLowBorder = 3;                                               // [px]
-constexpr int kHighBorder = 4;                                              // [px]
 constexpr int kMinGoodNeighbours = 3;
 constexpr double kPointsPerCell = 3;
 
@@ -117,19 +115,6 @@ class PointGrid {
   std::vector<std::int32_t> members_;
 };
 
-/// Intensities of the pattern around (x, y).
-/// @return false when one is invalid
-bool samplePattern(const PyramidLevel& image, float x, float y, float* intensities) {
-  bool valid = true;
-  for (const PatternOffset& offset : kPattern) {
-    const float value = interpolateIntensity(
-        image, x + static_cast<float>(offset.x), y + static_cast<float>(offset.y));
-    valid = valid && std::isfinite(value);
-    *intensities++ = value;
-  }
-  return valid;
-}
-
 void findNeighbours(PointLevel& level) {
   const PointGrid grid(level);
   NeighbourList found;
@@ -178,18 +163,14 @@ int wantedPoints(int level, int width, int height) {
 
 PointLevel makePointLevel(const PyramidLevel& image, const std::vector<SelectedPixel>& pixels) {
   PointLevel level;
-  std::array<float, kPatternSize> pattern{};
   for (const SelectedPixel& pixel : pixels) {
-    if (pixel.x < kLowBorder || pixel.y < kLowBorder || pixel.x >= image.width() - kHighBorder ||
-        pixel.y >= image.height() - kHighBorder) {
-      continue;
-    }
     const float x = static_cast<float>(pixel.x) + kPixelOffset;
     const float y = static_cast<float>(pixel.y) + kPixelOffset;
-    if (!samplePattern(image, x, y, pattern.data())) continue;
+    const std::optional<HostPattern> patch = readHostPattern(image, {x, y});
+    if (!patch) continue;
     level.x.push_back(x);
     level.y.push_back(y);
-    level.reference.insert(level.reference.end(), pattern.begin(), pattern.end());
+    level.reference.insert(level.reference.end(), patch->grey.begin(), patch->grey.end());
   }
   const std::size_t n = level.x.size();
   level.parent.assign(n, -1);

@@ -1,88 +1,43 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/coarse/coarse_residual.h"
 
-#include "base/lanes.h"
 #include "base/parallel.h"
 #include "base/target_clones.h"
+#include "estimate/host_patch.h"
 #include "estimate/robust_loss.h"
-#include "estimate/sampling.h"
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 
 namespace dsorb::init_coarse {
 namespace {
 
 constexpr std::size_t kBlock = 512;  // points a block of float sums has at most
-constexpr int kParameters = 8;
+constexpr std::size_t kParameters = 8;
 constexpr int kTriangle = kParameters * (kParameters + 1) / 2;
 constexpr float kMaxInverseStep = 1e-10F;  // of the step limit, against division by zero
 
-using Mask = std::int32_t __attribute__((vector_size(32)));
-
 /// Everything the loop over points reads that is the same for all of them.
-struct Constants {
-  const ImageSample* samples;
-  std::ptrdiff_t width;
-  float limit_x, limit_y;  // projections stay below
-  float fx, fy, cx, cy;
-  float RKi[9];  // pixel of the reference to ray in the new camera
-  float t[3];
-  float gain, offset;
+struct LevelWarp {
+  TargetImage target;
+  HostRays rays;
   float scale;       // of residuals
   float scale_rate;  // half where the scale follows the gain
-  DepthTerms terms;
+  DepthPull pull;
+
+  LevelWarp(const LevelView& view, const Alignment& alignment, const DepthPull& depth_pull)
+      : target(makeTargetImage(view.camera,
+                               alignment.T_new_ref,
+                               {std::exp(alignment.log_gain), alignment.offset},
+                               *view.image)),
+        rays(view.camera),
+        scale(1),
+        scale_rate(alignment.balanced ? 0.5F : 0.0F),
+        pull(depth_pull) {
+    const double log_scale = 0.5 * (alignment.exposure_log_gain - alignment.log_gain);
+    if (alignment.balanced) scale = static_cast<float>(std::exp(log_scale));
+  }
 };
-
-Constants makeConstants(const LevelView& view,
-                        const Alignment& alignment,
-                        const DepthTerms& terms) {
-  Constants c{};
-  c.samples = view.image->data();
-  c.width = view.image->width();
-  c.limit_x = static_cast<float>(view.image->width() - 2);
-  c.limit_y = static_cast<float>(view.image->height() - 2);
-  c.fx = static_cast<float>(view.camera.fx);
-  c.fy = static_cast<float>(view.camera.fy);
-  c.cx = static_cast<float>(view.camera.cx);
-  c.cy = static_cast<float>(view.camera.cy);
-  const Eigen::Matrix3d RKi = alignment.T_new_ref.rotationMatrix() * view.camera.matrix().inverse();
-  for (int i = 0; i < 9; ++i) c.RKi[i] = static_cast<float>(RKi(i / 3, i % 3));
-  for (int i = 0; i < 3; ++i) c.t[i] = static_cast<float>(alignment.T_new_ref.translation()[i]);
-  c.gain = static_cast<float>(std::exp(alignment.log_gain));
-  c.offset = static_cast<float>(alignment.offset);
-  const double log_scale = 0.5 * (alignment.exposure_log_gain - alignment.log_gain);
-  c.scale = alignment.balanced ? static_cast<float>(std::exp(log_scale)) : 1.0F;
-  c.scale_rate = alignment.balanced ? 0.5F : 0.0F;
-  c.terms = terms;
-  return c;
-}
-
-/// The pattern of one point in the new image.
-struct Projection {
-  Lanes u, v;       // ray, z = 1
-  Lanes inverse_z;  // [1/unit] times the reference's z
-  Lanes x, y;       // [px]
-};
-
-DSORB_ALWAYS_INLINE bool project(const Constants& c, float x, float y, float depth, Projection& p) {
-  const Lanes px = x + kPatternX;
-  const Lanes py = y + kPatternY;
-  const Lanes qx = c.RKi[0] * px + c.RKi[1] * py + (c.RKi[2] + depth * c.t[0]);
-  const Lanes qy = c.RKi[3] * px + c.RKi[4] * py + (c.RKi[5] + depth * c.t[1]);
-  const Lanes qz = c.RKi[6] * px + c.RKi[7] * py + (c.RKi[8] + depth * c.t[2]);
-  p.inverse_z = 1.0F / qz;
-  p.u = qx * p.inverse_z;
-  p.v = qy * p.inverse_z;
-  p.x = c.fx * p.u + c.cx;
-  p.y = c.fy * p.v + c.cy;
-  const Mask inside = (p.x > 1.0F) & (p.x < c.limit_x) & (p.y > 1.0F) & (p.y < c.limit_y) &
-                      (depth * p.inverse_z > 0.0F);
-  std::int32_t all = -1;
-  for (int i = 0; i < kLanes; ++i) all &= inside[i];
-  return all != 0;
-}
 
 /// Residuals of one point with their derivatives.
 struct Residual {
@@ -92,70 +47,71 @@ struct Residual {
   Lanes squared_flow;  // of the projection over the inverse depth [px^2]
 };
 
-DSORB_ALWAYS_INLINE void differentiate(
-    const Constants& c, const Projection& p, float depth, const LaneSamples& seen, Residual& out) {
-  const Lanes gx = (c.scale * c.fx) * seen.dx;
-  const Lanes gy = (c.scale * c.fy) * seen.dy;
-  const Lanes new_depth = depth * p.inverse_z;
-  const Lanes uv = p.u * p.v;
-  out.J[0] = new_depth * gx;
-  out.J[1] = new_depth * gy;
-  out.J[2] = -new_depth * (p.u * gx + p.v * gy);
-  out.J[3] = -uv * gx - (1.0F + p.v * p.v) * gy;
-  out.J[4] = (1.0F + p.u * p.u) * gx + uv * gy;
-  out.J[5] = p.u * gy - p.v * gx;
-  fill(-c.scale, out.J[7]);
-  const Lanes du = (c.t[0] - c.t[2] * p.u) * p.inverse_z;
-  const Lanes dv = (c.t[1] - c.t[2] * p.v) * p.inverse_z;
-  out.J_depth = gx * du + gy * dv;
-  out.squared_flow = (c.fx * c.fx) * du * du + (c.fy * c.fy) * dv * dv;
+/// @return energy, infinite for a point that is not seen
+DSORB_ALWAYS_INLINE float evaluatePoint(const LevelWarp& w,
+                                        const HostedPoint& point,
+                                        const float* grey,
+                                        Residual& out) {
+  WarpedPoint<Lanes> p;
+  LaneSamples seen;
+  if (!(point.inverse_depth > 0) || !samplePattern(w.target, w.rays, point, p, seen)) {
+    return HUGE_VALF;
+  }
+  Lanes reference;
+  Lanes threshold;
+  load(grey, reference);
+  fill(kHuberThreshold, threshold);
+  out.J[6] = -w.target.gain * reference;
+  out.r = w.scale * (seen.intensity + out.J[6] - w.target.offset);
+  out.J[6] = w.scale * out.J[6] - w.scale_rate * out.r;
+  fill(-w.scale, out.J[7]);
+  const Lanes magnitude = out.r < 0.0F ? -out.r : out.r;
+  huberWeights(magnitude, threshold, out.weight);
+  RayGradient<Lanes> gradient;
+  rayGradient<float, Lanes>(w.target.warp, p, w.scale * seen.dx, w.scale * seen.dy, gradient);
+  poseJacobian<Lanes>(p, gradient, point.inverse_depth * p.inverse_z, out.J);
+  Lanes flow_x;
+  Lanes flow_y;
+  depthFlow(w.target.warp, p, flow_x, flow_y);
+  out.J_depth = w.scale * (seen.dx * flow_x + seen.dy * flow_y);
+  out.squared_flow = flow_x * flow_x + flow_y * flow_y;
+  return sumLanes(out.weight * out.r * out.r * (2.0F - out.weight));
 }
 
-/// Float sums of one block of points; a lane each for the pattern's pixels, except `schur`, whose
-/// lanes are parameters.
+/// Float sums of one block of points, a lane each for the pattern's pixels.
 struct BlockSums {
   Lanes H[kTriangle];
   Lanes b[kParameters];
-  Lanes schur[kParameters];
-  Lanes schur_b;
-  double energy = 0;
-  double good_energy = 0;
-  int good = 0;
-  int inliers = 0;
+  LevelSums level;
 };
 
 DSORB_ALWAYS_INLINE void accumulate(const Residual& s, BlockSums& sums) {
   int entry = 0;
-  for (int i = 0; i < kParameters; ++i) {
+  for (std::size_t i = 0; i < kParameters; ++i) {
     const Lanes weighted = s.weight * s.J[i];
-    for (int j = i; j < kParameters; ++j) sums.H[entry++] += weighted * s.J[j];
+    for (std::size_t j = i; j < kParameters; ++j) sums.H[entry++] += weighted * s.J[j];
     sums.b[i] += weighted * s.r;
   }
 }
 
-struct Depth {
-  float value, smoothed;
-};
-
-/// Coupling, gradient and curvature of one inverse depth, and its share of the Schur complement.
-/// @return photometric curvature
-DSORB_ALWAYS_INLINE float accumulateDepth(
-    const Constants& c, const Residual& s, const Depth& depth, float* schur_row, BlockSums& sums) {
+/// Writes the row of one inverse depth.
+DSORB_ALWAYS_INLINE void couple(const LevelWarp& w,
+                                const Residual& s,
+                                std::size_t i,
+                                PointLevel& points,
+                                LinearSystem<float>& system) {
   Lanes products[kParameters];
   const Lanes weighted = s.weight * s.J_depth;
-  for (int i = 0; i < kParameters; ++i) products[i] = weighted * s.J[i];
-  Lanes h;
-  sumLanes(products, h);
+  for (std::size_t k = 0; k < kParameters; ++k) products[k] = weighted * s.J[k];
+  Lanes coupling;
+  sumLanes(products, coupling);
+  store(coupling, &system.coupling[i * kParameters]);
+  const float depth = points.trial_inverse_depth[i];
   const float curvature = sumLanes(weighted * s.J_depth);
-  const float gradient = sumLanes(weighted * s.r) + c.terms.prior * (depth.value - 1.0F) +
-                         c.terms.coupling * (depth.value - depth.smoothed);
-  const float inverse = 1.0F / (1.0F + curvature + c.terms.prior + c.terms.coupling);
-  for (int i = 0; i < kParameters; ++i) sums.schur[i] += (inverse * h[i]) * h;
-  sums.schur_b += (inverse * gradient) * h;
-  store(h, schur_row);
-  schur_row[kParameters] = gradient;
-  schur_row[kParameters + 1] = inverse;
-  return curvature;
+  points.trial_curvature[i] = curvature;
+  system.depth_hessian[i] = 1.0F + curvature + w.pull.prior + w.pull.coupling;
+  system.depth_gradient[i] = sumLanes(weighted * s.r) + w.pull.prior * (depth - 1.0F) +
+                             w.pull.coupling * (depth - points.smoothed[i]);
 }
 
 /// Points [begin, end).
@@ -163,52 +119,35 @@ struct Block {
   std::size_t begin, end;
 };
 
-DSORB_TARGET_CLONES void evaluateBlock(const Constants& c,
+DSORB_TARGET_CLONES void evaluateBlock(const LevelWarp& w,
                                        const Block& block,
                                        PointLevel& points,
-                                       SchurTerms& schur,
+                                       LinearSystem<float>& system,
                                        BlockSums& sums) {
-  Lanes threshold;
-  fill(kHuberThreshold, threshold);
   for (std::size_t i = block.begin; i < block.end; ++i) {
     points.trial_good[i] = 0;
     points.trial_energy[i] = points.energy[i];
-    Projection p;
-    const float depth = points.trial_inverse_depth[i];
     Residual s;
     float energy = HUGE_VALF;
-    if (points.good[i] != 0 && project(c, points.x[i], points.y[i], depth, p)) {
-      LaneSamples seen;
-      Lanes reference;
-      interpolateLanes(c.samples, c.width, p.x, p.y, seen);
-      load(&points.reference[i * kPatternSize], reference);
-      s.J[6] = -c.gain * reference;
-      s.r = c.scale * (seen.intensity + s.J[6] - c.offset);
-      s.J[6] = c.scale * s.J[6] - c.scale_rate * s.r;
-      const Lanes magnitude = s.r < 0.0F ? -s.r : s.r;
-      huberWeights(magnitude, threshold, s.weight);
-      energy = sumLanes(s.weight * s.r * s.r * (2.0F - s.weight));
-      differentiate(c, p, depth, seen, s);
+    if (points.good[i] != 0) {
+      const HostedPoint point{points.x[i], points.y[i], points.trial_inverse_depth[i]};
+      energy = evaluatePoint(w, point, &points.reference[i * kPatternSize], s);
     }
     if (!(energy <= kMaxPatternEnergy)) {
-      sums.energy += static_cast<double>(points.energy[i]);
+      sums.level.energy += static_cast<double>(points.energy[i]);
       continue;
     }
-    float row[kParameters + 2];
     points.trial_good[i] = 1;
     points.trial_energy[i] = energy;
-    points.trial_curvature[i] = accumulateDepth(c, s, {depth, points.smoothed[i]}, row, sums);
+    couple(w, s, i, points, system);
     float flow = kMaxInverseStep * kMaxInverseStep;
     for (int k = 0; k < kLanes; ++k) flow = std::max(flow, s.squared_flow[k]);
     points.max_step[i] = 1.0F / std::sqrt(flow);
-    std::memcpy(&schur.coupling[i * kParameters], row, kParameters * sizeof(float));
-    schur.gradient[i] = row[kParameters];
-    schur.inverse_curvature[i] = row[kParameters + 1];
     accumulate(s, sums);
-    sums.energy += static_cast<double>(energy);
-    sums.good_energy += static_cast<double>(energy);
-    ++sums.good;
-    sums.inliers += energy <= kPatternOutlierEnergy ? 1 : 0;
+    sums.level.energy += static_cast<double>(energy);
+    sums.level.good_energy += static_cast<double>(energy);
+    ++sums.level.good;
+    sums.level.inliers += energy <= kPatternOutlierEnergy ? 1 : 0;
   }
 }
 
@@ -218,39 +157,31 @@ double wideSum(const Lanes& lanes) {
   return sum;
 }
 
-void addTo(const BlockSums& sums, NormalEquations& equations) {
-  int entry = 0;
-  for (int i = 0; i < kParameters; ++i) {
-    for (int j = i; j < kParameters; ++j) {
-      const double value = wideSum(sums.H[entry++]);
-      equations.H(i, j) += value;
-      if (i != j) equations.H(j, i) += value;
+/// Sums of some blocks.
+struct PartialSums {
+  Matrix8d H = Matrix8d::Zero();  // upper triangle
+  Vector8d b = Vector8d::Zero();
+  LevelSums level;
+
+  PartialSums() = default;
+  explicit PartialSums(const BlockSums& sums) : level(sums.level) {
+    const Lanes* entry = sums.H;
+    for (Eigen::Index i = 0; i < H.rows(); ++i) {
+      for (Eigen::Index j = i; j < H.cols(); ++j) H(i, j) = wideSum(*entry++);
+      b[i] = wideSum(sums.b[i]);
     }
-    equations.b[i] += wideSum(sums.b[i]);
-    for (int j = 0; j < kParameters; ++j) {
-      equations.H_schur(i, j) += static_cast<double>(sums.schur[std::min(i, j)][std::max(i, j)]);
-    }
-    equations.b_schur[i] += static_cast<double>(sums.schur_b[i]);
   }
-  equations.energy += sums.energy;
-  equations.good_energy += sums.good_energy;
-  equations.good += sums.good;
-  equations.inliers += sums.inliers;
-}
+  PartialSums& operator+=(const PartialSums& other) {
+    H += other.H;
+    b += other.b;
+    level += other.level;
+    return *this;
+  }
+};
 
 }  // namespace
 
-void SchurTerms::resize(std::size_t points) {
-  coupling.resize(points * kParameters);
-  gradient.resize(points);
-  inverse_curvature.resize(points);
-}
-
-NormalEquations& NormalEquations::operator+=(const NormalEquations& other) {
-  H += other.H;
-  b += other.b;
-  H_schur += other.H_schur;
-  b_schur += other.b_schur;
+LevelSums& LevelSums::operator+=(const LevelSums& other) {
   energy += other.energy;
   good_energy += other.good_energy;
   good += other.good;
@@ -258,22 +189,25 @@ NormalEquations& NormalEquations::operator+=(const NormalEquations& other) {
   return *this;
 }
 
-NormalEquations evaluateLevel(const LevelView& view,
-                              const Alignment& alignment,
-                              const DepthTerms& terms,
-                              PointLevel& points,
-                              SchurTerms& schur) {
-  const Constants constants = makeConstants(view, alignment, terms);
-  schur.resize(points.x.size());
-  return deterministicSum(points.x.size(),
-                          kBlock,
-                          NormalEquations{},
-                          [&](std::size_t begin, std::size_t end, NormalEquations partial) {
-                            BlockSums sums{};
-                            evaluateBlock(constants, {begin, end}, points, schur, sums);
-                            addTo(sums, partial);
-                            return partial;
-                          });
+LevelSums evaluateLevel(const LevelView& view,
+                        const Alignment& alignment,
+                        const DepthPull& pull,
+                        PointLevel& points,
+                        LinearSystem<float>& system) {
+  const LevelWarp warp(view, alignment, pull);
+  system.reset(kParameters, points.x.size());
+  const PartialSums total =
+      deterministicSum(points.x.size(),
+                       kBlock,
+                       PartialSums(),
+                       [&](std::size_t begin, std::size_t end, const PartialSums& /*zero*/) {
+                         BlockSums sums{};
+                         evaluateBlock(warp, {begin, end}, points, system, sums);
+                         return PartialSums(sums);
+                       });
+  system.H = total.H.selfadjointView<Eigen::Upper>();
+  system.b = total.b;
+  return total.level;
 }
 
 }  // namespace dsorb::init_coarse

@@ -5,13 +5,11 @@
 #include "dsorb/geometry/se3.h"
 #include "dsorb/image/pyramid.h"
 
+#include "estimate/linear_system.h"
 #include "image/photometric.h"
 #include "init/coarse/coarse_points.h"
 
 #include <Eigen/Core>
-
-#include <cstddef>
-#include <vector>
 
 namespace dsorb::init_coarse {
 
@@ -40,47 +38,39 @@ struct LevelView {
 };
 
 /// Quadratic terms on every inverse depth.
-struct DepthTerms {
+struct DepthPull {
   float prior = 0;     ///< weight toward 1
   float coupling = 0;  ///< weight toward the smoothed inverse depth
 };
 
-/// Terms of every point that the Schur complement needs: coupling of its inverse depth with the
-/// eight parameters, gradient and inverse of the damped curvature.
-struct SchurTerms {
-  std::vector<float> coupling;  ///< 8 a point
-  std::vector<float> gradient;
-  std::vector<float> inverse_curvature;
-  void resize(std::size_t points);
-};
-
-/// Sums over the good points of a level: H = sum w J J^T, b = sum w J r, and what eliminating the
-/// inverse depths takes away from both.
-struct NormalEquations {
-  Matrix8d H = Matrix8d::Zero();
-  Vector8d b = Vector8d::Zero();
-  Matrix8d H_schur = Matrix8d::Zero();
-  Vector8d b_schur = Vector8d::Zero();
-  double energy = 0;       ///< bad points count with their last accepted one
+/// Sums over the points of a level.
+struct LevelSums {
+  double energy = 0;       ///< bad points count with their last accepted one [grey levels^2]
   double good_energy = 0;  ///< of the good points
   int good = 0;
   int inliers = 0;  ///< good with a pattern energy of at most kPatternOutlierEnergy
-  NormalEquations& operator+=(const NormalEquations& other);
+  LevelSums& operator+=(const LevelSums& other);
+
+  /// Of the good points; every other one counts as an outlier.
+  [[nodiscard]] double robustEnergy(int points) const {
+    return good_energy + static_cast<double>(kPatternOutlierEnergy) * (points - good);
+  }
 };
 
 constexpr float kMaxPatternEnergy = 20 * kPatternOutlierEnergy;  // above, the point is bad
 
-/// Evaluates all points of a level at their trial inverse depths: writes trial energy, curvature
-/// and flag, the step limit and the Schur terms, and sums the normal equations. Same bits for any
-/// number of threads.
-/// @return equations of the photometric energy; depth terms act on the Schur parts only
+/// Evaluates all points of a level at their trial inverse depths: writes trial energy, curvature,
+/// flag and the step limit, and the normal equations over the eight parameters and the inverse
+/// depths of the good points. Same bits for any number of threads.
+/// @param system of the photometric energy; depth terms act on the inverse depths only, whose
+///               curvature is 1 more, so that flat regions stay where they are
 /// @source residual r = I_new(p') - e^a I_ref(p) - b over the 8-pixel pattern, DSO,
 /// arXiv:1607.02565,
 ///         eq. (4) without gradient weights; Jacobians derived in coarse_residual_test
-NormalEquations evaluateLevel(const LevelView& view,
-                              const Alignment& alignment,
-                              const DepthTerms& terms,
-                              PointLevel& points,
-                              SchurTerms& schur);
+LevelSums evaluateLevel(const LevelView& view,
+                        const Alignment& alignment,
+                        const DepthPull& pull,
+                        PointLevel& points,
+                        LinearSystem<float>& system);
 
 }  // namespace dsorb::init_coarse

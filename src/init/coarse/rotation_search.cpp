@@ -30,10 +30,8 @@ std::vector<Alignment> gridAround(const Alignment& center, const PinholeCamera& 
 
 double RotationSearch::energy(const LevelView& view, const Alignment& alignment) {
   std::fill(points_.good.begin(), points_.good.end(), std::uint8_t{1});
-  const NormalEquations sums =
-      aligner_.evaluate(view, Unknowns::kRotation, points_, alignment).equations;
-  return sums.good_energy +
-         static_cast<double>(kPatternOutlierEnergy) * (points_.size() - sums.good);
+  return aligner_.evaluate(view, Unknowns::kRotation, points_, alignment)
+      .sums.robustEnergy(points_.size());
 }
 
 Alignment RotationSearch::best(const LevelView& view, const std::vector<Alignment>& candidates) {

@@ -24,9 +24,7 @@ constexpr double kMaxLaterGain = 0.35;
 constexpr double kSameDirection = 0.94;  // cosine of 20 deg
 
 double robustEnergy(const LevelReport& report) {
-  const NormalEquations& sums = report.state.equations;
-  return sums.good_energy +
-         static_cast<double>(kPatternOutlierEnergy) * (report.points - sums.good);
+  return report.state.sums.robustEnergy(report.points);
 }
 
 /// Motion along t with the rotation that keeps the plane of unit depth in place.

@@ -86,7 +86,7 @@ DSORB_TARGET_CLONES bool linearizeInLanes(const TargetImage& target,
 
 PolishPatch cutPolishPatch(const PyramidLevel& reference, float x, float y) {
   PolishPatch patch;
-  if (!insideForInterpolation(reference, x, y, static_cast<float>(kPolishStep * kRadius))) {
+  if (!canSample(reference, x, y, static_cast<float>(kPolishStep * kRadius))) {
     return patch;
   }
   float sum = 0;

@@ -22,7 +22,7 @@ constexpr double kMaxGain = 5;      // and its inverse; more is no exposure chan
 /// Mean grey value of the residual pattern; nullopt where it leaves the image or is invalid.
 std::optional<double> patchMean(const PyramidLevel& level, const Eigen::Vector2d& centre) {
   const Eigen::Vector2f at = centre.cast<float>();
-  if (!insideForInterpolation(level, at.x(), at.y(), static_cast<float>(kPatternRadius))) {
+  if (!canSample(level, at.x(), at.y(), kPatternRadius)) {
     return std::nullopt;
   }
   float sum = 0;

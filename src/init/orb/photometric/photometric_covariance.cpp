@@ -224,7 +224,7 @@ PatchGradients hostGradients(const HostPatch& patch,
   const auto x = static_cast<float>(camera.fx * static_cast<double>(patch.ray.x()) + camera.cx);
   const auto y = static_cast<float>(camera.fy * static_cast<double>(patch.ray.y()) + camera.cy);
   for (std::size_t j = 0; j < kPattern.size(); ++j) {
-    const ImageSample sample = interpolate(
+    const Sample<float> sample = interpolate(
         reference, x + static_cast<float>(kPattern[j].x), y + static_cast<float>(kPattern[j].y));
     gradients.x[j] = sample.dx;
     gradients.y[j] = sample.dy;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/photometric/photometric_patch.h"
 
+#include "estimate/sampling.h"
 #include "estimate/warp.h"
 
 #include <algorithm>
@@ -10,27 +11,6 @@ namespace dsorb::init_orb {
 namespace {
 
 constexpr double kMinGreySum = 8;  // of a patch; psi of a darker one means nothing [grey levels]
-
-struct Sample {
-  double intensity;
-  Eigen::RowVector2d gradient;
-};
-
-/// Bilinear in double precision.
-Sample sampleAt(const PyramidLevel& image, double x, double y) {
-  const int ix = static_cast<int>(x);
-  const int iy = static_cast<int>(y);
-  const double fx = x - ix;
-  const double fy = y - iy;
-  const auto mix = [&](auto member) {
-    const auto at = [&](int dx, int dy) {
-      return static_cast<double>(image.at(ix + dx, iy + dy).*member);
-    };
-    return (1 - fy) * ((1 - fx) * at(0, 0) + fx * at(1, 0)) +
-           fy * ((1 - fx) * at(0, 1) + fx * at(1, 1));
-  };
-  return {mix(&ImageSample::intensity), {mix(&ImageSample::dx), mix(&ImageSample::dy)}};
-}
 
 /// Value at one pixel of the pattern and its derivatives, before brightness.
 struct PatchPixel {
@@ -50,13 +30,13 @@ PatchPixel samplePixel(const PyramidLevel& image,
   sampleArea(image.width(), image.height(), area);
   SamplePosition<double> at;
   clampToArea(area, point, at);
-  const Sample sample = sampleAt(image, at.x, at.y);
+  const Sample<double> sample = interpolate(image, at.x, at.y);
   PatchPixel pixel;
   pixel.intensity = sample.intensity;
   pixel.inside = point.front && at.inside;
   if (!pixel.inside) return pixel;
   RayGradient<double> gradient;
-  rayGradient(warp, point, sample.gradient.x(), sample.gradient.y(), gradient);
+  rayGradient(warp, point, sample.dx, sample.dy, gradient);
   poseJacobian(point, gradient, rho * point.inverse_z, pixel.J_pose.data());
   depthJacobian(warp, point, gradient, pixel.J_inverse_depth);
   return pixel;

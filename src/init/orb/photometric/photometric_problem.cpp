@@ -19,15 +19,15 @@ bool cutPatch(const PyramidLevel& level,
               const PinholeCamera& camera,
               const Eigen::Vector2f& pixel,
               HostPatch& patch) {
-  if (!insideForInterpolation(level, pixel.x(), pixel.y(), static_cast<float>(kPatternRadius))) {
+  if (!canSample(level, pixel.x(), pixel.y(), kPatternRadius)) {
     return false;
   }
   patch.ray = camera.unproject(pixel.cast<double>()).head<2>().cast<float>();
   float sum = 0;
   for (std::size_t j = 0; j < kPattern.size(); ++j) {
-    const ImageSample sample = interpolate(level,
-                                           pixel.x() + static_cast<float>(kPattern[j].x),
-                                           pixel.y() + static_cast<float>(kPattern[j].y));
+    const Sample<float> sample = interpolate(level,
+                                             pixel.x() + static_cast<float>(kPattern[j].x),
+                                             pixel.y() + static_cast<float>(kPattern[j].y));
     patch.grey[j] = sample.intensity;
     patch.weight[j] = gradientWeight(sample.dx * sample.dx + sample.dy * sample.dy);
     sum += sample.intensity;

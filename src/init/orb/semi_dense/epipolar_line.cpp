@@ -9,17 +9,11 @@ constexpr float kMinSpeed = 1e-3F;  // [px unit]: no direction can be told
 
 }  // namespace
 
-EpipolarGeometry::EpipolarGeometry(const PinholeCamera& camera, const SE3& T_cam_ref) {
-  const Eigen::Matrix3d K = camera.matrix();
-  A = (K * T_cam_ref.rotationMatrix() * K.inverse()).cast<float>();
-  b = (K * T_cam_ref.translation()).cast<float>();
-}
-
 std::optional<EpipolarLine> EpipolarLine::through(const EpipolarGeometry& geometry,
                                                   const Eigen::Vector2f& pixel,
                                                   float inverse_depth) {
   EpipolarLine line;
-  line.at_infinity_ = geometry.A * pixel.homogeneous();
+  line.at_infinity_ = geometry.atInfinity(pixel);
   line.b_ = geometry.b;
   const Eigen::Vector3f p = line.at_infinity_ + inverse_depth * line.b_;
   if (!(p.z() > kMinZ)) {

@@ -1,23 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "dsorb/camera/pinhole_camera.h"
-#include "dsorb/geometry/se3.h"
+#include "estimate/epipolar_geometry.h"
 
 #include <Eigen/Core>
 
 #include <optional>
 
 namespace dsorb::init_orb {
-
-/// Projection of reference pixels into one frame as a function of inverse depth, in pixels:
-/// pixel(rho) = (A (x, y, 1) + rho b) up to scale.
-struct EpipolarGeometry {
-  EpipolarGeometry(const PinholeCamera& camera, const SE3& T_cam_ref);
-
-  Eigen::Matrix3f A;  ///< K R K^-1
-  Eigen::Vector3f b;  ///< K t
-};
 
 /// Epipolar line of one reference pixel. Positions along it are pixels from `origin`, growing with
 /// the inverse depth.

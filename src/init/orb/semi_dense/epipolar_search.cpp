@@ -69,7 +69,7 @@ SearchOutcome EpipolarSearch::search(const SemiDensePoint& prior, Scratch& scrat
     return {};
   }
   const Patch patch = cutPatch(pixel, *line);
-  const Interval interval = clippedInterval(*line, prior, patch.extent + 1.0F);
+  const Interval interval = clippedInterval(*line, prior, patch.extent);
   if (!(interval.end - interval.begin >= 2.0F)) {
     return {};
   }
@@ -127,12 +127,12 @@ EpipolarSearch::Interval EpipolarSearch::clippedInterval(const EpipolarLine& lin
                     std::clamp(high, kMinHalfLength, max_half_length_)};
   clip(line.origin().x(),
        line.direction().x(),
-       {margin, static_cast<float>(target_.width() - 1) - margin},
+       {kNearBorder + margin, static_cast<float>(target_.width()) - kFarBorder - margin},
        &interval.begin,
        &interval.end);
   clip(line.origin().y(),
        line.direction().y(),
-       {margin, static_cast<float>(target_.height() - 1) - margin},
+       {kNearBorder + margin, static_cast<float>(target_.height()) - kFarBorder - margin},
        &interval.begin,
        &interval.end);
   return interval;
@@ -191,7 +191,7 @@ EpipolarSearch::Linearization EpipolarSearch::linearize(const Patch& patch,
   const Eigen::Vector2f centre = line.at(position);
   for (std::size_t i = 0; i < kPatternSize; ++i) {
     const Eigen::Vector2f at = centre + patch.offset[i];
-    const ImageSample sample = interpolate(target_, at.x(), at.y());
+    const Sample<float> sample = interpolate(target_, at.x(), at.y());
     const Eigen::Vector2f gradient(sample.dx, sample.dy);
     const float difference = sample.intensity - patch.grey[i];
     const float along = gradient.dot(line.direction());
