@@ -15,7 +15,7 @@ constexpr float kHuberThreshold = 9.0F;  // [grey levels]; DSO, section 2.2
 template <typename Scalar>
 inline Scalar huberWeight(Scalar residual, Scalar threshold) {
   const Scalar magnitude = std::abs(residual);
-  return threshold / (magnitude > threshold ? magnitude : threshold);
+  return magnitude > threshold ? threshold / magnitude : Scalar(1);  // no division for most
 }
 inline float huberWeight(float residual) {
   return huberWeight(residual, kHuberThreshold);
