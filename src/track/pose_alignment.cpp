@@ -178,7 +178,7 @@ class PoseAlignment::Problem {
     equations_ = alignment_.normalEquations();
     return scaledNorm(step_) > kStopNorm;
   }
-  bool reject(const DampedStep& step) const {
+  [[nodiscard]] bool reject(const DampedStep& step) const {
     return step.predicted && scaledNorm(step_) > kStopNorm;
   }
 

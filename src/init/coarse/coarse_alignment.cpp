@@ -208,7 +208,7 @@ class LevelAligner::Problem {
     if (unknowns_ == Unknowns::kAll) regularize(alignment_.snapped, points_);
     return movesOn();
   }
-  bool reject(const DampedStep& /*step*/) const { return movesOn(); }
+  [[nodiscard]] bool reject(const DampedStep& /*step*/) const { return movesOn(); }
 
   [[nodiscard]] const LevelState& state() const { return state_; }
 

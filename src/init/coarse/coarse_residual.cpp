@@ -21,7 +21,7 @@ constexpr float kMaxInverseStep = 1e-10F;  // of the step limit, against divisio
 struct LevelWarp {
   TargetImage target;
   HostRays rays;
-  float scale;       // of residuals
+  float scale = 1;   // of residuals
   float scale_rate;  // half where the scale follows the gain
   DepthPull pull;
 
@@ -31,7 +31,6 @@ struct LevelWarp {
                                {std::exp(alignment.log_gain), alignment.offset},
                                *view.image)),
         rays(view.camera),
-        scale(1),
         scale_rate(alignment.balanced ? 0.5F : 0.0F),
         pull(depth_pull) {
     const double log_scale = 0.5 * (alignment.exposure_log_gain - alignment.log_gain);
