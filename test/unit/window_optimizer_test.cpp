@@ -231,8 +231,8 @@ TEST(WindowOptimizerTest, IntrinsicsAreFoundWhenAsked) {
   RecordProperty("cy", std::to_string(found.cy - truth.cy));
   EXPECT_LT(std::abs(found.fx / truth.fx - 1), 0.005);  // measured 0.0017
   EXPECT_LT(std::abs(found.fy / truth.fy - 1), 0.012);  // measured 0.0062
-  EXPECT_LT(std::abs(found.cx - truth.cx), 1);
-  EXPECT_LT(std::abs(found.cy - truth.cy), 1);
+  EXPECT_LT(std::abs(found.cx - truth.cx), 1.3);        // measured 0.65 px
+  EXPECT_LT(std::abs(found.cy - truth.cy), 1.3);        // measured 0.03 px
 }
 
 TEST(WindowOptimizerTest, OneKeyframeIsRefused) {
