@@ -5,24 +5,30 @@
 
 #include "base/lanes.h"
 
+#include <cmath>
 #include <cstddef>
 #include <cstring>
 
 /// Bilinear interpolation of an image: one arithmetic, one border rule, for one position or eight.
 namespace dsorb {
 
-/// The border rule: coordinates are in [kNearBorder, size - kFarBorder]. There all pixels that are
+/// The border rule: coordinates are in [kNearBorder, size - kFarBorder). There all pixels that are
 /// read have central differences, which the outermost ones lack, and a load of four floats, which
 /// takes in a value of the next pixel on the right, stays in the row.
 constexpr float kNearBorder = 1;  ///< [px]
-constexpr float kFarBorder = 3;   ///< [px]
+constexpr float kFarBorder = 2;   ///< [px]
+
+/// The greatest coordinate within the border rule.
+inline float lastSample(int size) {
+  return std::nextafter(static_cast<float>(size) - kFarBorder, 0.0F);
+}
 
 /// Whether everything within `margin` of a position can be interpolated; false for NaN.
 inline bool canSample(const PyramidLevel& level, float x, float y, float margin = 0) {
   const float near = kNearBorder + margin;
   const float far = kFarBorder + margin;
-  return x >= near && y >= near && x <= static_cast<float>(level.width()) - far &&
-         y <= static_cast<float>(level.height()) - far;
+  return x >= near && y >= near && x < static_cast<float>(level.width()) - far &&
+         y < static_cast<float>(level.height()) - far;
 }
 
 /// Between four neighbours. @tparam T a number or several in a register

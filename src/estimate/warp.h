@@ -178,8 +178,8 @@ struct SampleArea {
 template <typename T>
 DSORB_ALWAYS_INLINE void sampleArea(int width, int height, SampleArea<T>& area) {
   spread(kNearBorder, area.min);
-  spread(static_cast<float>(width) - kFarBorder, area.max_x);
-  spread(static_cast<float>(height) - kFarBorder, area.max_y);
+  spread(lastSample(width), area.max_x);
+  spread(lastSample(height), area.max_y);
 }
 
 /// A position moved to the nearest one inside; NaN becomes the border, too.

@@ -63,8 +63,10 @@ TEST_F(InterpolateTest, AllFormsGiveTheSameNumbers) {
 
 TEST_F(InterpolateTest, BorderRuleKeepsReadsInside) {  // 32 x 24
   EXPECT_TRUE(canSample(level(), 1, 1));
-  EXPECT_TRUE(canSample(level(), 29, 21));
-  EXPECT_FALSE(canSample(level(), 29.01F, 5));
+  EXPECT_TRUE(canSample(level(), 29.99F, 21.99F));
+  EXPECT_FALSE(canSample(level(), 30, 5));
+  EXPECT_FALSE(canSample(level(), 5, 22));
+  EXPECT_TRUE(canSample(level(), lastSample(32), lastSample(24)));
   EXPECT_FALSE(canSample(level(), 0.99F, 5));
   EXPECT_FALSE(canSample(level(), 2.9F, 5, 2));
   EXPECT_FALSE(canSample(level(), NAN, 5));

@@ -2,7 +2,7 @@
 #include "init/coarse/coarse_points.h"
 
 #include "base/median.h"
-#include "estimate/sampling.h"
+#include "estimate/host_patch.h"
 #include "image/photometric.h"
 
 #include <algorithm>
@@ -115,20 +115,6 @@ class PointGrid {
   std::vector<std::int32_t> members_;
 };
 
-/// Intensities of the pattern around (x, y).
-/// @return false when one is invalid
-bool readPattern(const PyramidLevel& image,
-                 float x,
-                 float y,
-                 std::array<float, kPatternSize>& intensities) {
-  for (std::size_t k = 0; k < kPatternSize; ++k) {
-    intensities[k] = interpolateIntensity(
-        image, x + static_cast<float>(kPattern[k].x), y + static_cast<float>(kPattern[k].y));
-  }
-  return std::all_of(
-      intensities.begin(), intensities.end(), [](float value) { return std::isfinite(value); });
-}
-
 void findNeighbours(PointLevel& level) {
   const PointGrid grid(level);
   NeighbourList found;
@@ -177,17 +163,14 @@ int wantedPoints(int level, int width, int height) {
 
 PointLevel makePointLevel(const PyramidLevel& image, const std::vector<SelectedPixel>& pixels) {
   PointLevel level;
-  std::array<float, kPatternSize> pattern{};
   for (const SelectedPixel& pixel : pixels) {
-    const auto column = static_cast<float>(pixel.x);
-    const auto row = static_cast<float>(pixel.y);
-    if (!canSample(image, column, row, kPatternRadius)) continue;
-    const float x = column + kPixelOffset;
-    const float y = row + kPixelOffset;
-    if (!readPattern(image, x, y, pattern)) continue;
+    const float x = static_cast<float>(pixel.x) + kPixelOffset;
+    const float y = static_cast<float>(pixel.y) + kPixelOffset;
+    const std::optional<HostPattern> patch = readHostPattern(image, {x, y});
+    if (!patch) continue;
     level.x.push_back(x);
     level.y.push_back(y);
-    level.reference.insert(level.reference.end(), pattern.begin(), pattern.end());
+    level.reference.insert(level.reference.end(), patch->grey.begin(), patch->grey.end());
   }
   const std::size_t n = level.x.size();
   level.parent.assign(n, -1);
