@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: BSD-3-Clause
-"""Does the memory of dso_dataset grow with the length of the sequence? Renders a long synthetic one (once), runs on it
-and compares resident memory at an early frame with that at the end.
+"""Does the memory of dso_dataset grow with the length of the sequence? Renders some frames of a room (once), runs on
+them there and back again until the sequence is long enough, and compares resident memory at an early frame with that at
+the end. With --cuts the camera jumps into another room now and then: every jump is a loss and a new start.
 
     scripts/check_memory.py --bin build/bin --work /tmp/memory [--frames 3000 --early 600 --size 240x180] [-- extra]
 """
@@ -39,22 +40,39 @@ def watch(process, table):
     return samples
 
 
+def long_sequence(options):
+    """A sequence in the layout of TUM RGB-D, whose list may name an image as often as it likes."""
+    width, height = options.size.split("x")
+    sequence = options.work / f"loop_{options.rendered}_{options.size}"
+    rooms = [sequence / f"room_{seed}" for seed in (3, 4)[: 2 if options.cuts else 1]]
+    for room in rooms:
+        if not (room / "camera.txt").exists():
+            subprocess.run([options.bin / "dso_synthesize", "room", "--output", room, "--seed", room.name[-1], "--quiet",
+                            "--frames", str(options.rendered), "--width", width, "--height", height], check=True)
+    (sequence / "camera.txt").write_text((rooms[0] / "camera.txt").read_text())
+    with (sequence / "rgb.txt").open("w") as table:
+        for i in range(options.frames):
+            room = rooms[i // options.cuts % 2] if options.cuts else rooms[0]
+            there = i % (2 * options.rendered - 2)
+            image = min(there, 2 * options.rendered - 2 - there)
+            table.write(f"{i / 30:.6f} {room.name}/images/{image:05d}.png\n")
+    return sequence
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bin", type=pathlib.Path, required=True, help="folder of the programs")
     parser.add_argument("--work", type=pathlib.Path, required=True, help="folder for the sequence and the output")
     parser.add_argument("--frames", type=int, default=3000)
     parser.add_argument("--early", type=int, default=600, help="frame to compare with")
+    parser.add_argument("--rendered", type=int, default=600, help="frames of a room")
+    parser.add_argument("--cuts", type=int, default=0, metavar="N", help="frames from one jump to the next")
     parser.add_argument("--size", default="240x180")
     parser.add_argument("--limit", type=float, default=2, help="largest growth [%%]")
     parser.add_argument("extra", nargs="*", help="further arguments of dso_dataset")
     options = parser.parse_args()
 
-    width, height = options.size.split("x")
-    sequence = options.work / f"room_{options.frames}_{options.size}"
-    if not (sequence / "camera.txt").exists():
-        subprocess.run([options.bin / "dso_synthesize", "room", "--output", sequence, "--frames", str(options.frames),
-                        "--width", width, "--height", height, "--quiet"], check=True)
+    sequence = long_sequence(options)
     output = options.work / "out"
     (output / "frames.csv").unlink(missing_ok=True)
     process = subprocess.Popen([options.bin / "dso_dataset", sequence, "--output", output, "--quiet", *options.extra])

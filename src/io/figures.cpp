@@ -13,7 +13,9 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace dsorb::io {
@@ -71,34 +73,44 @@ struct SegmentPath {
   std::vector<cv::Point2d> keyframes;
 };
 
-std::vector<cv::Point2d> topView(const RunRecord& record,
-                                 const std::vector<PosedEntry>& entries,
-                                 int segment) {
-  std::vector<cv::Point2d> points;
-  for (const PosedEntry& entry : entries) {
-    if (entry.segment != segment) continue;
-    const Eigen::Vector3d place = record.T_world_cam(entry).translation();
-    points.emplace_back(place.x(), place.z());
+/// Segments with the most frames, in the order of the sequence.
+std::vector<int> longestSegments(const RunRecord& record) {
+  std::map<int, std::size_t> lengths;
+  for (std::size_t i = 0; i < record.frames().size(); ++i) {
+    ++lengths[record.frames().at(i).segment];
   }
-  return points;
+  std::vector<std::pair<std::size_t, int>> ranked;
+  for (const auto& [segment, length] : lengths) ranked.emplace_back(length, -segment);
+  std::sort(ranked.rbegin(), ranked.rend());
+  ranked.resize(std::min(ranked.size(), kMaxPanels));
+  std::vector<int> segments;
+  for (const auto& place : ranked) segments.push_back(-place.second);
+  std::sort(segments.begin(), segments.end());
+  return segments;
 }
 
-/// The longest segments, in the order of the sequence.
-std::vector<SegmentPath> longestPaths(const RunRecord& record) {
-  std::vector<SegmentPath> paths;
-  for (const int segment : record.segments()) {
-    paths.push_back({segment,
-                     topView(record, record.frames(), segment),
-                     topView(record, record.keyframes(), segment)});
+/// Places of the entries of these segments, a list each.
+std::vector<std::vector<cv::Point2d>> topViews(const RunRecord& record,
+                                               const Entries& entries,
+                                               const std::vector<int>& segments) {
+  std::vector<std::vector<cv::Point2d>> views(segments.size());
+  for (std::size_t i = 0; i < entries.size(); ++i) {
+    const PosedEntry entry = entries.at(i);
+    const auto found = std::lower_bound(segments.begin(), segments.end(), entry.segment);
+    if (found == segments.end() || *found != entry.segment) continue;
+    const Eigen::Vector3d place = record.T_world_cam(entry).translation();
+    views[static_cast<std::size_t>(found - segments.begin())].emplace_back(place.x(), place.z());
   }
-  if (paths.size() > kMaxPanels) {
-    std::stable_sort(paths.begin(), paths.end(), [](const SegmentPath& l, const SegmentPath& r) {
-      return l.frames.size() > r.frames.size();
-    });
-    paths.resize(kMaxPanels);
-    std::sort(paths.begin(), paths.end(), [](const SegmentPath& l, const SegmentPath& r) {
-      return l.segment < r.segment;
-    });
+  return views;
+}
+
+std::vector<SegmentPath> longestPaths(const RunRecord& record) {
+  const std::vector<int> segments = longestSegments(record);
+  auto frames = topViews(record, record.frames(), segments);
+  auto keyframes = topViews(record, record.keyframes(), segments);
+  std::vector<SegmentPath> paths;
+  for (std::size_t i = 0; i < segments.size(); ++i) {
+    paths.push_back({segments[i], std::move(frames[i]), std::move(keyframes[i])});
   }
   return paths;
 }
@@ -159,12 +171,13 @@ cv::Scalar stateColour(OdometryState state) {
 void drawNotes(cv::Mat& canvas,
                const cv::Rect& area,
                const std::string& title,
-               const std::vector<FrameNote>& notes,
+               const Spool<FrameNote>& notes,
                float FrameNote::*member) {
   Interval x{std::numeric_limits<double>::max(), std::numeric_limits<double>::lowest()};
   Interval y{0, 1e-3};
   std::vector<std::vector<cv::Point2d>> curves(1);
-  for (const FrameNote& note : notes) {
+  for (std::size_t i = 0; i < notes.size(); ++i) {
+    const FrameNote note = notes.at(i);
     include(x, note.index);
     if (note.*member < 0) {
       if (!curves.back().empty()) curves.emplace_back();
@@ -178,7 +191,8 @@ void drawNotes(cv::Mat& canvas,
   if (x_axis.step < 1) x_axis = {{x.low, std::max(x.high, x.low + 1)}, 1};
   const RoundAxis y_axis = roundAxis(y, 5);
   chart.axes(x_axis, y_axis, "");
-  for (const FrameNote& note : notes) {
+  for (std::size_t i = 0; i < notes.size(); ++i) {
+    const FrameNote note = notes.at(i);
     chart.band(note.index - 0.5, note.index + 0.5, stateColour(note.state));
   }
   chart.axes(

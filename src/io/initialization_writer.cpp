@@ -1,17 +1,20 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/initialization_writer.h"
 
-#include "io/output_file.h"
 #include "io/run_json.h"
 
 #include <cmath>
 #include <cstdlib>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <utility>
 
 namespace dsorb::io {
 namespace {
+
+constexpr std::string_view kHead = "{\n \"initializations\": [";
+constexpr int kDepth = 2;  // of an initialization in the file
 
 template <typename Matrix>
 Json rows(const Matrix& matrix) {
@@ -181,9 +184,9 @@ void noteRollback(const std::optional<InitializationRollback>& rollback, Json& i
 }  // namespace
 
 InitializationWriter::InitializationWriter(std::filesystem::path path, std::string initializer)
-    : path_(std::move(path)), initializer_(std::move(initializer)) {
-  write();
-}
+    : file_(std::move(path), std::string(kHead) + "]\n}\n"),
+      initializer_(std::move(initializer)),
+      last_begin_(kHead.size()) {}
 
 void InitializationWriter::update(const RunRecord& record, double milliseconds) {
   if (record.estimate()) {
@@ -193,10 +196,9 @@ void InitializationWriter::update(const RunRecord& record, double milliseconds) 
     }
     ++progress_.frames_given;
   }
-  bool changed = false;
-  if (record.rollback() && !initializations_.empty()) {
-    noteRollback(record.rollback(), initializations_.back());
-    changed = true;
+  if (record.rollback() && !last_.is_null()) {
+    noteRollback(record.rollback(), last_);
+    changed_ = true;
   }
   for (const InitStepNote& step : record.steps()) {
     if (step.status == InitStatus::kRestarted && step.reason != InitReason::kFirstFrame) {
@@ -210,11 +212,10 @@ void InitializationWriter::update(const RunRecord& record, double milliseconds) 
   }
   for (const InitStepNote& step : record.steps()) {
     if (!step.result) continue;
-    initializations_.push_back(describe(*step.result, milliseconds));
-    noteRollback(step.rollback, initializations_.back());
-    changed = true;
+    add(describe(*step.result, milliseconds));
+    noteRollback(step.rollback, last_);
   }
-  if (changed) write();
+  if (changed_) write();
 }
 
 Json InitializationWriter::describe(const InitializationResult& result, double milliseconds) const {
@@ -242,8 +243,19 @@ Json InitializationWriter::describe(const InitializationResult& result, double m
   return json;
 }
 
-void InitializationWriter::write() const {
-  replaceFile(path_, jsonText({{"initializations", initializations_}}));
+void InitializationWriter::add(Json initialization) {
+  if (changed_) write();  // the one before, for the last time
+  if (!last_.is_null()) last_begin_ += last_size_;
+  last_ = std::move(initialization);
+  changed_ = true;
+}
+
+void InitializationWriter::write() {
+  std::string text = last_begin_ == kHead.size() ? "\n  " : ",\n  ";
+  text += jsonText(last_, kDepth);
+  last_size_ = text.size();
+  file_.replaceEnd(last_begin_, text + "\n ]\n}\n");
+  changed_ = false;
 }
 
 }  // namespace dsorb::io

@@ -5,14 +5,17 @@
 
 #include "io/json_text.h"
 #include "io/run_record.h"
+#include "io/whole_file.h"
 
+#include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <string>
-#include <vector>
 
 namespace dsorb::io {
 
-/// initialization.json: one object per successful initialization, replaced at each one.
+/// initialization.json: one object per successful initialization, added when it comes. Only the
+/// last one is kept: no other can be taken back.
 class InitializationWriter {
  public:
   /// Writes the empty list. @throws IoError where it cannot be written
@@ -34,13 +37,18 @@ class InitializationWriter {
   };
 
   [[nodiscard]] Json describe(const InitializationResult& result, double milliseconds) const;
-  void write() const;
+  void add(Json initialization);
+  /// Brings the file up to date.
+  void write();
 
-  std::filesystem::path path_;
+  WholeFile file_;
   std::string initializer_;
   PinholeCamera camera_;
   Progress progress_;
-  std::vector<Json> initializations_;
+  Json last_;                  ///< null before the first one
+  std::uintmax_t last_begin_;  ///< its place in the file
+  std::size_t last_size_ = 0;
+  bool changed_ = false;
 };
 
 }  // namespace dsorb::io

@@ -49,9 +49,12 @@ void write(const Json& value, int depth, std::string& text) {
 }  // namespace
 
 std::string jsonText(const Json& value) {
+  return jsonText(value, 0) + '\n';
+}
+
+std::string jsonText(const Json& value, int depth) {
   std::string text;
-  write(value, 0, text);
-  text += '\n';
+  write(value, depth, text);
   return text;
 }
 

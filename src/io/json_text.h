@@ -14,6 +14,10 @@ using Json = nlohmann::ordered_json;
 /// infinity become null.
 [[nodiscard]] std::string jsonText(const Json& value);
 
+/// The same for a value inside of another, without a line break at the end.
+/// @param depth number of objects and arrays around it
+[[nodiscard]] std::string jsonText(const Json& value, int depth);
+
 /// The double whose shortest text is that of the float: 0.1f gives 0.1.
 [[nodiscard]] double shortest(float value);
 

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/output_file.h"
 
-#include "dsorb/error.h"
-
 #include "io/json_text.h"
 
 #include <fcntl.h>
@@ -22,13 +20,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kPartSuffix = ".part";
 constexpr const char* kSummary = "run.json";
-
-IoError writeError(const fs::path& path) {
-  return IoError(fmt::format(
-      "{}: cannot be written: {}", path.string(), std::generic_category().message(errno)));
-}
 
 FileHandle openForWriting(const fs::path& path) {
   FileHandle file(std::fopen(path.c_str(), "wb"));
@@ -63,10 +55,25 @@ bool isSummaryOf(const std::string& program, const fs::path& run_json) {
 
 }  // namespace
 
+IoError writeError(const fs::path& path) {
+  return IoError(fmt::format(
+      "{}: cannot be written: {}", path.string(), std::generic_category().message(errno)));
+}
+
 GrowingFile::GrowingFile(fs::path path) : path_(std::move(path)), file_(openForWriting(path_)) {}
 
 void GrowingFile::append(std::string_view text) {
   writeAll(file_.get(), text, path_);
+  size_ += text.size();
+}
+
+void GrowingFile::shorten(std::uintmax_t size) {
+  const int descriptor = fileno(file_.get());
+  if (ftruncate(descriptor, static_cast<off_t>(size)) != 0 ||
+      std::fseek(file_.get(), static_cast<long>(size), SEEK_SET) != 0) {
+    throw writeError(path_);
+  }
+  size_ = size;
 }
 
 ReplacingFile::ReplacingFile(fs::path path)

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/error.h"
+
+#include <cstdint>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -8,6 +11,9 @@
 #include <string_view>
 
 namespace dsorb::io {
+
+/// Ends the name of what is to take the place of a file.
+constexpr const char* kPartSuffix = ".part";
 
 struct CloseFile {
   void operator()(std::FILE* file) const { std::fclose(file); }
@@ -21,10 +27,14 @@ class GrowingFile {
   explicit GrowingFile(std::filesystem::path path);
   /// @throws IoError where not all could be written, for example on a full disk
   void append(std::string_view text);
+  [[nodiscard]] std::uintmax_t size() const { return size_; }
+  /// Takes back what was appended after the file had this size. @throws IoError
+  void shorten(std::uintmax_t size);
 
  private:
   std::filesystem::path path_;
   FileHandle file_;
+  std::uintmax_t size_ = 0;  ///< of what was appended
 };
 
 /// Replaces a file as a whole: readers see the old or the new content, never a part.
@@ -51,6 +61,9 @@ class ReplacingFile {
 /// Replaces a file by this content, as a whole.
 /// @throws IoError where it cannot be written; the old content stays
 void replaceFile(const std::filesystem::path& path, std::string_view content);
+
+/// The error of the last system call on this file, in words.
+[[nodiscard]] IoError writeError(const std::filesystem::path& path);
 
 /// Whether a run writes a file of this name, given relative to its output folder.
 [[nodiscard]] bool isOutputFile(const std::filesystem::path& name);

@@ -1,17 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/points_ply.h"
 
-#include "dsorb/error.h"
-
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <cstring>
 #include <iterator>
-#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -62,7 +57,7 @@ std::string header(std::uintmax_t count) {
 
 }  // namespace
 
-PointsPly::PointsPly(std::filesystem::path folder) : folder_(std::move(folder)) {
+PointsPly::PointsPly(std::filesystem::path folder) : folder_(std::move(folder)), spool_(folder_) {
   update();
 }
 
@@ -75,11 +70,7 @@ void PointsPly::retireKeyframe(const KeyframeSnapshot& keyframe) {
   active_.erase(keyframe.id);
   spool_begin_.try_emplace(keyframe.segment, spool_bytes_);
   const std::string bytes = vertices(keyframe);
-  openSpool();
-  if (std::fwrite(bytes.data(), 1, bytes.size(), spool_.get()) != bytes.size() ||
-      std::fflush(spool_.get()) != 0) {
-    throw IoError(spool().string() + ": cannot be written");
-  }
+  spool_.write(spool_bytes_, bytes.data(), bytes.size());
   spool_bytes_ += bytes.size();
   changed_ = true;
 }
@@ -91,36 +82,20 @@ void PointsPly::rollBack(int segment) {
   const auto begin = spool_begin_.find(segment);
   if (begin != spool_begin_.end()) {  // the current segment is the last one
     spool_bytes_ = begin->second;
-    if (spool_ && (ftruncate(fileno(spool_.get()), static_cast<off_t>(spool_bytes_)) != 0 ||
-                   std::fseek(spool_.get(), 0, SEEK_END) != 0)) {
-      throw IoError(spool().string() + ": cannot be shortened");
-    }
     spool_begin_.erase(begin);
   }
   changed_ = true;
 }
 
-/// Nobody else needs the file: without a name it cannot be left behind.
-void PointsPly::openSpool() {
-  if (spool_) return;
-  spool_.reset(std::fopen(spool().c_str(), "w+b"));
-  if (!spool_) throw IoError(spool().string() + ": cannot be created");
-  std::error_code ignored;
-  std::filesystem::remove(spool(), ignored);
-}
-
 void PointsPly::copySpool(ReplacingFile& target) const {
-  std::rewind(spool_.get());
   std::vector<char> block(kCopyBytes);
-  for (std::uintmax_t left = spool_bytes_; left > 0;) {
-    const auto size = static_cast<std::size_t>(std::min<std::uintmax_t>(left, block.size()));
-    if (std::fread(block.data(), 1, size, spool_.get()) != size) {
-      throw IoError(spool().string() + ": cannot be read back");
-    }
+  for (std::uintmax_t done = 0; done < spool_bytes_;) {
+    const auto size =
+        static_cast<std::size_t>(std::min<std::uintmax_t>(spool_bytes_ - done, block.size()));
+    spool_.read(done, block.data(), size);
     target.append({block.data(), size});
-    left -= size;
+    done += size;
   }
-  std::fseek(spool_.get(), 0, SEEK_END);  // between reading and writing
 }
 
 void PointsPly::update() {

@@ -3,6 +3,7 @@
 
 #include "dsorb/odometry/observer.h"
 
+#include "io/nameless_file.h"
 #include "io/output_file.h"
 
 #include <cstdint>
@@ -28,14 +29,12 @@ class PointsPly {
   void update();
 
  private:
-  void openSpool();
   void copySpool(ReplacingFile& target) const;
-  [[nodiscard]] std::filesystem::path spool() const { return folder_ / "points.spool"; }
 
   std::filesystem::path folder_;
   std::map<FrameId, KeyframeSnapshot> active_;
   std::map<int, std::uintmax_t> spool_begin_;  ///< bytes before the first retired of a segment
-  FileHandle spool_;  ///< has no name any more: it ends with the program, however that ends
+  NamelessFile spool_;
   std::uintmax_t spool_bytes_ = 0;
   bool changed_ = true;
 };

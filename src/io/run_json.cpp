@@ -3,7 +3,6 @@
 
 #include <sys/resource.h>
 
-#include <algorithm>
 #include <fstream>
 #include <string>
 #include <string_view>
@@ -54,17 +53,14 @@ Json runJson(const RunInfo& info,
              const PinholeCamera* camera,
              const RunRecord& record,
              const RunEnd& end) {
-  const std::vector<FrameNote>& notes = record.notes();
   Json json = {{"program", info.program},
                {"version", info.version},
                {"dataset", info.dataset},
                {"initializer", info.initializer},
                {"camera", nullptr}};
   if (camera != nullptr) json["camera"] = cameraJson(*camera);
-  json["frames_given"] = notes.size();
-  json["frames_tracked"] = std::count_if(notes.begin(), notes.end(), [](const FrameNote& note) {
-    return note.state == OdometryState::kTracked;
-  });
+  json["frames_given"] = record.notes().size();
+  json["frames_tracked"] = record.framesTracked();
   json["frames_dropped"] = end.frames_dropped;
   json["keyframes"] = record.keyframes().size();
   json["segments"] = record.segments().size();

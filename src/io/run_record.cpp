@@ -6,38 +6,21 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <iterator>
 
 namespace dsorb::io {
 namespace {
 
-constexpr std::ptrdiff_t kMaxToldAgain = 1000;  // frames; upper limit of probation.max_frames
-
-void removeSegment(std::vector<PosedEntry>& entries, int segment) {
-  entries.erase(
-      std::remove_if(entries.begin(),
-                     entries.end(),
-                     [segment](const PosedEntry& entry) { return entry.segment == segment; }),
-      entries.end());
-}
-
-/// Replaces the entry with the same id among the last segment's, or appends.
-void upsert(std::vector<PosedEntry>& entries, const PosedEntry& entry) {
-  for (auto it = entries.rbegin(); it != entries.rend() && it->segment == entry.segment; ++it) {
-    if (std::distance(entries.rbegin(), it) >= kMaxToldAgain) break;  // no window is that large
-    if (it->id == entry.id) {
-      *it = entry;
-      return;
-    }
-  }
-  entries.push_back(entry);
-}
+constexpr std::size_t kMaxToldAgain = 1000;  // frames; upper limit of probation.max_frames
+static_assert(kMaxToldAgain < Spool<FrameNote>::kBlock);
 
 }  // namespace
 
 bool isFinite(const SE3& pose) {
   return pose.unitQuaternion().coeffs().allFinite() && pose.translation().allFinite();
 }
+
+RunRecord::RunRecord(const std::filesystem::path& folder)
+    : frames_(folder), keyframes_(folder), notes_(folder) {}
 
 void RunRecord::addInitStep(const InitStep& step, int segment) {
   steps_.push_back({step.status, step.reason, segment, step.result, {}});
@@ -47,54 +30,63 @@ void RunRecord::addInitStep(const InitStep& step, int segment) {
 void RunRecord::addInitialization(const InitializationResult& result, int segment) {
   segments_.push_back(segment);
   const FrameId reference = result.frames.front().frame->id();
-  T_world_anchor_[reference] = SE3();
+  anchors_[reference].T_world_cam = SE3();
   starts_.push_back({result.frames.back().frame->id(), *result.frames.back().T_cam_ref});
   const int start = static_cast<int>(starts_.size()) - 1;
   const auto last = static_cast<double>(result.frames.size() - 1);
   for (std::size_t i = 0; i < result.frames.size(); ++i) {
     const PosedFrame& posed = result.frames[i];
     if (!posed.T_cam_ref || !isFinite(*posed.T_cam_ref)) continue;
-    frames_.push_back({posed.frame->id(),
-                       posed.frame->timestamp(),
-                       segment,
-                       reference,
-                       *posed.T_cam_ref,
-                       start,
-                       static_cast<double>(i) / last});
+    frames_.push({posed.frame->id(),
+                  posed.frame->timestamp(),
+                  segment,
+                  reference,
+                  *posed.T_cam_ref,
+                  start,
+                  static_cast<double>(i) / last});
   }
 }
 
 void RunRecord::addRollback(const InitializationRollback& rollback) {
   const int segment = rollback.segment;
-  for (const auto* entries : {&frames_, &keyframes_}) {
-    for (const PosedEntry& entry : *entries) {
-      if (entry.segment != segment) continue;
-      T_world_anchor_.erase(entry.id);
-      successors_.erase(entry.id);
-    }
-  }
-  removeSegment(frames_, segment);
-  removeSegment(keyframes_, segment);
-  segments_.erase(std::remove(segments_.begin(), segments_.end(), segment), segments_.end());
-  rollbacks_.push_back(rollback.reason);
+  removeSegment(segment, frames_);
+  removeSegment(segment, keyframes_);
+  if (!segments_.empty() && segments_.back() == segment) segments_.pop_back();
+  ++rollbacks_[rollback.reason];
   const auto start = std::find_if(steps_.begin(), steps_.end(), [](const InitStepNote& step) {
     return step.result && !step.rollback;
   });
   (start == steps_.end() ? rollback_ : start->rollback) = rollback;
 }
 
+/// The segment is the last one: its entries stand at the end.
+void RunRecord::removeSegment(int segment, Entries& entries) {
+  while (!entries.empty() && entries.newest().segment == segment) {
+    anchors_.erase(entries.newest().id);
+    entries.pop();
+  }
+}
+
+int RunRecord::rollbacks() const {
+  return rollbacks(RollbackReason::kResidual) + rollbacks(RollbackReason::kLost);
+}
+
 int RunRecord::rollbacks(RollbackReason reason) const {
-  return static_cast<int>(std::count(rollbacks_.begin(), rollbacks_.end(), reason));
+  const auto count = rollbacks_.find(reason);
+  return count == rollbacks_.end() ? 0 : count->second;
 }
 
 void RunRecord::addFrame(const FrameEstimate& estimate) {
   estimate_ = estimate;
   const double rmse = estimate.tracking_rmse.value_or(-1);
-  noteOf(estimate.frame->id().value) = {estimate.frame->id().value,
-                                        estimate.segment,
-                                        estimate.state,
-                                        0,
-                                        std::isfinite(rmse) ? static_cast<float>(rmse) : -1.0F};
+  FrameNote& note = noteOf(estimate.frame->id().value);
+  frames_tracked_ -= note.state == OdometryState::kTracked ? 1 : 0;  // where it is told again
+  note = {estimate.frame->id().value,
+          estimate.segment,
+          estimate.state,
+          0,
+          std::isfinite(rmse) ? static_cast<float>(rmse) : -1.0F};
+  frames_tracked_ += note.state == OdometryState::kTracked ? 1 : 0;
   const bool placed =
       estimate.state == OdometryState::kTracked || estimate.state == OdometryState::kInitialized;
   if (!placed || !estimate.T_world_cam || !isFinite(*estimate.T_world_cam)) return;
@@ -104,73 +96,80 @@ void RunRecord::addFrame(const FrameEstimate& estimate) {
   if (estimate.keyframe && estimate.T_cam_keyframe && isFinite(*estimate.T_cam_keyframe)) {
     entry.anchor = *estimate.keyframe;
     entry.T_cam_anchor = *estimate.T_cam_keyframe;
-    T_world_anchor_.try_emplace(entry.anchor, *estimate.T_world_cam * entry.T_cam_anchor);
+    const SE3 T_world_anchor = *estimate.T_world_cam * entry.T_cam_anchor;
+    Anchor& anchor = anchors_.try_emplace(entry.anchor, T_world_anchor).first->second;
     if (estimate.is_keyframe && entry.anchor != entry.id) {
-      successors_[entry.anchor] = {entry.id, entry.T_cam_anchor};
+      anchor.next = entry.id;
+      anchor.T_next_cam = entry.T_cam_anchor;
     }
   } else {  // a keyframe is its own anchor
     entry.anchor = entry.id;
-    T_world_anchor_.try_emplace(entry.id, *estimate.T_world_cam);
+    anchors_.try_emplace(entry.id, *estimate.T_world_cam);
   }
-  if (!frames_.empty() && frames_.back().id == entry.id) frames_.pop_back();  // came with a result
-  frames_.push_back(entry);
+  if (!frames_.empty() && frames_.newest().id == entry.id) frames_.pop();  // came with a result
+  frames_.push(entry);
 }
 
 /// Frames of a start that was rolled back are told again.
 FrameNote& RunRecord::noteOf(int index) {
-  for (auto note = notes_.rbegin(); note != notes_.rend(); ++note) {
-    if (note->index == index) return *note;
-    if (std::distance(notes_.rbegin(), note) >= kMaxToldAgain) break;
+  const std::size_t end = std::min(notes_.size(), kMaxToldAgain);
+  for (std::size_t age = 0; age < end; ++age) {
+    if (notes_.newest(age).index == index) return notes_.newest(age);
   }
-  return notes_.emplace_back();
+  notes_.push({});
+  return notes_.newest();
 }
 
 void RunRecord::addKeyframe(const KeyframeSnapshot& keyframe) {
   if (!isFinite(keyframe.T_world_cam)) return;
-  T_world_anchor_[keyframe.id] = keyframe.T_world_cam;
-  upsert(keyframes_,
-         {keyframe.id, keyframe.timestamp, keyframe.segment, keyframe.id, SE3(), -1, 0});
+  Anchor& anchor = anchors_[keyframe.id];
+  anchor.T_world_cam = keyframe.T_world_cam;
+  if (anchor.is_keyframe) return;
+  anchor.is_keyframe = true;
+  keyframes_.push({keyframe.id, keyframe.timestamp, keyframe.segment, keyframe.id, SE3(), -1, 0});
 }
 
 void RunRecord::setMilliseconds(double milliseconds) {
-  if (estimate_) notes_.back().milliseconds = static_cast<float>(milliseconds);
+  if (estimate_) notes_.newest().milliseconds = static_cast<float>(milliseconds);
 }
 
 void RunRecord::nextFrame() {
+  frames_.settle();
+  keyframes_.settle();
+  notes_.settle();
   steps_.clear();
   estimate_.reset();
   rollback_.reset();
 }
 
 SE3 RunRecord::T_world_cam(const PosedEntry& entry) const {
-  const auto own = T_world_anchor_.find(entry.id);  // the frame became a keyframe itself
-  if (own != T_world_anchor_.end()) return own->second;
-  const SE3 T_cam_anchor = entry.start < 0 ? T_cam_keyframe(entry) : T_cam_reference(entry);
-  return T_world_anchor_.at(entry.anchor) * T_cam_anchor.inverse();
+  const auto own = anchors_.find(entry.id);  // the frame became a keyframe itself
+  if (own != anchors_.end()) return own->second.T_world_cam;
+  const Anchor& anchor = anchors_.at(entry.anchor);
+  const SE3 T_cam_anchor =
+      entry.start < 0 ? T_cam_keyframe(entry, anchor) : T_cam_reference(entry, anchor);
+  return anchor.T_world_cam * T_cam_anchor.inverse();
 }
 
 /// Pose of a frame of an initialization.
-SE3 RunRecord::T_cam_reference(const PosedEntry& entry) const {
+SE3 RunRecord::T_cam_reference(const PosedEntry& entry, const Anchor& reference) const {
   const Start& start = starts_[static_cast<std::size_t>(entry.start)];
-  const auto newest = T_world_anchor_.find(start.newest);
-  if (newest == T_world_anchor_.end()) return entry.T_cam_anchor;
-  const SE3 T_newest_anchor = newest->second.inverse() * T_world_anchor_.at(entry.anchor);
+  const auto newest = anchors_.find(start.newest);
+  if (newest == anchors_.end()) return entry.T_cam_anchor;
+  const SE3 T_newest_anchor = newest->second.T_world_cam.inverse() * reference.T_world_cam;
   return reattach(entry.T_cam_anchor, {start.T_newest_reference, T_newest_anchor}, entry.progress);
 }
 
 /// Pose of a tracked frame.
-SE3 RunRecord::T_cam_keyframe(const PosedEntry& entry) const {
-  const auto successor = successors_.find(entry.anchor);
-  if (successor == successors_.end()) return entry.T_cam_anchor;
-  const Successor& next = successor->second;
-  const auto T_world_next = T_world_anchor_.find(next.id);
-  if (T_world_next == T_world_anchor_.end()) return entry.T_cam_anchor;
-  const SE3 T_next_anchor = T_world_next->second.inverse() * T_world_anchor_.at(entry.anchor);
+SE3 RunRecord::T_cam_keyframe(const PosedEntry& entry, const Anchor& keyframe) const {
+  const auto next = keyframe.next ? anchors_.find(*keyframe.next) : anchors_.end();
+  if (next == anchors_.end()) return entry.T_cam_anchor;
+  const SE3 T_next_anchor = next->second.T_world_cam.inverse() * keyframe.T_world_cam;
   const double progress = static_cast<double>(entry.id.value - entry.anchor.value) /
-                          static_cast<double>(next.id.value - entry.anchor.value);
+                          static_cast<double>(keyframe.next->value - entry.anchor.value);
   // Frames tracked while the next keyframe is made lie behind it.
   return spreadCorrection(
-      entry.T_cam_anchor, {next.T_cam_anchor, T_next_anchor}, std::min(progress, 1.0));
+      entry.T_cam_anchor, {keyframe.T_next_cam, T_next_anchor}, std::min(progress, 1.0));
 }
 
 }  // namespace dsorb::io

@@ -3,9 +3,11 @@
 
 #include "dsorb/odometry/observer.h"
 
+#include "io/spool.h"
+
+#include <filesystem>
 #include <map>
 #include <optional>
-#include <string>
 #include <vector>
 
 namespace dsorb::io {
@@ -31,6 +33,8 @@ struct FrameNote {
   float tracking_rmse = 0;  ///< negative: there is none
 };
 
+using Entries = Spool<PosedEntry>;
+
 /// A call of the initializer.
 struct InitStepNote {
   InitStatus status = InitStatus::kNeedsMoreFrames;
@@ -40,10 +44,14 @@ struct InitStepNote {
   std::optional<InitializationRollback> rollback;  ///< of its result, within the current frame
 };
 
-/// Record of a run, about 150 bytes a frame: enough to write every trajectory with the poses that
-/// are final by then. Images are not kept beyond the current frame.
+/// Record of a run: enough to write every trajectory with the poses that are final by then. In
+/// memory it keeps what belongs to the keyframes, about 200 bytes each; frames wait on the disk,
+/// images are not kept beyond the current frame.
 class RunRecord {
  public:
+  /// @param folder on whose disk there is room for about 150 bytes a frame
+  explicit RunRecord(const std::filesystem::path& folder);
+
   void addInitStep(const InitStep& step, int segment);
   void addRollback(const InitializationRollback& rollback);
   void addFrame(const FrameEstimate& estimate);
@@ -51,17 +59,19 @@ class RunRecord {
   /// Completes the current frame's note.
   void setMilliseconds(double milliseconds);
   /// Forgets everything that belongs to the current frame only.
+  /// @throws IoError where the disk is full
   void nextFrame();
 
   /// World (reference camera of the segment) from camera, by the present estimates.
   [[nodiscard]] SE3 T_world_cam(const PosedEntry& entry) const;
-  [[nodiscard]] const std::vector<PosedEntry>& frames() const { return frames_; }
-  [[nodiscard]] const std::vector<PosedEntry>& keyframes() const { return keyframes_; }
-  [[nodiscard]] const std::vector<FrameNote>& notes() const { return notes_; }
+  [[nodiscard]] const Entries& frames() const { return frames_; }
+  [[nodiscard]] const Entries& keyframes() const { return keyframes_; }
+  [[nodiscard]] const Spool<FrameNote>& notes() const { return notes_; }
+  [[nodiscard]] int framesTracked() const { return frames_tracked_; }
   /// Segments with a successful initialization that was not rolled back.
   [[nodiscard]] const std::vector<int>& segments() const { return segments_; }
   /// Number of times that entries were taken back.
-  [[nodiscard]] int rollbacks() const { return static_cast<int>(rollbacks_.size()); }
+  [[nodiscard]] int rollbacks() const;
   [[nodiscard]] int rollbacks(RollbackReason reason) const;
 
   /// Of the current frame.
@@ -76,24 +86,29 @@ class RunRecord {
     FrameId newest;
     SE3 T_newest_reference;
   };
-  /// Keyframe that was tracked against another one, and where it seemed to be then.
-  struct Successor {
-    FrameId id;
-    SE3 T_cam_anchor;
+  /// What frames hang on: a keyframe, or the reference of an initialization.
+  struct Anchor {
+    explicit Anchor(const SE3& pose = {}) : T_world_cam(pose) {}
+    SE3 T_world_cam;
+    bool is_keyframe = false;
+    std::optional<FrameId> next;  ///< keyframe that was tracked against this one
+    SE3 T_next_cam;               ///< and where it seemed to be then
   };
   void addInitialization(const InitializationResult& result, int segment);
-  [[nodiscard]] SE3 T_cam_reference(const PosedEntry& entry) const;
-  [[nodiscard]] SE3 T_cam_keyframe(const PosedEntry& entry) const;
+  [[nodiscard]] SE3 T_cam_reference(const PosedEntry& entry, const Anchor& reference) const;
+  [[nodiscard]] SE3 T_cam_keyframe(const PosedEntry& entry, const Anchor& keyframe) const;
   FrameNote& noteOf(int index);
+  /// Its anchors go as well.
+  void removeSegment(int segment, Entries& entries);
 
-  std::vector<PosedEntry> frames_;
-  std::vector<PosedEntry> keyframes_;  ///< each its own anchor
+  Entries frames_;
+  Entries keyframes_;  ///< each its own anchor
+  Spool<FrameNote> notes_;
+  int frames_tracked_ = 0;
   std::vector<Start> starts_;
-  std::map<FrameId, SE3> T_world_anchor_;
-  std::map<FrameId, Successor> successors_;  ///< by the keyframe tracked against
-  std::vector<FrameNote> notes_;
+  std::map<FrameId, Anchor> anchors_;
   std::vector<int> segments_;
-  std::vector<RollbackReason> rollbacks_;
+  std::map<RollbackReason, int> rollbacks_;
 
   std::vector<InitStepNote> steps_;
   std::optional<FrameEstimate> estimate_;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/text_file.h"
 
+#include "io/descriptor.h"
+
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <poll.h>
@@ -22,22 +24,6 @@ constexpr std::size_t kBlockBytes = 1 << 16;
 constexpr int kPatience = 2000;           // for the first byte of a pipe [ms]
 constexpr std::size_t kMaxQuotable = 80;  // characters
 
-/// A file that is open for reading; a pipe without a writer does not block that.
-class Descriptor {
- public:
-  explicit Descriptor(const std::filesystem::path& file)
-      : number_(open(file.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC)) {}
-  ~Descriptor() {
-    if (number_ >= 0) close(number_);
-  }
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  [[nodiscard]] int number() const { return number_; }
-
- private:
-  int number_;
-};
-
 IoError readError(const std::filesystem::path& file, int code) {
   return lineError(
       file,
@@ -51,15 +37,15 @@ IoError sizeError(const std::filesystem::path& file, std::size_t most_bytes) {
 }
 
 /// Everything up to the end. @throws IoError
-std::string readAll(const Descriptor& source,
+std::string readAll(const io::Descriptor& source,
                     const std::filesystem::path& file,
                     std::size_t most_bytes) {
   std::string text;
   std::array<char, kBlockBytes> block{};
   while (true) {
-    pollfd request{source.number(), POLLIN, 0};
+    pollfd request{source.get(), POLLIN, 0};
     const bool ready = poll(&request, 1, kPatience) != 0;
-    const ssize_t count = read(source.number(), block.data(), block.size());
+    const ssize_t count = read(source.get(), block.data(), block.size());
     if (count == 0 && ready) return text;
     if (count == 0) throw lineError(file, 0, "a pipe that nobody writes to");
     if (count < 0 && (errno == EAGAIN || errno == EINTR)) continue;
@@ -78,9 +64,10 @@ std::string_view trimmed(std::string_view text) {
 }
 
 std::string readText(const std::filesystem::path& file, std::size_t most_bytes) {
-  const Descriptor source(file);
+  // A pipe without a writer does not block this.
+  const io::Descriptor source(open(file.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC));
   struct stat status {};
-  if (source.number() < 0 || fstat(source.number(), &status) != 0) throw readError(file, errno);
+  if (source.get() < 0 || fstat(source.get(), &status) != 0) throw readError(file, errno);
   if (S_ISDIR(status.st_mode)) throw readError(file, EISDIR);
   if (S_ISREG(status.st_mode) && static_cast<std::size_t>(status.st_size) > most_bytes) {
     throw sizeError(file, most_bytes);

@@ -4,50 +4,93 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <iterator>
+#include <optional>
 #include <utility>
+#include <vector>
 
 namespace dsorb::io {
 namespace {
 
-std::vector<PosedEntry> sortedByTime(std::vector<PosedEntry> entries) {
-  std::stable_sort(entries.begin(), entries.end(), [](const PosedEntry& l, const PosedEntry& r) {
-    return l.timestamp < r.timestamp;
-  });
-  return entries;
+constexpr std::size_t kBlockBytes = 1 << 16;
+
+/// Calls f with every entry, sorted by time.
+template <typename F>
+void forEachByTime(const Entries& entries, F f) {
+  std::vector<std::pair<double, std::size_t>> order;
+  order.reserve(entries.size());
+  for (std::size_t i = 0; i < entries.size(); ++i) order.emplace_back(entries.at(i).timestamp, i);
+  std::sort(order.begin(), order.end());
+  for (const auto& place : order) f(entries.at(place.second));
+}
+
+/// A file that takes the place of an earlier one, written line by line.
+class LineFile {
+ public:
+  explicit LineFile(const std::filesystem::path& path) : file_(path) {}
+  void add(const std::string& line) {
+    lines_ += line;
+    if (lines_.size() < kBlockBytes) return;
+    file_.append(lines_);
+    lines_.clear();
+  }
+  void commit() {
+    file_.append(lines_);
+    file_.commit();
+  }
+
+ private:
+  ReplacingFile file_;
+  std::string lines_;
+};
+
+std::string lineOf(const PosedEntry& entry, const RunRecord& record) {
+  return tumLine(entry.timestamp, record.T_world_cam(entry));
 }
 
 }  // namespace
 
 TrajectoryWriter::TrajectoryWriter(std::filesystem::path folder, std::string stem)
-    : folder_(std::move(folder)), stem_(std::move(stem)) {
-  file_.emplace(path(""));
-}
+    : folder_(std::move(folder)), stem_(std::move(stem)), file_(path("")) {}
 
 std::filesystem::path TrajectoryWriter::path(const std::string& suffix) const {
   return folder_ / (stem_ + suffix + ".txt");
 }
 
-void TrajectoryWriter::update(const RunRecord& record, const std::vector<PosedEntry>& entries) {
-  if (record.rollbacks() != rollbacks_) {  // lines were taken back: write the rest anew
-    rollbacks_ = record.rollbacks();
-    written_ = 0;
-    file_.emplace(path(""));
-  }
-  std::string lines;
-  for (; written_ < entries.size(); ++written_) {
-    const PosedEntry& entry = entries[written_];
-    lines += tumLine(entry.timestamp, record.T_world_cam(entry));
-  }
-  if (!lines.empty()) file_->append(lines);
+void TrajectoryWriter::rollBack(int segment) {
+  if (segment_ != segment) return;
+  file_.shorten(segment_begin_);
+  written_ = segment_written_;
+  segment_ = -1;
 }
 
-void TrajectoryWriter::finish(const RunRecord& record, const std::vector<PosedEntry>& entries) {
-  replaceFile(path(""), tumTrajectory(record, entries));
-  if (record.segments().size() < 2) return;
-  for (const int segment : record.segments()) {
-    replaceFile(path(fmt::format("_{}", segment)), tumTrajectory(record, entries, segment));
+void TrajectoryWriter::update(const RunRecord& record, const Entries& entries) {
+  std::string lines;
+  for (; written_ < entries.size(); ++written_) {
+    const PosedEntry entry = entries.at(written_);
+    if (entry.segment != segment_) {
+      segment_ = entry.segment;
+      segment_written_ = written_;
+      segment_begin_ = file_.size() + lines.size();
+    }
+    lines += lineOf(entry, record);
   }
+  if (!lines.empty()) file_.append(lines);
+}
+
+void TrajectoryWriter::finish(const RunRecord& record, const Entries& entries) const {
+  writeTum(path(""), record, entries);
+  if (record.segments().size() < 2) return;
+  std::optional<LineFile> file;
+  int segment = -1;
+  forEachByTime(entries, [&](const PosedEntry& entry) {  // one segment after the other
+    if (entry.segment != segment) {
+      if (file) file->commit();
+      segment = entry.segment;
+      file.emplace(path(fmt::format("_{}", segment)));
+    }
+    file->add(lineOf(entry, record));
+  });
+  if (file) file->commit();
 }
 
 std::string tumLine(double timestamp, const SE3& T_world_cam) {
@@ -65,26 +108,22 @@ std::string tumLine(double timestamp, const SE3& T_world_cam) {
                      q.w());
 }
 
-std::string tumTrajectory(const RunRecord& record,
-                          const std::vector<PosedEntry>& entries,
-                          std::optional<int> segment) {
-  std::string text;
-  for (const PosedEntry& entry : sortedByTime(entries)) {
-    if (!segment || entry.segment == *segment)
-      text += tumLine(entry.timestamp, record.T_world_cam(entry));
-  }
-  return text;
+void writeTum(const std::filesystem::path& path, const RunRecord& record, const Entries& entries) {
+  LineFile file(path);
+  forEachByTime(entries, [&](const PosedEntry& entry) { file.add(lineOf(entry, record)); });
+  file.commit();
 }
 
-std::string kittiTrajectory(const RunRecord& record, const std::vector<PosedEntry>& entries) {
-  std::string text;
-  for (const PosedEntry& entry : sortedByTime(entries)) {
+void writeKitti(const std::filesystem::path& path,
+                const RunRecord& record,
+                const Entries& entries) {
+  LineFile file(path);
+  forEachByTime(entries, [&](const PosedEntry& entry) {
     const Eigen::Matrix<double, 3, 4, Eigen::RowMajor> T =
         record.T_world_cam(entry).matrix().topRows<3>();
-    fmt::format_to(
-        std::back_inserter(text), "{:.9e}\n", fmt::join(T.data(), T.data() + T.size(), " "));
-  }
-  return text;
+    file.add(fmt::format("{:.9e}\n", fmt::join(T.data(), T.data() + T.size(), " ")));
+  });
+  file.commit();
 }
 
 }  // namespace dsorb::io

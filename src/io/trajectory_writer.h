@@ -4,10 +4,10 @@
 #include "io/output_file.h"
 #include "io/run_record.h"
 
+#include <cstddef>
+#include <cstdint>
 #include <filesystem>
-#include <optional>
 #include <string>
-#include <vector>
 
 namespace dsorb::io {
 
@@ -18,33 +18,33 @@ class TrajectoryWriter {
   /// @param stem "trajectory" or "keyframes"
   TrajectoryWriter(std::filesystem::path folder, std::string stem);
 
-  /// Appends the entries that are new.
-  void update(const RunRecord& record, const std::vector<PosedEntry>& entries);
-  void finish(const RunRecord& record, const std::vector<PosedEntry>& entries);
+  /// Takes back the lines of the last segment. @throws IoError
+  void rollBack(int segment);
+  /// Appends the entries that are new. @throws IoError
+  void update(const RunRecord& record, const Entries& entries);
+  void finish(const RunRecord& record, const Entries& entries) const;
 
  private:
   [[nodiscard]] std::filesystem::path path(const std::string& suffix) const;
 
   std::filesystem::path folder_;
   std::string stem_;
-  std::optional<GrowingFile> file_;
+  GrowingFile file_;
   std::size_t written_ = 0;
-  int rollbacks_ = 0;
+  int segment_ = -1;                  ///< of the last line
+  std::size_t segment_written_ = 0;   ///< lines before those of that segment
+  std::uintmax_t segment_begin_ = 0;  ///< place of its first line
 };
 
 /// A line `timestamp tx ty tz qx qy qz qw`, nine decimals, qw not negative.
 /// @source TUM RGB-D benchmark, file formats
 [[nodiscard]] std::string tumLine(double timestamp, const SE3& T_world_cam);
 
-/// Lines `timestamp tx ty tz qx qy qz qw`, camera to world, sorted by time.
-/// @param segment whose entries are written; empty stands for all segments
-[[nodiscard]] std::string tumTrajectory(const RunRecord& record,
-                                        const std::vector<PosedEntry>& entries,
-                                        std::optional<int> segment = std::nullopt);
+/// Replaces a file by the lines of all entries, sorted by time.
+void writeTum(const std::filesystem::path& path, const RunRecord& record, const Entries& entries);
 
 /// The same entries as lines of a 3x4 matrix, row by row: line n belongs to line n of the above.
 /// @source KITTI odometry benchmark, format of poses
-[[nodiscard]] std::string kittiTrajectory(const RunRecord& record,
-                                          const std::vector<PosedEntry>& entries);
+void writeKitti(const std::filesystem::path& path, const RunRecord& record, const Entries& entries);
 
 }  // namespace dsorb::io

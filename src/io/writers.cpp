@@ -23,7 +23,7 @@ using Clock = std::chrono::steady_clock;
 
 /// What run.json says until finish(): the run was killed.
 std::string firstSummary(const RunInfo& info) {
-  return io::jsonText(io::runJson(info, nullptr, io::RunRecord(), {}));
+  return io::jsonText(io::runJson(info, nullptr, io::RunRecord({}), {}));
 }
 
 /// Keyframes from which on the files that are replaced as a whole are worth it again: each a tenth
@@ -40,6 +40,7 @@ class RunWriter::Impl {
       : folder(folder_name),
         prepared(folder, run_info.program, firstSummary(run_info)),
         info(run_info),
+        record(folder),
         frames_csv(folder / "frames.csv"),
         trajectory(folder, "trajectory"),
         keyframes(folder, "keyframes"),
@@ -51,7 +52,7 @@ class RunWriter::Impl {
 
   void writeFrameLine(const FrameTiming& timing) {
     const FrameEstimate& estimate = *record.estimate();
-    const float rmse = record.notes().back().tracking_rmse;
+    const float rmse = record.notes().newest().tracking_rmse;
     frames_csv.append(fmt::format("{},{:.9f},{},{:.3f},{},{},{}\n",
                                   estimate.frame->id().value,
                                   estimate.frame->timestamp(),
@@ -121,7 +122,10 @@ void RunWriter::onInitStep(const InitStep& step, const Frame& /*frame*/, int seg
 void RunWriter::onInitializationRollback(const InitializationRollback& rollback) {
   impl_->record.addRollback(rollback);
   impl_->points.rollBack(rollback.segment);
-  impl_->next_writing = 0;
+  impl_->trajectory.rollBack(rollback.segment);
+  impl_->keyframes.rollBack(rollback.segment);
+  impl_->next_writing =
+      std::min(impl_->next_writing, nextWriting(impl_->record.keyframes().size()));
   impl_->keyframes_changed = true;
 }
 
@@ -174,7 +178,7 @@ void RunWriter::setDropped(int frames) {
 RunStatus RunWriter::outcome() const {
   const io::RunRecord& record = impl_->record;
   if (record.segments().empty()) return RunStatus::kNeverInitialized;
-  const OdometryState last = record.notes().back().state;
+  const OdometryState last = record.notes().newest().state;
   const bool placed = last == OdometryState::kTracked || last == OdometryState::kInitialized;
   return placed ? RunStatus::kTracked : RunStatus::kLost;
 }
@@ -184,8 +188,7 @@ void RunWriter::finish(RunStatus status, const OdometryReport* report) {
   run.trajectory.finish(run.record, run.record.frames());
   run.keyframes.finish(run.record, run.record.keyframes());
   if (run.record.segments().size() == 1 && outcome() == RunStatus::kTracked) {
-    io::replaceFile(run.folder / "trajectory_kitti.txt",
-                    io::kittiTrajectory(run.record, run.record.frames()));
+    io::writeKitti(run.folder / "trajectory_kitti.txt", run.record, run.record.frames());
   }
   run.points.update();
   io::writePng(run.folder / "figures" / "trajectory.png", io::drawTrajectory(run.record));
@@ -194,7 +197,7 @@ void RunWriter::finish(RunStatus status, const OdometryReport* report) {
 }
 
 void RunWriter::writeKeyframes(const std::string& path) const {
-  io::replaceFile(path, io::tumTrajectory(impl_->record, impl_->record.keyframes()));
+  io::writeTum(path, impl_->record, impl_->record.keyframes());
 }
 
 }  // namespace dsorb

@@ -4,13 +4,19 @@
 #include "dsorb/error.h"
 
 #include "io/json_text.h"
+#include "io/spool.h"
+#include "io/whole_file.h"
 #include "support/temporary_folder.h"
 #include "support/text_files.h"
 
 #include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
+#include <csignal>
 #include <filesystem>
 #include <limits>
+#include <random>
 
 namespace dsorb {
 namespace {
@@ -19,6 +25,87 @@ TEST(GrowingFile, FullDiskIsAnError) {
   if (!std::filesystem::exists("/dev/full")) GTEST_SKIP() << "no /dev/full on this system";
   io::GrowingFile file("/dev/full");
   EXPECT_THROW(file.append("text"), IoError);
+}
+
+TEST(GrowingFile, TakesBackItsLastLines) {
+  const TemporaryFolder folder;
+  io::GrowingFile file(folder.path() / "file.txt");
+  file.append("one\n");
+  const std::uintmax_t size = file.size();
+  file.append("two\nthree\n");
+  file.shorten(size);
+  file.append("four\n");
+  EXPECT_EQ(readText(folder.path() / "file.txt"), "one\nfour\n");
+}
+
+TEST(WholeFile, EndIsReplaced) {
+  const TemporaryFolder folder;
+  const std::filesystem::path path = folder.path() / "file.txt";
+  {
+    io::WholeFile file(path, "[]");
+    EXPECT_EQ(readText(path), "[]");
+    file.replaceEnd(1, "one]");
+    EXPECT_EQ(readText(path), "[one]");
+    file.replaceEnd(1, "1]");
+    EXPECT_EQ(readText(path), "[1]") << "shorter than before";
+    file.replaceEnd(2, ", two]");
+    file.replaceEnd(7, ", three, four]");
+    EXPECT_EQ(readText(path), "[1, two, three, four]");
+  }
+  EXPECT_EQ(readText(path), "[1, two, three, four]");
+  EXPECT_FALSE(std::filesystem::exists(path.string() + ".part"));
+}
+
+TEST(WholeFile, IsWholeWhenItsWriterIsKilled) {
+  const TemporaryFolder folder;
+  const std::filesystem::path path = folder.path() / "file.json";
+  std::mt19937 random(20);  // NOLINT(cert-msc51-cpp): the same moments in every run
+  int largest = 0;
+  for (int trial = 0; trial < 20; ++trial) {
+    io::replaceFile(path, "[]");
+    const pid_t writer = fork();
+    ASSERT_GE(writer, 0);
+    if (writer == 0) {
+      const std::string entry = "\"" + std::string(100000, 'x') + "\"";
+      io::WholeFile file(path, "[]");
+      for (std::uintmax_t keep = 1;; keep += entry.size() + (keep > 1 ? 1 : 0)) {
+        file.replaceEnd(keep, (keep > 1 ? "," : "") + entry + "]");
+      }
+    }
+    usleep(std::uniform_int_distribution<useconds_t>(100, 10000)(random));
+    kill(writer, SIGKILL);
+    waitpid(writer, nullptr, 0);
+    const io::Json json = io::Json::parse(readText(path), nullptr, false);
+    ASSERT_TRUE(json.is_array()) << "killed in trial " << trial;
+    largest = std::max(largest, static_cast<int>(json.size()));
+  }
+  EXPECT_GT(largest, 3) << "otherwise it was never killed at work";
+}
+
+TEST(Spool, HoldsWhatWasPushedAndNotPopped) {
+  const TemporaryFolder folder;
+  io::Spool<int> spool(folder.path());
+  constexpr int kCount = 5000;  // several blocks
+  for (int i = 0; i < kCount; ++i) {
+    spool.push(i);
+    spool.settle();
+  }
+  ASSERT_EQ(spool.size(), std::size_t{kCount});
+  EXPECT_EQ(spool.newest(), kCount - 1);
+  EXPECT_EQ(spool.newest(1000), kCount - 1001);
+  for (const int i : {0, 1023, 1024, 4999, 4000, 2048, 1}) {
+    EXPECT_EQ(spool.at(static_cast<std::size_t>(i)), i);
+  }
+  for (int i = 0; i < 3500; ++i) spool.pop();
+  EXPECT_EQ(spool.newest(), 1499);
+  for (int i = 1500; i < kCount; ++i) {
+    spool.push(-i);
+    spool.settle();
+  }
+  for (int i = 0; i < kCount; ++i) {
+    ASSERT_EQ(spool.at(static_cast<std::size_t>(i)), i < 1500 ? i : -i);
+  }
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path())) << "its file has no name";
 }
 
 TEST(ReplacingFile, OldContentStaysUntilCommit) {

@@ -183,6 +183,47 @@ TEST(RunWriter, RolledBackStartLeavesNoTrace) {
   EXPECT_EQ(starts[1]["frames_given"], 7) << "each image counts once";
 }
 
+TEST(RunWriter, RolledBackSegmentLeavesTheOneBefore) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  playOneSegment(run);
+  const std::string first = readText(folder.path() / "trajectory.txt");
+  run.lost(5);
+  run.initializing(6);
+  run.initialized(7);
+  run.tracked(8);
+  ASSERT_EQ(readTextLines(folder.path() / "trajectory.txt").size(), 8U);
+  InitializationRollback rollback;
+  rollback.frame = {9};
+  rollback.segment = 1;
+  run.writer.onInitializationRollback(rollback);
+  run.initializing(9);
+  EXPECT_EQ(readText(folder.path() / "trajectory.txt"), first);
+  run.initialized(10);
+  EXPECT_EQ(readTextLines(folder.path() / "trajectory.txt").size(), 7U);
+  EXPECT_EQ(readTextLines(folder.path() / "keyframes.txt").size(), 2U);
+  run.writer.finish(run.writer.outcome(), nullptr);
+  EXPECT_EQ(readTextLines(folder.path() / "trajectory_0.txt").size(), 5U);
+  EXPECT_EQ(readTextLines(folder.path() / "trajectory_1.txt").size(), 2U);
+  EXPECT_EQ(readJson(folder.path() / "run.json")["frames_tracked"], 3) << "two, and one withdrawn";
+}
+
+TEST(RunWriter, InitializationsAreWrittenAsOneDocument) {
+  const TemporaryFolder folder;
+  const fs::path file = folder.path() / "initialization.json";
+  FakeRun run(folder.path());
+  for (int segment = 0; segment < 3; ++segment) {
+    run.initializing(3 * segment);
+    run.initialized(3 * segment + 1);
+    const io::Json json = readJson(file);
+    ASSERT_EQ(json["initializations"].size(), static_cast<std::size_t>(segment) + 1);
+    EXPECT_EQ(readText(file), io::jsonText(json)) << "the format of every JSON file";
+    run.lost(3 * segment + 2);
+  }
+  run.writer.finish(run.writer.outcome(), nullptr);
+  EXPECT_EQ(readJson(file)["initializations"][1]["reference"]["index"], 3);
+}
+
 TEST(RunWriter, SummaryCountsWhatWasDropped) {
   const TemporaryFolder folder;
   FakeRun run(folder.path());
