@@ -54,7 +54,7 @@ int run(int argc, const char* const* argv, app::Interrupt& interrupt) {
   for (const std::string& warning : request.warnings) {
     if (!request.quiet) spdlog::warn(warning);
   }
-  app::outliveListeners();
+  app::ignoreWriteSignals();
   const app::RunResult result = app::runDataset(request, interrupt);
   if (!request.quiet) printSummary(request, result);
   return result.outcome == RunStatus::kTracked ? app::kTracked : app::kNotTracked;

@@ -25,8 +25,9 @@ void printText(const std::string& text) {
   }
 }
 
-void outliveListeners() {
+void ignoreWriteSignals() {
   std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_IGN);
 }
 
 }  // namespace dsorb::app

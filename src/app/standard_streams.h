@@ -13,8 +13,8 @@ void openStandardStreams();
 /// @throws std::system_error where not all of it arrives
 void printText(const std::string& text);
 
-/// Makes the program go on when the reader of its output has closed the pipe (`| head`): files are
-/// still to be written.
-void outliveListeners();
+/// Writing fails by an error that can be reported, not by a signal that ends the program: where the
+/// reader of its output has closed the pipe (`| head`), and where a file exceeds its limit.
+void ignoreWriteSignals();
 
 }  // namespace dsorb::app

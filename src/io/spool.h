@@ -27,9 +27,7 @@ class Spool {
 
   /// The record `age` places before the last one.
   /// @param age below size(), and below kBlock where nothing was popped since settle()
-  [[nodiscard]] Record& newest(std::size_t age = 0) {
-    return newest_[newest_.size() - 1 - age];
-  }
+  [[nodiscard]] Record& newest(std::size_t age = 0) { return newest_[newest_.size() - 1 - age]; }
   [[nodiscard]] const Record& newest(std::size_t age = 0) const {
     return newest_[newest_.size() - 1 - age];
   }

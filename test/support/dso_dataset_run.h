@@ -55,6 +55,10 @@ class DsoDataset : public ::testing::Test {
     more.insert(more.begin(), {"--initializer", "orb-v1"});  // orb waits longer at this size
     return run(more);
   }
+  /// Runs a line of shell in which $dso is the program.
+  [[nodiscard]] ProgramResult shell(const std::string& line) const {
+    return runProgram({"/bin/bash", "-c", "dso=" DSORB_DATASET "; " + line}, folder_.path());
+  }
   /// A copy of the room that a test may spoil.
   [[nodiscard]] std::filesystem::path copyOfRoom() const {
     const std::filesystem::path copy = folder_.path() / "copy";

@@ -21,10 +21,6 @@ using ::testing::Not;
 
 class DatasetFailures : public DsoDataset {
  protected:
-  /// Runs a line of shell in which $dso is the program.
-  [[nodiscard]] ProgramResult shell(const std::string& line) const {
-    return runProgram({"/bin/bash", "-c", "dso=" DSORB_DATASET "; " + line}, folder_.path());
-  }
   [[nodiscard]] std::string roomWithBar() const {
     return "$dso --initializer orb-v1 --progress on --output " + out().string() + " " +
            room_.string();
