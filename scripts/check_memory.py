@@ -23,7 +23,7 @@ def resident_mb(pid):
     return None  # the process has just ended
 
 
-def watch(process, table):
+def watch(process, table, period=0.02):
     """Samples (frames done, MiB) until the process ends."""
     samples, done, position = [], -1, 0  # the first line is the header
     while process.poll() is None:
@@ -36,7 +36,7 @@ def watch(process, table):
             memory = resident_mb(process.pid)
             if memory is not None:
                 samples.append((done, memory))
-        time.sleep(0.02)
+        time.sleep(period)
     return samples
 
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Builds dso_dataset with sanitizers and runs it on one start of every sequence given, with both initializers, forward
 # and in reverse; fails at the first report, crash, nan or inf: check_sanitizers.sh [FOLDER...]
+# Under ThreadSanitizer the tests of what runs in several threads come first.
 #   FOLDER            sequences; default: all that sequences.json in DSORB_DATA (default ../shared/data) lists
 #   DSORB_SANITIZE    address,undefined (default) or thread: then with tracking, mapping and inner loops in parallel
 #   DSORB_FRAMES      frames of each run, default 50
@@ -28,7 +29,10 @@ if [ "$sanitize" = thread ]; then
 fi
 cmake -S . -B "$build" -G Ninja -DCMAKE_CXX_COMPILER_LAUNCHER=ccache -DCMAKE_BUILD_TYPE=Debug \
   -DCMAKE_CXX_FLAGS_DEBUG=-O1 "-DDSORB_SANITIZE=$sanitize" >/dev/null
-cmake --build "$build" --target dso_dataset | tail -n 1
+targets=(dso_dataset)
+if [ "$sanitize" = thread ]; then targets+=(thread_tests); fi
+cmake --build "$build" --target "${targets[@]}" | tail -n 1
+if [ "$sanitize" = thread ]; then "$build/bin/thread_tests" --gtest_brief=1; fi
 
 output=$(mktemp -d)
 trap 'rm -rf "$output"' EXIT

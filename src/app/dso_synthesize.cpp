@@ -88,6 +88,9 @@ void addOptions(CLI::App& app, CommandLine& line) {
   app.add_flag("--exposure-changes",
                line.exposure_changes,
                "exposure time swings by 30 %, camera with a curved response (pcalib.txt)");
+  app.add_option("--light", sequence.light, "in the place; above 1 the camera saturates")
+      ->check(CLI::Range(0.0, 10.0))
+      ->capture_default_str();
   app.add_flag("--vignette", sequence.vignette, "darker corners (vignette.png)");
   app.add_flag("--blur", line.motion_blur, "motion blur, shutter open for 30 % of the time");
   app.add_flag("--moving-object", sequence.moving_object, "a car or crate that moves by itself");

@@ -42,6 +42,7 @@ void validate(const SequenceOptions& options) {
   if (!inside(options.noise_sigma, 0, 100)) {
     reject("noise_sigma must lie in [0, 100] grey levels", options.noise_sigma);
   }
+  if (!inside(options.light, 0, 10)) reject("light must lie in [0, 10]", options.light);
   if (!inside(options.exposure_changes, 0, 2)) {
     reject("exposure_changes must lie in [0, 2]", options.exposure_changes);
   }
@@ -180,7 +181,7 @@ SyntheticFrame SyntheticSequence::frame(int index) const {
   }
   // The longest exposure just does not saturate.
   const double longest = kNominalExposure * std::exp(options_.exposure_changes);
-  const Exposure settings{frame.exposure / longest,
+  const Exposure settings{options_.light * frame.exposure / longest,
                           options_.nonlinear_response,
                           options_.noise_sigma,
                           (options_.seed << 32U) + static_cast<std::uint64_t>(index)};

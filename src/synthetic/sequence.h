@@ -32,6 +32,7 @@ struct SequenceOptions {
   double exposure_changes = 0;      ///< amplitude of the log exposure [-]; 0: constant
   bool nonlinear_response = false;  ///< camera response that is not a straight line
   bool vignette = false;            ///< darker corners
+  double light = 1;                 ///< in the place, of what just does not saturate
   double motion_blur = 0;           ///< open time of the shutter [share of the frame interval]
   bool moving_object = false;       ///< a box that moves by itself
   /// Share of the first image of kStreet that the box covers: a van close ahead that swerves;
