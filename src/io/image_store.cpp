@@ -16,6 +16,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr zip_uint64_t kFirstBlock = 1 << 20;  // of an image that is read [byte]
+
 bool isImage(const fs::path& name) {
   const std::string file = name.filename().string();
   return !file.empty() && file.front() != '.' && hasImageSuffix(name);
@@ -56,12 +58,16 @@ class ZippedImages : public ImageStore {
     }
     const std::unique_ptr<zip_file_t, CloseEntry> file(
         zip_fopen_index(archive_.get(), entry.position, 0));
-    std::vector<std::uint8_t> bytes(entry.bytes);
-    if (!file || zip_fread(file.get(), bytes.data(), bytes.size()) !=
-                     static_cast<zip_int64_t>(bytes.size())) {
-      throw IoError(fmt::format("{}: cannot be read from the archive", name(index)));
+    // By blocks that double: what an entry claims to hold may not be there.
+    std::vector<std::uint8_t> bytes;
+    for (zip_uint64_t done = 0; file && done < entry.bytes;) {
+      bytes.resize(std::min(entry.bytes, std::max(2 * done, kFirstBlock)));
+      const zip_int64_t count = zip_fread(file.get(), bytes.data() + done, bytes.size() - done);
+      if (count <= 0) break;
+      done += static_cast<zip_uint64_t>(count);
+      if (done == entry.bytes) return bytes;
     }
-    return bytes;
+    throw IoError(fmt::format("{}: cannot be read from the archive", name(index)));
   }
 
  private:

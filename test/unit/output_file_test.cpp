@@ -56,6 +56,29 @@ TEST(WholeFile, EndIsReplaced) {
   EXPECT_FALSE(std::filesystem::exists(path.string() + ".part"));
 }
 
+/// Bytes that this process has written to files so far.
+std::uintmax_t bytesWritten() {
+  const std::string counters = readText("/proc/self/io");
+  const std::string key = "wchar: ";
+  return std::stoull(counters.substr(counters.find(key) + key.size()));
+}
+
+TEST(WholeFile, ChangeCostsItsOwnLength) {
+  if (!std::filesystem::exists("/proc/self/io")) GTEST_SKIP() << "nobody counts here";
+  const TemporaryFolder folder;
+  io::WholeFile file(folder.path() / "file.txt", "");
+  const std::string entry(1000, 'x');
+  std::uintmax_t size = 0;
+  for (int i = 0; i < 300; ++i) {
+    const std::uintmax_t before = bytesWritten();
+    file.replaceEnd(size, entry);
+    size += entry.size();
+    // Once into each copy.
+    ASSERT_EQ(bytesWritten() - before, (i == 0 ? 1 : 2) * entry.size()) << "change " << i;
+  }
+  EXPECT_EQ(std::filesystem::file_size(folder.path() / "file.txt"), size);
+}
+
 TEST(WholeFile, IsWholeWhenItsWriterIsKilled) {
   const TemporaryFolder folder;
   const std::filesystem::path path = folder.path() / "file.json";
