@@ -169,7 +169,8 @@ void SequenceReader::Impl::calibratePhotometry(const SequenceOptions& options, c
   brightness_ = brightnessModel(options, response, vignette);
   if (brightness_ != BrightnessModel::kCalibrated) {
     correction_.emplace(lens.width, lens.height);
-    dataset_.exposures.clear();  // a linear ratio means nothing to an unknown response
+    // To an unknown response a ratio of exposures is a guess, which free brightness may correct.
+    if (brightness_ == BrightnessModel::kPerfect) dataset_.exposures.clear();
     return;
   }
   PhotometricCalibration photometric;

@@ -76,7 +76,10 @@ DSORB_ALWAYS_INLINE void evaluateLanes(const AlignmentSetting& s,
   warpPoint(s.target.warp, ray_x, ray_y, rho, p);
   sampleArea(s.target.width, s.target.height, area);
   sampleTarget(s.target, area, p, seen, inside);
-  const Lanes r = seen.intensity - (s.target.gain * grey + s.target.offset);
+  const Lanes unclipped = s.target.gain * grey + s.target.offset;
+  Lanes ceiling;
+  fill(s.ceiling, ceiling);
+  const Lanes r = seen.intensity - (unclipped < ceiling ? unclipped : ceiling);
   const Lanes magnitude = r < 0.0F ? -r : r;
   const auto used = (rho > 0.0F) & inside & (magnitude <= std::numeric_limits<float>::max());
   const auto unsaturated = used & (magnitude <= s.cutoff);
@@ -141,8 +144,9 @@ void accumulateBlock(const AlignmentSetting& setting,
     float by_pose[6];
     poseJacobian(p, gradient, samples.rho[i], by_pose);
     for (std::size_t k = 0; k < 6; ++k) J[k][i] = by_pose[k];
-    J[6][i] = gain * (b_reference - points.intensity[i]);
-    J[7][i] = -1.0F;
+    const bool clipped = gain * points.intensity[i] + setting.target.offset >= setting.ceiling;
+    J[6][i] = clipped ? 0.0F : gain * (b_reference - points.intensity[i]);
+    J[7][i] = clipped ? 0.0F : -1.0F;
     J[8][i] = samples.residual[i];
     weight[i] = samples.weight[i];
   }

@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cstddef>
+#include <limits>
 
 /// The inner loops of direct image alignment: plain arrays in, plain arrays out, in blocks.
 namespace dsorb::track {
@@ -19,6 +20,8 @@ struct AlignmentSetting {
   TargetImage target;             ///< level of the frame
   float affine_b_reference;       ///< [grey levels]
   float huber_threshold, cutoff;  ///< [grey levels]
+  /// At which the frame is clipped [grey levels]; infinite where it is not.
+  float ceiling = std::numeric_limits<float>::infinity();
 };
 
 /// Reference points; arrays of the same length.
@@ -47,7 +50,7 @@ struct BlockEnergy {
 };
 
 /// Residuals of `count` <= kAlignmentBlock points.
-/// r = I_frame(p') - (gain I_reference + offset), p' the projection of the point.
+/// r = I_frame(p') - min(gain I_reference + offset, ceiling), p' the projection of the point.
 BlockEnergy evaluateBlock(const AlignmentSetting& setting,
                           const PointArrays& points,
                           const SampleArrays& samples,

@@ -47,6 +47,7 @@ AlignmentSetting makeSetting(const AlignmentLevel& level,
   AlignmentSetting s{};
   s.target = makeTargetImage(camera, state.T_frame_reference, transfer, image);
   s.affine_b_reference = static_cast<float>(reference.affine().b);
+  s.ceiling = level.ceiling;
   return s;
 }
 

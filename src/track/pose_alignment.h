@@ -35,6 +35,8 @@ struct AlignmentLevel {
   const TrackingReference& reference;
   const Frame& frame;
   int level = 0;
+  /// At which the frame is clipped [grey levels].
+  float ceiling = std::numeric_limits<float>::infinity();
 };
 
 /// Energy of one state.

@@ -6,6 +6,7 @@
 #include "dsorb/options/tracker.h"
 
 #include "track/flow_indicators.h"
+#include "track/grey_comparison.h"
 #include "track/pose_alignment.h"
 #include "track/tracking_reference.h"
 
@@ -31,7 +32,8 @@ struct TrackingStart {
   std::vector<SE3> guesses;    ///< T_frame_reference, most likely first; not empty
   AffineBrightness affine;     ///< of the previous frame
   double previous_rmse = 100;  ///< level 0 of the previous frame [grey levels]
-  /// Largest plausible change of the log gain a since the previous frame [-].
+  /// Largest change of the log gain a since the previous frame that the grey levels need not show;
+  /// a larger one they must show, but for this share [-].
   double max_gain_step = std::numeric_limits<double>::infinity();
 };
 
@@ -95,13 +97,27 @@ class Tracker {
   [[nodiscard]] Descent descend(const Frame& frame,
                                 const AlignmentState& start,
                                 const LevelRmse& bounds);
+  /// All hypotheses of the pose, from one brightness.
+  void search(const Frame& frame,
+              const TrackingStart& start,
+              const AffineBrightness& affine,
+              TrackingResult& best);
+  [[nodiscard]] std::vector<AffineBrightness> brightnessGuesses(const Frame& frame,
+                                                                const TrackingStart& start,
+                                                                const GreyComparison& grey) const;
+  [[nodiscard]] BrightnessTransfer transferTo(const Frame& frame,
+                                              const AffineBrightness& affine) const;
   [[nodiscard]] bool isPlausible(const AffineBrightness& affine, const Frame& frame) const;
+  [[nodiscard]] bool isSupported(const AlignmentState& state,
+                                 const Frame& frame,
+                                 const TrackingStart& start) const;
 
   PinholeCamera camera_;
   TrackerOptions options_;
   BrightnessModel brightness_;
   TrackingReference reference_;
   PoseAlignment alignment_;
+  float ceiling_ = 0;  // at which the frame that is tracked is clipped [grey levels]
 };
 
 }  // namespace dsorb::track

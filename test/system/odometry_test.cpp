@@ -8,6 +8,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
+#include <cmath>
 #include <string>
 #include <vector>
 
@@ -58,6 +61,36 @@ TEST_F(OdometryWithTruth, TracksARoomNearTheTruth) {
   EXPECT_EQ(report.frames_tracked, tracked);
   EXPECT_EQ(report.segments, 1);
   EXPECT_EQ(report.keyframes, static_cast<int>(recorder.ids.size()));
+}
+
+/// Frame `i` as a sensor sees it whose exposure jumps: by factors of .3 to 4, some images clipped.
+FramePtr withJumps(const FramePtr& frame, int i) {
+  constexpr std::array<float, 6> kFactors = {1, 0.3F, 1.2F, 0.6F, 1.8F, 0.6F};
+  const float factor = kFactors[static_cast<std::size_t>(i / 5) % kFactors.size()];
+  std::vector<float> image;
+  for (int y = 0; y < frame->height(); ++y) {
+    for (int x = 0; x < frame->width(); ++x) {
+      const float grey = factor * frame->level(0).at(x, y).intensity;
+      image.push_back(std::round(std::min(grey, 255.0F)));
+    }
+  }
+  return Frame::create(ImageView(image.data(), frame->width(), frame->height()),
+                       {frame->id(), frame->timestamp()});
+}
+
+TEST_F(OdometryWithTruth, TracksThroughJumpsOfTheExposure) {
+  const World& world = room();
+  start(world);
+  for (int i = 0; i < 30; ++i) {
+    odometry->process(withJumps(world.frames()[static_cast<std::size_t>(i)], i));
+    if (i + 1 < kInitialFrames) continue;
+    ASSERT_TRUE(last().T_world_cam.has_value()) << i;
+    EXPECT_THAT(
+        *last().T_world_cam,
+        Se3Near(truePose(world, recorder, last()), 2 * kMaxRotationDeg, 2 * kMaxTranslation))
+        << i;
+  }
+  EXPECT_EQ(odometry->finish().segments, 1);
 }
 
 TEST_F(OdometryWithTruth, TellsObserversInOrder) {

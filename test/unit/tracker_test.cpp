@@ -36,6 +36,19 @@ class TrackerTest : public ::testing::Test {
     return plane_.render(camera_, T_frame_reference.inverse(), {FrameId{1}, 1.0}, affine);
   }
 
+  /// Pixel by pixel: coarse levels hardly see it.
+  [[nodiscard]] FramePtr withNoise(const Frame& frame, double sigma) const {
+    Random random(5);
+    std::vector<float> noisy;
+    for (int y = 0; y < camera_.height; ++y) {
+      for (int x = 0; x < camera_.width; ++x) {
+        noisy.push_back(frame.level(0).at(x, y).intensity +
+                        static_cast<float>(sigma * random.gaussian()));
+      }
+    }
+    return Frame::create(ImageView(noisy.data(), camera_.width, camera_.height), {FrameId{1}, 1.0});
+  }
+
   PinholeCamera camera_ = smallCamera();
   TexturedPlane plane_;
   FramePtr first_;
@@ -99,17 +112,19 @@ TEST_F(TrackerTest, RefusesImplausibleBrightnessByMode) {
                   .good());
 }
 
+TEST_F(TrackerTest, AStepOfTheGainMustShowInTheGreyLevels) {
+  const double gain = std::log(2);
+  TrackerOptions options;
+  options.max_rmse = 100;
+  const TrackingStart start{{SE3()}, {}, 100, 0.3};
+  EXPECT_TRUE(makeTracker(options).track(*render(SE3(), {gain, 0}), start).good());
+  // Noise as strong as the texture: the grey levels spread more than the texture's gain explains.
+  const FramePtr noisy = withNoise(*render(SE3(), {gain, 0}), 130);
+  EXPECT_EQ(makeTracker(options).track(*noisy, start).failure, TrackingFailure::kBrightness);
+}
+
 TEST_F(TrackerTest, LargeResidualIsAFailure) {
-  const PyramidLevel& image = first_->level(0);
-  Random random(5);
-  std::vector<float> noisy;  // pixel by pixel: coarse levels hardly see it
-  for (int y = 0; y < camera_.height; ++y) {
-    for (int x = 0; x < camera_.width; ++x) {
-      noisy.push_back(image.at(x, y).intensity + static_cast<float>(15 * random.gaussian()));
-    }
-  }
-  const FramePtr frame =
-      Frame::create(ImageView(noisy.data(), camera_.width, camera_.height), {FrameId{1}, 1.0});
+  const FramePtr frame = withNoise(*first_, 15);
   TrackerOptions options;
   options.max_rmse = 20;
   const TrackingResult tolerated = makeTracker(options).track(*frame, {{SE3()}, {}, 100});

@@ -9,8 +9,10 @@ namespace dsorb {
 /// counts as lost. What the limits were measured on is in track/tracker.cpp.
 struct TrackerOptions {
   double min_inside_fraction = 0.3;  ///< of the reference points in the image; below: lost
-  double max_gain_step = 0.3;        ///< of the log gain between two frames; above: refused
-  double max_rmse = 13.5;            ///< level 0; above: lost [grey levels]
+  /// Of the log gain between two frames; a larger step is refused unless the distribution of the
+  /// grey levels shows it, up to this share.
+  double max_gain_step = 0.3;
+  double max_rmse = 13.5;  ///< level 0; above: lost [grey levels]
 };
 
 template <typename Visitor, typename Options>
