@@ -17,10 +17,12 @@ from check_memory import watch
 
 RATE = 30  # images a second
 ROOMS = (3, 4)
-# What happens on the way, in shares of its frames. The limits are the least shares of the frames that must be tracked,
-# from a run of 20,000 frames with the margin that LIMITS names; nothing is promised of darkness.
+# What happens on the way: where it begins and ends, in shares of the way.
 EVENTS = {'dark': (0.25, 0.29), 'jumps': (0.40, 0.52), 'dropped': (0.60, 0.75), 'frozen': (0.85, 0.852)}
-LIMITS = {}
+# Least shares of the frames that must be tracked. Measured over 20,000 frames: 86 % walking (the rest are starts), 100 %
+# of the others; margin 5 %. Nothing is asked of darkness, nor of exposures that jump by a factor of 4 (3 %).
+LIMITS = {'walking': 0.81, 'dropped': 0.95, 'frozen': 0.95, 'standing': 0.95, 'turning': 0.95}
+MOST_WAITING = 40  # frames from a cut to the next start; measured at most 19
 FROZEN = 60  # frames
 GROWTH = 0.05  # of the memory, from frame 5,000 on
 
@@ -101,7 +103,8 @@ def draw(path, table, samples, cuts):
     size = max(20, len(table) // 200)
     times = [float(row['milliseconds']) for row in table]
     tracked = [100 * (row['state'] == 'tracked') for row in table]
-    svg(path, [('resident memory [MiB] over frames; grey: cuts', [('#1f4fd6', samples)]),
+    memory = samples[::max(1, len(samples) // 300)]
+    svg(path, [('resident memory [MiB] over frames; grey: cuts', [('#1f4fd6', memory)]),
                (f'milliseconds of work a frame, median and 95 % of {size} frames',
                 [('#d62728', in_windows(times, size, lambda window: sorted(window)[int(0.95 * len(window))])),
                  ('#111111', in_windows(times, size, statistics.median))]),
@@ -114,12 +117,12 @@ def judge(table, what, cuts, samples):
     wrong = []
     states = [row['state'] for row in table]
     waits = frames_to_start(states, cuts)
-    late = [cut for cut, wait in zip(cuts, waits) if wait is None]
+    late = [cut for cut, wait in zip(cuts, waits) if (wait is None or wait > MOST_WAITING) and cut + MOST_WAITING < len(states)]
     if late:
-        wrong.append(f'no start after the cuts at {late}')
+        wrong.append(f'no start within {MOST_WAITING} frames after the cuts at {late}')
     known = sorted(wait for wait in waits if wait is not None)
     if known:
-        print(f'{len(cuts)} cuts: a start after each, {known[len(known) // 2]} frames later (median), at most {known[-1]}')
+        print(f'{len(cuts)} cuts: a start after {len(known)}, {known[len(known) // 2]} frames later (median), at most {known[-1]}')
     print(f'{sum(state == "initialized" for state in states)} starts')
     counts = collections.Counter(what)
     tracked = collections.Counter(name for name, state in zip(what, states) if state == 'tracked')
