@@ -80,10 +80,12 @@ std::vector<int> longestSegments(const RunRecord& record) {
     ++lengths[record.frames().at(i).segment];
   }
   std::vector<std::pair<std::size_t, int>> ranked;
+  ranked.reserve(lengths.size());
   for (const auto& [segment, length] : lengths) ranked.emplace_back(length, -segment);
   std::sort(ranked.rbegin(), ranked.rend());
   ranked.resize(std::min(ranked.size(), kMaxPanels));
   std::vector<int> segments;
+  segments.reserve(ranked.size());
   for (const auto& place : ranked) segments.push_back(-place.second);
   std::sort(segments.begin(), segments.end());
   return segments;

@@ -72,7 +72,7 @@ std::string readText(const std::filesystem::path& file, std::size_t most_bytes) 
   if (S_ISREG(status.st_mode) && static_cast<std::size_t>(status.st_size) > most_bytes) {
     throw sizeError(file, most_bytes);
   }
-  const std::string text = readAll(source, file, most_bytes);
+  std::string text = readAll(source, file, most_bytes);
   const std::size_t zero = text.find('\0');
   if (zero != std::string::npos) {
     const auto end = text.begin() + static_cast<std::ptrdiff_t>(zero);
