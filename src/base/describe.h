@@ -4,7 +4,6 @@
 #include "dsorb/error.h"
 #include "dsorb/options/field.h"
 
-#include <cmath>
 #include <cstddef>
 #include <functional>
 #include <initializer_list>

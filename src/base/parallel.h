@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "base/fork_join.h"
-
 #include <tbb/blocked_range.h>
 #include <tbb/info.h>
 #include <tbb/parallel_for.h>
@@ -11,11 +9,14 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <type_traits>
 #include <utility>
+
+#ifdef __SANITIZE_THREAD__
+#include <sanitizer/tsan_interface.h>
+#endif
 
 namespace dsorb {
 
@@ -35,6 +36,45 @@ class TaskArena {
 
  private:
   std::unique_ptr<tbb::task_arena> arena_;
+};
+
+/// Life of a parallel call. Tells ThreadSanitizer what TBB promises but a library built without it
+/// cannot show: tasks see what was written before the call, and whoever comes after the call sees
+/// what tasks have written. Tasks stay unordered among each other. In other builds it does nothing.
+class ForkJoin {
+ public:
+  /// Life of a task of the call.
+  class Task {
+   public:
+    explicit Task(ForkJoin& call) : call_(call) { acquire(call_.fork_); }
+    ~Task() { release(call_.join_); }
+    Task(const Task&) = delete;
+    Task& operator=(const Task&) = delete;
+
+   private:
+    ForkJoin& call_;
+  };
+
+  ForkJoin() { release(fork_); }
+  ~ForkJoin() { acquire(join_); }
+  ForkJoin(const ForkJoin&) = delete;
+  ForkJoin& operator=(const ForkJoin&) = delete;
+
+ private:
+#ifdef __SANITIZE_THREAD__
+  static void acquire(char& event) {
+    __tsan_acquire(&event);
+  }
+  static void release(char& event) {
+    __tsan_release(&event);
+  }
+#else
+  static void acquire(char& /*event*/) {}
+  static void release(char& /*event*/) {}
+#endif
+
+  char fork_ = 0;
+  char join_ = 0;
 };
 
 /// Calls function(begin, end) on disjoint ranges that cover [0, n). Results must not depend on the

@@ -40,24 +40,19 @@ DSORB_ALWAYS_INLINE std::optional<FitSums> evaluateTarget(const CandidatePoint& 
                                                           const HostRays& rays,
                                                           const TargetImage& target,
                                                           float inverse_depth) {
-  WarpedPoint<Lanes> p;
-  LaneSamples seen;
-  const HostedPoint point{candidate.pixel.x(), candidate.pixel.y(), inverse_depth};
-  if (!samplePattern(target, rays, point, p, seen)) return std::nullopt;
-  Lanes host;
+  WarpedPattern pattern;
+  warpPattern(target, rays, candidate.patch.pixel, inverse_depth, pattern);
+  if (!inAllLanes(pattern.inside)) return std::nullopt;
   Lanes weight;
-  Lanes threshold;
-  load(candidate.patch.grey.data(), host);
-  load(candidate.patch.root_weight.data(), weight);
-  fill(kHuberThreshold, threshold);
-  const Lanes residual = seen.intensity - (target.gain * host + target.offset);
-  const Lanes magnitude = residual < 0.0F ? -residual : residual;
+  Lanes residual;
   Lanes huber;
-  huberWeights(magnitude, threshold, huber);
+  load(candidate.patch.root_weight.data(), weight);
+  patternResidual(target, candidate.patch, pattern.seen, residual);
+  huberWeights(residual, huber);
   Lanes flow_x;
   Lanes flow_y;
-  depthFlow(target.warp, p, flow_x, flow_y);
-  const Lanes slope = seen.dx * flow_x + seen.dy * flow_y;
+  depthFlow(target.warp, pattern.at, flow_x, flow_y);
+  const Lanes slope = pattern.seen.dx * flow_x + pattern.seen.dy * flow_y;
   const Lanes w = weight * weight * huber;
   const float energy = sumLanes(w * residual * residual * (2.0F - huber));
   if (!std::isfinite(energy)) return std::nullopt;

@@ -26,7 +26,6 @@ enum class CandidateStatus : std::uint8_t {
 
 /// A pixel of a keyframe that waits for its depth.
 struct CandidatePoint {
-  Eigen::Vector2f pixel{0, 0};         ///< in the host, level 0 [px]
   float min_inverse_depth = 0;         ///< [1/unit]
   float max_inverse_depth = kUnknown;  ///< [1/unit], NaN before the first match
   float quality = 10000;               ///< second best over best energy
@@ -35,7 +34,7 @@ struct CandidatePoint {
   Eigen::Vector3f structure{0, 0, 0};  ///< sum of g g^T: xx, xy, yy
   CandidateStatus status = CandidateStatus::kUninitialized;
   bool finished = false;  ///< not searched any more
-  HostPattern patch;
+  HostPatch patch;        ///< level 0
 
   static constexpr float kUnknown = std::numeric_limits<float>::quiet_NaN();
 
@@ -44,14 +43,13 @@ struct CandidatePoint {
 };
 
 /// @param selection_scale 1, 2 or 4 as the pixel selector says
-/// @return nullopt where readHostPattern has none
+/// @return nullopt where readHostPatch has none
 inline std::optional<CandidatePoint> makeCandidate(const PyramidLevel& level,
                                                    const Eigen::Vector2f& pixel,
                                                    float selection_scale) {
   CandidatePoint candidate;
-  const std::optional<HostPattern> patch = readHostPattern(level, pixel, &candidate.structure);
+  const auto patch = readHostPatch<interpolateWithCellGradient>(level, pixel, &candidate.structure);
   if (!patch) return std::nullopt;
-  candidate.pixel = pixel;
   candidate.selection_scale = selection_scale;
   candidate.patch = *patch;
   return candidate;

@@ -33,7 +33,7 @@ constexpr float kMaxRefinementStep = 0.5F;       // [px]
 constexpr float kMinRefinementStep = 0.1F;       // [px]
 
 /// The pattern as seen in the frame: offsets and expected intensities.
-struct WarpedPattern {
+struct ExpectedPattern {
   std::array<float, kPatternSize> x;
   std::array<float, kPatternSize> y;
   std::array<float, kPatternSize> intensity;
@@ -41,8 +41,8 @@ struct WarpedPattern {
   float extent_y = 0;
 };
 
-WarpedPattern warpPattern(const CandidatePoint& candidate, const EpipolarPair& pair) {
-  WarpedPattern warped;
+ExpectedPattern expectPattern(const CandidatePoint& candidate, const EpipolarPair& pair) {
+  ExpectedPattern warped;
   for (std::size_t k = 0; k < kPattern.size(); ++k) {
     const Vector2f offset(static_cast<float>(kPattern[k].x), static_cast<float>(kPattern[k].y));
     const Vector2f turned = pair.geometry.A.topLeftCorner<2, 2>() * offset;
@@ -61,7 +61,7 @@ WarpedPattern warpPattern(const CandidatePoint& candidate, const EpipolarPair& p
 struct SearchArea {
   float low_x, low_y, high_x, high_y;
 
-  SearchArea(const PyramidLevel& level, const WarpedPattern& pattern)
+  SearchArea(const PyramidLevel& level, const ExpectedPattern& pattern)
       : low_x(kNearBorder + 1 + pattern.extent_x),
         low_y(kNearBorder + 1 + pattern.extent_y),
         high_x(static_cast<float>(level.width()) - (kFarBorder + 1 + pattern.extent_x)),
@@ -120,12 +120,12 @@ std::optional<Segment> planSearch(CandidatePoint& candidate,
                                   const SearchArea& area,
                                   const DepthOptions& options,
                                   float longest) {
-  const Vector3f near = pair.geometry.at(candidate.pixel, candidate.min_inverse_depth);
+  const Vector3f near = pair.geometry.at(candidate.patch.pixel, candidate.min_inverse_depth);
   Segment segment;
   segment.near = near.hnormalized();
   const bool known = candidate.hasDepth();
   const Vector3f far = pair.geometry.at(
-      candidate.pixel, known ? candidate.max_inverse_depth : kDirectionInverseDepth);
+      candidate.patch.pixel, known ? candidate.max_inverse_depth : kDirectionInverseDepth);
   Vector2f line = Vector2f(far.hnormalized()) - segment.near;
   if (!known) line *= longest / line.norm();
   segment.length = line.norm();
@@ -157,7 +157,7 @@ std::optional<Segment> planSearch(CandidatePoint& candidate,
   return segment;
 }
 
-float patchEnergy(const PyramidLevel& level, const WarpedPattern& pattern, const Vector2f& at) {
+float patchEnergy(const PyramidLevel& level, const ExpectedPattern& pattern, const Vector2f& at) {
   float energy = 0;
   for (std::size_t k = 0; k < kPatternSize; ++k) {
     const float value = interpolateIntensity(level, at.x() + pattern.x[k], at.y() + pattern.y[k]);
@@ -172,7 +172,7 @@ float patchEnergy(const PyramidLevel& level, const WarpedPattern& pattern, const
 Vector2f searchDiscrete(CandidatePoint& candidate,
                         const Segment& segment,
                         const PyramidLevel& level,
-                        const WarpedPattern& pattern) {
+                        const ExpectedPattern& pattern) {
   const int positions = std::min(static_cast<int>(1.9999F + segment.length), kMaxPositions);
   const float spread = segment.near.x() * 1000;  // sub-pixel phase that differs between candidates
   const float phase = spread - std::floor(spread);
@@ -205,7 +205,7 @@ LineTerms lineTerms(const CandidatePoint& candidate,
                     const Vector2f& at,
                     const Vector2f& direction,
                     const PyramidLevel& level,
-                    const WarpedPattern& pattern) {
+                    const ExpectedPattern& pattern) {
   LineTerms terms;
   for (std::size_t k = 0; k < kPatternSize; ++k) {
     const float x = at.x() + pattern.x[k];
@@ -237,7 +237,7 @@ struct Match {
 Match refineMatch(const CandidatePoint& candidate,
                   const Segment& segment,
                   const PyramidLevel& level,
-                  const WarpedPattern& pattern) {
+                  const ExpectedPattern& pattern) {
   Match match{segment.near, kInvalidEnergy};
   Vector2f previous = segment.near;
   float step = 0;
@@ -268,7 +268,7 @@ void adoptMatch(CandidatePoint& candidate,
                 const EpipolarPair& pair,
                 const Segment& segment,
                 const Vector2f& match) {
-  const Vector3f infinity = pair.geometry.atInfinity(candidate.pixel);
+  const Vector3f infinity = pair.geometry.atInfinity(candidate.patch.pixel);
   const bool use_x = std::abs(segment.direction.x()) > std::abs(segment.direction.y());
   const Vector2f reach = segment.error * segment.direction;
   const float first = inverseDepthAt(infinity, pair.geometry.b, match - reach, use_x);
@@ -291,7 +291,7 @@ void searchEpipolarLine(CandidatePoint& candidate,
                         const PyramidLevel& level,
                         const DepthOptions& options) {
   if (candidate.finished) return;
-  const WarpedPattern pattern = warpPattern(candidate, pair);
+  const ExpectedPattern pattern = expectPattern(candidate, pair);
   const SearchArea area(level, pattern);
   const auto longest =
       static_cast<float>(kMaxSearchShare * static_cast<double>(level.width() + level.height()));

@@ -10,8 +10,6 @@
 #include "depth/candidate_point.h"
 #include "estimate/epipolar_geometry.h"
 
-#include <Eigen/Core>
-
 #include <cstddef>
 #include <vector>
 

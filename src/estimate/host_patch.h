@@ -39,30 +39,26 @@ constexpr Lanes kPatternY = {kPattern[0].y,
 
 /// The pattern of a point in the frame that hosts it, at some pyramid level.
 struct HostPatch {
-  Eigen::Vector2f ray{0, 0};                 ///< of its centre, at z = 1
-  std::array<float, kPatternSize> grey{};    ///< [grey levels]
-  std::array<float, kPatternSize> weight{};  ///< of each pixel's squared residual [-]
-};
-
-/// The same where rays follow the intrinsics, and weights are averaged with the target's.
-struct HostPattern {
+  Eigen::Vector2f pixel{0, 0};                    ///< its centre [px]
   std::array<float, kPatternSize> grey{};         ///< [grey levels]
   std::array<float, kPatternSize> root_weight{};  ///< root of gradientWeight() [-]
 };
 
 /// Reads the pattern around a pixel of the host.
-/// @param structure if given, receives the sum of g g^T over the pattern (xx, xy, yy)
-/// @return          nullopt where the pattern leaves the image or touches an invalid pixel
-inline std::optional<HostPattern> readHostPattern(const PyramidLevel& level,
-                                                  const Eigen::Vector2f& pixel,
-                                                  Eigen::Vector3f* structure = nullptr) {
+/// @tparam kGradient  which gradients weigh: interpolate or interpolateWithCellGradient
+/// @param  structure  if given, receives the sum of g g^T over the pattern (xx, xy, yy)
+/// @return            nullopt where the pattern leaves the image or touches an invalid pixel
+template <Sample<float> (*kGradient)(const PyramidLevel&, float, float)>
+std::optional<HostPatch> readHostPatch(const PyramidLevel& level,
+                                       const Eigen::Vector2f& pixel,
+                                       Eigen::Vector3f* structure = nullptr) {
   if (!canSample(level, pixel.x(), pixel.y(), kPatternRadius)) return std::nullopt;
-  HostPattern patch;
+  HostPatch patch;
+  patch.pixel = pixel;
   for (std::size_t k = 0; k < kPattern.size(); ++k) {
-    const Sample<float> sample =
-        interpolateWithCellGradient(level,
-                                    pixel.x() + static_cast<float>(kPattern[k].x),
-                                    pixel.y() + static_cast<float>(kPattern[k].y));
+    const Sample<float> sample = kGradient(level,
+                                           pixel.x() + static_cast<float>(kPattern[k].x),
+                                           pixel.y() + static_cast<float>(kPattern[k].y));
     if (!std::isfinite(sample.intensity)) return std::nullopt;
     patch.grey[k] = sample.intensity;
     patch.root_weight[k] = std::sqrt(gradientWeight(sample.dx * sample.dx + sample.dy * sample.dy));
@@ -92,28 +88,37 @@ struct HostRays {
   }
 };
 
-/// A point of the host; the pixels of its pattern are taken to be as deep.
-struct HostedPoint {
-  float x, y;           ///< [px]
-  float inverse_depth;  ///< [1/unit]
+/// A pattern of the host in another image; all its pixels are taken to be as deep.
+struct WarpedPattern {
+  WarpedPoint<Lanes> at;
+  LaneSamples seen;      ///< outside the image the nearest samples inside
+  MaskOf<Lanes> inside;  ///< in front of the target and inside the image
 };
 
-/// Projects the pattern of a point and samples the image there.
-/// @return false unless all pixels are in front of the target and can be sampled
-DSORB_ALWAYS_INLINE bool samplePattern(const TargetImage& target,
-                                       const HostRays& rays,
-                                       const HostedPoint& point,
-                                       WarpedPoint<Lanes>& p,
-                                       LaneSamples& samples) {
+/// @param pixel         centre of the pattern in the host [px]
+/// @param inverse_depth [1/unit]
+DSORB_ALWAYS_INLINE void warpPattern(const TargetImage& target,
+                                     const HostRays& rays,
+                                     const Eigen::Vector2f& pixel,
+                                     float inverse_depth,
+                                     WarpedPattern& pattern) {
   Lanes ray_x;
   Lanes ray_y;
-  rays.at<Lanes>(point.x + kPatternX, point.y + kPatternY, ray_x, ray_y);
-  warpPoint(target.warp, ray_x, ray_y, point.inverse_depth, p);
+  rays.at<Lanes>(pixel.x() + kPatternX, pixel.y() + kPatternY, ray_x, ray_y);
+  warpPoint(target.warp, ray_x, ray_y, inverse_depth, pattern.at);
   SampleArea<Lanes> area = {};
-  MaskOf<Lanes> inside;
   sampleArea(target.width, target.height, area);
-  sampleTarget(target, area, p, samples, inside);
-  return inAllLanes(inside);
+  sampleTarget(target, area, pattern.at, pattern.seen, pattern.inside);
+}
+
+/// What it shows less what the host lets expect, I - (gain I_host + offset) [grey levels].
+DSORB_ALWAYS_INLINE void patternResidual(const TargetImage& target,
+                                         const HostPatch& host,
+                                         const LaneSamples& seen,
+                                         Lanes& residual) {
+  Lanes grey;
+  load(host.grey.data(), grey);
+  residual = seen.intensity - (target.gain * grey + target.offset);
 }
 
 }  // namespace dsorb

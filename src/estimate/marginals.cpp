@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "estimate/marginals.h"
 
-#include <algorithm>
 #include <cmath>
-#include <utility>
 
 namespace dsorb {
 
@@ -12,37 +10,24 @@ Marginals::Marginals(const LinearSystem<Scalar>& system,
                      const Eigen::VectorXd& scale,
                      const std::vector<double>& inverse_depth)
     : scale_(scale), ratio_(Eigen::VectorXd::Zero(system.size())) {
-  double rho_sum = 0;
   double variance_sum = 0;
   for (std::size_t i = 0; i < inverse_depth.size(); ++i) {
-    rho_sum += inverse_depth[i];
+    depth_sum_ += inverse_depth[i];
     if (!system.known(i)) continue;
     const double variance = 1 / static_cast<double>(system.depth_hessian[i]);
     ratio_ += variance * system.couplingOf(i).template cast<double>();
     variance_sum += variance;
   }
-  ratio_ /= rho_sum;
-  depth_variance_ = variance_sum / (rho_sum * rho_sum);
+  ratio_ /= depth_sum_;
+  depth_variance_ = variance_sum / (depth_sum_ * depth_sum_);
   Eigen::MatrixXd reduced = system.H;
   Eigen::VectorXd right = system.b;
   DepthElimination<Scalar> elimination;
   elimination.damp(system, 0);
   elimination.eliminate(system, reduced, right);
-  factorize(reduced);
-}
-
-Marginals::Marginals(Eigen::MatrixXd reduced,
-                     const Eigen::VectorXd& scale,
-                     Eigen::VectorXd ratio,
-                     double depth_variance)
-    : scale_(scale), ratio_(std::move(ratio)), depth_variance_(depth_variance) {
-  factorize(reduced);
-}
-
-/// Scale is unobservable: its direction gets the mean curvature of the others, which the gauge
-/// projection removes again.
-void Marginals::factorize(const Eigen::MatrixXd& reduced) {
   if (reduced.size() == 0) return;
+  // Scale is unobservable: its direction gets the mean curvature of the others, which the gauge
+  // projection removes again.
   const Eigen::VectorXd unit_scale = scale_.normalized();
   const double curvature = reduced.trace() / static_cast<double>(reduced.rows());
   cholesky_.compute(reduced + curvature * unit_scale * unit_scale.transpose());

@@ -1,15 +1,29 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/geometry/se3.h"
+
 #include "estimate/linear_system.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 
+#include <algorithm>
 #include <cstddef>
 #include <vector>
 
 namespace dsorb {
+
+/// Direction in which all translations grow together: it leaves every residual unchanged.
+/// @param frame_size unknowns of a frame, its translation first
+inline Eigen::VectorXd scaleDirection(const std::vector<SE3>& poses, int frame_size) {
+  const auto frames = static_cast<Eigen::Index>(poses.size());
+  Eigen::VectorXd direction = Eigen::VectorXd::Zero(frames * frame_size);
+  for (Eigen::Index f = 0; f < frames; ++f) {
+    direction.segment<3>(f * frame_size) = poses[static_cast<std::size_t>(f)].translation();
+  }
+  return direction;
+}
 
 /// Marginal covariances of the frames' states whose inverse depths are eliminated from a system, in
 /// the gauge "reference pose and mean inverse depth fixed", for errors of unit variance.
@@ -32,11 +46,6 @@ class Marginals {
   Marginals(const LinearSystem<Scalar>& system,
             const Eigen::VectorXd& scale,
             const std::vector<double>& inverse_depth);
-  /// Of a system that is reduced already. @param ratio m @param depth_variance v
-  Marginals(Eigen::MatrixXd reduced,
-            const Eigen::VectorXd& scale,
-            Eigen::VectorXd ratio,
-            double depth_variance);
 
   /// Whether the system determines its solution; nothing else may be asked when not.
   [[nodiscard]] bool usable() const { return usable_; }
@@ -62,15 +71,22 @@ class Marginals {
                    std::size_t point,
                    double inverse_depth,
                    Eigen::Ref<Eigen::VectorXd> effect) const;
-  [[nodiscard]] const Eigen::VectorXd& scale() const { return scale_; }
+  /// What an inverse depth has in its variance beside g_i^T S^- g_i; at least rho_i^2 v.
+  template <typename Scalar>
+  [[nodiscard]] double ownVariance(const LinearSystem<Scalar>& system,
+                                   std::size_t point,
+                                   double inverse_depth) const {
+    const double own = std::max(0.0, 1 - 2 * inverse_depth / depth_sum_) /
+                       static_cast<double>(system.depth_hessian[point]);
+    return own + inverse_depth * inverse_depth * depth_variance_;
+  }
   /// v: variance of the mean inverse depth, poses known, over its square.
   [[nodiscard]] double depthVariance() const { return depth_variance_; }
 
  private:
-  void factorize(const Eigen::MatrixXd& reduced);
-
   Eigen::VectorXd scale_;
   Eigen::VectorXd ratio_;
+  double depth_sum_ = 0;
   double depth_variance_ = 0;
   Eigen::LLT<Eigen::MatrixXd> cholesky_;
   bool usable_ = false;

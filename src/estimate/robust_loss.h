@@ -29,6 +29,13 @@ DSORB_ALWAYS_INLINE void huberWeights(const T& magnitude, const T& threshold, T&
   weight = threshold / (magnitude > threshold ? magnitude : threshold);
 }
 
+/// Of residuals in grey levels.
+DSORB_ALWAYS_INLINE void huberWeights(const Lanes& residual, Lanes& weight) {
+  Lanes threshold;
+  fill(kHuberThreshold, threshold);
+  huberWeights<Lanes>(residual < 0.0F ? -residual : residual, threshold, weight);
+}
+
 /// Huber's loss, r^2 up to the threshold, 2 threshold |r| - threshold^2 above, by its weight:
 /// w r^2 (2 - w).
 inline float huberEnergy(float residual, float weight) {

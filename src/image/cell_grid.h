@@ -7,20 +7,30 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <cstdlib>
 #include <utility>
 #include <vector>
 
 namespace dsorb {
 
-/// Square cells over an image, row by row.
+/// Cells over an image, row by row.
 class CellGrid {
  public:
-  /// @param cell side of a cell [px]
-  CellGrid(int width, int height, double cell)
-      : cell_(cell), columns_(cellsAlong(width)), rows_(cellsAlong(height)) {}
+  /// Square cells. @param side of a cell [px]
+  CellGrid(int width, int height, double side)
+      : width_(side),
+        height_(side),
+        columns_(std::max(1, static_cast<int>(std::ceil(width / side)))),
+        rows_(std::max(1, static_cast<int>(std::ceil(height / side)))) {}
+  CellGrid(int width, int height, int columns, int rows)
+      : width_(static_cast<double>(width) / columns),
+        height_(static_cast<double>(height) / rows),
+        columns_(columns),
+        rows_(rows) {}
 
-  [[nodiscard]] double cell() const { return cell_; }
+  /// Width of a cell [px].
+  [[nodiscard]] double cell() const { return width_; }
   [[nodiscard]] int columns() const { return columns_; }
   [[nodiscard]] int rows() const { return rows_; }
   [[nodiscard]] std::size_t size() const { return index(0, rows_); }
@@ -29,23 +39,41 @@ class CellGrid {
            static_cast<std::size_t>(column);
   }
   /// Column and row of the cell at a position; positions outside belong to the border's cells.
-  [[nodiscard]] int column(double x) const { return inside(x, columns_); }
-  [[nodiscard]] int row(double y) const { return inside(y, rows_); }
+  [[nodiscard]] int column(double x) const {
+    return std::clamp(static_cast<int>(x / width_), 0, columns_ - 1);
+  }
+  [[nodiscard]] int row(double y) const {
+    return std::clamp(static_cast<int>(y / height_), 0, rows_ - 1);
+  }
   /// Index of the cell at a position.
   [[nodiscard]] std::size_t at(double x, double y) const { return index(column(x), row(y)); }
 
  private:
-  [[nodiscard]] int cellsAlong(int size) const {
-    return std::max(1, static_cast<int>(std::ceil(size / cell_)));
-  }
-  [[nodiscard]] int inside(double position, int cells) const {
-    return std::clamp(static_cast<int>(position / cell_), 0, cells - 1);
-  }
-
-  double cell_;
+  double width_;   // of a cell [px]
+  double height_;  // of a cell [px]
   int columns_;
   int rows_;
 };
+
+/// The best thing of every cell: indices, ascending.
+/// @param pixel_of position of a thing by its index [px]
+/// @param better   whether the first of two is preferred, by their indices
+template <typename PixelOf, typename Better>
+std::vector<std::size_t> bestOfCells(const CellGrid& cells,
+                                     const std::vector<std::size_t>& things,
+                                     PixelOf&& pixel_of,
+                                     Better&& better) {
+  constexpr std::size_t kNone = SIZE_MAX;
+  std::vector<std::size_t> best(cells.size(), kNone);
+  for (const std::size_t i : things) {
+    const Eigen::Vector2f pixel = pixel_of(i);
+    std::size_t& holder = best[cells.at(pixel.x(), pixel.y())];
+    if (holder == kNone || better(i, holder)) holder = i;
+  }
+  best.erase(std::remove(best.begin(), best.end(), kNone), best.end());
+  std::sort(best.begin(), best.end());
+  return best;
+}
 
 /// Spreads a number of things over the cells: each takes at most twice its even share, because
 /// cells without texture leave theirs to others.
@@ -71,6 +99,11 @@ class PointGrid {
   struct Neighbour {
     float squared_distance = 0;  ///< [px^2]
     std::size_t point = 0;       ///< index
+
+    friend bool operator<(const Neighbour& a, const Neighbour& b) {
+      return a.squared_distance < b.squared_distance ||
+             (a.squared_distance == b.squared_distance && a.point < b.point);
+    }
   };
   /// At most kWanted points, nearest first.
   template <std::size_t kWanted>
@@ -80,14 +113,12 @@ class PointGrid {
 
     [[nodiscard]] const Neighbour* begin() const { return nearest.data(); }
     [[nodiscard]] const Neighbour* end() const { return nearest.data() + count; }
-    /// Of several points at the same distance the first one stays ahead.
-    void add(float squared_distance, std::size_t point) {
-      if (count == kWanted && squared_distance >= nearest[kWanted - 1].squared_distance) return;
+    /// Of several points at the same distance the one of the smallest index comes first.
+    void add(const Neighbour& found) {
+      if (count == kWanted && !(found < nearest[kWanted - 1])) return;
       std::size_t place = count < kWanted ? count++ : kWanted - 1;
-      for (; place > 0 && nearest[place - 1].squared_distance > squared_distance; --place) {
-        nearest[place] = nearest[place - 1];
-      }
-      nearest[place] = {squared_distance, point};
+      for (; place > 0 && found < nearest[place - 1]; --place) nearest[place] = nearest[place - 1];
+      nearest[place] = found;
     }
   };
 
@@ -114,13 +145,14 @@ class PointGrid {
       const std::size_t cell = cells_.index(column, row);
       for (std::size_t i = first_[cell]; i < first_[cell + 1]; ++i) {
         const float squared = (points_[sorted_[i]] - pixel).squaredNorm();
-        if (squared <= radius * radius && accept(sorted_[i])) found.add(squared, sorted_[i]);
+        if (squared <= radius * radius && accept(sorted_[i])) found.add({squared, sorted_[i]});
       }
     };
     const int x = cells_.column(pixel.x());
     const int y = cells_.row(pixel.y());
     const auto cell_size = static_cast<float>(cells_.cell());
-    const int rings = static_cast<int>(radius / cell_size) + 1;
+    const auto all = static_cast<float>(std::max(cells_.columns(), cells_.rows()));
+    const int rings = static_cast<int>(std::min(radius / cell_size + 1, all));
     for (int ring = 0; ring <= rings; ++ring) {
       // Every point of this ring is at least so far away.
       const float closest = static_cast<float>(ring - 1) * cell_size;
@@ -134,6 +166,12 @@ class PointGrid {
       }
     }
     return found;
+  }
+
+  /// All points count.
+  template <std::size_t kWanted>
+  [[nodiscard]] Neighbours<kWanted> nearest(const Eigen::Vector2f& pixel, float radius) const {
+    return nearest<kWanted>(pixel, radius, [](std::size_t) { return true; });
   }
 
  private:

@@ -4,7 +4,6 @@
 #include "base/parallel.h"
 #include "base/random.h"
 #include "image/photometric.h"
-#include "image/scale_map.h"
 
 #include <algorithm>
 #include <array>

@@ -3,8 +3,8 @@
 
 #include "dsorb/init/report.h"
 
-#include <chrono>
-#include <string>
+#include "base/timed.h"
+
 #include <utility>
 #include <vector>
 
@@ -14,31 +14,21 @@ namespace dsorb {
 class StageClock {
  public:
   template <typename Function>
-  auto time(const char* stage, Function&& function) {
-    const Measurement measurement(*this, stage);
-    return std::forward<Function>(function)();
+  decltype(auto) time(const char* stage, Function&& function) {
+    double seconds = 0;
+    struct Note {
+      ~Note() { clock.add(stage, 1e3 * seconds); }
+      StageClock& clock;
+      const char* stage;
+      const double& seconds;
+    };
+    const Note note{*this, stage, seconds};
+    return timed(seconds, std::forward<Function>(function));
   }
   void clear() { stages_.clear(); }
   [[nodiscard]] const std::vector<StageTime>& stages() const { return stages_; }
 
  private:
-  class Measurement {
-   public:
-    Measurement(StageClock& clock, const char* stage) : clock_(clock), stage_(stage) {}
-    Measurement(const Measurement&) = delete;
-    Measurement& operator=(const Measurement&) = delete;
-    ~Measurement() {
-      const std::chrono::duration<double, std::milli> elapsed =
-          std::chrono::steady_clock::now() - start_;
-      clock_.add(stage_, elapsed.count());
-    }
-
-   private:
-    StageClock& clock_;
-    const char* stage_;
-    std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-  };
-
   void add(const char* stage, double milliseconds) {
     for (StageTime& known : stages_) {
       if (known.stage == stage) {

@@ -113,7 +113,7 @@ KeyframeSnapshot Mapper::snapshot(const window::Keyframe& keyframe) const {
   shot.points.reserve(keyframe.points.size() + keyframe.marginalized.size());
   const auto variance = static_cast<float>(noise_ * noise_);
   const auto add = [&](const window::WindowPoint& point) {
-    shot.points.push_back({point.pixel,
+    shot.points.push_back({point.patch.pixel,
                            point.inverse_depth,
                            variance / point.information,
                            point.patch.grey[kPatternCenter]});

@@ -31,10 +31,10 @@ std::vector<std::size_t> keyframesOf(const InitializationResult& result,
   hosts.resize(std::min(hosts.size(), static_cast<std::size_t>(options.max_keyframes - 2)));
   std::vector<std::size_t> keyframes = {0, newest};
   keyframes.insert(keyframes.end(), hosts.begin(), hosts.end());
-  const int wanted = std::min(options.first_keyframes, options.max_keyframes);
-  for (const int frame : spreadFrames(static_cast<int>(result.frames.size()), wanted)) {
-    if (keyframes.size() >= static_cast<std::size_t>(wanted)) break;
-    const auto i = static_cast<std::size_t>(frame);
+  const auto wanted =
+      static_cast<std::size_t>(std::min(options.first_keyframes, options.max_keyframes));
+  for (const std::size_t i : spreadFrames(result.frames.size(), wanted)) {
+    if (keyframes.size() >= wanted) break;
     const bool is_new = std::find(keyframes.begin(), keyframes.end(), i) == keyframes.end();
     if (result.frames[i].T_cam_ref && is_new) keyframes.push_back(i);
   }

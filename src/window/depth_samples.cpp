@@ -18,7 +18,7 @@ constexpr float kWeightScale = 1e-3F;    // @source DSO as published
 constexpr float kWeightOffset = 1e-12F;  // @source DSO as published
 
 std::optional<DepthSample> sampleOf(const WindowPoint& point, const EpipolarGeometry& geometry) {
-  const Eigen::Vector3f p = geometry.at(point.pixel, point.inverse_depth);
+  const Eigen::Vector3f p = geometry.at(point.patch.pixel, point.inverse_depth);
   const float inverse_depth = point.inverse_depth / p.z();
   if (!(p.z() > 0) || !(inverse_depth > 0) || !(point.information > 0)) return std::nullopt;
   const float variance = 1.0F / point.information;

@@ -39,17 +39,16 @@ DSORB_TARGET_CLONES bool evaluatePatch(const WindowPoint& point,
                                        const HostRays& rays,
                                        const PairGeometry& pair,
                                        PatchSums& sums) {
-  WarpedPoint<Lanes> p;
-  LaneSamples seen;
-  const HostedPoint hosted{point.pixel.x(), point.pixel.y(), point.inverse_depth};
-  if (!samplePattern(pair.current, rays, hosted, p, seen)) return false;
+  WarpedPattern pattern;
+  warpPattern(pair.current, rays, point.patch.pixel, point.inverse_depth, pattern);
+  if (!inAllLanes(pattern.inside)) return false;
+  const LaneSamples& seen = pattern.seen;
   Lanes host;
   Lanes host_weight;
-  Lanes threshold;
+  Lanes residual;
   load(point.patch.grey.data(), host);
   load(point.patch.root_weight.data(), host_weight);
-  fill(kHuberThreshold, threshold);
-  const Lanes residual = seen.intensity - (pair.current.gain * host + pair.current.offset);
+  patternResidual(pair.current, point.patch, seen, residual);
 
   constexpr float kC = 50.0F;  // of gradientWeight
   const Lanes squared_gradient = seen.dx * seen.dx + seen.dy * seen.dy;
@@ -57,9 +56,8 @@ DSORB_TARGET_CLONES bool evaluatePatch(const WindowPoint& point,
   squareRoots(root);
   const Lanes mean_weight = 0.5F * (kC / root + host_weight);
   const Lanes weight = mean_weight * mean_weight;
-  const Lanes magnitude = residual < 0.0F ? -residual : residual;
   Lanes huber;
-  huberWeights(magnitude, threshold, huber);
+  huberWeights(residual, huber);
   const Lanes w = weight * huber;
   const Lanes wx = w * seen.dx;
   const Lanes wy = w * seen.dy;
@@ -104,7 +102,7 @@ bool evaluateGeometry(const WindowPoint& point,
                       ResidualGeometry& geometry) {
   float ray_x = 0;
   float ray_y = 0;
-  rays.at(point.pixel.x(), point.pixel.y(), ray_x, ray_y);
+  rays.at(point.patch.pixel.x(), point.patch.pixel.y(), ray_x, ray_y);
   WarpedPoint<float> p;
   warpPoint(pair.first, ray_x, ray_y, point.inverse_depth, p);
   if (!p.front) return false;

@@ -61,7 +61,7 @@ void fillMap(const Window& window, depth::DistanceMap& map) {
   for (std::size_t k = 0; k + 1 < window.keyframes.size(); ++k) {
     const EpipolarGeometry geometry = toMap(window, window.keyframes[k]);
     for (const WindowPoint& point : window.keyframes[k].points) {
-      const auto cell = cellOf(geometry, point.pixel, point.inverse_depth, map);
+      const auto cell = cellOf(geometry, point.patch.pixel, point.inverse_depth, map);
       if (cell) seeds.push_back(cell->cell);
     }
   }
@@ -79,7 +79,7 @@ void choose(const Window& window,
     const CandidatePoint& candidate = host.candidates[c];
     CandidateVerdict verdict = depth::judgeCandidate(candidate, host.leaves);
     if (verdict == CandidateVerdict::kReady) {
-      const auto cell = cellOf(geometry, candidate.pixel, candidate.middle(), map);
+      const auto cell = cellOf(geometry, candidate.patch.pixel, candidate.middle(), map);
       const double room =
           cell ? map.at(cell->cell.x(), cell->cell.y()) + static_cast<double>(cell->dither) : 0;
       const double needed =
@@ -110,21 +110,13 @@ void addActivated(Window& window, const Pending& pending) {
   const CandidatePoint& candidate = host.candidates[pending.candidate];
   WindowPoint point;
   point.id = {window.next_point++};
-  point.pixel = candidate.pixel;
   point.inverse_depth = pending.fit.inverse_depth;
   point.prior_inverse_depth = pending.fit.inverse_depth;
   point.information = pending.fit.information;
   point.patch = candidate.patch;
   std::size_t view = 0;
-  for (std::size_t k = 0; k < window.keyframes.size(); ++k) {
-    if (k == pending.keyframe) continue;
-    if (!pending.fit.seen[view++]) continue;
-    point.addObservation(k);
-    const std::size_t age = window.keyframes.size() - 1 - k;
-    if (age < point.recent.size()) {
-      point.recent[age] = {window.keyframes[k].id, ResidualState::kIn};
-    }
-  }
+  addObservations(
+      window, pending.keyframe, [&](std::size_t) { return bool{pending.fit.seen[view++]}; }, point);
   host.points.push_back(point);
 }
 

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "window/seeding.h"
 
+#include "image/cell_grid.h"
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 namespace dsorb::window {
 namespace {
@@ -16,27 +19,6 @@ float uncertainty(const MapPoint& point) {
   return point.variance / (point.inverse_depth * point.inverse_depth);
 }
 
-std::vector<std::size_t> bestOfCells(const std::vector<MapPoint>& points,
-                                     int width,
-                                     int height,
-                                     double cell) {
-  const int columns = static_cast<int>(width / cell) + 1;
-  const int rows = static_cast<int>(height / cell) + 1;
-  constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
-  std::vector<std::size_t> best(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows),
-                                kNone);
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const std::ptrdiff_t x =
-        std::clamp(static_cast<int>(points[i].pixel.x() / cell), 0, columns - 1);
-    const std::ptrdiff_t y = std::clamp(static_cast<int>(points[i].pixel.y() / cell), 0, rows - 1);
-    std::size_t& holder = best[static_cast<std::size_t>(y * columns + x)];
-    if (holder == kNone || uncertainty(points[i]) < uncertainty(points[holder])) holder = i;
-  }
-  best.erase(std::remove(best.begin(), best.end(), kNone), best.end());
-  std::sort(best.begin(), best.end());
-  return best;
-}
-
 }  // namespace
 
 std::vector<std::size_t> thinOnGrid(const std::vector<MapPoint>& points,
@@ -44,14 +26,25 @@ std::vector<std::size_t> thinOnGrid(const std::vector<MapPoint>& points,
                                     int height,
                                     int wanted) {
   const auto limit = static_cast<std::size_t>(std::max(wanted, 0));
+  std::vector<std::size_t> all(points.size());
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  const auto best_of_cells = [&](double cell) {
+    return bestOfCells(
+        CellGrid(width, height, cell),
+        all,
+        [&](std::size_t i) { return points[i].pixel; },
+        [&](std::size_t a, std::size_t b) {
+          return uncertainty(points[a]) < uncertainty(points[b]);
+        });
+  };
   double fine = 1;  // [px] cell sides; the coarser one is known to give few enough points
   double coarse = std::max(width, height);
-  std::vector<std::size_t> kept = bestOfCells(points, width, height, fine);
+  std::vector<std::size_t> kept = best_of_cells(fine);
   if (kept.size() <= limit) return kept;
   std::vector<std::size_t> result;
   for (int i = 0; i < kThinningRounds; ++i) {
     const double middle = std::sqrt(fine * coarse);
-    kept = bestOfCells(points, width, height, middle);
+    kept = best_of_cells(middle);
     if (kept.size() > limit) {
       fine = middle;
     } else {
@@ -79,14 +72,8 @@ int seedPoints(Window& window,
         window, keyframe, seed.pixel, seed.inverse_depth, seedInformation(seed, options.prior));
     if (point == nullptr) continue;
     ++added;
-    const std::size_t newest = window.keyframes.size() - 1;
-    for (std::size_t k = 0; k <= newest; ++k) {
-      if (k == host) continue;
-      point->addObservation(k);
-      if (newest - k < point->recent.size()) {
-        point->recent[newest - k] = {window.keyframes[k].id, ResidualState::kIn};
-      }
-    }
+    addObservations(
+        window, host, [](std::size_t) { return true; }, *point);
   }
   return added;
 }

@@ -6,8 +6,6 @@
 
 #include "window/window.h"
 
-#include <Eigen/Core>
-
 #include <cstddef>
 #include <vector>
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "window/window.h"
 
-#include <algorithm>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -142,11 +141,10 @@ WindowPoint* addPoint(Window& window,
                       const Eigen::Vector2f& pixel,
                       float inverse_depth,
                       float prior_information) {
-  const std::optional<HostPattern> patch = readHostPattern(host.frame->level(0), pixel);
+  const auto patch = readHostPatch<interpolateWithCellGradient>(host.frame->level(0), pixel);
   if (!patch) return nullptr;
   WindowPoint point;
   point.id = {window.next_point++};
-  point.pixel = pixel;
   point.inverse_depth = inverse_depth;
   point.prior_inverse_depth = inverse_depth;
   point.prior_information = prior_information;

@@ -71,7 +71,6 @@ struct RecentState {
 /// A pixel of a keyframe with an inverse depth, part of the adjustment.
 struct WindowPoint {
   PointId id;
-  Eigen::Vector2f pixel{0, 0};    ///< in the host, level 0 [px]
   float inverse_depth = 0;        ///< [1/unit]
   float prior_inverse_depth = 0;  ///< value the prior pulls to [1/unit]
   float prior_information = 0;    ///< [grey levels^2 unit^2]
@@ -81,7 +80,7 @@ struct WindowPoint {
   std::uint8_t num_observations = 0;
   std::array<Observation, kMaxKeyframes - 1> observations;
   std::array<RecentState, 2> recent;  ///< newest keyframe first
-  HostPattern patch;
+  HostPatch patch;                    ///< level 0
 
   [[nodiscard]] const Observation* begin() const { return observations.data(); }
   [[nodiscard]] const Observation* end() const { return begin() + num_observations; }
@@ -175,6 +174,19 @@ WindowPoint* addPoint(Window& window,
                       const Eigen::Vector2f& pixel,
                       float inverse_depth,
                       float prior_information);
+
+/// Gives a point without residuals one to every keyframe but its host that satisfies a predicate.
+template <typename Sees>
+void addObservations(const Window& window, std::size_t host, Sees&& sees, WindowPoint& point) {
+  const std::size_t newest = window.keyframes.size() - 1;
+  for (std::size_t k = 0; k <= newest; ++k) {
+    if (k == host || !sees(k)) continue;
+    point.addObservation(k);
+    if (newest - k < point.recent.size()) {
+      point.recent[newest - k] = {window.keyframes[k].id, ResidualState::kIn};
+    }
+  }
+}
 
 /// Makes candidates of selected pixels. @return how many; pixels too near the edge are left out
 int addCandidates(Keyframe& keyframe, const std::vector<SelectedPixel>& pixels);

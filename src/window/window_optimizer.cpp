@@ -71,7 +71,7 @@ void resetResiduals(Window& window) {
 float parallax(const WindowPoint& point, const HostRays& rays, const Warp<float>& warp) {
   float ray_x = 0;
   float ray_y = 0;
-  rays.at(point.pixel.x(), point.pixel.y(), ray_x, ray_y);
+  rays.at(point.patch.pixel.x(), point.patch.pixel.y(), ray_x, ray_y);
   WarpedPoint<float> infinity;
   WarpedPoint<float> at_depth;
   warpPoint(warp, ray_x, ray_y, 0.0F, infinity);

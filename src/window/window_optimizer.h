@@ -9,7 +9,6 @@
 #include <Eigen/Core>
 
 #include <cstddef>
-#include <vector>
 
 namespace dsorb::window {
 

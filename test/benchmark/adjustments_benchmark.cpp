@@ -3,9 +3,8 @@
 
 #include "base/random.h"
 #include "benchmark/rendered_frames.h"
-#include "init/orb/bundle/corner_polish.h"
+#include "init/orb/bundle/corner_refinement.h"
 #include "init/orb/bundle/geometric_covariance.h"
-#include "init/orb/map/map_scale.h"
 #include "init/orb/photometric/outlier_filter.h"
 #include "init/orb/photometric/photometric_adjustment.h"
 #include "init/orb/photometric/photometric_covariance.h"
@@ -38,11 +37,11 @@ struct Start {
     for (int k = 0; k < kFrames; ++k) {
       const FramePtr& frame = scene.frames[static_cast<std::size_t>(k)];
       map.frames.push_back({frame, scene.T_cam_first(k), {}, {}});
-      if (k > 0 && k % (kFrames / kAdjusted) != 0) others.push_back(k);
+      if (k > 0 && k % (kFrames / kAdjusted) != 0) others.push_back(static_cast<std::size_t>(k));
     }
     for (const Eigen::Vector2f& pixel : tracks.positions(0))
       addCorner(pixel.cast<double>(), random);
-    for (const int k : others) map.frames[static_cast<std::size_t>(k)].T_cam_ref.reset();
+    for (const std::size_t k : others) map.frames[k].T_cam_ref.reset();
     normalizeCornerScale(map);
     estimateSemiDenseDepth(map, scene.camera, options.semi_dense, kSeed);
     keepBestPoints(map, options.semi_dense.max_points);
@@ -55,19 +54,21 @@ struct Start {
         static_cast<std::size_t>(pixel.x());
     const auto rho = static_cast<double>(scene.inverse_depth[at]);
     const Eigen::Vector3d point = scene.camera.unproject(pixel) / rho;
-    const int corner = static_cast<int>(map.corners.size());
+    const std::size_t corner = map.corners.size();
     const double error = kDepthError * rho;
     map.corners.push_back({pixel, rho + error * random.gaussian(), error * error});
     for (int k = 1; k < kFrames; ++k) {
       const Eigen::Vector2d noise(random.gaussian(), random.gaussian());
       map.observations.push_back(
-          {corner, k, scene.camera.project(scene.T_cam_first(k) * point) + kTrackError * noise});
+          {corner,
+           static_cast<std::size_t>(k),
+           scene.camera.project(scene.T_cam_first(k) * point) + kTrackError * noise});
     }
   }
 
   OrbOptions options;
   InitialMap map;
-  std::vector<int> others;  ///< frames without pose
+  std::vector<std::size_t> others;  ///< frames without pose
 };
 
 const Start& start() {
@@ -95,8 +96,8 @@ void polishOtherPoses(benchmark::State& state) {
   const Start& from = start();
   InitialMap posed = from.map;
   setCovariances(posed, room().camera, from.options.geometric);
-  for (const int k : from.others) {
-    posed.frames[static_cast<std::size_t>(k)].T_cam_ref = room().T_cam_first(k);
+  for (const std::size_t k : from.others) {
+    posed.frames[k].T_cam_ref = room().T_cam_first(static_cast<int>(k));
   }
   timeWithThreads(state, [&] {
     InitialMap map = posed;
@@ -145,7 +146,7 @@ void filter(benchmark::State& state, OutlierRule rule) {
   timeWithThreads(state, [&] {
     InitialMap map = from.map;
     PhotometricProblem part = problem;
-    return removeOutliers(map, part, from.options.photometric, rule).examined;
+    return removeOutliers(map, part, rule).examined;
   });
   count(state, from.map);
 }
@@ -164,9 +165,7 @@ void variances(benchmark::State& state) {
   const Start& from = start();
   PhotometricProblem problem = makeProblem(from.map, room().camera, from.options.photometric);
   InitialMap map = from.map;
-  timeWithThreads(state, [&] {
-    return setPhotometricVariances(map, problem, from.options.photometric, false);
-  });
+  timeWithThreads(state, [&] { return setPhotometricVariances(map, problem, false); });
   count(state, from.map);
 }
 BENCHMARK(variances)->Arg(1)->Arg(2)->UseRealTime()->Unit(benchmark::kMillisecond);

@@ -6,7 +6,7 @@
 #include "init/orb/semi_dense/semi_dense_depth.h"
 #include "init/orb/thesis/geometric_adjustment.h"
 #include "init/orb/thesis/two_view.h"
-#include "init/orb/thesis/two_view_motion.h"
+#include "init/orb/thesis/two_view_start.h"
 #include "init/orb/tracks/feature_tracks.h"
 #include "init/orb/two_view/decomposition.h"
 

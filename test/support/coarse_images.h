@@ -47,13 +47,13 @@ inline Alignment someMotion() {
   Alignment alignment;
   Vector6d xi;
   xi << 0.03, -0.02, 0.04, 0.01, -0.015, 0.02;
-  alignment.T_new_ref = SE3::exp(xi);
+  alignment.T_cur_ref = SE3::exp(xi);
   return alignment;
 }
 
 inline Alignment movedBy(const Alignment& alignment, const Eigen::VectorXd& step) {
   Alignment result = alignment;
-  result.T_new_ref = SE3::exp(step.head<6>()) * alignment.T_new_ref;
+  result.T_cur_ref = SE3::exp(step.head<6>()) * alignment.T_cur_ref;
   result.log_gain += step[6];
   result.offset += step[7];
   return result;
@@ -68,8 +68,8 @@ inline void matchReference(const PyramidLevel& image,
       const Eigen::Vector2d pixel(static_cast<double>(points.x[i]) + kPattern[k].x,
                                   static_cast<double>(points.y[i]) + kPattern[k].y);
       const Eigen::Vector3d p =
-          alignment.T_new_ref.unitQuaternion() * kCamera.unproject(pixel) +
-          static_cast<double>(points.trial_inverse_depth[i]) * alignment.T_new_ref.translation();
+          alignment.T_cur_ref.unitQuaternion() * kCamera.unproject(pixel) +
+          static_cast<double>(points.trial_inverse_depth[i]) * alignment.T_cur_ref.translation();
       const Eigen::Vector2f seen = kCamera.project(p).cast<float>();
       points.reference[i * kPatternSize + k] = interpolateIntensity(image, seen.x(), seen.y());
     }

@@ -4,7 +4,6 @@
 #include "dsorb/camera/pinhole_camera.h"
 
 #include "base/random.h"
-#include "init/orb/map/image_cells.h"
 #include "init/orb/map/initial_map.h"
 
 #include <cstddef>
@@ -51,12 +50,12 @@ inline SyntheticMap makeSyntheticMap(const SyntheticMapOptions& options, std::ui
     pose.setTranslation(pose.translation() * mean);
     truth.frames[static_cast<std::size_t>(k)].T_cam_ref = pose;
   }
-  for (int i = 0; i < options.corners; ++i) {
-    init_orb::Corner& corner = truth.corners[static_cast<std::size_t>(i)];
+  for (std::size_t i = 0; i < truth.corners.size(); ++i) {
+    init_orb::Corner& corner = truth.corners[i];
     corner.inverse_depth /= mean;
     const Eigen::Vector3d point = scene.camera.unproject(corner.pixel) / corner.inverse_depth;
-    for (int k = 1; k < options.frames; ++k) {
-      const SE3& T = *truth.frames[static_cast<std::size_t>(k)].T_cam_ref;
+    for (std::size_t k = 1; k < truth.frames.size(); ++k) {
+      const SE3& T = *truth.frames[k].T_cam_ref;
       const Eigen::Vector2d noise(random.gaussian(), random.gaussian());
       truth.observations.push_back({i, k, scene.camera.project(T * point) + options.noise * noise});
     }
@@ -82,11 +81,10 @@ inline void addSharedErrors(SyntheticMap& scene, double sigma, std::uint64_t see
   Random random(seed);
   std::vector<Eigen::Vector2d> errors(kCells * scene.start.frames.size());
   for (Eigen::Vector2d& error : errors) error = {random.gaussian(), random.gaussian()};
-  for (init_orb::Observation& observation : scene.start.observations) {
-    const auto corner = static_cast<std::size_t>(observation.corner);
-    const std::size_t cell = init_orb::imageCell(scene.start.corners[corner].pixel, scene.camera);
-    observation.pixel +=
-        sigma * errors[kCells * static_cast<std::size_t>(observation.frame) + cell];
+  for (init_orb::CornerObservation& observation : scene.start.observations) {
+    const std::size_t cell =
+        init_orb::imageCell(scene.start.corners[observation.corner].pixel, scene.camera);
+    observation.pixel += sigma * errors[kCells * observation.frame + cell];
   }
 }
 

@@ -61,7 +61,7 @@ class PriorTest : public testing::Test {
  protected:
   PriorTest() : image_(texturedPyramid(0, 100)) {
     points_ = makePointLevel(image_.level(0), gridPixels(10));
-    alignment_.T_new_ref = SE3(so3Exp({0.02, -0.03, 0.01}), {0.004, -0.003, 0.002});
+    alignment_.T_cur_ref = SE3(so3Exp({0.02, -0.03, 0.01}), {0.004, -0.003, 0.002});
   }
   LevelState evaluate(const Alignment& alignment, const CoarseOptions& options) {
     LevelAligner aligner(options);
@@ -157,9 +157,9 @@ TEST_F(PriorTest, PublishedEnergyLacksTheDepths) {
 TEST_F(PriorTest, LeavesTheCapAtOneSixtieth) {
   for (const CoarseOptions& options : {CoarseOptions{}, referenceCoarseOptions()}) {
     Alignment alignment;
-    alignment.T_new_ref.setTranslation({0.0166, 0, 0});
+    alignment.T_cur_ref.setTranslation({0.0166, 0, 0});
     EXPECT_FALSE(evaluate(alignment, options).prior.capped);
-    alignment.T_new_ref.setTranslation({0.0167, 0, 0});
+    alignment.T_cur_ref.setTranslation({0.0167, 0, 0});
     const LevelState state = evaluate(alignment, options);
     EXPECT_TRUE(state.prior.capped);
     EXPECT_DOUBLE_EQ(state.prior.energy, 6.25 * points_.size());
@@ -182,7 +182,7 @@ TEST(CoarseAlignment, IdenticalImagesKeepEverythingInPlace) {
     const LevelReport report =
         aligner.align({&image.level(0), kCamera}, 50, Unknowns::kAll, points, alignment);
     EXPECT_FALSE(alignment.snapped);
-    EXPECT_LT(alignment.T_new_ref.log().norm(), 1e-6);
+    EXPECT_LT(alignment.T_cur_ref.log().norm(), 1e-6);
     EXPECT_NEAR(report.state.energy(), 0, 1e-3);
     EXPECT_EQ(report.inlierShare(), 1);
   }
@@ -190,11 +190,11 @@ TEST(CoarseAlignment, IdenticalImagesKeepEverythingInPlace) {
 
 TEST(CoarseAlignment, FindsARotation) {
   // Image and points are those of one camera turned by a known angle; the depths do not matter.
-  const SE3 T_new_ref(so3Exp({0.004, 0.012, -0.01}), Eigen::Vector3d::Zero());
+  const SE3 T_cur_ref(so3Exp({0.004, 0.012, -0.01}), Eigen::Vector3d::Zero());
   const Pyramid image = texturedPyramid(0);
   PointLevel points = makePointLevel(image.level(0), gridPixels(5));
   Alignment truth;
-  truth.T_new_ref = T_new_ref;
+  truth.T_cur_ref = T_cur_ref;
   matchReference(image.level(0), truth, points);
   for (const Unknowns unknowns : {Unknowns::kRotation, Unknowns::kAll}) {
     LevelAligner aligner{CoarseOptions{}};
@@ -202,7 +202,7 @@ TEST(CoarseAlignment, FindsARotation) {
     aligner.align({&image.level(0), kCamera}, 50, unknowns, points, alignment);
     EXPECT_FALSE(alignment.snapped);
     // Measured 6.9e-6; margin x5.
-    EXPECT_LT((T_new_ref.inverse() * alignment.T_new_ref).log().norm(), 3.5e-5);
+    EXPECT_LT((T_cur_ref.inverse() * alignment.T_cur_ref).log().norm(), 3.5e-5);
   }
 }
 

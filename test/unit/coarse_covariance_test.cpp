@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/coarse/coarse_covariance.h"
-
 #include "base/random.h"
 #include "image/photometric.h"
+#include "init/coarse/coarse_handover.h"
 #include "support/jacobian_check.h"
 #include "support/two_room_views.h"
 
@@ -23,7 +22,7 @@ class CoarseCovarianceTest : public testing::Test {
     attempt_.camera = views.camera;
     attempt_.frames.push_back({views.reference, {}, {}});
     tracked_.frame = views.frame;
-    tracked_.alignment.T_new_ref = views.T_frame_reference;
+    tracked_.alignment.T_cur_ref = views.T_frame_reference;
     std::vector<SelectedPixel> pixels;
     for (int y = 30; y < 210; y += 15) {
       for (int x = 30; x < 290; x += 15) pixels.push_back({x, y, 1});
@@ -35,8 +34,8 @@ class CoarseCovarianceTest : public testing::Test {
     }
     attempt_.options.effective_points = 0;
   }
-  Attempt attempt_;
-  TrackedFrame tracked_;
+  CoarseAttempt attempt_;
+  AlignedFrame tracked_;
   PointLevel points_;
 };
 

@@ -115,7 +115,7 @@ TEST(CoarseResidual, ProjectionOutsideAndInvalidPixelsMakeAPointBad) {
   PointLevel points = makePointLevel(image.level(0), {{10, 60, 1}, {80, 60, 1}, {149, 60, 1}});
   points.energy = {5, 6, 7};
   Alignment alignment;
-  alignment.T_new_ref.setTranslation({-0.15, 0, 0});  // 19.5 px to the left
+  alignment.T_cur_ref.setTranslation({-0.15, 0, 0});  // 19.5 px to the left
   LinearSystem<float> system;
   const LevelSums sums = evaluateLevel({&image.level(0), kCamera}, alignment, {}, points, system);
   EXPECT_THAT(points.trial_good, testing::ElementsAre(0, 1, 1));

@@ -47,7 +47,10 @@ Scene makeScene(const Eigen::Vector3d& own_motion) {
           kCamera.project(*scene.map.frames[static_cast<std::size_t>(k)].T_cam_ref * p) +
           (k > 0 ? 0.1 : 0.0) * noise;
       scene.tracks.positions[static_cast<std::size_t>(k)].push_back(seen.cast<float>());
-      if (k > 0) scene.map.observations.push_back({i, k, seen});
+      if (k > 0) {
+        scene.map.observations.push_back(
+            {scene.map.corners.size() - 1, static_cast<std::size_t>(k), seen});
+      }
     }
   }
   return scene;
@@ -86,9 +89,9 @@ TEST(DynamicRegions, AreWhereTracksContradictTheCamera) {
   EXPECT_LE(of_box(scene.map.points), on_box / 20);
   EXPECT_LE(corners, 1.4 * static_cast<double>(on_box));  // a rim around it goes, too
   EXPECT_EQ(scene.map.observations.size(), scene.map.corners.size() * (kFrames - 1));
-  for (const Observation& observation : scene.map.observations) {
-    ASSERT_LT(observation.corner, static_cast<int>(scene.map.corners.size()));
-    const Corner& corner = scene.map.corners[static_cast<std::size_t>(observation.corner)];
+  for (const CornerObservation& observation : scene.map.observations) {
+    ASSERT_LT(observation.corner, scene.map.corners.size());
+    const Corner& corner = scene.map.corners[observation.corner];
     EXPECT_LT((observation.pixel - corner.pixel).norm(), 200);
   }
 }

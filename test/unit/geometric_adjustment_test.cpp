@@ -131,7 +131,7 @@ TEST_P(BothSolvers, FindTheSameMinimum) {
   for (std::uint64_t seed = 40; seed < 45; ++seed) {
     SyntheticMap scene = makeSyntheticMap({200, 6, 0.5, 0.2}, seed);
     Random random(seed);
-    for (Observation& observation : scene.start.observations) {
+    for (CornerObservation& observation : scene.start.observations) {
       if (random.uniform() < 0.1) {  // beyond the loss's limit
         observation.pixel += Eigen::Vector2d(random.uniform(-30, 30), random.uniform(-30, 30));
       }
@@ -168,7 +168,7 @@ INSTANTIATE_TEST_SUITE_P(EveryLoss,
 
 TEST(GeometricAdjustment, RemovesPlantedOutliersAndKeepsMapConsistent) {
   SyntheticMap scene = makeSyntheticMap({300, 5, 0.2, 0.1}, 7);
-  for (Observation& observation : scene.start.observations) {
+  for (CornerObservation& observation : scene.start.observations) {
     if (observation.corner % 10 == 0 && observation.frame == 3) {
       observation.pixel += Eigen::Vector2d(20, -25);  // 30 severe ones
     }
@@ -183,8 +183,8 @@ TEST(GeometricAdjustment, RemovesPlantedOutliersAndKeepsMapConsistent) {
   EXPECT_GE(report.removed_normal, 25);
   EXPECT_LE(report.removed_severe + report.removed_normal, 62);
   std::vector<int> seen(scene.start.corners.size(), 0);
-  for (const Observation& observation : scene.start.observations) {
-    ++seen.at(static_cast<std::size_t>(observation.corner));
+  for (const CornerObservation& observation : scene.start.observations) {
+    ++seen.at(observation.corner);
   }
   EXPECT_EQ(std::count(seen.begin(), seen.end(), 4), static_cast<long>(seen.size()));
   for (const Corner& corner : scene.start.corners) {
@@ -224,8 +224,8 @@ TEST(GeometricAdjustment, FailsWithoutParallaxAndStaysSilent) {
   for (std::size_t k = 1; k < 4; ++k) {
     scene.start.frames[k].T_cam_ref = SE3();
   }
-  for (Observation& observation : scene.start.observations) {
-    observation.pixel = scene.start.corners[static_cast<std::size_t>(observation.corner)].pixel;
+  for (CornerObservation& observation : scene.start.observations) {
+    observation.pixel = scene.start.corners[observation.corner].pixel;
   }
   testing::internal::CaptureStderr();
   testing::internal::CaptureStdout();

@@ -63,11 +63,12 @@ Eigen::MatrixXd denseCovariance(const InitialMap& map, const PinholeCamera& came
   const auto residuals = [&](const Eigen::VectorXd& delta) {
     Eigen::VectorXd r(2 * static_cast<Eigen::Index>(map.observations.size()));
     Eigen::Index row = 0;
-    for (const Observation& o : map.observations) {
-      const SE3 T = SE3::exp(delta.segment<6>(6 * (o.frame - 1))) *
-                    *map.frames[static_cast<std::size_t>(o.frame)].T_cam_ref;
-      const Corner& corner = map.corners[static_cast<std::size_t>(o.corner)];
-      const double inverse_depth = corner.inverse_depth + delta[poses + o.corner];
+    for (const CornerObservation& o : map.observations) {
+      const auto frame = static_cast<Eigen::Index>(o.frame);
+      const SE3 T = SE3::exp(delta.segment<6>(6 * (frame - 1))) * *map.frames[o.frame].T_cam_ref;
+      const Corner& corner = map.corners[o.corner];
+      const double inverse_depth =
+          corner.inverse_depth + delta[poses + static_cast<Eigen::Index>(o.corner)];
       r.segment<2>(row) =
           camera.project(T * (camera.unproject(corner.pixel) / inverse_depth)) - o.pixel;
       row += 2;
@@ -143,11 +144,11 @@ class SparseQrReferee {
       depths_.push_back(corner.inverse_depth);
       depths.push_back(&depths_.back());
     }
-    for (const Observation& o : map.observations) {
-      const auto corner = static_cast<std::size_t>(o.corner);
+    for (const CornerObservation& o : map.observations) {
+      const std::size_t corner = o.corner;
       const Eigen::Vector3d ray = camera.unproject(map.corners[corner].pixel);
       costs_.emplace_back(camera, ray, o.pixel, o.whitening);
-      double* pose = poses_[static_cast<std::size_t>(o.frame)].data();
+      double* pose = poses_[o.frame].data();
       problem_.AddResidualBlock(&costs_.back(), nullptr, pose, depths[corner]);
       problem_.SetManifold(pose, &manifold_);
     }

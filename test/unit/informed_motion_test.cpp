@@ -27,10 +27,9 @@ TEST(EssentialMotion, IsFoundAmongFortyPercentOutliers) {
     const auto motion = estimateEssentialMotion(scene.matches, scene.camera, kSeed);
     ASSERT_TRUE(motion) << seed;
     EXPECT_GE(motion->inliers, 200) << seed;  // 240 are right
-    EXPECT_LT(rotationErrorDeg(motion->T_target_ref, scene.T_target_ref), 0.2) << seed;
-    EXPECT_LT(
-        directionErrorDeg(motion->T_target_ref.translation(), scene.T_target_ref.translation()),
-        1.0)
+    EXPECT_LT(rotationErrorDeg(motion->T_cur_ref, scene.T_cur_ref), 0.2) << seed;
+    EXPECT_LT(directionErrorDeg(motion->T_cur_ref.translation(), scene.T_cur_ref.translation()),
+              1.0)
         << seed;
     EXPECT_NEAR(motion->noise, 0.25, 0.15) << seed;  // .3 px in one of two images: .3 / sqrt 2
   }
@@ -41,7 +40,7 @@ TEST(EssentialMotion, GivesTheSameBitsTwice) {
   const auto first = estimateEssentialMotion(scene.matches, scene.camera, kSeed);
   const auto second = estimateEssentialMotion(scene.matches, scene.camera, kSeed);
   ASSERT_TRUE(first && second);
-  EXPECT_EQ(first->T_target_ref.matrix(), second->T_target_ref.matrix());
+  EXPECT_EQ(first->T_cur_ref.matrix(), second->T_cur_ref.matrix());
   EXPECT_EQ(first->inlier, second->inlier);
 }
 
@@ -57,7 +56,7 @@ DisplacementModel winner(const TwoViewScene& scene, double sigma) {
   const auto motion = estimateEssentialMotion(scene.matches, scene.camera, kSeed);
   const auto H = estimateHomography(scene.matches, 1, kSeed);
   std::vector<double> errors =
-      motion ? epipolarDistances(motion->T_target_ref, scene.matches, scene.camera)
+      motion ? epipolarDistances(motion->T_cur_ref, scene.matches, scene.camera)
              : std::vector<double>(scene.matches.size(), 1e6);
   for (double& error : errors) error *= error;
   const double essential = gric(DisplacementModel::kEssential, errors, sigma);
@@ -66,7 +65,7 @@ DisplacementModel winner(const TwoViewScene& scene, double sigma) {
         : 1e12;
   const RotationFit fit = fitRotation(scene.matches, scene.camera);
   const double rotation = gric(DisplacementModel::kRotation,
-                               rotationSampsonErrors(fit.R_target_ref, scene.matches, scene.camera),
+                               rotationSampsonErrors(fit.R_cur_ref, scene.matches, scene.camera),
                                sigma);
   if (rotation < std::min(homography, essential)) return DisplacementModel::kRotation;
   return homography < essential ? DisplacementModel::kHomography : DisplacementModel::kEssential;
@@ -136,7 +135,7 @@ TEST(MotionCandidates, FramesBetweenDecideWhichMotionOfAPlaneIsRight) {
     EXPECT_LT(errorOf(*best->map.frames.back().T_cam_ref), 2.0);
     EXPECT_GT(ratio, kMinPlaneCostRatio);
   }
-  EXPECT_GT(std::max(errorOf(motions[0].T_target_ref), errorOf(motions[1].T_target_ref)), 20.0);
+  EXPECT_GT(std::max(errorOf(motions[0].T_cur_ref), errorOf(motions[1].T_cur_ref)), 20.0);
 }
 
 TEST(RobustAdjustment, MeasuresTheNoiseThatWasDrawn) {
@@ -157,7 +156,7 @@ TEST(RobustAdjustment, TellsTailsFromNoise) {
       const double noise = tailExcess(noisy.start, noisy.camera);
       SyntheticMap tailed = makeSyntheticMap({600, frames, 0.2, 0.05}, seed);
       Random random(seed);
-      for (Observation& observation : tailed.start.observations) {
+      for (CornerObservation& observation : tailed.start.observations) {
         if (random.uniform(0, 1) < 0.2) {
           observation.pixel += 0.8 * Eigen::Vector2d{random.gaussian(), random.gaussian()};
         }
@@ -172,7 +171,7 @@ TEST(RobustAdjustment, TellsTailsFromNoise) {
 
 TEST(RobustAdjustment, RemovesPlantedOutliersAndFindsTheTruth) {
   SyntheticMap scene = makeSyntheticMap({300, 5, 0.1, 0.1}, 12);
-  for (Observation& observation : scene.start.observations) {
+  for (CornerObservation& observation : scene.start.observations) {
     if (observation.corner % 5 == 0 && observation.frame == 3) {
       observation.pixel += Eigen::Vector2d(15, -20);
     }
@@ -233,8 +232,7 @@ TEST(StartGate, PredictsTheErrorOfTheDirection) {
       const SE3& T =
           *scene.truth.frames[static_cast<std::size_t>(scene.start.observations[i].frame)]
                .T_cam_ref;
-      const Corner& corner =
-          scene.truth.corners[static_cast<std::size_t>(scene.start.observations[i].corner)];
+      const Corner& corner = scene.truth.corners[scene.start.observations[i].corner];
       const Eigen::Vector3d point = scene.camera.unproject(corner.pixel) / corner.inverse_depth;
       scene.start.observations[i].pixel =
           scene.camera.project(T * point) +
@@ -252,9 +250,9 @@ TEST(StartGate, PredictsTheErrorOfTheDirection) {
 }
 
 TEST(SpreadFrames, CoverTheWholeTimeAndEndWithTheNewest) {
-  EXPECT_EQ(spreadFrames(2, 6), (std::vector<int>{1}));
-  EXPECT_EQ(spreadFrames(6, 6), (std::vector<int>{1, 2, 3, 4, 5}));
-  EXPECT_EQ(spreadFrames(31, 6), (std::vector<int>{6, 12, 18, 24, 30}));
+  EXPECT_EQ(spreadFrames(2, 6), (std::vector<std::size_t>{1}));
+  EXPECT_EQ(spreadFrames(6, 6), (std::vector<std::size_t>{1, 2, 3, 4, 5}));
+  EXPECT_EQ(spreadFrames(31, 6), (std::vector<std::size_t>{6, 12, 18, 24, 30}));
 }
 
 }  // namespace

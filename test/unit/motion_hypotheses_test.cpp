@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/bundle/pose_from_points.h"
-#include "init/orb/thesis/two_view_motion.h"
+#include "init/orb/thesis/two_view_start.h"
 #include "init/orb/two_view/motion_refinement.h"
 #include "init/orb/two_view/rotation_only.h"
 #include "support/jacobian_check.h"
@@ -28,24 +28,24 @@ double nearestErrorDeg(const std::vector<SE3>& motions, const SE3& truth) {
   return nearest;
 }
 
-std::vector<PointSighting> sightingsOf(const TwoViewScene& scene) {
-  std::vector<PointSighting> sightings;
+std::vector<PointObservation> observationsOf(const TwoViewScene& scene) {
+  std::vector<PointObservation> observations;
   for (std::size_t i = 0; i < scene.matches.size(); ++i) {
-    sightings.push_back({scene.camera.unproject(scene.matches.reference[i]),
-                         scene.inverse_depth[i],
-                         scene.matches.target[i]});
+    observations.push_back({scene.camera.unproject(scene.matches.reference[i]),
+                            scene.inverse_depth[i],
+                            scene.matches.target[i]});
   }
-  return sightings;
+  return observations;
 }
 
 TEST(Decomposition, FundamentalMatrixHoldsTheTrueMotion) {
   const TwoViewScene scene = makeTwoViewScene({}, 1);
   const Eigen::Matrix3d K_inverse = scene.camera.matrix().inverse();
-  const Eigen::Matrix3d F = K_inverse.transpose() * hat(scene.T_target_ref.translation()) *
-                            scene.T_target_ref.rotationMatrix() * K_inverse;
+  const Eigen::Matrix3d F = K_inverse.transpose() * hat(scene.T_cur_ref.translation()) *
+                            scene.T_cur_ref.rotationMatrix() * K_inverse;
   const std::vector<SE3> motions = decomposeFundamental(-3 * F, scene.camera);
   EXPECT_EQ(motions.size(), 4U);
-  EXPECT_LT(nearestErrorDeg(motions, scene.T_target_ref), 1e-6);
+  EXPECT_LT(nearestErrorDeg(motions, scene.T_cur_ref), 1e-6);
 }
 
 TEST(Decomposition, HomographyHoldsTheTrueMotion) {
@@ -54,7 +54,7 @@ TEST(Decomposition, HomographyHoldsTheTrueMotion) {
   const std::vector<SE3> motions = decomposeHomography(pair.homography.matrix, scene.camera);
   EXPECT_GE(motions.size(), 2U);
   EXPECT_LE(motions.size(), 4U);
-  EXPECT_LT(nearestErrorDeg(motions, scene.T_target_ref), 1e-4);
+  EXPECT_LT(nearestErrorDeg(motions, scene.T_cur_ref), 1e-4);
 }
 
 TEST(Decomposition, HomographyOfARotationHasNoMotion) {
@@ -71,10 +71,9 @@ TEST(Motion, IsFoundFromNoisyMatchesWithOutliers) {
     const TwoViewMotion motion = estimateMotion(scene.matches, scene.camera, {}, seed);
     ASSERT_EQ(motion.reason, InitReason::kDone) << "seed " << seed << " " << name(motion.reason);
     EXPECT_EQ(motion.model, TwoViewModel::kFundamental);
-    EXPECT_LT(rotationErrorDeg(motion.best.T_target_ref, scene.T_target_ref), 0.2);
-    EXPECT_LT(
-        directionErrorDeg(motion.best.T_target_ref.translation(), scene.T_target_ref.translation()),
-        1.4);
+    EXPECT_LT(rotationErrorDeg(motion.best.T_cur_ref, scene.T_cur_ref), 0.2);
+    EXPECT_LT(directionErrorDeg(motion.best.T_cur_ref.translation(), scene.T_cur_ref.translation()),
+              1.4);
   }
 }
 
@@ -82,8 +81,8 @@ TEST(Motion, TranslationHasLengthOneAndDepthsFollow) {
   const TwoViewScene scene = makeTwoViewScene({}, 3);
   const TwoViewMotion motion = estimateMotion(scene.matches, scene.camera, {}, 3);
   ASSERT_EQ(motion.reason, InitReason::kDone);
-  EXPECT_NEAR(motion.best.T_target_ref.translation().norm(), 1, 1e-9);
-  const double baseline = scene.T_target_ref.translation().norm();
+  EXPECT_NEAR(motion.best.T_cur_ref.translation().norm(), 1, 1e-9);
+  const double baseline = scene.T_cur_ref.translation().norm();
   for (std::size_t i = 0; i < scene.matches.size(); ++i) {
     ASSERT_TRUE(motion.best.points[i]);
     EXPECT_NEAR(motion.best.points[i]->inverse_depth, baseline * scene.inverse_depth[i], 1e-5);
@@ -118,7 +117,7 @@ TEST(Motion, PlaneIsEitherRightOrRefused) {
     EXPECT_EQ(motion.model, TwoViewModel::kHomography);
     EXPECT_EQ(motion.best.good, 300);
     const double error =
-        directionErrorDeg(motion.best.T_target_ref.translation(), scene.T_target_ref.translation());
+        directionErrorDeg(motion.best.T_cur_ref.translation(), scene.T_cur_ref.translation());
     // Measured over 30 seeds: found once, .045 deg off.
     EXPECT_TRUE(motion.reason == InitReason::kDegenerateMotion || error < 0.2)
         << name(motion.reason) << " " << error << " deg off";
@@ -127,7 +126,7 @@ TEST(Motion, PlaneIsEitherRightOrRefused) {
 
 TEST(MotionRefinement, JacobianMatchesCentralDifferences) {
   const TwoViewScene scene = makeTwoViewScene({}, 7);
-  const SE3 T = withUnitTranslation(SE3::exp(Vector6d::Constant(0.02)) * scene.T_target_ref);
+  const SE3 T = withUnitTranslation(SE3::exp(Vector6d::Constant(0.02)) * scene.T_cur_ref);
   const auto basis = tangentBasis(T.translation());
   for (std::size_t i = 0; i < 20; ++i) {
     const Eigen::Vector3d reference = scene.camera.unproject(scene.matches.reference[i]);
@@ -148,18 +147,18 @@ TEST(MotionRefinement, ConvergesFromFiveDegreesOff) {
   const TwoViewScene scene = makeTwoViewScene({}, 8);
   Vector6d off;
   off << 0.03, -0.05, 0.02, 0.05, -0.05, 0.05;
-  const SE3 start = withUnitTranslation(SE3::exp(off) * scene.T_target_ref);
+  const SE3 start = withUnitTranslation(SE3::exp(off) * scene.T_cur_ref);
   const std::vector<char> all(scene.matches.size(), 1);
   const SE3 refined = refineMotion(start, scene.matches, all, scene.camera, 1);
-  EXPECT_LT(rotationErrorDeg(refined, scene.T_target_ref), 1e-5);
-  EXPECT_LT(directionErrorDeg(refined.translation(), scene.T_target_ref.translation()), 1e-4);
+  EXPECT_LT(rotationErrorDeg(refined, scene.T_cur_ref), 1e-5);
+  EXPECT_LT(directionErrorDeg(refined.translation(), scene.T_cur_ref.translation()), 1e-4);
 }
 
 TEST(RotationFit, FindsTheRotationAmongOutliers) {
   const auto scene = makeTwoViewScene({300, false, {0, 0, 0}, 0.2, 0.3}, 9);
   const RotationFit fit = fitRotation(scene.matches, scene.camera);
   // Measured over 30 seeds: at most .0114 deg and .35 px.
-  EXPECT_LT(rotationErrorDeg(SE3(fit.R_target_ref, {0, 0, 0}), scene.T_target_ref), 0.025);
+  EXPECT_LT(rotationErrorDeg(SE3(fit.R_cur_ref, {0, 0, 0}), scene.T_cur_ref), 0.025);
   EXPECT_LT(fit.median_residual, 0.5);
 }
 
@@ -171,17 +170,17 @@ TEST(RotationFit, LeavesTheParallaxOfATranslation) {
 
 TEST(PoseFromPoints, FindsThePoseDespiteOutliers) {
   const auto scene = makeTwoViewScene({200, false, {0.6, 0.1, 0.3}, 0.2, 0.2}, 11);
-  const auto pose = poseFromPoints(sightingsOf(scene), scene.camera, SE3(), 1);
+  const auto pose = poseFromPoints(observationsOf(scene), scene.camera, SE3(), 1);
   ASSERT_TRUE(pose);
   // Measured over 30 seeds: at most .084 deg and .018; margin x2.
-  EXPECT_THAT(*pose, Se3Near(scene.T_target_ref, 0.17, 0.036));
+  EXPECT_THAT(*pose, Se3Near(scene.T_cur_ref, 0.17, 0.036));
 }
 
-TEST(PoseFromPoints, RefusesTooFewAndContradictingSightings) {
+TEST(PoseFromPoints, RefusesTooFewAndContradictingObservations) {
   const auto few = makeTwoViewScene({9}, 12);
-  EXPECT_FALSE(poseFromPoints(sightingsOf(few), few.camera, SE3(), 1));
+  EXPECT_FALSE(poseFromPoints(observationsOf(few), few.camera, SE3(), 1));
   const auto random = makeTwoViewScene({200, false, {0.6, 0.1, 0.3}, 0, 1.0}, 13);
-  EXPECT_FALSE(poseFromPoints(sightingsOf(random), random.camera, SE3(), 1));
+  EXPECT_FALSE(poseFromPoints(observationsOf(random), random.camera, SE3(), 1));
 }
 
 }  // namespace

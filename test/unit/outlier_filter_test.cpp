@@ -63,11 +63,11 @@ FilterEffect effectOn(const std::vector<DepthWindow>& windows, const std::string
     PhotometricProblem problem = makeProblem(*map, window.camera, photometric);
     EXPECT_TRUE(adjustPhotometry(*map, problem, window.camera, photometric).usable);
     const DepthQuality before = judge(*map, window);
-    removeOutliers(*map, problem, photometric, options.orb.outlier_rule);
+    removeOutliers(*map, problem, options.orb.outlier_rule);
     const DepthQuality filtered = judge(*map, window);
     const PhotometricReport report = adjustPhotometry(*map, problem, window.camera, photometric);
     EXPECT_TRUE(report.usable);
-    setPhotometricVariances(*map, problem, photometric, report.poses_moved);
+    setPhotometricVariances(*map, problem, report.poses_moved);
     const DepthQuality after = judge(*map, window);
     ++effect.windows;
     effect.outliers += before.outliers;

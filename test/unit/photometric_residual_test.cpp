@@ -51,7 +51,7 @@ Vector2d projectAfter(const Window& window, const VectorXd& d) {
   camera.cy += d[16];
   const SE3 host = SE3::exp(d.head<6>()) * window.keyframes[0].T_cam_world();
   const SE3 target = SE3::exp(d.segment<6>(6)) * window.keyframes[1].T_cam_world();
-  const Eigen::Vector3d ray = camera.unproject(point.pixel.cast<double>());
+  const Eigen::Vector3d ray = camera.unproject(point.patch.pixel.cast<double>());
   const double rho = static_cast<double>(point.inverse_depth) + d[12];
   return camera.project(target * (host.inverse() * Eigen::Vector3d(ray / rho)));
 }
@@ -141,8 +141,8 @@ TEST(PhotometricResidualTest, SumsAgreeWithTheDefinitionPixelByPixel) {
   for (std::size_t k = 0; k < kPattern.size(); ++k) {
     float ray_x = 0;
     float ray_y = 0;
-    kRays.at(point.pixel.x() + static_cast<float>(kPattern[k].x),
-             point.pixel.y() + static_cast<float>(kPattern[k].y),
+    kRays.at(point.patch.pixel.x() + static_cast<float>(kPattern[k].x),
+             point.patch.pixel.y() + static_cast<float>(kPattern[k].y),
              ray_x,
              ray_y);
     WarpedPoint<float> at;

@@ -62,8 +62,8 @@ TEST(PointActivationTest, ActivatedPointsHaveTheTrueDepth) {
   EXPECT_GT(report.activated, 200);
   std::vector<double> errors;
   for (const WindowPoint& point : scene.window.keyframes[0].points) {
-    const float truth =
-        scene.truth.at({static_cast<int>(point.pixel.x()), static_cast<int>(point.pixel.y())});
+    const float truth = scene.truth.at(
+        {static_cast<int>(point.patch.pixel.x()), static_cast<int>(point.patch.pixel.y())});
     errors.push_back(static_cast<double>(std::abs(point.inverse_depth / truth - 1)));
     EXPECT_EQ(point.num_observations, 1);
     EXPECT_EQ(point.begin()->target, 1);
@@ -85,7 +85,7 @@ TEST(PointActivationTest, PointsKeepTheirDistance) {
   const PinholeCamera half = camera.atLevel(1);
   std::vector<Eigen::Vector2d> cells;
   for (const WindowPoint& point : scene.window.keyframes[0].points) {
-    const Eigen::Vector3d ray = camera.unproject(point.pixel.cast<double>());
+    const Eigen::Vector3d ray = camera.unproject(point.patch.pixel.cast<double>());
     cells.push_back(
         half.project(T * Eigen::Vector3d(ray / static_cast<double>(point.inverse_depth))));
   }

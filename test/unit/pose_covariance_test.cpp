@@ -67,7 +67,7 @@ Ratios measure(const SyntheticMapOptions& kind, double shared, double pose_varia
         continue;
       }
       const auto own = poseCovariance(
-          sightingsByFrame(map, scene.camera)[at], scene.camera, T, {1, pose_variance_factor});
+          observationsByFrame(map, scene.camera)[at], scene.camera, T, {1, pose_variance_factor});
       EXPECT_TRUE(own);
       between.push_back(ratio(*own + inherited.covariance(T)));
       between_own.push_back(ratio(*own));
@@ -76,7 +76,7 @@ Ratios measure(const SyntheticMapOptions& kind, double shared, double pose_varia
   return {medianOf(adjusted), medianOf(between), medianOf(between_own)};
 }
 
-TEST(PoseCovariance, PredictsTheSpreadOfPosesFromNoisySightings) {
+TEST(PoseCovariance, PredictsTheSpreadOfPosesFromNoisyObservations) {
   const Ratios ratios = measure({200, kFrames, 0.3, 0.02}, 0, 0);
   // Expected 0.891, chi-square 6 over 6. Measured 0.893, 0.968 and 1.28.
   EXPECT_NEAR(ratios.adjusted, 0.891, 0.15);
@@ -103,20 +103,20 @@ TEST(PoseCovariance, ResponseIsThatOfAPoseFittedToTheMovedStructure) {
   poseOtherFrames(map, scene.camera);
   const InheritedPoseError inherited(map, scene.camera, options(0));
   const PoseRows rows(map, map.joint_frames);
-  const LinearSystem<double> system = linearize(map, {}, rows, scene.camera, options(0)).system;
+  const LinearSystem<double> system = linearize(map, rows, scene.camera, options(0)).system;
   Random random(4);
   Eigen::VectorXd moved(rows.size);
   for (double& value : moved) value = 1e-4 * random.gaussian();
   for (int k = 1; k < kFrames; k += 2) {
     const SE3& before = *map.frames[static_cast<std::size_t>(k)].T_cam_ref;
-    std::vector<PointSighting> sightings =
-        sightingsByFrame(map, scene.camera)[static_cast<std::size_t>(k)];
-    const auto fitted = poseFromPoints(sightings, scene.camera, before, 1);
-    for (std::size_t i = 0; i < sightings.size(); ++i) {
+    std::vector<PointObservation> observations =
+        observationsByFrame(map, scene.camera)[static_cast<std::size_t>(k)];
+    const auto fitted = poseFromPoints(observations, scene.camera, before, 1);
+    for (std::size_t i = 0; i < observations.size(); ++i) {
       // Every frame sees every corner, in order.
-      sightings[i].inverse_depth -= system.couplingOf(i).dot(moved) / system.depth_hessian[i];
+      observations[i].inverse_depth -= system.couplingOf(i).dot(moved) / system.depth_hessian[i];
     }
-    const auto after = poseFromPoints(sightings, scene.camera, before, 1);
+    const auto after = poseFromPoints(observations, scene.camera, before, 1);
     ASSERT_TRUE(fitted && after);
     const Vector6d expected = (*after * fitted->inverse()).log();
     const Vector6d response = inherited.response(before) * moved;
@@ -126,13 +126,14 @@ TEST(PoseCovariance, ResponseIsThatOfAPoseFittedToTheMovedStructure) {
   }
 }
 
-TEST(PoseCovariance, HoldsTheStepThatTheSightingsStillAskFor) {
+TEST(PoseCovariance, HoldsTheStepThatTheObservationsStillAskFor) {
   const SyntheticMap scene = makeSyntheticMap({100, kFrames, 0, 0}, 5);
-  const std::vector<PointSighting> sightings = sightingsByFrame(scene.truth, scene.camera)[4];
+  const std::vector<PointObservation> observations =
+      observationsByFrame(scene.truth, scene.camera)[4];
   Vector6d step;
   step << 1e-3, -2e-3, 1e-3, 5e-4, 1e-3, -1e-3;
   const SE3 displaced = SE3::exp(step) * *scene.truth.frames[4].T_cam_ref;
-  const auto covariance = poseCovariance(sightings, scene.camera, displaced, {1, 0});
+  const auto covariance = poseCovariance(observations, scene.camera, displaced, {1, 0});
   ASSERT_TRUE(covariance);
   const Vector6d along = step.normalized();
   // Measured 1.023: the errors that the step leaves behind are taken for noise, too.
@@ -141,14 +142,14 @@ TEST(PoseCovariance, HoldsTheStepThatTheSightingsStillAskFor) {
 
 TEST(PoseCovariance, SaysNothingWhereThePoseWouldNotBeTaken) {
   const SyntheticMap scene = makeSyntheticMap({100, kFrames, 0, 0}, 6);
-  std::vector<PointSighting> sightings = sightingsByFrame(scene.truth, scene.camera)[4];
+  std::vector<PointObservation> observations = observationsByFrame(scene.truth, scene.camera)[4];
   const SE3& T = *scene.truth.frames[4].T_cam_ref;
-  EXPECT_TRUE(poseCovariance(sightings, scene.camera, T, {1, 4}));
-  std::vector<PointSighting> wrong = sightings;
+  EXPECT_TRUE(poseCovariance(observations, scene.camera, T, {1, 4}));
+  std::vector<PointObservation> wrong = observations;
   for (std::size_t i = 0; i < 60; ++i) wrong[i].pixel.x() += 50;
   EXPECT_FALSE(poseCovariance(wrong, scene.camera, T, {1, 4}));
-  sightings.resize(9);
-  EXPECT_FALSE(poseCovariance(sightings, scene.camera, T, {1, 4}));
+  observations.resize(9);
+  EXPECT_FALSE(poseCovariance(observations, scene.camera, T, {1, 4}));
 }
 
 TEST(PoseCovariance, InterpolatedPoseIsAsUncertainAsTheMotionAroundIt) {
@@ -163,7 +164,7 @@ TEST(PoseCovariance, InterpolatedPoseIsAsUncertainAsTheMotionAroundIt) {
     const auto after = static_cast<std::size_t>(k + 1);
     const Vector6d motion =
         (*map.frames[after].T_cam_ref * map.frames[before].T_cam_ref->inverse()).log();
-    const Matrix6d covariance = interpolatedCovariance(map, k);
+    const Matrix6d covariance = interpolatedCovariance(map, static_cast<std::size_t>(k));
     const Vector6d variances = covariance.diagonal();
     EXPECT_GT(variances.head<3>().minCoeff(), 0.25 * motion.head<3>().squaredNorm());
     EXPECT_GT(variances.tail<3>().minCoeff(), 0.25 * motion.tail<3>().squaredNorm());

@@ -22,8 +22,8 @@ GeometricOptions optionsWith(RobustLoss loss) {
 SyntheticMap someMap() {
   SyntheticMap scene = makeSyntheticMap({151, 5, 1.5, 0.05}, 3);
   Random random(4);
-  std::vector<Observation> kept;
-  for (Observation& observation : scene.start.observations) {
+  std::vector<CornerObservation> kept;
+  for (CornerObservation& observation : scene.start.observations) {
     if (random.uniform() < 0.1) continue;
     observation.whitening << 1.2, 0, random.uniform(-0.3, 0.3), 0.9;
     kept.push_back(observation);
@@ -44,19 +44,19 @@ ReprojectionEquations expectedEquations(const SyntheticMap& scene,
   ReprojectionEquations e;
   LinearSystem<double>& system = e.system;
   system.reset(rows.size, wholeLanes(map.corners.size()));
-  for (const Observation& o : map.observations) {
-    const Corner& corner = map.corners[static_cast<std::size_t>(o.corner)];
+  for (const CornerObservation& o : map.observations) {
+    const Corner& corner = map.corners[o.corner];
     const auto projection = projectHosted(scene.camera,
-                                          *map.frames[static_cast<std::size_t>(o.frame)].T_cam_ref,
+                                          *map.frames[o.frame].T_cam_ref,
                                           scene.camera.unproject(corner.pixel),
                                           corner.inverse_depth);
-    const int row = rows.first[static_cast<std::size_t>(o.frame)];
+    const int row = rows.first[o.frame];
     const Eigen::Matrix2d whitening = o.whitening / options.sigma;
     const Eigen::Vector2d r = whitening * (projection->pixel - o.pixel);
     const Eigen::Matrix<double, 2, 6> J = whitening * projection->J_pose;
     const Eigen::Vector2d d = whitening * projection->J_inverse_depth;
     const double weight = robustWeight(r.norm(), options);
-    const auto corner_index = static_cast<std::size_t>(o.corner);
+    const auto corner_index = o.corner;
     system.H.block<6, 6>(row, row) += weight * J.transpose() * J;
     system.b.segment<6>(row) += weight * J.transpose() * r;
     Eigen::Map<Vector6d>(system.sumsOf(corner_index, static_cast<std::size_t>(row)).coupling) +=
@@ -76,7 +76,7 @@ TEST(ReprojectionEquations, InLanesEqualThoseOneByOne) {
   for (const RobustLoss loss : {RobustLoss::kHuber, RobustLoss::kCauchy}) {
     const GeometricOptions options = optionsWith(loss);
     const ReprojectionEquations expected = expectedEquations(scene, rows, options);
-    const ReprojectionEquations made = linearize(scene.start, {}, rows, scene.camera, options);
+    const ReprojectionEquations made = linearize(scene.start, rows, scene.camera, options);
     EXPECT_LT(relativeDifference(made.system.H, expected.system.H), 1e-12);
     EXPECT_LT(relativeDifference(made.system.couplings(), expected.system.couplings()), 1e-12);
     EXPECT_LT(relativeDifference(asVector(made.system.depth_hessian),
@@ -88,38 +88,25 @@ TEST(ReprojectionEquations, InLanesEqualThoseOneByOne) {
               1e-10);
     EXPECT_NEAR(made.weighted_square / expected.weighted_square, 1, 1e-12);
     EXPECT_EQ(made.rows, expected.rows);
-    EXPECT_NEAR(
-        *reprojectionCost(scene.start, {}, scene.camera, options) / expected.cost, 1, 1e-12);
+    EXPECT_NEAR(*reprojectionCost(scene.start, scene.camera, options) / expected.cost, 1, 1e-12);
   }
-}
-
-TEST(ReprojectionEquations, LeaveOutCornersThatAreNotKept) {
-  const SyntheticMap scene = someMap();
-  const PoseRows rows(scene.start);
-  std::vector<char> kept(scene.start.corners.size(), 1);
-  kept[7] = 0;
-  const ReprojectionEquations made =
-      linearize(scene.start, kept, rows, scene.camera, optionsWith(RobustLoss::kCauchy));
-  EXPECT_EQ(made.system.depth_hessian[7], 0);
-  EXPECT_EQ(made.system.couplings().row(7).norm(), 0);
-  EXPECT_GT(made.system.depth_hessian[8], 0);
 }
 
 TEST(ReprojectionEquations, HaveNoCostWhereAPointIsBehindACamera) {
   SyntheticMap scene = someMap();
   scene.start.frames[2].T_cam_ref = SE3(Eigen::Matrix3d::Identity(), {0, 0, -10});
   const GeometricOptions options = optionsWith(RobustLoss::kHuber);
-  EXPECT_FALSE(reprojectionCost(scene.start, {}, scene.camera, options));
+  EXPECT_FALSE(reprojectionCost(scene.start, scene.camera, options));
   // The others still count.
   const PoseRows rows(scene.start);
-  EXPECT_GT(linearize(scene.start, {}, rows, scene.camera, options).rows, 500);
+  EXPECT_GT(linearize(scene.start, rows, scene.camera, options).rows, 500);
 }
 
 TEST(ReprojectionEquations, AreBitIdenticalForAnyNumberOfThreads) {
   const SyntheticMap scene = someMap();
   const PoseRows rows(scene.start);
   const auto make = [&] {
-    return linearize(scene.start, {}, rows, scene.camera, optionsWith(RobustLoss::kCauchy));
+    return linearize(scene.start, rows, scene.camera, optionsWith(RobustLoss::kCauchy));
   };
   const ReprojectionEquations one = TaskArena(1).run(make);
   const ReprojectionEquations two = TaskArena(2).run(make);

@@ -81,8 +81,8 @@ TEST_F(SeedWindow, FewPointsAreFilledUpWithCandidatesNearTheTruth) {
   const std::vector<float> truth = room().inverseDepth(0);
   std::vector<double> errors;
   for (const window::WindowPoint& point : window.keyframes[0].points) {
-    const auto at = static_cast<std::size_t>(point.pixel.y()) * 320U +
-                    static_cast<std::size_t>(point.pixel.x());
+    const auto at = static_cast<std::size_t>(point.patch.pixel.y()) * 320U +
+                    static_cast<std::size_t>(point.patch.pixel.x());
     const double expected = static_cast<double>(truth[at]) * unit;
     errors.push_back(std::abs(static_cast<double>(point.inverse_depth) / expected - 1));
   }

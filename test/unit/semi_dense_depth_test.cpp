@@ -136,10 +136,10 @@ TEST(SemiDenseDepth, EstimatesAndUndoesBrightnessChanges) {
   map.frames[3].frame = scene.render(*map.frames[3].T_cam_ref, 0, 3, {1.3, -20});
   for (std::size_t i = 0; i < map.corners.size(); ++i) {
     const Corner& corner = map.corners[i];
-    for (int k = 1; k < 4; ++k) {
+    for (std::size_t k = 1; k < 4; ++k) {
       const Eigen::Vector3d point = scene.camera().unproject(corner.pixel) / corner.inverse_depth;
-      const SE3& T = *map.frames[static_cast<std::size_t>(k)].T_cam_ref;
-      map.observations.push_back({static_cast<int>(i), k, scene.camera().project(T * point)});
+      const SE3& T = *map.frames[k].T_cam_ref;
+      map.observations.push_back({i, k, scene.camera().project(T * point)});
     }
   }
   map.observations[5].pixel += Eigen::Vector2d(15, 10);  // one bad track

@@ -2,7 +2,6 @@
 // One pixel's search along its epipolar line, as semi-dense depth uses it.
 #include "base/median.h"
 #include "estimate/warp.h"
-#include "init/orb/semi_dense/epipolar_line.h"
 #include "init/orb/semi_dense/epipolar_search.h"
 #include "support/plane_scene.h"
 

@@ -23,18 +23,18 @@ class ContestTest : public testing::Test {
       levels_.push_back(makePointLevel(views_.reference->level(l), selection.pixels));
       if (l > 0) findParents(levels_.back(), 2, levels_[levels_.size() - 2]);
     }
-    rotation_.T_new_ref = SE3(views_.T_frame_reference.unitQuaternion(), Eigen::Vector3d::Zero());
+    rotation_.T_cur_ref = SE3(views_.T_frame_reference.unitQuaternion(), Eigen::Vector3d::Zero());
   }
   /// From the plane of unit depth and a motion with the true rotation.
   Estimate alignedFrom(const Eigen::Vector3d& t) {
     Estimate estimate{levels_, rotation_, {}};
-    estimate.alignment.T_new_ref.setTranslation(t);
+    estimate.alignment.T_cur_ref.setTranslation(t);
     estimate.alignment.snapped = true;
     alignLevels({*views_.frame, views_.camera, options_, aligner_}, 0, estimate);
     return estimate;
   }
   [[nodiscard]] double directionError(const Estimate& estimate) const {
-    const Eigen::Vector3d t = estimate.alignment.T_new_ref.translation();
+    const Eigen::Vector3d t = estimate.alignment.T_cur_ref.translation();
     return std::acos(t.normalized().dot(views_.T_frame_reference.translation().normalized())) *
            180 / M_PI;
   }

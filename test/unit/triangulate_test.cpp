@@ -15,7 +15,7 @@ Eigen::Vector2d targetPoint(const TwoViewScene& scene, std::size_t i) {
 TEST(Triangulate, RecoversExactInverseDepth) {
   const TwoViewScene scene = makeTwoViewScene({}, 1);
   for (std::size_t i = 0; i < scene.matches.size(); ++i) {
-    const auto point = triangulateInverseDepth(scene.T_target_ref,
+    const auto point = triangulateInverseDepth(scene.T_cur_ref,
                                                scene.camera.unproject(scene.matches.reference[i]),
                                                targetPoint(scene, i),
                                                1.0 / scene.camera.fx);
@@ -25,10 +25,10 @@ TEST(Triangulate, RecoversExactInverseDepth) {
 }
 
 TEST(Triangulate, PointAtInfinityHasInverseDepthZero) {
-  const SE3 T_target_ref(so3Exp({0.1, 0.2, -0.1}), Eigen::Vector3d(1, 0.2, 0.1));
+  const SE3 T_cur_ref(so3Exp({0.1, 0.2, -0.1}), Eigen::Vector3d(1, 0.2, 0.1));
   const Eigen::Vector3d ray(0.1, -0.2, 1);
-  const Eigen::Vector3d turned = T_target_ref.unitQuaternion() * ray;
-  const auto point = triangulateInverseDepth(T_target_ref, ray, turned.hnormalized(), 1e-3);
+  const Eigen::Vector3d turned = T_cur_ref.unitQuaternion() * ray;
+  const auto point = triangulateInverseDepth(T_cur_ref, ray, turned.hnormalized(), 1e-3);
   ASSERT_TRUE(point);
   EXPECT_NEAR(point->inverse_depth, 0, 1e-12);
 }
@@ -50,7 +50,7 @@ TEST(Triangulate, VarianceIsThatOfTheError) {
   for (int round = 0; round < rounds; ++round) {
     const std::size_t i = static_cast<std::size_t>(round) % scene.matches.size();
     const Eigen::Vector2d noise(random.gaussian(), random.gaussian());
-    const auto point = triangulateInverseDepth(scene.T_target_ref,
+    const auto point = triangulateInverseDepth(scene.T_cur_ref,
                                                scene.camera.unproject(scene.matches.reference[i]),
                                                targetPoint(scene, i) + sigma * noise,
                                                sigma);
@@ -64,9 +64,9 @@ TEST(Triangulate, VarianceIsThatOfTheError) {
 TEST(Triangulate, ParallaxIsTheAngleBetweenTheRaysInSpace) {
   // Two cameras 2 apart, the point 1 ahead of the middle: 90 degrees; the target is turned too.
   const Eigen::Quaterniond turn = so3Exp({0.3, -0.2, 0.5});
-  const SE3 T_target_ref(turn, turn * Eigen::Vector3d(-2, 0, 0));
+  const SE3 T_cur_ref(turn, turn * Eigen::Vector3d(-2, 0, 0));
   const Eigen::Vector3d point(1, 0, 1);
-  EXPECT_NEAR(parallaxAngle(T_target_ref, point, T_target_ref * point), M_PI / 2, 1e-12);
+  EXPECT_NEAR(parallaxAngle(T_cur_ref, point, T_cur_ref * point), M_PI / 2, 1e-12);
 }
 
 }  // namespace

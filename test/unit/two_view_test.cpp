@@ -15,8 +15,7 @@ namespace {
 
 Eigen::Matrix3d fundamentalOf(const TwoViewScene& scene) {
   const Eigen::Matrix3d K_inverse = scene.camera.matrix().inverse();
-  const Eigen::Matrix3d E =
-      hat(scene.T_target_ref.translation()) * scene.T_target_ref.rotationMatrix();
+  const Eigen::Matrix3d E = hat(scene.T_cur_ref.translation()) * scene.T_cur_ref.rotationMatrix();
   return K_inverse.transpose() * E * K_inverse;
 }
 
@@ -78,8 +77,8 @@ TEST(TwoViewSolver, FourExactMatchesGiveThePlanesHomography) {
   const Eigen::Vector3d normal_over_distance = Eigen::Vector3d(0.25, -0.15, 1) / 6;
   const Eigen::Matrix3d expected =
       K *
-      (scene.T_target_ref.rotationMatrix() +
-       scene.T_target_ref.translation() * normal_over_distance.transpose()) *
+      (scene.T_cur_ref.rotationMatrix() +
+       scene.T_cur_ref.translation() * normal_over_distance.transpose()) *
       K.inverse();
   EXPECT_LT(projectiveDifference(*H, expected), 1e-8);
 }

@@ -42,7 +42,7 @@ bool plausibleBrightness(const Alignment& alignment) {
 
 Alignment moved(const Alignment& alignment, const Vector8d& step) {
   Alignment trial = alignment;
-  trial.T_new_ref = SE3::exp(step.head<6>()) * alignment.T_new_ref;
+  trial.T_cur_ref = SE3::exp(step.head<6>()) * alignment.T_cur_ref;
   trial.log_gain += step[6];
   trial.offset += step[7];
   return trial;
@@ -66,12 +66,12 @@ void regularize(bool snapped, PointLevel& points) {
   }
 }
 
-TrivialPrior LevelAligner::trivialPrior(const PointLevel& points,
-                                        const Alignment& alignment) const {
+StationaryUnitPlanePrior LevelAligner::stationaryUnitPlanePrior(const PointLevel& points,
+                                                                const Alignment& alignment) const {
   const double n = points.size();
   const double weight = kPriorWeight * kPriorWeight;
   const double cap = kPriorCap * kPriorCap * n;
-  double squares = n * alignment.T_new_ref.translation().squaredNorm();
+  double squares = n * alignment.T_cur_ref.translation().squaredNorm();
   if (!options_.published) {
     for (std::size_t i = 0; i < points.x.size(); ++i) {
       const auto off = static_cast<double>(points.trial_inverse_depth[i] - 1.0F);
@@ -93,15 +93,15 @@ LevelState LevelAligner::evaluate(const LevelView& view,
     state.sums = evaluateLevel(view, alignment, {}, points, trial_);
     return state;
   }
-  state.prior = trivialPrior(points, alignment);
+  state.prior = stationaryUnitPlanePrior(points, alignment);
   const double weight = state.prior.weight;
   const DepthPull pull{static_cast<float>(weight),
                        static_cast<float>(state.prior.capped ? kCoupling : 0.0)};
   state.sums = evaluateLevel(view, alignment, pull, points, trial_);
   // The gradient of |t|^2 over a left increment is 2 t; the published program takes log T there.
   const Eigen::Vector3d shift = options_.published
-                                    ? Eigen::Vector3d(alignment.T_new_ref.log().head<3>())
-                                    : alignment.T_new_ref.translation();
+                                    ? Eigen::Vector3d(alignment.T_cur_ref.log().head<3>())
+                                    : alignment.T_cur_ref.translation();
   trial_.H.diagonal().head<3>().array() += weight * points.size();
   trial_.b.head<3>() += weight * points.size() * shift;
   return state;

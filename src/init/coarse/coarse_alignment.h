@@ -18,7 +18,7 @@ enum class Unknowns {
 /// Prior toward no translation and inverse depth 1, over all n points of a level.
 /// @source E = w n |t|^2 [+ w sum (depth - 1)^2], at most c n; front end of DSO as published, which
 ///         has the bracket in the gradient and not in the energy
-struct TrivialPrior {
+struct StationaryUnitPlanePrior {
   double energy = 0;
   double weight = 0;  ///< w while below the cap, else 0
   bool capped = false;
@@ -27,7 +27,7 @@ struct TrivialPrior {
 /// One state: photometric and prior terms together.
 struct LevelState {
   LevelSums sums;
-  TrivialPrior prior;
+  StationaryUnitPlanePrior prior;
   [[nodiscard]] double energy() const { return sums.energy + prior.energy; }
 };
 
@@ -79,8 +79,8 @@ class LevelAligner {
  private:
   class Problem;
 
-  [[nodiscard]] TrivialPrior trivialPrior(const PointLevel& points,
-                                          const Alignment& alignment) const;
+  [[nodiscard]] StationaryUnitPlanePrior stationaryUnitPlanePrior(const PointLevel& points,
+                                                                  const Alignment& alignment) const;
   /// Difference of the coupling energies, trial less accepted.
   [[nodiscard]] double couplingGain(const PointLevel& points,
                                     const LevelState& accepted,

@@ -3,12 +3,10 @@
 
 #include "base/median.h"
 #include "base/random.h"
+#include "estimate/marginals.h"
 #include "image/cell_grid.h"
 #include "image/photometric.h"
-#include "init/coarse/coarse_covariance.h"
 #include "init/result.h"
-
-#include <Eigen/Cholesky>
 
 #include <algorithm>
 #include <array>
@@ -18,6 +16,11 @@
 
 namespace dsorb::init_coarse {
 namespace {
+
+// Effective number of points in the part of an inverse depth's variance that comes from the pose.
+// It is larger than for the pose itself, since the depths absorb some errors of the pose.
+constexpr double kDepthEffectivePoints = 50;
+constexpr float kMinCurvature = 1;  // [grey levels^2 unit^2]; less tells nothing
 
 // Per level, finest first, when a frame is aligned to known depths from a good start.
 constexpr std::array<int, 5> kPoseIterations = {2, 3, 5, 10, 10};
@@ -35,7 +38,7 @@ std::vector<PointLevel> fixedLevels(const std::vector<PointLevel>& levels) {
 }
 
 /// Coarse-to-fine alignment of one frame at known inverse depths; the finest level is the last.
-LevelReport alignFrame(const Attempt& attempt,
+LevelReport alignFrame(const CoarseAttempt& attempt,
                        const Frame& frame,
                        Unknowns unknowns,
                        LevelAligner& aligner,
@@ -60,14 +63,14 @@ double energyPerPoint(const LevelState& state) {
 
 /// Start of an earlier frame's alignment: its own estimate, that of the frame after it, or what
 /// lies between the latter and the reference; the best on the coarsest level.
-Alignment bestStart(const Attempt& attempt,
-                    const TrackedFrame& tracked,
+Alignment bestStart(const CoarseAttempt& attempt,
+                    const AlignedFrame& tracked,
                     const std::pair<Alignment, double>& next,
                     LevelAligner& aligner,
                     PointLevel& coarsest) {
   const int level = static_cast<int>(attempt.levels.size()) - 1;
   std::vector<Alignment> starts = {tracked.alignment, tracked.alignment, next.first};
-  starts[1].T_new_ref = SE3::exp(next.second * next.first.T_new_ref.log());
+  starts[1].T_cur_ref = SE3::exp(next.second * next.first.T_cur_ref.log());
   double best = HUGE_VAL;
   Alignment result = tracked.alignment;
   for (const Alignment& start : starts) {
@@ -88,14 +91,14 @@ double residualVariance(const LevelState& state) {
 }
 
 /// Whether a point was seen well enough in the newest frame to be handed over.
-bool isFit(const Attempt& attempt, std::size_t i) {
+bool isFit(const CoarseAttempt& attempt, std::size_t i) {
   const PointLevel& points = attempt.levels.front();
   return attempt.options.published ||
          (points.good[i] != 0 && points.energy[i] <= kPatternOutlierEnergy);
 }
 
 /// Indices of the points to hand over, ascending.
-std::vector<std::size_t> randomPoints(const Attempt& attempt) {
+std::vector<std::size_t> randomPoints(const CoarseAttempt& attempt) {
   const PointLevel& points = attempt.levels.front();
   const double share = static_cast<double>(attempt.options.handover_points) / points.size();
   Random random(static_cast<std::uint64_t>(attempt.seed));
@@ -107,22 +110,21 @@ std::vector<std::size_t> randomPoints(const Attempt& attempt) {
 }
 
 /// The point of the largest curvature of each cell of a grid with as many cells as points wanted.
-std::vector<std::size_t> spreadPoints(const Attempt& attempt) {
+std::vector<std::size_t> spreadPoints(const CoarseAttempt& attempt) {
   const PointLevel& points = attempt.levels.front();
   const PinholeCamera& camera = attempt.camera;
   const double area = static_cast<double>(camera.width) * camera.height;
   const CellGrid cells(
       camera.width, camera.height, std::sqrt(area / attempt.options.handover_points));
-  constexpr std::size_t kNone = SIZE_MAX;
-  std::vector<std::size_t> best(cells.size(), kNone);
+  std::vector<std::size_t> fit;
   for (std::size_t i = 0; i < points.x.size(); ++i) {
-    if (!isFit(attempt, i)) continue;
-    std::size_t& holder = best[cells.at(points.x[i], points.y[i])];
-    if (holder == kNone || points.curvature[i] > points.curvature[holder]) holder = i;
+    if (isFit(attempt, i)) fit.push_back(i);
   }
-  best.erase(std::remove(best.begin(), best.end(), kNone), best.end());
-  std::sort(best.begin(), best.end());
-  return best;
+  return bestOfCells(
+      cells,
+      fit,
+      [&](std::size_t i) { return Eigen::Vector2f(points.x[i], points.y[i]); },
+      [&](std::size_t a, std::size_t b) { return points.curvature[a] > points.curvature[b]; });
 }
 
 /// Formal variance of an inverse depth at a known pose.
@@ -130,7 +132,7 @@ double formalVariance(const PointLevel& points, std::size_t i, double residual_v
   return residual_variance / std::max(static_cast<double>(points.curvature[i]), 1.0);
 }
 
-std::vector<InitPoint> makePoints(const Attempt& attempt, LevelAligner& aligner) {
+std::vector<InitPoint> makePoints(const CoarseAttempt& attempt, LevelAligner& aligner) {
   const PointLevel& points = attempt.levels.front();
   PointLevel fixed = points;
   fixed.trial_inverse_depth = fixed.inverse_depth = fixed.smoothed;
@@ -153,8 +155,8 @@ std::vector<InitPoint> makePoints(const Attempt& attempt, LevelAligner& aligner)
 
 /// Poses of all frames at the final inverse depths, the newest first, so that each starts from a
 /// neighbour's; the order of the result is that of the frames.
-std::vector<PosedFrame> poseFrames(const Attempt& attempt, LevelAligner& aligner) {
-  const std::vector<TrackedFrame>& frames = attempt.frames;
+std::vector<PosedFrame> poseFrames(const CoarseAttempt& attempt, LevelAligner& aligner) {
+  const std::vector<AlignedFrame>& frames = attempt.frames;
   const Frame& reference = *frames.front().frame;
   std::vector<PosedFrame> posed(frames.size());
   posed.front() = {frames.front().frame, SE3(), {}, std::nullopt};
@@ -175,7 +177,7 @@ std::vector<PosedFrame> poseFrames(const Attempt& attempt, LevelAligner& aligner
                     report.visibleShare() < kMinPoseVisibleShare)) {
       continue;
     }
-    posed[k].T_cam_ref = alignment.T_new_ref;
+    posed[k].T_cam_ref = alignment.T_cur_ref;
     posed[k].affine = relativeBrightness(reference, *frames[k].frame, alignment);
     const auto uncertainty = uncertaintyOf(attempt,
                                            {frames[k].frame, alignment, {}},
@@ -189,6 +191,56 @@ std::vector<PosedFrame> poseFrames(const Attempt& attempt, LevelAligner& aligner
 }
 
 }  // namespace
+
+std::optional<Uncertainty> uncertaintyOf(const CoarseAttempt& attempt,
+                                         const AlignedFrame& tracked,
+                                         PointLevel& points,
+                                         const std::vector<float>& curvature,
+                                         LevelAligner& aligner) {
+  const LevelState state = aligner.evaluate(
+      viewOf(*tracked.frame, attempt.camera, 0), Unknowns::kPose, points, tracked.alignment);
+  LinearSystem<float> system = aligner.evaluated();
+  std::vector<double> depths(points.x.size(), 0.0);
+  std::vector<std::size_t> known;
+  for (std::size_t i = 0; i < points.x.size(); ++i) {
+    const float elsewhere = curvature.empty() ? 0.0F : curvature[i];
+    const float total = points.trial_good[i] != 0 ? points.trial_curvature[i] + elsewhere : 0.0F;
+    system.depth_hessian[i] = total < kMinCurvature ? 0.0F : total;
+    if (!system.known(i)) continue;
+    depths[i] = static_cast<double>(points.trial_inverse_depth[i]);
+    known.push_back(i);
+  }
+  Vector8d scale = Vector8d::Zero();
+  scale.head<3>() = tracked.alignment.T_cur_ref.translation();
+  const Marginals marginals(system, scale, depths);
+  if (known.empty() || !marginals.usable()) return std::nullopt;
+  const auto count = static_cast<double>(known.size());
+  const double variance = state.sums.good_energy / (kPatternSize * count);
+  const double effective = attempt.options.effective_points;
+  const auto inflation = [&](double points_that_tell) {
+    return effective > 0 ? std::max(1.0, count / points_that_tell) : 1.0;
+  };
+  const Eigen::MatrixXd roots = marginals.inGauge(marginals.roots()).topRows<6>();
+  const Vector6d of_scale = scale.head<6>();
+  Uncertainty result;
+  result.pose =
+      variance * inflation(effective) *
+      (roots * roots.transpose() + marginals.depthVariance() * of_scale * of_scale.transpose());
+  Eigen::MatrixXd effects(scale.size(), static_cast<Eigen::Index>(known.size()));
+  for (Eigen::Index k = 0; k < effects.cols(); ++k) {
+    const std::size_t i = known[static_cast<std::size_t>(k)];
+    marginals.depthEffect(system, i, depths[i], effects.col(k));
+  }
+  const Eigen::VectorXd from_pose =
+      marginals.solve(effects).cwiseProduct(effects).colwise().sum().transpose();
+  result.inverse_depth.assign(points.x.size(), 0.0);
+  for (Eigen::Index k = 0; k < effects.cols(); ++k) {
+    const std::size_t i = known[static_cast<std::size_t>(k)];
+    result.inverse_depth[i] = variance * (marginals.ownVariance(system, i, depths[i]) +
+                                          inflation(kDepthEffectivePoints) * from_pose[k]);
+  }
+  return result;
+}
 
 LevelView viewOf(const Frame& frame, const PinholeCamera& camera, int level) {
   return {&frame.level(level), camera.atLevel(level)};
@@ -205,9 +257,9 @@ AffineBrightness relativeBrightness(const Frame& reference,
   return {alignment.log_gain - logExposureRatio(reference, frame), alignment.offset};
 }
 
-double parallaxDeg(const Attempt& attempt) {
+double parallaxDeg(const CoarseAttempt& attempt) {
   const PointLevel& points = attempt.levels.front();
-  const SE3& T = attempt.frames.back().alignment.T_new_ref;
+  const SE3& T = attempt.frames.back().alignment.T_cur_ref;
   std::vector<double> angles;
   for (std::size_t i = 0; i < points.x.size(); ++i) {
     if (points.good[i] == 0) continue;
@@ -219,9 +271,9 @@ double parallaxDeg(const Attempt& attempt) {
   return medianOf(std::move(angles));
 }
 
-RotationTest testRotation(const Attempt& attempt, LevelAligner& aligner) {
+RotationTest testRotation(const CoarseAttempt& attempt, LevelAligner& aligner) {
   std::vector<PointLevel> fixed = fixedLevels(attempt.levels);
-  const TrackedFrame& newest = attempt.frames.back();
+  const AlignedFrame& newest = attempt.frames.back();
   const LevelState full = aligner.evaluate(
       viewOf(*newest.frame, attempt.camera, 0), Unknowns::kPose, fixed.front(), newest.alignment);
   RotationTest test;
@@ -232,10 +284,10 @@ RotationTest testRotation(const Attempt& attempt, LevelAligner& aligner) {
   return test;
 }
 
-Quality judge(const Attempt& attempt, LevelAligner& aligner) {
+Quality judge(const CoarseAttempt& attempt, LevelAligner& aligner) {
   Quality quality;
   std::vector<PointLevel> fixed = fixedLevels(attempt.levels);
-  const TrackedFrame& newest = attempt.frames.back();
+  const AlignedFrame& newest = attempt.frames.back();
   const LevelState full = aligner.evaluate(
       viewOf(*newest.frame, attempt.camera, 0), Unknowns::kPose, fixed.front(), newest.alignment);
   quality.inlier_share =
@@ -266,7 +318,7 @@ Quality judge(const Attempt& attempt, LevelAligner& aligner) {
   return quality;
 }
 
-InitializationResult handOver(const Attempt& attempt,
+InitializationResult handOver(const CoarseAttempt& attempt,
                               const Quality& quality,
                               LevelAligner& aligner) {
   InitializationResult result;

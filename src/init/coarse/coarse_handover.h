@@ -7,20 +7,21 @@
 
 #include "init/coarse/coarse_alignment.h"
 
+#include <optional>
 #include <vector>
 
 namespace dsorb::init_coarse {
 
 /// A frame since the reference with the estimate of its time.
-struct TrackedFrame {
+struct AlignedFrame {
   FramePtr frame;
   Alignment alignment;
   Alignment rotation;  ///< pure rotation that fits best
 };
 
 /// The attempt as values: front frame the reference, back frame the newest.
-struct Attempt {
-  std::vector<TrackedFrame> frames;
+struct CoarseAttempt {
+  std::vector<AlignedFrame> frames;
   std::vector<PointLevel> levels;  ///< finest first, as the newest frame left them
   PinholeCamera camera;
   CoarseOptions options;
@@ -40,20 +41,20 @@ struct Quality {
 };
 
 /// Median angle between the rays to the good points from the reference and the newest frame [deg].
-[[nodiscard]] double parallaxDeg(const Attempt& attempt);
+[[nodiscard]] double parallaxDeg(const CoarseAttempt& attempt);
 
 /// The best pure rotation against the estimate of the newest frame.
 struct RotationTest {
   Alignment rotation;
   double motion_gain = 0;  ///< share of the energy of the rotation that translation removes
 };
-[[nodiscard]] RotationTest testRotation(const Attempt& attempt, LevelAligner& aligner);
+[[nodiscard]] RotationTest testRotation(const CoarseAttempt& attempt, LevelAligner& aligner);
 
 /// Judges an attempt that has settled.
-[[nodiscard]] Quality judge(const Attempt& attempt, LevelAligner& aligner);
+[[nodiscard]] Quality judge(const CoarseAttempt& attempt, LevelAligner& aligner);
 
 /// Aligns every frame to the final inverse depths and gathers the result, scaled and checked.
-[[nodiscard]] InitializationResult handOver(const Attempt& attempt,
+[[nodiscard]] InitializationResult handOver(const CoarseAttempt& attempt,
                                             const Quality& quality,
                                             LevelAligner& aligner);
 
@@ -67,5 +68,26 @@ struct RotationTest {
 
 /// View of one level of a frame.
 [[nodiscard]] LevelView viewOf(const Frame& frame, const PinholeCamera& camera, int level);
+
+/// Uncertainty of one aligned frame, unit: the mean inverse depth of the good points is fixed.
+struct Uncertainty {
+  Matrix6d pose;                      ///< of exp(xi) T, [translation; rotation]
+  std::vector<double> inverse_depth;  ///< variance a point of level 0; 0 where nothing is known
+};
+
+/// Covariance of pose and inverse depths together. Neighbouring patterns overlap, and errors of the
+/// smoothed inverse depths are common to many points: on the pose, n good points carry the
+/// information of `effective_points` independent ones; 0: all of theirs.
+/// @param points    level 0, trial inverse depths the ones to judge at
+/// @param curvature of each inverse depth known from another frame [grey levels^2 unit^2]; empty:
+///                  this frame alone tells them
+/// @return nothing where the frame does not determine the pose
+/// @source inverse of the Gauss-Newton system with the inverse depths eliminated; effective points
+///         as in init/orb/geometric_covariance
+[[nodiscard]] std::optional<Uncertainty> uncertaintyOf(const CoarseAttempt& attempt,
+                                                       const AlignedFrame& tracked,
+                                                       PointLevel& points,
+                                                       const std::vector<float>& curvature,
+                                                       LevelAligner& aligner);
 
 }  // namespace dsorb::init_coarse

@@ -70,7 +70,7 @@ CoarseInitializer::CoarseInitializer(const InitializerOptions& options, const Pi
 
 void CoarseInitializer::reset() {
   clock_.clear();
-  attempt_ = Attempt{};
+  attempt_ = CoarseAttempt{};
   attempt_.camera = camera_;
   attempt_.options = options_.coarse;
   attempt_.seed = options_.seed;
@@ -125,10 +125,10 @@ std::vector<Alignment> CoarseInitializer::startValues(const Frame& frame,
   } else {
     start.log_gain += log_ratio - logExposureRatio(reference, *attempt_.frames.back().frame);
     starts = {start, start};
-    starts.back().T_new_ref = motion * start.T_new_ref;
+    starts.back().T_cur_ref = motion * start.T_cur_ref;
   }
   if (!start.snapped) {
-    for (Alignment& value : starts) value.T_new_ref.setTranslation(Eigen::Vector3d::Zero());
+    for (Alignment& value : starts) value.T_cur_ref.setTranslation(Eigen::Vector3d::Zero());
   }
   return starts;
 }
@@ -151,8 +151,8 @@ LevelReport CoarseInitializer::track(const FramePtr& frame) {
   if (!was_snapped) {
     for (PointLevel& level : levels) flatten(level);
   }
-  const TrackedFrame& last = attempt_.frames.back();
-  TrackedFrame next{frame, {}, {}};
+  const AlignedFrame& last = attempt_.frames.back();
+  AlignedFrame next{frame, {}, {}};
   next.alignment = bestStart(*frame, startValues(*frame, last.alignment, last_motion_));
   if (!options_.coarse.published) {
     const RotationMatch match =
@@ -174,16 +174,16 @@ LevelReport CoarseInitializer::track(const FramePtr& frame) {
   ++tracked_;
   if (options_.coarse.published) {
     next.rotation = next.alignment;
-    next.rotation.T_new_ref.setTranslation(Eigen::Vector3d::Zero());
+    next.rotation.T_cur_ref.setTranslation(Eigen::Vector3d::Zero());
   }
-  last_motion_ = next.alignment.T_new_ref * last.alignment.T_new_ref.inverse();
+  last_motion_ = next.alignment.T_cur_ref * last.alignment.T_cur_ref.inverse();
   attempt_.frames.push_back(next);
   if (next.alignment.snapped) confirmSnap();
   return estimate.finest;
 }
 
 void CoarseInitializer::confirmSnap() {
-  TrackedFrame& newest = attempt_.frames.back();
+  AlignedFrame& newest = attempt_.frames.back();
   if (snapped_since_ == 0 && options_.coarse.min_snap_gain > 0) {
     const RotationTest test = testRotation(attempt_, aligner_);
     if (test.motion_gain < options_.coarse.min_snap_gain) {
@@ -202,7 +202,7 @@ bool CoarseInitializer::waitsForParallax() const {
 
 InitStep CoarseInitializer::assess(const LevelReport& finest) {
   const CoarseOptions& o = options_.coarse;
-  const TrackedFrame newest = attempt_.frames.back();
+  const AlignedFrame newest = attempt_.frames.back();
   const bool tests = o.max_outlier_share < 1;
   const double cut_share = kMaxInlierDrop * std::exchange(inlier_share_, finest.inlierShare());
   if (tests && inlier_share_ < std::max(1.0 - o.max_outlier_share, cut_share)) {
@@ -237,7 +237,7 @@ InitStep CoarseInitializer::assess(const LevelReport& finest) {
 }
 
 double CoarseInitializer::challenge(const LevelReport& finest) {
-  TrackedFrame& newest = attempt_.frames.back();
+  AlignedFrame& newest = attempt_.frames.back();
   const AlignmentTask task{*newest.frame, camera_, options_.coarse, aligner_};
   Contest result =
       contest(task, newest.rotation, Estimate{attempt_.levels, newest.alignment, finest});
@@ -260,7 +260,7 @@ InitStep CoarseInitializer::conclude(const LevelReport& finest) {
   if (quality.reason != InitReason::kDone) return needsMoreFrames(quality.reason);
   InitStep step = resets_.finish(handOver(attempt_, quality, aligner_), clock_);
   done_ = true;
-  attempt_ = Attempt{};
+  attempt_ = CoarseAttempt{};
   return step;
 }
 

@@ -7,7 +7,6 @@
 #include "image/frame_check.h"
 #include "init/coarse/coarse_alignment.h"
 #include "init/coarse/coarse_handover.h"
-#include "init/coarse/rotation_search.h"
 #include "init/coarse/start_hypotheses.h"
 #include "init/reset_log.h"
 #include "init/stage_clock.h"
@@ -58,7 +57,7 @@ class CoarseInitializer : public Initializer {
   LevelAligner aligner_;
   RotationSearch rotation_search_;
 
-  Attempt attempt_;
+  CoarseAttempt attempt_;
   StageClock clock_;
   int snapped_since_ = 0;    ///< frames tracked up to the one that snapped, 0: not yet
   int tracked_ = 0;          ///< frames since the reference

@@ -3,11 +3,13 @@
 
 #include "base/median.h"
 #include "estimate/host_patch.h"
+#include "image/cell_grid.h"
 #include "image/photometric.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 
 namespace dsorb::init_coarse {
 namespace {
@@ -16,114 +18,22 @@ constexpr std::array<double, 5> kDensities = {0.03, 0.05, 0.15, 0.5, 1.0};  // o
 constexpr int kMinGoodNeighbours = 3;
 constexpr double kPointsPerCell = 3;
 
-struct Neighbour {
-  float squared_distance;
-  std::int32_t index;
-};
-using NeighbourList = std::array<Neighbour, kNeighbours>;
-
-/// Points in square cells, for nearest-neighbour searches.
-class PointGrid {
- public:
-  explicit PointGrid(const PointLevel& level) : level_(level) {
-    const auto [min_x, max_x] = std::minmax_element(level.x.begin(), level.x.end());
-    const auto [min_y, max_y] = std::minmax_element(level.y.begin(), level.y.end());
-    left_ = *min_x;
-    top_ = *min_y;
-    const double area = (*max_x - *min_x + 1.0) * (*max_y - *min_y + 1.0);
-    cell_ = static_cast<float>(std::sqrt(area * kPointsPerCell / level.size()));
-    columns_ = static_cast<int>((*max_x - *min_x) / cell_) + 1;
-    rows_ = static_cast<int>((*max_y - *min_y) / cell_) + 1;
-    start_.assign(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_) + 1, 0);
-    for (int i = 0; i < level.size(); ++i) ++start_[cellOf(i) + 1];
-    for (std::size_t c = 1; c < start_.size(); ++c) start_[c] += start_[c - 1];
-    members_.resize(static_cast<std::size_t>(level.size()));
-    std::vector<std::int32_t> next(start_.begin(), start_.end() - 1);
-    for (int i = 0; i < level.size(); ++i) {
-      members_[static_cast<std::size_t>(next[cellOf(i)]++)] = i;
-    }
-  }
-
-  /// @return number found, at most `wanted`; sorted by distance, then index
-  int nearest(float x, float y, int wanted, NeighbourList& found) const {
-    const int column =
-        std::clamp(static_cast<int>(std::floor((x - left_) / cell_)), 0, columns_ - 1);
-    const int row = std::clamp(static_cast<int>(std::floor((y - top_) / cell_)), 0, rows_ - 1);
-    int count = 0;
-    for (int ring = 0; ring <= std::max(columns_, rows_); ++ring) {
-      const float reach = static_cast<float>(ring - 1) * cell_;  // whatever is nearer has been seen
-      if (count == wanted && ring > 0 &&
-          found[static_cast<std::size_t>(count - 1)].squared_distance < reach * reach) {
-        break;
-      }
-      for (int r = std::max(0, row - ring); r <= std::min(rows_ - 1, row + ring); ++r) {
-        const bool whole_row = r == row - ring || r == row + ring;
-        const int step = whole_row || ring == 0 ? 1 : 2 * ring;
-        for (int c = column - ring; c <= column + ring; c += step) {
-          if (c >= 0 && c < columns_) searchCell(r, c, {x, y, wanted}, found, count);
-        }
-      }
-    }
-    return count;
-  }
-
- private:
-  struct Query {
-    float x;
-    float y;
-    int wanted;
-  };
-
-  [[nodiscard]] std::size_t cellOf(int i) const {
-    const auto index = static_cast<std::size_t>(i);
-    const int column = static_cast<int>((level_.x[index] - left_) / cell_);
-    const int row = static_cast<int>((level_.y[index] - top_) / cell_);
-    return static_cast<std::size_t>(row) * static_cast<std::size_t>(columns_) +
-           static_cast<std::size_t>(column);
-  }
-
-  void searchCell(int row, int column, const Query& query, NeighbourList& found, int& count) const {
-    const std::size_t cell = static_cast<std::size_t>(row) * static_cast<std::size_t>(columns_) +
-                             static_cast<std::size_t>(column);
-    for (std::int32_t m = start_[cell]; m < start_[cell + 1]; ++m) {
-      const std::int32_t index = members_[static_cast<std::size_t>(m)];
-      const float dx = level_.x[static_cast<std::size_t>(index)] - query.x;
-      const float dy = level_.y[static_cast<std::size_t>(index)] - query.y;
-      insert({dx * dx + dy * dy, index}, query.wanted, found, count);
-    }
-  }
-
-  static void insert(const Neighbour& candidate, int wanted, NeighbourList& found, int& count) {
-    const auto before = [](const Neighbour& a, const Neighbour& b) {
-      return a.squared_distance < b.squared_distance ||
-             (a.squared_distance == b.squared_distance && a.index < b.index);
-    };
-    if (count == wanted && !before(candidate, found[static_cast<std::size_t>(count - 1)])) return;
-    if (count < wanted) ++count;
-    auto slot = static_cast<std::size_t>(count - 1);
-    for (; slot > 0 && before(candidate, found[slot - 1]); --slot) found[slot] = found[slot - 1];
-    found[slot] = candidate;
-  }
-
-  const PointLevel& level_;
-  float left_ = 0;
-  float top_ = 0;
-  float cell_ = 1;
-  int columns_ = 1;
-  int rows_ = 1;
-  std::vector<std::int32_t> start_;
-  std::vector<std::int32_t> members_;
-};
+PointGrid gridOf(const PointLevel& level) {
+  std::vector<Eigen::Vector2f> points;
+  for (std::size_t i = 0; i < level.x.size(); ++i) points.emplace_back(level.x[i], level.y[i]);
+  const float width = *std::max_element(level.x.begin(), level.x.end()) + 1;
+  const float height = *std::max_element(level.y.begin(), level.y.end()) + 1;
+  const double cell = std::sqrt(width * height * kPointsPerCell / level.size());
+  return {std::move(points), CellGrid(static_cast<int>(width), static_cast<int>(height), cell)};
+}
 
 void findNeighbours(PointLevel& level) {
-  const PointGrid grid(level);
-  NeighbourList found;
+  const PointGrid grid = gridOf(level);
   level.neighbours.assign(level.x.size() * kNeighbours, -1);
   for (std::size_t i = 0; i < level.x.size(); ++i) {
-    const int count = grid.nearest(level.x[i], level.y[i], kNeighbours, found);
-    for (int n = 0; n < count; ++n) {
-      level.neighbours[i * kNeighbours + static_cast<std::size_t>(n)] =
-          found[static_cast<std::size_t>(n)].index;
+    std::int32_t* next = &level.neighbours[i * kNeighbours];
+    for (const auto& found : grid.nearest<kNeighbours>({level.x[i], level.y[i]}, HUGE_VALF)) {
+      *next++ = static_cast<std::int32_t>(found.point);
     }
   }
 }
@@ -166,7 +76,7 @@ PointLevel makePointLevel(const PyramidLevel& image, const std::vector<SelectedP
   for (const SelectedPixel& pixel : pixels) {
     const float x = static_cast<float>(pixel.x) + kPixelOffset;
     const float y = static_cast<float>(pixel.y) + kPixelOffset;
-    const std::optional<HostPattern> patch = readHostPattern(image, {x, y});
+    const auto patch = readHostPatch<interpolate<float>>(image, {x, y});
     if (!patch) continue;
     level.x.push_back(x);
     level.y.push_back(y);
@@ -192,15 +102,12 @@ PointLevel makePointLevel(const PyramidLevel& image, const std::vector<SelectedP
 
 void findParents(const PointLevel& coarse, double max_distance, PointLevel& fine) {
   if (coarse.size() == 0) return;
-  const PointGrid grid(coarse);
-  const double limit = max_distance > 0 ? max_distance * max_distance : HUGE_VAL;
-  NeighbourList found;
+  const PointGrid grid = gridOf(coarse);
+  const float limit = max_distance > 0 ? static_cast<float>(max_distance) : HUGE_VALF;
   for (std::size_t i = 0; i < fine.x.size(); ++i) {
-    const int count = grid.nearest(0.5F * fine.x[i] - 0.25F,
-                                   0.5F * fine.y[i] - 0.25F,
-                                   1,
-                                   found);  // pixel centres of 2 x 2 means
-    fine.parent[i] = count > 0 && found[0].squared_distance <= limit ? found[0].index : -1;
+    // Pixel centres of 2 x 2 means.
+    const auto found = grid.nearest<1>({0.5F * fine.x[i] - 0.25F, 0.5F * fine.y[i] - 0.25F}, limit);
+    fine.parent[i] = found.count > 0 ? static_cast<std::int32_t>(found.nearest[0].point) : -1;
   }
 }
 

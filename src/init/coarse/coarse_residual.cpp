@@ -5,16 +5,18 @@
 #include "base/target_clones.h"
 #include "estimate/host_patch.h"
 #include "estimate/robust_loss.h"
+#include "estimate/triangle_sums.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <iterator>
 
 namespace dsorb::init_coarse {
 namespace {
 
 constexpr std::size_t kBlock = 512;  // points a block of float sums has at most
 constexpr std::size_t kParameters = 8;
-constexpr int kTriangle = kParameters * (kParameters + 1) / 2;
 constexpr float kMaxInverseStep = 1e-10F;  // of the step limit, against division by zero
 
 /// Everything the loop over points reads that is the same for all of them.
@@ -27,7 +29,7 @@ struct LevelWarp {
 
   LevelWarp(const LevelView& view, const Alignment& alignment, const DepthPull& depth_pull)
       : target(makeTargetImage(view.camera,
-                               alignment.T_new_ref,
+                               alignment.T_cur_ref,
                                {std::exp(alignment.log_gain), alignment.offset},
                                *view.image)),
         rays(view.camera),
@@ -48,27 +50,26 @@ struct Residual {
 
 /// @return energy, infinite for a point that is not seen
 DSORB_ALWAYS_INLINE float evaluatePoint(const LevelWarp& w,
-                                        const HostedPoint& point,
+                                        const Eigen::Vector2f& pixel,
+                                        float inverse_depth,
                                         const float* grey,
                                         Residual& out) {
-  WarpedPoint<Lanes> p;
-  LaneSamples seen;
-  if (!(point.inverse_depth > 0) || !samplePattern(w.target, w.rays, point, p, seen)) {
-    return HUGE_VALF;
-  }
+  if (!(inverse_depth > 0)) return HUGE_VALF;
+  WarpedPattern pattern;
+  warpPattern(w.target, w.rays, pixel, inverse_depth, pattern);
+  if (!inAllLanes(pattern.inside)) return HUGE_VALF;
+  const WarpedPoint<Lanes>& p = pattern.at;
+  const LaneSamples& seen = pattern.seen;
   Lanes reference;
-  Lanes threshold;
   load(grey, reference);
-  fill(kHuberThreshold, threshold);
   out.J[6] = -w.target.gain * reference;
   out.r = w.scale * (seen.intensity + out.J[6] - w.target.offset);
   out.J[6] = w.scale * out.J[6] - w.scale_rate * out.r;
   fill(-w.scale, out.J[7]);
-  const Lanes magnitude = out.r < 0.0F ? -out.r : out.r;
-  huberWeights(magnitude, threshold, out.weight);
+  huberWeights(out.r, out.weight);
   RayGradient<Lanes> gradient;
   rayGradient<float, Lanes>(w.target.warp, p, w.scale * seen.dx, w.scale * seen.dy, gradient);
-  poseJacobian<Lanes>(p, gradient, point.inverse_depth * p.inverse_z, out.J);
+  poseJacobian<Lanes>(p, gradient, inverse_depth * p.inverse_z, out.J);
   Lanes flow_x;
   Lanes flow_y;
   depthFlow(w.target.warp, p, flow_x, flow_y);
@@ -79,19 +80,9 @@ DSORB_ALWAYS_INLINE float evaluatePoint(const LevelWarp& w,
 
 /// Float sums of one block of points, a lane each for the pattern's pixels.
 struct BlockSums {
-  Lanes H[kTriangle];
-  Lanes b[kParameters];
+  Lanes triangle[triangleSums(kParameters)];
   LevelSums level;
 };
-
-DSORB_ALWAYS_INLINE void accumulate(const Residual& s, BlockSums& sums) {
-  int entry = 0;
-  for (std::size_t i = 0; i < kParameters; ++i) {
-    const Lanes weighted = s.weight * s.J[i];
-    for (std::size_t j = i; j < kParameters; ++j) sums.H[entry++] += weighted * s.J[j];
-    sums.b[i] += weighted * s.r;
-  }
-}
 
 /// Writes the row of one inverse depth.
 DSORB_ALWAYS_INLINE void couple(const LevelWarp& w,
@@ -129,8 +120,11 @@ DSORB_TARGET_CLONES void evaluateBlock(const LevelWarp& w,
     Residual s;
     float energy = HUGE_VALF;
     if (points.good[i] != 0) {
-      const HostedPoint point{points.x[i], points.y[i], points.trial_inverse_depth[i]};
-      energy = evaluatePoint(w, point, &points.reference[i * kPatternSize], s);
+      energy = evaluatePoint(w,
+                             {points.x[i], points.y[i]},
+                             points.trial_inverse_depth[i],
+                             &points.reference[i * kPatternSize],
+                             s);
     }
     if (!(energy <= kMaxPatternEnergy)) {
       sums.level.energy += static_cast<double>(points.energy[i]);
@@ -142,7 +136,7 @@ DSORB_TARGET_CLONES void evaluateBlock(const LevelWarp& w,
     float flow = kMaxInverseStep * kMaxInverseStep;
     for (int k = 0; k < kLanes; ++k) flow = std::max(flow, s.squared_flow[k]);
     points.max_step[i] = 1.0F / std::sqrt(flow);
-    accumulate(s, sums);
+    addToTriangle<kParameters>(s.J, s.weight, s.r, sums.triangle);
     sums.level.energy += static_cast<double>(energy);
     sums.level.good_energy += static_cast<double>(energy);
     ++sums.level.good;
@@ -158,21 +152,15 @@ double wideSum(const Lanes& lanes) {
 
 /// Sums of some blocks.
 struct PartialSums {
-  Matrix8d H = Matrix8d::Zero();  // upper triangle
-  Vector8d b = Vector8d::Zero();
+  std::array<double, triangleSums(kParameters)> triangle{};
   LevelSums level;
 
   PartialSums() = default;
   explicit PartialSums(const BlockSums& sums) : level(sums.level) {
-    const Lanes* entry = sums.H;
-    for (Eigen::Index i = 0; i < H.rows(); ++i) {
-      for (Eigen::Index j = i; j < H.cols(); ++j) H(i, j) = wideSum(*entry++);
-      b[i] = wideSum(sums.b[i]);
-    }
+    std::transform(std::begin(sums.triangle), std::end(sums.triangle), triangle.begin(), wideSum);
   }
   PartialSums& operator+=(const PartialSums& other) {
-    H += other.H;
-    b += other.b;
+    for (std::size_t i = 0; i < triangle.size(); ++i) triangle[i] += other.triangle[i];
     level += other.level;
     return *this;
   }
@@ -204,8 +192,8 @@ LevelSums evaluateLevel(const LevelView& view,
                          evaluateBlock(warp, {begin, end}, points, system, sums);
                          return PartialSums(sums);
                        });
-  system.H = total.H.selfadjointView<Eigen::Upper>();
-  system.b = total.b;
+  addTriangle(total.triangle.data(), 0, kParameters, system.H, system.b);
+  system.H.triangularView<Eigen::StrictlyLower>() = system.H.transpose();
   return total.level;
 }
 

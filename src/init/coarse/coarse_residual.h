@@ -19,7 +19,7 @@ using Matrix8d = Eigen::Matrix<double, 8, 8>;
 /// What is estimated of the newest frame. Parameters and their increments are ordered [translation;
 /// rotation; log gain; offset].
 struct Alignment {
-  SE3 T_new_ref;
+  SE3 T_cur_ref;
   double log_gain = 0;           ///< I_new = e^log_gain I_ref + offset
   double offset = 0;             ///< [grey levels]
   double exposure_log_gain = 0;  ///< what the exposure times say of log_gain; 0: unknown

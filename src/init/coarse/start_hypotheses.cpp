@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstdlib>
 #include <utility>
 
@@ -33,8 +32,8 @@ Alignment hypothesis(const Alignment& rotation, const Eigen::Vector3d& t) {
   turn[3] = t.y();
   turn[4] = -t.x();
   Alignment result = rotation;
-  result.T_new_ref = SE3::exp(turn) * rotation.T_new_ref;
-  result.T_new_ref.setTranslation(t);
+  result.T_cur_ref = SE3::exp(turn) * rotation.T_cur_ref;
+  result.T_cur_ref.setTranslation(t);
   result.snapped = true;
   return result;
 }
@@ -76,8 +75,8 @@ std::vector<Eigen::Vector3d> directions() {
 }
 
 bool sameDirection(const Alignment& a, const Alignment& b) {
-  const Eigen::Vector3d t_a = a.T_new_ref.translation().normalized();
-  return t_a.dot(b.T_new_ref.translation().normalized()) > kSameDirection;
+  const Eigen::Vector3d t_a = a.T_cur_ref.translation().normalized();
+  return t_a.dot(b.T_cur_ref.translation().normalized()) > kSameDirection;
 }
 
 /// All points good and on the plane of unit depth.
@@ -114,7 +113,7 @@ std::vector<Estimate> screenDirections(const AlignmentTask& task,
                                        const Alignment& rotation,
                                        const Estimate& given) {
   const int finest = std::max(static_cast<int>(given.levels.size()) - 2, 0);
-  const double length = given.alignment.T_new_ref.translation().norm() *
+  const double length = given.alignment.T_cur_ref.translation().norm() *
                         static_cast<double>(meanInverseDepth(given.levels.front()));
   std::vector<Estimate> screened;
   for (const Eigen::Vector3d& direction : directions()) {
@@ -127,6 +126,25 @@ std::vector<Estimate> screenDirections(const AlignmentTask& task,
   }
   sortByEnergy(screened);
   return screened;
+}
+
+constexpr int kRotationIterations = 10;
+constexpr double kMinMatchShare = 0.8;  // of the points in view, else the grid is searched
+constexpr double kGridStep = 1.5;       // [px of the coarsest level], within the alignment's reach
+constexpr int kGridRadius = 3;          // steps: 72 px of level 0 with five levels
+
+std::vector<Alignment> gridAround(const Alignment& center, const PinholeCamera& camera) {
+  std::vector<Alignment> grid;
+  for (int i = -kGridRadius; i <= kGridRadius; ++i) {
+    for (int j = -kGridRadius; j <= kGridRadius; ++j) {
+      Vector6d turn = Vector6d::Zero();
+      turn[3] = kGridStep * i / camera.fy;
+      turn[4] = kGridStep * j / camera.fx;
+      grid.push_back(center);
+      grid.back().T_cur_ref = SE3::exp(turn) * center.T_cur_ref;
+    }
+  }
+  return grid;
 }
 
 }  // namespace
@@ -228,6 +246,46 @@ Contest contest(const AlignmentTask& task, const Alignment& rotation, const Esti
   const double margin =
       rival == finalists.end() ? HUGE_VAL : rival->energy() / finalists.front().energy() - 1.0;
   return {std::move(finalists.front()), margin};
+}
+
+double RotationSearch::energy(const LevelView& view, const Alignment& alignment) {
+  std::fill(points_.good.begin(), points_.good.end(), std::uint8_t{1});
+  return aligner_.evaluate(view, Unknowns::kRotation, points_, alignment)
+      .sums.robustEnergy(points_.size());
+}
+
+Alignment RotationSearch::best(const LevelView& view, const std::vector<Alignment>& candidates) {
+  double least = HUGE_VAL;
+  Alignment result = candidates.front();
+  for (const Alignment& candidate : candidates) {
+    const double value = energy(view, candidate);
+    if (value < least) {
+      least = value;
+      result = candidate;
+    }
+  }
+  return result;
+}
+
+double RotationSearch::refine(const LevelView& view, Alignment& alignment) {
+  std::fill(points_.good.begin(), points_.good.end(), std::uint8_t{1});
+  return aligner_.align(view, kRotationIterations, Unknowns::kRotation, points_, alignment)
+      .inlierShare();
+}
+
+RotationMatch RotationSearch::find(const LevelView& coarsest,
+                                   const std::vector<Alignment>& starts) {
+  std::vector<Alignment> candidates = starts;
+  for (Alignment& candidate : candidates) {
+    candidate.T_cur_ref.setTranslation(Eigen::Vector3d::Zero());
+    candidate.snapped = false;
+  }
+  const Alignment start = best(coarsest, candidates);
+  Alignment near = start;
+  if (refine(coarsest, near) >= kMinMatchShare) return {near, true};
+  Alignment far = best(coarsest, gridAround(start, coarsest.camera));
+  const bool matches = refine(coarsest, far) >= kMinMatchShare;
+  return matches ? RotationMatch{far, true} : RotationMatch{best(coarsest, {near, far}), false};
 }
 
 }  // namespace dsorb::init_coarse

@@ -18,13 +18,13 @@ void Correspondences::clear() {
   tracks_.clear();
   uses_flow_ = false;
   frames_.clear();
-  sightings_.clear();
+  observations_.clear();
 }
 
 void Correspondences::start(FramePtr reference) {
   clear();
   frames_.push_back(std::move(reference));
-  sightings_.push_back(matches_.start(*frames_.front()));
+  observations_.push_back(matches_.start(*frames_.front()));
   if (size() < kMinMatches) changeToFlow();
 }
 
@@ -34,14 +34,14 @@ void Correspondences::advance(FramePtr frame) {
     tracks_.advance(*frames_.back());
     return;
   }
-  sightings_.push_back(matches_.find(*frames_.back()));
+  observations_.push_back(matches_.find(*frames_.back()));
   if (size() < kMinMatches) changeToFlow();
 }
 
 /// Follows corners through the frames given so far.
 void Correspondences::changeToFlow() {
   uses_flow_ = true;
-  sightings_.clear();
+  observations_.clear();
   tracks_.start(*frames_.front());
   for (std::size_t k = 1; k < frames_.size(); ++k) tracks_.advance(*frames_[k]);
 }
@@ -49,7 +49,7 @@ void Correspondences::changeToFlow() {
 int Correspondences::size() const {
   if (uses_flow_) return tracks_.size();
   return static_cast<int>(
-      std::count_if(sightings_.back().begin(), sightings_.back().end(), isSeen));
+      std::count_if(observations_.back().begin(), observations_.back().end(), isSeen));
 }
 
 bool Correspondences::dropLost() {
@@ -67,10 +67,10 @@ ReferenceView Correspondences::view(int /*reference*/) const {
   if (uses_flow_) return {frames_, tracks_.since(0), {}, true};
   ReferenceView view{frames_, {}, {}, false};
   view.tracks.positions.resize(frames_.size());
-  for (std::size_t i = 0; i < sightings_.back().size(); ++i) {
-    if (!isSeen(sightings_.back()[i])) continue;
+  for (std::size_t i = 0; i < observations_.back().size(); ++i) {
+    if (!isSeen(observations_.back()[i])) continue;
     for (std::size_t k = 0; k < frames_.size(); ++k) {
-      view.tracks.positions[k].push_back(sightings_[k][i]);
+      view.tracks.positions[k].push_back(observations_[k][i]);
     }
   }
   return view;

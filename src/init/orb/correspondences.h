@@ -50,7 +50,7 @@ class Correspondences final : public ReferenceSource {
   FeatureTracks tracks_;
   bool uses_flow_ = false;
   std::vector<FramePtr> frames_;
-  std::vector<std::vector<Eigen::Vector2f>> sightings_;  // of the features, one a frame [px]
+  std::vector<std::vector<Eigen::Vector2f>> observations_;  // of the features, one a frame [px]
 };
 
 }  // namespace dsorb::init_orb

@@ -4,7 +4,7 @@
 #include "dsorb/image/frame.h"
 #include "dsorb/init/report.h"
 
-#include "init/orb/map/reference_view.h"
+#include "init/orb/map/attempt_types.h"
 #include "init/orb/tracks/corner_tracks.h"
 
 #include <optional>

@@ -4,9 +4,7 @@
 #include "estimate/marginals.h"
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/bundle/robust_adjustment.h"
-#include "init/orb/map/image_cells.h"
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -35,9 +33,9 @@ Eigen::MatrixXd cellGradients(const InitialMap& map,
     if (column[cell[i]] < 0) column[cell[i]] = cells++;
   }
   Eigen::MatrixXd gradients = Eigen::MatrixXd::Zero(pose_rows.size, cells);
-  for (const Observation& observation : map.observations) {
-    const auto frame = static_cast<std::size_t>(observation.frame);
-    const auto corner = static_cast<std::size_t>(observation.corner);
+  for (const CornerObservation& observation : map.observations) {
+    const auto frame = observation.frame;
+    const auto corner = observation.corner;
     if (pose_rows.first[frame] < 0) continue;
     const auto projection = projectCorner(map, camera, observation);
     if (!projection) continue;
@@ -55,10 +53,10 @@ Eigen::MatrixXd cellGradients(const InitialMap& map,
 }
 
 void setPoseCovariances(InitialMap& map, const PoseRows& pose_rows, const Eigen::MatrixXd& joint) {
-  std::vector<int> frames;
+  std::vector<std::size_t> frames;
   for (std::size_t k = 1; k < map.frames.size(); ++k) {
     map.frames[k].covariance.reset();
-    if (pose_rows.first[k] >= 0) frames.push_back(static_cast<int>(k));
+    if (pose_rows.first[k] >= 0) frames.push_back(k);
   }
   setJointCovariance(map, std::move(frames), joint);
 }
@@ -68,44 +66,38 @@ void setPoseCovariances(InitialMap& map, const PoseRows& pose_rows, const Eigen:
 double setCovariances(InitialMap& map,
                       const PinholeCamera& camera,
                       const GeometricOptions& options) {
-  constexpr double kDegenerate = std::numeric_limits<double>::quiet_NaN();
-  const PoseRows pose_rows(map);
+  const GeometricMarginals joint(map, camera, options);
+  if (!joint.variance_factor) return std::numeric_limits<double>::quiet_NaN();
+  const PoseRows& pose_rows = joint.rows;
+  const LinearSystem<double>& system = joint.equations.system;
+  const Marginals& marginals = joint.marginals;
   const int size = pose_rows.size;
-  const auto n = static_cast<double>(map.corners.size());
-  const ReprojectionEquations equations = linearize(map, {}, pose_rows, camera, options);
-  const LinearSystem<double>& system = equations.system;
-  const double redundancy = equations.rows - size - n + 1;
-  if (size == 0 || redundancy <= 0 || !allKnown(system, map)) return kDegenerate;
-  const Eigen::VectorXd scale = scaleDirection(map, pose_rows);
-  const Marginals marginals(system, scale, ReprojectionState(map, pose_rows).inverse_depth);
-  if (!marginals.usable()) return kDegenerate;
-  const double factor = equations.weighted_square / redundancy;
+  const double factor = *joint.variance_factor;
   const bool formal = options.pose_variance_factor <= 0;
   // Errors of one track in all frames are one error.
-  const double own_factor = formal ? factor : factor * size / kPoseSize;
+  const double depth_only_factor = formal ? factor : factor * size / kPoseSize;
   // Columns r with sum of r r^T = covariance of the poses, before the gauge.
   Eigen::MatrixXd roots = std::sqrt(factor) * marginals.roots();
   if (!formal) {
-    map.clustered_factor =
+    map.cluster_variance_scale =
         options.pose_variance_factor * (1 + kTailVarianceFactor * tailExcess(map, camera));
     const Eigen::MatrixXd clustered = marginals.clusteredRoots(
         cellGradients(map, system, pose_rows, camera, options), size / kPoseSize);
     roots.conservativeResize(Eigen::NoChange, size + clustered.cols());
-    roots.rightCols(clustered.cols()) = std::sqrt(map.clustered_factor) * clustered;
+    roots.rightCols(clustered.cols()) = std::sqrt(map.cluster_variance_scale) * clustered;
   }
   const double mean_variance = marginals.depthVariance();
   const Eigen::MatrixXd in_gauge = marginals.inGauge(roots);
-  setPoseCovariances(
-      map,
-      pose_rows,
-      in_gauge * in_gauge.transpose() + own_factor * mean_variance * scale * scale.transpose());
+  setPoseCovariances(map,
+                     pose_rows,
+                     in_gauge * in_gauge.transpose() +
+                         depth_only_factor * mean_variance * joint.scale * joint.scale.transpose());
   Eigen::VectorXd effect(size);
   for (std::size_t i = 0; i < map.corners.size(); ++i) {
     const double rho = map.corners[i].inverse_depth;
     marginals.depthEffect(system, i, rho, effect);
-    const double own = std::max(0.0, 1.0 - 2.0 * rho / n) / system.depth_hessian[i];
-    map.corners[i].variance =
-        own_factor * (own + rho * rho * mean_variance) + (roots.transpose() * effect).squaredNorm();
+    map.corners[i].variance = depth_only_factor * marginals.ownVariance(system, i, rho) +
+                              (roots.transpose() * effect).squaredNorm();
   }
   return factor;
 }

@@ -21,8 +21,8 @@ InitialMap makeInitialMap(const std::vector<FramePtr>& frames,
                           const MotionHypothesis& motion);
 
 /// Observations of the corners, sorted by frame.
-std::vector<std::vector<PointSighting>> sightingsByFrame(const InitialMap& map,
-                                                         const PinholeCamera& camera);
+std::vector<std::vector<PointObservation>> observationsByFrame(const InitialMap& map,
+                                                               const PinholeCamera& camera);
 
 /// Poses the frames between the first and the last, from the corners or, where these do not agree,
 /// by interpolation along the motion.
@@ -33,11 +33,11 @@ void poseFramesBetween(InitialMap& map, const PinholeCamera& camera, double sigm
 /// a frame whose corners do not agree is interpolated between them.
 /// @param frames ascending; those that have a pose keep it
 /// @return       those that had none
-std::vector<int> poseFrames(InitialMap& map,
-                            const PinholeCamera& camera,
-                            const std::vector<int>& frames);
+std::vector<std::size_t> poseFrames(InitialMap& map,
+                                    const PinholeCamera& camera,
+                                    const std::vector<std::size_t>& frames);
 
 /// Poses all frames that have no pose yet. @return these frames
-std::vector<int> poseOtherFrames(InitialMap& map, const PinholeCamera& camera);
+std::vector<std::size_t> poseOtherFrames(InitialMap& map, const PinholeCamera& camera);
 
 }  // namespace dsorb::init_orb

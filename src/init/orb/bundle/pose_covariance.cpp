@@ -4,7 +4,6 @@
 #include "estimate/robust_loss.h"
 #include "estimate/warp.h"
 #include "init/orb/bundle/reprojection_equations.h"
-#include "init/orb/map/image_cells.h"
 
 #include <Eigen/Cholesky>
 
@@ -14,8 +13,8 @@
 namespace dsorb::init_orb {
 namespace {
 
-/// Sum over cells of the image of g g^T, g the gradient of the cell's sightings.
-Matrix6d gradientSpread(const std::vector<PointSighting>& sightings,
+/// Sum over cells of the image of g g^T, g the gradient of the cell's observations.
+Matrix6d gradientSpread(const std::vector<PointObservation>& observations,
                         const PinholeCamera& camera,
                         const SE3& T_cam_host,
                         double limit) {
@@ -23,12 +22,12 @@ Matrix6d gradientSpread(const std::vector<PointSighting>& sightings,
   std::array<Vector6d, kCells> gradients;
   gradients.fill(Vector6d::Zero());
   std::array<bool, kCells> used{};
-  for (const PointSighting& sighting : sightings) {
+  for (const PointObservation& observation : observations) {
     const auto projection =
-        projectHosted(camera, T_cam_host, sighting.host_ray, sighting.inverse_depth);
+        projectHosted(camera, T_cam_host, observation.host_ray, observation.inverse_depth);
     if (!projection) continue;
-    const Eigen::Vector2d error = projection->pixel - sighting.pixel;
-    const std::size_t cell = imageCell(camera.project(sighting.host_ray), camera);
+    const Eigen::Vector2d error = projection->pixel - observation.pixel;
+    const std::size_t cell = imageCell(camera.project(observation.host_ray), camera);
     used[cell] = true;
     gradients[cell] += projection->J_pose.transpose() * (huberWeight(error.norm(), limit) * error);
   }
@@ -44,22 +43,22 @@ Matrix6d gradientSpread(const std::vector<PointSighting>& sightings,
 
 }  // namespace
 
-std::optional<Matrix6d> poseCovariance(const std::vector<PointSighting>& sightings,
+std::optional<Matrix6d> poseCovariance(const std::vector<PointObservation>& observations,
                                        const PinholeCamera& camera,
                                        const SE3& T_cam_host,
-                                       const SightingNoise& noise) {
-  const std::optional<PoseSums> sums = poseEquations(sightings, camera, T_cam_host, noise.sigma);
+                                       const ObservationNoise& noise) {
+  const std::optional<PoseSums> sums = poseEquations(observations, camera, T_cam_host, noise.sigma);
   if (!sums) return std::nullopt;
-  const Eigen::LDLT<Matrix6d> hessian(hessianOf(*sums));
+  const Eigen::LDLT<Matrix6d> hessian(sums->hessian);
   if (!hessian.isPositive()) return std::nullopt;
   const Matrix6d inverse = hessian.solve(Matrix6d::Identity());
-  const Vector6d step = inverse * Eigen::Map<const Vector6d>(sums->gradient.data());
-  Matrix6d covariance =
-      sums->weighted_square / (2 * sums->sightings - kPoseSize) * inverse + step * step.transpose();
+  const Vector6d step = inverse * sums->gradient;
+  Matrix6d covariance = sums->weighted_square / (2 * sums->observations - kPoseSize) * inverse +
+                        step * step.transpose();
   if (noise.variance_factor > 0) {
     const double limit = huberLimit(noise.sigma);
     covariance += noise.variance_factor * inverse *
-                  gradientSpread(sightings, camera, T_cam_host, limit) * inverse;
+                  gradientSpread(observations, camera, T_cam_host, limit) * inverse;
   }
   covariance = (0.5 * (covariance + covariance.transpose())).eval();
   return covariance.allFinite() ? std::optional(covariance) : std::nullopt;
@@ -70,7 +69,7 @@ InheritedPoseError::InheritedPoseError(const InitialMap& map,
                                        const GeometricOptions& options)
     : joint_(map.joint_covariance) {
   const PoseRows rows(map, map.joint_frames);
-  const LinearSystem<double> system = linearize(map, {}, rows, camera, options).system;
+  const LinearSystem<double> system = linearize(map, rows, camera, options).system;
   const auto corners = static_cast<Eigen::Index>(map.corners.size());
   // Rows 6 d to 6 d + 5: J^T J_t,d / (rho h).
   Eigen::Matrix<double, 18, Eigen::Dynamic> effects =
@@ -111,15 +110,13 @@ Matrix6d InheritedPoseError::covariance(const SE3& T_cam_ref) const {
   return 0.5 * (covariance + covariance.transpose());
 }
 
-Matrix6d interpolatedCovariance(const InitialMap& map, int frame) {
-  const auto after = std::find_if(map.joint_frames.begin(),
-                                  map.joint_frames.end(),
-                                  [&](int adjusted) { return adjusted > frame; });
-  const auto last = static_cast<std::size_t>(*after);
+Matrix6d interpolatedCovariance(const InitialMap& map, std::size_t frame) {
+  const auto after = std::upper_bound(map.joint_frames.begin(), map.joint_frames.end(), frame);
+  const std::size_t last = *after;
   Matrix6d covariance = map.frames[last].covariance.value_or(Matrix6d::Zero());
   SE3 T_before;
   if (after != map.joint_frames.begin()) {
-    const auto first = static_cast<std::size_t>(*(after - 1));
+    const std::size_t first = *(after - 1);
     T_before = *map.frames[first].T_cam_ref;
     covariance += map.frames[first].covariance.value_or(Matrix6d::Zero());
   }

@@ -9,22 +9,22 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr std::size_t kMinSightings = 10;  // six unknowns, two equations each, and some to spare
+constexpr std::size_t kMinObservations = 10;  // six unknowns, two equations each, and some to spare
 constexpr int kMaxIterations = 20;
 constexpr double kMinStep = 1e-8;             // norm of the increment; the end of iteration
 const double kHuberLimit = std::sqrt(5.991);  // [sigma]; chi-square, 2 dof, 95 %
 
-/// Sightings arranged for the kernels.
-class SightingArrays {
+/// Observations arranged for the kernels.
+class ObservationArrays {
  public:
-  explicit SightingArrays(const std::vector<PointSighting>& sightings)
-      : stride_(wholeLanes(sightings.size())), arrays_(kRows * stride_, 0.0) {
-    for (std::size_t i = 0; i < sightings.size(); ++i) {
-      at(kRayX, i) = sightings[i].host_ray.x();
-      at(kRayY, i) = sightings[i].host_ray.y();
-      at(kInverseDepth, i) = sightings[i].inverse_depth;
-      at(kPixelX, i) = sightings[i].pixel.x();
-      at(kPixelY, i) = sightings[i].pixel.y();
+  explicit ObservationArrays(const std::vector<PointObservation>& observations)
+      : stride_(wholeLanes(observations.size())), arrays_(kRows * stride_, 0.0) {
+    for (std::size_t i = 0; i < observations.size(); ++i) {
+      at(kRayX, i) = observations[i].host_ray.x();
+      at(kRayY, i) = observations[i].host_ray.y();
+      at(kInverseDepth, i) = observations[i].inverse_depth;
+      at(kPixelX, i) = observations[i].pixel.x();
+      at(kPixelY, i) = observations[i].pixel.y();
       at(kInformation, i) = 1;
     }
   }
@@ -33,19 +33,19 @@ class SightingArrays {
                                    const SE3& T_cam_host,
                                    double limit) const {
     PoseSums sums;
-    linearizeSightings(makeWarp<double>(camera, T_cam_host),
-                       {row(kRayX),
-                        row(kRayY),
-                        row(kInverseDepth),
-                        row(kPixelX),
-                        row(kPixelY),
-                        row(kInformation),
-                        row(kZero),
-                        row(kInformation),
-                        stride_},
-                       {RobustLoss::kHuber, limit},
-                       {},
-                       sums);
+    linearizeObservations(makeWarp<double>(camera, T_cam_host),
+                          {row(kRayX),
+                           row(kRayY),
+                           row(kInverseDepth),
+                           row(kPixelX),
+                           row(kPixelY),
+                           row(kInformation),
+                           row(kZero),
+                           row(kInformation),
+                           stride_},
+                          {RobustLoss::kHuber, limit},
+                          {},
+                          sums);
     return sums;
   }
 
@@ -64,34 +64,34 @@ double huberLimit(double sigma) {
   return kHuberLimit * sigma;
 }
 
-std::optional<PoseSums> poseEquations(const std::vector<PointSighting>& sightings,
+std::optional<PoseSums> poseEquations(const std::vector<PointObservation>& observations,
                                       const PinholeCamera& camera,
                                       const SE3& T_cam_host,
                                       double sigma) {
-  if (sightings.size() < kMinSightings) return std::nullopt;
-  const PoseSums sums = SightingArrays(sightings).linearize(camera, T_cam_host, huberLimit(sigma));
-  if (2 * sums.within < static_cast<double>(sightings.size())) return std::nullopt;
+  if (observations.size() < kMinObservations) return std::nullopt;
+  const PoseSums sums =
+      ObservationArrays(observations).linearize(camera, T_cam_host, huberLimit(sigma));
+  if (2 * sums.within < static_cast<double>(observations.size())) return std::nullopt;
   return sums;
 }
 
-std::optional<SE3> poseFromPoints(const std::vector<PointSighting>& sightings,
+std::optional<SE3> poseFromPoints(const std::vector<PointObservation>& observations,
                                   const PinholeCamera& camera,
                                   const SE3& guess,
                                   double sigma) {
-  if (sightings.size() < kMinSightings) return std::nullopt;
+  if (observations.size() < kMinObservations) return std::nullopt;
   const double limit = huberLimit(sigma);
-  const SightingArrays arrays(sightings);
+  const ObservationArrays arrays(observations);
   SE3 T_cam_host = guess;
   for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
     const PoseSums sums = arrays.linearize(camera, T_cam_host, limit);
-    const Vector6d step =
-        -hessianOf(sums).ldlt().solve(Eigen::Map<const Vector6d>(sums.gradient.data()));
+    const Vector6d step = -sums.hessian.ldlt().solve(sums.gradient);
     if (!step.allFinite()) return std::nullopt;
     T_cam_host = SE3::exp(step) * T_cam_host;
     if (step.norm() < kMinStep) break;
   }
   const double within = arrays.linearize(camera, T_cam_host, limit).within;
-  if (2 * within < static_cast<double>(sightings.size())) return std::nullopt;
+  if (2 * within < static_cast<double>(observations.size())) return std::nullopt;
   return T_cam_host;
 }
 

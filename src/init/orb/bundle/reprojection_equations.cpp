@@ -2,7 +2,9 @@
 #include "init/orb/bundle/reprojection_equations.h"
 
 #include "base/parallel.h"
+#include "estimate/levenberg_marquardt.h"
 #include "estimate/robust_loss.h"
+#include "estimate/schur_problem.h"
 
 #include <algorithm>
 #include <cmath>
@@ -14,22 +16,36 @@ namespace {
 
 constexpr std::size_t kCornerBlock = 64;  // corners that one thread takes at a time
 
+/// Linearization and update of the state.
+struct Model {
+  const ReprojectionProblem& problem;
+
+  void linearize(const ReprojectionState& state, ReprojectionEquations& equations) const {
+    problem.linearize(state, equations);
+  }
+  static void move(const ReprojectionState& from,
+                   const DampedSolver<double>& solution,
+                   ReprojectionState& to) {
+    for (std::size_t f = 0; f < from.T_cam_ref.size(); ++f) {
+      const auto at = static_cast<Eigen::Index>(f) * kPoseSize;
+      to.T_cam_ref[f] = SE3::exp(solution.step().segment<kPoseSize>(at)) * from.T_cam_ref[f];
+    }
+    for (std::size_t i = 0; i < from.inverse_depth.size(); ++i) {
+      to.inverse_depth[i] = from.inverse_depth[i] + solution.depthStep()[i];
+    }
+  }
+};
+
 }  // namespace
 
 std::optional<HostedProjection> projectCorner(const InitialMap& map,
                                               const PinholeCamera& camera,
-                                              const Observation& observation) {
-  const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
+                                              const CornerObservation& observation) {
+  const Corner& corner = map.corners[observation.corner];
   return projectHosted(camera,
-                       *map.frames[static_cast<std::size_t>(observation.frame)].T_cam_ref,
+                       *map.frames[observation.frame].T_cam_ref,
                        camera.unproject(corner.pixel),
                        corner.inverse_depth);
-}
-
-bool allKnown(const LinearSystem<double>& system, const InitialMap& map) {
-  return std::all_of(system.depth_hessian.begin(),
-                     system.depth_hessian.begin() + static_cast<std::ptrdiff_t>(map.corners.size()),
-                     [](double h) { return h > 0; });
 }
 
 double robustCost(double error, const GeometricOptions& options) {
@@ -56,22 +72,12 @@ PoseRows::PoseRows(const InitialMap& map) : first(map.frames.size(), -1) {
   }
 }
 
-PoseRows::PoseRows(const InitialMap& map, const std::vector<int>& frames)
+PoseRows::PoseRows(const InitialMap& map, const std::vector<std::size_t>& frames)
     : first(map.frames.size(), -1) {
-  for (const int frame : frames) {
-    first[static_cast<std::size_t>(frame)] = size;
+  for (const std::size_t frame : frames) {
+    first[frame] = size;
     size += kPoseSize;
   }
-}
-
-Eigen::VectorXd scaleDirection(const InitialMap& map, const PoseRows& rows) {
-  Eigen::VectorXd direction = Eigen::VectorXd::Zero(rows.size);
-  for (std::size_t k = 1; k < map.frames.size(); ++k) {
-    if (rows.first[k] >= 0) {
-      direction.segment<3>(rows.first[k]) = map.frames[k].T_cam_ref->translation();
-    }
-  }
-  return direction;
 }
 
 ReprojectionState::ReprojectionState(const InitialMap& map, const PoseRows& rows)
@@ -96,7 +102,6 @@ void ReprojectionState::writeTo(InitialMap& map, const PoseRows& rows) const {
 }
 
 ReprojectionProblem::ReprojectionProblem(const InitialMap& map,
-                                         const std::vector<char>& kept,
                                          const PoseRows& rows,
                                          const PinholeCamera& camera,
                                          const GeometricOptions& options)
@@ -110,14 +115,14 @@ ReprojectionProblem::ReprojectionProblem(const InitialMap& map,
     ray_y_[i] = ray.y();
   }
   const std::vector<double> zeros(stride(), 0.0);
-  sightings_.assign(static_cast<std::size_t>(rows.size / kPoseSize),
-                    {zeros, zeros, zeros, zeros, zeros});
+  observations_.assign(static_cast<std::size_t>(rows.size / kPoseSize),
+                       {zeros, zeros, zeros, zeros, zeros});
   const double weight = 1 / (options.sigma * options.sigma);
-  for (const Observation& observation : map.observations) {
-    const int row = rows.first[static_cast<std::size_t>(observation.frame)];
-    const auto corner = static_cast<std::size_t>(observation.corner);
-    if (row < 0 || (!kept.empty() && kept[corner] == 0)) continue;
-    Sightings& seen = sightings_[static_cast<std::size_t>(row / kPoseSize)];
+  for (const CornerObservation& observation : map.observations) {
+    const int row = rows.first[observation.frame];
+    const std::size_t corner = observation.corner;
+    if (row < 0) continue;
+    FrameObservations& seen = observations_[static_cast<std::size_t>(row / kPoseSize)];
     const Eigen::Matrix2d& whitening = observation.whitening;
     seen.pixel_x[corner] = observation.pixel.x();
     seen.pixel_y[corner] = observation.pixel.y();
@@ -127,11 +132,11 @@ ReprojectionProblem::ReprojectionProblem(const InitialMap& map,
   }
 }
 
-SightingRun ReprojectionProblem::run(std::size_t frame,
-                                     std::size_t first,
-                                     std::size_t count,
-                                     const ReprojectionState& state) const {
-  const Sightings& seen = sightings_[frame];
+ObservationRun ReprojectionProblem::run(std::size_t frame,
+                                        std::size_t first,
+                                        std::size_t count,
+                                        const ReprojectionState& state) const {
+  const FrameObservations& seen = observations_[frame];
   return {ray_x_.data() + first,
           ray_y_.data() + first,
           state.inverse_depth.data() + first,
@@ -156,11 +161,11 @@ void ReprojectionProblem::linearize(const ReprojectionState& state,
       const std::size_t first = block * kCornerBlock;
       const std::size_t count = std::min(kCornerBlock, stride() - first);
       for (std::size_t f = 0; f < frames(); ++f) {
-        linearizeSightings(frame[f],
-                           run(f, first, count, state),
-                           loss_,
-                           system.sumsOf(first, f * kPoseSize),
-                           partial[block * frames() + f]);
+        linearizeObservations(frame[f],
+                              run(f, first, count, state),
+                              loss_,
+                              system.sumsOf(first, f * kPoseSize),
+                              partial[block * frames() + f]);
       }
     }
   });
@@ -169,32 +174,64 @@ void ReprojectionProblem::linearize(const ReprojectionState& state,
     PoseSums pose;
     for (std::size_t block = 0; block < blocks; ++block) pose += partial[block * frames() + f];
     const auto at = static_cast<Eigen::Index>(f * kPoseSize);
-    system.H.block<kPoseSize, kPoseSize>(at, at) = hessianOf(pose);
-    system.b.segment<kPoseSize>(at) = Eigen::Map<const Vector6d>(pose.gradient.data());
+    system.H.block<kPoseSize, kPoseSize>(at, at) = pose.hessian;
+    system.b.segment<kPoseSize>(at) = pose.gradient;
     total += pose;
   }
   equations.cost = total.behind > 0 ? std::numeric_limits<double>::infinity() : total.cost;
   equations.weighted_square = total.weighted_square;
-  equations.rows = 2 * static_cast<int>(total.sightings);
+  equations.rows = 2 * static_cast<int>(total.observations);
 }
 
 ReprojectionEquations linearize(const InitialMap& map,
-                                const std::vector<char>& kept,
                                 const PoseRows& pose_rows,
                                 const PinholeCamera& camera,
                                 const GeometricOptions& options) {
   ReprojectionEquations equations;
-  ReprojectionProblem(map, kept, pose_rows, camera, options)
+  ReprojectionProblem(map, pose_rows, camera, options)
       .linearize(ReprojectionState(map, pose_rows), equations);
   return equations;
 }
 
+GeometricMarginals::GeometricMarginals(const InitialMap& map,
+                                       const PinholeCamera& camera,
+                                       const GeometricOptions& options)
+    : rows(map), equations(linearize(map, rows, camera, options)) {
+  const std::vector<double>& h = equations.system.depth_hessian;
+  const auto last = h.begin() + static_cast<std::ptrdiff_t>(map.corners.size());
+  const bool all_known = std::all_of(h.begin(), last, [](double value) { return value > 0; });
+  if (rows.size == 0 || map.corners.empty() || !all_known) return;
+  const ReprojectionState state(map, rows);
+  scale = scaleDirection(state.T_cam_ref, kPoseSize);
+  marginals = Marginals(equations.system, scale, state.inverse_depth);
+  const double redundancy =
+      equations.rows - rows.size - static_cast<double>(map.corners.size()) + 1;
+  if (marginals.usable() && redundancy > 0) {
+    variance_factor = equations.weighted_square / redundancy;
+  }
+}
+
 std::optional<double> reprojectionCost(const InitialMap& map,
-                                       const std::vector<char>& kept,
                                        const PinholeCamera& camera,
                                        const GeometricOptions& options) {
-  const double cost = linearize(map, kept, PoseRows(map), camera, options).cost;
+  const double cost = linearize(map, PoseRows(map), camera, options).cost;
   return std::isfinite(cost) ? std::optional(cost) : std::nullopt;
+}
+
+std::optional<int> solveWithSchur(InitialMap& map,
+                                  const PinholeCamera& camera,
+                                  const GeometricOptions& options) {
+  const PoseRows pose_rows(map);
+  if (pose_rows.size == 0) return std::nullopt;
+  const ReprojectionProblem problem(map, pose_rows, camera, options);
+  SchurProblem<Model, ReprojectionState, ReprojectionEquations> adjustment(
+      {problem}, ReprojectionState(map, pose_rows), options.function_tolerance);
+  if (!std::isfinite(adjustment.cost())) return std::nullopt;
+  GainDamping damping;
+  const int iterations =
+      adjustment.atMinimum() ? 0 : minimize(adjustment, damping, options.max_iterations);
+  adjustment.state().writeTo(map, pose_rows);
+  return iterations;
 }
 
 }  // namespace dsorb::init_orb

@@ -5,6 +5,7 @@
 #include "dsorb/options/orb_mapping.h"
 
 #include "estimate/linear_system.h"
+#include "estimate/marginals.h"
 #include "estimate/warp.h"
 #include "init/orb/bundle/reprojection_kernels.h"
 #include "init/orb/map/initial_map.h"
@@ -20,14 +21,11 @@ namespace dsorb::init_orb {
 struct PoseRows {
   explicit PoseRows(const InitialMap& map);
   /// @param frames posed, ascending, without the reference; no others have rows
-  PoseRows(const InitialMap& map, const std::vector<int>& frames);
+  PoseRows(const InitialMap& map, const std::vector<std::size_t>& frames);
 
   std::vector<int> first;  ///< one a frame; -1 for the reference and unposed frames
   int size = 0;            ///< of all poses together
 };
-
-/// Direction in which all translations grow together: it leaves every projection unchanged.
-Eigen::VectorXd scaleDirection(const InitialMap& map, const PoseRows& rows);
 
 /// State of an adjustment: poses of the posed frames after the reference, and inverse depths of the
 /// corners, filled up with zeros to whole lanes.
@@ -49,54 +47,63 @@ struct ReprojectionEquations {
   int rows = 0;                ///< scalar observations
 };
 
-/// Observations of the kept corners in posed frames, arranged for the kernels. Runs in parallel
+/// Observations in posed frames, arranged for the kernels. Runs in parallel
 /// inside the caller's arena; sums are added in an order that does not depend on it.
 class ReprojectionProblem {
  public:
-  /// @param kept one a corner; empty: all
   ReprojectionProblem(const InitialMap& map,
-                      const std::vector<char>& kept,
                       const PoseRows& rows,
                       const PinholeCamera& camera,
                       const GeometricOptions& options);
 
   void linearize(const ReprojectionState& state, ReprojectionEquations& equations) const;
 
-  [[nodiscard]] std::size_t frames() const { return sightings_.size(); }
+  [[nodiscard]] std::size_t frames() const { return observations_.size(); }
   /// Corners, filled up to whole lanes.
   [[nodiscard]] std::size_t stride() const { return ray_x_.size(); }
 
  private:
-  struct Sightings {
+  struct FrameObservations {
     std::vector<double> pixel_x, pixel_y, information_xx, information_xy, information_yy;
   };
-  [[nodiscard]] SightingRun run(std::size_t frame,
-                                std::size_t first,
-                                std::size_t count,
-                                const ReprojectionState& state) const;
+  [[nodiscard]] ObservationRun run(std::size_t frame,
+                                   std::size_t first,
+                                   std::size_t count,
+                                   const ReprojectionState& state) const;
 
   PinholeCamera camera_;
   LossSetting loss_;
   std::vector<double> ray_x_;
   std::vector<double> ray_y_;
-  std::vector<Sightings> sightings_;  ///< by posed frame
+  std::vector<FrameObservations> observations_;  ///< by posed frame
 };
 
-/// Equations of a map. @param kept one flag a corner; empty stands for all
+/// Equations of a map.
 ReprojectionEquations linearize(const InitialMap& map,
-                                const std::vector<char>& kept,
                                 const PoseRows& pose_rows,
                                 const PinholeCamera& camera,
                                 const GeometricOptions& options);
 
-/// Whether every corner has part in the equations.
-bool allKnown(const LinearSystem<double>& system, const InitialMap& map);
+/// Marginals of an adjusted map.
+struct GeometricMarginals {
+  GeometricMarginals(const InitialMap& map,
+                     const PinholeCamera& camera,
+                     const GeometricOptions& options);
+
+  PoseRows rows;
+  ReprojectionEquations equations;
+  Eigen::VectorXd scale;  ///< scaleDirection()
+  Marginals marginals;
+  /// A-posteriori: sum w e^2 / (observations - parameters) [-]; none without redundancy, or where
+  /// the equations do not determine every corner and pose.
+  std::optional<double> variance_factor;
+};
 
 /// Where the corner of an observation is expected; nullopt behind the camera.
 /// @param observation of a frame with pose
 std::optional<HostedProjection> projectCorner(const InitialMap& map,
                                               const PinholeCamera& camera,
-                                              const Observation& observation);
+                                              const CornerObservation& observation);
 
 /// Robust loss of one observation, as Ceres counts it. @param error whitened, at least 0
 double robustCost(double error, const GeometricOptions& options);
@@ -106,8 +113,30 @@ double robustWeight(double error, const GeometricOptions& options);
 
 /// Half the sum of the robust loss, as Ceres counts it; nullopt when a point is behind a camera.
 std::optional<double> reprojectionCost(const InitialMap& map,
-                                       const std::vector<char>& kept,
                                        const PinholeCamera& camera,
                                        const GeometricOptions& options);
+
+/// Both solvers move the poses of all posed frames but the first and the inverse depths of the
+/// corners to the minimum of the reprojection errors with the robust loss of the options, and touch
+/// nothing else. The scale stays about where it was.
+/// @param map observations sorted by corner; every corner in front of all cameras that see it
+/// @return    iterations, or nullopt when no usable numbers were found
+std::optional<int> solveWithCeres(InitialMap& map,
+                                  const PinholeCamera& camera,
+                                  const GeometricOptions& options);
+/// @source Triggs et al., Bundle Adjustment - A Modern Synthesis, section 6.1 (Schur complement);
+///         Madsen, Nielsen, Tingleff, Methods for Non-Linear Least Squares Problems, algorithm 3.16
+///         (damping)
+std::optional<int> solveWithSchur(InitialMap& map,
+                                  const PinholeCamera& camera,
+                                  const GeometricOptions& options);
+
+/// The solver that the options name.
+inline std::optional<int> solveGeometry(InitialMap& map,
+                                        const PinholeCamera& camera,
+                                        const GeometricOptions& options) {
+  return options.solver == AdjustmentSolver::kCeres ? solveWithCeres(map, camera, options)
+                                                    : solveWithSchur(map, camera, options);
+}
 
 }  // namespace dsorb::init_orb

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/bundle/reprojection_kernels.h"
 
-#include "base/lanes.h"
 #include "base/target_clones.h"
 #include "estimate/robust_loss.h"
 
@@ -18,11 +17,11 @@ constexpr std::size_t kFactors = 8;
 
 /// Sums of PoseSums, by lane.
 struct LaneSums {
-  DoubleLanes hessian[kPoseTriangle];
+  DoubleLanes hessian[kPoseSize * (kPoseSize + 1) / 2];  // rows of the upper triangle
   DoubleLanes gradient[kPoseSize];
   DoubleLanes cost;
   DoubleLanes weighted_square;
-  DoubleLanes sightings;
+  DoubleLanes observations;
   DoubleLanes within;
   DoubleLanes behind;
 };
@@ -35,7 +34,7 @@ struct Projection {
 };
 
 DSORB_ALWAYS_INLINE void project(const Warp<double>& frame,
-                                 const SightingRun& run,
+                                 const ObservationRun& run,
                                  std::size_t i,
                                  Projection& out) {
   DoubleLanes ray_x;
@@ -56,7 +55,7 @@ DSORB_ALWAYS_INLINE void project(const Warp<double>& frame,
   out.front = point.front;
 }
 
-/// Inverse covariances of four sightings, zero where there is none, later times the weight.
+/// Inverse covariances of four observations, zero where there is none, later times the weight.
 struct Information {
   DoubleLanes xx, xy, yy;
 };
@@ -74,7 +73,7 @@ DSORB_ALWAYS_INLINE void weigh(const LossSetting& loss,
   fill(1, one);
   const Mask known = information.xx > zero;
   const Mask used = known & at.front;
-  sums.sightings += used ? one : zero;
+  sums.observations += used ? one : zero;
   sums.behind += known & ~at.front ? one : zero;
   information.xx = used ? information.xx : zero;
   information.xy = used ? information.xy : zero;
@@ -159,7 +158,7 @@ DSORB_ALWAYS_INLINE void addSums(const Projection& at,
 
 template <RobustLoss kLoss, bool kDepths>
 DSORB_ALWAYS_INLINE void linearizeAs(const Warp<double>& frame,
-                                     const SightingRun& run,
+                                     const ObservationRun& run,
                                      const LossSetting& loss,
                                      const PointSums<double>& depths,
                                      LaneSums& result) {
@@ -187,7 +186,7 @@ DSORB_ALWAYS_INLINE void linearizeAs(const Warp<double>& frame,
 }
 
 DSORB_TARGET_CLONES void linearizeInLanes(const Warp<double>& frame,
-                                          const SightingRun& run,
+                                          const ObservationRun& run,
                                           const LossSetting& loss,
                                           const PointSums<double>& depths,
                                           LaneSums& sums) {
@@ -204,37 +203,32 @@ DSORB_TARGET_CLONES void linearizeInLanes(const Warp<double>& frame,
 }  // namespace
 
 PoseSums& PoseSums::operator+=(const PoseSums& other) {
-  for (std::size_t i = 0; i < hessian.size(); ++i) hessian[i] += other.hessian[i];
-  for (std::size_t i = 0; i < gradient.size(); ++i) gradient[i] += other.gradient[i];
+  hessian += other.hessian;
+  gradient += other.gradient;
   cost += other.cost;
   weighted_square += other.weighted_square;
-  sightings += other.sightings;
+  observations += other.observations;
   within += other.within;
   behind += other.behind;
   return *this;
 }
 
-Matrix6d hessianOf(const PoseSums& sums) {
-  Matrix6d hessian;
-  const double* entry = sums.hessian.data();
-  for (int r = 0; r < kPoseSize; ++r) {
-    for (int c = r; c < kPoseSize; ++c) hessian(c, r) = hessian(r, c) = *entry++;
-  }
-  return hessian;
-}
-
-void linearizeSightings(const Warp<double>& frame,
-                        const SightingRun& run,
-                        const LossSetting& loss,
-                        const PointSums<double>& depths,
-                        PoseSums& sums) {
+void linearizeObservations(const Warp<double>& frame,
+                           const ObservationRun& run,
+                           const LossSetting& loss,
+                           const PointSums<double>& depths,
+                           PoseSums& sums) {
   LaneSums lanes = {};
   linearizeInLanes(frame, run, loss, depths, lanes);
-  for (std::size_t i = 0; i < kPoseTriangle; ++i) sums.hessian[i] += sumLanes(lanes.hessian[i]);
-  for (std::size_t i = 0; i < kPoseSize; ++i) sums.gradient[i] += sumLanes(lanes.gradient[i]);
+  const DoubleLanes* entry = lanes.hessian;
+  for (int r = 0; r < kPoseSize; ++r) {
+    for (int c = r; c < kPoseSize; ++c) sums.hessian(r, c) += sumLanes(*entry++);
+    sums.gradient[r] += sumLanes(lanes.gradient[r]);
+  }
+  sums.hessian.triangularView<Eigen::StrictlyLower>() = sums.hessian.transpose();
   sums.cost += sumLanes(lanes.cost);
   sums.weighted_square += sumLanes(lanes.weighted_square);
-  sums.sightings += sumLanes(lanes.sightings);
+  sums.observations += sumLanes(lanes.observations);
   sums.within += sumLanes(lanes.within);
   sums.behind += sumLanes(lanes.behind);
 }

@@ -8,14 +8,12 @@
 #include "estimate/linear_system.h"
 #include "estimate/warp.h"
 
-#include <array>
 #include <cstddef>
 
 /// The inner loops of the geometric adjustment: one lane a corner.
 namespace dsorb::init_orb {
 
 constexpr int kPoseSize = 6;
-constexpr std::size_t kPoseTriangle = 21;  ///< entries on and above the diagonal of a pose's block
 
 /// Length of an array of corners, filled up to whole lanes.
 constexpr std::size_t wholeLanes(std::size_t count) {
@@ -24,7 +22,7 @@ constexpr std::size_t wholeLanes(std::size_t count) {
 }
 
 /// Corners as one frame sees them: arrays of `count` numbers, a multiple of kDoubleLanes.
-struct SightingRun {
+struct ObservationRun {
   const double* ray_x;  ///< of the corner in the reference, at z = 1
   const double* ray_y;
   const double* inverse_depth;  ///< [1/unit]
@@ -44,27 +42,24 @@ struct LossSetting {
 
 /// Sums over all corners of a run.
 struct PoseSums {
-  std::array<double, kPoseTriangle> hessian{};  ///< sum w J^T J, rows of the upper triangle
-  std::array<double, kPoseSize> gradient{};     ///< sum w J^T e
-  double cost = 0;                              ///< sum of the loss
-  double weighted_square = 0;                   ///< sum w e^2
-  double sightings = 0;                         ///< in front of the camera
-  double within = 0;                            ///< of them, with an error up to the limit
-  double behind = 0;                            ///< not in front
+  Matrix6d hessian = Matrix6d::Zero();   ///< sum w J^T J
+  Vector6d gradient = Vector6d::Zero();  ///< sum w J^T e
+  double cost = 0;                       ///< sum of the loss
+  double weighted_square = 0;            ///< sum w e^2
+  double observations = 0;               ///< in front of the camera
+  double within = 0;                     ///< of them, with an error up to the limit
+  double behind = 0;                     ///< not in front
 
   PoseSums& operator+=(const PoseSums& other);
 };
 
-/// Symmetric matrix of the sums over one pose.
-Matrix6d hessianOf(const PoseSums& sums);
-
 /// Linearizes the projection over a left increment of the pose and the inverse depths.
 /// @param depths null where the inverse depths are fixed; couplings are set
 /// @param sums   added to
-void linearizeSightings(const Warp<double>& frame,
-                        const SightingRun& run,
-                        const LossSetting& loss,
-                        const PointSums<double>& depths,
-                        PoseSums& sums);
+void linearizeObservations(const Warp<double>& frame,
+                           const ObservationRun& run,
+                           const LossSetting& loss,
+                           const PointSums<double>& depths,
+                           PoseSums& sums);
 
 }  // namespace dsorb::init_orb

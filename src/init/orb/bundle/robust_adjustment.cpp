@@ -3,7 +3,6 @@
 
 #include "base/median.h"
 #include "base/parallel.h"
-#include "init/orb/bundle/adjustment_solvers.h"
 #include "init/orb/bundle/reprojection_equations.h"
 
 #include <algorithm>
@@ -29,14 +28,22 @@ constexpr std::size_t kGrain = 512;  // observations one thread projects at a ti
 
 constexpr double kBehind = std::numeric_limits<double>::infinity();
 
-bool isPosed(const InitialMap& map, const Observation& observation) {
-  return map.frames[static_cast<std::size_t>(observation.frame)].T_cam_ref.has_value();
+bool isPosed(const InitialMap& map, const CornerObservation& observation) {
+  return map.frames[observation.frame].T_cam_ref.has_value();
 }
 
-/// Reprojection error of every observation, whitened but for sigma; infinite behind a camera, NaN
-/// in frames without pose.
-std::vector<double> errorsOf(const InitialMap& map, const PinholeCamera& camera) {
-  const auto error = [&](const Observation& observation) {
+/// Median over frames with a pose.
+double medianKnown(std::vector<double> errors) {
+  errors.erase(
+      std::remove_if(errors.begin(), errors.end(), [](double error) { return std::isnan(error); }),
+      errors.end());
+  return medianOf(std::move(errors));
+}
+
+}  // namespace
+
+std::vector<double> reprojectionErrors(const InitialMap& map, const PinholeCamera& camera) {
+  const auto error = [&](const CornerObservation& observation) {
     if (!isPosed(map, observation)) return std::numeric_limits<double>::quiet_NaN();
     const auto projection = projectCorner(map, camera, observation);
     return projection ? (observation.whitening * (projection->pixel - observation.pixel)).norm()
@@ -49,47 +56,37 @@ std::vector<double> errorsOf(const InitialMap& map, const PinholeCamera& camera)
   return errors;
 }
 
-/// Median over frames with a pose.
-double medianKnown(std::vector<double> errors) {
-  errors.erase(
-      std::remove_if(errors.begin(), errors.end(), [](double error) { return std::isnan(error); }),
-      errors.end());
-  return medianOf(std::move(errors));
-}
-
-void removeAbove(InitialMap& map, const std::vector<double>& errors, double limit) {
-  std::vector<char> removed(map.corners.size(), 0);
+std::vector<char> cornersAbove(const InitialMap& map,
+                               const std::vector<double>& errors,
+                               double limit) {
+  std::vector<char> above(map.corners.size(), 0);
   for (std::size_t i = 0; i < errors.size(); ++i) {
-    if (errors[i] > limit) removed[static_cast<std::size_t>(map.observations[i].corner)] = 1;
+    if (errors[i] > limit) above[map.observations[i].corner] = 1;
   }
-  removeCorners(map, removed);
+  return above;
 }
-
-bool solve(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options) {
-  const std::vector<char> kept(map.corners.size(), 1);
-  return solveGeometry(map, kept, camera, options).has_value();
-}
-
-}  // namespace
 
 bool adjustOnce(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options) {
-  removeAbove(map, errorsOf(map, camera), std::numeric_limits<double>::max());
-  return !map.corners.empty() && solve(map, camera, options);
+  constexpr double kMax = std::numeric_limits<double>::max();
+  removeCorners(map, cornersAbove(map, reprojectionErrors(map, camera), kMax));
+  return !map.corners.empty() && solveGeometry(map, camera, options);
 }
 
 bool adjustRobustly(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options) {
   for (const double least : {kFirstLimit, options.normal_limit}) {
     if (!adjustOnce(map, camera, options)) return false;
-    const std::vector<double> errors = errorsOf(map, camera);
-    const double limit = kLimitFactor * kMadToSigma * medianKnown(errors);
-    removeAbove(map, errors, std::clamp(limit, least, std::max(least, options.severe_limit)));
+    const std::vector<double> errors = reprojectionErrors(map, camera);
+    const double limit = std::clamp(kLimitFactor * kMadToSigma * medianKnown(errors),
+                                    least,
+                                    std::max(least, options.severe_limit));
+    removeCorners(map, cornersAbove(map, errors, limit));
     if (static_cast<int>(map.corners.size()) < options.min_points) return false;
   }
   return true;
 }
 
 double medianError(const InitialMap& map, const PinholeCamera& camera) {
-  return medianKnown(errorsOf(map, camera));
+  return medianKnown(reprojectionErrors(map, camera));
 }
 
 GeometricOptions adjustToNoise(InitialMap& map,
@@ -99,7 +96,7 @@ GeometricOptions adjustToNoise(InitialMap& map,
   GeometricOptions measured = options;
   for (int round = 0; round < rounds; ++round) {
     measured.sigma = std::max(kMinSigma, medianError(map, camera) / kMedianLength);
-    if (!solve(map, camera, measured)) break;
+    if (!solveGeometry(map, camera, measured)) break;
   }
   return measured;
 }
@@ -107,7 +104,7 @@ GeometricOptions adjustToNoise(InitialMap& map,
 double tailExcess(const InitialMap& map, const PinholeCamera& camera) {
   std::vector<double> across;
   across.reserve(map.observations.size());
-  for (const Observation& observation : map.observations) {
+  for (const CornerObservation& observation : map.observations) {
     if (!isPosed(map, observation)) continue;
     const auto projection = projectCorner(map, camera, observation);
     if (!projection) continue;

@@ -26,6 +26,15 @@ GeometricOptions adjustToNoise(InitialMap& map,
 /// Adjusts without removing corners. @return whether it found usable numbers
 bool adjustOnce(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options);
 
+/// Reprojection error of every observation, whitened but for sigma; infinite behind a camera, NaN
+/// in frames without pose.
+std::vector<double> reprojectionErrors(const InitialMap& map, const PinholeCamera& camera);
+
+/// Marks the corners with an error above a limit in any frame. @param errors one an observation
+std::vector<char> cornersAbove(const InitialMap& map,
+                               const std::vector<double>& errors,
+                               double limit);
+
 /// Median of the reprojection errors of all observations in posed frames, whitened but for sigma.
 double medianError(const InitialMap& map, const PinholeCamera& camera);
 

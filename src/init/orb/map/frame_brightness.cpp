@@ -91,14 +91,14 @@ AffineBrightness affineOf(const Frame& reference,
 }  // namespace
 
 void estimateBrightness(InitialMap& map) {
-  std::vector<int> all(map.frames.size() - 1);
-  std::iota(all.begin(), all.end(), 1);
+  std::vector<std::size_t> all(map.frames.size() - 1);
+  std::iota(all.begin(), all.end(), std::size_t{1});
   estimateBrightness(map, all);
 }
 
-void estimateBrightness(InitialMap& map, const std::vector<int>& frames) {
+void estimateBrightness(InitialMap& map, const std::vector<std::size_t>& frames) {
   std::vector<char> wanted(map.frames.size(), 0);
-  for (const int frame : frames) wanted[static_cast<std::size_t>(frame)] = 1;
+  for (const std::size_t frame : frames) wanted[frame] = 1;
   std::vector<std::optional<double>> reference(map.corners.size());
   forEachRange(map.corners.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
@@ -108,8 +108,8 @@ void estimateBrightness(InitialMap& map, const std::vector<int>& frames) {
   std::vector<std::optional<double>> target(map.observations.size());
   forEachRange(map.observations.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      const Observation& observation = map.observations[i];
-      const auto frame = static_cast<std::size_t>(observation.frame);
+      const CornerObservation& observation = map.observations[i];
+      const auto frame = observation.frame;
       if (wanted[frame] != 0 && map.frames[frame].T_cam_ref) {
         target[i] = patchMean(map.frames[frame].frame->level(0), observation.pixel);
       }
@@ -117,15 +117,15 @@ void estimateBrightness(InitialMap& map, const std::vector<int>& frames) {
   });
   std::vector<std::vector<GreyPair>> pairs(map.frames.size());
   for (std::size_t i = 0; i < map.observations.size(); ++i) {
-    const Observation& observation = map.observations[i];
-    const std::optional<double>& host = reference[static_cast<std::size_t>(observation.corner)];
+    const CornerObservation& observation = map.observations[i];
+    const std::optional<double>& host = reference[observation.corner];
     if (host && target[i]) {
-      pairs[static_cast<std::size_t>(observation.frame)].push_back({*host, *target[i]});
+      pairs[observation.frame].push_back({*host, *target[i]});
     }
   }
   forEachRange(frames.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      const auto k = static_cast<std::size_t>(frames[i]);
+      const std::size_t k = frames[i];
       map.frames[k].affine = affineOf(*map.frames.front().frame, *map.frames[k].frame, pairs[k]);
     }
   });

@@ -14,6 +14,6 @@ namespace dsorb::init_orb {
 void estimateBrightness(InitialMap& map);
 
 /// Sets the brightness of some frames only. @param frames indices without the reference
-void estimateBrightness(InitialMap& map, const std::vector<int>& frames);
+void estimateBrightness(InitialMap& map, const std::vector<std::size_t>& frames);
 
 }  // namespace dsorb::init_orb

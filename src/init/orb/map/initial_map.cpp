@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/map/initial_map.h"
 
+#include "init/result.h"
+
 #include <algorithm>
 #include <cmath>
-#include <cstddef>
 #include <utility>
 
 namespace dsorb::init_orb {
@@ -14,45 +15,64 @@ bool handedOver(double inverse_depth, double variance) {
          variance > 0;
 }
 
+/// Makes this inverse depth 1. @return false when it is not positive
+bool rescale(InitialMap& map, double mean) {
+  if (!(mean > 0) || !std::isfinite(mean)) return false;
+  for (Corner& corner : map.corners) changeUnit(mean, corner.inverse_depth, corner.variance);
+  for (SemiDensePoint& point : map.points) changeUnit(mean, point.inverse_depth, point.variance);
+  changeUnit(mean, map.frames);
+  for (Eigen::Index row = 0; row < map.joint_covariance.rows(); ++row) {
+    if (row % 6 >= 3) continue;  // a rotation
+    map.joint_covariance.row(row) *= mean;
+    map.joint_covariance.col(row) *= mean;
+  }
+  return true;
+}
+
 }  // namespace
 
+BrightnessTransfer brightnessTo(const InitialMap& map, std::size_t frame) {
+  const PosedFrame& from = map.frames.front();
+  const PosedFrame& to = map.frames[frame];
+  return brightnessTransfer(from.affine, from.frame->exposure(), to.affine, to.frame->exposure());
+}
+
 Eigen::Index jointRow(const InitialMap& map, std::size_t frame) {
-  const auto found =
-      std::find(map.joint_frames.begin(), map.joint_frames.end(), static_cast<int>(frame));
+  const auto found = std::find(map.joint_frames.begin(), map.joint_frames.end(), frame);
   return found == map.joint_frames.end() ? -1 : 6 * (found - map.joint_frames.begin());
 }
 
-void setJointCovariance(InitialMap& map, std::vector<int> frames, const Eigen::MatrixXd& joint) {
+void setJointCovariance(InitialMap& map,
+                        std::vector<std::size_t> frames,
+                        const Eigen::MatrixXd& joint) {
   map.joint_frames = std::move(frames);
   map.joint_covariance = joint;
   Eigen::Index row = 0;
-  for (const int frame : map.joint_frames) {
-    map.frames[static_cast<std::size_t>(frame)].covariance = joint.block<6, 6>(row, row);
+  for (const std::size_t frame : map.joint_frames) {
+    map.frames[frame].covariance = joint.block<6, 6>(row, row);
     row += 6;
   }
 }
 
-void removeCorners(InitialMap& map, const std::vector<char>& removed) {
-  std::vector<int> new_index(map.corners.size(), -1);
-  int next = 0;
-  for (std::size_t i = 0; i < map.corners.size(); ++i) {
-    if (removed[i] == 0) new_index[i] = next++;
-  }
+int removeCorners(InitialMap& map, const std::vector<char>& removed) {
+  std::vector<std::size_t> new_index;
+  std::size_t next = 0;
+  for (const char gone : removed) new_index.push_back(gone == 0 ? next++ : next);
   eraseMarked(removed, map.corners);
   std::size_t kept = 0;
-  for (const Observation& observation : map.observations) {
-    const int corner = new_index[static_cast<std::size_t>(observation.corner)];
-    if (corner < 0) continue;
+  for (const CornerObservation& observation : map.observations) {
+    if (removed[observation.corner] != 0) continue;
     map.observations[kept] = observation;
-    map.observations[kept++].corner = corner;
+    map.observations[kept++].corner = new_index[observation.corner];
   }
   map.observations.resize(kept);
+  return static_cast<int>(removed.size() - next);
 }
 
 std::vector<InitPoint> pointsOf(const InitialMap& map) {
   std::vector<int> observations(map.corners.size(), 0);
-  for (const Observation& observation : map.observations) {
-    ++observations[static_cast<std::size_t>(observation.corner)];
+  for (const CornerObservation& observation : map.observations) {
+    ++observations[observation.corner];
   }
   std::vector<InitPoint> points;
   for (std::size_t i = 0; i < map.corners.size(); ++i) {
@@ -69,6 +89,21 @@ std::vector<InitPoint> pointsOf(const InitialMap& map) {
     points.push_back({0, point.pixel, point.inverse_depth, point.variance, point.observations});
   }
   return points;
+}
+
+bool normalizeCornerScale(InitialMap& map) {
+  double mean = 0;
+  for (const Corner& corner : map.corners) {
+    mean += corner.inverse_depth / static_cast<double>(map.corners.size());
+  }
+  return rescale(map, mean);
+}
+
+bool normalizeMapScale(InitialMap& map) {
+  double sum = 0;
+  for (const Corner& corner : map.corners) sum += corner.inverse_depth;
+  for (const SemiDensePoint& point : map.points) sum += static_cast<double>(point.inverse_depth);
+  return rescale(map, sum / static_cast<double>(map.corners.size() + map.points.size()));
 }
 
 }  // namespace dsorb::init_orb

@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/image/affine_brightness.h"
 #include "dsorb/init/result.h"
+
+#include "image/cell_grid.h"
 
 #include <Eigen/Core>
 
@@ -18,9 +22,9 @@ struct Corner {
 };
 
 /// Observation of a corner in a later frame.
-struct Observation {
-  int corner = 0;  ///< index into InitialMap::corners
-  int frame = 0;   ///< index into InitialMap::frames, at least 1
+struct CornerObservation {
+  std::size_t corner = 0;  ///< index into InitialMap::corners
+  std::size_t frame = 0;   ///< index into InitialMap::frames, at least 1
   Eigen::Vector2d pixel{0, 0};
   /// Inverse square root of the pixel's covariance over the options' sigma^2.
   Eigen::Matrix2d whitening = Eigen::Matrix2d::Identity();
@@ -37,14 +41,17 @@ struct SemiDensePoint {
 
 /// Map of an attempt with all frames since the reference.
 struct InitialMap {
-  std::vector<PosedFrame> frames;    ///< front is the reference: identity, a = b = 0
-  std::vector<int> joint_frames;     ///< adjusted together, ascending, without the reference
-  Eigen::MatrixXd joint_covariance;  ///< of the joint frames' left increments, 6 rows each
-  double clustered_factor = 0;       ///< factor on the clustered part of the covariance [-]
+  std::vector<PosedFrame> frames;         ///< front is the reference: identity, a = b = 0
+  std::vector<std::size_t> joint_frames;  ///< adjusted together, ascending, without the reference
+  Eigen::MatrixXd joint_covariance;       ///< of the joint frames' left increments, 6 rows each
+  double cluster_variance_scale = 0;      ///< factor on the clustered part of the covariance [-]
   std::vector<Corner> corners;
-  std::vector<Observation> observations;  ///< sorted by corner, then frame
+  std::vector<CornerObservation> observations;  ///< sorted by corner, then frame
   std::vector<SemiDensePoint> points;
 };
+
+/// Brightness of the reference to that of a frame.
+BrightnessTransfer brightnessTo(const InitialMap& map, std::size_t frame);
 
 /// First row of a frame in the joint covariance; -1 when it has none.
 Eigen::Index jointRow(const InitialMap& map, std::size_t frame);
@@ -52,7 +59,9 @@ Eigen::Index jointRow(const InitialMap& map, std::size_t frame);
 /// Sets the joint covariance, and from it that of every frame in it; other frames keep theirs.
 /// @param frames ascending, without the reference
 /// @param joint  of their left increments, 6 rows each
-void setJointCovariance(InitialMap& map, std::vector<int> frames, const Eigen::MatrixXd& joint);
+void setJointCovariance(InitialMap& map,
+                        std::vector<std::size_t> frames,
+                        const Eigen::MatrixXd& joint);
 
 /// Erases the marked elements, order kept. @param marked not zero where marked; one an element
 template <typename T>
@@ -68,6 +77,22 @@ void eraseMarked(const std::vector<char>& marked, std::vector<T>& elements) {
 std::vector<InitPoint> pointsOf(const InitialMap& map);
 
 /// Removes the marked corners with their observations. @param removed one a corner
-void removeCorners(InitialMap& map, const std::vector<char>& removed);
+/// @return their number
+int removeCorners(InitialMap& map, const std::vector<char>& removed);
+
+/// Makes the mean inverse depth of the corners 1; poses, covariances and variances change their
+/// unit with it.
+/// @return false when that mean is not positive; nothing is changed then
+bool normalizeCornerScale(InitialMap& map);
+
+/// Does the same with the mean over corners and semi-dense points together.
+bool normalizeMapScale(InitialMap& map);
+
+/// Cells of the image whose errors count as one, and the one at a pixel of the reference.
+constexpr int kCellsX = 10;
+constexpr int kCellsY = 8;
+inline std::size_t imageCell(const Eigen::Vector2d& pixel, const PinholeCamera& camera) {
+  return CellGrid(camera.width, camera.height, kCellsX, kCellsY).at(pixel.x(), pixel.y());
+}
 
 }  // namespace dsorb::init_orb

@@ -82,7 +82,7 @@ std::vector<float> gradientLengths(const PhotometricProblem& problem,
   std::vector<float> lengths(problem.patches.size() * kPatternSize);
   forEachRange(problem.patches.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      const PatchGradients g = hostGradients(problem.patches[i], problem.camera, reference);
+      const PatchGradients g = hostGradients(problem.patches[i], reference);
       for (std::size_t j = 0; j < kPattern.size(); ++j) {
         lengths[i * kPattern.size() + j] = std::sqrt(g.x[j] * g.x[j] + g.y[j] * g.y[j]);
       }
@@ -180,22 +180,19 @@ std::vector<float> meanWeights(const std::vector<FrameResiduals>& residuals,
 Verdicts combine(const PhotometricProblem& problem,
                  const PhotometricState& state,
                  const std::vector<float>& weights,
-                 const PhotometricEvidence& evidence) {
+                 const PhotometricMarginals& marginals) {
   std::vector<Eigen::Vector2f> pixels;
   pixels.reserve(problem.patches.size());
-  const PinholeCamera& camera = problem.camera;
-  for (const HostPatch& patch : problem.patches) {
-    const Eigen::Vector3d ray = patch.ray.cast<double>().homogeneous();
-    pixels.emplace_back(camera.project(ray).cast<float>());
-  }
+  for (const HostPatch& patch : problem.patches) pixels.push_back(patch.pixel);
   const std::vector<double> disagreement = neighbourDisagreement(pixels, state.inverse_depth);
-  const Eigen::VectorXd formal = evidence.usable() ? evidence.formalVariances() : Eigen::VectorXd();
+  const Eigen::VectorXd formal =
+      marginals.usable() ? marginals.formalVariances() : Eigen::VectorXd();
   Verdicts verdicts(problem.patches.size(), 0);
   for (std::size_t i = 0; i < verdicts.size(); ++i) {
     const double rho = state.inverse_depth[i];
     const double limit = kMaxRelativeSigma * rho;
     const auto at = static_cast<Eigen::Index>(i);
-    const bool sharp = !evidence.usable() || (formal[at] > 0 && formal[at] <= limit * limit);
+    const bool sharp = !marginals.usable() || (formal[at] > 0 && formal[at] <= limit * limit);
     const bool good = rho > 0 && sharp && disagreement[i] <= kMaxDisagreement &&
                       static_cast<double>(weights[i]) >= kMinTWeight;
     verdicts[i] = good ? 0 : 1;
@@ -234,15 +231,12 @@ void removeFrom(InitialMap& map,
 
 }  // namespace
 
-OutlierReport removeOutliers(InitialMap& map,
-                             PhotometricProblem& problem,
-                             const PhotometricOptions& photometric,
-                             OutlierRule rule) {
+OutlierReport removeOutliers(InitialMap& map, PhotometricProblem& problem, OutlierRule rule) {
   OutlierReport report;
   if (rule == OutlierRule::kNone || problem.frames.empty()) return report;
   const PhotometricState state = makeState(problem, map);
   findVisible(problem, state);
-  std::vector<FrameResiduals> residuals = residualsOf(problem, state, photometric.brightness);
+  std::vector<FrameResiduals> residuals = residualsOf(problem, state);
   if (rule == OutlierRule::kPixelVotes) {
     removeFrom(map, problem, votePixels(residuals, report), report);
     return report;
@@ -250,10 +244,8 @@ OutlierReport removeOutliers(InitialMap& map,
   whiten(gradientLengths(problem, map.frames.front().frame->level(0)), residuals);
   const std::vector<double> scales = scalesOf(residuals);
   report.t_scale = medianOf(scales);
-  const Verdicts verdicts = combine(problem,
-                                    state,
-                                    meanWeights(residuals, scales),
-                                    PhotometricEvidence(problem, state, photometric));
+  const Verdicts verdicts =
+      combine(problem, state, meanWeights(residuals, scales), PhotometricMarginals(problem, state));
   removeFrom(map, problem, verdicts, report);
   return report;
 }

@@ -18,9 +18,6 @@ struct PhotometricProblem;
 /// by the noise expected at their gradients, have a small mean weight under the t-distribution.
 /// @source pixel votes: [Gladkova], section 3.4; combined: docs/experiments.md, "Outlier filter"
 /// @param problem of the map; its patches of removed points are removed as well
-OutlierReport removeOutliers(InitialMap& map,
-                             PhotometricProblem& problem,
-                             const PhotometricOptions& photometric,
-                             OutlierRule rule);
+OutlierReport removeOutliers(InitialMap& map, PhotometricProblem& problem, OutlierRule rule);
 
 }  // namespace dsorb::init_orb

@@ -2,7 +2,6 @@
 #include "init/orb/photometric/photometric_adjustment.h"
 
 #include "base/median.h"
-#include "init/orb/map/map_scale.h"
 #include "init/orb/photometric/photometric_solvers.h"
 
 #include <Eigen/Eigenvalues>
@@ -19,12 +18,10 @@ constexpr double kMinInsideShare = 0.5;  // of the residuals; fewer inside the i
 constexpr std::size_t kMinPatches = 8;   // fewer do not determine a frame
 
 /// Median of the absolute residuals in all frames, of one pixel a patch in turn [grey levels].
-double medianResidual(const PhotometricProblem& problem,
-                      const PhotometricState& state,
-                      PhotometricBrightness brightness) {
+double medianResidual(const PhotometricProblem& problem, const PhotometricState& state) {
   std::vector<double> magnitudes;
   magnitudes.reserve(problem.seen.size());
-  for (const FrameResiduals& frame : residualsOf(problem, state, brightness)) {
+  for (const FrameResiduals& frame : residualsOf(problem, state)) {
     for (std::size_t i = 0; i < frame.valid.size(); ++i) {
       if (frame.valid[i] == 0) continue;
       magnitudes.push_back(std::abs(static_cast<double>(frame.of(i)[i % kPatternSize])));
@@ -106,12 +103,12 @@ double directionMove(const SE3& before, const SE3& after, const Matrix6d& covari
 }
 
 /// One adjustment of one map, step by step.
-class Adjustment {
+class PhotometricAdjustment {
  public:
-  Adjustment(InitialMap& map,
-             PhotometricProblem& problem,
-             const PinholeCamera& camera,
-             const PhotometricOptions& options)
+  PhotometricAdjustment(InitialMap& map,
+                        PhotometricProblem& problem,
+                        const PinholeCamera& camera,
+                        const PhotometricOptions& options)
       : map_(map), camera_(camera), options_(options), problem_(problem) {}
 
   PhotometricReport run();
@@ -132,10 +129,10 @@ class Adjustment {
 };
 
 /// The joint problem at level 1, when the images are too far apart for level 0.
-void Adjustment::solveCoarse(PhotometricState& state) {
+void PhotometricAdjustment::solveCoarse(PhotometricState& state) {
   std::vector<std::size_t> frames;
   for (const PhotometricFrame& frame : problem_.frames) frames.push_back(frame.index);
-  PhotometricProblem coarse = makeProblem(map_, camera_, frames, 1);
+  PhotometricProblem coarse = makeProblem(map_, camera_, frames, 1, options_.brightness);
   PhotometricState coarse_state = makeState(coarse, map_);
   findVisible(coarse, coarse_state);
   if (coarse.patches.size() < kMinPatches) return;
@@ -149,7 +146,7 @@ void Adjustment::solveCoarse(PhotometricState& state) {
   report_.coarse_level = true;
 }
 
-bool Adjustment::refineDepths(PhotometricState& state) {
+bool PhotometricAdjustment::refineDepths(PhotometricState& state) {
   PhotometricOptions options = options_;
   options.depth_iterations = options_.max_iterations;
   const PhotometricSolve solve = refinePhotometricDepths(problem_, options, state);
@@ -159,7 +156,7 @@ bool Adjustment::refineDepths(PhotometricState& state) {
   return solve.cost <= solve.first_cost;
 }
 
-bool Adjustment::solveFine(PhotometricState& state) {
+bool PhotometricAdjustment::solveFine(PhotometricState& state) {
   if (!posesAreUnknown()) return refineDepths(state);
   const PhotometricState before = state;
   const auto joint = jointPatches(problem_, map_, options_.joint_points);
@@ -179,12 +176,12 @@ bool Adjustment::solveFine(PhotometricState& state) {
 
 /// Whether the images can say more about the poses than the corners did.
 /// @source docs/experiments.md, "Photometric adjustment"
-bool Adjustment::posesAreUnknown() const {
+bool PhotometricAdjustment::posesAreUnknown() const {
   return options_.poses == PhotometricPoses::kFree ||
          static_cast<int>(map_.corners.size()) < options_.enough_corners;
 }
 
-bool Adjustment::mayMove(const PhotometricState& state) {
+bool PhotometricAdjustment::mayMove(const PhotometricState& state) {
   const std::size_t target = problem_.frames.back().index;
   if (!map_.frames[target].covariance) return true;
   report_.direction_sigmas = directionMove(
@@ -193,7 +190,7 @@ bool Adjustment::mayMove(const PhotometricState& state) {
 }
 
 /// Posed frames that had no part follow the adjusted depths.
-void Adjustment::alignOtherFrames() {
+void PhotometricAdjustment::alignOtherFrames() {
   std::vector<std::size_t> others;
   for (std::size_t k = 1; k < map_.frames.size(); ++k) {
     const bool part = std::any_of(problem_.frames.begin(),
@@ -202,7 +199,7 @@ void Adjustment::alignOtherFrames() {
     if (map_.frames[k].T_cam_ref && !part) others.push_back(k);
   }
   if (others.empty()) return;
-  PhotometricProblem problem = makeProblem(map_, camera_, others, 0);
+  PhotometricProblem problem = makeProblem(map_, camera_, others, 0, options_.brightness);
   PhotometricState state = makeState(problem, map_);
   findVisible(problem, state);
   const auto patches = jointPatches(problem, map_, options_.joint_points);
@@ -213,14 +210,14 @@ void Adjustment::alignOtherFrames() {
   }
 }
 
-PhotometricReport Adjustment::run() {
+PhotometricReport PhotometricAdjustment::run() {
   report_.frames = static_cast<int>(problem_.frames.size());
   report_.patches = static_cast<int>(problem_.patches.size());
   if (problem_.frames.empty() || problem_.patches.size() < kMinPatches) return report_;
   const PhotometricState before = makeState(problem_, map_);
   PhotometricState state = before;
   findVisible(problem_, state);
-  report_.median_residual = medianResidual(problem_, state, options_.brightness);
+  report_.median_residual = medianResidual(problem_, state);
   const bool far = report_.median_residual > options_.coarse_residual;
   if (far && map_.frames.front().frame->pyramid().levels() > 1) solveCoarse(state);
   if (!solveFine(state) || !isFinite(state)) return report_;
@@ -242,7 +239,7 @@ PhotometricReport adjustPhotometry(InitialMap& map,
                                    PhotometricProblem& problem,
                                    const PinholeCamera& camera,
                                    const PhotometricOptions& options) {
-  return Adjustment(map, problem, camera, options).run();
+  return PhotometricAdjustment(map, problem, camera, options).run();
 }
 
 PhotometricReport adjustPhotometry(InitialMap& map,

@@ -4,7 +4,6 @@
 #include "base/parallel.h"
 #include "estimate/sampling.h"
 #include "estimate/warp.h"
-#include "init/orb/map/image_cells.h"
 
 #include <algorithm>
 #include <cmath>
@@ -24,10 +23,8 @@ struct CellOrder {
 
   explicit CellOrder(const PhotometricProblem& problem) : patches(problem.patches.size()) {
     std::vector<std::size_t> cells;
-    const PinholeCamera& camera = problem.camera;
     for (const HostPatch& patch : problem.patches) {
-      const Eigen::Vector3d ray = patch.ray.cast<double>().homogeneous();
-      cells.push_back(imageCell(camera.project(ray), camera));
+      cells.push_back(imageCell(patch.pixel.cast<double>(), problem.camera));
     }
     std::iota(patches.begin(), patches.end(), std::size_t{0});
     std::stable_sort(patches.begin(), patches.end(), [&](std::size_t a, std::size_t b) {
@@ -40,58 +37,34 @@ struct CellOrder {
   }
 };
 
-/// Direction in which all translations grow together: it leaves every residual unchanged.
-Eigen::VectorXd scaleDirection(const PhotometricState& state, int frame_size) {
-  const auto frames = static_cast<Eigen::Index>(state.T_cam_ref.size());
-  Eigen::VectorXd direction = Eigen::VectorXd::Zero(frames * frame_size);
-  for (Eigen::Index f = 0; f < frames; ++f) {
-    direction.segment<3>(f * frame_size) =
-        state.T_cam_ref[static_cast<std::size_t>(f)].translation();
+/// Rows that belong to poses, 6 a frame.
+std::vector<Eigen::Index> poseRows(std::size_t frames, int frame_size) {
+  std::vector<Eigen::Index> rows;
+  for (std::size_t f = 0; f < frames; ++f) {
+    for (int d = 0; d < 6; ++d) rows.push_back(static_cast<Eigen::Index>(f) * frame_size + d);
   }
-  return direction;
-}
-
-/// Only the rows that belong to poses, 6 a frame.
-Eigen::MatrixXd poseRows(const Eigen::MatrixXd& frames, int frame_size) {
-  const Eigen::Index count = frames.rows() / frame_size;
-  Eigen::MatrixXd poses(6 * count, frames.cols());
-  for (Eigen::Index f = 0; f < count; ++f) {
-    poses.middleRows<6>(6 * f) = frames.middleRows<6>(f * frame_size);
-  }
-  return poses;
-}
-
-/// The other way round: zeros where frames have more unknowns than their pose.
-Eigen::MatrixXd spreadPoses(const Eigen::MatrixXd& poses, int frame_size) {
-  const Eigen::Index count = poses.rows() / 6;
-  Eigen::MatrixXd frames = Eigen::MatrixXd::Zero(count * frame_size, count * frame_size);
-  for (Eigen::Index i = 0; i < count; ++i) {
-    for (Eigen::Index j = 0; j < count; ++j) {
-      frames.block<6, 6>(i * frame_size, j * frame_size) = poses.block<6, 6>(6 * i, 6 * j);
-    }
-  }
-  return frames;
+  return rows;
 }
 
 /// Largest motion along the patch's gradients by a unit of inverse depth.
-double speedOf(const HostPatch& patch,
-               const PatchGradients& gradients,
+double speedOf(const PatchGradients& gradients,
                const PhotometricProblem& problem,
                const PhotometricState& state,
                std::size_t index) {
+  const HostPatch& patch = problem.patches[index];
   Eigen::Matrix2d tensor = Eigen::Matrix2d::Zero();
   for (std::size_t j = 0; j < kPattern.size(); ++j) {
     const Eigen::Vector2d gradient(static_cast<double>(gradients.x[j]),
                                    static_cast<double>(gradients.y[j]));
-    tensor += static_cast<double>(patch.weight[j]) * gradient * gradient.transpose();
+    const auto root = static_cast<double>(patch.root_weight[j]);
+    tensor += root * root * gradient * gradient.transpose();
   }
+  const Eigen::Vector3d ray = problem.camera.unproject(patch.pixel.cast<double>());
   double best = 0;
   for (std::size_t f = 0; f < problem.frames.size(); ++f) {
     if (problem.seenIn(f)[index] == 0) continue;
-    const auto projection = projectHosted(problem.camera,
-                                          state.T_cam_ref[f],
-                                          patch.ray.cast<double>().homogeneous(),
-                                          state.inverse_depth[index]);
+    const auto projection =
+        projectHosted(problem.camera, state.T_cam_ref[f], ray, state.inverse_depth[index]);
     if (!projection) continue;
     const Eigen::Vector2d& d = projection->J_inverse_depth;
     best = std::max(best, d.dot(tensor * d) / std::max(tensor.trace(), 1e-12));
@@ -101,19 +74,19 @@ double speedOf(const HostPatch& patch,
 
 }  // namespace
 
-PhotometricEvidence::PhotometricEvidence(const PhotometricProblem& problem,
-                                         const PhotometricState& state,
-                                         const PhotometricOptions& options)
-    : problem_(problem), state_(state), options_(options) {
+PhotometricMarginals::PhotometricMarginals(const PhotometricProblem& problem,
+                                           const PhotometricState& state)
+    : problem_(problem), state_(state) {
   if (problem.patches.empty() || problem.frames.empty()) return;
-  PhotometricLinearizer(problem, options).linearize(state, equations_);
+  PhotometricLinearizer(problem).linearize(state, equations_);
   countResiduals();
-  marginals_ = Marginals(
-      equations_.system, scaleDirection(state, equations_.frame_size), state.inverse_depth);
+  marginals_ = Marginals(equations_.system,
+                         scaleDirection(state.T_cam_ref, equations_.frame_size),
+                         state.inverse_depth);
   usable_ = marginals_.usable() && noise_variance_ > 0;
 }
 
-void PhotometricEvidence::countResiduals() {
+void PhotometricMarginals::countResiduals() {
   const std::size_t patches = problem_.patches.size();
   observations_.assign(patches, 0);
   int count = 0;
@@ -127,75 +100,60 @@ void PhotometricEvidence::countResiduals() {
   noise_variance_ = redundancy > 0 ? 2 * equations_.cost / redundancy : 0;
 }
 
-/// Calls function(first patch, effects) on runs of patches: column i is -d inverse depth / d frames
-/// of the i-th patch of the run, mean inverse depth fixed; NaN where it is not known.
-template <typename Function>
-void PhotometricEvidence::forEachEffect(Function&& function) const {
-  const Eigen::Index size = equations_.system.size();
+template <typename Own>
+Eigen::VectorXd PhotometricMarginals::variancesWith(const Eigen::MatrixXd& frames,
+                                                    Own&& own) const {
+  const LinearSystem<float>& system = equations_.system;
   const std::size_t patches = problem_.patches.size();
+  Eigen::VectorXd variances = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(patches));
   const std::size_t runs = (patches + kGrain - 1) / kGrain;  // fixed: products depend on the width
   forEachRange(runs, 1, [&](std::size_t begin, std::size_t end) {
     Eigen::MatrixXd effects;
     for (std::size_t run = begin; run < end; ++run) {
-      const std::size_t first = run * kGrain;
-      const std::size_t last = std::min(first + kGrain, patches);
-      effects.resize(size, static_cast<Eigen::Index>(last - first));
-      for (std::size_t i = first; i < last; ++i) {
-        marginals_.depthEffect(equations_.system,
-                               i,
-                               state_.inverse_depth[i],
-                               effects.col(static_cast<Eigen::Index>(i - first)));
+      const auto first = static_cast<Eigen::Index>(run * kGrain);
+      effects.resize(system.size(), std::min<Eigen::Index>(kGrain, variances.size() - first));
+      for (Eigen::Index k = 0; k < effects.cols(); ++k) {
+        const auto i = static_cast<std::size_t>(first + k);
+        marginals_.depthEffect(system, i, state_.inverse_depth[i], effects.col(k));
       }
-      function(first, effects);
+      const Eigen::MatrixXd spread = frames * effects;
+      for (Eigen::Index k = 0; k < effects.cols(); ++k) {
+        const auto i = static_cast<std::size_t>(first + k);
+        if (!system.known(i)) continue;
+        variances[first + k] = own(i) / static_cast<double>(system.depth_hessian[i]) +
+                               effects.col(k).dot(spread.col(k));
+      }
     }
   });
+  return variances;
 }
 
-Eigen::VectorXd PhotometricEvidence::formalVariances() const {
-  Eigen::VectorXd variances =
-      Eigen::VectorXd::Zero(static_cast<Eigen::Index>(problem_.patches.size()));
+Eigen::VectorXd PhotometricMarginals::formalVariances() const {
   const Eigen::MatrixXd roots = marginals_.roots();
-  forEachEffect([&](std::size_t first, const Eigen::MatrixXd& effects) {
-    const Eigen::MatrixXd spread = roots.transpose() * effects;
-    for (Eigen::Index k = 0; k < effects.cols(); ++k) {
-      const std::size_t i = first + static_cast<std::size_t>(k);
-      if (!equations_.system.known(i)) continue;
-      const auto h = static_cast<double>(equations_.system.depth_hessian[i]);
-      variances[static_cast<Eigen::Index>(i)] =
-          noise_variance_ * (1 / h + spread.col(k).squaredNorm());
-    }
-  });
-  return variances;
+  return variancesWith(noise_variance_ * roots * roots.transpose(),
+                       [this](std::size_t) { return noise_variance_; });
 }
 
-Eigen::VectorXd PhotometricEvidence::variances(const Eigen::MatrixXd& poses) const {
-  Eigen::VectorXd variances =
-      Eigen::VectorXd::Zero(static_cast<Eigen::Index>(problem_.patches.size()));
-  const Eigen::MatrixXd frames = spreadPoses(poses, equations_.frame_size);
-  forEachEffect([&](std::size_t first, const Eigen::MatrixXd& effects) {
-    const Eigen::MatrixXd spread = frames * effects;
-    for (Eigen::Index k = 0; k < effects.cols(); ++k) {
-      const std::size_t i = first + static_cast<std::size_t>(k);
-      if (!equations_.system.known(i)) continue;
-      const double redundancy = kPatternSize * observations_[i] - 1;
-      const double own = static_cast<double>(equations_.energy[i]) / redundancy;
-      variances[static_cast<Eigen::Index>(i)] =
-          std::max(noise_variance_, own) / static_cast<double>(equations_.system.depth_hessian[i]) +
-          effects.col(k).dot(spread.col(k));
-    }
+Eigen::VectorXd PhotometricMarginals::variances(const Eigen::MatrixXd& poses) const {
+  const Eigen::Index size = equations_.system.size();
+  const auto rows = poseRows(problem_.frames.size(), equations_.frame_size);
+  Eigen::MatrixXd frames = Eigen::MatrixXd::Zero(size, size);
+  frames(rows, rows) = poses;
+  return variancesWith(frames, [this](std::size_t i) {
+    const double redundancy = kPatternSize * observations_[i] - 1;
+    return std::max(noise_variance_, static_cast<double>(equations_.energy[i]) / redundancy);
   });
-  return variances;
 }
 
 /// S^- (sum over cells of q q^T) S^-, q the gradient that the cell's patches leave to the frames.
-Eigen::MatrixXd PhotometricEvidence::clusteredPoseCovariance() const {
+Eigen::MatrixXd PhotometricMarginals::clusteredPoseCovariance() const {
   const CellOrder order(problem_);
   const PhotometricProblem sorted = subProblem(problem_, order.patches);
   PhotometricState sorted_state = state_;
   for (std::size_t i = 0; i < order.patches.size(); ++i) {
     sorted_state.inverse_depth[i] = state_.inverse_depth[order.patches[i]];
   }
-  PhotometricLinearizer linearizer(sorted, options_, order.begin);
+  PhotometricLinearizer linearizer(sorted, order.begin);
   PhotometricEquations equations;
   linearizer.linearize(sorted_state, equations);
   const LinearSystem<float>& system = equations_.system;
@@ -212,20 +170,18 @@ Eigen::MatrixXd PhotometricEvidence::clusteredPoseCovariance() const {
     gradients.col(static_cast<Eigen::Index>(cell)) = q;
   }
   const auto frames = static_cast<Eigen::Index>(problem_.frames.size());
-  const Eigen::MatrixXd roots = poseRows(
-      marginals_.inGauge(marginals_.clusteredRoots(gradients, frames)), equations_.frame_size);
+  const Eigen::MatrixXd all = marginals_.inGauge(marginals_.clusteredRoots(gradients, frames));
+  const Eigen::MatrixXd roots =
+      all(poseRows(problem_.frames.size(), equations_.frame_size), Eigen::all);
   return roots * roots.transpose();
 }
 
-PatchGradients hostGradients(const HostPatch& patch,
-                             const PinholeCamera& camera,
-                             const PyramidLevel& reference) {
+PatchGradients hostGradients(const HostPatch& patch, const PyramidLevel& reference) {
   PatchGradients gradients;
-  const auto x = static_cast<float>(camera.fx * static_cast<double>(patch.ray.x()) + camera.cx);
-  const auto y = static_cast<float>(camera.fy * static_cast<double>(patch.ray.y()) + camera.cy);
   for (std::size_t j = 0; j < kPattern.size(); ++j) {
-    const Sample<float> sample = interpolate(
-        reference, x + static_cast<float>(kPattern[j].x), y + static_cast<float>(kPattern[j].y));
+    const Sample<float> sample = interpolate(reference,
+                                             patch.pixel.x() + static_cast<float>(kPattern[j].x),
+                                             patch.pixel.y() + static_cast<float>(kPattern[j].y));
     gradients.x[j] = sample.dx;
     gradients.y[j] = sample.dy;
   }
@@ -236,27 +192,21 @@ namespace {
 
 /// The corners' covariance of some frames' poses, 6 rows each; zero when there is none.
 Eigen::MatrixXd geometricCovariance(const InitialMap& map, const PhotometricProblem& problem) {
-  const auto count = static_cast<Eigen::Index>(problem.frames.size());
-  Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(6 * count, 6 * count);
-  const auto row_of = [&](Eigen::Index frame) {
-    return jointRow(map, problem.frames[static_cast<std::size_t>(frame)].index);
-  };
-  for (Eigen::Index i = 0; i < count; ++i) {
-    if (row_of(i) < 0) return covariance;
-  }
-  for (Eigen::Index i = 0; i < count; ++i) {
-    for (Eigen::Index j = 0; j < count; ++j) {
-      covariance.block<6, 6>(6 * i, 6 * j) = map.joint_covariance.block<6, 6>(row_of(i), row_of(j));
+  std::vector<Eigen::Index> rows;
+  for (const PhotometricFrame& frame : problem.frames) {
+    const Eigen::Index first = jointRow(map, frame.index);
+    if (first < 0) {
+      const auto size = static_cast<Eigen::Index>(6 * problem.frames.size());
+      return Eigen::MatrixXd::Zero(size, size);
     }
+    for (int d = 0; d < 6; ++d) rows.push_back(first + d);
   }
-  return covariance;
+  return map.joint_covariance(rows, rows);
 }
 
-std::vector<int> framesOf(const PhotometricProblem& problem) {
-  std::vector<int> frames;
-  for (const PhotometricFrame& frame : problem.frames) {
-    frames.push_back(static_cast<int>(frame.index));
-  }
+std::vector<std::size_t> framesOf(const PhotometricProblem& problem) {
+  std::vector<std::size_t> frames;
+  for (const PhotometricFrame& frame : problem.frames) frames.push_back(frame.index);
   return frames;
 }
 
@@ -267,9 +217,7 @@ std::vector<double> speedsOf(const PhotometricProblem& problem,
   std::vector<double> speeds(problem.patches.size());
   forEachRange(speeds.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      const HostPatch& patch = problem.patches[i];
-      speeds[i] =
-          speedOf(patch, hostGradients(patch, problem.camera, reference), problem, state, i);
+      speeds[i] = speedOf(hostGradients(problem.patches[i], reference), problem, state, i);
     }
   });
   return speeds;
@@ -277,19 +225,16 @@ std::vector<double> speedsOf(const PhotometricProblem& problem,
 
 }  // namespace
 
-bool setPhotometricVariances(InitialMap& map,
-                             PhotometricProblem& problem,
-                             const PhotometricOptions& options,
-                             bool poses_moved) {
+bool setPhotometricVariances(InitialMap& map, PhotometricProblem& problem, bool poses_moved) {
   const PhotometricState state = makeState(problem, map);
   findVisible(problem, state);
-  const PhotometricEvidence evidence(problem, state, options);
-  if (!evidence.usable()) return false;
+  const PhotometricMarginals marginals(problem, state);
+  if (!marginals.usable()) return false;
   const Eigen::MatrixXd poses =
-      poses_moved ? Eigen::MatrixXd(kPoseVarianceFactor * evidence.clusteredPoseCovariance())
+      poses_moved ? Eigen::MatrixXd(kPoseVarianceFactor * marginals.clusteredPoseCovariance())
                   : geometricCovariance(map, problem);
   if (poses_moved) setJointCovariance(map, framesOf(problem), poses);
-  const Eigen::VectorXd variances = evidence.variances(poses);
+  const Eigen::VectorXd variances = marginals.variances(poses);
   const std::vector<double> speeds = speedsOf(problem, state, map.frames.front().frame->level(0));
   const std::size_t corners = map.corners.size();
   for (std::size_t i = 0; i < problem.patches.size(); ++i) {

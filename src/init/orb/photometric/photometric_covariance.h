@@ -17,17 +17,13 @@ struct PatchGradients {
   std::array<float, kPatternSize> x{};  ///< [grey levels / px]
   std::array<float, kPatternSize> y{};
 };
-PatchGradients hostGradients(const HostPatch& patch,
-                             const PinholeCamera& camera,
-                             const PyramidLevel& reference);
+PatchGradients hostGradients(const HostPatch& patch, const PyramidLevel& reference);
 
 /// Marginals of the photometric solution, in the gauge "reference pose and mean inverse depth
 /// fixed". Runs in parallel inside the caller's arena.
-class PhotometricEvidence {
+class PhotometricMarginals {
  public:
-  PhotometricEvidence(const PhotometricProblem& problem,
-                      const PhotometricState& state,
-                      const PhotometricOptions& options);
+  PhotometricMarginals(const PhotometricProblem& problem, const PhotometricState& state);
 
   /// Whether the equations determine their solution; nothing else may be asked when not.
   [[nodiscard]] bool usable() const { return usable_; }
@@ -45,14 +41,13 @@ class PhotometricEvidence {
   [[nodiscard]] Eigen::MatrixXd clusteredPoseCovariance() const;
 
  private:
-  /// Sum over patches of a quadratic form of what moves with their inverse depths.
-  template <typename Function>
-  void forEachEffect(Function&& function) const;
+  /// By patch: own(patch) / h + g^T frames g; 0 unknown. @param frames covariance of all unknowns
+  template <typename Own>
+  [[nodiscard]] Eigen::VectorXd variancesWith(const Eigen::MatrixXd& frames, Own&& own) const;
   void countResiduals();
 
   const PhotometricProblem& problem_;
   const PhotometricState& state_;
-  const PhotometricOptions& options_;
   PhotometricEquations equations_;
   std::vector<int> observations_;  ///< by patch
   Marginals marginals_;
@@ -65,9 +60,6 @@ class PhotometricEvidence {
 /// @param problem     the map's
 /// @param poses_moved the poses are the photometric ones
 /// @return false when the equations are degenerate; the map is unchanged then
-bool setPhotometricVariances(InitialMap& map,
-                             PhotometricProblem& problem,
-                             const PhotometricOptions& options,
-                             bool poses_moved);
+bool setPhotometricVariances(InitialMap& map, PhotometricProblem& problem, bool poses_moved);
 
 }  // namespace dsorb::init_orb

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/photometric/photometric_equations.h"
 
-#include "base/lanes.h"
 #include "base/parallel.h"
 
 #include <algorithm>
@@ -20,25 +19,21 @@ std::vector<std::size_t> equalBlocks(std::size_t patches) {
 
 }  // namespace
 
-PhotometricLinearizer::PhotometricLinearizer(const PhotometricProblem& problem,
-                                             const PhotometricOptions& options)
-    : PhotometricLinearizer(problem, options, equalBlocks(problem.patches.size())) {}
+PhotometricLinearizer::PhotometricLinearizer(const PhotometricProblem& problem)
+    : PhotometricLinearizer(problem, equalBlocks(problem.patches.size())) {}
 
 PhotometricLinearizer::PhotometricLinearizer(const PhotometricProblem& problem,
-                                             const PhotometricOptions& options,
                                              std::vector<std::size_t> block_begin)
     : problem_(problem),
-      options_(options),
       block_begin_(std::move(block_begin)),
-      targets_(problem.frames.size()),
       inverse_depth_(problem.patches.size()),
       sums_(blocks() * problem.frames.size()) {}
 
 Eigen::VectorXd PhotometricLinearizer::blockGradient(std::size_t block) const {
-  const int size = frameSize(options_.brightness);
-  Eigen::VectorXd gradient(static_cast<Eigen::Index>(targets_.size()) * size);
-  for (std::size_t f = 0; f < targets_.size(); ++f) {
-    const float* sum = sums_[block * targets_.size() + f].data();
+  const int size = frameSize(problem_.brightness);
+  Eigen::VectorXd gradient(static_cast<Eigen::Index>(problem_.frames.size()) * size);
+  for (std::size_t f = 0; f < problem_.frames.size(); ++f) {
+    const float* sum = sums_[block * problem_.frames.size() + f].data();
     for (int i = 0; i < size; ++i) {
       sum += size - i;
       gradient[static_cast<Eigen::Index>(f) * size + i] = static_cast<double>(*sum++);
@@ -59,14 +54,13 @@ void PhotometricLinearizer::linearize(const PhotometricState& state,
 void PhotometricLinearizer::prepare(const PhotometricState& state,
                                     PhotometricEquations& equations) {
   const std::size_t frames = problem_.frames.size();
-  for (std::size_t f = 0; f < frames; ++f) {
-    targets_[f] = targetImage(problem_, state, f);
-  }
+  images_.clear();
+  for (std::size_t f = 0; f < frames; ++f) images_.push_back(patchImage(problem_, state, f));
   std::transform(state.inverse_depth.begin(),
                  state.inverse_depth.end(),
                  inverse_depth_.begin(),
                  [](double value) { return static_cast<float>(value); });
-  equations.frame_size = frameSize(options_.brightness);
+  equations.frame_size = frameSize(problem_.brightness);
   const auto size = static_cast<Eigen::Index>(frames) * equations.frame_size;
   equations.system.reset(size, problem_.patches.size());
   equations.energy.assign(problem_.patches.size(), 0);
@@ -80,12 +74,12 @@ void PhotometricLinearizer::linearizeBlock(std::size_t block, PhotometricEquatio
                        inverse_depth_.data() + first,
                        problem_.seenIn(f) + first,
                        count};
-    const PatchSums sums{
+    const PatchTotals sums{
         equations.system.sumsOf(first, f * static_cast<std::size_t>(equations.frame_size)),
         equations.energy.data() + first};
     auto& frame_sums = sums_[block * problem_.frames.size() + f];
     frame_sums.fill(0);
-    linearizePatches(targets_[f], options_.brightness, run, sums, frame_sums);
+    linearizePatches(images_[f], run, sums, frame_sums);
   }
 }
 
@@ -96,18 +90,10 @@ void PhotometricLinearizer::collect(PhotometricEquations& equations) const {
   for (std::size_t f = 0; f < frames; ++f) {
     const auto at = static_cast<Eigen::Index>(f) * size;
     for (std::size_t block = 0; block < blocks(); ++block) {
-      const float* sum = sums_[block * frames + f].data();
-      for (int i = 0; i < size; ++i) {
-        for (int j = i; j < size; ++j) {
-          H(at + i, at + j) += static_cast<double>(*sum++);
-        }
-        equations.system.b[at + i] += static_cast<double>(*sum++);
-      }
-    }
-    for (int i = 0; i < size; ++i) {
-      for (int j = 0; j < i; ++j) H(at + i, at + j) = H(at + j, at + i);
+      addTriangle(sums_[block * frames + f].data(), at, size, H, equations.system.b);
     }
   }
+  H.triangularView<Eigen::StrictlyLower>() = H.transpose();
   equations.cost = 0;
   for (const float energy : equations.energy) equations.cost += 0.5 * static_cast<double>(energy);
 }

@@ -25,11 +25,9 @@ struct PhotometricEquations {
 /// evaluation of each result only.
 class PhotometricLinearizer {
  public:
-  PhotometricLinearizer(const PhotometricProblem& problem, const PhotometricOptions& options);
+  explicit PhotometricLinearizer(const PhotometricProblem& problem);
   /// @param block_begin first patch of each block that is summed in single precision, and the end
-  PhotometricLinearizer(const PhotometricProblem& problem,
-                        const PhotometricOptions& options,
-                        std::vector<std::size_t> block_begin);
+  PhotometricLinearizer(const PhotometricProblem& problem, std::vector<std::size_t> block_begin);
 
   void linearize(const PhotometricState& state, PhotometricEquations& equations);
 
@@ -43,9 +41,8 @@ class PhotometricLinearizer {
   [[nodiscard]] std::size_t blocks() const { return block_begin_.size() - 1; }
 
   const PhotometricProblem& problem_;
-  PhotometricOptions options_;
   std::vector<std::size_t> block_begin_;
-  std::vector<TargetImage> targets_;
+  std::vector<PatchImage> images_;
   std::vector<float> inverse_depth_;
   std::vector<std::array<float, kFrameSums>> sums_;  ///< [block * frames + frame]
 };

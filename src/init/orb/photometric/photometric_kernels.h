@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/options/orb_mapping.h"
+
+#include "estimate/host_patch.h"
 #include "estimate/linear_system.h"
-#include "estimate/target_image.h"
-#include "init/orb/photometric/photometric_patch.h"
+#include "estimate/triangle_sums.h"
 
 #include <array>
 #include <cstddef>
@@ -13,13 +15,19 @@ namespace dsorb::init_orb {
 
 constexpr std::size_t kPatchBlock = 128;  ///< patches summed in float before doubles take over
 constexpr int kMaxFrameSize = 8;          ///< unknowns of a frame: pose 6, brightness a and b
-/// Upper triangle of J J^T, each row followed by its product with the residual.
-constexpr std::size_t kFrameSums = 44;
+constexpr std::size_t kFrameSums = triangleSums(kMaxFrameSize);
 
 /// Unknowns of one frame beside the depths.
 inline int frameSize(PhotometricBrightness brightness) {
   return brightness == PhotometricBrightness::kAffine ? 8 : 6;
 }
+
+/// A frame that patches are compared with.
+struct PatchImage {
+  TargetImage target;
+  HostRays rays;
+  PhotometricBrightness brightness;
+};
 
 /// A run of patches, few enough to be summed in single precision.
 struct PatchRun {
@@ -31,17 +39,16 @@ struct PatchRun {
 
 /// Sums over the pixels of each patch, added to what is there; couplings are set, also those of
 /// patches that are not seen.
-struct PatchSums {
+struct PatchTotals {
   PointSums<float> points;
   float* energy = nullptr;  ///< Huber energy, huberEnergy()
 };
 
 /// @param sums  from the first patch on; without couplings poses are fixed
 /// @param frame sums over all patches, the rows of the triangle that frameSize() wants
-void linearizePatches(const TargetImage& target,
-                      PhotometricBrightness brightness,
+void linearizePatches(const PatchImage& image,
                       const PatchRun& run,
-                      const PatchSums& sums,
+                      const PatchTotals& sums,
                       std::array<float, kFrameSums>& frame);
 
 /// Residuals of a run of patches without derivatives. A patch that is not seen gives none.
@@ -49,10 +56,6 @@ void linearizePatches(const TargetImage& target,
 /// @param residual kPatternSize a patch [grey levels]; null: not wanted
 /// @param inside   by patch: the whole pattern inside the image, in front, and valid; may be
 ///                 `run.seen`
-void evaluatePatches(const TargetImage& target,
-                     PhotometricBrightness brightness,
-                     const PatchRun& run,
-                     float* residual,
-                     char* inside);
+void evaluatePatches(const PatchImage& image, const PatchRun& run, float* residual, char* inside);
 
 }  // namespace dsorb::init_orb

@@ -3,37 +3,13 @@
 
 #include "base/parallel.h"
 #include "base/spread_frames.h"
-#include "estimate/sampling.h"
-#include "init/orb/photometric/photometric_kernels.h"
 
 #include <algorithm>
-#include <cmath>
 
 namespace dsorb::init_orb {
 namespace {
 
 constexpr std::size_t kGrain = 128;  // patches one thread takes at a time
-
-/// @return false when the pattern leaves the level or is invalid
-bool cutPatch(const PyramidLevel& level,
-              const PinholeCamera& camera,
-              const Eigen::Vector2f& pixel,
-              HostPatch& patch) {
-  if (!canSample(level, pixel.x(), pixel.y(), kPatternRadius)) {
-    return false;
-  }
-  patch.ray = camera.unproject(pixel.cast<double>()).head<2>().cast<float>();
-  float sum = 0;
-  for (std::size_t j = 0; j < kPattern.size(); ++j) {
-    const Sample<float> sample = interpolate(level,
-                                             pixel.x() + static_cast<float>(kPattern[j].x),
-                                             pixel.y() + static_cast<float>(kPattern[j].y));
-    patch.grey[j] = sample.intensity;
-    patch.weight[j] = gradientWeight(sample.dx * sample.dx + sample.dy * sample.dy);
-    sum += sample.intensity;
-  }
-  return std::isfinite(sum);
-}
 
 std::vector<float> singlePrecision(const std::vector<double>& values) {
   std::vector<float> floats(values.size());
@@ -51,8 +27,9 @@ std::vector<std::size_t> spreadFrames(const InitialMap& map, int count) {
     if (map.frames[k].T_cam_ref) posed.push_back(k);
   }
   std::vector<std::size_t> spread;
-  for (const int i : dsorb::spreadFrames(static_cast<int>(posed.size()) + 1, count + 1)) {
-    spread.push_back(posed[static_cast<std::size_t>(i) - 1]);
+  for (const std::size_t i :
+       dsorb::spreadFrames(posed.size() + 1, static_cast<std::size_t>(count) + 1)) {
+    spread.push_back(posed[i - 1]);
   }
   return spread;
 }
@@ -60,9 +37,11 @@ std::vector<std::size_t> spreadFrames(const InitialMap& map, int count) {
 PhotometricProblem makeProblem(const InitialMap& map,
                                const PinholeCamera& camera,
                                const std::vector<std::size_t>& frames,
-                               int level) {
+                               int level,
+                               PhotometricBrightness brightness) {
   PhotometricProblem problem;
   problem.camera = camera.atLevel(level);
+  problem.brightness = brightness;
   problem.reference_exposure = map.frames.front().frame->exposure();
   for (const std::size_t k : frames) {
     problem.frames.push_back(
@@ -72,23 +51,20 @@ PhotometricProblem makeProblem(const InitialMap& map,
   const float scale = 1.0F / static_cast<float>(1 << level);
   const std::size_t corners = map.corners.size();
   const std::size_t total = corners + map.points.size();
-  std::vector<char> cut(total);
-  problem.patches.resize(total);
+  std::vector<std::optional<HostPatch>> patches(total);
   forEachRange(total, kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const Eigen::Vector2f pixel =
           i < corners ? map.corners[i].pixel.cast<float>() : map.points[i - corners].pixel;
       const Eigen::Vector2f at = ((pixel.array() + 0.5F) * scale - 0.5F).matrix();
-      cut[i] = cutPatch(reference, problem.camera, at, problem.patches[i]) ? 1 : 0;
+      patches[i] = readHostPatch<interpolate<float>>(reference, at);
     }
   });
-  problem.source.reserve(total);
   for (std::size_t i = 0; i < total; ++i) {
-    if (cut[i] == 0) continue;
-    problem.patches[problem.source.size()] = problem.patches[i];
+    if (!patches[i]) continue;
+    problem.patches.push_back(*patches[i]);
     problem.source.push_back(i);
   }
-  problem.patches.resize(problem.source.size());
   problem.seen.assign(problem.frames.size() * problem.patches.size(), 1);
   return problem;
 }
@@ -96,7 +72,7 @@ PhotometricProblem makeProblem(const InitialMap& map,
 PhotometricProblem makeProblem(const InitialMap& map,
                                const PinholeCamera& camera,
                                const PhotometricOptions& options) {
-  return makeProblem(map, camera, spreadFrames(map, options.max_frames), 0);
+  return makeProblem(map, camera, spreadFrames(map, options.max_frames), 0, options.brightness);
 }
 
 PhotometricState makeState(const PhotometricProblem& problem, const InitialMap& map) {
@@ -121,10 +97,9 @@ double findVisible(PhotometricProblem& problem, const PhotometricState& state) {
   std::size_t visible = 0;
   for (std::size_t f = 0; f < problem.frames.size(); ++f) {
     char* seen = problem.seen.data() + f * count;
-    const TargetImage target = targetImage(problem, state, f);
+    const PatchImage image = patchImage(problem, state, f);
     forEachRange(count, kGrain, [&](std::size_t begin, std::size_t end) {
-      evaluatePatches(target,
-                      PhotometricBrightness::kPsiFixed,
+      evaluatePatches(image,
                       {&problem.patches[begin], &inverse_depth[begin], nullptr, end - begin},
                       nullptr,
                       seen + begin);
@@ -155,6 +130,7 @@ PhotometricProblem subProblem(const PhotometricProblem& problem,
                               const std::vector<std::size_t>& patches) {
   PhotometricProblem part;
   part.camera = problem.camera;
+  part.brightness = problem.brightness;
   part.reference_exposure = problem.reference_exposure;
   part.frames = problem.frames;
   for (const std::size_t i : patches) {
@@ -167,26 +143,19 @@ PhotometricProblem subProblem(const PhotometricProblem& problem,
   return part;
 }
 
-PatchTarget patchTarget(const PhotometricProblem& problem,
-                        const PhotometricState& state,
-                        std::size_t frame) {
-  return {problem.frames[frame].image,
-          &problem.camera,
-          state.T_cam_ref[frame],
-          brightnessTransfer(
-              {}, problem.reference_exposure, state.affine[frame], problem.frames[frame].exposure)};
-}
-
-TargetImage targetImage(const PhotometricProblem& problem,
-                        const PhotometricState& state,
-                        std::size_t frame) {
-  const PatchTarget target = patchTarget(problem, state, frame);
-  return makeTargetImage(*target.camera, target.T_cam_ref, target.transfer, *target.image);
+PatchImage patchImage(const PhotometricProblem& problem,
+                      const PhotometricState& state,
+                      std::size_t frame) {
+  const PhotometricFrame& seen = problem.frames[frame];
+  const BrightnessTransfer transfer =
+      brightnessTransfer({}, problem.reference_exposure, state.affine[frame], seen.exposure);
+  return {makeTargetImage(problem.camera, state.T_cam_ref[frame], transfer, *seen.image),
+          HostRays(problem.camera),
+          problem.brightness};
 }
 
 std::vector<FrameResiduals> residualsOf(const PhotometricProblem& problem,
-                                        const PhotometricState& state,
-                                        PhotometricBrightness brightness) {
+                                        const PhotometricState& state) {
   const std::size_t count = problem.patches.size();
   const std::vector<float> inverse_depth = singlePrecision(state.inverse_depth);
   std::vector<FrameResiduals> residuals(problem.frames.size());
@@ -194,11 +163,10 @@ std::vector<FrameResiduals> residualsOf(const PhotometricProblem& problem,
     FrameResiduals& frame = residuals[f];
     frame.values.resize(count * kPatternSize);
     frame.valid.resize(count);
-    const TargetImage target = targetImage(problem, state, f);
+    const PatchImage image = patchImage(problem, state, f);
     const char* seen = problem.seenIn(f);
     forEachRange(count, kGrain, [&](std::size_t begin, std::size_t end) {
-      evaluatePatches(target,
-                      brightness,
+      evaluatePatches(image,
                       {&problem.patches[begin], &inverse_depth[begin], seen + begin, end - begin},
                       &frame.values[begin * kPatternSize],
                       &frame.valid[begin]);

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "estimate/target_image.h"
+#include "dsorb/options/orb_mapping.h"
+
 #include "init/orb/map/initial_map.h"
-#include "init/orb/photometric/photometric_patch.h"
+#include "init/orb/photometric/photometric_kernels.h"
 
 #include <cstddef>
 #include <vector>
@@ -20,7 +21,8 @@ struct PhotometricFrame {
 /// What stays constant during one photometric adjustment: patches of the reference at one pyramid
 /// level, the frames they are compared with, and which patch counts in which frame.
 struct PhotometricProblem {
-  PinholeCamera camera;           ///< of the level
+  PinholeCamera camera;  ///< of the level
+  PhotometricBrightness brightness = PhotometricBrightness::kAffine;
   double reference_exposure = 1;  ///< [s]
   std::vector<PhotometricFrame> frames;
   std::vector<HostPatch> patches;
@@ -47,7 +49,8 @@ std::vector<std::size_t> spreadFrames(const InitialMap& map, int count);
 PhotometricProblem makeProblem(const InitialMap& map,
                                const PinholeCamera& camera,
                                const std::vector<std::size_t>& frames,
-                               int level);
+                               int level,
+                               PhotometricBrightness brightness);
 
 /// Makes the problem at level 0 with the frames that the options select.
 PhotometricProblem makeProblem(const InitialMap& map,
@@ -66,15 +69,10 @@ void writeState(const PhotometricProblem& problem, const PhotometricState& state
 PhotometricProblem subProblem(const PhotometricProblem& problem,
                               const std::vector<std::size_t>& patches);
 
-/// One frame in the form of the patch equations.
-PatchTarget patchTarget(const PhotometricProblem& problem,
-                        const PhotometricState& state,
-                        std::size_t frame);
-
-/// One frame in single precision, for the kernels.
-TargetImage targetImage(const PhotometricProblem& problem,
-                        const PhotometricState& state,
-                        std::size_t frame);
+/// One frame for the kernels.
+PatchImage patchImage(const PhotometricProblem& problem,
+                      const PhotometricState& state,
+                      std::size_t frame);
 
 /// Residuals of all patches in one frame.
 struct FrameResiduals {
@@ -88,7 +86,6 @@ struct FrameResiduals {
 
 /// Residuals of all patches in every frame. Runs in parallel inside the caller's arena.
 std::vector<FrameResiduals> residualsOf(const PhotometricProblem& problem,
-                                        const PhotometricState& state,
-                                        PhotometricBrightness brightness);
+                                        const PhotometricState& state);
 
 }  // namespace dsorb::init_orb

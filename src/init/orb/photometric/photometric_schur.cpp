@@ -42,7 +42,7 @@ std::optional<PhotometricSolve> solveJointly(const PhotometricProblem& problem,
                                              bool depths_fixed,
                                              PhotometricState& state) {
   SchurProblem<Model, PhotometricState, PhotometricEquations> adjustment(
-      {PhotometricLinearizer(problem, options), frameSize(options.brightness)},
+      {PhotometricLinearizer(problem), frameSize(problem.brightness)},
       state,
       options.function_tolerance,
       depths_fixed);
@@ -67,12 +67,10 @@ struct BlockSums {
 class DepthBlock {
  public:
   DepthBlock(const PhotometricProblem& problem,
-             const std::vector<TargetImage>& targets,
-             PhotometricBrightness brightness,
+             const std::vector<PatchImage>& images,
              std::size_t block)
       : problem_(problem),
-        targets_(targets),
-        brightness_(brightness),
+        images_(images),
         first_(block * kPatchBlock),
         count_(std::min(kPatchBlock, problem.patches.size() - first_)) {}
 
@@ -120,10 +118,9 @@ class DepthBlock {
   void evaluate(const std::array<float, kPatchBlock>& inverse_depth, BlockSums& sums) const {
     sums = {};
     std::array<float, kFrameSums> unused{};
-    for (std::size_t f = 0; f < targets_.size(); ++f) {
+    for (std::size_t f = 0; f < images_.size(); ++f) {
       linearizePatches(
-          targets_[f],
-          brightness_,
+          images_[f],
           {problem_.patches.data() + first_,
            inverse_depth.data(),
            problem_.seenIn(f) + first_,
@@ -139,8 +136,7 @@ class DepthBlock {
   }
 
   const PhotometricProblem& problem_;
-  const std::vector<TargetImage>& targets_;
-  PhotometricBrightness brightness_;
+  const std::vector<PatchImage>& images_;
   std::size_t first_;
   std::size_t count_;
 };
@@ -162,16 +158,16 @@ std::optional<PhotometricSolve> alignPhotometricPoses(const PhotometricProblem& 
 PhotometricSolve refinePhotometricDepths(const PhotometricProblem& problem,
                                          const PhotometricOptions& options,
                                          PhotometricState& state) {
-  std::vector<TargetImage> targets;
+  std::vector<PatchImage> images;
   for (std::size_t f = 0; f < problem.frames.size(); ++f) {
-    targets.push_back(targetImage(problem, state, f));
+    images.push_back(patchImage(problem, state, f));
   }
   const std::size_t blocks = (problem.patches.size() + kPatchBlock - 1) / kPatchBlock;
   std::vector<std::pair<double, double>> energies(blocks);
   forEachRange(blocks, 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t block = begin; block < end; ++block) {
-      energies[block] = DepthBlock(problem, targets, options.brightness, block)
-                            .refine(options.depth_iterations, state.inverse_depth);
+      energies[block] =
+          DepthBlock(problem, images, block).refine(options.depth_iterations, state.inverse_depth);
     }
   });
   PhotometricSolve solve;

@@ -43,8 +43,7 @@ CornerPrior::CornerPrior(const std::vector<Corner>& corners, int width, int heig
 }
 
 SemiDensePoint CornerPrior::at(const Eigen::Vector2f& pixel) const {
-  const auto neighbours =
-      grid_.nearest<kNeighbours>(pixel, kRadius, [](std::size_t) { return true; });
+  const auto neighbours = grid_.nearest<kNeighbours>(pixel, kRadius);
   if (neighbours.count < kMinNeighbours) return {pixel, wide_.inverse_depth, wide_.variance};
   float sum = 0;
   float mean = 0;

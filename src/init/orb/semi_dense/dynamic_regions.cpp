@@ -27,28 +27,28 @@ constexpr int kIterations = 3;        // of Gauss-Newton on one inverse depth
 constexpr std::size_t kMinVotes = 3;  // fewer tracks close by decide nothing
 constexpr double kLost = 1e6;         // [px]; error of a track behind a camera
 
-struct Sighting {
+struct PosedObservation {
   SE3 T_cam_ref;
   Eigen::Vector2d pixel;
 };
 
 /// Error of a point seen from several cameras, and the step that reduces it.
-struct DepthFit {
+struct DepthStep {
   double squared = 0;  // [px^2]
   double step = 0;     // [1/unit]
 };
 
-std::optional<DepthFit> evaluate(const std::vector<Sighting>& sightings,
-                                 const PinholeCamera& camera,
-                                 const Eigen::Vector3d& ray,
-                                 double inverse_depth) {
-  DepthFit fit;
+std::optional<DepthStep> evaluate(const std::vector<PosedObservation>& observations,
+                                  const PinholeCamera& camera,
+                                  const Eigen::Vector3d& ray,
+                                  double inverse_depth) {
+  DepthStep fit;
   double information = 0;
   double gradient = 0;
-  for (const Sighting& sighting : sightings) {
-    const auto projection = projectHosted(camera, sighting.T_cam_ref, ray, inverse_depth);
+  for (const PosedObservation& observation : observations) {
+    const auto projection = projectHosted(camera, observation.T_cam_ref, ray, inverse_depth);
     if (!projection) return std::nullopt;
-    const Eigen::Vector2d residual = sighting.pixel - projection->pixel;
+    const Eigen::Vector2d residual = observation.pixel - projection->pixel;
     fit.squared += residual.squaredNorm();
     information += projection->J_inverse_depth.squaredNorm();
     gradient += projection->J_inverse_depth.dot(residual);
@@ -57,22 +57,22 @@ std::optional<DepthFit> evaluate(const std::vector<Sighting>& sightings,
   return fit;
 }
 
-double trackError(const std::vector<Sighting>& sightings,
+double trackError(const std::vector<PosedObservation>& observations,
                   const PinholeCamera& camera,
                   const Eigen::Vector3d& ray) {
-  if (sightings.empty()) return 0;
-  const Sighting& widest = sightings.back();
+  if (observations.empty()) return 0;
+  const PosedObservation& widest = observations.back();
   const auto start = triangulateInverseDepth(
       widest.T_cam_ref, ray, camera.unproject(widest.pixel).head<2>(), 1 / camera.fx);
   double inverse_depth = start ? std::max(start->inverse_depth, 0.0) : 0.0;
   double best = kLost * kLost;
   for (int i = 0; i <= kIterations; ++i) {
-    const auto fit = evaluate(sightings, camera, ray, inverse_depth);
+    const auto fit = evaluate(observations, camera, ray, inverse_depth);
     if (!fit) break;
     best = std::min(best, fit->squared);
     inverse_depth = std::max(inverse_depth + fit->step, 0.0);
   }
-  return std::sqrt(best / static_cast<double>(sightings.size()));
+  return std::sqrt(best / static_cast<double>(observations.size()));
 }
 
 }  // namespace
@@ -81,17 +81,17 @@ std::vector<double> trackErrors(const InitialMap& map,
                                 const CornerTracks& tracks,
                                 const PinholeCamera& camera) {
   std::vector<double> errors(static_cast<std::size_t>(tracks.size()));
-  std::vector<Sighting> sightings;
+  std::vector<PosedObservation> observations;
   for (std::size_t i = 0; i < errors.size(); ++i) {
-    sightings.clear();
+    observations.clear();
     for (std::size_t k = 1; k < tracks.positions.size(); ++k) {
       const Eigen::Vector2f& pixel = tracks.positions[k][i];
       if (map.frames[k].T_cam_ref && std::isfinite(pixel.x())) {
-        sightings.push_back({*map.frames[k].T_cam_ref, pixel.cast<double>()});
+        observations.push_back({*map.frames[k].T_cam_ref, pixel.cast<double>()});
       }
     }
-    errors[i] =
-        trackError(sightings, camera, camera.unproject(tracks.positions.front()[i].cast<double>()));
+    errors[i] = trackError(
+        observations, camera, camera.unproject(tracks.positions.front()[i].cast<double>()));
   }
   return errors;
 }
@@ -111,8 +111,7 @@ std::vector<char> DynamicRegions::covered(const std::vector<Eigen::Vector2f>& pi
   if (contradicting_ == 0) return covered;
   forEachRange(pixels.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      const auto nearest =
-          grid_.nearest<kNeighbours>(pixels[i], kRadius, [](std::size_t) { return true; });
+      const auto nearest = grid_.nearest<kNeighbours>(pixels[i], kRadius);
       const auto against = std::count_if(nearest.begin(), nearest.end(), [&](const auto& track) {
         return contradicts_[track.point] != 0;
       });
@@ -128,8 +127,7 @@ int DynamicRegions::removeCorners(InitialMap& map) const {
   std::vector<Eigen::Vector2f> pixels;
   pixels.reserve(map.corners.size());
   for (const Corner& corner : map.corners) pixels.emplace_back(corner.pixel.cast<float>());
-  init_orb::removeCorners(map, covered(pixels));
-  return static_cast<int>(pixels.size() - map.corners.size());
+  return init_orb::removeCorners(map, covered(pixels));
 }
 
 int DynamicRegions::removePoints(InitialMap& map) const {

@@ -6,14 +6,55 @@
 #include "dsorb/image/frame.h"
 #include "dsorb/options/orb_mapping.h"
 
+#include "estimate/epipolar_geometry.h"
 #include "image/photometric.h"
 #include "init/orb/semi_dense/corner_prior.h"
-#include "init/orb/semi_dense/epipolar_line.h"
 
-#include <array>
+#include <Eigen/Core>
+
+#include <optional>
 #include <vector>
 
 namespace dsorb::init_orb {
+
+/// Epipolar line of one reference pixel. Positions along it are pixels from `origin`, growing with
+/// the inverse depth.
+class EpipolarLine {
+ public:
+  /// @param pixel         in the reference
+  /// @param inverse_depth where `origin` and the warp are taken [1/unit]
+  /// @return nullopt behind the camera or where the line has no direction (at the epipole)
+  static std::optional<EpipolarLine> through(const EpipolarGeometry& geometry,
+                                             const Eigen::Vector2f& pixel,
+                                             float inverse_depth);
+
+  [[nodiscard]] const Eigen::Vector2f& origin() const { return origin_; }
+  [[nodiscard]] const Eigen::Vector2f& direction() const { return direction_; }
+  /// d pixel / d reference pixel at the inverse depth of `origin`, which is held constant.
+  [[nodiscard]] const Eigen::Matrix2f& warp() const { return warp_; }
+  /// d position / d inverse depth at `origin` [px unit].
+  [[nodiscard]] float speed() const { return speed_; }
+
+  [[nodiscard]] Eigen::Vector2f at(float position) const { return origin_ + position * direction_; }
+  /// Position of an inverse depth [px]; nullopt behind the camera.
+  [[nodiscard]] std::optional<float> positionOf(float inverse_depth) const;
+  /// Inverse depth at a position and its derivative there.
+  struct Depth {
+    float inverse_depth;  ///< [1/unit]
+    float alpha;          ///< d inverse depth / d position [1/(unit px)]
+  };
+  [[nodiscard]] Depth depthAt(float position) const;
+
+ private:
+  EpipolarLine() = default;
+
+  Eigen::Vector3f at_infinity_{0, 0, 1};  ///< A (x, y, 1)
+  Eigen::Vector3f b_{0, 0, 0};
+  Eigen::Vector2f origin_{0, 0};
+  Eigen::Vector2f direction_{1, 0};
+  Eigen::Matrix2f warp_ = Eigen::Matrix2f::Identity();
+  float speed_ = 0;
+};
 
 enum class SearchStatus {
   kSkipped,   ///< outside the image, gradient across the line, or too little motion
@@ -56,53 +97,6 @@ class EpipolarSearch {
   [[nodiscard]] SearchOutcome search(const SemiDensePoint& prior, Scratch& scratch) const;
 
  private:
-  /// Reference patch and where its pixels lie in the target around the centre.
-  struct Patch {
-    std::array<float, kPatternSize> grey;
-    std::array<Eigen::Vector2f, kPatternSize> offset;
-    float extent = 0;  ///< largest offset along an axis [px]
-  };
-  struct Interval {
-    float begin;
-    float end;
-  };
-  /// Sums over the patch at the match.
-  struct Match {
-    float position = 0;           ///< on the line [px]
-    float information = 0;        ///< sum of squared gradients along the line [grey^2/px^2]
-    Eigen::Vector2f shift{0, 0};  ///< d position / d displacement of the line
-  };
-
-  [[nodiscard]] bool gradientIsUsable(const Eigen::Vector2f& pixel, const EpipolarLine& line) const;
-  [[nodiscard]] Patch cutPatch(const Eigen::Vector2f& pixel, const EpipolarLine& line) const;
-  [[nodiscard]] Interval clippedInterval(const EpipolarLine& line,
-                                         const SemiDensePoint& prior,
-                                         float margin) const;
-  [[nodiscard]] float cost(const Patch& patch, const Eigen::Vector2f& centre) const;
-  /// @return position of the best step, NaN when there is none or another is about as good
-  [[nodiscard]] float bestStep(const Patch& patch,
-                               const EpipolarLine& line,
-                               const Interval& interval,
-                               Scratch& costs) const;
-  /// Error and first derivatives of the patch by the position on the line.
-  struct Linearization {
-    float squared_error = 0;
-    float gradient = 0;
-    float information = 0;
-    Eigen::Vector2f cross{0, 0};  ///< sum of gradient along the line times gradient
-  };
-  [[nodiscard]] Linearization linearize(const Patch& patch,
-                                        const EpipolarLine& line,
-                                        float position) const;
-  [[nodiscard]] bool refine(const Patch& patch,
-                            const EpipolarLine& line,
-                            const Interval& interval,
-                            Match& match) const;
-  [[nodiscard]] float geometricVariance(const Eigen::Vector2f& pixel,
-                                        const EpipolarLine& line,
-                                        const Match& match,
-                                        float inverse_depth) const;
-
   const PyramidLevel& reference_;
   const PyramidLevel& target_;
   const SearchFrame& frame_;

@@ -78,10 +78,7 @@ std::vector<SearchFrame> searchFrames(const InitialMap& map) {
       frames.push_back({map.frames[k].frame,
                         *map.frames[k].T_cam_ref,
                         map.frames[k].covariance.value_or(Matrix6d::Zero()),
-                        brightnessTransfer(map.frames.front().affine,
-                                           map.frames.front().frame->exposure(),
-                                           map.frames[k].affine,
-                                           map.frames[k].frame->exposure())});
+                        brightnessTo(map, k)});
     }
   }
   return frames;

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/start/essential_start.h"
 
-#include "init/orb/bundle/corner_polish.h"
+#include "init/orb/bundle/corner_refinement.h"
 #include "init/orb/bundle/geometric_covariance.h"
 #include "init/orb/bundle/robust_adjustment.h"
-#include "init/orb/map/map_scale.h"
 #include "init/orb/start/motion_candidates.h"
 #include "init/orb/start/start_gate.h"
 #include "init/orb/two_view/essential_motion.h"
@@ -62,10 +61,10 @@ Outcome<SelectedMotion> selectMotion(const Matches& matches,
   SelectedMotion selected{std::move(*motion), 0, 0};
   selected.noise = std::max(kMinTrackNoise, selected.motion.noise);
   std::vector<double> errors =
-      epipolarDistances(selected.motion.T_target_ref, matches, context.camera);
+      epipolarDistances(selected.motion.T_cur_ref, matches, context.camera);
   for (double& error : errors) error *= error;
   selected.gric = gric(DisplacementModel::kEssential, errors, selected.noise);
-  errors = rotationSampsonErrors(rotation.R_target_ref, matches, context.camera);
+  errors = rotationSampsonErrors(rotation.R_cur_ref, matches, context.camera);
   if (gric(DisplacementModel::kRotation, errors, selected.noise) < selected.gric) {
     return InitReason::kTooLittleParallax;
   }
@@ -129,7 +128,7 @@ Outcome<Reconstruction> refineStart(Reconstruction made, const AttemptContext& c
   report.residual_rms = medianError(map, camera);
   found.variance_factor =
       context.clock.time("covariance", [&] { return setCovariances(map, camera, adjusted); });
-  found.clustered_factor = map.clustered_factor;
+  found.clustered_factor = map.cluster_variance_scale;
   if (!std::isfinite(found.variance_factor)) return InitReason::kPoorQuality;
   return made;
 }

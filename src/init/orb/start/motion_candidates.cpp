@@ -17,15 +17,15 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kMaxFrames = 6;              // evenly spread frames adjusted, both ends too
+constexpr std::size_t kMaxFrames = 6;      // evenly spread frames adjusted, both ends too
 constexpr double kSameDirection = 0.9986;  // cosine of 3 degrees: the same minimum
 constexpr double kMinFrontShare = 0.5;     // of a plane's inliers
 
-std::optional<TriangulatedPoint> triangulate(const SE3& T_target_ref,
+std::optional<TriangulatedPoint> triangulate(const SE3& T_cur_ref,
                                              const Matches& matches,
                                              std::size_t i,
                                              const PinholeCamera& camera) {
-  return triangulateInverseDepth(T_target_ref,
+  return triangulateInverseDepth(T_cur_ref,
                                  camera.unproject(matches.reference[i]),
                                  camera.unproject(matches.target[i]).head<2>(),
                                  1.0 / camera.fx);
@@ -36,11 +36,11 @@ MotionHypothesis triangulateInliers(const EssentialMotion& motion,
                                     const Matches& matches,
                                     const PinholeCamera& camera) {
   MotionHypothesis hypothesis;
-  hypothesis.T_target_ref = motion.T_target_ref;
+  hypothesis.T_cur_ref = motion.T_cur_ref;
   hypothesis.points.resize(matches.size());
   for (std::size_t i = 0; i < matches.size(); ++i) {
     if (motion.inlier[i] != 0) {
-      hypothesis.points[i] = triangulate(motion.T_target_ref, matches, i, camera);
+      hypothesis.points[i] = triangulate(motion.T_cur_ref, matches, i, camera);
     }
   }
   return hypothesis;
@@ -52,7 +52,7 @@ double frontShare(const EssentialMotion& motion,
   int in_front = 0;
   for (std::size_t i = 0; i < matches.size(); ++i) {
     if (motion.inlier[i] == 0) continue;
-    const auto point = triangulate(motion.T_target_ref, matches, i, camera);
+    const auto point = triangulate(motion.T_cur_ref, matches, i, camera);
     if (point && point->inverse_depth > 0) ++in_front;
   }
   return motion.inliers > 0 ? static_cast<double>(in_front) / motion.inliers : 0;
@@ -65,14 +65,14 @@ std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,
                                              const AttemptContext& context) {
   const GeometricOptions& options = context.options.orb.geometric;
   const Matches matches = view.tracks.matchesTo(view.tracks.frames() - 1);
-  const std::vector<int> frames = spreadFrames(view.tracks.frames(), kMaxFrames);
+  const std::vector<std::size_t> frames = spreadFrames(view.frames.size(), kMaxFrames);
   MotionCandidate candidate;
   InitialMap& map = candidate.map;
   map =
       makeInitialMap(view.frames, view.tracks, triangulateInliers(motion, matches, context.camera));
   poseFrames(map, context.camera, frames);
   if (!adjustRobustly(map, context.camera, options)) return std::nullopt;
-  const auto cost = reprojectionCost(map, {}, context.camera, options);
+  const auto cost = reprojectionCost(map, context.camera, options);
   if (!cost) return std::nullopt;
   const auto tracks = static_cast<double>(matches.size());
   const double lost = (tracks - static_cast<double>(map.corners.size())) *
@@ -82,17 +82,17 @@ std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,
   return candidate;
 }
 
-std::vector<EssentialMotion> planeMotions(const Eigen::Matrix3d& H_target_ref,
+std::vector<EssentialMotion> planeMotions(const Eigen::Matrix3d& H_cur_ref,
                                           const Matches& matches,
                                           const PinholeCamera& camera,
                                           double threshold) {
-  const std::vector<double> errors = homographySampsonErrors(H_target_ref, matches);
+  const std::vector<double> errors = homographySampsonErrors(H_cur_ref, matches);
   EssentialMotion motion;
   for (const double error : errors) motion.inlier.push_back(error < threshold * threshold ? 1 : 0);
   motion.inliers = static_cast<int>(std::count(motion.inlier.begin(), motion.inlier.end(), 1));
   std::vector<EssentialMotion> motions;
-  for (const SE3& decomposed : decomposeHomography(H_target_ref, camera)) {
-    motion.T_target_ref = decomposed;
+  for (const SE3& decomposed : decomposeHomography(H_cur_ref, camera)) {
+    motion.T_cur_ref = decomposed;
     if (frontShare(motion, matches, camera) > kMinFrontShare) motions.push_back(motion);
   }
   return motions;

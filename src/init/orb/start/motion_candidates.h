@@ -31,7 +31,7 @@ std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,
 
 /// Motions that a homography of the images allows, with most of its inliers in front of both
 /// cameras: two at most. Translations of length 1.
-std::vector<EssentialMotion> planeMotions(const Eigen::Matrix3d& H_target_ref,
+std::vector<EssentialMotion> planeMotions(const Eigen::Matrix3d& H_cur_ref,
                                           const Matches& matches,
                                           const PinholeCamera& camera,
                                           double threshold);

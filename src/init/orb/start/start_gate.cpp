@@ -2,7 +2,6 @@
 #include "init/orb/start/start_gate.h"
 
 #include "base/median.h"
-#include "estimate/marginals.h"
 #include "geometry/symmetric_eigen.h"
 #include "geometry/triangulate.h"
 #include "init/orb/bundle/reprojection_equations.h"
@@ -29,33 +28,27 @@ DirectionSigma directionSigma(const InitialMap& map,
                               const GeometricOptions& options) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   constexpr DirectionSigma kUnknown{kInfinity, kInfinity};
-  const PoseRows pose_rows(map);
-  const ReprojectionEquations equations = linearize(map, {}, pose_rows, camera, options);
-  if (map.corners.empty() || !allKnown(equations.system, map)) return kUnknown;
-  const Eigen::VectorXd scale = scaleDirection(map, pose_rows);
-  const Marginals marginals(
-      equations.system, scale, ReprojectionState(map, pose_rows).inverse_depth);
-  if (!marginals.usable()) return kUnknown;
+  const GeometricMarginals joint(map, camera, options);
+  if (!joint.variance_factor) return kUnknown;
   const Eigen::Vector3d& t = map.frames.back().T_cam_ref->translation();
-  Eigen::MatrixXd perpendicular = Eigen::MatrixXd::Zero(pose_rows.size, 2);
-  perpendicular.middleRows<3>(pose_rows.first.back()) = tangentBasis(t.normalized());
-  const Eigen::VectorXd unit_scale = scale.normalized();
+  Eigen::MatrixXd perpendicular = Eigen::MatrixXd::Zero(joint.rows.size, 2);
+  perpendicular.middleRows<3>(joint.rows.first.back()) = tangentBasis(t.normalized());
+  const Eigen::VectorXd unit_scale = joint.scale.normalized();
   perpendicular -= unit_scale * (unit_scale.transpose() * perpendicular);
-  const Eigen::Matrix2d covariance = perpendicular.transpose() * marginals.solve(perpendicular);
+  const Eigen::Matrix2d covariance =
+      perpendicular.transpose() * joint.marginals.solve(perpendicular);
   const double variance = symmetricEigen(covariance).values[1];
-  const double redundancy =
-      equations.rows - pose_rows.size - static_cast<double>(map.corners.size()) + 1;
-  if (!(variance >= 0 && redundancy > 0)) return kUnknown;
+  if (!(variance >= 0)) return kUnknown;
   const double sigma = std::sqrt(variance) / t.norm();
-  return {sigma, sigma * std::sqrt(equations.weighted_square / redundancy)};
+  return {sigma, sigma * std::sqrt(*joint.variance_factor)};
 }
 
 double medianParallaxDeg(const InitialMap& map, const PinholeCamera& camera) {
-  const int newest = static_cast<int>(map.frames.size()) - 1;
+  const std::size_t newest = map.frames.size() - 1;
   std::vector<double> angles;
-  for (const Observation& observation : map.observations) {
+  for (const CornerObservation& observation : map.observations) {
     if (observation.frame != newest) continue;
-    const Corner& corner = map.corners[static_cast<std::size_t>(observation.corner)];
+    const Corner& corner = map.corners[observation.corner];
     angles.push_back(parallaxAngle(*map.frames.back().T_cam_ref,
                                    camera.unproject(corner.pixel),
                                    camera.unproject(observation.pixel)));

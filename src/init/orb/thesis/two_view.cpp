@@ -6,7 +6,6 @@
 #include "geometry/symmetric_eigen.h"
 #include "init/orb/two_view/decomposition.h"
 
-#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <Eigen/QR>
 #include <Eigen/SVD>

@@ -3,7 +3,7 @@
 
 #include "dsorb/options/orb.h"
 
-#include "init/orb/tracks/matches.h"
+#include "init/orb/tracks/corner_tracks.h"
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -52,12 +52,12 @@ inline double supportOf(double squared_distance, double threshold) {
 /// Squared symmetric transfer distances of a match under a homography [px^2].
 /// @return {in the target, in the reference}
 /// @source [Gladkova], eq. (4) and (5)
-inline std::array<double, 2> homographyDistances(const Eigen::Matrix3d& H_target_ref,
-                                                 const Eigen::Matrix3d& H_ref_target,
+inline std::array<double, 2> homographyDistances(const Eigen::Matrix3d& H_cur_ref,
+                                                 const Eigen::Matrix3d& H_ref_cur,
                                                  const Eigen::Vector2d& reference,
                                                  const Eigen::Vector2d& target) {
-  const Eigen::Vector3d forward = H_target_ref * reference.homogeneous();
-  const Eigen::Vector3d backward = H_ref_target * target.homogeneous();
+  const Eigen::Vector3d forward = H_cur_ref * reference.homogeneous();
+  const Eigen::Vector3d backward = H_ref_cur * target.homogeneous();
   return {(forward.head<2>() / forward.z() - target).squaredNorm(),
           (backward.head<2>() / backward.z() - reference).squaredNorm()};
 }

@@ -3,10 +3,65 @@
 
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/thesis/geometric_adjustment.h"
-#include "init/orb/thesis/two_view_motion.h"
+#include "init/orb/two_view/motion_refinement.h"
 #include "init/orb/two_view/rotation_only.h"
 
+#include <algorithm>
+#include <utility>
+#include <vector>
+
 namespace dsorb::init_orb {
+namespace {
+
+// Gates of the thesis.
+constexpr double kHomographyShare = 0.4;  // homography above it; [Gladkova], eq. (1)
+constexpr int kMinTriangulated = 50;      // good points of the best motion
+constexpr double kMinGoodShare = 0.9;     // good points of the best motion, of the inliers
+constexpr double kMaxSecondShare = 0.7;   // good points of the second motion, of the best's
+constexpr double kMinParallaxDeg = 1;     // of the point of evaluateMotion()'s rank
+
+InitReason judge(const TwoViewMotion& motion) {
+  const int good = motion.best.good;
+  if (motion.inliers < kMinTriangulated) return InitReason::kTooFewPoints;
+  const double needed =
+      std::max(kMinGoodShare * motion.inliers, static_cast<double>(kMinTriangulated));
+  if (good < needed) return InitReason::kPoorQuality;
+  if (motion.second_good > kMaxSecondShare * good) return InitReason::kDegenerateMotion;
+  if (motion.best.parallax_deg < kMinParallaxDeg) return InitReason::kTooLittleParallax;
+  return InitReason::kDone;
+}
+
+}  // namespace
+
+TwoViewMotion estimateMotion(const Matches& matches,
+                             const PinholeCamera& camera,
+                             ModelChoice choice,
+                             std::uint64_t seed) {
+  const ModelPair pair = fitModels(matches, seed);
+  TwoViewMotion motion;
+  motion.homography_score = pair.homography.score;
+  motion.fundamental_score = pair.fundamental.score;
+  const bool planar = choice == ModelChoice::kScore
+                          ? pair.homographyShare() > kHomographyShare
+                          : pair.homography.inliers >= pair.fundamental.inliers;
+  motion.model = planar ? TwoViewModel::kHomography : TwoViewModel::kFundamental;
+  const ScoredModel& chosen = planar ? pair.homography : pair.fundamental;
+  motion.inliers = chosen.inliers;
+  if (chosen.inliers == 0) {
+    motion.reason = InitReason::kTooFewPoints;
+    return motion;
+  }
+  const std::vector<SE3> motions = planar ? decomposeHomography(chosen.matrix, camera)
+                                          : decomposeFundamental(chosen.matrix, camera);
+  for (const SE3& decomposed : motions) {
+    const SE3 T_cur_ref = refineMotion(decomposed, matches, chosen.inlier, camera, kCornerSigma);
+    MotionHypothesis hypothesis = evaluateMotion(T_cur_ref, matches, chosen.inlier, camera);
+    if (hypothesis.good > motion.best.good) std::swap(hypothesis, motion.best);
+    motion.second_good = std::max(motion.second_good, hypothesis.good);
+  }
+  motion.reason = judge(motion);
+  return motion;
+}
 
 Outcome<Reconstruction> startFromTwoViews(const ReferenceView& view,
                                           const AttemptContext& context) {

@@ -9,7 +9,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -150,24 +149,25 @@ std::vector<Eigen::Vector2f> FeatureMatches::find(const Frame& frame) const {
   const GreyImage image = greyImage(frame.level(0), gainTowards(mean_, frame), kPatchSize / 2);
   const OrbFeatures found = findFeatures(image, max_features_);
   const std::vector<int> partner = matchFeatures(features_, found);
-  std::vector<Eigen::Vector2f> sightings(positions_.size(), kNotSeen);
+  std::vector<Eigen::Vector2f> observations(positions_.size(), kNotSeen);
   for (std::size_t i = 0; i < partner.size(); ++i) {
     if (partner[i] < 0) continue;
-    sightings[i] = toEigen(found.points[static_cast<std::size_t>(partner[i])].pt);
+    observations[i] = toEigen(found.points[static_cast<std::size_t>(partner[i])].pt);
   }
-  refine(image, sightings);
-  return sightings;
+  refine(image, observations);
+  return observations;
 }
 
-void FeatureMatches::refine(const GreyImage& image, std::vector<Eigen::Vector2f>& sightings) const {
+void FeatureMatches::refine(const GreyImage& image,
+                            std::vector<Eigen::Vector2f>& observations) const {
   std::vector<std::size_t> which;
   std::vector<cv::Point2f> start;
   std::vector<cv::Point2f> end;
-  for (std::size_t i = 0; i < sightings.size(); ++i) {
-    if (!isSeen(sightings[i])) continue;
+  for (std::size_t i = 0; i < observations.size(); ++i) {
+    if (!isSeen(observations[i])) continue;
     which.push_back(i);
     start.push_back(toCv(positions_[i]));
-    end.push_back(toCv(sightings[i]));
+    end.push_back(toCv(observations[i]));
   }
   if (which.empty()) return;
   const std::vector<cv::Point2f> matched = end;
@@ -190,7 +190,7 @@ void FeatureMatches::refine(const GreyImage& image, std::vector<Eigen::Vector2f>
     const cv::Point2f moved = end[k] - matched[k];
     const bool kept =
         found[k] != 0 && std::hypot(moved.x, moved.y) <= kMaxRefinement && image.usable(end[k]);
-    sightings[which[k]] = kept ? toEigen(end[k]) : kNotSeen;
+    observations[which[k]] = kept ? toEigen(end[k]) : kNotSeen;
   }
 }
 

@@ -48,7 +48,7 @@ class FeatureMatches {
   [[nodiscard]] std::vector<Eigen::Vector2f> find(const Frame& frame) const;
 
  private:
-  void refine(const GreyImage& image, std::vector<Eigen::Vector2f>& sightings) const;
+  void refine(const GreyImage& image, std::vector<Eigen::Vector2f>& observations) const;
 
   int max_features_;
   OrbFeatures features_;

@@ -91,13 +91,13 @@ DSORB_TARGET_CLONES void halveRow(
 }
 
 /// Where a window begins between the pixels of a level.
-struct Corner {
+struct WindowCorner {
   int x, y;
   float fx, fy;
 };
 
 DSORB_ALWAYS_INLINE bool cornerAt(
-    const FlowLevel& level, float x, float y, int window, Corner& corner) {
+    const FlowLevel& level, float x, float y, int window, WindowCorner& corner) {
   const float half = 0.5F * static_cast<float>(window - 1);
   const float left = std::floor(x - half);
   const float top = std::floor(y - half);
@@ -125,7 +125,7 @@ struct Tensor {
 
 /// Interpolates the window with one more pixel on every side.
 DSORB_ALWAYS_INLINE void cutPatch(const FlowLevel& level,
-                                  const Corner& at,
+                                  const WindowCorner& at,
                                   int window,
                                   float* patch) {
   const int stride = columnsOf(window) + kLanes;
@@ -160,7 +160,7 @@ DSORB_ALWAYS_INLINE void smooth(const float* p, std::ptrdiff_t step, Lanes& valu
 struct Inside {
   int left, right, top, bottom;
 
-  Inside(const FlowLevel& level, const Corner& at, int window)
+  Inside(const FlowLevel& level, const WindowCorner& at, int window)
       : left(std::max(0, -at.x)),
         right(std::min(window, level.width - 1 - at.x)),
         top(std::max(0, -at.y)),
@@ -210,7 +210,7 @@ struct Slope {
 };
 
 DSORB_ALWAYS_INLINE Slope compare(const FlowLevel& level,
-                                  const Corner& at,
+                                  const WindowCorner& at,
                                   int window,
                                   const float* source) {
   Lanes sum_x = {};
@@ -255,7 +255,7 @@ struct LevelTask {
 /// @return     false without texture or outside
 DSORB_TARGET_CLONES bool followOnLevel(
     const LevelTask& task, float x, float y, float& u, float& v) {
-  Corner at{};
+  WindowCorner at{};
   if (!cornerAt(task.from, x, y, task.window, at)) return false;
   Tensor tensor{};
   cutPatch(task.from, at, task.window, task.patch);

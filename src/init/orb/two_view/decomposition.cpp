@@ -2,8 +2,7 @@
 #include "init/orb/two_view/decomposition.h"
 
 #include "estimate/warp.h"
-
-#include <opencv2/calib3d.hpp>
+#include "init/orb/two_view/ransac.h"
 
 #include <algorithm>
 #include <cmath>
@@ -18,17 +17,10 @@ constexpr int kParallaxRank = 51;         // of the point whose parallax counts
 constexpr double kGoodSquaredError = 4;   // [sigma^2], ORB-SLAM's limit of the reprojection error
 constexpr double kMinTranslation = 1e-9;  // of a homography's t over the plane's distance
 
-cv::Matx33d toCv(const Eigen::Matrix3d& m) {
-  return {m(0, 0), m(0, 1), m(0, 2), m(1, 0), m(1, 1), m(1, 2), m(2, 0), m(2, 1), m(2, 2)};
-}
-
 /// @return nullopt without translation
 std::optional<SE3> unitMotion(const cv::Mat& rotation, const cv::Mat& translation) {
-  const cv::Matx33d r = rotation;
-  const cv::Matx31d t = translation;
-  Eigen::Matrix3d R;
-  R << r(0, 0), r(0, 1), r(0, 2), r(1, 0), r(1, 1), r(1, 2), r(2, 0), r(2, 1), r(2, 2);
-  const Eigen::Vector3d direction(t(0), t(1), t(2));
+  const Eigen::Matrix3d R = toEigen(rotation);
+  const Eigen::Vector3d direction(translation.ptr<double>());
   const double length = direction.norm();
   if (!R.allFinite() || !(length > kMinTranslation)) return std::nullopt;
   return SE3(R, direction / length);
@@ -46,13 +38,13 @@ double rankedParallax(std::vector<double>& parallaxes) {
 
 }  // namespace
 
-std::vector<SE3> decomposeHomography(const Eigen::Matrix3d& H_target_ref,
+std::vector<SE3> decomposeHomography(const Eigen::Matrix3d& H_cur_ref,
                                      const PinholeCamera& camera) {
   std::vector<cv::Mat> rotations;
   std::vector<cv::Mat> translations;
   std::vector<cv::Mat> normals;
   cv::decomposeHomographyMat(
-      toCv(H_target_ref), toCv(camera.matrix()), rotations, translations, normals);
+      toCv(H_cur_ref), toCv(camera.matrix()), rotations, translations, normals);
   std::vector<SE3> motions;
   for (std::size_t i = 0; i < rotations.size(); ++i) {
     if (const auto motion = unitMotion(rotations[i], translations[i])) motions.push_back(*motion);
@@ -79,30 +71,30 @@ std::vector<SE3> decomposeFundamental(const Eigen::Matrix3d& F, const PinholeCam
   return decomposeEssential(K.transpose() * F * K);
 }
 
-MotionHypothesis evaluateMotion(const SE3& T_target_ref,
+MotionHypothesis evaluateMotion(const SE3& T_cur_ref,
                                 const Matches& matches,
                                 const std::vector<char>& counted,
                                 const PinholeCamera& camera) {
   const double max_squared_error = kGoodSquaredError * kCornerSigma * kCornerSigma;
   const double normalized_sigma = kCornerSigma / camera.fx;
   MotionHypothesis hypothesis;
-  hypothesis.T_target_ref = T_target_ref;
+  hypothesis.T_cur_ref = T_cur_ref;
   hypothesis.points.resize(matches.size());
   std::vector<double> parallaxes;
   for (std::size_t i = 0; i < matches.size(); ++i) {
     const Eigen::Vector3d ray = camera.unproject(matches.reference[i]);
     const Eigen::Vector3d target_ray = camera.unproject(matches.target[i]);
     const auto point =
-        triangulateInverseDepth(T_target_ref, ray, target_ray.head<2>(), normalized_sigma);
+        triangulateInverseDepth(T_cur_ref, ray, target_ray.head<2>(), normalized_sigma);
     if (!point || !(point->inverse_depth > 0)) continue;
-    const auto projection = projectHosted(camera, T_target_ref, ray, point->inverse_depth);
+    const auto projection = projectHosted(camera, T_cur_ref, ray, point->inverse_depth);
     if (!projection || (projection->pixel - matches.target[i]).squaredNorm() > max_squared_error) {
       continue;
     }
     hypothesis.points[i] = point;
     if (counted[i] == 0) continue;
     ++hypothesis.good;
-    parallaxes.push_back(parallaxAngle(T_target_ref, ray, target_ray) * kDegPerRad);
+    parallaxes.push_back(parallaxAngle(T_cur_ref, ray, target_ray) * kDegPerRad);
   }
   hypothesis.parallax_deg = rankedParallax(parallaxes);
   return hypothesis;

@@ -50,13 +50,13 @@ SE3 mostInFront(const std::vector<SE3>& motions,
 
 }  // namespace
 
-std::vector<double> epipolarDistances(const SE3& T_target_ref,
+std::vector<double> epipolarDistances(const SE3& T_cur_ref,
                                       const Matches& matches,
                                       const PinholeCamera& camera) {
-  const auto basis = tangentBasis(T_target_ref.translation());
+  const auto basis = tangentBasis(T_cur_ref.translation());
   std::vector<double> distances(matches.size());
   for (std::size_t i = 0; i < matches.size(); ++i) {
-    distances[i] = camera.fx * std::abs(epipolarResidual(T_target_ref,
+    distances[i] = camera.fx * std::abs(epipolarResidual(T_cur_ref,
                                                          camera.unproject(matches.reference[i]),
                                                          camera.unproject(matches.target[i]),
                                                          basis)
@@ -65,13 +65,13 @@ std::vector<double> epipolarDistances(const SE3& T_target_ref,
   return distances;
 }
 
-EssentialMotion refineOnInliers(const SE3& T_target_ref,
+EssentialMotion refineOnInliers(const SE3& T_cur_ref,
                                 const Matches& matches,
                                 const PinholeCamera& camera,
                                 double threshold) {
-  EssentialMotion motion{T_target_ref, std::vector<char>(matches.size(), 0)};
+  EssentialMotion motion{T_cur_ref, std::vector<char>(matches.size(), 0)};
   for (int refit = 0; refit <= kRefits; ++refit) {
-    std::vector<double> distances = epipolarDistances(motion.T_target_ref, matches, camera);
+    std::vector<double> distances = epipolarDistances(motion.T_cur_ref, matches, camera);
     for (std::size_t i = 0; i < matches.size(); ++i) {
       motion.inlier[i] = distances[i] < threshold ? 1 : 0;
     }
@@ -81,8 +81,8 @@ EssentialMotion refineOnInliers(const SE3& T_target_ref,
     std::nth_element(distances.begin(), middle, distances.end());
     motion.noise = kMadToSigma * *middle;
     if (refit == kRefits || motion.inliers < kMinMatches) break;
-    motion.T_target_ref =
-        refineMotion(motion.T_target_ref, matches, motion.inlier, camera, threshold / 2);
+    motion.T_cur_ref =
+        refineMotion(motion.T_cur_ref, matches, motion.inlier, camera, threshold / 2);
   }
   return motion;
 }
@@ -93,8 +93,7 @@ std::optional<EssentialMotion> estimateEssentialMotion(const Matches& matches,
   if (static_cast<int>(matches.size()) < std::max(kMinMatches, kMinInliers)) {
     return std::nullopt;
   }
-  const Eigen::Matrix3d k = camera.matrix();
-  const cv::Matx33d K(k(0, 0), k(0, 1), k(0, 2), k(1, 0), k(1, 1), k(1, 2), 0, 0, 1);
+  const cv::Matx33d K = toCv(camera.matrix());
   const cv::Mat no_distortion = cv::Mat::zeros(1, 4, CV_64F);
   cv::Mat mask;
   const cv::Mat E = cv::findEssentialMat(toCv(matches.reference),

@@ -5,7 +5,7 @@
 #include "dsorb/geometry/se3.h"
 #include "dsorb/options/orb.h"
 
-#include "init/orb/tracks/matches.h"
+#include "init/orb/tracks/corner_tracks.h"
 
 #include <cstdint>
 #include <optional>
@@ -18,7 +18,7 @@ constexpr double kRansacThreshold = 1;
 
 /// Motion between two calibrated views with the matches that support it.
 struct EssentialMotion {
-  SE3 T_target_ref;          ///< translation of length 1
+  SE3 T_cur_ref;             ///< translation of length 1
   std::vector<char> inlier;  ///< one a match
   int inliers = 0;
   double noise = 0;  ///< robust standard deviation of a match about its epipolar lines [px]
@@ -36,13 +36,13 @@ std::optional<EssentialMotion> estimateEssentialMotion(const Matches& matches,
                                                        std::uint64_t seed);
 
 /// The motion moved to the minimum over its inliers, and its inliers counted anew.
-EssentialMotion refineOnInliers(const SE3& T_target_ref,
+EssentialMotion refineOnInliers(const SE3& T_cur_ref,
                                 const Matches& matches,
                                 const PinholeCamera& camera,
                                 double threshold);
 
 /// Sampson's distance of every match from the epipolar geometry of a motion [px], unsigned.
-std::vector<double> epipolarDistances(const SE3& T_target_ref,
+std::vector<double> epipolarDistances(const SE3& T_cur_ref,
                                       const Matches& matches,
                                       const PinholeCamera& camera);
 

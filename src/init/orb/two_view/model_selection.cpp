@@ -46,18 +46,18 @@ const char* name(DisplacementModel model) {
   return "unknown";
 }
 
-std::vector<double> homographySampsonErrors(const Eigen::Matrix3d& H_target_ref,
+std::vector<double> homographySampsonErrors(const Eigen::Matrix3d& H_cur_ref,
                                             const Matches& matches) {
   std::vector<double> errors(matches.size(), kBehind);
   for (std::size_t i = 0; i < matches.size(); ++i) {
-    const Eigen::Vector3d moved = H_target_ref * matches.reference[i].homogeneous();
-    if (!(moved.z() * H_target_ref(2, 2) > 0)) continue;
+    const Eigen::Vector3d moved = H_cur_ref * matches.reference[i].homogeneous();
+    if (!(moved.z() * H_cur_ref(2, 2) > 0)) continue;
     const Eigen::Vector2d predicted = moved.hnormalized();
     Eigen::Matrix2d J;  // of the predicted position by the reference's
-    J.row(0) = (H_target_ref.block<1, 2>(0, 0) - predicted.x() * H_target_ref.block<1, 2>(2, 0)) /
-               moved.z();
-    J.row(1) = (H_target_ref.block<1, 2>(1, 0) - predicted.y() * H_target_ref.block<1, 2>(2, 0)) /
-               moved.z();
+    J.row(0) =
+        (H_cur_ref.block<1, 2>(0, 0) - predicted.x() * H_cur_ref.block<1, 2>(2, 0)) / moved.z();
+    J.row(1) =
+        (H_cur_ref.block<1, 2>(1, 0) - predicted.y() * H_cur_ref.block<1, 2>(2, 0)) / moved.z();
     const Eigen::Vector2d error = matches.target[i] - predicted;
     const Eigen::Matrix2d covariance = J * J.transpose() + Eigen::Matrix2d::Identity();
     errors[i] = error.dot(covariance.inverse() * error);
@@ -65,11 +65,11 @@ std::vector<double> homographySampsonErrors(const Eigen::Matrix3d& H_target_ref,
   return errors;
 }
 
-std::vector<double> rotationSampsonErrors(const Eigen::Quaterniond& R_target_ref,
+std::vector<double> rotationSampsonErrors(const Eigen::Quaterniond& R_cur_ref,
                                           const Matches& matches,
                                           const PinholeCamera& camera) {
   const Eigen::Matrix3d K = camera.matrix();
-  return homographySampsonErrors(K * R_target_ref.toRotationMatrix() * K.inverse(), matches);
+  return homographySampsonErrors(K * R_cur_ref.toRotationMatrix() * K.inverse(), matches);
 }
 
 double gric(DisplacementModel model, const std::vector<double>& squared_errors, double sigma) {

@@ -4,7 +4,7 @@
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/geometry/se3.h"
 
-#include "init/orb/tracks/matches.h"
+#include "init/orb/tracks/corner_tracks.h"
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -24,9 +24,9 @@ enum class DisplacementModel { kRotation, kHomography, kEssential };
 /// Squared distances of all matches from a model [px^2]: of the four coordinates of a match to the
 /// nearest ones that the model allows, to first order.
 /// @source Hartley and Zisserman, Multiple View Geometry, section 4.2.6 (Sampson error)
-std::vector<double> homographySampsonErrors(const Eigen::Matrix3d& H_target_ref,
+std::vector<double> homographySampsonErrors(const Eigen::Matrix3d& H_cur_ref,
                                             const Matches& matches);
-std::vector<double> rotationSampsonErrors(const Eigen::Quaterniond& R_target_ref,
+std::vector<double> rotationSampsonErrors(const Eigen::Quaterniond& R_cur_ref,
                                           const Matches& matches,
                                           const PinholeCamera& camera);
 

@@ -35,13 +35,13 @@ Rays countedRays(const Matches& matches,
 }
 
 /// @param inverse_sigma of the residual, in normalised units
-Vector5d gaussNewtonStep(const SE3& T_target_ref, const Rays& rays, double inverse_sigma) {
-  const Eigen::Matrix<double, 3, 2> basis = tangentBasis(T_target_ref.translation());
+Vector5d gaussNewtonStep(const SE3& T_cur_ref, const Rays& rays, double inverse_sigma) {
+  const Eigen::Matrix<double, 3, 2> basis = tangentBasis(T_cur_ref.translation());
   Matrix5d H = Matrix5d::Zero();
   Vector5d b = Vector5d::Zero();
   for (std::size_t i = 0; i < rays.reference.size(); ++i) {
     const EpipolarResidual residual =
-        epipolarResidual(T_target_ref, rays.reference[i], rays.target[i], basis);
+        epipolarResidual(T_cur_ref, rays.reference[i], rays.target[i], basis);
     const double whitened = residual.value * inverse_sigma;
     const double weight = 1.0 / (1.0 + whitened * whitened);
     H += weight * residual.J.transpose() * residual.J;
@@ -60,16 +60,15 @@ Eigen::Matrix<double, 3, 2> tangentBasis(const Eigen::Vector3d& unit) {
   return basis;
 }
 
-EpipolarResidual epipolarResidual(const SE3& T_target_ref,
+EpipolarResidual epipolarResidual(const SE3& T_cur_ref,
                                   const Eigen::Vector3d& reference,
                                   const Eigen::Vector3d& target,
                                   const Eigen::Matrix<double, 3, 2>& basis) {
-  const Eigen::Vector3d& t = T_target_ref.translation();
-  const Eigen::Vector3d turned = T_target_ref.unitQuaternion() * reference;
+  const Eigen::Vector3d& t = T_cur_ref.translation();
+  const Eigen::Vector3d turned = T_cur_ref.unitQuaternion() * reference;
   const Eigen::Vector3d line_target = t.cross(turned);
   // E^T x_t = R^T (x_t x t), the line in the reference
-  const Eigen::Vector3d line_reference =
-      T_target_ref.unitQuaternion().conjugate() * target.cross(t);
+  const Eigen::Vector3d line_reference = T_cur_ref.unitQuaternion().conjugate() * target.cross(t);
   const double gradient =
       std::sqrt(line_target.head<2>().squaredNorm() + line_reference.head<2>().squaredNorm());
   EpipolarResidual residual;
@@ -82,17 +81,17 @@ EpipolarResidual epipolarResidual(const SE3& T_target_ref,
   return residual;
 }
 
-SE3 refineMotion(const SE3& T_target_ref,
+SE3 refineMotion(const SE3& T_cur_ref,
                  const Matches& matches,
                  const std::vector<char>& counted,
                  const PinholeCamera& camera,
                  double sigma) {
   const Rays rays = countedRays(matches, counted, camera);
   const double inverse_sigma = camera.fx / sigma;
-  SE3 refined = T_target_ref;
+  SE3 refined = T_cur_ref;
   for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
     Vector5d step = gaussNewtonStep(refined, rays, inverse_sigma);
-    if (!step.allFinite()) return T_target_ref;
+    if (!step.allFinite()) return T_cur_ref;
     if (step.norm() > kMaxStep) step *= kMaxStep / step.norm();
     const Eigen::Vector3d t =
         refined.translation() + tangentBasis(refined.translation()) * step.tail<2>();

@@ -36,6 +36,10 @@ inline std::vector<cv::Point2d> toCv(const std::vector<Eigen::Vector2d>& points)
   return out;
 }
 
+inline cv::Matx33d toCv(const Eigen::Matrix3d& m) {
+  return {m(0, 0), m(0, 1), m(0, 2), m(1, 0), m(1, 1), m(1, 2), m(2, 0), m(2, 1), m(2, 2)};
+}
+
 /// @param matrix 3x3 of doubles
 inline Eigen::Matrix3d toEigen(const cv::Mat& matrix) {
   return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(matrix.ptr<double>());

@@ -50,14 +50,14 @@ RotationFit fitRotation(const Matches& matches, const PinholeCamera& camera) {
   std::vector<double> weights(n, 1.0);
   RotationFit fit;
   for (int round = 0; round < kRounds; ++round) {
-    fit.R_target_ref = alignBearings(from, to, weights);
+    fit.R_cur_ref = alignBearings(from, to, weights);
     for (std::size_t i = 0; i < n; ++i) {
-      weights[i] = 1.0 / std::max((fit.R_target_ref * from[i] - to[i]).norm(), min_chord);
+      weights[i] = 1.0 / std::max((fit.R_cur_ref * from[i] - to[i]).norm(), min_chord);
     }
   }
   std::vector<double> residuals(n);
   for (std::size_t i = 0; i < n; ++i) {
-    const Eigen::Vector3d turned = fit.R_target_ref * from[i];
+    const Eigen::Vector3d turned = fit.R_cur_ref * from[i];
     residuals[i] =
         turned.z() > 0 ? (camera.project(turned) - matches.target[i]).norm() : kBehindResidual;
   }

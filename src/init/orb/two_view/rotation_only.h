@@ -3,7 +3,7 @@
 
 #include "dsorb/camera/pinhole_camera.h"
 
-#include "init/orb/tracks/matches.h"
+#include "init/orb/tracks/corner_tracks.h"
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -14,7 +14,7 @@ namespace dsorb::init_orb {
 constexpr double kMinRotationResidualDeg = 0.3;
 
 struct RotationFit {
-  Eigen::Quaterniond R_target_ref = Eigen::Quaterniond::Identity();
+  Eigen::Quaterniond R_cur_ref = Eigen::Quaterniond::Identity();
   double median_residual = 0;  ///< rotation-compensated flow [px]
 };
 

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/thesis/ceres/photometric_cost.h"
 
+#include "estimate/sampling.h"
+#include "estimate/warp.h"
 #include "init/orb/thesis/ceres/reprojection_cost.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace dsorb::init_orb {
@@ -12,7 +15,82 @@ template <int kColumns>
 using RowMajor8 = Eigen::
     Matrix<double, kPatternSize, kColumns, kColumns == 1 ? Eigen::ColMajor : Eigen::RowMajor>;
 
+constexpr double kMinGreySum = 8;  // of a patch; psi of a darker one means nothing [grey levels]
+
+/// Value at one pixel of the pattern and its derivatives, before brightness.
+struct PatchPixel {
+  double intensity = 0;
+  Eigen::Matrix<double, 1, 6> J_pose = Eigen::Matrix<double, 1, 6>::Zero();
+  double J_inverse_depth = 0;
+  bool inside = false;
+};
+
+PatchPixel samplePixel(const PyramidLevel& image,
+                       const Warp<double>& warp,
+                       const Eigen::Vector2d& ray,
+                       double rho) {
+  WarpedPoint<double> point;
+  warpPoint(warp, ray.x(), ray.y(), rho, point);
+  SampleArea<double> area;
+  sampleArea(image.width(), image.height(), area);
+  SamplePosition<double> at;
+  clampToArea(area, point, at);
+  const Sample<double> sample = interpolate(image, at.x, at.y);
+  PatchPixel pixel;
+  pixel.intensity = sample.intensity;
+  pixel.inside = point.front && at.inside;
+  if (!pixel.inside) return pixel;
+  RayGradient<double> gradient;
+  rayGradient(warp, point, sample.dx, sample.dy, gradient);
+  poseJacobian(point, gradient, rho * point.inverse_z, pixel.J_pose.data());
+  depthJacobian(warp, point, gradient, pixel.J_inverse_depth);
+  return pixel;
+}
+
 }  // namespace
+
+PatchResidual evaluatePatch(const HostPatch& patch,
+                            const PatchTarget& target,
+                            double inverse_depth,
+                            PhotometricBrightness brightness) {
+  const auto warp = makeWarp<double>(*target.camera, target.T_cam_ref);
+  const Eigen::Vector2d centre = target.camera->unproject(patch.pixel.cast<double>()).head<2>();
+  PatchResidual out;
+  out.inside = true;
+  PatchVector grey;
+  PatchVector host;
+  for (int j = 0; j < kPatternSize; ++j) {
+    const auto index = static_cast<std::size_t>(j);
+    const Eigen::Vector2d ray =
+        centre + Eigen::Vector2d(kPattern[index].x / warp.fx, kPattern[index].y / warp.fy);
+    const PatchPixel pixel = samplePixel(*target.image, warp, ray, inverse_depth);
+    grey[j] = pixel.intensity;
+    host[j] = static_cast<double>(patch.grey[index]);
+    out.J_pose.row(j) = pixel.J_pose;
+    out.J_inverse_depth[j] = pixel.J_inverse_depth;
+    out.inside = out.inside && pixel.inside && std::isfinite(pixel.intensity);
+  }
+  out.J_affine.setZero();
+  if (brightness == PhotometricBrightness::kAffine) {
+    out.residual = grey.array() - target.transfer.gain * host.array() - target.transfer.offset;
+    out.J_affine.col(0) = -target.transfer.gain * host;
+    out.J_affine.col(1).setConstant(-1);
+  } else {
+    const PatchVector share = host / std::max(host.sum(), kMinGreySum);
+    out.residual = grey - grey.sum() * share;
+  }
+  return out;
+}
+
+PatchTarget patchTarget(const PhotometricProblem& problem,
+                        const PhotometricState& state,
+                        std::size_t frame) {
+  return {problem.frames[frame].image,
+          &problem.camera,
+          state.T_cam_ref[frame],
+          brightnessTransfer(
+              {}, problem.reference_exposure, state.affine[frame], problem.frames[frame].exposure)};
+}
 
 PhotometricCost::PhotometricCost(const HostPatch& patch, const Setting& setting)
     : patch_(patch), setting_(setting) {
@@ -41,8 +119,7 @@ bool PhotometricCost::Evaluate(double const* const* parameters,
   PatchVector factor;
   for (int j = 0; j < kPatternSize; ++j) {
     const double r = patch.residual[j];
-    const double root_weight =
-        std::sqrt(static_cast<double>(patch_.weight[static_cast<std::size_t>(j)]));
+    const auto root_weight = static_cast<double>(patch_.root_weight[static_cast<std::size_t>(j)]);
     const double threshold = setting_.huber_threshold;
     const bool valid = std::isfinite(r);
     const double robust = std::abs(r) <= threshold

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/bundle/corner_polish.h"
+#include "init/orb/bundle/corner_refinement.h"
 
 #include "base/median.h"
 #include "base/random.h"
@@ -44,13 +44,14 @@ DisturbedMap makeDisturbedMap(double disturbance, std::uint64_t seed = 9) {
                     random.uniform(0.15, 0.85) * camera.height};
     corner.inverse_depth = made.scene.inverseDepth(corner.pixel) * random.uniform(0.97, 1.03);
     map.corners.push_back(corner);
-    for (int k = 1; k < 4; ++k) {
+    for (std::size_t k = 1; k < 4; ++k) {
       const auto projection = projectHosted(camera,
-                                            made.truth[static_cast<std::size_t>(k)],
+                                            made.truth[k],
                                             camera.unproject(corner.pixel),
                                             made.scene.inverseDepth(corner.pixel));
       const Eigen::Vector2d noise(random.gaussian(), random.gaussian());
-      map.observations.push_back({i, k, projection->pixel + disturbance * noise});
+      map.observations.push_back(
+          {map.corners.size() - 1, k, projection->pixel + disturbance * noise});
     }
   }
   return made;
@@ -58,10 +59,10 @@ DisturbedMap makeDisturbedMap(double disturbance, std::uint64_t seed = 9) {
 
 double rmsError(const DisturbedMap& made) {
   double sum = 0;
-  for (const Observation& observation : made.map.observations) {
-    const Corner& corner = made.map.corners[static_cast<std::size_t>(observation.corner)];
+  for (const CornerObservation& observation : made.map.observations) {
+    const Corner& corner = made.map.corners[observation.corner];
     const auto truth = projectHosted(made.scene.camera(),
-                                     made.truth[static_cast<std::size_t>(observation.frame)],
+                                     made.truth[observation.frame],
                                      made.scene.camera().unproject(corner.pixel),
                                      made.scene.inverseDepth(corner.pixel));
     sum += (truth->pixel - observation.pixel).squaredNorm();
@@ -134,8 +135,8 @@ Matrix6d covarianceBetween(DisturbedMap& made, int rounds) {
   geometric.sigma = kDisturbance;
   made.map.frames[2].T_cam_ref.reset();
   EXPECT_TRUE(adjustGeometry(made.map, camera, geometric).usable);
-  const std::vector<int> others = poseOtherFrames(made.map, camera);
-  EXPECT_EQ(others, std::vector<int>{2});
+  const std::vector<std::size_t> others = poseOtherFrames(made.map, camera);
+  EXPECT_EQ(others, std::vector<std::size_t>{2});
   refinePoses(made.map, camera, geometric, rounds, others);
   EXPECT_TRUE(made.map.frames[2].covariance);
   return made.map.frames[2].covariance.value_or(Matrix6d::Zero());
@@ -184,10 +185,10 @@ TEST(CornerPolish, SingleFramesGetTheCovarianceOfTheirTracksWithoutRounds) {
 
 TEST(CornerPolish, SingleFramesThatSeeNoCornerAreUncertain) {
   DisturbedMap made = makeDisturbedMap(kDisturbance);
-  std::vector<Observation>& observations = made.map.observations;
+  std::vector<CornerObservation>& observations = made.map.observations;
   observations.erase(std::remove_if(observations.begin(),
                                     observations.end(),
-                                    [](const Observation& seen) { return seen.frame == 2; }),
+                                    [](const CornerObservation& seen) { return seen.frame == 2; }),
                      observations.end());
   const Matrix6d covariance = covarianceBetween(made, {});
   const Vector6d motion = (made.truth[3] * made.truth[1].inverse()).log();

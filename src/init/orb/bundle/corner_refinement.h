@@ -36,6 +36,6 @@ void refinePoses(InitialMap& map,
                  const PinholeCamera& camera,
                  const GeometricOptions& geometric,
                  int rounds,
-                 const std::vector<int>& frames);
+                 const std::vector<std::size_t>& frames);
 
 }  // namespace dsorb::init_orb

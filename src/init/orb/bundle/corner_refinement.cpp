@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/bundle/corner_polish.h"
+#include "init/orb/bundle/corner_refinement.h"
 
 #include "base/parallel.h"
 #include "image/photometric.h"
 #include "init/orb/bundle/map_assembly.h"
-#include "init/orb/bundle/polish_kernels.h"
+#include "init/orb/bundle/patch_alignment.h"
 #include "init/orb/bundle/pose_covariance.h"
 #include "init/orb/bundle/pose_from_points.h"
 #include "init/orb/bundle/robust_adjustment.h"
@@ -18,7 +18,6 @@
 #include <cstddef>
 #include <optional>
 #include <utility>
-#include <vector>
 
 namespace dsorb::init_orb {
 namespace {
@@ -26,11 +25,9 @@ namespace {
 constexpr double kDegPerRad = 180.0 / M_PI;
 constexpr int kIterations = 2;  // of the adjustment in each round; 2 to 6 give the same starts
 constexpr double kCauchyThreshold = 2;  // of the whitened error [-]
-constexpr double kMaxStep = 1;          // of one corner in one round [px]
 constexpr double kMaxResidual = 25;  // mean of a patch, above which the corner goes [grey levels]
 constexpr double kMinSigma = 0.05;   // of a corner however strong its gradients [px]
 constexpr double kMaxTurnDeg = 15;   // of the direction of translation; beyond it, rejected
-constexpr double kDamping = 1e-3;    // of the mean curvature
 constexpr double kMinGradient = 1;   // rms in the weakest direction [grey levels / px]
 constexpr double kMeasuredSigma = 0.2;  // of a measured corner, for the pose of a single frame [px]
 /// Share of the adjustment's variance factor for the own part of a single frame's pose; the rest
@@ -43,79 +40,20 @@ constexpr int kBrightnessRounds = 2;  // the pixels hardly move in the others
 constexpr double kMinStep = 1e-5;   // of a single frame's pose, which ends its rounds: below .01 px
 constexpr std::size_t kGrain = 64;  // observations one thread measures at a time
 
-/// Measurement of a corner by its patch in one frame.
-struct Measurement {
-  bool valid = false;
-  Eigen::Vector2d pixel{0, 0};
-  Eigen::Matrix2d information = Eigen::Matrix2d::Zero();  // H over the squared noise of a pixel = 1
-  double weighted_square = 0;                             // sum of w r^2
-  double weight = 0;                                      // sum of w
-  double mean_residual = 0;                               // of |r| [grey levels]
-};
+/// One a corner; none where it cannot be cut.
+using Patches = std::vector<std::optional<CornerPatch>>;
 
 /// Cuts the corners' patches out of the reference.
-std::vector<PolishPatch> cutPatches(const InitialMap& map) {
-  std::vector<PolishPatch> patches(map.corners.size());
+Patches cutPatches(const InitialMap& map) {
+  Patches patches(map.corners.size());
   forEachRange(patches.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      const Eigen::Vector2f pixel = map.corners[i].pixel.cast<float>();
-      patches[i] = cutPolishPatch(map.frames.front().frame->level(0), pixel.x(), pixel.y());
+      patches[i] =
+          cutCornerPatch(map.frames.front().frame->level(0), map.corners[i].pixel.cast<float>());
     }
   });
   return patches;
 }
-
-/// Measures corners in one frame.
-class FrameMeasurer {
- public:
-  FrameMeasurer(const InitialMap& map,
-                const PinholeCamera& camera,
-                std::size_t frame,
-                const SE3& T_cam_ref)
-      : camera_(camera),
-        T_cam_ref_(T_cam_ref),
-        target_(makeTargetImage(camera,
-                                T_cam_ref,
-                                brightnessTransfer(map.frames.front().affine,
-                                                   map.frames.front().frame->exposure(),
-                                                   map.frames[frame].affine,
-                                                   map.frames[frame].frame->exposure()),
-                                map.frames[frame].frame->level(0))) {}
-
-  /// One damped Gauss-Newton step from the corner's projection.
-  [[nodiscard]] Measurement measure(const Corner& corner, const PolishPatch& patch) const {
-    Measurement measurement;
-    const Eigen::Vector3d ray = camera_.unproject(corner.pixel);
-    const Eigen::Vector3d direction =
-        T_cam_ref_.unitQuaternion() * ray + corner.inverse_depth * T_cam_ref_.translation();
-    const PolishRay single{static_cast<float>(ray.x()),
-                           static_cast<float>(ray.y()),
-                           static_cast<float>(corner.inverse_depth)};
-    PolishSums sums;
-    if (!linearizePolish(target_, patch, single, sums)) return measurement;
-    const auto xx = static_cast<double>(sums.xx);
-    const auto xy = static_cast<double>(sums.xy);
-    const auto yy = static_cast<double>(sums.yy);
-    measurement.information << xx, xy, xy, yy;
-    measurement.weighted_square = static_cast<double>(sums.square);
-    measurement.weight = static_cast<double>(sums.weight);
-    measurement.mean_residual = static_cast<double>(sums.magnitude) / kPolishPixels;
-    Eigen::Matrix2d damped = measurement.information;
-    damped.diagonal().array() += kDamping * 0.5 * damped.trace();
-    const Eigen::Vector2d b(static_cast<double>(sums.x), static_cast<double>(sums.y));
-    Eigen::Vector2d step = -damped.inverse() * b;
-    if (!step.allFinite()) return measurement;
-    if (step.norm() > kMaxStep) step *= kMaxStep / step.norm();
-    measurement.pixel = camera_.project(direction) + step;
-    measurement.valid = true;
-    return measurement;
-  }
-
- private:
-  const PinholeCamera& camera_;
-  SE3 T_cam_ref_;
-  TargetImage target_;
-};
 
 /// Inverse square root of a corner's covariance, from the mean information of its patches.
 Eigen::Matrix2d whiteningOf(const Eigen::Matrix2d& information) {
@@ -127,7 +65,7 @@ Eigen::Matrix2d whiteningOf(const Eigen::Matrix2d& information) {
 bool strongEnough(const Eigen::Matrix2d& information) {
   // The smaller eigenvalue is at least determinant over trace.
   return information.determinant() >
-         kPolishPixels * kMinGradient * kMinGradient * information.trace();
+         kPatchPixels * kMinGradient * kMinGradient * information.trace();
 }
 
 struct Round {
@@ -136,18 +74,18 @@ struct Round {
 };
 
 /// Measures every observation in a posed frame again.
-std::vector<Measurement> measureAll(const InitialMap& map,
-                                    const PinholeCamera& camera,
-                                    const std::vector<PolishPatch>& patches) {
+std::vector<std::optional<Measurement>> measureAll(const InitialMap& map,
+                                                   const PinholeCamera& camera,
+                                                   const Patches& patches) {
   std::vector<std::optional<FrameMeasurer>> measurers(map.frames.size());
   for (std::size_t k = 1; k < measurers.size(); ++k) {
     if (map.frames[k].T_cam_ref) measurers[k].emplace(map, camera, k, *map.frames[k].T_cam_ref);
   }
-  std::vector<Measurement> measurements(map.observations.size());
+  std::vector<std::optional<Measurement>> measurements(map.observations.size());
   forEachRange(measurements.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      const auto& measurer = measurers[static_cast<std::size_t>(map.observations[i].frame)];
-      const auto corner = static_cast<std::size_t>(map.observations[i].corner);
+      const auto& measurer = measurers[map.observations[i].frame];
+      const auto corner = map.observations[i].corner;
       if (measurer) measurements[i] = measurer->measure(map.corners[corner], patches[corner]);
     }
   });
@@ -170,89 +108,84 @@ struct CornerSummary {
 /// Replaces observations in posed frames by new measurements; those without keep the old pixel.
 /// @param patches of the corners; those of dropped corners go with them
 /// @param sigma   of old pixels
-Round measureCorners(InitialMap& map,
-                     std::vector<PolishPatch>& patches,
-                     const PinholeCamera& camera,
-                     double sigma) {
-  const std::vector<Measurement> measurements = measureAll(map, camera, patches);
+Round measureCorners(InitialMap& map, Patches& patches, const PinholeCamera& camera, double sigma) {
+  const std::vector<std::optional<Measurement>> measurements = measureAll(map, camera, patches);
   std::vector<CornerSummary> summaries(map.corners.size());
   for (std::size_t i = 0; i < measurements.size(); ++i) {
-    if (!measurements[i].valid) continue;
-    CornerSummary& summary = summaries[static_cast<std::size_t>(map.observations[i].corner)];
-    summary.information += measurements[i].information;
+    if (!measurements[i]) continue;
+    CornerSummary& summary = summaries[map.observations[i].corner];
+    summary.information += measurements[i]->information;
     ++summary.patches;
-    if (measurements[i].mean_residual > kMaxResidual) summary.fits = false;
+    if (measurements[i]->mean_residual > kMaxResidual) summary.fits = false;
   }
   for (CornerSummary& summary : summaries) summary.finish();
   Round round;
   double square = 0;
   double weight = 0;
   for (std::size_t i = 0; i < measurements.size(); ++i) {
-    Observation& observation = map.observations[i];
-    const CornerSummary& summary = summaries[static_cast<std::size_t>(observation.corner)];
-    if (!measurements[i].valid || !summary.whitening) {
+    CornerObservation& observation = map.observations[i];
+    const CornerSummary& summary = summaries[observation.corner];
+    if (!measurements[i] || !summary.whitening) {
       if (observation.whitening.isIdentity(0)) observation.whitening /= sigma;
       continue;
     }
-    observation.pixel = measurements[i].pixel;
+    observation.pixel = measurements[i]->pixel;
     observation.whitening = *summary.whitening;
     if (!summary.fits) continue;
-    square += measurements[i].weighted_square;
-    weight += measurements[i].weight;
+    square += measurements[i]->weighted_square;
+    weight += measurements[i]->weight;
   }
   std::vector<char> removed(summaries.size());
   std::transform(summaries.begin(), summaries.end(), removed.begin(), [](const auto& summary) {
     return static_cast<char>(summary.fits ? 0 : 1);
   });
   round.rms = weight > 0 ? std::sqrt(square / weight) : 0;
-  round.dropped = static_cast<int>(std::count(removed.begin(), removed.end(), char{1}));
-  removeCorners(map, removed);
+  round.dropped = removeCorners(map, removed);
   eraseMarked(removed, patches);
   return round;
 }
 
-/// A pose with the sightings it was fitted to.
+/// A pose with the observations it was fitted to.
 struct FittedPose {
   SE3 T_cam_ref;
-  std::vector<PointSighting> sightings;
-  double sigma = kTrackSigma;  ///< of a sighting [px]
+  std::vector<PointObservation> observations;
+  double sigma = kTrackSigma;  ///< of an observation [px]
 };
 
 /// Pose of a single frame from its corners, measured again several times.
 FittedPose refinePose(const InitialMap& map,
                       const PinholeCamera& camera,
                       int rounds,
-                      const std::vector<PolishPatch>& patches,
-                      int frame) {
+                      const Patches& patches,
+                      std::size_t frame) {
   std::vector<std::size_t> seen;
-  for (const Observation& observation : map.observations) {
-    if (observation.frame == frame) seen.push_back(static_cast<std::size_t>(observation.corner));
+  for (const CornerObservation& observation : map.observations) {
+    if (observation.frame == frame) seen.push_back(observation.corner);
   }
-  const auto k = static_cast<std::size_t>(frame);
-  FittedPose fit{*map.frames[k].T_cam_ref, {}};
-  std::vector<PointSighting> sightings;
+  FittedPose fit{*map.frames[frame].T_cam_ref, {}};
+  std::vector<PointObservation> observations;
   for (int round = 0; round < rounds; ++round) {
-    const FrameMeasurer measurer(map, camera, k, fit.T_cam_ref);
-    sightings.clear();
+    const FrameMeasurer measurer(map, camera, frame, fit.T_cam_ref);
+    observations.clear();
     for (const std::size_t i : seen) {
       const Corner& corner = map.corners[i];
-      const Measurement measurement = measurer.measure(corner, patches[i]);
-      if (!measurement.valid || measurement.mean_residual > kMaxResidual ||
-          !strongEnough(measurement.information)) {
+      const auto measurement = measurer.measure(corner, patches[i]);
+      if (!measurement || measurement->mean_residual > kMaxResidual ||
+          !strongEnough(measurement->information)) {
         continue;
       }
-      sightings.push_back(
-          {camera.unproject(corner.pixel), corner.inverse_depth, measurement.pixel});
+      observations.push_back(
+          {camera.unproject(corner.pixel), corner.inverse_depth, measurement->pixel});
     }
-    const auto found = poseFromPoints(sightings, camera, fit.T_cam_ref, kMeasuredSigma);
+    const auto found = poseFromPoints(observations, camera, fit.T_cam_ref, kMeasuredSigma);
     if (!found) continue;
     const double step = (*found * fit.T_cam_ref.inverse()).log().norm();
     fit.T_cam_ref = *found;
-    fit.sightings.swap(sightings);
+    fit.observations.swap(observations);
     fit.sigma = kMeasuredSigma;
     if (step < kMinStep) break;
   }
-  if (fit.sightings.empty()) fit.sightings = sightingsByFrame(map, camera)[k];
+  if (fit.observations.empty()) fit.observations = observationsByFrame(map, camera)[frame];
   return fit;
 }
 
@@ -280,7 +213,7 @@ RefinementReport refineCorners(InitialMap& map,
   RefinementReport report;
   const GeometricOptions adjusted = refinedAdjustment(geometric);
   InitialMap refined = map;
-  std::vector<PolishPatch> patches = cutPatches(refined);
+  Patches patches = cutPatches(refined);
   for (int round = 0; round < rounds; ++round) {
     if (round < kBrightnessRounds) estimateBrightness(refined);
     const Round measured = measureCorners(refined, patches, camera, geometric.sigma);
@@ -303,27 +236,26 @@ void refinePoses(InitialMap& map,
                  const PinholeCamera& camera,
                  const GeometricOptions& geometric,
                  int rounds,
-                 const std::vector<int>& frames) {
+                 const std::vector<std::size_t>& frames) {
   if (frames.empty()) return;
   estimateBrightness(map, frames);
-  const std::vector<PolishPatch> patches = cutPatches(map);
+  const Patches patches = cutPatches(map);
   const InheritedPoseError inherited(map, camera, geometric);
-  const double factor = kOwnFactor * map.clustered_factor;
+  const double factor = kOwnFactor * map.cluster_variance_scale;
   std::vector<SE3> poses(frames.size());
   std::vector<std::optional<Matrix6d>> covariances(frames.size());
   forEachRange(frames.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const FittedPose fit = refinePose(map, camera, rounds, patches, frames[i]);
       poses[i] = fit.T_cam_ref;
-      covariances[i] = poseCovariance(fit.sightings, camera, poses[i], {fit.sigma, factor});
+      covariances[i] = poseCovariance(fit.observations, camera, poses[i], {fit.sigma, factor});
       if (covariances[i]) *covariances[i] += inherited.covariance(poses[i]);
     }
   });
   for (std::size_t i = 0; i < frames.size(); ++i) {
-    const auto frame = static_cast<std::size_t>(frames[i]);
-    map.frames[frame].T_cam_ref = poses[i];
-    map.frames[frame].covariance =
-        covariances[i] ? *covariances[i] : interpolatedCovariance(map, frames[i]);
+    PosedFrame& frame = map.frames[frames[i]];
+    frame.T_cam_ref = poses[i];
+    frame.covariance = covariances[i] ? *covariances[i] : interpolatedCovariance(map, frames[i]);
   }
 }
 
