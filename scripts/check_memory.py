@@ -79,6 +79,8 @@ def main():
     samples = watch(process, output / "frames.csv")
     if process.returncode != 0:
         sys.exit(f"dso_dataset ended with {process.returncode}")
+    if not samples or samples[-1][0] < options.frames - SPAN:
+        sys.exit("dso_dataset ended before the last frame")
 
     def around(frame):
         return statistics.median(memory for done, memory in samples if abs(done - frame) <= SPAN / 2)
