@@ -254,6 +254,7 @@ std::vector<SelectedPixel> PixelSelector::select(const Frame& frame,
         "pixel selector of " + std::to_string(width_) + "x" + std::to_string(height_) +
         " got a frame of " + std::to_string(frame.width()) + "x" + std::to_string(frame.height()));
   }
+  wanted = std::max(wanted, 1);
   constexpr double kTooFew = 1.25;  // wanted / found. @source of both limits: DSO as published
   constexpr double kTooMany = 0.25;
   constexpr double kThin = 0.95;

@@ -12,6 +12,8 @@ OrbOptions reportGeometry() {
   orb.max_frames = 20;
   orb.min_tracked = 50;
   orb.reference_interval = 0;
+  orb.tracks.flow = OpticalFlow::kOpenCv;
+  orb.tracks.min_eigenvalue = 0.1;  // OpenCV's 1e-4
   orb.tracks.max_corners = 2000;
   orb.tracks.corner_quality = 0.01;
   orb.tracks.max_level = 3;
@@ -20,6 +22,7 @@ OrbOptions reportGeometry() {
   orb.geometric.sigma = 1;
   orb.geometric.loss = RobustLoss::kHuber;
   orb.geometric.loss_threshold = 2.4474;  // sqrt(5.99): 95 % of chi-square, 2 degrees of freedom
+  orb.semi_dense.image_noise = 6.3246;    // sigma_i^2 = 40, equation 7
   orb.semi_dense.fusion = DepthFusion::kProduct;
   orb.semi_dense.max_points = 0;
   orb.photometric.enabled = false;
@@ -34,6 +37,8 @@ OrbOptions reportPhotometry() {
   orb.photometric.solver = AdjustmentSolver::kCeres;
   orb.photometric.brightness = PhotometricBrightness::kPsiFixed;
   orb.photometric.poses = PhotometricPoses::kFree;
+  orb.photometric.gradient_weights = false;  // equation 11
+  orb.photometric.max_frames = 0;
   orb.photometric.joint_points = 0;
   orb.photometric.max_iterations = 10;
   orb.outlier_rule = OutlierRule::kNone;
@@ -51,7 +56,7 @@ OrbOptions reportFiltered() {
 OrbOptions matching() {
   OrbOptions orb = reportGeometry();
   orb.front_end = OrbFrontEnd::kDescriptors;
-  orb.tracks.min_eigenvalue = 0.1;  // OpenCV's: flow is for images out of focus
+  orb.tracks.flow = OpticalFlow::kDsorb;  // for images out of focus only
   orb.model_choice = ModelChoice::kInliers;
   return orb;
 }

@@ -344,13 +344,27 @@ bool WindowOptimizer::Adjustment::isSmall() const {
          std::sqrt(translation / frames) * mean_depth < kSlack * kSmallTranslation;
 }
 
+/// Moves the first estimates of the newest keyframe and of those of which the marginal prior knows
+/// nothing yet, as after a start: there it costs no consistency.
+void moveFirstEstimates(Window& window) {
+  for (std::size_t k = 0; k < window.keyframes.size(); ++k) {
+    Keyframe& keyframe = window.keyframes[k];
+    const auto row = kCameraDim + kFrameDim * static_cast<Index>(k);
+    const bool newest = k + 1 == window.keyframes.size();
+    const bool held = !keyframe.prior.head<6>().isZero(0);
+    if (newest || (!held && window.prior.H.middleRows<kFrameDim>(row).isZero(0))) {
+      keyframe.moveFirstEstimate();
+    }
+  }
+}
+
 OptimizationReport WindowOptimizer::Adjustment::finish() {
   const WindowEquations& last = memory_.current_;
   for (std::size_t i = 0; i < points_.size(); ++i) at(i).information = last.depth_hessian[i];
   report_.residuals = last.used;
   report_.last_energy = energy_;
   report_.rms = std::sqrt(last.energy / (kPatternSize * std::max(1, last.used)));
-  window_.keyframes.back().moveFirstEstimate();
+  moveFirstEstimates(window_);
   pairs_ = PairTable(window_);
   evaluate(memory_.trial_);
   commit(window_);

@@ -137,7 +137,7 @@ TEST(HandoverTest, ThinningKeepsTheMostCertainOfEveryCell) {
 
 TEST(HandoverTest, SeedPriorIsTheInverseVarianceWithALimit) {
   PriorOptions options;
-  EXPECT_FLOAT_EQ(seedInformation({{0, 0}, 1, 0.01F}, options), 100);
+  EXPECT_FLOAT_EQ(seedInformation({{0, 0}, 1, 0.01F}, options), 800);
   EXPECT_FLOAT_EQ(seedInformation({{0, 0}, 1, 1e-6F}, options), 2500);
   EXPECT_FLOAT_EQ(seedInformation({{0, 0}, 1, 0}, options), 0);
 }

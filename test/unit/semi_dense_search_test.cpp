@@ -90,7 +90,7 @@ TEST(EpipolarSearch, GeometricVarianceIsTheSpreadUnderDrawnPoses) {
         Eigen::Vector2d displacement;
         for (int d = 0; d < 2; ++d) displacement[d] = sigma * random.gaussian();
         const Vector6d xi = motion * displacement;
-        const SearchFrame frame{target, SE3::exp(xi) * truth, covariance, {}, 1e-3};
+        const SearchFrame frame{target, SE3::exp(xi) * truth, covariance, {}};
         const EpipolarSearch search(reference, frame, scene.camera(), options);
         EpipolarSearch::Scratch scratch;
         const SearchOutcome outcome =

@@ -6,8 +6,15 @@
 
 namespace dsorb {
 
+/// Implementation of pyramidal Lucas-Kanade.
+enum class OpticalFlow {
+  kDsorb,  ///< in single precision, without rounding intensities and positions
+  kOpenCv  ///< cv::calcOpticalFlowPyrLK, as [Gladkova]
+};
+
 /// Corners of the reference, followed from frame to frame.
 struct FeatureTrackOptions {
+  OpticalFlow flow = OpticalFlow::kDsorb;
   int max_corners = 1000;
   double corner_quality = 0.003;  ///< corner strength relative to the strongest of the image
   int max_level = 4;              ///< coarsest pyramid level of Lucas-Kanade
@@ -16,6 +23,7 @@ struct FeatureTrackOptions {
 
 template <typename Visitor, typename Options>
 DescribeFor<Options, FeatureTrackOptions> describe(Visitor& visit, Options& o) {
+  visit.choice("flow", o.flow, {{"dsorb", OpticalFlow::kDsorb}, {"opencv", OpticalFlow::kOpenCv}});
   visit.field("max_corners", o.max_corners, Range{50, 20000}, "corners");
   visit.field("corner_quality", o.corner_quality, Range{1e-5, 1}, "");
   visit.field("max_level", o.max_level, Range{0, 8}, "levels");

@@ -55,6 +55,7 @@ struct SemiDenseOptions {
   double gradient_above_median = 7;  ///< threshold over the median of its 32x32 block [grey/px]
   int max_candidates = 3000;         ///< larger patches are taken until no more remain
   double min_line_gradient = 2.0;    ///< least |gradient along the line| [grey/px]
+  double image_noise = 2.8284;       ///< standard deviation of a grey value, sqrt(8) [grey levels]
   DepthFusion fusion = DepthFusion::kMostPrecise;
   /// Number of corners and points that are adjusted and handed over, as many as the window takes:
   /// those of smallest relative variance. 0 keeps all.
@@ -66,6 +67,7 @@ DescribeFor<Options, SemiDenseOptions> describe(Visitor& visit, Options& o) {
   visit.field("gradient_above_median", o.gradient_above_median, Range{0, 255}, "grey levels / px");
   visit.field("max_candidates", o.max_candidates, Range{1, 1000000}, "points");
   visit.field("min_line_gradient", o.min_line_gradient, Range{0, 255}, "grey levels / px");
+  visit.field("image_noise", o.image_noise, Range{0.01, 100}, "grey levels");
   visit.choice("fusion",
                o.fusion,
                {{"product", DepthFusion::kProduct}, {"most_precise", DepthFusion::kMostPrecise}});
@@ -93,7 +95,8 @@ struct PhotometricOptions {
   PhotometricBrightness brightness = PhotometricBrightness::kAffine;
   PhotometricPoses poses = PhotometricPoses::kGated;
   int enough_corners = 250;          ///< from which on the corners' poses are the better ones
-  int max_frames = 4;                ///< evenly spaced, the newest included
+  bool gradient_weights = true;      ///< pixels of strong gradients count less, as in [DSO]
+  int max_frames = 4;                ///< evenly spaced, the newest included; 0: all
   int max_iterations = 4;            ///< of one solve
   double function_tolerance = 1e-6;  ///< relative change of the cost that ends a solve [-]
   double coarse_residual = 20;  ///< a coarser level comes first above this median [grey levels]
@@ -114,7 +117,8 @@ DescribeFor<Options, PhotometricOptions> describe(Visitor& visit, Options& o) {
   visit.choice(
       "poses", o.poses, {{"free", PhotometricPoses::kFree}, {"gated", PhotometricPoses::kGated}});
   visit.field("enough_corners", o.enough_corners, Range{0, 1000000}, "corners");
-  visit.field("max_frames", o.max_frames, Range{1, 16}, "frames");
+  visit.field("gradient_weights", o.gradient_weights);
+  visit.field("max_frames", o.max_frames, Range{0, 16}, "frames");
   visit.field("max_iterations", o.max_iterations, Range{1, 1000}, "iterations");
   visit.field("function_tolerance", o.function_tolerance, Range{1e-16, 1}, "");
   visit.field("coarse_residual", o.coarse_residual, Range{0, 1000}, "grey levels");

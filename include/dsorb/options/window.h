@@ -24,7 +24,9 @@ DescribeFor<Options, OptimizerOptions> describe(Visitor& visit, Options& o) {
 /// Weights of the priors; those of intrinsics in scaled units (window/window.h).
 struct PriorOptions {
   double intrinsics = 5e9;
-  double depth_gain = 1;                     ///< on 1 / variance of an initial point
+  /// On 1 / variance of an initial point: the variance of a grey value, kImageNoise^2.
+  /// docs/experiments.md, "First window"
+  double depth_gain = 8;
   double max_depth = 2500;                   ///< upper limit of an initial point's prior
   bool depth_pulls_to_value = true;          ///< false (reference): the depth prior only damps
   double depth_at_marginalization = 360000;  ///< factor on the depth prior, 600^2

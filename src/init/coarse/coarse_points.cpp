@@ -68,7 +68,7 @@ float upperMedian(float* values, int count) {
 
 int wantedPoints(int level, int width, int height) {
   const std::size_t index = std::min(static_cast<std::size_t>(level), kDensities.size() - 1);
-  return static_cast<int>(std::lround(kDensities[index] * width * height));
+  return std::max(1, static_cast<int>(std::lround(kDensities[index] * width * height)));
 }
 
 PointLevel makePointLevel(const PyramidLevel& image, const std::vector<SelectedPixel>& pixels) {

@@ -132,7 +132,7 @@ class PhotometricAdjustment {
 void PhotometricAdjustment::solveCoarse(PhotometricState& state) {
   std::vector<std::size_t> frames;
   for (const PhotometricFrame& frame : problem_.frames) frames.push_back(frame.index);
-  PhotometricProblem coarse = makeProblem(map_, camera_, frames, 1, options_.brightness);
+  PhotometricProblem coarse = makeProblem(map_, camera_, options_, frames, 1);
   PhotometricState coarse_state = makeState(coarse, map_);
   findVisible(coarse, coarse_state);
   if (coarse.patches.size() < kMinPatches) return;
@@ -199,7 +199,7 @@ void PhotometricAdjustment::alignOtherFrames() {
     if (map_.frames[k].T_cam_ref && !part) others.push_back(k);
   }
   if (others.empty()) return;
-  PhotometricProblem problem = makeProblem(map_, camera_, others, 0, options_.brightness);
+  PhotometricProblem problem = makeProblem(map_, camera_, options_, others, 0);
   PhotometricState state = makeState(problem, map_);
   findVisible(problem, state);
   const auto patches = jointPatches(problem, map_, options_.joint_points);

@@ -67,8 +67,12 @@ DSORB_ALWAYS_INLINE void weigh(const HostPatch& host, Patch& out) {
   const Lanes r = valid ? out.residual : zero;
   huberWeights(r, robust);
   out.residual = r;
-  out.weight = valid ? root * root * robust : zero;
-  out.energy = out.weight * r * r * (2.0F - robust);
+  const Lanes weight = root * root;
+  out.weight = valid ? weight * robust : zero;
+  // A pixel without a value costs what one at the threshold does: a patch gains nothing by moving
+  // where the image is invalid.
+  out.energy = weight * (valid ? robust * r * r * (2.0F - robust)
+                               : zero + kHuberThreshold * kHuberThreshold);
 }
 
 /// @tparam kSize unknowns of the frame; 0: it is fixed

@@ -26,6 +26,7 @@ std::vector<std::size_t> spreadFrames(const InitialMap& map, int count) {
   for (std::size_t k = 1; k < map.frames.size(); ++k) {
     if (map.frames[k].T_cam_ref) posed.push_back(k);
   }
+  if (count == 0) return posed;
   std::vector<std::size_t> spread;
   for (const std::size_t i :
        dsorb::spreadFrames(posed.size() + 1, static_cast<std::size_t>(count) + 1)) {
@@ -36,12 +37,12 @@ std::vector<std::size_t> spreadFrames(const InitialMap& map, int count) {
 
 PhotometricProblem makeProblem(const InitialMap& map,
                                const PinholeCamera& camera,
+                               const PhotometricOptions& options,
                                const std::vector<std::size_t>& frames,
-                               int level,
-                               PhotometricBrightness brightness) {
+                               int level) {
   PhotometricProblem problem;
   problem.camera = camera.atLevel(level);
-  problem.brightness = brightness;
+  problem.brightness = options.brightness;
   problem.reference_exposure = map.frames.front().frame->exposure();
   for (const std::size_t k : frames) {
     problem.frames.push_back(
@@ -58,6 +59,7 @@ PhotometricProblem makeProblem(const InitialMap& map,
           i < corners ? map.corners[i].pixel.cast<float>() : map.points[i - corners].pixel;
       const Eigen::Vector2f at = ((pixel.array() + 0.5F) * scale - 0.5F).matrix();
       patches[i] = readHostPatch<interpolate<float>>(reference, at);
+      if (patches[i] && !options.gradient_weights) patches[i]->root_weight.fill(1);
     }
   });
   for (std::size_t i = 0; i < total; ++i) {
@@ -72,7 +74,7 @@ PhotometricProblem makeProblem(const InitialMap& map,
 PhotometricProblem makeProblem(const InitialMap& map,
                                const PinholeCamera& camera,
                                const PhotometricOptions& options) {
-  return makeProblem(map, camera, spreadFrames(map, options.max_frames), 0, options.brightness);
+  return makeProblem(map, camera, options, spreadFrames(map, options.max_frames), 0);
 }
 
 PhotometricState makeState(const PhotometricProblem& problem, const InitialMap& map) {

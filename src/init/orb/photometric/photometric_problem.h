@@ -41,16 +41,17 @@ struct PhotometricState {
   std::vector<double> inverse_depth;
 };
 
-/// At most `count` posed frames after the reference, evenly spaced, the last posed one included.
+/// At most `count` posed frames after the reference, evenly spaced, the last posed one included;
+/// all if it is 0.
 std::vector<std::size_t> spreadFrames(const InitialMap& map, int count);
 
 /// Corners and semi-dense points whose pattern lies inside the reference. All are marked as seen.
 /// Runs in parallel inside the caller's arena.
 PhotometricProblem makeProblem(const InitialMap& map,
                                const PinholeCamera& camera,
+                               const PhotometricOptions& options,
                                const std::vector<std::size_t>& frames,
-                               int level,
-                               PhotometricBrightness brightness);
+                               int level);
 
 /// Makes the problem at level 0 with the frames that the options select.
 PhotometricProblem makeProblem(const InitialMap& map,

@@ -5,6 +5,7 @@
 #include "base/median.h"
 #include "base/target_clones.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace dsorb::init_orb {
@@ -13,6 +14,7 @@ namespace {
 constexpr double kConverged = 1e-3;  // relative change of the squared scale
 constexpr int kMaxIterations = 50;   // measured: 8 to 12 are needed
 constexpr std::size_t kBlock = 256;  // terms summed in single precision before doubles take over
+constexpr double kMinScale = 0.29;   // error of rounding, 1 / sqrt(12) [grey levels]
 
 /// Sum of w r^2 over a block. @param squares r^2, a multiple of the lanes; zeros add nothing
 DSORB_TARGET_CLONES float weightedSquares(const float* squares, std::size_t count, float variance) {
@@ -23,6 +25,13 @@ DSORB_TARGET_CLONES float weightedSquares(const float* squares, std::size_t coun
     sum += square / (static_cast<float>(kTDegrees) * variance + square);
   }
   return static_cast<float>(kTDegrees + 1) * variance * sumLanes(sum);
+}
+
+/// Root of the mean square of what is left of the residuals without the median.
+double rootMeanSquare(const std::vector<float>& magnitudes) {
+  double sum = 0;
+  for (const float magnitude : magnitudes) sum += static_cast<double>(magnitude * magnitude);
+  return std::sqrt(sum / static_cast<double>(std::max<std::size_t>(magnitudes.size(), 1)));
 }
 
 /// Squares of the residuals that pass the prefilter, filled up with zeros to whole lanes.
@@ -63,7 +72,10 @@ TDistribution fitTDistribution(std::vector<float> residuals, double prefilter) {
   for (std::size_t i = 0; i < residuals.size(); ++i) {
     magnitudes[i] = std::abs(residuals[i] - median);
   }
-  const double spread = kMadToSigma * static_cast<double>(medianInPlace(magnitudes));
+  double spread = kMadToSigma * static_cast<double>(medianInPlace(magnitudes));
+  // More than half of the residuals are the same: a still overlay, strongly quantized images.
+  const bool degenerate = !(spread > 0);
+  if (degenerate) spread = std::max(rootMeanSquare(magnitudes), kMinScale);
   const std::vector<float> squares =
       filteredSquares(residuals, median, static_cast<float>(prefilter * spread), fit.samples);
   double variance = spread * spread;
@@ -79,7 +91,7 @@ TDistribution fitTDistribution(std::vector<float> residuals, double prefilter) {
     variance = next;
     if (converged) break;
   }
-  fit.scale = std::sqrt(variance);
+  fit.scale = degenerate ? std::max(std::sqrt(variance), kMinScale) : std::sqrt(variance);
   return fit;
 }
 

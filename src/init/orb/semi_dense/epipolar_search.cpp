@@ -278,7 +278,7 @@ SearchOutcome EpipolarSearch::search(const SemiDensePoint& prior, Scratch& scrat
     return {};
   }
   Match match;
-  const auto noise = static_cast<float>(frame_.image_noise);
+  const auto noise = static_cast<float>(options_.image_noise);
   const auto min_gradient = static_cast<float>(options_.min_line_gradient);
   match.position = bestStep(target_, patch, interval, noise, scratch);
   if (!std::isfinite(match.position) || !refine(target_, patch, interval, min_gradient, match)) {

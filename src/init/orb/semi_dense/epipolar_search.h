@@ -73,7 +73,6 @@ struct SearchFrame {
   SE3 T_cam_ref;
   Matrix6d covariance = Matrix6d::Zero();  ///< of a left increment, [translation; rotation]
   BrightnessTransfer transfer;             ///< reference to this frame
-  double image_noise = kImageNoise;        ///< of one grey value [grey levels]
 };
 
 /// Searches pixels of a reference along their epipolar lines in one other frame. Holds references

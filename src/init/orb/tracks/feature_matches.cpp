@@ -3,9 +3,9 @@
 
 #include "base/target_clones.h"
 #include "image/cell_grid.h"
+#include "init/orb/tracks/opencv_flow.h"
 
 #include <opencv2/features2d.hpp>
-#include <opencv2/video/tracking.hpp>
 
 #include <algorithm>
 #include <array>
@@ -21,6 +21,8 @@ constexpr int kLevels = 8;            // of the image pyramid
 constexpr float kScaleFactor = 1.2F;  // between two levels
 constexpr int kFastThreshold = 7;     // contrast of a FAST corner to its ring [grey levels]
 constexpr double kMaxRefinement = 4;  // a match that moves farther goes [px]
+constexpr double kMinTexture =
+    0.1;                        // smaller eigenvalue of the gradient tensor [grey levels^2 / px^2]
 constexpr int kPatchSize = 31;  // [px] of the level; side of the square a descriptor is made from
 constexpr int kSurplus = 10;    // features found for each that is kept when they are spread
 
@@ -171,21 +173,11 @@ void FeatureMatches::refine(const GreyImage& image,
   }
   if (which.empty()) return;
   const std::vector<cv::Point2f> matched = end;
-  std::vector<unsigned char> found;
-  cv::Mat error;
-  const LucasKanadeOptions flow;
-  const cv::TermCriteria stop(
-      cv::TermCriteria::COUNT + cv::TermCriteria::EPS, flow.max_iterations, flow.min_step);
-  cv::calcOpticalFlowPyrLK(image_.grey,
-                           image.grey,
-                           start,
-                           end,
-                           found,
-                           error,
-                           {flow.window, flow.window},
-                           0,
-                           stop,
-                           cv::OPTFLOW_USE_INITIAL_FLOW);
+  LucasKanadeOptions flow;
+  flow.max_level = 0;
+  flow.min_eigenvalue = kMinTexture;
+  const std::vector<unsigned char> found =
+      followWithOpenCv(image_.grey, image.grey, start, flow, end);
   for (std::size_t k = 0; k < which.size(); ++k) {
     const cv::Point2f moved = end[k] - matched[k];
     const bool kept =

@@ -5,6 +5,7 @@
 #include "image/cell_grid.h"
 #include "init/orb/tracks/grey_image.h"
 #include "init/orb/tracks/image_scale.h"
+#include "init/orb/tracks/opencv_flow.h"
 
 #include <opencv2/imgproc.hpp>
 
@@ -115,24 +116,53 @@ void FeatureTracks::addCorners() {
 void FeatureTracks::advance(const Frame& frame) {
   std::swap(pyramid_, other_pyramid_);
   show(frame, gainTowards(reference_mean_, frame));
-  const cv::Size size(frame.level(0).width(), frame.level(0).height());
   const std::vector<Eigen::Vector2f>& before = positions_.back();
   std::vector<Eigen::Vector2f> after = before;
-  std::vector<char> alive(before.size(), 0);
-  forEachRange(before.size(), kTrackGrain, [&](std::size_t begin, std::size_t end) {
-    LucasKanade lucas_kanade(flowOptions(options_));
-    for (std::size_t i = begin; i < end; ++i) {
-      if (!lucas_kanade.follow(other_pyramid_, pyramid_, after[i])) continue;
-      Eigen::Vector2f back = after[i];
-      if (!isUsable(after[i], size, valid_) ||
-          !lucas_kanade.follow(pyramid_, other_pyramid_, back)) {
-        continue;
-      }
-      alive[i] = (back - before[i]).norm() < kMaxBackwardError ? 1 : 0;
-    }
-  });
+  std::vector<Eigen::Vector2f> back(before.size());
+  std::vector<char> alive =
+      options_.flow == OpticalFlow::kDsorb ? follow(after, back) : followByOpenCv(after, back);
+  for (std::size_t i = 0; i < alive.size(); ++i) {
+    if (!((back[i] - before[i]).norm() < kMaxBackwardError)) alive[i] = 0;
+  }
   positions_.push_back(std::move(after));
   keepOnly(alive);
+}
+
+std::vector<char> FeatureTracks::follow(std::vector<Eigen::Vector2f>& places,
+                                        std::vector<Eigen::Vector2f>& back) const {
+  const cv::Size size(pyramid_.levels().front().width, pyramid_.levels().front().height);
+  std::vector<char> found(places.size());
+  forEachRange(places.size(), kTrackGrain, [&](std::size_t begin, std::size_t end) {
+    LucasKanade lucas_kanade(flowOptions(options_));
+    for (std::size_t i = begin; i < end; ++i) {
+      if (!lucas_kanade.follow(other_pyramid_, pyramid_, places[i])) continue;
+      back[i] = places[i];
+      found[i] = isUsable(places[i], size, valid_) &&
+                         lucas_kanade.follow(pyramid_, other_pyramid_, back[i])
+                     ? 1
+                     : 0;
+    }
+  });
+  return found;
+}
+
+std::vector<char> FeatureTracks::followByOpenCv(std::vector<Eigen::Vector2f>& places,
+                                                std::vector<Eigen::Vector2f>& back) const {
+  const cv::Mat before = eightBit(other_pyramid_.levels().front());
+  const cv::Mat now = eightBit(pyramid_.levels().front());
+  std::vector<cv::Point2f> start;
+  for (const Eigen::Vector2f& place : places) start.emplace_back(place.x(), place.y());
+  std::vector<cv::Point2f> there;
+  std::vector<cv::Point2f> again;
+  const auto forward = followWithOpenCv(before, now, start, flowOptions(options_), there);
+  const auto backward = followWithOpenCv(now, before, there, flowOptions(options_), again);
+  std::vector<char> found(places.size());
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    places[i] = {there[i].x, there[i].y};
+    back[i] = {again[i].x, again[i].y};
+    found[i] = forward[i] != 0 && backward[i] != 0 && isUsable(places[i], now.size(), valid_);
+  }
+  return found;
 }
 
 void FeatureTracks::keepOnly(const std::vector<char>& alive) {

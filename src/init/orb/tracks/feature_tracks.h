@@ -59,6 +59,12 @@ class FeatureTracks {
 
  private:
   void show(const Frame& frame, float gain);
+  /// Follows places from the image before into the newest one and back again.
+  /// @return by place, whether both ways succeeded
+  [[nodiscard]] std::vector<char> follow(std::vector<Eigen::Vector2f>& places,
+                                         std::vector<Eigen::Vector2f>& back) const;
+  [[nodiscard]] std::vector<char> followByOpenCv(std::vector<Eigen::Vector2f>& places,
+                                                 std::vector<Eigen::Vector2f>& back) const;
   void keepOnly(const std::vector<char>& alive);
 
   FeatureTrackOptions options_;

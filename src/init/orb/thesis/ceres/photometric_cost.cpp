@@ -125,7 +125,7 @@ bool PhotometricCost::Evaluate(double const* const* parameters,
     const double robust = std::abs(r) <= threshold
                               ? std::abs(r)
                               : std::sqrt(2 * threshold * std::abs(r) - threshold * threshold);
-    residuals[j] = valid ? root_weight * std::copysign(robust, r) : 0;
+    residuals[j] = root_weight * (valid ? std::copysign(robust, r) : threshold);
     factor[j] = !valid                     ? 0
                 : std::abs(r) <= threshold ? root_weight
                                            : root_weight * threshold / robust;
