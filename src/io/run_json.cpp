@@ -59,6 +59,9 @@ Json runJson(const RunInfo& info,
                {"initializer", info.initializer},
                {"camera", nullptr}};
   if (camera != nullptr) json["camera"] = cameraJson(*camera);
+  if (camera != nullptr && end.refined_camera && end.refined_camera->matrix() != camera->matrix()) {
+    json["refined_camera"] = cameraJson(*end.refined_camera);
+  }
   json["frames_given"] = record.notes().size();
   json["frames_tracked"] = record.framesTracked();
   json["frames_dropped"] = end.frames_dropped;

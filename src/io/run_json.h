@@ -6,6 +6,8 @@
 #include "io/json_text.h"
 #include "io/run_record.h"
 
+#include <optional>
+
 namespace dsorb::io {
 
 /// Time that the stages of a run took [s].
@@ -22,6 +24,7 @@ struct RunEnd {
   RunStatus status = RunStatus::kError;
   int frames_dropped = 0;
   RunSeconds seconds;
+  std::optional<PinholeCamera> refined_camera;  ///< of the newest keyframe
 };
 
 /// Largest resident memory of this process up to now [MiB].

@@ -80,8 +80,10 @@ class RunWriter::Impl {
       written.tracking = report->tracking_seconds;
       written.mapping = report->mapping_seconds;
     }
-    const io::Json json =
-        io::runJson(info, camera ? &*camera : nullptr, record, {status, frames_dropped, written});
+    const io::Json json = io::runJson(info,
+                                      camera ? &*camera : nullptr,
+                                      record,
+                                      {status, frames_dropped, written, refined_camera});
     io::replaceFile(folder / "run.json", io::jsonText(json));
   }
 
@@ -89,6 +91,7 @@ class RunWriter::Impl {
   io::OutputFolder prepared;  // before any member opens a file there
   RunInfo info;
   std::optional<PinholeCamera> camera;
+  std::optional<PinholeCamera> refined_camera;
   Clock::time_point begin = Clock::now();
   io::RunSeconds seconds;
   io::RunRecord record;
@@ -136,6 +139,7 @@ void RunWriter::onFrame(const FrameEstimate& estimate) {
 void RunWriter::onKeyframe(const KeyframeSnapshot& keyframe) {
   impl_->record.addKeyframe(keyframe);
   impl_->points.setKeyframe(keyframe);
+  impl_->refined_camera = keyframe.camera;
   impl_->keyframes_changed = true;
 }
 

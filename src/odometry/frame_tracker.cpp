@@ -29,6 +29,7 @@ void FrameTracker::begin(const InitializationResult& result) {
 void FrameTracker::setTarget(const TrackingTarget& target) {
   if (target_) history_ = history_.relativeTo(target.T_cam_previous);
   target_ = target.keyframe;
+  tracker_.setCamera(target_->camera);
   tracker_.setReference(target_->frame, target.samples, target_->affine);
   if (target_->frame->id() == previous_) affine_ = target_->affine;
   first_rmse_.reset();

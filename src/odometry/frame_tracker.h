@@ -19,6 +19,7 @@ struct KeyframePose {
   FramePtr frame;
   SE3 T_cam_world;
   AffineBrightness affine;
+  PinholeCamera camera;  ///< as the adjustment has refined it
 };
 
 /// What frames are tracked against, as a value.

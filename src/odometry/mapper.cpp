@@ -80,7 +80,7 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
   }
   update.window = snapshots();
   const window::Keyframe& newest = window_->keyframes.back();
-  update.target.keyframe = {newest.frame, newest.T_cam_world(), newest.affine()};
+  update.target.keyframe = {newest.frame, newest.T_cam_world(), newest.affine(), window_->camera()};
   update.target.T_cam_previous = T_cam_previous;
   return update;
 }

@@ -126,6 +126,8 @@ class PoseAlignment {
   explicit PoseAlignment(const PinholeCamera& camera, BrightnessModel brightness = {})
       : camera_(camera), brightness_(brightness) {}
 
+  void setCamera(const PinholeCamera& camera) { camera_ = camera; }
+
   /// @param cutoff larger residuals are saturated [grey levels]
   Evaluation evaluate(const AlignmentLevel& level, const AlignmentState& state, double cutoff);
 

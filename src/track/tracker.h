@@ -73,6 +73,12 @@ class Tracker {
         reference_(camera),
         alignment_(camera, brightness) {}
 
+  /// Later references and frames are images of this camera, whose size is that of the one before.
+  void setCamera(const PinholeCamera& camera) {
+    camera_ = camera;
+    reference_.setCamera(camera);
+    alignment_.setCamera(camera);
+  }
   /// @param samples inverse depths on pixels of `frame`
   void setReference(const FramePtr& frame,
                     const std::vector<DepthSample>& samples,

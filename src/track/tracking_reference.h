@@ -63,6 +63,8 @@ class TrackingReference {
   /// Takes all memory it needs for frames of the camera.
   explicit TrackingReference(const PinholeCamera& camera);
 
+  /// Of the next content; of the same size as the camera before.
+  void setCamera(const PinholeCamera& camera) { camera_ = camera; }
   /// Replaces the previous content, keeping the buffers.
   /// @param samples pixels of `frame` with inverse depth; those outside the image or not positive
   ///        are ignored

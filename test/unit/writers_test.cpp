@@ -273,6 +273,19 @@ TEST(RunWriter, PointsAreBinaryVerticesInTheWorld) {
   EXPECT_FALSE(fs::exists(folder.path() / "points.spool"));
 }
 
+TEST(RunWriter, SummaryHasTheRefinedCamera) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  playOneSegment(run);
+  PinholeCamera refined = kCamera;
+  refined.fx = 102;
+  run.writer.onKeyframe({FrameId{0}, 0, 0, SE3(), {}, refined, {}});
+  run.writer.finish(RunStatus::kTracked, nullptr);
+  const auto json = readJson(folder.path() / "run.json");
+  EXPECT_EQ(json["camera"]["fx"], 100.0);
+  EXPECT_EQ(json["refined_camera"]["fx"], 102.0);
+}
+
 TEST(RunWriter, SummaryIsValidFromTheBeginning) {
   const TemporaryFolder folder;
   FakeRun run(folder.path());
@@ -287,6 +300,7 @@ TEST(RunWriter, SummaryIsValidFromTheBeginning) {
   EXPECT_EQ(json["dataset"], "a \"quoted\" name");
   EXPECT_EQ(json["initializer"], "orb-v1");
   EXPECT_EQ(json["camera"]["fx"], 100.0);
+  EXPECT_FALSE(json.contains("refined_camera"));
   EXPECT_EQ(json["frames_given"], 5);
   EXPECT_EQ(json["frames_tracked"], 2);
   EXPECT_EQ(json["frames_dropped"], 0);
