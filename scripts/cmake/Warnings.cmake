@@ -9,6 +9,8 @@ function(dsorb_compile_options target)
   endif()
   if(DSORB_NATIVE)
     target_compile_options(${target} PRIVATE -march=native)
+    # Matrices that programs pass are aligned as without it.
+    target_compile_definitions(${target} PRIVATE EIGEN_MAX_STATIC_ALIGN_BYTES=16)
   endif()
   if(DSORB_SANITIZE)
     target_compile_options(${target} PRIVATE -fsanitize=${DSORB_SANITIZE} -fno-omit-frame-pointer

@@ -8,8 +8,11 @@
 
 namespace dsorb {
 
-using Vector6d = Eigen::Matrix<double, 6, 1>;
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
+// Public types hold no aligned Eigen types: their layout does not depend on the instruction set
+// that a program is compiled for.
+using Vector6d = Eigen::Matrix<double, 6, 1, Eigen::DontAlign>;
+using Matrix6d = Eigen::Matrix<double, 6, 6, Eigen::DontAlign>;
+using UnitQuaternion = Eigen::Quaternion<double, Eigen::DontAlign>;
 
 /// Skew-symmetric matrix [v]x with [v]x w = v x w.
 inline Eigen::Matrix3d hat(const Eigen::Vector3d& v) {
@@ -38,7 +41,7 @@ class SE3 {
   /// @return [translation; rotation], rotation angle in [0, pi]
   [[nodiscard]] Vector6d log() const;
 
-  [[nodiscard]] const Eigen::Quaterniond& unitQuaternion() const { return rotation_; }
+  [[nodiscard]] const UnitQuaternion& unitQuaternion() const { return rotation_; }
   [[nodiscard]] const Eigen::Vector3d& translation() const { return translation_; }
   [[nodiscard]] Eigen::Matrix3d rotationMatrix() const { return rotation_.toRotationMatrix(); }
   [[nodiscard]] Eigen::Matrix4d matrix() const;
@@ -60,7 +63,7 @@ class SE3 {
   [[nodiscard]] Matrix6d adjoint() const;
 
  private:
-  Eigen::Quaterniond rotation_ = Eigen::Quaterniond::Identity();
+  UnitQuaternion rotation_ = UnitQuaternion::Identity();
   Eigen::Vector3d translation_ = Eigen::Vector3d::Zero();
 };
 

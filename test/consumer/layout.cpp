@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Public types have the same layout whatever instruction set a program is compiled for.
+#include <dsorb/odometry/observer.h>
+#include <dsorb/odometry/odometry.h>
+
+namespace {
+
+template <typename T, std::size_t kSize, std::size_t kAlignment>
+constexpr bool hasLayout() {
+  static_assert(sizeof(T) == kSize && alignof(T) == kAlignment, "the binary interface has changed");
+  return true;
+}
+
+// Sizes with GCC's and clang's standard library on x86-64.
+constexpr bool kSame =
+    hasLayout<dsorb::SE3, 56, 8>() && hasLayout<dsorb::Vector6d, 48, 8>() &&
+    hasLayout<dsorb::Matrix6d, 288, 8>() && hasLayout<dsorb::PinholeCamera, 40, 8>() &&
+    hasLayout<dsorb::PosedFrame, 392, 8>() && hasLayout<dsorb::InitPoint, 24, 4>() &&
+    hasLayout<dsorb::InitializationResult, 672, 8>() && hasLayout<dsorb::InitStep, 688, 8>() &&
+    hasLayout<dsorb::MapPoint, 20, 4>() && hasLayout<dsorb::FrameEstimate, 200, 8>() &&
+    hasLayout<dsorb::KeyframeSnapshot, 160, 8>();
+
+}  // namespace
+
+int main() {
+  return kSame ? 0 : 1;
+}
