@@ -23,7 +23,7 @@ DescribeFor<Options, OptimizerOptions> describe(Visitor& visit, Options& o) {
 
 /// Weights of the priors; those of intrinsics in scaled units (window/window.h).
 struct PriorOptions {
-  double intrinsics = 5e9;
+  double intrinsics = 1e5;  ///< reference: 5e9. docs/experiments.md, "Refined intrinsics"
   /// On 1 / variance of an initial point: the variance of a grey value, kImageNoise^2.
   /// docs/experiments.md, "First window"
   double depth_gain = 8;
