@@ -89,7 +89,7 @@ TEST(TDistribution, HasAScaleWhereHalfOfTheResidualsAreTheSame) {
   EXPECT_GT(fit.samples, 0.95 * kSamples);
   EXPECT_GT(fit.scale, 0.5);
   EXPECT_LT(fit.scale, 2.53);
-  EXPECT_NEAR(fitTDistribution({1, 1, 1}, 3).scale, 0.29, 1e-6);  // of rounding
+  EXPECT_NEAR(fitTDistribution({0, 0, 0}, 3).scale, 0.29, 1e-6);  // of rounding
 }
 
 TEST(TDistribution, OfNothingIsZero) {

@@ -74,7 +74,7 @@ TDistribution fitTDistribution(std::vector<float> residuals, double prefilter) {
   }
   double spread = kMadToSigma * static_cast<double>(medianInPlace(magnitudes));
   // More than half of the residuals are the same: a still overlay, strongly quantized images.
-  const bool degenerate = !(spread > 0);
+  const bool degenerate = !residuals.empty() && !(spread > 0);
   if (degenerate) spread = std::max(rootMeanSquare(magnitudes), kMinScale);
   const std::vector<float> squares =
       filteredSquares(residuals, median, static_cast<float>(prefilter * spread), fit.samples);
