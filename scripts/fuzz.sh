@@ -14,7 +14,7 @@ found=$(mktemp -d) # new inputs of interest
 trap 'rm -rf "$found"' EXIT
 for parser in "${parsers[@]}"; do
   mkdir "$found/$parser"
-  DSORB_FUZZ=$parser "${DSORB_BUILD_DIR:-$here/../build-clang}/test/parser_fuzzer" -max_total_time="$seconds" -timeout=20 \
+  DSORB_FUZZ=$parser "${DSORB_BUILD_DIR:-$here/../build-clang}/test/parser_fuzzer" -seed=1 -max_total_time="$seconds" -timeout=20 \
     -max_len=4096 -rss_limit_mb=2500 -artifact_prefix="$parser-" "$found/$parser" "$corpus/$parser" \
     >"$found/log" 2>&1 || { cat "$found/log"; echo "fuzz.sh: $parser has a fault" >&2; exit 1; }
   echo "$parser: $(tail -n 1 "$found/log")"

@@ -79,7 +79,7 @@ TDistribution fitTDistribution(std::vector<float> residuals, double prefilter) {
   const std::vector<float> squares =
       filteredSquares(residuals, median, static_cast<float>(prefilter * spread), fit.samples);
   double variance = spread * spread;
-  while (fit.samples > 0 && fit.iterations < kMaxIterations) {
+  while (fit.samples > 0 && variance > 0 && fit.iterations < kMaxIterations) {
     ++fit.iterations;
     double sum = 0;
     for (std::size_t i = 0; i < squares.size(); i += kBlock) {
