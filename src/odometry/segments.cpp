@@ -2,6 +2,11 @@
 #include "odometry/segments.h"
 
 namespace dsorb::odometry {
+namespace {
+
+constexpr int kMaxRollbacks = 2;  // in a segment
+
+}  // namespace
 
 void Segments::begin(const InitializationResult& result) {
   counts_before_ = counts_;
@@ -12,6 +17,14 @@ void Segments::begin(const InitializationResult& result) {
 void Segments::next() {
   ++current_;
   was_lost_on_probation_ = false;
+  rollbacks_ = 0;
+}
+
+bool Segments::passes(double rms) {
+  if (probation_.passes(rms)) return true;
+  if (rollbacks_ < kMaxRollbacks) return false;
+  probation_.end();
+  return true;
 }
 
 bool Segments::canRollBack(RollbackReason reason) const {
@@ -25,6 +38,7 @@ FailedStart Segments::rollBack(RollbackReason reason, FrameId newest) {
   start.notice = {newest, current_, reason, judgement.keyframes, judgement.rms, judgement.limit};
   start.frames = probation_.end();
   counts_ = counts_before_;
+  ++rollbacks_;
   was_lost_on_probation_ |= reason == RollbackReason::kLost;
   return start;
 }

@@ -38,8 +38,9 @@ class Segments {
 
   /// A frame whose pose is known, before it goes into the map.
   void keepForRollback(const FramePtr& frame) { probation_.add(frame); }
-  /// Whether the map may stay as an adjustment left it. @param rms [grey levels]
-  [[nodiscard]] bool passes(double rms) { return probation_.passes(rms); }
+  /// Whether the map may stay as an adjustment left it: where the images are noisy no start ever
+  /// fits better, and after two that were taken back the next one stays. @param rms [grey levels]
+  [[nodiscard]] bool passes(double rms);
   /// Whether a failure takes the start back. It always does so on probation, but a loss only where
   /// the options say so, and once a segment: the second time it is a loss like any other.
   [[nodiscard]] bool canRollBack(RollbackReason reason) const;
@@ -55,6 +56,7 @@ class Segments {
   Probation probation_;
   int current_ = 0;
   bool was_lost_on_probation_ = false;  // in this segment
+  int rollbacks_ = 0;                   // in this segment
   SegmentCounts counts_;
   SegmentCounts counts_before_;  // the newest start
 };

@@ -147,6 +147,20 @@ TEST(Segments, ALossRollsBackOnceASegment) {
   EXPECT_TRUE(segments.canRollBack(RollbackReason::kLost));
 }
 
+TEST(Segments, TheStartAfterTwoRollbacksStays) {
+  Segments segments = started(limits());
+  for (int start = 0; start < 2; ++start) {
+    EXPECT_FALSE(segments.passes(21)) << start;
+    segments.rollBack(RollbackReason::kResidual, FrameId{5});
+    segments.begin(resultOf(4));
+  }
+  EXPECT_TRUE(segments.passes(21));
+  EXPECT_TRUE(segments.passes(1e3)) << "its probation is over";
+  segments.next();
+  segments.begin(resultOf(4));
+  EXPECT_FALSE(segments.passes(21)) << "a new segment has a budget of its own";
+}
+
 TEST(Segments, ALossIsNotForgivenWhereTheOptionsSaySo) {
   ProbationOptions options = limits();
   options.includes_loss = false;
