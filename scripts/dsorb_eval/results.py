@@ -152,7 +152,10 @@ def page(protocols, target, of_commit, note):
              '(KITTI odometry, EuRoC, TUM RGB-D, 7-Scenes, TartanAir) and a rendered hand-held one (`room_hand`).\n',
              'Rows in *italics* are published figures (`docs/results/reference.csv`): *reference* is the original DSO program with its own '
              'initializer, the others are two-view initializations on the same starts. Its runs on `euroc_static` were made on a longer '
-             'excerpt, its depth on 7-Scenes judged against depth images that we do not have; its milliseconds are from a busy machine of the same kind.\n']
+             'excerpt, its depth on 7-Scenes judged against depth images that we do not have; its milliseconds are from a busy machine of the same kind.\n',
+             '**Development data.** The limits of the start rule and many constants of `orb` and `coarse` were chosen on these very sequences (the history: '
+             '`docs/experiments.md`): read the rows of both as figures on development data, not as a test. The published variants and the '
+             'programs in italics had no constant chosen on them.\n']
     parts += [note + '\n'] if note else []
     for protocol in protocols:
         parts += [f'## {TITLES[protocol.name]}\n', table_of(protocol)]
