@@ -118,9 +118,9 @@ OutputFolder::OutputFolder(const fs::path& folder,
                            std::string_view run_json) {
   try {
     fs::create_directories(folder / "figures");
-    lock_ = open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    lock_ = Descriptor(open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
     // A file system without locks is no reason not to run.
-    if (lock_ >= 0 && flock(lock_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+    if (lock_.get() >= 0 && flock(lock_.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
       throw IoError(fmt::format("output folder {}: another run writes into it", folder.string()));
     }
     const std::vector<fs::path> old = outputFilesIn(folder);
@@ -137,22 +137,9 @@ OutputFolder::OutputFolder(const fs::path& folder,
       if (name != kSummary) fs::remove(folder / name);
     }
   } catch (const fs::filesystem_error& error) {
-    release();
     throw IoError(fmt::format(
         "output folder {}: cannot be prepared: {}", folder.string(), error.code().message()));
-  } catch (...) {
-    release();
-    throw;
   }
-}
-
-OutputFolder::~OutputFolder() {
-  release();
-}
-
-void OutputFolder::release() {
-  if (lock_ >= 0) close(lock_);
-  lock_ = -1;
 }
 
 }  // namespace dsorb::io

@@ -3,6 +3,8 @@
 
 #include "dsorb/error.h"
 
+#include "io/descriptor.h"
+
 #include <cstdint>
 #include <cstdio>
 #include <filesystem>
@@ -79,14 +81,9 @@ class OutputFolder {
   OutputFolder(const std::filesystem::path& folder,
                const std::string& program,
                std::string_view run_json);
-  ~OutputFolder();
-  OutputFolder(const OutputFolder&) = delete;
-  OutputFolder& operator=(const OutputFolder&) = delete;
 
  private:
-  void release();
-
-  int lock_ = -1;  // descriptor of the folder
+  Descriptor lock_;  // of the folder
 };
 
 }  // namespace dsorb::io

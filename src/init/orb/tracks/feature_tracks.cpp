@@ -118,7 +118,7 @@ void FeatureTracks::advance(const Frame& frame) {
   show(frame, gainTowards(reference_mean_, frame));
   const std::vector<Eigen::Vector2f>& before = positions_.back();
   std::vector<Eigen::Vector2f> after = before;
-  std::vector<Eigen::Vector2f> back(before.size());
+  std::vector<Eigen::Vector2f> back = before;
   std::vector<char> alive =
       options_.flow == OpticalFlow::kDsorb ? follow(after, back) : followByOpenCv(after, back);
   for (std::size_t i = 0; i < alive.size(); ++i) {
