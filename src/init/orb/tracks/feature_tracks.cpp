@@ -151,6 +151,7 @@ std::vector<char> FeatureTracks::followByOpenCv(std::vector<Eigen::Vector2f>& pl
   const cv::Mat before = eightBit(other_pyramid_.levels().front());
   const cv::Mat now = eightBit(pyramid_.levels().front());
   std::vector<cv::Point2f> start;
+  start.reserve(places.size());
   for (const Eigen::Vector2f& place : places) start.emplace_back(place.x(), place.y());
   std::vector<cv::Point2f> there;
   std::vector<cv::Point2f> again;
@@ -160,7 +161,8 @@ std::vector<char> FeatureTracks::followByOpenCv(std::vector<Eigen::Vector2f>& pl
   for (std::size_t i = 0; i < places.size(); ++i) {
     places[i] = {there[i].x, there[i].y};
     back[i] = {again[i].x, again[i].y};
-    found[i] = forward[i] != 0 && backward[i] != 0 && isUsable(places[i], now.size(), valid_);
+    const bool both = forward[i] != 0 && backward[i] != 0;
+    found[i] = both && isUsable(places[i], now.size(), valid_) ? 1 : 0;
   }
   return found;
 }
