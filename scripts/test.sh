@@ -5,5 +5,6 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 scripts/install_dependencies.sh
-scripts/build.sh -DDSORB_BUILD_TESTS=ON ${DSORB_CMAKE_FLAGS:-}
+# shellcheck disable=SC2046 # several flags or none
+scripts/build.sh -DDSORB_BUILD_TESTS=ON $(scripts/python_flags.sh) ${DSORB_CMAKE_FLAGS:-}
 ctest --test-dir "${DSORB_BUILD_DIR:-build}" --output-on-failure --parallel "$(nproc)" "$@"

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# dsorb_add_library(NAME): target dsorb_NAME with alias dsorb::NAME; sources are added by the caller.
+# dsorb_add_library(NAME [STATIC]): target dsorb_NAME with alias dsorb::NAME; sources are added by the caller.
 function(dsorb_add_library name)
-  add_library(dsorb_${name})
+  add_library(dsorb_${name} ${ARGN})
   add_library(dsorb::${name} ALIAS dsorb_${name})
   set_target_properties(dsorb_${name} PROPERTIES EXPORT_NAME ${name} VERSION ${PROJECT_VERSION}
                         SOVERSION ${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR} DEFINE_SYMBOL "")

@@ -3,7 +3,18 @@
 include(CMakePackageConfigHelpers)
 set(dsorb_package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/dsorb)
 
-install(TARGETS dsorb_core dsorb_init dsorb_odometry dsorb_io EXPORT dsorbTargets
+set(dsorb_installed core)
+foreach(component init odometry io)
+  if(TARGET dsorb_${component})
+    list(APPEND dsorb_installed ${component})
+  endif()
+endforeach()
+set(dsorb_init_opencv core imgproc features2d calib3d)
+if(DSORB_WITH_CERES)
+  list(APPEND dsorb_init_opencv video)
+endif()
+list(TRANSFORM dsorb_installed PREPEND dsorb_ OUTPUT_VARIABLE dsorb_libraries)
+install(TARGETS ${dsorb_libraries} EXPORT dsorbTargets
         RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR}
         LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR}
         ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
@@ -22,3 +33,14 @@ configure_package_config_file(scripts/cmake/dsorbConfig.cmake.in ${PROJECT_BINAR
 write_basic_package_version_file(${PROJECT_BINARY_DIR}/dsorbConfigVersion.cmake COMPATIBILITY SameMinorVersion)
 install(FILES ${PROJECT_BINARY_DIR}/dsorbConfig.cmake ${PROJECT_BINARY_DIR}/dsorbConfigVersion.cmake
         DESTINATION ${dsorb_package_dir})
+
+# pkg-config, for shared libraries: what these are linked with has pkg-config files in part only.
+if(BUILD_SHARED_LIBS)
+  file(RELATIVE_PATH dsorb_pc_prefix ${CMAKE_INSTALL_FULL_LIBDIR}/pkgconfig ${CMAKE_INSTALL_PREFIX})
+  set(dsorb_pc_requires "eigen3 >= 3.4")
+  foreach(component IN LISTS dsorb_installed)
+    configure_file(scripts/cmake/dsorb.pc.in ${PROJECT_BINARY_DIR}/dsorb-${component}.pc @ONLY)
+    install(FILES ${PROJECT_BINARY_DIR}/dsorb-${component}.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)
+    set(dsorb_pc_requires "dsorb-${component} = ${PROJECT_VERSION}")
+  endforeach()
+endif()

@@ -4,6 +4,9 @@ function(dsorb_compile_options target)
   target_compile_options(${target} PRIVATE -Wall -Wextra -Wconversion -Wshadow)
   # Eigen's fast square root of floats starts from the processor's estimate, whose bits are the maker's own.
   target_compile_definitions(${target} PRIVATE EIGEN_FAST_MATH=0)
+  if(CMAKE_CXX_COMPILER_ID STREQUAL GNU AND CMAKE_CXX_COMPILER_VERSION VERSION_LESS 12)
+    target_compile_options(${target} PRIVATE -Wno-psabi) # of base/shuffle.h, which is always inlined
+  endif()
   if(DSORB_WERROR)
     target_compile_options(${target} PRIVATE -Werror)
   endif()

@@ -8,11 +8,14 @@
 #include <CLI/CLI.hpp>
 #include <spdlog/fmt/fmt.h>
 
+#include <algorithm>
+#include <array>
 #include <charconv>
 #include <filesystem>
 #include <limits>
 #include <map>
 #include <optional>
+#include <string_view>
 
 namespace dsorb::app {
 namespace {
@@ -22,7 +25,9 @@ const std::map<std::string, SequenceFormat> kFormats = {{"auto", SequenceFormat:
                                                         {"kitti", SequenceFormat::kKitti},
                                                         {"euroc", SequenceFormat::kEuroc},
                                                         {"tum", SequenceFormat::kTum},
-                                                        {"images", SequenceFormat::kImages}};
+                                                        {"images", SequenceFormat::kImages},
+                                                        {"video", SequenceFormat::kVideo},
+                                                        {"camera", SequenceFormat::kCamera}};
 const std::map<std::string, BrightnessModel> kModes = {
     {"calibrated", BrightnessModel::kCalibrated},
     {"uncalibrated", BrightnessModel::kUncalibrated},
@@ -30,7 +35,8 @@ const std::map<std::string, BrightnessModel> kModes = {
 const std::map<std::string, ProgressMode> kProgressModes = {
     {"auto", ProgressMode::kAuto}, {"on", ProgressMode::kOn}, {"off", ProgressMode::kOff}};
 
-constexpr double kMaxSpeed = 1e6;  // times real time
+constexpr double kMaxSpeed = 1e6;    // times real time
+constexpr double kMaxSeconds = 1e9;  // from the first image
 
 template <typename Number>
 bool isNumberIn(const std::string& text, Number low, Number high) {
@@ -47,16 +53,18 @@ CLI::Validator wholeNumber(int low) {
                        ? std::string()
                        : fmt::format("'{}' must be a whole number{}",
                                      text,
-                                     low == 0 ? ", not negative" : "");
+                                     low == 0  ? ", not negative"
+                                     : low > 0 ? fmt::format(" from {}", low)
+                                               : "");
           },
           ""};
 }
 
-CLI::Validator playbackSpeed() {
-  return {[](const std::string& text) {
-            return isNumberIn(text, 0.0, kMaxSpeed)
+CLI::Validator numberIn(double low, double high) {
+  return {[low, high](const std::string& text) {
+            return isNumberIn(text, low, high)
                        ? std::string()
-                       : fmt::format("'{}' must be a number in [0, {}]", text, kMaxSpeed);
+                       : fmt::format("'{}' must be a number in [{}, {}]", text, low, high);
           },
           ""};
 }
@@ -83,9 +91,15 @@ std::vector<std::string> namesOf(const std::map<std::string, Value>& values) {
 }
 
 void addInputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
-  app.add_option("DATASET", flags.words, "folder of a data set, of images, or .zip of images")
+  app.add_option(
+         "DATASET",
+         flags.words,
+         "folder of a data set or of images, .zip of images, video file, /dev/videoN, rtsp://...")
       ->type_name("");
-  app.add_option("--format", flags.format, "default auto: recognised by what lies in the folder")
+  app.add_option("--format",
+                 flags.format,
+                 "default auto: recognised by what lies in the folder; camera plays a "
+                 "video file in its own time")
       ->check(CLI::IsMember(namesOf(kFormats)))
       ->group("Input");
   app.add_option("--calib", request.sequence.calibration_file, "geometric calibration")
@@ -95,6 +109,26 @@ void addInputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
       ->type_name("FILE")
       ->group("Input");
   app.add_option("--vignette", request.sequence.vignette_file, "vignette image")
+      ->type_name("FILE")
+      ->group("Input");
+  app.add_option("--hfov",
+                 request.sequence.horizontal_view,
+                 "what the images show from left to right, where there is no calibration")
+      ->type_name("DEGREES")
+      ->check(numberIn(1, 170))
+      ->group("Input");
+  app.add_option_function<double>(
+         "--readout",
+         [&request](double milliseconds) { request.sequence.readout = milliseconds / 1000; },
+         "rolling shutter: time from the first to the last row, below 0 from the last to the "
+         "first; 0: global; default: as the calibration says")
+      ->type_name("MS")
+      ->check(numberIn(-1000, 1000))
+      ->group("Input");
+  app.add_option("--mask",
+                 request.sequence.mask,
+                 "image whose black pixels are not used, or folder with one for each image; "
+                 "default: masks/ beside the images")
       ->type_name("FILE")
       ->group("Input");
   app.add_option("--mode",
@@ -110,6 +144,9 @@ void addInputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
       ->type_name("N")
       ->check(CLI::Range(9, 16))
       ->group("Input");
+}
+
+void addSelectionFlags(CLI::App& app, CommandLine& request) {
   app.add_option("--start", request.sequence.start, "first frame of the sequence; default 0")
       ->type_name("N")
       ->check(wholeNumber(0))
@@ -119,6 +156,24 @@ void addInputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
       ->check(wholeNumber(0))
       ->group("Input");
   app.add_flag("--reverse", request.sequence.reverse, "frames M-1 down to N, N included")
+      ->group("Input");
+  app.add_option("--every", request.sequence.every, "use each N-th frame; default 1")
+      ->type_name("N")
+      ->check(wholeNumber(1))
+      ->group("Input");
+  app.add_option("--from", request.sequence.from, "skip what comes before; default 0")
+      ->type_name("SECONDS")
+      ->check(numberIn(0, kMaxSeconds))
+      ->group("Input");
+  app.add_option("--to", request.sequence.to, "leave out what comes after; default: all")
+      ->type_name("SECONDS")
+      ->check(numberIn(0, kMaxSeconds))
+      ->group("Input");
+  app.add_option("--width",
+                 request.sequence.width,
+                 "make images smaller, to this width; default: as the calibration says")
+      ->type_name("PIXELS")
+      ->check(wholeNumber(16))
       ->group("Input");
 }
 
@@ -159,7 +214,7 @@ void addMethodFlags(CLI::App& app, Flags& flags, CommandLine& request) {
                  "play back at X times real time and drop frames as a live camera would; 0 "
                  "(default): every frame, as fast as it goes")
       ->type_name("X")
-      ->check(playbackSpeed())
+      ->check(numberIn(0.0, kMaxSpeed))
       ->group("Method");
   app.add_flag("--pipelined",
                flags.pipelined,
@@ -238,7 +293,10 @@ void takeFlags(const Flags& flags, CommandLine& request) {
 std::string datasetName(const std::string& path) {
   const std::filesystem::path absolute = std::filesystem::absolute(path).lexically_normal();
   const auto last = absolute.has_filename() ? absolute : absolute.parent_path();
-  const std::string name = (last.extension() == ".zip" ? last.stem() : last.filename()).string();
+  constexpr std::array<std::string_view, 5> kSuffixes = {".zip", ".mp4", ".mov", ".avi", ".mkv"};
+  const bool is_file =
+      std::find(kSuffixes.begin(), kSuffixes.end(), last.extension().string()) != kSuffixes.end();
+  const std::string name = (is_file ? last.stem() : last.filename()).string();
   return name.empty() ? "dataset" : name;
 }
 
@@ -259,6 +317,7 @@ CommandLine parseCommandLine(int argc, const char* const* argv) {
       "Exit codes: 0 tracked to the end, 1 runtime error, 2 wrong options, 3 never initialized or\n"
       "lost.");
   addInputFlags(app, flags, request);
+  addSelectionFlags(app, request);
   addMethodFlags(app, flags, request);
   addOutputFlags(app, flags, request);
   try {
@@ -278,6 +337,12 @@ CommandLine parseCommandLine(int argc, const char* const* argv) {
   if (request.sequence.path.empty()) {
     if (request.print_config) return request;
     throw ConfigError("no data set given; --help shows the options");
+  }
+  const std::string& path = request.sequence.path;
+  const bool is_camera = request.sequence.format == SequenceFormat::kCamera ||
+                         path.rfind("/dev/video", 0) == 0 || path.find("://") != std::string::npos;
+  if (is_camera && request.speed > 0) {
+    throw ConfigError("--speed plays recordings; a camera has a time of its own");
   }
   if (request.output.empty()) request.output = "out/" + datasetName(request.sequence.path);
   return request;

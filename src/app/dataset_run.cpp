@@ -59,6 +59,7 @@ RunInfo describeRun(const CommandLine& request, const Config& config) {
 
 Playback playbackOf(const SequenceReader& reader, double speed) {
   std::vector<double> timestamps;
+  if (speed == 0 || reader.format() == SequenceFormat::kCamera) return Playback({}, 0);
   timestamps.reserve(static_cast<std::size_t>(reader.selected()));
   for (int i = 0; i < reader.selected(); ++i)
     timestamps.push_back(reader.timestamp(reader.index(i)));
@@ -90,14 +91,14 @@ class Feeder {
         continue;
       }
       reader_.skip(step.drop);
-      outputs_.setDropped(playback_.dropped());
       const std::optional<SequenceFrame> input = reader_.next();
+      outputs_.setDropped(dropped());
       if (!input) return false;
       if (!process(*input)) return false;
     }
     return true;
   }
-  [[nodiscard]] int dropped() const { return playback_.dropped(); }
+  [[nodiscard]] int dropped() const { return playback_.dropped() + reader_.dropped(); }
 
  private:
   using Clock = std::chrono::steady_clock;
@@ -117,9 +118,12 @@ class Feeder {
     const Clock::time_point begin = Clock::now();
     const FrameEstimate estimate = odometry_.process(input.frame);
     const double milliseconds = secondsSince(begin) * 1e3;
+    const bool is_file =
+        reader_.format() != SequenceFormat::kVideo && reader_.format() != SequenceFormat::kCamera;
     outputs_.frameDone({milliseconds + input.pyramid_milliseconds, input.read_milliseconds},
-                       estimate);
-    progress_.update(estimate, playback_.dropped());
+                       estimate,
+                       is_file ? input.image_file : "");
+    progress_.update(estimate, dropped());
     if (estimate.state != OdometryState::kLost) return true;
     if (request_.restart_when_lost) odometry_.restart();
     return request_.restart_when_lost;
@@ -206,7 +210,7 @@ RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
   std::optional<Odometry> odometry;
   RunResult result;
   try {
-    outputs.open(reader.camera(), toYaml(config));
+    outputs.open(reader.camera(), reader.lens(), toYaml(config));
     odometry.emplace(reader.camera(), config.options);
     odometry->addObserver(&outputs);
     Feeder feeder(reader, *odometry, outputs, request);

@@ -23,8 +23,9 @@ void setUpLog() {
 
 void printSummary(const app::CommandLine& request, const app::RunResult& result) {
   const OdometryReport& report = result.report;
-  const std::string dropped =
-      request.speed > 0 ? fmt::format(", {} dropped", result.frames_dropped) : "";
+  const std::string dropped = request.speed > 0 || result.frames_dropped > 0
+                                  ? fmt::format(", {} dropped", result.frames_dropped)
+                                  : "";
   const std::string reason =
       result.outcome == RunStatus::kTracked
           ? ""

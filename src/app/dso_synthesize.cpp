@@ -36,6 +36,7 @@ struct CommandLine {
   std::string kind;
   std::string output;
   double fov_deg = 0;
+  double readout_ms = 0;
   int num_threads = 0;
   bool exposure_changes = false;
   bool motion_blur = false;
@@ -92,6 +93,13 @@ void addOptions(CLI::App& app, CommandLine& line) {
       ->check(CLI::Range(0.0, 10.0))
       ->capture_default_str();
   app.add_flag("--vignette", sequence.vignette, "darker corners (vignette.png)");
+  app.add_option("--readout",
+                 line.readout_ms,
+                 "rolling shutter: from the first to the last row [ms], negative: upwards")
+      ->check(CLI::Range(-100.0, 100.0));
+  app.add_option("--speed", sequence.speed, "of all motion, times the usual one")
+      ->check(CLI::Range(0.01, 100.0))
+      ->capture_default_str();
   app.add_flag("--blur", line.motion_blur, "motion blur, shutter open for 30 % of the time");
   app.add_flag("--moving-object", sequence.moving_object, "a car or crate that moves by itself");
   app.add_option("--moving-object-share",
@@ -134,6 +142,7 @@ SequenceOptions sequenceOptions(const CommandLine& line) {
     options.nonlinear_response = true;
   }
   if (line.motion_blur) options.motion_blur = kDefaultBlur;
+  options.readout = 1e-3 * line.readout_ms;
   return options;
 }
 

@@ -17,7 +17,7 @@ constexpr std::chrono::milliseconds kRedrawInterval(100);
 }  // namespace
 
 ProgressBar::ProgressBar(int total, ProgressMode mode, bool quiet)
-    : total_(std::max(total, 1)),
+    : total_(total),
       enabled_(mode == ProgressMode::kOn ||
                (mode == ProgressMode::kAuto && !quiet && isatty(STDERR_FILENO) == 1)) {}
 
@@ -32,15 +32,22 @@ void ProgressBar::update(const FrameEstimate& estimate, int dropped) {
   if (enabled_ && (done_ == total_ || now - drawn_ >= kRedrawInterval)) draw(estimate, now);
 }
 
+/// Of a camera, whose end is not known, the number alone.
+std::string ProgressBar::share() const {
+  if (total_ <= 0) return std::to_string(done_);
+  const int filled = kBarWidth * std::min(done_, total_) / total_;
+  return fmt::format("[{:<{}}] {}/{}",
+                     std::string(static_cast<std::size_t>(filled), '#'),
+                     kBarWidth,
+                     done_,
+                     total_);
+}
+
 void ProgressBar::draw(const FrameEstimate& estimate, Clock::time_point now) {
   drawn_ = now;
-  const int filled = kBarWidth * std::min(done_, total_) / total_;
   const double seconds = std::chrono::duration<double>(now - begin_).count();
-  const std::string line = fmt::format("\r[{:<{}}] {}/{}  {:.1f} frames/s  segment {}  {:<12}",
-                                       std::string(static_cast<std::size_t>(filled), '#'),
-                                       kBarWidth,
-                                       done_,
-                                       total_,
+  const std::string line = fmt::format("\r{}  {:.1f} frames/s  segment {}  {:<12}",
+                                       share(),
                                        done_ / std::max(seconds, 1e-3),
                                        estimate.segment,
                                        name(estimate.state));

@@ -6,12 +6,14 @@
 #include "app/command_line.h"
 
 #include <chrono>
+#include <string>
 
 namespace dsorb::app {
 
 /// One line on stderr that shows how far a run is, redrawn at most ten times a second.
 class ProgressBar {
  public:
+  /// @param total number of images; 0: not known
   ProgressBar(int total, ProgressMode mode, bool quiet);
   /// Ends the line.
   ~ProgressBar();
@@ -24,6 +26,7 @@ class ProgressBar {
  private:
   using Clock = std::chrono::steady_clock;
   void draw(const FrameEstimate& estimate, Clock::time_point now);
+  [[nodiscard]] std::string share() const;
 
   int total_;
   bool enabled_;

@@ -27,11 +27,13 @@ RunOutputs::RunOutputs(const CommandLine& request, RunInfo info)
   }
 }
 
-void RunOutputs::open(const PinholeCamera& camera, const std::string& config_yaml) {
+void RunOutputs::open(const PinholeCamera& camera,
+                      const Lens& lens,
+                      const std::string& config_yaml) {
   const Lock lock(mutex_);
   info_.config_yaml = config_yaml;
   run_.emplace(folder_, info_);
-  run_->setCamera(camera);
+  run_->setCamera(camera, &lens);
   if (!record_.empty()) recording_.emplace(record_, info_, camera);
 }
 
@@ -60,10 +62,10 @@ void RunOutputs::onKeyframeRetired(const KeyframeSnapshot& keyframe) {
   if (recording_) recording_->onKeyframeRetired(keyframe);
 }
 
-void RunOutputs::onInitializationRollback(const InitializationRollback& rollback) {
+void RunOutputs::onStartRefused(const StartRefusal& refusal) {
   const Lock lock(mutex_);
-  run_->onInitializationRollback(rollback);
-  if (recording_) recording_->onInitializationRollback(rollback);
+  run_->onStartRefused(refusal);
+  if (recording_) recording_->onStartRefused(refusal);
 }
 
 void RunOutputs::onLost(FrameId frame, int segment) {
@@ -72,9 +74,11 @@ void RunOutputs::onLost(FrameId frame, int segment) {
   if (recording_) recording_->onLost(frame, segment);
 }
 
-void RunOutputs::frameDone(const FrameTiming& timing, const FrameEstimate& estimate) {
+void RunOutputs::frameDone(const FrameTiming& timing,
+                           const FrameEstimate& estimate,
+                           const std::string& image_file) {
   const Lock lock(mutex_);
-  run_->frameDone(timing);
+  run_->frameDone(timing, image_file);
   if (recording_) recording_->frameDone(estimate);
 }
 

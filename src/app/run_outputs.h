@@ -20,16 +20,18 @@ class RunOutputs : public OdometryObserver {
   RunOutputs(const CommandLine& request, RunInfo info);
 
   /// Prepares the output folder, and the recording where one is wanted.
-  void open(const PinholeCamera& camera, const std::string& config_yaml);
+  void open(const PinholeCamera& camera, const Lens& lens, const std::string& config_yaml);
 
   void onInitStep(const InitStep& step, const Frame& frame, int segment) override;
   void onFrame(const FrameEstimate& estimate) override;
   void onKeyframe(const KeyframeSnapshot& keyframe) override;
   void onKeyframeRetired(const KeyframeSnapshot& keyframe) override;
-  void onInitializationRollback(const InitializationRollback& rollback) override;
+  void onStartRefused(const StartRefusal& refusal) override;
   void onLost(FrameId frame, int segment) override;
 
-  void frameDone(const FrameTiming& timing, const FrameEstimate& estimate);
+  void frameDone(const FrameTiming& timing,
+                 const FrameEstimate& estimate,
+                 const std::string& image_file);
   void setDropped(int frames);
 
   /// Writes the final files; before open() these say that nothing was computed.

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "base/shuffle.h"
+
 #include <cmath>
 #include <cstddef>
 #include <cstring>
@@ -52,17 +54,17 @@ DSORB_ALWAYS_INLINE void storeTransposed(const DoubleLanes (&v)[6],
   DoubleLanes even[3];  // lanes 0 and 2 of each pair of vectors
   DoubleLanes odd[3];   // lanes 1 and 3
   for (std::size_t i = 0; i < 3; ++i) {
-    even[i] = __builtin_shufflevector(v[2 * i], v[2 * i + 1], 0, 4, 2, 6);
-    odd[i] = __builtin_shufflevector(v[2 * i], v[2 * i + 1], 1, 5, 3, 7);
+    even[i] = DSORB_SHUFFLE(v[2 * i], v[2 * i + 1], 0, 4, 2, 6);
+    odd[i] = DSORB_SHUFFLE(v[2 * i], v[2 * i + 1], 1, 5, 3, 7);
   }
-  const Pair tails[4] = {__builtin_shufflevector(even[2], even[2], 0, 1),
-                         __builtin_shufflevector(odd[2], odd[2], 0, 1),
-                         __builtin_shufflevector(even[2], even[2], 2, 3),
-                         __builtin_shufflevector(odd[2], odd[2], 2, 3)};
-  store(__builtin_shufflevector(even[0], even[1], 0, 1, 4, 5), target);
-  store(__builtin_shufflevector(odd[0], odd[1], 0, 1, 4, 5), target + stride);
-  store(__builtin_shufflevector(even[0], even[1], 2, 3, 6, 7), target + 2 * stride);
-  store(__builtin_shufflevector(odd[0], odd[1], 2, 3, 6, 7), target + 3 * stride);
+  const Pair tails[4] = {DSORB_SHUFFLE(even[2], even[2], 0, 1),
+                         DSORB_SHUFFLE(odd[2], odd[2], 0, 1),
+                         DSORB_SHUFFLE(even[2], even[2], 2, 3),
+                         DSORB_SHUFFLE(odd[2], odd[2], 2, 3)};
+  store(DSORB_SHUFFLE(even[0], even[1], 0, 1, 4, 5), target);
+  store(DSORB_SHUFFLE(odd[0], odd[1], 0, 1, 4, 5), target + stride);
+  store(DSORB_SHUFFLE(even[0], even[1], 2, 3, 6, 7), target + 2 * stride);
+  store(DSORB_SHUFFLE(odd[0], odd[1], 2, 3, 6, 7), target + 3 * stride);
   for (std::size_t k = 0; k < 4; ++k) {
     std::memcpy(target + k * stride + 4, &tails[k], sizeof(Pair));
   }
@@ -84,18 +86,18 @@ DSORB_ALWAYS_INLINE void sumLanes(const Lanes (&v)[8], Lanes& sums) {
   for (std::size_t i = 0; i < 4; ++i) {
     const Lanes& a = v[2 * i];
     const Lanes& b = v[2 * i + 1];
-    pairs[i] = __builtin_shufflevector(a, b, 0, 8, 2, 10, 4, 12, 6, 14) +
-               __builtin_shufflevector(a, b, 1, 9, 3, 11, 5, 13, 7, 15);
+    pairs[i] = DSORB_SHUFFLE(a, b, 0, 8, 2, 10, 4, 12, 6, 14) +
+               DSORB_SHUFFLE(a, b, 1, 9, 3, 11, 5, 13, 7, 15);
   }
   Lanes quads[2];
   for (std::size_t i = 0; i < 2; ++i) {
     const Lanes& a = pairs[2 * i];
     const Lanes& b = pairs[2 * i + 1];
-    quads[i] = __builtin_shufflevector(a, b, 0, 1, 8, 9, 4, 5, 12, 13) +
-               __builtin_shufflevector(a, b, 2, 3, 10, 11, 6, 7, 14, 15);
+    quads[i] = DSORB_SHUFFLE(a, b, 0, 1, 8, 9, 4, 5, 12, 13) +
+               DSORB_SHUFFLE(a, b, 2, 3, 10, 11, 6, 7, 14, 15);
   }
-  sums = __builtin_shufflevector(quads[0], quads[1], 0, 1, 2, 3, 8, 9, 10, 11) +
-         __builtin_shufflevector(quads[0], quads[1], 4, 5, 6, 7, 12, 13, 14, 15);
+  sums = DSORB_SHUFFLE(quads[0], quads[1], 0, 1, 2, 3, 8, 9, 10, 11) +
+         DSORB_SHUFFLE(quads[0], quads[1], 4, 5, 6, 7, 12, 13, 14, 15);
 }
 
 /// Sum over the lanes of one vector, in a fixed order.

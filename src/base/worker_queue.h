@@ -39,10 +39,10 @@ class WorkerQueue {
   WorkerQueue& operator=(const WorkerQueue&) = delete;
 
   /// Waits while the queue is full. After a job has thrown, jobs are dropped until its exception is
-  /// taken. @throws what the job throws, where there is no thread
+  /// taken.
   void submit(Job job) {
     if (max_waiting_ == 0) {
-      results_.push_back(work_(job));
+      if (!error_) work(job);
       return;
     }
     std::unique_lock<std::mutex> lock(mutex_);
@@ -97,21 +97,27 @@ class WorkerQueue {
       is_working_ = true;
       lock.unlock();
       changed_.notify_all();
-      std::optional<Result> result;
-      std::exception_ptr error;
-      try {
-        result = work_(job);
-      } catch (...) {
-        error = std::current_exception();
-      }
+      work(job);
       lock.lock();
       is_working_ = false;
-      if (result) results_.push_back(std::move(*result));
-      if (error) {
-        error_ = error;
-        jobs_.clear();
-      }
       changed_.notify_all();
+    }
+  }
+
+  /// Leaves the result, or the exception, to take().
+  void work(const Job& job) {
+    std::optional<Result> result;
+    std::exception_ptr error;
+    try {
+      result = work_(job);
+    } catch (...) {
+      error = std::current_exception();
+    }
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (result) results_.push_back(std::move(*result));
+    if (error) {
+      error_ = error;
+      jobs_.clear();
     }
   }
 

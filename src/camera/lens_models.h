@@ -5,11 +5,40 @@
 
 #include <Eigen/Core>
 
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <vector>
+
 namespace dsorb {
 
 /// Rays further out than this in x or y (z = 1) are never part of a rectified image; 157 degrees.
 /// @source range of the crop search of DSO as published
 inline constexpr double kMaxRay = 5;
+
+/// A lens model as files and callers name it.
+struct LensModelName {
+  const char* name;
+  LensModel model;
+  std::size_t coefficients;  ///< of Lens::coefficients that it has
+};
+inline constexpr std::array<LensModelName, 4> kLensModels = {
+    {{"pinhole", LensModel::kPinhole, 0},
+     {"fov", LensModel::kFov, 1},
+     {"radtan", LensModel::kRadTan, 5},
+     {"equidistant", LensModel::kEquidistant, 4}}};
+
+[[nodiscard]] inline const LensModelName& nameOf(LensModel model) {
+  return *std::find_if(kLensModels.begin(), kLensModels.end(), [model](const LensModelName& m) {
+    return m.model == model;
+  });
+}
+
+/// The coefficients that a lens' model has.
+[[nodiscard]] inline std::vector<double> coefficientsOf(const Lens& lens) {
+  const auto count = static_cast<std::ptrdiff_t>(nameOf(lens.model).coefficients);
+  return {lens.coefficients.begin(), lens.coefficients.begin() + count};
+}
 
 /// Pixel of the input image seen along the ray (x, y, 1).
 /// @param ray [-]

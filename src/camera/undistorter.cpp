@@ -2,6 +2,7 @@
 #include "camera/undistorter.h"
 
 #include "camera/lens_models.h"
+#include "camera/size_text.h"
 
 #include <algorithm>
 #include <cmath>
@@ -18,10 +19,6 @@ constexpr int kMaxSamplesPerSide = 8;
 
 constexpr std::int64_t kMaxInputPixels = std::int64_t{1} << 28;
 constexpr std::int64_t kMaxOutputPixels = std::int64_t{1} << 26;  // the map takes 12 bytes for each
-
-std::string sizeText(int width, int height) {
-  return std::to_string(width) + "x" + std::to_string(height);
-}
 
 void checkPixels(const char* what, int width, int height, std::int64_t most) {
   if (std::int64_t{width} * height <= most) return;

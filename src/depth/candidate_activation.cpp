@@ -36,12 +36,13 @@ struct FitSums {
 };
 
 /// @return nothing where the pattern cannot be seen
+template <bool kRolling>
 DSORB_ALWAYS_INLINE std::optional<FitSums> evaluateTarget(const CandidatePoint& candidate,
                                                           const HostRays& rays,
                                                           const TargetImage& target,
                                                           float inverse_depth) {
   WarpedPattern pattern;
-  warpPattern(target, rays, candidate.patch.pixel, inverse_depth, pattern);
+  warpPattern<kRolling>(target, rays, candidate.patch.pixel, inverse_depth, pattern);
   if (!inAllLanes(pattern.inside)) return std::nullopt;
   Lanes weight;
   Lanes residual;
@@ -66,15 +67,16 @@ struct HypotheticalDepth {
 };
 
 /// Sum over all targets; `states` remembers which left the image for good.
-DSORB_TARGET_CLONES FitSums evaluateAll(const CandidatePoint& candidate,
-                                        const HostRays& rays,
-                                        const std::vector<TargetImage>& targets,
-                                        const HypotheticalDepth& depth,
-                                        std::vector<FitState>& states) {
+template <bool kRolling>
+DSORB_ALWAYS_INLINE FitSums sumTargets(const CandidatePoint& candidate,
+                                       const HostRays& rays,
+                                       const std::vector<TargetImage>& targets,
+                                       const HypotheticalDepth& depth,
+                                       std::vector<FitState>& states) {
   FitSums sum;
   for (std::size_t i = 0; i < targets.size(); ++i) {
     if (states[i] == FitState::kOutOfBounds) continue;
-    const auto terms = evaluateTarget(candidate, rays, targets[i], depth.inverse);
+    const auto terms = evaluateTarget<kRolling>(candidate, rays, targets[i], depth.inverse);
     if (!terms) {
       states[i] = FitState::kOutOfBounds;
       continue;
@@ -89,11 +91,28 @@ DSORB_TARGET_CLONES FitSums evaluateAll(const CandidatePoint& candidate,
   return sum;
 }
 
+DSORB_TARGET_CLONES FitSums evaluateGlobal(const CandidatePoint& candidate,
+                                           const HostRays& rays,
+                                           const std::vector<TargetImage>& targets,
+                                           const HypotheticalDepth& depth,
+                                           std::vector<FitState>& states) {
+  return sumTargets<false>(candidate, rays, targets, depth, states);
+}
+
+DSORB_TARGET_CLONES FitSums evaluateRolling(const CandidatePoint& candidate,
+                                            const HostRays& rays,
+                                            const std::vector<TargetImage>& targets,
+                                            const HypotheticalDepth& depth,
+                                            std::vector<FitState>& states) {
+  return sumTargets<true>(candidate, rays, targets, depth, states);
+}
+
 }  // namespace
 
-DistanceMap::DistanceMap(int width, int height)
+DistanceMap::DistanceMap(int width, int height, int reach)
     : width_(width),
       height_(height),
+      reach_(reach),
       cells_(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), kFar) {}
 
 void DistanceMap::growStep(int distance) {
@@ -119,7 +138,7 @@ void DistanceMap::growStep(int distance) {
 void DistanceMap::add(const std::vector<Eigen::Vector2i>& seeds) {
   frontier_ = seeds;
   for (const Eigen::Vector2i& seed : seeds) cells_[index(seed.x(), seed.y())] = 0;
-  for (int distance = 1; distance <= kGrowthSteps && !frontier_.empty(); ++distance) {
+  for (int distance = 1; distance <= reach_ && !frontier_.empty(); ++distance) {
     growStep(distance);
   }
 }
@@ -159,6 +178,8 @@ DepthFit fitDepth(const CandidatePoint& candidate,
   const CandidateVerdict weak =
       candidate.finished ? CandidateVerdict::kDrop : CandidateVerdict::kWait;
   const float first_limit = kPatternOutlierEnergy * (options.consistent_energy ? 1 : kLooseLimit);
+  const bool rolling = !targets.empty() && targets.front().rolling;
+  const auto evaluateAll = rolling ? evaluateRolling : evaluateGlobal;
   std::vector<FitState> states(targets.size(), FitState::kIn);
   float depth = candidate.middle();
   FitSums terms = evaluateAll(candidate, rays, targets, {depth, first_limit}, states);

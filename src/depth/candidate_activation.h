@@ -17,10 +17,10 @@ namespace dsorb::depth {
 /// that circles become octagons. Cells on the border are reached but not grown from.
 class DistanceMap {
  public:
-  static constexpr int kFar = 1000;        ///< cells no growth reached
-  static constexpr int kGrowthSteps = 39;  ///< @source DSO as published
+  static constexpr int kFar = 1000;  ///< cells no growth reached
 
-  DistanceMap(int width, int height);
+  /// @param reach distances that are told apart [cells]; what is farther stays kFar
+  DistanceMap(int width, int height, int reach);
 
   /// Adds seeds with distance 0 and grows from all of them together.
   /// @param seeds cells inside the map
@@ -38,6 +38,7 @@ class DistanceMap {
 
   int width_;
   int height_;
+  int reach_;
   std::vector<std::uint16_t> cells_;
   std::vector<Eigen::Vector2i> frontier_;
   std::vector<Eigen::Vector2i> next_;

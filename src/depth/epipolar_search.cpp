@@ -2,6 +2,7 @@
 #include "depth/epipolar_search.h"
 
 #include "base/parallel.h"
+#include "base/target_clones.h"
 #include "estimate/robust_loss.h"
 
 #include <algorithm>
@@ -34,12 +35,30 @@ constexpr float kMinRefinementStep = 0.1F;       // [px]
 
 /// The pattern as seen in the frame: offsets and expected intensities.
 struct ExpectedPattern {
-  std::array<float, kPatternSize> x;
-  std::array<float, kPatternSize> y;
-  std::array<float, kPatternSize> intensity;
+  Lanes x, y;
+  Lanes intensity;
   float extent_x = 0;  // [px]
   float extent_y = 0;
+  Vector2f shift{0, 0};  // to the rows of the frame, part of x and y [px]
+
+  void moveBy(const Vector2f& to_rows) {
+    shift = to_rows;
+    x += shift.x();
+    y += shift.y();
+    extent_x += std::abs(shift.x());
+    extent_y += std::abs(shift.y());
+  }
 };
+
+/// From a place on the epipolar line to where the row of the frame shows it [px].
+Vector2f shiftToRow(const CandidatePoint& candidate,
+                    const EpipolarPair& pair,
+                    float inverse_depth) {
+  const Vector3f p = pair.geometry.at(candidate.patch.pixel, inverse_depth);
+  if (!(p.z() > 0)) return {0, 0};
+  const Vector2f pixel = p.hnormalized();
+  return pixelInRow(*pair.shutter, pair.camera, pixel, inverse_depth / p.z()) - pixel;
+}
 
 ExpectedPattern expectPattern(const CandidatePoint& candidate, const EpipolarPair& pair) {
   ExpectedPattern warped;
@@ -52,20 +71,25 @@ ExpectedPattern expectPattern(const CandidatePoint& candidate, const EpipolarPai
     warped.extent_y = std::max(warped.extent_y, std::abs(turned.y()));
     warped.intensity[k] = pair.gain * candidate.patch.grey[k] + pair.offset;
   }
+  if (pair.shutter) {
+    const float depth = candidate.hasDepth() ? candidate.middle() : kDirectionInverseDepth;
+    warped.moveBy(shiftToRow(candidate, pair, depth));
+  }
   return warped;
 }
 
-/// Part of the image where a search may end: positions 1 px further on can be sampled with their
-/// pattern, because the discrete search begins up to 1 px before its segment and ends as far
-/// behind.
+/// The discrete search begins up to this before its segment and ends as far behind [px].
+constexpr float kSearchSlack = 1;
+
+/// Part of the image where the pattern can be sampled up to `slack` pixels further on.
 struct SearchArea {
   float low_x, low_y, high_x, high_y;
 
-  SearchArea(const PyramidLevel& level, const ExpectedPattern& pattern)
-      : low_x(kNearBorder + 1 + pattern.extent_x),
-        low_y(kNearBorder + 1 + pattern.extent_y),
-        high_x(static_cast<float>(level.width()) - (kFarBorder + 1 + pattern.extent_x)),
-        high_y(static_cast<float>(level.height()) - (kFarBorder + 1 + pattern.extent_y)) {}
+  SearchArea(const PyramidLevel& level, const ExpectedPattern& pattern, float slack)
+      : low_x(kNearBorder + slack + pattern.extent_x),
+        low_y(kNearBorder + slack + pattern.extent_y),
+        high_x(static_cast<float>(level.width()) - (kFarBorder + slack + pattern.extent_x)),
+        high_y(static_cast<float>(level.height()) - (kFarBorder + slack + pattern.extent_y)) {}
 
   [[nodiscard]] bool contains(const Vector2f& p) const {
     return p.x() > low_x && p.y() > low_y && p.x() < high_x && p.y() < high_y;
@@ -157,27 +181,30 @@ std::optional<Segment> planSearch(CandidatePoint& candidate,
   return segment;
 }
 
-float patchEnergy(const PyramidLevel& level, const ExpectedPattern& pattern, const Vector2f& at) {
-  float energy = 0;
-  for (std::size_t k = 0; k < kPatternSize; ++k) {
-    const float value = interpolateIntensity(level, at.x() + pattern.x[k], at.y() + pattern.y[k]);
-    const float residual = value - pattern.intensity[k];
-    energy +=
-        std::isfinite(residual) ? huberEnergy(residual, huberWeight(residual)) : kInvalidEnergy;
-  }
-  return energy;
+DSORB_ALWAYS_INLINE float patchEnergy(const PyramidLevel& level,
+                                      const ExpectedPattern& pattern,
+                                      const Vector2f& at) {
+  Lanes seen;
+  interpolateIntensities(level.data(), level.width(), at.x() + pattern.x, at.y() + pattern.y, seen);
+  const Lanes residual = seen - pattern.intensity;
+  Lanes weight;
+  huberWeights(residual, weight);
+  const Lanes energy = weight * residual * residual * (2.0F - weight);
+  Lanes invalid;
+  fill(kInvalidEnergy, invalid);
+  return sumLanes(energy < invalid ? energy : invalid);  // NaN is invalid
 }
 
 /// Best of positions 1 px apart; updates the quality.
-Vector2f searchDiscrete(CandidatePoint& candidate,
-                        const Segment& segment,
-                        const PyramidLevel& level,
-                        const ExpectedPattern& pattern) {
+DSORB_TARGET_CLONES Vector2f searchDiscrete(CandidatePoint& candidate,
+                                            const Segment& segment,
+                                            const PyramidLevel& level,
+                                            const ExpectedPattern& pattern) {
   const int positions = std::min(static_cast<int>(1.9999F + segment.length), kMaxPositions);
   const float spread = segment.near.x() * 1000;  // sub-pixel phase that differs between candidates
   const float phase = spread - std::floor(spread);
   const Vector2f start = segment.near - phase * segment.direction;
-  std::array<float, kMaxPositions> energies;
+  std::array<float, kMaxPositions> energies{};
   int best = 0;
   for (int i = 0; i < positions; ++i) {
     const auto slot = static_cast<std::size_t>(i);
@@ -195,35 +222,33 @@ Vector2f searchDiscrete(CandidatePoint& candidate,
   return start + static_cast<float>(best) * segment.direction;
 }
 
+/// Sums over the pattern at a position of the line, where it can be sampled.
 struct LineTerms {
-  float energy = 0;
-  float curvature = 1;  // regularised
+  float energy = INFINITY;  // where the pattern leaves the image or meets an invalid pixel
+  float curvature = 1;      // regularised
   float gradient = 0;
 };
 
-LineTerms lineTerms(const CandidatePoint& candidate,
-                    const Vector2f& at,
-                    const Vector2f& direction,
-                    const PyramidLevel& level,
-                    const ExpectedPattern& pattern) {
+DSORB_ALWAYS_INLINE LineTerms lineTerms(const CandidatePoint& candidate,
+                                        const Vector2f& at,
+                                        const Vector2f& direction,
+                                        const PyramidLevel& level,
+                                        const ExpectedPattern& pattern) {
   LineTerms terms;
-  for (std::size_t k = 0; k < kPatternSize; ++k) {
-    const float x = at.x() + pattern.x[k];
-    const float y = at.y() + pattern.y[k];
-    const bool inside = canSample(level, x, y);
-    const Sample<float> sample = inside ? interpolate(level, x, y) : Sample<float>{NAN, 0, 0};
-    const float residual = sample.intensity - pattern.intensity[k];
-    if (!std::isfinite(residual)) {
-      terms.energy += kInvalidEnergy;
-      continue;
-    }
-    const float weight = huberWeight(residual);
-    const float slope = sample.dx * direction.x() + sample.dy * direction.y();
-    const float host_weight = candidate.patch.root_weight[k];
-    terms.curvature += weight * slope * slope;
-    terms.gradient += weight * residual * slope;
-    terms.energy += host_weight * host_weight * huberEnergy(residual, weight);
-  }
+  Lanes host_weight;
+  load(candidate.patch.root_weight.data(), host_weight);
+  LaneSamples seen;
+  interpolateLanes(level.data(), level.width(), at.x() + pattern.x, at.y() + pattern.y, seen);
+  const Lanes residual = seen.intensity - pattern.intensity;
+  const Lanes slope = seen.dx * direction.x() + seen.dy * direction.y();
+  Lanes weight;
+  huberWeights(residual, weight);
+  const float energy =
+      sumLanes(host_weight * host_weight * weight * residual * residual * (2.0F - weight));
+  if (!std::isfinite(energy)) return terms;
+  terms.energy = energy;
+  terms.curvature += sumLanes(weight * slope * slope);
+  terms.gradient = sumLanes(weight * residual * slope);
   return terms;
 }
 
@@ -234,15 +259,19 @@ struct Match {
 
 /// Gauss-Newton along the line from the segment's near end; a step that raises the energy is
 /// halved.
-Match refineMatch(const CandidatePoint& candidate,
-                  const Segment& segment,
-                  const PyramidLevel& level,
-                  const ExpectedPattern& pattern) {
+DSORB_TARGET_CLONES Match refineMatch(const CandidatePoint& candidate,
+                                      const Segment& segment,
+                                      const PyramidLevel& level,
+                                      const ExpectedPattern& pattern) {
+  const SearchArea area(level, pattern, 0);
   Match match{segment.near, kInvalidEnergy};
   Vector2f previous = segment.near;
   float step = 0;
   for (int i = 0; i < kRefinementIterations; ++i) {
-    const LineTerms terms = lineTerms(candidate, match.pixel, segment.direction, level, pattern);
+    LineTerms terms;
+    if (area.contains(match.pixel)) {
+      terms = lineTerms(candidate, match.pixel, segment.direction, level, pattern);
+    }
     if (terms.energy <= match.energy) {
       match.energy = terms.energy;
       step = -terms.gradient / terms.curvature;
@@ -262,6 +291,19 @@ Match refineMatch(const CandidatePoint& candidate,
 float inverseDepthAt(const Vector3f& infinity, const Vector3f& Kt, const Vector2f& p, bool use_x) {
   return use_x ? (infinity.z() * p.x() - infinity.x()) / (Kt.x() - Kt.z() * p.x())
                : (infinity.z() * p.y() - infinity.y()) / (Kt.y() - Kt.z() * p.y());
+}
+
+/// The rows' shift was taken at the middle of the interval; it is taken again at the match [px].
+Vector2f rowCorrection(const CandidatePoint& candidate,
+                       const EpipolarPair& pair,
+                       const ExpectedPattern& pattern,
+                       const Segment& segment,
+                       const Match& match) {
+  const bool use_x = std::abs(segment.direction.x()) > std::abs(segment.direction.y());
+  const float depth = inverseDepthAt(
+      pair.geometry.atInfinity(candidate.patch.pixel), pair.geometry.b, match.pixel, use_x);
+  if (!std::isfinite(depth)) return {0, 0};
+  return pattern.shift - shiftToRow(candidate, pair, depth);
 }
 
 void adoptMatch(CandidatePoint& candidate,
@@ -292,17 +334,18 @@ void searchEpipolarLine(CandidatePoint& candidate,
                         const DepthOptions& options) {
   if (candidate.finished) return;
   const ExpectedPattern pattern = expectPattern(candidate, pair);
-  const SearchArea area(level, pattern);
+  const SearchArea area(level, pattern, kSearchSlack);
   const auto longest =
       static_cast<float>(kMaxSearchShare * static_cast<double>(level.width() + level.height()));
   std::optional<Segment> segment = planSearch(candidate, pair, area, options, longest);
   if (!segment) return;
   segment->near = searchDiscrete(candidate, *segment, level, pattern);
-  const Match match = refineMatch(candidate, *segment, level, pattern);
+  Match match = refineMatch(candidate, *segment, level, pattern);
   if (!(match.energy < kOutlierSlack * kPatternOutlierEnergy)) {
     rejectMatch(candidate);
     return;
   }
+  if (pair.shutter) match.pixel += rowCorrection(candidate, pair, pattern, *segment, match);
   adoptMatch(candidate, pair, *segment, match.pixel);
 }
 

@@ -9,23 +9,28 @@
 
 #include "depth/candidate_point.h"
 #include "estimate/epipolar_geometry.h"
+#include "estimate/rolling_shutter.h"
 
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 namespace dsorb::depth {
 
 /// Everything a search needs of a host and a posed frame; one for all candidates of the host.
 struct EpipolarPair {
-  EpipolarPair(const PinholeCamera& camera,
+  EpipolarPair(const PinholeCamera& of_both,
                const SE3& T_frame_host,
                const BrightnessTransfer& transfer)
-      : geometry(camera, T_frame_host),
+      : camera(of_both),
+        geometry(of_both, T_frame_host),
         gain(static_cast<float>(transfer.gain)),
         offset(static_cast<float>(transfer.offset)) {}
 
+  PinholeCamera camera;
   EpipolarGeometry geometry;
-  float gain, offset;  ///< brightness, host to frame
+  float gain, offset;                       ///< brightness, host to frame
+  std::optional<RollingShutter> shutter{};  ///< of the frame
 };
 
 /// Refines the inverse-depth interval of one candidate with one posed frame: discrete search along

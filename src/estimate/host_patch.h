@@ -39,7 +39,8 @@ constexpr Lanes kPatternY = {kPattern[0].y,
 
 /// The pattern of a point in the frame that hosts it, at some pyramid level.
 struct HostPatch {
-  Eigen::Vector2f pixel{0, 0};                    ///< its centre [px]
+  Eigen::Vector2f pixel{0, 0};                    ///< its centre at the time of the frame [px]
+  Eigen::Vector2f seen{0, 0};                     ///< where the image shows it: its row's time [px]
   std::array<float, kPatternSize> grey{};         ///< [grey levels]
   std::array<float, kPatternSize> root_weight{};  ///< root of gradientWeight() [-]
 };
@@ -55,6 +56,7 @@ std::optional<HostPatch> readHostPatch(const PyramidLevel& level,
   if (!canSample(level, pixel.x(), pixel.y(), kPatternRadius)) return std::nullopt;
   HostPatch patch;
   patch.pixel = pixel;
+  patch.seen = pixel;
   for (std::size_t k = 0; k < kPattern.size(); ++k) {
     const Sample<float> sample = kGradient(level,
                                            pixel.x() + static_cast<float>(kPattern[k].x),
@@ -97,6 +99,7 @@ struct WarpedPattern {
 
 /// @param pixel         centre of the pattern in the host [px]
 /// @param inverse_depth [1/unit]
+template <bool kRolling = false>
 DSORB_ALWAYS_INLINE void warpPattern(const TargetImage& target,
                                      const HostRays& rays,
                                      const Eigen::Vector2f& pixel,
@@ -105,7 +108,7 @@ DSORB_ALWAYS_INLINE void warpPattern(const TargetImage& target,
   Lanes ray_x;
   Lanes ray_y;
   rays.at<Lanes>(pixel.x() + kPatternX, pixel.y() + kPatternY, ray_x, ray_y);
-  warpPoint(target.warp, ray_x, ray_y, inverse_depth, pattern.at);
+  projectInto<kRolling>(target, ray_x, ray_y, inverse_depth, pattern.at);
   SampleArea<Lanes> area = {};
   sampleArea(target.width, target.height, area);
   sampleTarget(target, area, pattern.at, pattern.seen, pattern.inside);

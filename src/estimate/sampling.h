@@ -4,6 +4,7 @@
 #include "dsorb/image/pyramid.h"
 
 #include "base/lanes.h"
+#include "base/shuffle.h"
 
 #include <cmath>
 #include <cstddef>
@@ -114,6 +115,37 @@ DSORB_ALWAYS_INLINE void interpolateQuad(
   value = bilinear(top, bottom, cell.fx, cell.fy);
 }
 
+/// Intensities alone at eight positions; the caller guarantees canSample().
+DSORB_ALWAYS_INLINE void interpolateIntensities(const ImageSample* image,
+                                                std::ptrdiff_t width,
+                                                const Lanes& x,
+                                                const Lanes& y,
+                                                Lanes& intensity) {
+  SampleQuad edge[kLanes];  // first: intensity on the left edge of the cell, last: on its right
+  Lanes fx;
+  for (int k = 0; k < kLanes; ++k) {
+    const InterpolationCell<float> cell(image, width, x[k], y[k]);
+    SampleQuad top;
+    SampleQuad bottom;
+    std::memcpy(&top, &cell.top->intensity, sizeof(SampleQuad));
+    std::memcpy(&bottom, &cell.bottom->intensity, sizeof(SampleQuad));
+    edge[k] = top + cell.fy * (bottom - top);
+    fx[k] = cell.fx;
+  }
+  SampleQuad left[2];
+  SampleQuad right[2];
+  for (int half = 0; half < 2; ++half) {
+    const SampleQuad* v = edge + std::ptrdiff_t{4} * half;
+    const SampleQuad pair01 = DSORB_SHUFFLE(v[0], v[1], 0, 4, 3, 7);
+    const SampleQuad pair23 = DSORB_SHUFFLE(v[2], v[3], 0, 4, 3, 7);
+    left[half] = DSORB_SHUFFLE(pair01, pair23, 0, 1, 4, 5);
+    right[half] = DSORB_SHUFFLE(pair01, pair23, 2, 3, 6, 7);
+  }
+  const Lanes lefts = DSORB_SHUFFLE(left[0], left[1], 0, 1, 2, 3, 4, 5, 6, 7);
+  const Lanes rights = DSORB_SHUFFLE(right[0], right[1], 0, 1, 2, 3, 4, 5, 6, 7);
+  intensity = lefts + fx * (rights - lefts);
+}
+
 /// Values and gradients at eight positions.
 struct LaneSamples {
   Lanes intensity;
@@ -134,17 +166,17 @@ DSORB_ALWAYS_INLINE void interpolateLanes(const ImageSample* image,
   SampleQuad dy[2];
   for (int half = 0; half < 2; ++half) {
     const SampleQuad* v = values + std::ptrdiff_t{4} * half;
-    const SampleQuad front01 = __builtin_shufflevector(v[0], v[1], 0, 4, 1, 5);
-    const SampleQuad front23 = __builtin_shufflevector(v[2], v[3], 0, 4, 1, 5);
-    const SampleQuad back01 = __builtin_shufflevector(v[0], v[1], 2, 6, 3, 7);
-    const SampleQuad back23 = __builtin_shufflevector(v[2], v[3], 2, 6, 3, 7);
-    intensity[half] = __builtin_shufflevector(front01, front23, 0, 1, 4, 5);
-    dx[half] = __builtin_shufflevector(front01, front23, 2, 3, 6, 7);
-    dy[half] = __builtin_shufflevector(back01, back23, 0, 1, 4, 5);
+    const SampleQuad front01 = DSORB_SHUFFLE(v[0], v[1], 0, 4, 1, 5);
+    const SampleQuad front23 = DSORB_SHUFFLE(v[2], v[3], 0, 4, 1, 5);
+    const SampleQuad back01 = DSORB_SHUFFLE(v[0], v[1], 2, 6, 3, 7);
+    const SampleQuad back23 = DSORB_SHUFFLE(v[2], v[3], 2, 6, 3, 7);
+    intensity[half] = DSORB_SHUFFLE(front01, front23, 0, 1, 4, 5);
+    dx[half] = DSORB_SHUFFLE(front01, front23, 2, 3, 6, 7);
+    dy[half] = DSORB_SHUFFLE(back01, back23, 0, 1, 4, 5);
   }
-  samples.intensity = __builtin_shufflevector(intensity[0], intensity[1], 0, 1, 2, 3, 4, 5, 6, 7);
-  samples.dx = __builtin_shufflevector(dx[0], dx[1], 0, 1, 2, 3, 4, 5, 6, 7);
-  samples.dy = __builtin_shufflevector(dy[0], dy[1], 0, 1, 2, 3, 4, 5, 6, 7);
+  samples.intensity = DSORB_SHUFFLE(intensity[0], intensity[1], 0, 1, 2, 3, 4, 5, 6, 7);
+  samples.dx = DSORB_SHUFFLE(dx[0], dx[1], 0, 1, 2, 3, 4, 5, 6, 7);
+  samples.dy = DSORB_SHUFFLE(dy[0], dy[1], 0, 1, 2, 3, 4, 5, 6, 7);
 }
 
 }  // namespace dsorb

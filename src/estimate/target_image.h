@@ -4,6 +4,7 @@
 #include "dsorb/image/affine_brightness.h"
 #include "dsorb/image/pyramid.h"
 
+#include "estimate/rolling_shutter.h"
 #include "estimate/sampling.h"
 #include "estimate/warp.h"
 
@@ -15,18 +16,46 @@ struct TargetImage {
   float gain, offset;          ///< I_target = gain I_host + offset
   const ImageSample* samples;  ///< row by row
   int width, height;           ///< [px]
+  bool rolling = false;        ///< its rows have times of their own:
+  RollingShutter shutter{};    ///< set only then
+
+  void setShutter(const RollingShutter& of_image) {
+    shutter = of_image;
+    rolling = true;
+  }
 };
 
 inline TargetImage makeTargetImage(const PinholeCamera& camera,
                                    const SE3& T_target_host,
                                    const BrightnessTransfer& transfer,
                                    const PyramidLevel& image) {
-  return {makeWarp<float>(camera, T_target_host),
-          static_cast<float>(transfer.gain),
-          static_cast<float>(transfer.offset),
-          image.data(),
-          image.width(),
-          image.height()};
+  TargetImage target;
+  target.warp = makeWarp<float>(camera, T_target_host);
+  target.gain = static_cast<float>(transfer.gain);
+  target.offset = static_cast<float>(transfer.offset);
+  target.samples = image.data();
+  target.width = image.width();
+  target.height = image.height();
+  return target;
+}
+
+/// A hosted point in the image: u, v and inverse_z at the time of its middle row, x and y where its
+/// own row sees it.
+/// @tparam kRolling the image's `rolling`: kernels are compiled for both, so that a global shutter
+///                  costs nothing
+/// @param ray_x, ray_y of the point in the host, z = 1
+/// @param rho          inverse depth in the host [1/unit], one for all lanes or one each
+template <bool kRolling, typename Depth>
+DSORB_ALWAYS_INLINE void projectInto(const TargetImage& target,
+                                     const Lanes& ray_x,
+                                     const Lanes& ray_y,
+                                     const Depth& rho,
+                                     WarpedPoint<Lanes>& point) {
+  warpPoint(target.warp, ray_x, ray_y, rho, point);
+  if constexpr (kRolling) {
+    const Lanes target_rho = rho * point.inverse_z;
+    moveToRow(target.shutter, target.warp, target_rho, point);
+  }
 }
 
 /// Samples at projected points; outside the image at the nearest position inside.

@@ -5,17 +5,47 @@
 #include "base/describe.h"
 #include "init/coarse/coarse_initializer.h"
 #include "init/orb/orb_initializer.h"
+#include "init/orb/thesis/with_ceres.h"
+#include "init/registry.h"
+
+#include <stdexcept>
 
 namespace dsorb {
+namespace {
+
+/// @throws ConfigError where the options ask for what a build without Ceres lacks
+void refuseWithoutCeres(const OrbOptions& orb) {
+  const char* value = nullptr;
+  if (orb.front_end == OrbFrontEnd::kDescriptors) value = "orb.front_end = descriptors";
+  if (orb.tracks.flow == OpticalFlow::kOpenCv) value = "orb.tracks.flow = opencv";
+  if (orb.geometric.solver == AdjustmentSolver::kCeres) value = "orb.geometric.solver = ceres";
+  if (orb.photometric.solver == AdjustmentSolver::kCeres) value = "orb.photometric.solver = ceres";
+  if (value != nullptr) {
+    throw ConfigError(std::string("option ") + value +
+                      " needs a build with Ceres (DSORB_WITH_CERES=ON)");
+  }
+}
+
+std::unique_ptr<Initializer> makeRegistered(const InitializerOptions& options,
+                                            const PinholeCamera& camera) {
+  std::unique_ptr<Initializer> made = registeredFactory(options.registered)(options, camera);
+  if (!made) throw std::logic_error("the factory of '" + options.registered + "' made nothing");
+  return made;
+}
+
+}  // namespace
 
 std::unique_ptr<Initializer> makeInitializer(const InitializerOptions& options,
                                              const PinholeCamera& camera) {
   validateOptions(options);
   switch (options.kind) {
     case InitializerKind::kOrb:
+      if (!init_orb::builtWithCeres()) refuseWithoutCeres(options.orb);
       return std::make_unique<init_orb::ORBInitializer>(options, camera);
     case InitializerKind::kCoarse:
       return std::make_unique<init_coarse::CoarseInitializer>(options, camera);
+    case InitializerKind::kRegistered:
+      return makeRegistered(options, camera);
   }
   throw ConfigError("initializer of unknown kind");
 }

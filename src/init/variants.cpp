@@ -1,6 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include "init/variants.h"
+
 #include "dsorb/error.h"
 #include "dsorb/options/initializer.h"
+
+#include "init/orb/thesis/with_ceres.h"
+#include "init/registry.h"
+
+#include <algorithm>
 
 namespace dsorb {
 namespace {
@@ -61,29 +68,46 @@ OrbOptions matching() {
   return orb;
 }
 
+bool contains(const std::vector<std::string>& names, const std::string& name) {
+  return std::find(names.begin(), names.end(), name) != names.end();
+}
+
 }  // namespace
 
-std::vector<std::string> initializerVariants() {
+std::vector<std::string> builtInVariants() {
   return {"coarse", "orb", "orb-v1", "orb-v2", "orb-v3", "orb-matching"};
 }
 
-InitializerOptions initializerVariant(const std::string& name) {
-  InitializerOptions options;
-  if (name == "coarse") {
-    options.kind = InitializerKind::kCoarse;
-  } else if (name == "orb-v1") {
-    options.orb = reportGeometry();
-  } else if (name == "orb-v2") {
-    options.orb = reportPhotometry();
-  } else if (name == "orb-v3") {
-    options.orb = reportFiltered();
-  } else if (name == "orb-matching") {
-    options.orb = matching();
-  } else if (name != "orb") {
-    std::string known;
-    for (const std::string& variant : initializerVariants()) known += " " + variant;
-    throw ConfigError("initializer '" + name + "': this version has" + known);
+std::vector<std::string> initializerVariants() {
+  std::vector<std::string> names = {"coarse", "orb"};
+  if (init_orb::builtWithCeres()) names = builtInVariants();
+  const std::vector<std::string> registered = registeredInitializers();
+  names.insert(names.end(), registered.begin(), registered.end());
+  return names;
+}
+
+void throwUnknownVariant(const std::string& name) {
+  std::string text = "initializer '" + name + "': this version has";
+  if (contains(builtInVariants(), name)) {
+    text =
+        "initializer '" + name + "' needs a build with Ceres (DSORB_WITH_CERES=ON); this one has";
   }
+  for (const std::string& variant : initializerVariants()) text += " " + variant;
+  throw ConfigError(text);
+}
+
+InitializerOptions initializerVariant(const std::string& name) {
+  if (!contains(initializerVariants(), name)) throwUnknownVariant(name);
+  InitializerOptions options;
+  if (!contains(builtInVariants(), name)) {
+    options.kind = InitializerKind::kRegistered;
+    options.registered = name;
+  }
+  if (name == "coarse") options.kind = InitializerKind::kCoarse;
+  if (name == "orb-v1") options.orb = reportGeometry();
+  if (name == "orb-v2") options.orb = reportPhotometry();
+  if (name == "orb-v3") options.orb = reportFiltered();
+  if (name == "orb-matching") options.orb = matching();
   return options;
 }
 

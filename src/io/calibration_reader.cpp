@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/calibration_reader.h"
+#include "dsorb/io/calibration_reader.h"
 
+#include "io/calibration_colmap.h"
+#include "io/calibration_matrix.h"
 #include "io/calibration_yaml.h"
-#include "io/image_decoder.h"
+#include "io/lens_numbers.h"
 #include "io/text_file.h"
 
 #include <fmt/format.h>
-#include <opencv2/core.hpp>
 
 #include <algorithm>
 #include <array>
@@ -19,9 +20,9 @@
 namespace dsorb {
 namespace {
 
-constexpr double kMaxSize = 65536;  // [px] a side
-constexpr std::size_t kMinResponseEntries = 256;
-constexpr double kMaxLevel = 255;  // [grey levels]
+constexpr double kMaxSize = 65536;    // [px] a side
+constexpr double kMaxReadout = 1000;  // [ms]
+constexpr std::string_view kReadoutWord = "readout";
 
 /// One way to write the first line of camera.txt.
 struct LensForm {
@@ -48,6 +49,7 @@ class Lines {
 
   [[nodiscard]] const std::filesystem::path& file() const { return file_; }
   [[nodiscard]] const std::vector<TextLine>& all() const { return lines_; }
+  void dropLast() { lines_.pop_back(); }
   [[nodiscard]] bool has(std::size_t i) const { return i < lines_.size(); }
   [[nodiscard]] const std::string& text(std::size_t i) const { return lines_[i].text; }
   [[nodiscard]] IoError error(std::size_t i, const std::string& what) const {
@@ -148,24 +150,8 @@ Lens readLens(const Lines& lines) {
   if (model != LensModel::kPinhole) {
     std::copy(numbers.begin() + 4, numbers.end(), lens.coefficients.begin());
   }
-  if (!(lens.fx > 0 && lens.fy > 0)) {
-    throw lines.error(
-        0, fmt::format("focal lengths {} {}; expected positive numbers", lens.fx, lens.fy));
-  }
-  if (model == LensModel::kFov && !(lens.coefficients[0] >= 0 && lens.coefficients[0] < M_PI)) {
-    throw lines.error(0, fmt::format("omega {}; expected 0 <= omega < pi", lens.coefficients[0]));
-  }
-  if (lens.cx < 1 && lens.cy < 1) {
-    scaleToPixels(size, lens);
-  }
-  if (!(lens.cx >= 0 && lens.cy >= 0 && lens.cx < size.width && lens.cy < size.height)) {
-    throw lines.error(0,
-                      fmt::format("principal point {} {}; expected inside the image of {}x{} px",
-                                  lens.cx,
-                                  lens.cy,
-                                  size.width,
-                                  size.height));
-  }
+  if (lens.cx < 1 && lens.cy < 1) scaleToPixels(size, lens);
+  checkLens(lens, [&](const std::string& what) { return lines.error(0, what); });
   return lens;
 }
 
@@ -198,6 +184,26 @@ void readMode(const Lines& lines, Rectification& target) {
     target.camera.cx = numbers[2];
     target.camera.cy = numbers[3];
   }
+}
+
+/// Last line: milliseconds from the first row to the last, and perhaps "columns".
+void readReadout(const Lines& lines, Lens& lens) {
+  const std::size_t last = lines.all().size() - 1;
+  const std::vector<std::string> words = splitWords(lines.text(last));
+  double milliseconds = 0;
+  const bool columns = words.size() == 3 && words[2] == "columns";
+  const bool good = (words.size() == 2 || columns) && parseNumber(words[1], milliseconds) &&
+                    std::abs(milliseconds) <= kMaxReadout;
+  if (!good) {
+    throw lines.error(last,
+                      fmt::format("'{}'; expected 'readout MILLISECONDS', {} to {}, and perhaps "
+                                  "'columns'",
+                                  quotable(lines.text(last)),
+                                  -kMaxReadout,
+                                  kMaxReadout));
+  }
+  lens.readout = milliseconds / 1000;
+  lens.columns = columns;
 }
 
 Rectification readRectification(const Lines& lines, const Lens& lens) {
@@ -271,47 +277,22 @@ bool isKitti(const Lines& lines) {
 Calibration readCalibration(const std::filesystem::path& file, int kitti_camera) {
   const std::string suffix = file.extension().string();
   if (suffix == ".yaml" || suffix == ".yml") return readYamlCalibration(file);
-  const Lines lines(file);
+  if (suffix == ".xml") return readMatrixXml(file, readText(file, kMaxCalibrationBytes));
+  Lines lines(file);
   if (isKitti(lines)) return readKitti(lines, kitti_camera);
+  if (isColmap(lines.all())) return readColmap(file, lines.all());
   Calibration calibration;
+  const bool rolling = lines.has(1) && splitWords(lines.all().back().text).front() == kReadoutWord;
+  Lens timed;
+  if (rolling) {
+    readReadout(lines, timed);
+    lines.dropLast();
+  }
   calibration.lens = readLens(lines);
+  calibration.lens.readout = timed.readout;
+  calibration.lens.columns = timed.columns;
   calibration.rectification = readRectification(lines, calibration.lens);
   return calibration;
-}
-
-std::vector<float> readResponse(const std::filesystem::path& file) {
-  const Lines lines(file);
-  const std::string what = "at least 256 increasing numbers on one line";
-  if (!lines.has(0)) throw lines.error(0, fmt::format("is empty; expected {}", what));
-  const auto raw = lines.numbers(0, splitWords(lines.text(0)), what);
-  if (raw.size() < kMinResponseEntries) {
-    throw lines.error(0, fmt::format("{} numbers; expected {}", raw.size(), what));
-  }
-  std::vector<float> response;
-  response.reserve(raw.size());
-  const double range = raw.back() - raw.front();
-  for (std::size_t i = 0; i < raw.size(); ++i) {
-    response.push_back(static_cast<float>(kMaxLevel * (raw[i] - raw.front()) / range));
-    if (i > 0 && !(response[i] > response[i - 1] && raw[i] > raw[i - 1])) {
-      throw lines.error(
-          0,
-          fmt::format(
-              "number {} ({}) is not above the one before; expected {}", i + 1, raw[i], what));
-    }
-  }
-  return response;
-}
-
-void readVignette(const std::filesystem::path& file, PhotometricCalibration& calibration) {
-  const cv::Mat image = decodeGrey(readFile(file), file.string());
-  double maximum = 0;
-  cv::minMaxLoc(image, nullptr, &maximum);
-  if (maximum <= 0) throw lineError(file, 0, "the vignette is black everywhere");
-  cv::Mat attenuation;
-  image.convertTo(attenuation, CV_32F, 1 / maximum);
-  calibration.vignette_width = image.cols;
-  calibration.vignette_height = image.rows;
-  calibration.vignette.assign(attenuation.begin<float>(), attenuation.end<float>());
 }
 
 }  // namespace dsorb

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/calibration_yaml.h"
 
+#include "io/calibration_matrix.h"
 #include "io/text_file.h"
 #include "io/yaml_text.h"
 
@@ -11,6 +12,7 @@
 #include <cmath>
 #include <initializer_list>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace dsorb {
@@ -78,13 +80,34 @@ void readDistortion(const Section& section, Lens& lens) {
   std::copy(coefficients.begin(), coefficients.end(), lens.coefficients.begin());
 }
 
+void readReadout(const Section& section, Lens& lens) {
+  constexpr const char* kKey = "readout_ms";
+  constexpr const char* kExpected = "milliseconds from the first to the last row, -1000 to 1000";
+  if (!section.has(kKey)) return;
+  double milliseconds = 0;
+  if (!parseNumber(section.text(kKey, kExpected), milliseconds) ||
+      !(std::abs(milliseconds) <= 1000)) {
+    throw section.error(kKey, fmt::format("{} are expected", kExpected));
+  }
+  lens.readout = milliseconds / 1000;
+}
+
+/// cv::FileStorage begins a file with "%YAML:1.0", which is no YAML. Line numbers stay.
+std::string withoutOpenCvHeader(std::string text) {
+  constexpr std::string_view kHeader = "%YAML:";
+  if (text.compare(0, kHeader.size(), kHeader) == 0) text.front() = '#';
+  return text;
+}
+
 }  // namespace
 
 Calibration readYamlCalibration(const std::filesystem::path& file) {
-  const YAML::Node root = io::parseYaml(readText(file, kMaxYamlBytes), file.string());
+  const YAML::Node root =
+      io::parseYaml(withoutOpenCvHeader(readText(file, kMaxYamlBytes)), file.string());
   if (!root.IsMap()) {
     throw lineError(file, 0, "a mapping with camera_model, intrinsics is expected");
   }
+  if (hasCameraMatrix(root)) return readMatrixYaml(file, root);
   const YAML::Node camera = root["cam0"] ? root["cam0"] : root;
   if (!camera.IsMap()) {
     throw lineError(
@@ -116,6 +139,7 @@ Calibration readYamlCalibration(const std::filesystem::path& file) {
   lens.width = static_cast<int>(resolution[0]);
   lens.height = static_cast<int>(resolution[1]);
   readDistortion(section, lens);
+  readReadout(section, lens);
   return calibration;
 }
 

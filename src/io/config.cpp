@@ -128,17 +128,19 @@ bool namesVariant(const ConfigAssignment& assignment) {
   return assignment.key == kVariantKey || assignment.key == "kind";
 }
 
+/// @throws ConfigError with the place where the name was written
+InitializerOptions namedVariant(const ConfigAssignment& choice) {
+  try {
+    return initializerVariant(choice.value);
+  } catch (const ConfigError& error) {
+    throw ConfigError(fmt::format("{}: {}", choice.origin, error.what()));
+  }
+}
+
 /// Sets what distinguishes the variant from the defaults, and nothing else, so that a preset keeps
 /// its say about the rest.
 void applyVariant(const ConfigAssignment& choice, Config& config) {
-  const std::vector<std::string> names = initializerVariants();
-  if (std::find(names.begin(), names.end(), choice.value) == names.end()) {
-    throw ConfigError(fmt::format("{}: initializer '{}': this version lacks it; it has {}",
-                                  choice.origin,
-                                  choice.value,
-                                  fmt::join(names, ", ")));
-  }
-  InitializerOptions variant = initializerVariant(choice.value);
+  InitializerOptions variant = namedVariant(choice);
   config.initializer = choice.value;
   const std::vector<std::string> keys = differingKeys(InitializerOptions{}, variant);
   std::vector<OptionField> target = listFields(config.options.initializer);
@@ -148,6 +150,7 @@ void applyVariant(const ConfigAssignment& choice, Config& config) {
     }
   }
   config.options.initializer.kind = variant.kind;
+  config.options.initializer.registered = variant.registered;
 }
 
 }  // namespace

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/dataset.h"
 
+#include "io/image_store.h"
 #include "io/text_file.h"
+#include "io/video.h"
 
 #include <fmt/format.h>
 
@@ -9,8 +11,8 @@
 #include <charconv>
 #include <cmath>
 #include <cstdint>
-#include <cstdlib>
 #include <string>
+#include <utility>
 
 namespace dsorb {
 namespace {
@@ -19,7 +21,7 @@ namespace fs = std::filesystem;
 
 constexpr double kDefaultPeriod = 0.1;  // [s] between images without times
 constexpr double kSecondsPerMillisecond = 1e-3;
-constexpr std::int64_t kNanosecondsPerSecond = 1000000000;
+constexpr double kNanosecondsPerSecond = 1e9;
 constexpr double kLeastNanosecondStep = 1e5;  // 10000 images a second, or more than a day for one
 constexpr double kMostNanosecondStep = 1e11;  // an image every 100 seconds, or 3000 years for one
 constexpr double kLongStep = 60;              // [s] between images; nothing is tracked over it
@@ -145,7 +147,7 @@ void assignTimes(const fs::path& file, std::vector<TimeEntry> entries, Dataset& 
 }
 
 /// Position of a KITTI image in the times file: its name is the number of its line, from 0.
-std::vector<TimeEntry> kittiEntries(const fs::path& file, const ImageStore& images) {
+std::vector<TimeEntry> kittiEntries(const fs::path& file, const ImageSource& images) {
   const std::vector<TimeEntry> all = readKittiTimes(file);
   std::vector<TimeEntry> entries;
   for (int i = 0; i < images.size(); ++i) {
@@ -169,13 +171,6 @@ struct ImageList {
   std::vector<TimeEntry> times;
 };
 
-/// The nearest double: nanoseconds since 1970 exceed its 53 bits.
-double secondsOf(std::int64_t nanoseconds) {
-  const auto [seconds, rest] = std::lldiv(nanoseconds, kNanosecondsPerSecond);
-  return static_cast<double>(seconds) +
-         static_cast<double>(rest) / static_cast<double>(kNanosecondsPerSecond);
-}
-
 /// "timestamp [ns],filename" of EuRoC's data.csv.
 ImageList readEurocList(const fs::path& file) {
   ImageList list;
@@ -194,7 +189,7 @@ ImageList readEurocList(const fs::path& file) {
                       fmt::format("'{}'; expected 'nanoseconds,filename'", quotable(line.text)));
     }
     list.files.push_back(file.parent_path() / "data" / name);
-    list.times.push_back({secondsOf(nanoseconds), 0, line.number});
+    list.times.push_back({secondsFromNanoseconds(nanoseconds), 0, line.number});
   }
   return list;
 }
@@ -214,10 +209,26 @@ ImageList readTumList(const fs::path& file) {
   return list;
 }
 
+Dataset openVideoDataset(const fs::path& file) {
+  Dataset dataset;
+  std::unique_ptr<VideoSource> video = openVideo(file);
+  dataset.rate = video->rate();
+  for (int i = 0; i < video->size(); ++i) {
+    dataset.timestamps.push_back(video->begin() + i / video->rate());
+  }
+  dataset.images = std::move(video);
+  return dataset;
+}
+
 }  // namespace
 
 Dataset openDataset(const DatasetLayout& layout) {
+  if (layout.format == SequenceFormat::kVideo) return openVideoDataset(layout.images);
   Dataset dataset;
+  if (layout.format == SequenceFormat::kCamera) {
+    dataset.images = openCamera(layout.images.string());
+    return dataset;
+  }
   if (layout.format == SequenceFormat::kEuroc || layout.format == SequenceFormat::kTum) {
     const ImageList list = layout.format == SequenceFormat::kEuroc ? readEurocList(layout.images)
                                                                    : readTumList(layout.images);

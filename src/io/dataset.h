@@ -3,7 +3,7 @@
 
 #include "dsorb/io/sequence_reader.h"
 
-#include "io/image_store.h"
+#include "io/image_source.h"
 
 #include <filesystem>
 #include <memory>
@@ -15,11 +15,12 @@ namespace dsorb {
 /// Paths of the parts of a data set. A path is empty where the data set has no such file.
 struct DatasetLayout {
   SequenceFormat format = SequenceFormat::kImages;  ///< never kAuto
-  std::filesystem::path images;                     ///< folder, .zip, or the list that names them
+  std::filesystem::path images;                     ///< folder, .zip, list, video or camera
   std::filesystem::path times;                      ///< of the DSO and KITTI layouts
   std::filesystem::path calibration;                ///< camera.txt, calib.txt or sensor.yaml
   std::filesystem::path response;                   ///< pcalib.txt
   std::filesystem::path vignette;                   ///< vignette.png
+  std::filesystem::path masks;                      ///< folder with a mask for each image
   int kitti_camera = 0;                             ///< number N of image_N
 };
 
@@ -29,13 +30,14 @@ DatasetLayout findDataset(const std::filesystem::path& path, SequenceFormat form
 
 /// Images of a data set with time and exposure of each.
 struct Dataset {
-  std::unique_ptr<ImageStore> images;
-  std::vector<double> timestamps;     ///< [s], strictly increasing, one per image
-  std::vector<double> exposures;      ///< [s], one per image; empty: unknown
+  std::unique_ptr<ImageSource> images;
+  double rate = 0;                 ///< of a video [1/s]
+  std::vector<double> timestamps;  ///< [s], strictly increasing, one per image; of a video by rate
+  std::vector<double> exposures;   ///< [s], one per image; empty: unknown
   std::vector<std::string> warnings;  ///< one sentence each
 };
 
-/// Lists images and times. No image is read.
+/// Lists images and times. No image is read but the first of a video.
 /// @throws IoError where there are no images, or times are malformed or of another number
 Dataset openDataset(const DatasetLayout& layout);
 

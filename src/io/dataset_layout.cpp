@@ -2,6 +2,8 @@
 #include "dsorb/error.h"
 
 #include "io/dataset.h"
+#include "io/image_store.h"
+#include "io/video.h"
 
 #include <fmt/format.h>
 
@@ -20,6 +22,11 @@ fs::path existing(const fs::path& file) {
   return fs::is_regular_file(file) ? file : fs::path();
 }
 
+/// The folder when it exists, else an empty path.
+fs::path existingFolder(const fs::path& folder) {
+  return fs::is_directory(folder) ? folder : fs::path();
+}
+
 /// Files that lie beside the images in the layouts of DSO, TUM-mono and plain folders.
 DatasetLayout beside(SequenceFormat format, const fs::path& images, const fs::path& base) {
   DatasetLayout layout;
@@ -29,6 +36,7 @@ DatasetLayout beside(SequenceFormat format, const fs::path& images, const fs::pa
   layout.calibration = existing(base / "camera.txt");
   layout.response = existing(base / "pcalib.txt");
   layout.vignette = existing(base / "vignette.png");
+  layout.masks = existingFolder(base / "masks");
   return layout;
 }
 
@@ -75,6 +83,7 @@ std::optional<DatasetLayout> findKitti(const fs::path& path) {
   layout.images = images;
   layout.times = existing(base / "times.txt");
   layout.calibration = existing(base / "calib.txt");
+  layout.masks = existingFolder(base / "masks");
   layout.kitti_camera = *kittiCamera(images);
   return layout;
 }
@@ -86,6 +95,7 @@ std::optional<DatasetLayout> findEuroc(const fs::path& path) {
     layout.format = SequenceFormat::kEuroc;
     layout.images = camera / "data.csv";
     layout.calibration = existing(camera / "sensor.yaml");
+    layout.masks = existingFolder(camera / "masks");
     return layout;
   }
   return std::nullopt;
@@ -97,6 +107,7 @@ std::optional<DatasetLayout> findTum(const fs::path& path) {
   layout.format = SequenceFormat::kTum;
   layout.images = path / "rgb.txt";
   layout.calibration = existing(path / "camera.txt");
+  layout.masks = existingFolder(path / "masks");
   return layout;
 }
 
@@ -107,6 +118,19 @@ std::optional<DatasetLayout> findImages(const fs::path& path) {
   return layout;
 }
 
+/// Calibration and photometry lie beside the file; those of a device or address are named.
+DatasetLayout besideVideo(SequenceFormat format, const fs::path& file) {
+  DatasetLayout layout = beside(format, file, file.parent_path());
+  layout.times.clear();  // the container has them
+  layout.masks.clear();  // are found by the names of image files
+  return layout;
+}
+
+std::optional<DatasetLayout> findVideo(const fs::path& path) {
+  if (!fs::is_regular_file(path) || !hasVideoSuffix(path)) return std::nullopt;
+  return besideVideo(SequenceFormat::kVideo, path);
+}
+
 struct Finder {
   SequenceFormat format;
   std::optional<DatasetLayout> (*find)(const fs::path&);
@@ -114,18 +138,27 @@ struct Finder {
 };
 
 // In the order of recognition: from the most particular layout to the least.
-constexpr std::array<Finder, 5> kFinders = {{
+constexpr std::array<Finder, 6> kFinders = {{
     {SequenceFormat::kEuroc, findEuroc, "EuRoC: mav0/cam0/data.csv and mav0/cam0/data"},
     {SequenceFormat::kKitti, findKitti, "KITTI: image_0 or image_2"},
     {SequenceFormat::kTum, findTum, "TUM RGB-D: rgb.txt"},
     {SequenceFormat::kDso, findDso, "DSO: images or images.zip"},
     {SequenceFormat::kImages, findImages, "a folder of images"},
+    {SequenceFormat::kVideo, findVideo, "a video: .mp4, .mov, .avi, .mkv, .webm, .m4v, .mpg"},
 }};
 
 }  // namespace
 
 DatasetLayout findDataset(const fs::path& path, SequenceFormat format) {
   std::error_code error;
+  const bool auto_camera = format == SequenceFormat::kAuto && isCameraAddress(path.string());
+  if (auto_camera || format == SequenceFormat::kCamera) {
+    if (fs::is_regular_file(path, error)) return besideVideo(SequenceFormat::kCamera, path);
+    DatasetLayout layout;
+    layout.format = SequenceFormat::kCamera;
+    layout.images = path;
+    return layout;
+  }
   if (!fs::exists(path, error)) {
     throw IoError(fmt::format("{}: no such file or folder", path.string()));
   }

@@ -123,6 +123,10 @@ std::unique_ptr<ImageStore> openFolder(const fs::path& folder) {
 
 }  // namespace
 
+std::optional<SourceImage> ImageStore::image(int index) {
+  return SourceImage{index, decodeGrey(read(index), name(index)), std::nullopt, {}};
+}
+
 std::unique_ptr<ImageStore> openImageList(const std::vector<fs::path>& files) {
   std::vector<std::string> names;
   names.reserve(files.size());

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "io/image_source.h"
+
 #include <cstdint>
 #include <filesystem>
 #include <memory>
@@ -9,15 +11,15 @@
 
 namespace dsorb {
 
-/// Encoded images by position. To be used by one thread at a time.
-class ImageStore {
+/// Encoded images by position.
+class ImageStore : public ImageSource {
  public:
-  virtual ~ImageStore() = default;
-  [[nodiscard]] int size() const { return static_cast<int>(names_.size()); }
-  /// File of an image, for messages and reports.
-  [[nodiscard]] const std::string& name(int index) const {
+  [[nodiscard]] int size() const final { return static_cast<int>(names_.size()); }
+  /// File of an image.
+  [[nodiscard]] std::string name(int index) const final {
     return names_[static_cast<std::size_t>(index)];
   }
+  [[nodiscard]] std::optional<SourceImage> image(int index) final;
   /// @throws IoError where the file cannot be read
   [[nodiscard]] virtual std::vector<std::uint8_t> read(int index) = 0;
 

@@ -94,7 +94,12 @@ void Details::add(const TwoViewReport& report) {
 }
 
 void Details::add(const EssentialReport& report) {
-  add("fitted_sigma_deg", report.gate.fitted_sigma_deg);
+  add("error_probability", report.gate.error_probability);
+  add("rival_probability", report.gate.rival_probability);
+  add("plane_probability", report.gate.plane_probability);
+  add("second_sigma_deg", report.gate.second_sigma_deg);
+  add("misfit", report.gate.misfit);
+  add("depth_sigma", report.gate.depth_sigma);
   add("gric_homography_over_essential", report.homography_gric);
   add("second_motion_cost_ratio", report.second_cost);
   add("tracks", report.tracks);
@@ -162,6 +167,8 @@ Json reportJson(const InitReport& report) {
                {"inlier_ratio", report.inlier_ratio},
                {"residual_rms", report.residual_rms},
                {"median_relative_sigma", report.median_relative_sigma}};
+  json["wrong_probability"] =
+      report.wrong_probability ? Json(*report.wrong_probability) : Json(nullptr);
   json["earlier_resets"] = Json::array();
   for (const InitReason reason : report.earlier_resets) {
     json["earlier_resets"].push_back(name(reason));
@@ -170,15 +177,17 @@ Json reportJson(const InitReport& report) {
   return json;
 }
 
-void noteRollback(const std::optional<InitializationRollback>& rollback, Json& initialization) {
-  initialization["withdrawn"] = rollback.has_value();
+void noteRefusal(const std::optional<StartRefusal>& refusal, Json& initialization) {
+  initialization["withdrawn"] = refusal.has_value();
   initialization["withdrawal"] = nullptr;
-  if (!rollback) return;
-  initialization["withdrawal"] = {{"reason", name(rollback->reason)},
-                                  {"index", rollback->frame.value},
-                                  {"keyframes", rollback->keyframes},
-                                  {"rms", rollback->rms},
-                                  {"limit", rollback->limit}};
+  if (!refusal) return;
+  const StartChange& change = refusal->change;
+  initialization["withdrawal"] = {{"reason", name(refusal->reason)},
+                                  {"index", refusal->frame.value},
+                                  {"direction_deg", change.direction_deg},
+                                  {"depth_spread", change.depth_spread},
+                                  {"depth_change", change.depth_change},
+                                  {"kept_share", change.kept_share}};
 }
 
 }  // namespace
@@ -196,10 +205,6 @@ void InitializationWriter::update(const RunRecord& record, double milliseconds) 
     }
     ++progress_.frames_given;
   }
-  if (record.rollback() && !last_.is_null()) {
-    noteRollback(record.rollback(), last_);
-    changed_ = true;
-  }
   for (const InitStepNote& step : record.steps()) {
     if (step.status == InitStatus::kRestarted && step.reason != InitReason::kFirstFrame) {
       ++progress_.resets;
@@ -212,13 +217,13 @@ void InitializationWriter::update(const RunRecord& record, double milliseconds) 
   }
   for (const InitStepNote& step : record.steps()) {
     if (!step.result) continue;
-    add(describe(*step.result, milliseconds));
-    noteRollback(step.rollback, last_);
+    add(describe(step, milliseconds));
   }
   if (changed_) write();
 }
 
-Json InitializationWriter::describe(const InitializationResult& result, double milliseconds) const {
+Json InitializationWriter::describe(const InitStepNote& step, double milliseconds) const {
+  const InitializationResult& result = *step.result;
   const Frame& reference = *result.frames.front().frame;
   const Frame& target = *result.frames.back().frame;
   Json json;
@@ -227,7 +232,7 @@ Json InitializationWriter::describe(const InitializationResult& result, double m
   json["frames_given"] = progress_.frames_given;
   json["frames_since_reference"] = std::abs(target.id().value - reference.id().value);
   json["resets"] = progress_.resets;
-  noteRollback(std::nullopt, json);  // until probation says otherwise
+  noteRefusal(step.refusal, json);
   json["reference"] = frameReference(reference);
   json["target"] = frameReference(target);
   json["camera"] = cameraJson(camera_);

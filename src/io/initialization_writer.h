@@ -36,7 +36,7 @@ class InitializationWriter {
     double attempt_milliseconds = 0;  ///< since the last reset
   };
 
-  [[nodiscard]] Json describe(const InitializationResult& result, double milliseconds) const;
+  [[nodiscard]] Json describe(const InitStepNote& step, double milliseconds) const;
   void add(Json initialization);
   /// Brings the file up to date.
   void write();

@@ -64,16 +64,6 @@ GrowingFile::GrowingFile(fs::path path) : path_(std::move(path)), file_(openForW
 
 void GrowingFile::append(std::string_view text) {
   writeAll(file_.get(), text, path_);
-  size_ += text.size();
-}
-
-void GrowingFile::shorten(std::uintmax_t size) {
-  const int descriptor = fileno(file_.get());
-  if (ftruncate(descriptor, static_cast<off_t>(size)) != 0 ||
-      std::fseek(file_.get(), static_cast<long>(size), SEEK_SET) != 0) {
-    throw writeError(path_);
-  }
-  size_ = size;
 }
 
 ReplacingFile::ReplacingFile(fs::path path)

@@ -29,14 +29,10 @@ class GrowingFile {
   explicit GrowingFile(std::filesystem::path path);
   /// @throws IoError where not all could be written, for example on a full disk
   void append(std::string_view text);
-  [[nodiscard]] std::uintmax_t size() const { return size_; }
-  /// Takes back what was appended after the file had this size. @throws IoError
-  void shorten(std::uintmax_t size);
 
  private:
   std::filesystem::path path_;
   FileHandle file_;
-  std::uintmax_t size_ = 0;  ///< of what was appended
 };
 
 /// Replaces a file as a whole: readers see the old or the new content, never a part.

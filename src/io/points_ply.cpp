@@ -6,14 +6,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <iterator>
 #include <utility>
 #include <vector>
 
 namespace dsorb::io {
 namespace {
 
-constexpr std::uintmax_t kVertexBytes = 4 * sizeof(float) + 3 + sizeof(std::int32_t);
+constexpr std::uintmax_t kVertexBytes = 4 * sizeof(float) + 3 + 2 * sizeof(std::int32_t);
 constexpr std::size_t kCopyBytes = 1 << 16;
 
 template <typename Value>
@@ -42,6 +41,7 @@ std::string vertices(const KeyframeSnapshot& keyframe) {
     bytes.append(3, level);
     appendLittleEndian(point.variance, bytes);
     appendLittleEndian(static_cast<std::int32_t>(keyframe.segment), bytes);
+    appendLittleEndian(static_cast<std::int32_t>(keyframe.id.value), bytes);
   }
   return bytes;
 }
@@ -51,7 +51,8 @@ std::string header(std::uintmax_t count) {
       "ply\nformat binary_little_endian 1.0\ncomment unit: mean inverse depth of a segment's "
       "reference is 1\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n"
       "property uchar red\nproperty uchar green\nproperty uchar blue\n"
-      "property float inverse_depth_variance\nproperty int segment\nend_header\n",
+      "property float inverse_depth_variance\nproperty int segment\nproperty int "
+      "keyframe\nend_header\n",
       count);
 }
 
@@ -68,22 +69,9 @@ void PointsPly::setKeyframe(const KeyframeSnapshot& keyframe) {
 
 void PointsPly::retireKeyframe(const KeyframeSnapshot& keyframe) {
   active_.erase(keyframe.id);
-  spool_begin_.try_emplace(keyframe.segment, spool_bytes_);
   const std::string bytes = vertices(keyframe);
   spool_.write(spool_bytes_, bytes.data(), bytes.size());
   spool_bytes_ += bytes.size();
-  changed_ = true;
-}
-
-void PointsPly::rollBack(int segment) {
-  for (auto it = active_.begin(); it != active_.end();) {
-    it = it->second.segment == segment ? active_.erase(it) : std::next(it);
-  }
-  const auto begin = spool_begin_.find(segment);
-  if (begin != spool_begin_.end()) {  // the current segment is the last one
-    spool_bytes_ = begin->second;
-    spool_begin_.erase(begin);
-  }
   changed_ = true;
 }
 

@@ -14,16 +14,15 @@
 namespace dsorb::io {
 
 /// points.ply: the map as binary little-endian vertices `x y z red green blue
-/// inverse_depth_variance segment`, in world coordinates of each segment. Points of retired
-/// keyframes are final and wait in a file, not in memory.
+/// inverse_depth_variance segment keyframe`, in world coordinates of each segment; the last is the
+/// position of the host's image. Points of retired keyframes are final and wait in a file, not in
+/// memory.
 class PointsPly {
  public:
   explicit PointsPly(std::filesystem::path folder);
 
   void setKeyframe(const KeyframeSnapshot& keyframe);
   void retireKeyframe(const KeyframeSnapshot& keyframe);
-  /// Drops the points of the segment.
-  void rollBack(int segment);
 
   /// Replaces the file when points changed.
   void update();
@@ -33,7 +32,6 @@ class PointsPly {
 
   std::filesystem::path folder_;
   std::map<FrameId, KeyframeSnapshot> active_;
-  std::map<int, std::uintmax_t> spool_begin_;  ///< bytes before the first retired of a segment
   NamelessFile spool_;
   std::uintmax_t spool_bytes_ = 0;
   bool changed_ = true;

@@ -14,13 +14,13 @@
 
 namespace dsorb {
 
-/// Makes items 0 .. count - 1 in order, some ahead of their use in a thread of its own. An
-/// exception of the maker is delivered in the place of its item and ends the queue.
+/// Makes items 0 .. count - 1 in order, some ahead of their use in a thread of its own. The maker
+/// ends the queue earlier by making nothing, or by an exception, which is delivered in its place.
 template <typename Item>
 class PrefetchQueue {
  public:
   /// @param depth items that wait at most; 0: no thread, items are made when asked for
-  PrefetchQueue(std::size_t count, int depth, std::function<Item(std::size_t)> make)
+  PrefetchQueue(std::size_t count, int depth, std::function<std::optional<Item>(std::size_t)> make)
       : count_(count),
         depth_(depth > 0 ? static_cast<std::size_t>(depth) : 0),
         make_(std::move(make)) {
@@ -44,7 +44,7 @@ class PrefetchQueue {
     {
       const std::lock_guard<std::mutex> lock(mutex_);
       wanted_ = delivered_;
-      while (!entries_.empty() && entries_.front().position < wanted_ && !entries_.front().error) {
+      while (!entries_.empty() && entries_.front().position < wanted_ && entries_.front().item) {
         entries_.pop_front();
       }
     }
@@ -55,11 +55,10 @@ class PrefetchQueue {
   std::optional<Item> next() {
     if (delivered_ == count_) return std::nullopt;
     Entry entry = depth_ > 0 ? take() : makeEntry(delivered_);
-    while (entry.position < delivered_ && !entry.error) entry = take();  // begun before a skip
-    if (entry.error) {
-      delivered_ = count_;
-      std::rethrow_exception(entry.error);
-    }
+    while (entry.position < delivered_ && entry.item) entry = take();  // begun before a skip
+    if (!entry.item) delivered_ = count_;
+    if (entry.error) std::rethrow_exception(entry.error);
+    if (!entry.item) return std::nullopt;
     ++delivered_;
     return std::move(entry.item);
   }
@@ -102,19 +101,19 @@ class PrefetchQueue {
       }
       if (position >= count_) return;
       Entry entry = makeEntry(position);
-      const bool failed = entry.error != nullptr;
+      const bool ended = !entry.item;
       {
         const std::lock_guard<std::mutex> lock(mutex_);
         entries_.push_back(std::move(entry));
       }
       changed_.notify_all();
-      if (failed) return;
+      if (ended) return;
     }
   }
 
   const std::size_t count_;
   const std::size_t depth_;
-  const std::function<Item(std::size_t)> make_;
+  const std::function<std::optional<Item>(std::size_t)> make_;
   std::size_t delivered_ = 0;  // of the consumer's thread alone
 
   std::mutex mutex_;

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/run_json.h"
 
+#include "camera/lens_models.h"
+
 #include <sys/resource.h>
 
 #include <fstream>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace dsorb {
 
@@ -49,8 +52,19 @@ Json cameraJson(const PinholeCamera& camera) {
           {"height", camera.height}};
 }
 
+Json lensJson(const Lens& lens) {
+  return {{"model", nameOf(lens.model).name},
+          {"fx", lens.fx},
+          {"fy", lens.fy},
+          {"cx", lens.cx},
+          {"cy", lens.cy},
+          {"coefficients", coefficientsOf(lens)},
+          {"width", lens.width},
+          {"height", lens.height}};
+}
+
 Json runJson(const RunInfo& info,
-             const PinholeCamera* camera,
+             const RunCameras& cameras,
              const RunRecord& record,
              const RunEnd& end) {
   Json json = {{"program", info.program},
@@ -58,18 +72,23 @@ Json runJson(const RunInfo& info,
                {"dataset", info.dataset},
                {"initializer", info.initializer},
                {"camera", nullptr}};
-  if (camera != nullptr) json["camera"] = cameraJson(*camera);
-  if (camera != nullptr && end.refined_camera && end.refined_camera->matrix() != camera->matrix()) {
-    json["refined_camera"] = cameraJson(*end.refined_camera);
+  if (cameras.lens) json["lens"] = lensJson(*cameras.lens);
+  if (cameras.camera) json["camera"] = cameraJson(*cameras.camera);
+  if (cameras.camera && cameras.refined && cameras.refined->matrix() != cameras.camera->matrix()) {
+    json["refined_camera"] = cameraJson(*cameras.refined);
   }
   json["frames_given"] = record.notes().size();
   json["frames_tracked"] = record.framesTracked();
   json["frames_dropped"] = end.frames_dropped;
   json["keyframes"] = record.keyframes().size();
   json["segments"] = record.segments().size();
-  json["withdrawn"] = {
-      {name(RollbackReason::kResidual), record.rollbacks(RollbackReason::kResidual)},
-      {name(RollbackReason::kLost), record.rollbacks(RollbackReason::kLost)}};
+  json["withdrawn"] = Json::object();
+  for (const RefusalReason reason :
+       {RefusalReason::kAdjustment, RefusalReason::kDirection, RefusalReason::kDepth}) {
+    json["withdrawn"][name(reason)] = record.refusals(reason);
+  }
+  json["answers"] = Json::object();
+  for (const auto& [reason, count] : record.answers()) json["answers"][name(reason)] = count;
   json["status"] = name(end.status);
   json["seconds"] = {{"total", end.seconds.total},
                      {"reading", end.seconds.reading},

@@ -24,7 +24,6 @@ struct RunEnd {
   RunStatus status = RunStatus::kError;
   int frames_dropped = 0;
   RunSeconds seconds;
-  std::optional<PinholeCamera> refined_camera;  ///< of the newest keyframe
 };
 
 /// Largest resident memory of this process up to now [MiB].
@@ -32,10 +31,18 @@ struct RunEnd {
 
 [[nodiscard]] Json cameraJson(const PinholeCamera& camera);
 
+[[nodiscard]] Json lensJson(const Lens& lens);
+
+/// The cameras of a run as far as they are known.
+struct RunCameras {
+  std::optional<PinholeCamera> camera;   ///< of the rectified images
+  std::optional<Lens> lens;              ///< of the images as they were taken
+  std::optional<PinholeCamera> refined;  ///< of the newest keyframe
+};
+
 /// Content of run.json.
-/// @param camera null before it is known
 [[nodiscard]] Json runJson(const RunInfo& info,
-                           const PinholeCamera* camera,
+                           const RunCameras& cameras,
                            const RunRecord& record,
                            const RunEnd& end);
 

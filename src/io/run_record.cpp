@@ -8,13 +8,6 @@
 #include <cstddef>
 
 namespace dsorb::io {
-namespace {
-
-constexpr std::size_t kMaxToldAgain = 1000;  // frames; upper limit of probation.max_frames
-static_assert(kMaxToldAgain < Spool<FrameNote>::kBlock);
-
-}  // namespace
-
 bool isFinite(const SE3& pose) {
   return pose.unitQuaternion().coeffs().allFinite() && pose.translation().allFinite();
 }
@@ -24,13 +17,13 @@ RunRecord::RunRecord(const std::filesystem::path& folder)
 
 void RunRecord::addInitStep(const InitStep& step, int segment) {
   steps_.push_back({step.status, step.reason, segment, step.result, {}});
-  if (step.result) addInitialization(*step.result, segment);
+  ++answers_[step.reason];
 }
 
 void RunRecord::addInitialization(const InitializationResult& result, int segment) {
   segments_.push_back(segment);
   const FrameId reference = result.frames.front().frame->id();
-  anchors_[reference].T_world_cam = SE3();
+  anchors_.try_emplace(reference, SE3());
   starts_.push_back({result.frames.back().frame->id(), *result.frames.back().T_cam_ref});
   const int start = static_cast<int>(starts_.size()) - 1;
   const auto last = static_cast<double>(result.frames.size() - 1);
@@ -47,46 +40,28 @@ void RunRecord::addInitialization(const InitializationResult& result, int segmen
   }
 }
 
-void RunRecord::addRollback(const InitializationRollback& rollback) {
-  const int segment = rollback.segment;
-  removeSegment(segment, frames_);
-  removeSegment(segment, keyframes_);
-  if (!segments_.empty() && segments_.back() == segment) segments_.pop_back();
-  ++rollbacks_[rollback.reason];
-  const auto start = std::find_if(steps_.begin(), steps_.end(), [](const InitStepNote& step) {
-    return step.result && !step.rollback;
-  });
-  (start == steps_.end() ? rollback_ : start->rollback) = rollback;
+void RunRecord::addRefusal(const StartRefusal& refusal) {
+  ++refusals_[refusal.reason];
+  steps_.back().refusal = refusal;
 }
 
-/// The segment is the last one: its entries stand at the end.
-void RunRecord::removeSegment(int segment, Entries& entries) {
-  while (!entries.empty() && entries.newest().segment == segment) {
-    anchors_.erase(entries.newest().id);
-    entries.pop();
-  }
-}
-
-int RunRecord::rollbacks() const {
-  return rollbacks(RollbackReason::kResidual) + rollbacks(RollbackReason::kLost);
-}
-
-int RunRecord::rollbacks(RollbackReason reason) const {
-  const auto count = rollbacks_.find(reason);
-  return count == rollbacks_.end() ? 0 : count->second;
+int RunRecord::refusals(RefusalReason reason) const {
+  const auto count = refusals_.find(reason);
+  return count == refusals_.end() ? 0 : count->second;
 }
 
 void RunRecord::addFrame(const FrameEstimate& estimate) {
   estimate_ = estimate;
   const double rmse = estimate.tracking_rmse.value_or(-1);
-  FrameNote& note = noteOf(estimate.frame->id().value);
-  frames_tracked_ -= note.state == OdometryState::kTracked ? 1 : 0;  // where it is told again
-  note = {estimate.frame->id().value,
-          estimate.segment,
-          estimate.state,
-          0,
-          std::isfinite(rmse) ? static_cast<float>(rmse) : -1.0F};
-  frames_tracked_ += note.state == OdometryState::kTracked ? 1 : 0;
+  notes_.push({estimate.frame->id().value,
+               estimate.segment,
+               estimate.state,
+               0,
+               std::isfinite(rmse) ? static_cast<float>(rmse) : -1.0F});
+  frames_tracked_ += estimate.state == OdometryState::kTracked ? 1 : 0;
+  if (estimate.state == OdometryState::kInitialized && !steps_.empty() && steps_.back().result) {
+    addInitialization(*steps_.back().result, estimate.segment);
+  }
   const bool placed =
       estimate.state == OdometryState::kTracked || estimate.state == OdometryState::kInitialized;
   if (!placed || !estimate.T_world_cam || !isFinite(*estimate.T_world_cam)) return;
@@ -110,16 +85,6 @@ void RunRecord::addFrame(const FrameEstimate& estimate) {
   frames_.push(entry);
 }
 
-/// Frames of a start that was rolled back are told again.
-FrameNote& RunRecord::noteOf(int index) {
-  const std::size_t end = std::min(notes_.size(), kMaxToldAgain);
-  for (std::size_t age = 0; age < end; ++age) {
-    if (notes_.newest(age).index == index) return notes_.newest(age);
-  }
-  notes_.push({});
-  return notes_.newest();
-}
-
 void RunRecord::addKeyframe(const KeyframeSnapshot& keyframe) {
   if (!isFinite(keyframe.T_world_cam)) return;
   Anchor& anchor = anchors_[keyframe.id];
@@ -139,7 +104,6 @@ void RunRecord::nextFrame() {
   notes_.settle();
   steps_.clear();
   estimate_.reset();
-  rollback_.reset();
 }
 
 SE3 RunRecord::T_world_cam(const PosedEntry& entry) const {

@@ -41,7 +41,7 @@ struct InitStepNote {
   InitReason reason = InitReason::kFirstFrame;
   int segment = 0;
   std::optional<InitializationResult> result;
-  std::optional<InitializationRollback> rollback;  ///< of its result, within the current frame
+  std::optional<StartRefusal> refusal;  ///< of its result
 };
 
 /// Record of a run: enough to write every trajectory with the poses that are final by then. In
@@ -53,7 +53,7 @@ class RunRecord {
   explicit RunRecord(const std::filesystem::path& folder);
 
   void addInitStep(const InitStep& step, int segment);
-  void addRollback(const InitializationRollback& rollback);
+  void addRefusal(const StartRefusal& refusal);
   void addFrame(const FrameEstimate& estimate);
   void addKeyframe(const KeyframeSnapshot& keyframe);
   /// Completes the current frame's note.
@@ -68,17 +68,16 @@ class RunRecord {
   [[nodiscard]] const Entries& keyframes() const { return keyframes_; }
   [[nodiscard]] const Spool<FrameNote>& notes() const { return notes_; }
   [[nodiscard]] int framesTracked() const { return frames_tracked_; }
-  /// Segments with a successful initialization that was not rolled back.
+  /// Segments with a start that stayed.
   [[nodiscard]] const std::vector<int>& segments() const { return segments_; }
-  /// Number of times that entries were taken back.
-  [[nodiscard]] int rollbacks() const;
-  [[nodiscard]] int rollbacks(RollbackReason reason) const;
+  /// Number of starts that were refused.
+  [[nodiscard]] int refusals(RefusalReason reason) const;
+  /// How often the initializer gave each reason.
+  [[nodiscard]] const std::map<InitReason, int>& answers() const { return answers_; }
 
   /// Of the current frame.
   [[nodiscard]] const std::vector<InitStepNote>& steps() const { return steps_; }
   [[nodiscard]] const std::optional<FrameEstimate>& estimate() const { return estimate_; }
-  /// Of a start of an earlier frame.
-  [[nodiscard]] const std::optional<InitializationRollback>& rollback() const { return rollback_; }
 
  private:
   /// Frames of an initialization and how far its two ends were apart.
@@ -97,9 +96,6 @@ class RunRecord {
   void addInitialization(const InitializationResult& result, int segment);
   [[nodiscard]] SE3 T_cam_reference(const PosedEntry& entry, const Anchor& reference) const;
   [[nodiscard]] SE3 T_cam_keyframe(const PosedEntry& entry, const Anchor& keyframe) const;
-  FrameNote& noteOf(int index);
-  /// Its anchors go as well.
-  void removeSegment(int segment, Entries& entries);
 
   Entries frames_;
   Entries keyframes_;  ///< each its own anchor
@@ -108,11 +104,11 @@ class RunRecord {
   std::vector<Start> starts_;
   std::map<FrameId, Anchor> anchors_;
   std::vector<int> segments_;
-  std::map<RollbackReason, int> rollbacks_;
+  std::map<RefusalReason, int> refusals_;
+  std::map<InitReason, int> answers_;
 
   std::vector<InitStepNote> steps_;
   std::optional<FrameEstimate> estimate_;
-  std::optional<InitializationRollback> rollback_;
 };
 
 /// Whether rotation and translation hold neither nan nor infinity.

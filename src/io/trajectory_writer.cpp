@@ -56,23 +56,10 @@ std::filesystem::path TrajectoryWriter::path(const std::string& suffix) const {
   return folder_ / (stem_ + suffix + ".txt");
 }
 
-void TrajectoryWriter::rollBack(int segment) {
-  if (segment_ != segment) return;
-  file_.shorten(segment_begin_);
-  written_ = segment_written_;
-  segment_ = -1;
-}
-
 void TrajectoryWriter::update(const RunRecord& record, const Entries& entries) {
   std::string lines;
   for (; written_ < entries.size(); ++written_) {
-    const PosedEntry entry = entries.at(written_);
-    if (entry.segment != segment_) {
-      segment_ = entry.segment;
-      segment_written_ = written_;
-      segment_begin_ = file_.size() + lines.size();
-    }
-    lines += lineOf(entry, record);
+    lines += lineOf(entries.at(written_), record);
   }
   if (!lines.empty()) file_.append(lines);
 }

@@ -5,7 +5,6 @@
 #include "io/run_record.h"
 
 #include <cstddef>
-#include <cstdint>
 #include <filesystem>
 #include <string>
 
@@ -18,8 +17,6 @@ class TrajectoryWriter {
   /// @param stem "trajectory" or "keyframes"
   TrajectoryWriter(std::filesystem::path folder, std::string stem);
 
-  /// Takes back the lines of the last segment. @throws IoError
-  void rollBack(int segment);
   /// Appends the entries that are new. @throws IoError
   void update(const RunRecord& record, const Entries& entries);
   void finish(const RunRecord& record, const Entries& entries) const;
@@ -31,9 +28,6 @@ class TrajectoryWriter {
   std::string stem_;
   GrowingFile file_;
   std::size_t written_ = 0;
-  int segment_ = -1;                  ///< of the last line
-  std::size_t segment_written_ = 0;   ///< lines before those of that segment
-  std::uintmax_t segment_begin_ = 0;  ///< place of its first line
 };
 
 /// A line `timestamp tx ty tz qx qy qz qw`, nine decimals, qw not negative.

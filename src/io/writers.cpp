@@ -23,7 +23,15 @@ using Clock = std::chrono::steady_clock;
 
 /// What run.json says until finish(): the run was killed.
 std::string firstSummary(const RunInfo& info) {
-  return io::jsonText(io::runJson(info, nullptr, io::RunRecord({}), {}));
+  return io::jsonText(io::runJson(info, {}, io::RunRecord({}), {}));
+}
+
+/// Text as RFC 4180 has it: in quotes where it holds a comma, a quote or a line break.
+std::string csvField(const std::string& text) {
+  if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
+  std::string field = "\"";
+  for (const char c : text) field += c == '"' ? std::string("\"\"") : std::string(1, c);
+  return field + "\"";
 }
 
 /// Keyframes from which on the files that are replaced as a whole are worth it again: each a tenth
@@ -46,26 +54,28 @@ class RunWriter::Impl {
         keyframes(folder, "keyframes"),
         initializations(folder / "initialization.json", run_info.initializer),
         points(folder) {
-    frames_csv.append("index,timestamp,state,milliseconds,is_keyframe,tracking_rmse,segment\n");
+    frames_csv.append(
+        "index,timestamp,state,milliseconds,is_keyframe,tracking_rmse,segment,image\n");
     io::replaceFile(folder / "config.yaml", info.config_yaml);
   }
 
-  void writeFrameLine(const FrameTiming& timing) {
+  void writeFrameLine(const FrameTiming& timing, const std::string& image_file) {
     const FrameEstimate& estimate = *record.estimate();
     const float rmse = record.notes().newest().tracking_rmse;
-    frames_csv.append(fmt::format("{},{:.9f},{},{:.3f},{},{},{}\n",
+    frames_csv.append(fmt::format("{},{:.9f},{},{:.3f},{},{},{},{}\n",
                                   estimate.frame->id().value,
                                   estimate.frame->timestamp(),
                                   name(estimate.state),
                                   timing.work_milliseconds,
                                   estimate.is_keyframe ? 1 : 0,
                                   rmse >= 0 ? fmt::format("{:.4f}", rmse) : "",
-                                  estimate.segment));
+                                  estimate.segment,
+                                  csvField(image_file)));
   }
 
   void writeInitialFigures() const {
     for (const io::InitStepNote& step : record.steps()) {
-      if (!step.result) continue;
+      if (!step.result || step.refusal) continue;
       const std::string suffix = step.segment == 0 ? "" : fmt::format("_{}", step.segment);
       io::writePng(folder / "figures" / ("initial_inverse_depth" + suffix + ".png"),
                    io::drawInverseDepth(*step.result));
@@ -80,18 +90,14 @@ class RunWriter::Impl {
       written.tracking = report->tracking_seconds;
       written.mapping = report->mapping_seconds;
     }
-    const io::Json json = io::runJson(info,
-                                      camera ? &*camera : nullptr,
-                                      record,
-                                      {status, frames_dropped, written, refined_camera});
+    const io::Json json = io::runJson(info, cameras, record, {status, frames_dropped, written});
     io::replaceFile(folder / "run.json", io::jsonText(json));
   }
 
   fs::path folder;
   io::OutputFolder prepared;  // before any member opens a file there
   RunInfo info;
-  std::optional<PinholeCamera> camera;
-  std::optional<PinholeCamera> refined_camera;
+  io::RunCameras cameras;
   Clock::time_point begin = Clock::now();
   io::RunSeconds seconds;
   io::RunRecord record;
@@ -109,8 +115,9 @@ RunWriter::RunWriter(const std::string& folder, const RunInfo& info)
     : impl_(std::make_unique<Impl>(folder, info)) {}
 RunWriter::~RunWriter() = default;
 
-void RunWriter::setCamera(const PinholeCamera& camera) {
-  impl_->camera = camera;
+void RunWriter::setCamera(const PinholeCamera& camera, const Lens* lens) {
+  impl_->cameras.camera = camera;
+  if (lens != nullptr) impl_->cameras.lens = *lens;
   impl_->initializations.setCamera(camera);
 }
 
@@ -122,14 +129,8 @@ void RunWriter::onInitStep(const InitStep& step, const Frame& /*frame*/, int seg
   impl_->record.addInitStep(step, segment);
 }
 
-void RunWriter::onInitializationRollback(const InitializationRollback& rollback) {
-  impl_->record.addRollback(rollback);
-  impl_->points.rollBack(rollback.segment);
-  impl_->trajectory.rollBack(rollback.segment);
-  impl_->keyframes.rollBack(rollback.segment);
-  impl_->next_writing =
-      std::min(impl_->next_writing, nextWriting(impl_->record.keyframes().size()));
-  impl_->keyframes_changed = true;
+void RunWriter::onStartRefused(const StartRefusal& refusal) {
+  impl_->record.addRefusal(refusal);
 }
 
 void RunWriter::onFrame(const FrameEstimate& estimate) {
@@ -139,7 +140,7 @@ void RunWriter::onFrame(const FrameEstimate& estimate) {
 void RunWriter::onKeyframe(const KeyframeSnapshot& keyframe) {
   impl_->record.addKeyframe(keyframe);
   impl_->points.setKeyframe(keyframe);
-  impl_->refined_camera = keyframe.camera;
+  impl_->cameras.refined = keyframe.camera;
   impl_->keyframes_changed = true;
 }
 
@@ -149,7 +150,7 @@ void RunWriter::onKeyframeRetired(const KeyframeSnapshot& keyframe) {
   impl_->keyframes_changed = true;
 }
 
-void RunWriter::frameDone(const FrameTiming& timing) {
+void RunWriter::frameDone(const FrameTiming& timing, const std::string& image_file) {
   Impl& run = *impl_;
   run.seconds.reading += timing.reading_milliseconds * 1e-3;
   if (!run.record.estimate()) return;
@@ -160,7 +161,7 @@ void RunWriter::frameDone(const FrameTiming& timing) {
       timing.work_milliseconds * 1e-3;
   run.record.setMilliseconds(timing.work_milliseconds);
 
-  run.writeFrameLine(timing);
+  run.writeFrameLine(timing, image_file);
   run.trajectory.update(run.record, run.record.frames());
   run.keyframes.update(run.record, run.record.keyframes());
   run.initializations.update(run.record, timing.work_milliseconds);

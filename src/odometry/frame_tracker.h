@@ -27,6 +27,7 @@ struct TrackingTarget {
   KeyframePose keyframe;
   std::vector<DepthSample> samples;  ///< inverse depths in the keyframe
   SE3 T_cam_previous;  ///< relative to the target before it, as tracked; unused for the first one
+  RowMotion motion{};  ///< of the keyframe while its rows are read
 };
 
 struct TrackedPose {
@@ -37,6 +38,9 @@ struct TrackedPose {
   AffineBrightness affine;
   std::optional<double> rmse;   ///< level 0 [grey levels]
   bool wants_keyframe = false;  ///< the target is too far away
+  RowMotion motion;             ///< of the frame while its rows are read
+  FrameId previous;             ///< frame tracked before
+  RowMotion previous_motion;    ///< of that one, now that its successor is known
 };
 
 /// Frame by frame tracking against the newest target: remembers the motion, knows when a new
@@ -60,6 +64,7 @@ class FrameTracker {
   track::Tracker tracker_;
   std::optional<KeyframePose> target_;
   track::MotionHistory history_;      // relative to the target
+  std::vector<TimedPose> recent_;     // relative to the target, the nearest first
   FrameId previous_;                  // frame
   AffineBrightness affine_;           // of the previous frame
   double rmse_ = 0;                   // of the previous frame, level 0 [grey levels]

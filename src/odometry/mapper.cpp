@@ -3,6 +3,7 @@
 
 #include "base/parallel.h"
 #include "odometry/seed_window.h"
+#include "odometry/start_judge.h"
 #include "window/depth_samples.h"
 #include "window/keyframe_policy.h"
 #include "window/marginalization.h"
@@ -10,6 +11,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <stdexcept>
 
 namespace dsorb::odometry {
 namespace {
@@ -35,18 +37,23 @@ MapUpdate Mapper::seed(const InitializationResult& result, int segment) {
   selector_.reset();
   segment_ = segment;
   window_ = seedWindow(result, camera_, options_, selector_, kCandidatesPerTask);
+  const StartComparison comparison(result, *window_);
   MapUpdate update = adjust(SE3());
+  if (update.finite) update.start_change = comparison.change(*window_, noise_);
   update.new_keyframes = window_->next_keyframe;
   return update;
 }
 
 std::unique_ptr<MapUpdate> Mapper::map(const MappingJob& job) {
-  const window::TrackedFrame tracked{job.frame, poseOf(job.pose), job.pose.affine};
+  if (!window_) throw std::logic_error("Mapper::map without a map");
+  const window::TrackedFrame tracked{job.frame, poseOf(job.pose), job.pose.affine, job.pose.motion};
+  window::Keyframe& newest = window_->keyframes.back();
+  if (newest.frame->id() == job.pose.previous) newest.motion = job.pose.previous_motion;
   window::refineCandidates(*window_, tracked, options_.depth, kCandidatesPerTask);
   if (!job.becomes_keyframe) return nullptr;
   window::flagLeaving(*window_, options_.window);
-  window::addKeyframe(
-      *window_, tracked.frame, tracked.T_cam_world, tracked.affine, options_.window);
+  window::addKeyframe(*window_, tracked.frame, tracked.T_cam_world, tracked.affine, options_.window)
+      .motion = tracked.motion;
   window::activateCandidates(*window_, options_.window, options_.depth, kCandidatesPerTask);
   return std::make_unique<MapUpdate>(adjust(job.pose.T_cam_keyframe));
 }
@@ -70,7 +77,7 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
             selectCandidates(
                 window_->keyframes.back(), selector_, options_.depth.candidates_per_keyframe);
           });
-  update.finite = adjustment.finite;
+  update.finite = adjustment.finite && adjustment.residuals > 0;
   update.rms = noise_ = adjustment.rms;
   if (!update.finite) return update;
   update.target.samples = window::depthSamples(*window_, options_.window);
@@ -81,6 +88,7 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
   update.window = snapshots();
   const window::Keyframe& newest = window_->keyframes.back();
   update.target.keyframe = {newest.frame, newest.T_cam_world(), newest.affine(), window_->camera()};
+  update.target.motion = newest.motion;
   update.target.T_cam_previous = T_cam_previous;
   return update;
 }

@@ -27,9 +27,12 @@ struct MappingJob {
 /// What a new keyframe made of the map, as values.
 struct MapUpdate {
   int new_keyframes = 0;  ///< one, or those of an initialization
-  bool finite = false;    ///< else nothing below is valid: the adjustment broke down
-  double rms = 0;         ///< of a pixel's residual after the adjustment [grey levels]
-  TrackingTarget target;  ///< the newest keyframe
+  /// Whether the adjustment did its work; else nothing below is valid: it broke down or used no
+  /// residual.
+  bool finite = false;
+  StartChange start_change;  ///< of a seed
+  double rms = 0;            ///< of a pixel's residual after the adjustment [grey levels]
+  TrackingTarget target;     ///< the newest keyframe
   std::vector<KeyframeSnapshot> retired;  ///< left the window, oldest first
   std::vector<KeyframeSnapshot> window;   ///< oldest first
 };
@@ -47,6 +50,7 @@ class Mapper {
   /// is adjusted, points and keyframes leave it.
   /// @source Engel et al., DSO, arXiv:1607.02565, section 3; order of steps as published
   /// @return what a keyframe changed; null for other frames
+  /// @throws std::logic_error before seed()
   std::unique_ptr<MapUpdate> map(const MappingJob& job);
   /// Gives up the window. @return its keyframes, oldest first
   std::vector<KeyframeSnapshot> clear();

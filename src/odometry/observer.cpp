@@ -17,8 +17,16 @@ const char* name(OdometryState state) {
   return "unknown";
 }
 
-const char* name(RollbackReason reason) {
-  return reason == RollbackReason::kResidual ? "residual" : "lost";
+const char* name(RefusalReason reason) {
+  switch (reason) {
+    case RefusalReason::kAdjustment:
+      return "adjustment";
+    case RefusalReason::kDirection:
+      return "direction";
+    case RefusalReason::kDepth:
+      return "depth";
+  }
+  return "unknown";
 }
 
 }  // namespace dsorb

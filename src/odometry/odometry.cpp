@@ -8,9 +8,8 @@
 #include "odometry/async_mapper.h"
 #include "odometry/frame_tracker.h"
 #include "odometry/observers.h"
-#include "odometry/segments.h"
+#include "odometry/start_judge.h"
 
-#include <deque>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -41,16 +40,9 @@ FrameEstimate estimateOf(const FramePtr& frame, int segment) {
   return estimate;
 }
 
-/// Why the map cannot go on.
-struct Failure {
-  RollbackReason reason = RollbackReason::kLost;
-  std::optional<double> tracking_rmse;
-};
-
 }  // namespace
 
-/// The phases of a run. Frames wait in a queue: the one given, behind those that a start which was
-/// rolled back leaves to be used again.
+/// The phases of a run.
 class Odometry::Impl {
  public:
   Impl(const PinholeCamera& camera,
@@ -61,7 +53,6 @@ class Odometry::Impl {
         initializer_(std::move(initializer)),
         tracker_(camera, options_),
         mapper_(camera, options_, arena_),
-        segments_(options_.probation),
         frame_check_(camera) {
     if (initializer_ == nullptr) initializer_ = makeInitializer(options_.initializer, camera);
   }
@@ -70,30 +61,33 @@ class Odometry::Impl {
 
   FrameEstimate process(const FramePtr& frame) {
     accept(frame);
-    processPending();
+    if (!adoptKeyframes()) {
+      lose({});
+    } else if (phase_ == Phase::kInitializing) {
+      initialize(frame);
+    } else {
+      track(frame);
+    }
     return last_estimate_;
   }
 
   void restart() {
     if (is_finished_) throw std::logic_error("Odometry::restart after finish()");
     finishMapping();
-    pending_.clear();
     const bool was_placed = phase_ != Phase::kInitializing;
     retireAll();
-    if (was_placed) segments_.next();
+    if (was_placed) ++segment_;
+    refusals_ = 0;
     initializer_->reset();
     phase_ = Phase::kInitializing;
   }
 
   OdometryReport finish() {
-    if (is_finished_) return report();
+    if (is_finished_) return report_;
+    finishMapping();
     is_finished_ = true;
-    do {  // The last keyframes may roll the start back: its frames are used again.
-      processPending();
-      finishMapping();
-    } while (!pending_.empty());
     retireAll();
-    return report();
+    return report_;
   }
 
  private:
@@ -108,55 +102,84 @@ class Odometry::Impl {
     frame_check_.accept(frame);
     ++report_.frames_given;
     last_input_ = frame;
-    pending_.push_back(frame);
-  }
-
-  void processPending() {
-    while (!pending_.empty()) {
-      std::optional<Failure> failure = adoptKeyframes();
-      if (!failure) failure = phase_ == Phase::kInitializing ? initialize() : track();
-      if (failure) giveUp(*failure);
-    }
   }
 
   /// Phase initializing: feeds the initializer; its result becomes the first map.
-  std::optional<Failure> initialize() {
-    const FramePtr frame = nextPending();
+  void initialize(const FramePtr& frame) {
     const InitStep step =
         timed(report_.initializing_seconds, [&] { return initializer_->addFrame(frame); });
     checkStep(step);
-    observers_.notify(&OdometryObserver::onInitStep, step, *frame, segments_.current());
-    last_estimate_ = estimateOf(frame, segments_.current());
-    if (step.result) return begin(*step.result);
-    // Frames that are used again were told when they came.
-    if (pending_.empty()) observers_.notify(&OdometryObserver::onFrame, last_estimate_);
-    return std::nullopt;
+    observers_.notify(&OdometryObserver::onInitStep, step, *frame, segment_);
+    last_estimate_ = estimateOf(frame, segment_);
+    if (step.result) {
+      begin(*step.result);
+    } else {
+      observers_.notify(&OdometryObserver::onFrame, last_estimate_);
+    }
   }
 
-  /// Phase tracking begins with the map of an initialization.
-  std::optional<Failure> begin(const InitializationResult& result) {
+  /// @throws what mapping threw; the map is lost then
+  template <typename Work>
+  auto mapping(const Work& work) {
+    try {
+      return work();
+    } catch (...) {
+      phase_ = Phase::kLost;
+      throw;
+    }
+  }
+
+  /// Phase tracking begins with the map of an initialization, unless that contradicts it.
+  void begin(const InitializationResult& result) {
+    const odometry::MappingResult seeded = mapping([&] { return mapper_.seed(result, segment_); });
+    const odometry::MapUpdate& update = *seeded.update;
+    const std::optional<RefusalReason> reason = update.finite
+                                                    ? odometry::refusalOf(update.start_change)
+                                                    : std::optional(RefusalReason::kAdjustment);
+    if (reason && refusals_ < options_.max_refusals) {
+      report_.mapping_seconds += seeded.seconds;
+      refuse({result.frames.back().frame->id(), segment_, *reason, update.start_change});
+      return;
+    }
+    refusals_ = 0;
     phase_ = Phase::kTracking;
-    segments_.begin(result);
+    ++report_.segments;
     tracker_.begin(result);
-    const std::optional<Failure> failure = adopt(mapper_.seed(result, segments_.current()));
-    if (failure) return failure;
+    if (!adopt(seeded)) {
+      lose({});
+      return;
+    }
     FrameEstimate estimate = last_estimate_;
     estimate.state = OdometryState::kInitialized;
     estimate.is_keyframe = true;
     conclude(std::move(estimate));
-    return std::nullopt;
+  }
+
+  /// The initializer begins anew with the next frame.
+  void refuse(const StartRefusal& refusal) {
+    ++refusals_;
+    mapper_.clear();
+    initializer_->reset();
+    observers_.notify(&OdometryObserver::onStartRefused, refusal);
+    observers_.notify(&OdometryObserver::onFrame, last_estimate_);
   }
 
   /// Phase tracking: pose of one frame, which then goes into the map.
-  std::optional<Failure> track() {
-    odometry::TrackedPose pose = poseOf(*pending_.front());
+  void track(const FramePtr& frame) {
+    odometry::TrackedPose pose = poseOf(*frame);
     if (!pose.good && mapper_.busy()) {  // once more, against a newer keyframe
       mapper_.wait();
-      if (const std::optional<Failure> failure = adoptKeyframes()) return failure;
-      pose = poseOf(*pending_.front());
+      if (!adoptKeyframes()) {
+        lose({});
+        return;
+      }
+      pose = poseOf(*frame);
     }
-    if (!pose.good) return Failure{RollbackReason::kLost, pose.rmse};
-    FrameEstimate estimate = estimateOf(nextPending(), segments_.current());
+    if (!pose.good) {
+      lose(pose.rmse);
+      return;
+    }
+    FrameEstimate estimate = estimateOf(frame, segment_);
     estimate.state = OdometryState::kTracked;
     estimate.is_keyframe = pose.wants_keyframe && !mapper_.keyframeIsDue();
     estimate.T_world_cam = pose.T_cam_world.inverse();
@@ -164,17 +187,29 @@ class Odometry::Impl {
     estimate.T_cam_keyframe = pose.T_cam_keyframe;
     estimate.affine = pose.affine;
     estimate.tracking_rmse = pose.rmse;
-    segments_.keepForRollback(estimate.frame);
-    mapper_.submit({estimate.frame, std::move(pose), estimate.is_keyframe});
-    if (const std::optional<Failure> failure = adoptKeyframes()) return failure;
-    segments_.countTrackedFrame();
-    conclude(std::move(estimate));
-    return std::nullopt;
+    mapper_.submit({frame, std::move(pose), estimate.is_keyframe});
+    bool stands = true;
+    try {
+      stands = adoptKeyframes();
+    } catch (...) {  // the frame is tracked all the same
+      concludeTracked(std::move(estimate));
+      throw;
+    }
+    if (stands) {
+      concludeTracked(std::move(estimate));
+    } else {
+      lose({});
+    }
   }
 
   [[nodiscard]] odometry::TrackedPose poseOf(const Frame& frame) {
     return timed(report_.tracking_seconds,
                  [&] { return arena_.run([&] { return tracker_.track(frame); }); });
+  }
+
+  void concludeTracked(FrameEstimate estimate) {
+    ++report_.frames_tracked;
+    conclude(std::move(estimate));
   }
 
   /// Tells of a frame. Where mapping has made a keyframe of it, its pose is that after adjustment.
@@ -192,106 +227,58 @@ class Odometry::Impl {
     observers_.notify(&OdometryObserver::onFrame, last_estimate_);
   }
 
-  /// Adopts all keyframes that mapping has finished.
-  std::optional<Failure> adoptKeyframes() {
-    while (const std::optional<odometry::MappingResult> result = takeResult()) {
-      if (const std::optional<Failure> failure = adopt(*result)) return failure;
+  /// Adopts all keyframes that mapping has finished. @return whether the map stands
+  bool adoptKeyframes() {
+    while (const auto result = mapping([&] { return mapper_.take(); })) {
+      if (!adopt(*result)) return false;
     }
-    return std::nullopt;
+    return true;
   }
 
-  /// @throws what mapping threw; the map is lost then
-  std::optional<odometry::MappingResult> takeResult() {
-    try {
-      return mapper_.take();
-    } catch (...) {
-      phase_ = Phase::kLost;
-      pending_.clear();
-      throw;
-    }
-  }
-
-  /// Later frames are tracked against the newest keyframe, unless its adjustment failed.
-  std::optional<Failure> adopt(const odometry::MappingResult& result) {
+  /// Later frames are tracked against the newest keyframe. @return false: its adjustment failed
+  bool adopt(const odometry::MappingResult& result) {
     report_.mapping_seconds += result.seconds;
-    if (!result.update) return std::nullopt;
+    if (!result.update) return true;
     const odometry::MapUpdate& update = *result.update;
-    segments_.countKeyframes(update.new_keyframes);
-    if (!update.finite) return Failure{};
-    if (!segments_.passes(update.rms)) return Failure{RollbackReason::kResidual, {}};
+    report_.keyframes += update.new_keyframes;
+    if (!update.finite) return false;
     arena_.run([&] { tracker_.setTarget(update.target); });
     observers_.notifyEach(&OdometryObserver::onKeyframeRetired, update.retired);
     observers_.notifyEach(&OdometryObserver::onKeyframe, update.window);
-    return std::nullopt;
+    return true;
   }
 
   void finishMapping() {
     mapper_.wait();
-    if (const std::optional<Failure> failure = adoptKeyframes()) giveUp(*failure);
-  }
-
-  void giveUp(const Failure& failure) {
-    if (segments_.canRollBack(failure.reason)) {
-      rollBack(failure.reason);
-    } else {
-      lose(failure.tracking_rmse);
-    }
-  }
-
-  /// Back to phase initializing, with the frames since the reference.
-  void rollBack(RollbackReason reason) {
-    odometry::FailedStart start = segments_.rollBack(reason, last_input_->id());
-    mapper_.clear();
-    pending_.insert(pending_.begin(), start.frames.begin(), start.frames.end());
-    initializer_->reset();
-    phase_ = Phase::kInitializing;
-    observers_.notify(&OdometryObserver::onInitializationRollback, start.notice);
+    if (!adoptKeyframes()) lose({});
   }
 
   /// Into phase lost, which only restart() leaves.
   void lose(std::optional<double> tracking_rmse) {
-    pending_.clear();
     phase_ = Phase::kLost;
-    last_estimate_ = estimateOf(last_input_, segments_.current());
+    last_estimate_ = estimateOf(last_input_, segment_);
     last_estimate_.state = OdometryState::kLost;
     last_estimate_.tracking_rmse = tracking_rmse;
     observers_.notify(&OdometryObserver::onFrame, last_estimate_);
     retireAll();
-    observers_.notify(&OdometryObserver::onLost, last_input_->id(), segments_.current());
+    observers_.notify(&OdometryObserver::onLost, last_input_->id(), segment_);
   }
 
-  void retireAll() {
-    segments_.endProbation();
-    observers_.notifyEach(&OdometryObserver::onKeyframeRetired, mapper_.clear());
-  }
-
-  [[nodiscard]] OdometryReport report() const {
-    OdometryReport report = report_;
-    report.segments = segments_.counts().starts;
-    report.keyframes = segments_.counts().keyframes;
-    report.frames_tracked = segments_.counts().tracked_frames;
-    return report;
-  }
-
-  [[nodiscard]] FramePtr nextPending() {
-    FramePtr frame = std::move(pending_.front());
-    pending_.pop_front();
-    return frame;
-  }
+  void retireAll() { observers_.notifyEach(&OdometryObserver::onKeyframeRetired, mapper_.clear()); }
 
   OdometryOptions options_;
   TaskArena arena_;
   std::unique_ptr<Initializer> initializer_;
   odometry::FrameTracker tracker_;
   odometry::AsyncMapper mapper_;
-  odometry::Segments segments_;
   odometry::Observers observers_;
   FrameCheck frame_check_;
 
   Phase phase_ = Phase::kInitializing;
   bool is_finished_ = false;
-  OdometryReport report_;         // without what segments_ counts
-  std::deque<FramePtr> pending_;  // oldest first
+  int segment_ = 0;
+  int refusals_ = 0;  // in a row
+  OdometryReport report_;
   FramePtr last_input_;
   FrameEstimate last_estimate_;
 };

@@ -51,6 +51,18 @@ std::vector<MapPoint> pointsOf(const InitializationResult& result, std::size_t h
   return points;
 }
 
+/// Of a frame while its rows are read, from its posed neighbours.
+RowMotion motionOf(const InitializationResult& result, std::size_t frame) {
+  const auto posedAt = [&](std::size_t i) {
+    return TimedPose{result.frames[i].frame->timestamp(), *result.frames[i].T_cam_ref};
+  };
+  std::vector<TimedPose> neighbours;
+  for (const std::size_t i : {frame - 1, frame + 1, frame - 2, frame + 2}) {  // wraps below 0
+    if (i < result.frames.size() && result.frames[i].T_cam_ref) neighbours.push_back(posedAt(i));
+  }
+  return motionThrough(posedAt(frame), neighbours);
+}
+
 /// Thins the points of one host to its share of the wanted number.
 void addPoints(window::Window& window,
                std::size_t position,
@@ -77,8 +89,10 @@ void fillUp(window::Window& window,
   for (std::size_t i = 1; i < result.frames.size(); ++i) {
     const PosedFrame& posed = result.frames[i];
     if (!posed.T_cam_ref) continue;
-    window::refineCandidates(
-        window, {posed.frame, *posed.T_cam_ref, posed.affine}, options.depth, grain);
+    window::refineCandidates(window,
+                             {posed.frame, *posed.T_cam_ref, posed.affine, motionOf(result, i)},
+                             options.depth,
+                             grain);
   }
   window::activateCandidates(window, options.window, options.depth, grain);
 }
@@ -100,7 +114,8 @@ window::Window seedWindow(const InitializationResult& result,
   std::size_t total = 0;
   for (const std::size_t i : keyframes) {
     const PosedFrame& posed = result.frames[i];
-    window::addKeyframe(window, posed.frame, *posed.T_cam_ref, posed.affine, options.window);
+    window::addKeyframe(window, posed.frame, *posed.T_cam_ref, posed.affine, options.window)
+        .motion = motionOf(result, i);
     points.push_back(pointsOf(result, i));
     total += points.back().size();
   }

@@ -76,12 +76,19 @@ bool intersect(const PreparedBox& box, const Eigen::Vector3d& ray, Hit& nearest)
 
 class Renderer {
  public:
-  Renderer(const Scene& scene, const PinholeCamera& camera, const SE3& T_world_cam)
+  Renderer(const Scene& scene, const PinholeCamera& camera, const Moment& moment)
       : camera_(camera) {
-    boxes_.reserve(scene.boxes.size());
-    for (const Box& box : scene.boxes) {
+    const SE3& T_world_cam = moment.T_world_cam;
+    const auto prepare_in_scene = [&](const Box& box) {
       const Texture& texture = scene.textures.at(static_cast<std::size_t>(box.texture));
-      boxes_.push_back(prepare(box, texture, T_world_cam));
+      return prepare(box, texture, T_world_cam);
+    };
+    boxes_.reserve(scene.boxes.size());
+    for (const Box& box : scene.boxes) boxes_.push_back(prepare_in_scene(box));
+    if (moment.T_world_moving) {
+      Box moved = scene.boxes.back();
+      moved.T_world_box = *moment.T_world_moving;
+      boxes_.back() = prepare_in_scene(moved);
     }
     nearest_first_.resize(boxes_.size());
     std::iota(nearest_first_.begin(), nearest_first_.end(), 0);
@@ -203,21 +210,28 @@ class Renderer {
   PreparedBox sky_;
 };
 
-/// Calls function(x0, y0, x1, y1, candidates) for the tiles of the image.
+/// Calls function(renderer, x, y, candidates) for the pixels of the image, tile by tile.
+/// @param renderers one for all rows, or one for each
 template <typename Function>
-void forEachTile(const Renderer& renderer, int width, int height, const Function& function) {
-  const int columns = (width + kTileWidth - 1) / kTileWidth;
-  const int rows = (height + kTileHeight - 1) / kTileHeight;
+void forEachPixel(const std::vector<Renderer>& renderers,
+                  const View& view,
+                  const Function& function) {
+  const int tile_height = renderers.size() == 1 ? kTileHeight : 1;
+  const int columns = (view.width + kTileWidth - 1) / kTileWidth;
+  const int rows = (view.height + tile_height - 1) / tile_height;
   forEachRange(static_cast<std::size_t>(rows), 1, [&](std::size_t begin, std::size_t end) {
     std::vector<int> candidates;
-    for (int row = static_cast<int>(begin); row < static_cast<int>(end); ++row) {
-      const int y0 = row * kTileHeight;
-      const int y1 = std::min(height, y0 + kTileHeight);
+    for (std::size_t row = begin; row < end; ++row) {
+      const Renderer& renderer = renderers[renderers.size() == 1 ? 0 : row];
+      const int y0 = static_cast<int>(row) * tile_height;
+      const int y1 = std::min(view.height, y0 + tile_height);
       for (int column = 0; column < columns; ++column) {
         const int x0 = column * kTileWidth;
-        const int x1 = std::min(width, x0 + kTileWidth);
+        const int x1 = std::min(view.width, x0 + kTileWidth);
         renderer.findCandidates(x0, y0, x1, y1, candidates);
-        function(x0, y0, x1, y1, candidates);
+        for (int y = y0; y < y1; ++y) {
+          for (int x = x0; x < x1; ++x) function(renderer, x, y, candidates);
+        }
       }
     }
   });
@@ -228,23 +242,18 @@ std::size_t pixelIndex(const View& view, int x, int y) {
          static_cast<std::size_t>(x);
 }
 
-void renderCentres(const Renderer& renderer, bool shade, View& view) {
-  forEachTile(renderer,
-              view.width,
-              view.height,
-              [&](int x0, int y0, int x1, int y1, const std::vector<int>& candidates) {
-                for (int y = y0; y < y1; ++y) {
-                  for (int x = x0; x < x1; ++x) {
-                    const auto pixel = pixelIndex(view, x, y);
-                    const Hit hit = renderer.cast(x, y, candidates);
-                    view.inverse_depth[pixel] = static_cast<float>(1.0 / hit.depth);
-                    view.surface[pixel] =
-                        hit.box < 0 ? kSky
-                                    : 8 * hit.box + 2 * hit.axis + static_cast<int>(hit.positive);
-                    if (shade) view.intensity[pixel] = renderer.shade(x, y, hit);
-                  }
-                }
-              });
+void renderCentres(const std::vector<Renderer>& renderers, bool shade, View& view) {
+  forEachPixel(renderers,
+               view,
+               [&](const Renderer& renderer, int x, int y, const std::vector<int>& candidates) {
+                 const auto pixel = pixelIndex(view, x, y);
+                 const Hit hit = renderer.cast(x, y, candidates);
+                 view.inverse_depth[pixel] = static_cast<float>(1.0 / hit.depth);
+                 view.surface[pixel] =
+                     hit.box < 0 ? kSky
+                                 : 8 * hit.box + 2 * hit.axis + static_cast<int>(hit.positive);
+                 if (shade) view.intensity[pixel] = renderer.shade(x, y, hit);
+               });
 }
 
 bool isOnEdge(const View& view, int x, int y) {
@@ -258,26 +267,20 @@ bool isOnEdge(const View& view, int x, int y) {
 }
 
 /// Averages n x n rays of every pixel, or of those on the border between two surfaces.
-void renderAveraged(const Renderer& renderer, int rays, bool edges_only, View& view) {
-  forEachTile(renderer,
-              view.width,
-              view.height,
-              [&](int x0, int y0, int x1, int y1, const std::vector<int>& candidates) {
-                for (int y = y0; y < y1; ++y) {
-                  for (int x = x0; x < x1; ++x) {
-                    if (edges_only && !isOnEdge(view, x, y)) continue;
-                    view.intensity[pixelIndex(view, x, y)] =
-                        renderer.average(x, y, rays, candidates);
-                  }
-                }
-              });
+void renderAveraged(const std::vector<Renderer>& renderers, int rays, bool edges_only, View& view) {
+  forEachPixel(renderers,
+               view,
+               [&](const Renderer& renderer, int x, int y, const std::vector<int>& candidates) {
+                 if (edges_only && !isOnEdge(view, x, y)) return;
+                 view.intensity[pixelIndex(view, x, y)] = renderer.average(x, y, rays, candidates);
+               });
 }
 
 }  // namespace
 
 View render(const Scene& scene,
             const PinholeCamera& camera,
-            const SE3& T_world_cam,
+            const std::vector<Moment>& moments,
             const RenderOptions& options) {
   if (camera.width <= 0 || camera.height <= 0 || !(camera.fx > 0) || !(camera.fy > 0)) {
     throw std::invalid_argument("render: camera of " + std::to_string(camera.width) + " x " +
@@ -289,6 +292,11 @@ View render(const Scene& scene,
                                 std::to_string(options.supersampling) + " and " +
                                 std::to_string(options.edge_supersampling) + " at edges");
   }
+  if (moments.size() != 1 && moments.size() != static_cast<std::size_t>(camera.height)) {
+    throw std::invalid_argument("render: needs 1 moment or one for each of " +
+                                std::to_string(camera.height) + " rows, has " +
+                                std::to_string(moments.size()));
+  }
   const auto pixels =
       static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
   View view{camera.width,
@@ -296,14 +304,23 @@ View render(const Scene& scene,
             std::vector<float>(pixels),
             std::vector<float>(pixels),
             std::vector<std::int32_t>(pixels)};
-  const Renderer renderer(scene, camera, T_world_cam);
-  renderCentres(renderer, options.supersampling == 1, view);
+  std::vector<Renderer> renderers;
+  renderers.reserve(moments.size());
+  for (const Moment& moment : moments) renderers.emplace_back(scene, camera, moment);
+  renderCentres(renderers, options.supersampling == 1, view);
   if (options.supersampling > 1) {
-    renderAveraged(renderer, options.supersampling, false, view);
+    renderAveraged(renderers, options.supersampling, false, view);
   } else if (options.edge_supersampling > 1) {
-    renderAveraged(renderer, options.edge_supersampling, true, view);
+    renderAveraged(renderers, options.edge_supersampling, true, view);
   }
   return view;
+}
+
+View render(const Scene& scene,
+            const PinholeCamera& camera,
+            const SE3& T_world_cam,
+            const RenderOptions& options) {
+  return render(scene, camera, std::vector<Moment>{{T_world_cam, {}}}, options);
 }
 
 }  // namespace dsorb::synthetic

@@ -7,6 +7,7 @@
 #include "synthetic/texture.h"
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 namespace dsorb::synthetic {
@@ -27,6 +28,12 @@ struct Scene {
   Texture sky;  ///< over a cube of half size 1 around the camera
 };
 
+/// Where things are while rows of the image are exposed.
+struct Moment {
+  SE3 T_world_cam;
+  std::optional<SE3> T_world_moving;  ///< of the scene's last box, where it moves by itself
+};
+
 struct RenderOptions {
   int supersampling = 1;       ///< n x n rays a pixel everywhere
   int edge_supersampling = 3;  ///< n x n rays for pixels on the border between two surfaces
@@ -42,7 +49,15 @@ struct View {
 };
 
 /// Casts rays through a scene. Runs in parallel; the bits do not depend on the number of threads.
-/// @throws std::invalid_argument on a camera without size or focal length, or without any ray
+/// @param moments of each row from the top (rolling shutter), or a single one for all rows
+/// @throws std::invalid_argument on a camera without size or focal length, without any ray, or on
+///         another number of moments
+[[nodiscard]] View render(const Scene& scene,
+                          const PinholeCamera& camera,
+                          const std::vector<Moment>& moments,
+                          const RenderOptions& options = {});
+
+/// All rows at once, all boxes at rest.
 [[nodiscard]] View render(const Scene& scene,
                           const PinholeCamera& camera,
                           const SE3& T_world_cam,

@@ -26,9 +26,15 @@ constexpr double kPlaceDistance = 100;      // between the places of a cut [m]
 constexpr std::uint64_t kNextPlace = 1001;  // added to the seed after a cut
 const Eigen::Vector3d kVan(2.2, 2.4, 4.5);  // [m], across, up, along
 constexpr int kSmallest = 32;               // image side [px]
+constexpr double kSlowest = 0.01;           // speed
+constexpr double kFastest = 100;
 
 [[noreturn]] void reject(const std::string& what, double value) {
   throw std::invalid_argument("SequenceOptions: " + what + ", is " + std::to_string(value));
+}
+
+double frameRate(SequenceKind kind) {
+  return kind == SequenceKind::kStreet ? kStreetRate : kRoomRate;
 }
 
 void validate(const SequenceOptions& options) {
@@ -52,21 +58,23 @@ void validate(const SequenceOptions& options) {
   if (!inside(options.motion_blur, 0, 1)) {
     reject("motion_blur must lie in [0, 1]", options.motion_blur);
   }
+  if (!inside(std::abs(options.readout), 0, 1 / frameRate(options.kind))) {
+    reject("readout must be at most the time between two frames, in seconds", options.readout);
+  }
+  if (!inside(options.speed, kSlowest, kFastest)) {
+    reject("speed must lie in [0.01, 100]", options.speed);
+  }
 }
 
 Scene makePlace(const SequenceOptions& options, std::uint64_t seed) {
   switch (options.kind) {
     case SequenceKind::kStreet:
-      return makeStreet(seed, kStreetStep * options.length);
+      return makeStreet(seed, kStreetStep * options.length * options.speed);
     case SequenceKind::kPlane:
       return makePlane(seed);
     default:
       return makeRoom(seed);
   }
-}
-
-double frameRate(SequenceKind kind) {
-  return kind == SequenceKind::kStreet ? kStreetRate : kRoomRate;
 }
 
 }  // namespace
@@ -107,6 +115,7 @@ int SyntheticSequence::actOf(int index) const {
 }
 
 SE3 SyntheticSequence::poseAt(int act, double frame) const {
+  frame *= options_.speed;
   const std::uint64_t seed = options_.seed + (act > 0 ? kNextPlace : 0);
   switch (options_.kind) {
     case SequenceKind::kStreet:
@@ -123,6 +132,7 @@ SE3 SyntheticSequence::poseAt(int act, double frame) const {
 }
 
 SE3 SyntheticSequence::movingBoxPose(int act, double frame) const {
+  frame *= options_.speed;
   if (options_.kind != SequenceKind::kStreet) {
     return uprightPose({act * kPlaceDistance, 0, 0}) * movingCratePose(frame, options_.seed);
   }
@@ -133,12 +143,26 @@ SE3 SyntheticSequence::movingBoxPose(int act, double frame) const {
   return movingVanPose(frame, options_.seed, rear + 0.5 * kVan.z(), 0.5 * kVan.y());
 }
 
+Moment SyntheticSequence::momentAt(int act, double frame) const {
+  Moment moment{poseAt(act, frame), {}};
+  if (moving_box_ >= 0) moment.T_world_moving = movingBoxPose(act, frame);
+  return moment;
+}
+
 View SyntheticSequence::renderAt(int act, double frame) const {
+  std::vector<Moment> moments;
+  const int rows = options_.readout != 0 ? camera_.height : 1;
+  const double frames_per_row =
+      rows > 1 ? options_.readout * frameRate(options_.kind) / (rows - 1) : 0;
+  for (int row = 0; row < rows; ++row) {
+    moments.push_back(momentAt(act, frame + frames_per_row * (row - 0.5 * (rows - 1))));
+  }
+  return render(acts_[static_cast<std::size_t>(act)], camera_, moments, options_.rendering);
+}
+
+std::vector<float> SyntheticSequence::inverseDepthAt(int act, double frame) const {
   const Scene& scene = acts_[static_cast<std::size_t>(act)];
-  if (moving_box_ < 0) return render(scene, camera_, poseAt(act, frame), options_.rendering);
-  Scene moved = scene;
-  moved.boxes.back().T_world_box = movingBoxPose(act, frame);
-  return render(moved, camera_, poseAt(act, frame), options_.rendering);
+  return render(scene, camera_, {momentAt(act, frame)}, {1, 1}).inverse_depth;
 }
 
 std::vector<float> SyntheticSequence::blurredIntensity(int index, View& centre) const {
@@ -172,7 +196,7 @@ SyntheticFrame SyntheticSequence::frame(int index) const {
   SyntheticFrame frame;
   frame.width = view.width;
   frame.height = view.height;
-  frame.inverse_depth = std::move(view.inverse_depth);
+  frame.inverse_depth = options_.readout != 0 ? inverseDepth(index) : std::move(view.inverse_depth);
   frame.T_world_cam = pose(index);
   frame.timestamp = timestamp(index);
   frame.exposure = exposure(index);
@@ -190,7 +214,7 @@ SyntheticFrame SyntheticSequence::frame(int index) const {
 }
 
 std::vector<float> SyntheticSequence::inverseDepth(int index) const {
-  return renderAt(actOf(index), index).inverse_depth;
+  return inverseDepthAt(actOf(index), index);
 }
 
 FramePtr SyntheticSequence::framePtr(int index) const {

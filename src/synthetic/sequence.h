@@ -34,7 +34,11 @@ struct SequenceOptions {
   bool vignette = false;            ///< darker corners
   double light = 1;                 ///< in the place, of what just does not saturate
   double motion_blur = 0;           ///< open time of the shutter [share of the frame interval]
-  bool moving_object = false;       ///< a box that moves by itself
+  /// Time from the exposure of the first row to that of the last, negative when the last comes
+  /// first [s]; pose and depth of a frame are those of its middle row. 0: global shutter.
+  double readout = 0;
+  double speed = 1;            ///< of everything that moves, times the usual one
+  bool moving_object = false;  ///< a box that moves by itself
   /// Share of the first image of kStreet that the box covers: a van close ahead that swerves;
   /// 0: a car farther ahead.
   double moving_object_share = 0;
@@ -95,7 +99,10 @@ class SyntheticSequence {
   [[nodiscard]] int actOf(int index) const;
   [[nodiscard]] SE3 poseAt(int act, double frame) const;
   [[nodiscard]] SE3 movingBoxPose(int act, double frame) const;
+  [[nodiscard]] Moment momentAt(int act, double frame) const;
+  /// Image of a camera that reads its rows one after the other, its middle row at `frame`.
   [[nodiscard]] View renderAt(int act, double frame) const;
+  [[nodiscard]] std::vector<float> inverseDepthAt(int act, double frame) const;
   [[nodiscard]] std::vector<float> blurredIntensity(int index, View& centre) const;
 
   SequenceOptions options_;

@@ -61,6 +61,7 @@ struct LaneEnergy {
 };
 
 /// Residuals of at most eight points, of which the first is number `i`.
+template <bool kRolling>
 DSORB_ALWAYS_INLINE void evaluateLanes(const AlignmentSetting& s,
                                        const PointArrays& points,
                                        const SampleArrays& samples,
@@ -79,7 +80,7 @@ DSORB_ALWAYS_INLINE void evaluateLanes(const AlignmentSetting& s,
   SampleArea<Lanes> area = {};
   MaskOf<Lanes> inside;
   LaneSamples seen;
-  warpPoint(s.target.warp, ray_x, ray_y, rho, p);
+  projectInto<kRolling>(s.target, ray_x, ray_y, rho, p);
   sampleArea(s.target.width, s.target.height, area);
   sampleTarget(s.target, area, p, seen, inside);
   const Lanes unclipped = s.target.gain * grey + s.target.offset;
@@ -144,6 +145,7 @@ AlignmentSetting makeSetting(const AlignmentLevel& level,
       reference.affine(), reference.frame().exposure(), state.affine, level.frame.exposure());
   AlignmentSetting s{};
   s.target = makeTargetImage(camera, state.T_frame_reference, transfer, image);
+  if (level.shutter) s.target.setShutter(*level.shutter);
   s.affine_b_reference = static_cast<float>(reference.affine().b);
   s.ceiling = level.ceiling;
   return s;
@@ -159,18 +161,36 @@ double scaledNorm(const Vector8d& step) {
 
 /// Residuals of `count` <= kAlignmentBlock points.
 /// r = I_frame(p') - min(gain I_reference + offset, ceiling), p' the projection of the point.
+template <bool kRolling>
+DSORB_ALWAYS_INLINE BlockEnergy evaluatePoints(const AlignmentSetting& setting,
+                                               const PointArrays& points,
+                                               const SampleArrays& samples,
+                                               std::size_t count) {
+  LaneEnergy sums;
+  const std::size_t whole = count / kLanes * kLanes;
+  for (std::size_t i = 0; i < whole; i += kLanes) {
+    evaluateLanes<kRolling>(setting, points, samples, {i, kLanes}, sums);
+  }
+  if (whole < count) {
+    evaluateLanes<kRolling>(setting, points, samples, {whole, count - whole}, sums);
+  }
+  return {sumLanes(sums.energy), sumOf(sums.used), sumOf(sums.saturated)};
+}
+
 DSORB_TARGET_CLONES
 BlockEnergy evaluateBlock(const AlignmentSetting& setting,
                           const PointArrays& points,
                           const SampleArrays& samples,
                           std::size_t count) {
-  LaneEnergy sums;
-  const std::size_t whole = count / kLanes * kLanes;
-  for (std::size_t i = 0; i < whole; i += kLanes) {
-    evaluateLanes(setting, points, samples, {i, kLanes}, sums);
-  }
-  if (whole < count) evaluateLanes(setting, points, samples, {whole, count - whole}, sums);
-  return {sumLanes(sums.energy), sumOf(sums.used), sumOf(sums.saturated)};
+  return evaluatePoints<false>(setting, points, samples, count);
+}
+
+DSORB_TARGET_CLONES
+BlockEnergy evaluateRollingBlock(const AlignmentSetting& setting,
+                                 const PointArrays& points,
+                                 const SampleArrays& samples,
+                                 std::size_t count) {
+  return evaluatePoints<true>(setting, points, samples, count);
 }
 
 }  // namespace
@@ -238,12 +258,13 @@ Evaluation PoseAlignment::evaluate(const AlignmentLevel& level,
   setting_ = makeSetting(level, state, camera_.atLevel(level.level));
   setting_.cutoff = static_cast<float>(cutoff);
   resize(points_->size());
+  const auto evaluate_points = setting_.target.rolling ? evaluateRollingBlock : evaluateBlock;
   forEachRange(block_energies_.size(), kBlocksPerTask, [&](std::size_t begin, std::size_t end) {
     for (std::size_t block = begin; block < end; ++block) {
       const std::size_t first = block * kAlignmentBlock;
       const std::size_t count = std::min(kAlignmentBlock, points_->size() - first);
       block_energies_[block] =
-          evaluateBlock(setting_, at(*points_, first), samplesFrom(first), count);
+          evaluate_points(setting_, at(*points_, first), samplesFrom(first), count);
     }
   });
   Evaluation sum;

@@ -15,6 +15,7 @@
 #include <array>
 #include <cstddef>
 #include <limits>
+#include <optional>
 #include <vector>
 
 namespace dsorb::track {
@@ -88,6 +89,7 @@ struct AlignmentLevel {
   int level = 0;
   /// At which the frame is clipped [grey levels].
   float ceiling = std::numeric_limits<float>::infinity();
+  std::optional<RollingShutter> shutter{};  ///< of the level of the frame
 };
 
 /// Energy of one state.

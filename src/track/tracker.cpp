@@ -39,6 +39,17 @@ void lower(LevelRmse& bounds, const LevelRmse& rmse) {
   }
 }
 
+/// By the motion from the frames before to the pose as far as it is known.
+std::optional<RollingShutter> shutterOf(const Frame& frame,
+                                        const AlignmentState& state,
+                                        const TrackingStart& known,
+                                        int level) {
+  if (!isRolling(frame)) return std::nullopt;
+  const RowMotion motion =
+      motionThrough({frame.timestamp(), state.T_frame_reference}, known.recent);
+  return makeRollingShutter(*frame.rowTimes(), motion, level);
+}
+
 }  // namespace
 
 /// What is known of the brightness, the most likely first: that of the previous frame, unless the
@@ -85,6 +96,7 @@ bool Tracker::isSupported(const AlignmentState& state,
 
 Tracker::Descent Tracker::descend(const Frame& frame,
                                   const AlignmentState& start,
+                                  const TrackingStart& known,
                                   const LevelRmse& bounds) {
   Descent descent;
   descent.state = start;
@@ -92,8 +104,10 @@ Tracker::Descent Tracker::descend(const Frame& frame,
   bool repeated = false;
   for (int level = reference_.levels() - 1; level >= 0; --level) {
     const auto l = static_cast<std::size_t>(level);
-    const LevelResult result =
-        alignment_.align({reference_, frame, level, ceiling_}, kMaxIterations[l], descent.state);
+    const LevelResult result = alignment_.align(
+        {reference_, frame, level, ceiling_, shutterOf(frame, descent.state, known, level)},
+        kMaxIterations[l],
+        descent.state);
     descent.rmse[l] = result.rmse;
     descent.saturated_fraction = result.saturated_fraction;
     descent.inside_fraction = result.inside_fraction;
@@ -120,7 +134,7 @@ void Tracker::search(const Frame& frame,
                      const AffineBrightness& affine,
                      TrackingResult& best) {
   for (const SE3& guess : start.guesses) {
-    Descent descent = descend(frame, {guess, affine}, best.rmse);
+    Descent descent = descend(frame, {guess, affine}, start, best.rmse);
     if (!isSupported(descent.state, frame, start)) descent.failure = TrackingFailure::kBrightness;
     ++best.hypotheses_tried;
     if (descent.failure == TrackingFailure::kNone && !(descent.rmse[0] >= best.rmse[0])) {

@@ -35,6 +35,9 @@ struct TrackingStart {
   /// Largest change of the log gain a since the previous frame that the grey levels need not show;
   /// a larger one they must show, but for this share [-].
   double max_gain_step = std::numeric_limits<double>::infinity();
+  /// T_frame_reference of the frames before, the nearest first: they tell the motion while the rows
+  /// of a rolling shutter are read.
+  std::vector<TimedPose> recent{};
 };
 
 enum class TrackingFailure {
@@ -80,10 +83,12 @@ class Tracker {
     alignment_.setCamera(camera);
   }
   /// @param samples inverse depths on pixels of `frame`
+  /// @param motion  of the frame while its rows are read; without a meaning for a global shutter
   void setReference(const FramePtr& frame,
                     const std::vector<DepthSample>& samples,
-                    const AffineBrightness& affine) {
-    reference_.set(frame, samples, affine);
+                    const AffineBrightness& affine,
+                    const RowMotion& motion = {}) {
+    reference_.set(frame, samples, affine, motion);
   }
   [[nodiscard]] const TrackingReference& reference() const { return reference_; }
 
@@ -102,6 +107,7 @@ class Tracker {
   };
   [[nodiscard]] Descent descend(const Frame& frame,
                                 const AlignmentState& start,
+                                const TrackingStart& known,
                                 const LevelRmse& bounds);
   /// All hypotheses of the pose, from one brightness.
   void search(const Frame& frame,

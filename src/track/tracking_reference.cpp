@@ -2,6 +2,7 @@
 #include "track/tracking_reference.h"
 
 #include "base/parallel.h"
+#include "estimate/rolling_shutter.h"
 #include "estimate/sampling.h"
 
 #include <algorithm>
@@ -140,8 +141,10 @@ TrackingReference::TrackingReference(const PinholeCamera& camera)
 
 void TrackingReference::set(const FramePtr& frame,
                             const std::vector<DepthSample>& samples,
-                            const AffineBrightness& affine) {
+                            const AffineBrightness& affine,
+                            const RowMotion& motion) {
   frame_ = frame;
+  motion_ = motion;
   affine_ = affine;
   const auto levels = static_cast<std::size_t>(frame->pyramid().levels());
   points_.resize(levels);
@@ -158,6 +161,23 @@ void TrackingReference::set(const FramePtr& frame,
           [&] {
             for (std::size_t l = 1; l < levels; ++l) listCoarse(static_cast<int>(l));
           });
+  if (!isRolling(*frame)) return;
+  for (std::size_t l = 0; l < levels; ++l) moveToMiddle(static_cast<int>(l));
+}
+
+void TrackingReference::moveToMiddle(int level) {
+  const PinholeCamera camera = camera_.atLevel(level);
+  const RollingShutter shutter = makeRollingShutter(*frame_->rowTimes(), motion_, level);
+  ReferencePoints& points = points_[static_cast<std::size_t>(level)];
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const Eigen::Vector2d seen = camera.project(
+        {static_cast<double>(points.ray_x[i]), static_cast<double>(points.ray_y[i]), 1});
+    const Eigen::Vector2f pixel =
+        pixelInMiddle(shutter, camera, seen.cast<float>(), points.inverse_depth[i]);
+    const Eigen::Vector3f ray = camera.unproject(pixel.cast<double>()).cast<float>();
+    points.ray_x[i] = ray.x();
+    points.ray_y[i] = ray.y();
+  }
 }
 
 void TrackingReference::sortIntoRows(const std::vector<DepthSample>& samples) {

@@ -5,6 +5,7 @@
 #include "dsorb/image/affine_brightness.h"
 #include "dsorb/image/frame.h"
 
+#include "geometry/row_motion.h"
 #include "image/photometric.h"
 
 #include <cstddef>
@@ -68,9 +69,11 @@ class TrackingReference {
   /// Replaces the previous content, keeping the buffers.
   /// @param samples pixels of `frame` with inverse depth; those outside the image or not positive
   ///        are ignored
+  /// @param motion  of the frame while its rows are read; without a meaning for a global shutter
   void set(const FramePtr& frame,
            const std::vector<DepthSample>& samples,
-           const AffineBrightness& affine);
+           const AffineBrightness& affine,
+           const RowMotion& motion = {});
 
   [[nodiscard]] const Frame& frame() const { return *frame_; }
   [[nodiscard]] bool empty() const { return frame_ == nullptr; }
@@ -84,10 +87,13 @@ class TrackingReference {
   void sortIntoRows(const std::vector<DepthSample>& samples);
   void listFinest();
   void listCoarse(int level);
+  /// Turns the rays of a level into those of the middle row.
+  void moveToMiddle(int level);
 
   PinholeCamera camera_;
   FramePtr frame_;
   AffineBrightness affine_;
+  RowMotion motion_;
   std::vector<ReferencePoints> points_;   // by level
   std::vector<DepthAccumulator> maps_;    // by level
   std::vector<DepthSample> sorted_;       // usable samples in raster order of their pixels

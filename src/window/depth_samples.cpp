@@ -26,6 +26,16 @@ std::optional<DepthSample> sampleOf(const WindowPoint& point, const EpipolarGeom
       p.hnormalized(), inverse_depth, std::sqrt(kWeightScale / (variance + kWeightOffset))};
 }
 
+/// Pixels at the time of the middle row to those that the image shows.
+void moveToRows(const Window& window, std::vector<DepthSample>& samples) {
+  const std::optional<RollingShutter> shutter = window.keyframes.back().shutter();
+  if (!shutter) return;
+  const PinholeCamera camera = window.camera();
+  for (DepthSample& sample : samples) {
+    sample.pixel = pixelInRow(*shutter, camera, sample.pixel, sample.inverse_depth);
+  }
+}
+
 }  // namespace
 
 std::vector<DepthSample> depthSamples(const Window& window, const WindowOptions& options) {
@@ -46,6 +56,7 @@ std::vector<DepthSample> depthSamples(const Window& window, const WindowOptions&
       if (sample) samples.push_back(*sample);
     }
   }
+  moveToRows(window, samples);
   return samples;
 }
 

@@ -202,6 +202,14 @@ DSORB_ALWAYS_INLINE ResidualSums linearizePoint(WindowPoint& point,
   return sum;
 }
 
+DSORB_ALWAYS_INLINE void prefetchPoint(const WindowPoint& point,
+                                       const ChunkContext& context,
+                                       const Chunk& chunk) {
+  for (const Observation& observation : point) {
+    prefetchPatch(point, context.pairs->rays(), context.pairs->at(chunk.host, observation.target));
+  }
+}
+
 /// Evaluates the residuals of a chunk: trial values of its observations, rows of its points, sums
 /// of its pairs. Chunks write to disjoint places.
 DSORB_TARGET_CLONES
@@ -212,6 +220,7 @@ void linearizeChunk(const ChunkContext& context, Chunk& chunk) {
   const float pull = context.options->depth_prior_pulls ? 1.0F : 0.0F;
   for (std::size_t i = chunk.begin; i < chunk.end; ++i) {
     WindowPoint& point = host.points[context.refs[i].point];
+    if (i + 1 < chunk.end) prefetchPoint(host.points[context.refs[i + 1].point], context, chunk);
     float* row = out.coupling.data() + i * out.stride;
     std::fill_n(row, out.stride, 0.0F);
     const ResidualSums depth = linearizePoint(point, context, row, chunk);
@@ -356,6 +365,27 @@ void NormalEquationsBuilder::build(Window& window,
     out.used += chunk.used;
   }
   stitch(pairs, out);
+}
+
+void evaluateNewest(Window& window,
+                    const PairTable& pairs,
+                    const std::vector<PointRef>& points,
+                    std::size_t chunks_per_task) {
+  const std::size_t newest = window.keyframes.size() - 1;
+  const auto evaluate_one = [&](const PointRef& ref) {
+    WindowPoint& point = window.keyframes[ref.keyframe].points[ref.point];
+    for (Observation& observation : point) {
+      if (observation.target != newest || observation.state == ResidualState::kOutOfBounds)
+        continue;
+      PatchSums patch;
+      const bool seen = evaluatePatch(point, pairs.rays(), pairs.at(ref.keyframe, newest), patch);
+      observation.trial_state = seen ? ResidualState::kIn : ResidualState::kOutOfBounds;
+      if (seen) observation.trial_raw = patch.energy;
+    }
+  };
+  forEachRange(points.size(), kChunk * chunks_per_task, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) evaluate_one(points[i]);
+  });
 }
 
 Eigen::VectorXd solvePreconditioned(const Eigen::MatrixXd& H, const Eigen::VectorXd& b) {

@@ -80,6 +80,15 @@ class NormalEquationsBuilder {
   std::vector<PairSums> pair_sums_;  // chunk by target
 };
 
+/// Evaluates the residuals of the newest keyframe alone and sets what its outlier threshold rests
+/// on: their trial states, kIn or kOutOfBounds, and raw energies.
+/// @param points         sorted by keyframe
+/// @param chunks_per_task of 128 points; 0 runs serially
+void evaluateNewest(Window& window,
+                    const PairTable& pairs,
+                    const std::vector<PointRef>& points,
+                    std::size_t chunks_per_task);
+
 /// Dense symmetric solve with diagonal preconditioning.
 /// @param H lower triangle
 /// @return x with H x = b

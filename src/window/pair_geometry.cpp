@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "window/pair_geometry.h"
 
+#include <optional>
+
 namespace dsorb::window {
 namespace {
 
@@ -45,7 +47,11 @@ void PairTable::refreshCurrent(const Window& window) {
   const PinholeCamera camera = window.camera();
   rays_ = HostRays(camera);
   std::vector<SE3> poses;
-  for (const Keyframe& keyframe : window.keyframes) poses.push_back(keyframe.T_cam_world());
+  std::vector<std::optional<RollingShutter>> shutters;
+  for (const Keyframe& keyframe : window.keyframes) {
+    poses.push_back(keyframe.T_cam_world());
+    shutters.push_back(keyframe.shutter());
+  }
   for (std::size_t host = 0; host < size_; ++host) {
     const Keyframe& from = window.keyframes[host];
     const SE3 T_world_host = poses[host].inverse();
@@ -57,6 +63,7 @@ void PairTable::refreshCurrent(const Window& window) {
       PairGeometry& pair = pairs_[host * size_ + target];
       pair.current =
           makeTargetImage(camera, poses[target] * T_world_host, transfer, to.frame->level(0));
+      if (shutters[target]) pair.current.setShutter(*shutters[target]);
       pair.first.setCamera(camera);
     }
   }

@@ -33,14 +33,13 @@ void addCameraRows(float ray_x,
   geometry.y[kLaneCamera + 3] = kScale * (1 + yy);
 }
 
-}  // namespace
-
-DSORB_TARGET_CLONES bool evaluatePatch(const WindowPoint& point,
-                                       const HostRays& rays,
-                                       const PairGeometry& pair,
-                                       PatchSums& sums) {
+template <bool kRolling>
+DSORB_ALWAYS_INLINE bool sumPatch(const WindowPoint& point,
+                                  const HostRays& rays,
+                                  const PairGeometry& pair,
+                                  PatchSums& sums) {
   WarpedPattern pattern;
-  warpPattern(pair.current, rays, point.patch.pixel, point.inverse_depth, pattern);
+  warpPattern<kRolling>(pair.current, rays, point.patch.pixel, point.inverse_depth, pattern);
   if (!inAllLanes(pattern.inside)) return false;
   const LaneSamples& seen = pattern.seen;
   Lanes host;
@@ -93,6 +92,30 @@ DSORB_TARGET_CLONES bool evaluatePatch(const WindowPoint& point,
   sums.ar = totals[6];
   sums.br = totals[7];
   return true;
+}
+
+DSORB_TARGET_CLONES bool sumGlobalPatch(const WindowPoint& point,
+                                        const HostRays& rays,
+                                        const PairGeometry& pair,
+                                        PatchSums& sums) {
+  return sumPatch<false>(point, rays, pair, sums);
+}
+
+DSORB_TARGET_CLONES bool sumRollingPatch(const WindowPoint& point,
+                                         const HostRays& rays,
+                                         const PairGeometry& pair,
+                                         PatchSums& sums) {
+  return sumPatch<true>(point, rays, pair, sums);
+}
+
+}  // namespace
+
+bool evaluatePatch(const WindowPoint& point,
+                   const HostRays& rays,
+                   const PairGeometry& pair,
+                   PatchSums& sums) {
+  return pair.current.rolling ? sumRollingPatch(point, rays, pair, sums)
+                              : sumGlobalPatch(point, rays, pair, sums);
 }
 
 bool evaluateGeometry(const WindowPoint& point,

@@ -20,6 +20,7 @@ using depth::DepthFit;
 
 constexpr int kMapLevel = 1;        // pyramid level of the distance map
 constexpr double kMaxDistance = 4;  // between points at most [px of half resolution]; DSO
+constexpr double kMaxScale = 4;     // of the pixel selector, widens the distance
 
 /// Candidate of a keyframe with the decision about it.
 struct Pending {
@@ -126,16 +127,17 @@ void refineCandidates(Window& window,
                       const TrackedFrame& tracked,
                       const DepthOptions& options,
                       std::size_t grain) {
+  placePoints(window);
   for (Keyframe& keyframe : window.keyframes) {
     if (keyframe.candidates.empty()) continue;
     const SE3 T_frame_host = tracked.T_cam_world * keyframe.T_cam_world().inverse();
     const BrightnessTransfer transfer = brightnessTransfer(
         keyframe.affine(), keyframe.frame->exposure(), tracked.affine, tracked.frame->exposure());
-    depth::searchEpipolarLines(keyframe.candidates,
-                               depth::EpipolarPair(window.camera(), T_frame_host, transfer),
-                               tracked.frame->level(0),
-                               options,
-                               grain);
+    depth::EpipolarPair pair(window.camera(), T_frame_host, transfer);
+    if (isRolling(*tracked.frame)) {
+      pair.shutter = makeRollingShutter(*tracked.frame->rowTimes(), tracked.motion);
+    }
+    depth::searchEpipolarLines(keyframe.candidates, pair, tracked.frame->level(0), options, grain);
   }
 }
 
@@ -145,12 +147,14 @@ ActivationReport activateCandidates(Window& window,
                                     std::size_t grain) {
   ActivationReport report;
   if (window.keyframes.size() < 2) return report;
+  placePoints(window);
   window.activation_distance = depth::adaptDistance(window.activation_distance,
                                                     static_cast<int>(window.numPoints()),
                                                     window_options.desired_points,
                                                     kMaxDistance);
   const PinholeCamera map_camera = window.first_camera.atLevel(kMapLevel);
-  depth::DistanceMap map(map_camera.width, map_camera.height);
+  const auto reach = static_cast<int>(std::ceil(kMaxScale * window.activation_distance));
+  depth::DistanceMap map(map_camera.width, map_camera.height, reach);
   fillMap(window, map);
   std::vector<std::pair<CandidateVerdict, Pending>> chosen;
   const PairTable pairs(window);

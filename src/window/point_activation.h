@@ -18,6 +18,7 @@ struct TrackedFrame {
   FramePtr frame;
   SE3 T_cam_world;
   AffineBrightness affine;
+  RowMotion motion{};  ///< while its rows are read
 };
 
 /// Searches all candidates of all keyframes in a tracked frame.

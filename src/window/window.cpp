@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "window/window.h"
 
+#include <algorithm>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -64,6 +65,11 @@ AffineBrightness Keyframe::affine() const {
 
 AffineBrightness Keyframe::firstAffine() const {
   return affineOf(first);
+}
+
+std::optional<RollingShutter> Keyframe::shutter() const {
+  if (!isRolling(*frame)) return std::nullopt;
+  return makeRollingShutter(*frame->rowTimes(), motion);
 }
 
 void Keyframe::moveFirstEstimate() {
@@ -134,6 +140,27 @@ Keyframe& addKeyframe(Window& window,
   enlarge(window.prior);
   window.keyframes.push_back(std::move(added));
   return window.keyframes.back();
+}
+
+void placePoints(Window& window) {
+  if (window.keyframes.empty() || !isRolling(*window.keyframes.front().frame)) return;
+  float sum = 0;
+  for (const Keyframe& keyframe : window.keyframes) {
+    for (const WindowPoint& point : keyframe.points) sum += point.inverse_depth;
+  }
+  const float mean = sum / static_cast<float>(std::max<std::size_t>(window.numPoints(), 1));
+  const PinholeCamera camera = window.camera();
+  for (Keyframe& keyframe : window.keyframes) {
+    const std::optional<RollingShutter> shutter = keyframe.shutter();
+    if (!shutter) continue;
+    const auto place = [&](float inverse_depth, HostPatch& patch) {
+      patch.pixel = pixelInMiddle(*shutter, camera, patch.seen, inverse_depth);
+    };
+    for (WindowPoint& point : keyframe.points) place(point.inverse_depth, point.patch);
+    for (depth::CandidatePoint& candidate : keyframe.candidates) {
+      place(candidate.hasDepth() ? candidate.middle() : mean, candidate.patch);
+    }
+  }
 }
 
 WindowPoint* addPoint(Window& window,

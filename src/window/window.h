@@ -9,6 +9,8 @@
 #include "dsorb/options/window.h"
 
 #include "depth/candidate_point.h"
+#include "estimate/rolling_shutter.h"
+#include "geometry/row_motion.h"
 #include "image/pixel_selector.h"
 
 #include <Eigen/Core>
@@ -105,6 +107,7 @@ struct WindowPoint {
 struct Keyframe {
   KeyframeId id;
   FramePtr frame;
+  RowMotion motion;  ///< while its rows are read; without a meaning for a global shutter
   SE3 T_cam_world_first;
   Vector8d first = Vector8d::Zero();  ///< pose part zero by construction
   Vector8d state = Vector8d::Zero();
@@ -119,6 +122,8 @@ struct Keyframe {
   [[nodiscard]] SE3 T_cam_world() const;
   [[nodiscard]] AffineBrightness affine() const;
   [[nodiscard]] AffineBrightness firstAffine() const;
+  /// Nothing for a global shutter.
+  [[nodiscard]] std::optional<RollingShutter> shutter() const;
   /// Takes the current estimate as the value at which Jacobians are taken.
   void moveFirstEstimate();
 };
@@ -165,6 +170,10 @@ Keyframe& addKeyframe(Window& window,
                       const SE3& T_cam_world,
                       const AffineBrightness& affine,
                       const WindowOptions& options);
+
+/// Moves the points and candidates of rolling shutters to where a global one would have seen them
+/// at their present inverse depths; a candidate without one takes the mean of the points.
+void placePoints(Window& window);
 
 /// Appends a point without residuals.
 /// @param prior_information of the inverse depth; 0 where nothing is known [grey levels^2 unit^2]

@@ -2,7 +2,7 @@
 #include "window/window_optimizer.h"
 
 #include "estimate/levenberg_marquardt.h"
-#include "geometry/symmetric_eigen.h"
+#include "window/window_step.h"
 
 #include <algorithm>
 #include <cmath>
@@ -23,7 +23,6 @@ constexpr int kMaxIterationsSmall = 15;  // while the window is small. @source D
 constexpr int kNullSpaceFrom =
     2;  // first iteration whose step has gauge motion removed; as published
 constexpr FactorDamping kDamping{1e-5, 0.25, 100, 0, 1e-2};  // @source DSO as published
-constexpr double kSingularCutOff = 1e-5;                     // relative, of gauge directions
 constexpr int kMaxUndone = 3;  // steps undone in one adjustment; then the iteration ends
 
 // Limits of a step that ends the iteration, scaled units: a, b, rotation, translation times mean
@@ -101,76 +100,6 @@ void closePoint(WindowPoint& point,
 
 }  // namespace
 
-StatePrior statePrior(const Window& window, const WindowOptions& options) {
-  StatePrior prior{VectorXd::Zero(window.dimension()), VectorXd::Zero(window.dimension()), 0};
-  VectorXd value(window.dimension());
-  value.head<kCameraDim>() = window.camera_state;
-  if (options.optimizer.optimize_intrinsics) {
-    prior.information.head<kCameraDim>().setConstant(options.prior.intrinsics);
-  }
-  Index at = kCameraDim;
-  for (const Keyframe& keyframe : window.keyframes) {
-    prior.information.segment<kFrameDim>(at) = keyframe.prior;
-    value.segment<kFrameDim>(at) = keyframe.state;
-    at += kFrameDim;
-  }
-  prior.gradient = prior.information.cwiseProduct(value);
-  prior.energy = prior.gradient.dot(value);
-  return prior;
-}
-
-MatrixXd gaugeDirections(const Window& window) {
-  MatrixXd directions = MatrixXd::Zero(window.dimension(), 7);
-  const Eigen::Matrix<double, 6, 1> to_scaled = frameScale().head<6>().cwiseInverse();
-  Index at = kCameraDim;
-  for (const Keyframe& keyframe : window.keyframes) {
-    const SE3& T = keyframe.T_cam_world_first;
-    directions.block<6, 6>(at, 0) = to_scaled.asDiagonal() * T.adjoint();
-    directions.block<3, 1>(at, 6) = to_scaled.head<3>().cwiseProduct(T.translation());
-    at += kFrameDim;
-  }
-  for (Index i = 0; i < directions.cols(); ++i) {
-    const double norm = directions.col(i).norm();
-    if (norm > 0) directions.col(i) /= norm;
-  }
-  return directions;
-}
-
-VectorXd withoutGauge(const VectorXd& step, const MatrixXd& directions) {
-  const Eigen::Matrix<double, 7, 7> gram = directions.transpose() * directions;
-  const SymmetricEigen eigen = symmetricEigen(gram);
-  const double cut_off = kSingularCutOff * kSingularCutOff * eigen.values[6];
-  VectorXd result = step;
-  for (Index i = 0; i < 7; ++i) {
-    const double eigenvalue = eigen.values[i];
-    if (!(eigenvalue > cut_off)) continue;
-    const VectorXd direction = directions * eigen.vectors.col(i) / std::sqrt(eigenvalue);
-    result -= direction * direction.dot(step);
-  }
-  return result;
-}
-
-VectorXd solveStep(const Window& window,
-                   const WindowEquations& equations,
-                   const WindowOptions& options,
-                   double damping,
-                   WindowElimination& elimination) {
-  const StatePrior prior = statePrior(window, options);
-  MatrixXd H = equations.H + window.prior.H;
-  H.diagonal() += prior.information;
-  H.diagonal() *= 1 + damping;
-  VectorXd b = equations.b + prior.gradient + window.prior.b + window.prior.H * window.deviation();
-  elimination.damp(equations, damping);
-  elimination.eliminate(equations, H, b);
-  if (!options.optimizer.optimize_intrinsics) {
-    H.topRows<kCameraDim>().setZero();
-    H.leftCols<kCameraDim>().setZero();
-    H.topLeftCorner<kCameraDim, kCameraDim>().setIdentity();
-    b.head<kCameraDim>().setZero();
-  }
-  return -solvePreconditioned(H, b);
-}
-
 void adaptNewestThreshold(Window& window) {
   const std::size_t newest = window.keyframes.size() - 1;
   std::vector<float> energies;
@@ -214,9 +143,9 @@ class WindowOptimizer::Adjustment {
         points_(allPoints(window)),
         gauge_(gaugeDirections(window)) {
     resetResiduals(window_);
+    if (options_.fixed_thresholds) adaptThreshold();
     energy_ = evaluate(memory_.current_);
-    adaptNewestThreshold(window_);
-    if (options_.fixed_thresholds) energy_ = evaluate(memory_.current_);
+    if (!options_.fixed_thresholds) adaptNewestThreshold(window_);
     commit(window_);
     report_.first_energy = energy_;
     report_.finite = std::isfinite(energy_);
@@ -268,10 +197,17 @@ class WindowOptimizer::Adjustment {
 
  private:
   double evaluate(WindowEquations& equations) {
+    placePoints(window_);
     pairs_.refreshCurrent(window_);
     memory_.builder_.build(window_, pairs_, points_, memory_.linearize_, equations);
     return equations.energy + equations.depth_prior_energy + marginalEnergy(window_) +
            statePrior(window_, memory_.options_).energy;
+  }
+  /// The newest keyframe's threshold by its residuals at the state for which pairs_ was made.
+  void adaptThreshold() {
+    placePoints(window_);
+    evaluateNewest(window_, pairs_, points_, memory_.linearize_.chunks_per_task);
+    adaptNewestThreshold(window_);
   }
   WindowPoint& at(std::size_t i) {
     return window_.keyframes[points_[i].keyframe].points[points_[i].point];
@@ -366,9 +302,13 @@ OptimizationReport WindowOptimizer::Adjustment::finish() {
   report_.rms = std::sqrt(last.energy / (kPatternSize * std::max(1, last.used)));
   moveFirstEstimates(window_);
   pairs_ = PairTable(window_);
-  evaluate(memory_.trial_);
-  commit(window_);
-  adaptNewestThreshold(window_);
+  if (options_.fixed_thresholds) {
+    adaptThreshold();
+  } else {
+    evaluate(memory_.trial_);
+    commit(window_);
+    adaptNewestThreshold(window_);
+  }
   for (std::size_t host = 0; host < window_.keyframes.size(); ++host) {
     for (WindowPoint& point : window_.keyframes[host].points) {
       closePoint(point, window_, pairs_, host);

@@ -6,8 +6,6 @@
 #include "window/normal_equations.h"
 #include "window/window.h"
 
-#include <Eigen/Core>
-
 #include <cstddef>
 
 namespace dsorb::window {
@@ -23,32 +21,6 @@ struct OptimizationReport {
   double last_energy = 0;
   double rms = 0;  ///< of a used residual's pixel [grey levels]
 };
-
-/// Diagonal priors of frames and intrinsics at the current state.
-struct StatePrior {
-  Eigen::VectorXd information;  ///< scaled units
-  Eigen::VectorXd gradient;
-  double energy = 0;
-};
-[[nodiscard]] StatePrior statePrior(const Window& window, const WindowOptions& options);
-
-/// Columns: the six motions of the whole world and its scale, as changes of all frames' first
-/// estimates (intrinsics: zero), each of unit length.
-/// @return dimension x 7
-[[nodiscard]] Eigen::MatrixXd gaugeDirections(const Window& window);
-
-/// Projects a step onto the complement of motions and scale of the whole world.
-[[nodiscard]] Eigen::VectorXd withoutGauge(const Eigen::VectorXd& step,
-                                           const Eigen::MatrixXd& directions);
-
-/// Step of frames and intrinsics that minimises the linearised energy, priors included.
-/// @param damping     relative increase of all diagonals
-/// @param elimination afterwards gives the steps of the inverse depths
-[[nodiscard]] Eigen::VectorXd solveStep(const Window& window,
-                                        const WindowEquations& equations,
-                                        const WindowOptions& options,
-                                        double damping,
-                                        WindowElimination& elimination);
 
 /// Adapts the outlier threshold of the newest keyframe to its residuals.
 /// @source DSO as published: the mean of a constant and 1.5 times the root of the 70 % quantile

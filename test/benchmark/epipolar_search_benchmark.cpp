@@ -84,7 +84,7 @@ void BM_DistanceMap(benchmark::State& state) {
                        1 + static_cast<int>(random.below(238)));
   }
   for (auto _ : state) {
-    DistanceMap map(320, 240);
+    DistanceMap map(320, 240, 16);
     map.add(seeds);
     benchmark::DoNotOptimize(map.at(5, 5));
   }

@@ -2,6 +2,7 @@
 #include "support/window_scene.h"
 #include "window/normal_equations.h"
 #include "window/window_optimizer.h"
+#include "window/window_step.h"
 
 #include <benchmark/benchmark.h>
 

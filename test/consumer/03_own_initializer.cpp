@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Odometry started by somebody's own initializer, here one that is told the truth.
+// Odometry started by somebody's own initializer, here one that is told the truth. It is known by
+// its name: where a library brings it, `dso_dataset --initializer=known-start` and YAML find it
+// too.
 #include "images.h"
 
+#include <dsorb/init/registry.h>
 #include <dsorb/odometry/odometry.h>
 
 #include <cstdio>
@@ -57,11 +60,17 @@ class KnownStart : public dsorb::Initializer {
   std::vector<dsorb::PosedFrame> frames_;
 };
 
+const dsorb::RegisteredInitializer kKnownStart("known-start", [](const auto&, const auto& camera) {
+  return std::make_unique<KnownStart>(camera);
+});
+
 }  // namespace
 
 int main() {
   const dsorb::PinholeCamera camera{kFocal, kFocal, kWidth / 2.0, kHeight / 2.0, kWidth, kHeight};
-  dsorb::Odometry odometry(camera, dsorb::OdometryOptions(), std::make_unique<KnownStart>(camera));
+  dsorb::OdometryOptions options;
+  options.initializer = dsorb::initializerVariant("known-start");
+  dsorb::Odometry odometry(camera, options);
   Eigen::Vector3d t(0, 0, 0);
   for (int i = 0; i < 10; ++i) {
     const auto pixels = grabImage(i);

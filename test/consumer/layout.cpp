@@ -16,7 +16,7 @@ constexpr bool kSame =
     hasLayout<dsorb::SE3, 56, 8>() && hasLayout<dsorb::Vector6d, 48, 8>() &&
     hasLayout<dsorb::Matrix6d, 288, 8>() && hasLayout<dsorb::PinholeCamera, 40, 8>() &&
     hasLayout<dsorb::PosedFrame, 392, 8>() && hasLayout<dsorb::InitPoint, 24, 4>() &&
-    hasLayout<dsorb::InitializationResult, 672, 8>() && hasLayout<dsorb::InitStep, 688, 8>() &&
+    hasLayout<dsorb::InitializationResult, 736, 8>() && hasLayout<dsorb::InitStep, 752, 8>() &&
     hasLayout<dsorb::MapPoint, 20, 4>() && hasLayout<dsorb::FrameEstimate, 200, 8>() &&
     hasLayout<dsorb::KeyframeSnapshot, 160, 8>();
 

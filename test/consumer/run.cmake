@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Installs the build to a fresh prefix, then configures, builds and runs the outside project against it; at last
 # configures one that takes the sources in.
-#   cmake -DBUILD_DIR=... -DSOURCE_DIR=... -DWORK_DIR=... -DCOMPONENTS=... -P run.cmake
+#   cmake -DBUILD_DIR=... -DSOURCE_DIR=... -DWORK_DIR=... -DCOMPONENTS=... -DCXX=... -P run.cmake
 function(run)
   execute_process(COMMAND ${ARGV} RESULT_VARIABLE result OUTPUT_VARIABLE output ERROR_VARIABLE output)
   if(NOT result EQUAL 0)
@@ -13,15 +13,30 @@ file(REMOVE_RECURSE ${WORK_DIR})
 run(${CMAKE_COMMAND} --install ${BUILD_DIR} --prefix ${WORK_DIR}/prefix)
 function(build_and_run folder flags)
   run(${CMAKE_COMMAND} -S ${SOURCE_DIR} -B ${WORK_DIR}/${folder} -DCMAKE_PREFIX_PATH=${WORK_DIR}/prefix
-      -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_FLAGS=${flags} -DCONSUMER_COMPONENTS=${COMPONENTS})
-  run(${CMAKE_COMMAND} --build ${WORK_DIR}/${folder})
+      -DCMAKE_BUILD_TYPE=Release -DCMAKE_C_FLAGS=${flags} -DCMAKE_CXX_FLAGS=${flags} -DCONSUMER_COMPONENTS=${COMPONENTS} ${ARGN})
+  run(${CMAKE_COMMAND} --build ${WORK_DIR}/${folder} --parallel 2)
   run(${CMAKE_CTEST_COMMAND} --test-dir ${WORK_DIR}/${folder} --output-on-failure)
 endfunction()
 
 build_and_run(build "")
+
+# The same first example by pkg-config alone.
+find_program(pkg_config pkg-config REQUIRED)
+file(GLOB_RECURSE package_file ${WORK_DIR}/prefix/*/dsorb-init.pc)
+if(package_file)
+  get_filename_component(package_folder ${package_file} DIRECTORY)
+  set(ENV{PKG_CONFIG_PATH} ${package_folder})
+  execute_process(COMMAND ${pkg_config} --cflags --libs dsorb-init OUTPUT_VARIABLE flags COMMAND_ERROR_IS_FATAL ANY
+                  OUTPUT_STRIP_TRAILING_WHITESPACE)
+  separate_arguments(flags UNIX_COMMAND "${flags}")
+  get_filename_component(library_folder ${package_folder} DIRECTORY)
+  run(${CXX} -std=c++17 -O1 ${SOURCE_DIR}/01_initialize_from_images.cpp -o ${WORK_DIR}/by_pkg_config ${flags}
+      -Wl,-rpath,${library_folder})
+  run(${WORK_DIR}/by_pkg_config)
+endif()
 file(STRINGS /proc/cpuinfo processor REGEX "^flags.* avx2 .*" LIMIT_COUNT 1)
 if(processor MATCHES fma) # Eigen aligns to 32 bytes there, in the library to 16
-  build_and_run(haswell "-march=haswell -fsanitize=address -fno-omit-frame-pointer")
+  build_and_run(haswell "-march=haswell -fsanitize=address -fno-omit-frame-pointer" -DCONSUMER_INTEGRATION=OFF)
 else()
   message(STATUS "SKIPPED: this processor cannot run programs for -march=haswell")
 endif()

@@ -2,10 +2,10 @@
 #include "fuzz/parsers.h"
 
 #include "dsorb/error.h"
+#include "dsorb/io/calibration_reader.h"
 #include "dsorb/io/config.h"
 
 #include "camera/calibration_check.h"
-#include "io/calibration_reader.h"
 #include "io/dataset.h"
 #include "io/image_decoder.h"
 #include "io/image_store.h"
@@ -83,14 +83,19 @@ void readLensOf(const fs::path& file) {
   }
 }
 
-/// camera.txt of DSO and calib.txt of KITTI.
+/// camera.txt of DSO, calib.txt of KITTI and cameras.txt of COLMAP.
 void calibration(const std::uint8_t* bytes, std::size_t size) {
   readLensOf(fileOf(bytes, size, "camera.txt"));
 }
 
-/// sensor.yaml of EuRoC and camchain.yaml of Kalibr.
+/// sensor.yaml of EuRoC, camchain.yaml of Kalibr, camera_info of ROS, YAML of OpenCV.
 void calibrationYaml(const std::uint8_t* bytes, std::size_t size) {
   readLensOf(fileOf(bytes, size, "sensor.yaml"));
+}
+
+/// XML of OpenCV.
+void calibrationXml(const std::uint8_t* bytes, std::size_t size) {
+  readLensOf(fileOf(bytes, size, "camera.xml"));
 }
 
 void response(const std::uint8_t* bytes, std::size_t size) {
@@ -141,6 +146,7 @@ void image(const std::uint8_t* bytes, std::size_t size) {
 const std::vector<Parser>& parsers() {
   static const std::vector<Parser> kParsers = {{"calibration", calibration},
                                                {"calibration_yaml", calibrationYaml},
+                                               {"calibration_xml", calibrationXml},
                                                {"response", response},
                                                {"times", times},
                                                {"lists", lists},

@@ -85,13 +85,16 @@ class FakeRun {
     finishFrame(fed_.back(), OdometryState::kInitializing);
   }
 
+  /// A start that the window refuses.
+  void refused(int index, const StartChange& change) {
+    addResult(index);
+    writer.onStartRefused({fed_.back()->id(), segment, RefusalReason::kDepth, change});
+    finishFrame(fed_.back(), OdometryState::kInitializing);
+    fed_.clear();
+  }
+
   void initialized(int index) {
-    fed_.push_back(makeFrame(index));
-    InitStep step;
-    step.status = InitStatus::kInitialized;
-    step.reason = InitReason::kDone;
-    step.result = makeResult(fed_);
-    writer.onInitStep(step, *fed_.back(), segment);
+    addResult(index);
     reference_ = fed_.front();
     keyframe(SE3());
     FrameEstimate estimate = posed(fed_.back(), OdometryState::kInitialized);
@@ -136,6 +139,14 @@ class FakeRun {
   int segment = 0;
 
  private:
+  void addResult(int index) {
+    fed_.push_back(makeFrame(index));
+    InitStep step;
+    step.status = InitStatus::kInitialized;
+    step.reason = InitReason::kDone;
+    step.result = makeResult(fed_);
+    writer.onInitStep(step, *fed_.back(), segment);
+  }
   FrameEstimate posed(const FramePtr& frame, OdometryState state) const {
     FrameEstimate estimate;
     estimate.frame = frame;

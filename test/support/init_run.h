@@ -159,7 +159,7 @@ inline std::vector<double> scoresOf(const InitReport& report) {
   }
   if (const auto& essential = report.essential) {
     scores.insert(scores.end(),
-                  {essential->gate.fitted_sigma_deg,
+                  {essential->gate.wrong_probability,
                    essential->track_noise,
                    essential->refinement.last_rms,
                    essential->variance_factor,

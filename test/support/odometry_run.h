@@ -113,9 +113,9 @@ class Recorder : public OdometryObserver {
   void onKeyframeRetired(const KeyframeSnapshot& keyframe) override {
     events.push_back("retired " + std::to_string(keyframe.id.value));
   }
-  void onInitializationRollback(const InitializationRollback& rollback) override {
-    events.push_back("rolled back " + std::to_string(rollback.segment));
-    rollbacks.push_back(rollback);
+  void onStartRefused(const StartRefusal& refusal) override {
+    events.push_back("refused " + std::to_string(refusal.segment));
+    refusals.push_back(refusal);
   }
   void onLost(FrameId frame, int segment) override {
     events.push_back("lost at " + std::to_string(frame.value) + " in " + std::to_string(segment));
@@ -126,7 +126,7 @@ class Recorder : public OdometryObserver {
   std::map<int, InitializationResult> starts;  ///< the last one of each segment
   std::vector<FrameEstimate> estimates;
   std::vector<KeyframeSnapshot> keyframes;
-  std::vector<InitializationRollback> rollbacks;
+  std::vector<StartRefusal> refusals;
   std::set<int> ids;  ///< of the keyframes
 };
 
@@ -146,7 +146,6 @@ inline void feed(Odometry& odometry, const World& world, int begin, int end) {
 class FinalTrajectory : public OdometryObserver {
  public:
   void onInitStep(const InitStep& step, const Frame& /*frame*/, int /*segment*/) override {
-    if (!frames_.empty()) ++rollbacks;
     frames_.clear();
     anchors_.clear();
     if (!step.result) return;
@@ -194,7 +193,6 @@ class FinalTrajectory : public OdometryObserver {
     return std::sqrt(errors.colwise().squaredNorm().mean()) / way;
   }
 
-  int rollbacks = 0;
   int losses = 0;
   int retired = 0;
   std::size_t points = 0;  ///< of retired keyframes

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/error.h"
 #include "dsorb/io/sequence_reader.h"
 
 #include "support/image_folder.h"
@@ -37,6 +38,26 @@ inline std::vector<SequenceFrame> readAll(SequenceReader& reader) {
   std::vector<SequenceFrame> frames;
   while (auto frame = reader.next()) frames.push_back(std::move(*frame));
   return frames;
+}
+
+/// Indices of the images that are read.
+inline std::vector<int> indicesOf(const SequenceOptions& options) {
+  SequenceReader reader(options);
+  std::vector<int> indices;
+  for (const SequenceFrame& frame : readAll(reader)) indices.push_back(frame.index);
+  EXPECT_EQ(static_cast<int>(indices.size()), reader.selected());
+  return indices;
+}
+
+/// Message of the IoError that reading to the end throws.
+inline std::string readingComplaint(const SequenceOptions& options) {
+  try {
+    SequenceReader reader(options);
+    (void)readAll(reader);
+  } catch (const IoError& error) {
+    return error.what();
+  }
+  return "nothing was thrown";
 }
 
 /// Message of the exception that opening a data set throws.

@@ -107,10 +107,11 @@ TEST_F(DatasetFailures, InterruptEndsALoadThatWaits) {
   const int writer = open(pipe.c_str(), O_RDWR);  // somebody who never writes
   using Clock = std::chrono::steady_clock;
   const Clock::time_point begin = Clock::now();
-  const auto later = [&begin] { return Clock::now() - begin > std::chrono::milliseconds(500); };
+  // A busy machine takes up to a second to load the libraries, before there is a signal handler.
+  const auto later = [&begin] { return Clock::now() - begin > std::chrono::seconds(2); };
   const ProgramResult result =
       run({room_.string(), "--output", out().string(), "--calib", pipe.string()}, later);
-  EXPECT_LT(std::chrono::duration<double>(Clock::now() - begin).count(), 4) << "one expected";
+  EXPECT_LT(std::chrono::duration<double>(Clock::now() - begin).count(), 5.5) << "three expected";
   close(writer);
   EXPECT_EQ(result.exit_code, 3);
   EXPECT_EQ(runJson()["status"], "interrupted");

@@ -43,7 +43,7 @@ class EndedRuns : public DsoDataset {
       } else if (path.extension() == ".ply") {
         expectWholePly(text);
       } else if (path.extension() == ".csv") {
-        expectLinesOf(7, ',', path, text);
+        expectLinesOf(8, ',', path, text);
       } else if (path.extension() == ".txt") {
         expectLinesOf(path.stem() == "trajectory_kitti" ? 12 : 8, ' ', path, text);
       }
@@ -67,7 +67,7 @@ class EndedRuns : public DsoDataset {
     ASSERT_THAT(text, HasSubstr(count));
     ASSERT_THAT(text, HasSubstr(end));
     const std::size_t body = text.size() - text.find(end) - end.size();
-    constexpr std::size_t kVertexBytes = 23;
+    constexpr std::size_t kVertexBytes = 27;
     EXPECT_EQ(body, kVertexBytes * std::stoul(text.substr(text.find(count) + count.size())));
   }
 };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/calibration_reader.h"
+#include "dsorb/io/calibration_reader.h"
 
 #include "dsorb/error.h"
 
@@ -186,6 +186,25 @@ TEST_F(CalibrationReaderTest, KittiLineBelongsToTheImageFolder) {
       AllOf(HasSubstr("calib.txt:1"), HasSubstr("positive")));
 }
 
+TEST_F(CalibrationReaderTest, LastLineMaySayHowLongTheRowsTake) {
+  EXPECT_EQ(camera("Pinhole 528 529 325.3 236.6 0\n640 480\n").lens.readout, 0);
+  const Calibration full =
+      camera(std::string("Pinhole 528 529 325.3 236.6 0") + kTail + "readout 25\n");
+  EXPECT_DOUBLE_EQ(full.lens.readout, 0.025);
+  EXPECT_FALSE(full.lens.columns);
+  EXPECT_EQ(full.rectification.mode, RectificationMode::kCrop);
+  const Calibration brief =
+      camera("Pinhole 528 529 325.3 236.6 0\n640 480\nreadout -17.5 columns\n");
+  EXPECT_DOUBLE_EQ(brief.lens.readout, -0.0175);
+  EXPECT_TRUE(brief.lens.columns);
+  EXPECT_EQ(brief.rectification.mode, RectificationMode::kNone);
+  for (const char* wrong : {"readout", "readout x", "readout 25 rows", "readout 2000"}) {
+    EXPECT_THAT(cameraComplaint(std::string("Pinhole 528 529 325.3 236.6 0") + kTail + wrong),
+                AllOf(HasSubstr("camera.txt:5"), HasSubstr("readout MILLISECONDS")))
+        << wrong;
+  }
+}
+
 constexpr const char* kSensor =
     "sensor_type: camera\nresolution: [752, 480]\ncamera_model: pinhole\n"
     "intrinsics: [458.6, 457.3, 367.2, 248.4]\ndistortion_model: radial-tangential\n"
@@ -216,6 +235,14 @@ TEST_F(CalibrationReaderTest, KalibrChainIsUnderstood) {
       "  resolution: [512, 512]\n"));
   EXPECT_EQ(c.lens.model, LensModel::kEquidistant);
   EXPECT_EQ(c.lens.coefficients[2], -0.002);
+}
+
+TEST_F(CalibrationReaderTest, YamlMaySayHowLongTheRowsTake) {
+  EXPECT_EQ(readCalibration(write("sensor.yaml", kSensor)).lens.readout, 0);
+  const std::string rolling = std::string(kSensor) + "readout_ms: 25\n";
+  EXPECT_DOUBLE_EQ(readCalibration(write("sensor.yaml", rolling)).lens.readout, 0.025);
+  EXPECT_THAT(yamlComplaint(std::string(kSensor) + "readout_ms: fast\n"),
+              AllOf(HasSubstr("sensor.yaml:7"), HasSubstr("readout_ms: milliseconds")));
 }
 
 TEST_F(CalibrationReaderTest, YamlComplaintsNameLineAndKey) {

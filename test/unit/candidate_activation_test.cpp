@@ -11,9 +11,11 @@
 namespace dsorb::depth {
 namespace {
 
+constexpr int kReach = 39;
+
 /// Smallest number of alternating steps (8 neighbours first) that covers an offset.
 int stepsFor(int dx, int dy) {
-  for (int k = 0; k <= DistanceMap::kGrowthSteps; ++k) {
+  for (int k = 0; k <= kReach; ++k) {
     const int diagonal = (k + 1) / 2;
     const int straight = k / 2;
     const int rest = std::max(std::abs(dx) - diagonal, 0) + std::max(std::abs(dy) - diagonal, 0);
@@ -31,7 +33,7 @@ TEST(DistanceMapTest, EqualsTheBruteForceDistance) {
     seeds.emplace_back(1 + static_cast<int>(random.below(kWidth - 2)),
                        1 + static_cast<int>(random.below(kHeight - 2)));
   }
-  DistanceMap map(kWidth, kHeight);
+  DistanceMap map(kWidth, kHeight, kReach);
   map.add(seeds);
   // Border cells are not grown from, so along the border the way may be one step longer.
   for (int y = 1; y < kHeight - 1; ++y) {
@@ -52,17 +54,24 @@ TEST(DistanceMapTest, SeedsAddedOneByOneGiveTheSameMap) {
     seeds.emplace_back(1 + static_cast<int>(random.below(78)),
                        1 + static_cast<int>(random.below(58)));
   }
-  DistanceMap together(80, 60);
+  DistanceMap together(80, 60, kReach);
   together.add(seeds);
-  DistanceMap single(80, 60);
+  DistanceMap single(80, 60, kReach);
   for (const Eigen::Vector2i& seed : seeds) single.add({seed});
   for (int y = 1; y < 59; ++y) {
     for (int x = 1; x < 79; ++x) ASSERT_EQ(single.at(x, y), together.at(x, y));
   }
 }
 
+TEST(DistanceMapTest, WhatIsBeyondItsReachIsFarAway) {
+  DistanceMap map(40, 40, 3);
+  map.add({{20, 20}});
+  EXPECT_EQ(map.at(23, 20), 3);
+  EXPECT_EQ(map.at(24, 20), DistanceMap::kFar);
+}
+
 TEST(DistanceMapTest, EmptyMapIsFarAway) {
-  const DistanceMap map(20, 10);
+  const DistanceMap map(20, 10, kReach);
   EXPECT_EQ(map.at(3, 4), DistanceMap::kFar);
 }
 

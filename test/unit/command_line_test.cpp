@@ -156,14 +156,47 @@ TEST(CommandLine, WrongNumbersSayWhatIsExpected) {
   }
 }
 
+TEST(CommandLine, FlagsOfOnesOwnCameraArrive) {
+  const CommandLine request = parse({"clip.mp4",
+                                     "--hfov",
+                                     "65.5",
+                                     "--mask",
+                                     "bonnet.png",
+                                     "--width",
+                                     "640",
+                                     "--every",
+                                     "2",
+                                     "--from",
+                                     "1.5",
+                                     "--to",
+                                     "30"});
+  EXPECT_EQ(request.sequence.horizontal_view, 65.5);
+  EXPECT_EQ(request.sequence.mask, "bonnet.png");
+  EXPECT_EQ(request.sequence.width, 640);
+  EXPECT_EQ(request.sequence.every, 2);
+  EXPECT_EQ(request.sequence.from, 1.5);
+  EXPECT_EQ(request.sequence.to, 30);
+  EXPECT_EQ(parse({"/dev/video0", "--format", "camera"}).sequence.format, SequenceFormat::kCamera);
+  EXPECT_EQ(parse({"/dev/video0"}).output, "out/video0");
+  EXPECT_EQ(parse({"a/clip.mp4"}).output, "out/clip");
+  EXPECT_THAT(errorOf({"x", "--readout", "fast"}), HasSubstr("'fast' must be a number in"));
+  EXPECT_THAT(errorOf({"x", "--hfov", "180"}), HasSubstr("'180' must be a number in [1, 170]"));
+  EXPECT_THAT(errorOf({"x", "--every", "0"}), HasSubstr("'0' must be a whole number from 1"));
+  EXPECT_THAT(errorOf({"x", "--width", "15"}), HasSubstr("'15' must be a whole number from 16"));
+  EXPECT_THAT(errorOf({"x", "--from=-1"}), HasSubstr("'-1' must be a number in [0, 1000000000]"));
+  EXPECT_THAT(errorOf({"x", "--format", "camera", "--speed", "1"}), HasSubstr("time of its own"));
+}
+
 TEST(CommandLine, VersionAndHelpAreText) {
   EXPECT_THAT(parse({"--version"}).text, HasSubstr("dso_dataset "));
   const std::string help = parse({"--help"}).text;
   for (const char* flag :
-       {"--format",   "--calib",   "--gamma",        "--vignette", "--initializer", "--preset",
-        "--config",   "--set",     "--print-config", "--mode",     "--start",       "--end",
-        "--reverse",  "--speed",   "--threads",      "--on-lost",  "--output",      "--quiet",
-        "--progress", "--version", "--pipelined"}) {
+       {"--format",    "--calib",  "--gamma",   "--vignette",     "--initializer",
+        "--preset",    "--config", "--set",     "--print-config", "--mode",
+        "--start",     "--end",    "--reverse", "--speed",        "--threads",
+        "--on-lost",   "--output", "--quiet",   "--progress",     "--version",
+        "--pipelined", "--hfov",   "--mask",    "--width",        "--every",
+        "--from",      "--to"}) {
     EXPECT_THAT(help, HasSubstr(flag));
   }
 }

@@ -269,7 +269,7 @@ TEST(Config, GroupIsNoShortFormOfAnotherOption) {
 }
 
 TEST(Config, AmbiguousEndOfAKeyIsRefused) {
-  EXPECT_THAT(errorOf([] { loadSet("min_points=60"); }), HasSubstr("could be"));
+  EXPECT_THAT(errorOf([] { loadSet("max_iterations=60"); }), HasSubstr("could be"));
 }
 
 TEST(Config, AssignmentNeedsKeyAndEqualsSign) {

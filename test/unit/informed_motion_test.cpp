@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Motion by information, without images: essential matrix, competition of models, gate, noise.
 #include "base/spread_frames.h"
+#include "init/orb/bundle/geometric_covariance.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/start/motion_candidates.h"
+#include "init/orb/start/rival_motions.h"
 #include "init/orb/start/start_gate.h"
 #include "init/orb/two_view/essential_motion.h"
 #include "init/orb/two_view/model_selection.h"
@@ -133,7 +135,7 @@ TEST(MotionCandidates, FramesBetweenDecideWhichMotionOfAPlaneIsRight) {
     ASSERT_TRUE(best);
     const double ratio = competeOverFrames(scene.view, motions, context, *best);
     EXPECT_LT(errorOf(*best->map.frames.back().T_cam_ref), 2.0);
-    EXPECT_GT(ratio, kMinPlaneCostRatio);
+    EXPECT_LT(rivalProbability(ratio, 40), 0.01);  // 40 cells of the image are occupied
   }
   EXPECT_GT(std::max(errorOf(motions[0].T_cur_ref), errorOf(motions[1].T_cur_ref)), 20.0);
 }
@@ -196,57 +198,103 @@ TEST(RobustAdjustment, TurnsAMotionOfTheWrongSign) {
   EXPECT_GT(turned.corners.front().inverse_depth, 0);
 }
 
-TEST(StartGate, NamesWhatIsMissing) {
-  SyntheticMap scene = makeSyntheticMap({300, 5, 0.1, 0.05}, 14);
-  ASSERT_TRUE(adjustRobustly(scene.start, scene.camera, {}));
-  const auto judge = [&](const OrbOptions& options, int tracks, double front) {
-    return judgeStart(scene.start, scene.camera, options, tracks, front).reason;
-  };
-  OrbOptions options;
-  EXPECT_EQ(judge(options, 300, 1), InitReason::kDone);
-  EXPECT_EQ(judge(options, 700, 1), InitReason::kTooFewPoints);
-  EXPECT_EQ(judge(options, 300, 0.7), InitReason::kDegenerateMotion);
-  options.gate.min_parallax_deg = 60;
-  EXPECT_EQ(judge(options, 300, 1), InitReason::kDone) << "its direction is sharp";
-  options.gate.sharp_sigma_deg = 0;
-  EXPECT_EQ(judge(options, 300, 1), InitReason::kTooLittleParallax);
-  options = {};
-  options.gate.max_direction_sigma_deg = 1e-4;
-  EXPECT_EQ(judge(options, 300, 1), InitReason::kPoorQuality);
-  options = {};
-  options.gate.min_points = 400;
-  EXPECT_EQ(judge(options, 300, 1), InitReason::kTooFewPoints);
+/// An adjusted map with covariances, corners with an error of sigma [px].
+SyntheticMap mapWithCovariances(const SyntheticMapOptions& options, std::uint64_t seed) {
+  SyntheticMap scene = makeSyntheticMap(options, seed);
+  EXPECT_TRUE(adjustRobustly(scene.start, scene.camera, {}));
+  const GeometricOptions adjusted = adjustToNoise(scene.start, scene.camera, {}, 3);
+  EXPECT_TRUE(normalizeCornerScale(scene.start));
+  EXPECT_GT(setCovariances(scene.start, scene.camera, adjusted), 0);
+  return scene;
 }
 
-TEST(StartGate, PredictsTheErrorOfTheDirection) {
-  // Over many draws of the noise the larger component's root mean square is the predicted sigma.
-  GeometricOptions options;
-  options.loss_threshold = 1000;  // plain least squares: the prediction is exact
-  double squared = 0;
-  double predicted = 0;
-  constexpr int kDraws = 60;
-  for (std::uint64_t seed = 0; seed < kDraws; ++seed) {
-    SyntheticMap scene = makeSyntheticMap({60, 3, 0.5, 0}, 15);
-    Random random(seed + 1);
-    for (std::size_t i = 0; i < scene.start.observations.size(); ++i) {
-      const SE3& T =
-          *scene.truth.frames[static_cast<std::size_t>(scene.start.observations[i].frame)]
-               .T_cam_ref;
-      const Corner& corner = scene.truth.corners[scene.start.observations[i].corner];
-      const Eigen::Vector3d point = scene.camera.unproject(corner.pixel) / corner.inverse_depth;
-      scene.start.observations[i].pixel =
-          scene.camera.project(T * point) +
-          0.5 * Eigen::Vector2d(random.gaussian(), random.gaussian());
+TEST(StartGate, NamesWhatIsMissing) {
+  const SyntheticMap scene = mapWithCovariances({300, 5, 0.1, 0.05}, 14);
+  const auto judge = [&](const GateOptions& options, const StartEvidence& evidence) {
+    return judgeStart(scene.start, scene.camera, options, evidence).reason;
+  };
+  EXPECT_EQ(judge({}, {300, 1, 1, {}}), InitReason::kDone);
+  EXPECT_EQ(judge({}, {700, 1, 1, {}}), InitReason::kTooFewPoints);
+  EXPECT_EQ(judge({}, {300, 0.7, 1, {}}), InitReason::kDegenerateMotion);
+  EXPECT_EQ(judge({}, {300, 1, 1, 1.01}), InitReason::kDegenerateMotion) << "a plane";
+  EXPECT_EQ(judge({}, {300, 1, 1, 1.5}), InitReason::kDone);
+  GateOptions options;
+  options.max_depth_sigma = 1e-4;
+  EXPECT_EQ(judge(options, {300, 1, 1, {}}), InitReason::kTooLittleParallax);
+  options = {};
+  options.max_wrong_probability = 1e-12;
+  EXPECT_EQ(judge(options, {300, 1, 1, {}}), InitReason::kPoorQuality);
+}
+
+TEST(StartGate, MisfitWidensWhatIsPredicted) {
+  const SyntheticMap scene = mapWithCovariances({300, 5, 0.1, 0.05}, 14);
+  const GateReport fits = judgeStart(scene.start, scene.camera, {}, {300, 1, 1, {}});
+  const GateReport misfits = judgeStart(scene.start, scene.camera, {}, {300, 1, 2, {}});
+  EXPECT_DOUBLE_EQ(misfits.direction_sigma_deg, 2 * fits.direction_sigma_deg);
+  EXPECT_DOUBLE_EQ(misfits.depth_sigma, 2 * fits.depth_sigma);
+  EXPECT_GT(misfits.wrong_probability, fits.wrong_probability);
+  EXPECT_EQ(misfitOf(0.5), 1);
+  EXPECT_NEAR(misfitOf(2 * 1.1774), 2, 1e-12);
+}
+
+TEST(StartGate, ErrorsThatShrinkPassEventually) {
+  GateReport report;
+  report.direction_sigma_deg = 4;
+  report.second_sigma_deg = 1;
+  report.depth_sigma = 0.06;
+  EXPECT_FALSE(errorsPass(report, 1, {}));
+  EXPECT_FALSE(errorsPass(report, 1.6, {})) << "its direction is not sure yet";
+  EXPECT_TRUE(errorsPass(report, 4, {}));
+}
+
+TEST(StartGate, TailsAreThoseOfDrawnErrors) {
+  // A t-distribution with 4 degrees of freedom on the plane: Gaussian over sqrt(chi^2 / 4).
+  Random random(31);
+  for (const Eigen::Vector2d& sigmas : {Eigen::Vector2d(1, 1), Eigen::Vector2d(0.3, 2)}) {
+    constexpr int kDraws = 200000;
+    int outside = 0;
+    for (int i = 0; i < kDraws; ++i) {
+      double chi2 = 0;
+      for (int k = 0; k < 4; ++k) chi2 += std::pow(random.gaussian(), 2);
+      const Eigen::Vector2d error =
+          sigmas.cwiseProduct(Eigen::Vector2d(random.gaussian(), random.gaussian())) /
+          std::sqrt(chi2 / 4);
+      if (error.norm() > 5) ++outside;
     }
-    ASSERT_TRUE(adjustOnce(scene.start, scene.camera, options));
-    const double error = directionErrorDeg(scene.start.frames.back().T_cam_ref->translation(),
-                                           scene.truth.frames.back().T_cam_ref->translation());
-    squared += error * error / kDraws;
-    predicted += directionSigma(scene.start, scene.camera, options).predicted * 180 / M_PI / kDraws;
+    const double share = static_cast<double>(outside) / kDraws;
+    const double sigma = std::sqrt(share / kDraws);
+    EXPECT_NEAR(tailProbability(sigmas, 5), share, 4 * sigma);
   }
-  // The error has two components, the smaller between nothing and the larger one.
-  EXPECT_GT(std::sqrt(squared), 0.8 * predicted);
-  EXPECT_LT(std::sqrt(squared), 1.7 * predicted);
+  EXPECT_EQ(tailProbability({0, 0}, 10), 0);
+  EXPECT_EQ(rivalProbability(1, 40), 0.5);
+}
+
+TEST(RivalMotions, AreImpossibleWithParallaxAndLikelyWithoutTranslation) {
+  constexpr double kCells = 60;
+  TwoViewSceneOptions options;
+  options.noise = 0.2;
+  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+    options.translation = {0.6, 0.1, 0.3};
+    const TwoViewScene moved = makeTwoViewScene(options, seed);
+    const RivalMotion far = findRival(moved.T_cur_ref, moved.matches, moved.camera, 0.2, 10);
+    EXPECT_EQ(far.matches, 300);
+    EXPECT_LT(far.probability(kCells), 1e-9);
+    options.translation *= 1e-4;
+    const TwoViewScene turned = makeTwoViewScene(options, seed);
+    const SE3 guess(turned.T_cur_ref.unitQuaternion(), Eigen::Vector3d(1, 0, 0));
+    EXPECT_GT(findRival(guess, turned.matches, turned.camera, 0.2, 10).probability(kCells), 0.01);
+  }
+}
+
+TEST(RivalMotions, TheOtherMotionOfAPlaneIsLikely) {
+  TwoViewSceneOptions options;
+  options.plane = true;
+  options.noise = 0.2;
+  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+    const TwoViewScene scene = makeTwoViewScene(options, seed);
+    const RivalMotion rival = findRival(scene.T_cur_ref, scene.matches, scene.camera, 0.2, 10);
+    EXPECT_GT(rival.probability(60), 0.01) << rival.excess;
+  }
 }
 
 TEST(SpreadFrames, CoverTheWholeTimeAndEndWithTheNewest) {

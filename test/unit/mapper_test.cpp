@@ -11,13 +11,15 @@
 #include <cmath>
 #include <memory>
 #include <optional>
+#include <stdexcept>
 #include <vector>
 
 namespace dsorb::odometry {
 namespace {
 
-// Poses of keyframes in this file: measured at most 0.012 deg and 0.00037 units; margin x2.
-constexpr double kMaxRotationDeg = 0.024;
+// Poses of keyframes in this file: measured at most 0.0252 deg and 0.00047 units, with GCC and
+// clang (which draws otherwise) and 700 to 2000 candidates a keyframe; margin x1.5.
+constexpr double kMaxRotationDeg = 0.038;
 constexpr double kMaxTranslation = 0.00075;
 constexpr int kSegment = 7;
 
@@ -217,6 +219,23 @@ TEST_F(AsyncMapperTest, ClearDropsWorkAndResults) {
     EXPECT_FALSE(m->take());
     const MappingResult again = m->seed(result(), kSegment);
     EXPECT_EQ(idsOf(again.update->window), (std::vector<int>{0, 1, 2, 3}));
+  }
+}
+
+TEST_F(AsyncMapperTest, AFailureIsTakenBehindTheResultsBeforeItAndANewMapBegins) {
+  for (const bool pipelined : {false, true}) {
+    const std::unique_ptr<AsyncMapper> m = make(pipelined);
+    EXPECT_NO_THROW(m->submit(job(5, 3, true))) << "there is no map yet: mapping throws";
+    m->wait();
+    EXPECT_THROW((void)m->take(), std::logic_error);
+    EXPECT_FALSE(m->busy());
+    EXPECT_TRUE(m->clear().empty());
+    EXPECT_FALSE(m->keyframeIsDue()) << "else there would never be a keyframe again";
+    (void)m->seed(result(), kSegment);
+    m->submit(job(4, 3, true));
+    m->wait();
+    const std::optional<MappingResult> keyframe = m->take();
+    EXPECT_TRUE(keyframe && keyframe->update && keyframe->update->finite);
   }
 }
 

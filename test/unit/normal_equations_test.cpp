@@ -4,6 +4,7 @@
 #include "base/parallel.h"
 #include "support/window_scene.h"
 #include "window/window_optimizer.h"
+#include "window/window_step.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>

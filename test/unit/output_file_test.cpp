@@ -27,17 +27,6 @@ TEST(GrowingFile, FullDiskIsAnError) {
   EXPECT_THROW(file.append("text"), IoError);
 }
 
-TEST(GrowingFile, TakesBackItsLastLines) {
-  const TemporaryFolder folder;
-  io::GrowingFile file(folder.path() / "file.txt");
-  file.append("one\n");
-  const std::uintmax_t size = file.size();
-  file.append("two\nthree\n");
-  file.shorten(size);
-  file.append("four\n");
-  EXPECT_EQ(readText(folder.path() / "file.txt"), "one\nfour\n");
-}
-
 TEST(WholeFile, EndIsReplaced) {
   const TemporaryFolder folder;
   const std::filesystem::path path = folder.path() / "file.txt";

@@ -89,12 +89,12 @@ TEST(ReferencePool, RemembersWhatAnAttemptSaw) {
   ReferencePool pool(smallPool());
   pool.start(plane.frame(0));
   AttemptSummary evidence;
-  evidence.direction_sigma_deg = 3;
+  evidence.rotation_residual = 3;
   pool.remember(0, evidence);
   feed(pool, plane.frame(1));
-  EXPECT_EQ(pool.view(0).last.direction_sigma_deg, 3);
+  EXPECT_EQ(pool.view(0).last.rotation_residual, 3);
   pool.start(plane.frame(2));
-  EXPECT_EQ(pool.view(0).last.direction_sigma_deg, 0);
+  EXPECT_EQ(pool.view(0).last.rotation_residual, 0);
 }
 
 }  // namespace

@@ -21,14 +21,6 @@ using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-std::vector<int> indicesOf(const SequenceOptions& options) {
-  SequenceReader reader(options);
-  std::vector<int> indices;
-  for (const SequenceFrame& frame : readAll(reader)) indices.push_back(frame.index);
-  EXPECT_EQ(indices.size(), static_cast<std::size_t>(reader.selected()));
-  return indices;
-}
-
 float levelOf(const SequenceFrame& frame) {
   return frame.frame->level(0).at(20, 20).intensity;
 }

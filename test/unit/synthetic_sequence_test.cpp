@@ -195,6 +195,48 @@ TEST(SyntheticSequence, BlurSoftensTheImageAndKeepsTheDepth) {
   EXPECT_EQ(blurred.inverse_depth, sharp.inverse_depth);
 }
 
+/// Mean difference of the grey levels in some rows of two frames.
+double rowDifference(const SyntheticFrame& a, const SyntheticFrame& b, int first, int last) {
+  double sum = 0;
+  for (int i = first * a.width; i < (last + 1) * a.width; ++i) {
+    const auto pixel = static_cast<std::size_t>(i);
+    sum += std::abs(a.image[pixel] - b.image[pixel]);
+  }
+  return sum / ((last + 1 - first) * a.width);
+}
+
+TEST(SyntheticSequence, RollingShutterShowsEachRowAtItsOwnTime) {
+  for (const SequenceKind kind : {SequenceKind::kStreet, SequenceKind::kRoom}) {
+    SequenceOptions options = small(kind);
+    options.height = 121;
+    options.moving_object = true;
+    const SyntheticSequence still(options);
+    options.readout = kind == SequenceKind::kStreet ? 0.1 : 1.0 / 30;  // a whole frame
+    const SyntheticSequence downwards(options);
+    options.readout = -options.readout;
+    const SyntheticSequence upwards(options);
+    const SyntheticFrame rolled = downwards.frame(7);
+    EXPECT_EQ(rowDifference(rolled, still.frame(7), 60, 60), 0);
+    EXPECT_EQ(rowDifference(upwards.frame(7), still.frame(7), 60, 60), 0);
+    // Measured 1.39 grey levels in the room, more in the street.
+    EXPECT_GT(rowDifference(rolled, still.frame(7), 0, 20), 0.7);
+    EXPECT_EQ(rolled.inverse_depth, still.frame(7).inverse_depth);
+    // The last row of one frame and the first of the next are half way between the two.
+    EXPECT_EQ(rowDifference(downwards.frame(8), upwards.frame(7), 0, 0), 0);
+    EXPECT_EQ(rowDifference(downwards.frame(7), upwards.frame(8), 120, 120), 0);
+  }
+}
+
+TEST(SyntheticSequence, SpeedScalesTheMotion) {
+  SequenceOptions options = small(SequenceKind::kRoom);
+  const SyntheticSequence usual(options);
+  options.speed = 0.5;
+  const SyntheticSequence slow(options);
+  EXPECT_EQ(slow.pose(8).matrix(), usual.pose(4).matrix());
+  EXPECT_EQ(slow.frame(8).image, usual.frame(4).image);
+  EXPECT_EQ(slow.timestamp(8), usual.timestamp(8));
+}
+
 TEST(SyntheticSequence, CorrectionUndoesTheCamera) {
   SequenceOptions options = small(SequenceKind::kStatic);
   const FramePtr plain = SyntheticSequence(options).framePtr(0);
@@ -220,6 +262,9 @@ TEST(SyntheticSequence, CorrectionUndoesTheCamera) {
 TEST(SyntheticSequence, RefusesOptionsOutOfRange) {
   SequenceOptions options = small(SequenceKind::kRoom);
   options.noise_sigma = -1;
+  EXPECT_THROW(SyntheticSequence{options}, std::invalid_argument);
+  options = small(SequenceKind::kRoom);
+  options.readout = 0.034;
   EXPECT_THROW(SyntheticSequence{options}, std::invalid_argument);
   options = small(SequenceKind::kRoom);
   options.width = 8;

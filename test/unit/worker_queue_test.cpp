@@ -42,18 +42,12 @@ TEST(WorkerQueue, WithoutAThreadTheResultIsThereAtOnce) {
   EXPECT_EQ(queue.take(), std::nullopt);
 }
 
-TEST(WorkerQueue, WithoutAThreadSubmitThrowsWhatTheWorkThrows) {
-  Queue queue([](int) -> int { throw std::runtime_error("work"); }, 0);
-  EXPECT_THROW(queue.submit(1), std::runtime_error);
-  EXPECT_FALSE(queue.busy());
-}
-
-TEST(WorkerQueue, AnExceptionIsTakenBehindTheResultsBeforeItAndOnce) {
+TEST_P(WorkerQueueTest, AnExceptionIsTakenBehindTheResultsBeforeItAndOnce) {
   const auto work = [](int job) -> int {
     if (job == 2) throw std::runtime_error("work");
     return job;
   };
-  Queue queue(work, 4);
+  Queue queue(work, GetParam());
   for (const int job : {1, 2, 3}) queue.submit(job);
   queue.wait();
   EXPECT_EQ(queue.take(), 1);

@@ -154,20 +154,16 @@ TEST(RunWriter, SecondSegmentGetsFilesOfItsOwn) {
   EXPECT_EQ(starts[1]["frames_given"], 2);
 }
 
-TEST(RunWriter, RolledBackStartLeavesNoTrace) {
+TEST(RunWriter, ARefusedStartIsInTheListOfStartsAndNowhereElse) {
   const TemporaryFolder folder;
   FakeRun run(folder.path());
-  playOneSegment(run);
-  InitializationRollback rollback;
-  rollback.frame = {5};
-  rollback.keyframes = 3;
-  rollback.rms = 14.5;
-  rollback.limit = 13;
-  run.writer.onInitializationRollback(rollback);
-  run.initializing(5);  // the same segment asks its initializer again
+  run.initializing(0);
+  run.refused(1, {.75, .25, 3.5, .5});
   EXPECT_EQ(run.writer.outcome(), RunStatus::kNeverInitialized);
   EXPECT_TRUE(readTextLines(folder.path() / "trajectory.txt").empty());
-  run.initialized(6);
+  EXPECT_FALSE(fs::exists(folder.path() / "figures" / "initial_inverse_depth.png"));
+  run.initializing(2);
+  run.initialized(3);
   run.writer.finish(run.writer.outcome(), nullptr);
   EXPECT_EQ(readTextLines(folder.path() / "trajectory.txt").size(), 2U);
   EXPECT_EQ(readJson(folder.path() / "run.json")["segments"], 1);
@@ -175,37 +171,13 @@ TEST(RunWriter, RolledBackStartLeavesNoTrace) {
   ASSERT_EQ(starts.size(), 2U);
   EXPECT_EQ(starts[0]["withdrawn"], true);
   EXPECT_EQ(starts[0]["withdrawal"].dump(),
-            R"({"reason":"residual","index":5,"keyframes":3,"rms":14.5,"limit":13.0})");
+            R"({"reason":"depth","index":1,"direction_deg":0.75,"depth_spread":0.25,)"
+            R"("depth_change":3.5,"kept_share":0.5})");
   EXPECT_EQ(starts[1]["withdrawn"], false);
   EXPECT_TRUE(starts[1]["withdrawal"].is_null());
-  EXPECT_EQ(readJson(folder.path() / "run.json")["withdrawn"]["residual"], 1);
-  EXPECT_EQ(readJson(folder.path() / "run.json")["withdrawn"]["lost"], 0);
-  EXPECT_EQ(starts[1]["frames_given"], 7) << "each image counts once";
-}
-
-TEST(RunWriter, RolledBackSegmentLeavesTheOneBefore) {
-  const TemporaryFolder folder;
-  FakeRun run(folder.path());
-  playOneSegment(run);
-  const std::string first = readText(folder.path() / "trajectory.txt");
-  run.lost(5);
-  run.initializing(6);
-  run.initialized(7);
-  run.tracked(8);
-  ASSERT_EQ(readTextLines(folder.path() / "trajectory.txt").size(), 8U);
-  InitializationRollback rollback;
-  rollback.frame = {9};
-  rollback.segment = 1;
-  run.writer.onInitializationRollback(rollback);
-  run.initializing(9);
-  EXPECT_EQ(readText(folder.path() / "trajectory.txt"), first);
-  run.initialized(10);
-  EXPECT_EQ(readTextLines(folder.path() / "trajectory.txt").size(), 7U);
-  EXPECT_EQ(readTextLines(folder.path() / "keyframes.txt").size(), 2U);
-  run.writer.finish(run.writer.outcome(), nullptr);
-  EXPECT_EQ(readTextLines(folder.path() / "trajectory_0.txt").size(), 5U);
-  EXPECT_EQ(readTextLines(folder.path() / "trajectory_1.txt").size(), 2U);
-  EXPECT_EQ(readJson(folder.path() / "run.json")["frames_tracked"], 3) << "two, and one withdrawn";
+  EXPECT_EQ(starts[1]["frames_given"], 4) << "the segment goes on";
+  EXPECT_EQ(readJson(folder.path() / "run.json")["withdrawn"].dump(),
+            R"({"adjustment":0,"direction":0,"depth":1})");
 }
 
 TEST(RunWriter, InitializationsAreWrittenAsOneDocument) {
@@ -234,19 +206,50 @@ TEST(RunWriter, SummaryCountsWhatWasDropped) {
   EXPECT_EQ(readJson(folder.path() / "run.json")["frames_given"], 5);
 }
 
+TEST(RunWriter, SummaryHasTheLensAndTheAnswers) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  const Lens lens{LensModel::kRadTan, 90, 91, 50, 40, {-0.3, 0.1, 0.01, 0.02, 0}, 101, 81};
+  run.writer.setCamera(kCamera, &lens);
+  playOneSegment(run);
+  run.writer.finish(RunStatus::kTracked, nullptr);
+  const auto json = readJson(folder.path() / "run.json");
+  EXPECT_EQ(json["lens"]["model"], "radtan");
+  EXPECT_EQ(json["lens"]["fy"], 91);
+  EXPECT_EQ(json["lens"]["coefficients"].get<std::vector<double>>(),
+            (std::vector<double>{-0.3, 0.1, 0.01, 0.02, 0}));
+  EXPECT_EQ(json["lens"]["width"], 101);
+  int answers = 0;
+  for (const auto& count : json["answers"]) answers += count.get<int>();
+  EXPECT_EQ(answers, 3) << "frames until the start: " << json["answers"];
+}
+
+TEST(RunWriter, NamesOfImagesAreQuotedWhereTheyNeedIt) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  playOneSegment(run);
+  FrameEstimate estimate;
+  estimate.frame = makeFrame(5);
+  run.writer.onFrame(estimate);
+  run.writer.frameDone({1, 1}, "a, \"b\".png");
+  EXPECT_THAT(readTextLines(folder.path() / "frames.csv").back(),
+              HasSubstr(",\"a, \"\"b\"\".png\""));
+}
+
 TEST(RunWriter, TableHasOneLineAFrame) {
   const TemporaryFolder folder;
   FakeRun run(folder.path());
   playOneSegment(run);
   run.lost(5);
-  EXPECT_THAT(readTextLines(folder.path() / "frames.csv"),
-              ElementsAre("index,timestamp,state,milliseconds,is_keyframe,tracking_rmse,segment",
-                          "0,0.000000000,initializing,3.000,0,,0",
-                          "1,0.100000000,initializing,3.000,0,,0",
-                          "2,0.200000000,initialized,20.000,0,,0",
-                          "3,0.300000000,tracked,4.000,0,5.2500,0",
-                          "4,0.400000000,tracked,4.000,0,5.2500,0",
-                          "5,0.500000000,lost,3.000,0,,0"));
+  EXPECT_THAT(
+      readTextLines(folder.path() / "frames.csv"),
+      ElementsAre("index,timestamp,state,milliseconds,is_keyframe,tracking_rmse,segment,image",
+                  "0,0.000000000,initializing,3.000,0,,0,",
+                  "1,0.100000000,initializing,3.000,0,,0,",
+                  "2,0.200000000,initialized,20.000,0,,0,",
+                  "3,0.300000000,tracked,4.000,0,5.2500,0,",
+                  "4,0.400000000,tracked,4.000,0,5.2500,0,",
+                  "5,0.500000000,lost,3.000,0,,0,"));
 }
 
 TEST(RunWriter, PointsAreBinaryVerticesInTheWorld) {
@@ -259,12 +262,12 @@ TEST(RunWriter, PointsAreBinaryVerticesInTheWorld) {
     EXPECT_THAT(text, HasSubstr("element vertex 2\n"));
     const std::string end = "end_header\n";
     const std::string body = text.substr(text.find(end) + end.size());
-    ASSERT_EQ(body.size(), 2U * 23U);
+    ASSERT_EQ(body.size(), 2U * 27U);
     float vertex[3];
     std::memcpy(vertex, body.data(), sizeof(vertex));
     EXPECT_THAT(vertex, ElementsAre(0, 0, 2)) << "image centre at inverse depth 0.5";
     EXPECT_EQ(static_cast<unsigned char>(body[12]), 100);
-    EXPECT_EQ(static_cast<unsigned char>(body[23 + 12]), 255) << "clamped";
+    EXPECT_EQ(static_cast<unsigned char>(body[27 + 12]), 255) << "clamped";
   };
   check();
   run.retire();

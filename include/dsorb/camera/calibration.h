@@ -27,6 +27,9 @@ struct Lens {
   std::array<double, 5> coefficients{};
   int width = 0;   ///< [px]; 0: as the images are
   int height = 0;  ///< [px]; 0: as the images are
+  /// Time from the first to the last row [s]; 0: global shutter, below 0: the last row is first.
+  double readout = 0;
+  bool columns = false;  ///< columns are read one after the other instead of rows
 };
 
 enum class RectificationMode {
@@ -60,5 +63,21 @@ struct Calibration {
   Rectification rectification;
   PhotometricCalibration photometric;
 };
+
+/// Lens without distortion whose axis meets the middle of the image.
+/// @param degrees what an image sees from its left to its right edge
+/// @throws std::invalid_argument outside 1 to 170 degrees, or without an image size
+[[nodiscard]] Lens lensOfFieldOfView(double degrees, int width, int height);
+
+/// The same camera where images are stored in another size: lens and output camera are scaled.
+/// A lens without a size takes this one. Response and vignette stay as they are.
+/// @throws std::invalid_argument where the sides would be scaled differently (by more than rounding
+///         to whole pixels does): it is not known then what was cut off
+[[nodiscard]] Calibration calibrationForSize(const Calibration& calibration, int width, int height);
+
+/// The same calibration with smaller rectified images; the output's height follows.
+/// @param width of the rectified images before they are cropped to multiples of 16 [px]
+/// @throws std::invalid_argument where it is more than without, or so little that nothing is left
+[[nodiscard]] Calibration withOutputWidth(const Calibration& calibration, int width);
 
 }  // namespace dsorb

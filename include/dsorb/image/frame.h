@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/camera/row_times.h"
 #include "dsorb/image/pyramid.h"
 
 #include <array>
+#include <cstdint>
 #include <memory>
 
 namespace dsorb {
@@ -21,11 +23,21 @@ struct FrameId {
 /// depend on image noise and not on the response curve.
 using ResponseSlope = std::array<float, 256>;
 
+/// Time of a frame from a clock that counts nanoseconds, as those of ROS and EuRoC.
+/// @return the nearest double [s]; of times since 1970 it keeps steps of a quarter microsecond
+[[nodiscard]] constexpr double secondsFromNanoseconds(std::int64_t nanoseconds) {
+  constexpr std::int64_t kPerSecond = 1000000000;
+  const std::int64_t seconds = nanoseconds / kPerSecond;
+  return static_cast<double>(seconds) +
+         static_cast<double>(nanoseconds - seconds * kPerSecond) / static_cast<double>(kPerSecond);
+}
+
 struct FrameInfo {
   FrameId id;
-  double timestamp = 0;                                           ///< [s]
-  double exposure = 1;                                            ///< [s]; 1 when unknown
+  double timestamp = 0;  ///< of the middle row [s]; secondsFromNanoseconds()
+  double exposure = 1;   ///< [s]; 1 when unknown
   std::shared_ptr<const ResponseSlope> response_slope = nullptr;  ///< null: the response is linear
+  std::shared_ptr<const RowTimes> row_times = nullptr;            ///< null: global shutter
 };
 
 class Frame;
@@ -47,6 +59,8 @@ class Frame {
   [[nodiscard]] double timestamp() const { return info_.timestamp; }
   [[nodiscard]] double exposure() const { return info_.exposure; }
   [[nodiscard]] const ResponseSlope* responseSlope() const { return info_.response_slope.get(); }
+  /// Null where all pixels were exposed at the time stamp.
+  [[nodiscard]] const RowTimes* rowTimes() const { return info_.row_times.get(); }
   [[nodiscard]] const Pyramid& pyramid() const { return pyramid_; }
   [[nodiscard]] const PyramidLevel& level(int index) const { return pyramid_.level(index); }
   [[nodiscard]] int width() const { return pyramid_.width(); }

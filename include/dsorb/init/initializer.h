@@ -38,7 +38,8 @@ class Initializer {
   virtual void reset() = 0;
 };
 
-/// @throws ConfigError on options out of range, std::invalid_argument on an impossible camera
+/// @throws ConfigError on options out of range, on what needs a build with Ceres and on the name of
+///         a registered kind that is not there; std::invalid_argument on an impossible camera
 std::unique_ptr<Initializer> makeInitializer(const InitializerOptions& options,
                                              const PinholeCamera& camera);
 

@@ -49,14 +49,19 @@ struct TwoViewReport {
   int removed_normal = 0;   ///< corners above the normal limit
 };
 
-/// Judgement of a start from the essential matrix.
+/// Judgement of a start from the essential matrix: how likely it is that the newest frame's
+/// direction of translation is off by more than GateOptions::wrong_angle_deg, and why.
 struct GateReport {
   InitReason reason = InitReason::kDone;  ///< kDone when it passed
-  double direction_sigma_deg = 0;  ///< predicted for the newest frame's direction of translation,
-                                   ///< scaled by sqrt(corners / 100) to 100 corners; the assumed
-                                   ///< error of a track shrinks with images below 640x480
-  double fitted_sigma_deg = 0;     ///< from the actual residuals of all corners
-  double parallax_deg = 0;         ///< median angle under which both cameras see a corner
+  double wrong_probability = 1;           ///< of the three causes together
+  double error_probability = 1;           ///< by the tails of the direction's distribution
+  double rival_probability = 0;           ///< by another minimum of the tracks' likelihood
+  double plane_probability = 0;           ///< by the other motion that a plane allows
+  double direction_sigma_deg = 0;         ///< larger axis of the direction's covariance
+  double second_sigma_deg = 0;            ///< smaller axis
+  double misfit = 1;        ///< errors of the corners over what noise of the images explains
+  double depth_sigma = 0;   ///< predicted relative error of a corner's inverse depth, median
+  double parallax_deg = 0;  ///< median angle under which both cameras see a corner
 };
 
 /// Corners measured again by aligning warped patches.
@@ -134,6 +139,8 @@ struct InitReport {
   double inlier_ratio = 0;
   double residual_rms = 0;           ///< [px]
   double median_relative_sigma = 0;  ///< of the inverse depths
+  /// That the direction of translation is off by more than GateOptions::wrong_angle_deg.
+  std::optional<double> wrong_probability;
   std::optional<DirectReport> direct;
   std::optional<TwoViewReport> two_view;
   std::optional<EssentialReport> essential;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/camera/calibration.h"
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/image/frame.h"
 #include "dsorb/options/brightness.h"
@@ -12,21 +13,33 @@
 
 namespace dsorb {
 
-enum class SequenceFormat { kAuto, kDso, kKitti, kEuroc, kTum, kImages };
+enum class SequenceFormat { kAuto, kDso, kKitti, kEuroc, kTum, kImages, kVideo, kCamera };
 
 struct SequenceOptions {
-  std::string path;  ///< data set folder, image folder, or .zip of images
+  /// Folder of a data set or of images, .zip of images, video file, /dev/videoN or rtsp://... A
+  /// video file with the format kCamera is played like a camera, in its own time.
+  std::string path;
   SequenceFormat format = SequenceFormat::kAuto;
   std::string calibration_file;  ///< empty: the one of the data set
-  std::string response_file;     ///< empty: pcalib.txt of the data set, if there
-  std::string vignette_file;     ///< empty: vignette.png of the data set, if there
+  double horizontal_view = 0;  ///< [degrees] of a lens without distortion; 0: a calibration is read
+  std::optional<double> readout;  ///< [s] as Lens::readout; nothing: as calibrated
+  std::string response_file;      ///< empty: pcalib.txt of the data set, if there
+  std::string vignette_file;      ///< empty: vignette.png of the data set, if there
+  /// Image of pixels that no image uses (below 128), or folder with one for each image under its
+  /// name (or with .png after or instead of its suffix). Empty: masks/ of the data set, if there.
+  std::string mask;
   /// Empty: calibrated where response and vignette are there, else uncalibrated.
   std::optional<BrightnessModel> brightness;
-  int bits = 0;   ///< that values of 16-bit files take, 9 to 16; 0: recognised by their largest
-  int start = 0;  ///< first image
-  int end = -1;   ///< one past the last image; negative or too large: the number of images
+  int bits = 0;     ///< that values of 16-bit files take, 9 to 16; 0: recognised by their largest
+  int start = 0;    ///< first image
+  int end = -1;     ///< one past the last image; negative or too large: the number of images
+  double from = 0;  ///< [s] after the first image of the data set
+  double to = 0;    ///< [s] after the first image of the data set; 0: the last one
+  int every = 1;    ///< use each N-th image, beginning with the first selected
+  int width = 0;    ///< of the rectified images [px], less than without; 0: as calibrated
   bool reverse = false;  ///< from end - 1 down to start, both included
-  int prefetch = 2;      ///< images prepared ahead by a thread of its own; 0: none, no thread
+  int prefetch =
+      2;  ///< images prepared ahead by a thread of its own; 0: none, no thread. Of a camera none
 };
 
 /// One rectified and photometrically corrected image with its pyramid.
@@ -40,8 +53,9 @@ struct SequenceFrame {
 };
 
 /// Reads a data set image by image: DSO/TUM-mono folder (images or images.zip), KITTI odometry,
-/// EuRoC ASL, TUM RGB-D, or a plain folder of images with a calibration file. Images are prepared
-/// ahead in the background; the reader itself is used by one thread.
+/// EuRoC ASL, TUM RGB-D, a plain folder of images with a calibration file, a video, or a camera, of
+/// which every call gives the newest image. Images are prepared ahead in the background; the reader
+/// itself is used by one thread.
 class SequenceReader {
  public:
   /// @throws IoError on a missing or malformed data set or calibration
@@ -53,15 +67,19 @@ class SequenceReader {
 
   /// Camera of the rectified images.
   [[nodiscard]] const PinholeCamera& camera() const;
-  /// Number of images in the data set.
+  /// The camera that took them, for images of the size that they have.
+  [[nodiscard]] const Lens& lens() const;
+  /// Number of images in the data set; of a video as its container announces it, of a camera 0.
   [[nodiscard]] int size() const;
-  /// Number of images that next() delivers in all.
+  /// Number of images that next() delivers in all; of a video as its container announces it, of a
+  /// camera 0.
   [[nodiscard]] int selected() const;
   /// The format that was recognised, never kAuto.
   [[nodiscard]] SequenceFormat format() const;
   /// The brightness model in force.
   [[nodiscard]] BrightnessModel brightness() const;
-  /// Time of any image [s]; 0.1 * index where the data set has no times.
+  /// Time of any image [s]; 0.1 * index where the data set has no times. Those of a video are known
+  /// only with its images, here they follow from its rate. None of a camera.
   [[nodiscard]] double timestamp(int index) const;
 
   /// What speaks against data set or calibration without making it unreadable, one sentence each.
@@ -69,6 +87,9 @@ class SequenceReader {
 
   /// Index of the image that next() delivers as the position-th, counted from 0.
   [[nodiscard]] int index(int position) const;
+
+  /// Images that a camera gave and that newer ones replaced before they were asked for.
+  [[nodiscard]] int dropped() const;
 
   /// Leaves out the next images, unread as far as they are not yet prepared.
   void skip(int images);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/camera/calibration.h"
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/odometry/observer.h"
 #include "dsorb/odometry/odometry.h"
@@ -48,7 +49,8 @@ class RunWriter : public OdometryObserver {
   RunWriter& operator=(const RunWriter&) = delete;
 
   /// Camera of the rectified images; needed before the first frame.
-  void setCamera(const PinholeCamera& camera);
+  /// @param lens of the camera that took them; null: unknown
+  void setCamera(const PinholeCamera& camera, const Lens* lens = nullptr);
   /// Writes config.yaml anew, where the data set decided about options.
   void setConfig(const std::string& yaml);
 
@@ -56,11 +58,12 @@ class RunWriter : public OdometryObserver {
   void onFrame(const FrameEstimate& estimate) override;
   void onKeyframe(const KeyframeSnapshot& keyframe) override;
   void onKeyframeRetired(const KeyframeSnapshot& keyframe) override;
-  void onInitializationRollback(const InitializationRollback& rollback) override;
+  void onStartRefused(const StartRefusal& refusal) override;
 
   /// Writes what was noted since the last call. To be called after each Odometry::process.
+  /// @param image_file of the frame; empty where its images are no files
   /// @throws IoError where a file cannot be written, for example on a full disk
-  void frameDone(const FrameTiming& timing);
+  void frameDone(const FrameTiming& timing, const std::string& image_file = {});
 
   /// Counts images that were dropped because the run was late.
   void setDropped(int frames);

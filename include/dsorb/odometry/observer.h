@@ -41,30 +41,44 @@ struct KeyframeSnapshot {
   std::vector<MapPoint> points;
 };
 
-/// Reason why a start was taken back during its probation.
-enum class RollbackReason {
-  kResidual,  ///< the adjustment of one of its first keyframes left too large a residual
-  kLost       ///< tracking or an adjustment broke down before it was proven
+/// What the first adjustment of the window made of an initialization, the reference being at rest.
+struct StartChange {
+  /// Turn of the translation from the reference to the keyframe farthest from it [deg].
+  double direction_deg = 0;
+  /// Standard deviation of the logarithm of adjusted over initial inverse depths [-], robust; their
+  /// median, a change of scale, is taken out.
+  double depth_spread = 0;
+  /// Median of the square of that logarithm over its variance, in units of the median of chi^2 with
+  /// one degree of freedom. The variance is the one handed over and the window's own together, the
+  /// latter with the noise of a right map at most.
+  double depth_change = 0;
+  double kept_share = 0;  ///< of the points handed over, those that the window keeps
 };
 
-/// Name as in initialization.json, for example "residual".
-[[nodiscard]] const char* name(RollbackReason reason);
+/// Reason why the window refused a start.
+enum class RefusalReason {
+  kAdjustment,  ///< its first adjustment broke down or used no residual
+  kDirection,   ///< the direction of motion turned
+  kDepth  ///< the depths became others, by more than their variances allow, or points were lost
+};
 
-/// A start that was taken back. Everything told of its segment is void, and its frames except the
-/// reference are given to the initializer again.
-struct InitializationRollback {
-  FrameId frame;  ///< the newest frame given so far
+/// Name as in initialization.json, for example "depth".
+[[nodiscard]] const char* name(RefusalReason reason);
+
+/// A start that the first adjustment of the window contradicts. The result that onInitStep told is
+/// void: the initializer begins anew with the next frame.
+struct StartRefusal {
+  FrameId frame;  ///< the newest frame of the start
   int segment = 0;
-  RollbackReason reason = RollbackReason::kResidual;
-  int keyframes = 0;  ///< at the last adjustment; the start itself counts as two
-  double rms = 0;     ///< of the residuals after that adjustment [grey levels]
-  double limit = 0;   ///< of that rms [grey levels]
+  RefusalReason reason = RefusalReason::kAdjustment;
+  StartChange change;
 };
 
 /// Is told by Odometry::process, restart and finish what happens, in order and on their thread,
 /// also where mapping has a thread of its own. Calls should be quick; exceptions propagate to the
 /// caller. The order for a frame is onInitStep, onKeyframeRetired, onKeyframe of the whole window,
-/// onFrame; for a lost one it is onFrame, onKeyframeRetired, onLost. When pipelined, onKeyframe and
+/// onFrame; for a start that is refused onInitStep, onStartRefused, onFrame; for a lost frame
+/// onFrame, onKeyframeRetired, onLost. When pipelined, onKeyframe and
 /// onKeyframeRetired come with a later frame, before its own calls, with the estimates of that
 /// time.
 class OdometryObserver {
@@ -78,8 +92,8 @@ class OdometryObserver {
   virtual void onKeyframe(const KeyframeSnapshot& /*keyframe*/) {}
   /// The keyframe's estimates are final.
   virtual void onKeyframeRetired(const KeyframeSnapshot& /*keyframe*/) {}
-  /// A start failed its probation; onInitStep of its frames follows, in the same segment.
-  virtual void onInitializationRollback(const InitializationRollback& /*rollback*/) {}
+  /// The window refused the result of the onInitStep before; the segment stays.
+  virtual void onStartRefused(const StartRefusal& /*refusal*/) {}
   virtual void onLost(FrameId /*frame*/, int /*segment*/) {}
 };
 

@@ -42,8 +42,9 @@ class Odometry {
   /// @param observer must outlive this object; called in the order of registration
   void addObserver(OdometryObserver* observer);
 
-  /// @throws std::invalid_argument a frame out of place, std::logic_error when lost; pipelined,
-  ///         also what mapping an earlier frame threw: then the map is lost
+  /// @throws std::invalid_argument a frame out of place, std::logic_error when lost; also what
+  ///         mapping threw, pipelined that of an earlier frame: then the map is lost, its keyframes
+  ///         retire with restart() or finish()
   FrameEstimate process(const FramePtr& frame);
 
   /// Leaves the state lost: the next frame starts a new segment with a new initialization.

@@ -7,7 +7,7 @@ namespace dsorb {
 
 /// Candidate points: pixels of keyframes that wait for a depth.
 struct DepthOptions {
-  int candidates_per_keyframe = 1500;
+  int candidates_per_keyframe = 1000;
   bool rotate_gradients = true;      ///< false (reference): error model ignores camera roll
   bool final_out_of_bounds = false;  ///< true (reference): a candidate that left one frame is never
                                      ///< searched again

@@ -10,31 +10,40 @@
 
 namespace dsorb {
 
-enum class InitializerKind { kCoarse, kOrb };
+enum class InitializerKind {
+  kCoarse,
+  kOrb,
+  kRegistered  ///< a kind that a library brought (init/registry.h)
+};
 
 struct InitializerOptions {
   InitializerKind kind = InitializerKind::kOrb;
-  int seed = 1;         ///< seed of every random choice
-  int num_threads = 1;  ///< 0: all the machine has
+  std::string registered;  ///< name of the registered kind
+  int seed = 1;            ///< seed of every random choice
+  int num_threads = 1;     ///< 0: all the machine has
   CoarseOptions coarse;
   OrbOptions orb;
 };
 
 template <typename Visitor, typename Options>
 DescribeFor<Options, InitializerOptions> describe(Visitor& visit, Options& o) {
-  visit.choice(
-      "kind", o.kind, {{"coarse", InitializerKind::kCoarse}, {"orb", InitializerKind::kOrb}});
+  visit.choice("kind",
+               o.kind,
+               {{"coarse", InitializerKind::kCoarse},
+                {"orb", InitializerKind::kOrb},
+                {"registered", InitializerKind::kRegistered}});
   visit.field("seed", o.seed, Range{0, 2147483647}, "");
   visit.field("num_threads", o.num_threads, Range{0, 1024}, "threads");
   visit.group("coarse", o.coarse);
   visit.group("orb", o.orb);
 }
 
-/// Names of the variants as on the command line: "orb", "orb-v1".
+/// Names of the variants of this build as on the command line ("orb", "orb-v1"), then those of
+/// registered kinds.
 [[nodiscard]] std::vector<std::string> initializerVariants();
 
 /// Options of a named variant.
-/// @throws ConfigError naming the variants there are
+/// @throws ConfigError naming the variants there are, or that this one needs a build with Ceres
 [[nodiscard]] InitializerOptions initializerVariant(const std::string& name);
 
 }  // namespace dsorb

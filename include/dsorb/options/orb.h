@@ -33,33 +33,22 @@ DescribeFor<Options, FeatureTrackOptions> describe(Visitor& visit, Options& o) {
 /// How ORBInitializer finds poses and corners.
 enum class MotionMethod {
   kGladkova,  ///< homography against fundamental matrix, gates on the number of frames and points
-  kEssential  ///< essential matrix and adjustment, gate on the predicted error of the direction
+  kEssential  ///< essential matrix and adjustment, gate on the probability of a wrong direction
 };
 
-/// Conditions that a start must fulfil. Each limit lies in the range in which every measured
-/// sequence keeps its bounds.
+/// When a start is sure enough.
 /// @source docs/experiments.md, "When to start"
 struct GateOptions {
-  int min_points = 60;           ///< corners left after the adjustment
-  double min_track_share = 0.5;  ///< least share of the reference's live tracks that are left
-  double min_front_share = 0.8;  ///< least share of the corners in front of the camera
-  double max_direction_sigma_deg = 0.95;  ///< predicted sigma, scaled to 100 corners
-  double max_fitted_sigma_deg = 0.25;     ///< sigma from the actual residuals, all corners
-  double min_parallax_deg = 1.5;          ///< median angle under which both cameras see a corner
-  double sharp_sigma_deg = 0.35;          ///< predicted sigma that needs less parallax
-  double sharp_parallax_deg = 0.9;        ///< parallax that is enough for such a sharp start
+  double max_wrong_probability = 0.01;  ///< that the direction of translation is off by more than
+  double wrong_angle_deg = 10;          ///< this angle
+  double max_depth_sigma = 0.045;       ///< predicted relative error of a corner's depth, median
 };
 
 template <typename Visitor, typename Options>
 DescribeFor<Options, GateOptions> describe(Visitor& visit, Options& o) {
-  visit.field("min_points", o.min_points, Range{8, 100000}, "points");
-  visit.field("min_track_share", o.min_track_share, Range{0, 1}, "");
-  visit.field("min_front_share", o.min_front_share, Range{0, 1}, "");
-  visit.field("max_direction_sigma_deg", o.max_direction_sigma_deg, Range{0, 180}, "deg");
-  visit.field("max_fitted_sigma_deg", o.max_fitted_sigma_deg, Range{0, 180}, "deg");
-  visit.field("min_parallax_deg", o.min_parallax_deg, Range{0, 90}, "deg");
-  visit.field("sharp_sigma_deg", o.sharp_sigma_deg, Range{0, 180}, "deg");
-  visit.field("sharp_parallax_deg", o.sharp_parallax_deg, Range{0, 90}, "deg");
+  visit.field("max_wrong_probability", o.max_wrong_probability, Range{0, 1}, "");
+  visit.field("wrong_angle_deg", o.wrong_angle_deg, Range{0.01, 90}, "deg");
+  visit.field("max_depth_sigma", o.max_depth_sigma, Range{0, 10}, "");
 }
 
 /// Which of two models explains the matches.
@@ -77,7 +66,9 @@ enum class OrbFrontEnd {
 /// Options of ORBInitializer, one nested struct a stage.
 struct OrbOptions {
   OrbFrontEnd front_end = OrbFrontEnd::kTracks;
-  int min_frames = 2;          ///< before the first attempt, including the reference
+  /// Before the first attempt, including the reference. Between two frames depths take up whatever
+  /// errors run along the epipolar lines; the third contradicts them.
+  int min_frames = 3;
   int max_frames = 36;         ///< after which a reference is given up
   int min_tracked = 25;        ///< live tracks below which a reference is given up
   int reference_interval = 5;  ///< frames from one reference to the next; 0: only one at a time

@@ -11,6 +11,7 @@
 #include "init/orb/semi_dense/semi_dense_depth.h"
 #include "init/orb/start/essential_start.h"
 #include "init/orb/thesis/two_view_start.h"
+#include "init/orb/tracks/middle_rows.h"
 #include "init/result.h"
 
 #include <cmath>
@@ -98,10 +99,19 @@ Outcome<Reconstruction> reconstructAsGladkova(const ReferenceView& view,
       .then([&](Made made) { return adjustImages(std::move(made), context); });
 }
 
+/// What a global shutter would have given, where the frames' rows have times of their own.
+ReferenceView withGlobalShutter(ReferenceView view) {
+  if (isRolling(*view.frames.front())) {
+    view.tracks = atMiddleRows(std::move(view.tracks), view.frames);
+  }
+  return view;
+}
+
 /// Reconstruction of `orb`: essential matrix, adjustment of a few frames, a gate, refined corners;
 /// all other frames are posed in the end.
-Attempt reconstruct(const ReferenceView& view, const AttemptContext& context) {
+Attempt reconstruct(const ReferenceView& seen, const AttemptContext& context) {
   using Made = Reconstruction;
+  const ReferenceView view = withGlobalShutter(seen);
   auto [start, summary] = startFromEssential(view, context);
   auto made = std::move(start)
                   .then([&](Made m) { return addSemiDense(std::move(m), view, context); })

@@ -48,8 +48,7 @@ Patches cutPatches(const InitialMap& map) {
   Patches patches(map.corners.size());
   forEachRange(patches.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      patches[i] =
-          cutCornerPatch(map.frames.front().frame->level(0), map.corners[i].pixel.cast<float>());
+      patches[i] = cutCornerPatch(map.frames.front().frame->level(0), map.corners[i].seen());
     }
   });
   return patches;
@@ -221,6 +220,7 @@ RefinementReport refineCorners(InitialMap& map,
     if (round == 0) report.first_rms = measured.rms;
     report.last_rms = measured.rms;
     if (!adjustOnce(refined, camera, adjusted)) return report;
+    placeCorners(refined, camera);
   }
   report.direction_change_deg = directionChangeDeg(map, refined);
   report.fits = static_cast<double>(refined.corners.size()) >=

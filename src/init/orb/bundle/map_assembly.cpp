@@ -46,6 +46,9 @@ InitialMap makeInitialMap(const std::vector<FramePtr>& frames,
     const std::size_t corner = map.corners.size();
     map.corners.push_back(
         {tracks.positions[0][track].cast<double>(), point->inverse_depth, point->variance});
+    if (!tracks.seen.empty()) {
+      map.corners.back().shift = tracks.seen[track].cast<double>() - map.corners.back().pixel;
+    }
     for (std::size_t frame = 1; frame < tracks.positions.size(); ++frame) {
       const Eigen::Vector2f& place = tracks.positions[frame][track];
       if (place.allFinite()) map.observations.push_back({corner, frame, place.cast<double>()});
@@ -84,6 +87,26 @@ std::vector<std::size_t> poseOtherFrames(InitialMap& map, const PinholeCamera& c
   std::vector<std::size_t> frames(map.frames.size());
   std::iota(frames.begin(), frames.end(), std::size_t{0});
   return poseFrames(map, camera, frames);
+}
+
+void estimateMotions(InitialMap& map, const PinholeCamera& camera) {
+  const std::size_t count = map.frames.size();
+  if (!isRolling(*map.frames.front().frame)) return;
+  InitialMap posed = map;
+  poseOtherFrames(posed, camera);
+  const auto at = [&posed](std::size_t k) {
+    return TimedPose{posed.frames[k].frame->timestamp(), *posed.frames[k].T_cam_ref};
+  };
+  map.motions.assign(count, {});
+  for (std::size_t k = 0; k < count; ++k) {
+    std::vector<TimedPose> neighbours;
+    if (k > 0) neighbours.push_back(at(k - 1));
+    if (k + 1 < count) neighbours.push_back(at(k + 1));
+    if (k + 2 < count) neighbours.push_back(at(k + 2));
+    if (k > 1) neighbours.push_back(at(k - 2));
+    map.motions[k] = motionThrough(at(k), neighbours);
+  }
+  placeCorners(map, camera);
 }
 
 }  // namespace dsorb::init_orb

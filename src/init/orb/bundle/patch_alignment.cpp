@@ -43,11 +43,12 @@ constexpr Offsets kOffsets = makeOffsets();
 /// @param totals sums over the pixels: w times the gradient's squares xx, xy, yy and its products
 ///               with the residual x, y; w r^2, w, |r|
 /// @return       false where the patch leaves the image
-DSORB_TARGET_CLONES bool linearize(const TargetImage& target,
-                                   const CornerPatch& patch,
-                                   const Eigen::Vector2f& ray,
-                                   float inverse_depth,
-                                   Lanes& totals) {
+template <bool kRolling>
+DSORB_ALWAYS_INLINE bool linearizePatch(const TargetImage& target,
+                                        const CornerPatch& patch,
+                                        const Eigen::Vector2f& ray,
+                                        float inverse_depth,
+                                        Lanes& totals) {
   Lanes terms[8] = {};
   const float step_x = 1.0F / target.warp.fx;
   const float step_y = 1.0F / target.warp.fy;
@@ -65,7 +66,7 @@ DSORB_TARGET_CLONES bool linearize(const TargetImage& target,
     const Lanes ray_x = ray.x() + step_x * offset_x;
     const Lanes ray_y = ray.y() + step_y * offset_y;
     WarpedPoint<Lanes> point;
-    warpPoint(target.warp, ray_x, ray_y, inverse_depth, point);
+    projectInto<kRolling>(target, ray_x, ray_y, inverse_depth, point);
     LaneSamples samples;
     MaskOf<Lanes> inside;
     sampleTarget(target, area, point, samples, inside);
@@ -87,6 +88,22 @@ DSORB_TARGET_CLONES bool linearize(const TargetImage& target,
   }
   sumLanes(terms, totals);
   return true;
+}
+
+DSORB_TARGET_CLONES bool linearize(const TargetImage& target,
+                                   const CornerPatch& patch,
+                                   const Eigen::Vector2f& ray,
+                                   float inverse_depth,
+                                   Lanes& totals) {
+  return linearizePatch<false>(target, patch, ray, inverse_depth, totals);
+}
+
+DSORB_TARGET_CLONES bool linearizeRolling(const TargetImage& target,
+                                          const CornerPatch& patch,
+                                          const Eigen::Vector2f& ray,
+                                          float inverse_depth,
+                                          Lanes& totals) {
+  return linearizePatch<true>(target, patch, ray, inverse_depth, totals);
 }
 
 }  // namespace
@@ -113,17 +130,20 @@ FrameMeasurer::FrameMeasurer(const InitialMap& map,
     : camera_(camera),
       T_cam_ref_(T_cam_ref),
       target_(makeTargetImage(
-          camera, T_cam_ref, brightnessTo(map, frame), map.frames[frame].frame->level(0))) {}
+          camera, T_cam_ref, brightnessTo(map, frame), map.frames[frame].frame->level(0))) {
+  if (const auto shutter = shutterOf(map, frame)) target_.setShutter(*shutter);
+}
 
 std::optional<Measurement> FrameMeasurer::measure(const Corner& corner,
                                                   const std::optional<CornerPatch>& patch) const {
   const Eigen::Vector3d ray = camera_.unproject(corner.pixel);
   Lanes sums;
-  if (!patch || !linearize(target_,
-                           *patch,
-                           ray.head<2>().cast<float>(),
-                           static_cast<float>(corner.inverse_depth),
-                           sums)) {
+  const auto sum_up = target_.rolling ? linearizeRolling : linearize;
+  if (!patch || !sum_up(target_,
+                        *patch,
+                        ray.head<2>().cast<float>(),
+                        static_cast<float>(corner.inverse_depth),
+                        sums)) {
     return std::nullopt;
   }
   const auto sum = [&sums](int k) { return static_cast<double>(sums[k]); };

@@ -48,8 +48,7 @@ class Outcome {
 struct AttemptSummary {
   InitReason reason = InitReason::kSettling;  ///< why it did not succeed
   double rotation_residual = 0;               ///< median rotation-compensated flow [px]
-  double direction_sigma_deg = 0;             ///< predicted error of the direction; 0: not known
-  double parallax_deg = 0;                    ///< median angle; 0: not known
+  std::optional<GateReport> gate;             ///< judgement, where it came so far
   int skipped = 0;                            ///< frames since then
   bool tried = false;                         ///< with this frame: it took its time
 };

@@ -20,8 +20,7 @@ constexpr double kMinContrast = 5;  // standard deviation of the reference's pat
 constexpr double kMaxGain = 5;      // and its inverse; more is no exposure change
 
 /// Mean grey value of the residual pattern; nullopt where it leaves the image or is invalid.
-std::optional<double> patchMean(const PyramidLevel& level, const Eigen::Vector2d& centre) {
-  const Eigen::Vector2f at = centre.cast<float>();
+std::optional<double> patchMean(const PyramidLevel& level, const Eigen::Vector2f& at) {
   if (!canSample(level, at.x(), at.y(), kPatternRadius)) {
     return std::nullopt;
   }
@@ -102,7 +101,7 @@ void estimateBrightness(InitialMap& map, const std::vector<std::size_t>& frames)
   std::vector<std::optional<double>> reference(map.corners.size());
   forEachRange(map.corners.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      reference[i] = patchMean(map.frames.front().frame->level(0), map.corners[i].pixel);
+      reference[i] = patchMean(map.frames.front().frame->level(0), map.corners[i].seen());
     }
   });
   std::vector<std::optional<double>> target(map.observations.size());
@@ -111,7 +110,7 @@ void estimateBrightness(InitialMap& map, const std::vector<std::size_t>& frames)
       const CornerObservation& observation = map.observations[i];
       const auto frame = observation.frame;
       if (wanted[frame] != 0 && map.frames[frame].T_cam_ref) {
-        target[i] = patchMean(map.frames[frame].frame->level(0), observation.pixel);
+        target[i] = patchMean(map.frames[frame].frame->level(0), observation.pixel.cast<float>());
       }
     }
   });

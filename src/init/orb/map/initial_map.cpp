@@ -21,6 +21,7 @@ bool rescale(InitialMap& map, double mean) {
   for (Corner& corner : map.corners) changeUnit(mean, corner.inverse_depth, corner.variance);
   for (SemiDensePoint& point : map.points) changeUnit(mean, point.inverse_depth, point.variance);
   changeUnit(mean, map.frames);
+  for (RowMotion& motion : map.motions) motion.changeUnit(mean);
   for (Eigen::Index row = 0; row < map.joint_covariance.rows(); ++row) {
     if (row % 6 >= 3) continue;  // a rotation
     map.joint_covariance.row(row) *= mean;
@@ -35,6 +36,24 @@ BrightnessTransfer brightnessTo(const InitialMap& map, std::size_t frame) {
   const PosedFrame& from = map.frames.front();
   const PosedFrame& to = map.frames[frame];
   return brightnessTransfer(from.affine, from.frame->exposure(), to.affine, to.frame->exposure());
+}
+
+std::optional<RollingShutter> shutterOf(const InitialMap& map, std::size_t frame, int level) {
+  if (map.motions.empty()) return std::nullopt;
+  return makeRollingShutter(*map.frames[frame].frame->rowTimes(), map.motions[frame], level);
+}
+
+void placeCorners(InitialMap& map, const PinholeCamera& camera) {
+  const std::optional<RollingShutter> shutter = shutterOf(map, 0);
+  if (!shutter) return;
+  for (Corner& corner : map.corners) {
+    const Eigen::Vector2d seen = corner.pixel + corner.shift;
+    corner.pixel =
+        pixelInMiddle(
+            *shutter, camera, seen.cast<float>(), static_cast<float>(corner.inverse_depth))
+            .cast<double>();
+    corner.shift = seen - corner.pixel;
+  }
 }
 
 Eigen::Index jointRow(const InitialMap& map, std::size_t frame) {
@@ -79,7 +98,7 @@ std::vector<InitPoint> pointsOf(const InitialMap& map) {
     const Corner& corner = map.corners[i];
     if (!handedOver(corner.inverse_depth, corner.variance)) continue;
     points.push_back({0,
-                      corner.pixel.cast<float>(),
+                      corner.seen(),
                       static_cast<float>(corner.inverse_depth),
                       static_cast<float>(corner.variance),
                       observations[i]});

@@ -5,20 +5,26 @@
 #include "dsorb/image/affine_brightness.h"
 #include "dsorb/init/result.h"
 
+#include "estimate/rolling_shutter.h"
+#include "geometry/row_motion.h"
 #include "image/cell_grid.h"
 
 #include <Eigen/Core>
 
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 namespace dsorb::init_orb {
 
 /// Corner hosted in the reference. Its pixel is exact because the patch was cut there.
 struct Corner {
-  Eigen::Vector2d pixel{0, 0};  ///< in the reference [px]
+  Eigen::Vector2d pixel{0, 0};  ///< in the reference, all of it exposed at one time [px]
   double inverse_depth = 0;     ///< [1/unit]
   double variance = 0;          ///< [1/unit^2]; 0 until an adjustment has set it
+  Eigen::Vector2d shift{0, 0};  ///< from there to where a rolling shutter shows it [px]
+
+  [[nodiscard]] Eigen::Vector2f seen() const { return (pixel + shift).cast<float>(); }
 };
 
 /// Observation of a corner in a later frame.
@@ -48,7 +54,16 @@ struct InitialMap {
   std::vector<Corner> corners;
   std::vector<CornerObservation> observations;  ///< sorted by corner, then frame
   std::vector<SemiDensePoint> points;
+  /// Of the frames while their rows are read; empty: global shutter, or not known yet.
+  std::vector<RowMotion> motions{};
 };
+
+/// Rolling shutter of a frame's image; nothing where all of it counts as exposed at one time.
+std::optional<RollingShutter> shutterOf(const InitialMap& map, std::size_t frame, int level = 0);
+
+/// Moves the corners' pixels to where a global shutter would have seen them, by the reference's
+/// motion.
+void placeCorners(InitialMap& map, const PinholeCamera& camera);
 
 /// Brightness of the reference to that of a frame.
 BrightnessTransfer brightnessTo(const InitialMap& map, std::size_t frame);

@@ -216,6 +216,7 @@ PhotometricReport PhotometricAdjustment::run() {
   if (problem_.frames.empty() || problem_.patches.size() < kMinPatches) return report_;
   const PhotometricState before = makeState(problem_, map_);
   PhotometricState state = before;
+  placePatches(problem_, state);
   findVisible(problem_, state);
   report_.median_residual = medianResidual(problem_, state);
   const bool far = report_.median_residual > options_.coarse_residual;

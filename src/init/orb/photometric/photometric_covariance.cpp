@@ -180,8 +180,8 @@ PatchGradients hostGradients(const HostPatch& patch, const PyramidLevel& referen
   PatchGradients gradients;
   for (std::size_t j = 0; j < kPattern.size(); ++j) {
     const Sample<float> sample = interpolate(reference,
-                                             patch.pixel.x() + static_cast<float>(kPattern[j].x),
-                                             patch.pixel.y() + static_cast<float>(kPattern[j].y));
+                                             patch.seen.x() + static_cast<float>(kPattern[j].x),
+                                             patch.seen.y() + static_cast<float>(kPattern[j].y));
     gradients.x[j] = sample.dx;
     gradients.y[j] = sample.dy;
   }

@@ -22,13 +22,13 @@ struct Patch {
 };
 
 /// Projects, samples and differentiates, before brightness. @return intensities in `residual`
-template <bool kPoses>
+template <bool kRolling, bool kPoses>
 DSORB_ALWAYS_INLINE void projectPatch(const PatchImage& image,
                                       const HostPatch& host,
                                       float rho,
                                       Patch& out) {
   WarpedPattern pattern;
-  warpPattern(image.target, image.rays, host.pixel, rho, pattern);
+  warpPattern<kRolling>(image.target, image.rays, host.pixel, rho, pattern);
   const LaneSamples& seen = pattern.seen;
   out.inside = pattern.inside & (seen.intensity == seen.intensity);  // not NaN
   out.residual = seen.intensity;
@@ -76,7 +76,7 @@ DSORB_ALWAYS_INLINE void weigh(const HostPatch& host, Patch& out) {
 }
 
 /// @tparam kSize unknowns of the frame; 0: it is fixed
-template <int kSize>
+template <bool kRolling, int kSize>
 DSORB_ALWAYS_INLINE void linearizeRun(const PatchImage& image,
                                       const PatchRun& run,
                                       const PatchTotals& sums,
@@ -88,7 +88,7 @@ DSORB_ALWAYS_INLINE void linearizeRun(const PatchImage& image,
       continue;
     }
     Patch patch;
-    projectPatch<(kSize > 0)>(image, run.patches[i], run.inverse_depth[i], patch);
+    projectPatch<kRolling, (kSize > 0)>(image, run.patches[i], run.inverse_depth[i], patch);
     applyBrightness(image, run.patches[i], patch);
     weigh(run.patches[i], patch);
     const Lanes weighted = patch.weight * patch.J[8];
@@ -106,16 +106,50 @@ DSORB_ALWAYS_INLINE void linearizeRun(const PatchImage& image,
   }
 }
 
+template <bool kRolling>
+DSORB_ALWAYS_INLINE void linearizeBySize(const PatchImage& image,
+                                         const PatchRun& run,
+                                         const PatchTotals& sums,
+                                         Lanes* totals) {
+  if (totals == nullptr) {
+    linearizeRun<kRolling, 0>(image, run, sums, totals);
+  } else if (image.brightness == PhotometricBrightness::kAffine) {
+    linearizeRun<kRolling, 8>(image, run, sums, totals);
+  } else {
+    linearizeRun<kRolling, 6>(image, run, sums, totals);
+  }
+}
+
 DSORB_TARGET_CLONES void linearize(const PatchImage& image,
                                    const PatchRun& run,
                                    const PatchTotals& sums,
                                    Lanes* totals) {
-  if (totals == nullptr) {
-    linearizeRun<0>(image, run, sums, totals);
-  } else if (image.brightness == PhotometricBrightness::kAffine) {
-    linearizeRun<8>(image, run, sums, totals);
-  } else {
-    linearizeRun<6>(image, run, sums, totals);
+  linearizeBySize<false>(image, run, sums, totals);
+}
+
+DSORB_TARGET_CLONES void linearizeRolling(const PatchImage& image,
+                                          const PatchRun& run,
+                                          const PatchTotals& sums,
+                                          Lanes* totals) {
+  linearizeBySize<true>(image, run, sums, totals);
+}
+
+template <bool kRolling>
+DSORB_ALWAYS_INLINE void evaluateRun(const PatchImage& image,
+                                     const PatchRun& run,
+                                     float* residual,
+                                     char* inside) {
+  for (std::size_t i = 0; i < run.count; ++i) {
+    if (run.seen != nullptr && run.seen[i] == 0) {
+      inside[i] = 0;
+      continue;
+    }
+    Patch patch;
+    projectPatch<kRolling, false>(image, run.patches[i], run.inverse_depth[i], patch);
+    inside[i] = inAllLanes(patch.inside) ? 1 : 0;
+    if (residual == nullptr) continue;
+    applyBrightness(image, run.patches[i], patch);
+    store(patch.residual, residual + i * kLanes);
   }
 }
 
@@ -123,18 +157,14 @@ DSORB_TARGET_CLONES void evaluate(const PatchImage& image,
                                   const PatchRun& run,
                                   float* residual,
                                   char* inside) {
-  for (std::size_t i = 0; i < run.count; ++i) {
-    if (run.seen != nullptr && run.seen[i] == 0) {
-      inside[i] = 0;
-      continue;
-    }
-    Patch patch;
-    projectPatch<false>(image, run.patches[i], run.inverse_depth[i], patch);
-    inside[i] = inAllLanes(patch.inside) ? 1 : 0;
-    if (residual == nullptr) continue;
-    applyBrightness(image, run.patches[i], patch);
-    store(patch.residual, residual + i * kLanes);
-  }
+  evaluateRun<false>(image, run, residual, inside);
+}
+
+DSORB_TARGET_CLONES void evaluateRolling(const PatchImage& image,
+                                         const PatchRun& run,
+                                         float* residual,
+                                         char* inside) {
+  evaluateRun<true>(image, run, residual, inside);
 }
 
 }  // namespace
@@ -143,13 +173,15 @@ void linearizePatches(const PatchImage& image,
                       const PatchRun& run,
                       const PatchTotals& sums,
                       std::array<float, kFrameSums>& frame) {
-  if (sums.points.coupling == nullptr) return linearize(image, run, sums, nullptr);
+  const auto sum_up = image.target.rolling ? linearizeRolling : linearize;
+  if (sums.points.coupling == nullptr) return sum_up(image, run, sums, nullptr);
   Lanes totals[kFrameSums] = {};
-  linearize(image, run, sums, totals);
+  sum_up(image, run, sums, totals);
   for (std::size_t i = 0; i < kFrameSums; ++i) frame[i] += sumLanes(totals[i]);
 }
 
 void evaluatePatches(const PatchImage& image, const PatchRun& run, float* residual, char* inside) {
+  if (image.target.rolling) return evaluateRolling(image, run, residual, inside);
   evaluate(image, run, residual, inside);
 }
 

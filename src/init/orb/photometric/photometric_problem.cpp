@@ -45,9 +45,12 @@ PhotometricProblem makeProblem(const InitialMap& map,
   problem.brightness = options.brightness;
   problem.reference_exposure = map.frames.front().frame->exposure();
   for (const std::size_t k : frames) {
-    problem.frames.push_back(
-        {k, &map.frames[k].frame->level(level), map.frames[k].frame->exposure()});
+    problem.frames.push_back({k,
+                              &map.frames[k].frame->level(level),
+                              map.frames[k].frame->exposure(),
+                              shutterOf(map, k, level)});
   }
+  problem.reference_shutter = shutterOf(map, 0, level);
   const PyramidLevel& reference = map.frames.front().frame->level(level);
   const float scale = 1.0F / static_cast<float>(1 << level);
   const std::size_t corners = map.corners.size();
@@ -56,7 +59,7 @@ PhotometricProblem makeProblem(const InitialMap& map,
   forEachRange(total, kGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const Eigen::Vector2f pixel =
-          i < corners ? map.corners[i].pixel.cast<float>() : map.points[i - corners].pixel;
+          i < corners ? map.corners[i].seen() : map.points[i - corners].pixel;
       const Eigen::Vector2f at = ((pixel.array() + 0.5F) * scale - 0.5F).matrix();
       patches[i] = readHostPatch<interpolate<float>>(reference, at);
       if (patches[i] && !options.gradient_weights) patches[i]->root_weight.fill(1);
@@ -68,6 +71,7 @@ PhotometricProblem makeProblem(const InitialMap& map,
     problem.source.push_back(i);
   }
   problem.seen.assign(problem.frames.size() * problem.patches.size(), 1);
+  placePatches(problem, makeState(problem, map));
   return problem;
 }
 
@@ -91,6 +95,17 @@ PhotometricState makeState(const PhotometricProblem& problem, const InitialMap& 
                                       : static_cast<double>(map.points[i - corners].inverse_depth));
   }
   return state;
+}
+
+void placePatches(PhotometricProblem& problem, const PhotometricState& state) {
+  if (!problem.reference_shutter) return;
+  for (std::size_t i = 0; i < problem.patches.size(); ++i) {
+    HostPatch& patch = problem.patches[i];
+    patch.pixel = pixelInMiddle(*problem.reference_shutter,
+                                problem.camera,
+                                patch.seen,
+                                static_cast<float>(state.inverse_depth[i]));
+  }
 }
 
 double findVisible(PhotometricProblem& problem, const PhotometricState& state) {
@@ -135,6 +150,7 @@ PhotometricProblem subProblem(const PhotometricProblem& problem,
   part.brightness = problem.brightness;
   part.reference_exposure = problem.reference_exposure;
   part.frames = problem.frames;
+  part.reference_shutter = problem.reference_shutter;
   for (const std::size_t i : patches) {
     part.patches.push_back(problem.patches[i]);
     part.source.push_back(problem.source[i]);
@@ -151,9 +167,11 @@ PatchImage patchImage(const PhotometricProblem& problem,
   const PhotometricFrame& seen = problem.frames[frame];
   const BrightnessTransfer transfer =
       brightnessTransfer({}, problem.reference_exposure, state.affine[frame], seen.exposure);
-  return {makeTargetImage(problem.camera, state.T_cam_ref[frame], transfer, *seen.image),
-          HostRays(problem.camera),
-          problem.brightness};
+  PatchImage image{makeTargetImage(problem.camera, state.T_cam_ref[frame], transfer, *seen.image),
+                   HostRays(problem.camera),
+                   problem.brightness};
+  if (seen.shutter) image.target.setShutter(*seen.shutter);
+  return image;
 }
 
 std::vector<FrameResiduals> residualsOf(const PhotometricProblem& problem,

@@ -7,6 +7,7 @@
 #include "init/orb/photometric/photometric_kernels.h"
 
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 namespace dsorb::init_orb {
@@ -16,6 +17,7 @@ struct PhotometricFrame {
   std::size_t index = 0;  ///< into InitialMap::frames
   const PyramidLevel* image = nullptr;
   double exposure = 1;  ///< [s]
+  std::optional<RollingShutter> shutter{};
 };
 
 /// What stays constant during one photometric adjustment: patches of the reference at one pyramid
@@ -28,6 +30,7 @@ struct PhotometricProblem {
   std::vector<HostPatch> patches;
   std::vector<std::size_t> source;  ///< by patch: corner, or number of corners + semi-dense point
   std::vector<char> seen;           ///< [frame * patches + patch]: takes part
+  std::optional<RollingShutter> reference_shutter{};
 
   [[nodiscard]] const char* seenIn(std::size_t frame) const {
     return seen.data() + frame * patches.size();
@@ -59,6 +62,9 @@ PhotometricProblem makeProblem(const InitialMap& map,
                                const PhotometricOptions& options);
 
 PhotometricState makeState(const PhotometricProblem& problem, const InitialMap& map);
+
+/// Moves the patches of a rolling shutter to where a global one would have seen them.
+void placePatches(PhotometricProblem& problem, const PhotometricState& state);
 
 /// Sets `problem.seen`: the whole pattern is inside the frame. @return share of all pairs [-]
 double findVisible(PhotometricProblem& problem, const PhotometricState& state);

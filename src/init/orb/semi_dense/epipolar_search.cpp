@@ -33,6 +33,11 @@ struct Patch {
   std::array<float, kPatternSize> grey;
   std::array<Eigen::Vector2f, kPatternSize> offset;
   float extent = 0;  ///< largest offset along an axis [px]
+
+  void moveBy(const Eigen::Vector2f& shift) {
+    for (Eigen::Vector2f& to : offset) to += shift;
+    extent += shift.lpNorm<Eigen::Infinity>();
+  }
 };
 
 struct Interval {
@@ -251,7 +256,8 @@ constexpr float kMinSpeed = 1e-3F;  // [px unit]: no direction can be told
 EpipolarSearch::EpipolarSearch(const FramePtr& reference,
                                const SearchFrame& target,
                                const PinholeCamera& camera,
-                               const SemiDenseOptions& options)
+                               const SemiDenseOptions& options,
+                               const std::optional<RollingShutter>& reference_shutter)
     : reference_(reference->level(0)),
       target_(target.frame->level(0)),
       frame_(target),
@@ -259,12 +265,16 @@ EpipolarSearch::EpipolarSearch(const FramePtr& reference,
       options_(options),
       geometry_(camera, target.T_cam_ref),
       max_half_length_(
-          static_cast<float>(0.5 * kMaxSearch * std::hypot(camera.width, camera.height))) {}
+          static_cast<float>(0.5 * kMaxSearch * std::hypot(camera.width, camera.height))),
+      reference_shutter_(reference_shutter) {}
 
 SearchOutcome EpipolarSearch::search(const SemiDensePoint& prior, Scratch& scratch) const {
   const Eigen::Vector2f& pixel = prior.pixel;
+  const Eigen::Vector2f middle =
+      reference_shutter_ ? pixelInMiddle(*reference_shutter_, camera_, pixel, prior.inverse_depth)
+                         : pixel;
   const std::optional<EpipolarLine> line =
-      EpipolarLine::through(geometry_, pixel, prior.inverse_depth);
+      EpipolarLine::through(geometry_, middle, prior.inverse_depth);
   // The floor of the line's error limits what this frame can tell.
   if (!line || line->speed() * std::sqrt(prior.variance) < kLineErrorFloor ||
       !gradientIsUsable(reference_.at(static_cast<int>(pixel.x()), static_cast<int>(pixel.y())),
@@ -272,7 +282,9 @@ SearchOutcome EpipolarSearch::search(const SemiDensePoint& prior, Scratch& scrat
                         options_.min_line_gradient)) {
     return {};
   }
-  const Patch patch = cutPatch(reference_, frame_.transfer, pixel, *line);
+  Patch patch = cutPatch(reference_, frame_.transfer, pixel, *line);
+  const Eigen::Vector2f to_row = shiftToRow(line->origin(), prior.inverse_depth);
+  patch.moveBy(to_row);
   const Interval interval = clippedInterval(patch, prior, target_, max_half_length_);
   if (!(interval.end - interval.begin >= 2.0F)) {
     return {};
@@ -284,16 +296,33 @@ SearchOutcome EpipolarSearch::search(const SemiDensePoint& prior, Scratch& scrat
   if (!std::isfinite(match.position) || !refine(target_, patch, interval, min_gradient, match)) {
     return {SearchStatus::kRejected, {}};
   }
-  const EpipolarLine::Depth depth = line->depthAt(match.position);
+  const EpipolarLine::Depth depth = depthOf(*line, match.position, to_row);
   const float photometric = 2.0F * noise * noise / match.information;
   const float variance =
       depth.alpha * depth.alpha *
-      (geometricVariance(frame_, camera_, *line, {pixel, depth.inverse_depth}, match) +
+      (geometricVariance(frame_, camera_, *line, {middle, depth.inverse_depth}, match) +
        photometric);
   if (!(depth.inverse_depth > 0) || !std::isfinite(variance) || !(variance > 0)) {
     return {SearchStatus::kRejected, {}};
   }
   return {SearchStatus::kFound, {pixel, depth.inverse_depth, variance}};
+}
+
+/// From a pixel of the target at the time of its middle row to where its own row shows it [px].
+Eigen::Vector2f EpipolarSearch::shiftToRow(const Eigen::Vector2f& pixel,
+                                           float inverse_depth) const {
+  if (!frame_.shutter) return {0, 0};
+  return pixelInRow(*frame_.shutter, camera_, pixel, inverse_depth) - pixel;
+}
+
+/// Depth of a match; the row's shift was taken at the prior's depth and is taken again at its own.
+EpipolarLine::Depth EpipolarSearch::depthOf(const EpipolarLine& line,
+                                            float position,
+                                            const Eigen::Vector2f& shift) const {
+  EpipolarLine::Depth depth = line.depthAt(position);
+  if (!frame_.shutter) return depth;
+  const Eigen::Vector2f again = shiftToRow(line.at(position), depth.inverse_depth);
+  return line.depthAt(position + line.direction().dot(shift - again));
 }
 
 std::optional<EpipolarLine> EpipolarLine::through(const EpipolarGeometry& geometry,

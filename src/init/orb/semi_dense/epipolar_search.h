@@ -7,6 +7,7 @@
 #include "dsorb/options/orb_mapping.h"
 
 #include "estimate/epipolar_geometry.h"
+#include "estimate/rolling_shutter.h"
 #include "image/photometric.h"
 #include "init/orb/semi_dense/corner_prior.h"
 
@@ -73,6 +74,7 @@ struct SearchFrame {
   SE3 T_cam_ref;
   Matrix6d covariance = Matrix6d::Zero();  ///< of a left increment, [translation; rotation]
   BrightnessTransfer transfer;             ///< reference to this frame
+  std::optional<RollingShutter> shutter{};
 };
 
 /// Searches pixels of a reference along their epipolar lines in one other frame. Holds references
@@ -85,7 +87,8 @@ class EpipolarSearch {
   EpipolarSearch(const FramePtr& reference,
                  const SearchFrame& target,
                  const PinholeCamera& camera,
-                 const SemiDenseOptions& options);
+                 const SemiDenseOptions& options,
+                 const std::optional<RollingShutter>& reference_shutter = {});
 
   /// @param prior pixel of the reference, its residual pattern inside the image, and what is known
   ///              of its inverse depth: the search covers kSearchSigmas to both sides
@@ -96,6 +99,11 @@ class EpipolarSearch {
   [[nodiscard]] SearchOutcome search(const SemiDensePoint& prior, Scratch& scratch) const;
 
  private:
+  [[nodiscard]] Eigen::Vector2f shiftToRow(const Eigen::Vector2f& pixel, float inverse_depth) const;
+  [[nodiscard]] EpipolarLine::Depth depthOf(const EpipolarLine& line,
+                                            float position,
+                                            const Eigen::Vector2f& shift) const;
+
   const PyramidLevel& reference_;
   const PyramidLevel& target_;
   const SearchFrame& frame_;
@@ -103,6 +111,7 @@ class EpipolarSearch {
   const SemiDenseOptions& options_;
   EpipolarGeometry geometry_;
   float max_half_length_;  ///< [px]
+  std::optional<RollingShutter> reference_shutter_;
 };
 
 }  // namespace dsorb::init_orb

@@ -78,7 +78,8 @@ std::vector<SearchFrame> searchFrames(const InitialMap& map) {
       frames.push_back({map.frames[k].frame,
                         *map.frames[k].T_cam_ref,
                         map.frames[k].covariance.value_or(Matrix6d::Zero()),
-                        brightnessTo(map, k)});
+                        brightnessTo(map, k),
+                        shutterOf(map, k)});
     }
   }
   return frames;
@@ -104,7 +105,7 @@ SemiDenseReport estimateSemiDenseDepth(InitialMap& map,
   std::vector<EpipolarSearch> searches;
   searches.reserve(frames.size());
   for (const SearchFrame& frame : frames) {
-    searches.emplace_back(reference, frame, camera, options);
+    searches.emplace_back(reference, frame, camera, options, shutterOf(map, 0));
   }
   std::vector<CandidateResult> results(candidates.size());
   forEachRange(candidates.size(), kGrain, [&](std::size_t begin, std::size_t end) {

@@ -3,8 +3,10 @@
 
 #include "init/orb/bundle/corner_refinement.h"
 #include "init/orb/bundle/geometric_covariance.h"
+#include "init/orb/bundle/map_assembly.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/start/motion_candidates.h"
+#include "init/orb/start/rival_motions.h"
 #include "init/orb/start/start_gate.h"
 #include "init/orb/two_view/essential_motion.h"
 #include "init/orb/two_view/model_selection.h"
@@ -27,20 +29,19 @@ constexpr double kMinRotationResidual = 0.5;  // rotation-compensated flow; less
 constexpr double kMinTrackNoise = 0.5;
 /// An attempt is left out where the last one from this reference, extrapolated by the growth of the
 /// parallax, misses the gate by more than this factor.
-constexpr double kRetryMargin = 1.25;
-constexpr int kMaxSkippedFrames = 2;  // but so many times in a row at most
+constexpr double kRetryMargin = 1.5;
+constexpr int kMaxSkippedFrames = 1;  // but so many times in a row at most
+/// Least noise of a match in the likelihood of motions elsewhere [px].
+constexpr double kMinMatchNoise = 0.05;
+constexpr double kMaxCostRatio = 1000;  // of a plane's motions: files hold no infinity
 constexpr int kNoiseRounds =
     3;  // of measuring the noise; docs/experiments.md, "Noise of the tracks"
 
-/// Whether enough has changed since the last attempt from this reference: the predicted error
-/// falls, and the parallax grows, with the rotation-compensated flow.
+/// Whether enough has changed since the last attempt from this reference: the predicted errors fall
+/// as the rotation-compensated flow grows.
 bool worthTheTime(const AttemptSummary& last, double rotation_residual, const GateOptions& gate) {
-  if (last.direction_sigma_deg == 0 || last.skipped >= kMaxSkippedFrames) return true;
-  const double growth = rotation_residual / last.rotation_residual;
-  const double better = kRetryMargin * growth;
-  const double sigma = last.direction_sigma_deg / better;
-  return sigma < gate.max_direction_sigma_deg &&
-         better * last.parallax_deg > neededParallaxDeg(gate, sigma);
+  if (!last.gate || last.skipped >= kMaxSkippedFrames) return true;
+  return errorsPass(*last.gate, kRetryMargin * rotation_residual / last.rotation_residual, gate);
 }
 
 /// A motion between two views, and how well its model explains the matches.
@@ -80,23 +81,21 @@ struct PlaneComparison {
 };
 
 /// Where a homography explains the matches better, both motions of the plane are tried.
-PlaneComparison comparePlane(MotionCandidate candidate,
-                             const SelectedMotion& selected,
-                             const ReferenceView& view,
-                             const Matches& matches,
-                             const AttemptContext& context) {
-  PlaneComparison compared{std::move(candidate), DisplacementModel::kEssential, {}, {}};
+void comparePlane(const SelectedMotion& selected,
+                  const ReferenceView& view,
+                  const Matches& matches,
+                  const AttemptContext& context,
+                  PlaneComparison& compared) {
   const auto H = estimateHomography(matches, kRansacThreshold, context.seed());
-  if (!H) return compared;
+  if (!H) return;
   const double homography_gric =
       gric(DisplacementModel::kHomography, homographySampsonErrors(*H, matches), selected.noise);
   compared.homography_gric = homography_gric / selected.gric;
-  if (homography_gric >= selected.gric) return compared;
+  if (homography_gric >= selected.gric) return;
   compared.model = DisplacementModel::kHomography;
   const double ratio = competeOverFrames(
       view, planeMotions(*H, matches, context.camera, kRansacThreshold), context, compared.best);
-  compared.second_cost = std::min(ratio, kMinPlaneCostRatio * 1000);
-  return compared;
+  compared.second_cost = std::min(ratio, kMaxCostRatio);
 }
 
 /// Measures the noise, refines the corners, drops those behind the camera, sets scale and
@@ -110,6 +109,7 @@ Outcome<Reconstruction> refineStart(Reconstruction made, const AttemptContext& c
   GeometricOptions adjusted = context.clock.time(
       "geometric", [&] { return adjustToNoise(map, camera, orb.geometric, kNoiseRounds); });
   found.track_noise = adjusted.sigma;
+  context.clock.time("motions", [&] { estimateMotions(map, camera); });
   found.refinement = context.clock.time(
       "polish", [&] { return refineCorners(map, camera, adjusted, orb.polish_rounds); });
   if (!found.refinement.fits) return InitReason::kPoorQuality;
@@ -119,18 +119,70 @@ Outcome<Reconstruction> refineStart(Reconstruction made, const AttemptContext& c
     behind[i] = map.corners[i].inverse_depth > 0 ? 0 : 1;
   }
   removeCorners(map, behind);
-  // The gate's conditions must still hold: a refinement whose patches do not match loses corners.
-  if (static_cast<double>(map.corners.size()) <
-      std::max<double>(orb.gate.min_points, orb.gate.min_track_share * found.tracks)) {
-    return InitReason::kPoorQuality;
+  if (static_cast<int>(map.corners.size()) < orb.geometric.min_points ||
+      !normalizeCornerScale(map)) {
+    return InitReason::kTooFewPoints;
   }
-  if (!normalizeCornerScale(map)) return InitReason::kPoorQuality;
   report.residual_rms = medianError(map, camera);
   found.variance_factor =
       context.clock.time("covariance", [&] { return setCovariances(map, camera, adjusted); });
   found.clustered_factor = map.cluster_variance_scale;
   if (!std::isfinite(found.variance_factor)) return InitReason::kPoorQuality;
   return made;
+}
+
+/// Judges a refined start by everything that is known of it.
+/// @param noise of a match about its epipolar line [px]
+GateReport judge(const Reconstruction& made,
+                 const Matches& matches,
+                 double noise,
+                 const AttemptContext& context) {
+  const EssentialReport& found = *made.report.essential;
+  const GateOptions& options = context.options.orb.gate;
+  StartEvidence evidence{found.tracks, found.front_share, 1, found.second_cost};
+  if (found.refinement.accepted) evidence.misfit = misfitOf(made.report.residual_rms);
+  GateReport gate = judgeStart(made.map, context.camera, options, evidence);
+  if (gate.reason != InitReason::kDone) return gate;
+  const RivalMotion rival = findRival(*made.map.frames.back().T_cam_ref,
+                                      matches,
+                                      context.camera,
+                                      std::max(kMinMatchNoise, noise),
+                                      options.wrong_angle_deg);
+  addRival(gate, rival.probability(occupiedCells(made.map, context.camera)), options);
+  return gate;
+}
+
+/// A refined start that passed, or why not, with its judgement where it came so far.
+struct JudgedStart {
+  Outcome<Reconstruction> made;
+  std::optional<GateReport> gate;
+};
+
+JudgedStart refineAndJudge(const PlaneComparison& compared,
+                           const SelectedMotion& selected,
+                           const RotationFit& rotation,
+                           const Matches& matches,
+                           const AttemptContext& context) {
+  Reconstruction start{compared.best.map, {}};
+  start.report.model = name(compared.model);
+  start.report.inlier_ratio =
+      static_cast<double>(selected.motion.inliers) / static_cast<double>(matches.size());
+  EssentialReport& found = start.report.essential.emplace();
+  found.tracks = static_cast<int>(matches.size());
+  found.inliers = selected.motion.inliers;
+  found.rotation_residual = rotation.median_residual;
+  found.front_share = compared.best.front_share;
+  found.homography_gric = compared.homography_gric;
+  found.second_cost = compared.second_cost;
+  auto made = refineStart(std::move(start), context);
+  if (!made) return {made.reason(), {}};
+  const GateReport gate = context.clock.time(
+      "gate", [&] { return judge(*made, matches, selected.motion.noise, context); });
+  if (gate.reason != InitReason::kDone) return {gate.reason, gate};
+  made->report.essential->gate = gate;
+  made->report.median_parallax_deg = gate.parallax_deg;
+  made->report.wrong_probability = gate.wrong_probability;
+  return {std::move(made), gate};
 }
 
 }  // namespace
@@ -159,32 +211,17 @@ EssentialStart startFromEssential(const ReferenceView& view, const AttemptContex
   auto candidate =
       clock.time("geometric", [&] { return makeCandidate(view, selected->motion, context); });
   if (!candidate) return refuse(InitReason::kTooFewPoints);
-  const GateReport gate = clock.time("gate", [&] {
-    return judgeStart(
-        candidate->map, context.camera, context.options.orb, tracks, candidate->front_share);
-  });
-  summary.direction_sigma_deg = gate.direction_sigma_deg;
-  summary.parallax_deg = gate.parallax_deg;
-  if (gate.reason != InitReason::kDone) return refuse(gate.reason);
-  PlaneComparison compared = clock.time("planes", [&] {
-    return comparePlane(std::move(*candidate), *selected, view, matches, context);
-  });
-  if (compared.second_cost.value_or(HUGE_VAL) < kMinPlaneCostRatio) {
-    return refuse(InitReason::kDegenerateMotion);
+  PlaneComparison compared{std::move(*candidate), DisplacementModel::kEssential, {}, {}};
+  JudgedStart start = refineAndJudge(compared, *selected, rotation, matches, context);
+  if (start.made) {
+    clock.time("planes", [&] { comparePlane(*selected, view, matches, context, compared); });
+    start.made->report.essential->homography_gric = compared.homography_gric;
+    if (compared.second_cost) {
+      start = refineAndJudge(compared, *selected, rotation, matches, context);
+    }
   }
-  Reconstruction made{std::move(compared.best.map), {}};
-  made.report.model = name(compared.model);
-  made.report.median_parallax_deg = gate.parallax_deg;
-  made.report.inlier_ratio = static_cast<double>(selected->motion.inliers) / tracks;
-  EssentialReport& found = made.report.essential.emplace();
-  found.tracks = tracks;
-  found.inliers = selected->motion.inliers;
-  found.rotation_residual = rotation.median_residual;
-  found.front_share = compared.best.front_share;
-  found.homography_gric = compared.homography_gric;
-  found.second_cost = compared.second_cost;
-  found.gate = gate;
-  return {refineStart(std::move(made), context), summary};
+  summary.gate = start.gate;
+  return {std::move(start.made), summary};
 }
 
 }  // namespace dsorb::init_orb

@@ -11,10 +11,6 @@
 
 namespace dsorb::init_orb {
 
-/// Least ratio of the costs of the second-best and the best motion; below it the plane is
-/// ambiguous.
-constexpr double kMinPlaneCostRatio = 1.2;
-
 /// A motion with the map that follows from it, adjusted over a few frames.
 struct MotionCandidate {
   InitialMap map;

@@ -4,14 +4,12 @@
 #include "base/median.h"
 #include "geometry/symmetric_eigen.h"
 #include "geometry/triangulate.h"
-#include "init/orb/bundle/reprojection_equations.h"
-#include "init/orb/tracks/image_scale.h"
 #include "init/orb/two_view/motion_refinement.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <limits>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -19,29 +17,18 @@ namespace dsorb::init_orb {
 namespace {
 
 constexpr double kDegPerRad = 180.0 / M_PI;
-constexpr double kReferenceCorners = 100;  // the predicted error is scaled to this many
+constexpr int kMinCorners = 60;         // fewer: docs/experiments.md, "When to start"
+constexpr double kMinTrackShare = 0.5;  // of the reference's live tracks that are left
+constexpr double kMinFrontShare = 0.8;  // of the corners, in front of the camera
+/// Median length of a two-dimensional vector whose coordinates have standard deviation 1.
+constexpr double kMedianLength = 1.1774;
+/// Scale and degrees of freedom of the t-distribution of a direction's errors over their predicted
+/// sigmas.
+/// @source docs/experiments.md, "When to start"
+constexpr double kDirectionScale = 1.5;
+constexpr double kFreedom = 4;
 
 }  // namespace
-
-DirectionSigma directionSigma(const InitialMap& map,
-                              const PinholeCamera& camera,
-                              const GeometricOptions& options) {
-  constexpr double kInfinity = std::numeric_limits<double>::infinity();
-  constexpr DirectionSigma kUnknown{kInfinity, kInfinity};
-  const GeometricMarginals joint(map, camera, options);
-  if (!joint.variance_factor) return kUnknown;
-  const Eigen::Vector3d& t = map.frames.back().T_cam_ref->translation();
-  Eigen::MatrixXd perpendicular = Eigen::MatrixXd::Zero(joint.rows.size, 2);
-  perpendicular.middleRows<3>(joint.rows.first.back()) = tangentBasis(t.normalized());
-  const Eigen::VectorXd unit_scale = joint.scale.normalized();
-  perpendicular -= unit_scale * (unit_scale.transpose() * perpendicular);
-  const Eigen::Matrix2d covariance =
-      perpendicular.transpose() * joint.marginals.solve(perpendicular);
-  const double variance = symmetricEigen(covariance).values[1];
-  if (!(variance >= 0)) return kUnknown;
-  const double sigma = std::sqrt(variance) / t.norm();
-  return {sigma, sigma * std::sqrt(*joint.variance_factor)};
-}
 
 double medianParallaxDeg(const InitialMap& map, const PinholeCamera& camera) {
   const std::size_t newest = map.frames.size() - 1;
@@ -56,38 +43,93 @@ double medianParallaxDeg(const InitialMap& map, const PinholeCamera& camera) {
   return medianOf(std::move(angles)) * kDegPerRad;
 }
 
-double neededParallaxDeg(const GateOptions& gate, double direction_sigma_deg) {
-  return direction_sigma_deg <= gate.sharp_sigma_deg
-             ? std::min(gate.sharp_parallax_deg, gate.min_parallax_deg)
-             : gate.min_parallax_deg;
+Eigen::Vector2d directionSigmasDeg(const InitialMap& map) {
+  const PosedFrame& newest = map.frames.back();
+  const Eigen::Vector3d& t = newest.T_cam_ref->translation();
+  const Eigen::Matrix<double, 3, 2> basis = tangentBasis(t.normalized());
+  const Eigen::Matrix2d covariance =
+      basis.transpose() * newest.covariance->topLeftCorner<3, 3>() * basis / t.squaredNorm();
+  const Eigen::VectorXd variances = symmetricEigen(covariance).values.cwiseMax(0);
+  return kDegPerRad * variances.cwiseSqrt();
+}
+
+double misfitOf(double median_error) {
+  return std::max(1.0, median_error / kMedianLength);
+}
+
+double tailProbability(const Eigen::Vector2d& sigmas_deg, double angle_deg) {
+  // In polar coordinates of the whitened plane the radius has a closed tail, (1 + r^2 / f)^(-f/2).
+  constexpr int kAngles = 16;  // of a quarter: the others are alike
+  double sum = 0;
+  for (int i = 0; i < kAngles; ++i) {
+    const double angle = (i + 0.5) * M_PI / 2 / kAngles;
+    const double length =
+        std::hypot(std::cos(angle) * sigmas_deg[0], std::sin(angle) * sigmas_deg[1]);
+    const double radius = angle_deg / length;
+    sum += std::pow(1 + radius * radius / kFreedom, -kFreedom / 2);
+  }
+  return sum / kAngles;
+}
+
+double rivalProbability(double cost_ratio, double samples) {
+  return 1 / (1 + std::pow(cost_ratio, samples));
+}
+
+int occupiedCells(const InitialMap& map, const PinholeCamera& camera) {
+  std::set<std::size_t> cells;
+  for (const Corner& corner : map.corners) cells.insert(imageCell(corner.pixel, camera));
+  return static_cast<int>(cells.size());
 }
 
 GateReport judgeStart(const InitialMap& map,
                       const PinholeCamera& camera,
-                      const OrbOptions& options,
-                      int live_tracks,
-                      double front_share) {
-  const GateOptions& gate = options.gate;
+                      const GateOptions& options,
+                      const StartEvidence& evidence) {
   const auto corners = static_cast<double>(map.corners.size());
   GateReport report;
+  report.misfit = evidence.misfit;
   report.parallax_deg = medianParallaxDeg(map, camera);
-  const DirectionSigma sigma = directionSigma(map, camera, options.geometric);
-  // Small images are tracked as well as large ones, in pixels of the large ones.
-  const double scale = std::min(1.0, imageScale(camera.width, camera.height));
-  report.direction_sigma_deg =
-      scale * sigma.predicted * std::sqrt(corners / kReferenceCorners) * kDegPerRad;
-  report.fitted_sigma_deg = sigma.fitted * kDegPerRad;
-  if (corners < gate.min_points || corners < gate.min_track_share * live_tracks) {
+  const Eigen::Vector2d sigmas = evidence.misfit * kDirectionScale * directionSigmasDeg(map);
+  report.direction_sigma_deg = sigmas[1];
+  report.second_sigma_deg = sigmas[0];
+  std::vector<double> relative;
+  for (const Corner& corner : map.corners) {
+    relative.push_back(std::sqrt(corner.variance) / corner.inverse_depth);
+  }
+  report.depth_sigma = evidence.misfit * medianOf(std::move(relative));
+  report.error_probability = tailProbability(sigmas, options.wrong_angle_deg);
+  if (evidence.plane_cost_ratio) {
+    report.plane_probability = rivalProbability(*evidence.plane_cost_ratio,
+                                                static_cast<double>(occupiedCells(map, camera)));
+  }
+  report.wrong_probability = 1 - (1 - report.error_probability) * (1 - report.plane_probability);
+  if (corners < kMinCorners || corners < kMinTrackShare * evidence.live_tracks) {
     report.reason = InitReason::kTooFewPoints;
-  } else if (front_share < gate.min_front_share) {
+  } else if (evidence.front_share < kMinFrontShare ||
+             !(report.plane_probability <= options.max_wrong_probability)) {
     report.reason = InitReason::kDegenerateMotion;
-  } else if (report.parallax_deg < neededParallaxDeg(gate, report.direction_sigma_deg)) {
+  } else if (!(report.depth_sigma <= options.max_depth_sigma)) {
     report.reason = InitReason::kTooLittleParallax;
-  } else if (!(report.direction_sigma_deg <= gate.max_direction_sigma_deg &&
-               report.fitted_sigma_deg <= gate.max_fitted_sigma_deg)) {
+  } else if (!(report.wrong_probability <= options.max_wrong_probability)) {
     report.reason = InitReason::kPoorQuality;
   }
   return report;
+}
+
+void addRival(GateReport& report, double probability, const GateOptions& options) {
+  report.rival_probability = probability;
+  report.wrong_probability = 1 - (1 - report.wrong_probability) * (1 - probability);
+  if (report.reason == InitReason::kDone &&
+      !(report.wrong_probability <= options.max_wrong_probability)) {
+    report.reason = InitReason::kDegenerateMotion;
+  }
+}
+
+bool errorsPass(const GateReport& report, double shrunk_by, const GateOptions& options) {
+  const Eigen::Vector2d sigmas(report.second_sigma_deg, report.direction_sigma_deg);
+  return report.depth_sigma / shrunk_by <= options.max_depth_sigma &&
+         tailProbability(sigmas / shrunk_by, options.wrong_angle_deg) <=
+             options.max_wrong_probability;
 }
 
 }  // namespace dsorb::init_orb

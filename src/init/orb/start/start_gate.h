@@ -7,38 +7,55 @@
 
 #include "init/orb/map/initial_map.h"
 
+#include <Eigen/Core>
+
+#include <optional>
+
 namespace dsorb::init_orb {
-
-/// Standard deviation of the direction of the newest frame's translation [rad].
-struct DirectionSigma {
-  double predicted;  ///< with the options' sigma
-  double fitted;     ///< times the root of the a-posteriori variance factor
-};
-
-/// Predicted error of the direction of the newest frame's translation: the larger one perpendicular
-/// to it, from the adjustment's normal equations. It is formal: errors that all corners share are
-/// not included.
-/// @source docs/experiments.md, "When to start"
-/// @param map adjusted; newest frame posed
-/// @return infinite when the equations are singular
-DirectionSigma directionSigma(const InitialMap& map,
-                              const PinholeCamera& camera,
-                              const GeometricOptions& options);
 
 /// Median angle between the rays to a corner from the reference and from the newest frame [deg].
 double medianParallaxDeg(const InitialMap& map, const PinholeCamera& camera);
 
-/// Parallax that a start needs whose direction has this predicted sigma [deg].
-double neededParallaxDeg(const GateOptions& gate, double direction_sigma_deg);
+/// Standard deviations of the direction of the newest frame's translation along the axes of its
+/// covariance, the larger one last, before misfit and calibration [deg].
+Eigen::Vector2d directionSigmasDeg(const InitialMap& map);
 
-/// Judges a start.
-/// @param map         adjusted
-/// @param live_tracks of the reference
-/// @param front_share of the corners, in front of the camera
+/// How much larger the errors are than the images' noise explains: at least 1.
+/// @param median_error of the corners, whitened by their covariances [-]
+double misfitOf(double median_error);
+
+/// Probability that a direction is off by more than an angle, for a t-distribution on its tangent
+/// plane.
+/// @param sigmas_deg along the axes of the covariance
+double tailProbability(const Eigen::Vector2d& sigmas_deg, double angle_deg);
+
+/// Probability that the other motion of a plane is the right one.
+/// @param cost_ratio of the other's mean robust cost over the best's
+/// @param samples    independent ones: occupied cells of the image
+double rivalProbability(double cost_ratio, double samples);
+
+/// What is known of a start beside its map.
+struct StartEvidence {
+  int live_tracks = 0;                     ///< of the reference
+  double front_share = 0;                  ///< of the corners, in front of the camera
+  double misfit = 1;                       ///< misfitOf the refined corners
+  std::optional<double> plane_cost_ratio;  ///< of the other motion of a plane
+};
+
+/// Judges a start by all but the motions elsewhere.
+/// @param map refined, mean inverse depth 1, with covariances
 GateReport judgeStart(const InitialMap& map,
                       const PinholeCamera& camera,
-                      const OrbOptions& options,
-                      int live_tracks,
-                      double front_share);
+                      const GateOptions& options,
+                      const StartEvidence& evidence);
+
+/// Adds the probability of a motion elsewhere.
+void addRival(GateReport& report, double probability, const GateOptions& options);
+
+/// Whether a start would pass by its errors alone if they had shrunk by a factor.
+bool errorsPass(const GateReport& report, double shrunk_by, const GateOptions& options);
+
+/// Cells of the image with corners in them.
+int occupiedCells(const InitialMap& map, const PinholeCamera& camera);
 
 }  // namespace dsorb::init_orb

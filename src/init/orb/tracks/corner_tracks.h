@@ -21,6 +21,9 @@ struct CornerTracks {
   /// [frame][corner], the reference first [px]; NaN where a corner was not seen. The reference and
   /// the newest frame see all.
   std::vector<std::vector<Eigen::Vector2f>> positions;
+  /// Where the image of the reference shows the corners, where `positions` are those of a global
+  /// shutter instead [px]; else empty.
+  std::vector<Eigen::Vector2f> seen{};
 
   [[nodiscard]] int frames() const { return static_cast<int>(positions.size()); }
   [[nodiscard]] int size() const {

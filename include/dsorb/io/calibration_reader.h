@@ -7,11 +7,12 @@
 
 namespace dsorb {
 
-/// Lens and rectification of a calibration file of any known kind: EuRoC sensor.yaml or Kalibr
-/// camchain.yaml (by the suffix), KITTI calib.txt (by its lines P0: ... P3:), else the camera.txt
-/// of DSO. Nothing photometric is read.
+/// Lens and rectification of a calibration file of any known kind, told by suffix and content:
+/// EuRoC sensor.yaml, Kalibr camchain.yaml, ROS camera_info, YAML or XML of cv::FileStorage, KITTI
+/// calib.txt, COLMAP cameras.txt, else the camera.txt of DSO. docs/calibration.md shows each.
+/// Nothing photometric is read.
 /// @param kitti_camera  which line of a KITTI file: that of image_0 ... image_3
-/// @return a lens of size 0 where the file does not say it (KITTI)
+/// @return a lens of size 0 where the file does not say it (KITTI, some files of OpenCV)
 /// @throws IoError naming file, line, key and expectation
 Calibration readCalibration(const std::filesystem::path& file, int kitti_camera = 0);
 

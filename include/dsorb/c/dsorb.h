@@ -1,0 +1,178 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/**
+ * @file
+ * Initializer and odometry for callers in C and in languages that call C. Link dsorb::odometry.
+ *
+ * Conventions are those of docs/library.md: rectified pinhole cameras in pixels, the centre of the
+ * top-left pixel at (0, 0); poses are 3 x 4 matrices [R | t], row after row, and `cam_from_ref`
+ * maps points of the reference camera to the camera. Times are in seconds. The unit of length is
+ * such that the mean inverse depth of a reference's points is 1.
+ *
+ * Functions that may fail return a dsorb_status. On failure the text that says why is in `error`,
+ * a buffer of the caller's with `error_size` bytes that may be NULL; it is cut to fit and always
+ * ends with a zero. No exception leaves these functions. One thread at a time may use an object.
+ */
+/* NOLINTBEGIN(modernize-*,readability-identifier-naming): this is C. */
+#ifndef DSORB_C_DSORB_H
+#define DSORB_C_DSORB_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** Answer of a call. */
+typedef enum dsorb_status {
+  DSORB_OK = 0,
+  DSORB_BAD_ARGUMENT = 1, /**< a mistake of the caller: NULL, image size, time, unknown option */
+  DSORB_WRONG_STATE = 2,  /**< a call after a result or after the end */
+  DSORB_FAILED = 3        /**< anything else, for example no memory */
+} dsorb_status;
+
+/** What a frame led to. */
+typedef enum dsorb_state {
+  DSORB_INITIALIZING = 0, /**< more frames are needed */
+  DSORB_INITIALIZED = 1,  /**< with this frame */
+  DSORB_TRACKED = 2,      /**< the frame has a pose (odometry only) */
+  DSORB_LOST = 3          /**< the next frame needs dsorb_odometry_restart (odometry only) */
+} dsorb_state;
+
+/** Rectified pinhole camera [px]. */
+typedef struct dsorb_camera {
+  double fx;      /**< focal length */
+  double fy;      /**< focal length */
+  double cx;      /**< principal point */
+  double cy;      /**< principal point */
+  int32_t width;  /**< of the images */
+  int32_t height; /**< of the images */
+} dsorb_camera;
+
+/** One rectified grey image. It is copied. */
+typedef struct dsorb_image {
+  const uint8_t* data; /**< grey levels of the camera's size */
+  size_t stride;       /**< bytes from row to row; 0: rows follow each other */
+  int32_t id;          /**< unique among the frames given */
+  double timestamp;    /**< [s] */
+  double exposure;     /**< [s]; 0 or 1 when unknown */
+} dsorb_image;
+
+/** One of the frames of a start. */
+typedef struct dsorb_frame {
+  int32_t id;              /**< as given with the image */
+  int32_t posed;           /**< 0: the frame could not be posed, only id and timestamp are set */
+  double timestamp;        /**< [s] */
+  double cam_from_ref[12]; /**< 3 x 4, row after row */
+  double a;                /**< brightness: log gain, relative to the reference */
+  double b;                /**< brightness: offset [grey levels], relative to the reference */
+} dsorb_frame;
+
+/** A point that was found in its host. */
+typedef struct dsorb_point {
+  int32_t host;        /**< of a start: index into its frames; of an odometry: id of the keyframe */
+  float u;             /**< column in the host [px] */
+  float v;             /**< row in the host [px] */
+  float inverse_depth; /**< along the host's optical axis [1/unit] */
+  float variance;      /**< of the inverse depth [1/unit^2]; 0: unknown */
+} dsorb_point;
+
+/** Estimate of one frame. */
+typedef struct dsorb_estimate {
+  dsorb_state state;         /**< after this frame */
+  int32_t has_pose;          /**< 0: world_from_cam is not set */
+  int32_t is_keyframe;       /**< 1: the map hosts points in it */
+  int32_t segment;           /**< a new one, with a world of its own, begins after a loss */
+  double world_from_cam[12]; /**< 3 x 4, row after row; world: the segment's reference camera */
+} dsorb_estimate;
+
+typedef struct dsorb_initializer dsorb_initializer; /**< opaque */
+typedef struct dsorb_odometry dsorb_odometry;       /**< opaque */
+
+/** Version of the library that is linked, for example "0.2.0". */
+const char* dsorb_version(void);
+
+/**
+ * Makes an initializer.
+ * @param name    as on the command line, for example "orb" or "coarse", or a registered one
+ * @param threads of the inner loops; 0: all the machine has
+ * @param out     receives the object, to be given to dsorb_initializer_destroy; NULL on failure
+ */
+dsorb_status dsorb_initializer_create(const char* name,
+                                      const dsorb_camera* camera,
+                                      int32_t threads,
+                                      dsorb_initializer** out,
+                                      char* error,
+                                      size_t error_size);
+
+/**
+ * Gives the next frame, in time order.
+ * @param state DSORB_INITIALIZING, or DSORB_INITIALIZED: then frames and points can be read, and
+ *              dsorb_initializer_reset must come before the next frame
+ */
+dsorb_status dsorb_initializer_add(dsorb_initializer* initializer,
+                                   const dsorb_image* image,
+                                   dsorb_state* state,
+                                   char* error,
+                                   size_t error_size);
+
+/**
+ * Copies at most `capacity` frames of the start, the reference first.
+ * @param out may be NULL where capacity is 0
+ * @return    how many there are; 0 before a start
+ */
+size_t dsorb_initializer_frames(const dsorb_initializer* initializer,
+                                dsorb_frame* out,
+                                size_t capacity);
+
+/**
+ * Copies at most `capacity` points of the start.
+ * @param out may be NULL where capacity is 0
+ * @return    how many there are; 0 before a start
+ */
+size_t dsorb_initializer_points(const dsorb_initializer* initializer,
+                                dsorb_point* out,
+                                size_t capacity);
+
+/** Makes the object equal to a fresh one. */
+dsorb_status dsorb_initializer_reset(dsorb_initializer* initializer,
+                                     char* error,
+                                     size_t error_size);
+
+/** Takes NULL too. */
+void dsorb_initializer_destroy(dsorb_initializer* initializer);
+
+/** Makes an odometry that starts from the named initializer; arguments as above. */
+dsorb_status dsorb_odometry_create(const char* name,
+                                   const dsorb_camera* camera,
+                                   int32_t threads,
+                                   dsorb_odometry** out,
+                                   char* error,
+                                   size_t error_size);
+
+/** Gives the next frame, in time order, and receives its estimate. */
+dsorb_status dsorb_odometry_add(dsorb_odometry* odometry,
+                                const dsorb_image* image,
+                                dsorb_estimate* estimate,
+                                char* error,
+                                size_t error_size);
+
+/**
+ * Copies at most `capacity` points of the newest keyframe that has points.
+ * @param out may be NULL where capacity is 0
+ * @return    how many there are
+ */
+size_t dsorb_odometry_points(const dsorb_odometry* odometry, dsorb_point* out, size_t capacity);
+
+/** After DSORB_LOST: the next frame begins a new segment. */
+dsorb_status dsorb_odometry_restart(dsorb_odometry* odometry, char* error, size_t error_size);
+
+/** Takes NULL too. */
+void dsorb_odometry_destroy(dsorb_odometry* odometry);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
+/* NOLINTEND(modernize-*,readability-identifier-naming) */

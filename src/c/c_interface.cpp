@@ -1,0 +1,268 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "dsorb/c/dsorb.h"
+#include "dsorb/error.h"
+#include "dsorb/odometry/odometry.h"
+
+#include <algorithm>
+#include <cstring>
+#include <memory>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+// NOLINTBEGIN(readability-identifier-naming,readability-function-size): the C interface.
+struct dsorb_initializer {
+  dsorb::PinholeCamera camera;
+  std::unique_ptr<dsorb::Initializer> initializer;
+  std::vector<dsorb_frame> frames;
+  std::vector<dsorb_point> points;
+};
+
+namespace {
+
+/// Keeps the points of the newest keyframe.
+class NewestPoints : public dsorb::OdometryObserver {
+ public:
+  void onKeyframe(const dsorb::KeyframeSnapshot& keyframe) override {
+    if (keyframe.points.empty() || keyframe.id < newest_) return;
+    newest_ = keyframe.id;
+    points.clear();
+    for (const dsorb::MapPoint& p : keyframe.points) {
+      points.push_back({newest_.value, p.pixel.x(), p.pixel.y(), p.inverse_depth, p.variance});
+    }
+  }
+  void onLost(dsorb::FrameId /*frame*/, int /*segment*/) override { newest_ = {}; }
+
+  std::vector<dsorb_point> points;
+
+ private:
+  dsorb::FrameId newest_;
+};
+
+}  // namespace
+
+struct dsorb_odometry {
+  dsorb::PinholeCamera camera;
+  NewestPoints newest;
+  std::optional<dsorb::Odometry> odometry;
+};
+
+namespace {
+
+void writeError(const char* text, char* error, size_t error_size) {
+  if (error == nullptr || error_size == 0) return;
+  const std::size_t length = std::min(std::strlen(text), error_size - 1);
+  std::memcpy(error, text, length);
+  error[length] = 0;
+}
+
+/// Turns whatever `call` throws into a status and a text.
+template <typename Call>
+dsorb_status guarded(char* error, size_t error_size, Call call) noexcept {
+  try {
+    call();
+    return DSORB_OK;
+  } catch (const std::invalid_argument& e) {
+    writeError(e.what(), error, error_size);
+    return DSORB_BAD_ARGUMENT;
+  } catch (const dsorb::ConfigError& e) {
+    writeError(e.what(), error, error_size);
+    return DSORB_BAD_ARGUMENT;
+  } catch (const std::logic_error& e) {
+    writeError(e.what(), error, error_size);
+    return DSORB_WRONG_STATE;
+  } catch (const std::exception& e) {
+    writeError(e.what(), error, error_size);
+    return DSORB_FAILED;
+  } catch (...) {
+    writeError("an error without a text", error, error_size);
+    return DSORB_FAILED;
+  }
+}
+
+template <typename Pointer>
+void require(Pointer pointer, const char* name) {
+  if (pointer == nullptr) throw std::invalid_argument(std::string(name) + " is NULL");
+}
+
+dsorb::PinholeCamera cameraOf(const dsorb_camera* camera) {
+  require(camera, "camera");
+  return {camera->fx, camera->fy, camera->cx, camera->cy, camera->width, camera->height};
+}
+
+dsorb::InitializerOptions optionsOf(const char* name, int32_t threads) {
+  require(name, "name");
+  dsorb::InitializerOptions options = dsorb::initializerVariant(name);
+  options.num_threads = threads;
+  return options;
+}
+
+dsorb::FramePtr frameOf(const dsorb_image* image, const dsorb::PinholeCamera& camera) {
+  require(image, "image");
+  require(image->data, "the image's data");
+  const dsorb::ImageView view(image->data, camera.width, camera.height, image->stride);
+  const double exposure = image->exposure > 0 ? image->exposure : 1;
+  return dsorb::Frame::create(view, {dsorb::FrameId{image->id}, image->timestamp, exposure});
+}
+
+void writePose(const dsorb::SE3& pose, double (&out)[12]) {
+  const Eigen::Matrix4d matrix = pose.matrix();
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 4; ++column) out[4 * row + column] = matrix(row, column);
+  }
+}
+
+template <typename T>
+size_t copyOut(const std::vector<T>& from, T* out, size_t capacity) {
+  if (out != nullptr) std::copy_n(from.begin(), std::min(capacity, from.size()), out);
+  return from.size();
+}
+
+void keep(const dsorb::InitializationResult& result, dsorb_initializer& handle) {
+  for (const dsorb::PosedFrame& posed : result.frames) {
+    dsorb_frame frame{};
+    frame.id = posed.frame->id().value;
+    frame.timestamp = posed.frame->timestamp();
+    if (posed.T_cam_ref) {
+      frame.posed = 1;
+      writePose(*posed.T_cam_ref, frame.cam_from_ref);
+      frame.a = posed.affine.a;
+      frame.b = posed.affine.b;
+    }
+    handle.frames.push_back(frame);
+  }
+  for (const dsorb::InitPoint& p : result.points) {
+    handle.points.push_back({p.host, p.pixel.x(), p.pixel.y(), p.inverse_depth, p.variance});
+  }
+}
+
+dsorb_state stateOf(dsorb::OdometryState state) {
+  switch (state) {
+    case dsorb::OdometryState::kInitialized:
+      return DSORB_INITIALIZED;
+    case dsorb::OdometryState::kTracked:
+      return DSORB_TRACKED;
+    case dsorb::OdometryState::kLost:
+      return DSORB_LOST;
+    case dsorb::OdometryState::kInitializing:
+      break;
+  }
+  return DSORB_INITIALIZING;
+}
+
+}  // namespace
+
+const char* dsorb_version(void) {
+  return DSORB_VERSION;
+}
+
+dsorb_status dsorb_initializer_create(const char* name,
+                                      const dsorb_camera* camera,
+                                      int32_t threads,
+                                      dsorb_initializer** out,
+                                      char* error,
+                                      size_t error_size) {
+  return guarded(error, error_size, [&] {
+    require(out, "out");
+    *out = nullptr;
+    auto handle = std::make_unique<dsorb_initializer>();
+    handle->camera = cameraOf(camera);
+    handle->initializer = dsorb::makeInitializer(optionsOf(name, threads), handle->camera);
+    *out = handle.release();
+  });
+}
+
+dsorb_status dsorb_initializer_add(dsorb_initializer* initializer,
+                                   const dsorb_image* image,
+                                   dsorb_state* state,
+                                   char* error,
+                                   size_t error_size) {
+  return guarded(error, error_size, [&] {
+    require(initializer, "initializer");
+    require(state, "state");
+    const dsorb::InitStep step =
+        initializer->initializer->addFrame(frameOf(image, initializer->camera));
+    if (step.result) keep(*step.result, *initializer);
+    *state = step.result ? DSORB_INITIALIZED : DSORB_INITIALIZING;
+  });
+}
+
+size_t dsorb_initializer_frames(const dsorb_initializer* initializer,
+                                dsorb_frame* out,
+                                size_t capacity) {
+  return initializer == nullptr ? 0 : copyOut(initializer->frames, out, capacity);
+}
+
+size_t dsorb_initializer_points(const dsorb_initializer* initializer,
+                                dsorb_point* out,
+                                size_t capacity) {
+  return initializer == nullptr ? 0 : copyOut(initializer->points, out, capacity);
+}
+
+dsorb_status dsorb_initializer_reset(dsorb_initializer* initializer,
+                                     char* error,
+                                     size_t error_size) {
+  return guarded(error, error_size, [&] {
+    require(initializer, "initializer");
+    initializer->initializer->reset();
+    initializer->frames.clear();
+    initializer->points.clear();
+  });
+}
+
+void dsorb_initializer_destroy(dsorb_initializer* initializer) {
+  delete initializer;
+}
+
+dsorb_status dsorb_odometry_create(const char* name,
+                                   const dsorb_camera* camera,
+                                   int32_t threads,
+                                   dsorb_odometry** out,
+                                   char* error,
+                                   size_t error_size) {
+  return guarded(error, error_size, [&] {
+    require(out, "out");
+    *out = nullptr;
+    auto handle = std::make_unique<dsorb_odometry>();
+    handle->camera = cameraOf(camera);
+    dsorb::OdometryOptions options;
+    options.initializer = optionsOf(name, threads);
+    options.num_threads = threads;
+    handle->odometry.emplace(handle->camera, options);
+    handle->odometry->addObserver(&handle->newest);
+    *out = handle.release();
+  });
+}
+
+dsorb_status dsorb_odometry_add(dsorb_odometry* odometry,
+                                const dsorb_image* image,
+                                dsorb_estimate* estimate,
+                                char* error,
+                                size_t error_size) {
+  return guarded(error, error_size, [&] {
+    require(odometry, "odometry");
+    require(estimate, "estimate");
+    const dsorb::FrameEstimate made = odometry->odometry->process(frameOf(image, odometry->camera));
+    *estimate = {
+        stateOf(made.state), made.T_world_cam ? 1 : 0, made.is_keyframe ? 1 : 0, made.segment, {}};
+    if (made.T_world_cam) writePose(*made.T_world_cam, estimate->world_from_cam);
+  });
+}
+
+size_t dsorb_odometry_points(const dsorb_odometry* odometry, dsorb_point* out, size_t capacity) {
+  return odometry == nullptr ? 0 : copyOut(odometry->newest.points, out, capacity);
+}
+
+dsorb_status dsorb_odometry_restart(dsorb_odometry* odometry, char* error, size_t error_size) {
+  return guarded(error, error_size, [&] {
+    require(odometry, "odometry");
+    odometry->odometry->restart();
+  });
+}
+
+void dsorb_odometry_destroy(dsorb_odometry* odometry) {
+  delete odometry;
+}
+// NOLINTEND(readability-identifier-naming,readability-function-size)

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "dsorb/camera/calibration.h"
+
+#include "camera/size_text.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
+namespace dsorb {
+namespace {
+
+constexpr double kMinView = 1;    // [degrees]
+constexpr double kMaxView = 170;  // a plane cannot hold much more
+constexpr double kRadiansPerDegree = M_PI / 180;
+
+/// @tparam Camera with members fx, fy, cx, cy
+template <typename Camera>
+void scale(double sx, double sy, Camera& camera) {
+  camera.fx *= sx;
+  camera.fy *= sy;
+  camera.cx = (camera.cx + 0.5) * sx - 0.5;
+  camera.cy = (camera.cy + 0.5) * sy - 0.5;
+}
+
+int scaled(int size, double factor) {
+  return static_cast<int>(std::lround(size * factor));
+}
+
+}  // namespace
+
+Lens lensOfFieldOfView(double degrees, int width, int height) {
+  if (!(degrees >= kMinView && degrees <= kMaxView)) {
+    throw std::invalid_argument("a field of view of " + std::to_string(degrees) +
+                                " degrees: expected 1 to 170");
+  }
+  if (width <= 0 || height <= 0) throw std::invalid_argument("an image size is expected");
+  Lens lens;
+  lens.fx = lens.fy = 0.5 * width / std::tan(0.5 * degrees * kRadiansPerDegree);
+  lens.cx = 0.5 * (width - 1);
+  lens.cy = 0.5 * (height - 1);
+  lens.width = width;
+  lens.height = height;
+  return lens;
+}
+
+Calibration calibrationForSize(const Calibration& calibration, int width, int height) {
+  Calibration result = calibration;
+  Lens& lens = result.lens;
+  if (lens.width == 0 || lens.height == 0) {
+    lens.width = width;
+    lens.height = height;
+  }
+  if (lens.width == width && lens.height == height) return result;
+  const double sx = static_cast<double>(width) / lens.width;
+  const double sy = static_cast<double>(height) / lens.height;
+  // Rounding a side to whole pixels moves it by half a pixel at most.
+  const double rounding = 0.5 / std::min({width, height, lens.width, lens.height});
+  if (std::abs(sx - sy) > 2 * rounding * std::max(sx, sy)) {
+    throw std::invalid_argument("the calibration is for images of " +
+                                sizeText(lens.width, lens.height) + " px, these have " +
+                                sizeText(width, height) +
+                                ": not the same shape, so it is not known what was cut off");
+  }
+  scale(sx, sy, lens);
+  Rectification& output = result.rectification;
+  if (output.mode == RectificationMode::kExplicit) scale(sx, sy, output.camera);
+  output.width = output.width == lens.width ? width : scaled(output.width, sx);
+  output.height = output.height == lens.height ? height : scaled(output.height, sy);
+  lens.width = width;
+  lens.height = height;
+  return result;
+}
+
+Calibration withOutputWidth(const Calibration& calibration, int width) {
+  Calibration result = calibration;
+  Rectification& output = result.rectification;
+  const int full_width = output.width > 0 ? output.width : calibration.lens.width;
+  const int full_height = output.height > 0 ? output.height : calibration.lens.height;
+  if (width > full_width || width < 16) {
+    throw std::invalid_argument("an output width of " + std::to_string(width) +
+                                " px: expected 16 to " + std::to_string(full_width));
+  }
+  output.width = width;
+  output.height = scaled(full_height, static_cast<double>(width) / full_width);
+  if (output.mode == RectificationMode::kNone && width != full_width) {
+    output.mode = RectificationMode::kExplicit;
+    const Lens& lens = calibration.lens;
+    output.camera = {lens.fx, lens.fy, lens.cx, lens.cy, 0, 0};
+  }
+  if (output.mode == RectificationMode::kExplicit) {
+    const double factor = static_cast<double>(width) / full_width;
+    scale(factor, factor, output.camera);
+  }
+  return result;
+}
+
+}  // namespace dsorb

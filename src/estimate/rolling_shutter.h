@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/camera/row_times.h"
+#include "dsorb/image/frame.h"
+
+#include "base/lanes.h"
+#include "estimate/warp.h"
+#include "geometry/row_motion.h"
+
+#include <Eigen/Core>
+
+/// Rolling shutter by two corrections, so that everything between them is geometry of a global
+/// shutter at the time of the middle row: a pixel of the host is moved to where it would have been
+/// seen at that time, and a projected point to the row that saw it. To second order in the time;
+/// derivatives by poses and depths are those of the global shutter.
+/// @source time of the row by iteration: Schubert et al., Direct Sparse Odometry with Rolling
+///         Shutter, ECCV 2018
+namespace dsorb {
+
+/// Motion of the rows of one image, for points in the camera coordinates of its middle row.
+struct RollingShutter {
+  float time[10];          ///< RowTimes::share times the readout [s]
+  float scale_x, shift_x;  ///< pixels of the image to the coordinates of RowTimes
+  float scale_y, shift_y;
+  float velocity[6];  ///< of RowMotion
+  float acceleration[6];
+};
+
+inline RollingShutter makeRollingShutter(const RowTimes& times,
+                                         const RowMotion& motion,
+                                         int level = 0) {
+  RollingShutter shutter;
+  for (std::size_t i = 0; i < times.share.size(); ++i) {
+    shutter.time[i] = static_cast<float>(times.readout * times.share[i]);
+  }
+  const auto size = static_cast<double>(1 << level);
+  const auto coordinate = [size](int pixels, float& scale, float& shift) {
+    const double unit = 2.0 / (pixels - 1);
+    scale = static_cast<float>(unit * size);
+    shift = static_cast<float>(unit * (0.5 * size - 0.5) - 1);
+  };
+  coordinate(times.width, shutter.scale_x, shutter.shift_x);
+  coordinate(times.height, shutter.scale_y, shutter.shift_y);
+  for (int i = 0; i < 6; ++i) {
+    shutter.velocity[i] = static_cast<float>(motion.velocity[i]);
+    shutter.acceleration[i] = static_cast<float>(motion.acceleration[i]);
+  }
+  return shutter;
+}
+
+/// Time of a pixel relative to the middle row [s]. @tparam T float or Lanes
+template <typename T>
+DSORB_ALWAYS_INLINE void rowTime(const RollingShutter& s, const T& x, const T& y, T& time) {
+  const T a = s.scale_x * x + s.shift_x;
+  const T b = s.scale_y * y + s.shift_y;
+  const float* c = s.time;
+  time = c[0] + a * (c[1] + a * (c[3] + a * c[6]) + b * (c[4] + a * c[7])) +
+         b * (c[2] + b * (c[5] + a * c[8] + b * c[9]));
+}
+
+/// First and second derivative by the time of a point times its inverse depth, (u, v, 1).
+template <typename T>
+struct RowFlow {
+  T first[3], second[3];
+};
+
+/// @param ray  (u, v) of (u, v, 1)
+/// @param rho  inverse depth [1/unit]
+/// @param sign of the acceleration: 1 from the middle row to another, -1 back
+template <typename T, typename Depth>
+DSORB_ALWAYS_INLINE void rowFlow(
+    const RollingShutter& s, const T (&ray)[2], const Depth& rho, float sign, RowFlow<T>& flow) {
+  const float* w = s.velocity + 3;
+  const float* a = s.acceleration + 3;
+  const T& u = ray[0];
+  const T& v = ray[1];
+  T* d = flow.first;
+  d[0] = w[1] - w[2] * v + rho * s.velocity[0];
+  d[1] = w[2] * u - w[0] + rho * s.velocity[1];
+  d[2] = w[0] * v - w[1] * u + rho * s.velocity[2];
+  flow.second[0] = w[1] * d[2] - w[2] * d[1] + sign * (a[1] - a[2] * v + rho * s.acceleration[0]);
+  flow.second[1] = w[2] * d[0] - w[0] * d[2] + sign * (a[2] * u - a[0] + rho * s.acceleration[1]);
+  flow.second[2] =
+      w[0] * d[1] - w[1] * d[0] + sign * (a[0] * v - a[1] * u + rho * s.acceleration[2]);
+}
+
+/// Moves the pixel of a projected point to the row that sees it; u and v stay those of the middle
+/// row.
+/// @param rho inverse depth in the target [1/unit]
+template <typename T>
+DSORB_ALWAYS_INLINE void moveToRow(const RollingShutter& s,
+                                   const Warp<float>& w,
+                                   const T& rho,
+                                   WarpedPoint<T>& p) {
+  constexpr int kIterations = 2;  // each multiplies the error by the rows passed in a row's time
+  RowFlow<T> flow;
+  rowFlow(s, {p.u, p.v}, rho, 1, flow);
+  for (int i = 0; i < kIterations; ++i) {
+    T t;
+    rowTime(s, p.x, p.y, t);
+    const T half = 0.5F * t;
+    const T scale = 1.0F / (1.0F + t * (flow.first[2] + half * flow.second[2]));
+    p.x = w.fx * ((p.u + t * (flow.first[0] + half * flow.second[0])) * scale) + w.cx;
+    p.y = w.fy * ((p.v + t * (flow.first[1] + half * flow.second[1])) * scale) + w.cy;
+  }
+}
+
+/// Pixel that shows, in its own row, what a global shutter would have seen at another.
+/// @param pixel         of level 0, at the time of the middle row
+/// @param inverse_depth there [1/unit]
+inline Eigen::Vector2f pixelInRow(const RollingShutter& s,
+                                  const PinholeCamera& camera,
+                                  const Eigen::Vector2f& pixel,
+                                  float inverse_depth) {
+  Warp<float> warp{};
+  warp.setCamera(camera);
+  WarpedPoint<float> p{};
+  p.x = pixel.x();
+  p.y = pixel.y();
+  p.u = (p.x - warp.cx) / warp.fx;
+  p.v = (p.y - warp.cy) / warp.fy;
+  moveToRow(s, warp, inverse_depth, p);
+  return {p.x, p.y};
+}
+
+/// Pixel at which a global shutter would have seen, at the time of the middle row, what a pixel
+/// shows.
+/// @param pixel         of level 0, in its own row
+/// @param inverse_depth at the time of the middle row [1/unit]
+inline Eigen::Vector2f pixelInMiddle(const RollingShutter& s,
+                                     const PinholeCamera& camera,
+                                     const Eigen::Vector2f& pixel,
+                                     float inverse_depth) {
+  const auto fx = static_cast<float>(camera.fx);
+  const auto fy = static_cast<float>(camera.fy);
+  const auto cx = static_cast<float>(camera.cx);
+  const auto cy = static_cast<float>(camera.cy);
+  const float ray[2] = {(pixel.x() - cx) / fx, (pixel.y() - cy) / fy};
+  float t = 0;
+  rowTime(s, pixel.x(), pixel.y(), t);
+  RowFlow<float> flow;
+  rowFlow(s, ray, inverse_depth, -1, flow);
+  const auto moved = [&](int i) { return -t * (flow.first[i] - 0.5F * t * flow.second[i]); };
+  const float scale = 1.0F / (1.0F + moved(2));
+  return {fx * (ray[0] + moved(0)) * scale + cx, fy * (ray[1] + moved(1)) * scale + cy};
+}
+
+/// Whether the rows of a frame have different times.
+inline bool isRolling(const Frame& frame) {
+  return frame.rowTimes() != nullptr && frame.rowTimes()->readout != 0;
+}
+
+}  // namespace dsorb

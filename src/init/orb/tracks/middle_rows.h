@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/image/frame.h"
+
+#include "init/orb/tracks/corner_tracks.h"
+
+#include <vector>
+
+namespace dsorb::init_orb {
+
+/// Tracks as a global shutter would have given them: every position is moved along its own track,
+/// a parabola through three frames, to the time of the frame's middle row. That needs no pose and
+/// no depth.
+/// @param frames one a frame of the tracks, with row times
+CornerTracks atMiddleRows(CornerTracks tracks, const std::vector<FramePtr>& frames);
+
+}  // namespace dsorb::init_orb

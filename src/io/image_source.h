@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <opencv2/core/mat.hpp>
+
+#include <optional>
+#include <string>
+
+namespace dsorb {
+
+/// One image as it is stored or sent.
+struct SourceImage {
+  int index = 0;
+  cv::Mat pixels;                   ///< 8 or 16 bits of grey, or 8 bits of BGR
+  std::optional<double> timestamp;  ///< [s]; empty: the data set says it
+  std::string warning;              ///< one sentence; empty: none
+};
+
+/// Where images come from: files, an archive, a video, a camera. One thread at a time uses it.
+class ImageSource {
+ public:
+  virtual ~ImageSource() = default;
+  /// Number of images; of a video as its container announces it, of a camera 0.
+  [[nodiscard]] virtual int size() const = 0;
+  /// Of an image, for messages and reports.
+  [[nodiscard]] virtual std::string name(int index) const = 0;
+  /// The image of this position. A video goes forwards only; a camera gives its newest image, which
+  /// is not that of the position. The last one may be asked for again.
+  /// @return empty after the last image
+  /// @throws IoError where it cannot be read
+  [[nodiscard]] virtual std::optional<SourceImage> image(int index) = 0;
+  /// Goes to the first image at least so many seconds after the first one, where times come with
+  /// the images: in a video.
+  /// @return its index; that after the last one where there is none
+  [[nodiscard]] virtual int seek(double /*seconds*/) { return 0; }
+  /// Images that a camera gave and that were replaced by newer ones before they were asked for.
+  [[nodiscard]] virtual int dropped() const { return 0; }
+};
+
+}  // namespace dsorb

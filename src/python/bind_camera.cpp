@@ -1,0 +1,287 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "dsorb/io/calibration_reader.h"
+
+#include "camera/lens_models.h"
+#include "python/arrays.h"
+#include "python/bind.h"
+
+#include <nanobind/stl/filesystem.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include <algorithm>
+#include <array>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+namespace dsorb::python {
+namespace {
+
+using Floats = nb::ndarray<const float, nb::c_contig, nb::device::cpu>;
+
+constexpr std::array<std::pair<const char*, RectificationMode>, 4> kModes = {
+    {{"crop", RectificationMode::kCrop},
+     {"full", RectificationMode::kFull},
+     {"none", RectificationMode::kNone},
+     {"explicit", RectificationMode::kExplicit}}};
+
+const LensModelName& modelOf(const std::string& name) {
+  const auto* found = std::find_if(kLensModels.begin(),
+                                   kLensModels.end(),
+                                   [&name](const LensModelName& m) { return name == m.name; });
+  if (found != kLensModels.end()) return *found;
+  throw std::invalid_argument("model '" + name + "': expected pinhole, fov, radtan or equidistant");
+}
+
+RectificationMode modeOf(const std::string& name) {
+  for (const auto& [mode_name, mode] : kModes) {
+    if (name == mode_name && mode != RectificationMode::kExplicit) return mode;
+  }
+  throw std::invalid_argument("rectification '" + name + "': expected crop, full or none");
+}
+
+const char* nameOfMode(RectificationMode mode) {
+  for (const auto& [name, value] : kModes) {
+    if (value == mode) return name;
+  }
+  return "explicit";
+}
+
+/// What describes a lens beside its focal lengths and principal point.
+struct LensWords {
+  std::string model;
+  std::vector<double> coefficients;
+  std::optional<std::string> rectification;
+};
+
+Calibration calibrationOf(Lens lens, const LensWords& words) {
+  const LensModelName& model = modelOf(words.model);
+  if (words.coefficients.size() > model.coefficients) {
+    throw std::invalid_argument(std::to_string(words.coefficients.size()) +
+                                " coefficients: the model " + words.model + " has " +
+                                std::to_string(model.coefficients));
+  }
+  lens.model = model.model;
+  std::copy(words.coefficients.begin(), words.coefficients.end(), lens.coefficients.begin());
+  Calibration calibration;
+  calibration.lens = lens;
+  calibration.rectification.mode =
+      model.model == LensModel::kPinhole ? RectificationMode::kNone : RectificationMode::kCrop;
+  if (words.rectification) calibration.rectification.mode = modeOf(*words.rectification);
+  return calibration;
+}
+
+void setVignette(Calibration& calibration, const Floats& array) {
+  if (array.ndim() != 2) throw std::invalid_argument("vignette: expected (height, width)");
+  PhotometricCalibration& photometric = calibration.photometric;
+  photometric.vignette.assign(array.data(), array.data() + array.size());
+  photometric.vignette_height = static_cast<int>(array.shape(0));
+  photometric.vignette_width = static_cast<int>(array.shape(1));
+}
+
+using Rays = nb::ndarray<const double, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
+using RawPixels = nb::ndarray<nb::numpy, double, nb::shape<-1, 2>>;
+
+/// NaN for points behind the camera and for rays where the distortion folds back.
+RawPixels project(const Calibration& calibration, const Rays& points) {
+  const double max_radius = monotoneRadius(calibration.lens);
+  std::vector<double> pixels;
+  pixels.reserve(2 * points.shape(0));
+  for (std::size_t i = 0; i < points.shape(0); ++i) {
+    const Eigen::Map<const Eigen::Vector3d> point(points.data() + 3 * i);
+    const Eigen::Vector2d ray = point.head<2>() / point.z();
+    const bool seen = point.z() > 0 && ray.norm() <= max_radius;
+    const Eigen::Vector2d pixel =
+        seen ? projectThroughLens(calibration.lens, ray)
+             : Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN());
+    pixels.insert(pixels.end(), pixel.begin(), pixel.end());
+  }
+  return arrayOf<RawPixels>(std::move(pixels), {points.shape(0), 2});
+}
+
+void bindPinholeCamera(nb::module_& m) {
+  nb::class_<PinholeCamera>(m,
+                            "Camera",
+                            "Rectified pinhole camera in pixels; the centre of the top-left pixel "
+                            "is (0, 0), depth is along the optical axis.")
+      .def(
+          "__init__",
+          [](PinholeCamera* self,
+             double fx,
+             double fy,
+             double cx,
+             double cy,
+             int width,
+             int height) {
+            new (self) PinholeCamera{fx, fy, cx, cy, width, height};
+          },
+          nb::arg("fx"),
+          nb::arg("fy"),
+          nb::arg("cx"),
+          nb::arg("cy"),
+          nb::arg("width"),
+          nb::arg("height"))
+      .def_ro("fx", &PinholeCamera::fx)
+      .def_ro("fy", &PinholeCamera::fy)
+      .def_ro("cx", &PinholeCamera::cx)
+      .def_ro("cy", &PinholeCamera::cy)
+      .def_ro("width", &PinholeCamera::width)
+      .def_ro("height", &PinholeCamera::height)
+      .def("__repr__", [](const PinholeCamera& c) {
+        return "Camera(fx=" + std::to_string(c.fx) + ", fy=" + std::to_string(c.fy) +
+               ", cx=" + std::to_string(c.cx) + ", cy=" + std::to_string(c.cy) +
+               ", width=" + std::to_string(c.width) + ", height=" + std::to_string(c.height) + ")";
+      });
+}
+
+void bindCalibrationMakers(nb::class_<Calibration>& type) {
+  type.def(
+          "__init__",
+          [](Calibration* self,
+             double fx,
+             double fy,
+             double cx,
+             double cy,
+             int width,
+             int height,
+             const std::string& model,
+             const std::vector<double>& coefficients,
+             const std::optional<std::string>& rectification) {
+            const Lens lens{LensModel::kPinhole, fx, fy, cx, cy, {}, width, height};
+            new (self) Calibration(calibrationOf(lens, {model, coefficients, rectification}));
+          },
+          nb::arg("fx"),
+          nb::arg("fy"),
+          nb::arg("cx"),
+          nb::arg("cy"),
+          nb::arg("width"),
+          nb::arg("height"),
+          nb::arg("model") = "pinhole",
+          nb::arg("coefficients") = std::vector<double>(),
+          nb::arg("rectification") = nb::none(),
+          "A lens by its numbers [px]. `model`: pinhole, fov, radtan or equidistant; "
+          "`rectification`: crop, full or none (docs/calibration.md).")
+      .def_static(
+          "read",
+          [](const std::filesystem::path& file) { return readCalibration(file); },
+          nb::arg("file"),
+          "Any calibration file of docs/calibration.md. Raises IoError.")
+      .def_static(
+          "from_hfov",
+          [](double degrees, int width, int height) {
+            Calibration calibration;
+            calibration.lens = lensOfFieldOfView(degrees, width, height);
+            calibration.rectification.mode = RectificationMode::kNone;
+            return calibration;
+          },
+          nb::arg("degrees"),
+          nb::arg("width"),
+          nb::arg("height"),
+          "Lens without distortion that sees so much from its left to its right edge.");
+}
+
+void bindCalibration(nb::module_& m) {
+  nb::class_<Calibration> type(m, "Calibration", "Lens of a camera and what is rectified for.");
+  bindCalibrationMakers(type);
+  type.def("for_size",
+           &calibrationForSize,
+           nb::arg("width"),
+           nb::arg("height"),
+           "The same camera where images are stored in another size.")
+      .def("with_output_width",
+           &withOutputWidth,
+           nb::arg("width"),
+           "The same calibration with smaller rectified images.")
+      .def("project",
+           &project,
+           nb::arg("points"),
+           "(n, 3) camera coordinates to (n, 2) pixels of the images as they are taken; NaN where "
+           "the lens does not see a point.")
+      .def_prop_ro("model", [](const Calibration& c) { return nameOf(c.lens.model).name; })
+      .def_prop_ro("fx", [](const Calibration& c) { return c.lens.fx; })
+      .def_prop_ro("fy", [](const Calibration& c) { return c.lens.fy; })
+      .def_prop_ro("cx", [](const Calibration& c) { return c.lens.cx; })
+      .def_prop_ro("cy", [](const Calibration& c) { return c.lens.cy; })
+      .def_prop_ro("coefficients", [](const Calibration& c) { return coefficientsOf(c.lens); })
+      .def_prop_ro("width", [](const Calibration& c) { return c.lens.width; })
+      .def_prop_ro("height", [](const Calibration& c) { return c.lens.height; })
+      .def_prop_ro("rectification",
+                   [](const Calibration& c) { return nameOfMode(c.rectification.mode); })
+      .def(
+          "set_response",
+          [](Calibration& c, std::vector<float> table) {
+            c.photometric.response = std::move(table);
+          },
+          nb::arg("table"),
+          "Irradiance 0..255 by raw grey value, at least 256 increasing numbers.")
+      .def("set_vignette",
+           &setVignette,
+           nb::arg("attenuation"),
+           "(height, width) of float32, 0..1, of the size of the camera's images.");
+}
+
+using RectifiedArray = nb::ndarray<nb::numpy, float, nb::ndim<2>>;
+
+RectifiedArray rectify(Rectifier& rectifier,
+                       const AnyArray& image,
+                       const std::optional<AnyArray>& mask,
+                       bool rgb) {
+  const RawImage raw = rawView(image, rgb);
+  const Mask valid(mask);
+  const PinholeCamera& camera = rectifier.camera();
+  const auto width = static_cast<std::size_t>(camera.width);
+  const auto height = static_cast<std::size_t>(camera.height);
+  std::vector<float> pixels;
+  pixels.reserve(width * height);
+  {
+    const nb::gil_scoped_release release;
+    const ImageView view = rectifier.rectify(raw, valid.view());
+    for (int y = 0; y < camera.height; ++y) {
+      pixels.insert(pixels.end(), view.row<float>(y), view.row<float>(y) + width);
+    }
+  }
+  return arrayOf<RectifiedArray>(std::move(pixels), {height, width});
+}
+
+void bindRectifier(nb::module_& m) {
+  nb::class_<Rectifier>(m,
+                        "Rectifier",
+                        "Turns images as a camera gives them into rectified grey images: "
+                        "photometric correction, mask, undistortion. One thread at a time may use "
+                        "it.")
+      .def(nb::init<const Calibration&>(), nb::arg("calibration"))
+      .def_prop_ro("camera", &Rectifier::camera, "Camera of the rectified images.")
+      .def_prop_ro("input_width", &Rectifier::inputWidth)
+      .def_prop_ro("input_height", &Rectifier::inputHeight)
+      .def_prop_ro("warnings", &Rectifier::warnings, "What is odd about the calibration.")
+      .def("set_bits", &Rectifier::setBits, nb::arg("bits"), "Of uint16 images, 9 to 16.")
+      .def(
+          "set_mask",
+          [](Rectifier& rectifier, const std::optional<AnyArray>& mask) {
+            rectifier.setMask(Mask(mask).view());
+          },
+          nb::arg("mask").none(),
+          "(height, width) of bool, or of uint8 and below 128 where no image is valid; or None.")
+      .def("rectify",
+           &rectify,
+           nb::arg("image"),
+           nb::arg("mask") = nb::none(),
+           nb::kw_only(),
+           nb::arg("rgb") = false,
+           "Image of the camera, (height, width) of uint8 or uint16, or (height, width, 3) of "
+           "uint8 (blue first, or red first with `rgb`). Returns (height, width) of float32, a new "
+           "array, NaN where invalid.");
+}
+
+}  // namespace
+
+void bindCamera(nb::module_& m) {
+  bindPinholeCamera(m);
+  bindCalibration(m);
+  bindRectifier(m);
+}
+
+}  // namespace dsorb::python

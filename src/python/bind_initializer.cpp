@@ -1,0 +1,172 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "python/bind.h"
+#include "python/initialization.h"
+#include "python/options.h"
+
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include <memory>
+#include <mutex>
+#include <string>
+#include <utility>
+
+namespace dsorb::python {
+
+Initialization::Initialization(const InitializationResult& result) : report(result.report) {
+  for (const PosedFrame& posed : result.frames) {
+    frames.push_back({posed.frame->id().value,
+                      posed.frame->timestamp(),
+                      posed.T_cam_ref,
+                      posed.affine,
+                      posed.covariance});
+  }
+  for (const InitPoint& point : result.points) {
+    points.hosts.push_back(point.host);
+    points.add(point.pixel, point.inverse_depth, point.variance);
+  }
+}
+
+namespace {
+
+/// What a frame led to.
+struct Step {
+  InitStatus status;
+  InitReason reason;
+  std::optional<Initialization> result;
+};
+
+const char* nameOf(InitStatus status) {
+  switch (status) {
+    case InitStatus::kRestarted:
+      return "restarted";
+    case InitStatus::kInitialized:
+      return "initialized";
+    case InitStatus::kNeedsMoreFrames:
+      break;
+  }
+  return "needs_more_frames";
+}
+
+/// Calls of several threads wait for each other.
+class LockedInitializer {
+ public:
+  LockedInitializer(const PinholeCamera& camera, const Config& config)
+      : initializer_(makeInitializer(optionsOf(config), camera)) {}
+
+  Step add(const AnyArray& image, double timestamp, std::optional<int> id, double exposure) {
+    const ImageView view = rectifiedView(image);
+    const nb::gil_scoped_release release;
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const FrameId frame{id.value_or(next_id_)};
+    next_id_ = frame.value + 1;
+    const InitStep step = initializer_->addFrame(Frame::create(view, {frame, timestamp, exposure}));
+    Step answer{step.status, step.reason, std::nullopt};
+    if (step.result) answer.result.emplace(*step.result);
+    return answer;
+  }
+  void reset() {
+    const nb::gil_scoped_release release;
+    const std::lock_guard<std::mutex> lock(mutex_);
+    initializer_->reset();
+  }
+
+ private:
+  static InitializerOptions optionsOf(const Config& config) {
+    InitializerOptions options = config.options.initializer;
+    options.num_threads = config.options.num_threads;
+    return options;
+  }
+  std::mutex mutex_;
+  std::unique_ptr<Initializer> initializer_;
+  int next_id_ = 0;
+};
+
+std::optional<Covariance> covarianceOf(const StartFrame& frame) {
+  if (!frame.covariance) return std::nullopt;  // symmetric: columns are rows
+  const Matrix6d& matrix = *frame.covariance;
+  return arrayOf<Covariance>(std::vector<double>(matrix.data(), matrix.data() + matrix.size()),
+                             {6, 6});
+}
+
+nb::dict reportOf(const InitReport& report) {
+  nb::dict stages;
+  for (const StageTime& stage : report.stages) stages[stage.stage.c_str()] = stage.milliseconds;
+  nb::list resets;
+  for (const InitReason reason : report.earlier_resets) resets.append(name(reason));
+  nb::dict dict;
+  dict["frames_fed"] = report.frames_fed;
+  dict["frames_posed"] = report.frames_posed;
+  dict["restarts"] = report.restarts;
+  dict["points"] = report.points;
+  dict["model"] = report.model;
+  dict["median_parallax_deg"] = report.median_parallax_deg;
+  dict["inlier_ratio"] = report.inlier_ratio;
+  dict["residual_rms"] = report.residual_rms;
+  dict["median_relative_sigma"] = report.median_relative_sigma;
+  dict["milliseconds"] = stages;
+  dict["earlier_resets"] = resets;
+  return dict;
+}
+
+void bindStart(nb::module_& m) {
+  nb::class_<StartFrame>(m, "StartFrame", "One of the frames of a start.")
+      .def_ro("id", &StartFrame::id)
+      .def_ro("timestamp", &StartFrame::timestamp)
+      .def_prop_ro(
+          "T_cam_ref",
+          [](const StartFrame& f) { return matrixOf(f.T_cam_ref); },
+          nb::rv_policy::automatic,
+          "(4, 4): maps points of the reference camera to this one; None: could not be posed.")
+      .def_prop_ro(
+          "brightness",
+          [](const StartFrame& f) { return std::make_pair(f.affine.a, f.affine.b); },
+          "Log gain [-] and offset [grey levels] relative to the reference.")
+      .def_prop_ro("covariance",
+                   &covarianceOf,
+                   nb::rv_policy::automatic,
+                   "(6, 6) of exp(xi) * T_cam_ref, [translation; rotation]; or None.");
+
+  nb::class_<Initialization> type(m,
+                                  "Initialization",
+                                  "First poses and points. The first frame is the reference; the "
+                                  "mean inverse depth of its points is 1.");
+  type.def_ro("frames", &Initialization::frames)
+      .def_prop_ro(
+          "hosts",
+          [](Initialization& i) { return Hosts(i.points.hosts.data(), {i.points.hosts.size()}); },
+          nb::rv_policy::reference_internal,
+          "(n,): index of each point's host in `frames`.")
+      .def_prop_ro("report", [](const Initialization& i) { return reportOf(i.report); });
+  bindPoints(type);
+}
+
+}  // namespace
+
+void bindInitializer(nb::module_& m) {
+  bindStart(m);
+  nb::class_<Step>(m, "InitStep", "What a frame led to.")
+      .def_prop_ro(
+          "status",
+          [](const Step& s) { return nameOf(s.status); },
+          "needs_more_frames, restarted or initialized.")
+      .def_prop_ro("reason", [](const Step& s) { return name(s.reason); })
+      .def_ro("result", &Step::result, "The start; None before.");
+
+  nb::class_<LockedInitializer> type(
+      m, "Initializer", "Finds the first poses and depths from frames given one by one.");
+  bindMaker(type,
+            "`initializer`: orb (default) or coarse. Options as dictionary or keywords: "
+            "Initializer(camera, orb={'min_frames': 6}, seed=3). Raises ConfigError.");
+  bindFeeder(type,
+             "add",
+             &LockedInitializer::add,
+             "Gives the next rectified image, (height, width) of uint8 or float32, in time order. "
+             "After a result, reset() comes first.");
+  type.def("reset", &LockedInitializer::reset, "Makes the object equal to a fresh one.");
+  m.def("initializer_names", &initializerVariants, "Initializers of this build.");
+}
+
+}  // namespace dsorb::python

@@ -1,0 +1,249 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "dsorb/odometry/odometry.h"
+
+#include "python/bind.h"
+#include "python/initialization.h"
+#include "python/options.h"
+
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include <limits>
+#include <mutex>
+#include <string>
+#include <utility>
+
+namespace dsorb::python {
+namespace {
+
+struct Keyframe {
+  Keyframe(const KeyframeSnapshot& snapshot, bool is_final)
+      : id(snapshot.id.value),
+        timestamp(snapshot.timestamp),
+        segment(snapshot.segment),
+        final(is_final),
+        T_world_cam(snapshot.T_world_cam),
+        camera(snapshot.camera) {
+    for (const MapPoint& point : snapshot.points) {
+      points.add(point.pixel, point.inverse_depth, point.variance);
+      points.intensities.push_back(point.intensity);
+    }
+  }
+  int id;
+  double timestamp;
+  int segment;
+  bool final;
+  SE3 T_world_cam;
+  PinholeCamera camera;
+  PointColumns points;
+};
+
+/// What a call told.
+struct Events {
+  std::vector<Keyframe> keyframes;
+  std::optional<Initialization> initialization;
+  std::optional<std::string> refusal;
+};
+
+class EventLog : public OdometryObserver {
+ public:
+  void onInitStep(const InitStep& step, const Frame& /*frame*/, int /*segment*/) override {
+    if (step.result) events_.initialization.emplace(*step.result);
+  }
+  void onStartRefused(const StartRefusal& refusal) override {
+    events_.initialization.reset();
+    events_.refusal = name(refusal.reason);
+  }
+  void onKeyframe(const KeyframeSnapshot& keyframe) override {
+    events_.keyframes.emplace_back(keyframe, false);
+  }
+  void onKeyframeRetired(const KeyframeSnapshot& keyframe) override {
+    events_.keyframes.emplace_back(keyframe, true);
+  }
+  Events take() { return std::exchange(events_, {}); }
+
+ private:
+  Events events_;
+};
+
+struct Estimate {
+  FrameEstimate frame;  // without its image
+  int id = 0;
+  double timestamp = 0;
+  Events events;
+};
+
+struct Report {
+  OdometryReport odometry;
+  std::vector<Keyframe> keyframes;
+};
+
+/// Calls of several threads wait for each other.
+class LockedOdometry {
+ public:
+  LockedOdometry(const PinholeCamera& camera, const Config& config)
+      : odometry_(camera, config.options) {
+    odometry_.addObserver(&log_);
+  }
+
+  Estimate process(const AnyArray& image,
+                   double timestamp,
+                   std::optional<int> id,
+                   double exposure) {
+    const ImageView view = rectifiedView(image);
+    const nb::gil_scoped_release release;
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const FrameId frame{id.value_or(next_id_)};
+    Estimate estimate;
+    estimate.frame = odometry_.process(Frame::create(view, {frame, timestamp, exposure}));
+    next_id_ = frame.value + 1;
+    estimate.frame.frame = nullptr;
+    estimate.id = frame.value;
+    estimate.timestamp = timestamp;
+    estimate.events = log_.take();
+    return estimate;
+  }
+  std::vector<Keyframe> restart() {
+    const nb::gil_scoped_release release;
+    const std::lock_guard<std::mutex> lock(mutex_);
+    odometry_.restart();
+    return log_.take().keyframes;
+  }
+  Report finish() {
+    const nb::gil_scoped_release release;
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const OdometryReport report = odometry_.finish();
+    return {report, log_.take().keyframes};
+  }
+
+ private:
+  std::mutex mutex_;
+  EventLog log_;
+  Odometry odometry_;
+  int next_id_ = 0;
+};
+
+using Points3 = nb::ndarray<nb::numpy, double, nb::shape<-1, 3>>;
+
+/// Points in world coordinates; NaN where a depth is not positive.
+Points3 worldPoints(const Keyframe& keyframe) {
+  std::vector<double> coordinates;
+  const std::size_t count = keyframe.points.inverse_depths.size();
+  coordinates.reserve(3 * count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const Eigen::Vector2d pixel(keyframe.points.pixels[2 * i], keyframe.points.pixels[2 * i + 1]);
+    const auto inverse_depth = static_cast<double>(keyframe.points.inverse_depths[i]);
+    const double depth =
+        inverse_depth > 0 ? 1 / inverse_depth : std::numeric_limits<double>::quiet_NaN();
+    const Eigen::Vector3d point = keyframe.T_world_cam * (depth * keyframe.camera.unproject(pixel));
+    coordinates.insert(coordinates.end(), point.begin(), point.end());
+  }
+  return arrayOf<Points3>(std::move(coordinates), {count, 3});
+}
+
+void bindKeyframe(nb::module_& m) {
+  nb::class_<Keyframe> type(m, "Keyframe", "A keyframe with the points it hosts, as of a moment.");
+  type.def_ro("id", &Keyframe::id)
+      .def_ro("timestamp", &Keyframe::timestamp)
+      .def_ro("segment", &Keyframe::segment)
+      .def_ro("final", &Keyframe::final, "Its estimates will not change any more.")
+      .def_prop_ro(
+          "T_world_cam",
+          [](const Keyframe& k) { return matrixOf(k.T_world_cam); },
+          nb::rv_policy::automatic,
+          "(4, 4): camera to world, which is the reference camera of the segment's start.")
+      .def_ro("camera", &Keyframe::camera)
+      .def_prop_ro(
+          "intensities",
+          [](Keyframe& k) {
+            return Column(k.points.intensities.data(), {k.points.intensities.size()});
+          },
+          nb::rv_policy::reference_internal,
+          "(n,): grey levels.")
+      .def("world_points", &worldPoints, "(n, 3): world coordinates of the points, a new array.");
+  bindPoints(type);
+}
+
+void bindEstimate(nb::module_& m) {
+  nb::class_<Estimate>(m, "Estimate", "Of one frame, after it was processed.")
+      .def_ro("id", &Estimate::id)
+      .def_ro("timestamp", &Estimate::timestamp)
+      .def_prop_ro(
+          "state",
+          [](const Estimate& e) { return name(e.frame.state); },
+          "initializing, initialized, tracked or lost.")
+      .def_prop_ro("segment", [](const Estimate& e) { return e.frame.segment; })
+      .def_prop_ro("is_keyframe", [](const Estimate& e) { return e.frame.is_keyframe; })
+      .def_prop_ro(
+          "T_world_cam",
+          [](const Estimate& e) { return matrixOf(e.frame.T_world_cam); },
+          nb::rv_policy::automatic,
+          "(4, 4): camera to world; None: there is no pose.")
+      .def_prop_ro(
+          "keyframe",
+          [](const Estimate& e) -> std::optional<int> {
+            if (!e.frame.keyframe) return std::nullopt;
+            return e.frame.keyframe->value;
+          },
+          "Id of the keyframe it was tracked against.")
+      .def_prop_ro(
+          "T_cam_keyframe",
+          [](const Estimate& e) { return matrixOf(e.frame.T_cam_keyframe); },
+          nb::rv_policy::automatic,
+          "(4, 4): pose relative to that keyframe, before any adjustment.")
+      .def_prop_ro(
+          "brightness",
+          [](const Estimate& e) { return std::make_pair(e.frame.affine.a, e.frame.affine.b); },
+          "Log gain [-] and offset [grey levels].")
+      .def_prop_ro(
+          "tracking_rmse", [](const Estimate& e) { return e.frame.tracking_rmse; }, "[grey levels]")
+      .def_prop_ro(
+          "keyframes",
+          [](const Estimate& e) { return &e.events.keyframes; },
+          nb::rv_policy::reference_internal,
+          "Keyframes that are new, changed or final since the call before, in this order.")
+      .def_prop_ro(
+          "initialization",
+          [](const Estimate& e) {
+            return e.events.initialization ? &*e.events.initialization : nullptr;
+          },
+          nb::rv_policy::reference_internal,
+          "The start, with the poses of the frames before; None unless this frame made it.")
+      .def_prop_ro(
+          "refusal",
+          [](const Estimate& e) { return e.events.refusal; },
+          "Why the window refused a start with this frame; or None.");
+
+  nb::class_<Report>(m, "Report", "Of a whole run.")
+      .def_prop_ro("frames_given", [](const Report& r) { return r.odometry.frames_given; })
+      .def_prop_ro("frames_tracked", [](const Report& r) { return r.odometry.frames_tracked; })
+      .def_prop_ro("segments", [](const Report& r) { return r.odometry.segments; })
+      .def_prop_ro("keyframe_count", [](const Report& r) { return r.odometry.keyframes; })
+      .def_ro("keyframes", &Report::keyframes, "The last ones, which are final now.");
+}
+
+}  // namespace
+
+void bindOdometry(nb::module_& m) {
+  bindKeyframe(m);
+  bindEstimate(m);
+  nb::class_<LockedOdometry> type(m, "Odometry", "Direct visual odometry, one frame at a time.");
+  bindMaker(type,
+            "`initializer`: orb (default) or coarse. Options as dictionary or keywords with the "
+            "names of configs/default.yaml: Odometry(camera, window={'max_keyframes': 5}). Raises "
+            "ConfigError.");
+  bindFeeder(type,
+             "process",
+             &LockedOdometry::process,
+             "Gives the next rectified image, (height, width) of uint8 or float32, in time order. "
+             "After `lost`, restart() comes first.");
+  type.def("restart",
+           &LockedOdometry::restart,
+           "Leaves the state lost: the next frame starts a new segment. Returns keyframes that are "
+           "final now.")
+      .def("finish", &LockedOdometry::finish, "Ends the run; further frames raise RuntimeError.");
+}
+
+}  // namespace dsorb::python

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A COLMAP model, text and binary: cameras, images, points3D (https://colmap.github.io/format.html). Each point is seen
+by the image that hosts it; where else it is seen is COLMAP's to find."""
+import struct
+
+import numpy as np
+
+from .pictures import calibration_of, to_camera
+
+HALF_PIXEL = 0.5  # the centre of COLMAP's top-left pixel is (0.5, 0.5)
+UNKNOWN_ERROR = -1.0
+CAMERA = 1  # its number
+
+
+def camera_of(lens):
+    """Name, number and parameters of COLMAP's model for a lens of run.json."""
+    focal = [lens['fx'], lens['fy'], lens['cx'] + HALF_PIXEL, lens['cy'] + HALF_PIXEL]
+    c = lens['coefficients']
+    if lens['model'] == 'pinhole':
+        return 'PINHOLE', 1, focal
+    if lens['model'] == 'fov':
+        return 'FOV', 7, focal + c
+    if lens['model'] == 'equidistant':
+        return 'OPENCV_FISHEYE', 5, focal + c
+    if c[4] == 0:
+        return 'OPENCV', 4, focal + c[:4]
+    return 'FULL_OPENCV', 6, focal + c + [0.0, 0.0, 0.0]
+
+
+def world_to_camera(frame):
+    """Quaternion w x y z and translation of T_cam_world."""
+    pose = frame.T_world_cam
+    x, y, z, w = frame.quaternion / np.linalg.norm(frame.quaternion)
+    return [w, -x, -y, -z], list(-pose[:3, :3].T @ pose[:3, 3])
+
+
+def observations(frames, points, pictures):
+    """Of every frame: (m, 2) pixels, with half a pixel, and (m,) rows of `points`."""
+    calibration = calibration_of(pictures.lens)
+    for frame in frames:
+        rows = np.flatnonzero(points.keyframes == frame.index)
+        pixels = calibration.project(to_camera(frame.T_world_cam, points.positions[rows])) + HALF_PIXEL
+        seen = np.isfinite(pixels).all(1)
+        yield pixels[seen], rows[seen]
+
+
+def write_model(folder, frames, points, pictures):
+    folder.mkdir(parents=True)
+    name, number, parameters = camera_of(pictures.lens)
+    size = pictures.lens['width'], pictures.lens['height']
+    seen = list(observations(frames, points, pictures))
+    # (row of `points`, image, position in the image), with numbers from 1 for points and images
+    tracks = [(row, frame.index + 1, place) for frame, (_, rows) in zip(frames, seen) for place, row in enumerate(rows)]
+    with (folder / 'cameras.txt').open('w') as file:
+        file.write(f'{CAMERA} {name} {size[0]} {size[1]} ' + ' '.join(repr(float(p)) for p in parameters) + '\n')
+    (folder / 'cameras.bin').write_bytes(struct.pack('<QiiQQ', 1, CAMERA, number, *size) +
+                                         struct.pack(f'<{len(parameters)}d', *parameters))
+    write_images(folder, frames, seen, pictures)
+    write_points(folder, points, tracks)
+
+
+def write_images(folder, frames, seen, pictures):
+    with (folder / 'images.txt').open('w', encoding='utf-8') as text, (folder / 'images.bin').open('wb') as binary:
+        binary.write(struct.pack('<Q', len(frames)))
+        for frame, (pixels, rows) in zip(frames, seen):
+            quaternion, translation = world_to_camera(frame)
+            name = pictures.names[frame.index]
+            pose = ' '.join(repr(float(value)) for value in (*quaternion, *translation))
+            text.write(f'{frame.index + 1} {pose} {CAMERA} {name}\n')
+            text.write(' '.join(f'{u:.4f} {v:.4f} {row + 1}' for (u, v), row in zip(pixels, rows)) + '\n')
+            binary.write(struct.pack('<i7di', frame.index + 1, *quaternion, *translation, CAMERA) + name.encode() + b'\0')
+            binary.write(struct.pack('<Q', len(rows)))
+            binary.write(b''.join(struct.pack('<ddq', u, v, row + 1) for (u, v), row in zip(pixels, rows)))
+
+
+def write_points(folder, points, tracks):
+    with (folder / 'points3D.txt').open('w') as text, (folder / 'points3D.bin').open('wb') as binary:
+        binary.write(struct.pack('<Q', len(tracks)))
+        for row, image, place in tracks:
+            position, colour = points.positions[row], points.colours[row]
+            text.write(f'{row + 1} ' + ' '.join(repr(float(x)) for x in position) + ' ' + ' '.join(map(str, colour)) +
+                       f' {UNKNOWN_ERROR} {image} {place}\n')
+            binary.write(struct.pack('<Q3d3BdQii', row + 1, *position, *colour, UNKNOWN_ERROR, 1, image, place))

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""dsorb run VIDEO|FOLDER: poses and points of a video; dsorb export DIR: files for other programs; dsorb calibrate
+VIDEO: calibration from a chessboard."""
+import argparse
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+from . import __version__, calibrate
+from .export import FORMATS, export
+from .pictures import view_of_exif
+from .run_folder import read_run
+from .summary import summarize
+
+RUNTIME_ERROR, WRONG_OPTIONS, NOT_TRACKED = 1, 2, 3  # as dso_dataset has them
+
+DESCRIPTION = '''\
+Poses of the camera and points of the scene from a video or a folder of images.
+
+  dsorb run clip.mp4 --calib camera.yaml --export colmap,nerfstudio
+  dsorb run images/ --hfov 65 --output out/mine
+  dsorb export out/mine --format colmap --undistort
+  dsorb calibrate board.mp4 --board 9x6 --output camera.txt'''
+RUN_EPILOG = '''\
+All other options are those of dso_dataset (dsorb run --help-all): --set key=value, --width, --every, --from, --to,
+--mask, --initializer, ... Exit codes: 0 tracked to the end, 1 unreadable data or failed export, 2 wrong options,
+3 never initialized or lost for good.'''
+
+
+def program():
+    """The dso_dataset that came with the package."""
+    return Path(__file__).parent / 'bin' / 'dso_dataset'
+
+
+def formats_of(text):
+    names = [name.strip() for name in text.split(',')]
+    for name in names:
+        if name not in FORMATS:
+            raise argparse.ArgumentTypeError(f"'{name}': expected some of {','.join(FORMATS)}")
+    return list(dict.fromkeys(names))
+
+
+def board_of(text):
+    numbers = text.split('x')
+    if len(numbers) != 2 or not all(n.isdigit() and int(n) > 2 for n in numbers):
+        raise argparse.ArgumentTypeError(f"'{text}': expected COLUMNSxROWS of inner corners, 3 or more, for example 9x6")
+    return tuple(map(int, numbers))
+
+
+def positive(text):
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"'{text}': expected a whole number from 1")
+    return int(text)
+
+
+def add_calibrate(commands):
+    parser = commands.add_parser('calibrate', help='calibration from a chessboard', allow_abbrev=False)
+    parser.add_argument('input', help='video, or folder of images, of a flat chessboard: near and far, tilted, everywhere')
+    parser.add_argument('--board', metavar='COLUMNSxROWS', type=board_of, required=True, help='inner corners, e.g. 9x6')
+    parser.add_argument('--model', choices=calibrate.LENSES, default='radtan', help='equidistant: a fisheye')
+    parser.add_argument('--every', metavar='N', type=positive, default=1, help='look at each N-th image')
+    parser.add_argument('--output', metavar='FILE', type=Path, default=Path('camera.txt'),
+                        help='default camera.txt; a picture of the residuals lies beside it')
+
+
+def run_calibrate(args):
+    try:
+        found = calibrate.calibrate(args.input, args.board, args.model, args.every)
+        args.output.write_text(found.text(), encoding='utf-8')
+        calibrate.draw_residuals(found, args.output.with_suffix('.png'))
+    except (ValueError, OSError) as error:
+        print(f'dsorb: calibrate: {error}', file=sys.stderr)
+        return RUNTIME_ERROR
+    print(f'{calibrate.report(found)}\n{args.output}, {args.output.with_suffix(".png")}')
+    return 0
+
+
+def add_export_flags(parser):
+    parser.add_argument('--all-frames', action='store_true',
+                        help='models with every posed image; default: those of the keyframes')
+    parser.add_argument('--undistort', action='store_true',
+                        help='models of undistorted images, which are written to DIR/images')
+    parser.add_argument('--refine', action='store_const', const='poses',
+                        help='models after triangulation and adjustment by pycolmap, which takes some minutes')
+    parser.add_argument('--refine-focal', action='store_const', const='focal', dest='refine',
+                        help='the same, the focal length as well: where it is a guess')
+
+
+def parse(words):
+    parser = argparse.ArgumentParser('dsorb', description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter,
+                                     allow_abbrev=False)
+    parser.add_argument('--version', action='version', version=f'dsorb {__version__}')
+    commands = parser.add_subparsers(dest='command', required=True)
+    run = commands.add_parser('run', help='poses and points of a video', epilog=RUN_EPILOG, allow_abbrev=False,
+                              formatter_class=argparse.RawDescriptionHelpFormatter)
+    run.add_argument('input', nargs='?', help='video file, folder or .zip of images, data set, /dev/videoN, rtsp://...')
+    run.add_argument('--calib', metavar='FILE', help='calibration of the camera, in any form of docs/calibration.md')
+    run.add_argument('--hfov', metavar='DEGREES|exif', help='what the images show from left to right, without a calibration; '
+                     'exif: by the focal length that photographs note')
+    run.add_argument('--output', metavar='DIR', type=Path, help='default out/<name of the input>')
+    run.add_argument('--export', metavar='FORMATS', type=formats_of, default=[], help=','.join(FORMATS))
+    run.add_argument('--quiet', action='store_true', help='print errors only')
+    run.add_argument('--help-all', action='store_true', help='the options of dso_dataset')
+    add_export_flags(run)
+    later = commands.add_parser('export', help='files for other programs from an output folder', allow_abbrev=False)
+    later.add_argument('folder', metavar='DIR', type=Path, help='output folder of dsorb run or dso_dataset')
+    later.add_argument('--format', metavar='FORMATS', type=formats_of, required=True, help=','.join(FORMATS))
+    add_export_flags(later)
+    add_calibrate(commands)
+    args, rest = parser.parse_known_args(words)
+    if args.command != 'run' and rest:
+        parser.error(f'unrecognized arguments: {" ".join(rest)}')
+    if args.command == 'run' and args.input is None and not args.help_all:
+        run.error('no video and no folder of images given')
+    return args, rest
+
+
+def default_output(source):
+    path = Path(source).resolve()
+    return Path('out') / (path.stem if path.is_file() else path.name)
+
+
+def run_program(words):
+    """Runs dso_dataset until it ends by itself; Ctrl-C is its to answer. @return its exit code"""
+    with subprocess.Popen([str(program()), *words], stdout=subprocess.DEVNULL) as process:
+        asked = {number: signal.signal(number, lambda *_: None) for number in (signal.SIGINT, signal.SIGTERM)}
+        signal.signal(signal.SIGTERM, lambda *_: process.terminate())
+        try:
+            return process.wait()
+        finally:
+            for number, handler in asked.items():
+                signal.signal(number, handler)
+
+
+def run(args, rest):
+    output = args.output or default_output(args.input)
+    words = [args.input, '--output', str(output), *rest]
+    if args.hfov == 'exif':
+        try:
+            args.hfov = f'{view_of_exif(args.input):.3f}'
+        except (ValueError, OSError) as error:
+            print(f'dsorb: --hfov exif: {error}', file=sys.stderr)
+            return RUNTIME_ERROR
+    for flag, value in (('--calib', args.calib), ('--hfov', args.hfov)):
+        words += [flag, value] if value is not None else []
+    code = run_program(words + (['--quiet'] if args.quiet else []))
+    if code in (RUNTIME_ERROR, WRONG_OPTIONS) or code < 0:
+        return code if code > 0 else RUNTIME_ERROR
+    if not args.quiet:
+        print(summarize(read_run(output)))
+    return code if write_exports(output, args.export, args) else RUNTIME_ERROR
+
+
+def write_exports(folder, formats, args):
+    """@return whether everything could be written"""
+    if not formats:
+        return True
+    try:
+        notes = export(folder, formats, args.all_frames, args.undistort, args.refine)
+    except (ValueError, OSError) as error:
+        print(f'dsorb: export: {error}', file=sys.stderr)
+        return False
+    if not getattr(args, 'quiet', False):
+        print('\n'.join(notes))
+    return True
+
+
+def main(words=None):
+    args, rest = parse(words)
+    if args.command == 'calibrate':
+        sys.exit(run_calibrate(args))
+    if args.command == 'export':
+        sys.exit(0 if write_exports(args.folder, args.format, args) else RUNTIME_ERROR)
+    if not os.access(program(), os.X_OK):
+        sys.exit(f'dsorb: {program()}: not there; this package was built without the component `programs`')
+    if args.help_all:
+        sys.exit(subprocess.run([str(program()), '--help'], check=False).returncode)
+    sys.exit(run(args, rest))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The images of a run, for programs that want them beside the poses: found where they lie, or taken out of a video or
+an archive, or undistorted. Needs OpenCV's Python module (`pip install dsorb[images]`) where pixels are touched."""
+import os
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ._dsorb import Calibration
+
+JPEG_QUALITY = 95
+JPEG_SUFFIXES = ('.jpg', '.jpeg')
+EXIF_IFD, FOCAL_LENGTH_35MM = 0x8769, 0xA405
+
+
+class PicturesError(ValueError):
+    """Images that cannot be had; the message says why and what to do."""
+
+
+@dataclass
+class Pictures:
+    folder: Path  # that names refer to
+    names: dict  # of the images by their index
+    lens: dict  # as `lens` in run.json, that of these images
+
+    def file(self, index):
+        return self.folder / self.names[index]
+
+
+def opencv(reason):
+    try:
+        import cv2
+    except ImportError:
+        raise PicturesError(f'{reason} needs OpenCV: pip install opencv-python-headless') from None
+    return cv2
+
+
+def pinhole(camera):
+    """The rectified camera in the form of a lens."""
+    return dict(camera, model='pinhole', coefficients=[])
+
+
+def calibration_of(lens):
+    """Calibration of a lens of run.json."""
+    return Calibration(lens['fx'], lens['fy'], lens['cx'], lens['cy'], lens['width'], lens['height'], lens['model'],
+                       lens['coefficients'])
+
+
+def lens_of(run):
+    """Lens of the images as they were taken. Raises PicturesError where poses belong to another one."""
+    if 'lens' not in run.summary:
+        raise PicturesError(f'{run.folder / "run.json"}: no `lens`; made by an older version, run again')
+    if 'refined_camera' in run.summary:
+        raise PicturesError('the run refined its camera, which is that of undistorted images: export with --undistort')
+    return run.summary['lens']
+
+
+def find_pictures(run, indices):
+    """Image files where they lie; None where they are not files or not there any more."""
+    files = {row.index: Path(row.image) for row in run.rows if row.index in indices}
+    if not files or not all(file.is_file() for file in files.values()):
+        return None
+    folder = Path(os.path.commonpath([file.parent for file in files.values()]))
+    return Pictures(folder, {index: file.relative_to(folder).as_posix() for index, file in files.items()}, lens_of(run))
+
+
+def make_pictures(run, indices, folder, undistort):
+    """Writes the images of these indices to a folder: those of videos and archives, undistorted ones."""
+    cv2 = opencv('taking images out of videos and archives, and undistorting them,')
+    lens = run.summary.get('lens') if undistort else lens_of(run)
+    if lens is None:
+        raise PicturesError(f'{run.folder / "run.json"}: no `lens`; made by an older version, run again')
+    camera = run.summary['camera']
+    maps = rectifying_maps(lens, camera) if undistort else None
+    folder.mkdir(parents=True, exist_ok=True)
+    names = {}
+    for index, image in decoded(cv2, run, indices):
+        if image.shape[:2] != (lens['height'], lens['width']):
+            raise PicturesError(f'image {index}: {image.shape[1]}x{image.shape[0]} px, the run had '
+                                f'{lens["width"]}x{lens["height"]}')
+        if maps is not None:
+            image = cv2.remap(image, *maps, cv2.INTER_LINEAR)
+        names[index] = f'{index:06d}.jpg'
+        if not cv2.imwrite(str(folder / names[index]), image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]):
+            raise PicturesError(f'{folder / names[index]}: cannot be written')
+    missing = set(indices) - set(names)
+    if missing:
+        raise PicturesError(f'{run.summary["dataset"]}: ends before image {min(missing)}')
+    return Pictures(folder, names, pinhole(run.camera) if undistort else lens)
+
+
+def rectifying_maps(lens, camera):
+    """Pixels of the images as taken, (height, width) each, for every pixel of the rectified camera."""
+    u, v = np.meshgrid(np.arange(camera['width']), np.arange(camera['height']))
+    rays = np.stack([(u - camera['cx']) / camera['fx'], (v - camera['cy']) / camera['fy'], np.ones(u.shape)], 2)
+    pixels = calibration_of(lens).project(rays.reshape(-1, 3)).reshape(*u.shape, 2).astype(np.float32)
+    pixels[np.isnan(pixels)] = -1e4  # black
+    return pixels[..., 0], pixels[..., 1]
+
+
+def decoded(cv2, run, indices):
+    """(index, image) of every wanted image that can be had, in ascending order."""
+    files = {row.index: row.image for row in run.rows if row.index in indices}
+    if all(files.values()):
+        for index in sorted(files):
+            yield index, decoded_file(cv2, files[index])
+        return
+    video = cv2.VideoCapture(str(run.summary['dataset']))
+    if not video.isOpened():
+        raise PicturesError(f'{run.summary["dataset"]}: cannot be opened as a video; cameras leave no images behind')
+    for index in range(max(indices) + 1):
+        if not video.grab():
+            return
+        if index in indices:
+            yield index, video.retrieve()[1]
+
+
+def decoded_file(cv2, name):
+    archive, zip_suffix, entry = name.partition('.zip' + os.sep)
+    try:
+        if zip_suffix and not os.path.isfile(name):
+            with zipfile.ZipFile(archive + '.zip') as file:
+                data = file.read(entry)
+        else:
+            data = Path(name).read_bytes()
+    except (OSError, KeyError, zipfile.BadZipFile) as error:
+        raise PicturesError(f'{name}: {error}') from None
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    if image is None:
+        raise PicturesError(f'{name}: cannot be decoded')
+    return image
+
+
+def colours_of(pictures, run, points):
+    """(n, 3) red, green, blue of a segment's points, from the images of their hosts; None without OpenCV."""
+    try:
+        cv2 = opencv('colour')
+    except PicturesError:
+        return None
+    calibration = calibration_of(pictures.lens)
+    poses = {frame.index: frame.T_world_cam for segment in run.segments for frame in segment.frames}
+    colours = points.colours.copy()
+    for host in np.unique(points.keyframes):
+        if host not in pictures.names:
+            continue
+        image, chosen = decoded_file(cv2, str(pictures.file(host))), points.keyframes == host
+        pixels = calibration.project(to_camera(poses[host], points.positions[chosen]))
+        x, y = (np.clip(np.rint(np.nan_to_num(pixels[:, axis])), 0, image.shape[1 - axis] - 1).astype(int) for axis in (0, 1))
+        colours[chosen] = image[y, x, ::-1]
+    return colours
+
+
+def view_of_exif(source):
+    """What photographs show from left to right [degrees], by the focal length that the first one of a folder notes.
+
+    Equivalents in 35 mm are those of the diagonal (CIPA DCG-001). Raises PicturesError where nothing is noted."""
+    try:
+        from PIL import Image
+    except ImportError:
+        raise PicturesError('reading EXIF data needs Pillow: pip install Pillow') from None
+    folders = [Path(source), Path(source) / 'images']
+    files = [f for folder in folders if folder.is_dir() for f in sorted(folder.iterdir()) if f.suffix.lower() in JPEG_SUFFIXES]
+    if not files:
+        raise PicturesError(f'{source}: no folder of JPEG files, which note a focal length')
+    with Image.open(files[0]) as image:
+        focal, (width, height) = image.getexif().get_ifd(EXIF_IFD).get(FOCAL_LENGTH_35MM), image.size
+    if not focal:
+        raise PicturesError(f'{files[0]}: notes no focal length in 35 mm terms; expected the EXIF entry FocalLengthIn35mmFilm')
+    half = np.hypot(36, 24) / 2 * width / np.hypot(width, height)  # [mm]
+    return float(np.degrees(2 * np.arctan(half / focal)))
+
+
+def to_camera(T_world_cam, positions):
+    """(n, 3) world coordinates to camera coordinates."""
+    return np.ascontiguousarray((positions - T_world_cam[:3, 3]) @ T_world_cam[:3, :3])

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a person wants to know of a run: how much of the video has a pose, how sure, what to do when it is little."""
+import json
+import math
+
+import numpy as np
+
+ENOUGH = 0.9  # of the images posed: nothing to advise
+# Answers of the initializer that name an obstacle, and what helps.
+ADVICE = {
+    'too_few_points': 'too few corners to follow: too dark, blurred, or without texture. More light, a shorter exposure, '
+                      'or a scene with more detail help',
+    'too_little_parallax': 'the camera hardly moved sideways: move it by about a twentieth of the distance to the scene',
+    'degenerate_motion': 'the camera turned on the spot, or the motion does not tell depth: walk instead of turning',
+    'tracking_lost': 'what was followed was lost: darkness, cuts, fast motion, blur, or too few images a second (--every)',
+    'poor_quality': 'the images contradict a rigid scene seen by this camera: check --calib or --hfov; a rolling shutter '
+                    'or large moving objects do the same (--mask)',
+    'timeout': 'no start within the images that one may take: slow motion (try --every 2) or none'}
+REFUSALS = 'the first adjustment contradicted {} start(s): check --calib or --hfov, or the shutter is a rolling one'
+
+
+def summarize(run):
+    """Some lines of text on an output folder that was read."""
+    given = len(run.rows)
+    if not given:
+        return 'No image was read.'
+    posed = sum(len(segment.frames) for segment in run.segments)
+    lines = [f'{posed} of {given} images have a pose ({100 * posed / given:.0f} %)' + of_segments(run)]
+    lines += [f'  segment {segment.number}: {span(run, segment)}, {len(segment.points.positions)} points'
+              for segment in run.segments]
+    lines += how_sure(run)
+    if posed < ENOUGH * given:
+        lines += advice(run)
+    lines.append(f'{run.folder}: trajectory.txt, points.ply, figures/trajectory.png; docs/formats.md has the rest')
+    return '\n'.join(lines)
+
+
+def of_segments(run):
+    if len(run.segments) < 2:
+        return ''
+    return f', in {len(run.segments)} segments, each with a world and a unit of its own'
+
+
+def span(run, segment):
+    begin = float(run.rows[0].time)
+    times = [float(frame.time) - begin for frame in segment.frames]
+    return f'{min(times):.1f} to {max(times):.1f} s, {len(times)} images'
+
+
+def starts_of(run):
+    path = run.folder / 'initialization.json'
+    starts = json.loads(path.read_text(encoding='utf-8'))['initializations']
+    return [start for start in starts if not start['withdrawn']]
+
+
+def direction_sigma(start):
+    """Standard deviation of the direction from the start's first to its last camera [deg]; None where unknown."""
+    target = next(pose for pose in start['poses'] if pose['index'] == start['target']['index'])
+    if target['covariance'] is None:
+        return None
+    translation = np.array(target['T_cam_ref'])[:3, 3]
+    length = np.linalg.norm(translation)
+    across = np.eye(3) - np.outer(translation, translation) / length**2
+    covariance = across @ np.array(target['covariance'])[:3, :3] @ across
+    return math.degrees(math.sqrt(np.linalg.eigvalsh(covariance)[-1]) / length)
+
+
+def how_sure(run):
+    lines = []
+    for start in starts_of(run):
+        sigma = direction_sigma(start)
+        lines.append(f'  start at image {start["reference"]["index"]}, over {start["frames_since_reference"] + 1} images: '
+                     + (f'direction +-{sigma:.1f} deg, ' if sigma is not None else '')
+                     + f'depths +-{100 * start["report"]["median_relative_sigma"]:.0f} %')
+    lost = sum(row.state == 'lost' for row in run.rows)
+    if lost:
+        times = ', '.join(f'{float(row.time) - float(run.rows[0].time):.1f} s' for row in run.rows if row.state == 'lost')
+        lines.append(f'  tracking was lost {lost} time(s): at {times}')
+    return lines
+
+
+def advice(run):
+    """The most frequent obstacles first, each with its count."""
+    answers = run.summary.get('answers', {})
+    named = sorted(((count, reason) for reason, count in answers.items() if reason in ADVICE), reverse=True)
+    lines = [f'  {count} x {reason}: {ADVICE[reason]}' for count, reason in named]
+    refused = sum(run.summary.get('withdrawn', {}).values())
+    if refused:
+        lines.append('  ' + REFUSALS.format(refused))
+    if any(row.state == 'lost' for row in run.rows):
+        lines.append('  after a loss: fast turns, darkness and cuts lose a track; a slower motion or more images a second help')
+    return ['What stood in the way:'] + lines if lines else []

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/io/config.h"
+
+#include <nanobind/nanobind.h>
+
+#include <string>
+
+namespace dsorb::python {
+
+/// Options of a call: the preset, then the entries of a dictionary and the keyword arguments, which
+/// have the names of the keys of configs/default.yaml, nested or dotted. As in the program, all
+/// threads of the machine are used where num_threads does not say otherwise.
+/// @param initializer name of a variant, or a dictionary of the group `initializer`
+/// @throws ConfigError as loadConfig()
+Config configOf(nanobind::handle initializer,
+                const std::string& preset,
+                nanobind::handle options,
+                const nanobind::kwargs& words);
+
+/// Binds the constructor of what is made from a camera and a Config.
+template <typename Bound>
+void bindMaker(nanobind::class_<Bound>& type, const char* text) {
+  namespace nb = nanobind;
+  type.def(
+      "__init__",
+      [](Bound* self,
+         const PinholeCamera& camera,
+         nb::handle initializer,
+         const std::string& preset,
+         nb::handle options,
+         const nb::kwargs& words) {
+        new (self) Bound(camera, configOf(initializer, preset, options, words));
+      },
+      nb::arg("camera"),
+      nb::arg("initializer") = nb::none(),
+      nb::kw_only(),
+      nb::arg("preset") = "default",
+      nb::arg("options") = nb::none(),
+      nb::arg("words"),
+      text);
+}
+
+/// Binds a method that takes the next frame.
+template <typename Bound, typename Method>
+void bindFeeder(nanobind::class_<Bound>& type, const char* name, Method method, const char* text) {
+  namespace nb = nanobind;
+  type.def(name,
+           method,
+           nb::arg("image"),
+           nb::arg("timestamp"),
+           nb::arg("id") = nb::none(),
+           nb::arg("exposure") = 1.0,
+           text);
+}
+
+}  // namespace dsorb::python

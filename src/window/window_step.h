@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/options/window.h"
+
+#include "window/normal_equations.h"
+#include "window/window.h"
+
+#include <Eigen/Core>
+
+/// One linear step of an adjustment: priors of the state, gauge, solution.
+namespace dsorb::window {
+
+/// Diagonal priors of frames and intrinsics at the current state.
+struct StatePrior {
+  Eigen::VectorXd information;  ///< scaled units
+  Eigen::VectorXd gradient;
+  double energy = 0;
+};
+[[nodiscard]] StatePrior statePrior(const Window& window, const WindowOptions& options);
+
+/// Columns: the six motions of the whole world and its scale, as changes of all frames' first
+/// estimates (intrinsics: zero), each of unit length.
+/// @return dimension x 7
+[[nodiscard]] Eigen::MatrixXd gaugeDirections(const Window& window);
+
+/// Projects a step onto the complement of motions and scale of the whole world.
+[[nodiscard]] Eigen::VectorXd withoutGauge(const Eigen::VectorXd& step,
+                                           const Eigen::MatrixXd& directions);
+
+/// Step of frames and intrinsics that minimises the linearised energy, priors included.
+/// @param damping     relative increase of all diagonals
+/// @param elimination afterwards gives the steps of the inverse depths
+[[nodiscard]] Eigen::VectorXd solveStep(const Window& window,
+                                        const WindowEquations& equations,
+                                        const WindowOptions& options,
+                                        double damping,
+                                        WindowElimination& elimination);
+
+}  // namespace dsorb::window

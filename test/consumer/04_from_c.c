@@ -1,0 +1,147 @@
+/* SPDX-License-Identifier: BSD-3-Clause */
+/* Initializer and odometry from C11. Images are the shifted texture of a wall that stands at depth 1 behind a nearer
+   floor; what is checked is the interface, not the accuracy. */
+#include <dsorb/c/dsorb.h>
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { kWidth = 320, kHeight = 240, kFrames = 30, kErrorSize = 200 };
+static const double kFocal = 250;
+
+#define CHECK(condition)                                                          \
+  do {                                                                            \
+    if (!(condition)) {                                                           \
+      printf("line %d: %s; last error: %s\n", __LINE__, #condition, error);      \
+      return 1;                                                                   \
+    }                                                                             \
+  } while (0)
+
+static double value(long x, long y) {
+  unsigned h = (unsigned)x * 374761393U + (unsigned)y * 668265263U;
+  h = (h ^ (h >> 13U)) * 1274126177U;
+  return (double)((h ^ (h >> 16U)) & 0xFFFFU) / 65535.0;
+}
+
+static double noise(double u, double v) {
+  const double x = floor(u), y = floor(v), a = u - x, b = v - y;
+  const double sa = a * a * (3 - 2 * a), sb = b * b * (3 - 2 * b);
+  const long i = (long)x, j = (long)y;
+  return (1 - sb) * ((1 - sa) * value(i, j) + sa * value(i + 1, j)) +
+         sb * ((1 - sa) * value(i, j + 1) + sa * value(i + 1, j + 1));
+}
+
+/* A corridor seen by a camera that moves to the right. */
+static void render(int index, uint8_t* image) {
+  const double moved = 0.04 * index;
+  for (int row = 0; row < kHeight; ++row) {
+    for (int column = 0; column < kWidth; ++column) {
+      const double x = (column - kWidth / 2) / kFocal, y = (row - kHeight / 2) / kFocal;
+      const double wall = 6, floor_depth = y > 1e-6 ? 1.2 / y : 1e9;
+      const double depth = floor_depth < wall ? floor_depth : wall;
+      const double s = x * depth + moved, t = floor_depth < wall ? depth + 40 : y * depth;
+      const double grey = 0.6 * noise(4 * s, 4 * t) + 0.4 * noise(11 * s + 50, 11 * t);
+      image[row * kWidth + column] = (uint8_t)(20 + 215 * grey);
+    }
+  }
+}
+
+static dsorb_image imageOf(int index, uint8_t* pixels) {
+  const dsorb_image image = {pixels, 0, index, index / 30.0, 0};
+  render(index, pixels);
+  return image;
+}
+
+static int checkErrors(const dsorb_camera* camera) {
+  char error[kErrorSize] = "";
+  char tiny[6] = "xxxxx";
+  dsorb_initializer* initializer = NULL;
+  dsorb_state state;
+  CHECK(dsorb_initializer_create("no-such", camera, 1, &initializer, error, sizeof error) == DSORB_BAD_ARGUMENT);
+  CHECK(initializer == NULL && strstr(error, "no-such") != NULL && strstr(error, "coarse") != NULL);
+  CHECK(dsorb_initializer_create("no-such", camera, 1, &initializer, tiny, sizeof tiny) == DSORB_BAD_ARGUMENT);
+  CHECK(strlen(tiny) == 5);
+  CHECK(dsorb_initializer_create("orb", NULL, 1, &initializer, NULL, 0) == DSORB_BAD_ARGUMENT);
+  CHECK(dsorb_initializer_create("orb", camera, 1, NULL, error, sizeof error) == DSORB_BAD_ARGUMENT);
+  CHECK(dsorb_initializer_create(NULL, camera, 1, &initializer, error, sizeof error) == DSORB_BAD_ARGUMENT);
+  CHECK(dsorb_initializer_add(NULL, NULL, &state, error, sizeof error) == DSORB_BAD_ARGUMENT);
+  CHECK(dsorb_odometry_add(NULL, NULL, NULL, error, sizeof error) == DSORB_BAD_ARGUMENT);
+  CHECK(dsorb_initializer_frames(NULL, NULL, 0) == 0 && dsorb_odometry_points(NULL, NULL, 0) == 0);
+  dsorb_initializer_destroy(NULL);
+  dsorb_odometry_destroy(NULL);
+  return 0;
+}
+
+static int checkInitializer(const dsorb_camera* camera, uint8_t* pixels) {
+  char error[kErrorSize] = "";
+  dsorb_initializer* initializer = NULL;
+  dsorb_state state = DSORB_INITIALIZING;
+  CHECK(dsorb_initializer_create("orb", camera, 1, &initializer, error, sizeof error) == DSORB_OK);
+  dsorb_image image = imageOf(0, pixels);
+  image.stride = 3;
+  CHECK(dsorb_initializer_add(initializer, &image, &state, error, sizeof error) == DSORB_BAD_ARGUMENT);
+  CHECK(strstr(error, "stride") != NULL);
+  for (int i = 0; i < kFrames && state != DSORB_INITIALIZED; ++i) {
+    image = imageOf(i, pixels);
+    CHECK(dsorb_initializer_add(initializer, &image, &state, error, sizeof error) == DSORB_OK);
+  }
+  CHECK(state == DSORB_INITIALIZED);
+  image = imageOf(kFrames, pixels);
+  CHECK(dsorb_initializer_add(initializer, &image, &state, error, sizeof error) == DSORB_WRONG_STATE);
+
+  const size_t frames = dsorb_initializer_frames(initializer, NULL, 0);
+  const size_t points = dsorb_initializer_points(initializer, NULL, 0);
+  CHECK(frames >= 2 && points >= 60);
+  dsorb_frame* frame = malloc(frames * sizeof *frame);
+  dsorb_point* point = malloc(points * sizeof *point);
+  CHECK(frame != NULL && point != NULL);
+  CHECK(dsorb_initializer_frames(initializer, frame, frames) == frames);
+  CHECK(dsorb_initializer_points(initializer, point, points) == points);
+  CHECK(frame[0].posed && frame[0].cam_from_ref[0] == 1 && frame[0].cam_from_ref[3] == 0);
+  const double* t = frame[frames - 1].cam_from_ref;
+  CHECK(-t[3] > 10 * fabs(t[7]) && -t[3] > 10 * fabs(t[11])); /* to the right */
+  double sum = 0;
+  size_t in_reference = 0;
+  for (size_t i = 0; i < points; ++i) {
+    CHECK(point[i].inverse_depth > 0 && point[i].variance > 0 && (size_t)point[i].host < frames);
+    if (point[i].host == 0) sum += point[i].inverse_depth, ++in_reference;
+  }
+  CHECK(fabs(sum / (double)in_reference - 1) < 1e-3); /* the unit */
+  free(frame);
+  free(point);
+  CHECK(dsorb_initializer_reset(initializer, error, sizeof error) == DSORB_OK);
+  CHECK(dsorb_initializer_frames(initializer, NULL, 0) == 0);
+  dsorb_initializer_destroy(initializer);
+  return 0;
+}
+
+static int checkOdometry(const dsorb_camera* camera, uint8_t* pixels) {
+  char error[kErrorSize] = "";
+  dsorb_odometry* odometry = NULL;
+  dsorb_estimate estimate;
+  int tracked = 0;
+  CHECK(dsorb_odometry_create("orb", camera, 1, &odometry, error, sizeof error) == DSORB_OK);
+  for (int i = 0; i < kFrames; ++i) {
+    const dsorb_image image = imageOf(i, pixels);
+    CHECK(dsorb_odometry_add(odometry, &image, &estimate, error, sizeof error) == DSORB_OK);
+    CHECK(estimate.state != DSORB_LOST);
+    if (estimate.state == DSORB_TRACKED) ++tracked;
+  }
+  CHECK(tracked >= 5 && estimate.has_pose && estimate.world_from_cam[3] > 0);
+  CHECK(dsorb_odometry_points(odometry, NULL, 0) > 0);
+  CHECK(dsorb_odometry_restart(odometry, error, sizeof error) == DSORB_OK);
+  dsorb_odometry_destroy(odometry);
+  printf("dsorb %s from C: %d frames tracked\n", dsorb_version(), tracked);
+  return 0;
+}
+
+int main(void) {
+  const dsorb_camera camera = {kFocal, kFocal, kWidth / 2, kHeight / 2, kWidth, kHeight};
+  uint8_t* pixels = malloc((size_t)kWidth * kHeight);
+  const int failed = pixels == NULL || checkErrors(&camera) || checkInitializer(&camera, pixels) ||
+                     checkOdometry(&camera, pixels);
+  free(pixels);
+  return failed;
+}

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The command `dsorb`, as it is installed or by its module."""
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+import unittest
+
+import numpy as np
+from dsorb.pictures import EXIF_IFD, FOCAL_LENGTH_35MM
+from dsorb.run_folder import read_run
+from dsorb.summary import summarize
+from PIL import Image
+from room import FRAMES, SIZE, image_files, room, room_run, temporary_folder
+
+try:
+    import cv2
+except ImportError:
+    cv2 = None
+
+
+def dsorb(*words, **options):
+    return subprocess.run([sys.executable, '-m', 'dsorb.command_line', *map(str, words)], capture_output=True, text=True,
+                          check=False, **options)
+
+
+class Run(unittest.TestCase):
+    def test_it_leaves_what_the_program_leaves(self):
+        output = temporary_folder() / 'out'
+        done = dsorb('run', room(), '--output', output)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        files = {f.relative_to(output) for f in output.rglob('*')}
+        self.assertEqual(files, {f.relative_to(room_run()) for f in room_run().rglob('*')})
+        for name in ('trajectory.txt', 'keyframes.txt', 'points.ply', 'config.yaml'):
+            self.assertEqual((output / name).read_bytes(), (room_run() / name).read_bytes(), name)
+        self.assertIn(f'{FRAMES} of {FRAMES} images have a pose (100 %)', done.stdout)
+        self.assertRegex(done.stdout, r'direction \+-\d\.\d deg, depths \+-\d %')
+        self.assertNotIn('stood in the way', done.stdout)
+
+    def test_options_of_the_program_are_passed_on(self):
+        output = temporary_folder() / 'out'
+        done = dsorb('run', room(), '--output', output, '--end', '30', '--set', 'orb.min_frames=9', '--quiet')
+        self.assertEqual((done.returncode, done.stdout), (0, ''), done.stderr)
+        self.assertEqual(json.loads((output / 'run.json').read_text())['frames_given'], 30)
+        self.assertIn('min_frames: 9', (output / 'config.yaml').read_text())
+
+    def test_the_output_is_named_after_the_input(self):
+        folder = temporary_folder()
+        done = dsorb('run', room(), '--end', '3', cwd=folder)
+        self.assertEqual(done.returncode, 3, done.stderr)
+        self.assertTrue((folder / 'out' / 'room' / 'run.json').exists())
+
+    def test_exit_codes_and_texts_are_those_of_the_program(self):
+        for words, code, text in ((('nowhere',), 1, 'nowhere'), ((room(), '--set', 'orb.min_frmes=3'), 2, 'min_frames'),
+                                  ((room(), '--hfov', '400'), 2, '400'), ((), 2, 'no video')):
+            done = dsorb('run', *words, cwd=temporary_folder())
+            self.assertEqual(done.returncode, code, done.stderr)
+            self.assertIn(text, done.stderr)
+            self.assertNotIn('Traceback', done.stderr)
+
+    def test_an_unknown_format_is_refused_before_anything_runs(self):
+        folder = temporary_folder()
+        done = dsorb('run', room(), '--export', 'colmap,kml', cwd=folder)
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("'kml': expected some of tum,", done.stderr)
+        self.assertEqual(list(folder.iterdir()), [])
+
+    def test_interrupted_it_keeps_what_was_computed(self):
+        output = temporary_folder() / 'out'
+        with subprocess.Popen([sys.executable, '-m', 'dsorb.command_line', 'run', room(), '--output', output, '--speed', '0.1'],
+                              stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
+            table, end = output / 'frames.csv', time.monotonic() + 60
+            while not (table.exists() and table.read_text().count('\n') > 2) and time.monotonic() < end:
+                time.sleep(0.05)
+            os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+            text = process.communicate(timeout=60)[0]
+        self.assertEqual(json.loads((output / 'run.json').read_text())['status'], 'interrupted')
+        self.assertEqual(process.returncode, 3)
+        self.assertIn('images have a pose', text)
+
+
+class Photographs(unittest.TestCase):
+    def photographs(self, focal):
+        """The room as JPEG files that note a focal length in 35 mm terms."""
+        folder = temporary_folder() / 'photographs'
+        folder.mkdir()
+        for file in image_files():
+            with Image.open(file) as image:
+                exif = Image.Exif()
+                if focal:
+                    exif.get_ifd(EXIF_IFD)[FOCAL_LENGTH_35MM] = focal
+                image.save(folder / f'{file.stem}.jpg', quality=95, exif=exif)
+        return folder
+
+    def test_their_focal_length_is_used(self):
+        focal = round(200 * math.hypot(36, 24) / math.hypot(*SIZE))  # 22 mm; the camera has 200 px
+        output = temporary_folder() / 'out'
+        done = dsorb('run', self.photographs(focal), '--hfov', 'exif', '--output', output)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        lens = json.loads((output / 'run.json').read_text())['lens']
+        self.assertAlmostEqual(lens['fx'], focal * math.hypot(*SIZE) / math.hypot(36, 24), places=2)
+
+    def test_without_one_it_says_so(self):
+        done = dsorb('run', self.photographs(0), '--hfov', 'exif', '--output', temporary_folder() / 'out')
+        self.assertEqual(done.returncode, 1)
+        self.assertIn('00000.jpg: notes no focal length', done.stderr)
+        done = dsorb('run', 'clip.mp4', '--hfov', 'exif', '--output', temporary_folder() / 'out')
+        self.assertIn('clip.mp4: no folder of JPEG files', done.stderr)
+
+
+class Obstacles(unittest.TestCase):
+    def test_a_camera_that_stands_is_told_to_move(self):
+        still = temporary_folder() / 'still'
+        subprocess.run([os.environ['DSO_SYNTHESIZE'], 'static', '--output', still, '--frames', '20', '--width', '320',
+                        '--height', '240', '--quiet'], check=True)
+        done = dsorb('run', still, '--output', temporary_folder() / 'out')
+        self.assertEqual(done.returncode, 3, done.stderr)
+        self.assertIn('0 of 20 images have a pose (0 %)', done.stdout)
+        self.assertRegex(done.stdout, r'\d+ x too_little_parallax: the camera hardly moved')
+
+    def test_darkness_is_named(self):
+        dark = temporary_folder() / 'dark'
+        subprocess.run([os.environ['DSO_SYNTHESIZE'], 'room', '--output', dark, '--frames', '12', '--width', '320',
+                        '--height', '240', '--light', '0.01', '--quiet'], check=True)
+        done = dsorb('run', dark, '--output', temporary_folder() / 'out')
+        self.assertEqual(done.returncode, 3, done.stderr)
+        self.assertRegex(done.stdout, r'tracking_lost: .*darkness')
+
+    def test_segments_and_losses_are_told(self):
+        cut = temporary_folder() / 'cut'
+        subprocess.run([os.environ['DSO_SYNTHESIZE'], 'cut', '--output', cut, '--frames', '60', '--width', '320',
+                        '--height', '240', '--quiet'], check=True)
+        output = temporary_folder() / 'out'
+        done = dsorb('run', cut, '--output', output, '--export', 'tum,colmap')
+        run = read_run(output)
+        self.assertEqual(len(run.segments), 2, done.stdout)
+        self.assertIn('in 2 segments', done.stdout)
+        self.assertIn('tracking was lost 1 time(s)', done.stdout)
+        for place, segment in enumerate(run.segments):
+            poses = np.loadtxt(output / f'tum/trajectory{"_1" if place else ""}.txt')
+            self.assertEqual(len(poses), len(segment.frames))
+            hosts = set(segment.points.keyframes)
+            self.assertTrue(hosts <= {f.index for f in segment.frames})
+            self.assertTrue((output / f'colmap/sparse/{place}/points3D.bin').exists())
+        self.assertEqual(done.stdout.splitlines()[0], summarize(run).splitlines()[0])
+
+
+class Videos(unittest.TestCase):
+    @unittest.skipUnless(cv2, "OpenCV's Python module is not installed")
+    def test_a_video_becomes_models_with_images(self):
+        folder = temporary_folder()
+        images = [cv2.imread(str(f)) for f in sorted((room() / 'images').iterdir())]
+        video = cv2.VideoWriter(str(folder / 'clip.avi'), cv2.VideoWriter_fourcc(*'MJPG'), 30, images[0].shape[1::-1])
+        for image in images:
+            video.write(image)
+        video.release()
+        done = dsorb('run', folder / 'clip.avi', '--calib', room() / 'camera.txt', '--output', folder / 'out',
+                     '--export', 'nerfstudio,colmap')
+        self.assertEqual(done.returncode, 0, done.stderr)
+        frames = json.loads((folder / 'out/nerfstudio/transforms.json').read_text())['frames']
+        self.assertGreater(len(frames), 3)
+        for frame in frames:
+            written = cv2.imread(str(folder / 'out/nerfstudio' / frame['file_path']))
+            index = int(os.path.splitext(os.path.basename(frame['file_path']))[0])
+            self.assertLess(np.abs(written.astype(float) - images[index]).mean(), 4)  # of JPEG, twice; another image: 20
+            self.assertTrue((folder / 'out/colmap/images' / os.path.basename(frame['file_path'])).exists())
+
+
+if __name__ == '__main__':
+    unittest.main()

@@ -1,0 +1,277 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Exported files against the truth of the room: a point that its host sees at a pixel is projected into the other
+images with what stands in the files alone, and has to land where exact depth and poses say."""
+import json
+import math
+import shutil
+import subprocess
+import unittest
+import zipfile
+
+import dsorb
+import numpy as np
+from dsorb.command_line import program
+from dsorb.export import export
+from dsorb.pictures import calibration_of, decoded_file
+from dsorb.run_folder import read_run, rotation_of
+from PIL import Image
+from room import FRAMES, SIZE, image_files, room, room_run, temporary_folder, true_correspondences, true_poses
+
+try:
+    import pycolmap
+except ImportError:
+    pycolmap = None
+try:
+    import cv2
+except ImportError:
+    cv2 = None
+
+CAMERA = dsorb.Camera(200, 200, 159.5, 119.5, *SIZE)
+HALF = 0.5  # from our pixels to those of COLMAP and nerfstudio
+MOST_PIXELS = 0.35  # median over the points of a pair of images; measured 0.253 for the worst pair
+LENSES = {'pinhole': [], 'fov': [0.9], 'radtan': [-0.28, 0.07, 2e-4, -1e-4, 0.0], 'equidistant': [0.01, -0.02, 0.003, 1e-3]}
+
+
+def exported(*formats, **options):
+    folder = temporary_folder() / 'out'
+    shutil.copytree(room_run(), folder)
+    export(folder, formats, **options)
+    return folder
+
+
+def far_apart(indices):
+    """Pairs of images of a model: the first with every other."""
+    return [(indices[0], other) for other in indices[1:]]
+
+
+def pixels_in_run(index, points):
+    """By what the output folder says, in our convention: independent of what an export adds."""
+    run = read_run(room_run())
+    frame = next(f for f in run.segments[0].frames if f.index == index)
+    camera = (points - frame.position) @ rotation_of(frame.quaternion)
+    return camera[:, :2] / camera[:, 2:] * [CAMERA.fx, CAMERA.fy] + [CAMERA.cx, CAMERA.cy]
+
+
+class Truth(unittest.TestCase):
+    def check(self, hosts, points, project):
+        """hosts: image index -> pixels (ours) of its points, rows of `points`; project(image index, (n, 3))."""
+        indices, worst = sorted(hosts), 0
+        for index in indices:
+            pixels, rows = hosts[index]
+            ours = pixels_in_run(index, points[rows])
+            np.testing.assert_allclose(pixels, ours, atol=1e-3)
+            np.testing.assert_allclose(project(index, points[rows]), ours, atol=1e-3)
+        for first, second in far_apart(indices):
+            pixels, rows = hosts[first]
+            expected = true_correspondences(first, second, CAMERA, pixels)
+            # A point of a pixel between two surfaces has the depth of either: the median is that of the others.
+            error = np.linalg.norm(project(second, points[rows]) - expected, axis=1)
+            worst = max(worst, np.nanmedian(error))
+        self.assertGreater(len(indices), 3)
+        self.assertLess(worst, MOST_PIXELS)
+
+
+def read_colmap_text(folder):
+    """Camera parameters, {index: (name, quaternion w x y z, translation, pixels, rows)}, points."""
+    words = (folder / 'cameras.txt').read_text().split()
+    points, order = [], {}
+    for line in (folder / 'points3D.txt').read_text().splitlines():
+        numbers = line.split()
+        order[int(numbers[0])] = len(points)
+        points.append([float(x) for x in numbers[1:4]])
+    lines, images = (folder / 'images.txt').read_text().splitlines(), {}
+    for head, body in zip(lines[::2], lines[1::2]):
+        numbers, seen = head.split(), np.array(body.split(), float).reshape(-1, 3)
+        index = [f.name for f in image_files()].index(numbers[9])
+        images[index] = (np.array(numbers[1:5], float), np.array(numbers[5:8], float), seen[:, :2],
+                         np.array([order[int(p)] for p in seen[:, 2]], int))
+    return words[1], np.array(words[4:], float), images, np.array(points)
+
+
+class Colmap(Truth):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = exported('colmap')
+
+    def test_text_meets_the_images(self):
+        model, (fx, fy, cx, cy), images, points = read_colmap_text(self.folder / 'colmap/sparse/0')
+        self.assertEqual(model, 'PINHOLE')
+
+        def project(index, world):
+            (w, x, y, z), translation = images[index][:2]
+            camera = world @ rotation_of([x, y, z, w]).T + translation
+            return camera[:, :2] / camera[:, 2:] * [fx, fy] + [cx, cy] - HALF
+
+        self.check({index: (image[2] - HALF, image[3]) for index, image in images.items()}, points, project)
+
+    @unittest.skipUnless(pycolmap, 'pycolmap is not installed')
+    def test_pycolmap_reads_both_forms_and_meets_the_images(self):
+        for read in ('read_text', 'read_binary'):
+            model = pycolmap.Reconstruction()
+            getattr(model, read)(str(self.folder / 'colmap/sparse/0'))
+            names = [f.name for f in image_files()]
+            images = {names.index(image.name): image for image in model.images.values()}
+            order = {number: row for row, number in enumerate(model.points3D)}
+            points = np.array([model.points3D[number].xyz for number in order])
+            hosts = {index: (np.array([p.xy for p in image.points2D]).reshape(-1, 2) - HALF,
+                             np.array([order[p.point3D_id] for p in image.points2D], int)) for index, image in images.items()}
+            self.check(hosts, points, lambda index, world: np.array(
+                [images[index].project_point(p) for p in world]).reshape(-1, 2) - HALF)  # pylint: disable=cell-var-from-loop
+
+    def test_images_lie_beside_the_model(self):
+        for name in (self.folder / 'colmap/sparse/0/images.txt').read_text().split('\n')[::2]:
+            if name:
+                self.assertTrue((self.folder / 'colmap/images' / name.split()[9]).is_file())
+
+    @unittest.skipUnless(pycolmap, 'pycolmap is not installed')
+    def test_lenses_are_those_of_colmap(self):
+        from dsorb.colmap import camera_of
+        rays = np.random.default_rng(1).uniform([-0.7, -0.5, 1], [0.7, 0.5, 1], (50, 3))
+        for model, coefficients in LENSES.items():
+            for k3 in (0.0, 0.02) if model == 'radtan' else (None,):
+                lens = dict(model=model, fx=300.0, fy=310.0, cx=320.2, cy=239.1, width=640, height=480,
+                            coefficients=coefficients[:4] + [k3] if model == 'radtan' else coefficients)
+                name, _, parameters = camera_of(lens)
+                camera = pycolmap.Camera(model=name, width=640, height=480, params=parameters)
+                theirs = np.array([camera.img_from_cam(ray) for ray in rays])
+                np.testing.assert_allclose(calibration_of(lens).project(rays) + HALF, theirs, atol=1e-6, err_msg=name)
+
+
+def path_error(run):
+    """Largest distance of keyframes from the truth after the best similarity, of the path's length."""
+    frames, truth = run, true_poses()[[f.index for f in run], :3, 3]
+    found = np.array([f.position for f in frames])
+    a, b = found - found.mean(0), truth - truth.mean(0)
+    u, s, v = np.linalg.svd(b.T @ a)
+    rotation = u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v
+    scale = (s * [1, 1, np.linalg.det(u @ v)]).sum() / (a**2).sum()
+    return np.linalg.norm(scale * a @ rotation.T - b, axis=1).max() / np.linalg.norm(np.diff(truth, axis=0), axis=1).sum()
+
+
+@unittest.skipUnless(pycolmap and int(pycolmap.__version__.split('.')[0]) >= 4, 'pycolmap 4 is not installed')
+class Refinement(unittest.TestCase):
+    def test_colmap_moves_the_poses_little_and_meets_the_truth(self):
+        folder = temporary_folder() / 'out'
+        shutil.copytree(room_run(), folder)
+        notes = export(folder, ['colmap', 'nerfstudio'], refine='poses')
+        self.assertRegex(notes[0], r'\d+ poses moved by 0\.\d\d% of their path .* focal length by \+0\.00 %')
+        model = pycolmap.Reconstruction(str(folder / 'colmap/sparse/0'))
+        names = [f.name for f in image_files()]
+        centres = {names.index(i.name): i.projection_center() for i in model.images.values()}
+        keyframes = [f for f in read_run(folder).segments[0].frames if f.is_keyframe]
+        data = json.loads((folder / 'nerfstudio/transforms.json').read_text())
+        for frame, written in zip(keyframes, data['frames']):
+            np.testing.assert_allclose(np.array(written['transform_matrix'])[:3, 3], centres[frame.index], atol=1e-9)
+            frame.position = centres[frame.index]
+        self.assertLess(path_error(keyframes), 0.006)  # measured 0.0021; ours have 0.0006
+        self.assertEqual(data['fl_x'], CAMERA.fx)
+
+    def test_a_focal_length_that_was_guessed_is_found(self):
+        for guess in (1.1, 0.9):
+            folder = temporary_folder() / 'out'
+            view = 2 * math.degrees(math.atan(SIZE[0] / 2 / (guess * CAMERA.fx)))
+            subprocess.run([program(), room(), '--hfov', str(view), '--output', folder, '--quiet'], check=True)
+            export(folder, ['nerfstudio'], refine='focal')
+            found = json.loads((folder / 'nerfstudio/transforms.json').read_text())
+            self.assertLess(abs(found['fl_x'] / CAMERA.fx - 1), 0.02)  # measured 0.009 from both sides
+            self.assertLess(abs(found['fl_y'] / CAMERA.fy - 1), 0.03)  # measured 0.017
+
+    def test_it_says_what_it_needs(self):
+        with self.assertRaisesRegex(ValueError, 'colmap, nerfstudio'):
+            export(room_run(), ['tum'], refine='poses')
+
+
+class Nerfstudio(Truth):
+    def test_transforms_meet_the_images(self):
+        folder = exported('nerfstudio')
+        data = json.loads((folder / 'nerfstudio/transforms.json').read_text())
+        names = [f.resolve() for f in image_files()]
+        poses = {names.index((folder / 'nerfstudio' / frame['file_path']).resolve()): np.array(frame['transform_matrix'])
+                 for frame in data['frames']}
+
+        def project(index, world):  # x right, y up, looking along -z; the image begins at its corner
+            camera = (world - poses[index][:3, 3]) @ poses[index][:3, :3]
+            u = data['cx'] + data['fl_x'] * camera[:, 0] / -camera[:, 2]
+            v = data['cy'] - data['fl_y'] * camera[:, 1] / -camera[:, 2]
+            return np.stack([u, v], 1) - HALF
+
+        points = read_run(folder).segments[0].points
+        hosts = {}
+        for index in poses:
+            rows = np.flatnonzero(points.keyframes == index)
+            hosts[index] = project(index, points.positions[rows]), rows
+        self.check(hosts, points.positions, project)
+        self.assertEqual((data['w'], data['h'], data['camera_model']), (*SIZE, 'OPENCV'))
+
+    def test_it_has_no_fov_lens(self):
+        from dsorb.export import nerfstudio_lens
+        with self.assertRaisesRegex(ValueError, '--undistort'):
+            nerfstudio_lens(dict(model='fov'))
+
+
+class Trajectories(unittest.TestCase):
+    def test_all_forms_have_the_same_poses(self):
+        folder = exported('tum', 'kitti', 'euroc')
+        frames = read_run(folder).segments[0].frames
+        self.assertEqual(len(frames), FRAMES)
+        tum = np.loadtxt(folder / 'tum/trajectory.txt')
+        kitti = np.loadtxt(folder / 'kitti/poses.txt').reshape(-1, 3, 4)
+        euroc = np.loadtxt(folder / 'euroc/trajectory.csv', delimiter=',')
+        self.assertEqual((folder / 'tum/trajectory.txt').read_text(), (folder / 'trajectory.txt').read_text())
+        np.testing.assert_allclose(kitti, np.loadtxt(folder / 'trajectory_kitti.txt').reshape(-1, 3, 4), atol=3e-9)
+        np.testing.assert_array_equal(euroc[:, [1, 2, 3, 5, 6, 7, 4]], tum[:, 1:])
+        np.testing.assert_allclose(euroc[:, 0] * 1e-9, tum[:, 0])
+        names = [line.split()[-1] for line in (folder / 'tum/images.txt').read_text().splitlines()]
+        self.assertEqual(names, [str(f) for f in image_files()])
+
+
+class Pictures(unittest.TestCase):
+    @unittest.skipUnless(cv2, "OpenCV's Python module is not installed")
+    def test_undistorted_images_of_a_pinhole_are_the_images(self):
+        folder = exported('colmap', undistort=True)
+        written = sorted((folder / 'images').iterdir())
+        self.assertEqual(len(written), json.loads((folder / 'run.json').read_text())['keyframes'])
+        image = cv2.imread(str(written[-1]), cv2.IMREAD_GRAYSCALE).astype(float)
+        original = cv2.imread(str(image_files()[int(written[-1].stem)]), cv2.IMREAD_GRAYSCALE)
+        self.assertLess(np.abs(image - original).mean(), 2)  # grey levels, of JPEG; measured 0.94
+
+    @unittest.skipUnless(cv2, "OpenCV's Python module is not installed")
+    def test_colours_are_those_of_the_images(self):
+        folder = exported('ply')
+        points = read_run(folder).segments[0].points
+        data = (folder / 'ply/points.ply').read_bytes()
+        body = np.frombuffer(data[data.index(b'end_header\n') + 11:], np.dtype([('p', '<f4', 3), ('c', 'u1', 3)]))
+        self.assertEqual(len(body), len(points.positions))
+        np.testing.assert_allclose(body['p'], points.positions, rtol=1e-6)
+        # Images of the room are grey: colour is the grey level of the host, which the map keeps as well.
+        difference = np.abs(body['c'].astype(int) - points.colours)
+        self.assertLess(np.percentile(difference, 95), 3)  # measured 0
+
+    @unittest.skipUnless(cv2, "OpenCV's Python module is not installed")
+    def test_images_are_not_turned_as_the_program_does_not_turn_them(self):
+        file = temporary_folder() / 'turned.jpg'
+        exif = Image.Exif()
+        exif[0x0112] = 6  # Orientation: to be turned by 90 degrees
+        with Image.open(image_files()[0]) as image:
+            image.save(file, exif=exif)
+        self.assertEqual(decoded_file(cv2, str(file)).shape, (SIZE[1], SIZE[0], 3))
+
+    @unittest.skipUnless(cv2, "OpenCV's Python module is not installed")
+    def test_images_of_an_archive_are_found(self):
+        file = temporary_folder() / 'images.zip'
+        with zipfile.ZipFile(file, 'w') as archive:
+            archive.write(image_files()[3], 'some/3.png')
+        image = decoded_file(cv2, f'{file}/some/3.png')
+        np.testing.assert_array_equal(image[..., 0], np.asarray(Image.open(image_files()[3])))
+
+    def test_runs_of_older_versions_are_refused(self):
+        folder = temporary_folder() / 'out'
+        shutil.copytree(room_run(), folder)
+        table = folder / 'frames.csv'
+        table.write_text('\n'.join(line.rpartition(',')[0] for line in table.read_text().splitlines()) + '\n')
+        with self.assertRaisesRegex(ValueError, 'run again'):
+            export(folder, ['tum'])
+
+
+if __name__ == '__main__':
+    unittest.main()

@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: BSD-3-Clause
+import ast
+import contextlib
+import io
+import os
+import re
+import sys
+import threading
+import time
+import unittest
+from pathlib import Path
+
+import dsorb
+import numpy as np
+from room import FRAMES, SIZE, image_files, images, room, true_poses
+
+README = Path(__file__).resolve().parents[2] / 'README.md'
+CAMERA = dsorb.Camera(200, 200, 159.5, 119.5, *SIZE)
+
+
+def start(initializer, pictures):
+    for i, image in enumerate(pictures):
+        step = initializer.add(image, timestamp=0.1 * i)
+        if step.result is not None:
+            return step.result
+    raise AssertionError(f'no start: {step.reason}')
+
+
+class Arrays(unittest.TestCase):
+    def setUp(self):
+        self.image = images()[0]
+        self.rectifier = dsorb.Rectifier(dsorb.Calibration.read(room() / 'camera.txt'))
+
+    def test_without_distortion_a_rectified_image_is_the_image(self):
+        rectified = self.rectifier.rectify(self.image)
+        self.assertEqual((rectified.dtype, rectified.shape), (np.float32, (SIZE[1], SIZE[0])))
+        np.testing.assert_array_equal(rectified, self.image)
+
+    def test_strides_of_views_are_respected(self):
+        wide = np.zeros((SIZE[1], 2 * SIZE[0]), np.uint8)
+        wide[:, 7:7 + SIZE[0]] = self.image
+        np.testing.assert_array_equal(self.rectifier.rectify(wide[:, 7:7 + SIZE[0]]), self.image)
+
+    def test_colour_is_blue_first_unless_said(self):
+        blue = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+        blue[..., 0] = 200
+        self.assertAlmostEqual(self.rectifier.rectify(blue)[0, 0], 0.114 * 200, delta=1)  # luma of ITU-R BT.601
+        self.assertAlmostEqual(self.rectifier.rectify(blue, rgb=True)[0, 0], 0.299 * 200, delta=1)
+
+    def test_masks_of_bool_and_of_grey_levels_are_the_same(self):
+        mask = np.ones((SIZE[1], SIZE[0]), bool)
+        mask[:50] = False
+        by_flags = self.rectifier.rectify(self.image, mask)
+        np.testing.assert_array_equal(by_flags, self.rectifier.rectify(self.image, mask.astype(np.uint8) * 255))
+        self.assertTrue(np.isnan(by_flags[:49]).all() and not np.isnan(by_flags[51:]).any())
+
+    def test_other_arrays_are_refused_with_what_they_are(self):
+        for array, text in ((self.image.astype(float), r'\(240, 320\) and float64'), (self.image[:, ::2], 'ascontiguousarray'),
+                            (self.image.T, 'ascontiguousarray'), (self.image[0], r'shape \(320\)'),
+                            (self.image[:100], '320x100')):
+            with self.assertRaisesRegex(ValueError, text):
+                self.rectifier.rectify(array)
+        with self.assertRaisesRegex(ValueError, 'Rectifier makes'):
+            dsorb.Initializer(CAMERA).add(np.zeros((240, 320, 3), np.uint8), 0.0)
+
+    def test_results_outlive_what_made_them(self):
+        result = start(dsorb.Initializer(CAMERA), images())
+        pixels, copy = result.pixels, result.pixels.copy()
+        del result
+        np.testing.assert_array_equal(pixels, copy)
+
+
+class Cameras(unittest.TestCase):
+    def test_files_and_numbers_are_one(self):
+        read = dsorb.Calibration.read(room() / 'camera.txt')
+        made = dsorb.Calibration(200, 200, 159.5, 119.5, *SIZE)
+        for name in ('model', 'fx', 'fy', 'cx', 'cy', 'width', 'height', 'coefficients', 'rectification'):
+            self.assertEqual(getattr(read, name), getattr(made, name))
+
+    def test_field_of_view(self):
+        calibration = dsorb.Calibration.from_hfov(90, 640, 480)
+        self.assertAlmostEqual(calibration.fx, 320)
+
+    def test_a_file_that_is_not_there_raises_io_error(self):
+        with self.assertRaisesRegex(dsorb.IoError, 'nowhere.txt'):
+            dsorb.Calibration.read('nowhere.txt')
+        self.assertTrue(issubclass(dsorb.IoError, RuntimeError))
+
+    def test_impossible_lenses_are_refused(self):
+        with self.assertRaisesRegex(ValueError, 'radtan'):
+            dsorb.Calibration(200, 200, 160, 120, 320, 240, model='fisheye')
+        with self.assertRaisesRegex(ValueError, '6 coefficients'):
+            dsorb.Calibration(200, 200, 160, 120, 320, 240, model='radtan', coefficients=[0] * 6)
+        with self.assertRaises(ValueError):
+            dsorb.Rectifier(dsorb.Calibration(-1, 200, 160, 120, 320, 240))
+
+
+class Options(unittest.TestCase):
+    def test_names_are_those_of_the_configuration(self):
+        for options in ({'options': {'orb.min_frames': 99}}, {'initializer': {'kind': 'orb', 'orb': {'min_frames': 99}}},
+                        {'options': {'initializer': {'orb': {'min_frames': 99}}}}):
+            steps = [dsorb.Initializer(CAMERA, **options).add(images()[0], 0.0)]
+            initializer = dsorb.Initializer(CAMERA, **options)
+            steps = [initializer.add(image, 0.1 * i) for i, image in enumerate(images())]
+            self.assertTrue(all(step.result is None for step in steps), options)
+
+    def test_a_typing_error_is_answered_with_the_closest_key(self):
+        with self.assertRaisesRegex(dsorb.ConfigError, "closest valid key is 'window.max_keyframes'"):
+            dsorb.Odometry(CAMERA, window={'max_keyfames': 5})
+        self.assertTrue(issubclass(dsorb.ConfigError, ValueError))
+
+    def test_values_are_checked(self):
+        for wrong in ({'orb.min_frames': 0}, {'orb.min_frames': 'six'}, {'pipelined': 1}, {'initializer': 'orbit'}):
+            with self.assertRaises(dsorb.ConfigError):
+                dsorb.Odometry(CAMERA, options=wrong)
+        dsorb.Odometry(CAMERA, 'coarse', pipelined=False, num_threads=np.int64(1), preset='fast')
+
+
+class Starts(unittest.TestCase):
+    MOST_DIRECTION_DEG = 3  # measured: orb 0.57, coarse 1.28
+
+    def test_poses_and_points_are_those_of_the_room(self):
+        truth = true_poses()
+        for name in ('orb', 'coarse'):
+            result = start(dsorb.Initializer(CAMERA, name), images())
+            last = result.frames[-1]
+            expected = (np.linalg.inv(truth[last.id]) @ truth[result.frames[0].id])[:3, 3]
+            found = last.T_cam_ref[:3, 3]
+            cosine = expected @ found / np.linalg.norm(expected) / np.linalg.norm(found)
+            self.assertLess(np.degrees(np.arccos(min(cosine, 1))), self.MOST_DIRECTION_DEG, name)
+            self.assertEqual(len(result.hosts), len(result.pixels))
+            self.assertAlmostEqual(result.inverse_depths[result.hosts == 0].mean(), 1, places=4)
+            self.assertTrue((result.variances > 0).all())
+            self.assertEqual(result.report['points'], len(result.hosts))
+            np.testing.assert_array_equal(result.frames[0].T_cam_ref, np.eye(4))
+
+    def test_after_a_start_comes_a_reset(self):
+        initializer = dsorb.Initializer(CAMERA)
+        first = start(initializer, images())
+        with self.assertRaises(RuntimeError):
+            initializer.add(images()[0], 100.0)
+        initializer.reset()
+        second = start(initializer, images())
+        np.testing.assert_array_equal(first.pixels, second.pixels)
+        np.testing.assert_array_equal(first.frames[-1].T_cam_ref, second.frames[-1].T_cam_ref)
+
+
+class Runs(unittest.TestCase):
+    def test_estimates_tell_the_run(self):
+        odometry = dsorb.Odometry(CAMERA)
+        estimates = [odometry.process(image, timestamp=0.1 * i) for i, image in enumerate(images())]
+        self.assertEqual([e.id for e in estimates], list(range(FRAMES)))
+        self.assertEqual(estimates[-1].state, 'tracked')
+        begun = [e for e in estimates if e.initialization is not None]
+        self.assertEqual([e.state for e in begun], ['initialized'])
+        keyframes = {k.id: k for e in estimates for k in e.keyframes}
+        report = odometry.finish()
+        keyframes.update({k.id: k for k in report.keyframes})
+        self.assertEqual(len(keyframes), report.keyframe_count)
+        self.assertTrue(all(k.final for k in report.keyframes))
+        self.assertEqual(report.keyframes[-1].world_points().shape, (len(report.keyframes[-1].pixels), 3))
+        with self.assertRaises(RuntimeError):
+            odometry.process(images()[0], timestamp=100)
+
+    def test_a_lost_camera_is_restarted(self):
+        odometry = dsorb.Odometry(CAMERA)
+        pictures = images()
+        dark = np.zeros_like(pictures[0])
+        states = [odometry.process(image, timestamp=0.1 * i).state for i, image in enumerate(pictures + [dark] * 5)
+                  if i <= FRAMES]
+        self.assertEqual(states[-1], 'lost')
+        with self.assertRaises(RuntimeError):
+            odometry.process(dark, timestamp=100)
+        odometry.restart()
+        estimate = odometry.process(pictures[0], timestamp=101)
+        self.assertEqual((estimate.state, estimate.segment), ('initializing', 1))
+
+    def test_other_threads_run_while_it_computes(self):
+        odometry, done, counts = dsorb.Odometry(CAMERA, num_threads=1), threading.Event(), [0]
+
+        def count():
+            while not done.is_set():
+                counts[0] += 1
+                time.sleep(1e-4)
+
+        # No thread is made to give up the lock: what counts during a call has got it from the call.
+        self.addCleanup(sys.setswitchinterval, sys.getswitchinterval())
+        sys.setswitchinterval(1000)
+        thread = threading.Thread(target=count)
+        thread.start()
+        inside = []
+        for i, image in enumerate(images()):
+            before = counts[0]
+            odometry.process(image, timestamp=0.1 * i)
+            inside.append(counts[0] - before)
+        done.set()
+        thread.join()
+        # 40 of 40 on a machine that has nothing else to do, 0 with a call that keeps the lock.
+        self.assertGreater(sum(n > 0 for n in inside), FRAMES / 10)
+
+
+class Pages(unittest.TestCase):
+    def test_the_lines_of_the_readme_run(self):
+        blocks = re.findall(r'```python\n(.*?)```', README.read_text(encoding='utf-8'), re.DOTALL)
+        self.assertTrue(blocks)
+        before, printed = os.getcwd(), io.StringIO()
+        os.chdir(room())
+        try:
+            with contextlib.redirect_stdout(printed):
+                for block in blocks:
+                    exec(compile(block, 'README.md', 'exec'), {})  # pylint: disable=exec-used
+        finally:
+            os.chdir(before)
+        self.assertGreater(len(printed.getvalue().splitlines()), len(image_files()) / 2, 'lines of poses')
+
+    def test_stubs_name_what_the_module_has(self):
+        stub = ast.parse((Path(dsorb.__file__).parent / '_dsorb.pyi').read_text(encoding='utf-8'))
+        classes = {node.name: node for node in stub.body if isinstance(node, ast.ClassDef)}
+        for name in dsorb.__all__:
+            thing = getattr(dsorb, name)
+            if not isinstance(thing, type):
+                continue
+            described = {node.name for node in classes[name].body if isinstance(node, ast.FunctionDef)}
+            there = {member for member in vars(thing) if not member.startswith('_')}
+            self.assertEqual(there - described, set(), name)
+
+
+if __name__ == '__main__':
+    unittest.main()

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/tracks/middle_rows.h"
+
+#include "dsorb/camera/row_times.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <memory>
+#include <vector>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr int kFrames = 6;
+constexpr int kTracks = 20;
+constexpr double kInterval = 1.0 / 30;  // [s]
+
+/// Where a point is at a time: a parabola with the speed of a quick hand [px].
+Eigen::Vector2d place(int track, double t) {
+  const Eigen::Vector2d start(40 + 28 * track, 30 + 21 * track);
+  return start + t * Eigen::Vector2d(300, -200 + 10 * track) +
+         t * t * Eigen::Vector2d(400, 500 - 20 * track);
+}
+
+FramePtr frameAt(int k, const std::shared_ptr<const RowTimes>& rows) {
+  static const std::vector<std::uint8_t> kGrey(std::size_t{640} * 480, 100);
+  return Frame::create({kGrey.data(), 640, 480}, {FrameId{k}, k * kInterval, 1, nullptr, rows});
+}
+
+TEST(MiddleRows, TracksBecomeThoseOfAGlobalShutter) {
+  Lens lens{LensModel::kPinhole, 500, 500, 319.5, 239.5, {}, 640, 480};
+  lens.readout = 0.025;
+  const auto rows =
+      std::make_shared<const RowTimes>(rowTimes(lens, {500, 500, 319.5, 239.5, 640, 480}, false));
+  CornerTracks tracks;
+  std::vector<FramePtr> frames;
+  double moved = 0;
+  for (int k = 0; k < kFrames; ++k) {
+    frames.push_back(frameAt(k, rows));
+    tracks.positions.emplace_back();
+    for (int i = 0; i < kTracks; ++i) {
+      Eigen::Vector2d seen = place(i, k * kInterval);
+      for (int n = 0; n < 20; ++n) seen = place(i, k * kInterval + rows->at(seen.x(), seen.y()));
+      moved = std::max(moved, (seen - place(i, k * kInterval)).norm());
+      tracks.positions.back().emplace_back(seen.cast<float>());
+    }
+  }
+  EXPECT_GT(moved, 3);
+  const CornerTracks corrected = atMiddleRows(tracks, frames);
+  EXPECT_EQ(corrected.seen, tracks.positions.front());
+  for (int k = 0; k < kFrames; ++k) {
+    for (int i = 0; i < kTracks; ++i) {
+      const Eigen::Vector2f& found =
+          corrected.positions[static_cast<std::size_t>(k)][static_cast<std::size_t>(i)];
+      EXPECT_LT((found.cast<double>() - place(i, k * kInterval)).norm(), 1e-3) << k << " " << i;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace dsorb::init_orb
