@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""dsorb run VIDEO|FOLDER: poses and points of a video; dsorb export DIR: files for other programs; dsorb calibrate
+"""dsorb run VIDEO|FOLDER|BAG: poses and points of a video; dsorb export DIR: files for other programs; dsorb calibrate
 VIDEO: calibration from a chessboard."""
 import argparse
 import os
@@ -8,16 +8,17 @@ import subprocess
 import sys
 from pathlib import Path
 
-from . import __version__, calibrate
+from . import __version__, bags, calibrate
 from .export import FORMATS, export
 from .pictures import view_of_exif
 from .run_folder import read_run
 from .summary import summarize
 
 RUNTIME_ERROR, WRONG_OPTIONS, NOT_TRACKED = 1, 2, 3  # as dso_dataset has them
+INTERRUPTED = 130  # as of a shell
 
 DESCRIPTION = '''\
-Poses of the camera and points of the scene from a video or a folder of images.
+Poses of the camera and points of the scene from a video, a folder of images or a ROS bag.
 
   dsorb run clip.mp4 --calib camera.yaml --export colmap,nerfstudio
   dsorb run images/ --hfov 65 --output out/mine
@@ -95,7 +96,9 @@ def parse(words):
     commands = parser.add_subparsers(dest='command', required=True)
     run = commands.add_parser('run', help='poses and points of a video', epilog=RUN_EPILOG, allow_abbrev=False,
                               formatter_class=argparse.RawDescriptionHelpFormatter)
-    run.add_argument('input', nargs='?', help='video file, folder or .zip of images, data set, /dev/videoN, rtsp://...')
+    run.add_argument('input', nargs='?', help='video file, folder or .zip of images, data set, ROS bag or MCAP file, '
+                     '/dev/videoN, rtsp://...')
+    run.add_argument('--topic', metavar='NAME', help='images of a bag; needed where it has several topics of images')
     run.add_argument('--calib', metavar='FILE', help='calibration of the camera, in any form of docs/calibration.md')
     run.add_argument('--hfov', metavar='DEGREES|exif', help='what the images show from left to right, without a calibration; '
                      'exif: by the focal length that photographs note')
@@ -134,8 +137,31 @@ def run_program(words):
                 signal.signal(number, handler)
 
 
+def take_from_bag(args, output):
+    """Has the images of a bag as the input, and its calibration where none was given. @return exit code"""
+    if not bags.is_bag(args.input):
+        if args.topic is not None:
+            print(f'dsorb: --topic: {args.input} is no bag (.bag, .mcap, .db3, or a folder with metadata.yaml)', file=sys.stderr)
+        return WRONG_OPTIONS if args.topic is not None else 0
+    try:
+        found = bags.unpack(args.input, args.topic, output / 'bag_images')
+    except (ValueError, OSError) as error:
+        print(f'dsorb: {error}', file=sys.stderr)
+        return WRONG_OPTIONS if isinstance(error, bags.TopicError) else RUNTIME_ERROR
+    args.input = str(found.folder)
+    if args.calib is None and args.hfov is None and found.calibration:
+        args.calib = str(found.calibration)
+    if not args.quiet:
+        print(f'{found.topic}: {found.images} images' + (f', {found.left_out} left out that repeat a time' if found.left_out else '')
+              + (', calibration from camera_info' if args.calib == str(found.calibration) else ''))
+    return 0
+
+
 def run(args, rest):
     output = args.output or default_output(args.input)
+    code = take_from_bag(args, output)
+    if code:
+        return code
     words = [args.input, '--output', str(output), *rest]
     if args.hfov == 'exif':
         try:
@@ -177,7 +203,10 @@ def main(words=None):
         sys.exit(f'dsorb: {program()}: not there; this package was built without the component `programs`')
     if args.help_all:
         sys.exit(subprocess.run([str(program()), '--help'], check=False).returncode)
-    sys.exit(run(args, rest))
+    try:
+        sys.exit(run(args, rest))
+    except KeyboardInterrupt:  # before the program ran, which answers it itself
+        sys.exit(INTERRUPTED)
 
 
 if __name__ == '__main__':

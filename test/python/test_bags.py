@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Bags as `rosbags` itself writes them, through `dsorb run`."""
+import io
+import subprocess
+import sys
+import unittest
+from unittest import mock
+
+import numpy as np
+from dsorb import bags
+from PIL import Image
+from room import FRAMES, SIZE, images, room, room_run, temporary_folder
+
+try:
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import StoragePlugin
+    from rosbags.rosbag2 import Writer as Writer2
+    from rosbags.typesys import Stores, get_typestore
+except ImportError:
+    raise unittest.SkipTest('the package rosbags is not installed') from None
+
+BEGIN = 1_700_000_000 * bags.NANOSECONDS
+TOPIC = '/camera/image_raw'
+
+
+def stamped(store, nanoseconds, ros1):
+    time = store.types['builtin_interfaces/msg/Time'](sec=nanoseconds // bags.NANOSECONDS, nanosec=nanoseconds % bags.NANOSECONDS)
+    return store.types['std_msgs/msg/Header'](**({'seq': 0} if ros1 else {}), stamp=time, frame_id='camera')
+
+
+def message(store, image, nanoseconds=0, encoding='mono8', ros1=False):
+    """sensor_msgs/Image with three bytes between rows that mean nothing."""
+    rows = image.reshape(len(image), -1).view(np.uint8)
+    rows = np.hstack([rows, np.full((len(rows), 3), 77, np.uint8)])
+    return store.types[bags.IMAGE_TYPES[0]](header=stamped(store, nanoseconds, ros1), height=image.shape[0], width=image.shape[1],
+                                            encoding=encoding, is_bigendian=0, step=rows.shape[1], data=rows.ravel())
+
+
+def compressed(store, image, nanoseconds, kind, ros1=False):
+    file = io.BytesIO()
+    Image.fromarray(image).save(file, kind)
+    return store.types[bags.IMAGE_TYPES[1]](header=stamped(store, nanoseconds, ros1), format=kind,
+                                            data=np.frombuffer(file.getvalue(), np.uint8))
+
+
+def camera_info(store, ros1):
+    class_of = store.types
+    k = np.array([200, 0, 159.5, 0, 200, 119.5, 0, 0, 1.])
+    values = {'d': np.zeros(5), 'k': k, 'r': np.eye(3).ravel(), 'p': np.zeros(12)}
+    region = class_of['sensor_msgs/msg/RegionOfInterest'](x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+    return class_of[bags.CAMERA_INFO](header=stamped(store, BEGIN, ros1), height=SIZE[1], width=SIZE[0], distortion_model='plumb_bob',
+                                      binning_x=0, binning_y=0, roi=region,
+                                      **{key.upper() if ros1 else key: value for key, value in values.items()})
+
+
+def write(path, topics, ros1=False, storage='MCAP'):
+    """A bag of topics, each a list of (time of recording [ns], message)."""
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+    with Writer1(path) if ros1 else Writer2(path, version=9, storage_plugin=StoragePlugin[storage]) as writer:
+        for topic, messages in topics.items():
+            connection = writer.add_connection(topic, messages[0][1].__msgtype__, typestore=store)
+            for time, content in messages:
+                serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
+                writer.write(connection, time, bytes(serialize(content, content.__msgtype__)))
+    return path
+
+
+def room_bag(path, ros1=False, storage='MCAP', info=True, frames=FRAMES):
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+    times = [BEGIN + round(float(line.split()[1]) * bags.NANOSECONDS) for line in (room() / 'times.txt').read_text().splitlines()]
+    topics = {TOPIC: [(time + 5000, message(store, image, time, ros1=ros1)) for time, image in zip(times, images()[:frames])]}
+    if info:
+        topics['/camera/camera_info'] = [(BEGIN, camera_info(store, ros1))]
+    return write(path, topics, ros1, storage)
+
+
+def dsorb(*words, **options):
+    return subprocess.run([sys.executable, '-m', 'dsorb.command_line', *map(str, words)], capture_output=True, text=True,
+                          check=False, **options)
+
+
+class Runs(unittest.TestCase):
+    def check(self, bag, *words):
+        output = temporary_folder() / 'out'
+        done = dsorb('run', bag, '--output', output, *words)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn(f'{TOPIC}: {FRAMES} images', done.stdout)
+        found, expected = (np.loadtxt(folder / 'trajectory.txt') for folder in (output, room_run()))
+        np.testing.assert_allclose(found[:, 0] - BEGIN / bags.NANOSECONDS, expected[:, 0], atol=1e-5)
+        np.testing.assert_allclose(found[:, 1:], expected[:, 1:], atol=1e-3)  # times of this size are told to 2e-7 s
+        return done
+
+    def test_ros1(self):
+        self.assertIn('calibration from camera_info', self.check(room_bag(temporary_folder() / 'room.bag', ros1=True)).stdout)
+
+    def test_mcap_as_a_folder_and_as_a_file(self):
+        bag = room_bag(temporary_folder() / 'room')
+        self.assertIn('calibration from camera_info', self.check(bag, '--topic', TOPIC).stdout)
+        self.check(next(bag.glob('*.mcap')))
+
+    def test_sqlite_with_a_calibration_of_ones_own(self):
+        bag = room_bag(temporary_folder() / 'room', storage='SQLITE3', info=False)
+        self.assertNotIn('camera_info', self.check(bag, '--calib', room() / 'camera.txt').stdout)
+
+    def test_a_second_run_replaces_what_the_first_unpacked(self):
+        folder = temporary_folder()
+        for name, frames in (('long', 6), ('short', 3)):
+            dsorb('run', room_bag(folder / name, frames=frames), '--output', folder / 'out')
+            self.assertEqual(len(list((folder / 'out/bag_images/images').iterdir())), frames)
+
+
+class Refusals(unittest.TestCase):
+    def test_topics_are_listed(self):
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        picture = [(BEGIN, message(store, images()[0]))]
+        bag = write(temporary_folder() / 'two', {'/left': picture, '/right': picture * 2, '/info': [(BEGIN, camera_info(store, False))]})
+        for words, text in (((), 'has several topics of images; choose one'), (('--topic', '/info'), "no images of the topic '/info'")):
+            done = dsorb('run', bag, *words, cwd=temporary_folder())
+            self.assertEqual(done.returncode, 2, done.stderr)
+            self.assertIn(text, done.stderr)
+            self.assertIn('/left: 1 images\n  /right: 2 images', done.stderr)
+            self.assertNotIn('/info:', done.stderr)
+
+    def test_a_bag_without_images(self):
+        bag = write(temporary_folder() / 'none', {'/info': [(BEGIN, camera_info(get_typestore(Stores.ROS2_HUMBLE), False))]})
+        done = dsorb('run', bag, cwd=temporary_folder())
+        self.assertEqual((done.returncode, 'has no topic of images' in done.stderr), (1, True), done.stderr)
+
+    def test_damaged_bags(self):
+        for bag, ros1 in ((room_bag(temporary_folder() / 'room.bag', ros1=True, frames=5), True),
+                          (next(room_bag(temporary_folder() / 'room', frames=5).glob('*.mcap')), False)):
+            data = bag.read_bytes()
+            for part in (data[:len(data) // 2], b'', b'x' * 1000):
+                bag.write_bytes(part)
+                done = dsorb('run', bag, '--hfov', 77, cwd=temporary_folder())
+                self.assertEqual(done.returncode, 1, (ros1, len(part), done.stderr))
+                self.assertIn(bag.name, done.stderr)
+                self.assertNotIn('Traceback', done.stderr)
+
+    def test_a_topic_of_something_else(self):
+        done = dsorb('run', room(), '--topic', '/left', cwd=temporary_folder())
+        self.assertEqual((done.returncode, 'is no bag' in done.stderr), (2, True), done.stderr)
+
+    def test_the_missing_package_is_named(self):
+        with mock.patch.dict(sys.modules, {'rosbags': None, 'rosbags.highlevel': None}):
+            with self.assertRaisesRegex(bags.BagError, 'pip install rosbags'):
+                bags.unpack(room_bag(temporary_folder() / 'room', frames=1), None, temporary_folder())
+
+
+class Encodings(unittest.TestCase):
+    def unpacked(self, messages):
+        folder = temporary_folder()
+        found = bags.unpack(write(folder / 'bag', {'/x': [(BEGIN + i, m) for i, m in enumerate(messages)]}), None, folder / 'out')
+        return found, [np.asarray(Image.open(file)) for file in sorted((folder / 'out/images').iterdir())]
+
+    def test_pixels_arrive(self):
+        store, grey = get_typestore(Stores.ROS2_HUMBLE), images()[0]
+        colour = np.dstack([grey, grey // 2, 255 - grey])
+        alpha = np.dstack([colour, grey])
+        deep = grey.astype(np.uint16) * 257
+        luma = np.dstack([grey, np.full_like(grey, 128)])
+        for image, encoding, expected in ((grey, 'mono8', grey), (colour, 'rgb8', colour), (colour, 'bgr8', colour[..., ::-1]),
+                                          (alpha, 'bgra8', colour[..., ::-1]), (deep, 'mono16', deep), (luma, 'yuv422_yuy2', grey),
+                                          (luma[..., ::-1].copy(), 'uyvy', grey)):
+            with self.subTest(encoding):
+                np.testing.assert_array_equal(self.unpacked([message(store, image, 1, encoding)])[1][0], expected)
+
+    def test_mosaics(self):
+        try:
+            import cv2  # noqa: F401
+        except ImportError:
+            self.skipTest("OpenCV's Python module is not installed")
+        store, red = get_typestore(Stores.ROS2_HUMBLE), np.zeros(SIZE[::-1], np.uint8)
+        for place, encoding in (((0, 0), 'bayer_rggb8'), ((1, 1), 'bayer_bggr8'), ((1, 0), 'bayer_gbrg8'), ((0, 1), 'bayer_grbg8')):
+            red[:] = 0
+            red[place[0]::2, place[1]::2] = 200
+            found = self.unpacked([message(store, red, 1, encoding)])[1][0]
+            self.assertAlmostEqual(float(found[100:110, 100:110].mean()), 0.299 * 200, delta=1, msg=encoding)
+
+    def test_compressed_ones_stay_as_they_are(self):
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        found, pictures = self.unpacked([compressed(store, image, BEGIN + i, kind) for i, (image, kind)
+                                         in enumerate(zip(images(), ('PNG', 'JPEG')))])
+        self.assertEqual(sorted(f.suffix for f in (found.folder / 'images').iterdir()), ['.jpg', '.png'])
+        np.testing.assert_array_equal(pictures[0], images()[0])
+        with self.assertRaisesRegex(bags.BagError, "/x, image 0: compressed as 'BMP'"):
+            self.unpacked([compressed(store, images()[0], BEGIN, 'BMP')])
+
+    def test_times_out_of_order_repeated_and_unset(self):
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        found, pictures = self.unpacked([message(store, image, time) for image, time in zip(images(), (BEGIN + 9, BEGIN + 5, BEGIN + 5, 0))])
+        self.assertEqual((found.images, found.left_out), (3, 1))
+        for picture, index in zip(pictures, (3, 1, 0)):  # the one without a time was recorded at BEGIN + 3
+            np.testing.assert_array_equal(picture, images()[index])
+        times = [line.split()[1] for line in (found.folder / 'times.txt').read_text().splitlines()]
+        self.assertEqual(times, ['1700000000.000000003', '1700000000.000000005', '1700000000.000000009'])
+
+    def test_what_does_not_fit_is_told(self):
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        for change, text in (({'encoding': 'h264'}, "encoding 'h264'"), ({'height': SIZE[1] + 1}, 'expected 241 rows'),
+                             ({'step': 10}, 'rows of 10')):
+            broken = message(store, images()[0], BEGIN)
+            for key, value in change.items():
+                object.__setattr__(broken, key, value)
+            with self.assertRaisesRegex(bags.BagError, f'/x, image 0: .*{text}'):
+                self.unpacked([broken])
+
+
+if __name__ == '__main__':
+    unittest.main()
