@@ -106,6 +106,7 @@ nb::dict reportOf(const InitReport& report) {
   dict["inlier_ratio"] = report.inlier_ratio;
   dict["residual_rms"] = report.residual_rms;
   dict["median_relative_sigma"] = report.median_relative_sigma;
+  dict["wrong_probability"] = report.wrong_probability;
   dict["milliseconds"] = stages;
   dict["earlier_resets"] = resets;
   return dict;

@@ -10,11 +10,12 @@ import time
 import unittest
 
 import numpy as np
+from dsorb import Camera, evidence
 from dsorb.pictures import EXIF_IFD, FOCAL_LENGTH_35MM
 from dsorb.run_folder import read_run
 from dsorb.summary import summarize
 from PIL import Image
-from room import FRAMES, SIZE, image_files, room, room_run, temporary_folder
+from room import FRAMES, SIZE, image_files, images, room, room_run, temporary_folder
 
 try:
     import cv2
@@ -37,7 +38,7 @@ class Run(unittest.TestCase):
         for name in ('trajectory.txt', 'keyframes.txt', 'points.ply', 'config.yaml'):
             self.assertEqual((output / name).read_bytes(), (room_run() / name).read_bytes(), name)
         self.assertIn(f'{FRAMES} of {FRAMES} images have a pose (100 %)', done.stdout)
-        self.assertRegex(done.stdout, r'direction \+-\d\.\d deg, depths \+-\d %')
+        self.assertRegex(done.stdout, r'direction \+-\d\.\d deg, wrong by more than 10 deg with probability [\d.e-]+ %, depths \+-\d %')
         self.assertNotIn('stood in the way', done.stdout)
 
     def test_options_of_the_program_are_passed_on(self):
@@ -112,22 +113,49 @@ class Photographs(unittest.TestCase):
 
 
 class Obstacles(unittest.TestCase):
-    def test_a_camera_that_stands_is_told_to_move(self):
-        still = temporary_folder() / 'still'
-        subprocess.run([os.environ['DSO_SYNTHESIZE'], 'static', '--output', still, '--frames', '20', '--width', '320',
-                        '--height', '240', '--quiet'], check=True)
-        done = dsorb('run', still, '--output', temporary_folder() / 'out')
+    def summary_of(self, kind, *options):
+        """Text of a run in which nothing starts."""
+        folder = temporary_folder()
+        subprocess.run([os.environ['DSO_SYNTHESIZE'], kind, '--output', folder / 'in', '--frames', '20', '--width', '320',
+                        '--height', '240', '--quiet', *options], check=True)
+        done = dsorb('run', folder / 'in', '--output', folder / 'out')
         self.assertEqual(done.returncode, 3, done.stderr)
         self.assertIn('0 of 20 images have a pose (0 %)', done.stdout)
-        self.assertRegex(done.stdout, r'\d+ x too_little_parallax: the camera hardly moved')
+        self.assertEqual('images without a pose show' in done.stdout, cv2 is not None)
+        return done.stdout
+
+    def test_a_camera_that_stands_is_told_to_move(self):
+        text = self.summary_of('static')
+        self.assertRegex(text, r'\d+ x too_little_parallax: the camera hardly moved')
+        if cv2:
+            self.assertRegex(text, r'stood still: over 10 images points move by 0\.\d px')
+
+    def test_a_camera_that_turns_is_told_to_walk(self):
+        text = self.summary_of('rotation')
+        if cv2:
+            self.assertRegex(text, r'turned on the spot: .* by \d+\.\d px, and by 0\.\d px without its turn of \d+\.\d deg')
 
     def test_darkness_is_named(self):
-        dark = temporary_folder() / 'dark'
-        subprocess.run([os.environ['DSO_SYNTHESIZE'], 'room', '--output', dark, '--frames', '12', '--width', '320',
-                        '--height', '240', '--light', '0.01', '--quiet'], check=True)
-        done = dsorb('run', dark, '--output', temporary_folder() / 'out')
-        self.assertEqual(done.returncode, 3, done.stderr)
-        self.assertRegex(done.stdout, r'tracking_lost: .*darkness')
+        text = self.summary_of('room', '--light', '0.01')
+        self.assertRegex(text, r'tracking_lost: .*darkness')
+        if cv2:
+            self.assertRegex(text, r'too dark: the mean grey level is \d of 255')
+
+    @unittest.skipUnless(cv2, "OpenCV's Python module is not installed")
+    def test_fast_motion_and_missing_texture_are_named(self):
+        image, camera = images()[0], Camera(200, 200, 159.5, 119.5, *SIZE)
+        seen = evidence.look(cv2, camera, [np.roll(image, 60 * i, axis=1) for i in range(10)])
+        self.assertIn('fast motion', evidence.findings(seen)[0])
+        ramp = np.tile(np.linspace(50, 200, SIZE[0]).astype(np.uint8), (SIZE[1], 1))
+        self.assertIn('too little texture', evidence.findings(evidence.look(cv2, camera, [ramp] * 10))[0])
+        self.assertEqual(evidence.findings(evidence.look(cv2, camera, images()[:10])), [])
+
+    def test_images_that_are_gone_leave_the_counts(self):
+        run = read_run(room_run())
+        run.segments = []
+        self.assertIsNotNone(evidence.gather(run) or cv2 is None)
+        run.rows = [row._replace(image='/nowhere.png') for row in run.rows]
+        self.assertIsNone(evidence.gather(run))
 
     def test_segments_and_losses_are_told(self):
         cut = temporary_folder() / 'cut'
@@ -152,9 +180,9 @@ class Videos(unittest.TestCase):
     @unittest.skipUnless(cv2, "OpenCV's Python module is not installed")
     def test_a_video_becomes_models_with_images(self):
         folder = temporary_folder()
-        images = [cv2.imread(str(f)) for f in sorted((room() / 'images').iterdir())]
-        video = cv2.VideoWriter(str(folder / 'clip.avi'), cv2.VideoWriter_fourcc(*'MJPG'), 30, images[0].shape[1::-1])
-        for image in images:
+        pictures = [cv2.imread(str(f)) for f in image_files()]
+        video = cv2.VideoWriter(str(folder / 'clip.avi'), cv2.VideoWriter_fourcc(*'MJPG'), 30, pictures[0].shape[1::-1])
+        for image in pictures:
             video.write(image)
         video.release()
         done = dsorb('run', folder / 'clip.avi', '--calib', room() / 'camera.txt', '--output', folder / 'out',
@@ -165,7 +193,7 @@ class Videos(unittest.TestCase):
         for frame in frames:
             written = cv2.imread(str(folder / 'out/nerfstudio' / frame['file_path']))
             index = int(os.path.splitext(os.path.basename(frame['file_path']))[0])
-            self.assertLess(np.abs(written.astype(float) - images[index]).mean(), 4)  # of JPEG, twice; another image: 20
+            self.assertLess(np.abs(written.astype(float) - pictures[index]).mean(), 4)  # of JPEG, twice; another image: 20
             self.assertTrue((folder / 'out/colmap/images' / os.path.basename(frame['file_path'])).exists())
 
 

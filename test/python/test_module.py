@@ -132,6 +132,7 @@ class Starts(unittest.TestCase):
             self.assertAlmostEqual(result.inverse_depths[result.hosts == 0].mean(), 1, places=4)
             self.assertTrue((result.variances > 0).all())
             self.assertEqual(result.report['points'], len(result.hosts))
+            self.assertLessEqual(result.report['wrong_probability'] or 0, 0.01)  # the gate's limit; None of `coarse`
             np.testing.assert_array_equal(result.frames[0].T_cam_ref, np.eye(4))
 
     def test_after_a_start_comes_a_reset(self):

@@ -5,6 +5,8 @@ import math
 
 import numpy as np
 
+from . import evidence
+
 ENOUGH = 0.9  # of the images posed: nothing to advise
 # Answers of the initializer that name an obstacle, and what helps.
 ADVICE = {
@@ -68,9 +70,11 @@ def direction_sigma(start):
 def how_sure(run):
     lines = []
     for start in starts_of(run):
-        sigma = direction_sigma(start)
+        sigma, wrong = direction_sigma(start), start['report'].get('wrong_probability')
         lines.append(f'  start at image {start["reference"]["index"]}, over {start["frames_since_reference"] + 1} images: '
                      + (f'direction +-{sigma:.1f} deg, ' if sigma is not None else '')
+                     + (f'wrong by more than {evidence.wrong_angle(run)} deg with probability {100 * wrong:.2g} %, '
+                        if wrong is not None else '')
                      + f'depths +-{100 * start["report"]["median_relative_sigma"]:.0f} %')
     lost = sum(row.state == 'lost' for row in run.rows)
     if lost:
@@ -80,7 +84,9 @@ def how_sure(run):
 
 
 def advice(run):
-    """The most frequent obstacles first, each with its count."""
+    """What the images show; then the most frequent obstacles, each with its count."""
+    seen = evidence.gather(run)
+    shown = [f'  {line}' for line in evidence.findings(seen)] if seen else []
     answers = run.summary.get('answers', {})
     named = sorted(((count, reason) for reason, count in answers.items() if reason in ADVICE), reverse=True)
     lines = [f'  {count} x {reason}: {ADVICE[reason]}' for count, reason in named]
@@ -89,4 +95,6 @@ def advice(run):
         lines.append('  ' + REFUSALS.format(refused))
     if any(row.state == 'lost' for row in run.rows):
         lines.append('  after a loss: fast turns, darkness and cuts lose a track; a slower motion or more images a second help')
-    return ['What stood in the way:'] + lines if lines else []
+    if shown:
+        shown = [f'What {seen.images} of the images without a pose show:'] + shown
+    return shown + (['What stood in the way:'] + lines if lines else [])
