@@ -2,6 +2,7 @@
 #include "app/command_line.h"
 
 #include "dsorb/error.h"
+#include "dsorb/io/calibration_reader.h"
 
 #include "app/legacy_arguments.h"
 
@@ -117,13 +118,21 @@ void addInputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
       ->type_name("DEGREES")
       ->check(numberIn(1, 170))
       ->group("Input");
-  app.add_option_function<double>(
+  app.add_option_function<std::string>(
          "--readout",
-         [&request](double milliseconds) { request.sequence.readout = milliseconds / 1000; },
+         [&request](const std::string& text) { request.sequence.readout = parseReadout(text); },
          "rolling shutter: time from the first to the last row, below 0 from the last to the "
-         "first; 0: global; default: as the calibration says")
-      ->type_name("MS")
-      ->check(numberIn(-1000, 1000))
+         "first; 0: global; auto: estimated; default: as the calibration says")
+      ->type_name("MS|auto")
+      ->check(CLI::Validator(
+          [](const std::string& text) {
+            return parseReadout(text) ? std::string()
+                                      : fmt::format("'{}' must be auto or a number in [{}, {}]",
+                                                    text,
+                                                    -kMaxReadoutMs,
+                                                    kMaxReadoutMs);
+          },
+          ""))
       ->group("Input");
   app.add_option("--mask",
                  request.sequence.mask,

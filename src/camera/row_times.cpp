@@ -27,7 +27,7 @@ double toUnit(double pixel, int size) {
 
 double RowTimes::at(double x, double y) const {
   const Terms terms = termsAt(toUnit(x, width), toUnit(y, height));
-  return readout * terms.dot(Eigen::Map<const Terms>(share.data()));
+  return readout.seconds * terms.dot(Eigen::Map<const Terms>(share.data()));
 }
 
 RowTimes rowTimes(const Lens& lens, const PinholeCamera& camera, bool resampled) {

@@ -21,7 +21,8 @@ namespace dsorb {
 
 /// Motion of the rows of one image, for points in the camera coordinates of its middle row.
 struct RollingShutter {
-  float time[10];          ///< RowTimes::share times the readout [s]
+  float readout;           ///< [s]
+  float share[10];         ///< RowTimes::share
   float scale_x, shift_x;  ///< pixels of the image to the coordinates of RowTimes
   float scale_y, shift_y;
   float velocity[6];  ///< of RowMotion
@@ -32,8 +33,9 @@ inline RollingShutter makeRollingShutter(const RowTimes& times,
                                          const RowMotion& motion,
                                          int level = 0) {
   RollingShutter shutter;
+  shutter.readout = static_cast<float>(times.readout.seconds);
   for (std::size_t i = 0; i < times.share.size(); ++i) {
-    shutter.time[i] = static_cast<float>(times.readout * times.share[i]);
+    shutter.share[i] = static_cast<float>(times.share[i]);
   }
   const auto size = static_cast<double>(1 << level);
   const auto coordinate = [size](int pixels, float& scale, float& shift) {
@@ -50,14 +52,21 @@ inline RollingShutter makeRollingShutter(const RowTimes& times,
   return shutter;
 }
 
-/// Time of a pixel relative to the middle row [s]. @tparam T float or Lanes
+/// Time of a pixel relative to the middle row, as a share of the readout. @tparam T float or Lanes
 template <typename T>
-DSORB_ALWAYS_INLINE void rowTime(const RollingShutter& s, const T& x, const T& y, T& time) {
+DSORB_ALWAYS_INLINE void rowShare(const RollingShutter& s, const T& x, const T& y, T& share) {
   const T a = s.scale_x * x + s.shift_x;
   const T b = s.scale_y * y + s.shift_y;
-  const float* c = s.time;
-  time = c[0] + a * (c[1] + a * (c[3] + a * c[6]) + b * (c[4] + a * c[7])) +
-         b * (c[2] + b * (c[5] + a * c[8] + b * c[9]));
+  const float* c = s.share;
+  share = c[0] + a * (c[1] + a * (c[3] + a * c[6]) + b * (c[4] + a * c[7])) +
+          b * (c[2] + b * (c[5] + a * c[8] + b * c[9]));
+}
+
+/// The same in seconds.
+template <typename T>
+DSORB_ALWAYS_INLINE void rowTime(const RollingShutter& s, const T& x, const T& y, T& time) {
+  rowShare(s, x, y, time);
+  time = s.readout * time;
 }
 
 /// First and second derivative by the time of a point times its inverse depth, (u, v, 1).
@@ -147,9 +156,23 @@ inline Eigen::Vector2f pixelInMiddle(const RollingShutter& s,
   return {fx * (ray[0] + moved(0)) * scale + cx, fy * (ray[1] + moved(1)) * scale + cy};
 }
 
-/// Whether the rows of a frame have different times.
+/// Of the camera that took a frame, as it was calibrated.
+inline Readout readoutOf(const Frame& frame) {
+  return frame.rowTimes() == nullptr ? Readout{} : frame.rowTimes()->readout;
+}
+
+/// Whether the rows of a frame have different times, or may have them.
 inline bool isRolling(const Frame& frame) {
-  return frame.rowTimes() != nullptr && frame.rowTimes()->readout != 0;
+  const Readout readout = readoutOf(frame);
+  return readout.seconds != 0 || readout.sigma > 0;
+}
+
+/// Row times of a frame that has them, with what an estimate adds to the calibrated readout.
+/// @param change [s]
+inline RowTimes rowTimesOf(const Frame& frame, double change) {
+  RowTimes times = *frame.rowTimes();
+  times.readout.seconds += change;
+  return times;
 }
 
 }  // namespace dsorb

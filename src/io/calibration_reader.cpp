@@ -20,8 +20,7 @@
 namespace dsorb {
 namespace {
 
-constexpr double kMaxSize = 65536;    // [px] a side
-constexpr double kMaxReadout = 1000;  // [ms]
+constexpr double kMaxSize = 65536;  // [px] a side
 constexpr std::string_view kReadoutWord = "readout";
 
 /// One way to write the first line of camera.txt.
@@ -190,19 +189,18 @@ void readMode(const Lines& lines, Rectification& target) {
 void readReadout(const Lines& lines, Lens& lens) {
   const std::size_t last = lines.all().size() - 1;
   const std::vector<std::string> words = splitWords(lines.text(last));
-  double milliseconds = 0;
   const bool columns = words.size() == 3 && words[2] == "columns";
-  const bool good = (words.size() == 2 || columns) && parseNumber(words[1], milliseconds) &&
-                    std::abs(milliseconds) <= kMaxReadout;
-  if (!good) {
+  const bool complete = words.size() == 2 || columns;
+  const std::optional<Readout> readout = complete ? parseReadout(words[1]) : std::nullopt;
+  if (!readout) {
     throw lines.error(last,
-                      fmt::format("'{}'; expected 'readout MILLISECONDS', {} to {}, and perhaps "
-                                  "'columns'",
+                      fmt::format("'{}'; expected 'readout MILLISECONDS', {} to {}, or 'readout "
+                                  "auto', and perhaps 'columns'",
                                   quotable(lines.text(last)),
-                                  -kMaxReadout,
-                                  kMaxReadout));
+                                  -kMaxReadoutMs,
+                                  kMaxReadoutMs));
   }
-  lens.readout = milliseconds / 1000;
+  lens.readout = *readout;
   lens.columns = columns;
 }
 
@@ -273,6 +271,15 @@ bool isKitti(const Lines& lines) {
 }
 
 }  // namespace
+
+std::optional<Readout> parseReadout(std::string_view text) {
+  if (text == "auto") return kUnknownReadout;
+  double milliseconds = 0;
+  if (!parseNumber(text, milliseconds) || !(std::abs(milliseconds) <= kMaxReadoutMs)) {
+    return std::nullopt;
+  }
+  return Readout{milliseconds / 1000, 0};
+}
 
 Calibration readCalibration(const std::filesystem::path& file, int kitti_camera) {
   const std::string suffix = file.extension().string();

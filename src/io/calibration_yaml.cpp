@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/calibration_yaml.h"
 
+#include "dsorb/io/calibration_reader.h"
+
 #include "io/calibration_matrix.h"
 #include "io/text_file.h"
 #include "io/yaml_text.h"
@@ -11,6 +13,7 @@
 #include <algorithm>
 #include <cmath>
 #include <initializer_list>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -82,14 +85,12 @@ void readDistortion(const Section& section, Lens& lens) {
 
 void readReadout(const Section& section, Lens& lens) {
   constexpr const char* kKey = "readout_ms";
-  constexpr const char* kExpected = "milliseconds from the first to the last row, -1000 to 1000";
+  constexpr const char* kExpected =
+      "milliseconds from the first to the last row, -1000 to 1000, or auto";
   if (!section.has(kKey)) return;
-  double milliseconds = 0;
-  if (!parseNumber(section.text(kKey, kExpected), milliseconds) ||
-      !(std::abs(milliseconds) <= 1000)) {
-    throw section.error(kKey, fmt::format("{} are expected", kExpected));
-  }
-  lens.readout = milliseconds / 1000;
+  const std::optional<Readout> readout = parseReadout(section.text(kKey, kExpected));
+  if (!readout) throw section.error(kKey, fmt::format("{} are expected", kExpected));
+  lens.readout = *readout;
 }
 
 /// cv::FileStorage begins a file with "%YAML:1.0", which is no YAML. Line numbers stay.

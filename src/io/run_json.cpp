@@ -77,6 +77,10 @@ Json runJson(const RunInfo& info,
   if (cameras.camera && cameras.refined && cameras.refined->matrix() != cameras.camera->matrix()) {
     json["refined_camera"] = cameraJson(*cameras.refined);
   }
+  if (cameras.readout) {
+    json["readout"] = {{"milliseconds", 1000 * cameras.readout->seconds},
+                       {"sigma", 1000 * cameras.readout->sigma}};
+  }
   json["frames_given"] = record.notes().size();
   json["frames_tracked"] = record.framesTracked();
   json["frames_dropped"] = end.frames_dropped;

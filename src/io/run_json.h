@@ -38,6 +38,7 @@ struct RunCameras {
   std::optional<PinholeCamera> camera;   ///< of the rectified images
   std::optional<Lens> lens;              ///< of the images as they were taken
   std::optional<PinholeCamera> refined;  ///< of the newest keyframe
+  std::optional<Readout> readout;        ///< estimated, of the newest keyframe
 };
 
 /// Content of run.json.

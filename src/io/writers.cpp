@@ -141,6 +141,7 @@ void RunWriter::onKeyframe(const KeyframeSnapshot& keyframe) {
   impl_->record.addKeyframe(keyframe);
   impl_->points.setKeyframe(keyframe);
   impl_->cameras.refined = keyframe.camera;
+  if (keyframe.readout) impl_->cameras.readout = keyframe.readout;
   impl_->keyframes_changed = true;
 }
 

@@ -46,7 +46,8 @@ void FrameTracker::setTarget(const TrackingTarget& target) {
   }
   target_ = target.keyframe;
   tracker_.setCamera(target_->camera);
-  tracker_.setReference(target_->frame, target.samples, target_->affine, target.motion);
+  tracker_.setReference(
+      target_->frame, target.samples, target_->affine, target.motion, target.readout_change);
   if (target_->frame->id() == previous_) affine_ = target_->affine;
   first_rmse_.reset();
 }

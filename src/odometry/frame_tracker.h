@@ -28,6 +28,7 @@ struct TrackingTarget {
   std::vector<DepthSample> samples;  ///< inverse depths in the keyframe
   SE3 T_cam_previous;  ///< relative to the target before it, as tracked; unused for the first one
   RowMotion motion{};  ///< of the keyframe while its rows are read
+  double readout_change = 0;  ///< over the calibrated readout [s]
 };
 
 struct TrackedPose {

@@ -36,6 +36,7 @@ Mapper::Mapper(const PinholeCamera& camera, const OdometryOptions& options)
 MapUpdate Mapper::seed(const InitializationResult& result, int segment) {
   selector_.reset();
   segment_ = segment;
+  readout_.reset();
   window_ = seedWindow(result, camera_, options_, selector_, kCandidatesPerTask);
   const StartComparison comparison(result, *window_);
   MapUpdate update = adjust(SE3());
@@ -80,6 +81,10 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
   update.finite = adjustment.finite && adjustment.residuals > 0;
   update.rms = noise_ = adjustment.rms;
   if (!update.finite) return update;
+  if (adjustment.readout_sigma > 0) {
+    readout_ = {window_->calibratedReadout().seconds + window_->readoutChange(),
+                adjustment.readout_sigma};
+  }
   update.target.samples = window::depthSamples(*window_, options_.window);
   window::retirePoints(*window_, options_.window);
   for (const window::Keyframe& keyframe : window::marginalizeFlagged(*window_, options_.window)) {
@@ -89,6 +94,7 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
   const window::Keyframe& newest = window_->keyframes.back();
   update.target.keyframe = {newest.frame, newest.T_cam_world(), newest.affine(), window_->camera()};
   update.target.motion = newest.motion;
+  update.target.readout_change = window_->readoutChange();
   update.target.T_cam_previous = T_cam_previous;
   return update;
 }
@@ -118,6 +124,7 @@ KeyframeSnapshot Mapper::snapshot(const window::Keyframe& keyframe) const {
   shot.T_world_cam = keyframe.T_cam_world().inverse();
   shot.affine = keyframe.affine();
   shot.camera = window_->camera();
+  shot.readout = readout_;
   shot.points.reserve(keyframe.points.size() + keyframe.marginalized.size());
   const auto variance = static_cast<float>(noise_ * noise_);
   const auto add = [&](const window::WindowPoint& point) {

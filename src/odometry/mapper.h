@@ -67,6 +67,7 @@ class Mapper {
   window::WindowOptimizer optimizer_;
   std::optional<window::Window> window_;
   int segment_ = 0;
+  std::optional<Readout> readout_;  // estimated by the last adjustment
   double noise_ = 0;  // standard deviation of a pixel's residual, last adjustment [grey levels]
 };
 

@@ -43,11 +43,12 @@ void lower(LevelRmse& bounds, const LevelRmse& rmse) {
 std::optional<RollingShutter> shutterOf(const Frame& frame,
                                         const AlignmentState& state,
                                         const TrackingStart& known,
+                                        double readout_change,
                                         int level) {
   if (!isRolling(frame)) return std::nullopt;
   const RowMotion motion =
       motionThrough({frame.timestamp(), state.T_frame_reference}, known.recent);
-  return makeRollingShutter(*frame.rowTimes(), motion, level);
+  return makeRollingShutter(rowTimesOf(frame, readout_change), motion, level);
 }
 
 }  // namespace
@@ -105,7 +106,11 @@ Tracker::Descent Tracker::descend(const Frame& frame,
   for (int level = reference_.levels() - 1; level >= 0; --level) {
     const auto l = static_cast<std::size_t>(level);
     const LevelResult result = alignment_.align(
-        {reference_, frame, level, ceiling_, shutterOf(frame, descent.state, known, level)},
+        {reference_,
+         frame,
+         level,
+         ceiling_,
+         shutterOf(frame, descent.state, known, reference_.readoutChange(), level)},
         kMaxIterations[l],
         descent.state);
     descent.rmse[l] = result.rmse;

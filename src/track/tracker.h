@@ -84,11 +84,13 @@ class Tracker {
   }
   /// @param samples inverse depths on pixels of `frame`
   /// @param motion  of the frame while its rows are read; without a meaning for a global shutter
+  /// @param readout_change over the calibrated readout, of all frames [s]
   void setReference(const FramePtr& frame,
                     const std::vector<DepthSample>& samples,
                     const AffineBrightness& affine,
-                    const RowMotion& motion = {}) {
-    reference_.set(frame, samples, affine, motion);
+                    const RowMotion& motion = {},
+                    double readout_change = 0) {
+    reference_.set(frame, samples, affine, motion, readout_change);
   }
   [[nodiscard]] const TrackingReference& reference() const { return reference_; }
 

@@ -142,9 +142,11 @@ TrackingReference::TrackingReference(const PinholeCamera& camera)
 void TrackingReference::set(const FramePtr& frame,
                             const std::vector<DepthSample>& samples,
                             const AffineBrightness& affine,
-                            const RowMotion& motion) {
+                            const RowMotion& motion,
+                            double readout_change) {
   frame_ = frame;
   motion_ = motion;
+  readout_change_ = readout_change;
   affine_ = affine;
   const auto levels = static_cast<std::size_t>(frame->pyramid().levels());
   points_.resize(levels);
@@ -167,7 +169,8 @@ void TrackingReference::set(const FramePtr& frame,
 
 void TrackingReference::moveToMiddle(int level) {
   const PinholeCamera camera = camera_.atLevel(level);
-  const RollingShutter shutter = makeRollingShutter(*frame_->rowTimes(), motion_, level);
+  const RollingShutter shutter =
+      makeRollingShutter(rowTimesOf(*frame_, readout_change_), motion_, level);
   ReferencePoints& points = points_[static_cast<std::size_t>(level)];
   for (std::size_t i = 0; i < points.size(); ++i) {
     const Eigen::Vector2d seen = camera.project(

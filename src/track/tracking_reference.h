@@ -70,14 +70,17 @@ class TrackingReference {
   /// @param samples pixels of `frame` with inverse depth; those outside the image or not positive
   ///        are ignored
   /// @param motion  of the frame while its rows are read; without a meaning for a global shutter
+  /// @param readout_change over the calibrated readout, of all frames [s]
   void set(const FramePtr& frame,
            const std::vector<DepthSample>& samples,
            const AffineBrightness& affine,
-           const RowMotion& motion = {});
+           const RowMotion& motion = {},
+           double readout_change = 0);
 
   [[nodiscard]] const Frame& frame() const { return *frame_; }
   [[nodiscard]] bool empty() const { return frame_ == nullptr; }
   [[nodiscard]] const AffineBrightness& affine() const { return affine_; }
+  [[nodiscard]] double readoutChange() const { return readout_change_; }
   [[nodiscard]] int levels() const { return static_cast<int>(points_.size()); }
   [[nodiscard]] const ReferencePoints& points(int level) const {
     return points_[static_cast<std::size_t>(level)];
@@ -94,6 +97,7 @@ class TrackingReference {
   FramePtr frame_;
   AffineBrightness affine_;
   RowMotion motion_;
+  double readout_change_ = 0;
   std::vector<ReferencePoints> points_;   // by level
   std::vector<DepthAccumulator> maps_;    // by level
   std::vector<DepthSample> sorted_;       // usable samples in raster order of their pixels

@@ -28,7 +28,7 @@ std::optional<DepthSample> sampleOf(const WindowPoint& point, const EpipolarGeom
 
 /// Pixels at the time of the middle row to those that the image shows.
 void moveToRows(const Window& window, std::vector<DepthSample>& samples) {
-  const std::optional<RollingShutter> shutter = window.keyframes.back().shutter();
+  const std::optional<RollingShutter> shutter = window.shutter(window.keyframes.back());
   if (!shutter) return;
   const PinholeCamera camera = window.camera();
   for (DepthSample& sample : samples) {

@@ -3,6 +3,7 @@
 
 #include "geometry/symmetric_eigen.h"
 #include "window/normal_equations.h"
+#include "window/window_step.h"
 
 #include <algorithm>
 #include <stdexcept>
@@ -58,7 +59,7 @@ void absorb(Window& window, const std::vector<PointRef>& points, const WindowOpt
   }
   LinearizeOptions linearize;
   linearize.frozen = true;
-  linearize.intrinsics = options.optimizer.optimize_intrinsics;
+  linearize.camera = estimatedCamera(window, options);
   linearize.depth_prior_factor = options.prior.depth_at_marginalization;
   linearize.depth_prior_pulls =
       options.prior.depth_pulls_to_value && options.prior.depth_at_marginalization == 1;

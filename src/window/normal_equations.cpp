@@ -14,6 +14,8 @@ namespace {
 
 using Eigen::Index;
 
+using CameraMatrix = Eigen::Matrix<double, kCameraDim, kCameraDim>;
+
 constexpr std::size_t kChunk = 128;           // points of one part of the work
 constexpr double kPreconditionerOffset = 10;  // @source DSO as published
 constexpr float kMinDepthCurvature = 1e-10F;
@@ -53,11 +55,11 @@ DSORB_ALWAYS_INLINE void reduce(ResidualTerms& terms, std::size_t lanes) {
 }
 
 /// Extrapolates the residual to the first estimates: r - J d, d the deviation of the relative state
-/// and of the intrinsics.
+/// and of the camera.
 DSORB_ALWAYS_INLINE void freeze(PatchSums& p,
                                 const ResidualGeometry& g,
                                 const Vector8d& relative,
-                                const Vector4d& camera_state) {
+                                const CameraVector& camera_state) {
   float dx = 0;
   float dy = 0;
   for (Index i = 0; i < kPoseRows; ++i) {
@@ -151,8 +153,7 @@ DSORB_ALWAYS_INLINE bool evaluate(const WindowPoint& point,
   if (observation.state == ResidualState::kOutOfBounds) return false;
   const bool seen =
       evaluatePatch(point, context.pairs->rays(), pair, terms.patch) &&
-      evaluateGeometry(
-          point, context.pairs->rays(), pair, context.options->intrinsics, terms.geometry);
+      evaluateGeometry(point, context.pairs->rays(), pair, context.options->camera, terms.geometry);
   if (!seen) return false;
   const float limit =
       std::max(context.window->keyframes[host].energy_threshold, target.energy_threshold);
@@ -178,7 +179,7 @@ DSORB_ALWAYS_INLINE ResidualSums linearizePoint(WindowPoint& point,
                                                 const ChunkContext& context,
                                                 float* row,
                                                 Chunk& chunk) {
-  const bool camera = context.options->intrinsics;
+  const bool camera = context.options->camera.any();
   ResidualTerms terms;
   ResidualSums sum;
   for (Observation& observation : point) {
@@ -240,8 +241,8 @@ struct PairBlocks {
   Vector8d b = Vector8d::Zero();
   Eigen::Matrix<double, kFrameDim, kCameraDim> H_camera =
       Eigen::Matrix<double, kFrameDim, kCameraDim>::Zero();
-  Eigen::Matrix4d camera = Eigen::Matrix4d::Zero();
-  Vector4d b_camera = Vector4d::Zero();
+  CameraMatrix camera = CameraMatrix::Zero();
+  CameraVector b_camera = CameraVector::Zero();
 
   void add(const PairSums& sums) {
     using Row = Eigen::Map<const Eigen::Array<double, 1, kRowLanes>>;
@@ -267,7 +268,7 @@ struct PairBlocks {
   /// Rounding makes the two triangles differ; the upper one counts.
   void makeSymmetric() {
     H = Matrix8d(H.selfadjointView<Eigen::Upper>());
-    camera = Eigen::Matrix4d(camera.selfadjointView<Eigen::Upper>());
+    camera = CameraMatrix(camera.selfadjointView<Eigen::Upper>());
   }
 };
 
@@ -289,12 +290,12 @@ void addPair(const PairBlocks& blocks,
   out.b.segment<8>(target) += to_target * blocks.b;
   const Eigen::Matrix<double, kFrameDim, kCameraDim> host_camera = pair.to_host * blocks.H_camera;
   const Eigen::Matrix<double, kFrameDim, kCameraDim> target_camera = to_target * blocks.H_camera;
-  out.H.block<8, 4>(host, 0) += host_camera;
-  out.H.block<8, 4>(target, 0) += target_camera;
-  out.H.block<4, 8>(0, host) += host_camera.transpose();
-  out.H.block<4, 8>(0, target) += target_camera.transpose();
-  out.H.topLeftCorner<4, 4>() += blocks.camera;
-  out.b.head<4>() += blocks.b_camera;
+  out.H.block<kFrameDim, kCameraDim>(host, 0) += host_camera;
+  out.H.block<kFrameDim, kCameraDim>(target, 0) += target_camera;
+  out.H.block<kCameraDim, kFrameDim>(0, host) += host_camera.transpose();
+  out.H.block<kCameraDim, kFrameDim>(0, target) += target_camera.transpose();
+  out.H.topLeftCorner<kCameraDim, kCameraDim>() += blocks.camera;
+  out.b.head<kCameraDim>() += blocks.b_camera;
 }
 
 }  // namespace

@@ -24,15 +24,15 @@ struct PointRef {
 [[nodiscard]] std::vector<PointRef> allPoints(const Window& window);
 
 struct LinearizeOptions {
-  bool intrinsics = false;          ///< estimate the camera, too
+  EstimatedCamera camera{};         ///< estimated, too
   bool frozen = false;              ///< residuals extrapolated to the first estimates (marginals)
   bool depth_prior_pulls = true;    ///< false: the depth prior only adds curvature
   double depth_prior_factor = 1;    ///< on every depth prior
   std::size_t chunks_per_task = 0;  ///< of 128 points; 0 runs serially
 };
 
-/// Gauss-Newton system of a window: intrinsics and frames in scaled units, and inverse depths;
-/// without the priors of intrinsics and frames.
+/// Gauss-Newton system of a window: camera and frames in scaled units, and inverse depths;
+/// without the priors of camera and frames.
 struct WindowEquations : LinearSystem<float> {
   double energy = 0;  ///< residuals, limited by their thresholds
   double depth_prior_energy = 0;
@@ -44,7 +44,7 @@ struct WindowEquations : LinearSystem<float> {
 using WindowElimination = DepthElimination<float, double>;
 
 /// Sums of one ordered pair: rows of the relative normal equations (translation, rotation,
-/// intrinsics; lanes as in photometric_residual.h) and the brightness block.
+/// camera; lanes as in photometric_residual.h) and the brightness block.
 struct PairSums {
   alignas(32) double rows[kPoseRows + kCameraDim][kRowLanes];
   double brightness[5];  // aa, ab, bb, ar, br

@@ -50,7 +50,7 @@ void PairTable::refreshCurrent(const Window& window) {
   std::vector<std::optional<RollingShutter>> shutters;
   for (const Keyframe& keyframe : window.keyframes) {
     poses.push_back(keyframe.T_cam_world());
-    shutters.push_back(keyframe.shutter());
+    shutters.push_back(window.shutter(keyframe));
   }
   for (std::size_t host = 0; host < size_; ++host) {
     const Keyframe& from = window.keyframes[host];
@@ -63,7 +63,10 @@ void PairTable::refreshCurrent(const Window& window) {
       PairGeometry& pair = pairs_[host * size_ + target];
       pair.current =
           makeTargetImage(camera, poses[target] * T_world_host, transfer, to.frame->level(0));
-      if (shutters[target]) pair.current.setShutter(*shutters[target]);
+      if (shutters[host] && shutters[target]) {
+        pair.current.setShutter(*shutters[target]);
+        pair.host_shutter = *shutters[host];
+      }
       pair.first.setCamera(camera);
     }
   }

@@ -17,9 +17,10 @@ using Vector8f = Eigen::Matrix<float, kFrameDim, 1>;
 
 /// Relative quantities of an ordered pair of keyframes.
 struct PairGeometry {
-  TargetImage current;          ///< into level 0 of the target
-  Warp<float> first;            ///< poses at their first estimates, intrinsics current
-  float host_offset_first = 0;  ///< b of the host at its first estimate [grey levels]
+  TargetImage current;            ///< into level 0 of the target
+  Warp<float> first;              ///< poses at their first estimates, intrinsics current
+  float host_offset_first = 0;    ///< b of the host at its first estimate [grey levels]
+  RollingShutter host_shutter{};  ///< set only where `current` is rolling
 
   /// Relative gradients (translation, rotation, a, b) to scaled gradients of the host state.
   Matrix8d to_host;

@@ -10,19 +10,30 @@
 namespace dsorb::window {
 namespace {
 
-/// Intrinsics enter twice: in the host's ray and in the target's projection.
-void addCameraRows(float ray_x,
-                   float ray_y,
-                   const Warp<float>& warp,
-                   const WarpedPoint<float>& p,
-                   ResidualGeometry& geometry) {
-  constexpr auto kScale = static_cast<float>(kCameraScale);
+/// Derivatives of the target's pixel by the host's, times -1 [-].
+struct RayJacobian {
+  float xx, xy, yx, yy;
+};
+
+DSORB_ALWAYS_INLINE void rayJacobian(const Warp<float>& warp,
+                                     const WarpedPoint<float>& p,
+                                     RayJacobian& J) {
   const float* R = warp.R;
   const float fx_over_fy = warp.fx / warp.fy;
-  const float xx = (R[6] * p.u - R[0]) * p.inverse_z;
-  const float xy = fx_over_fy * (R[7] * p.u - R[1]) * p.inverse_z;
-  const float yx = (R[6] * p.v - R[3]) * p.inverse_z / fx_over_fy;
-  const float yy = (R[7] * p.v - R[4]) * p.inverse_z;
+  J.xx = (R[6] * p.u - R[0]) * p.inverse_z;
+  J.xy = fx_over_fy * (R[7] * p.u - R[1]) * p.inverse_z;
+  J.yx = (R[6] * p.v - R[3]) * p.inverse_z / fx_over_fy;
+  J.yy = (R[7] * p.v - R[4]) * p.inverse_z;
+}
+
+/// Intrinsics enter twice: in the host's ray and in the target's projection.
+void addIntrinsics(float ray_x,
+                   float ray_y,
+                   const WarpedPoint<float>& p,
+                   const RayJacobian& by_ray,
+                   ResidualGeometry& geometry) {
+  constexpr auto kScale = static_cast<float>(kCameraScale);
+  const auto [xx, xy, yx, yy] = by_ray;
   geometry.x[kLaneCamera + 0] = kScale * (p.u + ray_x * xx);
   geometry.x[kLaneCamera + 1] = kScale * ray_y * xy;
   geometry.x[kLaneCamera + 2] = kScale * (1 + xx);
@@ -31,6 +42,53 @@ void addCameraRows(float ray_x,
   geometry.y[kLaneCamera + 1] = kScale * (p.v + ray_y * yy);
   geometry.y[kLaneCamera + 2] = kScale * yx;
   geometry.y[kLaneCamera + 3] = kScale * (1 + yy);
+}
+
+/// Velocity of a point on the image plane z = 1 [1/s] at a time.
+/// @param sign 1 from the middle row to another, -1 back; as in rowFlow()
+Eigen::Vector2f velocityAt(
+    const RollingShutter& shutter, const Eigen::Vector2f& ray, float rho, float time, float sign) {
+  RowFlow<float> flow;
+  rowFlow(shutter, {ray.x(), ray.y()}, rho, sign, flow);
+  const float t = sign * time;
+  const auto moved = [&](int i) { return t * (flow.first[i] + 0.5F * t * flow.second[i]); };
+  const auto speed = [&](int i) { return flow.first[i] + t * flow.second[i]; };
+  const float scale = 1.0F / (1.0F + moved(2));
+  const Eigen::Vector2f at((ray.x() + moved(0)) * scale, (ray.y() + moved(1)) * scale);
+  return sign * scale * (Eigen::Vector2f(speed(0), speed(1)) - at * speed(2));
+}
+
+/// The readout enters twice: in the pixel of the host's middle row and in the row of the target
+/// that sees the point. Rows passed in a row's time are left out.
+void addReadout(const WindowPoint& point,
+                const HostRays& rays,
+                const PairGeometry& pair,
+                const WarpedPoint<float>& p,
+                const RayJacobian& by_ray,
+                ResidualGeometry& geometry) {
+  constexpr auto kScale = static_cast<float>(kReadoutScale);
+  const Warp<float>& warp = pair.first;
+  const Eigen::Vector2f& seen = point.patch.seen;
+  Eigen::Vector2f ray;
+  rays.at(seen.x(), seen.y(), ray.x(), ray.y());
+  float share = 0;
+  rowShare(pair.host_shutter, seen.x(), seen.y(), share);
+  const Eigen::Vector2f host =
+      share *
+      velocityAt(
+          pair.host_shutter, ray, point.inverse_depth, pair.host_shutter.readout * share, -1);
+  rowShare(pair.current.shutter, p.x, p.y, share);
+  const Eigen::Vector2f target = share * velocityAt(pair.current.shutter,
+                                                    {p.u, p.v},
+                                                    point.inverse_depth * p.inverse_z,
+                                                    pair.current.shutter.readout * share,
+                                                    1);
+  const float moved_x = warp.fx * host.x();
+  const float moved_y = warp.fy * host.y();
+  geometry.x[kLaneReadout] =
+      kScale * (warp.fx * target.x() - by_ray.xx * moved_x - by_ray.xy * moved_y);
+  geometry.y[kLaneReadout] =
+      kScale * (warp.fy * target.y() - by_ray.yx * moved_x - by_ray.yy * moved_y);
 }
 
 template <bool kRolling>
@@ -121,7 +179,7 @@ bool evaluatePatch(const WindowPoint& point,
 bool evaluateGeometry(const WindowPoint& point,
                       const HostRays& rays,
                       const PairGeometry& pair,
-                      bool with_camera,
+                      EstimatedCamera camera,
                       ResidualGeometry& geometry) {
   float ray_x = 0;
   float ray_y = 0;
@@ -135,7 +193,11 @@ bool evaluateGeometry(const WindowPoint& point,
   std::copy_n(J.y, kPoseRows, geometry.y);
   geometry.depth_x = J.depth_x;
   geometry.depth_y = J.depth_y;
-  if (with_camera) addCameraRows(ray_x, ray_y, pair.first, p, geometry);
+  if (!camera.any()) return true;
+  RayJacobian by_ray;
+  rayJacobian(pair.first, p, by_ray);
+  if (camera.intrinsics) addIntrinsics(ray_x, ray_y, p, by_ray, geometry);
+  if (camera.readout) addReadout(point, rays, pair, p, by_ray, geometry);
   return true;
 }
 

@@ -28,12 +28,14 @@ constexpr std::size_t kLaneA = 6;
 constexpr std::size_t kLaneB = 7;
 constexpr std::size_t kLaneResidual = 8;
 constexpr std::size_t kLaneCamera = 9;
+constexpr std::size_t kLaneReadout = kLaneCamera + kIntrinsicsDim;
 constexpr std::size_t kRowLanes = 16;
 constexpr std::size_t kRowLanesWithoutCamera = 12;
 
 /// The geometric half: derivatives of the pixel of the pattern's centre.
 struct ResidualGeometry {
-  /// Rows of d(u, v): [translation, rotation | a, b, r: zero | fx, fy, cx, cy scaled | zero].
+  /// Rows of d(u, v): [translation, rotation | a, b, r: zero | fx, fy, cx, cy, readout
+  /// scaled | zero].
   alignas(32) float x[kRowLanes] = {};
   alignas(32) float y[kRowLanes] = {};
   float depth_x = 0;  ///< du / d(inverse depth) [px unit]
@@ -76,15 +78,24 @@ bool evaluatePatch(const WindowPoint& point,
                    const PairGeometry& pair,
                    PatchSums& sums);
 
-/// Derivatives of the projected centre: poses at their first estimates, inverse depth and
-/// intrinsics current.
-/// @param with_camera  also by the intrinsics, scaled by kCameraScale
+/// What is estimated of the camera.
+struct EstimatedCamera {
+  bool intrinsics = false;
+  bool readout = false;  ///< of a rolling shutter
+
+  [[nodiscard]] bool any() const { return intrinsics || readout; }
+};
+
+/// Derivatives of the projected centre: poses at their first estimates, inverse depth and camera
+/// current.
+/// @param camera       also by the intrinsics, scaled by kCameraScale, and by the readout, scaled
+///                     by kReadoutScale, at constant motions
 /// @return             false if the point is not in front of the target at the first estimates
 /// @source             derived in photometric_residual_test; relative pose by left increments
 bool evaluateGeometry(const WindowPoint& point,
                       const HostRays& rays,
                       const PairGeometry& pair,
-                      bool with_camera,
+                      EstimatedCamera camera,
                       ResidualGeometry& geometry);
 
 }  // namespace dsorb::window

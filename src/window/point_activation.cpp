@@ -135,7 +135,8 @@ void refineCandidates(Window& window,
         keyframe.affine(), keyframe.frame->exposure(), tracked.affine, tracked.frame->exposure());
     depth::EpipolarPair pair(window.camera(), T_frame_host, transfer);
     if (isRolling(*tracked.frame)) {
-      pair.shutter = makeRollingShutter(*tracked.frame->rowTimes(), tracked.motion);
+      pair.shutter =
+          makeRollingShutter(rowTimesOf(*tracked.frame, window.readoutChange()), tracked.motion);
     }
     depth::searchEpipolarLines(keyframe.candidates, pair, tracked.frame->level(0), options, grain);
   }

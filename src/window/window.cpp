@@ -67,11 +67,6 @@ AffineBrightness Keyframe::firstAffine() const {
   return affineOf(first);
 }
 
-std::optional<RollingShutter> Keyframe::shutter() const {
-  if (!isRolling(*frame)) return std::nullopt;
-  return makeRollingShutter(*frame->rowTimes(), motion);
-}
-
 void Keyframe::moveFirstEstimate() {
   T_cam_world_first = T_cam_world();
   state.head<6>().setZero();
@@ -85,6 +80,11 @@ PinholeCamera Window::camera() const {
   camera.cx += kCameraScale * camera_state[2];
   camera.cy += kCameraScale * camera_state[3];
   return camera;
+}
+
+std::optional<RollingShutter> Window::shutter(const Keyframe& keyframe) const {
+  if (!isRolling(*keyframe.frame)) return std::nullopt;
+  return makeRollingShutter(rowTimesOf(*keyframe.frame, readoutChange()), keyframe.motion);
 }
 
 std::size_t Window::numPoints() const {
@@ -151,7 +151,7 @@ void placePoints(Window& window) {
   const float mean = sum / static_cast<float>(std::max<std::size_t>(window.numPoints(), 1));
   const PinholeCamera camera = window.camera();
   for (Keyframe& keyframe : window.keyframes) {
-    const std::optional<RollingShutter> shutter = keyframe.shutter();
+    const std::optional<RollingShutter> shutter = window.shutter(keyframe);
     if (!shutter) continue;
     const auto place = [&](float inverse_depth, HostPatch& patch) {
       patch.pixel = pixelInMiddle(*shutter, camera, patch.seen, inverse_depth);

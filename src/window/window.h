@@ -23,20 +23,23 @@
 
 namespace dsorb::window {
 
-constexpr int kCameraDim = 4;  // fx, fy, cx, cy
-constexpr int kFrameDim = 8;   // translation, rotation, a, b
+constexpr int kIntrinsicsDim = 4;               // fx, fy, cx, cy
+constexpr int kCameraDim = kIntrinsicsDim + 1;  // and the readout of a rolling shutter
+constexpr int kFrameDim = 8;                    // translation, rotation, a, b
 constexpr std::size_t kMaxKeyframes = 12;
 
 using Vector8d = Eigen::Matrix<double, kFrameDim, 1>;
-using Vector4d = Eigen::Vector4d;
+using CameraVector = Eigen::Matrix<double, kCameraDim, 1>;
 
 /// The state is kept in scaled units, physical = scale * state, so that blocks of the normal
-/// equations have comparable magnitude: translation, rotation, a, b of a frame; intrinsics [px].
+/// equations have comparable magnitude: translation, rotation, a, b of a frame; intrinsics [px];
+/// readout [s].
 /// @source DSO as published
 inline Vector8d frameScale() {
   return (Vector8d() << .5, .5, .5, 1, 1, 1, 10, 1000).finished();
 }
 constexpr double kCameraScale = 50;
+constexpr double kReadoutScale = 0.1;
 
 /// Running number of a keyframe, never reused within a window.
 struct KeyframeId {
@@ -122,14 +125,12 @@ struct Keyframe {
   [[nodiscard]] SE3 T_cam_world() const;
   [[nodiscard]] AffineBrightness affine() const;
   [[nodiscard]] AffineBrightness firstAffine() const;
-  /// Nothing for a global shutter.
-  [[nodiscard]] std::optional<RollingShutter> shutter() const;
   /// Takes the current estimate as the value at which Jacobians are taken.
   void moveFirstEstimate();
 };
 
 /// Quadratic energy of what was marginalised: d^T H d + 2 b^T d, d = deviation of the state from
-/// its first estimate; order: intrinsics, then keyframes as in the window.
+/// its first estimate; order: camera, then keyframes as in the window.
 struct MarginalPrior {
   Eigen::MatrixXd H = Eigen::MatrixXd::Zero(kCameraDim, kCameraDim);
   Eigen::VectorXd b = Eigen::VectorXd::Zero(kCameraDim);
@@ -143,8 +144,9 @@ struct Window {
 
   PinholeCamera first_camera;
   BrightnessModel brightness;
-  Vector4d camera_state = Vector4d::Zero();  ///< scaled deviation of the intrinsics
-  std::vector<Keyframe> keyframes;           ///< oldest first
+  /// Scaled deviation of the intrinsics and of the readout.
+  CameraVector camera_state = CameraVector::Zero();
+  std::vector<Keyframe> keyframes;  ///< oldest first
   MarginalPrior prior;
   /// Adapted minimum distance between points [px, half resolution]; it starts as published with
   /// DSO.
@@ -153,6 +155,16 @@ struct Window {
   int next_point = 0;
 
   [[nodiscard]] PinholeCamera camera() const;
+  /// What the adjustments have added to the calibrated readout [s].
+  [[nodiscard]] double readoutChange() const {
+    return kReadoutScale * camera_state[kIntrinsicsDim];
+  }
+  /// Calibrated; a sigma above 0 says that the window estimates it.
+  [[nodiscard]] Readout calibratedReadout() const {
+    return keyframes.empty() ? Readout{} : readoutOf(*keyframes.front().frame);
+  }
+  /// Of one of its keyframes; nothing for a global shutter.
+  [[nodiscard]] std::optional<RollingShutter> shutter(const Keyframe& keyframe) const;
   [[nodiscard]] int dimension() const {
     return kCameraDim + kFrameDim * static_cast<int>(keyframes.size());
   }

@@ -127,7 +127,6 @@ void adaptNewestThreshold(Window& window) {
 
 WindowOptimizer::WindowOptimizer(const WindowOptions& options, std::size_t chunks_per_task)
     : options_(options) {
-  linearize_.intrinsics = options.optimizer.optimize_intrinsics;
   linearize_.depth_prior_pulls = options.prior.depth_pulls_to_value;
   linearize_.chunks_per_task = chunks_per_task;
 }
@@ -141,7 +140,9 @@ class WindowOptimizer::Adjustment {
         window_(window),
         pairs_(window),
         points_(allPoints(window)),
-        gauge_(gaugeDirections(window)) {
+        gauge_(gaugeDirections(window)),
+        camera_(estimatedCamera(window, memory.options_)) {
+    memory_.linearize_.camera = camera_;
     resetResiduals(window_);
     if (options_.fixed_thresholds) adaptThreshold();
     energy_ = evaluate(memory_.current_);
@@ -223,13 +224,14 @@ class WindowOptimizer::Adjustment {
   PairTable pairs_;
   std::vector<PointRef> points_;
   MatrixXd gauge_;
+  EstimatedCamera camera_;
   OptimizationReport report_;
   VectorXd step_;
   std::vector<double> depth_step_;
   double energy_ = 0;
   double trial_energy_ = 0;
   // The state before a step.
-  Vector4d camera_state_;
+  CameraVector camera_state_;
   std::vector<Vector8d> states_;
   std::vector<float> inverse_depths_;
 };
@@ -249,7 +251,7 @@ void WindowOptimizer::Adjustment::restore() {
 }
 
 void WindowOptimizer::Adjustment::applyStep() {
-  if (options_.optimize_intrinsics) window_.camera_state += step_.head<kCameraDim>();
+  if (camera_.any()) window_.camera_state += step_.head<kCameraDim>();
   Index row = kCameraDim;
   for (Keyframe& keyframe : window_.keyframes) {
     keyframe.state += step_.segment<kFrameDim>(row);
@@ -300,6 +302,10 @@ OptimizationReport WindowOptimizer::Adjustment::finish() {
   report_.residuals = last.used;
   report_.last_energy = energy_;
   report_.rms = std::sqrt(last.energy / (kPatternSize * std::max(1, last.used)));
+  if (camera_.readout) {
+    report_.readout_sigma =
+        readoutSigma(window_, last, memory_.options_, report_.rms, memory_.elimination_);
+  }
   moveFirstEstimates(window_);
   pairs_ = PairTable(window_);
   if (options_.fixed_thresholds) {

@@ -19,7 +19,8 @@ struct OptimizationReport {
   int residuals = 0;        ///< used in the last system
   double first_energy = 0;  ///< total, priors included
   double last_energy = 0;
-  double rms = 0;  ///< of a used residual's pixel [grey levels]
+  double rms = 0;            ///< of a used residual's pixel [grey levels]
+  double readout_sigma = 0;  ///< of an estimated readout; 0 where it is not estimated [s]
 };
 
 /// Adapts the outlier threshold of the newest keyframe to its residuals.
@@ -27,9 +28,9 @@ struct OptimizationReport {
 void adaptNewestThreshold(Window& window);
 
 /// Windowed photometric bundle adjustment: poses, brightness, inverse depths and, as an option,
-/// intrinsics. Damped Gauss-Newton with first-estimate Jacobians; a step that raises the energy is
-/// undone. Afterwards the newest keyframe's estimate becomes its first estimate and residuals that
-/// were not used are gone.
+/// intrinsics; the readout of a rolling shutter where it is not known. Damped Gauss-Newton with
+/// first-estimate Jacobians; a step that raises the energy is undone. Afterwards the newest
+/// keyframe's estimate becomes its first estimate and residuals that were not used are gone.
 /// @source Engel et al., DSO, arXiv:1607.02565, section 2.3
 class WindowOptimizer {
  public:

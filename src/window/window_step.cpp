@@ -14,14 +14,64 @@ using Eigen::VectorXd;
 
 constexpr double kSingularCutOff = 1e-5;  // relative, of gauge directions
 
+// Variance of a pixel's residual that turns variances of priors into information [grey levels^2]:
+// of the size of those after a start, 5 to 9 grey levels.
+constexpr double kPriorNoise = 49;
+
+// By which the errors of an estimated readout exceed what independent pixels would give: the eight
+// pixels of a patch err together, root of 8, and what is wrong with a host's patch is wrong in all
+// of its residuals, about 2. docs/experiments.md, "Rolling shutter".
+constexpr double kReadoutFactor = 6;
+
+/// Of the linearised energy, priors included and depths eliminated; the quantities that are not
+/// estimated stay.
+struct ReducedSystem {
+  MatrixXd H;
+  VectorXd b;
+};
+
+ReducedSystem reduce(const Window& window,
+                     const WindowEquations& equations,
+                     const WindowOptions& options,
+                     double damping,
+                     WindowElimination& elimination) {
+  const StatePrior prior = statePrior(window, options);
+  ReducedSystem system{equations.H + window.prior.H, {}};
+  MatrixXd& H = system.H;
+  VectorXd& b = system.b;
+  H.diagonal() += prior.information;
+  H.diagonal() *= 1 + damping;
+  b = equations.b + prior.gradient + window.prior.b + window.prior.H * window.deviation();
+  elimination.damp(equations, damping);
+  elimination.eliminate(equations, H, b);
+  const EstimatedCamera camera = estimatedCamera(window, options);
+  for (Index i = 0; i < kCameraDim; ++i) {
+    if (i < kIntrinsicsDim ? camera.intrinsics : camera.readout) continue;
+    H.row(i).setZero();
+    H.col(i).setZero();
+    H(i, i) = 1;
+    b[i] = 0;
+  }
+  return system;
+}
+
 }  // namespace
+
+EstimatedCamera estimatedCamera(const Window& window, const WindowOptions& options) {
+  return {options.optimizer.optimize_intrinsics, window.calibratedReadout().sigma > 0};
+}
 
 StatePrior statePrior(const Window& window, const WindowOptions& options) {
   StatePrior prior{VectorXd::Zero(window.dimension()), VectorXd::Zero(window.dimension()), 0};
   VectorXd value(window.dimension());
   value.head<kCameraDim>() = window.camera_state;
-  if (options.optimizer.optimize_intrinsics) {
-    prior.information.head<kCameraDim>().setConstant(options.prior.intrinsics);
+  const EstimatedCamera camera = estimatedCamera(window, options);
+  if (camera.intrinsics) {
+    prior.information.head<kIntrinsicsDim>().setConstant(options.prior.intrinsics);
+  }
+  if (camera.readout) {
+    const double scaled = kReadoutScale / window.calibratedReadout().sigma;
+    prior.information[kIntrinsicsDim] = kPriorNoise * scaled * scaled;
   }
   Index at = kCameraDim;
   for (const Keyframe& keyframe : window.keyframes) {
@@ -70,20 +120,19 @@ VectorXd solveStep(const Window& window,
                    const WindowOptions& options,
                    double damping,
                    WindowElimination& elimination) {
-  const StatePrior prior = statePrior(window, options);
-  MatrixXd H = equations.H + window.prior.H;
-  H.diagonal() += prior.information;
-  H.diagonal() *= 1 + damping;
-  VectorXd b = equations.b + prior.gradient + window.prior.b + window.prior.H * window.deviation();
-  elimination.damp(equations, damping);
-  elimination.eliminate(equations, H, b);
-  if (!options.optimizer.optimize_intrinsics) {
-    H.topRows<kCameraDim>().setZero();
-    H.leftCols<kCameraDim>().setZero();
-    H.topLeftCorner<kCameraDim, kCameraDim>().setIdentity();
-    b.head<kCameraDim>().setZero();
-  }
-  return -solvePreconditioned(H, b);
+  const ReducedSystem system = reduce(window, equations, options, damping, elimination);
+  return -solvePreconditioned(system.H, system.b);
+}
+
+double readoutSigma(const Window& window,
+                    const WindowEquations& equations,
+                    const WindowOptions& options,
+                    double noise,
+                    WindowElimination& elimination) {
+  const ReducedSystem system = reduce(window, equations, options, 0, elimination);
+  const VectorXd unit = VectorXd::Unit(system.b.size(), kIntrinsicsDim);
+  const double variance = solvePreconditioned(system.H, unit)[kIntrinsicsDim];
+  return kReadoutFactor * kReadoutScale * noise * std::sqrt(variance);
 }
 
 }  // namespace dsorb::window

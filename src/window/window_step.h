@@ -11,7 +11,10 @@
 /// One linear step of an adjustment: priors of the state, gauge, solution.
 namespace dsorb::window {
 
-/// Diagonal priors of frames and intrinsics at the current state.
+/// What an adjustment of a window estimates of its camera.
+[[nodiscard]] EstimatedCamera estimatedCamera(const Window& window, const WindowOptions& options);
+
+/// Diagonal priors of frames and camera at the current state.
 struct StatePrior {
   Eigen::VectorXd information;  ///< scaled units
   Eigen::VectorXd gradient;
@@ -20,7 +23,7 @@ struct StatePrior {
 [[nodiscard]] StatePrior statePrior(const Window& window, const WindowOptions& options);
 
 /// Columns: the six motions of the whole world and its scale, as changes of all frames' first
-/// estimates (intrinsics: zero), each of unit length.
+/// estimates (camera: zero), each of unit length.
 /// @return dimension x 7
 [[nodiscard]] Eigen::MatrixXd gaugeDirections(const Window& window);
 
@@ -28,7 +31,7 @@ struct StatePrior {
 [[nodiscard]] Eigen::VectorXd withoutGauge(const Eigen::VectorXd& step,
                                            const Eigen::MatrixXd& directions);
 
-/// Step of frames and intrinsics that minimises the linearised energy, priors included.
+/// Step of frames and camera that minimises the linearised energy, priors included.
 /// @param damping     relative increase of all diagonals
 /// @param elimination afterwards gives the steps of the inverse depths
 [[nodiscard]] Eigen::VectorXd solveStep(const Window& window,
@@ -36,5 +39,13 @@ struct StatePrior {
                                         const WindowOptions& options,
                                         double damping,
                                         WindowElimination& elimination);
+
+/// Standard deviation of an estimated readout after an adjustment [s].
+/// @param noise of a pixel's residual [grey levels]
+[[nodiscard]] double readoutSigma(const Window& window,
+                                  const WindowEquations& equations,
+                                  const WindowOptions& options,
+                                  double noise,
+                                  WindowElimination& elimination);
 
 }  // namespace dsorb::window

@@ -29,7 +29,7 @@ void BM_BuildSystem(benchmark::State& state) {
   const PairTable pairs(scene.window);
   const std::vector<PointRef> points = allPoints(scene.window);
   LinearizeOptions options;
-  options.intrinsics = state.range(0) != 0;
+  options.camera.intrinsics = state.range(0) != 0;
   NormalEquationsBuilder builder;
   WindowEquations equations;
   for (auto _ : state) {

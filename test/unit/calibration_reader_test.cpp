@@ -187,17 +187,21 @@ TEST_F(CalibrationReaderTest, KittiLineBelongsToTheImageFolder) {
 }
 
 TEST_F(CalibrationReaderTest, LastLineMaySayHowLongTheRowsTake) {
-  EXPECT_EQ(camera("Pinhole 528 529 325.3 236.6 0\n640 480\n").lens.readout, 0);
+  EXPECT_EQ(camera("Pinhole 528 529 325.3 236.6 0\n640 480\n").lens.readout.seconds, 0);
   const Calibration full =
       camera(std::string("Pinhole 528 529 325.3 236.6 0") + kTail + "readout 25\n");
-  EXPECT_DOUBLE_EQ(full.lens.readout, 0.025);
+  EXPECT_DOUBLE_EQ(full.lens.readout.seconds, 0.025);
   EXPECT_FALSE(full.lens.columns);
   EXPECT_EQ(full.rectification.mode, RectificationMode::kCrop);
   const Calibration brief =
       camera("Pinhole 528 529 325.3 236.6 0\n640 480\nreadout -17.5 columns\n");
-  EXPECT_DOUBLE_EQ(brief.lens.readout, -0.0175);
+  EXPECT_DOUBLE_EQ(brief.lens.readout.seconds, -0.0175);
   EXPECT_TRUE(brief.lens.columns);
   EXPECT_EQ(brief.rectification.mode, RectificationMode::kNone);
+  const Readout unknown =
+      camera("Pinhole 528 529 325.3 236.6 0\n640 480\nreadout auto\n").lens.readout;
+  EXPECT_EQ(unknown.seconds, 0);
+  EXPECT_EQ(unknown.sigma, kUnknownReadout.sigma);
   for (const char* wrong : {"readout", "readout x", "readout 25 rows", "readout 2000"}) {
     EXPECT_THAT(cameraComplaint(std::string("Pinhole 528 529 325.3 236.6 0") + kTail + wrong),
                 AllOf(HasSubstr("camera.txt:5"), HasSubstr("readout MILLISECONDS")))
@@ -238,9 +242,11 @@ TEST_F(CalibrationReaderTest, KalibrChainIsUnderstood) {
 }
 
 TEST_F(CalibrationReaderTest, YamlMaySayHowLongTheRowsTake) {
-  EXPECT_EQ(readCalibration(write("sensor.yaml", kSensor)).lens.readout, 0);
+  EXPECT_EQ(readCalibration(write("sensor.yaml", kSensor)).lens.readout.seconds, 0);
   const std::string rolling = std::string(kSensor) + "readout_ms: 25\n";
-  EXPECT_DOUBLE_EQ(readCalibration(write("sensor.yaml", rolling)).lens.readout, 0.025);
+  EXPECT_DOUBLE_EQ(readCalibration(write("sensor.yaml", rolling)).lens.readout.seconds, 0.025);
+  const std::string unknown = std::string(kSensor) + "readout_ms: auto\n";
+  EXPECT_GT(readCalibration(write("sensor.yaml", unknown)).lens.readout.sigma, 0);
   EXPECT_THAT(yamlComplaint(std::string(kSensor) + "readout_ms: fast\n"),
               AllOf(HasSubstr("sensor.yaml:7"), HasSubstr("readout_ms: milliseconds")));
 }

@@ -179,7 +179,10 @@ TEST(CommandLine, FlagsOfOnesOwnCameraArrive) {
   EXPECT_EQ(parse({"/dev/video0", "--format", "camera"}).sequence.format, SequenceFormat::kCamera);
   EXPECT_EQ(parse({"/dev/video0"}).output, "out/video0");
   EXPECT_EQ(parse({"a/clip.mp4"}).output, "out/clip");
-  EXPECT_THAT(errorOf({"x", "--readout", "fast"}), HasSubstr("'fast' must be a number in"));
+  EXPECT_DOUBLE_EQ(parse({"x", "--readout=-25"}).sequence.readout->seconds, -0.025);
+  EXPECT_EQ(parse({"x", "--readout=-25"}).sequence.readout->sigma, 0);
+  EXPECT_GT(parse({"x", "--readout", "auto"}).sequence.readout->sigma, 0);
+  EXPECT_THAT(errorOf({"x", "--readout", "fast"}), HasSubstr("'fast' must be auto or a number in"));
   EXPECT_THAT(errorOf({"x", "--hfov", "180"}), HasSubstr("'180' must be a number in [1, 170]"));
   EXPECT_THAT(errorOf({"x", "--every", "0"}), HasSubstr("'0' must be a whole number from 1"));
   EXPECT_THAT(errorOf({"x", "--width", "15"}), HasSubstr("'15' must be a whole number from 16"));

@@ -30,7 +30,7 @@ FramePtr frameAt(int k, const std::shared_ptr<const RowTimes>& rows) {
 
 TEST(MiddleRows, TracksBecomeThoseOfAGlobalShutter) {
   Lens lens{LensModel::kPinhole, 500, 500, 319.5, 239.5, {}, 640, 480};
-  lens.readout = 0.025;
+  lens.readout = {0.025, 0};
   const auto rows =
       std::make_shared<const RowTimes>(rowTimes(lens, {500, 500, 319.5, 239.5, 640, 480}, false));
   CornerTracks tracks;

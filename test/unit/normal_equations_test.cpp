@@ -34,7 +34,7 @@ WindowEquations linearized(Window& window, bool intrinsics = false) {
   NormalEquationsBuilder builder;
   WindowEquations equations;
   LinearizeOptions options;
-  options.intrinsics = intrinsics;
+  options.camera.intrinsics = intrinsics;
   builder.build(window, PairTable(window), allPoints(window), options, equations);
   return equations;
 }
@@ -196,7 +196,7 @@ CeresStep solveWithCeres(const Window& window) {
         ResidualGeometry geometry;
         const PairGeometry& pair = pairs.at(host, o.target);
         evaluatePatch(point, pairs.rays(), pair, sums);
-        evaluateGeometry(point, pairs.rays(), pair, false, geometry);
+        evaluateGeometry(point, pairs.rays(), pair, {}, geometry);
         problem.AddResidualBlock(new PatchCost(sums, geometry, pair),
                                  nullptr,
                                  step.frames[host].data(),

@@ -63,7 +63,7 @@ TEST(Rectifier, FramesKnowTheTimesOfTheirRows) {
   Calibration calibration = pinhole();
   const cv::Mat image = noise(CV_8UC1);
   EXPECT_EQ(Rectifier(calibration).frame(rawImage(image), {})->rowTimes(), nullptr);
-  calibration.lens.readout = 0.02;
+  calibration.lens.readout = {0.02, 0};
   Rectifier rolling(calibration);
   const FramePtr frame = rolling.frame(rawImage(image), {});
   ASSERT_NE(frame->rowTimes(), nullptr);

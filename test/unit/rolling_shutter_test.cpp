@@ -16,7 +16,7 @@ constexpr float kRho = 0.5F;  // [1/m]
 
 RowTimes rowsOf(double readout) {
   Lens lens{LensModel::kPinhole, 500, 500, 319.5, 239.5, {}, 640, 480};
-  lens.readout = readout;
+  lens.readout = {readout, 0};
   return rowTimes(lens, kCamera, false);
 }
 

@@ -16,7 +16,7 @@ constexpr double kReadout = 0.025;  // [s]
 
 Lens pinhole() {
   Lens lens{LensModel::kPinhole, 500, 500, 319.5, 239.5, {}, 640, 480};
-  lens.readout = kReadout;
+  lens.readout = {kReadout, 0};
   return lens;
 }
 
@@ -40,7 +40,7 @@ TEST(RowTimes, RowsThatAreCroppedKeepTheirTimes) {
 TEST(RowTimes, FollowColumnsAndTheOtherDirection) {
   Lens lens = pinhole();
   lens.columns = true;
-  lens.readout = -kReadout;
+  lens.readout = {-kReadout, 0};
   const RowTimes times = rowTimes(lens, {500, 500, 319.5, 239.5, 640, 480}, false);
   EXPECT_NEAR(times.at(0, 300), kReadout / 2, 1e-12);
   EXPECT_NEAR(times.at(639, 10), -kReadout / 2, 1e-12);
@@ -53,7 +53,7 @@ struct FitErrors {
 };
 
 FitErrors fitErrors(Lens lens, RectificationMode mode) {
-  lens.readout = kReadout;
+  lens.readout = {kReadout, 0};
   Rectification rectification;
   rectification.mode = mode;
   const PinholeCamera camera = Undistorter(lens, rectification).camera();

@@ -17,6 +17,15 @@ enum class LensModel {
   kEquidistant,  ///< k1 k2 k3 k4: fisheye; EquiDistant and KannalaBrandt of calibration files
 };
 
+/// Time from the first to the last row [s]; 0: global shutter, below 0: the last row is first.
+struct Readout {
+  double seconds = 0;
+  double sigma = 0;  ///< standard deviation [s]; above 0 the odometry estimates the readout
+};
+
+/// Of a camera of which nothing is known: the rows take at most the time between two frames.
+constexpr Readout kUnknownReadout{0, 0.02};
+
 /// The camera that took the images. The centre of the top-left pixel is (0, 0).
 struct Lens {
   LensModel model = LensModel::kPinhole;
@@ -27,8 +36,7 @@ struct Lens {
   std::array<double, 5> coefficients{};
   int width = 0;   ///< [px]; 0: as the images are
   int height = 0;  ///< [px]; 0: as the images are
-  /// Time from the first to the last row [s]; 0: global shutter, below 0: the last row is first.
-  double readout = 0;
+  Readout readout{};
   bool columns = false;  ///< columns are read one after the other instead of rows
 };
 

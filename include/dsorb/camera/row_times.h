@@ -12,7 +12,7 @@ namespace dsorb {
 /// sensor's rows are curves after rectification; a polynomial of third order in the pixel follows
 /// them.
 struct RowTimes {
-  double readout = 0;  ///< from the first to the last row (or column) [s]; below 0: the last first
+  Readout readout{};  ///< from the first to the last row (or column)
   /// Share of the readout, from -1/2 to 1/2: factors of 1, x, y, xx, xy, yy, xxx, xxy, xyy, yyy, x
   /// and y from -1 to 1 between the outermost pixel centres.
   std::array<double, 10> share{};
@@ -20,7 +20,7 @@ struct RowTimes {
   int height = 0;  ///< of the rectified images [px]
 
   /// @param x, y pixel of level 0
-  /// @return relative to the middle row [s]
+  /// @return relative to the middle row, by Readout::seconds [s]
   [[nodiscard]] double at(double x, double y) const;
 };
 

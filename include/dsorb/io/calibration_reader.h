@@ -4,6 +4,9 @@
 #include "dsorb/camera/calibration.h"
 
 #include <filesystem>
+#include <optional>
+#include <string_view>
+#include <vector>
 
 namespace dsorb {
 
@@ -15,6 +18,12 @@ namespace dsorb {
 /// @return a lens of size 0 where the file does not say it (KITTI, some files of OpenCV)
 /// @throws IoError naming file, line, key and expectation
 Calibration readCalibration(const std::filesystem::path& file, int kitti_camera = 0);
+
+constexpr double kMaxReadoutMs = 1000;
+
+/// Readout as calibrations and command lines say it: milliseconds, or "auto" for kUnknownReadout.
+/// @return nothing for other text, and beyond kMaxReadoutMs
+std::optional<Readout> parseReadout(std::string_view text);
 
 /// Response table of pcalib.txt: at least 256 increasing numbers on its first line, any scale.
 /// @return normalised to 0..255

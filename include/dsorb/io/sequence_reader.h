@@ -22,9 +22,9 @@ struct SequenceOptions {
   SequenceFormat format = SequenceFormat::kAuto;
   std::string calibration_file;  ///< empty: the one of the data set
   double horizontal_view = 0;  ///< [degrees] of a lens without distortion; 0: a calibration is read
-  std::optional<double> readout;  ///< [s] as Lens::readout; nothing: as calibrated
-  std::string response_file;      ///< empty: pcalib.txt of the data set, if there
-  std::string vignette_file;      ///< empty: vignette.png of the data set, if there
+  std::optional<Readout> readout;  ///< in place of the calibration's
+  std::string response_file;       ///< empty: pcalib.txt of the data set, if there
+  std::string vignette_file;       ///< empty: vignette.png of the data set, if there
   /// Image of pixels that no image uses (below 128), or folder with one for each image under its
   /// name (or with .png after or instead of its suffix). Empty: masks/ of the data set, if there.
   std::string mask;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/camera/calibration.h"
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/image/map_point.h"
 #include "dsorb/init/initializer.h"
@@ -39,6 +40,7 @@ struct KeyframeSnapshot {
   AffineBrightness affine;
   PinholeCamera camera;
   std::vector<MapPoint> points;
+  std::optional<Readout> readout{};  ///< estimated, where Lens::readout has a sigma
 };
 
 /// What the first adjustment of the window made of an initialization, the reference being at rest.
