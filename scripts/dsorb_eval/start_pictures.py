@@ -3,6 +3,7 @@
 
 A start of the evaluation is run once more, up to the frame that initialized, with --record: that leaves the rectified images, and
 with the initializer's own poses and inverse depths everything the two pictures need."""
+import json
 import math
 import subprocess
 from pathlib import Path
@@ -14,7 +15,7 @@ import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 from PIL import Image  # noqa: E402
 
-from . import pictures, plots, protocol, recording  # noqa: E402
+from . import pictures, plots, protocol  # noqa: E402
 from .judge import read_json  # noqa: E402
 
 TIMEOUT = 600  # [s]
@@ -55,7 +56,9 @@ def load_start(out):
     starts = (content or {}).get('initializations') or []
     if not starts:
         return None
-    files = {e['index']: out / e['file'] for e in recording.events(out / 'recording.jsonl') if e['kind'] == 'image' and e['file']}
+    whole_lines = (out / 'recording.jsonl').read_text().rpartition('\n')[0].splitlines()
+    events = [json.loads(line) for line in whole_lines]
+    files = {e['index']: out / e['file'] for e in events if e['kind'] == 'image' and e['file']}
     images = {}
     for index in (pose['index'] for pose in starts[0]['poses'] if pose['T_cam_ref'] is not None):
         with Image.open(files[index]) as image:

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""dsorb run VIDEO|FOLDER|BAG: poses and points of a video; dsorb export DIR: files for other programs; dsorb calibrate
-VIDEO: calibration from a chessboard."""
+"""dsorb run VIDEO|FOLDER|BAG: poses and points of a video; dsorb view DIR: the run in the Rerun viewer; dsorb export DIR:
+files for other programs; dsorb calibrate VIDEO: calibration from a chessboard."""
 import argparse
 import os
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
-from . import __version__, bags, calibrate
+from . import __version__, bags, calibrate, recording
 from .export import FORMATS, export
 from .pictures import view_of_exif
 from .run_folder import read_run
@@ -21,7 +22,7 @@ DESCRIPTION = '''\
 Poses of the camera and points of the scene from a video, a folder of images or a ROS bag.
 
   dsorb run clip.mp4 --calib camera.yaml --export colmap,nerfstudio
-  dsorb run images/ --hfov 65 --output out/mine
+  dsorb run images/ --hfov 65 --output out/mine --view
   dsorb export out/mine --format colmap --undistort
   dsorb calibrate board.mp4 --board 9x6 --output camera.txt'''
 RUN_EPILOG = '''\
@@ -89,11 +90,16 @@ def add_export_flags(parser):
                         help='the same, the focal length as well: where it is a guess')
 
 
-def parse(words):
-    parser = argparse.ArgumentParser('dsorb', description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter,
-                                     allow_abbrev=False)
-    parser.add_argument('--version', action='version', version=f'dsorb {__version__}')
-    commands = parser.add_subparsers(dest='command', required=True)
+def add_view_flags(parser, live):
+    where = parser.add_mutually_exclusive_group()
+    if live:
+        where.add_argument('--view', action='store_true', help='show the run in the Rerun viewer while it goes on')
+    where.add_argument('--serve', action='store_true', help='the same in a browser, also on another machine; until Ctrl-C')
+    where.add_argument('--save', metavar='FILE.rrd', type=Path, help='the same into a file, for `rerun FILE.rrd`')
+    parser.add_argument('--port', metavar='N', type=positive, default=9090, help='of --serve, which takes N+1, too; default 9090')
+
+
+def add_run(commands):
     run = commands.add_parser('run', help='poses and points of a video', epilog=RUN_EPILOG, allow_abbrev=False,
                               formatter_class=argparse.RawDescriptionHelpFormatter)
     run.add_argument('input', nargs='?', help='video file, folder or .zip of images, data set, ROS bag or MCAP file, '
@@ -104,9 +110,30 @@ def parse(words):
                      'exif: by the focal length that photographs note')
     run.add_argument('--output', metavar='DIR', type=Path, help='default out/<name of the input>')
     run.add_argument('--export', metavar='FORMATS', type=formats_of, default=[], help=','.join(FORMATS))
+    add_view_flags(run, live=True)
+    run.add_argument('--record', metavar='FILE', type=Path, help='what a view is made from; default with one: DIR/recording.jsonl')
     run.add_argument('--quiet', action='store_true', help='print errors only')
     run.add_argument('--help-all', action='store_true', help='the options of dso_dataset')
     add_export_flags(run)
+    return run
+
+
+def add_view(commands):
+    view = commands.add_parser('view', help='a run in the Rerun viewer', allow_abbrev=False)
+    view.add_argument('folder', metavar='DIR', help='output folder of a run with a recording in it, or the recording itself')
+    add_view_flags(view, live=False)
+    view.add_argument('--follow', action='store_true', help='go on with what a running program appends, until nothing came for a minute')
+    view.add_argument('--max-sigma', type=float, default=0.3, metavar='X', help='points whose inverse depth is less certain than '
+                      'this share of it are left out; default 0.3')
+
+
+def parse(words):
+    parser = argparse.ArgumentParser('dsorb', description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter,
+                                     allow_abbrev=False)
+    parser.add_argument('--version', action='version', version=f'dsorb {__version__}')
+    commands = parser.add_subparsers(dest='command', required=True)
+    run = add_run(commands)
+    add_view(commands)
     later = commands.add_parser('export', help='files for other programs from an output folder', allow_abbrev=False)
     later.add_argument('folder', metavar='DIR', type=Path, help='output folder of dsorb run or dso_dataset')
     later.add_argument('--format', metavar='FORMATS', type=formats_of, required=True, help=','.join(FORMATS))
@@ -157,26 +184,94 @@ def take_from_bag(args, output):
     return 0
 
 
-def run(args, rest):
-    output = args.output or default_output(args.input)
-    code = take_from_bag(args, output)
-    if code:
-        return code
-    words = [args.input, '--output', str(output), *rest]
+def open_window(args, name):
+    """Where the run is shown. Raises ValueError or OSError saying why it cannot be."""
+    try:
+        from . import rerun_view
+    except ImportError:
+        raise ValueError('--view, --serve and --save need the package rerun-sdk: pip install rerun-sdk') from None
+    window = rerun_view.Window(name, args.save, args.port if args.serve else None)
+    if window.address and not getattr(args, 'quiet', False):
+        print(f'{window.address}  (from elsewhere: the name of this machine in place of localhost, twice)', flush=True)
+    return window
+
+
+def serve_on(window, args):
+    """After the end: a browser may come later."""
+    if args.serve:
+        print('still there to be looked at; Ctrl-C ends it', flush=True)
+        try:
+            threading.Event().wait()
+        except KeyboardInterrupt:
+            pass
+    window.close()
+
+
+def view(args):
+    """@return exit code"""
+    try:
+        path = recording.find(args.folder)
+        window = open_window(args, str(path.resolve()))
+        images = window.play(path, recording.patient() if args.follow else None, args.max_sigma)
+    except (ValueError, OSError) as error:
+        print(f'dsorb: view: {error}', file=sys.stderr)
+        return RUNTIME_ERROR
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    print(f'{images} images' + (f'; {args.save}' if args.save else ''), flush=True)
+    serve_on(window, args)
+    return 0
+
+
+def words_of(args, rest, output):
+    """Arguments of dso_dataset. Raises ValueError or OSError where photographs note no focal length."""
     if args.hfov == 'exif':
         try:
             args.hfov = f'{view_of_exif(args.input):.3f}'
-        except (ValueError, OSError) as error:
-            print(f'dsorb: --hfov exif: {error}', file=sys.stderr)
-            return RUNTIME_ERROR
-    for flag, value in (('--calib', args.calib), ('--hfov', args.hfov)):
-        words += [flag, value] if value is not None else []
-    code = run_program(words + (['--quiet'] if args.quiet else []))
+        except ValueError as error:
+            raise ValueError(f'--hfov exif: {error}') from None
+    words = [args.input, '--output', str(output), *rest]
+    for flag, value in (('--calib', args.calib), ('--hfov', args.hfov), ('--record', args.record)):
+        words += [flag, str(value)] if value is not None else []
+    return words + (['--quiet'] if args.quiet else [])
+
+
+def run(args, rest):
+    output = args.output or default_output(args.input)
+    shown = args.view or args.serve or args.save
+    if shown and args.record is None:
+        args.record = output / 'recording.jsonl'
+    code = take_from_bag(args, output)
+    if code:
+        return code
+    try:
+        words = words_of(args, rest, output)
+        window = open_window(args, str(output.resolve())) if shown else None
+    except (ValueError, OSError) as error:
+        print(f'dsorb: {error}', file=sys.stderr)
+        return RUNTIME_ERROR
+    code = run_shown(words, window, args.record) if window else run_program(words)
     if code in (RUNTIME_ERROR, WRONG_OPTIONS) or code < 0:
         return code if code > 0 else RUNTIME_ERROR
     if not args.quiet:
-        print(summarize(read_run(output)))
-    return code if write_exports(output, args.export, args) else RUNTIME_ERROR
+        print(summarize(read_run(output)), flush=True)
+    code = code if write_exports(output, args.export, args) else RUNTIME_ERROR
+    if window:
+        serve_on(window, args)
+    return code
+
+
+def run_shown(words, window, record):
+    """The program, with what it records in a viewer. @return its exit code"""
+    from .rerun_view import Live
+    record.unlink(missing_ok=True)  # of an earlier run, which must not be shown first
+    live = Live(window, record)
+    try:
+        return run_program(words)
+    finally:
+        error = live.end()
+        if error:
+            print(f'dsorb: the view ended early: {error}', file=sys.stderr)
 
 
 def write_exports(folder, formats, args):
@@ -197,6 +292,8 @@ def main(words=None):
     args, rest = parse(words)
     if args.command == 'calibrate':
         sys.exit(run_calibrate(args))
+    if args.command == 'view':
+        sys.exit(view(args))
     if args.command == 'export':
         sys.exit(0 if write_exports(args.folder, args.format, args) else RUNTIME_ERROR)
     if not os.access(program(), os.X_OK):

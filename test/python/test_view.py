@@ -3,21 +3,29 @@
 import json
 import os
 import re
+import shutil
+import signal
+import socket
 import subprocess
 import sys
 import tempfile
 import threading
 import time
 import unittest
+import urllib.request
 from pathlib import Path
 
 import numpy as np
+from dsorb import recording
+from dsorb.recording import FormatError
 from PIL import Image
+from room import FRAMES, room, room_run, temporary_folder
 
-from dsorb_eval import recording, rerun_view
-from dsorb_eval.trajectory import FormatError
+try:
+    from dsorb import rerun_view
+except ImportError:
+    raise unittest.SkipTest('the package rerun-sdk is not installed') from None
 
-SCRIPTS = Path(__file__).resolve().parents[2] / 'scripts'
 CAMERA = dict(fx=100, fy=100, cx=31.5, cy=23.5, width=64, height=48)
 HEADER = dict(kind='header', format='dsorb-recording', version=1, program='p 1', dataset='d', initializer='orb', camera=CAMERA)
 
@@ -33,6 +41,13 @@ def frame_events(index, segment=0):
             dict(kind='pose', index=index, timestamp=index / 10, segment=segment, state='tracked', is_keyframe=True, pose=pose,
                  keyframe=index, rmse=4., affine=[0, 0]),
             dict(kind='tracks', index=index, segment=segment, source='map_points', tracks=[[3, 4, .5]])]
+
+
+def entities_of(file):
+    """Names of what is in an .rrd file."""
+    text = subprocess.run([shutil.which('rerun', path=Path(sys.executable).parent) or 'rerun', 'rrd', 'print', file], check=True,
+                          capture_output=True, text=True, env=dict(os.environ, HOME=str(temporary_folder()))).stdout
+    return set(re.findall(r'/segment_[\w/]+', text))
 
 
 class Recordings(unittest.TestCase):
@@ -73,7 +88,7 @@ class Recordings(unittest.TestCase):
                     file.write(piece)
         writer = threading.Thread(target=write)
         writer.start()
-        self.assertEqual([e['kind'] for e in recording.events(self.path, follow=True, patience=30)], ['header', 'lost', 'end'])
+        self.assertEqual([e['kind'] for e in recording.events(self.path, recording.patient(30))], ['header', 'lost', 'end'])
         writer.join()
 
     def test_mistakes_name_file_and_line(self):
@@ -92,10 +107,10 @@ class Recordings(unittest.TestCase):
         self.images(3)
         self.write([e for i in range(3) for e in frame_events(i)] + frame_events(0, segment=1))
         target = self.folder / 'run.rrd'
-        self.assertEqual(rerun_view.show(self.path, save=target), 4)
-        text = subprocess.run([Path(sys.executable).with_name('rerun'), 'rrd', 'print', target], check=True, capture_output=True,
-                              text=True, env=dict(os.environ, HOME=str(self.folder))).stdout
-        entities = set(re.findall(r'/segment_[\w/]+', text))
+        window = rerun_view.Window('test', save=target)
+        self.assertEqual(window.play(self.path), 4)
+        window.close()
+        entities = entities_of(target)
         for entity in ('camera', 'camera/image', 'camera/image/tracks', 'path/0', 'keyframes/2', 'map/2'):
             self.assertIn(f'/segment_0/{entity}', entities)
         self.assertIn('/segment_1/map/0', entities)
@@ -111,20 +126,50 @@ class Recordings(unittest.TestCase):
         strips = [np.array(logged[f's/path/{chunk}'].strips.as_arrow_array().to_pylist()[0]) for chunk in range(3)]
         self.assertEqual([(s[0][0], s[-1][0]) for s in strips], [(0, 100), (100, 200), (200, 249)])
 
-    @unittest.skipUnless(os.path.exists(os.environ.get('DSO_DATASET', '')), 'DSO_DATASET names no program')
-    def test_what_the_program_records_is_understood(self):
-        subprocess.run([os.environ['DSO_SYNTHESIZE'], 'room', '-o', self.folder / 'room', '--frames', '20', '--width', '320', '--height',
-                        '240', '--threads', '1', '--quiet'], check=True)
-        out = self.folder / 'out'
-        subprocess.run([os.environ['DSO_DATASET'], self.folder / 'room', '--output', out, '--record', out / 'recording.jsonl',
-                        '--threads', '1', '--quiet'], check=True)
-        answer = subprocess.run([sys.executable, SCRIPTS / 'view_rerun.py', out, '--save', self.folder / 'run.rrd'],
-                                capture_output=True, text=True, env=dict(os.environ, DSORB_VENV=sys.prefix))
-        self.assertEqual(answer.returncode, 0, answer.stderr)
-        self.assertIn('20 images', answer.stdout)
-        kinds = [event['kind'] for event in recording.events(out / 'recording.jsonl')]
-        self.assertEqual(set(kinds), {'header', 'image', 'init', 'pose', 'keyframe', 'points', 'tracks', 'end'})
-        self.assertGreater((self.folder / 'run.rrd').stat().st_size, 20 * 1000)  # the images alone
+
+class Commands(unittest.TestCase):
+    def dsorb(self, *words):
+        return subprocess.run([sys.executable, '-m', 'dsorb.command_line', *map(str, words)], capture_output=True, text=True,
+                              check=False)
+
+    def test_a_run_is_saved_while_it_goes_on_and_viewed_later(self):
+        output = temporary_folder() / 'out'
+        done = self.dsorb('run', room(), '--output', output, '--save', output / 'run.rrd')
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn(f'{FRAMES} of {FRAMES} images have a pose', done.stdout)
+        self.assertEqual((output / 'trajectory.txt').read_bytes(), (room_run() / 'trajectory.txt').read_bytes())
+        entities = entities_of(output / 'run.rrd')
+        self.assertLessEqual({f'/segment_0/{name}' for name in ('camera', 'camera/image', 'camera/image/tracks', 'path/0', 'map/0',
+                                                                'keyframes/0')}, entities)
+        kinds = {event['kind'] for event in recording.events(output / 'recording.jsonl')}
+        self.assertEqual(kinds, {'header', 'image', 'init', 'pose', 'keyframe', 'points', 'tracks', 'end'})
+        done = self.dsorb('view', output, '--save', output / 'again.rrd')
+        self.assertEqual((done.returncode, done.stdout), (0, f'{FRAMES} images; {output / "again.rrd"}\n'), done.stderr)
+        self.assertEqual(entities_of(output / 'again.rrd'), entities)
+
+    def test_a_browser_may_look_after_the_run(self):
+        with socket.socket() as free:
+            free.bind(('127.0.0.1', 0))
+            port = min(free.getsockname()[1], 65000)
+        output = temporary_folder() / 'out'
+        with subprocess.Popen([sys.executable, '-m', 'dsorb.command_line', 'run', room(), '--output', output, '--end', '20', '--serve',
+                               '--port', str(port)], stdout=subprocess.PIPE, text=True) as process:
+            lines = iter(process.stdout.readline, '')
+            self.assertIn(f'http://localhost:{port}/', next(lines))
+            self.assertTrue(any('Ctrl-C ends it' in line for line in lines))
+            with urllib.request.urlopen(f'http://localhost:{port}/', timeout=30) as page:
+                self.assertIn(b'rerun', page.read().lower())
+            process.send_signal(signal.SIGINT)
+            self.assertEqual(process.wait(30), 0)
+
+    def test_what_is_missing_is_said(self):
+        done = self.dsorb('view', room_run(), '--save', temporary_folder() / 'run.rrd')
+        self.assertEqual((done.returncode, 'no recording (*.jsonl); make one with' in done.stderr), (1, True), done.stderr)
+        done = self.dsorb('run', temporary_folder(), '--save', '/proc/nowhere/run.rrd')
+        self.assertEqual((done.returncode, '/proc/nowhere' in done.stderr), (1, True), done.stderr)
+        done = self.dsorb('run', '/nowhere', '--output', temporary_folder() / 'out', '--save', temporary_folder() / 'run.rrd')
+        self.assertEqual((done.returncode, '/nowhere: no such file' in done.stderr), (1, True), done.stderr)
+        self.assertNotIn('Traceback', done.stderr)
 
 
 if __name__ == '__main__':

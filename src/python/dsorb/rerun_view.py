@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A recording in the Rerun viewer: images with what is tracked in them, camera path, keyframes, the growing map.
 
-Every segment of a run is a space of its own, `segment_<n>`: it has its own origin and unit."""
+Every segment of a run is a space of its own, `segment_<n>`: it has its own origin and unit. Needs the package rerun-sdk."""
+from __future__ import annotations
+
 import colorsys
+import threading
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, Optional
 
 import numpy as np
 import rerun as rr
@@ -11,6 +16,7 @@ import rerun as rr
 from . import recording
 
 APPLICATION = 'dsorb'
+MAX_RELATIVE_SIGMA = .3  # of the inverse depths of points that are shown
 TIMELINE = 'frame'  # counts the images given; positions and times run backwards in a reversed run
 PATH_CHUNK = 100  # camera positions an entity: logging one strip of all at every frame would grow with the square
 FRUSTUM = .08  # depth of a keyframe's drawn pyramid, in units of its segment
@@ -18,7 +24,7 @@ PATH_COLOUR, KEYFRAME_COLOUR, FINAL_COLOUR = (31, 79, 214), (44, 160, 44), (120,
 NEAR_HUE, FAR_HUE = 0., .67  # red to blue, as in the program's figures
 
 
-def depth_colours(inverse_depths):
+def depth_colours(inverse_depths: Any) -> np.ndarray:
     """Colours from near red to far blue, between the 5th and 95th percentile."""
     values = np.asarray(inverse_depths, float)
     if not len(values):
@@ -31,26 +37,26 @@ def depth_colours(inverse_depths):
 class View:
     """Logs events one after the other; `stream` is a rerun.RecordingStream."""
 
-    def __init__(self, path, stream, max_relative_sigma):
+    def __init__(self, path: Path, stream: Any, max_relative_sigma: float):
         self.folder, self.stream, self.max_relative_sigma = Path(path).resolve().parent, stream, max_relative_sigma
         self.camera, self.images, self.rectified = None, 0, False
         self.paths, self.keyframe_poses, self.known, self.started = {}, {}, set(), set()
         self.handlers = dict(header=self.header, image=self.image, init=self.init, tracks=self.tracks, pose=self.pose,
                              keyframe=self.keyframe, points=self.points, lost=self.lost, end=self.end)
 
-    def show(self, event):
+    def show(self, event: dict) -> None:
         """One event; kinds of later versions are skipped."""
         handler = self.handlers.get(event['kind'])
         if handler:
             handler(event)
 
-    def log(self, entity, what, static=False):
+    def log(self, entity: str, what: Any, static: bool = False) -> None:
         rr.log(entity, what, static=static, recording=self.stream)
 
-    def say(self, text, level=rr.TextLogLevel.INFO):
+    def say(self, text: str, level: str = rr.TextLogLevel.INFO) -> None:
         self.log('log', rr.TextLog(text, level=level))
 
-    def root(self, event):
+    def root(self, event: dict) -> str:
         """The space of an event's segment, set up when first seen."""
         segment = event['segment']
         root = f'segment_{segment}'
@@ -60,16 +66,16 @@ class View:
             self.log(f'{root}/camera/image', self.pinhole(.25), static=True)
         return root
 
-    def pinhole(self, size):
+    def pinhole(self, size: float) -> rr.Pinhole:
         c = self.camera
         return rr.Pinhole(focal_length=[c['fx'], c['fy']], principal_point=[c['cx'] + .5, c['cy'] + .5],  # Rerun counts from the corner
                           resolution=[c['width'], c['height']], image_plane_distance=size)
 
-    def header(self, event):
+    def header(self, event: dict) -> None:
         self.camera = event['camera']
         self.say(f"{event['program']}, {event['initializer']}, {event['dataset']}")
 
-    def image(self, event):
+    def image(self, event: dict) -> None:
         rr.set_time(TIMELINE, sequence=self.images, recording=self.stream)
         self.images += 1
         root, self.rectified = self.root(event), bool(event.get('rectified'))
@@ -78,7 +84,7 @@ class View:
         if file is not None and file.exists():
             self.log(f'{root}/camera/image', rr.EncodedImage(path=file))
 
-    def init(self, event):
+    def init(self, event: dict) -> None:
         root = self.root(event)
         self.say(f"frame {event['index']}: {event['status']} ({event['reason']})")
         if event['segment'] in self.started:  # the initializer is asked again: its start was taken back
@@ -93,12 +99,12 @@ class View:
         self.paths[root] = [*positions, *self.paths.get(root, [])]
         self.log_path(root, 0)
 
-    def tracks(self, event):
+    def tracks(self, event: dict) -> None:
         tracks = np.array(event['tracks'], float).reshape(-1, 3)
         if self.rectified:
             self.log(f'{self.root(event)}/camera/image/tracks', rr.Points2D(tracks[:, :2] + .5, colors=depth_colours(tracks[:, 2]), radii=2.))
 
-    def pose(self, event):
+    def pose(self, event: dict) -> None:
         root = self.root(event)
         if event['pose'] is None:
             return
@@ -109,14 +115,14 @@ class View:
         if event.get('rmse') is not None:
             self.log('tracking_rmse', rr.Scalars(event['rmse']))
 
-    def log_path(self, root, first):
+    def log_path(self, root: str, first: int) -> None:
         """The pieces of the camera path from a position on; neighbours share one position."""
         path = self.paths[root]
         for chunk in range(max(0, first - 1) // PATH_CHUNK, (len(path) - 1) // PATH_CHUNK + 1):
             piece = path[chunk * PATH_CHUNK:(chunk + 1) * PATH_CHUNK + 1]
             self.log(f'{root}/path/{chunk}', rr.LineStrips3D([np.array(piece)], colors=[PATH_COLOUR]))
 
-    def keyframe(self, event):
+    def keyframe(self, event: dict) -> None:
         root, T_world_cam = self.root(event), recording.pose(event['pose'])
         self.keyframe_poses[event['segment'], event['index']] = T_world_cam
         c = self.camera
@@ -127,7 +133,7 @@ class View:
         self.log(entity, rr.LineStrips3D([s @ T_world_cam[:3, :3].T + T_world_cam[:3, 3] for s in strips],
                                          colors=[FINAL_COLOUR if event['final'] else KEYFRAME_COLOUR]))
 
-    def points(self, event):
+    def points(self, event: dict) -> None:
         pose = self.keyframe_poses.get((event['segment'], event['keyframe']))
         points = recording.certain(event['points'], self.max_relative_sigma)
         if pose is None:
@@ -136,24 +142,62 @@ class View:
         self.log(f"{self.root(event)}/map/{event['keyframe']}",
                  rr.Points3D(recording.world_points(points, pose, self.camera), colors=np.repeat(grey, 3, axis=1)))
 
-    def lost(self, event):
+    def lost(self, event: dict) -> None:
         self.say(f"frame {event['index']}: lost", rr.TextLogLevel.WARN)
 
-    def end(self, event):
+    def end(self, event: dict) -> None:
         self.say(f"end: {event['status']}")
 
 
-def show(path, save=None, follow=False, patience=60., max_relative_sigma=.3):
-    """Shows a recording, or writes it to an .rrd file without any window.
+class Window:
+    """Where a recording is shown: a window of the viewer, an .rrd file (`save`), or a browser (`serve`, a port).
 
-    @return number of images shown"""
-    stream = rr.RecordingStream(APPLICATION, recording_id=Path(path).resolve().as_posix())
-    if save:
-        stream.save(str(save))
-    else:
-        stream.spawn()
-    view = View(path, stream, max_relative_sigma)
-    for event in recording.events(path, follow, patience):
-        view.show(event)
-    stream.flush()
-    return view.images
+    Raises OSError where the file cannot be written or the port is taken."""
+
+    def __init__(self, name: str, save: Optional[Path] = None, serve: Optional[int] = None):
+        self.stream, self.address = rr.RecordingStream(APPLICATION, recording_id=name), None
+        if save:
+            save.parent.mkdir(parents=True, exist_ok=True)
+            save.open('wb').close()  # rerun only logs that it could not
+            self.stream.save(str(save))
+        elif serve:
+            server = self.stream.serve_grpc(grpc_port=serve + 1)
+            rr.serve_web_viewer(web_port=serve, open_browser=False, connect_to=server)
+            self.address = f'http://localhost:{serve}/?url={server}'
+        else:
+            self.stream.spawn()
+
+    def play(self, path: Path, going: Optional[Callable[[bool], bool]] = None,
+             max_relative_sigma: float = MAX_RELATIVE_SIGMA) -> int:
+        """Shows a recording. @return number of images shown"""
+        view = View(path, self.stream, max_relative_sigma)
+        for event in recording.events(path, going):
+            view.show(event)
+        self.stream.flush()
+        return view.images
+
+    def close(self) -> None:
+        self.stream.disconnect()
+
+
+class Live:
+    """Shows a recording in a thread while a run writes it."""
+
+    def __init__(self, window: Window, path: Path):
+        self.window, self.error, self.over = window, None, threading.Event()
+        self.thread = threading.Thread(target=self.work, args=[path], daemon=True)
+        self.thread.start()
+
+    def work(self, path: Path) -> None:
+        try:
+            self.window.play(path, lambda _: not self.over.is_set())
+        except FileNotFoundError:  # the run ended before it had an image, and said so
+            pass
+        except Exception as error:  # a view that fails is no reason to end a run
+            self.error = error
+
+    def end(self) -> Optional[Exception]:
+        """Waits until everything is shown. @return what went wrong, or None"""
+        self.over.set()
+        self.thread.join()
+        return self.error
