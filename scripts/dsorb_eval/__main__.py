@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One step of the workflow: `python -m dsorb_eval run PLAN KEY RECORD` or `python -m dsorb_eval report PLAN`."""
+"""One step of a workflow: `python -m dsorb_eval run PLAN KEY RECORD` or `report PLAN` of an evaluation, `video LIST NAME
+RECORD TIMEOUT COMMAND ARGUMENTS` or `table LIST TABLE` of a collection."""
 import json
 import sys
 from pathlib import Path
@@ -23,6 +24,13 @@ def main():
     elif sys.argv[1:2] == ['report'] and len(sys.argv) == 3:
         from . import report
         report.write(Path(sys.argv[2]).parent)
+    elif sys.argv[1:2] == ['video'] and len(sys.argv) == 8:
+        from . import collection, runner
+        runner.install_terminate_handler()
+        collection.run(sys.argv[2], sys.argv[3], sys.argv[4], int(sys.argv[5]), *sys.argv[6:])
+    elif sys.argv[1:2] == ['table'] and len(sys.argv) == 4:
+        from . import collection
+        print(collection.write_table(*sys.argv[2:]))
     else:
         sys.exit(__doc__)
 

@@ -26,7 +26,7 @@ Poses of the camera and points of the scene from a video, a folder of images or 
   dsorb export out/mine --format colmap --undistort
   dsorb calibrate board.mp4 --board 9x6 --output camera.txt'''
 RUN_EPILOG = '''\
-All other options are those of dso_dataset (dsorb run --help-all): --set key=value, --width, --every, --from, --to,
+All other options are those of dso_dataset (dsorb run --help-all) and stand after the input: --set key=value, --width, --every, --from, --to,
 --mask, --initializer, ... Exit codes: 0 tracked to the end, 1 unreadable data or failed export, 2 wrong options,
 3 never initialized or lost for good.'''
 

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""`dsorb run` over a list of videos by scripts/Snakefile."""
+import csv
+import importlib.util
+import subprocess
+import sys
+import unittest
+from pathlib import Path
+
+from room import FRAMES, room, temporary_folder
+
+if not importlib.util.find_spec('snakemake'):
+    raise unittest.SkipTest('the package snakemake is not installed')
+try:
+    from pyarrow import parquet
+except ImportError:
+    parquet = None
+
+SCRIPTS = Path(__file__).resolve().parents[2] / 'scripts'
+
+
+def collect(folder, *config):
+    """One call of Snakemake. @return rows of the table by the stem of the video"""
+    done = subprocess.run([sys.executable, '-m', 'snakemake', '-s', SCRIPTS / 'Snakefile', '--directory', folder, '--profile',
+                           SCRIPTS / 'profiles/videos', '--cores', '2', '--config', f'videos={folder / "list.txt"}',
+                           f'dsorb={sys.executable} -m dsorb.command_line', *config], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise AssertionError(done.stdout + done.stderr)
+    with (folder / 'table.csv').open(newline='') as file:
+        return {Path(row['video']).stem: row for row in csv.DictReader(file)}
+
+
+class Collection(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = temporary_folder()
+        (cls.folder / 'text file.mp4').write_text('no video')
+        cls.list = cls.folder / 'list.txt'
+        cls.list.write_text(f"# good, bad, missing\n{room()}  # the room\n'text file.mp4' --hfov 77\nmissing.mp4 --hfov 77\n")
+        cls.rows = collect(cls.folder)
+
+    def test_a_row_for_each(self):
+        good = self.rows['room']
+        self.assertEqual((good['status'], good['exit_code'], good['error'], good['images'], good['share_posed'], good['segments']),
+                         ('tracked', '0', '', str(FRAMES), '1.0', '1'))
+        self.assertLessEqual(float(good['wrong_probability']), 0.01)  # the gate's limit
+        self.assertGreater(float(good['ms_per_image']), 0)
+        for name, text in (('text file', 'no video that can be decoded'), ('missing', 'no such file')):
+            row = self.rows[name]
+            self.assertEqual((row['status'], row['exit_code'], row['images'], row['share_posed']), ('error', '1', '0', ''))
+            self.assertIn(text, row['error'])
+
+    @unittest.skipUnless(parquet, 'the package pyarrow is not installed')
+    def test_parquet_has_the_same(self):
+        table = parquet.read_table(self.folder / 'table.parquet').to_pylist()
+        self.assertEqual([row['exit_code'] for row in table[:3]], [0, 1, 1])
+        self.assertEqual(table[0]['share_posed'], 1.0)
+        self.assertIsNone(table[1]['share_posed'])
+
+    def test_only_what_is_new_is_run(self):
+        before = {file: file.stat().st_mtime_ns for file in self.folder.glob('videos/*/record.json')}
+        self.assertEqual(len(before), 3)
+        with self.list.open('a') as file:
+            file.write(f'{room()} --end 12\n')
+        rows = collect(self.folder)
+        self.assertEqual(rows['room']['images'], '12')  # the later line of two with this stem
+        self.assertEqual({file: file.stat().st_mtime_ns for file in before}, before)
+
+
+if __name__ == '__main__':
+    unittest.main()
