@@ -47,6 +47,7 @@ def main():
     if not trajectory.exists():
         trajectory = args.out_dir / 'trajectory.txt'
     whole = metrics.trajectory_errors(tr.load_tum(trajectory), truth)
+    errors = metrics.tracking_nees(tr.load_motions(args.out_dir / 'frames.csv', starts[0]['segment']), truth)
     rows = [('frames until initialized', f"{starts[0]['frames_given']}"),
             ('time of the frame that initialized', f"{starts[0]['milliseconds']['last_frame']:.0f} ms"),
             ('points handed over', f"{len(starts[0]['points'])}"),
@@ -55,6 +56,8 @@ def main():
             ('median depth error of the start', f'{100 * depth_error(starts[0], args.sequence):.2f} %'),
             ('frames tracked afterwards', f"{run['frames_tracked']} of {run['frames_given'] - starts[0]['frames_given']}, {run['segments']} segment(s)"),
             ('trajectory error (RMS) over the way', f"{whole['ate']:.3f} m of {whole['path']:.1f} m, {100 * whole['ate_over_path']:.2f} %")]
+    if errors:
+        rows.append(('error^2 / variance of tracked poses', f"{errors['nees_tracked_rot']:.2f} rotation, {errors['nees_tracked_trans']:.2f} translation"))
     for name, value in rows:
         print(f'  {name:<38}{value}')
 

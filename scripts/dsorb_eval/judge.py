@@ -125,6 +125,7 @@ def judge_files(out, sequence, with_evo):
         figures['tracked_after'] = figures['tracked'] / len(later) if later else None
         if truth is not None:
             figures.update(judge_trajectories(out, frames, starts, truth, with_evo))
+            figures.update(metrics.tracking_nees(tr.load_motions(out / 'frames.csv', starts[0]['segment']), truth))
     return figures
 
 

@@ -36,6 +36,8 @@ COLUMNS = dict(
     nees='error^2 / variance of the initial inverse depths, median (0.45 is ideal)',
     nees_rot='the same of the rotation components of the initial pose',
     nees_dir='the same of its direction components',
+    nees_tracked_rot='the same of the rotations of tracked frames relative to their keyframes, a degree of freedom, median over the frames (0.79 is ideal)',
+    nees_tracked_trans='the same of their translations',
     points='initial points in the reference, median',
     ms_init='milliseconds of all frames until initialized, median',
     ms_last='milliseconds of the frame that succeeded, median',
@@ -116,7 +118,8 @@ def summarize(runs):
     paths = dict(ate=('frames', 'ate_over_path'), ate_kf=('keyframes', 'ate_over_path'), rpe=('frames', 'rpe_over_path'),
                  rpe_kf=('keyframes', 'rpe_over_path'), tracked=('tracked',), tracked_after=('tracked_after',))
     row.update({column: percentile(value_of(run.figures, *keys) for run in started) for column, keys in paths.items()})
-    row.update({column: percentile(value_of(run.figures, column) for run in runs) for column in ('ms_track', 'mb')})
+    single = ('ms_track', 'mb', 'nees_tracked_rot', 'nees_tracked_trans')
+    row.update({column: percentile(value_of(run.figures, column) for run in runs) for column in single})
     return {column: row[column] for column in COLUMNS}
 
 

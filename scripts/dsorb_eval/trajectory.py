@@ -124,6 +124,21 @@ def load_tum(path):
     return tidy(rows)
 
 
+def load_motions(path, segment):
+    """Tracked poses of frames.csv relative to their keyframes, with covariances, as metrics.tracking_nees takes them;
+    none in tables without these columns."""
+    with open(path, newline='') as file:
+        rows = list(csv.DictReader(file))
+    times, motions = {row['index']: float(row['timestamp']) for row in rows}, []
+    for row in rows:
+        if row['state'] != 'tracked' or int(row['segment']) != segment or not row.get('cov_00') or row['keyframe'] not in times:
+            continue
+        pose = pose_of([0, *(float(row[f'rel_{name}']) for name in ('tx', 'ty', 'tz', 'qx', 'qy', 'qz', 'qw'))])
+        covariance = [[float(row[f'cov_{min(i, j)}{max(i, j)}']) for j in range(6)] for i in range(6)]
+        motions.append((float(row['timestamp']), times[row['keyframe']], pose, covariance))
+    return motions
+
+
 def load_kitti(path, timestamps):
     """Trajectory of a KITTI pose file (3x4 matrices, one line an image) with the times of those images."""
     poses = np.loadtxt(path, ndmin=2)

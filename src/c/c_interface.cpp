@@ -152,6 +152,24 @@ dsorb_state stateOf(dsorb::OdometryState state) {
   return DSORB_INITIALIZING;
 }
 
+dsorb_estimate estimateOf(const dsorb::FrameEstimate& made) {
+  dsorb_estimate estimate{};
+  estimate.state = stateOf(made.state);
+  estimate.is_keyframe = made.is_keyframe ? 1 : 0;
+  estimate.segment = made.segment;
+  estimate.keyframe = made.keyframe ? made.keyframe->value : -1;
+  if (made.T_world_cam) {
+    estimate.has_pose = 1;
+    writePose(*made.T_world_cam, estimate.world_from_cam);
+  }
+  if (made.T_cam_keyframe) writePose(*made.T_cam_keyframe, estimate.cam_from_keyframe);
+  if (made.covariance) {
+    estimate.has_covariance = 1;
+    std::copy_n(made.covariance->data(), made.covariance->size(), estimate.covariance);
+  }
+  return estimate;
+}
+
 }  // namespace
 
 const char* dsorb_version(void) {
@@ -245,9 +263,7 @@ dsorb_status dsorb_odometry_add(dsorb_odometry* odometry,
     require(odometry, "odometry");
     require(estimate, "estimate");
     const dsorb::FrameEstimate made = odometry->odometry->process(frameOf(image, odometry->camera));
-    *estimate = {
-        stateOf(made.state), made.T_world_cam ? 1 : 0, made.is_keyframe ? 1 : 0, made.segment, {}};
-    if (made.T_world_cam) writePose(*made.T_world_cam, estimate->world_from_cam);
+    *estimate = estimateOf(made);
   });
 }
 

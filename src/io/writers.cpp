@@ -2,6 +2,7 @@
 #include "dsorb/io/writers.h"
 
 #include "io/figures.h"
+#include "io/frame_table.h"
 #include "io/initialization_writer.h"
 #include "io/output_file.h"
 #include "io/points_ply.h"
@@ -26,14 +27,6 @@ std::string firstSummary(const RunInfo& info) {
   return io::jsonText(io::runJson(info, {}, io::RunRecord({}), {}));
 }
 
-/// Text as RFC 4180 has it: in quotes where it holds a comma, a quote or a line break.
-std::string csvField(const std::string& text) {
-  if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
-  std::string field = "\"";
-  for (const char c : text) field += c == '"' ? std::string("\"\"") : std::string(1, c);
-  return field + "\"";
-}
-
 /// Keyframes from which on the files that are replaced as a whole are worth it again: each a tenth
 /// after the one before, so that writing stays linear in the length of the run.
 std::size_t nextWriting(std::size_t keyframes) {
@@ -54,23 +47,12 @@ class RunWriter::Impl {
         keyframes(folder, "keyframes"),
         initializations(folder / "initialization.json", run_info.initializer),
         points(folder) {
-    frames_csv.append(
-        "index,timestamp,state,milliseconds,is_keyframe,tracking_rmse,segment,image\n");
+    frames_csv.append(io::frameTableHeader());
     io::replaceFile(folder / "config.yaml", info.config_yaml);
   }
 
   void writeFrameLine(const FrameTiming& timing, const std::string& image_file) {
-    const FrameEstimate& estimate = *record.estimate();
-    const float rmse = record.notes().newest().tracking_rmse;
-    frames_csv.append(fmt::format("{},{:.9f},{},{:.3f},{},{},{},{}\n",
-                                  estimate.frame->id().value,
-                                  estimate.frame->timestamp(),
-                                  name(estimate.state),
-                                  timing.work_milliseconds,
-                                  estimate.is_keyframe ? 1 : 0,
-                                  rmse >= 0 ? fmt::format("{:.4f}", rmse) : "",
-                                  estimate.segment,
-                                  csvField(image_file)));
+    frames_csv.append(io::frameTableLine(*record.estimate(), timing.work_milliseconds, image_file));
   }
 
   void writeInitialFigures() const {

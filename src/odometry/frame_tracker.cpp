@@ -63,6 +63,7 @@ TrackedPose FrameTracker::track(const Frame& frame) {
   pose.good = true;
   pose.keyframe = target_->frame->id();
   pose.T_cam_keyframe = result.T_frame_reference;
+  pose.covariance = result.covariance;
   pose.T_cam_world = result.T_frame_reference * target_->T_cam_world;
   pose.affine = affine_ = result.affine;
   pose.wants_keyframe = needsKeyframe(frame, result);

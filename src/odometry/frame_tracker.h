@@ -35,6 +35,7 @@ struct TrackedPose {
   bool good = false;  ///< else only `rmse` has a meaning
   FrameId keyframe;   ///< the target
   SE3 T_cam_keyframe;
+  std::optional<Matrix6d> covariance;  ///< of exp(xi) * T_cam_keyframe, [translation; rotation]
   SE3 T_cam_world;
   AffineBrightness affine;
   std::optional<double> rmse;   ///< level 0 [grey levels]

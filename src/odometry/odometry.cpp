@@ -185,6 +185,7 @@ class Odometry::Impl {
     estimate.T_world_cam = pose.T_cam_world.inverse();
     estimate.keyframe = pose.keyframe;
     estimate.T_cam_keyframe = pose.T_cam_keyframe;
+    estimate.covariance = pose.covariance;
     estimate.affine = pose.affine;
     estimate.tracking_rmse = pose.rmse;
     mapper_.submit({frame, std::move(pose), estimate.is_keyframe});

@@ -109,4 +109,10 @@ std::optional<Matrix4> matrixOf(const std::optional<SE3>& pose) {
   return matrixOf(*pose);
 }
 
+std::optional<Covariance> covarianceOf(const std::optional<Matrix6d>& matrix) {
+  if (!matrix) return std::nullopt;  // symmetric: columns are rows
+  return arrayOf<Covariance>(std::vector<double>(matrix->data(), matrix->data() + matrix->size()),
+                             {6, 6});
+}
+
 }  // namespace dsorb::python

@@ -55,5 +55,6 @@ Array arrayOf(std::vector<Value> values, std::initializer_list<std::size_t> shap
 
 Matrix4 matrixOf(const SE3& pose);
 std::optional<Matrix4> matrixOf(const std::optional<SE3>& pose);
+std::optional<Covariance> covarianceOf(const std::optional<Matrix6d>& matrix);
 
 }  // namespace dsorb::python

@@ -84,13 +84,6 @@ class LockedInitializer {
   int next_id_ = 0;
 };
 
-std::optional<Covariance> covarianceOf(const StartFrame& frame) {
-  if (!frame.covariance) return std::nullopt;  // symmetric: columns are rows
-  const Matrix6d& matrix = *frame.covariance;
-  return arrayOf<Covariance>(std::vector<double>(matrix.data(), matrix.data() + matrix.size()),
-                             {6, 6});
-}
-
 nb::dict reportOf(const InitReport& report) {
   nb::dict stages;
   for (const StageTime& stage : report.stages) stages[stage.stage.c_str()] = stage.milliseconds;
@@ -125,10 +118,11 @@ void bindStart(nb::module_& m) {
           "brightness",
           [](const StartFrame& f) { return std::make_pair(f.affine.a, f.affine.b); },
           "Log gain [-] and offset [grey levels] relative to the reference.")
-      .def_prop_ro("covariance",
-                   &covarianceOf,
-                   nb::rv_policy::automatic,
-                   "(6, 6) of exp(xi) * T_cam_ref, [translation; rotation]; or None.");
+      .def_prop_ro(
+          "covariance",
+          [](const StartFrame& f) { return covarianceOf(f.covariance); },
+          nb::rv_policy::automatic,
+          "(6, 6) of exp(xi) * T_cam_ref, [translation; rotation]; or None.");
 
   nb::class_<Initialization> type(m,
                                   "Initialization",

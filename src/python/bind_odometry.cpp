@@ -194,6 +194,13 @@ void bindEstimate(nb::module_& m) {
           nb::rv_policy::automatic,
           "(4, 4): pose relative to that keyframe, before any adjustment.")
       .def_prop_ro(
+          "covariance",
+          [](const Estimate& e) { return covarianceOf(e.frame.covariance); },
+          nb::rv_policy::automatic,
+          "(6, 6): of a left increment of T_cam_keyframe, [translation; rotation], in the "
+          "segment's "
+          "unit and rad; None: there is none.")
+      .def_prop_ro(
           "brightness",
           [](const Estimate& e) { return std::make_pair(e.frame.affine.a, e.frame.affine.b); },
           "Log gain [-] and offset [grey levels].")

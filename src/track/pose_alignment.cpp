@@ -355,6 +355,7 @@ class PoseAlignment::Problem {
   }
 
   [[nodiscard]] const Evaluation& current() const { return current_; }
+  [[nodiscard]] const PoseEquations& equations() const { return equations_; }
   [[nodiscard]] bool cutoffRaised() const { return cutoff_ > kCutoff; }
 
  private:
@@ -383,6 +384,7 @@ LevelResult PoseAlignment::align(const AlignmentLevel& level,
       static_cast<double>(current.used) /
       static_cast<double>(std::max<std::size_t>(level.reference.points(level.level).size(), 1));
   result.cutoff_raised = problem.cutoffRaised();
+  result.equations = problem.equations();
   return result;
 }
 

@@ -118,6 +118,7 @@ struct LevelResult {
   double inside_fraction = 0;  ///< points inside the frame, of all points of the level
   int iterations = 0;
   bool cutoff_raised = false;
+  PoseEquations equations;  ///< of the state found
 };
 
 /// Direct alignment of one pyramid level: residuals, normal equations and the damped iteration.

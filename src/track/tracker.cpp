@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "track/tracker.h"
 
+#include "track/tracking_covariance.h"
+
 #include <cmath>
 #include <limits>
 #include <stdexcept>
@@ -114,6 +116,7 @@ Tracker::Descent Tracker::descend(const Frame& frame,
         kMaxIterations[l],
         descent.state);
     descent.rmse[l] = result.rmse;
+    descent.equations = result.equations;
     descent.saturated_fraction = result.saturated_fraction;
     descent.inside_fraction = result.inside_fraction;
     if (!std::isfinite(result.rmse) || result.rmse > kAbortFactor * bounds[l]) {
@@ -146,6 +149,8 @@ void Tracker::search(const Frame& frame,
       best.failure = TrackingFailure::kNone;
       best.T_frame_reference = descent.state.T_frame_reference;
       best.affine = descent.state.affine;
+      best.covariance = trackingCovariance(
+          descent.equations, descent.rmse[0], descent.state.T_frame_reference, brightness_);
       best.saturated_fraction = descent.saturated_fraction;
       best.inside_fraction = descent.inside_fraction;
     } else if (best.hypotheses_tried == 1) {

@@ -53,7 +53,8 @@ struct TrackingResult {
       TrackingFailure::kDiverged;  ///< of the first hypothesis if none is good
   SE3 T_frame_reference;           ///< the first guess if none is good
   AffineBrightness affine;
-  LevelRmse rmse = kUnsetRmse;  ///< lowest of the good hypotheses
+  std::optional<Matrix6d> covariance;  ///< of exp(xi) * T_frame_reference, [translation; rotation]
+  LevelRmse rmse = kUnsetRmse;         ///< lowest of the good hypotheses
   FlowIndicators flow;
   double saturated_fraction = 0;  ///< level 0
   double inside_fraction = 0;     ///< level 0
@@ -104,6 +105,7 @@ class Tracker {
     AlignmentState state;
     TrackingFailure failure = TrackingFailure::kNone;
     LevelRmse rmse = kUnsetRmse;
+    PoseEquations equations;  ///< of the finest level reached
     double saturated_fraction = 0;
     double inside_fraction = 0;
   };

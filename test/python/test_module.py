@@ -154,6 +154,8 @@ class Runs(unittest.TestCase):
         self.assertEqual(estimates[-1].state, 'tracked')
         begun = [e for e in estimates if e.initialization is not None]
         self.assertEqual([e.state for e in begun], ['initialized'])
+        self.assertIsNone(estimates[0].covariance)
+        self.assertTrue((np.linalg.eigvalsh(estimates[-1].covariance) > 0).all())
         keyframes = {k.id: k for e in estimates for k in e.keyframes}
         report = odometry.finish()
         keyframes.update({k.id: k for k in report.keyframes})

@@ -140,6 +140,23 @@ class Depth(unittest.TestCase):
     def test_unknown_depth_says_nothing(self):
         self.assertIsNone(metrics.depth_errors(np.ones(100), np.full(100, np.nan)))
 
+    def test_nees_of_tracked_poses(self):
+        random = np.random.default_rng(1)
+        sigma = np.array([.01, .02, .03, .001, .002, .003])
+        rows = [[i, .1 * i, .05 * i, 0, 0, 0, 0, 1] for i in range(300)]
+        truth, motions = tr.GroundTruth(np.array(rows, float)), []
+        for i in range(1, 300):
+            v, w = np.split(sigma * random.standard_normal(6), 2)
+            increment = pose(tr.rotation_of([*w / 2, 1]), v)
+            true = tr.inverse(truth.pose(i)) @ truth.pose(i - i % 10)
+            true[:3, 3] /= 3  # another unit
+            motions.append((i, i - i % 10, increment @ true, np.diag(sigma ** 2)))
+        nees = metrics.tracking_nees(motions, truth)
+        # 0.79 is the median of chi-square with three degrees of freedom over three; that of 299 values is sure to 0.05
+        self.assertAlmostEqual(nees['nees_tracked_rot'], .79, delta=.15)
+        self.assertAlmostEqual(nees['nees_tracked_trans'], .79, delta=.15)
+        self.assertEqual(metrics.tracking_nees(motions[:5], truth), {})
+
     def test_nees_of_inverse_depths(self):
         true = np.full(50, 2.)
         self.assertAlmostEqual(metrics.depth_nees(np.full(50, .6), np.full(50, .01), true, 1.), 1., places=12)

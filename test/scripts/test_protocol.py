@@ -283,6 +283,25 @@ class Judge(InFolder):
         self.assertAlmostEqual(start['depth']['median'], .1 / 2.1, delta=1e-3)
         self.assertAlmostEqual(start['depth']['within10'], 2 / 3, places=12)
 
+    def test_tables_with_covariances_are_judged_by_them(self):
+        names = ['rel_tx', 'rel_ty', 'rel_tz', 'rel_qx', 'rel_qy', 'rel_qz', 'rel_qw'] + [f'cov_{i}{j}' for i in range(6) for j in range(i, 6)]
+        poses, lines = [tr.pose_of(row) for row in tr.load_tum(self.out / 'trajectory.txt')], []
+        for i, line in enumerate((self.out / 'frames.csv').read_text().splitlines()):
+            if i == 0:
+                lines.append(','.join([line, 'image', 'keyframe', *names]))
+            elif 'tracked' not in line:
+                lines.append(line + ',' * (len(names) + 2))
+            else:
+                row = tr.row_of(0, tr.inverse(poses[i - 1]) @ poses[4])[1:]
+                row[0] += .01 * (-1) ** i  # one standard deviation
+                covariance = [1e-4 if a == b else 0 for a in range(6) for b in range(a, 6)]
+                lines.append(','.join([line, '', '4', *map(str, row), *map(str, covariance)]))
+        (self.out / 'frames.csv').write_text('\n'.join(lines) + '\n')
+        figures = self.judge()
+        self.assertIsNone(figures['error'])
+        self.assertLess(figures['nees_tracked_rot'], 1e-6)
+        self.assertAlmostEqual(figures['nees_tracked_trans'], 1 / 3, delta=.03)
+
     def test_another_segment_is_not_judged_with_the_first(self):
         lines = (self.out / 'frames.csv').read_text().splitlines()
         lines[21:] = [line[:-1] + '1' for line in lines[21:]]

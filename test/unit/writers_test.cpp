@@ -9,6 +9,7 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <cstring>
 #include <fstream>
 #include <limits>
@@ -19,6 +20,7 @@ namespace {
 namespace fs = std::filesystem;
 using ::testing::AllOf;
 using ::testing::ElementsAre;
+using ::testing::EndsWith;
 using ::testing::HasSubstr;
 using ::testing::Not;
 using ::testing::StartsWith;
@@ -233,7 +235,7 @@ TEST(RunWriter, NamesOfImagesAreQuotedWhereTheyNeedIt) {
   run.writer.onFrame(estimate);
   run.writer.frameDone({1, 1}, "a, \"b\".png");
   EXPECT_THAT(readTextLines(folder.path() / "frames.csv").back(),
-              HasSubstr(",\"a, \"\"b\"\".png\""));
+              HasSubstr(",\"a, \"\"b\"\".png\","));
 }
 
 TEST(RunWriter, TableHasOneLineAFrame) {
@@ -241,15 +243,59 @@ TEST(RunWriter, TableHasOneLineAFrame) {
   FakeRun run(folder.path());
   playOneSegment(run);
   run.lost(5);
+  const std::string none(29, ',');  // keyframe, pose and covariance
+  const std::string turned_nowhere = ",0.000000000,0.000000000,0.000000000,1.000000000";
+  const std::string unknown(21, ',');  // covariance
   EXPECT_THAT(
       readTextLines(folder.path() / "frames.csv"),
-      ElementsAre("index,timestamp,state,milliseconds,is_keyframe,tracking_rmse,segment,image",
-                  "0,0.000000000,initializing,3.000,0,,0,",
-                  "1,0.100000000,initializing,3.000,0,,0,",
-                  "2,0.200000000,initialized,20.000,0,,0,",
-                  "3,0.300000000,tracked,4.000,0,5.2500,0,",
-                  "4,0.400000000,tracked,4.000,0,5.2500,0,",
-                  "5,0.500000000,lost,3.000,0,,0,"));
+      ElementsAre(
+          StartsWith("index,timestamp,state,milliseconds,is_keyframe,tracking_rmse,segment,image,"
+                     "keyframe,rel_tx,rel_ty,rel_tz,rel_qx,rel_qy,rel_qz,rel_qw,cov_00,"),
+          "0,0.000000000,initializing,3.000,0,,0," + none,
+          "1,0.100000000,initializing,3.000,0,,0," + none,
+          "2,0.200000000,initialized,20.000,0,,0,,0,0.000000000,0.000000000,-0.200000000" +
+              turned_nowhere + unknown,
+          "3,0.300000000,tracked,4.000,0,5.2500,0,,0,0.000000000,0.000000000,-0.300000000" +
+              turned_nowhere + unknown,
+          "4,0.400000000,tracked,4.000,0,5.2500,0,,0,0.000000000,0.000000000,-0.400000000" +
+              turned_nowhere + unknown,
+          "5,0.500000000,lost,3.000,0,,0," + none));
+}
+
+TEST(RunWriter, TableHasPosesRelativeToTheirKeyframesWithCovariances) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  playOneSegment(run);
+  FrameEstimate estimate;
+  estimate.frame = makeFrame(5);
+  estimate.keyframe = FrameId{3};
+  estimate.T_cam_keyframe = SE3(Eigen::Quaterniond(0, 0, 1, 0), {1, -2, 0.5});
+  Matrix6d covariance = Matrix6d::Identity();
+  covariance(0, 5) = covariance(5, 0) = -0.25;
+  estimate.covariance = covariance;
+  run.writer.onFrame(estimate);
+  run.writer.frameDone({1, 1}, "a.png");
+  covariance(2, 2) = std::numeric_limits<double>::quiet_NaN();
+  estimate.frame = makeFrame(6);
+  estimate.covariance = covariance;
+  run.writer.onFrame(estimate);
+  run.writer.frameDone({1, 1}, "b.png");
+  const std::vector<std::string> lines = readTextLines(folder.path() / "frames.csv");
+  const auto columns = [](const std::string& line) {
+    return std::count(line.begin(), line.end(), ',') + 1;
+  };
+  for (const std::string& line : lines) EXPECT_EQ(columns(line), columns(lines.front())) << line;
+  EXPECT_THAT(lines.front(),
+              EndsWith(",rel_qw,cov_00,cov_01,cov_02,cov_03,cov_04,cov_05,cov_11,"
+                       "cov_12,cov_13,cov_14,cov_15,cov_22,cov_23,cov_24,cov_25,"
+                       "cov_33,cov_34,cov_35,cov_44,cov_45,cov_55"));
+  const std::string zero = ",0.000000e+00";
+  const std::string one = ",1.000000e+00";
+  EXPECT_THAT(lines[lines.size() - 2],
+              HasSubstr(",a.png,3,1.000000000,-2.000000000,0.500000000,0.000000000,1.000000000,"
+                        "0.000000000,0.000000000" +
+                        one + zero + zero + zero + zero + ",-2.500000e-01" + one));
+  EXPECT_THAT(lines.back(), EndsWith(",0.000000000" + std::string(21, ',')));
 }
 
 TEST(RunWriter, PointsAreBinaryVerticesInTheWorld) {

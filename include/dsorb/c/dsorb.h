@@ -79,11 +79,17 @@ typedef struct dsorb_point {
 
 /** Estimate of one frame. */
 typedef struct dsorb_estimate {
-  dsorb_state state;         /**< after this frame */
-  int32_t has_pose;          /**< 0: world_from_cam is not set */
-  int32_t is_keyframe;       /**< 1: the map hosts points in it */
-  int32_t segment;           /**< a new one, with a world of its own, begins after a loss */
-  double world_from_cam[12]; /**< 3 x 4, row after row; world: the segment's reference camera */
+  dsorb_state state;            /**< after this frame */
+  int32_t has_pose;             /**< 0: world_from_cam is not set */
+  int32_t is_keyframe;          /**< 1: the map hosts points in it */
+  int32_t segment;              /**< a new one, with a world of its own, begins after a loss */
+  double world_from_cam[12];    /**< 3 x 4, row after row; world: the segment's reference camera */
+  int32_t keyframe;             /**< id of the keyframe it was tracked against; -1: none */
+  int32_t has_covariance;       /**< 0: covariance is not set */
+  double cam_from_keyframe[12]; /**< 3 x 4, before any adjustment; set where keyframe is */
+  /** 6 x 6, of a left increment [translation; rotation] of cam_from_keyframe, in the segment's unit
+   *  and in rad. It says nothing of the keyframe's own pose. */
+  double covariance[36];
 } dsorb_estimate;
 
 typedef struct dsorb_initializer dsorb_initializer; /**< opaque */

@@ -27,6 +27,9 @@ struct FrameEstimate {
   std::optional<SE3> T_world_cam;     ///< world: reference camera of the segment's initialization
   std::optional<FrameId> keyframe;    ///< that it was tracked against, or itself after initializing
   std::optional<SE3> T_cam_keyframe;  ///< pose relative to that keyframe, before any adjustment
+  /// Of exp(xi) * T_cam_keyframe, [translation; rotation], in the segment's unit and in rad; of
+  /// tracked frames whose points determine it. It says nothing of the keyframe's own pose.
+  std::optional<Matrix6d> covariance;
   AffineBrightness affine;
   std::optional<double> tracking_rmse;  ///< level 0 [grey levels]
 };

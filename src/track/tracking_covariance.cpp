@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "track/tracking_covariance.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+
+namespace dsorb::track {
+namespace {
+
+// Residuals are not independent: each point of the map stands on up to five pixels of level 0 and
+// brings the error of its inverse depth to all of them, and points near each other share errors of
+// the keyframes they were found with. So a pose is as sure as a seventh of the residuals would make
+// it. docs/experiments.md, "Covariance of tracked poses", has what it was chosen on.
+constexpr double kResidualsPerMeasurement = 7;
+
+// All inverse depths of a keyframe share an error that alignment cannot see, because it scales the
+// translation with them: between keyframes of rendered scenes the scale varies by .12 to .26 %.
+constexpr double kScaleSigma = .002;
+
+/// Upper left 6 x 6 of the inverse, brightness being free.
+template <int kSize>
+std::optional<Matrix6d> inversePoseBlock(const Eigen::Matrix<double, kSize, kSize>& H) {
+  using Square = Eigen::Matrix<double, kSize, kSize>;
+  const Eigen::LLT<Square> cholesky(H);
+  if (cholesky.info() != Eigen::Success) return std::nullopt;
+  const Square inverse = cholesky.solve(Square::Identity());
+  return Matrix6d(inverse.template topLeftCorner<6, 6>());
+}
+
+}  // namespace
+
+std::optional<Matrix6d> trackingCovariance(const PoseEquations& equations,
+                                           double rmse,
+                                           const SE3& T_frame_reference,
+                                           BrightnessModel brightness) {
+  const std::optional<Matrix6d> inverse =
+      brightness == BrightnessModel::kPerfect
+          ? inversePoseBlock<6>(equations.H.topLeftCorner<6, 6>())
+          : inversePoseBlock<8>(equations.H);
+  if (!inverse) return std::nullopt;
+  Matrix6d covariance = kResidualsPerMeasurement * rmse * rmse * *inverse;
+  const Eigen::Vector3d shared = kScaleSigma * T_frame_reference.translation();
+  covariance.topLeftCorner<3, 3>() += shared * shared.transpose();
+  covariance = (0.5 * (covariance + covariance.transpose())).eval();
+  return covariance.allFinite() ? std::optional(covariance) : std::nullopt;
+}
+
+}  // namespace dsorb::track
