@@ -4,6 +4,7 @@ import contextlib
 import io
 import os
 import re
+import shlex
 import sys
 import threading
 import time
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import dsorb
 import numpy as np
+from dsorb import command_line
 from room import FRAMES, SIZE, image_files, images, room, true_poses
 
 README = Path(__file__).resolve().parents[2] / 'README.md'
@@ -215,6 +217,13 @@ class Pages(unittest.TestCase):
         finally:
             os.chdir(before)
         self.assertGreater(len(printed.getvalue().splitlines()), len(image_files()) / 2, 'lines of poses')
+
+    def test_the_commands_of_the_readme_are_understood(self):
+        commands = re.findall(r'^dsorb (.*)$', README.read_text(encoding='utf-8'), re.MULTILINE)
+        self.assertGreater(len(commands), 3)
+        for command in commands:
+            _, unknown = command_line.parse(shlex.split(command, comments=True))
+            self.assertEqual(unknown, [], command)
 
     def test_stubs_name_what_the_module_has(self):
         stub = ast.parse((Path(dsorb.__file__).parent / '_dsorb.pyi').read_text(encoding='utf-8'))

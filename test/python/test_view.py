@@ -12,6 +12,7 @@ import tempfile
 import threading
 import time
 import unittest
+import unittest.mock
 import urllib.request
 from pathlib import Path
 
@@ -161,6 +162,18 @@ class Commands(unittest.TestCase):
                 self.assertIn(b'rerun', page.read().lower())
             process.send_signal(signal.SIGINT)
             self.assertEqual(process.wait(30), 0)
+
+    def test_a_port_that_is_taken_and_a_missing_display_are_named(self):
+        with socket.socket() as taken:
+            taken.bind(('', 0))
+            taken.listen()
+            port = taken.getsockname()[1]
+            done = self.dsorb('run', room(), '--output', temporary_folder() / 'out', '--serve', '--port', port - 1)
+        self.assertEqual((done.returncode, f'port {port}: ' in done.stderr), (1, True), done.stderr)
+        environment = {key: value for key, value in os.environ.items() if key not in ('DISPLAY', 'WAYLAND_DISPLAY')}
+        with unittest.mock.patch.dict(os.environ, environment, clear=True):
+            done = self.dsorb('run', room(), '--output', temporary_folder() / 'out', '--view')
+        self.assertEqual((done.returncode, 'use --serve or --save' in done.stderr), (1, True), done.stderr)
 
     def test_what_is_missing_is_said(self):
         done = self.dsorb('view', room_run(), '--save', temporary_folder() / 'run.rrd')

@@ -5,6 +5,9 @@ Every segment of a run is a space of its own, `segment_<n>`: it has its own orig
 from __future__ import annotations
 
 import colorsys
+import os
+import socket
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +20,7 @@ from . import recording
 
 APPLICATION = 'dsorb'
 MAX_RELATIVE_SIGMA = .3  # of the inverse depths of points that are shown
+FLUSH = 60.  # [s] for a viewer that is closed, or slow, at the end
 TIMELINE = 'frame'  # counts the images given; positions and times run backwards in a reversed run
 PATH_CHUNK = 100  # camera positions an entity: logging one strip of all at every frame would grow with the square
 FRUSTUM = .08  # depth of a keyframe's drawn pyramid, in units of its segment
@@ -149,22 +153,44 @@ class View:
         self.say(f"end: {event['status']}")
 
 
+def refuse_taken(port: int) -> None:
+    """Raises OSError where another program listens there."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(('', port))
+        except OSError as error:
+            raise OSError(f'port {port}: {error.strerror}; choose another one with --port') from None
+
+
 class Window:
     """Where a recording is shown: a window of the viewer, an .rrd file (`save`), or a browser (`serve`, a port).
 
-    Raises OSError where the file cannot be written or the port is taken."""
+    Raises OSError where the file cannot be written, the port is taken, or the viewer cannot be started."""
 
     def __init__(self, name: str, save: Optional[Path] = None, serve: Optional[int] = None):
         self.stream, self.address = rr.RecordingStream(APPLICATION, recording_id=name), None
+        try:
+            self.open(save, serve)
+        except RuntimeError as error:
+            raise OSError(f'Rerun: {str(error).splitlines()[0]}') from None
+
+    def open(self, save: Optional[Path], serve: Optional[int]) -> None:
         if save:
             save.parent.mkdir(parents=True, exist_ok=True)
             save.open('wb').close()  # rerun only logs that it could not
             self.stream.save(str(save))
         elif serve:
+            refuse_taken(serve)
+            refuse_taken(serve + 1)  # Rerun says so only in its log
             server = self.stream.serve_grpc(grpc_port=serve + 1)
             rr.serve_web_viewer(web_port=serve, open_browser=False, connect_to=server)
             self.address = f'http://localhost:{serve}/?url={server}'
         else:
+            if sys.platform.startswith('linux') and not (os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')):
+                raise OSError('no display to open a window on: use --serve or --save')
+            # The viewer lies beside this Python, also where its environment was not activated.
+            os.environ['PATH'] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get('PATH', '')])
             self.stream.spawn()
 
     def play(self, path: Path, going: Optional[Callable[[bool], bool]] = None,
@@ -173,7 +199,7 @@ class Window:
         view = View(path, self.stream, max_relative_sigma)
         for event in recording.events(path, going):
             view.show(event)
-        self.stream.flush()
+        self.stream.flush(timeout_sec=FLUSH)
         return view.images
 
     def close(self) -> None:
