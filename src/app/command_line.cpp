@@ -70,6 +70,12 @@ CLI::Validator numberIn(double low, double high) {
           ""};
 }
 
+std::string readoutComplaint(const std::string& text) {
+  if (parseReadout(text)) return {};
+  return fmt::format(
+      "'{}' must be auto or a number in [{}, {}]", text, -kMaxReadoutMs, kMaxReadoutMs);
+}
+
 /// What CLI11 fills before it becomes a CommandLine.
 struct Flags {
   std::vector<std::string> words;
@@ -124,15 +130,7 @@ void addInputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
          "rolling shutter: time from the first to the last row, below 0 from the last to the "
          "first; 0: global; auto: estimated; default: as the calibration says")
       ->type_name("MS|auto")
-      ->check(CLI::Validator(
-          [](const std::string& text) {
-            return parseReadout(text) ? std::string()
-                                      : fmt::format("'{}' must be auto or a number in [{}, {}]",
-                                                    text,
-                                                    -kMaxReadoutMs,
-                                                    kMaxReadoutMs);
-          },
-          ""))
+      ->check(CLI::Validator(readoutComplaint, ""))
       ->group("Input");
   app.add_option("--mask",
                  request.sequence.mask,

@@ -38,8 +38,9 @@ RowTimes rowTimes(const Lens& lens, const PinholeCamera& camera, bool resampled)
   Eigen::VectorXd shares(kSamples * kSamples);
   Eigen::Index count = 0;
   for (int i = 0; i < kSamples * kSamples; ++i) {
+    const int row = i / kSamples;
     const double a = 2.0 * (i % kSamples) / (kSamples - 1) - 1;
-    const double b = 2.0 * (i / kSamples) / (kSamples - 1) - 1;
+    const double b = 2.0 * row / (kSamples - 1) - 1;
     Eigen::Vector2d pixel(0.5 * (a + 1) * (camera.width - 1), 0.5 * (b + 1) * (camera.height - 1));
     if (resampled) {
       const Eigen::Vector2d ray = camera.unproject(pixel).head<2>();

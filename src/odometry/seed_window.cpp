@@ -53,14 +53,14 @@ std::vector<MapPoint> pointsOf(const InitializationResult& result, std::size_t h
 
 /// Of a frame while its rows are read, from its posed neighbours.
 RowMotion motionOf(const InitializationResult& result, std::size_t frame) {
-  const auto posedAt = [&](std::size_t i) {
+  const auto posed_at = [&](std::size_t i) {
     return TimedPose{result.frames[i].frame->timestamp(), *result.frames[i].T_cam_ref};
   };
   std::vector<TimedPose> neighbours;
   for (const std::size_t i : {frame - 1, frame + 1, frame - 2, frame + 2}) {  // wraps below 0
-    if (i < result.frames.size() && result.frames[i].T_cam_ref) neighbours.push_back(posedAt(i));
+    if (i < result.frames.size() && result.frames[i].T_cam_ref) neighbours.push_back(posed_at(i));
   }
-  return motionThrough(posedAt(frame), neighbours);
+  return motionThrough(posed_at(frame), neighbours);
 }
 
 /// Thins the points of one host to its share of the wanted number.
@@ -118,6 +118,10 @@ window::Window seedWindow(const InitializationResult& result,
         .motion = motionOf(result, i);
     points.push_back(pointsOf(result, i));
     total += points.back().size();
+  }
+  if (result.readout) {
+    const double change = result.readout->seconds - window.calibratedReadout().seconds;
+    window.camera_state[window::kIntrinsicsDim] = change / window::kReadoutScale;
   }
   for (std::size_t k = 0; k < points.size(); ++k) {
     if (!points[k].empty()) addPoints(window, k, points[k], total, options.window);

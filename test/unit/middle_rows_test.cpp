@@ -48,12 +48,17 @@ TEST(MiddleRows, TracksBecomeThoseOfAGlobalShutter) {
   }
   EXPECT_GT(moved, 3);
   const CornerTracks corrected = atMiddleRows(tracks, frames);
+  const CornerTracks unmoved = atMiddleRows(tracks, frames, -0.025);  // a readout of 0
   EXPECT_EQ(corrected.seen, tracks.positions.front());
   for (int k = 0; k < kFrames; ++k) {
     for (int i = 0; i < kTracks; ++i) {
       const Eigen::Vector2f& found =
           corrected.positions[static_cast<std::size_t>(k)][static_cast<std::size_t>(i)];
       EXPECT_LT((found.cast<double>() - place(i, k * kInterval)).norm(), 1e-3) << k << " " << i;
+      const auto frame = static_cast<std::size_t>(k);
+      const auto track = static_cast<std::size_t>(i);
+      // Single precision of the pixel.
+      EXPECT_LT((unmoved.positions[frame][track] - tracks.positions[frame][track]).norm(), 1e-3F);
     }
   }
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/camera/calibration.h"
 #include "dsorb/geometry/se3.h"
 #include "dsorb/image/affine_brightness.h"
 #include "dsorb/image/frame.h"
@@ -38,6 +39,8 @@ struct InitializationResult {
   std::vector<PosedFrame> frames;
   std::vector<InitPoint> points;
   InitReport report;
+  /// Of a rolling shutter, as the initializer took it: estimated where the calibration has a sigma.
+  std::optional<Readout> readout{};
 };
 
 /// Checks every clause of the hand-over that can be seen from the result alone.

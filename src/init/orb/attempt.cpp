@@ -10,8 +10,8 @@
 #include "init/orb/semi_dense/dynamic_regions.h"
 #include "init/orb/semi_dense/semi_dense_depth.h"
 #include "init/orb/start/essential_start.h"
+#include "init/orb/start/readout_profile.h"
 #include "init/orb/thesis/two_view_start.h"
-#include "init/orb/tracks/middle_rows.h"
 #include "init/result.h"
 
 #include <cmath>
@@ -99,20 +99,21 @@ Outcome<Reconstruction> reconstructAsGladkova(const ReferenceView& view,
       .then([&](Made made) { return adjustImages(std::move(made), context); });
 }
 
-/// What a global shutter would have given, where the frames' rows have times of their own.
-ReferenceView withGlobalShutter(ReferenceView view) {
-  if (isRolling(*view.frames.front())) {
-    view.tracks = atMiddleRows(std::move(view.tracks), view.frames);
-  }
-  return view;
-}
-
 /// Reconstruction of `orb`: essential matrix, adjustment of a few frames, a gate, refined corners;
 /// all other frames are posed in the end.
 Attempt reconstruct(const ReferenceView& seen, const AttemptContext& context) {
   using Made = Reconstruction;
-  const ReferenceView view = withGlobalShutter(seen);
+  const Readout calibrated = readoutOf(*seen.frames.front());
+  ReferenceView view = withGlobalShutter(seen, calibrated);
   auto [start, summary] = startFromEssential(view, context);
+  if (calibrated.sigma > 0 && summary.tried) {  // this frame is worth it
+    view = withGlobalShutter(
+        seen, context.clock.time("readout", [&] { return profileReadout(seen, context); }));
+    view.last = {};
+    EssentialStart again = startFromEssential(view, context);
+    start = std::move(again.made);
+    summary = again.summary;
+  }
   auto made = std::move(start)
                   .then([&](Made m) { return addSemiDense(std::move(m), view, context); })
                   .then([&](Made m) { return adjustImages(std::move(m), context); })
@@ -148,6 +149,7 @@ InitializationResult toResult(Reconstruction made) {
   result.points = pointsOf(made.map);
   result.frames = std::move(made.map.frames);
   result.report = std::move(made.report);
+  result.readout = made.map.readout;
   normalizeScale(result);
   result.report.median_relative_sigma = medianRelativeSigma(result.points);
   return result;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/camera/calibration.h"
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/image/frame.h"
 #include "dsorb/init/report.h"
@@ -59,6 +60,7 @@ struct ReferenceView {
   CornerTracks tracks;                 ///< one entry a frame
   AttemptSummary last;                 ///< the attempt before
   std::optional<bool> optical_flow{};  ///< in place of descriptors, where there is a choice
+  std::optional<Readout> readout{};    ///< that the tracks were moved to the middle rows with
 };
 
 /// Value that passes through the stages of an attempt: the map and the report so far.

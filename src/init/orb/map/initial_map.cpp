@@ -40,7 +40,9 @@ BrightnessTransfer brightnessTo(const InitialMap& map, std::size_t frame) {
 
 std::optional<RollingShutter> shutterOf(const InitialMap& map, std::size_t frame, int level) {
   if (map.motions.empty()) return std::nullopt;
-  return makeRollingShutter(*map.frames[frame].frame->rowTimes(), map.motions[frame], level);
+  const Frame& of = *map.frames[frame].frame;
+  const double change = map.readout ? map.readout->seconds - readoutOf(of).seconds : 0;
+  return makeRollingShutter(rowTimesOf(of, change), map.motions[frame], level);
 }
 
 void placeCorners(InitialMap& map, const PinholeCamera& camera) {
@@ -75,6 +77,7 @@ void setJointCovariance(InitialMap& map,
 
 int removeCorners(InitialMap& map, const std::vector<char>& removed) {
   std::vector<std::size_t> new_index;
+  new_index.reserve(removed.size());
   std::size_t next = 0;
   for (const char gone : removed) new_index.push_back(gone == 0 ? next++ : next);
   eraseMarked(removed, map.corners);

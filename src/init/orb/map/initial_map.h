@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/camera/calibration.h"
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/image/affine_brightness.h"
 #include "dsorb/init/result.h"
@@ -56,6 +57,7 @@ struct InitialMap {
   std::vector<SemiDensePoint> points;
   /// Of the frames while their rows are read; empty: global shutter, or not known yet.
   std::vector<RowMotion> motions{};
+  std::optional<Readout> readout{};  ///< of a rolling shutter, calibrated or estimated
 };
 
 /// Rolling shutter of a frame's image; nothing where all of it counts as exposed at one time.

@@ -70,6 +70,7 @@ std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,
   InitialMap& map = candidate.map;
   map =
       makeInitialMap(view.frames, view.tracks, triangulateInliers(motion, matches, context.camera));
+  map.readout = view.readout;
   poseFrames(map, context.camera, frames);
   if (!adjustRobustly(map, context.camera, options)) return std::nullopt;
   const auto cost = reprojectionCost(map, context.camera, options);

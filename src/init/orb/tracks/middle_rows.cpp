@@ -3,6 +3,8 @@
 
 #include "dsorb/camera/row_times.h"
 
+#include "estimate/rolling_shutter.h"
+
 #include <algorithm>
 #include <array>
 #include <cstddef>
@@ -29,10 +31,15 @@ Eigen::Vector2d interpolate(const std::array<Eigen::Vector2d, kNodes>& positions
 
 }  // namespace
 
-CornerTracks atMiddleRows(CornerTracks tracks, const std::vector<FramePtr>& frames) {
+CornerTracks atMiddleRows(CornerTracks tracks,
+                          const std::vector<FramePtr>& frames,
+                          double readout_change) {
   if (frames.size() < kNodes) return tracks;
   tracks.seen = tracks.positions.front();
   const std::vector<std::vector<Eigen::Vector2f>> seen = tracks.positions;
+  std::vector<RowTimes> rows;
+  rows.reserve(frames.size());
+  for (const FramePtr& frame : frames) rows.push_back(rowTimesOf(*frame, readout_change));
   for (std::size_t k = 0; k < frames.size(); ++k) {
     const std::size_t first = std::clamp<std::size_t>(k, 1, frames.size() - 2) - 1;
     for (std::size_t i = 0; i < seen[k].size(); ++i) {
@@ -41,7 +48,7 @@ CornerTracks atMiddleRows(CornerTracks tracks, const std::vector<FramePtr>& fram
       for (std::size_t n = 0; n < kNodes; ++n) {
         const Frame& frame = *frames[first + n];
         positions[n] = seen[first + n][i].cast<double>();
-        times[n] = frame.timestamp() + frame.rowTimes()->at(positions[n].x(), positions[n].y());
+        times[n] = frame.timestamp() + rows[first + n].at(positions[n].x(), positions[n].y());
       }
       const Eigen::Vector2d moved = interpolate(positions, times, frames[k]->timestamp());
       if (moved.allFinite()) tracks.positions[k][i] = moved.cast<float>();

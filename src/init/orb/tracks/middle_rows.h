@@ -13,6 +13,9 @@ namespace dsorb::init_orb {
 /// a parabola through three frames, to the time of the frame's middle row. That needs no pose and
 /// no depth.
 /// @param frames one a frame of the tracks, with row times
-CornerTracks atMiddleRows(CornerTracks tracks, const std::vector<FramePtr>& frames);
+/// @param readout_change over the calibrated readout [s]
+CornerTracks atMiddleRows(CornerTracks tracks,
+                          const std::vector<FramePtr>& frames,
+                          double readout_change = 0);
 
 }  // namespace dsorb::init_orb
