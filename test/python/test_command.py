@@ -10,7 +10,7 @@ import time
 import unittest
 
 import numpy as np
-from dsorb import Camera, evidence
+from dsorb import Camera, command_line, evidence
 from dsorb.pictures import EXIF_IFD, FOCAL_LENGTH_35MM
 from dsorb.run_folder import read_run
 from dsorb.summary import summarize
@@ -47,6 +47,13 @@ class Run(unittest.TestCase):
         self.assertEqual((done.returncode, done.stdout), (0, ''), done.stderr)
         self.assertEqual(json.loads((output / 'run.json').read_text())['frames_given'], 30)
         self.assertIn('min_frames: 9', (output / 'config.yaml').read_text())
+
+    def test_options_may_stand_before_the_input(self):
+        for words, rest in ((['--end', '30', 'clip.mp4', '--hfov', '70'], ['--end', '30']),
+                            (['--reverse', 'clip.mp4', '--hfov=70', '--set', 'seed=3'], ['--reverse', '--set', 'seed=3']),
+                            (['--width=640', '--export', 'tum', '--hfov', '70', 'clip.mp4', '--end'], ['--width=640', '--end'])):
+            args, found = command_line.parse(['run', *words])
+            self.assertEqual((args.input, args.hfov, found), ('clip.mp4', '70', rest))
 
     def test_the_output_is_named_after_the_input(self):
         folder = temporary_folder()

@@ -3,6 +3,7 @@
 files for other programs; dsorb calibrate VIDEO: calibration from a chessboard."""
 import argparse
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from .summary import summarize
 
 RUNTIME_ERROR, WRONG_OPTIONS, NOT_TRACKED = 1, 2, 3  # as dso_dataset has them
 INTERRUPTED = 130  # as of a shell
+FLAGS = ('--reverse', '--pipelined', '--print-config')  # options of dso_dataset without a value
 
 DESCRIPTION = '''\
 Poses of the camera and points of the scene from a video, a folder of images or a ROS bag.
@@ -26,7 +28,7 @@ Poses of the camera and points of the scene from a video, a folder of images or 
   dsorb export out/mine --format colmap --undistort
   dsorb calibrate board.mp4 --board 9x6 --output camera.txt'''
 RUN_EPILOG = '''\
-All other options are those of dso_dataset (dsorb run --help-all) and stand after the input: --set key=value, --width, --every, --from, --to,
+All other options are those of dso_dataset (dsorb run --help-all): --set key=value, --width, --every, --from, --to,
 --mask, --initializer, ... Exit codes: 0 tracked to the end, 1 unreadable data or failed export, 2 wrong options,
 3 never initialized or lost for good.'''
 
@@ -127,6 +129,20 @@ def add_view(commands):
                       'this share of it are left out; default 0.3')
 
 
+def sorted_out(words, run):
+    """Words of `dsorb run` with the options of dso_dataset at the end: argparse does not know which of them have a value, and
+    would take one that stands before the input for the input."""
+    ours, theirs, known, left = [], [], re.findall(r'--[a-z-]+', run.format_usage()), iter(words)
+    for word in left:
+        if not word.startswith('--') or word.partition('=')[0] in known:
+            ours.append(word)
+            continue
+        theirs.append(word)
+        if '=' not in word and word not in FLAGS:
+            theirs += [value for value in [next(left, None)] if value is not None]
+    return ours + theirs
+
+
 def parse(words):
     parser = argparse.ArgumentParser('dsorb', description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter,
                                      allow_abbrev=False)
@@ -139,6 +155,9 @@ def parse(words):
     later.add_argument('--format', metavar='FORMATS', type=formats_of, required=True, help=','.join(FORMATS))
     add_export_flags(later)
     add_calibrate(commands)
+    words = sys.argv[1:] if words is None else list(words)
+    if words[:1] == ['run']:
+        words = words[:1] + sorted_out(words[1:], run)
     args, rest = parser.parse_known_args(words)
     if args.command != 'run' and rest:
         parser.error(f'unrecognized arguments: {" ".join(rest)}')
