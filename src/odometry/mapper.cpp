@@ -3,7 +3,7 @@
 
 #include "base/parallel.h"
 #include "odometry/seed_window.h"
-#include "odometry/start_judge.h"
+#include "odometry/start_comparison.h"
 #include "window/depth_samples.h"
 #include "window/keyframe_policy.h"
 #include "window/marginalization.h"

@@ -17,16 +17,4 @@ const char* name(OdometryState state) {
   return "unknown";
 }
 
-const char* name(RefusalReason reason) {
-  switch (reason) {
-    case RefusalReason::kAdjustment:
-      return "adjustment";
-    case RefusalReason::kDirection:
-      return "direction";
-    case RefusalReason::kDepth:
-      return "depth";
-  }
-  return "unknown";
-}
-
 }  // namespace dsorb

@@ -8,7 +8,6 @@
 #include "odometry/async_mapper.h"
 #include "odometry/frame_tracker.h"
 #include "odometry/observers.h"
-#include "odometry/start_judge.h"
 
 #include <optional>
 #include <stdexcept>
@@ -133,9 +132,8 @@ class Odometry::Impl {
   void begin(const InitializationResult& result) {
     const odometry::MappingResult seeded = mapping([&] { return mapper_.seed(result, segment_); });
     const odometry::MapUpdate& update = *seeded.update;
-    const std::optional<RefusalReason> reason = update.finite
-                                                    ? odometry::refusalOf(update.start_change)
-                                                    : std::optional(RefusalReason::kAdjustment);
+    const std::optional<RefusalReason> reason =
+        update.finite ? refusalOf(update.start_change) : std::optional(RefusalReason::kAdjustment);
     if (reason && refusals_ < options_.max_refusals) {
       report_.mapping_seconds += seeded.seconds;
       refuse({result.frames.back().frame->id(), segment_, *reason, update.start_change});

@@ -7,7 +7,6 @@
 #include "dsorb/io/sequence_reader.h"
 
 #include "odometry/mapper.h"
-#include "odometry/start_judge.h"
 
 #include <fmt/core.h>
 
@@ -38,7 +37,7 @@ void judge(const std::string& name,
   const odometry::MapUpdate update = mapper.seed(start, 0);
   const StartChange& change = update.start_change;
   const std::optional<RefusalReason> reason =
-      update.finite ? odometry::refusalOf(change) : std::optional(RefusalReason::kAdjustment);
+      update.finite ? refusalOf(change) : std::optional(RefusalReason::kAdjustment);
   fmt::print("{} {} {:.3f} {:.4f} {:.3f} {:.3f}\n",
              name,
              reason ? dsorb::name(*reason) : "stays",

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "odometry/start_judge.h"
-
 #include "odometry/mapper.h"
 #include "odometry/seed_window.h"
+#include "odometry/start_comparison.h"
 #include "support/odometry_run.h"
 #include "support/wrong_starts.h"
 
@@ -42,6 +41,50 @@ TEST(RefusalOf, ATableOfChanges) {
       {"depths not a number", {0, kNan, kNan, 1}, RefusalReason::kDepth},
   };
   for (const Case& c : cases) EXPECT_EQ(refusalOf(c.change), c.refused) << c.name;
+}
+
+/// Points of a start whose inverse depths an adjustment has multiplied.
+std::vector<StartPoint> points(const std::vector<double>& factors) {
+  std::vector<StartPoint> all;
+  double rho = 0.5;
+  for (const double factor : factors) {
+    all.push_back({rho, 1e-4 * rho * rho, factor * rho, 1e-4 * factor * factor * rho * rho});
+    rho += 0.1;
+  }
+  return all;
+}
+
+TEST(StartChangeOf, TheTurnIsThatOfTheFarthestCamera) {
+  const auto at = [](double x, double z) {
+    return SE3(Eigen::Quaterniond::Identity(), Eigen::Vector3d(-x, 0, -z));
+  };
+  const StartChange change =
+      startChange({{at(0.1, 0), at(0, 0.1)}, {at(1, 0), at(2, 2)}}, points({1, 1, 1}));
+  EXPECT_NEAR(change.direction_deg, 45, 1e-9);  // its length is free
+}
+
+TEST(StartChangeOf, AChangeOfScaleIsNone) {
+  const StartChange change = startChange({{SE3(), SE3()}}, points({3, 3, 3, 3}));
+  EXPECT_NEAR(change.depth_spread, 0, 1e-12);
+  EXPECT_NEAR(change.depth_change, 0, 1e-12);
+  EXPECT_EQ(change.kept_share, 1);
+}
+
+TEST(StartChangeOf, DepthsAreJudgedByBothVariances) {
+  const double moved = std::exp(0.02);
+  // The median of |log| is .02, and its variance 1e-4 of each side.
+  const StartChange change =
+      startChange({{SE3(), SE3()}}, points({1 / moved, 1 / moved, 1, moved, moved}));
+  EXPECT_NEAR(change.depth_spread, 1.4826 * 0.02, 1e-5);
+  EXPECT_NEAR(change.depth_change, 0.02 * 0.02 / 2e-4 / 0.4549, 1e-3);
+}
+
+TEST(StartChangeOf, DroppedPointsCountAndThoseWithoutDepthDoNot) {
+  std::vector<StartPoint> all = points({1, 1, 0, 1});
+  all.push_back({0, 1e-4, 1, 1e-4});
+  EXPECT_EQ(startChange({{SE3(), SE3()}}, all).kept_share, 0.75);
+  const StartChange none = startChange({{SE3(), SE3()}}, points({0, 0}));
+  EXPECT_EQ(none.kept_share, 0);
 }
 
 /// What the first adjustment of a rendered room makes of a start.

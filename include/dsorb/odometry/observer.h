@@ -5,6 +5,7 @@
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/image/map_point.h"
 #include "dsorb/init/initializer.h"
+#include "dsorb/init/start_judge.h"
 
 #include <Eigen/Core>
 
@@ -45,30 +46,6 @@ struct KeyframeSnapshot {
   std::vector<MapPoint> points;
   std::optional<Readout> readout{};  ///< estimated, where Lens::readout has a sigma
 };
-
-/// What the first adjustment of the window made of an initialization, the reference being at rest.
-struct StartChange {
-  /// Turn of the translation from the reference to the keyframe farthest from it [deg].
-  double direction_deg = 0;
-  /// Standard deviation of the logarithm of adjusted over initial inverse depths [-], robust; their
-  /// median, a change of scale, is taken out.
-  double depth_spread = 0;
-  /// Median of the square of that logarithm over its variance, in units of the median of chi^2 with
-  /// one degree of freedom. The variance is the one handed over and the window's own together, the
-  /// latter with the noise of a right map at most.
-  double depth_change = 0;
-  double kept_share = 0;  ///< of the points handed over, those that the window keeps
-};
-
-/// Reason why the window refused a start.
-enum class RefusalReason {
-  kAdjustment,  ///< its first adjustment broke down or used no residual
-  kDirection,   ///< the direction of motion turned
-  kDepth  ///< the depths became others, by more than their variances allow, or points were lost
-};
-
-/// Name as in initialization.json, for example "depth".
-[[nodiscard]] const char* name(RefusalReason reason);
 
 /// A start that the first adjustment of the window contradicts. The result that onInitStep told is
 /// void: the initializer begins anew with the next frame.

@@ -2,11 +2,10 @@
 #pragma once
 
 #include "dsorb/init/result.h"
-#include "dsorb/odometry/observer.h"
+#include "dsorb/init/start_judge.h"
 
 #include "window/window.h"
 
-#include <optional>
 #include <vector>
 
 namespace dsorb::odometry {
@@ -26,15 +25,11 @@ class StartComparison {
  private:
   struct Point {
     window::PointId id;
-    double inverse_depth = 0;      ///< handed over [1/unit]
-    double relative_variance = 0;  ///< of the inverse depth, over its square
+    double inverse_depth = 0;  ///< handed over [1/unit]
+    double variance = 0;       ///< handed over [1/unit^2]
   };
   std::vector<Point> points_;  // in the order of their ids
   std::vector<SE3> T_cam_world_;
 };
-
-/// Judges a start by its first adjustment.
-/// @return why it is refused; nothing: it stays
-[[nodiscard]] std::optional<RefusalReason> refusalOf(const StartChange& change);
 
 }  // namespace dsorb::odometry
