@@ -3,6 +3,7 @@
 
 #include <stdexcept>
 
+/// Direct visual odometry with feature-based initialization.
 namespace dsorb {
 
 /// An option that is unknown, has the wrong type or lies out of range; the message names file,

@@ -75,7 +75,8 @@ double addResiduals(const dsorb::InitializationResult& start,
       host.affine, host.frame->exposure(), target.affine, target.frame->exposure());
   double gradient = 0;
   for (const auto& offset : kPattern) {
-    const Eigen::Vector2d pixel = point.pixel.cast<double>() + Eigen::Vector2d(offset[0], offset[1]);
+    const Eigen::Vector2d pixel =
+        point.pixel.cast<double>() + Eigen::Vector2d(offset[0], offset[1]);
     const Eigen::Vector3d p =
         T.rotationMatrix() * camera.unproject(pixel) + sums.inverse_depth * T.translation();
     if (p.z() < 0.05 || !camera.contains(pixel, 2) || !camera.contains(camera.project(p), 2))
@@ -95,7 +96,8 @@ double addResiduals(const dsorb::InitializationResult& start,
 }
 
 /// Stands for the first adjustment of a window: poses stay, each inverse depth is refined.
-AdjustedWindow adjust(const dsorb::InitializationResult& start, const dsorb::PinholeCamera& camera) {
+AdjustedWindow adjust(const dsorb::InitializationResult& start,
+                      const dsorb::PinholeCamera& camera) {
   constexpr double kOutlierRms = 12;  // [grey levels]
   AdjustedWindow window;
   for (const dsorb::PosedFrame& posed : start.frames) {

@@ -19,8 +19,8 @@ enum class LensModel {
 
 /// Time from the first to the last row [s]; 0: global shutter, below 0: the last row is first.
 struct Readout {
-  double seconds = 0;
-  double sigma = 0;  ///< standard deviation [s]; above 0 the odometry estimates the readout
+  double seconds = 0;  ///< the time itself [s]
+  double sigma = 0;    ///< standard deviation [s]; above 0 the odometry estimates the readout
 };
 
 /// Of a camera of which nothing is known: the rows take at most the time between two frames.
@@ -28,18 +28,19 @@ constexpr Readout kUnknownReadout{0, 0.02};
 
 /// The camera that took the images. The centre of the top-left pixel is (0, 0).
 struct Lens {
-  LensModel model = LensModel::kPinhole;
-  double fx = 0;  ///< focal length [px]
-  double fy = 0;  ///< focal length [px]
-  double cx = 0;  ///< principal point [px]
-  double cy = 0;  ///< principal point [px]
-  std::array<double, 5> coefficients{};
-  int width = 0;   ///< [px]; 0: as the images are
-  int height = 0;  ///< [px]; 0: as the images are
-  Readout readout{};
-  bool columns = false;  ///< columns are read one after the other instead of rows
+  LensModel model = LensModel::kPinhole;  ///< of the distortion
+  double fx = 0;                          ///< focal length [px]
+  double fy = 0;                          ///< focal length [px]
+  double cx = 0;                          ///< principal point [px]
+  double cy = 0;                          ///< principal point [px]
+  std::array<double, 5> coefficients{};   ///< of the model, as LensModel lists them; the rest are 0
+  int width = 0;                          ///< [px]; 0: as the images are
+  int height = 0;                         ///< [px]; 0: as the images are
+  Readout readout{};                      ///< of rows, or of columns
+  bool columns = false;                   ///< columns are read one after the other instead of rows
 };
 
+/// What part of the distorted image the rectified one shows.
 enum class RectificationMode {
   kCrop,      ///< largest rectangle without invalid pixels
   kFull,      ///< whole field of view, with invalid pixels
@@ -50,10 +51,10 @@ enum class RectificationMode {
 /// The camera that images are rectified for. Its size is cropped on the right and at the bottom to
 /// multiples of 16, so that the image pyramid gets enough levels.
 struct Rectification {
-  RectificationMode mode = RectificationMode::kCrop;
-  int width = 0;         ///< [px]; 0: as the input
-  int height = 0;        ///< [px]; 0: as the input
-  PinholeCamera camera;  ///< for kExplicit; its size is not used
+  RectificationMode mode = RectificationMode::kCrop;  ///< where the camera comes from
+  int width = 0;                                      ///< [px]; 0: as the input
+  int height = 0;                                     ///< [px]; 0: as the input
+  PinholeCamera camera;                               ///< for kExplicit; its size is not used
 };
 
 /// Photometric calibration. An empty vector says that the quantity is unknown.
@@ -67,9 +68,9 @@ struct PhotometricCalibration {
 
 /// Content of the calibration files of a data set.
 struct Calibration {
-  Lens lens;
-  Rectification rectification;
-  PhotometricCalibration photometric;
+  Lens lens;                           ///< of the camera that took the images
+  Rectification rectification;         ///< what they are rectified for
+  PhotometricCalibration photometric;  ///< response and vignette, where known
 };
 
 /// Lens without distortion whose axis meets the middle of the image.

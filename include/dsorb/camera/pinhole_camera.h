@@ -37,6 +37,7 @@ struct PinholeCamera {
     return pixel.x() >= border && pixel.y() >= border && pixel.x() <= width - 1 - border &&
            pixel.y() <= height - 1 - border;
   }
+  /// [fx 0 cx; 0 fy cy; 0 0 1].
   [[nodiscard]] Eigen::Matrix3d matrix() const {
     Eigen::Matrix3d K;
     K << fx, 0, cx, 0, fy, cy, 0, 0, 1;

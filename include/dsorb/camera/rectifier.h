@@ -13,15 +13,16 @@
 
 namespace dsorb {
 
+/// Channels of a raw pixel and their type; 16-bit values are in the machine's byte order.
 enum class PixelFormat { kGrey8, kGrey16, kBgr8, kRgb8 };
 
 /// Non-owning view of an image as a camera gives it: rows of whole pixels, channels interleaved.
 struct RawImage {
-  const void* data = nullptr;
-  int width = 0;   ///< [px]
-  int height = 0;  ///< [px]
-  PixelFormat format = PixelFormat::kGrey8;
-  std::size_t stride_bytes = 0;  ///< distance between rows; 0: contiguous
+  const void* data = nullptr;                ///< first row, not owned
+  int width = 0;                             ///< [px]
+  int height = 0;                            ///< [px]
+  PixelFormat format = PixelFormat::kGrey8;  ///< of all pixels
+  std::size_t stride_bytes = 0;              ///< distance between rows; 0: contiguous
 };
 
 /// View of a `cv::Mat` of type CV_8UC1, CV_16UC1 or CV_8UC3 (BGR), or of anything with its members.
@@ -53,8 +54,8 @@ class Rectifier {
   ///         missing or too small, or the rectification asked for is impossible
   explicit Rectifier(const Calibration& calibration);
   ~Rectifier();
-  Rectifier(Rectifier&&) noexcept;
-  Rectifier& operator=(Rectifier&&) noexcept;
+  Rectifier(Rectifier&&) noexcept;             ///< the other may only be destroyed or assigned to
+  Rectifier& operator=(Rectifier&&) noexcept;  ///< the other may only be destroyed or assigned to
 
   /// Camera of the frames. Its size is cropped on the right and at the bottom to multiples of 16.
   [[nodiscard]] const PinholeCamera& camera() const;

@@ -10,8 +10,11 @@ namespace dsorb {
 
 // Public types hold no aligned Eigen types: their layout does not depend on the instruction set
 // that a program is compiled for.
+/// Tangent of SE3: [translation; rotation].
 using Vector6d = Eigen::Matrix<double, 6, 1, Eigen::DontAlign>;
+/// Covariance or adjoint of SE3's tangent.
 using Matrix6d = Eigen::Matrix<double, 6, 6, Eigen::DontAlign>;
+/// Rotation of unit norm.
 using UnitQuaternion = Eigen::Quaternion<double, Eigen::DontAlign>;
 
 /// Skew-symmetric matrix [v]x with [v]x w = v x w.
@@ -26,12 +29,16 @@ inline Eigen::Matrix3d hat(const Eigen::Vector3d& v) {
 /// @source Eade, Lie Groups for 2D and 3D Transformations, sections 2 and 3
 class SE3 {
  public:
+  /// Identity.
   SE3() = default;
+  /// @param rotation is normalized
   SE3(const Eigen::Quaterniond& rotation, const Eigen::Vector3d& translation)
       : rotation_(rotation.normalized()), translation_(translation) {}
+  /// @param rotation orthonormal, determinant 1
   SE3(const Eigen::Matrix3d& rotation, const Eigen::Vector3d& translation)
       : SE3(Eigen::Quaterniond(rotation), translation) {}
 
+  /// @param T [R t; 0 1]; its last row is not looked at
   static SE3 fromMatrix(const Eigen::Matrix4d& T) {
     return {Eigen::Matrix3d(T.topLeftCorner<3, 3>()), Eigen::Vector3d(T.topRightCorner<3, 1>())};
   }
@@ -41,20 +48,28 @@ class SE3 {
   /// @return [translation; rotation], rotation angle in [0, pi]
   [[nodiscard]] Vector6d log() const;
 
+  /// Rotation R of [R t; 0 1].
   [[nodiscard]] const UnitQuaternion& unitQuaternion() const { return rotation_; }
+  /// Translation t of [R t; 0 1].
   [[nodiscard]] const Eigen::Vector3d& translation() const { return translation_; }
+  /// R as a matrix.
   [[nodiscard]] Eigen::Matrix3d rotationMatrix() const { return rotation_.toRotationMatrix(); }
+  /// [R t; 0 1].
   [[nodiscard]] Eigen::Matrix4d matrix() const;
 
+  /// Leaves the rotation as it is.
   void setTranslation(const Eigen::Vector3d& translation) { translation_ = translation; }
 
+  /// T_b_a of T_a_b.
   [[nodiscard]] SE3 inverse() const {
     const Eigen::Quaterniond inverse_rotation = rotation_.conjugate();
     return {inverse_rotation, -(inverse_rotation * translation_)};
   }
+  /// T_a_b * T_b_c = T_a_c.
   [[nodiscard]] SE3 operator*(const SE3& other) const {
     return {rotation_ * other.rotation_, rotation_ * other.translation_ + translation_};
   }
+  /// T_a_b * p_b = p_a.
   [[nodiscard]] Eigen::Vector3d operator*(const Eigen::Vector3d& point) const {
     return rotation_ * point + translation_;
   }

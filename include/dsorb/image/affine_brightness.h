@@ -8,14 +8,14 @@ namespace dsorb {
 /// Affine brightness of one frame: log gain a [-] and offset b [grey levels].
 /// @source Engel et al., Direct Sparse Odometry, arXiv:1607.02565, eq. (4)
 struct AffineBrightness {
-  double a = 0;
-  double b = 0;
+  double a = 0;  ///< log gain [-]
+  double b = 0;  ///< offset [grey levels]
 };
 
 /// I_to = gain * I_from + offset.
 struct BrightnessTransfer {
-  double gain = 1;
-  double offset = 0;
+  double gain = 1;    ///< [-]
+  double offset = 0;  ///< [grey levels]
 };
 
 /// Relative brightness transfer between two frames.

@@ -12,10 +12,11 @@ namespace dsorb {
 
 /// Position of an image in its sequence, or any number that is unique among the frames given.
 struct FrameId {
-  int value = -1;
+  int value = -1;  ///< the number itself; below 0: none
+  /// By number, as the other comparisons.
   friend bool operator==(FrameId l, FrameId r) { return l.value == r.value; }
-  friend bool operator!=(FrameId l, FrameId r) { return l.value != r.value; }
-  friend bool operator<(FrameId l, FrameId r) { return l.value < r.value; }
+  friend bool operator!=(FrameId l, FrameId r) { return l.value != r.value; }  ///< by number
+  friend bool operator<(FrameId l, FrameId r) { return l.value < r.value; }    ///< by number
 };
 
 /// Factor from gradients of corrected grey levels to gradients of raw camera values, by corrected
@@ -32,8 +33,9 @@ using ResponseSlope = std::array<float, 256>;
          static_cast<double>(nanoseconds - seconds * kPerSecond) / static_cast<double>(kPerSecond);
 }
 
+/// What a frame knows beside its image.
 struct FrameInfo {
-  FrameId id;
+  FrameId id;            ///< unique among the frames given
   double timestamp = 0;  ///< of the middle row [s]; secondsFromNanoseconds()
   double exposure = 1;   ///< [s]; 1 when unknown
   std::shared_ptr<const ResponseSlope> response_slope = nullptr;  ///< null: the response is linear
@@ -41,6 +43,7 @@ struct FrameInfo {
 };
 
 class Frame;
+/// Frames are shared and never change.
 using FramePtr = std::shared_ptr<const Frame>;
 
 /// One image with its pyramid; immutable, safe to share between threads. Poses and brightness
@@ -53,17 +56,26 @@ class Frame {
   static FramePtr create(const ImageView& image, const FrameInfo& info) {
     return std::make_shared<const Frame>(image, info);
   }
+  /// As create().
   Frame(const ImageView& image, const FrameInfo& info) : info_(info), pyramid_(image) {}
 
+  /// As given.
   [[nodiscard]] FrameId id() const { return info_.id; }
+  /// Of the middle row [s].
   [[nodiscard]] double timestamp() const { return info_.timestamp; }
+  /// [s]; 1 when unknown.
   [[nodiscard]] double exposure() const { return info_.exposure; }
+  /// Null where the response is linear.
   [[nodiscard]] const ResponseSlope* responseSlope() const { return info_.response_slope.get(); }
   /// Null where all pixels were exposed at the time stamp.
   [[nodiscard]] const RowTimes* rowTimes() const { return info_.row_times.get(); }
+  /// All levels.
   [[nodiscard]] const Pyramid& pyramid() const { return pyramid_; }
+  /// @param index of the level; 0: the image itself
   [[nodiscard]] const PyramidLevel& level(int index) const { return pyramid_.level(index); }
+  /// Of level 0 [px].
   [[nodiscard]] int width() const { return pyramid_.width(); }
+  /// Of level 0 [px].
   [[nodiscard]] int height() const { return pyramid_.height(); }
 
  private:

@@ -13,20 +13,27 @@ namespace dsorb {
 /// field of view, saturated, without vignette); an 8-bit image has no invalid pixels.
 class ImageView {
  public:
+  /// Of a pixel.
   enum class Type { kUint8, kFloat };
 
+  /// Empty.
   ImageView() = default;
   /// @param stride_bytes distance between rows [bytes]; 0 means contiguous rows
   /// @throws std::invalid_argument when the distance is shorter than a row or no multiple of a
   /// pixel
   ImageView(const std::uint8_t* data, int width, int height, std::size_t stride_bytes = 0)
       : ImageView(data, Type::kUint8, width, height, stride_bytes) {}
+  /// The same for float pixels.
   ImageView(const float* data, int width, int height, std::size_t stride_bytes = 0)
       : ImageView(data, Type::kFloat, width, height, stride_bytes) {}
 
+  /// Of the pixels.
   [[nodiscard]] Type type() const { return type_; }
+  /// [px]
   [[nodiscard]] int width() const { return width_; }
+  /// [px]
   [[nodiscard]] int height() const { return height_; }
+  /// Without data or without pixels.
   [[nodiscard]] bool empty() const { return data_ == nullptr || width_ <= 0 || height_ <= 0; }
 
   /// @tparam Pixel std::uint8_t or float; must agree with type()

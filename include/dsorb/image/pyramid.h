@@ -11,23 +11,29 @@ namespace dsorb {
 /// Intensity [grey levels, nominally 0..255] and its gradient [grey levels / px of the level].
 /// An invalid pixel has intensity NaN and gradient 0.
 struct ImageSample {
-  float intensity;
-  float dx;
-  float dy;
+  float intensity;  ///< [grey levels]
+  float dx;         ///< to the right [grey levels / px]
+  float dy;         ///< downwards [grey levels / px]
 };
 
 /// One level of the pyramid: contiguous row-major samples.
 class PyramidLevel {
  public:
+  /// @param data width times height samples, not owned
   PyramidLevel(const ImageSample* data, int width, int height)
       : data_(data), width_(width), height_(height) {}
 
+  /// [px]
   [[nodiscard]] int width() const { return width_; }
+  /// [px]
   [[nodiscard]] int height() const { return height_; }
+  /// First sample of the first row; rows follow each other.
   [[nodiscard]] const ImageSample* data() const { return data_; }
+  /// First sample of a row.
   [[nodiscard]] const ImageSample* row(int y) const {
     return data_ + static_cast<std::ptrdiff_t>(y) * width_;
   }
+  /// Unchecked.
   [[nodiscard]] const ImageSample& at(int x, int y) const { return row(y)[x]; }
 
  private:
@@ -50,11 +56,15 @@ class Pyramid {
   /// @throws std::invalid_argument on an empty or too small image
   explicit Pyramid(const ImageView& image);
 
+  /// Number of levels, 1 to 5.
   [[nodiscard]] int levels() const { return static_cast<int>(levels_.size()); }
+  /// @param index 0: full size; unchecked
   [[nodiscard]] const PyramidLevel& level(int index) const {
     return levels_[static_cast<std::size_t>(index)];
   }
+  /// Of level 0 [px].
   [[nodiscard]] int width() const { return levels_.front().width(); }
+  /// Of level 0 [px].
   [[nodiscard]] int height() const { return levels_.front().height(); }
 
  private:

@@ -10,16 +10,18 @@
 
 namespace dsorb {
 
+/// What a frame led to.
 enum class InitStatus {
   kNeedsMoreFrames,  ///< only the oldest frames of a bounded buffer may be dropped
   kRestarted,        ///< all earlier frames are dropped, this one is the new reference
   kInitialized       ///< `result` is set; the object is spent until reset()
 };
 
+/// Answer to one frame.
 struct InitStep {
-  InitStatus status = InitStatus::kNeedsMoreFrames;
-  InitReason reason = InitReason::kFirstFrame;
-  std::optional<InitializationResult> result;
+  InitStatus status = InitStatus::kNeedsMoreFrames;  ///< after this frame
+  InitReason reason = InitReason::kFirstFrame;       ///< why, for logs and tests
+  std::optional<InitializationResult> result;        ///< set with kInitialized, and only then
 };
 
 /// Finds the first poses, inverse depths and brightness from frames given one by one. The contract
@@ -38,6 +40,7 @@ class Initializer {
   virtual void reset() = 0;
 };
 
+/// The initializer that the options name.
 /// @throws ConfigError on options out of range, on what needs a build with Ceres and on the name of
 ///         a registered kind that is not there; std::invalid_argument on an impossible camera
 std::unique_ptr<Initializer> makeInitializer(const InitializerOptions& options,

@@ -23,9 +23,10 @@ enum class InitReason {
 /// Name as in logs and JSON, for example "too_little_parallax".
 [[nodiscard]] const char* name(InitReason reason);
 
+/// Wall time of a stage.
 struct StageTime {
-  std::string stage;
-  double milliseconds = 0;
+  std::string stage;        ///< name, for example "tracking"
+  double milliseconds = 0;  ///< [ms]
 };
 
 /// Report of the direct initializer, "coarse".
@@ -38,15 +39,15 @@ struct DirectReport {
 
 /// Homography against fundamental matrix, and the adjustments of the corners' map.
 struct TwoViewReport {
-  int tracks = 0;
-  double homography_score = 0;
-  double fundamental_score = 0;
-  int inliers = 0;          ///< of the chosen model
-  int good_points = 0;      ///< of the best motion
-  int second_good = 0;      ///< of the second-best motion
-  double parallax_deg = 0;  ///< of the point whose rank the options give
-  int removed_severe = 0;   ///< corners far off or behind a camera, all adjustments together
-  int removed_normal = 0;   ///< corners above the normal limit
+  int tracks = 0;                ///< matches of the two views
+  double homography_score = 0;   ///< 0: no sample gave a model
+  double fundamental_score = 0;  ///< 0: no sample gave a model
+  int inliers = 0;               ///< of the chosen model
+  int good_points = 0;           ///< of the best motion
+  int second_good = 0;           ///< of the second-best motion
+  double parallax_deg = 0;       ///< of the point whose rank the options give
+  int removed_severe = 0;        ///< corners far off or behind a camera, all adjustments together
+  int removed_normal = 0;        ///< corners above the normal limit
 };
 
 /// Judgement of a start from the essential matrix: how likely it is that the newest frame's
@@ -66,7 +67,7 @@ struct GateReport {
 
 /// Corners measured again by aligning warped patches.
 struct RefinementReport {
-  bool accepted = false;
+  bool accepted = false;            ///< the refined corners were taken
   bool fits = true;                 ///< at least half of the corners match the images
   double first_rms = 0;             ///< of the patches' pixels before the first step [grey levels]
   double last_rms = 0;              ///< of the patches' pixels before the last step [grey levels]
@@ -76,19 +77,20 @@ struct RefinementReport {
 
 /// Essential matrix, model selection, gate and refinement.
 struct EssentialReport {
-  int tracks = 0;
-  int inliers = 0;
+  int tracks = 0;                         ///< matches of the two views
+  int inliers = 0;                        ///< tracks that fit the chosen motion
   double rotation_residual = 0;           ///< median rotation-compensated flow [px]
   double front_share = 0;                 ///< corners in front of the camera
   std::optional<double> homography_gric;  ///< over that of the essential matrix, where compared
   std::optional<double> second_cost;      ///< cost of a plane's other motion over the best's
-  GateReport gate;
-  double track_noise = 0;  ///< standard deviation of the corners, measured [px]
-  RefinementReport refinement;
-  double variance_factor = 0;   ///< a-posteriori [-]
-  double clustered_factor = 0;  ///< on the clustered covariance [-]
+  GateReport gate;                        ///< whether the start was sure enough
+  double track_noise = 0;                 ///< standard deviation of the corners, measured [px]
+  RefinementReport refinement;            ///< of the corners by patches
+  double variance_factor = 0;             ///< a-posteriori [-]
+  double clustered_factor = 0;            ///< on the clustered covariance [-]
 };
 
+/// Depths of gradient pixels beside the corners.
 struct SemiDenseReport {
   int candidates = 0;  ///< selected gradient pixels
   int searched = 0;    ///< candidates whose gradient runs along an epipolar line
@@ -99,14 +101,15 @@ struct SemiDenseReport {
 
 /// Regions of the image that move by themselves.
 struct DynamicRegionsReport {
-  int contradicting_tracks = 0;
-  int removed = 0;  ///< corners and semi-dense points
+  int contradicting_tracks = 0;  ///< tracks that do not fit the motion of the camera
+  int removed = 0;               ///< corners and semi-dense points
 };
 
+/// Photometric adjustment.
 struct PhotometricReport {
-  bool usable = false;  ///< converged to numbers, lower cost, enough residuals inside
-  int patches = 0;      ///< corners and semi-dense points that took part
-  int frames = 0;
+  bool usable = false;          ///< converged to numbers, lower cost, enough residuals inside
+  int patches = 0;              ///< corners and semi-dense points that took part
+  int frames = 0;               ///< in the adjustment, besides the reference
   int iterations = 0;           ///< of the joint solve at level 0
   bool coarse_level = false;    ///< level 1 came first
   bool poses_moved = false;     ///< the photometric poses were taken
@@ -117,10 +120,11 @@ struct PhotometricReport {
   double direction_sigmas = 0;  ///< move of the target's direction by the geometric sigma
 };
 
+/// Removal of points by their residuals.
 struct OutlierReport {
-  int examined = 0;  ///< corners and semi-dense points
-  int removed_corners = 0;
-  int removed_points = 0;  ///< semi-dense
+  int examined = 0;         ///< corners and semi-dense points
+  int removed_corners = 0;  ///< corners taken out
+  int removed_points = 0;   ///< semi-dense
   /// Of the residuals' t-distribution, median over the frames [grey levels]; combined: of the
   /// residuals over what their gradients let expect [-].
   double t_scale = 0;
@@ -128,26 +132,26 @@ struct OutlierReport {
 
 /// What led to a result. The parts of stages that did not run are empty.
 struct InitReport {
-  int frames_fed = 0;  ///< since the reference, which counts as well
-  int frames_posed = 0;
-  int restarts = 0;
-  int points = 0;
-  std::string model;  ///< selected for the motion, for example "fundamental"
-  std::vector<StageTime> stages;
-  std::vector<InitReason> earlier_resets;
-  double median_parallax_deg = 0;  ///< rotation-compensated
-  double inlier_ratio = 0;
-  double residual_rms = 0;           ///< [px]
-  double median_relative_sigma = 0;  ///< of the inverse depths
+  int frames_fed = 0;             ///< since the reference, which counts as well
+  int frames_posed = 0;           ///< of those fed, the reference included
+  int restarts = 0;               ///< answers kRestarted since the object was made or reset
+  int points = 0;                 ///< handed over
+  std::string model;              ///< selected for the motion, for example "fundamental"
+  std::vector<StageTime> stages;  ///< in the order in which they first ran
+  std::vector<InitReason> earlier_resets;  ///< reasons of the latest restarts, oldest first
+  double median_parallax_deg = 0;          ///< rotation-compensated
+  double inlier_ratio = 0;                 ///< of the matches or points that were judged
+  double residual_rms = 0;                 ///< [px]
+  double median_relative_sigma = 0;        ///< of the inverse depths
   /// That the direction of translation is off by more than GateOptions::wrong_angle_deg.
   std::optional<double> wrong_probability;
-  std::optional<DirectReport> direct;
-  std::optional<TwoViewReport> two_view;
-  std::optional<EssentialReport> essential;
-  std::optional<SemiDenseReport> semi_dense;
-  std::optional<DynamicRegionsReport> dynamic_regions;
-  std::optional<PhotometricReport> photometric;
-  std::optional<OutlierReport> outliers;
+  std::optional<DirectReport> direct;                   ///< `coarse`
+  std::optional<TwoViewReport> two_view;                ///< MotionMethod::kGladkova
+  std::optional<EssentialReport> essential;             ///< MotionMethod::kEssential
+  std::optional<SemiDenseReport> semi_dense;            ///< `orb` and its variants
+  std::optional<DynamicRegionsReport> dynamic_regions;  ///< OrbOptions::remove_moving
+  std::optional<PhotometricReport> photometric;         ///< PhotometricOptions::enabled
+  std::optional<OutlierReport> outliers;                ///< unless OutlierRule::kNone
   std::optional<PhotometricReport> second_photometric;  ///< after the outliers are gone
   std::optional<int> corners;                           ///< of the result
   std::optional<bool> optical_flow;                     ///< in place of descriptors

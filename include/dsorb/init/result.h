@@ -18,27 +18,28 @@ namespace dsorb {
 /// Every posed frame but the reference has a covariance where the initializer estimates them. It
 /// includes the error of the structure that all frames share: two frames are not independent.
 struct PosedFrame {
-  FramePtr frame;
-  std::optional<SE3> T_cam_ref;
+  FramePtr frame;                      ///< as given
+  std::optional<SE3> T_cam_ref;        ///< none: the frame could not be posed
   AffineBrightness affine;             ///< relative to the reference, which has a = b = 0
   std::optional<Matrix6d> covariance;  ///< of exp(xi) * T_cam_ref, [translation; rotation]
 };
 
+/// A pixel with its inverse depth.
 struct InitPoint {
   int host = 0;                 ///< index into the result's frames
   Eigen::Vector2f pixel{0, 0};  ///< in the host, level 0 [px]
   float inverse_depth = 0;      ///< for the host camera's z [1/unit]
   float variance = 0;           ///< of the inverse depth [1/unit^2]
-  int observations = 0;
+  int observations = 0;         ///< measurements that agree on it
 };
 
 /// Result of an initializer. The front frame is the reference, with identity pose and a = b = 0;
 /// the back frame is the newest one and has a pose. The unit of length is chosen such that the mean
 /// inverse depth of the reference's points is 1.
 struct InitializationResult {
-  std::vector<PosedFrame> frames;
-  std::vector<InitPoint> points;
-  InitReport report;
+  std::vector<PosedFrame> frames;  ///< all since the reference, in the order given
+  std::vector<InitPoint> points;   ///< of all hosts
+  InitReport report;               ///< what led to it
   /// Of a rolling shutter, as the initializer took it: estimated where the calibration has a sigma.
   std::optional<Readout> readout{};
 };

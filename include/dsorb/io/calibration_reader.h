@@ -19,6 +19,7 @@ namespace dsorb {
 /// @throws IoError naming file, line, key and expectation
 Calibration readCalibration(const std::filesystem::path& file, int kitti_camera = 0);
 
+/// Largest readout either way that is believed [ms].
 constexpr double kMaxReadoutMs = 1000;
 
 /// Readout as calibrations and command lines say it: milliseconds, or "auto" for kUnknownReadout.

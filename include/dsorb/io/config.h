@@ -10,8 +10,8 @@ namespace dsorb {
 
 /// One assignment to an option as text, with the place where it was written for messages.
 struct ConfigAssignment {
-  std::string key;  ///< full dotted key, or the end of exactly one: "orb.min_frames"
-  std::string value;
+  std::string key;     ///< full dotted key, or the end of exactly one: "orb.min_frames"
+  std::string value;   ///< as text
   std::string origin;  ///< for example "--set", "slow.yaml:12"
 };
 
@@ -20,19 +20,20 @@ struct ConfigAssignment {
 /// `flags`. The key `initializer.kind` takes every variant name; the last one to name a variant
 /// decides.
 struct ConfigSources {
-  std::string preset = "default";
-  std::vector<ConfigAssignment> program_defaults;
-  std::vector<std::string> files;             ///< YAML
-  std::vector<ConfigAssignment> assignments;  ///< `--set`
-  std::vector<ConfigAssignment> flags;        ///< named flags of the command line
+  std::string preset = "default";                  ///< name, see presetNames()
+  std::vector<ConfigAssignment> program_defaults;  ///< of a program, below what its user says
+  std::vector<std::string> files;                  ///< YAML
+  std::vector<ConfigAssignment> assignments;       ///< `--set`
+  std::vector<ConfigAssignment> flags;             ///< named flags of the command line
 };
 
 /// Effective configuration of a run.
 struct Config {
   std::string initializer = "orb";  ///< name of the variant
-  OdometryOptions options;
+  OdometryOptions options;          ///< all of them
 };
 
+/// Reads all sources.
 /// @throws ConfigError naming file, line, full key, what is allowed, and the closest valid key
 [[nodiscard]] Config loadConfig(const ConfigSources& sources);
 

@@ -13,14 +13,16 @@
 
 namespace dsorb {
 
+/// Kind of a data set; kAuto recognises it by what lies there.
 enum class SequenceFormat { kAuto, kDso, kKitti, kEuroc, kTum, kImages, kVideo, kCamera };
 
+/// Which images are read, and how.
 struct SequenceOptions {
   /// Folder of a data set or of images, .zip of images, video file, /dev/videoN or rtsp://... A
   /// video file with the format kCamera is played like a camera, in its own time.
   std::string path;
-  SequenceFormat format = SequenceFormat::kAuto;
-  std::string calibration_file;  ///< empty: the one of the data set
+  SequenceFormat format = SequenceFormat::kAuto;  ///< of what lies at `path`
+  std::string calibration_file;                   ///< empty: the one of the data set
   double horizontal_view = 0;  ///< [degrees] of a lens without distortion; 0: a calibration is read
   std::optional<Readout> readout;  ///< in place of the calibration's
   std::string response_file;       ///< empty: pcalib.txt of the data set, if there
@@ -44,9 +46,9 @@ struct SequenceOptions {
 
 /// One rectified and photometrically corrected image with its pyramid.
 struct SequenceFrame {
-  int index = -1;  ///< position in the sequence, also the frame's id
-  FramePtr frame;
-  std::string image_file;
+  int index = -1;                     ///< position in the sequence, also the frame's id
+  FramePtr frame;                     ///< rectified
+  std::string image_file;             ///< empty: the image is no file, as of a video
   std::vector<std::string> warnings;  ///< one sentence each, about the image as it was read
   double read_milliseconds = 0;       ///< reading, decoding, correction, rectification [ms]
   double pyramid_milliseconds = 0;    ///< Frame::create [ms]
@@ -62,8 +64,9 @@ class SequenceReader {
   /// @throws ConfigError on options that contradict each other or the data set
   explicit SequenceReader(const SequenceOptions& options);
   ~SequenceReader();
-  SequenceReader(SequenceReader&&) noexcept;
-  SequenceReader& operator=(SequenceReader&&) noexcept;
+  SequenceReader(SequenceReader&&) noexcept;  ///< the other may only be destroyed or assigned to
+  SequenceReader& operator=(
+      SequenceReader&&) noexcept;  ///< the other may only be destroyed or assigned to
 
   /// Camera of the rectified images.
   [[nodiscard]] const PinholeCamera& camera() const;

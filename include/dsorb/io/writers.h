@@ -11,6 +11,7 @@
 
 namespace dsorb {
 
+/// How a run ended; docs/formats.md.
 enum class RunStatus { kTracked, kLost, kNeverInitialized, kInterrupted, kError };
 
 /// Name as in run.json, for example "never_initialized".
@@ -18,9 +19,9 @@ enum class RunStatus { kTracked, kLost, kNeverInitialized, kInterrupted, kError 
 
 /// Facts about a run that the files contain although observers are not told them.
 struct RunInfo {
-  std::string program;
-  std::string version;
-  std::string dataset;
+  std::string program;      ///< name of the program that ran
+  std::string version;      ///< of that program
+  std::string dataset;      ///< path as given
   std::string initializer;  ///< name of the variant
   int threads = 1;          ///< actually used, never 0
   std::string config_yaml;  ///< becomes config.yaml

@@ -14,6 +14,7 @@
 
 namespace dsorb {
 
+/// State of an odometry after a frame.
 enum class OdometryState { kInitializing, kInitialized, kTracked, kLost };
 
 /// Name as in frames.csv, for example "tracked".
@@ -21,7 +22,7 @@ enum class OdometryState { kInitializing, kInitialized, kTracked, kLost };
 
 /// Estimate of one frame after it was processed.
 struct FrameEstimate {
-  FramePtr frame;
+  FramePtr frame;                                      ///< that was processed
   OdometryState state = OdometryState::kInitializing;  ///< after this frame
   int segment = 0;                    ///< number; a new one begins with the frame after a loss
   bool is_keyframe = false;           ///< or will become one, where mapping has its own thread
@@ -31,29 +32,29 @@ struct FrameEstimate {
   /// Of exp(xi) * T_cam_keyframe, [translation; rotation], in the segment's unit and in rad; of
   /// tracked frames whose points determine it. It says nothing of the keyframe's own pose.
   std::optional<Matrix6d> covariance;
-  AffineBrightness affine;
+  AffineBrightness affine;              ///< as brightnessTransfer() takes it
   std::optional<double> tracking_rmse;  ///< level 0 [grey levels]
 };
 
 /// A keyframe with the points it hosts, as a value.
 struct KeyframeSnapshot {
-  FrameId id;
-  double timestamp = 0;  ///< [s]
-  int segment = 0;
-  SE3 T_world_cam;
-  AffineBrightness affine;
-  PinholeCamera camera;
-  std::vector<MapPoint> points;
+  FrameId id;                    ///< of its frame
+  double timestamp = 0;          ///< [s]
+  int segment = 0;               ///< that it belongs to
+  SE3 T_world_cam;               ///< world: reference camera of the segment's initialization
+  AffineBrightness affine;       ///< as brightnessTransfer() takes it
+  PinholeCamera camera;          ///< that pixels, poses and depths belong to; as refined, if it is
+  std::vector<MapPoint> points;  ///< that it hosts, those that left the adjustment included
   std::optional<Readout> readout{};  ///< estimated, where Lens::readout has a sigma
 };
 
 /// A start that the first adjustment of the window contradicts. The result that onInitStep told is
 /// void: the initializer begins anew with the next frame.
 struct StartRefusal {
-  FrameId frame;  ///< the newest frame of the start
-  int segment = 0;
-  RefusalReason reason = RefusalReason::kAdjustment;
-  StartChange change;
+  FrameId frame;                                      ///< the newest frame of the start
+  int segment = 0;                                    ///< which stays
+  RefusalReason reason = RefusalReason::kAdjustment;  ///< the first that applies
+  StartChange change;                                 ///< zeros with kAdjustment
 };
 
 /// Is told by Odometry::process, restart and finish what happens, in order and on their thread,
@@ -76,6 +77,7 @@ class OdometryObserver {
   virtual void onKeyframeRetired(const KeyframeSnapshot& /*keyframe*/) {}
   /// The window refused the result of the onInitStep before; the segment stays.
   virtual void onStartRefused(const StartRefusal& /*refusal*/) {}
+  /// Tracking was lost with this frame; the next one needs Odometry::restart().
   virtual void onLost(FrameId /*frame*/, int /*segment*/) {}
 };
 

@@ -12,13 +12,13 @@ namespace dsorb {
 
 /// Seconds spent in each stage and counts, over the whole run.
 struct OdometryReport {
-  int frames_given = 0;
-  int frames_tracked = 0;
-  int keyframes = 0;
-  int segments = 0;  ///< with a successful initialization
-  double initializing_seconds = 0;
-  double tracking_seconds = 0;
-  double mapping_seconds = 0;
+  int frames_given = 0;             ///< to process()
+  int frames_tracked = 0;           ///< without those of initializations
+  int keyframes = 0;                ///< those of initializations included
+  int segments = 0;                 ///< with a successful initialization
+  double initializing_seconds = 0;  ///< [s]
+  double tracking_seconds = 0;      ///< [s]
+  double mapping_seconds = 0;       ///< [s]; pipelined it runs beside tracking
 };
 
 /// Direct visual odometry, one frame at a time: initializing, tracking, lost. Sequential and
@@ -36,12 +36,13 @@ class Odometry {
            const OdometryOptions& options,
            std::unique_ptr<Initializer> initializer);
   ~Odometry();
-  Odometry(Odometry&&) noexcept;
-  Odometry& operator=(Odometry&&) noexcept;
+  Odometry(Odometry&&) noexcept;             ///< the other may only be destroyed or assigned to
+  Odometry& operator=(Odometry&&) noexcept;  ///< the other may only be destroyed or assigned to
 
   /// @param observer must outlive this object; called in the order of registration
   void addObserver(OdometryObserver* observer);
 
+  /// Takes the next frame and tells observers.
   /// @throws std::invalid_argument a frame out of place, std::logic_error when lost; also what
   ///         mapping threw, pipelined that of an earlier frame: then the map is lost, its keyframes
   ///         retire with restart() or finish()

@@ -48,6 +48,7 @@ inline CoarseOptions referenceCoarseOptions() {
   return o;
 }
 
+/// Field list; see DescribeFor.
 template <typename Visitor, typename Options>
 DescribeFor<Options, CoarseOptions> describe(Visitor& visit, Options& o) {
   visit.field("published", o.published);

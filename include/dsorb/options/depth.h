@@ -7,14 +7,15 @@ namespace dsorb {
 
 /// Candidate points: pixels of keyframes that wait for a depth.
 struct DepthOptions {
-  int candidates_per_keyframe = 1000;
-  bool rotate_gradients = true;      ///< false (reference): error model ignores camera roll
+  int candidates_per_keyframe = 1000;  ///< wanted; docs/performance.md
+  bool rotate_gradients = true;        ///< false (reference): error model ignores camera roll
   bool final_out_of_bounds = false;  ///< true (reference): a candidate that left one frame is never
                                      ///< searched again
   bool consistent_energy = true;     ///< false (reference): a candidate's first energy has no
                                      ///< outlier limit
 };
 
+/// Field list; see DescribeFor.
 template <typename Visitor, typename Options>
 DescribeFor<Options, DepthOptions> describe(Visitor& visit, Options& o) {
   visit.field("candidates_per_keyframe", o.candidates_per_keyframe, Range{10, 100000}, "points");

@@ -7,15 +7,15 @@ namespace dsorb {
 
 /// Closed range of values an option may take.
 struct Range {
-  double low;
-  double high;
+  double low;   ///< included
+  double high;  ///< included
 };
 
 /// One value of an enumeration and its name in configuration files.
 template <typename Enum>
 struct NamedValue {
-  const char* name;
-  Enum value;
+  const char* name;  ///< in configuration files
+  Enum value;        ///< that it stands for
 };
 
 /// Return type of `describe(visitor, options)` for the option struct `Struct`, const or not. A

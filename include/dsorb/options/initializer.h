@@ -10,21 +10,24 @@
 
 namespace dsorb {
 
+/// Which initializer runs.
 enum class InitializerKind {
   kCoarse,
   kOrb,
   kRegistered  ///< a kind that a library brought (init/registry.h)
 };
 
+/// Options of an initializer; those of the other kinds are ignored.
 struct InitializerOptions {
-  InitializerKind kind = InitializerKind::kOrb;
-  std::string registered;  ///< name of the registered kind
-  int seed = 1;            ///< seed of every random choice
-  int num_threads = 1;     ///< 0: all the machine has
-  CoarseOptions coarse;
-  OrbOptions orb;
+  InitializerKind kind = InitializerKind::kOrb;  ///< which one runs
+  std::string registered;                        ///< name of the registered kind
+  int seed = 1;                                  ///< seed of every random choice
+  int num_threads = 1;                           ///< 0: all the machine has
+  CoarseOptions coarse;                          ///< of kCoarse
+  OrbOptions orb;                                ///< of kOrb
 };
 
+/// Field list; see DescribeFor.
 template <typename Visitor, typename Options>
 DescribeFor<Options, InitializerOptions> describe(Visitor& visit, Options& o) {
   visit.choice("kind",

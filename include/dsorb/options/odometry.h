@@ -9,6 +9,7 @@
 
 namespace dsorb {
 
+/// All options of Odometry.
 struct OdometryOptions {
   int num_threads = 1;  ///< 0: all the machine has; replaces initializer.num_threads
   /// Mapping in a thread of its own, beside tracking, as live use needs: frames are tracked against
@@ -19,13 +20,14 @@ struct OdometryOptions {
   int max_waiting = 2;
   /// Starts in a row that the window may refuse; the next one stays. 0: every start stays.
   int max_refusals = 2;
-  BrightnessModel brightness = BrightnessModel::kUncalibrated;
-  InitializerOptions initializer;
-  TrackerOptions tracker;
-  DepthOptions depth;
-  WindowOptions window;
+  BrightnessModel brightness = BrightnessModel::kUncalibrated;  ///< what is known of the images
+  InitializerOptions initializer;                               ///< first poses and depths
+  TrackerOptions tracker;                                       ///< pose of each frame
+  DepthOptions depth;                                           ///< of candidate points
+  WindowOptions window;                                         ///< of keyframes
 };
 
+/// Field list; see DescribeFor.
 template <typename Visitor, typename Options>
 DescribeFor<Options, OdometryOptions> describe(Visitor& visit, Options& o) {
   visit.field("num_threads", o.num_threads, Range{0, 1024}, "threads");

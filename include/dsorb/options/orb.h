@@ -14,13 +14,14 @@ enum class OpticalFlow {
 
 /// Corners of the reference, followed from frame to frame.
 struct FeatureTrackOptions {
-  OpticalFlow flow = OpticalFlow::kDsorb;
-  int max_corners = 1000;
+  OpticalFlow flow = OpticalFlow::kDsorb;  ///< that follows the corners
+  int max_corners = 1000;                  ///< of a reference
   double corner_quality = 0.003;  ///< corner strength relative to the strongest of the image
   int max_level = 4;              ///< coarsest pyramid level of Lucas-Kanade
   double min_eigenvalue = 0.3;    ///< texture of a patch: smaller one of its mean gradient tensor
 };
 
+/// Field list; see DescribeFor.
 template <typename Visitor, typename Options>
 DescribeFor<Options, FeatureTrackOptions> describe(Visitor& visit, Options& o) {
   visit.choice("flow", o.flow, {{"dsorb", OpticalFlow::kDsorb}, {"opencv", OpticalFlow::kOpenCv}});
@@ -44,6 +45,7 @@ struct GateOptions {
   double max_depth_sigma = 0.045;       ///< predicted relative error of a corner's depth, median
 };
 
+/// Field list; see DescribeFor.
 template <typename Visitor, typename Options>
 DescribeFor<Options, GateOptions> describe(Visitor& visit, Options& o) {
   visit.field("max_wrong_probability", o.max_wrong_probability, Range{0, 1}, "");
@@ -65,28 +67,29 @@ enum class OrbFrontEnd {
 
 /// Options of ORBInitializer, one nested struct a stage.
 struct OrbOptions {
-  OrbFrontEnd front_end = OrbFrontEnd::kTracks;
+  OrbFrontEnd front_end = OrbFrontEnd::kTracks;  ///< where matches come from
   /// Before the first attempt, including the reference. Between two frames depths take up whatever
   /// errors run along the epipolar lines; the third contradicts them.
   int min_frames = 3;
   int max_frames = 36;         ///< after which a reference is given up
   int min_tracked = 25;        ///< live tracks below which a reference is given up
   int reference_interval = 5;  ///< frames from one reference to the next; 0: only one at a time
-  FeatureTrackOptions tracks;
-  int max_features = 2000;  ///< ORB features that are matched by their descriptors
-  MotionMethod motion = MotionMethod::kEssential;
-  GateOptions gate;
+  FeatureTrackOptions tracks;  ///< corners and how they are followed
+  int max_features = 2000;     ///< ORB features that are matched by their descriptors
+  MotionMethod motion = MotionMethod::kEssential;  ///< first poses
+  GateOptions gate;                                ///< when a start is sure enough
   /// Rounds of refining the corners by patches of the reference, warped by pose and inverse depth,
   /// and adjusting again; 0 leaves it out. docs/experiments.md, "Refinement of corners"
   int polish_rounds = 5;
-  ModelChoice model_choice = ModelChoice::kScore;
-  GeometricOptions geometric;
-  SemiDenseOptions semi_dense;
-  PhotometricOptions photometric;
-  OutlierRule outlier_rule = OutlierRule::kCombined;
+  ModelChoice model_choice = ModelChoice::kScore;     ///< of MotionMethod::kGladkova
+  GeometricOptions geometric;                         ///< adjustment of the corners
+  SemiDenseOptions semi_dense;                        ///< points beside the corners
+  PhotometricOptions photometric;                     ///< adjustment of all points
+  OutlierRule outlier_rule = OutlierRule::kCombined;  ///< afterwards
   bool remove_moving = true;  ///< drops points where tracks contradict the camera's motion
 };
 
+/// Field list; see DescribeFor.
 template <typename Visitor, typename Options>
 DescribeFor<Options, OrbOptions> describe(Visitor& visit, Options& o) {
   visit.choice("front_end",

@@ -14,10 +14,10 @@ enum class RobustLoss { kHuber, kCauchy };
 
 /// Options of the geometric bundle adjustment of ORBInitializer.
 struct GeometricOptions {
-  AdjustmentSolver solver = AdjustmentSolver::kSchur;
+  AdjustmentSolver solver = AdjustmentSolver::kSchur;  ///< kCeres needs a build with it
   double sigma = 0.5;  ///< standard deviation of a corner's position, unless measured [px]
-  RobustLoss loss = RobustLoss::kCauchy;
-  double loss_threshold = 1.5;       ///< of the whitened error, where the loss bends [-]
+  RobustLoss loss = RobustLoss::kCauchy;  ///< of reprojection errors
+  double loss_threshold = 1.5;            ///< of the whitened error, where the loss bends [-]
   double severe_limit = 8.0;         ///< corners above it in any frame go before solving again [px]
   double normal_limit = 3.0;         ///< limit after the severe outliers are gone [px]
   int min_points = 50;               ///< with fewer corners left the attempt fails
@@ -28,6 +28,7 @@ struct GeometricOptions {
   double pose_variance_factor = 1;
 };
 
+/// Field list; see DescribeFor.
 template <typename Visitor, typename Options>
 DescribeFor<Options, GeometricOptions> describe(Visitor& visit, Options& o) {
   visit.choice("solver",
@@ -56,12 +57,13 @@ struct SemiDenseOptions {
   int max_candidates = 3000;         ///< larger patches are taken until no more remain
   double min_line_gradient = 2.0;    ///< least |gradient along the line| [grey/px]
   double image_noise = 2.8284;       ///< standard deviation of a grey value, sqrt(8) [grey levels]
-  DepthFusion fusion = DepthFusion::kMostPrecise;
+  DepthFusion fusion = DepthFusion::kMostPrecise;  ///< of the observations of one point
   /// Number of corners and points that are adjusted and handed over, as many as the window takes:
   /// those of smallest relative variance. 0 keeps all.
   int max_points = 2000;
 };
 
+/// Field list; see DescribeFor.
 template <typename Visitor, typename Options>
 DescribeFor<Options, SemiDenseOptions> describe(Visitor& visit, Options& o) {
   visit.field("gradient_above_median", o.gradient_above_median, Range{0, 255}, "grey levels / px");
@@ -90,10 +92,10 @@ enum class PhotometricPoses {
 
 /// Options of the photometric bundle adjustment of ORBInitializer.
 struct PhotometricOptions {
-  bool enabled = true;
-  AdjustmentSolver solver = AdjustmentSolver::kSchur;
-  PhotometricBrightness brightness = PhotometricBrightness::kAffine;
-  PhotometricPoses poses = PhotometricPoses::kGated;
+  bool enabled = true;  ///< false: the geometric result is handed over
+  AdjustmentSolver solver = AdjustmentSolver::kSchur;  ///< kCeres needs a build with it
+  PhotometricBrightness brightness = PhotometricBrightness::kAffine;  ///< of patches
+  PhotometricPoses poses = PhotometricPoses::kGated;                  ///< what becomes of them
   int enough_corners = 250;          ///< from which on the corners' poses are the better ones
   bool gradient_weights = true;      ///< pixels of strong gradients count less, as in [DSO]
   int max_frames = 4;                ///< evenly spaced, the newest included; 0: all
@@ -104,6 +106,7 @@ struct PhotometricOptions {
   int depth_iterations = 3;     ///< of the other points, poses fixed
 };
 
+/// Field list; see DescribeFor.
 template <typename Visitor, typename Options>
 DescribeFor<Options, PhotometricOptions> describe(Visitor& visit, Options& o) {
   visit.field("enabled", o.enabled);

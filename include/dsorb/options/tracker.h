@@ -15,6 +15,7 @@ struct TrackerOptions {
   double max_rmse = 13.5;  ///< level 0; above: lost [grey levels]
 };
 
+/// Field list; see DescribeFor.
 template <typename Visitor, typename Options>
 DescribeFor<Options, TrackerOptions> describe(Visitor& visit, Options& o) {
   visit.field("min_inside_fraction", o.min_inside_fraction, Range{0, 1}, "");

@@ -7,12 +7,13 @@ namespace dsorb {
 
 /// Iteration of the windowed adjustment.
 struct OptimizerOptions {
-  int max_iterations = 6;
+  int max_iterations = 6;        ///< of one adjustment
   bool undo_bad_steps = true;    ///< false (reference): every step is kept, damping is constant
   bool fixed_thresholds = true;  ///< false (reference): outlier limit changes with every evaluation
   bool optimize_intrinsics = false;  ///< reference: true
 };
 
+/// Field list; see DescribeFor.
 template <typename Visitor, typename Options>
 DescribeFor<Options, OptimizerOptions> describe(Visitor& visit, Options& o) {
   visit.field("max_iterations", o.max_iterations, Range{1, 1000}, "iterations");
@@ -34,6 +35,7 @@ struct PriorOptions {
                                     ///< taken at the current state instead of the expansion point
 };
 
+/// Field list; see DescribeFor.
 template <typename Visitor, typename Options>
 DescribeFor<Options, PriorOptions> describe(Visitor& visit, Options& o) {
   visit.field("intrinsics", o.intrinsics, Range{0, 1e16}, "");
@@ -46,18 +48,19 @@ DescribeFor<Options, PriorOptions> describe(Visitor& visit, Options& o) {
 
 /// The window of keyframes and its adjustment.
 struct WindowOptions {
-  int min_keyframes = 5;
-  int max_keyframes = 7;            ///< after marginalisation; one more while optimising
-  int first_keyframes = 4;          ///< at most, of the frames that an initialization has posed
-  double keyframe_frequency = 1;    ///< factor on flow and change of brightness that want one
-  double keyframes_per_second = 0;  ///< fixed rate instead; 0: off
-  int desired_points = 2000;
+  int min_keyframes = 5;          ///< below which none is retired for its points or its brightness
+  int max_keyframes = 7;          ///< after marginalisation; one more while optimising
+  int first_keyframes = 4;        ///< at most, of the frames that an initialization has posed
+  double keyframe_frequency = 1;  ///< factor on flow and change of brightness that want one
+  double keyframes_per_second = 0;       ///< fixed rate instead; 0: off
+  int desired_points = 2000;             ///< in the adjustment, of all keyframes together
   double marginalization_weight = 0.25;  ///< of newly marginalised information
   bool current_reference = true;  ///< false (reference): tracking depths use first-estimate poses
-  OptimizerOptions optimizer;
-  PriorOptions prior;
+  OptimizerOptions optimizer;     ///< its iteration
+  PriorOptions prior;             ///< its priors
 };
 
+/// Field list; see DescribeFor.
 template <typename Visitor, typename Options>
 DescribeFor<Options, WindowOptions> describe(Visitor& visit, Options& o) {
   visit.field("min_keyframes", o.min_keyframes, Range{2, 10}, "keyframes");
