@@ -60,7 +60,7 @@ def descriptions():
             if how == 'group':
                 visit(kind, f'{prefix}{name}.')
             else:
-                found[prefix + name] = said or enums.get(kind, '')
+                found[prefix + name] = enums.get(kind) or said
     visit('OdometryOptions', '')
     return found
 
