@@ -36,6 +36,7 @@ struct Step {
   InitStatus status;
   InitReason reason;
   std::optional<Initialization> result;
+  std::optional<WaitingMotion> motion;
 };
 
 const char* nameOf(InitStatus status) {
@@ -63,7 +64,7 @@ class LockedInitializer {
     const FrameId frame{id.value_or(next_id_)};
     next_id_ = frame.value + 1;
     const InitStep step = initializer_->addFrame(Frame::create(view, {frame, timestamp, exposure}));
-    Step answer{step.status, step.reason, std::nullopt};
+    Step answer{step.status, step.reason, std::nullopt, step.motion};
     if (step.result) answer.result.emplace(*step.result);
     return answer;
   }
@@ -83,6 +84,16 @@ class LockedInitializer {
   std::unique_ptr<Initializer> initializer_;
   int next_id_ = 0;
 };
+
+nb::object motionOf(const std::optional<WaitingMotion>& motion) {
+  if (!motion) return nb::none();
+  nb::dict dict;
+  dict["reference"] = motion->reference.value;
+  dict["T_cam_ref"] = matrixOf(motion->T_cam_ref);
+  dict["covariance"] = covarianceOf(motion->covariance);
+  dict["wrong_probability"] = motion->wrong_probability;
+  return std::move(dict);
+}
 
 nb::dict reportOf(const InitReport& report) {
   nb::dict stages;
@@ -148,7 +159,12 @@ void bindInitializer(nb::module_& m) {
           [](const Step& s) { return nameOf(s.status); },
           "needs_more_frames, restarted or initialized.")
       .def_prop_ro("reason", [](const Step& s) { return name(s.reason); })
-      .def_ro("result", &Step::result, "The start; None before.");
+      .def_ro("result", &Step::result, "The start; None before.")
+      .def_prop_ro(
+          "motion",
+          [](const Step& s) { return motionOf(s.motion); },
+          "While orb waits: its surest motion as a dict (reference, T_cam_ref, covariance, "
+          "wrong_probability), or None.");
 
   nb::class_<LockedInitializer> type(
       m, "Initializer", "Finds the first poses and depths from frames given one by one.");

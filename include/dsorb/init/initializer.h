@@ -17,11 +17,21 @@ enum class InitStatus {
   kInitialized       ///< `result` is set; the object is spent until reset()
 };
 
+/// What an initializer knows of the newest frame's motion while it waits to be surer.
+struct WaitingMotion {
+  FrameId reference;  ///< frame that the motion is relative to
+  SE3 T_cam_ref;      ///< of the newest frame; the corners' mean inverse depth is 1
+  std::optional<Matrix6d> covariance;  ///< of exp(xi) * T_cam_ref, [translation; rotation]
+  double wrong_probability = 1;        ///< of the direction, as far as it was judged: GateReport
+};
+
 /// Answer to one frame.
 struct InitStep {
   InitStatus status = InitStatus::kNeedsMoreFrames;  ///< after this frame
   InitReason reason = InitReason::kFirstFrame;       ///< why, for logs and tests
   std::optional<InitializationResult> result;        ///< set with kInitialized, and only then
+  /// `orb` while it waits: the surest motion, where an attempt with this frame came so far.
+  std::optional<WaitingMotion> motion{};
 };
 
 /// Finds the first poses, inverse depths and brightness from frames given one by one. The contract

@@ -105,20 +105,18 @@ Attempt reconstruct(const ReferenceView& seen, const AttemptContext& context) {
   using Made = Reconstruction;
   const Readout calibrated = readoutOf(*seen.frames.front());
   ReferenceView view = withGlobalShutter(seen, calibrated);
-  auto [start, summary] = startFromEssential(view, context);
-  if (calibrated.sigma > 0 && summary.tried) {  // this frame is worth it
+  EssentialStart start = startFromEssential(view, context);
+  if (calibrated.sigma > 0 && start.summary.tried) {  // this frame is worth it
     view = withGlobalShutter(
         seen, context.clock.time("readout", [&] { return profileReadout(seen, context); }));
     view.last = {};
-    EssentialStart again = startFromEssential(view, context);
-    start = std::move(again.made);
-    summary = again.summary;
+    start = startFromEssential(view, context);
   }
-  auto made = std::move(start)
+  auto made = std::move(start.made)
                   .then([&](Made m) { return addSemiDense(std::move(m), view, context); })
                   .then([&](Made m) { return adjustImages(std::move(m), context); })
                   .then([&](Made m) { return poseOtherFrames(std::move(m), context); });
-  return {std::move(made), summary};
+  return {std::move(made), start.summary, start.motion};
 }
 
 double medianRelativeSigma(const std::vector<InitPoint>& points) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/init/initializer.h"
 #include "dsorb/init/result.h"
 
 #include "init/orb/map/attempt_types.h"
@@ -11,6 +12,7 @@ namespace dsorb::init_orb {
 struct Attempt {
   Outcome<Reconstruction> made = InitReason::kSettling;
   AttemptSummary summary;
+  std::optional<WaitingMotion> motion{};  ///< where there is no start, but a motion
 };
 
 /// Tries to initialize from one reference.

@@ -5,6 +5,7 @@
 #include "init/orb/reference_pool.h"
 #include "init/orb/two_view/rotation_only.h"
 
+#include <optional>
 #include <stdexcept>
 #include <utility>
 
@@ -19,6 +20,11 @@ std::unique_ptr<ReferenceSource> makeSource(const OrbOptions& options) {
     return std::make_unique<Correspondences>(options);
   }
   return std::make_unique<ReferencePool>(options);
+}
+
+void keepSurest(const std::optional<WaitingMotion>& motion, std::optional<WaitingMotion>& surest) {
+  if (!motion) return;
+  if (!surest || motion->wrong_probability < surest->wrong_probability) surest = motion;
 }
 
 }  // namespace
@@ -73,11 +79,14 @@ InitStep ORBInitializer::advance(FramePtr frame) {
                                                                : resets_.restart(*reason));
   }
   clock_.time(start_stage_, [&] { source_->addWhenDue(); });
-  return needsMoreFrames(failure);
+  InitStep step = needsMoreFrames(failure);
+  step.motion = attempt.motion;
+  return step;
 }
 
 Attempt ORBInitializer::tryReferences() {
   Attempt first;  // its reason is the answer when none succeeds
+  std::optional<WaitingMotion> surest;
   int tried = 0;
   for (int reference = 0; reference < source_->references(); ++reference) {
     if (source_->age(reference) < options_.orb.min_frames) break;
@@ -86,8 +95,10 @@ Attempt ORBInitializer::tryReferences() {
     if (next.made) return next;
     source_->remember(reference, next.summary);
     tried += next.summary.tried ? 1 : 0;
+    keepSurest(next.motion, surest);
     if (reference == 0) first = std::move(next);
   }
+  first.motion = surest;
   return first;
 }
 

@@ -152,11 +152,18 @@ GateReport judge(const Reconstruction& made,
   return gate;
 }
 
-/// A refined start that passed, or why not, with its judgement where it came so far.
+/// A refined start that passed, or why not, with its judgement and motion where it came so far.
 struct JudgedStart {
   Outcome<Reconstruction> made;
   std::optional<GateReport> gate;
+  std::optional<WaitingMotion> motion{};
 };
+
+WaitingMotion motionOf(const InitialMap& map, const GateReport& gate) {
+  const PosedFrame& newest = map.frames.back();
+  return {
+      map.frames.front().frame->id(), *newest.T_cam_ref, newest.covariance, gate.wrong_probability};
+}
 
 JudgedStart refineAndJudge(const PlaneComparison& compared,
                            const SelectedMotion& selected,
@@ -178,7 +185,7 @@ JudgedStart refineAndJudge(const PlaneComparison& compared,
   if (!made) return {made.reason(), {}};
   const GateReport gate = context.clock.time(
       "gate", [&] { return judge(*made, matches, selected.motion.noise, context); });
-  if (gate.reason != InitReason::kDone) return {gate.reason, gate};
+  if (gate.reason != InitReason::kDone) return {gate.reason, gate, motionOf(made->map, gate)};
   made->report.essential->gate = gate;
   made->report.median_parallax_deg = gate.parallax_deg;
   made->report.wrong_probability = gate.wrong_probability;
@@ -221,7 +228,7 @@ EssentialStart startFromEssential(const ReferenceView& view, const AttemptContex
     }
   }
   summary.gate = start.gate;
-  return {std::move(start.made), summary};
+  return {std::move(start.made), summary, start.motion};
 }
 
 }  // namespace dsorb::init_orb

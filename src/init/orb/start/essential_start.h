@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/init/initializer.h"
+
 #include "init/orb/map/attempt_types.h"
+
+#include <optional>
 
 namespace dsorb::init_orb {
 
@@ -9,6 +13,7 @@ namespace dsorb::init_orb {
 struct EssentialStart {
   Outcome<Reconstruction> made;
   AttemptSummary summary;
+  std::optional<WaitingMotion> motion{};  ///< of a start that was judged and did not pass
 };
 
 /// Poses and corners from the essential matrix: robust adjustment of a few frames, a gate on the
