@@ -13,6 +13,8 @@
 namespace dsorb {
 namespace {
 
+constexpr int kFrameColumns = 37;  // of frames.csv: docs/formats.md
+
 namespace fs = std::filesystem;
 using ::testing::HasSubstr;
 using ::testing::MatchesRegex;
@@ -43,7 +45,7 @@ class EndedRuns : public DsoDataset {
       } else if (path.extension() == ".ply") {
         expectWholePly(text);
       } else if (path.extension() == ".csv") {
-        expectLinesOf(8, ',', path, text);
+        expectLinesOf(kFrameColumns, ',', path, text);
       } else if (path.extension() == ".txt") {
         expectLinesOf(path.stem() == "trajectory_kitti" ? 12 : 8, ' ', path, text);
       }

@@ -79,19 +79,17 @@ TEST_F(VideoRun, RefusesWhatIsNoVideo) {
 
 TEST_F(VideoRun, ACameraRunsUntilItIsInterrupted) {
   const fs::path video = encode("room.avi", "MJPG", 20);  // 16 s
-  const ProgramResult result =
-      run({video.string(),
-           "--format",
-           "camera",
-           "--calib",
-           (room_ / "camera.txt").string(),
-           "--initializer",
-           "orb-v1",
-           "--output",
-           out().string()},
-          [this] {
-            return fs::exists(file("frames.csv")) && fs::file_size(file("frames.csv")) > 2000;
-          });
+  const fs::path table = file("frames.csv");
+  const ProgramResult result = run({video.string(),
+                                    "--format",
+                                    "camera",
+                                    "--calib",
+                                    (room_ / "camera.txt").string(),
+                                    "--initializer",
+                                    "orb-v1",
+                                    "--output",
+                                    out().string()},
+                                   [table] { return readTextLines(table).size() > kFrames; });
   const nlohmann::json json = runJson();
   EXPECT_EQ(json["status"], "interrupted") << result.err;
   EXPECT_GT(json["frames_given"], kFrames / 2);
