@@ -198,8 +198,7 @@ void bindEstimate(nb::module_& m) {
           [](const Estimate& e) { return covarianceOf(e.frame.covariance); },
           nb::rv_policy::automatic,
           "(6, 6): of a left increment of T_cam_keyframe, [translation; rotation], in the "
-          "segment's "
-          "unit and rad; None: there is none.")
+          "segment's unit and rad; None: there is none.")
       .def_prop_ro(
           "brightness",
           [](const Estimate& e) { return std::make_pair(e.frame.affine.a, e.frame.affine.b); },
@@ -222,7 +221,9 @@ void bindEstimate(nb::module_& m) {
           "refusal",
           [](const Estimate& e) { return e.events.refusal; },
           "Why the window refused a start with this frame; or None.");
+}
 
+void bindReport(nb::module_& m) {
   nb::class_<Report>(m, "Report", "Of a whole run.")
       .def_prop_ro("frames_given", [](const Report& r) { return r.odometry.frames_given; })
       .def_prop_ro("frames_tracked", [](const Report& r) { return r.odometry.frames_tracked; })
@@ -236,6 +237,7 @@ void bindEstimate(nb::module_& m) {
 void bindOdometry(nb::module_& m) {
   bindKeyframe(m);
   bindEstimate(m);
+  bindReport(m);
   nb::class_<LockedOdometry> type(m, "Odometry", "Direct visual odometry, one frame at a time.");
   bindMaker(type,
             "`initializer`: orb (default) or coarse. Options as dictionary or keywords with the "

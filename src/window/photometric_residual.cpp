@@ -61,7 +61,6 @@ Eigen::Vector2f velocityAt(
 /// The readout enters twice: in the pixel of the host's middle row and in the row of the target
 /// that sees the point. Rows passed in a row's time are left out.
 void addReadout(const WindowPoint& point,
-                const HostRays& rays,
                 const PairGeometry& pair,
                 const WarpedPoint<float>& p,
                 const RayJacobian& by_ray,
@@ -69,8 +68,7 @@ void addReadout(const WindowPoint& point,
   constexpr auto kScale = static_cast<float>(kReadoutScale);
   const Warp<float>& warp = pair.first;
   const Eigen::Vector2f& seen = point.patch.seen;
-  Eigen::Vector2f ray;
-  rays.at(seen.x(), seen.y(), ray.x(), ray.y());
+  const Eigen::Vector2f ray((seen.x() - warp.cx) / warp.fx, (seen.y() - warp.cy) / warp.fy);
   float share = 0;
   rowShare(pair.host_shutter, seen.x(), seen.y(), share);
   const Eigen::Vector2f host =
@@ -197,7 +195,7 @@ bool evaluateGeometry(const WindowPoint& point,
   RayJacobian by_ray;
   rayJacobian(pair.first, p, by_ray);
   if (camera.intrinsics) addIntrinsics(ray_x, ray_y, p, by_ray, geometry);
-  if (camera.readout) addReadout(point, rays, pair, p, by_ray, geometry);
+  if (camera.readout) addReadout(point, pair, p, by_ray, geometry);
   return true;
 }
 
