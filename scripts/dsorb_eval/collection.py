@@ -107,10 +107,11 @@ def row_of(video: str, folder: Path) -> dict[str, Any]:
     wrong = [start['report'].get('wrong_probability') for start in starts]
     refined, readout = (summary.get(key) or {} for key in ('refined_camera', 'readout'))
     times = [float(row['milliseconds']) for row in frames]
+    images_posed = posed(out)
     failed = record['exit_code'] not in (0, 3)
     status = 'timeout' if record['exit_code'] == runner.TIMED_OUT else 'error' if failed else summary.get('status', 'error')
     return dict(video=video, name=folder.name, status=status, exit_code=record['exit_code'], error=why(folder) if failed else None,
-                images=len(frames), images_posed=posed(out), share_posed=round(posed(out) / len(frames), 4) if frames else None,
+                images=len(frames), images_posed=images_posed, share_posed=round(images_posed / len(frames), 4) if frames else None,
                 wrong_probability=max((float(f'{w:.3g}') for w in wrong if w is not None), default=None), segments=summary.get('segments'),
                 losses=sum(row['state'] == 'lost' for row in frames), refined_focal_px=refined.get('fx'),
                 readout_ms=readout.get('milliseconds'), readout_sigma_ms=readout.get('sigma'),

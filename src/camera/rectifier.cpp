@@ -87,7 +87,7 @@ class Rectifier::Impl {
         rectified_(pixelsOf(undistorter_.camera().width, undistorter_.camera().height)) {
     warnings_ =
         doubtsAbout(calibration.lens, calibration.rectification.mode, undistorter_.camera());
-    if (calibration.lens.readout.seconds != 0 || calibration.lens.readout.sigma > 0) {
+    if (calibration.lens.readout.isRolling()) {
       const bool resampled = calibration.rectification.mode != RectificationMode::kNone;
       row_times_ = std::make_shared<const RowTimes>(
           dsorb::rowTimes(calibration.lens, undistorter_.camera(), resampled));

@@ -163,8 +163,7 @@ inline Readout readoutOf(const Frame& frame) {
 
 /// Whether the rows of a frame have different times, or may have them.
 inline bool isRolling(const Frame& frame) {
-  const Readout readout = readoutOf(frame);
-  return readout.seconds != 0 || readout.sigma > 0;
+  return readoutOf(frame).isRolling();
 }
 
 /// Row times of a frame that has them, with what an estimate adds to the calibrated readout.

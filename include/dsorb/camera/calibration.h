@@ -21,6 +21,9 @@ enum class LensModel {
 struct Readout {
   double seconds = 0;  ///< the time itself [s]
   double sigma = 0;    ///< standard deviation [s]; above 0 the odometry estimates the readout
+
+  /// Whether rows have different times, or may have them.
+  [[nodiscard]] bool isRolling() const { return seconds != 0 || sigma > 0; }
 };
 
 /// Of a camera of which nothing is known: the rows take at most the time between two frames.

@@ -107,10 +107,13 @@ Attempt reconstruct(const ReferenceView& seen, const AttemptContext& context) {
   ReferenceView view = withGlobalShutter(seen, calibrated);
   EssentialStart start = startFromEssential(view, context);
   if (calibrated.sigma > 0 && start.summary.tried) {  // this frame is worth it
-    view = withGlobalShutter(
-        seen, context.clock.time("readout", [&] { return profileReadout(seen, context); }));
-    view.last = {};
-    start = startFromEssential(view, context);
+    const Readout found =
+        context.clock.time("readout", [&] { return profileReadout(seen, context); });
+    if (found.seconds != calibrated.seconds) {
+      view = withGlobalShutter(seen, found);
+      view.last = {};
+      start = startFromEssential(view, context);
+    }
   }
   auto made = std::move(start.made)
                   .then([&](Made m) { return addSemiDense(std::move(m), view, context); })

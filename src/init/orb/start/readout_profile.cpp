@@ -35,7 +35,7 @@ double negativeLogPosterior(const ReferenceView& seen,
   if (!motion) return kNever;
   const auto candidate = makeCandidate(view, *motion, context);
   if (!candidate || !(candidate->cost > 0)) return kNever;
-  const Readout& calibrated = readoutOf(*seen.frames.front());
+  const Readout calibrated = readoutOf(*seen.frames.front());
   const double deviation = (readout.seconds - calibrated.seconds) / calibrated.sigma;
   return 0.5 * occupiedCells(candidate->map, context.camera) * std::log(candidate->cost) +
          0.5 * deviation * deviation;
