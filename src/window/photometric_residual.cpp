@@ -29,10 +29,12 @@ DSORB_ALWAYS_INLINE void rayJacobian(const Warp<float>& warp,
 /// Intrinsics enter twice: in the host's ray and in the target's projection.
 void addIntrinsics(float ray_x,
                    float ray_y,
+                   const Warp<float>& warp,
                    const WarpedPoint<float>& p,
-                   const RayJacobian& by_ray,
                    ResidualGeometry& geometry) {
   constexpr auto kScale = static_cast<float>(kCameraScale);
+  RayJacobian by_ray;
+  rayJacobian(warp, p, by_ray);
   const auto [xx, xy, yx, yy] = by_ray;
   geometry.x[kLaneCamera + 0] = kScale * (p.u + ray_x * xx);
   geometry.x[kLaneCamera + 1] = kScale * ray_y * xy;
@@ -61,14 +63,15 @@ Eigen::Vector2f velocityAt(
 /// The readout enters twice: in the pixel of the host's middle row and in the row of the target
 /// that sees the point. Rows passed in a row's time are left out.
 void addReadout(const WindowPoint& point,
+                const HostRays& rays,
                 const PairGeometry& pair,
                 const WarpedPoint<float>& p,
-                const RayJacobian& by_ray,
                 ResidualGeometry& geometry) {
   constexpr auto kScale = static_cast<float>(kReadoutScale);
   const Warp<float>& warp = pair.first;
   const Eigen::Vector2f& seen = point.patch.seen;
-  const Eigen::Vector2f ray((seen.x() - warp.cx) / warp.fx, (seen.y() - warp.cy) / warp.fy);
+  Eigen::Vector2f ray;
+  rays.at(seen.x(), seen.y(), ray.x(), ray.y());
   float share = 0;
   rowShare(pair.host_shutter, seen.x(), seen.y(), share);
   const Eigen::Vector2f host =
@@ -81,6 +84,8 @@ void addReadout(const WindowPoint& point,
                                                     point.inverse_depth * p.inverse_z,
                                                     pair.current.shutter.readout * share,
                                                     1);
+  RayJacobian by_ray;
+  rayJacobian(warp, p, by_ray);
   const float moved_x = warp.fx * host.x();
   const float moved_y = warp.fy * host.y();
   geometry.x[kLaneReadout] =
@@ -191,11 +196,8 @@ bool evaluateGeometry(const WindowPoint& point,
   std::copy_n(J.y, kPoseRows, geometry.y);
   geometry.depth_x = J.depth_x;
   geometry.depth_y = J.depth_y;
-  if (!camera.any()) return true;
-  RayJacobian by_ray;
-  rayJacobian(pair.first, p, by_ray);
-  if (camera.intrinsics) addIntrinsics(ray_x, ray_y, p, by_ray, geometry);
-  if (camera.readout) addReadout(point, pair, p, by_ray, geometry);
+  if (camera.intrinsics) addIntrinsics(ray_x, ray_y, pair.first, p, geometry);
+  if (camera.readout) addReadout(point, rays, pair, p, geometry);
   return true;
 }
 
