@@ -18,9 +18,8 @@ using Eigen::Vector3f;
 // Constants as published with DSO (Engel et al., arXiv:1607.02565) unless noted.
 constexpr double kMaxSearchShare = 0.027;  // longest search, relative to width + height
 constexpr float kMinInterval = 1.5F;       // [px] shorter epipolar intervals are not searched again
-constexpr float kMinImprovement = 2;     // the interval must be this many times the expected error
-constexpr float kMaxError = 10;          // [px] the expected error is limited to this
-constexpr float kMinDepthRatio = 0.75F;  // admissible depth in the frame over depth in the host
+constexpr float kMaxError = 10;            // [px] the expected error is limited to this
+constexpr float kMinDepthRatio = 0.75F;    // admissible depth in the frame over depth in the host
 constexpr float kMaxDepthRatio = 1.5F;
 constexpr int kRefinementIterations = 3;  // Gauss-Newton along the line
 constexpr float kOutlierSlack = 1.2F;     // on the patch energy that makes a match an outlier
@@ -171,7 +170,8 @@ std::optional<Segment> planSearch(CandidatePoint& candidate,
   }
   segment.direction = line / segment.length;
   segment.error = expectedError(candidate, pair, segment.direction, options);
-  if (known && kMinImprovement * segment.error > segment.length) {
+  const auto min_improvement = static_cast<float>(options.min_improvement);
+  if (known && min_improvement * segment.error > segment.length) {
     candidate.status = CandidateStatus::kIllConditioned;
     candidate.interval = segment.length;
     return std::nullopt;

@@ -118,7 +118,7 @@ constexpr double kCutoff = 20;                 // larger residuals are saturated
 constexpr double kMaxSaturatedFraction = 0.6;  // the cut-off is doubled while more are saturated
 constexpr double kLambdaFloor = 0.001;  // after a rejected step; steps below it are extrapolated
 constexpr FactorDamping kDamping{0.01, 0.5, 4, 0, kLambdaFloor};
-constexpr double kStopNorm = 1e-3;       // of a step in scaled units
+constexpr double kStopNorm = 1e-3;       // of a step in scaled units; it is taken unseen
 constexpr double kRotationScale = 0.5;   // [rad]
 constexpr double kGainScale = 10;        // of a [-]
 constexpr double kOffsetScale = 1000;    // of b [grey levels]
@@ -339,6 +339,8 @@ class PoseAlignment::Problem {
 
   std::optional<double> tryStep() {
     trial_state_ = state_.plus(step_);
+    last_ = scaledNorm(step_) <= kStopNorm;
+    if (last_) return 0;
     trial_ = alignment_.evaluate(level_, trial_state_, cutoff_);
     const double decrease = current_.meanEnergy() - trial_.meanEnergy();
     return decrease > 0 ? std::optional(decrease) : std::nullopt;
@@ -346,13 +348,12 @@ class PoseAlignment::Problem {
 
   bool accept(const DampedStep& /*step*/) {
     state_ = trial_state_;
+    if (last_) return false;
     current_ = trial_;
     equations_ = alignment_.normalEquations();
-    return scaledNorm(step_) > kStopNorm;
+    return true;
   }
-  [[nodiscard]] bool reject(const DampedStep& step) const {
-    return step.predicted && scaledNorm(step_) > kStopNorm;
-  }
+  [[nodiscard]] static bool reject(const DampedStep& step) { return step.predicted.has_value(); }
 
   [[nodiscard]] const Evaluation& current() const { return current_; }
   [[nodiscard]] const PoseEquations& equations() const { return equations_; }
@@ -367,6 +368,7 @@ class PoseAlignment::Problem {
   PoseEquations equations_;
   Vector8d step_ = Vector8d::Zero();
   AlignmentState trial_state_;
+  bool last_ = false;  // the step is too small to be looked at
   Evaluation trial_;
 };
 

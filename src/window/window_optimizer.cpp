@@ -44,6 +44,11 @@ double marginalEnergy(const Window& window) {
   return d.dot(window.prior.H * d) + 2 * window.prior.b.dot(d);
 }
 
+/// Of a used residual's pixel [grey levels^2].
+double squaredRms(const WindowEquations& equations) {
+  return equations.energy / (kPatternSize * std::max(1, equations.used));
+}
+
 void commit(Window& window) {
   for (Keyframe& keyframe : window.keyframes) {
     for (WindowPoint& point : keyframe.points) {
@@ -156,17 +161,17 @@ class WindowOptimizer::Adjustment {
     step_ = solveStep(window_, memory_.current_, memory_.options_, damping, memory_.elimination_);
     if (report_.iterations >= kNullSpaceFrom) step_ = withoutGauge(step_, gauge_);
     memory_.elimination_.substituteBack(memory_.current_, step_, depth_step_);
-    const bool finite =
-        step_.allFinite() && std::all_of(depth_step_.begin(), depth_step_.end(), [](double step) {
-          return std::isfinite(step);
-        });
-    return finite ? std::optional(0.0) : std::nullopt;
+    predicted_ =
+        predictedDecrease(window_, memory_.current_, memory_.options_, {step_, depth_step_});
+    return std::isfinite(predicted_) ? std::optional(predicted_) : std::nullopt;
   }
 
   std::optional<double> tryStep() {
     ++report_.iterations;
     save();
     applyStep();
+    report_.converged = isNegligible(predicted_);
+    if (report_.converged) return predicted_;
     trial_energy_ = evaluate(memory_.trial_);
     const bool keep =
         std::isfinite(trial_energy_) && (!options_.undo_bad_steps || trial_energy_ <= energy_);
@@ -174,6 +179,7 @@ class WindowOptimizer::Adjustment {
   }
 
   bool accept(const DampedStep& /*step*/) {
+    if (report_.converged) return false;
     if (!options_.fixed_thresholds) adaptNewestThreshold(window_);
     commit(window_);
     std::swap(memory_.current_, memory_.trial_);
@@ -216,6 +222,7 @@ class WindowOptimizer::Adjustment {
   void applyStep();
   void save();
   void restore();
+  [[nodiscard]] bool isNegligible(double decrease) const;
   [[nodiscard]] bool isSmall() const;
 
   WindowOptimizer& memory_;
@@ -230,6 +237,7 @@ class WindowOptimizer::Adjustment {
   std::vector<double> depth_step_;
   double energy_ = 0;
   double trial_energy_ = 0;
+  double predicted_ = 0;
   // The state before a step.
   CameraVector camera_state_;
   std::vector<Vector8d> states_;
@@ -260,6 +268,14 @@ void WindowOptimizer::Adjustment::applyStep() {
   for (std::size_t i = 0; i < points_.size(); ++i) {
     at(i).inverse_depth += static_cast<float>(depth_step_[i]);
   }
+}
+
+/// An unknown that is off by its standard deviation raises the energy by the variance of a
+/// residual.
+bool WindowOptimizer::Adjustment::isNegligible(double decrease) const {
+  const WindowEquations& equations = memory_.current_;
+  const auto unknowns = static_cast<double>(points_.size()) + static_cast<double>(step_.size());
+  return decrease < options_.min_decrease * unknowns * squaredRms(equations);
 }
 
 bool WindowOptimizer::Adjustment::isSmall() const {
@@ -301,7 +317,7 @@ OptimizationReport WindowOptimizer::Adjustment::finish() {
   for (std::size_t i = 0; i < points_.size(); ++i) at(i).information = last.depth_hessian[i];
   report_.residuals = last.used;
   report_.last_energy = energy_;
-  report_.rms = std::sqrt(last.energy / (kPatternSize * std::max(1, last.used)));
+  report_.rms = std::sqrt(squaredRms(last));
   if (camera_.readout) {
     report_.readout_sigma =
         readoutSigma(window_, last, memory_.options_, report_.rms, memory_.elimination_);

@@ -14,11 +14,11 @@ namespace dsorb::window {
 struct OptimizationReport {
   bool finite = true;  ///< false: the energy is no number; the window is as before the last step
   bool converged = false;
-  int iterations = 0;       ///< steps tried
-  int undone_steps = 0;     ///< they raised the energy
-  int residuals = 0;        ///< used in the last system
-  double first_energy = 0;  ///< total, priors included
-  double last_energy = 0;
+  int iterations = 0;        ///< steps tried
+  int undone_steps = 0;      ///< they raised the energy
+  int residuals = 0;         ///< used in the last system
+  double first_energy = 0;   ///< total, priors included
+  double last_energy = 0;    ///< before a last step that was taken unseen
   double rms = 0;            ///< of a used residual's pixel [grey levels]
   double readout_sigma = 0;  ///< of an estimated readout; 0 where it is not estimated [s]
 };
@@ -29,8 +29,9 @@ void adaptNewestThreshold(Window& window);
 
 /// Windowed photometric bundle adjustment: poses, brightness, inverse depths and, as an option,
 /// intrinsics; the readout of a rolling shutter where it is not known. Damped Gauss-Newton with
-/// first-estimate Jacobians; a step that raises the energy is undone. Afterwards the newest
-/// keyframe's estimate becomes its first estimate and residuals that were not used are gone.
+/// first-estimate Jacobians; a step that raises the energy is undone, one that can hardly lower it
+/// is taken unseen and is the last. Afterwards the newest keyframe's estimate becomes its first
+/// estimate and residuals that were not used are gone.
 /// @source Engel et al., DSO, arXiv:1607.02565, section 2.3
 class WindowOptimizer {
  public:

@@ -8,6 +8,8 @@
 
 #include <Eigen/Core>
 
+#include <vector>
+
 /// One linear step of an adjustment: priors of the state, gauge, solution.
 namespace dsorb::window {
 
@@ -39,6 +41,19 @@ struct StatePrior {
                                         const WindowOptions& options,
                                         double damping,
                                         WindowElimination& elimination);
+
+/// Step of everything that an adjustment estimates.
+struct WindowStep {
+  const Eigen::VectorXd& states;      ///< of camera and frames
+  const std::vector<double>& depths;  ///< of the inverse depths
+};
+
+/// By which a step without damping lowers the linearised energy, priors included; NaN where a step
+/// is no number.
+[[nodiscard]] double predictedDecrease(const Window& window,
+                                       const WindowEquations& equations,
+                                       const WindowOptions& options,
+                                       const WindowStep& step);
 
 /// Standard deviation of an estimated readout after an adjustment [s].
 /// @param noise of a pixel's residual [grey levels]

@@ -142,5 +142,31 @@ TEST(EpipolarSearchTest, ShortIntervalsAreSkipped) {
   EXPECT_EQ(candidate.min_inverse_depth, 0.999F * truth);
 }
 
+TEST(EpipolarSearchTest, WhatASearchWouldNotHalveIsLeftAlone) {
+  SearchScene scene;
+  const SE3 T_frame_host = scene.sequence.pose(6).inverse() * scene.sequence.pose(0);
+  const EpipolarPair pair(scene.sequence.camera(), T_frame_host, {});
+  const FramePtr frame = scene.sequence.framePtr(6);
+  const PyramidLevel& level = frame->level(0);
+  int good = 0;
+  for (CandidatePoint candidate : scene.candidates) {
+    searchEpipolarLine(candidate, pair, level, {});
+    // An interval within the limits of the expected error is searched to its end.
+    if (candidate.status != CandidateStatus::kGood || candidate.interval >= 20) continue;
+    ++good;
+    const float half = 0.5F * (candidate.max_inverse_depth - candidate.min_inverse_depth);
+    const float middle = candidate.middle();
+    const auto widened = [&](float factor) {
+      candidate.min_inverse_depth = middle - factor * half;
+      candidate.max_inverse_depth = middle + factor * half;
+      searchEpipolarLine(candidate, pair, level, {});
+      return candidate.status;
+    };
+    EXPECT_NE(widened(1.9F), CandidateStatus::kGood);  // 3.8 of the expected error
+    EXPECT_NE(widened(2.1F), CandidateStatus::kIllConditioned);
+  }
+  EXPECT_GT(good, 20);
+}
+
 }  // namespace
 }  // namespace dsorb::depth
