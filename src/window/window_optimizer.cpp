@@ -158,20 +158,26 @@ class WindowOptimizer::Adjustment {
   }
 
   std::optional<double> solve(double damping) {
-    step_ = solveStep(window_, memory_.current_, memory_.options_, damping, memory_.elimination_);
-    if (report_.iterations >= kNullSpaceFrom) step_ = withoutGauge(step_, gauge_);
+    const StateStep step =
+        solveStep(window_, memory_.current_, memory_.options_, damping, memory_.elimination_);
+    negligible_ = std::abs(step.decrease) < options_.min_decrease *
+                                                static_cast<double>(step.change.size()) *
+                                                squaredRms(memory_.current_);
+    step_ = report_.iterations < kNullSpaceFrom ? step.change : withoutGauge(step.change, gauge_);
     memory_.elimination_.substituteBack(memory_.current_, step_, depth_step_);
-    predicted_ =
-        predictedDecrease(window_, memory_.current_, memory_.options_, {step_, depth_step_});
-    return std::isfinite(predicted_) ? std::optional(predicted_) : std::nullopt;
+    const bool finite =
+        step_.allFinite() && std::all_of(depth_step_.begin(), depth_step_.end(), [](double depth) {
+          return std::isfinite(depth);
+        });
+    return finite ? std::optional(step.decrease) : std::nullopt;
   }
 
   std::optional<double> tryStep() {
     ++report_.iterations;
     save();
     applyStep();
-    report_.converged = isNegligible(predicted_);
-    if (report_.converged) return predicted_;
+    report_.converged = negligible_;
+    if (negligible_) return 0;
     trial_energy_ = evaluate(memory_.trial_);
     const bool keep =
         std::isfinite(trial_energy_) && (!options_.undo_bad_steps || trial_energy_ <= energy_);
@@ -222,7 +228,6 @@ class WindowOptimizer::Adjustment {
   void applyStep();
   void save();
   void restore();
-  [[nodiscard]] bool isNegligible(double decrease) const;
   [[nodiscard]] bool isSmall() const;
 
   WindowOptimizer& memory_;
@@ -237,7 +242,7 @@ class WindowOptimizer::Adjustment {
   std::vector<double> depth_step_;
   double energy_ = 0;
   double trial_energy_ = 0;
-  double predicted_ = 0;
+  bool negligible_ = false;  // what the step would gain
   // The state before a step.
   CameraVector camera_state_;
   std::vector<Vector8d> states_;
@@ -268,14 +273,6 @@ void WindowOptimizer::Adjustment::applyStep() {
   for (std::size_t i = 0; i < points_.size(); ++i) {
     at(i).inverse_depth += static_cast<float>(depth_step_[i]);
   }
-}
-
-/// An unknown that is off by its standard deviation raises the energy by the variance of a
-/// residual.
-bool WindowOptimizer::Adjustment::isNegligible(double decrease) const {
-  const WindowEquations& equations = memory_.current_;
-  const auto unknowns = static_cast<double>(points_.size()) + static_cast<double>(step_.size());
-  return decrease < options_.min_decrease * unknowns * squaredRms(equations);
 }
 
 bool WindowOptimizer::Adjustment::isSmall() const {

@@ -30,13 +30,6 @@ struct ReducedSystem {
   VectorXd b;
 };
 
-/// Of half the energy, priors included, by camera and frames.
-VectorXd stateGradient(const Window& window,
-                       const WindowEquations& equations,
-                       const StatePrior& prior) {
-  return equations.b + prior.gradient + window.prior.b + window.prior.H * window.deviation();
-}
-
 ReducedSystem reduce(const Window& window,
                      const WindowEquations& equations,
                      const WindowOptions& options,
@@ -48,7 +41,7 @@ ReducedSystem reduce(const Window& window,
   VectorXd& b = system.b;
   H.diagonal() += prior.information;
   H.diagonal() *= 1 + damping;
-  b = stateGradient(window, equations, prior);
+  b = equations.b + prior.gradient + window.prior.b + window.prior.H * window.deviation();
   elimination.damp(equations, damping);
   elimination.eliminate(equations, H, b);
   const EstimatedCamera camera = estimatedCamera(window, options);
@@ -122,25 +115,15 @@ VectorXd withoutGauge(const VectorXd& step, const MatrixXd& directions) {
   return result;
 }
 
-VectorXd solveStep(const Window& window,
-                   const WindowEquations& equations,
-                   const WindowOptions& options,
-                   double damping,
-                   WindowElimination& elimination) {
+StateStep solveStep(const Window& window,
+                    const WindowEquations& equations,
+                    const WindowOptions& options,
+                    double damping,
+                    WindowElimination& elimination) {
   const ReducedSystem system = reduce(window, equations, options, damping, elimination);
-  return -solvePreconditioned(system.H, system.b);
-}
-
-double predictedDecrease(const Window& window,
-                         const WindowEquations& equations,
-                         const WindowOptions& options,
-                         const WindowStep& step) {
-  const StatePrior prior = statePrior(window, options);
-  double decrease = -stateGradient(window, equations, prior).dot(step.states);
-  for (std::size_t i = 0; i < step.depths.size(); ++i) {
-    decrease -= static_cast<double>(equations.depth_gradient[i]) * step.depths[i];
-  }
-  return decrease;
+  StateStep step{-solvePreconditioned(system.H, system.b), 0};
+  step.decrease = -system.b.dot(step.change);
+  return step;
 }
 
 double readoutSigma(const Window& window,

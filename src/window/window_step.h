@@ -8,8 +8,6 @@
 
 #include <Eigen/Core>
 
-#include <vector>
-
 /// One linear step of an adjustment: priors of the state, gauge, solution.
 namespace dsorb::window {
 
@@ -33,27 +31,22 @@ struct StatePrior {
 [[nodiscard]] Eigen::VectorXd withoutGauge(const Eigen::VectorXd& step,
                                            const Eigen::MatrixXd& directions);
 
+/// Step of camera and frames.
+struct StateStep {
+  Eigen::VectorXd change;
+  /// Of the linearised energy, beyond what the inverse depths alone would lower it by. A state that
+  /// is off by its standard deviation raises the energy by the variance of a residual.
+  double decrease = 0;
+};
+
 /// Step of frames and camera that minimises the linearised energy, priors included.
 /// @param damping     relative increase of all diagonals
 /// @param elimination afterwards gives the steps of the inverse depths
-[[nodiscard]] Eigen::VectorXd solveStep(const Window& window,
-                                        const WindowEquations& equations,
-                                        const WindowOptions& options,
-                                        double damping,
-                                        WindowElimination& elimination);
-
-/// Step of everything that an adjustment estimates.
-struct WindowStep {
-  const Eigen::VectorXd& states;      ///< of camera and frames
-  const std::vector<double>& depths;  ///< of the inverse depths
-};
-
-/// By which a step without damping lowers the linearised energy, priors included; NaN where a step
-/// is no number.
-[[nodiscard]] double predictedDecrease(const Window& window,
-                                       const WindowEquations& equations,
-                                       const WindowOptions& options,
-                                       const WindowStep& step);
+[[nodiscard]] StateStep solveStep(const Window& window,
+                                  const WindowEquations& equations,
+                                  const WindowOptions& options,
+                                  double damping,
+                                  WindowElimination& elimination);
 
 /// Standard deviation of an estimated readout after an adjustment [s].
 /// @param noise of a pixel's residual [grey levels]

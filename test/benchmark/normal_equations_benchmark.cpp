@@ -65,7 +65,7 @@ void BM_SolveStep(benchmark::State& state) {
   const Eigen::MatrixXd gauge = gaugeDirections(scene.window);
   for (auto _ : state) {
     const Eigen::VectorXd step =
-        withoutGauge(solveStep(scene.window, equations, {}, 1e-5, elimination), gauge);
+        withoutGauge(solveStep(scene.window, equations, {}, 1e-5, elimination).change, gauge);
     elimination.substituteBack(equations, step, depth_step);
     benchmark::DoNotOptimize(depth_step.data());
   }

@@ -59,7 +59,7 @@ std::pair<VectorXd, VectorXd> stepsOf(const Window& window,
                                       const WindowOptions& options,
                                       double damping) {
   WindowElimination elimination;
-  const VectorXd step = solveStep(window, equations, options, damping, elimination);
+  const VectorXd step = solveStep(window, equations, options, damping, elimination).change;
   std::vector<double> depths;
   elimination.substituteBack(equations, step, depths);
   return {step, Eigen::Map<const VectorXd>(depths.data(), static_cast<Index>(depths.size()))};

@@ -8,8 +8,8 @@ namespace dsorb {
 /// Iteration of the windowed adjustment.
 struct OptimizerOptions {
   int max_iterations = 6;  ///< of one adjustment
-  /// An adjustment ends with a step whose predicted decrease of the energy is below this many
-  /// variances of a residual for each unknown: half a standard deviation. Reference: 0
+  /// An adjustment ends with a step that corrects camera and frames by less than the root of this
+  /// many standard deviations in the mean: by half of one. Reference: 0
   double min_decrease = 0.25;
   bool undo_bad_steps = true;    ///< false (reference): every step is kept, damping is constant
   bool fixed_thresholds = true;  ///< false (reference): outlier limit changes with every evaluation
@@ -20,7 +20,7 @@ struct OptimizerOptions {
 template <typename Visitor, typename Options>
 DescribeFor<Options, OptimizerOptions> describe(Visitor& visit, Options& o) {
   visit.field("max_iterations", o.max_iterations, Range{1, 1000}, "iterations");
-  visit.field("min_decrease", o.min_decrease, Range{0, 1000}, "variances");
+  visit.field("min_decrease", o.min_decrease, Range{0, 1000}, "squared standard deviations");
   visit.field("undo_bad_steps", o.undo_bad_steps);
   visit.field("fixed_thresholds", o.fixed_thresholds);
   visit.field("optimize_intrinsics", o.optimize_intrinsics);
