@@ -12,6 +12,10 @@
 #include <exception>
 #include <new>
 
+#ifdef __GLIBC__
+#include <malloc.h>
+#endif
+
 namespace {
 
 using namespace dsorb;
@@ -19,6 +23,15 @@ using namespace dsorb;
 void setUpLog() {
   spdlog::set_default_logger(spdlog::stderr_logger_st("dso_dataset"));
   spdlog::set_pattern("%n: %l: %v");
+}
+
+/// Frames come and go, megabytes each: the allocator shall keep them instead of giving them back to
+/// the kernel, which clears them anew for every frame (docs/performance.md).
+void keepFreedMemory() {
+#ifdef __GLIBC__
+  mallopt(M_MMAP_THRESHOLD, 32 << 20);  // its maximum [bytes]
+  mallopt(M_TRIM_THRESHOLD, 1 << 30);
+#endif
 }
 
 void printSummary(const app::CommandLine& request, const app::RunResult& result) {
@@ -64,6 +77,7 @@ int run(int argc, const char* const* argv, app::Interrupt& interrupt) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  keepFreedMemory();
   app::openStandardStreams();
   app::Interrupt interrupt;  // before any thread is started
   setUpLog();

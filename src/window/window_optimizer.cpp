@@ -160,16 +160,18 @@ class WindowOptimizer::Adjustment {
   std::optional<double> solve(double damping) {
     const StateStep step =
         solveStep(window_, memory_.current_, memory_.options_, damping, memory_.elimination_);
-    negligible_ = std::abs(step.decrease) < options_.min_decrease *
-                                                static_cast<double>(step.change.size()) *
-                                                squaredRms(memory_.current_);
     step_ = report_.iterations < kNullSpaceFrom ? step.change : withoutGauge(step.change, gauge_);
+    // Beyond what the depths alone gain. A state that is off by its standard deviation raises the
+    // energy by the variance of a residual.
+    const double decrease = -step.gradient.dot(step_);
+    negligible_ = decrease < options_.min_decrease * static_cast<double>(step_.size()) *
+                                 squaredRms(memory_.current_);
     memory_.elimination_.substituteBack(memory_.current_, step_, depth_step_);
     const bool finite =
         step_.allFinite() && std::all_of(depth_step_.begin(), depth_step_.end(), [](double depth) {
           return std::isfinite(depth);
         });
-    return finite ? std::optional(step.decrease) : std::nullopt;
+    return finite ? std::optional(decrease) : std::nullopt;
   }
 
   std::optional<double> tryStep() {

@@ -121,9 +121,7 @@ StateStep solveStep(const Window& window,
                     double damping,
                     WindowElimination& elimination) {
   const ReducedSystem system = reduce(window, equations, options, damping, elimination);
-  StateStep step{-solvePreconditioned(system.H, system.b), 0};
-  step.decrease = -system.b.dot(step.change);
-  return step;
+  return {-solvePreconditioned(system.H, system.b), system.b};
 }
 
 double readoutSigma(const Window& window,

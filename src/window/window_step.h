@@ -34,9 +34,7 @@ struct StatePrior {
 /// Step of camera and frames.
 struct StateStep {
   Eigen::VectorXd change;
-  /// Of the linearised energy, beyond what the inverse depths alone would lower it by. A state that
-  /// is off by its standard deviation raises the energy by the variance of a residual.
-  double decrease = 0;
+  Eigen::VectorXd gradient;  ///< of half the energy, priors included and depths eliminated
 };
 
 /// Step of frames and camera that minimises the linearised energy, priors included.

@@ -9,8 +9,8 @@ namespace dsorb {
 struct OptimizerOptions {
   int max_iterations = 6;  ///< of one adjustment
   /// An adjustment ends with a step that corrects camera and frames by less than the root of this
-  /// many standard deviations in the mean: by half of one. Reference: 0
-  double min_decrease = 0.25;
+  /// many standard deviations in the mean: by a third of one. Reference: 0
+  double min_decrease = 0.1;
   bool undo_bad_steps = true;    ///< false (reference): every step is kept, damping is constant
   bool fixed_thresholds = true;  ///< false (reference): outlier limit changes with every evaluation
   bool optimize_intrinsics = false;  ///< reference: true
