@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/init/result.h"
+
+#include <optional>
+#include <vector>
+
+namespace dsorb {
+
+/// Depth that the caller knows of the reference's image: RGB-D, a network, LiDAR points entered at
+/// the pixels they fall on. A depth's standard deviation is hypot(sigma, relative_sigma * depth).
+struct KnownDepth {
+  ImageView depth;            ///< float, along the optical axis [m]; not above 0 or NaN: not known
+  double sigma = 0;           ///< constant part [m]
+  double relative_sigma = 0;  ///< proportional part [-]
+};
+
+/// Distance between the camera centres of the reference and another posed frame.
+struct KnownDistance {
+  FrameId frame;      ///< the other one
+  double metres = 0;  ///< above 0 [m]
+  double sigma = 0;   ///< standard deviation [m]
+};
+
+/// Length of a start's unit.
+struct MetricScale {
+  double metres = 0;          ///< of one unit [m]
+  double relative_sigma = 0;  ///< standard deviation of its logarithm [-]
+  int depths = 0;             ///< number of known depths that took part
+};
+
+/// Unit of a start from known depths at its reference's points: robust mean of the logarithms of
+/// known over estimated depths. Its sigma is measured from their scatter, errors of a cell of the
+/// image counting as one; the claimed ones only weigh. It is that of the mean depth alone: it has
+/// neither an error that the known depths share nor the one that poses and estimated depths have in
+/// common. A camera's distance has the covariance of its pose besides.
+/// @return nothing with fewer than 20 depths, or where most of them are off by more than three
+/// times
+///         what they and the points claim
+/// @throws std::invalid_argument on an image that is not float or not of the reference's size, and
+///         where sigmas are negative, not finite or both 0
+[[nodiscard]] std::optional<MetricScale> scaleFromDepth(const InitializationResult& result,
+                                                        const KnownDepth& known);
+
+/// Unit of a start from a known distance; its sigma has that of the distance and that of the pose.
+/// @return nothing where the frame has no pose or no covariance, or has not moved
+/// @throws std::invalid_argument where distance or sigma is not above 0 and finite
+[[nodiscard]] std::optional<MetricScale> scaleFromDistance(const InitializationResult& result,
+                                                           const KnownDistance& known);
+
+/// Changes the unit to metres: poses, inverse depths and their covariances. The mean inverse depth
+/// is no longer 1, as Odometry's initializers promise: for back ends of one's own.
+/// @throws std::invalid_argument on a scale that is not above 0 and finite
+void toMetres(const MetricScale& scale, InitializationResult& result);
+
+}  // namespace dsorb

@@ -1,0 +1,166 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "dsorb/init/metric_scale.h"
+
+#include "base/median.h"
+#include "image/cell_grid.h"
+#include "init/result.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <stdexcept>
+#include <string>
+
+namespace dsorb {
+namespace {
+
+constexpr std::size_t kMinDepths = 20;
+constexpr double kMinAgreeing = .5;  // share of depths that make a scale
+constexpr double kMinSpread = 1e-3;  // of logarithms: floats rounded to millimetres
+constexpr double kCauchy = 2.385;    // 95 % efficient with normal errors
+constexpr double kOutlier = 3;       // standard deviations
+constexpr int kRounds = 20;          // of reweighting
+constexpr int kCellsX = 10;          // whose errors count as one
+constexpr int kCellsY = 8;
+
+/// Logarithm of metres over unit by one depth.
+struct LogRatio {
+  double value = 0;
+  double sigma = 0;  // as claimed
+  std::size_t cell = 0;
+};
+
+void require(bool holds, const char* expected, double value) {
+  if (holds) return;
+  throw std::invalid_argument("metric scale: expected " + std::string(expected) + ", found " +
+                              std::to_string(value));
+}
+
+void check(const InitializationResult& result, const KnownDepth& known) {
+  require(!known.depth.empty(), "a depth image with pixels", 0);
+  require(known.depth.type() == ImageView::Type::kFloat, "a depth image of floats", 8);
+  const Frame& reference = *result.frames.at(0).frame;
+  require(known.depth.width() == reference.width(), "the reference's width", known.depth.width());
+  require(
+      known.depth.height() == reference.height(), "the reference's height", known.depth.height());
+  const double both = known.sigma + known.relative_sigma;
+  require(known.sigma >= 0 && known.relative_sigma >= 0 && both > 0 && std::isfinite(both),
+          "sigmas of at least 0, one above",
+          both);
+}
+
+std::vector<LogRatio> logRatios(const InitializationResult& result, const KnownDepth& known) {
+  const CellGrid cells(known.depth.width(), known.depth.height(), kCellsX, kCellsY);
+  std::vector<LogRatio> ratios;
+  for (const InitPoint& point : result.points) {
+    if (point.host != 0) continue;
+    const auto x = static_cast<int>(std::lround(point.pixel.x()));
+    const auto y = static_cast<int>(std::lround(point.pixel.y()));
+    const double depth = known.depth.row<float>(y)[x];
+    if (!(depth > 0) || !std::isfinite(depth)) continue;
+    const double of_depth = std::hypot(known.sigma / depth, known.relative_sigma);
+    const double of_point = std::sqrt(point.variance) / point.inverse_depth;
+    ratios.push_back({std::log(depth * point.inverse_depth),
+                      std::hypot(of_depth, of_point),
+                      cells.at(point.pixel.x(), point.pixel.y())});
+  }
+  return ratios;
+}
+
+/// Standard deviation of errors over claimed sigmas; at least what rounding leaves.
+double spreadAround(double mean, const std::vector<LogRatio>& ratios) {
+  std::vector<double> errors;
+  errors.reserve(ratios.size());
+  for (const LogRatio& ratio : ratios) {
+    errors.push_back(std::abs(ratio.value - mean) / std::max(ratio.sigma, kMinSpread));
+  }
+  return std::max(kMadToSigma * medianInPlace(errors), kMinSpread);
+}
+
+/// Weight of a ratio; claimed sigmas count only relative to each other.
+double weightOf(const LogRatio& ratio, double mean, double spread) {
+  const double sigma = spread * std::max(ratio.sigma, kMinSpread);
+  const double error = (ratio.value - mean) / (kCauchy * sigma);
+  return 1 / (sigma * sigma * (1 + error * error));
+}
+
+/// Sandwich variance of an M-estimate, errors of a cell added up first.
+/// @source Huber, Robust Statistics, section 6.3
+double clusteredVariance(const std::vector<LogRatio>& ratios, double mean, double spread) {
+  std::vector<double> of_cell(static_cast<std::size_t>(kCellsX) * kCellsY, 0.);
+  double curvature = 0;
+  for (const LogRatio& ratio : ratios) {
+    const double weight = weightOf(ratio, mean, spread);
+    of_cell[ratio.cell] += weight * (ratio.value - mean);
+    // Derivative of w(e) e: w (1 - e^2) / (1 + e^2), with the weight's own 1 / (1 + e^2).
+    const double sigma = spread * std::max(ratio.sigma, kMinSpread);
+    const double error = (ratio.value - mean) / (kCauchy * sigma);
+    curvature += weight * (1 - error * error) / (1 + error * error);
+  }
+  double scatter = 0;
+  for (const double sum : of_cell) scatter += sum * sum;
+  return scatter / (curvature * curvature);
+}
+
+double shareWithin(const std::vector<LogRatio>& ratios, double mean, double limit) {
+  const auto close = std::count_if(ratios.begin(), ratios.end(), [&](const LogRatio& ratio) {
+    return std::abs(ratio.value - mean) < limit * std::max(ratio.sigma, kMinSpread);
+  });
+  return static_cast<double>(close) / static_cast<double>(ratios.size());
+}
+
+}  // namespace
+
+std::optional<MetricScale> scaleFromDepth(const InitializationResult& result,
+                                          const KnownDepth& known) {
+  check(result, known);
+  const std::vector<LogRatio> ratios = logRatios(result, known);
+  if (ratios.size() < kMinDepths) return std::nullopt;
+  std::vector<double> values;
+  for (const LogRatio& ratio : ratios) values.push_back(ratio.value);
+  double mean = medianOf(std::move(values));
+  const double spread = spreadAround(mean, ratios);
+  if (shareWithin(ratios, mean, kOutlier) < kMinAgreeing) return std::nullopt;
+  for (int round = 0; round < kRounds; ++round) {
+    double sum = 0;
+    double total = 0;
+    for (const LogRatio& ratio : ratios) {
+      const double weight = weightOf(ratio, mean, spread);
+      sum += weight * ratio.value;
+      total += weight;
+    }
+    mean = sum / total;
+  }
+  return MetricScale{std::exp(mean),
+                     std::sqrt(clusteredVariance(ratios, mean, spread)),
+                     static_cast<int>(ratios.size())};
+}
+
+std::optional<MetricScale> scaleFromDistance(const InitializationResult& result,
+                                             const KnownDistance& known) {
+  require(known.metres > 0 && std::isfinite(known.metres), "a distance above 0", known.metres);
+  require(known.sigma > 0 && std::isfinite(known.sigma), "a sigma above 0", known.sigma);
+  for (const PosedFrame& posed : result.frames) {
+    if (posed.frame->id() != known.frame || !posed.T_cam_ref || !posed.covariance) continue;
+    const Eigen::Vector3d t = posed.T_cam_ref->translation();
+    const double distance = t.norm();
+    if (!(distance > 0)) return std::nullopt;
+    // exp(xi) T moves t by the translation of xi and turns it, which leaves its length.
+    const Eigen::Matrix3d covariance = posed.covariance->topLeftCorner<3, 3>();
+    const double variance = t.dot(covariance * t) / (distance * distance);
+    return MetricScale{known.metres / distance,
+                       std::hypot(known.sigma / known.metres, std::sqrt(variance) / distance),
+                       0};
+  }
+  return std::nullopt;
+}
+
+void toMetres(const MetricScale& scale, InitializationResult& result) {
+  require(scale.metres > 0 && std::isfinite(scale.metres), "a scale above 0", scale.metres);
+  for (InitPoint& point : result.points) {
+    changeUnit(scale.metres, point.inverse_depth, point.variance);
+  }
+  changeUnit(scale.metres, result.frames);
+}
+
+}  // namespace dsorb
