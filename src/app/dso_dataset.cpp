@@ -29,8 +29,10 @@ void setUpLog() {
 /// the kernel, which clears them anew for every frame (docs/performance.md).
 void keepFreedMemory() {
 #ifdef __GLIBC__
+  // NOLINTBEGIN(concurrency-mt-unsafe) no thread is started yet
   mallopt(M_MMAP_THRESHOLD, 32 << 20);  // its maximum [bytes]
   mallopt(M_TRIM_THRESHOLD, 1 << 30);
+  // NOLINTEND(concurrency-mt-unsafe)
 #endif
 }
 

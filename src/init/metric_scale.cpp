@@ -117,6 +117,7 @@ std::optional<MetricScale> scaleFromDepth(const InitializationResult& result,
   const std::vector<LogRatio> ratios = logRatios(result, known);
   if (ratios.size() < kMinDepths) return std::nullopt;
   std::vector<double> values;
+  values.reserve(ratios.size());
   for (const LogRatio& ratio : ratios) values.push_back(ratio.value);
   double mean = medianOf(std::move(values));
   const double spread = spreadAround(mean, ratios);
