@@ -24,7 +24,8 @@
 namespace dsorb::app {
 namespace {
 
-constexpr double kLongestSleep = 0.05;                     // between two looks for Ctrl-C [s]
+constexpr const char* kGuessSigma = "0.15";  // relative, of a focal length that somebody guessed
+constexpr double kLongestSleep = 0.05;       // between two looks for Ctrl-C [s]
 constexpr std::chrono::milliseconds kWriterPatience(200);  // for a run that writes when it is ended
 
 /// More than the machine has are not started.
@@ -194,19 +195,24 @@ class LateEnd {
 
 }  // namespace
 
-Config configFor(ConfigSources sources, std::optional<BrightnessModel> known) {
+Config configFor(const CommandLine& request, std::optional<BrightnessModel> known) {
+  ConfigSources sources = request.config;
+  if (request.sequence.horizontal_view > 0) {
+    sources.program_defaults.push_back({"window.optimizer.optimize_intrinsics", "true", "--hfov"});
+    sources.program_defaults.push_back({"window.prior.focal_sigma", kGuessSigma, "--hfov"});
+  }
   if (known) sources.program_defaults.push_back({"brightness", nameOf(*known), "photometry"});
   return loadConfig(sources);
 }
 
 RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
-  Config config = configFor(request.config, request.sequence.brightness);
+  Config config = configFor(request, request.sequence.brightness);
   const RunInfo info = describeRun(request, config);
   cv::setNumThreads(info.threads);  // OpenCV's pool belongs to the process
   RunOutputs outputs(request, info);
   const LateEnd late_end(interrupt, outputs, request);
   SequenceReader reader = openSequence(request, outputs);
-  config = configFor(request.config, reader.brightness());
+  config = configFor(request, reader.brightness());
   std::optional<Odometry> odometry;
   RunResult result;
   try {

@@ -21,9 +21,10 @@ struct RunResult {
   OdometryReport report;
 };
 
-/// Configuration for images of which this is known, unless a file or `--set` names `brightness`.
+/// Configuration for images of which this is known, unless a file or `--set` names `brightness`; a
+/// guessed field of view is refined.
 /// @param known empty: not known yet
-[[nodiscard]] Config configFor(ConfigSources sources, std::optional<BrightnessModel> known);
+[[nodiscard]] Config configFor(const CommandLine& request, std::optional<BrightnessModel> known);
 
 /// Reads the data set, runs the odometry on it and writes the output folder. After an error the
 /// results so far are written before it is thrown on.

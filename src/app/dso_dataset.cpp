@@ -64,7 +64,7 @@ int run(int argc, const char* const* argv, app::Interrupt& interrupt) {
     return app::kTracked;
   }
   if (request.print_config) {
-    app::printText(toYaml(app::configFor(request.config, request.sequence.brightness)));
+    app::printText(toYaml(app::configFor(request, request.sequence.brightness)));
     return app::kTracked;
   }
   for (const std::string& warning : request.warnings) {

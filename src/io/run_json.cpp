@@ -74,8 +74,9 @@ Json runJson(const RunInfo& info,
                {"camera", nullptr}};
   if (cameras.lens) json["lens"] = lensJson(*cameras.lens);
   if (cameras.camera) json["camera"] = cameraJson(*cameras.camera);
-  if (cameras.camera && cameras.refined && cameras.refined->matrix() != cameras.camera->matrix()) {
-    json["refined_camera"] = cameraJson(*cameras.refined);
+  const std::optional<PinholeCamera>& refined = cameras.refined.camera();
+  if (cameras.camera && refined && refined->matrix() != cameras.camera->matrix()) {
+    json["refined_camera"] = cameras.refined.json();
   }
   if (cameras.readout) {
     json["readout"] = {{"milliseconds", 1000 * cameras.readout->seconds},

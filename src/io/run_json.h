@@ -3,6 +3,7 @@
 
 #include "dsorb/io/writers.h"
 
+#include "io/camera_estimate.h"
 #include "io/json_text.h"
 #include "io/run_record.h"
 
@@ -35,10 +36,10 @@ struct RunEnd {
 
 /// The cameras of a run as far as they are known.
 struct RunCameras {
-  std::optional<PinholeCamera> camera;   ///< of the rectified images
-  std::optional<Lens> lens;              ///< of the images as they were taken
-  std::optional<PinholeCamera> refined;  ///< of the newest keyframe
-  std::optional<Readout> readout;        ///< estimated, of the newest keyframe
+  std::optional<PinholeCamera> camera;  ///< of the rectified images
+  std::optional<Lens> lens;             ///< of the images as they were taken
+  CameraEstimate refined;               ///< by the window
+  std::optional<Readout> readout;       ///< estimated, of the newest keyframe
 };
 
 /// Content of run.json.

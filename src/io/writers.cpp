@@ -64,6 +64,13 @@ class RunWriter::Impl {
     }
   }
 
+  /// For the next run.
+  void writeCalibration() const {
+    if (!cameras.camera || !cameras.lens || !cameras.refined.isSettled()) return;
+    const std::string file = cameras.refined.calibrationFile(*cameras.lens, *cameras.camera);
+    if (!file.empty()) io::replaceFile(folder / "refined_camera.txt", file);
+  }
+
   void writeRunJson(RunStatus status, const OdometryReport* report) const {
     io::RunSeconds written = seconds;
     written.total = std::chrono::duration<double>(Clock::now() - begin).count();
@@ -122,7 +129,7 @@ void RunWriter::onFrame(const FrameEstimate& estimate) {
 void RunWriter::onKeyframe(const KeyframeSnapshot& keyframe) {
   impl_->record.addKeyframe(keyframe);
   impl_->points.setKeyframe(keyframe);
-  impl_->cameras.refined = keyframe.camera;
+  impl_->cameras.refined.add(keyframe);
   if (keyframe.readout) impl_->cameras.readout = keyframe.readout;
   impl_->keyframes_changed = true;
 }
@@ -181,6 +188,7 @@ void RunWriter::finish(RunStatus status, const OdometryReport* report) {
   run.points.update();
   io::writePng(run.folder / "figures" / "trajectory.png", io::drawTrajectory(run.record));
   io::writePng(run.folder / "figures" / "timeline.png", io::drawTimeline(run.record));
+  run.writeCalibration();
   run.writeRunJson(status, report);
 }
 

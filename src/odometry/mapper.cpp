@@ -37,6 +37,7 @@ MapUpdate Mapper::seed(const InitializationResult& result, int segment) {
   selector_.reset();
   segment_ = segment;
   readout_.reset();
+  camera_sigmas_.reset();
   window_ = seedWindow(result, camera_, options_, selector_, kCandidatesPerTask);
   const StartComparison comparison(result, *window_);
   MapUpdate update = adjust(SE3());
@@ -81,11 +82,9 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
   update.finite = adjustment.finite && adjustment.residuals > 0;
   update.rms = noise_ = adjustment.rms;
   if (!update.finite) return update;
-  if (adjustment.readout_sigma > 0) {
-    readout_ = {window_->calibratedReadout().seconds + window_->readoutChange(),
-                adjustment.readout_sigma};
-  }
+  noteCamera(adjustment.camera_sigmas);
   update.target.samples = window::depthSamples(*window_, options_.window);
+  window::forgetGuess(*window_, options_.window);
   window::retirePoints(*window_, options_.window);
   for (const window::Keyframe& keyframe : window::marginalizeFlagged(*window_, options_.window)) {
     update.retired.push_back(snapshot(keyframe));
@@ -97,6 +96,15 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
   update.target.readout_change = window_->readoutChange();
   update.target.T_cam_previous = T_cam_previous;
   return update;
+}
+
+/// What the adjustment has estimated of the camera.
+void Mapper::noteCamera(const window::CameraVector& sigmas) {
+  const double readout = sigmas[window::kIntrinsicsDim];
+  if (readout > 0) {
+    readout_ = {window_->calibratedReadout().seconds + window_->readoutChange(), readout};
+  }
+  if (sigmas[0] > 0) camera_sigmas_ = {sigmas[0], sigmas[1], sigmas[2], sigmas[3]};
 }
 
 std::vector<KeyframeSnapshot> Mapper::clear() {
@@ -125,6 +133,7 @@ KeyframeSnapshot Mapper::snapshot(const window::Keyframe& keyframe) const {
   shot.affine = keyframe.affine();
   shot.camera = window_->camera();
   shot.readout = readout_;
+  shot.camera_sigmas = camera_sigmas_;
   shot.points.reserve(keyframe.points.size() + keyframe.marginalized.size());
   const auto variance = static_cast<float>(noise_ * noise_);
   const auto add = [&](const window::WindowPoint& point) {

@@ -11,6 +11,7 @@
 #include "window/window.h"
 #include "window/window_optimizer.h"
 
+#include <array>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -57,6 +58,7 @@ class Mapper {
 
  private:
   MapUpdate adjust(const SE3& T_cam_previous);
+  void noteCamera(const window::CameraVector& sigmas);
   [[nodiscard]] SE3 poseOf(const TrackedPose& pose) const;
   [[nodiscard]] std::vector<KeyframeSnapshot> snapshots() const;
   [[nodiscard]] KeyframeSnapshot snapshot(const window::Keyframe& keyframe) const;
@@ -67,7 +69,9 @@ class Mapper {
   window::WindowOptimizer optimizer_;
   std::optional<window::Window> window_;
   int segment_ = 0;
-  std::optional<Readout> readout_;  // estimated by the last adjustment
+  // Estimated by the last adjustment.
+  std::optional<Readout> readout_;
+  std::optional<std::array<double, 4>> camera_sigmas_;
   double noise_ = 0;  // standard deviation of a pixel's residual, last adjustment [grey levels]
 };
 

@@ -6,6 +6,7 @@
 #include "window/window_step.h"
 
 #include <algorithm>
+#include <cmath>
 #include <stdexcept>
 #include <string>
 
@@ -21,7 +22,9 @@ constexpr int kMinResiduals = 3;         // of a point worth keeping
 constexpr int kMinGoodObservations = 4;  // of a point worth marginalising
 constexpr double kMinInformation = 50;   // of a depth worth marginalising [grey^2 unit^2]
 constexpr int kOldObservations = 14;     // more: the point leaves before it has too few residuals
-constexpr double kScaleOffset = 10;      // on diagonals before scaling
+// Relative: pixels at the edge move by a few, farther than a gradient holds.
+constexpr double kMaxFocalChange = 0.01;
+constexpr double kScaleOffset = 10;          // on diagonals before scaling
 constexpr double kEigenvalueCutOff = 1e-12;  // relative; weaker directions carry no information
 
 int residualsToLeaving(const WindowPoint& point, const Window& window) {
@@ -164,6 +167,16 @@ Keyframe marginalizeKeyframe(Window& window, std::size_t position, const WindowO
   prior.b.tail<kFrameDim>() += keyframe.prior.cwiseProduct(expansion);
   window.prior = eliminateLast(prior, kFrameDim);
   return removeKeyframe(window, position);
+}
+
+void forgetGuess(Window& window, const WindowOptions& options) {
+  if (!(estimatedCamera(window, options).intrinsics && options.prior.focal_sigma > 0)) return;
+  const PinholeCamera camera = window.camera();
+  const double focal = 0.5 * (camera.fx + camera.fy);
+  if (window.prior_focal > 0 && std::abs(focal / window.prior_focal - 1) < kMaxFocalChange) return;
+  window.prior_focal = focal;
+  window.prior.H.setZero();
+  window.prior.b.setZero();
 }
 
 std::vector<Keyframe> marginalizeFlagged(Window& window, const WindowOptions& options) {

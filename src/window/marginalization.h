@@ -34,6 +34,10 @@ RetirementReport retirePoints(Window& window, const WindowOptions& options);
 /// @source Leutenegger et al., Keyframe-Based Visual-Inertial Odometry, section 4.3
 Keyframe marginalizeKeyframe(Window& window, std::size_t position, const WindowOptions& options);
 
+/// Empties the prior where it was linearised with a focal length that was a guess and has turned
+/// out wrong: it would hold on to it.
+void forgetGuess(Window& window, const WindowOptions& options);
+
 /// Marginalises every keyframe with the flag `leaves`. @return them, oldest first
 std::vector<Keyframe> marginalizeFlagged(Window& window, const WindowOptions& options);
 

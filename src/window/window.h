@@ -148,6 +148,7 @@ struct Window {
   CameraVector camera_state = CameraVector::Zero();
   std::vector<Keyframe> keyframes;  ///< oldest first
   MarginalPrior prior;
+  double prior_focal = 0;  ///< mean focal length with which the prior was begun [px]
   /// Adapted minimum distance between points [px, half resolution]; it starts as published with
   /// DSO.
   double activation_distance = 2;

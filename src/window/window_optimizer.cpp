@@ -317,9 +317,9 @@ OptimizationReport WindowOptimizer::Adjustment::finish() {
   report_.residuals = last.used;
   report_.last_energy = energy_;
   report_.rms = std::sqrt(squaredRms(last));
-  if (camera_.readout) {
-    report_.readout_sigma =
-        readoutSigma(window_, last, memory_.options_, report_.rms, memory_.elimination_);
+  if (camera_.any()) {
+    report_.camera_sigmas =
+        cameraSigmas(window_, last, memory_.options_, report_.rms, memory_.elimination_);
   }
   moveFirstEstimates(window_);
   pairs_ = PairTable(window_);

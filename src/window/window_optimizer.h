@@ -14,13 +14,14 @@ namespace dsorb::window {
 struct OptimizationReport {
   bool finite = true;  ///< false: the energy is no number; the window is as before the last step
   bool converged = false;
-  int iterations = 0;        ///< steps tried
-  int undone_steps = 0;      ///< they raised the energy
-  int residuals = 0;         ///< used in the last system
-  double first_energy = 0;   ///< total, priors included
-  double last_energy = 0;    ///< before a last step that was taken unseen
-  double rms = 0;            ///< of a used residual's pixel [grey levels]
-  double readout_sigma = 0;  ///< of an estimated readout; 0 where it is not estimated [s]
+  int iterations = 0;       ///< steps tried
+  int undone_steps = 0;     ///< they raised the energy
+  int residuals = 0;        ///< used in the last system
+  double first_energy = 0;  ///< total, priors included
+  double last_energy = 0;   ///< before a last step that was taken unseen
+  double rms = 0;           ///< of a used residual's pixel [grey levels]
+  /// Standard deviations of the intrinsics and of the readout; 0: not estimated [px; s].
+  CameraVector camera_sigmas = CameraVector::Zero();
 };
 
 /// Adapts the outlier threshold of the newest keyframe to its residuals.

@@ -18,10 +18,10 @@ constexpr double kSingularCutOff = 1e-5;  // relative, of gauge directions
 // of the size of those after a start, 5 to 9 grey levels.
 constexpr double kPriorNoise = 49;
 
-// By which the errors of an estimated readout exceed what independent pixels would give: the eight
+// By which the errors of an estimated camera exceed what independent pixels would give: the eight
 // pixels of a patch err together, root of 8, and what is wrong with a host's patch is wrong in all
 // of its residuals, about 2. docs/experiments.md, "Rolling shutter".
-constexpr double kReadoutFactor = 6;
+constexpr double kCameraFactor = 6;
 
 /// Of the linearised energy, priors included and depths eliminated; the quantities that are not
 /// estimated stay.
@@ -40,6 +40,7 @@ ReducedSystem reduce(const Window& window,
   MatrixXd& H = system.H;
   VectorXd& b = system.b;
   H.diagonal() += prior.information;
+  H.topLeftCorner<kIntrinsicsDim, kIntrinsicsDim>() += prior.guess;
   H.diagonal() *= 1 + damping;
   b = equations.b + prior.gradient + window.prior.b + window.prior.H * window.deviation();
   elimination.damp(equations, damping);
@@ -55,6 +56,20 @@ ReducedSystem reduce(const Window& window,
   return system;
 }
 
+/// Information of a camera of which the field of view is a guess: mean focal length, ratio of the
+/// two, principal point. It must count as the pixels do, whose errors are not independent.
+Eigen::Matrix4d guessInformation(const PinholeCamera& camera, const PriorOptions& options) {
+  const double center = options.center_sigma * camera.width;
+  Eigen::Matrix4d whiten = Eigen::Matrix4d::Zero();
+  whiten.row(0).head<2>() << 0.5 / camera.fx, 0.5 / camera.fy;
+  whiten.row(0) /= options.focal_sigma;
+  whiten.row(1).head<2>() << 1 / camera.fx, -1 / camera.fy;
+  whiten.row(1) /= options.aspect_sigma;
+  whiten(2, 2) = whiten(3, 3) = 1 / center;
+  const double weight = kPriorNoise * kCameraFactor * kCameraFactor * kCameraScale * kCameraScale;
+  return weight * whiten.transpose() * whiten;
+}
+
 }  // namespace
 
 EstimatedCamera estimatedCamera(const Window& window, const WindowOptions& options) {
@@ -62,11 +77,15 @@ EstimatedCamera estimatedCamera(const Window& window, const WindowOptions& optio
 }
 
 StatePrior statePrior(const Window& window, const WindowOptions& options) {
-  StatePrior prior{VectorXd::Zero(window.dimension()), VectorXd::Zero(window.dimension()), 0};
+  StatePrior prior;
+  prior.information = VectorXd::Zero(window.dimension());
   VectorXd value(window.dimension());
   value.head<kCameraDim>() = window.camera_state;
   const EstimatedCamera camera = estimatedCamera(window, options);
-  if (camera.intrinsics) {
+  const bool guessed = camera.intrinsics && options.prior.focal_sigma > 0;
+  if (guessed) {
+    prior.guess = guessInformation(window.first_camera, options.prior);
+  } else if (camera.intrinsics) {
     prior.information.head<kIntrinsicsDim>().setConstant(options.prior.intrinsics);
   }
   if (camera.readout) {
@@ -80,6 +99,9 @@ StatePrior statePrior(const Window& window, const WindowOptions& options) {
     at += kFrameDim;
   }
   prior.gradient = prior.information.cwiseProduct(value);
+  if (guessed) {
+    prior.gradient.head<kIntrinsicsDim>() += prior.guess * value.head<kIntrinsicsDim>();
+  }
   prior.energy = prior.gradient.dot(value);
   return prior;
 }
@@ -124,15 +146,22 @@ StateStep solveStep(const Window& window,
   return {-solvePreconditioned(system.H, system.b), system.b};
 }
 
-double readoutSigma(const Window& window,
-                    const WindowEquations& equations,
-                    const WindowOptions& options,
-                    double noise,
-                    WindowElimination& elimination) {
+CameraVector cameraSigmas(const Window& window,
+                          const WindowEquations& equations,
+                          const WindowOptions& options,
+                          double noise,
+                          WindowElimination& elimination) {
   const ReducedSystem system = reduce(window, equations, options, 0, elimination);
-  const VectorXd unit = VectorXd::Unit(system.b.size(), kIntrinsicsDim);
-  const double variance = solvePreconditioned(system.H, unit)[kIntrinsicsDim];
-  return kReadoutFactor * kReadoutScale * noise * std::sqrt(variance);
+  const EstimatedCamera camera = estimatedCamera(window, options);
+  CameraVector sigmas = CameraVector::Zero();
+  for (Index i = 0; i < kCameraDim; ++i) {
+    if (!(i < kIntrinsicsDim ? camera.intrinsics : camera.readout)) continue;
+    const double scale = i < kIntrinsicsDim ? kCameraScale : kReadoutScale;
+    const VectorXd unit = VectorXd::Unit(system.b.size(), i);
+    const double variance = solvePreconditioned(system.H, unit)[i];
+    sigmas[i] = kCameraFactor * scale * noise * std::sqrt(variance);
+  }
+  return sigmas;
 }
 
 }  // namespace dsorb::window

@@ -14,11 +14,12 @@ namespace dsorb::window {
 /// What an adjustment of a window estimates of its camera.
 [[nodiscard]] EstimatedCamera estimatedCamera(const Window& window, const WindowOptions& options);
 
-/// Diagonal priors of frames and camera at the current state.
+/// Priors of frames and camera at the current state.
 struct StatePrior {
-  Eigen::VectorXd information;  ///< scaled units
+  Eigen::VectorXd information;  ///< diagonal, scaled units
   Eigen::VectorXd gradient;
   double energy = 0;
+  Eigen::Matrix4d guess = Eigen::Matrix4d::Zero();  ///< of guessed intrinsics, beside the diagonal
 };
 [[nodiscard]] StatePrior statePrior(const Window& window, const WindowOptions& options);
 
@@ -46,12 +47,12 @@ struct StateStep {
                                   double damping,
                                   WindowElimination& elimination);
 
-/// Standard deviation of an estimated readout after an adjustment [s].
+/// Standard deviations of what an adjustment has estimated of the camera [px; s]; the rest is 0.
 /// @param noise of a pixel's residual [grey levels]
-[[nodiscard]] double readoutSigma(const Window& window,
-                                  const WindowEquations& equations,
-                                  const WindowOptions& options,
-                                  double noise,
-                                  WindowElimination& elimination);
+[[nodiscard]] CameraVector cameraSigmas(const Window& window,
+                                        const WindowEquations& equations,
+                                        const WindowOptions& options,
+                                        double noise,
+                                        WindowElimination& elimination);
 
 }  // namespace dsorb::window

@@ -18,7 +18,7 @@ constexpr bool kSame =
     hasLayout<dsorb::PosedFrame, 392, 8>() && hasLayout<dsorb::InitPoint, 24, 4>() &&
     hasLayout<dsorb::InitializationResult, 760, 8>() && hasLayout<dsorb::InitStep, 1152, 8>() &&
     hasLayout<dsorb::MapPoint, 20, 4>() && hasLayout<dsorb::FrameEstimate, 496, 8>() &&
-    hasLayout<dsorb::KeyframeSnapshot, 184, 8>();
+    hasLayout<dsorb::KeyframeSnapshot, 224, 8>();
 
 }  // namespace
 

@@ -55,6 +55,26 @@ WindowScene leavingScene(const WindowOptions& options) {
   return scene;
 }
 
+TEST(MarginalizationTest, APriorWithAWrongGuessIsForgotten) {
+  WindowOptions options;
+  options.optimizer.optimize_intrinsics = true;
+  options.prior.focal_sigma = 0.15;
+  Window window = leavingScene(options).window;
+  forgetGuess(window, options);  // here it begins
+  const auto filled = [&](double focal_change) {
+    window.prior.H.setOnes();
+    window.prior.b.setOnes();
+    window.camera_state.head<2>().setConstant(focal_change * window.first_camera.fx / kCameraScale);
+    forgetGuess(window, options);
+    return !window.prior.H.isZero(0) && !window.prior.b.isZero(0);
+  };
+  EXPECT_TRUE(filled(0.009));
+  EXPECT_FALSE(filled(0.011));
+  EXPECT_TRUE(filled(0.019)) << "1 % from where it began anew";
+  options.prior.focal_sigma = 0;
+  EXPECT_TRUE(filled(0.5)) << "a calibration is no guess";
+}
+
 TEST(MarginalizationTest, PriorEqualsTheSchurComplementOfTheFullProblem) {
   WindowOptions options;
   options.marginalization_weight = 1;

@@ -66,9 +66,11 @@ std::pair<VectorXd, VectorXd> stepsOf(const Window& window,
 }
 
 TEST(NormalEquationsTest, SchurSolveEqualsDenseSolve) {
-  for (const bool intrinsics : {false, true}) {
+  for (const double focal_sigma : {-1.0, 0.0, 0.1}) {
+    const bool intrinsics = focal_sigma >= 0;
     WindowOptions options;
     options.optimizer.optimize_intrinsics = intrinsics;
+    options.prior.focal_sigma = std::max(focal_sigma, 0.0);
     WindowScene scene = perturbedScene(options);
     const WindowEquations equations = linearized(scene.window, intrinsics);
     ASSERT_GT(equations.used, 200);
@@ -81,6 +83,7 @@ TEST(NormalEquationsTest, SchurSolveEqualsDenseSolve) {
     MatrixXd H = MatrixXd::Zero(frames + points, frames + points);
     H.topLeftCorner(frames, frames) = equations.H;
     H.diagonal().head(frames) += prior.information;
+    H.topLeftCorner<4, 4>() += prior.guess;
     H.bottomLeftCorner(points, frames) = couplingOf(equations);
     H.topRightCorner(frames, points) = couplingOf(equations).transpose();
     H.diagonal().tail(points) = vectorOf(equations.depth_hessian);
@@ -96,6 +99,30 @@ TEST(NormalEquationsTest, SchurSolveEqualsDenseSolve) {
     EXPECT_LT((dense.head(frames) - step).norm(), 1e-8 * step.norm());
     EXPECT_LT((dense.tail(points) - depth_step).norm(), 1e-8 * depth_step.norm());
   }
+}
+
+TEST(StatePriorTest, GradientOfAGuessedCameraIsThatOfItsEnergy) {
+  WindowOptions options;
+  options.optimizer.optimize_intrinsics = true;
+  options.prior.focal_sigma = 0.15;
+  WindowScene scene = perturbedScene(options);
+  Window& window = scene.window;
+  window.camera_state.head<4>() << 0.3, -0.2, 0.1, 0.4;
+  const StatePrior prior = statePrior(window, options);
+  constexpr double kStep = 1e-4;
+  for (Index i = 0; i < kIntrinsicsDim; ++i) {
+    const auto energy_at = [&](double step) {
+      Window moved = window;
+      moved.camera_state[i] += step;
+      return statePrior(moved, options).energy;
+    };
+    const double numeric = (energy_at(kStep) - energy_at(-kStep)) / (2 * kStep);
+    EXPECT_NEAR(2 * prior.gradient[i], numeric, 1e-6 * std::abs(numeric));
+  }
+  // Both focal lengths by the same share is what the guess leaves open, their ratio is not.
+  const PinholeCamera& camera = window.first_camera;
+  const Eigen::Vector4d together(camera.fx, camera.fy, 0, 0), apart(camera.fx, -camera.fy, 0, 0);
+  EXPECT_LT(100 * together.dot(prior.guess * together), apart.dot(prior.guess * apart));
 }
 
 /// One residual of the window with the same quadratic energy in 4 whitened residuals: square root

@@ -335,6 +335,60 @@ TEST(RunWriter, SummaryHasTheRefinedCamera) {
   EXPECT_EQ(json["refined_camera"]["fx"], 102.0);
 }
 
+/// A run whose window ends with these focal lengths, one a keyframe.
+void refine(FakeRun& run, const std::vector<double>& focal_lengths, double sigma, int segment = 0) {
+  for (std::size_t i = 0; i < focal_lengths.size(); ++i) {
+    PinholeCamera camera = kCamera;
+    camera.fx = camera.fy = focal_lengths[i];
+    camera.cx += 1;
+    KeyframeSnapshot shot{FrameId{static_cast<int>(i)}, 0, segment, SE3(), {}, camera, {}};
+    shot.camera_sigmas = {{sigma, sigma, 2, 3}};
+    run.writer.onKeyframe(shot);
+  }
+}
+
+TEST(RunWriter, RefinedCameraIsTheCalibrationOfTheNextRun) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  playOneSegment(run);
+  Lens lens;
+  lens.fx = lens.fy = 200;  // the run is at half the size
+  lens.cx = 159.5;
+  lens.cy = 119.5;
+  lens.width = 320;
+  lens.height = 250;
+  run.writer.setCamera(kCamera, &lens);
+  refine(run, {102, 108, 110, 110.2, 110.4}, 0.5);
+  refine(run, {100, 100}, 5, 1);  // knows less
+  run.writer.finish(RunStatus::kTracked, nullptr);
+  const auto refined = readJson(folder.path() / "run.json")["refined_camera"];
+  EXPECT_EQ(refined["fx"], 110.4);
+  EXPECT_EQ(refined["sigma"]["fx"], 0.5);
+  EXPECT_EQ(refined["sigma"]["cy"], 3.0);
+  EXPECT_NEAR(refined["moved"], 0.2 / 110.4, 1e-9) << "in the last third";
+  EXPECT_EQ(refined["settled"], true);
+  const auto lines = readTextLines(folder.path() / "refined_camera.txt");
+  ASSERT_EQ(lines.size(), 4U);
+  EXPECT_EQ(lines[0], "Pinhole 220.8 220.8 161.5 119.5 0");
+  EXPECT_EQ(lines[1], "320 250");
+}
+
+TEST(RunWriter, AFocalLengthThatStillMovesIsNoCalibration) {
+  for (const double sigma : {0.5, 2.0}) {
+    const TemporaryFolder folder;
+    FakeRun run(folder.path());
+    playOneSegment(run);
+    const Lens lens;
+    run.writer.setCamera(kCamera, &lens);
+    refine(run,
+           sigma < 1 ? std::vector<double>{102, 104, 106, 110} : std::vector<double>{104, 104},
+           sigma);
+    run.writer.finish(RunStatus::kTracked, nullptr);
+    EXPECT_EQ(readJson(folder.path() / "run.json")["refined_camera"]["settled"], false);
+    EXPECT_FALSE(fs::exists(folder.path() / "refined_camera.txt"));
+  }
+}
+
 TEST(RunWriter, SummaryIsValidFromTheBeginning) {
   const TemporaryFolder folder;
   FakeRun run(folder.path());

@@ -9,6 +9,7 @@
 
 #include <Eigen/Core>
 
+#include <array>
 #include <optional>
 #include <vector>
 
@@ -46,6 +47,8 @@ struct KeyframeSnapshot {
   PinholeCamera camera;          ///< that pixels, poses and depths belong to; as refined, if it is
   std::vector<MapPoint> points;  ///< that it hosts, those that left the adjustment included
   std::optional<Readout> readout{};  ///< estimated, where Lens::readout has a sigma
+  /// Standard deviations of fx, fy, cx, cy where the window estimates them [px].
+  std::optional<std::array<double, 4>> camera_sigmas{};
 };
 
 /// A start that the first adjustment of the window contradicts. The result that onInitStep told is

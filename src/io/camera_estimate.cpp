@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/camera_estimate.h"
+
+#include "io/run_json.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace dsorb::io {
+namespace {
+
+constexpr double kWanted = 0.01;  // of the focal length
+
+double meanFocal(const PinholeCamera& camera) {
+  return 0.5 * (camera.fx + camera.fy);
+}
+
+}  // namespace
+
+void CameraEstimate::add(const KeyframeSnapshot& keyframe) {
+  if (keyframe.segment != segment_) {
+    focal_lengths_.clear();
+    segment_ = keyframe.segment;
+    newest_frame_ = {};
+  }
+  if (newest_frame_ < keyframe.id) {
+    newest_frame_ = keyframe.id;
+    focal_lengths_.push_back(0);
+  }
+  focal_lengths_.back() = meanFocal(keyframe.camera);
+  newest_ = {keyframe.camera, keyframe.camera_sigmas, movement(), keyframe.segment};
+  const bool same_segment = known_.segment == newest_.segment;
+  if (same_segment || focalSigma(newest_) <= focalSigma(known_)) known_ = newest_;
+}
+
+double CameraEstimate::focalSigma(const Estimate& estimate) {
+  if (!estimate.camera || !estimate.sigmas) return std::numeric_limits<double>::infinity();
+  const auto& sigmas = *estimate.sigmas;
+  return std::max(sigmas[0] / estimate.camera->fx, sigmas[1] / estimate.camera->fy);
+}
+
+/// How far the focal length has gone in the last third of the segment, relative.
+double CameraEstimate::movement() const {
+  const auto last = focal_lengths_.end() - static_cast<long>((focal_lengths_.size() + 2) / 3);
+  const auto [least, most] = std::minmax_element(last, focal_lengths_.end());
+  return (*most - *least) / focal_lengths_.back();
+}
+
+bool CameraEstimate::isSettled() const {
+  return focalSigma(known_) < kWanted && known_.moved < kWanted;
+}
+
+Json CameraEstimate::json() const {
+  Json json = cameraJson(*known_.camera);
+  if (!known_.sigmas) return json;
+  const auto& sigmas = *known_.sigmas;
+  json["sigma"] = {{"fx", sigmas[0]}, {"fy", sigmas[1]}, {"cx", sigmas[2]}, {"cy", sigmas[3]}};
+  json["moved"] = known_.moved;
+  json["settled"] = isSettled();
+  return json;
+}
+
+std::string CameraEstimate::calibrationFile(const Lens& lens,
+                                            const PinholeCamera& rectified) const {
+  if (!known_.sigmas || lens.model != LensModel::kPinhole) return {};
+  const PinholeCamera& camera = *known_.camera;
+  const double sx = lens.fx / rectified.fx, sy = lens.fy / rectified.fy;
+  return fmt::format("Pinhole {} {} {} {} 0\n{} {}\nnone\n{} {}\n",
+                     sx * camera.fx,
+                     sy * camera.fy,
+                     lens.cx + sx * (camera.cx - rectified.cx),
+                     lens.cy + sy * (camera.cy - rectified.cy),
+                     lens.width,
+                     lens.height,
+                     lens.width,
+                     lens.height);
+}
+
+}  // namespace dsorb::io
