@@ -164,8 +164,8 @@ class WindowOptimizer::Adjustment {
     // Beyond what the depths alone gain. A state that is off by its standard deviation raises the
     // energy by the variance of a residual.
     const double decrease = -step.gradient.dot(step_);
-    negligible_ = decrease < options_.min_decrease * static_cast<double>(step_.size()) *
-                                 squaredRms(memory_.current_);
+    const double variances = static_cast<double>(step_.size()) * squaredRms(memory_.current_);
+    negligible_ = options_.min_decrease > 0 && decrease < options_.min_decrease * variances;
     memory_.elimination_.substituteBack(memory_.current_, step_, depth_step_);
     const bool finite =
         step_.allFinite() && std::all_of(depth_step_.begin(), depth_step_.end(), [](double depth) {

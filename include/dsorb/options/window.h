@@ -9,7 +9,7 @@ namespace dsorb {
 struct OptimizerOptions {
   int max_iterations = 6;  ///< of one adjustment
   /// An adjustment ends with a step that corrects camera and frames by less than the root of this
-  /// many standard deviations in the mean: by a third of one. Reference: 0
+  /// many standard deviations in the mean: by a third of one. 0 (reference): never
   double min_decrease = 0.1;
   bool undo_bad_steps = true;    ///< false (reference): every step is kept, damping is constant
   bool fixed_thresholds = true;  ///< false (reference): outlier limit changes with every evaluation
