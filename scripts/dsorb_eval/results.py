@@ -16,6 +16,7 @@ from .store import Evaluation
 from .trajectory import FormatError
 
 ROOT = Path(__file__).resolve().parent.parent.parent
+WORDS = ('protocol', 'method', 'sequence', 'program', 'run')  # columns of reference.csv that are no figures
 REFERENCE = 'reference'  # rows of the published DSO program in reference.csv
 OURS = ('orb', 'coarse')  # variants that are held against it, sentence by sentence
 FREE_TO_SHOW = ('room_hand', 'tartanair')  # sequences whose images may be passed on
@@ -51,7 +52,7 @@ def read_published(path, protocol):
                 continue
             try:
                 figures = {key: float(value) if '.' in value or 'e' in value else int(value)
-                           for key, value in line.items() if value and key not in ('protocol', 'method', 'sequence')}
+                           for key, value in line.items() if value and key not in WORDS}
             except ValueError as error:
                 raise FormatError(f'{path}, line {number}: {error}; expected numbers') from None
             rows.append((line['sequence'], line['method'], figures))
@@ -152,7 +153,8 @@ def page(protocols, target, of_commit, note):
              '(KITTI odometry, EuRoC, TUM RGB-D, 7-Scenes, TartanAir) and a rendered hand-held one (`room_hand`).\n',
              'Rows in *italics* are published figures (`docs/results/reference.csv`): *reference* is the original DSO program with its own '
              'initializer, the others are two-view initializations on the same starts. Its runs on `euroc_static` were made on a longer '
-             'excerpt, its depth on 7-Scenes judged against depth images that we do not have; its milliseconds are from a busy machine of the same kind.\n',
+             'excerpt, its depth on 7-Scenes judged against depth images that we do not have; its milliseconds are from a busy machine of the same kind. '
+             'That file says of each row which program made it and how it was run; command lines were not kept.\n',
              '**Development data.** The limits of the start rule and many constants of `orb` and `coarse` were chosen on these very sequences (the history: '
              '`docs/experiments.md`): read the rows of both as figures on development data, not as a test. The published variants and the '
              'programs in italics had no constant chosen on them.\n']
