@@ -186,6 +186,16 @@ class Encodings(unittest.TestCase):
         with self.assertRaisesRegex(bags.BagError, "/x, image 0: compressed as 'BMP'"):
             self.unpacked([compressed(store, images()[0], BEGIN, 'BMP')])
 
+    def test_only_what_is_asked_for_is_unpacked(self):
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        image, step = images()[0], bags.NANOSECONDS // 2
+        bag = write(temporary_folder() / 'bag', {'/x': [(BEGIN + i * step + 5000, message(store, image, BEGIN + i * step)) for i in range(40)]})
+        everything = bags.unpack(bag, None, temporary_folder() / 'all')
+        self.assertEqual(everything.images, 40)
+        part = bags.unpack(bag, None, temporary_folder() / 'part', 10, 12)
+        times = [float(line.split()[1]) - BEGIN / bags.NANOSECONDS for line in (part.folder / 'times.txt').read_text().splitlines()]
+        self.assertEqual(times, [0] + [8 + i / 2 for i in range(12)])  # the first, and two seconds on both sides, the end excluded
+
     def test_times_out_of_order_repeated_and_unset(self):
         store = get_typestore(Stores.ROS2_HUMBLE)
         found, pictures = self.unpacked([message(store, image, time) for image, time in zip(images(), (BEGIN + 9, BEGIN + 5, BEGIN + 5, 0))])

@@ -2,6 +2,7 @@
 """Images of a ROS 1 or ROS 2 bag or an MCAP file as a folder that dso_dataset reads. Needs the package rosbags."""
 from __future__ import annotations
 
+import math
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,6 +19,7 @@ IMAGE_TYPES = ('sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage')
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 MAGIC = {b'\xff\xd8\xff': '.jpg', b'\x89PNG': '.png'}
 NANOSECONDS = 10**9
+MARGIN = 2  # between an image's time and that of its recording, at most [s]
 # Channels of an encoding, as PGM and PPM want them: grey, or red, green, blue.
 CHANNELS = {'mono8': [0], '8uc1': [0], 'mono16': [0], '16uc1': [0], 'rgb8': [0, 1, 2], 'bgr8': [2, 1, 0], '8uc3': [2, 1, 0],
             'rgba8': [0, 1, 2, 3], 'bgra8': [2, 1, 0, 3], '8uc4': [2, 1, 0, 3]}
@@ -129,11 +131,22 @@ def file_of(message: Any) -> tuple[str, bytes]:
     raise BagError(f"compressed as '{message.format}'; expected JPEG or PNG")
 
 
-def write_images(reader: Any, topic: str, folder: Path) -> tuple[dict[int, str], int]:
-    """Files of the images by their times [ns], and how many were left out."""
+def messages_within(reader: Any, connections: list[Any], begin: float, end: float) -> Iterator[tuple[Any, int, Any]]:
+    """Messages recorded from `begin` to `end` [s] after the first, MARGIN more on both sides; the first one always: times count
+    from it."""
+    first = next(reader.messages(connections=connections))
+    start = first[1] + max(0, int((begin - MARGIN) * NANOSECONDS))
+    if start > first[1]:
+        yield first
+    stop = None if end == math.inf else first[1] + int((end + MARGIN) * NANOSECONDS)
+    yield from reader.messages(connections=connections, start=start, stop=stop)
+
+
+def write_images(reader: Any, topic: str, folder: Path, begin: float, end: float) -> tuple[dict[int, str], int]:
+    """Files of the images by their times [ns], and how many were left out because another one has their time."""
     files, left_out = {}, 0
     connections = [c for c in reader.connections if c.topic == topic]
-    for number, (connection, received, data) in enumerate(reader.messages(connections=connections)):
+    for number, (connection, received, data) in enumerate(messages_within(reader, connections, begin, end)):
         message = reader.deserialize(data, connection.msgtype)
         time = time_of(message, received)
         if time in files:
@@ -165,8 +178,9 @@ def write_calibration(reader: Any, topic: str, file: Path) -> Optional[Path]:
     return None
 
 
-def unpack(source: str, topic: Optional[str], folder: Path) -> Unpacked:
-    """Writes the images of a topic, as they are, with their times and the calibration beside them.
+def unpack(source: str, topic: Optional[str], folder: Path, begin: float = 0, end: float = math.inf) -> Unpacked:
+    """Writes the images of a topic, as they are, with their times and the calibration beside them: those from `begin` to `end` [s]
+    after the first, the first itself and a few more.
 
     `folder` is replaced where it is one of an earlier call. Raises BagError, TopicError where the topic is not
     there, OSError."""
@@ -178,7 +192,7 @@ def unpack(source: str, topic: Optional[str], folder: Path) -> Unpacked:
         images = folder / 'images'
         images.mkdir(parents=True, exist_ok=True)
         (folder / TIMES).touch()  # this folder is ours, also after a kill
-        files, left_out = write_images(reader, chosen, images)
+        files, left_out = write_images(reader, chosen, images, begin, end)
         calibration = write_calibration(reader, chosen, folder / 'camera_info.yaml')
     lines = [f'{files[time]} {time // NANOSECONDS}.{time % NANOSECONDS:09d}\n' for time in sorted(files)]
     (folder / TIMES).write_text(''.join(lines), encoding='utf-8')

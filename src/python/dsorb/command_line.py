@@ -2,6 +2,7 @@
 """dsorb run VIDEO|FOLDER|BAG: poses and points of a video; dsorb view DIR: the run in the Rerun viewer; dsorb export DIR:
 files for other programs; dsorb calibrate VIDEO: calibration from a chessboard."""
 import argparse
+import math
 import os
 import re
 import signal
@@ -183,14 +184,25 @@ def run_program(words):
                 signal.signal(number, handler)
 
 
-def take_from_bag(args, output):
+def seconds_in(words, flag, otherwise):
+    """Value of an option of dso_dataset, which complains itself of one that is no number."""
+    values = [word.partition('=')[2] for word in words if word.startswith(f'{flag}=')]
+    values += [value for word, value in zip(words, words[1:]) if word == flag]
+    try:
+        return float(values[-1])
+    except (IndexError, ValueError):
+        return otherwise
+
+
+def take_from_bag(args, rest, output):
     """Has the images of a bag as the input, and its calibration where none was given. @return exit code"""
     if not bags.is_bag(args.input):
         if args.topic is not None:
             print(f'dsorb: --topic: {args.input} is no bag (.bag, .mcap, .db3, or a folder with metadata.yaml)', file=sys.stderr)
         return WRONG_OPTIONS if args.topic is not None else 0
     try:
-        found = bags.unpack(args.input, args.topic, output / 'bag_images')
+        found = bags.unpack(args.input, args.topic, output / 'bag_images', seconds_in(rest, '--from', 0),
+                            seconds_in(rest, '--to', 0) or math.inf)
     except (ValueError, OSError) as error:
         print(f'dsorb: {error}', file=sys.stderr)
         return WRONG_OPTIONS if isinstance(error, bags.TopicError) else RUNTIME_ERROR
@@ -260,7 +272,7 @@ def run(args, rest):
     shown = args.view or args.serve or args.save
     if shown and args.record is None:
         args.record = output / 'recording.jsonl'
-    code = take_from_bag(args, output)
+    code = take_from_bag(args, rest, output)
     if code:
         return code
     try:
