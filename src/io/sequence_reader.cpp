@@ -32,6 +32,13 @@ double millisecondsSince(std::chrono::steady_clock::time_point start) {
       .count();
 }
 
+/// Images that may be prepared ahead without taking much memory.
+int imagesAhead(const PinholeCamera& camera) {
+  constexpr double kBytesAhead = 100e6;
+  constexpr double kBytesPerPixel = 16;  // of a pyramid
+  return static_cast<int>(kBytesAhead / (kBytesPerPixel * camera.width * camera.height));
+}
+
 /// @param mask empty or of 8 bits
 ImageView viewOf(const cv::Mat& mask) {
   return mask.empty() ? ImageView() : ImageView(mask.data, mask.cols, mask.rows, mask.step);
@@ -47,7 +54,9 @@ class SequenceReader::Impl {
       : layout_(findDataset(options.path, options.format)), dataset_(openDataset(layout_)) {
     playlist_ = select(options);
     calibrate(options);
-    const int prefetch = layout_.format == SequenceFormat::kCamera ? 0 : options.prefetch;
+    const int prefetch = layout_.format == SequenceFormat::kCamera
+                             ? 0
+                             : std::min(options.prefetch, imagesAhead(rectifier_->camera()));
     queue_ = std::make_unique<PrefetchQueue<SequenceFrame>>(
         playlist_.count, prefetch, [this](std::size_t position) {
           return prepare(playlist_.index(position));

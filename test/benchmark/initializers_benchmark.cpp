@@ -96,7 +96,7 @@ void tracksAdvance(benchmark::State& state) {
   std::size_t next = 1;
   timeWithThreads(state, [&] {
     tracks.advance(*made.frames[next]);
-    tracks.dropFrames(1);
+    tracks.dropFrames(0, 1);
     next = 1 - next;
     return tracks.size();
   });

@@ -117,7 +117,7 @@ void judgeAll(SequenceReader& reader, const std::vector<StampedPose>& truth) {
   const PinholeCamera camera = reader.camera();
   StageClock clock;
   const AttemptContext context{camera, options, clock};
-  ReferencePool pool(options.orb);
+  ReferencePool pool(options.orb, options.max_waiting_mb);
   while (const std::optional<SequenceFrame> next = reader.next()) {
     if (!pool.empty()) pool.advance(next->frame);
     if (pool.empty() || pool.dropLost()) {

@@ -171,7 +171,7 @@ inline DepthWindow realWindow(const std::string& sequence, int first, int frames
 inline std::optional<init_orb::InitialMap> mapOf(const DepthWindow& window,
                                                  InitializerOptions options) {
   options.orb.photometric.enabled = false;
-  init_orb::ReferencePool pool(options.orb);
+  init_orb::ReferencePool pool(options.orb, options.max_waiting_mb);
   pool.start(window.frames.front());
   for (std::size_t k = 1; k < window.frames.size(); ++k) {
     pool.advance(window.frames[k]);

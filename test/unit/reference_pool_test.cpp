@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/reference_pool.h"
 
+#include "init/waiting_frames.h"
 #include "support/plane_scene.h"
 
 #include <gtest/gtest.h>
@@ -37,7 +38,7 @@ void feed(ReferencePool& pool, const FramePtr& frame) {
 
 TEST(ReferencePool, TakesANewReferenceEveryFewFramesAndDropsTheOldest) {
   const PassedPlane plane;
-  ReferencePool pool(smallPool());
+  ReferencePool pool(smallPool(), 256);
   pool.start(plane.frame(0));
   for (int k = 1; k <= 20; ++k) {
     feed(pool, plane.frame(k));
@@ -57,7 +58,7 @@ TEST(ReferencePool, TakesANewReferenceEveryFewFramesAndDropsTheOldest) {
 
 TEST(ReferencePool, EveryReferenceHasItsCornersEverywhere) {
   const PassedPlane plane;
-  ReferencePool pool(smallPool());
+  ReferencePool pool(smallPool(), 256);
   pool.start(plane.frame(0));
   for (int k = 1; k <= 6; ++k) feed(pool, plane.frame(k));
   ASSERT_EQ(pool.references(), 3);
@@ -76,7 +77,7 @@ TEST(ReferencePool, EveryReferenceHasItsCornersEverywhere) {
 
 TEST(ReferencePool, LosesAllReferencesAtASceneCut) {
   const PassedPlane plane;
-  ReferencePool pool(smallPool());
+  ReferencePool pool(smallPool(), 256);
   pool.start(plane.frame(0));
   for (int k = 1; k <= 4; ++k) feed(pool, plane.frame(k));
   pool.advance(PlaneScene(99).render(SE3(), 0, 5));
@@ -86,7 +87,7 @@ TEST(ReferencePool, LosesAllReferencesAtASceneCut) {
 
 TEST(ReferencePool, RemembersWhatAnAttemptSaw) {
   const PassedPlane plane;
-  ReferencePool pool(smallPool());
+  ReferencePool pool(smallPool(), 256);
   pool.start(plane.frame(0));
   AttemptSummary evidence;
   evidence.rotation_residual = 3;
@@ -95,6 +96,41 @@ TEST(ReferencePool, RemembersWhatAnAttemptSaw) {
   EXPECT_EQ(pool.view(0).last.rotation_residual, 3);
   pool.start(plane.frame(2));
   EXPECT_EQ(pool.view(0).last.rotation_residual, 0);
+}
+
+TEST(ReferencePool, ForgetsFramesBetweenBeyondTheBudget) {
+  const PassedPlane plane;
+  OrbOptions options = smallPool();
+  options.max_frames = 30;
+  ReferencePool all(options, 256);
+  ReferencePool few(options, 1);
+  all.start(plane.frame(0));
+  few.start(plane.frame(0));
+  for (int k = 1; k <= 16; ++k) {
+    feed(all, plane.frame(k));
+    feed(few, plane.frame(k));
+    EXPECT_EQ(few.age(0), k + 1);
+  }
+  const ReferenceView whole = all.view(0);
+  const ReferenceView thin = few.view(0);
+  ASSERT_EQ(whole.frames.size(), 17U);
+  ASSERT_EQ(thin.frames.size(), waitingFrames(*plane.frame(0), 1));
+  EXPECT_EQ(thin.frames.front()->id().value, 0);
+  EXPECT_EQ(thin.frames.back()->id().value, 16);
+  for (std::size_t k = 0; k < thin.frames.size(); ++k) {
+    const int id = thin.frames[k]->id().value;
+    EXPECT_EQ(thin.tracks.positions[k], whole.tracks.positions[static_cast<std::size_t>(id)]);
+    const int next = k + 1 < thin.frames.size() ? thin.frames[k + 1]->id().value : id;
+    EXPECT_LE(next - id, 8);  // of 16 frames in at least three steps; the even third would be 5.3
+  }
+}
+
+TEST(ReferencePool, GivesUpByFramesGivenNotByThoseKept) {
+  const PassedPlane plane;
+  ReferencePool pool(smallPool(), 1);
+  pool.start(plane.frame(0));
+  for (int k = 1; k <= 20; ++k) feed(pool, plane.frame(k));
+  for (int i = 0; i < pool.references(); ++i) EXPECT_LT(pool.age(i), 9);
 }
 
 }  // namespace

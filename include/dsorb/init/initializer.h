@@ -12,7 +12,7 @@ namespace dsorb {
 
 /// What a frame led to.
 enum class InitStatus {
-  kNeedsMoreFrames,  ///< only the oldest frames of a bounded buffer may be dropped
+  kNeedsMoreFrames,  ///< frames of a bounded buffer may be dropped, not the new one
   kRestarted,        ///< all earlier frames are dropped, this one is the new reference
   kInitialized       ///< `result` is set; the object is spent until reset()
 };

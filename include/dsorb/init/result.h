@@ -37,7 +37,8 @@ struct InitPoint {
 /// the back frame is the newest one and has a pose. The unit of length is chosen such that the mean
 /// inverse depth of the reference's points is 1.
 struct InitializationResult {
-  std::vector<PosedFrame> frames;  ///< all since the reference, in the order given
+  std::vector<PosedFrame> frames;  ///< all since the reference, in the order given, but those
+                                   ///< that InitializerOptions::max_waiting_mb had no room for
   std::vector<InitPoint> points;   ///< of all hosts
   InitReport report;               ///< what led to it
   /// Of a rolling shutter, as the initializer took it: estimated where the calibration has a sigma.

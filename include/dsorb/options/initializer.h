@@ -23,8 +23,10 @@ struct InitializerOptions {
   std::string registered;                        ///< name of the registered kind
   int seed = 1;                                  ///< seed of every random choice
   int num_threads = 1;                           ///< 0: all the machine has
-  CoarseOptions coarse;                          ///< of kCoarse
-  OrbOptions orb;                                ///< of kOrb
+  /// Of the frames that wait for a start. docs/experiments.md, "Resolution"
+  int max_waiting_mb = 128;
+  CoarseOptions coarse;  ///< of kCoarse
+  OrbOptions orb;        ///< of kOrb
 };
 
 /// Field list; see DescribeFor.
@@ -37,6 +39,7 @@ DescribeFor<Options, InitializerOptions> describe(Visitor& visit, Options& o) {
                 {"registered", InitializerKind::kRegistered}});
   visit.field("seed", o.seed, Range{0, 2147483647}, "");
   visit.field("num_threads", o.num_threads, Range{0, 1024}, "threads");
+  visit.field("max_waiting_mb", o.max_waiting_mb, Range{1, 1000000}, "MiB");
   visit.group("coarse", o.coarse);
   visit.group("orb", o.orb);
 }

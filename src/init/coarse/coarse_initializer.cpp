@@ -2,6 +2,7 @@
 #include "init/coarse/coarse_initializer.h"
 
 #include "image/pixel_selector.h"
+#include "init/waiting_frames.h"
 
 #include <algorithm>
 #include <cmath>
@@ -19,7 +20,7 @@ constexpr double kMinVisibleShare = 0.25;  // points in view, else the reference
 constexpr double kMaxInlierDrop = 0.5;     // of the share of the frame before: the scene was cut
 constexpr int kMaxRefusals = 3;            // for poor quality; then the estimate is given up
 constexpr double kMatchShare = 0.8;        // of all points; once over the levels was enough
-constexpr int kKeptFrames = 40;            // in memory when there is no time-out
+constexpr std::size_t kKeptFrames = 40;    // in memory at most
 
 /// Points of all levels, finest first, with neighbours and parents.
 std::vector<PointLevel> selectPoints(const Frame& frame, const CoarseOptions& options, int seed) {
@@ -230,8 +231,11 @@ InitStep CoarseInitializer::assess(const LevelReport& finest) {
                           reason != InitReason::kDegenerateMotion;
     return startOver(newest.frame, parallax ? InitReason::kTimeout : reason, parallax);
   }
-  if (static_cast<int>(attempt_.frames.size()) > kKeptFrames && o.max_frames == 0) {
-    attempt_.frames.erase(attempt_.frames.begin() + 1);
+  if (attempt_.frames.size() >
+      std::min(waitingFrames(*newest.frame, options_.max_waiting_mb), kKeptFrames)) {
+    const std::size_t dropped = leastMissed(
+        attempt_.frames, [](const AlignedFrame& f) -> const Frame& { return *f.frame; });
+    attempt_.frames.erase(attempt_.frames.begin() + static_cast<std::ptrdiff_t>(dropped));
   }
   return needsMoreFrames(reason);
 }

@@ -15,11 +15,11 @@ namespace {
 constexpr int kMinRotationTracks = 10;  // needed to tell that a rotation explains them
 constexpr int kMaxAttempts = 2;         // with one frame, oldest references first
 
-std::unique_ptr<ReferenceSource> makeSource(const OrbOptions& options) {
-  if (options.front_end == OrbFrontEnd::kDescriptors) {
-    return std::make_unique<Correspondences>(options);
+std::unique_ptr<ReferenceSource> makeSource(const InitializerOptions& options) {
+  if (options.orb.front_end == OrbFrontEnd::kDescriptors) {
+    return std::make_unique<Correspondences>(options.orb);
   }
-  return std::make_unique<ReferencePool>(options);
+  return std::make_unique<ReferencePool>(options.orb, options.max_waiting_mb);
 }
 
 void keepSurest(const std::optional<WaitingMotion>& motion, std::optional<WaitingMotion>& surest) {
@@ -34,7 +34,7 @@ ORBInitializer::ORBInitializer(const InitializerOptions& options, const PinholeC
       camera_(camera),
       arena_(options.num_threads),
       frame_check_(camera),
-      source_(makeSource(options.orb)) {
+      source_(makeSource(options)) {
   const bool matches = options.orb.front_end == OrbFrontEnd::kDescriptors;
   start_stage_ = matches ? "matching" : "corners";
   advance_stage_ = matches ? "matching" : "tracking";

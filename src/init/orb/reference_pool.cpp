@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/reference_pool.h"
 
+#include "init/waiting_frames.h"
+
 #include <algorithm>
 #include <utility>
 
@@ -16,6 +18,8 @@ void ReferencePool::start(FramePtr frame) {
 void ReferencePool::advance(FramePtr frame) {
   tracks_.advance(*frame);
   frames_.push_back(std::move(frame));
+  ++advanced_;
+  keepWithinBudget();
 }
 
 bool ReferencePool::dropLost() {
@@ -30,7 +34,7 @@ bool ReferencePool::dropLost() {
 
 std::optional<InitReason> ReferencePool::giveUp(InitReason failure) {
   const auto expired = [&](const Reference& reference) {
-    return tracks_.frames() - reference.frame >= options_.max_frames;
+    return advanced_ - reference.advanced + 1 >= options_.max_frames;
   };
   references_.erase(std::remove_if(references_.begin(), references_.end(), expired),
                     references_.end());
@@ -40,20 +44,21 @@ std::optional<InitReason> ReferencePool::giveUp(InitReason failure) {
 }
 
 void ReferencePool::addWhenDue() {
-  const int newest_frame = tracks_.frames() - 1;
-  if (options_.reference_interval == 0 || newest_frame - newest_ < options_.reference_interval) {
+  if (options_.reference_interval == 0 ||
+      advanced_ - newest_advanced_ < options_.reference_interval) {
     return;
   }
   tracks_.addCorners();
-  references_.push_back({newest_frame, {}});
-  newest_ = newest_frame;
+  newest_ = tracks_.frames() - 1;
+  newest_advanced_ = advanced_;
+  references_.push_back({newest_, advanced_, {}});
 }
 
 void ReferencePool::clear() {
   tracks_.clear();
   frames_.clear();
   references_.clear();
-  newest_ = 0;
+  newest_ = newest_advanced_ = advanced_ = 0;
 }
 
 ReferenceView ReferencePool::view(int reference) const {
@@ -63,10 +68,28 @@ ReferenceView ReferencePool::view(int reference) const {
 
 void ReferencePool::forgetUnusedFrames() {
   const int unused = references_.empty() ? newest_ : references_.front().frame;
-  tracks_.dropFrames(unused);
+  tracks_.dropFrames(0, unused);
   frames_.erase(frames_.begin(), frames_.begin() + unused);
   for (Reference& reference : references_) reference.frame -= unused;
   newest_ -= unused;
+}
+
+/// Forgets frames between the oldest reference and the newest frame, and with them the references
+/// that they were.
+void ReferencePool::keepWithinBudget() {
+  while (frames_.size() > waitingFrames(*frames_.front(), max_waiting_mb_)) {
+    const auto dropped = static_cast<int>(
+        leastMissed(frames_, [](const FramePtr& frame) -> const Frame& { return *frame; }));
+    tracks_.dropFrames(dropped, 1);
+    frames_.erase(frames_.begin() + dropped);
+    references_.erase(
+        std::remove_if(references_.begin(),
+                       references_.end(),
+                       [&](const Reference& reference) { return reference.frame == dropped; }),
+        references_.end());
+    for (Reference& reference : references_) reference.frame -= reference.frame > dropped ? 1 : 0;
+    newest_ -= newest_ > dropped ? 1 : 0;
+  }
 }
 
 }  // namespace dsorb::init_orb

@@ -16,7 +16,9 @@ namespace dsorb::init_orb {
 /// @source docs/experiments.md, "Pool of references"
 class ReferencePool final : public ReferenceSource {
  public:
-  explicit ReferencePool(const OrbOptions& options) : options_(options), tracks_(options.tracks) {}
+  /// @param max_waiting_mb for the frames; beyond it those between are forgotten [MiB]
+  ReferencePool(const OrbOptions& options, int max_waiting_mb)
+      : options_(options), max_waiting_mb_(max_waiting_mb), tracks_(options.tracks) {}
 
   void start(FramePtr frame) override;
   void advance(FramePtr frame) override;
@@ -33,7 +35,7 @@ class ReferencePool final : public ReferenceSource {
 
   [[nodiscard]] int references() const override { return static_cast<int>(references_.size()); }
   [[nodiscard]] int age(int reference) const override {
-    return tracks_.frames() - references_[static_cast<std::size_t>(reference)].frame;
+    return advanced_ - references_[static_cast<std::size_t>(reference)].advanced + 1;
   }
   /// Live tracks of a reference.
   [[nodiscard]] int tracks(int reference) const {
@@ -49,19 +51,24 @@ class ReferencePool final : public ReferenceSource {
 
  private:
   struct Reference {
-    int frame = 0;  // index of frames_
+    int frame = 0;     // index of frames_
+    int advanced = 0;  // of the pool when it was the newest frame
     AttemptSummary last;
   };
 
   /// Whether most tracks ended with the last step.
   [[nodiscard]] bool cut() const { return tracks_.survivorShare() < kMinSurvivorShare; }
   void forgetUnusedFrames();
+  void keepWithinBudget();
 
   OrbOptions options_;
+  int max_waiting_mb_;
   FeatureTracks tracks_;
   std::vector<FramePtr> frames_;       // since the oldest reference
   std::vector<Reference> references_;  // oldest first
   int newest_ = 0;                     // index of the newest reference, lost or not
+  int newest_advanced_ = 0;            // of the pool when it was the newest frame
+  int advanced_ = 0;                   // frames given after the first
 };
 
 }  // namespace dsorb::init_orb

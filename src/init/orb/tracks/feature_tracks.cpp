@@ -180,9 +180,12 @@ void FeatureTracks::keepOnly(const std::vector<char>& alive) {
       alive.empty() ? 1.0 : static_cast<double>(kept) / static_cast<double>(alive.size());
 }
 
-void FeatureTracks::dropFrames(int count) {
-  positions_.erase(positions_.begin(), positions_.begin() + count);
-  for (int& birth : births_) birth = std::max(0, birth - count);
+void FeatureTracks::dropFrames(int first, int count) {
+  const auto begin = positions_.begin() + first;
+  positions_.erase(begin, begin + count);
+  for (int& birth : births_) {
+    if (birth > first) birth = std::max(first, birth - count);
+  }
 }
 
 int FeatureTracks::sizeSince(int frame) const {

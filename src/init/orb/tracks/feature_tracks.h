@@ -37,8 +37,9 @@ class FeatureTracks {
   void advance(const Frame& frame);
   /// Makes the newest frame a reference: adds corners away from the live tracks.
   void addCorners();
-  /// Forgets the oldest frames and the tracks' positions there.
-  void dropFrames(int count);
+  /// Forgets frames, not the newest, and the tracks' positions there. A track that began in one
+  /// begins in the next that is left.
+  void dropFrames(int first, int count);
   void clear();
 
   /// Live tracks.
