@@ -60,6 +60,7 @@ if(DSORB_BUILD_IO)
   dsorb_find(nlohmann_json nlohmann-json3-dev 3.9)
   dsorb_find(fmt libfmt-dev 8)
   dsorb_find(JPEG libjpeg-dev "")
+  dsorb_find(PNG libpng-dev "")
   dsorb_find(PkgConfig pkg-config "")
   pkg_check_modules(libzip QUIET IMPORTED_TARGET libzip) # its CMake targets want a program of another package
   if(NOT libzip_FOUND)

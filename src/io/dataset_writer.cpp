@@ -4,12 +4,12 @@
 #include "dsorb/error.h"
 
 #include "base/parallel.h"
+#include "io/png.h"
 #include "io/trajectory_writer.h"
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <opencv2/core.hpp>
-#include <opencv2/imgcodecs.hpp>
 
 #include <algorithm>
 #include <cmath>
@@ -39,9 +39,8 @@ void writeText(const fs::path& file, const std::string& text) {
 }
 
 void writePng(const fs::path& file, const cv::Mat& image) {
-  std::vector<unsigned char> bytes;
-  cv::imencode(".png", image, bytes, {cv::IMWRITE_PNG_COMPRESSION, kPngCompression});
-  writeFile(file, reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  const std::string bytes = encodePng(image, kPngCompression);
+  writeFile(file, bytes.data(), bytes.size());
 }
 
 /// Makes the folder and removes the numbered PNGs of an earlier data set from it.

@@ -5,9 +5,9 @@
 
 #include "io/chart.h"
 #include "io/output_file.h"
+#include "io/png.h"
 
 #include <fmt/format.h>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
@@ -21,6 +21,7 @@
 namespace dsorb::io {
 namespace {
 
+constexpr int kPngCompression = 3;
 constexpr int kBarWidth = 90;
 constexpr std::size_t kMaxPanels = 4;
 constexpr int kFirstColour = 26;
@@ -284,11 +285,7 @@ cv::Mat drawTimeline(const RunRecord& record) {
 }
 
 void writePng(const std::filesystem::path& path, const cv::Mat& image) {
-  std::vector<uchar> bytes;
-  if (!cv::imencode(".png", image, bytes)) {
-    throw IoError(path.string() + ": the figure cannot be encoded");
-  }
-  replaceFile(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+  replaceFile(path, encodePng(image, kPngCompression));
 }
 
 }  // namespace dsorb::io

@@ -3,10 +3,11 @@
 
 #include "dsorb/error.h"
 
+#include "io/codecs.h"
 #include "io/jpeg_decoder.h"
+#include "io/png.h"
 
 #include <fmt/format.h>
-#include <opencv2/imgcodecs.hpp>
 
 #include <algorithm>
 #include <array>
@@ -25,22 +26,6 @@ bool startsWith(const std::vector<std::uint8_t>& bytes, std::string_view magic) 
          std::equal(magic.begin(), magic.end(), bytes.begin(), [](char m, std::uint8_t b) {
            return static_cast<std::uint8_t>(m) == b;
          });
-}
-
-/// Whether all chunks of a PNG up to its end mark are there.
-bool completePng(const std::vector<std::uint8_t>& bytes) {
-  constexpr std::size_t kSignature = 8;
-  constexpr std::size_t kChunkFrame = 12;  // length, type, checksum
-  std::size_t at = kSignature;
-  while (at + kChunkFrame <= bytes.size()) {
-    const std::size_t length = (static_cast<std::size_t>(bytes[at]) << 24) |
-                               (static_cast<std::size_t>(bytes[at + 1]) << 16) |
-                               (static_cast<std::size_t>(bytes[at + 2]) << 8) | bytes[at + 3];
-    const std::string_view type(reinterpret_cast<const char*>(&bytes[at + 4]), 4);
-    at += kChunkFrame + length;
-    if (type == "IEND") return at <= bytes.size();
-  }
-  return false;
 }
 
 /// Whether a binary PGM or PPM holds the pixels its header announces: "P5 width height maximum"
@@ -63,7 +48,6 @@ bool completePnm(const std::vector<std::uint8_t>& bytes, std::size_t channels) {
 }
 
 bool complete(const std::vector<std::uint8_t>& bytes) {
-  if (startsWith(bytes, "\x89PNG\r\n\x1a\n")) return completePng(bytes);
   if (startsWith(bytes, "P5")) return completePnm(bytes, 1);
   if (startsWith(bytes, "P6")) return completePnm(bytes, 3);
   return !bytes.empty();
@@ -90,15 +74,10 @@ std::vector<std::uint8_t> readFile(const std::filesystem::path& file) {
 
 cv::Mat decodeGrey(const std::vector<std::uint8_t>& bytes, const std::string& name) {
   if (!complete(bytes)) throw IoError(fmt::format("{}: the image is truncated", name));
+  if (isPng(bytes)) return decodePng(bytes, name);
   cv::Mat image;
   if (isJpeg(bytes)) image = decodeJpeg(bytes, name);
-  if (!image.empty()) return image;
-  try {
-    image = cv::imdecode(
-        bytes, cv::IMREAD_GRAYSCALE | cv::IMREAD_ANYDEPTH | cv::IMREAD_IGNORE_ORIENTATION);
-  } catch (const cv::Exception&) {
-    image.release();  // reported below like any other image that cannot be decoded
-  }
+  if (image.empty()) image = decodeByOpenCv(bytes);
   if (image.empty()) throw IoError(fmt::format("{}: the image cannot be decoded", name));
   if (image.type() != CV_8UC1 && image.type() != CV_16UC1) {
     throw IoError(fmt::format("{}: neither 8 nor 16 bits a channel", name));

@@ -3,7 +3,7 @@
 
 #include "dsorb/error.h"
 
-#include "io/capture.h"
+#include "io/codecs.h"
 
 #include <fmt/format.h>
 
@@ -32,15 +32,16 @@ constexpr std::chrono::seconds kPatience(5);
 
 class VideoFile : public VideoSource {
  public:
-  explicit VideoFile(const std::filesystem::path& file) : file_(file.string()), capture_(file_) {
-    if (!capture_.grab()) {
+  explicit VideoFile(const std::filesystem::path& file)
+      : file_(file.string()), capture_(openCapture(file_)) {
+    if (!capture_->grab()) {
       throw IoError(fmt::format("{}: holds no image that can be decoded", file_));
     }
-    begin_ = capture_.time();
+    begin_ = capture_->time();
   }
 
-  [[nodiscard]] int size() const override { return std::max(capture_.announced(), 1); }
-  [[nodiscard]] double rate() const override { return capture_.rate(); }
+  [[nodiscard]] int size() const override { return std::max(capture_->announced(), 1); }
+  [[nodiscard]] double rate() const override { return capture_->rate(); }
   [[nodiscard]] double begin() const override { return begin_; }
   [[nodiscard]] std::string name(int index) const override {
     return fmt::format("{}, image {}", file_, index);
@@ -52,8 +53,8 @@ class VideoFile : public VideoSource {
     }
     SourceImage image;
     image.index = index_;
-    image.timestamp = capture_.time();
-    if (!capture_.retrieve(image.pixels)) {
+    image.timestamp = capture_->time();
+    if (!capture_->retrieve(image.pixels)) {
       throw IoError(fmt::format("{}: cannot be decoded", name(index_)));
     }
     image.warning = std::exchange(warning_, {});
@@ -61,7 +62,7 @@ class VideoFile : public VideoSource {
   }
 
   int seek(double seconds) override {
-    while (!ended_ && capture_.time() - begin_ < seconds) {
+    while (!ended_ && capture_->time() - begin_ < seconds) {
       if (!advance()) return index_ + 1;
     }
     return index_;
@@ -69,20 +70,20 @@ class VideoFile : public VideoSource {
 
  private:
   bool advance() {
-    const double before = capture_.time();
-    if (ended_ || !capture_.grab()) {
+    const double before = capture_->time();
+    if (ended_ || !capture_->grab()) {
       ended_ = true;
       const int count = index_ + 1;
-      if (count < kLeastShare * capture_.announced() - kFewImages) {
+      if (count < kLeastShare * capture_->announced() - kFewImages) {
         throw IoError(fmt::format("{}: ends after {} of {} images; is the file complete?",
                                   file_,
                                   count,
-                                  capture_.announced()));
+                                  capture_->announced()));
       }
       return false;
     }
     ++index_;
-    const double step = (capture_.time() - before) * capture_.rate();
+    const double step = (capture_->time() - before) * capture_->rate();
     if (!uneven_ && (step > kUnevenStep || step < 1 / kUnevenStep)) {
       uneven_ = true;
       warning_ = fmt::format(
@@ -90,14 +91,14 @@ class VideoFile : public VideoSource {
           "rate "
           "varies, the times of the images are used",
           name(index_),
-          capture_.time() - before,
-          capture_.rate());
+          capture_->time() - before,
+          capture_->rate());
     }
     return true;
   }
 
   std::string file_;
-  Capture capture_;
+  std::unique_ptr<Capture> capture_;
   double begin_ = 0;
   int index_ = 0;
   bool ended_ = false;
@@ -112,7 +113,9 @@ double secondsSince1970() {
 class CameraStream : public ImageSource {
  public:
   explicit CameraStream(const std::string& address)
-      : address_(address), is_file_(std::filesystem::is_regular_file(address)), capture_(address) {
+      : address_(address),
+        is_file_(std::filesystem::is_regular_file(address)),
+        capture_(openCapture(address)) {
     taker_ = std::thread([this] { take(); });
   }
   ~CameraStream() override {
@@ -150,14 +153,14 @@ class CameraStream : public ImageSource {
     const double since_1970 = secondsSince1970();
     const Clock::time_point begin = Clock::now();
     for (;;) {
-      const bool grabbed = capture_.grab();
+      const bool grabbed = capture_->grab();
       const auto elapsed = std::chrono::duration<double>(Clock::now() - begin);
       SourceImage image;
-      image.timestamp = is_file_ ? capture_.time() : since_1970 + elapsed.count();
-      const bool good = grabbed && capture_.retrieve(image.pixels);
+      image.timestamp = is_file_ ? capture_->time() : since_1970 + elapsed.count();
+      const bool good = grabbed && capture_->retrieve(image.pixels);
       if (good) image.pixels = image.pixels.clone();  // the capture writes over its own
       std::unique_lock<std::mutex> lock(mutex_);
-      if (good && is_file_) waitFor(begin, capture_.time(), lock);
+      if (good && is_file_) waitFor(begin, capture_->time(), lock);
       if (stopped_) return;
       ended_ = !good;
       if (good) {
@@ -180,7 +183,7 @@ class CameraStream : public ImageSource {
 
   std::string address_;
   bool is_file_;
-  Capture capture_;                   // of the taker
+  std::unique_ptr<Capture> capture_;  // of the taker
   double first_time_ = 0;             // of the taker [s]
   int asked_ = -1;                    // of the caller
   std::optional<SourceImage> given_;  // of the caller

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/codecs.h"
+
+#include "dsorb/error.h"
+
+#include "io/codecs_module.h"
+
+#include <fmt/format.h>
+
+#ifdef DSORB_CODECS_FILE
+#include <dlfcn.h>
+#endif
+
+namespace dsorb {
+namespace {
+
+#ifdef DSORB_CODECS_FILE
+
+const CodecsModule& loadModule() {
+  void* library = dlopen(DSORB_CODECS_FILE, RTLD_NOW | RTLD_LOCAL);
+  void* symbol = library == nullptr ? nullptr : dlsym(library, "dsorbCodecsModule");
+  if (symbol == nullptr) {
+    throw IoError(fmt::format(
+        "{}, which reads videos and images other than PNG and JPEG, cannot be loaded: {}",
+        DSORB_CODECS_FILE,
+        dlerror()));
+  }
+  return *reinterpret_cast<decltype(&dsorbCodecsModule)>(symbol)();
+}
+
+const CodecsModule& module() {
+  static const CodecsModule& loaded = loadModule();
+  return loaded;
+}
+
+#else
+
+const CodecsModule& module() {
+  return *dsorbCodecsModule();
+}
+
+#endif
+
+}  // namespace
+
+cv::Mat decodeByOpenCv(const std::vector<std::uint8_t>& bytes) {
+  return module().decode(bytes);
+}
+
+std::unique_ptr<Capture> openCapture(const std::string& address) {
+  if (module().open_capture == nullptr) {
+    throw IoError(fmt::format(
+        "{}: this build reads neither videos nor cameras: OpenCV's videoio was missing when it was "
+        "configured (Debian: libopencv-videoio-dev)",
+        address));
+  }
+  std::unique_ptr<Capture> capture = module().open_capture(address);
+  if (!capture) {
+    throw IoError(fmt::format(
+        "{}: no video that can be decoded; expected a file, device or address with pictures",
+        address));
+  }
+  return capture;
+}
+
+}  // namespace dsorb
