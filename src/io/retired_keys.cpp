@@ -65,6 +65,7 @@ const std::vector<RetiredKey>& retiredKeys() {
       {"probation.max_rms_fourth",
        "is gone: a start is judged once, by its first adjustment; see 'max_refusals'"},
       {"probation.includes_loss", "is gone: a loss soon after a start is a loss like any other"},
+      {"initializer.coarse.handover_points", "is now the constant kHandoverPoints, 2000 points"},
       {"initializer.coarse.density",
        "is gone: every level wants as many points as the published density gives"},
       {"initializer.coarse.prior_weight",

@@ -23,6 +23,11 @@ constexpr double kPriorNoise = 49;
 // of its residuals, about 2. docs/experiments.md, "Rolling shutter".
 constexpr double kCameraFactor = 6;
 
+// What phones and webcams differ by, for a guessed camera. docs/experiments.md, "Refined
+// intrinsics".
+constexpr double kAspectSigma = 0.003;  // relative, of the ratio of the two focal lengths
+constexpr double kCenterSigma = 0.02;   // of the principal point, as a share of the width
+
 /// Of the linearised energy, priors included and depths eliminated; the quantities that are not
 /// estimated stay.
 struct ReducedSystem {
@@ -59,12 +64,12 @@ ReducedSystem reduce(const Window& window,
 /// Information of a camera of which the field of view is a guess: mean focal length, ratio of the
 /// two, principal point. It must count as the pixels do, whose errors are not independent.
 Eigen::Matrix4d guessInformation(const PinholeCamera& camera, const PriorOptions& options) {
-  const double center = options.center_sigma * camera.width;
+  const double center = kCenterSigma * camera.width;
   Eigen::Matrix4d whiten = Eigen::Matrix4d::Zero();
   whiten.row(0).head<2>() << 0.5 / camera.fx, 0.5 / camera.fy;
   whiten.row(0) /= options.focal_sigma;
   whiten.row(1).head<2>() << 1 / camera.fx, -1 / camera.fy;
-  whiten.row(1) /= options.aspect_sigma;
+  whiten.row(1) /= kAspectSigma;
   whiten(2, 2) = whiten(3, 3) = 1 / center;
   const double weight = kPriorNoise * kCameraFactor * kCameraFactor * kCameraScale * kCameraScale;
   return weight * whiten.transpose() * whiten;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/coarse/coarse_initializer.h"
 
+#include "support/reference_coarse_options.h"
 #include "support/matchers.h"
 #include "synthetic/sequence.h"
 

@@ -10,21 +10,14 @@ namespace dsorb {
 /// @source the initializer of DSO as published with Engel et al., arXiv:1607.02565 (the paper does
 ///         not describe it)
 struct CoarseOptions {
-  /// As published, faults included: the energy is not what the equations minimise, the prior comes
-  /// back, gain and offset are not estimated, a frame starts from the last estimate only, neither a
-  /// grid of rotations nor other motions are tried as starts, bad points are handed over as well, a
-  /// coarse point without fine points loses its depth.
-  bool published = false;
+  bool published = false;            ///< faults included: docs/variants.md, "The published coarse"
   int settle_frames = 2;             ///< frames after the one that left the prior, at least
   int max_settle_frames = 5;         ///< to wait for the wanted parallax; as published
   double wanted_parallax_deg = 1.5;  ///< median; 0: not waited for
-  int handover_points = 2000;        ///< points of the result, at most
   int max_points = 6000;             ///< of a level; 0: as the density says
   int max_passes = 4;                ///< over all levels, for a frame that does not match at once
-  double min_snap_gain = 0.2;  ///< share of the residual energy that translation removes, less: the
-                               ///< prior comes back; 0: no test
-  double min_rival_margin = 0.15;  ///< by which the best motion elsewhere explains the images worse
-                                   ///< before it starts, share of the energy; 0: no rivals
+  double min_snap_gain = 0.2;  ///< least motion gain, below it the prior comes back; 0: no test
+  double min_rival_margin = 0.15;  ///< energy of the best motion elsewhere, less 1; 0: no rivals
   double max_parent_distance = 2;  ///< pixels of the coarser level; 0: no limit
   double min_parallax_deg = 0.7;   ///< of the result, median; 0: no test
   double min_motion_gain = 0.4;    ///< share of the residual energy that translation removes
@@ -34,20 +27,6 @@ struct CoarseOptions {
   double effective_points = 2.5;     ///< whose information the pose's variance is worth; 0: formal
 };
 
-/// The published system: its behaviour and its numbers.
-inline CoarseOptions referenceCoarseOptions() {
-  CoarseOptions o;
-  o.published = true;
-  o.settle_frames = 5;
-  o.wanted_parallax_deg = o.min_snap_gain = o.min_rival_margin = 0;
-  o.max_points = 0;
-  o.max_passes = 1;
-  o.max_parent_distance = o.min_parallax_deg = o.min_motion_gain = o.max_relative_sigma = 0;
-  o.max_outlier_share = 1;
-  o.max_frames = 0;
-  return o;
-}
-
 /// Field list; see DescribeFor.
 template <typename Visitor, typename Options>
 DescribeFor<Options, CoarseOptions> describe(Visitor& visit, Options& o) {
@@ -55,7 +34,6 @@ DescribeFor<Options, CoarseOptions> describe(Visitor& visit, Options& o) {
   visit.field("settle_frames", o.settle_frames, Range{0, 100}, "frames");
   visit.field("max_settle_frames", o.max_settle_frames, Range{0, 100}, "frames");
   visit.field("wanted_parallax_deg", o.wanted_parallax_deg, Range{0, 45}, "deg");
-  visit.field("handover_points", o.handover_points, Range{50, 100000}, "points");
   visit.field("max_points", o.max_points, Range{0, 1000000}, "points");
   visit.field("max_passes", o.max_passes, Range{1, 100}, "passes");
   visit.field("min_snap_gain", o.min_snap_gain, Range{0, 1}, "");

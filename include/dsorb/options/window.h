@@ -29,13 +29,8 @@ DescribeFor<Options, OptimizerOptions> describe(Visitor& visit, Options& o) {
 /// Weights of the priors; those of intrinsics in scaled units (window/window.h).
 struct PriorOptions {
   double intrinsics = 1e5;  ///< reference: 5e9. docs/experiments.md, "Refined intrinsics"
-  double focal_sigma = 0;   ///< relative, of a guessed focal length; above 0 it and the two below
-                            ///< stand in place of `intrinsics`. `--hfov`: 0.15
-  double aspect_sigma = 0.003;  ///< relative, of the ratio of the two focal lengths
-  double center_sigma = 0.02;   ///< of the principal point, as a share of the width
-  /// On 1 / variance of an initial point: the variance of a grey value, kImageNoise^2.
-  /// docs/experiments.md, "First window"
-  double depth_gain = 8;
+  double focal_sigma = 0;   ///< relative, of a guess; above 0 instead of the former. `--hfov`: 0.15
+  double depth_gain = 8;    ///< on 1 / variance of an initial point: kImageNoise^2
   double max_depth = 2500;                   ///< upper limit of an initial point's prior
   bool depth_pulls_to_value = true;          ///< false (reference): the depth prior only damps
   double depth_at_marginalization = 360000;  ///< factor on the depth prior, 600^2
@@ -48,8 +43,6 @@ template <typename Visitor, typename Options>
 DescribeFor<Options, PriorOptions> describe(Visitor& visit, Options& o) {
   visit.field("intrinsics", o.intrinsics, Range{0, 1e16}, "");
   visit.field("focal_sigma", o.focal_sigma, Range{0, 1}, "");
-  visit.field("aspect_sigma", o.aspect_sigma, Range{1e-6, 1}, "");
-  visit.field("center_sigma", o.center_sigma, Range{1e-6, 1}, "");
   visit.field("depth_gain", o.depth_gain, Range{0, 1e9}, "grey levels^2");
   visit.field("max_depth", o.max_depth, Range{0, 1e12}, "grey levels^2 unit^2");
   visit.field("depth_pulls_to_value", o.depth_pulls_to_value);

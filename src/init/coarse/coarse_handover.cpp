@@ -17,6 +17,8 @@
 namespace dsorb::init_coarse {
 namespace {
 
+constexpr int kHandoverPoints = 2000;  // of the result, at most
+
 // Effective number of points in the part of an inverse depth's variance that comes from the pose.
 // It is larger than for the pose itself, since the depths absorb some errors of the pose.
 constexpr double kDepthEffectivePoints = 50;
@@ -100,7 +102,7 @@ bool isFit(const CoarseAttempt& attempt, std::size_t i) {
 /// Indices of the points to hand over, ascending.
 std::vector<std::size_t> randomPoints(const CoarseAttempt& attempt) {
   const PointLevel& points = attempt.levels.front();
-  const double share = static_cast<double>(attempt.options.handover_points) / points.size();
+  const double share = static_cast<double>(kHandoverPoints) / points.size();
   Random random(static_cast<std::uint64_t>(attempt.seed));
   std::vector<std::size_t> kept;
   for (std::size_t i = 0; i < points.x.size(); ++i) {
@@ -115,7 +117,7 @@ std::vector<std::size_t> spreadPoints(const CoarseAttempt& attempt) {
   const PinholeCamera& camera = attempt.camera;
   const double area = static_cast<double>(camera.width) * camera.height;
   const CellGrid cells(
-      camera.width, camera.height, std::sqrt(area / attempt.options.handover_points));
+      camera.width, camera.height, std::sqrt(area / kHandoverPoints));
   std::vector<std::size_t> fit;
   for (std::size_t i = 0; i < points.x.size(); ++i) {
     if (isFit(attempt, i)) fit.push_back(i);
