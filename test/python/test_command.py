@@ -13,7 +13,7 @@ import numpy as np
 from dsorb import Camera, command_line, evidence
 from dsorb.pictures import EXIF_IFD, FOCAL_LENGTH_35MM
 from dsorb.run_folder import read_run
-from dsorb.summary import summarize
+from dsorb.summary import of_lens, summarize
 from PIL import Image
 from room import FRAMES, SIZE, image_files, images, room, room_run, temporary_folder
 
@@ -120,6 +120,18 @@ class Photographs(unittest.TestCase):
 
 
 class Obstacles(unittest.TestCase):
+    def test_the_summary_has_what_was_found_out_about_the_camera(self):
+        camera = {'fx': 500, 'fy': 510}
+        refined = {'fx': 404, 'fy': 400, 'sigma': {'fx': 1.01, 'fy': 2}, 'settled': True}
+        self.assertEqual(of_lens({'camera': camera}), [])
+        self.assertEqual(of_lens({'camera': camera, 'refined_camera': {'fx': 404, 'fy': 400}}), [])  # not a guess
+        found = of_lens({'camera': camera, 'refined_camera': refined, 'readout': {'milliseconds': 25.04, 'sigma': .4}})
+        self.assertEqual(found, ['  focal length 402.0 px, guessed as 505.0: +-0.5 %; refined_camera.txt is the calibration for the next run',
+                                 '  rolling shutter: 25.0 +- 0.4 ms from the first to the last row'])
+        found = of_lens({'camera': camera, 'refined_camera': {**refined, 'settled': False}, 'readout': {'milliseconds': -1, 'sigma': .4}})
+        self.assertIn('guessed as 505.0: not known to 1 % yet', found[0])
+        self.assertEqual(found[1], '  no rolling shutter shows: -1.0 +- 0.4 ms from the first to the last row')
+
     def summary_of(self, kind, *options):
         """Text of a run in which nothing starts."""
         folder = temporary_folder()

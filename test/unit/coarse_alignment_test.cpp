@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/coarse/coarse_alignment.h"
 
-#include "support/reference_coarse_options.h"
 #include "support/coarse_images.h"
 #include "support/jacobian_check.h"
+#include "support/reference_coarse_options.h"
 
 #include <Eigen/LU>
 #include <gtest/gtest.h>

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/coarse/coarse_initializer.h"
 
-#include "support/reference_coarse_options.h"
 #include "support/matchers.h"
+#include "support/reference_coarse_options.h"
 #include "synthetic/sequence.h"
 
 #include <gmock/gmock.h>

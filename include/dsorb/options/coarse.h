@@ -16,7 +16,7 @@ struct CoarseOptions {
   double wanted_parallax_deg = 1.5;  ///< median; 0: not waited for
   int max_points = 6000;             ///< of a level; 0: as the density says
   int max_passes = 4;                ///< over all levels, for a frame that does not match at once
-  double min_snap_gain = 0.2;  ///< least motion gain, below it the prior comes back; 0: no test
+  double min_snap_gain = 0.2;      ///< least motion gain, below it the prior comes back; 0: no test
   double min_rival_margin = 0.15;  ///< energy of the best motion elsewhere, less 1; 0: no rivals
   double max_parent_distance = 2;  ///< pixels of the coarser level; 0: no limit
   double min_parallax_deg = 0.7;   ///< of the result, median; 0: no test

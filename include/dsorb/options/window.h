@@ -31,7 +31,7 @@ struct PriorOptions {
   double intrinsics = 1e5;  ///< reference: 5e9. docs/experiments.md, "Refined intrinsics"
   double focal_sigma = 0;   ///< relative, of a guess; above 0 instead of the former. `--hfov`: 0.15
   double depth_gain = 8;    ///< on 1 / variance of an initial point: kImageNoise^2
-  double max_depth = 2500;                   ///< upper limit of an initial point's prior
+  double max_depth = 2500;  ///< upper limit of an initial point's prior
   bool depth_pulls_to_value = true;          ///< false (reference): the depth prior only damps
   double depth_at_marginalization = 360000;  ///< factor on the depth prior, 600^2
   bool consistent_gradient = true;  ///< false (reference): a marginalised prior's gradient is

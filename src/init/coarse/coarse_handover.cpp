@@ -116,8 +116,7 @@ std::vector<std::size_t> spreadPoints(const CoarseAttempt& attempt) {
   const PointLevel& points = attempt.levels.front();
   const PinholeCamera& camera = attempt.camera;
   const double area = static_cast<double>(camera.width) * camera.height;
-  const CellGrid cells(
-      camera.width, camera.height, std::sqrt(area / kHandoverPoints));
+  const CellGrid cells(camera.width, camera.height, std::sqrt(area / kHandoverPoints));
   std::vector<std::size_t> fit;
   for (std::size_t i = 0; i < points.x.size(); ++i) {
     if (isFit(attempt, i)) fit.push_back(i);

@@ -30,7 +30,7 @@ def summarize(run):
     lines = [f'{posed} of {given} images have a pose ({100 * posed / given:.0f} %)' + of_segments(run)]
     lines += [f'  segment {segment.number}: {span(run, segment)}, {len(segment.points.positions)} points'
               for segment in run.segments]
-    lines += how_sure(run)
+    lines += how_sure(run) + of_lens(run.summary)
     if posed < ENOUGH * given:
         lines += advice(run)
     lines.append(f'{run.folder}: trajectory.txt, points.ply, figures/trajectory.png; docs/formats.md has the rest')
@@ -80,6 +80,22 @@ def how_sure(run):
     if lost:
         times = ', '.join(f'{float(row.time) - float(run.rows[0].time):.1f} s' for row in run.rows if row.state == 'lost')
         lines.append(f'  tracking was lost {lost} time(s): at {times}')
+    return lines
+
+
+def of_lens(summary):
+    """What the run found out about its camera, by run.json."""
+    lines, camera, readout = [], summary.get('refined_camera', {}), summary.get('readout')
+    if 'sigma' in camera:
+        focal, guessed = ((c['fx'] + c['fy']) / 2 for c in (camera, summary['camera']))
+        sigma = 100 * max(camera['sigma']['fx'] / camera['fx'], camera['sigma']['fy'] / camera['fy'])
+        lines.append(f'  focal length {focal:.1f} px, guessed as {guessed:.1f}: '
+                     + (f'+-{sigma:.2g} %; refined_camera.txt is the calibration for the next run' if camera['settled'] else
+                        'not known to 1 % yet; turns and sideways motion tell it, or a calibration (docs/calibration.md)'))
+    if readout:
+        time, sigma = readout['milliseconds'], readout['sigma']
+        lines.append(f'  rolling shutter: {time:.1f} +- {sigma:.1f} ms from the first to the last row' if abs(time) > 3 * sigma else
+                     f'  no rolling shutter shows: {time:.1f} +- {sigma:.1f} ms from the first to the last row')
     return lines
 
 
