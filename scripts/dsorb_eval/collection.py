@@ -24,8 +24,8 @@ LOG_BYTES = 4000  # of a log's end that are looked at for the reason of a failur
 # Of the table: column, type for Parquet.
 COLUMNS = {'video': 'string', 'name': 'string', 'status': 'string', 'exit_code': 'int32', 'error': 'string', 'images': 'int32',
            'images_posed': 'int32', 'share_posed': 'float64', 'wrong_probability': 'float64', 'segments': 'int32',
-           'losses': 'int32', 'refined_focal_px': 'float64', 'readout_ms': 'float64', 'readout_sigma_ms': 'float64',
-           'ms_per_image': 'float64', 'wall_seconds': 'float64'}
+           'losses': 'int32', 'refined_focal_px': 'float64', 'refined_focal_sigma_px': 'float64',
+           'readout_ms': 'float64', 'readout_sigma_ms': 'float64', 'ms_per_image': 'float64', 'wall_seconds': 'float64'}
 
 
 def name_of(words: list[str]) -> str:
@@ -114,6 +114,7 @@ def row_of(video: str, folder: Path) -> dict[str, Any]:
                 images=len(frames), images_posed=images_posed, share_posed=round(images_posed / len(frames), 4) if frames else None,
                 wrong_probability=max((float(f'{w:.3g}') for w in wrong if w is not None), default=None), segments=summary.get('segments'),
                 losses=sum(row['state'] == 'lost' for row in frames), refined_focal_px=refined.get('fx'),
+                refined_focal_sigma_px=refined.get('sigma', {}).get('fx'),
                 readout_ms=readout.get('milliseconds'), readout_sigma_ms=readout.get('sigma'),
                 ms_per_image=round(statistics.fmean(times), 3) if times else None,
                 wall_seconds=record['wall_seconds'])
