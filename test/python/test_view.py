@@ -190,7 +190,7 @@ class Commands(unittest.TestCase):
             self.assertIn(f'http://localhost:{port}/', address)
             self.assertTrue(any('Ctrl-C ends it' in line for line in lines))
             try:
-                self.assertGreater(grey_share(page_in_a_browser(address, 240)), .05)
+                self.assertGreater(grey_share(page_in_a_browser(address, 240)), .05)  # measured .14 on another room; a page that loads has 0
             except unittest.SkipTest as reason:
                 print(f'not looked at in a browser: {reason}')
             with urllib.request.urlopen(f'http://localhost:{port}/', timeout=30) as page:
