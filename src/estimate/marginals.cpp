@@ -2,6 +2,7 @@
 #include "estimate/marginals.h"
 
 #include <cmath>
+#include <limits>
 
 namespace dsorb {
 
@@ -20,6 +21,11 @@ Marginals::Marginals(const LinearSystem<Scalar>& system,
   }
   ratio_ /= depth_sum_;
   depth_variance_ = variance_sum / (depth_sum_ * depth_sum_);
+  if (scale_.isZero(0)) {
+    ratio_.setZero();
+    depth_variance_ = 0;
+    depth_sum_ = std::numeric_limits<double>::infinity();
+  }
   Eigen::MatrixXd reduced = system.H;
   Eigen::VectorXd right = system.b;
   DepthElimination<Scalar> elimination;

@@ -40,7 +40,8 @@ inline Eigen::VectorXd scaleDirection(const std::vector<SE3>& poses, int frame_s
 class Marginals {
  public:
   Marginals() = default;
-  /// @param scale         n; zeros for states that are no translations
+  /// @param scale         n; zeros for states that are no translations, all zeros where the system
+  ///                      knows the scale: there is no gauge to be fixed then
   /// @param inverse_depth rho, of all points; filled up with zeros where the system's are
   template <typename Scalar>
   Marginals(const LinearSystem<Scalar>& system,

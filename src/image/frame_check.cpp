@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "image/frame_check.h"
 
+#include "image/frame_priors.h"
+
 #include <cmath>
 #include <sstream>
 #include <stdexcept>
@@ -42,6 +44,7 @@ void FrameCheck::accept(const FramePtr& frame) {
     throw std::invalid_argument(who + "exposure " + std::to_string(exposure) +
                                 " s; expected a positive time, 1 where it is unknown");
   }
+  checkPriors(*frame);
   const double now = frame->timestamp();
   if (!std::isfinite(now)) throw std::invalid_argument(who + "timestamp is not finite");
   if (timestamp_) {

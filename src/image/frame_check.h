@@ -16,7 +16,8 @@ class FrameCheck {
 
   /// Accepts the frame as the next one.
   /// @throws std::invalid_argument no frame, wrong size, id of the previous frame, exposure not
-  ///         positive, timestamp not finite, equal to the previous one or a change of direction;
+  ///         positive, timestamp not finite, equal to the previous one or a change of direction,
+  ///         priors that do not fit it;
   ///         the message names both values, nothing is changed
   void accept(const FramePtr& frame);
 

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <set>
 #include <stdexcept>
 #include <string>
 
@@ -49,16 +50,21 @@ void check(const InitializationResult& result, const KnownDepth& known) {
           both);
 }
 
-std::vector<LogRatio> logRatios(const InitializationResult& result, const KnownDepth& known) {
-  const CellGrid cells(known.depth.width(), known.depth.height(), kCellsX, kCellsY);
+/// @param known  depths [m], not above 0 or NaN: not known
+/// @param sigma  relative standard deviation of a depth at a pixel: x, y, depth
+template <typename Sigma>
+std::vector<LogRatio> logRatios(const InitializationResult& result,
+                                const ImageView& known,
+                                Sigma&& sigma) {
+  const CellGrid cells(known.width(), known.height(), kCellsX, kCellsY);
   std::vector<LogRatio> ratios;
   for (const InitPoint& point : result.points) {
     if (point.host != 0) continue;
     const auto x = static_cast<int>(std::lround(point.pixel.x()));
     const auto y = static_cast<int>(std::lround(point.pixel.y()));
-    const double depth = known.depth.row<float>(y)[x];
+    const double depth = known.row<float>(y)[x];
     if (!(depth > 0) || !std::isfinite(depth)) continue;
-    const double of_depth = std::hypot(known.sigma / depth, known.relative_sigma);
+    const double of_depth = sigma(x, y, depth);
     const double of_point = std::sqrt(point.variance) / point.inverse_depth;
     ratios.push_back({std::log(depth * point.inverse_depth),
                       std::hypot(of_depth, of_point),
@@ -102,6 +108,14 @@ double clusteredVariance(const std::vector<LogRatio>& ratios, double mean, doubl
   return scatter / (curvature * curvature);
 }
 
+/// Of the length of a frame's translation, which is not 0.
+double relativeSigmaOf(const PosedFrame& posed) {
+  // exp(xi) T moves t by the translation of xi and turns it, which leaves its length.
+  const Eigen::Vector3d t = posed.T_cam_ref->translation();
+  const Eigen::Matrix3d covariance = posed.covariance->topLeftCorner<3, 3>();
+  return std::sqrt(t.dot(covariance * t)) / t.squaredNorm();
+}
+
 double shareWithin(const std::vector<LogRatio>& ratios, double mean, double limit) {
   const auto close = std::count_if(ratios.begin(), ratios.end(), [&](const LogRatio& ratio) {
     return std::abs(ratio.value - mean) < limit * std::max(ratio.sigma, kMinSpread);
@@ -109,12 +123,7 @@ double shareWithin(const std::vector<LogRatio>& ratios, double mean, double limi
   return static_cast<double>(close) / static_cast<double>(ratios.size());
 }
 
-}  // namespace
-
-std::optional<MetricScale> scaleFromDepth(const InitializationResult& result,
-                                          const KnownDepth& known) {
-  check(result, known);
-  const std::vector<LogRatio> ratios = logRatios(result, known);
+std::optional<MetricScale> scaleOf(const std::vector<LogRatio>& ratios) {
   if (ratios.size() < kMinDepths) return std::nullopt;
   std::vector<double> values;
   values.reserve(ratios.size());
@@ -137,23 +146,72 @@ std::optional<MetricScale> scaleFromDepth(const InitializationResult& result,
                      static_cast<int>(ratios.size())};
 }
 
+}  // namespace
+
+std::optional<MetricScale> scaleFromDepth(const InitializationResult& result,
+                                          const KnownDepth& known) {
+  check(result, known);
+  return scaleOf(logRatios(result, known.depth, [&](int, int, double depth) {
+    return std::hypot(known.sigma / depth, known.relative_sigma);
+  }));
+}
+
+std::optional<MetricScale> scaleFromDepth(const InitializationResult& result,
+                                          const DepthPrior& prior) {
+  const ImageView depth(prior.depth.data(), prior.width, prior.height);
+  check(result, {depth, 1, 0});
+  const auto sigma = [&](int x, int y, double at) {
+    const auto i = static_cast<std::size_t>(y) * static_cast<std::size_t>(prior.width) +
+                   static_cast<std::size_t>(x);
+    return static_cast<double>(prior.sigma[i]) / at;
+  };
+  const std::vector<LogRatio> ratios = logRatios(result, depth, sigma);
+  std::optional<MetricScale> scale = scaleOf(ratios);
+  if (!scale) return std::nullopt;
+  double square = 0;
+  std::set<std::size_t> cells;
+  for (const LogRatio& ratio : ratios) {
+    square += ratio.sigma * ratio.sigma;
+    cells.insert(ratio.cell);
+  }
+  const auto samples = static_cast<double>(ratios.size() * cells.size());
+  scale->relative_sigma = std::hypot(scale->relative_sigma, std::sqrt(square / samples));
+  return scale;
+}
+
 std::optional<MetricScale> scaleFromDistance(const InitializationResult& result,
                                              const KnownDistance& known) {
   require(known.metres > 0 && std::isfinite(known.metres), "a distance above 0", known.metres);
   require(known.sigma > 0 && std::isfinite(known.sigma), "a sigma above 0", known.sigma);
   for (const PosedFrame& posed : result.frames) {
     if (posed.frame->id() != known.frame || !posed.T_cam_ref || !posed.covariance) continue;
-    const Eigen::Vector3d t = posed.T_cam_ref->translation();
-    const double distance = t.norm();
+    const double distance = posed.T_cam_ref->translation().norm();
     if (!(distance > 0)) return std::nullopt;
-    // exp(xi) T moves t by the translation of xi and turns it, which leaves its length.
-    const Eigen::Matrix3d covariance = posed.covariance->topLeftCorner<3, 3>();
-    const double variance = t.dot(covariance * t) / (distance * distance);
-    return MetricScale{known.metres / distance,
-                       std::hypot(known.sigma / known.metres, std::sqrt(variance) / distance),
-                       0};
+    return MetricScale{
+        known.metres / distance, std::hypot(known.sigma / known.metres, relativeSigmaOf(posed)), 0};
   }
   return std::nullopt;
+}
+
+std::optional<MetricScale> scaleFromDistances(const InitializationResult& result) {
+  double product = 0;  // of known and estimated distances, over the variance of the known one
+  double square = 0;
+  for (const PosedFrame& to : result.frames) {
+    const FramePriors* priors = to.frame->priors();
+    if (priors == nullptr || !priors->distance || !to.T_cam_ref) continue;
+    const DistancePrior& known = *priors->distance;
+    for (const PosedFrame& from : result.frames) {
+      if (from.frame->id() != known.since || !from.T_cam_ref || from.frame == to.frame) continue;
+      const double moved = (*to.T_cam_ref * from.T_cam_ref->inverse()).translation().norm();
+      product += known.metres * moved / (known.sigma * known.sigma);
+      square += moved * moved / (known.sigma * known.sigma);
+    }
+  }
+  const PosedFrame& newest = result.frames.back();
+  if (!(product > 0) || !newest.covariance) return std::nullopt;
+  const double metres = product / square;
+  return MetricScale{
+      metres, std::hypot(1 / (metres * std::sqrt(square)), relativeSigmaOf(newest)), 0};
 }
 
 void toMetres(const MetricScale& scale, InitializationResult& result) {

@@ -136,6 +136,14 @@ Json detailsOf(const InitReport& report) {
   }
   if (report.two_view) details.add(*report.two_view);
   if (report.essential) details.add(*report.essential);
+  details.add("known_rotation_used", report.rotation_prior);
+  if (const auto& depths = report.depth_prior) {
+    details.add("known_depth_used", depths->used);
+    details.add("known_depth_contradicted", depths->contradicted);
+    details.add("known_depth_corners", depths->corners);
+    details.add("known_depth_inflation", depths->inflation);
+    details.add("known_depth_sigma", depths->relative_sigma);
+  }
   if (const auto& semi_dense = report.semi_dense) {
     details.add("semi_dense_candidates", semi_dense->candidates);
     details.add("semi_dense_points", semi_dense->points);
@@ -244,6 +252,10 @@ Json InitializationWriter::describe(const InitStepNote& step, double millisecond
                           {"this_attempt", progress_.attempt_milliseconds},
                           {"last_frame", milliseconds},
                           {"stages", std::move(stages)}};
+  if (result.metric) {
+    json["metric"] = {{"metres_per_unit", result.metric->metres},
+                      {"relative_sigma", result.metric->relative_sigma}};
+  }
   json["report"] = reportJson(result.report);
   return json;
 }

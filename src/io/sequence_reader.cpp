@@ -6,6 +6,7 @@
 
 #include "io/bit_depth.h"
 #include "io/dataset.h"
+#include "io/depth_images.h"
 #include "io/image_masks.h"
 #include "io/playlist.h"
 #include "io/prefetch_queue.h"
@@ -17,6 +18,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <filesystem>
 #include <new>
 #include <stdexcept>
 #include <utility>
@@ -104,6 +106,7 @@ class SequenceReader::Impl {
   std::optional<Rectifier> rectifier_;
   Lens lens_;
   ImageMasks masks_;
+  DepthImages depths_;
   std::optional<SourceImage> first_;  // decoded for its size, until it is read
   int bits_ = 0;                      // of 16-bit images; 0: not known before the first of them
   bool exceeded_ = false;             // by the values of one
@@ -122,6 +125,12 @@ void SequenceReader::Impl::calibrate(const SequenceOptions& options) {
   bits_ = options.bits;
   if (bits_ != 0) rectifier_->setBits(bits_);
   readCommonMask(options);
+  if (options.depth_sigma > 0) {
+    depths_ = DepthImages(std::filesystem::path(options.path) / "depth",
+                          options.depth_sigma,
+                          camera().width,
+                          camera().height);
+  }
 }
 
 void SequenceReader::Impl::readCommonMask(const SequenceOptions& options) {
@@ -214,6 +223,7 @@ std::optional<SequenceFrame> SequenceReader::Impl::prepare(int index) {
   checkSize(image->pixels, result.image_file);
   const cv::Mat mask = masks_.of(result.image_file);
   if (image->pixels.depth() == CV_16U) chooseBits(image->pixels, result.warnings);
+  const auto priors = depths_.of(result.image_file);
   const ImageView rectified = rectifier_->rectify(rawImage(image->pixels), viewOf(mask));
   result.read_milliseconds = millisecondsSince(start);
 
@@ -225,6 +235,7 @@ std::optional<SequenceFrame> SequenceReader::Impl::prepare(int index) {
   if (!dataset_.exposures.empty()) info.exposure = dataset_.exposures[entry];
   info.response_slope = rectifier_->responseSlope();
   info.row_times = rectifier_->rowTimes();
+  info.priors = priors;
   result.frame = Frame::create(rectified, info);
   result.pyramid_milliseconds = millisecondsSince(start);
   return result;

@@ -33,6 +33,8 @@ using ResponseSlope = std::array<float, 256>;
          static_cast<double>(nanoseconds - seconds * kPerSecond) / static_cast<double>(kPerSecond);
 }
 
+struct FramePriors;  // dsorb/image/frame_priors.h
+
 /// What a frame knows beside its image.
 struct FrameInfo {
   FrameId id;            ///< unique among the frames given
@@ -40,6 +42,7 @@ struct FrameInfo {
   double exposure = 1;   ///< [s]; 1 when unknown
   std::shared_ptr<const ResponseSlope> response_slope = nullptr;  ///< null: the response is linear
   std::shared_ptr<const RowTimes> row_times = nullptr;            ///< null: global shutter
+  std::shared_ptr<const FramePriors> priors = nullptr;            ///< of the caller; null: none
 };
 
 class Frame;
@@ -69,6 +72,8 @@ class Frame {
   [[nodiscard]] const ResponseSlope* responseSlope() const { return info_.response_slope.get(); }
   /// Null where all pixels were exposed at the time stamp.
   [[nodiscard]] const RowTimes* rowTimes() const { return info_.row_times.get(); }
+  /// Null where the caller knows nothing beside the image.
+  [[nodiscard]] const FramePriors* priors() const { return info_.priors.get(); }
   /// All levels.
   [[nodiscard]] const Pyramid& pyramid() const { return pyramid_; }
   /// @param index of the level; 0: the image itself

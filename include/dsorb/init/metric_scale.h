@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/image/frame_priors.h"
 #include "dsorb/init/result.h"
 
 #include <optional>
@@ -23,13 +24,6 @@ struct KnownDistance {
   double sigma = 0;   ///< standard deviation [m]
 };
 
-/// Length of a start's unit.
-struct MetricScale {
-  double metres = 0;          ///< of one unit [m]
-  double relative_sigma = 0;  ///< standard deviation of its logarithm [-]
-  int depths = 0;             ///< number of known depths that took part
-};
-
 /// Unit of a start from known depths at its reference's points: robust mean of the logarithms of
 /// known over estimated depths. Its sigma is measured from their scatter, errors of a cell of the
 /// image counting as one; the claimed ones only weigh. It is that of the mean depth alone: it has
@@ -43,11 +37,21 @@ struct MetricScale {
 [[nodiscard]] std::optional<MetricScale> scaleFromDepth(const InitializationResult& result,
                                                         const KnownDepth& known);
 
+/// The same with a deviation of its own for every depth, as a frame's priors have it; its sigma has
+/// the claimed ones besides, errors of a cell of the image counting as one.
+[[nodiscard]] std::optional<MetricScale> scaleFromDepth(const InitializationResult& result,
+                                                        const DepthPrior& prior);
+
 /// Unit of a start from a known distance; its sigma has that of the distance and that of the pose.
 /// @return nothing where the frame has no pose or no covariance, or has not moved
 /// @throws std::invalid_argument where distance or sigma is not above 0 and finite
 [[nodiscard]] std::optional<MetricScale> scaleFromDistance(const InitializationResult& result,
                                                            const KnownDistance& known);
+
+/// Unit of a start from the distances that its frames have as priors: least squares over those
+/// between posed frames. Its sigma has those of the distances and that of the newest pose.
+/// @return nothing without such a distance, or where the camera has not moved
+[[nodiscard]] std::optional<MetricScale> scaleFromDistances(const InitializationResult& result);
 
 /// Changes the unit to metres: poses, inverse depths and their covariances. The mean inverse depth
 /// is no longer 1, as Odometry's initializers promise: for back ends of one's own.

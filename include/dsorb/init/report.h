@@ -75,6 +75,15 @@ struct RefinementReport {
   int dropped = 0;                  ///< corners whose patches do not match
 };
 
+/// What became of depths that the caller knows of the reference.
+struct DepthPriorReport {
+  bool used = false;          ///< the start is made of them; otherwise it is one without
+  bool contradicted = false;  ///< by the images: they give no scale, either
+  int corners = 0;            ///< that had a depth
+  double inflation = 1;       ///< of the claimed standard deviations, to fit the images [-]
+  double relative_sigma = 0;  ///< of a corner's known depth after that, median [-]
+};
+
 /// Essential matrix, model selection, gate and refinement.
 struct EssentialReport {
   int tracks = 0;                         ///< matches of the two views
@@ -145,9 +154,11 @@ struct InitReport {
   double median_relative_sigma = 0;        ///< of the inverse depths
   /// That the direction of translation is off by more than GateOptions::wrong_angle_deg.
   std::optional<double> wrong_probability;
-  std::optional<DirectReport> direct;                   ///< `coarse`
-  std::optional<TwoViewReport> two_view;                ///< MotionMethod::kGladkova
-  std::optional<EssentialReport> essential;             ///< MotionMethod::kEssential
+  std::optional<DirectReport> direct;           ///< `coarse`
+  std::optional<TwoViewReport> two_view;        ///< MotionMethod::kGladkova
+  std::optional<EssentialReport> essential;     ///< MotionMethod::kEssential
+  std::optional<DepthPriorReport> depth_prior;  ///< FramePriors::depth of the reference
+  std::optional<bool> rotation_prior;  ///< FramePriors::rotation: taken (true) or contradicted
   std::optional<SemiDenseReport> semi_dense;            ///< `orb` and its variants
   std::optional<DynamicRegionsReport> dynamic_regions;  ///< OrbOptions::remove_moving
   std::optional<PhotometricReport> photometric;         ///< PhotometricOptions::enabled

@@ -33,6 +33,13 @@ struct InitPoint {
   int observations = 0;         ///< measurements that agree on it
 };
 
+/// Length of a start's unit.
+struct MetricScale {
+  double metres = 0;          ///< of one unit [m]
+  double relative_sigma = 0;  ///< standard deviation of its logarithm [-]
+  int depths = 0;             ///< number of known depths that took part
+};
+
 /// Result of an initializer. The front frame is the reference, with identity pose and a = b = 0;
 /// the back frame is the newest one and has a pose. The unit of length is chosen such that the mean
 /// inverse depth of the reference's points is 1.
@@ -43,6 +50,9 @@ struct InitializationResult {
   InitReport report;               ///< what led to it
   /// Of a rolling shutter, as the initializer took it: estimated where the calibration has a sigma.
   std::optional<Readout> readout{};
+  /// Of the unit, where frames came with priors: depths of the reference that the start agrees
+  /// with, or else distances.
+  std::optional<MetricScale> metric{};
 };
 
 /// Checks every clause of the hand-over that can be seen from the result alone.

@@ -30,6 +30,9 @@ struct SequenceOptions {
   /// Image of pixels that no image uses (below 128), or folder with one for each image under its
   /// name (or with .png after or instead of its suffix). Empty: masks/ of the data set, if there.
   std::string mask;
+  /// Relative standard deviation of the depth images in depth/ of the data set, one for each image
+  /// (16 bits, millimetres, rectified): frames have them as priors. 0: they are not read.
+  double depth_sigma = 0;
   /// Empty: calibrated where response and vignette are there, else uncalibrated.
   std::optional<BrightnessModel> brightness;
   int bits = 0;     ///< that values of 16-bit files take, 9 to 16; 0: recognised by their largest

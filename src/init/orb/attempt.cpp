@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/attempt.h"
 
+#include "dsorb/init/metric_scale.h"
+
 #include "base/median.h"
 #include "init/orb/bundle/corner_refinement.h"
 #include "init/orb/bundle/map_assembly.h"
+#include "init/orb/map/depth_lookup.h"
 #include "init/orb/photometric/outlier_filter.h"
 #include "init/orb/photometric/photometric_adjustment.h"
 #include "init/orb/photometric/photometric_covariance.h"
@@ -24,6 +27,14 @@ namespace {
 
 constexpr int kMinPoints = 50;  // semi-dense ones; fewer: the attempt fails
 
+/// Known depths of the reference where the start is made of them.
+KnownDepths knownDepths(const InitialMap& map, const InitReport& report) {
+  if (!map.scaleKnown()) return {};
+  const DepthLookup lookup(
+      *map.frames.front().frame->priors()->depth, map.metres, report.depth_prior->inflation);
+  return [lookup](const Eigen::Vector2f& pixel) { return lookup.at(pixel); };
+}
+
 /// Adds semi-dense inverse depths of the reference, leaving out regions that move by themselves.
 Outcome<Reconstruction> addSemiDense(Reconstruction made,
                                      const ReferenceView& view,
@@ -37,7 +48,8 @@ Outcome<Reconstruction> addSemiDense(Reconstruction made,
     report.dynamic_regions = {moving->contradicting(), moving->removeCorners(map)};
   }
   report.semi_dense = context.clock.time("semi_dense", [&] {
-    return estimateSemiDenseDepth(map, context.camera, orb.semi_dense, context.seed());
+    return estimateSemiDenseDepth(
+        map, context.camera, orb.semi_dense, context.seed(), knownDepths(map, report));
   });
   if (moving) report.dynamic_regions->removed += moving->removePoints(map);
   if (static_cast<int>(map.points.size()) < kMinPoints) {
@@ -152,6 +164,12 @@ InitializationResult toResult(Reconstruction made) {
   result.report = std::move(made.report);
   result.readout = made.map.readout;
   normalizeScale(result);
+  const FramePriors* priors = result.frames.front().frame->priors();
+  const bool contradicted = result.report.depth_prior && result.report.depth_prior->contradicted;
+  if (priors != nullptr && priors->depth && priors->depth->metric && !contradicted) {
+    result.metric = scaleFromDepth(result, *priors->depth);
+  }
+  if (!result.metric) result.metric = scaleFromDistances(result);
   result.report.median_relative_sigma = medianRelativeSigma(result.points);
   return result;
 }

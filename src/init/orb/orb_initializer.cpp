@@ -89,8 +89,8 @@ Attempt ORBInitializer::tryReferences() {
   std::optional<WaitingMotion> surest;
   int tried = 0;
   for (int reference = 0; reference < source_->references(); ++reference) {
-    if (source_->age(reference) < options_.orb.min_frames) break;
     if (tried == kMaxAttempts) break;
+    if (source_->age(reference) < options_.orb.min_frames && !source_->knowsDepth(reference)) break;
     Attempt next = attemptFrom(source_->view(reference), {camera_, options_, clock_});
     if (next.made) return next;
     source_->remember(reference, next.summary);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/reference_pool.h"
 
+#include "dsorb/image/frame_priors.h"
+
 #include "init/waiting_frames.h"
 
 #include <algorithm>
@@ -64,6 +66,12 @@ void ReferencePool::clear() {
 ReferenceView ReferencePool::view(int reference) const {
   const Reference& from = references_[static_cast<std::size_t>(reference)];
   return {{frames_.begin() + from.frame, frames_.end()}, tracks_.since(from.frame), from.last, {}};
+}
+
+bool ReferencePool::knowsDepth(int reference) const {
+  const int frame = references_[static_cast<std::size_t>(reference)].frame;
+  const FramePriors* priors = frames_[static_cast<std::size_t>(frame)]->priors();
+  return priors != nullptr && priors->depth && tracks_.frames() - frame > 1;
 }
 
 void ReferencePool::forgetUnusedFrames() {

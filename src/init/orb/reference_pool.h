@@ -42,6 +42,7 @@ class ReferencePool final : public ReferenceSource {
     return tracks_.sizeSince(references_[static_cast<std::size_t>(reference)].frame);
   }
   [[nodiscard]] ReferenceView view(int reference) const override;
+  [[nodiscard]] bool knowsDepth(int reference) const override;
   void remember(int reference, const AttemptSummary& attempt) override {
     references_[static_cast<std::size_t>(reference)].last = attempt;
   }

@@ -39,6 +39,8 @@ class ReferenceSource {
   /// Frames since a reference, both counted. @param reference oldest first
   [[nodiscard]] virtual int age(int reference) const = 0;
   [[nodiscard]] virtual ReferenceView view(int reference) const = 0;
+  /// Whether the caller knows depths of a reference that an earlier frame has become.
+  [[nodiscard]] virtual bool knowsDepth(int /*reference*/) const { return false; }
   virtual void remember(int /*reference*/, const AttemptSummary& /*attempt*/) {}
   /// Of the newest reference, lost or not; empty after a scene cut.
   [[nodiscard]] virtual CornerTracks newestTracks() const = 0;

@@ -16,6 +16,8 @@ namespace {
 
 constexpr std::size_t kCornerBlock = 64;  // corners that one thread takes at a time
 
+constexpr std::size_t kReference = std::numeric_limits<std::size_t>::max();  // as a frame's index
+
 /// Linearization and update of the state.
 struct Model {
   const ReprojectionProblem& problem;
@@ -114,6 +116,17 @@ ReprojectionProblem::ReprojectionProblem(const InitialMap& map,
     ray_x_[i] = ray.x();
     ray_y_[i] = ray.y();
   }
+  if (map.scaleKnown()) {
+    for (const Corner& corner : map.corners) known_.push_back(corner.known);
+  }
+  for (KnownRotation known : map.rotations) {
+    const int to = rows.first[known.to];
+    if (to < 0 || (known.from != 0 && rows.first[known.from] < 0)) continue;
+    known.to = static_cast<std::size_t>(to / kPoseSize);
+    known.from =
+        known.from == 0 ? kReference : static_cast<std::size_t>(rows.first[known.from] / kPoseSize);
+    rotations_.push_back(known);
+  }
   const std::vector<double> zeros(stride(), 0.0);
   observations_.assign(static_cast<std::size_t>(rows.size / kPoseSize),
                        {zeros, zeros, zeros, zeros, zeros});
@@ -181,6 +194,44 @@ void ReprojectionProblem::linearize(const ReprojectionState& state,
   equations.cost = total.behind > 0 ? std::numeric_limits<double>::infinity() : total.cost;
   equations.weighted_square = total.weighted_square;
   equations.rows = 2 * static_cast<int>(total.observations);
+  addKnown(state, equations);
+  addRotations(state, equations);
+}
+
+void ReprojectionProblem::addRotations(const ReprojectionState& state,
+                                       ReprojectionEquations& equations) const {
+  Eigen::MatrixXd& H = equations.system.H;
+  Eigen::VectorXd& b = equations.system.b;
+  for (const KnownRotation& known : rotations_) {
+    const SE3 from = known.from == kReference ? SE3() : state.T_cam_ref[known.from];
+    const RotationTerm term = rotationTerm(known, state.T_cam_ref[known.to], from);
+    const auto to_row = static_cast<Eigen::Index>(known.to * kPoseSize + 3);
+    H.block<3, 3>(to_row, to_row).diagonal().array() += term.information;
+    b.segment<3>(to_row) += term.information * term.error;
+    equations.cost += term.cost;
+    equations.weighted_square += term.information * term.error.squaredNorm();
+    equations.rows += 3;
+    if (known.from == kReference) continue;
+    const auto from_row = static_cast<Eigen::Index>(known.from * kPoseSize + 3);
+    const Eigen::Matrix3d coupling = term.information * term.R_to_from;
+    H.block<3, 3>(from_row, from_row).diagonal().array() += term.information;
+    H.block<3, 3>(to_row, from_row) -= coupling;
+    H.block<3, 3>(from_row, to_row) -= coupling.transpose();
+    b.segment<3>(from_row) -= coupling.transpose() * term.error;
+  }
+}
+
+void ReprojectionProblem::addKnown(const ReprojectionState& state,
+                                   ReprojectionEquations& equations) const {
+  for (std::size_t i = 0; i < known_.size(); ++i) {
+    if (!known_[i]) continue;
+    const KnownTerm term = knownTerm(known_[i], state.inverse_depth[i]);
+    equations.system.depth_hessian[i] += term.hessian;
+    equations.system.depth_gradient[i] += term.gradient;
+    equations.cost += term.cost;
+    equations.weighted_square += term.weighted_square;
+    ++equations.rows;
+  }
 }
 
 ReprojectionEquations linearize(const InitialMap& map,
@@ -203,9 +254,10 @@ GeometricMarginals::GeometricMarginals(const InitialMap& map,
   if (rows.size == 0 || map.corners.empty() || !all_known) return;
   const ReprojectionState state(map, rows);
   scale = scaleDirection(state.T_cam_ref, kPoseSize);
+  if (map.scaleKnown()) scale.setZero();
   marginals = Marginals(equations.system, scale, state.inverse_depth);
-  const double redundancy =
-      equations.rows - rows.size - static_cast<double>(map.corners.size()) + 1;
+  const double redundancy = equations.rows - rows.size - static_cast<double>(map.corners.size()) +
+                            (map.scaleKnown() ? 0 : 1);
   if (marginals.usable() && redundancy > 0) {
     variance_factor = equations.weighted_square / redundancy;
   }

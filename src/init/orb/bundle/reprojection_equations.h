@@ -71,11 +71,16 @@ class ReprojectionProblem {
                                    std::size_t count,
                                    const ReprojectionState& state) const;
 
+  void addRotations(const ReprojectionState& state, ReprojectionEquations& equations) const;
+  void addKnown(const ReprojectionState& state, ReprojectionEquations& equations) const;
+
   PinholeCamera camera_;
   LossSetting loss_;
   std::vector<double> ray_x_;
   std::vector<double> ray_y_;
   std::vector<FrameObservations> observations_;  ///< by posed frame
+  std::vector<KnownInverseDepth> known_;         ///< by corner; empty: none
+  std::vector<KnownRotation> rotations_;         ///< between posed frames, which are indices here
 };
 
 /// Equations of a map.
@@ -92,7 +97,7 @@ struct GeometricMarginals {
 
   PoseRows rows;
   ReprojectionEquations equations;
-  Eigen::VectorXd scale;  ///< scaleDirection()
+  Eigen::VectorXd scale;  ///< scaleDirection(); zeros where the map's scale is known
   Marginals marginals;
   /// A-posteriori: sum w e^2 / (observations - parameters) [-]; none without redundancy, or where
   /// the equations do not determine every corner and pose.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/map/initial_map.h"
 
+#include "estimate/robust_loss.h"
 #include "init/result.h"
 
 #include <algorithm>
@@ -10,17 +11,27 @@
 namespace dsorb::init_orb {
 namespace {
 
+constexpr double kLimit = 2.385;         // of Cauchy's loss, 95 % efficient with normal errors
+constexpr double kRotationLimit = 4.13;  // the same of three axes together
+
 bool handedOver(double inverse_depth, double variance) {
   return std::isfinite(inverse_depth) && inverse_depth > 0 && std::isfinite(variance) &&
          variance > 0;
 }
 
+template <typename Point>
+void changePointUnit(double mean, Point& point) {
+  changeUnit(mean, point.inverse_depth, point.variance);
+  changeUnit(mean, point.known.mean, point.known.variance);
+}
+
 /// Makes this inverse depth 1. @return false when it is not positive
 bool rescale(InitialMap& map, double mean) {
   if (!(mean > 0) || !std::isfinite(mean)) return false;
-  for (Corner& corner : map.corners) changeUnit(mean, corner.inverse_depth, corner.variance);
-  for (SemiDensePoint& point : map.points) changeUnit(mean, point.inverse_depth, point.variance);
+  for (Corner& corner : map.corners) changePointUnit(mean, corner);
+  for (SemiDensePoint& point : map.points) changePointUnit(mean, point);
   changeUnit(mean, map.frames);
+  map.metres /= mean;
   for (RowMotion& motion : map.motions) motion.changeUnit(mean);
   for (Eigen::Index row = 0; row < map.joint_covariance.rows(); ++row) {
     if (row % 6 >= 3) continue;  // a rotation
@@ -31,6 +42,30 @@ bool rescale(InitialMap& map, double mean) {
 }
 
 }  // namespace
+
+KnownTerm knownTerm(const KnownInverseDepth& known, double inverse_depth) {
+  const double error = (inverse_depth - known.mean) / std::sqrt(known.variance);
+  double ratio = 1;
+  double weight = 1;
+  cauchyWeights(error * error, kLimit, ratio, weight);
+  return {weight / known.variance,
+          weight * error / std::sqrt(known.variance),
+          0.5 * kLimit * kLimit * std::log(ratio),
+          weight * error * error};
+}
+
+RotationTerm rotationTerm(const KnownRotation& known, const SE3& to, const SE3& from) {
+  const Eigen::Quaterniond estimated = to.unitQuaternion() * from.unitQuaternion().conjugate();
+  RotationTerm term;
+  term.R_to_from = estimated.toRotationMatrix();
+  term.error = so3Log(estimated * known.R_to_from.unitQuaternion().conjugate());
+  double ratio = 1;
+  double weight = 1;
+  cauchyWeights(term.error.squaredNorm() / known.variance, kRotationLimit, ratio, weight);
+  term.information = weight / known.variance;
+  term.cost = 0.5 * kRotationLimit * kRotationLimit * std::log(ratio);
+  return term;
+}
 
 BrightnessTransfer brightnessTo(const InitialMap& map, std::size_t frame) {
   const PosedFrame& from = map.frames.front();

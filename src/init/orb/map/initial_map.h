@@ -18,12 +18,20 @@
 
 namespace dsorb::init_orb {
 
+/// Inverse depth that the caller knows, as a Gaussian in the map's unit.
+struct KnownInverseDepth {
+  double mean = 0;      ///< [1/unit]
+  double variance = 0;  ///< [1/unit^2]; 0: nothing is known
+  explicit operator bool() const { return variance > 0; }
+};
+
 /// Corner hosted in the reference. Its pixel is exact because the patch was cut there.
 struct Corner {
   Eigen::Vector2d pixel{0, 0};  ///< in the reference, all of it exposed at one time [px]
   double inverse_depth = 0;     ///< [1/unit]
   double variance = 0;          ///< [1/unit^2]; 0 until an adjustment has set it
   Eigen::Vector2d shift{0, 0};  ///< from there to where a rolling shutter shows it [px]
+  KnownInverseDepth known{};    ///< by the caller
 
   [[nodiscard]] Eigen::Vector2f seen() const { return (pixel + shift).cast<float>(); }
 };
@@ -40,10 +48,19 @@ struct CornerObservation {
 /// Pixel of the reference with its inverse depth as a Gaussian, found by epipolar search.
 struct SemiDensePoint {
   Eigen::Vector2f pixel{0, 0};
-  float inverse_depth = 0;  ///< [1/unit]
-  float variance = 0;       ///< [1/unit^2]
-  int observations = 0;     ///< epipolar searches that agree on it
-  int searches = 0;         ///< number of searches for it
+  float inverse_depth = 0;    ///< [1/unit]
+  float variance = 0;         ///< [1/unit^2]
+  int observations = 0;       ///< epipolar searches that agree on it
+  int searches = 0;           ///< number of searches for it
+  KnownInverseDepth known{};  ///< by the caller
+};
+
+/// Rotation between two frames that the caller knows.
+struct KnownRotation {
+  std::size_t from = 0;  ///< index into InitialMap::frames
+  std::size_t to = 0;    ///< a later one
+  SE3 R_to_from;         ///< without translation
+  double variance = 0;   ///< about every axis [rad^2]
 };
 
 /// Map of an attempt with all frames since the reference.
@@ -57,8 +74,34 @@ struct InitialMap {
   std::vector<SemiDensePoint> points;
   /// Of the frames while their rows are read; empty: global shutter, or not known yet.
   std::vector<RowMotion> motions{};
-  std::optional<Readout> readout{};  ///< of a rolling shutter, calibrated or estimated
+  std::optional<Readout> readout{};        ///< of a rolling shutter, calibrated or estimated
+  std::vector<KnownRotation> rotations{};  ///< between frames, by the caller; take part
+  /// Metres of one unit where known depths have given the map its scale, which is no free gauge
+  /// then; 0: nothing is known.
+  double metres = 0;
+
+  [[nodiscard]] bool scaleKnown() const { return metres > 0; }
 };
+
+/// What a known inverse depth adds to the equations of an estimated one: a Cauchy loss of their
+/// difference over its standard deviation.
+struct KnownTerm {
+  double hessian = 0;
+  double gradient = 0;
+  double cost = 0;             ///< half the loss
+  double weighted_square = 0;  ///< w e^2 [-]
+};
+KnownTerm knownTerm(const KnownInverseDepth& known, double inverse_depth);
+
+/// What a known rotation adds to the equations of the rotations that it is between, as left
+/// increments: a Cauchy loss of their difference over its standard deviation.
+struct RotationTerm {
+  Eigen::Vector3d error{0, 0, 0};  ///< log of estimated times inverse known rotation [rad]
+  Eigen::Matrix3d R_to_from = Eigen::Matrix3d::Identity();  ///< estimated
+  double information = 0;                                   ///< weight over variance
+  double cost = 0;                                          ///< half the loss
+};
+RotationTerm rotationTerm(const KnownRotation& known, const SE3& to, const SE3& from);
 
 /// Rolling shutter of a frame's image; nothing where all of it counts as exposed at one time.
 std::optional<RollingShutter> shutterOf(const InitialMap& map, std::size_t frame, int level = 0);

@@ -214,6 +214,7 @@ PhotometricReport PhotometricAdjustment::run() {
   report_.frames = static_cast<int>(problem_.frames.size());
   report_.patches = static_cast<int>(problem_.patches.size());
   if (problem_.frames.empty() || problem_.patches.size() < kMinPatches) return report_;
+  placeKnownDepths(problem_, map_);
   const PhotometricState before = makeState(problem_, map_);
   PhotometricState state = before;
   placePatches(problem_, state);

@@ -81,7 +81,9 @@ PhotometricMarginals::PhotometricMarginals(const PhotometricProblem& problem,
   PhotometricLinearizer(problem).linearize(state, equations_);
   countResiduals();
   marginals_ = Marginals(equations_.system,
-                         scaleDirection(state.T_cam_ref, equations_.frame_size),
+                         problem.known.empty()
+                             ? scaleDirection(state.T_cam_ref, equations_.frame_size)
+                             : Eigen::VectorXd(Eigen::VectorXd::Zero(equations_.system.size())),
                          state.inverse_depth);
   usable_ = marginals_.usable() && noise_variance_ > 0;
 }
@@ -98,6 +100,19 @@ void PhotometricMarginals::countResiduals() {
   const double redundancy =
       count - static_cast<double>(patches) - static_cast<double>(equations_.system.size());
   noise_variance_ = redundancy > 0 ? 2 * equations_.cost / redundancy : 0;
+}
+
+double PhotometricMarginals::knownShare(std::size_t patch) const {
+  if (problem_.known.empty()) return 0;
+  const auto curvature = static_cast<double>(equations_.system.depth_hessian[patch]);
+  if (!(curvature > 0)) return 0;
+  return knownTerm(problem_, patch, state_.inverse_depth[patch]).hessian / curvature;
+}
+
+double PhotometricMarginals::mixedVariance(std::size_t patch, double of_images) const {
+  if (problem_.known.empty()) return of_images;
+  const double known = knownShare(patch);
+  return (1 - known) * of_images + known * kGreyVariance;
 }
 
 template <typename Own>
@@ -131,7 +146,7 @@ Eigen::VectorXd PhotometricMarginals::variancesWith(const Eigen::MatrixXd& frame
 Eigen::VectorXd PhotometricMarginals::formalVariances() const {
   const Eigen::MatrixXd roots = marginals_.roots();
   return variancesWith(noise_variance_ * roots * roots.transpose(),
-                       [this](std::size_t) { return noise_variance_; });
+                       [this](std::size_t i) { return mixedVariance(i, noise_variance_); });
 }
 
 Eigen::VectorXd PhotometricMarginals::variances(const Eigen::MatrixXd& poses) const {
@@ -141,7 +156,8 @@ Eigen::VectorXd PhotometricMarginals::variances(const Eigen::MatrixXd& poses) co
   frames(rows, rows) = poses;
   return variancesWith(frames, [this](std::size_t i) {
     const double redundancy = kPatternSize * observations_[i] - 1;
-    return std::max(noise_variance_, static_cast<double>(equations_.energy[i]) / redundancy);
+    return mixedVariance(
+        i, std::max(noise_variance_, static_cast<double>(equations_.energy[i]) / redundancy));
   });
 }
 
@@ -239,8 +255,9 @@ bool setPhotometricVariances(InitialMap& map, PhotometricProblem& problem, bool 
   const std::size_t corners = map.corners.size();
   for (std::size_t i = 0; i < problem.patches.size(); ++i) {
     double variance = variances[static_cast<Eigen::Index>(i)];
+    const double share = marginals.imageShare(i);
     if (!(variance > 0) || !(speeds[i] > 0)) continue;
-    const double shift = kMatchError / speeds[i];
+    const double shift = share * kMatchError / speeds[i];
     variance += shift * shift;
     if (problem.source[i] < corners) {
       map.corners[problem.source[i]].variance = variance;

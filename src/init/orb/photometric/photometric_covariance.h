@@ -39,12 +39,19 @@ class PhotometricMarginals {
   /// @source docs/experiments.md, "Variances of depths and poses"; White, A Heteroskedasticity-
   ///         Consistent Covariance Matrix Estimator, Econometrica 1980, with clusters
   [[nodiscard]] Eigen::MatrixXd clusteredPoseCovariance() const;
+  /// What the images have a say in: 1 where nothing is known of a patch, near 0 where it is known
+  /// better than the images can tell [-].
+  [[nodiscard]] double imageShare(std::size_t patch) const { return 1 - knownShare(patch); }
 
  private:
   /// By patch: own(patch) / h + g^T frames g; 0 unknown. @param frames covariance of all unknowns
   template <typename Own>
   [[nodiscard]] Eigen::VectorXd variancesWith(const Eigen::MatrixXd& frames, Own&& own) const;
   void countResiduals();
+  /// Share of a patch's curvature that its known inverse depth has [-].
+  [[nodiscard]] double knownShare(std::size_t patch) const;
+  /// Variance of a residual where part of them is that of a known inverse depth [grey levels^2].
+  [[nodiscard]] double mixedVariance(std::size_t patch, double of_images) const;
 
   const PhotometricProblem& problem_;
   const PhotometricState& state_;

@@ -95,6 +95,12 @@ void PhotometricLinearizer::collect(PhotometricEquations& equations) const {
   }
   H.triangularView<Eigen::StrictlyLower>() = H.transpose();
   equations.cost = 0;
+  for (std::size_t i = 0; i < problem_.known.size(); ++i) {
+    const KnownTerm term = knownTerm(problem_, i, static_cast<double>(inverse_depth_[i]));
+    equations.system.depth_hessian[i] += static_cast<float>(term.hessian);
+    equations.system.depth_gradient[i] += static_cast<float>(term.gradient);
+    equations.energy[i] += static_cast<float>(2 * term.cost);
+  }
   for (const float energy : equations.energy) equations.cost += 0.5 * static_cast<double>(energy);
 }
 

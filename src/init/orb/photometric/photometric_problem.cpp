@@ -71,6 +71,7 @@ PhotometricProblem makeProblem(const InitialMap& map,
     problem.source.push_back(i);
   }
   problem.seen.assign(problem.frames.size() * problem.patches.size(), 1);
+  placeKnownDepths(problem, map);
   placePatches(problem, makeState(problem, map));
   return problem;
 }
@@ -106,6 +107,25 @@ void placePatches(PhotometricProblem& problem, const PhotometricState& state) {
                                 patch.seen,
                                 static_cast<float>(state.inverse_depth[i]));
   }
+}
+
+void placeKnownDepths(PhotometricProblem& problem, const InitialMap& map) {
+  if (!map.scaleKnown()) return;
+  problem.known.clear();
+  const std::size_t corners = map.corners.size();
+  for (const std::size_t i : problem.source) {
+    problem.known.push_back(i < corners ? map.corners[i].known : map.points[i - corners].known);
+  }
+}
+
+KnownTerm knownTerm(const PhotometricProblem& problem, std::size_t patch, double inverse_depth) {
+  if (problem.known.empty() || !problem.known[patch]) return {};
+  KnownTerm term = knownTerm(problem.known[patch], inverse_depth);
+  term.hessian *= kGreyVariance;
+  term.gradient *= kGreyVariance;
+  term.cost *= kGreyVariance;
+  term.weighted_square *= kGreyVariance;
+  return term;
 }
 
 double findVisible(PhotometricProblem& problem, const PhotometricState& state) {
@@ -154,6 +174,7 @@ PhotometricProblem subProblem(const PhotometricProblem& problem,
   for (const std::size_t i : patches) {
     part.patches.push_back(problem.patches[i]);
     part.source.push_back(problem.source[i]);
+    if (!problem.known.empty()) part.known.push_back(problem.known[i]);
   }
   for (std::size_t f = 0; f < problem.frames.size(); ++f) {
     for (const std::size_t i : patches) part.seen.push_back(problem.seenIn(f)[i]);

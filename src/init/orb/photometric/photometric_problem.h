@@ -12,6 +12,9 @@
 
 namespace dsorb::init_orb {
 
+/// Of a grey value, for the weight of known depths against images [grey levels^2].
+constexpr double kGreyVariance = 8;
+
 /// A frame of the photometric adjustment.
 struct PhotometricFrame {
   std::size_t index = 0;  ///< into InitialMap::frames
@@ -30,6 +33,7 @@ struct PhotometricProblem {
   std::vector<HostPatch> patches;
   std::vector<std::size_t> source;  ///< by patch: corner, or number of corners + semi-dense point
   std::vector<char> seen;           ///< [frame * patches + patch]: takes part
+  std::vector<KnownInverseDepth> known{};  ///< by patch; empty: nothing is known
   std::optional<RollingShutter> reference_shutter{};
 
   [[nodiscard]] const char* seenIn(std::size_t frame) const {
@@ -65,6 +69,13 @@ PhotometricState makeState(const PhotometricProblem& problem, const InitialMap& 
 
 /// Moves the patches of a rolling shutter to where a global one would have seen them.
 void placePatches(PhotometricProblem& problem, const PhotometricState& state);
+
+/// Sets what the caller knows of the patches, in the map's present unit.
+void placeKnownDepths(PhotometricProblem& problem, const InitialMap& map);
+
+/// What a patch's known inverse depth adds to its sums, which are in squared grey levels; nothing
+/// where none is known.
+KnownTerm knownTerm(const PhotometricProblem& problem, std::size_t patch, double inverse_depth);
 
 /// Sets `problem.seen`: the whole pattern is inside the frame. @return share of all pairs [-]
 double findVisible(PhotometricProblem& problem, const PhotometricState& state);

@@ -128,6 +128,13 @@ class DepthBlock {
           {{nullptr, 0, sums.hessian.data(), sums.gradient.data()}, sums.energy.data()},
           unused);
     }
+    if (problem_.known.empty()) return;
+    for (std::size_t i = 0; i < count_; ++i) {
+      const KnownTerm term = knownTerm(problem_, first_ + i, static_cast<double>(inverse_depth[i]));
+      sums.hessian[i] += static_cast<float>(term.hessian);
+      sums.gradient[i] += static_cast<float>(term.gradient);
+      sums.energy[i] += static_cast<float>(2 * term.cost);
+    }
   }
   [[nodiscard]] double total(const BlockSums& sums) const {
     double sum = 0;

@@ -39,6 +39,12 @@ std::vector<SelectedPixel> selectCandidates(const Frame& reference,
   return selected;
 }
 
+/// Where the search for a candidate begins.
+struct PointGuess {
+  CornerPrior corners;
+  const KnownDepths& known;
+};
+
 /// Result of one candidate; without observations it has no depth.
 struct CandidateResult {
   SemiDensePoint point;
@@ -46,14 +52,38 @@ struct CandidateResult {
   int matches = 0;
 };
 
+/// The inverse depth that a search starts from: what is known of it, with the width of a guess.
+SemiDensePoint widened(const KnownInverseDepth& known, const Eigen::Vector2f& pixel) {
+  const auto mean = static_cast<float>(known.mean);
+  const float floor = kMinPriorSigma * mean;
+  return {pixel, mean, std::max(static_cast<float>(known.variance), floor * floor)};
+}
+
+/// Weighs what is known with what was observed.
+void addKnown(const KnownInverseDepth& known, SemiDensePoint& point) {
+  point.known = known;
+  const auto mean = static_cast<float>(known.mean);
+  const auto variance = static_cast<float>(known.variance);
+  if (point.observations == 0) {
+    point.inverse_depth = mean;
+    point.variance = variance;
+  } else {
+    const float sum = point.variance + variance;
+    point.inverse_depth = (point.variance * mean + variance * point.inverse_depth) / sum;
+    point.variance *= variance / sum;
+  }
+  ++point.observations;
+}
+
 CandidateResult observe(const SelectedPixel& pixel,
-                        const CornerPrior& prior,
+                        const PointGuess& guess,
                         const std::vector<EpipolarSearch>& frames,
                         const SemiDenseOptions& options,
                         EpipolarSearch::Scratch& scratch) {
   CandidateResult result;
-  CandidateDepth depth(prior.at({static_cast<float>(pixel.x), static_cast<float>(pixel.y)}),
-                       options.fusion);
+  const Eigen::Vector2f at(static_cast<float>(pixel.x), static_cast<float>(pixel.y));
+  const KnownInverseDepth known = guess.known ? guess.known(at) : KnownInverseDepth();
+  CandidateDepth depth(known ? widened(known, at) : guess.corners.at(at), options.fusion);
   for (const EpipolarSearch& frame : frames) {
     const SearchOutcome outcome = frame.search(depth.current(), scratch);
     result.searches += outcome.status != SearchStatus::kSkipped ? 1 : 0;
@@ -66,6 +96,7 @@ CandidateResult observe(const SelectedPixel& pixel,
     result.point = depth.current();
     result.point.observations = depth.observations();
     result.point.searches = result.searches;
+    if (known) addKnown(known, result.point);
   }
   return result;
 }
@@ -90,7 +121,8 @@ std::vector<SearchFrame> searchFrames(const InitialMap& map) {
 SemiDenseReport estimateSemiDenseDepth(InitialMap& map,
                                        const PinholeCamera& camera,
                                        const SemiDenseOptions& options,
-                                       std::uint64_t seed) {
+                                       std::uint64_t seed,
+                                       const KnownDepths& known) {
   SemiDenseReport report;
   map.points.clear();
   estimateBrightness(map);
@@ -101,7 +133,7 @@ SemiDenseReport estimateSemiDenseDepth(InitialMap& map,
   Random random(seed);
   const FramePtr& reference = map.frames.front().frame;
   const std::vector<SelectedPixel> candidates = selectCandidates(*reference, options, random);
-  const CornerPrior prior(map.corners, camera.width, camera.height);
+  const PointGuess guess{{map.corners, camera.width, camera.height}, known};
   std::vector<EpipolarSearch> searches;
   searches.reserve(frames.size());
   for (const SearchFrame& frame : frames) {
@@ -111,7 +143,7 @@ SemiDenseReport estimateSemiDenseDepth(InitialMap& map,
   forEachRange(candidates.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     EpipolarSearch::Scratch scratch;
     for (std::size_t i = begin; i < end; ++i) {
-      results[i] = observe(candidates[i], prior, searches, options, scratch);
+      results[i] = observe(candidates[i], guess, searches, options, scratch);
     }
   });
   for (const CandidateResult& result : results) {

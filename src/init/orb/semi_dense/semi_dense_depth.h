@@ -9,6 +9,7 @@
 #include "init/orb/semi_dense/corner_prior.h"
 
 #include <cstdint>
+#include <functional>
 
 namespace dsorb::init_orb {
 
@@ -53,17 +54,23 @@ class CandidateDepth {
   int votes_ = 0;
 };
 
+/// What the caller knows of the inverse depth at a pixel of the reference, in the map's unit;
+/// empty: nothing anywhere.
+using KnownDepths = std::function<KnownInverseDepth(const Eigen::Vector2f&)>;
+
 /// Sets the frames' brightness and `map.points`: selects gradient pixels of the reference, searches
 /// each along its epipolar line in every later posed frame and fuses what is found to one inverse
 /// depth with variance. Runs in parallel inside the caller's arena; the result does not depend on
 /// the number of threads.
 /// @param map adjusted: poses, covariances, corners with variances; mean inverse depth 1
-/// @param seed of the random choice among too many candidates
+/// @param seed  of the random choice among too many candidates
+/// @param known safe to call from several threads
 /// @source Engel, Sturm, Cremers, Semi-Dense Visual Odometry for a Monocular Camera, ICCV 2013
 SemiDenseReport estimateSemiDenseDepth(InitialMap& map,
                                        const PinholeCamera& camera,
                                        const SemiDenseOptions& options,
-                                       std::uint64_t seed);
+                                       std::uint64_t seed,
+                                       const KnownDepths& known = {});
 
 /// Keeps the points of smallest relative variance, so that corners and points are no more than
 /// wanted. @return number of points removed

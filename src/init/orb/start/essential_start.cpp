@@ -5,6 +5,7 @@
 #include "init/orb/bundle/geometric_covariance.h"
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/bundle/robust_adjustment.h"
+#include "init/orb/start/known_depth_start.h"
 #include "init/orb/start/motion_candidates.h"
 #include "init/orb/start/rival_motions.h"
 #include "init/orb/start/start_gate.h"
@@ -142,7 +143,7 @@ GateReport judge(const Reconstruction& made,
   StartEvidence evidence{found.tracks, found.front_share, 1, found.second_cost};
   if (found.refinement.accepted) evidence.misfit = misfitOf(made.report.residual_rms);
   GateReport gate = judgeStart(made.map, context.camera, options, evidence);
-  if (gate.reason != InitReason::kDone) return gate;
+  if (gate.reason != InitReason::kDone || made.map.scaleKnown()) return gate;  // no rivals there
   const RivalMotion rival = findRival(*made.map.frames.back().T_cam_ref,
                                       matches,
                                       context.camera,
@@ -181,6 +182,7 @@ JudgedStart refineAndJudge(const PlaneComparison& compared,
   found.front_share = compared.best.front_share;
   found.homography_gric = compared.homography_gric;
   found.second_cost = compared.second_cost;
+  start.report.rotation_prior = compared.best.rotations_used;
   auto made = refineStart(std::move(start), context);
   if (!made) return {made.reason(), {}};
   const GateReport gate = context.clock.time(
@@ -190,6 +192,23 @@ JudgedStart refineAndJudge(const PlaneComparison& compared,
   made->report.median_parallax_deg = gate.parallax_deg;
   made->report.wrong_probability = gate.wrong_probability;
   return {std::move(made), gate};
+}
+
+/// A start from known depths, where the reference has any and they fit the images: the motion is a
+/// pose from points, which has neither rivals nor the two solutions of a plane.
+JudgedStart startFromKnownDepth(const ReferenceView& view,
+                                const RotationFit& rotation,
+                                const Matches& matches,
+                                const AttemptContext& context,
+                                DepthPriorReport& report) {
+  auto candidate = context.clock.time(
+      "known_depth", [&] { return makeKnownDepthCandidate(view, rotation, context, report); });
+  if (!candidate) return {InitReason::kPoorQuality, {}};
+  const SelectedMotion all{{*candidate->map.frames.back().T_cam_ref, {}, report.corners, 0}, 0, 0};
+  const PlaneComparison known{std::move(*candidate), DisplacementModel::kEssential, {}, {}};
+  JudgedStart start = refineAndJudge(known, all, rotation, matches, context);
+  if (start.made) start.made->report.model = "known_depth";
+  return start;
 }
 
 }  // namespace
@@ -204,6 +223,19 @@ EssentialStart startFromEssential(const ReferenceView& view, const AttemptContex
   const RotationFit rotation =
       clock.time("rotation", [&] { return fitRotation(matches, context.camera); });
   summary.rotation_residual = rotation.median_residual;
+  std::optional<DepthPriorReport> depth_prior;
+  if (knowsDepth(view)) {
+    JudgedStart start =
+        startFromKnownDepth(view, rotation, matches, context, depth_prior.emplace());
+    if (start.made) {
+      start.made->report.depth_prior = depth_prior;
+      return {std::move(start.made), summary, start.motion};
+    }
+    depth_prior->used = false;
+    if (static_cast<int>(view.frames.size()) < context.options.orb.min_frames) {
+      return {start.made.reason(), summary, start.motion};
+    }
+  }
   if (rotation.median_residual < kMinRotationResidual) {
     return refuse(InitReason::kTooLittleParallax);
   }
@@ -228,6 +260,7 @@ EssentialStart startFromEssential(const ReferenceView& view, const AttemptContex
     }
   }
   summary.gate = start.gate;
+  if (start.made) start.made->report.depth_prior = depth_prior;
   return {std::move(start.made), summary, start.motion};
 }
 

@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/start/known_depth_start.h"
+
+#include "base/median.h"
+#include "base/spread_frames.h"
+#include "init/orb/bundle/map_assembly.h"
+#include "init/orb/bundle/reprojection_equations.h"
+#include "init/orb/bundle/robust_adjustment.h"
+#include "init/orb/map/depth_lookup.h"
+#include "init/orb/start/known_rotations.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <utility>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr std::size_t kMaxFrames = 6;  // evenly spread frames adjusted, both ends too
+/// Largest relative deviation, after it was widened, with which depths still give a start.
+/// @source docs/experiments.md, "What the caller knows"
+constexpr double kMaxRelativeSigma = 0.15;
+constexpr double kMinTrackNoise = 0.05;  // [px]
+constexpr double kFreedom = 4;           // of the t-distribution of an innovation
+constexpr double kInflationStep = 1.2;
+constexpr int kInflations = 26;  // up to 95
+/// Log likelihood by which another inflation may be worse than the best and still be believed: two
+/// standard deviations.
+constexpr double kContradiction = 2;
+
+/// Corners of all tracks whose depth is known, in metres; the newest frame where the camera has
+/// only turned.
+InitialMap makeMap(const ReferenceView& view, const RotationFit& rotation) {
+  const DepthLookup lookup(*view.frames.front()->priors()->depth, 1, 1);
+  const std::vector<Eigen::Vector2f>& pixels = view.tracks.positions.front();
+  MotionHypothesis motion;
+  motion.T_cur_ref = SE3(rotation.R_cur_ref, Eigen::Vector3d::Zero());
+  motion.points.resize(pixels.size());
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    if (!view.tracks.positions.back()[i].allFinite()) continue;
+    const Eigen::Vector2f seen = view.tracks.seen.empty() ? pixels[i] : view.tracks.seen[i];
+    const KnownInverseDepth known = lookup.at(seen);
+    if (known) motion.points[i] = TriangulatedPoint{known.mean, known.variance};
+  }
+  InitialMap map = makeInitialMap(view.frames, view.tracks, motion);
+  map.readout = view.readout;
+  map.metres = 1;
+  return map;
+}
+
+/// Sets what is known of every corner.
+void setKnown(InitialMap& map, double inflation) {
+  const DepthLookup lookup(*map.frames.front().frame->priors()->depth, map.metres, inflation);
+  for (Corner& corner : map.corners) corner.known = lookup.at(corner.seen());
+}
+
+/// What the newest frame says of the known inverse depths, its pose taken as right. The noise is
+/// that across the epipolar lines, where depths have no part.
+std::vector<DepthInnovation> innovationsOf(const InitialMap& map, const PinholeCamera& camera) {
+  std::vector<DepthInnovation> innovations;
+  std::vector<double> across;
+  for (const CornerObservation& observation : map.observations) {
+    if (observation.frame + 1 != map.frames.size()) continue;
+    const KnownInverseDepth& known = map.corners[observation.corner].known;
+    const auto projection = projectHosted(camera,
+                                          *map.frames.back().T_cam_ref,
+                                          camera.unproject(map.corners[observation.corner].pixel),
+                                          known.mean);
+    if (!projection) continue;
+    const Eigen::Vector2d& speed = projection->J_inverse_depth;
+    const Eigen::Vector2d error = observation.pixel - projection->pixel;
+    const double square = std::max(speed.squaredNorm(), 1e-12);
+    across.push_back(std::abs(speed.x() * error.y() - speed.y() * error.x()) / std::sqrt(square));
+    innovations.push_back({speed.dot(error) / square, known.variance, 1 / square});
+  }
+  const double noise = std::max(kMinTrackNoise, kMadToSigma * medianInPlace(across));
+  for (DepthInnovation& innovation : innovations) innovation.image_variance *= noise * noise;
+  return innovations;
+}
+
+double logLikelihood(const std::vector<DepthInnovation>& innovations, double inflation) {
+  double sum = 0;
+  for (const DepthInnovation& innovation : innovations) {
+    const double variance =
+        inflation * inflation * innovation.known_variance + innovation.image_variance;
+    const double square = innovation.error * innovation.error / variance;
+    sum -= 0.5 * std::log(variance) + 0.5 * (kFreedom + 1) * std::log1p(square / kFreedom);
+  }
+  return sum;
+}
+
+/// Median of what is known, over its inverse depth.
+double relativeSigma(const InitialMap& map) {
+  std::vector<double> sigmas;
+  for (const Corner& corner : map.corners) {
+    if (corner.known) sigmas.push_back(std::sqrt(corner.known.variance) / corner.known.mean);
+  }
+  return medianInPlace(sigmas);
+}
+
+/// Widens the deviations as the present pose wants it. @return whether the depths are of use
+bool weighDepths(InitialMap& map, const PinholeCamera& camera, DepthPriorReport& report) {
+  setKnown(map, 1);
+  const auto innovations = innovationsOf(map, camera);
+  if (innovations.empty()) return false;
+  report.inflation = claimInflation(innovations);
+  const double claimed = relativeSigma(map);
+  setKnown(map, report.inflation);
+  report.relative_sigma = relativeSigma(map);
+  report.corners = static_cast<int>(map.corners.size());
+  report.contradicted = claimed <= kMaxRelativeSigma && report.relative_sigma > kMaxRelativeSigma;
+  return report.relative_sigma <= kMaxRelativeSigma;
+}
+
+}  // namespace
+
+bool knowsDepth(const ReferenceView& view) {
+  const FramePriors* priors = view.frames.front()->priors();
+  return priors != nullptr && priors->depth;
+}
+
+double claimInflation(const std::vector<DepthInnovation>& innovations) {
+  std::vector<double> likelihoods;
+  double inflation = 1;
+  for (int i = 0; i < kInflations; ++i, inflation *= kInflationStep) {
+    likelihoods.push_back(logLikelihood(innovations, inflation));
+  }
+  const double enough = *std::max_element(likelihoods.begin(), likelihoods.end()) - kContradiction;
+  const auto least = std::find_if(
+      likelihoods.begin(), likelihoods.end(), [enough](double value) { return value >= enough; });
+  return std::pow(kInflationStep, static_cast<double>(least - likelihoods.begin()));
+}
+
+std::optional<MotionCandidate> makeKnownDepthCandidate(const ReferenceView& view,
+                                                       const RotationFit& rotation,
+                                                       const AttemptContext& context,
+                                                       DepthPriorReport& report) {
+  const PinholeCamera& camera = context.camera;
+  const GeometricOptions& options = context.options.orb.geometric;
+  MotionCandidate candidate;
+  InitialMap& map = candidate.map;
+  map = makeMap(view, rotation);
+  report.corners = static_cast<int>(map.corners.size());
+  if (report.corners < options.min_points) return std::nullopt;
+  const auto observations = observationsByFrame(map, camera);
+  const auto pose =
+      poseFromPoints(observations.back(), camera, *map.frames.back().T_cam_ref, kTrackSigma);
+  if (!pose) return std::nullopt;
+  map.frames.back().T_cam_ref = *pose;
+  if (!weighDepths(map, camera, report)) return std::nullopt;
+  poseFrames(map, camera, spreadFrames(view.frames.size(), kMaxFrames));
+  if (!adjustRobustly(map, camera, options) || !weighDepths(map, camera, report)) {
+    return std::nullopt;
+  }
+  const auto frames = spreadFrames(view.frames.size(), kMaxFrames);
+  candidate.rotations_used =
+      adjustWithRotations(map, knownRotations(view.frames, frames), camera, options);
+  candidate.front_share = 1;
+  report.used = true;
+  return candidate;
+}
+
+}  // namespace dsorb::init_orb

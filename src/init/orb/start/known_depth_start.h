@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "init/orb/map/attempt_types.h"
+#include "init/orb/start/motion_candidates.h"
+#include "init/orb/two_view/rotation_only.h"
+
+#include <optional>
+#include <vector>
+
+namespace dsorb::init_orb {
+
+/// Whether the caller knows depths of the reference.
+bool knowsDepth(const ReferenceView& view);
+
+/// An inverse depth that is known, and what the images say of it.
+struct DepthInnovation {
+  double error = 0;           ///< what the images add to it [1/unit]
+  double known_variance = 0;  ///< as claimed [1/unit^2]
+  double image_variance = 0;  ///< of the error by the images' noise [1/unit^2]
+};
+
+/// How much larger than claimed the standard deviations of known depths are: the least factor that
+/// the images do not contradict. One where the claim is right, or too careful, or where the images
+/// cannot tell. Errors have heavy tails: outliers alone do not raise it.
+/// @param innovations of corners, at least one
+double claimInflation(const std::vector<DepthInnovation>& innovations);
+
+/// A map from known depths: the newest frame posed by the corners that have one, the claimed
+/// deviations widened until they fit the images, a few frames adjusted together with the corners.
+/// The unit is a metre (or the prior's own). @param report of what became of the depths
+/// @return nullopt where too few corners have a depth, or where the depths contradict the images
+std::optional<MotionCandidate> makeKnownDepthCandidate(const ReferenceView& view,
+                                                       const RotationFit& rotation,
+                                                       const AttemptContext& context,
+                                                       DepthPriorReport& report);
+
+}  // namespace dsorb::init_orb
