@@ -138,13 +138,6 @@ void addInputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
                  "default: masks/ beside the images")
       ->type_name("FILE")
       ->group("Input");
-  app.add_option("--use-depth",
-                 request.sequence.depth_sigma,
-                 "start from the depth images in depth/ (16 bits, millimetres, rectified), with "
-                 "this relative standard deviation; default: not used")
-      ->type_name("SIGMA")
-      ->check(numberIn(1e-4, 1))
-      ->group("Input");
   app.add_option("--mode",
                  flags.mode,
                  "photometry; default calibrated where response and vignette are there, else "
@@ -188,6 +181,13 @@ void addSelectionFlags(CLI::App& app, CommandLine& request) {
                  "make images smaller, to this width; default: as the calibration says")
       ->type_name("PIXELS")
       ->check(wholeNumber(16))
+      ->group("Input");
+  app.add_option("--use-depth",
+                 request.sequence.depth_sigma,
+                 "start from the depth images in depth/ (16 bits, millimetres, rectified), with "
+                 "this relative standard deviation; default: not used")
+      ->type_name("SIGMA")
+      ->check(numberIn(1e-4, 1))
       ->group("Input");
 }
 

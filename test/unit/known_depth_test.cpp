@@ -2,8 +2,13 @@
 #include "dsorb/image/frame_priors.h"
 
 #include "estimate/marginals.h"
+#include "init/orb/bundle/reprojection_equations.h"
+#include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/map/depth_lookup.h"
 #include "init/orb/start/known_depth_start.h"
+#include "init/orb/start/known_rotations.h"
+#include "support/matchers.h"
+#include "support/synthetic_map.h"
 
 #include <Eigen/LU>
 #include <gtest/gtest.h>
@@ -84,6 +89,70 @@ TEST(KnownTerm, HasTheDerivativesOfItsCost) {
     EXPECT_NEAR(knownTerm(known, at).gradient, slope, 1e-5 * std::max(1., std::abs(slope))) << at;
   }
   EXPECT_NEAR(knownTerm(known, .5).hessian, 1 / known.variance, 1e-9);
+}
+
+/// Rotations between every two frames of a map, wrong by an angle each.
+std::vector<KnownRotation> rotationsOf(const InitialMap& truth, double wrong, double sigma) {
+  std::vector<KnownRotation> known;
+  for (std::size_t to = 1; to < truth.frames.size(); ++to) {
+    const SE3 turn = *truth.frames[to].T_cam_ref * truth.frames[to - 1].T_cam_ref->inverse();
+    const Eigen::Quaterniond error = so3Exp({wrong, 0, 0});
+    known.push_back(
+        {to - 1, to, SE3(error * turn.unitQuaternion(), Eigen::Vector3d::Zero()), sigma * sigma});
+  }
+  return known;
+}
+
+TEST(KnownRotations, HaveTheGradientOfTheirCost) {
+  const SyntheticMap scene = makeSyntheticMap({60, 4, .3, .05}, 7);
+  const GeometricOptions options;
+  InitialMap map = scene.start;
+  map.rotations = rotationsOf(scene.truth, .004, .003);
+  const PoseRows rows(map);
+  const ReprojectionEquations equations = linearize(map, rows, scene.camera, options);
+  constexpr double kStep = 1e-6;
+  for (std::size_t frame = 1; frame < map.frames.size(); ++frame) {
+    for (int axis = 3; axis < 6; ++axis) {
+      const auto costAt = [&](double step) {
+        Vector6d xi = Vector6d::Zero();
+        xi[axis] = step;
+        const auto with = [&](InitialMap moved) {
+          moved.frames[frame].T_cam_ref = SE3::exp(xi) * *map.frames[frame].T_cam_ref;
+          return *reprojectionCost(moved, scene.camera, options);
+        };
+        InitialMap without = map;
+        without.rotations.clear();
+        return with(map) - with(without);  // of the rotations alone
+      };
+      InitialMap without = map;
+      without.rotations.clear();
+      const double gradient =
+          (equations.system.b -
+           linearize(without, rows, scene.camera, options).system.b)[rows.first[frame] + axis];
+      const double slope = (costAt(kStep) - costAt(-kStep)) / (2 * kStep);
+      EXPECT_NEAR(gradient, slope, .02 * std::abs(slope) + .5) << frame << " " << axis;
+    }
+  }
+}
+
+TEST(KnownRotations, AreTakenWhereTheyFitAndRefusedWhereTheyDoNot) {
+  const SyntheticMap scene = makeSyntheticMap({150, 4, .3, .02}, 7);
+  const GeometricOptions options;
+  InitialMap map = scene.start;
+  ASSERT_TRUE(adjustOnce(map, scene.camera, options));
+  const auto error = [&](const InitialMap& of) {
+    return rotationErrorDeg(*of.frames.back().T_cam_ref, *scene.truth.frames.back().T_cam_ref);
+  };
+  InitialMap right = map;
+  ASSERT_EQ(adjustWithRotations(right, rotationsOf(scene.truth, 0, 1e-5), scene.camera, options),
+            std::optional(true));
+  EXPECT_LT(error(right), .2 * error(map));
+  InitialMap wrong = map;
+  ASSERT_EQ(adjustWithRotations(wrong, rotationsOf(scene.truth, .02, 1e-4), scene.camera, options),
+            std::optional(false));
+  EXPECT_TRUE(wrong.rotations.empty());
+  EXPECT_EQ(error(wrong), error(map));
+  EXPECT_FALSE(adjustWithRotations(wrong, {}, scene.camera, options));
 }
 
 /// Without a gauge the marginals are blocks of the inverse of the whole system.

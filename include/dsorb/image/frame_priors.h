@@ -49,9 +49,9 @@ struct DistancePrior {
 /// An initializer weighs it, tests it against the images and says in PriorReport what became of it:
 /// a claimed standard deviation is what the caller believes, and may be wrong.
 struct FramePriors {
-  std::optional<DepthPrior> depth;        ///< of the frame's pixels
-  std::optional<RotationPrior> rotation;  ///< of the camera
-  std::optional<DistancePrior> distance;  ///< of the camera; it gives a start its scale
+  std::optional<DepthPrior> depth{};        ///< of the frame's pixels
+  std::optional<RotationPrior> rotation{};  ///< of the camera
+  std::optional<DistancePrior> distance{};  ///< of the camera; it gives a start its scale
 };
 
 /// Depths of all pixels, whose standard deviation is hypot(sigma, relative_sigma * depth).

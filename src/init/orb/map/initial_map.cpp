@@ -11,8 +11,7 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr double kLimit = 2.385;         // of Cauchy's loss, 95 % efficient with normal errors
-constexpr double kRotationLimit = 4.13;  // the same of three axes together
+constexpr double kLimit = 2.385;  // of Cauchy's loss, 95 % efficient with normal errors
 
 bool handedOver(double inverse_depth, double variance) {
   return std::isfinite(inverse_depth) && inverse_depth > 0 && std::isfinite(variance) &&
@@ -59,11 +58,8 @@ RotationTerm rotationTerm(const KnownRotation& known, const SE3& to, const SE3& 
   RotationTerm term;
   term.R_to_from = estimated.toRotationMatrix();
   term.error = so3Log(estimated * known.R_to_from.unitQuaternion().conjugate());
-  double ratio = 1;
-  double weight = 1;
-  cauchyWeights(term.error.squaredNorm() / known.variance, kRotationLimit, ratio, weight);
-  term.information = weight / known.variance;
-  term.cost = 0.5 * kRotationLimit * kRotationLimit * std::log(ratio);
+  term.information = 1 / known.variance;
+  term.cost = 0.5 * term.information * term.error.squaredNorm();
   return term;
 }
 

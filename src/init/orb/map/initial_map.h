@@ -94,11 +94,11 @@ struct KnownTerm {
 KnownTerm knownTerm(const KnownInverseDepth& known, double inverse_depth);
 
 /// What a known rotation adds to the equations of the rotations that it is between, as left
-/// increments: a Cauchy loss of their difference over its standard deviation.
+/// increments: a Gaussian, because adjustWithRotations() refuses those that contradict the images.
 struct RotationTerm {
   Eigen::Vector3d error{0, 0, 0};  ///< log of estimated times inverse known rotation [rad]
   Eigen::Matrix3d R_to_from = Eigen::Matrix3d::Identity();  ///< estimated
-  double information = 0;                                   ///< weight over variance
+  double information = 0;                                   ///< 1 / variance
   double cost = 0;                                          ///< half the loss
 };
 RotationTerm rotationTerm(const KnownRotation& known, const SE3& to, const SE3& from);

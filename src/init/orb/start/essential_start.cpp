@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/start/essential_start.h"
 
+#include "base/median.h"
 #include "init/orb/bundle/corner_refinement.h"
 #include "init/orb/bundle/geometric_covariance.h"
 #include "init/orb/bundle/map_assembly.h"
@@ -34,6 +35,10 @@ constexpr double kRetryMargin = 1.5;
 constexpr int kMaxSkippedFrames = 1;  // but so many times in a row at most
 /// Least noise of a match in the likelihood of motions elsewhere [px].
 constexpr double kMinMatchNoise = 0.05;
+/// Median epipolar distance of a motion from known depths over that of the best motion, and the
+/// least one that counts [px].
+constexpr double kMaxMisfit = 2;
+constexpr double kMinMisfit = 0.05;
 constexpr double kMaxCostRatio = 1000;  // of a plane's motions: files hold no infinity
 constexpr int kNoiseRounds =
     3;  // of measuring the noise; docs/experiments.md, "Noise of the tracks"
@@ -194,6 +199,17 @@ JudgedStart refineAndJudge(const PlaneComparison& compared,
   return {std::move(made), gate};
 }
 
+/// Whether a motion fits the epipolar geometry of all matches about as well as the best one does:
+/// it does not where it was made to fit wrong depths.
+bool fitsLikeTheBest(const SE3& T_cur_ref, const Matches& matches, const AttemptContext& context) {
+  const auto best = estimateEssentialMotion(matches, context.camera, context.seed());
+  if (!best) return true;
+  const auto misfit = [&](const SE3& motion) {
+    return medianOf(epipolarDistances(motion, matches, context.camera));
+  };
+  return misfit(T_cur_ref) <= kMaxMisfit * std::max(kMinMisfit, misfit(best->T_cur_ref));
+}
+
 /// A start from known depths, where the reference has any and they fit the images: the motion is a
 /// pose from points, which has neither rivals nor the two solutions of a plane.
 JudgedStart startFromKnownDepth(const ReferenceView& view,
@@ -207,7 +223,12 @@ JudgedStart startFromKnownDepth(const ReferenceView& view,
   const SelectedMotion all{{*candidate->map.frames.back().T_cam_ref, {}, report.corners, 0}, 0, 0};
   const PlaneComparison known{std::move(*candidate), DisplacementModel::kEssential, {}, {}};
   JudgedStart start = refineAndJudge(known, all, rotation, matches, context);
-  if (start.made) start.made->report.model = "known_depth";
+  if (!start.made) return start;
+  if (!fitsLikeTheBest(*start.made->map.frames.back().T_cam_ref, matches, context)) {
+    report.contradicted = true;
+    return {InitReason::kPoorQuality, {}};
+  }
+  start.made->report.model = "known_depth";
   return start;
 }
 

@@ -22,6 +22,7 @@ constexpr std::size_t kMaxFrames = 6;  // evenly spread frames adjusted, both en
 /// @source docs/experiments.md, "What the caller knows"
 constexpr double kMaxRelativeSigma = 0.15;
 constexpr double kMinTrackNoise = 0.05;  // [px]
+constexpr double kMaxTrackNoise = 1;     // [px]; more is no noise but a pose that does not fit
 constexpr double kFreedom = 4;           // of the t-distribution of an innovation
 constexpr double kInflationStep = 1.2;
 constexpr int kInflations = 26;  // up to 95
@@ -74,7 +75,8 @@ std::vector<DepthInnovation> innovationsOf(const InitialMap& map, const PinholeC
     across.push_back(std::abs(speed.x() * error.y() - speed.y() * error.x()) / std::sqrt(square));
     innovations.push_back({speed.dot(error) / square, known.variance, 1 / square});
   }
-  const double noise = std::max(kMinTrackNoise, kMadToSigma * medianInPlace(across));
+  const double noise =
+      std::clamp(kMadToSigma * medianInPlace(across), kMinTrackNoise, kMaxTrackNoise);
   for (DepthInnovation& innovation : innovations) innovation.image_variance *= noise * noise;
   return innovations;
 }
