@@ -136,25 +136,34 @@ TEST(KnownDepth, WrongOnesDoNoHarm) {
     EXPECT_LT(start.direction, 10) << errors.name;
     EXPECT_LT(start.depth, .03) << errors.name;
     EXPECT_LE(run.steps.size(), without.steps.size()) << errors.name;
-    EXPECT_EQ(start.used > 0, errors.name != "mirrored") << errors.name;
+    // Of this room's mirror image part is right: it is taken with deviations 3.6 times as wide.
+    EXPECT_TRUE(errors.mirrored ? start.used == 0 || start.inflation > 2 : start.used == 1)
+        << errors.name;
   }
 }
 
 class KnownDepthOf : public testing::TestWithParam<const char*> {};
 
-TEST_P(KnownDepthOf, ARealSequenceStartsFromTwoFramesInMetres) {
+TEST_P(KnownDepthOf, ARealSequenceStartsEarlierAndInMetres) {
   const std::string path = realData(GetParam()).string();
   if (!std::filesystem::exists(path)) GTEST_SKIP() << "no " << path;
   const DepthSequence sequence = readDepthSequence(path);
+  std::size_t frames = 0;
+  std::size_t frames_without = 0;
   for (const std::size_t first : {0, 30}) {
     const InitRun run = feed(sequence, {"right"}, {}, first);
+    const InitRun without = feed(sequence, {"none", false}, {}, first);
     ASSERT_TRUE(run.result) << run.log();
+    ASSERT_TRUE(without.result) << without.log();
     const DepthStart start = judged(run, sequence);
-    EXPECT_LE(run.steps.size(), 4U) << run.log();
+    frames += run.steps.size();
+    frames_without += without.steps.size();
     EXPECT_EQ(start.used, 1);
-    EXPECT_LT(start.direction, 10);
-    EXPECT_LT(std::abs(start.scale), .01);
+    EXPECT_LT(start.direction, 10);          // the gate's promise
+    EXPECT_LT(std::abs(start.scale), .005);  // of nine starts each: .003 at most
+    EXPECT_LT(start.depth, judged(without, sequence).depth);
   }
+  EXPECT_LT(frames, frames_without);
 }
 INSTANTIATE_TEST_SUITE_P(, KnownDepthOf, testing::Values("tartanair_hospital", "room_hand"));
 
