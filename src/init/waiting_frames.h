@@ -2,6 +2,7 @@
 #pragma once
 
 #include "dsorb/image/frame.h"
+#include "dsorb/image/frame_priors.h"
 
 #include <algorithm>
 #include <cmath>
@@ -17,7 +18,9 @@ constexpr std::size_t kLeastWaiting = 3;
 /// How many frames as large as this one fit into a budget, at least kLeastWaiting.
 inline std::size_t waitingFrames(const Frame& frame, int budget_mb) {
   const double pixels = static_cast<double>(frame.width()) * frame.height();
-  const double bytes = 4.0 / 3 * sizeof(ImageSample) * pixels;  // of all levels
+  const bool knows_depth = frame.priors() != nullptr && frame.priors()->depth;
+  const double bytes = 4.0 / 3 * sizeof(ImageSample) * pixels +  // of all levels
+                       (knows_depth ? 2 * sizeof(float) * pixels : 0);
   const auto fitting = static_cast<std::size_t>(budget_mb * 1024.0 * 1024.0 / bytes);
   return std::max(fitting, kLeastWaiting);
 }
