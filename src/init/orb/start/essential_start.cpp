@@ -39,6 +39,8 @@ constexpr double kMinMatchNoise = 0.05;
 /// least one that counts [px].
 constexpr double kMaxMisfit = 2;
 constexpr double kMinMisfit = 0.05;
+/// Of the deviations of known depths that are not used otherwise: beyond it they give no scale.
+constexpr double kMaxInflation = 2;
 constexpr double kMaxCostRatio = 1000;  // of a plane's motions: files hold no infinity
 constexpr int kNoiseRounds =
     3;  // of measuring the noise; docs/experiments.md, "Noise of the tracks"
@@ -253,6 +255,7 @@ EssentialStart startFromEssential(const ReferenceView& view, const AttemptContex
       return {std::move(start.made), summary, start.motion};
     }
     depth_prior->used = false;
+    if (depth_prior->inflation > kMaxInflation) depth_prior->contradicted = true;
     if (static_cast<int>(view.frames.size()) < context.options.orb.min_frames) {
       return {start.made.reason(), summary, start.motion};
     }
