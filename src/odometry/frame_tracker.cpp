@@ -6,30 +6,19 @@
 #include <cmath>
 
 namespace dsorb::odometry {
-namespace {
-
-constexpr std::size_t kRecent = 2;  // poses before a frame that tell its motion
-
-void remember(std::vector<TimedPose>& recent, const TimedPose& pose) {
-  recent.insert(recent.begin(), pose);
-  if (recent.size() > kRecent) recent.pop_back();
-}
-
-}  // namespace
-
 FrameTracker::FrameTracker(const PinholeCamera& camera, const OdometryOptions& options)
     : options_(options), tracker_(camera, options.tracker, options.brightness) {}
 
 void FrameTracker::begin(const InitializationResult& result) {
   target_.reset();
   history_ = {};
-  recent_.clear();
+  recent_ = {};
   const SE3 T_ref_newest = result.frames.back().T_cam_ref->inverse();
   for (const PosedFrame& posed : result.frames) {
     // Motion over a gap would pass for a faster one: the history starts anew behind it.
     if (posed.T_cam_ref) {
       history_.push(*posed.T_cam_ref * T_ref_newest);
-      remember(recent_, {posed.frame->timestamp(), *posed.T_cam_ref * T_ref_newest});
+      recent_.push({{posed.frame->timestamp(), *posed.T_cam_ref * T_ref_newest}});
     } else {
       history_ = {};
     }
@@ -41,8 +30,7 @@ void FrameTracker::begin(const InitializationResult& result) {
 void FrameTracker::setTarget(const TrackingTarget& target) {
   if (target_) {
     history_ = history_.relativeTo(target.T_cam_previous);
-    const SE3 T_old_new = target.T_cam_previous.inverse();
-    for (TimedPose& pose : recent_) pose.T_cam_world = pose.T_cam_world * T_old_new;
+    recent_.changeReference(target.T_cam_previous);
   }
   target_ = target.keyframe;
   tracker_.setCamera(target_->camera);
@@ -53,8 +41,12 @@ void FrameTracker::setTarget(const TrackingTarget& target) {
 }
 
 TrackedPose FrameTracker::track(const Frame& frame) {
-  const track::TrackingStart start{
-      track::motionGuesses(history_), affine_, rmse_, options_.tracker.max_gain_step, recent_};
+  const track::TrackingStart start{track::motionGuesses(history_),
+                                   affine_,
+                                   rmse_,
+                                   options_.tracker.max_gain_step,
+                                   recent_.poses(),
+                                   recent_.sigma()};
   const track::TrackingResult result = tracker_.track(frame, start);
   TrackedPose pose;
   if (std::isfinite(result.rmse[0])) pose.rmse = result.rmse[0];
@@ -67,15 +59,13 @@ TrackedPose FrameTracker::track(const Frame& frame) {
   pose.T_cam_world = result.T_frame_reference * target_->T_cam_world;
   pose.affine = affine_ = result.affine;
   pose.wants_keyframe = needsKeyframe(frame, result);
-  const TimedPose now{frame.timestamp(), result.T_frame_reference};
-  pose.motion = motionThrough(now, recent_);
-  if (!recent_.empty()) {
-    std::vector<TimedPose> around = recent_;
-    around.front() = now;
+  pose.motion = result.motion;
+  recent_.push({{frame.timestamp(), result.T_frame_reference}, result.motion.velocity});
+  pose.rows = recent_.atEnd();
+  if (recent_.size() > 1) {
     pose.previous = previous_;
-    pose.previous_motion = motionThrough(recent_.front(), around);
+    pose.previous_rows = recent_.inMiddle();
   }
-  remember(recent_, now);
   history_.push(result.T_frame_reference);
   rmse_ = result.rmse[0];
   previous_ = frame.id();

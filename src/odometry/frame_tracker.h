@@ -5,7 +5,9 @@
 #include "dsorb/init/result.h"
 #include "dsorb/options/odometry.h"
 
+#include "geometry/motion_prior.h"
 #include "image/photometric.h"
+#include "odometry/recent_motion.h"
 #include "track/motion_guesses.h"
 #include "track/tracker.h"
 
@@ -40,9 +42,10 @@ struct TrackedPose {
   AffineBrightness affine;
   std::optional<double> rmse;   ///< level 0 [grey levels]
   bool wants_keyframe = false;  ///< the target is too far away
-  RowMotion motion;             ///< of the frame while its rows are read
+  RowMotion motion;             ///< of the frame while its rows are read, as its image shows it
+  MotionPrior rows;             ///< as the frames before it let expect
   FrameId previous;             ///< frame tracked before
-  RowMotion previous_motion;    ///< of that one, now that its successor is known
+  MotionPrior previous_rows;    ///< of that one, now that its successor is known
 };
 
 /// Frame by frame tracking against the newest target: remembers the motion, knows when a new
@@ -66,7 +69,7 @@ class FrameTracker {
   track::Tracker tracker_;
   std::optional<KeyframePose> target_;
   track::MotionHistory history_;      // relative to the target
-  std::vector<TimedPose> recent_;     // relative to the target, the nearest first
+  RecentMotion recent_;               // relative to the target
   FrameId previous_;                  // frame
   AffineBrightness affine_;           // of the previous frame
   double rmse_ = 0;                   // of the previous frame, level 0 [grey levels]

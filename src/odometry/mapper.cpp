@@ -50,12 +50,12 @@ std::unique_ptr<MapUpdate> Mapper::map(const MappingJob& job) {
   if (!window_) throw std::logic_error("Mapper::map without a map");
   const window::TrackedFrame tracked{job.frame, poseOf(job.pose), job.pose.affine, job.pose.motion};
   window::Keyframe& newest = window_->keyframes.back();
-  if (newest.frame->id() == job.pose.previous) newest.motion = job.pose.previous_motion;
+  if (newest.frame->id() == job.pose.previous) newest.expect(job.pose.previous_rows);
   window::refineCandidates(*window_, tracked, options_.depth, kCandidatesPerTask);
   if (!job.becomes_keyframe) return nullptr;
   window::flagLeaving(*window_, options_.window);
   window::addKeyframe(*window_, tracked.frame, tracked.T_cam_world, tracked.affine, options_.window)
-      .motion = tracked.motion;
+      .setMotion(tracked.motion, job.pose.rows);
   window::activateCandidates(*window_, options_.window, options_.depth, kCandidatesPerTask);
   return std::make_unique<MapUpdate>(adjust(job.pose.T_cam_keyframe));
 }

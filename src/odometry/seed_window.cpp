@@ -2,6 +2,7 @@
 #include "odometry/seed_window.h"
 
 #include "base/spread_frames.h"
+#include "odometry/recent_motion.h"
 #include "window/point_activation.h"
 #include "window/seeding.h"
 
@@ -63,6 +64,15 @@ RowMotion motionOf(const InitializationResult& result, std::size_t frame) {
   return motionThrough(posed_at(frame), neighbours);
 }
 
+/// By which the velocities of motionOf() are off.
+Vector6d motionSigma(const InitializationResult& result) {
+  RecentMotion motion;
+  for (const PosedFrame& posed : result.frames) {
+    if (posed.T_cam_ref) motion.push({{posed.frame->timestamp(), *posed.T_cam_ref}});
+  }
+  return motion.sigma();
+}
+
 /// Thins the points of one host to its share of the wanted number.
 void addPoints(window::Window& window,
                std::size_t position,
@@ -112,10 +122,12 @@ window::Window seedWindow(const InitializationResult& result,
   const std::vector<std::size_t> keyframes = keyframesOf(result, options.window);
   std::vector<std::vector<MapPoint>> points;
   std::size_t total = 0;
+  const Vector6d sigma = motionSigma(result);
   for (const std::size_t i : keyframes) {
     const PosedFrame& posed = result.frames[i];
+    const RowMotion motion = motionOf(result, i);
     window::addKeyframe(window, posed.frame, *posed.T_cam_ref, posed.affine, options.window)
-        .motion = motionOf(result, i);
+        .setMotion(motion, {motion, sigma});
     points.push_back(pointsOf(result, i));
     total += points.back().size();
   }

@@ -2,116 +2,17 @@
 #include "track/pose_alignment.h"
 
 #include "base/parallel.h"
-#include "base/target_clones.h"
 #include "estimate/levenberg_marquardt.h"
-#include "estimate/robust_loss.h"
-#include "estimate/sampling.h"
+#include "track/tracking_covariance.h"
 
 #include <Eigen/Cholesky>
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <optional>
-#include <utility>
 
 namespace dsorb::track {
 namespace {
-
-/// Columns of one block: Jacobian by the 8 parameters, then the residual.
-struct Columns {
-  alignas(32) float value[kAlignmentParameters + 1][kAlignmentBlock];
-};
-
-template <int kRow>
-DSORB_ALWAYS_INLINE void accumulateRow(const Columns& columns,
-                                       const float* weight,
-                                       std::size_t padded,
-                                       float* sums) {
-  constexpr int kTerms = kAlignmentParameters + 1 - kRow;
-  Lanes total[kTerms] = {};
-  for (std::size_t i = 0; i < padded; i += kLanes) {
-    Lanes weighted;
-    Lanes factor;
-    load(weight + i, weighted);
-    load(columns.value[kRow] + i, factor);
-    weighted *= factor;
-    for (int j = 0; j < kTerms; ++j) {
-      load(columns.value[kRow + j] + i, factor);
-      total[j] += weighted * factor;
-    }
-  }
-  for (int j = 0; j < kTerms; ++j) sums[j] = sumLanes(total[j]);
-}
-
-/// The first `count` of eight, zeros after them.
-DSORB_ALWAYS_INLINE void loadSome(const float* from, std::size_t count, Lanes& lanes) {
-  lanes = Lanes{};
-  std::memcpy(&lanes, from, count * sizeof(float));
-}
-DSORB_ALWAYS_INLINE void storeSome(const Lanes& lanes, std::size_t count, float* to) {
-  std::memcpy(to, &lanes, count * sizeof(float));
-}
-
-/// Sums over some points, a lane each.
-struct LaneEnergy {
-  Lanes energy = {};
-  MaskOf<Lanes> used = {};
-  MaskOf<Lanes> saturated = {};
-};
-
-/// Residuals of at most eight points, of which the first is number `i`.
-template <bool kRolling>
-DSORB_ALWAYS_INLINE void evaluateLanes(const AlignmentSetting& s,
-                                       const PointArrays& points,
-                                       const SampleArrays& samples,
-                                       std::pair<std::size_t, std::size_t> first_count,
-                                       LaneEnergy& sums) {
-  const auto [i, count] = first_count;
-  Lanes ray_x;
-  Lanes ray_y;
-  Lanes rho;
-  Lanes grey;
-  loadSome(points.ray_x + i, count, ray_x);
-  loadSome(points.ray_y + i, count, ray_y);
-  loadSome(points.inverse_depth + i, count, rho);
-  loadSome(points.intensity + i, count, grey);
-  WarpedPoint<Lanes> p;
-  SampleArea<Lanes> area = {};
-  MaskOf<Lanes> inside;
-  LaneSamples seen;
-  projectInto<kRolling>(s.target, ray_x, ray_y, rho, p);
-  sampleArea(s.target.width, s.target.height, area);
-  sampleTarget(s.target, area, p, seen, inside);
-  const Lanes unclipped = s.target.gain * grey + s.target.offset;
-  Lanes ceiling;
-  fill(s.ceiling, ceiling);
-  const Lanes r = seen.intensity - (unclipped < ceiling ? unclipped : ceiling);
-  const Lanes magnitude = r < 0.0F ? -r : r;
-  const auto used = (rho > 0.0F) & inside & (magnitude <= std::numeric_limits<float>::max());
-  const auto unsaturated = used & (magnitude <= s.cutoff);
-  Lanes zero = {};
-  Lanes bound;
-  fill(kHuberThreshold * (2.0F * s.cutoff - kHuberThreshold), bound);
-  Lanes weight;
-  huberWeights(r, weight);
-  sums.energy += unsaturated ? weight * r * r * (2.0F - weight) : (used ? bound : zero);
-  sums.used -= used;  // a lane that is true holds -1
-  sums.saturated -= used & ~unsaturated;
-  storeSome(p.u, count, samples.u + i);
-  storeSome(p.v, count, samples.v + i);
-  storeSome(rho * p.inverse_z, count, samples.rho + i);
-  storeSome(seen.dx, count, samples.dx + i);
-  storeSome(seen.dy, count, samples.dy + i);
-  storeSome(unsaturated ? r : zero, count, samples.residual + i);
-  storeSome(unsaturated ? weight : zero, count, samples.weight + i);
-}
-
-int sumOf(const MaskOf<Lanes>& counts) {
-  int sum = 0;
-  for (int k = 0; k < kLanes; ++k) sum += counts[k];
-  return sum;
-}
 
 // Constants of the damped iteration: front end of DSO as published.
 constexpr double kCutoff = 20;                 // larger residuals are saturated [grey levels]
@@ -145,97 +46,37 @@ AlignmentSetting makeSetting(const AlignmentLevel& level,
       reference.affine(), reference.frame().exposure(), state.affine, level.frame.exposure());
   AlignmentSetting s{};
   s.target = makeTargetImage(camera, state.T_frame_reference, transfer, image);
-  if (level.shutter) s.target.setShutter(*level.shutter);
+  if (level.rows != nullptr) {
+    s.target.setShutter(makeRollingShutter(level.rows->times, state.motion, level.level));
+  }
   s.affine_b_reference = static_cast<float>(reference.affine().b);
   s.ceiling = level.ceiling;
   return s;
 }
 
-double scaledNorm(const Vector8d& step) {
-  Vector8d scaled = step;
+double scaledNorm(const Vector14d& step) {
+  Vector8d scaled = step.head<8>();
   scaled.segment<3>(3) /= kRotationScale;
   scaled[6] /= kGainScale;
   scaled[7] /= kOffsetScale;
   return scaled.norm();
 }
 
-/// Residuals of `count` <= kAlignmentBlock points.
-/// r = I_frame(p') - min(gain I_reference + offset, ceiling), p' the projection of the point.
-template <bool kRolling>
-DSORB_ALWAYS_INLINE BlockEnergy evaluatePoints(const AlignmentSetting& setting,
-                                               const PointArrays& points,
-                                               const SampleArrays& samples,
-                                               std::size_t count) {
-  LaneEnergy sums;
-  const std::size_t whole = count / kLanes * kLanes;
-  for (std::size_t i = 0; i < whole; i += kLanes) {
-    evaluateLanes<kRolling>(setting, points, samples, {i, kLanes}, sums);
-  }
-  if (whole < count) {
-    evaluateLanes<kRolling>(setting, points, samples, {whole, count - whole}, sums);
-  }
-  return {sumLanes(sums.energy), sumOf(sums.used), sumOf(sums.saturated)};
-}
-
-DSORB_TARGET_CLONES
-BlockEnergy evaluateBlock(const AlignmentSetting& setting,
-                          const PointArrays& points,
-                          const SampleArrays& samples,
-                          std::size_t count) {
-  return evaluatePoints<false>(setting, points, samples, count);
-}
-
-DSORB_TARGET_CLONES
-BlockEnergy evaluateRollingBlock(const AlignmentSetting& setting,
-                                 const PointArrays& points,
-                                 const SampleArrays& samples,
-                                 std::size_t count) {
-  return evaluatePoints<true>(setting, points, samples, count);
+/// Pose and brightness with the velocity free.
+PoseEquations withoutVelocity(const RollingEquations& all) {
+  constexpr int kVelocity = kRollingParameters - kAlignmentParameters;
+  const Eigen::Matrix<double, kVelocity, kAlignmentParameters> coupling =
+      all.H.bottomLeftCorner<kVelocity, kAlignmentParameters>();
+  const Eigen::Matrix<double, kVelocity, kAlignmentParameters> solved =
+      all.H.bottomRightCorner<kVelocity, kVelocity>().ldlt().solve(coupling);
+  PoseEquations reduced;
+  reduced.H = all.H.topLeftCorner<kAlignmentParameters, kAlignmentParameters>() -
+              coupling.transpose() * solved;
+  reduced.b = all.b.head<kAlignmentParameters>() - solved.transpose() * all.b.tail<kVelocity>();
+  return reduced;
 }
 
 }  // namespace
-
-DSORB_TARGET_CLONES
-void accumulateBlock(const AlignmentSetting& setting,
-                     const PointArrays& points,
-                     const SampleArrays& samples,
-                     std::size_t count,
-                     std::array<float, kAlignmentSums>& sums) {
-  Columns columns;
-  alignas(32) float weight[kAlignmentBlock];
-  auto& J = columns.value;
-  const float gain = setting.target.gain;
-  const float b_reference = setting.affine_b_reference;
-  for (std::size_t i = 0; i < count; ++i) {
-    WarpedPoint<float> p;
-    p.u = samples.u[i];
-    p.v = samples.v[i];
-    RayGradient<float> gradient;
-    rayGradient(setting.target.warp, p, samples.dx[i], samples.dy[i], gradient);
-    float by_pose[6];
-    poseJacobian(p, gradient, samples.rho[i], by_pose);
-    for (std::size_t k = 0; k < 6; ++k) J[k][i] = by_pose[k];
-    const bool clipped = gain * points.intensity[i] + setting.target.offset >= setting.ceiling;
-    J[6][i] = clipped ? 0.0F : gain * (b_reference - points.intensity[i]);
-    J[7][i] = clipped ? 0.0F : -1.0F;
-    J[8][i] = samples.residual[i];
-    weight[i] = samples.weight[i];
-  }
-  const std::size_t padded = (count + kLanes - 1) / kLanes * kLanes;
-  for (std::size_t i = count; i < padded; ++i) {
-    for (auto& column : J) column[i] = 0.0F;
-    weight[i] = 0.0F;
-  }
-  float* next = sums.data();
-  accumulateRow<0>(columns, weight, padded, next);
-  accumulateRow<1>(columns, weight, padded, next + 9);
-  accumulateRow<2>(columns, weight, padded, next + 17);
-  accumulateRow<3>(columns, weight, padded, next + 24);
-  accumulateRow<4>(columns, weight, padded, next + 30);
-  accumulateRow<5>(columns, weight, padded, next + 35);
-  accumulateRow<6>(columns, weight, padded, next + 39);
-  accumulateRow<7>(columns, weight, padded, next + 42);
-}
 
 void PoseAlignment::resize(std::size_t points) {
   for (std::vector<float>* values : {&samples_.u,
@@ -247,8 +88,10 @@ void PoseAlignment::resize(std::size_t points) {
                                      &samples_.weight}) {
     values->resize(points);
   }
+  if (setting_.target.rolling) samples_.time.resize(points);
   block_energies_.resize(blockCount(points));
-  block_sums_.resize(blockCount(points));
+  block_sums_.resize(blockCount(points) *
+                     (setting_.target.rolling ? kRollingSums : kAlignmentSums));
 }
 
 Evaluation PoseAlignment::evaluate(const AlignmentLevel& level,
@@ -258,13 +101,12 @@ Evaluation PoseAlignment::evaluate(const AlignmentLevel& level,
   setting_ = makeSetting(level, state, camera_.atLevel(level.level));
   setting_.cutoff = static_cast<float>(cutoff);
   resize(points_->size());
-  const auto evaluate_points = setting_.target.rolling ? evaluateRollingBlock : evaluateBlock;
   forEachRange(block_energies_.size(), kBlocksPerTask, [&](std::size_t begin, std::size_t end) {
     for (std::size_t block = begin; block < end; ++block) {
       const std::size_t first = block * kAlignmentBlock;
       const std::size_t count = std::min(kAlignmentBlock, points_->size() - first);
       block_energies_[block] =
-          evaluate_points(setting_, at(*points_, first), samplesFrom(first), count);
+          evaluateBlock(setting_, at(*points_, first), samplesFrom(first), count);
     }
   });
   Evaluation sum;
@@ -283,25 +125,41 @@ SampleArrays PoseAlignment::samplesFrom(std::size_t first) {
           samples_.dx.data() + first,
           samples_.dy.data() + first,
           samples_.residual.data() + first,
-          samples_.weight.data() + first};
+          samples_.weight.data() + first,
+          setting_.target.rolling ? samples_.time.data() + first : nullptr};
 }
 
-PoseEquations PoseAlignment::normalEquations() {
-  forEachRange(block_sums_.size(), kBlocksPerTask, [&](std::size_t begin, std::size_t end) {
+template <int kParameters>
+AlignmentEquations<kParameters> PoseAlignment::sumBlocks() {
+  constexpr std::size_t kSums = triangleSums(kParameters);
+  constexpr auto accumulate =
+      kParameters == kRollingParameters ? accumulateRollingBlock : accumulateBlock;
+  const std::size_t blocks = block_energies_.size();
+  forEachRange(blocks, kBlocksPerTask, [&](std::size_t begin, std::size_t end) {
     for (std::size_t block = begin; block < end; ++block) {
       const std::size_t first = block * kAlignmentBlock;
       const std::size_t count = std::min(kAlignmentBlock, points_->size() - first);
-      accumulateBlock(setting_, at(*points_, first), samplesFrom(first), count, block_sums_[block]);
+      float* const sums = block_sums_.data() + block * kSums;
+      accumulate(setting_, at(*points_, first), samplesFrom(first), count, sums);
     }
   });
-  std::array<double, kAlignmentSums> total{};
-  for (const auto& block : block_sums_) {
-    for (std::size_t i = 0; i < kAlignmentSums; ++i) total[i] += static_cast<double>(block[i]);
+  std::array<double, kSums> total{};
+  for (std::size_t block = 0; block < blocks; ++block) {
+    const float* const sums = block_sums_.data() + block * kSums;
+    for (std::size_t i = 0; i < kSums; ++i) total[i] += static_cast<double>(sums[i]);
   }
-  PoseEquations system;
-  addTriangle(total.data(), 0, kAlignmentParameters, system.H, system.b);
-  system.H.triangularView<Eigen::StrictlyLower>() = system.H.transpose();
+  AlignmentEquations<kParameters> system;
+  addTriangle(total.data(), 0, kParameters, system.H, system.b);
+  system.H.template triangularView<Eigen::StrictlyLower>() = system.H.transpose();
   return system;
+}
+
+PoseEquations PoseAlignment::normalEquations() {
+  return sumBlocks<kAlignmentParameters>();
+}
+
+RollingEquations PoseAlignment::rollingEquations() {
+  return sumBlocks<kRollingParameters>();
 }
 
 Evaluation PoseAlignment::evaluateRaisingCutoff(const AlignmentLevel& level,
@@ -322,16 +180,22 @@ class PoseAlignment::Problem {
   Problem(PoseAlignment& alignment, const AlignmentLevel& level, AlignmentState& state)
       : alignment_(alignment), level_(level), state_(state) {
     current_ = alignment.evaluateRaisingCutoff(level, state, cutoff_);
-    equations_ = alignment.normalEquations();
+    if (level.rows != nullptr) {
+      const double variance = kResidualsPerMeasurement * current_.meanEnergy();
+      velocity_.emplace(*level.rows, variance);
+    }
+    prior_ = priorEnergy(state);
+    linearize();
   }
 
   std::optional<double> solve(double lambda) {
+    if (velocity_) return solveRolling(lambda);
     Matrix8d H = equations_.H;
     H.diagonal() *= 1.0 + lambda;
     if (alignment_.brightness_ == BrightnessModel::kPerfect) {
       step_.head<6>() = -H.topLeftCorner<6, 6>().ldlt().solve(equations_.b.head<6>());
     } else {
-      step_ = -H.ldlt().solve(equations_.b);
+      step_.head<8>() = -H.ldlt().solve(equations_.b);
     }
     if (lambda < kLambdaFloor) step_ *= std::pow(kLambdaFloor / lambda, 0.25);
     return step_.allFinite() ? std::optional(0.0) : std::nullopt;
@@ -342,7 +206,8 @@ class PoseAlignment::Problem {
     last_ = scaledNorm(step_) <= kStopNorm;
     if (last_) return 0;
     trial_ = alignment_.evaluate(level_, trial_state_, cutoff_);
-    const double decrease = current_.meanEnergy() - trial_.meanEnergy();
+    trial_prior_ = priorEnergy(trial_state_);
+    const double decrease = current_.meanEnergy(prior_) - trial_.meanEnergy(trial_prior_);
     return decrease > 0 ? std::optional(decrease) : std::nullopt;
   }
 
@@ -350,23 +215,57 @@ class PoseAlignment::Problem {
     state_ = trial_state_;
     if (last_) return false;
     current_ = trial_;
-    equations_ = alignment_.normalEquations();
+    prior_ = trial_prior_;
+    linearize();
     return true;
   }
   [[nodiscard]] static bool reject(const DampedStep& step) { return step.predicted.has_value(); }
 
   [[nodiscard]] const Evaluation& current() const { return current_; }
-  [[nodiscard]] const PoseEquations& equations() const { return equations_; }
+  [[nodiscard]] PoseEquations equations() const {
+    if (!velocity_) return equations_;
+    return withoutVelocity(rolling_);
+  }
   [[nodiscard]] bool cutoffRaised() const { return cutoff_ > kCutoff; }
 
  private:
+  [[nodiscard]] double priorEnergy(const AlignmentState& state) const {
+    return velocity_ ? velocity_->energy(state.T_frame_reference, state.motion.velocity) : 0;
+  }
+  void linearize() {
+    if (!velocity_) {
+      equations_ = alignment_.normalEquations();
+      return;
+    }
+    rolling_ = alignment_.rollingEquations();
+    velocity_->addTo(state_.T_frame_reference, state_.motion.velocity, rolling_.H, rolling_.b);
+    if (alignment_.brightness_ != BrightnessModel::kPerfect) return;
+    for (const Eigen::Index i : {6, 7}) {
+      rolling_.H.row(i).setZero();
+      rolling_.H.col(i).setZero();
+      rolling_.H(i, i) = 1;
+      rolling_.b[i] = 0;
+    }
+  }
+  std::optional<double> solveRolling(double lambda) {
+    Matrix14d H = rolling_.H;
+    H.diagonal() *= 1.0 + lambda;
+    step_ = -H.ldlt().solve(rolling_.b);
+    if (lambda < kLambdaFloor) step_ *= std::pow(kLambdaFloor / lambda, 0.25);
+    return step_.allFinite() ? std::optional(0.0) : std::nullopt;
+  }
+
   PoseAlignment& alignment_;
   const AlignmentLevel& level_;
   AlignmentState& state_;
   double cutoff_ = kCutoff;
   Evaluation current_;
   PoseEquations equations_;
-  Vector8d step_ = Vector8d::Zero();
+  std::optional<VelocityTerm> velocity_;  // of a rolling shutter, which has these equations, too
+  RollingEquations rolling_;
+  double prior_ = 0;  // energy of the velocity [grey levels^2]
+  double trial_prior_ = 0;
+  Vector14d step_ = Vector14d::Zero();
   AlignmentState trial_state_;
   bool last_ = false;  // the step is too small to be looked at
   Evaluation trial_;

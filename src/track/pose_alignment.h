@@ -6,9 +6,9 @@
 #include "dsorb/image/affine_brightness.h"
 #include "dsorb/options/brightness.h"
 
-#include "estimate/target_image.h"
-#include "estimate/triangle_sums.h"
+#include "track/alignment_kernels.h"
 #include "track/tracking_reference.h"
+#include "track/velocity_term.h"
 
 #include <Eigen/Core>
 
@@ -20,65 +20,22 @@
 
 namespace dsorb::track {
 
-constexpr std::size_t kAlignmentBlock = 256;  ///< points summed in float before doubles take over
-constexpr int kAlignmentParameters = 8;       ///< translation 3, rotation 3, brightness a and b
-constexpr std::size_t kAlignmentSums = triangleSums(kAlignmentParameters);
-
-/// Constants of one evaluation, the same for all points.
-struct AlignmentSetting {
-  TargetImage target;        ///< level of the frame
-  float affine_b_reference;  ///< [grey levels]
-  float cutoff;              ///< [grey levels]
-  /// At which the frame is clipped [grey levels]; infinite where it is not.
-  float ceiling = std::numeric_limits<float>::infinity();
-};
-
-/// Reference points; arrays of the same length.
-struct PointArrays {
-  const float* ray_x;
-  const float* ray_y;
-  const float* inverse_depth;
-  const float* intensity;
-};
-
-/// What an evaluation leaves for the normal equations, one value per point.
-struct SampleArrays {
-  float* u;         ///< normalised image coordinate in the frame
-  float* v;         ///<
-  float* rho;       ///< inverse depth in the frame [1/unit]
-  float* dx;        ///< image gradient [grey levels / px]
-  float* dy;        ///<
-  float* residual;  ///< [grey levels]; 0 where the point is not used
-  float* weight;    ///< Huber weight; 0 where the point is not used or saturated
-};
-
-struct BlockEnergy {
-  float energy;   ///< Huber energy, saturated points at their bound
-  int used;       ///< points inside the frame, saturated ones included
-  int saturated;  ///< points with a residual above the cut-off
-};
-
-/// Weighted sums of products of Jacobians and residuals of `count` <= kAlignmentBlock points.
-/// Jacobian of r by a left increment [translation; rotation] of the pose, then by a and b of the
-/// frame: with (g_x, g_y) = (fx dI/dx, fy dI/dy), each product of these with the derivative of (u,
-/// v).
-void accumulateBlock(const AlignmentSetting& setting,
-                     const PointArrays& points,
-                     const SampleArrays& samples,
-                     std::size_t count,
-                     std::array<float, kAlignmentSums>& sums);
-
 using Vector8d = Eigen::Matrix<double, 8, 1>;
 using Matrix8d = Eigen::Matrix<double, 8, 8>;
+using Vector14d = Eigen::Matrix<double, kRollingParameters, 1>;
+using Matrix14d = Eigen::Matrix<double, kRollingParameters, kRollingParameters>;
 
-/// State that alignment estimates. Increments are [translation; rotation] from the left, then a, b.
+/// State that alignment estimates. Increments are [translation; rotation] from the left, then a, b,
+/// then the velocity.
 struct AlignmentState {
   SE3 T_frame_reference;
   AffineBrightness affine;  ///< of the frame
+  RowMotion motion{};       ///< while the rows of a rolling shutter are read
 
-  [[nodiscard]] AlignmentState plus(const Vector8d& increment) const {
+  [[nodiscard]] AlignmentState plus(const Vector14d& increment) const {
     return {SE3::exp(increment.head<6>()) * T_frame_reference,
-            {affine.a + increment[6], affine.b + increment[7]}};
+            {affine.a + increment[6], affine.b + increment[7]},
+            {motion.velocity + increment.tail<6>(), motion.acceleration}};
   }
 };
 
@@ -89,7 +46,7 @@ struct AlignmentLevel {
   int level = 0;
   /// At which the frame is clipped [grey levels].
   float ceiling = std::numeric_limits<float>::infinity();
-  std::optional<RollingShutter> shutter{};  ///< of the level of the frame
+  const RowsOfFrame* rows = nullptr;  ///< of a rolling shutter
 };
 
 /// Energy of one state.
@@ -98,8 +55,9 @@ struct Evaluation {
   int used = 0;       ///< points inside the frame, saturated ones included
   int saturated = 0;
 
-  [[nodiscard]] double meanEnergy() const {
-    return used > 0 ? energy / used : std::numeric_limits<double>::quiet_NaN();
+  /// @param prior energy beside that of the points
+  [[nodiscard]] double meanEnergy(double prior = 0) const {
+    return used > 0 ? (energy + prior) / used : std::numeric_limits<double>::quiet_NaN();
   }
   [[nodiscard]] double saturatedFraction() const {
     return used > 0 ? static_cast<double>(saturated) / used : 0.0;
@@ -107,10 +65,16 @@ struct Evaluation {
 };
 
 /// Gauss-Newton system of one state: H = sum w J J^T, b = sum w J r.
-struct PoseEquations {
-  Matrix8d H = Matrix8d::Zero();
-  Vector8d b = Vector8d::Zero();
+template <int kParameters>
+struct AlignmentEquations {
+  using Matrix = Eigen::Matrix<double, kParameters, kParameters>;
+  using Vector = Eigen::Matrix<double, kParameters, 1>;
+
+  Matrix H = Matrix::Zero();
+  Vector b = Vector::Zero();
 };
+using PoseEquations = AlignmentEquations<kAlignmentParameters>;
+using RollingEquations = AlignmentEquations<kRollingParameters>;
 
 struct LevelResult {
   double rmse = 0;  ///< sqrt(E / n) [grey levels]; NaN when no point is inside the frame
@@ -140,12 +104,17 @@ class PoseAlignment {
   /// Levenberg-Marquardt from `state`, which is left at the lowest energy found.
   LevelResult align(const AlignmentLevel& level, int max_iterations, AlignmentState& state);
 
+  /// Of the last state evaluated, which was that of a rolling shutter; without the prior.
+  [[nodiscard]] RollingEquations rollingEquations();
+
  private:
   class Problem;
   struct Samples {
-    std::vector<float> u, v, rho, dx, dy, residual, weight;
+    std::vector<float> u, v, rho, dx, dy, residual, weight, time;
   };
 
+  template <int kParameters>
+  [[nodiscard]] AlignmentEquations<kParameters> sumBlocks();
   void resize(std::size_t points);
   [[nodiscard]] SampleArrays samplesFrom(std::size_t first);
   [[nodiscard]] Evaluation evaluateRaisingCutoff(const AlignmentLevel& level,
@@ -158,7 +127,7 @@ class PoseAlignment {
   const ReferencePoints* points_ = nullptr;  // of the last evaluation
   Samples samples_;
   std::vector<BlockEnergy> block_energies_;
-  std::vector<std::array<float, kAlignmentSums>> block_sums_;
+  std::vector<float> block_sums_;  // kAlignmentSums or kRollingSums a block
 };
 
 }  // namespace dsorb::track

@@ -41,16 +41,13 @@ void lower(LevelRmse& bounds, const LevelRmse& rmse) {
   }
 }
 
-/// By the motion from the frames before to the pose as far as it is known.
-std::optional<RollingShutter> shutterOf(const Frame& frame,
-                                        const AlignmentState& state,
-                                        const TrackingStart& known,
-                                        double readout_change,
-                                        int level) {
+/// Of a rolling shutter.
+std::optional<RowsOfFrame> rowsOf(const Frame& frame,
+                                  const TrackingStart& known,
+                                  double readout_change) {
   if (!isRolling(frame)) return std::nullopt;
-  const RowMotion motion =
-      motionThrough({frame.timestamp(), state.T_frame_reference}, known.recent);
-  return makeRollingShutter(rowTimesOf(frame, readout_change), motion, level);
+  return RowsOfFrame{
+      rowTimesOf(frame, readout_change), frame.timestamp(), known.recent, known.velocity_sigma};
 }
 
 }  // namespace
@@ -104,17 +101,19 @@ Tracker::Descent Tracker::descend(const Frame& frame,
   Descent descent;
   descent.state = start;
   descent.failure = TrackingFailure::kDiverged;
+  const std::optional<RowsOfFrame> rows = rowsOf(frame, known, reference_.readoutChange());
+  if (rows) descent.state.motion = rows->predict(start.T_frame_reference);
   bool repeated = false;
   for (int level = reference_.levels() - 1; level >= 0; --level) {
     const auto l = static_cast<std::size_t>(level);
-    const LevelResult result = alignment_.align(
-        {reference_,
-         frame,
-         level,
-         ceiling_,
-         shutterOf(frame, descent.state, known, reference_.readoutChange(), level)},
-        kMaxIterations[l],
-        descent.state);
+    if (rows) {
+      descent.state.motion.acceleration =
+          rows->predict(descent.state.T_frame_reference).acceleration;
+    }
+    const LevelResult result =
+        alignment_.align({reference_, frame, level, ceiling_, rows ? &*rows : nullptr},
+                         kMaxIterations[l],
+                         descent.state);
     descent.rmse[l] = result.rmse;
     descent.equations = result.equations;
     descent.saturated_fraction = result.saturated_fraction;
@@ -149,6 +148,7 @@ void Tracker::search(const Frame& frame,
       best.failure = TrackingFailure::kNone;
       best.T_frame_reference = descent.state.T_frame_reference;
       best.affine = descent.state.affine;
+      best.motion = descent.state.motion;
       best.covariance = trackingCovariance(
           descent.equations, descent.rmse[0], descent.state.T_frame_reference, brightness_);
       best.saturated_fraction = descent.saturated_fraction;

@@ -38,6 +38,9 @@ struct TrackingStart {
   /// T_frame_reference of the frames before, the nearest first: they tell the motion while the rows
   /// of a rolling shutter are read.
   std::vector<TimedPose> recent{};
+  /// By which the parabola through the frame and two of them misses the velocity while its rows are
+  /// read [unit/s; rad/s].
+  Vector6d velocity_sigma = Vector6d::Zero();
 };
 
 enum class TrackingFailure {
@@ -52,6 +55,7 @@ struct TrackingResult {
   TrackingFailure failure =
       TrackingFailure::kDiverged;  ///< of the first hypothesis if none is good
   SE3 T_frame_reference;           ///< the first guess if none is good
+  RowMotion motion;                ///< while the rows of a rolling shutter are read
   AffineBrightness affine;
   std::optional<Matrix6d> covariance;  ///< of exp(xi) * T_frame_reference, [translation; rotation]
   LevelRmse rmse = kUnsetRmse;         ///< lowest of the good hypotheses

@@ -7,12 +7,6 @@
 namespace dsorb::track {
 namespace {
 
-// Residuals are not independent: each point of the map stands on up to five pixels of level 0 and
-// brings the error of its inverse depth to all of them, and points near each other share errors of
-// the keyframes they were found with. So a pose is as sure as a seventh of the residuals would make
-// it. docs/experiments.md, "Covariance of tracked poses", has what it was chosen on.
-constexpr double kResidualsPerMeasurement = 7;
-
 // All inverse depths of a keyframe share an error that alignment cannot see, because it scales the
 // translation with them: between keyframes of rendered scenes the scale varies by .12 to .26 %.
 constexpr double kScaleSigma = .002;

@@ -10,6 +10,12 @@
 
 namespace dsorb::track {
 
+/// Residuals are not independent: each point of the map stands on up to five pixels of level 0 and
+/// brings the error of its inverse depth to all of them, and points near each other share errors of
+/// the keyframes they were found with. So a pose is as sure as a seventh of the residuals would
+/// make it. docs/experiments.md, "Covariance of tracked poses", has what it was chosen on.
+constexpr double kResidualsPerMeasurement = 7;
+
 /// Covariance of an aligned pose, of a left increment [translation; rotation]:
 ///   C = k s^2 (H^-1)_pose + m^2 [t; 0] [t; 0]^T,
 /// H the Gauss-Newton matrix over pose and brightness, s^2 the mean Huber energy of a point, t the

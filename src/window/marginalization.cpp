@@ -77,16 +77,18 @@ void absorb(Window& window, const std::vector<PointRef>& points, const WindowOpt
   window.prior.b += options.marginalization_weight * equations.b;
 }
 
-/// Moves the 8 rows and columns of a keyframe behind all others.
-MarginalPrior keyframeLast(const MarginalPrior& prior, std::size_t position) {
+/// The prior with the rows and columns of a keyframe behind all others.
+MarginalPrior keyframeLast(const Window& window, std::size_t position) {
+  const MarginalPrior& prior = window.prior;
   const Index n = prior.b.size();
-  const Index at = kCameraDim + kFrameDim * static_cast<Index>(position);
+  const Index at = window.rowOf(position);
+  const Index size = window.frameDimension();
   Eigen::VectorXi order(n);
   Index next = 0;
   for (Index i = 0; i < n; ++i) {
-    if (i < at || i >= at + kFrameDim) order[next++] = static_cast<int>(i);
+    if (i < at || i >= at + size) order[next++] = static_cast<int>(i);
   }
-  for (Index i = 0; i < kFrameDim; ++i) order[next++] = static_cast<int>(at + i);
+  for (Index i = 0; i < size; ++i) order[next++] = static_cast<int>(at + i);
   return {prior.H(order, order), prior.b(order)};
 }
 
@@ -160,12 +162,20 @@ Keyframe marginalizeKeyframe(Window& window, std::size_t position, const WindowO
     throw std::logic_error("keyframe " + std::to_string(keyframe.id.value) + " still has " +
                            std::to_string(keyframe.points.size()) + " points");
   }
-  MarginalPrior prior = keyframeLast(window.prior, position);
+  MarginalPrior prior = keyframeLast(window, position);
   // The keyframe's own prior pulls its state to zero; the energy is expanded at the first estimate.
   const Vector8d& expansion = options.prior.consistent_gradient ? keyframe.first : keyframe.state;
-  prior.H.diagonal().tail<kFrameDim>() += keyframe.prior;
-  prior.b.tail<kFrameDim>() += keyframe.prior.cwiseProduct(expansion);
-  window.prior = eliminateLast(prior, kFrameDim);
+  const int size = window.frameDimension();
+  prior.H.diagonal().tail(size).head<kFrameDim>() += keyframe.prior;
+  prior.b.tail(size).head<kFrameDim>() += keyframe.prior.cwiseProduct(expansion);
+  if (window.hasVelocities()) {
+    const Vector6d information = velocityInformation(keyframe);
+    const Vector6d first =
+        (keyframe.first_velocity - keyframe.rows.mean.velocity).cwiseQuotient(velocityScale());
+    prior.H.diagonal().tail<kVelocityDim>() += information;
+    prior.b.tail<kVelocityDim>() += information.cwiseProduct(first);
+  }
+  window.prior = eliminateLast(prior, size);
   return removeKeyframe(window, position);
 }
 

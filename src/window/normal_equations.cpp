@@ -14,8 +14,6 @@ namespace {
 
 using Eigen::Index;
 
-using CameraMatrix = Eigen::Matrix<double, kCameraDim, kCameraDim>;
-
 constexpr std::size_t kChunk = 128;           // points of one part of the work
 constexpr double kPreconditionerOffset = 10;  // @source DSO as published
 constexpr float kMinDepthCurvature = 1e-10F;
@@ -26,9 +24,12 @@ struct ChunkContext {
   const PairTable* pairs;
   const PointRef* refs;
   const LinearizeOptions* options;
-  std::vector<Vector8d> frame_deviation;  // for frozen residuals
-  PairSums* sums;                         // by target
+  std::vector<Vector8d> frame_deviation;     // for frozen residuals
+  std::vector<Vector6d> velocity_deviation;  // the same
+  PairSums* sums;                            // by target
+  VelocitySums* velocity_sums;               // the same; null: global shutter
   WindowEquations* out;
+  std::ptrdiff_t frame_dimension;
 };
 
 /// One residual in relative coordinates: rows of the products with the 2x2 patch block.
@@ -111,9 +112,8 @@ DSORB_ALWAYS_INLINE void accumulate(const ResidualTerms& terms, bool camera, Pai
 /// Adds one residual to the row of its point. @return its share of (D, b_d)
 DSORB_ALWAYS_INLINE Eigen::Vector2f couple(const ResidualTerms& terms,
                                            const PairGeometry& pair,
-                                           bool camera,
-                                           float* row,
-                                           std::pair<std::size_t, std::size_t> host_target) {
+                                           float* host,
+                                           float* target) {
   const PatchSums& p = terms.patch;
   const float jx = terms.geometry.depth_x;
   const float jy = terms.geometry.depth_y;
@@ -121,8 +121,6 @@ DSORB_ALWAYS_INLINE Eigen::Vector2f couple(const ResidualTerms& terms,
   for (std::size_t i = 0; i < kFrameDim; ++i) {
     relative[static_cast<Index>(i)] = terms.x[i] * jx + terms.y[i] * jy;
   }
-  float* host = row + kCameraDim + kFrameDim * host_target.first;
-  float* target = row + kCameraDim + kFrameDim * host_target.second;
   for (Index k = 0; k < kPoseRows; ++k) {  // column by column; brightness is diagonal
     for (Index i = 0; i < kPoseRows; ++i) {
       host[i] += pair.to_host_single(i, k) * relative[k];
@@ -132,12 +130,42 @@ DSORB_ALWAYS_INLINE Eigen::Vector2f couple(const ResidualTerms& terms,
     host[i] += pair.to_host_single(i, i) * relative[i];
   }
   for (Index i = 0; i < kFrameDim; ++i) target[i] += pair.to_target_single[i] * relative[i];
-  if (camera) {
-    for (std::size_t i = 0; i < kCameraDim; ++i) {
-      row[i] += terms.x[kLaneCamera + i] * jx + terms.y[kLaneCamera + i] * jy;
+  if (pair.current.rolling) {
+    const Eigen::Matrix<float, kPoseRows, 1> pose = relative.head<kPoseRows>();
+    const Eigen::Matrix<float, kPoseRows, 1> by_host =
+        pair.to_host_single.topLeftCorner<kPoseRows, kPoseRows>() * pose;
+    for (Index i = 0; i < kPoseRows; ++i) {
+      host[kFrameDim + i] += terms.geometry.host_time * by_host[i];
+      target[kFrameDim + i] += terms.geometry.target_time * pair.to_target_single[i] * pose[i];
     }
   }
   return {jx * (p.xx * jx + p.xy * jy) + jy * (p.xy * jx + p.yy * jy), jx * p.xr + jy * p.yr};
+}
+
+/// The same for the camera.
+DSORB_ALWAYS_INLINE void coupleCamera(const ResidualTerms& terms, float* row) {
+  for (std::size_t i = 0; i < kCameraDim; ++i) {
+    row[i] += terms.x[kLaneCamera + i] * terms.geometry.depth_x +
+              terms.y[kLaneCamera + i] * terms.geometry.depth_y;
+  }
+}
+
+/// Relative state of a pair less its first estimate.
+DSORB_ALWAYS_INLINE Vector8d relativeDeviation(const ChunkContext& context,
+                                               const PairGeometry& pair,
+                                               const ResidualGeometry& geometry,
+                                               std::size_t host,
+                                               std::size_t target) {
+  Vector8d relative = pair.to_host.transpose() * context.frame_deviation[host] +
+                      pair.to_target.cwiseProduct(context.frame_deviation[target]);
+  if (context.velocity_sums != nullptr) {
+    relative.head<6>() +=
+        static_cast<double>(geometry.host_time) * pair.to_host.topLeftCorner<6, 6>().transpose() *
+            context.velocity_deviation[host] +
+        static_cast<double>(geometry.target_time) *
+            pair.to_target.head<6>().cwiseProduct(context.velocity_deviation[target]);
+  }
+  return relative;
 }
 
 /// Evaluates one observation and sets its trial values. @return whether it enters the system
@@ -189,13 +217,20 @@ DSORB_ALWAYS_INLINE ResidualSums linearizePoint(WindowPoint& point,
     const std::size_t target = observation.target;
     const PairGeometry& pair = context.pairs->at(chunk.host, target);
     if (context.options->frozen) {
-      const Vector8d relative = pair.to_host.transpose() * context.frame_deviation[chunk.host] +
-                                pair.to_target.cwiseProduct(context.frame_deviation[target]);
+      const Vector8d relative =
+          relativeDeviation(context, pair, terms.geometry, chunk.host, target);
       freeze(terms.patch, terms.geometry, relative, context.window->camera_state);
     }
     reduce(terms, camera ? kRowLanes : kRowLanesWithoutCamera);
     accumulate(terms, camera, context.sums[target]);
-    const Eigen::Vector2f depth = couple(terms, pair, camera, row, {chunk.host, target});
+    if (context.velocity_sums != nullptr) {
+      accumulateVelocities(terms.geometry, terms.x, terms.y, context.velocity_sums[target]);
+    }
+    const auto state_of = [&](std::size_t keyframe) {
+      return row + kCameraDim + context.frame_dimension * static_cast<std::ptrdiff_t>(keyframe);
+    };
+    const Eigen::Vector2f depth = couple(terms, pair, state_of(chunk.host), state_of(target));
+    if (camera) coupleCamera(terms, row);
     sum.curvature += depth[0];
     sum.gradient += depth[1];
     ++sum.used;
@@ -235,69 +270,6 @@ void linearizeChunk(const ChunkContext& context, Chunk& chunk) {
   }
 }
 
-/// Double-precision sums of one ordered pair over all chunks of its host.
-struct PairBlocks {
-  Matrix8d H = Matrix8d::Zero();
-  Vector8d b = Vector8d::Zero();
-  Eigen::Matrix<double, kFrameDim, kCameraDim> H_camera =
-      Eigen::Matrix<double, kFrameDim, kCameraDim>::Zero();
-  CameraMatrix camera = CameraMatrix::Zero();
-  CameraVector b_camera = CameraVector::Zero();
-
-  void add(const PairSums& sums) {
-    using Row = Eigen::Map<const Eigen::Array<double, 1, kRowLanes>>;
-    for (Index i = 0; i < kPoseRows; ++i) {
-      const Eigen::Array<double, 1, kRowLanes> row = Row(sums.rows[i]);
-      H.row(i) += row.head<kFrameDim>().matrix();
-      b[i] += row[kLaneResidual];
-      H_camera.row(i) += row.segment<kCameraDim>(kLaneCamera).matrix();
-    }
-    for (Index i = 0; i < kCameraDim; ++i) {
-      const Eigen::Array<double, 1, kRowLanes> row = Row(sums.rows[kPoseRows + i]);
-      H_camera(6, i) += row[kLaneA];
-      H_camera(7, i) += row[kLaneB];
-      b_camera[i] += row[kLaneResidual];
-      camera.row(i) += row.segment<kCameraDim>(kLaneCamera).matrix();
-    }
-    H(6, 6) += sums.brightness[0];
-    H(6, 7) += sums.brightness[1];
-    H(7, 7) += sums.brightness[2];
-    b[6] += sums.brightness[3];
-    b[7] += sums.brightness[4];
-  }
-  /// Rounding makes the two triangles differ; the upper one counts.
-  void makeSymmetric() {
-    H = Matrix8d(H.selfadjointView<Eigen::Upper>());
-    camera = CameraMatrix(camera.selfadjointView<Eigen::Upper>());
-  }
-};
-
-/// Adds one pair to the system of absolute states.
-void addPair(const PairBlocks& blocks,
-             const PairGeometry& pair,
-             Index host,
-             Index target,
-             WindowEquations& out) {
-  const Matrix8d host_H = pair.to_host * blocks.H;
-  const auto to_target = pair.to_target.asDiagonal();
-  const Matrix8d host_block = host_H * pair.to_host.transpose();
-  out.H.block<8, 8>(host, host) += 0.5 * (host_block + host_block.transpose());
-  out.H.block<8, 8>(target, target) += to_target * blocks.H * to_target;
-  const Matrix8d cross = host_H * to_target;
-  out.H.block<8, 8>(host, target) += cross;
-  out.H.block<8, 8>(target, host) += cross.transpose();
-  out.b.segment<8>(host) += pair.to_host * blocks.b;
-  out.b.segment<8>(target) += to_target * blocks.b;
-  const Eigen::Matrix<double, kFrameDim, kCameraDim> host_camera = pair.to_host * blocks.H_camera;
-  const Eigen::Matrix<double, kFrameDim, kCameraDim> target_camera = to_target * blocks.H_camera;
-  out.H.block<kFrameDim, kCameraDim>(host, 0) += host_camera;
-  out.H.block<kFrameDim, kCameraDim>(target, 0) += target_camera;
-  out.H.block<kCameraDim, kFrameDim>(0, host) += host_camera.transpose();
-  out.H.block<kCameraDim, kFrameDim>(0, target) += target_camera.transpose();
-  out.H.topLeftCorner<kCameraDim, kCameraDim>() += blocks.camera;
-  out.b.head<kCameraDim>() += blocks.b_camera;
-}
-
 }  // namespace
 
 std::vector<PointRef> allPoints(const Window& window) {
@@ -319,7 +291,9 @@ void NormalEquationsBuilder::split(const std::vector<PointRef>& points) {
   }
 }
 
-void NormalEquationsBuilder::stitch(const PairTable& pairs, WindowEquations& out) const {
+void NormalEquationsBuilder::stitch(const Window& window,
+                                    const PairTable& pairs,
+                                    WindowEquations& out) const {
   const std::size_t frames = pairs.size();
   for (std::size_t host = 0; host < frames; ++host) {
     for (std::size_t target = 0; target < frames; ++target) {
@@ -329,11 +303,14 @@ void NormalEquationsBuilder::stitch(const PairTable& pairs, WindowEquations& out
         if (chunks_[c].host == host) blocks.add(pair_sums_[c * frames + target]);
       }
       blocks.makeSymmetric();
-      addPair(blocks,
-              pairs.at(host, target),
-              kCameraDim + kFrameDim * static_cast<Index>(host),
-              kCameraDim + kFrameDim * static_cast<Index>(target),
-              out);
+      const PairRows rows{window.rowOf(host), window.rowOf(target)};
+      addPair(blocks, pairs.at(host, target), rows, out);
+      if (!pairs.at(host, target).current.rolling) continue;
+      VelocitySums velocities{};
+      for (std::size_t c = 0; c < chunks_.size(); ++c) {
+        if (chunks_[c].host == host) add(velocity_sums_[c * frames + target], velocities);
+      }
+      addVelocities(velocities, pairs.at(host, target), rows, out);
     }
   }
 }
@@ -346,14 +323,27 @@ void NormalEquationsBuilder::build(Window& window,
   split(points);
   pair_sums_.assign(chunks_.size() * pairs.size(), PairSums{});
   out.reset(window.dimension(), points.size());
-  ChunkContext context{&window, &pairs, points.data(), &options, {}, nullptr, &out};
+  const bool rolling = window.hasVelocities();
+  if (rolling) velocity_sums_.assign(chunks_.size() * pairs.size(), VelocitySums{});
+  ChunkContext context{&window,
+                       &pairs,
+                       points.data(),
+                       &options,
+                       {},
+                       {},
+                       nullptr,
+                       nullptr,
+                       &out,
+                       window.frameDimension()};
   for (const Keyframe& keyframe : window.keyframes) {
     context.frame_deviation.emplace_back(keyframe.state - keyframe.first);
+    context.velocity_deviation.emplace_back(keyframe.velocityFrom(keyframe.first_velocity));
   }
   forEachRange(chunks_.size(), options.chunks_per_task, [&](std::size_t begin, std::size_t end) {
     ChunkContext mine = context;
     for (std::size_t c = begin; c < end; ++c) {
       mine.sums = pair_sums_.data() + c * pairs.size();
+      if (rolling) mine.velocity_sums = velocity_sums_.data() + c * pairs.size();
       linearizeChunk(mine, chunks_[c]);
     }
   });
@@ -365,7 +355,7 @@ void NormalEquationsBuilder::build(Window& window,
     out.depth_prior_energy += chunk.depth_prior_energy;
     out.used += chunk.used;
   }
-  stitch(pairs, out);
+  stitch(window, pairs, out);
 }
 
 void evaluateNewest(Window& window,

@@ -2,8 +2,10 @@
 #pragma once
 
 #include "estimate/linear_system.h"
+#include "window/pair_equations.h"
 #include "window/pair_geometry.h"
 #include "window/photometric_residual.h"
+#include "window/velocity_equations.h"
 #include "window/window.h"
 
 #include <Eigen/Core>
@@ -43,13 +45,6 @@ struct WindowEquations : LinearSystem<float> {
 /// difference.
 using WindowElimination = DepthElimination<float, double>;
 
-/// Sums of one ordered pair: rows of the relative normal equations (translation, rotation,
-/// camera; lanes as in photometric_residual.h) and the brightness block.
-struct PairSums {
-  alignas(32) double rows[kPoseRows + kCameraDim][kRowLanes];
-  double brightness[5];  // aa, ab, bb, ar, br
-};
-
 /// Points of one host that are summed one after the other.
 struct Chunk {
   std::size_t host = 0;
@@ -74,10 +69,11 @@ class NormalEquationsBuilder {
 
  private:
   void split(const std::vector<PointRef>& points);
-  void stitch(const PairTable& pairs, WindowEquations& out) const;
+  void stitch(const Window& window, const PairTable& pairs, WindowEquations& out) const;
 
   std::vector<Chunk> chunks_;
-  std::vector<PairSums> pair_sums_;  // chunk by target
+  std::vector<PairSums> pair_sums_;          // chunk by target
+  std::vector<VelocitySums> velocity_sums_;  // the same; rolling shutter only
 };
 
 /// Evaluates the residuals of the newest keyframe alone and sets what its outlier threshold rests

@@ -94,6 +94,20 @@ void addReadout(const WindowPoint& point,
       kScale * (warp.fy * target.y() - by_ray.yx * moved_x - by_ray.yy * moved_y);
 }
 
+/// When the rows of the host and of the target are read that show the point.
+void addTimes(const WindowPoint& point,
+              const PairGeometry& pair,
+              const WarpedPoint<float>& p,
+              ResidualGeometry& geometry) {
+  const TargetImage& target = pair.current;
+  WarpedPoint<float> seen = p;
+  moveToRow(target.shutter, target.warp, point.inverse_depth * p.inverse_z, seen);
+  rowTime(target.shutter, seen.x, seen.y, geometry.target_time);
+  rowTime(pair.host_shutter, point.patch.seen.x(), point.patch.seen.y(), geometry.host_time);
+  geometry.target_time *= static_cast<float>(kVelocityScale);
+  geometry.host_time *= static_cast<float>(kVelocityScale);
+}
+
 template <bool kRolling>
 DSORB_ALWAYS_INLINE bool sumPatch(const WindowPoint& point,
                                   const HostRays& rays,
@@ -196,6 +210,7 @@ bool evaluateGeometry(const WindowPoint& point,
   std::copy_n(J.y, kPoseRows, geometry.y);
   geometry.depth_x = J.depth_x;
   geometry.depth_y = J.depth_y;
+  if (pair.current.rolling) addTimes(point, pair, p, geometry);
   if (camera.intrinsics) addIntrinsics(ray_x, ray_y, pair.first, p, geometry);
   if (camera.readout) addReadout(point, rays, pair, p, geometry);
   return true;

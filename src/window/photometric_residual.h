@@ -22,6 +22,7 @@ struct PatchSums {
 };
 
 constexpr int kPoseRows = 6;
+constexpr std::size_t kPoseLanes = 8;  ///< of a row that holds a pose alone
 
 /// Lanes of a row of the pair's normal equations. The first eight are the relative state.
 constexpr std::size_t kLaneA = 6;
@@ -40,6 +41,10 @@ struct ResidualGeometry {
   alignas(32) float y[kRowLanes] = {};
   float depth_x = 0;  ///< du / d(inverse depth) [px unit]
   float depth_y = 0;
+  // Rolling shutter: times of the rows that see and host the point [1 / kVelocityScale]. A velocity
+  // moves the pixel as the pose does in that time, but for what is along the epipolar line.
+  float target_time = 0;
+  float host_time = 0;
 };
 
 /// Asks for the part of the target's image that evaluatePatch() will read: the images of a window

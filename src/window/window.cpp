@@ -37,10 +37,9 @@ Vector8d priorOf(bool is_first, BrightnessModel brightness) {
   return prior;
 }
 
-void enlarge(MarginalPrior& prior) {
-  const Eigen::Index old = prior.b.size();
-  prior.H.conservativeResizeLike(Eigen::MatrixXd::Zero(old + kFrameDim, old + kFrameDim));
-  prior.b.conservativeResizeLike(Eigen::VectorXd::Zero(old + kFrameDim));
+void enlarge(MarginalPrior& prior, Eigen::Index size) {
+  prior.H.conservativeResizeLike(Eigen::MatrixXd::Zero(size, size));
+  prior.b.conservativeResizeLike(Eigen::VectorXd::Zero(size));
 }
 
 }  // namespace
@@ -67,10 +66,17 @@ AffineBrightness Keyframe::firstAffine() const {
   return affineOf(first);
 }
 
+void Keyframe::setMotion(const RowMotion& found, const MotionPrior& expected) {
+  motion = found;
+  first_velocity = found.velocity;
+  rows = expected;
+}
+
 void Keyframe::moveFirstEstimate() {
   T_cam_world_first = T_cam_world();
   state.head<6>().setZero();
   first = state;
+  first_velocity = motion.velocity;
 }
 
 PinholeCamera Window::camera() const {
@@ -103,10 +109,12 @@ std::optional<std::size_t> Window::find(KeyframeId id) const {
 Eigen::VectorXd Window::deviation() const {
   Eigen::VectorXd deviation(dimension());
   deviation.head<kCameraDim>() = camera_state;
-  Eigen::Index at = kCameraDim;
-  for (const Keyframe& keyframe : keyframes) {
-    deviation.segment<kFrameDim>(at) = keyframe.state - keyframe.first;
-    at += kFrameDim;
+  for (std::size_t k = 0; k < keyframes.size(); ++k) {
+    const Keyframe& keyframe = keyframes[k];
+    deviation.segment<kFrameDim>(rowOf(k)) = keyframe.state - keyframe.first;
+    if (!hasVelocities()) continue;
+    deviation.segment<kVelocityDim>(rowOf(k) + kFrameDim) =
+        keyframe.velocityFrom(keyframe.first_velocity);
   }
   return deviation;
 }
@@ -137,8 +145,8 @@ Keyframe& addKeyframe(Window& window,
       point.recent[0] = {added.id, ResidualState::kIn};
     }
   }
-  enlarge(window.prior);
   window.keyframes.push_back(std::move(added));
+  enlarge(window.prior, window.dimension());
   return window.keyframes.back();
 }
 

@@ -10,6 +10,7 @@
 
 #include "depth/candidate_point.h"
 #include "estimate/rolling_shutter.h"
+#include "geometry/motion_prior.h"
 #include "geometry/row_motion.h"
 #include "image/pixel_selector.h"
 
@@ -26,6 +27,7 @@ namespace dsorb::window {
 constexpr int kIntrinsicsDim = 4;               // fx, fy, cx, cy
 constexpr int kCameraDim = kIntrinsicsDim + 1;  // and the readout of a rolling shutter
 constexpr int kFrameDim = 8;                    // translation, rotation, a, b
+constexpr int kVelocityDim = 6;                 // and of a rolling shutter's frame: its motion
 constexpr std::size_t kMaxKeyframes = 12;
 
 using Vector8d = Eigen::Matrix<double, kFrameDim, 1>;
@@ -40,6 +42,11 @@ inline Vector8d frameScale() {
 }
 constexpr double kCameraScale = 50;
 constexpr double kReadoutScale = 0.1;
+/// Velocities have the scale of translation and rotation times this, about a row's time [1/s].
+constexpr double kVelocityScale = 50;
+inline Vector6d velocityScale() {
+  return kVelocityScale * frameScale().head<6>();
+}
 
 /// Running number of a keyframe, never reused within a window.
 struct KeyframeId {
@@ -111,6 +118,8 @@ struct Keyframe {
   KeyframeId id;
   FramePtr frame;
   RowMotion motion;  ///< while its rows are read; without a meaning for a global shutter
+  Vector6d first_velocity = Vector6d::Zero();  ///< at which Jacobians are taken
+  MotionPrior rows;                            ///< what its neighbours say of the motion
   SE3 T_cam_world_first;
   Vector8d first = Vector8d::Zero();  ///< pose part zero by construction
   Vector8d state = Vector8d::Zero();
@@ -125,6 +134,17 @@ struct Keyframe {
   [[nodiscard]] SE3 T_cam_world() const;
   [[nodiscard]] AffineBrightness affine() const;
   [[nodiscard]] AffineBrightness firstAffine() const;
+  /// Scaled deviation of the velocity from a value.
+  [[nodiscard]] Vector6d velocityFrom(const Vector6d& value) const {
+    return (motion.velocity - value).cwiseQuotient(velocityScale());
+  }
+  /// Motion of a new keyframe, and what its neighbours say of it.
+  void setMotion(const RowMotion& found, const MotionPrior& expected);
+  /// Takes over what its neighbours say. The images tell no acceleration.
+  void expect(const MotionPrior& expected) {
+    rows = expected;
+    motion.acceleration = expected.mean.acceleration;
+  }
   /// Takes the current estimate as the value at which Jacobians are taken.
   void moveFirstEstimate();
 };
@@ -166,9 +186,19 @@ struct Window {
   }
   /// Of one of its keyframes; nothing for a global shutter.
   [[nodiscard]] std::optional<RollingShutter> shutter(const Keyframe& keyframe) const;
-  [[nodiscard]] int dimension() const {
-    return kCameraDim + kFrameDim * static_cast<int>(keyframes.size());
+  /// Whether the motions of its frames are estimated.
+  [[nodiscard]] bool hasVelocities() const {
+    return !keyframes.empty() && isRolling(*keyframes.front().frame);
   }
+  /// Of the state of a keyframe: kFrameDim, and its velocity.
+  [[nodiscard]] int frameDimension() const {
+    return hasVelocities() ? kFrameDim + kVelocityDim : kFrameDim;
+  }
+  /// Of the first number of a keyframe's state.
+  [[nodiscard]] Eigen::Index rowOf(std::size_t position) const {
+    return kCameraDim + frameDimension() * static_cast<Eigen::Index>(position);
+  }
+  [[nodiscard]] int dimension() const { return static_cast<int>(rowOf(keyframes.size())); }
   [[nodiscard]] std::size_t numPoints() const;
   /// @return position in the window, or nothing when the keyframe has left
   [[nodiscard]] std::optional<std::size_t> find(KeyframeId id) const;

@@ -248,29 +248,40 @@ class WindowOptimizer::Adjustment {
   // The state before a step.
   CameraVector camera_state_;
   std::vector<Vector8d> states_;
+  std::vector<Vector6d> velocities_;
   std::vector<float> inverse_depths_;
 };
 
 void WindowOptimizer::Adjustment::save() {
   camera_state_ = window_.camera_state;
   states_.clear();
+  velocities_.clear();
   inverse_depths_.clear();
-  for (const Keyframe& keyframe : window_.keyframes) states_.push_back(keyframe.state);
+  for (const Keyframe& keyframe : window_.keyframes) {
+    states_.push_back(keyframe.state);
+    velocities_.push_back(keyframe.motion.velocity);
+  }
   for (std::size_t i = 0; i < points_.size(); ++i) inverse_depths_.push_back(at(i).inverse_depth);
 }
 
 void WindowOptimizer::Adjustment::restore() {
   window_.camera_state = camera_state_;
-  for (std::size_t k = 0; k < states_.size(); ++k) window_.keyframes[k].state = states_[k];
+  for (std::size_t k = 0; k < states_.size(); ++k) {
+    window_.keyframes[k].state = states_[k];
+    window_.keyframes[k].motion.velocity = velocities_[k];
+  }
   for (std::size_t i = 0; i < points_.size(); ++i) at(i).inverse_depth = inverse_depths_[i];
 }
 
 void WindowOptimizer::Adjustment::applyStep() {
   if (camera_.any()) window_.camera_state += step_.head<kCameraDim>();
-  Index row = kCameraDim;
-  for (Keyframe& keyframe : window_.keyframes) {
+  for (std::size_t k = 0; k < window_.keyframes.size(); ++k) {
+    Keyframe& keyframe = window_.keyframes[k];
+    const Index row = window_.rowOf(k);
     keyframe.state += step_.segment<kFrameDim>(row);
-    row += kFrameDim;
+    if (!window_.hasVelocities()) continue;
+    keyframe.motion.velocity +=
+        velocityScale().cwiseProduct(step_.segment<kVelocityDim>(row + kFrameDim));
   }
   for (std::size_t i = 0; i < points_.size(); ++i) {
     at(i).inverse_depth += static_cast<float>(depth_step_[i]);
@@ -279,7 +290,7 @@ void WindowOptimizer::Adjustment::applyStep() {
 
 bool WindowOptimizer::Adjustment::isSmall() const {
   double a = 0, b = 0, rotation = 0, translation = 0, depths = 0;
-  for (Index row = kCameraDim; row < step_.size(); row += kFrameDim) {
+  for (Index row = kCameraDim; row < step_.size(); row += window_.frameDimension()) {
     translation += step_.segment<3>(row).squaredNorm();
     rotation += step_.segment<3>(row + 3).squaredNorm();
     a += step_[row + 6] * step_[row + 6];
@@ -302,10 +313,10 @@ bool WindowOptimizer::Adjustment::isSmall() const {
 void moveFirstEstimates(Window& window) {
   for (std::size_t k = 0; k < window.keyframes.size(); ++k) {
     Keyframe& keyframe = window.keyframes[k];
-    const auto row = kCameraDim + kFrameDim * static_cast<Index>(k);
+    const Index row = window.rowOf(k);
     const bool newest = k + 1 == window.keyframes.size();
     const bool held = !keyframe.prior.head<6>().isZero(0);
-    if (newest || (!held && window.prior.H.middleRows<kFrameDim>(row).isZero(0))) {
+    if (newest || (!held && window.prior.H.middleRows(row, window.frameDimension()).isZero(0))) {
       keyframe.moveFirstEstimate();
     }
   }

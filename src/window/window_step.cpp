@@ -77,6 +77,11 @@ Eigen::Matrix4d guessInformation(const PinholeCamera& camera, const PriorOptions
 
 }  // namespace
 
+Vector6d velocityInformation(const Keyframe& keyframe) {
+  constexpr double weight = kPriorNoise * kCameraFactor * kCameraFactor;
+  return weight * velocityScale().cwiseQuotient(keyframe.rows.sigma).cwiseAbs2();
+}
+
 EstimatedCamera estimatedCamera(const Window& window, const WindowOptions& options) {
   return {options.optimizer.optimize_intrinsics, window.calibratedReadout().sigma > 0};
 }
@@ -97,11 +102,15 @@ StatePrior statePrior(const Window& window, const WindowOptions& options) {
     const double scaled = kReadoutScale / window.calibratedReadout().sigma;
     prior.information[kIntrinsicsDim] = kPriorNoise * scaled * scaled;
   }
-  Index at = kCameraDim;
-  for (const Keyframe& keyframe : window.keyframes) {
+  for (std::size_t k = 0; k < window.keyframes.size(); ++k) {
+    const Keyframe& keyframe = window.keyframes[k];
+    const Index at = window.rowOf(k);
     prior.information.segment<kFrameDim>(at) = keyframe.prior;
     value.segment<kFrameDim>(at) = keyframe.state;
-    at += kFrameDim;
+    if (!window.hasVelocities()) continue;
+    prior.information.segment<kVelocityDim>(at + kFrameDim) = velocityInformation(keyframe);
+    value.segment<kVelocityDim>(at + kFrameDim) =
+        keyframe.velocityFrom(keyframe.rows.mean.velocity);
   }
   prior.gradient = prior.information.cwiseProduct(value);
   if (guessed) {
@@ -114,12 +123,15 @@ StatePrior statePrior(const Window& window, const WindowOptions& options) {
 MatrixXd gaugeDirections(const Window& window) {
   MatrixXd directions = MatrixXd::Zero(window.dimension(), 7);
   const Eigen::Matrix<double, 6, 1> to_scaled = frameScale().head<6>().cwiseInverse();
-  Index at = kCameraDim;
-  for (const Keyframe& keyframe : window.keyframes) {
+  for (std::size_t k = 0; k < window.keyframes.size(); ++k) {
+    const Keyframe& keyframe = window.keyframes[k];
+    const Index at = window.rowOf(k);
     const SE3& T = keyframe.T_cam_world_first;
     directions.block<6, 6>(at, 0) = to_scaled.asDiagonal() * T.adjoint();
     directions.block<3, 1>(at, 6) = to_scaled.head<3>().cwiseProduct(T.translation());
-    at += kFrameDim;
+    if (!window.hasVelocities()) continue;
+    directions.block<3, 1>(at + kFrameDim, 6) =
+        keyframe.first_velocity.cwiseQuotient(velocityScale()).head<3>();
   }
   for (Index i = 0; i < directions.cols(); ++i) {
     const double norm = directions.col(i).norm();

@@ -14,6 +14,9 @@ namespace dsorb::window {
 /// What an adjustment of a window estimates of its camera.
 [[nodiscard]] EstimatedCamera estimatedCamera(const Window& window, const WindowOptions& options);
 
+/// Of the prior of a keyframe's velocity, scaled units.
+[[nodiscard]] Vector6d velocityInformation(const Keyframe& keyframe);
+
 /// Priors of frames and camera at the current state.
 struct StatePrior {
   Eigen::VectorXd information;  ///< diagonal, scaled units

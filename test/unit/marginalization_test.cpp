@@ -3,11 +3,15 @@
 
 #include "support/window_scene.h"
 #include "window/normal_equations.h"
+#include "window/window_step.h"
 
 #include <Eigen/Cholesky>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <memory>
 #include <stdexcept>
+#include <vector>
 
 namespace dsorb::window {
 namespace {
@@ -35,6 +39,58 @@ TEST(EliminateLastTest, DirectionsWithoutInformationAreHarmless) {
   const MarginalPrior rest = eliminateLast(prior, 8);
   EXPECT_NEAR(rest.H(0, 0), 5, 1e-12);
   EXPECT_NEAR(rest.b[0], 2, 1e-12);
+}
+
+/// Frame of a camera whose rows take 20 ms.
+FramePtr rollingFrame(int id) {
+  const PinholeCamera camera{80, 80, 39.5, 29.5, 80, 60};
+  Lens lens{LensModel::kPinhole, 80, 80, 39.5, 29.5, {}, 80, 60};
+  lens.readout = {0.02, 0};
+  FrameInfo info{FrameId{id}, 0.1 * id, 1, nullptr};
+  info.row_times = std::make_shared<const RowTimes>(rowTimes(lens, camera, false));
+  const std::vector<float> image(80UL * 60UL, 40);
+  return Frame::create(ImageView(image.data(), 80, 60), info);
+}
+
+TEST(MarginalizeKeyframeTest, EliminatesTheVelocityOfARollingShutterWithItsPrior) {
+  Window window(PinholeCamera{80, 80, 39.5, 29.5, 80, 60});
+  const WindowOptions options;
+  for (int k = 0; k < 3; ++k) {
+    RowMotion found;
+    found.velocity << 0.1, 0.2, 0.3, -0.1, -0.2, -0.3;
+    MotionPrior expected{found, Vector6d::Constant(0.02)};
+    expected.mean.velocity *= 0.9;
+    addKeyframe(window, rollingFrame(k), SE3(), {}, options).setMotion(found, expected);
+  }
+  constexpr Index kState = kFrameDim + kVelocityDim;
+  constexpr Index kRest = kCameraDim + 2 * kState;
+  ASSERT_EQ(window.dimension(), kRest + kState);
+  std::srand(5);  // Eigen's Random
+  const MatrixXd A = 1e3 * MatrixXd::Random(80, kRest + kState);
+  window.prior.H = A.transpose() * A;
+  window.prior.b = 1e5 * VectorXd::Random(kRest + kState);
+  const Keyframe& leaves = window.keyframes[1];
+  MatrixXd H = window.prior.H;
+  VectorXd b = window.prior.b;
+  const Vector6d information = velocityInformation(leaves);
+  H.diagonal().segment<kVelocityDim>(window.rowOf(1) + kFrameDim) += information;
+  b.segment<kVelocityDim>(window.rowOf(1) + kFrameDim) +=
+      information.cwiseProduct(0.1 * leaves.motion.velocity.cwiseQuotient(velocityScale()));
+  Eigen::VectorXi order(H.rows());
+  for (int i = 0; i < order.size(); ++i) order[i] = i;
+  std::rotate(
+      order.data() + window.rowOf(1), order.data() + window.rowOf(2), order.data() + order.size());
+  H = MatrixXd(H(order, order));
+  b = VectorXd(b(order));
+  const MatrixXd W =
+      H.bottomRightCorner<kState, kState>().ldlt().solve(H.bottomLeftCorner<kState, kRest>());
+  const MatrixXd rest = H.topLeftCorner<kRest, kRest>() - H.topRightCorner<kRest, kState>() * W;
+  const VectorXd gradient = b.head<kRest>() - W.transpose() * b.tail<kState>();
+  const Keyframe gone = marginalizeKeyframe(window, 1, options);
+  EXPECT_EQ(gone.frame->id(), FrameId{1});
+  ASSERT_EQ(window.dimension(), kRest);
+  EXPECT_LT((window.prior.H - rest).norm(), 1e-9 * rest.norm());
+  EXPECT_LT((window.prior.b - gradient).norm(), 1e-9 * gradient.norm());
 }
 
 /// A window whose first keyframe hosts all points; they were seen often enough to be marginalised.

@@ -139,6 +139,46 @@ TEST(PhotometricResidualTest, DerivativeByTheReadoutAgreesWithDifferences) {
   for (std::size_t i = kLaneCamera; i < kLaneReadout; ++i) EXPECT_EQ(geometry.x[i], 0);
 }
 
+TEST(PhotometricResidualTest, DerivativesByTheVelocitiesAgreeWithDifferences) {
+  Window window = makeRollingWindow();
+  placePoints(window);
+  const PairTable pairs(window);
+  const PairGeometry& pair = pairs.at(0, 1);
+  ResidualGeometry geometry;
+  ASSERT_TRUE(evaluateGeometry(window.keyframes[0].points[0], pairs.rays(), pair, {}, geometry));
+  const Eigen::MatrixXd numeric = numericJacobian(
+      [&](const VectorXd& d) {
+        Window moved = window;
+        moved.keyframes[0].motion.velocity += d.head<6>();
+        moved.keyframes[1].motion.velocity += d.tail<6>();
+        return VectorXd(seenAfter(moved, 0));
+      },
+      12,
+      1e-2);
+  using Row8 = Eigen::Map<const Eigen::Matrix<float, 8, 1>>;
+  Eigen::Matrix<double, 2, 8> relative;
+  relative.row(0) = Row8(geometry.x).cast<double>().transpose();
+  relative.row(1) = Row8(geometry.y).cast<double>().transpose();
+  const Eigen::Matrix<double, 2, 6> unscale =
+      velocityScale().cwiseInverse().transpose().replicate<2, 1>();
+  const Eigen::Matrix<double, 2, 6> host =
+      static_cast<double>(geometry.host_time) *
+      (relative * pair.to_host.transpose()).leftCols<6>().cwiseProduct(unscale);
+  const Eigen::Matrix<double, 2, 6> target =
+      static_cast<double>(geometry.target_time) *
+      (relative * pair.to_target.asDiagonal()).leftCols<6>().cwiseProduct(unscale);
+  ASSERT_GT(numeric.leftCols<6>().norm(), 0.3);  // [px s/rad]
+  // Measured below .012: the rows that pass while the image moves, and its change of shape.
+  EXPECT_LT(relativeDifference(target, numeric.rightCols<6>()), 0.02);
+  // The inverse depth is that of the host's middle row: a velocity does not change it, as a pose
+  // would. That is a difference along the epipolar line, which the elimination of the depths takes
+  // out.
+  const Vector2d across = Vector2d(geometry.depth_y, -geometry.depth_x).normalized();
+  EXPECT_LT(
+      relativeDifference(across.transpose() * host, across.transpose() * numeric.leftCols<6>()),
+      0.02);
+}
+
 TEST(PhotometricResidualTest, GeometryStaysAtTheFirstEstimates) {
   Window window = makeWindow();
   ResidualGeometry before;

@@ -48,12 +48,18 @@ struct OnePoint {
   }
 };
 
+Vector14d withoutVelocity(const Eigen::VectorXd& pose_and_brightness) {
+  Vector14d increment = Vector14d::Zero();
+  increment.head<8>() = pose_and_brightness;
+  return increment;
+}
+
 TEST(PoseAlignment, JacobianOfOnePointMatchesCentralDifferences) {
   const OnePoint point;
   const PinholeCamera camera = smallCamera();
   const Eigen::Vector2d start = camera.project(point.transformed(point.state));
   const auto residual = [&](const Eigen::VectorXd& increment) {
-    const AlignmentState moved = point.state.plus(increment);
+    const AlignmentState moved = point.state.plus(withoutVelocity(increment));
     const Eigen::Vector2d step = camera.project(point.transformed(moved)) - start;
     const BrightnessTransfer transfer =
         brightnessTransfer(point.reference_affine, 1, moved.affine, 1);
@@ -81,9 +87,9 @@ TEST(PoseAlignment, JacobianOfOnePointMatchesCentralDifferences) {
   std::array<float, kAlignmentSums> sums{};
   accumulateBlock(setting,
                   {&point.ray_x, &point.ray_y, &point.inverse_depth, &point.intensity},
-                  {&u, &v, &rho, &dx, &dy, &r, &weight},
+                  {&u, &v, &rho, &dx, &dy, &r, &weight, nullptr},
                   1,
-                  sums);
+                  sums.data());
   // With residual and weight 1 the products with the residual are the Jacobian itself.
   Eigen::MatrixXd analytic(1, 8);
   std::size_t next = 0;
@@ -95,6 +101,22 @@ TEST(PoseAlignment, JacobianOfOnePointMatchesCentralDifferences) {
   EXPECT_LT(relativeDifference(analytic, numeric), 1e-7) << analytic << "\n" << numeric;
   for (int i = 0; i < 8; ++i) {
     EXPECT_LT(relativeDifference(analytic.col(i), numeric.col(i)), 1e-5) << "parameter " << i;
+  }
+  // The velocity moves the pose by the time of the row.
+  float time = -0.0125F;
+  std::array<float, kRollingSums> rolling{};
+  accumulateRollingBlock(setting,
+                         {&point.ray_x, &point.ray_y, &point.inverse_depth, &point.intensity},
+                         {&u, &v, &rho, &dx, &dy, &r, &weight, &time},
+                         1,
+                         rolling.data());
+  next = 0;
+  for (int row = 0; row < kRollingParameters; ++row) {
+    next += static_cast<std::size_t>(kRollingParameters - row);
+    const double expected = row < kAlignmentParameters
+                                ? analytic(0, row)
+                                : static_cast<double>(time) * analytic(0, row - 8);
+    EXPECT_NEAR(static_cast<double>(rolling[next++]), expected, 1e-6 * std::abs(expected)) << row;
   }
 }
 
@@ -117,7 +139,7 @@ TEST(PoseAlignment, GradientOfTheEnergyMatchesCentralDifferences) {
   const Vector8d gradient = 2 * system.b;
   for (int i = 0; i < 8; ++i) {
     const double step = i < 6 ? 1e-4 : i == 6 ? 1e-3 : 0.1;
-    Vector8d increment = Vector8d::Zero();
+    Vector14d increment = Vector14d::Zero();
     increment[i] = step;
     const double plus = alignment.evaluate(scene.level(0), state.plus(increment), kCutoff).energy;
     const double minus = alignment.evaluate(scene.level(0), state.plus(-increment), kCutoff).energy;
