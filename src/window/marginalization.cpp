@@ -169,7 +169,7 @@ Keyframe marginalizeKeyframe(Window& window, std::size_t position, const WindowO
   prior.H.diagonal().tail(size).head<kFrameDim>() += keyframe.prior;
   prior.b.tail(size).head<kFrameDim>() += keyframe.prior.cwiseProduct(expansion);
   if (window.hasVelocities()) {
-    const Vector6d information = velocityInformation(keyframe);
+    const Vector6d information = velocityInformation(window, keyframe);
     const Vector6d first =
         (keyframe.first_velocity - keyframe.rows.mean.velocity).cwiseQuotient(velocityScale());
     prior.H.diagonal().tail<kVelocityDim>() += information;

@@ -17,6 +17,7 @@
 #include <Eigen/Core>
 
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -168,7 +169,11 @@ struct Window {
   CameraVector camera_state = CameraVector::Zero();
   std::vector<Keyframe> keyframes;  ///< oldest first
   MarginalPrior prior;
-  double prior_focal = 0;  ///< mean focal length with which the prior was begun [px]
+  /// Whether velocities stay where the frames around them say: images show the product of velocity
+  /// and readout, and beside a readout that may be 0 a velocity would explain anything.
+  bool velocities_held = false;
+  double readout_sigma = 0;  ///< of the estimated readout after the last adjustment [s]
+  double prior_focal = 0;    ///< mean focal length with which the prior was begun [px]
   /// Adapted minimum distance between points [px, half resolution]; it starts as published with
   /// DSO.
   double activation_distance = 2;
@@ -183,6 +188,12 @@ struct Window {
   /// Calibrated; a sigma above 0 says that the window estimates it.
   [[nodiscard]] Readout calibratedReadout() const {
     return keyframes.empty() ? Readout{} : readoutOf(*keyframes.front().frame);
+  }
+  /// Whether its readout is estimated and not yet told from 0, by three standard deviations.
+  [[nodiscard]] bool mayBeGlobal() const {
+    const Readout calibrated = calibratedReadout();
+    return calibrated.sigma > 0 &&
+           std::abs(calibrated.seconds + readoutChange()) <= 3 * readout_sigma;
   }
   /// Of one of its keyframes; nothing for a global shutter.
   [[nodiscard]] std::optional<RollingShutter> shutter(const Keyframe& keyframe) const;

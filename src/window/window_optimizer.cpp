@@ -148,6 +148,7 @@ class WindowOptimizer::Adjustment {
         gauge_(gaugeDirections(window)),
         camera_(estimatedCamera(window, memory.options_)) {
     memory_.linearize_.camera = camera_;
+    window_.velocities_held = window_.mayBeGlobal();
     resetResiduals(window_);
     if (options_.fixed_thresholds) adaptThreshold();
     energy_ = evaluate(memory_.current_);
@@ -331,6 +332,7 @@ OptimizationReport WindowOptimizer::Adjustment::finish() {
   if (camera_.any()) {
     report_.camera_sigmas =
         cameraSigmas(window_, last, memory_.options_, report_.rms, memory_.elimination_);
+    window_.readout_sigma = report_.camera_sigmas[kIntrinsicsDim];
   }
   moveFirstEstimates(window_);
   pairs_ = PairTable(window_);

@@ -77,8 +77,10 @@ Eigen::Matrix4d guessInformation(const PinholeCamera& camera, const PriorOptions
 
 }  // namespace
 
-Vector6d velocityInformation(const Keyframe& keyframe) {
-  constexpr double weight = kPriorNoise * kCameraFactor * kCameraFactor;
+Vector6d velocityInformation(const Window& window, const Keyframe& keyframe) {
+  constexpr double kHeld = 1e6;  // a thousandth of the standard deviation
+  const double weight =
+      (window.velocities_held ? kHeld : 1) * kPriorNoise * kCameraFactor * kCameraFactor;
   return weight * velocityScale().cwiseQuotient(keyframe.rows.sigma).cwiseAbs2();
 }
 
@@ -108,7 +110,7 @@ StatePrior statePrior(const Window& window, const WindowOptions& options) {
     prior.information.segment<kFrameDim>(at) = keyframe.prior;
     value.segment<kFrameDim>(at) = keyframe.state;
     if (!window.hasVelocities()) continue;
-    prior.information.segment<kVelocityDim>(at + kFrameDim) = velocityInformation(keyframe);
+    prior.information.segment<kVelocityDim>(at + kFrameDim) = velocityInformation(window, keyframe);
     value.segment<kVelocityDim>(at + kFrameDim) =
         keyframe.velocityFrom(keyframe.rows.mean.velocity);
   }

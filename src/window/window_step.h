@@ -15,7 +15,7 @@ namespace dsorb::window {
 [[nodiscard]] EstimatedCamera estimatedCamera(const Window& window, const WindowOptions& options);
 
 /// Of the prior of a keyframe's velocity, scaled units.
-[[nodiscard]] Vector6d velocityInformation(const Keyframe& keyframe);
+[[nodiscard]] Vector6d velocityInformation(const Window& window, const Keyframe& keyframe);
 
 /// Priors of frames and camera at the current state.
 struct StatePrior {

@@ -72,7 +72,7 @@ TEST(MarginalizeKeyframeTest, EliminatesTheVelocityOfARollingShutterWithItsPrior
   const Keyframe& leaves = window.keyframes[1];
   MatrixXd H = window.prior.H;
   VectorXd b = window.prior.b;
-  const Vector6d information = velocityInformation(leaves);
+  const Vector6d information = velocityInformation(window, leaves);
   H.diagonal().segment<kVelocityDim>(window.rowOf(1) + kFrameDim) += information;
   b.segment<kVelocityDim>(window.rowOf(1) + kFrameDim) +=
       information.cwiseProduct(0.1 * leaves.motion.velocity.cwiseQuotient(velocityScale()));

@@ -179,6 +179,17 @@ TEST(PhotometricResidualTest, DerivativesByTheVelocitiesAgreeWithDifferences) {
       0.02);
 }
 
+TEST(WindowTest, ReadoutIsTakenForNoneUntilItDiffersByThreeSigma) {
+  Window window = makeRollingWindow();  // 30 ms, estimated
+  window.readout_sigma = 0.009;
+  EXPECT_FALSE(window.mayBeGlobal());
+  window.readout_sigma = 0.011;
+  EXPECT_TRUE(window.mayBeGlobal());
+  window.camera_state[kIntrinsicsDim] = 0.01 / kReadoutScale;  // 40 ms
+  EXPECT_FALSE(window.mayBeGlobal());
+  EXPECT_FALSE(makeWindow().mayBeGlobal()) << "no readout is estimated";
+}
+
 TEST(PhotometricResidualTest, GeometryStaysAtTheFirstEstimates) {
   Window window = makeWindow();
   ResidualGeometry before;
