@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "dsorb/error.h"
+#include "dsorb/init/registry.h"
 
 #include "app/command_line.h"
 #include "app/dataset_run.h"
@@ -10,7 +11,9 @@
 #include <spdlog/spdlog.h>
 
 #include <exception>
+#include <memory>
 #include <new>
+#include <string>
 
 #ifdef __GLIBC__
 #include <malloc.h>
@@ -57,8 +60,20 @@ void printSummary(const app::CommandLine& request, const app::RunResult& result)
              request.output);
 }
 
+/// Makes `orb-learned` known where there is a network for it.
+std::unique_ptr<RegisteredInitializer> learnedInitializer(const std::string& network) {
+  if (network.empty()) return nullptr;
+  return std::make_unique<RegisteredInitializer>(
+      "orb-learned", [network](InitializerOptions options, const PinholeCamera& camera) {
+        options.kind = InitializerKind::kOrb;
+        options.orb.feature_network = network;
+        return makeInitializer(options, camera);
+      });
+}
+
 int run(int argc, const char* const* argv, app::Interrupt& interrupt) {
   const app::CommandLine request = app::parseCommandLine(argc, argv);
+  const auto learned = learnedInitializer(request.network);
   if (!request.text.empty()) {
     app::printText(request.text);
     return app::kTracked;

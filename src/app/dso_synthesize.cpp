@@ -106,6 +106,12 @@ void addOptions(CLI::App& app, CommandLine& line) {
                  sequence.moving_object_share,
                  "of the first street image that it covers: a van close ahead; 0: a car far ahead")
       ->check(CLI::Range(0.0, 0.5));
+  app.add_flag("--moving-object-plain", sequence.moving_object_plain, "no texture on it");
+  app.add_option("--camera-speed",
+                 sequence.camera_speed,
+                 "of the camera of a street alone, times --speed; 0: it stands in the traffic")
+      ->check(CLI::Range(0.0, 100.0))
+      ->capture_default_str();
   app.add_option("--supersampling", sequence.rendering.supersampling, "n x n rays a pixel")
       ->check(CLI::Range(1, 8))
       ->capture_default_str();

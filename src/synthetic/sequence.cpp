@@ -64,12 +64,16 @@ void validate(const SequenceOptions& options) {
   if (!inside(options.speed, kSlowest, kFastest)) {
     reject("speed must lie in [0.01, 100]", options.speed);
   }
+  if (!inside(options.camera_speed, 0, kFastest)) {
+    reject("camera_speed must lie in [0, 100]", options.camera_speed);
+  }
 }
 
 Scene makePlace(const SequenceOptions& options, std::uint64_t seed) {
   switch (options.kind) {
     case SequenceKind::kStreet:
-      return makeStreet(seed, kStreetStep * options.length * options.speed);
+      return makeStreet(
+          seed, kStreetStep * options.length * options.speed * std::max(1.0, options.camera_speed));
     case SequenceKind::kPlane:
       return makePlane(seed);
     default:
@@ -101,6 +105,13 @@ SyntheticSequence::SyntheticSequence(const SequenceOptions& options) : options_(
                                           : Eigen::Vector3d(0.6, 0.5, 0.5);
     moving_box_ = addMovingBox(acts_.front(), options.seed, size, close);
     if (acts_.size() > 1) addMovingBox(acts_.back(), options.seed + kNextPlace, size);
+    if (options.moving_object_plain) {
+      for (Scene& act : acts_) {
+        Texture& paint = act.textures[static_cast<std::size_t>(act.boxes.back().texture)];
+        paint.tiles.clear();
+        paint.noise.clear();
+      }
+    }
   }
   inverse_response_ = makeInverseResponse(options.nonlinear_response);
   vignette_ = makeVignette(options.width, options.height, options.vignette);
@@ -119,7 +130,7 @@ SE3 SyntheticSequence::poseAt(int act, double frame) const {
   const std::uint64_t seed = options_.seed + (act > 0 ? kNextPlace : 0);
   switch (options_.kind) {
     case SequenceKind::kStreet:
-      return streetPose(frame, seed);
+      return streetPose(frame * options_.camera_speed, seed);
     case SequenceKind::kPlane:
       return planePose(frame, seed);
     case SequenceKind::kStatic:

@@ -37,11 +37,14 @@ struct SequenceOptions {
   /// Time from the exposure of the first row to that of the last, negative when the last comes
   /// first [s]; pose and depth of a frame are those of its middle row. 0: global shutter.
   double readout = 0;
-  double speed = 1;            ///< of everything that moves, times the usual one
+  double speed = 1;  ///< of everything that moves, times the usual one
+  /// Of the camera of kStreet, times `speed`; 0: it stands in the traffic.
+  double camera_speed = 1;
   bool moving_object = false;  ///< a box that moves by itself
   /// Share of the first image of kStreet that the box covers: a van close ahead that swerves;
   /// 0: a car farther ahead.
   double moving_object_share = 0;
+  bool moving_object_plain = false;  ///< no texture on the box
   RenderOptions rendering;
 };
 

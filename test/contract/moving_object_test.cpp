@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdint>
 #include <string>
+#include <tuple>
 
 namespace dsorb {
 namespace {
@@ -70,6 +71,60 @@ TEST_P(MovingObject, NeitherTurnsTheMotionNorEntersTheMap) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Streets, MovingObject, testing::Values(1, 2, 3));
+
+/// Traffic of a fifth of the image at 12 km/h, with and without texture.
+class Traffic : public testing::TestWithParam<std::tuple<std::uint64_t, bool>> {
+ protected:
+  /// @param own speed of the camera over that of the traffic
+  [[nodiscard]] static SequenceOptions traffic(double own) {
+    SequenceOptions options = street(std::get<0>(GetParam()), true);
+    options.length = 16;
+    options.moving_object_share = 0.2;
+    options.moving_object_plain = std::get<1>(GetParam());
+    options.speed = 0.3;
+    options.camera_speed = own;
+    return options;
+  }
+};
+
+TEST_P(Traffic, AStandingCarNeverStarts) {
+  const InitRun run = start(rendered(traffic(0)));
+  EXPECT_FALSE(run.result) << run.log();
+}
+
+TEST_P(Traffic, ACreepingCarDoesNotStartWrong) {
+  const RenderedSequence& sequence = rendered(traffic(0.2));
+  const InitRun run = start(sequence);
+  if (!run.result) return;  // 7 cm a frame: it may wait
+  const double direction_deg = startErrors(*run.result, sequence).direction_deg;
+  RecordProperty("frames", static_cast<int>(run.steps.size()));
+  RecordProperty("direction_deg", std::to_string(direction_deg));
+  EXPECT_LT(direction_deg, 5) << run.log();
+}
+
+TEST_P(Traffic, ADrivingCarStartsRight) {
+  const RenderedSequence& sequence = rendered(traffic(1));
+  const InitRun run = start(sequence);
+  ASSERT_TRUE(run.result) << run.log();
+  const double direction_deg = startErrors(*run.result, sequence).direction_deg;
+  RecordProperty("frames", static_cast<int>(run.steps.size()));
+  RecordProperty("direction_deg", std::to_string(direction_deg));
+  EXPECT_LT(direction_deg, 2);
+}
+
+INSTANTIATE_TEST_SUITE_P(Streets,
+                         Traffic,
+                         testing::Combine(testing::Values(1, 2, 3), testing::Bool()));
+
+TEST(MovingObjects, ATurningCameraNeverStarts) {
+  SequenceOptions options;
+  options.kind = SequenceKind::kRotation;
+  options.length = 20;
+  options.noise_sigma = 1;
+  options.moving_object = true;
+  const InitRun run = start(rendered(options));
+  EXPECT_FALSE(run.result) << run.log();
+}
 
 }  // namespace
 }  // namespace dsorb

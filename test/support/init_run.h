@@ -53,7 +53,8 @@ inline const RenderedSequence& rendered(const synthetic::SequenceOptions& option
   key << static_cast<int>(options.kind) << " " << options.length << " " << options.noise_sigma
       << " " << options.exposure_changes << " " << options.seed << " " << options.fx << " "
       << options.width << " " << options.height << " " << options.moving_object << " "
-      << options.moving_object_share;
+      << options.moving_object_share << " " << options.moving_object_plain << " "
+      << options.camera_speed << " " << options.speed;
   return sequences.try_emplace(key.str(), options).first->second;
 }
 

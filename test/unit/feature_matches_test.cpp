@@ -23,7 +23,7 @@ FramePtr paint(int id, const Paint& intensity) {
 
 constexpr int kFeatures = 2000;
 
-OrbFeatures featuresOf(const Paint& scene) {
+Features featuresOf(const Paint& scene) {
   return findFeatures(greyImage(paint(0, scene)->level(0), 1, 15), kFeatures);
 }
 
@@ -32,8 +32,8 @@ Paint shiftedScene(std::uint64_t seed) {
 }
 
 TEST(FeatureMatches, FindAShiftedSceneAgain) {
-  const OrbFeatures from = featuresOf(blobs(1));
-  const OrbFeatures to = featuresOf(shiftedScene(1));
+  const Features from = featuresOf(blobs(1));
+  const Features to = featuresOf(shiftedScene(1));
   const std::vector<int> partner = matchFeatures(from, to);
   std::vector<float> errors;  // before refinement
   for (std::size_t i = 0; i < partner.size(); ++i) {
@@ -98,8 +98,8 @@ TEST(FeatureMatches, KeepAwayFromInvalidPixels) {
 }
 
 TEST(FeatureMatches, PartnersAreMutual) {
-  const OrbFeatures from = featuresOf(blobs(5));
-  const OrbFeatures to = featuresOf(shiftedScene(5));
+  const Features from = featuresOf(blobs(5));
+  const Features to = featuresOf(shiftedScene(5));
   const std::vector<int> partner = matchFeatures(from, to);
   std::multiset<int> taken;
   for (const int index : partner) {
@@ -110,8 +110,8 @@ TEST(FeatureMatches, PartnersAreMutual) {
 }
 
 TEST(FeatureMatches, ArePartnersByOpenCvsMatcherToo) {
-  const OrbFeatures from = featuresOf(blobs(7));
-  const OrbFeatures to = featuresOf(shiftedScene(7));
+  const Features from = featuresOf(blobs(7));
+  const Features to = featuresOf(shiftedScene(7));
   const std::vector<int> partner = matchFeatures(from, to);
   const cv::BFMatcher matcher(cv::NORM_HAMMING);
   std::vector<std::vector<cv::DMatch>> forward;

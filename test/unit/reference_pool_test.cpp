@@ -85,6 +85,53 @@ TEST(ReferencePool, LosesAllReferencesAtASceneCut) {
   EXPECT_EQ(pool.references(), 0);
 }
 
+constexpr double kTurn = 0.2;  // from frame to frame [rad]
+
+/// The camera turns quickly, which moves the image farther than optical flow follows here.
+FramePtr turned(const PlaneScene& scene, int id) {
+  return scene.render(SE3(so3Exp({0, kTurn * id, 0}), Eigen::Vector3d(0.01 * id, 0, 0)), 0, id);
+}
+
+TEST(ReferencePool, FindsFeaturesByDescriptorsWhereFlowLosesTheTracks) {
+  const PlaneScene scene(3);
+  OrbOptions options = smallPool();
+  options.tracks.max_level = 1;  // 20 px at most
+  FeatureTracks flow(options.tracks);
+  flow.start(*turned(scene, 0));
+  flow.advance(*turned(scene, 1));
+  ReferencePool pool(options, 256);
+  pool.start(turned(scene, 0));
+  pool.advance(turned(scene, 1));
+  ASSERT_FALSE(pool.dropLost());
+  const CornerTracks tracks = pool.view(0).tracks;
+  const PinholeCamera& camera = scene.camera();
+  int right = 0;
+  const int by_descriptors = tracks.size() - flow.size();
+  for (auto i = static_cast<std::size_t>(flow.size()); i < tracks.positions[0].size(); ++i) {
+    const Eigen::Vector2d pixel = tracks.positions[0][i].cast<double>();
+    const Eigen::Vector3d moved = so3Exp({0, kTurn, 0}) * camera.unproject(pixel) +
+                                  scene.inverseDepth(pixel) * Eigen::Vector3d(0.01, 0, 0);
+    right += (camera.project(moved) - tracks.positions[1][i].cast<double>()).norm() < 1 ? 1 : 0;
+  }
+  RecordProperty("by_flow", flow.size());
+  RecordProperty("by_descriptors", by_descriptors);
+  RecordProperty("right", right);
+  EXPECT_GT(by_descriptors, 100);
+  EXPECT_GT(right, 0.9 * by_descriptors);
+}
+
+TEST(ReferencePool, DoesNotTouchDescriptorsWhereFlowFollows) {
+  const PassedPlane plane;
+  ReferencePool pool(smallPool());
+  pool.start(plane.frame(0));
+  for (int k = 1; k <= 4; ++k) feed(pool, plane.frame(k));
+  for (int i = 0; i < pool.references(); ++i) {
+    // Corners alone: a newer reference has no more than its corners.
+    EXPECT_LE(pool.tracks(i), smallPool().tracks.max_corners);
+    EXPECT_EQ(pool.view(i).tracks.size(), pool.tracks(i));
+  }
+}
+
 TEST(ReferencePool, RemembersWhatAnAttemptSaw) {
   const PassedPlane plane;
   ReferencePool pool(smallPool(), 256);

@@ -3,32 +3,149 @@
 
 #include "dsorb/image/frame_priors.h"
 
+#include "init/orb/tracks/feature_matches.h"
+#include "init/orb/tracks/grey_image.h"
+#include "init/orb/tracks/learned_features.h"
 #include "init/waiting_frames.h"
 
 #include <algorithm>
+#include <cstddef>
+#include <map>
 #include <utility>
+#include <vector>
 
 namespace dsorb::init_orb {
+namespace {
+
+/// Share of a reference's features that descriptors find again; fewer are found in any image.
+constexpr double kMinFoundShare = 0.05;
+/// Fewer cannot start, and between frames far apart they do not become more.
+constexpr int kMinFarTracks = 50;
+/// Features of a reference closer to another one, or to a corner, are left out [px].
+constexpr float kMinDistance = 4;
+
+/// ORB.
+class OrbFinder final : public FeatureFinder {
+ public:
+  [[nodiscard]] Features find(const GreyImage& image, int max_features) override {
+    return init_orb::findFeatures(image, max_features);
+  }
+};
+
+/// Places that keep a distance from each other, in square cells of that side.
+class PlaceGrid {
+ public:
+  PlaceGrid(const std::vector<Eigen::Vector2f>& places, float distance) : distance_(distance) {
+    for (const Eigen::Vector2f& place : places) cells_[cellOf(place)].push_back(place);
+  }
+
+  /// Takes a place unless it is too close to one. @return whether
+  bool take(const Eigen::Vector2f& place) {
+    const Cell middle = cellOf(place);
+    for (int x = middle.first - 1; x <= middle.first + 1; ++x) {
+      for (int y = middle.second - 1; y <= middle.second + 1; ++y) {
+        const auto cell = cells_.find({x, y});
+        if (cell == cells_.end()) continue;
+        for (const Eigen::Vector2f& other : cell->second) {
+          if ((other - place).norm() < distance_) return false;
+        }
+      }
+    }
+    cells_[middle].push_back(place);
+    return true;
+  }
+
+ private:
+  using Cell = std::pair<int, int>;
+  [[nodiscard]] Cell cellOf(const Eigen::Vector2f& place) const {
+    return {static_cast<int>(place.x() / distance_), static_cast<int>(place.y() / distance_)};
+  }
+
+  float distance_;
+  std::map<Cell, std::vector<Eigen::Vector2f>> cells_;
+};
+
+/// Adds the features that the newest frame shows to the tracks, but where there is one already.
+void addFeatures(const std::vector<std::vector<Eigen::Vector2f>>& features, CornerTracks& tracks) {
+  PlaceGrid taken(tracks.positions.front(), kMinDistance);
+  for (std::size_t i = 0; i < features.front().size(); ++i) {
+    if (!isSeen(features.back()[i]) || !taken.take(features.front()[i])) continue;
+    for (std::size_t k = 0; k < features.size(); ++k) {
+      tracks.positions[k].push_back(features[k][i]);
+    }
+  }
+}
+
+}  // namespace
+
+ReferencePool::ReferencePool(const OrbOptions& options, int max_waiting_mb)
+    : options_(options), max_waiting_mb_(max_waiting_mb), tracks_(options.tracks) {
+  if (options.feature_network.empty()) {
+    finder_ = std::make_unique<OrbFinder>();
+  } else {
+    finder_ = makeLearnedFinder(options.feature_network);
+  }
+}
+
+int ReferencePool::Reference::seen() const {
+  return far.empty()
+             ? 0
+             : static_cast<int>(std::count_if(far.back().begin(), far.back().end(), isSeen));
+}
 
 void ReferencePool::start(FramePtr frame) {
   clear();
   tracks_.start(*frame);
   frames_.push_back(std::move(frame));
+  described_.emplace_back();
   references_.emplace_back();
 }
 
 void ReferencePool::advance(FramePtr frame) {
   tracks_.advance(*frame);
   frames_.push_back(std::move(frame));
+  described_.emplace_back();
   ++advanced_;
   keepWithinBudget();
+  for (Reference& reference : references_) {
+    if (farApart() || !reference.far.empty()) findFeatures(reference);
+  }
+}
+
+const DescribedFrame& ReferencePool::described(int frame) {
+  const auto f = static_cast<std::size_t>(frame);
+  if (!described_[f]) {
+    const float gain = gainTowards(tracks_.referenceMean(), *frames_[f]);
+    described_[f] = describeFrame(*frames_[f], gain, *finder_, options_.max_features);
+  }
+  return *described_[f];
+}
+
+void ReferencePool::findFeatures(Reference& reference) {
+  const DescribedFrame& from = described(reference.frame);
+  if (reference.far.empty()) reference.far.push_back(from.positions);
+  for (int frame = reference.frame + static_cast<int>(reference.far.size());
+       frame < tracks_.frames();
+       ++frame) {
+    reference.far.push_back(findAgain(from, described(frame)));
+  }
+}
+
+bool ReferencePool::lost(const Reference& reference) const {
+  const bool far = !reference.far.empty();
+  if (cut() && !(far && reference.seen() >= kMinFoundShare *
+                                                static_cast<double>(reference.far.front().size()))) {
+    return true;
+  }
+  const int least =
+      reference.far.empty() ? options_.min_tracked : std::max(kMinFarTracks, options_.min_tracked);
+  return tracks_.sizeSince(reference.frame) + reference.seen() < least;
 }
 
 bool ReferencePool::dropLost() {
-  const auto lost = [&](const Reference& reference) {
-    return cut() || tracks_.sizeSince(reference.frame) < options_.min_tracked;
-  };
-  references_.erase(std::remove_if(references_.begin(), references_.end(), lost),
+  references_.erase(std::remove_if(references_.begin(),
+                                   references_.end(),
+                                   [&](const Reference& reference) { return lost(reference); }),
                     references_.end());
   forgetUnusedFrames();
   return references_.empty();
@@ -46,26 +163,27 @@ std::optional<InitReason> ReferencePool::giveUp(InitReason failure) {
 }
 
 void ReferencePool::addWhenDue() {
-  if (options_.reference_interval == 0 ||
-      advanced_ - newest_advanced_ < options_.reference_interval) {
-    return;
-  }
+  const bool due = farApart() || advanced_ - newest_advanced_ >= options_.reference_interval;
+  if (options_.reference_interval == 0 || !due) return;
   tracks_.addCorners();
   newest_ = tracks_.frames() - 1;
   newest_advanced_ = advanced_;
-  references_.push_back({newest_, advanced_, {}});
+  references_.push_back({newest_, advanced_, {}, {}});
 }
 
 void ReferencePool::clear() {
   tracks_.clear();
   frames_.clear();
+  described_.clear();
   references_.clear();
   newest_ = newest_advanced_ = advanced_ = 0;
 }
 
 ReferenceView ReferencePool::view(int reference) const {
   const Reference& from = references_[static_cast<std::size_t>(reference)];
-  return {{frames_.begin() + from.frame, frames_.end()}, tracks_.since(from.frame), from.last, {}};
+  CornerTracks tracks = tracks_.since(from.frame);
+  if (!from.far.empty()) addFeatures(from.far, tracks);
+  return {{frames_.begin() + from.frame, frames_.end()}, std::move(tracks), from.last, {}};
 }
 
 bool ReferencePool::knowsDepth(int reference) const {
@@ -78,6 +196,7 @@ void ReferencePool::forgetUnusedFrames() {
   const int unused = references_.empty() ? newest_ : references_.front().frame;
   tracks_.dropFrames(0, unused);
   frames_.erase(frames_.begin(), frames_.begin() + unused);
+  described_.erase(described_.begin(), described_.begin() + unused);
   for (Reference& reference : references_) reference.frame -= unused;
   newest_ -= unused;
 }
@@ -95,7 +214,14 @@ void ReferencePool::keepWithinBudget() {
                        references_.end(),
                        [&](const Reference& reference) { return reference.frame == dropped; }),
         references_.end());
-    for (Reference& reference : references_) reference.frame -= reference.frame > dropped ? 1 : 0;
+    described_.erase(described_.begin() + dropped);
+    for (Reference& reference : references_) {
+      const int row = dropped - reference.frame;
+      if (row > 0 && row < static_cast<int>(reference.far.size())) {
+        reference.far.erase(reference.far.begin() + row);
+      }
+      reference.frame -= reference.frame > dropped ? 1 : 0;
+    }
     newest_ -= newest_ > dropped ? 1 : 0;
   }
 }

@@ -5,20 +5,24 @@
 #include "dsorb/options/orb.h"
 
 #include "init/orb/reference_source.h"
+#include "init/orb/tracks/far_matches.h"
 #include "init/orb/tracks/feature_tracks.h"
 
+#include <memory>
+#include <optional>
 #include <vector>
 
 namespace dsorb::init_orb {
 
 /// References whose corners are followed from frame to frame: one only, or a sliding pool with a
 /// new one every few frames, because a fast camera loses its tracks before a slow one has parallax.
-/// @source docs/experiments.md, "Pool of references"
+/// Where optical flow loses more than it keeps, features of the references are found again by
+/// their descriptors as well, from then on.
+/// @source docs/experiments.md, "Pool of references" and "Frames far apart"
 class ReferencePool final : public ReferenceSource {
  public:
   /// @param max_waiting_mb for the frames; beyond it those between are forgotten [MiB]
-  ReferencePool(const OrbOptions& options, int max_waiting_mb)
-      : options_(options), max_waiting_mb_(max_waiting_mb), tracks_(options.tracks) {}
+  ReferencePool(const OrbOptions& options, int max_waiting_mb);
 
   void start(FramePtr frame) override;
   void advance(FramePtr frame) override;
@@ -37,9 +41,10 @@ class ReferencePool final : public ReferenceSource {
   [[nodiscard]] int age(int reference) const override {
     return advanced_ - references_[static_cast<std::size_t>(reference)].advanced + 1;
   }
-  /// Live tracks of a reference.
+  /// Live tracks of a reference, and features of it that the newest frame shows.
   [[nodiscard]] int tracks(int reference) const {
-    return tracks_.sizeSince(references_[static_cast<std::size_t>(reference)].frame);
+    const Reference& from = references_[static_cast<std::size_t>(reference)];
+    return tracks_.sizeSince(from.frame) + from.seen();
   }
   [[nodiscard]] ReferenceView view(int reference) const override;
   [[nodiscard]] bool knowsDepth(int reference) const override;
@@ -55,18 +60,34 @@ class ReferencePool final : public ReferenceSource {
     int frame = 0;     // index of frames_
     int advanced = 0;  // of the pool when it was the newest frame
     AttemptSummary last;
+    /// Of its features, from itself on [px]; empty while optical flow suffices.
+    std::vector<std::vector<Eigen::Vector2f>> far{};
+
+    /// Features that the newest frame shows.
+    [[nodiscard]] int seen() const;
   };
 
   /// Whether most tracks ended with the last step.
   [[nodiscard]] bool cut() const { return tracks_.survivorShare() < kMinSurvivorShare; }
+  /// Whether more tracks ended with the last step than went on; the published variants have optical
+  /// flow alone.
+  [[nodiscard]] bool farApart() const {
+    return options_.motion == MotionMethod::kEssential && tracks_.survivorShare() < kMinKeptShare;
+  }
+  [[nodiscard]] bool lost(const Reference& reference) const;
   void forgetUnusedFrames();
   void keepWithinBudget();
+  const DescribedFrame& described(int frame);
+  /// Finds the features of a reference in the frames that they are not yet found in.
+  void findFeatures(Reference& reference);
 
   OrbOptions options_;
   int max_waiting_mb_;
   FeatureTracks tracks_;
-  std::vector<FramePtr> frames_;       // since the oldest reference
-  std::vector<Reference> references_;  // oldest first
+  std::unique_ptr<FeatureFinder> finder_;
+  std::vector<FramePtr> frames_;                          // since the oldest reference
+  std::vector<std::optional<DescribedFrame>> described_;  // those of them that had to be
+  std::vector<Reference> references_;                     // oldest first
   int newest_ = 0;                     // index of the newest reference, lost or not
   int newest_advanced_ = 0;            // of the pool when it was the newest frame
   int advanced_ = 0;                   // frames given after the first

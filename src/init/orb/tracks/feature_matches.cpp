@@ -3,6 +3,7 @@
 
 #include "base/target_clones.h"
 #include "image/cell_grid.h"
+#include "init/orb/tracks/lucas_kanade.h"
 #include "init/orb/tracks/opencv_flow.h"
 
 #include <opencv2/features2d.hpp>
@@ -71,7 +72,7 @@ const Eigen::Vector2f kNotSeen = Eigen::Vector2f::Constant(NAN);
 /// 256 bits of an ORB descriptor.
 using Descriptor = std::array<std::uint64_t, 4>;
 
-std::vector<Descriptor> descriptorsOf(const OrbFeatures& features) {
+std::vector<Descriptor> descriptorsOf(const Features& features) {
   std::vector<Descriptor> descriptors(features.points.size());
   for (std::size_t i = 0; i < descriptors.size(); ++i) {
     std::memcpy(&descriptors[i], features.descriptors.ptr(static_cast<int>(i)), sizeof(Descriptor));
@@ -114,8 +115,8 @@ DSORB_TARGET_CLONES void findNearest(const std::vector<Descriptor>& from,
 
 }  // namespace
 
-OrbFeatures findFeatures(const GreyImage& image, int max_features) {
-  OrbFeatures features;
+Features findFeatures(const GreyImage& image, int max_features) {
+  Features features;
   const cv::Ptr<cv::ORB> detector = makeDetector(max_features);
   detector->detect(image.grey, features.points, image.valid);
   spread(image, max_features, features.points);
@@ -123,7 +124,7 @@ OrbFeatures findFeatures(const GreyImage& image, int max_features) {
   return features;
 }
 
-std::vector<int> matchFeatures(const OrbFeatures& from, const OrbFeatures& to) {
+std::vector<int> matchFeatures(const Features& from, const Features& to) {
   std::vector<int> partner(from.points.size(), -1);
   std::vector<Nearest> forward(from.points.size());
   std::vector<Nearest> backward(to.points.size());
@@ -149,7 +150,7 @@ const std::vector<Eigen::Vector2f>& FeatureMatches::start(const Frame& reference
 
 std::vector<Eigen::Vector2f> FeatureMatches::find(const Frame& frame) const {
   const GreyImage image = greyImage(frame.level(0), gainTowards(mean_, frame), kPatchSize / 2);
-  const OrbFeatures found = findFeatures(image, max_features_);
+  const Features found = findFeatures(image, max_features_);
   const std::vector<int> partner = matchFeatures(features_, found);
   std::vector<Eigen::Vector2f> observations(positions_.size(), kNotSeen);
   for (std::size_t i = 0; i < partner.size(); ++i) {

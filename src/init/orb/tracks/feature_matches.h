@@ -3,38 +3,27 @@
 
 #include "dsorb/image/frame.h"
 
+#include "init/orb/tracks/features.h"
 #include "init/orb/tracks/grey_image.h"
-#include "init/orb/tracks/lucas_kanade.h"
 
 #include <Eigen/Core>
 #include <opencv2/core.hpp>
 
-#include <cmath>
 #include <vector>
 
 namespace dsorb::init_orb {
 
-/// ORB features of one image, spread over it.
-struct OrbFeatures {
-  std::vector<cv::KeyPoint> points;
-  cv::Mat descriptors;  ///< one row of 32 bytes a point
-};
-
+/// ORB features of an image, spread over it.
 /// @source Rublee, Rabaud, Konolige, Bradski, ORB: an efficient alternative to SIFT or SURF,
 ///         ICCV 2011
-OrbFeatures findFeatures(const GreyImage& image, int max_features);
+Features findFeatures(const GreyImage& image, int max_features);
 
 constexpr double kMaxRatio = 0.8;  ///< of the best distance to the second best
 constexpr int kMaxDistance = 64;   ///< between two descriptors [bits of 256]
 
 /// Index of the partner of each feature of `from`, -1 without one: nearest in Hamming distance,
 /// mutually, and clearly nearer than the second nearest.
-std::vector<int> matchFeatures(const OrbFeatures& from, const OrbFeatures& to);
-
-/// Whether a feature was found; positions of those that were not are NaN.
-inline bool isSeen(const Eigen::Vector2f& position) {
-  return std::isfinite(position.x());
-}
+std::vector<int> matchFeatures(const Features& from, const Features& to);
 
 /// Features of a reference image and where later images show them, by descriptors.
 class FeatureMatches {
@@ -51,7 +40,7 @@ class FeatureMatches {
   void refine(const GreyImage& image, std::vector<Eigen::Vector2f>& observations) const;
 
   int max_features_;
-  OrbFeatures features_;
+  Features features_;
   std::vector<Eigen::Vector2f> positions_;
   GreyImage image_;
   double mean_ = 0;  // intensity that later images are brought to [grey levels]

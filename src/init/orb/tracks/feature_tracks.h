@@ -16,6 +16,8 @@ namespace dsorb::init_orb {
 
 /// Least share of tracks that survive one step; with fewer, the scene was cut.
 constexpr double kMinSurvivorShare = 0.2;
+/// Share below which optical flow loses more than it keeps: the frames are far apart.
+constexpr double kMinKeptShare = 0.5;
 
 /// Corners followed from frame to frame with Lucas-Kanade; a track must come back to where it
 /// started when it is followed backwards. Only tracks that live in the newest frame are kept.
@@ -50,6 +52,8 @@ class FeatureTracks {
   [[nodiscard]] int frames() const { return static_cast<int>(positions_.size()); }
   /// Share of the tracks that survived the last step; 1 for the first frame.
   [[nodiscard]] double survivorShare() const { return survivor_share_; }
+  /// Mean intensity that later images are brought to [grey levels].
+  [[nodiscard]] double referenceMean() const { return reference_mean_; }
   /// Positions of all live tracks in one frame [px]; entry i is the same corner in every frame, NaN
   /// before its first.
   [[nodiscard]] const std::vector<Eigen::Vector2f>& positions(int frame) const {

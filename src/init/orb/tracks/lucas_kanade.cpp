@@ -336,11 +336,13 @@ LucasKanade::LucasKanade(const LucasKanadeOptions& options) : options_(options) 
   template_.resize(static_cast<std::size_t>(kTemplateStep) / kLanes * columns * rows);
 }
 
-bool LucasKanade::follow(const FlowPyramid& from, const FlowPyramid& to, Eigen::Vector2f& place) {
+bool LucasKanade::follow(const FlowPyramid& from,
+                         const FlowPyramid& to,
+                         const Eigen::Vector2f& start,
+                         Eigen::Vector2f& place) {
   const int levels = static_cast<int>(std::min(from.levels().size(), to.levels().size()));
-  const Eigen::Vector2f start = place;
   const float coarsest = 1.0F / static_cast<float>(1 << (levels - 1));
-  Eigen::Vector2f guess = coarsest * start;
+  Eigen::Vector2f guess = coarsest * place;
   for (int level = levels - 1; level >= 0; --level) {
     const auto l = static_cast<std::size_t>(level);
     const Eigen::Vector2f at = start / static_cast<float>(1 << level);

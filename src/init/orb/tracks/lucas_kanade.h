@@ -55,7 +55,15 @@ class LucasKanade {
   /// @param from, to pyramids of the same size
   /// @param place    in `from` [px]; gets the place in `to`
   /// @return         false where the patch has no texture or leaves the image
-  bool follow(const FlowPyramid& from, const FlowPyramid& to, Eigen::Vector2f& place);
+  bool follow(const FlowPyramid& from, const FlowPyramid& to, Eigen::Vector2f& place) {
+    return follow(from, to, Eigen::Vector2f(place), place);
+  }
+  /// @param start in `from` [px]
+  /// @param place in `to`, where the search begins [px]; gets the place
+  bool follow(const FlowPyramid& from,
+              const FlowPyramid& to,
+              const Eigen::Vector2f& start,
+              Eigen::Vector2f& place);
 
  private:
   LucasKanadeOptions options_;

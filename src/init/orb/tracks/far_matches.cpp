@@ -1,0 +1,256 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/tracks/far_matches.h"
+
+#include "base/parallel.h"
+#include "base/target_clones.h"
+#include "init/orb/tracks/feature_matches.h"
+#include "init/orb/tracks/grey_image.h"
+#include "init/orb/tracks/image_scale.h"
+
+#include <Eigen/Core>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <limits>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr int kMargin = 15;             // of invalid pixels: half of what ORB describes [px]
+constexpr double kMinTexture = 0.1;     // as FeatureMatches [grey levels^2 / px^2]
+constexpr float kMaxRefinement = 4;     // a match that moves farther goes [px]
+constexpr float kMaxBackwardError = 1;  // forward and backward may miss the start by it [px]
+constexpr std::size_t kGrain = 32;      // features one thread refines at a time
+constexpr float kNone = std::numeric_limits<float>::infinity();
+/// Of descriptors of floats: a cosine of at least 0.82, no ratio. Neither was varied.
+constexpr double kMaxFloatRatio = 1;
+constexpr double kMaxFloatDistance = 0.6;
+constexpr float kSamePlace = 5;         // features closer together are no rivals [px]
+constexpr double kWindow = 40;          // around a prediction, for a diagonal of 800 px [px]
+constexpr std::size_t kNeighbours = 5;  // whose motion predicts that of a feature
+
+/// Distances between the descriptors of two images, [from][to].
+class Distances {
+ public:
+  Distances(std::size_t rows, std::size_t columns)
+      : columns_(columns), values_(rows * columns, kNone) {}
+
+  [[nodiscard]] std::size_t rows() const { return columns_ == 0 ? 0 : values_.size() / columns_; }
+  [[nodiscard]] std::size_t columns() const { return columns_; }
+  [[nodiscard]] float* row(std::size_t i) { return values_.data() + i * columns_; }
+  [[nodiscard]] const float* row(std::size_t i) const { return values_.data() + i * columns_; }
+
+ private:
+  std::size_t columns_;
+  std::vector<float> values_;
+};
+
+/// 256 bits of an ORB descriptor.
+using Bits = std::array<std::uint64_t, 4>;
+
+DSORB_TARGET_CLONES void hammingRow(const Bits& a, const Bits* to, std::size_t count, float* row) {
+  for (std::size_t j = 0; j < count; ++j) {
+    const Bits& b = to[j];
+    row[j] =
+        static_cast<float>(__builtin_popcountll(a[0] ^ b[0]) + __builtin_popcountll(a[1] ^ b[1]) +
+                           __builtin_popcountll(a[2] ^ b[2]) + __builtin_popcountll(a[3] ^ b[3]));
+  }
+}
+
+using Descriptors =
+    Eigen::Map<const Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>;
+
+Descriptors descriptorsOf(const Features& features) {
+  return {features.descriptors.ptr<float>(), features.descriptors.rows, features.descriptors.cols};
+}
+
+/// Between descriptors of unit length.
+Distances euclidean(const Features& from, const Features& to) {
+  Distances distances(from.points.size(), to.points.size());
+  const Descriptors a = descriptorsOf(from);
+  const Descriptors b = descriptorsOf(to);
+  forEachRange(from.points.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      Eigen::Map<Eigen::RowVectorXf> row(distances.row(i), b.rows());
+      row.noalias() = a.row(static_cast<Eigen::Index>(i)) * b.transpose();
+      row = (2 - 2 * row.array()).max(0).sqrt();
+    }
+  });
+  return distances;
+}
+
+Distances hamming(const Features& from, const Features& to) {
+  Distances distances(from.points.size(), to.points.size());
+  std::vector<Bits> bits(to.points.size());
+  for (std::size_t j = 0; j < bits.size(); ++j) {
+    std::memcpy(&bits[j], to.descriptors.ptr(static_cast<int>(j)), sizeof(Bits));
+  }
+  forEachRange(from.points.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      Bits a;
+      std::memcpy(&a, from.descriptors.ptr(static_cast<int>(i)), sizeof(Bits));
+      hammingRow(a, bits.data(), bits.size(), distances.row(i));
+    }
+  });
+  return distances;
+}
+
+/// Partner of each row, -1 without one: nearest to each other, near enough, and clearly nearer than
+/// any feature at another place.
+std::vector<int> partnersOf(const Distances& distances,
+                            const std::vector<Eigen::Vector2f>& places,
+                            double max_ratio,
+                            double max_distance) {
+  std::vector<int> partner(distances.rows(), -1);
+  std::vector<int> back(distances.columns(), -1);
+  std::vector<float> nearest(distances.columns(), kNone);
+  for (std::size_t i = 0; i < distances.rows(); ++i) {
+    const float* row = distances.row(i);
+    std::size_t best = 0;
+    for (std::size_t j = 0; j < distances.columns(); ++j) {
+      if (row[j] < row[best]) best = j;
+      if (row[j] < nearest[j]) {
+        nearest[j] = row[j];
+        back[j] = static_cast<int>(i);
+      }
+    }
+    if (!(row[best] <= max_distance)) continue;
+    float second = kNone;
+    for (std::size_t j = 0; j < distances.columns(); ++j) {
+      if (row[j] < second && (places[j] - places[best]).norm() > kSamePlace) second = row[j];
+    }
+    if (row[best] < max_ratio * second) partner[i] = static_cast<int>(best);
+  }
+  for (std::size_t i = 0; i < partner.size(); ++i) {
+    if (partner[i] >= 0 && back[static_cast<std::size_t>(partner[i])] != static_cast<int>(i))
+      partner[i] = -1;
+  }
+  return partner;
+}
+
+/// Motion of a feature as those matches tell that are nearest to it: medians of the coordinates.
+/// @param matched features of `from` with a partner, at least kNeighbours; the order is changed
+Eigen::Vector2f motionNear(const DescribedFrame& from,
+                           const DescribedFrame& to,
+                           const std::vector<int>& partner,
+                           const Eigen::Vector2f& place,
+                           std::vector<std::size_t>& matched) {
+  const auto end = matched.begin() + static_cast<std::ptrdiff_t>(kNeighbours);
+  std::partial_sort(matched.begin(), end, matched.end(), [&](std::size_t a, std::size_t b) {
+    const float to_a = (from.positions[a] - place).squaredNorm();
+    const float to_b = (from.positions[b] - place).squaredNorm();
+    return to_a != to_b ? to_a < to_b : a < b;
+  });
+  std::array<float, kNeighbours> x{};
+  std::array<float, kNeighbours> y{};
+  for (std::size_t k = 0; k < kNeighbours; ++k) {
+    const std::size_t i = matched[k];
+    const Eigen::Vector2f moved =
+        to.positions[static_cast<std::size_t>(partner[i])] - from.positions[i];
+    x[k] = moved.x();
+    y[k] = moved.y();
+  }
+  std::sort(x.begin(), x.end());
+  std::sort(y.begin(), y.end());
+  return {x[kNeighbours / 2], y[kNeighbours / 2]};
+}
+
+/// Leaves the distances to what lies near the place that the matches close by predict.
+void keepPredicted(const DescribedFrame& from,
+                   const DescribedFrame& to,
+                   const std::vector<int>& partner,
+                   Distances& distances) {
+  std::vector<std::size_t> matched;
+  for (std::size_t i = 0; i < partner.size(); ++i) {
+    if (partner[i] >= 0) matched.push_back(i);
+  }
+  if (matched.size() < kNeighbours) return;
+  const FlowLevel& image = to.flow.levels().front();
+  const auto window = static_cast<float>(kWindow * imageScale(image.width, image.height));
+  forEachRange(partner.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    std::vector<std::size_t> nearest = matched;
+    for (std::size_t i = begin; i < end; ++i) {
+      const Eigen::Vector2f& place = from.positions[i];
+      const Eigen::Vector2f expected = place + motionNear(from, to, partner, place, nearest);
+      float* row = distances.row(i);
+      for (std::size_t j = 0; j < to.positions.size(); ++j) {
+        if (!((to.positions[j] - expected).squaredNorm() < window * window)) row[j] = kNone;
+      }
+    }
+  });
+}
+
+/// Index of the partner of each feature, -1 without one.
+std::vector<int> match(const DescribedFrame& from, const DescribedFrame& to) {
+  const bool bits = from.features.descriptors.type() == CV_8U;
+  Distances distances =
+      bits ? hamming(from.features, to.features) : euclidean(from.features, to.features);
+  const double max_ratio = bits ? kMaxRatio : kMaxFloatRatio;
+  const double max_distance = bits ? kMaxDistance : kMaxFloatDistance;
+  const auto partners = [&] {
+    return partnersOf(distances, to.positions, max_ratio, max_distance);
+  };
+  keepPredicted(from, to, partners(), distances);
+  return partners();
+}
+
+LucasKanadeOptions refinement() {
+  LucasKanadeOptions options;
+  options.max_level = 0;
+  options.min_eigenvalue = kMinTexture;
+  return options;
+}
+
+/// Moves a match to where both patches agree. @return whether it is one
+bool refine(const DescribedFrame& from,
+            const DescribedFrame& to,
+            const Eigen::Vector2f& start,
+            LucasKanade& flow,
+            Eigen::Vector2f& place) {
+  const Eigen::Vector2f matched = place;
+  const cv::Size size(to.flow.levels().front().width, to.flow.levels().front().height);
+  if (!flow.follow(from.flow, to.flow, start, place)) return false;
+  if (!((place - matched).norm() <= kMaxRefinement) || !isUsable(place, size, to.valid)) {
+    return false;
+  }
+  Eigen::Vector2f back = start;
+  return flow.follow(to.flow, from.flow, place, back) && (back - start).norm() < kMaxBackwardError;
+}
+
+}  // namespace
+
+DescribedFrame describeFrame(const Frame& frame,
+                             float gain,
+                             FeatureFinder& finder,
+                             int max_features) {
+  DescribedFrame described;
+  const GreyImage image = greyImage(frame.level(0), gain, kMargin);
+  described.features = finder.find(image, max_features);
+  for (const cv::KeyPoint& point : described.features.points) {
+    described.positions.emplace_back(point.pt.x, point.pt.y);
+  }
+  described.flow.build(frame.level(0), gain, refinement());
+  described.valid = image.valid;
+  return described;
+}
+
+std::vector<Eigen::Vector2f> findAgain(const DescribedFrame& from, const DescribedFrame& to) {
+  std::vector<Eigen::Vector2f> places(from.positions.size(), Eigen::Vector2f::Constant(NAN));
+  if (places.empty() || to.positions.empty()) return places;
+  const std::vector<int> partner = match(from, to);
+  forEachRange(places.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    LucasKanade flow(refinement());
+    for (std::size_t i = begin; i < end; ++i) {
+      if (partner[i] < 0) continue;
+      Eigen::Vector2f place = to.positions[static_cast<std::size_t>(partner[i])];
+      if (refine(from, to, from.positions[i], flow, place)) places[i] = place;
+    }
+  });
+  return places;
+}
+
+}  // namespace dsorb::init_orb

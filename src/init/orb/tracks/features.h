@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "init/orb/tracks/grey_image.h"
+
+#include <Eigen/Core>
+#include <opencv2/core.hpp>
+
+#include <cmath>
+#include <vector>
+
+namespace dsorb::init_orb {
+
+/// Features of one image, the strongest first.
+struct Features {
+  std::vector<cv::KeyPoint> points;
+  cv::Mat descriptors;  ///< a row each: 32 bytes (Hamming distance), or floats of unit length
+};
+
+/// What finds and describes the features of an image.
+class FeatureFinder {
+ public:
+  virtual ~FeatureFinder() = default;
+  virtual Features find(const GreyImage& image, int max_features) = 0;
+};
+
+/// Whether a feature was found; positions of those that were not are NaN.
+inline bool isSeen(const Eigen::Vector2f& position) {
+  return std::isfinite(position.x());
+}
+
+}  // namespace dsorb::init_orb
