@@ -165,6 +165,7 @@ View SyntheticSequence::renderAt(int act, double frame) const {
   const int rows = options_.readout != 0 ? camera_.height : 1;
   const double frames_per_row =
       rows > 1 ? options_.readout * frameRate(options_.kind) / (rows - 1) : 0;
+  moments.reserve(static_cast<std::size_t>(rows));
   for (int row = 0; row < rows; ++row) {
     moments.push_back(momentAt(act, frame + frames_per_row * (row - 0.5 * (rows - 1))));
   }

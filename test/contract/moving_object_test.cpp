@@ -99,7 +99,7 @@ TEST_P(Traffic, ACreepingCarDoesNotStartWrong) {
   const double direction_deg = startErrors(*run.result, sequence).direction_deg;
   RecordProperty("frames", static_cast<int>(run.steps.size()));
   RecordProperty("direction_deg", std::to_string(direction_deg));
-  EXPECT_LT(direction_deg, 5) << run.log();
+  EXPECT_LT(direction_deg, 2) << run.log();  // measured at most 1.04 over 12 seeds
 }
 
 TEST_P(Traffic, ADrivingCarStartsRight) {
@@ -109,7 +109,7 @@ TEST_P(Traffic, ADrivingCarStartsRight) {
   const double direction_deg = startErrors(*run.result, sequence).direction_deg;
   RecordProperty("frames", static_cast<int>(run.steps.size()));
   RecordProperty("direction_deg", std::to_string(direction_deg));
-  EXPECT_LT(direction_deg, 2);
+  EXPECT_LT(direction_deg, 0.6);  // measured at most 0.30 over 12 seeds
 }
 
 INSTANTIATE_TEST_SUITE_P(Streets,

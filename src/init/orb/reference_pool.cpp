@@ -133,8 +133,8 @@ void ReferencePool::findFeatures(Reference& reference) {
 
 bool ReferencePool::lost(const Reference& reference) const {
   const bool far = !reference.far.empty();
-  if (cut() && !(far && reference.seen() >= kMinFoundShare *
-                                                static_cast<double>(reference.far.front().size()))) {
+  if (cut() && !(far && reference.seen() >=
+                            kMinFoundShare * static_cast<double>(reference.far.front().size()))) {
     return true;
   }
   const int least =

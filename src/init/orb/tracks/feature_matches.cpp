@@ -27,13 +27,6 @@ constexpr double kMinTexture =
 constexpr int kPatchSize = 31;  // [px] of the level; side of the square a descriptor is made from
 constexpr int kSurplus = 10;    // features found for each that is kept when they are spread
 
-/// Strongest first; position decides between equals, so that the order is the same everywhere.
-bool stronger(const cv::KeyPoint& a, const cv::KeyPoint& b) {
-  if (a.response != b.response) return a.response > b.response;
-  if (a.pt.y != b.pt.y) return a.pt.y < b.pt.y;
-  return a.pt.x < b.pt.x;
-}
-
 /// Keeps the strongest features of every grid cell.
 void spread(const GreyImage& image, int max_features, std::vector<cv::KeyPoint>& points) {
   std::sort(points.begin(), points.end(), stronger);

@@ -17,6 +17,13 @@ struct Features {
   cv::Mat descriptors;  ///< a row each: 32 bytes (Hamming distance), or floats of unit length
 };
 
+/// Strongest first; position decides between equals, so that the order is the same everywhere.
+inline bool stronger(const cv::KeyPoint& a, const cv::KeyPoint& b) {
+  if (a.response != b.response) return a.response > b.response;
+  if (a.pt.y != b.pt.y) return a.pt.y < b.pt.y;
+  return a.pt.x < b.pt.x;
+}
+
 /// What finds and describes the features of an image.
 class FeatureFinder {
  public:

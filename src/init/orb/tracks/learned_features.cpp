@@ -70,12 +70,6 @@ float inCells(float pixel) {
   return (pixel + 0.5F) / kLearnedCell - 0.5F;
 }
 
-bool stronger(const cv::KeyPoint& a, const cv::KeyPoint& b) {
-  if (a.response != b.response) return a.response > b.response;
-  if (a.pt.y != b.pt.y) return a.pt.y < b.pt.y;
-  return a.pt.x < b.pt.x;
-}
-
 std::vector<cv::KeyPoint> findMaxima(const LearnedMaps& maps, const GreyImage& image) {
   const cv::Mat heat = probabilities(maps);
   cv::Mat largest;

@@ -38,7 +38,7 @@ bool fits(const std::vector<cv::Mat>& outputs, const cv::Mat& input) {
 
 class LearnedFinder final : public FeatureFinder {
  public:
-  explicit LearnedFinder(cv::dnn::Net network) : network_(std::move(network)) {}
+  explicit LearnedFinder(const cv::dnn::Net& network) : network_(network) {}
 
   Features find(const GreyImage& image, int max_features) override {
     const cv::Mat input = networkInput(image.grey);
@@ -68,8 +68,7 @@ std::unique_ptr<FeatureFinder> makeLearnedFinder(const std::string& file) {
     cv::dnn::Net network = cv::dnn::readNetFromONNX(file);
     network.setPreferableBackend(cv::dnn::DNN_BACKEND_OPENCV);
     const cv::Mat trial = cv::Mat::zeros(kTrialSize, kTrialSize, CV_32F);
-    if (fits(run(network, trial), trial))
-      return std::make_unique<LearnedFinder>(std::move(network));
+    if (fits(run(network, trial), trial)) return std::make_unique<LearnedFinder>(network);
   } catch (const cv::Exception& error) {
     reason = error.err;
   }
