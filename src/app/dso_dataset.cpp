@@ -66,7 +66,7 @@ std::unique_ptr<RegisteredInitializer> learnedInitializer(const std::string& net
   return std::make_unique<RegisteredInitializer>(
       "orb-learned", [network](InitializerOptions options, const PinholeCamera& camera) {
         options.kind = InitializerKind::kOrb;
-        options.orb.feature_network = network;
+        options.feature_network = network;
         return makeInitializer(options, camera);
       });
 }

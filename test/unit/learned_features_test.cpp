@@ -104,7 +104,7 @@ TEST(LearnedFeatures, InputHasMeanZeroVarianceOneAndFullCells) {
 
 std::string errorOf(const std::string& file) {
   InitializerOptions options;
-  options.orb.feature_network = file;
+  options.feature_network = file;
   try {
     (void)makeInitializer(options, {400, 400, 159.5, 119.5, 320, 240});
   } catch (const ConfigError& error) {

@@ -122,7 +122,7 @@ TEST(ReferencePool, FindsFeaturesByDescriptorsWhereFlowLosesTheTracks) {
 
 TEST(ReferencePool, DoesNotTouchDescriptorsWhereFlowFollows) {
   const PassedPlane plane;
-  ReferencePool pool(smallPool());
+  ReferencePool pool(smallPool(), 256);
   pool.start(plane.frame(0));
   for (int k = 1; k <= 4; ++k) feed(pool, plane.frame(k));
   for (int i = 0; i < pool.references(); ++i) {

@@ -25,8 +25,9 @@ struct InitializerOptions {
   int num_threads = 1;                           ///< 0: all the machine has
   /// Of the frames that wait for a start. docs/experiments.md, "Resolution"
   int max_waiting_mb = 128;
-  CoarseOptions coarse;  ///< of kCoarse
-  OrbOptions orb;        ///< of kOrb
+  CoarseOptions coarse;         ///< of kCoarse
+  OrbOptions orb;               ///< of kOrb
+  std::string feature_network;  ///< ONNX file for kOrb: docs/variants.md, "Learned features"
 };
 
 /// Field list; see DescribeFor.

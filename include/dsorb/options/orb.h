@@ -4,8 +4,6 @@
 #include "dsorb/options/field.h"
 #include "dsorb/options/orb_mapping.h"
 
-#include <string>
-
 namespace dsorb {
 
 /// Implementation of pyramidal Lucas-Kanade.
@@ -78,9 +76,6 @@ struct OrbOptions {
   int reference_interval = 5;  ///< frames from one reference to the next; 0: only one at a time
   FeatureTrackOptions tracks;  ///< corners and how they are followed
   int max_features = 2000;     ///< of an image, where descriptors are matched
-  /// ONNX file of learned features in place of ORB's where frames are far apart; empty: ORB. Needs
-  /// a build with DSORB_WITH_DNN. No key: docs/variants.md, "Learned features"
-  std::string feature_network;
   MotionMethod motion = MotionMethod::kEssential;  ///< first poses
   GateOptions gate;                                ///< when a start is sure enough
   /// Rounds of refining the corners by patches of the reference, warped by pose and inverse depth,

@@ -19,7 +19,8 @@ std::unique_ptr<ReferenceSource> makeSource(const InitializerOptions& options) {
   if (options.orb.front_end == OrbFrontEnd::kDescriptors) {
     return std::make_unique<Correspondences>(options.orb);
   }
-  return std::make_unique<ReferencePool>(options.orb, options.max_waiting_mb);
+  return std::make_unique<ReferencePool>(
+      options.orb, options.max_waiting_mb, options.feature_network);
 }
 
 void keepSurest(const std::optional<WaitingMotion>& motion, std::optional<WaitingMotion>& surest) {

@@ -78,12 +78,14 @@ void addFeatures(const std::vector<std::vector<Eigen::Vector2f>>& features, Corn
 
 }  // namespace
 
-ReferencePool::ReferencePool(const OrbOptions& options, int max_waiting_mb)
+ReferencePool::ReferencePool(const OrbOptions& options,
+                             int max_waiting_mb,
+                             const std::string& network)
     : options_(options), max_waiting_mb_(max_waiting_mb), tracks_(options.tracks) {
-  if (options.feature_network.empty()) {
+  if (network.empty()) {
     finder_ = std::make_unique<OrbFinder>();
   } else {
-    finder_ = makeLearnedFinder(options.feature_network);
+    finder_ = makeLearnedFinder(network);
   }
 }
 

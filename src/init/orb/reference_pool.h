@@ -10,6 +10,7 @@
 
 #include <memory>
 #include <optional>
+#include <string>
 #include <vector>
 
 namespace dsorb::init_orb {
@@ -22,7 +23,8 @@ namespace dsorb::init_orb {
 class ReferencePool final : public ReferenceSource {
  public:
   /// @param max_waiting_mb for the frames; beyond it those between are forgotten [MiB]
-  ReferencePool(const OrbOptions& options, int max_waiting_mb);
+  /// @param network ONNX file of learned features; empty: ORB
+  ReferencePool(const OrbOptions& options, int max_waiting_mb, const std::string& network = {});
 
   void start(FramePtr frame) override;
   void advance(FramePtr frame) override;
@@ -88,9 +90,9 @@ class ReferencePool final : public ReferenceSource {
   std::vector<FramePtr> frames_;                          // since the oldest reference
   std::vector<std::optional<DescribedFrame>> described_;  // those of them that had to be
   std::vector<Reference> references_;                     // oldest first
-  int newest_ = 0;                     // index of the newest reference, lost or not
-  int newest_advanced_ = 0;            // of the pool when it was the newest frame
-  int advanced_ = 0;                   // frames given after the first
+  int newest_ = 0;           // index of the newest reference, lost or not
+  int newest_advanced_ = 0;  // of the pool when it was the newest frame
+  int advanced_ = 0;         // frames given after the first
 };
 
 }  // namespace dsorb::init_orb
