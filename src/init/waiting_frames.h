@@ -12,7 +12,8 @@
 /// missed least are forgotten.
 namespace dsorb {
 
-/// Reference, newest and one between, without which an adjustment shows no contradiction.
+/// Reference, newest and one between, without which an adjustment shows no contradiction. Only from
+/// four on can those between be spread.
 constexpr std::size_t kLeastWaiting = 3;
 
 /// How many frames as large as this one fit into a budget, at least kLeastWaiting.

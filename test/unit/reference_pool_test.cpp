@@ -150,7 +150,7 @@ TEST(ReferencePool, ForgetsFramesBetweenBeyondTheBudget) {
   OrbOptions options = smallPool();
   options.max_frames = 30;
   ReferencePool all(options, 256);
-  ReferencePool few(options, 1);
+  ReferencePool few(options, 5);
   all.start(plane.frame(0));
   few.start(plane.frame(0));
   for (int k = 1; k <= 16; ++k) {
@@ -161,14 +161,14 @@ TEST(ReferencePool, ForgetsFramesBetweenBeyondTheBudget) {
   const ReferenceView whole = all.view(0);
   const ReferenceView thin = few.view(0);
   ASSERT_EQ(whole.frames.size(), 17U);
-  ASSERT_EQ(thin.frames.size(), waitingFrames(*plane.frame(0), 1));
+  ASSERT_EQ(thin.frames.size(), waitingFrames(*plane.frame(0), 5));
   EXPECT_EQ(thin.frames.front()->id().value, 0);
   EXPECT_EQ(thin.frames.back()->id().value, 16);
   for (std::size_t k = 0; k < thin.frames.size(); ++k) {
     const int id = thin.frames[k]->id().value;
     EXPECT_EQ(thin.tracks.positions[k], whole.tracks.positions[static_cast<std::size_t>(id)]);
     const int next = k + 1 < thin.frames.size() ? thin.frames[k + 1]->id().value : id;
-    EXPECT_LE(next - id, 8);  // of 16 frames in at least three steps; the even third would be 5.3
+    EXPECT_LE(next - id, 8);  // of 16 frames in three steps; measured 7
   }
 }
 
