@@ -6,6 +6,7 @@
 #include "dsorb/io/sequence_reader.h"
 
 #include "base/median.h"
+#include "support/depth_windows.h"
 #include "support/matchers.h"
 
 #include <Eigen/Geometry>
@@ -15,10 +16,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
-#include <fstream>
 #include <memory>
 #include <random>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -33,21 +32,6 @@ struct DepthSequence {
   std::vector<std::vector<float>> depth;  // [m]
   std::vector<SE3> T_world_cam;
 };
-
-inline std::vector<SE3> readTruth(const std::string& file) {
-  std::ifstream in(file);
-  std::vector<SE3> poses;
-  for (std::string line; std::getline(in, line);) {
-    if (line.empty() || line[0] == '#') continue;
-    std::istringstream text(line);
-    double time = 0;
-    Eigen::Vector3d t;
-    Eigen::Quaterniond q;
-    text >> time >> t.x() >> t.y() >> t.z() >> q.x() >> q.y() >> q.z() >> q.w();
-    poses.emplace_back(q.normalized(), t);
-  }
-  return poses;
-}
 
 inline DepthSequence readDepthSequence(const std::string& path) {
   SequenceOptions options;
