@@ -30,7 +30,7 @@ namespace {
 
 constexpr int kTracked = 40;  // frames of the odometry
 constexpr int kMaxFrames = 60;
-constexpr double kRadians = EIGEN_PI / 180;
+constexpr double kRadians = M_PI / 180;
 
 /// Root mean square of positions after the best similarity, over the way's length [-].
 double ateOf(const std::vector<std::pair<std::size_t, SE3>>& poses, const DepthSequence& sequence) {
