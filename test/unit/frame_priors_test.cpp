@@ -40,7 +40,7 @@ TEST(DenseDepth, HasBothPartsOfTheDeviationAndHoles) {
   const DepthPrior prior = denseDepth({image.data(), kWidth, kHeight}, .03, .02);
   EXPECT_FLOAT_EQ(prior.sigma[0], .05F);
   EXPECT_EQ(prior.depth[0], 2);
-  for (const std::size_t i : {1, 2, 3}) EXPECT_FALSE(prior.depth[i] > 0) << i;
+  for (std::size_t i = 1; i <= 3; ++i) EXPECT_FALSE(prior.depth[i] > 0) << i;
   EXPECT_TRUE(prior.metric);
   EXPECT_THROW((void)denseDepth({image.data(), kWidth, kHeight}, 0, 0), std::invalid_argument);
   EXPECT_THROW((void)denseDepth({image.data(), kWidth, kHeight}, -1, 2), std::invalid_argument);
