@@ -150,7 +150,7 @@ TEST_P(KnownDepthOf, ARealSequenceStartsEarlierAndInMetres) {
   const DepthSequence sequence = readDepthSequence(path);
   std::size_t frames = 0;
   std::size_t frames_without = 0;
-  for (const std::size_t first : {0, 30}) {
+  for (const std::size_t first : {std::size_t{0}, std::size_t{30}}) {
     const InitRun run = feed(sequence, {"right"}, {}, first);
     const InitRun without = feed(sequence, {"none", false}, {}, first);
     ASSERT_TRUE(run.result) << run.log();
