@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Predicted probability of a wrong start against the observed share, over every window that the gate can judge: a reference
-every tenth frame, at each of its ages, forward and reversed (build/benchmark/start_windows). A window is wrong where its
+every fifth frame, at each of its ages, forward and reversed (build/benchmark/start_windows). A window is wrong where its
 direction of translation is more than WRONG_DEG off the truth."""
 import argparse
 import json

@@ -114,6 +114,10 @@ void Details::add(const EssentialReport& report) {
   add("polish_turn_deg", report.refinement.direction_change_deg);
   add("variance_factor", report.variance_factor);
   add("clustered_factor", report.clustered_factor);
+  if (const auto& readout = report.readout_score) {
+    add("readout_score_ms", 1000 * readout->seconds);
+    add("readout_score_sigma_ms", 1000 * readout->sigma);
+  }
 }
 
 void Details::add(const std::string& name, const PhotometricReport& report) {

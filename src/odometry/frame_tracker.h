@@ -6,8 +6,8 @@
 #include "dsorb/options/odometry.h"
 
 #include "geometry/motion_prior.h"
+#include "geometry/recent_motion.h"
 #include "image/photometric.h"
-#include "odometry/recent_motion.h"
 #include "track/motion_guesses.h"
 #include "track/tracker.h"
 

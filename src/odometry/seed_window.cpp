@@ -2,7 +2,7 @@
 #include "odometry/seed_window.h"
 
 #include "base/spread_frames.h"
-#include "odometry/recent_motion.h"
+#include "geometry/recent_motion.h"
 #include "window/point_activation.h"
 #include "window/seeding.h"
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // start_windows SEQUENCE [reverse]: judges every window of a sequence that has a groundtruth.txt: a
-// reference every tenth frame, at each of its ages. Prints what the gate of `orb` makes of a window
+// reference every fifth frame, at each of its ages. Prints what the gate of `orb` makes of a window
 // and the true error of its direction, one line each:
 //   reference target frames tracks corners error_probability rival_probability plane_probability
 //   direction_sigma_deg second_sigma_deg misfit depth_sigma parallax_deg direction_error_deg
@@ -108,7 +108,7 @@ InitializerOptions openGate() {
   InitializerOptions options = initializerVariant("orb");
   options.orb.gate.max_wrong_probability = 1;
   options.orb.gate.max_depth_sigma = 10;
-  options.orb.reference_interval = 10;
+  options.orb.reference_interval = 5;
   return options;
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "odometry/recent_motion.h"
+#include "geometry/recent_motion.h"
 
 #include <gtest/gtest.h>
 

@@ -1,142 +1,18 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/init/stage_reports.h"
+
 #include <optional>
 #include <string>
 #include <vector>
 
 namespace dsorb {
 
-/// Why an initializer answered as it did; for logs, observers and tests, never for control flow.
-enum class InitReason {
-  kFirstFrame,
-  kTooFewPoints,
-  kTooLittleParallax,
-  kSettling,
-  kTrackingLost,
-  kDegenerateMotion,
-  kPoorQuality,
-  kTimeout,
-  kDone
-};
-
-/// Name as in logs and JSON, for example "too_little_parallax".
-[[nodiscard]] const char* name(InitReason reason);
-
 /// Wall time of a stage.
 struct StageTime {
   std::string stage;        ///< name, for example "tracking"
   double milliseconds = 0;  ///< [ms]
-};
-
-/// Report of the direct initializer, "coarse".
-struct DirectReport {
-  double residual_rms = 0;   ///< [grey levels]
-  double visible_share = 0;  ///< points in view and fit for tracking
-  double motion_gain = 0;    ///< share of the energy of a pure rotation that translation removes
-  double rival_margin = 0;   ///< energy of the best motion elsewhere over its own, less 1
-};
-
-/// Homography against fundamental matrix, and the adjustments of the corners' map.
-struct TwoViewReport {
-  int tracks = 0;                ///< matches of the two views
-  double homography_score = 0;   ///< 0: no sample gave a model
-  double fundamental_score = 0;  ///< 0: no sample gave a model
-  int inliers = 0;               ///< of the chosen model
-  int good_points = 0;           ///< of the best motion
-  int second_good = 0;           ///< of the second-best motion
-  double parallax_deg = 0;       ///< of the point whose rank the options give
-  int removed_severe = 0;        ///< corners far off or behind a camera, all adjustments together
-  int removed_normal = 0;        ///< corners above the normal limit
-};
-
-/// Judgement of a start from the essential matrix: how likely it is that the newest frame's
-/// direction of translation is off by more than GateOptions::wrong_angle_deg, and why.
-struct GateReport {
-  InitReason reason = InitReason::kDone;  ///< kDone when it passed
-  double wrong_probability = 1;           ///< of the three causes together
-  double error_probability = 1;           ///< by the tails of the direction's distribution
-  double rival_probability = 0;           ///< by another minimum of the tracks' likelihood
-  double plane_probability = 0;           ///< by the other motion that a plane allows
-  double direction_sigma_deg = 0;         ///< larger axis of the direction's covariance
-  double second_sigma_deg = 0;            ///< smaller axis
-  double misfit = 1;        ///< errors of the corners over what noise of the images explains
-  double depth_sigma = 0;   ///< predicted relative error of a corner's inverse depth, median
-  double parallax_deg = 0;  ///< median angle under which both cameras see a corner
-};
-
-/// Corners measured again by aligning warped patches.
-struct RefinementReport {
-  bool accepted = false;            ///< the refined corners were taken
-  bool fits = true;                 ///< at least half of the corners match the images
-  double first_rms = 0;             ///< of the patches' pixels before the first step [grey levels]
-  double last_rms = 0;              ///< of the patches' pixels before the last step [grey levels]
-  double direction_change_deg = 0;  ///< of the newest frame's translation
-  int dropped = 0;                  ///< corners whose patches do not match
-};
-
-/// What became of depths that the caller knows of the reference.
-struct DepthPriorReport {
-  bool used = false;          ///< the start is made of them; otherwise it is one without
-  bool contradicted = false;  ///< by the images: they give no scale, either
-  int corners = 0;            ///< that had a depth
-  double inflation = 1;       ///< of the claimed standard deviations, to fit the images [-]
-  double relative_sigma = 0;  ///< of a corner's known depth after that, median [-]
-};
-
-/// Essential matrix, model selection, gate and refinement.
-struct EssentialReport {
-  int tracks = 0;                         ///< matches of the two views
-  int inliers = 0;                        ///< tracks that fit the chosen motion
-  double rotation_residual = 0;           ///< median rotation-compensated flow [px]
-  double front_share = 0;                 ///< corners in front of the camera
-  std::optional<double> homography_gric;  ///< over that of the essential matrix, where compared
-  std::optional<double> second_cost;      ///< cost of a plane's other motion over the best's
-  GateReport gate;                        ///< whether the start was sure enough
-  double track_noise = 0;                 ///< standard deviation of the corners, measured [px]
-  RefinementReport refinement;            ///< of the corners by patches
-  double variance_factor = 0;             ///< a-posteriori [-]
-  double clustered_factor = 0;            ///< on the clustered covariance [-]
-};
-
-/// Depths of gradient pixels beside the corners.
-struct SemiDenseReport {
-  int candidates = 0;  ///< selected gradient pixels
-  int searched = 0;    ///< candidates whose gradient runs along an epipolar line
-  int points = 0;      ///< candidates that were found consistently
-  int searches = 0;    ///< epipolar searches made
-  int matches = 0;     ///< searches that ended with an observation
-};
-
-/// Regions of the image that move by themselves.
-struct DynamicRegionsReport {
-  int contradicting_tracks = 0;  ///< tracks that do not fit the motion of the camera
-  int removed = 0;               ///< corners and semi-dense points
-};
-
-/// Photometric adjustment.
-struct PhotometricReport {
-  bool usable = false;          ///< converged to numbers, lower cost, enough residuals inside
-  int patches = 0;              ///< corners and semi-dense points that took part
-  int frames = 0;               ///< in the adjustment, besides the reference
-  int iterations = 0;           ///< of the joint solve at level 0
-  bool coarse_level = false;    ///< level 1 came first
-  bool poses_moved = false;     ///< the photometric poses were taken
-  double first_cost = 0;        ///< half the weighted Huber energy of the joint problem
-  double cost = 0;              ///< that energy afterwards
-  double inside_share = 0;      ///< of the patches' residuals inside the images [-]
-  double median_residual = 0;   ///< before, absolute [grey levels]
-  double direction_sigmas = 0;  ///< move of the target's direction by the geometric sigma
-};
-
-/// Removal of points by their residuals.
-struct OutlierReport {
-  int examined = 0;         ///< corners and semi-dense points
-  int removed_corners = 0;  ///< corners taken out
-  int removed_points = 0;   ///< semi-dense
-  /// Of the residuals' t-distribution, median over the frames [grey levels]; combined: of the
-  /// residuals over what their gradients let expect [-].
-  double t_scale = 0;
 };
 
 /// What led to a result. The parts of stages that did not run are empty.

@@ -3,6 +3,7 @@
 
 #include "base/parallel.h"
 #include "image/photometric.h"
+#include "init/orb/bundle/frame_motions.h"
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/bundle/patch_alignment.h"
 #include "init/orb/bundle/pose_covariance.h"
@@ -220,7 +221,7 @@ RefinementReport refineCorners(InitialMap& map,
     if (round == 0) report.first_rms = measured.rms;
     report.last_rms = measured.rms;
     if (!adjustOnce(refined, camera, adjusted)) return report;
-    placeCorners(refined, camera);
+    estimateMotions(refined, camera);
   }
   report.direction_change_deg = directionChangeDeg(map, refined);
   report.fits = static_cast<double>(refined.corners.size()) >=

@@ -4,9 +4,11 @@
 #include "estimate/marginals.h"
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/bundle/robust_adjustment.h"
+#include "init/orb/bundle/rolling_equations.h"
 
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -18,38 +20,29 @@ namespace {
 /// @source docs/experiments.md, "Variances of depths and poses"
 constexpr double kTailVarianceFactor = 4;
 
-/// Gradient of the cost by the poses, summed over the corners of each cell, one column a cell: they
-/// are independent samples of an error whose covariance is unknown.
-Eigen::MatrixXd cellGradients(const InitialMap& map,
-                              const LinearSystem<double>& system,
-                              const PoseRows& pose_rows,
-                              const PinholeCamera& camera,
-                              const GeometricOptions& options) {
-  std::vector<Eigen::Index> column(static_cast<std::size_t>(kCellsX * kCellsY), -1);
-  std::vector<std::size_t> cell(map.corners.size());
-  Eigen::Index cells = 0;
-  for (std::size_t i = 0; i < cell.size(); ++i) {
-    cell[i] = imageCell(map.corners[i].pixel, camera);
-    if (column[cell[i]] < 0) column[cell[i]] = cells++;
-  }
-  Eigen::MatrixXd gradients = Eigen::MatrixXd::Zero(pose_rows.size, cells);
-  for (const CornerObservation& observation : map.observations) {
-    const auto frame = observation.frame;
-    const auto corner = observation.corner;
-    if (pose_rows.first[frame] < 0) continue;
-    const auto projection = projectCorner(map, camera, observation);
-    if (!projection) continue;
-    const Eigen::Matrix2d whitening = observation.whitening / options.sigma;
-    const Eigen::Vector2d error = whitening * (projection->pixel - observation.pixel);
-    gradients.col(column[cell[corner]]).segment<kPoseSize>(pose_rows.first[frame]) +=
-        robustWeight(error.norm(), options) * projection->J_pose.transpose() *
-        (whitening.transpose() * error);
-  }
-  for (std::size_t i = 0; i < cell.size(); ++i) {
-    gradients.col(column[cell[i]]) -=
-        system.couplingOf(i) * (system.depth_gradient[i] / system.depth_hessian[i]);
-  }
-  return gradients;
+/// By the pose of the frame and, with a rolling shutter, by the motions.
+ObservationGradient gradientOf(const InitialMap& map,
+                               const PoseRows& pose_rows,
+                               Eigen::Index size,
+                               const PinholeCamera& camera) {
+  std::optional<RowTimesOfMap> times;
+  if (!map.motions.empty()) times.emplace(map, camera);
+  return
+      [&map, &pose_rows, size, times = std::move(times)](std::size_t i, const Vector6d& by_pose) {
+        Eigen::VectorXd gradient = Eigen::VectorXd::Zero(size);
+        const CornerObservation& observation = map.observations[i];
+        const int row = pose_rows.first[observation.frame];
+        if (times) {
+          addByFactors(by_pose,
+                       motionFactors(times->target[i], times->host[observation.corner]),
+                       map.frames[observation.frame].T_cam_ref->adjoint(),
+                       MotionRows{pose_rows.size}.ofFactors(row),
+                       gradient);
+        } else {
+          gradient.segment<kPoseSize>(row) = by_pose;
+        }
+        return gradient;
+      };
 }
 
 void setPoseCovariances(InitialMap& map, const PoseRows& pose_rows, const Eigen::MatrixXd& joint) {
@@ -62,6 +55,38 @@ void setPoseCovariances(InitialMap& map, const PoseRows& pose_rows, const Eigen:
 }
 
 }  // namespace
+
+Eigen::MatrixXd cellGradients(const InitialMap& map,
+                              const LinearSystem<double>& system,
+                              const PinholeCamera& camera,
+                              const GeometricOptions& options,
+                              const ObservationGradient& gradient_of) {
+  std::vector<Eigen::Index> column(static_cast<std::size_t>(kCellsX * kCellsY), -1);
+  std::vector<std::size_t> cell(map.corners.size());
+  Eigen::Index cells = 0;
+  for (std::size_t i = 0; i < cell.size(); ++i) {
+    cell[i] = imageCell(map.corners[i].pixel, camera);
+    if (column[cell[i]] < 0) column[cell[i]] = cells++;
+  }
+  Eigen::MatrixXd gradients = Eigen::MatrixXd::Zero(system.size(), cells);
+  for (std::size_t i = 0; i < map.observations.size(); ++i) {
+    const CornerObservation& observation = map.observations[i];
+    if (!map.frames[observation.frame].T_cam_ref) continue;
+    const auto projection = projectCorner(map, camera, observation);
+    if (!projection) continue;
+    const Eigen::Matrix2d whitening = observation.whitening / options.sigma;
+    const Eigen::Vector2d error = whitening * (projection->pixel - observation.pixel);
+    gradients.col(column[cell[observation.corner]]) +=
+        gradient_of(i,
+                    robustWeight(error.norm(), options) * projection->J_pose.transpose() *
+                        (whitening.transpose() * error));
+  }
+  for (std::size_t i = 0; i < cell.size(); ++i) {
+    gradients.col(column[cell[i]]) -=
+        system.couplingOf(i) * (system.depth_gradient[i] / system.depth_hessian[i]);
+  }
+  return gradients;
+}
 
 double setCovariances(InitialMap& map,
                       const PinholeCamera& camera,
@@ -82,17 +107,21 @@ double setCovariances(InitialMap& map,
     map.cluster_variance_scale =
         options.pose_variance_factor * (1 + kTailVarianceFactor * tailExcess(map, camera));
     const Eigen::MatrixXd clustered = marginals.clusteredRoots(
-        cellGradients(map, system, pose_rows, camera, options), size / kPoseSize);
-    roots.conservativeResize(Eigen::NoChange, size + clustered.cols());
+        cellGradients(
+            map, system, camera, options, gradientOf(map, pose_rows, system.size(), camera)),
+        size / kPoseSize);
+    roots.conservativeResize(Eigen::NoChange, roots.cols() + clustered.cols());
     roots.rightCols(clustered.cols()) = std::sqrt(map.cluster_variance_scale) * clustered;
   }
   const double mean_variance = marginals.depthVariance();
   const Eigen::MatrixXd in_gauge = marginals.inGauge(roots);
-  setPoseCovariances(map,
-                     pose_rows,
-                     in_gauge * in_gauge.transpose() +
-                         depth_only_factor * mean_variance * joint.scale * joint.scale.transpose());
-  Eigen::VectorXd effect(size);
+  const auto poses = in_gauge.topRows(size);
+  const auto scale = joint.scale.head(size);
+  setPoseCovariances(
+      map,
+      pose_rows,
+      poses * poses.transpose() + depth_only_factor * mean_variance * scale * scale.transpose());
+  Eigen::VectorXd effect(system.size());
   for (std::size_t i = 0; i < map.corners.size(); ++i) {
     const double rho = map.corners[i].inverse_depth;
     marginals.depthEffect(system, i, rho, effect);

@@ -4,9 +4,28 @@
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/options/orb_mapping.h"
 
+#include "estimate/linear_system.h"
 #include "init/orb/map/initial_map.h"
 
+#include <Eigen/Core>
+
+#include <cstddef>
+#include <functional>
+
 namespace dsorb::init_orb {
+
+/// Gradient by all unknowns of the frames that the error of an observation contributes, of that by
+/// a left increment of its frame's pose.
+using ObservationGradient =
+    std::function<Eigen::VectorXd(std::size_t observation, const Vector6d& by_pose)>;
+
+/// Gradients summed over the corners of each cell of the image, inverse depths eliminated, one
+/// column a cell: they are independent samples of an error whose covariance is unknown.
+Eigen::MatrixXd cellGradients(const InitialMap& map,
+                              const LinearSystem<double>& system,
+                              const PinholeCamera& camera,
+                              const GeometricOptions& options,
+                              const ObservationGradient& gradient_of);
 
 /// Sets the covariance of every posed frame after the reference, the joint one of all of them and
 /// the variance of every corner from their Marginals, times the a-posteriori variance factor

@@ -89,24 +89,4 @@ std::vector<std::size_t> poseOtherFrames(InitialMap& map, const PinholeCamera& c
   return poseFrames(map, camera, frames);
 }
 
-void estimateMotions(InitialMap& map, const PinholeCamera& camera) {
-  const std::size_t count = map.frames.size();
-  if (!isRolling(*map.frames.front().frame)) return;
-  InitialMap posed = map;
-  poseOtherFrames(posed, camera);
-  const auto at = [&posed](std::size_t k) {
-    return TimedPose{posed.frames[k].frame->timestamp(), *posed.frames[k].T_cam_ref};
-  };
-  map.motions.assign(count, {});
-  for (std::size_t k = 0; k < count; ++k) {
-    std::vector<TimedPose> neighbours;
-    if (k > 0) neighbours.push_back(at(k - 1));
-    if (k + 1 < count) neighbours.push_back(at(k + 1));
-    if (k + 2 < count) neighbours.push_back(at(k + 2));
-    if (k > 1) neighbours.push_back(at(k - 2));
-    map.motions[k] = motionThrough(at(k), neighbours);
-  }
-  placeCorners(map, camera);
-}
-
 }  // namespace dsorb::init_orb

@@ -40,8 +40,4 @@ std::vector<std::size_t> poseFrames(InitialMap& map,
 /// Poses all frames that have no pose yet. @return these frames
 std::vector<std::size_t> poseOtherFrames(InitialMap& map, const PinholeCamera& camera);
 
-/// Sets the motions of all frames from the poses around them, and the corners' pixels by that of
-/// the reference. Nothing happens with a global shutter.
-void estimateMotions(InitialMap& map, const PinholeCamera& camera);
-
 }  // namespace dsorb::init_orb

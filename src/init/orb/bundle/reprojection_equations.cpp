@@ -5,6 +5,7 @@
 #include "estimate/levenberg_marquardt.h"
 #include "estimate/robust_loss.h"
 #include "estimate/schur_problem.h"
+#include "init/orb/bundle/rolling_equations.h"
 
 #include <algorithm>
 #include <cmath>
@@ -247,17 +248,23 @@ ReprojectionEquations linearize(const InitialMap& map,
 GeometricMarginals::GeometricMarginals(const InitialMap& map,
                                        const PinholeCamera& camera,
                                        const GeometricOptions& options)
-    : rows(map), equations(linearize(map, rows, camera, options)) {
+    : rows(map),
+      equations(map.motions.empty() ? linearize(map, rows, camera, options)
+                                    : linearizeRolling(map, rows, camera, options)) {
   const std::vector<double>& h = equations.system.depth_hessian;
   const auto last = h.begin() + static_cast<std::ptrdiff_t>(map.corners.size());
   const bool all_known = std::all_of(h.begin(), last, [](double value) { return value > 0; });
   if (rows.size == 0 || map.corners.empty() || !all_known) return;
   const ReprojectionState state(map, rows);
-  scale = scaleDirection(state.T_cam_ref, kPoseSize);
-  if (map.scaleKnown()) scale.setZero();
+  scale = Eigen::VectorXd::Zero(equations.system.size());
+  if (!map.scaleKnown()) {
+    scale.head(rows.size) = scaleDirection(state.T_cam_ref, kPoseSize);
+    if (!map.motions.empty()) scaleMotions(map, rows, scale);
+  }
   marginals = Marginals(equations.system, scale, state.inverse_depth);
-  const double redundancy = equations.rows - rows.size - static_cast<double>(map.corners.size()) +
-                            (map.scaleKnown() ? 0 : 1);
+  const auto unknowns = equations.system.size() + static_cast<Eigen::Index>(map.corners.size());
+  const double redundancy =
+      equations.rows - static_cast<double>(unknowns) + (map.scaleKnown() ? 0 : 1);
   if (marginals.usable() && redundancy > 0) {
     variance_factor = equations.weighted_square / redundancy;
   }
@@ -273,6 +280,7 @@ std::optional<double> reprojectionCost(const InitialMap& map,
 std::optional<int> solveWithSchur(InitialMap& map,
                                   const PinholeCamera& camera,
                                   const GeometricOptions& options) {
+  if (!map.motions.empty()) return solveRolling(map, camera, options);
   const PoseRows pose_rows(map);
   if (pose_rows.size == 0) return std::nullopt;
   const ReprojectionProblem problem(map, pose_rows, camera, options);

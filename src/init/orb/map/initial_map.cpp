@@ -32,6 +32,7 @@ bool rescale(InitialMap& map, double mean) {
   changeUnit(mean, map.frames);
   map.metres /= mean;
   for (RowMotion& motion : map.motions) motion.changeUnit(mean);
+  for (MotionPrior& prior : map.motion_priors) prior.changeUnit(mean);
   for (Eigen::Index row = 0; row < map.joint_covariance.rows(); ++row) {
     if (row % 6 >= 3) continue;  // a rotation
     map.joint_covariance.row(row) *= mean;

@@ -7,6 +7,7 @@
 #include "dsorb/init/result.h"
 
 #include "estimate/rolling_shutter.h"
+#include "geometry/motion_prior.h"
 #include "geometry/row_motion.h"
 #include "image/cell_grid.h"
 
@@ -74,8 +75,9 @@ struct InitialMap {
   std::vector<SemiDensePoint> points;
   /// Of the frames while their rows are read; empty: global shutter, or not known yet.
   std::vector<RowMotion> motions{};
-  std::optional<Readout> readout{};        ///< of a rolling shutter, calibrated or estimated
-  std::vector<KnownRotation> rotations{};  ///< between frames, by the caller; take part
+  std::vector<MotionPrior> motion_priors{};  ///< what the poses say of them; as many
+  std::optional<Readout> readout{};          ///< of a rolling shutter, calibrated or estimated
+  std::vector<KnownRotation> rotations{};    ///< between frames, by the caller; take part
   /// Metres of one unit where known depths have given the map its scale, which is no free gauge
   /// then; 0: nothing is known.
   double metres = 0;

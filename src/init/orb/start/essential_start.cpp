@@ -3,8 +3,10 @@
 
 #include "base/median.h"
 #include "init/orb/bundle/corner_refinement.h"
+#include "init/orb/bundle/frame_motions.h"
 #include "init/orb/bundle/geometric_covariance.h"
 #include "init/orb/bundle/map_assembly.h"
+#include "init/orb/bundle/readout_score.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/start/known_depth_start.h"
 #include "init/orb/start/motion_candidates.h"
@@ -135,6 +137,10 @@ Outcome<Reconstruction> refineStart(Reconstruction made, const AttemptContext& c
   found.variance_factor =
       context.clock.time("covariance", [&] { return setCovariances(map, camera, adjusted); });
   found.clustered_factor = map.cluster_variance_scale;
+  if (map.motions.empty()) {
+    found.readout_score =
+        context.clock.time("readout", [&] { return scoreReadout(map, camera, adjusted); });
+  }
   if (!std::isfinite(found.variance_factor)) return InitReason::kPoorQuality;
   return made;
 }

@@ -8,7 +8,7 @@
 #include <optional>
 #include <vector>
 
-namespace dsorb::odometry {
+namespace dsorb {
 
 /// A pose with the velocity that the image shows.
 struct Passage {
@@ -51,4 +51,4 @@ class RecentMotion {
                                       const Passage& before,
                                       const Passage& after);
 
-}  // namespace dsorb::odometry
+}  // namespace dsorb

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "odometry/recent_motion.h"
+#include "geometry/recent_motion.h"
 
 #include <Eigen/LU>
 
@@ -7,7 +7,7 @@
 #include <cmath>
 #include <cstddef>
 
-namespace dsorb::odometry {
+namespace dsorb {
 namespace {
 
 constexpr std::size_t kRecent = 3;
@@ -114,4 +114,4 @@ MotionPrior RecentMotion::inMiddle() const {
   return {motionThrough(recent_[1].pose, around), half};
 }
 
-}  // namespace dsorb::odometry
+}  // namespace dsorb
