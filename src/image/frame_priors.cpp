@@ -3,6 +3,7 @@
 
 #include "dsorb/image/frame_priors.h"
 
+#include <Eigen/Cholesky>
 #include <Eigen/LU>
 
 #include <cmath>
@@ -14,6 +15,7 @@
 namespace dsorb {
 namespace {
 
+constexpr double kMaxSkew = 1e-6;   // of a covariance, relative to its largest entry
 constexpr double kMaxShear = 1e-3;  // of a rotation matrix in single precision: far less
 
 void require(bool holds, const std::string& expected, double found) {
@@ -55,6 +57,22 @@ void checkDepth(const DepthPrior& prior, const Frame& frame) {
             "a sigma above 0 where the depth is known",
             static_cast<double>(prior.sigma[i]));
   }
+}
+
+void checkPose(const PosePrior& prior) {
+  const Eigen::Matrix4d T = prior.T_frame_since.matrix();
+  require(T.allFinite(), "a finite motion", T.sum());
+  const Eigen::Index size = prior.has_translation ? 6 : 3;
+  const Eigen::MatrixXd covariance = prior.covariance.bottomRightCorner(size, size);
+  require(covariance.allFinite(), "a finite covariance of the motion", covariance.sum());
+  const double skew = (covariance - covariance.transpose()).cwiseAbs().maxCoeff();
+  require(skew <= kMaxSkew * covariance.cwiseAbs().maxCoeff(),
+          "a symmetric covariance of the motion",
+          skew);
+  const Eigen::LLT<Eigen::MatrixXd> factor(covariance);
+  require(factor.info() == Eigen::Success,
+          "a positive definite covariance of the motion; smallest entry of its diagonal",
+          covariance.diagonal().minCoeff());
 }
 
 }  // namespace
@@ -105,16 +123,35 @@ DepthPrior sparseDepth(int width, int height, const std::vector<DepthAtPixel>& s
   return prior;
 }
 
+PosePrior rotationSince(FrameId since,
+                        const Eigen::Matrix3d& R_frame_since,
+                        const Eigen::Matrix3d& covariance) {
+  const double error =
+      (R_frame_since * R_frame_since.transpose() - Eigen::Matrix3d::Identity()).norm();
+  require(
+      error < kMaxShear && R_frame_since.determinant() > 0, "a rotation, with R R^T near 1", error);
+  PosePrior prior;
+  prior.since = since;
+  prior.T_frame_since = SE3(R_frame_since, Eigen::Vector3d::Zero());
+  prior.covariance.bottomRightCorner<3, 3>() = covariance;
+  return prior;
+}
+
+PosePrior rotationSince(FrameId since, const Eigen::Matrix3d& R_frame_since, double sigma) {
+  requireSigma(sigma, "rotation");
+  return rotationSince(
+      since, R_frame_since, Eigen::Matrix3d(sigma * sigma * Eigen::Matrix3d::Identity()));
+}
+
+PosePrior poseSince(FrameId since, const SE3& T_frame_since, const Matrix6d& covariance) {
+  return {since, T_frame_since, covariance, true};
+}
+
 void checkPriors(const Frame& frame) {
   if (frame.priors() == nullptr) return;
   const FramePriors& priors = *frame.priors();
   if (priors.depth) checkDepth(*priors.depth, frame);
-  if (priors.rotation) {
-    requireSigma(priors.rotation->sigma, "rotation");
-    const Eigen::Matrix3d& R = priors.rotation->R_frame_since;
-    const double error = (R * R.transpose() - Eigen::Matrix3d::Identity()).norm();
-    require(error < kMaxShear && R.determinant() > 0, "a rotation, with R R^T near 1", error);
-  }
+  if (priors.pose) checkPose(*priors.pose);
   if (priors.distance) {
     requireSigma(priors.distance->sigma, "distance");
     require(priors.distance->metres >= 0 && std::isfinite(priors.distance->metres),

@@ -5,6 +5,8 @@
 #include "image/cell_grid.h"
 #include "init/result.h"
 
+#include <Eigen/LU>
+
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -116,6 +118,38 @@ double relativeSigmaOf(const PosedFrame& posed) {
   return std::sqrt(t.dot(covariance * t)) / t.squaredNorm();
 }
 
+/// Least squares of the metres of a unit, from lengths and translations.
+struct MetresFit {
+  double product = 0;  // of known and estimated ones, weighted
+  double square = 0;   // of estimated ones, weighted
+
+  void add(const DistancePrior& known, const Eigen::Vector3d& moved) {
+    const double weight = 1 / (known.sigma * known.sigma);
+    product += weight * known.metres * moved.norm();
+    square += weight * moved.squaredNorm();
+  }
+  void add(const PosePrior& known, const Eigen::Vector3d& moved) {
+    const Eigen::Vector3d& t = known.T_frame_since.translation();
+    Eigen::Matrix<double, 3, 6> J;  // of the translation of exp(xi) * T
+    J << Eigen::Matrix3d::Identity(), -hat(t);
+    const Eigen::Matrix3d covariance = J * known.covariance * J.transpose();
+    const Eigen::Vector3d weighted = covariance.inverse() * moved;
+    product += weighted.dot(t);
+    square += weighted.dot(moved);
+  }
+};
+
+/// Translation of a posed frame since an earlier one.
+std::optional<Eigen::Vector3d> motionSince(FrameId since,
+                                           const PosedFrame& to,
+                                           const InitializationResult& result) {
+  for (const PosedFrame& from : result.frames) {
+    if (from.frame->id() != since || !from.T_cam_ref || from.frame == to.frame) continue;
+    return (*to.T_cam_ref * from.T_cam_ref->inverse()).translation();
+  }
+  return std::nullopt;
+}
+
 double shareWithin(const std::vector<LogRatio>& ratios, double mean, double limit) {
   const auto close = std::count_if(ratios.begin(), ratios.end(), [&](const LogRatio& ratio) {
     return std::abs(ratio.value - mean) < limit * std::max(ratio.sigma, kMinSpread);
@@ -194,24 +228,24 @@ std::optional<MetricScale> scaleFromDistance(const InitializationResult& result,
 }
 
 std::optional<MetricScale> scaleFromDistances(const InitializationResult& result) {
-  double product = 0;  // of known and estimated distances, over the variance of the known one
-  double square = 0;
+  MetresFit fit;
   for (const PosedFrame& to : result.frames) {
     const FramePriors* priors = to.frame->priors();
-    if (priors == nullptr || !priors->distance || !to.T_cam_ref) continue;
-    const DistancePrior& known = *priors->distance;
-    for (const PosedFrame& from : result.frames) {
-      if (from.frame->id() != known.since || !from.T_cam_ref || from.frame == to.frame) continue;
-      const double moved = (*to.T_cam_ref * from.T_cam_ref->inverse()).translation().norm();
-      product += known.metres * moved / (known.sigma * known.sigma);
-      square += moved * moved / (known.sigma * known.sigma);
+    if (priors == nullptr || !to.T_cam_ref) continue;
+    if (const auto& known = priors->distance) {
+      const auto moved = motionSince(known->since, to, result);
+      if (moved) fit.add(*known, *moved);
+    }
+    if (const auto& known = priors->pose; known && known->has_translation) {
+      const auto moved = motionSince(known->since, to, result);
+      if (moved && result.report.pose_prior.value_or(true)) fit.add(*known, *moved);
     }
   }
   const PosedFrame& newest = result.frames.back();
-  if (!(product > 0) || !newest.covariance) return std::nullopt;
-  const double metres = product / square;
+  if (!(fit.product > 0) || !newest.covariance) return std::nullopt;
+  const double metres = fit.product / fit.square;
   return MetricScale{
-      metres, std::hypot(1 / (metres * std::sqrt(square)), relativeSigmaOf(newest)), 0};
+      metres, std::hypot(1 / (metres * std::sqrt(fit.square)), relativeSigmaOf(newest)), 0};
 }
 
 void toMetres(const MetricScale& scale, InitializationResult& result) {

@@ -140,7 +140,7 @@ Json detailsOf(const InitReport& report) {
   }
   if (report.two_view) details.add(*report.two_view);
   if (report.essential) details.add(*report.essential);
-  details.add("known_rotation_used", report.rotation_prior);
+  details.add("known_pose_used", report.pose_prior);
   if (const auto& depths = report.depth_prior) {
     details.add("known_depth_used", depths->used);
     details.add("known_depth_contradicted", depths->contradicted);

@@ -110,7 +110,10 @@ int run(int argc, char** argv) {
       {"sparse", true, 1, 0, false, 8},
       {"turn.01", false, 1, 0, false, 1, kRadians * .01},
       {"turn.1", false, 1, 0, false, 1, kRadians * .1},
-      {"turn.1_small", false, 1, 0, false, 1, kRadians * .1, .1}};
+      {"turn.1_small", false, 1, 0, false, 1, kRadians * .1, .1},
+      {"pose", false, 1, 0, false, 1, kRadians * .01, 1, .02},
+      {"pose_small", false, 1, 0, false, 1, kRadians * .01, .1, .02},
+      {"pose_back", false, 1, 0, false, 1, kRadians * .01, 1, .02, true}};
   for (const DepthErrors& wrong : kinds) {
     std::map<std::string, std::vector<double>> all;
     int never = 0, wrong_starts = 0, used = 0, starts = 0;

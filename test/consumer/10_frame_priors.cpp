@@ -86,7 +86,7 @@ dsorb::FramePtr withGyroscope(dsorb::ImageView image, int i) {
   // [gyroscope]
   if (i > 0) {
     const Eigen::Matrix3d R = integrateGyroscope(i - 1, i);  // directions of frame i - 1 to i
-    priors->rotation = dsorb::RotationPrior{dsorb::FrameId{i - 1}, R, .0005};
+    priors->pose = dsorb::rotationSince(dsorb::FrameId{i - 1}, R, .0005);
   }
   // [/gyroscope]
   info.priors = priors;
@@ -106,10 +106,26 @@ dsorb::FramePtr withWheels(dsorb::ImageView image, int i) {
   return dsorb::Frame::create(image, info);
 }
 
+dsorb::FramePtr withOdometry(dsorb::ImageView image, int i) {
+  dsorb::FrameInfo info{dsorb::FrameId{i}, i / 30.0};
+  auto priors = std::make_shared<dsorb::FramePriors>();
+  if (i > 0) {
+    const Eigen::Vector3d moved(cameraX(i - 1) - cameraX(i), 0, cameraZ(i - 1) - cameraZ(i));
+    // [pose]
+    const dsorb::SE3 T(integrateGyroscope(i - 1, i), moved);  // points of frame i - 1 to i [m]
+    dsorb::Matrix6d covariance = dsorb::Matrix6d::Zero();
+    covariance.diagonal() << 4e-6, 4e-6, 4e-6, 2.5e-7, 2.5e-7, 2.5e-7;  // [m^2], [rad^2]
+    priors->pose = dsorb::poseSince(dsorb::FrameId{i - 1}, T, covariance);
+    // [/pose]
+  }
+  info.priors = priors;
+  return dsorb::Frame::create(image, info);
+}
+
 /// What became of the priors.
 const char* used(const dsorb::InitReport& report) {
   const bool depth = report.depth_prior && report.depth_prior->used;
-  return depth ? "depths used" : report.rotation_prior.value_or(false) ? "rotations used" : "";
+  return depth ? "depths used" : report.pose_prior.value_or(false) ? "motions used" : "";
 }
 
 /// Starts from frames with priors. @return whether it did, early enough and in metres if expected
@@ -144,5 +160,6 @@ int main() {
   good = start("network", withNetwork, false, 3) && good;
   good = start("gyroscope", withGyroscope, false, 5) && good;
   good = start("wheels", withWheels, true, 10) && good;
+  good = start("odometry", withOdometry, true, 10) && good;
   return good ? 0 : 1;
 }

@@ -12,6 +12,7 @@
 #include <Eigen/Geometry>
 #include <opencv2/imgcodecs.hpp>
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -66,8 +67,29 @@ struct DepthErrors {
   bool mirrored = false;
   int step = 1;             // every so many pixels
   double turn_sigma = 0;    // of a rotation [rad]; 0: none is known
-  double turn_claimed = 1;  // over its errors' sigma
+  double turn_claimed = 1;  // over its errors' sigma, also of the translation
+  double move_sigma = 0;    // of a translation, over its length [-]; 0: none is known
+  bool backwards = false;   // the translation is
 };
+
+/// @param motion true translation, rotation with its error
+inline PosePrior posePrior(FrameId since,
+                           const SE3& motion,
+                           const DepthErrors& wrong,
+                           std::mt19937& random) {
+  const double turn_sigma = wrong.turn_sigma * wrong.turn_claimed;
+  if (wrong.move_sigma == 0) return rotationSince(since, motion.rotationMatrix(), turn_sigma);
+  constexpr double kLeast = 1e-4;  // [m]
+  const double sigma = std::max(kLeast, wrong.move_sigma * motion.translation().norm());
+  std::normal_distribution<double> error(0, sigma);
+  Eigen::Vector3d t = wrong.backwards ? Eigen::Vector3d(-motion.translation())
+                                      : Eigen::Vector3d(motion.translation());
+  for (double& value : t) value += error(random);
+  Matrix6d covariance = Matrix6d::Zero();
+  covariance.diagonal().head<3>().setConstant(std::pow(sigma * wrong.turn_claimed, 2));
+  covariance.diagonal().tail<3>().setConstant(turn_sigma * turn_sigma);
+  return poseSince(since, SE3(Eigen::Quaterniond(motion.unitQuaternion()), t), covariance);
+}
 
 inline FramePtr withDepth(const DepthSequence& sequence,
                           std::size_t i,
@@ -101,9 +123,8 @@ inline FramePtr withDepth(const DepthSequence& sequence,
     const SE3 turn = sequence.T_world_cam[i].inverse() * sequence.T_world_cam[i - 1];
     std::normal_distribution<double> error(0, wrong.turn_sigma);
     const Eigen::Vector3d omega(error(random), error(random), error(random));
-    priors->rotation = RotationPrior{sequence.frames[i - 1]->id(),
-                                     (so3Exp(omega) * turn.unitQuaternion()).toRotationMatrix(),
-                                     wrong.turn_sigma * wrong.turn_claimed};
+    const SE3 found(so3Exp(omega) * turn.unitQuaternion(), turn.translation());
+    priors->pose = posePrior(sequence.frames[i - 1]->id(), found, wrong, random);
   }
   info.priors = priors;
   return Frame::create({pixels.data(), width, frame.height()}, info);
@@ -141,7 +162,7 @@ inline void compare(const InitializationResult& result,
     outcome.used = depths->used ? 1 : 0;
     outcome.inflation = depths->inflation;
   }
-  if (result.report.rotation_prior) outcome.used = *result.report.rotation_prior ? 1 : 0;
+  if (result.report.pose_prior) outcome.used = *result.report.pose_prior ? 1 : 0;
 }
 
 }  // namespace dsorb

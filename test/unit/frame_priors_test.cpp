@@ -81,5 +81,41 @@ TEST(FrameCheck, RefusesPriorsOfAnotherSizeAndWithoutDeviationAndLeavesNoTrace) 
   EXPECT_NO_THROW(check.accept(frameWith(good, 1)));
 }
 
+TEST(PosePrior, IsOfARotationWithACovariance) {
+  const Eigen::Matrix3d R = so3Exp({.1, .2, -.1}).toRotationMatrix();
+  const PosePrior prior = rotationSince(FrameId{3}, R, .01);
+  EXPECT_EQ(prior.since, FrameId{3});
+  EXPECT_FALSE(prior.has_translation);
+  EXPECT_LT((prior.T_frame_since.rotationMatrix() - R).norm(), 1e-12);
+  EXPECT_NEAR(prior.covariance(4, 4), 1e-4, 1e-12);
+  EXPECT_THROW((void)rotationSince(FrameId{3}, R, 0), std::invalid_argument);
+  EXPECT_THROW((void)rotationSince(FrameId{3}, 2 * R, .01), std::invalid_argument);
+  EXPECT_THROW((void)rotationSince(FrameId{3}, -R, .01), std::invalid_argument);
+}
+
+TEST(FrameCheck, RefusesPosePriorsWithoutAPositiveDefiniteCovariance) {
+  const PinholeCamera camera{30, 30, 16, 8, kWidth, kHeight};
+  FrameCheck check(camera);
+  const auto frameKnowing = [](const PosePrior& pose) {
+    const std::vector<float> image(static_cast<std::size_t>(kWidth) * kHeight, 100);
+    auto priors = std::make_shared<FramePriors>();
+    priors->pose = pose;
+    FrameInfo info{FrameId{0}, 0};
+    info.priors = priors;
+    return Frame::create({image.data(), kWidth, kHeight}, info);
+  };
+  const SE3 moved(Eigen::Quaterniond::Identity(), {1, 0, 0});
+  Matrix6d covariance = Matrix6d::Identity();
+  covariance(1, 1) = -1;
+  EXPECT_THROW(check.accept(frameKnowing(poseSince(FrameId{0}, moved, covariance))),
+               std::invalid_argument);
+  covariance(1, 1) = 1;
+  covariance(0, 1) = .5;  // not symmetric
+  EXPECT_THROW(check.accept(frameKnowing(poseSince(FrameId{0}, moved, covariance))),
+               std::invalid_argument);
+  covariance(1, 0) = .5;
+  EXPECT_NO_THROW(check.accept(frameKnowing(poseSince(FrameId{0}, moved, covariance))));
+}
+
 }  // namespace
 }  // namespace dsorb

@@ -5,15 +5,20 @@
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/map/depth_lookup.h"
+#include "init/orb/map/motion_equations.h"
 #include "init/orb/start/known_depth_start.h"
-#include "init/orb/start/known_rotations.h"
+#include "init/orb/start/known_motions.h"
 #include "support/matchers.h"
 #include "support/synthetic_map.h"
 
+#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdint>
+#include <memory>
+#include <optional>
 #include <random>
 #include <vector>
 
@@ -91,51 +96,90 @@ TEST(KnownTerm, HasTheDerivativesOfItsCost) {
   EXPECT_NEAR(knownTerm(known, .5).hessian, 1 / known.variance, 1e-9);
 }
 
-/// Rotations between every two frames of a map, wrong by an angle each.
-std::vector<KnownRotation> rotationsOf(const InitialMap& truth, double wrong, double sigma) {
-  std::vector<KnownRotation> known;
+/// Frames' motions by truth, each since the one before, in a unit of two metres.
+std::vector<KnownMotion> motionsOf(const InitialMap& truth,
+                                   double wrong,
+                                   double sigma,
+                                   bool has_translation) {
+  std::vector<KnownMotion> known;
   for (std::size_t to = 1; to < truth.frames.size(); ++to) {
-    const SE3 turn = *truth.frames[to].T_cam_ref * truth.frames[to - 1].T_cam_ref->inverse();
-    const Eigen::Quaterniond error = so3Exp({wrong, 0, 0});
-    known.push_back(
-        {to - 1, to, SE3(error * turn.unitQuaternion(), Eigen::Vector3d::Zero()), sigma * sigma});
+    const SE3 motion = *truth.frames[to].T_cam_ref * truth.frames[to - 1].T_cam_ref->inverse();
+    const Eigen::Quaterniond turn = so3Exp({wrong, 0, 0}) * motion.unitQuaternion();
+    KnownMotion& one = known.emplace_back();
+    one.from = to - 1;
+    one.to = to;
+    one.T_to_from =
+        SE3(turn,
+            has_translation ? Eigen::Vector3d(2 * motion.translation()) : Eigen::Vector3d(0, 0, 0));
+    one.has_translation = has_translation;
+    const Eigen::Index size = has_translation ? 6 : 3;
+    one.information.bottomRightCorner(size, size).diagonal().setConstant(1 / (sigma * sigma));
   }
   return known;
 }
 
-TEST(KnownRotations, HaveTheGradientOfTheirCost) {
+/// Known motions as a system of equations sees them: the reference is no unknown.
+std::vector<KnownMotion> amongUnknowns(std::vector<KnownMotion> known) {
+  for (KnownMotion& one : known) {
+    one.from = one.from == 0 ? KnownMotion::kReference : one.from - 1;
+    --one.to;
+  }
+  return known;
+}
+
+std::vector<SE3> unknownPoses(const InitialMap& map) {
+  std::vector<SE3> poses;
+  for (std::size_t k = 1; k < map.frames.size(); ++k) poses.push_back(*map.frames[k].T_cam_ref);
+  return poses;
+}
+
+class KnownMotions : public testing::TestWithParam<bool> {};
+INSTANTIATE_TEST_SUITE_P(, KnownMotions, testing::Bool());
+
+TEST_P(KnownMotions, HaveTheGradientOfTheirCost) {
   const SyntheticMap scene = makeSyntheticMap({60, 4, .3, .05}, 7);
-  const GeometricOptions options;
-  InitialMap map = scene.start;
-  map.rotations = rotationsOf(scene.truth, .004, .003);
-  const PoseRows rows(map);
-  const ReprojectionEquations equations = linearize(map, rows, scene.camera, options);
+  std::vector<KnownMotion> known = amongUnknowns(motionsOf(scene.truth, .004, .003, GetParam()));
+  if (GetParam()) {  // errors of translation and rotation belong together
+    for (KnownMotion& one : known) one.information(0, 4) = one.information(4, 0) = 3e4;
+  }
+  const std::vector<SE3> poses = unknownPoses(scene.start);
+  const MotionEquations equations = motionEquations(known, poses);
   constexpr double kStep = 1e-6;
-  for (std::size_t frame = 1; frame < map.frames.size(); ++frame) {
-    for (int axis = 3; axis < 6; ++axis) {
-      const auto costAt = [&](double step) {
-        Vector6d xi = Vector6d::Zero();
-        xi[axis] = step;
-        const auto with = [&](InitialMap moved) {
-          moved.frames[frame].T_cam_ref = SE3::exp(xi) * *map.frames[frame].T_cam_ref;
-          return *reprojectionCost(moved, scene.camera, options);
-        };
-        InitialMap without = map;
-        without.rotations.clear();
-        return with(map) - with(without);  // of the rotations alone
-      };
-      InitialMap without = map;
-      without.rotations.clear();
-      const double gradient =
-          (equations.system.b -
-           linearize(without, rows, scene.camera, options).system.b)[rows.first[frame] + axis];
-      const double slope = (costAt(kStep) - costAt(-kStep)) / (2 * kStep);
-      EXPECT_NEAR(gradient, slope, .02 * std::abs(slope) + .5) << frame << " " << axis;
-    }
+  for (Eigen::Index i = 0; i < equations.b.size(); ++i) {
+    const auto costAt = [&](double step) {
+      Vector6d xi = Vector6d::Zero();
+      xi[i % 6] = step;
+      std::vector<SE3> moved = poses;
+      SE3& pose = moved[static_cast<std::size_t>(i / 6)];
+      pose = SE3::exp(xi) * pose;
+      return motionEquations(known, moved).cost;
+    };
+    const double slope = (costAt(kStep) - costAt(-kStep)) / (2 * kStep);
+    // The errors' rotations are below .02 rad: their Jacobian is one up to half of that.
+    EXPECT_NEAR(equations.b[i], slope, .02 * equations.b.cwiseAbs().maxCoeff()) << i;
   }
 }
 
-TEST(KnownRotations, AreTakenWhereTheyFitAndRefusedWhereTheyDoNot) {
+TEST(KnownMotionsOf, AMapLeaveItsScaleFree) {
+  const SyntheticMap scene = makeSyntheticMap({60, 4, .3, .05}, 7);
+  const auto known = amongUnknowns(motionsOf(scene.truth, 0, .003, true));
+  const std::vector<SE3> poses = unknownPoses(scene.truth);
+  const MotionEquations right = motionEquations(known, poses);
+  EXPECT_NEAR(right.metres, 2, 1e-9);
+  EXPECT_NEAR(right.cost, 0, 1e-9);
+  Eigen::VectorXd scale = Eigen::VectorXd::Zero(right.b.size());
+  std::vector<SE3> larger = unknownPoses(scene.start);
+  const MotionEquations start = motionEquations(known, larger);
+  for (std::size_t k = 0; k < poses.size(); ++k) {
+    scale.segment<3>(static_cast<Eigen::Index>(6 * k)) = poses[k].translation();
+    larger[k].setTranslation(3 * larger[k].translation());
+  }
+  EXPECT_LT((right.H * scale).norm(), 1e-9 * right.H.norm() * scale.norm());
+  EXPECT_NEAR(motionEquations(known, larger).cost, start.cost, 1e-9 * start.cost);
+  EXPECT_NEAR(motionEquations(known, larger).metres, start.metres / 3, 1e-9);
+}
+
+TEST_P(KnownMotions, AreTakenWhereTheyFitAndRefusedWhereTheyDoNot) {
   const SyntheticMap scene = makeSyntheticMap({150, 4, .3, .02}, 7);
   const GeometricOptions options;
   InitialMap map = scene.start;
@@ -143,16 +187,97 @@ TEST(KnownRotations, AreTakenWhereTheyFitAndRefusedWhereTheyDoNot) {
   const auto error = [&](const InitialMap& of) {
     return rotationErrorDeg(*of.frames.back().T_cam_ref, *scene.truth.frames.back().T_cam_ref);
   };
+  const auto direction = [&](const InitialMap& of) {
+    return directionErrorDeg(of.frames.back().T_cam_ref->translation(),
+                             scene.truth.frames.back().T_cam_ref->translation());
+  };
   InitialMap right = map;
-  ASSERT_EQ(adjustWithRotations(right, rotationsOf(scene.truth, 0, 1e-5), scene.camera, options),
-            std::optional(true));
+  ASSERT_EQ(
+      adjustWithMotions(right, motionsOf(scene.truth, 0, 1e-5, GetParam()), scene.camera, options),
+      std::optional(true));
   EXPECT_LT(error(right), .2 * error(map));
+  if (GetParam()) {
+    EXPECT_LT(direction(right), .2 * direction(map));
+  }
   InitialMap wrong = map;
-  ASSERT_EQ(adjustWithRotations(wrong, rotationsOf(scene.truth, .02, 1e-4), scene.camera, options),
+  ASSERT_EQ(adjustWithMotions(
+                wrong, motionsOf(scene.truth, .02, 1e-4, GetParam()), scene.camera, options),
             std::optional(false));
-  EXPECT_TRUE(wrong.rotations.empty());
+  EXPECT_TRUE(wrong.known_motions.empty());
   EXPECT_EQ(error(wrong), error(map));
-  EXPECT_FALSE(adjustWithRotations(wrong, {}, scene.camera, options));
+  EXPECT_FALSE(adjustWithMotions(wrong, {}, scene.camera, options));
+}
+
+TEST(KnownMotionsOf, AMirroredOdometryAreRefused) {
+  const SyntheticMap scene = makeSyntheticMap({150, 4, .3, .02}, 7);
+  InitialMap map = scene.start;
+  ASSERT_TRUE(adjustOnce(map, scene.camera, GeometricOptions()));
+  std::vector<KnownMotion> known = motionsOf(scene.truth, 0, 1e-3, true);
+  for (KnownMotion& one : known) {
+    one.T_to_from.setTranslation(-one.T_to_from.translation());
+  }
+  EXPECT_EQ(adjustWithMotions(map, known, scene.camera, GeometricOptions()), std::optional(false));
+}
+
+FramePtr frameWith(int id, const std::optional<PosePrior>& motion) {
+  const std::vector<std::uint8_t> pixels(64 * 64, 100);
+  FrameInfo info{FrameId{id}, id * .1};
+  auto priors = std::make_shared<FramePriors>();
+  priors->pose = motion;
+  info.priors = priors;
+  return Frame::create({pixels.data(), 64, 64}, info);
+}
+
+TEST(KnownMotionsOf, AChainAddUpWithTheirCovariances) {
+  const SE3 step(so3Exp({0, .1, 0}), {.2, 0, .05});
+  Matrix6d covariance = Matrix6d::Identity() * 1e-4;
+  covariance(0, 4) = covariance(4, 0) = 5e-5;
+  std::vector<FramePtr> frames = {frameWith(0, std::nullopt)};
+  for (int i = 1; i < 4; ++i)
+    frames.push_back(frameWith(i, poseSince(FrameId{i - 1}, step, covariance)));
+  const std::vector<KnownMotion> known = knownMotions(frames, {0, 1, 3});
+  ASSERT_EQ(known.size(), 2U);
+  EXPECT_EQ(known[0].from, 0U);
+  EXPECT_EQ(known[1].from, 1U);
+  EXPECT_EQ(known[1].to, 3U);
+  const SE3 two = step * step;
+  EXPECT_LT((known[1].T_to_from.matrix() - two.matrix()).norm(), 1e-12);
+  // By sampling: differences of translation and rotation of disturbed chains.
+  std::mt19937 random(4);
+  std::normal_distribution<double> noise(0, 1);
+  const Eigen::Matrix<double, 6, 6> root = Eigen::Matrix<double, 6, 6>(covariance).llt().matrixL();
+  Eigen::Matrix<double, 6, 6> sampled = Eigen::Matrix<double, 6, 6>::Zero();
+  constexpr int kSamples = 20000;
+  const auto disturbed = [&] {
+    Eigen::Matrix<double, 6, 1> z;
+    for (double& value : z) value = noise(random);
+    return SE3::exp(root * z) * step;
+  };
+  for (int i = 0; i < kSamples; ++i) {
+    const SE3 chain = disturbed() * disturbed();
+    Eigen::Matrix<double, 6, 1> error;
+    error << chain.translation() - two.translation(),
+        so3Log(chain.unitQuaternion() * two.unitQuaternion().conjugate());
+    sampled += error * error.transpose() / kSamples;
+  }
+  const Eigen::Matrix<double, 6, 6> product = sampled * known[1].information;
+  // Entries of a covariance of 20000 samples have errors of 1 %; five times that.
+  EXPECT_LT((product - Eigen::Matrix<double, 6, 6>::Identity()).cwiseAbs().maxCoeff(), .05);
+}
+
+TEST(KnownMotionsOf, ABrokenChainReachNoFurther) {
+  const Eigen::Matrix3d none = Eigen::Matrix3d::Identity();
+  const std::vector<FramePtr> frames = {frameWith(0, std::nullopt),
+                                        frameWith(1, rotationSince(FrameId{0}, none, .01)),
+                                        frameWith(2, std::nullopt),
+                                        frameWith(3, rotationSince(FrameId{2}, none, .01)),
+                                        frameWith(4, rotationSince(FrameId{1}, none, .01))};
+  const std::vector<KnownMotion> known = knownMotions(frames, {0, 3, 4});
+  ASSERT_EQ(known.size(), 1U);
+  EXPECT_EQ(known[0].from, 0U);
+  EXPECT_EQ(known[0].to, 4U);
+  EXPECT_FALSE(known[0].has_translation);
+  EXPECT_NEAR(known[0].information(3, 3), 1 / 2e-4, 1e-6);
 }
 
 /// Without a gauge the marginals are blocks of the inverse of the whole system.

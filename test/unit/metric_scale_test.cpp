@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <random>
 #include <stdexcept>
 #include <vector>
@@ -123,6 +124,63 @@ TEST(ScaleFromDistance, HasTheErrorsOfDistanceAndPose) {
   EXPECT_NEAR(scale->relative_sigma, std::hypot(.04, .02), 1e-12);
   EXPECT_FALSE(scaleFromDistance(scene.result, {FrameId{9}, 1.25, .05}));
   EXPECT_THROW((void)scaleFromDistance(scene.result, {FrameId{1}, 0, .05}), std::invalid_argument);
+}
+
+FramePtr frameKnowing(int id, const FramePriors& priors) {
+  const std::vector<float> pixels(static_cast<std::size_t>(kWidth) * kHeight, 100);
+  FrameInfo info{FrameId{id}, .1 * id};
+  info.priors = std::make_shared<FramePriors>(priors);
+  return Frame::create({pixels.data(), kWidth, kHeight}, info);
+}
+
+/// A start whose camera moves by .3 and then by .4 in another direction.
+InitializationResult twoSteps(const FramePriors& first, const FramePriors& second) {
+  InitializationResult result;
+  result.frames.push_back({greyFrame(0), SE3(), {}, std::nullopt});
+  const SE3 one(Eigen::Matrix3d::Identity(), Eigen::Vector3d(.3, 0, 0));
+  const SE3 two(Eigen::Matrix3d::Identity(), Eigen::Vector3d(.3, 0, .4));
+  result.frames.push_back({frameKnowing(1, first), one, {}, Matrix6d::Identity() * 1e-4});
+  result.frames.push_back({frameKnowing(2, second), two, {}, Matrix6d::Identity() * 1e-4});
+  return result;
+}
+
+FramePriors moved(int since, double metres, double sigma) {
+  FramePriors priors;
+  priors.distance = DistancePrior{FrameId{since}, metres, sigma};
+  return priors;
+}
+
+TEST(ScaleFromDistances, WeighsThemAndHasTheErrorOfThePose) {
+  const auto both = scaleFromDistances(twoSteps(moved(0, .75, .01), moved(1, 1, .01)));
+  ASSERT_TRUE(both);
+  EXPECT_NEAR(both->metres, kMetres, 1e-12);
+  // .01 m on both: relative 0.01 / (2.5 * 0.5); the pose's: 0.01 / 0.5.
+  EXPECT_NEAR(both->relative_sigma, std::hypot(.008, .02), 1e-12);
+  const auto uneven = scaleFromDistances(twoSteps(moved(0, .75, .001), moved(1, 2, 10)));
+  ASSERT_TRUE(uneven);
+  EXPECT_NEAR(uneven->metres, kMetres, 1e-6);
+  EXPECT_FALSE(scaleFromDistances(twoSteps({}, {})));
+  EXPECT_FALSE(scaleFromDistances(twoSteps(moved(7, 1, .1), {})));  // since no frame of the start
+  InitializationResult unsure = twoSteps(moved(0, .75, .01), {});
+  unsure.frames.back().covariance.reset();
+  EXPECT_FALSE(scaleFromDistances(unsure));
+}
+
+TEST(ScaleFromDistances, TakesTranslationsOfPosesUnlessTheImagesContradictThem) {
+  Matrix6d covariance = Matrix6d::Identity() * 1e-12;  // of rotations: they move no translation
+  covariance.topLeftCorner<3, 3>() = Eigen::Matrix3d::Identity() * 1e-4;
+  FramePriors pose;
+  pose.pose = poseSince(FrameId{0}, SE3(Eigen::Matrix3d::Identity(), {.75, 0, 0}), covariance);
+  InitializationResult result = twoSteps(pose, {});
+  const auto scale = scaleFromDistances(result);
+  ASSERT_TRUE(scale);
+  EXPECT_NEAR(scale->metres, kMetres, 1e-9);
+  EXPECT_NEAR(scale->relative_sigma, std::hypot(.01 / .75, .02), 1e-6);
+  result.report.pose_prior = false;
+  EXPECT_FALSE(scaleFromDistances(result));
+  FramePriors rotation;
+  rotation.pose = rotationSince(FrameId{0}, Eigen::Matrix3d::Identity(), .01);
+  EXPECT_FALSE(scaleFromDistances(twoSteps(rotation, {})));
 }
 
 TEST(ToMetres, ChangesPosesDepthsAndTheirCovariances) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/geometry/se3.h"
 #include "dsorb/image/frame.h"
 #include "dsorb/image/image_view.h"
 
@@ -30,12 +31,16 @@ struct DepthAtPixel {
   float sigma = 0;  ///< standard deviation, above 0 [m]
 };
 
-/// How the camera has turned since an earlier frame, by a gyroscope or by odometry. Errors of
-/// different frames are independent.
-struct RotationPrior {
-  FrameId since;  ///< the frame before, or another one that came earlier
-  Eigen::Matrix3d R_frame_since = Eigen::Matrix3d::Identity();  ///< directions from then to now
-  double sigma = 0;  ///< standard deviation about every axis, above 0 [rad]
+/// How the camera has moved since an earlier frame: turned, by a gyroscope, or turned and moved, by
+/// another odometry. Errors of different frames are independent. Made by rotationSince() and
+/// poseSince().
+struct PosePrior {
+  FrameId since;      ///< the frame before, or another one that came earlier
+  SE3 T_frame_since;  ///< coordinates of then to now [m]
+  /// Of exp(xi) * T_frame_since, [translation; rotation] in m and rad; positive definite.
+  Matrix6d covariance = Matrix6d::Identity();
+  /// False: only the rotation is known, and of the covariance only its block counts.
+  bool has_translation = false;
 };
 
 /// How far the camera has moved since an earlier frame, by wheels or another odometry.
@@ -50,7 +55,7 @@ struct DistancePrior {
 /// a claimed standard deviation is what the caller believes, and may be wrong.
 struct FramePriors {
   std::optional<DepthPrior> depth{};        ///< of the frame's pixels
-  std::optional<RotationPrior> rotation{};  ///< of the camera
+  std::optional<PosePrior> pose{};          ///< of the camera; a translation gives a scale, too
   std::optional<DistancePrior> distance{};  ///< of the camera; it gives a start its scale
 };
 
@@ -70,5 +75,25 @@ struct FramePriors {
 [[nodiscard]] DepthPrior sparseDepth(int width,
                                      int height,
                                      const std::vector<DepthAtPixel>& samples);
+
+/// Rotation that a gyroscope has measured.
+/// @param R_frame_since directions of the earlier frame to this one
+/// @param covariance    of the left increment, axes of this frame's camera [rad^2]
+/// @throws std::invalid_argument on a matrix that is no rotation (R R^T is not near 1)
+[[nodiscard]] PosePrior rotationSince(FrameId since,
+                                      const Eigen::Matrix3d& R_frame_since,
+                                      const Eigen::Matrix3d& covariance);
+
+/// The same with one standard deviation about every axis. @param sigma above 0 [rad]
+[[nodiscard]] PosePrior rotationSince(FrameId since,
+                                      const Eigen::Matrix3d& R_frame_since,
+                                      double sigma);
+
+/// Pose that a gyroscope and wheels, or another odometry, have measured.
+/// @param T_frame_since coordinates of the earlier camera to this one's [m]
+/// @param covariance    of exp(xi) * T_frame_since, [translation; rotation] in m and rad
+[[nodiscard]] PosePrior poseSince(FrameId since,
+                                  const SE3& T_frame_since,
+                                  const Matrix6d& covariance);
 
 }  // namespace dsorb

@@ -48,9 +48,10 @@ struct KnownDistance {
 [[nodiscard]] std::optional<MetricScale> scaleFromDistance(const InitializationResult& result,
                                                            const KnownDistance& known);
 
-/// Unit of a start from the distances that its frames have as priors: least squares over those
-/// between posed frames. Its sigma has those of the distances and that of the newest pose.
-/// @return nothing without such a distance, or where the camera has not moved
+/// Unit of a start from the distances and translations that its frames have as priors: least
+/// squares over those between posed frames; motions that contradicted the images are left out. Its
+/// sigma has those of the priors and that of the newest pose.
+/// @return nothing without such a prior, or where the camera has not moved
 [[nodiscard]] std::optional<MetricScale> scaleFromDistances(const InitializationResult& result);
 
 /// Changes the unit to metres: poses, inverse depths and their covariances. The mean inverse depth

@@ -34,8 +34,8 @@ struct InitReport {
   std::optional<TwoViewReport> two_view;        ///< MotionMethod::kGladkova
   std::optional<EssentialReport> essential;     ///< MotionMethod::kEssential
   std::optional<DepthPriorReport> depth_prior;  ///< FramePriors::depth of the reference
-  std::optional<bool> rotation_prior;  ///< FramePriors::rotation: taken (true) or contradicted
-  std::optional<SemiDenseReport> semi_dense;            ///< `orb` and its variants
+  std::optional<bool> pose_prior;               ///< FramePriors::pose: taken (true) or contradicted
+  std::optional<SemiDenseReport> semi_dense;    ///< `orb` and its variants
   std::optional<DynamicRegionsReport> dynamic_regions;  ///< OrbOptions::remove_moving
   std::optional<PhotometricReport> photometric;         ///< PhotometricOptions::enabled
   std::optional<OutlierReport> outliers;                ///< unless OutlierRule::kNone

@@ -6,6 +6,7 @@
 #include "estimate/robust_loss.h"
 #include "estimate/schur_problem.h"
 #include "init/orb/bundle/rolling_equations.h"
+#include "init/orb/map/motion_equations.h"
 
 #include <algorithm>
 #include <cmath>
@@ -16,8 +17,6 @@ namespace dsorb::init_orb {
 namespace {
 
 constexpr std::size_t kCornerBlock = 64;  // corners that one thread takes at a time
-
-constexpr std::size_t kReference = std::numeric_limits<std::size_t>::max();  // as a frame's index
 
 /// Linearization and update of the state.
 struct Model {
@@ -120,13 +119,13 @@ ReprojectionProblem::ReprojectionProblem(const InitialMap& map,
   if (map.scaleKnown()) {
     for (const Corner& corner : map.corners) known_.push_back(corner.known);
   }
-  for (KnownRotation known : map.rotations) {
+  for (KnownMotion known : map.known_motions) {
     const int to = rows.first[known.to];
     if (to < 0 || (known.from != 0 && rows.first[known.from] < 0)) continue;
     known.to = static_cast<std::size_t>(to / kPoseSize);
-    known.from =
-        known.from == 0 ? kReference : static_cast<std::size_t>(rows.first[known.from] / kPoseSize);
-    rotations_.push_back(known);
+    known.from = known.from == 0 ? KnownMotion::kReference
+                                 : static_cast<std::size_t>(rows.first[known.from] / kPoseSize);
+    motions_.push_back(known);
   }
   const std::vector<double> zeros(stride(), 0.0);
   observations_.assign(static_cast<std::size_t>(rows.size / kPoseSize),
@@ -196,30 +195,18 @@ void ReprojectionProblem::linearize(const ReprojectionState& state,
   equations.weighted_square = total.weighted_square;
   equations.rows = 2 * static_cast<int>(total.observations);
   addKnown(state, equations);
-  addRotations(state, equations);
+  addMotions(state, equations);
 }
 
-void ReprojectionProblem::addRotations(const ReprojectionState& state,
-                                       ReprojectionEquations& equations) const {
-  Eigen::MatrixXd& H = equations.system.H;
-  Eigen::VectorXd& b = equations.system.b;
-  for (const KnownRotation& known : rotations_) {
-    const SE3 from = known.from == kReference ? SE3() : state.T_cam_ref[known.from];
-    const RotationTerm term = rotationTerm(known, state.T_cam_ref[known.to], from);
-    const auto to_row = static_cast<Eigen::Index>(known.to * kPoseSize + 3);
-    H.block<3, 3>(to_row, to_row).diagonal().array() += term.information;
-    b.segment<3>(to_row) += term.information * term.error;
-    equations.cost += term.cost;
-    equations.weighted_square += term.information * term.error.squaredNorm();
-    equations.rows += 3;
-    if (known.from == kReference) continue;
-    const auto from_row = static_cast<Eigen::Index>(known.from * kPoseSize + 3);
-    const Eigen::Matrix3d coupling = term.information * term.R_to_from;
-    H.block<3, 3>(from_row, from_row).diagonal().array() += term.information;
-    H.block<3, 3>(to_row, from_row) -= coupling;
-    H.block<3, 3>(from_row, to_row) -= coupling.transpose();
-    b.segment<3>(from_row) -= coupling.transpose() * term.error;
-  }
+void ReprojectionProblem::addMotions(const ReprojectionState& state,
+                                     ReprojectionEquations& equations) const {
+  if (motions_.empty()) return;
+  const MotionEquations made = motionEquations(motions_, state.T_cam_ref);
+  equations.system.H += made.H;
+  equations.system.b += made.b;
+  equations.cost += made.cost;
+  equations.weighted_square += 2 * made.cost;
+  equations.rows += made.rows;
 }
 
 void ReprojectionProblem::addKnown(const ReprojectionState& state,

@@ -71,7 +71,7 @@ class ReprojectionProblem {
                                    std::size_t count,
                                    const ReprojectionState& state) const;
 
-  void addRotations(const ReprojectionState& state, ReprojectionEquations& equations) const;
+  void addMotions(const ReprojectionState& state, ReprojectionEquations& equations) const;
   void addKnown(const ReprojectionState& state, ReprojectionEquations& equations) const;
 
   PinholeCamera camera_;
@@ -80,7 +80,7 @@ class ReprojectionProblem {
   std::vector<double> ray_y_;
   std::vector<FrameObservations> observations_;  ///< by posed frame
   std::vector<KnownInverseDepth> known_;         ///< by corner; empty: none
-  std::vector<KnownRotation> rotations_;         ///< between posed frames, which are indices here
+  std::vector<KnownMotion> motions_;             ///< between posed frames, which are indices here
 };
 
 /// Equations of a map.

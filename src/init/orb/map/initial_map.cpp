@@ -54,16 +54,6 @@ KnownTerm knownTerm(const KnownInverseDepth& known, double inverse_depth) {
           weight * error * error};
 }
 
-RotationTerm rotationTerm(const KnownRotation& known, const SE3& to, const SE3& from) {
-  const Eigen::Quaterniond estimated = to.unitQuaternion() * from.unitQuaternion().conjugate();
-  RotationTerm term;
-  term.R_to_from = estimated.toRotationMatrix();
-  term.error = so3Log(estimated * known.R_to_from.unitQuaternion().conjugate());
-  term.information = 1 / known.variance;
-  term.cost = 0.5 * term.information * term.error.squaredNorm();
-  return term;
-}
-
 BrightnessTransfer brightnessTo(const InitialMap& map, std::size_t frame) {
   const PosedFrame& from = map.frames.front();
   const PosedFrame& to = map.frames[frame];

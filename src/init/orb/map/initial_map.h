@@ -14,6 +14,7 @@
 #include <Eigen/Core>
 
 #include <cstddef>
+#include <limits>
 #include <optional>
 #include <vector>
 
@@ -56,12 +57,16 @@ struct SemiDensePoint {
   KnownInverseDepth known{};  ///< by the caller
 };
 
-/// Rotation between two frames that the caller knows.
-struct KnownRotation {
+/// Motion between two frames that the caller knows.
+struct KnownMotion {
+  static constexpr std::size_t kReference = std::numeric_limits<std::size_t>::max();
   std::size_t from = 0;  ///< index into InitialMap::frames
   std::size_t to = 0;    ///< a later one
-  SE3 R_to_from;         ///< without translation
-  double variance = 0;   ///< about every axis [rad^2]
+  SE3 T_to_from;         ///< [m]
+  /// Of the error, [translation; rotation]: differences of the two translations and of the two
+  /// rotations; zeros where nothing is known of the translation [1/m^2, 1/rad^2].
+  Matrix6d information = Matrix6d::Zero();
+  bool has_translation = false;
 };
 
 /// Map of an attempt with all frames since the reference.
@@ -77,7 +82,7 @@ struct InitialMap {
   std::vector<RowMotion> motions{};
   std::vector<MotionPrior> motion_priors{};  ///< what the poses say of them; as many
   std::optional<Readout> readout{};          ///< of a rolling shutter, calibrated or estimated
-  std::vector<KnownRotation> rotations{};    ///< between frames, by the caller; take part
+  std::vector<KnownMotion> known_motions{};  ///< between frames, by the caller; take part
   /// Metres of one unit where known depths have given the map its scale, which is no free gauge
   /// then; 0: nothing is known.
   double metres = 0;
@@ -94,16 +99,6 @@ struct KnownTerm {
   double weighted_square = 0;  ///< w e^2 [-]
 };
 KnownTerm knownTerm(const KnownInverseDepth& known, double inverse_depth);
-
-/// What a known rotation adds to the equations of the rotations that it is between, as left
-/// increments: a Gaussian, because adjustWithRotations() refuses those that contradict the images.
-struct RotationTerm {
-  Eigen::Vector3d error{0, 0, 0};  ///< log of estimated times inverse known rotation [rad]
-  Eigen::Matrix3d R_to_from = Eigen::Matrix3d::Identity();  ///< estimated
-  double information = 0;                                   ///< 1 / variance
-  double cost = 0;                                          ///< half the loss
-};
-RotationTerm rotationTerm(const KnownRotation& known, const SE3& to, const SE3& from);
 
 /// Rolling shutter of a frame's image; nothing where all of it counts as exposed at one time.
 std::optional<RollingShutter> shutterOf(const InitialMap& map, std::size_t frame, int level = 0);

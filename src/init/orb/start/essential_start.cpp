@@ -195,7 +195,7 @@ JudgedStart refineAndJudge(const PlaneComparison& compared,
   found.front_share = compared.best.front_share;
   found.homography_gric = compared.homography_gric;
   found.second_cost = compared.second_cost;
-  start.report.rotation_prior = compared.best.rotations_used;
+  start.report.pose_prior = compared.best.motions_used;
   auto made = refineStart(std::move(start), context);
   if (!made) return {made.reason(), {}};
   const GateReport gate = context.clock.time(

@@ -7,7 +7,7 @@
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/map/depth_lookup.h"
-#include "init/orb/start/known_rotations.h"
+#include "init/orb/start/known_motions.h"
 
 #include <algorithm>
 #include <cmath>
@@ -156,8 +156,8 @@ std::optional<MotionCandidate> makeKnownDepthCandidate(const ReferenceView& view
     return std::nullopt;
   }
   const auto frames = spreadFrames(view.frames.size(), kMaxFrames);
-  candidate.rotations_used =
-      adjustWithRotations(map, knownRotations(view.frames, frames), camera, options);
+  candidate.motions_used =
+      adjustWithMotions(map, knownMotions(view.frames, frames), camera, options);
   candidate.front_share = 1;
   report.used = true;
   return candidate;

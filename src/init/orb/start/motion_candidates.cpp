@@ -6,7 +6,7 @@
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/bundle/robust_adjustment.h"
-#include "init/orb/start/known_rotations.h"
+#include "init/orb/start/known_motions.h"
 #include "init/orb/two_view/decomposition.h"
 #include "init/orb/two_view/model_selection.h"
 
@@ -74,8 +74,8 @@ std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,
   map.readout = view.readout;
   poseFrames(map, context.camera, frames);
   if (!adjustRobustly(map, context.camera, options)) return std::nullopt;
-  candidate.rotations_used =
-      adjustWithRotations(map, knownRotations(view.frames, frames), context.camera, options);
+  candidate.motions_used =
+      adjustWithMotions(map, knownMotions(view.frames, frames), context.camera, options);
   const auto cost = reprojectionCost(map, context.camera, options);
   if (!cost) return std::nullopt;
   const auto tracks = static_cast<double>(matches.size());

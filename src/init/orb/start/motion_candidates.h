@@ -17,7 +17,7 @@ struct MotionCandidate {
   double front_share = 0;  ///< of the corners, in front of the camera
   double cost = 0;         ///< mean robust cost of all tracks in these frames, lost corners at the
                            ///< cost of the severe limit
-  std::optional<bool> rotations_used{};  ///< that the caller knows; none: none are known
+  std::optional<bool> motions_used{};  ///< that the caller knows; none: none are known
 };
 
 /// Triangulates the motion's inliers, poses a few frames and adjusts all.

@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/start/known_motions.h"
+
+#include "dsorb/geometry/se3.h"
+#include "dsorb/image/frame_priors.h"
+
+#include "init/orb/bundle/reprojection_equations.h"
+#include "init/orb/bundle/robust_adjustment.h"
+
+#include <Eigen/LU>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace dsorb::init_orb {
+namespace {
+
+// Median length of a two-dimensional vector whose coordinates have standard deviation 1.
+constexpr double kMedianLength = 1.1774;
+constexpr double kMinNoise = 0.05;  // of the tracks [px]
+/// Standard deviations above its mean at which the chi-square of a contradiction refuses.
+constexpr double kContradiction = 5;
+
+/// Frame that a prior refers to; none where it did not come before.
+std::optional<std::size_t> earlier(const std::vector<FramePtr>& all, std::size_t k, FrameId since) {
+  for (std::size_t j = k; j-- > 0;) {
+    if (all[j] != nullptr && all[j]->id() == since) return j;
+  }
+  return std::nullopt;
+}
+
+/// Information of the differences of translation and rotation from the covariance of
+/// exp(xi) * T: T moves its translation t by rho + w x t.
+void setInformation(const Matrix6d& covariance, KnownMotion& known) {
+  if (!known.has_translation) {
+    const Eigen::Matrix3d of_rotation = covariance.bottomRightCorner<3, 3>();
+    known.information.bottomRightCorner<3, 3>() = of_rotation.inverse();
+    return;
+  }
+  Matrix6d J = Matrix6d::Identity();
+  J.topRightCorner<3, 3>() = -hat(known.T_to_from.translation());
+  const Eigen::Matrix<double, 6, 6> of_error = J * covariance * J.transpose();
+  known.information = of_error.inverse();
+}
+
+/// Follows the priors back from a frame to the next one that is wanted.
+std::optional<KnownMotion> chainTo(std::size_t to,
+                                   const std::vector<FramePtr>& all,
+                                   const std::vector<char>& wanted) {
+  KnownMotion known;
+  known.to = to;
+  known.from = to;
+  known.has_translation = true;
+  Matrix6d covariance = Matrix6d::Zero();
+  do {
+    if (all[known.from] == nullptr) return std::nullopt;  // motion without images, as tests have it
+    const FramePriors* priors = all[known.from]->priors();
+    if (priors == nullptr || !priors->pose) return std::nullopt;
+    const PosePrior& prior = *priors->pose;
+    const auto before = earlier(all, known.from, prior.since);
+    if (!before) return std::nullopt;
+    const Matrix6d adjoint = known.T_to_from.adjoint();
+    covariance += adjoint * prior.covariance * adjoint.transpose();
+    known.T_to_from = known.T_to_from * prior.T_frame_since;
+    known.has_translation = known.has_translation && prior.has_translation;
+    known.from = *before;
+  } while (wanted[known.from] == 0);
+  setInformation(covariance, known);
+  return known;
+}
+
+}  // namespace
+
+std::vector<KnownMotion> knownMotions(const std::vector<FramePtr>& all,
+                                      const std::vector<std::size_t>& frames) {
+  std::vector<char> wanted(all.size(), 0);
+  wanted.front() = 1;
+  for (const std::size_t frame : frames) wanted[frame] = 1;
+  std::vector<KnownMotion> known;
+  for (const std::size_t to : frames) {
+    if (to == 0) continue;
+    if (const auto motion = chainTo(to, all, wanted)) known.push_back(*motion);
+  }
+  return known;
+}
+
+std::optional<bool> adjustWithMotions(InitialMap& map,
+                                      std::vector<KnownMotion> motions,
+                                      const PinholeCamera& camera,
+                                      const GeometricOptions& options) {
+  if (motions.empty()) return std::nullopt;
+  GeometricOptions measured = options;
+  measured.sigma = std::max(kMinNoise, medianError(map, camera) / kMedianLength);
+  InitialMap free = map;
+  if (!adjustOnce(free, camera, measured)) return false;
+  InitialMap bound = free;
+  double freedom = 0;
+  bool has_translation = false;
+  for (const KnownMotion& known : motions) {
+    freedom += known.has_translation ? 6 : 3;
+    has_translation = has_translation || known.has_translation;
+  }
+  if (has_translation) --freedom;  // the unit in metres is free
+  bound.known_motions = std::move(motions);
+  if (!adjustOnce(bound, camera, measured)) return false;
+  // With the motions' own cost this is twice the drop of the logarithm of the likelihood.
+  const auto with = reprojectionCost(bound, camera, measured);
+  const auto without = reprojectionCost(free, camera, measured);
+  if (!with || !without) return false;
+  if (2 * (*with - *without) > freedom + kContradiction * std::sqrt(2 * freedom)) return false;
+  map = std::move(bound);
+  return true;
+}
+
+}  // namespace dsorb::init_orb
