@@ -2,6 +2,7 @@
 #include "io/recording_writer.h"
 
 #include "dsorb/error.h"
+#include "dsorb/init/metric_scale.h"
 
 #include "io/figures.h"
 #include "io/run_record.h"
@@ -95,7 +96,9 @@ Json initLine(const InitStep& step, FrameId frame, int segment) {
   if (!step.result) return line;
   line["reference"] = step.result->frames.front().frame->id().value;
   line["poses"] = Json::array();
-  for (const PosedFrame& posed : step.result->frames) {
+  InitializationResult result = *step.result;
+  if (result.metric) toMetres(*result.metric, result);  // as the segment will be told
+  for (const PosedFrame& posed : result.frames) {
     const Json pose = posed.T_cam_ref ? poseJson(posed.T_cam_ref->inverse()) : Json();
     line["poses"].push_back(Json::array({posed.frame->id().value, pose}));
   }

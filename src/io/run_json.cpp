@@ -5,9 +5,11 @@
 
 #include <sys/resource.h>
 
+#include <cstddef>
 #include <fstream>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 namespace dsorb {
@@ -87,6 +89,15 @@ Json runJson(const RunInfo& info,
   json["frames_dropped"] = end.frames_dropped;
   json["keyframes"] = record.keyframes().size();
   json["segments"] = record.segments().size();
+  json["units"] = Json::array();
+  for (std::size_t i = 0; i < record.units().size(); ++i) {
+    Json unit = {{"segment", record.segments()[i]}, {"unit", "free"}};
+    if (const auto& metric = record.units()[i]) {
+      unit["unit"] = "metre";
+      unit["relative_sigma"] = metric->relative_sigma;
+    }
+    json["units"].push_back(std::move(unit));
+  }
   json["withdrawn"] = Json::object();
   for (const RefusalReason reason :
        {RefusalReason::kAdjustment, RefusalReason::kDirection, RefusalReason::kDepth}) {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/run_record.h"
 
+#include "dsorb/init/metric_scale.h"
+
 #include "geometry/reattachment.h"
 
 #include <algorithm>
@@ -20,8 +22,10 @@ void RunRecord::addInitStep(const InitStep& step, int segment) {
   ++answers_[step.reason];
 }
 
-void RunRecord::addInitialization(const InitializationResult& result, int segment) {
+void RunRecord::addInitialization(InitializationResult result, int segment) {
   segments_.push_back(segment);
+  units_.push_back(result.metric);
+  if (result.metric) toMetres(*result.metric, result);
   const FrameId reference = result.frames.front().frame->id();
   anchors_.try_emplace(reference, SE3());
   starts_.push_back({result.frames.back().frame->id(), *result.frames.back().T_cam_ref});

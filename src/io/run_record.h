@@ -70,6 +70,9 @@ class RunRecord {
   [[nodiscard]] int framesTracked() const { return frames_tracked_; }
   /// Segments with a start that stayed.
   [[nodiscard]] const std::vector<int>& segments() const { return segments_; }
+  /// Scale of each of them, in metres of its start's unit; where there is one, all of the segment
+  /// is told in metres.
+  [[nodiscard]] const std::vector<std::optional<MetricScale>>& units() const { return units_; }
   /// Number of starts that were refused.
   [[nodiscard]] int refusals(RefusalReason reason) const;
   /// How often the initializer gave each reason.
@@ -93,7 +96,8 @@ class RunRecord {
     std::optional<FrameId> next;  ///< keyframe that was tracked against this one
     SE3 T_next_cam;               ///< and where it seemed to be then
   };
-  void addInitialization(const InitializationResult& result, int segment);
+  /// Frames of a start, in the segment's unit.
+  void addInitialization(InitializationResult result, int segment);
   [[nodiscard]] SE3 T_cam_reference(const PosedEntry& entry, const Anchor& reference) const;
   [[nodiscard]] SE3 T_cam_keyframe(const PosedEntry& entry, const Anchor& keyframe) const;
 
@@ -104,6 +108,7 @@ class RunRecord {
   std::vector<Start> starts_;
   std::map<FrameId, Anchor> anchors_;
   std::vector<int> segments_;
+  std::vector<std::optional<MetricScale>> units_;
   std::map<RefusalReason, int> refusals_;
   std::map<InitReason, int> answers_;
 

@@ -8,6 +8,7 @@
 #include "odometry/async_mapper.h"
 #include "odometry/frame_tracker.h"
 #include "odometry/observers.h"
+#include "odometry/segment_unit.h"
 
 #include <optional>
 #include <stdexcept>
@@ -143,6 +144,7 @@ class Odometry::Impl {
     phase_ = Phase::kTracking;
     ++report_.segments;
     tracker_.begin(result);
+    unit_ = odometry::SegmentUnit(result.metric);
     if (!adopt(seeded)) {
       lose({});
       return;
@@ -222,7 +224,7 @@ class Odometry::Impl {
         estimate.T_cam_keyframe = SE3();
       }
     }
-    last_estimate_ = std::move(estimate);
+    last_estimate_ = unit_.told(std::move(estimate));
     observers_.notify(&OdometryObserver::onFrame, last_estimate_);
   }
 
@@ -242,8 +244,8 @@ class Odometry::Impl {
     report_.keyframes += update.new_keyframes;
     if (!update.finite) return false;
     arena_.run([&] { tracker_.setTarget(update.target); });
-    observers_.notifyEach(&OdometryObserver::onKeyframeRetired, update.retired);
-    observers_.notifyEach(&OdometryObserver::onKeyframe, update.window);
+    observers_.notifyEach(&OdometryObserver::onKeyframeRetired, unit_.told(update.retired));
+    observers_.notifyEach(&OdometryObserver::onKeyframe, unit_.told(update.window));
     return true;
   }
 
@@ -263,7 +265,9 @@ class Odometry::Impl {
     observers_.notify(&OdometryObserver::onLost, last_input_->id(), segment_);
   }
 
-  void retireAll() { observers_.notifyEach(&OdometryObserver::onKeyframeRetired, mapper_.clear()); }
+  void retireAll() {
+    observers_.notifyEach(&OdometryObserver::onKeyframeRetired, unit_.told(mapper_.clear()));
+  }
 
   OdometryOptions options_;
   TaskArena arena_;
@@ -276,6 +280,7 @@ class Odometry::Impl {
   Phase phase_ = Phase::kInitializing;
   bool is_finished_ = false;
   int segment_ = 0;
+  odometry::SegmentUnit unit_;
   int refusals_ = 0;  // in a row
   OdometryReport report_;
   FramePtr last_input_;

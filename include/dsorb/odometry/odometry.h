@@ -25,7 +25,8 @@ struct OdometryReport {
 /// deterministic: the same frames and options give the same bits for any number of threads. With
 /// OdometryOptions::pipelined it returns as soon as the frame is tracked; mapping goes on in a
 /// thread of its own. Either way one thread at a time may call it, and only the calls of that
-/// thread tell observers.
+/// thread tell observers. Where InitializationResult::metric is there, all of the segment is told
+/// in metres (estimates and keyframes, not the result itself), else in the start's own unit.
 class Odometry {
  public:
   /// Makes the initializer that the options name. @throws ConfigError on options out of range
