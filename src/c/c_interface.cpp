@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "dsorb/c/dsorb.h"
 #include "dsorb/error.h"
+#include "dsorb/image/frame_priors.h"
 #include "dsorb/odometry/odometry.h"
 
 #include <algorithm>
@@ -18,13 +19,19 @@ struct dsorb_initializer {
   std::unique_ptr<dsorb::Initializer> initializer;
   std::vector<dsorb_frame> frames;
   std::vector<dsorb_point> points;
+  std::optional<dsorb::MetricScale> metric;
 };
 
 namespace {
 
-/// Keeps the points of the newest keyframe.
+/// Keeps the points of the newest keyframe, and whether they are in metres.
 class NewestPoints : public dsorb::OdometryObserver {
  public:
+  void onInitStep(const dsorb::InitStep& step,
+                  const dsorb::Frame& /*frame*/,
+                  int /*segment*/) override {
+    if (step.result) is_metric = step.result->metric.has_value();
+  }
   void onKeyframe(const dsorb::KeyframeSnapshot& keyframe) override {
     if (keyframe.points.empty() || keyframe.id < newest_) return;
     newest_ = keyframe.id;
@@ -36,6 +43,7 @@ class NewestPoints : public dsorb::OdometryObserver {
   void onLost(dsorb::FrameId /*frame*/, int /*segment*/) override { newest_ = {}; }
 
   std::vector<dsorb_point> points;
+  bool is_metric = false;
 
  private:
   dsorb::FrameId newest_;
@@ -99,12 +107,54 @@ dsorb::InitializerOptions optionsOf(const char* name, int32_t threads) {
   return options;
 }
 
+using RowMajor6 = Eigen::Matrix<double, 6, 6, Eigen::RowMajor>;
+using RowMajor34 = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
+
+dsorb::PosePrior poseOf(const dsorb_priors& known) {
+  const Eigen::Matrix<double, 3, 4> matrix = Eigen::Map<const RowMajor34>(known.cam_from_since);
+  const Eigen::Matrix<double, 6, 6> covariance =
+      Eigen::Map<const RowMajor6>(known.motion_covariance);
+  const Eigen::Matrix3d of_rotation = covariance.bottomRightCorner<3, 3>();
+  const dsorb::FrameId since{known.motion_since};
+  const dsorb::PosePrior rotation = dsorb::rotationSince(since, matrix.leftCols<3>(), of_rotation);
+  if (known.motion != DSORB_POSE) return rotation;
+  return dsorb::poseSince(
+      since, {rotation.T_frame_since.rotationMatrix(), matrix.col(3)}, covariance);
+}
+
+std::shared_ptr<const dsorb::FramePriors> priorsOf(const dsorb_priors* known,
+                                                   const dsorb::PinholeCamera& camera) {
+  if (known == nullptr) return nullptr;
+  auto priors = std::make_shared<dsorb::FramePriors>();
+  if (known->depths != nullptr) {
+    priors->depth = dsorb::denseDepth({known->depths, camera.width, camera.height},
+                                      known->depth_sigma,
+                                      known->depth_relative_sigma);
+  } else if (known->samples != nullptr) {
+    std::vector<dsorb::DepthAtPixel> samples;
+    for (std::size_t i = 0; i < known->sample_count; ++i) {
+      const dsorb_depth& one = known->samples[i];
+      samples.push_back({one.x, one.y, one.depth, one.sigma});
+    }
+    priors->depth = dsorb::sparseDepth(camera.width, camera.height, samples);
+  }
+  if (priors->depth) priors->depth->metric = known->depth_scale_unknown == 0;
+  if (known->motion != DSORB_NO_MOTION) priors->pose = poseOf(*known);
+  if (known->has_distance != 0) {
+    priors->distance = dsorb::DistancePrior{
+        dsorb::FrameId{known->distance_since}, known->distance, known->distance_sigma};
+  }
+  return priors;
+}
+
 dsorb::FramePtr frameOf(const dsorb_image* image, const dsorb::PinholeCamera& camera) {
   require(image, "image");
   require(image->data, "the image's data");
   const dsorb::ImageView view(image->data, camera.width, camera.height, image->stride);
   const double exposure = image->exposure > 0 ? image->exposure : 1;
-  return dsorb::Frame::create(view, {dsorb::FrameId{image->id}, image->timestamp, exposure});
+  dsorb::FrameInfo info{dsorb::FrameId{image->id}, image->timestamp, exposure};
+  info.priors = priorsOf(image->priors, camera);
+  return dsorb::Frame::create(view, info);
 }
 
 void writePose(const dsorb::SE3& pose, double (&out)[12]) {
@@ -121,6 +171,7 @@ size_t copyOut(const std::vector<T>& from, T* out, size_t capacity) {
 }
 
 void keep(const dsorb::InitializationResult& result, dsorb_initializer& handle) {
+  handle.metric = result.metric;
   for (const dsorb::PosedFrame& posed : result.frames) {
     dsorb_frame frame{};
     frame.id = posed.frame->id().value;
@@ -219,6 +270,15 @@ size_t dsorb_initializer_points(const dsorb_initializer* initializer,
   return initializer == nullptr ? 0 : copyOut(initializer->points, out, capacity);
 }
 
+int32_t dsorb_initializer_metric(const dsorb_initializer* initializer,
+                                 double* metres,
+                                 double* relative_sigma) {
+  if (initializer == nullptr || metres == nullptr || !initializer->metric) return 0;
+  *metres = initializer->metric->metres;
+  if (relative_sigma != nullptr) *relative_sigma = initializer->metric->relative_sigma;
+  return 1;
+}
+
 dsorb_status dsorb_initializer_reset(dsorb_initializer* initializer,
                                      char* error,
                                      size_t error_size) {
@@ -227,6 +287,7 @@ dsorb_status dsorb_initializer_reset(dsorb_initializer* initializer,
     initializer->initializer->reset();
     initializer->frames.clear();
     initializer->points.clear();
+    initializer->metric.reset();
   });
 }
 
@@ -264,6 +325,7 @@ dsorb_status dsorb_odometry_add(dsorb_odometry* odometry,
     require(estimate, "estimate");
     const dsorb::FrameEstimate made = odometry->odometry->process(frameOf(image, odometry->camera));
     *estimate = estimateOf(made);
+    estimate->is_metric = made.T_world_cam && odometry->newest.is_metric ? 1 : 0;
   });
 }
 

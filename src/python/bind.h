@@ -5,9 +5,10 @@
 
 namespace dsorb::python {
 
-// Each adds its part to the module; bindInitializer comes before bindOdometry, which needs its
-// types.
+// Each adds its part to the module; bindPriors comes before bindInitializer and that before
+// bindOdometry, which need their types.
 void bindCamera(nanobind::module_& m);
+void bindPriors(nanobind::module_& m);
 void bindInitializer(nanobind::module_& m);
 void bindOdometry(nanobind::module_& m);
 

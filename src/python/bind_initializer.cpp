@@ -2,6 +2,7 @@
 #include "python/bind.h"
 #include "python/initialization.h"
 #include "python/options.h"
+#include "python/priors.h"
 
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
@@ -15,7 +16,8 @@
 
 namespace dsorb::python {
 
-Initialization::Initialization(const InitializationResult& result) : report(result.report) {
+Initialization::Initialization(const InitializationResult& result)
+    : report(result.report), metric(result.metric) {
   for (const PosedFrame& posed : result.frames) {
     frames.push_back({posed.frame->id().value,
                       posed.frame->timestamp(),
@@ -57,13 +59,19 @@ class LockedInitializer {
   LockedInitializer(const PinholeCamera& camera, const Config& config)
       : initializer_(makeInitializer(optionsOf(config), camera)) {}
 
-  Step add(const AnyArray& image, double timestamp, std::optional<int> id, double exposure) {
+  Step add(const AnyArray& image,
+           double timestamp,
+           std::optional<int> id,
+           double exposure,
+           const Priors* priors) {
     const ImageView view = rectifiedView(image);
+    const auto known = sharedPriors(priors);
     const nb::gil_scoped_release release;
     const std::lock_guard<std::mutex> lock(mutex_);
     const FrameId frame{id.value_or(next_id_)};
     next_id_ = frame.value + 1;
-    const InitStep step = initializer_->addFrame(Frame::create(view, {frame, timestamp, exposure}));
+    const FrameInfo info{frame, timestamp, exposure, nullptr, nullptr, known};
+    const InitStep step = initializer_->addFrame(Frame::create(view, info));
     Step answer{step.status, step.reason, std::nullopt, step.motion};
     if (step.result) answer.result.emplace(*step.result);
     return answer;
@@ -111,6 +119,9 @@ nb::dict reportOf(const InitReport& report) {
   dict["residual_rms"] = report.residual_rms;
   dict["median_relative_sigma"] = report.median_relative_sigma;
   dict["wrong_probability"] = report.wrong_probability;
+  dict["depth_prior_used"] =
+      report.depth_prior ? std::optional(report.depth_prior->used) : std::nullopt;
+  dict["pose_prior_used"] = report.pose_prior;
   dict["milliseconds"] = stages;
   dict["earlier_resets"] = resets;
   return dict;
@@ -145,6 +156,14 @@ void bindStart(nb::module_& m) {
           [](Initialization& i) { return Hosts(i.points.hosts.data(), {i.points.hosts.size()}); },
           nb::rv_policy::reference_internal,
           "(n,): index of each point's host in `frames`.")
+      .def_prop_ro(
+          "metric",
+          [](const Initialization& i) -> std::optional<std::pair<double, double>> {
+            if (!i.metric) return std::nullopt;
+            return std::make_pair(i.metric->metres, i.metric->relative_sigma);
+          },
+          "Metres of one unit and their relative standard deviation, where priors give them; or "
+          "None.")
       .def_prop_ro("report", [](const Initialization& i) { return reportOf(i.report); });
   bindPoints(type);
 }

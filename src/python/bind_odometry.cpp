@@ -4,6 +4,7 @@
 #include "python/bind.h"
 #include "python/initialization.h"
 #include "python/options.h"
+#include "python/priors.h"
 
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
@@ -91,13 +92,16 @@ class LockedOdometry {
   Estimate process(const AnyArray& image,
                    double timestamp,
                    std::optional<int> id,
-                   double exposure) {
+                   double exposure,
+                   const Priors* priors) {
     const ImageView view = rectifiedView(image);
+    const auto known = sharedPriors(priors);
     const nb::gil_scoped_release release;
     const std::lock_guard<std::mutex> lock(mutex_);
     const FrameId frame{id.value_or(next_id_)};
     Estimate estimate;
-    estimate.frame = odometry_.process(Frame::create(view, {frame, timestamp, exposure}));
+    const FrameInfo info{frame, timestamp, exposure, nullptr, nullptr, known};
+    estimate.frame = odometry_.process(Frame::create(view, info));
     next_id_ = frame.value + 1;
     estimate.frame.frame = nullptr;
     estimate.id = frame.value;

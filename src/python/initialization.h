@@ -25,6 +25,7 @@ struct Initialization {
   std::vector<StartFrame> frames;
   PointColumns points;
   InitReport report;
+  std::optional<MetricScale> metric;
 };
 
 }  // namespace dsorb::python

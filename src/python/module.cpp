@@ -9,6 +9,7 @@ NB_MODULE(_dsorb, m) {
   const nanobind::exception<dsorb::ConfigError> config_error(m, "ConfigError", PyExc_ValueError);
   const nanobind::exception<dsorb::IoError> io_error(m, "IoError", PyExc_RuntimeError);
   dsorb::python::bindCamera(m);
+  dsorb::python::bindPriors(m);
   dsorb::python::bindInitializer(m);
   dsorb::python::bindOdometry(m);
 }

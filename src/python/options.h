@@ -53,6 +53,7 @@ void bindFeeder(nanobind::class_<Bound>& type, const char* name, Method method, 
            nb::arg("timestamp"),
            nb::arg("id") = nb::none(),
            nb::arg("exposure") = 1.0,
+           nb::arg("priors") = nb::none(),
            text);
 }
 

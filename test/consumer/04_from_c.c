@@ -49,7 +49,7 @@ static void render(int index, uint8_t* image) {
 }
 
 static dsorb_image imageOf(int index, uint8_t* pixels) {
-  const dsorb_image image = {pixels, 0, index, index / 30.0, 0};
+  const dsorb_image image = {pixels, 0, index, index / 30.0, 0, NULL};
   render(index, pixels);
   return image;
 }
@@ -139,11 +139,56 @@ static int checkOdometry(const dsorb_camera* camera, uint8_t* pixels) {
   return 0;
 }
 
+/* Distances, rotations and depths: in metres, and wrong ones are answered. */
+static int checkPriors(const dsorb_camera* camera, uint8_t* pixels) {
+  char error[kErrorSize] = "";
+  dsorb_odometry* odometry = NULL;
+  dsorb_initializer* initializer = NULL;
+  dsorb_state state = DSORB_INITIALIZING;
+  dsorb_estimate estimate;
+  double metres = 0, sigma = 0;
+  CHECK(dsorb_odometry_create("orb", camera, 1, &odometry, error, sizeof error) == DSORB_OK);
+  CHECK(dsorb_initializer_create("orb", camera, 1, &initializer, error, sizeof error) == DSORB_OK);
+  dsorb_priors priors;
+  memset(&priors, 0, sizeof priors);
+  priors.motion = DSORB_POSE;
+  for (int i = 0; i < 3; ++i) priors.cam_from_since[5 * i] = 1;
+  priors.cam_from_since[3] = -0.04; /* to the right */
+  for (int i = 0; i < 6; ++i) priors.motion_covariance[7 * i] = i < 3 ? 4e-6 : 1e-6;
+  for (int i = 0; i < kFrames; ++i) {
+    dsorb_image image = imageOf(i, pixels);
+    priors.motion_since = i - 1;
+    if (i > 0) image.priors = &priors;
+    CHECK(dsorb_odometry_add(odometry, &image, &estimate, error, sizeof error) == DSORB_OK);
+    if (state == DSORB_INITIALIZED) continue;
+    CHECK(dsorb_initializer_add(initializer, &image, &state, error, sizeof error) == DSORB_OK);
+    if (state != DSORB_INITIALIZED) continue;
+    CHECK(dsorb_initializer_metric(initializer, &metres, &sigma) == 1);
+    CHECK(metres > 0 && sigma > 0 && sigma < 0.1);
+  }
+  CHECK(state == DSORB_INITIALIZED && estimate.has_pose && estimate.is_metric);
+  CHECK(fabs(estimate.world_from_cam[3] / (0.04 * (kFrames - 1)) - 1) < 0.1); /* metres */
+  dsorb_image image = imageOf(kFrames, pixels);
+  image.priors = &priors;
+  priors.motion_covariance[0] = -1;
+  CHECK(dsorb_odometry_add(odometry, &image, &estimate, error, sizeof error) == DSORB_BAD_ARGUMENT);
+  CHECK(strstr(error, "covariance") != NULL);
+  priors.motion = DSORB_NO_MOTION;
+  const dsorb_depth sample = {10, 10, 2, 0}; /* no deviation */
+  priors.samples = &sample;
+  priors.sample_count = 1;
+  CHECK(dsorb_odometry_add(odometry, &image, &estimate, error, sizeof error) == DSORB_BAD_ARGUMENT);
+  CHECK(strstr(error, "sigma") != NULL);
+  dsorb_initializer_destroy(initializer);
+  dsorb_odometry_destroy(odometry);
+  return 0;
+}
+
 int main(void) {
   const dsorb_camera camera = {kFocal, kFocal, kWidth / 2, kHeight / 2, kWidth, kHeight};
   uint8_t* pixels = malloc((size_t)kWidth * kHeight);
   const int failed = pixels == NULL || checkErrors(&camera) || checkInitializer(&camera, pixels) ||
-                     checkOdometry(&camera, pixels);
+                     checkOdometry(&camera, pixels) || checkPriors(&camera, pixels);
   free(pixels);
   return failed;
 }

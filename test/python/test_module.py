@@ -14,7 +14,7 @@ from pathlib import Path
 import dsorb
 import numpy as np
 from dsorb import command_line
-from room import FRAMES, SIZE, image_files, images, room, true_poses
+from room import FRAMES, SIZE, image_files, images, room, true_depth, true_poses
 
 README = Path(__file__).resolve().parents[2] / 'README.md'
 CAMERA = dsorb.Camera(200, 200, 159.5, 119.5, *SIZE)
@@ -146,6 +146,82 @@ class Starts(unittest.TestCase):
         second = start(initializer, images())
         np.testing.assert_array_equal(first.pixels, second.pixels)
         np.testing.assert_array_equal(first.frames[-1].T_cam_ref, second.frames[-1].T_cam_ref)
+
+
+def motion(truth, i):
+    """(4, 4): camera i - 1 to camera i."""
+    return np.linalg.inv(truth[i]) @ truth[i - 1]
+
+
+class WhatTheCallerKnows(unittest.TestCase):
+    def feed(self, feeder, priors_of):
+        for i, image in enumerate(images()):
+            answer = feeder(image, timestamp=.1 * i, id=i, priors=priors_of(i))
+            found = getattr(answer, 'result', None) or getattr(answer, 'initialization', None)
+            if found is not None:
+                return found
+        raise AssertionError('no start')
+
+    def test_depths_start_from_two_frames_in_metres(self):
+        def priors_of(i):
+            priors = dsorb.Priors()
+            priors.set_depth(true_depth(i).astype(np.float32), relative_sigma=.01)
+            return priors
+        result = self.feed(dsorb.Initializer(CAMERA).add, priors_of)
+        self.assertEqual(len(result.frames), 2)
+        self.assertTrue(result.report['depth_prior_used'])
+        metres, sigma = result.metric
+        reference = result.hosts == 0
+        x, y = np.rint(result.pixels[reference]).astype(int).T
+        self.assertAlmostEqual(np.median(true_depth(0)[y, x] * result.inverse_depths[reference]) / metres, 1, delta=.01)
+        self.assertTrue(0 < sigma < .05)
+
+    def test_poses_are_taken_and_give_metres(self):
+        truth = true_poses()
+        covariance = np.diag([1e-6] * 3 + [1e-8] * 3)
+
+        def priors_of(i):
+            priors = dsorb.Priors()
+            if i > 0:
+                priors.set_pose(i - 1, motion(truth, i), covariance)
+            return priors
+        result = self.feed(dsorb.Odometry(CAMERA).process, priors_of)
+        self.assertTrue(result.report['pose_prior_used'])
+        last = result.frames[-1]
+        moved = np.linalg.norm((np.linalg.inv(truth[last.id]) @ truth[0])[:3, 3])
+        self.assertAlmostEqual(result.metric[0] * np.linalg.norm(last.T_cam_ref[:3, 3]) / moved, 1, delta=.05)
+
+    def test_rotations_say_nothing_of_metres(self):
+        truth = true_poses()
+
+        def priors_of(i):
+            priors = dsorb.Priors()
+            if i > 0:
+                priors.set_rotation(i - 1, np.ascontiguousarray(motion(truth, i)[:3, :3]), 1e-8 * np.eye(3))
+            return priors
+        result = self.feed(dsorb.Initializer(CAMERA).add, priors_of)
+        self.assertTrue(result.report['pose_prior_used'])
+        self.assertIsNone(result.metric)
+
+    def test_distances_give_metres(self):
+        truth = true_poses()
+
+        def priors_of(i):
+            priors = dsorb.Priors()
+            if i > 0:
+                priors.set_distance(i - 1, np.linalg.norm(motion(truth, i)[:3, 3]), .001)
+            return priors
+        self.assertIsNotNone(self.feed(dsorb.Initializer(CAMERA).add, priors_of).metric)
+
+    def test_impossible_ones_are_refused(self):
+        priors = dsorb.Priors()
+        with self.assertRaisesRegex(ValueError, 'rotation'):
+            priors.set_rotation(0, 2 * np.eye(3), np.eye(3))
+        with self.assertRaisesRegex(ValueError, 'sigma'):
+            priors.set_sparse_depth(*SIZE, np.array([[10., 10., 2., 0.]]))
+        priors.set_pose(0, np.eye(4), -np.eye(6))
+        with self.assertRaisesRegex(ValueError, 'positive definite'):
+            dsorb.Initializer(CAMERA).add(images()[0], 0.0, priors=priors)
 
 
 class Runs(unittest.TestCase):

@@ -6,7 +6,8 @@
  * Conventions are those of docs/library.md: rectified pinhole cameras in pixels, the centre of the
  * top-left pixel at (0, 0); poses are 3 x 4 matrices [R | t], row after row, and `cam_from_ref`
  * maps points of the reference camera to the camera. Times are in seconds. The unit of length is
- * such that the mean inverse depth of a reference's points is 1.
+ * such that the mean inverse depth of a reference's points is 1; an odometry tells a segment in
+ * metres where priors have given its start a scale.
  *
  * Functions that may fail return a dsorb_status. On failure the text that says why is in `error`,
  * a buffer of the caller's with `error_size` bytes that may be NULL; it is cut to fit and always
@@ -49,13 +50,48 @@ typedef struct dsorb_camera {
   int32_t height; /**< of the images */
 } dsorb_camera;
 
+/** Depth at a point of the image. */
+typedef struct dsorb_depth {
+  float x;     /**< column [px] */
+  float y;     /**< row [px] */
+  float depth; /**< along the optical axis, above 0 [m] */
+  float sigma; /**< standard deviation, above 0 [m] */
+} dsorb_depth;
+
+/** What a dsorb_priors knows of the camera's motion. */
+typedef enum dsorb_motion {
+  DSORB_NO_MOTION = 0,
+  DSORB_ROTATION = 1, /**< of cam_from_since and covariance only the rotation counts */
+  DSORB_POSE = 2
+} dsorb_motion;
+
+/** What is known of a frame beside its image, tested against the images; docs/library.md. All
+ * zeros: nothing. It is copied. */
+typedef struct dsorb_priors {
+  const float* depths;          /**< of all pixels, row after row [m], NaN or 0: unknown; or NULL */
+  double depth_sigma;           /**< constant part of their standard deviation [m] */
+  double depth_relative_sigma;  /**< proportional part [-] */
+  const dsorb_depth* samples;   /**< of a few pixels, where `depths` is NULL; or NULL */
+  size_t sample_count;          /**< of `samples` */
+  int32_t depth_scale_unknown;  /**< 1: depths are right but for one factor */
+  dsorb_motion motion;          /**< what the next three say */
+  int32_t motion_since;         /**< id of the earlier frame */
+  double cam_from_since[12];    /**< 3 x 4, row after row [m] */
+  double motion_covariance[36]; /**< 6 x 6 of a left increment, [translation; rotation] */
+  int32_t has_distance;         /**< 1: the next three are set */
+  int32_t distance_since;       /**< id of the earlier frame */
+  double distance;              /**< between the camera centres [m] */
+  double distance_sigma;        /**< standard deviation [m] */
+} dsorb_priors;
+
 /** One rectified grey image. It is copied. */
 typedef struct dsorb_image {
-  const uint8_t* data; /**< grey levels of the camera's size */
-  size_t stride;       /**< bytes from row to row; 0: rows follow each other */
-  int32_t id;          /**< unique among the frames given */
-  double timestamp;    /**< [s] */
-  double exposure;     /**< [s]; 0 or 1 when unknown */
+  const uint8_t* data;        /**< grey levels of the camera's size */
+  size_t stride;              /**< bytes from row to row; 0: rows follow each other */
+  int32_t id;                 /**< unique among the frames given */
+  double timestamp;           /**< [s] */
+  double exposure;            /**< [s]; 0 or 1 when unknown */
+  const dsorb_priors* priors; /**< NULL: none */
 } dsorb_image;
 
 /** One of the frames of a start. */
@@ -90,6 +126,7 @@ typedef struct dsorb_estimate {
   /** 6 x 6, of a left increment [translation; rotation] of cam_from_keyframe, in the segment's unit
    *  and in rad. It says nothing of the keyframe's own pose. */
   double covariance[36];
+  int32_t is_metric; /**< 1: the segment's unit is the metre, by priors; 0: mean inverse depth 1 */
 } dsorb_estimate;
 
 typedef struct dsorb_initializer dsorb_initializer; /**< opaque */
@@ -139,6 +176,16 @@ size_t dsorb_initializer_frames(const dsorb_initializer* initializer,
 size_t dsorb_initializer_points(const dsorb_initializer* initializer,
                                 dsorb_point* out,
                                 size_t capacity);
+
+/**
+ * Length of the start's unit, where priors give it.
+ * @param metres         of one unit [m]
+ * @param relative_sigma its relative standard deviation [-]; may be NULL
+ * @return               1 where it is known, else 0 and nothing is written
+ */
+int32_t dsorb_initializer_metric(const dsorb_initializer* initializer,
+                                 double* metres,
+                                 double* relative_sigma);
 
 /** Makes the object equal to a fresh one. */
 dsorb_status dsorb_initializer_reset(dsorb_initializer* initializer,

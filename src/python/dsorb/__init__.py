@@ -6,7 +6,7 @@ top-left pixel is (0, 0), depth is along the optical axis. The unit of length is
 start's reference points is 1. docs/python.md has examples.
 """
 from ._dsorb import (Calibration, Camera, ConfigError, Estimate, Initialization, Initializer, InitStep, IoError, Keyframe,
-                     Odometry, Rectifier, Report, StartFrame, __version__, initializer_names)
+                     Odometry, Priors, Rectifier, Report, StartFrame, __version__, initializer_names)
 
 __all__ = ['Calibration', 'Camera', 'ConfigError', 'Estimate', 'Initialization', 'Initializer', 'InitStep', 'IoError',
-           'Keyframe', 'Odometry', 'Rectifier', 'Report', 'StartFrame', '__version__', 'initializer_names']
+           'Keyframe', 'Odometry', 'Priors', 'Rectifier', 'Report', 'StartFrame', '__version__', 'initializer_names']
