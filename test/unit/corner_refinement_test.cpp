@@ -119,6 +119,29 @@ TEST(CornerPolish, KeepsTheMapWhereTheImagesDoNotFit) {
   expectSame(made.map, before);
 }
 
+TEST(CornerPolish, EndsAfterTheFirstRoundWhereItIsHopeless) {
+  DisturbedMap once = makeDisturbedMap(0.4);
+  DisturbedMap ended = once;
+  DisturbedMap all = once;
+  const PinholeCamera& camera = once.scene.camera();
+  GeometricOptions geometric;
+  geometric.sigma = 0.4;
+  refineCorners(once.map, camera, geometric, 1);
+  int asked = 0;
+  const auto answer = [&](bool hopeless) {
+    return [&asked, hopeless](const InitialMap&) {
+      ++asked;
+      return hopeless;
+    };
+  };
+  refineCorners(ended.map, camera, geometric, 5, answer(true));
+  EXPECT_EQ(asked, 1);
+  expectSame(ended.map, once.map);
+  refineCorners(all.map, camera, geometric, 5, answer(false));
+  EXPECT_EQ(asked, 2);
+  EXPECT_LT(rmsError(all), rmsError(ended));
+}
+
 TEST(CornerPolish, IsOffWithoutRounds) {
   DisturbedMap made = makeDisturbedMap(0.4);
   const InitialMap before = made.map;

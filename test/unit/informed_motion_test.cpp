@@ -9,6 +9,7 @@
 #include "init/orb/two_view/essential_motion.h"
 #include "init/orb/two_view/model_selection.h"
 #include "init/orb/two_view/rotation_only.h"
+#include "init/wrong_direction.h"
 #include "support/matchers.h"
 #include "support/synthetic_map.h"
 #include "support/two_view_scene.h"
@@ -133,9 +134,14 @@ TEST(MotionCandidates, FramesBetweenDecideWhichMotionOfAPlaneIsRight) {
   for (const EssentialMotion& start : motions) {  // the right and the wrong one
     auto best = makeCandidate(scene.view, start, context);
     ASSERT_TRUE(best);
-    const double ratio = competeOverFrames(scene.view, motions, context, *best);
+    const bool wrong = errorOf(start.T_cur_ref) > 20;
+    const Competition outcome = competeOverFrames(scene.view, motions, context, *best);
     EXPECT_LT(errorOf(*best->map.frames.back().T_cam_ref), 2.0);
-    EXPECT_LT(rivalProbability(ratio, 40), 0.01);  // 40 cells of the image are occupied
+    EXPECT_LT(rivalProbability(outcome.cost_ratio, 40),
+              0.01);  // 40 cells of the image are occupied
+    if (wrong) {
+      EXPECT_TRUE(outcome.replaced);
+    }
   }
   EXPECT_GT(std::max(errorOf(motions[0].T_cur_ref), errorOf(motions[1].T_cur_ref)), 20.0);
 }

@@ -209,7 +209,8 @@ GeometricOptions refinedAdjustment(const GeometricOptions& geometric) {
 RefinementReport refineCorners(InitialMap& map,
                                const PinholeCamera& camera,
                                const GeometricOptions& geometric,
-                               int rounds) {
+                               int rounds,
+                               const std::function<bool(const InitialMap&)>& hopeless) {
   RefinementReport report;
   const GeometricOptions adjusted = refinedAdjustment(geometric);
   InitialMap refined = map;
@@ -222,6 +223,7 @@ RefinementReport refineCorners(InitialMap& map,
     report.last_rms = measured.rms;
     if (!adjustOnce(refined, camera, adjusted)) return report;
     estimateMotions(refined, camera);
+    if (round == 0 && hopeless && hopeless(refined)) break;
   }
   report.direction_change_deg = directionChangeDeg(map, refined);
   report.fits = static_cast<double>(refined.corners.size()) >=

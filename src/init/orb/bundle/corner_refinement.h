@@ -7,6 +7,7 @@
 
 #include "init/orb/map/initial_map.h"
 
+#include <functional>
 #include <vector>
 
 namespace dsorb::init_orb {
@@ -21,10 +22,13 @@ GeometricOptions refinedAdjustment(const GeometricOptions& geometric);
 /// @param map       adjusted; unchanged unless the refinement is accepted: the pixels fit no worse
 ///                  than before, most corners do, and the direction of translation hardly changed
 /// @param geometric of the adjustment before: sigma of the tracks
+/// @param hopeless  asked after the first round, which nearly reaches what the others do: whether
+///                  they would be in vain; they are left out then
 RefinementReport refineCorners(InitialMap& map,
                                const PinholeCamera& camera,
                                const GeometricOptions& geometric,
-                               int rounds);
+                               int rounds,
+                               const std::function<bool(const InitialMap&)>& hopeless = {});
 
 /// Refines the poses of single frames by the same measurements, with all inverse depths and all
 /// other poses fixed. Sets the brightness and the covariance of the frames as well.

@@ -35,6 +35,9 @@ constexpr double kMinTrackNoise = 0.5;
 /// parallax, misses the gate by more than this factor.
 constexpr double kRetryMargin = 1.5;
 constexpr int kMaxSkippedFrames = 1;  // but so many times in a row at most
+/// A start is refined no further where its errors would have to shrink by this factor to pass.
+/// @source docs/experiments.md, "Refinement of corners"
+constexpr double kHopelessFactor = 1.5;
 /// Least noise of a match in the likelihood of motions elsewhere [px].
 constexpr double kMinMatchNoise = 0.05;
 /// Median epipolar distance of a motion from known depths over that of the best motion, and the
@@ -47,11 +50,21 @@ constexpr double kMaxCostRatio = 1000;  // of a plane's motions: files hold no i
 constexpr int kNoiseRounds =
     3;  // of measuring the noise; docs/experiments.md, "Noise of the tracks"
 
+/// Whether the last attempt from this reference, extrapolated by the growth of the parallax, tells
+/// that the next one is refused unless the parallax is this much larger still.
+bool refusedUnless(double larger,
+                   const AttemptSummary& last,
+                   double rotation_residual,
+                   const GateOptions& gate) {
+  return last.gate &&
+         !errorsPass(*last.gate, larger * rotation_residual / last.rotation_residual, gate);
+}
+
 /// Whether enough has changed since the last attempt from this reference: the predicted errors fall
 /// as the rotation-compensated flow grows.
 bool worthTheTime(const AttemptSummary& last, double rotation_residual, const GateOptions& gate) {
-  if (!last.gate || last.skipped >= kMaxSkippedFrames) return true;
-  return errorsPass(*last.gate, kRetryMargin * rotation_residual / last.rotation_residual, gate);
+  return last.skipped >= kMaxSkippedFrames ||
+         !refusedUnless(kRetryMargin, last, rotation_residual, gate);
 }
 
 /// A motion between two views, and how well its model explains the matches.
@@ -88,6 +101,7 @@ struct PlaneComparison {
   DisplacementModel model = DisplacementModel::kEssential;
   std::optional<double> homography_gric;  ///< over that of the essential matrix
   std::optional<double> second_cost;      ///< of the best really different motion, over the best's
+  bool replaced = false;                  ///< a motion of the plane is the best now
 };
 
 /// Where a homography explains the matches better, both motions of the plane are tried.
@@ -103,46 +117,80 @@ void comparePlane(const SelectedMotion& selected,
   compared.homography_gric = homography_gric / selected.gric;
   if (homography_gric >= selected.gric) return;
   compared.model = DisplacementModel::kHomography;
-  const double ratio = competeOverFrames(
+  const Competition outcome = competeOverFrames(
       view, planeMotions(*H, matches, context.camera, kRansacThreshold), context, compared.best);
-  compared.second_cost = std::min(ratio, kMaxCostRatio);
+  compared.second_cost = std::min(outcome.cost_ratio, kMaxCostRatio);
+  compared.replaced = outcome.replaced;
+}
+
+/// Drops corners behind the camera, sets scale and covariances.
+/// @return variance factor, not finite where nothing is determined; nothing with too few corners
+std::optional<double> completeMap(InitialMap& map,
+                                  const GeometricOptions& adjusted,
+                                  const AttemptContext& context) {
+  std::vector<char> behind(map.corners.size(), 0);
+  for (std::size_t i = 0; i < behind.size(); ++i) {
+    behind[i] = map.corners[i].inverse_depth > 0 ? 0 : 1;
+  }
+  removeCorners(map, behind);
+  if (static_cast<int>(map.corners.size()) < context.options.orb.geometric.min_points ||
+      !normalizeCornerScale(map)) {
+    return std::nullopt;
+  }
+  return setCovariances(map, context.camera, adjusted);
+}
+
+/// Whether a start whose refinement has begun misses the gate by so much that the rest of the
+/// refinement would be in vain.
+bool missesByFar(InitialMap map, const GeometricOptions& adjusted, const AttemptContext& context) {
+  const auto factor = completeMap(map, adjusted, context);
+  if (!factor || !std::isfinite(*factor)) return false;
+  StartEvidence evidence;
+  evidence.misfit = misfitOf(medianError(map, context.camera));
+  const GateOptions& options = context.options.orb.gate;
+  const GateReport gate = judgeStart(map, context.camera, options, evidence);
+  return !errorsPass(gate, kHopelessFactor, options);
 }
 
 /// Measures the noise, refines the corners, drops those behind the camera, sets scale and
 /// covariances.
-Outcome<Reconstruction> refineStart(Reconstruction made, const AttemptContext& context) {
+/// @param doubtful the start is likely to be refused: the refinement ends early where it is
+/// hopeless
+Outcome<Reconstruction> refineStart(Reconstruction made,
+                                    bool doubtful,
+                                    const AttemptContext& context) {
   InitialMap& map = made.map;
-  InitReport& report = made.report;
-  EssentialReport& found = *report.essential;
+  EssentialReport& found = *made.report.essential;
   const PinholeCamera& camera = context.camera;
   const OrbOptions& orb = context.options.orb;
   GeometricOptions adjusted = context.clock.time(
       "geometric", [&] { return adjustToNoise(map, camera, orb.geometric, kNoiseRounds); });
   found.track_noise = adjusted.sigma;
   context.clock.time("motions", [&] { estimateMotions(map, camera); });
-  found.refinement = context.clock.time(
-      "polish", [&] { return refineCorners(map, camera, adjusted, orb.polish_rounds); });
+  const GeometricOptions refined = refinedAdjustment(adjusted);
+  found.refinement = context.clock.time("polish", [&] {
+    return refineCorners(map, camera, adjusted, orb.polish_rounds, [&](const InitialMap& begun) {
+      return doubtful && missesByFar(begun, refined, context);
+    });
+  });
   if (!found.refinement.fits) return InitReason::kPoorQuality;
-  if (found.refinement.accepted) adjusted = refinedAdjustment(adjusted);
-  std::vector<char> behind(map.corners.size(), 0);
-  for (std::size_t i = 0; i < behind.size(); ++i) {
-    behind[i] = map.corners[i].inverse_depth > 0 ? 0 : 1;
-  }
-  removeCorners(map, behind);
-  if (static_cast<int>(map.corners.size()) < orb.geometric.min_points ||
-      !normalizeCornerScale(map)) {
-    return InitReason::kTooFewPoints;
-  }
-  report.residual_rms = medianError(map, camera);
-  found.variance_factor =
-      context.clock.time("covariance", [&] { return setCovariances(map, camera, adjusted); });
+  if (found.refinement.accepted) adjusted = refined;
+  const auto factor =
+      context.clock.time("covariance", [&] { return completeMap(map, adjusted, context); });
+  if (!factor) return InitReason::kTooFewPoints;
+  made.report.residual_rms = medianError(map, camera);
+  found.variance_factor = *factor;
   found.clustered_factor = map.cluster_variance_scale;
-  if (map.motions.empty()) {
-    found.readout_score =
-        context.clock.time("readout", [&] { return scoreReadout(map, camera, adjusted); });
-  }
   if (!std::isfinite(found.variance_factor)) return InitReason::kPoorQuality;
   return made;
+}
+
+/// What is known of a refined start beside its map and its rivals.
+StartEvidence evidenceOf(const InitReport& report) {
+  const EssentialReport& found = *report.essential;
+  StartEvidence evidence{found.tracks, found.front_share, 1, found.second_cost};
+  if (found.refinement.accepted) evidence.misfit = misfitOf(report.residual_rms);
+  return evidence;
 }
 
 /// Judges a refined start by everything that is known of it.
@@ -151,11 +199,8 @@ GateReport judge(const Reconstruction& made,
                  const Matches& matches,
                  double noise,
                  const AttemptContext& context) {
-  const EssentialReport& found = *made.report.essential;
   const GateOptions& options = context.options.orb.gate;
-  StartEvidence evidence{found.tracks, found.front_share, 1, found.second_cost};
-  if (found.refinement.accepted) evidence.misfit = misfitOf(made.report.residual_rms);
-  GateReport gate = judgeStart(made.map, context.camera, options, evidence);
+  GateReport gate = judgeStart(made.map, context.camera, options, evidenceOf(made.report));
   if (gate.reason != InitReason::kDone || made.map.scaleKnown()) return gate;  // no rivals there
   const RivalMotion rival = findRival(*made.map.frames.back().T_cam_ref,
                                       matches,
@@ -179,32 +224,69 @@ WaitingMotion motionOf(const InitialMap& map, const GateReport& gate) {
       map.frames.front().frame->id(), *newest.T_cam_ref, newest.covariance, gate.wrong_probability};
 }
 
+/// A start with its judgement: refused, or passed and told in the report.
+JudgedStart decided(Reconstruction made, const GateReport& gate) {
+  if (gate.reason != InitReason::kDone) return {gate.reason, gate, motionOf(made.map, gate)};
+  made.report.essential->gate = gate;
+  made.report.median_parallax_deg = gate.parallax_deg;
+  made.report.wrong_probability = gate.wrong_probability;
+  return {std::move(made), gate};
+}
+
+/// What two views tell of a start.
+struct TwoViews {
+  const Matches& matches;
+  const RotationFit& rotation;
+  const SelectedMotion& selected;
+};
+
+/// @param doubtful see refineStart()
 JudgedStart refineAndJudge(const PlaneComparison& compared,
-                           const SelectedMotion& selected,
-                           const RotationFit& rotation,
-                           const Matches& matches,
+                           const TwoViews& views,
+                           bool doubtful,
                            const AttemptContext& context) {
+  const SelectedMotion& selected = views.selected;
   Reconstruction start{compared.best.map, {}};
   start.report.model = name(compared.model);
   start.report.inlier_ratio =
-      static_cast<double>(selected.motion.inliers) / static_cast<double>(matches.size());
+      static_cast<double>(selected.motion.inliers) / static_cast<double>(views.matches.size());
   EssentialReport& found = start.report.essential.emplace();
-  found.tracks = static_cast<int>(matches.size());
+  found.tracks = static_cast<int>(views.matches.size());
   found.inliers = selected.motion.inliers;
-  found.rotation_residual = rotation.median_residual;
+  found.rotation_residual = views.rotation.median_residual;
   found.front_share = compared.best.front_share;
   found.homography_gric = compared.homography_gric;
   found.second_cost = compared.second_cost;
   start.report.pose_prior = compared.best.motions_used;
-  auto made = refineStart(std::move(start), context);
+  auto made = refineStart(std::move(start), doubtful, context);
   if (!made) return {made.reason(), {}};
   const GateReport gate = context.clock.time(
-      "gate", [&] { return judge(*made, matches, selected.motion.noise, context); });
-  if (gate.reason != InitReason::kDone) return {gate.reason, gate, motionOf(made->map, gate)};
-  made->report.essential->gate = gate;
-  made->report.median_parallax_deg = gate.parallax_deg;
-  made->report.wrong_probability = gate.wrong_probability;
-  return {std::move(made), gate};
+      "gate", [&] { return judge(*made, views.matches, selected.motion.noise, context); });
+  return decided(std::move(*made), gate);
+}
+
+/// Judges a start that has passed anew, knowing the other motion of its plane.
+JudgedStart judgeWithPlane(JudgedStart start,
+                           const PlaneComparison& compared,
+                           const AttemptContext& context) {
+  InitReport& report = start.made->report;
+  report.model = name(compared.model);
+  report.essential->second_cost = compared.second_cost;
+  const GateOptions& options = context.options.orb.gate;
+  GateReport gate = judgeStart(start.made->map, context.camera, options, evidenceOf(report));
+  if (gate.reason == InitReason::kDone) addRival(gate, start.gate->rival_probability, options);
+  return decided(std::move(*start.made), gate);
+}
+
+/// Tells in the report what a start without a model of the shutter says of the readout.
+void reportReadout(Reconstruction& made, const AttemptContext& context) {
+  if (!made.map.motions.empty()) return;
+  EssentialReport& found = *made.report.essential;
+  GeometricOptions adjusted = context.options.orb.geometric;
+  adjusted.sigma = found.track_noise;
+  if (found.refinement.accepted) adjusted = refinedAdjustment(adjusted);
+  found.readout_score = context.clock.time(
+      "readout", [&] { return scoreReadout(made.map, context.camera, adjusted); });
 }
 
 /// Whether a motion fits the epipolar geometry of all matches about as well as the best one does:
@@ -230,7 +312,7 @@ JudgedStart startFromKnownDepth(const ReferenceView& view,
   if (!candidate) return {InitReason::kPoorQuality, {}};
   const SelectedMotion all{{*candidate->map.frames.back().T_cam_ref, {}, report.corners, 0}, 0, 0};
   const PlaneComparison known{std::move(*candidate), DisplacementModel::kEssential, {}, {}};
-  JudgedStart start = refineAndJudge(known, all, rotation, matches, context);
+  JudgedStart start = refineAndJudge(known, {matches, rotation, all}, false, context);
   if (!start.made) return start;
   if (!fitsLikeTheBest(*start.made->map.frames.back().T_cam_ref, matches, context)) {
     report.contradicted = true;
@@ -281,16 +363,24 @@ EssentialStart startFromEssential(const ReferenceView& view, const AttemptContex
       clock.time("geometric", [&] { return makeCandidate(view, selected->motion, context); });
   if (!candidate) return refuse(InitReason::kTooFewPoints);
   PlaneComparison compared{std::move(*candidate), DisplacementModel::kEssential, {}, {}};
-  JudgedStart start = refineAndJudge(compared, *selected, rotation, matches, context);
+  const TwoViews views{matches, rotation, *selected};
+  const bool doubtful =
+      refusedUnless(1, view.last, rotation.median_residual, context.options.orb.gate);
+  JudgedStart start = refineAndJudge(compared, views, doubtful, context);
   if (start.made) {
     clock.time("planes", [&] { comparePlane(*selected, view, matches, context, compared); });
     start.made->report.essential->homography_gric = compared.homography_gric;
-    if (compared.second_cost) {
-      start = refineAndJudge(compared, *selected, rotation, matches, context);
+    if (compared.replaced) {
+      start = refineAndJudge(compared, views, false, context);
+    } else if (compared.second_cost) {
+      start = judgeWithPlane(std::move(start), compared, context);
     }
   }
   summary.gate = start.gate;
-  if (start.made) start.made->report.depth_prior = depth_prior;
+  if (start.made) {
+    reportReadout(*start.made, context);
+    start.made->report.depth_prior = depth_prior;
+  }
   return {std::move(start.made), summary, start.motion};
 }
 

@@ -102,10 +102,10 @@ std::vector<EssentialMotion> planeMotions(const Eigen::Matrix3d& H_cur_ref,
   return motions;
 }
 
-double competeOverFrames(const ReferenceView& view,
-                         const std::vector<EssentialMotion>& motions,
-                         const AttemptContext& context,
-                         MotionCandidate& best) {
+Competition competeOverFrames(const ReferenceView& view,
+                              const std::vector<EssentialMotion>& motions,
+                              const AttemptContext& context,
+                              MotionCandidate& best) {
   std::vector<MotionCandidate> candidates;
   candidates.push_back(std::move(best));
   for (const EssentialMotion& motion : motions) {
@@ -116,14 +116,16 @@ double competeOverFrames(const ReferenceView& view,
     return candidate.map.frames.back().T_cam_ref->translation().normalized();
   };
   const auto less = [](const auto& a, const auto& b) { return a.cost < b.cost; };
-  std::swap(candidates.front(), *std::min_element(candidates.begin(), candidates.end(), less));
+  const auto winner = std::min_element(candidates.begin(), candidates.end(), less);
+  const bool replaced = winner != candidates.begin();
+  if (replaced) std::swap(candidates.front(), *winner);
   best = std::move(candidates.front());
   double second_cost = std::numeric_limits<double>::infinity();
   for (std::size_t i = 1; i < candidates.size(); ++i) {
     if (direction(candidates[i]).dot(direction(best)) > kSameDirection) continue;
     second_cost = std::min(second_cost, candidates[i].cost);
   }
-  return second_cost / best.cost;
+  return {second_cost / best.cost, replaced};
 }
 
 }  // namespace dsorb::init_orb

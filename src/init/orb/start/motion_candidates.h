@@ -33,13 +33,17 @@ std::vector<EssentialMotion> planeMotions(const Eigen::Matrix3d& H_cur_ref,
                                           const PinholeCamera& camera,
                                           double threshold);
 
+/// Outcome of a competition between motions.
+struct Competition {
+  double cost_ratio = 1;  ///< of the best candidate with another motion over the best, or infinite
+  bool replaced = false;  ///< the best is not the one that was there before
+};
+
 /// Lets the motions of a plane compete with a candidate: the tracks of all its frames decide.
 /// @param best in: candidate found without the plane; out: candidate of least cost
-/// @return cost of the best candidate with another motion over that of the best; infinite without
-///         such a candidate
-double competeOverFrames(const ReferenceView& view,
-                         const std::vector<EssentialMotion>& motions,
-                         const AttemptContext& context,
-                         MotionCandidate& best);
+Competition competeOverFrames(const ReferenceView& view,
+                              const std::vector<EssentialMotion>& motions,
+                              const AttemptContext& context,
+                              MotionCandidate& best);
 
 }  // namespace dsorb::init_orb

@@ -2,9 +2,8 @@
 #include "init/orb/start/start_gate.h"
 
 #include "base/median.h"
-#include "geometry/symmetric_eigen.h"
 #include "geometry/triangulate.h"
-#include "init/orb/two_view/motion_refinement.h"
+#include "init/wrong_direction.h"
 
 #include <algorithm>
 #include <cmath>
@@ -22,11 +21,9 @@ constexpr double kMinTrackShare = 0.5;  // of the reference's live tracks that a
 constexpr double kMinFrontShare = 0.8;  // of the corners, in front of the camera
 /// Median length of a two-dimensional vector whose coordinates have standard deviation 1.
 constexpr double kMedianLength = 1.1774;
-/// Scale and degrees of freedom of the t-distribution of a direction's errors over their predicted
-/// sigmas.
+/// Scale of the t-distribution of a direction's errors over their predicted sigmas.
 /// @source docs/experiments.md, "When to start"
 constexpr double kDirectionScale = 1.5;
-constexpr double kFreedom = 4;
 
 }  // namespace
 
@@ -43,36 +40,8 @@ double medianParallaxDeg(const InitialMap& map, const PinholeCamera& camera) {
   return medianOf(std::move(angles)) * kDegPerRad;
 }
 
-Eigen::Vector2d directionSigmasDeg(const InitialMap& map) {
-  const PosedFrame& newest = map.frames.back();
-  const Eigen::Vector3d& t = newest.T_cam_ref->translation();
-  const Eigen::Matrix<double, 3, 2> basis = tangentBasis(t.normalized());
-  const Eigen::Matrix2d covariance =
-      basis.transpose() * newest.covariance->topLeftCorner<3, 3>() * basis / t.squaredNorm();
-  const Eigen::VectorXd variances = symmetricEigen(covariance).values.cwiseMax(0);
-  return kDegPerRad * variances.cwiseSqrt();
-}
-
 double misfitOf(double median_error) {
   return std::max(1.0, median_error / kMedianLength);
-}
-
-double tailProbability(const Eigen::Vector2d& sigmas_deg, double angle_deg) {
-  // In polar coordinates of the whitened plane the radius has a closed tail, (1 + r^2 / f)^(-f/2).
-  constexpr int kAngles = 16;  // of a quarter: the others are alike
-  double sum = 0;
-  for (int i = 0; i < kAngles; ++i) {
-    const double angle = (i + 0.5) * M_PI / 2 / kAngles;
-    const double length =
-        std::hypot(std::cos(angle) * sigmas_deg[0], std::sin(angle) * sigmas_deg[1]);
-    const double radius = angle_deg / length;
-    sum += std::pow(1 + radius * radius / kFreedom, -kFreedom / 2);
-  }
-  return sum / kAngles;
-}
-
-double rivalProbability(double cost_ratio, double samples) {
-  return 1 / (1 + std::pow(cost_ratio, samples));
 }
 
 int occupiedCells(const InitialMap& map, const PinholeCamera& camera) {
@@ -89,7 +58,8 @@ GateReport judgeStart(const InitialMap& map,
   GateReport report;
   report.misfit = evidence.misfit;
   report.parallax_deg = medianParallaxDeg(map, camera);
-  const Eigen::Vector2d sigmas = evidence.misfit * kDirectionScale * directionSigmasDeg(map);
+  const Eigen::Vector2d sigmas =
+      evidence.misfit * kDirectionScale * directionSigmasDeg(map.frames.back());
   report.direction_sigma_deg = sigmas[1];
   report.second_sigma_deg = sigmas[0];
   std::vector<double> relative;

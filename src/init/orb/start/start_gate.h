@@ -16,23 +16,9 @@ namespace dsorb::init_orb {
 /// Median angle between the rays to a corner from the reference and from the newest frame [deg].
 double medianParallaxDeg(const InitialMap& map, const PinholeCamera& camera);
 
-/// Standard deviations of the direction of the newest frame's translation along the axes of its
-/// covariance, the larger one last, before misfit and calibration [deg].
-Eigen::Vector2d directionSigmasDeg(const InitialMap& map);
-
 /// How much larger the errors are than the images' noise explains: at least 1.
 /// @param median_error of the corners, whitened by their covariances [-]
 double misfitOf(double median_error);
-
-/// Probability that a direction is off by more than an angle, for a t-distribution on its tangent
-/// plane.
-/// @param sigmas_deg along the axes of the covariance
-double tailProbability(const Eigen::Vector2d& sigmas_deg, double angle_deg);
-
-/// Probability that the other motion of a plane is the right one.
-/// @param cost_ratio of the other's mean robust cost over the best's
-/// @param samples    independent ones: occupied cells of the image
-double rivalProbability(double cost_ratio, double samples);
 
 /// What is known of a start beside its map.
 struct StartEvidence {

@@ -53,13 +53,6 @@ Vector5d gaussNewtonStep(const SE3& T_cur_ref, const Rays& rays, double inverse_
 
 }  // namespace
 
-Eigen::Matrix<double, 3, 2> tangentBasis(const Eigen::Vector3d& unit) {
-  Eigen::Matrix<double, 3, 2> basis;
-  basis.col(0) = unit.unitOrthogonal();
-  basis.col(1) = unit.cross(basis.col(0));
-  return basis;
-}
-
 EpipolarResidual epipolarResidual(const SE3& T_cur_ref,
                                   const Eigen::Vector3d& reference,
                                   const Eigen::Vector3d& target,

@@ -4,6 +4,7 @@
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/geometry/se3.h"
 
+#include "geometry/tangent_basis.h"
 #include "init/orb/tracks/corner_tracks.h"
 
 #include <Eigen/Core>
@@ -11,9 +12,6 @@
 #include <vector>
 
 namespace dsorb::init_orb {
-
-/// Directions in which a unit vector can move: columns orthonormal, perpendicular to it.
-Eigen::Matrix<double, 3, 2> tangentBasis(const Eigen::Vector3d& unit);
 
 /// Violation of the epipolar constraint by one match, with derivatives.
 struct EpipolarResidual {
