@@ -21,11 +21,12 @@ from .protocol import dump_json, write_if_changed
 from .trajectory import FormatError
 
 LOG_BYTES = 4000  # of a log's end that are looked at for the reason of a failure
+ADVICE = re.compile(r'What (stood in the way|\d+ of the images without a pose show):')  # of the summary: dsorb/summary.py
 # Of the table: column, type for Parquet.
-COLUMNS = {'video': 'string', 'name': 'string', 'status': 'string', 'exit_code': 'int32', 'error': 'string', 'images': 'int32',
-           'images_posed': 'int32', 'share_posed': 'float64', 'wrong_probability': 'float64', 'segments': 'int32',
-           'losses': 'int32', 'refined_focal_px': 'float64', 'refined_focal_sigma_px': 'float64',
-           'readout_ms': 'float64', 'readout_sigma_ms': 'float64', 'ms_per_image': 'float64', 'wall_seconds': 'float64'}
+COLUMNS = {'video': 'string', 'name': 'string', 'status': 'string', 'exit_code': 'int32', 'error': 'string',
+           'obstacle': 'string', 'images': 'int32', 'images_posed': 'int32', 'share_posed': 'float64',
+           'wrong_probability': 'float64', 'segments': 'int32', 'losses': 'int32', 'refined_focal_px': 'float64',
+           'refined_focal_sigma_px': 'float64', 'readout_ms': 'float64', 'readout_sigma_ms': 'float64', 'ms_per_image': 'float64', 'wall_seconds': 'float64'}
 
 
 def name_of(words: list[str]) -> str:
@@ -64,10 +65,24 @@ def run(list_file: str, name: str, record_file: str, timeout: int, command: str,
     write_if_changed(Path(record_file), dump_json(dict(name=name, command=words, exit_code=code, wall_seconds=round(seconds, 3))))
 
 
+def log_lines(folder: Path) -> list[str]:
+    """The last lines of a log, without those that are empty."""
+    text = (folder / 'log.txt').read_bytes()[-LOG_BYTES:].decode('utf-8', 'replace')
+    return [line.strip() for line in re.split(r'[\r\n]+', text) if line.strip()]
+
+
+def obstacle_of(folder: Path) -> Optional[str]:
+    """The first reason of the summary why images have no pose, without its figures: `too dark`, `too_little_parallax`."""
+    lines = log_lines(folder)
+    for line, following in zip(lines, lines[1:]):
+        if ADVICE.match(line):
+            return re.sub(r'^\d+ x ', '', following).partition(':')[0]
+    return None
+
+
 def why(folder: Path) -> str:
     """The line of the log that says what went wrong."""
-    text = (folder / 'log.txt').read_bytes()[-LOG_BYTES:].decode('utf-8', 'replace')
-    lines = [line.strip() for line in re.split(r'[\r\n]+', text) if line.strip()]
+    lines = log_lines(folder)
     return next((line for line in reversed(lines) if 'error' in line.lower() or line.startswith('dsorb:')), lines[-1] if lines else '')
 
 
@@ -111,7 +126,8 @@ def row_of(video: str, folder: Path) -> dict[str, Any]:
     failed = record['exit_code'] not in (0, 3)
     status = 'timeout' if record['exit_code'] == runner.TIMED_OUT else 'error' if failed else summary.get('status', 'error')
     return dict(video=video, name=folder.name, status=status, exit_code=record['exit_code'], error=why(folder) if failed else None,
-                images=len(frames), images_posed=images_posed, share_posed=round(images_posed / len(frames), 4) if frames else None,
+                obstacle=None if failed else obstacle_of(folder), images=len(frames), images_posed=images_posed,
+                share_posed=round(images_posed / len(frames), 4) if frames else None,
                 wrong_probability=max((float(f'{w:.3g}') for w in wrong if w is not None), default=None), segments=summary.get('segments'),
                 losses=sum(row['state'] == 'lost' for row in frames), refined_focal_px=refined.get('fx'),
                 refined_focal_sigma_px=refined.get('sigma', {}).get('fx'),

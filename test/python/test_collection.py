@@ -7,7 +7,9 @@ import sys
 import unittest
 from pathlib import Path
 
-from room import FRAMES, room, temporary_folder
+import numpy as np
+from PIL import Image
+from room import FRAMES, SIZE, room, temporary_folder
 
 if not importlib.util.find_spec('snakemake'):
     raise unittest.SkipTest('the package snakemake is not installed')
@@ -35,8 +37,12 @@ class Collection(unittest.TestCase):
     def setUpClass(cls):
         cls.folder = temporary_folder()
         (cls.folder / 'text file.mp4').write_text('no video')
+        (cls.folder / 'black').mkdir()
+        for number in range(12):
+            Image.fromarray(np.zeros(SIZE[::-1], np.uint8)).save(cls.folder / f'black/{number:02d}.png')
         cls.list = cls.folder / 'list.txt'
-        cls.list.write_text(f"# good, bad, missing\n{room()}  # the room\n'text file.mp4' --hfov 77\nmissing.mp4 --hfov 77\n")
+        cls.list.write_text(f"# good, bad, missing, black\n{room()}  # the room\n'text file.mp4' --hfov 77\n"
+                            'missing.mp4 --hfov 77\nblack --hfov 77\n')
         cls.rows = collect(cls.folder)
 
     def test_a_row_for_each(self):
@@ -50,6 +56,12 @@ class Collection(unittest.TestCase):
             self.assertEqual((row['status'], row['exit_code'], row['images'], row['share_posed']), ('error', '1', '0', ''))
             self.assertIn(text, row['error'])
 
+    def test_a_row_says_what_stood_in_the_way(self):
+        self.assertEqual(self.rows['room']['obstacle'], '')
+        black = self.rows['black']
+        self.assertEqual((black['exit_code'], black['error'], black['share_posed']), ('3', '', '0.0'))
+        self.assertIn(black['obstacle'], ('too dark', 'too_few_points'))  # without OpenCV's module the latter
+
     @unittest.skipUnless(parquet, 'the package pyarrow is not installed')
     def test_parquet_has_the_same(self):
         table = parquet.read_table(self.folder / 'table.parquet').to_pylist()
@@ -59,7 +71,7 @@ class Collection(unittest.TestCase):
 
     def test_only_what_is_new_is_run(self):
         before = {file: file.stat().st_mtime_ns for file in self.folder.glob('videos/*/record.json')}
-        self.assertEqual(len(before), 3)
+        self.assertEqual(len(before), 4)
         with self.list.open('a') as file:
             file.write(f'{room()} --end 12\n')
         rows = collect(self.folder)
