@@ -127,10 +127,19 @@ class Obstacles(unittest.TestCase):
         self.assertEqual(of_lens({'camera': camera, 'refined_camera': {'fx': 404, 'fy': 400}}), [])  # not a guess
         found = of_lens({'camera': camera, 'refined_camera': refined, 'readout': {'milliseconds': 25.04, 'sigma': .4}})
         self.assertEqual(found, ['  focal length 402.0 px, guessed as 505.0: +-0.5 %; refined_camera.txt is the calibration for the next run',
+                                 '  calibration suspected: the images tell a focal length of 402 px, 20 % less than the 505 px given. '
+                                 'Begin again with a focal length near that, or calibrate',
                                  '  rolling shutter: 25.0 +- 0.4 ms from the first to the last row'])
         found = of_lens({'camera': camera, 'refined_camera': {**refined, 'settled': False}, 'readout': {'milliseconds': -1, 'sigma': .4}})
         self.assertIn('guessed as 505.0: not known to 1 % yet', found[0])
-        self.assertEqual(found[1], '  no rolling shutter shows: -1.0 +- 0.4 ms from the first to the last row')
+        self.assertEqual(found[2], '  no rolling shutter shows: -1.0 +- 0.4 ms from the first to the last row')
+
+    def test_a_calibration_is_suspected_only_by_evidence(self):
+        camera = {'fx': 500, 'fy': 500}
+        for focal, sigma, suspected in ((560, 5, True), (540, 5, False), (560, 15, False), (440, 5, True)):
+            refined = {'fx': focal, 'fy': focal, 'sigma': {'fx': sigma, 'fy': sigma}, 'settled': False}
+            found = of_lens({'camera': camera, 'refined_camera': refined})
+            self.assertEqual(any('calibration suspected' in line for line in found), suspected, (focal, sigma))
 
     def summary_of(self, kind, *options):
         """Text of a run in which nothing starts."""
