@@ -28,7 +28,8 @@ def parse_arguments(arguments):
     parser.add_argument('--bin', required=True, metavar='PATH', help='the dso_dataset program')
     parser.add_argument('--sequences', required=True, metavar='FILE.yaml', help='`sequences:` a list of {name, path, format, '
                         'groundtruth, first, last}; the last four may be left out')
-    parser.add_argument('--variants', nargs='+', default=list(protocol.VARIANTS), metavar='NAME', help='initializers; default: all six')
+    parser.add_argument('--variants', nargs='+', default=list(protocol.VARIANTS), metavar='NAME',
+                        help='initializers, with +PRESET where it is not the default; default: all, and coarse+reference')
     parser.add_argument('--starts', default='five', help='five (0, 10, .. 40, as in [Gladkova]) or every:K; default five')
     parser.add_argument('--frames', type=int, default=200, metavar='N', help='frames given to a run at most; default 200')
     parser.add_argument('--jobs', type=int, default=1, metavar='N', help='runs side by side; 1 (default) when times matter')

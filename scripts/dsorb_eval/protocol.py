@@ -17,7 +17,8 @@ import yaml
 from . import layout
 from .trajectory import FormatError
 
-VARIANTS = ('coarse', 'orb-v1', 'orb-v2', 'orb-v3', 'orb-matching', 'orb')
+# Initializers; behind a plus sign the preset that goes with one, else the default.
+VARIANTS = ('coarse', 'coarse+reference', 'orb-v1', 'orb-v2', 'orb-v3', 'orb-matching', 'orb')
 FIVE_STARTS = range(0, 50, 10)  # five forward and five backward runs, as in [Gladkova], section 4
 MIN_FRAMES = 20  # a run over fewer frames says nothing
 HASH_LENGTH = 12
@@ -128,9 +129,15 @@ def hash_program(program):
     return sha256(*parts)
 
 
+def arguments_of(variant):
+    """The program's arguments for a variant."""
+    initializer, _, preset = variant.partition('+')
+    return ['--initializer', initializer, *(['--preset', preset] if preset else [])]
+
+
 def effective_config(program, variant, extra):
     """Text of the configuration a run with these arguments has. @throws FormatError with the program's own words"""
-    command = [str(program), '--initializer', variant, *extra, '--print-config']
+    command = [str(program), *arguments_of(variant), *extra, '--print-config']
     answer = subprocess.run(command, capture_output=True, text=True, timeout=60)
     if answer.returncode:
         raise FormatError(f'{shlex.join(command)}: exit {answer.returncode}: {(answer.stderr or answer.stdout).strip()[-500:]}')
@@ -176,7 +183,7 @@ def make_run(request, identity, sequence, variant, span):
     """One run of the plan; `key` names its folder."""
     start, end, reverse = span
     program = str(Path(request.program).resolve())
-    command = [program, sequence.path, '--format', sequence.format, '--initializer', variant, '--start', str(start), '--end', str(end),
+    command = [program, sequence.path, '--format', sequence.format, *arguments_of(variant), '--start', str(start), '--end', str(end),
                '--threads', str(request.threads), '--quiet', *(['--reverse'] if reverse else []), *request.extra]
     key = sha256(identity, json.dumps(command[1:]), sequence.groundtruth, request.timeout)[:HASH_LENGTH]
     name = f"{'bwd' if reverse else 'fwd'}_{start:05d}_{end:05d}"

@@ -152,7 +152,7 @@ def page(protocols, target, of_commit, note):
              f'`{plan["build"][:16]}`) on {machine()}; {plan["threads"]} thread a run. Sequences: excerpts of public data sets '
              '(KITTI odometry, EuRoC, TUM RGB-D, 7-Scenes, TartanAir) and a rendered hand-held one (`room_hand`).\n',
              'Rows in *italics* are published figures (`docs/results/reference.csv`): *reference* is the original DSO program with its own '
-             'initializer, the others are two-view initializations on the same starts. Its runs on `euroc_static` were made on a longer '
+             'initializer (`coarse+reference` is our `--preset reference`), the others are two-view initializations on the same starts. Its runs on `euroc_static` were made on a longer '
              'excerpt, its depth on 7-Scenes judged against depth images that we do not have; its milliseconds are from a busy machine of the same kind. '
              'That file says of each row which program made it and how it was run; command lines were not kept.\n',
              '**Development data.** The limits of the start rule and many constants of `orb` and `coarse` were chosen on these very sequences (the history: '

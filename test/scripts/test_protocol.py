@@ -145,6 +145,13 @@ class Identity(InFolder):
         settings.write_text('2')
         self.assertFalse(before & set(self.keys()))
 
+    def test_a_preset_goes_with_its_variant(self):
+        self.assertEqual(protocol.arguments_of('orb'), ['--initializer', 'orb'])
+        self.assertEqual(protocol.arguments_of('coarse+reference'), ['--initializer', 'coarse', '--preset', 'reference'])
+        self.program.write_text('#!/bin/sh\necho "$*" >&2\nexit 2\n')
+        with self.assertRaisesRegex(tr.FormatError, 'exit 2: --initializer coarse --preset reference --print-config'):
+            self.keys(variants=('coarse+reference',))
+
     def test_a_variant_the_program_lacks_is_refused_with_its_words(self):
         self.program.write_text('#!/bin/sh\necho "no such initializer" >&2\nexit 2\n')
         with self.assertRaisesRegex(tr.FormatError, 'exit 2: no such initializer'):
