@@ -84,6 +84,10 @@ Json runJson(const RunInfo& info,
     json["readout"] = {{"milliseconds", 1000 * cameras.readout->seconds},
                        {"sigma", 1000 * cameras.readout->sigma}};
   }
+  if (const std::optional<Readout>& suspected = record.suspectedReadout()) {
+    json["rolling_shutter_suspected"] = {{"milliseconds", 1000 * suspected->seconds},
+                                         {"sigma", 1000 * suspected->sigma}};
+  }
   json["frames_given"] = record.notes().size();
   json["frames_tracked"] = record.framesTracked();
   json["frames_dropped"] = end.frames_dropped;

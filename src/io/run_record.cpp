@@ -26,6 +26,7 @@ void RunRecord::addInitialization(InitializationResult result, int segment) {
   segments_.push_back(segment);
   units_.push_back(result.metric);
   if (result.metric) toMetres(*result.metric, result);
+  if (result.report.essential) noteReadout(result.report.essential->readout_score);
   const FrameId reference = result.frames.front().frame->id();
   anchors_.try_emplace(reference, SE3());
   starts_.push_back({result.frames.back().frame->id(), *result.frames.back().T_cam_ref});
@@ -42,6 +43,15 @@ void RunRecord::addInitialization(InitializationResult result, int segment) {
                   start,
                   static_cast<double>(i) / last});
   }
+}
+
+void RunRecord::noteReadout(const std::optional<Readout>& score) {
+  constexpr double kSuspicious = 3;  // standard deviations; docs/experiments.md, "Rolling shutter"
+  const auto deviations = [](const Readout& readout) {
+    return std::abs(readout.seconds) / readout.sigma;
+  };
+  const double known = suspected_readout_ ? deviations(*suspected_readout_) : kSuspicious;
+  if (score && deviations(*score) > known) suspected_readout_ = score;
 }
 
 void RunRecord::addRefusal(const StartRefusal& refusal) {

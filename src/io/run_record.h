@@ -73,6 +73,11 @@ class RunRecord {
   /// Scale of each of them, in metres of its start's unit; where there is one, all of the segment
   /// is told in metres.
   [[nodiscard]] const std::vector<std::optional<MetricScale>>& units() const { return units_; }
+  /// What a start that took all rows for exposed at one time says of the readout, where that is not
+  /// 0 by more than three standard deviations; the surest of them.
+  [[nodiscard]] const std::optional<Readout>& suspectedReadout() const {
+    return suspected_readout_;
+  }
   /// Number of starts that were refused.
   [[nodiscard]] int refusals(RefusalReason reason) const;
   /// How often the initializer gave each reason.
@@ -98,6 +103,7 @@ class RunRecord {
   };
   /// Frames of a start, in the segment's unit.
   void addInitialization(InitializationResult result, int segment);
+  void noteReadout(const std::optional<Readout>& score);
   [[nodiscard]] SE3 T_cam_reference(const PosedEntry& entry, const Anchor& reference) const;
   [[nodiscard]] SE3 T_cam_keyframe(const PosedEntry& entry, const Anchor& keyframe) const;
 
@@ -106,6 +112,7 @@ class RunRecord {
   Spool<FrameNote> notes_;
   int frames_tracked_ = 0;
   std::vector<Start> starts_;
+  std::optional<Readout> suspected_readout_;
   std::map<FrameId, Anchor> anchors_;
   std::vector<int> segments_;
   std::vector<std::optional<MetricScale>> units_;

@@ -16,7 +16,7 @@ constexpr bool kSame =
     hasLayout<dsorb::SE3, 56, 8>() && hasLayout<dsorb::Vector6d, 48, 8>() &&
     hasLayout<dsorb::Matrix6d, 288, 8>() && hasLayout<dsorb::PinholeCamera, 40, 8>() &&
     hasLayout<dsorb::PosedFrame, 392, 8>() && hasLayout<dsorb::InitPoint, 24, 4>() &&
-    hasLayout<dsorb::InitializationResult, 824, 8>() && hasLayout<dsorb::InitStep, 1216, 8>() &&
+    hasLayout<dsorb::InitializationResult, 848, 8>() && hasLayout<dsorb::InitStep, 1240, 8>() &&
     hasLayout<dsorb::MapPoint, 20, 4>() && hasLayout<dsorb::FrameEstimate, 496, 8>() &&
     hasLayout<dsorb::KeyframeSnapshot, 224, 8>();
 

@@ -99,6 +99,10 @@ def of_lens(summary):
             lines.append(f'  calibration suspected: the images tell a focal length of {focal:.0f} px, {100 * abs(focal / guessed - 1):.0f} % '
                          f'{"more" if focal > guessed else "less"} than the {guessed:.0f} px given. Begin again with '
                          'a focal length near that, or calibrate')
+    suspected = summary.get('rolling_shutter_suspected')
+    if suspected and not readout:
+        lines.append(f'  rolling shutter suspected: the images of a start ask for {suspected["milliseconds"]:.0f} +- {suspected["sigma"]:.0f} ms '
+                     'between the rows; a phone has 10 to 30. Try --readout auto')
     if readout:
         time, sigma = readout['milliseconds'], readout['sigma']
         lines.append(f'  rolling shutter: {time:.1f} +- {sigma:.1f} ms from the first to the last row' if abs(time) > 3 * sigma else
