@@ -9,8 +9,10 @@
 
 namespace dsorb {
 
-/// Non-owning view of a row-major grey image. A float pixel that is NaN is invalid (outside the
-/// field of view, saturated, without vignette); an 8-bit image has no invalid pixels.
+/// Non-owning view of a row-major grey image. A float pixel that is NaN is invalid: outside the
+/// field of view, without vignette, or marked by the caller (saturated pixels may be; our readers
+/// leave them, because the edges of bright areas are worth more than their levels are wrong); an
+/// 8-bit image has no invalid pixels.
 class ImageView {
  public:
   /// Of a pixel.

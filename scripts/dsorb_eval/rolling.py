@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Error of the trajectory against the readout of a rolling shutter, given to the program and not: rendered rooms and streets
+of one seed each, whole sequences of FRAMES images."""
+import argparse
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use('Agg')
+import matplotlib.pyplot as plt  # noqa: E402
+
+from . import metrics  # noqa: E402
+from . import trajectory as tr  # noqa: E402
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+FRAMES = 60
+SEEDS = {'room': 51, 'street': 52}
+READOUTS = (-32, -24, -16, -8, 0, 8, 16, 24, 32)  # [ms]
+# Label: initializer, whether the readout is given, line.
+VARIANTS = {'orb': ('orb', True, 'o-', '#1f4fd6'), 'orb, global shutter': ('orb', False, 'o--', '#1f4fd6'),
+            'coarse': ('coarse', True, 's-', '#d62728'), 'coarse, global shutter': ('coarse', False, 's--', '#d62728')}
+
+
+@dataclass
+class Run:
+    kind: str
+    readout: int
+    label: str
+
+    @property
+    def sequence(self):
+        return f'{self.kind}_{self.readout}'
+
+
+def render(program, kind, readout, folder):
+    if not (folder / 'groundtruth.txt').exists():
+        subprocess.run([program, kind, '--seed', str(SEEDS[kind]), '--frames', str(FRAMES), '--noise', '2', f'--readout={readout}',
+                        '--output', folder, '--quiet'], check=True)
+
+
+def error_of(run, program, out):
+    """Error of the trajectory over its length; None where there is none. @throws subprocess.CalledProcessError"""
+    initializer, given, *_ = VARIANTS[run.label]
+    data, folder = out / 'data' / run.sequence, out / 'runs' / run.label.replace(', ', '_').replace(' ', '_') / run.sequence
+    if not (folder / 'run.json').exists():
+        result = subprocess.run([program, data, '--initializer', initializer, f'--readout={run.readout if given else 0}', '--threads', '1',
+                                 '--output', folder, '--quiet'], check=False)
+        if result.returncode not in (0, 3):
+            raise subprocess.CalledProcessError(result.returncode, result.args)
+    rows = tr.load_tum(folder / 'trajectory.txt')
+    found = metrics.trajectory_errors(rows, tr.GroundTruth(tr.load_tum(data / 'groundtruth.txt'))) if len(rows) else None
+    return found and found['ate_over_path']
+
+
+def table(errors):
+    lines = ['| | ' + ' | '.join(f'{readout:+d}' if readout else '0' for readout in READOUTS) + ' |', '|---' + '|--:' * len(READOUTS) + '|']
+    for kind in SEEDS:
+        for label in VARIANTS:
+            cells = (errors[kind, readout, label] for readout in READOUTS)
+            lines.append(f'| {kind}, `{label.replace(",", "`,", 1)}' + ('`' if ',' not in label else '') + ' | '
+                         + ' | '.join('–' if error is None else f'{1e4 * error:.2g}' for error in cells) + ' |')
+    return '\n'.join(lines) + '\n'
+
+
+def draw(errors, path):
+    figure, axes = plt.subplots(1, len(SEEDS), figsize=(10, 4), dpi=110, sharey=True)
+    for axis, kind in zip(axes, SEEDS):
+        for label, (_, _, line, colour) in VARIANTS.items():
+            axis.plot(READOUTS, [errors[kind, readout, label] for readout in READOUTS], line, color=colour, markersize=4, label=label)
+        axis.set(title=kind, yscale='log', xlabel='from the first to the last row [ms]')
+        axis.grid(alpha=.3)
+    axes[0].set_ylabel('error of the trajectory over its length')
+    axes[0].legend(fontsize=8)
+    figure.tight_layout()
+    figure.savefig(path)
+    plt.close(figure)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('out', type=Path, help='folder of what is made; what is there already is used again')
+    parser.add_argument('--bin', type=Path, default=ROOT / 'build' / 'bin', help='folder of the programs')
+    parser.add_argument('--jobs', type=int, default=1, metavar='N', help='runs at a time')
+    args = parser.parse_args()
+    runs = [Run(kind, readout, label) for kind in SEEDS for readout in READOUTS for label in VARIANTS]
+    with ThreadPoolExecutor(args.jobs) as pool:
+        list(pool.map(lambda run: render(args.bin / 'dso_synthesize', run.kind, run.readout, args.out / 'data' / run.sequence),
+                      runs[::len(VARIANTS)]))
+        found = pool.map(lambda run: error_of(run, args.bin / 'dso_dataset', args.out), runs)
+        errors = {(run.kind, run.readout, run.label): error for run, error in zip(runs, found)}
+    draw(errors, args.out / 'rolling_shutter.png')
+    text = table(errors)
+    (args.out / 'rolling_shutter.md').write_text(text, encoding='utf-8')
+    sys.stdout.write(text)
+    return 0
