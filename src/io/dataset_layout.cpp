@@ -165,6 +165,9 @@ DatasetLayout findDataset(const fs::path& path, SequenceFormat format) {
   // Without "." and trailing slashes, so that the parent folder is the one meant.
   fs::path clean = fs::absolute(path).lexically_normal();
   if (!clean.has_filename()) clean = clean.parent_path();
+  if (fs::is_regular_file(clean, error) && hasSoundSuffix(clean)) {
+    throw IoError(fmt::format("{}: a sound file: it has no pictures", path.string()));
+  }
   std::string expected;
   for (const Finder& finder : kFinders) {
     if (format != SequenceFormat::kAuto && format != finder.format) continue;

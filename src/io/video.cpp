@@ -24,6 +24,8 @@ using Clock = std::chrono::steady_clock;
 
 constexpr std::array<std::string_view, 8> kVideoSuffixes = {
     ".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg"};
+constexpr std::array<std::string_view, 8> kSoundSuffixes = {
+    ".wav", ".mp3", ".m4a", ".aac", ".flac", ".ogg", ".opus", ".wma"};
 constexpr double kLeastShare =
     0.9;  // of the announced images; containers may guess from the length
 constexpr int kFewImages = 2;
@@ -198,14 +200,24 @@ class CameraStream : public ImageSource {
   std::thread taker_;
 };
 
-}  // namespace
-
-bool hasVideoSuffix(const std::filesystem::path& file) {
+template <std::size_t kCount>
+bool hasSuffixAmong(const std::filesystem::path& file,
+                    const std::array<std::string_view, kCount>& suffixes) {
   std::string suffix = file.extension().string();
   std::transform(suffix.begin(), suffix.end(), suffix.begin(), [](unsigned char c) {
     return static_cast<char>(std::tolower(c));
   });
-  return std::find(kVideoSuffixes.begin(), kVideoSuffixes.end(), suffix) != kVideoSuffixes.end();
+  return std::find(suffixes.begin(), suffixes.end(), suffix) != suffixes.end();
+}
+
+}  // namespace
+
+bool hasVideoSuffix(const std::filesystem::path& file) {
+  return hasSuffixAmong(file, kVideoSuffixes);
+}
+
+bool hasSoundSuffix(const std::filesystem::path& file) {
+  return hasSuffixAmong(file, kSoundSuffixes);
 }
 
 bool isCameraAddress(const std::string& path) {

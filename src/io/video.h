@@ -21,6 +21,9 @@ class VideoSource : public ImageSource {
 /// Whether a file is taken for a video, by its suffix.
 [[nodiscard]] bool hasVideoSuffix(const std::filesystem::path& file);
 
+/// Whether a file is one of sound without pictures, by its suffix.
+[[nodiscard]] bool hasSoundSuffix(const std::filesystem::path& file);
+
 /// Whether a path is /dev/videoN or an address like rtsp://...
 [[nodiscard]] bool isCameraAddress(const std::string& path);
 

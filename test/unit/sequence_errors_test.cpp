@@ -38,6 +38,16 @@ TEST_F(SequenceErrorsTest, MissingAndEmptyFoldersAreRefused) {
   EXPECT_THROW(SequenceReader{options()}, IoError);
 }
 
+TEST_F(SequenceErrorsTest, SoundFilesAreSaidToHaveNoPictures) {
+  for (const std::string name : {"sound.wav", "sound.MP3"}) {
+    writeText(root() / name, "RIFF");
+    EXPECT_THAT(openingComplaint(optionsFor(root() / name)), HasSubstr("no pictures")) << name;
+  }
+  writeText(root() / "notes.txt", "RIFF");
+  EXPECT_THAT(openingComplaint(optionsFor(root() / "notes.txt")),
+              HasSubstr("no data set; expected"));
+}
+
 TEST_F(SequenceErrorsTest, TruncatedImagesEndTheSequenceAfterTheFramesBefore) {
   for (const std::string suffix : {".png", ".jpg", ".pgm"}) {
     fs::remove_all(root() / "images");

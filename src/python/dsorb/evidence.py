@@ -32,12 +32,17 @@ class Evidence:
     """Medians over the windows; None where too few corners could be followed."""
     images: int
     grey: float  # mean grey level
+    brightest: float  # mean grey level of the brightest
     corners: float
     neighbour_share: Optional[float] = None  # of the width, that corners move by between neighbours
     kept_share: Optional[float] = None  # of the corners, found again in the neighbour
     flow: Optional[float] = None  # [px] over LENGTH images
     turn_deg: Optional[float] = None  # that explains the flow best
     left: Optional[float] = None  # [px] of the flow without that turn
+
+    @property
+    def dark_throughout(self) -> bool:
+        return self.brightest < DARK
 
 
 def windows_of(run: Run) -> list[list[int]]:
@@ -91,7 +96,7 @@ def corners_of(cv2: Any, image: np.ndarray) -> np.ndarray:
 def look(cv2: Any, camera: Any, images: list) -> Evidence:
     """At one window of rectified images."""
     corners = corners_of(cv2, images[0])
-    evidence = Evidence(len(images), float(images[0].mean()), len(corners))
+    evidence = Evidence(len(images), float(images[0].mean()), float(images[0].mean()), len(corners))
     if len(corners) < LEAST_TRACKS:
         return evidence
     begin, now = corners, corners
@@ -128,7 +133,7 @@ def gather(run: Run) -> Optional[Evidence]:
     for name in ('grey', 'corners', 'neighbour_share', 'kept_share', 'flow', 'turn_deg', 'left'):
         values = [getattr(e, name) for e in seen if getattr(e, name) is not None]
         medians[name] = float(np.median(values)) if values else None
-    return Evidence(images=len(images), **medians)
+    return Evidence(images=len(images), brightest=max(e.grey for e in seen), **medians)
 
 
 def findings(evidence: Evidence) -> list[str]:

@@ -21,6 +21,7 @@ ADVICE = {
     'poor_quality': 'the images contradict a rigid scene seen by this camera: check --calib or --hfov; a rolling shutter '
                     'or large moving objects do the same (--mask)',
     'timeout': 'no start within the images that one may take: slow motion (try --every 2) or none'}
+FOLLOWS_FROM_DARKNESS = ('too_few_points', 'tracking_lost', 'timeout')
 REFUSALS = 'the first adjustment contradicted {} start(s): check --calib or --hfov, or the shutter is a rolling one'
 
 
@@ -114,13 +115,14 @@ def advice(run):
     """What the images show; then the most frequent obstacles, each with its count."""
     seen = evidence.gather(run)
     shown = [f'  {line}' for line in evidence.findings(seen)] if seen else []
-    answers = run.summary.get('answers', {})
-    named = sorted(((count, reason) for reason, count in answers.items() if reason in ADVICE), reverse=True)
+    explained = FOLLOWS_FROM_DARKNESS if seen and seen.dark_throughout else ()
+    named = sorted(((count, reason) for reason, count in run.summary.get('answers', {}).items()
+                    if reason in ADVICE and reason not in explained), reverse=True)
     lines = [f'  {count} x {reason}: {ADVICE[reason]}' for count, reason in named]
     refused = sum(run.summary.get('withdrawn', {}).values())
     if refused:
         lines.append('  ' + REFUSALS.format(refused))
-    if any(row.state == 'lost' for row in run.rows):
+    if any(row.state == 'lost' for row in run.rows) and not explained:
         lines.append('  after a loss: fast turns, darkness and cuts lose a track; a slower motion or more images a second help')
     if shown:
         shown = [f'What {seen.images} of the images without a pose show:'] + shown
