@@ -4,9 +4,9 @@
 
   video_collection.py FOLDER [--clips N] [--bin BUILD/bin]
 
-Renders each walk, and each fault that has to be rendered (standing, turning, rolling shutter, fast and blurred), for
---walks seeds; every clip is one of these as it is, mirrored, backwards or both, in its own light and with its own
-compression. Faults that need no rendering (darkness, wrong focal length, cuts, a file without images or cut short) are
+Renders each walk, and each fault that has to be rendered (standing, turning, rolling shutter), for --walks
+seeds; every clip is one of these as it is, mirrored, backwards or both, in its own light and with its own
+compression. Faults that need no rendering (darkness, blur, wrong focal length, cuts, a file without images or cut short) are
 made of the walks. FOLDER/list.txt has the clips, named after what they are. Needs OpenCV's Python module."""
 import argparse
 import itertools
@@ -22,11 +22,12 @@ WIDTH, HEIGHT, RATE, SECONDS = 320, 240, 30, 10
 FOV = {'room': 77, 'street': 82}  # [deg] of dso_synthesize
 # What is rendered: kind of scene and arguments of dso_synthesize.
 RENDERED = {'room': ('room', ''), 'street': ('street', ''), 'standing': ('static', ''), 'turning': ('rotation', ''),
-            'rolling': ('room', '--readout 25'), 'blurred': ('room', '--speed 8 --blur')}
+            'rolling': ('room', '--readout 25')}
 GOOD = ('room', 'street')
 BAD = ('dark', 'standing', 'turning', 'rolling', 'focal', 'blurred', 'cuts', 'sound', 'short', 'text')
 LIGHT = (1.0, 0.8, 0.6, 1.15)  # of the rendered grey levels, clipped at 255
 DARKNESS = 0.03
+BLUR = 4  # [px] standard deviation: out of focus
 WRONG_FOV = 40  # [deg] declared for a walk of 77 or 82: focal length 2.2 or 2.4 times the true one
 QUALITY = (95, 85, 70)  # of the JPEG images
 CUT = 20  # frames between cuts
@@ -90,6 +91,8 @@ def write_clip(path, what, number, renderings):
     images = pictures(files, number)
     if what == 'dark':
         images = (np.uint8(np.round(image * DARKNESS)) for image in images)
+    elif what == 'blurred':
+        images = (cv2.GaussianBlur(image, (0, 0), BLUR) for image in images)
     elif what == 'cuts':
         images = cut_up(images, pictures(renderings.files(GOOD[1 - number % 2], seed), number))
     encode(path, images, number)

@@ -9,6 +9,7 @@ import csv
 import hashlib
 import json
 import re
+import resource
 import shlex
 import shutil
 import statistics
@@ -24,9 +25,10 @@ LOG_BYTES = 4000  # of a log's end that are looked at for the reason of a failur
 ADVICE = re.compile(r'What (stood in the way|\d+ of the images without a pose show):')  # of the summary: dsorb/summary.py
 # Of the table: column, type for Parquet.
 COLUMNS = {'video': 'string', 'name': 'string', 'status': 'string', 'exit_code': 'int32', 'error': 'string',
-           'obstacle': 'string', 'images': 'int32', 'images_posed': 'int32', 'share_posed': 'float64',
+           'obstacle': 'string', 'suspected': 'string', 'images': 'int32', 'images_posed': 'int32', 'share_posed': 'float64',
            'wrong_probability': 'float64', 'segments': 'int32', 'losses': 'int32', 'refined_focal_px': 'float64',
-           'refined_focal_sigma_px': 'float64', 'readout_ms': 'float64', 'readout_sigma_ms': 'float64', 'ms_per_image': 'float64', 'wall_seconds': 'float64'}
+           'refined_focal_sigma_px': 'float64', 'readout_ms': 'float64', 'readout_sigma_ms': 'float64', 'ms_per_image': 'float64',
+           'wall_seconds': 'float64', 'processor_seconds': 'float64'}
 
 
 def name_of(words: list[str]) -> str:
@@ -52,6 +54,12 @@ def read_list(path: str) -> dict[str, list[str]]:
     return videos
 
 
+def processor_seconds() -> float:
+    """Of all programs that this one ran."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return round(used.ru_utime + used.ru_stime, 3)
+
+
 def run(list_file: str, name: str, record_file: str, timeout: int, command: str, arguments: str) -> None:
     """One video. A failing program is a result; raises Interrupted where somebody stopped it."""
     folder = Path(record_file).parent.resolve()
@@ -62,7 +70,8 @@ def run(list_file: str, name: str, record_file: str, timeout: int, command: str,
     code, seconds = runner.execute(words, folder / 'log.txt', timeout)
     if runner.interrupted_by_itself(folder / 'out'):
         raise runner.Interrupted(f'{name}: interrupted')
-    write_if_changed(Path(record_file), dump_json(dict(name=name, command=words, exit_code=code, wall_seconds=round(seconds, 3))))
+    write_if_changed(Path(record_file), dump_json(dict(name=name, command=words, exit_code=code, wall_seconds=round(seconds, 3),
+                                                        processor_seconds=processor_seconds())))
 
 
 def log_lines(folder: Path) -> list[str]:
@@ -78,6 +87,12 @@ def obstacle_of(folder: Path) -> Optional[str]:
         if ADVICE.match(line):
             return re.sub(r'^\d+ x ', '', following).partition(':')[0]
     return None
+
+
+def suspected_of(folder: Path) -> Optional[str]:
+    """What the summary suspects of the camera: `calibration`, `rolling shutter`."""
+    found = [line.partition(' suspected: ')[0] for line in log_lines(folder) if ' suspected: ' in line]
+    return ', '.join(found) or None
 
 
 def why(folder: Path) -> str:
@@ -126,14 +141,15 @@ def row_of(video: str, folder: Path) -> dict[str, Any]:
     failed = record['exit_code'] not in (0, 3)
     status = 'timeout' if record['exit_code'] == runner.TIMED_OUT else 'error' if failed else summary.get('status', 'error')
     return dict(video=video, name=folder.name, status=status, exit_code=record['exit_code'], error=why(folder) if failed else None,
-                obstacle=None if failed else obstacle_of(folder), images=len(frames), images_posed=images_posed,
+                obstacle=None if failed else obstacle_of(folder),
+                suspected=suspected_of(folder), images=len(frames), images_posed=images_posed,
                 share_posed=round(images_posed / len(frames), 4) if frames else None,
                 wrong_probability=max((float(f'{w:.3g}') for w in wrong if w is not None), default=None), segments=summary.get('segments'),
                 losses=sum(row['state'] == 'lost' for row in frames), refined_focal_px=refined.get('fx'),
                 refined_focal_sigma_px=refined.get('sigma', {}).get('fx'),
                 readout_ms=readout.get('milliseconds'), readout_sigma_ms=readout.get('sigma'),
                 ms_per_image=round(statistics.fmean(times), 3) if times else None,
-                wall_seconds=record['wall_seconds'])
+                wall_seconds=record['wall_seconds'], processor_seconds=record.get('processor_seconds'))
 
 
 def write_parquet(rows: list[dict[str, Any]], path: Path) -> bool:
@@ -153,9 +169,9 @@ def conclusion(rows: Iterable[dict[str, Any]]) -> str:
     rows = list(rows)
     failed = sum(row['error'] is not None for row in rows)
     share = statistics.median(row['share_posed'] or 0 for row in rows)
-    seconds = sum(row['wall_seconds'] for row in rows)
-    return (f'{len(rows)} videos, {failed} failed; {100 * share:.0f} % posed in the median; '
-            f'{3600 * len(rows) / max(seconds, 1e-3):.0f} videos an hour with one run at a time')
+    hours = sum(row['processor_seconds'] or 0 for row in rows) / 3600
+    cost = f'; {len(rows) / hours:.0f} videos an hour of processor time' if hours else ''
+    return f'{len(rows)} videos, {failed} failed; {100 * share:.0f} % posed in the median{cost}'
 
 
 def write_table(list_file: str, table: str) -> Optional[str]:

@@ -19,6 +19,8 @@ except ImportError:
     parquet = None
 
 SCRIPTS = Path(__file__).resolve().parents[2] / 'scripts'
+sys.path.insert(0, str(SCRIPTS))
+from dsorb_eval.collection import suspected_of  # noqa: E402
 
 
 def collect(folder, *config):
@@ -51,6 +53,8 @@ class Collection(unittest.TestCase):
                          ('tracked', '0', '', str(FRAMES), '1.0', '1'))
         self.assertLessEqual(float(good['wrong_probability']), 0.01)  # the gate's limit
         self.assertGreater(float(good['ms_per_image']), 0)
+        self.assertGreater(float(good['processor_seconds']), 0)
+        self.assertEqual(good['suspected'], '')
         for name, text in (('text file', 'no video that can be decoded'), ('missing', 'no such file')):
             row = self.rows[name]
             self.assertEqual((row['status'], row['exit_code'], row['images'], row['share_posed']), ('error', '1', '0', ''))
@@ -61,6 +65,13 @@ class Collection(unittest.TestCase):
         black = self.rows['black']
         self.assertEqual((black['exit_code'], black['error'], black['share_posed']), ('3', '', '0.0'))
         self.assertIn(black['obstacle'], ('too dark', 'too_few_points'))  # without OpenCV's module the latter
+
+    def test_a_row_says_what_is_suspected(self):
+        folder = temporary_folder()
+        for text, suspected in (('  focal length 402.0 px\n', None),
+                                ('  calibration suspected: 402 px\n  rolling shutter suspected: 25 ms\nout: x', 'calibration, rolling shutter')):
+            (folder / 'log.txt').write_text(text)
+            self.assertEqual(suspected_of(folder), suspected)
 
     @unittest.skipUnless(parquet, 'the package pyarrow is not installed')
     def test_parquet_has_the_same(self):
