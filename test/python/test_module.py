@@ -134,7 +134,8 @@ class Starts(unittest.TestCase):
             self.assertAlmostEqual(result.inverse_depths[result.hosts == 0].mean(), 1, places=4)
             self.assertTrue((result.variances > 0).all())
             self.assertEqual(result.report['points'], len(result.hosts))
-            self.assertLessEqual(result.report['wrong_probability'] or 0, 0.01)  # the gate's limit; None of `coarse`
+            # the limit of the gate of `orb`; `coarse` has none and tells no less than 0.01
+            self.assertLessEqual(result.report['wrong_probability'], 0.01 if name == 'orb' else 0.5)
             np.testing.assert_array_equal(result.frames[0].T_cam_ref, np.eye(4))
 
     def test_after_a_start_comes_a_reset(self):

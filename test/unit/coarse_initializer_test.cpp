@@ -66,6 +66,11 @@ TEST(CoarseInitializer, StartsWhenSettledAfterLeavingThePriorWithUnitMeanInverse
     ASSERT_TRUE(steps.back().result);
     const InitializationResult& result = *steps.back().result;
     EXPECT_EQ(steps.size(), c.frames);
+    ASSERT_EQ(result.report.wrong_probability.has_value(), !c.coarse.published);
+    if (!c.coarse.published) {
+      EXPECT_GT(*result.report.wrong_probability, 0.01);  // no less, however clear
+      EXPECT_LT(*result.report.wrong_probability, 0.1);   // measured 0.049; margin x2
+    }
     double sum = 0;
     for (const InitPoint& point : result.points) sum += static_cast<double>(point.inverse_depth);
     EXPECT_NEAR(sum / static_cast<double>(result.points.size()), 1, 1e-5);

@@ -7,6 +7,7 @@
 #include "image/cell_grid.h"
 #include "image/photometric.h"
 #include "init/result.h"
+#include "init/wrong_direction.h"
 
 #include <algorithm>
 #include <array>
@@ -31,6 +32,14 @@ constexpr double kMinPoseVisibleShare = 0.2;  // of all points, else a frame has
 constexpr float kMinInverseDepth = 1e-3F;     // of the result; orphans of the reference may have 0
 constexpr double kMaxMargin = 1e3;            // reported where there is no rival
 constexpr double kUnknownVariance = 1;        // of an inverse depth the newest frame does not tell
+
+/// Scale of the t-distribution of a direction's errors over the sigmas of its covariance, and what
+/// the energies of a whole image are worth, in independent samples, between motions.
+/// @source docs/experiments.md, "Sureness of coarse"
+constexpr double kDirectionScale = 0.5;
+constexpr double kRivalSamples = 5;
+constexpr double kTellingMargin = 1.5;  // a larger one tells no more: the right motion may be none
+                                        // of those that were tried
 
 /// Levels with the smoothed inverse depths as the ones evaluated.
 std::vector<PointLevel> fixedLevels(const std::vector<PointLevel>& levels) {
@@ -152,6 +161,20 @@ std::vector<InitPoint> makePoints(const CoarseAttempt& attempt, LevelAligner& al
     result.push_back(point);
   }
   return result;
+}
+
+/// That the newest frame's direction is wrong, by its own errors or because a motion elsewhere is
+/// the right one; nothing where one of them was not looked at.
+std::optional<double> wrongProbability(const PosedFrame& newest,
+                                       const Quality& quality,
+                                       const CoarseAttempt& attempt) {
+  const CoarseOptions& o = attempt.options;
+  if (o.published || !(o.min_rival_margin > 0) || !newest.covariance) return std::nullopt;
+  const double errors =
+      tailProbability(kDirectionScale * directionSigmasDeg(newest), attempt.wrong_angle_deg);
+  const double rival =
+      rivalProbability(1.0 + std::min(quality.rival_margin, kTellingMargin), kRivalSamples);
+  return 1 - (1 - errors) * (1 - rival);
 }
 
 /// Poses of all frames at the final inverse depths, the newest first, so that each starts from a
@@ -331,6 +354,7 @@ InitializationResult handOver(const CoarseAttempt& attempt,
   report.median_parallax_deg = quality.parallax_deg;
   report.inlier_ratio = quality.inlier_share;
   report.median_relative_sigma = quality.relative_sigma;
+  report.wrong_probability = wrongProbability(result.frames.back(), quality, attempt);
   report.direct = DirectReport{quality.residual_rms,
                                quality.visible_share,
                                quality.motion_gain,

@@ -25,6 +25,7 @@ struct CoarseAttempt {
   std::vector<PointLevel> levels;  ///< finest first, as the newest frame left them
   PinholeCamera camera;
   CoarseOptions options;
+  double wrong_angle_deg = 10;  ///< from there on a direction of translation is wrong
   int seed = 1;
 };
 

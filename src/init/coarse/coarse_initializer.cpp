@@ -74,6 +74,7 @@ void CoarseInitializer::reset() {
   attempt_ = CoarseAttempt{};
   attempt_.camera = camera_;
   attempt_.options = options_.coarse;
+  attempt_.wrong_angle_deg = options_.orb.gate.wrong_angle_deg;
   attempt_.seed = options_.seed;
   snapped_since_ = tracked_ = refusals_ = 0;
   inlier_share_ = 0;
