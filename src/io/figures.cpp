@@ -70,6 +70,7 @@ void drawColourBar(cv::Mat& canvas, const cv::Mat& colours, float low, float hig
 /// Points of one segment seen from above: x to the right, z up.
 struct SegmentPath {
   int segment = 0;
+  bool metric = false;  // in metres
   std::vector<cv::Point2d> frames;
   std::vector<cv::Point2d> keyframes;
 };
@@ -113,7 +114,10 @@ std::vector<SegmentPath> longestPaths(const RunRecord& record) {
   auto keyframes = topViews(record, record.keyframes(), segments);
   std::vector<SegmentPath> paths;
   for (std::size_t i = 0; i < segments.size(); ++i) {
-    paths.push_back({segments[i], std::move(frames[i]), std::move(keyframes[i])});
+    paths.push_back({segments[i],
+                     record.unitOf(segments[i]).has_value(),
+                     std::move(frames[i]),
+                     std::move(keyframes[i])});
   }
   return paths;
 }
@@ -151,7 +155,8 @@ void drawPath(cv::Mat& canvas, const cv::Rect& area, const SegmentPath& path) {
   const double step = std::max(roundAxis(x, 8).step, roundAxis(z, 8).step);
   chart.axes(RoundAxis{x, step},
              RoundAxis{z, step},
-             "x right, z up; unit: mean inverse depth of the reference is 1");
+             path.metric ? "x right, z up [m]"
+                         : "x right, z up; unit: mean inverse depth of the reference is 1");
   chart.curve(path.frames, kPathColour);
   chart.dots(path.keyframes, 4, kKeyframeColour);
   chart.dots({{0, 0}}, 5, kStartColour);

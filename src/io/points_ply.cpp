@@ -48,8 +48,8 @@ std::string vertices(const KeyframeSnapshot& keyframe) {
 
 std::string header(std::uintmax_t count) {
   return fmt::format(
-      "ply\nformat binary_little_endian 1.0\ncomment unit: mean inverse depth of a segment's "
-      "reference is 1\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n"
+      "ply\nformat binary_little_endian 1.0\ncomment unit of each segment: units in "
+      "run.json\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n"
       "property uchar red\nproperty uchar green\nproperty uchar blue\n"
       "property float inverse_depth_variance\nproperty int segment\nproperty int "
       "keyframe\nend_header\n",

@@ -59,6 +59,12 @@ void RunRecord::addRefusal(const StartRefusal& refusal) {
   steps_.back().refusal = refusal;
 }
 
+std::optional<MetricScale> RunRecord::unitOf(int segment) const {
+  const auto found = std::find(segments_.begin(), segments_.end(), segment);
+  if (found == segments_.end()) return std::nullopt;
+  return units_[static_cast<std::size_t>(found - segments_.begin())];
+}
+
 int RunRecord::refusals(RefusalReason reason) const {
   const auto count = refusals_.find(reason);
   return count == refusals_.end() ? 0 : count->second;

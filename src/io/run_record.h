@@ -73,6 +73,8 @@ class RunRecord {
   /// Scale of each of them, in metres of its start's unit; where there is one, all of the segment
   /// is told in metres.
   [[nodiscard]] const std::vector<std::optional<MetricScale>>& units() const { return units_; }
+  /// That of one segment; nothing: it is not told in metres.
+  [[nodiscard]] std::optional<MetricScale> unitOf(int segment) const;
   /// What a start that took all rows for exposed at one time says of the readout, where that is not
   /// 0 by more than three standard deviations; the surest of them.
   [[nodiscard]] const std::optional<Readout>& suspectedReadout() const {
