@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/bundle/readout_score.h"
+#include "init/orb/start/readout_score.h"
 
 #include "init/orb/bundle/frame_motions.h"
 #include "init/orb/bundle/geometric_covariance.h"

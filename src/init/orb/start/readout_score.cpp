@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/bundle/readout_score.h"
+#include "init/orb/start/readout_score.h"
 
 #include "estimate/marginals.h"
 #include "init/orb/bundle/frame_motions.h"
