@@ -26,7 +26,7 @@ void RunRecord::addInitialization(InitializationResult result, int segment) {
   segments_.push_back(segment);
   units_.push_back(result.metric);
   if (result.metric) toMetres(*result.metric, result);
-  if (result.report.essential) noteReadout(result.report.essential->readout_score);
+  noteReadout(result);
   const FrameId reference = result.frames.front().frame->id();
   anchors_.try_emplace(reference, SE3());
   starts_.push_back({result.frames.back().frame->id(), *result.frames.back().T_cam_ref});
@@ -45,13 +45,18 @@ void RunRecord::addInitialization(InitializationResult result, int segment) {
   }
 }
 
-void RunRecord::noteReadout(const std::optional<Readout>& score) {
+void RunRecord::noteReadout(const InitializationResult& result) {
   constexpr double kSuspicious = 3;  // standard deviations; docs/experiments.md, "Rolling shutter"
+  if (!result.report.essential || !result.report.essential->readout_score) return;
+  const Readout& score = *result.report.essential->readout_score;
+  const double interval =
+      result.frames[1].frame->timestamp() - result.frames.front().frame->timestamp();
+  if (std::abs(score.seconds) > std::abs(interval)) return;  // no camera reads longer than that
   const auto deviations = [](const Readout& readout) {
     return std::abs(readout.seconds) / readout.sigma;
   };
   const double known = suspected_readout_ ? deviations(*suspected_readout_) : kSuspicious;
-  if (score && deviations(*score) > known) suspected_readout_ = score;
+  if (deviations(score) > known) suspected_readout_ = score;
 }
 
 void RunRecord::addRefusal(const StartRefusal& refusal) {

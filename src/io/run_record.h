@@ -105,7 +105,7 @@ class RunRecord {
   };
   /// Frames of a start, in the segment's unit.
   void addInitialization(InitializationResult result, int segment);
-  void noteReadout(const std::optional<Readout>& score);
+  void noteReadout(const InitializationResult& result);
   [[nodiscard]] SE3 T_cam_reference(const PosedEntry& entry, const Anchor& reference) const;
   [[nodiscard]] SE3 T_cam_keyframe(const PosedEntry& entry, const Anchor& keyframe) const;
 
