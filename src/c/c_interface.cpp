@@ -116,7 +116,7 @@ dsorb::PosePrior poseOf(const dsorb_priors& known) {
       Eigen::Map<const RowMajor6>(known.motion_covariance);
   const Eigen::Matrix3d of_rotation = covariance.bottomRightCorner<3, 3>();
   const dsorb::FrameId since{known.motion_since};
-  const dsorb::PosePrior rotation = dsorb::rotationSince(since, matrix.leftCols<3>(), of_rotation);
+  dsorb::PosePrior rotation = dsorb::rotationSince(since, matrix.leftCols<3>(), of_rotation);
   if (known.motion != DSORB_POSE) return rotation;
   return dsorb::poseSince(
       since, {rotation.T_frame_since.rotationMatrix(), matrix.col(3)}, covariance);

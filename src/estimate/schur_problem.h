@@ -56,7 +56,7 @@ class SchurProblem {
     std::swap(equations_, moved_equations_);
     return !converged && !atMinimum();
   }
-  bool reject(const DampedStep& step) const {
+  [[nodiscard]] bool reject(const DampedStep& step) const {
     return !step.predicted || *step.predicted >= tolerance_ * equations_.cost;
   }
 

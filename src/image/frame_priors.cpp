@@ -91,7 +91,7 @@ DepthPrior denseDepth(const ImageView& depth, double sigma, double relative_sigm
   DepthPrior prior = emptyPrior(depth.width(), depth.height());
   std::size_t i = 0;
   for (int y = 0; y < prior.height; ++y) {
-    const float* row = depth.row<float>(y);
+    const auto* row = depth.row<float>(y);
     for (int x = 0; x < prior.width; ++x, ++i) {
       if (!isKnownDepth(row[x])) continue;
       prior.depth[i] = row[x];

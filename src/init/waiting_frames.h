@@ -27,11 +27,11 @@ inline std::size_t waitingFrames(const Frame& frame, int budget_mb) {
 }
 
 /// Index of the frame without which the largest step in time grows least; neither the first nor the
-/// last. @param frames at least three, @param frameAt gives one of them
+/// last. @param frames at least three, @param frame_at gives one of them
 template <typename Frames, typename FrameAt>
-std::size_t leastMissed(const Frames& frames, const FrameAt& frameAt) {
+std::size_t leastMissed(const Frames& frames, const FrameAt& frame_at) {
   const auto gap = [&](std::size_t k) {
-    return std::abs(frameAt(frames[k + 1]).timestamp() - frameAt(frames[k - 1]).timestamp());
+    return std::abs(frame_at(frames[k + 1]).timestamp() - frame_at(frames[k - 1]).timestamp());
   };
   std::size_t least = 1;
   for (std::size_t k = 2; k + 1 < frames.size(); ++k) {

@@ -170,6 +170,24 @@ TEST(RollingEquations, SolutionFindsPosesAndMotionsThatAGlobalShutterMisses) {
   EXPECT_LT(velocityError(rolling, made.motions), 0.1 * before);
 }
 
+TEST(RollingEquations, KnownDepthsTakePart) {
+  const RollingMap made = makeRollingMap(0.01);
+  InitialMap map = mapWith(made, made.motions);
+  const PoseRows rows(map);
+  const auto linearized = [&] {
+    return linearizeRolling(map, rows, made.scene.camera, someOptions());
+  };
+  const ReprojectionEquations without = linearized();
+  map.metres = 1;
+  map.corners[3].known = {map.corners[3].inverse_depth + 0.01, 1e-4};
+  const ReprojectionEquations with = linearized();
+  const KnownTerm term = knownTerm(map.corners[3].known, map.corners[3].inverse_depth);
+  EXPECT_DOUBLE_EQ(with.system.depth_hessian[3], without.system.depth_hessian[3] + term.hessian);
+  EXPECT_DOUBLE_EQ(with.system.depth_gradient[3], without.system.depth_gradient[3] + term.gradient);
+  EXPECT_NEAR(with.cost, without.cost + term.cost, 1e-9 * with.cost);
+  EXPECT_EQ(with.rows, without.rows + 1);
+}
+
 TEST(RollingEquations, MarginalsOfPosesAreWiderThanThoseWithKnownMotions) {
   const RollingMap made = makeRollingMap(0);
   InitialMap map = mapWith(made, made.motions);

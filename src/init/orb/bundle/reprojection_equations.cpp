@@ -103,21 +103,9 @@ void ReprojectionState::writeTo(InitialMap& map, const PoseRows& rows) const {
   }
 }
 
-ReprojectionProblem::ReprojectionProblem(const InitialMap& map,
-                                         const PoseRows& rows,
-                                         const PinholeCamera& camera,
-                                         const GeometricOptions& options)
-    : camera_(camera),
-      loss_{options.loss, options.loss_threshold},
-      ray_x_(wholeLanes(map.corners.size()), 0.0),
-      ray_y_(ray_x_.size(), 0.0) {
-  for (std::size_t i = 0; i < map.corners.size(); ++i) {
-    const Eigen::Vector3d ray = camera.unproject(map.corners[i].pixel);
-    ray_x_[i] = ray.x();
-    ray_y_[i] = ray.y();
-  }
+KnownTerms::KnownTerms(const InitialMap& map, const PoseRows& rows) {
   if (map.scaleKnown()) {
-    for (const Corner& corner : map.corners) known_.push_back(corner.known);
+    for (const Corner& corner : map.corners) depths_.push_back(corner.known);
   }
   for (KnownMotion known : map.known_motions) {
     const int to = rows.first[known.to];
@@ -126,6 +114,41 @@ ReprojectionProblem::ReprojectionProblem(const InitialMap& map,
     known.from = known.from == 0 ? KnownMotion::kReference
                                  : static_cast<std::size_t>(rows.first[known.from] / kPoseSize);
     motions_.push_back(known);
+  }
+}
+
+void KnownTerms::addTo(ReprojectionEquations& equations, const ReprojectionState& state) const {
+  for (std::size_t i = 0; i < depths_.size(); ++i) {
+    if (!depths_[i]) continue;
+    const KnownTerm term = knownTerm(depths_[i], state.inverse_depth[i]);
+    equations.system.depth_hessian[i] += term.hessian;
+    equations.system.depth_gradient[i] += term.gradient;
+    equations.cost += term.cost;
+    equations.weighted_square += term.weighted_square;
+    ++equations.rows;
+  }
+  if (motions_.empty()) return;
+  const MotionEquations made = motionEquations(motions_, state.T_cam_ref);
+  equations.system.H.topLeftCorner(made.H.rows(), made.H.cols()) += made.H;
+  equations.system.b.head(made.b.size()) += made.b;
+  equations.cost += made.cost;
+  equations.weighted_square += 2 * made.cost;
+  equations.rows += made.rows;
+}
+
+ReprojectionProblem::ReprojectionProblem(const InitialMap& map,
+                                         const PoseRows& rows,
+                                         const PinholeCamera& camera,
+                                         const GeometricOptions& options)
+    : camera_(camera),
+      loss_{options.loss, options.loss_threshold},
+      ray_x_(wholeLanes(map.corners.size()), 0.0),
+      ray_y_(ray_x_.size(), 0.0),
+      known_(map, rows) {
+  for (std::size_t i = 0; i < map.corners.size(); ++i) {
+    const Eigen::Vector3d ray = camera.unproject(map.corners[i].pixel);
+    ray_x_[i] = ray.x();
+    ray_y_[i] = ray.y();
   }
   const std::vector<double> zeros(stride(), 0.0);
   observations_.assign(static_cast<std::size_t>(rows.size / kPoseSize),
@@ -194,32 +217,7 @@ void ReprojectionProblem::linearize(const ReprojectionState& state,
   equations.cost = total.behind > 0 ? std::numeric_limits<double>::infinity() : total.cost;
   equations.weighted_square = total.weighted_square;
   equations.rows = 2 * static_cast<int>(total.observations);
-  addKnown(state, equations);
-  addMotions(state, equations);
-}
-
-void ReprojectionProblem::addMotions(const ReprojectionState& state,
-                                     ReprojectionEquations& equations) const {
-  if (motions_.empty()) return;
-  const MotionEquations made = motionEquations(motions_, state.T_cam_ref);
-  equations.system.H += made.H;
-  equations.system.b += made.b;
-  equations.cost += made.cost;
-  equations.weighted_square += 2 * made.cost;
-  equations.rows += made.rows;
-}
-
-void ReprojectionProblem::addKnown(const ReprojectionState& state,
-                                   ReprojectionEquations& equations) const {
-  for (std::size_t i = 0; i < known_.size(); ++i) {
-    if (!known_[i]) continue;
-    const KnownTerm term = knownTerm(known_[i], state.inverse_depth[i]);
-    equations.system.depth_hessian[i] += term.hessian;
-    equations.system.depth_gradient[i] += term.gradient;
-    equations.cost += term.cost;
-    equations.weighted_square += term.weighted_square;
-    ++equations.rows;
-  }
+  known_.addTo(equations, state);
 }
 
 ReprojectionEquations linearize(const InitialMap& map,

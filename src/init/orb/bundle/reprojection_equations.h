@@ -47,6 +47,18 @@ struct ReprojectionEquations {
   int rows = 0;                ///< scalar observations
 };
 
+/// What the caller knows of the inverse depths and of the motions between posed frames.
+class KnownTerms {
+ public:
+  KnownTerms(const InitialMap& map, const PoseRows& rows);
+  /// @param equations whose first unknowns are the poses
+  void addTo(ReprojectionEquations& equations, const ReprojectionState& state) const;
+
+ private:
+  std::vector<KnownInverseDepth> depths_;  ///< by corner; empty: none
+  std::vector<KnownMotion> motions_;       ///< frames are indices of posed ones
+};
+
 /// Observations in posed frames, arranged for the kernels. Runs in parallel
 /// inside the caller's arena; sums are added in an order that does not depend on it.
 class ReprojectionProblem {
@@ -71,16 +83,12 @@ class ReprojectionProblem {
                                    std::size_t count,
                                    const ReprojectionState& state) const;
 
-  void addMotions(const ReprojectionState& state, ReprojectionEquations& equations) const;
-  void addKnown(const ReprojectionState& state, ReprojectionEquations& equations) const;
-
   PinholeCamera camera_;
   LossSetting loss_;
   std::vector<double> ray_x_;
   std::vector<double> ray_y_;
   std::vector<FrameObservations> observations_;  ///< by posed frame
-  std::vector<KnownInverseDepth> known_;         ///< by corner; empty: none
-  std::vector<KnownMotion> motions_;             ///< between posed frames, which are indices here
+  KnownTerms known_;
 };
 
 /// Equations of a map.

@@ -96,6 +96,7 @@ class RollingProblem {
         camera_(camera),
         options_(options),
         times_(map, camera),
+        known_(map, pose_rows),
         first_(map.corners.size() + 1, 0) {
     for (const CornerObservation& observation : map.observations) ++first_[observation.corner + 1];
     for (std::size_t i = 1; i < first_.size(); ++i) first_[i] += first_[i - 1];
@@ -147,6 +148,7 @@ class RollingProblem {
   const PinholeCamera& camera_;
   const GeometricOptions& options_;
   RowTimesOfMap times_;
+  KnownTerms known_;
   std::vector<std::size_t> first_;  // observation of each corner
 };
 
@@ -248,6 +250,7 @@ void RollingProblem::linearize(const RollingState& state, ReprojectionEquations&
     equations.rows += 2 * sums.observations;
   }
   addPriors(state, equations);
+  known_.addTo(equations, state.geometry);
 }
 
 void RollingProblem::writeTo(InitialMap& map, const RollingState& state) const {
