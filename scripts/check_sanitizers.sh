@@ -31,6 +31,8 @@ cmake -S . -B "$build" -G Ninja -DCMAKE_CXX_COMPILER_LAUNCHER=ccache -DCMAKE_BUI
   -DCMAKE_CXX_FLAGS_DEBUG=-O1 "-DDSORB_SANITIZE=$sanitize" >/dev/null
 targets=(dso_dataset)
 if [ "$sanitize" = thread ]; then targets+=(thread_tests); fi
+# dlopen() of a sanitizer does not look where the caller's libraries are.
+export LD_LIBRARY_PATH=$PWD/$build/lib
 cmake --build "$build" --target "${targets[@]}" | tail -n 1
 if [ "$sanitize" = thread ]; then "$build/bin/thread_tests" --gtest_brief=1; fi
 
