@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/bundle/map_assembly.h"
 
+#include <algorithm>
 #include <cstddef>
 #include <numeric>
 #include <optional>
@@ -71,6 +72,10 @@ void poseFramesBetween(InitialMap& map, const PinholeCamera& camera, double sigm
 std::vector<std::size_t> poseFrames(InitialMap& map,
                                     const PinholeCamera& camera,
                                     const std::vector<std::size_t>& frames) {
+  const auto has_pose = [&map](std::size_t frame) {
+    return map.frames[frame].T_cam_ref.has_value();
+  };
+  if (std::all_of(frames.begin(), frames.end(), has_pose)) return {};
   const auto observations = observationsByFrame(map, camera);
   std::vector<std::size_t> posed;
   for (const std::size_t frame : frames) {
