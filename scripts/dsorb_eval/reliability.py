@@ -17,6 +17,8 @@ matplotlib.use('Agg')
 import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 
+from .plots import save  # noqa: E402
+
 ROOT = Path(__file__).resolve().parent.parent.parent
 LIST = ROOT / 'docs' / 'results' / 'reliability.txt'
 WRONG_DEG = 10
@@ -105,7 +107,7 @@ def table(groups):
 def draw(groups, path):
     """Observed over predicted share in bins of half a decade, with the band of a factor of two."""
     edges = np.r_[0, np.logspace(-4, 0, 9)]
-    figure, axis = plt.subplots(figsize=(6.4, 5.2), dpi=110)
+    figure, axis = plt.subplots(figsize=(6.4, 5.2))
     line = np.logspace(-5, 0)
     axis.fill_between(line, line / 2, line * 2, color='#dddddd', label='a factor of two')
     axis.plot(line, line, color='#999999', linewidth=1)
@@ -121,8 +123,7 @@ def draw(groups, path):
     axis.legend(fontsize=8)
     axis.grid(alpha=.3)
     figure.tight_layout()
-    figure.savefig(path)
-    plt.close(figure)
+    save(figure, path)
 
 
 def main():

@@ -15,6 +15,7 @@ import matplotlib.pyplot as plt  # noqa: E402
 
 from . import metrics  # noqa: E402
 from . import trajectory as tr  # noqa: E402
+from .plots import save  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 FRAMES = 60
@@ -67,7 +68,7 @@ def table(errors):
 
 
 def draw(errors, path):
-    figure, axes = plt.subplots(1, len(SEEDS), figsize=(10, 4), dpi=110, sharey=True)
+    figure, axes = plt.subplots(1, len(SEEDS), figsize=(10, 4), sharey=True)
     for axis, kind in zip(axes, SEEDS):
         for label, (_, _, line, colour) in VARIANTS.items():
             axis.plot(READOUTS, [errors[kind, readout, label] for readout in READOUTS], line, color=colour, markersize=4, label=label)
@@ -76,8 +77,7 @@ def draw(errors, path):
     axes[0].set_ylabel('error of the trajectory over its length')
     axes[0].legend(fontsize=8)
     figure.tight_layout()
-    figure.savefig(path)
-    plt.close(figure)
+    save(figure, path)
 
 
 def main():
