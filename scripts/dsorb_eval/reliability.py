@@ -16,6 +16,7 @@ import matplotlib
 matplotlib.use('Agg')
 import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
+from scipy.stats import chi2  # noqa: E402
 
 from .plots import save  # noqa: E402
 
@@ -23,13 +24,15 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 LIST = ROOT / 'docs' / 'results' / 'reliability.txt'
 WRONG_DEG = 10
 FRAMES = 60  # of a rendered sequence
+MIN_WINDOWS = 20  # of a point in the figure
 BINS = (0, 1e-4, 1e-3, 1e-2, 1e-1, 1)  # edges, of the predicted probability
 MIN_CORNERS, MIN_TRACK_SHARE = 60, .5  # as the gate asks for
 COLUMNS = ('reference', 'target', 'frames', 'tracks', 'corners', 'error', 'rival', 'plane', 'sigma', 'second_sigma', 'misfit',
            'depth_sigma', 'parallax', 'off')
 # Groups of sequences: name in the figure, colour.
 GROUPS = {'chosen': ('rendered, half to choose on', '#1f4fd6'), 'check': ('rendered, never looked at while choosing', '#111111'),
-          'real': ('recorded, and rendered along a recording', '#d62728')}
+          'global': ('recorded, or rendered along a recording', '#2ca02c'), 'rolling': ('rolling shutter, not modelled', '#d62728')}
+ROLLING = ('7scenes', 'room_rolling')  # cameras that read their rows one after the other
 
 
 @dataclass
@@ -50,7 +53,7 @@ def rendered(folder):
 def recorded(data):
     """Sequences of a folder with sequences.json; none where it is missing."""
     listed = json.loads((data / 'sequences.json').read_text(encoding='utf-8')) if data and data.is_dir() else {}
-    return [Sequence(name, 'real', data / entry['path']) for name, entry in listed.items()
+    return [Sequence(name, 'rolling' if name in ROLLING else 'global', data / entry['path']) for name, entry in listed.items()
             if not entry.get('no_start') and (data / entry['path'] / 'groundtruth.txt').is_file()]
 
 
@@ -80,47 +83,51 @@ def read_windows(file):
     return predicted[judged], of['off'][judged] > WRONG_DEG
 
 
-def binned(predicted, wrong):
-    """(windows, mean predicted, observed share) of each bin."""
-    place = np.clip(np.digitize(predicted, BINS) - 1, 0, len(BINS) - 2)
-    rows = []
-    for i in range(len(BINS) - 1):
-        inside = place == i
-        rows.append((int(inside.sum()), float(predicted[inside].mean()) if inside.any() else None,
-                     float(wrong[inside].mean()) if inside.any() else None))
-    return rows
+def counted(predicted, wrong, edges):
+    """(windows, wrong ones predicted, wrong ones observed) of each bin."""
+    place = np.clip(np.digitize(predicted, edges) - 1, 0, len(edges) - 2)
+    return [(int((place == i).sum()), float(predicted[place == i].sum()), int(wrong[place == i].sum())) for i in range(len(edges) - 1)]
 
 
-def number(value):
-    return '–' if value is None else f'{value:.2g}'
+def interval(count):
+    """95 % of the expected counts with which this one agrees (Garwood 1936)."""
+    return chi2.ppf(.025, 2 * count) / 2 if count else 0, chi2.ppf(.975, 2 * count + 2) / 2
 
 
 def table(groups):
     lines = ['| predicted | ' + ' | '.join(GROUPS[group][0] for group in groups) + ' |', '|---' * (len(groups) + 1) + '|']
-    rows = {group: binned(*windows) for group, windows in groups.items()}
+    rows = {group: counted(*windows, BINS) for group, windows in groups.items()}
     for i in range(len(BINS) - 1):
-        cells = [f'{count}: {number(mean)}, {number(share)}' for count, mean, share in (rows[group][i] for group in groups)]
+        cells = []
+        for group in groups:
+            windows, expected, seen = rows[group][i]
+            low, high = interval(seen)
+            cells.append(f'{windows}: {expected:.2g}, {seen} ({low:.2g} to {high:.2g})' if windows else '–')
         lines.append(f'| {BINS[i]:g} to {BINS[i + 1]:g} | ' + ' | '.join(cells) + ' |')
     return '\n'.join(lines) + '\n'
 
 
 def draw(groups, path):
-    """Observed over predicted share in bins of half a decade, with the band of a factor of two."""
-    edges = np.r_[0, np.logspace(-4, 0, 9)]
+    """Observed over predicted share in bins of a decade, with the band of a factor of two; triangles: upper limits where none was wrong."""
     figure, axis = plt.subplots(figsize=(6.4, 5.2))
-    line = np.logspace(-5, 0)
+    line = np.logspace(-6, 0)
     axis.fill_between(line, line / 2, line * 2, color='#dddddd', label='a factor of two')
     axis.plot(line, line, color='#999999', linewidth=1)
-    for group, (predicted, wrong) in groups.items():
-        place = np.digitize(predicted, edges)
-        points = [(predicted[place == i].mean(), wrong[place == i].mean(), (place == i).sum()) for i in np.unique(place)]
-        x, y, count = map(np.array, zip(*points))
-        sigma = np.sqrt(np.maximum(y * (1 - y), 1 / count) / count)
-        axis.errorbar(np.maximum(x, 1e-5), np.maximum(y, 1e-5), yerr=[np.minimum(sigma, .999 * np.maximum(y, 1e-5)), sigma], fmt='o-',
-                      markersize=4, linewidth=1, capsize=2, color=GROUPS[group][1], label=f'{GROUPS[group][0]}: {len(wrong)} windows')
-    axis.set(xscale='log', yscale='log', xlim=(8e-6, 1.2), ylim=(8e-6, 1.2), xlabel='predicted probability of a wrong direction',
+    for group, windows in groups.items():
+        label, colour = GROUPS[group]
+        axis.plot([], [], 'o-', color=colour, label=f'{label}: {len(windows[1])} windows')
+        for count, expected, seen in counted(*windows, BINS):
+            if count < MIN_WINDOWS:
+                continue
+            low, high = (limit / count for limit in interval(seen))
+            x = expected / count
+            if seen:
+                axis.errorbar(x, seen / count, yerr=[[seen / count - low], [high - seen / count]], fmt='o', markersize=4, capsize=2, color=colour)
+            else:
+                axis.plot(x, high, 'v', color=colour)
+    axis.set(xscale='log', yscale='log', xlim=(2e-6, 1.2), ylim=(2e-5, 1.2), xlabel='predicted probability of a wrong direction',
              ylabel=f'share of directions more than {WRONG_DEG} degrees off')
-    axis.legend(fontsize=8)
+    axis.legend(fontsize=8, loc='lower right')
     axis.grid(alpha=.3)
     figure.tight_layout()
     save(figure, path)
