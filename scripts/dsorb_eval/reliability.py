@@ -83,10 +83,10 @@ def read_windows(file):
     return predicted[judged], of['off'][judged] > WRONG_DEG
 
 
-def counted(predicted, wrong, edges):
+def counted(predicted, wrong):
     """(windows, wrong ones predicted, wrong ones observed) of each bin."""
-    place = np.clip(np.digitize(predicted, edges) - 1, 0, len(edges) - 2)
-    return [(int((place == i).sum()), float(predicted[place == i].sum()), int(wrong[place == i].sum())) for i in range(len(edges) - 1)]
+    place = np.clip(np.digitize(predicted, BINS) - 1, 0, len(BINS) - 2)
+    return [(int((place == i).sum()), float(predicted[place == i].sum()), int(wrong[place == i].sum())) for i in range(len(BINS) - 1)]
 
 
 def interval(count):
@@ -96,7 +96,7 @@ def interval(count):
 
 def table(groups):
     lines = ['| predicted | ' + ' | '.join(GROUPS[group][0] for group in groups) + ' |', '|---' * (len(groups) + 1) + '|']
-    rows = {group: counted(*windows, BINS) for group, windows in groups.items()}
+    rows = {group: counted(*windows) for group, windows in groups.items()}
     for i in range(len(BINS) - 1):
         cells = []
         for group in groups:
@@ -116,7 +116,7 @@ def draw(groups, path):
     for group, windows in groups.items():
         label, colour = GROUPS[group]
         axis.plot([], [], 'o-', color=colour, label=f'{label}: {len(windows[1])} windows')
-        for count, expected, seen in counted(*windows, BINS):
+        for count, expected, seen in counted(*windows):
             if count < MIN_WINDOWS:
                 continue
             low, high = (limit / count for limit in interval(seen))

@@ -63,16 +63,17 @@ std::vector<DepthInnovation> innovationsOf(const InitialMap& map, const PinholeC
   std::vector<double> across;
   for (const CornerObservation& observation : map.observations) {
     if (observation.frame + 1 != map.frames.size()) continue;
-    const Corner& corner = map.corners[observation.corner];
-    const KnownInverseDepth& known = corner.known;
-    const auto projection = projectHosted(
-        camera, *map.frames.back().T_cam_ref, camera.unproject(corner.pixel), known.mean);
+    const KnownInverseDepth& known = map.corners[observation.corner].known;
+    const auto projection = projectHosted(camera,
+                                          *map.frames.back().T_cam_ref,
+                                          camera.unproject(map.corners[observation.corner].pixel),
+                                          known.mean);
     if (!projection) continue;
     const Eigen::Vector2d& speed = projection->J_inverse_depth;
     const Eigen::Vector2d error = observation.pixel - projection->pixel;
     const double square = std::max(speed.squaredNorm(), 1e-12);
     across.push_back(std::abs(speed.x() * error.y() - speed.y() * error.x()) / std::sqrt(square));
-    innovations.push_back({known.mean, speed.dot(error) / square, known.variance, 1 / square});
+    innovations.push_back({speed.dot(error) / square, known.variance, 1 / square});
   }
   const double noise =
       std::clamp(kMadToSigma * medianInPlace(across), kMinTrackNoise, kMaxTrackNoise);
@@ -91,16 +92,6 @@ double logLikelihood(const std::vector<DepthInnovation>& innovations, double inf
   return sum;
 }
 
-/// Log likelihood with each of the inflations that may be.
-std::vector<double> likelihoodsOf(const std::vector<DepthInnovation>& innovations) {
-  std::vector<double> likelihoods;
-  double inflation = 1;
-  for (int i = 0; i < kInflations; ++i, inflation *= kInflationStep) {
-    likelihoods.push_back(logLikelihood(innovations, inflation));
-  }
-  return likelihoods;
-}
-
 /// Median of what is known, over its inverse depth.
 double relativeSigma(const InitialMap& map) {
   std::vector<double> sigmas;
@@ -115,8 +106,6 @@ bool weighDepths(InitialMap& map, const PinholeCamera& camera, DepthPriorReport&
   setKnown(map, 1);
   const auto innovations = innovationsOf(map, camera);
   if (innovations.empty()) return false;
-  report.contradicted = contradictStructure(innovations);
-  if (report.contradicted) return false;
   report.inflation = claimInflation(innovations);
   const double claimed = relativeSigma(map);
   setKnown(map, report.inflation);
@@ -134,27 +123,15 @@ bool knowsDepth(const ReferenceView& view) {
 }
 
 double claimInflation(const std::vector<DepthInnovation>& innovations) {
-  const std::vector<double> likelihoods = likelihoodsOf(innovations);
+  std::vector<double> likelihoods;
+  double inflation = 1;
+  for (int i = 0; i < kInflations; ++i, inflation *= kInflationStep) {
+    likelihoods.push_back(logLikelihood(innovations, inflation));
+  }
   const double enough = *std::max_element(likelihoods.begin(), likelihoods.end()) - kContradiction;
   const auto least = std::find_if(
       likelihoods.begin(), likelihoods.end(), [enough](double value) { return value >= enough; });
   return std::pow(kInflationStep, static_cast<double>(least - likelihoods.begin()));
-}
-
-bool contradictStructure(std::vector<DepthInnovation> innovations) {
-  const auto best = [&] {
-    const std::vector<double> likelihoods = likelihoodsOf(innovations);
-    return *std::max_element(likelihoods.begin(), likelihoods.end());
-  };
-  const double known = best();
-  std::vector<double> means;
-  for (const DepthInnovation& innovation : innovations) means.push_back(innovation.known);
-  const double wall = medianInPlace(means);
-  for (DepthInnovation& innovation : innovations) {
-    innovation.error += innovation.known - wall;
-    innovation.known = wall;
-  }
-  return best() > known + kContradiction;
 }
 
 std::optional<MotionCandidate> makeKnownDepthCandidate(const ReferenceView& view,

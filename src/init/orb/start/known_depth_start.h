@@ -15,7 +15,6 @@ bool knowsDepth(const ReferenceView& view);
 
 /// An inverse depth that is known, and what the images say of it.
 struct DepthInnovation {
-  double known = 0;           ///< the inverse depth [1/unit]
   double error = 0;           ///< what the images add to it [1/unit]
   double known_variance = 0;  ///< as claimed [1/unit^2]
   double image_variance = 0;  ///< of the error by the images' noise [1/unit^2]
@@ -26,12 +25,6 @@ struct DepthInnovation {
 /// cannot tell. Errors have heavy tails: outliers alone do not raise it.
 /// @param innovations of corners, at least one
 double claimInflation(const std::vector<DepthInnovation>& innovations);
-
-/// Whether one depth for all corners would fit the images better than the known ones, the claimed
-/// deviations widened as each wants it: then they tell nothing of the scene, as those of another
-/// image.
-/// @param innovations of corners, at least one
-bool contradictStructure(std::vector<DepthInnovation> innovations);
 
 /// A map from known depths: the newest frame posed by the corners that have one, the claimed
 /// deviations widened until they fit the images, a few frames adjusted together with the corners.
