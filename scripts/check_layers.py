@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: BSD-3-Clause
-"""Fails when a source file includes what its layer may not know: data flows one way."""
+"""Fails when a source file includes what its layer may not know (data flows one way), or when two headers define a type
+of one name in one namespace: programs that include both are undefined, and no compiler says so."""
 import os
 import re
 import subprocess
@@ -55,6 +56,8 @@ THIRD_PARTY = {
     r'CLI/': ('src/app/',),
     r'nanobind/': ('src/python/',),
 }
+NAMESPACE = re.compile(r'^namespace ([\w:]+) \{', re.MULTILINE)
+TYPE = re.compile(r'^(?:struct|class|enum class) (\w+)[^;{]*\{', re.MULTILINE)
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
 
 
@@ -81,6 +84,20 @@ def crowded(paths):
     files = Counter(os.path.dirname(path) for path in paths if path.startswith('src/init/orb'))
     return [f'{folder}: {count} files, at most {MAX_FILES} keep it readable'
             for folder, count in sorted(files.items()) if count > MAX_FILES]
+
+
+def defined_twice(paths):
+    """Types that several headers define in the same namespace."""
+    headers = {}
+    for path in paths:
+        if not path.endswith('.h'):
+            continue
+        with open(path, encoding='utf-8') as file:
+            text = file.read()
+        scope = NAMESPACE.search(text)
+        for name in TYPE.findall(text):
+            headers.setdefault(f'{scope.group(1) if scope else ""}::{name}', []).append(path)
+    return [f'{name} is defined in {" and ".join(found)}' for name, found in headers.items() if len(found) > 1]
 
 
 def wrong_includes(path):
@@ -114,6 +131,7 @@ def main():
                            capture_output=True, text=True, check=True).stdout.split()
     faults = [f'{path}:{number}: {text}' for path in paths for number, text in wrong_includes(path)]
     faults += crowded(paths)
+    faults += defined_twice(paths)
     print('\n'.join(faults) or f'layers: {len(paths)} files, no wrong arrow')
     return 1 if faults else 0
 

@@ -92,6 +92,49 @@ class CellQuota {
   int most_;
 };
 
+/// Places of an image that keep a distance from each other.
+class SpacedPlaces {
+ public:
+  /// @param distance that a new place keeps [px]
+  SpacedPlaces(int width, int height, float distance)
+      : cells_(width, height, std::max(distance, 1.0F)),
+        squared_distance_(distance * distance),
+        newest_(cells_.size(), kNone) {}
+
+  /// A place that need not keep the distance.
+  void add(const Eigen::Vector2f& place) {
+    std::size_t& newest = newest_[cells_.at(place.x(), place.y())];
+    places_.push_back({place, newest});
+    newest = places_.size() - 1;
+  }
+  /// Adds a place unless it is too close to one. @return whether
+  bool take(const Eigen::Vector2f& place) {
+    const int column = cells_.column(place.x());
+    const int row = cells_.row(place.y());
+    for (int y = std::max(row - 1, 0); y <= std::min(row + 1, cells_.rows() - 1); ++y) {
+      for (int x = std::max(column - 1, 0); x <= std::min(column + 1, cells_.columns() - 1); ++x) {
+        for (std::size_t i = newest_[cells_.index(x, y)]; i != kNone; i = places_[i].before) {
+          if ((places_[i].place - place).squaredNorm() < squared_distance_) return false;
+        }
+      }
+    }
+    add(place);
+    return true;
+  }
+
+ private:
+  static constexpr std::size_t kNone = SIZE_MAX;
+  struct Placed {
+    Eigen::Vector2f place;
+    std::size_t before;  // of the same cell
+  };
+
+  CellGrid cells_;
+  float squared_distance_;
+  std::vector<std::size_t> newest_;  // by cell
+  std::vector<Placed> places_;
+};
+
 /// Points of an image, to find those near a pixel.
 class PointGrid {
  public:

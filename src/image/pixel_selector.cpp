@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <stdexcept>
 #include <string>
@@ -81,10 +82,11 @@ class BlockPass {
     Best best;
     Direction direction;
   };
-  struct Candidate {
-    int x;
-    int y;
-    unsigned scales;  ///< sum
+  struct Block {
+    int left;
+    int top;
+    int right;
+    int bottom;
   };
 
   [[nodiscard]] Scale open() const {
@@ -111,47 +113,53 @@ class BlockPass {
     keep(medium.best, 2);
   }
 
+  /// What a finer scale has found closes the coarser ones.
   void fineBlock(int x0, int y0, Scale& medium, Scale& coarse) {
+    const Block block{std::max(x0, kMarginLow),
+                      std::max(y0, kMarginLow),
+                      std::min(x0 + size_, frame_.width() - kMarginRight),
+                      std::min(y0 + size_, frame_.height() - kMarginBottom)};
     Scale fine = open();
-    const int begin_x = std::max(x0, kMarginLow);
-    const int end_x = std::min(x0 + size_, frame_.width() - kMarginRight);
-    const int end_y = std::min(y0 + size_, frame_.height() - kMarginBottom);
-    for (int y = std::max(y0, kMarginLow); y < end_y; ++y) {
-      const std::uint8_t* scales = scales_.row(y);
-      for (int x = begin_x; x < end_x; ++x) {
-        if (scales[x] != 0) offer({x, y, scales[x]}, fine, medium, coarse);
-      }
-    }
+    offer(block, 1, fine);
     if (fine.best.x >= 0) {
       ++fine_count_;
+      keep(fine.best, 1);
+      medium.best.close();
+      coarse.best.close();
+      return;
     }
-    keep(fine.best, 1);
+    if (!medium.best.closed) {
+      offer(block, 2, medium);
+      if (medium.best.x >= 0) coarse.best.close();
+    }
+    if (!coarse.best.closed) offer(block, 4, coarse);
   }
 
-  /// A pixel that qualifies at some scale. What a finer scale has found closes the coarser ones.
-  void offer(const Candidate& pixel, Scale& fine, Scale& medium, Scale& coarse) const {
-    if ((pixel.scales & 1U) != 0) {
-      offerTo(fine, pixel);
-      if (fine.best.x >= 0) {
-        medium.best.close();
-        coarse.best.close();
+  /// Offers all pixels of a block that qualify at a scale.
+  void offer(const Block& block, std::uint8_t type, Scale& scale) const {
+    constexpr int kStep = 8;  // pixels that are passed over at once
+    const std::uint64_t wanted = 0x0101010101010101U * type;
+    for (int y = block.top; y < block.bottom; ++y) {
+      const std::uint8_t* scales = scales_.row(y);
+      const auto offer_until = [&](int x, int end) {
+        for (; x < end; ++x) {
+          if ((scales[x] & type) != 0) offerPixel(x, y, scale);
+        }
+      };
+      int x = block.left;
+      for (; x + kStep <= block.right; x += kStep) {
+        std::uint64_t eight = 0;
+        std::memcpy(&eight, scales + x, sizeof(eight));
+        if ((eight & wanted) != 0) offer_until(x, x + kStep);
       }
-    }
-    if (!medium.best.closed && (pixel.scales & 2U) != 0) {
-      offerTo(medium, pixel);
-      if (medium.best.x >= 0) {
-        coarse.best.close();
-      }
-    }
-    if (!coarse.best.closed && (pixel.scales & 4U) != 0) {
-      offerTo(coarse, pixel);
+      offer_until(x, block.right);
     }
   }
 
-  void offerTo(Scale& scale, const Candidate& pixel) const {
-    const ImageSample& sample = frame_.level(0).at(pixel.x, pixel.y);
+  void offerPixel(int x, int y, Scale& scale) const {
+    const ImageSample& sample = frame_.level(0).at(x, y);
     const Direction& direction = scale.direction;
-    scale.best.offer(std::abs(sample.dx * direction.x + sample.dy * direction.y), pixel.x, pixel.y);
+    scale.best.offer(std::abs(sample.dx * direction.x + sample.dy * direction.y), x, y);
   }
 
   void keep(const Best& best, int type) {

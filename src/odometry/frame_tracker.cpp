@@ -4,10 +4,12 @@
 #include "window/keyframe_policy.h"
 
 #include <cmath>
+#include <utility>
 
 namespace dsorb::odometry {
-FrameTracker::FrameTracker(const PinholeCamera& camera, const OdometryOptions& options)
-    : options_(options), tracker_(camera, options.tracker, options.brightness) {}
+
+FrameTracker::FrameTracker(const OdometryOptions& options)
+    : options_(options), tracker_(options.tracker, options.brightness) {}
 
 void FrameTracker::begin(const InitializationResult& result) {
   target_.reset();
@@ -27,15 +29,13 @@ void FrameTracker::begin(const InitializationResult& result) {
   rmse_ = track::TrackingStart{}.previous_rmse;
 }
 
-void FrameTracker::setTarget(const TrackingTarget& target) {
+void FrameTracker::setTarget(TrackingTarget target) {
   if (target_) {
     history_ = history_.relativeTo(target.T_cam_previous);
     recent_.changeReference(target.T_cam_previous);
   }
-  target_ = target.keyframe;
-  tracker_.setCamera(target_->camera);
-  tracker_.setReference(
-      target_->frame, target.samples, target_->affine, target.motion, target.readout_change);
+  target_ = std::move(target.keyframe);
+  tracker_.setReference(std::move(target.reference));
   if (target_->frame->id() == previous_) affine_ = target_->affine;
   first_rmse_.reset();
 }

@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/init/result.h"
 #include "dsorb/options/odometry.h"
 
 #include "geometry/motion_prior.h"
 #include "geometry/recent_motion.h"
-#include "image/photometric.h"
 #include "track/motion_guesses.h"
 #include "track/tracker.h"
 
@@ -21,16 +19,13 @@ struct KeyframePose {
   FramePtr frame;
   SE3 T_cam_world;
   AffineBrightness affine;
-  PinholeCamera camera;  ///< as the adjustment has refined it
 };
 
 /// What frames are tracked against, as a value.
 struct TrackingTarget {
   KeyframePose keyframe;
-  std::vector<DepthSample> samples;  ///< inverse depths in the keyframe
+  track::TrackingReference reference;  ///< of the keyframe
   SE3 T_cam_previous;  ///< relative to the target before it, as tracked; unused for the first one
-  RowMotion motion{};  ///< of the keyframe while its rows are read
-  double readout_change = 0;  ///< over the calibrated readout [s]
 };
 
 struct TrackedPose {
@@ -52,12 +47,12 @@ struct TrackedPose {
 /// keyframe is due. Knows neither the map nor observers.
 class FrameTracker {
  public:
-  FrameTracker(const PinholeCamera& camera, const OdometryOptions& options);
+  explicit FrameTracker(const OdometryOptions& options);
 
   /// Starts with the motion of an initialization; its newest frame is the first target to come.
   void begin(const InitializationResult& result);
   /// Later frames are tracked against this keyframe.
-  void setTarget(const TrackingTarget& target);
+  void setTarget(TrackingTarget target);
   [[nodiscard]] TrackedPose track(const Frame& frame);
   /// The keyframe that frames are tracked against; there is one after setTarget().
   [[nodiscard]] const KeyframePose& target() const { return *target_; }

@@ -31,7 +31,8 @@ Mapper::Mapper(const PinholeCamera& camera, const OdometryOptions& options)
     : camera_(camera),
       options_(options),
       selector_(camera.width, camera.height, selectorOptions(options)),
-      optimizer_(options.window, kChunksPerTask) {}
+      optimizer_(options.window, kChunksPerTask),
+      reference_builder_(camera) {}
 
 MapUpdate Mapper::seed(const InitializationResult& result, int segment) {
   selector_.reset();
@@ -83,19 +84,30 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
   update.rms = noise_ = adjustment.rms;
   if (!update.finite) return update;
   noteCamera(adjustment.camera_sigmas);
-  update.target.samples = window::depthSamples(*window_, options_.window);
-  window::forgetGuess(*window_, options_.window);
-  window::retirePoints(*window_, options_.window);
-  for (const window::Keyframe& keyframe : window::marginalizeFlagged(*window_, options_.window)) {
-    update.retired.push_back(snapshot(keyframe));
-  }
-  update.window = snapshots();
-  const window::Keyframe& newest = window_->keyframes.back();
-  update.target.keyframe = {newest.frame, newest.T_cam_world(), newest.affine(), window_->camera()};
-  update.target.motion = newest.motion;
-  update.target.readout_change = window_->readoutChange();
-  update.target.T_cam_previous = T_cam_previous;
+  update.target = targetOf(T_cam_previous);
+  const std::vector<DepthSample> samples = window::depthSamples(*window_, options_.window);
+  runBoth([&] { reference_builder_.fill(samples, update.target.reference); },
+          [&] {
+            window::forgetGuess(*window_, options_.window);
+            window::retirePoints(*window_, options_.window);
+            for (const auto& keyframe : window::marginalizeFlagged(*window_, options_.window)) {
+              update.retired.push_back(snapshot(keyframe));
+            }
+            update.window = snapshots();
+          });
   return update;
+}
+
+/// The newest keyframe; points are still to come.
+TrackingTarget Mapper::targetOf(const SE3& T_cam_previous) const {
+  const window::Keyframe& newest = window_->keyframes.back();
+  TrackingTarget target{{newest.frame, newest.T_cam_world(), newest.affine()}, {}, T_cam_previous};
+  target.reference.frame = newest.frame;
+  target.reference.camera = window_->camera();
+  target.reference.affine = newest.affine();
+  target.reference.motion = newest.motion;
+  target.reference.readout_change = window_->readoutChange();
+  return target;
 }
 
 /// What the adjustment has estimated of the camera.

@@ -58,6 +58,7 @@ class Mapper {
 
  private:
   MapUpdate adjust(const SE3& T_cam_previous);
+  [[nodiscard]] TrackingTarget targetOf(const SE3& T_cam_previous) const;
   void noteCamera(const window::CameraVector& sigmas);
   [[nodiscard]] SE3 poseOf(const TrackedPose& pose) const;
   [[nodiscard]] std::vector<KeyframeSnapshot> snapshots() const;
@@ -67,6 +68,7 @@ class Mapper {
   OdometryOptions options_;
   PixelSelector selector_;
   window::WindowOptimizer optimizer_;
+  track::TrackingReferenceBuilder reference_builder_;
   std::optional<window::Window> window_;
   int segment_ = 0;
   // Estimated by the last adjustment.

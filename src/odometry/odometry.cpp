@@ -51,7 +51,7 @@ class Odometry::Impl {
       : options_(checked(options)),
         arena_(options_.num_threads),
         initializer_(std::move(initializer)),
-        tracker_(camera, options_),
+        tracker_(options_),
         mapper_(camera, options_, arena_),
         frame_check_(camera) {
     if (initializer_ == nullptr) initializer_ = makeInitializer(options_.initializer, camera);
@@ -131,7 +131,7 @@ class Odometry::Impl {
 
   /// Phase tracking begins with the map of an initialization, unless that contradicts it.
   void begin(const InitializationResult& result) {
-    const odometry::MappingResult seeded = mapping([&] { return mapper_.seed(result, segment_); });
+    odometry::MappingResult seeded = mapping([&] { return mapper_.seed(result, segment_); });
     const odometry::MapUpdate& update = *seeded.update;
     const std::optional<RefusalReason> reason =
         update.finite ? refusalOf(update.start_change) : std::optional(RefusalReason::kAdjustment);
@@ -145,7 +145,7 @@ class Odometry::Impl {
     ++report_.segments;
     tracker_.begin(result);
     unit_ = odometry::SegmentUnit(result.metric);
-    if (!adopt(seeded)) {
+    if (!adopt(std::move(seeded))) {
       lose({});
       return;
     }
@@ -230,20 +230,20 @@ class Odometry::Impl {
 
   /// Adopts all keyframes that mapping has finished. @return whether the map stands
   bool adoptKeyframes() {
-    while (const auto result = mapping([&] { return mapper_.take(); })) {
-      if (!adopt(*result)) return false;
+    while (auto result = mapping([&] { return mapper_.take(); })) {
+      if (!adopt(std::move(*result))) return false;
     }
     return true;
   }
 
   /// Later frames are tracked against the newest keyframe. @return false: its adjustment failed
-  bool adopt(const odometry::MappingResult& result) {
+  bool adopt(odometry::MappingResult result) {
     report_.mapping_seconds += result.seconds;
     if (!result.update) return true;
-    const odometry::MapUpdate& update = *result.update;
+    odometry::MapUpdate& update = *result.update;
     report_.keyframes += update.new_keyframes;
     if (!update.finite) return false;
-    arena_.run([&] { tracker_.setTarget(update.target); });
+    tracker_.setTarget(std::move(update.target));
     observers_.notifyEach(&OdometryObserver::onKeyframeRetired, unit_.told(update.retired));
     observers_.notifyEach(&OdometryObserver::onKeyframe, unit_.told(update.window));
     return true;

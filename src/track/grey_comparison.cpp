@@ -52,11 +52,10 @@ std::pair<std::size_t, std::size_t> withoutTails(std::size_t count) {
 
 GreyComparison::GreyComparison(const TrackingReference& reference,
                                const Frame& frame,
-                               const PinholeCamera& camera,
                                const SE3& T_frame_reference) {
-  const ReferencePoints& points = reference.points(0);
+  const ReferencePoints& points = reference.at(0);
   const PyramidLevel& level = frame.level(0);
-  const auto warp = makeWarp<float>(camera, T_frame_reference);
+  const auto warp = makeWarp<float>(reference.camera, T_frame_reference);
   const std::size_t stride = std::max<std::size_t>(points.size() / kPoints, 1);
   for (std::size_t i = 0; i < points.size(); i += stride) {
     WarpedPoint<float> p;

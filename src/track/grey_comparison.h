@@ -21,7 +21,6 @@ class GreyComparison {
   /// @param T_frame_reference roughly
   GreyComparison(const TrackingReference& reference,
                  const Frame& frame,
-                 const PinholeCamera& camera,
                  const SE3& T_frame_reference);
 
   /// Gain and offset that map one distribution to the other where neither is clipped.

@@ -43,13 +43,13 @@ AlignmentSetting makeSetting(const AlignmentLevel& level,
   const TrackingReference& reference = level.reference;
   const PyramidLevel& image = level.frame.level(level.level);
   const BrightnessTransfer transfer = brightnessTransfer(
-      reference.affine(), reference.frame().exposure(), state.affine, level.frame.exposure());
+      reference.affine, reference.frame->exposure(), state.affine, level.frame.exposure());
   AlignmentSetting s{};
   s.target = makeTargetImage(camera, state.T_frame_reference, transfer, image);
   if (level.rows != nullptr) {
     s.target.setShutter(makeRollingShutter(level.rows->times, state.motion, level.level));
   }
-  s.affine_b_reference = static_cast<float>(reference.affine().b);
+  s.affine_b_reference = static_cast<float>(reference.affine.b);
   s.ceiling = level.ceiling;
   return s;
 }
@@ -97,8 +97,8 @@ void PoseAlignment::resize(std::size_t points) {
 Evaluation PoseAlignment::evaluate(const AlignmentLevel& level,
                                    const AlignmentState& state,
                                    double cutoff) {
-  points_ = &level.reference.points(level.level);
-  setting_ = makeSetting(level, state, camera_.atLevel(level.level));
+  points_ = &level.reference.at(level.level);
+  setting_ = makeSetting(level, state, level.reference.camera.atLevel(level.level));
   setting_.cutoff = static_cast<float>(cutoff);
   resize(points_->size());
   forEachRange(block_energies_.size(), kBlocksPerTask, [&](std::size_t begin, std::size_t end) {
@@ -283,7 +283,7 @@ LevelResult PoseAlignment::align(const AlignmentLevel& level,
   result.saturated_fraction = current.saturatedFraction();
   result.inside_fraction =
       static_cast<double>(current.used) /
-      static_cast<double>(std::max<std::size_t>(level.reference.points(level.level).size(), 1));
+      static_cast<double>(std::max<std::size_t>(level.reference.at(level.level).size(), 1));
   result.cutoff_raised = problem.cutoffRaised();
   result.equations = problem.equations();
   return result;

@@ -90,10 +90,7 @@ struct LevelResult {
 /// number of threads.
 class PoseAlignment {
  public:
-  explicit PoseAlignment(const PinholeCamera& camera, BrightnessModel brightness = {})
-      : camera_(camera), brightness_(brightness) {}
-
-  void setCamera(const PinholeCamera& camera) { camera_ = camera; }
+  explicit PoseAlignment(BrightnessModel brightness = {}) : brightness_(brightness) {}
 
   /// @param cutoff larger residuals are saturated [grey levels]
   Evaluation evaluate(const AlignmentLevel& level, const AlignmentState& state, double cutoff);
@@ -121,7 +118,6 @@ class PoseAlignment {
                                                  const AlignmentState& state,
                                                  double& cutoff);
 
-  PinholeCamera camera_;
   BrightnessModel brightness_;
   AlignmentSetting setting_{};
   const ReferencePoints* points_ = nullptr;  // of the last evaluation

@@ -60,9 +60,9 @@ std::vector<AffineBrightness> Tracker::brightnessGuesses(const Frame& frame,
   if (brightness_ == BrightnessModel::kPerfect) return {AffineBrightness{}};
   const std::optional<BrightnessTransfer> transfer = grey.transfer();
   if (!transfer) return {start.affine};
-  const AffineBrightness& from = reference_.affine();
+  const AffineBrightness& from = reference_.affine;
   const double known =
-      brightnessTransfer(from, reference_.frame().exposure(), {}, frame.exposure()).gain;
+      brightnessTransfer(from, reference_.frame->exposure(), {}, frame.exposure()).gain;
   const AffineBrightness measured{std::log(transfer->gain / known),
                                   transfer->offset + transfer->gain * from.b};
   if (std::abs(measured.a - start.affine.a) <= start.max_gain_step) return {start.affine};
@@ -72,7 +72,7 @@ std::vector<AffineBrightness> Tracker::brightnessGuesses(const Frame& frame,
 /// From the reference to the frame.
 BrightnessTransfer Tracker::transferTo(const Frame& frame, const AffineBrightness& affine) const {
   return brightnessTransfer(
-      reference_.affine(), reference_.frame().exposure(), affine, frame.exposure());
+      reference_.affine, reference_.frame->exposure(), affine, frame.exposure());
 }
 
 bool Tracker::isPlausible(const AffineBrightness& affine, const Frame& frame) const {
@@ -90,7 +90,7 @@ bool Tracker::isSupported(const AlignmentState& state,
                           const TrackingStart& start) const {
   if (brightness_ == BrightnessModel::kPerfect) return true;
   if (std::abs(state.affine.a - start.affine.a) <= start.max_gain_step) return true;
-  const GreyComparison grey(reference_, frame, camera_, state.T_frame_reference);
+  const GreyComparison grey(reference_, frame, state.T_frame_reference);
   return grey.misfit(transferTo(frame, state.affine)) <= start.max_gain_step;
 }
 
@@ -101,7 +101,7 @@ Tracker::Descent Tracker::descend(const Frame& frame,
   Descent descent;
   descent.state = start;
   descent.failure = TrackingFailure::kDiverged;
-  const std::optional<RowsOfFrame> rows = rowsOf(frame, known, reference_.readoutChange());
+  const std::optional<RowsOfFrame> rows = rowsOf(frame, known, reference_.readout_change);
   if (rows) descent.state.motion = rows->predict(start.T_frame_reference);
   bool repeated = false;
   for (int level = reference_.levels() - 1; level >= 0; --level) {
@@ -165,10 +165,10 @@ void Tracker::search(const Frame& frame,
 }
 
 TrackingResult Tracker::track(const Frame& frame, const TrackingStart& start) {
-  if (reference_.empty()) throw std::logic_error("Tracker::track before setReference");
+  if (reference_.frame == nullptr) throw std::logic_error("Tracker::track before setReference");
   TrackingResult best;
   best.T_frame_reference = start.guesses.at(0);
-  const GreyComparison grey(reference_, frame, camera_, start.guesses.at(0));
+  const GreyComparison grey(reference_, frame, start.guesses.at(0));
   const std::vector<AffineBrightness> guesses = brightnessGuesses(frame, start, grey);
   // What is clipped in both images agrees; in a much brighter frame it would pull the gain down.
   const bool brighter = std::log(transferTo(frame, guesses.front()).gain) > start.max_gain_step;
@@ -177,7 +177,7 @@ TrackingResult Tracker::track(const Frame& frame, const TrackingStart& start) {
     if (!best.good()) search(frame, start, affine, best);
   }
   if (!best.good()) return best;
-  best.flow = flowIndicators(reference_.points(0), camera_, best.T_frame_reference);
+  best.flow = flowIndicators(reference_.at(0), reference_.camera, best.T_frame_reference);
   if (best.rmse[0] > options_.max_rmse) best.failure = TrackingFailure::kLargeResidual;
   return best;
 }

@@ -13,6 +13,7 @@
 #include <array>
 #include <limits>
 #include <optional>
+#include <utility>
 #include <vector>
 
 namespace dsorb::track {
@@ -72,31 +73,11 @@ struct TrackingResult {
 /// @source Engel et al., DSO, arXiv:1607.02565, section 3.1; front end of DSO as published
 class Tracker {
  public:
-  Tracker(const PinholeCamera& camera,
-          const TrackerOptions& options,
-          BrightnessModel brightness = {})
-      : camera_(camera),
-        options_(options),
-        brightness_(brightness),
-        reference_(camera),
-        alignment_(camera, brightness) {}
+  explicit Tracker(const TrackerOptions& options, BrightnessModel brightness = {})
+      : options_(options), brightness_(brightness), alignment_(brightness) {}
 
-  /// Later references and frames are images of this camera, whose size is that of the one before.
-  void setCamera(const PinholeCamera& camera) {
-    camera_ = camera;
-    reference_.setCamera(camera);
-    alignment_.setCamera(camera);
-  }
-  /// @param samples inverse depths on pixels of `frame`
-  /// @param motion  of the frame while its rows are read; without a meaning for a global shutter
-  /// @param readout_change over the calibrated readout, of all frames [s]
-  void setReference(const FramePtr& frame,
-                    const std::vector<DepthSample>& samples,
-                    const AffineBrightness& affine,
-                    const RowMotion& motion = {},
-                    double readout_change = 0) {
-    reference_.set(frame, samples, affine, motion, readout_change);
-  }
+  /// Later frames are tracked against it; they are images of its camera.
+  void setReference(TrackingReference reference) { reference_ = std::move(reference); }
   [[nodiscard]] const TrackingReference& reference() const { return reference_; }
 
   /// Tries the guesses one by one until one fits nearly as well as the previous frame did.
@@ -132,7 +113,6 @@ class Tracker {
                                  const Frame& frame,
                                  const TrackingStart& start) const;
 
-  PinholeCamera camera_;
   TrackerOptions options_;
   BrightnessModel brightness_;
   TrackingReference reference_;

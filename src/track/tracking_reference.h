@@ -22,7 +22,7 @@ struct ReferencePoints {
   std::vector<float> intensity;      ///< in the reference, level of the list [grey levels]
 
   [[nodiscard]] std::size_t size() const { return ray_x.size(); }
-  void clear();
+  void reserve(std::size_t points);
   void append(float x, float y, float depth, float grey);
 };
 
@@ -54,51 +54,43 @@ enum class DilationNeighbours { kDiagonal, kDirect };
 /// negative sign, which marks it and leaves their quotient right.
 void dilate(DepthAccumulator& level, DilationNeighbours neighbours);
 
-/// Reference that frames are tracked against: sparse inverse depths of a frame on every pyramid
-/// level. On
-/// level 0 the samples keep their exact positions and are widened to the pixels diagonal to them;
-/// on coarser levels the samples are averaged on pixels.
-/// @source front end of DSO as published, with exact positions on level 0
-class TrackingReference {
- public:
-  /// Takes all memory it needs for frames of the camera.
-  explicit TrackingReference(const PinholeCamera& camera);
+/// What frames are tracked against: a frame with sparse inverse depths on every pyramid level.
+struct TrackingReference {
+  FramePtr frame;        ///< null: there is none
+  PinholeCamera camera;  ///< of the reference and the frames
+  AffineBrightness affine;
+  RowMotion motion{};         ///< of the frame while the rows of a rolling shutter are read
+  double readout_change = 0;  ///< over the calibrated readout, of all frames [s]
+  std::vector<ReferencePoints> points{};  ///< by level
 
-  /// Of the next content; of the same size as the camera before.
-  void setCamera(const PinholeCamera& camera) { camera_ = camera; }
-  /// Replaces the previous content, keeping the buffers.
-  /// @param samples pixels of `frame` with inverse depth; those outside the image or not positive
-  ///        are ignored
-  /// @param motion  of the frame while its rows are read; without a meaning for a global shutter
-  /// @param readout_change over the calibrated readout, of all frames [s]
-  void set(const FramePtr& frame,
-           const std::vector<DepthSample>& samples,
-           const AffineBrightness& affine,
-           const RowMotion& motion = {},
-           double readout_change = 0);
-
-  [[nodiscard]] const Frame& frame() const { return *frame_; }
-  [[nodiscard]] bool empty() const { return frame_ == nullptr; }
-  [[nodiscard]] const AffineBrightness& affine() const { return affine_; }
-  [[nodiscard]] double readoutChange() const { return readout_change_; }
-  [[nodiscard]] int levels() const { return static_cast<int>(points_.size()); }
-  [[nodiscard]] const ReferencePoints& points(int level) const {
-    return points_[static_cast<std::size_t>(level)];
+  [[nodiscard]] int levels() const { return static_cast<int>(points.size()); }
+  [[nodiscard]] const ReferencePoints& at(int level) const {
+    return points[static_cast<std::size_t>(level)];
   }
+};
+
+/// Fills references; keeps its buffers from one to the next. On level 0 the samples keep their
+/// exact positions and are widened to the pixels diagonal to them; on coarser levels the samples
+/// are averaged on pixels.
+/// @source front end of DSO as published, with exact positions on level 0
+class TrackingReferenceBuilder {
+ public:
+  /// @param camera of the size of all that are to come
+  explicit TrackingReferenceBuilder(const PinholeCamera& camera);
+
+  /// Sets the points of a reference.
+  /// @param samples pixels of its frame with inverse depth; those outside the image or not positive
+  ///        are ignored
+  void fill(const std::vector<DepthSample>& samples, TrackingReference& reference);
 
  private:
-  void sortIntoRows(const std::vector<DepthSample>& samples);
-  void listFinest();
-  void listCoarse(int level);
-  /// Turns the rays of a level into those of the middle row.
-  void moveToMiddle(int level);
+  void clearFinest();
+  void sortIntoRows(const std::vector<DepthSample>& samples, const PyramidLevel& level);
+  void accumulate();
+  void findDilated(int y, std::vector<int>& columns) const;
+  void listFinest(TrackingReference& reference);
+  void listCoarse(int level, TrackingReference& reference);
 
-  PinholeCamera camera_;
-  FramePtr frame_;
-  AffineBrightness affine_;
-  RowMotion motion_;
-  double readout_change_ = 0;
-  std::vector<ReferencePoints> points_;   // by level
   std::vector<DepthAccumulator> maps_;    // by level
   std::vector<DepthSample> sorted_;       // usable samples in raster order of their pixels
   std::vector<std::uint32_t> row_begin_;  // first sample of each pixel row in sorted_

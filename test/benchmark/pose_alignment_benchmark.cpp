@@ -2,6 +2,7 @@
 #include "base/random.h"
 #include "benchmark/rendered_frames.h"
 #include "image/pixel_selector.h"
+#include "support/tracking_reference_of.h"
 #include "track/motion_guesses.h"
 #include "track/pose_alignment.h"
 #include "track/tracker.h"
@@ -38,32 +39,32 @@ std::vector<DepthSample> samples() {
 
 void referenceConstruction(benchmark::State& state) {
   const std::vector<DepthSample> points = samples();
-  TrackingReference reference(room().camera);
+  TrackingReferenceBuilder builder(room().camera);
+  TrackingReference reference{room().frames.front(), room().camera, {}};
   timeWithThreads(state, [&] {
-    reference.set(room().frames.front(), points, {});
-    return reference.points(0).size();
+    builder.fill(points, reference);
+    return reference.at(0).size();
   });
 }
 BENCHMARK(referenceConstruction)->Arg(1)->Arg(2)->UseRealTime()->MeasureProcessCPUTime();
 
 /// Arguments: threads, pyramid level. Starts from no motion.
 void oneLevel(benchmark::State& state) {
-  TrackingReference reference(room().camera);
-  reference.set(room().frames.front(), samples(), {});
-  PoseAlignment alignment(room().camera, {});
+  const TrackingReference reference = referenceOf(room().frames.front(), room().camera, samples());
+  PoseAlignment alignment;
   const AlignmentLevel level{reference, *room().frames[1], static_cast<int>(state.range(1))};
   timeWithThreads(state, [&] {
     AlignmentState pose;
     return alignment.align(level, kIterations, pose).rmse;
   });
-  state.counters["points"] = static_cast<double>(reference.points(level.level).size());
+  state.counters["points"] = static_cast<double>(reference.at(level.level).size());
 }
 BENCHMARK(oneLevel)->ArgsProduct({{1, 2}, {0, 1, 2, 3}})->UseRealTime()->MeasureProcessCPUTime();
 
 /// A frame with the two before it known, as in a running system.
 void wholeTrack(benchmark::State& state) {
-  Tracker tracker(room().camera, {});
-  tracker.setReference(room().frames.front(), samples(), {});
+  Tracker tracker({});
+  tracker.setReference(referenceOf(room().frames.front(), room().camera, samples()));
   MotionHistory history;
   for (int i = 1; i < kFrames - 1; ++i) history.push(room().T_cam_first(i));
   TrackingStart start;

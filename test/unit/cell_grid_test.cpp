@@ -30,6 +30,17 @@ TEST(CellQuota, LetsACellTakeTwiceItsEvenShare) {
   EXPECT_TRUE(quota.take(90, 10));
 }
 
+TEST(SpacedPlaces, KeepTheirDistanceAcrossCells) {
+  SpacedPlaces places(100, 100, 8);
+  EXPECT_TRUE(places.take({15.5F, 15.5F}));
+  EXPECT_FALSE(places.take({20, 20}));  // 6.4 px
+  EXPECT_TRUE(places.take({23.5F, 15.5F}));
+  places.add({20, 21});
+  EXPECT_FALSE(places.take({20, 28.9F}));
+  EXPECT_TRUE(places.take({20, 29}));
+  EXPECT_TRUE(places.take({99, 99}));
+}
+
 TEST(PointGrid, FindsTheNearestPointsThatCount) {
   constexpr std::size_t kWanted = 5;
   constexpr float kRadius = 60;

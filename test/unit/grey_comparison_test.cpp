@@ -2,6 +2,7 @@
 #include "track/grey_comparison.h"
 
 #include "support/textured_plane.h"
+#include "support/tracking_reference_of.h"
 
 #include <gtest/gtest.h>
 
@@ -15,7 +16,7 @@ namespace {
 class GreyComparisonTest : public ::testing::Test {
  protected:
   GreyComparisonTest() {
-    reference_.set(seen(SE3(), {1, 0}), plane_.samples(camera_, SE3(), 4), {});
+    reference_ = referenceOf(seen(SE3(), {1, 0}), camera_, plane_.samples(camera_, SE3(), 4));
   }
   /// The plane, less bright, as a sensor sees it that ends at 255.
   [[nodiscard]] FramePtr seen(const SE3& T_frame_reference,
@@ -34,13 +35,13 @@ class GreyComparisonTest : public ::testing::Test {
   }
   [[nodiscard]] GreyComparison compare(const FramePtr& frame,
                                        const SE3& T_frame_reference = {}) const {
-    return {reference_, *frame, camera_, T_frame_reference};
+    return {reference_, *frame, T_frame_reference};
   }
 
   static constexpr double kDim = 0.4;
   PinholeCamera camera_ = smallCamera();
   TexturedPlane plane_;
-  TrackingReference reference_{camera_};
+  TrackingReference reference_;
 };
 
 TEST_F(GreyComparisonTest, FindsTheGainOfAStepFromARoughPose) {

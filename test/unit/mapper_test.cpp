@@ -71,7 +71,7 @@ TEST_F(MapperTest, SeedMakesAMapWhoseNewestKeyframeIsTheTarget) {
   EXPECT_GT(update.rms, 0);
   EXPECT_LT(update.rms, 6);  // measured 3.1
   expectNearTruth(update.target.keyframe, 3);
-  EXPECT_GT(update.target.samples.size(), 900U);  // measured 1863
+  EXPECT_GT(update.target.reference.at(0).size(), 3500U);  // measured 7054
 }
 
 TEST_F(MapperTest, SnapshotsTellSegmentPoseAndDepthsNearTheTruth) {
@@ -154,7 +154,7 @@ TEST_F(MapperTest, AfterClearASeedGivesTheSameBits) {
   EXPECT_EQ(first.rms, second.rms);
   EXPECT_EQ(first.target.keyframe.T_cam_world.matrix(),
             second.target.keyframe.T_cam_world.matrix());
-  EXPECT_EQ(first.target.samples.size(), second.target.samples.size());
+  EXPECT_EQ(first.target.reference.at(0).inverse_depth, second.target.reference.at(0).inverse_depth);
   EXPECT_EQ(second.window.front().segment, kSegment + 1);
 }
 

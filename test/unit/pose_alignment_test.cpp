@@ -5,6 +5,7 @@
 #include "support/jacobian_check.h"
 #include "support/matchers.h"
 #include "support/textured_plane.h"
+#include "support/tracking_reference_of.h"
 
 #include <gtest/gtest.h>
 
@@ -20,12 +21,11 @@ SE3 smallMotion() {
 /// A textured plane seen from two poses.
 struct Scene {
   explicit Scene(int spacing, const AffineBrightness& affine = {}, double exposure = 1)
-      : reference(camera),
+      : reference(referenceOf(plane.render(camera, SE3(), {FrameId{0}}),
+                              camera,
+                              plane.samples(camera, SE3(), spacing))),
         frame(plane.render(
-            camera, T_frame_reference.inverse(), {FrameId{1}, 1.0, exposure}, affine)) {
-    const FramePtr first = plane.render(camera, SE3(), {FrameId{0}});
-    reference.set(first, plane.samples(camera, SE3(), spacing), {});
-  }
+            camera, T_frame_reference.inverse(), {FrameId{1}, 1.0, exposure}, affine)) {}
   [[nodiscard]] AlignmentLevel level(int l) const { return {reference, *frame, l}; }
 
   PinholeCamera camera = smallCamera();
@@ -129,8 +129,9 @@ TEST(PoseAlignment, GradientOfTheEnergyMatchesCentralDifferences) {
       middle.push_back(sample);
     }
   }
-  scene.reference.set(scene.plane.render(scene.camera, SE3(), {FrameId{0}}), middle, {});
-  PoseAlignment alignment(scene.camera, {});
+  scene.reference =
+      referenceOf(scene.plane.render(scene.camera, SE3(), {FrameId{0}}), scene.camera, middle);
+  PoseAlignment alignment;
   constexpr double kCutoff = 200;  // nothing is saturated: the energy is smooth
   const AlignmentState state{scene.T_frame_reference * smallMotion(), {0.03, 2.0}};
   const Evaluation start = alignment.evaluate(scene.level(0), state, kCutoff);
@@ -154,12 +155,12 @@ TEST(PoseAlignment, GradientOfTheEnergyMatchesCentralDifferences) {
 
 TEST(PoseAlignment, NormalEquationsMatchADoublePrecisionSum) {
   const Scene whole(3);
-  PoseAlignment alignment(whole.camera, {});
+  PoseAlignment alignment;
   const AlignmentState state{whole.T_frame_reference * smallMotion(), {}};
   alignment.evaluate(whole.level(0), state, 20);
   const PoseEquations all = alignment.normalEquations();
 
-  const ReferencePoints& points = whole.reference.points(0);
+  const ReferencePoints& points = whole.reference.at(0);
   ASSERT_NE(points.size() % kAlignmentBlock, 0U) << "the tail of the last block must be covered";
   ASSERT_GT(points.size(), 4 * kAlignmentBlock);
   Matrix8d H = Matrix8d::Zero();
@@ -208,9 +209,8 @@ TEST(PoseAlignment, EnergyIsContinuousAtTheCutoff) {
   const std::vector<float> grey(static_cast<std::size_t>(camera.width * camera.height), 100.0F);
   const FramePtr frame =
       Frame::create(ImageView(grey.data(), camera.width, camera.height), {FrameId{0}});
-  TrackingReference reference(camera);
-  reference.set(frame, {{{80, 60}, 0.5F, 1.0F}}, {});
-  PoseAlignment alignment(camera, {});
+  const TrackingReference reference = referenceOf(frame, camera, {{{80, 60}, 0.5F, 1.0F}});
+  PoseAlignment alignment;
   const AlignmentLevel level{reference, *frame, 0};
   const auto mean = [&](double residual, double cutoff) {
     return alignment.evaluate(level, {SE3(), {0, -residual}}, cutoff).meanEnergy();
@@ -224,10 +224,10 @@ TEST(PoseAlignment, EnergyIsContinuousAtTheCutoff) {
 
 TEST(PoseAlignment, SameBitsForAnyNumberOfThreads) {
   const Scene scene(1);
-  ASSERT_GT(scene.reference.points(0).size(), 32 * kAlignmentBlock) << "work must be split";
+  ASSERT_GT(scene.reference.at(0).size(), 32 * kAlignmentBlock) << "work must be split";
   const auto run = [&](int threads) {
     TaskArena arena(threads);
-    PoseAlignment alignment(scene.camera, {});
+    PoseAlignment alignment;
     AlignmentState state;
     arena.run([&] { return alignment.align(scene.level(0), 5, state); });
     return state;
@@ -242,7 +242,7 @@ TEST(PoseAlignment, SameBitsForAnyNumberOfThreads) {
 TEST(PoseAlignment, RecoversMotionAndBrightnessTransfer) {
   const AffineBrightness truth{0.15, -8};
   const Scene scene(3, truth);
-  PoseAlignment alignment(scene.camera, {});
+  PoseAlignment alignment;
   AlignmentState state;
   for (int l = scene.reference.levels() - 1; l >= 0; --l)
     alignment.align(scene.level(l), 50, state);
@@ -255,7 +255,7 @@ TEST(PoseAlignment, RecoversMotionAndBrightnessTransfer) {
 
 TEST(PoseAlignment, ExposureTimesExplainBrightnessWithoutGain) {
   const Scene scene(3, {}, 0.6);
-  PoseAlignment alignment(scene.camera, {});
+  PoseAlignment alignment;
   AlignmentState state{scene.T_frame_reference, {}};
   alignment.align(scene.level(0), 20, state);
   EXPECT_NEAR(state.affine.a, 0, 0.0026);  // measured 0.0013, margin x2
@@ -263,7 +263,7 @@ TEST(PoseAlignment, ExposureTimesExplainBrightnessWithoutGain) {
 
 TEST(PoseAlignment, PerfectPhotometryFixesBrightness) {
   const Scene scene(3, {0.02, 1});
-  PoseAlignment alignment(scene.camera, BrightnessModel::kPerfect);
+  PoseAlignment alignment(BrightnessModel::kPerfect);
   AlignmentState state;
   alignment.align(scene.level(0), 20, state);
   EXPECT_EQ(state.affine.a, 0);
@@ -272,7 +272,7 @@ TEST(PoseAlignment, PerfectPhotometryFixesBrightness) {
 
 TEST(PoseAlignment, RaisesTheCutoffWhileMostPointsAreSaturated) {
   const Scene scene(3, {0, 70});
-  PoseAlignment alignment(scene.camera, {});
+  PoseAlignment alignment;
   AlignmentState state{scene.T_frame_reference, {}};
   const LevelResult result = alignment.align(scene.level(0), 30, state);
   EXPECT_TRUE(result.cutoff_raised);
@@ -281,7 +281,7 @@ TEST(PoseAlignment, RaisesTheCutoffWhileMostPointsAreSaturated) {
 
 TEST(PoseAlignment, WithoutAnyPointInsideTheRmseIsNotANumber) {
   const Scene scene(10);
-  PoseAlignment alignment(scene.camera, {});
+  PoseAlignment alignment;
   AlignmentState state{SE3(Eigen::Quaterniond(0, 0, 1, 0), Eigen::Vector3d::Zero()), {}};
   const LevelResult result = alignment.align(scene.level(0), 10, state);
   EXPECT_TRUE(std::isnan(result.rmse));

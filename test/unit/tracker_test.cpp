@@ -4,6 +4,7 @@
 #include "base/random.h"
 #include "support/matchers.h"
 #include "support/textured_plane.h"
+#include "support/tracking_reference_of.h"
 #include "track/motion_guesses.h"
 
 #include <gtest/gtest.h>
@@ -27,8 +28,8 @@ class TrackerTest : public ::testing::Test {
   Tracker makeTracker(const TrackerOptions& options = {},
                       float offset = 0,
                       BrightnessModel brightness = {}) {
-    Tracker tracker(camera_, options, brightness);
-    tracker.setReference(first_, plane_.samples(camera_, SE3(), 4, offset), {});
+    Tracker tracker(options, brightness);
+    tracker.setReference(referenceOf(first_, camera_, plane_.samples(camera_, SE3(), 4, offset)));
     return tracker;
   }
   [[nodiscard]] FramePtr render(const SE3& T_frame_reference,
@@ -137,24 +138,24 @@ TEST_F(TrackerTest, LargeResidualIsAFailure) {
 }
 
 TEST_F(TrackerTest, FlowIsThePixelDisplacement) {
-  Tracker tracker(camera_, {});
+  Tracker tracker({});
   std::vector<DepthSample> samples = plane_.samples(camera_, SE3(), 4);
   for (DepthSample& sample : samples) sample.inverse_depth = 1;
-  tracker.setReference(first_, samples, {});
+  tracker.setReference(referenceOf(first_, camera_, samples));
   const SE3 aside(Eigen::Quaterniond::Identity(), {0.1, 0, 0});
-  const FlowIndicators flow = flowIndicators(tracker.reference().points(0), camera_, aside);
+  const FlowIndicators flow = flowIndicators(tracker.reference().at(0), camera_, aside);
   // 150 px focal length, depth 1, 0.1 units aside: 15 px. The 0.1 in the denominator takes 0.1 %.
   EXPECT_NEAR(std::sqrt(flow.translation), 15, 0.02);
   EXPECT_NEAR(flow.full, flow.translation, 1e-9);
   // Through the camera plane: left out or bounded by the image diagonal, never infinite.
   const SE3 through(Eigen::Quaterniond::Identity(), {0.0, 0, -1});
-  const FlowIndicators bounded = flowIndicators(tracker.reference().points(0), camera_, through);
+  const FlowIndicators bounded = flowIndicators(tracker.reference().at(0), camera_, through);
   EXPECT_TRUE(std::isfinite(bounded.full));
   EXPECT_LE(bounded.full, 160.0 * 160 + 128 * 128);
 }
 
 TEST_F(TrackerTest, NeedsAReference) {
-  Tracker tracker(camera_, {});
+  Tracker tracker({});
   EXPECT_THROW((void)tracker.track(*first_, {{SE3()}, {}, 100}), std::logic_error);
 }
 

@@ -2,6 +2,7 @@
 #include "track/tracking_reference.h"
 
 #include "support/textured_plane.h"
+#include "support/tracking_reference_of.h"
 
 #include <gtest/gtest.h>
 
@@ -65,7 +66,7 @@ std::vector<Eigen::Vector2d> pixels(const TrackingReference& reference,
                                     const PinholeCamera& camera,
                                     int level) {
   std::vector<Eigen::Vector2d> result;
-  const ReferencePoints& points = reference.points(level);
+  const ReferencePoints& points = reference.at(level);
   for (std::size_t i = 0; i < points.size(); ++i) {
     result.push_back(camera.atLevel(level).project({points.ray_x[i], points.ray_y[i], 1.0}));
   }
@@ -76,8 +77,7 @@ TEST(TrackingReference, FinestLevelKeepsExactPositionsAndWidensThemDiagonally) {
   const PinholeCamera camera = smallCamera();
   const TexturedPlane scene;
   const FramePtr frame = scene.render(camera, SE3(), {FrameId{0}});
-  TrackingReference reference(camera);
-  reference.set(frame, {{{50.3F, 40.6F}, 0.5F, 2.0F}}, {});
+  const TrackingReference reference = referenceOf(frame, camera, {{{50.3F, 40.6F}, 0.5F, 2.0F}});
   const std::vector<Eigen::Vector2d> found = pixels(reference, camera, 0);
   // The sample belongs to pixel (50, 41); dilation reaches the four pixels diagonal to that.
   const std::vector<Eigen::Vector2d> expected = {
@@ -87,23 +87,23 @@ TEST(TrackingReference, FinestLevelKeepsExactPositionsAndWidensThemDiagonally) {
     EXPECT_LT((found[i] - expected[i]).norm(), 1e-4) << found[i].transpose();
     const double truth = scene.intensity(SE3(), camera.unproject(expected[i]));
     // Bilinear interpolation on this texture: measured 0.03 grey levels, margin x2.
-    EXPECT_NEAR(reference.points(0).intensity[i], truth, 0.06);
-    EXPECT_FLOAT_EQ(reference.points(0).inverse_depth[i], 0.5F);
+    EXPECT_NEAR(reference.at(0).intensity[i], truth, 0.06);
+    EXPECT_FLOAT_EQ(reference.at(0).inverse_depth[i], 0.5F);
   }
 }
 
 TEST(TrackingReference, CoarserLevelsAverageByWeight) {
   const PinholeCamera camera = smallCamera();
   const FramePtr frame = TexturedPlane().render(camera, SE3(), {FrameId{0}});
-  TrackingReference reference(camera);
   // Both samples lie in pixel (12, 10) of level 2, which gets (3 * 0.5 + 1 * 1) / 4.
-  reference.set(frame, {{{48, 41}, 0.5F, 3.0F}, {{51, 43}, 1.0F, 1.0F}}, {});
+  const TrackingReference reference =
+      referenceOf(frame, camera, {{{48, 41}, 0.5F, 3.0F}, {{51, 43}, 1.0F, 1.0F}});
   const std::vector<Eigen::Vector2d> found = pixels(reference, camera, 2);
   const std::vector<Eigen::Vector2d> expected = {{12, 9}, {11, 10}, {12, 10}, {13, 10}, {12, 11}};
   ASSERT_EQ(found.size(), expected.size());
   for (std::size_t i = 0; i < found.size(); ++i) {
     EXPECT_LT((found[i] - expected[i]).norm(), 1e-4) << found[i].transpose();
-    EXPECT_FLOAT_EQ(reference.points(2).inverse_depth[i], 0.625F);
+    EXPECT_FLOAT_EQ(reference.at(2).inverse_depth[i], 0.625F);
   }
 }
 
@@ -113,19 +113,19 @@ TEST(TrackingReference, LeavesOutWhatCannotBeTracked) {
   image[static_cast<std::size_t>(60 * camera.width + 80)] = std::numeric_limits<float>::quiet_NaN();
   const FramePtr frame =
       Frame::create(ImageView(image.data(), camera.width, camera.height), {FrameId{0}});
-  TrackingReference reference(camera);
+  TrackingReferenceBuilder builder(camera);
+  TrackingReference reference{frame, camera, {}};
   const float nan = std::numeric_limits<float>::quiet_NaN();
-  reference.set(frame,
-                {{{1, 50}, 0.5F, 1.0F},
-                 {{50, 126}, 0.5F, 1.0F},
-                 {{nan, 50}, 0.5F, 1.0F},
-                 {{60, 50}, -0.5F, 1.0F},
-                 {{60, 50}, nan, 1.0F},
-                 {{60, 50}, 0.5F, 0.0F}},
-                {});
-  for (int l = 0; l < reference.levels(); ++l) EXPECT_EQ(reference.points(l).size(), 0U) << l;
-  reference.set(frame, {{{80, 60}, 0.5F, 1.0F}}, {});
-  EXPECT_EQ(reference.points(0).size(), 4U) << "the invalid pixel itself must be missing";
+  builder.fill({{{1, 50}, 0.5F, 1.0F},
+                {{50, 126}, 0.5F, 1.0F},
+                {{nan, 50}, 0.5F, 1.0F},
+                {{60, 50}, -0.5F, 1.0F},
+                {{60, 50}, nan, 1.0F},
+                {{60, 50}, 0.5F, 0.0F}},
+               reference);
+  for (int l = 0; l < reference.levels(); ++l) EXPECT_EQ(reference.at(l).size(), 0U) << l;
+  builder.fill({{{80, 60}, 0.5F, 1.0F}}, reference);
+  EXPECT_EQ(reference.at(0).size(), 4U) << "the invalid pixel itself must be missing";
 }
 
 TEST(TrackingReference, DoesNotDependOnTheOrderOfSamples) {
@@ -133,13 +133,27 @@ TEST(TrackingReference, DoesNotDependOnTheOrderOfSamples) {
   const TexturedPlane scene;
   const FramePtr frame = scene.render(camera, SE3(), {FrameId{0}});
   std::vector<DepthSample> samples = scene.samples(camera, SE3(), 5, 0.25F);
-  TrackingReference forward(camera);
-  forward.set(frame, samples, {});
+  const TrackingReference forward = referenceOf(frame, camera, samples);
   std::reverse(samples.begin(), samples.end());
-  TrackingReference backward(camera);
-  backward.set(frame, samples, {});
-  EXPECT_EQ(forward.points(0).ray_x, backward.points(0).ray_x);
-  EXPECT_EQ(forward.points(0).inverse_depth, backward.points(0).inverse_depth);
+  const TrackingReference backward = referenceOf(frame, camera, samples);
+  EXPECT_EQ(forward.at(0).ray_x, backward.at(0).ray_x);
+  EXPECT_EQ(forward.at(0).inverse_depth, backward.at(0).inverse_depth);
+}
+
+TEST(TrackingReference, NothingIsLeftOfTheOneBefore) {
+  const PinholeCamera camera = smallCamera();
+  const TexturedPlane scene;
+  const FramePtr frame = scene.render(camera, SE3(), {FrameId{0}});
+  const std::vector<DepthSample> samples = scene.samples(camera, SE3(), 5, 0.25F);
+  TrackingReferenceBuilder builder(camera);
+  TrackingReference used{frame, camera, {}};
+  builder.fill(scene.samples(camera, SE3(), 3), used);
+  builder.fill(samples, used);
+  const TrackingReference fresh = referenceOf(frame, camera, samples);
+  for (int l = 0; l < fresh.levels(); ++l) {
+    EXPECT_EQ(used.at(l).ray_x, fresh.at(l).ray_x) << l;
+    EXPECT_EQ(used.at(l).inverse_depth, fresh.at(l).inverse_depth) << l;
+  }
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 
 #include "dsorb/image/frame_priors.h"
 
+#include "image/cell_grid.h"
 #include "init/orb/tracks/feature_matches.h"
 #include "init/orb/tracks/grey_image.h"
 #include "init/orb/tracks/learned_features.h"
@@ -10,7 +11,6 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <map>
 #include <utility>
 #include <vector>
 
@@ -32,42 +32,12 @@ class OrbFinder final : public FeatureFinder {
   }
 };
 
-/// Places that keep a distance from each other, in square cells of that side.
-class PlaceGrid {
- public:
-  PlaceGrid(const std::vector<Eigen::Vector2f>& places, float distance) : distance_(distance) {
-    for (const Eigen::Vector2f& place : places) cells_[cellOf(place)].push_back(place);
-  }
-
-  /// Takes a place unless it is too close to one. @return whether
-  bool take(const Eigen::Vector2f& place) {
-    const Cell middle = cellOf(place);
-    for (int x = middle.first - 1; x <= middle.first + 1; ++x) {
-      for (int y = middle.second - 1; y <= middle.second + 1; ++y) {
-        const auto cell = cells_.find({x, y});
-        if (cell == cells_.end()) continue;
-        for (const Eigen::Vector2f& other : cell->second) {
-          if ((other - place).norm() < distance_) return false;
-        }
-      }
-    }
-    cells_[middle].push_back(place);
-    return true;
-  }
-
- private:
-  using Cell = std::pair<int, int>;
-  [[nodiscard]] Cell cellOf(const Eigen::Vector2f& place) const {
-    return {static_cast<int>(place.x() / distance_), static_cast<int>(place.y() / distance_)};
-  }
-
-  float distance_;
-  std::map<Cell, std::vector<Eigen::Vector2f>> cells_;
-};
-
 /// Adds the features that the newest frame shows to the tracks, but where there is one already.
-void addFeatures(const std::vector<std::vector<Eigen::Vector2f>>& features, CornerTracks& tracks) {
-  PlaceGrid taken(tracks.positions.front(), kMinDistance);
+void addFeatures(const std::vector<std::vector<Eigen::Vector2f>>& features,
+                 const Frame& image,
+                 CornerTracks& tracks) {
+  SpacedPlaces taken(image.width(), image.height(), kMinDistance);
+  for (const Eigen::Vector2f& place : tracks.positions.front()) taken.add(place);
   for (std::size_t i = 0; i < features.front().size(); ++i) {
     if (!isSeen(features.back()[i]) || !taken.take(features.front()[i])) continue;
     for (std::size_t k = 0; k < features.size(); ++k) {
@@ -184,7 +154,9 @@ void ReferencePool::clear() {
 ReferenceView ReferencePool::view(int reference) const {
   const Reference& from = references_[static_cast<std::size_t>(reference)];
   CornerTracks tracks = tracks_.since(from.frame);
-  if (!from.far.empty()) addFeatures(from.far, tracks);
+  if (!from.far.empty()) {
+    addFeatures(from.far, *frames_[static_cast<std::size_t>(from.frame)], tracks);
+  }
   return {{frames_.begin() + from.frame, frames_.end()}, std::move(tracks), from.last, {}};
 }
 

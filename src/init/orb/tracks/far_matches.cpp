@@ -3,9 +3,9 @@
 
 #include "base/parallel.h"
 #include "base/target_clones.h"
+#include "image/image_scale.h"
 #include "init/orb/tracks/feature_matches.h"
 #include "init/orb/tracks/grey_image.h"
-#include "init/orb/tracks/image_scale.h"
 
 #include <Eigen/Core>
 

@@ -3,11 +3,10 @@
 
 #include "base/parallel.h"
 #include "image/cell_grid.h"
+#include "image/image_scale.h"
+#include "init/orb/tracks/corner_detection.h"
 #include "init/orb/tracks/grey_image.h"
-#include "init/orb/tracks/image_scale.h"
 #include "init/orb/tracks/opencv_flow.h"
-
-#include <opencv2/imgproc.hpp>
 
 #include <algorithm>
 #include <cmath>
@@ -23,14 +22,14 @@ constexpr double kMinDistance = 8;       // between corners, for an image diagon
 constexpr float kMaxBackwardError = 1;   // forward and backward again may miss the start by it [px]
 constexpr std::size_t kTrackGrain = 32;  // tracks one thread follows at a time
 
-bool isInside(const cv::Point2f& corner, const cv::Size& size) {
-  return corner.x >= kFeatureBorder && corner.y >= kFeatureBorder &&
-         corner.x <= static_cast<float>(size.width - 1 - kFeatureBorder) &&
-         corner.y <= static_cast<float>(size.height - 1 - kFeatureBorder);
+bool isInside(const Eigen::Vector2f& corner, const cv::Size& size) {
+  return corner.x() >= kFeatureBorder && corner.y() >= kFeatureBorder &&
+         corner.x() <= static_cast<float>(size.width - 1 - kFeatureBorder) &&
+         corner.y() <= static_cast<float>(size.height - 1 - kFeatureBorder);
 }
 
-/// Corners of an image, well inside it and away from those that are there already: the strongest
-/// ones of every cell, so that a textured part of the image cannot take all.
+/// Corners of an image, well inside it and away from each other and from those that are there
+/// already: the strongest ones of every cell, so that a textured part of the image cannot take all.
 /// @param known places that are taken
 std::vector<Eigen::Vector2f> chooseCorners(const cv::Mat& grey,
                                            const cv::Mat& valid,
@@ -38,24 +37,20 @@ std::vector<Eigen::Vector2f> chooseCorners(const cv::Mat& grey,
                                            const FeatureTrackOptions& options) {
   const cv::Size size = grey.size();
   const double min_distance = kMinDistance * imageScale(size.width, size.height);
-  std::vector<cv::Point2f> corners;
-  cv::goodFeaturesToTrack(grey, corners, 0, options.corner_quality, min_distance, valid);
+  SpacedPlaces spaced(size.width, size.height, static_cast<float>(min_distance));
   CellQuota quota(CellGrid(size.width, size.height, kCellSize), options.max_corners);
-  cv::Mat occupied;
-  if (!known.empty()) occupied = cv::Mat::zeros(size, CV_8UC1);
   for (const Eigen::Vector2f& place : known) {
     quota.take(place.x(), place.y());
-    const cv::Point centre(cvRound(place.x()), cvRound(place.y()));
-    cv::circle(occupied, centre, static_cast<int>(min_distance), cv::Scalar(1), cv::FILLED);
+    spaced.add(place);
   }
   const auto most = static_cast<std::size_t>(options.max_corners);
   const std::size_t wanted = most - std::min(known.size(), most);
   std::vector<Eigen::Vector2f> chosen;
-  for (const cv::Point2f& corner : corners) {
+  for (const DetectedCorner& corner : detectCorners(grey, valid, options.corner_quality)) {
     if (chosen.size() == wanted) break;
-    const bool free = occupied.empty() || occupied.at<std::uint8_t>(corner) == 0;
-    if (isInside(corner, size) && free && quota.take(corner.x, corner.y)) {
-      chosen.emplace_back(corner.x, corner.y);
+    const Eigen::Vector2f place(static_cast<float>(corner.x), static_cast<float>(corner.y));
+    if (spaced.take(place) && isInside(place, size) && quota.take(place.x(), place.y())) {
+      chosen.push_back(place);
     }
   }
   return chosen;
@@ -70,13 +65,13 @@ LucasKanadeOptions flowOptions(const FeatureTrackOptions& options) {
 
 /// Level 0 of a pyramid as OpenCV wants it.
 cv::Mat eightBit(const FlowLevel& level) {
-  cv::Mat grey(level.height, level.width, CV_8UC1);
-  for (int y = 0; y < level.height; ++y) {
-    auto* row = grey.ptr<std::uint8_t>(y);
-    const float* source = level.row(y);
-    for (int x = 0; x < level.width; ++x)
-      row[x] = static_cast<std::uint8_t>(std::lround(source[x]));
-  }
+  const cv::Mat values(level.height,
+                       level.width,
+                       CV_32FC1,
+                       const_cast<float*>(level.row(0)),  // cv::Mat has no view of const
+                       static_cast<std::size_t>(level.stride) * sizeof(float));
+  cv::Mat grey;
+  values.convertTo(grey, CV_8U);
   return grey;
 }
 

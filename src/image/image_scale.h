@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-namespace dsorb::init_orb {
+namespace dsorb {
 
 /// Size of an image relative to 640x480, where options in pixels are meant: ratio of the diagonals.
 inline double imageScale(int width, int height) {
@@ -11,4 +11,4 @@ inline double imageScale(int width, int height) {
   return std::hypot(width, height) / kReferenceDiagonal;
 }
 
-}  // namespace dsorb::init_orb
+}  // namespace dsorb
