@@ -54,6 +54,17 @@ AlignmentSetting makeSetting(const AlignmentLevel& level,
   return s;
 }
 
+/// Equations of any number of unknowns: loops, where fixed sizes would be unrolled into half a
+/// minute of compiling.
+using SmallMatrix = Eigen::
+    Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kRollingParameters, kRollingParameters>;
+using SmallVector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kRollingParameters, 1>;
+
+SmallVector solveDamped(SmallMatrix H, const SmallVector& b, double lambda) {
+  H.diagonal() *= 1.0 + lambda;
+  return H.ldlt().solve(b);
+}
+
 double scaledNorm(const Vector14d& step) {
   Vector8d scaled = step.head<8>();
   scaled.segment<3>(3) /= kRotationScale;
@@ -190,13 +201,10 @@ class PoseAlignment::Problem {
 
   std::optional<double> solve(double lambda) {
     if (velocity_) return solveRolling(lambda);
-    Matrix8d H = equations_.H;
-    H.diagonal() *= 1.0 + lambda;
-    if (alignment_.brightness_ == BrightnessModel::kPerfect) {
-      step_.head<6>() = -H.topLeftCorner<6, 6>().ldlt().solve(equations_.b.head<6>());
-    } else {
-      step_.head<8>() = -H.ldlt().solve(equations_.b);
-    }
+    const Eigen::Index free =
+        alignment_.brightness_ == BrightnessModel::kPerfect ? 6 : kAlignmentParameters;
+    step_.head(free) =
+        -solveDamped(equations_.H.topLeftCorner(free, free), equations_.b.head(free), lambda);
     if (lambda < kLambdaFloor) step_ *= std::pow(kLambdaFloor / lambda, 0.25);
     return step_.allFinite() ? std::optional(0.0) : std::nullopt;
   }
@@ -248,9 +256,7 @@ class PoseAlignment::Problem {
     }
   }
   std::optional<double> solveRolling(double lambda) {
-    Matrix14d H = rolling_.H;
-    H.diagonal() *= 1.0 + lambda;
-    step_ = -H.ldlt().solve(rolling_.b);
+    step_ = -solveDamped(rolling_.H, rolling_.b, lambda);
     if (lambda < kLambdaFloor) step_ *= std::pow(kLambdaFloor / lambda, 0.25);
     return step_.allFinite() ? std::optional(0.0) : std::nullopt;
   }

@@ -154,7 +154,8 @@ TEST_F(MapperTest, AfterClearASeedGivesTheSameBits) {
   EXPECT_EQ(first.rms, second.rms);
   EXPECT_EQ(first.target.keyframe.T_cam_world.matrix(),
             second.target.keyframe.T_cam_world.matrix());
-  EXPECT_EQ(first.target.reference.at(0).inverse_depth, second.target.reference.at(0).inverse_depth);
+  EXPECT_EQ(first.target.reference.at(0).inverse_depth,
+            second.target.reference.at(0).inverse_depth);
   EXPECT_EQ(second.window.front().segment, kSegment + 1);
 }
 

@@ -145,6 +145,23 @@ TEST(ReferencePool, RemembersWhatAnAttemptSaw) {
   EXPECT_EQ(pool.view(0).last.rotation_residual, 0);
 }
 
+TEST(ReferencePool, TheOldestAndTheOneThatHasWaitedLongestAreTriedFirst) {
+  const PassedPlane plane;
+  OrbOptions options = smallPool();
+  options.reference_interval = 1;
+  ReferencePool pool(options, 256);
+  pool.start(plane.frame(0));
+  for (int k = 1; k <= 3; ++k) feed(pool, plane.frame(k));
+  ASSERT_EQ(pool.references(), 4);
+  EXPECT_EQ(pool.turns(), (std::vector<int>{0, 1, 2, 3}));
+  AttemptSummary tried;
+  tried.tried = true;
+  pool.remember(0, tried);
+  pool.remember(1, tried);
+  pool.remember(2, AttemptSummary());
+  EXPECT_EQ(pool.turns(), (std::vector<int>{0, 2, 3, 1}));
+}
+
 TEST(ReferencePool, ForgetsFramesBetweenBeyondTheBudget) {
   const PassedPlane plane;
   OrbOptions options = smallPool();

@@ -13,7 +13,7 @@ namespace dsorb::init_orb {
 namespace {
 
 constexpr int kMinRotationTracks = 10;  // needed to tell that a rotation explains them
-constexpr int kMaxAttempts = 2;         // with one frame, oldest references first
+constexpr int kMaxAttempts = 2;         // with one frame
 
 std::unique_ptr<ReferenceSource> makeSource(const InitializerOptions& options) {
   if (options.orb.front_end == OrbFrontEnd::kDescriptors) {
@@ -89,9 +89,11 @@ Attempt ORBInitializer::tryReferences() {
   Attempt first;  // its reason is the answer when none succeeds
   std::optional<WaitingMotion> surest;
   int tried = 0;
-  for (int reference = 0; reference < source_->references(); ++reference) {
+  for (const int reference : source_->turns()) {
     if (tried == kMaxAttempts) break;
-    if (source_->age(reference) < options_.orb.min_frames && !source_->knowsDepth(reference)) break;
+    if (source_->age(reference) < options_.orb.min_frames && !source_->knowsDepth(reference)) {
+      continue;
+    }
     Attempt next = attemptFrom(source_->view(reference), {camera_, options_, clock_});
     if (next.made) return next;
     source_->remember(reference, next.summary);

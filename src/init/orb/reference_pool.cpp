@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -140,7 +141,7 @@ void ReferencePool::addWhenDue() {
   tracks_.addCorners();
   newest_ = tracks_.frames() - 1;
   newest_advanced_ = advanced_;
-  references_.push_back({newest_, advanced_, {}, {}});
+  references_.push_back({newest_, advanced_, {}, 0, {}});
 }
 
 void ReferencePool::clear() {
@@ -164,6 +165,22 @@ bool ReferencePool::knowsDepth(int reference) const {
   const int frame = references_[static_cast<std::size_t>(reference)].frame;
   const FramePriors* priors = frames_[static_cast<std::size_t>(frame)]->priors();
   return priors != nullptr && priors->depth && tracks_.frames() - frame > 1;
+}
+
+std::vector<int> ReferencePool::turns() const {
+  std::vector<int> turns(references_.size());
+  std::iota(turns.begin(), turns.end(), 0);
+  const auto tried = [&](int i) { return references_[static_cast<std::size_t>(i)].tried; };
+  if (turns.empty()) return turns;
+  std::stable_sort(
+      turns.begin() + 1, turns.end(), [&](int a, int b) { return tried(a) < tried(b); });
+  return turns;
+}
+
+void ReferencePool::remember(int reference, const AttemptSummary& attempt) {
+  Reference& from = references_[static_cast<std::size_t>(reference)];
+  from.last = attempt;
+  if (attempt.tried) from.tried = advanced_;
 }
 
 void ReferencePool::forgetUnusedFrames() {

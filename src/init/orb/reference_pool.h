@@ -50,9 +50,9 @@ class ReferencePool final : public ReferenceSource {
   }
   [[nodiscard]] ReferenceView view(int reference) const override;
   [[nodiscard]] bool knowsDepth(int reference) const override;
-  void remember(int reference, const AttemptSummary& attempt) override {
-    references_[static_cast<std::size_t>(reference)].last = attempt;
-  }
+  /// The oldest, which has most parallax, then those that have waited longest.
+  [[nodiscard]] std::vector<int> turns() const override;
+  void remember(int reference, const AttemptSummary& attempt) override;
   [[nodiscard]] CornerTracks newestTracks() const override {
     return cut() ? CornerTracks() : tracks_.since(newest_);
   }
@@ -62,6 +62,7 @@ class ReferencePool final : public ReferenceSource {
     int frame = 0;     // index of frames_
     int advanced = 0;  // of the pool when it was the newest frame
     AttemptSummary last;
+    int tried = 0;  // of the pool when it was tried last
     /// Of its features, from itself on [px]; empty while optical flow suffices.
     std::vector<std::vector<Eigen::Vector2f>> far{};
 

@@ -8,6 +8,7 @@
 #include "init/orb/tracks/corner_tracks.h"
 
 #include <optional>
+#include <vector>
 
 namespace dsorb::init_orb {
 
@@ -41,6 +42,8 @@ class ReferenceSource {
   [[nodiscard]] virtual ReferenceView view(int reference) const = 0;
   /// Whether the caller knows depths of a reference that an earlier frame has become.
   [[nodiscard]] virtual bool knowsDepth(int /*reference*/) const { return false; }
+  /// References in the order in which a frame tries them.
+  [[nodiscard]] virtual std::vector<int> turns() const { return {0}; }
   virtual void remember(int /*reference*/, const AttemptSummary& /*attempt*/) {}
   /// Of the newest reference, lost or not; empty after a scene cut.
   [[nodiscard]] virtual CornerTracks newestTracks() const = 0;

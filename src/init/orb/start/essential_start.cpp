@@ -9,6 +9,7 @@
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/start/known_depth_start.h"
 #include "init/orb/start/motion_candidates.h"
+#include "init/orb/start/motion_contest.h"
 #include "init/orb/start/readout_score.h"
 #include "init/orb/start/rival_motions.h"
 #include "init/orb/start/start_gate.h"
@@ -46,7 +47,6 @@ constexpr double kMaxMisfit = 2;
 constexpr double kMinMisfit = 0.05;
 /// Of the deviations of known depths that are not used otherwise: beyond it they give no scale.
 constexpr double kMaxInflation = 2;
-constexpr double kMaxCostRatio = 1000;  // of a plane's motions: files hold no infinity
 constexpr int kNoiseRounds =
     3;  // of measuring the noise; docs/experiments.md, "Noise of the tracks"
 
@@ -67,13 +67,6 @@ bool worthTheTime(const AttemptSummary& last, double rotation_residual, const Ga
          !refusedUnless(kRetryMargin, last, rotation_residual, gate);
 }
 
-/// A motion between two views, and how well its model explains the matches.
-struct SelectedMotion {
-  EssentialMotion motion;
-  double noise = 0;  ///< of a match [px]
-  double gric = 0;
-};
-
 /// The essential matrix's motion, unless a rotation explains the matches better.
 Outcome<SelectedMotion> selectMotion(const Matches& matches,
                                      const RotationFit& rotation,
@@ -93,34 +86,6 @@ Outcome<SelectedMotion> selectMotion(const Matches& matches,
     return InitReason::kTooLittleParallax;
   }
   return selected;
-}
-
-/// The best motion after the motions of a plane have been tried as well.
-struct PlaneComparison {
-  MotionCandidate best;
-  DisplacementModel model = DisplacementModel::kEssential;
-  std::optional<double> homography_gric;  ///< over that of the essential matrix
-  std::optional<double> second_cost;      ///< of the best really different motion, over the best's
-  bool replaced = false;                  ///< a motion of the plane is the best now
-};
-
-/// Where a homography explains the matches better, both motions of the plane are tried.
-void comparePlane(const SelectedMotion& selected,
-                  const ReferenceView& view,
-                  const Matches& matches,
-                  const AttemptContext& context,
-                  PlaneComparison& compared) {
-  const auto H = estimateHomography(matches, kRansacThreshold, context.seed());
-  if (!H) return;
-  const double homography_gric =
-      gric(DisplacementModel::kHomography, homographySampsonErrors(*H, matches), selected.noise);
-  compared.homography_gric = homography_gric / selected.gric;
-  if (homography_gric >= selected.gric) return;
-  compared.model = DisplacementModel::kHomography;
-  const Competition outcome = competeOverFrames(
-      view, planeMotions(*H, matches, context.camera, kRansacThreshold), context, compared.best);
-  compared.second_cost = std::min(outcome.cost_ratio, kMaxCostRatio);
-  compared.replaced = outcome.replaced;
 }
 
 /// Drops corners behind the camera, sets scale and covariances.
@@ -193,22 +158,44 @@ StartEvidence evidenceOf(const InitReport& report) {
   return evidence;
 }
 
-/// Judges a refined start by everything that is known of it.
-/// @param noise of a match about its epipolar line [px]
-GateReport judge(const Reconstruction& made,
-                 const Matches& matches,
-                 double noise,
-                 const AttemptContext& context) {
+/// What two views tell of a start.
+struct TwoViews {
+  const ReferenceView& view;
+  const Matches& matches;
+  const RotationFit& rotation;
+  const SelectedMotion& selected;
+};
+
+/// A judgement, with the motions that it could not exclude.
+struct Judgement {
+  GateReport gate;
+  std::vector<SE3> motions{};
+};
+
+/// Judges a refined start by everything that is known of it. Where the newest frame allows a motion
+/// elsewhere, all frames are asked.
+/// @param own the candidate that the start was made of
+Judgement judge(const Reconstruction& made,
+                const MotionCandidate& own,
+                const TwoViews& views,
+                const AttemptContext& context) {
   const GateOptions& options = context.options.orb.gate;
-  GateReport gate = judgeStart(made.map, context.camera, options, evidenceOf(made.report));
-  if (gate.reason != InitReason::kDone || made.map.scaleKnown()) return gate;  // no rivals there
+  Judgement judged{judgeStart(made.map, context.camera, options, evidenceOf(made.report))};
+  if (judged.gate.reason != InitReason::kDone || made.map.scaleKnown()) return judged;  // no rivals
   const RivalMotion rival = findRival(*made.map.frames.back().T_cam_ref,
-                                      matches,
+                                      views.matches,
                                       context.camera,
-                                      std::max(kMinMatchNoise, noise),
+                                      std::max(kMinMatchNoise, views.selected.motion.noise),
                                       options.wrong_angle_deg);
-  addRival(gate, rival.probability(occupiedCells(made.map, context.camera)), options);
-  return gate;
+  const int cells = occupiedCells(made.map, context.camera);
+  double probability = rival.probability(cells);
+  if (probability > options.max_wrong_probability) {
+    RivalVerdict verdict = judgeRivals(rival.motions, own, cells, views.view, context);
+    probability = verdict.probability;
+    judged.motions = std::move(verdict.motions);
+  }
+  addRival(judged.gate, probability, options);
+  return judged;
 }
 
 /// A refined start that passed, or why not, with its judgement and motion where it came so far.
@@ -216,6 +203,7 @@ struct JudgedStart {
   Outcome<Reconstruction> made;
   std::optional<GateReport> gate;
   std::optional<WaitingMotion> motion{};
+  std::vector<SE3> motions{};  ///< not excluded, where that was the reason
 };
 
 WaitingMotion motionOf(const InitialMap& map, const GateReport& gate) {
@@ -232,13 +220,6 @@ JudgedStart decided(Reconstruction made, const GateReport& gate) {
   made.report.wrong_probability = gate.wrong_probability;
   return {std::move(made), gate};
 }
-
-/// What two views tell of a start.
-struct TwoViews {
-  const Matches& matches;
-  const RotationFit& rotation;
-  const SelectedMotion& selected;
-};
 
 /// @param doubtful see refineStart()
 JudgedStart refineAndJudge(const PlaneComparison& compared,
@@ -260,9 +241,11 @@ JudgedStart refineAndJudge(const PlaneComparison& compared,
   start.report.pose_prior = compared.best.motions_used;
   auto made = refineStart(std::move(start), doubtful, context);
   if (!made) return {made.reason(), {}};
-  const GateReport gate = context.clock.time(
-      "gate", [&] { return judge(*made, views.matches, selected.motion.noise, context); });
-  return decided(std::move(*made), gate);
+  Judgement judged =
+      context.clock.time("gate", [&] { return judge(*made, compared.best, views, context); });
+  JudgedStart decision = decided(std::move(*made), judged.gate);
+  if (!decision.made) decision.motions = std::move(judged.motions);
+  return decision;
 }
 
 /// Judges a start that has passed anew, knowing the other motion of its plane.
@@ -312,7 +295,7 @@ JudgedStart startFromKnownDepth(const ReferenceView& view,
   if (!candidate) return {InitReason::kPoorQuality, {}};
   const SelectedMotion all{{*candidate->map.frames.back().T_cam_ref, {}, report.corners, 0}, 0, 0};
   const PlaneComparison known{std::move(*candidate), DisplacementModel::kEssential, {}, {}};
-  JudgedStart start = refineAndJudge(known, {matches, rotation, all}, false, context);
+  JudgedStart start = refineAndJudge(known, {view, matches, rotation, all}, false, context);
   if (!start.made) return start;
   if (!fitsLikeTheBest(*start.made->map.frames.back().T_cam_ref, matches, context)) {
     report.contradicted = true;
@@ -363,7 +346,14 @@ EssentialStart startFromEssential(const ReferenceView& view, const AttemptContex
       clock.time("geometric", [&] { return makeCandidate(view, selected->motion, context); });
   if (!candidate) return refuse(InitReason::kTooFewPoints);
   PlaneComparison compared{std::move(*candidate), DisplacementModel::kEssential, {}, {}};
-  const TwoViews views{matches, rotation, *selected};
+  if (!view.last.motions.empty()) {
+    clock.time("planes", [&] {
+      const Eigen::Quaterniond R_cur_ref = selected->motion.T_cur_ref.unitQuaternion();
+      competeOverFrames(
+          view, carriedOver(view.last, R_cur_ref, matches, context.camera), context, compared.best);
+    });
+  }
+  const TwoViews views{view, matches, rotation, *selected};
   const bool doubtful =
       refusedUnless(1, view.last, rotation.median_residual, context.options.orb.gate);
   JudgedStart start = refineAndJudge(compared, views, doubtful, context);
@@ -377,6 +367,7 @@ EssentialStart startFromEssential(const ReferenceView& view, const AttemptContex
     }
   }
   summary.gate = start.gate;
+  summary.motions = std::move(start.motions);
   if (start.made) {
     reportReadout(*start.made, context);
     start.made->report.depth_prior = depth_prior;

@@ -106,26 +106,28 @@ Competition competeOverFrames(const ReferenceView& view,
                               const std::vector<EssentialMotion>& motions,
                               const AttemptContext& context,
                               MotionCandidate& best) {
-  std::vector<MotionCandidate> candidates;
-  candidates.push_back(std::move(best));
+  const auto is_same = [](const MotionCandidate& a, const MotionCandidate& b) {
+    const auto direction = [](const MotionCandidate& candidate) {
+      return candidate.map.frames.back().T_cam_ref->translation().normalized();
+    };
+    return direction(a).dot(direction(b)) > kSameDirection;
+  };
+  std::vector<MotionCandidate> others;
   for (const EssentialMotion& motion : motions) {
     auto candidate = makeCandidate(view, motion, context);
-    if (candidate) candidates.push_back(std::move(*candidate));
+    if (candidate && !is_same(*candidate, best)) others.push_back(std::move(*candidate));
   }
-  const auto direction = [](const MotionCandidate& candidate) {
-    return candidate.map.frames.back().T_cam_ref->translation().normalized();
-  };
-  const auto less = [](const auto& a, const auto& b) { return a.cost < b.cost; };
-  const auto winner = std::min_element(candidates.begin(), candidates.end(), less);
-  const bool replaced = winner != candidates.begin();
-  if (replaced) std::swap(candidates.front(), *winner);
-  best = std::move(candidates.front());
-  double second_cost = std::numeric_limits<double>::infinity();
-  for (std::size_t i = 1; i < candidates.size(); ++i) {
-    if (direction(candidates[i]).dot(direction(best)) > kSameDirection) continue;
-    second_cost = std::min(second_cost, candidates[i].cost);
+  Competition outcome{std::numeric_limits<double>::infinity(), false};
+  for (MotionCandidate& other : others) {
+    if (!(other.cost < best.cost)) continue;
+    std::swap(other, best);
+    outcome.replaced = true;
   }
-  return {second_cost / best.cost, replaced};
+  for (const MotionCandidate& other : others) {
+    if (is_same(other, best)) continue;
+    outcome.cost_ratio = std::min(outcome.cost_ratio, other.cost / best.cost);
+  }
+  return outcome;
 }
 
 }  // namespace dsorb::init_orb

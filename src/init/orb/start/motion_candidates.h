@@ -36,11 +36,11 @@ std::vector<EssentialMotion> planeMotions(const Eigen::Matrix3d& H_cur_ref,
 /// Outcome of a competition between motions.
 struct Competition {
   double cost_ratio = 1;  ///< of the best candidate with another motion over the best, or infinite
-  bool replaced = false;  ///< the best is not the one that was there before
+  bool replaced = false;  ///< the best has another motion than the one that was there before
 };
 
-/// Lets the motions of a plane compete with a candidate: the tracks of all its frames decide.
-/// @param best in: candidate found without the plane; out: candidate of least cost
+/// Lets motions compete with a candidate: the tracks of all its frames decide.
+/// @param best in: candidate found without them; out: the one of least cost
 Competition competeOverFrames(const ReferenceView& view,
                               const std::vector<EssentialMotion>& motions,
                               const AttemptContext& context,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/start/rival_motions.h"
 
+#include "base/parallel.h"
 #include "init/orb/two_view/motion_refinement.h"
 
 #include <Eigen/Cholesky>
@@ -17,6 +18,7 @@ namespace {
 
 constexpr double kFreedom = 4;         // of the t-distribution of a match
 constexpr int kDirections = 100;       // over half a sphere: 15 degrees apart
+constexpr std::size_t kGrain = 8;      // directions one thread takes at a time
 constexpr int kIterations = 4;         // of the rotation, for each of them
 constexpr int kRefined = 3;            // best ones, whose direction is then adjusted as well
 constexpr std::size_t kMatches = 200;  // evenly taken from all
@@ -108,28 +110,40 @@ RivalMotion findRival(const SE3& T_cur_ref,
                       double angle_deg) {
   const Sample sample = sampleOf(matches, camera, sigma);
   const SE3 own(T_cur_ref.unitQuaternion(), T_cur_ref.translation().normalized());
-  RivalMotion rival{std::numeric_limits<double>::infinity(),
-                    static_cast<int>(sample.target.size())};
+  RivalMotion rival;
+  rival.excess = std::numeric_limits<double>::infinity();
+  rival.matches = static_cast<int>(sample.target.size());
   const double own_cost = linearize(own, sample).cost;
+  std::vector<SE3> fitted(kDirections);
+  std::vector<double> excess(kDirections);
+  forEachRange(fitted.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t k = begin; k < end; ++k) {
+      fitted[k] = fitRotation(SE3(own.unitQuaternion(), direction(static_cast<int>(k))), sample);
+      excess[k] = linearize(fitted[k], sample).cost - own_cost;
+    }
+  });
   std::vector<std::pair<double, SE3>> found;
-  const auto consider = [&](const SE3& motion) {
+  const auto consider = [&](const SE3& motion, double its_excess) {
     if (angleDeg(motion.translation(), own.translation()) < angle_deg) return;
-    const double excess = linearize(motion, sample).cost - own_cost;
-    rival.excess = std::min(rival.excess, excess);
-    found.emplace_back(excess, motion);
+    rival.excess = std::min(rival.excess, its_excess);
+    found.emplace_back(its_excess, motion);
   };
-  for (int k = 0; k < kDirections; ++k) {
-    consider(fitRotation(SE3(own.unitQuaternion(), direction(k)), sample));
-  }
-  const auto count = static_cast<std::ptrdiff_t>(std::min<std::size_t>(kRefined, found.size()));
-  std::partial_sort(
-      found.begin(), found.begin() + count, found.end(), [](const auto& a, const auto& b) {
-        return a.first < b.first;
-      });
-  found.resize(static_cast<std::size_t>(count));
+  for (std::size_t k = 0; k < fitted.size(); ++k) consider(fitted[k], excess[k]);
+  const auto better = [](const auto& a, const auto& b) { return a.first < b.first; };
+  std::stable_sort(found.begin(), found.end(), better);
+  found.resize(std::min<std::size_t>(kRefined, found.size()));
   const std::vector<char> all(sample.matches.size(), 1);
   for (const auto& start : std::vector(found)) {
-    consider(refineMotion(start.second, sample.matches, all, camera, 2 * sigma));
+    const SE3 refined = refineMotion(start.second, sample.matches, all, camera, 2 * sigma);
+    consider(refined, linearize(refined, sample).cost - own_cost);
+  }
+  std::stable_sort(found.begin(), found.end(), better);
+  for (const auto& [its_excess, motion] : found) {
+    const bool known = std::any_of(
+        rival.motions.begin(), rival.motions.end(), [&motion, angle_deg](const SE3& other) {
+          return angleDeg(motion.translation(), other.translation()) < angle_deg;
+        });
+    if (!known) rival.motions.push_back(motion);
   }
   return rival;
 }

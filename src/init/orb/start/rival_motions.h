@@ -7,6 +7,7 @@
 #include "init/orb/tracks/corner_tracks.h"
 
 #include <cmath>
+#include <vector>
 
 namespace dsorb::init_orb {
 
@@ -14,6 +15,8 @@ namespace dsorb::init_orb {
 struct RivalMotion {
   double excess = 0;  ///< of its negative log likelihood over that of the motion asked about
   int matches = 0;    ///< that took part
+  /// The best ones, apart from each other by that angle; translations of length 1, signs open.
+  std::vector<SE3> motions{};
 
   /// That the rival is the right one, when only so many of the matches err independently.
   [[nodiscard]] double probability(double independent) const {
