@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/coarse/start_hypotheses.h"
 
+#include "base/parallel.h"
 #include "init/coarse/coarse_handover.h"
 
 #include <algorithm>
@@ -91,6 +92,20 @@ void sortByEnergy(std::vector<Estimate>& estimates) {
   });
 }
 
+/// Calls function(task, estimate) for all estimates from one on, at the same time where threads are
+/// free; each task has an aligner, which holds buffers, of its own.
+template <typename Function>
+void forEachOf(std::vector<Estimate>& estimates,
+               std::size_t first,
+               const AlignmentTask& task,
+               const Function& function) {
+  forEachRange(estimates.size() - first, 1, [&](std::size_t begin, std::size_t end) {
+    LevelAligner aligner(task.options);
+    const AlignmentTask own{task.frame, task.camera, task.options, aligner};
+    for (std::size_t i = first + begin; i < first + end; ++i) function(own, estimates[i]);
+  });
+}
+
 /// Levels from `finest` on; the finer ones stay empty.
 std::vector<PointLevel> coarseLevels(const std::vector<PointLevel>& levels, std::size_t finest) {
   std::vector<PointLevel> coarse(levels.size());
@@ -117,13 +132,14 @@ std::vector<Estimate> screenDirections(const AlignmentTask& task,
                         static_cast<double>(meanInverseDepth(given.levels.front()));
   std::vector<Estimate> screened;
   for (const Eigen::Vector3d& direction : directions()) {
-    Estimate trial{coarseLevels(given.levels, static_cast<std::size_t>(finest)),
-                   hypothesis(rotation, length * direction),
-                   {}};
-    for (PointLevel& level : trial.levels) restart(level);
-    alignLevels(task, finest, trial);
-    screened.push_back(std::move(trial));
+    screened.push_back({coarseLevels(given.levels, static_cast<std::size_t>(finest)),
+                        hypothesis(rotation, length * direction),
+                        {}});
+    for (PointLevel& level : screened.back().levels) restart(level);
   }
+  forEachOf(screened, 0, task, [finest](const AlignmentTask& own, Estimate& trial) {
+    alignLevels(own, finest, trial);
+  });
   sortByEnergy(screened);
   return screened;
 }
@@ -196,18 +212,17 @@ std::optional<Estimate> betterHypothesis(const AlignmentTask& task,
   std::stable_sort(screened.begin(), screened.end(), [](const auto& a, const auto& b) {
     return a.first < b.first;
   });
-  std::optional<Estimate> best;
-  double least = given.energy();
+  std::vector<Estimate> finalists;
   for (std::size_t i = 0; i < std::min(kFinalists, screened.size()); ++i) {
-    Estimate trial{given.levels, screened[i].second, {}};
-    for (PointLevel& level : trial.levels) restart(level);
-    alignLevels(task, 0, trial);
-    if (trial.energy() < least) {
-      least = trial.energy();
-      best = std::move(trial);
-    }
+    finalists.push_back({given.levels, screened[i].second, {}});
+    for (PointLevel& level : finalists.back().levels) restart(level);
   }
-  return best;
+  forEachOf(finalists, 0, task, [](const AlignmentTask& own, Estimate& trial) {
+    alignLevels(own, 0, trial);
+  });
+  sortByEnergy(finalists);
+  if (finalists.empty() || !(finalists.front().energy() < given.energy())) return std::nullopt;
+  return std::move(finalists.front());
 }
 
 void converge(const AlignmentTask& task, const Aim& aim, Estimate& estimate) {
@@ -234,11 +249,12 @@ Contest contest(const AlignmentTask& task, const Alignment& rotation, const Esti
     finalists.push_back(std::move(trial));
     if (finalists.size() > kRivals) break;
   }
+  converge(task, {}, finalists.front());
   Aim aim;
-  for (Estimate& finalist : finalists) {
-    converge(task, aim, finalist);
-    aim.energy = std::min(aim.energy, (1.0 + task.options.min_rival_margin) * finalist.energy());
-  }
+  aim.energy = (1.0 + task.options.min_rival_margin) * finalists.front().energy();
+  forEachOf(finalists, 1, task, [&aim](const AlignmentTask& own, Estimate& finalist) {
+    converge(own, aim, finalist);
+  });
   sortByEnergy(finalists);
   const auto rival = std::find_if(finalists.begin(), finalists.end(), [&](const Estimate& other) {
     return !sameDirection(finalists.front().alignment, other.alignment);

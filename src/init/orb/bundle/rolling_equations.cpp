@@ -2,10 +2,13 @@
 #include "init/orb/bundle/rolling_equations.h"
 
 #include "base/parallel.h"
+#include "base/target_clones.h"
 #include "estimate/levenberg_marquardt.h"
 #include "estimate/schur_problem.h"
+#include "estimate/triangle_sums.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <limits>
@@ -31,28 +34,42 @@ Vector6d until(double time, const Motion& motion) {
   return time * (motion.head<6>() + 0.5 * time * motion.tail<6>());
 }
 
+/// Entries of a triangle of sums by the six of a pose, filled up to whole lanes.
+constexpr std::size_t kTriangle = (triangleSums(kPoseSize) + 3) / 4 * 4;
+
+/// Adds a triangle times the product of every pair of factors.
+DSORB_TARGET_CLONES void addByPairs(const double* pairs, const double* triangle, double* sums) {
+  for (int pair = 0; pair < kPairs; ++pair) {
+    for (std::size_t i = 0; i < kTriangle; ++i) sums[i] += pairs[pair] * triangle[i];
+    sums += kTriangle;
+  }
+}
+
 /// Sums over the corners that a frame sees; derivatives are those by its pose.
 struct FrameSums {
-  std::array<Matrix6d, kPairs> H{};    // times both factors of a pair, upper triangle row by row
-  std::array<Vector6d, kFactors> b{};  // times a factor
+  std::array<double, kPairs * kTriangle> triangles{};  // times both factors of a pair, row by row
   double cost = 0;
   double weighted_square = 0;
   int observations = 0;
 
-  FrameSums() {
-    H.fill(Matrix6d::Zero());
-    b.fill(Vector6d::Zero());
-  }
-  void add(const MotionFactors& factors, const Matrix6d& hessian, const Vector6d& gradient) {
+  void add(const MotionFactors& factors,
+           const Eigen::Matrix<double, 2, kPoseSize>& J,
+           double weight,
+           const Eigen::Vector2d& error) {
+    std::array<double, kTriangle> triangle{};
+    for (int i = 0; i < 2; ++i) {
+      const Vector6d row = J.row(i).transpose();
+      addToTriangle<kPoseSize>(row.data(), weight, error[i], triangle.data());
+    }
+    std::array<double, kPairs> pairs{};
     std::size_t pair = 0;
     for (int r = 0; r < kFactors; ++r) {
-      b[static_cast<std::size_t>(r)] += factors[r] * gradient;
-      for (int c = r; c < kFactors; ++c) H[pair++] += factors[r] * factors[c] * hessian;
+      for (int c = r; c < kFactors; ++c) pairs[pair++] = factors[r] * factors[c];
     }
+    addByPairs(pairs.data(), triangle.data(), triangles.data());
   }
   FrameSums& operator+=(const FrameSums& other) {
-    for (std::size_t i = 0; i < H.size(); ++i) H[i] += other.H[i];
-    for (std::size_t i = 0; i < b.size(); ++i) b[i] += other.b[i];
+    for (std::size_t i = 0; i < triangles.size(); ++i) triangles[i] += other.triangles[i];
     cost += other.cost;
     weighted_square += other.weighted_square;
     observations += other.observations;
@@ -65,21 +82,26 @@ Matrix6d toPose(int factor, const Matrix6d& adjoint) {
   return factor < 3 ? Matrix6d(Matrix6d::Identity()) : adjoint;
 }
 
-/// Adds a frame's sums to the system of all unknowns.
+/// Adds a frame's sums to the system of all unknowns. The first factor is 1: its pairs hold the
+/// gradients by all others.
 void addFrame(const FrameSums& sums,
               const Matrix6d& adjoint,
               const std::array<int, kFactors>& rows,
               LinearSystem<double>& system) {
-  std::size_t pair = 0;
+  const double* triangle = sums.triangles.data();
   for (int r = 0; r < kFactors; ++r) {
-    const auto row = static_cast<std::size_t>(r);
-    const Matrix6d from = toPose(r, adjoint).transpose();
-    system.b.segment<kPoseSize>(rows[row]) += from * sums.b[row];
-    for (int c = r; c < kFactors; ++c) {
+    const int row = rows[static_cast<std::size_t>(r)];
+    for (int c = r; c < kFactors; ++c, triangle += kTriangle) {
       const int column = rows[static_cast<std::size_t>(c)];
-      const Matrix6d block = from * sums.H[pair++] * toPose(c, adjoint);
-      system.H.block<kPoseSize, kPoseSize>(rows[row], column) += block;
-      if (c > r) system.H.block<kPoseSize, kPoseSize>(column, rows[row]) += block.transpose();
+      Matrix6d H = Matrix6d::Zero();
+      Vector6d b = Vector6d::Zero();
+      addTriangle(triangle, 0, kPoseSize, H, b);
+      H.triangularView<Eigen::StrictlyLower>() = H.transpose();
+      const Matrix6d to = toPose(c, adjoint);
+      const Matrix6d block = toPose(r, adjoint).transpose() * H * to;
+      system.H.block<kPoseSize, kPoseSize>(row, column) += block;
+      if (c > r) system.H.block<kPoseSize, kPoseSize>(column, row) += block.transpose();
+      if (r == 0) system.b.segment<kPoseSize>(column) += to.transpose() * b;
     }
   }
 }
@@ -184,7 +206,7 @@ void RollingProblem::addCorner(std::size_t corner,
     const double norm = error.norm();
     const double weight = robustWeight(norm, options_);
     const MotionFactors factors = motionFactors(times_.target[i], times_.host[corner]);
-    sum.add(factors, weight * J.transpose() * J, weight * J.transpose() * error);
+    sum.add(factors, J, weight, error);
     sum.cost += robustCost(norm, options_);
     sum.weighted_square += weight * norm * norm;
     ++sum.observations;
