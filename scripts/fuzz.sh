@@ -13,10 +13,15 @@ parsers=("$@")
 [ ${#parsers[@]} -gt 0 ] || mapfile -t parsers < <(ls "$corpus")
 found=$(mktemp -d) # new inputs of interest
 trap 'rm -rf "$found"' EXIT
-for parser in "${parsers[@]}"; do
-  mkdir "$found/$parser"
-  DSORB_FUZZ=$parser "${DSORB_BUILD_DIR:-$here/../build-clang}/test/parser_fuzzer" -seed="${DSORB_FUZZ_SEED:-1}" -runs="$runs" -timeout=20 \
-    -max_len=4096 -rss_limit_mb=2500 -artifact_prefix="$parser-" "$found/$parser" "$corpus/$parser" \
-    >"$found/log" 2>&1 || { cat "$found/log"; echo "fuzz.sh: $parser has a fault" >&2; exit 1; }
-  echo "$parser: $(tail -n 1 "$found/log")"
-done
+
+feed() { # PARSER
+  mkdir "$found/$1"
+  DSORB_FUZZ=$1 "${DSORB_BUILD_DIR:-$here/../build-clang}/test/parser_fuzzer" -seed="${DSORB_FUZZ_SEED:-1}" -runs="$runs" -timeout=20 \
+    -max_len=4096 -rss_limit_mb=2500 -artifact_prefix="$1-" "$found/$1" "$corpus/$1" \
+    >"$found/$1.log" 2>&1 || { cat "$found/$1.log"; echo "fuzz.sh: $1 has a fault" >&2; return 255; }
+  echo "$1: $(tail -n 1 "$found/$1.log")"
+}
+export -f feed
+export here runs corpus found
+# One parser a processor; the first fault ends it.
+printf '%s\n' "${parsers[@]}" | xargs -P "$(nproc)" -I {} bash -c 'feed {}'
