@@ -138,12 +138,13 @@ RivalMotion findRival(const SE3& T_cur_ref,
     consider(refined, linearize(refined, sample).cost - own_cost);
   }
   std::stable_sort(found.begin(), found.end(), better);
-  for (const auto& [its_excess, motion] : found) {
-    const bool known = std::any_of(
-        rival.motions.begin(), rival.motions.end(), [&motion, angle_deg](const SE3& other) {
-          return angleDeg(motion.translation(), other.translation()) < angle_deg;
+  for (const auto& candidate : found) {
+    const Eigen::Vector3d& heading = candidate.second.translation();
+    const bool known =
+        std::any_of(rival.motions.begin(), rival.motions.end(), [&](const SE3& other) {
+          return angleDeg(heading, other.translation()) < angle_deg;
         });
-    if (!known) rival.motions.push_back(motion);
+    if (!known) rival.motions.push_back(candidate.second);
   }
   return rival;
 }
