@@ -143,7 +143,7 @@ SampleArrays PoseAlignment::samplesFrom(std::size_t first) {
 template <int kParameters>
 AlignmentEquations<kParameters> PoseAlignment::sumBlocks() {
   constexpr std::size_t kSums = triangleSums(kParameters);
-  constexpr auto accumulate =
+  constexpr auto kAccumulate =
       kParameters == kRollingParameters ? accumulateRollingBlock : accumulateBlock;
   const std::size_t blocks = block_energies_.size();
   forEachRange(blocks, kBlocksPerTask, [&](std::size_t begin, std::size_t end) {
@@ -151,7 +151,7 @@ AlignmentEquations<kParameters> PoseAlignment::sumBlocks() {
       const std::size_t first = block * kAlignmentBlock;
       const std::size_t count = std::min(kAlignmentBlock, points_->size() - first);
       float* const sums = block_sums_.data() + block * kSums;
-      accumulate(setting_, at(*points_, first), samplesFrom(first), count, sums);
+      kAccumulate(setting_, at(*points_, first), samplesFrom(first), count, sums);
     }
   });
   std::array<double, kSums> total{};

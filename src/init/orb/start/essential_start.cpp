@@ -305,6 +305,36 @@ JudgedStart startFromKnownDepth(const ReferenceView& view,
   return start;
 }
 
+/// A start from the motion of two views, or from one that was carried over or that a plane allows,
+/// where that is the better one.
+JudgedStart startFromMotion(const TwoViews& views, const AttemptContext& context) {
+  const ReferenceView& view = views.view;
+  StageClock& clock = context.clock;
+  auto candidate =
+      clock.time("geometric", [&] { return makeCandidate(view, views.selected.motion, context); });
+  if (!candidate) return {InitReason::kTooFewPoints, {}};
+  PlaneComparison compared{std::move(*candidate), DisplacementModel::kEssential, {}, {}};
+  if (!view.last.motions.empty()) {
+    clock.time("planes", [&] {
+      const Eigen::Quaterniond R_cur_ref = views.selected.motion.T_cur_ref.unitQuaternion();
+      competeOverFrames(view,
+                        carriedOver(view.last, R_cur_ref, views.matches, context.camera),
+                        context,
+                        compared.best);
+    });
+  }
+  const bool doubtful =
+      refusedUnless(1, view.last, views.rotation.median_residual, context.options.orb.gate);
+  JudgedStart start = refineAndJudge(compared, views, doubtful, context);
+  if (!start.made) return start;
+  clock.time("planes",
+             [&] { comparePlane(views.selected, view, views.matches, context, compared); });
+  start.made->report.essential->homography_gric = compared.homography_gric;
+  if (compared.replaced) return refineAndJudge(compared, views, false, context);
+  if (compared.second_cost) return judgeWithPlane(std::move(start), compared, context);
+  return start;
+}
+
 }  // namespace
 
 EssentialStart startFromEssential(const ReferenceView& view, const AttemptContext& context) {
@@ -342,30 +372,7 @@ EssentialStart startFromEssential(const ReferenceView& view, const AttemptContex
   summary.tried = true;
   auto selected = selectMotion(matches, rotation, context);
   if (!selected) return refuse(selected.reason());
-  auto candidate =
-      clock.time("geometric", [&] { return makeCandidate(view, selected->motion, context); });
-  if (!candidate) return refuse(InitReason::kTooFewPoints);
-  PlaneComparison compared{std::move(*candidate), DisplacementModel::kEssential, {}, {}};
-  if (!view.last.motions.empty()) {
-    clock.time("planes", [&] {
-      const Eigen::Quaterniond R_cur_ref = selected->motion.T_cur_ref.unitQuaternion();
-      competeOverFrames(
-          view, carriedOver(view.last, R_cur_ref, matches, context.camera), context, compared.best);
-    });
-  }
-  const TwoViews views{view, matches, rotation, *selected};
-  const bool doubtful =
-      refusedUnless(1, view.last, rotation.median_residual, context.options.orb.gate);
-  JudgedStart start = refineAndJudge(compared, views, doubtful, context);
-  if (start.made) {
-    clock.time("planes", [&] { comparePlane(*selected, view, matches, context, compared); });
-    start.made->report.essential->homography_gric = compared.homography_gric;
-    if (compared.replaced) {
-      start = refineAndJudge(compared, views, false, context);
-    } else if (compared.second_cost) {
-      start = judgeWithPlane(std::move(start), compared, context);
-    }
-  }
+  JudgedStart start = startFromMotion({view, matches, rotation, *selected}, context);
   summary.gate = start.gate;
   summary.motions = std::move(start.motions);
   if (start.made) {

@@ -54,6 +54,7 @@ RivalVerdict judgeRivals(const std::vector<SE3>& rivals,
                          const AttemptContext& context) {
   const Matches matches = view.tracks.matchesTo(view.tracks.frames() - 1);
   std::vector<EssentialMotion> motions;
+  motions.reserve(rivals.size());
   for (const SE3& rival : rivals) {
     motions.push_back(refineOnInliers(rival, matches, context.camera, kRansacThreshold));
   }
