@@ -94,6 +94,11 @@ def interval(count):
     return chi2.ppf(.025, 2 * count) / 2 if count else 0, chi2.ppf(.975, 2 * count + 2) / 2
 
 
+def short(value):
+    """Two digits, without an exponent where there are thousands at most."""
+    return f'{float(f"{value:.2g}"):g}'
+
+
 def table(groups):
     lines = ['| predicted | ' + ' | '.join(GROUPS[group][0] for group in groups) + ' |', '|---' * (len(groups) + 1) + '|']
     rows = {group: counted(*windows) for group, windows in groups.items()}
@@ -102,7 +107,7 @@ def table(groups):
         for group in groups:
             windows, expected, seen = rows[group][i]
             low, high = interval(seen)
-            cells.append(f'{windows}: {expected:.2g}, {seen} ({low:.2g} to {high:.2g})' if windows else '–')
+            cells.append(f'{windows}: {short(expected)}, {seen} ({short(low)} to {short(high)})' if windows else '–')
         lines.append(f'| {BINS[i]:g} to {BINS[i + 1]:g} | ' + ' | '.join(cells) + ' |')
     return '\n'.join(lines) + '\n'
 

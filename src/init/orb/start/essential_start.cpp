@@ -41,6 +41,8 @@ constexpr int kMaxSkippedFrames = 1;  // but so many times in a row at most
 constexpr double kHopelessFactor = 1.5;
 /// Least noise of a match in the likelihood of motions elsewhere [px].
 constexpr double kMinMatchNoise = 0.05;
+/// Of a motion elsewhere, by the newest frame alone; likelier ones are asked for in all frames.
+constexpr double kMaxRivalProbability = 0.01;
 /// Median epipolar distance of a motion from known depths over that of the best motion, and the
 /// least one that counts [px].
 constexpr double kMaxMisfit = 2;
@@ -189,7 +191,7 @@ Judgement judge(const Reconstruction& made,
                                       options.wrong_angle_deg);
   const int cells = occupiedCells(made.map, context.camera);
   double probability = rival.probability(cells);
-  if (probability > options.max_wrong_probability) {
+  if (probability > std::min(kMaxRivalProbability, options.max_wrong_probability)) {
     RivalVerdict verdict = judgeRivals(rival.motions, own, cells, views.view, context);
     probability = verdict.probability;
     judged.motions = std::move(verdict.motions);
