@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// A slow flight over a plane: every pair of images allows two motions.
+#include "dsorb/init/initializer.h"
+
+#include "support/init_run.h"
+
+#include <gtest/gtest.h>
+
+namespace dsorb {
+namespace {
+
+TEST(PlaneStart, AllFramesTellWhichMotionIsRight) {
+  std::size_t given = 0;
+  for (const unsigned seed : {1U, 2U, 3U}) {
+    synthetic::SequenceOptions options;
+    options.kind = synthetic::SequenceKind::kPlane;
+    options.seed = seed;
+    options.speed = 0.3;
+    options.width = 320;
+    options.height = 240;
+    options.length = 30;
+    const RenderedSequence& sequence = rendered(options);
+    const auto initializer = makeInitializer({}, sequence.camera());
+    const InitRun run = feed(*initializer, sequence.frames());
+    ASSERT_TRUE(run.result) << seed << " " << run.log();
+    given += run.steps.size();
+    EXPECT_LT(startErrors(*run.result, sequence).direction_deg, 2.2) << seed;  // .35 to 1.1
+  }
+  EXPECT_LE(given, 52U);  // measured 17, 11 and 14; by two images alone 24, 15 and 28
+}
+
+}  // namespace
+}  // namespace dsorb
