@@ -37,10 +37,9 @@ PointArrays at(const ReferencePoints& points, std::size_t begin) {
           points.intensity.data() + begin};
 }
 
-AlignmentSetting makeSetting(const AlignmentLevel& level,
-                             const AlignmentState& state,
-                             const PinholeCamera& camera) {
+AlignmentSetting makeSetting(const AlignmentLevel& level, const AlignmentState& state) {
   const TrackingReference& reference = level.reference;
+  const PinholeCamera camera = reference.camera.atLevel(level.level);
   const PyramidLevel& image = level.frame.level(level.level);
   const BrightnessTransfer transfer = brightnessTransfer(
       reference.affine, reference.frame->exposure(), state.affine, level.frame.exposure());
@@ -109,7 +108,7 @@ Evaluation PoseAlignment::evaluate(const AlignmentLevel& level,
                                    const AlignmentState& state,
                                    double cutoff) {
   points_ = &level.reference.at(level.level);
-  setting_ = makeSetting(level, state, level.reference.camera.atLevel(level.level));
+  setting_ = makeSetting(level, state);
   setting_.cutoff = static_cast<float>(cutoff);
   resize(points_->size());
   forEachRange(block_energies_.size(), kBlocksPerTask, [&](std::size_t begin, std::size_t end) {
