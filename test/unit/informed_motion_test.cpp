@@ -324,7 +324,7 @@ PlaneRivals rivalsOf(const PlaneTracks& scene) {
   const SE3& found = *own->map.frames.back().T_cam_ref;
   const RivalMotion rival = findRival(found, matches, scene.camera, 0.2, 10);
   return {rival.probability(kCells),
-          judgeRivals(rival.motions, *own, kCells, scene.view, matches, context),
+          judgeRivals(rival.motions, *own, kCells, scene.view, context),
           directionErrorDeg(found.translation(), truth.translation())};
 }
 

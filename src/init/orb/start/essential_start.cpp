@@ -192,8 +192,7 @@ Judgement judge(const Reconstruction& made,
   const int cells = occupiedCells(made.map, context.camera);
   double probability = rival.probability(cells);
   if (probability > std::min(kMaxRivalProbability, options.max_wrong_probability)) {
-    RivalVerdict verdict =
-        judgeRivals(rival.motions, own, cells, views.view, views.matches, context);
+    RivalVerdict verdict = judgeRivals(rival.motions, own, cells, views.view, context);
     probability = verdict.probability;
     judged.motions = std::move(verdict.motions);
   }

@@ -51,8 +51,8 @@ RivalVerdict judgeRivals(const std::vector<SE3>& rivals,
                          const MotionCandidate& own,
                          double samples,
                          const ReferenceView& view,
-                         const Matches& matches,
                          const AttemptContext& context) {
+  const Matches matches = view.tracks.matchesTo(view.tracks.frames() - 1);
   std::vector<EssentialMotion> motions;
   motions.reserve(rivals.size());
   for (const SE3& rival : rivals) {

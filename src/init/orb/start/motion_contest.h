@@ -62,7 +62,6 @@ RivalVerdict judgeRivals(const std::vector<SE3>& rivals,
                          const MotionCandidate& own,
                          double samples,
                          const ReferenceView& view,
-                         const Matches& matches,
                          const AttemptContext& context);
 
 }  // namespace dsorb::init_orb
