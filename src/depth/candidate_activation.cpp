@@ -178,7 +178,7 @@ DepthFit fitDepth(const CandidatePoint& candidate,
   const CandidateVerdict weak =
       candidate.finished ? CandidateVerdict::kDrop : CandidateVerdict::kWait;
   const float first_limit = kPatternOutlierEnergy * (options.consistent_energy ? 1 : kLooseLimit);
-  const bool rolling = !targets.empty() && targets.front().rolling;
+  const bool rolling = !targets.empty() && targets.front().corrected;
   const auto evaluateAll = rolling ? evaluateRolling : evaluateGlobal;
   std::vector<FitState> states(targets.size(), FitState::kIn);
   float depth = candidate.middle();

@@ -112,6 +112,7 @@ DSORB_ALWAYS_INLINE void warpPattern(const TargetImage& target,
   SampleArea<Lanes> area = {};
   sampleArea(target.width, target.height, area);
   sampleTarget(target, area, pattern.at, pattern.seen, pattern.inside);
+  unbendGradients<kRolling>(target, pattern.at, pattern.seen);
 }
 
 /// What it shows less what the host lets expect, I - (gain I_host + offset) [grey levels].

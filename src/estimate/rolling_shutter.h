@@ -6,15 +6,19 @@
 #include "dsorb/image/frame.h"
 
 #include "base/lanes.h"
+#include "estimate/radial.h"
 #include "estimate/warp.h"
 #include "geometry/row_motion.h"
 
 #include <Eigen/Core>
 
-/// Rolling shutter by two corrections, so that everything between them is geometry of a global
-/// shutter at the time of the middle row: a pixel of the host is moved to where it would have been
-/// seen at that time, and a projected point to the row that saw it. To second order in the time;
-/// derivatives by poses and depths are those of the global shutter.
+#include <optional>
+
+/// Rolling shutter, and what a calibration lacks of a lens, by two corrections, so that everything
+/// between them is geometry of a pinhole camera with a global shutter at the time of the middle
+/// row: a pixel of the host is moved to where that would have seen it, and a projected point to the
+/// row that saw it. To second order in the time; derivatives by poses and depths are those of the
+/// global shutter.
 /// @source time of the row by iteration: Schubert et al., Direct Sparse Odometry with Rolling
 ///         Shutter, ECCV 2018
 namespace dsorb {
@@ -27,6 +31,7 @@ struct RollingShutter {
   float scale_y, shift_y;
   float velocity[6];  ///< of RowMotion
   float acceleration[6];
+  float radial = 0;  ///< of radial.h, applied last
 };
 
 inline RollingShutter makeRollingShutter(const RowTimes& times,
@@ -111,8 +116,11 @@ DSORB_ALWAYS_INLINE void moveToRow(const RollingShutter& s,
     rowTime(s, p.x, p.y, t);
     const T half = 0.5F * t;
     const T scale = 1.0F / (1.0F + t * (flow.first[2] + half * flow.second[2]));
-    p.x = w.fx * ((p.u + t * (flow.first[0] + half * flow.second[0])) * scale) + w.cx;
-    p.y = w.fy * ((p.v + t * (flow.first[1] + half * flow.second[1])) * scale) + w.cy;
+    T u = (p.u + t * (flow.first[0] + half * flow.second[0])) * scale;
+    T v = (p.v + t * (flow.first[1] + half * flow.second[1])) * scale;
+    bend(s.radial, u, v);
+    p.x = w.fx * u + w.cx;
+    p.y = w.fy * v + w.cy;
   }
 }
 
@@ -146,7 +154,8 @@ inline Eigen::Vector2f pixelInMiddle(const RollingShutter& s,
   const auto fy = static_cast<float>(camera.fy);
   const auto cx = static_cast<float>(camera.cx);
   const auto cy = static_cast<float>(camera.cy);
-  const float ray[2] = {(pixel.x() - cx) / fx, (pixel.y() - cy) / fy};
+  const Eigen::Vector2f ideal = unbend(s.radial, {(pixel.x() - cx) / fx, (pixel.y() - cy) / fy});
+  const float ray[2] = {ideal.x(), ideal.y()};
   float t = 0;
   rowTime(s, pixel.x(), pixel.y(), t);
   RowFlow<float> flow;
@@ -172,6 +181,25 @@ inline RowTimes rowTimesOf(const Frame& frame, double change) {
   RowTimes times = *frame.rowTimes();
   times.readout.seconds += change;
   return times;
+}
+
+/// What an estimate adds to the calibrated camera.
+struct CameraChange {
+  double readout = 0;  ///< [s]
+  double radial = 0;   ///< of radial.h
+};
+
+/// Of a frame; nothing where it sees what a pinhole camera with a global shutter would.
+inline std::optional<RollingShutter> shutterOf(const Frame& frame,
+                                               const RowMotion& motion,
+                                               const CameraChange& change,
+                                               int level = 0) {
+  const bool rolling = isRolling(frame);
+  if (!rolling && change.radial == 0) return std::nullopt;
+  const RowTimes times = rolling ? rowTimesOf(frame, change.readout) : RowTimes{};
+  RollingShutter shutter = makeRollingShutter(times, motion, level);
+  shutter.radial = static_cast<float>(change.radial);
+  return shutter;
 }
 
 }  // namespace dsorb

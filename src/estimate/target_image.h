@@ -16,12 +16,12 @@ struct TargetImage {
   float gain, offset;          ///< I_target = gain I_host + offset
   const ImageSample* samples;  ///< row by row
   int width, height;           ///< [px]
-  bool rolling = false;        ///< its rows have times of their own:
+  bool corrected = false;      ///< its pixels are not where a global shutter would see them:
   RollingShutter shutter{};    ///< set only then
 
   void setShutter(const RollingShutter& of_image) {
     shutter = of_image;
-    rolling = true;
+    corrected = true;
   }
 };
 
@@ -41,7 +41,8 @@ inline TargetImage makeTargetImage(const PinholeCamera& camera,
 
 /// A hosted point in the image: u, v and inverse_z at the time of its middle row, x and y where its
 /// own row sees it.
-/// @tparam kRolling the image's `rolling`: kernels are compiled for both, so that a global shutter
+/// @tparam kRolling the image's `corrected`: kernels are compiled for both, so that a global
+/// shutter
 ///                  costs nothing
 /// @param ray_x, ray_y of the point in the host, z = 1
 /// @param rho          inverse depth in the host [1/unit], one for all lanes or one each
@@ -70,6 +71,17 @@ DSORB_ALWAYS_INLINE void sampleTarget(const TargetImage& target,
   clampToArea(area, point, at);
   interpolateLanes(target.samples, target.width, at.x, at.y, samples);
   inside = point.front & at.inside;
+}
+
+/// Makes the gradients of samples those by the pixel of a pinhole camera.
+template <bool kRolling>
+DSORB_ALWAYS_INLINE void unbendGradients(const TargetImage& target,
+                                         const WarpedPoint<Lanes>& point,
+                                         LaneSamples& samples) {
+  if constexpr (kRolling) {
+    const float ratio = target.warp.fy / target.warp.fx;
+    bendGradient(target.shutter.radial, point.u, point.v, ratio, samples.dx, samples.dy);
+  }
 }
 
 /// Whether a mask holds in all lanes.

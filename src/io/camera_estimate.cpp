@@ -13,6 +13,7 @@ namespace dsorb::io {
 namespace {
 
 constexpr double kWanted = 0.01;  // of the focal length
+constexpr double kSigmas = 3;     // that a distortion must differ from none by
 
 double meanFocal(const PinholeCamera& camera) {
   return 0.5 * (camera.fx + camera.fy);
@@ -31,7 +32,8 @@ void CameraEstimate::add(const KeyframeSnapshot& keyframe) {
     focal_lengths_.push_back(0);
   }
   focal_lengths_.back() = meanFocal(keyframe.camera);
-  newest_ = {keyframe.camera, keyframe.camera_sigmas, movement(), keyframe.segment};
+  newest_ = {
+      keyframe.camera, keyframe.camera_sigmas, keyframe.radial, movement(), keyframe.segment};
   const bool same_segment = known_.segment == newest_.segment;
   if (same_segment || focalSigma(newest_) <= focalSigma(known_)) known_ = newest_;
 }
@@ -49,6 +51,11 @@ double CameraEstimate::movement() const {
   return (*most - *least) / focal_lengths_.back();
 }
 
+/// Whether a radial distortion shows; without it images need no resampling.
+bool CameraEstimate::isDistorted() const {
+  return known_.radial && std::abs(known_.radial->k1) > kSigmas * known_.radial->sigma;
+}
+
 bool CameraEstimate::isSettled() const {
   return focalSigma(known_) < kWanted && known_.moved < kWanted;
 }
@@ -58,6 +65,10 @@ Json CameraEstimate::json() const {
   if (!known_.sigmas) return json;
   const auto& sigmas = *known_.sigmas;
   json["sigma"] = {{"fx", sigmas[0]}, {"fy", sigmas[1]}, {"cx", sigmas[2]}, {"cy", sigmas[3]}};
+  if (known_.radial) {
+    json["k1"] = known_.radial->k1;
+    json["sigma"]["k1"] = known_.radial->sigma;
+  }
   json["moved"] = known_.moved;
   json["settled"] = isSettled();
   return json;
@@ -68,15 +79,14 @@ std::string CameraEstimate::calibrationFile(const Lens& lens,
   if (!known_.sigmas || lens.model != LensModel::kPinhole) return {};
   const PinholeCamera& camera = *known_.camera;
   const double sx = lens.fx / rectified.fx, sy = lens.fy / rectified.fy;
-  return fmt::format("Pinhole {} {} {} {} 0\n{} {}\nnone\n{} {}\n",
-                     sx * camera.fx,
-                     sy * camera.fy,
-                     lens.cx + sx * (camera.cx - rectified.cx),
-                     lens.cy + sy * (camera.cy - rectified.cy),
-                     lens.width,
-                     lens.height,
-                     lens.width,
-                     lens.height);
+  const std::string numbers = fmt::format("{} {} {} {}",
+                                          sx * camera.fx,
+                                          sy * camera.fy,
+                                          lens.cx + sx * (camera.cx - rectified.cx),
+                                          lens.cy + sy * (camera.cy - rectified.cy));
+  const std::string size = fmt::format("{} {}\n", lens.width, lens.height);
+  if (!isDistorted()) return "Pinhole " + numbers + " 0\n" + size + "none\n" + size;
+  return fmt::format("RadTan {} {} 0 0 0\n", numbers, known_.radial->k1) + size + "crop\n" + size;
 }
 
 }  // namespace dsorb::io

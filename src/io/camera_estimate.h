@@ -28,18 +28,20 @@ class CameraEstimate {
   [[nodiscard]] Json json() const;
 
   /// Calibration file of the images as they were taken, as DSO's camera.txt.
-  /// @param lens      of the images, without distortion
+  /// @param lens      that was taken for that of the images, without distortion
   /// @param rectified the camera that the odometry began with
-  /// @return empty where it is not known or the lens has a distortion
+  /// @return empty where the estimate is not known or the lens had a distortion
   [[nodiscard]] std::string calibrationFile(const Lens& lens, const PinholeCamera& rectified) const;
 
  private:
   struct Estimate {
     std::optional<PinholeCamera> camera;
     std::optional<std::array<double, 4>> sigmas;  // fx, fy, cx, cy [px]
-    double moved = 0;                             // in the last third of its segment, relative
+    std::optional<RadialDistortion> radial;
+    double moved = 0;  // in the last third of its segment, relative
     int segment = -1;
   };
+  [[nodiscard]] bool isDistorted() const;
   [[nodiscard]] static double focalSigma(const Estimate& estimate);
   [[nodiscard]] double movement() const;
 

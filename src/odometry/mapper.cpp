@@ -39,6 +39,7 @@ MapUpdate Mapper::seed(const InitializationResult& result, int segment) {
   segment_ = segment;
   readout_.reset();
   camera_sigmas_.reset();
+  radial_.reset();
   window_ = seedWindow(result, camera_, options_, selector_, kCandidatesPerTask);
   const StartComparison comparison(result, *window_);
   MapUpdate update = adjust(SE3());
@@ -106,17 +107,18 @@ TrackingTarget Mapper::targetOf(const SE3& T_cam_previous) const {
   target.reference.camera = window_->camera();
   target.reference.affine = newest.affine();
   target.reference.motion = newest.motion;
-  target.reference.readout_change = window_->readoutChange();
+  target.reference.change = window_->change();
   return target;
 }
 
 /// What the adjustment has estimated of the camera.
 void Mapper::noteCamera(const window::CameraVector& sigmas) {
-  const double readout = sigmas[window::kIntrinsicsDim];
-  if (readout > 0) {
-    readout_ = {window_->calibratedReadout().seconds + window_->readoutChange(), readout};
-  }
+  const CameraChange change = window_->change();
+  const double readout = sigmas[window::kReadout];
+  if (readout > 0) readout_ = {window_->calibratedReadout().seconds + change.readout, readout};
   if (sigmas[0] > 0) camera_sigmas_ = {sigmas[0], sigmas[1], sigmas[2], sigmas[3]};
+  const double radial = sigmas[window::kRadial];
+  if (radial > 0) radial_ = {change.radial, radial};
 }
 
 std::vector<KeyframeSnapshot> Mapper::clear() {
@@ -146,6 +148,7 @@ KeyframeSnapshot Mapper::snapshot(const window::Keyframe& keyframe) const {
   shot.camera = window_->camera();
   shot.readout = readout_;
   shot.camera_sigmas = camera_sigmas_;
+  shot.radial = radial_;
   shot.points.reserve(keyframe.points.size() + keyframe.marginalized.size());
   const auto variance = static_cast<float>(noise_ * noise_);
   const auto add = [&](const window::WindowPoint& point) {

@@ -74,6 +74,7 @@ class Mapper {
   // Estimated by the last adjustment.
   std::optional<Readout> readout_;
   std::optional<std::array<double, 4>> camera_sigmas_;
+  std::optional<RadialDistortion> radial_;
   double noise_ = 0;  // standard deviation of a pixel's residual, last adjustment [grey levels]
 };
 

@@ -77,6 +77,7 @@ DSORB_ALWAYS_INLINE void evaluateLanes(const AlignmentSetting& s,
   projectInto<kRolling>(s.target, ray_x, ray_y, rho, p);
   sampleArea(s.target.width, s.target.height, area);
   sampleTarget(s.target, area, p, seen, inside);
+  unbendGradients<kRolling>(s.target, p, seen);
   const Lanes unclipped = s.target.gain * grey + s.target.offset;
   Lanes ceiling;
   fill(s.ceiling, ceiling);
@@ -199,8 +200,8 @@ BlockEnergy evaluateBlock(const AlignmentSetting& setting,
                           const PointArrays& points,
                           const SampleArrays& samples,
                           std::size_t count) {
-  return setting.target.rolling ? evaluateRollingBlock(setting, points, samples, count)
-                                : evaluateGlobalBlock(setting, points, samples, count);
+  return setting.target.corrected ? evaluateRollingBlock(setting, points, samples, count)
+                                  : evaluateGlobalBlock(setting, points, samples, count);
 }
 
 DSORB_TARGET_CLONES

@@ -45,9 +45,8 @@ AlignmentSetting makeSetting(const AlignmentLevel& level, const AlignmentState& 
       reference.affine, reference.frame->exposure(), state.affine, level.frame.exposure());
   AlignmentSetting s{};
   s.target = makeTargetImage(camera, state.T_frame_reference, transfer, image);
-  if (level.rows != nullptr) {
-    s.target.setShutter(makeRollingShutter(level.rows->times, state.motion, level.level));
-  }
+  const auto shutter = shutterOf(level.frame, state.motion, reference.change, level.level);
+  if (shutter) s.target.setShutter(*shutter);
   s.affine_b_reference = static_cast<float>(reference.affine.b);
   s.ceiling = level.ceiling;
   return s;
@@ -98,10 +97,10 @@ void PoseAlignment::resize(std::size_t points) {
                                      &samples_.weight}) {
     values->resize(points);
   }
-  if (setting_.target.rolling) samples_.time.resize(points);
+  if (setting_.target.corrected) samples_.time.resize(points);
   block_energies_.resize(blockCount(points));
   block_sums_.resize(blockCount(points) *
-                     (setting_.target.rolling ? kRollingSums : kAlignmentSums));
+                     (setting_.target.corrected ? kRollingSums : kAlignmentSums));
 }
 
 Evaluation PoseAlignment::evaluate(const AlignmentLevel& level,
@@ -136,7 +135,7 @@ SampleArrays PoseAlignment::samplesFrom(std::size_t first) {
           samples_.dy.data() + first,
           samples_.residual.data() + first,
           samples_.weight.data() + first,
-          setting_.target.rolling ? samples_.time.data() + first : nullptr};
+          setting_.target.corrected ? samples_.time.data() + first : nullptr};
 }
 
 template <int kParameters>

@@ -42,12 +42,9 @@ void lower(LevelRmse& bounds, const LevelRmse& rmse) {
 }
 
 /// Of a rolling shutter.
-std::optional<RowsOfFrame> rowsOf(const Frame& frame,
-                                  const TrackingStart& known,
-                                  double readout_change) {
+std::optional<RowsOfFrame> rowsOf(const Frame& frame, const TrackingStart& known) {
   if (!isRolling(frame)) return std::nullopt;
-  return RowsOfFrame{
-      rowTimesOf(frame, readout_change), frame.timestamp(), known.recent, known.velocity_sigma};
+  return RowsOfFrame{frame.timestamp(), known.recent, known.velocity_sigma};
 }
 
 }  // namespace
@@ -101,7 +98,7 @@ Tracker::Descent Tracker::descend(const Frame& frame,
   Descent descent;
   descent.state = start;
   descent.failure = TrackingFailure::kDiverged;
-  const std::optional<RowsOfFrame> rows = rowsOf(frame, known, reference_.readout_change);
+  const std::optional<RowsOfFrame> rows = rowsOf(frame, known);
   if (rows) descent.state.motion = rows->predict(start.T_frame_reference);
   bool repeated = false;
   for (int level = reference_.levels() - 1; level >= 0; --level) {

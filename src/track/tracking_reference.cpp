@@ -2,7 +2,6 @@
 #include "track/tracking_reference.h"
 
 #include "base/parallel.h"
-#include "estimate/rolling_shutter.h"
 #include "estimate/sampling.h"
 
 #include <algorithm>
@@ -52,17 +51,17 @@ class PointAppender {
   float cy_;
 };
 
-/// Turns the rays of a level into those of the middle row.
+/// Turns the rays of a level into those of a pinhole camera at the time of the middle row.
 void moveToMiddle(int level, TrackingReference& reference) {
+  const auto shutter = shutterOf(*reference.frame, reference.motion, reference.change, level);
+  if (!shutter) return;
   const PinholeCamera camera = reference.camera.atLevel(level);
-  const RollingShutter shutter = makeRollingShutter(
-      rowTimesOf(*reference.frame, reference.readout_change), reference.motion, level);
   ReferencePoints& points = reference.points[static_cast<std::size_t>(level)];
   for (std::size_t i = 0; i < points.size(); ++i) {
     const Eigen::Vector2d seen = camera.project(
         {static_cast<double>(points.ray_x[i]), static_cast<double>(points.ray_y[i]), 1});
     const Eigen::Vector2f pixel =
-        pixelInMiddle(shutter, camera, seen.cast<float>(), points.inverse_depth[i]);
+        pixelInMiddle(*shutter, camera, seen.cast<float>(), points.inverse_depth[i]);
     const Eigen::Vector3f ray = camera.unproject(pixel.cast<double>()).cast<float>();
     points.ray_x[i] = ray.x();
     points.ray_y[i] = ray.y();
@@ -191,7 +190,6 @@ void TrackingReferenceBuilder::fill(const std::vector<DepthSample>& samples,
           [&] {
             for (int l = 1; l < levels; ++l) listCoarse(l, reference);
           });
-  if (!isRolling(*reference.frame)) return;
   for (int l = 0; l < levels; ++l) moveToMiddle(l, reference);
 }
 

@@ -5,6 +5,7 @@
 #include "dsorb/image/affine_brightness.h"
 #include "dsorb/image/frame.h"
 
+#include "estimate/rolling_shutter.h"
 #include "geometry/row_motion.h"
 #include "image/photometric.h"
 
@@ -59,8 +60,8 @@ struct TrackingReference {
   FramePtr frame;        ///< null: there is none
   PinholeCamera camera;  ///< of the reference and the frames
   AffineBrightness affine;
-  RowMotion motion{};         ///< of the frame while the rows of a rolling shutter are read
-  double readout_change = 0;  ///< over the calibrated readout, of all frames [s]
+  RowMotion motion{};     ///< of the frame while the rows of a rolling shutter are read
+  CameraChange change{};  ///< over the calibrated camera, of all frames
   std::vector<ReferencePoints> points{};  ///< by level
 
   [[nodiscard]] int levels() const { return static_cast<int>(points.size()); }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "dsorb/camera/row_times.h"
 #include "dsorb/geometry/se3.h"
 
 #include "geometry/row_motion.h"
@@ -15,7 +14,6 @@ namespace dsorb::track {
 /// What is known of the motion while the rows of a frame are read: the parabola through its pose
 /// and two before it, and by how much that misses the velocity.
 struct RowsOfFrame {
-  RowTimes times;
   double timestamp = 0;               ///< [s]
   std::vector<TimedPose> recent;      ///< T_frame_reference of frames before, the nearest first
   Vector6d sigma = Vector6d::Zero();  ///< standard deviation [unit/s; rad/s]

@@ -26,7 +26,7 @@ std::optional<DepthSample> sampleOf(const WindowPoint& point, const EpipolarGeom
       p.hnormalized(), inverse_depth, std::sqrt(kWeightScale / (variance + kWeightOffset))};
 }
 
-/// Pixels at the time of the middle row to those that the image shows.
+/// Pixels of a pinhole camera at the time of the middle row to those that the image shows.
 void moveToRows(const Window& window, std::vector<DepthSample>& samples) {
   const std::optional<RollingShutter> shutter = window.shutter(window.keyframes.back());
   if (!shutter) return;

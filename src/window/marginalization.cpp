@@ -24,6 +24,7 @@ constexpr double kMinInformation = 50;   // of a depth worth marginalising [grey
 constexpr int kOldObservations = 14;     // more: the point leaves before it has too few residuals
 // Relative: pixels at the edge move by a few, farther than a gradient holds.
 constexpr double kMaxFocalChange = 0.01;
+constexpr double kMaxRadialChange = 0.01;
 constexpr double kScaleOffset = 10;          // on diagonals before scaling
 constexpr double kEigenvalueCutOff = 1e-12;  // relative; weaker directions carry no information
 
@@ -180,13 +181,20 @@ Keyframe marginalizeKeyframe(Window& window, std::size_t position, const WindowO
 }
 
 void forgetGuess(Window& window, const WindowOptions& options) {
-  if (!(estimatedCamera(window, options).intrinsics && options.prior.focal_sigma > 0)) return;
+  if (!estimatedCamera(window, options).radial) return;
   const PinholeCamera camera = window.camera();
   const double focal = 0.5 * (camera.fx + camera.fy);
-  if (window.prior_focal > 0 && std::abs(focal / window.prior_focal - 1) < kMaxFocalChange) return;
+  const double radial = window.change().radial;
+  const bool same = std::abs(focal / window.prior_focal - 1) < kMaxFocalChange &&
+                    std::abs(radial - window.prior_radial) < kMaxRadialChange;
+  if (same) return;
   window.prior_focal = focal;
+  window.prior_radial = radial;
   window.prior.H.setZero();
   window.prior.b.setZero();
+  for (Keyframe& keyframe : window.keyframes) {
+    for (WindowPoint& point : keyframe.points) point.prior_information = 0;
+  }
 }
 
 std::vector<Keyframe> marginalizeFlagged(Window& window, const WindowOptions& options) {

@@ -112,6 +112,7 @@ DSORB_ALWAYS_INLINE void accumulate(const ResidualTerms& terms, bool camera, Pai
 /// Adds one residual to the row of its point. @return its share of (D, b_d)
 DSORB_ALWAYS_INLINE Eigen::Vector2f couple(const ResidualTerms& terms,
                                            const PairGeometry& pair,
+                                           bool velocities,
                                            float* host,
                                            float* target) {
   const PatchSums& p = terms.patch;
@@ -130,7 +131,7 @@ DSORB_ALWAYS_INLINE Eigen::Vector2f couple(const ResidualTerms& terms,
     host[i] += pair.to_host_single(i, i) * relative[i];
   }
   for (Index i = 0; i < kFrameDim; ++i) target[i] += pair.to_target_single[i] * relative[i];
-  if (pair.current.rolling) {
+  if (velocities) {
     const Eigen::Matrix<float, kPoseRows, 1> pose = relative.head<kPoseRows>();
     const Eigen::Matrix<float, kPoseRows, 1> by_host =
         pair.to_host_single.topLeftCorner<kPoseRows, kPoseRows>() * pose;
@@ -223,13 +224,15 @@ DSORB_ALWAYS_INLINE ResidualSums linearizePoint(WindowPoint& point,
     }
     reduce(terms, camera ? kRowLanes : kRowLanesWithoutCamera);
     accumulate(terms, camera, context.sums[target]);
-    if (context.velocity_sums != nullptr) {
+    const bool velocities = context.velocity_sums != nullptr;
+    if (velocities) {
       accumulateVelocities(terms.geometry, terms.x, terms.y, context.velocity_sums[target]);
     }
     const auto state_of = [&](std::size_t keyframe) {
       return row + kCameraDim + context.frame_dimension * static_cast<std::ptrdiff_t>(keyframe);
     };
-    const Eigen::Vector2f depth = couple(terms, pair, state_of(chunk.host), state_of(target));
+    const Eigen::Vector2f depth =
+        couple(terms, pair, velocities, state_of(chunk.host), state_of(target));
     if (camera) coupleCamera(terms, row);
     sum.curvature += depth[0];
     sum.gradient += depth[1];
@@ -305,7 +308,7 @@ void NormalEquationsBuilder::stitch(const Window& window,
       blocks.makeSymmetric();
       const PairRows rows{window.rowOf(host), window.rowOf(target)};
       addPair(blocks, pairs.at(host, target), rows, out);
-      if (!pairs.at(host, target).current.rolling) continue;
+      if (!window.hasVelocities()) continue;
       VelocitySums velocities{};
       for (std::size_t c = 0; c < chunks_.size(); ++c) {
         if (chunks_[c].host == host) add(velocity_sums_[c * frames + target], velocities);

@@ -5,6 +5,7 @@
 #include "estimate/robust_loss.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace dsorb::window {
@@ -26,24 +27,43 @@ DSORB_ALWAYS_INLINE void rayJacobian(const Warp<float>& warp,
   J.yy = (R[7] * p.v - R[4]) * p.inverse_z;
 }
 
-/// Intrinsics enter twice: in the host's ray and in the target's projection.
-void addIntrinsics(float ray_x,
-                   float ray_y,
-                   const Warp<float>& warp,
-                   const WarpedPoint<float>& p,
-                   ResidualGeometry& geometry) {
-  constexpr auto kScale = static_cast<float>(kCameraScale);
+/// Shifts of a projected pixel by fx, fy, cx, cy and the radial distortion, for a ray that stays:
+/// as shifts of the pixel of a pinhole camera.
+std::array<Eigen::Vector2f, 5> lensShifts(const Eigen::Vector2f& ray,
+                                          const Warp<float>& warp,
+                                          float radial) {
+  const Eigen::Vector2f focal(warp.fx, warp.fy);
+  const float squared = ray.squaredNorm();
+  const Eigen::Vector2f bent = ray * (1 + radial * squared);
+  std::array<Eigen::Vector2f, 5> shifts{Eigen::Vector2f(bent.x() / warp.fx, 0),
+                                        Eigen::Vector2f(0, bent.y() / warp.fy),
+                                        Eigen::Vector2f(1 / warp.fx, 0),
+                                        Eigen::Vector2f(0, 1 / warp.fy),
+                                        ray * squared};
+  for (Eigen::Vector2f& shift : shifts) {
+    shift = focal.cwiseProduct(unbendShift(radial, ray, shift));
+  }
+  return shifts;
+}
+
+/// A lens enters twice: in the host's ray and in the target's projection.
+void addLens(const Eigen::Vector2f& ray,
+             const PairGeometry& pair,
+             const WarpedPoint<float>& p,
+             bool estimates_radial,
+             ResidualGeometry& geometry) {
+  const float radial = pair.current.shutter.radial;
   RayJacobian by_ray;
-  rayJacobian(warp, p, by_ray);
-  const auto [xx, xy, yx, yy] = by_ray;
-  geometry.x[kLaneCamera + 0] = kScale * (p.u + ray_x * xx);
-  geometry.x[kLaneCamera + 1] = kScale * ray_y * xy;
-  geometry.x[kLaneCamera + 2] = kScale * (1 + xx);
-  geometry.x[kLaneCamera + 3] = kScale * xy;
-  geometry.y[kLaneCamera + 0] = kScale * ray_x * yx;
-  geometry.y[kLaneCamera + 1] = kScale * (p.v + ray_y * yy);
-  geometry.y[kLaneCamera + 2] = kScale * yx;
-  geometry.y[kLaneCamera + 3] = kScale * (1 + yy);
+  rayJacobian(pair.first, p, by_ray);
+  const auto host = lensShifts(ray, pair.first, radial);
+  const auto target = lensShifts({p.u, p.v}, pair.first, radial);
+  const auto add = [&](std::size_t i, std::size_t lane, double scale) {
+    const auto factor = static_cast<float>(scale);
+    geometry.x[lane] = factor * (target[i].x() + by_ray.xx * host[i].x() + by_ray.xy * host[i].y());
+    geometry.y[lane] = factor * (target[i].y() + by_ray.yx * host[i].x() + by_ray.yy * host[i].y());
+  };
+  for (std::size_t i = 0; i < kIntrinsicsDim; ++i) add(i, kLaneCamera + i, kCameraScale);
+  if (estimates_radial) add(kIntrinsicsDim, kLaneCamera + kRadial, kRadialScale);
 }
 
 /// Velocity of a point on the image plane z = 1 [1/s] at a time.
@@ -189,8 +209,8 @@ bool evaluatePatch(const WindowPoint& point,
                    const HostRays& rays,
                    const PairGeometry& pair,
                    PatchSums& sums) {
-  return pair.current.rolling ? sumRollingPatch(point, rays, pair, sums)
-                              : sumGlobalPatch(point, rays, pair, sums);
+  return pair.current.corrected ? sumRollingPatch(point, rays, pair, sums)
+                                : sumGlobalPatch(point, rays, pair, sums);
 }
 
 bool evaluateGeometry(const WindowPoint& point,
@@ -210,8 +230,8 @@ bool evaluateGeometry(const WindowPoint& point,
   std::copy_n(J.y, kPoseRows, geometry.y);
   geometry.depth_x = J.depth_x;
   geometry.depth_y = J.depth_y;
-  if (pair.current.rolling) addTimes(point, pair, p, geometry);
-  if (camera.intrinsics) addIntrinsics(ray_x, ray_y, pair.first, p, geometry);
+  if (pair.current.corrected) addTimes(point, pair, p, geometry);
+  if (camera.intrinsics) addLens({ray_x, ray_y}, pair, p, camera.radial, geometry);
   if (camera.readout) addReadout(point, rays, pair, p, geometry);
   return true;
 }

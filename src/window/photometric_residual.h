@@ -29,13 +29,13 @@ constexpr std::size_t kLaneA = 6;
 constexpr std::size_t kLaneB = 7;
 constexpr std::size_t kLaneResidual = 8;
 constexpr std::size_t kLaneCamera = 9;
-constexpr std::size_t kLaneReadout = kLaneCamera + kIntrinsicsDim;
+constexpr std::size_t kLaneReadout = kLaneCamera + kReadout;
 constexpr std::size_t kRowLanes = 16;
 constexpr std::size_t kRowLanesWithoutCamera = 12;
 
 /// The geometric half: derivatives of the pixel of the pattern's centre.
 struct ResidualGeometry {
-  /// Rows of d(u, v): [translation, rotation | a, b, r: zero | fx, fy, cx, cy, readout
+  /// Rows of d(u, v): [translation, rotation | a, b, r: zero | fx, fy, cx, cy, readout, radial
   /// scaled | zero].
   alignas(32) float x[kRowLanes] = {};
   alignas(32) float y[kRowLanes] = {};
@@ -87,14 +87,19 @@ bool evaluatePatch(const WindowPoint& point,
 struct EstimatedCamera {
   bool intrinsics = false;
   bool readout = false;  ///< of a rolling shutter
+  bool radial = false;   ///< distortion, beside the intrinsics
 
   [[nodiscard]] bool any() const { return intrinsics || readout; }
+  /// @param row of the camera's state
+  [[nodiscard]] bool has(Eigen::Index row) const {
+    if (row == kReadout) return readout;
+    return row == kRadial ? radial : intrinsics;
+  }
 };
 
 /// Derivatives of the projected centre: poses at their first estimates, inverse depth and camera
 /// current.
-/// @param camera       also by the intrinsics, scaled by kCameraScale, and by the readout, scaled
-///                     by kReadoutScale, at constant motions
+/// @param camera       also by the camera's state, scaled as that is, at constant motions
 /// @return             false if the point is not in front of the target at the first estimates
 /// @source             derived in photometric_residual_test; relative pose by left increments
 bool evaluateGeometry(const WindowPoint& point,

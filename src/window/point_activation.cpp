@@ -134,10 +134,7 @@ void refineCandidates(Window& window,
     const BrightnessTransfer transfer = brightnessTransfer(
         keyframe.affine(), keyframe.frame->exposure(), tracked.affine, tracked.frame->exposure());
     depth::EpipolarPair pair(window.camera(), T_frame_host, transfer);
-    if (isRolling(*tracked.frame)) {
-      pair.shutter =
-          makeRollingShutter(rowTimesOf(*tracked.frame, window.readoutChange()), tracked.motion);
-    }
+    pair.shutter = shutterOf(*tracked.frame, tracked.motion, window.change());
     depth::searchEpipolarLines(keyframe.candidates, pair, tracked.frame->level(0), options, grain);
   }
 }

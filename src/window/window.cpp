@@ -88,11 +88,6 @@ PinholeCamera Window::camera() const {
   return camera;
 }
 
-std::optional<RollingShutter> Window::shutter(const Keyframe& keyframe) const {
-  if (!isRolling(*keyframe.frame)) return std::nullopt;
-  return makeRollingShutter(rowTimesOf(*keyframe.frame, readoutChange()), keyframe.motion);
-}
-
 std::size_t Window::numPoints() const {
   std::size_t count = 0;
   for (const Keyframe& keyframe : keyframes) count += keyframe.points.size();
@@ -151,7 +146,7 @@ Keyframe& addKeyframe(Window& window,
 }
 
 void placePoints(Window& window) {
-  if (window.keyframes.empty() || !isRolling(*window.keyframes.front().frame)) return;
+  if (window.keyframes.empty() || !window.shutter(window.keyframes.front())) return;
   float sum = 0;
   for (const Keyframe& keyframe : window.keyframes) {
     for (const WindowPoint& point : keyframe.points) sum += point.inverse_depth;

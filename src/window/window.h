@@ -25,10 +25,12 @@
 
 namespace dsorb::window {
 
-constexpr int kIntrinsicsDim = 4;               // fx, fy, cx, cy
-constexpr int kCameraDim = kIntrinsicsDim + 1;  // and the readout of a rolling shutter
-constexpr int kFrameDim = 8;                    // translation, rotation, a, b
-constexpr int kVelocityDim = 6;                 // and of a rolling shutter's frame: its motion
+constexpr int kIntrinsicsDim = 4;         // fx, fy, cx, cy
+constexpr int kReadout = kIntrinsicsDim;  // of a rolling shutter
+constexpr int kRadial = kReadout + 1;     // radial distortion that the calibration lacks
+constexpr int kCameraDim = kRadial + 1;
+constexpr int kFrameDim = 8;     // translation, rotation, a, b
+constexpr int kVelocityDim = 6;  // and of a rolling shutter's frame: its motion
 constexpr std::size_t kMaxKeyframes = 12;
 
 using Vector8d = Eigen::Matrix<double, kFrameDim, 1>;
@@ -36,13 +38,14 @@ using CameraVector = Eigen::Matrix<double, kCameraDim, 1>;
 
 /// The state is kept in scaled units, physical = scale * state, so that blocks of the normal
 /// equations have comparable magnitude: translation, rotation, a, b of a frame; intrinsics [px];
-/// readout [s].
+/// readout [s]; radial distortion.
 /// @source DSO as published
 inline Vector8d frameScale() {
   return (Vector8d() << .5, .5, .5, 1, 1, 1, 10, 1000).finished();
 }
 constexpr double kCameraScale = 50;
 constexpr double kReadoutScale = 0.1;
+constexpr double kRadialScale = 0.1;
 /// Velocities have the scale of translation and rotation times this, about a row's time [1/s].
 constexpr double kVelocityScale = 50;
 inline Vector6d velocityScale() {
@@ -161,11 +164,13 @@ struct MarginalPrior {
 /// changes it is a function beside it.
 struct Window {
   explicit Window(const PinholeCamera& initial_camera, BrightnessModel known = {})
-      : first_camera(initial_camera), brightness(known) {}
+      : first_camera(initial_camera),
+        brightness(known),
+        prior_focal(0.5 * (initial_camera.fx + initial_camera.fy)) {}
 
   PinholeCamera first_camera;
   BrightnessModel brightness;
-  /// Scaled deviation of the intrinsics and of the readout.
+  /// Scaled deviation of the intrinsics, of the readout and of the radial distortion.
   CameraVector camera_state = CameraVector::Zero();
   std::vector<Keyframe> keyframes;  ///< oldest first
   MarginalPrior prior;
@@ -173,7 +178,8 @@ struct Window {
   /// and readout, and beside a readout that may be 0 a velocity would explain anything.
   bool velocities_held = false;
   double readout_sigma = 0;  ///< of the estimated readout after the last adjustment [s]
-  double prior_focal = 0;    ///< mean focal length with which the prior was begun [px]
+  double prior_focal = 0;    ///< mean focal length of the camera that priors were made with [px]
+  double prior_radial = 0;   ///< its radial distortion
   /// Adapted minimum distance between points [px, half resolution]; it starts as published with
   /// DSO.
   double activation_distance = 2;
@@ -181,9 +187,9 @@ struct Window {
   int next_point = 0;
 
   [[nodiscard]] PinholeCamera camera() const;
-  /// What the adjustments have added to the calibrated readout [s].
-  [[nodiscard]] double readoutChange() const {
-    return kReadoutScale * camera_state[kIntrinsicsDim];
+  /// What the adjustments have added to the calibrated camera.
+  [[nodiscard]] CameraChange change() const {
+    return {kReadoutScale * camera_state[kReadout], kRadialScale * camera_state[kRadial]};
   }
   /// Calibrated; a sigma above 0 says that the window estimates it.
   [[nodiscard]] Readout calibratedReadout() const {
@@ -193,10 +199,13 @@ struct Window {
   [[nodiscard]] bool mayBeGlobal() const {
     const Readout calibrated = calibratedReadout();
     return calibrated.sigma > 0 &&
-           std::abs(calibrated.seconds + readoutChange()) <= 3 * readout_sigma;
+           std::abs(calibrated.seconds + change().readout) <= 3 * readout_sigma;
   }
-  /// Of one of its keyframes; nothing for a global shutter.
-  [[nodiscard]] std::optional<RollingShutter> shutter(const Keyframe& keyframe) const;
+  /// Of one of its keyframes; nothing where it sees what a pinhole camera with a global shutter
+  /// would.
+  [[nodiscard]] std::optional<RollingShutter> shutter(const Keyframe& keyframe) const {
+    return shutterOf(*keyframe.frame, keyframe.motion, change());
+  }
   /// Whether the motions of its frames are estimated.
   [[nodiscard]] bool hasVelocities() const {
     return !keyframes.empty() && isRolling(*keyframes.front().frame);
@@ -225,7 +234,7 @@ Keyframe& addKeyframe(Window& window,
                       const AffineBrightness& affine,
                       const WindowOptions& options);
 
-/// Moves the points and candidates of rolling shutters to where a global one would have seen them
+/// Moves points and candidates to where a pinhole camera with a global shutter would have seen them
 /// at their present inverse depths; a candidate without one takes the mean of the points.
 void placePoints(Window& window);
 

@@ -332,7 +332,7 @@ OptimizationReport WindowOptimizer::Adjustment::finish() {
   if (camera_.any()) {
     report_.camera_sigmas =
         cameraSigmas(window_, last, memory_.options_, report_.rms, memory_.elimination_);
-    window_.readout_sigma = report_.camera_sigmas[kIntrinsicsDim];
+    window_.readout_sigma = report_.camera_sigmas[kReadout];
   }
   moveFirstEstimates(window_);
   pairs_ = PairTable(window_);

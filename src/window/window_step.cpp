@@ -27,6 +27,7 @@ constexpr double kCameraFactor = 6;
 // intrinsics".
 constexpr double kAspectSigma = 0.003;  // relative, of the ratio of the two focal lengths
 constexpr double kCenterSigma = 0.02;   // of the principal point, as a share of the width
+constexpr double kRadialSigma = 0.1;    // of the radial distortion k1
 
 /// Of the linearised energy, priors included and depths eliminated; the quantities that are not
 /// estimated stay.
@@ -52,13 +53,18 @@ ReducedSystem reduce(const Window& window,
   elimination.eliminate(equations, H, b);
   const EstimatedCamera camera = estimatedCamera(window, options);
   for (Index i = 0; i < kCameraDim; ++i) {
-    if (i < kIntrinsicsDim ? camera.intrinsics : camera.readout) continue;
+    if (camera.has(i)) continue;
     H.row(i).setZero();
     H.col(i).setZero();
     H(i, i) = 1;
     b[i] = 0;
   }
   return system;
+}
+
+double cameraScale(Index row) {
+  if (row == kReadout) return kReadoutScale;
+  return row == kRadial ? kRadialScale : kCameraScale;
 }
 
 /// Information of a camera of which the field of view is a guess: mean focal length, ratio of the
@@ -85,7 +91,10 @@ Vector6d velocityInformation(const Window& window, const Keyframe& keyframe) {
 }
 
 EstimatedCamera estimatedCamera(const Window& window, const WindowOptions& options) {
-  return {options.optimizer.optimize_intrinsics, window.calibratedReadout().sigma > 0};
+  const bool intrinsics = options.optimizer.optimize_intrinsics;
+  return {intrinsics,
+          window.calibratedReadout().sigma > 0,
+          intrinsics && options.prior.focal_sigma > 0};
 }
 
 StatePrior statePrior(const Window& window, const WindowOptions& options) {
@@ -94,15 +103,16 @@ StatePrior statePrior(const Window& window, const WindowOptions& options) {
   VectorXd value(window.dimension());
   value.head<kCameraDim>() = window.camera_state;
   const EstimatedCamera camera = estimatedCamera(window, options);
-  const bool guessed = camera.intrinsics && options.prior.focal_sigma > 0;
-  if (guessed) {
+  if (camera.radial) {
     prior.guess = guessInformation(window.first_camera, options.prior);
+    const double scaled = kCameraFactor * kRadialScale / kRadialSigma;
+    prior.information[kRadial] = kPriorNoise * scaled * scaled;
   } else if (camera.intrinsics) {
     prior.information.head<kIntrinsicsDim>().setConstant(options.prior.intrinsics);
   }
   if (camera.readout) {
     const double scaled = kReadoutScale / window.calibratedReadout().sigma;
-    prior.information[kIntrinsicsDim] = kPriorNoise * scaled * scaled;
+    prior.information[kReadout] = kPriorNoise * scaled * scaled;
   }
   for (std::size_t k = 0; k < window.keyframes.size(); ++k) {
     const Keyframe& keyframe = window.keyframes[k];
@@ -115,7 +125,7 @@ StatePrior statePrior(const Window& window, const WindowOptions& options) {
         keyframe.velocityFrom(keyframe.rows.mean.velocity);
   }
   prior.gradient = prior.information.cwiseProduct(value);
-  if (guessed) {
+  if (camera.radial) {
     prior.gradient.head<kIntrinsicsDim>() += prior.guess * value.head<kIntrinsicsDim>();
   }
   prior.energy = prior.gradient.dot(value);
@@ -174,11 +184,10 @@ CameraVector cameraSigmas(const Window& window,
   const EstimatedCamera camera = estimatedCamera(window, options);
   CameraVector sigmas = CameraVector::Zero();
   for (Index i = 0; i < kCameraDim; ++i) {
-    if (!(i < kIntrinsicsDim ? camera.intrinsics : camera.readout)) continue;
-    const double scale = i < kIntrinsicsDim ? kCameraScale : kReadoutScale;
+    if (!camera.has(i)) continue;
     const VectorXd unit = VectorXd::Unit(system.b.size(), i);
     const double variance = solvePreconditioned(system.H, unit)[i];
-    sigmas[i] = kCameraFactor * scale * noise * std::sqrt(variance);
+    sigmas[i] = kCameraFactor * cameraScale(i) * noise * std::sqrt(variance);
   }
   return sigmas;
 }

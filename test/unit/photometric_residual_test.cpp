@@ -107,9 +107,10 @@ Window makeRollingWindow() {
   return window;
 }
 
-/// Pixel at which keyframe 1 shows the point, in its own row, for a change of the readout [s].
-Vector2d seenAfter(Window window, double change) {
-  window.camera_state[kIntrinsicsDim] += change / kReadoutScale;
+/// Pixel at which keyframe 1 shows the point, in its own row, for a change of the camera.
+/// @param row of its state, in the state's units
+Vector2d seenAfter(Window window, double change, int row = kReadout) {
+  window.camera_state[row] += change;
   placePoints(window);
   const PairTable pairs(window);
   const WindowPoint& point = window.keyframes[0].points[0];
@@ -131,12 +132,45 @@ TEST(PhotometricResidualTest, DerivativeByTheReadoutAgreesWithDifferences) {
   ASSERT_TRUE(evaluateGeometry(
       window.keyframes[0].points[0], pairs.rays(), pairs.at(0, 1), {false, true}, geometry));
   constexpr double kStep = 1e-3;
-  const Vector2d numeric = (seenAfter(window, kStep) - seenAfter(window, -kStep)) / (2 * kStep);
+  const double scaled = kStep / kReadoutScale;
+  const Vector2d numeric = (seenAfter(window, scaled) - seenAfter(window, -scaled)) / (2 * kStep);
   const Vector2d analytic(geometry.x[kLaneReadout], geometry.y[kLaneReadout]);
   ASSERT_GT(numeric.norm(), 10);  // [px/s]
   // Measured .0118: the rows that pass while the image moves.
   EXPECT_LT((analytic / kReadoutScale - numeric).norm(), 0.02 * numeric.norm());
   for (std::size_t i = kLaneCamera; i < kLaneReadout; ++i) EXPECT_EQ(geometry.x[i], 0);
+}
+
+TEST(PhotometricResidualTest, DerivativesByADistortedLensAgreeWithDifferences) {
+  Window window = makeWindow();
+  window.camera_state[kRadial] = -0.2 / kRadialScale;
+  placePoints(window);
+  const PairTable pairs(window);
+  const PairGeometry& pair = pairs.at(0, 1);
+  const WindowPoint& point = window.keyframes[0].points[0];
+  ResidualGeometry geometry;
+  ASSERT_TRUE(evaluateGeometry(point, pairs.rays(), pair, {true, false, true}, geometry));
+  WarpedPoint<float> p;
+  const Eigen::Vector3f ray =
+      window.camera().unproject(point.patch.pixel.cast<double>()).cast<float>();
+  warpPoint(pair.current.warp, ray.x(), ray.y(), point.inverse_depth, p);
+  const float ratio = pair.first.fy / pair.first.fx;
+  for (const int row : {0, 1, 2, 3, kRadial}) {
+    const double step = row == kRadial ? 0.3 : 1e-3;  // hundredths of a pixel
+    const Vector2d numeric =
+        (seenAfter(window, step, row) - seenAfter(window, -step, row)) / (2 * step);
+    // What is seen moves by the derivative of the lens times the shift of a pinhole's pixel.
+    const std::size_t lane = kLaneCamera + static_cast<std::size_t>(row);
+    Vector2d seen;
+    for (int i = 0; i < 2; ++i) {
+      float dx = i == 0 ? 1.0F : 0.0F;
+      float dy = 1.0F - dx;
+      bendGradient(-0.2F, p.u, p.v, ratio, dx, dy);
+      seen[i] = static_cast<double>(dx * geometry.x[lane] + dy * geometry.y[lane]);
+    }
+    // Measured up to .0013: single precision.
+    EXPECT_LT((seen - numeric).norm(), 4e-3 * numeric.norm()) << row;
+  }
 }
 
 TEST(PhotometricResidualTest, DerivativesByTheVelocitiesAgreeWithDifferences) {
@@ -185,7 +219,7 @@ TEST(WindowTest, ReadoutIsTakenForNoneUntilItDiffersByThreeSigma) {
   EXPECT_FALSE(window.mayBeGlobal());
   window.readout_sigma = 0.011;
   EXPECT_TRUE(window.mayBeGlobal());
-  window.camera_state[kIntrinsicsDim] = 0.01 / kReadoutScale;  // 40 ms
+  window.camera_state[kReadout] = 0.01 / kReadoutScale;  // 40 ms
   EXPECT_FALSE(window.mayBeGlobal());
   EXPECT_FALSE(makeWindow().mayBeGlobal()) << "no readout is estimated";
 }

@@ -374,6 +374,31 @@ TEST(RunWriter, RefinedCameraIsTheCalibrationOfTheNextRun) {
   EXPECT_EQ(lines[1], "320 250");
 }
 
+TEST(RunWriter, ADistortionThatShowsIsPartOfTheNextCalibration) {
+  for (const double k1 : {-0.1, 0.02}) {
+    const TemporaryFolder folder;
+    FakeRun run(folder.path());
+    playOneSegment(run);
+    Lens lens;
+    lens.fx = lens.fy = 100;
+    lens.width = 160;
+    lens.height = 120;
+    run.writer.setCamera(kCamera, &lens);
+    PinholeCamera camera = kCamera;
+    camera.fx += 1;
+    KeyframeSnapshot shot{FrameId{0}, 0, 0, SE3(), {}, camera, {}};
+    shot.camera_sigmas = {{0.5, 0.5, 2, 3}};
+    shot.radial = {k1, 0.01};
+    run.writer.onKeyframe(shot);
+    run.writer.finish(RunStatus::kTracked, nullptr);
+    const auto refined = readJson(folder.path() / "run.json")["refined_camera"];
+    EXPECT_EQ(refined["k1"], k1);
+    EXPECT_EQ(refined["sigma"]["k1"], 0.01);
+    const std::string line = readTextLines(folder.path() / "refined_camera.txt").at(0);
+    EXPECT_EQ(line.substr(0, 7), k1 < 0 ? "RadTan " : "Pinhole") << line;
+  }
+}
+
 TEST(RunWriter, AFocalLengthThatStillMovesIsNoCalibration) {
   for (const double sigma : {0.5, 2.0}) {
     const TemporaryFolder folder;

@@ -29,6 +29,12 @@ struct Readout {
 /// Of a camera of which nothing is known: the rows take at most the time between two frames.
 constexpr Readout kUnknownReadout{0, 0.02};
 
+/// First coefficient of LensModel::kRadTan as an estimate [-].
+struct RadialDistortion {
+  double k1 = 0;     ///< seen = ideal (1 + k1 r^2) on the plane z = 1
+  double sigma = 0;  ///< standard deviation
+};
+
 /// The camera that took the images. The centre of the top-left pixel is (0, 0).
 struct Lens {
   LensModel model = LensModel::kPinhole;  ///< of the distortion

@@ -49,6 +49,9 @@ struct KeyframeSnapshot {
   std::optional<Readout> readout{};  ///< estimated, where Lens::readout has a sigma
   /// Standard deviations of fx, fy, cx, cy where the window estimates them [px].
   std::optional<std::array<double, 4>> camera_sigmas{};
+  /// Of the images, which show a point where `camera` does not: estimated where the camera is a
+  /// guess (PriorOptions::focal_sigma).
+  std::optional<RadialDistortion> radial{};
 };
 
 /// A start that the first adjustment of the window contradicts. The result that onInitStep told is

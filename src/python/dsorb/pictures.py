@@ -52,9 +52,21 @@ def lens_of(run):
     """Lens of the images as they were taken. Raises PicturesError where poses belong to another one."""
     if 'lens' not in run.summary:
         raise PicturesError(f'{run.folder / "run.json"}: no `lens`; made by an older version, run again')
-    if 'refined_camera' in run.summary:
+    lens = run.summary['lens']
+    if 'refined_camera' not in run.summary:
+        return lens
+    if lens['model'] != 'pinhole':
         raise PicturesError('the run refined its camera, which is that of undistorted images: export with --undistort')
-    return run.summary['lens']
+    return refined_lens(lens, run.summary['camera'], run.camera)
+
+
+def refined_lens(lens, camera, refined):
+    """Lens of the images as they were taken, where they were taken for those of the pinhole `lens`, rectified for `camera`."""
+    sx, sy = lens['fx'] / camera['fx'], lens['fy'] / camera['fy']
+    k1 = refined.get('k1', 0)
+    return dict(lens, model='radtan' if k1 else 'pinhole', coefficients=[k1, 0, 0, 0] if k1 else [],
+                fx=sx * refined['fx'], fy=sy * refined['fy'],
+                cx=lens['cx'] + sx * (refined['cx'] - camera['cx']), cy=lens['cy'] + sy * (refined['cy'] - camera['cy']))
 
 
 def find_pictures(run, indices):
@@ -73,7 +85,7 @@ def make_pictures(run, indices, folder, undistort):
     if lens is None:
         raise PicturesError(f'{run.folder / "run.json"}: no `lens`; made by an older version, run again')
     camera = run.summary['camera']
-    maps = rectifying_maps(lens, camera) if undistort else None
+    maps = rectifying_maps(lens, camera, run.camera) if undistort else None
     folder.mkdir(parents=True, exist_ok=True)
     names = {}
     for index, image in decoded(cv2, run, indices):
@@ -91,13 +103,22 @@ def make_pictures(run, indices, folder, undistort):
     return Pictures(folder, names, pinhole(run.camera) if undistort else lens)
 
 
-def rectifying_maps(lens, camera):
-    """Pixels of the images as taken, (height, width) each, for every pixel of the rectified camera."""
+def rectifying_maps(lens, camera, refined):
+    """Pixels of the images as taken, (height, width) each, for every pixel of the rectified camera as it was refined."""
     u, v = np.meshgrid(np.arange(camera['width']), np.arange(camera['height']))
+    if refined.get('k1'):
+        u, v = bent(u, v, refined)
     rays = np.stack([(u - camera['cx']) / camera['fx'], (v - camera['cy']) / camera['fy'], np.ones(u.shape)], 2)
     pixels = calibration_of(lens).project(rays.reshape(-1, 3)).reshape(*u.shape, 2).astype(np.float32)
     pixels[np.isnan(pixels)] = -1e4  # black
     return pixels[..., 0], pixels[..., 1]
+
+
+def bent(u, v, camera):
+    """Where the rectified images of a refined camera show what its pinhole model sees at (u, v) [px]."""
+    x, y = (u - camera['cx']) / camera['fx'], (v - camera['cy']) / camera['fy']
+    factor = 1 + camera['k1'] * (x * x + y * y)
+    return camera['fx'] * x * factor + camera['cx'], camera['fy'] * y * factor + camera['cy']
 
 
 def decoded(cv2, run, indices):

@@ -138,7 +138,7 @@ std::optional<Measurement> FrameMeasurer::measure(const Corner& corner,
                                                   const std::optional<CornerPatch>& patch) const {
   const Eigen::Vector3d ray = camera_.unproject(corner.pixel);
   Lanes sums;
-  const auto sum_up = target_.rolling ? linearizeRolling : linearize;
+  const auto sum_up = target_.corrected ? linearizeRolling : linearize;
   if (!patch || !sum_up(target_,
                         *patch,
                         ray.head<2>().cast<float>(),

@@ -173,7 +173,7 @@ void linearizePatches(const PatchImage& image,
                       const PatchRun& run,
                       const PatchTotals& sums,
                       std::array<float, kFrameSums>& frame) {
-  const auto sum_up = image.target.rolling ? linearizeRolling : linearize;
+  const auto sum_up = image.target.corrected ? linearizeRolling : linearize;
   if (sums.points.coupling == nullptr) return sum_up(image, run, sums, nullptr);
   Lanes totals[kFrameSums] = {};
   sum_up(image, run, sums, totals);
@@ -181,7 +181,7 @@ void linearizePatches(const PatchImage& image,
 }
 
 void evaluatePatches(const PatchImage& image, const PatchRun& run, float* residual, char* inside) {
-  if (image.target.rolling) return evaluateRolling(image, run, residual, inside);
+  if (image.target.corrected) return evaluateRolling(image, run, residual, inside);
   evaluate(image, run, residual, inside);
 }
 
