@@ -57,7 +57,7 @@ bool CameraEstimate::isDistorted() const {
 }
 
 bool CameraEstimate::isSettled() const {
-  return focalSigma(known_) < kWanted && known_.moved < kWanted;
+  return 2 * focalSigma(known_) < kWanted && known_.moved < kWanted;
 }
 
 Json CameraEstimate::json() const {

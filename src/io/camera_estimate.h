@@ -21,7 +21,7 @@ class CameraEstimate {
   void add(const KeyframeSnapshot& keyframe);
 
   [[nodiscard]] const std::optional<PinholeCamera>& camera() const { return known_.camera; }
-  /// Whether the focal length is known to 1 %: by its sigma, and by how much it still moved.
+  /// Whether the focal length is known to 1 %: by two sigmas, and by how much it still moved.
   [[nodiscard]] bool isSettled() const;
   /// Of run.json: the camera and, where the window estimates it, how sure that is.
   /// @param with_sigma of a camera that is not null

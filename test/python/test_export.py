@@ -12,7 +12,7 @@ import dsorb
 import numpy as np
 from dsorb.command_line import program
 from dsorb.export import export
-from dsorb.pictures import calibration_of, decoded_file
+from dsorb.pictures import calibration_of, decoded_file, rectifying_maps, refined_lens
 from dsorb.run_folder import read_run, rotation_of
 from PIL import Image
 from room import FRAMES, SIZE, image_files, room, room_run, temporary_folder, true_correspondences, true_poses
@@ -234,6 +234,20 @@ class Pictures(unittest.TestCase):
         image = cv2.imread(str(written[-1]), cv2.IMREAD_GRAYSCALE).astype(float)
         original = cv2.imread(str(image_files()[int(written[-1].stem)]), cv2.IMREAD_GRAYSCALE)
         self.assertLess(np.abs(image - original).mean(), 2)  # grey levels, of JPEG; measured 0.94
+
+    def test_a_refined_camera_is_the_lens_of_the_images_or_of_undistorted_ones(self):
+        lens = dict(model='pinhole', fx=400.0, fy=400.0, cx=319.5, cy=239.5, width=640, height=480, coefficients=[])
+        camera = dict(fx=200.0, fy=200.0, cx=159.5, cy=119.5, width=320, height=240)  # at half the size
+        refined = dict(camera, fx=190.0, fy=188.0, cx=161.5, k1=-0.2)
+        found = refined_lens(lens, camera, refined)
+        self.assertEqual((found['model'], found['coefficients']), ('radtan', [-0.2, 0, 0, 0]))
+        self.assertEqual((found['fx'], found['fy'], found['cx'], found['cy']), (380, 376, 323.5, 239.5))
+        # A ray in the undistorted images shows what the lens shows of it.
+        x, y = rectifying_maps(lens, camera, refined)
+        ray = [(20 - refined['cx']) / refined['fx'], (200 - refined['cy']) / refined['fy'], 1]
+        np.testing.assert_allclose([x[200, 20], y[200, 20]], calibration_of(found).project(np.array([ray]))[0], atol=1e-4)
+        straight = refined_lens(lens, camera, dict(refined, k1=0))
+        self.assertEqual((straight['model'], straight['coefficients']), ('pinhole', []))
 
     @unittest.skipUnless(cv2, "OpenCV's Python module is not installed")
     def test_colours_are_those_of_the_images(self):

@@ -387,7 +387,7 @@ TEST(RunWriter, ADistortionThatShowsIsPartOfTheNextCalibration) {
     PinholeCamera camera = kCamera;
     camera.fx += 1;
     KeyframeSnapshot shot{FrameId{0}, 0, 0, SE3(), {}, camera, {}};
-    shot.camera_sigmas = {{0.5, 0.5, 2, 3}};
+    shot.camera_sigmas = {{0.4, 0.4, 2, 3}};
     shot.radial = {k1, 0.01};
     run.writer.onKeyframe(shot);
     run.writer.finish(RunStatus::kTracked, nullptr);
