@@ -21,7 +21,8 @@ const CodecsModule& loadModule() {
   void* symbol = library == nullptr ? nullptr : dlsym(library, "dsorbCodecsModule");
   if (symbol == nullptr) {
     throw IoError(fmt::format(
-        "{}, which reads videos and images other than PNG and JPEG, cannot be loaded: {}",
+        "{}, which reads videos and images other than PNG and JPEG (Debian package dsorb-codecs), "
+        "cannot be loaded: {}",
         DSORB_CODECS_FILE,
         dlerror()));
   }

@@ -92,7 +92,7 @@ class SequenceReader::Impl {
   }
   void calibrate(const SequenceOptions& options);
   void readCommonMask(const SequenceOptions& options);
-  [[nodiscard]] cv::Size firstSize();
+  [[nodiscard]] cv::Size firstSize(bool needed);
   [[nodiscard]] std::optional<SourceImage> read(int index);
   [[nodiscard]] std::optional<SequenceFrame> prepare(int index);
   void checkSize(const cv::Mat& image, const std::string& name) const;
@@ -114,7 +114,8 @@ class SequenceReader::Impl {
 };
 
 void SequenceReader::Impl::calibrate(const SequenceOptions& options) {
-  SequenceCalibration calibration = calibrateSequence(options, layout_, firstSize());
+  SequenceCalibration calibration =
+      calibrateSequence(options, layout_, firstSize(options.horizontal_view > 0));
   rectifier_.emplace(std::move(calibration.rectifier));
   lens_ = calibration.lens;
   brightness_ = calibration.brightness;
@@ -143,15 +144,16 @@ void SequenceReader::Impl::readCommonMask(const SequenceOptions& options) {
   }
 }
 
-/// Empty where the first image cannot be read, which it says in its turn; a stream says it at once.
-cv::Size SequenceReader::Impl::firstSize() {
+/// Empty where the first image cannot be read, which it says in its turn; where the size is needed,
+/// and of a stream, it is said at once.
+cv::Size SequenceReader::Impl::firstSize(bool needed) {
   const bool stream =
       layout_.format == SequenceFormat::kCamera || layout_.format == SequenceFormat::kVideo;
   try {
     first_ = read(playlist_.index(0));
     return first_ ? first_->pixels.size() : cv::Size();
   } catch (const IoError&) {
-    if (stream) throw;
+    if (stream || needed) throw;
     return {};
   }
 }
