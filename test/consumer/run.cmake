@@ -22,20 +22,33 @@ endfunction()
 set(sanitized "-O1 -fsanitize=address -fno-omit-frame-pointer")
 build_and_run(build ${sanitized})
 
-# The same first example by pkg-config alone.
+# Components by pkg-config alone, one expression of each; the first example stands for init.
+function(build_by_pkg_config component source)
+  execute_process(COMMAND ${pkg_config} --cflags --libs dsorb-${component} OUTPUT_VARIABLE flags
+                  COMMAND_ERROR_IS_FATAL ANY OUTPUT_STRIP_TRAILING_WHITESPACE)
+  separate_arguments(flags UNIX_COMMAND "${flags}")
+  run(${CXX} -std=c++17 -O1 ${source} -o ${WORK_DIR}/by_pkg_config_${component} ${flags} -Wl,-rpath,${library_folder})
+  run(${WORK_DIR}/by_pkg_config_${component})
+endfunction()
+function(build_expression component header expression)
+  set(source ${WORK_DIR}/${component}.cpp)
+  file(WRITE ${source} "#include <dsorb/${header}>\nint main() { return ${expression} ? 0 : 1; }\n")
+  build_by_pkg_config(${component} ${source})
+endfunction()
 find_program(pkg_config pkg-config REQUIRED)
 file(GLOB_RECURSE package_file ${WORK_DIR}/prefix/*/dsorb-init.pc)
 if(package_file)
   get_filename_component(package_folder ${package_file} DIRECTORY)
-  set(ENV{PKG_CONFIG_PATH} ${package_folder})
-  execute_process(COMMAND ${pkg_config} --cflags --libs dsorb-init OUTPUT_VARIABLE flags COMMAND_ERROR_IS_FATAL ANY
-                  OUTPUT_STRIP_TRAILING_WHITESPACE)
-  separate_arguments(flags UNIX_COMMAND "${flags}")
   get_filename_component(library_folder ${package_folder} DIRECTORY)
-  run(${CXX} -std=c++17 -O1 ${SOURCE_DIR}/01_initialize_from_images.cpp -o ${WORK_DIR}/by_pkg_config ${flags}
-      -Wl,-rpath,${library_folder})
-  run(${WORK_DIR}/by_pkg_config)
+  set(ENV{PKG_CONFIG_PATH} ${package_folder})
+  build_expression(core image/pyramid.h "dsorb::pyramidLevels(640, 480) == 4")
+  build_by_pkg_config(init ${SOURCE_DIR}/01_initialize_from_images.cpp)
+  build_expression(odometry c/dsorb.h "dsorb_version()[0] == '0'")
+  build_expression(io io/config.h "dsorb::loadConfig({}).initializer == \"orb\"")
+  include(${SOURCE_DIR}/exports.cmake)
+  check_exports(${library_folder})
 endif()
+
 # Once more for another instruction set: Eigen aligns to 32 bytes there, in the library to 16.
 file(STRINGS /proc/cpuinfo processor REGEX "^flags.* fma .* avx2 .*" LIMIT_COUNT 1)
 if(processor)
