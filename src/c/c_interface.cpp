@@ -5,7 +5,10 @@
 #include "dsorb/odometry/odometry.h"
 
 #include <algorithm>
+#include <cstdint>
 #include <cstring>
+#include <iterator>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <stdexcept>
@@ -147,6 +150,23 @@ std::shared_ptr<const dsorb::FramePriors> priorsOf(const dsorb_priors* known,
   return priors;
 }
 
+/// The image with NaN where the mask is 0.
+std::vector<float> maskedPixels(const dsorb::ImageView& image, const dsorb::ImageView& mask) {
+  std::vector<float> pixels;
+  for (int y = 0; y < image.height(); ++y) {
+    const auto* row = image.row<std::uint8_t>(y);
+    std::transform(row,
+                   row + image.width(),
+                   mask.row<std::uint8_t>(y),
+                   std::back_inserter(pixels),
+                   [](std::uint8_t grey, std::uint8_t valid) {
+                     return valid != 0 ? static_cast<float>(grey)
+                                       : std::numeric_limits<float>::quiet_NaN();
+                   });
+  }
+  return pixels;
+}
+
 dsorb::FramePtr frameOf(const dsorb_image* image, const dsorb::PinholeCamera& camera) {
   require(image, "image");
   require(image->data, "the image's data");
@@ -154,7 +174,10 @@ dsorb::FramePtr frameOf(const dsorb_image* image, const dsorb::PinholeCamera& ca
   const double exposure = image->exposure > 0 ? image->exposure : 1;
   dsorb::FrameInfo info{dsorb::FrameId{image->id}, image->timestamp, exposure};
   info.priors = priorsOf(image->priors, camera);
-  return dsorb::Frame::create(view, info);
+  if (image->mask == nullptr) return dsorb::Frame::create(view, info);
+  const dsorb::ImageView mask(image->mask, camera.width, camera.height, image->mask_stride);
+  const std::vector<float> pixels = maskedPixels(view, mask);
+  return dsorb::Frame::create({pixels.data(), camera.width, camera.height}, info);
 }
 
 void writePose(const dsorb::SE3& pose, double (&out)[12]) {

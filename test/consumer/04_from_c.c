@@ -49,7 +49,7 @@ static void render(int index, uint8_t* image) {
 }
 
 static dsorb_image imageOf(int index, uint8_t* pixels) {
-  const dsorb_image image = {pixels, 0, index, index / 30.0, 0, NULL};
+  const dsorb_image image = {pixels, 0, index, index / 30.0, 0, NULL, NULL, 0};
   render(index, pixels);
   return image;
 }
@@ -184,11 +184,54 @@ static int checkPriors(const dsorb_camera* camera, uint8_t* pixels) {
   return 0;
 }
 
+/* What the mask hides, here one half of the image with other contents every time, is used by nothing. */
+static int checkMask(const dsorb_camera* camera, uint8_t* pixels) {
+  char error[kErrorSize] = "";
+  dsorb_odometry* odometry[2] = {NULL, NULL};
+  dsorb_estimate estimate[2];
+  enum { kStride = kWidth + 3 };
+  uint8_t* mask = calloc(kHeight, kStride);
+  CHECK(mask != NULL);
+  for (int i = 0; i < kHeight * kStride; ++i) mask[i] = i % kStride < kWidth / 2;
+  for (int k = 0; k < 2; ++k) {
+    CHECK(dsorb_odometry_create("orb", camera, 1, &odometry[k], error, sizeof error) == DSORB_OK);
+  }
+  for (int i = 0; i < kFrames; ++i) {
+    dsorb_image image = imageOf(i, pixels);
+    image.mask = mask;
+    image.mask_stride = 3;
+    if (i == 0) {
+      CHECK(dsorb_odometry_add(odometry[0], &image, estimate, error, sizeof error) == DSORB_BAD_ARGUMENT);
+      CHECK(strstr(error, "stride") != NULL);
+    }
+    image.mask_stride = kStride;
+    for (int k = 0; k < 2; ++k) {
+      for (int p = 0; k == 1 && p < kWidth * kHeight; ++p) {
+        if (p % kWidth >= kWidth / 2) pixels[p] = (uint8_t)(p * (i + 7));
+      }
+      CHECK(dsorb_odometry_add(odometry[k], &image, &estimate[k], error, sizeof error) == DSORB_OK);
+    }
+    CHECK(estimate[0].has_pose == estimate[1].has_pose);
+    for (int c = 0; estimate[0].has_pose && c < 12; ++c) {
+      CHECK(estimate[0].world_from_cam[c] == estimate[1].world_from_cam[c]);
+    }
+  }
+  CHECK(estimate[0].has_pose);
+  const size_t count = dsorb_odometry_points(odometry[0], NULL, 0);
+  dsorb_point* point = malloc(count * sizeof *point);
+  CHECK(count > 0 && point != NULL && dsorb_odometry_points(odometry[0], point, count) == count);
+  for (size_t i = 0; i < count; ++i) CHECK(point[i].u < kWidth / 2);
+  free(point);
+  free(mask);
+  for (int k = 0; k < 2; ++k) dsorb_odometry_destroy(odometry[k]);
+  return 0;
+}
+
 int main(void) {
   const dsorb_camera camera = {kFocal, kFocal, kWidth / 2, kHeight / 2, kWidth, kHeight};
   uint8_t* pixels = malloc((size_t)kWidth * kHeight);
   const int failed = pixels == NULL || checkErrors(&camera) || checkInitializer(&camera, pixels) ||
-                     checkOdometry(&camera, pixels) || checkPriors(&camera, pixels);
+                     checkOdometry(&camera, pixels) || checkPriors(&camera, pixels) || checkMask(&camera, pixels);
   free(pixels);
   return failed;
 }

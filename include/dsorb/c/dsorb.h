@@ -84,7 +84,7 @@ typedef struct dsorb_priors {
   double distance_sigma;        /**< standard deviation [m] */
 } dsorb_priors;
 
-/** One rectified grey image. It is copied. */
+/** One rectified grey image. It is copied. Members that are zero are as if not given. */
 typedef struct dsorb_image {
   const uint8_t* data;        /**< grey levels of the camera's size */
   size_t stride;              /**< bytes from row to row; 0: rows follow each other */
@@ -92,6 +92,8 @@ typedef struct dsorb_image {
   double timestamp;           /**< [s] */
   double exposure;            /**< [s]; 0 or 1 when unknown */
   const dsorb_priors* priors; /**< NULL: none */
+  const uint8_t* mask;        /**< of the camera's size; 0: the pixel is not used; NULL: all are */
+  size_t mask_stride;         /**< bytes from row to row of the mask; 0: rows follow each other */
 } dsorb_image;
 
 /** One of the frames of a start. */
