@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "image/frame_check.h"
 
+#include "dsorb/image/pyramid.h"
+
 #include "image/frame_priors.h"
 
 #include <cmath>
@@ -18,6 +20,22 @@ void requireOfCamera(bool holds, const char* name, double value, const char* exp
   throw std::invalid_argument(message.str());
 }
 
+/// An odd side ends the pyramid early: too few levels for large motions.
+void requirePyramid(int width, int height) {
+  constexpr int kSizeUnit = 16;  // [px] four halvings make five levels
+  const int cropped_width = width / kSizeUnit * kSizeUnit;
+  const int cropped_height = height / kSizeUnit * kSizeUnit;
+  const int levels = pyramidLevels(width, height);
+  const int full = pyramidLevels(cropped_width, cropped_height);
+  if (levels >= full) return;
+  std::ostringstream message;
+  message << "camera: size " << width << "x" << height << " halves to " << levels
+          << " pyramid levels instead of " << full << "; crop images and camera to "
+          << cropped_width << "x" << cropped_height
+          << " on the right and at the bottom, as Rectifier does";
+  throw std::invalid_argument(message.str());
+}
+
 }  // namespace
 
 FrameCheck::FrameCheck(const PinholeCamera& camera) : width_(camera.width), height_(camera.height) {
@@ -28,6 +46,7 @@ FrameCheck::FrameCheck(const PinholeCamera& camera) : width_(camera.width), heig
   requireOfCamera(is_length(camera.fy), "fy", camera.fy, "a focal length in pixels");
   requireOfCamera(std::isfinite(camera.cx), "cx", camera.cx, "a pixel");
   requireOfCamera(std::isfinite(camera.cy), "cy", camera.cy, "a pixel");
+  requirePyramid(width_, height_);
 }
 
 void FrameCheck::accept(const FramePtr& frame) {

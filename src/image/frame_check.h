@@ -11,7 +11,8 @@ namespace dsorb {
 /// Refuses frames that cannot belong to one sequence of one camera.
 class FrameCheck {
  public:
-  /// @throws std::invalid_argument a camera without size, focal length or principal point
+  /// @throws std::invalid_argument a camera without size, focal length or principal point, or of a
+  ///         size whose odd sides leave fewer pyramid levels than it has pixels for
   explicit FrameCheck(const PinholeCamera& camera);
 
   /// Accepts the frame as the next one.

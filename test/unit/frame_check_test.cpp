@@ -6,6 +6,7 @@
 #include <cmath>
 #include <functional>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
 namespace dsorb {
@@ -41,6 +42,20 @@ TEST(FrameCheck, RefusesAnImpossibleCamera) {
   EXPECT_THAT(error_of(&PinholeCamera::cx, INFINITY), HasSubstr("cx = inf"));
   EXPECT_THAT(error_of(&PinholeCamera::cy, NAN), HasSubstr("cy = nan"));
   EXPECT_THAT(errorOf([] { (void)FrameCheck(PinholeCamera()); }), HasSubstr("width = 0"));
+}
+
+TEST(FrameCheck, RefusesASizeThatLeavesTooFewPyramidLevels) {
+  const auto error_of = [](int width, int height) {
+    const PinholeCamera camera{400, 400, 0.5 * width, 0.5 * height, width, height};
+    return errorOf([&camera] { (void)FrameCheck(camera); });
+  };
+  EXPECT_THAT(error_of(641, 481),
+              HasSubstr("size 641x481 halves to 1 pyramid levels instead of 4; "
+                        "crop images and camera to 640x480"));
+  EXPECT_THAT(error_of(1226, 370), HasSubstr("crop images and camera to 1216x368"));
+  for (const auto& [width, height] : {std::pair(640, 480), {640, 360}, {752, 480}, {17, 33}}) {
+    EXPECT_EQ(error_of(width, height), "no std::invalid_argument") << width << "x" << height;
+  }
 }
 
 TEST(FrameCheck, RefusesWhatCannotBeTheNextFrame) {

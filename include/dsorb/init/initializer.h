@@ -53,6 +53,7 @@ class Initializer {
 /// The initializer that the options name.
 /// @throws ConfigError on options out of range, on what needs a build with Ceres and on the name of
 ///         a registered kind that is not there; std::invalid_argument on an impossible camera
+///         and on a size that leaves too few pyramid levels: crop it to multiples of 16
 std::unique_ptr<Initializer> makeInitializer(const InitializerOptions& options,
                                              const PinholeCamera& camera);
 

@@ -31,8 +31,8 @@ class Odometry {
  public:
   /// Makes the initializer that the options name. @throws ConfigError on options out of range
   Odometry(const PinholeCamera& camera, const OdometryOptions& options);
-  /// Takes an initializer of the caller's. Both throw std::invalid_argument on an impossible
-  /// camera.
+  /// Takes an initializer of the caller's. Both throw std::invalid_argument on an impossible camera
+  /// and on a size that leaves too few pyramid levels.
   Odometry(const PinholeCamera& camera,
            const OdometryOptions& options,
            std::unique_ptr<Initializer> initializer);
