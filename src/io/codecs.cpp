@@ -24,7 +24,7 @@ const CodecsModule& loadModule() {
         "{}, which reads videos and images other than PNG and JPEG (Debian package dsorb-codecs), "
         "cannot be loaded: {}",
         DSORB_CODECS_FILE,
-        dlerror()));
+        dlerror()));  // NOLINT(concurrency-mt-unsafe): each thread has its own in glibc
   }
   return *reinterpret_cast<decltype(&dsorbCodecsModule)>(symbol)();
 }
