@@ -171,10 +171,10 @@ class Refinement(unittest.TestCase):
             folder = temporary_folder() / 'out'
             view = 2 * math.degrees(math.atan(SIZE[0] / 2 / (guess * CAMERA.fx)))
             subprocess.run([program(), room(), '--hfov', str(view), '--output', folder, '--quiet'], check=True)
-            export(folder, ['nerfstudio'], refine='focal')
+            export(folder, ['nerfstudio'], undistort=True, refine='focal')
             found = json.loads((folder / 'nerfstudio/transforms.json').read_text())
-            self.assertLess(abs(found['fl_x'] / CAMERA.fx - 1), 0.02)  # measured 0.009 from both sides
-            self.assertLess(abs(found['fl_y'] / CAMERA.fy - 1), 0.03)  # measured 0.017
+            self.assertLess(abs(found['fl_x'] / CAMERA.fx - 1), 0.02)  # measured 0.005 and 0.001
+            self.assertLess(abs(found['fl_y'] / CAMERA.fy - 1), 0.03)  # measured 0.007 and 0.016
 
     def test_it_says_what_it_needs(self):
         with self.assertRaisesRegex(ValueError, 'colmap, nerfstudio'):
