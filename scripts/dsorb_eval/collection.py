@@ -64,7 +64,7 @@ def run(list_file: str, name: str, record_file: str, timeout: int, command: str,
     """One video. A failing program is a result; raises Interrupted where somebody stopped it."""
     folder = Path(record_file).parent.resolve()
     shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
+    (folder / 'out').mkdir(parents=True)  # the workflow expects it, also of a program that does not come to make it
     video, *own = read_list(list_file)[name]
     words = [*shlex.split(command), video, *shlex.split(arguments), *own, '--output', str(folder / 'out')]
     code, seconds = runner.execute(words, folder / 'log.txt', timeout)

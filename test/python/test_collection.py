@@ -2,6 +2,7 @@
 """`dsorb run` over a list of videos by scripts/Snakefile."""
 import csv
 import importlib.util
+import shutil
 import subprocess
 import sys
 import unittest
@@ -23,13 +24,22 @@ sys.path.insert(0, str(SCRIPTS))
 from dsorb_eval.collection import suspected_of  # noqa: E402
 
 
-def collect(folder, *config):
-    """One call of Snakemake. @return rows of the table by the stem of the video"""
-    done = subprocess.run([sys.executable, '-m', 'snakemake', '-s', SCRIPTS / 'Snakefile', '--directory', folder, '--profile',
-                           SCRIPTS / 'profiles/videos', '--cores', '2', '--config', f'videos={folder / "list.txt"}',
-                           f'dsorb={sys.executable} -m dsorb.command_line', *config], capture_output=True, text=True, check=False)
+def snakemake(folder, *words):
+    done = subprocess.run([sys.executable, '-m', 'snakemake', '-s', SCRIPTS / 'Snakefile', '--directory', folder, *words,
+                           '--config', f'videos={folder / "list.txt"}', f'dsorb={sys.executable} -m dsorb.command_line'],
+                          capture_output=True, text=True, check=False)
     if done.returncode:
         raise AssertionError(done.stdout + done.stderr)
+    return done.stdout + done.stderr
+
+
+def on_a_cluster(profile):
+    return '--profile', SCRIPTS / 'profiles' / profile, '--workflow-profile', SCRIPTS / 'profiles/videos'
+
+
+def collect(folder, *words):
+    """One call of Snakemake. @return rows of the table by the stem of the video"""
+    snakemake(folder, *(words or ('--profile', SCRIPTS / 'profiles/videos')), '--cores', '2')
     with (folder / 'table.csv').open(newline='') as file:
         return {Path(row['video']).stem: row for row in csv.DictReader(file)}
 
@@ -88,6 +98,26 @@ class Collection(unittest.TestCase):
         rows = collect(self.folder)
         self.assertEqual(rows['room']['images'], '12')  # the later line of two with this stem
         self.assertEqual({file: file.stat().st_mtime_ns for file in before}, before)
+
+
+class Elsewhere(unittest.TestCase):
+    def setUp(self):
+        self.folder = temporary_folder()
+        (self.folder / 'list.txt').write_text(f'{room()} --end 12\nmissing.mp4 --hfov 77\n')
+
+    def test_the_command_for_a_cluster_is_complete(self):
+        for profile in ('slurm', 'kubernetes'):
+            plan = snakemake(self.folder, *on_a_cluster(profile), '--default-storage-prefix', self.folder, '--dry-run')
+            self.assertRegex(plan, r'\nvideo +2\n', profile)
+
+    @unittest.skipUnless(shutil.which('rsync'), 'rsync is not installed')
+    def test_jobs_may_work_on_copies(self):
+        rows = collect(self.folder, *on_a_cluster('copies'), '--default-storage-prefix', self.folder)
+        self.assertEqual((rows['room']['images'], rows['missing']['exit_code']), ('12', '1'))
+        self.assertIn('no such file', rows['missing']['error'])
+        names = {file.name for file in next(self.folder.glob('videos/room-*')).iterdir()}
+        self.assertEqual(names, {'record.json', 'log.txt', 'out'})
+        self.assertEqual((self.folder / 'table.parquet').exists(), parquet is not None)
 
 
 if __name__ == '__main__':
