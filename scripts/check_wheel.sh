@@ -32,7 +32,7 @@ if readelf -d "$package"/_dsorb*.so | grep -E 'imgcodecs|videoio|libzip|libjpeg|
 fi
 "${pip[@]}" install pycolmap opencv-python-headless rosbags rerun-sdk PyYAML || echo "without the optional packages: their tests are skipped"
 export PYTHONPATH=$PWD/test/python PYTHONDONTWRITEBYTECODE=1 DSO_SYNTHESIZE=$renderer
-for module in test_module test_export test_command test_calibrate test_bags test_view test_vslamlab; do
+for module in test_module test_export test_command test_calibrate test_bags test_view test_browser test_vslamlab; do
   "$work/venv/bin/python" test/python/run.py "$module" || [ $? = 77 ]
 done
 
