@@ -132,6 +132,8 @@ class Obstacles(unittest.TestCase):
                                  '  rolling shutter: 25.0 +- 0.4 ms from the first to the last row'])
         found = of_lens({'camera': camera, 'refined_camera': {**refined, 'settled': False}, 'readout': {'milliseconds': -1, 'sigma': .4}})
         self.assertIn('guessed as 505.0: not known to 1 % yet', found[0])
+        self.assertIn('calibration suspected: the images contradict the focal length of 505 px given without telling another', found[1])
+        self.assertNotIn('402', found[1])
         self.assertEqual(found[2], '  no rolling shutter shows: -1.0 +- 0.4 ms from the first to the last row')
 
     def test_a_calibration_is_suspected_only_by_evidence(self):

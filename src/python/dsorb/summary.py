@@ -97,9 +97,7 @@ def of_lens(summary):
                      + (f'+-{sigma:.2g} %; refined_camera.txt is the calibration for the next run' if camera['settled'] else
                         'not known to 1 % yet; turns and sideways motion tell it, or a calibration (docs/calibration.md)'))
         if abs(focal / guessed - 1) > max(SUSPECTED, SIGMAS * sigma / 100):
-            lines.append(f'  calibration suspected: the images tell a focal length of {focal:.0f} px, {100 * abs(focal / guessed - 1):.0f} % '
-                         f'{"more" if focal > guessed else "less"} than the {guessed:.0f} px given. Begin again with '
-                         'a focal length near that, or calibrate')
+            lines.append('  calibration suspected: ' + against(focal, guessed, camera['settled']))
     suspected = summary.get('rolling_shutter_suspected')
     if suspected and not readout:
         lines.append(f'  rolling shutter suspected: the images of a start ask for {suspected["milliseconds"]:.0f} +- {suspected["sigma"]:.0f} ms '
@@ -109,6 +107,15 @@ def of_lens(summary):
         lines.append(f'  rolling shutter: {time:.1f} +- {sigma:.1f} ms from the first to the last row' if abs(time) > 3 * sigma else
                      f'  no rolling shutter shows: {time:.1f} +- {sigma:.1f} ms from the first to the last row')
     return lines
+
+
+def against(focal, guessed, settled):
+    """What speaks against a focal length [px] that was given, and what to do."""
+    if not settled:
+        return (f'the images contradict the focal length of {guessed:.0f} px given without telling another one: the lens may be distorted, '
+                'or the motion does not tell. Calibrate (docs/calibration.md)')
+    return (f'the images tell a focal length of {focal:.0f} px, {100 * abs(focal / guessed - 1):.0f} % {"more" if focal > guessed else "less"} '
+            f'than the {guessed:.0f} px given. Begin again with a focal length near that, or calibrate')
 
 
 def advice(run):
