@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -208,15 +209,33 @@ class Obstacles(unittest.TestCase):
         self.assertEqual(done.stdout.splitlines()[0], summarize(run).splitlines()[0])
 
 
+@unittest.skipUnless(cv2, "OpenCV's Python module is not installed")
 class Videos(unittest.TestCase):
-    @unittest.skipUnless(cv2, "OpenCV's Python module is not installed")
-    def test_a_video_becomes_models_with_images(self):
-        folder = temporary_folder()
+    def clip(self, folder):
+        """The room as folder/clip.avi. @return its images"""
         pictures = [cv2.imread(str(f)) for f in image_files()]
         video = cv2.VideoWriter(str(folder / 'clip.avi'), cv2.VideoWriter_fourcc(*'MJPG'), 30, pictures[0].shape[1::-1])
         for image in pictures:
             video.write(image)
         video.release()
+        return pictures
+
+    def test_a_video_that_is_cut_off_is_told_and_exported_until_there(self):
+        folder = temporary_folder()
+        self.clip(folder)
+        os.truncate(folder / 'clip.avi', (folder / 'clip.avi').stat().st_size * 7 // 10)
+        done = dsorb('run', folder / 'clip.avi', '--calib', room() / 'camera.txt', '--output', folder / 'out', '--export', 'tum,colmap')
+        self.assertEqual(done.returncode, 1, done.stderr)
+        self.assertRegex(done.stderr, f'clip.avi: ends after .* of {FRAMES} images')
+        posed, given = map(int, re.match(r'(\d+) of (\d+) images have a pose', done.stdout).groups())
+        self.assertEqual(len(np.loadtxt(folder / 'out/tum/trajectory.txt')), posed)
+        self.assertGreater(posed, FRAMES // 2)
+        self.assertLess(given, FRAMES)
+        self.assertTrue((folder / 'out/colmap/sparse/0/points3D.bin').exists())
+
+    def test_a_video_becomes_models_with_images(self):
+        folder = temporary_folder()
+        pictures = self.clip(folder)
         done = dsorb('run', folder / 'clip.avi', '--calib', room() / 'camera.txt', '--output', folder / 'out',
                      '--export', 'nerfstudio,colmap')
         self.assertEqual(done.returncode, 0, done.stderr)

@@ -2,6 +2,7 @@
 """dsorb run VIDEO|FOLDER|BAG: poses and points of a video; dsorb view DIR: the run in the Rerun viewer; dsorb export DIR:
 files for other programs; dsorb calibrate VIDEO: calibration from a chessboard."""
 import argparse
+import json
 import math
 import os
 import re
@@ -267,6 +268,15 @@ def words_of(args, rest, output):
     return words + (['--quiet'] if args.quiet else [])
 
 
+def was_cut_short(output):
+    """Whether a run that ended with an error left images before it: of a video that is cut off, a camera that went away."""
+    try:
+        summary = json.loads((output / 'run.json').read_text(encoding='utf-8'))
+    except (OSError, ValueError):
+        return False
+    return summary['status'] == 'error' and summary['frames_given'] > 0
+
+
 def run(args, rest):
     output = args.output or default_output(args.input)
     shown = args.view or args.serve or args.save
@@ -282,7 +292,7 @@ def run(args, rest):
         print(f'dsorb: {error}', file=sys.stderr)
         return RUNTIME_ERROR
     code = run_shown(words, window, args.record) if window else run_program(words)
-    if code in (RUNTIME_ERROR, WRONG_OPTIONS) or code < 0:
+    if code < 0 or code == WRONG_OPTIONS or (code == RUNTIME_ERROR and not was_cut_short(output)):
         return code if code > 0 else RUNTIME_ERROR
     if not args.quiet:
         print(summarize(read_run(output)), flush=True)
