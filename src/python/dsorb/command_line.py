@@ -31,8 +31,9 @@ Poses of the camera and points of the scene from a video, a folder of images or 
   dsorb calibrate board.mp4 --board 9x6 --output camera.txt'''
 RUN_EPILOG = '''\
 All other options are those of dso_dataset (dsorb run --help-all): --set key=value, --width, --every, --from, --to,
---mask, --initializer, ... Exit codes: 0 tracked to the end, 1 unreadable data or failed export, 2 wrong options,
-3 never initialized or lost for good.'''
+--mask, --initializer, ... The summary at the end names what it suspects of the camera. It cannot tell everything: a rolling
+shutter of 25 ms is not seen in a smooth walk (--readout auto models one).
+Exit codes: 0 tracked to the end, 1 unreadable data or failed export, 2 wrong options, 3 never initialized or lost for good.'''
 
 
 def program():
