@@ -4,6 +4,7 @@
 #include "dsorb/io/sequence_reader.h"
 
 #include "support/sequence_fixture.h"
+#include "support/sound_files.h"
 #include "support/text_files.h"
 #include "support/video_file.h"
 
@@ -192,6 +193,19 @@ TEST_F(VideoTest, FilesThatAreNoVideosAreNamed) {
   EXPECT_THAT(openingComplaint(viewOf(cut)), AllOf(HasSubstr("cut.mp4"), HasSubstr("no video")));
   EXPECT_THAT(openingComplaint(optionsFor(video("good.avi"))),
               AllOf(HasSubstr("good.avi"), HasSubstr("no calibration")));
+}
+
+TEST_F(VideoTest, ContainersWithoutPicturesAreNamed) {
+  for (const std::string name : {"empty.avi", "empty.mkv", "empty.mp4"}) {
+    ASSERT_TRUE(writeVideo(root() / name, "MJPG", kRate, 0, grey));
+  }
+  writeText(root() / "sound.mp4", soundAsMp4());
+  writeText(root() / "sound.mkv", soundAsMkv());
+  for (const std::string name : {"empty.avi", "empty.mkv", "empty.mp4", "sound.mp4", "sound.mkv"}) {
+    EXPECT_THROW(SequenceReader{viewOf(root() / name)}, IoError);
+    EXPECT_THAT(openingComplaint(viewOf(root() / name)),
+                testing::ContainsRegex(name + ": (no video|holds no image) that can be decoded"));
+  }
 }
 
 TEST_F(VideoTest, AVideoThatEndsEarlyGivesTheImagesBefore) {
