@@ -29,6 +29,9 @@ cv::Mat decode(const std::vector<std::uint8_t>& bytes) {
 constexpr double kUsualRate = 30;
 constexpr double kMaxRate = 1e4;
 constexpr double kMaxImages = 1e9;
+// For opening [ms]: FFmpeg looks for up to 5 s at what a stream holds.
+constexpr int kOpeningPatience = 10000;
+constexpr int kPatience = 5000;  // for an image [ms]
 
 /// OpenCV asks every backend where it is not told one, and each of them complains by itself.
 int backendFor(const std::string& address) {
@@ -47,8 +50,8 @@ int turnOf(cv::VideoCapture& capture) {
 
 class OpenCvCapture final : public Capture {
  public:
-  explicit OpenCvCapture(cv::VideoCapture capture)
-      : capture_(std::move(capture)), turn_(turnOf(capture_)) {
+  explicit OpenCvCapture(const cv::VideoCapture& capture)
+      : capture_(capture), turn_(turnOf(capture_)) {
     const double rate = capture_.get(cv::CAP_PROP_FPS);
     rate_ = rate > 0 && rate < kMaxRate ? rate : kUsualRate;
     const double count = capture_.get(cv::CAP_PROP_FRAME_COUNT);
@@ -88,14 +91,22 @@ class OpenCvCapture final : public Capture {
   bool begun_ = false;
 };
 
+/// Only FFmpeg takes these; its own are 30 s.
+std::vector<int> timeoutsFor(int backend) {
+  if (backend != cv::CAP_FFMPEG) return {};
+  return {
+      cv::CAP_PROP_OPEN_TIMEOUT_MSEC, kOpeningPatience, cv::CAP_PROP_READ_TIMEOUT_MSEC, kPatience};
+}
+
 std::unique_ptr<Capture> openVideoCapture(const std::string& address) {
   cv::VideoCapture capture;
+  const int backend = backendFor(address);
   try {
-    if (!capture.open(address, backendFor(address))) return nullptr;
+    if (!capture.open(address, backend, timeoutsFor(backend))) return nullptr;
   } catch (const cv::Exception&) {
     return nullptr;
   }
-  return std::make_unique<OpenCvCapture>(std::move(capture));
+  return std::make_unique<OpenCvCapture>(capture);
 }
 
 constexpr CodecsModule kModule{&decode, &openVideoCapture};

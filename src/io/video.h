@@ -34,9 +34,10 @@ class VideoSource : public ImageSource {
 /// A device, an address, or a video file that is played like a camera in its own time. A thread
 /// takes every image; image() waits for one that is newer than the last and never gives an older
 /// one than the newest. Times are seconds since 1970, of a file those of its container.
-/// @throws IoError where it cannot be opened, and from image() where nothing comes for five seconds
-/// or
-///         the camera goes away
+/// The end of its life takes up to half a second where an image is being read; a read that does not
+/// return is left to its thread, which ends with it.
+/// @throws IoError where it cannot be opened within ten seconds, and from image() where nothing
+///         comes for five seconds or the camera goes away
 [[nodiscard]] std::unique_ptr<ImageSource> openCamera(const std::string& address);
 
 }  // namespace dsorb

@@ -3,14 +3,20 @@
 #include "support/dso_dataset_run.h"
 #include "support/video_file.h"
 
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <opencv2/imgcodecs.hpp>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -104,6 +110,104 @@ TEST_F(VideoRun, ALateRunOfACameraSaysHowManyImagesItMissed) {
   const nlohmann::json json = runJson();
   EXPECT_EQ(json["frames_given"].get<int>() + json["frames_dropped"].get<int>(), 3 * kFrames)
       << result.err;
+}
+
+/// Sends bytes through a pipe at the speed of a camera, about 60 images a second of the room.
+class PipeFeeder {
+ public:
+  PipeFeeder(const fs::path& pipe, std::string bytes, bool stays_open)
+      : bytes_(std::move(bytes)), stays_open_(stays_open) {
+    EXPECT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+    end_ = open(pipe.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC);  // does not wait for a reader
+    thread_ = std::thread([this] { feed(); });
+  }
+  ~PipeFeeder() {
+    reader_ended_ = true;
+    thread_.join();
+  }
+  PipeFeeder(const PipeFeeder&) = delete;
+  PipeFeeder& operator=(const PipeFeeder&) = delete;
+
+  /// Since everything was sent [s]; negative: not yet.
+  [[nodiscard]] double silence() const {
+    return sent_ ? std::chrono::duration<double>(Clock::now() - last_).count() : -1;
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  void feed() {
+    constexpr std::size_t kPiece = 15000;  // [bytes], about an image
+    for (std::size_t at = 0; at < bytes_.size() && !reader_ended_;) {
+      const ssize_t sent = write(end_, bytes_.data() + at, std::min(kPiece, bytes_.size() - at));
+      if (sent > 0) at += static_cast<std::size_t>(sent);
+      std::this_thread::sleep_for(std::chrono::milliseconds(15));
+    }
+    last_ = Clock::now();
+    sent_ = true;
+    while (stays_open_ && !reader_ended_) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(15));
+    }
+    close(end_);
+  }
+
+  std::string bytes_;
+  bool stays_open_;
+  int end_ = -1;
+  std::atomic<bool> reader_ended_{false};
+  std::atomic<bool> sent_{false};
+  Clock::time_point last_;
+  std::thread thread_;
+};
+
+class CameraThatStops : public VideoRun {
+ protected:
+  /// @return seconds from the last bytes to the end of the program
+  double runOnPipe(bool stays_open, double interrupted_after = -1) {
+    const std::string video = readText(encode("room.avi", "MJPG", 20));
+    const fs::path pipe = folder_.path() / "camera";
+    const PipeFeeder feeder(pipe, video.substr(0, video.size() / 2), stays_open);
+    const auto interrupt = [&feeder, interrupted_after] {
+      return interrupted_after >= 0 && feeder.silence() > interrupted_after;
+    };
+    result_ = run({pipe.string(),
+                   "--format",
+                   "camera",
+                   "--calib",
+                   (room_ / "camera.txt").string(),
+                   "--initializer",
+                   "orb-v1",
+                   "--output",
+                   out().string()},
+                  interrupt);
+    return feeder.silence();
+  }
+  void expectResults(const char* status) const {
+    const nlohmann::json json = runJson();
+    EXPECT_EQ(json["status"], status);
+    EXPECT_GT(json["frames_given"], 0);  // 50 on an idle machine, 11 on one with 7 times the load
+    EXPECT_EQ(fs::file_size(file("trajectory.txt")) > 0, json["frames_tracked"] > 0);
+  }
+
+  ProgramResult result_;
+};
+
+TEST_F(CameraThatStops, GoesAway) {
+  EXPECT_LT(runOnPipe(false), 5);  // at once; 5.5 would be a silent one's end
+  EXPECT_EQ(result_.exit_code, 1);
+  EXPECT_THAT(result_.err, testing::ContainsRegex("the camera went away after [0-9]+ images"));
+  expectResults("error");
+}
+
+TEST_F(CameraThatStops, FallsSilent) {
+  EXPECT_LT(runOnPipe(true), 10);  // measured 6.1
+  EXPECT_EQ(result_.exit_code, 1);
+  EXPECT_THAT(result_.err, HasSubstr("camera: no image for five seconds"));
+  expectResults("error");
+}
+
+TEST_F(CameraThatStops, IsSilentWhenItIsInterrupted) {
+  EXPECT_LT(runOnPipe(true, 2), 5);  // measured 2.7
+  expectResults("interrupted");
 }
 
 }  // namespace
