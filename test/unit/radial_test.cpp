@@ -36,7 +36,8 @@ TEST(Radial, UnbendingIsTheInverseOfBending) {
     for (const Vector2f& ray : kRays) {
       Vector2f seen = ray;
       bend(k, seen.x(), seen.y());
-      EXPECT_LT((seen.cast<double>() - bent(static_cast<double>(k), ray.cast<double>())).norm(), 1e-6);
+      EXPECT_LT((seen.cast<double>() - bent(static_cast<double>(k), ray.cast<double>())).norm(),
+                1e-6);
       // Measured up to .0010 at the outermost ray: .5 px of a focal length of 500.
       EXPECT_LT((unbend(k, seen) - ray).norm(), 0.002F) << k << " " << ray.transpose();
     }
@@ -55,7 +56,8 @@ TEST(Radial, ShiftsAndGradientsAreThoseOfTheDerivative) {
       Vector2f gradient = shift;
       bendGradient(k, ray.x(), ray.y(), kRatio, gradient.x(), gradient.y());
       const Vector2d focal(1, static_cast<double>(kRatio));
-      const Vector2d expected = (J.transpose() * shift.cast<double>().cwiseProduct(focal)).cwiseQuotient(focal);
+      const Vector2d expected =
+          (J.transpose() * shift.cast<double>().cwiseProduct(focal)).cwiseQuotient(focal);
       EXPECT_LT((gradient.cast<double>() - expected).norm(), 1e-5);
     }
   }
@@ -64,7 +66,8 @@ TEST(Radial, ShiftsAndGradientsAreThoseOfTheDerivative) {
 TEST(Radial, PixelsOfAFrameAreMovedToThoseOfAPinholeCameraAndBack) {
   const PinholeCamera camera{300, 290, 159.5, 119.5, 320, 240};
   const std::vector<float> image(320UL * 240UL, 40);
-  const FramePtr frame = Frame::create(ImageView(image.data(), 320, 240), {FrameId{0}, 0, 0, nullptr});
+  const FramePtr frame =
+      Frame::create(ImageView(image.data(), 320, 240), {FrameId{0}, 0, 0, nullptr});
   EXPECT_FALSE(shutterOf(*frame, {}, {}));
   const auto shutter = shutterOf(*frame, {}, {0, -0.2});
   ASSERT_TRUE(shutter);
