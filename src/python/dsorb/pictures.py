@@ -64,7 +64,7 @@ def refined_lens(lens, camera, refined):
     """Lens of the images as they were taken, where they were taken for those of the pinhole `lens`, rectified for `camera`."""
     sx, sy = lens['fx'] / camera['fx'], lens['fy'] / camera['fy']
     k1 = refined.get('k1', 0)
-    return dict(lens, model='radtan' if k1 else 'pinhole', coefficients=[k1, 0, 0, 0] if k1 else [],
+    return dict(lens, model='radtan' if k1 else 'pinhole', coefficients=[k1, 0, 0, 0, 0] if k1 else [],
                 fx=sx * refined['fx'], fy=sy * refined['fy'],
                 cx=lens['cx'] + sx * (refined['cx'] - camera['cx']), cy=lens['cy'] + sy * (refined['cy'] - camera['cy']))
 
