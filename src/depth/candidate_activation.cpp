@@ -179,10 +179,10 @@ DepthFit fitDepth(const CandidatePoint& candidate,
       candidate.finished ? CandidateVerdict::kDrop : CandidateVerdict::kWait;
   const float first_limit = kPatternOutlierEnergy * (options.consistent_energy ? 1 : kLooseLimit);
   const bool rolling = !targets.empty() && targets.front().corrected;
-  const auto evaluateAll = rolling ? evaluateRolling : evaluateGlobal;
+  const auto evaluate_all = rolling ? evaluateRolling : evaluateGlobal;
   std::vector<FitState> states(targets.size(), FitState::kIn);
   float depth = candidate.middle();
-  FitSums terms = evaluateAll(candidate, rays, targets, {depth, first_limit}, states);
+  FitSums terms = evaluate_all(candidate, rays, targets, {depth, first_limit}, states);
   DepthFit fit;
   fit.verdict = weak;
   if (!std::isfinite(terms.energy) || terms.curvature < kMinInformation) return fit;
@@ -191,7 +191,7 @@ DepthFit fitDepth(const CandidatePoint& candidate,
     const float step = terms.gradient / ((1 + damping) * terms.curvature);
     std::vector<FitState> trial_states = states;
     const FitSums trial =
-        evaluateAll(candidate, rays, targets, {depth - step, kPatternOutlierEnergy}, trial_states);
+        evaluate_all(candidate, rays, targets, {depth - step, kPatternOutlierEnergy}, trial_states);
     if (!std::isfinite(trial.energy) || trial.curvature < kMinInformation) return fit;
     if (trial.energy < terms.energy) {
       depth -= step;

@@ -39,7 +39,9 @@ inline Eigen::Vector2f unbendShift(float k,
 /// the transposed derivative of bend().
 /// @param ratio fy over fx
 template <typename T>
-DSORB_ALWAYS_INLINE void bendGradient(float k, const T& u, const T& v, float ratio, T& dx, T& dy) {
+DSORB_ALWAYS_INLINE void bendGradient(float k, const T (&ray)[2], float ratio, T& dx, T& dy) {
+  const T& u = ray[0];
+  const T& v = ray[1];
   const T factor = 1.0F + k * (u * u + v * v);
   const T along = 2.0F * k * (u * dx + v * ratio * dy);
   dx = factor * dx + along * u;

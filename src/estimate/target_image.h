@@ -80,7 +80,7 @@ DSORB_ALWAYS_INLINE void unbendGradients(const TargetImage& target,
                                          LaneSamples& samples) {
   if constexpr (kRolling) {
     const float ratio = target.warp.fy / target.warp.fx;
-    bendGradient(target.shutter.radial, point.u, point.v, ratio, samples.dx, samples.dy);
+    bendGradient(target.shutter.radial, {point.u, point.v}, ratio, samples.dx, samples.dy);
   }
 }
 

@@ -151,9 +151,10 @@ DSORB_ALWAYS_INLINE void accumulateRows(const Columns<kParameters>& columns,
                                         std::size_t padded,
                                         float* sums,
                                         std::integer_sequence<int, kRows...> /*rows*/) {
-  (accumulateRow<kRows>(
-       columns, weight, padded, sums + kRows * (kParameters + 1) - kRows * (kRows - 1) / 2),
-   ...);
+  constexpr auto kBegin = [](int row) {
+    return static_cast<std::ptrdiff_t>(row * (kParameters + 1) - row * (row - 1) / 2);
+  };
+  (accumulateRow<kRows>(columns, weight, padded, sums + kBegin(kRows)), ...);
 }
 
 template <int kParameters>

@@ -165,7 +165,7 @@ TEST(PhotometricResidualTest, DerivativesByADistortedLensAgreeWithDifferences) {
     for (int i = 0; i < 2; ++i) {
       float dx = i == 0 ? 1.0F : 0.0F;
       float dy = 1.0F - dx;
-      bendGradient(-0.2F, p.u, p.v, ratio, dx, dy);
+      bendGradient(-0.2F, {p.u, p.v}, ratio, dx, dy);
       seen[i] = static_cast<double>(dx * geometry.x[lane] + dy * geometry.y[lane]);
     }
     // Measured up to .0013: single precision.

@@ -54,7 +54,7 @@ TEST(Radial, ShiftsAndGradientsAreThoseOfTheDerivative) {
       const Vector2d ideal = J.inverse() * shift.cast<double>();
       EXPECT_LT((unbendShift(k, ray, shift).cast<double>() - ideal).norm(), 1e-5);
       Vector2f gradient = shift;
-      bendGradient(k, ray.x(), ray.y(), kRatio, gradient.x(), gradient.y());
+      bendGradient(k, {ray.x(), ray.y()}, kRatio, gradient.x(), gradient.y());
       const Vector2d focal(1, static_cast<double>(kRatio));
       const Vector2d expected =
           (J.transpose() * shift.cast<double>().cwiseProduct(focal)).cwiseQuotient(focal);
