@@ -7,7 +7,7 @@
 
 /// Radial distortion that a calibration lacks, on the plane z = 1: seen = ideal (1 + k r^2), r the
 /// length of the ideal ray.
-/// @source first term of Brown, Decentering distortion of lenses, 1966; LensModel::kRadTan's k1
+/// @source first term of Brown, Close-Range Camera Calibration, 1971; LensModel::kRadTan's k1
 namespace dsorb {
 
 /// From where a pinhole camera would see a ray to where the lens shows it. @tparam T float or Lanes

@@ -38,8 +38,8 @@ TEST(Radial, UnbendingIsTheInverseOfBending) {
       bend(k, seen.x(), seen.y());
       EXPECT_LT((seen.cast<double>() - bent(static_cast<double>(k), ray.cast<double>())).norm(),
                 1e-6);
-      // Measured up to .0010 at the outermost ray: .5 px of a focal length of 500.
-      EXPECT_LT((unbend(k, seen) - ray).norm(), 0.002F) << k << " " << ray.transpose();
+      // Measured up to .0007 at the outermost ray: .3 px of a focal length of 500.
+      EXPECT_LT((unbend(k, seen) - ray).norm(), 0.0015F) << k << " " << ray.transpose();
     }
   }
   EXPECT_EQ(unbend(0, kRays[2]), kRays[2]);
@@ -73,7 +73,7 @@ TEST(Radial, PixelsOfAFrameAreMovedToThoseOfAPinholeCameraAndBack) {
   ASSERT_TRUE(shutter);
   for (const Vector2f& seen : {Vector2f(160, 120), Vector2f(20, 200), Vector2f(318, 1)}) {
     const Vector2f ideal = pixelInMiddle(*shutter, camera, seen, 0.5F);
-    // Measured below 1e-4.
+    // Measured up to 3e-4.
     EXPECT_LT((pixelInRow(*shutter, camera, ideal, 0.5F) - seen).norm(), 1e-3F);
     const Vector2d ray = camera.unproject(ideal.cast<double>()).head<2>();
     const Vector2d expected = camera.project(bent(-0.2, ray).homogeneous());
