@@ -41,8 +41,7 @@ inline TargetImage makeTargetImage(const PinholeCamera& camera,
 
 /// A hosted point in the image: u, v and inverse_z at the time of its middle row, x and y where its
 /// own row sees it.
-/// @tparam kRolling the image's `corrected`: kernels are compiled for both, so that a global
-/// shutter
+/// @tparam kRolling the image's `corrected`: kernels are compiled for both, and a global shutter
 ///                  costs nothing
 /// @param ray_x, ray_y of the point in the host, z = 1
 /// @param rho          inverse depth in the host [1/unit], one for all lanes or one each

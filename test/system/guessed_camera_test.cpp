@@ -54,12 +54,18 @@ std::vector<std::string> guess(double fx, int width, double error) {
   return {"--hfov", std::to_string(2 * half * 180 / M_PI)};
 }
 
+/// Folder of a rendered sequence inside `folder`.
+std::string renderedRoom(const std::filesystem::path& folder) {
+  const std::string room = (folder / "room").string();
+  const ProgramResult made =
+      runProgram({DSORB_SYNTHESIZE, "room", "--output", room, "--frames", "90", "--quiet"}, folder);
+  EXPECT_EQ(made.exit_code, 0) << made.err;
+  return room;
+}
+
 TEST(GuessedCamera, EndsWithinAPercentAndIsTheCalibrationOfTheNextRun) {
   const TemporaryFolder folder;
-  const std::string room = (folder.path() / "room").string();
-  const ProgramResult made = runProgram(
-      {DSORB_SYNTHESIZE, "room", "--output", room, "--frames", "90", "--quiet"}, folder.path());
-  ASSERT_EQ(made.exit_code, 0) << made.err;
+  const std::string room = renderedRoom(folder.path());
   const Camera truth(room + "/camera.txt");
   for (const double error : {-0.1, 0.1}) {
     const auto guessed = runOn(room, room + "-out", guess(truth.fx, truth.width, error));
@@ -105,10 +111,7 @@ void distort(const std::filesystem::path& room,
 
 TEST(GuessedCamera, ARadialDistortionIsFoundAndIsInTheCalibrationOfTheNextRun) {
   const TemporaryFolder folder;
-  const std::string room = (folder.path() / "room").string();
-  const ProgramResult made = runProgram(
-      {DSORB_SYNTHESIZE, "room", "--output", room, "--frames", "90", "--quiet"}, folder.path());
-  ASSERT_EQ(made.exit_code, 0) << made.err;
+  const std::string room = renderedRoom(folder.path());
   const double focal = Camera(room + "/camera.txt").fx;
   const PinholeCamera camera{focal, focal, 319.5, 239.5, 640, 480};
   constexpr float kDistortion = -0.15F, kLonger = 1.15F;

@@ -52,6 +52,18 @@ class VideoRun : public DsoDataset {
     more.insert(more.begin(), {"--calib", (room_ / "camera.txt").string()});
     return runOn(video, more);
   }
+  /// The words of a run on a camera.
+  [[nodiscard]] std::vector<std::string> cameraWords(const fs::path& camera) const {
+    return {camera.string(),
+            "--format",
+            "camera",
+            "--calib",
+            (room_ / "camera.txt").string(),
+            "--initializer",
+            "orb-v1",
+            "--output",
+            out().string()};
+  }
 };
 
 TEST_F(VideoRun, TracksMotionJpegAndH264) {
@@ -86,16 +98,8 @@ TEST_F(VideoRun, RefusesWhatIsNoVideo) {
 TEST_F(VideoRun, ACameraRunsUntilItIsInterrupted) {
   const fs::path video = encode("room.avi", "MJPG", 20);  // 16 s
   const fs::path table = file("frames.csv");
-  const ProgramResult result = run({video.string(),
-                                    "--format",
-                                    "camera",
-                                    "--calib",
-                                    (room_ / "camera.txt").string(),
-                                    "--initializer",
-                                    "orb-v1",
-                                    "--output",
-                                    out().string()},
-                                   [table] { return readTextLines(table).size() > kFrames; });
+  const ProgramResult result =
+      run(cameraWords(video), [table] { return readTextLines(table).size() > kFrames; });
   const nlohmann::json json = runJson();
   EXPECT_EQ(json["status"], "interrupted") << result.err;
   EXPECT_GT(json["frames_given"], kFrames / 2);
@@ -169,16 +173,7 @@ class CameraThatStops : public VideoRun {
     const auto interrupt = [&feeder, interrupted_after] {
       return interrupted_after >= 0 && feeder.silence() > interrupted_after;
     };
-    result_ = run({pipe.string(),
-                   "--format",
-                   "camera",
-                   "--calib",
-                   (room_ / "camera.txt").string(),
-                   "--initializer",
-                   "orb-v1",
-                   "--output",
-                   out().string()},
-                  interrupt);
+    result_ = run(cameraWords(pipe), interrupt);
     return feeder.silence();
   }
   void expectResults(const char* status) const {
