@@ -241,6 +241,11 @@ dsorb_estimate estimateOf(const dsorb::FrameEstimate& made) {
     estimate.has_covariance = 1;
     std::copy_n(made.covariance->data(), made.covariance->size(), estimate.covariance);
   }
+  if (made.world_covariance) {
+    estimate.has_world_covariance = 1;
+    std::copy_n(
+        made.world_covariance->data(), made.world_covariance->size(), estimate.world_covariance);
+  }
   return estimate;
 }
 

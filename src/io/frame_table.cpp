@@ -52,8 +52,12 @@ std::string frameTableHeader() {
   std::string header =
       "index,timestamp,state,milliseconds,is_keyframe,tracking_rmse,segment,image,keyframe,rel_tx,"
       "rel_ty,rel_tz,rel_qx,rel_qy,rel_qz,rel_qw";
-  for (int row = 0; row < 6; ++row) {
-    for (int column = row; column < 6; ++column) header += fmt::format(",cov_{}{}", row, column);
+  for (const char* prefix : {"cov", "world_cov"}) {
+    for (int row = 0; row < 6; ++row) {
+      for (int column = row; column < 6; ++column) {
+        header += fmt::format(",{}_{}{}", prefix, row, column);
+      }
+    }
   }
   return header + "\n";
 }
@@ -63,7 +67,7 @@ std::string frameTableLine(const FrameEstimate& estimate,
                            const std::string& image_file) {
   const double rmse = estimate.tracking_rmse.value_or(-1);
   return fmt::format(
-      "{},{:.9f},{},{:.3f},{},{},{},{},{}{}{}\n",
+      "{},{:.9f},{},{:.3f},{},{},{},{},{}{}{}{}\n",
       estimate.frame->id().value,
       estimate.frame->timestamp(),
       name(estimate.state),
@@ -74,7 +78,8 @@ std::string frameTableLine(const FrameEstimate& estimate,
       csvField(image_file),
       estimate.keyframe ? fmt::to_string(estimate.keyframe->value) : "",
       poseFields(estimate.T_cam_keyframe),
-      covarianceFields(estimate.covariance));
+      covarianceFields(estimate.covariance),
+      covarianceFields(estimate.world_covariance));
 }
 
 }  // namespace dsorb::io

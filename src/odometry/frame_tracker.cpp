@@ -57,6 +57,11 @@ TrackedPose FrameTracker::track(const Frame& frame) {
   pose.T_cam_keyframe = result.T_frame_reference;
   pose.covariance = result.covariance;
   pose.T_cam_world = result.T_frame_reference * target_->T_cam_world;
+  if (result.covariance && target_->covariance) {
+    const Matrix6d adjoint = result.T_frame_reference.adjoint();
+    pose.world_covariance =
+        *result.covariance + adjoint * *target_->covariance * adjoint.transpose();
+  }
   pose.affine = affine_ = result.affine;
   pose.wants_keyframe = needsKeyframe(frame, result);
   pose.motion = result.motion;

@@ -19,6 +19,8 @@ struct KeyframePose {
   FramePtr frame;
   SE3 T_cam_world;
   AffineBrightness affine;
+  std::optional<Matrix6d>
+      covariance{};  ///< of exp(xi) * T_cam_world: WindowUncertainty::newest_pose
 };
 
 /// What frames are tracked against, as a value.
@@ -34,6 +36,7 @@ struct TrackedPose {
   SE3 T_cam_keyframe;
   std::optional<Matrix6d> covariance;  ///< of exp(xi) * T_cam_keyframe, [translation; rotation]
   SE3 T_cam_world;
+  std::optional<Matrix6d> world_covariance;  ///< of exp(xi) * T_cam_world, in the window's gauge
   AffineBrightness affine;
   std::optional<double> rmse;   ///< level 0 [grey levels]
   bool wants_keyframe = false;  ///< the target is too far away

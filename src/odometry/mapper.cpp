@@ -84,8 +84,9 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
   update.finite = adjustment.finite && adjustment.residuals > 0;
   update.rms = noise_ = adjustment.rms;
   if (!update.finite) return update;
-  noteCamera(adjustment.camera_sigmas);
+  noteCamera(adjustment.uncertainty.camera_sigmas);
   update.target = targetOf(T_cam_previous);
+  update.target.keyframe.covariance = adjustment.uncertainty.newest_pose;
   const std::vector<DepthSample> samples = window::depthSamples(*window_, options_.window);
   runBoth([&] { reference_builder_.fill(samples, update.target.reference); },
           [&] {

@@ -186,6 +186,7 @@ class Odometry::Impl {
     estimate.keyframe = pose.keyframe;
     estimate.T_cam_keyframe = pose.T_cam_keyframe;
     estimate.covariance = pose.covariance;
+    estimate.world_covariance = pose.world_covariance;
     estimate.affine = pose.affine;
     estimate.tracking_rmse = pose.rmse;
     mapper_.submit({frame, std::move(pose), estimate.is_keyframe});

@@ -22,9 +22,10 @@ class SegmentUnit {
     if (metres_ == 1) return estimate;
     if (estimate.T_world_cam) scale(*estimate.T_world_cam);
     if (estimate.T_cam_keyframe) scale(*estimate.T_cam_keyframe);
-    if (estimate.covariance) {
-      estimate.covariance->topRows<3>() *= metres_;
-      estimate.covariance->leftCols<3>() *= metres_;
+    for (auto* covariance : {&estimate.covariance, &estimate.world_covariance}) {
+      if (!*covariance) continue;
+      (*covariance)->topRows<3>() *= metres_;
+      (*covariance)->leftCols<3>() *= metres_;
     }
     return estimate;
   }

@@ -204,6 +204,12 @@ void bindEstimate(nb::module_& m) {
           "(6, 6): of a left increment of T_cam_keyframe, [translation; rotation], in the "
           "segment's unit and rad; None: there is none.")
       .def_prop_ro(
+          "world_covariance",
+          [](const Estimate& e) { return covarianceOf(e.frame.world_covariance); },
+          nb::rv_policy::automatic,
+          "(6, 6): of a left increment of T_cam_world as tracked, in the gauge in which the "
+          "window's keyframes taken together are not moved, turned or scaled; None: there is none.")
+      .def_prop_ro(
           "brightness",
           [](const Estimate& e) { return std::make_pair(e.frame.affine.a, e.frame.affine.b); },
           "Log gain [-] and offset [grey levels].")

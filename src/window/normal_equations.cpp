@@ -14,8 +14,7 @@ namespace {
 
 using Eigen::Index;
 
-constexpr std::size_t kChunk = 128;           // points of one part of the work
-constexpr double kPreconditionerOffset = 10;  // @source DSO as published
+constexpr std::size_t kChunk = 128;  // points of one part of the work
 constexpr float kMinDepthCurvature = 1e-10F;
 
 /// Everything the evaluation of one chunk reads and writes.
@@ -40,7 +39,7 @@ struct ResidualTerms {
   alignas(32) float y[kRowLanes] = {};
 };
 
-DSORB_ALWAYS_INLINE void reduce(ResidualTerms& terms, std::size_t lanes) {
+DSORB_ALWAYS_INLINE void sumLanes(ResidualTerms& terms, std::size_t lanes) {
   const PatchSums& p = terms.patch;
   const ResidualGeometry& g = terms.geometry;
   for (std::size_t i = 0; i < lanes; ++i) {
@@ -222,7 +221,7 @@ DSORB_ALWAYS_INLINE ResidualSums linearizePoint(WindowPoint& point,
           relativeDeviation(context, pair, terms.geometry, chunk.host, target);
       freeze(terms.patch, terms.geometry, relative, context.window->camera_state);
     }
-    reduce(terms, camera ? kRowLanes : kRowLanesWithoutCamera);
+    sumLanes(terms, camera ? kRowLanes : kRowLanesWithoutCamera);
     accumulate(terms, camera, context.sums[target]);
     const bool velocities = context.velocity_sums != nullptr;
     if (velocities) {
@@ -380,13 +379,6 @@ void evaluateNewest(Window& window,
   forEachRange(points.size(), kChunk * chunks_per_task, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) evaluate_one(points[i]);
   });
-}
-
-Eigen::VectorXd solvePreconditioned(const Eigen::MatrixXd& H, const Eigen::VectorXd& b) {
-  const Eigen::VectorXd scale =
-      (H.diagonal().array().abs() + kPreconditionerOffset).sqrt().inverse();
-  const Eigen::MatrixXd scaled = scale.asDiagonal() * H * scale.asDiagonal();
-  return scale.asDiagonal() * scaled.ldlt().solve(scale.asDiagonal() * b);
 }
 
 }  // namespace dsorb::window

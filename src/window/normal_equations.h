@@ -85,10 +85,4 @@ void evaluateNewest(Window& window,
                     const std::vector<PointRef>& points,
                     std::size_t chunks_per_task);
 
-/// Dense symmetric solve with diagonal preconditioning.
-/// @param H lower triangle
-/// @return x with H x = b
-[[nodiscard]] Eigen::VectorXd solvePreconditioned(const Eigen::MatrixXd& H,
-                                                  const Eigen::VectorXd& b);
-
 }  // namespace dsorb::window

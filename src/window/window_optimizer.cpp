@@ -2,7 +2,6 @@
 #include "window/window_optimizer.h"
 
 #include "estimate/levenberg_marquardt.h"
-#include "window/window_step.h"
 
 #include <algorithm>
 #include <cmath>
@@ -329,11 +328,9 @@ OptimizationReport WindowOptimizer::Adjustment::finish() {
   report_.residuals = last.used;
   report_.last_energy = energy_;
   report_.rms = std::sqrt(squaredRms(last));
-  if (camera_.any()) {
-    report_.camera_sigmas =
-        cameraSigmas(window_, last, memory_.options_, report_.rms, memory_.elimination_);
-    window_.readout_sigma = report_.camera_sigmas[kReadout];
-  }
+  report_.uncertainty =
+      uncertaintyOf(window_, last, memory_.options_, report_.rms, memory_.elimination_);
+  if (camera_.any()) window_.readout_sigma = report_.uncertainty.camera_sigmas[kReadout];
   moveFirstEstimates(window_);
   pairs_ = PairTable(window_);
   if (options_.fixed_thresholds) {

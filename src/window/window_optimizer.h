@@ -5,6 +5,7 @@
 
 #include "window/normal_equations.h"
 #include "window/window.h"
+#include "window/window_step.h"
 
 #include <cstddef>
 
@@ -20,8 +21,7 @@ struct OptimizationReport {
   double first_energy = 0;  ///< total, priors included
   double last_energy = 0;   ///< before a last step that was taken unseen
   double rms = 0;           ///< of a used residual's pixel [grey levels]
-  /// Standard deviations of the intrinsics and of the readout; 0: not estimated [px; s].
-  CameraVector camera_sigmas = CameraVector::Zero();
+  WindowUncertainty uncertainty;
 };
 
 /// Adapts the outlier threshold of the newest keyframe to its residuals.

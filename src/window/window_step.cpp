@@ -3,6 +3,8 @@
 
 #include "geometry/symmetric_eigen.h"
 
+#include <Eigen/Cholesky>
+
 #include <cmath>
 
 namespace dsorb::window {
@@ -18,10 +20,12 @@ constexpr double kSingularCutOff = 1e-5;  // relative, of gauge directions
 // of the size of those after a start, 5 to 9 grey levels.
 constexpr double kPriorNoise = 49;
 
-// By which the errors of an estimated camera exceed what independent pixels would give: the eight
-// pixels of a patch err together, root of 8, and what is wrong with a host's patch is wrong in all
-// of its residuals, about 2. docs/experiments.md, "Rolling shutter".
-constexpr double kCameraFactor = 6;
+// By which the errors of what an adjustment estimates exceed what independent pixels would give:
+// the eight pixels of a patch err together, root of 8, and what is wrong with a host's patch is
+// wrong in all of its residuals, about 2. docs/experiments.md, "Rolling shutter" and "Covariance of
+// tracked poses".
+constexpr double kErrorFactor = 6;
+constexpr double kPreconditionerOffset = 10;  // @source DSO as published
 
 // What phones and webcams differ by, for a guessed camera. docs/experiments.md, "Refined
 // intrinsics".
@@ -62,6 +66,23 @@ ReducedSystem reduce(const Window& window,
   return system;
 }
 
+/// Dense symmetric system with diagonal preconditioning.
+class PreconditionedSystem {
+ public:
+  explicit PreconditionedSystem(const MatrixXd& H)
+      : scale_((H.diagonal().array().abs() + kPreconditionerOffset).sqrt().inverse()),
+        factor_(scale_.asDiagonal() * H * scale_.asDiagonal()) {}
+
+  template <typename Right>
+  [[nodiscard]] Right solve(const Right& b) const {
+    return scale_.asDiagonal() * factor_.solve(scale_.asDiagonal() * b);
+  }
+
+ private:
+  VectorXd scale_;
+  Eigen::LDLT<MatrixXd> factor_;
+};
+
 double cameraScale(Index row) {
   if (row == kReadout) return kReadoutScale;
   return row == kRadial ? kRadialScale : kCameraScale;
@@ -77,7 +98,7 @@ Eigen::Matrix4d guessInformation(const PinholeCamera& camera, const PriorOptions
   whiten.row(1).head<2>() << 1 / camera.fx, -1 / camera.fy;
   whiten.row(1) /= kAspectSigma;
   whiten(2, 2) = whiten(3, 3) = 1 / center;
-  const double weight = kPriorNoise * kCameraFactor * kCameraFactor * kCameraScale * kCameraScale;
+  const double weight = kPriorNoise * kErrorFactor * kErrorFactor * kCameraScale * kCameraScale;
   return weight * whiten.transpose() * whiten;
 }
 
@@ -86,7 +107,7 @@ Eigen::Matrix4d guessInformation(const PinholeCamera& camera, const PriorOptions
 Vector6d velocityInformation(const Window& window, const Keyframe& keyframe) {
   constexpr double kHeld = 1e6;  // a thousandth of the standard deviation
   const double weight =
-      (window.velocities_held ? kHeld : 1) * kPriorNoise * kCameraFactor * kCameraFactor;
+      (window.velocities_held ? kHeld : 1) * kPriorNoise * kErrorFactor * kErrorFactor;
   return weight * velocityScale().cwiseQuotient(keyframe.rows.sigma).cwiseAbs2();
 }
 
@@ -105,7 +126,7 @@ StatePrior statePrior(const Window& window, const WindowOptions& options) {
   const EstimatedCamera camera = estimatedCamera(window, options);
   if (camera.radial) {
     prior.guess = guessInformation(window.first_camera, options.prior);
-    const double scaled = kCameraFactor * kRadialScale / kRadialSigma;
+    const double scaled = kErrorFactor * kRadialScale / kRadialSigma;
     prior.information[kRadial] = kPriorNoise * scaled * scaled;
   } else if (camera.intrinsics) {
     prior.information.head<kIntrinsicsDim>().setConstant(options.prior.intrinsics);
@@ -166,30 +187,54 @@ VectorXd withoutGauge(const VectorXd& step, const MatrixXd& directions) {
   return result;
 }
 
+namespace {
+
+/// @param noise of a pixel's residual [grey levels]
+std::optional<Matrix6d> newestPoseCovariance(const Window& window,
+                                             const PreconditionedSystem& system,
+                                             double noise) {
+  const MatrixXd directions = gaugeDirections(window);
+  const Index row = window.rowOf(window.keyframes.size() - 1);
+  MatrixXd columns(window.dimension(), 6);
+  for (Index i = 0; i < 6; ++i) {
+    columns.col(i) = withoutGauge(VectorXd::Unit(window.dimension(), row + i), directions);
+  }
+  const Matrix6d scaled = columns.transpose() * system.solve(columns);
+  const Vector6d scale = kErrorFactor * noise * frameScale().head<6>();
+  const Matrix6d covariance =
+      scale.asDiagonal() * (0.5 * (scaled + scaled.transpose())) * scale.asDiagonal();
+  const bool usable = covariance.allFinite() && covariance.diagonal().minCoeff() > 0;
+  return usable ? std::optional(covariance) : std::nullopt;
+}
+
+}  // namespace
+
 StateStep solveStep(const Window& window,
                     const WindowEquations& equations,
                     const WindowOptions& options,
                     double damping,
                     WindowElimination& elimination) {
   const ReducedSystem system = reduce(window, equations, options, damping, elimination);
-  return {-solvePreconditioned(system.H, system.b), system.b};
+  return {-PreconditionedSystem(system.H).solve(system.b), system.b};
 }
 
-CameraVector cameraSigmas(const Window& window,
-                          const WindowEquations& equations,
-                          const WindowOptions& options,
-                          double noise,
-                          WindowElimination& elimination) {
-  const ReducedSystem system = reduce(window, equations, options, 0, elimination);
+WindowUncertainty uncertaintyOf(const Window& window,
+                                const WindowEquations& equations,
+                                const WindowOptions& options,
+                                double noise,
+                                WindowElimination& elimination) {
+  const ReducedSystem reduced = reduce(window, equations, options, 0, elimination);
+  const PreconditionedSystem system(reduced.H);
   const EstimatedCamera camera = estimatedCamera(window, options);
-  CameraVector sigmas = CameraVector::Zero();
+  WindowUncertainty uncertainty;
   for (Index i = 0; i < kCameraDim; ++i) {
     if (!camera.has(i)) continue;
-    const VectorXd unit = VectorXd::Unit(system.b.size(), i);
-    const double variance = solvePreconditioned(system.H, unit)[i];
-    sigmas[i] = kCameraFactor * cameraScale(i) * noise * std::sqrt(variance);
+    const VectorXd unit = VectorXd::Unit(reduced.b.size(), i);
+    uncertainty.camera_sigmas[i] =
+        kErrorFactor * cameraScale(i) * noise * std::sqrt(system.solve(unit)[i]);
   }
-  return sigmas;
+  uncertainty.newest_pose = newestPoseCovariance(window, system, noise);
+  return uncertainty;
 }
 
 }  // namespace dsorb::window

@@ -8,6 +8,8 @@
 
 #include <Eigen/Core>
 
+#include <optional>
+
 /// One linear step of an adjustment: priors of the state, gauge, solution.
 namespace dsorb::window {
 
@@ -50,12 +52,22 @@ struct StateStep {
                                   double damping,
                                   WindowElimination& elimination);
 
-/// Standard deviations of what an adjustment has estimated of the camera [px; s]; the rest is 0.
+/// How sure the result of an adjustment is.
+struct WindowUncertainty {
+  CameraVector camera_sigmas = CameraVector::Zero();  ///< of what is estimated [px; s]
+  /// Of exp(xi) * T_cam_world of the newest keyframe, xi = [translation; rotation], in the gauge in
+  /// which the keyframes as a whole are not moved, turned or scaled: a state's covariance C seen
+  /// through P C P, P the projection onto the complement of gaugeDirections(). Nothing where the
+  /// system does not determine it.
+  /// @source Triggs et al., Bundle Adjustment - A Modern Synthesis, section 9.2: inner constraints
+  std::optional<Matrix6d> newest_pose;
+};
+
 /// @param noise of a pixel's residual [grey levels]
-[[nodiscard]] CameraVector cameraSigmas(const Window& window,
-                                        const WindowEquations& equations,
-                                        const WindowOptions& options,
-                                        double noise,
-                                        WindowElimination& elimination);
+[[nodiscard]] WindowUncertainty uncertaintyOf(const Window& window,
+                                              const WindowEquations& equations,
+                                              const WindowOptions& options,
+                                              double noise,
+                                              WindowElimination& elimination);
 
 }  // namespace dsorb::window

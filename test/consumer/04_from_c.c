@@ -132,6 +132,8 @@ static int checkOdometry(const dsorb_camera* camera, uint8_t* pixels) {
   CHECK(tracked >= 5 && estimate.has_pose && estimate.world_from_cam[3] > 0);
   CHECK(estimate.keyframe >= 0 && estimate.keyframe < kFrames && estimate.has_covariance);
   for (int i = 0; i < 6; ++i) CHECK(estimate.covariance[7 * i] > 0);
+  CHECK(estimate.has_world_covariance);
+  for (int i = 0; i < 6; ++i) CHECK(estimate.world_covariance[7 * i] > 0);
   CHECK(dsorb_odometry_points(odometry, NULL, 0) > 0);
   CHECK(dsorb_odometry_restart(odometry, error, sizeof error) == DSORB_OK);
   dsorb_odometry_destroy(odometry);

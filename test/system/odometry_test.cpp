@@ -40,6 +40,10 @@ void expectSameBits(const Recorder& a, const Recorder& b) {
     EXPECT_EQ(l.affine.a, r.affine.a) << i;
     EXPECT_EQ(l.tracking_rmse, r.tracking_rmse) << i;
     ASSERT_EQ(l.covariance.has_value(), r.covariance.has_value()) << i;
+    ASSERT_EQ(l.world_covariance.has_value(), r.world_covariance.has_value()) << i;
+    if (l.world_covariance) {
+      EXPECT_EQ(*l.world_covariance, *r.world_covariance) << i;
+    }
     if (l.covariance) {
       EXPECT_EQ(*l.covariance, *r.covariance) << i;
     }

@@ -19,6 +19,7 @@ FrameEstimate estimate() {
   estimate.T_world_cam = kPose;
   estimate.T_cam_keyframe = kPose.inverse();
   estimate.covariance = Matrix6d::Identity() + Matrix6d::Constant(.5);
+  estimate.world_covariance = 2 * *estimate.covariance;
   return estimate;
 }
 
@@ -46,6 +47,7 @@ TEST(SegmentUnit, PosesAndTheirCovarianceAreInMetres) {
   EXPECT_EQ((*told.covariance)(1, 4), 4 * .5);    // m rad
   EXPECT_EQ((*told.covariance)(4, 1), 4 * .5);
   EXPECT_EQ((*told.covariance)(5, 5), 1.5);  // rad^2
+  EXPECT_EQ(*told.world_covariance, 2 * *told.covariance);
 }
 
 TEST(SegmentUnit, KeyframesAndPointsGrowAlike) {

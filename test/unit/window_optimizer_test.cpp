@@ -6,6 +6,7 @@
 #include "support/matchers.h"
 #include "support/window_scene.h"
 
+#include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -250,6 +251,23 @@ TEST(WindowOptimizerTest, IntrinsicsAreFoundWhenAsked) {
   EXPECT_LT(std::abs(found.fy / truth.fy - 1), 0.012);  // measured 0.0062
   EXPECT_LT(std::abs(found.cx - truth.cx), 1.3);        // measured 0.65 px
   EXPECT_LT(std::abs(found.cy - truth.cy), 1.3);        // measured 0.03 px
+}
+
+/// Of the newest pose, where the prior that holds the first keyframe is so many times as strong.
+Matrix6d newestCovariance(double hold) {
+  const WindowOptions options;
+  WindowScene scene = roomScene(options);
+  scene.window.keyframes.front().prior.head<6>() *= hold;
+  const OptimizationReport report = WindowOptimizer(options).optimize(scene.window);
+  return report.uncertainty.newest_pose.value_or(Matrix6d::Zero());
+}
+
+TEST(WindowOptimizerTest, NewestPoseIsAsSureWhateverHoldsTheWorld) {
+  const Matrix6d covariance = newestCovariance(1);
+  EXPECT_EQ(covariance, covariance.transpose());
+  EXPECT_GT(covariance.selfadjointView<Eigen::Lower>().eigenvalues().minCoeff(), 0);
+  const double change = (newestCovariance(100) - covariance).norm() / covariance.norm();
+  EXPECT_LT(change, 1e-4);  // measured 1e-6
 }
 
 TEST(WindowOptimizerTest, OneKeyframeIsRefused) {

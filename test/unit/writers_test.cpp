@@ -243,9 +243,9 @@ TEST(RunWriter, TableHasOneLineAFrame) {
   FakeRun run(folder.path());
   playOneSegment(run);
   run.lost(5);
-  const std::string none(29, ',');  // keyframe, pose and covariance
+  const std::string none(50, ',');  // keyframe, pose and covariances
   const std::string turned_nowhere = ",0.000000000,0.000000000,0.000000000,1.000000000";
-  const std::string unknown(21, ',');  // covariance
+  const std::string unknown(42, ',');  // covariances
   EXPECT_THAT(
       readTextLines(folder.path() / "frames.csv"),
       ElementsAre(
@@ -273,6 +273,7 @@ TEST(RunWriter, TableHasPosesRelativeToTheirKeyframesWithCovariances) {
   Matrix6d covariance = Matrix6d::Identity();
   covariance(0, 5) = covariance(5, 0) = -0.25;
   estimate.covariance = covariance;
+  estimate.world_covariance = 2 * covariance;
   run.writer.onFrame(estimate);
   run.writer.frameDone({1, 1}, "a.png");
   covariance(2, 2) = std::numeric_limits<double>::quiet_NaN();
@@ -288,14 +289,19 @@ TEST(RunWriter, TableHasPosesRelativeToTheirKeyframesWithCovariances) {
   EXPECT_THAT(lines.front(),
               EndsWith(",rel_qw,cov_00,cov_01,cov_02,cov_03,cov_04,cov_05,cov_11,"
                        "cov_12,cov_13,cov_14,cov_15,cov_22,cov_23,cov_24,cov_25,"
-                       "cov_33,cov_34,cov_35,cov_44,cov_45,cov_55"));
+                       "cov_33,cov_34,cov_35,cov_44,cov_45,cov_55,world_cov_00,world_cov_01,"
+                       "world_cov_02,world_cov_03,world_cov_04,world_cov_05,world_cov_11,"
+                       "world_cov_12,world_cov_13,world_cov_14,world_cov_15,world_cov_22,"
+                       "world_cov_23,world_cov_24,world_cov_25,world_cov_33,world_cov_34,"
+                       "world_cov_35,world_cov_44,world_cov_45,world_cov_55"));
   const std::string zero = ",0.000000e+00";
   const std::string one = ",1.000000e+00";
   EXPECT_THAT(lines[lines.size() - 2],
               HasSubstr(",a.png,3,1.000000000,-2.000000000,0.500000000,0.000000000,1.000000000,"
                         "0.000000000,0.000000000" +
                         one + zero + zero + zero + zero + ",-2.500000e-01" + one));
-  EXPECT_THAT(lines.back(), EndsWith(",0.000000000" + std::string(21, ',')));
+  EXPECT_THAT(lines[lines.size() - 2], HasSubstr(one + ",2.000000e+00" + zero));
+  EXPECT_THAT(lines.back(), HasSubstr(",0.000000000" + std::string(22, ',') + "2."));
 }
 
 TEST(RunWriter, PointsAreBinaryVerticesInTheWorld) {

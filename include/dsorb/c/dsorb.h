@@ -129,6 +129,10 @@ typedef struct dsorb_estimate {
    *  and in rad. It says nothing of the keyframe's own pose. */
   double covariance[36];
   int32_t is_metric; /**< 1: the segment's unit is the metre, by priors; 0: mean inverse depth 1 */
+  int32_t has_world_covariance; /**< 0: world_covariance is not set */
+  /** 6 x 6, of a left increment of cam_from_world as tracked, where the window's keyframes taken
+   *  together are not moved, turned or scaled. */
+  double world_covariance[36];
 } dsorb_estimate;
 
 typedef struct dsorb_initializer dsorb_initializer; /**< opaque */

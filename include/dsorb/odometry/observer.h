@@ -33,6 +33,10 @@ struct FrameEstimate {
   /// Of exp(xi) * T_cam_keyframe, [translation; rotation], in the segment's unit and in rad; of
   /// tracked frames whose points determine it. It says nothing of the keyframe's own pose.
   std::optional<Matrix6d> covariance;
+  /// Of exp(xi) * T_cam_world as tracked, the same units, where the window's keyframes of that time
+  /// taken together are not moved, turned or scaled: the keyframe's own pose in its window counts,
+  /// the drift of the window does not.
+  std::optional<Matrix6d> world_covariance;
   AffineBrightness affine;              ///< as brightnessTransfer() takes it
   std::optional<double> tracking_rmse;  ///< level 0 [grey levels]
 };
