@@ -21,19 +21,20 @@ for entry in json.load(open(sys.argv[1] + "/sequences.json")).values(): print(sy
 fi
 
 build=build-sanitize
+flags=()
 extra=(--threads 1)
 if [ "$sanitize" = thread ]; then
   build=build-thread
+  flags=(-DDSORB_WITH_CERES=OFF) # what needs it has no threads of ours
   extra=(--threads 2 --pipelined)
   export TSAN_OPTIONS="suppressions=$PWD/scripts/tsan_suppressions.txt history_size=4"
 fi
-cmake -S . -B "$build" -G Ninja -DCMAKE_CXX_COMPILER_LAUNCHER=ccache -DCMAKE_BUILD_TYPE=Debug \
-  -DCMAKE_CXX_FLAGS_DEBUG=-O1 "-DDSORB_SANITIZE=$sanitize" >/dev/null
 targets=(dso_dataset)
 if [ "$sanitize" = thread ]; then targets+=(thread_tests); fi
 # dlopen() of a sanitizer does not look where the caller's libraries are.
 export LD_LIBRARY_PATH=$PWD/$build/lib
-cmake --build "$build" --target "${targets[@]}" | tail -n 1
+DSORB_BUILD_DIR=$build scripts/build.sh -DCMAKE_BUILD_TYPE=Debug -DCMAKE_CXX_FLAGS_DEBUG=-O1 "-DDSORB_SANITIZE=$sanitize" \
+  "${flags[@]}" -- "${targets[@]}"
 if [ "$sanitize" = thread ]; then "$build/bin/thread_tests" --gtest_brief=1; fi
 
 output=$(mktemp -d)

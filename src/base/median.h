@@ -10,6 +10,9 @@ namespace dsorb {
 /// Standard deviation of a normal distribution over the median of its absolute deviations.
 constexpr double kMadToSigma = 1.4826;
 
+/// Median length of a two-dimensional vector whose coordinates have standard deviation 1.
+constexpr double kMedianLength = 1.1774;
+
 /// Median, the upper one of the middle values when their number is even; 0 when there are none.
 /// @param values are reordered
 template <typename Value>

@@ -7,6 +7,9 @@
 
 namespace dsorb {
 
+/// Evenly spread frames that an adjustment of a whole segment takes, both ends too.
+constexpr std::size_t kAdjustedFrames = 6;
+
 /// Indices of at most `count` frames, the reference counted, evenly spread over the frames after
 /// it, the newest one included.
 inline std::vector<std::size_t> spreadFrames(std::size_t frames, std::size_t count) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "dsorb/camera/calibration.h"
 
+#include "base/angles.h"
 #include "camera/size_text.h"
 
 #include <algorithm>
@@ -13,7 +14,6 @@ namespace {
 
 constexpr double kMinView = 1;    // [degrees]
 constexpr double kMaxView = 170;  // a plane cannot hold much more
-constexpr double kRadiansPerDegree = M_PI / 180;
 
 /// @tparam Camera with members fx, fy, cx, cy
 template <typename Camera>
@@ -37,7 +37,7 @@ Lens lensOfFieldOfView(double degrees, int width, int height) {
   }
   if (width <= 0 || height <= 0) throw std::invalid_argument("an image size is expected");
   Lens lens;
-  lens.fx = lens.fy = 0.5 * width / std::tan(0.5 * degrees * kRadiansPerDegree);
+  lens.fx = lens.fy = 0.5 * width / std::tan(0.5 * degrees * kRadPerDeg);
   lens.cx = 0.5 * (width - 1);
   lens.cy = 0.5 * (height - 1);
   lens.width = width;

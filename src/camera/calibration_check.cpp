@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "camera/calibration_check.h"
 
+#include "base/angles.h"
 #include "camera/lens_models.h"
 
 #include <Eigen/LU>
@@ -14,17 +15,16 @@
 namespace dsorb {
 namespace {
 
-constexpr int kSamples = 33;              // a side of the image
+constexpr int kCheckedPixels = 33;        // a side of the image
 constexpr double kMaxFisheyeAngle = 2.5;  // [rad] off the axis: the widest lenses see 280 degrees
 constexpr double kMaxMagnification = 5;   // by the distortion; real lenses stay below 2
 constexpr double kMaxWrongShare = 0.5;    // of the image
-constexpr double kDerivativeStep = 1e-6;
+constexpr double kRayStep = 1e-6;
 constexpr double kReprojectionTolerance = 0.5;  // [px]
 constexpr double kMaxOffCentre = 0.25;          // of the principal point, of the image's size
 constexpr double kMinViewDegrees = 3;
 constexpr double kMinUsedShare = 0.5;  // of the image, by a crop
 constexpr double kMinKeptFocal = 0.5;  // of the focal length at the centre of the lens
-constexpr double kDegreesPerRadian = 180 / M_PI;
 
 std::string number(double value) {
   char text[32];
@@ -45,8 +45,8 @@ Eigen::Matrix2d distortionSlope(const Lens& lens, const Eigen::Vector2d& ray) {
   const Eigen::Vector2d pixel = projectThroughLens(lens, ray);
   Eigen::Matrix2d J_ray;
   for (int axis = 0; axis < 2; ++axis) {
-    const Eigen::Vector2d moved = ray + kDerivativeStep * Eigen::Vector2d::Unit(axis);
-    J_ray.col(axis) = (projectThroughLens(lens, moved) - pixel) / kDerivativeStep;
+    const Eigen::Vector2d moved = ray + kRayStep * Eigen::Vector2d::Unit(axis);
+    J_ray.col(axis) = (projectThroughLens(lens, moved) - pixel) / kRayStep;
   }
   J_ray.row(0) /= lens.fx;
   J_ray.row(1) /= lens.fy;
@@ -57,12 +57,12 @@ Eigen::Matrix2d distortionSlope(const Lens& lens, const Eigen::Vector2d& ray) {
 template <typename Predicate>
 double shareOfPixels(const Lens& lens, double max_radius, const Predicate& holds) {
   int count = 0;
-  for (int i = 0; i < kSamples * kSamples; ++i) {
-    const Eigen::Vector2d pixel((lens.width - 1.0) * (i % kSamples) / (kSamples - 1),
-                                (lens.height - 1.0) * (i / kSamples) / (kSamples - 1));
+  for (int i = 0; i < kCheckedPixels * kCheckedPixels; ++i) {
+    const Eigen::Vector2d pixel((lens.width - 1.0) * (i % kCheckedPixels) / (kCheckedPixels - 1),
+                                (lens.height - 1.0) * (i / kCheckedPixels) / (kCheckedPixels - 1));
     if (holds(pixel, rayOfPixel(lens, pixel, max_radius))) ++count;
   }
-  return static_cast<double>(count) / (kSamples * kSamples);
+  return static_cast<double>(count) / (kCheckedPixels * kCheckedPixels);
 }
 
 /// Rays beyond what is ever rectified are neither right nor wrong.
@@ -105,7 +105,7 @@ void doubtCrop(const Lens& lens, const PinholeCamera& camera, std::vector<std::s
                       (lens.fx * distortionSlope(lens, {0, 0})(0, 0) / (lens.width - 1));
   if (kept < kMinKeptFocal) {
     doubts.push_back("the crop sees " +
-                     number(std::round(kDegreesPerRadian * (std::atan(x_max) - std::atan(x_min)))) +
+                     number(std::round(kDegPerRad * (std::atan(x_max) - std::atan(x_min)))) +
                      " degrees at " + number(std::round(100 * kept)) +
                      " % of the lens' resolution at its centre" + remedy);
   }
@@ -142,8 +142,8 @@ std::vector<std::string> doubtsAbout(const Lens& lens,
   doubtPrincipalPoint(lens, doubts);
   const double view =
       std::atan((camera.width - 1 - camera.cx) / camera.fx) + std::atan(camera.cx / camera.fx);
-  if (view * kDegreesPerRadian < kMinViewDegrees) {
-    doubts.push_back("the camera sees " + number(view * kDegreesPerRadian) + " degrees only");
+  if (view * kDegPerRad < kMinViewDegrees) {
+    doubts.push_back("the camera sees " + number(view * kDegPerRad) + " degrees only");
   }
   if (mode == RectificationMode::kCrop) doubtCrop(lens, camera, doubts);
   return doubts;

@@ -10,7 +10,7 @@
 namespace dsorb {
 namespace {
 
-constexpr int kSamples = 33;  // along each side of the image, for the fit
+constexpr int kFittedPixels = 33;  // along each side of the image, for the fit
 
 using Terms = Eigen::Matrix<double, 1, 10>;
 
@@ -34,13 +34,13 @@ RowTimes rowTimes(const Lens& lens, const PinholeCamera& camera, bool resampled)
   RowTimes times{lens.readout, {}, camera.width, camera.height};
   const double max_radius = monotoneRadius(lens);
   const double last = (lens.columns ? lens.width : lens.height) - 1;
-  Eigen::Matrix<double, Eigen::Dynamic, 10> terms(kSamples * kSamples, 10);
-  Eigen::VectorXd shares(kSamples * kSamples);
+  Eigen::Matrix<double, Eigen::Dynamic, 10> terms(kFittedPixels * kFittedPixels, 10);
+  Eigen::VectorXd shares(kFittedPixels * kFittedPixels);
   Eigen::Index count = 0;
-  for (int i = 0; i < kSamples * kSamples; ++i) {
-    const int row = i / kSamples;
-    const double a = 2.0 * (i % kSamples) / (kSamples - 1) - 1;
-    const double b = 2.0 * row / (kSamples - 1) - 1;
+  for (int i = 0; i < kFittedPixels * kFittedPixels; ++i) {
+    const int row = i / kFittedPixels;
+    const double a = 2.0 * (i % kFittedPixels) / (kFittedPixels - 1) - 1;
+    const double b = 2.0 * row / (kFittedPixels - 1) - 1;
     Eigen::Vector2d pixel(0.5 * (a + 1) * (camera.width - 1), 0.5 * (b + 1) * (camera.height - 1));
     if (resampled) {
       const Eigen::Vector2d ray = camera.unproject(pixel).head<2>();

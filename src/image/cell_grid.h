@@ -75,6 +75,9 @@ std::vector<std::size_t> bestOfCells(const CellGrid& cells,
   return best;
 }
 
+/// Side of the cells that corners and features are spread over [px].
+constexpr int kSpreadCell = 64;
+
 /// Spreads a number of things over the cells: each takes at most twice its even share, because
 /// cells without texture leave theirs to others.
 class CellQuota {

@@ -15,7 +15,7 @@ namespace {
 constexpr double kScaleTolerance = 1e-4;     // of the mean of thousands of floats near 1
 constexpr double kSymmetryTolerance = 1e-9;  // relative to the largest entry
 
-void require(bool holds, const char* clause, double value) {
+void demand(bool holds, const char* clause, double value) {
   if (holds) return;
   std::ostringstream message;
   message << "initialization result: " << clause << " (found " << value << ")";
@@ -34,38 +34,38 @@ double meanInverseDepth(const InitializationResult& result) {
 }
 
 void checkCovariance(const Matrix6d& covariance, double frame) {
-  require(covariance.allFinite(), "covariance is finite in frame", frame);
+  demand(covariance.allFinite(), "covariance is finite in frame", frame);
   const double largest = covariance.cwiseAbs().maxCoeff();
-  require(
+  demand(
       (covariance - covariance.transpose()).cwiseAbs().maxCoeff() <= kSymmetryTolerance * largest,
       "covariance is symmetric in frame",
       frame);
   const double smallest = symmetricEigen(covariance).values[0];
-  require(smallest >= -kSymmetryTolerance * largest,
-          "covariance is positive semi-definite, smallest eigenvalue",
-          smallest);
+  demand(smallest >= -kSymmetryTolerance * largest,
+         "covariance is positive semi-definite, smallest eigenvalue",
+         smallest);
 }
 
 void checkFrames(const InitializationResult& result) {
-  require(
+  demand(
       result.frames.size() >= 2, "at least two frames", static_cast<double>(result.frames.size()));
   const PosedFrame& front = result.frames.front();
-  require(front.T_cam_ref && front.T_cam_ref->matrix() == Eigen::Matrix4d::Identity(),
-          "the front frame has identity pose",
-          front.T_cam_ref ? front.T_cam_ref->log().norm() : NAN);
-  require(front.affine.a == 0 && front.affine.b == 0,
-          "the front frame has a = b = 0",
-          std::abs(front.affine.a) + std::abs(front.affine.b));
-  require(result.frames.back().T_cam_ref.has_value(), "the back frame is posed", 0);
+  demand(front.T_cam_ref && front.T_cam_ref->matrix() == Eigen::Matrix4d::Identity(),
+         "the front frame has identity pose",
+         front.T_cam_ref ? front.T_cam_ref->log().norm() : NAN);
+  demand(front.affine.a == 0 && front.affine.b == 0,
+         "the front frame has a = b = 0",
+         std::abs(front.affine.a) + std::abs(front.affine.b));
+  demand(result.frames.back().T_cam_ref.has_value(), "the back frame is posed", 0);
   for (std::size_t i = 0; i < result.frames.size(); ++i) {
     const PosedFrame& frame = result.frames[i];
     const auto index = static_cast<double>(i);
-    require(frame.frame != nullptr, "every frame has its image; one without", index);
-    require(std::isfinite(frame.affine.a) && std::isfinite(frame.affine.b),
-            "affine brightness is finite in frame",
-            index);
+    demand(frame.frame != nullptr, "every frame has its image; one without", index);
+    demand(std::isfinite(frame.affine.a) && std::isfinite(frame.affine.b),
+           "affine brightness is finite in frame",
+           index);
     if (frame.T_cam_ref) {
-      require(frame.T_cam_ref->matrix().allFinite(), "the pose is finite in frame", index);
+      demand(frame.T_cam_ref->matrix().allFinite(), "the pose is finite in frame", index);
     }
     if (frame.covariance) checkCovariance(*frame.covariance, index);
   }
@@ -73,25 +73,25 @@ void checkFrames(const InitializationResult& result) {
 
 void checkPoints(const InitializationResult& result) {
   for (const InitPoint& point : result.points) {
-    require(point.host >= 0 && point.host < static_cast<int>(result.frames.size()),
-            "a point's host is one of the frames",
-            point.host);
+    demand(point.host >= 0 && point.host < static_cast<int>(result.frames.size()),
+           "a point's host is one of the frames",
+           point.host);
     const PosedFrame& host = result.frames[static_cast<std::size_t>(point.host)];
-    require(host.T_cam_ref.has_value(), "a point's host is posed", point.host);
-    require(std::isfinite(point.inverse_depth) && point.inverse_depth > 0,
-            "inverse depth is finite and positive",
-            point.inverse_depth);
-    require(std::isfinite(point.variance) && point.variance > 0,
-            "variance is finite and positive",
-            point.variance);
+    demand(host.T_cam_ref.has_value(), "a point's host is posed", point.host);
+    demand(std::isfinite(point.inverse_depth) && point.inverse_depth > 0,
+           "inverse depth is finite and positive",
+           point.inverse_depth);
+    demand(std::isfinite(point.variance) && point.variance > 0,
+           "variance is finite and positive",
+           point.variance);
     const auto right = static_cast<float>(host.frame->width() - 1 - kPatternRadius);
     const auto bottom = static_cast<float>(host.frame->height() - 1 - kPatternRadius);
-    require(point.pixel.x() >= kPatternRadius && point.pixel.x() <= right,
-            "a pixel keeps the pattern's border, x",
-            point.pixel.x());
-    require(point.pixel.y() >= kPatternRadius && point.pixel.y() <= bottom,
-            "a pixel keeps the pattern's border, y",
-            point.pixel.y());
+    demand(point.pixel.x() >= kPatternRadius && point.pixel.x() <= right,
+           "a pixel keeps the pattern's border, x",
+           point.pixel.x());
+    demand(point.pixel.y() >= kPatternRadius && point.pixel.y() <= bottom,
+           "a pixel keeps the pattern's border, y",
+           point.pixel.y());
   }
 }
 
@@ -132,7 +132,7 @@ void changeUnit(double mean, std::vector<PosedFrame>& frames) {
 
 void normalizeScale(InitializationResult& result) {
   const double mean = meanInverseDepth(result);
-  require(mean > 0 && std::isfinite(mean), "mean inverse depth of the reference", mean);
+  demand(mean > 0 && std::isfinite(mean), "mean inverse depth of the reference", mean);
   for (InitPoint& point : result.points) changeUnit(mean, point.inverse_depth, point.variance);
   changeUnit(mean, result.frames);
 }
@@ -141,17 +141,17 @@ void checkInvariants(const InitializationResult& result) {
   checkFrames(result);
   checkPoints(result);
   const double mean = meanInverseDepth(result);
-  require(std::abs(mean - 1) < kScaleTolerance, "mean inverse depth of the reference is 1", mean);
+  demand(std::abs(mean - 1) < kScaleTolerance, "mean inverse depth of the reference is 1", mean);
   const InitReport& report = result.report;
   const auto posed = std::count_if(result.frames.begin(), result.frames.end(), [](const auto& f) {
     return f.T_cam_ref.has_value();
   });
-  require(report.frames_fed == static_cast<int>(result.frames.size()),
-          "report: frames fed",
-          report.frames_fed);
-  require(
+  demand(report.frames_fed == static_cast<int>(result.frames.size()),
+         "report: frames fed",
+         report.frames_fed);
+  demand(
       report.frames_posed == static_cast<int>(posed), "report: frames posed", report.frames_posed);
-  require(report.points == static_cast<int>(result.points.size()), "report: points", report.points);
+  demand(report.points == static_cast<int>(result.points.size()), "report: points", report.points);
 }
 
 }  // namespace dsorb

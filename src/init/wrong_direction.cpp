@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/wrong_direction.h"
 
+#include "base/angles.h"
 #include "geometry/symmetric_eigen.h"
 #include "geometry/tangent_basis.h"
 
@@ -9,7 +10,6 @@
 namespace dsorb {
 namespace {
 
-constexpr double kDegPerRad = 180.0 / M_PI;
 /// Degrees of freedom of the t-distribution of a direction's errors.
 /// @source docs/experiments.md, "When to start"
 constexpr double kFreedom = 4;

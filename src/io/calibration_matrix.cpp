@@ -69,7 +69,7 @@ const Keys kWidthKeys = {"image_width", "image_Width", "width"};
 const Keys kHeightKeys = {"image_height", "image_Height", "height"};
 const Keys kModelKeys = {"distortion_model", "fisheye_model"};
 
-void readSize(const Values& values, Lens& lens) {
+void readMatrixSize(const Values& values, Lens& lens) {
   const std::string width = values.find(kWidthKeys);
   const std::string height = values.find(kHeightKeys);
   if (width.empty() && height.empty()) return;
@@ -115,7 +115,7 @@ Calibration calibrationOf(const Values& values) {
   if (matrix.empty()) throw values.error("", "no camera_matrix");
   Calibration calibration;
   Lens& lens = calibration.lens;
-  readSize(values, lens);
+  readMatrixSize(values, lens);
   readMatrix(values, matrix, lens);
   lens.model = readModel(values);
   const std::string key = values.find(kDistortionKeys);

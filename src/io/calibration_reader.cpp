@@ -20,7 +20,6 @@
 namespace dsorb {
 namespace {
 
-constexpr double kMaxSize = 65536;  // [px] a side
 constexpr std::string_view kReadoutWord = "readout";
 
 /// One way to write the first line of camera.txt.

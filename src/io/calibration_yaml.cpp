@@ -83,7 +83,7 @@ void readDistortion(const Section& section, Lens& lens) {
   std::copy(coefficients.begin(), coefficients.end(), lens.coefficients.begin());
 }
 
-void readReadout(const Section& section, Lens& lens) {
+void readReadoutKey(const Section& section, Lens& lens) {
   constexpr const char* kKey = "readout_ms";
   constexpr const char* kExpected =
       "milliseconds from the first to the last row, -1000 to 1000, or auto";
@@ -140,7 +140,7 @@ Calibration readYamlCalibration(const std::filesystem::path& file) {
   lens.width = static_cast<int>(resolution[0]);
   lens.height = static_cast<int>(resolution[1]);
   readDistortion(section, lens);
-  readReadout(section, lens);
+  readReadoutKey(section, lens);
   return calibration;
 }
 

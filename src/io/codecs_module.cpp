@@ -31,7 +31,7 @@ constexpr double kMaxRate = 1e4;
 constexpr double kMaxImages = 1e9;
 // For opening [ms]: FFmpeg looks for up to 5 s at what a stream holds.
 constexpr int kOpeningPatience = 10000;
-constexpr int kPatience = 5000;  // for an image [ms]
+constexpr int kReadingPatience = 5000;  // for an image [ms]
 
 /// OpenCV asks every backend where it is not told one, and each of them complains by itself.
 int backendFor(const std::string& address) {
@@ -94,8 +94,10 @@ class OpenCvCapture final : public Capture {
 /// Only FFmpeg takes these; its own are 30 s.
 std::vector<int> timeoutsFor(int backend) {
   if (backend != cv::CAP_FFMPEG) return {};
-  return {
-      cv::CAP_PROP_OPEN_TIMEOUT_MSEC, kOpeningPatience, cv::CAP_PROP_READ_TIMEOUT_MSEC, kPatience};
+  return {cv::CAP_PROP_OPEN_TIMEOUT_MSEC,
+          kOpeningPatience,
+          cv::CAP_PROP_READ_TIMEOUT_MSEC,
+          kReadingPatience};
 }
 
 std::unique_ptr<Capture> openVideoCapture(const std::string& address) {

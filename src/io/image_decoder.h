@@ -12,6 +12,8 @@ namespace dsorb {
 
 /// Largest image file that is read.
 inline constexpr std::uintmax_t kMaxImageBytes = std::uintmax_t{1} << 30;
+/// Most pixels that are decoded.
+inline constexpr std::int64_t kMaxPixels = std::int64_t{1} << 28;
 
 /// @throws IoError where the file cannot be read
 std::vector<std::uint8_t> readFile(const std::filesystem::path& file);

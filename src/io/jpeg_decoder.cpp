@@ -3,6 +3,8 @@
 
 #include "dsorb/error.h"
 
+#include "io/image_decoder.h"
+
 #include <fmt/format.h>
 #include <jerror.h>
 #include <jpeglib.h>
@@ -14,7 +16,6 @@
 namespace dsorb {
 namespace {
 
-constexpr std::int64_t kMaxPixels = std::int64_t{1} << 28;
 constexpr int kHarmlessBytes = 16;  // between two markers: some cameras pad with a few
 
 /// What libjpeg says of a file. It reports errors by a jump out of its functions: whatever it is
@@ -34,7 +35,7 @@ void keepText(j_common_ptr jpeg) {
   if (complaints.text[0] == '\0') jpeg->err->format_message(jpeg, complaints.text.data());
 }
 
-[[noreturn]] void onError(j_common_ptr jpeg) {
+[[noreturn]] void onJpegError(j_common_ptr jpeg) {
   keepText(jpeg);
   std::longjmp(complaintsOf(jpeg).fatal, 1);
 }
@@ -64,7 +65,7 @@ struct Decompressor {
   Decompressor() {
     jpeg.err = jpeg_std_error(&complaints.manager);
     jpeg.client_data = &complaints;
-    complaints.manager.error_exit = onError;
+    complaints.manager.error_exit = onJpegError;
     complaints.manager.emit_message = onMessage;
   }
   ~Decompressor() { jpeg_destroy_decompress(&jpeg); }
@@ -76,7 +77,7 @@ struct Decompressor {
 };
 
 /// @return whether the header could be read
-bool readHeader(Decompressor& d, const std::uint8_t* bytes, std::size_t size) {
+bool readJpegHeader(Decompressor& d, const std::uint8_t* bytes, std::size_t size) {
   if (setjmp(d.complaints.fatal) != 0) return false;
   jpeg_create_decompress(&d.jpeg);
   d.jpeg.client_data = &d.complaints;
@@ -88,7 +89,7 @@ bool readHeader(Decompressor& d, const std::uint8_t* bytes, std::size_t size) {
 
 /// @param row_bytes from one row of `pixels` to the next; 0: all into the same
 /// @return whether all rows were there, right or wrong
-bool readRows(Decompressor& d, std::uint8_t* pixels, std::size_t row_bytes) {
+bool readJpegRows(Decompressor& d, std::uint8_t* pixels, std::size_t row_bytes) {
   if (setjmp(d.complaints.fatal) != 0) return false;
   jpeg_start_decompress(&d.jpeg);
   while (d.jpeg.output_scanline < d.jpeg.output_height) {
@@ -108,7 +109,7 @@ bool isJpeg(const std::vector<std::uint8_t>& bytes) {
 cv::Mat decodeJpeg(const std::vector<std::uint8_t>& bytes, const std::string& name) {
   Decompressor d;
   cv::Mat image;
-  bool done = readHeader(d, bytes.data(), bytes.size());
+  bool done = readJpegHeader(d, bytes.data(), bytes.size());
   const bool grey = done && d.jpeg.num_components != 4;
   if (done) {
     const auto width = static_cast<int>(d.jpeg.image_width);
@@ -117,7 +118,7 @@ cv::Mat decodeJpeg(const std::vector<std::uint8_t>& bytes, const std::string& na
       throw IoError(fmt::format("{}: {}x{} px are too many", name, width, height));
     }
     image.create(grey ? height : 1, width, grey ? CV_8UC1 : CV_8UC4);
-    done = readRows(d, image.data, grey ? image.step[0] : 0);
+    done = readJpegRows(d, image.data, grey ? image.step[0] : 0);
   }
   const char* complaint = d.complaints.text.data();
   if (!done || *complaint != '\0') {

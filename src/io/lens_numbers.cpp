@@ -9,8 +9,6 @@
 namespace dsorb {
 namespace {
 
-constexpr double kMaxSize = 65536;  // [px] a side
-
 std::size_t placesOf(LensModel model) {
   switch (model) {
     case LensModel::kFov:

@@ -10,6 +10,8 @@
 
 namespace dsorb {
 
+constexpr double kMaxSize = 65536;  ///< of an image [px] a side
+
 /// Makes the error of a file from what is wrong.
 using Complain = std::function<IoError(const std::string& what)>;
 

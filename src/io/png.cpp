@@ -3,6 +3,8 @@
 
 #include "dsorb/error.h"
 
+#include "io/image_decoder.h"
+
 #include <fmt/format.h>
 #include <png.h>
 
@@ -15,7 +17,6 @@
 namespace dsorb {
 namespace {
 
-constexpr std::int64_t kMaxPixels = std::int64_t{1} << 28;
 constexpr png_fixed_point kRed = 29900;  // of grey, in 1 / 100000
 constexpr png_fixed_point kGreen = 58700;
 
@@ -25,7 +26,7 @@ struct Complaint {
   std::array<char, 128> text{};
 };
 
-[[noreturn]] void onError(png_structp png, png_const_charp message) {
+[[noreturn]] void onPngError(png_structp png, png_const_charp message) {
   auto& text = static_cast<Complaint*>(png_get_error_ptr(png))->text;
   std::strncpy(text.data(), message, text.size() - 1);
   png_longjmp(png, 1);
@@ -38,7 +39,7 @@ struct Reader {
   explicit Reader(const std::vector<std::uint8_t>& bytes)
       : next(bytes.data()),
         left(bytes.size()),
-        png(png_create_read_struct(PNG_LIBPNG_VER_STRING, &complaint, onError, onWarning)),
+        png(png_create_read_struct(PNG_LIBPNG_VER_STRING, &complaint, onPngError, onWarning)),
         info(png_create_info_struct(png)) {
     png_set_read_fn(png, this, [](png_structp from, png_bytep to, std::size_t size) {
       auto& reader = *static_cast<Reader*>(png_get_io_ptr(from));
@@ -60,7 +61,7 @@ struct Reader {
 };
 
 /// Reads the header and asks for one grey channel. @return whether that went well
-bool readHeader(Reader& r) {
+bool readPngHeader(Reader& r) {
   if (setjmp(png_jmpbuf(r.png)) != 0) return false;
   png_read_info(r.png, r.info);
   const int colour = png_get_color_type(r.png, r.info);
@@ -78,7 +79,7 @@ bool readHeader(Reader& r) {
 
 /// @param rows of the image, to be filled
 /// @return whether all of the file was there
-bool readRows(Reader& r, png_bytepp rows) {
+bool readPngRows(Reader& r, png_bytepp rows) {
   if (setjmp(png_jmpbuf(r.png)) != 0) return false;
   png_read_image(r.png, rows);
   png_read_end(r.png, nullptr);
@@ -95,7 +96,7 @@ std::vector<png_bytep> rowsOf(cv::Mat& image) {
 /// A file in memory that is written.
 struct Writer {
   Writer()
-      : png(png_create_write_struct(PNG_LIBPNG_VER_STRING, &complaint, onError, onWarning)),
+      : png(png_create_write_struct(PNG_LIBPNG_VER_STRING, &complaint, onPngError, onWarning)),
         info(png_create_info_struct(png)) {
     const auto append = [](png_structp to, png_bytep data, std::size_t size) {
       static_cast<Writer*>(png_get_io_ptr(to))->bytes.append(reinterpret_cast<char*>(data), size);
@@ -144,7 +145,7 @@ bool isPng(const std::vector<std::uint8_t>& bytes) {
 cv::Mat decodePng(const std::vector<std::uint8_t>& bytes, const std::string& name) {
   Reader reader(bytes);
   cv::Mat image;
-  bool done = readHeader(reader);
+  bool done = readPngHeader(reader);
   if (done) {
     const auto width = static_cast<int>(png_get_image_width(reader.png, reader.info));
     const auto height = static_cast<int>(png_get_image_height(reader.png, reader.info));
@@ -154,7 +155,7 @@ cv::Mat decodePng(const std::vector<std::uint8_t>& bytes, const std::string& nam
     const bool deep = png_get_bit_depth(reader.png, reader.info) == 16;
     image.create(height, width, deep ? CV_16UC1 : CV_8UC1);
     std::vector<png_bytep> rows = rowsOf(image);
-    done = readRows(reader, rows.data());
+    done = readPngRows(reader, rows.data());
   }
   if (!done) {
     throw IoError(fmt::format(

@@ -21,7 +21,7 @@ namespace {
 
 constexpr std::string_view kWhiteSpace = " \t\r\n\v\f";
 constexpr std::size_t kBlockBytes = 1 << 16;
-constexpr int kPatience = 2000;           // for the first byte of a pipe [ms]
+constexpr int kPipePatience = 2000;       // for the first byte of a pipe [ms]
 constexpr std::size_t kMaxQuotable = 80;  // characters
 
 IoError readError(const std::filesystem::path& file, int code) {
@@ -44,7 +44,7 @@ std::string readAll(const io::Descriptor& source,
   std::array<char, kBlockBytes> block{};
   while (true) {
     pollfd request{source.get(), POLLIN, 0};
-    const bool ready = poll(&request, 1, kPatience) != 0;
+    const bool ready = poll(&request, 1, kPipePatience) != 0;
     const ssize_t count = read(source.get(), block.data(), block.size());
     if (count == 0 && ready) return text;
     if (count == 0) throw lineError(file, 0, "a pipe that nobody writes to");

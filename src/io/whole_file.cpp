@@ -17,7 +17,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-Descriptor openForWriting(const fs::path& path, int how) {
+Descriptor openDescriptor(const fs::path& path, int how) {
   Descriptor file(open(path.c_str(), O_RDWR | O_CLOEXEC | how, 0666));
   if (file.get() < 0) throw writeError(path);
   return file;
@@ -28,8 +28,8 @@ Descriptor openForWriting(const fs::path& path, int how) {
 WholeFile::WholeFile(fs::path path, std::string_view content)
     : path_(std::move(path)), part_(path_.string() + kPartSuffix), end_(content) {
   replaceFile(path_, content);
-  shown_ = openForWriting(path_, 0);
-  hidden_ = openForWriting(part_, O_CREAT | O_TRUNC);
+  shown_ = openDescriptor(path_, 0);
+  hidden_ = openDescriptor(part_, O_CREAT | O_TRUNC);
 }
 
 WholeFile::~WholeFile() {
@@ -60,7 +60,7 @@ void WholeFile::exchange() {
       errno = error.value();
       throw writeError(part_);
     }
-    shown_ = openForWriting(part_, 0);
+    shown_ = openDescriptor(part_, 0);
   }
   std::swap(shown_, hidden_);
 }

@@ -20,7 +20,6 @@ namespace dsorb {
 namespace {
 
 namespace fs = std::filesystem;
-using Clock = std::chrono::steady_clock;
 
 /// What run.json says until finish(): the run was killed.
 std::string firstSummary(const RunInfo& info) {
@@ -73,7 +72,7 @@ class RunWriter::Impl {
 
   void writeRunJson(RunStatus status, const OdometryReport* report) const {
     io::RunSeconds written = seconds;
-    written.total = std::chrono::duration<double>(Clock::now() - begin).count();
+    written.total = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     if (report != nullptr) {
       written.initializing = report->initializing_seconds;
       written.tracking = report->tracking_seconds;
@@ -87,7 +86,7 @@ class RunWriter::Impl {
   io::OutputFolder prepared;  // before any member opens a file there
   RunInfo info;
   io::RunCameras cameras;
-  Clock::time_point begin = Clock::now();
+  std::chrono::steady_clock::time_point begin = std::chrono::steady_clock::now();
   io::RunSeconds seconds;
   io::RunRecord record;
   io::GrowingFile frames_csv;

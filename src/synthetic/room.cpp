@@ -9,8 +9,6 @@
 namespace dsorb::synthetic {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
-
 class RoomBuilder {
  public:
   explicit RoomBuilder(std::uint64_t seed) : builder_(seed) {}
@@ -36,7 +34,7 @@ class RoomBuilder {
   void placeAtWall(const WallSpot& spot, const Eigen::Vector3d& size, int texture, double above) {
     const bool across = spot.wall % 2 == 0;  // walls ahead and behind
     const double reach = across ? kRoomHalfLength : kRoomHalfWidth;
-    const double heading = 0.5 * kPi * spot.wall;
+    const double heading = 0.5 * M_PI * spot.wall;
     const double out = reach - spot.off - 0.5 * size.z();
     builder_.add({{out * std::sin(heading) + spot.along * std::cos(heading),
                    -above,
@@ -138,7 +136,7 @@ class RoomBuilder {
       const double height = builder_.uniform(0.04, 0.32);
       builder_.add({middle + turn * at,
                     {builder_.uniform(0.1, 0.3), height, builder_.uniform(0.08, 0.25)},
-                    builder_.uniform(-kPi, kPi)},
+                    builder_.uniform(-M_PI, M_PI)},
                    i % 2 == 0 ? pictureTexture() : bookTexture());
     }
   }
@@ -146,12 +144,12 @@ class RoomBuilder {
   /// Chairs and crates on the floor, clear of the middle where the camera flies.
   void addClutter() {
     for (int i = 0; i < 7; ++i) {
-      const double angle = 2 * kPi * (i + builder_.uniform(0, 0.6)) / 7;
+      const double angle = 2 * M_PI * (i + builder_.uniform(0, 0.6)) / 7;
       const double radius = builder_.uniform(1.7, 2.3);
       const double size = builder_.uniform(0.35, 0.6);
       builder_.add({{radius * std::sin(angle), 0, radius * std::cos(angle)},
                     {size, builder_.uniform(0.3, 0.65), size},
-                    builder_.uniform(-kPi, kPi)},
+                    builder_.uniform(-M_PI, M_PI)},
                    i % 3 == 0 ? woodTexture() : pictureTexture());
     }
   }

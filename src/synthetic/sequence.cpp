@@ -14,7 +14,6 @@
 namespace dsorb::synthetic {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr double kStreetFocal = 0.58;       // focal length over width, as KITTI 00
 constexpr double kRoomFocal = 0.625;        // between EuRoC and TUM RGB-D
 constexpr double kStreetRate = 10;          // [frames/s]
@@ -199,7 +198,7 @@ double SyntheticSequence::timestamp(int index) const {
 }
 
 double SyntheticSequence::exposure(int index) const {
-  const double swing = std::sin(2 * kPi * index / kExposurePeriod);
+  const double swing = std::sin(2 * M_PI * index / kExposurePeriod);
   return kNominalExposure * std::exp(options_.exposure_changes * swing);
 }
 

@@ -8,7 +8,6 @@
 namespace dsorb::synthetic {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr double kBend = 2.2;          // half of the sideways swing of the street [m]
 constexpr double kBendPeriod = 170.0;  // length of one swing [m]
 constexpr double kBehind = 12.0;       // houses begin this far behind the start [m]
@@ -171,9 +170,9 @@ class StreetBuilder {
 }  // namespace
 
 StreetAxis streetAxis(double z) {
-  const double phase = 2 * kPi * z / kBendPeriod;
+  const double phase = 2 * M_PI * z / kBendPeriod;
   return {kBend * (1 - std::cos(phase)),
-          std::atan(kBend * 2 * kPi / kBendPeriod * std::sin(phase))};
+          std::atan(kBend * 2 * M_PI / kBendPeriod * std::sin(phase))};
 }
 
 Scene makeStreet(std::uint64_t seed, double length) {

@@ -9,12 +9,11 @@
 namespace dsorb::synthetic {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr double kCameraHeight = 1.65;  // as KITTI's cameras [m]
 
 /// Start phase of a path [rad].
 double startPhase(std::uint64_t seed) {
-  return 2 * kPi * Random(seed ^ 0x7A7AULL).uniform();
+  return 2 * M_PI * Random(seed ^ 0x7A7AULL).uniform();
 }
 
 /// Camera axes (x right, y down, z ahead) turned by heading, then pitch, then roll [rad].

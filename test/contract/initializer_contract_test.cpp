@@ -19,18 +19,17 @@ namespace dsorb {
 namespace {
 
 using synthetic::SequenceKind;
-using synthetic::SequenceOptions;
 
-SequenceOptions optionsOf(SequenceKind kind) {
-  SequenceOptions options;
+synthetic::SequenceOptions optionsOf(SequenceKind kind) {
+  synthetic::SequenceOptions options;
   options.kind = kind;
   options.length = 16;
   return options;
 }
 
 /// Where accuracy is not the question: a quarter of the pixels.
-SequenceOptions smallOptionsOf(SequenceKind kind) {
-  SequenceOptions options = optionsOf(kind);
+synthetic::SequenceOptions smallOptionsOf(SequenceKind kind) {
+  synthetic::SequenceOptions options = optionsOf(kind);
   options.width = 320;
   options.height = 240;
   return options;
@@ -75,7 +74,7 @@ TEST_P(InitializerContract, IsAccurateInAStreetWithoutNoise) {
 }
 
 TEST_P(InitializerContract, IsAccurateUnderExposureChanges) {
-  SequenceOptions options = optionsOf(SequenceKind::kRoom);
+  synthetic::SequenceOptions options = optionsOf(SequenceKind::kRoom);
   options.exposure_changes = 0.3;
   const RenderedSequence& sequence = rendered(options);
   expectAccurate(run(sequence), sequence);
@@ -84,7 +83,7 @@ TEST_P(InitializerContract, IsAccurateUnderExposureChanges) {
 TEST_P(InitializerContract, VariancesAreThoseOfTheErrors) {
   std::vector<double> nees;  // of three rooms: one start alone tells it to a factor of two only
   for (const std::uint64_t seed : {1U, 2U, 3U}) {
-    SequenceOptions options = optionsOf(SequenceKind::kRoom);
+    synthetic::SequenceOptions options = optionsOf(SequenceKind::kRoom);
     options.noise_sigma = 2;
     options.seed = seed;
     const RenderedSequence& sequence = rendered(options);
@@ -145,7 +144,7 @@ TEST_P(InitializerContract, AnswersNeedsMoreFramesUntilTheResult) {
 }
 
 TEST_P(InitializerContract, WaitsWhileTheCameraStandsAndDropsTheOldestFrames) {
-  SequenceOptions options = smallOptionsOf(SequenceKind::kStatic);
+  synthetic::SequenceOptions options = smallOptionsOf(SequenceKind::kStatic);
   options.noise_sigma = 2;
   const RenderedSequence& sequence = rendered(options);
   const auto initializer = make(sequence.camera());
@@ -164,7 +163,7 @@ TEST_P(InitializerContract, WaitsWhileTheCameraStandsAndDropsTheOldestFrames) {
 }
 
 TEST_P(InitializerContract, WaitsWhileTheCameraOnlyRotates) {
-  SequenceOptions options = smallOptionsOf(SequenceKind::kRotation);
+  synthetic::SequenceOptions options = smallOptionsOf(SequenceKind::kRotation);
   options.noise_sigma = 2;
   options.length = 45;
   const InitRun result = run(rendered(options));
@@ -175,7 +174,7 @@ TEST_P(InitializerContract, WaitsWhileTheCameraOnlyRotates) {
 }
 
 TEST_P(InitializerContract, WaitsWhileTheCameraTurnsAwayFromTheReference) {
-  SequenceOptions options = smallOptionsOf(SequenceKind::kRotation);
+  synthetic::SequenceOptions options = smallOptionsOf(SequenceKind::kRotation);
   options.fx = 1200;  // 15 degrees of view: the reference leaves it within 12 frames
   options.length = 40;
   const InitRun result = run(rendered(options));
@@ -185,7 +184,7 @@ TEST_P(InitializerContract, WaitsWhileTheCameraTurnsAwayFromTheReference) {
 }
 
 TEST_P(InitializerContract, RestartsAfterSceneCut) {
-  SequenceOptions options = optionsOf(SequenceKind::kCut);
+  synthetic::SequenceOptions options = optionsOf(SequenceKind::kCut);
   options.length = 4;  // the cut, with the third frame, comes before the first attempt
   const RenderedSequence& sequence = rendered(options);
   const InitRun result = run(sequence);
@@ -227,7 +226,7 @@ TEST_P(InitializerContract, ResetEqualsAFreshObject) {
 }
 
 TEST_P(InitializerContract, SameBitsForAnyNumberOfThreads) {
-  SequenceOptions options = optionsOf(SequenceKind::kRoom);
+  synthetic::SequenceOptions options = optionsOf(SequenceKind::kRoom);
   options.noise_sigma = 2;
   const RenderedSequence& sequence = rendered(options);
   const InitRun one = feed(*make(sequence.camera(), 1), sequence.frames());

@@ -17,7 +17,6 @@ namespace dsorb {
 namespace {
 
 using synthetic::SequenceKind;
-using synthetic::SequenceOptions;
 
 constexpr int kWidth = 320;
 constexpr int kHeight = 240;
@@ -26,7 +25,7 @@ constexpr int kFirstBadId = -100;
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
 const RenderedSequence& street() {
-  SequenceOptions options;
+  synthetic::SequenceOptions options;
   options.kind = SequenceKind::kStreet;
   options.length = 16;
   options.width = kWidth;
@@ -136,7 +135,7 @@ TEST_P(InitializerRobustness, SameBitsWithTwoThreads) {
   EXPECT_TRUE(sameBits(*one.result, *two.result));
 }
 
-std::string testName(const testing::TestParamInfo<std::string>& info) {
+std::string robustnessName(const testing::TestParamInfo<std::string>& info) {
   std::string text = info.param;
   std::replace(text.begin(), text.end(), '-', '_');
   return text;
@@ -145,7 +144,7 @@ std::string testName(const testing::TestParamInfo<std::string>& info) {
 INSTANTIATE_TEST_SUITE_P(EveryVariant,
                          InitializerRobustness,
                          testing::ValuesIn(initializerVariants()),
-                         testName);
+                         robustnessName);
 
 }  // namespace
 }  // namespace dsorb

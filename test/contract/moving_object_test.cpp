@@ -13,10 +13,9 @@ namespace dsorb {
 namespace {
 
 using synthetic::SequenceKind;
-using synthetic::SequenceOptions;
 
-SequenceOptions street(std::uint64_t seed, bool with_box) {
-  SequenceOptions options;
+synthetic::SequenceOptions trafficStreet(std::uint64_t seed, bool with_box) {
+  synthetic::SequenceOptions options;
   options.kind = SequenceKind::kStreet;
   options.length = 12;
   options.seed = seed;
@@ -50,8 +49,8 @@ double shareOnBox(const InitializationResult& result,
 class MovingObject : public testing::TestWithParam<std::uint64_t> {};
 
 TEST_P(MovingObject, NeitherTurnsTheMotionNorEntersTheMap) {
-  const RenderedSequence& with = rendered(street(GetParam(), true));
-  const RenderedSequence& without = rendered(street(GetParam(), false));
+  const RenderedSequence& with = rendered(trafficStreet(GetParam(), true));
+  const RenderedSequence& without = rendered(trafficStreet(GetParam(), false));
   const InitRun moving = start(with);
   const InitRun still = start(without);
   ASSERT_TRUE(moving.result) << moving.log();
@@ -76,8 +75,8 @@ INSTANTIATE_TEST_SUITE_P(Streets, MovingObject, testing::Values(1, 2, 3));
 class Traffic : public testing::TestWithParam<std::tuple<std::uint64_t, bool>> {
  protected:
   /// @param own speed of the camera over that of the traffic
-  [[nodiscard]] static SequenceOptions traffic(double own) {
-    SequenceOptions options = street(std::get<0>(GetParam()), true);
+  [[nodiscard]] static synthetic::SequenceOptions traffic(double own) {
+    synthetic::SequenceOptions options = trafficStreet(std::get<0>(GetParam()), true);
     options.length = 16;
     options.moving_object_share = 0.2;
     options.moving_object_plain = std::get<1>(GetParam());
@@ -117,7 +116,7 @@ INSTANTIATE_TEST_SUITE_P(Streets,
                          testing::Combine(testing::Values(1, 2, 3), testing::Bool()));
 
 TEST(MovingObjects, ATurningCameraNeverStarts) {
-  SequenceOptions options;
+  synthetic::SequenceOptions options;
   options.kind = SequenceKind::kRotation;
   options.length = 20;
   options.noise_sigma = 1;

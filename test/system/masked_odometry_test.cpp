@@ -20,7 +20,7 @@ constexpr int kFrames = 40;
 constexpr int kBonnetTop = 180;  // of 240 rows
 constexpr int kStripe = 7;       // [px]
 
-const World& room() {
+const World& maskedRoom() {
   static const World world(synthetic::SequenceKind::kRoom, kFrames);
   return world;
 }
@@ -38,15 +38,15 @@ std::uint8_t reflection(int x, int y, int index) {
 
 std::vector<std::uint8_t> bonnetMask() {
   std::vector<std::uint8_t> mask;
-  for (int y = 0; y < room().camera().height; ++y) {
-    for (int x = 0; x < room().camera().width; ++x) mask.push_back(onBonnet(x, y) ? 0 : 255);
+  for (int y = 0; y < maskedRoom().camera().height; ++y) {
+    for (int x = 0; x < maskedRoom().camera().width; ++x) mask.push_back(onBonnet(x, y) ? 0 : 255);
   }
   return mask;
 }
 
 /// The images of the room in whole grey levels, with or without reflections on the bonnet.
 std::vector<FramePtr> frames(bool with_reflections, bool with_mask) {
-  const PinholeCamera& camera = room().camera();
+  const PinholeCamera& camera = maskedRoom().camera();
   Calibration calibration;
   calibration.lens = {LensModel::kPinhole,
                       camera.fx,
@@ -61,7 +61,7 @@ std::vector<FramePtr> frames(bool with_reflections, bool with_mask) {
   const std::vector<std::uint8_t> mask = bonnetMask();
   if (with_mask) rectifier.setMask({mask.data(), camera.width, camera.height});
   std::vector<FramePtr> result;
-  for (const FramePtr& rendered : room().frames()) {
+  for (const FramePtr& rendered : maskedRoom().frames()) {
     const int index = rendered->id().value;
     std::vector<std::uint8_t> image;
     for (int y = 0; y < camera.height; ++y) {
@@ -90,7 +90,7 @@ const std::vector<FramePtr>& disturbed() {
 
 std::optional<InitializationResult> start(const std::string& variant,
                                           const std::vector<FramePtr>& images) {
-  const auto initializer = makeInitializer(initializerVariant(variant), room().camera());
+  const auto initializer = makeInitializer(initializerVariant(variant), maskedRoom().camera());
   for (const FramePtr& frame : images) {
     InitStep step = initializer->addFrame(frame);
     if (step.result) return step.result;
@@ -131,9 +131,9 @@ INSTANTIATE_TEST_SUITE_P(Initializers,
                            return name;
                          });
 
-Recorder run(const std::vector<FramePtr>& images) {
+Recorder recorded(const std::vector<FramePtr>& images) {
   Recorder recorder;
-  Odometry odometry(room().camera(), OdometryOptions());
+  Odometry odometry(maskedRoom().camera(), OdometryOptions());
   odometry.addObserver(&recorder);
   for (const FramePtr& frame : images) {
     if (odometry.process(frame).state == OdometryState::kLost) break;
@@ -155,10 +155,10 @@ bool same(const Recorder& a, const Recorder& b) {
 }
 
 TEST(MaskedOdometry, DoesNotKnowWhatTheMaskHides) {
-  const Recorder expected = run(plain());
+  const Recorder expected = recorded(plain());
   EXPECT_EQ(expected.estimates.back().state, OdometryState::kTracked);
-  EXPECT_TRUE(same(run(disturbed()), expected));
-  EXPECT_FALSE(same(run(frames(true, false)), expected)) << "without mask it matters";
+  EXPECT_TRUE(same(recorded(disturbed()), expected));
+  EXPECT_FALSE(same(recorded(frames(true, false)), expected)) << "without mask it matters";
   for (const KeyframeSnapshot& keyframe : expected.keyframes) {
     for (const MapPoint& point : keyframe.points) {
       EXPECT_FALSE(onBonnet(static_cast<int>(std::lround(point.pixel.x())),

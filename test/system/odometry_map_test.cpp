@@ -13,16 +13,16 @@
 namespace dsorb {
 namespace {
 
-const World& room() {
+const World& mappedRoom() {
   static const World world(synthetic::SequenceKind::kRoom, 60);
   return world;
 }
 
 /// Runs over all frames of the room; the report is final.
-FinalTrajectory run(Odometry odometry) {
+FinalTrajectory finalTrajectory(Odometry odometry) {
   FinalTrajectory trajectory;
   odometry.addObserver(&trajectory);
-  for (const FramePtr& frame : room().frames()) {
+  for (const FramePtr& frame : mappedRoom().frames()) {
     if (odometry.process(frame).state == OdometryState::kLost) break;
   }
   const OdometryReport report = odometry.finish();
@@ -40,10 +40,10 @@ class OdometryMapAfter : public ::testing::TestWithParam<InitializerKind> {};
 TEST_P(OdometryMapAfter, SixtyFramesOfARoom) {
   OdometryOptions options;
   options.initializer.kind = GetParam();
-  const FinalTrajectory trajectory = run(Odometry(room().camera(), options));
+  const FinalTrajectory trajectory = finalTrajectory(Odometry(mappedRoom().camera(), options));
   EXPECT_EQ(trajectory.losses, 0);
   EXPECT_EQ(trajectory.posed(), 60U) << "frames of the initialization included";
-  EXPECT_LT(trajectory.relativeError(room()), kMaxError);
+  EXPECT_LT(trajectory.relativeError(mappedRoom()), kMaxError);
 }
 
 INSTANTIATE_TEST_SUITE_P(Initializers,
@@ -54,10 +54,10 @@ INSTANTIATE_TEST_SUITE_P(Initializers,
                          });
 
 TEST(OdometryMap, SixtyFramesOfARoomAfterTheTruth) {
-  const FinalTrajectory trajectory = run(room().odometry());
+  const FinalTrajectory trajectory = finalTrajectory(mappedRoom().odometry());
   EXPECT_EQ(trajectory.losses, 0);
   EXPECT_EQ(trajectory.posed(), 60U);
-  EXPECT_LT(trajectory.relativeError(room()), kMaxErrorAfterTruth);
+  EXPECT_LT(trajectory.relativeError(mappedRoom()), kMaxErrorAfterTruth);
   EXPECT_GT(trajectory.points, 1500U);  // measured 2959
 }
 
@@ -82,11 +82,12 @@ class WrongAtFirst : public Initializer {
 class AfterWrongStarts : public ::testing::Test {
  protected:
   void run(int wrong) {
-    Odometry odometry(
-        room().camera(), {}, std::make_unique<WrongAtFirst>(room().initializer(), wrong));
+    Odometry odometry(mappedRoom().camera(),
+                      {},
+                      std::make_unique<WrongAtFirst>(mappedRoom().initializer(), wrong));
     odometry.addObserver(&trajectory);
     odometry.addObserver(&recorder);
-    feed(odometry, room(), 0, 30);
+    feed(odometry, mappedRoom(), 0, 30);
     report = odometry.finish();
   }
   FinalTrajectory trajectory;
@@ -106,7 +107,7 @@ TEST_F(AfterWrongStarts, TheWindowRefusesAndTheNextFramesInitialize) {
   EXPECT_EQ(report.segments, 1) << "the wrong start does not count";
   EXPECT_EQ(report.frames_tracked, 22) << "30 without 0 to 3 and the 4 of the initialization";
   EXPECT_EQ(trajectory.posed(), 26U);
-  EXPECT_LT(trajectory.relativeError(room()), 0.0019);  // measured 0.00093 on half of the way
+  EXPECT_LT(trajectory.relativeError(mappedRoom()), 0.0019);  // measured 0.00093 on half of the way
 }
 
 TEST_F(AfterWrongStarts, TheThirdInARowStays) {

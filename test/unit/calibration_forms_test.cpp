@@ -54,7 +54,7 @@ void expectLens(const Lens& lens, const Lens& expected) {
 const Lens kRadTanLens = {
     LensModel::kRadTan, 500, 510, 320, 240, {-0.3, 0.1, 0.001, -0.002, 0.05}, 640, 480};
 
-std::string replaced(std::string text, const std::string& from, const std::string& to) {
+std::string withReplaced(std::string text, const std::string& from, const std::string& to) {
   return text.replace(text.find(from), from.size(), to);
 }
 
@@ -76,7 +76,8 @@ TEST_F(CalibrationFormsTest, RosCameraInfo) {
   expectLens(fisheye,
              {LensModel::kEquidistant, 500, 510, 320, 240, {0.1, 0.2, 0.3, 0.4}, 640, 480});
 
-  const std::string plain = replaced(kRos, "[-0.3, 0.1, 0.001, -0.002, 0.05]", "[0, 0, 0, 0, 0]");
+  const std::string plain =
+      withReplaced(kRos, "[-0.3, 0.1, 0.001, -0.002, 0.05]", "[0, 0, 0, 0, 0]");
   const Calibration rectified = readCalibration(write("head.yaml", plain));
   EXPECT_EQ(rectified.lens.model, LensModel::kPinhole);
   EXPECT_EQ(rectified.rectification.mode, RectificationMode::kNone);
@@ -139,23 +140,23 @@ TEST_F(CalibrationFormsTest, ColmapCameras) {
 }
 
 TEST_F(CalibrationFormsTest, MatrixComplaintsNameLineAndKey) {
-  EXPECT_THAT(complaint("a.yaml", replaced(kRos, "0, 0, 1]", "0, 0]")),
+  EXPECT_THAT(complaint("a.yaml", withReplaced(kRos, "0, 0, 1]", "0, 0]")),
               AllOf(HasSubstr("a.yaml:5"), HasSubstr("camera_matrix: 8 numbers")));
-  EXPECT_THAT(complaint("a.yaml", replaced(kRos, "[500, 0,", "[500, 3,")),
+  EXPECT_THAT(complaint("a.yaml", withReplaced(kRos, "[500, 0,", "[500, 3,")),
               HasSubstr("camera_matrix: expected fx 0 cx"));
-  EXPECT_THAT(complaint("a.yaml", replaced(kRos, "[500,", "[-500,")),
+  EXPECT_THAT(complaint("a.yaml", withReplaced(kRos, "[500,", "[-500,")),
               HasSubstr("camera_matrix: focal lengths -500 510"));
-  EXPECT_THAT(complaint("a.yaml", replaced(kRos, "[500,", "[.nan,")),
+  EXPECT_THAT(complaint("a.yaml", withReplaced(kRos, "[500,", "[.nan,")),
               HasSubstr("camera_matrix: finite numbers"));
-  EXPECT_THAT(complaint("a.yaml", replaced(kRos, " 320,", " 700,")),
+  EXPECT_THAT(complaint("a.yaml", withReplaced(kRos, " 320,", " 700,")),
               HasSubstr("principal point 700 240; expected inside the image of 640x480"));
-  EXPECT_THAT(complaint("a.yaml", replaced(kRos, "plumb_bob", "omni")),
+  EXPECT_THAT(complaint("a.yaml", withReplaced(kRos, "plumb_bob", "omni")),
               AllOf(HasSubstr("a.yaml:8"), HasSubstr("'omni'")));
-  EXPECT_THAT(complaint("a.yaml", replaced(kRos, "0.05]", "0.05, 0.1, 0.2, 0.3]")),
+  EXPECT_THAT(complaint("a.yaml", withReplaced(kRos, "0.05]", "0.05, 0.1, 0.2, 0.3]")),
               AllOf(HasSubstr("distortion coefficient 6 is 0.1"), HasSubstr("rational")));
-  EXPECT_THAT(complaint("a.yaml", replaced(kRos, "image_width: 640", "image_width: 640.5")),
+  EXPECT_THAT(complaint("a.yaml", withReplaced(kRos, "image_width: 640", "image_width: 640.5")),
               HasSubstr("image_width: image size 640.5x480"));
-  EXPECT_THAT(complaint("a.yaml", replaced(kRos, "image_height: 480\n", "")),
+  EXPECT_THAT(complaint("a.yaml", withReplaced(kRos, "image_height: 480\n", "")),
               HasSubstr("expected together"));
   EXPECT_THAT(complaint("a.xml", "no xml"), HasSubstr("a.xml:1: no XML"));
   EXPECT_THAT(complaint("a.xml", "<?xml version=\"1.0\"?>\n<calibration/>\n"),

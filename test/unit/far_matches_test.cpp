@@ -12,8 +12,8 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kWidth = 480;
-constexpr int kHeight = 360;
+constexpr int kFarWidth = 480;
+constexpr int kFarHeight = 360;
 constexpr int kFeatures = 2000;
 const Eigen::Vector2f kFarShift(97.3F, -61.6F);  // far beyond a window of optical flow
 
@@ -42,7 +42,7 @@ class FloatFeatures final : public FeatureFinder {
 };
 
 DescribedFrame describe(FeatureFinder& finder, int id, const Paint& scene) {
-  return describeFrame(*paintFrame(id, kWidth, kHeight, scene), 1, finder, kFeatures);
+  return describeFrame(*paintFrame(id, kFarWidth, kFarHeight, scene), 1, finder, kFeatures);
 }
 
 /// Matches a scene with itself far away.

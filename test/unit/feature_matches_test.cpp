@@ -13,18 +13,18 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kWidth = 320;
-constexpr int kHeight = 240;
+constexpr int kMatchWidth = 320;
+constexpr int kMatchHeight = 240;
 const Eigen::Vector2f kShift(7.3F, -4.6F);
 
-FramePtr paint(int id, const Paint& intensity) {
-  return paintFrame(id, kWidth, kHeight, intensity);
+FramePtr paintMatches(int id, const Paint& intensity) {
+  return paintFrame(id, kMatchWidth, kMatchHeight, intensity);
 }
 
-constexpr int kFeatures = 2000;
+constexpr int kMaxFeatures = 2000;
 
 Features featuresOf(const Paint& scene) {
-  return findFeatures(greyImage(paint(0, scene)->level(0), 1, 15), kFeatures);
+  return findFeatures(greyImage(paintMatches(0, scene)->level(0), 1, 15), kMaxFeatures);
 }
 
 Paint shiftedScene(std::uint64_t seed) {
@@ -50,9 +50,9 @@ TEST(FeatureMatches, FindAShiftedSceneAgain) {
 }
 
 TEST(FeatureMatches, RefinementReachesAFractionOfAPixel) {
-  FeatureMatches matches(kFeatures);
-  const std::vector<Eigen::Vector2f> reference = matches.start(*paint(0, blobs(1)));
-  const std::vector<Eigen::Vector2f> found = matches.find(*paint(1, shiftedScene(1)));
+  FeatureMatches matches(kMaxFeatures);
+  const std::vector<Eigen::Vector2f> reference = matches.start(*paintMatches(0, blobs(1)));
+  const std::vector<Eigen::Vector2f> found = matches.find(*paintMatches(1, shiftedScene(1)));
   std::vector<float> errors;
   for (std::size_t i = 0; i < reference.size(); ++i) {
     if (isSeen(found[i])) errors.push_back((found[i] - reference[i] - kShift).norm());
@@ -64,9 +64,9 @@ TEST(FeatureMatches, RefinementReachesAFractionOfAPixel) {
 }
 
 TEST(FeatureMatches, OfAnotherSceneAreFew) {
-  FeatureMatches matches(kFeatures);
-  const std::size_t features = matches.start(*paint(0, blobs(1))).size();
-  const std::vector<Eigen::Vector2f> found = matches.find(*paint(1, blobs(2)));
+  FeatureMatches matches(kMaxFeatures);
+  const std::size_t features = matches.start(*paintMatches(0, blobs(1))).size();
+  const std::vector<Eigen::Vector2f> found = matches.find(*paintMatches(1, blobs(2)));
   EXPECT_LT(static_cast<double>(std::count_if(found.begin(), found.end(), isSeen)),
             0.014 * static_cast<double>(features));  // measured 0.007; margin x2
 }
@@ -74,13 +74,13 @@ TEST(FeatureMatches, OfAnotherSceneAreFew) {
 TEST(FeatureMatches, SpreadTheFeaturesOverTheImage) {
   // One quarter of the image has five times the contrast of the others.
   const Paint scene = [base = blobs(3)](float x, float y) {
-    const float contrast = x < kWidth / 2 && y < kHeight / 2 ? 1.0F : 0.2F;
+    const float contrast = x < kMatchWidth / 2 && y < kMatchHeight / 2 ? 1.0F : 0.2F;
     return 128.0F + contrast * (base(x, y) - 128.0F);
   };
   FeatureMatches matches(200);
-  const std::vector<Eigen::Vector2f> found = matches.start(*paint(0, scene));
+  const std::vector<Eigen::Vector2f> found = matches.start(*paintMatches(0, scene));
   const auto loud = std::count_if(found.begin(), found.end(), [](const Eigen::Vector2f& p) {
-    return p.x() < kWidth / 2 && p.y() < kHeight / 2;
+    return p.x() < kMatchWidth / 2 && p.y() < kMatchHeight / 2;
   });
   ASSERT_GT(found.size(), 100U);
   EXPECT_LE(loud, 120);  // 6 of 20 cells, each twice its share; unspread all 200 are there
@@ -91,8 +91,8 @@ TEST(FeatureMatches, KeepAwayFromInvalidPixels) {
   const Paint scene = [base = blobs(4), nan](float x, float y) {
     return x > 100 && x < 200 ? nan : base(x, y);
   };
-  FeatureMatches matches(kFeatures);
-  const std::vector<Eigen::Vector2f> found = matches.start(*paint(0, scene));
+  FeatureMatches matches(kMaxFeatures);
+  const std::vector<Eigen::Vector2f> found = matches.start(*paintMatches(0, scene));
   ASSERT_FALSE(found.empty());
   for (const Eigen::Vector2f& point : found) EXPECT_TRUE(point.x() < 100 || point.x() > 200);
 }
@@ -129,9 +129,9 @@ TEST(FeatureMatches, ArePartnersByOpenCvsMatcherToo) {
 }
 
 TEST(FeatureMatches, OfNothingAreNone) {
-  FeatureMatches matches(kFeatures);
-  EXPECT_TRUE(matches.start(*paint(0, [](float, float) { return 90.0F; })).empty());
-  EXPECT_TRUE(matches.find(*paint(1, blobs(6))).empty());
+  FeatureMatches matches(kMaxFeatures);
+  EXPECT_TRUE(matches.start(*paintMatches(0, [](float, float) { return 90.0F; })).empty());
+  EXPECT_TRUE(matches.find(*paintMatches(1, blobs(6))).empty());
 }
 
 }  // namespace

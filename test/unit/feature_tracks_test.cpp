@@ -14,12 +14,12 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kWidth = 320;
-constexpr int kHeight = 240;
+constexpr int kTrackWidth = 320;
+constexpr int kTrackHeight = 240;
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
 FramePtr paint(int id, const Paint& intensity) {
-  return paintFrame(id, kWidth, kHeight, intensity);
+  return paintFrame(id, kTrackWidth, kTrackHeight, intensity);
 }
 
 TEST(FeatureTracks, FollowAShiftWithSubpixelAccuracy) {

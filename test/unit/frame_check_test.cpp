@@ -14,7 +14,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
-constexpr PinholeCamera kCamera{40, 40, 15.5, 15.5, 32, 32};
+constexpr PinholeCamera kCheckedCamera{40, 40, 15.5, 15.5, 32, 32};
 
 FramePtr frameOf(int id, double timestamp, double exposure = 1, int side = 32) {
   const std::vector<float> pixels(static_cast<std::size_t>(side * side), 100);
@@ -32,7 +32,7 @@ std::string errorOf(const std::function<void()>& call) {
 
 TEST(FrameCheck, RefusesAnImpossibleCamera) {
   const auto error_of = [](double PinholeCamera::*member, double value) {
-    PinholeCamera camera = kCamera;
+    PinholeCamera camera = kCheckedCamera;
     camera.*member = value;
     return errorOf([&camera] { (void)FrameCheck(camera); });
   };
@@ -59,7 +59,7 @@ TEST(FrameCheck, RefusesASizeThatLeavesTooFewPyramidLevels) {
 }
 
 TEST(FrameCheck, RefusesWhatCannotBeTheNextFrame) {
-  FrameCheck check(kCamera);
+  FrameCheck check(kCheckedCamera);
   const auto error_of = [&check](const FramePtr& frame) {
     return errorOf([&] { check.accept(frame); });
   };

@@ -358,9 +358,9 @@ TEST(MotionContest, CarriesMotionsOverToTheNextFrame) {
 }
 
 TEST(SpreadFrames, CoverTheWholeTimeAndEndWithTheNewest) {
-  EXPECT_EQ(spreadFrames(2, 6), (std::vector<std::size_t>{1}));
-  EXPECT_EQ(spreadFrames(6, 6), (std::vector<std::size_t>{1, 2, 3, 4, 5}));
-  EXPECT_EQ(spreadFrames(31, 6), (std::vector<std::size_t>{6, 12, 18, 24, 30}));
+  EXPECT_EQ(dsorb::spreadFrames(2, 6), (std::vector<std::size_t>{1}));
+  EXPECT_EQ(dsorb::spreadFrames(6, 6), (std::vector<std::size_t>{1, 2, 3, 4, 5}));
+  EXPECT_EQ(dsorb::spreadFrames(31, 6), (std::vector<std::size_t>{6, 12, 18, 24, 30}));
 }
 
 }  // namespace

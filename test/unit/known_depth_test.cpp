@@ -49,15 +49,15 @@ TEST(ClaimInflation, FindsWhatImagesCanTell) {
 }
 
 DepthPrior twoWalls(int step) {
-  constexpr int kWidth = 40;
-  constexpr int kHeight = 24;
-  std::vector<float> depth(static_cast<std::size_t>(kWidth) * kHeight, 0);
-  for (int y = 0; y < kHeight; y += step) {
-    for (int x = 0; x < kWidth; x += step) {
-      depth[static_cast<std::size_t>(y * kWidth + x)] = x < 20 ? 2 : 4;
+  constexpr int kWallsWidth = 40;
+  constexpr int kWallsHeight = 24;
+  std::vector<float> depth(static_cast<std::size_t>(kWallsWidth) * kWallsHeight, 0);
+  for (int y = 0; y < kWallsHeight; y += step) {
+    for (int x = 0; x < kWallsWidth; x += step) {
+      depth[static_cast<std::size_t>(y * kWallsWidth + x)] = x < 20 ? 2 : 4;
     }
   }
-  return denseDepth({depth.data(), kWidth, kHeight}, 0, .01);
+  return denseDepth({depth.data(), kWallsWidth, kWallsHeight}, 0, .01);
 }
 
 TEST(DepthLookup, IsSharpOnAWallAndWideAtItsEdge) {

@@ -14,11 +14,11 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kWidth = 320;
-constexpr int kHeight = 240;
+constexpr int kFlowWidth = 320;
+constexpr int kFlowHeight = 240;
 
 FlowPyramid pyramidOf(const Paint& intensity, float gain = 1) {
-  const FramePtr frame = paintFrame(0, kWidth, kHeight, intensity);
+  const FramePtr frame = paintFrame(0, kFlowWidth, kFlowHeight, intensity);
   FlowPyramid pyramid;
   EXPECT_TRUE(pyramid.build(frame->level(0), gain, {}));
   return pyramid;
@@ -36,7 +36,7 @@ TEST(FlowPyramid, HalvesWhilePixelsStayOnEvenOnes) {
 }
 
 TEST(FlowPyramid, MirrorsTheImageAndClearsInvalidPixels) {
-  const FramePtr frame = paintFrame(0, kWidth, kHeight, [](float x, float y) {
+  const FramePtr frame = paintFrame(0, kFlowWidth, kFlowHeight, [](float x, float y) {
     return x == 5 && y == 3 ? std::numeric_limits<float>::quiet_NaN() : 10 * x + y;
   });
   FlowPyramid pyramid;
@@ -46,7 +46,7 @@ TEST(FlowPyramid, MirrorsTheImageAndClearsInvalidPixels) {
   EXPECT_EQ(level.row(3)[300], 255);  // saturated
   EXPECT_EQ(level.row(-2)[4], level.row(2)[4]);
   EXPECT_EQ(level.row(7)[-3], level.row(7)[3]);
-  EXPECT_EQ(level.row(kHeight + 1)[-1], level.row(kHeight - 3)[1]);
+  EXPECT_EQ(level.row(kFlowHeight + 1)[-1], level.row(kFlowHeight - 3)[1]);
 }
 
 TEST(LucasKanade, FindsAShiftAcrossLevels) {
@@ -85,8 +85,9 @@ TEST(LucasKanade, TakesWindowsOfAnySize) {
     options.window = window;
     FlowPyramid from;
     FlowPyramid to;
-    from.build(paintFrame(0, kWidth, kHeight, scene)->level(0), 1, options);
-    to.build(paintFrame(1, kWidth, kHeight, shifted(scene, 1.3F, 0.6F))->level(0), 1, options);
+    from.build(paintFrame(0, kFlowWidth, kFlowHeight, scene)->level(0), 1, options);
+    to.build(
+        paintFrame(1, kFlowWidth, kFlowHeight, shifted(scene, 1.3F, 0.6F))->level(0), 1, options);
     LucasKanade lucas_kanade(options);
     Eigen::Vector2f place(150, 120);
     ASSERT_TRUE(lucas_kanade.follow(from, to, place)) << window;
@@ -96,9 +97,9 @@ TEST(LucasKanade, TakesWindowsOfAnySize) {
 
 /// Level 0 of a painted scene as OpenCV takes it.
 cv::Mat eightBit(const Paint& scene) {
-  cv::Mat grey(kHeight, kWidth, CV_8UC1);
-  for (int y = 0; y < kHeight; ++y) {
-    for (int x = 0; x < kWidth; ++x) {
+  cv::Mat grey(kFlowHeight, kFlowWidth, CV_8UC1);
+  for (int y = 0; y < kFlowHeight; ++y) {
+    for (int x = 0; x < kFlowWidth; ++x) {
       grey.at<unsigned char>(y, x) = static_cast<unsigned char>(
           std::lround(scene(static_cast<float>(x), static_cast<float>(y))));
     }

@@ -12,7 +12,7 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kFrames = 6;
+constexpr int kRowFrames = 6;
 constexpr int kTracks = 20;
 constexpr double kInterval = 1.0 / 30;  // [s]
 
@@ -36,7 +36,7 @@ TEST(MiddleRows, TracksBecomeThoseOfAGlobalShutter) {
   CornerTracks tracks;
   std::vector<FramePtr> frames;
   double moved = 0;
-  for (int k = 0; k < kFrames; ++k) {
+  for (int k = 0; k < kRowFrames; ++k) {
     frames.push_back(frameAt(k, rows));
     tracks.positions.emplace_back();
     for (int i = 0; i < kTracks; ++i) {
@@ -50,7 +50,7 @@ TEST(MiddleRows, TracksBecomeThoseOfAGlobalShutter) {
   const CornerTracks corrected = atMiddleRows(tracks, frames);
   const CornerTracks unmoved = atMiddleRows(tracks, frames, -0.025);  // a readout of 0
   EXPECT_EQ(corrected.seen, tracks.positions.front());
-  for (int k = 0; k < kFrames; ++k) {
+  for (int k = 0; k < kRowFrames; ++k) {
     for (int i = 0; i < kTracks; ++i) {
       const Eigen::Vector2f& found =
           corrected.positions[static_cast<std::size_t>(k)][static_cast<std::size_t>(i)];

@@ -11,9 +11,9 @@
 namespace dsorb {
 namespace {
 
-constexpr int kWidth = 16;
-constexpr int kHeight = 16;
-constexpr std::size_t kPixels = kWidth * kHeight;
+constexpr int kVignetteWidth = 16;
+constexpr int kVignetteHeight = 16;
+constexpr std::size_t kPixels = kVignetteWidth * kVignetteHeight;
 
 /// Inverse response G(Y) = 255 (Y / (N - 1))^exponent.
 std::vector<float> powerResponse(std::size_t entries, double exponent) {
@@ -29,8 +29,8 @@ PhotometricCalibration calibration(std::size_t entries = 256, double exponent = 
   PhotometricCalibration result;
   result.response = powerResponse(entries, exponent);
   result.vignette.assign(kPixels, 1.0F);
-  result.vignette_width = kWidth;
-  result.vignette_height = kHeight;
+  result.vignette_width = kVignetteWidth;
+  result.vignette_height = kVignetteHeight;
   return result;
 }
 
@@ -47,17 +47,18 @@ template <typename Pixel>
 std::vector<float> corrected(const PhotometricCorrection& correction,
                              const std::vector<Pixel>& raw) {
   std::vector<float> result(kPixels);
-  correction.apply(raw.data(), kWidth * sizeof(Pixel), result.data());
+  correction.apply(raw.data(), kVignetteWidth * sizeof(Pixel), result.data());
   return result;
 }
 
 TEST(PhotometricCorrectionTest, WithoutCalibrationGreyLevelsStayExactlyAsTheyAre) {
-  const auto result = corrected(PhotometricCorrection(kWidth, kHeight), allValues<std::uint8_t>(1));
+  const auto result =
+      corrected(PhotometricCorrection(kVignetteWidth, kVignetteHeight), allValues<std::uint8_t>(1));
   for (std::size_t i = 0; i < kPixels; ++i) EXPECT_EQ(result[i], static_cast<float>(i));
 }
 
 TEST(PhotometricCorrectionTest, SixteenBitsKeepTheirPrecision) {
-  const PhotometricCorrection correction(kWidth, kHeight);
+  const PhotometricCorrection correction(kVignetteWidth, kVignetteHeight);
   const auto coarse = corrected(correction, allValues<std::uint16_t>(257));
   for (std::size_t i = 0; i < kPixels; ++i) EXPECT_FLOAT_EQ(coarse[i], static_cast<float>(i));
   const auto fine = corrected(correction, allValues<std::uint16_t>(1));
@@ -69,8 +70,8 @@ TEST(PhotometricCorrectionTest, SixteenBitsKeepTheirPrecision) {
 TEST(PhotometricCorrectionTest, ResponseIsLookedUpAndVignetteDividedOut) {
   PhotometricCalibration c = calibration();
   c.vignette[100] = 0.5F;
-  const auto result =
-      corrected(PhotometricCorrection(c, kWidth, kHeight), allValues<std::uint8_t>(1));
+  const auto result = corrected(PhotometricCorrection(c, kVignetteWidth, kVignetteHeight),
+                                allValues<std::uint8_t>(1));
   for (std::size_t i = 0; i < kPixels; ++i) {
     const double gain = i == 100 ? 2 : 1;
     const auto value = static_cast<double>(i) / 255;
@@ -80,7 +81,7 @@ TEST(PhotometricCorrectionTest, ResponseIsLookedUpAndVignetteDividedOut) {
 
 TEST(PhotometricCorrectionTest, TablesOfAnyLengthCoverImagesOfAnyDepth) {
   for (const std::size_t entries : {256U, 1024U, 65536U}) {
-    const PhotometricCorrection correction(calibration(entries), kWidth, kHeight);
+    const PhotometricCorrection correction(calibration(entries), kVignetteWidth, kVignetteHeight);
     const auto from8 = corrected(correction, allValues<std::uint8_t>(1));
     const auto from16 = corrected(correction, allValues<std::uint16_t>(257));
     for (std::size_t i = 0; i < kPixels; ++i) {
@@ -95,8 +96,8 @@ TEST(PhotometricCorrectionTest, PixelsWithoutLightAreInvalid) {
   PhotometricCalibration c = calibration();
   c.vignette[7] = 0;
   c.vignette[8] = 0.001F;
-  const auto result =
-      corrected(PhotometricCorrection(c, kWidth, kHeight), allValues<std::uint8_t>(1));
+  const auto result = corrected(PhotometricCorrection(c, kVignetteWidth, kVignetteHeight),
+                                allValues<std::uint8_t>(1));
   EXPECT_FALSE(std::isnan(result[6]));
   EXPECT_TRUE(std::isnan(result[7]));
   EXPECT_TRUE(std::isnan(result[8]));
@@ -104,19 +105,20 @@ TEST(PhotometricCorrectionTest, PixelsWithoutLightAreInvalid) {
 
 TEST(PhotometricCorrectionTest, RowsMayBePadded) {
   constexpr std::size_t kStride = 20;
-  std::vector<std::uint8_t> raw(kStride * kHeight, 255);
-  for (std::size_t y = 0; y < kHeight; ++y) {
-    for (std::size_t x = 0; x < kWidth; ++x) raw[y * kStride + x] = static_cast<std::uint8_t>(y);
+  std::vector<std::uint8_t> raw(kStride * kVignetteHeight, 255);
+  for (std::size_t y = 0; y < kVignetteHeight; ++y) {
+    for (std::size_t x = 0; x < kVignetteWidth; ++x)
+      raw[y * kStride + x] = static_cast<std::uint8_t>(y);
   }
   std::vector<float> result(kPixels);
-  PhotometricCorrection(kWidth, kHeight).apply(raw.data(), kStride, result.data());
+  PhotometricCorrection(kVignetteWidth, kVignetteHeight).apply(raw.data(), kStride, result.data());
   for (std::size_t i = 0; i < kPixels; ++i) {
-    EXPECT_EQ(result[i], static_cast<float>(i / kWidth));
+    EXPECT_EQ(result[i], static_cast<float>(i / kVignetteWidth));
   }
 }
 
 TEST(PhotometricCorrectionTest, SlopeIsOneWhereTheResponseIsLinear) {
-  for (const float slope : PhotometricCorrection(kWidth, kHeight).responseSlope()) {
+  for (const float slope : PhotometricCorrection(kVignetteWidth, kVignetteHeight).responseSlope()) {
     EXPECT_FLOAT_EQ(slope, 1);
   }
 }
@@ -125,7 +127,8 @@ TEST(PhotometricCorrectionTest, SlopeIsTheDerivativeOfTheForwardResponse) {
   // Raw value of corrected level v: B(v) = 255 sqrt(v / 255).
   const auto B = [](double v) { return 255 * std::sqrt(v / 255); };
   for (const std::size_t entries : {256U, 4096U}) {
-    const auto slope = PhotometricCorrection(calibration(entries), kWidth, kHeight).responseSlope();
+    const auto slope = PhotometricCorrection(calibration(entries), kVignetteWidth, kVignetteHeight)
+                           .responseSlope();
     for (std::size_t v = 5; v <= 250; ++v) {
       const auto level = static_cast<double>(v);
       // Linear inversion of the table: measured at most 0.0022 apart (at level 10), margin x2.
@@ -138,11 +141,12 @@ TEST(PhotometricCorrectionTest, SlopeIsTheDerivativeOfTheForwardResponse) {
 
 TEST(PhotometricCorrectionTest, RefusesTablesThatAreNoResponse) {
   PhotometricCalibration few = calibration(255);
-  EXPECT_THROW(PhotometricCorrection(few, kWidth, kHeight), std::invalid_argument);
+  EXPECT_THROW(PhotometricCorrection(few, kVignetteWidth, kVignetteHeight), std::invalid_argument);
   PhotometricCalibration flat = calibration();
   flat.response[100] = flat.response[99];
-  EXPECT_THROW(PhotometricCorrection(flat, kWidth, kHeight), std::invalid_argument);
-  EXPECT_THROW(PhotometricCorrection(calibration(), kWidth, kHeight + 1), std::invalid_argument);
+  EXPECT_THROW(PhotometricCorrection(flat, kVignetteWidth, kVignetteHeight), std::invalid_argument);
+  EXPECT_THROW(PhotometricCorrection(calibration(), kVignetteWidth, kVignetteHeight + 1),
+               std::invalid_argument);
 }
 
 }  // namespace

@@ -30,7 +30,7 @@ FramePtr bilinearImage() {
   return Frame::create(ImageView(grey.data(), 320, 240), {FrameId{0}});
 }
 
-SE3 somePose() {
+SE3 patchPose() {
   Vector6d xi;
   xi << 0.1, -0.05, 0.08, 0.02, -0.03, 0.04;
   return SE3::exp(xi);
@@ -53,7 +53,7 @@ struct Fixture {
   double inverse_depth = 0.8;
 
   [[nodiscard]] PatchTarget target(const Eigen::VectorXd& step) const {
-    const SE3 pose = SE3::exp(Vector6d(step.head<6>())) * somePose();
+    const SE3 pose = SE3::exp(Vector6d(step.head<6>())) * patchPose();
     return {&frame->level(0),
             &camera,
             pose,
@@ -112,7 +112,7 @@ TEST(PhotometricPatch, OutsideTheImageTheBorderIsRepeated) {
 TEST(PhotometricCost, JacobiansMatchCentralDifferencesOnTheManifold) {
   Fixture f;
   const PoseManifold manifold;
-  const PoseBlock pose = toBlock(somePose());
+  const PoseBlock pose = toBlock(patchPose());
   const auto model = PhotometricBrightness::kAffine;
   const PhotometricCost::Setting setting{f.target(Eigen::VectorXd::Zero(9)), model, 9, 1, 1};
   const PhotometricCost cost(f.patch, setting);
@@ -236,9 +236,9 @@ FramePtr withHole(const Frame& frame) {
 TEST(PhotometricEquations, AreTheSumsOfThePatches) {
   const PlaneScene scene(3);
   InitialMap map;
-  const SE3 twice = somePose() * somePose();
+  const SE3 twice = patchPose() * patchPose();
   map.frames = {{scene.render(SE3(), 1, 0), SE3(), {}, {}},
-                {scene.render(somePose(), 1, 1), somePose(), {0.02, 3}, {}},
+                {scene.render(patchPose(), 1, 1), patchPose(), {0.02, 3}, {}},
                 {withHole(*scene.render(twice, 1, 2)), twice, {-0.05, 8}, {}}};
   for (int y = 50; y < 200; y += 9) {
     for (int x = 50; x < 280; x += 9) {

@@ -17,7 +17,7 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kFrames = 9;
+constexpr int kPosedFrames = 9;
 
 /// Every second frame is adjusted, the newest too; the others are posed from the corners.
 bool isAdjusted(int frame) {
@@ -48,14 +48,14 @@ Ratios measure(const SyntheticMapOptions& kind, double shared, double pose_varia
     SyntheticMap scene = makeSyntheticMap(kind, seed);
     addSharedErrors(scene, shared, seed);
     InitialMap& map = scene.start;
-    for (int k = 1; k < kFrames; ++k) {
+    for (int k = 1; k < kPosedFrames; ++k) {
       if (!isAdjusted(k)) map.frames[static_cast<std::size_t>(k)].T_cam_ref.reset();
     }
     EXPECT_TRUE(adjustGeometry(map, scene.camera, options(pose_variance_factor)).usable);
     EXPECT_EQ(map.corners.size(), scene.truth.corners.size());  // else the gauge is another
     poseOtherFrames(map, scene.camera);
     const InheritedPoseError inherited(map, scene.camera, options(pose_variance_factor));
-    for (int k = 1; k < kFrames; ++k) {
+    for (int k = 1; k < kPosedFrames; ++k) {
       const auto at = static_cast<std::size_t>(k);
       const SE3& T = *map.frames[at].T_cam_ref;
       const Vector6d error = (*scene.truth.frames[at].T_cam_ref * T.inverse()).log();
@@ -77,7 +77,7 @@ Ratios measure(const SyntheticMapOptions& kind, double shared, double pose_varia
 }
 
 TEST(PoseCovariance, PredictsTheSpreadOfPosesFromNoisyObservations) {
-  const Ratios ratios = measure({200, kFrames, 0.3, 0.02}, 0, 0);
+  const Ratios ratios = measure({200, kPosedFrames, 0.3, 0.02}, 0, 0);
   // Expected 0.891, chi-square 6 over 6. Measured 0.893, 0.968 and 1.28.
   EXPECT_NEAR(ratios.adjusted, 0.891, 0.15);
   EXPECT_NEAR(ratios.between, 0.891, 0.2);
@@ -85,18 +85,18 @@ TEST(PoseCovariance, PredictsTheSpreadOfPosesFromNoisyObservations) {
 }
 
 TEST(PoseCovariance, ClusteredPredictsErrorsThatNeighboursShare) {
-  const Ratios ratios = measure({600, kFrames, 0.1, 0.02}, 0.3, 1);
+  const Ratios ratios = measure({600, kPosedFrames, 0.1, 0.02}, 0.3, 1);
   // Measured 0.833, 0.832 and 1.31; formal covariances: 6.9.
   EXPECT_NEAR(ratios.adjusted, 0.891, 0.2);
   EXPECT_NEAR(ratios.between, 0.891, 0.2);
   EXPECT_GT(ratios.between_own, ratios.between + 0.2);
-  EXPECT_GT(measure({600, kFrames, 0.1, 0.02}, 0.3, 0).between, 4);
+  EXPECT_GT(measure({600, kPosedFrames, 0.1, 0.02}, 0.3, 0).between, 4);
 }
 
 TEST(PoseCovariance, ResponseIsThatOfAPoseFittedToTheMovedStructure) {
-  SyntheticMap scene = makeSyntheticMap({300, kFrames, 0.05, 0.02}, 3);
+  SyntheticMap scene = makeSyntheticMap({300, kPosedFrames, 0.05, 0.02}, 3);
   InitialMap& map = scene.start;
-  for (int k = 1; k < kFrames; ++k) {
+  for (int k = 1; k < kPosedFrames; ++k) {
     if (!isAdjusted(k)) map.frames[static_cast<std::size_t>(k)].T_cam_ref.reset();
   }
   ASSERT_TRUE(adjustGeometry(map, scene.camera, options(0)).usable);
@@ -107,7 +107,7 @@ TEST(PoseCovariance, ResponseIsThatOfAPoseFittedToTheMovedStructure) {
   Random random(4);
   Eigen::VectorXd moved(rows.size);
   for (double& value : moved) value = 1e-4 * random.gaussian();
-  for (int k = 1; k < kFrames; k += 2) {
+  for (int k = 1; k < kPosedFrames; k += 2) {
     const SE3& before = *map.frames[static_cast<std::size_t>(k)].T_cam_ref;
     std::vector<PointObservation> observations =
         observationsByFrame(map, scene.camera)[static_cast<std::size_t>(k)];
@@ -127,7 +127,7 @@ TEST(PoseCovariance, ResponseIsThatOfAPoseFittedToTheMovedStructure) {
 }
 
 TEST(PoseCovariance, HoldsTheStepThatTheObservationsStillAskFor) {
-  const SyntheticMap scene = makeSyntheticMap({100, kFrames, 0, 0}, 5);
+  const SyntheticMap scene = makeSyntheticMap({100, kPosedFrames, 0, 0}, 5);
   const std::vector<PointObservation> observations =
       observationsByFrame(scene.truth, scene.camera)[4];
   Vector6d step;
@@ -141,7 +141,7 @@ TEST(PoseCovariance, HoldsTheStepThatTheObservationsStillAskFor) {
 }
 
 TEST(PoseCovariance, SaysNothingWhereThePoseWouldNotBeTaken) {
-  const SyntheticMap scene = makeSyntheticMap({100, kFrames, 0, 0}, 6);
+  const SyntheticMap scene = makeSyntheticMap({100, kPosedFrames, 0, 0}, 6);
   std::vector<PointObservation> observations = observationsByFrame(scene.truth, scene.camera)[4];
   const SE3& T = *scene.truth.frames[4].T_cam_ref;
   EXPECT_TRUE(poseCovariance(observations, scene.camera, T, {1, 4}));
@@ -153,9 +153,9 @@ TEST(PoseCovariance, SaysNothingWhereThePoseWouldNotBeTaken) {
 }
 
 TEST(PoseCovariance, InterpolatedPoseIsAsUncertainAsTheMotionAroundIt) {
-  SyntheticMap scene = makeSyntheticMap({100, kFrames, 0.1, 0}, 7);
+  SyntheticMap scene = makeSyntheticMap({100, kPosedFrames, 0.1, 0}, 7);
   InitialMap& map = scene.start;
-  for (int k = 1; k < kFrames; ++k) {
+  for (int k = 1; k < kPosedFrames; ++k) {
     if (!isAdjusted(k)) map.frames[static_cast<std::size_t>(k)].T_cam_ref.reset();
   }
   ASSERT_TRUE(adjustGeometry(map, scene.camera, options(0)).usable);

@@ -19,10 +19,10 @@ namespace {
 namespace fs = std::filesystem;
 using ::testing::ElementsAre;
 
-const PinholeCamera kCamera{100, 100, 79.5, 59.5, 160, 120};
+const PinholeCamera kRecordedCamera{100, 100, 79.5, 59.5, 160, 120};
 constexpr float kGrey = 120;
 
-FramePtr makeFrame(int index) {
+FramePtr recordedFrame(int index) {
   const std::vector<float> pixels(160 * 120, kGrey + static_cast<float>(index));
   FrameInfo info;
   info.id = {index};
@@ -47,14 +47,14 @@ KeyframeSnapshot makeKeyframe(int index, std::vector<MapPoint> points) {
   KeyframeSnapshot keyframe;
   keyframe.id = {index};
   keyframe.timestamp = 0.1 * index;
-  keyframe.camera = kCamera;
+  keyframe.camera = kRecordedCamera;
   keyframe.points = std::move(points);
   return keyframe;
 }
 
 FrameEstimate tracked(int index, double z) {
   FrameEstimate estimate;
-  estimate.frame = makeFrame(index);
+  estimate.frame = recordedFrame(index);
   estimate.state = OdometryState::kTracked;
   estimate.T_world_cam = forward(z);
   estimate.keyframe = FrameId{0};
@@ -90,7 +90,7 @@ class RecordingWriterTest : public ::testing::Test {
 };
 
 TEST_F(RecordingWriterTest, LinesComeInTheOrderTheFormatPromises) {
-  io::RecordingWriter writer(path_, info_, kCamera);
+  io::RecordingWriter writer(path_, info_, kRecordedCamera);
   EXPECT_THAT(kindsOf(readLines(path_)), ElementsAre("header"));
   writer.onKeyframe(makeKeyframe(0, {point(79.5F, 59.5F, 0.5F)}));
   const FrameEstimate estimate = tracked(1, 1.0);
@@ -110,7 +110,7 @@ TEST_F(RecordingWriterTest, LinesComeInTheOrderTheFormatPromises) {
 }
 
 TEST_F(RecordingWriterTest, TracksAreThePointsAsTheFrameSeesThem) {
-  io::RecordingWriter writer(path_, info_, kCamera);
+  io::RecordingWriter writer(path_, info_, kRecordedCamera);
   // Depth 2, 20 px right of the centre; one unit nearer it is 40 px right, at depth 1. The second
   // point is passed by, the third leaves the image.
   writer.onKeyframe(makeKeyframe(
@@ -122,7 +122,7 @@ TEST_F(RecordingWriterTest, TracksAreThePointsAsTheFrameSeesThem) {
 }
 
 TEST_F(RecordingWriterTest, ImagesLieBesideTheRecording) {
-  io::RecordingWriter writer(path_, info_, kCamera);
+  io::RecordingWriter writer(path_, info_, kRecordedCamera);
   const FrameEstimate estimate = tracked(7, 1.0);
   writer.onFrame(estimate);
   writer.frameDone(estimate);
@@ -135,14 +135,14 @@ TEST_F(RecordingWriterTest, ImagesLieBesideTheRecording) {
 }
 
 TEST_F(RecordingWriterTest, AnInitializationBringsPosesAndItsPoints) {
-  io::RecordingWriter writer(path_, info_, kCamera);
+  io::RecordingWriter writer(path_, info_, kRecordedCamera);
   InitStep step;
   step.status = InitStatus::kInitialized;
   step.reason = InitReason::kDone;
   step.result.emplace();
   step.result->frames.resize(3);
   for (std::size_t i = 0; i < 3; ++i) {
-    step.result->frames[i].frame = makeFrame(static_cast<int>(i) + 4);
+    step.result->frames[i].frame = recordedFrame(static_cast<int>(i) + 4);
     if (i != 1) step.result->frames[i].T_cam_ref = forward(-0.5 * static_cast<double>(i));
   }
   step.result->points.resize(1);
@@ -162,7 +162,7 @@ TEST_F(RecordingWriterTest, AnInitializationBringsPosesAndItsPoints) {
 
 TEST_F(RecordingWriterTest, NumbersThatAreNoneAreLeftOut) {
   constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-  io::RecordingWriter writer(path_, info_, kCamera);
+  io::RecordingWriter writer(path_, info_, kRecordedCamera);
   writer.onKeyframe(makeKeyframe(0, {point(1, 1, kNan), point(1, 1, 1)}));
   FrameEstimate estimate = tracked(1, std::numeric_limits<double>::quiet_NaN());
   estimate.tracking_rmse = std::numeric_limits<double>::infinity();
@@ -176,7 +176,7 @@ TEST_F(RecordingWriterTest, NumbersThatAreNoneAreLeftOut) {
 
 TEST_F(RecordingWriterTest, AFileInTheWayIsAnError) {
   std::ofstream(folder_.path() / "deep") << "no folder";
-  EXPECT_THROW(io::RecordingWriter(path_, info_, kCamera), IoError);
+  EXPECT_THROW(io::RecordingWriter(path_, info_, kRecordedCamera), IoError);
 }
 
 }  // namespace

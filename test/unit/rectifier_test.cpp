@@ -17,18 +17,18 @@ namespace {
 using testing::AllOf;
 using testing::HasSubstr;
 
-constexpr int kWidth = 70;  // no multiple of 16
-constexpr int kHeight = 50;
+constexpr int kLensWidth = 70;  // no multiple of 16
+constexpr int kLensHeight = 50;
 
-Calibration pinhole() {
+Calibration plainLens() {
   Calibration calibration;
-  calibration.lens = {LensModel::kPinhole, 60, 60, 34.5, 24.5, {}, kWidth, kHeight};
+  calibration.lens = {LensModel::kPinhole, 60, 60, 34.5, 24.5, {}, kLensWidth, kLensHeight};
   calibration.rectification.mode = RectificationMode::kNone;
   return calibration;
 }
 
 cv::Mat noise(int type) {
-  cv::Mat image(kHeight, kWidth, type);
+  cv::Mat image(kLensHeight, kLensWidth, type);
   cv::theRNG().state = 1;
   cv::randu(image, cv::Scalar::all(0), cv::Scalar::all(256));
   return image;
@@ -45,7 +45,7 @@ std::string complaint(const Function& function) {
 }
 
 TEST(Rectifier, GreyImagesAreCroppedToMultiplesOfSixteen) {
-  Rectifier rectifier(pinhole());
+  Rectifier rectifier(plainLens());
   EXPECT_EQ(rectifier.camera().width, 64);
   EXPECT_EQ(rectifier.camera().height, 48);
   EXPECT_EQ(rectifier.camera().cx, 34.5);
@@ -60,7 +60,7 @@ TEST(Rectifier, GreyImagesAreCroppedToMultiplesOfSixteen) {
 }
 
 TEST(Rectifier, FramesKnowTheTimesOfTheirRows) {
-  Calibration calibration = pinhole();
+  Calibration calibration = plainLens();
   const cv::Mat image = noise(CV_8UC1);
   EXPECT_EQ(Rectifier(calibration).frame(rawImage(image), {})->rowTimes(), nullptr);
   calibration.lens.readout = {0.02, 0};
@@ -73,7 +73,7 @@ TEST(Rectifier, FramesKnowTheTimesOfTheirRows) {
 }
 
 TEST(Rectifier, ColourIsTheGreyOfOpenCv) {
-  Rectifier rectifier(pinhole());
+  Rectifier rectifier(plainLens());
   const cv::Mat bgr = noise(CV_8UC3);
   cv::Mat rgb;
   cv::Mat grey;
@@ -93,17 +93,17 @@ TEST(Rectifier, ColourIsTheGreyOfOpenCv) {
 }
 
 TEST(Rectifier, RowsMayLieApart) {
-  Rectifier rectifier(pinhole());
-  const cv::Mat wide(kHeight, 2 * kWidth, CV_8UC1, cv::Scalar(9));
-  cv::Mat part = wide(cv::Rect(10, 0, kWidth, kHeight));
+  Rectifier rectifier(plainLens());
+  const cv::Mat wide(kLensHeight, 2 * kLensWidth, CV_8UC1, cv::Scalar(9));
+  cv::Mat part = wide(cv::Rect(10, 0, kLensWidth, kLensHeight));
   noise(CV_8UC1).copyTo(part);
   const FramePtr frame = rectifier.frame(rawImage(part), {FrameId{0}});
   EXPECT_EQ(frame->level(0).at(20, 30).intensity, part.at<std::uint8_t>(30, 20));
 }
 
 TEST(Rectifier, SixteenBitsAreSpreadOverTheBitsThatAreUsed) {
-  Rectifier rectifier(pinhole());
-  const cv::Mat image(kHeight, kWidth, CV_16UC1, cv::Scalar(1023));
+  Rectifier rectifier(plainLens());
+  const cv::Mat image(kLensHeight, kLensWidth, CV_16UC1, cv::Scalar(1023));
   EXPECT_NEAR(
       rectifier.frame(rawImage(image), {FrameId{0}})->level(0).at(5, 5).intensity, 3.98, 0.01);
   rectifier.setBits(10);
@@ -112,36 +112,36 @@ TEST(Rectifier, SixteenBitsAreSpreadOverTheBitsThatAreUsed) {
 }
 
 TEST(Rectifier, ResponseAndVignetteMayComeAlone) {
-  Calibration curved = pinhole();
+  Calibration curved = plainLens();
   for (int i = 0; i < 256; ++i)
     curved.photometric.response.push_back(static_cast<float>(i * i) / 255);
-  const cv::Mat image(kHeight, kWidth, CV_8UC1, cv::Scalar(51));
+  const cv::Mat image(kLensHeight, kLensWidth, CV_8UC1, cv::Scalar(51));
   const FramePtr frame = Rectifier(curved).frame(rawImage(image), {FrameId{0}});
   EXPECT_NEAR(frame->level(0).at(3, 3).intensity, 51 * 51 / 255.0, 1e-4);
   EXPECT_NE(frame->responseSlope(), nullptr);
 
-  Calibration dark = pinhole();
-  dark.photometric.vignette.assign(kWidth * kHeight, 0.5F);
-  dark.photometric.vignette_width = kWidth;
-  dark.photometric.vignette_height = kHeight;
+  Calibration dark = plainLens();
+  dark.photometric.vignette.assign(kLensWidth * kLensHeight, 0.5F);
+  dark.photometric.vignette_width = kLensWidth;
+  dark.photometric.vignette_height = kLensHeight;
   EXPECT_EQ(Rectifier(dark).frame(rawImage(image), {FrameId{0}})->level(0).at(3, 3).intensity, 102);
 }
 
 TEST(Rectifier, MaskedPixelsAreInvalidAlsoAfterUndistortion) {
-  Calibration fov = pinhole();
+  Calibration fov = plainLens();
   fov.lens.model = LensModel::kFov;
   fov.lens.coefficients[0] = 0.9;
   fov.rectification.mode = RectificationMode::kCrop;
-  for (const Calibration& calibration : {pinhole(), fov}) {
+  for (const Calibration& calibration : {plainLens(), fov}) {
     Rectifier rectifier(calibration);
     const int width = rectifier.camera().width;
     const int height = rectifier.camera().height;
     // The masked half is bright: none of its light may be left beside the border.
-    cv::Mat image(kHeight, kWidth, CV_8UC1, cv::Scalar(10));
-    image.rowRange(30, kHeight).setTo(250);
-    cv::Mat mask(kHeight, kWidth, CV_8UC1, cv::Scalar(255));
-    mask.rowRange(30, kHeight).setTo(0);
-    const ImageView view(mask.data, kWidth, kHeight);
+    cv::Mat image(kLensHeight, kLensWidth, CV_8UC1, cv::Scalar(10));
+    image.rowRange(30, kLensHeight).setTo(250);
+    cv::Mat mask(kLensHeight, kLensWidth, CV_8UC1, cv::Scalar(255));
+    mask.rowRange(30, kLensHeight).setTo(0);
+    const ImageView view(mask.data, kLensWidth, kLensHeight);
     const auto check = [&](const FramePtr& frame) {
       int invalid = 0;
       for (int y = 0; y < height; ++y) {
@@ -166,34 +166,34 @@ TEST(Rectifier, MaskedPixelsAreInvalidAlsoAfterUndistortion) {
 }
 
 TEST(Rectifier, RefusesWithTheReason) {
-  Rectifier rectifier(pinhole());
-  const cv::Mat small(kHeight, kWidth - 1, CV_8UC1, cv::Scalar(0));
+  Rectifier rectifier(plainLens());
+  const cv::Mat small(kLensHeight, kLensWidth - 1, CV_8UC1, cv::Scalar(0));
   EXPECT_THAT(complaint([&] { (void)rectifier.rectify(rawImage(small)); }),
               AllOf(HasSubstr("69x50"), HasSubstr("expected 70x50")));
   EXPECT_THAT(complaint([&] { (void)rectifier.rectify({}); }), HasSubstr("empty"));
   RawImage narrow = rawImage(noise(CV_8UC3));
-  narrow.stride_bytes = 3 * kWidth - 1;
+  narrow.stride_bytes = 3 * kLensWidth - 1;
   EXPECT_THAT(complaint([&] { (void)rectifier.rectify(narrow); }), HasSubstr("210 bytes"));
   EXPECT_THAT(complaint([&] { (void)rawImage(noise(CV_32FC1)); }), HasSubstr("CV_8UC1"));
   EXPECT_THAT(complaint([&] {
-                rectifier.setMask({small.data, kWidth - 1, kHeight});
+                rectifier.setMask({small.data, kLensWidth - 1, kLensHeight});
               }),
               AllOf(HasSubstr("69x50"), HasSubstr("70x50")));
-  const cv::Mat black(kHeight, kWidth, CV_8UC1, cv::Scalar(0));
+  const cv::Mat black(kLensHeight, kLensWidth, CV_8UC1, cv::Scalar(0));
   EXPECT_THAT(complaint([&] {
-                rectifier.setMask({black.data, kWidth, kHeight});
+                rectifier.setMask({black.data, kLensWidth, kLensHeight});
               }),
               HasSubstr("black everywhere"));
 
-  Calibration sizeless = pinhole();
+  Calibration sizeless = plainLens();
   sizeless.lens.width = 0;
   EXPECT_THAT(complaint([&] { Rectifier{sizeless}; }), HasSubstr("no image size"));
-  Calibration tiny = pinhole();
+  Calibration tiny = plainLens();
   tiny.lens.width = 15;
   tiny.lens.cx = 7;
   EXPECT_THAT(complaint([&] { Rectifier{tiny}; }), HasSubstr("at least 16x16"));
   for (const double focal : {0.0, -60.0, std::nan(""), std::numeric_limits<double>::infinity()}) {
-    Calibration wrong = pinhole();
+    Calibration wrong = plainLens();
     wrong.lens.fx = focal;
     EXPECT_THAT(complaint([&] { Rectifier{wrong}; }), HasSubstr("focal length"));
   }
@@ -227,8 +227,8 @@ TEST(CalibrationSizes, HalfTheImageHasHalfTheFocalLength) {
 }
 
 TEST(CalibrationSizes, TheOutputIsMadeSmallerWithoutTouchingTheLens) {
-  const Calibration small = withOutputWidth(pinhole(), 35);
-  EXPECT_EQ(small.lens.width, kWidth);
+  const Calibration small = withOutputWidth(plainLens(), 35);
+  EXPECT_EQ(small.lens.width, kLensWidth);
   EXPECT_EQ(small.rectification.mode, RectificationMode::kExplicit);
   Rectifier rectifier(small);
   EXPECT_EQ(rectifier.camera().width, 32);
@@ -236,12 +236,12 @@ TEST(CalibrationSizes, TheOutputIsMadeSmallerWithoutTouchingTheLens) {
   EXPECT_EQ(rectifier.camera().fx, 30);
   EXPECT_EQ(rectifier.camera().cx, 17);
   // Each pixel is the mean of 2 x 2: of stripes one pixel wide nothing but the mean is left.
-  cv::Mat stripes(kHeight, kWidth, CV_8UC1, cv::Scalar(0));
-  for (int x = 0; x < kWidth; x += 2) stripes.col(x).setTo(200);
+  cv::Mat stripes(kLensHeight, kLensWidth, CV_8UC1, cv::Scalar(0));
+  for (int x = 0; x < kLensWidth; x += 2) stripes.col(x).setTo(200);
   const FramePtr frame = rectifier.frame(rawImage(stripes), {FrameId{0}});
   EXPECT_NEAR(frame->level(0).at(10, 10).intensity, 100, 1e-3);
-  EXPECT_THAT(complaint([] { (void)withOutputWidth(pinhole(), 71); }), HasSubstr("16 to 70"));
-  EXPECT_EQ(withOutputWidth(pinhole(), kWidth).rectification.mode, RectificationMode::kNone);
+  EXPECT_THAT(complaint([] { (void)withOutputWidth(plainLens(), 71); }), HasSubstr("16 to 70"));
+  EXPECT_EQ(withOutputWidth(plainLens(), kLensWidth).rectification.mode, RectificationMode::kNone);
 }
 
 }  // namespace

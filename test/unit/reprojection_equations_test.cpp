@@ -37,9 +37,9 @@ Eigen::VectorXd asVector(const std::vector<double>& values) {
 }
 
 /// The same, observation by observation.
-ReprojectionEquations expectedEquations(const SyntheticMap& scene,
-                                        const PoseRows& rows,
-                                        const GeometricOptions& options) {
+ReprojectionEquations ceresEquations(const SyntheticMap& scene,
+                                     const PoseRows& rows,
+                                     const GeometricOptions& options) {
   const InitialMap& map = scene.start;
   ReprojectionEquations e;
   LinearSystem<double>& system = e.system;
@@ -75,7 +75,7 @@ TEST(ReprojectionEquations, InLanesEqualThoseOneByOne) {
   const PoseRows rows(scene.start);
   for (const RobustLoss loss : {RobustLoss::kHuber, RobustLoss::kCauchy}) {
     const GeometricOptions options = optionsWith(loss);
-    const ReprojectionEquations expected = expectedEquations(scene, rows, options);
+    const ReprojectionEquations expected = ceresEquations(scene, rows, options);
     const ReprojectionEquations made = linearize(scene.start, rows, scene.camera, options);
     EXPECT_LT(relativeDifference(made.system.H, expected.system.H), 1e-12);
     EXPECT_LT(relativeDifference(made.system.couplings(), expected.system.couplings()), 1e-12);

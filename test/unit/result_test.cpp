@@ -11,17 +11,17 @@
 namespace dsorb {
 namespace {
 
-FramePtr greyFrame(int id) {
+FramePtr plainFrame(int id) {
   const std::vector<std::uint8_t> pixels(32 * 24, 100);
   return Frame::create({pixels.data(), 32, 24}, {FrameId{id}, 0.1 * id, 1, nullptr});
 }
 
 InitializationResult validResult() {
   InitializationResult result;
-  result.frames.push_back({greyFrame(0), SE3(), {}, std::nullopt});
-  result.frames.push_back({greyFrame(1), std::nullopt, {}, std::nullopt});
+  result.frames.push_back({plainFrame(0), SE3(), {}, std::nullopt});
+  result.frames.push_back({plainFrame(1), std::nullopt, {}, std::nullopt});
   const SE3 moved(so3Exp({0, 0.1, 0}), Eigen::Vector3d(0.5, 0, 0.1));
-  result.frames.push_back({greyFrame(2), moved, {0.1, 2}, Matrix6d::Identity() * 1e-4});
+  result.frames.push_back({plainFrame(2), moved, {0.1, 2}, Matrix6d::Identity() * 1e-4});
   result.points = {{0, {5, 5}, 0.5F, 0.01F, 2}, {0, {20, 10}, 1.5F, 0.02F, 2}};
   result.report.frames_fed = 3;
   result.report.frames_posed = 2;

@@ -102,7 +102,7 @@ std::vector<RowMotion> wrongMotions(const RollingMap& made) {
   return wrong;
 }
 
-GeometricOptions someOptions() {
+GeometricOptions rollingOptions() {
   GeometricOptions options;
   options.sigma = 0.1;
   options.max_iterations = 10;
@@ -131,7 +131,7 @@ double poseError(const InitialMap& map, const InitialMap& truth) {
 TEST(RollingEquations, GradientByMotionsIsTheNumericOne) {
   const RollingMap made = makeRollingMap(0.01);
   const PinholeCamera& camera = made.scene.camera;
-  const GeometricOptions options = someOptions();
+  const GeometricOptions options = rollingOptions();
   const InitialMap map = mapWith(made, made.motions);
   const PoseRows rows(map);
   const ReprojectionEquations equations = linearizeRolling(map, rows, camera, options);
@@ -163,8 +163,8 @@ TEST(RollingEquations, SolutionFindsPosesAndMotionsThatAGlobalShutterMisses) {
   InitialMap global = rolling;
   global.motions.clear();
   const double before = velocityError(rolling, made.motions);
-  ASSERT_TRUE(solveGeometry(global, camera, someOptions()));
-  ASSERT_TRUE(solveGeometry(rolling, camera, someOptions()));
+  ASSERT_TRUE(solveGeometry(global, camera, rollingOptions()));
+  ASSERT_TRUE(solveGeometry(rolling, camera, rollingOptions()));
   // Measured: 3e-5 instead of 4e-3, and 0.011 instead of 0.28.
   EXPECT_LT(poseError(rolling, made.scene.truth), 0.05 * poseError(global, made.scene.truth));
   EXPECT_LT(velocityError(rolling, made.motions), 0.1 * before);
@@ -175,7 +175,7 @@ TEST(RollingEquations, KnownDepthsTakePart) {
   InitialMap map = mapWith(made, made.motions);
   const PoseRows rows(map);
   const auto linearized = [&] {
-    return linearizeRolling(map, rows, made.scene.camera, someOptions());
+    return linearizeRolling(map, rows, made.scene.camera, rollingOptions());
   };
   const ReprojectionEquations without = linearized();
   map.metres = 1;
@@ -191,14 +191,14 @@ TEST(RollingEquations, KnownDepthsTakePart) {
 TEST(RollingEquations, MarginalsOfPosesAreWiderThanThoseWithKnownMotions) {
   const RollingMap made = makeRollingMap(0);
   InitialMap map = mapWith(made, made.motions);
-  const GeometricMarginals unknown(map, made.scene.camera, someOptions());
+  const GeometricMarginals unknown(map, made.scene.camera, rollingOptions());
   for (MotionPrior& prior : map.motion_priors) {
     prior.sigma.setConstant(1e-4);
     prior.acceleration_sigma.setConstant(1e-3);
   }
-  const GeometricMarginals known(map, made.scene.camera, someOptions());
+  const GeometricMarginals known(map, made.scene.camera, rollingOptions());
   map.motions.clear();
-  const GeometricMarginals global(map, made.scene.camera, someOptions());
+  const GeometricMarginals global(map, made.scene.camera, rollingOptions());
   const auto variances = [&](const GeometricMarginals& found) {
     const Eigen::MatrixXd roots = found.marginals.inGauge(found.marginals.roots());
     return Eigen::VectorXd(roots.rowwise().squaredNorm().head(global.rows.size));

@@ -11,13 +11,13 @@
 namespace dsorb {
 namespace {
 
-const PinholeCamera kCamera{500, 500, 319.5, 239.5, 640, 480};
+const PinholeCamera kRowCamera{500, 500, 319.5, 239.5, 640, 480};
 constexpr float kRho = 0.5F;  // [1/m]
 
 RowTimes rowsOf(double readout) {
   Lens lens{LensModel::kPinhole, 500, 500, 319.5, 239.5, {}, 640, 480};
   lens.readout = {readout, 0};
-  return rowTimes(lens, kCamera, false);
+  return rowTimes(lens, kRowCamera, false);
 }
 
 /// A hand that turns by 1 rad/s and moves by .5 m/s.
@@ -37,10 +37,10 @@ Eigen::Vector2d exactPixelInRow(const RowTimes& rows,
                                 const RowMotion& motion,
                                 const Eigen::Vector2d& middle,
                                 double rho) {
-  const Eigen::Vector3d point = kCamera.unproject(middle) / rho;
+  const Eigen::Vector3d point = kRowCamera.unproject(middle) / rho;
   Eigen::Vector2d pixel = middle;
   for (int i = 0; i < 30; ++i) {
-    pixel = kCamera.project(poseAt(motion, rows.at(pixel.x(), pixel.y())) * point);
+    pixel = kRowCamera.project(poseAt(motion, rows.at(pixel.x(), pixel.y())) * point);
   }
   return pixel;
 }
@@ -63,7 +63,7 @@ TEST(RollingShutter, ProjectsIntoTheRowThatSeesThePoint) {
     for (const Eigen::Vector2d& middle : somePixels()) {
       const Eigen::Vector2d exact =
           exactPixelInRow(rows, motion, middle, static_cast<double>(kRho));
-      const Eigen::Vector2f found = pixelInRow(shutter, kCamera, middle.cast<float>(), kRho);
+      const Eigen::Vector2f found = pixelInRow(shutter, kRowCamera, middle.cast<float>(), kRho);
       moved = std::max(moved, (exact - middle).norm());
       error = std::max(error, (found.cast<double>() - exact).norm());
     }
@@ -78,7 +78,7 @@ TEST(RollingShutter, HostPixelIsTheOneThatProjectsThere) {
   const RollingShutter shutter = makeRollingShutter(rows, motion);
   for (const Eigen::Vector2d& middle : somePixels()) {
     const Eigen::Vector2d seen = exactPixelInRow(rows, motion, middle, static_cast<double>(kRho));
-    const Eigen::Vector2f found = pixelInMiddle(shutter, kCamera, seen.cast<float>(), kRho);
+    const Eigen::Vector2f found = pixelInMiddle(shutter, kRowCamera, seen.cast<float>(), kRho);
     // Measured up to .0126: the inverse depth is that of the middle row, third order in the time.
     EXPECT_LT((found.cast<double>() - middle).norm(), 0.02) << middle.transpose();
   }
@@ -111,12 +111,12 @@ TEST(RollingShutter, DerivativesOfTheGlobalShutterAreCloseToItsOwn) {
   const RowMotion motion = handMotion();
   const RowTimes rows = rowsOf(0.025);
   const Eigen::Vector2d middle(500, 90);
-  const Eigen::Vector3d ray = kCamera.unproject(middle);
+  const Eigen::Vector3d ray = kRowCamera.unproject(middle);
   const auto seen = [&](const Vector6d& increment, double rho) {
     const Eigen::Vector3d moved = SE3::exp(increment) * Eigen::Vector3d(ray / rho);
-    return exactPixelInRow(rows, motion, kCamera.project(moved), 1 / moved.z());
+    return exactPixelInRow(rows, motion, kRowCamera.project(moved), 1 / moved.z());
   };
-  const auto projection = projectHosted(kCamera, SE3(), ray, static_cast<double>(kRho));
+  const auto projection = projectHosted(kRowCamera, SE3(), ray, static_cast<double>(kRho));
   constexpr double kStep = 1e-5;
   for (int k = 0; k < 6; ++k) {
     Vector6d increment = Vector6d::Zero();
@@ -133,16 +133,16 @@ TEST(RollingShutter, DerivativesOfTheGlobalShutterAreCloseToItsOwn) {
 TEST(RollingShutter, SoIsTheDerivativeByTheInverseDepth) {
   const RowMotion motion = handMotion();
   const RowTimes rows = rowsOf(0.025);
-  const Eigen::Vector3d ray = kCamera.unproject({500, 90});
+  const Eigen::Vector3d ray = kRowCamera.unproject({500, 90});
   const SE3 T_cam_host(Eigen::Quaterniond::Identity(), {0.1, 0.05, -0.02});
   const auto seen = [&](double rho) {
     const Eigen::Vector3d point = T_cam_host * Eigen::Vector3d(ray / rho);
-    return exactPixelInRow(rows, motion, kCamera.project(point), 1 / point.z());
+    return exactPixelInRow(rows, motion, kRowCamera.project(point), 1 / point.z());
   };
   constexpr double kStep = 1e-5;
   const auto rho = static_cast<double>(kRho);
   const Eigen::Vector2d numeric = (seen(rho + kStep) - seen(rho - kStep)) / (2 * kStep);
-  const Eigen::Vector2d global = projectHosted(kCamera, T_cam_host, ray, rho)->J_inverse_depth;
+  const Eigen::Vector2d global = projectHosted(kRowCamera, T_cam_host, ray, rho)->J_inverse_depth;
   EXPECT_LT((numeric - global).norm(), 0.025 * global.norm());  // measured .0163
 }
 

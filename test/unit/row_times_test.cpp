@@ -14,14 +14,14 @@ namespace {
 
 constexpr double kReadout = 0.025;  // [s]
 
-Lens pinhole() {
+Lens timedLens() {
   Lens lens{LensModel::kPinhole, 500, 500, 319.5, 239.5, {}, 640, 480};
   lens.readout = {kReadout, 0};
   return lens;
 }
 
 TEST(RowTimes, OfAPinholeGrowFromTheFirstRowToTheLast) {
-  const RowTimes times = rowTimes(pinhole(), {500, 500, 319.5, 239.5, 640, 480}, false);
+  const RowTimes times = rowTimes(timedLens(), {500, 500, 319.5, 239.5, 640, 480}, false);
   EXPECT_NEAR(times.at(0, 0), -kReadout / 2, 1e-12);
   EXPECT_NEAR(times.at(639, 0), -kReadout / 2, 1e-12);
   EXPECT_NEAR(times.at(320, 239.5), 0, 1e-12);
@@ -30,7 +30,7 @@ TEST(RowTimes, OfAPinholeGrowFromTheFirstRowToTheLast) {
 }
 
 TEST(RowTimes, RowsThatAreCroppedKeepTheirTimes) {
-  Lens lens = pinhole();
+  Lens lens = timedLens();
   lens.height = 490;
   const RowTimes times = rowTimes(lens, {500, 500, 319.5, 239.5, 640, 480}, false);
   EXPECT_NEAR(times.at(0, 0), -kReadout / 2, 1e-12);
@@ -38,7 +38,7 @@ TEST(RowTimes, RowsThatAreCroppedKeepTheirTimes) {
 }
 
 TEST(RowTimes, FollowColumnsAndTheOtherDirection) {
-  Lens lens = pinhole();
+  Lens lens = timedLens();
   lens.columns = true;
   lens.readout = {-kReadout, 0};
   const RowTimes times = rowTimes(lens, {500, 500, 319.5, 239.5, 640, 480}, false);

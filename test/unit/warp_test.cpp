@@ -12,7 +12,7 @@
 namespace dsorb {
 namespace {
 
-const PinholeCamera kCamera{400, 410, 319.5, 239.5, 640, 480};
+const PinholeCamera kWarpCamera{400, 410, 319.5, 239.5, 640, 480};
 
 SE3 somePose() {
   Vector6d xi;
@@ -81,7 +81,7 @@ struct Points {
 Eigen::VectorXd pixelAt(int k, const Eigen::VectorXd& step) {
   const HostPoint point = pointOf(k);
   const SE3 pose = SE3::exp(Vector6d(step.head<6>())) * somePose();
-  return kCamera.project(pose * (Eigen::Vector3d(point.x, point.y, 1) / (point.rho + step[6])));
+  return kWarpCamera.project(pose * (Eigen::Vector3d(point.x, point.y, 1) / (point.rho + step[6])));
 }
 
 template <typename T>
@@ -91,7 +91,7 @@ class WarpOf : public testing::Test {
   /// Of values, and of derivatives relative to their norm.
   static constexpr double kTolerance = sizeof(Scalar) == sizeof(float) ? 2e-6 : 1e-8;
 
-  Warp<Scalar> warp = makeWarp<Scalar>(kCamera, somePose());
+  Warp<Scalar> warp = makeWarp<Scalar>(kWarpCamera, somePose());
   Points<T> points;
   WarpedPoint<T> warped;
 
@@ -101,8 +101,8 @@ class WarpOf : public testing::Test {
   }
 };
 
-using Types = testing::Types<float, double, Lanes, DoubleLanes>;
-TYPED_TEST_SUITE(WarpOf, Types);
+using WarpTypes = testing::Types<float, double, Lanes, DoubleLanes>;
+TYPED_TEST_SUITE(WarpOf, WarpTypes);
 
 TYPED_TEST(WarpOf, ProjectsAsCameraAndPoseDo) {
   for (int k = 0; k < kCount<TypeParam>; ++k) {
@@ -153,7 +153,7 @@ TYPED_TEST(WarpOf, ContractedJacobiansMatchCentralDifferences) {
 
 TYPED_TEST(WarpOf, PointsBehindAreMarkedAndStayFinite) {
   auto turned = makeWarp<typename TestFixture::Scalar>(
-      kCamera, SE3(so3Exp({0, M_PI, 0}), Eigen::Vector3d(0, 0, 0)));
+      kWarpCamera, SE3(so3Exp({0, M_PI, 0}), Eigen::Vector3d(0, 0, 0)));
   WarpedPoint<TypeParam> behind;
   warpPoint(turned, this->points.x, this->points.y, this->points.rho, behind);
   for (int k = 0; k < kCount<TypeParam>; ++k) {
@@ -188,14 +188,15 @@ TEST(Warp, PositionsOutsideMoveToTheBorder) {
 TEST(Warp, OnePointAloneIsTheSame) {
   const HostPoint point = pointOf(0);
   const auto projection =
-      projectHosted(kCamera, somePose(), Eigen::Vector3d(point.x, point.y, 1), point.rho);
+      projectHosted(kWarpCamera, somePose(), Eigen::Vector3d(point.x, point.y, 1), point.rho);
   ASSERT_TRUE(projection);
   EXPECT_LT((projection->pixel - pixelAt(0, Eigen::VectorXd::Zero(7))).norm(), 1e-10);
   const Eigen::MatrixXd expected =
       numericJacobian([](const Eigen::VectorXd& step) { return pixelAt(0, step); }, 7);
   EXPECT_LT(relativeDifference(projection->J_pose, expected.leftCols(6)), 1e-8);
   EXPECT_LT(relativeDifference(projection->J_inverse_depth, expected.col(6)), 1e-8);
-  EXPECT_FALSE(projectHosted(kCamera, SE3(Eigen::Matrix3d::Identity(), {0, 0, -2}), {0, 0, 1}, 1));
+  EXPECT_FALSE(
+      projectHosted(kWarpCamera, SE3(Eigen::Matrix3d::Identity(), {0, 0, -2}), {0, 0, 1}, 1));
 }
 
 }  // namespace

@@ -22,7 +22,6 @@ constexpr FactorDamping kDamping{0.1, 0.5, 4, 1e-4, 0, 1e4, 2};
 constexpr double kMinStep = 1e-4;       // norm of [translation; rotation]
 constexpr double kMaxLogGain = 1;       // beyond the exposures; free, a flat region fits everything
 constexpr float kMaxPixelStep = 0.25F;  // of the projection by one depth step [px]
-constexpr float kMinInverseDepth = 1e-3F;
 constexpr float kMaxInverseDepth = 50.0F;
 
 /// First and one past the last of the parameters that may change.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/coarse/coarse_handover.h"
 
+#include "base/angles.h"
 #include "base/median.h"
 #include "base/random.h"
 #include "estimate/marginals.h"
@@ -29,7 +30,6 @@ constexpr float kMinCurvature = 1;  // [grey levels^2 unit^2]; less tells nothin
 constexpr std::array<int, 5> kPoseIterations = {2, 3, 5, 10, 10};
 constexpr double kMinPoseInlierShare = 0.5;   // of the points in view, else a frame has no pose
 constexpr double kMinPoseVisibleShare = 0.2;  // of all points, else a frame has no pose
-constexpr float kMinInverseDepth = 1e-3F;     // of the result; orphans of the reference may have 0
 constexpr double kMaxMargin = 1e3;            // reported where there is no rival
 constexpr double kUnknownVariance = 1;        // of an inverse depth the newest frame does not tell
 
@@ -290,7 +290,7 @@ double parallaxDeg(const CoarseAttempt& attempt) {
     const Eigen::Vector3d ray =
         T.unitQuaternion() * attempt.camera.unproject({points.x[i], points.y[i]});
     const Eigen::Vector3d moved = ray + static_cast<double>(points.smoothed[i]) * T.translation();
-    angles.push_back(std::atan2(ray.cross(moved).norm(), ray.dot(moved)) * 180.0 / M_PI);
+    angles.push_back(std::atan2(ray.cross(moved).norm(), ray.dot(moved)) * kDegPerRad);
   }
   return medianOf(std::move(angles));
 }

@@ -15,6 +15,7 @@ constexpr int kNeighbours = 10;       // nearest points of the level, the point 
 constexpr float kPixelOffset = 0.1F;  // [px]; points stand off the pixel centres
 constexpr float kSmoothingWeight = 0.8F;     // of the neighbours' median
 constexpr float kMinParentCurvature = 0.1F;  // a flatter parent hands nothing down
+constexpr float kMinInverseDepth = 1e-3F;    // of what is aligned and handed over
 
 /// Points of one pyramid level of the first frame, structure of arrays. "Trial" values belong to
 /// the step under test and become accepted with it.

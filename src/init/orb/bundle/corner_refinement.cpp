@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/bundle/corner_refinement.h"
 
+#include "base/angles.h"
 #include "base/parallel.h"
 #include "image/photometric.h"
 #include "init/orb/bundle/frame_motions.h"
@@ -23,13 +24,12 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr double kDegPerRad = 180.0 / M_PI;
 constexpr int kIterations = 2;  // of the adjustment in each round; 2 to 6 give the same starts
 constexpr double kCauchyThreshold = 2;  // of the whitened error [-]
 constexpr double kMaxResidual = 25;  // mean of a patch, above which the corner goes [grey levels]
-constexpr double kMinSigma = 0.05;   // of a corner however strong its gradients [px]
-constexpr double kMaxTurnDeg = 15;   // of the direction of translation; beyond it, rejected
-constexpr double kMinGradient = 1;   // rms in the weakest direction [grey levels / px]
+constexpr double kMinCornerSigma = 0.05;  // of a corner however strong its gradients [px]
+constexpr double kMaxTurnDeg = 15;        // of the direction of translation; beyond it, rejected
+constexpr double kMinGradient = 1;        // rms in the weakest direction [grey levels / px]
 constexpr double kMeasuredSigma = 0.2;  // of a measured corner, for the pose of a single frame [px]
 /// Share of the adjustment's variance factor for the own part of a single frame's pose; the rest
 /// comes with the inverse depths.
@@ -38,8 +38,9 @@ constexpr double kOwnFactor = 0.5;
 /// Share of the corners that must match the images.
 constexpr double kMinFittingShare = 0.5;
 constexpr int kBrightnessRounds = 2;  // the pixels hardly move in the others
-constexpr double kMinStep = 1e-5;   // of a single frame's pose, which ends its rounds: below .01 px
-constexpr std::size_t kGrain = 64;  // observations one thread measures at a time
+constexpr double kMinPoseStep =
+    1e-5;  // of a single frame's pose, which ends its rounds: below .01 px
+constexpr std::size_t kMeasuredAtOnce = 64;  // observations one thread measures at a time
 
 /// One a corner; none where it cannot be cut.
 using Patches = std::vector<std::optional<CornerPatch>>;
@@ -47,7 +48,7 @@ using Patches = std::vector<std::optional<CornerPatch>>;
 /// Cuts the corners' patches out of the reference.
 Patches cutPatches(const InitialMap& map) {
   Patches patches(map.corners.size());
-  forEachRange(patches.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+  forEachRange(patches.size(), kMeasuredAtOnce, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       patches[i] = cutCornerPatch(map.frames.front().frame->level(0), map.corners[i].seen());
     }
@@ -57,8 +58,9 @@ Patches cutPatches(const InitialMap& map) {
 
 /// Inverse square root of a corner's covariance, from the mean information of its patches.
 Eigen::Matrix2d whiteningOf(const Eigen::Matrix2d& information) {
-  const Eigen::Matrix2d covariance = kImageNoise * kImageNoise * information.inverse() +
-                                     kMinSigma * kMinSigma * Eigen::Matrix2d::Identity();
+  const Eigen::Matrix2d covariance =
+      kImageNoise * kImageNoise * information.inverse() +
+      kMinCornerSigma * kMinCornerSigma * Eigen::Matrix2d::Identity();
   return covariance.llt().matrixL().solve(Eigen::Matrix2d::Identity());
 }
 
@@ -82,7 +84,7 @@ std::vector<std::optional<Measurement>> measureAll(const InitialMap& map,
     if (map.frames[k].T_cam_ref) measurers[k].emplace(map, camera, k, *map.frames[k].T_cam_ref);
   }
   std::vector<std::optional<Measurement>> measurements(map.observations.size());
-  forEachRange(measurements.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+  forEachRange(measurements.size(), kMeasuredAtOnce, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const auto& measurer = measurers[map.observations[i].frame];
       const auto corner = map.observations[i].corner;
@@ -183,7 +185,7 @@ FittedPose refinePose(const InitialMap& map,
     fit.T_cam_ref = *found;
     fit.observations.swap(observations);
     fit.sigma = kMeasuredSigma;
-    if (step < kMinStep) break;
+    if (step < kMinPoseStep) break;
   }
   if (fit.observations.empty()) fit.observations = observationsByFrame(map, camera)[frame];
   return fit;

@@ -44,11 +44,11 @@ constexpr Offsets kOffsets = makeOffsets();
 ///               with the residual x, y; w r^2, w, |r|
 /// @return       false where the patch leaves the image
 template <bool kRolling>
-DSORB_ALWAYS_INLINE bool linearizePatch(const TargetImage& target,
-                                        const CornerPatch& patch,
-                                        const Eigen::Vector2f& ray,
-                                        float inverse_depth,
-                                        Lanes& totals) {
+DSORB_ALWAYS_INLINE bool linearizeAs(const TargetImage& target,
+                                     const CornerPatch& patch,
+                                     const Eigen::Vector2f& ray,
+                                     float inverse_depth,
+                                     Lanes& totals) {
   Lanes terms[8] = {};
   const float step_x = 1.0F / target.warp.fx;
   const float step_y = 1.0F / target.warp.fy;
@@ -90,20 +90,20 @@ DSORB_ALWAYS_INLINE bool linearizePatch(const TargetImage& target,
   return true;
 }
 
-DSORB_TARGET_CLONES bool linearize(const TargetImage& target,
-                                   const CornerPatch& patch,
-                                   const Eigen::Vector2f& ray,
-                                   float inverse_depth,
-                                   Lanes& totals) {
-  return linearizePatch<false>(target, patch, ray, inverse_depth, totals);
+DSORB_TARGET_CLONES bool linearizePatch(const TargetImage& target,
+                                        const CornerPatch& patch,
+                                        const Eigen::Vector2f& ray,
+                                        float inverse_depth,
+                                        Lanes& totals) {
+  return linearizeAs<false>(target, patch, ray, inverse_depth, totals);
 }
 
-DSORB_TARGET_CLONES bool linearizeRolling(const TargetImage& target,
-                                          const CornerPatch& patch,
-                                          const Eigen::Vector2f& ray,
-                                          float inverse_depth,
-                                          Lanes& totals) {
-  return linearizePatch<true>(target, patch, ray, inverse_depth, totals);
+DSORB_TARGET_CLONES bool linearizePatchRolling(const TargetImage& target,
+                                               const CornerPatch& patch,
+                                               const Eigen::Vector2f& ray,
+                                               float inverse_depth,
+                                               Lanes& totals) {
+  return linearizeAs<true>(target, patch, ray, inverse_depth, totals);
 }
 
 }  // namespace
@@ -138,7 +138,7 @@ std::optional<Measurement> FrameMeasurer::measure(const Corner& corner,
                                                   const std::optional<CornerPatch>& patch) const {
   const Eigen::Vector3d ray = camera_.unproject(corner.pixel);
   Lanes sums;
-  const auto sum_up = target_.corrected ? linearizeRolling : linearize;
+  const auto sum_up = target_.corrected ? linearizePatchRolling : linearizePatch;
   if (!patch || !sum_up(target_,
                         *patch,
                         ray.head<2>().cast<float>(),

@@ -16,10 +16,8 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr std::size_t kCornerBlock = 64;  // corners that one thread takes at a time
-
 /// Linearization and update of the state.
-struct Model {
+struct ReprojectionModel {
   const ReprojectionProblem& problem;
 
   void linearize(const ReprojectionState& state, ReprojectionEquations& equations) const {
@@ -269,7 +267,7 @@ std::optional<int> solveWithSchur(InitialMap& map,
   const PoseRows pose_rows(map);
   if (pose_rows.size == 0) return std::nullopt;
   const ReprojectionProblem problem(map, pose_rows, camera, options);
-  SchurProblem<Model, ReprojectionState, ReprojectionEquations> adjustment(
+  SchurProblem<ReprojectionModel, ReprojectionState, ReprojectionEquations> adjustment(
       {problem}, ReprojectionState(map, pose_rows), options.function_tolerance);
   if (!std::isfinite(adjustment.cost())) return std::nullopt;
   GainDamping damping;

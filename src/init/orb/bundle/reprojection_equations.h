@@ -12,10 +12,13 @@
 
 #include <Eigen/Core>
 
+#include <cstddef>
 #include <optional>
 #include <vector>
 
 namespace dsorb::init_orb {
+
+constexpr std::size_t kCornerBlock = 64;  ///< corners that one thread takes at a time
 
 /// Rows of the posed frames' unknowns in the equations.
 struct PoseRows {

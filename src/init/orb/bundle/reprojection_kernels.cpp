@@ -13,7 +13,7 @@ namespace {
 using Mask = MaskOf<DoubleLanes>;
 
 // Factors of a product whose logarithm is taken: each is below 1e30, so it does not overflow.
-constexpr std::size_t kFactors = 8;
+constexpr std::size_t kErrorFactors = 8;
 
 /// Sums of PoseSums, by lane.
 struct LaneSums {
@@ -164,8 +164,8 @@ DSORB_ALWAYS_INLINE void linearizeAs(const Warp<double>& frame,
                                      LaneSums& result) {
   LaneSums sums = {};  // a local one stays in registers
   const double half_square = 0.5 * loss.limit * loss.limit;
-  for (std::size_t begin = 0; begin < run.count; begin += kFactors * kDoubleLanes) {
-    const std::size_t end = std::min(run.count, begin + kFactors * kDoubleLanes);
+  for (std::size_t begin = 0; begin < run.count; begin += kErrorFactors * kDoubleLanes) {
+    const std::size_t end = std::min(run.count, begin + kErrorFactors * kDoubleLanes);
     DoubleLanes product;
     fill(1, product);
     for (std::size_t i = begin; i < end; i += kDoubleLanes) {

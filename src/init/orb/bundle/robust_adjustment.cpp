@@ -14,8 +14,6 @@
 namespace dsorb::init_orb {
 namespace {
 
-// Median length of a two-dimensional vector whose coordinates have standard deviation 1.
-constexpr double kMedianLength = 1.1774;
 // 90th percentile over median of the absolute value of a normal distribution.
 constexpr double kNormalTail = 2.4387;
 constexpr double kFirstLimit = 6;  // least limit after the first solution [px]
@@ -24,7 +22,7 @@ constexpr double kFirstLimit = 6;  // least limit after the first solution [px]
 constexpr double kLimitFactor = 4;
 constexpr double kMinSigma = 1e-3;  // [px]; exact tracks of synthetic maps
 
-constexpr std::size_t kGrain = 512;  // observations one thread projects at a time
+constexpr std::size_t kProjectedAtOnce = 512;  // observations one thread projects at a time
 
 constexpr double kBehind = std::numeric_limits<double>::infinity();
 
@@ -50,7 +48,7 @@ std::vector<double> reprojectionErrors(const InitialMap& map, const PinholeCamer
                       : kBehind;
   };
   std::vector<double> errors(map.observations.size());
-  forEachRange(errors.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+  forEachRange(errors.size(), kProjectedAtOnce, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) errors[i] = error(map.observations[i]);
   });
   return errors;

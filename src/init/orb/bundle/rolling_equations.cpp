@@ -16,8 +16,6 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr std::size_t kCornerBlock = 64;  // corners that one thread takes at a time
-
 constexpr int kMotionSize = MotionRows::kMotionSize;
 using Motion = Eigen::Matrix<double, kMotionSize, 1>;
 constexpr int kPairs = kFactors * (kFactors + 1) / 2;
@@ -295,7 +293,7 @@ void RollingProblem::writeTo(InitialMap& map, const RollingState& state) const {
 }
 
 /// What SchurProblem asks for.
-struct Model {
+struct RollingModel {
   const RollingProblem& problem;
 
   void linearize(const RollingState& state, ReprojectionEquations& equations) const {
@@ -369,7 +367,7 @@ std::optional<int> solveRolling(InitialMap& map,
   const PoseRows pose_rows(map);
   if (pose_rows.size == 0) return std::nullopt;
   const RollingProblem problem(map, pose_rows, camera, options);
-  SchurProblem<Model, RollingState, ReprojectionEquations> adjustment(
+  SchurProblem<RollingModel, RollingState, ReprojectionEquations> adjustment(
       {problem}, problem.start(), options.function_tolerance);
   if (!std::isfinite(adjustment.cost())) return std::nullopt;
   GainDamping damping;

@@ -14,10 +14,10 @@ namespace {
 
 constexpr std::size_t kNeighbours = 7;
 constexpr std::size_t kMinNeighbours = 3;
-constexpr float kRadius = 60;       // [px]
-constexpr float kCellSize = 20;     // [px]
-constexpr float kQuantile = 0.35F;  // of the differences
-constexpr std::size_t kGrain = 64;  // points one thread takes at a time
+constexpr float kRadius = 60;              // [px]
+constexpr float kCellSize = 20;            // [px]
+constexpr float kQuantile = 0.35F;         // of the differences
+constexpr std::size_t kPointsAtOnce = 64;  // points one thread takes at a time
 
 PointGrid gridOf(const std::vector<Eigen::Vector2f>& pixels) {
   Eigen::Vector2f farthest(0, 0);
@@ -37,7 +37,7 @@ std::vector<double> neighbourDisagreement(const std::vector<Eigen::Vector2f>& pi
     return rho > 0 ? std::log(rho) : -std::numeric_limits<double>::infinity();
   });
   std::vector<double> disagreement(pixels.size(), 0.0);
-  forEachRange(pixels.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+  forEachRange(pixels.size(), kPointsAtOnce, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const auto neighbours = grid.nearest<kNeighbours>(pixels[i], kRadius, [&](std::size_t other) {
         return other != i && inverse_depths[other] > 0;

@@ -22,7 +22,6 @@ constexpr int kMinObservations = 2;   // pixel votes: frames a point needs; fewe
 constexpr double kMaxRelativeSigma = 0.15;  // combined: predicted sigma over inverse depth [-]
 constexpr double kMaxDisagreement = 0.25;   // combined: of log inverse depth with neighbours [-]
 constexpr double kMinTWeight = 0.5;         // combined: mean over the pixels [-]
-constexpr std::size_t kGrain = 128;         // patches one thread takes at a time
 
 /// Every pixel of every patch that takes part in a frame.
 std::vector<float> pixelsOf(const FrameResiduals& frame) {
@@ -80,7 +79,7 @@ struct NoiseModel {
 std::vector<float> gradientLengths(const PhotometricProblem& problem,
                                    const PyramidLevel& reference) {
   std::vector<float> lengths(problem.patches.size() * kPatternSize);
-  forEachRange(problem.patches.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+  forEachRange(problem.patches.size(), kPatchGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const PatchGradients g = hostGradients(problem.patches[i], reference);
       for (std::size_t j = 0; j < kPattern.size(); ++j) {
@@ -160,7 +159,7 @@ void whiten(const std::vector<float>& lengths, std::vector<FrameResiduals>& resi
 std::vector<float> meanWeights(const std::vector<FrameResiduals>& residuals,
                                const std::vector<double>& scales) {
   std::vector<float> means(residuals.front().valid.size(), 0);
-  forEachRange(means.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+  forEachRange(means.size(), kPatchGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       float sum = 0;
       float count = 0;

@@ -14,7 +14,7 @@ namespace {
 
 constexpr double kPoseVarianceFactor = 6;  // on the clustered covariance of photometric poses [-]
 constexpr double kMatchError = 0.1;        // error that all frames share, along a gradient [px]
-constexpr std::size_t kGrain = 64;         // patches one thread takes at a time
+constexpr std::size_t kRunLength = 64;     // patches one thread takes at a time
 
 /// Patches sorted by cell, and where each cell begins.
 struct CellOrder {
@@ -121,12 +121,13 @@ Eigen::VectorXd PhotometricMarginals::variancesWith(const Eigen::MatrixXd& frame
   const LinearSystem<float>& system = equations_.system;
   const std::size_t patches = problem_.patches.size();
   Eigen::VectorXd variances = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(patches));
-  const std::size_t runs = (patches + kGrain - 1) / kGrain;  // fixed: products depend on the width
+  const std::size_t runs =
+      (patches + kRunLength - 1) / kRunLength;  // fixed: products depend on the width
   forEachRange(runs, 1, [&](std::size_t begin, std::size_t end) {
     Eigen::MatrixXd effects;
     for (std::size_t run = begin; run < end; ++run) {
-      const auto first = static_cast<Eigen::Index>(run * kGrain);
-      effects.resize(system.size(), std::min<Eigen::Index>(kGrain, variances.size() - first));
+      const auto first = static_cast<Eigen::Index>(run * kRunLength);
+      effects.resize(system.size(), std::min<Eigen::Index>(kRunLength, variances.size() - first));
       for (Eigen::Index k = 0; k < effects.cols(); ++k) {
         const auto i = static_cast<std::size_t>(first + k);
         marginals_.depthEffect(system, i, state_.inverse_depth[i], effects.col(k));
@@ -231,7 +232,7 @@ std::vector<double> speedsOf(const PhotometricProblem& problem,
                              const PhotometricState& state,
                              const PyramidLevel& reference) {
   std::vector<double> speeds(problem.patches.size());
-  forEachRange(speeds.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+  forEachRange(speeds.size(), kRunLength, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       speeds[i] = speedOf(hostGradients(problem.patches[i], reference), problem, state, i);
     }

@@ -9,8 +9,6 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr std::size_t kGrain = 128;  // patches one thread takes at a time
-
 std::vector<float> singlePrecision(const std::vector<double>& values) {
   std::vector<float> floats(values.size());
   std::transform(values.begin(), values.end(), floats.begin(), [](double value) {
@@ -56,7 +54,7 @@ PhotometricProblem makeProblem(const InitialMap& map,
   const std::size_t corners = map.corners.size();
   const std::size_t total = corners + map.points.size();
   std::vector<std::optional<HostPatch>> patches(total);
-  forEachRange(total, kGrain, [&](std::size_t begin, std::size_t end) {
+  forEachRange(total, kPatchGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const Eigen::Vector2f pixel =
           i < corners ? map.corners[i].seen() : map.points[i - corners].pixel;
@@ -135,7 +133,7 @@ double findVisible(PhotometricProblem& problem, const PhotometricState& state) {
   for (std::size_t f = 0; f < problem.frames.size(); ++f) {
     char* seen = problem.seen.data() + f * count;
     const PatchImage image = patchImage(problem, state, f);
-    forEachRange(count, kGrain, [&](std::size_t begin, std::size_t end) {
+    forEachRange(count, kPatchGrain, [&](std::size_t begin, std::size_t end) {
       evaluatePatches(image,
                       {&problem.patches[begin], &inverse_depth[begin], nullptr, end - begin},
                       nullptr,
@@ -206,7 +204,7 @@ std::vector<FrameResiduals> residualsOf(const PhotometricProblem& problem,
     frame.valid.resize(count);
     const PatchImage image = patchImage(problem, state, f);
     const char* seen = problem.seenIn(f);
-    forEachRange(count, kGrain, [&](std::size_t begin, std::size_t end) {
+    forEachRange(count, kPatchGrain, [&](std::size_t begin, std::size_t end) {
       evaluatePatches(image,
                       {&problem.patches[begin], &inverse_depth[begin], seen + begin, end - begin},
                       &frame.values[begin * kPatternSize],

@@ -14,6 +14,7 @@ namespace dsorb::init_orb {
 
 /// Of a grey value, for the weight of known depths against images [grey levels^2].
 constexpr double kGreyVariance = 8;
+constexpr std::size_t kPatchGrain = 128;  ///< patches one thread takes at a time
 
 /// A frame of the photometric adjustment.
 struct PhotometricFrame {

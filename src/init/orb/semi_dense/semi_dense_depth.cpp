@@ -14,8 +14,8 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kPatchSize = 6;       // one candidate in a square of this side [px]
-constexpr std::size_t kGrain = 64;  // candidates one thread takes at a time
+constexpr int kPatchSize = 6;                // one candidate in a square of this side [px]
+constexpr std::size_t kCandidateGrain = 64;  // candidates one thread takes at a time
 
 /// Grows the patches until few enough candidates are left; candidates that are still too many are
 /// removed at random.
@@ -140,7 +140,7 @@ SemiDenseReport estimateSemiDenseDepth(InitialMap& map,
     searches.emplace_back(reference, frame, camera, options, shutterOf(map, 0));
   }
   std::vector<CandidateResult> results(candidates.size());
-  forEachRange(candidates.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+  forEachRange(candidates.size(), kCandidateGrain, [&](std::size_t begin, std::size_t end) {
     EpipolarSearch::Scratch scratch;
     for (std::size_t i = begin; i < end; ++i) {
       results[i] = observe(candidates[i], guess, searches, options, scratch);

@@ -17,18 +17,17 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr std::size_t kMaxFrames = 6;  // evenly spread frames adjusted, both ends too
 /// Largest relative deviation, after it was widened, with which depths still give a start.
 /// @source docs/experiments.md, "What the caller knows"
 constexpr double kMaxRelativeSigma = 0.15;
-constexpr double kMinTrackNoise = 0.05;  // [px]
-constexpr double kMaxTrackNoise = 1;     // [px]; more is no noise but a pose that does not fit
-constexpr double kFreedom = 4;           // of the t-distribution of an innovation
+constexpr double kMinInnovationNoise = 0.05;  // [px]
+constexpr double kMaxInnovationNoise = 1;     // [px]; more is no noise but a pose that does not fit
+constexpr double kInnovationFreedom = 4;      // of the t-distribution of an innovation
 constexpr double kInflationStep = 1.2;
 constexpr int kInflations = 26;  // up to 95
 /// Log likelihood by which another inflation may be worse than the best and still be believed: two
 /// standard deviations.
-constexpr double kContradiction = 2;
+constexpr double kLikelihoodGap = 2;
 
 /// Corners of all tracks whose depth is known, in metres; the newest frame where the camera has
 /// only turned.
@@ -76,7 +75,7 @@ std::vector<DepthInnovation> innovationsOf(const InitialMap& map, const PinholeC
     innovations.push_back({speed.dot(error) / square, known.variance, 1 / square});
   }
   const double noise =
-      std::clamp(kMadToSigma * medianInPlace(across), kMinTrackNoise, kMaxTrackNoise);
+      std::clamp(kMadToSigma * medianInPlace(across), kMinInnovationNoise, kMaxInnovationNoise);
   for (DepthInnovation& innovation : innovations) innovation.image_variance *= noise * noise;
   return innovations;
 }
@@ -87,7 +86,8 @@ double logLikelihood(const std::vector<DepthInnovation>& innovations, double inf
     const double variance =
         inflation * inflation * innovation.known_variance + innovation.image_variance;
     const double square = innovation.error * innovation.error / variance;
-    sum -= 0.5 * std::log(variance) + 0.5 * (kFreedom + 1) * std::log1p(square / kFreedom);
+    sum -= 0.5 * std::log(variance) +
+           0.5 * (kInnovationFreedom + 1) * std::log1p(square / kInnovationFreedom);
   }
   return sum;
 }
@@ -128,7 +128,7 @@ double claimInflation(const std::vector<DepthInnovation>& innovations) {
   for (int i = 0; i < kInflations; ++i, inflation *= kInflationStep) {
     likelihoods.push_back(logLikelihood(innovations, inflation));
   }
-  const double enough = *std::max_element(likelihoods.begin(), likelihoods.end()) - kContradiction;
+  const double enough = *std::max_element(likelihoods.begin(), likelihoods.end()) - kLikelihoodGap;
   const auto least = std::find_if(
       likelihoods.begin(), likelihoods.end(), [enough](double value) { return value >= enough; });
   return std::pow(kInflationStep, static_cast<double>(least - likelihoods.begin()));
@@ -151,11 +151,11 @@ std::optional<MotionCandidate> makeKnownDepthCandidate(const ReferenceView& view
   if (!pose) return std::nullopt;
   map.frames.back().T_cam_ref = *pose;
   if (!weighDepths(map, camera, report)) return std::nullopt;
-  poseFrames(map, camera, spreadFrames(view.frames.size(), kMaxFrames));
+  poseFrames(map, camera, spreadFrames(view.frames.size(), kAdjustedFrames));
   if (!adjustRobustly(map, camera, options) || !weighDepths(map, camera, report)) {
     return std::nullopt;
   }
-  const auto frames = spreadFrames(view.frames.size(), kMaxFrames);
+  const auto frames = spreadFrames(view.frames.size(), kAdjustedFrames);
   candidate.motions_used =
       adjustWithMotions(map, knownMotions(view.frames, frames), camera, options);
   candidate.front_share = 1;

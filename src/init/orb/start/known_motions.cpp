@@ -4,6 +4,7 @@
 #include "dsorb/geometry/se3.h"
 #include "dsorb/image/frame_priors.h"
 
+#include "base/median.h"
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/bundle/robust_adjustment.h"
 
@@ -16,8 +17,6 @@
 namespace dsorb::init_orb {
 namespace {
 
-// Median length of a two-dimensional vector whose coordinates have standard deviation 1.
-constexpr double kMedianLength = 1.1774;
 constexpr double kMinNoise = 0.05;  // of the tracks [px]
 /// Standard deviations above its mean at which the chi-square of a contradiction refuses.
 constexpr double kContradiction = 5;

@@ -18,9 +18,8 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr std::size_t kMaxFrames = 6;      // evenly spread frames adjusted, both ends too
-constexpr double kSameDirection = 0.9986;  // cosine of 3 degrees: the same minimum
-constexpr double kMinFrontShare = 0.5;     // of a plane's inliers
+constexpr double kSameDirection = 0.9986;    // cosine of 3 degrees: the same minimum
+constexpr double kMinPlaneFrontShare = 0.5;  // of a plane's inliers
 
 std::optional<TriangulatedPoint> triangulate(const SE3& T_cur_ref,
                                              const Matches& matches,
@@ -66,7 +65,7 @@ std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,
                                              const AttemptContext& context) {
   const GeometricOptions& options = context.options.orb.geometric;
   const Matches matches = view.tracks.matchesTo(view.tracks.frames() - 1);
-  const std::vector<std::size_t> frames = spreadFrames(view.frames.size(), kMaxFrames);
+  const std::vector<std::size_t> frames = spreadFrames(view.frames.size(), kAdjustedFrames);
   MotionCandidate candidate;
   InitialMap& map = candidate.map;
   map =
@@ -97,7 +96,7 @@ std::vector<EssentialMotion> planeMotions(const Eigen::Matrix3d& H_cur_ref,
   std::vector<EssentialMotion> motions;
   for (const SE3& decomposed : decomposeHomography(H_cur_ref, camera)) {
     motion.T_cur_ref = decomposed;
-    if (frontShare(motion, matches, camera) > kMinFrontShare) motions.push_back(motion);
+    if (frontShare(motion, matches, camera) > kMinPlaneFrontShare) motions.push_back(motion);
   }
   return motions;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/start/rival_motions.h"
 
+#include "base/angles.h"
 #include "base/parallel.h"
 #include "init/orb/two_view/motion_refinement.h"
 
@@ -23,7 +24,6 @@ constexpr int kIterations = 4;         // of the rotation, for each of them
 constexpr int kRefined = 3;            // best ones, whose direction is then adjusted as well
 constexpr std::size_t kMatches = 200;  // evenly taken from all
 constexpr double kMaxTurn = 0.1;       // of a rotation in one step [rad]
-constexpr double kDegPerRad = 180.0 / M_PI;
 
 /// Matches that take part, with the scale of their errors.
 struct Sample {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/start/start_gate.h"
 
+#include "base/angles.h"
 #include "base/median.h"
 #include "geometry/triangulate.h"
 #include "init/wrong_direction.h"
@@ -15,12 +16,9 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr double kDegPerRad = 180.0 / M_PI;
 constexpr int kMinCorners = 60;         // fewer: docs/experiments.md, "When to start"
 constexpr double kMinTrackShare = 0.5;  // of the reference's live tracks that are left
 constexpr double kMinFrontShare = 0.8;  // of the corners, in front of the camera
-/// Median length of a two-dimensional vector whose coordinates have standard deviation 1.
-constexpr double kMedianLength = 1.1774;
 /// Scale of the t-distribution of a direction's errors over their predicted sigmas.
 /// @source docs/experiments.md, "When to start"
 constexpr double kDirectionScale = 1.5;

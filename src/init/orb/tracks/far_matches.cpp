@@ -20,11 +20,8 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kMargin = 15;             // of invalid pixels: half of what ORB describes [px]
-constexpr double kMinTexture = 0.1;     // as FeatureMatches [grey levels^2 / px^2]
-constexpr float kMaxRefinement = 4;     // a match that moves farther goes [px]
-constexpr float kMaxBackwardError = 1;  // forward and backward may miss the start by it [px]
-constexpr std::size_t kGrain = 32;      // features one thread refines at a time
+constexpr int kInvalidMargin = 15;         // of invalid pixels: half of what ORB describes [px]
+constexpr std::size_t kFeatureGrain = 32;  // features one thread refines at a time
 constexpr float kNone = std::numeric_limits<float>::infinity();
 /// Of descriptors of floats: a cosine of at least 0.82, no ratio. Neither was varied.
 constexpr double kMaxFloatRatio = 1;
@@ -64,16 +61,16 @@ DSORB_TARGET_CLONES void hammingRow(const Bits& a, const Bits* to, std::size_t c
 using Descriptors =
     Eigen::Map<const Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>;
 
-Descriptors descriptorsOf(const Features& features) {
+Descriptors allDescriptors(const Features& features) {
   return {features.descriptors.ptr<float>(), features.descriptors.rows, features.descriptors.cols};
 }
 
 /// Between descriptors of unit length.
 Distances euclidean(const Features& from, const Features& to) {
   Distances distances(from.points.size(), to.points.size());
-  const Descriptors a = descriptorsOf(from);
-  const Descriptors b = descriptorsOf(to);
-  forEachRange(from.points.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+  const Descriptors a = allDescriptors(from);
+  const Descriptors b = allDescriptors(to);
+  forEachRange(from.points.size(), kFeatureGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       Eigen::Map<Eigen::RowVectorXf> row(distances.row(i), b.rows());
       row.noalias() = a.row(static_cast<Eigen::Index>(i)) * b.transpose();
@@ -89,7 +86,7 @@ Distances hamming(const Features& from, const Features& to) {
   for (std::size_t j = 0; j < bits.size(); ++j) {
     std::memcpy(&bits[j], to.descriptors.ptr(static_cast<int>(j)), sizeof(Bits));
   }
-  forEachRange(from.points.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+  forEachRange(from.points.size(), kFeatureGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       Bits a;
       std::memcpy(&a, from.descriptors.ptr(static_cast<int>(i)), sizeof(Bits));
@@ -171,7 +168,7 @@ void keepPredicted(const DescribedFrame& from,
   if (matched.size() < kNeighbours) return;
   const FlowLevel& image = to.flow.levels().front();
   const auto window = static_cast<float>(kWindow * imageScale(image.width, image.height));
-  forEachRange(partner.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+  forEachRange(partner.size(), kFeatureGrain, [&](std::size_t begin, std::size_t end) {
     std::vector<std::size_t> nearest = matched;
     for (std::size_t i = begin; i < end; ++i) {
       const Eigen::Vector2f& place = from.positions[i];
@@ -228,7 +225,7 @@ DescribedFrame describeFrame(const Frame& frame,
                              FeatureFinder& finder,
                              int max_features) {
   DescribedFrame described;
-  const GreyImage image = greyImage(frame.level(0), gain, kMargin);
+  const GreyImage image = greyImage(frame.level(0), gain, kInvalidMargin);
   described.features = finder.find(image, max_features);
   for (const cv::KeyPoint& point : described.features.points) {
     described.positions.emplace_back(point.pt.x, point.pt.y);
@@ -242,7 +239,7 @@ std::vector<Eigen::Vector2f> findAgain(const DescribedFrame& from, const Describ
   std::vector<Eigen::Vector2f> places(from.positions.size(), Eigen::Vector2f::Constant(NAN));
   if (places.empty() || to.positions.empty()) return places;
   const std::vector<int> partner = match(from, to);
-  forEachRange(places.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+  forEachRange(places.size(), kFeatureGrain, [&](std::size_t begin, std::size_t end) {
     LucasKanade flow(refinement());
     for (std::size_t i = begin; i < end; ++i) {
       if (partner[i] < 0) continue;

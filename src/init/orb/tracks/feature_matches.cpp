@@ -17,20 +17,16 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kCellSize = 64;         // of the grid that spreads the features [px]
 constexpr int kLevels = 8;            // of the image pyramid
 constexpr float kScaleFactor = 1.2F;  // between two levels
 constexpr int kFastThreshold = 7;     // contrast of a FAST corner to its ring [grey levels]
-constexpr double kMaxRefinement = 4;  // a match that moves farther goes [px]
-constexpr double kMinTexture =
-    0.1;                        // smaller eigenvalue of the gradient tensor [grey levels^2 / px^2]
 constexpr int kPatchSize = 31;  // [px] of the level; side of the square a descriptor is made from
 constexpr int kSurplus = 10;    // features found for each that is kept when they are spread
 
 /// Keeps the strongest features of every grid cell.
 void spread(const GreyImage& image, int max_features, std::vector<cv::KeyPoint>& points) {
   std::sort(points.begin(), points.end(), stronger);
-  CellQuota quota(CellGrid(image.grey.cols, image.grey.rows, kCellSize), max_features);
+  CellQuota quota(CellGrid(image.grey.cols, image.grey.rows, kSpreadCell), max_features);
   std::size_t kept = 0;
   for (const cv::KeyPoint& point : points) {
     if (!image.usable(point.pt) || !quota.take(point.pt.x, point.pt.y)) continue;

@@ -17,9 +17,7 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kCellSize = 64;            // of the grid that spreads the corners [px]
 constexpr double kMinDistance = 8;       // between corners, for an image diagonal of 800 px [px]
-constexpr float kMaxBackwardError = 1;   // forward and backward again may miss the start by it [px]
 constexpr std::size_t kTrackGrain = 32;  // tracks one thread follows at a time
 
 bool isInside(const Eigen::Vector2f& corner, const cv::Size& size) {
@@ -38,7 +36,7 @@ std::vector<Eigen::Vector2f> chooseCorners(const cv::Mat& grey,
   const cv::Size size = grey.size();
   const double min_distance = kMinDistance * imageScale(size.width, size.height);
   SpacedPlaces spaced(size.width, size.height, static_cast<float>(min_distance));
-  CellQuota quota(CellGrid(size.width, size.height, kCellSize), options.max_corners);
+  CellQuota quota(CellGrid(size.width, size.height, kSpreadCell), options.max_corners);
   for (const Eigen::Vector2f& place : known) {
     quota.take(place.x(), place.y());
     spaced.add(place);

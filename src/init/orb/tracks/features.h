@@ -11,6 +11,10 @@
 
 namespace dsorb::init_orb {
 
+constexpr float kMaxRefinement = 4;  ///< a match that moves farther when it is refined goes [px]
+/// Least smaller eigenvalue of the gradient tensor of a match [grey levels^2 / px^2].
+constexpr double kMinTexture = 0.1;
+
 /// Features of one image, the strongest first.
 struct Features {
   std::vector<cv::KeyPoint> points;

@@ -70,7 +70,7 @@ float inCells(float pixel) {
   return (pixel + 0.5F) / kLearnedCell - 0.5F;
 }
 
-std::vector<cv::KeyPoint> findMaxima(const LearnedMaps& maps, const GreyImage& image) {
+std::vector<cv::KeyPoint> strongestScores(const LearnedMaps& maps, const GreyImage& image) {
   const cv::Mat heat = probabilities(maps);
   cv::Mat largest;
   cv::dilate(heat, largest, cv::Mat::ones(2 * kSuppression + 1, 2 * kSuppression + 1, CV_8UC1));
@@ -116,7 +116,7 @@ cv::Mat networkInput(const cv::Mat& grey) {
 
 Features readFeatures(const LearnedMaps& maps, const GreyImage& image, int max_features) {
   Features features;
-  features.points = findMaxima(maps, image);
+  features.points = strongestScores(maps, image);
   std::sort(features.points.begin(), features.points.end(), stronger);
   const auto most = static_cast<std::size_t>(max_features);
   if (features.points.size() > most) features.points.resize(most);

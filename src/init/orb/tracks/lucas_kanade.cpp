@@ -11,7 +11,7 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr std::size_t kGrain = 16;        // rows one thread takes at a time
+constexpr std::size_t kRowGrain = 16;     // rows one thread takes at a time
 constexpr float kMaxIntensity = 255;      // [grey levels]
 constexpr std::ptrdiff_t kPart = kLanes;  // of a template's step: intensity, dx, dy
 constexpr std::ptrdiff_t kTemplateStep = 3 * kPart;
@@ -303,7 +303,7 @@ bool FlowPyramid::build(const PyramidLevel& image, float gain, const LucasKanade
   FlowLevel& first = levels_.front();
   resize(first, image.width(), image.height(), border);
   std::vector<char> valid(static_cast<std::size_t>(image.height()));
-  forEachRange(valid.size(), kGrain, [&](std::size_t begin, std::size_t end) {
+  forEachRange(valid.size(), kRowGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const int y = static_cast<int>(i);
       valid[i] = copyRow(image.row(y), image.width(), gain, first.row(y)) ? 1 : 0;
@@ -315,15 +315,16 @@ bool FlowPyramid::build(const PyramidLevel& image, float gain, const LucasKanade
     const FlowLevel& fine = levels_[l - 1];
     FlowLevel& coarse = levels_[l];
     resize(coarse, (fine.width + 1) / 2, (fine.height + 1) / 2, border);
-    forEachRange(
-        static_cast<std::size_t>(coarse.height), kGrain, [&](std::size_t begin, std::size_t end) {
-          std::vector<float> smoothed(static_cast<std::size_t>(fine.width + 2 * kLanes));
-          for (std::size_t i = begin; i < end; ++i) {
-            const int y = static_cast<int>(i);
-            halveRow(fine, 2 * y, smoothed.data(), coarse.row(y), coarse.width);
-            extendRow(coarse, y, border);
-          }
-        });
+    forEachRange(static_cast<std::size_t>(coarse.height),
+                 kRowGrain,
+                 [&](std::size_t begin, std::size_t end) {
+                   std::vector<float> smoothed(static_cast<std::size_t>(fine.width + 2 * kLanes));
+                   for (std::size_t i = begin; i < end; ++i) {
+                     const int y = static_cast<int>(i);
+                     halveRow(fine, 2 * y, smoothed.data(), coarse.row(y), coarse.width);
+                     extendRow(coarse, y, border);
+                   }
+                 });
     extendColumns(coarse, border);
   }
   return std::find(valid.begin(), valid.end(), char{0}) == valid.end();

@@ -10,6 +10,9 @@
 
 namespace dsorb::init_orb {
 
+/// Forward and backward again may miss the start by it [px].
+constexpr float kMaxBackwardError = 1;
+
 struct LucasKanadeOptions {
   int window = 21;              ///< side of the aligned patch [px]
   int max_level = 4;            ///< coarsest level of the pyramid

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/two_view/decomposition.h"
 
+#include "base/angles.h"
 #include "estimate/warp.h"
 #include "init/orb/two_view/ransac.h"
 
@@ -12,7 +13,6 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr double kDegPerRad = 180.0 / M_PI;
 constexpr int kParallaxRank = 51;         // of the point whose parallax counts
 constexpr double kGoodSquaredError = 4;   // [sigma^2], ORB-SLAM's limit of the reprojection error
 constexpr double kMinTranslation = 1e-9;  // of a homography's t over the plane's distance

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/two_view/rotation_only.h"
 
+#include "base/angles.h"
 #include "base/median.h"
 
 #include <Eigen/SVD>
@@ -14,7 +15,6 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr double kDegPerRad = 180.0 / M_PI;
 constexpr int kRounds = 10;        // the angle then changes by less than a hundredth of a pixel
 constexpr double kMinChord = 0.1;  // [px]; smaller residuals are noise of the tracks
 constexpr double kBehindResidual =
