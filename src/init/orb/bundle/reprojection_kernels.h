@@ -17,8 +17,8 @@ constexpr int kPoseSize = 6;
 
 /// Length of an array of corners, filled up to whole lanes.
 constexpr std::size_t wholeLanes(std::size_t count) {
-  constexpr std::size_t kWidth = kDoubleLanes;
-  return (count + kWidth - 1) / kWidth * kWidth;
+  constexpr std::size_t kStep = kDoubleLanes;
+  return (count + kStep - 1) / kStep * kStep;
 }
 
 /// Corners as one frame sees them: arrays of `count` numbers, a multiple of kDoubleLanes.

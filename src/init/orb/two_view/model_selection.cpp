@@ -86,8 +86,8 @@ double gric(DisplacementModel model, const std::vector<double>& squared_errors, 
 std::optional<Eigen::Matrix3d> estimateHomography(const Matches& matches,
                                                   double threshold,
                                                   std::uint64_t seed) {
-  constexpr std::size_t kMinMatches = 8;
-  if (matches.size() < kMinMatches) return std::nullopt;
+  constexpr std::size_t kEnough = 8;
+  if (matches.size() < kEnough) return std::nullopt;
   const cv::Mat H = cv::findHomography(toCv(matches.reference),
                                        toCv(matches.target),
                                        cv::noArray(),
