@@ -13,7 +13,7 @@
 namespace dsorb {
 namespace {
 
-constexpr int kFrameColumns = 37;  // of frames.csv: docs/formats.md
+constexpr int kFrameColumns = 58;  // of frames.csv: docs/formats.md
 
 namespace fs = std::filesystem;
 using ::testing::HasSubstr;
