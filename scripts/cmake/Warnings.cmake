@@ -21,4 +21,7 @@ function(dsorb_compile_options target)
     target_compile_definitions(${target} PRIVATE DSORB_SANITIZED)
     target_link_options(${target} PRIVATE -fsanitize=${DSORB_SANITIZE})
   endif()
+  if(DSORB_BUILD_FUZZERS) # the fuzzer sees its way by the coverage that the sanitizers' runtime counts
+    target_compile_options(${target} PRIVATE -fsanitize=fuzzer-no-link)
+  endif()
 endfunction()
