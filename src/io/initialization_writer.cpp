@@ -118,6 +118,11 @@ void Details::add(const EssentialReport& report) {
     add("readout_score_ms", 1000 * readout->seconds);
     add("readout_score_sigma_ms", 1000 * readout->sigma);
   }
+  if (const auto& lens = report.lens_score) {
+    add("lens_score_gain", lens->gain);
+    add("lens_score_focal_factor", lens->focal_factor);
+    add("lens_score_radial", lens->radial);
+  }
 }
 
 void Details::add(const std::string& name, const PhotometricReport& report) {
@@ -126,7 +131,7 @@ void Details::add(const std::string& name, const PhotometricReport& report) {
   add(name + "_first_cost", report.first_cost);
   add(name + "_cost", report.cost);
   add(name + "_inside", report.inside_share);
-  add(name + "_direction_sigmas", report.direction_sigmas);
+  add(name + "_pose_distance", report.pose_distance);
   add(name + "_poses_moved", report.poses_moved);
 }
 

@@ -88,6 +88,10 @@ Json runJson(const RunInfo& info,
     json["rolling_shutter_suspected"] = {{"milliseconds", 1000 * suspected->seconds},
                                          {"sigma", 1000 * suspected->sigma}};
   }
+  if (const std::optional<LensScore>& lens = record.contradictedLens()) {
+    json["calibration_suspected"] = {
+        {"gain", lens->gain}, {"focal_factor", lens->focal_factor}, {"radial", lens->radial}};
+  }
   json["frames_given"] = record.notes().size();
   json["frames_tracked"] = record.framesTracked();
   json["frames_dropped"] = end.frames_dropped;

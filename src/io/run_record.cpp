@@ -27,6 +27,7 @@ void RunRecord::addInitialization(InitializationResult result, int segment) {
   units_.push_back(result.metric);
   if (result.metric) toMetres(*result.metric, result);
   noteReadout(result);
+  noteLens(result);
   const FrameId reference = result.frames.front().frame->id();
   anchors_.try_emplace(reference, SE3());
   starts_.push_back({result.frames.back().frame->id(), *result.frames.back().T_cam_ref});
@@ -57,6 +58,13 @@ void RunRecord::noteReadout(const InitializationResult& result) {
   };
   const double known = suspected_readout_ ? deviations(*suspected_readout_) : kSuspicious;
   if (deviations(score) > known) suspected_readout_ = score;
+}
+
+void RunRecord::noteLens(const InitializationResult& result) {
+  if (!result.report.essential || !result.report.essential->lens_score) return;
+  const LensScore& score = *result.report.essential->lens_score;
+  if (!score.suspicious()) return;
+  if (!contradicted_lens_ || score.gain > contradicted_lens_->gain) contradicted_lens_ = score;
 }
 
 void RunRecord::addRefusal(const StartRefusal& refusal) {

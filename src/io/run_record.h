@@ -80,6 +80,11 @@ class RunRecord {
   [[nodiscard]] const std::optional<Readout>& suspectedReadout() const {
     return suspected_readout_;
   }
+  /// What the start that contradicts the calibration most says of the lens, where one does by more
+  /// than three standard deviations.
+  [[nodiscard]] const std::optional<LensScore>& contradictedLens() const {
+    return contradicted_lens_;
+  }
   /// Number of starts that were refused.
   [[nodiscard]] int refusals(RefusalReason reason) const;
   /// How often the initializer gave each reason.
@@ -106,6 +111,7 @@ class RunRecord {
   /// Frames of a start, in the segment's unit.
   void addInitialization(InitializationResult result, int segment);
   void noteReadout(const InitializationResult& result);
+  void noteLens(const InitializationResult& result);
   [[nodiscard]] SE3 T_cam_reference(const PosedEntry& entry, const Anchor& reference) const;
   [[nodiscard]] SE3 T_cam_keyframe(const PosedEntry& entry, const Anchor& keyframe) const;
 
@@ -115,6 +121,7 @@ class RunRecord {
   int frames_tracked_ = 0;
   std::vector<Start> starts_;
   std::optional<Readout> suspected_readout_;
+  std::optional<LensScore> contradicted_lens_;
   std::map<FrameId, Anchor> anchors_;
   std::vector<int> segments_;
   std::vector<std::optional<MetricScale>> units_;

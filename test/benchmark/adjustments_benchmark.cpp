@@ -115,7 +115,6 @@ void photometric(benchmark::State& state, AdjustmentSolver solver, PhotometricPo
   PhotometricOptions options = from.options.photometric;
   options.solver = solver;
   options.poses = poses;
-  options.enough_corners = 0;  // gated: the corners' poses are kept
   PhotometricReport report;
   timeWithThreads(state, [&] {
     InitialMap map = from.map;
@@ -134,7 +133,7 @@ BENCHMARK_CAPTURE(photometric, free_ceres, AdjustmentSolver::kCeres, Photometric
     ->Arg(1)
     ->UseRealTime()
     ->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(photometric, depths, AdjustmentSolver::kSchur, PhotometricPoses::kGated)
+BENCHMARK_CAPTURE(photometric, depths, AdjustmentSolver::kSchur, PhotometricPoses::kFixed)
     ->Arg(1)
     ->Arg(2)
     ->UseRealTime()

@@ -144,6 +144,18 @@ class Obstacles(unittest.TestCase):
             found = of_lens({'camera': camera, 'refined_camera': refined})
             self.assertEqual(any('calibration suspected' in line for line in found), suspected, (focal, sigma))
 
+    def test_a_start_may_contradict_the_calibration(self):
+        camera = {'fx': 500, 'fy': 510}
+        doubt = {'gain': 7.04, 'focal_factor': 1.6, 'radial': 0}
+        found = of_lens({'camera': camera, 'calibration_suspected': doubt})
+        self.assertEqual(found, ['  calibration suspected: the tracks of a start fit a focal length of 808 px better than the 505 px given (by 7.0 in the '
+                                 'logarithm of the likelihood; chance explains 4.5). Give the field of view to --hfov, or calibrate (docs/calibration.md)'])
+        found = of_lens({'camera': camera, 'calibration_suspected': {**doubt, 'focal_factor': 1, 'radial': -.15}})
+        self.assertIn('a lens with more barrel distortion better than the one given', found[0])
+        refined = {'fx': 404, 'fy': 400, 'sigma': {'fx': 1, 'fy': 1}, 'settled': True}
+        found = of_lens({'camera': camera, 'calibration_suspected': doubt, 'refined_camera': refined})
+        self.assertEqual(sum('calibration suspected' in line for line in found), 1)  # the window knows it by now
+
     def summary_of(self, kind, *options):
         """Text of a run in which nothing starts."""
         folder = temporary_folder()

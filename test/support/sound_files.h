@@ -9,7 +9,9 @@ namespace dsorb {
 /// The lowest bytes of a number, highest first.
 inline std::string bigEndian(std::uint64_t number, int bytes) {
   std::string text;
-  for (int i = bytes - 1; i >= 0; --i) text += static_cast<char>(number >> (8 * i) & 0xFFU);
+  for (int i = bytes - 1; i >= 0; --i) {
+    text += static_cast<char>(i < 8 ? number >> (8 * i) & 0xFFU : 0);
+  }
   return text;
 }
 

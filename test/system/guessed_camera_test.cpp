@@ -16,6 +16,7 @@
 
 #include <cmath>
 #include <filesystem>
+#include <fstream>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -84,6 +85,31 @@ TEST(GuessedCamera, EndsWithinAPercentAndIsTheCalibrationOfTheNextRun) {
     EXPECT_FALSE(next.contains("refined_camera")) << "it is a calibration now";
     EXPECT_FALSE(std::filesystem::exists(room + "-out/refined_camera.txt"));
     EXPECT_EQ(next["status"], "tracked");
+  }
+}
+
+/// Writes the calibration of a sequence with another focal length. @return its file
+std::string calibrationWith(double factor, const std::string& sequence) {
+  const Camera truth(sequence + "/camera.txt");
+  std::string text = readText(sequence + "/camera.txt");
+  const std::string given = std::to_string(truth.fx * factor);
+  const std::string begin = "Pinhole " + given + " " + given;
+  const auto third = text.find(' ', text.find(' ', text.find(' ') + 1) + 1);
+  const std::string file = sequence + "-camera.txt";
+  std::ofstream(file) << begin + text.substr(third);
+  return file;
+}
+
+TEST(WrongCalibration, IsSuspectedByTheStart) {
+  const TemporaryFolder folder;
+  const std::string room = renderedRoom(folder.path());
+  // Measured: gains of 7.4 and 5.2; above 4.5 they are suspicious.
+  for (const double factor : {0.5, 1.0, 2.0}) {
+    const auto run =
+        runOn(room, room + "-out", {"--calib", calibrationWith(factor, room), "--end", "40"});
+    ASSERT_EQ(run.contains("calibration_suspected"), factor != 1) << factor;
+    if (factor == 1) continue;
+    EXPECT_EQ(run["calibration_suspected"]["focal_factor"] > 1, factor < 1);
   }
 }
 

@@ -67,7 +67,7 @@ FilterEffect effectOn(const std::vector<DepthWindow>& windows, const std::string
     const DepthQuality filtered = judge(*map, window);
     const PhotometricReport report = adjustPhotometry(*map, problem, window.camera, photometric);
     EXPECT_TRUE(report.usable);
-    setPhotometricVariances(*map, problem, report.poses_moved);
+    setPhotometricVariances(*map, problem, photometric.poses == PhotometricPoses::kFree);
     const DepthQuality after = judge(*map, window);
     ++effect.windows;
     effect.outliers += before.outliers;

@@ -70,6 +70,17 @@ struct RefinementReport {
   int dropped = 0;                  ///< corners whose patches do not match
 };
 
+/// How much better the tracks of a start fit another lens than the calibrated one.
+/// @source docs/experiments.md, "Wrong calibrations"
+struct LensScore {
+  double gain = 0;          ///< in the logarithm of the posterior, by the best of the others [-]
+  double focal_factor = 1;  ///< that lens: its focal length over the calibrated one
+  double radial = 0;        ///< and its first coefficient of RadTan, beside the calibration
+
+  /// Whether it contradicts the calibration by more than three standard deviations.
+  [[nodiscard]] bool suspicious() const { return gain > 0.5 * 3 * 3; }
+};
+
 /// What became of depths that the caller knows of the reference.
 struct DepthPriorReport {
   bool used = false;          ///< the start is made of them; otherwise it is one without
@@ -93,6 +104,7 @@ struct EssentialReport {
   double variance_factor = 0;              ///< a-posteriori [-]
   double clustered_factor = 0;             ///< on the clustered covariance [-]
   std::optional<Readout> readout_score{};  ///< that the tracks ask for, where none is modelled
+  std::optional<LensScore> lens_score{};   ///< where all rows are exposed at one time
 };
 
 /// Depths of gradient pixels beside the corners.
@@ -112,17 +124,18 @@ struct DynamicRegionsReport {
 
 /// Photometric adjustment.
 struct PhotometricReport {
-  bool usable = false;          ///< converged to numbers, lower cost, enough residuals inside
-  int patches = 0;              ///< corners and semi-dense points that took part
-  int frames = 0;               ///< in the adjustment, besides the reference
-  int iterations = 0;           ///< of the joint solve at level 0
-  bool coarse_level = false;    ///< level 1 came first
-  bool poses_moved = false;     ///< the photometric poses were taken
-  double first_cost = 0;        ///< half the weighted Huber energy of the joint problem
-  double cost = 0;              ///< that energy afterwards
-  double inside_share = 0;      ///< of the patches' residuals inside the images [-]
-  double median_residual = 0;   ///< before, absolute [grey levels]
-  double direction_sigmas = 0;  ///< move of the target's direction by the geometric sigma
+  bool usable = false;         ///< converged to numbers, lower cost, enough residuals inside
+  int patches = 0;             ///< corners and semi-dense points that took part
+  int frames = 0;              ///< in the adjustment, besides the reference
+  int iterations = 0;          ///< of the joint solve at level 0
+  bool coarse_level = false;   ///< level 1 came first
+  bool poses_moved = false;    ///< the photometric poses were taken, or have a part in the poses
+  double first_cost = 0;       ///< half the weighted Huber energy of the joint problem
+  double cost = 0;             ///< that energy afterwards
+  double inside_share = 0;     ///< of the patches' residuals inside the images [-]
+  double median_residual = 0;  ///< before, absolute [grey levels]
+  double pose_distance = 0;    ///< Mahalanobis, of the corners' poses and the photometric ones,
+                               ///< a degree of freedom; 0: not compared
 };
 
 /// Removal of points by their residuals.

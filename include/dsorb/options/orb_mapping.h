@@ -85,9 +85,9 @@ enum class PhotometricBrightness {
 
 /// Treatment of the corners' poses (docs/experiments.md, "Photometric adjustment").
 enum class PhotometricPoses {
-  kFree,  ///< adjusted with the inverse depths
-  kGated  ///< adjusted where corners are few, but kept when they would move farther than their
-          ///< covariance allows; where they are kept, every inverse depth is refined on its own
+  kFree,     ///< adjusted with the inverse depths
+  kFixed,    ///< kept; every inverse depth is refined on its own
+  kCombined  ///< corners' and photometric ones weighted by their covariances
 };
 
 /// Options of the photometric bundle adjustment of ORBInitializer.
@@ -95,8 +95,7 @@ struct PhotometricOptions {
   bool enabled = true;  ///< false: the geometric result is handed over
   AdjustmentSolver solver = AdjustmentSolver::kSchur;  ///< kCeres needs a build with it
   PhotometricBrightness brightness = PhotometricBrightness::kAffine;  ///< of patches
-  PhotometricPoses poses = PhotometricPoses::kGated;                  ///< what becomes of them
-  int enough_corners = 250;          ///< from which on the corners' poses are the better ones
+  PhotometricPoses poses = PhotometricPoses::kCombined;               ///< what becomes of them
   bool gradient_weights = true;      ///< pixels of strong gradients count less, as in [DSO]
   int max_frames = 4;                ///< evenly spaced, the newest included; 0: all
   int max_iterations = 4;            ///< of one solve
@@ -117,9 +116,11 @@ DescribeFor<Options, PhotometricOptions> describe(Visitor& visit, Options& o) {
                o.brightness,
                {{"psi_fixed", PhotometricBrightness::kPsiFixed},
                 {"affine", PhotometricBrightness::kAffine}});
-  visit.choice(
-      "poses", o.poses, {{"free", PhotometricPoses::kFree}, {"gated", PhotometricPoses::kGated}});
-  visit.field("enough_corners", o.enough_corners, Range{0, 1000000}, "corners");
+  visit.choice("poses",
+               o.poses,
+               {{"free", PhotometricPoses::kFree},
+                {"fixed", PhotometricPoses::kFixed},
+                {"combined", PhotometricPoses::kCombined}});
   visit.field("gradient_weights", o.gradient_weights);
   visit.field("max_frames", o.max_frames, Range{0, 16}, "frames");
   visit.field("max_iterations", o.max_iterations, Range{1, 1000}, "iterations");

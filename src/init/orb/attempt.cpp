@@ -68,23 +68,23 @@ Outcome<Reconstruction> adjustImages(Reconstruction made, const AttemptContext& 
   if (!orb.photometric.enabled) return made;
   PhotometricProblem problem = context.clock.time(
       "photometric", [&] { return makeProblem(map, context.camera, orb.photometric); });
-  const auto adjust = [&] {
-    return context.clock.time("photometric", [&] {
-      return adjustPhotometry(map, problem, context.camera, orb.photometric);
-    });
+  const auto adjust = [&](const PhotometricOptions& options) {
+    return context.clock.time(
+        "photometric", [&] { return adjustPhotometry(map, problem, context.camera, options); });
   };
-  report.photometric = adjust();
+  PhotometricOptions first = orb.photometric;
+  const bool filter = orb.outlier_rule != OutlierRule::kNone;
+  if (filter && first.poses == PhotometricPoses::kCombined) first.poses = PhotometricPoses::kFixed;
+  report.photometric = adjust(first);
   if (!report.photometric->usable) return InitReason::kPoorQuality;
-  bool poses_moved = report.photometric->poses_moved;
-  if (orb.outlier_rule != OutlierRule::kNone) {
+  if (filter) {
     report.outliers = context.clock.time(
         "filter", [&] { return removeOutliers(map, problem, orb.outlier_rule); });
-    report.second_photometric = adjust();
+    report.second_photometric = adjust(orb.photometric);
     if (!report.second_photometric->usable) return InitReason::kPoorQuality;
-    poses_moved = poses_moved || report.second_photometric->poses_moved;
   }
-  context.clock.time("variances",
-                     [&] { return setPhotometricVariances(map, problem, poses_moved); });
+  const bool free = orb.photometric.poses == PhotometricPoses::kFree;
+  context.clock.time("variances", [&] { return setPhotometricVariances(map, problem, free); });
   return made;
 }
 

@@ -98,6 +98,9 @@ def of_lens(summary):
                         'not known to 1 % yet; turns and sideways motion tell it, or a calibration (docs/calibration.md)'))
         if abs(focal / guessed - 1) > max(SUSPECTED, SIGMAS * sigma / 100):
             lines.append('  calibration suspected: ' + against(focal, guessed, camera['settled']))
+    doubt = summary.get('calibration_suspected')
+    if doubt and not camera.get('settled') and not any('calibration suspected' in line for line in lines):
+        lines.append('  calibration suspected: ' + better_lens(doubt, summary['camera']))
     suspected = summary.get('rolling_shutter_suspected')
     if suspected and not readout:
         lines.append(f'  rolling shutter suspected: the images of a start ask for {suspected["milliseconds"]:.0f} +- {suspected["sigma"]:.0f} ms '
@@ -107,6 +110,15 @@ def of_lens(summary):
         lines.append(f'  rolling shutter: {time:.1f} +- {sigma:.1f} ms from the first to the last row' if abs(time) > 3 * sigma else
                      f'  no rolling shutter shows: {time:.1f} +- {sigma:.1f} ms from the first to the last row')
     return lines
+
+
+def better_lens(doubt, camera):
+    """What the tracks of a start say against the calibration, and what to do."""
+    given, factor = (camera['fx'] + camera['fy']) / 2, doubt['focal_factor']
+    other = (f'a focal length of {factor * given:.0f} px better than the {given:.0f} px given' if factor != 1 else
+             f'a lens with more {"barrel" if doubt["radial"] < 0 else "pincushion"} distortion better than the one given')
+    return (f'the tracks of a start fit {other} (by {doubt["gain"]:.1f} in the logarithm of the likelihood; chance explains 4.5). '
+            'Give the field of view to --hfov, or calibrate (docs/calibration.md)')
 
 
 def against(focal, guessed, settled):

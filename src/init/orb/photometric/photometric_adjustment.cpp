@@ -2,9 +2,9 @@
 #include "init/orb/photometric/photometric_adjustment.h"
 
 #include "base/median.h"
+#include "init/orb/photometric/photometric_covariance.h"
 #include "init/orb/photometric/photometric_solvers.h"
-
-#include <Eigen/Eigenvalues>
+#include "init/orb/photometric/pose_combination.h"
 
 #include <algorithm>
 #include <cmath>
@@ -16,6 +16,9 @@ namespace {
 
 constexpr double kMinInsideShare = 0.5;  // of the residuals; fewer inside the images: failed
 constexpr std::size_t kMinPatches = 8;   // fewer do not determine a frame
+/// On the clustered covariance of the images' own poses, against the corners'.
+/// @source docs/experiments.md, "Photometric adjustment"
+constexpr double kCombinedVarianceFactor = 36;
 
 /// Median of the absolute residuals in all frames, of one pixel a patch in turn [grey levels].
 double medianResidual(const PhotometricProblem& problem, const PhotometricState& state) {
@@ -60,24 +63,44 @@ std::vector<std::size_t> jointPatches(const PhotometricProblem& problem,
   return all;
 }
 
+std::optional<PhotometricSolve> solvePart(const PhotometricProblem& part,
+                                          const PhotometricOptions& options,
+                                          PhotometricState& state) {
+  return options.solver == AdjustmentSolver::kCeres
+             ? solvePhotometricWithCeres(part, options, state)
+             : solvePhotometricWithSchur(part, options, state);
+}
+
+/// State of some patches with all frames.
+PhotometricState partOf(const PhotometricState& state, const std::vector<std::size_t>& patches) {
+  PhotometricState part{state.T_cam_ref, state.affine, {}};
+  for (const std::size_t i : patches) part.inverse_depth.push_back(state.inverse_depth[i]);
+  return part;
+}
+
+double sum(const std::vector<double>& values) {
+  return std::accumulate(values.begin(), values.end(), 0.0);
+}
+
+/// @param factor on lengths
+void changeUnit(double factor, PhotometricState& state) {
+  for (SE3& pose : state.T_cam_ref) pose.setTranslation(factor * pose.translation());
+  for (double& inverse_depth : state.inverse_depth) inverse_depth /= factor;
+}
+
 /// Joint solution over some patches, written into the state of all.
 std::optional<PhotometricSolve> solveJoint(const PhotometricProblem& problem,
                                            const std::vector<std::size_t>& patches,
                                            const PhotometricOptions& options,
                                            PhotometricState& state) {
-  const PhotometricProblem part = subProblem(problem, patches);
-  PhotometricState part_state = state;
-  part_state.inverse_depth.clear();
-  for (const std::size_t i : patches) part_state.inverse_depth.push_back(state.inverse_depth[i]);
+  PhotometricState part = partOf(state, patches);
   const std::optional<PhotometricSolve> solve =
-      options.solver == AdjustmentSolver::kCeres
-          ? solvePhotometricWithCeres(part, options, part_state)
-          : solvePhotometricWithSchur(part, options, part_state);
+      solvePart(subProblem(problem, patches), options, part);
   if (!solve) return std::nullopt;
-  state.T_cam_ref = part_state.T_cam_ref;
-  state.affine = part_state.affine;
+  state.T_cam_ref = part.T_cam_ref;
+  state.affine = part.affine;
   for (std::size_t i = 0; i < patches.size(); ++i) {
-    state.inverse_depth[patches[i]] = part_state.inverse_depth[i];
+    state.inverse_depth[patches[i]] = part.inverse_depth[i];
   }
   return solve;
 }
@@ -91,16 +114,11 @@ bool isFinite(const PhotometricState& state) {
          });
 }
 
-/// Angle between two directions of translation over the sigma that the covariance gives the first.
-double directionMove(const SE3& before, const SE3& after, const Matrix6d& covariance) {
-  const Eigen::Vector3d direction = before.translation().normalized();
-  const double angle =
-      std::atan2(direction.cross(after.translation()).norm(), direction.dot(after.translation()));
-  const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - direction * direction.transpose();
-  const Eigen::Matrix3d spread = across * covariance.topLeftCorner<3, 3>() * across;
-  const double variance = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(spread).eigenvalues()[2];
-  return angle * before.translation().norm() / std::sqrt(std::max(variance, 1e-300));
-}
+/// Poses that the images alone ask for.
+struct PosesOfImages {
+  std::vector<SE3> T_cam_ref;  ///< by frame of the problem
+  Eigen::MatrixXd covariance;  ///< of left increments, 6 rows each
+};
 
 /// One adjustment of one map, step by step.
 class PhotometricAdjustment {
@@ -117,8 +135,9 @@ class PhotometricAdjustment {
   void solveCoarse(PhotometricState& state);
   bool solveFine(PhotometricState& state);
   bool refineDepths(PhotometricState& state);
-  [[nodiscard]] bool posesAreUnknown() const;
-  [[nodiscard]] bool mayMove(const PhotometricState& state);
+  [[nodiscard]] std::optional<PosesOfImages> posesOfImages(const PhotometricState& state);
+  bool combine(PhotometricState& state);
+  void exchangePoses();
   void alignOtherFrames();
 
   InitialMap& map_;
@@ -126,6 +145,7 @@ class PhotometricAdjustment {
   const PhotometricOptions& options_;
   PhotometricProblem& problem_;
   PhotometricReport report_;
+  std::vector<SE3> combined_;  // by joint frame; empty: they stay
 };
 
 /// The joint problem at level 1, when the images are too far apart for level 0.
@@ -156,37 +176,58 @@ bool PhotometricAdjustment::refineDepths(PhotometricState& state) {
   return solve.cost <= solve.first_cost;
 }
 
+/// The images' own poses of the problem's frames with their covariance, in the map's unit.
+std::optional<PosesOfImages> PhotometricAdjustment::posesOfImages(const PhotometricState& state) {
+  const auto patches = jointPatches(problem_, map_, options_.joint_points);
+  const PhotometricProblem part = subProblem(problem_, patches);
+  PhotometricState solution = partOf(state, patches);
+  const double before = sum(solution.inverse_depth);
+  const auto solve = solvePart(part, options_, solution);
+  if (!solve || !isFinite(solution)) return std::nullopt;
+  if (part.known.empty()) changeUnit(sum(solution.inverse_depth) / before, solution);
+  const PhotometricMarginals marginals(part, solution);
+  if (!marginals.usable()) return std::nullopt;
+  return PosesOfImages{solution.T_cam_ref,
+                       kCombinedVarianceFactor * marginals.clusteredPoseCovariance()};
+}
+
+/// Moves the poses towards those of the images, as far as these know better.
+/// @return false where they stay
+bool PhotometricAdjustment::combine(PhotometricState& state) {
+  std::vector<std::size_t> places;  // by frame of the problem, among the joint frames
+  for (const PhotometricFrame& frame : problem_.frames) {
+    const Eigen::Index row = jointRow(map_, frame.index);
+    if (row < 0) return false;
+    places.push_back(static_cast<std::size_t>(row / 6));
+  }
+  const auto images = posesOfImages(state);
+  if (!images) return false;
+  CombinedPoses combined = combinePoses(map_, problem_, images->T_cam_ref, images->covariance);
+  report_.pose_distance = combined.distance;
+  if (combined.distance > kMaxPoseDistance) return false;
+  for (std::size_t f = 0; f < places.size(); ++f) {
+    state.T_cam_ref[f] = combined.T_cam_ref[places[f]];
+  }
+  combined_ = std::move(combined.T_cam_ref);
+  return true;
+}
+
 bool PhotometricAdjustment::solveFine(PhotometricState& state) {
-  if (!posesAreUnknown()) return refineDepths(state);
-  const PhotometricState before = state;
+  if (options_.poses != PhotometricPoses::kFree) {
+    const bool moved = options_.poses == PhotometricPoses::kCombined && combine(state);
+    report_.poses_moved = moved;
+    if (!moved) state.T_cam_ref = makeState(problem_, map_).T_cam_ref;
+    return refineDepths(state);
+  }
   const auto joint = jointPatches(problem_, map_, options_.joint_points);
   const std::optional<PhotometricSolve> solve = solveJoint(problem_, joint, options_, state);
   if (!solve || !isFinite(state)) return false;
   report_.iterations = solve->iterations;
   report_.first_cost = solve->first_cost;
   report_.cost = solve->cost;
-  if (!mayMove(state)) {
-    state = before;
-    return refineDepths(state);
-  }
   report_.poses_moved = true;
   if (joint.size() < problem_.patches.size()) refinePhotometricDepths(problem_, options_, state);
   return solve->cost <= solve->first_cost;
-}
-
-/// Whether the images can say more about the poses than the corners did.
-/// @source docs/experiments.md, "Photometric adjustment"
-bool PhotometricAdjustment::posesAreUnknown() const {
-  return options_.poses == PhotometricPoses::kFree ||
-         static_cast<int>(map_.corners.size()) < options_.enough_corners;
-}
-
-bool PhotometricAdjustment::mayMove(const PhotometricState& state) {
-  const std::size_t target = problem_.frames.back().index;
-  if (!map_.frames[target].covariance) return true;
-  report_.direction_sigmas = directionMove(
-      *map_.frames[target].T_cam_ref, state.T_cam_ref.back(), *map_.frames[target].covariance);
-  return options_.poses == PhotometricPoses::kFree || report_.direction_sigmas <= kMaxPoseMove;
 }
 
 /// Posed frames that had no part follow the adjusted depths.
@@ -210,6 +251,13 @@ void PhotometricAdjustment::alignOtherFrames() {
   }
 }
 
+/// Between the map and the combined ones.
+void PhotometricAdjustment::exchangePoses() {
+  for (std::size_t i = 0; i < combined_.size(); ++i) {
+    std::swap(*map_.frames[map_.joint_frames[i]].T_cam_ref, combined_[i]);
+  }
+}
+
 PhotometricReport PhotometricAdjustment::run() {
   report_.frames = static_cast<int>(problem_.frames.size());
   report_.patches = static_cast<int>(problem_.patches.size());
@@ -226,10 +274,12 @@ PhotometricReport PhotometricAdjustment::run() {
   report_.inside_share = findVisible(problem_, state);
   if (report_.inside_share < kMinInsideShare) return report_;
   writeState(problem_, state, map_);
+  exchangePoses();
   report_.usable = normalizeMapScale(map_);
   if (!report_.usable) {
+    exchangePoses();
     writeState(problem_, before, map_);
-  } else if (report_.poses_moved) {
+  } else if (options_.poses == PhotometricPoses::kFree) {
     alignOtherFrames();
   }
   return report_;

@@ -9,8 +9,9 @@
 
 namespace dsorb::init_orb {
 
-/// Poses are kept when the target's direction would move farther [sigma].
-constexpr double kMaxPoseMove = 5;
+/// Poses are kept where the photometric ones contradict them: Mahalanobis distance, a degree of
+/// freedom [-].
+constexpr double kMaxPoseDistance = 5;
 
 /// Adjusts inverse depths of corners and semi-dense points, the poses, and with the affine model
 /// the brightness of the frames to the grey values of the images. Afterwards the mean inverse depth

@@ -65,7 +65,7 @@ class PhotometricMarginals {
 /// Sets the variances of corners and semi-dense points of an adjusted map, and the covariances of
 /// its poses where the photometric ones were taken.
 /// @param problem     the map's
-/// @param poses_moved the poses are the photometric ones
+/// @param poses_moved the poses are the photometric ones, not those of the corners
 /// @return false when the equations are degenerate; the map is unchanged then
 bool setPhotometricVariances(InitialMap& map, PhotometricProblem& problem, bool poses_moved);
 

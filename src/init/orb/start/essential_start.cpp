@@ -8,6 +8,7 @@
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/start/known_depth_start.h"
+#include "init/orb/start/lens_profile.h"
 #include "init/orb/start/motion_candidates.h"
 #include "init/orb/start/motion_contest.h"
 #include "init/orb/start/readout_score.h"
@@ -263,8 +264,9 @@ JudgedStart judgeWithPlane(JudgedStart start,
   return decided(std::move(*start.made), gate);
 }
 
-/// Tells in the report what a start without a model of the shutter says of the readout.
-void reportReadout(Reconstruction& made, const AttemptContext& context) {
+/// Tells in the report what a start says of the camera it took for granted: the readout and, where
+/// that is not modelled, the lens. Where the lens contradicts the tracks the covariances grow.
+void questionCamera(Reconstruction& made, const AttemptContext& context) {
   if (!made.map.motions.empty()) return;
   EssentialReport& found = *made.report.essential;
   GeometricOptions adjusted = context.options.orb.geometric;
@@ -272,6 +274,14 @@ void reportReadout(Reconstruction& made, const AttemptContext& context) {
   if (found.refinement.accepted) adjusted = refinedAdjustment(adjusted);
   found.readout_score = context.clock.time(
       "readout", [&] { return scoreReadout(made.map, context.camera, adjusted); });
+  const auto other =
+      context.clock.time("lens", [&] { return profileLens(made.map, context.camera, adjusted); });
+  if (!other) return;
+  found.lens_score = other->score;
+  if (!other->score.suspicious()) return;
+  setJointCovariance(made.map,
+                     made.map.joint_frames,
+                     made.map.joint_covariance + other->moved * other->moved.transpose());
 }
 
 /// Whether a motion fits the epipolar geometry of all matches about as well as the best one does:
@@ -378,7 +388,7 @@ EssentialStart startFromEssential(const ReferenceView& view, const AttemptContex
   summary.gate = start.gate;
   summary.motions = std::move(start.motions);
   if (start.made) {
-    reportReadout(*start.made, context);
+    questionCamera(*start.made, context);
     start.made->report.depth_prior = depth_prior;
   }
   return {std::move(start.made), summary, start.motion};
