@@ -24,8 +24,9 @@ Playback::Step Playback::next(double now) {
     step.wait = due_[position_] - elapsed;
     return step;
   }
-  while (position_ + 1 < due_.size() && due_[position_ + 1] > due_[position_] &&
-         due_[position_ + 1] <= elapsed) {
+  for (std::size_t next = position_ + kBuffers;
+       next < due_.size() && due_[next] > due_[position_] && due_[next] <= elapsed;
+       ++next) {
     ++position_;
     ++step.drop;
   }

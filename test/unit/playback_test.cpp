@@ -10,6 +10,13 @@ namespace {
 
 const std::vector<double> kTenHertz = {5.0, 5.1, 5.2, 5.3, 5.4};
 
+/// Ten a second.
+std::vector<double> twelveImages() {
+  std::vector<double> times;
+  for (int image = 0; image < 12; ++image) times.push_back(5 + 0.1 * image);
+  return times;
+}
+
 /// Plays on a clock of its own with this much work an image.
 /// @return positions of the images taken
 std::vector<int> play(Playback playback, std::size_t images, double work) {
@@ -52,17 +59,31 @@ TEST(Playback, WhoIsFastEnoughGetsEveryImage) {
   EXPECT_EQ(play(Playback(kTenHertz, 1), 5, 0.09), (std::vector<int>{0, 1, 2, 3, 4}));
 }
 
-TEST(Playback, WhoIsLateFindsTheNewestImage) {
-  EXPECT_EQ(play(Playback(kTenHertz, 1), 5, 0.21), (std::vector<int>{0, 2, 4}));
-  EXPECT_EQ(play(Playback(kTenHertz, 1), 5, 0.12), (std::vector<int>{0, 1, 2, 3, 4}))
-      << "20 ms late each time, never a whole image in five";
-  EXPECT_EQ(play(Playback(kTenHertz, 1), 5, 10), (std::vector<int>{0, 4})) << "the last remains";
-  EXPECT_EQ(play(Playback(kTenHertz, 4), 5, 0.06), (std::vector<int>{0, 2, 4}));
+TEST(Playback, WhoIsLateFindsTheNewestFourImages) {
+  // After a second images 0 to 10 have come, and 7 to 10 are still there.
+  EXPECT_EQ(play(Playback(twelveImages(), 1), 12, 1), (std::vector<int>{0, 7, 8, 9, 10, 11}));
+  EXPECT_EQ(play(Playback(twelveImages(), 4), 12, 0.25), (std::vector<int>{0, 7, 8, 9, 10, 11}));
+  EXPECT_EQ(play(Playback(twelveImages(), 1), 12, 100), (std::vector<int>{0, 8, 9, 10, 11}));
+}
+
+TEST(Playback, WhoIsLateAFewTimesCatchesUp) {
+  Playback playback(twelveImages(), 1);
+  double now = 0;
+  for (int image = 0; image < 12; ++image) {
+    const double wait = playback.next(now).wait;
+    if (wait > 0) {
+      now += wait + 1e-9;
+      EXPECT_EQ(playback.next(now).wait, 0);
+    }
+    now += image == 3 ? 0.35 : 0.05;
+  }
+  EXPECT_EQ(playback.dropped(), 0);
 }
 
 TEST(Playback, ReversedTimesPlayTheSame) {
-  const std::vector<double> reversed(kTenHertz.rbegin(), kTenHertz.rend());
-  EXPECT_EQ(play(Playback(reversed, 1), 5, 0.21), (std::vector<int>{0, 2, 4}));
+  const std::vector<double> times = twelveImages();
+  const std::vector<double> reversed(times.rbegin(), times.rend());
+  EXPECT_EQ(play(Playback(reversed, 1), 12, 1), (std::vector<int>{0, 7, 8, 9, 10, 11}));
 }
 
 TEST(Playback, EqualTimesAndNoImagesAreFine) {

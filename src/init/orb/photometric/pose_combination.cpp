@@ -27,8 +27,7 @@ CombinedPoses combinePoses(const InitialMap& map,
     combined.T_cam_ref.push_back(SE3::exp(step.segment<6>(static_cast<Eigen::Index>(6 * i))) *
                                  *map.frames[map.joint_frames[i]].T_cam_ref);
   }
-  combined.distance =
-      std::sqrt(difference.dot(weighted) / static_cast<double>(difference.size()));
+  combined.distance = std::sqrt(difference.dot(weighted) / static_cast<double>(difference.size()));
   return combined;
 }
 

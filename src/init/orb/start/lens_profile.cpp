@@ -32,7 +32,9 @@ InitialMap thinned(InitialMap map) {
   return map;
 }
 
-bool fixScale(InitialMap& map) { return map.scaleKnown() || normalizeCornerScale(map); }
+bool fixScale(InitialMap& map) {
+  return map.scaleKnown() || normalizeCornerScale(map);
+}
 
 /// Sees corners and observations through a radial distortion.
 void undistort(double radial, const PinholeCamera& camera, InitialMap& map) {
