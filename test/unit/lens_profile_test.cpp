@@ -41,7 +41,7 @@ std::optional<OtherLens> askedWith(double factor, double radial, std::uint64_t s
 }
 
 TEST(LensProfile, RightCalibrationIsNotSuspected) {
-  for (const std::uint64_t seed : {1, 2, 3, 4, 5}) {
+  for (const std::uint64_t seed : {1U, 2U, 3U, 4U, 5U}) {
     const auto other = askedWith(1, 0, seed);
     ASSERT_TRUE(other);
     EXPECT_LT(other->score.gain, 0);  // measured -28 to -31
@@ -50,7 +50,7 @@ TEST(LensProfile, RightCalibrationIsNotSuspected) {
 }
 
 TEST(LensProfile, WrongFocalLengthIs) {
-  for (const std::uint64_t seed : {1, 2, 3}) {
+  for (const std::uint64_t seed : {1U, 2U, 3U}) {
     for (const double factor : {0.5, 2.0}) {
       const auto other = askedWith(factor, 0, seed);
       ASSERT_TRUE(other);
@@ -61,7 +61,7 @@ TEST(LensProfile, WrongFocalLengthIs) {
 }
 
 TEST(LensProfile, DistortionThatTheCalibrationDoesNotHaveIs) {
-  for (const std::uint64_t seed : {1, 2, 3}) {
+  for (const std::uint64_t seed : {1U, 2U, 3U}) {
     for (const double radial : {-0.2, 0.2}) {
       const auto other = askedWith(1, radial, seed);
       ASSERT_TRUE(other);
