@@ -58,8 +58,10 @@ template <typename Predicate>
 double shareOfPixels(const Lens& lens, double max_radius, const Predicate& holds) {
   int count = 0;
   for (int i = 0; i < kCheckedPixels * kCheckedPixels; ++i) {
-    const Eigen::Vector2d pixel((lens.width - 1.0) * (i % kCheckedPixels) / (kCheckedPixels - 1),
-                                (lens.height - 1.0) * (i / kCheckedPixels) / (kCheckedPixels - 1));
+    const int column = i % kCheckedPixels;
+    const int row = i / kCheckedPixels;
+    const Eigen::Vector2d pixel((lens.width - 1.0) * column / (kCheckedPixels - 1),
+                                (lens.height - 1.0) * row / (kCheckedPixels - 1));
     if (holds(pixel, rayOfPixel(lens, pixel, max_radius))) ++count;
   }
   return static_cast<double>(count) / (kCheckedPixels * kCheckedPixels);

@@ -7,8 +7,9 @@
 
 namespace dsorb::io {
 
+// NOLINTNEXTLINE(readability-function-size): one table
 const std::vector<RetiredKey>& retiredKeys() {
-  static const std::vector<RetiredKey> keys = {
+  static const std::vector<RetiredKey> kKeys = {
       {"initializer.orb.semi_dense.patch", "is gone: the patch is always the 8-pixel pattern"},
       {"initializer.orb.semi_dense.brightness",
        "is gone: patches are always compared by the affine brightness of their frames"},
@@ -233,7 +234,7 @@ const std::vector<RetiredKey>& retiredKeys() {
       {"window.policy.frequency", "is now the option 'window.keyframe_frequency'"},
       {"window.policy.per_second", "is now the option 'window.keyframes_per_second'"},
   };
-  return keys;
+  return kKeys;
 }
 
 const RetiredKey* findRetiredKey(const std::string& key) {

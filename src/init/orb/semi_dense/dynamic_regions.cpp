@@ -116,8 +116,9 @@ std::vector<char> DynamicRegions::covered(const std::vector<Eigen::Vector2f>& pi
         return contradicts_[track.point] != 0;
       });
       const bool enough = nearest.count >= kMinVotes;
-      covered[i] =
-          enough && static_cast<double>(against) > kMaxShare * static_cast<double>(nearest.count);
+      const bool most =
+          static_cast<double>(against) > kMaxShare * static_cast<double>(nearest.count);
+      covered[i] = enough && most ? 1 : 0;
     }
   });
   return covered;

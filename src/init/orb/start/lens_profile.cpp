@@ -41,7 +41,7 @@ void undistort(double radial, const PinholeCamera& camera, InitialMap& map) {
   const Lens lens{LensModel::kRadTan, camera.fx, camera.fy, camera.cx, camera.cy, {radial}};
   const double reach = monotoneRadius(lens);
   const auto undistorted = [&](Eigen::Vector2d& pixel) {
-    const Eigen::Vector2d ray = rayOfPixel(lens, pixel, reach);
+    Eigen::Vector2d ray = rayOfPixel(lens, pixel, reach);
     pixel = camera.project(ray.homogeneous());
     return ray;
   };
