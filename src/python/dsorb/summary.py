@@ -90,16 +90,19 @@ def how_sure(run):
 def of_lens(summary):
     """What the run found out about its camera, by run.json."""
     lines, camera, readout = [], summary.get('refined_camera', {}), summary.get('readout')
+    doubt = summary.get('calibration_suspected')
     if 'sigma' in camera:
         focal, guessed = ((c['fx'] + c['fy']) / 2 for c in (camera, summary['camera']))
         sigma = 100 * max(camera['sigma']['fx'] / camera['fx'], camera['sigma']['fy'] / camera['fy'])
         lines.append(f'  focal length {focal:.1f} px, guessed as {guessed:.1f}: '
                      + (f'+-{sigma:.2g} %; refined_camera.txt is the calibration for the next run' if camera['settled'] else
                         'not known to 1 % yet; turns and sideways motion tell it, or a calibration (docs/calibration.md)'))
-        if abs(focal / guessed - 1) > max(SUSPECTED, SIGMAS * sigma / 100):
+        contradicted = abs(focal / guessed - 1) > max(SUSPECTED, SIGMAS * sigma / 100)
+        if contradicted:
             lines.append('  calibration suspected: ' + against(focal, guessed, camera['settled']))
-    doubt = summary.get('calibration_suspected')
-    if doubt and not camera.get('settled') and not any('calibration suspected' in line for line in lines):
+        if contradicted or camera['settled']:
+            doubt = None  # the window knows more by now
+    if doubt:
         lines.append('  calibration suspected: ' + better_lens(doubt, summary['camera']))
     suspected = summary.get('rolling_shutter_suspected')
     if suspected and not readout:

@@ -194,19 +194,15 @@ std::optional<PosesOfImages> PhotometricAdjustment::posesOfImages(const Photomet
 /// Moves the poses towards those of the images, as far as these know better.
 /// @return false where they stay
 bool PhotometricAdjustment::combine(PhotometricState& state) {
-  std::vector<std::size_t> places;  // by frame of the problem, among the joint frames
-  for (const PhotometricFrame& frame : problem_.frames) {
-    const Eigen::Index row = jointRow(map_, frame.index);
-    if (row < 0) return false;
-    places.push_back(static_cast<std::size_t>(row / 6));
-  }
+  const std::vector<Eigen::Index> rows = jointRows(map_, problem_);
+  if (rows.empty()) return false;
   const auto images = posesOfImages(state);
   if (!images) return false;
   CombinedPoses combined = combinePoses(map_, problem_, images->T_cam_ref, images->covariance);
   report_.pose_distance = combined.distance;
   if (combined.distance > kMaxPoseDistance) return false;
-  for (std::size_t f = 0; f < places.size(); ++f) {
-    state.T_cam_ref[f] = combined.T_cam_ref[places[f]];
+  for (std::size_t f = 0; f < state.T_cam_ref.size(); ++f) {
+    state.T_cam_ref[f] = combined.T_cam_ref[static_cast<std::size_t>(rows[6 * f] / 6)];
   }
   combined_ = std::move(combined.T_cam_ref);
   return true;

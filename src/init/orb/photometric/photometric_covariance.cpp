@@ -209,15 +209,9 @@ namespace {
 
 /// The corners' covariance of some frames' poses, 6 rows each; zero when there is none.
 Eigen::MatrixXd geometricCovariance(const InitialMap& map, const PhotometricProblem& problem) {
-  std::vector<Eigen::Index> rows;
-  for (const PhotometricFrame& frame : problem.frames) {
-    const Eigen::Index first = jointRow(map, frame.index);
-    if (first < 0) {
-      const auto size = static_cast<Eigen::Index>(6 * problem.frames.size());
-      return Eigen::MatrixXd::Zero(size, size);
-    }
-    for (int d = 0; d < 6; ++d) rows.push_back(first + d);
-  }
+  const std::vector<Eigen::Index> rows = jointRows(map, problem);
+  const auto size = static_cast<Eigen::Index>(6 * problem.frames.size());
+  if (rows.empty()) return Eigen::MatrixXd::Zero(size, size);
   return map.joint_covariance(rows, rows);
 }
 

@@ -80,6 +80,16 @@ PhotometricProblem makeProblem(const InitialMap& map,
   return makeProblem(map, camera, options, spreadFrames(map, options.max_frames), 0);
 }
 
+std::vector<Eigen::Index> jointRows(const InitialMap& map, const PhotometricProblem& problem) {
+  std::vector<Eigen::Index> rows;
+  for (const PhotometricFrame& frame : problem.frames) {
+    const Eigen::Index first = jointRow(map, frame.index);
+    if (first < 0) return {};
+    for (int d = 0; d < 6; ++d) rows.push_back(first + d);
+  }
+  return rows;
+}
+
 PhotometricState makeState(const PhotometricProblem& problem, const InitialMap& map) {
   PhotometricState state;
   for (const PhotometricFrame& frame : problem.frames) {

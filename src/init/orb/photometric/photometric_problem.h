@@ -66,6 +66,9 @@ PhotometricProblem makeProblem(const InitialMap& map,
                                const PinholeCamera& camera,
                                const PhotometricOptions& options);
 
+/// Rows of the problem's frames in the map's joint covariance, 6 a frame; empty where one has none.
+std::vector<Eigen::Index> jointRows(const InitialMap& map, const PhotometricProblem& problem);
+
 PhotometricState makeState(const PhotometricProblem& problem, const InitialMap& map);
 
 /// Moves the patches of a rolling shutter to where a global one would have seen them.

@@ -11,11 +11,10 @@ CombinedPoses combinePoses(const InitialMap& map,
                            const PhotometricProblem& problem,
                            const std::vector<SE3>& photometric,
                            const Eigen::MatrixXd& covariance) {
-  std::vector<Eigen::Index> rows;
+  const std::vector<Eigen::Index> rows = jointRows(map, problem);
   Eigen::VectorXd difference(covariance.rows());
   for (std::size_t f = 0; f < photometric.size(); ++f) {
     const std::size_t frame = problem.frames[f].index;
-    for (int d = 0; d < 6; ++d) rows.push_back(jointRow(map, frame) + d);
     difference.segment<6>(static_cast<Eigen::Index>(6 * f)) =
         (photometric[f] * map.frames[frame].T_cam_ref->inverse()).log();
   }

@@ -83,30 +83,32 @@ Eigen::VectorXd increments(const InitialMap& from, const InitialMap& to) {
   return moved;
 }
 
-/// Adjusts a map with another lens. @param score with the lens
-/// @return with the gain; nullopt where the map does not allow the lens
-std::optional<OtherLens> tryLens(LensScore score,
-                                 const InitialMap& map,
-                                 const PinholeCamera& calibrated,
-                                 const GeometricOptions& options) {
+/// A lens with the map that was adjusted with it.
+struct Adjusted {
+  LensScore score;
+  InitialMap map;
+  double cost = 0;  ///< mean
+};
+
+/// Adjusts a map with another lens; nullopt where it does not allow that.
+std::optional<Adjusted> adjustWith(const LensScore& lens,
+                                   const InitialMap& map,
+                                   const PinholeCamera& calibrated,
+                                   const GeometricOptions& options) {
   InitialMap other = map;
   PinholeCamera camera = calibrated;
-  camera.fx *= score.focal_factor;
-  camera.fy *= score.focal_factor;
-  if (score.radial != 0) undistort(score.radial, camera, other);
-  turnBy(1 / score.focal_factor, other);
+  camera.fx *= lens.focal_factor;
+  camera.fy *= lens.focal_factor;
+  if (lens.radial != 0) undistort(lens.radial, camera, other);
+  turnBy(1 / lens.focal_factor, other);
   if (!adjustOnce(other, camera, options)) return std::nullopt;
   if (static_cast<double>(other.corners.size()) <
       kMinKeptShare * static_cast<double>(map.corners.size())) {
     return std::nullopt;
   }
-  const auto before = meanCost(map, calibrated, options);
-  const auto after = meanCost(other, camera, options);
-  if (!before || !after || !fixScale(other)) return std::nullopt;
-  // The noise is not known, so that its likelihood is a power of the mean cost; the errors of a
-  // cell of the image count as one.
-  score.gain = 0.5 * occupiedCells(map, calibrated) * std::log(*before / *after);
-  return OtherLens{score, increments(map, other)};
+  const auto cost = meanCost(other, camera, options);
+  if (!cost || !fixScale(other)) return std::nullopt;
+  return Adjusted{lens, std::move(other), *cost};
 }
 
 }  // namespace
@@ -118,17 +120,24 @@ std::optional<OtherLens> profileLens(const InitialMap& map,
   thorough.max_iterations = kLensIterations;
   InitialMap few = thinned(map);
   if (!adjustOnce(few, camera, thorough) || !fixScale(few)) return std::nullopt;
-  std::array<std::optional<OtherLens>, kLenses.size()> tried;
+  const auto cost = meanCost(few, camera, thorough);
+  if (!cost) return std::nullopt;
+  std::array<std::optional<Adjusted>, kLenses.size()> tried;
   forEachRange(kLenses.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      tried[i] = tryLens(kLenses[i], few, camera, thorough);
+      tried[i] = adjustWith(kLenses[i], few, camera, thorough);
     }
   });
-  std::optional<OtherLens> best;
-  for (std::optional<OtherLens>& lens : tried) {
-    if (lens && (!best || lens->score.gain > best->score.gain)) best = std::move(lens);
+  const std::optional<Adjusted>* best = nullptr;
+  for (const std::optional<Adjusted>& lens : tried) {
+    if (lens && (best == nullptr || lens->cost < (*best)->cost)) best = &lens;
   }
-  return best;
+  if (best == nullptr) return std::nullopt;
+  // The noise is not known, so that its likelihood is a power of the mean cost; the errors of a
+  // cell of the image count as one.
+  OtherLens other{(*best)->score, increments(few, (*best)->map)};
+  other.score.gain = 0.5 * occupiedCells(few, camera) * std::log(*cost / (*best)->cost);
+  return other;
 }
 
 }  // namespace dsorb::init_orb
