@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "window/normal_equations.h"
 
+#include "base/lanes.h"
 #include "base/parallel.h"
 #include "base/target_clones.h"
 
@@ -117,26 +118,30 @@ DSORB_ALWAYS_INLINE Eigen::Vector2f couple(const ResidualTerms& terms,
   const PatchSums& p = terms.patch;
   const float jx = terms.geometry.depth_x;
   const float jy = terms.geometry.depth_y;
-  Vector8f relative;
-  for (std::size_t i = 0; i < kFrameDim; ++i) {
-    relative[static_cast<Index>(i)] = terms.x[i] * jx + terms.y[i] * jy;
+  Lanes x;
+  Lanes y;
+  load(terms.x, x);
+  load(terms.y, y);
+  alignas(32) float relative[kFrameDim];
+  store(x * jx + y * jy, relative);
+  alignas(32) float by_host[kFrameDim];
+  alignas(32) float by_target[kFrameDim];
+  Lanes sum = {};
+  for (Index k = 0; k < kFrameDim; ++k) {
+    Lanes column;
+    load(pair.to_host_single.col(k).data(), column);
+    sum += column * relative[k];
   }
-  for (Index k = 0; k < kPoseRows; ++k) {  // column by column; brightness is diagonal
-    for (Index i = 0; i < kPoseRows; ++i) {
-      host[i] += pair.to_host_single(i, k) * relative[k];
-    }
+  store(sum, by_host);
+  for (Index i = 0; i < kFrameDim; ++i) by_target[i] = pair.to_target_single[i] * relative[i];
+  for (Index i = 0; i < kFrameDim; ++i) {
+    host[i] += by_host[i];
+    target[i] += by_target[i];
   }
-  for (Index i = kPoseRows; i < kFrameDim; ++i) {
-    host[i] += pair.to_host_single(i, i) * relative[i];
-  }
-  for (Index i = 0; i < kFrameDim; ++i) target[i] += pair.to_target_single[i] * relative[i];
   if (velocities) {
-    const Eigen::Matrix<float, kPoseRows, 1> pose = relative.head<kPoseRows>();
-    const Eigen::Matrix<float, kPoseRows, 1> by_host =
-        pair.to_host_single.topLeftCorner<kPoseRows, kPoseRows>() * pose;
     for (Index i = 0; i < kPoseRows; ++i) {
       host[kFrameDim + i] += terms.geometry.host_time * by_host[i];
-      target[kFrameDim + i] += terms.geometry.target_time * pair.to_target_single[i] * pose[i];
+      target[kFrameDim + i] += terms.geometry.target_time * by_target[i];
     }
   }
   return {jx * (p.xx * jx + p.xy * jy) + jy * (p.xy * jx + p.yy * jy), jx * p.xr + jy * p.yr};

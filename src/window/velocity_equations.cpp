@@ -5,8 +5,8 @@ namespace dsorb::window {
 namespace {
 
 using Eigen::Index;
-using Rows = Eigen::Matrix<double, kPoseRows, kRowLanes, Eigen::RowMajor>;
-using Square = Eigen::Matrix<double, kPoseRows, kPoseLanes, Eigen::RowMajor>;
+using Rows = Eigen::Matrix<float, kPoseRows, kRowLanes, Eigen::RowMajor>;
+using Square = Eigen::Matrix<float, kPoseRows, kPoseLanes, Eigen::RowMajor>;
 using Matrix6 = Eigen::Matrix<double, kPoseRows, kPoseRows>;
 
 template <typename Block>
@@ -23,7 +23,7 @@ void addRows(const Rows& sums,
              const PairRows& rows,
              Index velocity,
              LinearSystem<float>& out) {
-  const Eigen::Matrix<double, kPoseRows, kRowLanes> absolute = to * sums;
+  const Eigen::Matrix<double, kPoseRows, kRowLanes> absolute = to * sums.cast<double>();
   const auto relative = absolute.leftCols<kFrameDim>();
   addBoth((relative * pair.to_host.transpose()).eval(), velocity, rows.host, out.H);
   addBoth((relative * pair.to_target.asDiagonal()).eval(), velocity, rows.target, out.H);
@@ -32,8 +32,8 @@ void addRows(const Rows& sums,
 }
 
 /// Rounding makes the two triangles differ; the upper one counts.
-Matrix6 symmetric(const double (&sums)[kPoseRows][kPoseLanes]) {
-  const Matrix6 square = Eigen::Map<const Square>(sums[0]).leftCols<kPoseRows>();
+Matrix6 symmetric(const float (&sums)[kPoseRows][kPoseLanes]) {
+  const Matrix6 square = Eigen::Map<const Square>(sums[0]).leftCols<kPoseRows>().cast<double>();
   return square.selfadjointView<Eigen::Upper>();
 }
 

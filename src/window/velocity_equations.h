@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "base/lanes.h"
 #include "estimate/linear_system.h"
 #include "window/pair_equations.h"
 #include "window/pair_geometry.h"
@@ -16,14 +17,22 @@
 /// are all that it takes.
 namespace dsorb::window {
 
-/// Sums of one ordered pair. Lanes of a row as in photometric_residual.h; times as RowTimesOfPoint.
+/// Sums over a chunk of points for one ordered pair. Lanes of a row as in photometric_residual.h;
+/// times as in ResidualGeometry. Single precision is enough: priors hold the velocities.
 struct VelocitySums {
-  alignas(64) double by_target[kPoseRows][kRowLanes];  // times that of the target's row
-  double by_host[kPoseRows][kRowLanes];
-  double target_target[kPoseRows][kPoseLanes];  // times its square, and so on
-  double target_host[kPoseRows][kPoseLanes];
-  double host_host[kPoseRows][kPoseLanes];
+  alignas(32) float by_target[kPoseRows][kRowLanes];  // times that of the target's row
+  float by_host[kPoseRows][kRowLanes];
+  float target_target[kPoseRows][kPoseLanes];  // times its square, and so on
+  float target_host[kPoseRows][kPoseLanes];
+  float host_host[kPoseRows][kPoseLanes];
 };
+
+/// Adds lanes to a row.
+DSORB_ALWAYS_INLINE void addLanes(const Lanes& lanes, float* row) {
+  Lanes sum;
+  load(row, sum);
+  store(sum + lanes, row);
+}
 
 /// Adds one residual.
 /// @param x, y the patch block times geometry, brightness, residual: kRowLanes of them
@@ -31,32 +40,35 @@ DSORB_ALWAYS_INLINE void accumulateVelocities(const ResidualGeometry& g,
                                               const float* x,
                                               const float* y,
                                               VelocitySums& sums) {
-  const auto target = static_cast<double>(g.target_time);
-  const auto host = static_cast<double>(g.host_time);
+  static_assert(kPoseLanes == kLanes && kRowLanes == 2 * kLanes);
+  Lanes pose_x;
+  Lanes pose_y;
+  Lanes rest_x;
+  Lanes rest_y;
+  load(x, pose_x);
+  load(y, pose_y);
+  load(x + kLanes, rest_x);
+  load(y + kLanes, rest_y);
   for (std::size_t row = 0; row < kPoseRows; ++row) {
-    const auto jx = static_cast<double>(g.x[row]);
-    const auto jy = static_cast<double>(g.y[row]);
-    double both[kRowLanes];
-    for (std::size_t i = 0; i < kRowLanes; ++i) {
-      both[i] = jx * static_cast<double>(x[i]) + jy * static_cast<double>(y[i]);
-    }
-    for (std::size_t i = 0; i < kRowLanes; ++i) {
-      sums.by_target[row][i] += target * both[i];
-      sums.by_host[row][i] += host * both[i];
-    }
-    for (std::size_t i = 0; i < kPoseLanes; ++i) {
-      sums.target_target[row][i] += target * target * both[i];
-      sums.target_host[row][i] += target * host * both[i];
-      sums.host_host[row][i] += host * host * both[i];
-    }
+    const Lanes pose = g.x[row] * pose_x + g.y[row] * pose_y;
+    const Lanes rest = g.x[row] * rest_x + g.y[row] * rest_y;
+    const Lanes by_target = g.target_time * pose;
+    const Lanes by_host = g.host_time * pose;
+    addLanes(by_target, sums.by_target[row]);
+    addLanes(g.target_time * rest, sums.by_target[row] + kLanes);
+    addLanes(by_host, sums.by_host[row]);
+    addLanes(g.host_time * rest, sums.by_host[row] + kLanes);
+    addLanes(g.target_time * by_target, sums.target_target[row]);
+    addLanes(g.target_time * by_host, sums.target_host[row]);
+    addLanes(g.host_time * by_host, sums.host_host[row]);
   }
 }
 
 /// Adds the sums of other points.
 inline void add(const VelocitySums& other, VelocitySums& sums) {
-  constexpr std::size_t kCount = sizeof(VelocitySums) / sizeof(double);
-  const double* from = other.by_target[0];
-  double* to = sums.by_target[0];
+  constexpr std::size_t kCount = sizeof(VelocitySums) / sizeof(float);
+  const float* from = other.by_target[0];
+  float* to = sums.by_target[0];
   for (std::size_t i = 0; i < kCount; ++i) to[i] += from[i];
 }
 

@@ -160,7 +160,8 @@ class WindowOptimizer::Adjustment {
   std::optional<double> solve(double damping) {
     const StateStep step =
         solveStep(window_, memory_.current_, memory_.options_, damping, memory_.elimination_);
-    step_ = report_.iterations < kNullSpaceFrom ? step.change : withoutGauge(step.change, gauge_);
+    step_ = step.change;
+    if (report_.iterations >= kNullSpaceFrom) step_ = withoutGauge(step_, gauge_);
     // Beyond what the depths alone gain. A state that is off by its standard deviation raises the
     // energy by the variance of a residual.
     const double decrease = -step.gradient.dot(step_);

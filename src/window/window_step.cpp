@@ -173,16 +173,18 @@ MatrixXd gaugeDirections(const Window& window) {
   return directions;
 }
 
-VectorXd withoutGauge(const VectorXd& step, const MatrixXd& directions) {
+MatrixXd withoutGauge(const MatrixXd& steps, const MatrixXd& directions) {
   const Eigen::Matrix<double, 7, 7> gram = directions.transpose() * directions;
   const SymmetricEigen eigen = symmetricEigen(gram);
   const double cut_off = kSingularCutOff * kSingularCutOff * eigen.values[6];
-  VectorXd result = step;
+  MatrixXd result = steps;
   for (Index i = 0; i < 7; ++i) {
     const double eigenvalue = eigen.values[i];
     if (!(eigenvalue > cut_off)) continue;
     const VectorXd direction = directions * eigen.vectors.col(i) / std::sqrt(eigenvalue);
-    result -= direction * direction.dot(step);
+    for (Index k = 0; k < steps.cols(); ++k) {
+      result.col(k) -= direction * direction.dot(steps.col(k));
+    }
   }
   return result;
 }
@@ -193,12 +195,9 @@ namespace {
 std::optional<Matrix6d> newestPoseCovariance(const Window& window,
                                              const PreconditionedSystem& system,
                                              double noise) {
-  const MatrixXd directions = gaugeDirections(window);
-  const Index row = window.rowOf(window.keyframes.size() - 1);
-  MatrixXd columns(window.dimension(), 6);
-  for (Index i = 0; i < 6; ++i) {
-    columns.col(i) = withoutGauge(VectorXd::Unit(window.dimension(), row + i), directions);
-  }
+  MatrixXd columns = MatrixXd::Zero(window.dimension(), 6);
+  columns.middleRows<6>(window.rowOf(window.keyframes.size() - 1)).setIdentity();
+  columns = withoutGauge(columns, gaugeDirections(window));
   const Matrix6d scaled = columns.transpose() * system.solve(columns);
   const Vector6d scale = kErrorFactor * noise * frameScale().head<6>();
   const Matrix6d covariance =

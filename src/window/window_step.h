@@ -33,8 +33,8 @@ struct StatePrior {
 /// @return dimension x 7
 [[nodiscard]] Eigen::MatrixXd gaugeDirections(const Window& window);
 
-/// Projects a step onto the complement of motions and scale of the whole world.
-[[nodiscard]] Eigen::VectorXd withoutGauge(const Eigen::VectorXd& step,
+/// Projects steps, one a column, onto the complement of motions and scale of the whole world.
+[[nodiscard]] Eigen::MatrixXd withoutGauge(const Eigen::MatrixXd& steps,
                                            const Eigen::MatrixXd& directions);
 
 /// Step of camera and frames.
