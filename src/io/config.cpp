@@ -18,6 +18,7 @@ namespace dsorb {
 namespace {
 
 constexpr const char* kVariantKey = "initializer.kind";
+constexpr std::size_t kMaxCompared = 64;  // characters of a wrong name, which a file may make long
 
 /// As an ending of a key is accepted too, words are compared with endings of as many parts.
 std::string closestKey(const std::string& word, const std::vector<OptionField>& fields) {
@@ -227,13 +228,14 @@ ConfigAssignment parseAssignment(const std::string& text, const std::string& ori
 }
 
 std::string closestName(const std::string& word, const std::vector<std::string>& candidates) {
+  const std::size_t length = std::min(word.size(), kMaxCompared);
   std::string best;
   std::size_t best_distance = 0;
   for (const std::string& candidate : candidates) {
     // Levenshtein distance, one row of the table at a time.
     std::vector<std::size_t> row(candidate.size() + 1);
     std::iota(row.begin(), row.end(), std::size_t{0});
-    for (std::size_t i = 0; i < word.size(); ++i) {
+    for (std::size_t i = 0; i < length; ++i) {
       std::size_t diagonal = row[0]++;
       for (std::size_t j = 0; j < candidate.size(); ++j) {
         const std::size_t replaced = diagonal + (word[i] == candidate[j] ? 0 : 1);

@@ -28,6 +28,17 @@ bool startsWith(const std::vector<std::uint8_t>& bytes, std::string_view magic) 
          });
 }
 
+/// Whether OpenCV is asked to decode this: PNM, BMP, TIFF, and what libjpeg does not convert. The
+/// rest it would hand to GDAL, and to GDCM, which aborts over a damaged DICOM file.
+bool isLeftToOpenCv(const std::vector<std::uint8_t>& bytes) {
+  using namespace std::string_view_literals;
+  if (startsWith(bytes, "P")) {
+    return bytes.size() > 2 && bytes[1] >= '1' && bytes[1] <= '6' && std::isspace(bytes[2]) != 0;
+  }
+  return isJpeg(bytes) || startsWith(bytes, "BM") || startsWith(bytes, "II*\0"sv) ||
+         startsWith(bytes, "MM\0*"sv);
+}
+
 /// Whether a binary PGM or PPM holds the pixels its header announces: "P5 width height maximum"
 /// and one more white space.
 bool completePnm(const std::vector<std::uint8_t>& bytes, std::size_t channels) {
@@ -77,8 +88,11 @@ cv::Mat decodeGrey(const std::vector<std::uint8_t>& bytes, const std::string& na
   if (isPng(bytes)) return decodePng(bytes, name);
   cv::Mat image;
   if (isJpeg(bytes)) image = decodeJpeg(bytes, name);
-  if (image.empty()) image = decodeByOpenCv(bytes);
-  if (image.empty()) throw IoError(fmt::format("{}: the image cannot be decoded", name));
+  if (image.empty() && isLeftToOpenCv(bytes)) image = decodeByOpenCv(bytes);
+  if (image.empty()) {
+    throw IoError(
+        fmt::format("{}: the image cannot be decoded; expected PNG, JPEG, PNM, BMP or TIFF", name));
+  }
   if (image.type() != CV_8UC1 && image.type() != CV_16UC1) {
     throw IoError(fmt::format("{}: neither 8 nor 16 bits a channel", name));
   }

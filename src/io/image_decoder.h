@@ -18,8 +18,7 @@ inline constexpr std::int64_t kMaxPixels = std::int64_t{1} << 28;
 /// @throws IoError where the file cannot be read
 std::vector<std::uint8_t> readFile(const std::filesystem::path& file);
 
-/// Decodes PNG, JPG, PGM and other formats that OpenCV reads to one grey channel of 8 or 16 bits,
-/// as stored.
+/// Decodes PNG, JPEG, PNM, BMP and TIFF to one grey channel of 8 or 16 bits, as stored.
 /// @param name of the file, for messages
 /// @throws IoError where the bytes are no image, are truncated, or have another depth
 cv::Mat decodeGrey(const std::vector<std::uint8_t>& bytes, const std::string& name);
