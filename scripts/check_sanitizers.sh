@@ -6,6 +6,7 @@
 #   FOLDER            sequences; default: all that sequences.json in DSORB_DATA (default ../shared/data) lists
 #   DSORB_SANITIZE    address,undefined (default) or thread: then with tracking, mapping and inner loops in parallel
 #   DSORB_FRAMES      frames of each run, default 50
+#   DSORB_CMAKE_FLAGS more flags for cmake
 set -euo pipefail
 cd "$(dirname "$0")/.."
 sanitize=${DSORB_SANITIZE:-address,undefined}
@@ -21,11 +22,11 @@ for entry in json.load(open(sys.argv[1] + "/sequences.json")).values(): print(sy
 fi
 
 build=build-sanitize
-flags=()
+read -r -a flags <<<"${DSORB_CMAKE_FLAGS:-}"
 extra=(--threads 1)
 if [ "$sanitize" = thread ]; then
   build=build-thread
-  flags=(-DDSORB_WITH_CERES=OFF) # what needs it has no threads of ours
+  flags+=(-DDSORB_WITH_CERES=OFF) # what needs it has no threads of ours
   extra=(--threads 2 --pipelined)
   export TSAN_OPTIONS="suppressions=$PWD/scripts/tsan_suppressions.txt history_size=4"
 fi
