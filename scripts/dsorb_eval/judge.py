@@ -81,6 +81,19 @@ def judge_start(start, dataset, truth, frame_times):
     return {**figures, **judge_points(start, dataset)}
 
 
+def judge_against_final(start, final):
+    """The initial pose against where the window has it in the end, which knows no errors of a ground truth.
+
+    @param final trajectory of the segment"""
+    target = start['target']
+    pose = next((p for p in start['poses'] if p['index'] == target['index']), None)
+    ends = [final.pose(frame['timestamp']) for frame in (start['reference'], target)]
+    if pose is None or not pose.get('covariance') or any(end is None for end in ends):
+        return {}
+    nees = metrics.initial_pose_nees(pose['T_cam_ref'], pose['covariance'], *ends)
+    return {key.replace('nees', 'nees_final'): values for key, values in nees.items()}
+
+
 def of_times(rows, times):
     """The rows of a trajectory whose time is among these."""
     times = np.asarray(times)
@@ -123,6 +136,9 @@ def judge_files(out, sequence, with_evo):
         later = frames[starts[0]['frames_given']:]
         figures['tracked'] = sum(f['state'] == 'tracked' for f in later)
         figures['tracked_after'] = figures['tracked'] / len(later) if later else None
+        rows = first_segment_rows(out, 'trajectory.txt', frames, starts[0]['segment'])
+        if len(rows):
+            figures['starts'][0].update(judge_against_final(starts[0], tr.GroundTruth(rows)))
         if truth is not None:
             figures.update(judge_trajectories(out, frames, starts, truth, with_evo))
             figures.update(metrics.tracking_nees(tr.load_motions(out / 'frames.csv', starts[0]['segment']), truth))

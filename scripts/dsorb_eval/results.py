@@ -24,8 +24,8 @@ SAME = .02  # relative difference of two figures that count as equal
 
 COLUMNS = {
     'dense': ('runs', 'init', 'good', 'crash', 'given', 'since_ref', 'dir', 'dir95', 'wrong20', 'hit10', 'rot', 'init_rpe', 'depth', 'depth10',
-              'nees', 'nees_rot', 'nees_dir', 'nees_tracked_rot', 'nees_tracked_trans', 'points', 'ms_init', 'ms_last', 'ate',
-              'tracked_after', 'mb'),
+              'nees', 'nees_rot', 'nees_dir', 'nees_final_rot', 'nees_final_dir', 'nees_tracked_rot', 'nees_tracked_trans', 'points',
+              'ms_init', 'ms_last', 'ate', 'tracked_after', 'mb'),
     'five': ('runs', 'init', 'good', 'crash', 'given', 'dir', 'dir95', 'wrong20', 'rot', 'init_rpe', 'depth', 'depth10', 'ms_init', 'ate', 'ate_kf',
              'rpe', 'tracked_after', 'lost', 'ms_track', 'mb')}
 HIGHER_IS_BETTER = ('init', 'good', 'hit10', 'depth10', 'tracked_after')

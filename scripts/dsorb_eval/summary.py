@@ -36,6 +36,8 @@ COLUMNS = dict(
     nees='error^2 / variance of the initial inverse depths, median (0.45 is ideal)',
     nees_rot='the same of the rotation components of the initial pose',
     nees_dir='the same of its direction components',
+    nees_final_rot='nees_rot against the final poses of the run in place of the truth',
+    nees_final_dir='nees_dir against the same',
     nees_tracked_rot='the same of the rotations of tracked frames relative to their keyframes, a degree of freedom, median over the frames (0.79 is ideal)',
     nees_tracked_trans='the same of their translations',
     points='initial points in the reference, median',
@@ -102,7 +104,7 @@ def initial_columns(runs, starts):
     paths = dict(since_ref=('since_ref',), rot=('rot_deg',), init_rpe=('error_over_path',), depth=('depth', 'median'),
                  depth10=('depth', 'within10'), nees=('nees',), points=('points',), ms_init=('ms_total',), ms_last=('ms_last',))
     row.update({column: percentile(value_of(start, *keys) for start in starts) for column, keys in paths.items()})
-    for column in ('nees_rot', 'nees_dir'):
+    for column in ('nees_rot', 'nees_dir', 'nees_final_rot', 'nees_final_dir'):
         row[column] = percentile(x for start in starts for x in start.get(column) or [])
     return row
 
