@@ -12,6 +12,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <limits>
 #include <stdexcept>
 #include <string>
@@ -80,6 +81,16 @@ void setVignette(Calibration& calibration, const Floats& array) {
   photometric.vignette.assign(array.data(), array.data() + array.size());
   photometric.vignette_height = static_cast<int>(array.shape(0));
   photometric.vignette_width = static_cast<int>(array.shape(1));
+}
+
+void setReadout(Calibration& calibration, double milliseconds, double sigma_ms, bool columns) {
+  if (!(std::abs(milliseconds) <= kMaxReadoutMs) || !(sigma_ms >= 0 && sigma_ms <= kMaxReadoutMs)) {
+    throw std::invalid_argument("readout of " + std::to_string(milliseconds) + " +- " +
+                                std::to_string(sigma_ms) + " ms: expected at most " +
+                                std::to_string(static_cast<int>(kMaxReadoutMs)) + " ms");
+  }
+  calibration.lens.readout = {1e-3 * milliseconds, 1e-3 * sigma_ms};
+  calibration.lens.columns = columns;
 }
 
 using Rays = nb::ndarray<const double, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
@@ -208,6 +219,16 @@ void bindCalibration(nb::module_& m) {
       .def_prop_ro("coefficients", [](const Calibration& c) { return coefficientsOf(c.lens); })
       .def_prop_ro("width", [](const Calibration& c) { return c.lens.width; })
       .def_prop_ro("height", [](const Calibration& c) { return c.lens.height; })
+      .def_prop_ro("readout_ms", [](const Calibration& c) { return 1e3 * c.lens.readout.seconds; })
+      .def_prop_ro("readout_sigma_ms",
+                   [](const Calibration& c) { return 1e3 * c.lens.readout.sigma; })
+      .def("set_readout",
+           &setReadout,
+           nb::arg("milliseconds"),
+           nb::arg("sigma_ms") = 0.0,
+           nb::arg("columns") = false,
+           "Rolling shutter: time from the first to the last row (or column), below 0 where the "
+           "last one comes first. With `sigma_ms` above 0 it is estimated; (0, 20) knows nothing.")
       .def_prop_ro("rectification",
                    [](const Calibration& c) { return nameOfMode(c.rectification.mode); })
       .def(

@@ -56,8 +56,9 @@ const char* nameOf(InitStatus status) {
 /// Calls of several threads wait for each other.
 class LockedInitializer {
  public:
-  LockedInitializer(const PinholeCamera& camera, const Config& config)
-      : initializer_(makeInitializer(optionsOf(config), camera)) {}
+  LockedInitializer(FrameSource source, const Config& config)
+      : source_(std::move(source)),
+        initializer_(makeInitializer(optionsOf(config), source_.camera())) {}
 
   Step add(const AnyArray& image,
            double timestamp,
@@ -68,9 +69,8 @@ class LockedInitializer {
     const auto known = sharedPriors(priors);
     const nb::gil_scoped_release release;
     const std::lock_guard<std::mutex> lock(mutex_);
-    const FrameId frame{id.value_or(next_id_)};
-    next_id_ = frame.value + 1;
-    const FrameInfo info{frame, timestamp, exposure, nullptr, nullptr, known};
+    const FrameInfo info = source_.next(timestamp, id, exposure, known);
+    source_.taken(info.id);
     const InitStep step = initializer_->addFrame(Frame::create(view, info));
     Step answer{step.status, step.reason, std::nullopt, step.motion};
     if (step.result) answer.result.emplace(*step.result);
@@ -89,8 +89,8 @@ class LockedInitializer {
     return options;
   }
   std::mutex mutex_;
+  FrameSource source_;
   std::unique_ptr<Initializer> initializer_;
-  int next_id_ = 0;
 };
 
 nb::object motionOf(const std::optional<WaitingMotion>& motion) {

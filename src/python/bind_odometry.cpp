@@ -26,7 +26,8 @@ struct Keyframe {
         segment(snapshot.segment),
         final(is_final),
         T_world_cam(snapshot.T_world_cam),
-        camera(snapshot.camera) {
+        camera(snapshot.camera),
+        readout(snapshot.readout) {
     for (const MapPoint& point : snapshot.points) {
       points.add(point.pixel, point.inverse_depth, point.variance);
       points.intensities.push_back(point.intensity);
@@ -38,6 +39,7 @@ struct Keyframe {
   bool final;
   SE3 T_world_cam;
   PinholeCamera camera;
+  std::optional<Readout> readout;
   PointColumns points;
 };
 
@@ -84,8 +86,8 @@ struct Report {
 /// Calls of several threads wait for each other.
 class LockedOdometry {
  public:
-  LockedOdometry(const PinholeCamera& camera, const Config& config)
-      : odometry_(camera, config.options) {
+  LockedOdometry(FrameSource source, const Config& config)
+      : source_(std::move(source)), odometry_(source_.camera(), config.options) {
     odometry_.addObserver(&log_);
   }
 
@@ -98,13 +100,12 @@ class LockedOdometry {
     const auto known = sharedPriors(priors);
     const nb::gil_scoped_release release;
     const std::lock_guard<std::mutex> lock(mutex_);
-    const FrameId frame{id.value_or(next_id_)};
+    const FrameInfo info = source_.next(timestamp, id, exposure, known);
     Estimate estimate;
-    const FrameInfo info{frame, timestamp, exposure, nullptr, nullptr, known};
     estimate.frame = odometry_.process(Frame::create(view, info));
-    next_id_ = frame.value + 1;
+    source_.taken(info.id);
     estimate.frame.frame = nullptr;
-    estimate.id = frame.value;
+    estimate.id = info.id.value;
     estimate.timestamp = timestamp;
     estimate.events = log_.take();
     return estimate;
@@ -125,8 +126,8 @@ class LockedOdometry {
  private:
   std::mutex mutex_;
   EventLog log_;
+  FrameSource source_;
   Odometry odometry_;
-  int next_id_ = 0;
 };
 
 using Points3 = nb::ndarray<nb::numpy, double, nb::shape<-1, 3>>;
@@ -159,6 +160,14 @@ void bindKeyframe(nb::module_& m) {
           nb::rv_policy::automatic,
           "(4, 4): camera to world, which is the reference camera of the segment's start.")
       .def_ro("camera", &Keyframe::camera)
+      .def_prop_ro(
+          "readout_ms",
+          [](const Keyframe& k) -> std::optional<std::pair<double, double>> {
+            if (!k.readout) return std::nullopt;
+            return std::make_pair(1e3 * k.readout->seconds, 1e3 * k.readout->sigma);
+          },
+          "Estimated readout of a rolling shutter and its standard deviation [ms], where the "
+          "calibration leaves it open; or None.")
       .def_prop_ro(
           "intensities",
           [](Keyframe& k) {

@@ -4,6 +4,8 @@
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/io/config.h"
 
+#include "python/frame_source.h"
+
 #include <nanobind/nanobind.h>
 
 #include <string>
@@ -20,19 +22,19 @@ Config configOf(nanobind::handle initializer,
                 nanobind::handle options,
                 const nanobind::kwargs& words);
 
-/// Binds the constructor of what is made from a camera and a Config.
-template <typename Bound>
-void bindMaker(nanobind::class_<Bound>& type, const char* text) {
+/// Binds a constructor of what is made from a FrameSource and a Config.
+template <typename Camera, typename Bound>
+void bindMakerFrom(nanobind::class_<Bound>& type, const char* text) {
   namespace nb = nanobind;
   type.def(
       "__init__",
       [](Bound* self,
-         const PinholeCamera& camera,
+         const Camera& camera,
          nb::handle initializer,
          const std::string& preset,
          nb::handle options,
          const nb::kwargs& words) {
-        new (self) Bound(camera, configOf(initializer, preset, options, words));
+        new (self) Bound(FrameSource(camera), configOf(initializer, preset, options, words));
       },
       nb::arg("camera"),
       nb::arg("initializer") = nb::none(),
@@ -41,6 +43,15 @@ void bindMaker(nanobind::class_<Bound>& type, const char* text) {
       nb::arg("options") = nb::none(),
       nb::arg("words"),
       text);
+}
+
+/// Binds the constructors: from a camera, and from the rectifier that makes the images.
+template <typename Bound>
+void bindMaker(nanobind::class_<Bound>& type, const char* text) {
+  bindMakerFrom<PinholeCamera>(type, text);
+  bindMakerFrom<Rectifier>(type,
+                           "From the Rectifier that makes the images: its camera, with the times "
+                           "of the rows where the calibration has a readout, and the response.");
 }
 
 /// Binds a method that takes the next frame.

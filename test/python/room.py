@@ -23,13 +23,17 @@ def temporary_folder():
     return folder
 
 
-def room():
+def render(name, *arguments):
     """Folder with images/, camera.txt, groundtruth.txt, depth/."""
-    if 'room' not in _folders:
-        _folders['room'] = temporary_folder() / 'room'
-        subprocess.run([os.environ['DSO_SYNTHESIZE'], 'room', '--output', _folders['room'], '--frames', str(FRAMES),
-                        '--width', str(SIZE[0]), '--height', str(SIZE[1]), '--quiet'], check=True)
-    return _folders['room']
+    if name not in _folders:
+        _folders[name] = temporary_folder() / name
+        subprocess.run([os.environ['DSO_SYNTHESIZE'], 'room', '--output', _folders[name], '--frames', str(FRAMES),
+                        '--width', str(SIZE[0]), '--height', str(SIZE[1]), '--quiet', *arguments], check=True)
+    return _folders[name]
+
+
+def room():
+    return render('room')
 
 
 def room_run():
@@ -41,12 +45,12 @@ def room_run():
     return _folders['run']
 
 
-def image_files():
-    return sorted((room() / 'images').iterdir())
+def image_files(folder=None):
+    return sorted(((folder or room()) / 'images').iterdir())
 
 
-def images():
-    return [np.asarray(Image.open(file)) for file in image_files()]
+def images(folder=None):
+    return [np.asarray(Image.open(file)) for file in image_files(folder)]
 
 
 def true_poses():
