@@ -57,11 +57,7 @@ TrackedPose FrameTracker::track(const Frame& frame) {
   pose.T_cam_keyframe = result.T_frame_reference;
   pose.covariance = result.covariance;
   pose.T_cam_world = result.T_frame_reference * target_->T_cam_world;
-  if (result.covariance && target_->covariance) {
-    const Matrix6d adjoint = result.T_frame_reference.adjoint();
-    pose.world_covariance =
-        *result.covariance + adjoint * *target_->covariance * adjoint.transpose();
-  }
+  addErrorsOfMap(pose);
   pose.affine = affine_ = result.affine;
   pose.wants_keyframe = needsKeyframe(frame, result);
   pose.motion = result.motion;
@@ -75,6 +71,15 @@ TrackedPose FrameTracker::track(const Frame& frame) {
   rmse_ = result.rmse[0];
   previous_ = frame.id();
   return pose;
+}
+
+void FrameTracker::addErrorsOfMap(TrackedPose& pose) const {
+  if (!pose.covariance || !target_->covariance || !(target_->reach > 0)) return;
+  const Matrix6d adjoint = pose.T_cam_keyframe.adjoint();
+  const Matrix6d of_keyframe = adjoint * *target_->covariance * adjoint.transpose();
+  const double share = pose.T_cam_keyframe.translation().norm() / target_->reach;
+  pose.world_covariance = *pose.covariance + (1 + share) * (1 + share) * of_keyframe;
+  *pose.covariance += share * share * of_keyframe;
 }
 
 bool FrameTracker::needsKeyframe(const Frame& frame, const track::TrackingResult& result) const {

@@ -21,6 +21,7 @@ struct KeyframePose {
   AffineBrightness affine;
   std::optional<Matrix6d>
       covariance{};  ///< of exp(xi) * T_cam_world: WindowUncertainty::newest_pose
+  double reach = 0;  ///< distance of the farthest keyframe that its map was made with [unit]
 };
 
 /// What frames are tracked against, as a value.
@@ -61,6 +62,10 @@ class FrameTracker {
   [[nodiscard]] const KeyframePose& target() const { return *target_; }
 
  private:
+  /// The poses that a map was made with and its depths err together. A frame at a share of their
+  /// distance errs by that share of what its keyframe does in its window, and both add up.
+  /// docs/experiments.md, "Covariance of tracked poses"
+  void addErrorsOfMap(TrackedPose& pose) const;
   [[nodiscard]] bool needsKeyframe(const Frame& frame, const track::TrackingResult& result) const;
 
   OdometryOptions options_;

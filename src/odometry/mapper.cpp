@@ -9,6 +9,8 @@
 #include "window/marginalization.h"
 #include "window/point_activation.h"
 
+#include <Eigen/Core>
+
 #include <algorithm>
 #include <cstddef>
 #include <stdexcept>
@@ -23,6 +25,19 @@ PixelSelectorOptions selectorOptions(const OdometryOptions& options) {
   PixelSelectorOptions selector;
   selector.seed = options.initializer.seed;
   return selector;
+}
+
+/// Largest distance of the newest keyframe from another one.
+double reachOf(const window::Window& window) {
+  const auto centre = [](const window::Keyframe& k) {
+    return k.T_cam_world().inverse().translation();
+  };
+  const Eigen::Vector3d newest = centre(window.keyframes.back());
+  double reach = 0;
+  for (const window::Keyframe& keyframe : window.keyframes) {
+    reach = std::max(reach, (centre(keyframe) - newest).norm());
+  }
+  return reach;
 }
 
 }  // namespace
@@ -87,6 +102,7 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
   noteCamera(adjustment.uncertainty.camera_sigmas);
   update.target = targetOf(T_cam_previous);
   update.target.keyframe.covariance = adjustment.uncertainty.newest_pose;
+  update.target.keyframe.reach = reachOf(*window_);
   const std::vector<DepthSample> samples = window::depthSamples(*window_, options_.window);
   runBoth([&] { reference_builder_.fill(samples, update.target.reference); },
           [&] {
