@@ -26,10 +26,7 @@ echo "$(basename "$wheel"): $bytes bytes"
 package=$("$work/venv/bin/python" -c 'import dsorb; print(dsorb.__path__[0])')
 needed=$(readelf -d "$package"/_dsorb*.so "$package/bin/dso_dataset" | grep NEEDED)
 if grep -E 'ceres|cholmod|spqr|suitesparse|glog' <<<"$needed"; then echo "GPL parts are linked" >&2; exit 1; fi
-if readelf -d "$package"/_dsorb*.so | grep -E 'imgcodecs|videoio|libzip|libjpeg|libpng'; then
-  echo "the module needs decoders of images" >&2
-  exit 1
-fi
+scripts/check_module.sh "$package"/_dsorb*.so
 for optional in 'pycolmap>=4' opencv-python-headless rosbags rerun-sdk PyYAML; do # not every Python has each
   "${pip[@]}" install "$optional" || echo "without $optional: its tests are skipped"
 done

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # With CMAKE_UNITY_BUILD=ON sources of one folder are compiled together, at most dsorb_unity_size at a time: a third less
 # time for a build from nothing, more for one changed file. Names in anonymous namespaces of one folder must differ for it.
+# A source that has a UNITY_GROUP keeps it.
 set(dsorb_unity_size 16)
 
 # dsorb_unity_groups(): of all targets of the current directory.
@@ -14,6 +15,10 @@ function(dsorb_unity_groups)
     set_target_properties(${target} PROPERTIES UNITY_BUILD_MODE GROUP)
     get_target_property(sources ${target} SOURCES)
     foreach(source IN LISTS sources)
+      get_source_file_property(group "${source}" UNITY_GROUP)
+      if(group)
+        continue()
+      endif()
       get_filename_component(folder "${source}" DIRECTORY)
       string(MAKE_C_IDENTIFIER "${target}_${folder}" group)
       math(EXPR part "0${${group}} / ${dsorb_unity_size}")

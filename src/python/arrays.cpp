@@ -93,7 +93,8 @@ Mask::Mask(const std::optional<AnyArray>& array) {
   }
   levels_.reserve(array->size());
   for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < width; ++x) levels_.push_back(data[y * stride + x] != 0 ? 255 : 0);
+    const std::uint8_t* const row = data + static_cast<std::size_t>(y) * stride;
+    for (int x = 0; x < width; ++x) levels_.push_back(row[x] != 0 ? 255 : 0);
   }
   view_ = ImageView(levels_.data(), width, height);
 }
