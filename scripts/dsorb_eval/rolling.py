@@ -2,6 +2,7 @@
 """Error of the trajectory against the readout of a rolling shutter, given to the program and not: rendered rooms and streets
 of one seed each, whole sequences of FRAMES images."""
 import argparse
+import importlib
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -12,6 +13,8 @@ import matplotlib
 
 matplotlib.use('Agg')
 import matplotlib.pyplot as plt  # noqa: E402
+import numpy as np  # noqa: E402
+from PIL import Image  # noqa: E402
 
 from . import metrics  # noqa: E402
 from . import trajectory as tr  # noqa: E402
@@ -43,16 +46,29 @@ def render(program, kind, readout, folder):
                         '--output', folder, '--quiet'], check=True)
 
 
-def error_of(run, program, out):
-    """Error of the trajectory over its length; None where there is none. @throws subprocess.CalledProcessError"""
+def trajectory_of(dsorb, data, initializer, readout):
+    """TUM rows of the frames that were tracked, each where its keyframe ended up."""
+    calibration = dsorb.Calibration.read(data / 'camera.txt')
+    calibration.set_readout(readout)
+    rectifier = dsorb.Rectifier(calibration)
+    odometry = dsorb.Odometry(rectifier, initializer, num_threads=1)
+    times, images = np.loadtxt(data / 'times.txt', usecols=1), sorted((data / 'images').iterdir())
+    tracked, T_world_keyframe = [], {}
+    for time, file in zip(times, images):
+        estimate = odometry.process(rectifier.rectify(np.asarray(Image.open(file))), time)
+        if estimate.state == 'lost':
+            break
+        T_world_keyframe.update((keyframe.id, keyframe.T_world_cam) for keyframe in estimate.keyframes)
+        if estimate.state == 'tracked':
+            tracked.append((time, estimate.keyframe, estimate.T_cam_keyframe))
+    T_world_keyframe.update((keyframe.id, keyframe.T_world_cam) for keyframe in odometry.finish().keyframes)
+    return np.array([tr.row_of(time, T_world_keyframe[keyframe] @ tr.inverse(pose)) for time, keyframe, pose in tracked])
+
+
+def error_of(dsorb, run, data):
+    """Error of the trajectory over its length; None where there is none."""
     initializer, given, *_ = VARIANTS[run.label]
-    data, folder = out / 'data' / run.sequence, out / 'runs' / run.label.replace(', ', '_').replace(' ', '_') / run.sequence
-    if not (folder / 'run.json').exists():
-        result = subprocess.run([program, data, '--initializer', initializer, f'--readout={run.readout if given else 0}', '--threads', '1',
-                                 '--output', folder, '--quiet'], check=False)
-        if result.returncode not in (0, 3):
-            raise subprocess.CalledProcessError(result.returncode, result.args)
-    rows = tr.load_tum(folder / 'trajectory.txt')
+    rows = trajectory_of(dsorb, data, initializer, run.readout if given else 0)
     found = metrics.trajectory_errors(rows, tr.GroundTruth(tr.load_tum(data / 'groundtruth.txt'))) if len(rows) else None
     return found and found['ate_over_path']
 
@@ -82,15 +98,17 @@ def draw(errors, path):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('out', type=Path, help='folder of what is made; what is there already is used again')
-    parser.add_argument('--bin', type=Path, default=ROOT / 'build' / 'bin', help='folder of the programs')
+    parser.add_argument('out', type=Path, help='folder of what is made; sequences that are there already are used again')
+    parser.add_argument('--build', type=Path, default=ROOT / 'build', help='folder of a build with DSORB_BUILD_PYTHON')
     parser.add_argument('--jobs', type=int, default=1, metavar='N', help='runs at a time')
     args = parser.parse_args()
+    sys.path.insert(0, str(args.build / 'python'))
+    dsorb = importlib.import_module('dsorb')
     runs = [Run(kind, readout, label) for kind in SEEDS for readout in READOUTS for label in VARIANTS]
     with ThreadPoolExecutor(args.jobs) as pool:
-        list(pool.map(lambda run: render(args.bin / 'dso_synthesize', run.kind, run.readout, args.out / 'data' / run.sequence),
+        list(pool.map(lambda run: render(args.build / 'bin' / 'dso_synthesize', run.kind, run.readout, args.out / run.sequence),
                       runs[::len(VARIANTS)]))
-        found = pool.map(lambda run: error_of(run, args.bin / 'dso_dataset', args.out), runs)
+        found = pool.map(lambda run: error_of(dsorb, run, args.out / run.sequence), runs)
         errors = {(run.kind, run.readout, run.label): error for run, error in zip(runs, found)}
     draw(errors, args.out / 'rolling_shutter.png')
     text = table(errors)

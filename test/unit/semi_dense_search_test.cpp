@@ -9,6 +9,7 @@
 
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <vector>
 
@@ -134,6 +135,25 @@ TEST(EpipolarSearch, SkipsGradientsAcrossTheLineAndPixelsThatLeaveTheImage) {
   const SearchFrame away{frame, poseOf(0, 3, 0, 0), Matrix6d::Zero(), {}};
   EXPECT_EQ(EpipolarSearch(frame, away, camera, options).search(prior, scratch).status,
             SearchStatus::kSkipped);
+}
+
+TEST(EpipolarSearch, SkipsPixelsWhoseRowHasNoTime) {
+  const PlaneScene scene(1);
+  const FramePtr frame = scene.render(SE3(), 0, 0);
+  RowTimes times;
+  times.readout.seconds = 0.03;
+  times.share[6] = std::numeric_limits<float>::max();  // as a polynomial far outside of the image
+  times.width = frame->width();
+  times.height = frame->height();
+  RowMotion motion;
+  motion.velocity[0] = 1;
+  SearchFrame right{frame, poseOf(0.1, 0, 0, 0), Matrix6d::Zero(), {}};
+  right.shutter = makeRollingShutter(times, motion);
+  const EpipolarSearch search(frame, right, scene.camera(), {});
+  EpipolarSearch::Scratch scratch;
+  for (float x = 20; x < 300; x += 7) {
+    EXPECT_NE(search.search({{x, 110}, 1.0F, 0.04F}, scratch).status, SearchStatus::kFound);
+  }
 }
 
 TEST(EpipolarSearch, RejectsRepeatedTexture) {

@@ -5,7 +5,6 @@
 
 #include "base/median.h"
 #include "init/orb/bundle/corner_refinement.h"
-#include "init/orb/bundle/frame_motions.h"
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/map/depth_lookup.h"
 #include "init/orb/photometric/outlier_filter.h"
@@ -14,7 +13,6 @@
 #include "init/orb/semi_dense/dynamic_regions.h"
 #include "init/orb/semi_dense/semi_dense_depth.h"
 #include "init/orb/start/essential_start.h"
-#include "init/orb/start/known_depth_start.h"
 #include "init/orb/start/readout_profile.h"
 #include "init/orb/thesis/two_view_start.h"
 #include "init/result.h"
@@ -118,16 +116,12 @@ Outcome<Reconstruction> reconstructAsGladkova(const ReferenceView& view,
 Attempt reconstruct(const ReferenceView& seen, const AttemptContext& context) {
   using Made = Reconstruction;
   const Readout calibrated = readoutOf(*seen.frames.front());
-  const bool few = seen.frames.size() < kMinFramesWithMotions && !knowsDepth(seen);
-  if (few && calibrated.seconds != 0) return {};
   ReferenceView view = withGlobalShutter(seen, calibrated);
   EssentialStart start = startFromEssential(view, context);
-  const bool worth_it = start.summary.tried && (start.made || !few);
-  if (calibrated.sigma > 0 && worth_it) {
+  if (calibrated.sigma > 0 && start.summary.tried) {  // this frame is worth it
     const Readout found =
         context.clock.time("readout", [&] { return profileReadout(seen, context); });
     if (found.seconds != calibrated.seconds) {
-      if (few) return {InitReason::kSettling, start.summary, start.motion};
       view = withGlobalShutter(seen, found);
       view.last = {};
       start = startFromEssential(view, context);

@@ -6,15 +6,9 @@
 #include "geometry/row_motion.h"
 #include "init/orb/map/initial_map.h"
 
-#include <cstddef>
 #include <vector>
 
 namespace dsorb::init_orb {
-
-/// Frames of a start whose rows move, at least: half of a motion is what the frames around show of
-/// it, and the first and the last have one neighbour. Chosen on rendered rooms and streets:
-/// docs/experiments.md, "Rolling shutter".
-constexpr std::size_t kMinFramesWithMotions = 8;
 
 /// Motion of every frame by the poses of the frames around it, those without a pose being posed
 /// from the corners.

@@ -285,6 +285,8 @@ SearchOutcome EpipolarSearch::search(const SemiDensePoint& prior, Scratch& scrat
   Patch patch = cutPatch(reference_, frame_.transfer, pixel, *line);
   const Eigen::Vector2f to_row = shiftToRow(line->origin(), prior.inverse_depth);
   patch.moveBy(to_row);
+  // The rows of places far outside of the image have any time, so that the shift may be infinite.
+  if (!(patch.extent < static_cast<float>(target_.width()))) return {};
   const Interval interval = clippedInterval(patch, prior, target_, max_half_length_);
   if (!(interval.end - interval.begin >= 2.0F)) {
     return {};

@@ -36,7 +36,9 @@ constexpr double kMinTrackNoise = 0.5;
 /// An attempt is left out where the last one from this reference, extrapolated by the growth of the
 /// parallax, misses the gate by more than this factor.
 constexpr double kRetryMargin = 1.5;
-constexpr int kMaxSkippedFrames = 1;  // but so many times in a row at most
+constexpr int kMaxSkippedFrames = 1;       // but so many times in a row at most
+constexpr std::size_t kGrownUpFrames = 8;  // of a start whose rows move; with fewer its direction
+constexpr double kYoungSigmaDeg = 0.5;     // has to be as sure as this
 /// A start is refined no further where its errors would have to shrink by this factor to pass.
 /// @source docs/experiments.md, "Refinement of corners"
 constexpr double kHopelessFactor = 1.5;
@@ -63,9 +65,21 @@ bool refusedUnless(double larger,
          !errorsPass(*last.gate, larger * rotation_residual / last.rotation_residual, gate);
 }
 
+/// Whether a start that passes should wait all the same: of a few frames the motion of their rows
+/// is mostly what the frames around let expect. docs/experiments.md, "Rolling shutter"
+bool isYoung(const ReferenceView& view, double direction_sigma_deg) {
+  return view.readout && view.readout->seconds != 0 && view.frames.size() < kGrownUpFrames &&
+         direction_sigma_deg > kYoungSigmaDeg;
+}
+
 /// Whether enough has changed since the last attempt from this reference: the predicted errors fall
 /// as the rotation-compensated flow grows.
-bool worthTheTime(const AttemptSummary& last, double rotation_residual, const GateOptions& gate) {
+bool worthTheTime(const ReferenceView& view, double rotation_residual, const GateOptions& gate) {
+  const AttemptSummary& last = view.last;
+  if (last.gate && last.reason == InitReason::kSettling) {
+    const double shrunk_by = rotation_residual / last.rotation_residual;
+    return !isYoung(view, last.gate->direction_sigma_deg / shrunk_by);
+  }
   return last.skipped >= kMaxSkippedFrames ||
          !refusedUnless(kRetryMargin, last, rotation_residual, gate);
 }
@@ -185,6 +199,10 @@ Judgement judge(const Reconstruction& made,
   const GateOptions& options = context.options.orb.gate;
   Judgement judged{judgeStart(made.map, context.camera, options, evidenceOf(made.report))};
   if (judged.gate.reason != InitReason::kDone || made.map.scaleKnown()) return judged;  // no rivals
+  if (isYoung(views.view, judged.gate.direction_sigma_deg)) {
+    judged.gate.reason = InitReason::kSettling;
+    return judged;
+  }
   const RivalMotion rival = findRival(*made.map.frames.back().T_cam_ref,
                                       views.matches,
                                       context.camera,
@@ -376,7 +394,7 @@ EssentialStart startFromEssential(const ReferenceView& view, const AttemptContex
   if (rotation.median_residual < kMinRotationResidual) {
     return refuse(InitReason::kTooLittleParallax);
   }
-  if (!worthTheTime(view.last, rotation.median_residual, context.options.orb.gate)) {
+  if (!worthTheTime(view, rotation.median_residual, context.options.orb.gate)) {
     summary = view.last;
     ++summary.skipped;
     return refuse(summary.reason);
