@@ -67,6 +67,23 @@ Playback playbackOf(const SequenceReader& reader, double speed) {
   return Playback(std::move(timestamps), speed);
 }
 
+void warn(const CommandLine& request, const std::vector<std::string>& warnings) {
+  for (const std::string& warning : warnings) {
+    if (!request.quiet) spdlog::warn("{}", warning);
+  }
+}
+
+/// What the camera does and the initializer does not model, one sentence each.
+std::vector<std::string> notModelled(const Config& config, const Lens& lens) {
+  const InitializerOptions& options = config.options.initializer;
+  const bool global_start =
+      options.kind == InitializerKind::kCoarse ||
+      (options.kind == InitializerKind::kOrb && options.orb.motion == MotionMethod::kGladkova);
+  if (!global_start || !lens.readout.isRolling()) return {};
+  return {fmt::format("{} starts as if all rows were read at once; orb models a rolling shutter",
+                      config.initializer)};
+}
+
 /// Feeds the selected frames at the wanted speed.
 class Feeder {
  public:
@@ -83,7 +100,7 @@ class Feeder {
 
   /// @return whether the user ended it
   bool run(const Interrupt& interrupt) {
-    warn(reader_.warnings());
+    warn(request_, reader_.warnings());
     while (!interrupt.requested()) {
       const Playback::Step step = playback_.next(secondsSince(begin_));
       if (step.wait > 0) {
@@ -107,15 +124,9 @@ class Feeder {
     return std::chrono::duration<double>(Clock::now() - begin).count();
   }
 
-  void warn(const std::vector<std::string>& warnings) const {
-    for (const std::string& warning : warnings) {
-      if (!request_.quiet) spdlog::warn("{}", warning);
-    }
-  }
-
   /// @return whether there is more to do
   bool process(const SequenceFrame& input) {
-    warn(input.warnings);
+    warn(request_, input.warnings);
     const Clock::time_point begin = Clock::now();
     const FrameEstimate estimate = odometry_.process(input.frame);
     const double milliseconds = secondsSince(begin) * 1e3;
@@ -213,6 +224,7 @@ RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
   const LateEnd late_end(interrupt, outputs, request);
   SequenceReader reader = openSequence(request, outputs);
   config = configFor(request, reader.brightness());
+  warn(request, notModelled(config, reader.lens()));
   std::optional<Odometry> odometry;
   RunResult result;
   try {

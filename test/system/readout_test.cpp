@@ -11,6 +11,7 @@
 #include <cmath>
 #include <filesystem>
 #include <string>
+#include <vector>
 
 namespace dsorb {
 namespace {
@@ -54,6 +55,31 @@ TEST(Readout, IsFoundFromTheImages) {
     EXPECT_LT(std::abs(found.milliseconds - truth), 3 * found.sigma) << truth;
     EXPECT_LT(found.sigma, 1.5) << truth;
   }
+}
+
+TEST(Readout, IsSaidNotToBeModelledByTheStartsThatDoNot) {
+  const TemporaryFolder folder;
+  const std::string room = (folder.path() / "room").string();
+  const std::vector<std::string> small{"--frames", "4", "--width", "160", "--height", "128"};
+  std::vector<std::string> render{DSORB_SYNTHESIZE, "room", "--output", room, "--quiet"};
+  render.insert(render.end(), small.begin(), small.end());
+  ASSERT_EQ(runProgram(render, folder.path()).exit_code, 0);
+  const auto says = [&](const std::string& initializer, const std::string& readout) {
+    const std::vector<std::string> run{DSORB_DATASET,
+                                       room,
+                                       "--output",
+                                       room + "-out",
+                                       "--initializer",
+                                       initializer,
+                                       "--readout",
+                                       readout};
+    return runProgram(run, folder.path()).err.find("as if all rows were read at once") !=
+           std::string::npos;
+  };
+  EXPECT_TRUE(says("coarse", "20"));
+  EXPECT_TRUE(says("coarse", "auto"));
+  EXPECT_FALSE(says("coarse", "0"));
+  EXPECT_FALSE(says("orb", "20"));
 }
 
 /// What a run without a word about the readout says of it.
