@@ -68,14 +68,6 @@ OptionField& findField(std::vector<OptionField>& fields, const ConfigAssignment&
                                 closestKey(assignment.key, fields)));
 }
 
-template <typename Number>
-bool parseNumber(const std::string& text, Number& value) {
-  const char* const begin = text.data() + (!text.empty() && text.front() == '+' ? 1 : 0);
-  const char* const end = text.data() + text.size();
-  const auto [stop, error] = std::from_chars(begin, end, value);
-  return error == std::errc() && stop == end;
-}
-
 bool parseValue(const std::string& text, bool* value) {
   if (text != "true" && text != "false") return false;
   *value = text == "true";
@@ -83,7 +75,10 @@ bool parseValue(const std::string& text, bool* value) {
 }
 template <typename Number>
 bool parseValue(const std::string& text, Number* value) {
-  return parseNumber(text, *value);
+  const char* const begin = text.data() + (!text.empty() && text.front() == '+' ? 1 : 0);
+  const char* const end = text.data() + text.size();
+  const auto [stop, error] = std::from_chars(begin, end, *value);
+  return error == std::errc() && stop == end;
 }
 bool parseValue(const std::string& text, Choice& choice) {
   const auto found = std::find(choice.names.begin(), choice.names.end(), text);

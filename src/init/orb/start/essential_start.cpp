@@ -68,8 +68,7 @@ bool refusedUnless(double larger,
 /// Whether a start that passes should wait all the same: of a few frames the motion of their rows
 /// is mostly what the frames around let expect. docs/experiments.md, "Rolling shutter"
 bool isYoung(const ReferenceView& view, double direction_sigma_deg) {
-  return view.readout && view.readout->seconds != 0 && view.frames.size() < kGrownUpFrames &&
-         direction_sigma_deg > kYoungSigmaDeg;
+  return view.frames.size() < kGrownUpFrames && direction_sigma_deg > kYoungSigmaDeg;
 }
 
 /// Whether enough has changed since the last attempt from this reference: the predicted errors fall
@@ -199,7 +198,8 @@ Judgement judge(const Reconstruction& made,
   const GateOptions& options = context.options.orb.gate;
   Judgement judged{judgeStart(made.map, context.camera, options, evidenceOf(made.report))};
   if (judged.gate.reason != InitReason::kDone || made.map.scaleKnown()) return judged;  // no rivals
-  if (isYoung(views.view, judged.gate.direction_sigma_deg)) {
+  const bool rows_move = views.view.readout && views.view.readout->seconds != 0;
+  if (rows_move && isYoung(views.view, judged.gate.direction_sigma_deg)) {
     judged.gate.reason = InitReason::kSettling;
     return judged;
   }
