@@ -150,7 +150,7 @@ class SparseQrReferee {
       costs_.emplace_back(camera, ray, o.pixel, o.whitening);
       double* pose = poses_[o.frame].data();
       problem_.AddResidualBlock(&costs_.back(), nullptr, pose, depths[corner]);
-      problem_.SetManifold(pose, &manifold_);
+      setManifold(problem_, pose, manifold_);
     }
     problem_.AddResidualBlock(&gauge_, nullptr, depths);
     ceres::Covariance::Options options;
@@ -181,7 +181,7 @@ class SparseQrReferee {
   static ceres::Problem::Options borrowing() {
     ceres::Problem::Options options;
     options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-    options.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    borrowManifolds(options);
     return options;
   }
 

@@ -43,7 +43,7 @@ std::optional<int> solveWithCeres(InitialMap& map,
         &costs.back(), loss.get(), pose, &unknowns.inverse_depth[observation.corner]);
   }
   for (PoseBlock& pose : unknowns.poses) {
-    if (problem.HasParameterBlock(pose.data())) problem.SetManifold(pose.data(), &manifold);
+    if (problem.HasParameterBlock(pose.data())) setManifold(problem, pose.data(), manifold);
   }
   const auto summary =
       solveBySchur(problem, unknowns, options.max_iterations, options.function_tolerance);

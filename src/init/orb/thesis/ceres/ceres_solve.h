@@ -25,7 +25,7 @@ inline ceres::Problem::Options problemOptions() {
   ceres::Problem::Options options;
   options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  options.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  borrowManifolds(options);
   return options;
 }
 

@@ -40,7 +40,7 @@ std::optional<PhotometricSolve> solvePhotometricWithCeres(const PhotometricProbl
       blocks.push_back(&unknowns.inverse_depth[i]);
       adjustment.AddResidualBlock(&costs.back(), nullptr, blocks);
     }
-    if (adjustment.HasParameterBlock(pose)) adjustment.SetManifold(pose, &manifold);
+    if (adjustment.HasParameterBlock(pose)) setManifold(adjustment, pose, manifold);
   }
   const auto summary =
       solveBySchur(adjustment, unknowns, options.max_iterations, options.function_tolerance);

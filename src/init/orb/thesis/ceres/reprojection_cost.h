@@ -4,7 +4,8 @@
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/geometry/se3.h"
 
-#include <ceres/manifold.h>
+#include "init/orb/thesis/ceres/manifold.h"
+
 #include <ceres/sized_cost_function.h>
 
 #include <array>
@@ -20,7 +21,7 @@ using PoseBlock = std::array<double, 7>;
 /// Poses with the increment exp([translation; rotation]) from the left.
 /// @source Jacobians derived from dq = (omega / 2, 0) q and dt = upsilon + omega x t; checked
 ///         numerically in geometric_adjustment_test
-class PoseManifold final : public ceres::Manifold {
+class PoseManifold final : public CeresManifold {
  public:
   [[nodiscard]] int AmbientSize() const override { return 7; }
   [[nodiscard]] int TangentSize() const override { return 6; }
