@@ -179,17 +179,8 @@ void bindKeyframe(nb::module_& m) {
   bindPoints(type);
 }
 
-void bindEstimate(nb::module_& m) {
-  nb::class_<Estimate>(m, "Estimate", "Of one frame, after it was processed.")
-      .def_ro("id", &Estimate::id)
-      .def_ro("timestamp", &Estimate::timestamp)
-      .def_prop_ro(
-          "state",
-          [](const Estimate& e) { return name(e.frame.state); },
-          "initializing, initialized, tracked or lost.")
-      .def_prop_ro("segment", [](const Estimate& e) { return e.frame.segment; })
-      .def_prop_ro("is_keyframe", [](const Estimate& e) { return e.frame.is_keyframe; })
-      .def_prop_ro(
+void bindPose(nb::class_<Estimate>& type) {
+  type.def_prop_ro(
           "T_world_cam",
           [](const Estimate& e) { return matrixOf(e.frame.T_world_cam); },
           nb::rv_policy::automatic,
@@ -217,7 +208,21 @@ void bindEstimate(nb::module_& m) {
           [](const Estimate& e) { return covarianceOf(e.frame.world_covariance); },
           nb::rv_policy::automatic,
           "(6, 6): of a left increment of T_cam_world as tracked, in the gauge in which the "
-          "window's keyframes taken together are not moved, turned or scaled; None: there is none.")
+          "window's keyframes taken together are not moved, turned or scaled; None: there is "
+          "none.");
+}
+
+void bindEstimate(nb::module_& m) {
+  nb::class_<Estimate> type(m, "Estimate", "Of one frame, after it was processed.");
+  bindPose(type);
+  type.def_ro("id", &Estimate::id)
+      .def_ro("timestamp", &Estimate::timestamp)
+      .def_prop_ro(
+          "state",
+          [](const Estimate& e) { return name(e.frame.state); },
+          "initializing, initialized, tracked or lost.")
+      .def_prop_ro("segment", [](const Estimate& e) { return e.frame.segment; })
+      .def_prop_ro("is_keyframe", [](const Estimate& e) { return e.frame.is_keyframe; })
       .def_prop_ro(
           "brightness",
           [](const Estimate& e) { return std::make_pair(e.frame.affine.a, e.frame.affine.b); },

@@ -40,7 +40,7 @@ DSORB_ALWAYS_INLINE void accumulateVelocities(const ResidualGeometry& g,
                                               const float* x,
                                               const float* y,
                                               VelocitySums& sums) {
-  static_assert(kPoseLanes == kLanes && kRowLanes == 2 * kLanes);
+  static_assert(kPoseLanes == kLanes && kRowLanes - kPoseLanes == kLanes);
   Lanes pose_x;
   Lanes pose_y;
   Lanes rest_x;
