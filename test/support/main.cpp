@@ -8,6 +8,11 @@
 #include <string>
 #include <string_view>
 
+#ifndef GTEST_FLAG_GET  // GoogleTest before 1.12
+#define GTEST_FLAG_GET(name) testing::GTEST_FLAG(name)
+#define GTEST_FLAG_SET(name, value) (testing::GTEST_FLAG(name) = (value))
+#endif
+
 namespace {
 
 /// Takes the tests of all other files out of GoogleTest's filter; false where the file has no test.
