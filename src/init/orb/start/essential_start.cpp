@@ -75,10 +75,8 @@ bool isYoung(const ReferenceView& view, double direction_sigma_deg) {
 /// as the rotation-compensated flow grows.
 bool worthTheTime(const ReferenceView& view, double rotation_residual, const GateOptions& gate) {
   const AttemptSummary& last = view.last;
-  if (last.gate && last.reason == InitReason::kSettling) {
-    const double shrunk_by = rotation_residual / last.rotation_residual;
-    return !isYoung(view, last.gate->direction_sigma_deg / shrunk_by);
-  }
+  const bool was_young = last.gate && last.reason == InitReason::kSettling;
+  if (was_young) return view.frames.size() >= kGrownUpFrames;
   return last.skipped >= kMaxSkippedFrames ||
          !refusedUnless(kRetryMargin, last, rotation_residual, gate);
 }
