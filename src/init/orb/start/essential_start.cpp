@@ -12,6 +12,7 @@
 #include "init/orb/start/motion_candidates.h"
 #include "init/orb/start/motion_contest.h"
 #include "init/orb/start/readout_score.h"
+#include "init/orb/start/retry_rule.h"
 #include "init/orb/start/rival_motions.h"
 #include "init/orb/start/start_gate.h"
 #include "init/orb/two_view/essential_motion.h"
@@ -20,7 +21,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstddef>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -33,12 +33,6 @@ constexpr double kMinRotationResidual = 0.5;  // rotation-compensated flow; less
 /// Least noise of the tracks in the competition of models [px]. With the measured 0.1 px a rotation
 /// never wins on real images: docs/experiments.md, "What did not help".
 constexpr double kMinTrackNoise = 0.5;
-/// An attempt is left out where the last one from this reference, extrapolated by the growth of the
-/// parallax, misses the gate by more than this factor.
-constexpr double kRetryMargin = 1.5;
-constexpr int kMaxSkippedFrames = 1;       // but so many times in a row at most
-constexpr std::size_t kGrownUpFrames = 8;  // of a start whose rows move; with fewer its direction
-constexpr double kYoungSigmaDeg = 0.5;     // has to be as sure as this
 /// A start is refined no further where its errors would have to shrink by this factor to pass.
 /// @source docs/experiments.md, "Refinement of corners"
 constexpr double kHopelessFactor = 1.5;
@@ -54,32 +48,6 @@ constexpr double kMinMisfit = 0.05;
 constexpr double kMaxInflation = 2;
 constexpr int kNoiseRounds =
     3;  // of measuring the noise; docs/experiments.md, "Noise of the tracks"
-
-/// Whether the last attempt from this reference, extrapolated by the growth of the parallax, tells
-/// that the next one is refused unless the parallax is this much larger still.
-bool refusedUnless(double larger,
-                   const AttemptSummary& last,
-                   double rotation_residual,
-                   const GateOptions& gate) {
-  return last.gate &&
-         !errorsPass(*last.gate, larger * rotation_residual / last.rotation_residual, gate);
-}
-
-/// Whether a start that passes should wait all the same: of a few frames the motion of their rows
-/// is mostly what the frames around let expect. docs/experiments.md, "Rolling shutter"
-bool isYoung(const ReferenceView& view, double direction_sigma_deg) {
-  return view.frames.size() < kGrownUpFrames && direction_sigma_deg > kYoungSigmaDeg;
-}
-
-/// Whether enough has changed since the last attempt from this reference: the predicted errors fall
-/// as the rotation-compensated flow grows.
-bool worthTheTime(const ReferenceView& view, double rotation_residual, const GateOptions& gate) {
-  const AttemptSummary& last = view.last;
-  const bool was_young = last.gate && last.reason == InitReason::kSettling;
-  if (was_young) return view.frames.size() >= kGrownUpFrames;
-  return last.skipped >= kMaxSkippedFrames ||
-         !refusedUnless(kRetryMargin, last, rotation_residual, gate);
-}
 
 /// The essential matrix's motion, unless a rotation explains the matches better.
 Outcome<SelectedMotion> selectMotion(const Matches& matches,
