@@ -16,7 +16,7 @@ function(dsorb_add_tests program label)
   set(CMAKE_POSITION_INDEPENDENT_CODE OFF) # or a library's precompiled headers were none for a program
   if(NOT TARGET dsorb_test_main)
     add_library(dsorb_test_main STATIC ${PROJECT_SOURCE_DIR}/test/support/main.cpp)
-    target_link_libraries(dsorb_test_main PUBLIC GTest::gmock GTest::gtest PRIVATE Eigen3::Eigen TBB::tbb)
+    target_link_libraries(dsorb_test_main PUBLIC GTest::gmock GTest::gtest TBB::tbb PRIVATE Eigen3::Eigen)
     dsorb_test_options(dsorb_test_main)
   endif()
   if(NOT TARGET ${label}_tests)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # dsorb_precompile(TARGET FIRST HEADERS...): TARGET gets the precompiled headers that the target FIRST owns; FIRST makes
 # them from HEADERS. Only headers of others are precompiled. A source still includes what it uses: lint.sh compiles
-# without them. CMAKE_DISABLE_PRECOMPILE_HEADERS=ON turns them off.
+# without them. CMAKE_DISABLE_PRECOMPILE_HEADERS=ON turns them off. Every TARGET links Eigen3::Eigen and TBB::tbb: their
+# definitions (TBB_USE_DEBUG) are part of what is precompiled.
 set(dsorb_library_headers
   <algorithm> <array> <charconv> <cmath> <cstdint> <cstring> <deque> <filesystem> <functional> <map> <memory> <mutex>
   <numeric> <optional> <stdexcept> <string> <string_view> <thread> <utility> <variant> <vector>
