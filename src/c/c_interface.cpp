@@ -1,28 +1,27 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "dsorb/c/dsorb.h"
 #include "dsorb/error.h"
-#include "dsorb/image/frame_priors.h"
 #include "dsorb/odometry/odometry.h"
+
+#include "c/conversions.h"
 
 #include <algorithm>
 #include <cstdint>
 #include <cstring>
-#include <iterator>
-#include <limits>
 #include <memory>
 #include <optional>
 #include <stdexcept>
 #include <string>
-#include <utility>
 #include <vector>
 
 // NOLINTBEGIN(readability-identifier-naming,readability-function-size): the C interface.
 struct dsorb_initializer {
-  dsorb::PinholeCamera camera;
+  dsorb::c::ImageSource source;
   std::unique_ptr<dsorb::Initializer> initializer;
   std::vector<dsorb_frame> frames;
   std::vector<dsorb_point> points;
   std::optional<dsorb::MetricScale> metric;
+  double wrong_probability = 1;
 };
 
 namespace {
@@ -55,7 +54,7 @@ class NewestPoints : public dsorb::OdometryObserver {
 }  // namespace
 
 struct dsorb_odometry {
-  dsorb::PinholeCamera camera;
+  dsorb::c::ImageSource source;
   NewestPoints newest;
   std::optional<dsorb::Odometry> odometry;
 };
@@ -93,98 +92,11 @@ dsorb_status guarded(char* error, size_t error_size, Call call) noexcept {
   }
 }
 
-template <typename Pointer>
-void require(Pointer pointer, const char* name) {
-  if (pointer == nullptr) throw std::invalid_argument(std::string(name) + " is NULL");
-}
-
-dsorb::PinholeCamera cameraOf(const dsorb_camera* camera) {
-  require(camera, "camera");
-  return {camera->fx, camera->fy, camera->cx, camera->cy, camera->width, camera->height};
-}
-
 dsorb::InitializerOptions optionsOf(const char* name, int32_t threads) {
-  require(name, "name");
+  dsorb::c::require(name, "name");
   dsorb::InitializerOptions options = dsorb::initializerVariant(name);
   options.num_threads = threads;
   return options;
-}
-
-using RowMajor6 = Eigen::Matrix<double, 6, 6, Eigen::RowMajor>;
-using RowMajor34 = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
-
-dsorb::PosePrior poseOf(const dsorb_priors& known) {
-  const Eigen::Matrix<double, 3, 4> matrix = Eigen::Map<const RowMajor34>(known.cam_from_since);
-  const Eigen::Matrix<double, 6, 6> covariance =
-      Eigen::Map<const RowMajor6>(known.motion_covariance);
-  const Eigen::Matrix3d of_rotation = covariance.bottomRightCorner<3, 3>();
-  const dsorb::FrameId since{known.motion_since};
-  dsorb::PosePrior rotation = dsorb::rotationSince(since, matrix.leftCols<3>(), of_rotation);
-  if (known.motion != DSORB_POSE) return rotation;
-  return dsorb::poseSince(
-      since, {rotation.T_frame_since.rotationMatrix(), matrix.col(3)}, covariance);
-}
-
-std::shared_ptr<const dsorb::FramePriors> priorsOf(const dsorb_priors* known,
-                                                   const dsorb::PinholeCamera& camera) {
-  if (known == nullptr) return nullptr;
-  auto priors = std::make_shared<dsorb::FramePriors>();
-  if (known->depths != nullptr) {
-    priors->depth = dsorb::denseDepth({known->depths, camera.width, camera.height},
-                                      known->depth_sigma,
-                                      known->depth_relative_sigma);
-  } else if (known->samples != nullptr) {
-    std::vector<dsorb::DepthAtPixel> samples;
-    for (std::size_t i = 0; i < known->sample_count; ++i) {
-      const dsorb_depth& one = known->samples[i];
-      samples.push_back({one.x, one.y, one.depth, one.sigma});
-    }
-    priors->depth = dsorb::sparseDepth(camera.width, camera.height, samples);
-  }
-  if (priors->depth) priors->depth->metric = known->depth_scale_unknown == 0;
-  if (known->motion != DSORB_NO_MOTION) priors->pose = poseOf(*known);
-  if (known->has_distance != 0) {
-    priors->distance = dsorb::DistancePrior{
-        dsorb::FrameId{known->distance_since}, known->distance, known->distance_sigma};
-  }
-  return priors;
-}
-
-/// The image with NaN where the mask is 0.
-std::vector<float> maskedPixels(const dsorb::ImageView& image, const dsorb::ImageView& mask) {
-  std::vector<float> pixels;
-  for (int y = 0; y < image.height(); ++y) {
-    const auto* row = image.row<std::uint8_t>(y);
-    std::transform(row,
-                   row + image.width(),
-                   mask.row<std::uint8_t>(y),
-                   std::back_inserter(pixels),
-                   [](std::uint8_t grey, std::uint8_t valid) {
-                     return valid != 0 ? static_cast<float>(grey)
-                                       : std::numeric_limits<float>::quiet_NaN();
-                   });
-  }
-  return pixels;
-}
-
-dsorb::FramePtr frameOf(const dsorb_image* image, const dsorb::PinholeCamera& camera) {
-  require(image, "image");
-  require(image->data, "the image's data");
-  const dsorb::ImageView view(image->data, camera.width, camera.height, image->stride);
-  const double exposure = image->exposure > 0 ? image->exposure : 1;
-  dsorb::FrameInfo info{dsorb::FrameId{image->id}, image->timestamp, exposure};
-  info.priors = priorsOf(image->priors, camera);
-  if (image->mask == nullptr) return dsorb::Frame::create(view, info);
-  const dsorb::ImageView mask(image->mask, camera.width, camera.height, image->mask_stride);
-  const std::vector<float> pixels = maskedPixels(view, mask);
-  return dsorb::Frame::create({pixels.data(), camera.width, camera.height}, info);
-}
-
-void writePose(const dsorb::SE3& pose, double (&out)[12]) {
-  const Eigen::Matrix4d matrix = pose.matrix();
-  for (int row = 0; row < 3; ++row) {
-    for (int column = 0; column < 4; ++column) out[4 * row + column] = matrix(row, column);
-  }
 }
 
 template <typename T>
@@ -195,58 +107,13 @@ size_t copyOut(const std::vector<T>& from, T* out, size_t capacity) {
 
 void keep(const dsorb::InitializationResult& result, dsorb_initializer& handle) {
   handle.metric = result.metric;
+  handle.wrong_probability = result.report.wrong_probability.value_or(1);
   for (const dsorb::PosedFrame& posed : result.frames) {
-    dsorb_frame frame{};
-    frame.id = posed.frame->id().value;
-    frame.timestamp = posed.frame->timestamp();
-    if (posed.T_cam_ref) {
-      frame.posed = 1;
-      writePose(*posed.T_cam_ref, frame.cam_from_ref);
-      frame.a = posed.affine.a;
-      frame.b = posed.affine.b;
-    }
-    handle.frames.push_back(frame);
+    handle.frames.push_back(dsorb::c::frameOfStart(posed));
   }
   for (const dsorb::InitPoint& p : result.points) {
     handle.points.push_back({p.host, p.pixel.x(), p.pixel.y(), p.inverse_depth, p.variance});
   }
-}
-
-dsorb_state stateOf(dsorb::OdometryState state) {
-  switch (state) {
-    case dsorb::OdometryState::kInitialized:
-      return DSORB_INITIALIZED;
-    case dsorb::OdometryState::kTracked:
-      return DSORB_TRACKED;
-    case dsorb::OdometryState::kLost:
-      return DSORB_LOST;
-    case dsorb::OdometryState::kInitializing:
-      break;
-  }
-  return DSORB_INITIALIZING;
-}
-
-dsorb_estimate estimateOf(const dsorb::FrameEstimate& made) {
-  dsorb_estimate estimate{};
-  estimate.state = stateOf(made.state);
-  estimate.is_keyframe = made.is_keyframe ? 1 : 0;
-  estimate.segment = made.segment;
-  estimate.keyframe = made.keyframe ? made.keyframe->value : -1;
-  if (made.T_world_cam) {
-    estimate.has_pose = 1;
-    writePose(*made.T_world_cam, estimate.world_from_cam);
-  }
-  if (made.T_cam_keyframe) writePose(*made.T_cam_keyframe, estimate.cam_from_keyframe);
-  if (made.covariance) {
-    estimate.has_covariance = 1;
-    std::copy_n(made.covariance->data(), made.covariance->size(), estimate.covariance);
-  }
-  if (made.world_covariance) {
-    estimate.has_world_covariance = 1;
-    std::copy_n(
-        made.world_covariance->data(), made.world_covariance->size(), estimate.world_covariance);
-  }
-  return estimate;
 }
 
 }  // namespace
@@ -262,11 +129,11 @@ dsorb_status dsorb_initializer_create(const char* name,
                                       char* error,
                                       size_t error_size) {
   return guarded(error, error_size, [&] {
-    require(out, "out");
+    dsorb::c::require(out, "out");
     *out = nullptr;
     auto handle = std::make_unique<dsorb_initializer>();
-    handle->camera = cameraOf(camera);
-    handle->initializer = dsorb::makeInitializer(optionsOf(name, threads), handle->camera);
+    handle->source = dsorb::c::sourceOf(camera);
+    handle->initializer = dsorb::makeInitializer(optionsOf(name, threads), handle->source.camera);
     *out = handle.release();
   });
 }
@@ -277,10 +144,11 @@ dsorb_status dsorb_initializer_add(dsorb_initializer* initializer,
                                    char* error,
                                    size_t error_size) {
   return guarded(error, error_size, [&] {
-    require(initializer, "initializer");
-    require(state, "state");
+    dsorb::c::require(initializer, "initializer");
+    dsorb::c::require(state, "state");
     const dsorb::InitStep step =
-        initializer->initializer->addFrame(frameOf(image, initializer->camera));
+        initializer->initializer->addFrame(dsorb::c::frameOf(image, initializer->source));
+    initializer->wrong_probability = step.motion ? step.motion->wrong_probability : 1;
     if (step.result) keep(*step.result, *initializer);
     *state = step.result ? DSORB_INITIALIZED : DSORB_INITIALIZING;
   });
@@ -307,15 +175,20 @@ int32_t dsorb_initializer_metric(const dsorb_initializer* initializer,
   return 1;
 }
 
+double dsorb_initializer_wrong_probability(const dsorb_initializer* initializer) {
+  return initializer == nullptr ? 1 : initializer->wrong_probability;
+}
+
 dsorb_status dsorb_initializer_reset(dsorb_initializer* initializer,
                                      char* error,
                                      size_t error_size) {
   return guarded(error, error_size, [&] {
-    require(initializer, "initializer");
+    dsorb::c::require(initializer, "initializer");
     initializer->initializer->reset();
     initializer->frames.clear();
     initializer->points.clear();
     initializer->metric.reset();
+    initializer->wrong_probability = 1;
   });
 }
 
@@ -330,14 +203,14 @@ dsorb_status dsorb_odometry_create(const char* name,
                                    char* error,
                                    size_t error_size) {
   return guarded(error, error_size, [&] {
-    require(out, "out");
+    dsorb::c::require(out, "out");
     *out = nullptr;
     auto handle = std::make_unique<dsorb_odometry>();
-    handle->camera = cameraOf(camera);
+    handle->source = dsorb::c::sourceOf(camera);
     dsorb::OdometryOptions options;
     options.initializer = optionsOf(name, threads);
     options.num_threads = threads;
-    handle->odometry.emplace(handle->camera, options);
+    handle->odometry.emplace(handle->source.camera, options);
     handle->odometry->addObserver(&handle->newest);
     *out = handle.release();
   });
@@ -349,10 +222,11 @@ dsorb_status dsorb_odometry_add(dsorb_odometry* odometry,
                                 char* error,
                                 size_t error_size) {
   return guarded(error, error_size, [&] {
-    require(odometry, "odometry");
-    require(estimate, "estimate");
-    const dsorb::FrameEstimate made = odometry->odometry->process(frameOf(image, odometry->camera));
-    *estimate = estimateOf(made);
+    dsorb::c::require(odometry, "odometry");
+    dsorb::c::require(estimate, "estimate");
+    const dsorb::FrameEstimate made =
+        odometry->odometry->process(dsorb::c::frameOf(image, odometry->source));
+    *estimate = dsorb::c::estimateOf(made);
     estimate->is_metric = made.T_world_cam && odometry->newest.is_metric ? 1 : 0;
   });
 }
@@ -363,7 +237,7 @@ size_t dsorb_odometry_points(const dsorb_odometry* odometry, dsorb_point* out, s
 
 dsorb_status dsorb_odometry_restart(dsorb_odometry* odometry, char* error, size_t error_size) {
   return guarded(error, error_size, [&] {
-    require(odometry, "odometry");
+    dsorb::c::require(odometry, "odometry");
     odometry->odometry->restart();
   });
 }

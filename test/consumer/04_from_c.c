@@ -33,10 +33,11 @@ static double noise(double u, double v) {
          sb * ((1 - sa) * value(i, j + 1) + sa * value(i + 1, j + 1));
 }
 
-/* A corridor seen by a camera that moves to the right. */
-static void render(int index, uint8_t* image) {
-  const double moved = 0.04 * index;
+/* A corridor seen by a camera that moves to the right; `readout` is the share of the time between two images that the
+   rows take. */
+static void render(int index, double readout, uint8_t* image) {
   for (int row = 0; row < kHeight; ++row) {
+    const double moved = 0.04 * (index + readout * ((double)row / (kHeight - 1) - 0.5));
     for (int column = 0; column < kWidth; ++column) {
       const double x = (column - kWidth / 2) / kFocal, y = (row - kHeight / 2) / kFocal;
       const double wall = 6, floor_depth = y > 1e-6 ? 1.2 / y : 1e9;
@@ -50,7 +51,7 @@ static void render(int index, uint8_t* image) {
 
 static dsorb_image imageOf(int index, uint8_t* pixels) {
   const dsorb_image image = {pixels, 0, index, index / 30.0, 0, NULL, NULL, 0};
-  render(index, pixels);
+  render(index, 0, pixels);
   return image;
 }
 
@@ -186,6 +187,38 @@ static int checkPriors(const dsorb_camera* camera, uint8_t* pixels) {
   return 0;
 }
 
+/* Rows that are read one after the other: with the readout given, and wrong ones are answered. */
+static int checkReadout(const dsorb_camera* global, uint8_t* pixels) {
+  char error[kErrorSize] = "";
+  dsorb_initializer* initializer[2] = {NULL, NULL};
+  double sideways[2];
+  dsorb_camera rolling = *global;
+  rolling.readout_ms = NAN;
+  CHECK(dsorb_initializer_create("orb", &rolling, 1, initializer, error, sizeof error) == DSORB_BAD_ARGUMENT);
+  CHECK(strstr(error, "readout_ms") != NULL);
+  rolling.readout_ms = 30;
+  for (int k = 0; k < 2; ++k) {
+    const dsorb_camera* camera = k == 0 ? global : &rolling;
+    dsorb_state state = DSORB_INITIALIZING;
+    CHECK(dsorb_initializer_create("orb", camera, 1, &initializer[k], error, sizeof error) == DSORB_OK);
+    CHECK(dsorb_initializer_wrong_probability(initializer[k]) == 1);
+    for (int i = 0; i < kFrames && state != DSORB_INITIALIZED; ++i) {
+      dsorb_image image = imageOf(i, pixels);
+      render(i, 30 * 1e-3 * rolling.readout_ms, pixels);
+      CHECK(dsorb_initializer_add(initializer[k], &image, &state, error, sizeof error) == DSORB_OK);
+    }
+    CHECK(state == DSORB_INITIALIZED && dsorb_initializer_wrong_probability(initializer[k]) < 0.011);
+    dsorb_frame frame[kFrames];
+    const size_t frames = dsorb_initializer_frames(initializer[k], frame, kFrames);
+    CHECK(frame[frames - 1].has_covariance && frame[frames - 1].covariance[0] > 0);
+    const double* t = frame[frames - 1].cam_from_ref;
+    sideways[k] = (fabs(t[7]) + fabs(t[11])) / fabs(t[3]);
+    dsorb_initializer_destroy(initializer[k]);
+  }
+  CHECK(sideways[1] < 0.5 * sideways[0]); /* .0030 of the way against .0113 */
+  return 0;
+}
+
 /* What the mask hides, here one half of the image with other contents every time, is used by nothing. */
 static int checkMask(const dsorb_camera* camera, uint8_t* pixels) {
   char error[kErrorSize] = "";
@@ -230,10 +263,11 @@ static int checkMask(const dsorb_camera* camera, uint8_t* pixels) {
 }
 
 int main(void) {
-  const dsorb_camera camera = {kFocal, kFocal, kWidth / 2, kHeight / 2, kWidth, kHeight};
+  const dsorb_camera camera = {kFocal, kFocal, kWidth / 2, kHeight / 2, kWidth, kHeight, 0, 0, 0};
   uint8_t* pixels = malloc((size_t)kWidth * kHeight);
   const int failed = pixels == NULL || checkErrors(&camera) || checkInitializer(&camera, pixels) ||
-                     checkOdometry(&camera, pixels) || checkPriors(&camera, pixels) || checkMask(&camera, pixels);
+                     checkOdometry(&camera, pixels) || checkPriors(&camera, pixels) || checkReadout(&camera, pixels) ||
+                     checkMask(&camera, pixels);
   free(pixels);
   return failed;
 }

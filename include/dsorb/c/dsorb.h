@@ -40,14 +40,17 @@ typedef enum dsorb_state {
   DSORB_LOST = 3          /**< the next frame needs dsorb_odometry_restart (odometry only) */
 } dsorb_state;
 
-/** Rectified pinhole camera [px]. */
+/** Rectified pinhole camera [px]. Members of the readout that are zero: a global shutter. */
 typedef struct dsorb_camera {
-  double fx;      /**< focal length */
-  double fy;      /**< focal length */
-  double cx;      /**< principal point */
-  double cy;      /**< principal point */
-  int32_t width;  /**< of the images */
-  int32_t height; /**< of the images */
+  double fx;               /**< focal length */
+  double fy;               /**< focal length */
+  double cx;               /**< principal point */
+  double cy;               /**< principal point */
+  int32_t width;           /**< of the images */
+  int32_t height;          /**< of the images */
+  int32_t columns;         /**< 1: columns are read one after the other instead of rows */
+  double readout_ms;       /**< first to last row of the image; below 0: the last comes first */
+  double readout_sigma_ms; /**< above 0: the odometry estimates the readout */
 } dsorb_camera;
 
 /** Depth at a point of the image. */
@@ -104,6 +107,8 @@ typedef struct dsorb_frame {
   double cam_from_ref[12]; /**< 3 x 4, row after row */
   double a;                /**< brightness: log gain, relative to the reference */
   double b;                /**< brightness: offset [grey levels], relative to the reference */
+  int32_t has_covariance;  /**< 0: covariance is not set */
+  double covariance[36];   /**< 6 x 6, of a left increment [translation; rotation] */
 } dsorb_frame;
 
 /** A point that was found in its host. */
@@ -192,6 +197,13 @@ size_t dsorb_initializer_points(const dsorb_initializer* initializer,
 int32_t dsorb_initializer_metric(const dsorb_initializer* initializer,
                                  double* metres,
                                  double* relative_sigma);
+
+/**
+ * Probability that the direction of translation is off by more than 10 degrees: of the start, or of
+ * the surest motion so far while `orb` waits.
+ * @return 1 where none is known
+ */
+double dsorb_initializer_wrong_probability(const dsorb_initializer* initializer);
 
 /** Makes the object equal to a fresh one. */
 dsorb_status dsorb_initializer_reset(dsorb_initializer* initializer,
