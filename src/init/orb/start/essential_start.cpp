@@ -21,6 +21,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -87,16 +88,28 @@ std::optional<double> completeMap(InitialMap& map,
   return setCovariances(map, context.camera, adjusted);
 }
 
-/// Whether a start whose refinement has begun misses the gate by so much that the rest of the
-/// refinement would be in vain.
-bool missesByFar(InitialMap map, const GeometricOptions& adjusted, const AttemptContext& context) {
+/// What two views tell of a start.
+struct TwoViews {
+  const ReferenceView& view;
+  const Matches& matches;
+  const RotationFit& rotation;
+  const SelectedMotion& selected;
+};
+
+/// Whether a start whose refinement has begun misses by so much that the rest of the refinement
+/// would be in vain: the gate, or, where rows move, what is asked of a young start.
+bool missesByFar(InitialMap map,
+                 const GeometricOptions& adjusted,
+                 const ReferenceView& view,
+                 const AttemptContext& context) {
   const auto factor = completeMap(map, adjusted, context);
   if (!factor || !std::isfinite(*factor)) return false;
   StartEvidence evidence;
   evidence.misfit = misfitOf(medianError(map, context.camera));
   const GateOptions& options = context.options.orb.gate;
   const GateReport gate = judgeStart(map, context.camera, options, evidence);
-  return !errorsPass(gate, kHopelessFactor, options);
+  return !errorsPass(gate, kHopelessFactor, options) ||
+         isYoung(view, gate.direction_sigma_deg / kHopelessFactor);
 }
 
 /// Measures the noise, refines the corners, drops those behind the camera, sets scale and
@@ -104,6 +117,7 @@ bool missesByFar(InitialMap map, const GeometricOptions& adjusted, const Attempt
 /// @param doubtful the start is likely to be refused: the refinement ends early where it is
 /// hopeless
 Outcome<Reconstruction> refineStart(Reconstruction made,
+                                    const ReferenceView& view,
                                     bool doubtful,
                                     const AttemptContext& context) {
   InitialMap& map = made.map;
@@ -117,7 +131,7 @@ Outcome<Reconstruction> refineStart(Reconstruction made,
   const GeometricOptions refined = refinedAdjustment(adjusted);
   found.refinement = context.clock.time("polish", [&] {
     return refineCorners(map, camera, adjusted, orb.polish_rounds, [&](const InitialMap& begun) {
-      return doubtful && missesByFar(begun, refined, context);
+      return doubtful && missesByFar(begun, refined, view, context);
     });
   });
   if (!found.refinement.fits) return InitReason::kPoorQuality;
@@ -140,14 +154,6 @@ StartEvidence evidenceOf(const InitReport& report) {
   return evidence;
 }
 
-/// What two views tell of a start.
-struct TwoViews {
-  const ReferenceView& view;
-  const Matches& matches;
-  const RotationFit& rotation;
-  const SelectedMotion& selected;
-};
-
 /// A judgement, with the motions that it could not exclude.
 struct Judgement {
   GateReport gate;
@@ -164,8 +170,7 @@ Judgement judge(const Reconstruction& made,
   const GateOptions& options = context.options.orb.gate;
   Judgement judged{judgeStart(made.map, context.camera, options, evidenceOf(made.report))};
   if (judged.gate.reason != InitReason::kDone || made.map.scaleKnown()) return judged;  // no rivals
-  const bool rows_move = views.view.readout && views.view.readout->seconds != 0;
-  if (rows_move && isYoung(views.view, judged.gate.direction_sigma_deg)) {
+  if (isYoung(views.view, judged.gate.direction_sigma_deg)) {
     judged.gate.reason = InitReason::kSettling;
     return judged;
   }
@@ -226,7 +231,7 @@ JudgedStart refineAndJudge(const PlaneComparison& compared,
   found.homography_gric = compared.homography_gric;
   found.second_cost = compared.second_cost;
   start.report.pose_prior = compared.best.motions_used;
-  auto made = refineStart(std::move(start), doubtful, context);
+  auto made = refineStart(std::move(start), views.view, doubtful, context);
   if (!made) return {made.reason(), {}};
   Judgement judged =
       context.clock.time("gate", [&] { return judge(*made, compared.best, views, context); });
@@ -320,6 +325,7 @@ JudgedStart startFromMotion(const TwoViews& views, const AttemptContext& context
     });
   }
   const bool doubtful =
+      isYoung(view, std::numeric_limits<double>::infinity()) ||
       refusedUnless(1, view.last, views.rotation.median_residual, context.options.orb.gate);
   JudgedStart start = refineAndJudge(compared, views, doubtful, context);
   if (!start.made) return start;

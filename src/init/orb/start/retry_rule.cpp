@@ -26,7 +26,8 @@ bool refusedUnless(double larger,
 }
 
 bool isYoung(const ReferenceView& view, double direction_sigma_deg) {
-  return view.frames.size() < kGrownUpFrames && direction_sigma_deg > kYoungSigmaDeg;
+  const bool rows_move = view.readout && view.readout->seconds != 0;
+  return rows_move && view.frames.size() < kGrownUpFrames && direction_sigma_deg > kYoungSigmaDeg;
 }
 
 bool worthTheTime(const ReferenceView& view, double rotation_residual, const GateOptions& gate) {

@@ -15,7 +15,7 @@ bool refusedUnless(double larger,
                    double rotation_residual,
                    const GateOptions& gate);
 
-/// Whether a start that passes should wait all the same, where rows move: of a few frames their
+/// Whether a start that passes should wait all the same: its rows move, and of a few frames their
 /// motion is mostly what the frames around let expect. docs/experiments.md, "Rolling shutter"
 bool isYoung(const ReferenceView& view, double direction_sigma_deg);
 
