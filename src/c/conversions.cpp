@@ -26,18 +26,17 @@ PosePrior poseOf(const dsorb_priors& known) {
   const FrameId since{known.motion_since};
   PosePrior rotation = rotationSince(since, matrix.leftCols<3>(), of_rotation);
   if (known.motion != DSORB_POSE) return rotation;
-  return poseSince(
-      since, {rotation.T_frame_since.rotationMatrix(), matrix.col(3)}, covariance);
+  return poseSince(since, {rotation.T_frame_since.rotationMatrix(), matrix.col(3)}, covariance);
 }
 
 std::shared_ptr<const FramePriors> priorsOf(const dsorb_priors* known,
-                                                   const PinholeCamera& camera) {
+                                            const PinholeCamera& camera) {
   if (known == nullptr) return nullptr;
   auto priors = std::make_shared<FramePriors>();
   if (known->depths != nullptr) {
     priors->depth = denseDepth({known->depths, camera.width, camera.height},
-                                      known->depth_sigma,
-                                      known->depth_relative_sigma);
+                               known->depth_sigma,
+                               known->depth_relative_sigma);
   } else if (known->samples != nullptr) {
     std::vector<DepthAtPixel> samples;
     for (std::size_t i = 0; i < known->sample_count; ++i) {
@@ -49,8 +48,8 @@ std::shared_ptr<const FramePriors> priorsOf(const dsorb_priors* known,
   if (priors->depth) priors->depth->metric = known->depth_scale_unknown == 0;
   if (known->motion != DSORB_NO_MOTION) priors->pose = poseOf(*known);
   if (known->has_distance != 0) {
-    priors->distance = DistancePrior{
-        FrameId{known->distance_since}, known->distance, known->distance_sigma};
+    priors->distance =
+        DistancePrior{FrameId{known->distance_since}, known->distance, known->distance_sigma};
   }
   return priors;
 }
@@ -101,7 +100,8 @@ ImageSource sourceOf(const dsorb_camera* camera) {
       camera->fx, camera->fy, camera->cx, camera->cy, camera->width, camera->height};
   const Readout readout{1e-3 * camera->readout_ms, 1e-3 * camera->readout_sigma_ms};
   if (!std::isfinite(readout.seconds) || !(readout.sigma >= 0) || !std::isfinite(readout.sigma)) {
-    throw std::invalid_argument("readout_ms and readout_sigma_ms must be finite, sigma not negative");
+    throw std::invalid_argument(
+        "readout_ms and readout_sigma_ms must be finite, sigma not negative");
   }
   if (!readout.isRolling()) return {pinhole, nullptr};
   Lens lens;
@@ -109,8 +109,7 @@ ImageSource sourceOf(const dsorb_camera* camera) {
   lens.height = pinhole.height;
   lens.readout = readout;
   lens.columns = camera->columns != 0;
-  return {pinhole,
-          std::make_shared<const RowTimes>(rowTimes(lens, pinhole, false))};
+  return {pinhole, std::make_shared<const RowTimes>(rowTimes(lens, pinhole, false))};
 }
 
 FramePtr frameOf(const dsorb_image* image, const ImageSource& source) {
