@@ -149,7 +149,8 @@ TEST(EpipolarSearch, SkipsPixelsWhoseRowHasNoTime) {
   motion.velocity[0] = 1;
   SearchFrame right{frame, poseOf(0.1, 0, 0, 0), Matrix6d::Zero(), {}};
   right.shutter = makeRollingShutter(times, motion);
-  const EpipolarSearch search(frame, right, scene.camera(), {});
+  const SemiDenseOptions options;
+  const EpipolarSearch search(frame, right, scene.camera(), options);
   EpipolarSearch::Scratch scratch;
   for (float x = 20; x < 300; x += 7) {
     EXPECT_NE(search.search({{x, 110}, 1.0F, 0.04F}, scratch).status, SearchStatus::kFound);
