@@ -12,6 +12,7 @@
 
 #include <array>
 #include <cmath>
+#include <cstddef>
 #include <optional>
 
 /// The pattern of a point in its host and in another image, one lane a pixel.
@@ -20,22 +21,28 @@ namespace dsorb {
 static_assert(kPatternSize == kLanes, "one lane a pixel of the pattern");
 
 /// Offsets of kPattern [px].
-constexpr Lanes kPatternX = {kPattern[0].x,
-                             kPattern[1].x,
-                             kPattern[2].x,
-                             kPattern[3].x,
-                             kPattern[4].x,
-                             kPattern[5].x,
-                             kPattern[6].x,
-                             kPattern[7].x};
-constexpr Lanes kPatternY = {kPattern[0].y,
-                             kPattern[1].y,
-                             kPattern[2].y,
-                             kPattern[3].y,
-                             kPattern[4].y,
-                             kPattern[5].y,
-                             kPattern[6].y,
-                             kPattern[7].y};
+constexpr float patternX(std::size_t i) {
+  return static_cast<float>(kPattern[i].x);
+}
+constexpr float patternY(std::size_t i) {
+  return static_cast<float>(kPattern[i].y);
+}
+constexpr Lanes kPatternX = {patternX(0),
+                             patternX(1),
+                             patternX(2),
+                             patternX(3),
+                             patternX(4),
+                             patternX(5),
+                             patternX(6),
+                             patternX(7)};
+constexpr Lanes kPatternY = {patternY(0),
+                             patternY(1),
+                             patternY(2),
+                             patternY(3),
+                             patternY(4),
+                             patternY(5),
+                             patternY(6),
+                             patternY(7)};
 
 /// The pattern of a point in the frame that hosts it, at some pyramid level.
 struct HostPatch {

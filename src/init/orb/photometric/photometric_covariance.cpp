@@ -189,7 +189,7 @@ Eigen::MatrixXd PhotometricMarginals::clusteredPoseCovariance() const {
   const auto frames = static_cast<Eigen::Index>(problem_.frames.size());
   const Eigen::MatrixXd all = marginals_.inGauge(marginals_.clusteredRoots(gradients, frames));
   const Eigen::MatrixXd roots =
-      all(poseRows(problem_.frames.size(), equations_.frame_size), Eigen::all);
+      all(poseRows(problem_.frames.size(), equations_.frame_size), Eigen::seqN(0, all.cols()));
   return roots * roots.transpose();
 }
 

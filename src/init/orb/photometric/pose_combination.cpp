@@ -20,7 +20,8 @@ CombinedPoses combinePoses(const InitialMap& map,
   }
   const Eigen::MatrixXd spread = map.joint_covariance(rows, rows) + covariance;
   const Eigen::VectorXd weighted = spread.ldlt().solve(difference);
-  const Eigen::VectorXd step = map.joint_covariance(Eigen::all, rows) * weighted;
+  const Eigen::VectorXd step =
+      map.joint_covariance(Eigen::seqN(0, map.joint_covariance.rows()), rows) * weighted;
   CombinedPoses combined;
   for (std::size_t i = 0; i < map.joint_frames.size(); ++i) {
     combined.T_cam_ref.push_back(SE3::exp(step.segment<6>(static_cast<Eigen::Index>(6 * i))) *
