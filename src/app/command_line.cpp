@@ -7,6 +7,7 @@
 #include "app/legacy_arguments.h"
 
 #include <CLI/CLI.hpp>
+#include <fmt/ranges.h>
 #include <spdlog/fmt/fmt.h>
 
 #include <algorithm>

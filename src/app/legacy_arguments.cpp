@@ -3,6 +3,7 @@
 
 #include "dsorb/error.h"
 
+#include <fmt/ranges.h>
 #include <spdlog/fmt/fmt.h>
 
 #include <algorithm>

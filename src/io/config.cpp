@@ -9,6 +9,7 @@
 #include "io/yaml_assignments.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <charconv>
@@ -227,6 +228,8 @@ std::string closestName(const std::string& word, const std::vector<std::string>&
   std::string best;
   std::size_t best_distance = 0;
   for (const std::string& candidate : candidates) {
+    const auto [shorter, longer] = std::minmax({length, candidate.size()});
+    if (!best.empty() && longer - shorter >= best_distance) continue;
     // Levenshtein distance, one row of the table at a time.
     std::vector<std::size_t> row(candidate.size() + 1);
     std::iota(row.begin(), row.end(), std::size_t{0});

@@ -2,6 +2,7 @@
 #include "io/trajectory_writer.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <optional>
