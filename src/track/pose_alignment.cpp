@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "track/pose_alignment.h"
 
+#include "base/median.h"
 #include "base/parallel.h"
 #include "estimate/levenberg_marquardt.h"
 #include "track/tracking_covariance.h"
@@ -25,6 +26,7 @@ constexpr double kGainScale = 10;        // of a [-]
 constexpr double kOffsetScale = 1000;    // of b [grey levels]
 constexpr double kMaxCutoffFactor = 50;  // doubling ends above it
 constexpr std::size_t kBlocksPerTask = 16;
+constexpr std::size_t kNoiseStride = 4;  // points from one that the noise is told by to the next
 
 std::size_t blockCount(std::size_t points) {
   return (points + kAlignmentBlock - 1) / kAlignmentBlock;
@@ -163,6 +165,14 @@ AlignmentEquations<kParameters> PoseAlignment::sumBlocks() {
   return system;
 }
 
+double PoseAlignment::noise() {
+  deviations_.clear();
+  for (std::size_t i = 0; i < points_->size(); i += kNoiseStride) {
+    if (samples_.weight[i] > 0) deviations_.push_back(std::abs(samples_.residual[i]));
+  }
+  return kMadToSigma * static_cast<double>(medianInPlace(deviations_));
+}
+
 PoseEquations PoseAlignment::normalEquations() {
   return sumBlocks<kAlignmentParameters>();
 }
@@ -284,6 +294,7 @@ LevelResult PoseAlignment::align(const AlignmentLevel& level,
   result.iterations = minimize(problem, damping, max_iterations);
   const Evaluation& current = problem.current();
   result.rmse = std::sqrt(current.meanEnergy());
+  if (level.level == 0) result.noise = noise();
   result.saturated_fraction = current.saturatedFraction();
   result.inside_fraction =
       static_cast<double>(current.used) /

@@ -77,7 +77,8 @@ using PoseEquations = AlignmentEquations<kAlignmentParameters>;
 using RollingEquations = AlignmentEquations<kRollingParameters>;
 
 struct LevelResult {
-  double rmse = 0;  ///< sqrt(E / n) [grey levels]; NaN when no point is inside the frame
+  double rmse = 0;   ///< sqrt(E / n) [grey levels]; NaN when no point is inside the frame
+  double noise = 0;  ///< the same as the median tells it: without the errors of the map
   double saturated_fraction = 0;
   double inside_fraction = 0;  ///< points inside the frame, of all points of the level
   int iterations = 0;
@@ -104,6 +105,10 @@ class PoseAlignment {
   /// Of the last state evaluated, which was that of a rolling shutter; without the prior.
   [[nodiscard]] RollingEquations rollingEquations();
 
+  /// Standard deviation of the residuals inside the frame, from their median; of the last state
+  /// evaluated [grey levels].
+  [[nodiscard]] double noise();
+
  private:
   class Problem;
   struct Samples {
@@ -124,6 +129,7 @@ class PoseAlignment {
   Samples samples_;
   std::vector<BlockEnergy> block_energies_;
   std::vector<float> block_sums_;  // kAlignmentSums or kRollingSums a block
+  std::vector<float> deviations_;  // of residuals [grey levels]
 };
 
 }  // namespace dsorb::track

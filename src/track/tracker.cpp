@@ -112,6 +112,7 @@ Tracker::Descent Tracker::descend(const Frame& frame,
                          kMaxIterations[l],
                          descent.state);
     descent.rmse[l] = result.rmse;
+    descent.noise = result.noise;
     descent.equations = result.equations;
     descent.saturated_fraction = result.saturated_fraction;
     descent.inside_fraction = result.inside_fraction;
@@ -146,8 +147,10 @@ void Tracker::search(const Frame& frame,
       best.T_frame_reference = descent.state.T_frame_reference;
       best.affine = descent.state.affine;
       best.motion = descent.state.motion;
-      best.covariance = trackingCovariance(
-          descent.equations, descent.rmse[0], descent.state.T_frame_reference, brightness_);
+      best.covariance = trackingCovariance(descent.equations,
+                                           varianceOfResiduals(descent.rmse[0], descent.noise),
+                                           descent.state.T_frame_reference,
+                                           brightness_);
       best.saturated_fraction = descent.saturated_fraction;
       best.inside_fraction = descent.inside_fraction;
     } else if (best.hypotheses_tried == 1) {

@@ -90,6 +90,7 @@ class Tracker {
     AlignmentState state;
     TrackingFailure failure = TrackingFailure::kNone;
     LevelRmse rmse = kUnsetRmse;
+    double noise = 0;         ///< LevelResult::noise of level 0
     PoseEquations equations;  ///< of the finest level reached
     double saturated_fraction = 0;
     double inside_fraction = 0;

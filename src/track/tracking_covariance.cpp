@@ -4,6 +4,8 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 
+#include <algorithm>
+
 namespace dsorb::track {
 namespace {
 
@@ -23,8 +25,13 @@ std::optional<Matrix6d> inversePoseBlock(const Eigen::Matrix<double, kSize, kSiz
 
 }  // namespace
 
+double varianceOfResiduals(double rmse, double noise) {
+  const double beyond_noise = std::max(0.0, rmse * rmse - noise * noise);
+  return rmse * rmse + (kResidualsPerMapError - 1) * beyond_noise;
+}
+
 std::optional<Matrix6d> trackingCovariance(const PoseEquations& equations,
-                                           double rmse,
+                                           double variance,
                                            const SE3& T_frame_reference,
                                            BrightnessModel brightness) {
   const std::optional<Matrix6d> inverse =
@@ -32,7 +39,7 @@ std::optional<Matrix6d> trackingCovariance(const PoseEquations& equations,
           ? inversePoseBlock<6>(equations.H.topLeftCorner<6, 6>())
           : inversePoseBlock<8>(equations.H);
   if (!inverse) return std::nullopt;
-  Matrix6d covariance = kResidualsPerMeasurement * rmse * rmse * *inverse;
+  Matrix6d covariance = variance * *inverse;
   const Eigen::Vector3d shared = kScaleSigma * T_frame_reference.translation();
   covariance.topLeftCorner<3, 3>() += shared * shared.transpose();
   covariance = (0.5 * (covariance + covariance.transpose())).eval();

@@ -12,19 +12,29 @@ namespace dsorb::track {
 
 /// Residuals are not independent: each point of the map stands on up to five pixels of level 0 and
 /// brings the error of its inverse depth to all of them, and points near each other share errors of
-/// the keyframes they were found with. So a pose is as sure as a seventh of the residuals would
-/// make it. docs/experiments.md, "Covariance of tracked poses", has what it was chosen on.
+/// the keyframes they were found with. So what residuals have beyond the noise of the images counts
+/// as if only every so many of them told of it. docs/experiments.md, "Covariance of tracked poses",
+/// has what it was chosen on.
+constexpr double kResidualsPerMapError = 12;
+
+/// The same of all residuals together, where noise and errors of the map are not told apart.
 constexpr double kResidualsPerMeasurement = 7;
 
+/// Variance to multiply the inverse of the Gauss-Newton matrix with [grey levels^2]:
+///   n^2 + k (s^2 - n^2).
+/// @param rmse  s: of all residuals [grey levels]
+/// @param noise n: of the images, LevelResult::noise [grey levels]
+[[nodiscard]] double varianceOfResiduals(double rmse, double noise);
+
 /// Covariance of an aligned pose, of a left increment [translation; rotation]:
-///   C = k s^2 (H^-1)_pose + m^2 [t; 0] [t; 0]^T,
-/// H the Gauss-Newton matrix over pose and brightness, s^2 the mean Huber energy of a point, t the
-/// translation. k and m are in the source, with their reasons.
+///   C = v (H^-1)_pose + m^2 [t; 0] [t; 0]^T,
+/// H the Gauss-Newton matrix over pose and brightness, v the variance of its residuals, t the
+/// translation. m is in the source, with its reason.
 /// @param equations of the finest level at `T_frame_reference`
-/// @param rmse      of that level [grey levels]
+/// @param variance  of residuals [grey levels^2]
 /// @return nullopt where the points do not determine pose and brightness
 [[nodiscard]] std::optional<Matrix6d> trackingCovariance(const PoseEquations& equations,
-                                                         double rmse,
+                                                         double variance,
                                                          const SE3& T_frame_reference,
                                                          BrightnessModel brightness);
 
