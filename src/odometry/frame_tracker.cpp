@@ -7,6 +7,13 @@
 #include <utility>
 
 namespace dsorb::odometry {
+namespace {
+
+/// Of a keyframe's covariance, which is rather too careful, that frames get by errors of the map.
+/// docs/experiments.md, "Covariance of tracked poses"
+constexpr double kMapErrorShare = 0.5;
+
+}  // namespace
 
 FrameTracker::FrameTracker(const OdometryOptions& options)
     : options_(options), tracker_(options.tracker, options.brightness) {}
@@ -79,7 +86,7 @@ void FrameTracker::addErrorsOfMap(TrackedPose& pose) const {
   const Matrix6d of_keyframe = adjoint * *target_->covariance * adjoint.transpose();
   const double share = pose.T_cam_keyframe.translation().norm() / target_->reach;
   pose.world_covariance = *pose.covariance + (1 + share) * (1 + share) * of_keyframe;
-  *pose.covariance += share * share * of_keyframe;
+  *pose.covariance += kMapErrorShare * share * share * of_keyframe;
 }
 
 bool FrameTracker::needsKeyframe(const Frame& frame, const track::TrackingResult& result) const {

@@ -27,7 +27,7 @@ std::optional<Matrix6d> inversePoseBlock(const Eigen::Matrix<double, kSize, kSiz
 
 double varianceOfResiduals(double rmse, double noise) {
   const double beyond_noise = std::max(0.0, rmse * rmse - noise * noise);
-  return rmse * rmse + (kResidualsPerMapError - 1) * beyond_noise;
+  return kResidualsPerNoise * (rmse * rmse - beyond_noise) + kResidualsPerMapError * beyond_noise;
 }
 
 std::optional<Matrix6d> trackingCovariance(const PoseEquations& equations,

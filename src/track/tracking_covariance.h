@@ -10,18 +10,20 @@
 
 namespace dsorb::track {
 
-/// Residuals are not independent: each point of the map stands on up to five pixels of level 0 and
+/// Residuals are not independent. Each point of the map stands on up to five pixels of level 0 and
 /// brings the error of its inverse depth to all of them, and points near each other share errors of
-/// the keyframes they were found with. So what residuals have beyond the noise of the images counts
-/// as if only every so many of them told of it. docs/experiments.md, "Covariance of tracked poses",
-/// has what it was chosen on.
-constexpr double kResidualsPerMapError = 12;
+/// the keyframes they were found with: what residuals have beyond the noise of the images counts as
+/// if every eighth of them told of it. Noise counts as every third: it has made the map, too.
+/// docs/experiments.md, "Covariance of tracked poses", has what they were chosen on.
+constexpr double kResidualsPerMapError = 8;
+constexpr double kResidualsPerNoise = 3;
 
-/// The same of all residuals together, where noise and errors of the map are not told apart.
+/// Residuals that tell as much as an independent one where noise and errors of the map are not told
+/// apart.
 constexpr double kResidualsPerMeasurement = 7;
 
 /// Variance to multiply the inverse of the Gauss-Newton matrix with [grey levels^2]:
-///   n^2 + k (s^2 - n^2).
+///   k_n n^2 + k_m (s^2 - n^2).
 /// @param rmse  s: of all residuals [grey levels]
 /// @param noise n: of the images, LevelResult::noise [grey levels]
 [[nodiscard]] double varianceOfResiduals(double rmse, double noise);

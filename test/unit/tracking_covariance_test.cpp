@@ -33,10 +33,11 @@ TEST(TrackingCovariance, GrowsWithTheVarianceOfTheResidualsAndHasBrightnessFree)
   EXPECT_TRUE(fixed->isApprox(known, 1e-6));
 }
 
-TEST(TrackingCovariance, NoiseCountsOnceAndErrorsOfTheMapSeveralTimes) {
-  EXPECT_DOUBLE_EQ(varianceOfResiduals(2, 2), 4);
-  EXPECT_DOUBLE_EQ(varianceOfResiduals(3, 2), 4 + kResidualsPerMapError * 5);
-  EXPECT_DOUBLE_EQ(varianceOfResiduals(2, 2.5), 4);  // tails lighter than noise's
+TEST(TrackingCovariance, TellsNoiseFromErrorsOfTheMap) {
+  EXPECT_DOUBLE_EQ(varianceOfResiduals(2, 2), kResidualsPerNoise * 4);
+  EXPECT_DOUBLE_EQ(varianceOfResiduals(3, 2), kResidualsPerNoise * 4 + kResidualsPerMapError * 5);
+  EXPECT_DOUBLE_EQ(varianceOfResiduals(2, 2.5),
+                   kResidualsPerNoise * 4);  // tails lighter than noise's
 }
 
 TEST(TrackingCovariance, TheUnknownScaleOfAMapIsAnErrorAlongTheTranslation) {

@@ -29,6 +29,7 @@ constexpr double kCauchyThreshold = 2;  // of the whitened error [-]
 constexpr double kMaxResidual = 25;  // mean of a patch, above which the corner goes [grey levels]
 constexpr double kMinCornerSigma = 0.05;  // of a corner however strong its gradients [px]
 constexpr double kMaxTurnDeg = 15;        // of the direction of translation; beyond it, rejected
+constexpr double kSettledDeg = .03;       // less in a round: the others change nothing
 constexpr double kMinGradient = 1;        // rms in the weakest direction [grey levels / px]
 constexpr double kMeasuredSigma = 0.2;  // of a measured corner, for the pose of a single frame [px]
 /// Share of the adjustment's variance factor for the own part of a single frame's pose; the rest
@@ -191,9 +192,13 @@ FittedPose refinePose(const InitialMap& map,
   return fit;
 }
 
-double directionChangeDeg(const InitialMap& before, const InitialMap& after) {
-  const Eigen::Vector3d& from = before.frames.back().T_cam_ref->translation();
-  const Eigen::Vector3d& to = after.frames.back().T_cam_ref->translation();
+const SE3& newestPose(const InitialMap& map) {
+  return *map.frames.back().T_cam_ref;
+}
+
+double directionChangeDeg(const SE3& before, const SE3& after) {
+  const Eigen::Vector3d& from = before.translation();
+  const Eigen::Vector3d& to = after.translation();
   return std::atan2(from.cross(to).norm(), from.dot(to)) * kDegPerRad;
 }
 
@@ -223,11 +228,13 @@ RefinementReport refineCorners(InitialMap& map,
     report.dropped += measured.dropped;
     if (round == 0) report.first_rms = measured.rms;
     report.last_rms = measured.rms;
+    const SE3 before = newestPose(refined);
     if (!adjustOnce(refined, camera, adjusted)) return report;
     estimateMotions(refined, camera);
     if (round == 0 && hopeless && hopeless(refined)) break;
+    if (directionChangeDeg(before, newestPose(refined)) < kSettledDeg) break;
   }
-  report.direction_change_deg = directionChangeDeg(map, refined);
+  report.direction_change_deg = directionChangeDeg(newestPose(map), newestPose(refined));
   report.fits = static_cast<double>(refined.corners.size()) >=
                 kMinFittingShare * static_cast<double>(map.corners.size());
   report.accepted = report.fits && rounds > 0 && report.last_rms <= report.first_rms &&
