@@ -295,7 +295,7 @@ TEST(OdometryWithOwnInitializer, RefusesAResultThatDisagreesWithItsStatus) {
 TEST_F(OdometryWithTruth, RefusesOptionsOutOfRange) {
   OdometryOptions options;
   options.tracker.min_inside_fraction = 1.5;
-  EXPECT_THROW(room().odometry(options), ConfigError);
+  EXPECT_THROW((void)room().odometry(options), ConfigError);
   EXPECT_THROW(Odometry(room().camera(), {}, nullptr), std::invalid_argument);
   EXPECT_THROW(Odometry(PinholeCamera(), {}), std::invalid_argument);
 }
