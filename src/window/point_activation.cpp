@@ -127,7 +127,7 @@ void refineCandidates(Window& window,
                       const TrackedFrame& tracked,
                       const DepthOptions& options,
                       std::size_t grain) {
-  placePoints(window);
+  placeCandidates(window);
   for (Keyframe& keyframe : window.keyframes) {
     if (keyframe.candidates.empty()) continue;
     const SE3 T_frame_host = tracked.T_cam_world * keyframe.T_cam_world().inverse();
@@ -146,6 +146,7 @@ ActivationReport activateCandidates(Window& window,
   ActivationReport report;
   if (window.keyframes.size() < 2) return report;
   placePoints(window);
+  placeCandidates(window);
   window.activation_distance = depth::adaptDistance(window.activation_distance,
                                                     static_cast<int>(window.numPoints()),
                                                     window_options.desired_points,

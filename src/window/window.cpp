@@ -42,6 +42,28 @@ void enlarge(MarginalPrior& prior, Eigen::Index size) {
   prior.b.conservativeResizeLike(Eigen::VectorXd::Zero(size));
 }
 
+float meanInverseDepth(const Window& window) {
+  float sum = 0;
+  for (const Keyframe& keyframe : window.keyframes) {
+    for (const WindowPoint& point : keyframe.points) sum += point.inverse_depth;
+  }
+  return sum / static_cast<float>(std::max<std::size_t>(window.numPoints(), 1));
+}
+
+/// Calls f with every keyframe whose image needs corrections, and with what places one of its
+/// patches at an inverse depth.
+template <typename F>
+void forEachShutter(Window& window, F f) {
+  const PinholeCamera camera = window.camera();
+  for (Keyframe& keyframe : window.keyframes) {
+    const std::optional<RollingShutter> shutter = window.shutter(keyframe);
+    if (!shutter) continue;
+    f(keyframe, [&](float inverse_depth, HostPatch& patch) {
+      patch.pixel = pixelInMiddle(*shutter, camera, patch.seen, inverse_depth);
+    });
+  }
+}
+
 }  // namespace
 
 void WindowPoint::addObservation(std::size_t target) {
@@ -146,24 +168,19 @@ Keyframe& addKeyframe(Window& window,
 }
 
 void placePoints(Window& window) {
-  if (window.keyframes.empty() || !window.shutter(window.keyframes.front())) return;
-  float sum = 0;
-  for (const Keyframe& keyframe : window.keyframes) {
-    for (const WindowPoint& point : keyframe.points) sum += point.inverse_depth;
-  }
-  const float mean = sum / static_cast<float>(std::max<std::size_t>(window.numPoints(), 1));
-  const PinholeCamera camera = window.camera();
-  for (Keyframe& keyframe : window.keyframes) {
-    const std::optional<RollingShutter> shutter = window.shutter(keyframe);
-    if (!shutter) continue;
-    const auto place = [&](float inverse_depth, HostPatch& patch) {
-      patch.pixel = pixelInMiddle(*shutter, camera, patch.seen, inverse_depth);
-    };
+  forEachShutter(window, [](Keyframe& keyframe, const auto& place) {
     for (WindowPoint& point : keyframe.points) place(point.inverse_depth, point.patch);
+  });
+}
+
+void placeCandidates(Window& window) {
+  if (window.keyframes.empty() || !window.shutter(window.keyframes.front())) return;
+  const float mean = meanInverseDepth(window);
+  forEachShutter(window, [mean](Keyframe& keyframe, const auto& place) {
     for (depth::CandidatePoint& candidate : keyframe.candidates) {
       place(candidate.hasDepth() ? candidate.middle() : mean, candidate.patch);
     }
-  }
+  });
 }
 
 WindowPoint* addPoint(Window& window,

@@ -234,9 +234,11 @@ Keyframe& addKeyframe(Window& window,
                       const AffineBrightness& affine,
                       const WindowOptions& options);
 
-/// Moves points and candidates to where a pinhole camera with a global shutter would have seen them
-/// at their present inverse depths; a candidate without one takes the mean of the points.
+/// Moves points to where a pinhole camera with a global shutter would have seen them at their
+/// present inverse depths.
 void placePoints(Window& window);
+/// The same of candidates; one without inverse depth takes the mean of the points.
+void placeCandidates(Window& window);
 
 /// Appends a point without residuals.
 /// @param prior_information of the inverse depth; 0 where nothing is known [grey levels^2 unit^2]
