@@ -17,7 +17,9 @@ targets=(dsorb_io test_core)
 for compiler in "${compilers[@]}"; do
   folder=build-compilers/$compiler
   echo "== $("$compiler" --version | head -1)"
-  DSORB_BUILD_DIR=$folder scripts/build.sh -DCMAKE_CXX_COMPILER="$compiler" -DDSORB_WERROR=ON -- "${targets[@]}"
+  # std::stable_sort of GCC 12's library asks for its buffer by what newer Clangs call deprecated.
+  DSORB_BUILD_DIR=$folder scripts/build.sh -DCMAKE_CXX_COMPILER="$compiler" -DDSORB_WERROR=ON \
+    -DCMAKE_CXX_FLAGS=-Wno-error=deprecated-declarations -- "${targets[@]}"
   "$folder/test/test_core" --gtest_brief=1
 done
 
