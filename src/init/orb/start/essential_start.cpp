@@ -88,14 +88,6 @@ std::optional<double> completeMap(InitialMap& map,
   return setCovariances(map, context.camera, adjusted);
 }
 
-/// What two views tell of a start.
-struct TwoViews {
-  const ReferenceView& view;
-  const Matches& matches;
-  const RotationFit& rotation;
-  const SelectedMotion& selected;
-};
-
 /// Whether a start whose refinement has begun misses by so much that the rest of the refinement
 /// would be in vain: the gate, or, where rows move, what is asked of a young start.
 bool missesByFar(InitialMap map,
@@ -153,6 +145,14 @@ StartEvidence evidenceOf(const InitReport& report) {
   if (found.refinement.accepted) evidence.misfit = misfitOf(report.residual_rms);
   return evidence;
 }
+
+/// What two views tell of a start.
+struct TwoViews {
+  const ReferenceView& view;
+  const Matches& matches;
+  const RotationFit& rotation;
+  const SelectedMotion& selected;
+};
 
 /// A judgement, with the motions that it could not exclude.
 struct Judgement {
