@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What scripts/evaluate.py does: plan, hand the runs to Snakemake, show progress, say where the results are."""
 import argparse
+import contextlib
 import fcntl
 import json
 import os
@@ -20,6 +21,7 @@ from .trajectory import FormatError
 SCRIPTS = Path(__file__).resolve().parent.parent
 POLL = .2  # [s] between looks at the runs' folders
 LOG_TAIL = 25  # lines of Snakemake's log that an error shows
+REQUESTS, PATIENCE = 10, 1.  # requests to end, [s] between them
 
 
 def parse_arguments(arguments):
@@ -88,7 +90,8 @@ def snakemake_command(args, folder):
     """Snakemake's command line. The folder's own lock is ours, hence --nolock; a run is complete when its record is there;
     the report is cheap and follows the code that writes it, hence --forcerun."""
     command = [sys.executable, '-m', 'snakemake', '--snakefile', str(SCRIPTS / 'Snakefile'), '--directory', str(folder), '--nolock',
-               '--rerun-triggers', 'mtime', '--rerun-incomplete', '--keep-going', '--forcerun', 'report', '--workflow-profile', 'none']
+               '--rerun-triggers', 'mtime', '--rerun-incomplete', '--keep-going', '--forcerun', 'report', '--workflow-profile', 'none',
+               '--scheduler', 'greedy']  # all runs are alike: nothing to optimise
     command += ['--dry-run'] if args.dry_run else []
     if not args.profile:
         return command + ['--cores', str(args.jobs)]
@@ -126,11 +129,16 @@ def watch(process, plan, folder, quiet):
 
 
 def end(process):
-    """Ends Snakemake and its jobs: the runners get SIGTERM and end their programs."""
-    try:
-        os.killpg(process.pid, signal.SIGTERM)
-    except ProcessLookupError:
-        pass
+    """Ends Snakemake and its jobs: the runners get SIGTERM and end their programs.
+
+    Asked again for jobs that were just beginning. Killed in the end: Snakemake's handler of SIGTERM takes a lock, and waits
+    for ever where it interrupted the thread that holds it."""
+    for request in [signal.SIGTERM] * REQUESTS + [signal.SIGKILL]:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, request)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(PATIENCE)
+            return
     process.wait()
 
 

@@ -14,7 +14,10 @@ import sys
 import tempfile
 import time
 import unittest
+import unittest.mock
 from pathlib import Path
+
+from dsorb_eval import cli
 
 SCRIPTS = Path(__file__).resolve().parents[2] / 'scripts'
 PATIENCE = 120  # [s] until a step of the evaluation must have happened, also on a busy machine
@@ -166,6 +169,14 @@ class Evaluation(unittest.TestCase):
         published.write_text('protocol,method,sequence,runs,init\ndense,reference,room,4,many\n')
         made = subprocess.run(command, capture_output=True, text=True, env=self.environment())
         self.assertEqual((made.returncode, made.stderr.count('line 2')), (2, 1), made.stderr)
+
+    def test_ends_what_does_not_end_when_asked(self):
+        deaf = subprocess.Popen(['sh', '-c', 'trap "" TERM; echo ready; sleep 600'], stdout=subprocess.PIPE, start_new_session=True)
+        with deaf.stdout:
+            deaf.stdout.readline()
+        with unittest.mock.patch.multiple(cli, REQUESTS=2, PATIENCE=.05):
+            cli.end(deaf)
+        self.assertEqual(deaf.returncode, -signal.SIGKILL)
 
     def test_other_configurations_stay_apart_and_a_profile_can_take_the_runs(self):
         program = self.wrapper('quick', 0)
