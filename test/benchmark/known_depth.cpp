@@ -3,8 +3,9 @@
 // depth/ (16-bit millimetres) and groundtruth.txt, without and with known depths that have errors
 // of SIGMA [-], as they are and wrong in several ways, and prints a line for each:
 //   first  depths  frames_given  direction_deg  depth_error  scale_error  scale_sigma  used
-//   inflation  ate
-// and at the end medians. With ATE, the odometry then tracks 40 frames.
+//   inflation  ate  direction_same_deg
+// and at the end medians. With ATE, the odometry then tracks 40 frames. The last column is the
+// direction of a start from two images, the second that with which the start without depths came.
 #include "support/known_depth.h"
 
 #include "dsorb/odometry/odometry.h"
@@ -65,6 +66,29 @@ double trackFrom(const DepthSequence& sequence, const std::vector<FramePtr>& fra
   return poses.size() < kTracked ? NAN : ateOf(poses, sequence);
 }
 
+FramePtr frameOf(const DepthSequence& sequence,
+                 std::size_t i,
+                 const DepthErrors& wrong,
+                 double sigma) {
+  return wrong.known || wrong.turn_sigma > 0 ? withDepth(sequence, i, wrong, sigma)
+                                             : sequence.frames[i];
+}
+
+/// Error of the direction with two images [deg]; NaN where there is no start.
+double directionOfTwo(const DepthSequence& sequence,
+                      std::size_t first,
+                      std::size_t second,
+                      const DepthErrors& wrong,
+                      double sigma) {
+  const auto initializer = makeInitializer(InitializerOptions(), sequence.camera);
+  DepthStart outcome;
+  for (const std::size_t i : {first, second}) {
+    const InitStep step = initializer->addFrame(frameOf(sequence, i, wrong, sigma));
+    if (step.result) compare(*step.result, sequence, outcome);
+  }
+  return outcome.direction;
+}
+
 DepthStart startFrom(const DepthSequence& sequence,
                      std::size_t first,
                      const DepthErrors& wrong,
@@ -74,8 +98,7 @@ DepthStart startFrom(const DepthSequence& sequence,
   DepthStart outcome;
   std::vector<FramePtr> frames;
   for (std::size_t i = first; i < std::min(sequence.frames.size(), first + kMaxFrames); ++i) {
-    frames.push_back(wrong.known || wrong.turn_sigma > 0 ? withDepth(sequence, i, wrong, sigma)
-                                                         : sequence.frames[i]);
+    frames.push_back(frameOf(sequence, i, wrong, sigma));
     const InitStep step = initializer->addFrame(frames.back());
     if (!step.result) continue;
     checkInvariants(*step.result);
@@ -114,12 +137,19 @@ int run(int argc, char** argv) {
       {"pose", false, 1, 0, false, 1, kRadians * .01, 1, .02},
       {"pose_small", false, 1, 0, false, 1, kRadians * .01, .1, .02},
       {"pose_back", false, 1, 0, false, 1, kRadians * .01, 1, .02, true}};
+  std::map<std::size_t, std::size_t> newest;  // of the start without depths, by the first image
   for (const DepthErrors& wrong : kinds) {
     std::map<std::string, std::vector<double>> all;
     int never = 0, wrong_starts = 0, used = 0, starts = 0;
     for (std::size_t first = 0; first + 20 < sequence.frames.size(); first += every) {
       const DepthStart o = startFrom(sequence, first, wrong, sigma, argc > 4);
-      fmt::print("{} {} {} {:.2f} {:.4f} {:.4f} {:.4f} {} {:.2f} {:.5f}\n",
+      if (!wrong.known && wrong.turn_sigma == 0 && o.frames > 0) {
+        newest[first] = first + static_cast<std::size_t>(o.frames) - 1;
+      }
+      const double same = wrong.known && newest.count(first) > 0
+                              ? directionOfTwo(sequence, first, newest[first], wrong, sigma)
+                              : NAN;
+      fmt::print("{} {} {} {:.2f} {:.4f} {:.4f} {:.4f} {} {:.2f} {:.5f} {:.2f}\n",
                  first,
                  wrong.name,
                  o.frames,
@@ -129,7 +159,8 @@ int run(int argc, char** argv) {
                  o.sigma,
                  o.used,
                  o.inflation,
-                 o.ate);
+                 o.ate,
+                 same);
       if (!(o.frames > 0)) {
         ++never;
         continue;
@@ -143,6 +174,7 @@ int run(int argc, char** argv) {
       if (std::isfinite(o.scale)) all["scale"].push_back(std::abs(o.scale));
       if (std::isfinite(o.scale)) all["scale_sigmas"].push_back(std::abs(o.scale) / o.sigma);
       if (std::isfinite(o.ate)) all["ate"].push_back(o.ate);
+      if (std::isfinite(same)) all["direction_same"].push_back(same);
     }
     fmt::print(
         "= {}: starts {} never {} wrong {} used {}", wrong.name, starts, never, wrong_starts, used);
