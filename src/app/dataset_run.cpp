@@ -112,7 +112,7 @@ class Feeder {
       const std::optional<SequenceFrame> input = reader_.next();
       outputs_.setDropped(dropped());
       if (!input) return false;
-      if (!process(*input)) return false;
+      if (!process(*input, step.late)) return false;
     }
     return true;
   }
@@ -125,10 +125,10 @@ class Feeder {
   }
 
   /// @return whether there is more to do
-  bool process(const SequenceFrame& input) {
+  bool process(const SequenceFrame& input, bool late) {
     warn(request_, input.warnings);
     const Clock::time_point begin = Clock::now();
-    const FrameEstimate estimate = odometry_.process(input.frame);
+    const FrameEstimate estimate = odometry_.process(input.frame, late);
     const double milliseconds = secondsSince(begin) * 1e3;
     const bool is_file =
         reader_.format() != SequenceFormat::kVideo && reader_.format() != SequenceFormat::kCamera;

@@ -31,6 +31,8 @@ Playback::Step Playback::next(double now) {
     ++step.drop;
   }
   ++position_;
+  step.late = position_ < due_.size() && due_[position_] <= elapsed &&
+              due_[position_] > due_[position_ - 1];
   dropped_ += step.drop;
   return step;
 }

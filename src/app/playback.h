@@ -19,8 +19,9 @@ class Playback {
   Playback(std::vector<double> timestamps, double speed);
 
   struct Step {
-    double wait = 0;  ///< until the next image is there [s]; 0: take it now
-    int drop = 0;     ///< number of images before it that are dropped
+    double wait = 0;    ///< until the next image is there [s]; 0: take it now
+    int drop = 0;       ///< number of images before it that are dropped
+    bool late = false;  ///< the image behind it is there, too
   };
   /// Tells what to do about the next image. Time starts at the first call. When there is nothing to
   /// wait for the image counts as taken.

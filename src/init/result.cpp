@@ -117,6 +117,8 @@ const char* name(InitReason reason) {
       return "timeout";
     case InitReason::kDone:
       return "done";
+    case InitReason::kHurried:
+      return "hurried";
   }
   return "unknown";
 }

@@ -59,8 +59,9 @@ class Odometry::Impl {
 
   void addObserver(OdometryObserver* observer) { observers_.add(observer); }
 
-  FrameEstimate process(const FramePtr& frame) {
+  FrameEstimate process(const FramePtr& frame, bool hurried) {
     accept(frame);
+    initializer_->setHurried(hurried);
     if (!adoptKeyframes()) {
       lose({});
     } else if (phase_ == Phase::kInitializing) {
@@ -306,8 +307,8 @@ void Odometry::addObserver(OdometryObserver* observer) {
   impl_->addObserver(observer);
 }
 
-FrameEstimate Odometry::process(const FramePtr& frame) {
-  return impl_->process(frame);
+FrameEstimate Odometry::process(const FramePtr& frame, bool hurried) {
+  return impl_->process(frame, hurried);
 }
 
 void Odometry::restart() {

@@ -214,6 +214,22 @@ TEST_P(InitializerContract, SurvivesFramesWithoutAnyInformation) {
   }
 }
 
+TEST(HurriedInitializer, OnlyFollowsUntilThereIsTime) {
+  const RenderedSequence& sequence = rendered(optionsOf(SequenceKind::kRoom));
+  const auto hurried = makeInitializer({}, sequence.camera());
+  hurried->setHurried(true);
+  std::size_t i = 0;
+  for (; i < 8; ++i) {  // without haste it starts with the third frame
+    const InitStep step = hurried->addFrame(sequence.frames()[i]);
+    EXPECT_EQ(step.status, InitStatus::kNeedsMoreFrames);
+    EXPECT_EQ(step.reason, i == 0 ? InitReason::kFirstFrame : InitReason::kHurried);
+  }
+  hurried->setHurried(false);
+  const InitStep step = hurried->addFrame(sequence.frames()[i]);
+  ASSERT_TRUE(step.result) << name(step.reason);
+  EXPECT_LT(startErrors(*step.result, sequence).direction_deg, 2);
+}
+
 TEST_P(InitializerContract, ResetEqualsAFreshObject) {
   const RenderedSequence& sequence = rendered(optionsOf(SequenceKind::kRoom));
   const auto initializer = make(sequence.camera());

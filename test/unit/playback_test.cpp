@@ -55,6 +55,16 @@ TEST(Playback, TheFirstImageIsThereAtOnceTheOthersAtTheirTime) {
   EXPECT_EQ(playback.next(1000.06).wait, 0);
 }
 
+TEST(Playback, SaysWhetherTheNextImageIsThereToo) {
+  Playback playback(kTenHertz, 1);
+  EXPECT_FALSE(playback.next(1000).late);
+  EXPECT_FALSE(playback.next(1000.15).late);
+  EXPECT_TRUE(playback.next(1000.31).late);
+  EXPECT_FALSE(playback.next(1000.32).late);
+  EXPECT_FALSE(playback.next(1000.9).late) << "nothing is behind the last one";
+  EXPECT_FALSE(Playback(kTenHertz, 0).next(1000).late);
+}
+
 TEST(Playback, WhoIsFastEnoughGetsEveryImage) {
   EXPECT_EQ(play(Playback(kTenHertz, 1), 5, 0.09), (std::vector<int>{0, 1, 2, 3, 4}));
 }

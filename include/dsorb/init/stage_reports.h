@@ -18,7 +18,8 @@ enum class InitReason {
   kDegenerateMotion,
   kPoorQuality,
   kTimeout,
-  kDone
+  kDone,
+  kHurried  ///< Initializer::setHurried
 };
 
 /// Name as in logs and JSON, for example "too_little_parallax".

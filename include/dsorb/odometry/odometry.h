@@ -44,10 +44,12 @@ class Odometry {
   void addObserver(OdometryObserver* observer);
 
   /// Takes the next frame and tells observers.
+  /// @param hurried other images wait behind it already: Initializer::setHurried. The same frames
+  ///        give the same bits only with the same answers.
   /// @throws std::invalid_argument a frame out of place, std::logic_error when lost; also what
   ///         mapping threw, pipelined that of an earlier frame: then the map is lost, its keyframes
   ///         retire with restart() or finish()
-  FrameEstimate process(const FramePtr& frame);
+  FrameEstimate process(const FramePtr& frame, bool hurried = false);
 
   /// Leaves the state lost: the next frame starts a new segment with a new initialization.
   void restart();

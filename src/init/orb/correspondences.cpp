@@ -58,7 +58,9 @@ bool Correspondences::dropLost() {
 }
 
 std::optional<InitReason> Correspondences::giveUp(InitReason failure) {
-  if (failure == InitReason::kSettling) return std::nullopt;  // the pair is too young
+  if (failure == InitReason::kSettling || failure == InitReason::kHurried) {
+    return std::nullopt;  // nothing is known of the pair
+  }
   const bool grows = failure == InitReason::kTooLittleParallax && age(0) < options_.max_frames;
   return grows ? std::nullopt : std::optional(failure);
 }

@@ -87,6 +87,10 @@ InitStep ORBInitializer::advance(FramePtr frame) {
 
 Attempt ORBInitializer::tryReferences() {
   Attempt first;  // its reason is the answer when none succeeds
+  if (hurried_) {
+    first.made = InitReason::kHurried;
+    return first;
+  }
   std::optional<WaitingMotion> surest;
   int tried = 0;
   for (const int reference : source_->turns()) {

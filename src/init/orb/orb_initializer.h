@@ -24,6 +24,7 @@ class ORBInitializer final : public Initializer {
 
   [[nodiscard]] InitStep addFrame(FramePtr frame) override;
   void reset() override;
+  void setHurried(bool hurried) override { hurried_ = hurried; }
 
  private:
   InitStep advance(FramePtr frame);
@@ -44,6 +45,7 @@ class ORBInitializer final : public Initializer {
   StageClock clock_;
   ResetLog resets_;
   bool spent_ = false;
+  bool hurried_ = false;
 };
 
 }  // namespace dsorb::init_orb
