@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: BSD-3-Clause
-"""Writes docs/results.md from two evaluations of evaluate.py, beside the published figures of other programs.
+"""Writes docs/results.md from two evaluations of evaluate.py, beside the figures of other programs.
 
   results_page.py --five DIR --dense DIR
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""docs/results.md: all variants against each other and against published figures; every number comes from a table."""
+"""docs/results.md: all variants against each other and against other programs; every number comes from a table."""
 import argparse
 import csv
 import datetime
@@ -152,7 +152,7 @@ def page(protocols, target, of_commit, note):
     parts = ['# Results\n', f'Written by `scripts/results_page.py` on {datetime.date.today()} from runs of commit `{of_commit}` (program '
              f'`{plan["build"][:16]}`) on {machine()}; {plan["threads"]} thread a run. Sequences: excerpts of public data sets '
              '(KITTI odometry, EuRoC, TUM RGB-D, 7-Scenes, TartanAir) and a rendered hand-held one (`room_hand`).\n',
-             'Rows in *italics* are published figures (`docs/results/reference.csv`): *reference* is the original DSO program with its own '
+             'Rows in *italics* are other programs, measured by us (`docs/results/reference.csv`): *reference* is the original DSO program with its own '
              'initializer (`coarse+reference` is our `--preset reference`), the others are two-view initializations on the same starts. Its runs on `euroc_static` were made on a longer '
              'excerpt, its depth on 7-Scenes judged against depth images that we do not have; its milliseconds are from a busy machine of the same kind. '
              'That file says of each row which program made it and how it was run; command lines were not kept.\n',

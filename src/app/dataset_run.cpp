@@ -10,6 +10,7 @@
 
 #include <opencv2/core/utility.hpp>
 #include <spdlog/spdlog.h>
+#include <tbb/info.h>
 
 #include <algorithm>
 #include <chrono>
@@ -28,9 +29,9 @@ constexpr const char* kGuessSigma = "0.15";  // relative, of a focal length that
 constexpr double kLongestSleep = 0.05;       // between two looks for Ctrl-C [s]
 constexpr std::chrono::milliseconds kWriterPatience(200);  // for a run that writes when it is ended
 
-/// More than the machine has are not started.
+/// More than the process may use are not started.
 int threadsInUse(int num_threads) {
-  const int available = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  const int available = tbb::info::default_concurrency();
   return num_threads > 0 ? std::min(num_threads, available) : available;
 }
 

@@ -2,6 +2,7 @@
 // A box that moves by itself must neither turn the estimated motion nor end up in the map.
 #include "support/init_run.h"
 
+#include <Eigen/Core>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -46,6 +47,15 @@ double shareOnBox(const InitializationResult& result,
   return on_box / static_cast<double>(result.points.size());
 }
 
+/// Direction of the newest frame's translation less the true one, both of length 1.
+Eigen::Vector3d directionError(const InitializationResult& result,
+                               const RenderedSequence& sequence) {
+  const SE3 truth = sequence.pose(result.frames.back().frame->id().value).inverse() *
+                    sequence.pose(result.frames.front().frame->id().value);
+  return result.frames.back().T_cam_ref->translation().normalized() -
+         truth.translation().normalized();
+}
+
 class MovingObject : public testing::TestWithParam<std::uint64_t> {};
 
 TEST_P(MovingObject, NeitherTurnsTheMotionNorEntersTheMap) {
@@ -55,16 +65,13 @@ TEST_P(MovingObject, NeitherTurnsTheMotionNorEntersTheMap) {
   const InitRun still = start(without);
   ASSERT_TRUE(moving.result) << moving.log();
   ASSERT_TRUE(still.result) << still.log();
-  const double change_deg = startErrors(*moving.result, with).direction_deg -
-                            startErrors(*still.result, without).direction_deg;
-  const double turn_deg = directionErrorDeg(moving.result->frames.back().T_cam_ref->translation(),
-                                            still.result->frames.back().T_cam_ref->translation());
-  const bool same_frames = moving.result->frames.size() == still.result->frames.size();
-  const double effect_deg = same_frames ? turn_deg : std::abs(change_deg);
+  const Eigen::Vector3d change =
+      directionError(*moving.result, with) - directionError(*still.result, without);
+  const double effect_deg = change.norm() * 180 / M_PI;
   const double share_on_box = shareOnBox(*moving.result, with, without);
   RecordProperty("effect_deg", std::to_string(effect_deg));
   RecordProperty("share_on_box", std::to_string(share_on_box));
-  // Measured at most 0.16 degrees and 0.6 % of the points.
+  // Measured at most 0.11 degrees and 0.1 % of the points, earlier versions 0.16 and 0.6.
   EXPECT_LT(effect_deg, 0.5);
   EXPECT_LE(share_on_box, 0.02);
 }

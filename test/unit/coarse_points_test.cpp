@@ -49,6 +49,7 @@ float squaredDistance(const PointLevel& level, std::size_t a, std::size_t b) {
 TEST(CoarsePoints, WantedCountsOfAVgaImage) {
   const int expected[] = {9216, 15360, 46080, 153600, 307200};
   for (int l = 0; l < 5; ++l) EXPECT_EQ(wantedPoints(l, 640, 480), expected[l]);
+  EXPECT_EQ(wantedPoints(0, 4, 4), 1) << "never none";
 }
 
 TEST(CoarsePoints, SpreadOfNeighboursIsWhatSmoothingLevelled) {

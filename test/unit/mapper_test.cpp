@@ -74,6 +74,17 @@ TEST_F(MapperTest, SeedMakesAMapWhoseNewestKeyframeIsTheTarget) {
   EXPECT_GT(update.target.reference.at(0).size(), 3500U);  // measured 7054
 }
 
+TEST_F(MapperTest, AMapThatNoOtherFrameSeesIsNone) {
+  InitializationResult unseen = result();
+  const SE3 behind(Eigen::Quaterniond(0, 0, 1, 0), Eigen::Vector3d::Zero());
+  for (std::size_t i = 1; i < unseen.frames.size(); ++i) {
+    unseen.frames[i].T_cam_ref = behind * *unseen.frames[i].T_cam_ref;
+  }
+  Mapper m = mapper();
+  EXPECT_TRUE(m.seed(result(), kSegment).finite);
+  EXPECT_FALSE(m.seed(unseen, kSegment).finite);
+}
+
 TEST_F(MapperTest, SnapshotsTellSegmentPoseAndDepthsNearTheTruth) {
   Mapper m = mapper();
   const MapUpdate update = m.seed(result(), kSegment);

@@ -113,6 +113,15 @@ TEST(PixelSelector, FindsTheWantedNumberInTexture) {
   }
 }
 
+TEST(PixelSelector, WithoutAWishThereIsAtLeastOne) {
+  const FramePtr frame = makeFrame(texture(kWidth, kHeight, 6, 1), kWidth);
+  for (const int wanted : {0, -3}) {
+    PixelSelector selector(kWidth, kHeight, {});
+    PixelSelector one(kWidth, kHeight, {});
+    EXPECT_EQ(selector.select(*frame, wanted).size(), one.select(*frame, 1).size()) << wanted;
+  }
+}
+
 TEST(PixelSelector, PixelsPassTheirThresholdAndStayOffTheBorder) {
   const FramePtr frame = makeFrame(texture(kWidth, kHeight, 6, 2), kWidth);
   PixelSelector selector(kWidth, kHeight, {});
