@@ -7,10 +7,10 @@
 #include "app/playback.h"
 #include "app/progress_bar.h"
 #include "app/run_outputs.h"
+#include "base/parallel.h"
 
 #include <opencv2/core/utility.hpp>
 #include <spdlog/spdlog.h>
-#include <tbb/info.h>
 
 #include <algorithm>
 #include <chrono>
@@ -28,12 +28,6 @@ namespace {
 constexpr const char* kGuessSigma = "0.15";  // relative, of a focal length that somebody guessed
 constexpr double kLongestSleep = 0.05;       // between two looks for Ctrl-C [s]
 constexpr std::chrono::milliseconds kWriterPatience(200);  // for a run that writes when it is ended
-
-/// More than the process may use are not started.
-int threadsInUse(int num_threads) {
-  const int available = tbb::info::default_concurrency();
-  return num_threads > 0 ? std::min(num_threads, available) : available;
-}
 
 /// As a value of the option `brightness`.
 std::string nameOf(BrightnessModel brightness) {

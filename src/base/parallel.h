@@ -20,14 +20,18 @@
 
 namespace dsorb {
 
-/// Threads owned by one object of the public API. Work run inside uses at most `num_threads`
-/// threads (0: all the machine has), never more than the machine has: TBB would print a warning.
+/// The threads that somebody wants (0: all), but no more than the process may use, which a
+/// container makes fewer than the machine has: TBB would print a warning.
+inline int threadsInUse(int wanted) {
+  const int available = tbb::info::default_concurrency();
+  return wanted > 0 ? std::min(wanted, available) : available;
+}
+
+/// Threads owned by one object of the public API. Work run inside uses at most threadsInUse().
 class TaskArena {
  public:
   explicit TaskArena(int num_threads)
-      : arena_(std::make_unique<tbb::task_arena>(
-            num_threads > 0 ? std::min(num_threads, tbb::info::default_concurrency())
-                            : int{tbb::task_arena::automatic})) {}
+      : arena_(std::make_unique<tbb::task_arena>(threadsInUse(num_threads))) {}
 
   template <typename Function>
   auto run(Function&& function) {
