@@ -147,9 +147,9 @@ def write(folder):
         parts += [html_figure(f'{group}: {title}', path, note) for group, title, path, note in curves if group == dataset]
     parts += [f'<h2>{title}</h2>' + section(figures, otherwise) for title, figures, otherwise in (
         ('Initial inverse depth', overlays, 'No run left an overlay.'),
-        ('Residuals of the initial points', histograms, 'No start could be repeated with this program.'),
+        ('Residuals of the initial points', histograms, 'No start, or no Python module of dsorb: scripts/build.sh $(scripts/python_flags.sh).'),
         ('Residuals of tracked frames', tracking, 'No frame was tracked.'),
-        ('Epipolar search', searches, 'No start could be repeated with this program.'),
+        ('Epipolar search', searches, 'No start, or no Python module of dsorb: scripts/build.sh $(scripts/python_flags.sh).'),
         ('Trajectories', trajectories, 'Not drawn.'))]
     parts += ['<h2>Failed runs</h2>', html_failed(done), '<h2>Configurations</h2>', configurations(evaluation.plan)]
     page = (f'<!doctype html><html lang=en><meta charset=utf-8><title>dsorb evaluation</title><style>{STYLE}</style>'

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Residuals and epipolar segments of one initialization per variant ([Gladkova], figures 5 and 3).
 
-A start of the evaluation is run once more, up to the frame that initialized, with --record: that leaves the rectified images, and
-with the initializer's own poses and inverse depths everything the two pictures need."""
-import json
+From what a run wrote (the initializer's poses and inverse depths) and the images that it read, rectified by the module `dsorb`:
+the installed one, or that of the build that the program is from."""
+import csv
+import importlib
 import math
-import subprocess
+import sys
 from pathlib import Path
 
 import matplotlib
@@ -15,10 +16,9 @@ import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 from PIL import Image  # noqa: E402
 
-from . import pictures, plots, protocol  # noqa: E402
+from . import pictures, plots  # noqa: E402
 from .judge import read_json  # noqa: E402
 
-TIMEOUT = 600  # [s]
 SEGMENTS = 24  # points drawn with their epipolar segment; more are a thicket
 REACH = 2.  # the segment spans inverse depths from 1 / REACH to REACH times the estimate
 FIT_ROUNDS = 3  # of the brightness fit, each without what lies beyond ...
@@ -26,43 +26,43 @@ FIT_CUT = 3.  # ... so many standard deviations, from the median absolute deviat
 MAD_TO_SIGMA = 1.4826
 
 
-def short_command(run):
-    """The run's command, ended with the frame that initialized."""
-    command, given = list(run.record['command']), run.start['frames_given']
-    if run.entry['reverse']:
-        command[command.index('--start') + 1] = str(run.entry['end'] - given)
-    else:
-        command[command.index('--end') + 1] = str(run.entry['start'] + given)
-    return command
-
-
-def repeat(run, folder):
-    """Repeats a start with --record unless that was done before. @return its folder, None where it could not be done"""
-    out = folder / 'starts' / run.entry['key']
-    path = out / 'recording.jsonl'
-    if not path.exists():
-        out.mkdir(parents=True, exist_ok=True)
-        command = short_command(run) + ['--output', str(out), '--record', str(path)]
-        try:
-            subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=TIMEOUT)
-        except (OSError, subprocess.TimeoutExpired):
-            return None
-    return out if path.exists() else None
-
-
-def load_start(out):
-    """The first initialization and its rectified images by position; None where there is none."""
-    content = read_json(out / 'initialization.json')
-    starts = (content or {}).get('initializations') or []
-    if not starts:
+def load_module(program):
+    """The Python package; None where it is neither installed nor in the program's build."""
+    build = Path(program).parent.parent / 'python'
+    try:
+        sys.path.append(str(build))
+        return importlib.import_module('dsorb')
+    except ImportError:
         return None
-    whole_lines = (out / 'recording.jsonl').read_text().rpartition('\n')[0].splitlines()
-    events = [json.loads(line) for line in whole_lines]
-    files = {e['index']: out / e['file'] for e in events if e['kind'] == 'image' and e['file']}
+    finally:
+        sys.path.remove(str(build))
+
+
+def rectifier_for(dsorb, run, camera):
+    """What made images of this camera of those that the run read; None where no way of rectifying does."""
+    lens = {key: run['lens'][key] for key in ('fx', 'fy', 'cx', 'cy', 'width', 'height', 'model', 'coefficients')}
+    for mode in ('crop', 'full', 'none'):
+        rectifier = dsorb.Rectifier(dsorb.Calibration(**lens, rectification=mode))
+        if all(math.isclose(getattr(rectifier.camera, key), value, rel_tol=1e-9) for key, value in camera.items()):
+            return rectifier
+    return None
+
+
+def load_start(dsorb, out):
+    """The first initialization and its rectified images by position; None where there is none, or its images are gone."""
+    starts = (read_json(out / 'initialization.json') or {}).get('initializations') or []
+    rectifier = rectifier_for(dsorb, read_json(out / 'run.json'), starts[0]['camera']) if starts else None
+    if rectifier is None:
+        return None
+    with open(out / 'frames.csv', newline='') as file:
+        files = {int(row['index']): row['image'] for row in csv.DictReader(file)}
     images = {}
-    for index in (pose['index'] for pose in starts[0]['poses'] if pose['T_cam_ref'] is not None):
-        with Image.open(files[index]) as image:
-            images[index] = np.array(image, float)
+    try:
+        for index in (pose['index'] for pose in starts[0]['poses'] if pose['T_cam_ref'] is not None):
+            with Image.open(files[index]) as image:
+                images[index] = rectifier.rectify(np.asarray(image), rgb=True).astype(float)
+    except OSError:
+        return None
     return starts[0], images
 
 
@@ -164,14 +164,13 @@ def choose(evaluation):
 
 
 def figures(evaluation):
-    """@return histograms and epipolar pictures, each a list of (title, path, note); empty where this is another program by now"""
-    program = Path(evaluation.plan['program'])
-    if not program.exists() or protocol.hash_program(program) != evaluation.plan['build']:
+    """@return histograms and epipolar pictures, each a list of (title, path, note); empty without the module"""
+    dsorb = load_module(evaluation.plan['program'])
+    if dsorb is None:
         return [], []
     histograms, searches, folder = [], [], evaluation.folder / 'figures'
     for variant, (sequence, run) in sorted(choose(evaluation).items(), key=lambda item: evaluation.plan['variants'].index(item[0])):
-        out = repeat(run, evaluation.folder)
-        loaded = load_start(out) if out else None
+        loaded = load_start(dsorb, evaluation.folder / 'runs' / run.entry['key'] / 'out')
         if not loaded:
             continue
         residuals = residuals_of(*loaded)
