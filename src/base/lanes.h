@@ -26,6 +26,11 @@ DSORB_ALWAYS_INLINE void load(const float* source, Lanes& lanes) {
 DSORB_ALWAYS_INLINE void store(const Lanes& lanes, float* target) {
   std::memcpy(target, &lanes, sizeof(Lanes));
 }
+DSORB_ALWAYS_INLINE void addLanes(const Lanes& lanes, float* target) {
+  Lanes sum;
+  load(target, sum);
+  store(sum + lanes, target);
+}
 DSORB_ALWAYS_INLINE void fill(float value, Lanes& lanes) {
   lanes = Lanes{value, value, value, value, value, value, value, value};
 }

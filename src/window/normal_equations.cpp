@@ -81,32 +81,48 @@ DSORB_ALWAYS_INLINE void freeze(PatchSums& p,
   p.br -= p.xb * dx + p.yb * dy + p.ab * da + p.bb * db;
 }
 
+/// The camera's columns in the rows of the pose, and its rows.
+DSORB_ALWAYS_INLINE void accumulateCamera(const ResidualTerms& terms, PairSums& sums) {
+  const ResidualGeometry& g = terms.geometry;
+  Lanes x;
+  Lanes y;
+  Lanes rest_x;
+  Lanes rest_y;
+  load(terms.x, x);
+  load(terms.y, y);
+  load(terms.x + kLanes, rest_x);
+  load(terms.y + kLanes, rest_y);
+  for (std::size_t row = 0; row < kPoseRows; ++row) {
+    addLanes(g.x[row] * rest_x + g.y[row] * rest_y, sums.rows[row] + kLanes);
+  }
+  for (std::size_t i = 0; i < kCameraDim; ++i) {
+    const float jx = g.x[kLaneCamera + i];
+    const float jy = g.y[kLaneCamera + i];
+    addLanes(jx * x + jy * y, sums.rows[kPoseRows + i]);
+    addLanes(jx * rest_x + jy * rest_y, sums.rows[kPoseRows + i] + kLanes);
+  }
+}
+
+/// In single precision: a chunk is short, and chunks are added in double precision.
 DSORB_ALWAYS_INLINE void accumulate(const ResidualTerms& terms, bool camera, PairSums& sums) {
   const ResidualGeometry& g = terms.geometry;
-  const std::size_t lanes = camera ? kRowLanes : kRowLanesWithoutCamera;
-  alignas(32) double x[kRowLanes];
-  alignas(32) double y[kRowLanes];
-  for (std::size_t i = 0; i < kRowLanes; ++i) {
-    x[i] = static_cast<double>(terms.x[i]);
-    y[i] = static_cast<double>(terms.y[i]);
+  Lanes x;
+  Lanes y;
+  load(terms.x, x);
+  load(terms.y, y);
+  for (std::size_t row = 0; row < kPoseRows; ++row) {
+    addLanes(g.x[row] * x + g.y[row] * y, sums.rows[row]);
   }
-  const auto add_row = [&](double* row, float gx, float gy) {
-    const auto jx = static_cast<double>(gx);
-    const auto jy = static_cast<double>(gy);
-    for (std::size_t i = 0; i < lanes; ++i) row[i] += jx * x[i] + jy * y[i];
-  };
-  for (std::size_t row = 0; row < kPoseRows; ++row) add_row(sums.rows[row], g.x[row], g.y[row]);
-  if (camera) {
-    for (std::size_t row = 0; row < kCameraDim; ++row) {
-      add_row(sums.rows[kPoseRows + row], g.x[kLaneCamera + row], g.y[kLaneCamera + row]);
-    }
-  }
+  Lanes residual;
+  residualColumn(g, terms.x, terms.y, residual);
+  addLanes(residual, sums.residual);
+  if (camera) accumulateCamera(terms, sums);
   const PatchSums& p = terms.patch;
-  sums.brightness[0] += static_cast<double>(p.aa);
-  sums.brightness[1] += static_cast<double>(p.ab);
-  sums.brightness[2] += static_cast<double>(p.bb);
-  sums.brightness[3] += static_cast<double>(p.ar);
-  sums.brightness[4] += static_cast<double>(p.br);
+  sums.brightness[0] += p.aa;
+  sums.brightness[1] += p.ab;
+  sums.brightness[2] += p.bb;
+  sums.brightness[3] += p.ar;
+  sums.brightness[4] += p.br;
 }
 
 /// Adds one residual to the row of its point. @return its share of (D, b_d)
@@ -226,11 +242,11 @@ DSORB_ALWAYS_INLINE ResidualSums linearizePoint(WindowPoint& point,
           relativeDeviation(context, pair, terms.geometry, chunk.host, target);
       freeze(terms.patch, terms.geometry, relative, context.window->camera_state);
     }
-    sumLanes(terms, camera ? kRowLanes : kRowLanesWithoutCamera);
+    sumLanes(terms, camera ? kRowLanes : kPoseLanes);
     accumulate(terms, camera, context.sums[target]);
     const bool velocities = context.velocity_sums != nullptr;
     if (velocities) {
-      accumulateVelocities(terms.geometry, terms.x, terms.y, context.velocity_sums[target]);
+      accumulateVelocities(terms.geometry, terms.x, terms.y, camera, context.velocity_sums[target]);
     }
     const auto state_of = [&](std::size_t keyframe) {
       return row + kCameraDim + context.frame_dimension * static_cast<std::ptrdiff_t>(keyframe);

@@ -6,25 +6,29 @@ namespace dsorb::window {
 using Eigen::Index;
 
 void PairBlocks::add(const PairSums& sums) {
-  using Row = Eigen::Map<const Eigen::Array<double, 1, kRowLanes>>;
+  using Row = Eigen::Matrix<double, 1, kRowLanes>;
+  const auto row_of = [&sums](Index i) -> Row {
+    return Eigen::Map<const Eigen::Matrix<float, 1, kRowLanes>>(sums.rows[i]).cast<double>();
+  };
+  const auto single = [](float value) { return static_cast<double>(value); };
   for (Index i = 0; i < kPoseRows; ++i) {
-    const Eigen::Array<double, 1, kRowLanes> row = Row(sums.rows[i]);
-    H.row(i) += row.head<kFrameDim>().matrix();
-    b[i] += row[kLaneResidual];
-    H_camera.row(i) += row.segment<kCameraDim>(kLaneCamera).matrix();
+    const Row row = row_of(i);
+    H.row(i) += row.head<kFrameDim>();
+    b[i] += single(sums.residual[i]);
+    H_camera.row(i) += row.segment<kCameraDim>(kLaneCamera);
   }
   for (Index i = 0; i < kCameraDim; ++i) {
-    const Eigen::Array<double, 1, kRowLanes> row = Row(sums.rows[kPoseRows + i]);
+    const Row row = row_of(kPoseRows + i);
     H_camera(6, i) += row[kLaneA];
     H_camera(7, i) += row[kLaneB];
     b_camera[i] += row[kLaneResidual];
-    camera.row(i) += row.segment<kCameraDim>(kLaneCamera).matrix();
+    camera.row(i) += row.segment<kCameraDim>(kLaneCamera);
   }
-  H(6, 6) += sums.brightness[0];
-  H(6, 7) += sums.brightness[1];
-  H(7, 7) += sums.brightness[2];
-  b[6] += sums.brightness[3];
-  b[7] += sums.brightness[4];
+  H(6, 6) += single(sums.brightness[0]);
+  H(6, 7) += single(sums.brightness[1]);
+  H(7, 7) += single(sums.brightness[2]);
+  b[6] += single(sums.brightness[3]);
+  b[7] += single(sums.brightness[4]);
 }
 
 void addPair(const PairBlocks& blocks,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "base/lanes.h"
 #include "estimate/linear_system.h"
 #include "window/pair_geometry.h"
 #include "window/photometric_residual.h"
@@ -11,12 +12,26 @@
 /// absolute states.
 namespace dsorb::window {
 
-/// Sums of one ordered pair: rows of the relative normal equations (translation, rotation,
-/// camera; lanes as in photometric_residual.h) and the brightness block.
+/// Sums of one ordered pair over one chunk: rows of the relative normal equations (translation,
+/// rotation, camera; lanes as in photometric_residual.h) and the brightness block.
 struct PairSums {
-  alignas(32) double rows[kPoseRows + kCameraDim][kRowLanes];
-  double brightness[5];  // aa, ab, bb, ar, br
+  alignas(32) float rows[kPoseRows + kCameraDim][kRowLanes];
+  float residual[kPoseLanes];  // column of the residual in the rows of the pose
+  float brightness[5];         // aa, ab, bb, ar, br
 };
+
+/// Products of the residual with the rows of the pose.
+/// @param x, y the patch block times geometry, brightness, residual: kRowLanes of them
+DSORB_ALWAYS_INLINE void residualColumn(const ResidualGeometry& g,
+                                        const float* x,
+                                        const float* y,
+                                        Lanes& column) {
+  Lanes by_x;
+  Lanes by_y;
+  load(g.x, by_x);
+  load(g.y, by_y);
+  column = x[kLaneResidual] * by_x + y[kLaneResidual] * by_y;
+}
 
 using CameraMatrix = Eigen::Matrix<double, kCameraDim, kCameraDim>;
 

@@ -31,7 +31,6 @@ constexpr std::size_t kLaneResidual = 8;
 constexpr std::size_t kLaneCamera = 9;
 constexpr std::size_t kLaneReadout = kLaneCamera + kReadout;
 constexpr std::size_t kRowLanes = 16;
-constexpr std::size_t kRowLanesWithoutCamera = 12;
 
 /// The geometric half: derivatives of the pixel of the pattern's centre.
 struct ResidualGeometry {

@@ -28,7 +28,10 @@ void addRows(const Rows& sums,
   addBoth((relative * pair.to_host.transpose()).eval(), velocity, rows.host, out.H);
   addBoth((relative * pair.to_target.asDiagonal()).eval(), velocity, rows.target, out.H);
   addBoth(absolute.middleCols<kCameraDim>(kLaneCamera).eval(), velocity, 0, out.H);
-  out.b.segment<kPoseRows>(velocity) += absolute.col(kLaneResidual);
+}
+
+Eigen::Matrix<double, kPoseRows, 1> column(const float (&sums)[kPoseLanes]) {
+  return Eigen::Map<const Eigen::Matrix<float, kPoseRows, 1>>(sums).cast<double>();
 }
 
 /// Rounding makes the two triangles differ; the upper one counts.
@@ -49,6 +52,8 @@ void addVelocities(const VelocitySums& sums,
   const Index of_target = rows.target + kFrameDim;
   addRows(Eigen::Map<const Rows>(sums.by_host[0]), host, pair, rows, of_host, out);
   addRows(Eigen::Map<const Rows>(sums.by_target[0]), target, pair, rows, of_target, out);
+  out.b.segment<kPoseRows>(of_host) += host * column(sums.host_residual);
+  out.b.segment<kPoseRows>(of_target) += target * column(sums.target_residual);
   const Matrix6 hosts = host * symmetric(sums.host_host) * host.transpose();
   out.H.block<kPoseRows, kPoseRows>(of_host, of_host) += 0.5 * (hosts + hosts.transpose());
   out.H.block<kPoseRows, kPoseRows>(of_target, of_target) +=

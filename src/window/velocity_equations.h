@@ -22,45 +22,46 @@ namespace dsorb::window {
 struct VelocitySums {
   alignas(32) float by_target[kPoseRows][kRowLanes];  // times that of the target's row
   float by_host[kPoseRows][kRowLanes];
+  float target_residual[kPoseLanes];  // column of the residual
+  float host_residual[kPoseLanes];
   float target_target[kPoseRows][kPoseLanes];  // times its square, and so on
   float target_host[kPoseRows][kPoseLanes];
   float host_host[kPoseRows][kPoseLanes];
 };
 
-/// Adds lanes to a row.
-DSORB_ALWAYS_INLINE void addLanes(const Lanes& lanes, float* row) {
-  Lanes sum;
-  load(row, sum);
-  store(sum + lanes, row);
-}
-
 /// Adds one residual.
-/// @param x, y the patch block times geometry, brightness, residual: kRowLanes of them
-DSORB_ALWAYS_INLINE void accumulateVelocities(const ResidualGeometry& g,
-                                              const float* x,
-                                              const float* y,
-                                              VelocitySums& sums) {
+/// @param x, y   the patch block times geometry, brightness, residual: kRowLanes of them
+/// @param camera whether there is more in them than pose, brightness and residual
+DSORB_ALWAYS_INLINE void accumulateVelocities(
+    const ResidualGeometry& g, const float* x, const float* y, bool camera, VelocitySums& sums) {
   static_assert(kPoseLanes == kLanes && kRowLanes - kPoseLanes == kLanes);
   Lanes pose_x;
   Lanes pose_y;
-  Lanes rest_x;
-  Lanes rest_y;
   load(x, pose_x);
   load(y, pose_y);
-  load(x + kLanes, rest_x);
-  load(y + kLanes, rest_y);
   for (std::size_t row = 0; row < kPoseRows; ++row) {
     const Lanes pose = g.x[row] * pose_x + g.y[row] * pose_y;
-    const Lanes rest = g.x[row] * rest_x + g.y[row] * rest_y;
     const Lanes by_target = g.target_time * pose;
     const Lanes by_host = g.host_time * pose;
     addLanes(by_target, sums.by_target[row]);
-    addLanes(g.target_time * rest, sums.by_target[row] + kLanes);
     addLanes(by_host, sums.by_host[row]);
-    addLanes(g.host_time * rest, sums.by_host[row] + kLanes);
     addLanes(g.target_time * by_target, sums.target_target[row]);
     addLanes(g.target_time * by_host, sums.target_host[row]);
     addLanes(g.host_time * by_host, sums.host_host[row]);
+  }
+  Lanes residual;
+  residualColumn(g, x, y, residual);
+  addLanes(g.target_time * residual, sums.target_residual);
+  addLanes(g.host_time * residual, sums.host_residual);
+  if (!camera) return;
+  Lanes rest_x;
+  Lanes rest_y;
+  load(x + kLanes, rest_x);
+  load(y + kLanes, rest_y);
+  for (std::size_t row = 0; row < kPoseRows; ++row) {
+    const Lanes rest = g.x[row] * rest_x + g.y[row] * rest_y;
+    addLanes(g.target_time * rest, sums.by_target[row] + kLanes);
+    addLanes(g.host_time * rest, sums.by_host[row] + kLanes);
   }
 }
 

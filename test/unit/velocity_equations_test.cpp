@@ -81,7 +81,7 @@ TEST(VelocityEquations, AreThoseOfTheWholeJacobian) {
       x[lane] = products(0, column);
       y[lane] = products(1, column);
     }
-    accumulateVelocities(g, x, y, sums);
+    accumulateVelocities(g, x, y, true, sums);
     const MatrixXd J = wholeJacobian(pair, g);
     H += J.transpose() * products.topLeftCorner<4, 4>().cast<double>() * J;
     b += J.transpose() * products.topRightCorner<4, 1>().cast<double>();
