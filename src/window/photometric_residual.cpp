@@ -114,15 +114,21 @@ void addReadout(const WindowPoint& point,
       kScale * (warp.fy * target.y() - by_ray.yx * moved_x - by_ray.yy * moved_y);
 }
 
-/// When the rows of the host and of the target are read that show the point.
+/// When the rows of the host and of the target are read that show the point. Derivatives need no
+/// better time than that of the pixel moved on straight, at the speed of the middle row.
 void addTimes(const WindowPoint& point,
               const PairGeometry& pair,
               const WarpedPoint<float>& p,
               ResidualGeometry& geometry) {
   const TargetImage& target = pair.current;
-  WarpedPoint<float> seen = p;
-  moveToRow(target.shutter, target.warp, point.inverse_depth * p.inverse_z, seen);
-  rowTime(target.shutter, seen.x, seen.y, geometry.target_time);
+  RowFlow<float> flow;
+  rowFlow(target.shutter, {p.u, p.v}, point.inverse_depth * p.inverse_z, 1, flow);
+  float time = 0;
+  rowTime(target.shutter, p.x, p.y, time);
+  const float* d = flow.first;
+  const float x = p.x + time * target.warp.fx * (d[0] - p.u * d[2]);
+  const float y = p.y + time * target.warp.fy * (d[1] - p.v * d[2]);
+  rowTime(target.shutter, x, y, geometry.target_time);
   rowTime(pair.host_shutter, point.patch.seen.x(), point.patch.seen.y(), geometry.host_time);
   geometry.target_time *= static_cast<float>(kVelocityScale);
   geometry.host_time *= static_cast<float>(kVelocityScale);
