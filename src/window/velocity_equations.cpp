@@ -15,19 +15,23 @@ void addBoth(const Block& block, Index row, Index column, Eigen::MatrixXd& H) {
   H.block(column, row, block.cols(), block.rows()) += block.transpose();
 }
 
-/// Adds the products of one velocity, whose relative gradients `to` makes absolute ones, with all
-/// that is no velocity.
+/// A velocity of the system: what makes its relative gradients absolute ones, its first row.
+struct VelocityState {
+  Matrix6 to;
+  Index row;
+};
+
+/// Adds the products of one velocity with all that is no velocity.
 void addRows(const Rows& sums,
-             const Matrix6& to,
+             const VelocityState& velocity,
              const PairGeometry& pair,
              const PairRows& rows,
-             Index velocity,
              LinearSystem<float>& out) {
-  const Eigen::Matrix<double, kPoseRows, kRowLanes> absolute = to * sums.cast<double>();
+  const Eigen::Matrix<double, kPoseRows, kRowLanes> absolute = velocity.to * sums.cast<double>();
   const auto relative = absolute.leftCols<kFrameDim>();
-  addBoth((relative * pair.to_host.transpose()).eval(), velocity, rows.host, out.H);
-  addBoth((relative * pair.to_target.asDiagonal()).eval(), velocity, rows.target, out.H);
-  addBoth(absolute.middleCols<kCameraDim>(kLaneCamera).eval(), velocity, 0, out.H);
+  addBoth((relative * pair.to_host.transpose()).eval(), velocity.row, rows.host, out.H);
+  addBoth((relative * pair.to_target.asDiagonal()).eval(), velocity.row, rows.target, out.H);
+  addBoth(absolute.middleCols<kCameraDim>(kLaneCamera).eval(), velocity.row, 0, out.H);
 }
 
 Eigen::Matrix<double, kPoseRows, 1> column(const float (&sums)[kPoseLanes]) {
@@ -50,8 +54,8 @@ void addVelocities(const VelocitySums& sums,
   const Matrix6 target = pair.to_target.head<kPoseRows>().asDiagonal();
   const Index of_host = rows.host + kFrameDim;
   const Index of_target = rows.target + kFrameDim;
-  addRows(Eigen::Map<const Rows>(sums.by_host[0]), host, pair, rows, of_host, out);
-  addRows(Eigen::Map<const Rows>(sums.by_target[0]), target, pair, rows, of_target, out);
+  addRows(Eigen::Map<const Rows>(sums.by_host[0]), {host, of_host}, pair, rows, out);
+  addRows(Eigen::Map<const Rows>(sums.by_target[0]), {target, of_target}, pair, rows, out);
   out.b.segment<kPoseRows>(of_host) += host * column(sums.host_residual);
   out.b.segment<kPoseRows>(of_target) += target * column(sums.target_residual);
   const Matrix6 hosts = host * symmetric(sums.host_host) * host.transpose();
