@@ -243,13 +243,13 @@ class StartPictures(unittest.TestCase):
         self.assertEqual(len(residuals), 400)
         self.assertLess(np.abs(residuals).max(), 1e-9)
 
-    def test_the_repeated_command_ends_where_it_initialized(self):
-        def command(reverse):
-            run = summary.Run(dict(start=10, end=50, reverse=reverse), dict(command=['p', 'd', '--start', '10', '--end', '50']),
-                              dict(starts=[dict(frames_given=6)]))
-            return start_pictures.short_command(run)[2:]
-        self.assertEqual(command(False), ['--start', '10', '--end', '16'])
-        self.assertEqual(command(True), ['--start', '44', '--end', '50'])
+    def test_rectifies_as_the_run_did(self):
+        cameras = {mode: SimpleNamespace(**dict(self.camera, fx=fx)) for mode, fx in (('crop', 40.), ('full', 30.), ('none', 50.))}
+        module = SimpleNamespace(Calibration=lambda rectification, **lens: rectification,
+                                 Rectifier=lambda mode: SimpleNamespace(mode=mode, camera=cameras[mode]))
+        run = dict(lens=dict(self.camera, model='pinhole', coefficients=[]))
+        self.assertEqual(start_pictures.rectifier_for(module, run, dict(self.camera, fx=30.)).mode, 'full')
+        self.assertIsNone(start_pictures.rectifier_for(module, run, dict(self.camera, fx=35.)))
 
 
 class Tables(unittest.TestCase):
