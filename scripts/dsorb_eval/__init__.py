@@ -8,5 +8,6 @@ protocol    sequences file, start frames, list of runs    pictures  overlays sid
 runner      one run of the program                        report    report.html
 judge       output folder of a run -> figures             cli       what scripts/evaluate.py does
 evo         evo's programs, called from outside           start_pictures  residuals, epipolar search of one start
+package     the Python package, of a build or installed
 download    for download_data.py                         collection  `dsorb run` over a list of videos
 """

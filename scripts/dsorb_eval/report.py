@@ -19,6 +19,7 @@ tr.total td{font-weight:600;background:#f8f9fb}img{max-width:100%}figure{margin:
 code,pre{font:12.5px/1.4 ui-monospace,monospace;background:#f3f5f8;border-radius:4px}pre{padding:.6rem;overflow-x:auto;white-space:pre-wrap}
 .row{display:flex;flex-wrap:wrap;gap:1rem}.row figure{flex:0 1 31%}code{padding:.1rem .3rem}.failed{border-left:4px solid #c62828;padding-left:.8rem;margin:1rem 0}.note{color:#57606a}
 """
+NO_STARTS = 'No start, or no Python module of dsorb: scripts/build.sh $(scripts/python_flags.sh).'
 
 
 def escape(text):
@@ -147,9 +148,9 @@ def write(folder):
         parts += [html_figure(f'{group}: {title}', path, note) for group, title, path, note in curves if group == dataset]
     parts += [f'<h2>{title}</h2>' + section(figures, otherwise) for title, figures, otherwise in (
         ('Initial inverse depth', overlays, 'No run left an overlay.'),
-        ('Residuals of the initial points', histograms, 'No start, or no Python module of dsorb: scripts/build.sh $(scripts/python_flags.sh).'),
+        ('Residuals of the initial points', histograms, NO_STARTS),
         ('Residuals of tracked frames', tracking, 'No frame was tracked.'),
-        ('Epipolar search', searches, 'No start, or no Python module of dsorb: scripts/build.sh $(scripts/python_flags.sh).'),
+        ('Epipolar search', searches, NO_STARTS),
         ('Trajectories', trajectories, 'Not drawn.'))]
     parts += ['<h2>Failed runs</h2>', html_failed(done), '<h2>Configurations</h2>', configurations(evaluation.plan)]
     page = (f'<!doctype html><html lang=en><meta charset=utf-8><title>dsorb evaluation</title><style>{STYLE}</style>'

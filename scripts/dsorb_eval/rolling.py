@@ -2,7 +2,6 @@
 """Error of the trajectory against the readout of a rolling shutter, given to the program and not: rendered rooms and streets
 of one seed each, whole sequences of FRAMES images."""
 import argparse
-import importlib
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -16,7 +15,7 @@ import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 from PIL import Image  # noqa: E402
 
-from . import metrics  # noqa: E402
+from . import metrics, package  # noqa: E402
 from . import trajectory as tr  # noqa: E402
 from .plots import save  # noqa: E402
 
@@ -102,8 +101,9 @@ def main():
     parser.add_argument('--build', type=Path, default=ROOT / 'build', help='folder of a build with DSORB_BUILD_PYTHON')
     parser.add_argument('--jobs', type=int, default=1, metavar='N', help='runs at a time')
     args = parser.parse_args()
-    sys.path.insert(0, str(args.build / 'python'))
-    dsorb = importlib.import_module('dsorb')
+    dsorb = package.load(args.build)
+    if dsorb is None:
+        sys.exit(f'rolling_shutter.py: no Python package in {args.build / "python"}')
     runs = [Run(kind, readout, label) for kind in SEEDS for readout in READOUTS for label in VARIANTS]
     with ThreadPoolExecutor(args.jobs) as pool:
         list(pool.map(lambda run: render(args.build / 'bin' / 'dso_synthesize', run.kind, run.readout, args.out / run.sequence),

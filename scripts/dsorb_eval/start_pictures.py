@@ -2,11 +2,9 @@
 """Residuals and epipolar segments of one initialization per variant ([Gladkova], figures 5 and 3).
 
 From what a run wrote (the initializer's poses and inverse depths) and the images that it read, rectified by the module `dsorb`:
-the installed one, or that of the build that the program is from."""
+that of the build that the program is from, or the installed one."""
 import csv
-import importlib
 import math
-import sys
 from pathlib import Path
 
 import matplotlib
@@ -16,7 +14,7 @@ import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 from PIL import Image  # noqa: E402
 
-from . import pictures, plots  # noqa: E402
+from . import package, pictures, plots  # noqa: E402
 from .judge import read_json  # noqa: E402
 
 SEGMENTS = 24  # points drawn with their epipolar segment; more are a thicket
@@ -24,18 +22,6 @@ REACH = 2.  # the segment spans inverse depths from 1 / REACH to REACH times the
 FIT_ROUNDS = 3  # of the brightness fit, each without what lies beyond ...
 FIT_CUT = 3.  # ... so many standard deviations, from the median absolute deviation
 MAD_TO_SIGMA = 1.4826
-
-
-def load_module(program):
-    """The Python package; None where it is neither installed nor in the program's build."""
-    build = Path(program).parent.parent / 'python'
-    try:
-        sys.path.append(str(build))
-        return importlib.import_module('dsorb')
-    except ImportError:
-        return None
-    finally:
-        sys.path.remove(str(build))
 
 
 def rectifier_for(dsorb, run, camera):
@@ -165,7 +151,7 @@ def choose(evaluation):
 
 def figures(evaluation):
     """@return histograms and epipolar pictures, each a list of (title, path, note); empty without the module"""
-    dsorb = load_module(evaluation.plan['program'])
+    dsorb = package.load(Path(evaluation.plan['program']).parent.parent)
     if dsorb is None:
         return [], []
     histograms, searches, folder = [], [], evaluation.folder / 'figures'

@@ -17,7 +17,7 @@ import unittest
 import unittest.mock
 from pathlib import Path
 
-from dsorb_eval import cli, start_pictures
+from dsorb_eval import cli, package
 
 SCRIPTS = Path(__file__).resolve().parents[2] / 'scripts'
 PATIENCE = 120  # [s] until a step of the evaluation must have happened, also on a busy machine
@@ -125,7 +125,7 @@ class Evaluation(unittest.TestCase):
         self.assertGreaterEqual(len(re.findall('src="data:image/png', page)), 6)
         self.assertIn('evo computed ATE and RPE of', page)
         names = ['all_initial', 'all_trajectory', 'room_initial', 'overlay_room', 'evo_room_trajectories']
-        if start_pictures.load_module(self.folder / 'bin' / 'slow'):
+        if package.load(self.folder):
             names += ['residuals_orb', 'epipolar_search_orb']
         for name in names:
             self.assertTrue((out / 'figures' / f'{name}.png').read_bytes().startswith(b'\x89PNG'), name)
