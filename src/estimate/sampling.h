@@ -9,13 +9,14 @@
 #include <cmath>
 #include <cstddef>
 #include <cstring>
+#include <limits>
 
 /// Bilinear interpolation of an image: one arithmetic, one border rule, for one position or eight.
 namespace dsorb {
 
 /// The border rule: coordinates are in [kNearBorder, size - kFarBorder). There all pixels that are
-/// read have central differences, which the outermost ones lack, and a load of four floats, which
-/// takes in a value of the next pixel on the right, stays in the row.
+/// read have central differences, which the outermost ones lack: the four around the position and
+/// the eight beside them are in the image.
 constexpr float kNearBorder = 1;  ///< [px]
 constexpr float kFarBorder = 2;   ///< [px]
 
@@ -34,20 +35,21 @@ inline bool canSample(const PyramidLevel& level, float x, float y, float margin 
 
 /// Between four neighbours. @tparam T a number or several in a register
 template <typename T, typename Scalar>
-DSORB_ALWAYS_INLINE T bilinear(const T (&top)[2], const T (&bottom)[2], Scalar fx, Scalar fy) {
+DSORB_ALWAYS_INLINE void bilinear(
+    const T (&top)[2], const T (&bottom)[2], const Scalar& fx, const Scalar& fy, T& value) {
   const T upper = top[0] + fx * (top[1] - top[0]);
   const T lower = bottom[0] + fx * (bottom[1] - bottom[0]);
-  return upper + fy * (lower - upper);
+  value = upper + fy * (lower - upper);
 }
 
 /// The four pixels around a position and where it lies between them.
 template <typename Scalar>
 struct InterpolationCell {
-  const ImageSample* top;     ///< left of the upper two
-  const ImageSample* bottom;  ///< left of the lower two
-  Scalar fx, fy;              ///< from the upper left pixel, [0, 1)
+  const float* top;     ///< left of the upper two
+  const float* bottom;  ///< left of the lower two
+  Scalar fx, fy;        ///< from the upper left pixel, [0, 1)
 
-  InterpolationCell(const ImageSample* image, std::ptrdiff_t width, Scalar x, Scalar y) {
+  InterpolationCell(const float* image, std::ptrdiff_t width, Scalar x, Scalar y) {
     const int ix = static_cast<int>(x);
     const int iy = static_cast<int>(y);
     top = image + iy * width + ix;
@@ -56,16 +58,24 @@ struct InterpolationCell {
     fy = y - static_cast<Scalar>(iy);
   }
 
-  [[nodiscard]] Scalar at(float ImageSample::*value) const {
-    const Scalar upper[2] = {static_cast<Scalar>(top[0].*value),
-                             static_cast<Scalar>(top[1].*value)};
-    const Scalar lower[2] = {static_cast<Scalar>(bottom[0].*value),
-                             static_cast<Scalar>(bottom[1].*value)};
-    return bilinear(upper, lower, fx, fy);
+  /// @param value of a pixel, by its address
+  template <typename Value>
+  [[nodiscard]] Scalar at(const Value& value) const {
+    const Scalar upper[2] = {static_cast<Scalar>(value(top)), static_cast<Scalar>(value(top + 1))};
+    const Scalar lower[2] = {static_cast<Scalar>(value(bottom)),
+                             static_cast<Scalar>(value(bottom + 1))};
+    Scalar result;
+    bilinear(upper, lower, fx, fy, result);
+    return result;
+  }
+
+  [[nodiscard]] Scalar intensity() const {
+    return at([](const float* pixel) { return *pixel; });
   }
 };
 
-/// Intensity with gradients; NaN intensity where one of the four pixels is invalid.
+/// Intensity with gradients; where one of the pixels that it is made of is invalid, the intensity
+/// is NaN and the gradients are 0.
 template <typename Scalar>
 struct Sample {
   Scalar intensity;  ///< [grey levels]
@@ -76,13 +86,18 @@ struct Sample {
 /// @param x, y position [px]; the caller guarantees canSample()
 template <typename Scalar>
 inline Sample<Scalar> interpolate(const PyramidLevel& level, Scalar x, Scalar y) {
-  const InterpolationCell<Scalar> cell(level.data(), level.width(), x, y);
-  return {cell.at(&ImageSample::intensity), cell.at(&ImageSample::dx), cell.at(&ImageSample::dy)};
+  const std::ptrdiff_t width = level.width();
+  const InterpolationCell<Scalar> cell(level.data(), width, x, y);
+  const Scalar dx = cell.at([](const float* pixel) { return 0.5F * (pixel[1] - pixel[-1]); });
+  const Scalar dy =
+      cell.at([width](const float* pixel) { return 0.5F * (pixel[width] - pixel[-width]); });
+  if (std::isnan(dx + dy)) return {std::numeric_limits<Scalar>::quiet_NaN(), 0, 0};
+  return {cell.intensity(), dx, dy};
 }
 
 /// Intensity alone.
 inline float interpolateIntensity(const PyramidLevel& level, float x, float y) {
-  return InterpolationCell<float>(level.data(), level.width(), x, y).at(&ImageSample::intensity);
+  return InterpolationCell<float>(level.data(), level.width(), x, y).intensity();
 }
 
 /// Intensity with the exact gradient of its interpolation: the difference of the interpolated right
@@ -90,63 +105,56 @@ inline float interpolateIntensity(const PyramidLevel& level, float x, float y) {
 inline Sample<float> interpolateWithCellGradient(const PyramidLevel& level, float x, float y) {
   const InterpolationCell<float> cell(level.data(), level.width(), x, y);
   const auto [top, bottom, fx, fy] = cell;
-  const float above = top[1].intensity - top[0].intensity;
-  const float below = bottom[1].intensity - bottom[0].intensity;
-  const float left = bottom[0].intensity - top[0].intensity;
-  const float right = bottom[1].intensity - top[1].intensity;
-  return {
-      cell.at(&ImageSample::intensity), above + fy * (below - above), left + fx * (right - left)};
+  const float above = top[1] - top[0];
+  const float below = bottom[1] - bottom[0];
+  const float left = bottom[0] - top[0];
+  const float right = bottom[1] - top[1];
+  return {cell.intensity(), above + fy * (below - above), left + fx * (right - left)};
 }
 
-/// The three values of a sample in one register; the fourth float belongs to its right neighbour.
-using SampleQuad = float __attribute__((vector_size(16)));
+/// Four pixels of a row, from left of the position to two right of it.
+using PixelQuad = float __attribute__((vector_size(16)));
 
-/// All values of a sample at once.
-/// @param image first sample of the level, `width` a row
-DSORB_ALWAYS_INLINE void interpolateQuad(
-    const ImageSample* image, std::ptrdiff_t width, float x, float y, SampleQuad& value) {
-  const InterpolationCell<float> cell(image, width, x, y);
-  SampleQuad top[2];
-  SampleQuad bottom[2];
-  for (int i = 0; i < 2; ++i) {
-    std::memcpy(&top[i], &cell.top[i].intensity, sizeof(SampleQuad));
-    std::memcpy(&bottom[i], &cell.bottom[i].intensity, sizeof(SampleQuad));
-  }
-  value = bilinear(top, bottom, cell.fx, cell.fy);
+DSORB_ALWAYS_INLINE void loadAround(const float* pixel, PixelQuad& quad) {
+  std::memcpy(&quad, pixel - 1, sizeof(PixelQuad));
 }
 
-/// Intensities alone at eight positions; the caller guarantees canSample().
-DSORB_ALWAYS_INLINE void interpolateIntensities(const ImageSample* image,
-                                                std::ptrdiff_t width,
-                                                const Lanes& x,
-                                                const Lanes& y,
-                                                Lanes& intensity) {
-  SampleQuad edge[kLanes];  // first: intensity on the left edge of the cell, last: on its right
-  Lanes fx;
-  for (int k = 0; k < kLanes; ++k) {
-    const InterpolationCell<float> cell(image, width, x[k], y[k]);
-    SampleQuad top;
-    SampleQuad bottom;
-    std::memcpy(&top, &cell.top->intensity, sizeof(SampleQuad));
-    std::memcpy(&bottom, &cell.bottom->intensity, sizeof(SampleQuad));
-    edge[k] = top + cell.fy * (bottom - top);
-    fx[k] = cell.fx;
-  }
-  SampleQuad left[2];
-  SampleQuad right[2];
+/// Columns `first` and `first + 1` of eight quads.
+template <int first>
+DSORB_ALWAYS_INLINE void twoColumns(const PixelQuad (&quads)[kLanes], Lanes (&columns)[2]) {
+  PixelQuad left[2];
+  PixelQuad right[2];
   for (int half = 0; half < 2; ++half) {
-    const SampleQuad* v = edge + std::ptrdiff_t{4} * half;
-    const SampleQuad pair01 = DSORB_SHUFFLE(v[0], v[1], 0, 4, 3, 7);
-    const SampleQuad pair23 = DSORB_SHUFFLE(v[2], v[3], 0, 4, 3, 7);
+    const PixelQuad* q = quads + std::ptrdiff_t{4} * half;
+    const PixelQuad pair01 = DSORB_SHUFFLE(q[0], q[1], first, first + 4, first + 1, first + 5);
+    const PixelQuad pair23 = DSORB_SHUFFLE(q[2], q[3], first, first + 4, first + 1, first + 5);
     left[half] = DSORB_SHUFFLE(pair01, pair23, 0, 1, 4, 5);
     right[half] = DSORB_SHUFFLE(pair01, pair23, 2, 3, 6, 7);
   }
-  const Lanes lefts = DSORB_SHUFFLE(left[0], left[1], 0, 1, 2, 3, 4, 5, 6, 7);
-  const Lanes rights = DSORB_SHUFFLE(right[0], right[1], 0, 1, 2, 3, 4, 5, 6, 7);
-  intensity = lefts + fx * (rights - lefts);
+  columns[0] = DSORB_SHUFFLE(left[0], left[1], 0, 1, 2, 3, 4, 5, 6, 7);
+  columns[1] = DSORB_SHUFFLE(right[0], right[1], 0, 1, 2, 3, 4, 5, 6, 7);
 }
 
-/// Values and gradients at eight positions.
+/// Intensities alone at eight positions; the caller guarantees canSample().
+DSORB_ALWAYS_INLINE void interpolateIntensities(
+    const float* image, std::ptrdiff_t width, const Lanes& x, const Lanes& y, Lanes& intensity) {
+  PixelQuad edges[kLanes];
+  Lanes fx;
+  for (int k = 0; k < kLanes; ++k) {
+    const InterpolationCell<float> cell(image, width, x[k], y[k]);
+    PixelQuad top;
+    PixelQuad bottom;
+    loadAround(cell.top, top);
+    loadAround(cell.bottom, bottom);
+    edges[k] = top + cell.fy * (bottom - top);
+    fx[k] = cell.fx;
+  }
+  Lanes sides[2];
+  twoColumns<1>(edges, sides);
+  intensity = sides[0] + fx * (sides[1] - sides[0]);
+}
+
+/// Samples at eight positions.
 struct LaneSamples {
   Lanes intensity;
   Lanes dx;
@@ -154,29 +162,53 @@ struct LaneSamples {
 };
 
 /// Eight positions at once.
-DSORB_ALWAYS_INLINE void interpolateLanes(const ImageSample* image,
+DSORB_ALWAYS_INLINE void interpolateLanes(const float* image,
                                           std::ptrdiff_t width,
                                           const Lanes& x,
                                           const Lanes& y,
                                           LaneSamples& samples) {
-  SampleQuad values[kLanes];
-  for (int k = 0; k < kLanes; ++k) interpolateQuad(image, width, x[k], y[k], values[k]);
-  SampleQuad intensity[2];
-  SampleQuad dx[2];
-  SampleQuad dy[2];
-  for (int half = 0; half < 2; ++half) {
-    const SampleQuad* v = values + std::ptrdiff_t{4} * half;
-    const SampleQuad front01 = DSORB_SHUFFLE(v[0], v[1], 0, 4, 1, 5);
-    const SampleQuad front23 = DSORB_SHUFFLE(v[2], v[3], 0, 4, 1, 5);
-    const SampleQuad back01 = DSORB_SHUFFLE(v[0], v[1], 2, 6, 3, 7);
-    const SampleQuad back23 = DSORB_SHUFFLE(v[2], v[3], 2, 6, 3, 7);
-    intensity[half] = DSORB_SHUFFLE(front01, front23, 0, 1, 4, 5);
-    dx[half] = DSORB_SHUFFLE(front01, front23, 2, 3, 6, 7);
-    dy[half] = DSORB_SHUFFLE(back01, back23, 0, 1, 4, 5);
+  PixelQuad tops[kLanes];
+  PixelQuad bottoms[kLanes];
+  PixelQuad outsides[kLanes];  // the two above the cell, the two below it
+  Lanes fx;
+  Lanes fy;
+  for (int k = 0; k < kLanes; ++k) {
+    const InterpolationCell<float> cell(image, width, x[k], y[k]);
+    PixelQuad above;
+    PixelQuad below;
+    loadAround(cell.top - width, above);
+    loadAround(cell.top, tops[k]);
+    loadAround(cell.bottom, bottoms[k]);
+    loadAround(cell.bottom + width, below);
+    outsides[k] = DSORB_SHUFFLE(above, below, 1, 2, 5, 6);
+    fx[k] = cell.fx;
+    fy[k] = cell.fy;
   }
-  samples.intensity = DSORB_SHUFFLE(intensity[0], intensity[1], 0, 1, 2, 3, 4, 5, 6, 7);
-  samples.dx = DSORB_SHUFFLE(dx[0], dx[1], 0, 1, 2, 3, 4, 5, 6, 7);
-  samples.dy = DSORB_SHUFFLE(dy[0], dy[1], 0, 1, 2, 3, 4, 5, 6, 7);
+  Lanes top[2][2];  // columns 0 to 3
+  Lanes bottom[2][2];
+  Lanes above[2];  // columns 1 and 2
+  Lanes below[2];
+  twoColumns<0>(tops, top[0]);
+  twoColumns<2>(tops, top[1]);
+  twoColumns<0>(bottoms, bottom[0]);
+  twoColumns<2>(bottoms, bottom[1]);
+  twoColumns<0>(outsides, above);
+  twoColumns<2>(outsides, below);
+  const Lanes upper[2] = {top[0][1], top[1][0]};
+  const Lanes lower[2] = {bottom[0][1], bottom[1][0]};
+  const Lanes upper_dx[2] = {top[1][0] - top[0][0], top[1][1] - top[0][1]};
+  const Lanes lower_dx[2] = {bottom[1][0] - bottom[0][0], bottom[1][1] - bottom[0][1]};
+  const Lanes upper_dy[2] = {lower[0] - above[0], lower[1] - above[1]};
+  const Lanes lower_dy[2] = {below[0] - upper[0], below[1] - upper[1]};
+  bilinear(upper, lower, fx, fy, samples.intensity);
+  bilinear(upper_dx, lower_dx, fx, fy, samples.dx);
+  bilinear(upper_dy, lower_dy, fx, fy, samples.dy);
+  const Lanes gradients = samples.dx + samples.dy;
+  const auto valid = gradients == gradients;  // no NaN
+  const Lanes zero = {};
+  samples.intensity = valid ? samples.intensity : gradients;
+  samples.dx = valid ? 0.5F * samples.dx : zero;
+  samples.dy = valid ? 0.5F * samples.dy : zero;
 }
 
 }  // namespace dsorb

@@ -12,12 +12,12 @@ namespace dsorb {
 
 /// An image that hosted patches are compared with, in single precision.
 struct TargetImage {
-  Warp<float> warp;            ///< host to it
-  float gain, offset;          ///< I_target = gain I_host + offset
-  const ImageSample* samples;  ///< row by row
-  int width, height;           ///< [px]
-  bool corrected = false;      ///< its pixels are not where a global shutter would see them:
-  RollingShutter shutter{};    ///< set only then
+  Warp<float> warp;          ///< host to it
+  float gain, offset;        ///< I_target = gain I_host + offset
+  const float* pixels;       ///< row by row [grey levels]
+  int width, height;         ///< [px]
+  bool corrected = false;    ///< its pixels are not where a global shutter would see them:
+  RollingShutter shutter{};  ///< set only then
 
   void setShutter(const RollingShutter& of_image) {
     shutter = of_image;
@@ -33,7 +33,7 @@ inline TargetImage makeTargetImage(const PinholeCamera& camera,
   target.warp = makeWarp<float>(camera, T_target_host);
   target.gain = static_cast<float>(transfer.gain);
   target.offset = static_cast<float>(transfer.offset);
-  target.samples = image.data();
+  target.pixels = image.data();
   target.width = image.width();
   target.height = image.height();
   return target;
@@ -68,7 +68,7 @@ DSORB_ALWAYS_INLINE void sampleTarget(const TargetImage& target,
                                       MaskOf<Lanes>& inside) {
   SamplePosition<Lanes> at;
   clampToArea(area, point, at);
-  interpolateLanes(target.samples, target.width, at.x, at.y, samples);
+  interpolateLanes(target.pixels, target.width, at.x, at.y, samples);
   inside = point.front & at.inside;
 }
 

@@ -157,7 +157,7 @@ class BlockPass {
   }
 
   void offerPixel(int x, int y, Scale& scale) const {
-    const ImageSample& sample = frame_.level(0).at(x, y);
+    const ImageSample sample = frame_.level(0).at(x, y);
     const Direction& direction = scale.direction;
     scale.best.offer(std::abs(sample.dx * direction.x + sample.dy * direction.y), x, y);
   }
@@ -204,10 +204,8 @@ void cellMaxima(const PyramidLevel& level,
                 std::vector<SelectedPixel>& out) {
   std::array<Best, 4> best;
   for (int y = cell.y; y < cell.y + cell.size; ++y) {
-    const ImageSample* row = level.row(y);
     for (int x = cell.x; x < cell.x + cell.size; ++x) {
-      const float dx = row[x].dx;
-      const float dy = row[x].dy;
+      const auto [intensity, dx, dy] = level.at(x, y);
       if (dx * dx + dy * dy > squared_threshold) {
         best[0].offer(std::abs(dx), x, y);
         best[1].offer(std::abs(dy), x, y);
@@ -236,7 +234,7 @@ bool patternIsValid(const PyramidLevel& level, int x, int y) {
     return false;
   }
   return std::all_of(kPattern.begin(), kPattern.end(), [&](const PatternOffset& offset) {
-    return std::isfinite(level.at(x + offset.x, y + offset.y).intensity);
+    return std::isfinite(level.intensity(x + offset.x, y + offset.y));
   });
 }
 

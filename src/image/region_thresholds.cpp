@@ -10,20 +10,33 @@ namespace dsorb {
 namespace {
 
 constexpr int kGradientBins = 49;         // of 1 grey level / px; the last one takes the rest
-constexpr std::size_t kGrain = 8192;      // pixels one thread takes at a time
+constexpr std::size_t kRowGrain = 16;     // rows one thread takes at a time
 constexpr std::size_t kRegionGrain = 16;  // regions one thread takes at a time
 
 }  // namespace
 
-float rawSquaredGradient(const ImageSample& sample, const ResponseSlope* slope) {
-  const float squared = sample.dx * sample.dx + sample.dy * sample.dy;
-  if (slope == nullptr || squared == 0) {
-    return squared;
+void squareGradients(const PyramidLevel& level, int y, const ResponseSlope* slope, float* squared) {
+  const int width = level.width();
+  std::fill(squared, squared + width, 0.0F);
+  if (y == 0 || y == level.height() - 1) return;
+  const float* here = level.row(y);
+  const float* above = here - width;
+  const float* below = here + width;
+  for (int x = 1; x < width - 1; ++x) {
+    const float dx = 0.5F * (here[x + 1] - here[x - 1]);
+    const float dy = 0.5F * (below[x] - above[x]);
+    const float value = dx * dx + dy * dy;
+    const bool valid = value + here[x] == value + here[x];  // no NaN
+    squared[x] = valid ? value : 0.0F;
   }
-  // The response is not known well at its ends. @source DSO as published
-  const float grey = std::clamp(sample.intensity + 0.5F, 5.0F, 250.0F);
-  const float factor = (*slope)[static_cast<std::size_t>(grey)];
-  return squared * factor * factor;
+  if (slope == nullptr) return;
+  for (int x = 1; x < width - 1; ++x) {
+    if (squared[x] == 0) continue;
+    // The response is not known well at its ends. @source DSO as published
+    const float grey = std::clamp(here[x] + 0.5F, 5.0F, 250.0F);
+    const float factor = (*slope)[static_cast<std::size_t>(grey)];
+    squared[x] = squared[x] * factor * factor;
+  }
 }
 
 void RegionThresholds::resize(int width, int height) {
@@ -38,18 +51,12 @@ void RegionThresholds::resize(int width, int height) {
 void RegionThresholds::compute(const Frame& frame, double above_median) {
   const PyramidLevel& level = frame.level(0);
   resize(level.width(), level.height());
-  const std::size_t pixels = squared_gradients_.size();
-  const ImageSample* samples = level.data();
   const ResponseSlope* slope = frame.responseSlope();
-  forEachRange(pixels, kGrain, [&](std::size_t begin, std::size_t end) {
-    if (slope == nullptr) {
-      for (std::size_t i = begin; i < end; ++i) {
-        squared_gradients_[i] = samples[i].dx * samples[i].dx + samples[i].dy * samples[i].dy;
-      }
-      return;
-    }
-    for (std::size_t i = begin; i < end; ++i) {
-      squared_gradients_[i] = rawSquaredGradient(samples[i], slope);
+  const auto rows = static_cast<std::size_t>(level.height());
+  forEachRange(rows, kRowGrain, [&](std::size_t begin, std::size_t end) {
+    for (auto y = static_cast<int>(begin); y < static_cast<int>(end); ++y) {
+      squareGradients(
+          level, y, slope, squared_gradients_.data() + static_cast<std::ptrdiff_t>(y) * width_);
     }
   });
   medianGradients(level, above_median);
@@ -76,13 +83,13 @@ int RegionThresholds::medianGradient(const PyramidLevel& level, int region) cons
   int count = 0;
   for (int y = std::max(top, 1); y < end_y; ++y) {
     const float* squared = squaredGradients(y) + begin_x;
-    const ImageSample* row = level.row(y) + begin_x;
+    const float* row = level.row(y) + begin_x;
     for (int i = 0; i < width; ++i) {  // apart from the counting: several at once
       bins[static_cast<std::size_t>(i)] =
           static_cast<int>(std::min(std::sqrt(squared[i]), kGradientBins - 1.0F));
     }
     for (int i = 0; i < width; ++i) {
-      const int valid = std::isfinite(row[i].intensity) ? 1 : 0;
+      const int valid = std::isfinite(row[i]) ? 1 : 0;
       histogram[static_cast<std::size_t>(bins[static_cast<std::size_t>(i)])] += valid;
       count += valid;
     }

@@ -9,9 +9,11 @@
 
 namespace dsorb {
 
-/// Squared gradient in raw camera values; 0 at an invalid pixel.
-/// @param slope of the response; null when it is linear
-[[nodiscard]] float rawSquaredGradient(const ImageSample& sample, const ResponseSlope* slope);
+/// Squared gradients of a row in raw camera values; 0 in the image's outermost pixels, at an
+/// invalid one and beside it.
+/// @param slope   of the response; null when it is linear
+/// @param squared a value a pixel
+void squareGradients(const PyramidLevel& level, int y, const ResponseSlope* slope, float* squared);
 
 /// Squared gradients of level 0 in raw camera values (weighted by the slope of the response) and
 /// the threshold a pixel has to pass in its 32x32 region: median gradient plus a constant, smoothed

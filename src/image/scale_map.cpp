@@ -20,38 +20,68 @@ struct Run {
   int end;
 };
 
+/// Squared gradients of the rows of levels 1 and 2 that show a row of the image.
+class CoarseGradients {
+ public:
+  explicit CoarseGradients(const Frame& frame) : frame_(frame) {
+    rows_.resize(static_cast<std::size_t>(std::min(frame.pyramid().levels(), kLevels) - 1));
+    for (int level = 1; has(level); ++level) {
+      row(level).squared.resize(static_cast<std::size_t>(frame.level(level).width()));
+    }
+  }
+  void moveTo(int y) {
+    for (int level = 1; has(level); ++level) {
+      Row& kept = row(level);
+      if (kept.y == y >> level) continue;
+      kept.y = y >> level;
+      squareGradients(frame_.level(level), kept.y, frame_.responseSlope(), kept.squared.data());
+    }
+  }
+  [[nodiscard]] bool has(int level) const {
+    return static_cast<std::size_t>(level) <= rows_.size();
+  }
+  [[nodiscard]] const float* at(int level) const {
+    return rows_[static_cast<std::size_t>(level) - 1].squared.data();
+  }
+
+ private:
+  static constexpr int kLevels = 3;  // of the pyramid that make scales
+  struct Row {
+    int y = -1;
+    std::vector<float> squared;
+  };
+  Row& row(int level) { return rows_[static_cast<std::size_t>(level) - 1]; }
+
+  const Frame& frame_;
+  std::vector<Row> rows_;
+};
+
 /// Adds the scale of a level. Its pixels end where runs do: sides of a frame that has the level,
 /// and of regions, are multiples of the scale.
 template <int kLevel>
-void addLevel(const Frame& frame, const Run& run, float threshold, std::uint8_t* scales) {
+void addLevel(const float* squared, const Run& run, float threshold, std::uint8_t* scales) {
   constexpr int kScale = 1 << kLevel;
-  const ImageSample* samples = frame.level(kLevel).row(run.y >> kLevel);
-  const ResponseSlope* slope = frame.responseSlope();
   for (int x = run.begin; x < run.end; x += kScale) {
-    const ImageSample& sample = samples[x >> kLevel];
-    const float squared = slope == nullptr ? sample.dx * sample.dx + sample.dy * sample.dy
-                                           : rawSquaredGradient(sample, slope);
-    if (!(squared > threshold)) continue;
+    if (!(squared[x >> kLevel] > threshold)) continue;
     for (int i = 0; i < kScale; ++i) {
       scales[x + i] = static_cast<std::uint8_t>(scales[x + i] + kScale);
     }
   }
 }
 
-void fillRow(const Frame& frame,
-             const RegionThresholds& thresholds,
+void fillRow(const RegionThresholds& thresholds,
+             const CoarseGradients& coarse,
              float factor,
-             int y,
+             const Run& row,
              std::uint8_t* scales) {
   constexpr int kSide = RegionThresholds::kRegionSize;
-  const float* squared = thresholds.squaredGradients(y);
-  const int levels = frame.pyramid().levels();
-  for (int begin = 0; begin < frame.width(); begin += kSide) {
-    const Run run{y, begin, std::min(begin + kSide, frame.width())};
-    const float threshold = factor * thresholds.squaredThreshold(begin, y);
+  const float* squared = thresholds.squaredGradients(row.y);
+  for (int begin = row.begin; begin < row.end; begin += kSide) {
+    const Run run{row.y, begin, std::min(begin + kSide, row.end)};
+    const float threshold = factor * thresholds.squaredThreshold(begin, row.y);
     for (int x = run.begin; x < run.end; ++x) scales[x] = squared[x] > threshold ? 1 : 0;
-    if (levels > 1) addLevel<1>(frame, run, kScaleFactor1 * threshold, scales);
-    if (levels > 2) addLevel<2>(frame, run, kScaleFactor2 * threshold, scales);
+    if (coarse.has(1)) addLevel<1>(coarse.at(1), run, kScaleFactor1 * threshold, scales);
+    if (coarse.has(2)) addLevel<2>(coarse.at(2), run, kScaleFactor2 * threshold, scales);
   }
 }
 
@@ -68,9 +98,14 @@ void ScaleMap::compute(const Frame& frame,
   resize(frame.width(), frame.height());
   const auto height = static_cast<std::size_t>(frame.height());
   forEachRange(height, kRowGrain, [&](std::size_t begin, std::size_t end) {
-    for (auto y = static_cast<std::ptrdiff_t>(begin); y < static_cast<std::ptrdiff_t>(end); ++y) {
-      fillRow(
-          frame, thresholds, threshold_factor, static_cast<int>(y), scales_.data() + y * width_);
+    CoarseGradients coarse(frame);
+    for (auto y = static_cast<int>(begin); y < static_cast<int>(end); ++y) {
+      coarse.moveTo(y);
+      fillRow(thresholds,
+              coarse,
+              threshold_factor,
+              {y, 0, width_},
+              scales_.data() + static_cast<std::ptrdiff_t>(y) * width_);
     }
   });
 }

@@ -20,7 +20,7 @@ constexpr std::size_t kLeastWaiting = 3;
 inline std::size_t waitingFrames(const Frame& frame, int budget_mb) {
   const double pixels = static_cast<double>(frame.width()) * frame.height();
   const bool knows_depth = frame.priors() != nullptr && frame.priors()->depth;
-  const double bytes = 4.0 / 3 * sizeof(ImageSample) * pixels +  // of all levels
+  const double bytes = 4.0 / 3 * sizeof(float) * pixels +  // of all levels
                        (knows_depth ? 2 * sizeof(float) * pixels : 0);
   const auto fitting = static_cast<std::size_t>(budget_mb * 1024.0 * 1024.0 / bytes);
   return std::max(fitting, kLeastWaiting);

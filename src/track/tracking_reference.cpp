@@ -286,7 +286,7 @@ void TrackingReferenceBuilder::listFinest(TrackingReference& reference) {
       append(static_cast<float>(x),
              static_cast<float>(y),
              map.weighted_depth[here] / map.weight[here],
-             level.at(x, y).intensity);
+             level.intensity(x, y));
     }
   }
 }
@@ -304,7 +304,7 @@ void TrackingReferenceBuilder::listCoarse(int index, TrackingReference& referenc
       append(static_cast<float>(x),
              static_cast<float>(y),
              map.weighted_depth[here] / map.weight[here],
-             level.at(x, y).intensity);
+             level.intensity(x, y));
     }
   }
 }

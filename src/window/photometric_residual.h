@@ -62,10 +62,11 @@ DSORB_ALWAYS_INLINE void prefetchPatch(const WindowPoint& point,
                       p.x < static_cast<float>(target.width) - margin &&
                       p.y < static_cast<float>(target.height) - margin;
   if (!inside) return;
-  constexpr int kSide = 2 * kPatternRadius + 1;
-  const ImageSample* row = target.samples +
-                           (static_cast<std::ptrdiff_t>(p.y) - kPatternRadius) * target.width +
-                           (static_cast<std::ptrdiff_t>(p.x) - kPatternRadius);
+  // The pattern, its interpolation and its gradients.
+  constexpr int kSide = 2 * kPatternRadius + 3;
+  constexpr int kBefore = kPatternRadius + 1;
+  const float* row = target.pixels + (static_cast<std::ptrdiff_t>(p.y) - kBefore) * target.width +
+                     (static_cast<std::ptrdiff_t>(p.x) - kBefore);
   for (int y = 0; y <= kSide; ++y, row += target.width) {
     __builtin_prefetch(row);
     __builtin_prefetch(row + kSide);

@@ -140,7 +140,7 @@ class DirectSystem {
     const int u = static_cast<int>(p.x()), v = static_cast<int>(p.y());
     const double a = p.x() - u, b = p.y() - v;
     const auto value = [&](int du, int dv) {
-      const dsorb::ImageSample& s = level.at(u + du, v + dv);
+      const dsorb::ImageSample s = level.at(u + du, v + dv);
       return Eigen::Vector3d(s.intensity, s.dx, s.dy);
     };
     return (1 - b) * ((1 - a) * value(0, 0) + a * value(1, 0)) +

@@ -74,7 +74,7 @@ class TruthInitializer : public Initializer {
         InitPoint point;
         for (int y = y0; y < y0 + cell_; ++y) {
           for (int x = x0; x < x0 + cell_; ++x) {
-            const ImageSample& sample = image.at(x, y);
+            const ImageSample sample = image.at(x, y);
             const float strength = sample.dx * sample.dx + sample.dy * sample.dy;
             const float rho = inverse_depth[static_cast<std::size_t>(y * camera_.width + x)];
             if (strength <= best || rho <= 0) continue;

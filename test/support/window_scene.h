@@ -46,7 +46,7 @@ inline Eigen::Vector2i bestOfCell(
   const auto at = [&](int x, int y) { return depth[static_cast<std::size_t>(y * width + x)]; };
   for (int y = std::max(y0, 5); y < std::min(y0 + cell, level.height() - 5); ++y) {
     for (int x = std::max(x0, 5); x < std::min(x0 + cell, width - 5); ++x) {
-      const ImageSample& sample = level.at(x, y);
+      const ImageSample sample = level.at(x, y);
       const float gradient = sample.dx * sample.dx + sample.dy * sample.dy;
       const float here = at(x, y);
       bool smooth = here > 0 && std::isfinite(sample.intensity);

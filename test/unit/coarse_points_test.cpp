@@ -15,12 +15,12 @@ namespace {
 class FlatLevel {
  public:
   FlatLevel(int width, int height)
-      : samples_(static_cast<std::size_t>(width * height), ImageSample{100, 0, 0}),
-        level_(samples_.data(), width, height) {}
+      : intensities_(static_cast<std::size_t>(width * height), 100.0F),
+        level_(intensities_.data(), width, height) {}
   [[nodiscard]] PointLevel points(const std::vector<SelectedPixel>& pixels) const {
     return makePointLevel(level_, pixels);
   }
-  std::vector<ImageSample> samples_;
+  std::vector<float> intensities_;
   PyramidLevel level_;
 };
 
@@ -101,7 +101,7 @@ TEST(CoarsePoints, FewerPointsThanNeighboursAreMarked) {
 
 TEST(CoarsePoints, PixelsNearTheBorderAndInvalidOnesAreLeftOut) {
   FlatLevel image(40, 30);
-  image.samples_[15 * 40 + 20].intensity = NAN;
+  image.intensities_[15 * 40 + 20] = NAN;
   const PointLevel level = image.points(
       {{2, 10, 1}, {3, 10, 1}, {35, 10, 1}, {36, 10, 1}, {10, 26, 1}, {20, 16, 1}, {30, 20, 1}});
   EXPECT_THAT(level.x, testing::ElementsAre(3.1F, 35.1F, 30.1F));

@@ -42,7 +42,7 @@ class FloatFeatures final : public FeatureFinder {
 };
 
 DescribedFrame describe(FeatureFinder& finder, int id, const Paint& scene) {
-  return describeFrame(*paintFrame(id, kFarWidth, kFarHeight, scene), 1, finder, kFeatures);
+  return describeFrame(paintFrame(id, kFarWidth, kFarHeight, scene), 1, finder, kFeatures);
 }
 
 /// Matches a scene with itself far away.

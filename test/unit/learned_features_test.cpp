@@ -161,7 +161,7 @@ TEST(LearnedFeatures, OfXFeatFindARoomAgain) {
   const synthetic::SyntheticSequence room(options);
   const std::unique_ptr<FeatureFinder> finder = makeLearnedFinder(file);
   const auto describe = [&](int index) {
-    return describeFrame(*room.framePtr(index), 1, *finder, 2000);
+    return describeFrame(room.framePtr(index), 1, *finder, 2000);
   };
   const DescribedFrame from = describe(0);
   const std::vector<Eigen::Vector2f> found = findAgain(from, describe(12));

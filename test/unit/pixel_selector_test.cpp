@@ -132,7 +132,7 @@ TEST(PixelSelector, PixelsPassTheirThresholdAndStayOffTheBorder) {
     ASSERT_TRUE(places.insert({pixel.x, pixel.y}).second) << "selected twice";
     const int level = pixel.type == 1 ? 0 : pixel.type == 2 ? 1 : 2;
     const double share = level == 0 ? 1.0 : level == 1 ? 0.75 : 0.421875;
-    const ImageSample& sample = frame->level(level).at(pixel.x >> level, pixel.y >> level);
+    const ImageSample sample = frame->level(level).at(pixel.x >> level, pixel.y >> level);
     EXPECT_GT(sample.dx * sample.dx + sample.dy * sample.dy,
               2.0 * share * selector.thresholds().squaredThreshold(pixel.x, pixel.y));
   }
@@ -222,7 +222,7 @@ TEST(GridMaxima, ApproachesTheWantedNumberAndCountsPixelsOnce) {
   std::set<std::pair<int, int>> places;
   for (const SelectedPixel& pixel : selection.pixels) {
     EXPECT_TRUE(places.insert({pixel.x, pixel.y}).second);
-    const ImageSample& sample = frame->level(1).at(pixel.x, pixel.y);
+    const ImageSample sample = frame->level(1).at(pixel.x, pixel.y);
     EXPECT_GT(std::hypot(sample.dx, sample.dy), 7.5F);
   }
 }

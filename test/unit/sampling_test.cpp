@@ -5,6 +5,9 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <limits>
+#include <memory>
 #include <vector>
 
 namespace dsorb {
@@ -58,6 +61,27 @@ TEST_F(InterpolateTest, AllFormsGiveTheSameNumbers) {
     EXPECT_FLOAT_EQ(eight.dx[k], one.dx);
     EXPECT_FLOAT_EQ(eight.dy[k], one.dy);
     EXPECT_NEAR(precise.intensity, static_cast<double>(one.intensity), 1e-4);
+  }
+}
+
+TEST(InterpolateInvalidTest, AllFormsSayThatAPixelOfTheirsIsInvalid) {
+  std::vector<float> image(32 * 24, 100.0F);
+  image[10 * 32 + 12] = std::numeric_limits<float>::quiet_NaN();
+  const Pyramid pyramid(ImageView(image.data(), 32, 24));
+  const PyramidLevel& level = pyramid.level(0);
+  // Its own cells; those whose central differences it is part of; those that do not know it.
+  const Lanes x = {11.5F, 12.25F, 10.5F, 13.5F, 12.5F, 9.75F, 14.25F, 10.5F};
+  const Lanes y = {9.5F, 10.75F, 10.5F, 9.5F, 8.5F, 10.5F, 10.5F, 8.5F};
+  const bool valid[kLanes] = {false, false, false, false, false, true, true, true};
+  LaneSamples eight;
+  interpolateLanes(level.data(), level.width(), x, y, eight);
+  for (int k = 0; k < kLanes; ++k) {
+    const Sample<float> one = interpolate(level, x[k], y[k]);
+    EXPECT_EQ(!std::isnan(one.intensity), valid[k]) << k;
+    EXPECT_EQ(!std::isnan(eight.intensity[k]), valid[k]) << k;
+    for (const float gradient : {one.dx, one.dy, eight.dx[k], eight.dy[k]}) {
+      EXPECT_EQ(gradient, 0) << k;
+    }
   }
 }
 

@@ -341,7 +341,7 @@ TEST_P(RealSequenceTest, IsRecognisedAndRead) {
     int invalid = 0;
     const PyramidLevel& level = frame.frame->level(0);
     for (int i = 0; i < level.width() * level.height(); ++i) {
-      if (!std::isfinite(level.data()[i].intensity)) ++invalid;
+      if (!std::isfinite(level.data()[i])) ++invalid;
     }
     EXPECT_EQ(invalid, 0);
     EXPECT_GE(frame.frame->pyramid().levels(), 4);

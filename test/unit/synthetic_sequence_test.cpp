@@ -249,8 +249,8 @@ TEST(SyntheticSequence, CorrectionUndoesTheCamera) {
     const double gain = corrected->exposure() / (0.01 * std::exp(0.3));
     double worst = 0;
     for (int i = 0; i < 160 * 120; ++i) {
-      const float value = corrected->level(0).data()[i].intensity;
-      worst = std::max(worst, std::abs(value / gain - plain->level(0).data()[i].intensity));
+      const float value = corrected->level(0).data()[i];
+      worst = std::max(worst, std::abs(value / gain - plain->level(0).data()[i]));
     }
     // Half a grey level of rounding, times the largest slope of the inverse response (1.65), over
     // the darkest vignette (0.6) and the smallest gain (0.55), and half a level of the plain image.

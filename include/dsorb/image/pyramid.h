@@ -9,35 +9,38 @@
 namespace dsorb {
 
 /// Intensity [grey levels, nominally 0..255] and its gradient [grey levels / px of the level].
-/// An invalid pixel has intensity NaN and gradient 0.
 struct ImageSample {
-  float intensity;  ///< [grey levels]
+  float intensity;  ///< [grey levels]; NaN: invalid
   float dx;         ///< to the right [grey levels / px]
   float dy;         ///< downwards [grey levels / px]
 };
 
-/// One level of the pyramid: contiguous row-major samples.
+/// One level of the pyramid: contiguous row-major intensities [grey levels], NaN where invalid.
+/// Gradients are made where they are needed: images three times as large would have to be read.
 class PyramidLevel {
  public:
-  /// @param data width times height samples, not owned
-  PyramidLevel(const ImageSample* data, int width, int height)
+  /// @param data width times height intensities, not owned
+  PyramidLevel(const float* data, int width, int height)
       : data_(data), width_(width), height_(height) {}
 
   /// [px]
   [[nodiscard]] int width() const { return width_; }
   /// [px]
   [[nodiscard]] int height() const { return height_; }
-  /// First sample of the first row; rows follow each other.
-  [[nodiscard]] const ImageSample* data() const { return data_; }
-  /// First sample of a row.
-  [[nodiscard]] const ImageSample* row(int y) const {
+  /// First intensity of the first row; rows follow each other.
+  [[nodiscard]] const float* data() const { return data_; }
+  /// First intensity of a row.
+  [[nodiscard]] const float* row(int y) const {
     return data_ + static_cast<std::ptrdiff_t>(y) * width_;
   }
-  /// Unchecked.
-  [[nodiscard]] const ImageSample& at(int x, int y) const { return row(y)[x]; }
+  /// Intensity; unchecked.
+  [[nodiscard]] float intensity(int x, int y) const { return row(y)[x]; }
+  /// Intensity with central differences, which are 0 on the outermost rows and columns, at an
+  /// invalid pixel and beside one; unchecked.
+  [[nodiscard]] ImageSample at(int x, int y) const;
 
  private:
-  const ImageSample* data_;
+  const float* data_;
   int width_;
   int height_;
 };
@@ -48,11 +51,10 @@ class PyramidLevel {
 [[nodiscard]] int pyramidLevels(int width, int height);
 
 /// Image pyramid, immutable after construction. Level 0 is the full image, each further level the
-/// mean of 2 x 2 pixels; gradients are central differences within the level, 0 on its outermost
-/// rows and columns and beside invalid pixels.
+/// mean of 2 x 2 pixels, invalid where one of them is.
 class Pyramid {
  public:
-  /// @param image 8-bit or float, width and height at least 16
+  /// @param image 8-bit or float (what is not finite is invalid), width and height at least 16
   /// @throws std::invalid_argument on an empty or too small image
   explicit Pyramid(const ImageView& image);
 
@@ -68,7 +70,7 @@ class Pyramid {
   [[nodiscard]] int height() const { return levels_.front().height(); }
 
  private:
-  std::unique_ptr<ImageSample[]> samples_;
+  std::unique_ptr<float[]> intensities_;
   std::vector<PyramidLevel> levels_;
 };
 

@@ -24,7 +24,7 @@ struct InitializerOptions {
   int seed = 1;                                  ///< seed of every random choice
   int num_threads = 1;                           ///< 0: all the machine has
   /// Of the frames that wait for a start. docs/experiments.md, "Resolution"
-  int max_waiting_mb = 128;
+  int max_waiting_mb = 64;
   CoarseOptions coarse;         ///< of kCoarse
   OrbOptions orb;               ///< of kOrb
   std::string feature_network;  ///< ONNX file for kOrb: docs/variants.md, "Learned features"

@@ -89,7 +89,7 @@ const DescribedFrame& ReferencePool::described(int frame) {
   const auto f = static_cast<std::size_t>(frame);
   if (!described_[f]) {
     const float gain = gainTowards(tracks_.referenceMean(), *frames_[f]);
-    described_[f] = describeFrame(*frames_[f], gain, *finder_, options_.max_features);
+    described_[f] = describeFrame(frames_[f], gain, *finder_, options_.max_features);
   }
   return *described_[f];
 }

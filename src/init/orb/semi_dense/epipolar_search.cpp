@@ -96,7 +96,7 @@ Patch cutPatch(const PyramidLevel& reference,
   const int x = static_cast<int>(pixel.x());
   const int y = static_cast<int>(pixel.y());
   for (std::size_t i = 0; i < kPatternSize; ++i) {
-    const float grey = reference.at(x + kPattern[i].x, y + kPattern[i].y).intensity;
+    const float grey = reference.intensity(x + kPattern[i].x, y + kPattern[i].y);
     patch.grey[i] = static_cast<float>(transfer.gain) * grey + static_cast<float>(transfer.offset);
     patch.offset[i] = line.warp() * Eigen::Vector2f(static_cast<float>(kPattern[i].x),
                                                     static_cast<float>(kPattern[i].y));

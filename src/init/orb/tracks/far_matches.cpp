@@ -6,6 +6,7 @@
 #include "image/image_scale.h"
 #include "init/orb/tracks/feature_matches.h"
 #include "init/orb/tracks/grey_image.h"
+#include "init/orb/tracks/lucas_kanade.h"
 
 #include <Eigen/Core>
 
@@ -16,6 +17,7 @@
 #include <cstdint>
 #include <cstring>
 #include <limits>
+#include <utility>
 
 namespace dsorb::init_orb {
 namespace {
@@ -166,8 +168,8 @@ void keepPredicted(const DescribedFrame& from,
     if (partner[i] >= 0) matched.push_back(i);
   }
   if (matched.size() < kNeighbours) return;
-  const FlowLevel& image = to.flow.levels().front();
-  const auto window = static_cast<float>(kWindow * imageScale(image.width, image.height));
+  const Frame& image = *to.frame;
+  const auto window = static_cast<float>(kWindow * imageScale(image.width(), image.height()));
   forEachRange(partner.size(), kFeatureGrain, [&](std::size_t begin, std::size_t end) {
     std::vector<std::size_t> nearest = matched;
     for (std::size_t i = begin; i < end; ++i) {
@@ -202,36 +204,47 @@ LucasKanadeOptions refinement() {
   return options;
 }
 
+/// The images of two frames, for Lucas-Kanade. Kept only while they are compared: many frames wait.
+struct ImagePair {
+  FlowPyramid from;
+  FlowPyramid to;
+  cv::Mat valid;  // mask of `to`
+
+  ImagePair(const DescribedFrame& from_frame, const DescribedFrame& to_frame)
+      : valid(to_frame.valid) {
+    from.build(from_frame.frame->level(0), from_frame.gain, refinement());
+    to.build(to_frame.frame->level(0), to_frame.gain, refinement());
+  }
+};
+
 /// Moves a match to where both patches agree. @return whether it is one
-bool refine(const DescribedFrame& from,
-            const DescribedFrame& to,
+bool refine(const ImagePair& images,
             const Eigen::Vector2f& start,
             LucasKanade& flow,
             Eigen::Vector2f& place) {
   const Eigen::Vector2f matched = place;
-  const cv::Size size(to.flow.levels().front().width, to.flow.levels().front().height);
-  if (!flow.follow(from.flow, to.flow, start, place)) return false;
-  if (!((place - matched).norm() <= kMaxRefinement) || !isUsable(place, size, to.valid)) {
+  const cv::Size size(images.to.levels().front().width, images.to.levels().front().height);
+  if (!flow.follow(images.from, images.to, start, place)) return false;
+  if (!((place - matched).norm() <= kMaxRefinement) || !isUsable(place, size, images.valid)) {
     return false;
   }
   Eigen::Vector2f back = start;
-  return flow.follow(to.flow, from.flow, place, back) && (back - start).norm() < kMaxBackwardError;
+  return flow.follow(images.to, images.from, place, back) &&
+         (back - start).norm() < kMaxBackwardError;
 }
 
 }  // namespace
 
-DescribedFrame describeFrame(const Frame& frame,
-                             float gain,
-                             FeatureFinder& finder,
-                             int max_features) {
+DescribedFrame describeFrame(FramePtr frame, float gain, FeatureFinder& finder, int max_features) {
   DescribedFrame described;
-  const GreyImage image = greyImage(frame.level(0), gain, kInvalidMargin);
+  const GreyImage image = greyImage(frame->level(0), gain, kInvalidMargin);
   described.features = finder.find(image, max_features);
   for (const cv::KeyPoint& point : described.features.points) {
     described.positions.emplace_back(point.pt.x, point.pt.y);
   }
-  described.flow.build(frame.level(0), gain, refinement());
   described.valid = image.valid;
+  described.frame = std::move(frame);
+  described.gain = gain;
   return described;
 }
 
@@ -239,12 +252,13 @@ std::vector<Eigen::Vector2f> findAgain(const DescribedFrame& from, const Describ
   std::vector<Eigen::Vector2f> places(from.positions.size(), Eigen::Vector2f::Constant(NAN));
   if (places.empty() || to.positions.empty()) return places;
   const std::vector<int> partner = match(from, to);
+  const ImagePair images(from, to);
   forEachRange(places.size(), kFeatureGrain, [&](std::size_t begin, std::size_t end) {
     LucasKanade flow(refinement());
     for (std::size_t i = begin; i < end; ++i) {
       if (partner[i] < 0) continue;
       Eigen::Vector2f place = to.positions[static_cast<std::size_t>(partner[i])];
-      if (refine(from, to, from.positions[i], flow, place)) places[i] = place;
+      if (refine(images, from.positions[i], flow, place)) places[i] = place;
     }
   });
   return places;

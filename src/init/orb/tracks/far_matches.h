@@ -4,7 +4,6 @@
 #include "dsorb/image/frame.h"
 
 #include "init/orb/tracks/features.h"
-#include "init/orb/tracks/lucas_kanade.h"
 
 #include <Eigen/Core>
 #include <opencv2/core.hpp>
@@ -15,17 +14,15 @@ namespace dsorb::init_orb {
 
 /// A frame with its features, to be matched with frames far from it.
 struct DescribedFrame {
+  FramePtr frame;
+  float gain;  ///< applied to its intensities
   Features features;
   std::vector<Eigen::Vector2f> positions;  ///< of the features [px]
-  FlowPyramid flow;
-  cv::Mat valid;  ///< mask; empty: all pixels are
+  cv::Mat valid;                           ///< mask; empty: all pixels are
 };
 
 /// @param gain applied to the intensities
-DescribedFrame describeFrame(const Frame& frame,
-                             float gain,
-                             FeatureFinder& finder,
-                             int max_features);
+DescribedFrame describeFrame(FramePtr frame, float gain, FeatureFinder& finder, int max_features);
 
 /// Where a frame shows the features of another one: those whose descriptors are each other's
 /// nearest, then those that the descriptors near the place tell that their neighbours' motion

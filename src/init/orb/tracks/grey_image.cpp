@@ -21,10 +21,10 @@ double meanIntensity(const Frame& frame) {
   double sum = 0;
   int count = 0;
   for (int y = 0; y < level.height(); ++y) {
-    const ImageSample* row = level.row(y);
+    const float* row = level.row(y);
     for (int x = 0; x < level.width(); ++x) {
-      if (!std::isfinite(row[x].intensity)) continue;
-      sum += row[x].intensity;
+      if (!std::isfinite(row[x])) continue;
+      sum += row[x];
       ++count;
     }
   }
@@ -40,10 +40,10 @@ float gainTowards(double mean_intensity, const Frame& frame) {
 cv::Mat validMask(const PyramidLevel& level, int margin) {
   cv::Mat valid(level.height(), level.width(), CV_8UC1);
   for (int y = 0; y < level.height(); ++y) {
-    const ImageSample* source = level.row(y);
+    const float* source = level.row(y);
     auto* row = valid.ptr<std::uint8_t>(y);
     for (int x = 0; x < level.width(); ++x) {
-      row[x] = std::isfinite(source[x].intensity) ? kValid : 0;
+      row[x] = std::isfinite(source[x]) ? kValid : 0;
     }
   }
   cv::erode(valid, valid, cv::Mat::ones(2 * margin + 1, 2 * margin + 1, CV_8UC1));
@@ -54,10 +54,10 @@ GreyImage greyImage(const PyramidLevel& level, float gain, int margin) {
   GreyImage image{cv::Mat(level.height(), level.width(), CV_8UC1), {}};
   bool all_valid = true;
   for (int y = 0; y < level.height(); ++y) {
-    const ImageSample* source = level.row(y);
+    const float* source = level.row(y);
     auto* grey = image.grey.ptr<std::uint8_t>(y);
     for (int x = 0; x < level.width(); ++x) {
-      const float intensity = source[x].intensity;
+      const float intensity = source[x];
       const bool valid = std::isfinite(intensity);
       grey[x] = valid ? cv::saturate_cast<std::uint8_t>(gain * intensity) : std::uint8_t{0};
       all_valid = all_valid && valid;

@@ -62,10 +62,10 @@ void extendColumns(FlowLevel& level, int border) {
 }
 
 /// @return whether all are valid
-DSORB_TARGET_CLONES bool copyRow(const ImageSample* source, int width, float gain, float* row) {
+DSORB_TARGET_CLONES bool copyRow(const float* source, int width, float gain, float* row) {
   int valid = 1;
   for (int x = 0; x < width; ++x) {
-    const float value = gain * source[x].intensity;
+    const float value = gain * source[x];
     valid &= value == value ? 1 : 0;
     const float positive = value > 0 ? value : 0;  // and no NaN
     row[x] = positive < kMaxIntensity ? positive : kMaxIntensity;
