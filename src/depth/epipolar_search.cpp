@@ -53,10 +53,16 @@ struct ExpectedPattern {
 Vector2f shiftToRow(const CandidatePoint& candidate,
                     const EpipolarPair& pair,
                     float inverse_depth) {
-  const Vector3f p = pair.geometry.at(candidate.patch.pixel, inverse_depth);
-  if (!(p.z() > 0)) return {0, 0};
-  const Vector2f pixel = p.hnormalized();
-  return pixelInRow(*pair.shutter, pair.camera, pixel, inverse_depth / p.z()) - pixel;
+  const Vector2f& pixel = candidate.patch.pixel;
+  float ray_x = 0;
+  float ray_y = 0;
+  pair.rays.at(pixel.x(), pixel.y(), ray_x, ray_y);
+  WarpedPoint<float> p;
+  warpPoint(pair.warp, ray_x, ray_y, inverse_depth, p);
+  if (!p.front) return {0, 0};
+  const Vector2f middle(p.x, p.y);
+  moveToRow(*pair.shutter, pair.warp, inverse_depth * p.inverse_z, p);
+  return Vector2f(p.x, p.y) - middle;
 }
 
 ExpectedPattern expectPattern(const CandidatePoint& candidate, const EpipolarPair& pair) {

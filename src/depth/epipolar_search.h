@@ -9,6 +9,7 @@
 
 #include "depth/candidate_point.h"
 #include "estimate/epipolar_geometry.h"
+#include "estimate/host_patch.h"
 #include "estimate/rolling_shutter.h"
 
 #include <cstddef>
@@ -22,12 +23,14 @@ struct EpipolarPair {
   EpipolarPair(const PinholeCamera& of_both,
                const SE3& T_frame_host,
                const BrightnessTransfer& transfer)
-      : camera(of_both),
+      : warp(makeWarp<float>(of_both, T_frame_host)),
+        rays(of_both),
         geometry(of_both, T_frame_host),
         gain(static_cast<float>(transfer.gain)),
         offset(static_cast<float>(transfer.offset)) {}
 
-  PinholeCamera camera;
+  Warp<float> warp;
+  HostRays rays;
   EpipolarGeometry geometry;
   float gain, offset;                       ///< brightness, host to frame
   std::optional<RollingShutter> shutter{};  ///< of the frame

@@ -35,6 +35,7 @@ template <typename Scalar, typename Sum>
 DSORB_ALWAYS_INLINE void sumBlock(const PointBlock<Scalar, Sum>& block, Sum* matrix) {
   using SumLanes = LanesOf<Sum>;
   constexpr std::size_t kWidth = sizeof(SumLanes) / sizeof(Sum);
+  constexpr std::size_t kParts = kRows / kWidth;
   constexpr std::size_t kPoints = DepthElimination<Scalar, Sum>::kBlock;
   const std::size_t stride = block.stride;
   Sum* vector = matrix + stride * stride;
@@ -51,14 +52,26 @@ DSORB_ALWAYS_INLINE void sumBlock(const PointBlock<Scalar, Sum>& block, Sum* mat
       }
       store(sum, vector + row + part);
     }
-    for (std::size_t column = row; column < stride; column += kWidth) {
-      SumLanes sums[kRows] = {};
-      for (std::size_t i = 0; i < block.count; ++i) {
-        SumLanes coupling;
-        load(block.coupling + i * stride + column, coupling);
-        for (std::size_t k = 0; k < kRows; ++k) sums[k] += scaled[i][k] * coupling;
+    for (std::size_t column = row; column < stride; column += kRows) {
+      for (std::size_t first = 0; first < kRows; first += kWidth) {
+        SumLanes sums[kWidth][kParts] = {};
+        for (std::size_t i = 0; i < block.count; ++i) {
+          SumLanes coupling[kParts];
+          for (std::size_t part = 0; part < kParts; ++part) {
+            load(block.coupling + i * stride + column + part * kWidth, coupling[part]);
+          }
+          for (std::size_t k = 0; k < kWidth; ++k) {
+            for (std::size_t part = 0; part < kParts; ++part) {
+              sums[k][part] += scaled[i][first + k] * coupling[part];
+            }
+          }
+        }
+        for (std::size_t k = 0; k < kWidth; ++k) {
+          for (std::size_t part = 0; part < kParts; ++part) {
+            store(sums[k][part], matrix + (row + first + k) * stride + column + part * kWidth);
+          }
+        }
       }
-      for (std::size_t k = 0; k < kRows; ++k) store(sums[k], matrix + (row + k) * stride + column);
     }
   }
 }

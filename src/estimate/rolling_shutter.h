@@ -3,6 +3,7 @@
 
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/camera/row_times.h"
+#include "dsorb/geometry/se3.h"
 #include "dsorb/image/frame.h"
 
 #include "base/lanes.h"
@@ -12,6 +13,8 @@
 
 #include <Eigen/Core>
 
+#include <algorithm>
+#include <cmath>
 #include <optional>
 
 /// Rolling shutter, and what a calibration lacks of a lens, by two corrections, so that everything
@@ -27,12 +30,25 @@ namespace dsorb {
 struct RollingShutter {
   float readout;           ///< [s]
   float share[10];         ///< RowTimes::share
+  bool straight;           ///< only the first three of them count
   float scale_x, shift_x;  ///< pixels of the image to the coordinates of RowTimes
   float scale_y, shift_y;
   float velocity[6];  ///< of RowMotion
-  float acceleration[6];
+  /// Second derivatives by the time of a point times its inverse depth, rows of factors of
+  /// (u, v, 1, inverse depth): from the middle row to another, and back.
+  float forth[3][4], back[3][4];
   float radial = 0;  ///< of radial.h, applied last
 };
+
+/// d^2 / dt^2 of a point p rho, which moves by d / dt = w x p + rho v.
+/// @param sign of the acceleration
+inline void setCurvature(const RowMotion& motion, double sign, float (&rows)[3][4]) {
+  const Eigen::Matrix3d W = hat(motion.velocity.tail<3>());
+  Eigen::Matrix<double, 3, 4> factors;
+  factors << W * W + sign * hat(motion.acceleration.tail<3>()),
+      W * motion.velocity.head<3>() + sign * motion.acceleration.head<3>();
+  for (int i = 0; i < 12; ++i) rows[i / 4][i % 4] = static_cast<float>(factors(i / 4, i % 4));
+}
 
 inline RollingShutter makeRollingShutter(const RowTimes& times,
                                          const RowMotion& motion,
@@ -42,6 +58,11 @@ inline RollingShutter makeRollingShutter(const RowTimes& times,
   for (std::size_t i = 0; i < times.share.size(); ++i) {
     shutter.share[i] = static_cast<float>(times.share[i]);
   }
+  // A point that passes 10 px in the readout is .001 px off.
+  constexpr double kNegligible = 1e-4;
+  shutter.straight = std::all_of(times.share.begin() + 3, times.share.end(), [](double factor) {
+    return std::abs(factor) < kNegligible / 7;
+  });
   const auto size = static_cast<double>(1 << level);
   const auto coordinate = [size](int pixels, float& scale, float& shift) {
     const double unit = 2.0 / (pixels - 1);
@@ -50,10 +71,9 @@ inline RollingShutter makeRollingShutter(const RowTimes& times,
   };
   coordinate(times.width, shutter.scale_x, shutter.shift_x);
   coordinate(times.height, shutter.scale_y, shutter.shift_y);
-  for (int i = 0; i < 6; ++i) {
-    shutter.velocity[i] = static_cast<float>(motion.velocity[i]);
-    shutter.acceleration[i] = static_cast<float>(motion.acceleration[i]);
-  }
+  for (int i = 0; i < 6; ++i) shutter.velocity[i] = static_cast<float>(motion.velocity[i]);
+  setCurvature(motion, 1, shutter.forth);
+  setCurvature(motion, -1, shutter.back);
   return shutter;
 }
 
@@ -63,6 +83,10 @@ DSORB_ALWAYS_INLINE void rowShare(const RollingShutter& s, const T& x, const T& 
   const T a = s.scale_x * x + s.shift_x;
   const T b = s.scale_y * y + s.shift_y;
   const float* c = s.share;
+  if (s.straight) {
+    share = c[0] + a * c[1] + b * c[2];
+    return;
+  }
   share = c[0] + a * (c[1] + a * (c[3] + a * c[6]) + b * (c[4] + a * c[7])) +
           b * (c[2] + b * (c[5] + a * c[8] + b * c[9]));
 }
@@ -80,24 +104,23 @@ struct RowFlow {
   T first[3], second[3];
 };
 
-/// @param ray  (u, v) of (u, v, 1)
-/// @param rho  inverse depth [1/unit]
-/// @param sign of the acceleration: 1 from the middle row to another, -1 back
+/// @param ray   (u, v) of (u, v, 1)
+/// @param rho   inverse depth [1/unit]
+/// @param forth from the middle row to another; else back
 template <typename T, typename Depth>
 DSORB_ALWAYS_INLINE void rowFlow(
-    const RollingShutter& s, const T (&ray)[2], const Depth& rho, float sign, RowFlow<T>& flow) {
+    const RollingShutter& s, const T (&ray)[2], const Depth& rho, bool forth, RowFlow<T>& flow) {
   const float* w = s.velocity + 3;
-  const float* a = s.acceleration + 3;
   const T& u = ray[0];
   const T& v = ray[1];
   T* d = flow.first;
   d[0] = w[1] - w[2] * v + rho * s.velocity[0];
   d[1] = w[2] * u - w[0] + rho * s.velocity[1];
   d[2] = w[0] * v - w[1] * u + rho * s.velocity[2];
-  flow.second[0] = w[1] * d[2] - w[2] * d[1] + sign * (a[1] - a[2] * v + rho * s.acceleration[0]);
-  flow.second[1] = w[2] * d[0] - w[0] * d[2] + sign * (a[2] * u - a[0] + rho * s.acceleration[1]);
-  flow.second[2] =
-      w[0] * d[1] - w[1] * d[0] + sign * (a[0] * v - a[1] * u + rho * s.acceleration[2]);
+  const auto& rows = forth ? s.forth : s.back;
+  for (int i = 0; i < 3; ++i) {
+    flow.second[i] = rows[i][0] * u + rows[i][1] * v + (rows[i][2] + rho * rows[i][3]);
+  }
 }
 
 /// Moves the pixel of a projected point to the row that sees it; u and v stay those of the middle
@@ -110,15 +133,17 @@ DSORB_ALWAYS_INLINE void moveToRow(const RollingShutter& s,
                                    WarpedPoint<T>& p) {
   constexpr int kIterations = 2;  // each multiplies the error by the rows passed in a row's time
   RowFlow<T> flow;
-  rowFlow(s, {p.u, p.v}, rho, 1, flow);
+  rowFlow(s, {p.u, p.v}, rho, true, flow);
   for (int i = 0; i < kIterations; ++i) {
     T t;
     rowTime(s, p.x, p.y, t);
     const T half = 0.5F * t;
-    const T scale = 1.0F / (1.0F + t * (flow.first[2] + half * flow.second[2]));
+    const T nearer = t * (flow.first[2] + half * flow.second[2]);
+    // Without a division where the pixel only tells the row.
+    const T scale = i + 1 < kIterations ? 1.0F - nearer : 1.0F / (1.0F + nearer);
     T u = (p.u + t * (flow.first[0] + half * flow.second[0])) * scale;
     T v = (p.v + t * (flow.first[1] + half * flow.second[1])) * scale;
-    bend(s.radial, u, v);
+    if (s.radial != 0) bend(s.radial, u, v);
     p.x = w.fx * u + w.cx;
     p.y = w.fy * v + w.cy;
   }
@@ -159,7 +184,7 @@ inline Eigen::Vector2f pixelInMiddle(const RollingShutter& s,
   float t = 0;
   rowTime(s, pixel.x(), pixel.y(), t);
   RowFlow<float> flow;
-  rowFlow(s, ray, inverse_depth, -1, flow);
+  rowFlow(s, ray, inverse_depth, false, flow);
   const auto moved = [&](int i) { return -t * (flow.first[i] - 0.5F * t * flow.second[i]); };
   const float scale = 1.0F / (1.0F + moved(2));
   return {fx * (ray[0] + moved(0)) * scale + cx, fy * (ray[1] + moved(1)) * scale + cy};

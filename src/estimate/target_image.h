@@ -78,6 +78,7 @@ DSORB_ALWAYS_INLINE void unbendGradients(const TargetImage& target,
                                          const WarpedPoint<Lanes>& point,
                                          LaneSamples& samples) {
   if constexpr (kRolling) {
+    if (target.shutter.radial == 0) return;
     const float ratio = target.warp.fy / target.warp.fx;
     bendGradient(target.shutter.radial, {point.u, point.v}, ratio, samples.dx, samples.dy);
   }

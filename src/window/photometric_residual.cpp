@@ -67,11 +67,12 @@ void addLens(const Eigen::Vector2f& ray,
 }
 
 /// Velocity of a point on the image plane z = 1 [1/s] at a time.
-/// @param sign 1 from the middle row to another, -1 back; as in rowFlow()
+/// @param forth from the middle row to another; else back
 Eigen::Vector2f velocityAt(
-    const RollingShutter& shutter, const Eigen::Vector2f& ray, float rho, float time, float sign) {
+    const RollingShutter& shutter, const Eigen::Vector2f& ray, float rho, float time, bool forth) {
   RowFlow<float> flow;
-  rowFlow(shutter, {ray.x(), ray.y()}, rho, sign, flow);
+  rowFlow(shutter, {ray.x(), ray.y()}, rho, forth, flow);
+  const float sign = forth ? 1.0F : -1.0F;
   const float t = sign * time;
   const auto moved = [&](int i) { return t * (flow.first[i] + 0.5F * t * flow.second[i]); };
   const auto speed = [&](int i) { return flow.first[i] + t * flow.second[i]; };
@@ -97,13 +98,13 @@ void addReadout(const WindowPoint& point,
   const Eigen::Vector2f host =
       share *
       velocityAt(
-          pair.host_shutter, ray, point.inverse_depth, pair.host_shutter.readout * share, -1);
+          pair.host_shutter, ray, point.inverse_depth, pair.host_shutter.readout * share, false);
   rowShare(pair.current.shutter, p.x, p.y, share);
   const Eigen::Vector2f target = share * velocityAt(pair.current.shutter,
                                                     {p.u, p.v},
                                                     point.inverse_depth * p.inverse_z,
                                                     pair.current.shutter.readout * share,
-                                                    1);
+                                                    true);
   RayJacobian by_ray;
   rayJacobian(warp, p, by_ray);
   const float moved_x = warp.fx * host.x();
@@ -122,7 +123,7 @@ void addTimes(const WindowPoint& point,
               ResidualGeometry& geometry) {
   const TargetImage& target = pair.current;
   RowFlow<float> flow;
-  rowFlow(target.shutter, {p.u, p.v}, point.inverse_depth * p.inverse_z, 1, flow);
+  rowFlow(target.shutter, {p.u, p.v}, point.inverse_depth * p.inverse_z, true, flow);
   float time = 0;
   rowTime(target.shutter, p.x, p.y, time);
   const float* d = flow.first;
