@@ -16,9 +16,9 @@ constexpr double kChi2Median = 0.4549364231195;  // with one degree of freedom
 
 // Limits of a start that stays; docs/experiments.md, "Wrong starts", has what they were chosen on.
 constexpr double kMaxDirection = 8;      // [deg]
-constexpr double kMaxDepthSpread = .02;  // below it neither variances nor lost points matter
+constexpr double kMaxDepthSpread = .02;  // below it variances do not matter
 constexpr double kMaxDepthChange = 3;
-constexpr double kMinKeptShare = .7;
+constexpr double kMinKeptShare = .8;
 
 double angleDeg(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
   return kDegrees * std::atan2(a.cross(b).norm(), a.dot(b));
@@ -83,9 +83,10 @@ StartChange startChange(const std::vector<StartPose>& poses,
 
 std::optional<RefusalReason> refusalOf(const StartChange& change) {
   if (!(change.direction_deg <= kMaxDirection)) return RefusalReason::kDirection;
-  const bool same_depths = change.depth_spread <= kMaxDepthSpread;
-  const bool allowed = change.depth_change <= kMaxDepthChange && change.kept_share >= kMinKeptShare;
-  return same_depths || allowed ? std::nullopt : std::optional(RefusalReason::kDepth);
+  const bool same_depths =
+      change.depth_spread <= kMaxDepthSpread || change.depth_change <= kMaxDepthChange;
+  const bool kept = change.kept_share >= kMinKeptShare;
+  return same_depths && kept ? std::nullopt : std::optional(RefusalReason::kDepth);
 }
 
 }  // namespace dsorb

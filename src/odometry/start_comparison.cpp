@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "odometry/start_comparison.h"
 
+#include "estimate/host_patch.h"
+#include "estimate/warp.h"
+
 #include <algorithm>
 #include <cstddef>
 #include <map>
@@ -32,6 +35,22 @@ std::map<int, Adjusted> adjustedPoints(const window::Window& window) {
   return points;
 }
 
+/// Whether the newest keyframe sees a point of another one. A window drops what it does not see.
+bool newestSees(const window::Window& window,
+                const window::Keyframe& host,
+                const window::WindowPoint& point) {
+  const window::Keyframe& newest = window.keyframes.back();
+  const PinholeCamera camera = window.camera();
+  const auto projection = projectHosted(camera,
+                                        newest.T_cam_world() * host.T_cam_world().inverse(),
+                                        camera.unproject(point.patch.pixel.cast<double>()),
+                                        static_cast<double>(point.inverse_depth));
+  return projection && canSample(newest.frame->level(0),
+                                 static_cast<float>(projection->pixel.x()),
+                                 static_cast<float>(projection->pixel.y()),
+                                 kPatternRadius);
+}
+
 }  // namespace
 
 StartComparison::StartComparison(const InitializationResult& result, const window::Window& seeded) {
@@ -48,7 +67,7 @@ StartComparison::StartComparison(const InitializationResult& result, const windo
       const auto inverse_depth = static_cast<double>(initial->second->inverse_depth);
       const auto variance = static_cast<double>(initial->second->variance);
       if (!(inverse_depth > 0)) continue;
-      points_.push_back({point.id, inverse_depth, variance});
+      points_.push_back({point.id, inverse_depth, variance, newestSees(seeded, keyframe, point)});
     }
   }
 }
@@ -65,10 +84,11 @@ StartChange StartComparison::change(const window::Window& adjusted, double noise
   const double limited = std::min(noise, kMaxStartNoise);
   std::vector<StartPoint> points;
   for (const Point& point : points_) {
+    const auto found = after.find(point.id.value);
+    if (found == after.end() && !point.stays) continue;
     StartPoint& change = points.emplace_back();
     change.inverse_depth = point.inverse_depth;
     change.variance = point.variance;
-    const auto found = after.find(point.id.value);
     if (found == after.end()) continue;
     change.adjusted = found->second.inverse_depth;
     change.adjusted_variance = limited * limited / found->second.information;

@@ -27,6 +27,7 @@ class StartComparison {
     window::PointId id;
     double inverse_depth = 0;  ///< handed over [1/unit]
     double variance = 0;       ///< handed over [1/unit^2]
+    bool stays = false;        ///< the newest keyframe sees it, too
   };
   std::vector<Point> points_;  // in the order of their ids
   std::vector<SE3> T_cam_world_;

@@ -56,7 +56,8 @@ constexpr double kMaxStartNoise = 7;
 /// What an adjustment made of a start, whoever made it: a window of keyframes with photometric
 /// residuals in which the points have at least two observations.
 /// @param poses  keyframes of the start but the reference; at least one
-/// @param points handed over to the adjustment, those that it dropped included
+/// @param points handed over to the adjustment, those that it dropped included, but not those that
+///               it dropped because they leave the image
 /// @return kept_share and the rest are 0 where no point is left
 [[nodiscard]] StartChange startChange(const std::vector<StartPose>& poses,
                                       const std::vector<StartPoint>& points);
