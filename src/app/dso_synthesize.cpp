@@ -100,6 +100,10 @@ void addOptions(CLI::App& app, CommandLine& line) {
   app.add_option("--speed", sequence.speed, "of all motion, times the usual one")
       ->check(CLI::Range(0.01, 100.0))
       ->capture_default_str();
+  app.add_option(
+         "--rate", sequence.rate, "frames a second of the same motion; 0: 10 of street, else 30")
+      ->check(CLI::Range(0.0, 1000.0))
+      ->capture_default_str();
   app.add_flag("--blur", line.motion_blur, "motion blur, shutter open for 30 % of the time");
   app.add_flag("--moving-object", sequence.moving_object, "a car or crate that moves by itself");
   app.add_option("--moving-object-share",

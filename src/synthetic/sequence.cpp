@@ -27,13 +27,23 @@ const Eigen::Vector3d kVan(2.2, 2.4, 4.5);  // [m], across, up, along
 constexpr int kSmallest = 32;               // image side [px]
 constexpr double kSlowest = 0.01;           // speed
 constexpr double kFastest = 100;
+constexpr double kFastestRate = 1000;  // [frames/s]
 
 [[noreturn]] void reject(const std::string& what, double value) {
   throw std::invalid_argument("SequenceOptions: " + what + ", is " + std::to_string(value));
 }
 
-double frameRate(SequenceKind kind) {
+double usualRate(SequenceKind kind) {
   return kind == SequenceKind::kStreet ? kStreetRate : kRoomRate;
+}
+
+double frameRate(const SequenceOptions& options) {
+  return options.rate > 0 ? options.rate : usualRate(options.kind);
+}
+
+/// Paths are functions of the frames that a usual camera would have taken.
+double usualFrames(const SequenceOptions& options) {
+  return options.speed * (usualRate(options.kind) / frameRate(options));
 }
 
 void validate(const SequenceOptions& options) {
@@ -57,7 +67,8 @@ void validate(const SequenceOptions& options) {
   if (!inside(options.motion_blur, 0, 1)) {
     reject("motion_blur must lie in [0, 1]", options.motion_blur);
   }
-  if (!inside(std::abs(options.readout), 0, 1 / frameRate(options.kind))) {
+  if (!inside(options.rate, 0, kFastestRate)) reject("rate must lie in [0, 1000]", options.rate);
+  if (!inside(std::abs(options.readout), 0, 1 / frameRate(options))) {
     reject("readout must be at most the time between two frames, in seconds", options.readout);
   }
   if (!inside(options.speed, kSlowest, kFastest)) {
@@ -71,8 +82,9 @@ void validate(const SequenceOptions& options) {
 Scene makePlace(const SequenceOptions& options, std::uint64_t seed) {
   switch (options.kind) {
     case SequenceKind::kStreet:
-      return makeStreet(
-          seed, kStreetStep * options.length * options.speed * std::max(1.0, options.camera_speed));
+      return makeStreet(seed,
+                        kStreetStep * options.length * usualFrames(options) *
+                            std::max(1.0, options.camera_speed));
     case SequenceKind::kPlane:
       return makePlane(seed);
     default:
@@ -125,7 +137,7 @@ int SyntheticSequence::actOf(int index) const {
 }
 
 SE3 SyntheticSequence::poseAt(int act, double frame) const {
-  frame *= options_.speed;
+  frame *= usualFrames(options_);
   const std::uint64_t seed = options_.seed + (act > 0 ? kNextPlace : 0);
   switch (options_.kind) {
     case SequenceKind::kStreet:
@@ -142,7 +154,7 @@ SE3 SyntheticSequence::poseAt(int act, double frame) const {
 }
 
 SE3 SyntheticSequence::movingBoxPose(int act, double frame) const {
-  frame *= options_.speed;
+  frame *= usualFrames(options_);
   if (options_.kind != SequenceKind::kStreet) {
     return uprightPose({act * kPlaceDistance, 0, 0}) * movingCratePose(frame, options_.seed);
   }
@@ -162,8 +174,7 @@ Moment SyntheticSequence::momentAt(int act, double frame) const {
 View SyntheticSequence::renderAt(int act, double frame) const {
   std::vector<Moment> moments;
   const int rows = options_.readout != 0 ? camera_.height : 1;
-  const double frames_per_row =
-      rows > 1 ? options_.readout * frameRate(options_.kind) / (rows - 1) : 0;
+  const double frames_per_row = rows > 1 ? options_.readout * frameRate(options_) / (rows - 1) : 0;
   moments.reserve(static_cast<std::size_t>(rows));
   for (int row = 0; row < rows; ++row) {
     moments.push_back(momentAt(act, frame + frames_per_row * (row - 0.5 * (rows - 1))));
@@ -194,7 +205,7 @@ SE3 SyntheticSequence::pose(int index) const {
 }
 
 double SyntheticSequence::timestamp(int index) const {
-  return index / frameRate(options_.kind);
+  return index / frameRate(options_);
 }
 
 double SyntheticSequence::exposure(int index) const {

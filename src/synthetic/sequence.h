@@ -38,6 +38,7 @@ struct SequenceOptions {
   /// first [s]; pose and depth of a frame are those of its middle row. 0: global shutter.
   double readout = 0;
   double speed = 1;  ///< of everything that moves, times the usual one
+  double rate = 0;   ///< [frames/s]; 0: 10 of kStreet, else 30
   /// Of the camera of kStreet, times `speed`; 0: it stands in the traffic.
   double camera_speed = 1;
   bool moving_object = false;  ///< a box that moves by itself

@@ -272,6 +272,22 @@ TEST(SyntheticSequence, RefusesOptionsOutOfRange) {
   EXPECT_THROW((void)SyntheticSequence(small(SequenceKind::kRoom)).frame(20), std::out_of_range);
 }
 
+TEST(SyntheticSequence, AnotherFrameRateSeesTheSameMotion) {
+  for (const SequenceKind kind : {SequenceKind::kStreet, SequenceKind::kRoom}) {
+    SequenceOptions options = small(kind);
+    const SyntheticSequence usual(options);
+    options.rate = 2 / usual.timestamp(1);
+    const SyntheticSequence twice(options);
+    EXPECT_DOUBLE_EQ(twice.timestamp(6), usual.timestamp(3));
+    EXPECT_LT((twice.pose(6).inverse() * usual.pose(3)).log().norm(), 1e-12);
+    options.rate = 0;
+    options.readout = 1.5 * usual.timestamp(1);
+    EXPECT_THROW(SyntheticSequence{options}, std::invalid_argument);
+    options.rate = 0.5 / usual.timestamp(1);
+    EXPECT_NO_THROW(SyntheticSequence{options});
+  }
+}
+
 TEST(Sensor, InverseResponseInvertsTheForwardOne) {
   const std::vector<double> inverse = makeInverseResponse(true);
   for (std::size_t value = 0; value < inverse.size(); ++value) {
