@@ -113,34 +113,43 @@ DistanceMap::DistanceMap(int width, int height, int reach)
     : width_(width),
       height_(height),
       reach_(reach),
-      cells_(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), kFar) {}
+      cells_(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), kFar) {
+  // One more than there are: growStep() writes before it knows.
+  for (Front* front : {&front_, &next_}) front->cells.reset(new Cell[cells_.size() + 1]);
+}
 
 void DistanceMap::growStep(int distance) {
   static constexpr std::array<std::array<int, 2>, 8> kNeighbours = {
       {{1, 0}, {-1, 0}, {0, 1}, {0, -1}, {1, 1}, {1, -1}, {-1, 1}, {-1, -1}}};
   const std::size_t count = distance % 2 == 1 ? 8 : 4;
-  next_.clear();
-  for (const Eigen::Vector2i& cell : frontier_) {
-    const bool border =
-        cell.x() == 0 || cell.y() == 0 || cell.x() == width_ - 1 || cell.y() == height_ - 1;
+  Cell* reached = next_.cells.get();
+  for (std::size_t i = 0; i < front_.size; ++i) {
+    const Cell& cell = front_.cells[i];
+    const bool border = cell.x == 0 || cell.y == 0 || cell.x == width_ - 1 || cell.y == height_ - 1;
     if (border) continue;
-    for (std::size_t n = 0; n < count; ++n) {
-      const Eigen::Vector2i to(cell.x() + kNeighbours[n][0], cell.y() + kNeighbours[n][1]);
-      std::uint16_t& value = cells_[index(to.x(), to.y())];
-      if (value <= distance) continue;
-      value = static_cast<std::uint16_t>(distance);
-      next_.push_back(to);
+    for (std::size_t n = 0; n < count; ++n) {  // without a branch, which nobody could predict
+      const auto [dx, dy] = kNeighbours[n];
+      *reached = {cell.index + dy * width_ + dx, cell.x + dx, cell.y + dy};
+      std::uint16_t& value = cells_[static_cast<std::size_t>(reached->index)];
+      const bool nearer = value > distance;
+      value = nearer ? static_cast<std::uint16_t>(distance) : value;
+      reached += nearer ? 1 : 0;
     }
   }
-  std::swap(frontier_, next_);
+  next_.size = static_cast<std::size_t>(reached - next_.cells.get());
+  std::swap(front_, next_);
 }
 
 void DistanceMap::add(const std::vector<Eigen::Vector2i>& seeds) {
-  frontier_ = seeds;
-  for (const Eigen::Vector2i& seed : seeds) cells_[index(seed.x(), seed.y())] = 0;
-  for (int distance = 1; distance <= reach_ && !frontier_.empty(); ++distance) {
-    growStep(distance);
+  front_.size = 0;
+  for (const Eigen::Vector2i& seed : seeds) {
+    std::uint16_t& value = cells_[index(seed.x(), seed.y())];
+    if (value == 0) continue;  // grown from already
+    value = 0;
+    front_.cells[front_.size++] = {
+        static_cast<std::int32_t>(index(seed.x(), seed.y())), seed.x(), seed.y()};
   }
+  for (int distance = 1; distance <= reach_ && front_.size > 0; ++distance) growStep(distance);
 }
 
 double adaptDistance(double distance, int active, int desired, double max_distance) {

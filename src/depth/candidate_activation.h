@@ -8,7 +8,9 @@
 
 #include <Eigen/Core>
 
+#include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 namespace dsorb::depth {
@@ -30,6 +32,15 @@ class DistanceMap {
   [[nodiscard]] int height() const { return height_; }
 
  private:
+  struct Cell {
+    std::int32_t index;
+    std::int32_t x, y;
+  };
+  /// Cells that a step has reached: each at most once, so that there is room for all of them.
+  struct Front {
+    std::unique_ptr<Cell[]> cells;
+    std::size_t size = 0;
+  };
   [[nodiscard]] std::size_t index(int x, int y) const {
     return static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) +
            static_cast<std::size_t>(x);
@@ -40,8 +51,8 @@ class DistanceMap {
   int height_;
   int reach_;
   std::vector<std::uint16_t> cells_;
-  std::vector<Eigen::Vector2i> frontier_;
-  std::vector<Eigen::Vector2i> next_;
+  Front front_;
+  Front next_;
 };
 
 /// Next minimum distance between points, so that their number approaches the desired one.

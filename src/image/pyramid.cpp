@@ -89,13 +89,4 @@ Pyramid::Pyramid(const ImageView& image) {
   }
 }
 
-ImageSample PyramidLevel::at(int x, int y) const {
-  const float* pixel = row(y) + x;
-  const bool outermost = x == 0 || y == 0 || x == width_ - 1 || y == height_ - 1;
-  if (outermost || std::isnan(*pixel)) return {*pixel, 0, 0};
-  const float dx = 0.5F * (pixel[1] - pixel[-1]);
-  const float dy = 0.5F * (pixel[width_] - pixel[-width_]);
-  return {*pixel, std::isnan(dx) ? 0 : dx, std::isnan(dy) ? 0 : dy};
-}
-
 }  // namespace dsorb

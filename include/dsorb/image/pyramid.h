@@ -3,6 +3,8 @@
 
 #include "dsorb/image/image_view.h"
 
+#include <cmath>
+#include <cstddef>
 #include <memory>
 #include <vector>
 
@@ -44,6 +46,15 @@ class PyramidLevel {
   int width_;
   int height_;
 };
+
+inline ImageSample PyramidLevel::at(int x, int y) const {
+  const float* pixel = row(y) + x;
+  const bool outermost = x == 0 || y == 0 || x == width_ - 1 || y == height_ - 1;
+  if (outermost || std::isnan(*pixel)) return {*pixel, 0, 0};
+  const float dx = 0.5F * (pixel[1] - pixel[-1]);
+  const float dy = 0.5F * (pixel[width_] - pixel[-width_]);
+  return {*pixel, std::isnan(dx) ? 0 : dx, std::isnan(dy) ? 0 : dy};
+}
 
 /// Number of pyramid levels for a size: it is halved while both sides are even, the level has more
 /// than 5000 pixels and there are fewer than 5 levels.

@@ -14,6 +14,9 @@ namespace {
 
 constexpr double kPoseVarianceFactor = 6;  // on the clustered covariance of photometric poses [-]
 constexpr double kMatchError = 0.1;        // error that all frames share, along a gradient [px]
+/// A patch is taken to be as deep everywhere. Where the surface slants, the edges that tell its depth
+/// lie beside its centre: a share of the inverse depth. docs/experiments.md, "Slanted surfaces"
+constexpr double kSlantError = 0.006;
 constexpr std::size_t kRunLength = 64;     // patches one thread takes at a time
 
 /// Patches sorted by cell, and where each cell begins.
@@ -253,7 +256,8 @@ bool setPhotometricVariances(InitialMap& map, PhotometricProblem& problem, bool 
     const double share = marginals.imageShare(i);
     if (!(variance > 0) || !(speeds[i] > 0)) continue;
     const double shift = share * kMatchError / speeds[i];
-    variance += shift * shift;
+    const double slant = share * kSlantError * state.inverse_depth[i];
+    variance += shift * shift + slant * slant;
     if (problem.source[i] < corners) {
       map.corners[problem.source[i]].variance = variance;
     } else {
