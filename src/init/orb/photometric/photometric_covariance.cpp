@@ -14,10 +14,11 @@ namespace {
 
 constexpr double kPoseVarianceFactor = 6;  // on the clustered covariance of photometric poses [-]
 constexpr double kMatchError = 0.1;        // error that all frames share, along a gradient [px]
-/// A patch is taken to be as deep everywhere. Where the surface slants, the edges that tell its depth
-/// lie beside its centre: a share of the inverse depth. docs/experiments.md, "Slanted surfaces"
+/// A patch is taken to be as deep everywhere. Where the surface slants, the edges that tell its
+/// depth lie beside its centre: a share of the inverse depth. docs/experiments.md, "Variances of
+/// depths and poses"
 constexpr double kSlantError = 0.006;
-constexpr std::size_t kRunLength = 64;     // patches one thread takes at a time
+constexpr std::size_t kRunLength = 64;  // patches one thread takes at a time
 
 /// Patches sorted by cell, and where each cell begins.
 struct CellOrder {
