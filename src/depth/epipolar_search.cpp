@@ -91,10 +91,12 @@ struct SearchArea {
   float low_x, low_y, high_x, high_y;
 
   SearchArea(const PyramidLevel& level, const ExpectedPattern& pattern, float slack)
-      : low_x(kNearBorder + slack + pattern.extent_x),
-        low_y(kNearBorder + slack + pattern.extent_y),
-        high_x(static_cast<float>(level.width()) - (kFarBorder + slack + pattern.extent_x)),
-        high_y(static_cast<float>(level.height()) - (kFarBorder + slack + pattern.extent_y)) {}
+      : low_x(kNearBorder + kLineRounding + slack + pattern.extent_x),
+        low_y(kNearBorder + kLineRounding + slack + pattern.extent_y),
+        high_x(static_cast<float>(level.width()) - kFarBorder - kLineRounding - slack -
+               pattern.extent_x),
+        high_y(static_cast<float>(level.height()) - kFarBorder - kLineRounding - slack -
+               pattern.extent_y) {}
 
   [[nodiscard]] bool contains(const Vector2f& p) const {
     return p.x() > low_x && p.y() > low_y && p.x() < high_x && p.y() < high_y;

@@ -20,17 +20,21 @@ namespace dsorb {
 constexpr float kNearBorder = 1;  ///< [px]
 constexpr float kFarBorder = 2;   ///< [px]
 
+/// More than places on a line are rounded by, as sums of an origin, a stretch and an offset. A
+/// search that ends at the border stays this far away [px].
+constexpr float kLineRounding = 0.01F;
+
 /// The greatest coordinate within the border rule.
 inline float lastSample(int size) {
   return std::nextafter(static_cast<float>(size) - kFarBorder, 0.0F);
 }
 
-/// Whether everything within `margin` of a position can be interpolated; false for NaN.
+/// Whether everything within `margin` of a position can be interpolated; false for NaN. Rounded as
+/// the sums of position and offset are.
 inline bool canSample(const PyramidLevel& level, float x, float y, float margin = 0) {
-  const float near = kNearBorder + margin;
-  const float far = kFarBorder + margin;
-  return x >= near && y >= near && x < static_cast<float>(level.width()) - far &&
-         y < static_cast<float>(level.height()) - far;
+  return x - margin >= kNearBorder && y - margin >= kNearBorder &&
+         x + margin < static_cast<float>(level.width()) - kFarBorder &&
+         y + margin < static_cast<float>(level.height()) - kFarBorder;
 }
 
 /// Between four neighbours. @tparam T a number or several in a register

@@ -110,7 +110,7 @@ Interval clippedInterval(const Patch& patch,
                          const PyramidLevel& target,
                          float max_half_length) {
   const EpipolarLine& line = patch.line;
-  const float margin = patch.extent;
+  const float margin = patch.extent + kLineRounding;
   const float reach = kSearchSigmas * std::sqrt(prior.variance);
   const float low =
       line.positionOf(std::max(prior.inverse_depth - reach, 0.0F)).value_or(-max_half_length);
