@@ -107,7 +107,7 @@ class Feeder {
       const std::optional<SequenceFrame> input = reader_.next();
       outputs_.setDropped(dropped());
       if (!input) return false;
-      if (!process(*input, step.late)) return false;
+      if (!process(*input, step.late || input->late)) return false;
     }
     return true;
   }

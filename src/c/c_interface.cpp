@@ -57,6 +57,7 @@ struct dsorb_odometry {
   dsorb::c::ImageSource source;
   NewestPoints newest;
   std::optional<dsorb::Odometry> odometry;
+  bool hurried = false;
 };
 
 namespace {
@@ -179,6 +180,10 @@ double dsorb_initializer_wrong_probability(const dsorb_initializer* initializer)
   return initializer == nullptr ? 1 : initializer->wrong_probability;
 }
 
+void dsorb_initializer_set_hurried(dsorb_initializer* initializer, int32_t hurried) {
+  if (initializer != nullptr) initializer->initializer->setHurried(hurried != 0);
+}
+
 dsorb_status dsorb_initializer_reset(dsorb_initializer* initializer,
                                      char* error,
                                      size_t error_size) {
@@ -225,10 +230,14 @@ dsorb_status dsorb_odometry_add(dsorb_odometry* odometry,
     dsorb::c::require(odometry, "odometry");
     dsorb::c::require(estimate, "estimate");
     const dsorb::FrameEstimate made =
-        odometry->odometry->process(dsorb::c::frameOf(image, odometry->source));
+        odometry->odometry->process(dsorb::c::frameOf(image, odometry->source), odometry->hurried);
     *estimate = dsorb::c::estimateOf(made);
     estimate->is_metric = made.T_world_cam && odometry->newest.is_metric ? 1 : 0;
   });
+}
+
+void dsorb_odometry_set_hurried(dsorb_odometry* odometry, int32_t hurried) {
+  if (odometry != nullptr) odometry->hurried = hurried != 0;
 }
 
 size_t dsorb_odometry_points(const dsorb_odometry* odometry, dsorb_point* out, size_t capacity) {

@@ -8,6 +8,7 @@
 
 #include <chrono>
 #include <condition_variable>
+#include <deque>
 #include <exception>
 #include <filesystem>
 #include <memory>
@@ -33,7 +34,10 @@ double secondsSince1970() {
   return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
 }
 
-/// Takes every image of a camera and keeps the newest. One thread runs it, another asks.
+constexpr std::size_t kBuffers = 4;  // as drivers of cameras have
+
+/// Takes every image of a camera. Images wait for a late caller, and the oldest is dropped for one
+/// too many. One thread runs it, another asks.
 class Taker {
  public:
   explicit Taker(std::string address)
@@ -63,11 +67,16 @@ class Taker {
   }
 
   /// Waits for an image that was not given yet.
-  std::optional<SourceImage> newest() {
+  std::optional<SourceImage> next() {
     std::unique_lock<std::mutex> lock(mutex_);
-    const bool came =
-        changed_.wait_for(lock, kPatience + kMargin, [this] { return newest_ || ended_; });
-    if (newest_) return std::exchange(newest_, std::nullopt);
+    const bool came = changed_.wait_for(
+        lock, kPatience + kMargin, [this] { return !waiting_.empty() || ended_; });
+    if (!waiting_.empty()) {
+      SourceImage image = std::move(waiting_.front());
+      waiting_.pop_front();
+      image.late = !waiting_.empty();
+      return image;
+    }
     if (failure_) std::rethrow_exception(failure_);
     if (came && is_file_) return std::nullopt;
     if (Clock::now() - last_sign_ >= kPatience) {
@@ -132,8 +141,11 @@ class Taker {
     if (stopped_) return false;
     last_sign_ = Clock::now();
     image.index = count_++;
-    if (newest_) ++dropped_;
-    newest_ = std::move(image);
+    if (waiting_.size() == kBuffers) {
+      waiting_.pop_front();
+      ++dropped_;
+    }
+    waiting_.push_back(std::move(image));
     changed_.notify_all();
     return true;
   }
@@ -144,7 +156,7 @@ class Taker {
 
   mutable std::mutex mutex_;
   std::condition_variable changed_;
-  std::optional<SourceImage> newest_;
+  std::deque<SourceImage> waiting_;  // oldest first
   std::exception_ptr failure_;
   Clock::time_point last_sign_;
   int count_ = 0;
@@ -190,7 +202,7 @@ class CameraStream : public ImageSource {
   [[nodiscard]] std::optional<SourceImage> image(int index) override {
     if (index == asked_ && given_) return given_;
     asked_ = index;
-    given_ = taker_->newest();
+    given_ = taker_->next();
     return given_;
   }
   [[nodiscard]] int dropped() const override { return taker_->dropped(); }

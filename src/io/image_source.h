@@ -14,6 +14,7 @@ struct SourceImage {
   cv::Mat pixels;                   ///< 8 or 16 bits of grey, or 8 bits of BGR
   std::optional<double> timestamp;  ///< [s]; empty: the data set says it
   std::string warning;              ///< one sentence; empty: none
+  bool late = false;                ///< the image behind it is there, too: of a camera
 };
 
 /// Where images come from: files, an archive, a video, a camera. One thread at a time uses it.
@@ -24,8 +25,8 @@ class ImageSource {
   [[nodiscard]] virtual int size() const = 0;
   /// Of an image, for messages and reports.
   [[nodiscard]] virtual std::string name(int index) const = 0;
-  /// The image of this position. A video goes forwards only; a camera gives its newest image, which
-  /// is not that of the position. The last one may be asked for again.
+  /// The image of this position. A video goes forwards only; a camera gives the oldest of its
+  /// images that wait, which is not that of the position. The last one may be asked for again.
   /// @return empty after the last image
   /// @throws IoError where it cannot be read
   [[nodiscard]] virtual std::optional<SourceImage> image(int index) = 0;
@@ -33,7 +34,7 @@ class ImageSource {
   /// the images: in a video.
   /// @return its index; that after the last one where there is none
   [[nodiscard]] virtual int seek(double /*seconds*/) { return 0; }
-  /// Images that a camera gave and that were replaced by newer ones before they were asked for.
+  /// Images that a camera gave and that were dropped for newer ones before they were asked for.
   [[nodiscard]] virtual int dropped() const { return 0; }
 };
 

@@ -221,6 +221,7 @@ std::optional<SequenceFrame> SequenceReader::Impl::prepare(int index) {
   if (!image || playlist_.isAfterEnd(image->timestamp)) return std::nullopt;
   result.index = image->index;
   result.image_file = dataset_.images->name(image->index);
+  result.late = image->late;
   if (!image->warning.empty()) result.warnings.push_back(image->warning);
   checkSize(image->pixels, result.image_file);
   const cv::Mat mask = masks_.of(result.image_file);

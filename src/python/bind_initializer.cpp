@@ -9,6 +9,7 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include <atomic>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -56,6 +57,8 @@ const char* nameOf(InitStatus status) {
 /// Calls of several threads wait for each other.
 class LockedInitializer {
  public:
+  std::atomic<bool> hurried{false};
+
   LockedInitializer(FrameSource source, const Config& config)
       : source_(std::move(source)),
         initializer_(makeInitializer(optionsOf(config), source_.camera())) {}
@@ -71,6 +74,7 @@ class LockedInitializer {
     const std::lock_guard<std::mutex> lock(mutex_);
     const FrameInfo info = source_.next(timestamp, id, exposure, known);
     source_.taken(info.id);
+    initializer_->setHurried(hurried);
     const InitStep step = initializer_->addFrame(Frame::create(view, info));
     Step answer{step.status, step.reason, std::nullopt, step.motion};
     if (step.result) answer.result.emplace(*step.result);

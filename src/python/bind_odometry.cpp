@@ -11,6 +11,7 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include <atomic>
 #include <limits>
 #include <mutex>
 #include <string>
@@ -86,6 +87,8 @@ struct Report {
 /// Calls of several threads wait for each other.
 class LockedOdometry {
  public:
+  std::atomic<bool> hurried{false};
+
   LockedOdometry(FrameSource source, const Config& config)
       : source_(std::move(source)), odometry_(source_.camera(), config.options) {
     odometry_.addObserver(&log_);
@@ -102,7 +105,7 @@ class LockedOdometry {
     const std::lock_guard<std::mutex> lock(mutex_);
     const FrameInfo info = source_.next(timestamp, id, exposure, known);
     Estimate estimate;
-    estimate.frame = odometry_.process(Frame::create(view, info));
+    estimate.frame = odometry_.process(Frame::create(view, info), hurried);
     source_.taken(info.id);
     estimate.frame.frame = nullptr;
     estimate.id = info.id.value;

@@ -54,7 +54,7 @@ void bindMaker(nanobind::class_<Bound>& type, const char* text) {
                            "of the rows where the calibration has a readout, and the response.");
 }
 
-/// Binds a method that takes the next frame.
+/// Binds a method that takes the next frame, and whether others wait behind it.
 template <typename Bound, typename Method>
 void bindFeeder(nanobind::class_<Bound>& type, const char* name, Method method, const char* text) {
   namespace nb = nanobind;
@@ -65,7 +65,13 @@ void bindFeeder(nanobind::class_<Bound>& type, const char* name, Method method, 
            nb::arg("id") = nb::none(),
            nb::arg("exposure") = 1.0,
            nb::arg("priors") = nb::none(),
-           text);
+           text)
+      .def_prop_rw(
+          "hurried",
+          [](const Bound& bound) { return bound.hurried.load(); },
+          [](Bound& bound, bool hurried) { bound.hurried = hurried; },
+          "Whether other images wait behind the next one already: orb then follows its corners and "
+          "puts an attempt to start off.");
 }
 
 }  // namespace dsorb::python

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { kWidth = 320, kHeight = 240, kFrames = 30, kErrorSize = 200 };
+enum { kWidth = 320, kHeight = 240, kFrames = 30, kHurried = 8, kErrorSize = 200 };
 static const double kFocal = 250;
 
 #define CHECK(condition)                                                          \
@@ -70,6 +70,8 @@ static int checkErrors(const dsorb_camera* camera) {
   CHECK(dsorb_initializer_add(NULL, NULL, &state, error, sizeof error) == DSORB_BAD_ARGUMENT);
   CHECK(dsorb_odometry_add(NULL, NULL, NULL, error, sizeof error) == DSORB_BAD_ARGUMENT);
   CHECK(dsorb_initializer_frames(NULL, NULL, 0) == 0 && dsorb_odometry_points(NULL, NULL, 0) == 0);
+  dsorb_initializer_set_hurried(NULL, 1);
+  dsorb_odometry_set_hurried(NULL, 1);
   dsorb_initializer_destroy(NULL);
   dsorb_odometry_destroy(NULL);
   return 0;
@@ -85,8 +87,10 @@ static int checkInitializer(const dsorb_camera* camera, uint8_t* pixels) {
   CHECK(dsorb_initializer_add(initializer, &image, &state, error, sizeof error) == DSORB_BAD_ARGUMENT);
   CHECK(strstr(error, "stride") != NULL);
   for (int i = 0; i < kFrames && state != DSORB_INITIALIZED; ++i) {
+    dsorb_initializer_set_hurried(initializer, i < kHurried);
     image = imageOf(i, pixels);
     CHECK(dsorb_initializer_add(initializer, &image, &state, error, sizeof error) == DSORB_OK);
+    CHECK(i >= kHurried || state == DSORB_INITIALIZING);
   }
   CHECK(state == DSORB_INITIALIZED);
   image = imageOf(kFrames, pixels);

@@ -230,6 +230,15 @@ TEST(HurriedInitializer, OnlyFollowsUntilThereIsTime) {
   EXPECT_LT(startErrors(*step.result, sequence).direction_deg, 2);
 }
 
+TEST(HurriedInitializer, StartsInTheEndThoughThereIsNeverTime) {
+  const RenderedSequence& sequence = rendered(optionsOf(SequenceKind::kRoom));
+  const auto hurried = makeInitializer({}, sequence.camera());
+  hurried->setHurried(true);
+  const InitRun run = feed(*hurried, sequence.frames());
+  ASSERT_TRUE(run.result);
+  EXPECT_LT(startErrors(*run.result, sequence).direction_deg, 2);
+}
+
 TEST_P(InitializerContract, ResetEqualsAFreshObject) {
   const RenderedSequence& sequence = rendered(optionsOf(SequenceKind::kRoom));
   const auto initializer = make(sequence.camera());

@@ -274,6 +274,18 @@ class Runs(unittest.TestCase):
         with self.assertRaises(RuntimeError):
             odometry.process(images()[0], timestamp=100)
 
+    def test_who_is_in_a_hurry_starts_later(self):
+        initializer, odometry = dsorb.Initializer(CAMERA), dsorb.Odometry(CAMERA)
+        *early, last = images()[:10]
+        initializer.hurried = odometry.hurried = True
+        for i, image in enumerate(early):
+            step = initializer.add(image, timestamp=0.1 * i)
+            estimate = odometry.process(image, timestamp=0.1 * i)
+        initializer.hurried = odometry.hurried = False
+        self.assertEqual((step.status, step.reason, estimate.state), ('needs_more_frames', 'hurried', 'initializing'))
+        self.assertEqual(initializer.add(last, timestamp=0.9).status, 'initialized')
+        self.assertEqual(odometry.process(last, timestamp=0.9).state, 'initialized')
+
     def test_a_lost_camera_is_restarted(self):
         odometry = dsorb.Odometry(CAMERA)
         pictures = images()

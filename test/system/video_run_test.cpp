@@ -98,11 +98,11 @@ TEST_F(VideoRun, RefusesWhatIsNoVideo) {
 TEST_F(VideoRun, ACameraRunsUntilItIsInterrupted) {
   const fs::path video = encode("room.avi", "MJPG", 20);  // 16 s
   const fs::path table = file("frames.csv");
-  const ProgramResult result =
-      run(cameraWords(video), [table] { return readTextLines(table).size() > kFrames; });
+  const ProgramResult result = run(cameraWords(video), [table] {
+    return readText(table).find(",tracked,") != std::string::npos;
+  });
   const nlohmann::json json = runJson();
   EXPECT_EQ(json["status"], "interrupted") << result.err;
-  EXPECT_GT(json["frames_given"], kFrames / 2);
   EXPECT_LT(json["frames_given"], 20 * kFrames);
   EXPECT_GT(fs::file_size(file("trajectory.txt")), 0U);
 }

@@ -228,21 +228,27 @@ TEST_F(VideoTest, AVideoThatEndsEarlyGivesTheImagesBefore) {
   EXPECT_LT(images, 20);
 }
 
-TEST_F(VideoTest, ACameraGivesItsNewestImage) {
+TEST_F(VideoTest, FourImagesOfACameraWait) {
   SequenceOptions o = viewOf(video());
   o.format = SequenceFormat::kCamera;
   SequenceReader reader(o);
   EXPECT_EQ(reader.format(), SequenceFormat::kCamera);
   std::vector<int> indices;
+  int late = 0;
   while (const auto frame = reader.next()) {
     indices.push_back(frame->index);
     EXPECT_NEAR(frame->frame->timestamp(), frame->index / kRate, 0.0006);
     EXPECT_NEAR(levelOf(*frame), 50 + 5 * frame->index, 3);
+    late += frame->late ? 1 : 0;
     std::this_thread::sleep_for(std::chrono::milliseconds(150));  // 4.5 images
   }
   EXPECT_GT(reader.dropped(), kImages / 2);
   EXPECT_EQ(static_cast<int>(indices.size()) + reader.dropped(), kImages);
   for (std::size_t i = 1; i < indices.size(); ++i) EXPECT_GT(indices[i], indices[i - 1]);
+  ASSERT_GE(indices.size(), 5U);
+  EXPECT_THAT(std::vector<int>(indices.end() - 4, indices.end()),
+              testing::ElementsAre(kImages - 4, kImages - 3, kImages - 2, kImages - 1));
+  EXPECT_GE(late + 2, static_cast<int>(indices.size())) << "but for the first and the last one";
 }
 
 TEST_F(VideoTest, ACameraEndsWhereItIsTold) {

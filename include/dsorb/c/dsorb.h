@@ -205,6 +205,12 @@ int32_t dsorb_initializer_metric(const dsorb_initializer* initializer,
  */
 double dsorb_initializer_wrong_probability(const dsorb_initializer* initializer);
 
+/**
+ * From the next frame on: whether other images wait behind it already. `orb` then only follows its
+ * corners and puts an attempt off. Kept by dsorb_initializer_reset.
+ */
+void dsorb_initializer_set_hurried(dsorb_initializer* initializer, int32_t hurried);
+
 /** Makes the object equal to a fresh one. */
 dsorb_status dsorb_initializer_reset(dsorb_initializer* initializer,
                                      char* error,
@@ -227,6 +233,9 @@ dsorb_status dsorb_odometry_add(dsorb_odometry* odometry,
                                 dsorb_estimate* estimate,
                                 char* error,
                                 size_t error_size);
+
+/** From the next frame on, as dsorb_initializer_set_hurried. */
+void dsorb_odometry_set_hurried(dsorb_odometry* odometry, int32_t hurried);
 
 /**
  * Copies at most `capacity` points of the newest keyframe that has points.

@@ -51,7 +51,8 @@ class Initializer {
 
   /// From the next frame on: whether other images wait behind it. `orb` then only follows its
   /// corners, which keeps up with a camera, and tries to start with a frame that leaves time for
-  /// it. The other kinds ignore it. Of the caller, not of the frames: reset() leaves it.
+  /// it, or after ten that do not. The other kinds ignore it. Of the caller, not of the frames:
+  /// reset() leaves it.
   virtual void setHurried(bool /*hurried*/) {}
 };
 

@@ -55,12 +55,13 @@ struct SequenceFrame {
   std::vector<std::string> warnings;  ///< one sentence each, about the image as it was read
   double read_milliseconds = 0;       ///< reading, decoding, correction, rectification [ms]
   double pyramid_milliseconds = 0;    ///< Frame::create [ms]
+  bool late = false;                  ///< the image behind it is there, too: of a camera
 };
 
 /// Reads a data set image by image: DSO/TUM-mono folder (images or images.zip), KITTI odometry,
-/// EuRoC ASL, TUM RGB-D, a plain folder of images with a calibration file, a video, or a camera, of
-/// which every call gives the newest image. Images are prepared ahead in the background; the reader
-/// itself is used by one thread.
+/// EuRoC ASL, TUM RGB-D, a plain folder of images with a calibration file, a video, or a camera,
+/// four images of which wait for a late caller. Images are prepared ahead in the background; the
+/// reader itself is used by one thread.
 class SequenceReader {
  public:
   /// @throws IoError on a missing or malformed data set or calibration
@@ -94,7 +95,7 @@ class SequenceReader {
   /// Index of the image that next() delivers as the position-th, counted from 0.
   [[nodiscard]] int index(int position) const;
 
-  /// Images that a camera gave and that newer ones replaced before they were asked for.
+  /// Images that a camera gave and that were dropped for newer ones before they were asked for.
   [[nodiscard]] int dropped() const;
 
   /// Leaves out the next images, unread as far as they are not yet prepared.

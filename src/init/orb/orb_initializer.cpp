@@ -14,6 +14,7 @@ namespace {
 
 constexpr int kMinRotationTracks = 10;  // needed to tell that a rotation explains them
 constexpr int kMaxAttempts = 2;         // with one frame
+constexpr int kMaxPutOff = 10;          // attempts in a row, of a caller who is always in a hurry
 
 std::unique_ptr<ReferenceSource> makeSource(const InitializerOptions& options) {
   if (options.orb.front_end == OrbFrontEnd::kDescriptors) {
@@ -53,6 +54,7 @@ void ORBInitializer::reset() {
   resets_.clear();
   frame_check_ = FrameCheck(camera_);
   spent_ = false;
+  put_off_ = 0;
 }
 
 InitStep ORBInitializer::advance(FramePtr frame) {
@@ -87,10 +89,12 @@ InitStep ORBInitializer::advance(FramePtr frame) {
 
 Attempt ORBInitializer::tryReferences() {
   Attempt first;  // its reason is the answer when none succeeds
-  if (hurried_) {
+  if (hurried_ && put_off_ < kMaxPutOff) {
+    ++put_off_;
     first.made = InitReason::kHurried;
     return first;
   }
+  put_off_ = 0;
   std::optional<WaitingMotion> surest;
   int tried = 0;
   for (const int reference : source_->turns()) {
