@@ -18,6 +18,9 @@ function(dsorb_compile_options target)
   if(DSORB_SANITIZE)
     target_compile_options(${target} PRIVATE -fsanitize=${DSORB_SANITIZE} -fno-omit-frame-pointer
                                              -fno-sanitize-recover=all)
+    if(DSORB_SANITIZE MATCHES address) # finds what these would, and they take a quarter of the compiler's time
+      target_compile_options(${target} PRIVATE -fno-sanitize=null,object-size)
+    endif()
     target_compile_definitions(${target} PRIVATE DSORB_SANITIZED)
     target_link_options(${target} PRIVATE -fsanitize=${DSORB_SANITIZE})
   endif()

@@ -10,6 +10,7 @@
 #include <cstddef>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 namespace dsorb {
@@ -61,19 +62,27 @@ void expectSameBits(const InitializationResult& a, const InitializationResult& b
 
 TEST(TwoInitializers, InTwoThreadsEachGivesWhatItGivesAlone) {
   const Images images;
-  const std::vector<std::string> variants = {"orb", "coarse"};
-  for (const std::string& first : variants) {
-    for (const std::string& second : variants) {
-      SCOPED_TRACE(first + " beside " + second);
-      InitializationResult one;
-      InitializationResult other;
-      std::thread beside([&] { other = startOf(second, images); });
-      one = startOf(first, images);
-      beside.join();
-      EXPECT_FALSE(one.frames.empty());
-      expectSameBits(one, startOf(first, images));
-      expectSameBits(other, startOf(second, images));
-    }
+  const InitializationResult orb = startOf("orb", images);
+  const InitializationResult coarse = startOf("coarse", images);
+  ASSERT_FALSE(orb.frames.empty());
+  ASSERT_FALSE(coarse.frames.empty());
+  struct Run {
+    std::string variant;
+    const InitializationResult& alone;
+  };
+  const Run from_features{"orb", orb};
+  const Run from_grey_values{"coarse", coarse};
+  for (const auto& [one, other] : {std::pair(from_features, from_features),
+                                   std::pair(from_features, from_grey_values),
+                                   std::pair(from_grey_values, from_grey_values)}) {
+    SCOPED_TRACE(one.variant + " beside " + other.variant);
+    InitializationResult beside;
+    std::thread thread(
+        [&images, &beside, &other = other] { beside = startOf(other.variant, images); });
+    const InitializationResult here = startOf(one.variant, images);
+    thread.join();
+    expectSameBits(here, one.alone);
+    expectSameBits(beside, other.alone);
   }
 }
 
