@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "app/playback.h"
 
+#include "io/image_source.h"
+
 #include <cmath>
+#include <cstddef>
+#include <utility>
 
 namespace dsorb::app {
 
@@ -24,7 +28,7 @@ Playback::Step Playback::next(double now) {
     step.wait = due_[position_] - elapsed;
     return step;
   }
-  for (std::size_t next = position_ + kBuffers;
+  for (std::size_t next = position_ + kCameraBuffers;
        next < due_.size() && due_[next] > due_[position_] && due_[next] <= elapsed;
        ++next) {
     ++position_;

@@ -7,13 +7,10 @@
 
 namespace dsorb::app {
 
-/// Plays a sequence back like a live camera whose driver has four buffers, as those of Video4Linux
-/// usually do: images wait in them for a late caller, and the oldest is dropped for a fifth. It has
-/// no clock; the caller passes the time.
+/// Plays a sequence back like a live camera (kCameraBuffers). It has no clock; the caller passes
+/// the time.
 class Playback {
  public:
-  static constexpr std::size_t kBuffers = 4;
-
   /// @param timestamps of the images in the order they are played [s]; direction does not matter
   /// @param speed      times real time; 0: every image, at once
   Playback(std::vector<double> timestamps, double speed);

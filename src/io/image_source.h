@@ -3,10 +3,15 @@
 
 #include <opencv2/core/mat.hpp>
 
+#include <cstddef>
 #include <optional>
 #include <string>
 
 namespace dsorb {
+
+/// Images of a camera that wait for a late caller, as many as drivers of Video4Linux usually hold;
+/// the oldest is dropped for one too many.
+inline constexpr std::size_t kCameraBuffers = 4;
 
 /// One image as it is stored or sent.
 struct SourceImage {
