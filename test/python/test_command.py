@@ -77,6 +77,20 @@ class Run(unittest.TestCase):
         self.assertIn("'kml': expected some of tum,", done.stderr)
         self.assertEqual(list(folder.iterdir()), [])
 
+    def test_what_the_program_tells_is_told(self):
+        for words, text in ((('--version',), 'dso_dataset'), ((room(), '--print-config', '--set', 'orb.min_frames=3'), 'min_frames: 3')):
+            folder = temporary_folder()
+            done = dsorb('run', *words, cwd=folder)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertIn(text, done.stdout)
+            self.assertEqual(list(folder.iterdir()), [])
+
+    def test_flags_of_exports_are_refused_without_one(self):
+        for flag in ('--undistort', '--refine', '--all-frames'):
+            done = dsorb('run', room(), flag, cwd=temporary_folder())
+            self.assertEqual(done.returncode, 2)
+            self.assertIn('expected beside --export', done.stderr)
+
     def test_interrupted_it_keeps_what_was_computed(self):
         output = temporary_folder() / 'out'
         with subprocess.Popen([sys.executable, '-m', 'dsorb.command_line', 'run', room(), '--output', output, '--speed', '0.1'],

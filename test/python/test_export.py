@@ -11,7 +11,7 @@ import zipfile
 import dsorb
 import numpy as np
 from dsorb.command_line import program
-from dsorb.export import export
+from dsorb.export import export, remove_exports
 from dsorb.pictures import calibration_of, decoded_file, rectifying_maps, refined_lens
 from dsorb.run_folder import read_run, rotation_of
 from PIL import Image
@@ -277,6 +277,35 @@ class Pictures(unittest.TestCase):
             archive.write(image_files()[3], 'some/3.png')
         image = decoded_file(cv2, f'{file}/some/3.png')
         np.testing.assert_array_equal(image[..., 0], np.asarray(Image.open(image_files()[3])))
+
+    def test_folders_of_others_stay_as_they_are(self):
+        folder = temporary_folder() / 'out'
+        shutil.copytree(room_run(), folder)
+        (folder / 'tum').mkdir()
+        (folder / 'tum' / 'mine.txt').write_text('mine')
+        with self.assertRaisesRegex(ValueError, 'tum: is there and no export has made it'):
+            export(folder, ['tum'])
+        self.assertEqual((folder / 'tum' / 'mine.txt').read_text(), 'mine')
+        export(folder, ['kitti'])
+        (folder / 'kitti' / 'old.txt').touch()
+        export(folder, ['kitti'])
+        self.assertFalse((folder / 'kitti' / 'old.txt').exists())
+
+    @unittest.skipUnless(cv2, "OpenCV's Python module is not installed")
+    def test_images_of_others_stay_as_they_are(self):
+        folder = temporary_folder() / 'out'
+        shutil.copytree(room_run(), folder)
+        shutil.copytree(image_files()[0].parent, folder / 'images')
+        with self.assertRaisesRegex(ValueError, 'images: is there'):
+            export(folder, ['colmap'], undistort=True)
+        self.assertEqual(len(list((folder / 'images').iterdir())), len(image_files()))
+
+    def test_exports_of_an_earlier_run_go(self):
+        folder = temporary_folder() / 'out'
+        shutil.copytree(room_run(), folder)
+        export(folder, ['tum', 'kitti'])
+        remove_exports(folder)
+        self.assertFalse((folder / 'tum').exists() or (folder / 'kitti').exists() or (folder / 'exports.json').exists())
 
     def test_runs_of_older_versions_are_refused(self):
         folder = temporary_folder() / 'out'

@@ -79,6 +79,11 @@ class Baseline(unittest.TestCase):
         self.assertIn('max_keyframes: 5', config)
         self.assertIn('min_frames: 6', config)
 
+    def test_all_of_it_may_be_pairs(self):
+        done, file = execute(sequence(), 'initializer:coarse', 'end:30', pairs=True)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn('kind: coarse', (file.parent / 'dsorb_00003/config.yaml').read_text())
+
     def test_nothing_is_left_where_nothing_starts(self):
         done, file = execute(sequence(), '--end', '3')
         self.assertEqual((done.returncode, file.exists()), (3, False), done.stderr)

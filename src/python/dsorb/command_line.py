@@ -13,14 +13,15 @@ import threading
 from pathlib import Path
 
 from . import __version__, bags, calibrate, recording
-from .export import FORMATS, export
+from .export import FORMATS, export, remove_exports
 from .pictures import view_of_exif
 from .run_folder import read_run
 from .summary import summarize
 
 RUNTIME_ERROR, WRONG_OPTIONS, NOT_TRACKED = 1, 2, 3  # as dso_dataset has them
 INTERRUPTED = 130  # as of a shell
-FLAGS = ('--reverse', '--pipelined', '--print-config')  # options of dso_dataset without a value
+TELLS = {'--version', '--print-config'}  # options of dso_dataset that it answers instead of running
+FLAGS = {'--reverse', '--pipelined', *TELLS}  # those without a value
 
 DESCRIPTION = '''\
 Poses of the camera and points of the scene from a video, a folder of images or a ROS bag.
@@ -164,8 +165,10 @@ def parse(words):
     args, rest = parser.parse_known_args(words)
     if args.command != 'run' and rest:
         parser.error(f'unrecognized arguments: {" ".join(rest)}')
-    if args.command == 'run' and args.input is None and not args.help_all:
+    if args.command == 'run' and args.input is None and not args.help_all and not TELLS & set(rest):
         run.error('no video and no folder of images given')
+    if args.command == 'run' and not args.export and (args.all_frames or args.undistort or args.refine):
+        run.error('--all-frames, --undistort and --refine are expected beside --export')
     return args, rest
 
 
@@ -295,6 +298,7 @@ def run(args, rest):
     code = run_shown(words, window, args.record) if window else run_program(words)
     if code < 0 or code == WRONG_OPTIONS or (code == RUNTIME_ERROR and not was_cut_short(output)):
         return code if code > 0 else RUNTIME_ERROR
+    remove_exports(output)
     if not args.quiet:
         print(summarize(read_run(output)), flush=True)
     code = code if write_exports(output, args.export, args) else RUNTIME_ERROR
@@ -340,8 +344,9 @@ def main(words=None):
         sys.exit(0 if write_exports(args.folder, args.format, args) else RUNTIME_ERROR)
     if not os.access(program(), os.X_OK):
         sys.exit(f'dsorb: {program()}: not there; this package was built without the component `programs`')
-    if args.help_all:
-        sys.exit(subprocess.run([str(program()), '--help'], check=False).returncode)
+    if args.help_all or TELLS & set(rest):
+        told = ['--help'] if args.help_all else [args.input] * (args.input is not None) + rest
+        sys.exit(subprocess.run([str(program()), *told], check=False).returncode)
     try:
         sys.exit(run(args, rest))
     except KeyboardInterrupt:  # before the program ran, which answers it itself

@@ -19,6 +19,7 @@ from .run_folder import Points, read_run
 
 FORMATS = ('tum', 'kitti', 'euroc', 'colmap', 'nerfstudio', 'ply')
 NEED_PICTURES = {'colmap', 'nerfstudio'}
+EXPORTS = 'exports.json'  # names of the folders that exports have made
 # Camera axes of OpenGL, which nerfstudio has: x right, y up, z backwards; ours are x right, y down, z forwards.
 OPENGL = np.diag([1.0, -1, -1, 1])
 # The top-left corner of an image, not the centre of its first pixel, is (0, 0) for COLMAP and nerfstudio.
@@ -37,6 +38,7 @@ def export(folder, formats, all_frames=False, undistort=False, refine=None):
         raise ValueError(f'export {", ".join(sorted(unknown))}: expected some of {", ".join(FORMATS)}')
     run = read_run(folder)
     if not run.segments:
+        remove_exports(run.folder)
         return ['nothing to export: no image has a pose']
     if refine and not set(formats) & NEED_PICTURES:
         raise ValueError(f'--refine: expected one of {", ".join(sorted(NEED_PICTURES))} among the formats')
@@ -45,14 +47,38 @@ def export(folder, formats, all_frames=False, undistort=False, refine=None):
         pictures = pictures_for(run, formats, all_frames, undistort, notes)
     models = [model_of(run, segment, pictures, all_frames, refine, notes) for segment in run.segments]
     for name in formats:
-        target = run.folder / name
-        if target.is_dir():
-            shutil.rmtree(target)
-        target.mkdir()
+        target = new_folder(run.folder, name)
         for place, model in enumerate(models):
             WRITERS[name](target, place, model)
         notes.append(f'{name}: {target}' + (f' ({len(run.segments)} models, one a segment)' if len(run.segments) > 1 else ''))
     return notes
+
+
+def exported(folder):
+    """Names of the folders that exports have made in an output folder."""
+    try:
+        return set(json.loads((folder / EXPORTS).read_text(encoding='utf-8')))
+    except (OSError, ValueError):
+        return set()
+
+
+def new_folder(folder, name):
+    """An empty folder in the output folder, in place of that of an earlier export. Raises ValueError where there is another."""
+    target, ours = folder / name, exported(folder)
+    if name in ours and target.is_dir():
+        shutil.rmtree(target)
+    elif target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise ValueError(f'{target}: is there and no export has made it; move it away, or choose another folder for the run')
+    target.mkdir(exist_ok=True)
+    (folder / EXPORTS).write_text(json.dumps(sorted(ours | {name})) + '\n', encoding='utf-8')
+    return target
+
+
+def remove_exports(folder):
+    """Those of an earlier run."""
+    for name in exported(folder):
+        shutil.rmtree(folder / name, ignore_errors=True)
+    (folder / EXPORTS).unlink(missing_ok=True)
 
 
 @dataclass
@@ -83,7 +109,7 @@ def pictures_for(run, formats, all_frames, undistort, notes):
     wanted = {frame.index for segment in run.segments for frame in segment.frames if all_frames or frame.is_keyframe}
     try:
         found = None if undistort else find_pictures(run, wanted)
-        return found or make_pictures(run, wanted, run.folder / 'images', undistort)
+        return found or make_pictures(run, wanted, new_folder(run.folder, 'images'), undistort)
     except PicturesError as error:
         if set(formats) & NEED_PICTURES:
             raise

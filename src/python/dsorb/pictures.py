@@ -86,7 +86,6 @@ def make_pictures(run, indices, folder, undistort):
         raise PicturesError(f'{run.folder / "run.json"}: no `lens`; made by an older version, run again')
     camera = run.summary['camera']
     maps = rectifying_maps(lens, camera, run.camera) if undistort else None
-    folder.mkdir(parents=True, exist_ok=True)
     names = {}
     for index, image in decoded(cv2, run, indices):
         if image.shape[:2] != (lens['height'], lens['width']):

@@ -33,8 +33,9 @@ def parse(words: list[str]) -> tuple[argparse.Namespace, list[str]]:
     parser.add_argument('--mode', choices=['mono'], default='mono')
     parser.add_argument('--verbose', default='0', help='0: errors only')
     parser.add_argument('--settings_yaml', type=Path, help='options as --config has them, where the file exists')
-    # `key:value`, as baselines in C++ get it, is `--key value`
-    pairs = [word.split(':', 1) if word.split(':', 1)[0] in OURS else [word] for word in words]
+    # `key:value`, as baselines in C++ get it, is `--key value`; of options of dso_dataset where all words are such
+    alone = not any(word.startswith('--') for word in words)
+    pairs = [word.split(':', 1) if alone or word.split(':', 1)[0] in OURS else [word] for word in words]
     return parser.parse_known_args([part for pair in pairs for part in (['--' + pair[0], pair[1]] if len(pair) == 2 else pair)])
 
 
