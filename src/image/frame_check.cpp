@@ -64,6 +64,11 @@ void FrameCheck::accept(const FramePtr& frame) {
                                 " s; expected a positive time, 1 where it is unknown");
   }
   checkPriors(*frame);
+  const bool has_rows = frame->rowTimes() != nullptr;
+  if (has_rows_.value_or(has_rows) != has_rows) {
+    throw std::invalid_argument(who + (has_rows ? "has row times; those before have none"
+                                                : "has no row times; those before have them"));
+  }
   const double now = frame->timestamp();
   if (!std::isfinite(now)) throw std::invalid_argument(who + "timestamp is not finite");
   if (timestamp_) {
@@ -77,6 +82,7 @@ void FrameCheck::accept(const FramePtr& frame) {
     is_forward_ = is_forward;
   }
   id_ = frame->id();
+  has_rows_ = has_rows;
   timestamp_ = now;
 }
 

@@ -18,7 +18,7 @@ class FrameCheck {
   /// Accepts the frame as the next one.
   /// @throws std::invalid_argument no frame, wrong size, id of the previous frame, exposure not
   ///         positive, timestamp not finite, equal to the previous one or a change of direction,
-  ///         priors that do not fit it;
+  ///         row times where those before have none or the other way round, priors that do not fit;
   ///         the message names both values, nothing is changed
   void accept(const FramePtr& frame);
 
@@ -26,6 +26,7 @@ class FrameCheck {
   int width_;
   int height_;
   std::optional<FrameId> id_;        // of the previous frame
+  std::optional<bool> has_rows_;     // whether frames have row times
   std::optional<double> timestamp_;  // of the previous frame [s]
   std::optional<bool> is_forward_;   // direction of time, known from the second frame on
 };

@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "image/frame_check.h"
 
+#include "dsorb/camera/row_times.h"
+
 #include <gmock/gmock.h>
 
 #include <cmath>
 #include <functional>
+#include <memory>
 #include <stdexcept>
 #include <utility>
 #include <vector>
@@ -76,6 +79,10 @@ TEST(FrameCheck, RefusesWhatCannotBeTheNextFrame) {
   check.accept(frameOf(5, 2.4));
   EXPECT_THAT(error_of(frameOf(6, 2.6)), HasSubstr("time has changed its direction"));
   check.accept(frameOf(6, 2.3));
+  const std::vector<float> grey(std::size_t{32} * 32, 100);
+  const FramePtr rolling = Frame::create(
+      {grey.data(), 32, 32}, {FrameId{7}, 2.2, 1, nullptr, std::make_shared<const RowTimes>()});
+  EXPECT_THAT(error_of(rolling), HasSubstr("frame 7: has row times; those before have none"));
 }
 
 }  // namespace

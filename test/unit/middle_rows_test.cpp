@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <limits>
 #include <memory>
 #include <vector>
 
@@ -47,7 +48,23 @@ TEST(MiddleRows, TracksBecomeThoseOfAGlobalShutter) {
     }
   }
   EXPECT_GT(moved, 3);
+  // Found by its descriptor: in the first and the last frame only.
+  const float nowhere = std::numeric_limits<float>::quiet_NaN();
+  for (std::size_t k = 0; k < kRowFrames; ++k) {
+    const bool found = k == 0 || k + 1 == kRowFrames;
+    const double t = static_cast<double>(k) * kInterval;
+    Eigen::Vector2d seen(400, 100);
+    for (int n = 0; n < 20; ++n) {
+      seen = Eigen::Vector2d(400, 100) +
+             (t + rows->at(seen.x(), seen.y())) * Eigen::Vector2d(300, 200);
+    }
+    tracks.positions[k].emplace_back(found ? Eigen::Vector2f(seen.cast<float>())
+                                           : Eigen::Vector2f(nowhere, nowhere));
+  }
   const CornerTracks corrected = atMiddleRows(tracks, frames);
+  const Eigen::Vector2f& far = corrected.positions.back().back();
+  EXPECT_LT((far - Eigen::Vector2f(450, 133.3333F)).norm(), 1e-3F);
+  EXPECT_FALSE(corrected.positions[2].back().allFinite());
   const CornerTracks unmoved = atMiddleRows(tracks, frames, -0.025);  // a readout of 0
   EXPECT_EQ(corrected.seen, tracks.positions.front());
   for (int k = 0; k < kRowFrames; ++k) {

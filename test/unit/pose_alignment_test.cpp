@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "track/pose_alignment.h"
 
+#include "dsorb/camera/row_times.h"
+
 #include "base/parallel.h"
 #include "support/jacobian_check.h"
 #include "support/matchers.h"
@@ -8,6 +10,9 @@
 #include "support/tracking_reference_of.h"
 
 #include <gtest/gtest.h>
+
+#include <memory>
+#include <vector>
 
 namespace dsorb::track {
 namespace {
@@ -202,6 +207,34 @@ TEST(PoseAlignment, NormalEquationsMatchADoublePrecisionSum) {
   // Single-precision terms, sums in double over blocks: measured 1.6e-7 and 1.3e-6, margin x3.
   EXPECT_LT(relativeDifference(all.H, H), 5e-7);
   EXPECT_LT(relativeDifference(all.b, b), 4e-6);
+}
+
+TEST(PoseAlignment, APointBehindTheCameraSpoilsNoEquationsOfARollingShutter) {
+  const PinholeCamera camera = smallCamera();
+  Lens lens{LensModel::kRadTan,
+            camera.fx,
+            camera.fy,
+            camera.cx,
+            camera.cy,
+            {-0.3, 0.1},
+            camera.width,
+            camera.height};
+  lens.readout = {0.02, 0};
+  const auto rows = std::make_shared<const RowTimes>(rowTimes(lens, camera, true));
+  const TexturedPlane plane;
+  std::vector<DepthSample> samples = plane.samples(camera, SE3(), 3);
+  samples.push_back({{20, 15}, 1000.0F, 1.0F});
+  const TrackingReference reference =
+      referenceOf(plane.render(camera, SE3(), {FrameId{0}}), camera, samples);
+  AlignmentState state{SE3(Eigen::Matrix3d::Identity(), {0, 0, -0.02}), {}};
+  state.motion.velocity << 0.1, 0, 0, 0, 0, 0.5;
+  const FramePtr frame =
+      plane.render(camera, state.T_frame_reference.inverse(), {FrameId{1}, 1, 1, nullptr, rows});
+  PoseAlignment alignment;
+  EXPECT_GT(alignment.evaluate({reference, *frame, 0}, state, 20).used, 100);
+  const RollingEquations equations = alignment.rollingEquations();
+  EXPECT_TRUE(equations.H.allFinite());
+  EXPECT_TRUE(equations.b.allFinite());
 }
 
 TEST(PoseAlignment, EnergyIsContinuousAtTheCutoff) {

@@ -223,7 +223,7 @@ RefinementReport refineCorners(InitialMap& map,
   InitialMap refined = map;
   Patches patches = cutPatches(refined);
   for (int round = 0; round < rounds; ++round) {
-    if (round < kBrightnessRounds) estimateBrightness(refined);
+    if (round < kBrightnessRounds) estimateBrightness(refined, camera);
     const Round measured = measureCorners(refined, patches, camera, geometric.sigma);
     report.dropped += measured.dropped;
     if (round == 0) report.first_rms = measured.rms;
@@ -250,7 +250,7 @@ void refinePoses(InitialMap& map,
                  int rounds,
                  const std::vector<std::size_t>& frames) {
   if (frames.empty()) return;
-  estimateBrightness(map, frames);
+  estimateBrightness(map, camera, frames);
   const Patches patches = cutPatches(map);
   const InheritedPoseError inherited(map, camera, geometric);
   const double factor = kOwnFactor * map.cluster_variance_scale;

@@ -3,6 +3,7 @@
 
 #include "base/parallel.h"
 #include "estimate/robust_loss.h"
+#include "estimate/rolling_shutter.h"
 #include "estimate/sampling.h"
 #include "image/photometric.h"
 
@@ -87,15 +88,34 @@ AffineBrightness affineOf(const Frame& reference,
   return {std::log(line->gain / exposure_ratio), line->offset};
 }
 
-}  // namespace
-
-void estimateBrightness(InitialMap& map) {
-  std::vector<std::size_t> all(map.frames.size() - 1);
-  std::iota(all.begin(), all.end(), std::size_t{1});
-  estimateBrightness(map, all);
+/// Where the rows of its frame show a corner [px].
+Eigen::Vector2f shownPixel(const InitialMap& map,
+                           const PinholeCamera& camera,
+                           const CornerObservation& observation,
+                           const std::optional<RollingShutter>& shutter) {
+  const Eigen::Vector2f pixel = observation.pixel.cast<float>();
+  if (!shutter) return pixel;
+  const Corner& corner = map.corners[observation.corner];
+  const SE3& T_cam_ref = *map.frames[observation.frame].T_cam_ref;
+  const Eigen::Vector3d direction = T_cam_ref.unitQuaternion() * camera.unproject(corner.pixel) +
+                                    corner.inverse_depth * T_cam_ref.translation();
+  return pixelInRow(
+      *shutter, camera, pixel, static_cast<float>(corner.inverse_depth / direction.z()));
 }
 
-void estimateBrightness(InitialMap& map, const std::vector<std::size_t>& frames) {
+}  // namespace
+
+void estimateBrightness(InitialMap& map, const PinholeCamera& camera) {
+  std::vector<std::size_t> all(map.frames.size() - 1);
+  std::iota(all.begin(), all.end(), std::size_t{1});
+  estimateBrightness(map, camera, all);
+}
+
+void estimateBrightness(InitialMap& map,
+                        const PinholeCamera& camera,
+                        const std::vector<std::size_t>& frames) {
+  std::vector<std::optional<RollingShutter>> shutters(map.frames.size());
+  for (const std::size_t frame : frames) shutters[frame] = shutterOf(map, frame);
   std::vector<char> wanted(map.frames.size(), 0);
   for (const std::size_t frame : frames) wanted[frame] = 1;
   std::vector<std::optional<double>> reference(map.corners.size());
@@ -110,7 +130,8 @@ void estimateBrightness(InitialMap& map, const std::vector<std::size_t>& frames)
       const CornerObservation& observation = map.observations[i];
       const auto frame = observation.frame;
       if (wanted[frame] != 0 && map.frames[frame].T_cam_ref) {
-        target[i] = patchMean(map.frames[frame].frame->level(0), observation.pixel.cast<float>());
+        target[i] = patchMean(map.frames[frame].frame->level(0),
+                              shownPixel(map, camera, observation, shutters[frame]));
       }
     }
   });

@@ -11,9 +11,11 @@ namespace dsorb::init_orb {
 /// values around the corners in the reference and where they are seen, by a robust line through the
 /// patch means. A frame with too few corners or too little contrast keeps a = b = 0.
 /// @source Engel et al., DSO, arXiv:1607.02565, eq. (4) for the meaning of a and b
-void estimateBrightness(InitialMap& map);
+void estimateBrightness(InitialMap& map, const PinholeCamera& camera);
 
 /// Sets the brightness of some frames only. @param frames indices without the reference
-void estimateBrightness(InitialMap& map, const std::vector<std::size_t>& frames);
+void estimateBrightness(InitialMap& map,
+                        const PinholeCamera& camera,
+                        const std::vector<std::size_t>& frames);
 
 }  // namespace dsorb::init_orb

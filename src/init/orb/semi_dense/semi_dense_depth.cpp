@@ -125,7 +125,7 @@ SemiDenseReport estimateSemiDenseDepth(InitialMap& map,
                                        const KnownDepths& known) {
   SemiDenseReport report;
   map.points.clear();
-  estimateBrightness(map);
+  estimateBrightness(map, camera);
   const std::vector<SearchFrame> frames = searchFrames(map);
   if (map.corners.empty() || frames.empty()) {
     return report;

@@ -14,17 +14,22 @@ namespace {
 
 constexpr std::size_t kNodes = 3;  // of a parabola
 
-/// Position at a time, by the parabola through three [px].
-Eigen::Vector2d interpolate(const std::array<Eigen::Vector2d, kNodes>& positions,
-                            const std::array<double, kNodes>& times,
-                            double time) {
+/// A corner where a row saw it.
+struct Sighting {
+  std::size_t frame = 0;
+  double time = 0;  ///< of the row [s]
+  Eigen::Vector2d position{0, 0};
+};
+
+/// Position at a time, by the polynomial through some sightings [px].
+Eigen::Vector2d interpolate(const Sighting* nodes, std::size_t count, double time) {
   Eigen::Vector2d sum(0, 0);
-  for (std::size_t i = 0; i < kNodes; ++i) {
+  for (std::size_t i = 0; i < count; ++i) {
     double weight = 1;
-    for (std::size_t j = 0; j < kNodes; ++j) {
-      if (j != i) weight *= (time - times[j]) / (times[i] - times[j]);
+    for (std::size_t j = 0; j < count; ++j) {
+      if (j != i) weight *= (time - nodes[j].time) / (nodes[i].time - nodes[j].time);
     }
-    sum += weight * positions[i];
+    sum += weight * nodes[i].position;
   }
   return sum;
 }
@@ -36,22 +41,24 @@ CornerTracks atMiddleRows(CornerTracks tracks,
                           double readout_change) {
   if (frames.size() < kNodes) return tracks;
   tracks.seen = tracks.positions.front();
-  const std::vector<std::vector<Eigen::Vector2f>> seen = tracks.positions;
   std::vector<RowTimes> rows;
   rows.reserve(frames.size());
   for (const FramePtr& frame : frames) rows.push_back(rowTimesOf(*frame, readout_change));
-  for (std::size_t k = 0; k < frames.size(); ++k) {
-    const std::size_t first = std::clamp<std::size_t>(k, 1, frames.size() - 2) - 1;
-    for (std::size_t i = 0; i < seen[k].size(); ++i) {
-      std::array<Eigen::Vector2d, kNodes> positions;
-      std::array<double, kNodes> times{};
-      for (std::size_t n = 0; n < kNodes; ++n) {
-        const Frame& frame = *frames[first + n];
-        positions[n] = seen[first + n][i].cast<double>();
-        times[n] = frame.timestamp() + rows[first + n].at(positions[n].x(), positions[n].y());
-      }
-      const Eigen::Vector2d moved = interpolate(positions, times, frames[k]->timestamp());
-      if (moved.allFinite()) tracks.positions[k][i] = moved.cast<float>();
+  std::vector<Sighting> sightings;
+  for (std::size_t i = 0; i < tracks.seen.size(); ++i) {
+    sightings.clear();
+    for (std::size_t k = 0; k < frames.size(); ++k) {
+      const Eigen::Vector2d position = tracks.positions[k][i].cast<double>();
+      if (!position.allFinite()) continue;
+      sightings.push_back(
+          {k, frames[k]->timestamp() + rows[k].at(position.x(), position.y()), position});
+    }
+    const std::size_t nodes = std::min(kNodes, sightings.size());
+    for (std::size_t s = 0; s < sightings.size(); ++s) {
+      const std::size_t first = std::clamp<std::size_t>(s, 1, sightings.size() + 1 - nodes) - 1;
+      const std::size_t frame = sightings[s].frame;
+      tracks.positions[frame][i] =
+          interpolate(&sightings[first], nodes, frames[frame]->timestamp()).cast<float>();
     }
   }
   return tracks;
