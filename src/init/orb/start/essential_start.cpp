@@ -368,6 +368,7 @@ EssentialStart startFromEssential(const ReferenceView& view, const AttemptContex
   }
   if (!worthTheTime(view, rotation.median_residual, context.options.orb.gate)) {
     summary = view.last;
+    summary.tried = false;
     ++summary.skipped;
     return refuse(summary.reason);
   }
