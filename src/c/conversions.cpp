@@ -99,9 +99,11 @@ ImageSource sourceOf(const dsorb_camera* camera) {
   const PinholeCamera pinhole{
       camera->fx, camera->fy, camera->cx, camera->cy, camera->width, camera->height};
   const Readout readout{1e-3 * camera->readout_ms, 1e-3 * camera->readout_sigma_ms};
-  if (!std::isfinite(readout.seconds) || !(readout.sigma >= 0) || !std::isfinite(readout.sigma)) {
+  constexpr double kLongest = 1;  // [s]
+  if (!(std::abs(readout.seconds) <= kLongest) || !(readout.sigma >= 0) ||
+      !(readout.sigma <= kLongest)) {
     throw std::invalid_argument(
-        "readout_ms and readout_sigma_ms must be finite, sigma not negative");
+        "readout_ms and readout_sigma_ms must be at most 1000, sigma not negative");
   }
   if (!readout.isRolling()) return {pinhole, nullptr};
   Lens lens;
@@ -117,7 +119,7 @@ FramePtr frameOf(const dsorb_image* image, const ImageSource& source) {
   require(image, "image");
   require(image->data, "the image's data");
   const ImageView view(image->data, camera.width, camera.height, image->stride);
-  const double exposure = image->exposure > 0 ? image->exposure : 1;
+  const double exposure = image->exposure == 0 ? 1 : image->exposure;
   FrameInfo info{FrameId{image->id}, image->timestamp, exposure};
   info.row_times = source.row_times;
   info.priors = priorsOf(image->priors, camera);

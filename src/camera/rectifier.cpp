@@ -104,16 +104,18 @@ class Rectifier::Impl {
   }
 
   void setMask(const ImageView& mask) {
-    mask_.clear();
-    if (mask.empty()) return;
-    checkMask(mask);
-    for (int y = 0; y < mask.height(); ++y) {
-      const auto* row = mask.row<std::uint8_t>(y);
-      mask_.insert(mask_.end(), row, row + mask.width());
+    std::vector<std::uint8_t> pixels;
+    if (!mask.empty()) {
+      checkMask(mask);
+      for (int y = 0; y < mask.height(); ++y) {
+        const auto* row = mask.row<std::uint8_t>(y);
+        pixels.insert(pixels.end(), row, row + mask.width());
+      }
+      if (std::none_of(pixels.begin(), pixels.end(), [](auto m) { return m >= kValidMask; })) {
+        throw std::invalid_argument("the mask is black everywhere; pixels to be used are white");
+      }
     }
-    if (std::any_of(mask_.begin(), mask_.end(), [](auto m) { return m >= kValidMask; })) return;
-    mask_.clear();
-    throw std::invalid_argument("the mask is black everywhere; pixels to be used are white");
+    mask_ = std::move(pixels);
   }
 
   ImageView rectify(const RawImage& image, const ImageView& mask) {

@@ -97,8 +97,9 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
                 window_->keyframes.back(), selector_, options_.depth.candidates_per_keyframe);
           });
   update.finite = adjustment.finite && adjustment.residuals > 0;
-  update.rms = noise_ = adjustment.rms;
+  update.rms = adjustment.rms;
   if (!update.finite) return update;
+  noise_ = adjustment.rms;
   noteCamera(adjustment.uncertainty.camera_sigmas);
   update.target = targetOf(T_cam_previous);
   update.target.keyframe.covariance = adjustment.uncertainty.newest_pose;

@@ -49,11 +49,11 @@ class Odometry::Impl {
        const OdometryOptions& options,
        std::unique_ptr<Initializer> initializer)
       : options_(checked(options)),
+        frame_check_(camera),
         arena_(options_.num_threads),
         initializer_(std::move(initializer)),
         tracker_(options_),
-        mapper_(camera, options_, arena_),
-        frame_check_(camera) {
+        mapper_(camera, options_, arena_) {
     if (initializer_ == nullptr) initializer_ = makeInitializer(options_.initializer, camera);
   }
 
@@ -272,12 +272,12 @@ class Odometry::Impl {
   }
 
   OdometryOptions options_;
+  FrameCheck frame_check_;
   TaskArena arena_;
   std::unique_ptr<Initializer> initializer_;
   odometry::FrameTracker tracker_;
   odometry::AsyncMapper mapper_;
   odometry::Observers observers_;
-  FrameCheck frame_check_;
 
   Phase phase_ = Phase::kInitializing;
   bool is_finished_ = false;

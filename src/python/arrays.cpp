@@ -40,6 +40,14 @@ int side(const AnyArray& array, std::size_t axis) {
 
 }  // namespace
 
+ImageView depthView(const AnyArray& array) {
+  if (array.ndim() != 2 || array.dtype() != nb::dtype<float>()) {
+    throw std::invalid_argument(describe(array) +
+                                ": expected a depth image, (height, width) of float32 [m]");
+  }
+  return {static_cast<const float*>(array.data()), side(array, 1), side(array, 0), rowBytes(array)};
+}
+
 ImageView rectifiedView(const AnyArray& array) {
   const bool grey = array.ndim() == 2 && array.dtype() == nb::dtype<std::uint8_t>();
   const bool real = array.ndim() == 2 && array.dtype() == nb::dtype<float>();

@@ -27,6 +27,10 @@ using Covariance = nb::ndarray<nb::numpy, double, nb::shape<6, 6>>;
 /// @throws std::invalid_argument naming what the array is instead
 ImageView rectifiedView(const AnyArray& array);
 
+/// View of a depth image: (height, width) of float32, pixels of a row side by side.
+/// @throws std::invalid_argument naming what the array is instead
+ImageView depthView(const AnyArray& array);
+
 /// View of a camera's image: (height, width) of uint8 or uint16, or (height, width, 3) of uint8.
 /// @param rgb order of three channels; false: blue comes first, as OpenCV has it
 /// @throws std::invalid_argument naming what the array is instead

@@ -23,7 +23,7 @@ Eigen::Matrix<double, kRows, kColumns> matrixFrom(const Matrix<kRows, kColumns>&
 
 void setDepth(
     Priors& self, const AnyArray& depth, double sigma, double relative_sigma, bool metric) {
-  self.priors.depth = denseDepth(rectifiedView(depth), sigma, relative_sigma);
+  self.priors.depth = denseDepth(depthView(depth), sigma, relative_sigma);
   self.priors.depth->metric = metric;
 }
 

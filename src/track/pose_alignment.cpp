@@ -224,7 +224,8 @@ class PoseAlignment::Problem {
     trial_ = alignment_.evaluate(level_, trial_state_, cutoff_);
     trial_prior_ = priorEnergy(trial_state_);
     const double decrease = current_.meanEnergy(prior_) - trial_.meanEnergy(trial_prior_);
-    return decrease > 0 ? std::optional(decrease) : std::nullopt;
+    refused_ = !(decrease > 0);
+    return refused_ ? std::nullopt : std::optional(decrease);
   }
 
   bool accept(const DampedStep& /*step*/) {
@@ -243,6 +244,11 @@ class PoseAlignment::Problem {
     return withoutVelocity(rolling_);
   }
   [[nodiscard]] bool cutoffRaised() const { return cutoff_ > kCutoff; }
+  /// PoseAlignment::noise() of the current state.
+  double noise() {
+    if (refused_) (void)alignment_.evaluate(level_, state_, cutoff_);
+    return alignment_.noise();
+  }
 
  private:
   [[nodiscard]] double priorEnergy(const AlignmentState& state) const {
@@ -281,7 +287,8 @@ class PoseAlignment::Problem {
   double trial_prior_ = 0;
   Vector14d step_ = Vector14d::Zero();
   AlignmentState trial_state_;
-  bool last_ = false;  // the step is too small to be looked at
+  bool last_ = false;     // the step is too small to be looked at
+  bool refused_ = false;  // what was evaluated last is not the current state
   Evaluation trial_;
 };
 
@@ -294,7 +301,7 @@ LevelResult PoseAlignment::align(const AlignmentLevel& level,
   result.iterations = minimize(problem, damping, max_iterations);
   const Evaluation& current = problem.current();
   result.rmse = std::sqrt(current.meanEnergy());
-  if (level.level == 0) result.noise = noise();
+  if (level.level == 0) result.noise = problem.noise();
   result.saturated_fraction = current.saturatedFraction();
   result.inside_fraction =
       static_cast<double>(current.used) /

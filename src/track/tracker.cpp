@@ -140,7 +140,9 @@ void Tracker::search(const Frame& frame,
                      TrackingResult& best) {
   for (const SE3& guess : start.guesses) {
     Descent descent = descend(frame, {guess, affine}, start, best.rmse);
-    if (!isSupported(descent.state, frame, start)) descent.failure = TrackingFailure::kBrightness;
+    if (descent.failure == TrackingFailure::kNone && !isSupported(descent.state, frame, start)) {
+      descent.failure = TrackingFailure::kBrightness;
+    }
     ++best.hypotheses_tried;
     if (descent.failure == TrackingFailure::kNone && !(descent.rmse[0] >= best.rmse[0])) {
       best.failure = TrackingFailure::kNone;

@@ -272,6 +272,10 @@ void WindowOptimizer::Adjustment::restore() {
     window_.keyframes[k].motion.velocity = velocities_[k];
   }
   for (std::size_t i = 0; i < points_.size(); ++i) at(i).inverse_depth = inverse_depths_[i];
+  for (Keyframe& keyframe : window_.keyframes) {
+    if (window_.shutter(keyframe)) continue;  // placePoints() comes
+    for (WindowPoint& point : keyframe.points) point.patch.pixel = point.patch.seen;
+  }
 }
 
 void WindowOptimizer::Adjustment::applyStep() {

@@ -159,6 +159,10 @@ TEST(Rectifier, MaskedPixelsAreInvalidAlsoAfterUndistortion) {
               250);
     rectifier.setMask(view);
     check(rectifier.frame(rawImage(image), {FrameId{2}}));
+    EXPECT_THROW(rectifier.setMask(ImageView(mask.data, kLensWidth, kLensHeight - 1)),
+                 std::invalid_argument);
+    check(
+        rectifier.frame(rawImage(image), {FrameId{2}}));  // a mask that is refused changes nothing
     rectifier.setMask({});
     EXPECT_EQ(rectifier.frame(rawImage(image), {FrameId{3}})->level(0).at(5, height - 1).intensity,
               250);

@@ -72,8 +72,9 @@ InitStep ORBInitializer::advance(FramePtr frame) {
   }
   Attempt attempt = tryReferences();
   if (attempt.made) {
+    InitStep started = resets_.finish(toResult(std::move(*attempt.made)), clock_);
     spent_ = true;
-    return resets_.finish(toResult(std::move(*attempt.made)), clock_);
+    return started;
   }
   const InitReason failure = attempt.made.reason();
   if (const auto reason = source_->giveUp(failure)) {

@@ -200,7 +200,7 @@ bool PhotometricAdjustment::combine(PhotometricState& state) {
   if (!images) return false;
   CombinedPoses combined = combinePoses(map_, problem_, images->T_cam_ref, images->covariance);
   report_.pose_distance = combined.distance;
-  if (combined.distance > kMaxPoseDistance) return false;
+  if (!(combined.distance <= kMaxPoseDistance)) return false;
   for (std::size_t f = 0; f < state.T_cam_ref.size(); ++f) {
     state.T_cam_ref[f] = combined.T_cam_ref[static_cast<std::size_t>(rows[6 * f] / 6)];
   }
