@@ -12,6 +12,8 @@ namespace {
 // From a signal to the end of a program that does not end by itself. It stays below a second with
 // what is written then.
 constexpr std::chrono::milliseconds kPatience(500);
+// For signals that are sent twice at once, as timeout(1) does, to the program and to its group.
+constexpr timespec kTwiceAtOnce{0, 100000000};
 constexpr int kNothingToWrite = 3;  // exit code: nothing was tracked
 
 }  // namespace
@@ -52,14 +54,18 @@ void Interrupt::watch() {
   std::unique_lock<std::mutex> lock(mutex_);
   if (stopping_) return;
   requested_ = true;
-  pthread_sigmask(SIG_UNBLOCK, &signals_, nullptr);  // a second one ends the program
   endWhenLate(lock);
 }
 
-/// Holds the lock to the end of the program, so that settle() and setLastResort() cannot return.
+/// Holds the lock to the end of a program that is late, so that settle() and setLastResort() cannot
+/// return.
 void Interrupt::endWhenLate(std::unique_lock<std::mutex>& lock) {
   const bool in_time = changed_.wait_for(lock, kPatience, [this] { return settled_ || stopping_; });
   if (!in_time) _exit(last_resort_ ? last_resort_() : kNothingToWrite);
+  lock.unlock();
+  while (sigtimedwait(&signals_, nullptr, &kTwiceAtOnce) > 0) continue;
+  pthread_sigmask(SIG_UNBLOCK, &signals_, nullptr);
+  lock.lock();
   changed_.wait(lock, [this] { return stopping_; });
 }
 

@@ -13,8 +13,8 @@ namespace dsorb::app {
 /// Turns the first Ctrl-C (SIGINT) or SIGTERM into a question that the program answers when it
 /// suits: signals are blocked in every thread but one that waits for them, no handler runs. Where
 /// the program does not come to its end soon, because it reads or computes for long, that thread
-/// ends it. A second signal ends the program as usual. Make it before any thread is started:
-/// threads inherit what is blocked.
+/// ends it. Once the program is about to end a second signal ends it as usual. Make it before any
+/// thread is started: threads inherit what is blocked.
 class Interrupt {
  public:
   /// Writes what there is. @return the exit code
