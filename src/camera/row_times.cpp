@@ -50,7 +50,7 @@ RowTimes rowTimes(const Lens& lens, const PinholeCamera& camera, bool resampled)
     const double line = lens.columns ? pixel.x() : pixel.y();
     if (line < 0 || line > last) continue;  // invalid pixels
     terms.row(count) = termsAt(a, b);
-    shares[count++] = line / last - 0.5;
+    shares[count++] = lens.backwards ? 0.5 - line / last : line / last - 0.5;
   }
   const Eigen::VectorXd fit = terms.topRows(count).colPivHouseholderQr().solve(shares.head(count));
   std::copy_n(fit.data(), fit.size(), times.share.data());

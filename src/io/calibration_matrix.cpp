@@ -20,7 +20,7 @@ constexpr std::size_t kMaxNumbers = 64;  // of a matrix; none that is read has m
 
 using Keys = std::vector<const char*>;
 
-/// A value of the file: numbers of a scalar, list or matrix, or a word.
+/// A value of the file: numbers of a scalar, list or matrix, or words.
 struct Value {
   std::vector<double> numbers;
   std::string word;
@@ -68,6 +68,7 @@ const Keys kDistortionKeys = {"distortion_coefficients",
 const Keys kWidthKeys = {"image_width", "image_Width", "width"};
 const Keys kHeightKeys = {"image_height", "image_Height", "height"};
 const Keys kModelKeys = {"distortion_model", "fisheye_model"};
+const Keys kReadoutKeys = {kReadoutKey};
 
 void readMatrixSize(const Values& values, Lens& lens) {
   const std::string width = values.find(kWidthKeys);
@@ -128,6 +129,10 @@ Calibration calibrationOf(const Values& values) {
                                      [](double coefficient) { return coefficient != 0; });
   if (lens.model == LensModel::kRadTan && !distorted) lens.model = LensModel::kPinhole;
   if (lens.model == LensModel::kPinhole) calibration.rectification.mode = RectificationMode::kNone;
+  const std::string readout = values.find(kReadoutKeys);
+  if (!readout.empty() && !setReadout(values.at(readout).word, lens)) {
+    throw values.error(readout, fmt::format("{} are expected", kReadoutForm));
+  }
   checkLens(lens, [&](const std::string& what) { return values.error(matrix, what); });
   return calibration;
 }
@@ -156,7 +161,7 @@ Value valueOf(const std::filesystem::path& file, const std::string& key, const Y
 
 bool isKnown(const std::string& key) {
   for (const Keys* keys :
-       {&kMatrixKeys, &kDistortionKeys, &kWidthKeys, &kHeightKeys, &kModelKeys}) {
+       {&kMatrixKeys, &kDistortionKeys, &kWidthKeys, &kHeightKeys, &kModelKeys, &kReadoutKeys}) {
     if (std::find(keys->begin(), keys->end(), key) != keys->end()) return true;
   }
   return false;
@@ -168,6 +173,7 @@ Value valueOf(const std::filesystem::path& file, const tinyxml2::XMLElement& ele
   const char* text = (data != nullptr ? data : &element)->GetText();
   Value value;
   value.line = element.GetLineNum();
+  if (text != nullptr) value.word = trimmed(text);
   for (const std::string& word : splitWords(text == nullptr ? "" : text)) {
     double number = 0;
     if (parseNumber(word, number) && value.numbers.size() < kMaxNumbers) {
@@ -178,7 +184,6 @@ Value valueOf(const std::filesystem::path& file, const tinyxml2::XMLElement& ele
           value.line,
           fmt::format("{}: at most {} finite numbers are expected", element.Name(), kMaxNumbers));
     }
-    if (value.word.empty()) value.word = word;
   }
   return value;
 }

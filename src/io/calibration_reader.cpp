@@ -184,23 +184,14 @@ void readMode(const Lines& lines, Rectification& target) {
   }
 }
 
-/// Last line: milliseconds from the first row to the last, and perhaps "columns".
+/// Last line: "readout", and what setReadout() reads.
 void readReadout(const Lines& lines, Lens& lens) {
   const std::size_t last = lines.all().size() - 1;
-  const std::vector<std::string> words = splitWords(lines.text(last));
-  const bool columns = words.size() == 3 && words[2] == "columns";
-  const bool complete = words.size() == 2 || columns;
-  const std::optional<Readout> readout = complete ? parseReadout(words[1]) : std::nullopt;
-  if (!readout) {
-    throw lines.error(last,
-                      fmt::format("'{}'; expected 'readout MILLISECONDS', {} to {}, or 'readout "
-                                  "auto', and perhaps 'columns'",
-                                  quotable(lines.text(last)),
-                                  -kMaxReadoutMs,
-                                  kMaxReadoutMs));
+  const std::string& line = lines.text(last);
+  if (!setReadout(line.substr(kReadoutWord.size()), lens)) {
+    throw lines.error(
+        last, fmt::format("'{}'; behind 'readout' {} are expected", quotable(line), kReadoutForm));
   }
-  lens.readout = *readout;
-  lens.columns = columns;
 }
 
 Rectification readRectification(const Lines& lines, const Lens& lens) {

@@ -4,6 +4,7 @@
 #include "dsorb/io/calibration_reader.h"
 
 #include "io/calibration_matrix.h"
+#include "io/lens_numbers.h"
 #include "io/text_file.h"
 #include "io/yaml_text.h"
 
@@ -84,13 +85,10 @@ void readDistortion(const Section& section, Lens& lens) {
 }
 
 void readReadoutKey(const Section& section, Lens& lens) {
-  constexpr const char* kKey = "readout_ms";
-  constexpr const char* kExpected =
-      "milliseconds from the first to the last row, -1000 to 1000, or auto";
-  if (!section.has(kKey)) return;
-  const std::optional<Readout> readout = parseReadout(section.text(kKey, kExpected));
-  if (!readout) throw section.error(kKey, fmt::format("{} are expected", kExpected));
-  lens.readout = *readout;
+  if (!section.has(kReadoutKey)) return;
+  if (!setReadout(section.text(kReadoutKey, kReadoutForm), lens)) {
+    throw section.error(kReadoutKey, fmt::format("{} are expected", kReadoutForm));
+  }
 }
 
 /// cv::FileStorage begins a file with "%YAML:1.0", which is no YAML. Line numbers stay.

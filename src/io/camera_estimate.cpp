@@ -13,10 +13,22 @@ namespace dsorb::io {
 namespace {
 
 constexpr double kWanted = 0.01;  // of the focal length
-constexpr double kSigmas = 3;     // that a distortion must differ from none by
+constexpr double kSigmas = 3;     // that a distortion or readout must differ from none by
 
 double meanFocal(const PinholeCamera& camera) {
   return 0.5 * (camera.fx + camera.fy);
+}
+
+/// Last line of camera.txt: a readout that shows, "auto" for one that does not; none of a global
+/// shutter.
+std::string readoutLine(const Lens& lens) {
+  const auto [seconds, sigma] = lens.readout;
+  if (!lens.readout.isRolling()) return {};
+  const bool shows = std::abs(seconds) > kSigmas * sigma;
+  const std::string milliseconds =
+      fmt::format("{:.4g}", lens.backwards ? -1000 * seconds : 1000 * seconds);
+  return fmt::format(
+      "readout {}{}\n", shows ? milliseconds : "auto", lens.columns ? " columns" : "");
 }
 
 }  // namespace
@@ -85,8 +97,11 @@ std::string CameraEstimate::calibrationFile(const Lens& lens,
                                           lens.cx + sx * (camera.cx - rectified.cx),
                                           lens.cy + sy * (camera.cy - rectified.cy));
   const std::string size = fmt::format("{} {}\n", lens.width, lens.height);
-  if (!isDistorted()) return "Pinhole " + numbers + " 0\n" + size + "none\n" + size;
-  return fmt::format("RadTan {} {} 0 0 0\n", numbers, known_.radial->k1) + size + "crop\n" + size;
+  const std::string model =
+      isDistorted()
+          ? fmt::format("RadTan {} {} 0 0 0\n", numbers, known_.radial->k1) + size + "crop\n"
+          : "Pinhole " + numbers + " 0\n" + size + "none\n";
+  return model + size + readoutLine(lens);
 }
 
 }  // namespace dsorb::io

@@ -2,6 +2,7 @@
 #include "dsorb/error.h"
 
 #include "io/codecs.h"
+#include "io/image_source.h"
 #include "io/video.h"
 
 #include <fmt/format.h>
@@ -34,10 +35,7 @@ double secondsSince1970() {
   return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
 }
 
-constexpr std::size_t kBuffers = 4;  // as drivers of cameras have
-
-/// Takes every image of a camera. Images wait for a late caller, and the oldest is dropped for one
-/// too many. One thread runs it, another asks.
+/// Takes every image of a camera. One thread runs it, another asks.
 class Taker {
  public:
   explicit Taker(std::string address)
@@ -113,7 +111,11 @@ class Taker {
       SourceImage image;
       const auto elapsed = std::chrono::duration<double>(Clock::now() - begin);
       image.timestamp = is_file_ ? capture->time() : since_1970 + elapsed.count();
-      if (!capture->retrieve(image.pixels)) return;
+      if (!capture->retrieve(image.pixels)) {
+        if (!is_file_) return;
+        throw IoError(fmt::format("{}, image {}: cannot be decoded", address_, count_));
+      }
+      image.turn = capture->turn();
       image.pixels = image.pixels.clone();  // the capture writes over its own
       if (is_file_) waitFor(begin, capture->time());
       if (!keep(std::move(image))) return;
@@ -141,7 +143,7 @@ class Taker {
     if (stopped_) return false;
     last_sign_ = Clock::now();
     image.index = count_++;
-    if (waiting_.size() == kBuffers) {
+    if (waiting_.size() == kCameraBuffers) {
       waiting_.pop_front();
       ++dropped_;
     }
@@ -201,8 +203,8 @@ class CameraStream : public ImageSource {
   }
   [[nodiscard]] std::optional<SourceImage> image(int index) override {
     if (index == asked_ && given_) return given_;
-    asked_ = index;
     given_ = taker_->next();
+    asked_ = index;
     return given_;
   }
   [[nodiscard]] int dropped() const override { return taker_->dropped(); }

@@ -20,6 +20,8 @@ class Capture {
   [[nodiscard]] virtual double rate() const = 0;
   /// Number of images that the container announces; 0: none.
   [[nodiscard]] virtual int announced() const = 0;
+  /// How far images are turned clockwise to be upright: 0, 90, 180 or 270 degrees.
+  [[nodiscard]] virtual int turn() const = 0;
 };
 
 }  // namespace dsorb

@@ -68,6 +68,8 @@ class OpenCvCapture final : public Capture {
     return true;
   }
 
+  [[nodiscard]] int turn() const override { return turn_; }
+
   bool retrieve(cv::Mat& image) override {
     if (!capture_.retrieve(image) || image.empty()) return false;
     cv::Mat upright;

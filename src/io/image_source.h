@@ -20,6 +20,8 @@ struct SourceImage {
   std::optional<double> timestamp;  ///< [s]; empty: the data set says it
   std::string warning;              ///< one sentence; empty: none
   bool late = false;                ///< the image behind it is there, too: of a camera
+  /// How far the sensor's image was turned clockwise to be upright: 0, 90, 180 or 270 degrees.
+  int turn = 0;
 };
 
 /// Where images come from: files, an archive, a video, a camera. One thread at a time uses it.

@@ -9,6 +9,7 @@
 #include <zip.h>
 
 #include <algorithm>
+#include <string_view>
 #include <utility>
 
 namespace dsorb {
@@ -21,6 +22,47 @@ constexpr zip_uint64_t kFirstBlock = 1 << 20;  // of an image that is read [byte
 bool isImage(const fs::path& name) {
   const std::string file = name.filename().string();
   return !file.empty() && file.front() != '.' && hasImageSuffix(name);
+}
+
+bool isDigit(char c) {
+  return c >= '0' && c <= '9';
+}
+
+/// The digits that begin at a position, which moves behind them.
+std::string_view takeDigits(std::string_view name, std::size_t& position) {
+  const std::size_t begin = position;
+  while (position < name.size() && isDigit(name[position])) ++position;
+  return name.substr(begin, position - begin);
+}
+
+std::string_view withoutLeadingZeros(std::string_view digits) {
+  digits.remove_prefix(std::min(digits.find_first_not_of('0'), digits.size()));
+  return digits;
+}
+
+/// Orders names as people count: 2.png comes before 10.png, and 1.25.png before 1.5.png.
+bool countsBefore(const std::string& left, const std::string& right) {
+  std::size_t l = 0;
+  std::size_t r = 0;
+  while (l < left.size() && r < right.size()) {
+    if (!isDigit(left[l]) || !isDigit(right[r])) {
+      if (left[l] != right[r]) return left[l] < right[r];
+      ++l;
+      ++r;
+      continue;
+    }
+    const bool fraction = l > 1 && left[l - 1] == '.' && isDigit(left[l - 2]);
+    std::string_view a = takeDigits(left, l);
+    std::string_view b = takeDigits(right, r);
+    if (!fraction) {
+      a = withoutLeadingZeros(a);
+      b = withoutLeadingZeros(b);
+      if (a.size() != b.size()) return a.size() < b.size();
+    }
+    if (a != b) return a < b;
+  }
+  if (l < left.size() || r < right.size()) return l == left.size();
+  return left < right;  // they differ by leading zeros
 }
 
 class ImageFiles : public ImageStore {
@@ -98,7 +140,7 @@ std::unique_ptr<ImageStore> openArchive(const fs::path& path) {
     if (isImage(entry.name)) entries.push_back({entry.name, position, entry.size});
   }
   std::sort(entries.begin(), entries.end(), [](const ArchiveEntry& l, const ArchiveEntry& r) {
-    return l.name < r.name;
+    return countsBefore(l.name, r.name);
   });
   return std::make_unique<ZippedImages>(std::move(archive), path, std::move(entries));
 }
@@ -117,7 +159,7 @@ std::unique_ptr<ImageStore> openFolder(const fs::path& folder) {
   for (const fs::directory_entry& entry : contents(folder)) {
     if (isImage(entry.path()) && entry.is_regular_file()) names.push_back(entry.path().string());
   }
-  std::sort(names.begin(), names.end());
+  std::sort(names.begin(), names.end(), countsBefore);
   return std::make_unique<ImageFiles>(std::move(names));
 }
 

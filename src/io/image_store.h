@@ -33,8 +33,8 @@ class ImageStore : public ImageSource {
 /// Images given as a list of files, in that order.
 std::unique_ptr<ImageStore> openImageList(const std::vector<std::filesystem::path>& files);
 
-/// Images of a folder or of a .zip archive in byte-wise order of their names. Hidden files,
-/// sub-folders and files without the suffix of an image are ignored.
+/// Images of a folder or of a .zip archive in the order of their names, numbers in them by
+/// value. Hidden files, sub-folders and files without the suffix of an image are ignored.
 /// @throws IoError where it is missing, unreadable, or holds no image
 std::unique_ptr<ImageStore> openImageStore(const std::filesystem::path& path);
 

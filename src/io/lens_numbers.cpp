@@ -1,10 +1,15 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/lens_numbers.h"
 
+#include "dsorb/io/calibration_reader.h"
+
+#include "io/text_file.h"
+
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 namespace dsorb {
 namespace {
@@ -24,6 +29,17 @@ std::size_t placesOf(LensModel model) {
 }
 
 }  // namespace
+
+bool setReadout(std::string_view text, Lens& lens) {
+  const std::vector<std::string> words = splitWords(text);
+  const bool columns = words.size() == 2 && words.back() == "columns";
+  if (words.size() != 1 && !columns) return false;
+  const std::optional<Readout> readout = parseReadout(words.front());
+  if (!readout) return false;
+  lens.readout = *readout;
+  lens.columns = columns;
+  return true;
+}
 
 void setSize(double width, double height, Lens& lens, const Complain& complain) {
   for (const double size : {width, height}) {

@@ -6,6 +6,7 @@
 
 #include <functional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace dsorb {
@@ -22,6 +23,15 @@ void setSize(double width, double height, Lens& lens, const Complain& complain);
 /// @throws what `complain` makes where the model has no place for one that is not 0: OpenCV's
 ///         rational model, thin prisms, tilted sensors
 void setCoefficients(const std::vector<double>& coefficients, Lens& lens, const Complain& complain);
+
+inline constexpr const char* kReadoutKey = "readout_ms";  ///< of YAML and XML
+/// What setReadout() reads.
+inline constexpr const char* kReadoutForm =
+    "milliseconds from the first to the last row, -1000 to 1000, or auto, and perhaps 'columns'";
+
+/// The readout as calibrations write it: parseReadout(), and perhaps "columns" behind it.
+/// @return false where the text is another
+[[nodiscard]] bool setReadout(std::string_view text, Lens& lens);
 
 /// @throws what `complain` makes on a focal length that is not positive, an omega out of range, or
 ///         a principal point outside the image, where its size is known

@@ -17,19 +17,26 @@ std::string orDefault(const std::string& given, const std::filesystem::path& fou
   return given.empty() ? found.string() : given;
 }
 
-/// Decides where nothing is asked for, and checks that what is asked for is there.
+/// Decides where no mode is asked for, and checks that what is asked for is there.
 BrightnessModel brightnessModel(const SequenceOptions& options,
                                 const std::string& response,
-                                const std::string& vignette) {
+                                const std::string& vignette,
+                                std::vector<std::string>& warnings) {
   const std::optional<BrightnessModel> wanted = options.brightness;
   if (wanted && *wanted != BrightnessModel::kCalibrated) return *wanted;
   if (!response.empty() && !vignette.empty()) return BrightnessModel::kCalibrated;
-  const bool asked = wanted || !options.response_file.empty() || !options.vignette_file.empty();
-  if (!asked) return BrightnessModel::kUncalibrated;
-  throw ConfigError(
-      fmt::format("photometric calibration needs a response and a vignette, but there is no {}; "
-                  "give it, or choose the mode uncalibrated or perfect",
-                  response.empty() ? "response (pcalib.txt)" : "vignette (vignette.png)"));
+  const std::string missing =
+      fmt::format("photometric calibration needs a response and a vignette, but there is no {}",
+                  response.empty() ? "response (pcalib.txt)" : "vignette (vignette.png)");
+  if (wanted) {
+    throw ConfigError(missing + "; give it, or choose the mode uncalibrated or perfect");
+  }
+  for (const std::string& alone : {options.response_file, options.vignette_file}) {
+    if (alone.empty()) continue;
+    if (!std::filesystem::exists(alone)) throw IoError(alone + ": cannot be read");
+    warnings.push_back(fmt::format("{}: not used; {}", alone, missing));
+  }
+  return BrightnessModel::kUncalibrated;
 }
 
 /// Lens and rectification, and where they come from.
@@ -62,13 +69,20 @@ Geometry readGeometry(const SequenceOptions& options, const DatasetLayout& layou
   return {readCalibration(file, layout.kitti_camera), file};
 }
 
+/// From the sensor's rows to the lines of an image that was turned clockwise.
+void turnReadout(int degrees, Lens& lens) {
+  lens.columns = degrees % 180 != 0;
+  lens.backwards = degrees == 90 || degrees == 180;
+}
+
 /// The calibration for images of the size that they have and the width that is wanted.
 void fit(const SequenceOptions& options,
-         cv::Size size,
+         const FirstImage& first,
          Geometry& geometry,
          std::vector<std::string>& warnings) {
   Calibration& calibration = geometry.calibration;
   const Lens lens = calibration.lens;
+  const cv::Size size = first.size;
   if (!size.empty()) calibration = calibrationForSize(calibration, size.width, size.height);
   if (lens.width > 0 && calibration.lens.width != lens.width) {
     warnings.push_back(fmt::format("{}: for images of {}x{} px, scaled to these of {}x{}",
@@ -79,7 +93,9 @@ void fit(const SequenceOptions& options,
                                    size.height));
   }
   if (options.width > 0) calibration = withOutputWidth(calibration, options.width);
+  const bool known = calibration.lens.columns || calibration.lens.readout.seconds != 0;
   if (options.readout) calibration.lens.readout = *options.readout;
+  if (!known) turnReadout(first.turn, calibration.lens);
 }
 
 PhotometricCalibration readPhotometry(const std::string& response,
@@ -114,17 +130,17 @@ Rectifier rectifierFor(const Geometry& geometry) {
 
 SequenceCalibration calibrateSequence(const SequenceOptions& options,
                                       const DatasetLayout& layout,
-                                      cv::Size size) {
+                                      const FirstImage& first) {
   std::vector<std::string> warnings;
-  Geometry geometry = readGeometry(options, layout, size);
+  Geometry geometry = readGeometry(options, layout, first.size);
   try {
-    fit(options, size, geometry, warnings);
+    fit(options, first, geometry, warnings);
   } catch (const std::invalid_argument& error) {
     throw IoError(fmt::format("{}: {}", geometry.source, error.what()));
   }
   const std::string response = orDefault(options.response_file, layout.response);
   const std::string vignette = orDefault(options.vignette_file, layout.vignette);
-  const BrightnessModel brightness = brightnessModel(options, response, vignette);
+  const BrightnessModel brightness = brightnessModel(options, response, vignette, warnings);
   if (brightness == BrightnessModel::kCalibrated) {
     geometry.calibration.photometric =
         readPhotometry(response, vignette, geometry.calibration.lens);

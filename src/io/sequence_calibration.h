@@ -21,13 +21,18 @@ struct SequenceCalibration {
   std::vector<std::string> warnings;  ///< one sentence each
 };
 
+struct FirstImage {
+  cv::Size size;  ///< empty: it cannot be read, the calibration's size counts
+  int turn = 0;   ///< SourceImage::turn
+};
+
 /// Reads the calibration files that options name or that lie beside the images, and fits them to
-/// the images' size.
-/// @param size of the first image; empty: it cannot be read, the calibration's size counts
+/// the first image's size. Where they do not say how the sensor is read, it is by its rows, which
+/// are columns of an image that was turned.
 /// @throws IoError naming the file at fault
 /// @throws ConfigError where options contradict each other or the data set
 SequenceCalibration calibrateSequence(const SequenceOptions& options,
                                       const DatasetLayout& layout,
-                                      cv::Size size);
+                                      const FirstImage& first);
 
 }  // namespace dsorb

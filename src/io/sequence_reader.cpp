@@ -92,7 +92,7 @@ class SequenceReader::Impl {
   }
   void calibrate(const SequenceOptions& options);
   void readCommonMask(const SequenceOptions& options);
-  [[nodiscard]] cv::Size firstSize(bool needed);
+  [[nodiscard]] FirstImage firstImage(bool needed);
   [[nodiscard]] std::optional<SourceImage> read(int index);
   [[nodiscard]] std::optional<SequenceFrame> prepare(int index);
   void checkSize(const cv::Mat& image, const std::string& name) const;
@@ -115,7 +115,7 @@ class SequenceReader::Impl {
 
 void SequenceReader::Impl::calibrate(const SequenceOptions& options) {
   SequenceCalibration calibration =
-      calibrateSequence(options, layout_, firstSize(options.horizontal_view > 0));
+      calibrateSequence(options, layout_, firstImage(options.horizontal_view > 0));
   rectifier_.emplace(std::move(calibration.rectifier));
   lens_ = calibration.lens;
   brightness_ = calibration.brightness;
@@ -146,12 +146,12 @@ void SequenceReader::Impl::readCommonMask(const SequenceOptions& options) {
 
 /// Empty where the first image cannot be read, which it says in its turn; where the size is needed,
 /// and of a stream, it is said at once.
-cv::Size SequenceReader::Impl::firstSize(bool needed) {
+FirstImage SequenceReader::Impl::firstImage(bool needed) {
   const bool stream =
       layout_.format == SequenceFormat::kCamera || layout_.format == SequenceFormat::kVideo;
   try {
     first_ = read(playlist_.index(0));
-    return first_ ? first_->pixels.size() : cv::Size();
+    return first_ ? FirstImage{first_->pixels.size(), first_->turn} : FirstImage{};
   } catch (const IoError&) {
     if (stream || needed) throw;
     return {};

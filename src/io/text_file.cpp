@@ -20,6 +20,7 @@ namespace dsorb {
 namespace {
 
 constexpr std::string_view kWhiteSpace = " \t\r\n\v\f";
+constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";  // editors of Windows begin with it
 constexpr std::size_t kBlockBytes = 1 << 16;
 constexpr int kPipePatience = 2000;       // for the first byte of a pipe [ms]
 constexpr std::size_t kMaxQuotable = 80;  // characters
@@ -73,6 +74,9 @@ std::string readText(const std::filesystem::path& file, std::size_t most_bytes) 
     throw sizeError(file, most_bytes);
   }
   std::string text = readAll(source, file, most_bytes);
+  if (text.compare(0, kByteOrderMark.size(), kByteOrderMark) == 0) {
+    text.erase(0, kByteOrderMark.size());
+  }
   const std::size_t zero = text.find('\0');
   if (zero != std::string::npos) {
     const auto end = text.begin() + static_cast<std::ptrdiff_t>(zero);

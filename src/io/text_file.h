@@ -23,7 +23,7 @@ inline constexpr std::size_t kMaxYamlBytes = std::size_t{1} << 18;
 inline constexpr std::size_t kMaxCalibrationBytes = std::size_t{1} << 22;
 inline constexpr std::size_t kMaxListBytes = std::size_t{1} << 26;
 
-/// Whole content of a text file or of a pipe.
+/// Whole content of a text file or of a pipe, without a byte order mark.
 /// @throws IoError where it is missing, unreadable, larger than `most_bytes` or holds a zero byte,
 ///         and where nobody writes to the pipe
 std::string readText(const std::filesystem::path& file, std::size_t most_bytes);

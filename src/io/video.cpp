@@ -53,6 +53,7 @@ class VideoFile : public VideoSource {
       throw IoError(fmt::format("{}: cannot be decoded", name(index_)));
     }
     image.warning = std::exchange(warning_, {});
+    image.turn = capture_->turn();
     return image;
   }
 

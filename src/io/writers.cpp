@@ -66,7 +66,9 @@ class RunWriter::Impl {
   /// For the next run.
   void writeCalibration() const {
     if (!cameras.camera || !cameras.lens || !cameras.refined.isSettled()) return;
-    const std::string file = cameras.refined.calibrationFile(*cameras.lens, *cameras.camera);
+    Lens lens = *cameras.lens;
+    if (cameras.readout) lens.readout = *cameras.readout;
+    const std::string file = cameras.refined.calibrationFile(lens, *cameras.camera);
     if (!file.empty()) io::replaceFile(folder / "refined_camera.txt", file);
   }
 

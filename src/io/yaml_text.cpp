@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <map>
 #include <sstream>
+#include <string_view>
 #include <vector>
 
 namespace dsorb::io {
@@ -97,6 +98,15 @@ class StructureCheck : public YAML::EventHandler {
   int line_ = 0;
 };
 
+/// Without the mark that ends a document, which the tools of ROS write behind each.
+std::string withoutLastMark(const std::string& text) {
+  constexpr std::string_view kMark = "\n---";
+  const std::size_t end = text.find_last_not_of(" \t\r\n") + 1;
+  const bool marked =
+      end > kMark.size() && text.compare(end - kMark.size(), kMark.size(), kMark) == 0;
+  return text.substr(0, marked ? end - kMark.size() + 1 : text.size());
+}
+
 /// @throws IoError on what the tree must not hold, and on more than one document. Where a document
 /// cannot begin with a token, for example a comma, the parser stays there and finds empty documents
 /// without end: a second one is enough to know.
@@ -115,7 +125,8 @@ void check(const std::string& text, const std::string& name) {
 
 }  // namespace
 
-YAML::Node parseYaml(const std::string& text, const std::string& name) {
+YAML::Node parseYaml(const std::string& whole, const std::string& name) {
+  const std::string text = withoutLastMark(whole);
   try {
     check(text, name);
     return YAML::Load(text);

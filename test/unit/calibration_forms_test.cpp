@@ -71,7 +71,7 @@ TEST_F(CalibrationFormsTest, RosCameraInfo) {
 
   const std::string message =  // ros2 topic echo --once /camera_info
       "header:\n  frame_id: cam\nheight: 480\nwidth: 640\ndistortion_model: equidistant\n"
-      "d: [0.1, 0.2, 0.3, 0.4]\nk: [500.0, 0.0, 320.0, 0.0, 510.0, 240.0, 0.0, 0.0, 1.0]\n";
+      "d: [0.1, 0.2, 0.3, 0.4]\nk: [500.0, 0.0, 320.0, 0.0, 510.0, 240.0, 0.0, 0.0, 1.0]\n---\n";
   const Lens fisheye = lensOf("info.yaml", message);
   expectLens(fisheye,
              {LensModel::kEquidistant, 500, 510, 320, 240, {0.1, 0.2, 0.3, 0.4}, 640, 480});
@@ -81,6 +81,19 @@ TEST_F(CalibrationFormsTest, RosCameraInfo) {
   const Calibration rectified = readCalibration(write("head.yaml", plain));
   EXPECT_EQ(rectified.lens.model, LensModel::kPinhole);
   EXPECT_EQ(rectified.rectification.mode, RectificationMode::kNone);
+}
+
+TEST_F(CalibrationFormsTest, MatricesMayBeFollowedByTheReadout) {
+  const Lens rows = lensOf("head.yaml", kRos + "readout_ms: 25\n");
+  EXPECT_DOUBLE_EQ(rows.readout.seconds, 0.025);
+  EXPECT_FALSE(rows.columns);
+  const Lens columns = lensOf("a.xml",
+                              "<opencv_storage>\n<K>\n<data>500 0 320 0 510 240 0 0 1</data></K>\n"
+                              "<readout_ms>-20 columns</readout_ms>\n</opencv_storage>\n");
+  EXPECT_DOUBLE_EQ(columns.readout.seconds, -0.02);
+  EXPECT_TRUE(columns.columns);
+  EXPECT_THAT(complaint("head.yaml", kRos + "readout_ms: soon\n"),
+              AllOf(HasSubstr("head.yaml:17"), HasSubstr("readout_ms: milliseconds")));
 }
 
 TEST_F(CalibrationFormsTest, OpenCvFileStorage) {

@@ -204,7 +204,7 @@ TEST_F(CalibrationReaderTest, LastLineMaySayHowLongTheRowsTake) {
   EXPECT_EQ(unknown.sigma, kUnknownReadout.sigma);
   for (const char* wrong : {"readout", "readout x", "readout 25 rows", "readout 2000"}) {
     EXPECT_THAT(cameraComplaint(std::string("Pinhole 528 529 325.3 236.6 0") + kTail + wrong),
-                AllOf(HasSubstr("camera.txt:5"), HasSubstr("readout MILLISECONDS")))
+                AllOf(HasSubstr("camera.txt:5"), HasSubstr("behind 'readout' milliseconds")))
         << wrong;
   }
 }
@@ -245,10 +245,21 @@ TEST_F(CalibrationReaderTest, YamlMaySayHowLongTheRowsTake) {
   EXPECT_EQ(readCalibration(write("sensor.yaml", kSensor)).lens.readout.seconds, 0);
   const std::string rolling = std::string(kSensor) + "readout_ms: 25\n";
   EXPECT_DOUBLE_EQ(readCalibration(write("sensor.yaml", rolling)).lens.readout.seconds, 0.025);
+  const Lens sideways =
+      readCalibration(write("sensor.yaml", std::string(kSensor) + "readout_ms: -25 columns\n"))
+          .lens;
+  EXPECT_DOUBLE_EQ(sideways.readout.seconds, -0.025);
+  EXPECT_TRUE(sideways.columns);
   const std::string unknown = std::string(kSensor) + "readout_ms: auto\n";
   EXPECT_GT(readCalibration(write("sensor.yaml", unknown)).lens.readout.sigma, 0);
   EXPECT_THAT(yamlComplaint(std::string(kSensor) + "readout_ms: fast\n"),
               AllOf(HasSubstr("sensor.yaml:7"), HasSubstr("readout_ms: milliseconds")));
+}
+
+TEST_F(CalibrationReaderTest, FilesOfWindowsMayBeginWithAByteOrderMark) {
+  const std::string mark = "\xEF\xBB\xBF";
+  EXPECT_EQ(camera(mark + "Pinhole 528 529 325.3 236.6 0\r\n640 480\r\n").lens.fx, 528);
+  EXPECT_EQ(readCalibration(write("sensor.yaml", mark + kSensor)).lens.fx, 458.6);
 }
 
 TEST_F(CalibrationReaderTest, YamlComplaintsNameLineAndKey) {

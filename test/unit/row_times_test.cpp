@@ -44,6 +44,9 @@ TEST(RowTimes, FollowColumnsAndTheOtherDirection) {
   const RowTimes times = rowTimes(lens, {500, 500, 319.5, 239.5, 640, 480}, false);
   EXPECT_NEAR(times.at(0, 300), kReadout / 2, 1e-12);
   EXPECT_NEAR(times.at(639, 10), -kReadout / 2, 1e-12);
+  lens.backwards = true;
+  const RowTimes turned = rowTimes(lens, {500, 500, 319.5, 239.5, 640, 480}, false);
+  EXPECT_NEAR(turned.at(639, 10), kReadout / 2, 1e-12);
 }
 
 /// Errors of the polynomial over all valid pixels, as a share of the readout.

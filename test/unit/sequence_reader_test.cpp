@@ -69,6 +69,32 @@ TEST_F(SequenceReaderTest, ImagesMayLieInAnArchiveAndBeNamedDirectly) {
   EXPECT_THAT(indicesOf(options()), ElementsAre(0, 1, 2));
 }
 
+TEST_F(SequenceReaderTest, ImagesComeInTheOrderOfTheirNumbers) {
+  const std::vector<std::string> names = {"1.25.png",
+                                          "1.5.png",
+                                          "2.png",
+                                          "10.png",
+                                          "a007.png",
+                                          "a7.png",
+                                          "a8.png",
+                                          "b1_9.png",
+                                          "b1_10.png"};
+  writeDso(static_cast<int>(names.size()));
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    fs::rename(root() / "images" / ("00000" + std::to_string(i) + ".png"),
+               root() / "images" / names[i]);
+  }
+  zipFolder(root() / "images", root() / "zipped.zip");
+  for (const std::string images : {"images", "zipped.zip"}) {
+    SequenceOptions numbered = optionsFor(root() / images);
+    numbered.calibration_file = root() / "camera.txt";
+    SequenceReader reader(numbered);
+    for (const std::string& name : names) {
+      EXPECT_THAT(reader.next()->image_file, testing::EndsWith(name)) << images;
+    }
+  }
+}
+
 TEST_F(SequenceReaderTest, StartEndAndReverseSelectImages) {
   writeDso(6);
   SequenceOptions o = options();
@@ -206,7 +232,16 @@ TEST_F(SequenceReaderTest, ExposuresThatStayUnknownAreDropped) {
   writeText(root() / "my_response.txt", response);
   writeImage(root() / "my_vignette.png", cv::Mat(48, 64, CV_8U, cv::Scalar(200)));
   o.response_file = (root() / "my_response.txt").string();
-  EXPECT_THAT(openingComplaint(o), HasSubstr("vignette"));
+  SequenceReader alone(o);
+  EXPECT_EQ(alone.brightness(), BrightnessModel::kUncalibrated);
+  EXPECT_THAT(alone.warnings(),
+              ElementsAre(AllOf(HasSubstr("my_response.txt: not used"), HasSubstr("vignette"))));
+  o.brightness = BrightnessModel::kCalibrated;
+  EXPECT_THROW(SequenceReader{o}, ConfigError);
+  o.brightness.reset();
+  o.response_file = (root() / "none.txt").string();
+  EXPECT_THAT(openingComplaint(o), HasSubstr("none.txt: cannot be read"));
+  o.response_file = (root() / "my_response.txt").string();
   o.vignette_file = (root() / "my_vignette.png").string();
   SequenceReader reader(o);
   EXPECT_EQ(reader.brightness(), BrightnessModel::kCalibrated);

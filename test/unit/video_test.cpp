@@ -144,6 +144,26 @@ TEST_F(VideoTest, PortraitVideosAreUpright) {
   EXPECT_NEAR(frame->frame->level(0).at(32, 85).intensity, 40, 5);
 }
 
+TEST_F(VideoTest, TheSensorsRowsAreColumnsOfAPortraitVideo) {
+  const fs::path file = root() / "phone.mp4";
+  ASSERT_TRUE(writeVideo(
+      file, "mp4v", kRate, 1, [](int) { return cv::Mat(64, 96, CV_8UC3, cv::Scalar::all(40)); }));
+  SequenceOptions options = viewOf(file);
+  options.readout = Readout{0.025, 0};
+  EXPECT_FALSE(SequenceReader(options).lens().columns);
+  turnClockwise(file);
+  const Lens lens = SequenceReader(options).lens();
+  EXPECT_TRUE(lens.columns);
+  EXPECT_TRUE(lens.backwards) << "the sensor's upper row is on the right";
+  EXPECT_EQ(lens.readout.seconds, 0.025);
+  options.horizontal_view = 0;
+  options.calibration_file = root() / "camera.txt";
+  writeText(options.calibration_file, "Pinhole 60 60 31.5 47.5 0\n64 96\nreadout 20\n");
+  const Lens calibrated = SequenceReader(options).lens();
+  EXPECT_FALSE(calibrated.columns) << "the calibration is that of the upright images";
+  EXPECT_EQ(calibrated.readout.seconds, 0.025);
+}
+
 /// Moves the images of an MKV with JPEGs from a position on to later times.
 void delay(const fs::path& file, int from, int milliseconds) {
   std::string bytes = readText(file);

@@ -364,6 +364,8 @@ TEST(RunWriter, RefinedCameraIsTheCalibrationOfTheNextRun) {
   lens.cy = 119.5;
   lens.width = 320;
   lens.height = 250;
+  lens.readout = {0.025, 0};
+  lens.columns = lens.backwards = true;
   run.writer.setCamera(kCamera, &lens);
   refine(run, {102, 108, 110, 110.2, 110.4}, 0.5);
   refine(run, {100, 100}, 5, 1);  // knows less
@@ -375,7 +377,8 @@ TEST(RunWriter, RefinedCameraIsTheCalibrationOfTheNextRun) {
   EXPECT_NEAR(refined["moved"], 0.2 / 110.4, 1e-9) << "in the last third";
   EXPECT_EQ(refined["settled"], true);
   const auto lines = readTextLines(folder.path() / "refined_camera.txt");
-  ASSERT_EQ(lines.size(), 4U);
+  ASSERT_EQ(lines.size(), 5U);
+  EXPECT_EQ(lines[4], "readout -25 columns");
   EXPECT_EQ(lines[0], "Pinhole 220.8 220.8 161.5 119.5 0");
   EXPECT_EQ(lines[1], "320 250");
 }

@@ -47,6 +47,7 @@ struct Lens {
   int height = 0;                         ///< [px]; 0: as the images are
   Readout readout{};                      ///< of rows, or of columns
   bool columns = false;                   ///< columns are read one after the other instead of rows
+  bool backwards = false;  ///< the readout is from the image's last line to the first
 };
 
 /// What part of the distorted image the rectified one shows.
