@@ -11,7 +11,6 @@
 #include <memory>
 #include <optional>
 #include <stdexcept>
-#include <string>
 #include <vector>
 
 // NOLINTBEGIN(readability-identifier-naming,readability-function-size): the C interface.

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "dsorb/init/start_judge.h"
 
+#include "base/angles.h"
 #include "base/median.h"
-
-#include <Eigen/Geometry>
 
 #include <cmath>
 #include <cstddef>
@@ -11,7 +10,6 @@
 namespace dsorb {
 namespace {
 
-constexpr double kDegrees = 57.29577951308232;   // of a radian
 constexpr double kChi2Median = 0.4549364231195;  // with one degree of freedom
 
 // Limits of a start that stays; docs/experiments.md, "Wrong starts", has what they were chosen on.
@@ -19,10 +17,6 @@ constexpr double kMaxDirection = 8;      // [deg]
 constexpr double kMaxDepthSpread = .02;  // below it variances do not matter
 constexpr double kMaxDepthChange = 3;
 constexpr double kMinKeptShare = .8;
-
-double angleDeg(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
-  return kDegrees * std::atan2(a.cross(b).norm(), a.dot(b));
-}
 
 /// Turn of the camera's place that is farthest from the reference [deg].
 double turnOfTheFarthest(const std::vector<StartPose>& poses) {

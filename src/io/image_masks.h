@@ -4,7 +4,6 @@
 #include <opencv2/core/mat.hpp>
 
 #include <filesystem>
-#include <optional>
 #include <string>
 
 namespace dsorb {

@@ -5,7 +5,6 @@
 
 #include "io/descriptor.h"
 
-#include <cstdint>
 #include <cstdio>
 #include <filesystem>
 #include <memory>

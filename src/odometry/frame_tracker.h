@@ -10,7 +10,6 @@
 #include "track/tracker.h"
 
 #include <optional>
-#include <vector>
 
 namespace dsorb::odometry {
 

@@ -2,7 +2,6 @@
 #include "python/options.h"
 
 #include <stdexcept>
-#include <utility>
 
 namespace dsorb::python {
 namespace {

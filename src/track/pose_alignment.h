@@ -15,7 +15,6 @@
 #include <array>
 #include <cstddef>
 #include <limits>
-#include <optional>
 #include <vector>
 
 namespace dsorb::track {
@@ -23,7 +22,6 @@ namespace dsorb::track {
 using Vector8d = Eigen::Matrix<double, 8, 1>;
 using Matrix8d = Eigen::Matrix<double, 8, 8>;
 using Vector14d = Eigen::Matrix<double, kRollingParameters, 1>;
-using Matrix14d = Eigen::Matrix<double, kRollingParameters, kRollingParameters>;
 
 /// State that alignment estimates. Increments are [translation; rotation] from the left, then a, b,
 /// then the velocity.

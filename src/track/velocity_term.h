@@ -5,8 +5,6 @@
 
 #include "geometry/row_motion.h"
 
-#include <Eigen/Core>
-
 #include <vector>
 
 namespace dsorb::track {

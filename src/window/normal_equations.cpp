@@ -5,8 +5,6 @@
 #include "base/parallel.h"
 #include "base/target_clones.h"
 
-#include <Eigen/Cholesky>
-
 #include <algorithm>
 #include <utility>
 

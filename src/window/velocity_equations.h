@@ -7,8 +7,6 @@
 #include "window/pair_geometry.h"
 #include "window/photometric_residual.h"
 
-#include <Eigen/Core>
-
 #include <cstddef>
 
 /// The part of a window's normal equations that belongs to the velocities of rolling shutters. A

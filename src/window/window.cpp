@@ -116,13 +116,6 @@ std::size_t Window::numPoints() const {
   return count;
 }
 
-std::optional<std::size_t> Window::find(KeyframeId id) const {
-  for (std::size_t i = 0; i < keyframes.size(); ++i) {
-    if (keyframes[i].id == id) return i;
-  }
-  return std::nullopt;
-}
-
 Eigen::VectorXd Window::deviation() const {
   Eigen::VectorXd deviation(dimension());
   deviation.head<kCameraDim>() = camera_state;

@@ -56,13 +56,11 @@ inline Vector6d velocityScale() {
 struct KeyframeId {
   int value = -1;
   friend bool operator==(KeyframeId l, KeyframeId r) { return l.value == r.value; }
-  friend bool operator!=(KeyframeId l, KeyframeId r) { return l.value != r.value; }
 };
 
 /// Running number of a point, never reused within a window.
 struct PointId {
   int value = -1;
-  friend bool operator==(PointId l, PointId r) { return l.value == r.value; }
 };
 
 enum class ResidualState : std::uint8_t { kIn, kOutOfBounds, kOutlier };
@@ -220,8 +218,6 @@ struct Window {
   }
   [[nodiscard]] int dimension() const { return static_cast<int>(rowOf(keyframes.size())); }
   [[nodiscard]] std::size_t numPoints() const;
-  /// @return position in the window, or nothing when the keyframe has left
-  [[nodiscard]] std::optional<std::size_t> find(KeyframeId id) const;
   /// Stacked deviation of the state from the first estimate (dimension()).
   [[nodiscard]] Eigen::VectorXd deviation() const;
 };

@@ -5,7 +5,6 @@
 #include "dsorb/image/frame.h"
 
 #include <cstddef>
-#include <cstdint>
 #include <memory>
 #include <stdexcept>
 #include <string>

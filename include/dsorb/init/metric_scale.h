@@ -5,7 +5,6 @@
 #include "dsorb/init/result.h"
 
 #include <optional>
-#include <vector>
 
 namespace dsorb {
 

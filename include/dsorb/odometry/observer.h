@@ -7,8 +7,6 @@
 #include "dsorb/init/initializer.h"
 #include "dsorb/init/start_judge.h"
 
-#include <Eigen/Core>
-
 #include <array>
 #include <optional>
 #include <vector>

@@ -6,7 +6,6 @@
 #include "dsorb/options/odometry.h"
 
 #include <memory>
-#include <vector>
 
 namespace dsorb {
 

@@ -290,7 +290,7 @@ double parallaxDeg(const CoarseAttempt& attempt) {
     const Eigen::Vector3d ray =
         T.unitQuaternion() * attempt.camera.unproject({points.x[i], points.y[i]});
     const Eigen::Vector3d moved = ray + static_cast<double>(points.smoothed[i]) * T.translation();
-    angles.push_back(std::atan2(ray.cross(moved).norm(), ray.dot(moved)) * kDegPerRad);
+    angles.push_back(angleDeg(ray, moved));
   }
   return medianOf(std::move(angles));
 }

@@ -197,9 +197,7 @@ const SE3& newestPose(const InitialMap& map) {
 }
 
 double directionChangeDeg(const SE3& before, const SE3& after) {
-  const Eigen::Vector3d& from = before.translation();
-  const Eigen::Vector3d& to = after.translation();
-  return std::atan2(from.cross(to).norm(), from.dot(to)) * kDegPerRad;
+  return angleDeg(before.translation(), after.translation());
 }
 
 }  // namespace

@@ -292,20 +292,6 @@ void RollingProblem::writeTo(InitialMap& map, const RollingState& state) const {
   placeCorners(map, camera_);
 }
 
-/// What SchurProblem asks for.
-struct RollingModel {
-  const RollingProblem& problem;
-
-  void linearize(const RollingState& state, ReprojectionEquations& equations) const {
-    problem.linearize(state, equations);
-  }
-  void move(const RollingState& from,
-            const DampedSolver<double>& solution,
-            RollingState& to) const {
-    problem.move(from, solution, to);
-  }
-};
-
 }  // namespace
 
 RowTimesOfMap::RowTimesOfMap(const InitialMap& map, const PinholeCamera& camera)
@@ -367,8 +353,8 @@ std::optional<int> solveRolling(InitialMap& map,
   const PoseRows pose_rows(map);
   if (pose_rows.size == 0) return std::nullopt;
   const RollingProblem problem(map, pose_rows, camera, options);
-  SchurProblem<RollingModel, RollingState, ReprojectionEquations> adjustment(
-      {problem}, problem.start(), options.function_tolerance);
+  SchurProblem<const RollingProblem&, RollingState, ReprojectionEquations> adjustment(
+      problem, problem.start(), options.function_tolerance);
   if (!std::isfinite(adjustment.cost())) return std::nullopt;
   GainDamping damping;
   const int iterations =

@@ -87,7 +87,7 @@ SE3 fitRotation(SE3 T_cur_ref, const Sample& sample) {
 }
 
 /// Between two lines.
-double angleDeg(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+double lineAngleDeg(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
   return kDegPerRad * std::atan2(a.cross(b).norm(), std::abs(a.dot(b)));
 }
 
@@ -124,7 +124,7 @@ RivalMotion findRival(const SE3& T_cur_ref,
   });
   std::vector<std::pair<double, SE3>> found;
   const auto consider = [&](const SE3& motion, double its_excess) {
-    if (angleDeg(motion.translation(), own.translation()) < angle_deg) return;
+    if (lineAngleDeg(motion.translation(), own.translation()) < angle_deg) return;
     rival.excess = std::min(rival.excess, its_excess);
     found.emplace_back(its_excess, motion);
   };
@@ -142,7 +142,7 @@ RivalMotion findRival(const SE3& T_cur_ref,
     const Eigen::Vector3d& heading = candidate.second.translation();
     const bool known =
         std::any_of(rival.motions.begin(), rival.motions.end(), [&](const SE3& other) {
-          return angleDeg(heading, other.translation()) < angle_deg;
+          return lineAngleDeg(heading, other.translation()) < angle_deg;
         });
     if (!known) rival.motions.push_back(candidate.second);
   }

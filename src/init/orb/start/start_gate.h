@@ -7,8 +7,6 @@
 
 #include "init/orb/map/initial_map.h"
 
-#include <Eigen/Core>
-
 #include <optional>
 
 namespace dsorb::init_orb {

@@ -6,7 +6,6 @@
 #include "init/orb/two_view/ransac.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <functional>
 
