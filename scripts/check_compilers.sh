@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Builds what the library needs to be, with every compiler of a list that is found, warnings as errors, and runs the unit
 # tests of the core with it: check_compilers.sh [COMPILER...] (default: g++-11 to g++-14, clang++-14 to clang++-22, those
-# that are found; apt-get install g++-11 clang-19). At last once without Ceres: no part of it may be linked.
+# that are found; apt-get install g++-11 clang-19). At last once without Ceres, no part of which may be linked, and each
+# source by itself.
 # For the night: minutes for each compiler.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -23,9 +24,10 @@ for compiler in "${compilers[@]}"; do
   "$folder/test/test_core" --gtest_brief=1
 done
 
-echo "== Without Ceres"
+echo "== Without Ceres, each source by itself"
 folder=build-compilers/without-ceres
-DSORB_BUILD_DIR=$folder scripts/build.sh -DDSORB_WITH_CERES=OFF -DDSORB_WERROR=ON -- unit_tests dso_dataset
+DSORB_BUILD_DIR=$folder scripts/build.sh -DDSORB_WITH_CERES=OFF -DDSORB_WERROR=ON -DCMAKE_UNITY_BUILD=OFF -- \
+  unit_tests dso_dataset dso_synthesize
 ctest --test-dir "$folder" --output-on-failure --parallel "$(nproc)" -L unit
 if readelf -d "$folder"/lib/libdsorb_*.so "$folder/bin/dso_dataset" |
   grep -E 'NEEDED.*(ceres|cholmod|spqr|cxsparse|umfpack|opencv_video\.)'; then
