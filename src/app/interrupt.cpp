@@ -31,7 +31,7 @@ Interrupt::~Interrupt() {
     const std::lock_guard<std::mutex> lock(mutex_);
     stopping_ = true;
     // The watcher takes the signal itself, or has it blocked when it ends.
-    if (!requested_) pthread_kill(watcher_.native_handle(), SIGTERM);
+    if (!requested_) pthread_kill(watcher_.native_handle(), SIGINT);
   }
   changed_.notify_all();
   watcher_.join();
