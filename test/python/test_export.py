@@ -11,9 +11,9 @@ import zipfile
 import dsorb
 import numpy as np
 from dsorb.command_line import program
-from dsorb.export import export, remove_exports
+from dsorb.export import export
 from dsorb.pictures import calibration_of, decoded_file, rectifying_maps, refined_lens
-from dsorb.run_folder import read_run, rotation_of
+from dsorb.run_folder import read_run, remove_exports, rotation_of
 from PIL import Image
 from room import FRAMES, SIZE, image_files, room, room_run, temporary_folder, true_correspondences, true_poses
 
@@ -304,7 +304,11 @@ class Pictures(unittest.TestCase):
         folder = temporary_folder() / 'out'
         shutil.copytree(room_run(), folder)
         export(folder, ['tum', 'kitti'])
+        others = folder.parent / 'others'
+        others.mkdir()
+        (folder / 'exports.json').write_text(json.dumps(['tum', 'kitti', '..', '../others', str(others)]))
         remove_exports(folder)
+        self.assertTrue(others.is_dir())
         self.assertFalse((folder / 'tum').exists() or (folder / 'kitti').exists() or (folder / 'exports.json').exists())
 
     def test_runs_of_older_versions_are_refused(self):

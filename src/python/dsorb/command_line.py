@@ -13,9 +13,9 @@ import threading
 from pathlib import Path
 
 from . import __version__, bags, calibrate, recording
-from .export import FORMATS, export, remove_exports
+from .export import FORMATS, export
 from .pictures import view_of_exif
-from .run_folder import read_run
+from .run_folder import read_run, remove_exports
 from .summary import summarize
 
 RUNTIME_ERROR, WRONG_OPTIONS, NOT_TRACKED = 1, 2, 3  # as dso_dataset has them

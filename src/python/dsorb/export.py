@@ -3,7 +3,6 @@
 have neither origin nor unit in common."""
 import json
 import os
-import shutil
 import struct
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,14 +11,13 @@ from typing import Optional
 import numpy as np
 
 from . import colmap
-from .pictures import Pictures, PicturesError, colours_of, find_pictures, make_pictures
+from .pictures import Pictures, colours_of, find_pictures, make_pictures
 from .refine import Refined
 from .refine import refine as adjust
-from .run_folder import Points, read_run
+from .run_folder import Points, new_folder, read_run, remove_exports
 
 FORMATS = ('tum', 'kitti', 'euroc', 'colmap', 'nerfstudio', 'ply')
 NEED_PICTURES = {'colmap', 'nerfstudio'}
-EXPORTS = 'exports.json'  # names of the folders that exports have made
 # Camera axes of OpenGL, which nerfstudio has: x right, y up, z backwards; ours are x right, y down, z forwards.
 OPENGL = np.diag([1.0, -1, -1, 1])
 # The top-left corner of an image, not the centre of its first pixel, is (0, 0) for COLMAP and nerfstudio.
@@ -54,33 +52,6 @@ def export(folder, formats, all_frames=False, undistort=False, refine=None):
     return notes
 
 
-def exported(folder):
-    """Names of the folders that exports have made in an output folder."""
-    try:
-        return set(json.loads((folder / EXPORTS).read_text(encoding='utf-8')))
-    except (OSError, ValueError):
-        return set()
-
-
-def new_folder(folder, name):
-    """An empty folder in the output folder, in place of that of an earlier export. Raises ValueError where there is another."""
-    target, ours = folder / name, exported(folder)
-    if name in ours and target.is_dir():
-        shutil.rmtree(target)
-    elif target.exists() and (not target.is_dir() or any(target.iterdir())):
-        raise ValueError(f'{target}: is there and no export has made it; move it away, or choose another folder for the run')
-    target.mkdir(exist_ok=True)
-    (folder / EXPORTS).write_text(json.dumps(sorted(ours | {name})) + '\n', encoding='utf-8')
-    return target
-
-
-def remove_exports(folder):
-    """Those of an earlier run."""
-    for name in exported(folder):
-        shutil.rmtree(folder / name, ignore_errors=True)
-    (folder / EXPORTS).unlink(missing_ok=True)
-
-
 @dataclass
 class Model:
     """What is written of a segment."""
@@ -109,8 +80,8 @@ def pictures_for(run, formats, all_frames, undistort, notes):
     wanted = {frame.index for segment in run.segments for frame in segment.frames if all_frames or frame.is_keyframe}
     try:
         found = None if undistort else find_pictures(run, wanted)
-        return found or make_pictures(run, wanted, new_folder(run.folder, 'images'), undistort)
-    except PicturesError as error:
+        return found or make_pictures(run, wanted, undistort)
+    except ValueError as error:
         if set(formats) & NEED_PICTURES:
             raise
         notes.append(f'points are grey: {error}')

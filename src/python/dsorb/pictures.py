@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ._dsorb import Calibration
+from .run_folder import new_folder
 
 JPEG_QUALITY = 95
 JPEG_SUFFIXES = ('.jpg', '.jpeg')
@@ -78,15 +79,15 @@ def find_pictures(run, indices):
     return Pictures(folder, {index: file.relative_to(folder).as_posix() for index, file in files.items()}, lens_of(run))
 
 
-def make_pictures(run, indices, folder, undistort):
-    """Writes the images of these indices to a folder: those of videos and archives, undistorted ones."""
+def make_pictures(run, indices, undistort):
+    """Writes the images of these indices to the folder `images` of the run: those of videos and archives, undistorted ones."""
     cv2 = opencv('taking images out of videos and archives, and undistorting them,')
     lens = run.summary.get('lens') if undistort else lens_of(run)
     if lens is None:
         raise PicturesError(f'{run.folder / "run.json"}: no `lens`; made by an older version, run again')
     camera = run.summary['camera']
     maps = rectifying_maps(lens, camera, run.camera) if undistort else None
-    names = {}
+    folder, names = new_folder(run.folder, 'images'), {}
     for index, image in decoded(cv2, run, indices):
         if image.shape[:2] != (lens['height'], lens['width']):
             raise PicturesError(f'image {index}: {image.shape[1]}x{image.shape[0]} px, the run had '

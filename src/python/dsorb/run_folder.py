@@ -2,12 +2,14 @@
 """What `dso_dataset` and `dsorb run` leave in their output folder (docs/formats.md), read back."""
 import csv
 import json
+import shutil
 from collections import namedtuple
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+EXPORTS = 'exports.json'  # names of the folders that exports have made
 Row = namedtuple('Row', 'index time state is_keyframe segment image')  # of frames.csv; the time as it is written
 
 
@@ -141,3 +143,31 @@ def points_of(vertices):
     return Points(np.stack([vertices[axis] for axis in 'xyz'], 1).astype(float),
                   np.stack([vertices[name] for name in ('red', 'green', 'blue')], 1),
                   vertices['keyframe'].copy(), vertices['inverse_depth_variance'].copy())
+
+
+def exported(folder):
+    """Names of the folders that exports have made in an output folder."""
+    try:
+        names = json.loads((folder / EXPORTS).read_text(encoding='utf-8'))
+    except (OSError, ValueError):
+        return set()
+    return {name for name in names if Path(name).name == name != '..'}  # none outside
+
+
+def new_folder(folder, name):
+    """An empty folder in the output folder, in place of that of an earlier export. Raises ValueError where there is another."""
+    target, ours = folder / name, exported(folder)
+    if name in ours and target.is_dir():
+        shutil.rmtree(target)
+    elif target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise ValueError(f'{target}: is there and no export has made it; move it away, or choose another folder for the run')
+    target.mkdir(exist_ok=True)
+    (folder / EXPORTS).write_text(json.dumps(sorted(ours | {name})) + '\n', encoding='utf-8')
+    return target
+
+
+def remove_exports(folder):
+    """Those of an earlier run."""
+    for name in exported(folder):
+        shutil.rmtree(folder / name, ignore_errors=True)
+    (folder / EXPORTS).unlink(missing_ok=True)
