@@ -186,6 +186,7 @@ inline Eigen::Vector2f pixelInMiddle(const RollingShutter& s,
   RowFlow<float> flow;
   rowFlow(s, ray, inverse_depth, false, flow);
   const auto moved = [&](int i) { return -t * (flow.first[i] - 0.5F * t * flow.second[i]); };
+  rowFlow(s, ray, inverse_depth * (1.0F + moved(2)), false, flow);  // its inverse depth in the row
   const float scale = 1.0F / (1.0F + moved(2));
   return {fx * (ray[0] + moved(0)) * scale + cx, fy * (ray[1] + moved(1)) * scale + cy};
 }

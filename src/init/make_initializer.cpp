@@ -9,6 +9,7 @@
 #include "init/registry.h"
 
 #include <stdexcept>
+#include <string>
 
 namespace dsorb {
 namespace {
@@ -26,6 +27,13 @@ void refuseWithoutCeres(const OrbOptions& orb) {
   }
 }
 
+/// @throws ConfigError where a reference is given up before it may be tried
+void refuseImpatience(const OrbOptions& orb) {
+  if (orb.min_frames <= orb.max_frames) return;
+  throw ConfigError("option orb.min_frames = " + std::to_string(orb.min_frames) +
+                    " is more than orb.max_frames = " + std::to_string(orb.max_frames));
+}
+
 std::unique_ptr<Initializer> makeRegistered(const InitializerOptions& options,
                                             const PinholeCamera& camera) {
   std::unique_ptr<Initializer> made = registeredFactory(options.registered)(options, camera);
@@ -40,6 +48,7 @@ std::unique_ptr<Initializer> makeInitializer(const InitializerOptions& options,
   validateOptions(options);
   switch (options.kind) {
     case InitializerKind::kOrb:
+      refuseImpatience(options.orb);
       if (!init_orb::builtWithCeres()) refuseWithoutCeres(options.orb);
       return std::make_unique<init_orb::ORBInitializer>(options, camera);
     case InitializerKind::kCoarse:

@@ -134,6 +134,7 @@ window::Window seedWindow(const InitializationResult& result,
   if (result.readout) {
     const double change = result.readout->seconds - window.calibratedReadout().seconds;
     window.camera_state[window::kReadout] = change / window::kReadoutScale;
+    window.readout_sigma = result.readout->sigma;
   }
   for (std::size_t k = 0; k < points.size(); ++k) {
     if (!points[k].empty()) addPoints(window, k, points[k], total, options.window);

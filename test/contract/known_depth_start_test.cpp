@@ -217,6 +217,27 @@ TEST_P(KnownDepthOf, ARotationThatIsKnownMakesNoStartWorse) {
     EXPECT_EQ(with.used, errors.turn_claimed < 1 ? 0 : 5) << errors.name;
   }
 }
+/// Its images are skewed by the motion of their rows, which does not speak against a gyroscope.
+TEST(KnownDepth, ARotationIsTakenFromARollingShutterToo) {
+  const std::string path = realData("room_rolling").string();
+  if (!std::filesystem::exists(path)) GTEST_SKIP() << "no " << path;
+  const DepthSequence sequence = readDepthSequence(path, Readout{.025, 0});
+  DepthErrors gyroscope{"right", false};
+  gyroscope.turn_sigma = 2e-4;
+  const Starts with = startsOf(sequence, gyroscope);
+  EXPECT_GE(with.used, 3);
+}
+
+TEST(KnownDepth, TheReadoutIsAskedForThere) {
+  const std::string path = realData("room_rolling").string();
+  if (!std::filesystem::exists(path)) GTEST_SKIP() << "no " << path;
+  const DepthSequence sequence = readDepthSequence(path, kUnknownReadout);
+  const InitRun run = feed(sequence, {"right"});
+  ASSERT_TRUE(run.result) << run.log();
+  ASSERT_TRUE(run.result->readout);
+  EXPECT_GT(std::abs(run.result->readout->seconds), .01);
+}
+
 INSTANTIATE_TEST_SUITE_P(, KnownDepthOf, testing::Values("tartanair_hospital", "room_hand"));
 
 }  // namespace

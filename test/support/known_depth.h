@@ -18,6 +18,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <random>
 #include <stdexcept>
 #include <string>
@@ -34,9 +35,11 @@ struct DepthSequence {
   std::vector<SE3> T_world_cam;
 };
 
-inline DepthSequence readDepthSequence(const std::string& path) {
+inline DepthSequence readDepthSequence(const std::string& path,
+                                       std::optional<Readout> readout = {}) {
   SequenceOptions options;
   options.path = path;
+  options.readout = readout;
   SequenceReader reader(options);
   DepthSequence sequence{
       reader.camera(), reader.brightness(), {}, {}, readTruth(path + "/groundtruth.txt")};
@@ -115,6 +118,7 @@ inline FramePtr withDepth(const DepthSequence& sequence,
     }
   }
   FrameInfo info{frame.id(), frame.timestamp(), frame.exposure()};
+  if (frame.rowTimes()) info.row_times = std::make_shared<RowTimes>(*frame.rowTimes());
   auto priors = std::make_shared<FramePriors>();
   if (wrong.known) {
     priors->depth = denseDepth({depth.data(), width, frame.height()}, 0, sigma * wrong.claimed);

@@ -6,7 +6,8 @@
 namespace dsorb {
 
 /// Solver of an adjustment. Ours reaches the same minimum as Ceres about ten times faster
-/// (docs/experiments.md, "Speed of the solvers").
+/// (docs/experiments.md, "Speed of the solvers"), and alone knows a rolling shutter and priors:
+/// with these it serves in any case.
 enum class AdjustmentSolver { kCeres, kSchur };
 
 /// Robust loss of reprojection errors.

@@ -181,7 +181,7 @@ FittedPose refinePose(const InitialMap& map,
           {camera.unproject(corner.pixel), corner.inverse_depth, measurement->pixel});
     }
     const auto found = poseFromPoints(observations, camera, fit.T_cam_ref, kMeasuredSigma);
-    if (!found) continue;
+    if (!found) break;
     const double step = (*found * fit.T_cam_ref.inverse()).log().norm();
     fit.T_cam_ref = *found;
     fit.observations.swap(observations);

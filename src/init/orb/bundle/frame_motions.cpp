@@ -57,7 +57,9 @@ void estimateMotions(InitialMap& map, const PinholeCamera& camera) {
   const Vector6d sigma = kPriorShare * shown.sigma();
   // A parabola that misses the velocity by jerk times squared interval over 3 misses the
   // acceleration by jerk times interval.
-  const Vector6d acceleration_sigma = 3 / (poses[1].time - poses[0].time) * sigma;
+  const double interval =
+      (poses.back().time - poses.front().time) / static_cast<double>(poses.size() - 1);
+  const Vector6d acceleration_sigma = 3 / interval * sigma;
   map.motion_priors.clear();
   for (std::size_t k = 0; k < means.size(); ++k) {
     const double share = isBetween(k, means.size()) ? 0.5 : 1;

@@ -147,12 +147,13 @@ std::optional<int> solveWithSchur(InitialMap& map,
                                   const PinholeCamera& camera,
                                   const GeometricOptions& options);
 
-/// The solver that the options name.
+/// The solver that the options name, where it knows all that the map does.
 inline std::optional<int> solveGeometry(InitialMap& map,
                                         const PinholeCamera& camera,
                                         const GeometricOptions& options) {
-  return options.solver == AdjustmentSolver::kCeres ? solveWithCeres(map, camera, options)
-                                                    : solveWithSchur(map, camera, options);
+  const bool more = !map.motions.empty() || map.scaleKnown() || !map.known_motions.empty();
+  return options.solver == AdjustmentSolver::kCeres && !more ? solveWithCeres(map, camera, options)
+                                                             : solveWithSchur(map, camera, options);
 }
 
 }  // namespace dsorb::init_orb

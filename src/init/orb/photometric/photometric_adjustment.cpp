@@ -66,7 +66,8 @@ std::vector<std::size_t> jointPatches(const PhotometricProblem& problem,
 std::optional<PhotometricSolve> solvePart(const PhotometricProblem& part,
                                           const PhotometricOptions& options,
                                           PhotometricState& state) {
-  return options.solver == AdjustmentSolver::kCeres
+  const bool more = part.reference_shutter || !part.known.empty();
+  return options.solver == AdjustmentSolver::kCeres && !more
              ? solvePhotometricWithCeres(part, options, state)
              : solvePhotometricWithSchur(part, options, state);
 }
@@ -258,7 +259,6 @@ PhotometricReport PhotometricAdjustment::run() {
   report_.frames = static_cast<int>(problem_.frames.size());
   report_.patches = static_cast<int>(problem_.patches.size());
   if (problem_.frames.empty() || problem_.patches.size() < kMinPatches) return report_;
-  placeKnownDepths(problem_, map_);
   const PhotometricState before = makeState(problem_, map_);
   PhotometricState state = before;
   placePatches(problem_, state);
@@ -272,6 +272,7 @@ PhotometricReport PhotometricAdjustment::run() {
   writeState(problem_, state, map_);
   exchangePoses();
   report_.usable = normalizeMapScale(map_);
+  takeUnit(problem_, map_);
   if (!report_.usable) {
     exchangePoses();
     writeState(problem_, before, map_);

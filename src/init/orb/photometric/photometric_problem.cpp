@@ -39,16 +39,14 @@ PhotometricProblem makeProblem(const InitialMap& map,
                                const std::vector<std::size_t>& frames,
                                int level) {
   PhotometricProblem problem;
+  problem.level = level;
   problem.camera = camera.atLevel(level);
   problem.brightness = options.brightness;
   problem.reference_exposure = map.frames.front().frame->exposure();
   for (const std::size_t k : frames) {
-    problem.frames.push_back({k,
-                              &map.frames[k].frame->level(level),
-                              map.frames[k].frame->exposure(),
-                              shutterOf(map, k, level)});
+    problem.frames.push_back(
+        {k, &map.frames[k].frame->level(level), map.frames[k].frame->exposure()});
   }
-  problem.reference_shutter = shutterOf(map, 0, level);
   const PyramidLevel& reference = map.frames.front().frame->level(level);
   const float scale = 1.0F / static_cast<float>(1 << level);
   const std::size_t corners = map.corners.size();
@@ -69,7 +67,7 @@ PhotometricProblem makeProblem(const InitialMap& map,
     problem.source.push_back(i);
   }
   problem.seen.assign(problem.frames.size() * problem.patches.size(), 1);
-  placeKnownDepths(problem, map);
+  takeUnit(problem, map);
   placePatches(problem, makeState(problem, map));
   return problem;
 }
@@ -117,7 +115,11 @@ void placePatches(PhotometricProblem& problem, const PhotometricState& state) {
   }
 }
 
-void placeKnownDepths(PhotometricProblem& problem, const InitialMap& map) {
+void takeUnit(PhotometricProblem& problem, const InitialMap& map) {
+  problem.reference_shutter = shutterOf(map, 0, problem.level);
+  for (PhotometricFrame& frame : problem.frames) {
+    frame.shutter = shutterOf(map, frame.index, problem.level);
+  }
   if (!map.scaleKnown()) return;
   problem.known.clear();
   const std::size_t corners = map.corners.size();
@@ -174,6 +176,7 @@ void writeState(const PhotometricProblem& problem, const PhotometricState& state
 PhotometricProblem subProblem(const PhotometricProblem& problem,
                               const std::vector<std::size_t>& patches) {
   PhotometricProblem part;
+  part.level = problem.level;
   part.camera = problem.camera;
   part.brightness = problem.brightness;
   part.reference_exposure = problem.reference_exposure;

@@ -27,6 +27,7 @@ struct PhotometricFrame {
 /// What stays constant during one photometric adjustment: patches of the reference at one pyramid
 /// level, the frames they are compared with, and which patch counts in which frame.
 struct PhotometricProblem {
+  int level = 0;
   PinholeCamera camera;  ///< of the level
   PhotometricBrightness brightness = PhotometricBrightness::kAffine;
   double reference_exposure = 1;  ///< [s]
@@ -74,8 +75,9 @@ PhotometricState makeState(const PhotometricProblem& problem, const InitialMap& 
 /// Moves the patches of a rolling shutter to where a global one would have seen them.
 void placePatches(PhotometricProblem& problem, const PhotometricState& state);
 
-/// Sets what the caller knows of the patches, in the map's present unit.
-void placeKnownDepths(PhotometricProblem& problem, const InitialMap& map);
+/// Sets what has a unit, in the map's present one: motions of the rows, what the caller knows of
+/// the patches.
+void takeUnit(PhotometricProblem& problem, const InitialMap& map);
 
 /// What a patch's known inverse depth adds to its sums, which are in squared grey levels; nothing
 /// where none is known.

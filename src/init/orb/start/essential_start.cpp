@@ -354,6 +354,8 @@ EssentialStart startFromEssential(const ReferenceView& view, const AttemptContex
     JudgedStart start =
         startFromKnownDepth(view, rotation, matches, context, depth_prior.emplace());
     if (start.made) {
+      summary.tried = true;
+      questionCamera(*start.made, context);
       start.made->report.depth_prior = depth_prior;
       return {std::move(start.made), summary, start.motion};
     }

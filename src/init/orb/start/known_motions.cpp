@@ -5,6 +5,8 @@
 #include "dsorb/image/frame_priors.h"
 
 #include "base/median.h"
+#include "estimate/rolling_shutter.h"
+#include "init/orb/bundle/frame_motions.h"
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/bundle/robust_adjustment.h"
 
@@ -69,6 +71,48 @@ std::optional<KnownMotion> chainTo(std::size_t to,
   return known;
 }
 
+double noiseOf(const InitialMap& map, const PinholeCamera& camera) {
+  return std::max(kMinNoise, medianError(map, camera) / kMedianLength);
+}
+
+/// The map with motions of its rows; nothing where it tells none.
+std::optional<InitialMap> withRowMotions(InitialMap map,
+                                         const PinholeCamera& camera,
+                                         const GeometricOptions& options) {
+  if (!adjustOnce(map, camera, options)) return std::nullopt;
+  estimateMotions(map, camera);
+  if (!adjustOnce(map, camera, options)) return std::nullopt;
+  return map;
+}
+
+/// Adjusts a map once more, bound by what is known of the motions.
+/// @param[out] map where that does not contradict its images
+/// @return whether it does not
+bool bindByMotions(InitialMap free,
+                   const std::vector<KnownMotion>& motions,
+                   const PinholeCamera& camera,
+                   const GeometricOptions& measured,
+                   InitialMap& map) {
+  if (!adjustOnce(free, camera, measured)) return false;
+  InitialMap bound = free;
+  double freedom = 0;
+  bool has_translation = false;
+  for (const KnownMotion& known : motions) {
+    freedom += known.has_translation ? 6 : 3;
+    has_translation = has_translation || known.has_translation;
+  }
+  if (has_translation) --freedom;  // the unit in metres is free
+  bound.known_motions = motions;
+  if (!adjustOnce(bound, camera, measured)) return false;
+  // With the motions' own cost this is twice the drop of the logarithm of the likelihood.
+  const auto with = reprojectionCost(bound, camera, measured);
+  const auto without = reprojectionCost(free, camera, measured);
+  if (!with || !without) return false;
+  if (2 * (*with - *without) > freedom + kContradiction * std::sqrt(2 * freedom)) return false;
+  map = std::move(bound);
+  return true;
+}
+
 }  // namespace
 
 std::vector<KnownMotion> knownMotions(const std::vector<FramePtr>& all,
@@ -85,31 +129,21 @@ std::vector<KnownMotion> knownMotions(const std::vector<FramePtr>& all,
 }
 
 std::optional<bool> adjustWithMotions(InitialMap& map,
-                                      std::vector<KnownMotion> motions,
+                                      const std::vector<KnownMotion>& motions,
                                       const PinholeCamera& camera,
                                       const GeometricOptions& options) {
   if (motions.empty()) return std::nullopt;
   GeometricOptions measured = options;
-  measured.sigma = std::max(kMinNoise, medianError(map, camera) / kMedianLength);
-  InitialMap free = map;
-  if (!adjustOnce(free, camera, measured)) return false;
-  InitialMap bound = free;
-  double freedom = 0;
-  bool has_translation = false;
-  for (const KnownMotion& known : motions) {
-    freedom += known.has_translation ? 6 : 3;
-    has_translation = has_translation || known.has_translation;
+  measured.sigma = noiseOf(map, camera);
+  const FramePtr& reference = map.frames.front().frame;  // null: motion without images, in tests
+  if (reference && isRolling(*reference)) {  // else the skew of the images speaks against them
+    if (auto moving = withRowMotions(map, camera, measured)) {
+      GeometricOptions known_rows = options;
+      known_rows.sigma = noiseOf(*moving, camera);
+      if (bindByMotions(std::move(*moving), motions, camera, known_rows, map)) return true;
+    }
   }
-  if (has_translation) --freedom;  // the unit in metres is free
-  bound.known_motions = std::move(motions);
-  if (!adjustOnce(bound, camera, measured)) return false;
-  // With the motions' own cost this is twice the drop of the logarithm of the likelihood.
-  const auto with = reprojectionCost(bound, camera, measured);
-  const auto without = reprojectionCost(free, camera, measured);
-  if (!with || !without) return false;
-  if (2 * (*with - *without) > freedom + kContradiction * std::sqrt(2 * freedom)) return false;
-  map = std::move(bound);
-  return true;
+  return bindByMotions(map, motions, camera, measured, map);
 }
 
 }  // namespace dsorb::init_orb

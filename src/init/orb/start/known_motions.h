@@ -24,7 +24,7 @@ std::vector<KnownMotion> knownMotions(const std::vector<FramePtr>& all,
 /// @param map adjusted without them
 /// @return    whether they take part from now on; nothing where there are none
 std::optional<bool> adjustWithMotions(InitialMap& map,
-                                      std::vector<KnownMotion> motions,
+                                      const std::vector<KnownMotion>& motions,
                                       const PinholeCamera& camera,
                                       const GeometricOptions& options);
 
