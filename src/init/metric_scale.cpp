@@ -118,24 +118,25 @@ double relativeSigmaOf(const PosedFrame& posed) {
   return std::sqrt(t.dot(covariance * t)) / t.squaredNorm();
 }
 
-/// Least squares of the metres of a unit, from lengths and translations.
+/// Metres of a unit, from lengths and translations. Of both the noise of the known ones is known,
+/// that of the estimated ones is not: `square` has none in the mean, and `product` none of either.
 struct MetresFit {
   double product = 0;  // of known and estimated ones, weighted
-  double square = 0;   // of estimated ones, weighted
+  double square = 0;   // of known ones, weighted, less that of their noise
 
   void add(const DistancePrior& known, const Eigen::Vector3d& moved) {
     const double weight = 1 / (known.sigma * known.sigma);
     product += weight * known.metres * moved.norm();
-    square += weight * moved.squaredNorm();
+    square += weight * known.metres * known.metres - 1;
   }
   void add(const PosePrior& known, const Eigen::Vector3d& moved) {
     const Eigen::Vector3d& t = known.T_frame_since.translation();
     Eigen::Matrix<double, 3, 6> J;  // of the translation of exp(xi) * T
     J << Eigen::Matrix3d::Identity(), -hat(t);
     const Eigen::Matrix3d covariance = J * known.covariance * J.transpose();
-    const Eigen::Vector3d weighted = covariance.inverse() * moved;
-    product += weighted.dot(t);
-    square += weighted.dot(moved);
+    const Eigen::Vector3d weighted = covariance.inverse() * t;
+    product += weighted.dot(moved);
+    square += weighted.dot(t) - 3;
   }
 };
 
@@ -242,18 +243,17 @@ std::optional<MetricScale> scaleFromDistances(const InitializationResult& result
     }
   }
   const PosedFrame& newest = result.frames.back();
-  if (!(fit.product > 0) || !newest.covariance) return std::nullopt;
-  const double metres = fit.product / fit.square;
+  if (!(fit.product > 0) || !(fit.square > 0) || !newest.covariance) return std::nullopt;
   return MetricScale{
-      metres, std::hypot(1 / (metres * std::sqrt(fit.square)), relativeSigmaOf(newest)), 0};
+      fit.square / fit.product, std::hypot(1 / std::sqrt(fit.square), relativeSigmaOf(newest)), 0};
 }
 
 void toMetres(const MetricScale& scale, InitializationResult& result) {
-  require(scale.metres > 0 && std::isfinite(scale.metres), "a scale above 0", scale.metres);
-  for (InitPoint& point : result.points) {
-    changeUnit(scale.metres, point.inverse_depth, point.variance);
-  }
-  changeUnit(scale.metres, result.frames);
+  const double metres = scale.metres;  // `scale` may be the result's own
+  require(metres > 0 && std::isfinite(metres), "a scale above 0", metres);
+  for (InitPoint& point : result.points) changeUnit(metres, point.inverse_depth, point.variance);
+  changeUnit(metres, result.frames);
+  if (result.metric) result.metric->metres /= metres;
 }
 
 }  // namespace dsorb

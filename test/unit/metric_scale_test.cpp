@@ -153,17 +153,46 @@ FramePriors moved(int since, double metres, double sigma) {
 TEST(ScaleFromDistances, WeighsThemAndHasTheErrorOfThePose) {
   const auto both = scaleFromDistances(twoSteps(moved(0, .75, .01), moved(1, 1, .01)));
   ASSERT_TRUE(both);
-  EXPECT_NEAR(both->metres, kMetres, 1e-12);
+  EXPECT_NEAR(both->metres, kMetres, 1e-3) << "less the noise that they have in the mean";
   // .01 m on both: relative 0.01 / (2.5 * 0.5); the pose's: 0.01 / 0.5.
-  EXPECT_NEAR(both->relative_sigma, std::hypot(.008, .02), 1e-12);
+  EXPECT_NEAR(both->relative_sigma, std::hypot(.008, .02), 1e-5);
   const auto uneven = scaleFromDistances(twoSteps(moved(0, .75, .001), moved(1, 2, 10)));
   ASSERT_TRUE(uneven);
-  EXPECT_NEAR(uneven->metres, kMetres, 1e-6);
+  EXPECT_NEAR(uneven->metres, kMetres, 2e-5);
   EXPECT_FALSE(scaleFromDistances(twoSteps({}, {})));
   EXPECT_FALSE(scaleFromDistances(twoSteps(moved(7, 1, .1), {})));  // since no frame of the start
   InitializationResult unsure = twoSteps(moved(0, .75, .01), {});
   unsure.frames.back().covariance.reset();
   EXPECT_FALSE(scaleFromDistances(unsure));
+}
+
+/// Mean of the unit over many starts of ten steps of .04, whose poses are off by `noise`.
+double meanMetres(double noise, double sigma) {
+  std::mt19937 random(5);
+  std::normal_distribution<double> normal(0, 1);
+  double sum = 0;
+  constexpr int kStarts = 400;
+  for (int i = 0; i < kStarts; ++i) {
+    InitializationResult result;
+    for (int k = 0; k <= 10; ++k) {
+      const double along = k == 0 ? 0 : .04 * k + noise * normal(random);
+      const FramePriors priors =
+          k == 0 ? FramePriors() : moved(k - 1, kMetres * .04 + sigma * normal(random), sigma);
+      result.frames.push_back({frameKnowing(k, priors),
+                               SE3(Eigen::Matrix3d::Identity(), {along, 0, 0}),
+                               {},
+                               Matrix6d::Identity() * 1e-4});
+    }
+    sum += scaleFromDistances(result).value().metres;
+  }
+  return sum / kStarts;
+}
+
+TEST(ScaleFromDistances, NoiseOfNeitherSideBiasesIt) {
+  // Measured 2.50 and 2.47. A regression on the poses' lengths has 2.16 and 2.49, one on the known
+  // ones 2.50 and 2.70.
+  EXPECT_NEAR(meanMetres(.012, .001), kMetres, .06);
+  EXPECT_NEAR(meanMetres(.001, .03), kMetres, .06);
 }
 
 TEST(ScaleFromDistances, TakesTranslationsOfPosesUnlessTheImagesContradictThem) {
@@ -174,8 +203,8 @@ TEST(ScaleFromDistances, TakesTranslationsOfPosesUnlessTheImagesContradictThem) 
   InitializationResult result = twoSteps(pose, {});
   const auto scale = scaleFromDistances(result);
   ASSERT_TRUE(scale);
-  EXPECT_NEAR(scale->metres, kMetres, 1e-9);
-  EXPECT_NEAR(scale->relative_sigma, std::hypot(.01 / .75, .02), 1e-6);
+  EXPECT_NEAR(scale->metres, kMetres, 2e-3) << "less the noise that it has in the mean";
+  EXPECT_NEAR(scale->relative_sigma, std::hypot(.01 / .75, .02), 1e-5);
   result.report.pose_prior = false;
   EXPECT_FALSE(scaleFromDistances(result));
   FramePriors rotation;
@@ -193,6 +222,10 @@ TEST(ToMetres, ChangesPosesDepthsAndTheirCovariances) {
   EXPECT_NEAR(scene.result.frames[1].T_cam_ref->translation().norm(), 1.25, 1e-12);
   EXPECT_NEAR((*scene.result.frames[1].covariance)(0, 0), 1e-4 * kMetres * kMetres, 1e-12);
   EXPECT_THROW(toMetres({}, scene.result), std::invalid_argument);
+  scene.result.metric = MetricScale{2, .01, 0};
+  toMetres(*scene.result.metric, scene.result);
+  EXPECT_NEAR(scene.result.frames[1].T_cam_ref->translation().norm(), 2.5, 1e-12);
+  EXPECT_EQ(scene.result.metric->metres, 1);
 }
 
 }  // namespace

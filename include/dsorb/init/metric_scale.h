@@ -47,14 +47,15 @@ struct KnownDistance {
 [[nodiscard]] std::optional<MetricScale> scaleFromDistance(const InitializationResult& result,
                                                            const KnownDistance& known);
 
-/// Unit of a start from the distances and translations that its frames have as priors: least
-/// squares over those between posed frames; motions that contradicted the images are left out. Its
-/// sigma has those of the priors and that of the newest pose.
-/// @return nothing without such a prior, or where the camera has not moved
+/// Unit of a start from the distances and translations that its frames have as priors: the quotient
+/// that noise of neither the priors nor the poses biases, over those between posed frames; motions
+/// that contradicted the images are left out. Its sigma has those of the priors and that of the
+/// newest pose.
+/// @return nothing without such a prior, or where the camera has not moved farther than they know
 [[nodiscard]] std::optional<MetricScale> scaleFromDistances(const InitializationResult& result);
 
-/// Changes the unit to metres: poses, inverse depths and their covariances. The mean inverse depth
-/// is no longer 1, as Odometry's initializers promise: for back ends of one's own.
+/// Changes the unit to metres: poses, inverse depths, their covariances and `metric`. The mean
+/// inverse depth is no longer 1, as Odometry's initializers promise: for back ends of one's own.
 /// @throws std::invalid_argument on a scale that is not above 0 and finite
 void toMetres(const MetricScale& scale, InitializationResult& result);
 
