@@ -13,6 +13,8 @@
 namespace dsorb {
 namespace {
 
+constexpr int kSizeUnit = 16;  // [px] four halvings make five levels
+
 void requireOfCamera(bool holds, const char* name, double value, const char* expected) {
   if (holds) return;
   std::ostringstream message;
@@ -22,7 +24,6 @@ void requireOfCamera(bool holds, const char* name, double value, const char* exp
 
 /// An odd side ends the pyramid early: too few levels for large motions.
 void requirePyramid(int width, int height) {
-  constexpr int kSizeUnit = 16;  // [px] four halvings make five levels
   const int cropped_width = width / kSizeUnit * kSizeUnit;
   const int cropped_height = height / kSizeUnit * kSizeUnit;
   const int levels = pyramidLevels(width, height);
@@ -40,8 +41,8 @@ void requirePyramid(int width, int height) {
 
 FrameCheck::FrameCheck(const PinholeCamera& camera) : width_(camera.width), height_(camera.height) {
   const auto is_length = [](double value) { return std::isfinite(value) && value > 0; };
-  requireOfCamera(width_ > 0, "width", width_, "a number of pixels");
-  requireOfCamera(height_ > 0, "height", height_, "a number of pixels");
+  requireOfCamera(width_ >= kSizeUnit, "width", width_, "at least 16 pixels");
+  requireOfCamera(height_ >= kSizeUnit, "height", height_, "at least 16 pixels");
   requireOfCamera(is_length(camera.fx), "fx", camera.fx, "a focal length in pixels");
   requireOfCamera(is_length(camera.fy), "fy", camera.fy, "a focal length in pixels");
   requireOfCamera(std::isfinite(camera.cx), "cx", camera.cx, "a pixel");
@@ -49,9 +50,17 @@ FrameCheck::FrameCheck(const PinholeCamera& camera) : width_(camera.width), heig
   requirePyramid(width_, height_);
 }
 
+void FrameCheck::restart() {
+  id_.reset();
+  has_rows_.reset();
+  timestamp_.reset();
+  is_forward_.reset();
+}
+
 void FrameCheck::accept(const FramePtr& frame) {
   if (frame == nullptr) throw std::invalid_argument("frame is null");
   const std::string who = "frame " + std::to_string(frame->id().value) + ": ";
+  if (frame->id().value < 0) throw std::invalid_argument(who + "ids below 0 stand for no frame");
   if (frame->width() != width_ || frame->height() != height_) {
     throw std::invalid_argument(who + "size " + std::to_string(frame->width()) + "x" +
                                 std::to_string(frame->height()) + " differs from the camera's " +

@@ -21,6 +21,8 @@ class FrameCheck {
   ///         row times where those before have none or the other way round, priors that do not fit;
   ///         the message names both values, nothing is changed
   void accept(const FramePtr& frame);
+  /// The next frame is taken as the first one.
+  void restart();
 
  private:
   int width_;

@@ -80,6 +80,7 @@ class Odometry::Impl {
     if (was_placed) ++segment_;
     refusals_ = 0;
     initializer_->reset();
+    frame_check_.restart();
     phase_ = Phase::kInitializing;
   }
 
@@ -109,8 +110,13 @@ class Odometry::Impl {
   void initialize(const FramePtr& frame) {
     const InitStep step =
         timed(report_.initializing_seconds, [&] { return initializer_->addFrame(frame); });
-    checkStep(step);
-    observers_.notify(&OdometryObserver::onInitStep, step, *frame, segment_);
+    try {
+      checkStep(step);
+      observers_.notify(&OdometryObserver::onInitStep, step, *frame, segment_);
+    } catch (...) {
+      if (step.result) initializer_->reset();
+      throw;
+    }
     last_estimate_ = estimateOf(frame, segment_);
     if (step.result) {
       begin(*step.result);
@@ -253,16 +259,21 @@ class Odometry::Impl {
 
   void finishMapping() {
     mapper_.wait();
-    if (!adoptKeyframes()) lose({});
+    if (!adoptKeyframes()) loseMap();
   }
 
-  /// Into phase lost, which only restart() leaves.
+  /// The newest frame is lost.
   void lose(std::optional<double> tracking_rmse) {
-    phase_ = Phase::kLost;
     last_estimate_ = estimateOf(last_input_, segment_);
     last_estimate_.state = OdometryState::kLost;
     last_estimate_.tracking_rmse = tracking_rmse;
     observers_.notify(&OdometryObserver::onFrame, last_estimate_);
+    loseMap();
+  }
+
+  /// Into phase lost, which only restart() leaves.
+  void loseMap() {
+    phase_ = Phase::kLost;
     retireAll();
     observers_.notify(&OdometryObserver::onLost, last_input_->id(), segment_);
   }

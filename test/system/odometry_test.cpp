@@ -12,7 +12,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace dsorb {
@@ -253,6 +255,33 @@ TEST(OdometryRepeated, OneAndTwoThreadsGiveTheSameBits) {
     return recorder;
   };
   expectSameBits(run(1), run(2));
+}
+
+/// Throws when it is told of a start, once.
+class ThrowsAtAStart : public OdometryObserver {
+ public:
+  void onInitStep(const InitStep& step, const Frame& /*frame*/, int /*segment*/) override {
+    if (step.result && !std::exchange(has_thrown_, true)) throw std::runtime_error("no");
+  }
+
+ private:
+  bool has_thrown_ = false;
+};
+
+TEST_F(OdometryWithTruth, AnObserverThatThrowsAtAStartMakesItVoid) {
+  start(room());
+  ThrowsAtAStart throws;
+  odometry->addObserver(&throws);
+  int thrown = 0;
+  for (int i = 0; i < 12; ++i) {
+    try {
+      run(i, i + 1);
+    } catch (const std::runtime_error&) {
+      ++thrown;
+    }
+  }
+  EXPECT_EQ(thrown, 1);
+  EXPECT_EQ(last().state, OdometryState::kTracked);
 }
 
 TEST_F(OdometryWithTruth, RefusesFramesThatDoNotBelong) {

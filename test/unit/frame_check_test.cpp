@@ -45,6 +45,8 @@ TEST(FrameCheck, RefusesAnImpossibleCamera) {
   EXPECT_THAT(error_of(&PinholeCamera::cx, INFINITY), HasSubstr("cx = inf"));
   EXPECT_THAT(error_of(&PinholeCamera::cy, NAN), HasSubstr("cy = nan"));
   EXPECT_THAT(errorOf([] { (void)FrameCheck(PinholeCamera()); }), HasSubstr("width = 0"));
+  const PinholeCamera tiny{9, 9, 7, 7, 15, 15};  // no Frame is so small
+  EXPECT_THAT(errorOf([&] { (void)FrameCheck(tiny); }), HasSubstr("at least 16 pixels"));
 }
 
 TEST(FrameCheck, RefusesASizeThatLeavesTooFewPyramidLevels) {
@@ -83,6 +85,16 @@ TEST(FrameCheck, RefusesWhatCannotBeTheNextFrame) {
   const FramePtr rolling = Frame::create(
       {grey.data(), 32, 32}, {FrameId{7}, 2.2, 1, nullptr, std::make_shared<const RowTimes>()});
   EXPECT_THAT(error_of(rolling), HasSubstr("frame 7: has row times; those before have none"));
+  EXPECT_THAT(error_of(frameOf(-2, 2.2)), HasSubstr("ids below 0"));
+}
+
+TEST(FrameCheck, AfterARestartTimeMayBeAny) {
+  FrameCheck check(kCheckedCamera);
+  check.accept(frameOf(4, 2.5));
+  check.accept(frameOf(5, 2.4));
+  check.restart();
+  check.accept(frameOf(5, 2.6));
+  check.accept(frameOf(6, 2.7));
 }
 
 }  // namespace

@@ -67,11 +67,11 @@ struct StartRefusal {
 
 /// Is told by Odometry::process, restart and finish what happens, in order and on their thread,
 /// also where mapping has a thread of its own. Calls should be quick; exceptions propagate to the
-/// caller. The order for a frame is onInitStep, onKeyframeRetired, onKeyframe of the whole window,
-/// onFrame; for a start that is refused onInitStep, onStartRefused, onFrame; for a lost frame
-/// onFrame, onKeyframeRetired, onLost. When pipelined, onKeyframe and
-/// onKeyframeRetired come with a later frame, before its own calls, with the estimates of that
-/// time.
+/// caller, and a result that onInitStep told is void then, as after onStartRefused. The order for a
+/// frame is onInitStep, onKeyframeRetired, onKeyframe of the whole window, onFrame; for a start
+/// that is refused onInitStep, onStartRefused, onFrame; for a lost frame onFrame,
+/// onKeyframeRetired, onLost. When pipelined, onKeyframe and onKeyframeRetired come with a later
+/// frame, before its own calls, with the estimates of that time.
 class OdometryObserver {
  public:
   virtual ~OdometryObserver() = default;
@@ -85,7 +85,8 @@ class OdometryObserver {
   virtual void onKeyframeRetired(const KeyframeSnapshot& /*keyframe*/) {}
   /// The window refused the result of the onInitStep before; the segment stays.
   virtual void onStartRefused(const StartRefusal& /*refusal*/) {}
-  /// Tracking was lost with this frame; the next one needs Odometry::restart().
+  /// Tracking was lost with this frame; the next one needs Odometry::restart(). Without an onFrame
+  /// before where it is restart() or finish() that finds the map broken.
   virtual void onLost(FrameId /*frame*/, int /*segment*/) {}
 };
 

@@ -50,7 +50,8 @@ class Odometry {
   ///         retire with restart() or finish()
   FrameEstimate process(const FramePtr& frame, bool hurried = false);
 
-  /// Leaves the state lost: the next frame starts a new segment with a new initialization.
+  /// Leaves the state lost: the next frame starts a new segment with a new initialization; its time
+  /// may be any, and begins a new direction.
   void restart();
 
   /// Retires what is left and reports; further frames throw std::logic_error.
