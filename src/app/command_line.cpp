@@ -133,10 +133,11 @@ void addInputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
       ->type_name("MS|auto")
       ->check(CLI::Validator(readoutComplaint, ""))
       ->group("Input");
-  app.add_option("--mask",
-                 request.sequence.mask,
-                 "image whose black pixels are not used, or folder with one for each image; "
-                 "default: masks/ beside the images")
+  app.add_option(
+         "--mask",
+         request.sequence.mask,
+         "image whose black pixels are not used, beside those of masks/ beside the images; or "
+         "another folder with one for each image")
       ->type_name("FILE")
       ->group("Input");
   app.add_option("--mode",

@@ -16,6 +16,7 @@
 #include <chrono>
 #include <cstdio>
 #include <exception>
+#include <filesystem>
 #include <optional>
 #include <string>
 #include <thread>
@@ -77,6 +78,11 @@ std::vector<std::string> notModelled(const Config& config, const Lens& lens) {
   if (!global_start || !lens.readout.isRolling()) return {};
   return {fmt::format("{} starts as if all rows were read at once; orb models a rolling shutter",
                       config.initializer)};
+}
+
+std::vector<std::string> notUsed(const CommandLine& request, const Config& config) {
+  if (request.network.empty() || config.initializer == "orb-learned") return {};
+  return {fmt::format("--network: {} looks at no network; orb-learned does", config.initializer)};
 }
 
 /// Feeds the selected frames at the wanted speed.
@@ -156,6 +162,19 @@ void writeAfterError(RunOutputs& outputs, std::optional<Odometry>& odometry) {
   }
 }
 
+/// A name that is mistyped must not cost the results of an earlier run.
+void requireFiles(const CommandLine& request) {
+  const SequenceOptions& files = request.sequence;
+  for (const std::string& name : {files.calibration_file,
+                                  files.response_file,
+                                  files.vignette_file,
+                                  files.mask,
+                                  request.network}) {
+    if (name.empty() || std::filesystem::exists(name)) continue;
+    throw IoError(fmt::format("{}: no such file", name));
+  }
+}
+
 /// Opens the data set. Wrong options leave the results of an earlier run alone; where the data
 /// cannot be read the output folder says so.
 SequenceReader openSequence(const CommandLine& request, RunOutputs& outputs) {
@@ -213,12 +232,14 @@ Config configFor(const CommandLine& request, std::optional<BrightnessModel> know
 
 RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
   Config config = configFor(request, request.sequence.brightness);
+  requireFiles(request);
   const RunInfo info = describeRun(request, config);
   cv::setNumThreads(info.threads);  // OpenCV's pool belongs to the process
   RunOutputs outputs(request, info);
   const LateEnd late_end(interrupt, outputs, request);
   SequenceReader reader = openSequence(request, outputs);
   config = configFor(request, reader.brightness());
+  warn(request, notUsed(request, config));
   warn(request, notModelled(config, reader.lens()));
   std::optional<Odometry> odometry;
   RunResult result;

@@ -69,7 +69,7 @@ void addOptions(CLI::App& app, CommandLine& line) {
   SequenceOptions& sequence = line.sequence;
   sequence.noise_sigma = kDefaultNoise;
   app.add_option("KIND", line.kind, "street, room, plane, static, rotation or cut")->required();
-  app.add_option("--output,-o", line.output, "data set folder, made where missing")->required();
+  app.add_option("--output,-o", line.output, "folder, listed in its ../sequences.json")->required();
   app.add_option("--width", sequence.width, "image width [px]")
       ->check(CLI::Range(32, 8192))
       ->capture_default_str();

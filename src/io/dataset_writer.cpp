@@ -101,19 +101,39 @@ void writeCalibration(const DatasetDescription& description) {
   writePng(description.folder / "vignette.png", vignette);
 }
 
+/// The list beside a data set, of those that were written there.
+struct DatasetList {
+  fs::path file;
+  std::string name;  // of the data set
+  nlohmann::ordered_json sequences = nlohmann::ordered_json::object();
+};
+
+DatasetList listBeside(const fs::path& dataset) {
+  const fs::path folder = fs::absolute(dataset / "").lexically_normal().parent_path();
+  DatasetList list{folder.parent_path() / "sequences.json", folder.filename().string()};
+  if (!fs::exists(list.file)) return list;
+  std::ifstream stream(list.file);
+  list.sequences = nlohmann::ordered_json::parse(stream, nullptr, false);
+  if (!list.sequences.is_object()) {
+    throw IoError(fmt::format("{}: expected a JSON object of sequences", list.file.string()));
+  }
+  return list;
+}
+
+/// @throws IoError where files of others would be replaced
+void refuseForeign(const fs::path& folder) {
+  const DatasetList list = listBeside(folder);
+  if (list.sequences.contains(list.name) || !fs::exists(folder) || fs::is_empty(folder)) return;
+  throw IoError(
+      fmt::format("{}: holds files that are not of a data set written before ({} does not "
+                  "list it); choose another folder or empty it",
+                  folder.string(),
+                  list.file.string()));
+}
+
 /// Adds or replaces the entry of a data set in the list beside it; the file changes at once or not.
 void listInParent(const DatasetDescription& description) {
-  const fs::path folder = fs::absolute(description.folder / "").lexically_normal().parent_path();
-  const fs::path list = folder.parent_path() / "sequences.json";
-  const std::string name = folder.filename().string();
-  nlohmann::ordered_json sequences = nlohmann::ordered_json::object();
-  if (fs::exists(list)) {
-    std::ifstream stream(list);
-    sequences = nlohmann::ordered_json::parse(stream, nullptr, false);
-    if (!sequences.is_object()) {
-      throw IoError(fmt::format("{}: expected a JSON object of sequences", list.string()));
-    }
-  }
+  auto [list, name, sequences] = listBeside(description.folder);
   nlohmann::ordered_json entry = {{"path", name}, {"frames", description.frames}};
   if (!description.can_start) entry["no_start"] = true;
   sequences[name] = entry;
@@ -168,6 +188,7 @@ std::vector<FrameRows> writeFrames(const DatasetDescription& description,
 void writeDataset(const DatasetDescription& description,
                   const std::function<DatasetFrame(int)>& make,
                   const std::function<void(int)>& progress) {
+  refuseForeign(description.folder);
   prepareImageFolder(description.folder / "images");
   prepareImageFolder(description.folder / "depth");
   writeCalibration(description);

@@ -107,7 +107,7 @@ OutputFolder::OutputFolder(const fs::path& folder,
                            const std::string& program,
                            std::string_view run_json) {
   try {
-    fs::create_directories(folder / "figures");
+    fs::create_directories(folder);
     lock_ = Descriptor(open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
     // A file system without locks is no reason not to run.
     if (lock_.get() >= 0 && flock(lock_.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
@@ -122,6 +122,7 @@ OutputFolder::OutputFolder(const fs::path& folder,
                       old.front().generic_string(),
                       program));
     }
+    fs::create_directory(folder / "figures");
     replaceFile(folder / kSummary, run_json);
     for (const fs::path& name : old) {
       if (name != kSummary) fs::remove(folder / name);

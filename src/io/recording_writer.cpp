@@ -5,12 +5,15 @@
 #include "dsorb/init/metric_scale.h"
 
 #include "io/figures.h"
+#include "io/run_json.h"
 #include "io/run_record.h"
 
 #include <fmt/format.h>
 
 #include <cmath>
+#include <fstream>
 #include <optional>
+#include <string>
 #include <system_error>
 #include <utility>
 
@@ -20,6 +23,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kFormatVersion = 1;
+constexpr const char* kFormat = "dsorb-recording";
 
 /// [tx, ty, tz, qx, qy, qz, qw], qw not negative; null where not finite.
 Json poseJson(const SE3& T_world_cam) {
@@ -96,9 +100,7 @@ Json initLine(const InitStep& step, FrameId frame, int segment) {
   if (!step.result) return line;
   line["reference"] = step.result->frames.front().frame->id().value;
   line["poses"] = Json::array();
-  InitializationResult result = *step.result;
-  if (result.metric) toMetres(*result.metric, result);  // as the segment will be told
-  for (const PosedFrame& posed : result.frames) {
+  for (const PosedFrame& posed : step.result->frames) {
     const Json pose = posed.T_cam_ref ? poseJson(posed.T_cam_ref->inverse()) : Json();
     line["poses"].push_back(Json::array({posed.frame->id().value, pose}));
   }
@@ -150,18 +152,12 @@ Json pointsLine(const KeyframeSnapshot& keyframe, bool final) {
 
 Json headerLine(const RunInfo& info, const PinholeCamera& camera) {
   return {{"kind", "header"},
-          {"format", "dsorb-recording"},
+          {"format", kFormat},
           {"version", kFormatVersion},
           {"program", info.program + " " + info.version},
           {"dataset", info.dataset},
           {"initializer", info.initializer},
-          {"camera",
-           {{"fx", camera.fx},
-            {"fy", camera.fy},
-            {"cx", camera.cx},
-            {"cy", camera.cy},
-            {"width", camera.width},
-            {"height", camera.height}}}};
+          {"camera", cameraJson(camera)}};
 }
 
 /// Makes a folder with its parents. @throws IoError
@@ -173,9 +169,24 @@ void makeFolder(const fs::path& folder) {
   }
 }
 
+bool isRecording(const fs::path& path) {
+  std::ifstream stream(path);
+  std::string line;
+  return std::getline(stream, line) && line.find(kFormat) != std::string::npos;
+}
+
 /// The recording's path, once its folders are there.
+/// @throws IoError where images would go among those of others
 fs::path prepared(const fs::path& path, const fs::path& images) {
-  makeFolder(fs::absolute(path).parent_path() / images);
+  const fs::path folder = fs::absolute(path).parent_path() / images;
+  makeFolder(folder);
+  if (!fs::is_empty(folder) && !isRecording(path)) {
+    throw IoError(
+        fmt::format("{}: holds files of others, where the images of {} would go; choose "
+                    "another name for the recording",
+                    folder.string(),
+                    path.string()));
+  }
   return path;
 }
 
@@ -196,10 +207,21 @@ RecordingWriter::RecordingWriter(const fs::path& path,
 }
 
 void RecordingWriter::onInitStep(const InitStep& step, const Frame& frame, int segment) {
-  pending_.emplace_back([step, id = frame.id(), segment] { return initLine(step, id, segment); });
-  if (!step.result) return;
-  pending_.emplace_back([result = *step.result, segment, camera = camera_] {
+  InitStep told = step;
+  if (told.result && told.result->metric) toMetres(*told.result->metric, *told.result);
+  pending_.emplace_back([told, id = frame.id(), segment] { return initLine(told, id, segment); });
+  if (!told.result) return;
+  pending_.emplace_back([result = *told.result, segment, camera = camera_] {
     return initialTracks(result, segment, camera);
+  });
+}
+
+void RecordingWriter::onStartRefused(const StartRefusal& refusal) {
+  pending_.emplace_back([refusal]() -> Json {
+    return {{"kind", "refused"},
+            {"index", refusal.frame.value},
+            {"segment", refusal.segment},
+            {"reason", name(refusal.reason)}};
   });
 }
 

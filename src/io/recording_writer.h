@@ -27,6 +27,7 @@ class RecordingWriter : public OdometryObserver {
                   const PinholeCamera& camera);
 
   void onInitStep(const InitStep& step, const Frame& frame, int segment) override;
+  void onStartRefused(const StartRefusal& refusal) override;
   void onFrame(const FrameEstimate& estimate) override;
   void onKeyframe(const KeyframeSnapshot& keyframe) override;
   void onKeyframeRetired(const KeyframeSnapshot& keyframe) override;

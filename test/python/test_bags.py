@@ -107,6 +107,9 @@ class Runs(unittest.TestCase):
         for name, frames in (('long', 6), ('short', 3)):
             dsorb('run', room_bag(folder / name, frames=frames), '--output', folder / 'out')
             self.assertEqual(len(list((folder / 'out/bag_images/images').iterdir())), frames)
+        (folder / 'out/bag_images/notes.txt').touch()
+        with self.assertRaisesRegex(bags.BagError, 'holds notes.txt'):
+            bags.unpack(folder / 'short', None, folder / 'out/bag_images')
 
 
 class Refusals(unittest.TestCase):

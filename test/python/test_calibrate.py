@@ -101,8 +101,10 @@ class Calibrate(unittest.TestCase):
         done = dsorb_calibrate('nowhere.mp4', '--board', 'nine')
         self.assertEqual(done.returncode, 2)
         self.assertIn('COLUMNSxROWS', done.stderr)
-        done = dsorb_calibrate('nowhere.mp4', '--board', '9x6')
+        done = dsorb_calibrate('nowhere.mp4', '--board', '9x6', '--output', temporary_folder() / 'camera.txt')
         self.assertEqual((done.returncode, 'nowhere.mp4' in done.stderr), (1, True))
+        done = dsorb_calibrate('nowhere.mp4', '--board', '9x6', '--output', 'camera.yaml')
+        self.assertEqual((done.returncode, 'expected the name of a .txt' in done.stderr), (2, True))
 
 
 if __name__ == '__main__':

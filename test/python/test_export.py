@@ -283,11 +283,14 @@ class Pictures(unittest.TestCase):
         shutil.copytree(room_run(), folder)
         (folder / 'tum').mkdir()
         (folder / 'tum' / 'mine.txt').write_text('mine')
-        with self.assertRaisesRegex(ValueError, 'tum: is there and no export has made it'):
+        with self.assertRaisesRegex(ValueError, 'tum: holds what no export has made'):
             export(folder, ['tum'])
         self.assertEqual((folder / 'tum' / 'mine.txt').read_text(), 'mine')
         export(folder, ['kitti'])
         (folder / 'kitti' / 'old.txt').touch()
+        made = json.loads((folder / 'exports.json').read_text())
+        made['kitti'].append('old.txt')
+        (folder / 'exports.json').write_text(json.dumps(made))
         export(folder, ['kitti'])
         self.assertFalse((folder / 'kitti' / 'old.txt').exists())
 
@@ -296,7 +299,7 @@ class Pictures(unittest.TestCase):
         folder = temporary_folder() / 'out'
         shutil.copytree(room_run(), folder)
         shutil.copytree(image_files()[0].parent, folder / 'images')
-        with self.assertRaisesRegex(ValueError, 'images: is there'):
+        with self.assertRaisesRegex(ValueError, 'images: holds what no export'):
             export(folder, ['colmap'], undistort=True)
         self.assertEqual(len(list((folder / 'images').iterdir())), len(image_files()))
 
@@ -306,10 +309,18 @@ class Pictures(unittest.TestCase):
         export(folder, ['tum', 'kitti'])
         others = folder.parent / 'others'
         others.mkdir()
-        (folder / 'exports.json').write_text(json.dumps(['tum', 'kitti', '..', '../others', str(others)]))
+        (others / 'file').touch()
+        made = json.loads((folder / 'exports.json').read_text())
+        outside = {name: None for name in ('..', '../others', str(others))}
+        made['tum'].append('../../others/file')
+        (folder / 'exports.json').write_text(json.dumps({**made, **outside}))
+        (folder / 'kitti' / 'notes.txt').touch()
         remove_exports(folder)
-        self.assertTrue(others.is_dir())
-        self.assertFalse((folder / 'tum').exists() or (folder / 'kitti').exists() or (folder / 'exports.json').exists())
+        self.assertTrue((others / 'file').is_file())
+        self.assertFalse((folder / 'tum').exists() or (folder / 'exports.json').exists())
+        self.assertEqual([path.name for path in (folder / 'kitti').iterdir()], ['notes.txt'], 'of others')
+        with self.assertRaisesRegex(ValueError, 'kitti: holds what no export'):
+            export(folder, ['kitti'])
 
     def test_runs_of_older_versions_are_refused(self):
         folder = temporary_folder() / 'out'

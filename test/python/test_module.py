@@ -58,7 +58,8 @@ class Arrays(unittest.TestCase):
 
     def test_other_arrays_are_refused_with_what_they_are(self):
         for array, text in ((self.image.astype(float), r'\(240, 320\) and float64'), (self.image[:, ::2], 'ascontiguousarray'),
-                            (self.image.T, 'ascontiguousarray'), (self.image[0], r'shape \(320\)'),
+                            (self.image.T, 'ascontiguousarray'),
+                            (np.broadcast_to(self.image[100], self.image.shape), 'rows overlap'), (self.image[0], r'shape \(320\)'),
                             (self.image[:100], '320x100')):
             with self.assertRaisesRegex(ValueError, text):
                 self.rectifier.rectify(array)
@@ -128,12 +129,16 @@ class Cameras(unittest.TestCase):
 
 class Options(unittest.TestCase):
     def test_names_are_those_of_the_configuration(self):
-        for options in ({'options': {'orb.min_frames': 99}}, {'initializer': {'kind': 'orb', 'orb': {'min_frames': 99}}},
-                        {'options': {'initializer': {'orb': {'min_frames': 99}}}}):
+        for options in ({'options': {'orb.min_frames': 99, 'orb.max_frames': 99}}, {'initializer': {'kind': 'orb', 'orb': {'min_frames': 99, 'max_frames': 99}}},
+                        {'options': {'initializer': {'orb': {'min_frames': 99, 'max_frames': 99}}}}):
             steps = [dsorb.Initializer(CAMERA, **options).add(images()[0], 0.0)]
             initializer = dsorb.Initializer(CAMERA, **options)
             steps = [initializer.add(image, 0.1 * i) for i, image in enumerate(images())]
             self.assertTrue(all(step.result is None for step in steps), options)
+
+    def test_a_reference_must_live_until_it_is_tried(self):
+        with self.assertRaisesRegex(dsorb.ConfigError, 'min_frames = 20 is more than orb.max_frames = 10'):
+            dsorb.Initializer(CAMERA, orb={'min_frames': 20, 'max_frames': 10})
 
     def test_a_typing_error_is_answered_with_the_closest_key(self):
         with self.assertRaisesRegex(dsorb.ConfigError, "closest valid key is 'window.max_keyframes'"):
@@ -273,6 +278,22 @@ class Runs(unittest.TestCase):
         self.assertEqual(report.keyframes[-1].world_points().shape, (len(report.keyframes[-1].pixels), 3))
         with self.assertRaises(RuntimeError):
             odometry.process(images()[0], timestamp=100)
+
+    def test_refused_frames_use_up_no_id_and_a_reset_begins_anew(self):
+        small, pictures = np.zeros((100, 100), np.uint8), images()
+        initializer, odometry = dsorb.Initializer(CAMERA), dsorb.Odometry(CAMERA)
+        for feeder in (initializer.add, odometry.process):
+            feeder(pictures[0], timestamp=0.)
+            with self.assertRaises(ValueError):
+                feeder(small, timestamp=.1)
+        self.assertEqual(odometry.process(pictures[1], timestamp=.1).id, 1)
+        initializer.reset()
+        self.assertEqual([f.id for f in start(initializer, pictures).frames][0], 0)
+
+    def test_modules_of_the_package_are_there(self):
+        self.assertTrue(callable(dsorb.run_folder.read_run) and dsorb.export is not None)
+        with self.assertRaises(AttributeError):
+            dsorb.no_such_module
 
     def test_who_is_in_a_hurry_starts_later(self):
         initializer, odometry = dsorb.Initializer(CAMERA), dsorb.Odometry(CAMERA)

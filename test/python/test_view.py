@@ -146,6 +146,15 @@ class Commands(unittest.TestCase):
         self.assertEqual((done.returncode, done.stdout), (0, f'{FRAMES} images; {output / "again.rrd"}\n'), done.stderr)
         self.assertEqual(entities_of(output / 'again.rrd'), entities)
 
+    def test_wrong_options_leave_an_earlier_recording_alone(self):
+        output = temporary_folder() / 'out'
+        output.mkdir()
+        (output / 'recording.jsonl').write_text('precious')
+        (output / 'run.rrd').write_text('precious')
+        done = self.dsorb('run', room(), '--output', output, '--save', output / 'run.rrd', '--set', 'no_such_key=3')
+        self.assertEqual((done.returncode, 'no_such_key' in done.stderr), (2, True), done.stderr)
+        self.assertEqual({path.read_text() for path in output.iterdir()}, {'precious'})
+
     def test_a_port_that_is_taken_and_a_missing_display_are_named(self):
         with socket.socket() as taken:
             taken.bind(('', 0))

@@ -63,6 +63,17 @@ TEST_F(DatasetFailures, WrongRangeLeavesTheEarlierResults) {
   EXPECT_EQ(runJson()["status"], "tracked");
 }
 
+TEST_F(DatasetFailures, AFileThatIsNotThereLeavesTheEarlierResults) {
+  ASSERT_EQ(runOn(room_).exit_code, 0);
+  const std::string earlier = readText(file("trajectory.txt"));
+  for (const char* const option : {"--calib", "--gamma", "--vignette", "--mask", "--network"}) {
+    const ProgramResult result = runOn(room_, {option, "nix.bin"});
+    EXPECT_EQ(result.exit_code, 1) << option;
+    EXPECT_THAT(result.err, HasSubstr("nix.bin: no such file")) << option;
+  }
+  EXPECT_EQ(readText(file("trajectory.txt")), earlier);
+}
+
 TEST_F(DatasetFailures, RunThatNeverInitializedSaysWhatItWaitedFor) {
   const ProgramResult result = run({room_.string(), "--end", "1"});
   EXPECT_EQ(result.exit_code, 3);

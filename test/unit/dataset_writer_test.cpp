@@ -143,6 +143,20 @@ TEST(DatasetWriter, ReplacesAnEarlierDataSet) {
   EXPECT_FALSE(fs::exists(folder.path() / "a/depth/00002.png"));
 }
 
+TEST(DatasetWriter, LeavesFilesOfOthersAlone) {
+  const TemporaryFolder folder;
+  const fs::path image = folder.path() / "mine/images/000000.png";
+  fs::create_directories(image.parent_path());
+  std::ofstream(image) << "of somebody";
+  try {
+    write(synthetic::SyntheticSequence(smallStreet()), folder.path() / "mine");
+    FAIL() << "wrote among them";
+  } catch (const IoError& error) {
+    EXPECT_THAT(error.what(), testing::HasSubstr("sequences.json does not list it"));
+  }
+  EXPECT_TRUE(fs::exists(image));
+}
+
 TEST(DatasetWriter, NamesTheFileItCannotWrite) {
   const TemporaryFolder folder;
   std::ofstream(folder.path() / "file") << "not a folder";

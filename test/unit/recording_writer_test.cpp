@@ -160,6 +160,48 @@ TEST_F(RecordingWriterTest, AnInitializationBringsPosesAndItsPoints) {
   EXPECT_EQ(lines[3].at("tracks"), io::Json::array({{119.5, 59.5, 1.0}}));
 }
 
+TEST_F(RecordingWriterTest, AMetricStartIsToldInMetresAndARefusalFollowsIt) {
+  io::RecordingWriter writer(path_, info_, kRecordedCamera);
+  InitStep step;
+  step.status = InitStatus::kInitialized;
+  step.result.emplace();
+  for (int i = 0; i < 2; ++i) {
+    step.result->frames.push_back({recordedFrame(i), forward(-0.5 * i), {}, std::nullopt});
+  }
+  step.result->points.resize(1);
+  step.result->points[0].pixel = {99.5F, 59.5F};
+  step.result->points[0].inverse_depth = 0.5F;
+  step.result->metric = MetricScale{4, .01, 0};
+  writer.onInitStep(step, *step.result->frames.back().frame, 0);
+  StartRefusal refusal;
+  refusal.frame = {1};
+  refusal.reason = RefusalReason::kDepth;
+  writer.onStartRefused(refusal);
+  FrameEstimate estimate;
+  estimate.frame = step.result->frames.back().frame;
+  writer.frameDone(estimate);
+  const std::vector<io::Json> lines = readLines(path_);
+  ASSERT_THAT(kindsOf(lines), ElementsAre("header", "image", "init", "tracks", "refused"));
+  EXPECT_EQ(lines[2].at("poses").at(1).at(1).at(2), 2.0);
+  EXPECT_NEAR(lines[3].at("tracks").at(0).at(2).get<double>(), 1 / 6., 1e-6);
+  EXPECT_EQ(lines[4].at("reason"), "depth");
+}
+
+TEST_F(RecordingWriterTest, ImagesOfOthersStayAsTheyAre) {
+  const fs::path images = path_.parent_path() / "run_images";
+  fs::create_directories(images);
+  std::ofstream(images / "000000.png") << "of somebody";
+  EXPECT_THROW(io::RecordingWriter(path_, info_, kRecordedCamera), IoError);
+  fs::remove(images / "000000.png");
+  const FrameEstimate estimate = tracked(0, 1);
+  for (int run = 0; run < 2; ++run) {  // the second replaces the first
+    io::RecordingWriter writer(path_, info_, kRecordedCamera);
+    writer.onFrame(estimate);
+    writer.frameDone(estimate);
+  }
+  EXPECT_TRUE(fs::exists(images / "000000.png"));
+}
+
 TEST_F(RecordingWriterTest, NumbersThatAreNoneAreLeftOut) {
   constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
   io::RecordingWriter writer(path_, info_, kRecordedCamera);

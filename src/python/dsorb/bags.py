@@ -27,6 +27,7 @@ LUMA_FIRST, LUMA_SECOND = ('yuv422_yuy2', 'yuyv'), ('yuv422', 'uyvy')
 BAYER = {'bayer_rggb8': 'COLOR_BAYER_BG2GRAY', 'bayer_bggr8': 'COLOR_BAYER_RG2GRAY', 'bayer_gbrg8': 'COLOR_BAYER_GR2GRAY',
          'bayer_grbg8': 'COLOR_BAYER_GB2GRAY'}  # OpenCV names the second row's second pixel first
 TIMES = 'times.txt'
+CALIBRATION = 'camera_info.yaml'
 
 
 class BagError(ValueError):
@@ -178,6 +179,16 @@ def write_calibration(reader: Any, topic: str, file: Path) -> Optional[Path]:
     return None
 
 
+def remove_unpacked(folder: Path) -> None:
+    """What an earlier call made. Raises BagError where others have put something there."""
+    if not (folder / TIMES).is_file():
+        return
+    others = sorted({path.name for path in folder.iterdir()} - {'images', TIMES, CALIBRATION})
+    if others:
+        raise BagError(f'{folder}: holds {others[0]}, which is not of a bag; move it away, or choose another output folder')
+    shutil.rmtree(folder)
+
+
 def unpack(source: str, topic: Optional[str], folder: Path, begin: float = 0, end: float = math.inf) -> Unpacked:
     """Writes the images of a topic, as they are, with their times and the calibration beside them: those from `begin` to `end` [s]
     after the first, the first itself and a few more.
@@ -187,13 +198,12 @@ def unpack(source: str, topic: Optional[str], folder: Path, begin: float = 0, en
     path = Path(source)
     with opened(path) as reader:
         chosen = choose(path, image_topics(reader), topic)
-        if (folder / TIMES).is_file():
-            shutil.rmtree(folder)
+        remove_unpacked(folder)
         images = folder / 'images'
         images.mkdir(parents=True, exist_ok=True)
         (folder / TIMES).touch()  # this folder is ours, also after a kill
         files, left_out = write_images(reader, chosen, images, begin, end)
-        calibration = write_calibration(reader, chosen, folder / 'camera_info.yaml')
+        calibration = write_calibration(reader, chosen, folder / CALIBRATION)
     lines = [f'{files[time]} {time // NANOSECONDS}.{time % NANOSECONDS:09d}\n' for time in sorted(files)]
     (folder / TIMES).write_text(''.join(lines), encoding='utf-8')
     return Unpacked(folder, chosen, len(files), left_out, calibration)

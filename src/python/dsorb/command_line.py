@@ -69,19 +69,28 @@ def add_calibrate(commands):
     parser.add_argument('--board', metavar='COLUMNSxROWS', type=board_of, required=True, help='inner corners, e.g. 9x6')
     parser.add_argument('--model', choices=calibrate.LENSES, default='radtan', help='equidistant: a fisheye')
     parser.add_argument('--every', metavar='N', type=positive, default=1, help='look at each N-th image')
-    parser.add_argument('--output', metavar='FILE', type=Path, default=Path('camera.txt'),
-                        help='default camera.txt; a picture of the residuals lies beside it')
+    parser.add_argument('--output', metavar='FILE.txt', type=text_file,
+                        help='default camera.txt, which must not be there yet; a picture of the residuals lies beside it')
+
+
+def text_file(text):
+    if Path(text).suffix != '.txt':
+        raise argparse.ArgumentTypeError(f"'{text}': expected the name of a .txt, the form of DSO's camera.txt")
+    return Path(text)
 
 
 def run_calibrate(args):
+    output = args.output or Path('camera.txt')
     try:
+        if args.output is None and output.exists():
+            raise ValueError(f'{output}: is there already; name it with --output where it shall be replaced')
         found = calibrate.calibrate(args.input, args.board, args.model, args.every)
-        args.output.write_text(found.text(), encoding='utf-8')
-        calibrate.draw_residuals(found, args.output.with_suffix('.png'))
+        output.write_text(found.text(), encoding='utf-8')
+        calibrate.draw_residuals(found, output.with_suffix('.png'))
     except (ValueError, OSError) as error:
         print(f'dsorb: calibrate: {error}', file=sys.stderr)
         return RUNTIME_ERROR
-    print(f'{calibrate.report(found)}\n{args.output}, {args.output.with_suffix(".png")}')
+    print(f'{calibrate.report(found)}\n{output}, {output.with_suffix(".png")}')
     return 0
 
 
@@ -281,6 +290,11 @@ def was_cut_short(output):
     return summary['status'] == 'error' and summary['frames_given'] > 0
 
 
+def wrong_options(words):
+    """Whether the program refuses them, before anything of an earlier run is touched. @return its exit code"""
+    return subprocess.run([str(program()), *words, '--print-config'], stdout=subprocess.DEVNULL, check=False).returncode
+
+
 def run(args, rest):
     output = args.output or default_output(args.input)
     shown = args.view or args.serve or args.save
@@ -291,14 +305,19 @@ def run(args, rest):
         return code
     try:
         words = words_of(args, rest, output)
+        code = wrong_options(words) if shown else 0
+        if code:
+            return code
         window = open_window(args, str(output.resolve())) if shown else None
     except (ValueError, OSError) as error:
         print(f'dsorb: {error}', file=sys.stderr)
         return RUNTIME_ERROR
+    earlier = recording.change_time(output / 'run.json')
     code = run_shown(words, window, args.record) if window else run_program(words)
+    if recording.change_time(output / 'run.json') != earlier:
+        remove_exports(output)
     if code < 0 or code == WRONG_OPTIONS or (code == RUNTIME_ERROR and not was_cut_short(output)):
         return code if code > 0 else RUNTIME_ERROR
-    remove_exports(output)
     if not args.quiet:
         print(summarize(read_run(output)), flush=True)
     code = code if write_exports(output, args.export, args) else RUNTIME_ERROR
@@ -310,7 +329,6 @@ def run(args, rest):
 def run_shown(words, window, record):
     """The program, with what it records in a viewer. @return its exit code"""
     from .rerun_view import Live
-    record.unlink(missing_ok=True)  # of an earlier run, which must not be shown first
     live = Live(window, record)
     try:
         return run_program(words)

@@ -14,7 +14,7 @@ from . import colmap
 from .pictures import Pictures, colours_of, find_pictures, make_pictures
 from .refine import Refined
 from .refine import refine as adjust
-from .run_folder import Points, new_folder, read_run, remove_exports
+from .run_folder import Points, finish_folder, new_folder, read_run, remove_exports
 
 FORMATS = ('tum', 'kitti', 'euroc', 'colmap', 'nerfstudio', 'ply')
 NEED_PICTURES = {'colmap', 'nerfstudio'}
@@ -48,6 +48,7 @@ def export(folder, formats, all_frames=False, undistort=False, refine=None):
         target = new_folder(run.folder, name)
         for place, model in enumerate(models):
             WRITERS[name](target, place, model)
+        finish_folder(run.folder, name)
         notes.append(f'{name}: {target}' + (f' ({len(run.segments)} models, one a segment)' if len(run.segments) > 1 else ''))
     return notes
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ._dsorb import Calibration
-from .run_folder import new_folder
+from .run_folder import finish_folder, new_folder
 
 JPEG_QUALITY = 95
 JPEG_SUFFIXES = ('.jpg', '.jpeg')
@@ -100,6 +100,7 @@ def make_pictures(run, indices, undistort):
     missing = set(indices) - set(names)
     if missing:
         raise PicturesError(f'{run.summary["dataset"]}: ends before image {min(missing)}')
+    finish_folder(run.folder, folder.name)
     return Pictures(folder, names, pinhole(run.camera) if undistort else lens)
 
 

@@ -21,6 +21,14 @@ class FormatError(ValueError):
     """A recording that is not one; the message names file and line."""
 
 
+def change_time(path: Path) -> Optional[int]:
+    """@return of a file [ns]; None where it is not there"""
+    try:
+        return path.stat().st_mtime_ns
+    except OSError:
+        return None
+
+
 def patient(seconds: float = PATIENCE) -> Callable[[bool], bool]:
     """Of a run that somebody else started: goes on until nothing came for so long."""
     last = time.monotonic()

@@ -207,15 +207,18 @@ class Window:
 
 
 class Live:
-    """Shows a recording in a thread while a run writes it."""
+    """Shows a recording in a thread while a run writes it; one of an earlier run is not shown."""
 
     def __init__(self, window: Window, path: Path):
-        self.window, self.error, self.over = window, None, threading.Event()
+        self.window, self.error, self.over, self.earlier = window, None, threading.Event(), recording.change_time(path)
         self.thread = threading.Thread(target=self.work, args=[path], daemon=True)
         self.thread.start()
 
     def work(self, path: Path) -> None:
         try:
+            while self.earlier is not None and recording.change_time(path) == self.earlier:
+                if self.over.wait(recording.POLL):
+                    return
             self.window.play(path, lambda _: not self.over.is_set())
         except FileNotFoundError:  # the run ended before it had an image, and said so
             pass

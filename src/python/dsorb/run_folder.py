@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-EXPORTS = 'exports.json'  # names of the folders that exports have made
+EXPORTS = 'exports.json'  # what exports have made
 Row = namedtuple('Row', 'index time state is_keyframe segment image')  # of frames.csv; the time as it is written
 
 
@@ -146,28 +146,52 @@ def points_of(vertices):
 
 
 def exported(folder):
-    """Names of the folders that exports have made in an output folder."""
+    """What exports have made in an output folder: the files of each of its folders, or None of one that was not finished."""
     try:
-        names = json.loads((folder / EXPORTS).read_text(encoding='utf-8'))
+        made = json.loads((folder / EXPORTS).read_text(encoding='utf-8'))
     except (OSError, ValueError):
-        return set()
-    return {name for name in names if Path(name).name == name != '..'}  # none outside
+        return {}
+    return {name: files for name, files in made.items() if Path(name).name == name != '..'}  # none outside
+
+
+def note_exports(folder, made):
+    (folder / EXPORTS).write_text(json.dumps(made, sort_keys=True) + '\n', encoding='utf-8')
+
+
+def remove_made(target, files):
+    """What an export has made; what others have put there stays."""
+    if files is None:
+        shutil.rmtree(target, ignore_errors=True)
+        return
+    for path in (target / name for name in files):
+        if target.resolve() in path.resolve().parents:
+            path.unlink(missing_ok=True)
+    for path in sorted([target, *target.rglob('*')], reverse=True):
+        if path.is_dir() and not path.is_symlink() and not any(path.iterdir()):
+            path.rmdir()
 
 
 def new_folder(folder, name):
     """An empty folder in the output folder, in place of that of an earlier export. Raises ValueError where there is another."""
-    target, ours = folder / name, exported(folder)
-    if name in ours and target.is_dir():
-        shutil.rmtree(target)
-    elif target.exists() and (not target.is_dir() or any(target.iterdir())):
-        raise ValueError(f'{target}: is there and no export has made it; move it away, or choose another folder for the run')
+    target, made = folder / name, exported(folder)
+    if name in made:
+        remove_made(target, made[name])
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise ValueError(f'{target}: holds what no export has made; move it away, or choose another folder for the run')
     target.mkdir(exist_ok=True)
-    (folder / EXPORTS).write_text(json.dumps(sorted(ours | {name})) + '\n', encoding='utf-8')
+    note_exports(folder, {**made, name: None})
     return target
+
+
+def finish_folder(folder, name):
+    """Notes what an export has made, which is all that is there."""
+    target = folder / name
+    files = sorted(str(path.relative_to(target)) for path in target.rglob('*') if not path.is_dir())
+    note_exports(folder, {**exported(folder), name: files})
 
 
 def remove_exports(folder):
     """Those of an earlier run."""
-    for name in exported(folder):
-        shutil.rmtree(folder / name, ignore_errors=True)
+    for name, files in exported(folder).items():
+        remove_made(folder / name, files)
     (folder / EXPORTS).unlink(missing_ok=True)

@@ -49,7 +49,7 @@ def of_segments(run):
 
 def span(run, segment):
     begin = float(run.rows[0].time)
-    times = [float(frame.time) - begin for frame in segment.frames]
+    times = [abs(float(frame.time) - begin) for frame in segment.frames]  # backwards with --reverse
     return f'{min(times):.1f} to {max(times):.1f} s, {len(times)} images'
 
 
