@@ -34,20 +34,15 @@ class NewestPoints : public dsorb::OdometryObserver {
     if (step.result) is_metric = step.result->metric.has_value();
   }
   void onKeyframe(const dsorb::KeyframeSnapshot& keyframe) override {
-    if (keyframe.points.empty() || keyframe.id < newest_) return;
-    newest_ = keyframe.id;
-    points.clear();
+    if (keyframe.points.empty()) return;
+    points.clear();  // the next one is newer
     for (const dsorb::MapPoint& p : keyframe.points) {
-      points.push_back({newest_.value, p.pixel.x(), p.pixel.y(), p.inverse_depth, p.variance});
+      points.push_back({keyframe.id.value, p.pixel.x(), p.pixel.y(), p.inverse_depth, p.variance});
     }
   }
-  void onLost(dsorb::FrameId /*frame*/, int /*segment*/) override { newest_ = {}; }
 
   std::vector<dsorb_point> points;
   bool is_metric = false;
-
- private:
-  dsorb::FrameId newest_;
 };
 
 }  // namespace

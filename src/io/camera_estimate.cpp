@@ -37,12 +37,9 @@ void CameraEstimate::add(const KeyframeSnapshot& keyframe) {
   if (keyframe.segment != segment_) {
     focal_lengths_.clear();
     segment_ = keyframe.segment;
-    newest_frame_ = {};
+    frames_.clear();
   }
-  if (newest_frame_ < keyframe.id) {
-    newest_frame_ = keyframe.id;
-    focal_lengths_.push_back(0);
-  }
+  if (frames_.insert(keyframe.id).second) focal_lengths_.push_back(0);
   focal_lengths_.back() = meanFocal(keyframe.camera);
   newest_ = {
       keyframe.camera, keyframe.camera_sigmas, keyframe.radial, movement(), keyframe.segment};

@@ -8,6 +8,7 @@
 
 #include <array>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -48,8 +49,8 @@ class CameraEstimate {
   Estimate newest_;
   Estimate known_;
   int segment_ = -1;
-  FrameId newest_frame_;
-  std::vector<double> focal_lengths_;  // of the segment, one a keyframe
+  std::set<FrameId> frames_;           // keyframes of the segment
+  std::vector<double> focal_lengths_;  // one a keyframe
 };
 
 }  // namespace dsorb::io

@@ -29,12 +29,12 @@ void RunRecord::addInitialization(InitializationResult result, int segment) {
   noteReadout(result);
   noteLens(result);
   const FrameId reference = result.frames.front().frame->id();
-  anchors_.try_emplace(reference, SE3());
+  const double begin = result.frames.front().frame->timestamp();
+  const double duration = result.frames.back().frame->timestamp() - begin;
+  anchors_.try_emplace(reference, SE3(), begin);
   starts_.push_back({result.frames.back().frame->id(), *result.frames.back().T_cam_ref});
   const int start = static_cast<int>(starts_.size()) - 1;
-  const auto last = static_cast<double>(result.frames.size() - 1);
-  for (std::size_t i = 0; i < result.frames.size(); ++i) {
-    const PosedFrame& posed = result.frames[i];
+  for (const PosedFrame& posed : result.frames) {
     if (!posed.T_cam_ref || !isFinite(*posed.T_cam_ref)) continue;
     frames_.push({posed.frame->id(),
                   posed.frame->timestamp(),
@@ -42,7 +42,7 @@ void RunRecord::addInitialization(InitializationResult result, int segment) {
                   reference,
                   *posed.T_cam_ref,
                   start,
-                  static_cast<double>(i) / last});
+                  (posed.frame->timestamp() - begin) / duration});
   }
 }
 
@@ -112,7 +112,7 @@ void RunRecord::addFrame(const FrameEstimate& estimate) {
     }
   } else {  // a keyframe is its own anchor
     entry.anchor = entry.id;
-    anchors_.try_emplace(entry.id, *estimate.T_world_cam);
+    anchors_.try_emplace(entry.id, *estimate.T_world_cam, entry.timestamp);
   }
   if (!frames_.empty() && frames_.newest().id == entry.id) frames_.pop();  // came with a result
   frames_.push(entry);
@@ -122,6 +122,7 @@ void RunRecord::addKeyframe(const KeyframeSnapshot& keyframe) {
   if (!isFinite(keyframe.T_world_cam)) return;
   Anchor& anchor = anchors_[keyframe.id];
   anchor.T_world_cam = keyframe.T_world_cam;
+  anchor.timestamp = keyframe.timestamp;
   if (anchor.is_keyframe) return;
   anchor.is_keyframe = true;
   keyframes_.push({keyframe.id, keyframe.timestamp, keyframe.segment, keyframe.id, SE3(), -1, 0});
@@ -160,10 +161,12 @@ SE3 RunRecord::T_cam_reference(const PosedEntry& entry, const Anchor& reference)
 /// Pose of a tracked frame.
 SE3 RunRecord::T_cam_keyframe(const PosedEntry& entry, const Anchor& keyframe) const {
   const auto next = keyframe.next ? anchors_.find(*keyframe.next) : anchors_.end();
-  if (next == anchors_.end()) return entry.T_cam_anchor;
+  if (next == anchors_.end() || !keyframe.timestamp || !next->second.timestamp) {
+    return entry.T_cam_anchor;
+  }
   const SE3 T_next_anchor = next->second.T_world_cam.inverse() * keyframe.T_world_cam;
-  const double progress = static_cast<double>(entry.id.value - entry.anchor.value) /
-                          static_cast<double>(keyframe.next->value - entry.anchor.value);
+  const double progress =
+      (entry.timestamp - *keyframe.timestamp) / (*next->second.timestamp - *keyframe.timestamp);
   // Frames tracked while the next keyframe is made lie behind it.
   return spreadCorrection(
       entry.T_cam_anchor, {keyframe.T_next_cam, T_next_anchor}, std::min(progress, 1.0));

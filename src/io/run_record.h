@@ -102,8 +102,10 @@ class RunRecord {
   };
   /// What frames hang on: a keyframe, or the reference of an initialization.
   struct Anchor {
-    explicit Anchor(const SE3& pose = {}) : T_world_cam(pose) {}
+    explicit Anchor(const SE3& pose = {}, std::optional<double> time = {})
+        : T_world_cam(pose), timestamp(time) {}
     SE3 T_world_cam;
+    std::optional<double> timestamp;  ///< of its frame [s]
     bool is_keyframe = false;
     std::optional<FrameId> next;  ///< keyframe that was tracked against this one
     SE3 T_next_cam;               ///< and where it seemed to be then

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "dsorb/io/writers.h"
 
-#include "dsorb/error.h"
-
 #include "support/fake_run.h"
 #include "support/temporary_folder.h"
 #include "support/text_files.h"
@@ -11,21 +9,15 @@
 
 #include <algorithm>
 #include <cstring>
-#include <fstream>
-#include <limits>
 
 namespace dsorb {
 namespace {
 
 namespace fs = std::filesystem;
-using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::EndsWith;
 using ::testing::HasSubstr;
-using ::testing::Not;
 using ::testing::StartsWith;
-
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
 TEST(RunWriter, TrajectoryHoldsInitializationAndTrackedFrames) {
   const TemporaryFolder folder;
@@ -327,249 +319,6 @@ TEST(RunWriter, PointsAreBinaryVerticesInTheWorld) {
   run.writer.finish(run.writer.outcome(), nullptr);
   check();
   EXPECT_FALSE(fs::exists(folder.path() / "points.spool"));
-}
-
-TEST(RunWriter, SummaryHasTheRefinedCamera) {
-  const TemporaryFolder folder;
-  FakeRun run(folder.path());
-  playOneSegment(run);
-  PinholeCamera refined = kCamera;
-  refined.fx = 102;
-  run.writer.onKeyframe({FrameId{0}, 0, 0, SE3(), {}, refined, {}});
-  run.writer.finish(RunStatus::kTracked, nullptr);
-  const auto json = readJson(folder.path() / "run.json");
-  EXPECT_EQ(json["camera"]["fx"], 100.0);
-  EXPECT_EQ(json["refined_camera"]["fx"], 102.0);
-}
-
-/// A run whose window ends with these focal lengths, one a keyframe.
-void refine(FakeRun& run, const std::vector<double>& focal_lengths, double sigma, int segment = 0) {
-  for (std::size_t i = 0; i < focal_lengths.size(); ++i) {
-    PinholeCamera camera = kCamera;
-    camera.fx = camera.fy = focal_lengths[i];
-    camera.cx += 1;
-    KeyframeSnapshot shot{FrameId{static_cast<int>(i)}, 0, segment, SE3(), {}, camera, {}};
-    shot.camera_sigmas = {{sigma, sigma, 2, 3}};
-    run.writer.onKeyframe(shot);
-  }
-}
-
-TEST(RunWriter, RefinedCameraIsTheCalibrationOfTheNextRun) {
-  const TemporaryFolder folder;
-  FakeRun run(folder.path());
-  playOneSegment(run);
-  Lens lens;
-  lens.fx = lens.fy = 200;  // the run is at half the size
-  lens.cx = 159.5;
-  lens.cy = 119.5;
-  lens.width = 320;
-  lens.height = 250;
-  lens.readout = {0.025, 0};
-  lens.columns = lens.backwards = true;
-  run.writer.setCamera(kCamera, &lens);
-  refine(run, {102, 108, 110, 110.2, 110.4}, 0.5);
-  refine(run, {100, 100}, 5, 1);  // knows less
-  run.writer.finish(RunStatus::kTracked, nullptr);
-  const auto refined = readJson(folder.path() / "run.json")["refined_camera"];
-  EXPECT_EQ(refined["fx"], 110.4);
-  EXPECT_EQ(refined["sigma"]["fx"], 0.5);
-  EXPECT_EQ(refined["sigma"]["cy"], 3.0);
-  EXPECT_NEAR(refined["moved"], 0.2 / 110.4, 1e-9) << "in the last third";
-  EXPECT_EQ(refined["settled"], true);
-  const auto lines = readTextLines(folder.path() / "refined_camera.txt");
-  ASSERT_EQ(lines.size(), 5U);
-  EXPECT_EQ(lines[4], "readout -25 columns");
-  EXPECT_EQ(lines[0], "Pinhole 220.8 220.8 161.5 119.5 0");
-  EXPECT_EQ(lines[1], "320 250");
-}
-
-TEST(RunWriter, ADistortionThatShowsIsPartOfTheNextCalibration) {
-  for (const double k1 : {-0.1, 0.02}) {
-    const TemporaryFolder folder;
-    FakeRun run(folder.path());
-    playOneSegment(run);
-    Lens lens;
-    lens.fx = lens.fy = 100;
-    lens.width = 160;
-    lens.height = 120;
-    run.writer.setCamera(kCamera, &lens);
-    PinholeCamera camera = kCamera;
-    camera.fx += 1;
-    KeyframeSnapshot shot{FrameId{0}, 0, 0, SE3(), {}, camera, {}};
-    shot.camera_sigmas = {{0.4, 0.4, 2, 3}};
-    shot.radial = {k1, 0.01};
-    run.writer.onKeyframe(shot);
-    run.writer.finish(RunStatus::kTracked, nullptr);
-    const auto refined = readJson(folder.path() / "run.json")["refined_camera"];
-    EXPECT_EQ(refined["k1"], k1);
-    EXPECT_EQ(refined["sigma"]["k1"], 0.01);
-    const std::string line = readTextLines(folder.path() / "refined_camera.txt").at(0);
-    EXPECT_EQ(line.substr(0, 7), k1 < 0 ? "RadTan " : "Pinhole") << line;
-  }
-}
-
-TEST(RunWriter, AFocalLengthThatStillMovesIsNoCalibration) {
-  for (const double sigma : {0.5, 2.0}) {
-    const TemporaryFolder folder;
-    FakeRun run(folder.path());
-    playOneSegment(run);
-    const Lens lens;
-    run.writer.setCamera(kCamera, &lens);
-    refine(run,
-           sigma < 1 ? std::vector<double>{102, 104, 106, 110} : std::vector<double>{104, 104},
-           sigma);
-    run.writer.finish(RunStatus::kTracked, nullptr);
-    EXPECT_EQ(readJson(folder.path() / "run.json")["refined_camera"]["settled"], false);
-    EXPECT_FALSE(fs::exists(folder.path() / "refined_camera.txt"));
-  }
-}
-
-TEST(RunWriter, SummaryIsValidFromTheBeginning) {
-  const TemporaryFolder folder;
-  FakeRun run(folder.path());
-  EXPECT_EQ(readJson(folder.path() / "run.json")["status"], "error") << "if it was killed now";
-  playOneSegment(run);
-  OdometryReport report;
-  report.tracking_seconds = 1.5;
-  run.writer.finish(RunStatus::kInterrupted, &report);
-  const auto json = readJson(folder.path() / "run.json");
-  EXPECT_EQ(json["program"], "test");
-  EXPECT_EQ(json["version"], "1.2.3");
-  EXPECT_EQ(json["dataset"], "a \"quoted\" name");
-  EXPECT_EQ(json["initializer"], "orb-v1");
-  EXPECT_EQ(json["camera"]["fx"], 100.0);
-  EXPECT_FALSE(json.contains("refined_camera"));
-  EXPECT_EQ(json["frames_given"], 5);
-  EXPECT_EQ(json["frames_tracked"], 2);
-  EXPECT_EQ(json["frames_dropped"], 0);
-  EXPECT_EQ(json["keyframes"], 1);
-  EXPECT_EQ(json["segments"], 1);
-  EXPECT_EQ(json["status"], "interrupted");
-  EXPECT_NEAR(json["seconds"]["reading"], 0.005, 1e-9);
-  EXPECT_EQ(json["seconds"]["tracking"], 1.5);
-  EXPECT_GE(json["seconds"]["total"], 0);
-  EXPECT_GT(json["peak_memory_mb"], 1);
-  EXPECT_EQ(json["threads"], 1);
-  EXPECT_EQ(readText(folder.path() / "config.yaml"), "num_threads: 1\n");
-}
-
-TEST(RunWriter, RunWithoutFramesIsValid) {
-  const TemporaryFolder folder;
-  FakeRun run(folder.path());
-  EXPECT_EQ(run.writer.outcome(), RunStatus::kNeverInitialized);
-  run.writer.finish(run.writer.outcome(), nullptr);
-  for (const char* file : {"trajectory.txt",
-                           "keyframes.txt",
-                           "frames.csv",
-                           "points.ply",
-                           "figures/trajectory.png",
-                           "figures/timeline.png"}) {
-    EXPECT_TRUE(fs::exists(folder.path() / file)) << file;
-  }
-}
-
-TEST(RunWriter, NotANumberNeverReachesAFile) {
-  const TemporaryFolder folder;
-  FakeRun run(folder.path());
-  playOneSegment(run);
-  FrameEstimate estimate;
-  estimate.frame = makeFrame(5);
-  estimate.state = OdometryState::kTracked;
-  estimate.T_world_cam = translated(kNan);
-  estimate.tracking_rmse = std::numeric_limits<double>::infinity();
-  run.writer.onFrame(estimate);
-  run.writer.frameDone({1, 1});
-  run.writer.finish(run.writer.outcome(), nullptr);
-  for (const char* file : {"trajectory.txt", "frames.csv", "initialization.json", "run.json"}) {
-    const std::string text = readText(folder.path() / file);
-    EXPECT_THAT(text, Not(HasSubstr("nan"))) << file;
-    EXPECT_THAT(text, Not(HasSubstr("inf,"))) << file;
-  }
-}
-
-TEST(RunWriter, RemovesTheFilesOfAnEarlierRunAndNothingElse) {
-  const TemporaryFolder folder;
-  fs::create_directories(folder.path() / "figures");
-  for (const char* file : {"trajectory_3.txt",
-                           "trajectory_kitti.txt",
-                           "keyframes_12.txt",
-                           "run.json.part",
-                           "points.spool",
-                           "figures/initial_inverse_depth_2.png",
-                           "notes.txt",
-                           "trajectory_mine.txt",
-                           "figures/mine.png"}) {
-    std::ofstream(folder.path() / file) << "old";
-  }
-  std::ofstream(folder.path() / "run.json") << R"({"program": "test"})";
-  FakeRun run(folder.path());
-  for (const char* file : {"trajectory_3.txt",
-                           "trajectory_kitti.txt",
-                           "keyframes_12.txt",
-                           "run.json.part",
-                           "points.spool",
-                           "figures/initial_inverse_depth_2.png"}) {
-    EXPECT_FALSE(fs::exists(folder.path() / file)) << file;
-  }
-  for (const char* file : {"notes.txt", "trajectory_mine.txt", "figures/mine.png"}) {
-    EXPECT_TRUE(fs::exists(folder.path() / file)) << file;
-  }
-}
-
-/// Message of the IoError that a run into this folder throws.
-std::string complaintOfRunInto(const fs::path& folder) {
-  try {
-    FakeRun run(folder);
-  } catch (const IoError& error) {
-    return error.what();
-  }
-  return "nothing was thrown";
-}
-
-TEST(RunWriter, FilesThatNoRunWroteAreNotReplaced) {
-  for (const char* summary : {"", "{}", R"({"program": "another"})"}) {
-    const TemporaryFolder folder;
-    std::ofstream(folder.path() / "config.yaml") << "mine";
-    if (*summary != '\0') std::ofstream(folder.path() / "run.json") << summary;
-    EXPECT_THAT(complaintOfRunInto(folder.path()),
-                AllOf(HasSubstr(folder.path().string()), HasSubstr("not from a run of test")));
-    EXPECT_EQ(readText(folder.path() / "config.yaml"), "mine");
-    EXPECT_EQ(readText(folder.path() / "run.json"), summary);
-  }
-}
-
-TEST(RunWriter, TwoRunsDoNotShareAFolder) {
-  const TemporaryFolder folder;
-  {
-    FakeRun run(folder.path());
-    playOneSegment(run);
-    EXPECT_THAT(complaintOfRunInto(folder.path()), HasSubstr("another run writes into it"));
-    run.writer.finish(run.writer.outcome(), nullptr);
-  }
-  EXPECT_EQ(readJson(folder.path() / "run.json")["frames_given"], 5);
-  EXPECT_EQ(complaintOfRunInto(folder.path()), "nothing was thrown");
-}
-
-TEST(RunWriter, NothingButResultsLiesInTheFolderOfARunThatEndsAtOnce) {
-  const TemporaryFolder folder;
-  {
-    FakeRun run(folder.path());
-    playOneSegment(run);
-    run.retire();
-  }
-  EXPECT_FALSE(fs::exists(folder.path() / "points.spool"));
-}
-
-TEST(RunWriter, UnwritableFolderIsNamed) {
-  const TemporaryFolder folder;
-  std::ofstream(folder.path() / "file") << "x";
-  const std::string below = (folder.path() / "file" / "out").string();
-  try {
-    FakeRun run{fs::path(below)};
-    FAIL() << "wrote below a file";
-  } catch (const IoError& error) {
-    EXPECT_THAT(error.what(), HasSubstr(below));
-  }
 }
 
 }  // namespace
