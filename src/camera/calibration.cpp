@@ -86,8 +86,10 @@ Calibration withOutputWidth(const Calibration& calibration, int width) {
   output.height = scaled(full_height, static_cast<double>(width) / full_width);
   if (output.mode == RectificationMode::kNone && width != full_width) {
     output.mode = RectificationMode::kExplicit;
-    const Lens& lens = calibration.lens;
+    Lens& lens = result.lens;
     output.camera = {lens.fx, lens.fy, lens.cx, lens.cy, 0, 0};
+    lens.model = LensModel::kPinhole;  // kNone takes no distortion out
+    lens.coefficients = {};
   }
   if (output.mode == RectificationMode::kExplicit) {
     const double factor = static_cast<double>(width) / full_width;

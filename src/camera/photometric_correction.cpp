@@ -46,6 +46,20 @@ void checkResponse(const std::vector<float>& response) {
       throw std::invalid_argument("response does not increase at entry " + std::to_string(i));
     }
   }
+  if (!(response.front() >= 0) || std::abs(response.back() - kMaxLevel) > 1) {
+    throw std::invalid_argument("response from " + std::to_string(response.front()) + " to " +
+                                std::to_string(response.back()) +
+                                ": expected irradiances that end at 255");
+  }
+}
+
+void checkVignette(const std::vector<float>& attenuation) {
+  constexpr float kRounding = 1e-3F;
+  for (const float value : attenuation) {
+    if (value >= 0 && value <= 1 + kRounding) continue;
+    throw std::invalid_argument("vignette has the attenuation " + std::to_string(value) +
+                                ": expected 0 to 1");
+  }
 }
 
 }  // namespace
@@ -70,6 +84,7 @@ PhotometricCorrection::PhotometricCorrection(const PhotometricCalibration& calib
                                 " pixels for images of " + std::to_string(width) + "x" +
                                 std::to_string(height));
   }
+  checkVignette(calibration.vignette);
   response_ = calibration.response;
   table8_ = resampled(response_, kEntries8);
   table16_ = resampled(response_, kEntries16);

@@ -22,14 +22,16 @@ std::string describe(const AnyArray& array) {
   return text + ") and " + kind + (type == nb::dtype<bool>() ? "" : std::to_string(type.bits));
 }
 
-/// @throws std::invalid_argument where the pixels of a row do not lie side by side
+/// @throws std::invalid_argument where the pixels of a row do not lie side by side, or rows overlap
 std::size_t rowBytes(const AnyArray& array) {
   const auto channels = array.ndim() == 3 ? static_cast<std::int64_t>(array.shape(2)) : 1;
+  const auto row = static_cast<std::int64_t>(array.shape(1)) * channels;
   const bool dense = (array.ndim() != 3 || array.stride(2) == 1) && array.stride(1) == channels &&
-                     array.stride(0) >= 0;
+                     (array.shape(0) < 2 || array.stride(0) >= row);
   if (!dense) {
     throw std::invalid_argument(
-        "the pixels of a row do not lie side by side; numpy.ascontiguousarray makes such an array");
+        "the pixels of a row do not lie side by side, or rows overlap; numpy.ascontiguousarray "
+        "makes an array where they do not");
   }
   return static_cast<std::size_t>(array.stride(0)) * array.itemsize();
 }

@@ -179,7 +179,8 @@ void bindCalibrationMakers(nb::class_<Calibration>& type) {
           "read",
           [](const std::filesystem::path& file) { return readCalibration(file); },
           nb::arg("file"),
-          "Any calibration file of docs/calibration.md. Raises IoError.")
+          "Any calibration file of docs/calibration.md; for_size gives it an image size where the "
+          "file has none. Raises IoError.")
       .def_static(
           "from_hfov",
           [](double degrees, int width, int height) {
@@ -191,7 +192,10 @@ void bindCalibrationMakers(nb::class_<Calibration>& type) {
           nb::arg("degrees"),
           nb::arg("width"),
           nb::arg("height"),
-          "Lens without distortion that sees so much from its left to its right edge.");
+          "Lens without distortion that sees so much from its left to its right edge. Where that "
+          "is "
+          "a guess, Odometry refines it with window.optimizer.optimize_intrinsics=True and "
+          "window.prior.focal_sigma=0.15, as --hfov does.");
 }
 
 void bindCalibration(nb::module_& m) {

@@ -72,9 +72,9 @@ class LockedInitializer {
     const nb::gil_scoped_release release;
     const std::lock_guard<std::mutex> lock(mutex_);
     const FrameInfo info = source_.next(timestamp, id, exposure, known);
-    source_.taken(info.id);
     initializer_->setHurried(hurried);
-    const InitStep step = initializer_->addFrame(Frame::create(view, info));
+    const InitStep step =
+        source_.given(info.id, [&] { return initializer_->addFrame(Frame::create(view, info)); });
     Step answer{step.status, step.reason, std::nullopt, step.motion};
     if (step.result) answer.result.emplace(*step.result);
     return answer;
@@ -83,6 +83,7 @@ class LockedInitializer {
     const nb::gil_scoped_release release;
     const std::lock_guard<std::mutex> lock(mutex_);
     initializer_->reset();
+    source_.reset();
   }
 
  private:
@@ -185,8 +186,9 @@ void bindInitializer(nb::module_& m) {
       .def_prop_ro(
           "motion",
           [](const Step& s) { return motionOf(s.motion); },
-          "While orb waits: its surest motion as a dict (reference, T_cam_ref, covariance, "
-          "wrong_probability), or None.");
+          nb::sig("def motion(self) -> dict | None"),
+          "While orb waits and an attempt with this frame came to the gate: the motion as a dict "
+          "(reference, T_cam_ref, covariance, wrong_probability); else None.");
 
   nb::class_<LockedInitializer> type(
       m, "Initializer", "Finds the first poses and depths from frames given one by one.");

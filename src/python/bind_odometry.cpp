@@ -105,8 +105,8 @@ class LockedOdometry {
     const std::lock_guard<std::mutex> lock(mutex_);
     const FrameInfo info = source_.next(timestamp, id, exposure, known);
     Estimate estimate;
-    estimate.frame = odometry_.process(Frame::create(view, info), hurried);
-    source_.taken(info.id);
+    estimate.frame = source_.given(
+        info.id, [&] { return odometry_.process(Frame::create(view, info), hurried); });
     estimate.frame.frame = nullptr;
     estimate.id = info.id.value;
     estimate.timestamp = timestamp;
@@ -243,6 +243,7 @@ void bindEstimate(nb::module_& m) {
             return e.events.initialization ? &*e.events.initialization : nullptr;
           },
           nb::rv_policy::reference_internal,
+          nb::sig("def initialization(self) -> Initialization | None"),
           "The start, with the poses of the frames before; None unless this frame made it.")
       .def_prop_ro(
           "refusal",

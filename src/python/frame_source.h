@@ -5,8 +5,10 @@
 #include "dsorb/image/frame.h"
 #include "dsorb/image/frame_priors.h"
 
+#include <limits>
 #include <memory>
 #include <optional>
+#include <stdexcept>
 #include <utility>
 
 namespace dsorb::python {
@@ -35,9 +37,27 @@ class FrameSource {
             row_times_,
             std::move(priors)};
   }
-  void taken(FrameId frame) { next_id_ = frame.value + 1; }
+  /// What `call` makes of that frame. One that it refuses leaves no trace.
+  template <typename Call>
+  auto given(FrameId frame, const Call& call) {
+    try {
+      auto made = call();
+      taken(frame);
+      return made;
+    } catch (const std::invalid_argument&) {
+      throw;
+    } catch (...) {
+      taken(frame);
+      throw;
+    }
+  }
+  void reset() { next_id_ = 0; }
 
  private:
+  void taken(FrameId frame) {
+    next_id_ = frame.value == std::numeric_limits<int>::max() ? 0 : frame.value + 1;
+  }
+
   PinholeCamera camera_;
   std::shared_ptr<const ResponseSlope> response_slope_;
   std::shared_ptr<const RowTimes> row_times_;

@@ -147,6 +147,17 @@ TEST(PhotometricCorrectionTest, RefusesTablesThatAreNoResponse) {
   EXPECT_THROW(PhotometricCorrection(flat, kVignetteWidth, kVignetteHeight), std::invalid_argument);
   EXPECT_THROW(PhotometricCorrection(calibration(), kVignetteWidth, kVignetteHeight + 1),
                std::invalid_argument);
+  PhotometricCalibration scaled = calibration();
+  for (float& level : scaled.response) level *= 10;
+  EXPECT_THROW(PhotometricCorrection(scaled, kVignetteWidth, kVignetteHeight),
+               std::invalid_argument);
+  for (const float attenuation : {-0.1F, 2.0F, std::nanf("")}) {
+    PhotometricCalibration bright = calibration();
+    bright.vignette[3] = attenuation;
+    EXPECT_THROW(PhotometricCorrection(bright, kVignetteWidth, kVignetteHeight),
+                 std::invalid_argument)
+        << attenuation;
+  }
 }
 
 }  // namespace

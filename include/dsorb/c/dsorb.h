@@ -91,7 +91,7 @@ typedef struct dsorb_priors {
 typedef struct dsorb_image {
   const uint8_t* data;        /**< grey levels of the camera's size */
   size_t stride;              /**< bytes from row to row; 0: rows follow each other */
-  int32_t id;                 /**< unique among the frames given */
+  int32_t id;                 /**< unique among the frames given, 0 or above */
   double timestamp;           /**< [s] */
   double exposure;            /**< [s]; 0 or 1 when unknown */
   const dsorb_priors* priors; /**< NULL: none */
@@ -199,9 +199,9 @@ int32_t dsorb_initializer_metric(const dsorb_initializer* initializer,
                                  double* relative_sigma);
 
 /**
- * Probability that the direction of translation is off by more than 10 degrees: of the start, or of
- * the surest motion so far while `orb` waits.
- * @return 1 where none is known
+ * Probability that the direction of translation is off by more than 10 degrees: of the start, or
+ * while `orb` waits of the newest frame's motion.
+ * @return 1 where none is known, as after a frame without an attempt that came to the gate
  */
 double dsorb_initializer_wrong_probability(const dsorb_initializer* initializer);
 

@@ -30,7 +30,7 @@ struct InitStep {
   InitStatus status = InitStatus::kNeedsMoreFrames;  ///< after this frame
   InitReason reason = InitReason::kFirstFrame;       ///< why, for logs and tests
   std::optional<InitializationResult> result;        ///< set with kInitialized, and only then
-  /// `orb` while it waits: the surest motion, where an attempt with this frame came so far.
+  /// `orb` while it waits: this frame's motion, where an attempt with it came to the gate.
   std::optional<WaitingMotion> motion{};
 };
 

@@ -17,7 +17,7 @@ struct StageTime {
 
 /// What led to a result. The parts of stages that did not run are empty.
 struct InitReport {
-  int frames_fed = 0;             ///< since the reference, which counts as well
+  int frames_fed = 0;             ///< since the reference, it included, that were kept
   int frames_posed = 0;           ///< of those fed, the reference included
   int restarts = 0;               ///< answers kRestarted since the object was made or reset
   int points = 0;                 ///< handed over
