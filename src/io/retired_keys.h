@@ -9,7 +9,8 @@ namespace dsorb::io {
 /// A key that configuration files of earlier versions may have. CHANGELOG.md lists the same keys.
 struct RetiredKey {
   const char* key;
-  const char* fate;  ///< end of a sentence that begins with the key: "is now kFirstLimit = 6 px"
+  const char*
+      fate;  ///< end of a sentence that begins with the key: "is now the option 'brightness'"
 };
 
 [[nodiscard]] const std::vector<RetiredKey>& retiredKeys();
