@@ -18,7 +18,7 @@ void check(const SequenceOptions& options) {
   if (options.every < 1) {
     throw ConfigError(fmt::format("every: {}; expected 1 or more", options.every));
   }
-  if (options.from < 0 || options.to < 0) {
+  if (!(options.from >= 0 && options.to >= 0)) {
     throw ConfigError("from, to: seconds after the first image are expected, not negative");
   }
   if (options.to > 0 && options.to < options.from) {

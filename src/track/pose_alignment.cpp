@@ -302,7 +302,6 @@ LevelResult PoseAlignment::align(const AlignmentLevel& level,
   const Evaluation& current = problem.current();
   result.rmse = std::sqrt(current.meanEnergy());
   if (level.level == 0) result.noise = problem.noise();
-  result.saturated_fraction = current.saturatedFraction();
   result.inside_fraction =
       static_cast<double>(current.used) /
       static_cast<double>(std::max<std::size_t>(level.reference.at(level.level).size(), 1));

@@ -75,9 +75,8 @@ using PoseEquations = AlignmentEquations<kAlignmentParameters>;
 using RollingEquations = AlignmentEquations<kRollingParameters>;
 
 struct LevelResult {
-  double rmse = 0;   ///< sqrt(E / n) [grey levels]; NaN when no point is inside the frame
-  double noise = 0;  ///< the same as the median tells it: without the errors of the map
-  double saturated_fraction = 0;
+  double rmse = 0;             ///< sqrt(E / n) [grey levels]; NaN when no point is inside the frame
+  double noise = 0;            ///< the same as the median tells it: without the errors of the map
   double inside_fraction = 0;  ///< points inside the frame, of all points of the level
   int iterations = 0;
   bool cutoff_raised = false;

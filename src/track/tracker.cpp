@@ -114,7 +114,6 @@ Tracker::Descent Tracker::descend(const Frame& frame,
     descent.rmse[l] = result.rmse;
     descent.noise = result.noise;
     descent.equations = result.equations;
-    descent.saturated_fraction = result.saturated_fraction;
     descent.inside_fraction = result.inside_fraction;
     if (!std::isfinite(result.rmse) || result.rmse > kAbortFactor * bounds[l]) {
       return descent;
@@ -153,11 +152,9 @@ void Tracker::search(const Frame& frame,
                                            varianceOfResiduals(descent.rmse[0], descent.noise),
                                            descent.state.T_frame_reference,
                                            brightness_);
-      best.saturated_fraction = descent.saturated_fraction;
       best.inside_fraction = descent.inside_fraction;
     } else if (best.hypotheses_tried == 1) {
       best.failure = descent.failure;
-      best.saturated_fraction = descent.saturated_fraction;
       best.inside_fraction = descent.inside_fraction;
     }
     if (descent.failure != TrackingFailure::kNone) continue;

@@ -61,8 +61,7 @@ struct TrackingResult {
   std::optional<Matrix6d> covariance;  ///< of exp(xi) * T_frame_reference, [translation; rotation]
   LevelRmse rmse = kUnsetRmse;         ///< lowest of the good hypotheses
   FlowIndicators flow;
-  double saturated_fraction = 0;  ///< level 0
-  double inside_fraction = 0;     ///< level 0
+  double inside_fraction = 0;  ///< level 0
   int hypotheses_tried = 0;
 
   [[nodiscard]] bool good() const { return failure == TrackingFailure::kNone; }
@@ -92,7 +91,6 @@ class Tracker {
     LevelRmse rmse = kUnsetRmse;
     double noise = 0;         ///< LevelResult::noise of level 0
     PoseEquations equations;  ///< of the finest level reached
-    double saturated_fraction = 0;
     double inside_fraction = 0;
   };
   [[nodiscard]] Descent descend(const Frame& frame,

@@ -36,7 +36,6 @@ constexpr double kSlack = 1.2;  // factor on all four
 constexpr double kThresholdQuantile = 0.7;
 constexpr float kThresholdConstant = 0.5F * 26.0F;  // root of a patch energy [grey levels]
 constexpr float kThresholdFactor = 0.5F * 1.5F;
-constexpr float kBaselineUnit = 0.01F;  // relative baseline per pixel of parallax
 
 double marginalEnergy(const Window& window) {
   const VectorXd d = window.deviation();
@@ -70,34 +69,14 @@ void resetResiduals(Window& window) {
   }
 }
 
-/// Parallax of a point in a target: distance between its projections at its depth and at infinity.
-float parallax(const WindowPoint& point, const HostRays& rays, const Warp<float>& warp) {
-  float ray_x = 0;
-  float ray_y = 0;
-  rays.at(point.patch.pixel.x(), point.patch.pixel.y(), ray_x, ray_y);
-  WarpedPoint<float> infinity;
-  WarpedPoint<float> at_depth;
-  warpPoint(warp, ray_x, ray_y, 0.0F, infinity);
-  warpPoint(warp, ray_x, ray_y, point.inverse_depth, at_depth);
-  return std::hypot(infinity.x - at_depth.x, infinity.y - at_depth.y);
-}
-
 /// Notes the final evaluation in one point and removes unused residuals.
-void closePoint(WindowPoint& point,
-                const Window& window,
-                const PairTable& pairs,
-                std::size_t host) {
+void closePoint(WindowPoint& point, const Window& window) {
   for (const Observation& observation : point) {
     const KeyframeId target = window.keyframes[observation.target].id;
     for (RecentState& recent : point.recent) {
       if (recent.keyframe == target) recent.state = observation.state;
     }
-    if (observation.state != ResidualState::kIn) continue;
-    ++point.good_observations;
-    const float seen =
-        kBaselineUnit *
-        parallax(point, pairs.rays(), pairs.at(host, observation.target).current.warp);
-    point.relative_baseline = std::max(point.relative_baseline, seen);
+    if (observation.state == ResidualState::kIn) ++point.good_observations;
   }
   point.removeObservations([](const Observation& o) { return o.state != ResidualState::kIn; });
 }
@@ -345,10 +324,8 @@ OptimizationReport WindowOptimizer::Adjustment::finish() {
     commit(window_);
     adaptNewestThreshold(window_);
   }
-  for (std::size_t host = 0; host < window_.keyframes.size(); ++host) {
-    for (WindowPoint& point : window_.keyframes[host].points) {
-      closePoint(point, window_, pairs_, host);
-    }
+  for (Keyframe& keyframe : window_.keyframes) {
+    for (WindowPoint& point : keyframe.points) closePoint(point, window_);
   }
   return report_;
 }

@@ -25,7 +25,8 @@ struct FrameId {
 using ResponseSlope = std::array<float, 256>;
 
 /// Time of a frame from a clock that counts nanoseconds, as those of ROS and EuRoC.
-/// @return the nearest double [s]; of times since 1970 it keeps steps of a quarter microsecond
+/// @return within one unit in the last place [s]; of times since 1970 it keeps steps of a quarter
+/// microsecond
 [[nodiscard]] constexpr double secondsFromNanoseconds(std::int64_t nanoseconds) {
   constexpr std::int64_t kPerSecond = 1000000000;
   const std::int64_t seconds = nanoseconds / kPerSecond;

@@ -27,8 +27,9 @@ struct SequenceOptions {
   std::optional<Readout> readout;  ///< in place of the calibration's
   std::string response_file;       ///< empty: pcalib.txt of the data set, if there
   std::string vignette_file;       ///< empty: vignette.png of the data set, if there
-  /// Image of pixels that no image uses (below 128), or folder with one for each image under its
-  /// name (or with .png after or instead of its suffix). Empty: masks/ of the data set, if there.
+  /// Image of pixels that no image uses (below 128), beside those of masks/ of the data set, if
+  /// there; or another folder with one for each image under its name (or with .png after or instead
+  /// of its suffix).
   std::string mask;
   /// Relative standard deviation of the depth images in depth/ of the data set, one for each image
   /// (16 bits, millimetres, rectified): frames have them as priors. 0: they are not read.
