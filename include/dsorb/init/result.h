@@ -24,7 +24,8 @@ struct PosedFrame {
   std::optional<Matrix6d> covariance;  ///< of exp(xi) * T_cam_ref, [translation; rotation]
 };
 
-/// A pixel with its inverse depth.
+/// A pixel with its inverse depth. Of a rolling shutter the pixel is where its row sees the point,
+/// the inverse depth that of the time of the pose; pixels of map points belong to that time, too.
 struct InitPoint {
   int host = 0;                 ///< index into the result's frames
   Eigen::Vector2f pixel{0, 0};  ///< in the host, level 0 [px]
