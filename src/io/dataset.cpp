@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/dataset.h"
 
+#include "base/median.h"
 #include "io/image_store.h"
 #include "io/text_file.h"
 #include "io/video.h"
@@ -106,9 +107,7 @@ double medianStep(const std::vector<TimeEntry>& entries) {
   for (std::size_t i = 1; i < entries.size(); ++i) {
     steps.push_back(entries[i].timestamp - entries[i - 1].timestamp);
   }
-  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
-  std::nth_element(steps.begin(), middle, steps.end());
-  return *middle;
+  return medianOf(std::move(steps));
 }
 
 /// Whole numbers a year apart, taken as seconds, are nanoseconds.

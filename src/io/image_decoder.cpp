@@ -99,12 +99,17 @@ cv::Mat decodeGrey(const std::vector<std::uint8_t>& bytes, const std::string& na
   return image;
 }
 
-bool hasImageSuffix(const std::filesystem::path& file) {
+std::string lowerSuffix(const std::filesystem::path& file) {
   std::string suffix = file.extension().string();
   std::transform(suffix.begin(), suffix.end(), suffix.begin(), [](unsigned char c) {
     return static_cast<char>(std::tolower(c));
   });
-  return std::find(kImageSuffixes.begin(), kImageSuffixes.end(), suffix) != kImageSuffixes.end();
+  return suffix;
+}
+
+bool hasImageSuffix(const std::filesystem::path& file) {
+  return std::find(kImageSuffixes.begin(), kImageSuffixes.end(), lowerSuffix(file)) !=
+         kImageSuffixes.end();
 }
 
 }  // namespace dsorb

@@ -23,6 +23,9 @@ std::vector<std::uint8_t> readFile(const std::filesystem::path& file);
 /// @throws IoError where the bytes are no image, are truncated, or have another depth
 cv::Mat decodeGrey(const std::vector<std::uint8_t>& bytes, const std::string& name);
 
+/// In lower case, with its dot.
+std::string lowerSuffix(const std::filesystem::path& file);
+
 /// Whether a file is taken for an image, by its suffix.
 bool hasImageSuffix(const std::filesystem::path& file);
 

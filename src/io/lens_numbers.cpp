@@ -3,6 +3,7 @@
 
 #include "dsorb/io/calibration_reader.h"
 
+#include "camera/lens_models.h"
 #include "io/text_file.h"
 
 #include <fmt/format.h>
@@ -12,24 +13,6 @@
 #include <optional>
 
 namespace dsorb {
-namespace {
-
-std::size_t placesOf(LensModel model) {
-  switch (model) {
-    case LensModel::kFov:
-      return 1;
-    case LensModel::kRadTan:
-      return 5;
-    case LensModel::kEquidistant:
-      return 4;
-    case LensModel::kPinhole:
-      break;
-  }
-  return 0;
-}
-
-}  // namespace
-
 bool setReadout(std::string_view text, Lens& lens) {
   const std::vector<std::string> words = splitWords(text);
   const bool columns = words.size() == 2 && words.back() == "columns";
@@ -55,7 +38,7 @@ void setSize(double width, double height, Lens& lens, const Complain& complain) 
 void setCoefficients(const std::vector<double>& coefficients,
                      Lens& lens,
                      const Complain& complain) {
-  const std::size_t places = placesOf(lens.model);
+  const std::size_t places = nameOf(lens.model).coefficients;
   for (std::size_t i = 0; i < coefficients.size(); ++i) {
     if (i < places) {
       lens.coefficients[i] = coefficients[i];

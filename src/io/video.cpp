@@ -4,12 +4,12 @@
 #include "dsorb/error.h"
 
 #include "io/codecs.h"
+#include "io/image_decoder.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <string_view>
 #include <utility>
 
@@ -105,11 +105,7 @@ class VideoFile : public VideoSource {
 template <std::size_t kCount>
 bool hasSuffixAmong(const std::filesystem::path& file,
                     const std::array<std::string_view, kCount>& suffixes) {
-  std::string suffix = file.extension().string();
-  std::transform(suffix.begin(), suffix.end(), suffix.begin(), [](unsigned char c) {
-    return static_cast<char>(std::tolower(c));
-  });
-  return std::find(suffixes.begin(), suffixes.end(), suffix) != suffixes.end();
+  return std::find(suffixes.begin(), suffixes.end(), lowerSuffix(file)) != suffixes.end();
 }
 
 }  // namespace

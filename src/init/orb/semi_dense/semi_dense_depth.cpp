@@ -159,11 +159,11 @@ SemiDenseReport estimateSemiDenseDepth(InitialMap& map,
   return report;
 }
 
-int keepBestPoints(InitialMap& map, int wanted) {
+void keepBestPoints(InitialMap& map, int wanted) {
   const auto total = static_cast<std::size_t>(wanted);
   const std::size_t left = total - std::min(total, map.corners.size());
   const std::size_t before = map.points.size();
-  if (before <= left) return 0;
+  if (before <= left) return;
   std::vector<std::pair<float, std::size_t>> order;  // relative variance, point
   order.reserve(before);
   for (std::size_t i = 0; i < before; ++i) {
@@ -171,14 +171,9 @@ int keepBestPoints(InitialMap& map, int wanted) {
     order.emplace_back(point.variance / (point.inverse_depth * point.inverse_depth), i);
   }
   std::nth_element(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(left), order.end());
-  std::vector<char> kept(before, 0);
-  for (std::size_t k = 0; k < left; ++k) kept[order[k].second] = 1;
-  std::size_t count = 0;
-  for (std::size_t i = 0; i < before; ++i) {
-    if (kept[i] != 0) map.points[count++] = map.points[i];
-  }
-  map.points.resize(count);
-  return static_cast<int>(before - count);
+  std::vector<char> removed(before, 1);
+  for (std::size_t k = 0; k < left; ++k) removed[order[k].second] = 0;
+  eraseMarked(removed, map.points);
 }
 
 }  // namespace dsorb::init_orb

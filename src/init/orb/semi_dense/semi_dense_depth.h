@@ -73,7 +73,7 @@ SemiDenseReport estimateSemiDenseDepth(InitialMap& map,
                                        const KnownDepths& known = {});
 
 /// Keeps the points of smallest relative variance, so that corners and points are no more than
-/// wanted. @return number of points removed
-int keepBestPoints(InitialMap& map, int wanted);
+/// wanted.
+void keepBestPoints(InitialMap& map, int wanted);
 
 }  // namespace dsorb::init_orb
