@@ -118,6 +118,7 @@ FramePtr frameOf(const dsorb_image* image, const ImageSource& source) {
   const PinholeCamera& camera = source.camera;
   require(image, "image");
   require(image->data, "the image's data");
+  if (image->id < 0) throw std::invalid_argument("the image's id is below 0: expected 0 or above");
   const ImageView view(image->data, camera.width, camera.height, image->stride);
   const double exposure = image->exposure == 0 ? 1 : image->exposure;
   FrameInfo info{FrameId{image->id}, image->timestamp, exposure};

@@ -60,7 +60,6 @@ void FrameCheck::restart() {
 void FrameCheck::accept(const FramePtr& frame) {
   if (frame == nullptr) throw std::invalid_argument("frame is null");
   const std::string who = "frame " + std::to_string(frame->id().value) + ": ";
-  if (frame->id().value < 0) throw std::invalid_argument(who + "ids below 0 stand for no frame");
   if (frame->width() != width_ || frame->height() != height_) {
     throw std::invalid_argument(who + "size " + std::to_string(frame->width()) + "x" +
                                 std::to_string(frame->height()) + " differs from the camera's " +

@@ -192,9 +192,8 @@ void bindCalibrationMakers(nb::class_<Calibration>& type) {
           nb::arg("degrees"),
           nb::arg("width"),
           nb::arg("height"),
-          "Lens without distortion that sees so much from its left to its right edge. Where that "
-          "is "
-          "a guess, Odometry refines it with window.optimizer.optimize_intrinsics=True and "
+          "Lens without distortion that sees so much from its left to its right edge. Odometry "
+          "refines a guess with window.optimizer.optimize_intrinsics=True and "
           "window.prior.focal_sigma=0.15, as --hfov does.");
 }
 

@@ -86,6 +86,9 @@ static int checkInitializer(const dsorb_camera* camera, uint8_t* pixels) {
   image.stride = 3;
   CHECK(dsorb_initializer_add(initializer, &image, &state, error, sizeof error) == DSORB_BAD_ARGUMENT);
   CHECK(strstr(error, "stride") != NULL);
+  image = imageOf(-1, pixels);
+  CHECK(dsorb_initializer_add(initializer, &image, &state, error, sizeof error) == DSORB_BAD_ARGUMENT);
+  CHECK(strstr(error, "below 0") != NULL);
   for (int i = 0; i < kFrames && state != DSORB_INITIALIZED; ++i) {
     dsorb_initializer_set_hurried(initializer, i < kHurried);
     image = imageOf(i, pixels);

@@ -85,7 +85,6 @@ TEST(FrameCheck, RefusesWhatCannotBeTheNextFrame) {
   const FramePtr rolling = Frame::create(
       {grey.data(), 32, 32}, {FrameId{7}, 2.2, 1, nullptr, std::make_shared<const RowTimes>()});
   EXPECT_THAT(error_of(rolling), HasSubstr("frame 7: has row times; those before have none"));
-  EXPECT_THAT(error_of(frameOf(-2, 2.2)), HasSubstr("ids below 0"));
 }
 
 TEST(FrameCheck, AfterARestartTimeMayBeAny) {

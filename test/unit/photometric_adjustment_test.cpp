@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/photometric/photometric_adjustment.h"
 
+#include "dsorb/camera/row_times.h"
+
 #include "base/median.h"
 #include "base/parallel.h"
 #include "init/orb/photometric/photometric_solvers.h"
@@ -12,6 +14,7 @@
 
 #include <cmath>
 #include <cstddef>
+#include <memory>
 #include <numeric>
 #include <vector>
 
@@ -126,6 +129,42 @@ TEST(PhotometricAdjustment, MeanInverseDepthIsOneAfterwards) {
     sum += static_cast<double>(point.inverse_depth);
   EXPECT_NEAR(
       sum / static_cast<double>(scene.start.corners.size() + scene.start.points.size()), 1, 1e-5);
+}
+
+/// The same frame of a camera whose rows have times, here all the same.
+FramePtr withRows(const Frame& frame) {
+  std::vector<float> pixels;
+  for (int y = 0; y < frame.height(); ++y) {
+    for (int x = 0; x < frame.width(); ++x) pixels.push_back(frame.level(0).at(x, y).intensity);
+  }
+  RowTimes rows;
+  rows.width = frame.width();
+  rows.height = frame.height();
+  FrameInfo info{frame.id(), frame.timestamp(), frame.exposure()};
+  info.row_times = std::make_shared<const RowTimes>(rows);
+  return Frame::create({pixels.data(), frame.width(), frame.height()}, info);
+}
+
+TEST(PhotometricAdjustment, MotionsOfRowsFollowTheUnitOfTheMap) {
+  PhotometricMap scene(8, {});
+  constexpr double kLonger = 1.3;  // unit than the one afterwards
+  for (PosedFrame& posed : scene.start.frames) {
+    posed.frame = withRows(*posed.frame);
+    posed.T_cam_ref->setTranslation(posed.T_cam_ref->translation() / kLonger);
+  }
+  for (Corner& corner : scene.start.corners) corner.inverse_depth *= kLonger;
+  for (SemiDensePoint& point : scene.start.points) {
+    point.inverse_depth *= static_cast<float>(kLonger);
+  }
+  RowMotion motion;
+  motion.velocity << 1, 0, 0, 0, 0, 0;
+  scene.start.motions.assign(scene.start.frames.size(), motion);
+  PhotometricProblem problem = makeProblem(scene.start, scene.scene.camera(), {});
+  ASSERT_TRUE(adjustPhotometry(scene.start, problem, scene.scene.camera(), {}).usable);
+  const auto velocity = static_cast<float>(scene.start.motions.front().velocity[0]);
+  EXPECT_NEAR(velocity, kLonger, .01);
+  EXPECT_FLOAT_EQ(problem.reference_shutter->velocity[0], velocity);
+  EXPECT_FLOAT_EQ(problem.frames.back().shutter->velocity[0], velocity);
 }
 
 /// Gives all frames after the reference a joint covariance that is the same along every axis.
