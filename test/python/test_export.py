@@ -311,7 +311,7 @@ class Pictures(unittest.TestCase):
         others.mkdir()
         (others / 'file').touch()
         made = json.loads((folder / 'exports.json').read_text())
-        outside = {name: None for name in ('..', '../others', str(others))}
+        outside = {name: None for name in ('', '..', '../others', str(others))}
         made['tum'].append('../../others/file')
         (folder / 'exports.json').write_text(json.dumps({**made, **outside}))
         (folder / 'kitti' / 'notes.txt').touch()
@@ -321,6 +321,8 @@ class Pictures(unittest.TestCase):
         self.assertEqual([path.name for path in (folder / 'kitti').iterdir()], ['notes.txt'], 'of others')
         with self.assertRaisesRegex(ValueError, 'kitti: holds what no export'):
             export(folder, ['kitti'])
+        (folder / 'exports.json').write_text('["tum"]')
+        export(folder, ['tum'])
 
     def test_runs_of_older_versions_are_refused(self):
         folder = temporary_folder() / 'out'

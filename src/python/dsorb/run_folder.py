@@ -151,7 +151,9 @@ def exported(folder):
         made = json.loads((folder / EXPORTS).read_text(encoding='utf-8'))
     except (OSError, ValueError):
         return {}
-    return {name: files for name, files in made.items() if Path(name).name == name != '..'}  # none outside
+    if not isinstance(made, dict):
+        return {}
+    return {name: files for name, files in made.items() if name and Path(name).name == name != '..'}  # none outside
 
 
 def note_exports(folder, made):
