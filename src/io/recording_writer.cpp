@@ -170,9 +170,9 @@ void makeFolder(const fs::path& folder) {
 }
 
 bool isRecording(const fs::path& path) {
-  std::ifstream stream(path);
-  std::string line;
-  return std::getline(stream, line) && line.find(kFormat) != std::string::npos;
+  std::string begin(256, 0);  // of the header; a file without lines may be long
+  std::ifstream(path).read(begin.data(), static_cast<std::streamsize>(begin.size()));
+  return begin.find(kFormat) != std::string::npos;
 }
 
 /// The recording's path, once its folders are there.
