@@ -234,14 +234,26 @@ TEST(StartGate, NamesWhatIsMissing) {
 }
 
 TEST(StartGate, MisfitWidensWhatIsPredicted) {
-  const SyntheticMap scene = mapWithCovariances({300, 5, 0.1, 0.05}, 14);
+  SyntheticMap scene = mapWithCovariances({300, 5, 0.1, 0.05}, 14);
   const GateReport fits = judgeStart(scene.start, scene.camera, {}, {300, 1, 1, {}});
+  widenCovariances(scene.start, 2);
   const GateReport misfits = judgeStart(scene.start, scene.camera, {}, {300, 1, 2, {}});
-  EXPECT_DOUBLE_EQ(misfits.direction_sigma_deg, 2 * fits.direction_sigma_deg);
-  EXPECT_DOUBLE_EQ(misfits.depth_sigma, 2 * fits.depth_sigma);
+  EXPECT_NEAR(misfits.direction_sigma_deg, 2 * fits.direction_sigma_deg, 1e-12);
+  EXPECT_NEAR(misfits.depth_sigma, 2 * fits.depth_sigma, 1e-12);
   EXPECT_GT(misfits.wrong_probability, fits.wrong_probability);
   EXPECT_EQ(misfitOf(0.5), 1);
   EXPECT_NEAR(misfitOf(2 * 1.1774), 2, 1e-12);
+}
+
+TEST(StartGate, ABackgroundNeedsItsDepthOnlyAsWellAsTheSceneDoes) {
+  std::vector<Corner> corners(100);
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    corners[i].inverse_depth = i < 30 ? 2 : 0.05;
+    corners[i].variance = 0.02 * 0.02;  // 40 % of the background's
+  }
+  EXPECT_NEAR(depthSigma(corners), 0.01, 1e-12);
+  for (std::size_t i = 20; i < 30; ++i) corners[i].inverse_depth = 0.05;
+  EXPECT_NEAR(depthSigma(corners), 0.4, 1e-12) << "a fifth is not a scene";
 }
 
 TEST(StartGate, ErrorsThatShrinkPassEventually) {

@@ -42,7 +42,7 @@ enum class MotionMethod {
 struct GateOptions {
   double max_wrong_probability = 0.01;  ///< that the direction of translation is off by more than
   double wrong_angle_deg = 10;          ///< this angle
-  double max_depth_sigma = 0.045;       ///< predicted relative error of a corner's depth, median
+  double max_depth_sigma = 0.04;        ///< median error of depths, as the scene needs them
 };
 
 /// Field list; see DescribeFor.

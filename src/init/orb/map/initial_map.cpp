@@ -97,6 +97,12 @@ void setJointCovariance(InitialMap& map,
   }
 }
 
+void widenCovariances(InitialMap& map, double factor) {
+  const double variance = factor * factor;
+  setJointCovariance(map, map.joint_frames, variance * map.joint_covariance);
+  for (Corner& corner : map.corners) corner.variance *= variance;
+}
+
 int removeCorners(InitialMap& map, const std::vector<char>& removed) {
   std::vector<std::size_t> new_index;
   new_index.reserve(removed.size());

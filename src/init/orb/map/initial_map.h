@@ -119,6 +119,8 @@ Eigen::Index jointRow(const InitialMap& map, std::size_t frame);
 void setJointCovariance(InitialMap& map,
                         std::vector<std::size_t> frames,
                         const Eigen::MatrixXd& joint);
+/// Multiplies all standard deviations: of poses and of corners.
+void widenCovariances(InitialMap& map, double factor);
 
 /// Erases the marked elements, order kept. @param marked not zero where marked; one an element
 template <typename T>

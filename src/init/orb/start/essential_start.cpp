@@ -72,9 +72,11 @@ Outcome<SelectedMotion> selectMotion(const Matches& matches,
 }
 
 /// Drops corners behind the camera, sets scale and covariances.
+/// @param refined whether corners were refined: then errors beyond the images' noise widen
 /// @return variance factor, not finite where nothing is determined; nothing with too few corners
 std::optional<double> completeMap(InitialMap& map,
                                   const GeometricOptions& adjusted,
+                                  bool refined,
                                   const AttemptContext& context) {
   std::vector<char> behind(map.corners.size(), 0);
   for (std::size_t i = 0; i < behind.size(); ++i) {
@@ -85,7 +87,9 @@ std::optional<double> completeMap(InitialMap& map,
       !normalizeCornerScale(map)) {
     return std::nullopt;
   }
-  return setCovariances(map, context.camera, adjusted);
+  const double factor = setCovariances(map, context.camera, adjusted);
+  if (refined) widenCovariances(map, misfitOf(medianError(map, context.camera)));
+  return factor;
 }
 
 /// Whether a start whose refinement has begun misses by so much that the rest of the refinement
@@ -94,12 +98,10 @@ bool missesByFar(InitialMap map,
                  const GeometricOptions& adjusted,
                  const ReferenceView& view,
                  const AttemptContext& context) {
-  const auto factor = completeMap(map, adjusted, context);
+  const auto factor = completeMap(map, adjusted, true, context);
   if (!factor || !std::isfinite(*factor)) return false;
-  StartEvidence evidence;
-  evidence.misfit = misfitOf(medianError(map, context.camera));
   const GateOptions& options = context.options.orb.gate;
-  const GateReport gate = judgeStart(map, context.camera, options, evidence);
+  const GateReport gate = judgeStart(map, context.camera, options, {});
   return !errorsPass(gate, kHopelessFactor, options) ||
          isYoung(view, gate.direction_sigma_deg / kHopelessFactor);
 }
@@ -128,8 +130,8 @@ Outcome<Reconstruction> refineStart(Reconstruction made,
   });
   if (!found.refinement.fits) return InitReason::kPoorQuality;
   if (found.refinement.accepted) adjusted = refined;
-  const auto factor =
-      context.clock.time("covariance", [&] { return completeMap(map, adjusted, context); });
+  const auto factor = context.clock.time(
+      "covariance", [&] { return completeMap(map, adjusted, found.refinement.accepted, context); });
   if (!factor) return InitReason::kTooFewPoints;
   made.report.residual_rms = medianError(map, camera);
   found.variance_factor = *factor;

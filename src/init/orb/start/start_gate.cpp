@@ -19,11 +19,29 @@ namespace {
 constexpr int kMinCorners = 60;         // fewer: docs/experiments.md, "When to start"
 constexpr double kMinTrackShare = 0.5;  // of the reference's live tracks that are left
 constexpr double kMinFrontShare = 0.8;  // of the corners, in front of the camera
+constexpr double kFartherShare = 0.75;  // of the corners, than the scene; same section
 /// Scale of the t-distribution of a direction's errors over their predicted sigmas.
 /// @source docs/experiments.md, "When to start"
 constexpr double kDirectionScale = 1.5;
 
 }  // namespace
+
+double depthSigma(const std::vector<Corner>& corners) {
+  if (corners.empty()) return 0;
+  std::vector<double> inverse_depths;
+  inverse_depths.reserve(corners.size());
+  for (const Corner& corner : corners) inverse_depths.push_back(corner.inverse_depth);
+  const auto scene =
+      inverse_depths.begin() +
+      static_cast<std::ptrdiff_t>(kFartherShare * static_cast<double>(inverse_depths.size()));
+  std::nth_element(inverse_depths.begin(), scene, inverse_depths.end());
+  std::vector<double> errors;
+  errors.reserve(corners.size());
+  for (const Corner& corner : corners) {
+    errors.push_back(std::sqrt(corner.variance) / std::max(*scene, corner.inverse_depth));
+  }
+  return medianInPlace(errors);
+}
 
 double medianParallaxDeg(const InitialMap& map, const PinholeCamera& camera) {
   const std::size_t newest = map.frames.size() - 1;
@@ -56,15 +74,10 @@ GateReport judgeStart(const InitialMap& map,
   GateReport report;
   report.misfit = evidence.misfit;
   report.parallax_deg = medianParallaxDeg(map, camera);
-  const Eigen::Vector2d sigmas =
-      evidence.misfit * kDirectionScale * directionSigmasDeg(map.frames.back());
+  const Eigen::Vector2d sigmas = kDirectionScale * directionSigmasDeg(map.frames.back());
   report.direction_sigma_deg = sigmas[1];
   report.second_sigma_deg = sigmas[0];
-  std::vector<double> relative;
-  for (const Corner& corner : map.corners) {
-    relative.push_back(std::sqrt(corner.variance) / corner.inverse_depth);
-  }
-  report.depth_sigma = evidence.misfit * medianOf(std::move(relative));
+  report.depth_sigma = depthSigma(map.corners);
   report.error_probability = tailProbability(sigmas, options.wrong_angle_deg);
   if (evidence.plane_cost_ratio) {
     report.plane_probability = rivalProbability(*evidence.plane_cost_ratio,

@@ -8,11 +8,17 @@
 #include "init/orb/map/initial_map.h"
 
 #include <optional>
+#include <vector>
 
 namespace dsorb::init_orb {
 
 /// Median angle between the rays to a corner from the reference and from the newest frame [deg].
 double medianParallaxDeg(const InitialMap& map, const PinholeCamera& camera);
+
+/// Median error of an inverse depth, relative to the larger of itself and that of the scene's near
+/// part, which a quarter of the corners exceeds: a background far away need not be known as well as
+/// its own distance.
+double depthSigma(const std::vector<Corner>& corners);
 
 /// How much larger the errors are than the images' noise explains: at least 1.
 /// @param median_error of the corners, whitened by their covariances [-]
@@ -22,7 +28,7 @@ double misfitOf(double median_error);
 struct StartEvidence {
   int live_tracks = 0;                     ///< of the reference
   double front_share = 0;                  ///< of the corners, in front of the camera
-  double misfit = 1;                       ///< misfitOf the refined corners
+  double misfit = 1;                       ///< misfitOf the refined corners; covariances have it
   std::optional<double> plane_cost_ratio;  ///< of the other motion of a plane
 };
 
