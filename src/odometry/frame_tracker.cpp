@@ -24,13 +24,10 @@ void FrameTracker::begin(const InitializationResult& result) {
   recent_ = {};
   const SE3 T_ref_newest = result.frames.back().T_cam_ref->inverse();
   for (const PosedFrame& posed : result.frames) {
-    // Motion over a gap would pass for a faster one: the history starts anew behind it.
-    if (posed.T_cam_ref) {
-      history_.push(*posed.T_cam_ref * T_ref_newest);
-      recent_.push({{posed.frame->timestamp(), *posed.T_cam_ref * T_ref_newest}});
-    } else {
-      history_ = {};
-    }
+    if (!posed.T_cam_ref) continue;
+    const TimedPose timed{posed.frame->timestamp(), *posed.T_cam_ref * T_ref_newest};
+    history_.push(timed);
+    recent_.push({timed});
   }
   previous_ = result.frames.back().frame->id();
   rmse_ = track::TrackingStart{}.previous_rmse;
@@ -48,7 +45,7 @@ void FrameTracker::setTarget(TrackingTarget target) {
 }
 
 TrackedPose FrameTracker::track(const Frame& frame) {
-  const track::TrackingStart start{track::motionGuesses(history_),
+  const track::TrackingStart start{track::motionGuesses(history_, frame.timestamp()),
                                    affine_,
                                    rmse_,
                                    options_.tracker.max_gain_step,
@@ -68,13 +65,14 @@ TrackedPose FrameTracker::track(const Frame& frame) {
   pose.affine = affine_ = result.affine;
   pose.wants_keyframe = needsKeyframe(frame, result);
   pose.motion = result.motion;
-  recent_.push({{frame.timestamp(), result.T_frame_reference}, result.motion.velocity});
+  const TimedPose timed{frame.timestamp(), result.T_frame_reference};
+  recent_.push({timed, result.motion.velocity});
   pose.rows = recent_.atEnd();
   if (recent_.size() > 1) {
     pose.previous = previous_;
     pose.previous_rows = recent_.inMiddle();
   }
-  history_.push(result.T_frame_reference);
+  history_.push(timed);
   rmse_ = result.rmse[0];
   previous_ = frame.id();
   return pose;

@@ -3,37 +3,32 @@
 
 #include "dsorb/geometry/se3.h"
 
+#include "geometry/row_motion.h"
+
 #include <optional>
 #include <vector>
 
 namespace dsorb::track {
 
-/// Poses of the two frames before the one to be tracked, relative to the tracking reference. The
-/// elder is known only together with the younger.
+/// Poses of two frames before the one to be tracked, relative to the tracking reference; the elder
+/// is known only together with the younger.
 struct MotionHistory {
-  std::optional<SE3> T_previous_reference;
-  std::optional<SE3> T_before_reference;  ///< of the frame before the previous one
+  std::optional<TimedPose> previous;
+  std::optional<TimedPose> before;  ///< the previous frame
 
-  /// Appends the pose of a new frame.
-  void push(const SE3& T_frame_reference) {
-    T_before_reference = T_previous_reference;
-    T_previous_reference = T_frame_reference;
-  }
+  /// Appends the pose of a new frame, unless it repeats the one before: of the motion it tells
+  /// nothing.
+  void push(const TimedPose& newest);
   /// This history relative to another reference frame.
-  [[nodiscard]] MotionHistory relativeTo(const SE3& T_new_old) const {
-    const SE3 T_old_new = T_new_old.inverse();
-    MotionHistory moved;
-    if (T_previous_reference) moved.T_previous_reference = *T_previous_reference * T_old_new;
-    if (T_before_reference) moved.T_before_reference = *T_before_reference * T_old_new;
-    return moved;
-  }
+  [[nodiscard]] MotionHistory relativeTo(const SE3& T_new_old) const;
 };
 
 /// Poses reference -> new frame worth trying, most likely first: constant, double and half motion,
 /// no motion since the previous frame, no motion since the reference, and constant motion times one
 /// of 26 small rotations (single-axis ones first). With no frame before the previous one the motion
 /// counts as none; with no previous frame identity is all.
-/// @source front end of DSO as published
-[[nodiscard]] std::vector<SE3> motionGuesses(const MotionHistory& history);
+/// @param time of the new frame [s]
+/// @source front end of DSO as published, but for times: constant is the velocity
+[[nodiscard]] std::vector<SE3> motionGuesses(const MotionHistory& history, double time);
 
 }  // namespace dsorb::track

@@ -66,9 +66,9 @@ void wholeTrack(benchmark::State& state) {
   Tracker tracker({});
   tracker.setReference(referenceOf(room().frames.front(), room().camera, samples()));
   MotionHistory history;
-  for (int i = 1; i < kFrames - 1; ++i) history.push(room().T_cam_first(i));
+  for (int i = 1; i < kFrames - 1; ++i) history.push({0.1 * i, room().T_cam_first(i)});
   TrackingStart start;
-  start.guesses = motionGuesses(history);
+  start.guesses = motionGuesses(history, 0.1 * (kFrames - 1));
   TrackingResult result;
   timeWithThreads(state, [&] {
     result = tracker.track(*room().frames.back(), start);

@@ -19,16 +19,16 @@ SE3 pose(double tx, double ty, double tz, double rx, double ry, double rz) {
 
 MotionHistory twoFrames() {
   MotionHistory history;
-  history.push(pose(0.1, 0, 0.3, 0.02, 0.01, 0));
-  history.push(pose(0.2, -0.1, 0.5, 0.03, 0.03, -0.01));
+  history.push({0, pose(0.1, 0, 0.3, 0.02, 0.01, 0)});
+  history.push({0.1, pose(0.2, -0.1, 0.5, 0.03, 0.03, -0.01)});
   return history;
 }
 
 TEST(MotionGuesses, NamesTheFiveMotionsFirst) {
   const MotionHistory history = twoFrames();
-  const std::vector<SE3> guesses = motionGuesses(history);
-  const SE3& previous = *history.T_previous_reference;
-  const SE3 motion = previous * history.T_before_reference->inverse();
+  const std::vector<SE3> guesses = motionGuesses(history, 0.2);
+  const SE3& previous = history.previous->T_cam_world;
+  const SE3 motion = previous * history.before->T_cam_world.inverse();
   ASSERT_EQ(guesses.size(), 31U);
   EXPECT_THAT(guesses[0], Se3Near(motion * previous, kRotationTolerance, kTolerance));
   EXPECT_THAT(guesses[1], Se3Near(motion * motion * previous, kRotationTolerance, kTolerance));
@@ -39,7 +39,7 @@ TEST(MotionGuesses, NamesTheFiveMotionsFirst) {
 }
 
 TEST(MotionGuesses, TurnsConstantMotionBySingleAxesThenTwoThenThree) {
-  const std::vector<SE3> guesses = motionGuesses(twoFrames());
+  const std::vector<SE3> guesses = motionGuesses(twoFrames(), 0.2);
   ASSERT_EQ(guesses.size(), 31U);
   // Angle of the normalised quaternion (1, e): 2 atan |e|, as in DSO as published.
   const double single = 2 * std::atan(0.02);
@@ -58,15 +58,33 @@ TEST(MotionGuesses, TurnsConstantMotionBySingleAxesThenTwoThenThree) {
 TEST(MotionGuesses, WithoutAnElderFrameTakesNoMotionAsConstant) {
   MotionHistory history;
   const SE3 previous = pose(0.2, 0, 0.1, 0, 0.1, 0);
-  history.push(previous);
-  const std::vector<SE3> guesses = motionGuesses(history);
+  history.push({0, previous});
+  const std::vector<SE3> guesses = motionGuesses(history, 0.2);
   ASSERT_EQ(guesses.size(), 28U);
   EXPECT_THAT(guesses[0], Se3Near(previous, kRotationTolerance, kTolerance));
   EXPECT_THAT(guesses[1], Se3Near(SE3(), kRotationTolerance, kTolerance));
 }
 
+TEST(MotionGuesses, ConstantIsTheVelocity) {
+  const MotionHistory history = twoFrames();
+  const SE3 step = history.previous->T_cam_world * history.before->T_cam_world.inverse();
+  EXPECT_THAT(motionGuesses(history, 0.3)[0],
+              Se3Near(step * step * history.previous->T_cam_world, kRotationTolerance, kTolerance));
+}
+
+TEST(MotionGuesses, ARepeatedFrameTellsNothingOfTheMotion) {
+  const SE3 next = motionGuesses(twoFrames(), 0.3)[0];
+  MotionHistory history = twoFrames();
+  history.push({0.2, pose(0.001, 0, 0, 0, 0.0002, 0) * history.previous->T_cam_world});
+  EXPECT_THAT(motionGuesses(history, 0.3)[0], Se3Near(next, kRotationTolerance, kTolerance));
+  const SE3 still = history.previous->T_cam_world;
+  history.push({0.4, still});
+  EXPECT_THAT(motionGuesses(history, 0.5)[0], Se3Near(still, kRotationTolerance, kTolerance))
+      << "the camera stands";
+}
+
 TEST(MotionGuesses, WithoutHistoryIsIdentityAlone) {
-  const std::vector<SE3> guesses = motionGuesses({});
+  const std::vector<SE3> guesses = motionGuesses({}, 0);
   ASSERT_EQ(guesses.size(), 1U);
   EXPECT_THAT(guesses[0], Se3Near(SE3(), kRotationTolerance, kTolerance));
 }
