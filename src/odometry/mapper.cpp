@@ -55,6 +55,7 @@ MapUpdate Mapper::seed(const InitializationResult& result, int segment) {
   readout_.reset();
   camera_sigmas_.reset();
   radial_.reset();
+  innovations_ = {};
   window_ = seedWindow(result, camera_, options_, selector_, kCandidatesPerTask);
   const StartComparison comparison(result, *window_);
   MapUpdate update = adjust(SE3());
@@ -132,8 +133,11 @@ TrackingTarget Mapper::targetOf(const SE3& T_cam_previous) const {
 /// What the adjustment has estimated of the camera.
 void Mapper::noteCamera(const window::CameraVector& sigmas) {
   const CameraChange change = window_->change();
-  const double readout = sigmas[window::kReadout];
-  if (readout > 0) readout_ = {window_->calibratedReadout().seconds + change.readout, readout};
+  const double sigma = sigmas[window::kReadout];
+  if (sigma > 0) {
+    const double readout = window_->calibratedReadout().seconds + change.readout;
+    readout_ = {readout, sigma * innovations_.update(readout, sigma)};
+  }
   if (sigmas[0] > 0) camera_sigmas_ = {sigmas[0], sigmas[1], sigmas[2], sigmas[3]};
   const double radial = sigmas[window::kRadial];
   if (radial > 0) radial_ = {change.radial, radial};

@@ -8,6 +8,7 @@
 
 #include "image/pixel_selector.h"
 #include "odometry/frame_tracker.h"
+#include "odometry/innovation_scale.h"
 #include "window/window.h"
 #include "window/window_optimizer.h"
 
@@ -75,6 +76,7 @@ class Mapper {
   std::optional<Readout> readout_;
   std::optional<std::array<double, 4>> camera_sigmas_;
   std::optional<RadialDistortion> radial_;
+  InnovationScale innovations_;  // of the readout
   double noise_ = 0;  // standard deviation of a pixel's residual, last adjustment [grey levels]
 };
 
