@@ -9,7 +9,8 @@ set(dsorb_library_headers
   <Eigen/Dense> <tbb/info.h> <tbb/parallel_for.h> <tbb/parallel_invoke.h> <tbb/task_arena.h>)
 
 function(dsorb_precompile target first)
-  if(target STREQUAL first OR (DSORB_BUILD_FUZZERS AND target STREQUAL dsorb_io)) # whose flags are others
+  # dsorb_io has flags of its own there: Warnings.cmake.
+  if(target STREQUAL first OR (target STREQUAL dsorb_io AND (DSORB_BUILD_FUZZERS OR DSORB_SANITIZE MATCHES address)))
     target_precompile_headers(${target} PRIVATE ${ARGN})
   else()
     target_precompile_headers(${target} REUSE_FROM ${first})
