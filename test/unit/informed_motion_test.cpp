@@ -238,8 +238,8 @@ TEST(StartGate, MisfitWidensWhatIsPredicted) {
   const GateReport fits = judgeStart(scene.start, scene.camera, {}, {300, 1, 1, {}});
   widenCovariances(scene.start, 2);
   const GateReport misfits = judgeStart(scene.start, scene.camera, {}, {300, 1, 2, {}});
-  EXPECT_NEAR(misfits.direction_sigma_deg, 2 * fits.direction_sigma_deg, 1e-12);
-  EXPECT_NEAR(misfits.depth_sigma, 2 * fits.depth_sigma, 1e-12);
+  EXPECT_DOUBLE_EQ(misfits.direction_sigma_deg, 2 * fits.direction_sigma_deg);
+  EXPECT_DOUBLE_EQ(misfits.depth_sigma, 2 * fits.depth_sigma);
   EXPECT_GT(misfits.wrong_probability, fits.wrong_probability);
   EXPECT_EQ(misfitOf(0.5), 1);
   EXPECT_NEAR(misfitOf(2 * 1.1774), 2, 1e-12);

@@ -71,13 +71,18 @@ Outcome<SelectedMotion> selectMotion(const Matches& matches,
   return selected;
 }
 
+struct Precision {
+  double variance_factor = 0;  ///< not finite where nothing is determined
+  double median_error = 0;     ///< medianError()
+};
+
 /// Drops corners behind the camera, sets scale and covariances.
 /// @param refined whether corners were refined: then errors beyond the images' noise widen
-/// @return variance factor, not finite where nothing is determined; nothing with too few corners
-std::optional<double> completeMap(InitialMap& map,
-                                  const GeometricOptions& adjusted,
-                                  bool refined,
-                                  const AttemptContext& context) {
+/// @return nothing with too few corners
+std::optional<Precision> completeMap(InitialMap& map,
+                                     const GeometricOptions& adjusted,
+                                     bool refined,
+                                     const AttemptContext& context) {
   std::vector<char> behind(map.corners.size(), 0);
   for (std::size_t i = 0; i < behind.size(); ++i) {
     behind[i] = map.corners[i].inverse_depth > 0 ? 0 : 1;
@@ -87,9 +92,10 @@ std::optional<double> completeMap(InitialMap& map,
       !normalizeCornerScale(map)) {
     return std::nullopt;
   }
-  const double factor = setCovariances(map, context.camera, adjusted);
-  if (refined) widenCovariances(map, misfitOf(medianError(map, context.camera)));
-  return factor;
+  const Precision reached{setCovariances(map, context.camera, adjusted),
+                          medianError(map, context.camera)};
+  if (refined) widenCovariances(map, misfitOf(reached.median_error));
+  return reached;
 }
 
 /// Whether a start whose refinement has begun misses by so much that the rest of the refinement
@@ -98,8 +104,8 @@ bool missesByFar(InitialMap map,
                  const GeometricOptions& adjusted,
                  const ReferenceView& view,
                  const AttemptContext& context) {
-  const auto factor = completeMap(map, adjusted, true, context);
-  if (!factor || !std::isfinite(*factor)) return false;
+  const auto reached = completeMap(map, adjusted, true, context);
+  if (!reached || !std::isfinite(reached->variance_factor)) return false;
   const GateOptions& options = context.options.orb.gate;
   const GateReport gate = judgeStart(map, context.camera, options, {});
   return !errorsPass(gate, kHopelessFactor, options) ||
@@ -130,11 +136,11 @@ Outcome<Reconstruction> refineStart(Reconstruction made,
   });
   if (!found.refinement.fits) return InitReason::kPoorQuality;
   if (found.refinement.accepted) adjusted = refined;
-  const auto factor = context.clock.time(
+  const auto reached = context.clock.time(
       "covariance", [&] { return completeMap(map, adjusted, found.refinement.accepted, context); });
-  if (!factor) return InitReason::kTooFewPoints;
-  made.report.residual_rms = medianError(map, camera);
-  found.variance_factor = *factor;
+  if (!reached) return InitReason::kTooFewPoints;
+  made.report.residual_rms = reached->median_error;
+  found.variance_factor = reached->variance_factor;
   found.clustered_factor = map.cluster_variance_scale;
   if (!std::isfinite(found.variance_factor)) return InitReason::kPoorQuality;
   return made;
