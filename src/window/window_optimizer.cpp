@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "window/window_optimizer.h"
 
+#include "base/median.h"
 #include "estimate/levenberg_marquardt.h"
 
 #include <algorithm>
@@ -100,11 +101,8 @@ void adaptNewestThreshold(Window& window) {
     threshold = kPatternOutlierEnergy;
     return;
   }
-  const auto rank =
-      static_cast<std::ptrdiff_t>(kThresholdQuantile * static_cast<double>(energies.size()));
-  std::nth_element(energies.begin(), energies.begin() + rank, energies.end());
-  const float root =
-      kThresholdConstant + kThresholdFactor * std::sqrt(energies[static_cast<std::size_t>(rank)]);
+  const float root = kThresholdConstant +
+                     kThresholdFactor * std::sqrt(quantileInPlace(energies, kThresholdQuantile));
   threshold = root * root;
 }
 

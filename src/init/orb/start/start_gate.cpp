@@ -27,18 +27,14 @@ constexpr double kDirectionScale = 1.5;
 }  // namespace
 
 double depthSigma(const std::vector<Corner>& corners) {
-  if (corners.empty()) return 0;
   std::vector<double> inverse_depths;
   inverse_depths.reserve(corners.size());
   for (const Corner& corner : corners) inverse_depths.push_back(corner.inverse_depth);
-  const auto scene =
-      inverse_depths.begin() +
-      static_cast<std::ptrdiff_t>(kFartherShare * static_cast<double>(inverse_depths.size()));
-  std::nth_element(inverse_depths.begin(), scene, inverse_depths.end());
+  const double scene = quantileInPlace(inverse_depths, kFartherShare);
   std::vector<double> errors;
   errors.reserve(corners.size());
   for (const Corner& corner : corners) {
-    errors.push_back(std::sqrt(corner.variance) / std::max(*scene, corner.inverse_depth));
+    errors.push_back(std::sqrt(corner.variance) / std::max(scene, corner.inverse_depth));
   }
   return medianInPlace(errors);
 }
