@@ -33,6 +33,14 @@ class OrbFinder final : public FeatureFinder {
   }
 };
 
+int countSeen(const std::vector<Eigen::Vector2f>& found) {
+  return static_cast<int>(std::count_if(found.begin(), found.end(), isSeen));
+}
+
+bool enoughFound(const std::vector<Eigen::Vector2f>& found) {
+  return countSeen(found) >= kMinFoundShare * static_cast<double>(found.size());
+}
+
 /// Adds the features that the newest frame shows to the tracks, but where there is one already.
 void addFeatures(const std::vector<std::vector<Eigen::Vector2f>>& features,
                  const Frame& image,
@@ -61,9 +69,7 @@ ReferencePool::ReferencePool(const OrbOptions& options,
 }
 
 int ReferencePool::Reference::seen() const {
-  return far.empty()
-             ? 0
-             : static_cast<int>(std::count_if(far.back().begin(), far.back().end(), isSeen));
+  return far.empty() ? 0 : countSeen(far.back());
 }
 
 void ReferencePool::start(FramePtr frame) {
@@ -96,20 +102,22 @@ const DescribedFrame& ReferencePool::described(int frame) {
 
 void ReferencePool::findFeatures(Reference& reference) {
   const DescribedFrame& from = described(reference.frame);
-  if (reference.far.empty()) reference.far.push_back(from.positions);
-  for (int frame = reference.frame + static_cast<int>(reference.far.size());
-       frame < tracks_.frames();
+  const int newest = tracks_.frames() - 1;
+  std::vector<Eigen::Vector2f> found = findAgain(from, described(newest));
+  if (reference.far.empty()) {
+    // Most often the scene was cut or covered: then the frames between need not be searched.
+    if (!enoughFound(found)) return;
+    reference.far.push_back(from.positions);
+  }
+  for (int frame = reference.frame + static_cast<int>(reference.far.size()); frame < newest;
        ++frame) {
     reference.far.push_back(findAgain(from, described(frame)));
   }
+  reference.far.push_back(std::move(found));
 }
 
 bool ReferencePool::lost(const Reference& reference) const {
-  const bool far = !reference.far.empty();
-  if (cut() && !(far && reference.seen() >=
-                            kMinFoundShare * static_cast<double>(reference.far.front().size()))) {
-    return true;
-  }
+  if (cut() && (reference.far.empty() || !enoughFound(reference.far.back()))) return true;
   const int least =
       reference.far.empty() ? options_.min_tracked : std::max(kMinFarTracks, options_.min_tracked);
   return tracks_.sizeSince(reference.frame) + reference.seen() < least;
