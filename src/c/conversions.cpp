@@ -86,6 +86,8 @@ dsorb_state stateOf(OdometryState state) {
       return DSORB_TRACKED;
     case OdometryState::kLost:
       return DSORB_LOST;
+    case OdometryState::kMissed:
+      return DSORB_MISSED;
     case OdometryState::kInitializing:
       break;
   }

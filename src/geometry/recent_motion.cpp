@@ -49,17 +49,32 @@ RowMotion motionBetween(const TimedPose& pose, const Passage& before, const Pass
   return {factors.row(0).transpose(), 2 * factors.row(1).transpose()};
 }
 
+std::optional<Vector6d> RecentMotion::missed(const TimedPose& next) const {
+  if (recent_.size() < kRecent || next.time == recent_.front().pose.time) return std::nullopt;
+  const TimedPose& last = recent_.front().pose;
+  const RowMotion motion = motionThrough(last, {recent_[1].pose, recent_[2].pose});
+  const double time = next.time - last.time;
+  const SE3 predicted =
+      SE3::exp(time * motion.velocity + 0.5 * time * time * motion.acceleration) * last.T_cam_world;
+  // A third of the jerk times the squared interval, where the jerk times the next expression is
+  // the error of the pose.
+  const double interval = (last.time - recent_[2].pose.time) / 2;
+  const double of_jerk =
+      time * (next.time - recent_[1].pose.time) * (next.time - recent_[2].pose.time) / 6;
+  return (interval * interval / (3 * of_jerk)) * (next.T_cam_world * predicted.inverse()).log();
+}
+
+std::optional<double> RecentMotion::surprise(const TimedPose& next) const {
+  const std::optional<Vector6d> missed = this->missed(next);
+  if (!missed) return std::nullopt;
+  const Vector6d normalised = missed->cwiseQuotient(sigma());
+  return std::max(normalised.head<3>().norm(), normalised.tail<3>().norm()) / std::sqrt(3.0);
+}
+
 void RecentMotion::push(const Passage& newest) {
-  if (recent_.size() == kRecent && newest.pose.time != recent_.front().pose.time) {
-    const TimedPose& last = recent_.front().pose;
-    const double time = newest.pose.time - last.time;
-    const RowMotion motion = motionThrough(last, {recent_[1].pose, recent_[2].pose});
-    const SE3 predicted =
-        SE3::exp(time * motion.velocity + 0.5 * time * time * motion.acceleration) *
-        last.T_cam_world;
-    const Vector6d missed = (newest.pose.T_cam_world * predicted.inverse()).log() / (3 * time);
-    translation_ = kMemory * translation_ + missed.head<3>().squaredNorm() / 3;
-    rotation_ = kMemory * rotation_ + missed.tail<3>().squaredNorm() / 3;
+  if (const std::optional<Vector6d> missed = this->missed(newest.pose)) {
+    translation_ = kMemory * translation_ + missed->head<3>().squaredNorm() / 3;
+    rotation_ = kMemory * rotation_ + missed->tail<3>().squaredNorm() / 3;
     weight_ = kMemory * weight_ + 1;
   }
   recent_.insert(recent_.begin(), newest);

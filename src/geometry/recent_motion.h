@@ -23,6 +23,9 @@ struct Passage {
 class RecentMotion {
  public:
   void push(const Passage& newest);
+  /// By how many standard deviations a pose misses what the newest frames let expect, the larger of
+  /// translation and rotation; empty before there are enough frames.
+  [[nodiscard]] std::optional<double> surprise(const TimedPose& next) const;
   /// Poses are relative to another frame from now on.
   void changeReference(const SE3& T_new_old);
   /// The nearest first.
@@ -37,6 +40,10 @@ class RecentMotion {
   [[nodiscard]] MotionPrior inMiddle() const;
 
  private:
+  /// What sigma() is the deviation of: by which a pose misses the parabola through the newest three
+  /// [unit/s; rad/s].
+  [[nodiscard]] std::optional<Vector6d> missed(const TimedPose& next) const;
+
   std::vector<Passage> recent_;  // the newest first
   // Sums over the newest frames [squared units of a velocity].
   double translation_ = 0;

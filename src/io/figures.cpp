@@ -172,6 +172,8 @@ cv::Scalar stateColour(OdometryState state) {
       return {235, 250, 235};
     case OdometryState::kLost:
       return {150, 150, 245};
+    case OdometryState::kMissed:
+      return {160, 215, 245};
   }
   return cv::Scalar::all(255);
 }

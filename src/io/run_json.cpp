@@ -93,6 +93,7 @@ Json runJson(const RunInfo& info,
   }
   json["frames_given"] = record.notes().size();
   json["frames_tracked"] = record.framesTracked();
+  json["frames_missed"] = record.framesMissed();
   json["frames_dropped"] = end.frames_dropped;
   json["keyframes"] = record.keyframes().size();
   json["segments"] = record.segments().size();

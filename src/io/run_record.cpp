@@ -92,6 +92,7 @@ void RunRecord::addFrame(const FrameEstimate& estimate) {
                0,
                std::isfinite(rmse) ? static_cast<float>(rmse) : -1.0F});
   frames_tracked_ += estimate.state == OdometryState::kTracked ? 1 : 0;
+  frames_missed_ += estimate.state == OdometryState::kMissed ? 1 : 0;
   if (estimate.state == OdometryState::kInitialized && !steps_.empty() && steps_.back().result) {
     addInitialization(*steps_.back().result, estimate.segment);
   }

@@ -68,6 +68,8 @@ class RunRecord {
   [[nodiscard]] const Entries& keyframes() const { return keyframes_; }
   [[nodiscard]] const Spool<FrameNote>& notes() const { return notes_; }
   [[nodiscard]] int framesTracked() const { return frames_tracked_; }
+  /// Without a pose while a map stood.
+  [[nodiscard]] int framesMissed() const { return frames_missed_; }
   /// Segments with a start that stayed.
   [[nodiscard]] const std::vector<int>& segments() const { return segments_; }
   /// Scale of each of them, in metres of its start's unit; where there is one, all of the segment
@@ -121,6 +123,7 @@ class RunRecord {
   Entries keyframes_;  ///< each its own anchor
   Spool<FrameNote> notes_;
   int frames_tracked_ = 0;
+  int frames_missed_ = 0;
   std::vector<Start> starts_;
   std::optional<Readout> suspected_readout_;
   std::optional<LensScore> contradicted_lens_;

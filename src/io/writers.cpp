@@ -174,8 +174,8 @@ RunStatus RunWriter::outcome() const {
   const io::RunRecord& record = impl_->record;
   if (record.segments().empty()) return RunStatus::kNeverInitialized;
   const OdometryState last = record.notes().newest().state;
-  const bool placed = last == OdometryState::kTracked || last == OdometryState::kInitialized;
-  return placed ? RunStatus::kTracked : RunStatus::kLost;
+  const bool map_stands = last != OdometryState::kInitializing && last != OdometryState::kLost;
+  return map_stands ? RunStatus::kTracked : RunStatus::kLost;
 }
 
 void RunWriter::finish(RunStatus status, const OdometryReport* report) {

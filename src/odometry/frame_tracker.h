@@ -32,6 +32,7 @@ struct TrackingTarget {
 
 struct TrackedPose {
   bool good = false;  ///< else only `rmse` has a meaning
+  bool fits = true;   ///< else the map must not learn from the frame
   FrameId keyframe;   ///< the target
   SE3 T_cam_keyframe;
   std::optional<Matrix6d> covariance;  ///< of exp(xi) * T_cam_keyframe, [translation; rotation]
@@ -56,26 +57,39 @@ class FrameTracker {
   void begin(const InitializationResult& result);
   /// Later frames are tracked against this keyframe.
   void setTarget(TrackingTarget target);
-  [[nodiscard]] TrackedPose track(const Frame& frame);
+  /// @param may_doubt whether a frame whose residual has grown much may get no pose, or one without
+  ///        `fits`
+  [[nodiscard]] TrackedPose track(const Frame& frame, bool may_doubt = false);
   /// The keyframe that frames are tracked against; there is one after setTarget().
   [[nodiscard]] const KeyframePose& target() const { return *target_; }
 
  private:
+  void setPose(const track::TrackingResult& result, TrackedPose& pose) const;
   /// The poses that a map was made with and its depths err together. A frame at a share of their
   /// distance errs by that share of what its keyframe does in its window, and both add up.
   /// docs/experiments.md, "Covariance of tracked poses"
   void addErrorsOfMap(TrackedPose& pose) const;
   [[nodiscard]] bool needsKeyframe(const Frame& frame, const track::TrackingResult& result) const;
+  /// Residual in the contrast of the last frame that fitted, where that is lower [grey levels].
+  [[nodiscard]] double inEarlierContrast(const Frame& frame,
+                                         const track::TrackingResult& result) const;
+  /// Whether the image fits much worse than the one before, at a pose off the motion.
+  [[nodiscard]] bool isDoubtful(const Frame& frame, const track::TrackingResult& result) const;
+  void noteFit(const Frame& frame, const track::TrackingResult& result);
+  void noteMotion(const Frame& frame, TrackedPose& pose);
 
   OdometryOptions options_;
   track::Tracker tracker_;
   std::optional<KeyframePose> target_;
-  track::MotionHistory history_;      // relative to the target
-  RecentMotion recent_;               // relative to the target
-  FrameId previous_;                  // frame
-  AffineBrightness affine_;           // of the previous frame
-  double rmse_ = 0;                   // of the previous frame, level 0 [grey levels]
-  std::optional<double> first_rmse_;  // of the first frame tracked against the target
+  track::MotionHistory history_;  // relative to the target
+  RecentMotion recent_;           // relative to the target
+  FrameId previous_;              // frame
+  // Of the last frame that fitted.
+  AffineBrightness affine_;
+  double exposure_ = 1;                 // [s]
+  double rmse_ = 0;                     // level 0 [grey levels]
+  std::optional<double> largest_rmse_;  // of late [grey levels]
+  std::optional<double> first_rmse_;    // of the first one tracked against the target
 };
 
 }  // namespace dsorb::odometry

@@ -13,6 +13,8 @@ const char* name(OdometryState state) {
       return "tracked";
     case OdometryState::kLost:
       return "lost";
+    case OdometryState::kMissed:
+      return "missed";
   }
   return "unknown";
 }

@@ -148,6 +148,7 @@ class Odometry::Impl {
       return;
     }
     refusals_ = 0;
+    doubted_ = 0;
     phase_ = Phase::kTracking;
     ++report_.segments;
     tracker_.begin(result);
@@ -183,9 +184,10 @@ class Odometry::Impl {
       pose = poseOf(*frame);
     }
     if (!pose.good) {
-      lose(pose.rmse);
+      miss(pose.rmse);
       return;
     }
+    doubted_ = pose.fits ? 0 : doubted_ + 1;
     FrameEstimate estimate = estimateOf(frame, segment_);
     estimate.state = OdometryState::kTracked;
     estimate.is_keyframe = pose.wants_keyframe && !mapper_.keyframeIsDue();
@@ -196,7 +198,7 @@ class Odometry::Impl {
     estimate.world_covariance = pose.world_covariance;
     estimate.affine = pose.affine;
     estimate.tracking_rmse = pose.rmse;
-    mapper_.submit({frame, std::move(pose), estimate.is_keyframe});
+    if (pose.fits) mapper_.submit({frame, std::move(pose), estimate.is_keyframe});
     bool stands = true;
     try {
       stands = adoptKeyframes();
@@ -211,9 +213,28 @@ class Odometry::Impl {
     }
   }
 
+  /// The map stands for some frames without a pose.
+  void miss(std::optional<double> tracking_rmse) {
+    if (doubted_ >= options_.max_missed) {
+      lose(tracking_rmse);
+      return;
+    }
+    ++doubted_;
+    ++report_.frames_missed;
+    tellWithoutPose(OdometryState::kMissed, tracking_rmse);
+  }
+
+  void tellWithoutPose(OdometryState state, std::optional<double> tracking_rmse) {
+    last_estimate_ = estimateOf(last_input_, segment_);
+    last_estimate_.state = state;
+    last_estimate_.tracking_rmse = tracking_rmse;
+    observers_.notify(&OdometryObserver::onFrame, last_estimate_);
+  }
+
   [[nodiscard]] odometry::TrackedPose poseOf(const Frame& frame) {
-    return timed(report_.tracking_seconds,
-                 [&] { return arena_.run([&] { return tracker_.track(frame); }); });
+    return timed(report_.tracking_seconds, [&] {
+      return arena_.run([&] { return tracker_.track(frame, doubted_ < options_.max_missed); });
+    });
   }
 
   void concludeTracked(FrameEstimate estimate) {
@@ -264,10 +285,7 @@ class Odometry::Impl {
 
   /// The newest frame is lost.
   void lose(std::optional<double> tracking_rmse) {
-    last_estimate_ = estimateOf(last_input_, segment_);
-    last_estimate_.state = OdometryState::kLost;
-    last_estimate_.tracking_rmse = tracking_rmse;
-    observers_.notify(&OdometryObserver::onFrame, last_estimate_);
+    tellWithoutPose(OdometryState::kLost, tracking_rmse);
     loseMap();
   }
 
@@ -295,6 +313,7 @@ class Odometry::Impl {
   int segment_ = 0;
   odometry::SegmentUnit unit_;
   int refusals_ = 0;  // in a row
+  int doubted_ = 0;   // frames in a row without a pose, or with one that does not fit
   OdometryReport report_;
   FramePtr last_input_;
   FrameEstimate last_estimate_;

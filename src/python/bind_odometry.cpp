@@ -223,7 +223,7 @@ void bindEstimate(nb::module_& m) {
       .def_prop_ro(
           "state",
           [](const Estimate& e) { return name(e.frame.state); },
-          "initializing, initialized, tracked or lost.")
+          "initializing, initialized, tracked, missed (no pose, the map stands) or lost.")
       .def_prop_ro("segment", [](const Estimate& e) { return e.frame.segment; })
       .def_prop_ro("is_keyframe", [](const Estimate& e) { return e.frame.is_keyframe; })
       .def_prop_ro(
@@ -255,6 +255,7 @@ void bindReport(nb::module_& m) {
   nb::class_<Report>(m, "Report", "Of a whole run.")
       .def_prop_ro("frames_given", [](const Report& r) { return r.odometry.frames_given; })
       .def_prop_ro("frames_tracked", [](const Report& r) { return r.odometry.frames_tracked; })
+      .def_prop_ro("frames_missed", [](const Report& r) { return r.odometry.frames_missed; })
       .def_prop_ro("segments", [](const Report& r) { return r.odometry.segments; })
       .def_prop_ro("keyframe_count", [](const Report& r) { return r.odometry.keyframes; })
       .def_ro("keyframes", &Report::keyframes, "The last ones, which are final now.");

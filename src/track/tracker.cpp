@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "track/tracker.h"
 
+#include "image/contrast.h"
 #include "track/tracking_covariance.h"
 
 #include <cmath>
@@ -167,6 +168,10 @@ TrackingResult Tracker::track(const Frame& frame, const TrackingStart& start) {
   if (reference_.frame == nullptr) throw std::logic_error("Tracker::track before setReference");
   TrackingResult best;
   best.T_frame_reference = start.guesses.at(0);
+  if (isBlank(frame, *reference_.frame)) {
+    best.failure = TrackingFailure::kBlank;
+    return best;
+  }
   const GreyComparison grey(reference_, frame, start.guesses.at(0));
   const std::vector<AffineBrightness> guesses = brightnessGuesses(frame, start, grey);
   // What is clipped in both images agrees; in a much brighter frame it would pull the gain down.

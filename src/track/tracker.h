@@ -46,6 +46,7 @@ struct TrackingStart {
 
 enum class TrackingFailure {
   kNone,
+  kBlank,          ///< the frame shows nothing
   kDiverged,       ///< non-finite, or worse than earlier hypotheses on some level
   kBrightness,     ///< implausible brightness
   kTooFewInside,   ///< too few reference points project into the frame

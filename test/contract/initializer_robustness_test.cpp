@@ -128,6 +128,15 @@ TEST_P(InitializerRobustness, StartsRightDespiteAnInvalidFrame) {
   expectRight(feed(*make(), frames));
 }
 
+TEST_P(InitializerRobustness, ABlackFrameCostsOnlyItself) {
+  std::vector<FramePtr> frames = street().frames();
+  frames[1] = paintFrame(1, kWidth, kHeight, [](float, float) { return 0.0F; });
+  const InitRun run = feed(*make(), frames);
+  expectRight(run);
+  if (GetParam() == "coarse") return;  // begins anew
+  EXPECT_EQ(run.result->frames.front().frame->id(), FrameId{0});
+}
+
 TEST_P(InitializerRobustness, SameBitsWithTwoThreads) {
   const InitRun one = feed(*make(1), street().frames());
   const InitRun two = feed(*make(2), street().frames());

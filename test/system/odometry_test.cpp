@@ -188,19 +188,21 @@ TEST_F(OdometryWithTruth, ASceneCutLosesAndRestartBeginsANewSegment) {
   start(world);
   run(0, 12);
   EXPECT_EQ(last().state, OdometryState::kTracked);
-  run(12, 13);
+  run(12, 15);
+  EXPECT_EQ(last().state, OdometryState::kMissed);
+  run(15, 16);
   const FrameEstimate lost = last();
   EXPECT_EQ(lost.state, OdometryState::kLost) << "rmse " << lost.tracking_rmse.value_or(-1);
   EXPECT_EQ(lost.segment, 0);
   EXPECT_FALSE(lost.T_world_cam.has_value());
-  EXPECT_EQ(recorder.events.back(), "lost at 12 in 0");
-  EXPECT_THROW(run(13, 14), std::logic_error);
+  EXPECT_EQ(recorder.events.back(), "lost at 15 in 0");
+  EXPECT_THROW(run(16, 17), std::logic_error);
 
   const std::size_t before = recorder.estimates.size();
   odometry->restart();
-  run(13, 24);
+  run(16, 24);
   const FrameEstimate& first = recorder.estimates[before];
-  EXPECT_EQ(first.frame->id().value, 13);
+  EXPECT_EQ(first.frame->id().value, 16);
   EXPECT_EQ(first.state, OdometryState::kInitializing);
   EXPECT_EQ(first.segment, 1) << "the new segment begins with its first frame";
   ASSERT_EQ(last().state, OdometryState::kTracked);

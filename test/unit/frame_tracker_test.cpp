@@ -8,6 +8,9 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <utility>
+
 namespace dsorb::odometry {
 namespace {
 
@@ -68,6 +71,20 @@ TEST_F(FrameTrackerTest, GoesOnAgainstANewTarget) {
   tracker.setTarget(target(6, 3));
   EXPECT_EQ(tracker.target().frame->id(), FrameId{6});
   for (int i = 7; i < 10; ++i) expectNearTruth(tracker.track(*frame(i)), i, 6);
+}
+
+TEST_F(FrameTrackerTest, AFrameWhoseRotationTheMapDoesNotKnowHasNoPose) {
+  for (const double sigma_deg : {0.2, 1.0}) {  // of the keyframe; the frame's is a quarter more
+    FrameTracker tracker = started();
+    TrackingTarget known = target(3, 0);
+    const double sigma = sigma_deg * M_PI / 180;
+    known.keyframe.covariance = sigma * sigma * Matrix6d::Identity();
+    known.keyframe.reach = 1;
+    tracker.setTarget(std::move(known));
+    const TrackedPose pose = tracker.track(*frame(4));
+    EXPECT_EQ(pose.good, sigma_deg < 0.4);
+    EXPECT_TRUE(pose.rmse);
+  }
 }
 
 TEST_F(FrameTrackerTest, WantsAKeyframeOnceTheTargetIsFarAway) {

@@ -58,6 +58,32 @@ TEST(RecentMotion, SigmaIsWhatTheParabolaMisses) {
   EXPECT_NEAR(std::sqrt(squares / expected), 1, 0.15);
 }
 
+TEST(RecentMotion, OnlyAPoseThatIsOffTheMotionSurprises) {
+  double squares = 0;
+  RecentMotion motion = afterFrames(50, 2, false);
+  for (int i = 50; i < 200; ++i) {
+    const TimedPose next = swinging(i * kInterval, 2).pose;
+    const double surprise = motion.surprise(next).value();
+    squares += surprise * surprise;
+    EXPECT_LT(surprise, 2.5) << i;
+    const SE3 off = SE3::exp((Vector6d() << 0, 0, 0, 0, 0.1, 0).finished());
+    EXPECT_GT(motion.surprise({next.time, off * next.T_cam_world}).value(), 5) << i;
+    motion.push({next, {}});
+  }
+  EXPECT_NEAR(std::sqrt(squares / 150), 1.2, 0.3);  // of two parts the larger: measured 1.17
+}
+
+TEST(RecentMotion, AGapBeforeItSurprisesNoMore) {
+  const RecentMotion motion = afterFrames(50, 1, false);
+  for (int gap = 1; gap <= 4; ++gap) {
+    EXPECT_LT(motion.surprise(swinging((49 + gap) * kInterval, 1).pose).value(), 2) << gap;
+  }
+}
+
+TEST(RecentMotion, BeforeThereAreEnoughFramesNothingSurprises) {
+  EXPECT_FALSE(afterFrames(2, 2, false).surprise(swinging(1, 2).pose));
+}
+
 TEST(RecentMotion, BeforeAnyFrameHasShownIt) {
   const Vector6d sigma = afterFrames(3, 2, false).sigma();
   EXPECT_EQ(sigma, Vector6d::Constant(0.05));

@@ -37,7 +37,8 @@ typedef enum dsorb_state {
   DSORB_INITIALIZING = 0, /**< more frames are needed */
   DSORB_INITIALIZED = 1,  /**< with this frame */
   DSORB_TRACKED = 2,      /**< the frame has a pose (odometry only) */
-  DSORB_LOST = 3          /**< the next frame needs dsorb_odometry_restart (odometry only) */
+  DSORB_LOST = 3,         /**< the next frame needs dsorb_odometry_restart (odometry only) */
+  DSORB_MISSED = 4        /**< the frame has no pose, the map stands (odometry only) */
 } dsorb_state;
 
 /** Rectified pinhole camera [px]. Members of the readout that are zero: a global shutter. */

@@ -14,7 +14,13 @@
 namespace dsorb {
 
 /// State of an odometry after a frame.
-enum class OdometryState { kInitializing, kInitialized, kTracked, kLost };
+enum class OdometryState {
+  kInitializing,  ///< there is no map yet
+  kInitialized,   ///< the map begins with this frame
+  kTracked,       ///< the frame has a pose
+  kLost,          ///< the map is given up; the next frame needs Odometry::restart()
+  kMissed,        ///< the frame has no pose; the map stands, the next frame is tried
+};
 
 /// Name as in frames.csv, for example "tracked".
 [[nodiscard]] const char* name(OdometryState state);

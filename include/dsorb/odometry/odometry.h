@@ -13,6 +13,7 @@ namespace dsorb {
 struct OdometryReport {
   int frames_given = 0;             ///< to process()
   int frames_tracked = 0;           ///< without those of initializations
+  int frames_missed = 0;            ///< without a pose while a map stood
   int keyframes = 0;                ///< those of initializations included
   int segments = 0;                 ///< with a successful initialization
   double initializing_seconds = 0;  ///< [s]

@@ -20,6 +20,9 @@ struct OdometryOptions {
   int max_waiting = 2;
   /// Starts in a row that the window may refuse; the next one stays. 0: every start stays.
   int max_refusals = 2;
+  /// Frames in a row that may stay without a pose (black, torn, covered for a moment) while the map
+  /// stands; the next one loses it. 0: the first frame without a pose loses it.
+  int max_missed = 3;
   BrightnessModel brightness = BrightnessModel::kUncalibrated;  ///< what is known of the images
   InitializerOptions initializer;                               ///< first poses and depths
   TrackerOptions tracker;                                       ///< pose of each frame
@@ -34,6 +37,7 @@ DescribeFor<Options, OdometryOptions> describe(Visitor& visit, Options& o) {
   visit.field("pipelined", o.pipelined);
   visit.field("max_waiting", o.max_waiting, Range{1, 1000}, "frames");
   visit.field("max_refusals", o.max_refusals, Range{0, 1000000}, "starts");
+  visit.field("max_missed", o.max_missed, Range{0, 1000}, "frames");
   visit.choice("brightness",
                o.brightness,
                {{"uncalibrated", BrightnessModel::kUncalibrated},

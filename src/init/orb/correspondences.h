@@ -26,6 +26,7 @@ class Correspondences final : public ReferenceSource {
   void clear() override;
 
   [[nodiscard]] bool empty() const override { return frames_.empty(); }
+  [[nodiscard]] const Frame& newest() const override { return *frames_.back(); }
   [[nodiscard]] bool tooFewCorners() const override {
     return frames_.size() == 1 && size() < options_.min_tracked;
   }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/orb_initializer.h"
 
+#include "image/contrast.h"
 #include "init/orb/correspondences.h"
 #include "init/orb/reference_pool.h"
 #include "init/orb/two_view/rotation_only.h"
@@ -14,6 +15,7 @@ namespace {
 
 constexpr int kMinRotationTracks = 10;  // needed to tell that a rotation explains them
 constexpr int kMaxAttempts = 2;         // with one frame
+constexpr int kMaxBlank = 3;            // frames in a row that are passed over
 constexpr int kMaxPutOff = 10;          // attempts in a row, of a caller who is always in a hurry
 
 std::unique_ptr<ReferenceSource> makeSource(const InitializerOptions& options) {
@@ -54,6 +56,7 @@ void ORBInitializer::reset() {
   resets_.clear();
   frame_check_ = FrameCheck(camera_);
   spent_ = false;
+  blank_ = 0;
   put_off_ = 0;
 }
 
@@ -64,6 +67,11 @@ InitStep ORBInitializer::advance(FramePtr frame) {
   if (source_->tooFewCorners()) {
     return startOver(std::move(frame), needsMoreFrames(InitReason::kTooFewPoints));
   }
+  if (blank_ < kMaxBlank && isBlank(*frame, source_->newest())) {
+    ++blank_;
+    return needsMoreFrames(InitReason::kTooFewPoints);
+  }
+  blank_ = 0;
   clock_.time(advance_stage_, [&] { source_->advance(frame); });
   if (source_->dropLost()) {
     return startOver(std::move(frame),

@@ -46,6 +46,7 @@ class ORBInitializer final : public Initializer {
   ResetLog resets_;
   bool spent_ = false;
   bool hurried_ = false;
+  int blank_ = 0;    ///< frames in a row that show nothing
   int put_off_ = 0;  ///< attempts in a row, for want of time
 };
 

@@ -32,6 +32,7 @@ class ReferencePool final : public ReferenceSource {
   void clear() override;
 
   [[nodiscard]] bool empty() const override { return frames_.empty(); }
+  [[nodiscard]] const Frame& newest() const override { return *frames_.back(); }
   [[nodiscard]] bool tooFewCorners() const override {
     return references() == 1 && tracks(0) < options_.min_tracked;
   }

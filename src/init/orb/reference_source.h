@@ -26,6 +26,8 @@ class ReferenceSource {
   virtual void clear() = 0;
 
   [[nodiscard]] virtual bool empty() const = 0;
+  /// The frame given last; there is one unless empty().
+  [[nodiscard]] virtual const Frame& newest() const = 0;
   /// Whether the first reference has too few corners to follow.
   [[nodiscard]] virtual bool tooFewCorners() const = 0;
   /// Drops references with too few live tracks, and all at a scene cut.

@@ -84,6 +84,9 @@ def how_sure(run):
     if lost:
         times = ', '.join(f'{float(row.time) - float(run.rows[0].time):.1f} s' for row in run.rows if row.state == 'lost')
         lines.append(f'  tracking was lost {lost} time(s): at {times}')
+    missed = sum(row.state == 'missed' for row in run.rows)
+    if missed:
+        lines.append(f'  {missed} image(s) got no pose and lost no map: black, torn, covered or blurred ones')
     return lines
 
 
