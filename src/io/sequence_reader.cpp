@@ -5,6 +5,7 @@
 #include "dsorb/error.h"
 
 #include "io/bit_depth.h"
+#include "io/black_bars.h"
 #include "io/dataset.h"
 #include "io/depth_images.h"
 #include "io/image_masks.h"
@@ -97,6 +98,7 @@ class SequenceReader::Impl {
   [[nodiscard]] std::optional<SequenceFrame> prepare(int index);
   void checkSize(const cv::Mat& image, const std::string& name) const;
   void chooseBits(const cv::Mat& image, std::vector<std::string>& warnings);
+  void leaveOutBars(const cv::Mat& image, std::vector<std::string>& warnings);
   [[nodiscard]] std::uint16_t largestValue(const cv::Mat& image);
 
   DatasetLayout layout_;
@@ -106,6 +108,7 @@ class SequenceReader::Impl {
   std::optional<Rectifier> rectifier_;
   Lens lens_;
   ImageMasks masks_;
+  BarFinder bars_;
   DepthImages depths_;
   std::optional<SourceImage> first_;  // decoded for its size, until it is read
   int bits_ = 0;                      // of 16-bit images; 0: not known before the first of them
@@ -204,6 +207,13 @@ void SequenceReader::Impl::chooseBits(const cv::Mat& image, std::vector<std::str
                   bits_));
 }
 
+void SequenceReader::Impl::leaveOutBars(const cv::Mat& image, std::vector<std::string>& warnings) {
+  const bool had_bars = bars_.bars().any();
+  if (!bars_.look(image)) return;
+  rectifier_->setMask(viewOf(withoutBars(bars_.bars(), image.size(), masks_.common())));
+  if (!had_bars) warnings.push_back(describe(bars_.bars()));
+}
+
 void SequenceReader::Impl::checkSize(const cv::Mat& image, const std::string& name) const {
   if (image.cols == rectifier_->inputWidth() && image.rows == rectifier_->inputHeight()) return;
   throw IoError(fmt::format("{}: {}x{} px; expected {}x{} as calibrated",
@@ -224,6 +234,7 @@ std::optional<SequenceFrame> SequenceReader::Impl::prepare(int index) {
   result.late = image->late;
   if (!image->warning.empty()) result.warnings.push_back(image->warning);
   checkSize(image->pixels, result.image_file);
+  leaveOutBars(image->pixels, result.warnings);
   const cv::Mat mask = masks_.of(result.image_file);
   if (image->pixels.depth() == CV_16U) chooseBits(image->pixels, result.warnings);
   const auto priors = depths_.of(result.image_file);
