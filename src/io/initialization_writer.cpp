@@ -106,6 +106,7 @@ void Details::add(const EssentialReport& report) {
   add("model_inliers", report.inliers);
   add("rotation_residual_px", report.rotation_residual);
   add("direction_sigma_deg", report.gate.direction_sigma_deg);
+  add("stuck_tracks", report.stuck_tracks);
   add("front_share", report.front_share);
   add("track_noise", report.track_noise);
   add("polished", report.refinement.accepted);

@@ -91,6 +91,7 @@ Json runJson(const RunInfo& info,
     json["calibration_suspected"] = {
         {"gain", lens->gain}, {"focal_factor", lens->focal_factor}, {"radial", lens->radial}};
   }
+  if (record.stuckShare() > 0) json["stuck_share"] = record.stuckShare();
   json["frames_given"] = record.notes().size();
   json["frames_tracked"] = record.framesTracked();
   json["frames_missed"] = record.framesMissed();

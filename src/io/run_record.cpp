@@ -28,6 +28,7 @@ void RunRecord::addInitialization(InitializationResult result, int segment) {
   if (result.metric) toMetres(*result.metric, result);
   noteReadout(result);
   noteLens(result);
+  noteStuck(result);
   const FrameId reference = result.frames.front().frame->id();
   const double begin = result.frames.front().frame->timestamp();
   const double duration = result.frames.back().frame->timestamp() - begin;
@@ -58,6 +59,12 @@ void RunRecord::noteReadout(const InitializationResult& result) {
   };
   const double known = suspected_readout_ ? deviations(*suspected_readout_) : kSuspicious;
   if (deviations(score) > known) suspected_readout_ = score;
+}
+
+void RunRecord::noteStuck(const InitializationResult& result) {
+  if (!result.report.essential || result.report.essential->stuck_tracks == 0) return;
+  const double stuck = result.report.essential->stuck_tracks;
+  stuck_share_ = std::max(stuck_share_, stuck / (stuck + result.report.essential->tracks));
 }
 
 void RunRecord::noteLens(const InitializationResult& result) {

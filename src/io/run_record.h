@@ -87,6 +87,8 @@ class RunRecord {
   [[nodiscard]] const std::optional<LensScore>& contradictedLens() const {
     return contradicted_lens_;
   }
+  /// Largest share of a start's corners that moved with the camera, as a bonnet does.
+  [[nodiscard]] double stuckShare() const { return stuck_share_; }
   /// Number of starts that were refused.
   [[nodiscard]] int refusals(RefusalReason reason) const;
   /// How often the initializer gave each reason.
@@ -116,6 +118,7 @@ class RunRecord {
   void addInitialization(InitializationResult result, int segment);
   void noteReadout(const InitializationResult& result);
   void noteLens(const InitializationResult& result);
+  void noteStuck(const InitializationResult& result);
   [[nodiscard]] SE3 T_cam_reference(const PosedEntry& entry, const Anchor& reference) const;
   [[nodiscard]] SE3 T_cam_keyframe(const PosedEntry& entry, const Anchor& keyframe) const;
 
@@ -126,6 +129,7 @@ class RunRecord {
   int frames_missed_ = 0;
   std::vector<Start> starts_;
   std::optional<Readout> suspected_readout_;
+  double stuck_share_ = 0;
   std::optional<LensScore> contradicted_lens_;
   std::map<FrameId, Anchor> anchors_;
   std::vector<int> segments_;

@@ -95,6 +95,7 @@ struct DepthPriorReport {
 struct EssentialReport {
   int tracks = 0;                          ///< matches of the two views
   int inliers = 0;                         ///< tracks that fit the chosen motion
+  int stuck_tracks = 0;                    ///< left out: they move with the camera
   double rotation_residual = 0;            ///< median rotation-compensated flow [px]
   double front_share = 0;                  ///< corners in front of the camera
   std::optional<double> homography_gric;   ///< over that of the essential matrix, where compared

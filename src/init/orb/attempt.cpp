@@ -15,6 +15,7 @@
 #include "init/orb/start/essential_start.h"
 #include "init/orb/start/readout_profile.h"
 #include "init/orb/thesis/two_view_start.h"
+#include "init/orb/two_view/stuck_tracks.h"
 #include "init/result.h"
 
 #include <cmath>
@@ -113,8 +114,10 @@ Outcome<Reconstruction> reconstructAsGladkova(const ReferenceView& view,
 
 /// Reconstruction of `orb`: essential matrix, adjustment of a few frames, a gate, refined corners;
 /// all other frames are posed in the end.
-Attempt reconstruct(const ReferenceView& seen, const AttemptContext& context) {
+Attempt reconstruct(ReferenceView seen, const AttemptContext& context) {
   using Made = Reconstruction;
+  const int stuck = context.clock.time(
+      "stuck", [&] { return leaveOutStuck(seen.tracks, context.camera, context.seed()); });
   const Readout calibrated = readoutOf(*seen.frames.front());
   ReferenceView view = withGlobalShutter(seen, calibrated);
   EssentialStart start = startFromEssential(view, context);
@@ -127,6 +130,7 @@ Attempt reconstruct(const ReferenceView& seen, const AttemptContext& context) {
       start = startFromEssential(view, context);
     }
   }
+  if (start.made) start.made->report.essential->stuck_tracks = stuck;
   auto made = std::move(start.made)
                   .then([&](Made m) { return addSemiDense(std::move(m), view, context); })
                   .then([&](Made m) { return adjustImages(std::move(m), context); })

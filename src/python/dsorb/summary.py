@@ -107,6 +107,9 @@ def of_lens(summary):
             doubt = None  # the window knows more by now
     if doubt:
         lines.append('  calibration suspected: ' + better_lens(doubt, summary['camera']))
+    if summary.get('stuck_share'):
+        lines.append(f'  {100 * summary["stuck_share"]:.0f} % of the corners of a start move with the camera (a bonnet, a watermark): '
+                     'hide them with --mask FILE')
     suspected = summary.get('rolling_shutter_suspected')
     if suspected and not readout:
         lines.append(f'  rolling shutter suspected: the images of a start ask for {suspected["milliseconds"]:.0f} +- {suspected["sigma"]:.0f} ms '

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/two_view/stuck_tracks.h"
+
+#include "base/median.h"
+#include "init/orb/two_view/essential_motion.h"
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <optional>
+#include <vector>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr float kStill = 0.5F;         // largest distance from the place in the reference [px]
+constexpr double kMinMoved = 3;         // median of the others in the newest frame [px]
+constexpr double kMinTurned = 1;        // median of points far away where tracks stand still [px]
+constexpr double kMinShare = 0.03;      // of the tracks; a few are outliers like others
+constexpr int kMinOthers = 50;          // an attempt needs as many
+constexpr double kMaxCellShare = 0.45;  // of the image's cells with tracks; more: the scene stands
+constexpr int kColumns = 8;
+constexpr int kRows = 6;
+
+/// By track, whether it stands still in all frames.
+std::vector<char> stillTracks(const CornerTracks& tracks) {
+  std::vector<char> still(static_cast<std::size_t>(tracks.size()), 1);
+  for (const std::vector<Eigen::Vector2f>& positions : tracks.positions) {
+    for (std::size_t i = 0; i < still.size(); ++i) {
+      const float moved = (positions[i] - tracks.positions.front()[i]).norm();
+      if (moved > kStill) still[i] = 0;  // unseen is not moved
+    }
+  }
+  return still;
+}
+
+/// Share of the cells with tracks in which most of these stand still.
+double stillCells(const Matches& matches,
+                  const std::vector<char>& still,
+                  const PinholeCamera& camera) {
+  std::array<int, static_cast<std::size_t>(kColumns* kRows)> balance{};
+  std::array<bool, balance.size()> taken{};
+  const auto cellOf = [](double x, int size, int count) {
+    return std::clamp(static_cast<int>(x * count / size), 0, count - 1);
+  };
+  for (std::size_t i = 0; i < still.size(); ++i) {
+    const Eigen::Vector2d& pixel = matches.reference[i];
+    const auto cell = static_cast<std::size_t>(cellOf(pixel.y(), camera.height, kRows) * kColumns +
+                                               cellOf(pixel.x(), camera.width, kColumns));
+    balance[cell] += still[i] != 0 ? 1 : -1;
+    taken[cell] = true;
+  }
+  const auto standing = std::count_if(balance.begin(), balance.end(), [](int b) { return b > 0; });
+  return static_cast<double>(standing) /
+         static_cast<double>(std::count(taken.begin(), taken.end(), true));
+}
+
+/// Median of how far a rotation moves points that are far away [px].
+double medianTurn(const Eigen::Quaterniond& R_cur_ref,
+                  const std::vector<Eigen::Vector2d>& pixels,
+                  const PinholeCamera& camera) {
+  std::vector<double> turns;
+  for (const Eigen::Vector2d& pixel : pixels) {
+    const Eigen::Vector3d bearing = R_cur_ref * camera.unproject(pixel);
+    turns.push_back(bearing.z() > 0 ? (camera.project(bearing) - pixel).norm() : camera.width);
+  }
+  return medianInPlace(turns);
+}
+
+void keepOnly(const std::vector<char>& dropped, CornerTracks& tracks) {
+  const auto filter = [&](std::vector<Eigen::Vector2f>& places) {
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < places.size(); ++i) {
+      if (dropped[i] == 0) places[kept++] = places[i];
+    }
+    places.resize(kept);
+  };
+  for (std::vector<Eigen::Vector2f>& positions : tracks.positions) filter(positions);
+  filter(tracks.seen);
+}
+
+}  // namespace
+
+int leaveOutStuck(CornerTracks& tracks, const PinholeCamera& camera, std::uint64_t seed) {
+  const std::vector<char> still = stillTracks(tracks);
+  const auto count = static_cast<int>(std::count(still.begin(), still.end(), 1));
+  if (count < kMinShare * tracks.size() || tracks.size() - count < kMinOthers) return 0;
+  const Matches all = tracks.matchesTo(tracks.frames() - 1);
+  Matches others;
+  std::vector<Eigen::Vector2d> standing;
+  std::vector<double> moved;
+  for (std::size_t i = 0; i < still.size(); ++i) {
+    if (still[i] != 0) {
+      standing.push_back(all.reference[i]);
+      continue;
+    }
+    others.reference.push_back(all.reference[i]);
+    others.target.push_back(all.target[i]);
+    moved.push_back((all.target[i] - all.reference[i]).norm());
+  }
+  if (medianInPlace(moved) < kMinMoved || stillCells(all, still, camera) > kMaxCellShare) return 0;
+  const auto motion = estimateEssentialMotion(others, camera, seed);
+  if (!motion || medianTurn(motion->T_cur_ref.unitQuaternion(), standing, camera) < kMinTurned) {
+    return 0;
+  }
+  keepOnly(still, tracks);
+  return count;
+}
+
+}  // namespace dsorb::init_orb

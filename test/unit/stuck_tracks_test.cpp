@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/two_view/stuck_tracks.h"
+
+#include "support/two_view_scene.h"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr std::uint64_t kStuckSeed = 5;
+
+/// Tracks of a scene over three frames, and of a rectangle that moves with the camera.
+class StuckTracks : public testing::Test {
+ protected:
+  /// @param turn of the camera [rad]
+  void observe(double turn, const Eigen::Vector3d& translation) {
+    const SE3 T_cur_ref(so3Exp(turn * Eigen::Vector3d(0.1, 1, 0)), translation);
+    tracks_.positions.assign(3, {});
+    Random random(kStuckSeed);
+    while (tracks_.size() < 200) {
+      const Eigen::Vector2d pixel(random.uniform(5, 635), random.uniform(5, 475));
+      const Eigen::Vector3d point = random.uniform(4, 12) * camera_.unproject(pixel);
+      const Eigen::Vector2d target = camera_.project(T_cur_ref * point);
+      if (!camera_.contains(target)) continue;
+      add(pixel, target);
+    }
+  }
+  void stick(int count, double height) {
+    Random random(kStuckSeed + 1);
+    for (int i = 0; i < count; ++i) {
+      const Eigen::Vector2d pixel(random.uniform(5, 635), random.uniform(475 - height, 475));
+      add(pixel, pixel + Eigen::Vector2d(0.1 * random.gaussian(), 0.1 * random.gaussian()));
+    }
+  }
+  int leaveOut() { return leaveOutStuck(tracks_, camera_, kStuckSeed); }
+
+  PinholeCamera camera_{450, 450, 319.5, 239.5, 640, 480};
+  CornerTracks tracks_;
+
+ private:
+  void add(const Eigen::Vector2d& pixel, const Eigen::Vector2d& target) {
+    tracks_.positions[0].push_back(pixel.cast<float>());
+    tracks_.positions[1].push_back((0.5 * (pixel + target)).cast<float>());
+    tracks_.positions[2].push_back(target.cast<float>());
+  }
+};
+
+TEST_F(StuckTracks, OfABonnetAreLeftOutWhereTheCameraTurns) {
+  observe(0.02, {0.3, 0, 0.1});
+  stick(250, 80);  // more than the others, over a sixth of the image
+  tracks_.seen = tracks_.positions.front();
+  tracks_.positions[1][200] = Eigen::Vector2f::Constant(std::numeric_limits<float>::quiet_NaN());
+  const auto kept = std::vector<Eigen::Vector2f>(tracks_.positions[2].begin(),
+                                                 tracks_.positions[2].begin() + 200);
+  EXPECT_EQ(leaveOut(), 250);
+  EXPECT_EQ(tracks_.positions[2], kept);
+  EXPECT_EQ(tracks_.positions[1].size(), 200U);
+  EXPECT_EQ(tracks_.seen.size(), 200U);
+}
+
+TEST_F(StuckTracks, MayBeFarAwayWhereTheCameraDoesNotTurn) {
+  observe(0, {0, 0, 0.4});
+  stick(60, 80);
+  EXPECT_EQ(leaveOut(), 0);
+  EXPECT_EQ(tracks_.size(), 260);
+}
+
+TEST_F(StuckTracks, AreTheSceneWhereTheyAreAllOverTheImage) {
+  observe(0.02, {0.3, 0, 0.1});
+  stick(400, 300);
+  EXPECT_EQ(leaveOut(), 0) << "a standing camera, traffic above";
+}
+
+TEST_F(StuckTracks, AreFewInAnyScene) {
+  observe(0.02, {0.3, 0, 0.1});
+  stick(4, 80);
+  EXPECT_EQ(leaveOut(), 0);
+}
+
+}  // namespace
+}  // namespace dsorb::init_orb
