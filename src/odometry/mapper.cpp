@@ -56,6 +56,7 @@ MapUpdate Mapper::seed(const InitializationResult& result, int segment) {
   camera_sigmas_.reset();
   radial_.reset();
   innovations_ = {};
+  stuck_ = StuckRegions(result.stuck, camera_.width, camera_.height);
   window_ = seedWindow(result, camera_, options_, selector_, kCandidatesPerTask);
   const StartComparison comparison(result, *window_);
   MapUpdate update = adjust(SE3());
@@ -92,11 +93,12 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
   MapUpdate update;
   update.new_keyframes = 1;
   window::OptimizationReport adjustment;
-  runBoth([&] { adjustment = optimizer_.optimize(*window_); },
-          [&] {
-            selectCandidates(
-                window_->keyframes.back(), selector_, options_.depth.candidates_per_keyframe);
-          });
+  runBoth(
+      [&] { adjustment = optimizer_.optimize(*window_); },
+      [&] {
+        selectCandidates(
+            window_->keyframes.back(), selector_, stuck_, options_.depth.candidates_per_keyframe);
+      });
   update.finite = adjustment.finite && adjustment.residuals > 0;
   update.rms = adjustment.rms;
   if (!update.finite) return update;

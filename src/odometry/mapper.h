@@ -7,6 +7,7 @@
 #include "dsorb/options/odometry.h"
 
 #include "image/pixel_selector.h"
+#include "image/stuck_regions.h"
 #include "odometry/frame_tracker.h"
 #include "odometry/innovation_scale.h"
 #include "window/window.h"
@@ -68,6 +69,7 @@ class Mapper {
   PinholeCamera camera_;
   OdometryOptions options_;
   PixelSelector selector_;
+  StuckRegions stuck_;
   window::WindowOptimizer optimizer_;
   track::TrackingReferenceBuilder reference_builder_;
   std::optional<window::Window> window_;

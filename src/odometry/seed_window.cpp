@@ -95,7 +95,11 @@ void fillUp(window::Window& window,
             const OdometryOptions& options,
             PixelSelector& selector,
             std::size_t grain) {
-  selectCandidates(window.keyframes.front(), selector, options.depth.candidates_per_keyframe);
+  window::Keyframe& reference = window.keyframes.front();
+  selectCandidates(reference,
+                   selector,
+                   StuckRegions(result.stuck, reference.frame->width(), reference.frame->height()),
+                   options.depth.candidates_per_keyframe);
   for (std::size_t i = 1; i < result.frames.size(); ++i) {
     const PosedFrame& posed = result.frames[i];
     if (!posed.T_cam_ref) continue;
@@ -109,8 +113,13 @@ void fillUp(window::Window& window,
 
 }  // namespace
 
-int selectCandidates(window::Keyframe& keyframe, PixelSelector& selector, int wanted) {
-  return window::addCandidates(keyframe, selector.select(*keyframe.frame, wanted));
+int selectCandidates(window::Keyframe& keyframe,
+                     PixelSelector& selector,
+                     const StuckRegions& stuck,
+                     int wanted) {
+  std::vector<SelectedPixel> selected = selector.select(*keyframe.frame, wanted);
+  stuck.removeFrom(selected);
+  return window::addCandidates(keyframe, selected);
 }
 
 window::Window seedWindow(const InitializationResult& result,

@@ -6,6 +6,7 @@
 #include "dsorb/options/odometry.h"
 
 #include "image/pixel_selector.h"
+#include "image/stuck_regions.h"
 #include "window/window.h"
 
 #include <cstddef>
@@ -27,8 +28,11 @@ namespace dsorb::odometry {
                                         PixelSelector& selector,
                                         std::size_t grain);
 
-/// Gives a keyframe of the window its candidates.
+/// Gives a keyframe of the window its candidates, none where the image moves with the camera.
 /// @return how many
-int selectCandidates(window::Keyframe& keyframe, PixelSelector& selector, int wanted);
+int selectCandidates(window::Keyframe& keyframe,
+                     PixelSelector& selector,
+                     const StuckRegions& stuck,
+                     int wanted);
 
 }  // namespace dsorb::odometry

@@ -7,6 +7,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -87,6 +88,24 @@ TEST_F(SeedWindow, FewPointsAreFilledUpWithCandidatesNearTheTruth) {
     errors.push_back(std::abs(static_cast<double>(point.inverse_depth) / expected - 1));
   }
   EXPECT_LT(medianOf(errors), 0.05);
+}
+
+TEST_F(SeedWindow, NothingIsAddedWhereTheImageMovesWithTheCamera) {
+  const auto added_below = [this](const InitializationResult& result) {
+    const window::Window window = seed(result);
+    return std::count_if(window.keyframes[0].points.begin(),
+                         window.keyframes[0].points.end(),
+                         [](const auto& point) { return point.patch.pixel.y() >= 192; });
+  };
+  InitializationResult result = resultWith(40);
+  const auto given = std::count_if(result.points.begin(),
+                                   result.points.end(),
+                                   [](const InitPoint& point) { return point.pixel.y() >= 192; });
+  EXPECT_GT(added_below(result), 2 * given);
+  for (float x = 16; x < 320; x += 32) {
+    for (float y = 208; y < 240; y += 31) result.stuck.emplace_back(x, y);
+  }
+  EXPECT_LE(added_below(result), given);
 }
 
 TEST_F(SeedWindow, UnknownVariancesGiveNoPrior) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/two_view/stuck_tracks.h"
 
+#include "image/stuck_regions.h"
 #include "support/two_view_scene.h"
 
 #include <gtest/gtest.h>
@@ -35,7 +36,7 @@ class StuckTracks : public testing::Test {
       add(pixel, pixel + Eigen::Vector2d(0.1 * random.gaussian(), 0.1 * random.gaussian()));
     }
   }
-  int leaveOut() { return leaveOutStuck(tracks_, camera_, kStuckSeed); }
+  std::vector<Eigen::Vector2f> leaveOut() { return leaveOutStuck(tracks_, camera_, kStuckSeed); }
 
   PinholeCamera camera_{450, 450, 319.5, 239.5, 640, 480};
   CornerTracks tracks_;
@@ -55,7 +56,7 @@ TEST_F(StuckTracks, OfABonnetAreLeftOutWhereTheCameraTurns) {
   tracks_.positions[1][200] = Eigen::Vector2f::Constant(std::numeric_limits<float>::quiet_NaN());
   const auto kept = std::vector<Eigen::Vector2f>(tracks_.positions[2].begin(),
                                                  tracks_.positions[2].begin() + 200);
-  EXPECT_EQ(leaveOut(), 250);
+  EXPECT_EQ(leaveOut().size(), 250U);
   EXPECT_EQ(tracks_.positions[2], kept);
   EXPECT_EQ(tracks_.positions[1].size(), 200U);
   EXPECT_EQ(tracks_.seen.size(), 200U);
@@ -64,20 +65,31 @@ TEST_F(StuckTracks, OfABonnetAreLeftOutWhereTheCameraTurns) {
 TEST_F(StuckTracks, MayBeFarAwayWhereTheCameraDoesNotTurn) {
   observe(0, {0, 0, 0.4});
   stick(60, 80);
-  EXPECT_EQ(leaveOut(), 0);
+  EXPECT_EQ(leaveOut().size(), 0U);
   EXPECT_EQ(tracks_.size(), 260);
 }
 
 TEST_F(StuckTracks, AreTheSceneWhereTheyAreAllOverTheImage) {
   observe(0.02, {0.3, 0, 0.1});
   stick(400, 300);
-  EXPECT_EQ(leaveOut(), 0) << "a standing camera, traffic above";
+  EXPECT_EQ(leaveOut().size(), 0U) << "a standing camera, traffic above";
 }
 
 TEST_F(StuckTracks, AreFewInAnyScene) {
   observe(0.02, {0.3, 0, 0.1});
   stick(4, 80);
-  EXPECT_EQ(leaveOut(), 0);
+  EXPECT_EQ(leaveOut().size(), 0U);
+}
+
+TEST(StuckRegions, AreTheSquaresAroundPixels) {
+  const StuckRegions regions({{40, 40}, {639, 479}}, 640, 480);
+  std::vector<SelectedPixel> selected = {{31, 40}, {32, 32}, {63, 63}, {64, 40}, {620, 460}};
+  regions.removeFrom(selected);
+  ASSERT_EQ(selected.size(), 2U);
+  EXPECT_EQ(selected[0].x, 31);
+  EXPECT_EQ(selected[1].x, 64);
+  StuckRegions().removeFrom(selected);
+  EXPECT_EQ(selected.size(), 2U);
 }
 
 }  // namespace

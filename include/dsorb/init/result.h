@@ -54,6 +54,8 @@ struct InitializationResult {
   /// Of the unit, where frames came with priors: depths of the reference that the start agrees
   /// with, or else distances.
   std::optional<MetricScale> metric{};
+  /// Pixels of all images that move with the camera (a bonnet, a watermark): corners were seen to.
+  std::vector<Eigen::Vector2f> stuck{};
 };
 
 /// Checks every clause of the hand-over that can be seen from the result alone.

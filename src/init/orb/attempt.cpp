@@ -116,7 +116,7 @@ Outcome<Reconstruction> reconstructAsGladkova(const ReferenceView& view,
 /// all other frames are posed in the end.
 Attempt reconstruct(ReferenceView seen, const AttemptContext& context) {
   using Made = Reconstruction;
-  const int stuck = context.clock.time(
+  const std::vector<Eigen::Vector2f> stuck = context.clock.time(
       "stuck", [&] { return leaveOutStuck(seen.tracks, context.camera, context.seed()); });
   const Readout calibrated = readoutOf(*seen.frames.front());
   ReferenceView view = withGlobalShutter(seen, calibrated);
@@ -130,7 +130,10 @@ Attempt reconstruct(ReferenceView seen, const AttemptContext& context) {
       start = startFromEssential(view, context);
     }
   }
-  if (start.made) start.made->report.essential->stuck_tracks = stuck;
+  if (start.made) {
+    start.made->map.stuck = stuck;
+    start.made->report.essential->stuck_tracks = static_cast<int>(stuck.size());
+  }
   auto made = std::move(start.made)
                   .then([&](Made m) { return addSemiDense(std::move(m), view, context); })
                   .then([&](Made m) { return adjustImages(std::move(m), context); })
@@ -167,6 +170,7 @@ InitializationResult toResult(Reconstruction made) {
   result.frames = std::move(made.map.frames);
   result.report = std::move(made.report);
   result.readout = made.map.readout;
+  result.stuck = std::move(made.map.stuck);
   normalizeScale(result);
   const FramePriors* priors = result.frames.front().frame->priors();
   const bool contradicted = result.report.depth_prior && result.report.depth_prior->contradicted;

@@ -83,6 +83,7 @@ struct InitialMap {
   std::vector<MotionPrior> motion_priors{};  ///< what the poses say of them; as many
   std::optional<Readout> readout{};          ///< of a rolling shutter, calibrated or estimated
   std::vector<KnownMotion> known_motions{};  ///< between frames, by the caller; take part
+  std::vector<Eigen::Vector2f> stuck{};      ///< pixels that move with the camera
   /// Metres of one unit where known depths have given the map its scale, which is no free gauge
   /// then; 0: nothing is known.
   double metres = 0;

@@ -4,6 +4,7 @@
 #include "base/parallel.h"
 #include "base/random.h"
 #include "image/pixel_selector.h"
+#include "image/stuck_regions.h"
 #include "init/orb/map/frame_brightness.h"
 #include "init/orb/semi_dense/epipolar_search.h"
 
@@ -132,7 +133,8 @@ SemiDenseReport estimateSemiDenseDepth(InitialMap& map,
   }
   Random random(seed);
   const FramePtr& reference = map.frames.front().frame;
-  const std::vector<SelectedPixel> candidates = selectCandidates(*reference, options, random);
+  std::vector<SelectedPixel> candidates = selectCandidates(*reference, options, random);
+  StuckRegions(map.stuck, camera.width, camera.height).removeFrom(candidates);
   const PointGuess guess{{map.corners, camera.width, camera.height}, known};
   std::vector<EpipolarSearch> searches;
   searches.reserve(frames.size());

@@ -13,7 +13,7 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr float kStill = 0.5F;         // largest distance from the place in the reference [px]
+constexpr float kStill = 0.5F;          // largest distance from the place in the reference [px]
 constexpr double kMinMoved = 3;         // median of the others in the newest frame [px]
 constexpr double kMinTurned = 1;        // median of points far away where tracks stand still [px]
 constexpr double kMinShare = 0.03;      // of the tracks; a few are outliers like others
@@ -38,7 +38,7 @@ std::vector<char> stillTracks(const CornerTracks& tracks) {
 double stillCells(const Matches& matches,
                   const std::vector<char>& still,
                   const PinholeCamera& camera) {
-  std::array<int, static_cast<std::size_t>(kColumns* kRows)> balance{};
+  std::array<int, static_cast<std::size_t>(kColumns * kRows)> balance{};
   std::array<bool, balance.size()> taken{};
   const auto cellOf = [](double x, int size, int count) {
     return std::clamp(static_cast<int>(x * count / size), 0, count - 1);
@@ -81,10 +81,12 @@ void keepOnly(const std::vector<char>& dropped, CornerTracks& tracks) {
 
 }  // namespace
 
-int leaveOutStuck(CornerTracks& tracks, const PinholeCamera& camera, std::uint64_t seed) {
+std::vector<Eigen::Vector2f> leaveOutStuck(CornerTracks& tracks,
+                                           const PinholeCamera& camera,
+                                           std::uint64_t seed) {
   const std::vector<char> still = stillTracks(tracks);
   const auto count = static_cast<int>(std::count(still.begin(), still.end(), 1));
-  if (count < kMinShare * tracks.size() || tracks.size() - count < kMinOthers) return 0;
+  if (count < kMinShare * tracks.size() || tracks.size() - count < kMinOthers) return {};
   const Matches all = tracks.matchesTo(tracks.frames() - 1);
   Matches others;
   std::vector<Eigen::Vector2d> standing;
@@ -98,13 +100,15 @@ int leaveOutStuck(CornerTracks& tracks, const PinholeCamera& camera, std::uint64
     others.target.push_back(all.target[i]);
     moved.push_back((all.target[i] - all.reference[i]).norm());
   }
-  if (medianInPlace(moved) < kMinMoved || stillCells(all, still, camera) > kMaxCellShare) return 0;
+  if (medianInPlace(moved) < kMinMoved || stillCells(all, still, camera) > kMaxCellShare) return {};
   const auto motion = estimateEssentialMotion(others, camera, seed);
   if (!motion || medianTurn(motion->T_cur_ref.unitQuaternion(), standing, camera) < kMinTurned) {
-    return 0;
+    return {};
   }
   keepOnly(still, tracks);
-  return count;
+  std::vector<Eigen::Vector2f> stuck;
+  for (const Eigen::Vector2d& pixel : standing) stuck.push_back(pixel.cast<float>());
+  return stuck;
 }
 
 }  // namespace dsorb::init_orb

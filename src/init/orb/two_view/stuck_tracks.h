@@ -5,7 +5,10 @@
 
 #include "init/orb/tracks/corner_tracks.h"
 
+#include <Eigen/Core>
+
 #include <cstdint>
+#include <vector>
 
 namespace dsorb::init_orb {
 
@@ -13,8 +16,10 @@ namespace dsorb::init_orb {
 /// stand still in all frames though the others, all over the image, say that the camera turned;
 /// points far away would move with it.
 /// @param seed of the samples by which the others' motion is found
-/// @return how many were left out
+/// @return where the reference shows those that were left out [px]
 /// @source docs/experiments.md, "Stuck tracks"
-int leaveOutStuck(CornerTracks& tracks, const PinholeCamera& camera, std::uint64_t seed);
+std::vector<Eigen::Vector2f> leaveOutStuck(CornerTracks& tracks,
+                                           const PinholeCamera& camera,
+                                           std::uint64_t seed);
 
 }  // namespace dsorb::init_orb
