@@ -40,13 +40,13 @@ double stillCells(const Matches& matches,
                   const PinholeCamera& camera) {
   std::array<int, static_cast<std::size_t>(kColumns * kRows)> balance{};
   std::array<bool, balance.size()> taken{};
-  const auto cellOf = [](double x, int size, int count) {
-    return std::clamp(static_cast<int>(x * count / size), 0, count - 1);
+  const auto cell_of = [](double x, int size, int count) {
+    return static_cast<std::size_t>(std::clamp(static_cast<int>(x * count / size), 0, count - 1));
   };
   for (std::size_t i = 0; i < still.size(); ++i) {
     const Eigen::Vector2d& pixel = matches.reference[i];
-    const auto cell = static_cast<std::size_t>(cellOf(pixel.y(), camera.height, kRows) * kColumns +
-                                               cellOf(pixel.x(), camera.width, kColumns));
+    const std::size_t cell = cell_of(pixel.y(), camera.height, kRows) * kColumns +
+                             cell_of(pixel.x(), camera.width, kColumns);
     balance[cell] += still[i] != 0 ? 1 : -1;
     taken[cell] = true;
   }
@@ -57,10 +57,12 @@ double stillCells(const Matches& matches,
 
 /// Median of how far a rotation moves points that are far away [px].
 double medianTurn(const Eigen::Quaterniond& R_cur_ref,
-                  const std::vector<Eigen::Vector2d>& pixels,
+                  const std::vector<Eigen::Vector2f>& pixels,
                   const PinholeCamera& camera) {
   std::vector<double> turns;
-  for (const Eigen::Vector2d& pixel : pixels) {
+  turns.reserve(pixels.size());
+  for (const Eigen::Vector2f& seen : pixels) {
+    const Eigen::Vector2d pixel = seen.cast<double>();
     const Eigen::Vector3d bearing = R_cur_ref * camera.unproject(pixel);
     turns.push_back(bearing.z() > 0 ? (camera.project(bearing) - pixel).norm() : camera.width);
   }
@@ -89,11 +91,11 @@ std::vector<Eigen::Vector2f> leaveOutStuck(CornerTracks& tracks,
   if (count < kMinShare * tracks.size() || tracks.size() - count < kMinOthers) return {};
   const Matches all = tracks.matchesTo(tracks.frames() - 1);
   Matches others;
-  std::vector<Eigen::Vector2d> standing;
+  std::vector<Eigen::Vector2f> standing;
   std::vector<double> moved;
   for (std::size_t i = 0; i < still.size(); ++i) {
     if (still[i] != 0) {
-      standing.push_back(all.reference[i]);
+      standing.push_back(tracks.positions.front()[i]);
       continue;
     }
     others.reference.push_back(all.reference[i]);
@@ -106,9 +108,7 @@ std::vector<Eigen::Vector2f> leaveOutStuck(CornerTracks& tracks,
     return {};
   }
   keepOnly(still, tracks);
-  std::vector<Eigen::Vector2f> stuck;
-  for (const Eigen::Vector2d& pixel : standing) stuck.push_back(pixel.cast<float>());
-  return stuck;
+  return standing;
 }
 
 }  // namespace dsorb::init_orb
