@@ -29,6 +29,7 @@ Initialization::Initialization(const InitializationResult& result)
     points.hosts.push_back(point.host);
     points.add(point.pixel, point.inverse_depth, point.variance);
   }
+  for (const Eigen::Vector2f& pixel : result.stuck) stuck.emplace_back(pixel.x(), pixel.y());
 }
 
 namespace {
@@ -168,6 +169,9 @@ void bindStart(nb::module_& m) {
           },
           "Metres of one unit and their relative standard deviation, where priors give them; or "
           "None.")
+      .def_ro("stuck",
+              &Initialization::stuck,
+              "Pixels (x, y) that move with the camera, as a bonnet does.")
       .def_prop_ro("report", [](const Initialization& i) { return reportOf(i.report); });
   bindPoints(type);
 }

@@ -6,6 +6,7 @@
 #include "python/points.h"
 
 #include <optional>
+#include <utility>
 #include <vector>
 
 namespace dsorb::python {
@@ -26,6 +27,7 @@ struct Initialization {
   PointColumns points;
   InitReport report;
   std::optional<MetricScale> metric;
+  std::vector<std::pair<float, float>> stuck;
 };
 
 }  // namespace dsorb::python

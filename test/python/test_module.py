@@ -238,6 +238,7 @@ class WhatTheCallerKnows(unittest.TestCase):
         result = self.feed(dsorb.Initializer(CAMERA).add, priors_of)
         self.assertTrue(result.report['pose_prior_used'])
         self.assertIsNone(result.metric)
+        self.assertEqual(result.stuck, [])
 
     def test_distances_give_metres(self):
         truth = true_poses()
