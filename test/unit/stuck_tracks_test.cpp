@@ -18,16 +18,17 @@ class StuckTracks : public testing::Test {
  protected:
   /// @param turn of the camera [rad]
   void observe(double turn, const Eigen::Vector3d& translation) {
-    const SE3 T_cur_ref(so3Exp(turn * Eigen::Vector3d(0.1, 1, 0)), translation);
+    T_cur_ref_ = SE3(so3Exp(turn * Eigen::Vector3d(0.1, 1, 0)), translation);
     tracks_.positions.assign(3, {});
     Random random(kStuckSeed);
     while (tracks_.size() < 200) {
       const Eigen::Vector2d pixel(random.uniform(5, 635), random.uniform(5, 475));
-      const Eigen::Vector3d point = random.uniform(4, 12) * camera_.unproject(pixel);
-      const Eigen::Vector2d target = camera_.project(T_cur_ref * point);
-      if (!camera_.contains(target)) continue;
-      add(pixel, target);
+      see(pixel, random.uniform(4, 12));
     }
+  }
+  void see(const Eigen::Vector2d& pixel, double depth) {
+    const Eigen::Vector2d target = camera_.project(T_cur_ref_ * (depth * camera_.unproject(pixel)));
+    if (camera_.contains(target)) add(pixel, target);
   }
   void stick(int count, double height) {
     Random random(kStuckSeed + 1);
@@ -42,6 +43,7 @@ class StuckTracks : public testing::Test {
   CornerTracks tracks_;
 
  private:
+  SE3 T_cur_ref_;
   void add(const Eigen::Vector2d& pixel, const Eigen::Vector2d& target) {
     tracks_.positions[0].push_back(pixel.cast<float>());
     tracks_.positions[1].push_back((0.5 * (pixel + target)).cast<float>());
@@ -67,6 +69,17 @@ TEST_F(StuckTracks, MayBeFarAwayWhereTheCameraDoesNotTurn) {
   stick(60, 80);
   EXPECT_EQ(leaveOut().size(), 0U);
   EXPECT_EQ(tracks_.size(), 260);
+}
+
+TEST_F(StuckTracks, MayBeWhatTheCameraTurnsAround) {
+  observe(0.05, {-0.4, 0.04, 0});
+  Random random(kStuckSeed);
+  for (int i = 0; i < 20; ++i) {
+    const Eigen::Vector2d pixel(random.uniform(300, 340), random.uniform(220, 260));
+    see(pixel, 8);  // where the axes of both cameras meet
+    ASSERT_LT((tracks_.positions[2].back() - tracks_.positions[0].back()).norm(), 0.5F);
+  }
+  EXPECT_EQ(leaveOut().size(), 0U);
 }
 
 TEST_F(StuckTracks, AreTheSceneWhereTheyAreAllOverTheImage) {

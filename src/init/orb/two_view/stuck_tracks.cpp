@@ -15,7 +15,7 @@ namespace {
 
 constexpr float kStill = 0.5F;          // largest distance from the place in the reference [px]
 constexpr double kMinMoved = 3;         // median of the others in the newest frame [px]
-constexpr double kMinTurned = 1;        // median of points far away where tracks stand still [px]
+constexpr double kMinDistance = 0.5;    // median from the epipolar lines of the others [px]
 constexpr double kMinShare = 0.03;      // of the tracks; a few are outliers like others
 constexpr int kMinOthers = 50;          // an attempt needs as many
 constexpr double kMaxCellShare = 0.45;  // of the image's cells with tracks; more: the scene stands
@@ -55,20 +55,6 @@ double stillCells(const Matches& matches,
          static_cast<double>(std::count(taken.begin(), taken.end(), true));
 }
 
-/// Median of how far a rotation moves points that are far away [px].
-double medianTurn(const Eigen::Quaterniond& R_cur_ref,
-                  const std::vector<Eigen::Vector2f>& pixels,
-                  const PinholeCamera& camera) {
-  std::vector<double> turns;
-  turns.reserve(pixels.size());
-  for (const Eigen::Vector2f& seen : pixels) {
-    const Eigen::Vector2d pixel = seen.cast<double>();
-    const Eigen::Vector3d bearing = R_cur_ref * camera.unproject(pixel);
-    turns.push_back(bearing.z() > 0 ? (camera.project(bearing) - pixel).norm() : camera.width);
-  }
-  return medianInPlace(turns);
-}
-
 void keepOnly(const std::vector<char>& dropped, CornerTracks& tracks) {
   const auto filter = [&](std::vector<Eigen::Vector2f>& places) {
     std::size_t kept = 0;
@@ -90,25 +76,27 @@ std::vector<Eigen::Vector2f> leaveOutStuck(CornerTracks& tracks,
   const auto count = static_cast<int>(std::count(still.begin(), still.end(), 1));
   if (count < kMinShare * tracks.size() || tracks.size() - count < kMinOthers) return {};
   const Matches all = tracks.matchesTo(tracks.frames() - 1);
+  Matches standing;
   Matches others;
-  std::vector<Eigen::Vector2f> standing;
   std::vector<double> moved;
   for (std::size_t i = 0; i < still.size(); ++i) {
-    if (still[i] != 0) {
-      standing.push_back(tracks.positions.front()[i]);
-      continue;
-    }
-    others.reference.push_back(all.reference[i]);
-    others.target.push_back(all.target[i]);
-    moved.push_back((all.target[i] - all.reference[i]).norm());
+    Matches& part = still[i] != 0 ? standing : others;
+    part.reference.push_back(all.reference[i]);
+    part.target.push_back(all.target[i]);
+    if (still[i] == 0) moved.push_back((all.target[i] - all.reference[i]).norm());
   }
   if (medianInPlace(moved) < kMinMoved || stillCells(all, still, camera) > kMaxCellShare) return {};
   const auto motion = estimateEssentialMotion(others, camera, seed);
-  if (!motion || medianTurn(motion->T_cur_ref.unitQuaternion(), standing, camera) < kMinTurned) {
-    return {};
+  if (!motion) return {};
+  const double distance = medianOf(epipolarDistances(motion->T_cur_ref, standing, camera));
+  if (distance < kMinDistance) return {};
+  std::vector<Eigen::Vector2f> stuck;
+  stuck.reserve(standing.size());
+  for (const Eigen::Vector2d& pixel : standing.reference) {
+    stuck.emplace_back(pixel.cast<float>());
   }
   keepOnly(still, tracks);
-  return standing;
+  return stuck;
 }
 
 }  // namespace dsorb::init_orb

@@ -13,8 +13,8 @@
 namespace dsorb::init_orb {
 
 /// Leaves out the tracks of what moves with the camera: a bonnet, a watermark, hot pixels. They
-/// stand still in all frames though the others, all over the image, say that the camera turned;
-/// points far away would move with it.
+/// stand still in all frames, against the epipolar geometry of the others all over the image:
+/// points far away, or those that the camera turns around, agree with it.
 /// @param seed of the samples by which the others' motion is found
 /// @return where the reference shows those that were left out [px]
 /// @source docs/experiments.md, "Stuck tracks"
