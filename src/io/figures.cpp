@@ -173,7 +173,7 @@ cv::Scalar stateColour(OdometryState state) {
     case OdometryState::kLost:
       return {150, 150, 245};
     case OdometryState::kMissed:
-      return {160, 215, 245};
+      return {205, 205, 205};
   }
   return cv::Scalar::all(255);
 }
@@ -205,10 +205,10 @@ void drawNotes(cv::Mat& canvas,
     const FrameNote note = notes.at(i);
     chart.band(note.index - 0.5, note.index + 0.5, stateColour(note.state));
   }
-  chart.axes(
-      x_axis,
-      y_axis,
-      "frame; orange: initializing, dark green: initialized, light green: tracked, red: lost");
+  chart.axes(x_axis,
+             y_axis,
+             "frame; orange: initializing, dark green: initialized, light green: tracked, grey: "
+             "missed, red: lost");
   for (const auto& curve : curves) {
     chart.curve(curve, kPathColour);
     if (curve.size() == 1) chart.dots(curve, 2, kPathColour);
