@@ -20,15 +20,6 @@
 namespace dsorb {
 namespace {
 
-// Poses of tracked frames in this file: measured at most 0.039 deg and 0.00055 units; margin x2.
-constexpr double kMaxRotationDeg = 0.08;
-constexpr double kMaxTranslation = 0.0011;
-
-const World& room() {
-  static const World world(synthetic::SequenceKind::kRoom, 30);
-  return world;
-}
-
 void expectSameBits(const Recorder& a, const Recorder& b) {
   ASSERT_EQ(a.estimates.size(), b.estimates.size());
   EXPECT_EQ(a.events, b.events);
@@ -85,9 +76,9 @@ struct RelativeErrors {
 };
 
 TEST_F(OdometryWithTruth, CovariancesOfTrackedPosesAreOfTheSizeOfTheirErrors) {
-  start(room());
+  start(trackedRoom());
   run(0, 30);
-  const RelativeErrors errors(room(), recorder);
+  const RelativeErrors errors(trackedRoom(), recorder);
   EXPECT_EQ(errors.frames, 30U - kInitialFrames);
   // Measured 1.02 and .51; a few keyframes share their errors, so the bounds are wide.
   EXPECT_LT(errors.translation, 4);
@@ -97,15 +88,16 @@ TEST_F(OdometryWithTruth, CovariancesOfTrackedPosesAreOfTheSizeOfTheirErrors) {
 }
 
 TEST_F(OdometryWithTruth, TracksARoomNearTheTruth) {
-  const World& world = room();
+  const World& world = trackedRoom();
   start(world);
   run(0, 30);
   int tracked = 0;
   for (const FrameEstimate& estimate : recorder.estimates) {
     if (estimate.state != OdometryState::kTracked) continue;
     ++tracked;
-    EXPECT_THAT(*estimate.T_world_cam,
-                Se3Near(truePose(world, recorder, estimate), kMaxRotationDeg, kMaxTranslation))
+    EXPECT_THAT(
+        *estimate.T_world_cam,
+        Se3Near(truePose(world, recorder, estimate), kTrackedRotationDeg, kTrackedTranslation))
         << "frame " << estimate.frame->id().value << ", rmse " << *estimate.tracking_rmse;
   }
   EXPECT_EQ(tracked, 30 - kInitialFrames);
@@ -132,7 +124,7 @@ FramePtr withJumps(const FramePtr& frame, int i) {
 }
 
 TEST_F(OdometryWithTruth, TracksThroughJumpsOfTheExposure) {
-  const World& world = room();
+  const World& world = trackedRoom();
   start(world);
   for (int i = 0; i < 30; ++i) {
     odometry->process(withJumps(world.frames()[static_cast<std::size_t>(i)], i));
@@ -140,14 +132,15 @@ TEST_F(OdometryWithTruth, TracksThroughJumpsOfTheExposure) {
     ASSERT_TRUE(last().T_world_cam.has_value()) << i;
     EXPECT_THAT(
         *last().T_world_cam,
-        Se3Near(truePose(world, recorder, last()), 2 * kMaxRotationDeg, 2 * kMaxTranslation))
+        Se3Near(
+            truePose(world, recorder, last()), 2 * kTrackedRotationDeg, 2 * kTrackedTranslation))
         << i;
   }
   EXPECT_EQ(odometry->finish().segments, 1);
 }
 
 TEST_F(OdometryWithTruth, TellsObserversInOrder) {
-  const World& world = room();
+  const World& world = trackedRoom();
   start(world);
   run(0, 5);
   odometry->finish();
@@ -172,8 +165,9 @@ TEST_F(OdometryWithTruth, TellsObserversInOrder) {
   const FrameEstimate& initialized = recorder.estimates[3];
   EXPECT_TRUE(initialized.is_keyframe);
   EXPECT_EQ(initialized.keyframe, FrameId{3});
-  EXPECT_THAT(*initialized.T_world_cam,
-              Se3Near(truePose(world, recorder, initialized), kMaxRotationDeg, kMaxTranslation));
+  EXPECT_THAT(
+      *initialized.T_world_cam,
+      Se3Near(truePose(world, recorder, initialized), kTrackedRotationDeg, kTrackedTranslation));
   const FrameEstimate& tracked = recorder.estimates[4];
   EXPECT_EQ(tracked.keyframe, FrameId{3});
   const SE3 by_keyframe = recorder.keyframes[3].T_world_cam * tracked.T_cam_keyframe->inverse();
@@ -208,12 +202,12 @@ TEST_F(OdometryWithTruth, ASceneCutLosesAndRestartBeginsANewSegment) {
   ASSERT_EQ(last().state, OdometryState::kTracked);
   EXPECT_EQ(last().segment, 1);
   EXPECT_THAT(*last().T_world_cam,
-              Se3Near(truePose(world, recorder, last()), kMaxRotationDeg, kMaxTranslation));
+              Se3Near(truePose(world, recorder, last()), kTrackedRotationDeg, kTrackedTranslation));
   EXPECT_EQ(odometry->finish().segments, 2);
 }
 
 TEST_F(OdometryWithTruth, RestartBeforeAnyInitializationKeepsTheSegment) {
-  start(room());
+  start(trackedRoom());
   run(0, 2);
   odometry->restart();
   run(2, 6);
@@ -223,7 +217,7 @@ TEST_F(OdometryWithTruth, RestartBeforeAnyInitializationKeepsTheSegment) {
 }
 
 TEST(OdometryRepeated, TwoObjectsInOneProcessAnswerAsAlone) {
-  const World& world = room();
+  const World& world = trackedRoom();
   const auto alone = [&](int begin) {
     Recorder recorder;
     Odometry odometry = world.odometry();
@@ -246,7 +240,7 @@ TEST(OdometryRepeated, TwoObjectsInOneProcessAnswerAsAlone) {
 }
 
 TEST(OdometryRepeated, OneAndTwoThreadsGiveTheSameBits) {
-  const World& world = room();
+  const World& world = trackedRoom();
   const auto run = [&](int threads) {
     OdometryOptions options;
     options.num_threads = threads;
@@ -271,7 +265,7 @@ class ThrowsAtAStart : public OdometryObserver {
 };
 
 TEST_F(OdometryWithTruth, AnObserverThatThrowsAtAStartMakesItVoid) {
-  start(room());
+  start(trackedRoom());
   ThrowsAtAStart throws;
   odometry->addObserver(&throws);
   int thrown = 0;
@@ -287,7 +281,7 @@ TEST_F(OdometryWithTruth, AnObserverThatThrowsAtAStartMakesItVoid) {
 }
 
 TEST_F(OdometryWithTruth, RefusesFramesThatDoNotBelong) {
-  start(room());
+  start(trackedRoom());
   run(0, 3);
   EXPECT_THROW(odometry->process(nullptr), std::invalid_argument);
   EXPECT_THROW(run(2, 3), std::invalid_argument) << "timestamp again";
@@ -318,26 +312,27 @@ class ConfusedInitializer : public Initializer {
 
 TEST(OdometryWithOwnInitializer, RefusesAResultThatDisagreesWithItsStatus) {
   for (const bool has_result : {false, true}) {
-    Odometry odometry(room().camera(), {}, std::make_unique<ConfusedInitializer>(has_result));
-    EXPECT_THROW(odometry.process(room().frames()[0]), std::logic_error);
+    Odometry odometry(
+        trackedRoom().camera(), {}, std::make_unique<ConfusedInitializer>(has_result));
+    EXPECT_THROW(odometry.process(trackedRoom().frames()[0]), std::logic_error);
   }
 }
 
 TEST_F(OdometryWithTruth, RefusesOptionsOutOfRange) {
   OdometryOptions options;
   options.tracker.min_inside_fraction = 1.5;
-  EXPECT_THROW((void)room().odometry(options), ConfigError);
-  EXPECT_THROW(Odometry(room().camera(), {}, nullptr), std::invalid_argument);
+  EXPECT_THROW((void)trackedRoom().odometry(options), ConfigError);
+  EXPECT_THROW(Odometry(trackedRoom().camera(), {}, nullptr), std::invalid_argument);
   EXPECT_THROW(Odometry(PinholeCamera(), {}), std::invalid_argument);
 }
 
 TEST_F(OdometryWithTruth, ReversedSequencesTrackToo) {
-  const World& world = room();
+  const World& world = trackedRoom();
   start(world);
   for (int i = 19; i >= 0; --i) run(i, i + 1);
   ASSERT_EQ(last().state, OdometryState::kTracked);
   EXPECT_THAT(*last().T_world_cam,
-              Se3Near(truePose(world, recorder, last()), kMaxRotationDeg, kMaxTranslation));
+              Se3Near(truePose(world, recorder, last()), kTrackedRotationDeg, kTrackedTranslation));
 }
 
 /// Remembers which frame the initializer took as its reference.
@@ -350,7 +345,7 @@ class ReferenceObserver : public OdometryObserver {
 };
 
 TEST(OdometryWithOrb, InitialisesInARoomAndTracks) {
-  const World& world = room();
+  const World& world = trackedRoom();
   Odometry odometry(world.camera(), {});
   ReferenceObserver orb;
   odometry.addObserver(&orb);
