@@ -2,10 +2,10 @@
 #include "init/orb/two_view/stuck_tracks.h"
 
 #include "base/median.h"
+#include "image/cell_grid.h"
 #include "init/orb/two_view/essential_motion.h"
 
 #include <algorithm>
-#include <array>
 #include <cstddef>
 #include <optional>
 #include <vector>
@@ -38,24 +38,20 @@ std::vector<char> stillTracks(const CornerTracks& tracks) {
 double stillCells(const Matches& matches,
                   const std::vector<char>& still,
                   const PinholeCamera& camera) {
-  std::array<int, static_cast<std::size_t>(kColumns * kRows)> balance{};
-  std::array<bool, balance.size()> taken{};
-  const auto cell_of = [](double x, int size, int count) {
-    return static_cast<std::size_t>(std::clamp(static_cast<int>(x * count / size), 0, count - 1));
-  };
+  const CellGrid grid(camera.width, camera.height, kColumns, kRows);
+  std::vector<int> balance(grid.size(), 0);
+  std::vector<char> taken(grid.size(), 0);
   for (std::size_t i = 0; i < still.size(); ++i) {
-    const Eigen::Vector2d& pixel = matches.reference[i];
-    const std::size_t cell = cell_of(pixel.y(), camera.height, kRows) * kColumns +
-                             cell_of(pixel.x(), camera.width, kColumns);
+    const std::size_t cell = grid.at(matches.reference[i].x(), matches.reference[i].y());
     balance[cell] += still[i] != 0 ? 1 : -1;
-    taken[cell] = true;
+    taken[cell] = 1;
   }
   const auto standing = std::count_if(balance.begin(), balance.end(), [](int b) { return b > 0; });
   return static_cast<double>(standing) /
-         static_cast<double>(std::count(taken.begin(), taken.end(), true));
+         static_cast<double>(std::count(taken.begin(), taken.end(), 1));
 }
 
-void keepOnly(const std::vector<char>& dropped, CornerTracks& tracks) {
+void drop(const std::vector<char>& dropped, CornerTracks& tracks) {
   const auto filter = [&](std::vector<Eigen::Vector2f>& places) {
     std::size_t kept = 0;
     for (std::size_t i = 0; i < places.size(); ++i) {
@@ -95,7 +91,7 @@ std::vector<Eigen::Vector2f> leaveOutStuck(CornerTracks& tracks,
   for (const Eigen::Vector2d& pixel : standing.reference) {
     stuck.emplace_back(pixel.cast<float>());
   }
-  keepOnly(still, tracks);
+  drop(still, tracks);
   return stuck;
 }
 
