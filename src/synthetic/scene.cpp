@@ -16,7 +16,7 @@
 namespace dsorb::synthetic {
 namespace {
 
-constexpr int kTileWidth = 32;   // pixels that share one list of boxes
+constexpr int kTileWidth = 32;   // pixels that share one list of boxes and are shaded together
 constexpr int kTileHeight = 16;  // [px]
 constexpr std::int32_t kSky = -1;
 constexpr double kNearest = 1e-3;  // nothing nearer is seen [m]
@@ -74,6 +74,46 @@ bool intersect(const PreparedBox& box, const Eigen::Vector3d& ray, Hit& nearest)
   return true;
 }
 
+/// Part of a texture that one ray sees.
+struct TexturePatch {
+  const Texture* texture;
+  Footprint footprint;
+};
+
+/// Grey levels of many patches, texture by texture.
+class PatchSampler {
+ public:
+  void clear() { patches_.clear(); }
+  void add(const TexturePatch& patch) { patches_.push_back(patch); }
+
+  /// One a patch, in the order in which they were added.
+  const std::vector<float>& sample() {
+    greys_.resize(patches_.size());
+    for (std::size_t first = 0; first < patches_.size(); ++first) {
+      const Texture* texture = patches_[first].texture;
+      if (texture == nullptr) continue;
+      members_.clear();
+      footprints_.clear();
+      for (std::size_t i = first; i < patches_.size(); ++i) {
+        if (patches_[i].texture != texture) continue;
+        members_.push_back(i);
+        footprints_.push_back(patches_[i].footprint);
+        patches_[i].texture = nullptr;
+      }
+      sampleTexture(*texture, footprints_, sampled_);
+      for (std::size_t i = 0; i < members_.size(); ++i) greys_[members_[i]] = sampled_[i];
+    }
+    return greys_;
+  }
+
+ private:
+  std::vector<TexturePatch> patches_;  // without texture once sampled
+  std::vector<float> greys_;
+  std::vector<std::size_t> members_;
+  std::vector<Footprint> footprints_;
+  std::vector<float> sampled_;
+};
+
 class Renderer {
  public:
   Renderer(const Scene& scene, const PinholeCamera& camera, const Moment& moment)
@@ -125,8 +165,8 @@ class Renderer {
     return hit;
   }
 
-  /// Grey level where the ray through a pixel position ended.
-  [[nodiscard]] float shade(double x, double y, Hit hit) const {
+  /// What is seen where the ray through a pixel position ended.
+  [[nodiscard]] TexturePatch patchAt(double x, double y, Hit hit) const {
     const PreparedBox& box = hit.box < 0 ? sky_ : boxes_[static_cast<std::size_t>(hit.box)];
     const Eigen::Vector3d ray = box.origin_ray + x * box.step_x + y * box.step_y;
     if (hit.box < 0) intersect(sky_, ray, hit);
@@ -142,25 +182,11 @@ class Renderer {
     const int axis_v = kFaceAxes[static_cast<std::size_t>(hit.axis)][1];
     // Every face shows another part of the texture.
     const double elsewhere = 37.0 * face;
-    return sampleTexture(
-        *box.texture,
-        {static_cast<float>(box.centre[axis_u] + hit.depth * ray[axis_u] + elsewhere),
-         static_cast<float>(box.centre[axis_v] + hit.depth * ray[axis_v] + elsewhere),
-         along(axis_u),
-         along(axis_v)});
-  }
-
-  /// Mean grey level over n x n rays of one pixel.
-  [[nodiscard]] float average(int x, int y, int n, const std::vector<int>& candidates) const {
-    float sum = 0;
-    for (int j = 0; j < n; ++j) {
-      for (int i = 0; i < n; ++i) {
-        const double ray_x = x + (i + 0.5) / n - 0.5;
-        const double ray_y = y + (j + 0.5) / n - 0.5;
-        sum += shade(ray_x, ray_y, cast(ray_x, ray_y, candidates));
-      }
-    }
-    return sum / static_cast<float>(n * n);
+    return {box.texture,
+            {static_cast<float>(box.centre[axis_u] + hit.depth * ray[axis_u] + elsewhere),
+             static_cast<float>(box.centre[axis_v] + hit.depth * ray[axis_v] + elsewhere),
+             along(axis_u),
+             along(axis_v)}};
   }
 
  private:
@@ -210,17 +236,25 @@ class Renderer {
   PreparedBox sky_;
 };
 
-/// Calls function(renderer, x, y, candidates) for the pixels of the image, tile by tile.
+/// Part of the image whose rays are cast and shaded together.
+struct Tile {
+  const Renderer& renderer;
+  int x0, y0, x1, y1;                  ///< its pixels, from (x0, y0) to before (x1, y1)
+  const std::vector<int>& candidates;  ///< boxes that may be seen there
+};
+
+/// Calls function(tile, sampler) for the tiles of the image.
 /// @param renderers one for all rows, or one for each
 template <typename Function>
-void forEachPixel(const std::vector<Renderer>& renderers,
-                  const View& view,
-                  const Function& function) {
+void forEachTile(const std::vector<Renderer>& renderers,
+                 const View& view,
+                 const Function& function) {
   const int tile_height = renderers.size() == 1 ? kTileHeight : 1;
   const int columns = (view.width + kTileWidth - 1) / kTileWidth;
   const int rows = (view.height + tile_height - 1) / tile_height;
   forEachRange(static_cast<std::size_t>(rows), 1, [&](std::size_t begin, std::size_t end) {
     std::vector<int> candidates;
+    PatchSampler sampler;
     for (std::size_t row = begin; row < end; ++row) {
       const Renderer& renderer = renderers[renderers.size() == 1 ? 0 : row];
       const int y0 = static_cast<int>(row) * tile_height;
@@ -229,9 +263,8 @@ void forEachPixel(const std::vector<Renderer>& renderers,
         const int x0 = column * kTileWidth;
         const int x1 = std::min(view.width, x0 + kTileWidth);
         renderer.findCandidates(x0, y0, x1, y1, candidates);
-        for (int y = y0; y < y1; ++y) {
-          for (int x = x0; x < x1; ++x) function(renderer, x, y, candidates);
-        }
+        sampler.clear();
+        function(Tile{renderer, x0, y0, x1, y1, candidates}, sampler);
       }
     }
   });
@@ -243,17 +276,24 @@ std::size_t pixelIndex(const View& view, int x, int y) {
 }
 
 void renderCentres(const std::vector<Renderer>& renderers, bool shade, View& view) {
-  forEachPixel(renderers,
-               view,
-               [&](const Renderer& renderer, int x, int y, const std::vector<int>& candidates) {
-                 const auto pixel = pixelIndex(view, x, y);
-                 const Hit hit = renderer.cast(x, y, candidates);
-                 view.inverse_depth[pixel] = static_cast<float>(1.0 / hit.depth);
-                 view.surface[pixel] =
-                     hit.box < 0 ? kSky
-                                 : 8 * hit.box + 2 * hit.axis + static_cast<int>(hit.positive);
-                 if (shade) view.intensity[pixel] = renderer.shade(x, y, hit);
-               });
+  forEachTile(renderers, view, [&](const Tile& tile, PatchSampler& sampler) {
+    for (int y = tile.y0; y < tile.y1; ++y) {
+      for (int x = tile.x0; x < tile.x1; ++x) {
+        const auto pixel = pixelIndex(view, x, y);
+        const Hit hit = tile.renderer.cast(x, y, tile.candidates);
+        view.inverse_depth[pixel] = static_cast<float>(1.0 / hit.depth);
+        view.surface[pixel] =
+            hit.box < 0 ? kSky : 8 * hit.box + 2 * hit.axis + static_cast<int>(hit.positive);
+        if (shade) sampler.add(tile.renderer.patchAt(x, y, hit));
+      }
+    }
+    if (!shade) return;
+    const float* grey = sampler.sample().data();
+    const int width = tile.x1 - tile.x0;
+    for (int y = tile.y0; y < tile.y1; ++y, grey += width) {
+      std::copy_n(grey, width, &view.intensity[pixelIndex(view, tile.x0, y)]);
+    }
+  });
 }
 
 bool isOnEdge(const View& view, int x, int y) {
@@ -267,13 +307,28 @@ bool isOnEdge(const View& view, int x, int y) {
 }
 
 /// Averages n x n rays of every pixel, or of those on the border between two surfaces.
-void renderAveraged(const std::vector<Renderer>& renderers, int rays, bool edges_only, View& view) {
-  forEachPixel(renderers,
-               view,
-               [&](const Renderer& renderer, int x, int y, const std::vector<int>& candidates) {
-                 if (edges_only && !isOnEdge(view, x, y)) return;
-                 view.intensity[pixelIndex(view, x, y)] = renderer.average(x, y, rays, candidates);
-               });
+void renderAveraged(const std::vector<Renderer>& renderers, int n, bool edges_only, View& view) {
+  forEachTile(renderers, view, [&](const Tile& tile, PatchSampler& sampler) {
+    std::vector<std::size_t> pixels;
+    for (int y = tile.y0; y < tile.y1; ++y) {
+      for (int x = tile.x0; x < tile.x1; ++x) {
+        if (edges_only && !isOnEdge(view, x, y)) continue;
+        pixels.push_back(pixelIndex(view, x, y));
+        for (int ray = 0; ray < n * n; ++ray) {
+          const double ray_x = x + (ray % n + 0.5) / n - 0.5;
+          const double ray_y = y + (ray / n + 0.5) / n - 0.5;
+          const Hit hit = tile.renderer.cast(ray_x, ray_y, tile.candidates);
+          sampler.add(tile.renderer.patchAt(ray_x, ray_y, hit));
+        }
+      }
+    }
+    const float* grey = sampler.sample().data();
+    for (const std::size_t pixel : pixels) {
+      const float sum = std::accumulate(grey, grey + n * n, 0.0F);
+      view.intensity[pixel] = sum / static_cast<float>(n * n);
+      grey += n * n;
+    }
+  });
 }
 
 }  // namespace

@@ -1,8 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "synthetic/texture.h"
 
+#include "base/lanes.h"
+#include "base/target_clones.h"
+
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <limits>
 
 namespace dsorb::synthetic {
 namespace {
@@ -21,129 +26,255 @@ constexpr float kDarkest = 6.0F;
 constexpr float kBrightest = 244.0F;
 constexpr float kKnee = 40.0F;
 
-float smoothStep(float x) {
-  const float t = std::clamp(x, 0.0F, 1.0F);
-  return t * t * (3.0F - 2.0F * t);
+using Ints = std::int32_t __attribute__((vector_size(sizeof(Lanes))));
+using Hashes = std::uint32_t __attribute__((vector_size(sizeof(Lanes))));
+
+DSORB_ALWAYS_INLINE bool inAnyLane(const Ints& mask) {
+  std::int32_t any = 0;
+  for (int k = 0; k < kLanes; ++k) any |= mask[k];
+  return any != 0;
+}
+
+DSORB_ALWAYS_INLINE void clamp(const Lanes& x, const Lanes& low, const Lanes& high, Lanes& out) {
+  const Lanes raised = x < low ? low : x;
+  out = raised > high ? high : raised;
+}
+DSORB_ALWAYS_INLINE void clamp(const Lanes& x, float low, float high, Lanes& out) {
+  Lanes lows;
+  Lanes highs;
+  fill(low, lows);
+  fill(high, highs);
+  clamp(x, lows, highs, out);
+}
+
+DSORB_ALWAYS_INLINE void absolute(const Lanes& x, Lanes& out) {
+  out = x < 0.0F ? -x : x;
+}
+
+DSORB_ALWAYS_INLINE void smoothStep(const Lanes& x, Lanes& out) {
+  Lanes t;
+  clamp(x, 0, 1, t);
+  out = t * t * (3.0F - 2.0F * t);
 }
 
 /// Contrast left of detail whose cells have this size [px].
-float visibility(float cell) {
-  return smoothStep((cell - kFadedCell) / (kFullCell - kFadedCell));
+DSORB_ALWAYS_INLINE void visibility(const Lanes& cell, Lanes& out) {
+  smoothStep((cell - kFadedCell) / (kFullCell - kFadedCell), out);
 }
 
-int floorToInt(float x) {
-  const int i = static_cast<int>(x);
-  return i - static_cast<int>(x < static_cast<float>(i));
+DSORB_ALWAYS_INLINE void floorToInt(const Lanes& x, Ints& out) {
+  const Ints i = __builtin_convertvector(x, Ints);
+  out = i + (x < __builtin_convertvector(i, Lanes));
 }
 
 /// Uniform in [-1, 1), a function of lattice point and seed alone.
 /// @source integer finaliser of the murmur kind; constants by C. Wellons, "hash-prospector"
-float latticeValue(int x, int y, std::uint32_t seed) {
-  std::uint32_t h =
-      static_cast<std::uint32_t>(x) * 0x9E3779B1U + static_cast<std::uint32_t>(y) * 0x85EBCA77U;
+DSORB_ALWAYS_INLINE void latticeValue(const Ints& x,
+                                      const Ints& y,
+                                      std::uint32_t seed,
+                                      Lanes& out) {
+  Hashes h = (Hashes)x * 0x9E3779B1U + (Hashes)y * 0x85EBCA77U;
   h ^= seed;
   h ^= h >> 15U;
   h *= 0x2C1B3C6DU;
   h ^= h >> 12U;
   h *= 0x297A2D39U;
   h ^= h >> 15U;
-  return static_cast<float>(static_cast<std::int32_t>(h)) * 0x1.0p-31F;
+  out = __builtin_convertvector((Ints)h, Lanes) * 0x1.0p-31F;
 }
 
 /// Value noise in [-1, 1]: lattice values joined by cubic steps.
-float valueNoise(float x, float y, std::uint32_t seed) {
-  const int ix = floorToInt(x);
-  const int iy = floorToInt(y);
-  const float fx = x - static_cast<float>(ix);
-  const float fy = y - static_cast<float>(iy);
-  const float sx = fx * fx * (3.0F - 2.0F * fx);
-  const float sy = fy * fy * (3.0F - 2.0F * fy);
-  const float v00 = latticeValue(ix, iy, seed);
-  const float v01 = latticeValue(ix + 1, iy, seed);
-  const float v10 = latticeValue(ix, iy + 1, seed);
-  const float v11 = latticeValue(ix + 1, iy + 1, seed);
-  const float top = v00 + sx * (v01 - v00);
-  const float bottom = v10 + sx * (v11 - v10);
-  return top + sy * (bottom - top);
+DSORB_ALWAYS_INLINE void valueNoise(const Lanes& x,
+                                    const Lanes& y,
+                                    std::uint32_t seed,
+                                    Lanes& out) {
+  Ints ix;
+  Ints iy;
+  floorToInt(x, ix);
+  floorToInt(y, iy);
+  const Lanes fx = x - __builtin_convertvector(ix, Lanes);
+  const Lanes fy = y - __builtin_convertvector(iy, Lanes);
+  const Lanes sx = fx * fx * (3.0F - 2.0F * fx);
+  const Lanes sy = fy * fy * (3.0F - 2.0F * fy);
+  Lanes v00;
+  Lanes v01;
+  Lanes v10;
+  Lanes v11;
+  latticeValue(ix, iy, seed, v00);
+  latticeValue(ix + 1, iy, seed, v01);
+  latticeValue(ix, iy + 1, seed, v10);
+  latticeValue(ix + 1, iy + 1, seed, v11);
+  const Lanes top = v00 + sx * (v01 - v00);
+  const Lanes bottom = v10 + sx * (v11 - v10);
+  out = top + sy * (bottom - top);
 }
 
-/// Painted share of a pixel in one direction: pulse train of period 1 under a box filter.
-/// @param x position [periods], pulses centred at 0.5; @param fill pulse width; @param width filter
-float pulseCoverage(float x, float fill, float width) {
-  if (fill >= 1.0F) return 1.0F;
-  const float start = 0.5F * (1.0F - fill);
-  const auto integral = [&](float at) {
-    const auto whole = static_cast<float>(floorToInt(at));
-    return whole * fill + std::clamp(at - whole - start, 0.0F, fill);
-  };
-  return (integral(x + 0.5F * width) - integral(x - 0.5F * width)) / width;
+/// Integral of a pulse train of period 1, pulses centred at 0.5.
+/// @param fill pulse width
+DSORB_ALWAYS_INLINE void pulseIntegral(const Lanes& at, float fill, Lanes& out) {
+  Ints periods;
+  floorToInt(at, periods);
+  const Lanes whole = __builtin_convertvector(periods, Lanes);
+  Lanes part;
+  clamp(at - whole - 0.5F * (1.0F - fill), 0, fill, part);
+  out = whole * fill + part;
+}
+
+/// Painted share of a pixel in one direction: pulse train under a box filter.
+/// @param x position [periods]; @param fill pulse width; @param width filter
+DSORB_ALWAYS_INLINE void pulseCoverage(const Lanes& x, float fill, const Lanes& width, Lanes& out) {
+  if (fill >= 1.0F) {
+    dsorb::fill(1, out);
+    return;
+  }
+  Lanes after;
+  Lanes before;
+  pulseIntegral(x + 0.5F * width, fill, after);
+  pulseIntegral(x - 0.5F * width, fill, before);
+  out = (after - before) / width;
 }
 
 /// Position in a train of unit cells: the cell, its neighbour across the nearer border, and the
 /// neighbour's share when the border is softened to `width`.
 struct CellBlend {
-  int cell;
-  int neighbour;
-  float share;
+  Ints cell;
+  Ints neighbour;
+  Lanes share;
 };
 
-CellBlend blendCells(float x, float width) {
-  const int cell = floorToInt(x);
-  const float offset = x - static_cast<float>(cell) - 0.5F;
-  const float to_border = 0.5F - std::abs(offset);
-  return {cell, offset < 0 ? cell - 1 : cell + 1, std::max(0.0F, 0.5F - to_border / width)};
+DSORB_ALWAYS_INLINE void blendCells(const Lanes& x, const Lanes& width, CellBlend& out) {
+  floorToInt(x, out.cell);
+  const Lanes offset = x - __builtin_convertvector(out.cell, Lanes) - 0.5F;
+  Lanes from_middle;
+  absolute(offset, from_middle);
+  out.neighbour = offset < 0.0F ? out.cell - 1 : out.cell + 1;
+  clamp(0.5F - (0.5F - from_middle) / width, 0, 0.5F, out.share);
 }
 
 /// Painted share and random deviation in one row of tiles.
 struct TileRow {
-  float coverage;
-  float deviation;
+  Lanes coverage;
+  Lanes deviation;
 };
 
-TileRow sampleRow(const TileLayer& layer, float x, float width, int row) {
-  const std::uint32_t seed = 0x51ED27U;
-  const float shifted = x + layer.shift * static_cast<float>(row & 1);
-  TileRow result{pulseCoverage(shifted, layer.fill_u, width), 0};
-  if (layer.spread > 0) {
-    const CellBlend blend = blendCells(shifted, width);
-    result.deviation = latticeValue(blend.cell, row, seed);
-    if (blend.share > 0) {
-      result.deviation +=
-          blend.share * (latticeValue(blend.neighbour, row, seed) - result.deviation);
-    }
-  }
-  return result;
+DSORB_ALWAYS_INLINE void sampleRow(
+    const TileLayer& layer, const Lanes& x, const Lanes& width, const Ints& row, TileRow& out) {
+  constexpr std::uint32_t kSeed = 0x51ED27U;
+  const Lanes shifted = x + layer.shift * __builtin_convertvector(row & 1, Lanes);
+  pulseCoverage(shifted, layer.fill_u, width, out.coverage);
+  fill(0, out.deviation);
+  if (!(layer.spread > 0)) return;
+  CellBlend blend{};
+  blendCells(shifted, width, blend);
+  latticeValue(blend.cell, row, kSeed, out.deviation);
+  if (!inAnyLane(blend.share > 0.0F)) return;
+  Lanes beside;
+  latticeValue(blend.neighbour, row, kSeed, beside);
+  out.deviation += blend.share * (beside - out.deviation);
 }
 
+/// Surface coordinates of several pixels and their change over one pixel.
+struct Footprints {
+  Lanes u;
+  Lanes v;
+  Lanes size_u;
+  Lanes size_v;
+};
+
 /// Paints the tiles over a grey level.
-float paintTiles(const TileLayer& layer, const Footprint& at, float offset, float below) {
-  const float width_u = std::max(kEdgeWidth * at.size_u / layer.period_u, 1e-4F);
-  const float width_v = std::max(kEdgeWidth * at.size_v / layer.period_v, 1e-4F);
-  const float visible_u = visibility(layer.period_u / at.size_u);
-  const float visible_v = visibility(layer.period_v / at.size_v);
-  const float x = at.u / layer.period_u + offset;
-  const float y = at.v / layer.period_v + offset;
-  const CellBlend rows = blendCells(y, width_v);
-  TileRow row = sampleRow(layer, x, width_u, rows.cell);
-  if (rows.share > 0) {
-    const TileRow next = sampleRow(layer, x, width_u, rows.neighbour);
+DSORB_ALWAYS_INLINE void paintTiles(const TileLayer& layer,
+                                    const Footprints& at,
+                                    const Lanes& offset,
+                                    Lanes& grey) {
+  Lanes width_u = kEdgeWidth * at.size_u / layer.period_u;
+  Lanes width_v = kEdgeWidth * at.size_v / layer.period_v;
+  constexpr float kLargest = std::numeric_limits<float>::max();
+  clamp(width_u, 1e-4F, kLargest, width_u);
+  clamp(width_v, 1e-4F, kLargest, width_v);
+  Lanes visible_u;
+  Lanes visible_v;
+  visibility(layer.period_u / at.size_u, visible_u);
+  visibility(layer.period_v / at.size_v, visible_v);
+  const Lanes x = at.u / layer.period_u + offset;
+  const Lanes y = at.v / layer.period_v + offset;
+  CellBlend rows{};
+  blendCells(y, width_v, rows);
+  TileRow row{};
+  sampleRow(layer, x, width_u, rows.cell, row);
+  if (inAnyLane(rows.share > 0.0F)) {
+    TileRow next{};
+    sampleRow(layer, x, width_u, rows.neighbour, next);
     row.coverage += rows.share * (next.coverage - row.coverage);
     row.deviation += rows.share * (next.deviation - row.deviation);
   }
-  const float coverage_v = pulseCoverage(y, layer.fill_v, width_v);
-  const float coverage = (layer.fill_u + visible_u * (row.coverage - layer.fill_u)) *
+  Lanes coverage_v;
+  pulseCoverage(y, layer.fill_v, width_v, coverage_v);
+  const Lanes coverage = (layer.fill_u + visible_u * (row.coverage - layer.fill_u)) *
                          (layer.fill_v + visible_v * (coverage_v - layer.fill_v));
-  const float grey = layer.grey + layer.spread * visible_u * visible_v * row.deviation;
-  return below + coverage * (grey - below);
+  const Lanes tile = layer.grey + layer.spread * visible_u * visible_v * row.deviation;
+  grey += coverage * (tile - grey);
 }
 
 /// Steepens noise of large cells, so that blotches have outlines that stay a few pixels wide from
 /// near and far, as a lens shows them.
 /// @param cell [px]
-float outline(float noise, float cell, float crispness) {
-  const float steep = std::clamp(cell / kOutlineCell, 1.0F, crispness) * noise;
-  const float bounded = std::clamp(steep, -1.0F, 1.0F);
-  return bounded * (1.5F - 0.5F * bounded * bounded);
+DSORB_ALWAYS_INLINE void outline(const Lanes& noise,
+                                 const Lanes& cell,
+                                 float crispness,
+                                 Lanes& out) {
+  Lanes steep;
+  clamp(cell / kOutlineCell, 1, crispness, steep);
+  Lanes bounded;
+  clamp(steep * noise, -1, 1, bounded);
+  out = bounded * (1.5F - 0.5F * bounded * bounded);
+}
+
+/// Adds the octaves of noise; those too fine for all of the pixels cost nothing.
+DSORB_ALWAYS_INLINE void addNoise(const Texture& texture,
+                                  const Footprints& at,
+                                  const Lanes& offset,
+                                  Lanes& grey) {
+  std::uint32_t seed = texture.seed;
+  for (const NoiseLayer& layer : texture.noise) {
+    seed += 0x9E3779B9U;
+    const Lanes cell_u = layer.cell_u / at.size_u;
+    const Lanes cell_v = layer.cell_v / at.size_v;
+    const Lanes cell = cell_v < cell_u ? cell_v : cell_u;
+    const Ints shown = cell > kFadedCell;
+    if (!inAnyLane(shown)) continue;
+    Lanes noise;
+    Lanes visible;
+    valueNoise(at.u / layer.cell_u + offset, at.v / layer.cell_v + offset, seed, noise);
+    outline(noise, cell, texture.crispness, noise);
+    visibility(cell, visible);
+    grey = shown ? grey + layer.amplitude * visible * noise : grey;
+  }
+}
+
+/// One member of kLanes footprints.
+DSORB_ALWAYS_INLINE void gather(const Footprint* at, float Footprint::*member, Lanes& out) {
+  float values[kLanes];
+  for (int k = 0; k < kLanes; ++k) values[k] = at[k].*member;
+  load(values, out);
+}
+
+/// @param at    of kLanes pixels
+/// @param greys kLanes of them
+DSORB_ALWAYS_INLINE void sampleLanes(const Texture& texture, const Footprint* at, float* greys) {
+  Footprints lanes;
+  gather(at, &Footprint::u, lanes.u);
+  gather(at, &Footprint::v, lanes.v);
+  gather(at, &Footprint::size_u, lanes.size_u);
+  gather(at, &Footprint::size_v, lanes.size_v);
+  // Moves the grid of every texture elsewhere, so that equal layers do not line up.
+  Lanes offset;
+  latticeValue(Ints{} + 17, Ints{} + 29, texture.seed, offset);
+  offset += 1.0F;
+  Lanes grey;
+  fill(texture.grey, grey);
+  for (const TileLayer& layer : texture.tiles) paintTiles(layer, lanes, offset, grey);
+  addNoise(texture, lanes, offset, grey);
+  store(grey, greys);
 }
 
 /// Keeps greys away from black and white without a kink.
@@ -167,21 +298,22 @@ void addOctaves(Texture& texture, NoiseLayer coarsest, int count) {
   }
 }
 
-float sampleTexture(const Texture& texture, const Footprint& at) {
-  // Moves the grid of every texture elsewhere, so that equal layers do not line up.
-  const float offset = latticeValue(17, 29, texture.seed) + 1.0F;
-  float grey = texture.grey;
-  for (const TileLayer& layer : texture.tiles) grey = paintTiles(layer, at, offset, grey);
-  std::uint32_t seed = texture.seed;
-  for (const NoiseLayer& layer : texture.noise) {
-    seed += 0x9E3779B9U;
-    const float cell = std::min(layer.cell_u / at.size_u, layer.cell_v / at.size_v);
-    if (cell <= kFadedCell) continue;
-    const float noise =
-        valueNoise(at.u / layer.cell_u + offset, at.v / layer.cell_v + offset, seed);
-    grey += layer.amplitude * visibility(cell) * outline(noise, cell, texture.crispness);
+DSORB_TARGET_CLONES void sampleTexture(const Texture& texture,
+                                       const std::vector<Footprint>& at,
+                                       std::vector<float>& greys) {
+  greys.resize(at.size());
+  std::size_t begin = 0;
+  for (; begin + kLanes <= at.size(); begin += kLanes) {
+    sampleLanes(texture, &at[begin], &greys[begin]);
   }
-  return squeeze(grey);
+  if (begin < at.size()) {
+    Footprint last[kLanes];
+    float sampled[kLanes];
+    for (std::size_t k = 0; k < kLanes; ++k) last[k] = at[std::min(begin + k, at.size() - 1)];
+    sampleLanes(texture, last, sampled);
+    std::copy_n(sampled, at.size() - begin, &greys[begin]);
+  }
+  for (float& grey : greys) grey = squeeze(grey);
 }
 
 }  // namespace dsorb::synthetic

@@ -47,8 +47,10 @@ struct Footprint {
 /// @param coarsest the first octave
 void addOctaves(Texture& texture, NoiseLayer coarsest, int count);
 
-/// Grey level of a texture as a pixel sees it.
-/// @return [grey levels], within (0, 255)
-[[nodiscard]] float sampleTexture(const Texture& texture, const Footprint& at);
+/// Grey levels of a texture as pixels see it.
+/// @param greys one a pixel [grey levels], within (0, 255)
+void sampleTexture(const Texture& texture,
+                   const std::vector<Footprint>& at,
+                   std::vector<float>& greys);
 
 }  // namespace dsorb::synthetic

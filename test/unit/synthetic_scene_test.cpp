@@ -196,10 +196,15 @@ TEST(Texture, FineDetailFadesToTheMean) {
   addOctaves(texture, {0.1F, 0.1F, 60}, 3);
   texture.tiles.push_back({0.1F, 0.1F, 0.5F, 0.5F, 0, 140, 60});
   // Cells of a tenth of a pixel: a quarter of the ground is painted with the tiles' mean grey.
+  std::vector<Footprint> footprints;
   for (int i = 0; i < 20; ++i) {
     const auto u = static_cast<float>(0.317 * i);
-    EXPECT_NEAR(sampleTexture(texture, {u, 0.7F * u, 1, 1}), 100 + 0.25F * 40, 1e-3F);
+    footprints.push_back({u, 0.7F * u, 1, 1});
   }
+  std::vector<float> greys;
+  sampleTexture(texture, footprints, greys);
+  ASSERT_EQ(greys.size(), footprints.size());
+  for (const float grey : greys) EXPECT_NEAR(grey, 100 + 0.25F * 40, 1e-3F);
 }
 
 }  // namespace
