@@ -36,24 +36,27 @@ if [ "$sanitize" = thread ]; then targets+=(thread_tests); fi
 export LD_LIBRARY_PATH=$PWD/$build/lib
 DSORB_BUILD_DIR=$build scripts/build.sh -DCMAKE_BUILD_TYPE=Debug -DCMAKE_CXX_FLAGS_DEBUG=-O1 "-DDSORB_SANITIZE=$sanitize" \
   "${flags[@]}" -- "${targets[@]}"
-if [ "$sanitize" = thread ]; then # in two halves side by side: much waits for another thread
-  printf '%s\n' 0 1 | GTEST_TOTAL_SHARDS=2 xargs -P 2 -I {} \
-    env GTEST_SHARD_INDEX={} "$build/bin/thread_tests" --gtest_brief=1
+if [ "$sanitize" = thread ]; then # two parts side by side: much waits for another thread
+  seq 0 1 | GTEST_TOTAL_SHARDS=2 xargs -P 2 -I {} env GTEST_SHARD_INDEX={} "$build/bin/thread_tests" --gtest_brief=1
 fi
 
 output=$(mktemp -d)
 trap 'rm -rf "$output"' EXIT
+
+run() { # SEQUENCE INITIALIZER [--reverse]
+  local begin=$SECONDS code=0 folder
+  folder=$(mktemp -d -p "$output")
+  # shellcheck disable=SC2086 # several options
+  "$build/bin/dso_dataset" "$1" --end "$frames" ${3:+"$3"} --initializer="$2" $extra_options --output "$folder" --quiet || code=$?
+  echo "$1 $2${3:+ reversed}: exit code $code, $((SECONDS - begin)) s"
+  if [ "$code" -ne 0 ] && [ "$code" -ne 3 ]; then return 255; fi # 3: not initialized or lost
+  if grep -rwiE --include='*.txt' --include='*.csv' --include='*.json' -- '-?(nan|inf)' "$folder"; then return 255; fi
+  rm -rf "$folder"
+}
+export -f run
+export build frames output
+export extra_options="${extra[*]}"
+# As many side by side as there are processors; the first fault ends it.
 for sequence in "${sequences[@]}"; do
-  for direction in "" --reverse; do
-    for initializer in orb coarse; do
-      begin=$SECONDS
-      code=0
-      "$build/bin/dso_dataset" "$sequence" --end "$frames" $direction --initializer="$initializer" "${extra[@]}" \
-        --output "$output" --quiet || code=$?
-      echo "$sequence $initializer${direction:+ reversed}: exit code $code, $((SECONDS - begin)) s"
-      if [ "$code" -ne 0 ] && [ "$code" -ne 3 ]; then exit 1; fi # 3: not initialized or lost
-      if grep -rwiE --include='*.txt' --include='*.csv' --include='*.json' -- '-?(nan|inf)' "$output"; then exit 1; fi
-      rm -rf "${output:?}"/*
-    done
-  done
-done
+  for direction in "" --reverse; do printf '%s\0' "$sequence" coarse "$direction" "$sequence" orb "$direction"; done
+done | xargs -0 -n 3 -P "$(nproc)" bash -c 'run "$@"' _

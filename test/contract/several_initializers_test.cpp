@@ -22,8 +22,8 @@ struct Images {
   Images() {
     synthetic::SequenceOptions options;
     options.kind = synthetic::SequenceKind::kRoom;
-    options.width = 256;
-    options.height = 192;
+    options.width = 192;
+    options.height = 144;
     options.length = kFrames;
     options.noise_sigma = 1;
     const synthetic::SyntheticSequence sequence(options);
