@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstddef>
 #include <limits>
 #include <numeric>
 #include <stdexcept>
@@ -306,27 +307,34 @@ bool isOnEdge(const View& view, int x, int y) {
          surface(x, y + 1) != own;
 }
 
+/// Casts n x n rays of a pixel.
+void castRays(const Tile& tile, int x, int y, int n, PatchSampler& sampler) {
+  for (int j = 0; j < n; ++j) {
+    for (int i = 0; i < n; ++i) {
+      const double ray_x = x + (i + 0.5) / n - 0.5;
+      const double ray_y = y + (j + 0.5) / n - 0.5;
+      const Hit hit = tile.renderer.cast(ray_x, ray_y, tile.candidates);
+      sampler.add(tile.renderer.patchAt(ray_x, ray_y, hit));
+    }
+  }
+}
+
 /// Averages n x n rays of every pixel, or of those on the border between two surfaces.
 void renderAveraged(const std::vector<Renderer>& renderers, int n, bool edges_only, View& view) {
+  const auto rays = static_cast<std::ptrdiff_t>(n) * n;
   forEachTile(renderers, view, [&](const Tile& tile, PatchSampler& sampler) {
     std::vector<std::size_t> pixels;
     for (int y = tile.y0; y < tile.y1; ++y) {
       for (int x = tile.x0; x < tile.x1; ++x) {
         if (edges_only && !isOnEdge(view, x, y)) continue;
         pixels.push_back(pixelIndex(view, x, y));
-        for (int ray = 0; ray < n * n; ++ray) {
-          const double ray_x = x + (ray % n + 0.5) / n - 0.5;
-          const double ray_y = y + (ray / n + 0.5) / n - 0.5;
-          const Hit hit = tile.renderer.cast(ray_x, ray_y, tile.candidates);
-          sampler.add(tile.renderer.patchAt(ray_x, ray_y, hit));
-        }
+        castRays(tile, x, y, n, sampler);
       }
     }
     const float* grey = sampler.sample().data();
     for (const std::size_t pixel : pixels) {
-      const float sum = std::accumulate(grey, grey + n * n, 0.0F);
-      view.intensity[pixel] = sum / static_cast<float>(n * n);
-      grey += n * n;
+      view.intensity[pixel] = std::accumulate(grey, grey + rays, 0.0F) / static_cast<float>(rays);
+      grey += rays;
     }
   });
 }
