@@ -151,12 +151,20 @@ class Feeder {
   Clock::time_point begin_ = Clock::now();
 };
 
+/// The report after an error; nothing where finishing fails as well.
+std::optional<OdometryReport> finishAfterError(std::optional<Odometry>& odometry) {
+  try {
+    if (odometry) return odometry->finish();
+  } catch (const std::exception&) {  // must not hide the first one
+  }
+  return std::nullopt;
+}
+
 /// Writes the results so far after an error. A second error must not hide the first.
 void writeAfterError(RunOutputs& outputs, std::optional<Odometry>& odometry) {
+  const std::optional<OdometryReport> report = finishAfterError(odometry);
   try {
-    OdometryReport report;
-    if (odometry) report = odometry->finish();
-    outputs.finish(RunStatus::kError, odometry ? &report : nullptr);
+    outputs.finish(RunStatus::kError, report ? &*report : nullptr);
   } catch (const std::exception&) {
     return;
   }

@@ -242,6 +242,7 @@ dsorb_status dsorb_odometry_restart(dsorb_odometry* odometry, char* error, size_
   return guarded(error, error_size, [&] {
     dsorb::c::require(odometry, "odometry");
     odometry->odometry->restart();
+    odometry->newest.points.clear();
   });
 }
 

@@ -56,7 +56,7 @@ void halve(const PyramidLevel& fine, float* coarse) {
 int pyramidLevels(int width, int height) {
   int levels = 1;
   while (levels < kMaxLevels && width % 2 == 0 && height % 2 == 0 &&
-         width * height > kMinPixelsToHalve) {
+         std::int64_t{width} * height > kMinPixelsToHalve) {
     width /= 2;
     height /= 2;
     ++levels;

@@ -3,6 +3,7 @@
 
 #include "base/median.h"
 #include "image/cell_grid.h"
+#include "image/frame_priors.h"
 #include "init/result.h"
 
 #include <Eigen/LU>
@@ -64,8 +65,9 @@ std::vector<LogRatio> logRatios(const InitializationResult& result,
     if (point.host != 0) continue;
     const auto x = static_cast<int>(std::lround(point.pixel.x()));
     const auto y = static_cast<int>(std::lround(point.pixel.y()));
+    if (x < 0 || y < 0 || x >= known.width() || y >= known.height()) continue;
+    if (!isKnownDepth(known.row<float>(y)[x])) continue;
     const double depth = known.row<float>(y)[x];
-    if (!(depth > 0) || !std::isfinite(depth)) continue;
     const double of_depth = sigma(x, y, depth);
     const double of_point = std::sqrt(point.variance) / point.inverse_depth;
     ratios.push_back({std::log(depth * point.inverse_depth),
@@ -193,6 +195,11 @@ std::optional<MetricScale> scaleFromDepth(const InitializationResult& result,
 
 std::optional<MetricScale> scaleFromDepth(const InitializationResult& result,
                                           const DepthPrior& prior) {
+  const auto pixels = static_cast<std::size_t>(std::max(0, prior.width)) *
+                      static_cast<std::size_t>(std::max(0, prior.height));
+  require(prior.depth.size() == pixels && prior.sigma.size() == pixels,
+          "a depth and a sigma for every pixel; sigmas",
+          static_cast<double>(prior.sigma.size()));
   const ImageView depth(prior.depth.data(), prior.width, prior.height);
   check(result, {depth, 1, 0});
   const auto sigma = [&](int x, int y, double at) {
@@ -242,8 +249,9 @@ std::optional<MetricScale> scaleFromDistances(const InitializationResult& result
       if (moved && result.report.pose_prior.value_or(true)) fit.add(*known, *moved);
     }
   }
+  if (!(fit.product > 0) || !(fit.square > 0)) return std::nullopt;
   const PosedFrame& newest = result.frames.back();
-  if (!(fit.product > 0) || !(fit.square > 0) || !newest.covariance) return std::nullopt;
+  if (!newest.covariance) return std::nullopt;
   return MetricScale{
       fit.square / fit.product, std::hypot(1 / std::sqrt(fit.square), relativeSigmaOf(newest)), 0};
 }

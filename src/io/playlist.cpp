@@ -60,7 +60,7 @@ Playlist selectImages(const SequenceOptions& options,
                                   timestamps.back() - timestamps.front()));
   }
   Playlist playlist;
-  playlist.count = static_cast<std::size_t>((end - start + options.every - 1) / options.every);
+  playlist.count = 1 + static_cast<std::size_t>((end - start - 1) / options.every);
   playlist.expected = playlist.count;
   playlist.first = options.reverse ? end - 1 : start;
   playlist.step = options.reverse ? -options.every : options.every;

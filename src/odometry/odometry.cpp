@@ -142,7 +142,7 @@ class Odometry::Impl {
     const odometry::MapUpdate& update = *seeded.update;
     const std::optional<RefusalReason> reason =
         update.finite ? refusalOf(update.start_change) : std::optional(RefusalReason::kAdjustment);
-    if (reason && refusals_ < options_.max_refusals) {
+    if (reason && (!update.finite || refusals_ < options_.max_refusals)) {
       report_.mapping_seconds += seeded.seconds;
       refuse({result.frames.back().frame->id(), segment_, *reason, update.start_change});
       return;
@@ -153,10 +153,7 @@ class Odometry::Impl {
     ++report_.segments;
     tracker_.begin(result);
     unit_ = odometry::SegmentUnit(result.metric);
-    if (!adopt(std::move(seeded))) {
-      lose({});
-      return;
-    }
+    adopt(std::move(seeded));
     FrameEstimate estimate = last_estimate_;
     estimate.state = OdometryState::kInitialized;
     estimate.is_keyframe = true;

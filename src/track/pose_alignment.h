@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/geometry/se3.h"
 #include "dsorb/image/affine_brightness.h"
 #include "dsorb/options/brightness.h"

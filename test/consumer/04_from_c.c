@@ -144,6 +144,7 @@ static int checkOdometry(const dsorb_camera* camera, uint8_t* pixels) {
   for (int i = 0; i < 6; ++i) CHECK(estimate.world_covariance[7 * i] > 0);
   CHECK(dsorb_odometry_points(odometry, NULL, 0) > 0);
   CHECK(dsorb_odometry_restart(odometry, error, sizeof error) == DSORB_OK);
+  CHECK(dsorb_odometry_points(odometry, NULL, 0) == 0);
   dsorb_odometry_destroy(odometry);
   printf("dsorb %s from C: %d frames tracked\n", dsorb_version(), tracked);
   return 0;

@@ -318,6 +318,34 @@ TEST(OdometryWithOwnInitializer, RefusesAResultThatDisagreesWithItsStatus) {
   }
 }
 
+/// Counts refusals by their reason.
+class RefusalObserver : public OdometryObserver {
+ public:
+  void onStartRefused(const StartRefusal& refusal) override { reasons.push_back(refusal.reason); }
+  std::vector<RefusalReason> reasons;
+};
+
+TEST(OdometryWithOwnInitializer, AStartWhoseAdjustmentFailsNeverStays) {
+  const World& world = trackedRoom();
+  const SE3 behind(Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitY()).toRotationMatrix(),
+                   Eigen::Vector3d(0, 0, 1));
+  // All frames but the reference look away: no point is seen twice.
+  const Truth wrong{[&](int id) { return id == 0 ? SE3() : behind; },
+                    [&](int id) { return world.inverseDepth(id); }};
+  OdometryOptions options;
+  options.max_refusals = 0;
+  Odometry odometry(
+      world.camera(), options, std::make_unique<TruthInitializer>(world.camera(), wrong));
+  RefusalObserver observer;
+  odometry.addObserver(&observer);
+  for (int i = 0; i < 5; ++i) {
+    EXPECT_EQ(odometry.process(world.frames()[static_cast<std::size_t>(i)]).state,
+              OdometryState::kInitializing);
+  }
+  EXPECT_EQ(observer.reasons, std::vector{RefusalReason::kAdjustment});
+  EXPECT_EQ(odometry.finish().segments, 0);
+}
+
 TEST_F(OdometryWithTruth, RefusesOptionsOutOfRange) {
   OdometryOptions options;
   options.tracker.min_inside_fraction = 1.5;

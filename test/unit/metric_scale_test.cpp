@@ -228,5 +228,17 @@ TEST(ToMetres, ChangesPosesDepthsAndTheirCovariances) {
   EXPECT_EQ(scene.result.metric->metres, 1);
 }
 
+TEST(ScaleFromDepth, RefusesAPriorWithoutASigmaForEveryPixel) {
+  const Scene scene(1);
+  DepthPrior prior{kWidth, kHeight, scene.depth, {}};
+  EXPECT_THROW((void)scaleFromDepth(scene.result, prior), std::invalid_argument);
+  prior.sigma.assign(scene.depth.size(), .02F);
+  EXPECT_TRUE(scaleFromDepth(scene.result, prior));
+}
+
+TEST(ScaleFromDistances, NothingComesOfNoFrames) {
+  EXPECT_FALSE(scaleFromDistances({}));
+}
+
 }  // namespace
 }  // namespace dsorb

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include "geometry/tangent_basis.h"
 #include "init/orb/bundle/pose_from_points.h"
 #include "init/orb/thesis/two_view_start.h"
 #include "init/orb/two_view/motion_refinement.h"

@@ -3,6 +3,7 @@
 
 #include "base/median.h"
 #include "base/parallel.h"
+#include "init/orb/semi_dense/corner_prior.h"
 #include "support/plane_scene.h"
 
 #include <Eigen/Cholesky>

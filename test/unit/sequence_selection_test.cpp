@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 #include <string>
 
 namespace dsorb {
@@ -102,6 +103,8 @@ TEST_F(SequenceSelectionTest, SecondsAndEverySelectImages) {
   EXPECT_EQ(indices(o), (std::vector<int>{5, 8, 11}));
   o.reverse = true;
   EXPECT_EQ(indices(o), (std::vector<int>{12, 9, 6}));
+  o.every = std::numeric_limits<int>::max();
+  EXPECT_EQ(indices(o), (std::vector<int>{12}));
   o.from = 1.95;
   o.to = 0;
   EXPECT_THROW(SequenceReader{o}, ConfigError);

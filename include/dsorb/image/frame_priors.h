@@ -51,7 +51,7 @@ struct DistancePrior {
 };
 
 /// What the caller knows of a frame beside its image. Shared and never changed once a frame has it.
-/// An initializer weighs it, tests it against the images and says in PriorReport what became of it:
+/// An initializer weighs it, tests it against the images and says in InitReport what became of it:
 /// a claimed standard deviation is what the caller believes, and may be wrong.
 struct FramePriors {
   std::optional<DepthPrior> depth{};        ///< of the frame's pixels

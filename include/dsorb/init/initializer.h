@@ -12,7 +12,7 @@ namespace dsorb {
 
 /// What a frame led to.
 enum class InitStatus {
-  kNeedsMoreFrames,  ///< frames of a bounded buffer may be dropped, not the new one
+  kNeedsMoreFrames,  ///< earlier frames may be dropped where that loses nothing, not this one
   kRestarted,        ///< all earlier frames are dropped, this one is the new reference
   kInitialized       ///< `result` is set; the object is spent until reset()
 };
@@ -58,8 +58,8 @@ class Initializer {
 
 /// The initializer that the options name.
 /// @throws ConfigError on options out of range, on what needs a build with Ceres and on the name of
-///         a registered kind that is not there; std::invalid_argument on an impossible camera
-///         and on a size that leaves too few pyramid levels: crop it to multiples of 16
+///         a registered kind that is not there; IoError on a feature network that cannot be read;
+///         std::invalid_argument on an impossible camera and on a size with too few pyramid levels
 std::unique_ptr<Initializer> makeInitializer(const InitializerOptions& options,
                                              const PinholeCamera& camera);
 

@@ -26,7 +26,7 @@ struct InitReport {
   std::vector<InitReason> earlier_resets;  ///< reasons of the latest restarts, oldest first
   double median_parallax_deg = 0;          ///< rotation-compensated
   double inlier_ratio = 0;                 ///< of the matches or points that were judged
-  double residual_rms = 0;                 ///< [px]
+  double residual_rms = 0;                 ///< [px]; `orb`: median, refined: of sigmas [-]
   double median_relative_sigma = 0;        ///< of the inverse depths
   /// That the direction of translation is off by more than GateOptions::wrong_angle_deg.
   std::optional<double> wrong_probability;

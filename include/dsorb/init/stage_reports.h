@@ -54,8 +54,8 @@ struct GateReport {
   double error_probability = 1;           ///< by the tails of the direction's distribution
   double rival_probability = 0;           ///< by another minimum of the tracks' likelihood
   double plane_probability = 0;           ///< by the other motion that a plane allows
-  double direction_sigma_deg = 0;         ///< larger axis of the direction's covariance
-  double second_sigma_deg = 0;            ///< smaller axis
+  double direction_sigma_deg = 0;         ///< larger axis of the direction's covariance, x 1.5
+  double second_sigma_deg = 0;            ///< smaller axis, x 1.5: scale of its t-distribution
   double misfit = 1;        ///< errors of the corners over what noise of the images explains
   double depth_sigma = 0;   ///< predicted relative error of a corner's inverse depth, median
   double parallax_deg = 0;  ///< median angle under which both cameras see a corner
@@ -129,10 +129,10 @@ struct PhotometricReport {
   bool usable = false;         ///< converged to numbers, lower cost, enough residuals inside
   int patches = 0;             ///< corners and semi-dense points that took part
   int frames = 0;              ///< in the adjustment, besides the reference
-  int iterations = 0;          ///< of the joint solve at level 0
+  int iterations = 0;          ///< of the solve at level 0 that gave the depths
   bool coarse_level = false;   ///< level 1 came first
   bool poses_moved = false;    ///< the photometric poses were taken, or have a part in the poses
-  double first_cost = 0;       ///< half the weighted Huber energy of the joint problem
+  double first_cost = 0;       ///< half the weighted Huber energy of that problem
   double cost = 0;             ///< that energy afterwards
   double inside_share = 0;     ///< of the patches' residuals inside the images [-]
   double median_residual = 0;  ///< before, absolute [grey levels]

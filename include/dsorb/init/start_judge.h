@@ -58,7 +58,7 @@ constexpr double kMaxStartNoise = 7;
 /// @param poses  keyframes of the start but the reference; at least one
 /// @param points handed over to the adjustment, those that it dropped included, but not those that
 ///               it dropped because they leave the image
-/// @return kept_share and the rest are 0 where no point is left
+/// @return kept_share and what is said of depths are 0 where no point is left
 [[nodiscard]] StartChange startChange(const std::vector<StartPose>& poses,
                                       const std::vector<StartPoint>& points);
 

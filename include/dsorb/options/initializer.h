@@ -17,7 +17,7 @@ enum class InitializerKind {
   kRegistered  ///< a kind that a library brought (init/registry.h)
 };
 
-/// Options of an initializer; those of the other kinds are ignored.
+/// Options of an initializer; those of other kinds are ignored, but for orb.gate.wrong_angle_deg.
 struct InitializerOptions {
   InitializerKind kind = InitializerKind::kOrb;  ///< which one runs
   std::string registered;                        ///< name of the registered kind

@@ -18,10 +18,10 @@ struct OdometryOptions {
   /// Number of tracked frames that may wait for mapping before tracking waits. Frames that are
   /// tracked while a keyframe is made use the one before it, which costs accuracy.
   int max_waiting = 2;
-  /// Starts in a row that the window may refuse; the next one stays. 0: every start stays.
+  /// Starts in a row that the window may refuse; the next one that it can adjust stays. 0: all do.
   int max_refusals = 2;
   /// Frames in a row that may stay without a pose (black, torn, covered for a moment) while the map
-  /// stands; the next one loses it. 0: the first frame without a pose loses it.
+  /// stands, those with a pose that does not fit counted; the next one loses it. 0: the first does.
   int max_missed = 3;
   BrightnessModel brightness = BrightnessModel::kUncalibrated;  ///< what is known of the images
   InitializerOptions initializer;                               ///< first poses and depths

@@ -103,7 +103,7 @@ struct PhotometricOptions {
   double function_tolerance = 1e-6;  ///< relative change of the cost that ends a solve [-]
   double coarse_residual = 20;  ///< a coarser level comes first above this median [grey levels]
   int joint_points = 500;       ///< best points that give the poses, beside the corners; 0: all
-  int depth_iterations = 3;     ///< of the other points, poses fixed
+  int depth_iterations = 3;     ///< of the other points, poses fixed; where poses are free
 };
 
 /// Field list; see DescribeFor.

@@ -4,7 +4,6 @@
 #include "base/median.h"
 #include "estimate/host_patch.h"
 #include "image/cell_grid.h"
-#include "image/photometric.h"
 
 #include <algorithm>
 #include <array>

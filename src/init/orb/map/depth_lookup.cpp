@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/map/depth_lookup.h"
 
+#include "image/frame_priors.h"
+
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -36,8 +38,8 @@ Sums sumAround(const DepthPrior& prior, int x, int y, int radius) {
     for (int u = std::max(0, x - radius); u <= std::min(prior.width - 1, x + radius); ++u) {
       const auto i = static_cast<std::size_t>(v) * static_cast<std::size_t>(prior.width) +
                      static_cast<std::size_t>(u);
+      if (!isKnownDepth(prior.depth[i])) continue;
       const auto depth = static_cast<double>(prior.depth[i]);
-      if (!(depth > 0) || !std::isfinite(depth)) continue;
       const double sigma = static_cast<double>(prior.sigma[i]) / (depth * depth);
       sums.add(1 / depth, sigma * sigma, 1 / (1 + std::hypot(u - x, v - y)));
     }

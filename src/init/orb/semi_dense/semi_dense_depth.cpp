@@ -6,6 +6,7 @@
 #include "image/pixel_selector.h"
 #include "image/stuck_regions.h"
 #include "init/orb/map/frame_brightness.h"
+#include "init/orb/semi_dense/corner_prior.h"
 #include "init/orb/semi_dense/epipolar_search.h"
 
 #include <algorithm>

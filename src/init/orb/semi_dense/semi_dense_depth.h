@@ -6,7 +6,6 @@
 #include "dsorb/options/orb_mapping.h"
 
 #include "init/orb/map/initial_map.h"
-#include "init/orb/semi_dense/corner_prior.h"
 
 #include <cstdint>
 #include <functional>

@@ -5,7 +5,6 @@
 #include "init/orb/bundle/corner_refinement.h"
 #include "init/orb/bundle/frame_motions.h"
 #include "init/orb/bundle/geometric_covariance.h"
-#include "init/orb/bundle/map_assembly.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/start/known_depth_start.h"
 #include "init/orb/start/lens_profile.h"

@@ -3,6 +3,7 @@
 
 #include "base/angles.h"
 #include "base/parallel.h"
+#include "geometry/tangent_basis.h"
 #include "init/orb/two_view/motion_refinement.h"
 
 #include <Eigen/Cholesky>

@@ -3,7 +3,6 @@
 
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/geometry/se3.h"
-#include "dsorb/options/orb.h"
 
 #include "geometry/triangulate.h"
 #include "init/orb/tracks/corner_tracks.h"

@@ -2,6 +2,7 @@
 #include "init/orb/two_view/essential_motion.h"
 
 #include "base/median.h"
+#include "geometry/tangent_basis.h"
 #include "geometry/triangulate.h"
 #include "init/orb/two_view/decomposition.h"
 #include "init/orb/two_view/motion_refinement.h"

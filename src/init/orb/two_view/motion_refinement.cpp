@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/two_view/motion_refinement.h"
 
+#include "geometry/tangent_basis.h"
+
 #include <Eigen/Cholesky>
 
 #include <cmath>

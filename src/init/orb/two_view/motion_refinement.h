@@ -4,7 +4,6 @@
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/geometry/se3.h"
 
-#include "geometry/tangent_basis.h"
 #include "init/orb/tracks/corner_tracks.h"
 
 #include <Eigen/Core>
