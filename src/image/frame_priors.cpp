@@ -46,12 +46,8 @@ DepthPrior emptyPrior(int width, int height) {
 void checkDepth(const DepthPrior& prior, const Frame& frame) {
   require(prior.width == frame.width(), "the frame's width", prior.width);
   require(prior.height == frame.height(), "the frame's height", prior.height);
-  const std::size_t pixels = pixelsOf(prior.width, prior.height);
-  require(
-      prior.depth.size() == pixels, "one depth a pixel", static_cast<double>(prior.depth.size()));
-  require(
-      prior.sigma.size() == pixels, "one sigma a pixel", static_cast<double>(prior.sigma.size()));
-  for (std::size_t i = 0; i < pixels; ++i) {
+  checkSize(prior);
+  for (std::size_t i = 0; i < prior.depth.size(); ++i) {
     if (!isKnownDepth(prior.depth[i])) continue;
     require(isLength(prior.sigma[i]),
             "a sigma above 0 where the depth is known",
@@ -79,6 +75,14 @@ void checkPose(const PosePrior& prior) {
 
 bool isKnownDepth(float depth) {
   return isLength(depth);
+}
+
+void checkSize(const DepthPrior& prior) {
+  const std::size_t pixels = pixelsOf(prior.width, prior.height);
+  require(
+      prior.depth.size() == pixels, "one depth a pixel", static_cast<double>(prior.depth.size()));
+  require(
+      prior.sigma.size() == pixels, "one sigma a pixel", static_cast<double>(prior.sigma.size()));
 }
 
 DepthPrior denseDepth(const ImageView& depth, double sigma, double relative_sigma) {

@@ -195,11 +195,7 @@ std::optional<MetricScale> scaleFromDepth(const InitializationResult& result,
 
 std::optional<MetricScale> scaleFromDepth(const InitializationResult& result,
                                           const DepthPrior& prior) {
-  const auto pixels = static_cast<std::size_t>(std::max(0, prior.width)) *
-                      static_cast<std::size_t>(std::max(0, prior.height));
-  require(prior.depth.size() == pixels && prior.sigma.size() == pixels,
-          "a depth and a sigma for every pixel; sigmas",
-          static_cast<double>(prior.sigma.size()));
+  checkSize(prior);
   const ImageView depth(prior.depth.data(), prior.width, prior.height);
   check(result, {depth, 1, 0});
   const auto sigma = [&](int x, int y, double at) {

@@ -35,20 +35,13 @@ DSORB_ALWAYS_INLINE bool inAnyLane(const Ints& mask) {
   return any != 0;
 }
 
-DSORB_ALWAYS_INLINE void clamp(const Lanes& x, const Lanes& low, const Lanes& high, Lanes& out) {
-  const Lanes raised = x < low ? low : x;
-  out = raised > high ? high : raised;
-}
 DSORB_ALWAYS_INLINE void clamp(const Lanes& x, float low, float high, Lanes& out) {
-  Lanes lows;
-  Lanes highs;
-  fill(low, lows);
-  fill(high, highs);
-  clamp(x, lows, highs, out);
-}
-
-DSORB_ALWAYS_INLINE void absolute(const Lanes& x, Lanes& out) {
-  out = x < 0.0F ? -x : x;
+  Lanes lowest;
+  Lanes highest;
+  fill(low, lowest);
+  fill(high, highest);
+  const Lanes raised = x < low ? lowest : x;
+  out = raised > high ? highest : raised;
 }
 
 DSORB_ALWAYS_INLINE void smoothStep(const Lanes& x, Lanes& out) {
@@ -145,8 +138,7 @@ struct CellBlend {
 DSORB_ALWAYS_INLINE void blendCells(const Lanes& x, const Lanes& width, CellBlend& out) {
   floorToInt(x, out.cell);
   const Lanes offset = x - __builtin_convertvector(out.cell, Lanes) - 0.5F;
-  Lanes from_middle;
-  absolute(offset, from_middle);
+  const Lanes from_middle = offset < 0.0F ? -offset : offset;
   out.neighbour = offset < 0.0F ? out.cell - 1 : out.cell + 1;
   clamp(0.5F - (0.5F - from_middle) / width, 0, 0.5F, out.share);
 }
