@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <cstring>
 
 #define DSORB_ALWAYS_INLINE inline __attribute__((always_inline))
@@ -15,6 +16,9 @@ namespace dsorb {
 /// Pass by reference: passing by value would depend on the instruction set.
 using Lanes = float __attribute__((vector_size(32)));
 constexpr int kLanes = 8;
+
+/// Of what holds, -1, and what does not, 0.
+using LaneMask = std::int32_t __attribute__((vector_size(sizeof(Lanes))));
 
 /// Four doubles, the same way.
 using DoubleLanes = double __attribute__((vector_size(32)));
@@ -73,6 +77,17 @@ DSORB_ALWAYS_INLINE void storeTransposed(const DoubleLanes (&v)[6],
   for (std::size_t k = 0; k < 4; ++k) {
     std::memcpy(target + k * stride + 4, &tails[k], sizeof(Pair));
   }
+}
+
+DSORB_ALWAYS_INLINE bool inAllLanes(const LaneMask& mask) {
+  std::int32_t all = -1;
+  for (int k = 0; k < kLanes; ++k) all &= mask[k];
+  return all != 0;
+}
+DSORB_ALWAYS_INLINE bool inAnyLane(const LaneMask& mask) {
+  std::int32_t any = 0;
+  for (int k = 0; k < kLanes; ++k) any |= mask[k];
+  return any != 0;
 }
 
 /// In all lanes at once where the file is compiled with -fno-math-errno.

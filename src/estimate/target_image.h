@@ -84,11 +84,4 @@ DSORB_ALWAYS_INLINE void unbendGradients(const TargetImage& target,
   }
 }
 
-/// Whether a mask holds in all lanes.
-DSORB_ALWAYS_INLINE bool inAllLanes(const MaskOf<Lanes>& mask) {
-  int all = -1;
-  for (int k = 0; k < kLanes; ++k) all &= mask[k];
-  return all != 0;
-}
-
 }  // namespace dsorb

@@ -29,12 +29,6 @@ constexpr float kKnee = 40.0F;
 using Ints = std::int32_t __attribute__((vector_size(sizeof(Lanes))));
 using Hashes = std::uint32_t __attribute__((vector_size(sizeof(Lanes))));
 
-DSORB_ALWAYS_INLINE bool inAnyLane(const Ints& mask) {
-  std::int32_t any = 0;
-  for (int k = 0; k < kLanes; ++k) any |= mask[k];
-  return any != 0;
-}
-
 DSORB_ALWAYS_INLINE void clamp(const Lanes& x, float low, float high, Lanes& out) {
   Lanes lowest;
   Lanes highest;
@@ -232,7 +226,7 @@ DSORB_ALWAYS_INLINE void addNoise(const Texture& texture,
     const Lanes cell_u = layer.cell_u / at.size_u;
     const Lanes cell_v = layer.cell_v / at.size_v;
     const Lanes cell = cell_v < cell_u ? cell_v : cell_u;
-    const Ints shown = cell > kFadedCell;
+    const LaneMask shown = cell > kFadedCell;
     if (!inAnyLane(shown)) continue;
     Lanes noise;
     Lanes visible;

@@ -8,8 +8,6 @@
 namespace dsorb::init_orb {
 namespace {
 
-using IntLanes = MaskOf<Lanes>;
-
 constexpr float kMinGreySum = 8;  // of a patch; psi of a darker one means nothing [grey levels]
 
 /// Residual, weight and derivatives of one patch: columns 0..5 pose, 6 and 7 brightness, 8 depth.
@@ -18,7 +16,7 @@ struct Patch {
   Lanes residual;
   Lanes weight;
   Lanes energy;
-  IntLanes inside;
+  LaneMask inside;
 };
 
 /// Projects, samples and differentiates, before brightness. @return intensities in `residual`
@@ -63,7 +61,7 @@ DSORB_ALWAYS_INLINE void weigh(const HostPatch& host, Patch& out) {
   Lanes root;
   Lanes robust;
   load(host.root_weight.data(), root);
-  const IntLanes valid = out.residual == out.residual;  // not NaN
+  const LaneMask valid = out.residual == out.residual;  // not NaN
   const Lanes r = valid ? out.residual : zero;
   huberWeights(r, robust);
   out.residual = r;
