@@ -55,7 +55,9 @@ DSORB_ALWAYS_INLINE std::optional<FitSums> evaluateTarget(const CandidatePoint& 
   depthFlow(target.warp, pattern.at, flow_x, flow_y);
   const Lanes slope = pattern.seen.dx * flow_x + pattern.seen.dy * flow_y;
   const Lanes w = weight * weight * huber;
-  const float energy = sumLanes(w * residual * residual * (2.0F - huber));
+  Lanes energies;
+  huberEnergies(residual, huber, w, energies);
+  const float energy = sumLanes(energies);
   if (!std::isfinite(energy)) return std::nullopt;
   return FitSums{energy, sumLanes(w * slope * slope), sumLanes(w * slope * residual), 0};
 }

@@ -197,7 +197,8 @@ DSORB_ALWAYS_INLINE float patchEnergy(const PyramidLevel& level,
   const Lanes residual = seen - pattern.intensity;
   Lanes weight;
   huberWeights(residual, weight);
-  const Lanes energy = weight * residual * residual * (2.0F - weight);
+  Lanes energy;
+  huberEnergies(residual, weight, energy);
   Lanes invalid;
   fill(kInvalidEnergy, invalid);
   return sumLanes(energy < invalid ? energy : invalid);  // NaN is invalid
@@ -251,8 +252,9 @@ DSORB_ALWAYS_INLINE LineTerms lineTerms(const CandidatePoint& candidate,
   const Lanes slope = seen.dx * direction.x() + seen.dy * direction.y();
   Lanes weight;
   huberWeights(residual, weight);
-  const float energy =
-      sumLanes(host_weight * host_weight * weight * residual * residual * (2.0F - weight));
+  Lanes energies;
+  huberEnergies<Lanes>(residual, weight, host_weight * host_weight * weight, energies);
+  const float energy = sumLanes(energies);
   if (!std::isfinite(energy)) return terms;
   terms.energy = energy;
   terms.curvature += sumLanes(weight * slope * slope);

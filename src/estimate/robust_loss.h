@@ -36,10 +36,21 @@ DSORB_ALWAYS_INLINE void huberWeights(const Lanes& residual, Lanes& weight) {
   huberWeights<Lanes>(residual < 0.0F ? -residual : residual, threshold, weight);
 }
 
-/// Huber's loss, r^2 up to the threshold, 2 threshold |r| - threshold^2 above, by its weight:
-/// w r^2 (2 - w).
-inline float huberEnergy(float residual, float weight) {
-  return weight * residual * residual * (2.0F - weight);
+/// Huber's loss, r^2 up to the threshold, 2 threshold |r| - threshold^2 above, by its weight w:
+/// w r^2 (2 - w), in lanes or alone.
+/// @param huber  w
+/// @param weight w times what the residual counts beside it
+template <typename T>
+DSORB_ALWAYS_INLINE void huberEnergies(const T& residual,
+                                       const T& huber,
+                                       const T& weight,
+                                       T& energy) {
+  energy = weight * residual * residual * (2.0F - huber);
+}
+/// Of residuals that count 1.
+template <typename T>
+DSORB_ALWAYS_INLINE void huberEnergies(const T& residual, const T& huber, T& energy) {
+  huberEnergies(residual, huber, huber, energy);
 }
 
 /// Cauchy's loss is limit^2 log(ratio) with ratio = 1 + r^2 / limit^2; its weight is 1 / ratio.

@@ -89,8 +89,10 @@ DSORB_ALWAYS_INLINE void evaluateLanes(const AlignmentSetting& s,
   Lanes bound;
   fill(kHuberThreshold * (2.0F * s.cutoff - kHuberThreshold), bound);
   Lanes weight;
+  Lanes energy;
   huberWeights(r, weight);
-  sums.energy += unsaturated ? weight * r * r * (2.0F - weight) : (used ? bound : zero);
+  huberEnergies(r, weight, energy);
+  sums.energy += unsaturated ? energy : (used ? bound : zero);
   sums.used -= used;  // a lane that is true holds -1
   sums.saturated -= used & ~unsaturated;
   storeSome(p.u, count, samples.u + i);

@@ -160,13 +160,15 @@ DSORB_ALWAYS_INLINE bool sumPatch(const WindowPoint& point,
   Lanes huber;
   huberWeights(residual, huber);
   const Lanes w = weight * huber;
+  Lanes energy;
+  huberEnergies(residual, huber, w, energy);
   const Lanes wx = w * seen.dx;
   const Lanes wy = w * seen.dy;
   const Lanes wr = w * residual;
   const Lanes radiance = host - pair.host_offset_first;
   const Lanes wa = w * radiance;
   Lanes totals;
-  sumLanes({wr * residual * (2.0F - huber),
+  sumLanes({energy,
             weight * w * squared_gradient,
             wx * seen.dx,
             wx * seen.dy,

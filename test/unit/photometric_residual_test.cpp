@@ -290,7 +290,7 @@ TEST(PhotometricResidualTest, SumsAgreeWithTheDefinitionPixelByPixel) {
         std::sqrt(gradientWeight(sample.dx * sample.dx + sample.dy * sample.dy));
     const float mean = 0.5F * (target_weight + point.patch.root_weight[k]);
     const float w = mean * mean * huberWeight(r);
-    energy += static_cast<double>(mean * mean * huberEnergy(r, huberWeight(r)));
+    energy += static_cast<double>(w * r * r * (2 - huberWeight(r)));
     xx += static_cast<double>(w * sample.dx * sample.dx);
     ya += static_cast<double>(w * sample.dy * (point.patch.grey[k] - pair.host_offset_first));
     br += static_cast<double>(w * r);

@@ -75,7 +75,9 @@ DSORB_ALWAYS_INLINE float evaluatePoint(const LevelWarp& w,
   depthFlow(w.target.warp, p, flow_x, flow_y);
   out.J_depth = w.scale * (seen.dx * flow_x + seen.dy * flow_y);
   out.squared_flow = flow_x * flow_x + flow_y * flow_y;
-  return sumLanes(out.weight * out.r * out.r * (2.0F - out.weight));
+  Lanes energy;
+  huberEnergies(out.r, out.weight, energy);
+  return sumLanes(energy);
 }
 
 /// Float sums of one block of points, a lane each for the pattern's pixels.

@@ -51,8 +51,10 @@ std::optional<HostedProjection> projectCorner(const InitialMap& map,
 double robustCost(double error, const GeometricOptions& options) {
   const double limit = options.loss_threshold;
   const double weight = robustWeight(error, options);
-  return options.loss == RobustLoss::kHuber ? 0.5 * weight * error * error * (2 - weight)
-                                            : -0.5 * limit * limit * std::log(weight);
+  if (options.loss == RobustLoss::kCauchy) return -0.5 * limit * limit * std::log(weight);
+  double energy = 0;
+  huberEnergies(error, weight, energy);
+  return 0.5 * energy;
 }
 
 double robustWeight(double error, const GeometricOptions& options) {

@@ -63,14 +63,15 @@ DSORB_ALWAYS_INLINE void weigh(const HostPatch& host, Patch& out) {
   load(host.root_weight.data(), root);
   const LaneMask valid = out.residual == out.residual;  // not NaN
   const Lanes r = valid ? out.residual : zero;
+  Lanes energy;
   huberWeights(r, robust);
+  huberEnergies(r, robust, energy);
   out.residual = r;
   const Lanes weight = root * root;
   out.weight = valid ? weight * robust : zero;
   // A pixel without a value costs what one at the threshold does: a patch gains nothing by moving
   // where the image is invalid.
-  out.energy = weight * (valid ? robust * r * r * (2.0F - robust)
-                               : zero + kHuberThreshold * kHuberThreshold);
+  out.energy = weight * (valid ? energy : zero + kHuberThreshold * kHuberThreshold);
 }
 
 /// @tparam kSize unknowns of the frame; 0: it is fixed

@@ -41,7 +41,7 @@ struct PatchRun {
 /// patches that are not seen.
 struct PatchTotals {
   PointSums<float> points;
-  float* energy = nullptr;  ///< Huber energy, huberEnergy()
+  float* energy = nullptr;  ///< Huber energy, huberEnergies()
 };
 
 /// @param sums  from the first patch on; without couplings poses are fixed
