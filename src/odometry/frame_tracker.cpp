@@ -63,7 +63,7 @@ void FrameTracker::setTarget(TrackingTarget target) {
   }
   target_ = std::move(target.keyframe);
   tracker_.setReference(std::move(target.reference));
-  if (target_->frame->id() == previous_) affine_ = target_->affine;
+  if (reference().frame->id() == previous_) affine_ = reference().affine;
   first_rmse_.reset();
 }
 
@@ -90,7 +90,7 @@ TrackedPose FrameTracker::track(const Frame& frame, bool may_doubt) {
 }
 
 void FrameTracker::setPose(const track::TrackingResult& result, TrackedPose& pose) const {
-  pose.keyframe = target_->frame->id();
+  pose.keyframe = reference().frame->id();
   pose.T_cam_keyframe = result.T_frame_reference;
   pose.covariance = result.covariance;
   pose.T_cam_world = result.T_frame_reference * target_->T_cam_world;
@@ -141,16 +141,16 @@ double FrameTracker::inEarlierContrast(const Frame& frame,
 }
 
 bool FrameTracker::needsKeyframe(const Frame& frame, const track::TrackingResult& result) const {
+  const track::TrackingReference& target = reference();
   window::KeyframeCues cues;
   cues.translation_flow = result.flow.translation;
   cues.full_flow = result.flow.full;
-  cues.log_gain =
-      std::log(brightnessTransfer(
-                   target_->affine, target_->frame->exposure(), result.affine, frame.exposure())
-                   .gain);
+  cues.log_gain = std::log(
+      brightnessTransfer(target.affine, target.frame->exposure(), result.affine, frame.exposure())
+          .gain);
   cues.rmse = result.rmse[0];
   cues.first_rmse = *first_rmse_;
-  cues.seconds_since_keyframe = std::abs(frame.timestamp() - target_->frame->timestamp());
+  cues.seconds_since_keyframe = std::abs(frame.timestamp() - target.frame->timestamp());
   cues.width_plus_height = frame.width() + frame.height();
   return window::needsKeyframe(cues, options_.window);
 }

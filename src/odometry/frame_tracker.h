@@ -15,9 +15,7 @@ namespace dsorb::odometry {
 
 /// Where a keyframe is after its adjustment.
 struct KeyframePose {
-  FramePtr frame;
   SE3 T_cam_world;
-  AffineBrightness affine;
   std::optional<Matrix6d>
       covariance{};  ///< of exp(xi) * T_cam_world: WindowUncertainty::newest_pose
   double reach = 0;  ///< distance of the farthest keyframe that its map was made with [unit]
@@ -62,6 +60,7 @@ class FrameTracker {
   [[nodiscard]] TrackedPose track(const Frame& frame, bool may_doubt = false);
   /// The keyframe that frames are tracked against; there is one after setTarget().
   [[nodiscard]] const KeyframePose& target() const { return *target_; }
+  [[nodiscard]] const track::TrackingReference& reference() const { return tracker_.reference(); }
 
  private:
   void setPose(const track::TrackingResult& result, TrackedPose& pose) const;

@@ -123,7 +123,7 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
 /// The newest keyframe; points are still to come.
 TrackingTarget Mapper::targetOf(const SE3& T_cam_previous) const {
   const window::Keyframe& newest = window_->keyframes.back();
-  TrackingTarget target{{newest.frame, newest.T_cam_world(), newest.affine()}, {}, T_cam_previous};
+  TrackingTarget target{{newest.T_cam_world()}, {}, T_cam_previous};
   target.reference.frame = newest.frame;
   target.reference.camera = window_->camera();
   target.reference.affine = newest.affine();

@@ -241,9 +241,9 @@ class Odometry::Impl {
 
   /// Tells of a frame. Where mapping has made a keyframe of it, its pose is that after adjustment.
   void conclude(FrameEstimate estimate) {
-    const odometry::KeyframePose& newest = tracker_.target();
+    const track::TrackingReference& newest = tracker_.reference();
     if (estimate.frame == newest.frame) {
-      estimate.T_world_cam = newest.T_cam_world.inverse();
+      estimate.T_world_cam = tracker_.target().T_cam_world.inverse();
       estimate.affine = newest.affine;
       if (!estimate.keyframe) {  // of an initialization
         estimate.keyframe = estimate.frame->id();

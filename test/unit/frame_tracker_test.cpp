@@ -29,12 +29,11 @@ class FrameTrackerTest : public ::testing::Test {
     return plane_.render(camera_, T_cam_world(i).inverse(), {FrameId{i}, 0.1 * i}, {log_gain, 0});
   }
   [[nodiscard]] TrackingTarget target(int i, int previous, double log_gain = 0) const {
-    const KeyframePose keyframe{frame(i, log_gain), T_cam_world(i), {log_gain, 0}};
-    return {keyframe,
-            track::referenceOf(keyframe.frame,
+    return {{T_cam_world(i)},
+            track::referenceOf(frame(i, log_gain),
                                camera_,
                                plane_.samples(camera_, T_cam_world(i).inverse(), 4),
-                               keyframe.affine),
+                               {log_gain, 0}),
             T_cam_keyframe(i, previous)};
   }
   [[nodiscard]] FrameTracker started(double log_gain = 0) const {
@@ -61,7 +60,7 @@ class FrameTrackerTest : public ::testing::Test {
 
 TEST_F(FrameTrackerTest, PosesAreRelativeToTheTarget) {
   FrameTracker tracker = started();
-  EXPECT_EQ(tracker.target().frame->id(), FrameId{3});
+  EXPECT_EQ(tracker.reference().frame->id(), FrameId{3});
   for (int i = 4; i < 7; ++i) expectNearTruth(tracker.track(*frame(i)), i, 3);
 }
 
@@ -69,7 +68,7 @@ TEST_F(FrameTrackerTest, GoesOnAgainstANewTarget) {
   FrameTracker tracker = started();
   for (int i = 4; i < 7; ++i) expectNearTruth(tracker.track(*frame(i)), i, 3);
   tracker.setTarget(target(6, 3));
-  EXPECT_EQ(tracker.target().frame->id(), FrameId{6});
+  EXPECT_EQ(tracker.reference().frame->id(), FrameId{6});
   for (int i = 7; i < 10; ++i) expectNearTruth(tracker.track(*frame(i)), i, 6);
 }
 

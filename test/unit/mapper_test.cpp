@@ -52,9 +52,10 @@ class MapperTest : public ::testing::Test {
     for (const KeyframeSnapshot& keyframe : keyframes) ids.push_back(keyframe.id.value);
     return ids;
   }
-  static void expectNearTruth(const KeyframePose& keyframe, int i) {
-    EXPECT_EQ(keyframe.frame->id(), FrameId{i});
-    EXPECT_THAT(keyframe.T_cam_world, Se3Near(T_cam_world(i), kMaxRotationDeg, kMaxTranslation));
+  static void expectNearTruth(const TrackingTarget& target, int i) {
+    EXPECT_EQ(target.reference.frame->id(), FrameId{i});
+    EXPECT_THAT(target.keyframe.T_cam_world,
+                Se3Near(T_cam_world(i), kMaxRotationDeg, kMaxTranslation));
   }
   [[nodiscard]] Mapper mapper() const { return Mapper(room().camera(), options_); }
 
@@ -70,7 +71,7 @@ TEST_F(MapperTest, SeedMakesAMapWhoseNewestKeyframeIsTheTarget) {
   EXPECT_TRUE(update.retired.empty());
   EXPECT_GT(update.rms, 0);
   EXPECT_LT(update.rms, 6);  // measured 3.1
-  expectNearTruth(update.target.keyframe, 3);
+  expectNearTruth(update.target, 3);
   EXPECT_GT(update.target.reference.at(0).size(), 3500U);  // measured 7054
 }
 
@@ -115,7 +116,7 @@ TEST_F(MapperTest, OnlyAKeyframeChangesTheWindow) {
   ASSERT_NE(update, nullptr);
   EXPECT_EQ(update->new_keyframes, 1);
   EXPECT_EQ(idsOf(update->window), (std::vector<int>{0, 1, 2, 3, 5}));
-  expectNearTruth(update->target.keyframe, 5);
+  expectNearTruth(update->target, 5);
   EXPECT_EQ(update->target.T_cam_previous.matrix(), job(5, 3, true).pose.T_cam_keyframe.matrix());
 }
 
@@ -131,7 +132,7 @@ TEST_F(MapperTest, AFrameHangsOnItsKeyframeWhileThatIsInTheWindow) {
     (void)m.seed(result(), kSegment);
     const std::unique_ptr<MapUpdate> update = m.map(job);
     ASSERT_TRUE(update->finite);
-    expectNearTruth(update->target.keyframe, 4);
+    expectNearTruth(update->target, 4);
   }
 }
 
