@@ -5,19 +5,18 @@
 #include "dsorb/io/calibration_reader.h"
 
 #include "app/legacy_arguments.h"
+#include "io/video.h"
 
 #include <CLI/CLI.hpp>
 #include <fmt/ranges.h>
 #include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
-#include <array>
 #include <charconv>
 #include <filesystem>
 #include <limits>
 #include <map>
 #include <optional>
-#include <string_view>
 
 namespace dsorb::app {
 namespace {
@@ -314,14 +313,19 @@ void takeFlags(const Flags& flags, CommandLine& request) {
 std::string datasetName(const std::string& path) {
   const std::filesystem::path absolute = std::filesystem::absolute(path).lexically_normal();
   const auto last = absolute.has_filename() ? absolute : absolute.parent_path();
-  constexpr std::array<std::string_view, 5> kSuffixes = {".zip", ".mp4", ".mov", ".avi", ".mkv"};
-  const bool is_file =
-      std::find(kSuffixes.begin(), kSuffixes.end(), last.extension().string()) != kSuffixes.end();
+  const bool is_file = last.extension() == ".zip" || hasVideoSuffix(last);
   const std::string name = (is_file ? last.stem() : last.filename()).string();
   return name.empty() ? "dataset" : name;
 }
 
 }  // namespace
+
+std::string nameOf(BrightnessModel brightness) {
+  return std::find_if(kModes.begin(),
+                      kModes.end(),
+                      [&](const auto& mode) { return mode.second == brightness; })
+      ->first;
+}
 
 CommandLine parseCommandLine(int argc, const char* const* argv) {
   CommandLine request;
@@ -360,8 +364,8 @@ CommandLine parseCommandLine(int argc, const char* const* argv) {
     throw ConfigError("no data set given; --help shows the options");
   }
   const std::string& path = request.sequence.path;
-  const bool is_camera = request.sequence.format == SequenceFormat::kCamera ||
-                         path.rfind("/dev/video", 0) == 0 || path.find("://") != std::string::npos;
+  const bool is_camera =
+      request.sequence.format == SequenceFormat::kCamera || isCameraAddress(path);
   if (is_camera && request.speed > 0) {
     throw ConfigError("--speed plays recordings; a camera has a time of its own");
   }

@@ -28,6 +28,9 @@ struct CommandLine {
   std::vector<std::string> warnings;  ///< one line each
 };
 
+/// As a value of `--mode` and of the option `brightness`.
+[[nodiscard]] std::string nameOf(BrightnessModel brightness);
+
 /// Reads flags and the original program's `key=value` words.
 /// @throws ConfigError with one line on what is wrong
 [[nodiscard]] CommandLine parseCommandLine(int argc, const char* const* argv);

@@ -30,19 +30,6 @@ constexpr const char* kGuessSigma = "0.15";  // relative, of a focal length that
 constexpr double kLongestSleep = 0.05;       // between two looks for Ctrl-C [s]
 constexpr std::chrono::milliseconds kWriterPatience(200);  // for a run that writes when it is ended
 
-/// As a value of the option `brightness`.
-std::string nameOf(BrightnessModel brightness) {
-  switch (brightness) {
-    case BrightnessModel::kCalibrated:
-      return "calibrated";
-    case BrightnessModel::kPerfect:
-      return "perfect";
-    case BrightnessModel::kUncalibrated:
-      break;
-  }
-  return "uncalibrated";
-}
-
 RunInfo describeRun(const CommandLine& request, const Config& config) {
   RunInfo info;
   info.program = "dso_dataset";

@@ -179,6 +179,7 @@ TEST(CommandLine, FlagsOfOnesOwnCameraArrive) {
   EXPECT_EQ(parse({"/dev/video0", "--format", "camera"}).sequence.format, SequenceFormat::kCamera);
   EXPECT_EQ(parse({"/dev/video0"}).output, "out/video0");
   EXPECT_EQ(parse({"a/clip.mp4"}).output, "out/clip");
+  EXPECT_EQ(parse({"a/clip.webm"}).output, "out/clip");
   EXPECT_DOUBLE_EQ(parse({"x", "--readout=-25"}).sequence.readout->seconds, -0.025);
   EXPECT_EQ(parse({"x", "--readout=-25"}).sequence.readout->sigma, 0);
   EXPECT_GT(parse({"x", "--readout", "auto"}).sequence.readout->sigma, 0);
