@@ -2,7 +2,7 @@
 #include "dsorb/camera/calibration.h"
 
 #include "base/angles.h"
-#include "camera/size_text.h"
+#include "camera/image_size.h"
 
 #include <algorithm>
 #include <cmath>

@@ -10,7 +10,6 @@
 namespace dsorb {
 namespace {
 
-constexpr std::size_t kMinResponseEntries = 256;
 constexpr std::size_t kEntries8 = 1 << 8;
 constexpr std::size_t kEntries16 = 1 << 16;
 constexpr float kMaxLevel = 255;

@@ -10,6 +10,8 @@
 
 namespace dsorb {
 
+constexpr std::size_t kMinResponseEntries = 256;
+
 /// Turns raw images of 8 or 16 bits into corrected grey levels: G(Y) / V, or Y scaled to 0..255
 /// where nothing is known about the camera. The exposure is not divided out.
 /// @source Engel et al., DSO, arXiv:1607.02565, eq. (2) and (3)

@@ -2,8 +2,8 @@
 #include "dsorb/camera/rectifier.h"
 
 #include "camera/calibration_check.h"
+#include "camera/image_size.h"
 #include "camera/photometric_correction.h"
-#include "camera/size_text.h"
 #include "camera/undistorter.h"
 
 #include <algorithm>

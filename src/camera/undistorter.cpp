@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "camera/undistorter.h"
 
+#include "camera/image_size.h"
 #include "camera/lens_models.h"
-#include "camera/size_text.h"
 
 #include <algorithm>
 #include <cmath>
@@ -13,7 +13,6 @@
 namespace dsorb {
 namespace {
 
-constexpr int kSizeUnit = 16;              // [px] five pyramid levels
 constexpr double kBorderTolerance = 1e-3;  // [px] rounding of rays on the border
 constexpr int kMaxSamplesPerSide = 8;
 
@@ -24,10 +23,6 @@ void checkPixels(const char* what, int width, int height, std::int64_t most) {
   if (std::int64_t{width} * height <= most) return;
   throw std::invalid_argument(what + (" size " + sizeText(width, height)) + ": at most " +
                               std::to_string(most >> 20) + " megapixels are expected");
-}
-
-int roundedDown(int size) {
-  return size / kSizeUnit * kSizeUnit;
 }
 
 void checkFocal(double fx, double fy, double cx, double cy) {

@@ -53,6 +53,8 @@ DSORB_ALWAYS_INLINE void huberEnergies(const T& residual, const T& huber, T& ene
   huberEnergies(residual, huber, huber, energy);
 }
 
+constexpr double kCauchyLimit = 2.385;  // of normalised errors: 95 % efficient where normal
+
 /// Cauchy's loss is limit^2 log(ratio) with ratio = 1 + r^2 / limit^2; its weight is 1 / ratio.
 /// @param squared r^2, in lanes or alone
 template <typename T, typename Scalar>

@@ -55,6 +55,14 @@ class CellGrid {
   int rows_;
 };
 
+/// Cells of an image whose errors count as one.
+constexpr int kErrorColumns = 10;
+constexpr int kErrorRows = 8;
+constexpr std::size_t kErrorCells = kErrorColumns * kErrorRows;
+inline CellGrid errorCells(int width, int height) {
+  return {width, height, kErrorColumns, kErrorRows};
+}
+
 /// The best thing of every cell: indices, ascending.
 /// @param pixel_of position of a thing by its index [px]
 /// @param better   whether the first of two is preferred, by their indices

@@ -3,6 +3,7 @@
 
 #include "dsorb/image/pyramid.h"
 
+#include "camera/image_size.h"
 #include "image/frame_priors.h"
 
 #include <cmath>
@@ -13,8 +14,6 @@
 namespace dsorb {
 namespace {
 
-constexpr int kSizeUnit = 16;  // [px] four halvings make five levels
-
 void requireOfCamera(bool holds, const char* name, double value, const char* expected) {
   if (holds) return;
   std::ostringstream message;
@@ -24,8 +23,8 @@ void requireOfCamera(bool holds, const char* name, double value, const char* exp
 
 /// An odd side ends the pyramid early: too few levels for large motions.
 void requirePyramid(int width, int height) {
-  const int cropped_width = width / kSizeUnit * kSizeUnit;
-  const int cropped_height = height / kSizeUnit * kSizeUnit;
+  const int cropped_width = roundedDown(width);
+  const int cropped_height = roundedDown(height);
   const int levels = pyramidLevels(width, height);
   const int full = pyramidLevels(cropped_width, cropped_height);
   if (levels >= full) return;

@@ -2,6 +2,7 @@
 #include "dsorb/init/metric_scale.h"
 
 #include "base/median.h"
+#include "estimate/robust_loss.h"
 #include "image/cell_grid.h"
 #include "image/frame_priors.h"
 #include "init/result.h"
@@ -21,11 +22,8 @@ namespace {
 constexpr std::size_t kMinDepths = 20;
 constexpr double kMinAgreeing = .5;  // share of depths that make a scale
 constexpr double kMinSpread = 1e-3;  // of logarithms: floats rounded to millimetres
-constexpr double kCauchy = 2.385;    // 95 % efficient with normal errors
 constexpr double kOutlier = 3;       // standard deviations
 constexpr int kRounds = 20;          // of reweighting
-constexpr int kCellsX = 10;          // whose errors count as one
-constexpr int kCellsY = 8;
 
 /// Logarithm of metres over unit by one depth.
 struct LogRatio {
@@ -59,7 +57,7 @@ template <typename Sigma>
 std::vector<LogRatio> logRatios(const InitializationResult& result,
                                 const ImageView& known,
                                 Sigma&& sigma) {
-  const CellGrid cells(known.width(), known.height(), kCellsX, kCellsY);
+  const CellGrid cells = errorCells(known.width(), known.height());
   std::vector<LogRatio> ratios;
   for (const InitPoint& point : result.points) {
     if (point.host != 0) continue;
@@ -90,21 +88,21 @@ double spreadAround(double mean, const std::vector<LogRatio>& ratios) {
 /// Weight of a ratio; claimed sigmas count only relative to each other.
 double weightOf(const LogRatio& ratio, double mean, double spread) {
   const double sigma = spread * std::max(ratio.sigma, kMinSpread);
-  const double error = (ratio.value - mean) / (kCauchy * sigma);
+  const double error = (ratio.value - mean) / (kCauchyLimit * sigma);
   return 1 / (sigma * sigma * (1 + error * error));
 }
 
 /// Sandwich variance of an M-estimate, errors of a cell added up first.
 /// @source Huber, Robust Statistics, section 6.3
 double clusteredVariance(const std::vector<LogRatio>& ratios, double mean, double spread) {
-  std::vector<double> of_cell(static_cast<std::size_t>(kCellsX) * kCellsY, 0.);
+  std::vector<double> of_cell(kErrorCells, 0.);
   double curvature = 0;
   for (const LogRatio& ratio : ratios) {
     const double weight = weightOf(ratio, mean, spread);
     of_cell[ratio.cell] += weight * (ratio.value - mean);
     // Derivative of w(e) e: w (1 - e^2) / (1 + e^2), with the weight's own 1 / (1 + e^2).
     const double sigma = spread * std::max(ratio.sigma, kMinSpread);
-    const double error = (ratio.value - mean) / (kCauchy * sigma);
+    const double error = (ratio.value - mean) / (kCauchyLimit * sigma);
     curvature += weight * (1 - error * error) / (1 + error * error);
   }
   double scatter = 0;

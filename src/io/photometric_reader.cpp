@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "dsorb/io/calibration_reader.h"
 
+#include "camera/photometric_correction.h"
 #include "io/image_decoder.h"
 #include "io/text_file.h"
 
@@ -13,7 +14,6 @@
 namespace dsorb {
 namespace {
 
-constexpr std::size_t kMinResponseEntries = 256;
 constexpr double kMaxLevel = 255;  // [grey levels]
 
 }  // namespace

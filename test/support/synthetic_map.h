@@ -77,14 +77,13 @@ inline SyntheticMap makeSyntheticMap(const SyntheticMapOptions& options, std::ui
 /// Adds the same error to all corners of a cell of the image, another in each frame.
 /// @param sigma each axis [px]
 inline void addSharedErrors(SyntheticMap& scene, double sigma, std::uint64_t seed) {
-  constexpr std::size_t kCells = static_cast<std::size_t>(init_orb::kCellsX) * init_orb::kCellsY;
   Random random(seed);
-  std::vector<Eigen::Vector2d> errors(kCells * scene.start.frames.size());
+  std::vector<Eigen::Vector2d> errors(kErrorCells * scene.start.frames.size());
   for (Eigen::Vector2d& error : errors) error = {random.gaussian(), random.gaussian()};
   for (init_orb::CornerObservation& observation : scene.start.observations) {
     const std::size_t cell =
         init_orb::imageCell(scene.start.corners[observation.corner].pixel, scene.camera);
-    observation.pixel += sigma * errors[kCells * observation.frame + cell];
+    observation.pixel += sigma * errors[kErrorCells * observation.frame + cell];
   }
 }
 

@@ -61,7 +61,7 @@ Eigen::MatrixXd cellGradients(const InitialMap& map,
                               const PinholeCamera& camera,
                               const GeometricOptions& options,
                               const ObservationGradient& gradient_of) {
-  std::vector<Eigen::Index> column(static_cast<std::size_t>(kCellsX * kCellsY), -1);
+  std::vector<Eigen::Index> column(kErrorCells, -1);
   std::vector<std::size_t> cell(map.corners.size());
   Eigen::Index cells = 0;
   for (std::size_t i = 0; i < cell.size(); ++i) {

@@ -18,10 +18,9 @@ Matrix6d gradientSpread(const std::vector<PointObservation>& observations,
                         const PinholeCamera& camera,
                         const SE3& T_cam_host,
                         double limit) {
-  constexpr std::size_t kCells = static_cast<std::size_t>(kCellsX) * kCellsY;
-  std::array<Vector6d, kCells> gradients;
+  std::array<Vector6d, kErrorCells> gradients;
   gradients.fill(Vector6d::Zero());
-  std::array<bool, kCells> used{};
+  std::array<bool, kErrorCells> used{};
   for (const PointObservation& observation : observations) {
     const auto projection =
         projectHosted(camera, T_cam_host, observation.host_ray, observation.inverse_depth);
@@ -33,7 +32,7 @@ Matrix6d gradientSpread(const std::vector<PointObservation>& observations,
   }
   Matrix6d spread = Matrix6d::Zero();
   int cells = 0;
-  for (std::size_t cell = 0; cell < kCells; ++cell) {
+  for (std::size_t cell = 0; cell < kErrorCells; ++cell) {
     if (!used[cell]) continue;
     spread += gradients[cell] * gradients[cell].transpose();
     ++cells;

@@ -11,8 +11,6 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr double kLimit = 2.385;  // of Cauchy's loss, 95 % efficient with normal errors
-
 bool handedOver(double inverse_depth, double variance) {
   return std::isfinite(inverse_depth) && inverse_depth > 0 && std::isfinite(variance) &&
          variance > 0;
@@ -47,10 +45,10 @@ KnownTerm knownTerm(const KnownInverseDepth& known, double inverse_depth) {
   const double error = (inverse_depth - known.mean) / std::sqrt(known.variance);
   double ratio = 1;
   double weight = 1;
-  cauchyWeights(error * error, kLimit, ratio, weight);
+  cauchyWeights(error * error, kCauchyLimit, ratio, weight);
   return {weight / known.variance,
           weight * error / std::sqrt(known.variance),
-          0.5 * kLimit * kLimit * std::log(ratio),
+          0.5 * kCauchyLimit * kCauchyLimit * std::log(ratio),
           weight * error * error};
 }
 

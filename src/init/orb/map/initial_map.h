@@ -148,11 +148,9 @@ bool normalizeCornerScale(InitialMap& map);
 /// Does the same with the mean over corners and semi-dense points together.
 bool normalizeMapScale(InitialMap& map);
 
-/// Cells of the image whose errors count as one, and the one at a pixel of the reference.
-constexpr int kCellsX = 10;
-constexpr int kCellsY = 8;
+/// The one of errorCells() at a pixel of the reference.
 inline std::size_t imageCell(const Eigen::Vector2d& pixel, const PinholeCamera& camera) {
-  return CellGrid(camera.width, camera.height, kCellsX, kCellsY).at(pixel.x(), pixel.y());
+  return errorCells(camera.width, camera.height).at(pixel.x(), pixel.y());
 }
 
 }  // namespace dsorb::init_orb

@@ -8,8 +8,6 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr float kMinGreySum = 8;  // of a patch; psi of a darker one means nothing [grey levels]
-
 /// Residual, weight and derivatives of one patch: columns 0..5 pose, 6 and 7 brightness, 8 depth.
 struct Patch {
   Lanes J[9];

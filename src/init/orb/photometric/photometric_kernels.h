@@ -14,7 +14,8 @@
 namespace dsorb::init_orb {
 
 constexpr std::size_t kPatchBlock = 128;  ///< patches summed in float before doubles take over
-constexpr int kMaxFrameSize = 8;          ///< unknowns of a frame: pose 6, brightness a and b
+constexpr float kMinGreySum = 8;  ///< of a patch; psi of a darker one means nothing [grey levels]
+constexpr int kMaxFrameSize = 8;  ///< unknowns of a frame: pose 6, brightness a and b
 constexpr std::size_t kFrameSums = triangleSums(kMaxFrameSize);
 
 /// Unknowns of one frame beside the depths.

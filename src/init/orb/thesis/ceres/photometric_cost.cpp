@@ -15,8 +15,6 @@ template <int kColumns>
 using RowMajor8 = Eigen::
     Matrix<double, kPatternSize, kColumns, kColumns == 1 ? Eigen::ColMajor : Eigen::RowMajor>;
 
-constexpr double kMinGreySum = 8;  // of a patch; psi of a darker one means nothing [grey levels]
-
 /// Value at one pixel of the pattern and its derivatives, before brightness.
 struct PatchPixel {
   double intensity = 0;
@@ -76,7 +74,7 @@ PatchResidual evaluatePatch(const HostPatch& patch,
     out.J_affine.col(0) = -target.transfer.gain * host;
     out.J_affine.col(1).setConstant(-1);
   } else {
-    const PatchVector share = host / std::max(host.sum(), kMinGreySum);
+    const PatchVector share = host / std::max(host.sum(), double{kMinGreySum});
     out.residual = grey - grey.sum() * share;
   }
   return out;
