@@ -14,9 +14,9 @@
 namespace dsorb::init_orb {
 namespace {
 
-// 90th percentile over median of the absolute value of a normal distribution.
-constexpr double kNormalTail = 2.4387;
-constexpr double kFirstLimit = 6;  // least limit after the first solution [px]
+constexpr double kTailShare = 0.9;
+constexpr double kNormalTail = 2.4387;  // that quantile over the median of a normal |error|
+constexpr double kFirstLimit = 6;       // least limit after the first solution [px]
 /// Limit of an error, between kFirstLimit or the normal limit and the severe limit [robust standard
 /// deviations].
 constexpr double kLimitFactor = 4;
@@ -115,9 +115,7 @@ double tailExcess(const InitialMap& map, const PinholeCamera& camera) {
   }
   const double median = medianInPlace(across);
   if (!(median > 0)) return 0;
-  const auto tail = across.begin() + static_cast<std::ptrdiff_t>(across.size() * 9 / 10);
-  std::nth_element(across.begin(), tail, across.end());
-  const double ratio = *tail / (kNormalTail * median);
+  const double ratio = quantileInPlace(across, kTailShare) / (kNormalTail * median);
   return std::max(0.0, ratio * ratio - 1);
 }
 
