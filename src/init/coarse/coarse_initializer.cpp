@@ -80,7 +80,7 @@ void CoarseInitializer::reset() {
   inlier_share_ = 0;
   done_ = false;
   resets_.clear();
-  frame_check_ = FrameCheck(camera_);
+  frame_check_.restart();
   last_motion_ = SE3();
 }
 

@@ -54,7 +54,7 @@ void ORBInitializer::reset() {
   source_->clear();
   clock_.clear();
   resets_.clear();
-  frame_check_ = FrameCheck(camera_);
+  frame_check_.restart();
   spent_ = false;
   blank_ = 0;
   put_off_ = 0;
