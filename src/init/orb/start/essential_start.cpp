@@ -111,14 +111,20 @@ bool missesByFar(InitialMap map,
          isYoung(view, gate.direction_sigma_deg / kHopelessFactor);
 }
 
+/// A refined start with what is known of it beside its map and its rivals.
+struct RefinedStart {
+  Reconstruction made;
+  StartEvidence evidence;
+};
+
 /// Measures the noise, refines the corners, drops those behind the camera, sets scale and
 /// covariances.
 /// @param doubtful the start is likely to be refused: the refinement ends early where it is
 /// hopeless
-Outcome<Reconstruction> refineStart(Reconstruction made,
-                                    const ReferenceView& view,
-                                    bool doubtful,
-                                    const AttemptContext& context) {
+Outcome<RefinedStart> refineStart(Reconstruction made,
+                                  const ReferenceView& view,
+                                  bool doubtful,
+                                  const AttemptContext& context) {
   InitialMap& map = made.map;
   EssentialReport& found = *made.report.essential;
   const PinholeCamera& camera = context.camera;
@@ -142,15 +148,9 @@ Outcome<Reconstruction> refineStart(Reconstruction made,
   found.variance_factor = reached->variance_factor;
   found.clustered_factor = map.cluster_variance_scale;
   if (!std::isfinite(found.variance_factor)) return InitReason::kPoorQuality;
-  return made;
-}
-
-/// What is known of a refined start beside its map and its rivals.
-StartEvidence evidenceOf(const InitReport& report) {
-  const EssentialReport& found = *report.essential;
   StartEvidence evidence{found.tracks, found.front_share, 1, found.second_cost};
-  if (found.refinement.accepted) evidence.misfit = misfitOf(report.residual_rms);
-  return evidence;
+  if (found.refinement.accepted) evidence.misfit = misfitOf(reached->median_error);
+  return RefinedStart{std::move(made), evidence};
 }
 
 /// What two views tell of a start.
@@ -170,23 +170,24 @@ struct Judgement {
 /// Judges a refined start by everything that is known of it. Where the newest frame allows a motion
 /// elsewhere, all frames are asked.
 /// @param own the candidate that the start was made of
-Judgement judge(const Reconstruction& made,
+Judgement judge(const RefinedStart& start,
                 const MotionCandidate& own,
                 const TwoViews& views,
                 const AttemptContext& context) {
   const GateOptions& options = context.options.orb.gate;
-  Judgement judged{judgeStart(made.map, context.camera, options, evidenceOf(made.report))};
-  if (judged.gate.reason != InitReason::kDone || made.map.scaleKnown()) return judged;  // no rivals
+  const InitialMap& map = start.made.map;
+  Judgement judged{judgeStart(map, context.camera, options, start.evidence)};
+  if (judged.gate.reason != InitReason::kDone || map.scaleKnown()) return judged;  // no rivals
   if (isYoung(views.view, judged.gate.direction_sigma_deg)) {
     judged.gate.reason = InitReason::kSettling;
     return judged;
   }
-  const RivalMotion rival = findRival(*made.map.frames.back().T_cam_ref,
+  const RivalMotion rival = findRival(*map.frames.back().T_cam_ref,
                                       views.matches,
                                       context.camera,
                                       std::max(kMinMatchNoise, views.selected.motion.noise),
                                       options.wrong_angle_deg);
-  const int cells = occupiedCells(made.map, context.camera);
+  const int cells = occupiedCells(map, context.camera);
   double probability = rival.probability(cells);
   if (probability > std::min(kMaxRivalProbability, options.max_wrong_probability)) {
     RivalVerdict verdict = judgeRivals(rival.motions, own, cells, views.view, context);
@@ -203,6 +204,7 @@ struct JudgedStart {
   std::optional<GateReport> gate;
   std::optional<WaitingMotion> motion{};
   std::vector<SE3> motions{};  ///< not excluded, where that was the reason
+  StartEvidence evidence{};    ///< that it was judged by
 };
 
 WaitingMotion motionOf(const InitialMap& map, const GateReport& gate) {
@@ -238,11 +240,12 @@ JudgedStart refineAndJudge(const PlaneComparison& compared,
   found.homography_gric = compared.homography_gric;
   found.second_cost = compared.second_cost;
   start.report.pose_prior = compared.best.motions_used;
-  auto made = refineStart(std::move(start), views.view, doubtful, context);
-  if (!made) return {made.reason(), {}};
+  auto refined = refineStart(std::move(start), views.view, doubtful, context);
+  if (!refined) return {refined.reason(), {}};
   Judgement judged =
-      context.clock.time("gate", [&] { return judge(*made, compared.best, views, context); });
-  JudgedStart decision = decided(std::move(*made), judged.gate);
+      context.clock.time("gate", [&] { return judge(*refined, compared.best, views, context); });
+  JudgedStart decision = decided(std::move(refined->made), judged.gate);
+  decision.evidence = refined->evidence;
   if (!decision.made) decision.motions = std::move(judged.motions);
   return decision;
 }
@@ -253,9 +256,9 @@ JudgedStart judgeWithPlane(JudgedStart start,
                            const AttemptContext& context) {
   InitReport& report = start.made->report;
   report.model = name(compared.model);
-  report.essential->second_cost = compared.second_cost;
+  start.evidence.plane_cost_ratio = report.essential->second_cost = compared.second_cost;
   const GateOptions& options = context.options.orb.gate;
-  GateReport gate = judgeStart(start.made->map, context.camera, options, evidenceOf(report));
+  GateReport gate = judgeStart(start.made->map, context.camera, options, start.evidence);
   if (gate.reason == InitReason::kDone) addRival(gate, start.gate->rival_probability, options);
   return decided(std::move(*start.made), gate);
 }
