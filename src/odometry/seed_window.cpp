@@ -113,13 +113,13 @@ void fillUp(window::Window& window,
 
 }  // namespace
 
-int selectCandidates(window::Keyframe& keyframe,
-                     PixelSelector& selector,
-                     const StuckRegions& stuck,
-                     int wanted) {
+void selectCandidates(window::Keyframe& keyframe,
+                      PixelSelector& selector,
+                      const StuckRegions& stuck,
+                      int wanted) {
   std::vector<SelectedPixel> selected = selector.select(*keyframe.frame, wanted);
   stuck.removeFrom(selected);
-  return window::addCandidates(keyframe, selected);
+  window::addCandidates(keyframe, selected);
 }
 
 window::Window seedWindow(const InitializationResult& result,

@@ -29,10 +29,9 @@ namespace dsorb::odometry {
                                         std::size_t grain);
 
 /// Gives a keyframe of the window its candidates, none where the image moves with the camera.
-/// @return how many
-int selectCandidates(window::Keyframe& keyframe,
-                     PixelSelector& selector,
-                     const StuckRegions& stuck,
-                     int wanted);
+void selectCandidates(window::Keyframe& keyframe,
+                      PixelSelector& selector,
+                      const StuckRegions& stuck,
+                      int wanted);
 
 }  // namespace dsorb::odometry

@@ -104,7 +104,7 @@ PointVerdict judgePoint(const WindowPoint& point, bool host_leaves, const Window
   return good ? PointVerdict::kMarginalize : PointVerdict::kDiscard;
 }
 
-RetirementReport retirePoints(Window& window, const WindowOptions& options) {
+void retirePoints(Window& window, const WindowOptions& options) {
   std::vector<PointRef> to_absorb;
   std::vector<std::vector<PointVerdict>> verdicts(window.keyframes.size());
   for (std::size_t k = 0; k < window.keyframes.size(); ++k) {
@@ -116,7 +116,6 @@ RetirementReport retirePoints(Window& window, const WindowOptions& options) {
     }
   }
   absorb(window, to_absorb, options);
-  RetirementReport report;
   for (std::size_t k = 0; k < window.keyframes.size(); ++k) {
     Keyframe& keyframe = window.keyframes[k];
     std::size_t kept = 0;
@@ -126,15 +125,12 @@ RetirementReport retirePoints(Window& window, const WindowOptions& options) {
         ++kept;
       } else if (verdicts[k][p] == PointVerdict::kMarginalize) {
         keyframe.marginalized.push_back(keyframe.points[p]);
-        ++report.marginalized;
       } else {
         ++keyframe.discarded;
-        ++report.discarded;
       }
     }
     keyframe.points.resize(kept);
   }
-  return report;
 }
 
 MarginalPrior eliminateLast(const MarginalPrior& prior, int count) {

@@ -20,13 +20,8 @@ enum class PointVerdict { kStay, kDiscard, kMarginalize };
                                       bool host_leaves,
                                       const Window& window);
 
-struct RetirementReport {
-  int marginalized = 0;
-  int discarded = 0;
-};
-
 /// Judges all points, adds those to marginalise to the prior and takes all leaving ones out.
-RetirementReport retirePoints(Window& window, const WindowOptions& options);
+void retirePoints(Window& window, const WindowOptions& options);
 
 /// Eliminates a keyframe without points from the prior and the window. Residuals to it are dropped.
 /// @return the keyframe with its final estimate

@@ -139,12 +139,11 @@ void refineCandidates(Window& window,
   }
 }
 
-ActivationReport activateCandidates(Window& window,
-                                    const WindowOptions& window_options,
-                                    const DepthOptions& options,
-                                    std::size_t grain) {
-  ActivationReport report;
-  if (window.keyframes.size() < 2) return report;
+void activateCandidates(Window& window,
+                        const WindowOptions& window_options,
+                        const DepthOptions& options,
+                        std::size_t grain) {
+  if (window.keyframes.size() < 2) return;
   placePoints(window);
   placeCandidates(window);
   window.activation_distance = depth::adaptDistance(window.activation_distance,
@@ -178,19 +177,14 @@ ActivationReport activateCandidates(Window& window,
   for (const auto& [verdict, pending] : chosen) {
     if (verdict == CandidateVerdict::kReady) {
       addActivated(window, pending);
-      ++report.activated;
-    } else if (verdict == CandidateVerdict::kDrop) {
-      ++report.dropped;
-    } else {
+    } else if (verdict != CandidateVerdict::kDrop) {
       waiting[pending.keyframe].push_back(
           window.keyframes[pending.keyframe].candidates[pending.candidate]);
-      ++report.waiting;
     }
   }
   for (std::size_t k = 0; k + 1 < window.keyframes.size(); ++k) {
     window.keyframes[k].candidates = std::move(waiting[k]);
   }
-  return report;
 }
 
 }  // namespace dsorb::window

@@ -28,19 +28,13 @@ void refineCandidates(Window& window,
                       const DepthOptions& options,
                       std::size_t grain);
 
-struct ActivationReport {
-  int activated = 0;
-  int dropped = 0;
-  int waiting = 0;
-};
-
 /// Turns candidates of the older keyframes into points where the newest keyframe has room for them,
 /// each with a residual to every keyframe that sees it.
 /// @param grain  candidates in a parallel task; 0 runs serially
 /// @source       Engel et al., DSO, arXiv:1607.02565, section 3.2
-ActivationReport activateCandidates(Window& window,
-                                    const WindowOptions& window_options,
-                                    const DepthOptions& options,
-                                    std::size_t grain);
+void activateCandidates(Window& window,
+                        const WindowOptions& window_options,
+                        const DepthOptions& options,
+                        std::size_t grain);
 
 }  // namespace dsorb::window

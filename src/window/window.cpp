@@ -193,17 +193,13 @@ WindowPoint* addPoint(Window& window,
   return &host.points.back();
 }
 
-int addCandidates(Keyframe& keyframe, const std::vector<SelectedPixel>& pixels) {
+void addCandidates(Keyframe& keyframe, const std::vector<SelectedPixel>& pixels) {
   const PyramidLevel& level = keyframe.frame->level(0);
-  int added = 0;
   for (const SelectedPixel& selected : pixels) {
     const Eigen::Vector2f pixel(static_cast<float>(selected.x), static_cast<float>(selected.y));
     const auto candidate = depth::makeCandidate(level, pixel, static_cast<float>(selected.type));
-    if (!candidate) continue;
-    keyframe.candidates.push_back(*candidate);
-    ++added;
+    if (candidate) keyframe.candidates.push_back(*candidate);
   }
-  return added;
 }
 
 Keyframe removeKeyframe(Window& window, std::size_t position) {

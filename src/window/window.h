@@ -257,8 +257,8 @@ void addObservations(const Window& window, std::size_t host, Sees&& sees, Window
   }
 }
 
-/// Makes candidates of selected pixels. @return how many; pixels too near the edge are left out
-int addCandidates(Keyframe& keyframe, const std::vector<SelectedPixel>& pixels);
+/// Makes candidates of selected pixels; those too near the edge are left out.
+void addCandidates(Keyframe& keyframe, const std::vector<SelectedPixel>& pixels);
 
 /// Takes a keyframe out of the window and drops the residuals to it. The prior is not touched.
 Keyframe removeKeyframe(Window& window, std::size_t position);
