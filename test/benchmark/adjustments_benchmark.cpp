@@ -39,7 +39,8 @@ struct Start {
       map.frames.push_back({frame, scene.T_cam_first(k), {}, {}});
       if (k > 0 && k % (kFrames / kAdjusted) != 0) others.push_back(static_cast<std::size_t>(k));
     }
-    for (const Eigen::Vector2f& pixel : tracks.positions(0))
+    const CornerTracks corners = tracks.since(0);
+    for (const Eigen::Vector2f& pixel : corners.positions[0])
       addCorner(pixel.cast<double>(), random);
     for (const std::size_t k : others) map.frames[k].T_cam_ref.reset();
     normalizeCornerScale(map);

@@ -34,9 +34,10 @@ TEST(FeatureTracks, FollowAShiftWithSubpixelAccuracy) {
   }
   EXPECT_EQ(tracks.frames(), 4);
   EXPECT_GT(tracks.size(), 0.8 * corners);  // those near two borders leave
+  const CornerTracks seen = tracks.since(0);
   std::vector<float> errors;
-  for (std::size_t i = 0; i < static_cast<std::size_t>(tracks.size()); ++i) {
-    const Eigen::Vector2f moved = tracks.positions(3)[i] - tracks.positions(0)[i];
+  for (std::size_t i = 0; i < seen.positions[0].size(); ++i) {
+    const Eigen::Vector2f moved = seen.positions[3][i] - seen.positions[0][i];
     errors.push_back((moved - Eigen::Vector2f(6.9F, -5.1F)).norm());
   }
   std::sort(errors.begin(), errors.end());
@@ -51,8 +52,9 @@ TEST(FeatureTracks, StayWhereTheyAreOnIdenticalFrames) {
   const int corners = tracks.size();
   tracks.advance(*frame);
   EXPECT_GE(tracks.size(), corners - 1);
-  for (std::size_t i = 0; i < static_cast<std::size_t>(tracks.size()); ++i) {
-    EXPECT_LT((tracks.positions(1)[i] - tracks.positions(0)[i]).norm(), 0.01);
+  const CornerTracks seen = tracks.since(0);
+  for (std::size_t i = 0; i < seen.positions[0].size(); ++i) {
+    EXPECT_LT((seen.positions[1][i] - seen.positions[0][i]).norm(), 0.01);
   }
 }
 
@@ -93,10 +95,12 @@ TEST(FeatureTracks, KeepAwayFromInvalidPixels) {
   tracks.start(*paint(0, halfInvalid(scene)));
   ASSERT_GT(tracks.size(), 30);
   const int corners = tracks.size();
-  for (const Eigen::Vector2f& corner : tracks.positions(0)) EXPECT_LE(corner.x(), 150.5);
+  CornerTracks seen = tracks.since(0);
+  for (const Eigen::Vector2f& corner : seen.positions[0]) EXPECT_LE(corner.x(), 150.5);
   tracks.advance(*paint(1, halfInvalid(shifted(scene, 12, 0))));
   EXPECT_LT(tracks.size(), corners);
-  for (const Eigen::Vector2f& corner : tracks.positions(1)) EXPECT_LE(corner.x(), 150.5);
+  seen = tracks.since(0);
+  for (const Eigen::Vector2f& corner : seen.positions[1]) EXPECT_LE(corner.x(), 150.5);
 }
 
 TEST(FeatureTracks, AreSpreadOverTheImage) {
@@ -111,7 +115,7 @@ TEST(FeatureTracks, AreSpreadOverTheImage) {
   tracks.start(*paint(0, uneven));
   EXPECT_LE(tracks.size(), 200);
   // A cell may take twice its even share, 20; four cells lie on the left.
-  const auto& spread = tracks.positions(0);
+  const std::vector<Eigen::Vector2f> spread = tracks.since(0).positions[0];
   EXPECT_LE(std::count_if(spread.begin(), spread.end(), [](const auto& at) { return at.x() < 40; }),
             80);
   // The 200 strongest without cells.

@@ -78,11 +78,11 @@ TEST(MatchingInitializer, ChangesToOpticalFlowBetweenFrames) {
   Correspondences pair(variant().orb);
   pair.start(room.frames()[0]);
   pair.advance(room.frames()[1]);
-  EXPECT_FALSE(pair.usesFlow());
+  EXPECT_EQ(pair.view(0).optical_flow, false);
   pair.advance(blurred(*room.frames()[2], 4));
-  ASSERT_TRUE(pair.usesFlow());
   EXPECT_FALSE(pair.dropLost());
   const ReferenceView view = pair.view(0);
+  ASSERT_EQ(view.optical_flow, true);
   EXPECT_EQ(view.frames.size(), 3U);
   EXPECT_EQ(view.tracks.frames(), 3);
   EXPECT_EQ(view.tracks.size(), pair.size());
@@ -93,7 +93,7 @@ TEST(MatchingInitializer, AFeatureCanMissInFramesBetween) {
   Correspondences pair(variant().orb);
   pair.start(room.frames()[0]);
   for (std::size_t k = 1; k < 5; ++k) pair.advance(room.frames()[k]);
-  ASSERT_FALSE(pair.usesFlow());
+  ASSERT_EQ(pair.view(0).optical_flow, false);
   const CornerTracks tracks = pair.view(0).tracks;
   EXPECT_EQ(tracks.size(), pair.size());
   EXPECT_TRUE(

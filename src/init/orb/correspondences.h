@@ -41,7 +41,6 @@ class Correspondences final : public ReferenceSource {
   [[nodiscard]] CornerTracks newestTracks() const override { return view(0).tracks; }
   /// Points of the reference that the newest frame shows.
   [[nodiscard]] int size() const;
-  [[nodiscard]] bool usesFlow() const { return uses_flow_; }
 
  private:
   void changeToFlow();

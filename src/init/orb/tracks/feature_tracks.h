@@ -54,11 +54,6 @@ class FeatureTracks {
   [[nodiscard]] double survivorShare() const { return survivor_share_; }
   /// Mean intensity that later images are brought to [grey levels].
   [[nodiscard]] double referenceMean() const { return reference_mean_; }
-  /// Positions of all live tracks in one frame [px]; entry i is the same corner in every frame, NaN
-  /// before its first.
-  [[nodiscard]] const std::vector<Eigen::Vector2f>& positions(int frame) const {
-    return positions_[static_cast<std::size_t>(frame)];
-  }
   /// The tracks that live in every frame since a reference.
   [[nodiscard]] CornerTracks since(int reference) const;
 
@@ -73,8 +68,9 @@ class FeatureTracks {
   void keepOnly(const std::vector<char>& alive);
 
   FeatureTrackOptions options_;
-  std::vector<std::vector<Eigen::Vector2f>> positions_;  // [frame][track]
-  std::vector<int> births_;                              // first frame of each track, ascending
+  // [frame][track], NaN before its first [px]
+  std::vector<std::vector<Eigen::Vector2f>> positions_;
+  std::vector<int> births_;    // first frame of each track, ascending
   cv::Mat valid_;              // mask of the newest image; empty: all of it
   FlowPyramid pyramid_;        // of the newest image
   FlowPyramid other_pyramid_;  // memory for the next one
