@@ -119,7 +119,8 @@ void photometric(benchmark::State& state, AdjustmentSolver solver, PhotometricPo
   PhotometricReport report;
   timeWithThreads(state, [&] {
     InitialMap map = from.map;
-    report = adjustPhotometry(map, room().camera, options);
+    PhotometricProblem problem = makeProblem(map, room().camera, options);
+    report = adjustPhotometry(map, problem, room().camera, options);
     return report.usable;
   });
   count(state, from.map);

@@ -31,6 +31,13 @@ PhotometricOptions thorough(PhotometricBrightness brightness) {
   return options;
 }
 
+PhotometricReport adjustImages(InitialMap& map,
+                               const PinholeCamera& camera,
+                               const PhotometricOptions& options) {
+  PhotometricProblem problem = makeProblem(map, camera, options);
+  return adjustPhotometry(map, problem, camera, options);
+}
+
 TEST(PhotometricAdjustment, RecoversPosesAndDepthsWithEveryBrightnessModel) {
   for (const auto brightness : {PhotometricBrightness::kPsiFixed, PhotometricBrightness::kAffine}) {
     PhotometricMap::Options scene_options;
@@ -39,7 +46,7 @@ TEST(PhotometricAdjustment, RecoversPosesAndDepthsWithEveryBrightnessModel) {
     PhotometricMap scene(3, scene_options);
     const double before = medianOf(scene.depthErrors(scene.start));
     const PhotometricReport report =
-        adjustPhotometry(scene.start, scene.scene.camera(), thorough(brightness));
+        adjustImages(scene.start, scene.scene.camera(), thorough(brightness));
     ASSERT_TRUE(report.usable);
     EXPECT_LT(report.cost, 0.05 * report.first_cost);
     // Bilinear interpolation flattens waves of 8 px by some percent, which biases a plane. Measured
@@ -68,9 +75,9 @@ TEST(PhotometricAdjustment, BothSolversFindTheSameMinimum) {
   InitialMap ceres = scene.start;
   InitialMap schur = scene.start;
   options.solver = AdjustmentSolver::kCeres;
-  const PhotometricReport by_ceres = adjustPhotometry(ceres, scene.scene.camera(), options);
+  const PhotometricReport by_ceres = adjustImages(ceres, scene.scene.camera(), options);
   options.solver = AdjustmentSolver::kSchur;
-  const PhotometricReport by_schur = adjustPhotometry(schur, scene.scene.camera(), options);
+  const PhotometricReport by_schur = adjustImages(schur, scene.scene.camera(), options);
   ASSERT_TRUE(by_ceres.usable && by_schur.usable);
   // One computes in single precision, and both stop where the interpolated gradients, which are
   // not exactly those of the interpolated image, lower the cost no more.
@@ -100,7 +107,7 @@ TEST(PhotometricAdjustment, RefinesDepthsUnderFixedPoses) {
   PhotometricOptions options;
   options.poses = PhotometricPoses::kFixed;
   const SE3 pose = *scene.start.frames.back().T_cam_ref;
-  const PhotometricReport report = adjustPhotometry(scene.start, scene.scene.camera(), options);
+  const PhotometricReport report = adjustImages(scene.start, scene.scene.camera(), options);
   ASSERT_TRUE(report.usable);
   EXPECT_FALSE(report.poses_moved);
   EXPECT_LT(rotationErrorDeg(*scene.start.frames.back().T_cam_ref, pose), 1e-9);
@@ -115,14 +122,14 @@ TEST(PhotometricAdjustment, SomePointsGiveThePosesAndTheOthersFollow) {
   PhotometricOptions options = thorough(PhotometricBrightness::kAffine);
   options.joint_points = 100;
   options.depth_iterations = 10;
-  const PhotometricReport report = adjustPhotometry(scene.start, scene.scene.camera(), options);
+  const PhotometricReport report = adjustImages(scene.start, scene.scene.camera(), options);
   ASSERT_TRUE(report.usable);
   EXPECT_LT(medianOf(scene.depthErrors(scene.start)), 0.003);
 }
 
 TEST(PhotometricAdjustment, MeanInverseDepthIsOneAfterwards) {
   PhotometricMap scene(8, {});
-  ASSERT_TRUE(adjustPhotometry(scene.start, scene.scene.camera(), {}).usable);
+  ASSERT_TRUE(adjustImages(scene.start, scene.scene.camera(), {}).usable);
   double sum = 0;
   for (const Corner& corner : scene.start.corners) sum += corner.inverse_depth;
   for (const SemiDensePoint& point : scene.start.points)
@@ -180,7 +187,7 @@ TEST(PhotometricAdjustment, UnsurePosesGoWhereTheImagesHaveThem) {
   setIsotropicCovariance(1e-2, scene.start);
   const SE3 before = *scene.start.frames.back().T_cam_ref;
   const SE3 truth = *scene.truth.frames.back().T_cam_ref;
-  ASSERT_TRUE(adjustPhotometry(scene.start, scene.scene.camera(), {}).poses_moved);
+  ASSERT_TRUE(adjustImages(scene.start, scene.scene.camera(), {}).poses_moved);
   // Measured: 0.058 of the error is left; margin x1.7.
   EXPECT_LT(rotationErrorDeg(*scene.start.frames.back().T_cam_ref, truth),
             0.1 * rotationErrorDeg(before, truth));
@@ -210,7 +217,7 @@ TEST(PhotometricAdjustment, KeepsPosesThatTheImagesContradict) {
   PhotometricMap scene(9, {});
   setIsotropicCovariance(1e-12, scene.start);
   const SE3 pose = *scene.start.frames.back().T_cam_ref;
-  const PhotometricReport report = adjustPhotometry(scene.start, scene.scene.camera(), {});
+  const PhotometricReport report = adjustImages(scene.start, scene.scene.camera(), {});
   ASSERT_TRUE(report.usable);
   EXPECT_FALSE(report.poses_moved);
   EXPECT_GT(report.pose_distance, kMaxPoseDistance);  // measured 18
@@ -228,7 +235,7 @@ TEST(PhotometricAdjustment, JointFramesWithoutAPartFollowTheOthers) {
   PhotometricOptions options;
   options.max_frames = 2;
   const SE3 before = *scene.start.frames[1].T_cam_ref;
-  ASSERT_TRUE(adjustPhotometry(scene.start, scene.scene.camera(), options).poses_moved);
+  ASSERT_TRUE(adjustImages(scene.start, scene.scene.camera(), options).poses_moved);
   // Measured: 0.032 degrees.
   EXPECT_GT(rotationErrorDeg(*scene.start.frames[1].T_cam_ref, before), 0.01);
 }
@@ -238,7 +245,7 @@ TEST(PhotometricAdjustment, FramesWithoutAPartFollow) {
   PhotometricOptions options = thorough(PhotometricBrightness::kAffine);
   options.max_frames = 2;
   EXPECT_EQ(spreadFrames(scene.start, 2), (std::vector<std::size_t>{2, 3}));
-  ASSERT_TRUE(adjustPhotometry(scene.start, scene.scene.camera(), options).usable);
+  ASSERT_TRUE(adjustImages(scene.start, scene.scene.camera(), options).usable);
   EXPECT_LT(rotationErrorDeg(*scene.start.frames[1].T_cam_ref, *scene.truth.frames[1].T_cam_ref),
             0.02);
   EXPECT_LT(directionErrorDeg(scene.start.frames[1].T_cam_ref->translation(),
@@ -252,7 +259,7 @@ TEST(PhotometricAdjustment, StartsAtACoarserLevelWhenFarOff) {
   PhotometricMap scene(11, scene_options);
   PhotometricOptions options = thorough(PhotometricBrightness::kAffine);
   options.coarse_residual = 1;
-  const PhotometricReport report = adjustPhotometry(scene.start, scene.scene.camera(), options);
+  const PhotometricReport report = adjustImages(scene.start, scene.scene.camera(), options);
   ASSERT_TRUE(report.usable);
   EXPECT_TRUE(report.coarse_level);
   EXPECT_LT(medianOf(scene.depthErrors(scene.start)), 0.003);
@@ -263,18 +270,18 @@ TEST(PhotometricAdjustment, FailsWithoutFramesOrPoints) {
   InitialMap empty = scene.start;
   empty.corners.clear();
   empty.points.clear();
-  EXPECT_FALSE(adjustPhotometry(empty, scene.scene.camera(), {}).usable);
+  EXPECT_FALSE(adjustImages(empty, scene.scene.camera(), {}).usable);
   InitialMap alone = scene.start;
   for (std::size_t k = 1; k < alone.frames.size(); ++k) alone.frames[k].T_cam_ref.reset();
-  EXPECT_FALSE(adjustPhotometry(alone, scene.scene.camera(), {}).usable);
+  EXPECT_FALSE(adjustImages(alone, scene.scene.camera(), {}).usable);
 }
 
 TEST(PhotometricAdjustment, IsBitIdenticalForAnyNumberOfThreads) {
   const PhotometricMap scene(13, {});
   InitialMap one = scene.start;
   InitialMap two = scene.start;
-  TaskArena(1).run([&] { return adjustPhotometry(one, scene.scene.camera(), {}); });
-  TaskArena(2).run([&] { return adjustPhotometry(two, scene.scene.camera(), {}); });
+  TaskArena(1).run([&] { return adjustImages(one, scene.scene.camera(), {}); });
+  TaskArena(2).run([&] { return adjustImages(two, scene.scene.camera(), {}); });
   for (std::size_t i = 0; i < one.points.size(); ++i) {
     EXPECT_EQ(one.points[i].inverse_depth, two.points[i].inverse_depth);
   }

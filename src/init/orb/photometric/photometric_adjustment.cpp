@@ -291,11 +291,4 @@ PhotometricReport adjustPhotometry(InitialMap& map,
   return PhotometricAdjustment(map, problem, camera, options).run();
 }
 
-PhotometricReport adjustPhotometry(InitialMap& map,
-                                   const PinholeCamera& camera,
-                                   const PhotometricOptions& options) {
-  PhotometricProblem problem = makeProblem(map, camera, options);
-  return adjustPhotometry(map, problem, camera, options);
-}
-
 }  // namespace dsorb::init_orb

@@ -23,9 +23,4 @@ PhotometricReport adjustPhotometry(InitialMap& map,
                                    const PinholeCamera& camera,
                                    const PhotometricOptions& options);
 
-/// Adjusts a map whose problem is needed only once.
-PhotometricReport adjustPhotometry(InitialMap& map,
-                                   const PinholeCamera& camera,
-                                   const PhotometricOptions& options);
-
 }  // namespace dsorb::init_orb
