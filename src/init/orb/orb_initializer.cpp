@@ -108,7 +108,7 @@ Attempt ORBInitializer::tryReferences() {
   int tried = 0;
   for (const int reference : source_->turns()) {
     if (tried == kMaxAttempts) break;
-    if (source_->age(reference) < options_.orb.min_frames && !source_->knowsDepth(reference)) {
+    if (source_->age(reference) < options_.orb.min_frames && !source_->mayStartEarly(reference)) {
       continue;
     }
     Attempt next = attemptFrom(source_->view(reference), {camera_, options_, clock_});

@@ -169,7 +169,7 @@ ReferenceView ReferencePool::view(int reference) const {
   return {{frames_.begin() + from.frame, frames_.end()}, std::move(tracks), from.last, {}};
 }
 
-bool ReferencePool::knowsDepth(int reference) const {
+bool ReferencePool::mayStartEarly(int reference) const {
   const int frame = references_[static_cast<std::size_t>(reference)].frame;
   const FramePriors* priors = frames_[static_cast<std::size_t>(frame)]->priors();
   return priors != nullptr && priors->depth && tracks_.frames() - frame > 1;

@@ -50,7 +50,7 @@ class ReferencePool final : public ReferenceSource {
     return tracks_.sizeSince(from.frame) + from.seen();
   }
   [[nodiscard]] ReferenceView view(int reference) const override;
-  [[nodiscard]] bool knowsDepth(int reference) const override;
+  [[nodiscard]] bool mayStartEarly(int reference) const override;
   /// The oldest, which has most parallax, then those that have waited longest.
   [[nodiscard]] std::vector<int> turns() const override;
   void remember(int reference, const AttemptSummary& attempt) override;

@@ -42,8 +42,9 @@ class ReferenceSource {
   /// Frames since a reference, both counted. @param reference oldest first
   [[nodiscard]] virtual int age(int reference) const = 0;
   [[nodiscard]] virtual ReferenceView view(int reference) const = 0;
-  /// Whether the caller knows depths of a reference that an earlier frame has become.
-  [[nodiscard]] virtual bool knowsDepth(int /*reference*/) const { return false; }
+  /// Whether a reference may start with fewer than OrbOptions::min_frames: the caller knows depths
+  /// of it, and a later frame is there.
+  [[nodiscard]] virtual bool mayStartEarly(int /*reference*/) const { return false; }
   /// References in the order in which a frame tries them.
   [[nodiscard]] virtual std::vector<int> turns() const { return {0}; }
   virtual void remember(int /*reference*/, const AttemptSummary& /*attempt*/) {}
