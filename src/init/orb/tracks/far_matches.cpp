@@ -2,7 +2,6 @@
 #include "init/orb/tracks/far_matches.h"
 
 #include "base/parallel.h"
-#include "base/target_clones.h"
 #include "image/image_scale.h"
 #include "init/orb/tracks/feature_matches.h"
 #include "init/orb/tracks/grey_image.h"
@@ -14,9 +13,6 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <cstdint>
-#include <cstring>
-#include <limits>
 #include <utility>
 
 namespace dsorb::init_orb {
@@ -24,41 +20,11 @@ namespace {
 
 constexpr int kInvalidMargin = 15;         // of invalid pixels: half of what ORB describes [px]
 constexpr std::size_t kFeatureGrain = 32;  // features one thread refines at a time
-constexpr float kNone = std::numeric_limits<float>::infinity();
 /// Of descriptors of floats: a cosine of at least 0.82, no ratio. Neither was varied.
 constexpr double kMaxFloatRatio = 1;
 constexpr double kMaxFloatDistance = 0.6;
-constexpr float kSamePlace = 5;         // features closer together are no rivals [px]
 constexpr double kWindow = 40;          // around a prediction, for a diagonal of 800 px [px]
 constexpr std::size_t kNeighbours = 5;  // whose motion predicts that of a feature
-
-/// Distances between the descriptors of two images, [from][to].
-class Distances {
- public:
-  Distances(std::size_t rows, std::size_t columns)
-      : columns_(columns), values_(rows * columns, kNone) {}
-
-  [[nodiscard]] std::size_t rows() const { return columns_ == 0 ? 0 : values_.size() / columns_; }
-  [[nodiscard]] std::size_t columns() const { return columns_; }
-  [[nodiscard]] float* row(std::size_t i) { return values_.data() + i * columns_; }
-  [[nodiscard]] const float* row(std::size_t i) const { return values_.data() + i * columns_; }
-
- private:
-  std::size_t columns_;
-  std::vector<float> values_;
-};
-
-/// 256 bits of an ORB descriptor.
-using Bits = std::array<std::uint64_t, 4>;
-
-DSORB_TARGET_CLONES void hammingRow(const Bits& a, const Bits* to, std::size_t count, float* row) {
-  for (std::size_t j = 0; j < count; ++j) {
-    const Bits& b = to[j];
-    row[j] =
-        static_cast<float>(__builtin_popcountll(a[0] ^ b[0]) + __builtin_popcountll(a[1] ^ b[1]) +
-                           __builtin_popcountll(a[2] ^ b[2]) + __builtin_popcountll(a[3] ^ b[3]));
-  }
-}
 
 using Descriptors =
     Eigen::Map<const Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>;
@@ -80,55 +46,6 @@ Distances euclidean(const Features& from, const Features& to) {
     }
   });
   return distances;
-}
-
-Distances hamming(const Features& from, const Features& to) {
-  Distances distances(from.points.size(), to.points.size());
-  std::vector<Bits> bits(to.points.size());
-  for (std::size_t j = 0; j < bits.size(); ++j) {
-    std::memcpy(&bits[j], to.descriptors.ptr(static_cast<int>(j)), sizeof(Bits));
-  }
-  forEachRange(from.points.size(), kFeatureGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      Bits a;
-      std::memcpy(&a, from.descriptors.ptr(static_cast<int>(i)), sizeof(Bits));
-      hammingRow(a, bits.data(), bits.size(), distances.row(i));
-    }
-  });
-  return distances;
-}
-
-/// Partner of each row, -1 without one: nearest to each other, near enough, and clearly nearer than
-/// any feature at another place.
-std::vector<int> partnersOf(const Distances& distances,
-                            const std::vector<Eigen::Vector2f>& places,
-                            double max_ratio,
-                            double max_distance) {
-  std::vector<int> partner(distances.rows(), -1);
-  std::vector<int> back(distances.columns(), -1);
-  std::vector<float> nearest(distances.columns(), kNone);
-  for (std::size_t i = 0; i < distances.rows(); ++i) {
-    const float* row = distances.row(i);
-    std::size_t best = 0;
-    for (std::size_t j = 0; j < distances.columns(); ++j) {
-      if (row[j] < row[best]) best = j;
-      if (row[j] < nearest[j]) {
-        nearest[j] = row[j];
-        back[j] = static_cast<int>(i);
-      }
-    }
-    if (!(row[best] <= max_distance)) continue;
-    float second = kNone;
-    for (std::size_t j = 0; j < distances.columns(); ++j) {
-      if (row[j] < second && (places[j] - places[best]).norm() > kSamePlace) second = row[j];
-    }
-    if (row[best] < max_ratio * second) partner[i] = static_cast<int>(best);
-  }
-  for (std::size_t i = 0; i < partner.size(); ++i) {
-    if (partner[i] >= 0 && back[static_cast<std::size_t>(partner[i])] != static_cast<int>(i))
-      partner[i] = -1;
-  }
-  return partner;
 }
 
 /// Motion of a feature as those matches tell that are nearest to it: medians of the coordinates.
@@ -177,7 +94,8 @@ void keepPredicted(const DescribedFrame& from,
       const Eigen::Vector2f expected = place + motionNear(from, to, partner, place, nearest);
       float* row = distances.row(i);
       for (std::size_t j = 0; j < to.positions.size(); ++j) {
-        if (!((to.positions[j] - expected).squaredNorm() < window * window)) row[j] = kNone;
+        if (!((to.positions[j] - expected).squaredNorm() < window * window))
+          row[j] = Distances::kNone;
       }
     }
   });
@@ -187,7 +105,7 @@ void keepPredicted(const DescribedFrame& from,
 std::vector<int> match(const DescribedFrame& from, const DescribedFrame& to) {
   const bool bits = from.features.descriptors.type() == CV_8U;
   Distances distances =
-      bits ? hamming(from.features, to.features) : euclidean(from.features, to.features);
+      bits ? hammingDistances(from.features, to.features) : euclidean(from.features, to.features);
   const double max_ratio = bits ? kMaxRatio : kMaxFloatRatio;
   const double max_distance = bits ? kMaxDistance : kMaxFloatDistance;
   const auto partners = [&] {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/tracks/feature_matches.h"
 
+#include "base/parallel.h"
 #include "base/target_clones.h"
 #include "image/cell_grid.h"
 #include "init/orb/tracks/lucas_kanade.h"
@@ -22,6 +23,8 @@ constexpr float kScaleFactor = 1.2F;  // between two levels
 constexpr int kFastThreshold = 7;     // contrast of a FAST corner to its ring [grey levels]
 constexpr int kPatchSize = 31;  // [px] of the level; side of the square a descriptor is made from
 constexpr int kSurplus = 10;    // features found for each that is kept when they are spread
+constexpr std::size_t kDistanceGrain = 32;  // rows of distances one thread takes at a time
+constexpr float kSamePlace = 5;             // features closer together are no rivals [px]
 
 /// Keeps the strongest features of every grid cell.
 void spread(const GreyImage& image, int max_features, std::vector<cv::KeyPoint>& points) {
@@ -60,46 +63,14 @@ Eigen::Vector2f toEigen(const cv::Point2f& point) {
 const Eigen::Vector2f kNotSeen = Eigen::Vector2f::Constant(NAN);
 
 /// 256 bits of an ORB descriptor.
-using Descriptor = std::array<std::uint64_t, 4>;
+using Bits = std::array<std::uint64_t, 4>;
 
-std::vector<Descriptor> descriptorsOf(const Features& features) {
-  std::vector<Descriptor> descriptors(features.points.size());
-  for (std::size_t i = 0; i < descriptors.size(); ++i) {
-    std::memcpy(&descriptors[i], features.descriptors.ptr(static_cast<int>(i)), sizeof(Descriptor));
-  }
-  return descriptors;
-}
-
-/// The nearest descriptors of another image.
-struct Nearest {
-  int index = -1;
-  int distance = 257;  // [bits]
-  int second = 257;    // distance of the second nearest
-};
-
-/// Compares all with all; the first of several at the same distance counts as the nearest.
-DSORB_TARGET_CLONES void findNearest(const std::vector<Descriptor>& from,
-                                     const std::vector<Descriptor>& to,
-                                     std::vector<Nearest>& forward,
-                                     std::vector<Nearest>& backward) {
-  const int from_count = static_cast<int>(from.size());
-  const int to_count = static_cast<int>(to.size());
-  for (int i = 0; i < from_count; ++i) {
-    const Descriptor a = from[static_cast<std::size_t>(i)];
-    Nearest best;
-    for (int j = 0; j < to_count; ++j) {
-      const Descriptor& b = to[static_cast<std::size_t>(j)];
-      const int distance = __builtin_popcountll(a[0] ^ b[0]) + __builtin_popcountll(a[1] ^ b[1]) +
-                           __builtin_popcountll(a[2] ^ b[2]) + __builtin_popcountll(a[3] ^ b[3]);
-      if (distance < best.distance) {
-        best = {j, distance, best.distance};
-      } else if (distance < best.second) {
-        best.second = distance;
-      }
-      Nearest& back = backward[static_cast<std::size_t>(j)];
-      if (distance < back.distance) back = {i, distance, back.distance};
-    }
-    forward[static_cast<std::size_t>(i)] = best;
+DSORB_TARGET_CLONES void hammingRow(const Bits& a, const Bits* to, std::size_t count, float* row) {
+  for (std::size_t j = 0; j < count; ++j) {
+    const Bits& b = to[j];
+    row[j] =
+        static_cast<float>(__builtin_popcountll(a[0] ^ b[0]) + __builtin_popcountll(a[1] ^ b[1]) +
+                           __builtin_popcountll(a[2] ^ b[2]) + __builtin_popcountll(a[3] ^ b[3]));
   }
 }
 
@@ -114,19 +85,56 @@ Features findFeatures(const GreyImage& image, int max_features) {
   return features;
 }
 
-std::vector<int> matchFeatures(const Features& from, const Features& to) {
-  std::vector<int> partner(from.points.size(), -1);
-  std::vector<Nearest> forward(from.points.size());
-  std::vector<Nearest> backward(to.points.size());
-  findNearest(descriptorsOf(from), descriptorsOf(to), forward, backward);
-  for (std::size_t i = 0; i < forward.size(); ++i) {
-    const Nearest& best = forward[i];
-    if (best.index < 0 || best.distance > kMaxDistance) continue;
-    const bool mutual = backward[static_cast<std::size_t>(best.index)].index == static_cast<int>(i);
-    const bool clear = best.distance < kMaxRatio * best.second;
-    if (mutual && clear) partner[i] = best.index;
+Distances hammingDistances(const Features& from, const Features& to) {
+  Distances distances(from.points.size(), to.points.size());
+  std::vector<Bits> bits(to.points.size());
+  for (std::size_t j = 0; j < bits.size(); ++j) {
+    std::memcpy(&bits[j], to.descriptors.ptr(static_cast<int>(j)), sizeof(Bits));
+  }
+  forEachRange(from.points.size(), kDistanceGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      Bits a;
+      std::memcpy(&a, from.descriptors.ptr(static_cast<int>(i)), sizeof(Bits));
+      hammingRow(a, bits.data(), bits.size(), distances.row(i));
+    }
+  });
+  return distances;
+}
+
+std::vector<int> partnersOf(const Distances& distances,
+                            const std::vector<Eigen::Vector2f>& places,
+                            double max_ratio,
+                            double max_distance) {
+  std::vector<int> partner(distances.rows(), -1);
+  std::vector<int> back(distances.columns(), -1);
+  std::vector<float> nearest(distances.columns(), Distances::kNone);
+  for (std::size_t i = 0; i < distances.rows(); ++i) {
+    const float* row = distances.row(i);
+    std::size_t best = 0;
+    for (std::size_t j = 0; j < distances.columns(); ++j) {
+      if (row[j] < row[best]) best = j;
+      if (row[j] < nearest[j]) {
+        nearest[j] = row[j];
+        back[j] = static_cast<int>(i);
+      }
+    }
+    if (!(row[best] <= max_distance)) continue;
+    float second = Distances::kNone;
+    for (std::size_t j = 0; j < distances.columns(); ++j) {
+      if (j == best || !(row[j] < second)) continue;
+      if (places.empty() || (places[j] - places[best]).norm() > kSamePlace) second = row[j];
+    }
+    if (row[best] < max_ratio * second) partner[i] = static_cast<int>(best);
+  }
+  for (std::size_t i = 0; i < partner.size(); ++i) {
+    if (partner[i] >= 0 && back[static_cast<std::size_t>(partner[i])] != static_cast<int>(i))
+      partner[i] = -1;
   }
   return partner;
+}
+
+std::vector<int> matchFeatures(const Features& from, const Features& to) {
+  return partnersOf(hammingDistances(from, to), {}, kMaxRatio, kMaxDistance);
 }
 
 const std::vector<Eigen::Vector2f>& FeatureMatches::start(const Frame& reference) {
