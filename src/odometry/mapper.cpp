@@ -100,7 +100,6 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
             window_->keyframes.back(), selector_, stuck_, options_.depth.candidates_per_keyframe);
       });
   update.finite = adjustment.finite && adjustment.residuals > 0;
-  update.rms = adjustment.rms;
   if (!update.finite) return update;
   noise_ = adjustment.rms;
   noteCamera(adjustment.uncertainty.camera_sigmas);

@@ -33,9 +33,8 @@ struct MapUpdate {
   /// Whether the adjustment did its work; else nothing below is valid: it broke down or used no
   /// residual.
   bool finite = false;
-  StartChange start_change;  ///< of a seed
-  double rms = 0;            ///< of a pixel's residual after the adjustment [grey levels]
-  TrackingTarget target;     ///< the newest keyframe
+  StartChange start_change;               ///< of a seed
+  TrackingTarget target;                  ///< the newest keyframe
   std::vector<KeyframeSnapshot> retired;  ///< left the window, oldest first
   std::vector<KeyframeSnapshot> window;   ///< oldest first
 };
