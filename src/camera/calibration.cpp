@@ -30,6 +30,17 @@ int scaled(int size, double factor) {
 
 }  // namespace
 
+double CameraScore::deviations() const {
+  constexpr double kLeastFocal = 0.03;
+  constexpr double kLeastRadial = 0.02;
+  const auto contradiction = [](double change, double sigma, double least) {
+    const bool large = std::abs(change) > least && sigma > 0;
+    return large ? std::abs(change) / sigma : 0.0;
+  };
+  return std::max(contradiction(focal_change, focal_sigma, kLeastFocal),
+                  contradiction(radial.k1, radial.sigma, kLeastRadial));
+}
+
 Lens lensOfFieldOfView(double degrees, int width, int height) {
   if (!(degrees >= kMinView && degrees <= kMaxView)) {
     throw std::invalid_argument("a field of view of " + std::to_string(degrees) +

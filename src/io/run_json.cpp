@@ -64,6 +64,29 @@ Json lensJson(const Lens& lens) {
           {"height", lens.height}};
 }
 
+namespace {
+
+/// What starts and windows hold against the camera.
+void addDoubts(const RunRecord& record, Json& json) {
+  if (const std::optional<Readout>& suspected = record.suspectedReadout()) {
+    json["rolling_shutter_suspected"] = {{"milliseconds", 1000 * suspected->seconds},
+                                         {"sigma", 1000 * suspected->sigma}};
+  }
+  if (const std::optional<LensScore>& lens = record.contradictedLens()) {
+    json["calibration_suspected"] = {
+        {"gain", lens->gain}, {"focal_factor", lens->focal_factor}, {"radial", lens->radial}};
+  }
+  if (const std::optional<CameraScore>& camera = record.contradictedCamera()) {
+    json["calibration_suspected"]["window"] = {{"focal_change", camera->focal_change},
+                                               {"focal_sigma", camera->focal_sigma},
+                                               {"radial", camera->radial.k1},
+                                               {"radial_sigma", camera->radial.sigma}};
+  }
+  if (record.stuckShare() > 0) json["stuck_share"] = record.stuckShare();
+}
+
+}  // namespace
+
 Json runJson(const RunInfo& info,
              const RunCameras& cameras,
              const RunRecord& record,
@@ -83,15 +106,7 @@ Json runJson(const RunInfo& info,
     json["readout"] = {{"milliseconds", 1000 * cameras.readout->seconds},
                        {"sigma", 1000 * cameras.readout->sigma}};
   }
-  if (const std::optional<Readout>& suspected = record.suspectedReadout()) {
-    json["rolling_shutter_suspected"] = {{"milliseconds", 1000 * suspected->seconds},
-                                         {"sigma", 1000 * suspected->sigma}};
-  }
-  if (const std::optional<LensScore>& lens = record.contradictedLens()) {
-    json["calibration_suspected"] = {
-        {"gain", lens->gain}, {"focal_factor", lens->focal_factor}, {"radial", lens->radial}};
-  }
-  if (record.stuckShare() > 0) json["stuck_share"] = record.stuckShare();
+  addDoubts(record, json);
   json["frames_given"] = record.notes().size();
   json["frames_tracked"] = record.framesTracked();
   json["frames_missed"] = record.framesMissed();

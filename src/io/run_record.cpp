@@ -126,7 +126,15 @@ void RunRecord::addFrame(const FrameEstimate& estimate) {
   frames_.push(entry);
 }
 
+void RunRecord::noteCamera(const KeyframeSnapshot& keyframe) {
+  if (!keyframe.camera_score || !keyframe.camera_score->suspicious()) return;
+  const bool most = !contradicted_camera_ ||
+                    keyframe.camera_score->deviations() > contradicted_camera_->deviations();
+  if (most) contradicted_camera_ = keyframe.camera_score;
+}
+
 void RunRecord::addKeyframe(const KeyframeSnapshot& keyframe) {
+  noteCamera(keyframe);
   if (!isFinite(keyframe.T_world_cam)) return;
   Anchor& anchor = anchors_[keyframe.id];
   anchor.T_world_cam = keyframe.T_world_cam;

@@ -87,6 +87,10 @@ class RunRecord {
   [[nodiscard]] const std::optional<LensScore>& contradictedLens() const {
     return contradicted_lens_;
   }
+  /// What the window that contradicts the calibration most says of the camera, where one does.
+  [[nodiscard]] const std::optional<CameraScore>& contradictedCamera() const {
+    return contradicted_camera_;
+  }
   /// Largest share of a start's corners that moved with the camera, as a bonnet does.
   [[nodiscard]] double stuckShare() const { return stuck_share_; }
   /// Number of starts that were refused.
@@ -119,6 +123,7 @@ class RunRecord {
   void noteReadout(const InitializationResult& result);
   void noteLens(const InitializationResult& result);
   void noteStuck(const InitializationResult& result);
+  void noteCamera(const KeyframeSnapshot& keyframe);
   [[nodiscard]] SE3 T_cam_reference(const PosedEntry& entry, const Anchor& reference) const;
   [[nodiscard]] SE3 T_cam_keyframe(const PosedEntry& entry, const Anchor& keyframe) const;
 
@@ -131,6 +136,7 @@ class RunRecord {
   std::optional<Readout> suspected_readout_;
   double stuck_share_ = 0;
   std::optional<LensScore> contradicted_lens_;
+  std::optional<CameraScore> contradicted_camera_;
   std::map<FrameId, Anchor> anchors_;
   std::vector<int> segments_;
   std::vector<std::optional<MetricScale>> units_;

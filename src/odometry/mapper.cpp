@@ -4,6 +4,7 @@
 #include "base/parallel.h"
 #include "odometry/seed_window.h"
 #include "odometry/start_comparison.h"
+#include "window/camera_score.h"
 #include "window/depth_samples.h"
 #include "window/keyframe_policy.h"
 #include "window/marginalization.h"
@@ -12,6 +13,7 @@
 #include <Eigen/Core>
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <stdexcept>
 
@@ -20,6 +22,10 @@ namespace {
 
 constexpr std::size_t kCandidatesPerTask = 64;
 constexpr std::size_t kChunksPerTask = 2;  // of 128 points each, in the adjustment
+
+// Keyframes of a segment after which the calibration is looked at: enough of them to tell it, and
+// structure not yet bent to what is wrong with it. docs/experiments.md, "Wrong calibrations"
+constexpr std::array<int, 3> kScored{4, 6, 8};
 
 PixelSelectorOptions selectorOptions(const OdometryOptions& options) {
   PixelSelectorOptions selector;
@@ -55,6 +61,7 @@ MapUpdate Mapper::seed(const InitializationResult& result, int segment) {
   readout_.reset();
   camera_sigmas_.reset();
   radial_.reset();
+  camera_score_.reset();
   innovations_ = {};
   stuck_ = StuckRegions(result.stuck, camera_.width, camera_.height);
   window_ = seedWindow(result, camera_, options_, selector_, kCandidatesPerTask);
@@ -103,6 +110,7 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
   if (!update.finite) return update;
   noise_ = adjustment.rms;
   noteCamera(adjustment.uncertainty.camera_sigmas);
+  scoreCamera();
   update.target = targetOf(T_cam_previous);
   update.target.keyframe.covariance = adjustment.uncertainty.newest_pose;
   update.target.keyframe.reach = reachOf(*window_);
@@ -144,6 +152,15 @@ void Mapper::noteCamera(const window::CameraVector& sigmas) {
   if (radial > 0) radial_ = {change.radial, radial};
 }
 
+/// Looks whether the images contradict the calibration.
+void Mapper::scoreCamera() {
+  const int keyframe = window_->keyframes.back().id.value;
+  const bool due = std::find(kScored.begin(), kScored.end(), keyframe) != kScored.end();
+  if (!due || options_.window.optimizer.optimize_intrinsics) return;
+  const CameraScore score = window::scoreCamera(*window_, options_.window, noise_, kChunksPerTask);
+  if (!camera_score_ || score.deviations() > camera_score_->deviations()) camera_score_ = score;
+}
+
 std::vector<KeyframeSnapshot> Mapper::clear() {
   if (!window_) return {};
   std::vector<KeyframeSnapshot> keyframes = snapshots();
@@ -172,6 +189,7 @@ KeyframeSnapshot Mapper::snapshot(const window::Keyframe& keyframe) const {
   shot.readout = readout_;
   shot.camera_sigmas = camera_sigmas_;
   shot.radial = radial_;
+  shot.camera_score = camera_score_;
   shot.points.reserve(keyframe.points.size() + keyframe.marginalized.size());
   const auto variance = static_cast<float>(noise_ * noise_);
   const auto add = [&](const window::WindowPoint& point) {

@@ -61,6 +61,7 @@ class Mapper {
   MapUpdate adjust(const SE3& T_cam_previous);
   [[nodiscard]] TrackingTarget targetOf(const SE3& T_cam_previous) const;
   void noteCamera(const window::CameraVector& sigmas);
+  void scoreCamera();
   [[nodiscard]] SE3 poseOf(const TrackedPose& pose) const;
   [[nodiscard]] std::vector<KeyframeSnapshot> snapshots() const;
   [[nodiscard]] KeyframeSnapshot snapshot(const window::Keyframe& keyframe) const;
@@ -77,6 +78,7 @@ class Mapper {
   std::optional<Readout> readout_;
   std::optional<std::array<double, 4>> camera_sigmas_;
   std::optional<RadialDistortion> radial_;
+  std::optional<CameraScore> camera_score_;
   InnovationScale innovations_;  // of the readout
   double noise_ = 0;  // standard deviation of a pixel's residual, last adjustment [grey levels]
 };

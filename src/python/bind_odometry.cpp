@@ -28,7 +28,8 @@ struct Keyframe {
         final(is_final),
         T_world_cam(snapshot.T_world_cam),
         camera(snapshot.camera),
-        readout(snapshot.readout) {
+        readout(snapshot.readout),
+        camera_score(snapshot.camera_score) {
     for (const MapPoint& point : snapshot.points) {
       points.add(point.pixel, point.inverse_depth, point.variance);
       points.intensities.push_back(point.intensity);
@@ -41,6 +42,7 @@ struct Keyframe {
   SE3 T_world_cam;
   PinholeCamera camera;
   std::optional<Readout> readout;
+  std::optional<CameraScore> camera_score;
   PointColumns points;
 };
 
@@ -171,6 +173,15 @@ void bindKeyframe(nb::module_& m) {
           },
           "Estimated readout of a rolling shutter and its standard deviation [ms], where the "
           "calibration leaves it open; or None.")
+      .def_prop_ro(
+          "calibration_deviations",
+          [](const Keyframe& k) -> std::optional<double> {
+            if (!k.camera_score) return std::nullopt;
+            return k.camera_score->deviations();
+          },
+          "By how many standard deviations the first keyframes of the segment contradict the "
+          "calibration, above 4 it is suspected; None before there are five, and where the window "
+          "estimates the camera.")
       .def_prop_ro(
           "intensities",
           [](Keyframe& k) {

@@ -166,6 +166,15 @@ class Obstacles(unittest.TestCase):
                                  'logarithm of the likelihood; chance explains 4.5). Give the field of view to --hfov, or calibrate (docs/calibration.md)'])
         found = of_lens({'camera': camera, 'calibration_suspected': {**doubt, 'focal_factor': 1, 'radial': -.15}})
         self.assertIn('a lens with more barrel distortion better than the one given', found[0])
+        window = {'focal_change': -.3, 'focal_sigma': .05, 'radial': .01, 'radial_sigma': .01}
+        found = of_lens({'camera': camera, 'calibration_suspected': {'window': window}})
+        self.assertEqual(found, ['  calibration suspected: the first keyframes ask for a shorter focal length than the 505 px given (by 6.0 standard '
+                                 'deviations; chance explains 4). Give the field of view to --hfov, or calibrate (docs/calibration.md)'])
+        found = of_lens({'camera': camera, 'calibration_suspected': {'window': {**window, 'radial': -.1}}})
+        self.assertIn('ask for more barrel distortion than given (by 10.0', found[0])
+        found = of_lens({'camera': camera, 'calibration_suspected': {**doubt, 'window': window}})
+        self.assertEqual(len(found), 1)
+        self.assertIn('808 px', found[0])  # a start tells how long it may be
         refined = {'fx': 404, 'fy': 400, 'sigma': {'fx': 1, 'fy': 1}, 'settled': True}
         found = of_lens({'camera': camera, 'calibration_suspected': doubt, 'refined_camera': refined})
         self.assertEqual(sum('calibration suspected' in line for line in found), 1)  # the window knows it by now

@@ -102,6 +102,16 @@ class RollingShutter(unittest.TestCase):
         self.assertEqual((calibration.readout_ms, calibration.readout_sigma_ms), (-12.5, 0))
 
 
+class WrongCalibration(unittest.TestCase):
+    def test_is_contradicted_by_the_first_keyframes(self):
+        for factor, suspected in ((1, False), (.7, True)):
+            odometry = dsorb.Odometry(dsorb.Camera(200 * factor, 200 * factor, 159.5, 119.5, *SIZE))
+            for i, image in enumerate(images()):
+                odometry.process(image, timestamp=i / 30)
+            deviations = odometry.finish().keyframes[-1].calibration_deviations
+            self.assertEqual(deviations > 4, suspected, (factor, deviations))
+
+
 class Cameras(unittest.TestCase):
     def test_files_and_numbers_are_one(self):
         read = dsorb.Calibration.read(room() / 'camera.txt')

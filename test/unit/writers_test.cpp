@@ -78,6 +78,23 @@ TEST(RunWriter, FramesOfTheInitializationFollowItsTwoEnds) {
   EXPECT_THAT(lines[2], StartsWith("0.200000000 0.000000000 0.000000000 0.300000000"));
 }
 
+TEST(RunWriter, TheWindowThatContradictsTheCalibrationMostIsInTheSummary) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  playOneSegment(run);
+  KeyframeSnapshot keyframe;
+  keyframe.id = {2};
+  for (const double change : {0.1, -0.5, 0.3}) {
+    keyframe.camera_score = CameraScore{change, 0.1, {0.01, 0.02}};
+    run.writer.onKeyframe(keyframe);
+  }
+  run.writer.finish(run.writer.outcome(), nullptr);
+  const auto json = readJson(folder.path() / "run.json");
+  EXPECT_EQ(
+      json["calibration_suspected"].dump(),
+      R"({"window":{"focal_change":-0.5,"focal_sigma":0.1,"radial":0.01,"radial_sigma":0.02}})");
+}
+
 TEST(RunWriter, ReversedRunIsSortedByTimeAtTheEnd) {
   const TemporaryFolder folder;
   FakeRun run(folder.path());

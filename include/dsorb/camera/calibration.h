@@ -35,6 +35,21 @@ struct RadialDistortion {
   double sigma = 0;  ///< standard deviation
 };
 
+/// What images ask of a camera beside its calibration, by one linear step: a direction rather than
+/// an amount.
+/// @source docs/experiments.md, "Wrong calibrations"
+struct CameraScore {
+  double focal_change = 0;  ///< of both focal lengths, relative
+  double focal_sigma = 0;   ///< standard deviation of that
+  RadialDistortion radial{};
+
+  /// By how many standard deviations it contradicts the calibration; 0 where it asks for less than
+  /// 3 % of the focal length and .02 of the distortion, which what is not modelled of a right
+  /// camera can.
+  [[nodiscard]] double deviations() const;
+  [[nodiscard]] bool suspicious() const { return deviations() > 4; }
+};
+
 /// The camera that took the images. The centre of the top-left pixel is (0, 0).
 struct Lens {
   LensModel model = LensModel::kPinhole;  ///< of the distortion

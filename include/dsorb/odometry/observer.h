@@ -60,6 +60,9 @@ struct KeyframeSnapshot {
   /// Of the images, which show a point where `camera` does not: estimated where the camera is a
   /// guess (PriorOptions::focal_sigma).
   std::optional<RadialDistortion> radial{};
+  /// What contradicted the calibration most among the first keyframes of the segment, where the
+  /// window does not estimate the camera.
+  std::optional<CameraScore> camera_score{};
 };
 
 /// A start that the first adjustment of the window contradicts. The result that onInitStep told is
