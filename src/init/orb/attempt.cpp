@@ -85,7 +85,9 @@ Outcome<Reconstruction> adjustImages(Reconstruction made, const AttemptContext& 
     if (!report.second_photometric->usable) return InitReason::kPoorQuality;
   }
   const bool free = orb.photometric.poses == PhotometricPoses::kFree;
-  context.clock.time("variances", [&] { return setPhotometricVariances(map, problem, free); });
+  const bool sure =
+      context.clock.time("variances", [&] { return setPhotometricVariances(map, problem, free); });
+  if (!sure) return InitReason::kPoorQuality;
   return made;
 }
 

@@ -18,7 +18,7 @@ constexpr float kWiden = 2;                // of the range of all corners
 std::vector<Eigen::Vector2f> pixelsOf(const std::vector<Corner>& corners) {
   std::vector<Eigen::Vector2f> pixels;
   pixels.reserve(corners.size());
-  for (const Corner& corner : corners) pixels.emplace_back(corner.pixel.cast<float>());
+  for (const Corner& corner : corners) pixels.push_back(corner.seen());
   return pixels;
 }
 
@@ -30,7 +30,7 @@ CornerPrior::CornerPrior(const std::vector<Corner>& corners, int width, int heig
   float high = std::numeric_limits<float>::lowest();
   depths_.reserve(corners.size());
   for (const Corner& corner : corners) {
-    depths_.push_back({corner.pixel.cast<float>(),
+    depths_.push_back({corner.seen(),
                        static_cast<float>(corner.inverse_depth),
                        static_cast<float>(corner.variance)});
     low = std::min(low, depths_.back().inverse_depth);
