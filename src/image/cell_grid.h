@@ -58,7 +58,7 @@ class CellGrid {
 /// Cells of an image whose errors count as one.
 constexpr int kErrorColumns = 10;
 constexpr int kErrorRows = 8;
-constexpr std::size_t kErrorCells = kErrorColumns * kErrorRows;
+constexpr std::size_t kErrorCells = static_cast<std::size_t>(kErrorColumns) * kErrorRows;
 inline CellGrid errorCells(int width, int height) {
   return {width, height, kErrorColumns, kErrorRows};
 }

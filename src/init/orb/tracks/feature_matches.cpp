@@ -106,6 +106,7 @@ std::vector<int> partnersOf(const Distances& distances,
                             double max_ratio,
                             double max_distance) {
   std::vector<int> partner(distances.rows(), -1);
+  if (distances.columns() == 0) return partner;
   std::vector<int> back(distances.columns(), -1);
   std::vector<float> nearest(distances.columns(), Distances::kNone);
   for (std::size_t i = 0; i < distances.rows(); ++i) {

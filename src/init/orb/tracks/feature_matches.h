@@ -29,14 +29,15 @@ class Distances {
   static constexpr float kNone = std::numeric_limits<float>::infinity();
 
   Distances(std::size_t rows, std::size_t columns)
-      : columns_(columns), values_(rows * columns, kNone) {}
+      : rows_(rows), columns_(columns), values_(rows * columns, kNone) {}
 
-  [[nodiscard]] std::size_t rows() const { return columns_ == 0 ? 0 : values_.size() / columns_; }
+  [[nodiscard]] std::size_t rows() const { return rows_; }
   [[nodiscard]] std::size_t columns() const { return columns_; }
   [[nodiscard]] float* row(std::size_t i) { return values_.data() + i * columns_; }
   [[nodiscard]] const float* row(std::size_t i) const { return values_.data() + i * columns_; }
 
  private:
+  std::size_t rows_;
   std::size_t columns_;
   std::vector<float> values_;
 };
