@@ -62,6 +62,7 @@ MapUpdate Mapper::seed(const InitializationResult& result, int segment) {
   camera_sigmas_.reset();
   radial_.reset();
   camera_score_.reset();
+  scored_ = -1;
   innovations_ = {};
   stuck_ = StuckRegions(result.stuck, camera_.width, camera_.height);
   window_ = seedWindow(result, camera_, options_, selector_, kCandidatesPerTask);
@@ -154,9 +155,12 @@ void Mapper::noteCamera(const window::CameraVector& sigmas) {
 
 /// Looks whether the images contradict the calibration.
 void Mapper::scoreCamera() {
-  const int keyframe = window_->keyframes.back().id.value;
-  const bool due = std::find(kScored.begin(), kScored.end(), keyframe) != kScored.end();
-  if (!due || options_.window.optimizer.optimize_intrinsics) return;
+  const int newest = window_->keyframes.back().id.value;
+  const auto due = std::find_if(
+      kScored.begin(), kScored.end(), [&](int keyframe) { return keyframe > scored_; });
+  if (due == kScored.end() || newest < *due || options_.window.optimizer.optimize_intrinsics)
+    return;
+  scored_ = newest;
   const CameraScore score = window::scoreCamera(*window_, options_.window, noise_, kChunksPerTask);
   if (!camera_score_ || score.deviations() > camera_score_->deviations()) camera_score_ = score;
 }

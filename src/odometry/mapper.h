@@ -78,8 +78,9 @@ class Mapper {
   std::optional<Readout> readout_;
   std::optional<std::array<double, 4>> camera_sigmas_;
   std::optional<RadialDistortion> radial_;
-  std::optional<CameraScore> camera_score_;
-  InnovationScale innovations_;  // of the readout
+  std::optional<CameraScore> camera_score_;  // the most contradicting one of the segment
+  int scored_ = -1;                          // keyframe after which the camera was scored last
+  InnovationScale innovations_;              // of the readout
   double noise_ = 0;  // standard deviation of a pixel's residual, last adjustment [grey levels]
 };
 

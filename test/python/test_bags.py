@@ -4,6 +4,7 @@ import io
 import subprocess
 import sys
 import unittest
+from types import SimpleNamespace
 from unittest import mock
 
 import numpy as np
@@ -107,9 +108,24 @@ class Runs(unittest.TestCase):
         for name, frames in (('long', 6), ('short', 3)):
             dsorb('run', room_bag(folder / name, frames=frames), '--output', folder / 'out')
             self.assertEqual(len(list((folder / 'out/bag_images/images').iterdir())), frames)
+        self.assertEqual(dsorb('run', folder / 'long', '--output', folder / 'out', '--evry', '2').returncode, 2)
+        self.assertEqual(len(list((folder / 'out/bag_images/images').iterdir())), 3)
         (folder / 'out/bag_images/notes.txt').touch()
         with self.assertRaisesRegex(bags.BagError, 'holds notes.txt'):
             bags.unpack(folder / 'short', None, folder / 'out/bag_images')
+
+
+class Calibrations(unittest.TestCase):
+    def test_rectified_images_have_the_camera_of_p_without_distortion(self):
+        camera = SimpleNamespace(width=320, height=240, distortion_model='plumb_bob', k=[200, 0, 160, 0, 200, 120, 0, 0, 1],
+                                 d=[-.3, .1, 0, 0, 0], p=[180, 0, 150, 0, 0, 180, 110, 0, 0, 0, 1, 0])
+        reader = SimpleNamespace(connections=[SimpleNamespace(topic='/camera/camera_info', msgtype=bags.CAMERA_INFO)],
+                                 messages=lambda connections: [(connections[0], 0, camera)], deserialize=lambda data, _: data)
+        file = temporary_folder() / 'calibration.yaml'
+        for topic, focal, k1 in (('image_raw', 200, '-0.2'), ('image_rect', 180, '0, 0'), ('image_rect_color/compressed', 180, '0, 0')):
+            bags.write_calibration(reader, f'/camera/{topic}', file)
+            self.assertIn(f'k: [{focal}, 0, ', file.read_text())
+            self.assertIn(f'd: [{k1}', file.read_text())
 
 
 class Refusals(unittest.TestCase):

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -164,14 +165,19 @@ class Obstacles(unittest.TestCase):
         found = of_lens({'camera': camera, 'calibration_suspected': doubt})
         self.assertEqual(found, ['  calibration suspected: the tracks of a start fit a focal length of 808 px better than the 505 px given (by 7.0 in the '
                                  'logarithm of the likelihood; chance explains 4.5). Give the field of view to --hfov, or calibrate (docs/calibration.md)'])
+        found = of_lens({'camera': camera, 'lens': {'fx': 1000, 'fy': 1020}, 'calibration_suspected': doubt})
+        self.assertIn('1616 px better than the 1010 px given', found[0])  # of the images as they were taken
         found = of_lens({'camera': camera, 'calibration_suspected': {**doubt, 'focal_factor': 1, 'radial': -.15}})
         self.assertIn('a lens with more barrel distortion better than the one given', found[0])
-        window = {'focal_change': -.3, 'focal_sigma': .05, 'radial': .01, 'radial_sigma': .01}
+        window = {'focal_change': -.3, 'focal_sigma': .05}
         found = of_lens({'camera': camera, 'calibration_suspected': {'window': window}})
         self.assertEqual(found, ['  calibration suspected: the first keyframes ask for a shorter focal length than the 505 px given (by 6.0 standard '
-                                 'deviations; chance explains 4). Give the field of view to --hfov, or calibrate (docs/calibration.md)'])
-        found = of_lens({'camera': camera, 'calibration_suspected': {'window': {**window, 'radial': -.1}}})
+                                 'deviations; chance explains 4). Give the field of view to --hfov, or calibrate (docs/calibration.md); a rolling shutter '
+                                 'does the same (--readout auto)'])
+        found = of_lens({'camera': camera, 'calibration_suspected': {'window': {**window, 'radial': -.1, 'radial_sigma': .01}}})
         self.assertIn('ask for more barrel distortion than given (by 10.0', found[0])
+        found = of_lens({'camera': camera, 'calibration_suspected': {'window': {'radial': .1, 'radial_sigma': .02}}})
+        self.assertIn('more pincushion distortion', found[0])
         found = of_lens({'camera': camera, 'calibration_suspected': {**doubt, 'window': window}})
         self.assertEqual(len(found), 1)
         self.assertIn('808 px', found[0])  # a start tells how long it may be
@@ -242,6 +248,22 @@ class Obstacles(unittest.TestCase):
             self.assertTrue(hosts <= {f.index for f in segment.frames})
             self.assertTrue((output / f'colmap/sparse/{place}/points3D.bin').exists())
         self.assertEqual(done.stdout.splitlines()[0], summarize(run).splitlines()[0])
+        for name in ('trajectory', 'keyframes'):  # as a run leaves them that is killed
+            files = [output / f'{name}_{segment.number}.txt' for segment in run.segments]
+            (output / f'{name}.txt').write_text(''.join(file.read_text() for file in files))
+            for file in files:
+                file.unlink()
+        self.assertEqual([[f.index for f in segment.frames] for segment in read_run(output).segments],
+                         [[f.index for f in segment.frames] for segment in run.segments])
+
+    def test_a_call_that_did_not_run_tells_nothing_of_an_earlier_run(self):
+        output = temporary_folder() / 'out'
+        shutil.copytree(room_run(), output)
+        summary = json.loads((output / 'run.json').read_text())
+        (output / 'run.json').write_text(json.dumps({**summary, 'status': 'error'}))
+        done = dsorb('run', room(), '--calib', 'nowhere.txt', '--output', output, '--export', 'tum')
+        self.assertEqual((done.returncode, done.stdout), (1, ''))
+        self.assertFalse((output / 'tum').exists())
 
 
 @unittest.skipUnless(cv2, "OpenCV's Python module is not installed")

@@ -163,13 +163,17 @@ def write_images(reader: Any, topic: str, folder: Path, begin: float, end: float
 
 
 def write_calibration(reader: Any, topic: str, file: Path) -> Optional[Path]:
-    """The camera_info beside a topic, as `ros2 topic echo` prints it; None where there is none, or nobody calibrated."""
+    """The camera_info beside a topic, as `ros2 topic echo` prints it; None where there is none, or nobody calibrated.
+
+    Of images that were rectified (`image_rect`, `image_rect_color`) it is the camera of P, without distortion."""
     base = topic[:-len('/compressed')] if topic.endswith('/compressed') else topic
     name = base.rpartition('/')[0] + '/camera_info'
     connections = [c for c in reader.connections if c.topic == name and c.msgtype == CAMERA_INFO]
     for connection, _, data in reader.messages(connections=connections) if connections else ():
         info = reader.deserialize(data, connection.msgtype)
         k, d = (np.ravel(getattr(info, key, getattr(info, key.upper(), ()))) for key in 'kd')
+        if base.rpartition('/')[2].startswith('image_rect'):
+            k, d = np.ravel(getattr(info, 'p', getattr(info, 'P', ()))).reshape(3, 4)[:, :3].ravel(), np.zeros(5)
         if k[0] <= 0:
             return None
         numbers = [', '.join(f'{x:.17g}' for x in values) for values in (k, d)]

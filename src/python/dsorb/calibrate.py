@@ -80,6 +80,15 @@ def calibrate(source, board, model='radtan', every=1):
     where the images cannot be read or show too few views."""
     cv2 = opencv('calibrating')
     size, views = find_views(cv2, frames_of(cv2, source), tuple(board), every)
+    try:
+        return lens_of(cv2, views, size, board, model)
+    except cv2.error as error:
+        raise PicturesError(f'these {len(views)} views determine no {model} lens ({error.err}); '
+                            'take others: near and far, tilted, in all corners') from None
+
+
+def lens_of(cv2, views, size, board, model):
+    """Raises cv2.error where the views do not determine it."""
     plane = np.zeros((board[0] * board[1], 3), np.float32)
     plane[:, :2] = np.mgrid[:board[0], :board[1]].T.reshape(-1, 2)
     if model == 'equidistant':

@@ -84,6 +84,7 @@ def run_calibrate(args):
     try:
         if args.output is None and output.exists():
             raise ValueError(f'{output}: is there already; name it with --output where it shall be replaced')
+        output.parent.mkdir(parents=True, exist_ok=True)
         found = calibrate.calibrate(args.input, args.board, args.model, args.every)
         output.write_text(found.text(), encoding='utf-8')
         calibrate.draw_residuals(found, output.with_suffix('.png'))
@@ -300,23 +301,22 @@ def run(args, rest):
     shown = args.view or args.serve or args.save
     if shown and args.record is None:
         args.record = output / 'recording.jsonl'
-    code = take_from_bag(args, rest, output)
-    if code:
-        return code
     try:
-        words = words_of(args, rest, output)
-        code = wrong_options(words) if shown else 0
+        code = wrong_options(words_of(args, rest, output)) if shown or bags.is_bag(args.input) else 0
+        code = code or take_from_bag(args, rest, output)
         if code:
             return code
+        words = words_of(args, rest, output)
         window = open_window(args, str(output.resolve())) if shown else None
     except (ValueError, OSError) as error:
         print(f'dsorb: {error}', file=sys.stderr)
         return RUNTIME_ERROR
     earlier = recording.change_time(output / 'run.json')
     code = run_shown(words, window, args.record) if window else run_program(words)
-    if recording.change_time(output / 'run.json') != earlier:
+    written = recording.change_time(output / 'run.json') != earlier
+    if written:
         remove_exports(output)
-    if code < 0 or code == WRONG_OPTIONS or (code == RUNTIME_ERROR and not was_cut_short(output)):
+    if code < 0 or code == WRONG_OPTIONS or (code == RUNTIME_ERROR and not (written and was_cut_short(output))):
         return code if code > 0 else RUNTIME_ERROR
     if not args.quiet:
         print(summarize(read_run(output)), flush=True)

@@ -106,11 +106,11 @@ def read_poses(folder, rows):
     several = [n for n in numbers if (folder / f'trajectory_{n}.txt').exists()]
     if several:
         return [(n, read_tum(folder / f'trajectory_{n}.txt'), times_of(folder / f'keyframes_{n}.txt')) for n in several]
-    poses = read_tum(folder / 'trajectory.txt')
-    if not poses:
-        return []
-    begun = [row.segment for row in rows if row.state in ('initialized', 'tracked')]
-    return [(begun[0], poses, times_of(folder / 'keyframes.txt'))]
+    of_segment, segment_at = {}, {row.time: row.segment for row in rows}
+    for time, pose in read_tum(folder / 'trajectory.txt'):  # of a run that was killed: of all segments
+        of_segment.setdefault(segment_at.get(time, -1), []).append((time, pose))
+    keyframes = times_of(folder / 'keyframes.txt')
+    return [(number, poses, keyframes) for number, poses in sorted(of_segment.items())]
 
 
 def read_tum(path):
