@@ -52,7 +52,8 @@ class VideoFile : public VideoSource {
     if (!capture_->retrieve(image.pixels)) {
       throw IoError(fmt::format("{}: cannot be decoded", name(index_)));
     }
-    image.warning = std::exchange(warning_, {});
+    image.warning = warning_;
+    told_ = true;
     image.turn = capture_->turn();
     return image;
   }
@@ -79,6 +80,7 @@ class VideoFile : public VideoSource {
       return false;
     }
     ++index_;
+    if (std::exchange(told_, false)) warning_.clear();
     const double step = (capture_->time() - before) * capture_->rate();
     if (!uneven_ && (step > kUnevenStep || step < 1 / kUnevenStep)) {
       uneven_ = true;
@@ -99,7 +101,8 @@ class VideoFile : public VideoSource {
   int index_ = 0;
   bool ended_ = false;
   bool uneven_ = false;
-  std::string warning_;
+  std::string warning_;  // of the images since the last one that was asked for
+  bool told_ = false;    // with that one
 };
 
 template <std::size_t kCount>

@@ -194,6 +194,14 @@ TEST_F(VideoTest, AVaryingRateIsToldAndItsTimesAreUsed) {
   ASSERT_EQ(frames[20].warnings.size(), 1U);
   EXPECT_THAT(frames[20].warnings[0], AllOf(HasSubstr("image 20"), HasSubstr("rate varies")));
   EXPECT_TRUE(frames[29].warnings.empty()) << "told once";
+
+  SequenceOptions later = viewOf(file);
+  later.start = 25;
+  SequenceReader from_there(later);
+  const auto rest = readAll(from_there);
+  ASSERT_EQ(rest.size(), 5U);
+  ASSERT_EQ(rest[0].warnings.size(), 1U) << "of an image that was skipped";
+  EXPECT_TRUE(rest[1].warnings.empty());
 }
 
 TEST_F(VideoTest, FilesThatAreNoVideosAreNamed) {
