@@ -19,6 +19,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <system_error>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -30,11 +31,19 @@ constexpr const char* kGuessSigma = "0.15";  // relative, of a focal length that
 constexpr double kLongestSleep = 0.05;       // between two looks for Ctrl-C [s]
 constexpr std::chrono::milliseconds kWriterPatience(200);  // for a run that writes when it is ended
 
+/// Where a file or folder is found from everywhere; a camera's address as it is.
+std::string placeOf(const std::string& dataset) {
+  std::error_code error;
+  if (!std::filesystem::exists(dataset, error)) return dataset;
+  const std::filesystem::path place = std::filesystem::absolute(dataset, error);
+  return error ? dataset : place.lexically_normal().string();
+}
+
 RunInfo describeRun(const CommandLine& request, const Config& config) {
   RunInfo info;
   info.program = "dso_dataset";
   info.version = DSORB_VERSION;
-  info.dataset = request.sequence.path;
+  info.dataset = placeOf(request.sequence.path);
   info.initializer = config.initializer;
   info.threads = threadsInUse(config.options.num_threads);
   info.config_yaml = toYaml(config);

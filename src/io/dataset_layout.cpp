@@ -144,7 +144,9 @@ constexpr std::array<Finder, 6> kFinders = {{
     {SequenceFormat::kTum, findTum, "TUM RGB-D: rgb.txt"},
     {SequenceFormat::kDso, findDso, "DSO: images or images.zip"},
     {SequenceFormat::kImages, findImages, "a folder of images"},
-    {SequenceFormat::kVideo, findVideo, "a video: .mp4, .mov, .avi, .mkv, .webm, .m4v, .mpg, .mpeg"},
+    {SequenceFormat::kVideo,
+     findVideo,
+     "a video: .mp4, .mov, .avi, .mkv, .webm, .m4v, .mpg, .mpeg"},
 }};
 
 }  // namespace

@@ -290,6 +290,15 @@ class Videos(unittest.TestCase):
         self.assertLess(given, FRAMES)
         self.assertTrue((folder / 'out/colmap/sparse/0/points3D.bin').exists())
 
+    def test_a_video_is_found_again_from_another_folder(self):
+        folder = temporary_folder()
+        self.clip(folder)
+        done = dsorb('run', 'clip.avi', '--calib', room() / 'camera.txt', '--output', 'out', cwd=folder)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        done = dsorb('export', '.', '--format', 'nerfstudio', cwd=folder / 'out')
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertTrue((folder / 'out/nerfstudio/transforms.json').exists())
+
     def test_a_video_becomes_models_with_images(self):
         folder = temporary_folder()
         pictures = self.clip(folder)
