@@ -11,9 +11,9 @@
 namespace dsorb::window {
 
 /// What an adjusted window asks of a camera that it does not estimate: one linear step of focal
-/// lengths, principal point and radial distortion beside the rest. What was made with the
-/// calibrated camera does not count: neither the marginal prior nor those of depths. The window's
-/// estimates stay.
+/// lengths, principal point and radial distortion beside the rest. The marginal prior, which was
+/// made with the calibrated camera, does not count, nor does what else is known of depths. The
+/// window's estimates stay.
 /// @param noise           of a pixel's residual [grey levels]
 /// @param chunks_per_task of 128 points; 0 runs serially
 /// @source docs/experiments.md, "Wrong calibrations"

@@ -171,9 +171,9 @@ def write_calibration(reader: Any, topic: str, file: Path) -> Optional[Path]:
     connections = [c for c in reader.connections if c.topic == name and c.msgtype == CAMERA_INFO]
     for connection, _, data in reader.messages(connections=connections) if connections else ():
         info = reader.deserialize(data, connection.msgtype)
-        k, d = (np.ravel(getattr(info, key, getattr(info, key.upper(), ()))) for key in 'kd')
+        k, d, p = (np.ravel(getattr(info, key, getattr(info, key.upper(), ()))) for key in 'kdp')
         if base.rpartition('/')[2].startswith('image_rect'):
-            k, d = np.ravel(getattr(info, 'p', getattr(info, 'P', ()))).reshape(3, 4)[:, :3].ravel(), np.zeros(5)
+            k, d = p.reshape(3, 4)[:, :3].ravel(), np.zeros(5)
         if k[0] <= 0:
             return None
         numbers = [', '.join(f'{x:.17g}' for x in values) for values in (k, d)]
