@@ -41,12 +41,13 @@ struct RadialDistortion {
 struct CameraScore {
   double focal_change = 0;  ///< of both focal lengths, relative
   double focal_sigma = 0;   ///< standard deviation of that
-  RadialDistortion radial{};
+  RadialDistortion radial{};  ///< change of the radial distortion, with its standard deviation
 
   /// By how many standard deviations it contradicts the calibration; 0 where it asks for less than
   /// 3 % of the focal length and .02 of the distortion, which what is not modelled of a right
   /// camera can.
   [[nodiscard]] double deviations() const;
+  /// Whether that is more than chance makes of a right calibration (a limit from measurements).
   [[nodiscard]] bool suspicious() const { return deviations() > 4; }
 };
 
