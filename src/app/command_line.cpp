@@ -5,6 +5,7 @@
 #include "dsorb/io/calibration_reader.h"
 
 #include "app/legacy_arguments.h"
+#include "io/image_decoder.h"
 #include "io/video.h"
 
 #include <CLI/CLI.hpp>
@@ -313,7 +314,7 @@ void takeFlags(const Flags& flags, CommandLine& request) {
 std::string datasetName(const std::string& path) {
   const std::filesystem::path absolute = std::filesystem::absolute(path).lexically_normal();
   const auto last = absolute.has_filename() ? absolute : absolute.parent_path();
-  const bool is_file = last.extension() == ".zip" || hasVideoSuffix(last);
+  const bool is_file = lowerSuffix(last) == ".zip" || hasVideoSuffix(last);
   const std::string name = (is_file ? last.stem() : last.filename()).string();
   return name.empty() ? "dataset" : name;
 }

@@ -12,7 +12,6 @@
 #include <yaml-cpp/yaml.h>
 
 #include <algorithm>
-#include <cmath>
 #include <initializer_list>
 #include <string>
 #include <string_view>
@@ -119,24 +118,17 @@ Calibration readYamlCalibration(const std::filesystem::path& file) {
   }
   const auto intrinsics = section.numbers("intrinsics", {4}, "fx, fy, cx, cy");
   const auto resolution = section.numbers("resolution", {2}, "width, height");
-  for (const double size : resolution) {
-    if (!(size >= 1 && size <= 65536) || size != std::floor(size)) {
-      throw section.error("resolution",
-                          fmt::format("{}; expected two positive whole numbers", size));
-    }
-  }
-  if (!(intrinsics[0] > 0 && intrinsics[1] > 0)) {
-    throw section.error("intrinsics", "focal lengths must be positive");
-  }
   Calibration calibration;
   Lens& lens = calibration.lens;
   lens.fx = intrinsics[0];
   lens.fy = intrinsics[1];
   lens.cx = intrinsics[2];
   lens.cy = intrinsics[3];
-  lens.width = static_cast<int>(resolution[0]);
-  lens.height = static_cast<int>(resolution[1]);
+  setSize(resolution[0], resolution[1], lens, [&](const std::string& what) {
+    return section.error("resolution", what);
+  });
   readDistortion(section, lens);
+  checkLens(lens, [&](const std::string& what) { return section.error("intrinsics", what); });
   readReadoutKey(section, lens);
   return calibration;
 }

@@ -2,6 +2,7 @@
 #include "dsorb/error.h"
 
 #include "io/dataset.h"
+#include "io/image_decoder.h"
 #include "io/image_store.h"
 #include "io/video.h"
 
@@ -41,7 +42,7 @@ DatasetLayout beside(SequenceFormat format, const fs::path& images, const fs::pa
 }
 
 std::optional<DatasetLayout> findDso(const fs::path& path) {
-  if (fs::is_regular_file(path) && path.extension() == ".zip") {
+  if (fs::is_regular_file(path) && lowerSuffix(path) == ".zip") {
     return beside(SequenceFormat::kDso, path, path.parent_path());
   }
   if (fs::is_directory(path / "images")) return beside(SequenceFormat::kDso, path / "images", path);

@@ -127,7 +127,8 @@ Json keyframeLine(const KeyframeSnapshot& keyframe, bool final) {
           {"timestamp", keyframe.timestamp},
           {"segment", keyframe.segment},
           {"final", final},
-          {"pose", poseJson(keyframe.T_world_cam)}};
+          {"pose", poseJson(keyframe.T_world_cam)},
+          {"camera", cameraJson(keyframe.camera)}};
 }
 
 Json pointsLine(const KeyframeSnapshot& keyframe, bool final) {

@@ -9,6 +9,7 @@ from unittest import mock
 
 import numpy as np
 from dsorb import bags
+from dsorb.run_folder import alone_in
 from PIL import Image
 from room import FRAMES, SIZE, images, room, room_run, temporary_folder
 
@@ -109,6 +110,9 @@ class Runs(unittest.TestCase):
             dsorb('run', room_bag(folder / name, frames=frames), '--output', folder / 'out')
             self.assertEqual(len(list((folder / 'out/bag_images/images').iterdir())), frames)
         self.assertEqual(dsorb('run', folder / 'long', '--output', folder / 'out', '--evry', '2').returncode, 2)
+        self.assertEqual(len(list((folder / 'out/bag_images/images').iterdir())), 3)
+        with alone_in(folder / 'out'):
+            self.assertIn('another run writes into it', dsorb('run', folder / 'long', '--output', folder / 'out').stderr)
         self.assertEqual(len(list((folder / 'out/bag_images/images').iterdir())), 3)
         (folder / 'out/bag_images/notes.txt').touch()
         with self.assertRaisesRegex(bags.BagError, 'holds notes.txt'):

@@ -7,12 +7,13 @@ import shutil
 import subprocess
 import unittest
 import zipfile
+from dataclasses import replace
 
 import dsorb
 import numpy as np
 from dsorb.command_line import program
-from dsorb.export import export
-from dsorb.pictures import calibration_of, decoded_file, rectifying_maps, refined_lens
+from dsorb.export import export, model_of
+from dsorb.pictures import Video, calibration_of, decoded_file, find_pictures, rectifying_maps, refined_lens
 from dsorb.run_folder import read_run, remove_exports, rotation_of
 from PIL import Image
 from room import FRAMES, SIZE, image_files, room, room_run, temporary_folder, true_correspondences, true_poses
@@ -176,6 +177,18 @@ class Refinement(unittest.TestCase):
             self.assertLess(abs(found['fl_x'] / CAMERA.fx - 1), 0.02)  # measured 0.007 and 0.005
             self.assertLess(abs(found['fl_y'] / CAMERA.fy - 1), 0.03)  # measured 0.018 and 0.015
 
+    def test_a_segment_with_too_little_to_adjust_stays_as_it_was(self):
+        run = read_run(room_run())
+        whole = run.segments[0]
+        short = replace(whole, number=1, frames=[f for f in whole.frames if f.is_keyframe][:2])
+        run.segments.append(short)
+        notes = []
+        models = [model_of(run, segment, find_pictures(run, {f.index for f in whole.frames}), False, 'poses', notes)
+                  for segment in run.segments]
+        self.assertIsNotNone(models[0].refined)
+        self.assertIsNone(models[1].refined)
+        self.assertRegex(notes[-1], r'COLMAP .*; segment 1 stays as it was')
+
     def test_it_says_what_it_needs(self):
         with self.assertRaisesRegex(ValueError, 'colmap, nerfstudio'):
             export(room_run(), ['tum'], refine='poses')
@@ -234,6 +247,26 @@ class Pictures(unittest.TestCase):
         image = cv2.imread(str(written[-1]), cv2.IMREAD_GRAYSCALE).astype(float)
         original = cv2.imread(str(image_files()[int(written[-1].stem)]), cv2.IMREAD_GRAYSCALE)
         self.assertLess(np.abs(image - original).mean(), 2)  # grey levels, of JPEG; measured 0.94
+
+    @unittest.skipUnless(cv2, "OpenCV's Python module is not installed")
+    def test_portrait_videos_are_upright(self):
+        file = temporary_folder() / 'phone.mp4'
+        video = cv2.VideoWriter(str(file), cv2.VideoWriter_fourcc(*'mp4v'), 10, (96, 64))
+        image = np.full((64, 96, 3), 40, np.uint8)
+        image[:, :48] = 200  # left: the top once it is upright
+        video.write(image)
+        video.release()
+        data = file.read_bytes()
+        header = data.index(b'tkhd')  # whose transformation matrix turns the picture clockwise, as phones do
+        unity, turned = (np.array(m, '>i4').tobytes() for m in ([65536, 0, 0, 0, 65536], [0, 65536, 0, -65536, 0]))
+        file.write_bytes(data[:header] + data[header:].replace(unity, turned, 1))
+        video = Video(cv2, file)
+        self.assertTrue(video.grab())
+        upright = video.image()
+        self.assertEqual(upright.shape, (96, 64, 3))
+        self.assertLess(abs(int(upright[10, 32, 0]) - 200), 10)  # of a lossy codec
+        self.assertLess(abs(int(upright[85, 32, 0]) - 40), 10)
+        self.assertFalse(video.grab())
 
     def test_a_refined_camera_is_the_lens_of_the_images_or_of_undistorted_ones(self):
         lens = dict(model='pinhole', fx=400.0, fy=400.0, cx=319.5, cy=239.5, width=640, height=480, coefficients=[])

@@ -114,6 +114,18 @@ class Recordings(unittest.TestCase):
             self.assertIn(f'/segment_0/{entity}', entities)
         self.assertIn('/segment_1/map/0', entities)
 
+    def test_points_of_a_keyframe_are_of_its_own_camera(self):
+        view = rerun_view.View(self.path, None, .3)
+        logged = {}
+        view.log = lambda entity, what, static=False: logged.__setitem__(entity, what)
+        view.header(HEADER)
+        keyframe, points = frame_events(0)[2:4]
+        for camera, x in ((None, 4), (dict(CAMERA, fx=50), 8)):
+            view.keyframe(keyframe if camera is None else dict(keyframe, camera=camera))
+            view.points(points)
+            shown = np.array(logged['segment_0/map/0'].positions.as_arrow_array().to_pylist())
+            np.testing.assert_allclose(shown, [[0, 0, 2], [x, 0, 4]], atol=1e-6)
+
     def test_a_long_path_is_kept_in_pieces_that_meet(self):
         view = rerun_view.View(self.path, None, .3)
         logged = {}

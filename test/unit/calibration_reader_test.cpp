@@ -269,6 +269,8 @@ TEST_F(CalibrationReaderTest, YamlComplaintsNameLineAndKey) {
               AllOf(HasSubstr("sensor.yaml:4"), HasSubstr("intrinsics: entry 1")));
   EXPECT_THAT(yamlComplaint(replaced(kSensor, "458.6", "-458.6")),
               AllOf(HasSubstr("sensor.yaml:4"), HasSubstr("positive")));
+  EXPECT_THAT(yamlComplaint(replaced(kSensor, "367.2", "-300")),
+              AllOf(HasSubstr("sensor.yaml:4"), HasSubstr("principal point -300 248.4")));
   EXPECT_THAT(yamlComplaint(replaced(kSensor, "pinhole", "omni")),
               AllOf(HasSubstr("sensor.yaml:3"), HasSubstr("'omni'; expected pinhole")));
   EXPECT_THAT(yamlComplaint(replaced(kSensor, "radial-tangential", "fov")),

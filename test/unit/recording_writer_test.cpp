@@ -92,7 +92,9 @@ class RecordingWriterTest : public ::testing::Test {
 TEST_F(RecordingWriterTest, LinesComeInTheOrderTheFormatPromises) {
   io::RecordingWriter writer(path_, info_, kRecordedCamera);
   EXPECT_THAT(kindsOf(readLines(path_)), ElementsAre("header"));
-  writer.onKeyframe(makeKeyframe(0, {point(79.5F, 59.5F, 0.5F)}));
+  KeyframeSnapshot keyframe = makeKeyframe(0, {point(79.5F, 59.5F, 0.5F)});
+  keyframe.camera.fx = 102;  // refined
+  writer.onKeyframe(keyframe);
   const FrameEstimate estimate = tracked(1, 1.0);
   writer.onFrame(estimate);
   writer.frameDone(estimate);
@@ -101,6 +103,8 @@ TEST_F(RecordingWriterTest, LinesComeInTheOrderTheFormatPromises) {
               ElementsAre("header", "image", "keyframe", "points", "pose", "tracks"));
   EXPECT_EQ(lines[0].at("program"), "dso_dataset 1.2.3");
   EXPECT_EQ(lines[0].at("camera").at("width"), 160);
+  EXPECT_EQ(lines[0].at("camera").at("fx"), 100);
+  EXPECT_EQ(lines[2].at("camera").at("fx"), 102);
   EXPECT_EQ(lines[4].at("pose"), io::Json({0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0}));
   EXPECT_EQ(lines[4].at("rmse"), 3.5);
   writer.onLost({1}, 0);

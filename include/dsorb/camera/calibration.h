@@ -39,8 +39,8 @@ struct RadialDistortion {
 /// an amount.
 /// @source docs/experiments.md, "Wrong calibrations"
 struct CameraScore {
-  double focal_change = 0;  ///< of both focal lengths, relative
-  double focal_sigma = 0;   ///< standard deviation of that
+  double focal_change = 0;    ///< of both focal lengths, relative
+  double focal_sigma = 0;     ///< standard deviation of that
   RadialDistortion radial{};  ///< change of the radial distortion, with its standard deviation
 
   /// By how many standard deviations it contradicts the calibration; 0 where it asks for less than

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .pictures import PicturesError, opencv
+from .pictures import PicturesError, Video, opencv
 
 LEAST_VIEWS = 8
 MOST_VIEWS = 40
@@ -39,14 +39,11 @@ def frames_of(cv2, source):
             if image is not None:
                 yield image
         return
-    video = cv2.VideoCapture(str(source))
-    if not video.isOpened():
+    video = Video(cv2, source)
+    if not video.opened:
         raise PicturesError(f'{source}: neither a folder nor a video that can be opened')
-    while True:
-        there, image = video.read()
-        if not there:
-            return
-        yield cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    while video.grab():
+        yield cv2.cvtColor(video.image(), cv2.COLOR_BGR2GRAY)
 
 
 def find_views(cv2, frames, board, every):

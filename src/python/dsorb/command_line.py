@@ -15,7 +15,7 @@ from pathlib import Path
 from . import __version__, bags, calibrate, recording
 from .export import FORMATS, export
 from .pictures import view_of_exif
-from .run_folder import read_run, remove_exports
+from .run_folder import alone_in, read_run, remove_exports
 from .summary import summarize
 
 RUNTIME_ERROR, WRONG_OPTIONS, NOT_TRACKED = 1, 2, 3  # as dso_dataset has them
@@ -216,8 +216,9 @@ def take_from_bag(args, rest, output):
             print(f'dsorb: --topic: {args.input} is no bag (.bag, .mcap, .db3, or a folder with metadata.yaml)', file=sys.stderr)
         return WRONG_OPTIONS if args.topic is not None else 0
     try:
-        found = bags.unpack(args.input, args.topic, output / 'bag_images', seconds_in(rest, '--from', 0),
-                            seconds_in(rest, '--to', 0) or math.inf)
+        with alone_in(output):
+            found = bags.unpack(args.input, args.topic, output / 'bag_images', seconds_in(rest, '--from', 0),
+                                seconds_in(rest, '--to', 0) or math.inf)
     except (ValueError, OSError) as error:
         print(f'dsorb: {error}', file=sys.stderr)
         return WRONG_OPTIONS if isinstance(error, bags.TopicError) else RUNTIME_ERROR

@@ -12,7 +12,7 @@ import numpy as np
 
 from . import colmap
 from .pictures import Pictures, colours_of, find_pictures, make_pictures
-from .refine import Refined
+from .refine import Refined, TooFewPoints
 from .refine import refine as adjust
 from .run_folder import Points, finish_folder, new_folder, read_run, remove_exports
 
@@ -66,9 +66,14 @@ class Model:
 def model_of(run, segment, pictures, all_frames, refine, notes):
     frames = [frame for frame in segment.frames if all_frames or frame.is_keyframe]
     if refine:
-        refined = adjust(frames, pictures, refine == 'focal')
-        notes.append(refined.note)
-        return Model(segment.frames, refined.frames, refined.points, replace(pictures, lens=refined.lens), refined)
+        try:
+            refined = adjust(frames, pictures, refine == 'focal')
+            notes.append(refined.note)
+            return Model(segment.frames, refined.frames, refined.points, replace(pictures, lens=refined.lens), refined)
+        except TooFewPoints as error:
+            if len(run.segments) == 1:
+                raise
+            notes.append(f'{error}; segment {segment.number} stays as it was')
     points, missing = segment.points, 'points are grey: colours need OpenCV (pip install opencv-python-headless)'
     colours = colours_of(pictures, run, points) if pictures is not None else points.colours
     if colours is None and missing not in notes:

@@ -2,6 +2,7 @@
 """The images of a run, for programs that want them beside the poses: found where they lie, or taken out of a video or
 an archive, or undistorted. Needs OpenCV's Python module (`pip install dsorb[images]`) where pixels are touched."""
 import os
+import re
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -129,22 +130,39 @@ def decoded(cv2, run, indices):
         for index in sorted(files):
             yield index, decoded_file(cv2, files[index])
         return
-    video = cv2.VideoCapture(str(run.summary['dataset']))
-    if not video.isOpened():
+    video = Video(cv2, run.summary['dataset'])
+    if not video.opened:
         raise PicturesError(f'{run.summary["dataset"]}: cannot be opened as a video; cameras leave no images behind')
     for index in range(max(indices) + 1):
         if not video.grab():
             return
         if index in indices:
-            yield index, video.retrieve()[1]
+            yield index, video.image()
+
+
+class Video:
+    """Images of a video, upright. OpenCV 4.6 turns them the wrong way round (its issue 22088), so it must not do it."""
+
+    def __init__(self, cv2, path):
+        self.capture = cv2.VideoCapture(str(path))
+        self.opened = self.capture.isOpened()
+        turn = round(self.capture.get(cv2.CAP_PROP_ORIENTATION_META))
+        self.capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+        self.quarters = (-turn if cv2.__version__.startswith('4.6.') else turn) // 90 % 4  # clockwise
+
+    def grab(self):
+        return self.capture.grab()
+
+    def image(self):
+        return np.ascontiguousarray(np.rot90(self.capture.retrieve()[1], -self.quarters))
 
 
 def decoded_file(cv2, name):
-    archive, zip_suffix, entry = name.partition('.zip' + os.sep)
+    packed = re.match(rf'(.*?\.zip){re.escape(os.sep)}(.*)', name, re.DOTALL | re.IGNORECASE)
     try:
-        if zip_suffix and not os.path.isfile(name):
-            with zipfile.ZipFile(archive + '.zip') as file:
-                data = file.read(entry)
+        if packed and not os.path.isfile(name):
+            with zipfile.ZipFile(packed[1]) as file:
+                data = file.read(packed[2])
         else:
             data = Path(name).read_bytes()
     except (OSError, KeyError, zipfile.BadZipFile) as error:

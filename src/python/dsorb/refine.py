@@ -17,6 +17,10 @@ LEAST_POINTS = 50
 OLDEST = 4  # version of pycolmap whose interface is used
 
 
+class TooFewPoints(PicturesError):
+    """COLMAP found too little to adjust."""
+
+
 @dataclass
 class Refined:
     frames: list  # PosedFrame, in the world and unit of the segment
@@ -27,7 +31,7 @@ class Refined:
 
 
 def refine(frames, pictures, focal=False):
-    """Refines poses and, with `focal`, the focal length. Raises PicturesError where COLMAP finds too little to adjust."""
+    """Refines poses and, with `focal`, the focal length. Raises TooFewPoints, and PicturesError without pycolmap."""
     try:
         import pycolmap
     except ImportError:
@@ -38,7 +42,7 @@ def refine(frames, pictures, focal=False):
     with tempfile.TemporaryDirectory() as name:
         model = triangulated(pycolmap, Path(name), frames, pictures)
     if model.num_points3D() < LEAST_POINTS:
-        raise PicturesError(f'--refine: COLMAP triangulated {model.num_points3D()} points; expected {LEAST_POINTS} or more')
+        raise TooFewPoints(f'--refine: COLMAP triangulated {model.num_points3D()} points; expected {LEAST_POINTS} or more')
     before = model.compute_mean_reprojection_error()
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_extra_params = options.print_summary = False

@@ -44,7 +44,7 @@ class View:
     def __init__(self, path: Path, stream: Any, max_relative_sigma: float):
         self.folder, self.stream, self.max_relative_sigma = Path(path).resolve().parent, stream, max_relative_sigma
         self.camera, self.images, self.rectified = None, 0, False
-        self.paths, self.keyframe_poses, self.known, self.started = {}, {}, set(), set()
+        self.paths, self.keyframes, self.known, self.started = {}, {}, set(), set()
         self.handlers = dict(header=self.header, image=self.image, init=self.init, tracks=self.tracks, pose=self.pose,
                              keyframe=self.keyframe, points=self.points, lost=self.lost, end=self.end)
 
@@ -128,8 +128,8 @@ class View:
 
     def keyframe(self, event: dict) -> None:
         root, T_world_cam = self.root(event), recording.pose(event['pose'])
-        self.keyframe_poses[event['segment'], event['index']] = T_world_cam
-        c = self.camera
+        c = event.get('camera', self.camera)
+        self.keyframes[event['segment'], event['index']] = T_world_cam, c
         corners = np.array([[(u - c['cx']) / c['fx'], (v - c['cy']) / c['fy'], 1.]
                             for u, v in ((0, 0), (c['width'], 0), (c['width'], c['height']), (0, c['height']))]) * FRUSTUM
         strips = [corners[[0, 1, 2, 3, 0]], *(np.array([np.zeros(3), corner]) for corner in corners)]
@@ -138,13 +138,13 @@ class View:
                                          colors=[FINAL_COLOUR if event['final'] else KEYFRAME_COLOUR]))
 
     def points(self, event: dict) -> None:
-        pose = self.keyframe_poses.get((event['segment'], event['keyframe']))
+        keyframe = self.keyframes.get((event['segment'], event['keyframe']))
         points = recording.certain(event['points'], self.max_relative_sigma)
-        if pose is None:
+        if keyframe is None:
             return
         grey = np.clip(points[:, 4:5], 0, 255).astype(np.uint8)
         self.log(f"{self.root(event)}/map/{event['keyframe']}",
-                 rr.Points3D(recording.world_points(points, pose, self.camera), colors=np.repeat(grey, 3, axis=1)))
+                 rr.Points3D(recording.world_points(points, *keyframe), colors=np.repeat(grey, 3, axis=1)))
 
     def lost(self, event: dict) -> None:
         self.say(f"frame {event['index']}: lost", rr.TextLogLevel.WARN)

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What `dso_dataset` and `dsorb run` leave in their output folder (docs/formats.md), read back."""
+import contextlib
 import csv
+import fcntl
 import json
+import os
 import shutil
 from collections import namedtuple
 from dataclasses import dataclass, field
@@ -59,6 +62,22 @@ class Run:
     def camera(self):
         """Of the rectified images; refined where the run did that: poses and points belong to it."""
         return self.summary.get('refined_camera') or self.summary['camera']
+
+
+@contextlib.contextmanager
+def alone_in(folder):
+    """Holds the lock of an output folder, as `dso_dataset` does while it writes. Raises ValueError where another has it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        with contextlib.suppress(OSError):  # a file system without locks is no reason not to run
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise ValueError(f'output folder {folder}: another run writes into it') from None
+        yield
+    finally:
+        os.close(lock)
 
 
 def rotation_of(quaternion):

@@ -75,7 +75,7 @@ def how_sure(run):
     lines = []
     for start in starts_of(run):
         sigma, wrong = direction_sigma(start), start['report'].get('wrong_probability')
-        lines.append(f'  start at image {start["reference"]["index"]}, over {start["frames_since_reference"] + 1} images: '
+        lines.append(f'  start at image {start["reference"]["index"]}, over {len(start["poses"])} images: '
                      + (f'direction +-{sigma:.1f} deg, ' if sigma is not None else '')
                      + (f'wrong by more than {evidence.wrong_angle(run)} deg with probability {100 * wrong:.2g} %, '
                         if wrong is not None else '')
