@@ -5,7 +5,7 @@
   results_page.py --five DIR --dense DIR
 
 DIR are output folders of evaluate.py: `--starts five --frames 200` and `--starts every:10 --frames 40`, the same program and
-sequences. Published figures: docs/results/reference.csv. Pictures go to docs/results/."""
+sequences. Figures of the others: docs/results/reference.csv. Pictures go to docs/results/."""
 import sys
 
 from evaluate import HERE, use_environment

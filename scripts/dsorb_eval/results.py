@@ -17,7 +17,7 @@ from .trajectory import FormatError
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 WORDS = ('protocol', 'method', 'sequence', 'program', 'run')  # columns of reference.csv that are no figures
-REFERENCE = 'reference'  # rows of the published DSO program in reference.csv
+REFERENCE = 'reference'  # rows of DSO's own program in reference.csv
 OURS = ('orb', 'coarse')  # variants that are held against it, sentence by sentence
 FREE_TO_SHOW = ('room_hand', 'tartanair')  # sequences whose images may be passed on
 SAME = .02  # relative difference of two figures that count as equal
@@ -37,14 +37,14 @@ CURVES = {'dense': ('all_initial', 'all_initial_angles', 'all_effort'), 'five': 
 
 @dataclass
 class Protocol:
-    """An evaluation with its table and the published rows of the same protocol."""
+    """An evaluation with its table and the rows of other programs under the same protocol."""
     name: str
     evaluation: Evaluation
     rows: list  # (sequence, variant, figures)
-    published: list  # the same
+    others: list  # the same
 
 
-def read_published(path, protocol):
+def read_others(path, protocol):
     """Rows of reference.csv. @throws FormatError"""
     rows = []
     with open(path, newline='') as stream:
@@ -60,22 +60,22 @@ def read_published(path, protocol):
     return rows
 
 
-def load(name, folder, published):
+def load(name, folder, others):
     evaluation = Evaluation(folder)
     missing = len(evaluation.runs) - len(evaluation.done())
     if missing:
         raise FormatError(f'{folder}: {missing} runs of its plan were not done')
-    return Protocol(name, evaluation, summary.table(evaluation.plan, evaluation.done()), read_published(published, name))
+    return Protocol(name, evaluation, summary.table(evaluation.plan, evaluation.done()), read_others(others, name))
 
 
 def table_of(protocol):
-    """Markdown table: per sequence our variants, then what is published."""
+    """Markdown table: per sequence our variants, then those of other programs."""
     columns = COLUMNS[protocol.name]
     lines = ['| sequence | variant | ' + ' | '.join(columns) + ' |', '|---|---' + '|--:' * len(columns) + '|']
     for sequence in dict.fromkeys(name for name, _, _ in protocol.rows):
-        for name, variant, row in protocol.rows + protocol.published:
+        for name, variant, row in protocol.rows + protocol.others:
             if name == sequence:
-                label = f'*{variant}*' if (name, variant, row) in protocol.published else variant
+                label = f'*{variant}*' if (name, variant, row) in protocol.others else variant
                 lines.append('| ' + ' | '.join([name, label, *(summary.text_of(row.get(c)) for c in columns)]) + ' |')
     return '\n'.join(lines) + '\n'
 
@@ -90,7 +90,7 @@ def verdict(column, ours, theirs):
 def comparison(protocol, variant):
     """Sentences: where a variant is better and where it is worse than the reference, each with both numbers."""
     found = {1: [], -1: []}
-    reference = {name: row for name, method, row in protocol.published if method == REFERENCE}
+    reference = {name: row for name, method, row in protocol.others if method == REFERENCE}
     for name, row_variant, row in protocol.rows:
         if row_variant != variant or name not in reference or row['runs'] != reference[name]['runs']:
             continue
@@ -173,13 +173,13 @@ def main(arguments=None):
     parser = argparse.ArgumentParser(prog='results_page.py', description='Writes the results page from two evaluations.')
     parser.add_argument('--five', required=True, metavar='DIR', help='output of evaluate.py --starts five --frames 200')
     parser.add_argument('--dense', required=True, metavar='DIR', help='output of evaluate.py --starts every:10 --frames 40')
-    parser.add_argument('--published', default=str(ROOT / 'docs' / 'results' / 'reference.csv'), metavar='FILE.csv')
+    parser.add_argument('--others', default=str(ROOT / 'docs' / 'results' / 'reference.csv'), metavar='FILE.csv')
     parser.add_argument('--output', default=str(ROOT / 'docs' / 'results.md'), metavar='FILE.md', help='pictures go to the folder results beside it')
     parser.add_argument('--commit', default=commit(), help='of the program that ran; default: of the sources as they are')
     parser.add_argument('--note', default='', help='a sentence about the runs, for the head of the page')
     args = parser.parse_args(arguments)
     try:
-        protocols = [load(name, getattr(args, name), args.published) for name in ('dense', 'five')]
+        protocols = [load(name, getattr(args, name), args.others) for name in ('dense', 'five')]
         if len({p.evaluation.plan['build'] for p in protocols}) > 1:
             raise FormatError('the two evaluations were made with different programs')
         target = Path(args.output).parent / 'results'

@@ -139,7 +139,8 @@ Json runJson(const RunInfo& info,
                      {"reading", end.seconds.reading},
                      {"initializing", end.seconds.initializing},
                      {"tracking", end.seconds.tracking},
-                     {"mapping", end.seconds.mapping}};
+                     {"mapping", end.seconds.mapping},
+                     {"writing", end.seconds.writing}};
   json["peak_memory_mb"] = peakMemory();
   json["threads"] = info.threads;
   return json;

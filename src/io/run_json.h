@@ -18,6 +18,7 @@ struct RunSeconds {
   double initializing = 0;
   double tracking = 0;
   double mapping = 0;
+  double writing = 0;  ///< files of the output folder but the last run.json
 };
 
 /// Outcome of a run as far as its record does not contain it.

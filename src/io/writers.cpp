@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "dsorb/io/writers.h"
 
+#include "base/timed.h"
 #include "io/figures.h"
 #include "io/frame_table.h"
 #include "io/initialization_writer.h"
@@ -49,8 +50,31 @@ class RunWriter::Impl {
     io::replaceFile(folder / "config.yaml", info.config_yaml);
   }
 
-  void writeFrameLine(const FrameTiming& timing, const std::string& image_file) {
+  void writeFrame(const FrameTiming& timing, const std::string& image_file) {
     frames_csv.append(io::frameTableLine(*record.estimate(), timing.work_milliseconds, image_file));
+    trajectory.update(record, record.frames());
+    keyframes.update(record, record.keyframes());
+    initializations.update(record, timing.work_milliseconds);
+    writeInitialFigures();
+    const std::size_t count = record.keyframes().size();
+    if (!keyframes_changed || count < next_writing) return;
+    points.update();
+    next_writing = nextWriting(count);
+    writeRunJson(RunStatus::kError, nullptr);
+    keyframes_changed = false;
+  }
+
+  /// All but run.json, once the run has ended.
+  void writeFinalFiles(RunStatus outcome) {
+    trajectory.finish(record, record.frames());
+    keyframes.finish(record, record.keyframes());
+    if (record.segments().size() == 1 && outcome == RunStatus::kTracked) {
+      io::writeKitti(folder / "trajectory_kitti.txt", record, record.frames());
+    }
+    points.update();
+    io::writePng(folder / "figures" / "trajectory.png", io::drawTrajectory(record));
+    io::writePng(folder / "figures" / "timeline.png", io::drawTimeline(record));
+    writeCalibration();
   }
 
   void writeInitialFigures() const {
@@ -151,18 +175,7 @@ void RunWriter::frameDone(const FrameTiming& timing, const std::string& image_fi
       timing.work_milliseconds * 1e-3;
   run.record.setMilliseconds(timing.work_milliseconds);
 
-  run.writeFrameLine(timing, image_file);
-  run.trajectory.update(run.record, run.record.frames());
-  run.keyframes.update(run.record, run.record.keyframes());
-  run.initializations.update(run.record, timing.work_milliseconds);
-  run.writeInitialFigures();
-  const std::size_t keyframes = run.record.keyframes().size();
-  if (run.keyframes_changed && keyframes >= run.next_writing) {
-    run.points.update();
-    run.next_writing = nextWriting(keyframes);
-    run.writeRunJson(RunStatus::kError, nullptr);
-    run.keyframes_changed = false;
-  }
+  timed(run.seconds.writing, [&] { run.writeFrame(timing, image_file); });
   run.record.nextFrame();
 }
 
@@ -180,15 +193,7 @@ RunStatus RunWriter::outcome() const {
 
 void RunWriter::finish(RunStatus status, const OdometryReport* report) {
   Impl& run = *impl_;
-  run.trajectory.finish(run.record, run.record.frames());
-  run.keyframes.finish(run.record, run.record.keyframes());
-  if (run.record.segments().size() == 1 && outcome() == RunStatus::kTracked) {
-    io::writeKitti(run.folder / "trajectory_kitti.txt", run.record, run.record.frames());
-  }
-  run.points.update();
-  io::writePng(run.folder / "figures" / "trajectory.png", io::drawTrajectory(run.record));
-  io::writePng(run.folder / "figures" / "timeline.png", io::drawTimeline(run.record));
-  run.writeCalibration();
+  timed(run.seconds.writing, [&] { run.writeFinalFiles(outcome()); });
   run.writeRunJson(status, report);
 }
 

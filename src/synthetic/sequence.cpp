@@ -6,7 +6,6 @@
 #include "synthetic/trajectory.h"
 
 #include <cmath>
-#include <limits>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -251,9 +250,7 @@ FramePtr SyntheticSequence::framePtr(const SyntheticFrame& frame, int index) con
   if (!isPhotometric()) return Frame::create(frame.view(), info);
   std::vector<float> corrected(frame.image.size());
   for (std::size_t i = 0; i < corrected.size(); ++i) {
-    const std::uint8_t value = frame.image[i];
-    corrected[i] = value == 255 ? std::numeric_limits<float>::quiet_NaN()
-                                : static_cast<float>(inverse_response_[value]) / vignette_[i];
+    corrected[i] = static_cast<float>(inverse_response_[frame.image[i]]) / vignette_[i];
   }
   return Frame::create(ImageView(corrected.data(), frame.width, frame.height), info);
 }

@@ -85,8 +85,7 @@ class SyntheticSequence {
   [[nodiscard]] SyntheticFrame frame(int index) const;
   [[nodiscard]] std::vector<float> inverseDepth(int index) const;
 
-  /// The frame as odometry gets it: response and vignette undone, saturated pixels marked invalid;
-  /// the id is the index.
+  /// The frame as odometry gets it: response and vignette undone; the id is the index.
   [[nodiscard]] FramePtr framePtr(int index) const;
   [[nodiscard]] FramePtr framePtr(const SyntheticFrame& frame, int index) const;
 

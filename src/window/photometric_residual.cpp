@@ -169,7 +169,7 @@ DSORB_ALWAYS_INLINE bool sumPatch(const WindowPoint& point,
   const Lanes wa = w * radiance;
   Lanes totals;
   sumLanes({energy,
-            weight * w * squared_gradient,
+            w * w * squared_gradient,
             wx * seen.dx,
             wx * seen.dy,
             wy * seen.dy,

@@ -153,11 +153,11 @@ class Evaluation(unittest.TestCase):
             self.assertEqual(file.read_bytes(), content, file.name)
 
     def check_results_page(self):
-        """Our rows beside published ones; better and worse as the numbers say; refused where runs are missing."""
-        out, page, published = self.folder / 'out', self.folder / 'page' / 'results.md', self.folder / 'published.csv'
+        """Our rows beside those of others; better and worse as the numbers say; refused where runs are missing."""
+        out, page, others = self.folder / 'out', self.folder / 'page' / 'results.md', self.folder / 'others.csv'
         page.parent.mkdir()
-        published.write_text('protocol,method,sequence,runs,init,dir,ate\ndense,reference,room,4,4,90,1e-9\nfive,reference,room,3,3,1,1\n')
-        command = [sys.executable, str(SCRIPTS / 'results_page.py'), '--five', str(out), '--dense', str(out), '--published', str(published),
+        others.write_text('protocol,method,sequence,runs,init,dir,ate\ndense,reference,room,4,4,90,1e-9\nfive,reference,room,3,3,1,1\n')
+        command = [sys.executable, str(SCRIPTS / 'results_page.py'), '--five', str(out), '--dense', str(out), '--others', str(others),
                    '--output', str(page)]
         made = subprocess.run(command, capture_output=True, text=True, env=self.environment())
         self.assertEqual(made.returncode, 0, made.stderr)
@@ -170,7 +170,7 @@ class Evaluation(unittest.TestCase):
         self.assertIn('`orb` is better than the reference in no column', five)  # other runs are not compared
         for picture in re.findall(r'!\[[^]]*\]\(([^)]*)\)', text):
             self.assertTrue((page.parent / picture).exists(), picture)
-        published.write_text('protocol,method,sequence,runs,init\ndense,reference,room,4,many\n')
+        others.write_text('protocol,method,sequence,runs,init\ndense,reference,room,4,many\n')
         made = subprocess.run(command, capture_output=True, text=True, env=self.environment())
         self.assertEqual((made.returncode, made.stderr.count('line 2')), (2, 1), made.stderr)
 

@@ -3,6 +3,8 @@
 #include "dsorb/io/writers.h"
 #include "dsorb/odometry/odometry.h"
 
+#include "io/run_record.h"
+#include "support/fake_run.h"
 #include "support/temporary_folder.h"
 #include "support/truth_initializer.h"
 #include "synthetic/sequence.h"
@@ -71,6 +73,26 @@ class LongRun {
   Odometry odometry_;
   int next_ = 0;
 };
+
+TEST(Memory, NothingIsKeptOfAFrameThatIsWrittenDown) {
+  // What waits on the disk.
+  static_assert(sizeof(io::PosedEntry) + sizeof(io::FrameNote) < 130);  // 116
+#ifdef DSORB_SANITIZED
+  GTEST_SKIP() << "sanitizers keep a heap of their own";
+#endif
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  for (int i = 0; i < 3; ++i) run.initializing(i);
+  run.initialized(3);
+  int next = 4;
+  const auto heapAt = [&](int end) {
+    for (; next < end; ++next) run.tracked(next);
+    return heapInUse();
+  };
+  const double early = heapAt(3000);  // what stays in memory has its full size
+  const double late = heapAt(9000);
+  EXPECT_LT((late - early) / 6000, 1) << early << " bytes, then " << late;  // measured 0
+}
 
 TEST(Memory, DoesNotGrowWithTheLengthOfARun) {
 #ifdef DSORB_SANITIZED

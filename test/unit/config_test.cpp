@@ -102,13 +102,34 @@ TEST(Config, DefaultPresetHoldsEveryKeyWithTheDefaultOfItsStruct) {
       << "write it anew: dso_dataset --threads 1 --print-config > configs/default.yaml";
 }
 
-TEST(Config, ReferencePresetHoldsThePublishedInitializer) {
+TEST(Config, ReferencePresetHoldsWhatWasPublished) {
   ConfigSources sources;
   sources.preset = "reference";
   const OdometryOptions options = loadConfig(sources).options;
   EXPECT_THAT(differingKeys(options.initializer.coarse, referenceCoarseOptions()), IsEmpty());
-  EXPECT_FALSE(options.window.optimizer.undo_bad_steps);
-  EXPECT_TRUE(options.depth.final_out_of_bounds);
+  OdometryOptions rest = options;
+  rest.initializer = {};
+  EXPECT_THAT(differingKeys(OdometryOptions{}, rest),
+              ::testing::UnorderedElementsAre("max_refusals",
+                                              "max_missed",
+                                              "tracker.min_inside_fraction",
+                                              "tracker.max_gain_step",
+                                              "tracker.max_rmse",
+                                              "depth.candidates_per_keyframe",
+                                              "depth.min_improvement",
+                                              "depth.rotate_gradients",
+                                              "depth.final_out_of_bounds",
+                                              "depth.consistent_energy",
+                                              "window.first_keyframes",
+                                              "window.current_reference",
+                                              "window.optimizer.min_decrease",
+                                              "window.optimizer.undo_bad_steps",
+                                              "window.optimizer.fixed_thresholds",
+                                              "window.optimizer.optimize_intrinsics",
+                                              "window.prior.intrinsics",
+                                              "window.prior.depth_gain",
+                                              "window.prior.depth_pulls_to_value",
+                                              "window.prior.consistent_gradient"));
 }
 
 TEST(Config, FastPresetWantsLess) {

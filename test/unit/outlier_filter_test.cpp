@@ -26,7 +26,7 @@ TEST(NeighbourDisagreement, IsLargeForALonePointAndSmallBesideADepthEdge) {
   }
   const std::size_t alone = 30;
   inverse_depths[alone] = 6;
-  const std::vector<double> disagreement = neighbourDisagreement(pixels, inverse_depths);
+  const std::vector<double> disagreement = neighbourDisagreement(pixels, inverse_depths, 60);
   for (std::size_t i = 0; i < pixels.size(); ++i) {
     if (i == alone) {
       EXPECT_GT(disagreement[i], 1.0);
@@ -34,7 +34,7 @@ TEST(NeighbourDisagreement, IsLargeForALonePointAndSmallBesideADepthEdge) {
       EXPECT_LT(disagreement[i], 1e-12) << i;
     }
   }
-  EXPECT_EQ(neighbourDisagreement({{0, 0}, {1, 1}}, {1, 5}), (std::vector<double>{0, 0}));
+  EXPECT_EQ(neighbourDisagreement({{0, 0}, {1, 1}}, {1, 5}, 60), (std::vector<double>{0, 0}));
 }
 
 /// Outliers and good points before and after a filter, depth errors before and after filter and

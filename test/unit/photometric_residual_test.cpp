@@ -273,7 +273,7 @@ TEST(PhotometricResidualTest, SumsAgreeWithTheDefinitionPixelByPixel) {
   const PyramidLevel& level = window.keyframes[1].frame->level(0);
   PatchSums sums;
   ASSERT_TRUE(evaluatePatch(point, kRays, pair, sums));
-  double energy = 0, xx = 0, ya = 0, br = 0;
+  double energy = 0, texture = 0, xx = 0, ya = 0, br = 0;
   for (std::size_t k = 0; k < kPattern.size(); ++k) {
     float ray_x = 0;
     float ray_y = 0;
@@ -291,12 +291,14 @@ TEST(PhotometricResidualTest, SumsAgreeWithTheDefinitionPixelByPixel) {
     const float mean = 0.5F * (target_weight + point.patch.root_weight[k]);
     const float w = mean * mean * huberWeight(r);
     energy += static_cast<double>(w * r * r * (2 - huberWeight(r)));
+    texture += static_cast<double>(w * w * (sample.dx * sample.dx + sample.dy * sample.dy));
     xx += static_cast<double>(w * sample.dx * sample.dx);
     ya += static_cast<double>(w * sample.dy * (point.patch.grey[k] - pair.host_offset_first));
     br += static_cast<double>(w * r);
   }
   // Single precision with another order of the sum.
   EXPECT_NEAR(static_cast<double>(sums.energy), energy, 1e-5 * energy);
+  EXPECT_NEAR(static_cast<double>(sums.texture), texture, 1e-5 * texture);
   EXPECT_NEAR(static_cast<double>(sums.xx), xx, 1e-5 * xx);
   EXPECT_NEAR(static_cast<double>(sums.ya), ya, 1e-5 * std::abs(ya));
   EXPECT_NEAR(static_cast<double>(sums.br), br, 1e-5 * std::abs(br));

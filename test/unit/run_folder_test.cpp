@@ -44,7 +44,8 @@ TEST(RunFolder, SummaryIsValidFromTheBeginning) {
   EXPECT_EQ(json["status"], "interrupted");
   EXPECT_NEAR(json["seconds"]["reading"], 0.005, 1e-9);
   EXPECT_EQ(json["seconds"]["tracking"], 1.5);
-  EXPECT_GE(json["seconds"]["total"], 0);
+  EXPECT_GT(json["seconds"]["writing"], 0);
+  EXPECT_GE(json["seconds"]["total"], json["seconds"]["writing"]);
   EXPECT_GT(json["peak_memory_mb"], 1);
   EXPECT_EQ(json["threads"], 1);
   EXPECT_EQ(readText(folder.path() / "config.yaml"), "num_threads: 1\n");

@@ -48,14 +48,14 @@ TEST(CandidateDepth, ThreeObservationsOutsideTheGateRemoveThePoint) {
 TEST(CornerPrior, WeighsTheNearestCornersAsASearchOverAllOfThem) {
   Random random(2);
   std::vector<Corner> corners;
-  for (int i = 0; i < 300; ++i) {
+  for (int i = 0; i < 1200; ++i) {
     corners.push_back(
-        {{random.uniform(0, 319), random.uniform(0, 239)}, random.uniform(0.5, 1.5), 0.001});
+        {{random.uniform(0, 639), random.uniform(0, 479)}, random.uniform(0.5, 1.5), 0.001});
   }
-  const CornerPrior prior(corners, 320, 240);
+  const CornerPrior prior(corners, 640, 480);
   int above_floor = 0;
   for (int trial = 0; trial < 50; ++trial) {
-    const Eigen::Vector2d at(random.uniform(0, 319), random.uniform(0, 239));
+    const Eigen::Vector2d at(random.uniform(0, 639), random.uniform(0, 479));
     std::sort(corners.begin(), corners.end(), [&](const Corner& a, const Corner& b) {
       return (a.pixel - at).norm() < (b.pixel - at).norm();
     });
@@ -81,6 +81,16 @@ TEST(CornerPrior, WeighsTheNearestCornersAsASearchOverAllOfThem) {
     above_floor += variance > floor * floor ? 1 : 0;
   }
   EXPECT_GT(above_floor, 40);
+}
+
+TEST(CornerPrior, LooksAsFarInAnImageOfAnySize) {
+  const std::vector<Corner> corners = {{{10, 10}, 0.4, 0}, {{20, 10}, 1.0, 0}, {{10, 30}, 2.0, 0}};
+  const auto is_close = [&](int width, int height) {
+    const float wide = CornerPrior(corners, width, height).at({300, 200}).variance;
+    return CornerPrior(corners, width, height).at({60, 10}).variance < wide;
+  };
+  EXPECT_TRUE(is_close(640, 480));
+  EXPECT_FALSE(is_close(320, 240));
 }
 
 TEST(CornerPrior, CoversTheWidenedRangeOfAllCornersWhereNoneIsClose) {

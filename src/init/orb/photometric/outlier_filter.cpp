@@ -3,6 +3,7 @@
 
 #include "base/median.h"
 #include "base/parallel.h"
+#include "image/image_scale.h"
 #include "init/orb/photometric/neighbour_disagreement.h"
 #include "init/orb/photometric/photometric_covariance.h"
 #include "init/orb/photometric/photometric_problem.h"
@@ -21,6 +22,7 @@ constexpr int kMinObservations = 2;   // pixel votes: frames a point needs; fewe
                                       // given
 constexpr double kMaxRelativeSigma = 0.15;  // combined: predicted sigma over inverse depth [-]
 constexpr double kMaxDisagreement = 0.25;   // combined: of log inverse depth with neighbours [-]
+constexpr float kNeighbourRadius = 60;      // combined: for an image diagonal of 800 px [px]
 constexpr double kMinTWeight = 0.5;         // combined: mean over the pixels [-]
 
 /// Every pixel of every patch that takes part in a frame.
@@ -183,7 +185,11 @@ Verdicts combine(const PhotometricProblem& problem,
   std::vector<Eigen::Vector2f> pixels;
   pixels.reserve(problem.patches.size());
   for (const HostPatch& patch : problem.patches) pixels.push_back(patch.pixel);
-  const std::vector<double> disagreement = neighbourDisagreement(pixels, state.inverse_depth);
+  const std::vector<double> disagreement = neighbourDisagreement(
+      pixels,
+      state.inverse_depth,
+      kNeighbourRadius *
+          static_cast<float>(imageScale(problem.camera.width, problem.camera.height)));
   const Eigen::VectorXd formal =
       marginals.usable() ? marginals.formalVariances() : Eigen::VectorXd();
   Verdicts verdicts(problem.patches.size(), 0);

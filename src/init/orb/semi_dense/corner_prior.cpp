@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/semi_dense/corner_prior.h"
 
+#include "image/image_scale.h"
+
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -9,8 +11,9 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr float kRadius = 60;              // corners farther away do not count [px]
-constexpr float kCellSize = 32;            // [px]
+// Corners farther away do not count, for an image diagonal of 800 px [px].
+constexpr double kRadius = 60;
+constexpr float kCellSize = 0.5F;          // of the radius
 constexpr std::size_t kNeighbours = 5;     // nearest corners a prior is made of
 constexpr std::size_t kMinNeighbours = 3;  // for a spread that means something
 constexpr float kWiden = 2;                // of the range of all corners
@@ -25,7 +28,8 @@ std::vector<Eigen::Vector2f> pixelsOf(const std::vector<Corner>& corners) {
 }  // namespace
 
 CornerPrior::CornerPrior(const std::vector<Corner>& corners, int width, int height)
-    : grid_(pixelsOf(corners), CellGrid(width, height, kCellSize)) {
+    : radius_(static_cast<float>(kRadius * imageScale(width, height))),
+      grid_(pixelsOf(corners), CellGrid(width, height, kCellSize * radius_)) {
   float low = std::numeric_limits<float>::max();
   float high = std::numeric_limits<float>::lowest();
   depths_.reserve(corners.size());
@@ -43,7 +47,7 @@ CornerPrior::CornerPrior(const std::vector<Corner>& corners, int width, int heig
 }
 
 SemiDensePoint CornerPrior::at(const Eigen::Vector2f& pixel) const {
-  const auto neighbours = grid_.nearest<kNeighbours>(pixel, kRadius);
+  const auto neighbours = grid_.nearest<kNeighbours>(pixel, radius_);
   if (neighbours.count < kMinNeighbours) return {pixel, wide_.inverse_depth, wide_.variance};
   float sum = 0;
   float mean = 0;

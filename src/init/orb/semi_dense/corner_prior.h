@@ -23,6 +23,7 @@ class CornerPrior {
   [[nodiscard]] SemiDensePoint at(const Eigen::Vector2f& pixel) const;
 
  private:
+  float radius_;                        ///< within which corners count [px]
   PointGrid grid_;                      ///< the corners
   std::vector<SemiDensePoint> depths_;  ///< inverse depths of the corners
   SemiDensePoint wide_;                 ///< without a pixel

@@ -5,6 +5,7 @@
 #include "base/parallel.h"
 #include "estimate/warp.h"
 #include "geometry/triangulate.h"
+#include "image/image_scale.h"
 
 #include <algorithm>
 #include <cmath>
@@ -19,8 +20,9 @@ constexpr std::size_t kPixelGrain = 64;  // pixels one thread judges at a time
 constexpr double kMinError = 1;     // rms over the frames from which a track may contradict [px]
 constexpr double kErrorFactor = 5;  // and by which it exceeds the median of all tracks [-]
 constexpr std::size_t kVoters = 5;  // nearest tracks that vote on a point
-constexpr float kVoteRadius = 60;   // tracks farther away do not vote [px]
-constexpr double kMaxShare = 0.4;   // of contradicting neighbours that a point may have
+// Tracks farther away do not vote, for an image diagonal of 800 px [px].
+constexpr double kVoteRadius = 60;
+constexpr double kMaxShare = 0.4;  // of contradicting neighbours that a point may have
 /// Least share of a point's epipolar searches that agree. docs/experiments.md, "Moving objects"
 constexpr double kMinFoundShare = 0.7;
 constexpr int kIterations = 3;        // of Gauss-Newton on one inverse depth
@@ -99,7 +101,8 @@ std::vector<double> trackErrors(const InitialMap& map,
 DynamicRegions::DynamicRegions(const InitialMap& map,
                                const CornerTracks& tracks,
                                const PinholeCamera& camera)
-    : grid_(tracks.positions.front(), CellGrid(camera.width, camera.height, kVoteRadius)) {
+    : radius_(static_cast<float>(kVoteRadius * imageScale(camera.width, camera.height))),
+      grid_(tracks.positions.front(), CellGrid(camera.width, camera.height, radius_)) {
   const std::vector<double> errors = trackErrors(map, tracks, camera);
   const double limit = std::max(kMinError, kErrorFactor * medianOf(errors));
   for (const double error : errors) contradicts_.push_back(error > limit ? 1 : 0);
@@ -111,7 +114,7 @@ std::vector<char> DynamicRegions::covered(const std::vector<Eigen::Vector2f>& pi
   if (contradicting_ == 0) return covered;
   forEachRange(pixels.size(), kPixelGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      const auto nearest = grid_.nearest<kVoters>(pixels[i], kVoteRadius);
+      const auto nearest = grid_.nearest<kVoters>(pixels[i], radius_);
       const auto against = std::count_if(nearest.begin(), nearest.end(), [&](const auto& track) {
         return contradicts_[track.point] != 0;
       });

@@ -39,6 +39,7 @@ class DynamicRegions {
   /// @return by pixel of the reference, whether too many of the nearest tracks contradict
   [[nodiscard]] std::vector<char> covered(const std::vector<Eigen::Vector2f>& pixels) const;
 
+  float radius_;                   ///< within which tracks vote [px]
   PointGrid grid_;                 ///< the tracks in the reference
   std::vector<char> contradicts_;  ///< by track
   int contradicting_ = 0;
