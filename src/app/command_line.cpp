@@ -123,7 +123,7 @@ void addInputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
                  request.sequence.horizontal_view,
                  "what the images show from left to right, where there is no calibration")
       ->type_name("DEGREES")
-      ->check(numberIn(1, 170))
+      ->check(numberIn(1, 157))
       ->group("Input");
   app.add_option_function<std::string>(
          "--readout",

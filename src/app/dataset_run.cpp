@@ -177,6 +177,9 @@ void requireFiles(const CommandLine& request) {
     if (name.empty() || std::filesystem::exists(name)) continue;
     throw IoError(fmt::format("{}: no such file", name));
   }
+  if (!request.network.empty() && !std::filesystem::is_regular_file(request.network)) {
+    throw IoError(fmt::format("{}: no regular file, of which a network is read", request.network));
+  }
 }
 
 /// Opens the data set. Wrong options leave the results of an earlier run alone; where the data
@@ -262,6 +265,7 @@ RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
   }
   interrupt.settle();
   result.last_answer = outputs.lastAnswer();
+  result.calibration_suspected = outputs.calibrationSuspected();
   result.outcome = outputs.outcome();
   outputs.finish(result.interrupted ? RunStatus::kInterrupted : result.outcome, &result.report);
   return result;

@@ -18,6 +18,7 @@ struct RunResult {
   bool interrupted = false;
   int frames_dropped = 0;                            ///< left out because the run was late
   InitReason last_answer = InitReason::kFirstFrame;  ///< of the initializer
+  bool calibration_suspected = false;                ///< by a start or a window
   OdometryReport report;
 };
 

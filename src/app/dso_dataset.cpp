@@ -48,6 +48,9 @@ void printSummary(const app::CommandLine& request, const app::RunResult& result)
       result.outcome == RunStatus::kTracked
           ? ""
           : fmt::format("the initializer's last answer: {}\n", name(result.last_answer));
+  if (result.calibration_suspected) {
+    fmt::print("calibration suspected: calibration_suspected in run.json says by how much\n");
+  }
   fmt::print("{}{}: {} of {} frames tracked{}, {} keyframes, {} segments\n{}{}\n",
              name(result.outcome),
              result.interrupted ? " (interrupted)" : "",

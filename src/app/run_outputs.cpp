@@ -11,6 +11,18 @@
 #include <utility>
 
 namespace dsorb::app {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Without links where these can be followed, which those of a process's own streams cannot.
+fs::path resolved(const fs::path& path) {
+  std::error_code error;
+  const fs::path canonical = fs::weakly_canonical(path, error);
+  return error ? fs::absolute(path).lexically_normal() : canonical;
+}
+
+}  // namespace
 
 RunOutputs::RunOutputs(const CommandLine& request, RunInfo info)
     : folder_(request.output),
@@ -18,10 +30,7 @@ RunOutputs::RunOutputs(const CommandLine& request, RunInfo info)
       write_result_txt_(request.write_result_txt),
       info_(std::move(info)) {
   if (record_.empty()) return;
-  namespace fs = std::filesystem;
-  const fs::path name =
-      fs::weakly_canonical(record_).lexically_relative(fs::weakly_canonical(folder_));
-  if (io::isOutputFile(name)) {
+  if (io::isOutputFile(resolved(record_).lexically_relative(resolved(folder_)))) {
     throw ConfigError(fmt::format(
         "--record {}: the run itself writes a file of this name; choose another", record_));
   }
@@ -40,6 +49,10 @@ void RunOutputs::open(const PinholeCamera& camera,
 void RunOutputs::onInitStep(const InitStep& step, const Frame& frame, int segment) {
   const Lock lock(mutex_);
   last_answer_ = step.reason;
+  if (step.result && step.result->report.essential) {
+    const std::optional<LensScore>& lens = step.result->report.essential->lens_score;
+    calibration_suspected_ |= lens && lens->suspicious();
+  }
   run_->onInitStep(step, frame, segment);
   if (recording_) recording_->onInitStep(step, frame, segment);
 }
@@ -52,6 +65,7 @@ void RunOutputs::onFrame(const FrameEstimate& estimate) {
 
 void RunOutputs::onKeyframe(const KeyframeSnapshot& keyframe) {
   const Lock lock(mutex_);
+  calibration_suspected_ |= keyframe.camera_score && keyframe.camera_score->suspicious();
   run_->onKeyframe(keyframe);
   if (recording_) recording_->onKeyframe(keyframe);
 }

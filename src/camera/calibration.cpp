@@ -13,7 +13,7 @@ namespace dsorb {
 namespace {
 
 constexpr double kMinView = 1;    // [degrees]
-constexpr double kMaxView = 170;  // a plane cannot hold much more
+constexpr double kMaxView = 157;  // a plane cannot hold more: Undistorter
 
 /// @tparam Camera with members fx, fy, cx, cy
 template <typename Camera>
@@ -41,10 +41,18 @@ double CameraScore::deviations() const {
                   contradiction(radial.k1, radial.sigma, kLeastRadial));
 }
 
+double CameraScore::motionError(const PinholeCamera& camera) const {
+  if (!suspicious()) return 0;
+  const double x2 = std::pow(0.5 * camera.width / camera.fx, 2);
+  const double y2 = std::pow(0.5 * camera.height / camera.fy, 2);
+  const double mean_r4 = (x2 * x2 + y2 * y2) / 5 + 2 * x2 * y2 / 9;  // over the image
+  return std::hypot(focal_change, radial.k1 * std::sqrt(mean_r4));
+}
+
 Lens lensOfFieldOfView(double degrees, int width, int height) {
   if (!(degrees >= kMinView && degrees <= kMaxView)) {
     throw std::invalid_argument("a field of view of " + std::to_string(degrees) +
-                                " degrees: expected 1 to 170");
+                                " degrees: expected 1 to 157");
   }
   if (width <= 0 || height <= 0) throw std::invalid_argument("an image size is expected");
   Lens lens;

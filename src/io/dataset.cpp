@@ -23,6 +23,8 @@ namespace fs = std::filesystem;
 constexpr double kDefaultPeriod = 0.1;  // [s] between images without times
 constexpr double kSecondsPerMillisecond = 1e-3;
 constexpr double kNanosecondsPerSecond = 1e9;
+constexpr double kMinExposure = 1e-6;         // [ms]
+constexpr double kMaxExposure = 1e7;          // [ms]
 constexpr double kLeastNanosecondStep = 1e5;  // 10000 images a second, or more than a day for one
 constexpr double kMostNanosecondStep = 1e11;  // an image every 100 seconds, or 3000 years for one
 constexpr double kLongStep = 60;              // [s] between images; nothing is tracked over it
@@ -36,6 +38,10 @@ struct TimeEntry {
 
 double readTime(const fs::path& file, const TextLine& line, const std::string& word) {
   return parseNumbers(file, line.number, {word}, "a time in seconds").front();
+}
+
+bool isExposure(double milliseconds) {
+  return milliseconds >= kMinExposure && milliseconds <= kMaxExposure;
 }
 
 /// Lines "id seconds [exposure in ms]" of DSO's times.txt; the id is not used.
@@ -53,8 +59,13 @@ std::vector<TimeEntry> readDsoTimes(const fs::path& file) {
     if (words.size() == 3) {
       entry.exposure_ms =
           parseNumbers(file, line.number, {words[2]}, "an exposure in milliseconds").front();
-      if (entry.exposure_ms < 0) {
-        throw lineError(file, line.number, fmt::format("exposure {} is negative", words[2]));
+      if (entry.exposure_ms != 0 && !isExposure(entry.exposure_ms)) {
+        throw lineError(file,
+                        line.number,
+                        fmt::format("exposure {}; expected 0 (not known) or {:g} to {:g} ms",
+                                    words[2],
+                                    kMinExposure,
+                                    kMaxExposure));
       }
     }
     entries.push_back(entry);

@@ -18,9 +18,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The file when it exists, else an empty path.
+/// The file when it exists, else an empty path. @throws IoError where something else has its name
 fs::path existing(const fs::path& file) {
-  return fs::is_regular_file(file) ? file : fs::path();
+  if (fs::is_regular_file(file)) return file;
+  if (fs::symlink_status(file).type() == fs::file_type::not_found) return {};
+  throw IoError(
+      fmt::format("{}: a file is expected, not a folder, a pipe or a broken link", file.string()));
 }
 
 /// The folder when it exists, else an empty path.

@@ -138,7 +138,7 @@ void listInParent(const DatasetDescription& description) {
   if (!description.can_start) entry["no_start"] = true;
   sequences[name] = entry;
   const fs::path fresh = list.string() + ".new";
-  writeText(fresh, sequences.dump(1) + "\n");
+  writeText(fresh, sequences.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n");
   std::error_code error;
   fs::rename(fresh, list, error);
   if (error) {

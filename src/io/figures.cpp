@@ -23,6 +23,7 @@ namespace {
 
 constexpr int kPngCompression = 3;
 constexpr int kBarWidth = 90;
+constexpr double kMaxFigureWidth = 1600;  // [px]
 constexpr std::size_t kMaxPanels = 4;
 constexpr int kFirstColour = 26;
 constexpr int kLastColour = 240;
@@ -239,16 +240,19 @@ cv::Mat drawInverseDepth(const InitializationResult& result) {
   const float low = quantile(values, 0.02);
   const float high = std::max(quantile(values, 0.98), low + 1e-6F);
 
-  cv::Mat canvas = blankCanvas(reference.width() + kBarWidth, reference.height());
-  cv::Mat image = canvas(cv::Rect(0, 0, reference.width(), reference.height()));
-  cv::cvtColor(greyImage(reference), image, cv::COLOR_GRAY2BGR);
+  const double scale = std::min(1.0, kMaxFigureWidth / reference.width());
+  cv::Mat grey = greyImage(reference);
+  if (scale < 1) cv::resize(grey, grey, {}, scale, scale, cv::INTER_AREA);
+  cv::Mat canvas = blankCanvas(grey.cols + kBarWidth, grey.rows);
+  cv::Mat image = canvas(cv::Rect({0, 0}, grey.size()));
+  cv::cvtColor(grey, image, cv::COLOR_GRAY2BGR);
   const cv::Mat colours = inverseDepthColours();
   for (const InitPoint& point : result.points) {
     if (point.host != 0 || !std::isfinite(point.inverse_depth)) continue;
     const float place = std::clamp((point.inverse_depth - low) / (high - low), 0.0F, 1.0F);
     const auto& colour = colours.at<cv::Vec3b>(0, static_cast<int>(place * 255));
-    const int x = static_cast<int>(std::lround(point.pixel.x()));
-    const int y = static_cast<int>(std::lround(point.pixel.y()));
+    const int x = static_cast<int>(std::lround(scale * static_cast<double>(point.pixel.x())));
+    const int y = static_cast<int>(std::lround(scale * static_cast<double>(point.pixel.y())));
     const cv::Rect square(x - 1, y - 1, 3, 3);
     image(square & cv::Rect(0, 0, image.cols, image.rows)).setTo(colour);
   }

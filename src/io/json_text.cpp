@@ -16,6 +16,11 @@ bool isFlat(const Json& value) {
       value.begin(), value.end(), [](const Json& element) { return element.is_structured(); });
 }
 
+/// A path may hold bytes that are no UTF-8.
+std::string dumped(const Json& value) {
+  return value.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
 /// Arrays of numbers and matrices stay on one line.
 bool onOneLine(const Json& value) {
   if (!value.is_array()) return !value.is_structured() || value.empty();
@@ -24,7 +29,7 @@ bool onOneLine(const Json& value) {
 
 void write(const Json& value, int depth, std::string& text) {
   if (onOneLine(value)) {
-    text += value.dump();
+    text += dumped(value);
     return;
   }
   const bool object = value.is_object();
@@ -34,7 +39,7 @@ void write(const Json& value, int depth, std::string& text) {
     text += separator;
     separator = ",\n";
     text.append(static_cast<std::size_t>(depth) + 1, ' ');
-    if (object) text += Json(key).dump() + ": ";
+    if (object) text += dumped(key) + ": ";
     if (object && key == kTimestampKey && element.is_number_float()) {
       text += fmt::format("{:.9f}", element.get<double>());
     } else {

@@ -86,6 +86,7 @@ TrackedPose FrameTracker::track(const Frame& frame, bool may_doubt) {
   if (pose.fits) noteFit(frame, result);
   pose.wants_keyframe = pose.fits && needsKeyframe(frame, result);
   noteMotion(frame, pose);
+  addErrorsOfCamera(pose);
   return pose;
 }
 
@@ -132,6 +133,21 @@ void FrameTracker::addErrorsOfMap(TrackedPose& pose) const {
   const double share = pose.T_cam_keyframe.translation().norm() / target_->reach;
   pose.world_covariance = *pose.covariance + (1 + share) * (1 + share) * of_keyframe;
   *pose.covariance += kMapErrorShare * share * share * of_keyframe;
+}
+
+void FrameTracker::addErrorsOfCamera(TrackedPose& pose) const {
+  if (!(target_->doubt > 0)) return;
+  const auto errors = [&](const SE3& motion) {
+    const Vector6d moved = motion.log();
+    Vector6d variances;
+    variances.head<3>().setConstant(moved.head<3>().squaredNorm() / 3);
+    variances.tail<3>().setConstant(moved.tail<3>().squaredNorm() / 3);
+    return Matrix6d((target_->doubt * target_->doubt * variances).asDiagonal());
+  };
+  if (pose.covariance) *pose.covariance += errors(pose.T_cam_keyframe);
+  if (pose.world_covariance) {
+    *pose.world_covariance += errors(pose.T_cam_keyframe * target_->T_cam_middle);
+  }
 }
 
 double FrameTracker::inEarlierContrast(const Frame& frame,

@@ -17,8 +17,10 @@ namespace dsorb::odometry {
 struct KeyframePose {
   SE3 T_cam_world;
   std::optional<Matrix6d>
-      covariance{};  ///< of exp(xi) * T_cam_world: WindowUncertainty::newest_pose
-  double reach = 0;  ///< distance of the farthest keyframe that its map was made with [unit]
+      covariance{};    ///< of exp(xi) * T_cam_world: WindowUncertainty::newest_pose
+  double reach = 0;    ///< distance of the farthest keyframe that its map was made with [unit]
+  SE3 T_cam_middle{};  ///< relative to the middle one of those keyframes
+  double doubt = 0;  ///< share by which the camera may get motions wrong, where it is suspected [-]
 };
 
 /// What frames are tracked against, as a value.
@@ -68,6 +70,9 @@ class FrameTracker {
   /// distance errs by that share of what its keyframe does in its window, and both add up.
   /// docs/experiments.md, "Covariance of tracked poses"
   void addErrorsOfMap(TrackedPose& pose) const;
+  /// A focal length that is off by a share gets motions wrong by that share.
+  /// docs/experiments.md, "Wrong calibrations"
+  void addErrorsOfCamera(TrackedPose& pose) const;
   [[nodiscard]] bool needsKeyframe(const Frame& frame, const track::TrackingResult& result) const;
   /// Residual in the contrast of the last frame that fitted, where that is lower [grey levels].
   [[nodiscard]] double inEarlierContrast(const Frame& frame,

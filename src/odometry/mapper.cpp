@@ -115,6 +115,7 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
   update.target = targetOf(T_cam_previous);
   update.target.keyframe.covariance = adjustment.uncertainty.newest_pose;
   update.target.keyframe.reach = reachOf(*window_);
+  update.target.keyframe.doubt = camera_score_ ? camera_score_->motionError(window_->camera()) : 0;
   const std::vector<DepthSample> samples = window::depthSamples(*window_, options_.window);
   runBoth([&] { reference_builder_.fill(samples, update.target.reference); },
           [&] {
@@ -131,7 +132,9 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
 /// The newest keyframe; points are still to come.
 TrackingTarget Mapper::targetOf(const SE3& T_cam_previous) const {
   const window::Keyframe& newest = window_->keyframes.back();
+  const window::Keyframe& middle = window_->keyframes[window_->keyframes.size() / 2];
   TrackingTarget target{{newest.T_cam_world()}, {}, T_cam_previous};
+  target.keyframe.T_cam_middle = newest.T_cam_world() * middle.T_cam_world().inverse();
   target.reference.frame = newest.frame;
   target.reference.camera = window_->camera();
   target.reference.affine = newest.affine();

@@ -6,6 +6,7 @@ import os
 import re
 import shlex
 import sys
+import tempfile
 import threading
 import time
 import unittest
@@ -127,6 +128,11 @@ class Cameras(unittest.TestCase):
         with self.assertRaisesRegex(dsorb.IoError, 'nowhere.txt'):
             dsorb.Calibration.read('nowhere.txt')
         self.assertTrue(issubclass(dsorb.IoError, RuntimeError))
+        with tempfile.NamedTemporaryFile(suffix='.txt') as file:
+            file.write(b'Pinhole 5\xa05 50 31.5 23.5 0\n')
+            file.flush()
+            with self.assertRaisesRegex(dsorb.IoError, r"\.txt:1: '5\\xa05' is not"):
+                dsorb.Calibration.read(file.name)
 
     def test_impossible_lenses_are_refused(self):
         with self.assertRaisesRegex(ValueError, 'radtan'):

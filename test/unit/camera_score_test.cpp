@@ -68,5 +68,20 @@ TEST(CameraScore, ContradictsByWhatIsLargeAndSure) {
   EXPECT_EQ((CameraScore{0.3, 0, {}}).deviations(), 0);
 }
 
+TEST(CameraScore, SaysHowWrongMotionsMayBe) {
+  const PinholeCamera camera{320, 320, 319.5, 239.5, 640, 480};
+  EXPECT_EQ((CameraScore{0.3, 0.1, {}}).motionError(camera), 0) << "not suspected";
+  EXPECT_EQ((CameraScore{-0.3, 0.01, {}}).motionError(camera), 0.3);
+  double sum = 0;  // r^4 over the image
+  for (int y = 0; y < 480; ++y) {
+    for (int x = 0; x < 640; ++x) {
+      sum += std::pow(std::pow((x - 319.5) / 320, 2) + std::pow((y - 239.5) / 320, 2), 2);
+    }
+  }
+  EXPECT_NEAR((CameraScore{0, 0.01, {-0.1, 0.01}}).motionError(camera),
+              0.1 * std::sqrt(sum / (640 * 480)),
+              1e-4);
+}
+
 }  // namespace
 }  // namespace dsorb::window

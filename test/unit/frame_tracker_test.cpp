@@ -86,6 +86,36 @@ TEST_F(FrameTrackerTest, AFrameWhoseRotationTheMapDoesNotKnowHasNoPose) {
   }
 }
 
+TEST_F(FrameTrackerTest, ASuspectedCameraMakesPosesAsUnsureAsTheirMotionIsLong) {
+  const auto tracked = [&](double doubt) {
+    FrameTracker tracker = started();
+    TrackingTarget known = target(3, 0);
+    known.keyframe.covariance = 1e-6 * Matrix6d::Identity();
+    known.keyframe.reach = 1;
+    known.keyframe.T_cam_middle = T_cam_keyframe(3, 1);
+    known.keyframe.doubt = doubt;
+    tracker.setTarget(std::move(known));
+    return tracker.track(*frame(4));
+  };
+  const TrackedPose sure = tracked(0);
+  const TrackedPose unsure = tracked(0.3);
+  ASSERT_TRUE(sure.good && unsure.good);
+  EXPECT_EQ(sure.T_cam_world.matrix(), unsure.T_cam_world.matrix());
+  const auto added = [](const Matrix6d& more, const Matrix6d& less) {
+    const Vector6d variances = (more - less).diagonal();
+    return Eigen::Vector2d(std::sqrt(variances.head<3>().sum()),
+                           std::sqrt(variances.tail<3>().sum()));
+  };
+  const auto parts = [](const SE3& motion) {
+    const Vector6d moved = motion.log();
+    return Eigen::Vector2d(moved.head<3>().norm(), moved.tail<3>().norm());
+  };
+  const Eigen::Vector2d relative = added(*unsure.covariance, *sure.covariance);
+  const Eigen::Vector2d in_window = added(*unsure.world_covariance, *sure.world_covariance);
+  EXPECT_TRUE(relative.isApprox(0.3 * parts(sure.T_cam_keyframe), 1e-9));
+  EXPECT_TRUE(in_window.isApprox(0.3 * parts(sure.T_cam_keyframe * T_cam_keyframe(3, 1)), 1e-9));
+}
+
 TEST_F(FrameTrackerTest, WantsAKeyframeOnceTheTargetIsFarAway) {
   FrameTracker tracker = started();
   EXPECT_FALSE(tracker.track(*frame(4)).wants_keyframe);

@@ -51,6 +51,15 @@ TEST(RunFolder, SummaryIsValidFromTheBeginning) {
   EXPECT_EQ(readText(folder.path() / "config.yaml"), "num_threads: 1\n");
 }
 
+TEST(RunFolder, ANameThatIsNoUtf8IsTold) {
+  const TemporaryFolder folder;
+  RunInfo info = FakeRun::info();
+  info.dataset = "r\xff";
+  RunWriter writer(folder.path().string(), info);
+  writer.finish(writer.outcome(), nullptr);
+  EXPECT_EQ(readJson(folder.path() / "run.json")["dataset"], "r\xEF\xBF\xBD");
+}
+
 TEST(RunFolder, RunWithoutFramesIsValid) {
   const TemporaryFolder folder;
   FakeRun run(folder.path());

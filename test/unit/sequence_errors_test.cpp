@@ -173,8 +173,21 @@ TEST_F(SequenceErrorsTest, TimesThatDoNotFitAreRefused) {
   EXPECT_THAT(complain("0 1.0\n1\n2 3.0\n"), HasSubstr("times.txt:2"));
   EXPECT_THAT(complain("0 1.0\n1 nan\n2 3.0\n"), HasSubstr("times.txt:2"));
   EXPECT_THAT(complain("0 1.0 5\n1 2.0 -5\n2 3.0 5\n"), HasSubstr("times.txt:2"));
+  EXPECT_THAT(complain("0 1.0 5\n1 2.0 5\n2 3.0 1e-308\n"),
+              AllOf(HasSubstr("times.txt:3"), HasSubstr("exposure 1e-308; expected 0")));
   EXPECT_THAT(complain("0 1.0\n1 1.0\n2 3.0\n"), HasSubstr("times.txt:2"));
   EXPECT_THAT(complain("0 1.0\n1 2.0\n2 3.0\n\n"), HasSubstr("nothing was thrown"));
+}
+
+TEST_F(SequenceErrorsTest, WhatHasTheNameOfAFileBesideTheImagesMustBeOne) {
+  writeDso(3, ".png");
+  const fs::path times = root() / "times.txt";
+  fs::remove(times);
+  fs::create_symlink("nowhere", times);
+  EXPECT_THAT(openingComplaint(options()), HasSubstr("times.txt: a file is expected"));
+  fs::remove(times);
+  fs::create_directories(times);
+  EXPECT_THAT(openingComplaint(options()), HasSubstr("times.txt: a file is expected"));
 }
 
 TEST_F(SequenceErrorsTest, NanosecondsAreTakenAsSuch) {

@@ -49,6 +49,10 @@ struct CameraScore {
   [[nodiscard]] double deviations() const;
   /// Whether that is more than chance makes of a right calibration (a limit from measurements).
   [[nodiscard]] bool suspicious() const { return deviations() > 4; }
+  /// Share by which a suspected camera gets motions wrong, 0 of one that is not: the change of its
+  /// focal length, and how far the distortion moves pixels, as a share of their distance from the
+  /// middle, in the root mean square over the image.
+  [[nodiscard]] double motionError(const PinholeCamera& camera) const;
 };
 
 /// The camera that took the images. The centre of the top-left pixel is (0, 0).
@@ -101,7 +105,7 @@ struct Calibration {
 
 /// Lens without distortion whose axis meets the middle of the image.
 /// @param degrees what an image sees from its left to its right edge
-/// @throws std::invalid_argument outside 1 to 170 degrees, or without an image size
+/// @throws std::invalid_argument outside 1 to 157 degrees, or without an image size
 [[nodiscard]] Lens lensOfFieldOfView(double degrees, int width, int height);
 
 /// The same camera where images are stored in another size: lens and output camera are scaled.

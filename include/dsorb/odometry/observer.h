@@ -39,7 +39,8 @@ struct FrameEstimate {
   std::optional<Matrix6d> covariance;
   /// Of exp(xi) * T_cam_world as tracked, the same units, where the window's keyframes of that time
   /// taken together are not moved, turned or scaled: the keyframe's own pose in its window counts,
-  /// the drift of the window does not.
+  /// the drift of the window does not. Both grow where the window suspects the calibration
+  /// (KeyframeSnapshot::camera_score).
   std::optional<Matrix6d> world_covariance;
   AffineBrightness affine;              ///< as brightnessTransfer() takes it
   std::optional<double> tracking_rmse;  ///< level 0 [grey levels]
