@@ -9,11 +9,22 @@
 namespace {
 
 /// Files and their names may hold bytes that are no UTF-8.
-void raise(const nanobind::object& type, const char* what) {
-  PyObject* text =
-      PyUnicode_DecodeUTF8(what, static_cast<Py_ssize_t>(std::strlen(what)), "backslashreplace");
-  PyErr_SetObject(type.ptr(), text);
-  Py_XDECREF(text);
+template <typename Error>
+void raise(const std::exception_ptr& thrown, void* type) {
+  try {
+    std::rethrow_exception(thrown);
+  } catch (const Error& error) {
+    const auto length = static_cast<Py_ssize_t>(std::strlen(error.what()));
+    PyObject* text = PyUnicode_DecodeUTF8(error.what(), length, "backslashreplace");
+    PyErr_SetObject(static_cast<PyObject*>(type), text);
+    Py_XDECREF(text);
+  }
+}
+
+template <typename Error>
+void addError(nanobind::module_& m, const char* name, PyObject* base) {
+  const nanobind::exception<Error> error(m, name, base);
+  nanobind::register_exception_translator(raise<Error>, error.ptr());
 }
 
 }  // namespace
@@ -21,18 +32,8 @@ void raise(const nanobind::object& type, const char* what) {
 NB_MODULE(_dsorb, m) {
   m.doc() = "Monocular direct visual odometry, started from features.";
   m.attr("__version__") = DSORB_VERSION;
-  static const nanobind::exception<dsorb::ConfigError> config_error(
-      m, "ConfigError", PyExc_ValueError);
-  static const nanobind::exception<dsorb::IoError> io_error(m, "IoError", PyExc_RuntimeError);
-  nanobind::register_exception_translator([](const std::exception_ptr& thrown, void* /*payload*/) {
-    try {
-      std::rethrow_exception(thrown);
-    } catch (const dsorb::ConfigError& error) {
-      raise(config_error, error.what());
-    } catch (const dsorb::IoError& error) {
-      raise(io_error, error.what());
-    }
-  });
+  addError<dsorb::ConfigError>(m, "ConfigError", PyExc_ValueError);
+  addError<dsorb::IoError>(m, "IoError", PyExc_RuntimeError);
   dsorb::python::bindCamera(m);
   dsorb::python::bindPriors(m);
   dsorb::python::bindInitializer(m);
