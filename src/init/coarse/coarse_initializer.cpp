@@ -254,7 +254,11 @@ double CoarseInitializer::challenge(const LevelReport& finest) {
 InitStep CoarseInitializer::conclude(const LevelReport& finest) {
   const CoarseOptions& o = options_.coarse;
   Quality quality = clock_.time("quality", [&] { return judge(attempt_, aligner_); });
-  if (quality.reason != InitReason::kTooLittleParallax && o.min_rival_margin > 0) {
+  // An estimate of poor quality may still be improved by a rival, but not the next one as well:
+  // docs/experiments.md, "Sureness of coarse".
+  const bool contested = quality.reason == InitReason::kDone ||
+                         (quality.reason != InitReason::kTooLittleParallax && refusals_ == 0);
+  if (contested && o.min_rival_margin > 0) {
     const double margin = clock_.time("rivals", [&] { return challenge(finest); });
     quality = clock_.time("quality", [&] { return judge(attempt_, aligner_); });
     quality.rival_margin = margin;
