@@ -23,6 +23,7 @@ constexpr double kRayStep = 1e-6;
 constexpr double kReprojectionTolerance = 0.5;  // [px]
 constexpr double kMaxOffCentre = 0.25;          // of the principal point, of the image's size
 constexpr double kMinViewDegrees = 3;
+constexpr double kMaxStretch = 1.5;    // of one direction in the image beside the other
 constexpr double kMinUsedShare = 0.5;  // of the image, by a crop
 constexpr double kMinKeptFocal = 0.5;  // of the focal length at the centre of the lens
 
@@ -146,6 +147,11 @@ std::vector<std::string> doubtsAbout(const Lens& lens,
       std::atan((camera.width - 1 - camera.cx) / camera.fx) + std::atan(camera.cx / camera.fx);
   if (view * kDegPerRad < kMinViewDegrees) {
     doubts.push_back("the camera sees " + number(view * kDegPerRad) + " degrees only");
+  }
+  const double stretch = camera.fy / camera.fx / (lens.fy / lens.fx);
+  if (std::max(stretch, 1 / stretch) > kMaxStretch) {
+    doubts.push_back("the output size stretches images: focal lengths " + number(camera.fx) + " " +
+                     number(camera.fy) + " instead of " + number(lens.fx) + " " + number(lens.fy));
   }
   if (mode == RectificationMode::kCrop) doubtCrop(lens, camera, doubts);
   return doubts;

@@ -14,7 +14,8 @@ namespace dsorb {
 void refuseImpossibleLens(const Lens& lens);
 
 /// Describes what a calibration that is possible has against it, one sentence each: a principal
-/// point far from the middle, a very narrow view, a crop that leaves little of the image.
+/// point far from the middle, a very narrow view, an output that stretches the image, a crop that
+/// leaves little of it.
 /// @param camera the rectified one
 [[nodiscard]] std::vector<std::string> doubtsAbout(const Lens& lens,
                                                    RectificationMode mode,

@@ -240,19 +240,23 @@ TEST_F(SequenceErrorsTest, LensThatCannotBeIsRefused) {
 
 TEST_F(SequenceErrorsTest, DoubtfulLensesAreReadWithAWarning) {
   writeDso(1);
-  const auto warnings = [&](const std::string& lens, const std::string& mode) {
-    writeText(root() / "camera.txt", lens + "\n64 48\n" + mode + "\n64 48\n");
-    const SequenceReader reader(options());
-    std::string all;
-    for (const std::string& warning : reader.warnings()) all += warning + "\n";
-    return all;
-  };
+  const auto warnings =
+      [&](const std::string& lens, const std::string& mode, const std::string& output = "64 48") {
+        writeText(root() / "camera.txt", lens + "\n64 48\n" + mode + "\n" + output + "\n");
+        const SequenceReader reader(options());
+        std::string all;
+        for (const std::string& warning : reader.warnings()) all += warning + "\n";
+        return all;
+      };
   EXPECT_THAT(warnings("EquiDistant 22 22 31.5 23.5 0 0 0 0", "crop"),
               AllOf(HasSubstr("camera.txt: the crop"), HasSubstr("third line")));
   EXPECT_THAT(warnings("Pinhole 50 50 60 23.5 0", "none"), HasSubstr("principal point 60 23.5"));
   EXPECT_THAT(warnings("Pinhole 5000 5000 31.5 23.5 0", "none"), HasSubstr("0.7219 degrees only"));
   EXPECT_EQ(warnings("RadTan 40 40 31.5 23.5 -0.28 0.07 0 0", "crop"), "");
   EXPECT_EQ(warnings("FOV 0.53 0.70 0.49 0.50 0.9", "crop"), "");
+  EXPECT_EQ(warnings("Pinhole 40 40 31.5 23.5 0", "crop", "48 48"), "");
+  EXPECT_THAT(warnings("Pinhole 40 40 31.5 23.5 0", "crop", "64 480"),
+              HasSubstr("stretches images: focal lengths 40 407.7 instead of 40 40"));
 }
 
 TEST_F(SequenceErrorsTest, BadCalibrationNamesItsFile) {
