@@ -18,7 +18,7 @@ MILLIMETRES = 1000.
 
 def image_names(folder):
     """Sorted names of the images in a folder or archive."""
-    if folder.suffix == '.zip':
+    if folder.suffix.lower() == '.zip':
         with zipfile.ZipFile(folder) as archive:
             names = archive.namelist()
     else:
@@ -45,7 +45,7 @@ def find_tum(path):
 
 
 def find_dso(path):
-    if path.suffix == '.zip':
+    if path.suffix.lower() == '.zip':
         return path
     return first_existing(path / 'images', path / 'images.zip')
 
@@ -85,7 +85,7 @@ def timestamps(path, layout='auto'):
     if name == 'tum':
         return [float(t) for t in table_column(found, 0)]
     count = len(image_names(found))
-    times = first_existing(found.parent / 'times.txt', found / 'times.txt') if found.suffix != '.zip' else found.parent / 'times.txt'
+    times = first_existing(found.parent / 'times.txt', found / 'times.txt') if found.suffix.lower() != '.zip' else found.parent / 'times.txt'
     if times is None or not times.exists():
         return [DEFAULT_INTERVAL * i for i in range(count)]
     values = [float(t) for t in table_column(times, 0 if name == 'kitti' else 1)]

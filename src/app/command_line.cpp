@@ -358,8 +358,8 @@ CommandLine parseCommandLine(int argc, const char* const* argv) {
     throw ConfigError(error.what());
   }
   refuseUnknownOptions(app);
-  takeFlags(flags, request);
   takeWords(flags.words, request);
+  takeFlags(flags, request);
   if (request.sequence.path.empty()) {
     if (request.print_config) return request;
     throw ConfigError("no data set given; --help shows the options");

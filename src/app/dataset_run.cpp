@@ -190,7 +190,10 @@ SequenceReader openSequence(const CommandLine& request, RunOutputs& outputs) {
   } catch (const ConfigError&) {
     throw;
   } catch (const std::exception&) {
-    outputs.finish(RunStatus::kError, nullptr);
+    try {
+      outputs.finish(RunStatus::kError, nullptr);
+    } catch (const std::exception&) {  // must not hide the first one
+    }
     throw;
   }
 }

@@ -49,10 +49,6 @@ void RunOutputs::open(const PinholeCamera& camera,
 void RunOutputs::onInitStep(const InitStep& step, const Frame& frame, int segment) {
   const Lock lock(mutex_);
   last_answer_ = step.reason;
-  if (step.result && step.result->report.essential) {
-    const std::optional<LensScore>& lens = step.result->report.essential->lens_score;
-    calibration_suspected_ |= lens && lens->suspicious();
-  }
   run_->onInitStep(step, frame, segment);
   if (recording_) recording_->onInitStep(step, frame, segment);
 }
@@ -65,7 +61,6 @@ void RunOutputs::onFrame(const FrameEstimate& estimate) {
 
 void RunOutputs::onKeyframe(const KeyframeSnapshot& keyframe) {
   const Lock lock(mutex_);
-  calibration_suspected_ |= keyframe.camera_score && keyframe.camera_score->suspicious();
   run_->onKeyframe(keyframe);
   if (recording_) recording_->onKeyframe(keyframe);
 }

@@ -44,8 +44,7 @@ class RunOutputs : public OdometryObserver {
   [[nodiscard]] RunStatus outcome() const;
   /// What the initializer said last.
   [[nodiscard]] InitReason lastAnswer() const { return last_answer_; }
-  /// By a start or a window.
-  [[nodiscard]] bool calibrationSuspected() const { return calibration_suspected_; }
+  [[nodiscard]] bool calibrationSuspected() const { return run_ && run_->calibrationSuspected(); }
 
  private:
   using Lock = std::lock_guard<std::timed_mutex>;
@@ -54,7 +53,6 @@ class RunOutputs : public OdometryObserver {
   std::string folder_;
   std::string record_;
   bool write_result_txt_;
-  bool calibration_suspected_ = false;
   RunInfo info_;
   mutable std::timed_mutex mutex_;
   std::optional<RunWriter> run_;

@@ -3,6 +3,7 @@
 
 #include "base/angles.h"
 #include "camera/image_size.h"
+#include "camera/lens_models.h"
 
 #include <algorithm>
 #include <cmath>
@@ -12,8 +13,8 @@
 namespace dsorb {
 namespace {
 
-constexpr double kMinView = 1;    // [degrees]
-constexpr double kMaxView = 157;  // a plane cannot hold more: Undistorter
+constexpr double kMinView = 1;                                            // [degrees]
+const double kMaxView = std::floor(2 * std::atan(kMaxRay) * kDegPerRad);  // [degrees]
 
 /// @tparam Camera with members fx, fy, cx, cy
 template <typename Camera>
@@ -41,18 +42,27 @@ double CameraScore::deviations() const {
                   contradiction(radial.k1, radial.sigma, kLeastRadial));
 }
 
+CameraScore CameraScore::contradicting() const {
+  const CameraScore focal{focal_change, focal_sigma, {}};
+  const CameraScore distortion{0, 0, radial};
+  CameraScore parts;
+  if (focal.suspicious()) parts = focal;
+  if (distortion.suspicious()) parts.radial = radial;
+  return parts;
+}
+
 double CameraScore::motionError(const PinholeCamera& camera) const {
-  if (!suspicious()) return 0;
+  const CameraScore wrong = contradicting();
   const double x2 = std::pow(0.5 * camera.width / camera.fx, 2);
   const double y2 = std::pow(0.5 * camera.height / camera.fy, 2);
   const double mean_r4 = (x2 * x2 + y2 * y2) / 5 + 2 * x2 * y2 / 9;  // over the image
-  return std::hypot(focal_change, radial.k1 * std::sqrt(mean_r4));
+  return std::hypot(wrong.focal_change, wrong.radial.k1 * std::sqrt(mean_r4));
 }
 
 Lens lensOfFieldOfView(double degrees, int width, int height) {
   if (!(degrees >= kMinView && degrees <= kMaxView)) {
     throw std::invalid_argument("a field of view of " + std::to_string(degrees) +
-                                " degrees: expected 1 to 157");
+                                " degrees: expected 1 to " + std::to_string(std::lround(kMaxView)));
   }
   if (width <= 0 || height <= 0) throw std::invalid_argument("an image size is expected");
   Lens lens;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "image/cell_grid.h"
+#include "image/image_scale.h"
 #include "image/pixel_selector.h"
 
 #include <Eigen/Core>
@@ -18,7 +19,7 @@ class StuckRegions {
   StuckRegions() = default;  ///< none
   /// @param pixels that were seen to move with the camera
   StuckRegions(const std::vector<Eigen::Vector2f>& pixels, int width, int height)
-      : grid_(width, height, kSide) {
+      : grid_(width, height, kSide * imageScale(width, height)) {
     if (pixels.empty()) return;
     stuck_.assign(grid_.size(), 0);
     for (const Eigen::Vector2f& pixel : pixels) stuck_[grid_.at(pixel.x(), pixel.y())] = 1;
@@ -31,7 +32,7 @@ class StuckRegions {
   }
 
  private:
-  static constexpr double kSide = 32;  // [px]
+  static constexpr double kSide = 32;  // for an image diagonal of 800 px [px]
 
   CellGrid grid_{1, 1, kSide};
   std::vector<char> stuck_;

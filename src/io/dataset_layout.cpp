@@ -18,12 +18,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The file when it exists, else an empty path. @throws IoError where something else has its name
+/// The file when it exists, else an empty path. What else has its name, a folder or a broken link,
+/// is left to those who read it: they complain.
 fs::path existing(const fs::path& file) {
-  if (fs::is_regular_file(file)) return file;
-  if (fs::symlink_status(file).type() == fs::file_type::not_found) return {};
-  throw IoError(
-      fmt::format("{}: a file is expected, not a folder, a pipe or a broken link", file.string()));
+  return fs::symlink_status(file).type() == fs::file_type::not_found ? fs::path() : file;
 }
 
 /// The folder when it exists, else an empty path.

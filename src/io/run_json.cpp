@@ -77,14 +77,15 @@ void addDoubts(const RunRecord& record, Json& json) {
         {"gain", lens->gain}, {"focal_factor", lens->focal_factor}, {"radial", lens->radial}};
   }
   if (const std::optional<CameraScore>& camera = record.contradictedCamera()) {
+    const CameraScore parts = camera->contradicting();
     Json& window = json["calibration_suspected"]["window"];
-    if (CameraScore{camera->focal_change, camera->focal_sigma, {}}.suspicious()) {
-      window["focal_change"] = camera->focal_change;
-      window["focal_sigma"] = camera->focal_sigma;
+    if (parts.focal_sigma > 0) {
+      window["focal_change"] = parts.focal_change;
+      window["focal_sigma"] = parts.focal_sigma;
     }
-    if (CameraScore{0, 0, camera->radial}.suspicious()) {
-      window["radial"] = camera->radial.k1;
-      window["radial_sigma"] = camera->radial.sigma;
+    if (parts.radial.sigma > 0) {
+      window["radial"] = parts.radial.k1;
+      window["radial_sigma"] = parts.radial.sigma;
     }
   }
   if (record.stuckShare() > 0) json["stuck_share"] = record.stuckShare();

@@ -191,6 +191,10 @@ RunStatus RunWriter::outcome() const {
   return map_stands ? RunStatus::kTracked : RunStatus::kLost;
 }
 
+bool RunWriter::calibrationSuspected() const {
+  return impl_->record.contradictedLens() || impl_->record.contradictedCamera();
+}
+
 void RunWriter::finish(RunStatus status, const OdometryReport* report) {
   Impl& run = *impl_;
   timed(run.seconds.writing, [&] { run.writeFinalFiles(outcome()); });

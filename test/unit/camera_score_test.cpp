@@ -72,6 +72,7 @@ TEST(CameraScore, SaysHowWrongMotionsMayBe) {
   const PinholeCamera camera{320, 320, 319.5, 239.5, 640, 480};
   EXPECT_EQ((CameraScore{0.3, 0.1, {}}).motionError(camera), 0) << "not suspected";
   EXPECT_EQ((CameraScore{-0.3, 0.01, {}}).motionError(camera), 0.3);
+  EXPECT_EQ((CameraScore{-0.3, 0.01, {0.5, 0.5}}).motionError(camera), 0.3) << "not known";
   double sum = 0;  // r^4 over the image
   for (int y = 0; y < 480; ++y) {
     for (int x = 0; x < 640; ++x) {

@@ -184,10 +184,20 @@ TEST_F(SequenceErrorsTest, WhatHasTheNameOfAFileBesideTheImagesMustBeOne) {
   const fs::path times = root() / "times.txt";
   fs::remove(times);
   fs::create_symlink("nowhere", times);
-  EXPECT_THAT(openingComplaint(options()), HasSubstr("times.txt: a file is expected"));
+  EXPECT_THAT(openingComplaint(options()), HasSubstr("times.txt: cannot be opened"));
   fs::remove(times);
   fs::create_directories(times);
-  EXPECT_THAT(openingComplaint(options()), HasSubstr("times.txt: a file is expected"));
+  EXPECT_THAT(openingComplaint(options()),
+              AllOf(HasSubstr("times.txt"), HasSubstr("Is a directory")));
+  fs::remove(times);
+  fs::remove(root() / "camera.txt");
+  fs::create_directories(root() / "camera.txt");
+  EXPECT_THAT(openingComplaint(options()),
+              AllOf(HasSubstr("camera.txt"), HasSubstr("Is a directory")));
+  SequenceOptions named = options();
+  named.calibration_file = root() / "named.txt";
+  writeText(named.calibration_file, "Pinhole 50 50 31.5 23.5 0\n64 48\nnone\n64 48\n");
+  EXPECT_THAT(openingComplaint(named), HasSubstr("nothing was thrown"));
 }
 
 TEST_F(SequenceErrorsTest, NanosecondsAreTakenAsSuch) {

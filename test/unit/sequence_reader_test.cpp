@@ -57,7 +57,8 @@ TEST_F(SequenceReaderTest, ImagesMayLieInAnArchiveAndBeNamedDirectly) {
   writeDso(3);
   writeText(root() / "times.txt", "0 5.0\n1 5.5\n2 6.0\n");
   zipFolder(root() / "images", root() / "images.zip");
-  for (const std::string part : {"", "images", "images/", "images.zip"}) {
+  fs::copy_file(root() / "images.zip", root() / "CAMERA.ZIP");
+  for (const std::string part : {"", "images", "images/", "images.zip", "CAMERA.ZIP"}) {
     SequenceReader reader(optionsFor(root() / part));
     EXPECT_EQ(reader.format(), SequenceFormat::kDso) << part;
     const auto frames = readAll(reader);

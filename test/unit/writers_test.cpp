@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "dsorb/io/writers.h"
 
+#include "io/figures.h"
 #include "support/fake_run.h"
 #include "support/temporary_folder.h"
 #include "support/text_files.h"
@@ -9,6 +10,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <vector>
 
 namespace dsorb {
 namespace {
@@ -84,14 +86,29 @@ TEST(RunWriter, TheWindowThatContradictsTheCalibrationMostIsInTheSummary) {
   playOneSegment(run);
   KeyframeSnapshot keyframe;
   keyframe.id = {2};
+  EXPECT_FALSE(run.writer.calibrationSuspected());
   for (const double change : {0.1, -0.5, 0.3}) {
     keyframe.camera_score = CameraScore{change, 0.1, {0.019, 0.001}};  // too small a distortion
     run.writer.onKeyframe(keyframe);
+    EXPECT_EQ(run.writer.calibrationSuspected(), change != 0.1) << "one deviation is none";
   }
   run.writer.finish(run.writer.outcome(), nullptr);
   const auto json = readJson(folder.path() / "run.json");
   EXPECT_EQ(json["calibration_suspected"].dump(),
             R"({"window":{"focal_change":-0.5,"focal_sigma":0.1}})");
+}
+
+TEST(RunWriter, FiguresOfLargeImagesAreSmaller) {
+  const std::vector<float> pixels(3200 * 40, 0);
+  InitializationResult result;
+  result.frames.resize(1);
+  result.frames[0].frame = Frame::create(ImageView(pixels.data(), 3200, 40), FrameInfo());
+  result.points = {{0, {1000, 20}, 0.5F, 0.01F, 3}, {0, {2000, 20}, 1, 0.01F, 3}};
+  const cv::Mat figure = io::drawInverseDepth(result);
+  EXPECT_EQ(figure.rows, 20);
+  EXPECT_NE(figure.at<cv::Vec3b>(10, 500), cv::Vec3b());
+  EXPECT_NE(figure.at<cv::Vec3b>(10, 1000), cv::Vec3b());
+  EXPECT_EQ(figure.at<cv::Vec3b>(10, 750), cv::Vec3b());
 }
 
 TEST(RunWriter, ReversedRunIsSortedByTimeAtTheEnd) {

@@ -132,7 +132,8 @@ typedef struct dsorb_estimate {
   int32_t has_covariance;       /**< 0: covariance is not set */
   double cam_from_keyframe[12]; /**< 3 x 4, before any adjustment; set where keyframe is */
   /** 6 x 6, of a left increment [translation; rotation] of cam_from_keyframe, in the segment's unit
-   *  and in rad. It says nothing of the keyframe's own pose. */
+   *  and in rad. It says nothing of the keyframe's own pose. Like
+   *  world_covariance it grows where the window suspects the calibration. */
   double covariance[36];
   int32_t is_metric; /**< 1: the segment's unit is the metre, by priors; 0: mean inverse depth 1 */
   int32_t has_world_covariance; /**< 0: world_covariance is not set */

@@ -47,6 +47,8 @@ struct CameraScore {
   /// 3 % of the focal length and .02 of the distortion, which what is not modelled of a right
   /// camera can.
   [[nodiscard]] double deviations() const;
+  /// The part that does so by more than four of them; 0 of what does not.
+  [[nodiscard]] CameraScore contradicting() const;
   /// Whether that is more than chance makes of a right calibration (a limit from measurements).
   [[nodiscard]] bool suspicious() const { return deviations() > 4; }
   /// Share by which a suspected camera gets motions wrong, 0 of one that is not: the change of its

@@ -74,7 +74,7 @@ struct RefinementReport {
 /// How much better the tracks of a start fit another lens than the calibrated one.
 /// @source docs/experiments.md, "Wrong calibrations"
 struct LensScore {
-  double gain = 0;          ///< in the logarithm of the posterior, by the best of the others [-]
+  double gain = 0;          ///< in the logarithm of the likelihood, by the best of the others [-]
   double focal_factor = 1;  ///< that lens: its focal length over the calibrated one
   double radial = 0;        ///< and its first coefficient of RadTan, beside the calibration
 

@@ -71,6 +71,8 @@ class RunWriter : public OdometryObserver {
 
   /// Status up to now: tracked, lost (and not initialized again) or never initialized.
   [[nodiscard]] RunStatus outcome() const;
+  /// Whether run.json has `calibration_suspected`: by a start that stayed, or a window.
+  [[nodiscard]] bool calibrationSuspected() const;
 
   /// Writes the final files.
   /// @param report of Odometry::finish(), or null when there is none after an error

@@ -144,7 +144,7 @@ class Video:
     """Images of a video, upright. OpenCV 4.6 turns them the wrong way round (its issue 22088), so it must not do it."""
 
     def __init__(self, cv2, path):
-        self.capture = cv2.VideoCapture(str(path))
+        self.path, self.capture = path, cv2.VideoCapture(str(path))
         self.opened = self.capture.isOpened()
         turn = round(self.capture.get(cv2.CAP_PROP_ORIENTATION_META))
         self.capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
@@ -154,7 +154,10 @@ class Video:
         return self.capture.grab()
 
     def image(self):
-        return np.ascontiguousarray(np.rot90(self.capture.retrieve()[1], -self.quarters))
+        there, image = self.capture.retrieve()
+        if not there:
+            raise PicturesError(f'{self.path}: an image cannot be decoded')
+        return np.ascontiguousarray(np.rot90(image, -self.quarters))
 
 
 def decoded_file(cv2, name):

@@ -43,7 +43,7 @@ def refine(frames, pictures, focal=False):
         model = triangulated(pycolmap, Path(name), frames, pictures)
     if model.num_points3D() < LEAST_POINTS:
         raise TooFewPoints(f'--refine: COLMAP triangulated {model.num_points3D()} points; expected {LEAST_POINTS} or more')
-    before = model.compute_mean_reprojection_error()
+    before = reprojection_error(model)
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_extra_params = options.print_summary = False
     options.refine_focal_length = focal
@@ -129,4 +129,10 @@ def note(before, after, model, error_before, lens):
     focal = 100 * (lens_after(model, lens)['fx'] / lens['fx'] - 1)
     return (f'refined by COLMAP: {len(after)} poses moved by {np.median(moved) / path:.2%} of their path and '
             f'{np.median(turned):.2f} deg (medians), focal length by {focal:+.2f} %, reprojection error '
-            f'{error_before:.2f} to {model.compute_mean_reprojection_error():.2f} px, {model.num_points3D()} points')
+            f'{error_before:.2f} to {reprojection_error(model):.2f} px, {model.num_points3D()} points')
+
+
+def reprojection_error(model):
+    """Median over the points [px]; a mean knows only of those that the adjustment has put behind a camera."""
+    model.update_point_3d_errors()
+    return float(np.median([point.error for point in model.points3D.values()]))

@@ -150,11 +150,11 @@ std::optional<MotionCandidate> makeKnownDepthCandidate(const ReferenceView& view
   if (!pose) return std::nullopt;
   map.frames.back().T_cam_ref = *pose;
   if (!weighDepths(map, camera, report)) return std::nullopt;
-  poseFrames(map, camera, spreadFrames(view.frames.size(), kAdjustedFrames));
+  const auto frames = spreadFrames(view.frames.size(), kAdjustedFrames);
+  poseFrames(map, camera, frames);
   if (!adjustRobustly(map, camera, options) || !weighDepths(map, camera, report)) {
     return std::nullopt;
   }
-  const auto frames = spreadFrames(view.frames.size(), kAdjustedFrames);
   candidate.motions_used =
       adjustWithMotions(map, knownMotions(view.frames, frames), camera, options);
   candidate.front_share = 1;
