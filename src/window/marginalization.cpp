@@ -73,9 +73,8 @@ void absorb(Window& window, const std::vector<PointRef>& points, const WindowOpt
   WindowElimination elimination;
   elimination.damp(equations, 0);
   elimination.eliminate(equations, equations.H, equations.b);
-  window.prior.H +=
-      options.marginalization_weight * MatrixXd(equations.H.selfadjointView<Eigen::Lower>());
-  window.prior.b += options.marginalization_weight * equations.b;
+  window.prior.H += kMarginalizationWeight * MatrixXd(equations.H.selfadjointView<Eigen::Lower>());
+  window.prior.b += kMarginalizationWeight * equations.b;
 }
 
 /// The prior with the rows and columns of a keyframe behind all others.

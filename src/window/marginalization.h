@@ -10,6 +10,9 @@
 
 namespace dsorb::window {
 
+/// Of what points know when they leave: their residuals are not independent. As published.
+constexpr double kMarginalizationWeight = 0.25;
+
 enum class PointVerdict { kStay, kDiscard, kMarginalize };
 
 /// Decides about a point after an adjustment: a point leaves with its host, when the newest

@@ -135,6 +135,17 @@ void addTimes(const WindowPoint& point,
   geometry.host_time *= static_cast<float>(kVelocityScale);
 }
 
+/// The square of the mean of the roots of gradientWeight in host and target.
+DSORB_ALWAYS_INLINE void meanWeights(const Lanes& squared_gradient,
+                                     const Lanes& host_root,
+                                     Lanes& weight) {
+  constexpr float kC = 50.0F;
+  Lanes root = squared_gradient + kC * kC;
+  squareRoots(root);
+  const Lanes mean = 0.5F * (kC / root + host_root);
+  weight = mean * mean;
+}
+
 template <bool kRolling>
 DSORB_ALWAYS_INLINE bool sumPatch(const WindowPoint& point,
                                   const HostRays& rays,
@@ -151,12 +162,9 @@ DSORB_ALWAYS_INLINE bool sumPatch(const WindowPoint& point,
   load(point.patch.root_weight.data(), host_weight);
   patternResidual(pair.current, point.patch, seen, residual);
 
-  constexpr float kC = 50.0F;  // of gradientWeight
   const Lanes squared_gradient = seen.dx * seen.dx + seen.dy * seen.dy;
-  Lanes root = squared_gradient + kC * kC;
-  squareRoots(root);
-  const Lanes mean_weight = 0.5F * (kC / root + host_weight);
-  const Lanes weight = mean_weight * mean_weight;
+  Lanes weight;
+  meanWeights(squared_gradient, host_weight, weight);
   Lanes huber;
   huberWeights(residual, huber);
   const Lanes w = weight * huber;

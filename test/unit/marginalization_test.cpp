@@ -133,7 +133,6 @@ TEST(MarginalizationTest, APriorWithAWrongGuessIsForgotten) {
 
 TEST(MarginalizationTest, PriorEqualsTheSchurComplementOfTheFullProblem) {
   WindowOptions options;
-  options.marginalization_weight = 1;
   options.prior.depth_at_marginalization = 1;
   WindowScene scene = leavingScene(options);
   Window& window = scene.window;
@@ -158,6 +157,8 @@ TEST(MarginalizationTest, PriorEqualsTheSchurComplementOfTheFullProblem) {
         full.known(point) ? static_cast<double>(full.depth_hessian[point]) : 1;
     b[frames + i] = static_cast<double>(full.depth_gradient[point]);
   }
+  H *= kMarginalizationWeight;
+  b *= kMarginalizationWeight;
   H.diagonal().segment<8>(kCameraDim) += window.keyframes[0].prior;
   b.segment<8>(kCameraDim) += window.keyframes[0].prior.cwiseProduct(window.keyframes[0].first);
   // Keep the other three keyframes; eliminate keyframe 0 and all depths together.

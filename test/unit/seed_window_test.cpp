@@ -102,8 +102,8 @@ TEST_F(SeedWindow, NothingIsAddedWhereTheImageMovesWithTheCamera) {
                                    result.points.end(),
                                    [](const InitPoint& point) { return point.pixel.y() >= 192; });
   EXPECT_GT(added_below(result), 2 * given);
-  for (float x = 16; x < 320; x += 32) {
-    for (float y = 208; y < 240; y += 31) result.stuck.emplace_back(x, y);
+  for (float x = 8; x < 320; x += 16) {
+    for (float y = 200; y < 240; y += 16) result.stuck.emplace_back(x, y);
   }
   EXPECT_LE(added_below(result), given);
 }

@@ -12,7 +12,6 @@ namespace dsorb {
 struct CoarseOptions {
   bool published = false;            ///< faults included: docs/variants.md, "The published coarse"
   int settle_frames = 2;             ///< frames after the one that left the prior, at least
-  int max_settle_frames = 5;         ///< to wait for the wanted parallax; as published
   double wanted_parallax_deg = 1.5;  ///< median; 0: not waited for
   int max_points = 6000;             ///< of a level; 0: as the density says
   int max_passes = 4;                ///< over all levels, for a frame that does not match at once
@@ -32,7 +31,6 @@ template <typename Visitor, typename Options>
 DescribeFor<Options, CoarseOptions> describe(Visitor& visit, Options& o) {
   visit.field("published", o.published);
   visit.field("settle_frames", o.settle_frames, Range{0, 100}, "frames");
-  visit.field("max_settle_frames", o.max_settle_frames, Range{0, 100}, "frames");
   visit.field("wanted_parallax_deg", o.wanted_parallax_deg, Range{0, 45}, "deg");
   visit.field("max_points", o.max_points, Range{0, 1000000}, "points");
   visit.field("max_passes", o.max_passes, Range{1, 100}, "passes");

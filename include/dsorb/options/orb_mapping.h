@@ -24,9 +24,7 @@ struct GeometricOptions {
   int min_points = 50;               ///< with fewer corners left the attempt fails
   int max_iterations = 20;           ///< of one solve
   double function_tolerance = 1e-6;  ///< relative change of the cost that ends a solve [-]
-  /// Factor on the clustered covariance of the poses [-]; 0 stands for formal covariances.
-  /// docs/experiments.md, "Variances of depths and poses"
-  double pose_variance_factor = 1;
+  double pose_variance_factor = 1;   ///< on the clustered covariance of the poses; 0: formal ones
 };
 
 /// Field list; see DescribeFor.

@@ -56,12 +56,11 @@ struct WindowOptions {
   int max_keyframes = 7;          ///< after marginalisation; one more while optimising
   int first_keyframes = 4;        ///< at most, of the frames that an initialization has posed
   double keyframe_frequency = 1;  ///< factor on flow and change of brightness that want one
-  double keyframes_per_second = 0;       ///< fixed rate instead; 0: off
-  int desired_points = 2000;             ///< in the adjustment, of all keyframes together
-  double marginalization_weight = 0.25;  ///< of newly marginalised information
-  bool current_reference = true;  ///< false (reference): tracking depths use first-estimate poses
-  OptimizerOptions optimizer;     ///< its iteration
-  PriorOptions prior;             ///< its priors
+  double keyframes_per_second = 0;  ///< fixed rate instead; 0: off
+  int desired_points = 2000;        ///< in the adjustment, of all keyframes together
+  bool current_reference = true;    ///< false (reference): tracking depths use first-estimate poses
+  OptimizerOptions optimizer;       ///< its iteration
+  PriorOptions prior;               ///< its priors
 };
 
 /// Field list; see DescribeFor.
@@ -73,7 +72,6 @@ DescribeFor<Options, WindowOptions> describe(Visitor& visit, Options& o) {
   visit.field("keyframe_frequency", o.keyframe_frequency, Range{0, 100}, "");
   visit.field("keyframes_per_second", o.keyframes_per_second, Range{0, 1000}, "1/s");
   visit.field("desired_points", o.desired_points, Range{10, 100000}, "points");
-  visit.field("marginalization_weight", o.marginalization_weight, Range{0, 1}, "");
   visit.field("current_reference", o.current_reference);
   visit.group("optimizer", o.optimizer);
   visit.group("prior", o.prior);

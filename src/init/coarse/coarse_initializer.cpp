@@ -18,6 +18,7 @@ constexpr int kMinPoints = 100;            // of level 0, else the frame is no r
 constexpr double kMinSpread = 0.02;        // of them across their main direction [diagonals]
 constexpr double kMinVisibleShare = 0.25;  // points in view, else the reference is too far away
 constexpr double kMaxInlierDrop = 0.5;     // of the share of the frame before: the scene was cut
+constexpr int kMaxSettleFrames = 5;        // to wait for the wanted parallax; as published
 constexpr int kMaxRefusals = 3;            // for poor quality; then the estimate is given up
 constexpr double kMatchShare = 0.8;        // of all points; once over the levels was enough
 constexpr std::size_t kKeptFrames = 40;    // in memory at most
@@ -198,7 +199,7 @@ void CoarseInitializer::confirmSnap() {
 
 /// A later frame would tell depths better; but it may also be lost.
 bool CoarseInitializer::waitsForParallax() const {
-  return tracked_ <= snapped_since_ + options_.coarse.max_settle_frames &&
+  return tracked_ <= snapped_since_ + kMaxSettleFrames &&
          parallaxDeg(attempt_) < options_.coarse.wanted_parallax_deg;
 }
 
