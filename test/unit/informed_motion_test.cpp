@@ -233,6 +233,15 @@ TEST(StartGate, NamesWhatIsMissing) {
   EXPECT_EQ(judge(options, {300, 1, 1, {}}), InitReason::kPoorQuality);
 }
 
+TEST(StartGate, AMapNeedsHalfOfTheTracks) {
+  InitialMap map;
+  map.corners.resize(100);
+  EXPECT_TRUE(hasEnoughCorners(map, 200));
+  EXPECT_FALSE(hasEnoughCorners(map, 201));
+  map.corners.resize(59);
+  EXPECT_FALSE(hasEnoughCorners(map, 59));
+}
+
 TEST(StartGate, MisfitWidensWhatIsPredicted) {
   SyntheticMap scene = mapWithCovariances({300, 5, 0.1, 0.05}, 14);
   const GateReport fits = judgeStart(scene.start, scene.camera, {}, {300, 1, 1, {}});

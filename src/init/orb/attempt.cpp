@@ -14,6 +14,7 @@
 #include "init/orb/semi_dense/semi_dense_depth.h"
 #include "init/orb/start/essential_start.h"
 #include "init/orb/start/readout_profile.h"
+#include "init/orb/start/start_gate.h"
 #include "init/orb/thesis/two_view_start.h"
 #include "init/orb/two_view/stuck_tracks.h"
 #include "init/result.h"
@@ -91,6 +92,14 @@ Outcome<Reconstruction> adjustImages(Reconstruction made, const AttemptContext& 
   return made;
 }
 
+/// A map that has lost half of the tracks to moving regions and the filter is none to start with,
+/// however sure the rest looks.
+/// @source docs/experiments.md, "When to start"
+Outcome<Reconstruction> refuseRemains(Reconstruction made) {
+  if (!hasEnoughCorners(made.map, made.report.essential->tracks)) return InitReason::kPoorQuality;
+  return made;
+}
+
 /// Poses the frames that had no part in the adjustments.
 Outcome<Reconstruction> poseOtherFrames(Reconstruction made, const AttemptContext& context) {
   const OrbOptions& orb = context.options.orb;
@@ -139,6 +148,7 @@ Attempt reconstruct(ReferenceView seen, const AttemptContext& context) {
   auto made = std::move(start.made)
                   .then([&](Made m) { return addSemiDense(std::move(m), view, context); })
                   .then([&](Made m) { return adjustImages(std::move(m), context); })
+                  .then(refuseRemains)
                   .then([&](Made m) { return poseOtherFrames(std::move(m), context); });
   return {std::move(made), start.summary, start.motion};
 }

@@ -56,6 +56,11 @@ double misfitOf(double median_error) {
   return std::max(1.0, median_error / kMedianLength);
 }
 
+bool hasEnoughCorners(const InitialMap& map, int live_tracks) {
+  const auto corners = static_cast<double>(map.corners.size());
+  return corners >= kMinCorners && corners >= kMinTrackShare * live_tracks;
+}
+
 int occupiedCells(const InitialMap& map, const PinholeCamera& camera) {
   std::set<std::size_t> cells;
   for (const Corner& corner : map.corners) cells.insert(imageCell(corner.pixel, camera));
@@ -66,7 +71,6 @@ GateReport judgeStart(const InitialMap& map,
                       const PinholeCamera& camera,
                       const GateOptions& options,
                       const StartEvidence& evidence) {
-  const auto corners = static_cast<double>(map.corners.size());
   GateReport report;
   report.misfit = evidence.misfit;
   report.parallax_deg = medianParallaxDeg(map, camera);
@@ -80,7 +84,7 @@ GateReport judgeStart(const InitialMap& map,
                                                 static_cast<double>(occupiedCells(map, camera)));
   }
   report.wrong_probability = 1 - (1 - report.error_probability) * (1 - report.plane_probability);
-  if (corners < kMinCorners || corners < kMinTrackShare * evidence.live_tracks) {
+  if (!hasEnoughCorners(map, evidence.live_tracks)) {
     report.reason = InitReason::kTooFewPoints;
   } else if (evidence.front_share < kMinFrontShare ||
              !(report.plane_probability <= options.max_wrong_probability)) {

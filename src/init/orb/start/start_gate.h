@@ -24,6 +24,9 @@ double depthSigma(const std::vector<Corner>& corners);
 /// @param median_error of the corners, whitened by their covariances [-]
 double misfitOf(double median_error);
 
+/// Whether a map has enough of the reference's live tracks.
+bool hasEnoughCorners(const InitialMap& map, int live_tracks);
+
 /// What is known of a start beside its map.
 struct StartEvidence {
   int live_tracks = 0;                     ///< of the reference
