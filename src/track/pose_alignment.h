@@ -11,7 +11,6 @@
 
 #include <Eigen/Core>
 
-#include <array>
 #include <cstddef>
 #include <limits>
 #include <vector>

@@ -6,7 +6,6 @@
 #include "base/target_clones.h"
 
 #include <algorithm>
-#include <utility>
 
 namespace dsorb::window {
 namespace {

@@ -6,7 +6,6 @@
 #include "estimate/rolling_shutter.h"
 
 #include <algorithm>
-#include <array>
 #include <cstddef>
 
 namespace dsorb::init_orb {
