@@ -94,10 +94,9 @@ class RoomBuilder {
       } else if (kind < 0.75) {  // chest, something on it, a picture above
         const double height = builder_.uniform(0.6, 1.1);
         placeAtWall({wall, middle, 0.01}, {width, height, 0.5}, woodTexture(), 0);
-        placeAtWall({wall, middle + builder_.uniform(-0.2, 0.2), 0.12},
-                    {builder_.uniform(0.15, 0.35), builder_.uniform(0.15, 0.4), 0.2},
-                    pictureTexture(),
-                    height);
+        const int thing = pictureTexture();
+        const Eigen::Vector3d size{builder_.uniform(0.15, 0.35), builder_.uniform(0.15, 0.4), 0.2};
+        placeAtWall({wall, middle + builder_.uniform(-0.2, 0.2), 0.12}, size, thing, height);
         placeAtWall({wall, middle, 0.001}, {0.6, 0.8, 0.04}, pictureTexture(), 1.45);
       } else {  // two pictures
         placeAtWall({wall, middle, 0.001}, {0.7, 0.55, 0.04}, pictureTexture(), 1.5);
@@ -113,9 +112,11 @@ class RoomBuilder {
     const int rows = 3 + static_cast<int>(builder_.random().below(3));
     for (int row = 0; row < rows; ++row) {
       placeAtWall(spot, {width, 0.04, 0.34}, wood, row * kRow);
+      const int books = bookTexture();
+      const double height = builder_.uniform(0.26, 0.36);
       placeAtWall({spot.wall, spot.along, spot.off + builder_.uniform(0, 0.05)},
-                  {width - 0.06, builder_.uniform(0.26, 0.36), 0.26},
-                  bookTexture(),
+                  {width - 0.06, height, 0.26},
+                  books,
                   row * kRow + 0.04);
     }
     placeAtWall(spot, {width, 0.04, 0.34}, wood, rows * kRow);
@@ -132,12 +133,14 @@ class RoomBuilder {
       }
     }
     for (int i = 0; i < 7; ++i) {  // things on the table
-      const Eigen::Vector3d at(builder_.uniform(-0.6, 0.6), -0.75, builder_.uniform(-0.3, 0.3));
+      const double z = builder_.uniform(-0.3, 0.3);
+      const Eigen::Vector3d at(builder_.uniform(-0.6, 0.6), -0.75, z);
       const double height = builder_.uniform(0.04, 0.32);
+      const int thing = i % 2 == 0 ? pictureTexture() : bookTexture();
       builder_.add({middle + turn * at,
                     {builder_.uniform(0.1, 0.3), height, builder_.uniform(0.08, 0.25)},
                     builder_.uniform(-M_PI, M_PI)},
-                   i % 2 == 0 ? pictureTexture() : bookTexture());
+                   thing);
     }
   }
 
@@ -147,10 +150,11 @@ class RoomBuilder {
       const double angle = 2 * M_PI * (i + builder_.uniform(0, 0.6)) / 7;
       const double radius = builder_.uniform(1.7, 2.3);
       const double size = builder_.uniform(0.35, 0.6);
+      const int thing = i % 3 == 0 ? woodTexture() : pictureTexture();
       builder_.add({{radius * std::sin(angle), 0, radius * std::cos(angle)},
                     {size, builder_.uniform(0.3, 0.65), size},
                     builder_.uniform(-M_PI, M_PI)},
-                   i % 3 == 0 ? woodTexture() : pictureTexture());
+                   thing);
     }
   }
 

@@ -144,11 +144,11 @@ class StreetBuilder {
       place(lateral, z, {0.28, 3.2, 0.28}, trunk);
       for (int i = 0; i < 3; ++i) {
         const double size = builder_.uniform(1.0, 1.9);
-        place(lateral + builder_.uniform(-0.7, 0.7),
-              z + builder_.uniform(-0.9, 0.9),
-              {size, builder_.uniform(0.9, 1.7), size},
-              crown,
-              builder_.uniform(2.4, 4.2));
+        const double up = builder_.uniform(2.4, 4.2);
+        const double height = builder_.uniform(0.9, 1.7);
+        const double ahead = builder_.uniform(-0.9, 0.9);
+        const double aside = builder_.uniform(-0.7, 0.7);
+        place(lateral + aside, z + ahead, {size, height, size}, crown, up);
       }
     }
   }

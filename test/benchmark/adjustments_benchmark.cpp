@@ -59,7 +59,7 @@ struct Start {
     const double error = kDepthError * rho;
     map.corners.push_back({pixel, rho + error * random.gaussian(), error * error});
     for (int k = 1; k < kFrames; ++k) {
-      const Eigen::Vector2d noise(random.gaussian(), random.gaussian());
+      const Eigen::Vector2d noise{random.gaussian(), random.gaussian()};
       map.observations.push_back(
           {corner,
            static_cast<std::size_t>(k),

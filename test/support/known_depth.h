@@ -126,7 +126,7 @@ inline FramePtr withDepth(const DepthSequence& sequence,
   if (wrong.turn_sigma > 0 && i > 0) {
     const SE3 turn = sequence.T_world_cam[i].inverse() * sequence.T_world_cam[i - 1];
     std::normal_distribution<double> error(0, wrong.turn_sigma);
-    const Eigen::Vector3d omega(error(random), error(random), error(random));
+    const Eigen::Vector3d omega{error(random), error(random), error(random)};
     const SE3 found(so3Exp(omega) * turn.unitQuaternion(), turn.translation());
     priors->pose = posePrior(sequence.frames[i - 1]->id(), found, wrong, random);
   }

@@ -56,7 +56,7 @@ inline SyntheticMap makeSyntheticMap(const SyntheticMapOptions& options, std::ui
     const Eigen::Vector3d point = scene.camera.unproject(corner.pixel) / corner.inverse_depth;
     for (std::size_t k = 1; k < truth.frames.size(); ++k) {
       const SE3& T = *truth.frames[k].T_cam_ref;
-      const Eigen::Vector2d noise(random.gaussian(), random.gaussian());
+      const Eigen::Vector2d noise{random.gaussian(), random.gaussian()};
       truth.observations.push_back({i, k, scene.camera.project(T * point) + options.noise * noise});
     }
   }

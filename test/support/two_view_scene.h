@@ -34,13 +34,13 @@ inline TwoViewScene makeTwoViewScene(const TwoViewSceneOptions& options, std::ui
   scene.T_cur_ref = SE3(so3Exp({0.02, -0.05, 0.03}), options.translation);
   const Eigen::Vector3d plane_normal(0.25, -0.15, 1);
   while (static_cast<int>(scene.matches.size()) < options.points) {
-    const Eigen::Vector2d pixel(random.uniform(5, 635), random.uniform(5, 475));
+    const Eigen::Vector2d pixel{random.uniform(5, 635), random.uniform(5, 475)};
     const Eigen::Vector3d ray = scene.camera.unproject(pixel);
     const double depth =
         options.plane ? 6 / plane_normal.dot(ray) : 1 / random.uniform(1.0 / 12, 1.0 / 4);
     Eigen::Vector2d target = scene.camera.project(scene.T_cur_ref * (depth * ray));
     if (!scene.camera.contains(target)) continue;
-    target += options.noise * Eigen::Vector2d(random.gaussian(), random.gaussian());
+    target += options.noise * Eigen::Vector2d{random.gaussian(), random.gaussian()};
     if (random.uniform() < options.outlier_share) {
       target = {random.uniform(5, 635), random.uniform(5, 475)};
     }

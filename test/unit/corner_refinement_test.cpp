@@ -49,7 +49,7 @@ DisturbedMap makeDisturbedMap(double disturbance, std::uint64_t seed = 9) {
                                             made.truth[k],
                                             camera.unproject(corner.pixel),
                                             made.scene.inverseDepth(corner.pixel));
-      const Eigen::Vector2d noise(random.gaussian(), random.gaussian());
+      const Eigen::Vector2d noise{random.gaussian(), random.gaussian()};
       map.observations.push_back(
           {map.corners.size() - 1, k, projection->pixel + disturbance * noise});
     }

@@ -7,6 +7,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
 
 namespace dsorb::init_orb {
 namespace {
@@ -25,16 +27,16 @@ struct Scene {
 };
 
 /// @param own_motion of the box [unit per frame]
-Scene makeScene(const Eigen::Vector3d& own_motion) {
+Scene makeScene(const Eigen::Vector3d& own_motion, std::uint64_t seed = 7) {
   Scene scene;
-  Random random(7);
+  Random random(seed);
   scene.tracks.positions.resize(kFrames);
   for (int k = 0; k < kFrames; ++k) {
     const SE3 pose(Eigen::Quaterniond::Identity(), {0.02 * k, 0, -0.1 * k});
     scene.map.frames.push_back({nullptr, pose, {}, {}});
   }
   for (int i = 0; i < 800; ++i) {
-    const Eigen::Vector2d pixel(random.uniform(20, 620), random.uniform(20, 460));
+    const Eigen::Vector2d pixel{random.uniform(20, 620), random.uniform(20, 460)};
     const double depth = random.uniform(2, 6);
     const bool moves = onBox(pixel.cast<float>());
     scene.map.corners.push_back({pixel, 1 / depth, 1e-4});
@@ -42,7 +44,7 @@ Scene makeScene(const Eigen::Vector3d& own_motion) {
     for (int k = 0; k < kFrames; ++k) {
       Eigen::Vector3d p = depth * kCamera.unproject(pixel);
       if (moves) p += k * own_motion;
-      const Eigen::Vector2d noise(random.gaussian(), random.gaussian());
+      const Eigen::Vector2d noise{random.gaussian(), random.gaussian()};
       const Eigen::Vector2d seen =
           kCamera.project(*scene.map.frames[static_cast<std::size_t>(k)].T_cam_ref * p) +
           (k > 0 ? 0.1 : 0.0) * noise;
@@ -73,27 +75,35 @@ TEST(DynamicRegions, AreNoneInAStaticScene) {
 }
 
 TEST(DynamicRegions, AreWhereTracksContradictTheCamera) {
-  Scene scene = makeScene({0.05, 0.02, 0});
-  const DynamicRegions moving(scene.map, scene.tracks, kCamera);
   const auto of_box = [](const auto& list) {
     return std::count_if(list.begin(), list.end(), [](const auto& point) {
       return onBox(point.pixel.template cast<float>());
     });
   };
-  const auto on_box = of_box(scene.map.corners);
-  ASSERT_GT(on_box, 30);
-  const int corners = moving.removeCorners(scene.map);
-  const int points = moving.removePoints(scene.map);
-  EXPECT_EQ(corners, points);  // they were at the same places
-  EXPECT_LE(of_box(scene.map.corners), on_box / 20);
-  EXPECT_LE(of_box(scene.map.points), on_box / 20);
-  EXPECT_LE(corners, 1.4 * static_cast<double>(on_box));  // a rim around it goes, too
-  EXPECT_EQ(scene.map.observations.size(), scene.map.corners.size() * (kFrames - 1));
-  for (const CornerObservation& observation : scene.map.observations) {
-    ASSERT_LT(observation.corner, scene.map.corners.size());
-    const Corner& corner = scene.map.corners[observation.corner];
-    EXPECT_LT((observation.pixel - corner.pixel).norm(), 200);
+  std::ptrdiff_t on_box = 0;
+  std::ptrdiff_t corners_left = 0;
+  std::ptrdiff_t points_left = 0;
+  std::ptrdiff_t removed = 0;
+  for (std::uint64_t seed = 0; seed < 20; ++seed) {
+    Scene scene = makeScene({0.05, 0.02, 0}, seed);
+    const DynamicRegions moving(scene.map, scene.tracks, kCamera);
+    on_box += of_box(scene.map.corners);
+    const int corners = moving.removeCorners(scene.map);
+    EXPECT_EQ(corners, moving.removePoints(scene.map));  // they were at the same places
+    removed += corners;
+    corners_left += of_box(scene.map.corners);
+    points_left += of_box(scene.map.points);
+    EXPECT_EQ(scene.map.observations.size(), scene.map.corners.size() * (kFrames - 1));
+    for (const CornerObservation& observation : scene.map.observations) {
+      ASSERT_LT(observation.corner, scene.map.corners.size());
+      const Corner& corner = scene.map.corners[observation.corner];
+      EXPECT_LT((observation.pixel - corner.pixel).norm(), 200);
+    }
   }
+  EXPECT_GT(on_box, 20 * 30);
+  EXPECT_LE(corners_left, on_box / 10);  // measured 6.4 %
+  EXPECT_LE(points_left, on_box / 10);
+  EXPECT_LE(removed, on_box * 12 / 10);  // measured .96; a rim around it goes, too
 }
 
 TEST(DynamicRegions, OneBadTrackIsNoRegion) {

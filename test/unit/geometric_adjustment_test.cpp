@@ -133,7 +133,7 @@ TEST_P(BothSolvers, FindTheSameMinimum) {
     Random random(seed);
     for (CornerObservation& observation : scene.start.observations) {
       if (random.uniform() < 0.1) {  // beyond the loss's limit
-        observation.pixel += Eigen::Vector2d(random.uniform(-30, 30), random.uniform(-30, 30));
+        observation.pixel += Eigen::Vector2d{random.uniform(-30, 30), random.uniform(-30, 30)};
       }
       observation.whitening = someWhitening();
     }

@@ -105,10 +105,10 @@ PlaneTracks makePlaneTracks(int frames, std::uint64_t seed) {
   scene.view.frames.resize(static_cast<std::size_t>(frames));
   scene.view.tracks.positions.resize(static_cast<std::size_t>(frames));
   while (scene.view.tracks.size() < 200) {
-    const Eigen::Vector2d pixel(random.uniform(90, 550), random.uniform(70, 410));
+    const Eigen::Vector2d pixel{random.uniform(90, 550), random.uniform(70, 410)};
     const Eigen::Vector3d ray = scene.camera.unproject(pixel);
     for (std::size_t k = 0; k < scene.T_cam_ref.size(); ++k) {
-      const Eigen::Vector2d noise(random.gaussian(), random.gaussian());
+      const Eigen::Vector2d noise{random.gaussian(), random.gaussian()};
       const Eigen::Vector2d seen =
           scene.camera.project(scene.T_cam_ref[k] * Eigen::Vector3d(6 / normal.dot(ray) * ray));
       scene.view.tracks.positions[k].emplace_back(
@@ -285,7 +285,7 @@ TEST(StartGate, TailsAreThoseOfDrawnErrors) {
       double chi2 = 0;
       for (int k = 0; k < 4; ++k) chi2 += std::pow(random.gaussian(), 2);
       const Eigen::Vector2d error =
-          sigmas.cwiseProduct(Eigen::Vector2d(random.gaussian(), random.gaussian())) /
+          sigmas.cwiseProduct(Eigen::Vector2d{random.gaussian(), random.gaussian()}) /
           std::sqrt(chi2 / 4);
       if (error.norm() > 5) ++outside;
     }

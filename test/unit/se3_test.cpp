@@ -29,7 +29,7 @@ TEST(Se3Test, GroupLaws) {
   for (int i = 0; i < 100; ++i) {
     const SE3 a = SE3::exp(randomTwist(random, 1.5));
     const SE3 b = SE3::exp(randomTwist(random, 1.5));
-    const Eigen::Vector3d p(random.uniform(), random.uniform(), random.uniform());
+    const Eigen::Vector3d p{random.uniform(), random.uniform(), random.uniform()};
     EXPECT_NEAR(((a * b) * p - a * (b * p)).norm(), 0, 1e-12);
     EXPECT_NEAR((a.inverse() * (a * p) - p).norm(), 0, 1e-12);
     EXPECT_NEAR(((a * b).matrix() - a.matrix() * b.matrix()).norm(), 0, 1e-12);

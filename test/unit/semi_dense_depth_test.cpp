@@ -55,7 +55,7 @@ TEST(CornerPrior, WeighsTheNearestCornersAsASearchOverAllOfThem) {
   const CornerPrior prior(corners, 640, 480);
   int above_floor = 0;
   for (int trial = 0; trial < 50; ++trial) {
-    const Eigen::Vector2d at(random.uniform(0, 639), random.uniform(0, 479));
+    const Eigen::Vector2d at{random.uniform(0, 639), random.uniform(0, 479)};
     std::sort(corners.begin(), corners.end(), [&](const Corner& a, const Corner& b) {
       return (a.pixel - at).norm() < (b.pixel - at).norm();
     });

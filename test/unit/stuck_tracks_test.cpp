@@ -22,7 +22,7 @@ class StuckTracks : public testing::Test {
     tracks_.positions.assign(3, {});
     Random random(kStuckSeed);
     while (tracks_.size() < 200) {
-      const Eigen::Vector2d pixel(random.uniform(5, 635), random.uniform(5, 475));
+      const Eigen::Vector2d pixel{random.uniform(5, 635), random.uniform(5, 475)};
       see(pixel, random.uniform(4, 12));
     }
   }
@@ -33,8 +33,8 @@ class StuckTracks : public testing::Test {
   void stick(int count, double height) {
     Random random(kStuckSeed + 1);
     for (int i = 0; i < count; ++i) {
-      const Eigen::Vector2d pixel(random.uniform(5, 635), random.uniform(475 - height, 475));
-      add(pixel, pixel + Eigen::Vector2d(0.1 * random.gaussian(), 0.1 * random.gaussian()));
+      const Eigen::Vector2d pixel{random.uniform(5, 635), random.uniform(475 - height, 475)};
+      add(pixel, pixel + Eigen::Vector2d{0.1 * random.gaussian(), 0.1 * random.gaussian()});
     }
   }
   std::vector<Eigen::Vector2f> leaveOut() { return leaveOutStuck(tracks_, camera_, kStuckSeed); }
@@ -75,7 +75,7 @@ TEST_F(StuckTracks, MayBeWhatTheCameraTurnsAround) {
   observe(0.05, {-0.4, 0.04, 0});
   Random random(kStuckSeed);
   for (int i = 0; i < 20; ++i) {
-    const Eigen::Vector2d pixel(random.uniform(300, 340), random.uniform(220, 260));
+    const Eigen::Vector2d pixel{random.uniform(300, 340), random.uniform(220, 260)};
     see(pixel, 8);  // where the axes of both cameras meet
     ASSERT_LT((tracks_.positions[2].back() - tracks_.positions[0].back()).norm(), 0.5F);
   }

@@ -49,7 +49,7 @@ TEST(Triangulate, VarianceIsThatOfTheError) {
   const int rounds = 20000;
   for (int round = 0; round < rounds; ++round) {
     const std::size_t i = static_cast<std::size_t>(round) % scene.matches.size();
-    const Eigen::Vector2d noise(random.gaussian(), random.gaussian());
+    const Eigen::Vector2d noise{random.gaussian(), random.gaussian()};
     const auto point = triangulateInverseDepth(scene.T_cur_ref,
                                                scene.camera.unproject(scene.matches.reference[i]),
                                                targetPoint(scene, i) + sigma * noise,
