@@ -249,6 +249,12 @@ Dataset openDataset(const DatasetLayout& layout) {
   }
   dataset.images = openImageStore(layout.images);
   if (layout.times.empty()) {
+    if (dataset.images->size() > 1) {
+      dataset.warnings.push_back(
+          fmt::format("{}: no times.txt beside the images: they are taken to be {} s apart",
+                      layout.images.string(),
+                      kDefaultPeriod));
+    }
     for (int i = 0; i < dataset.images->size(); ++i) {
       dataset.timestamps.push_back(kDefaultPeriod * i);
     }

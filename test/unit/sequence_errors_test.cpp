@@ -212,6 +212,15 @@ TEST_F(SequenceErrorsTest, NanosecondsAreTakenAsSuch) {
   EXPECT_EQ(SequenceReader(options()).warnings().size(), 0U);
 }
 
+TEST_F(SequenceErrorsTest, ImagesWithoutTimesAreSaidToBeATenthApart) {
+  writeDso(2);
+  fs::remove(root() / "times.txt");
+  const SequenceReader reader(options());
+  EXPECT_NEAR(reader.timestamp(1), .1, 1e-9);
+  ASSERT_EQ(reader.warnings().size(), 1U);
+  EXPECT_THAT(reader.warnings()[0], AllOf(HasSubstr("images: no times.txt"), HasSubstr("0.1 s")));
+}
+
 TEST_F(SequenceErrorsTest, FewBitsInSixteenAreRecognisedOrDeclared) {
   writeDso(1);
   cv::Mat image(48, 64, CV_16UC1, cv::Scalar(500));
