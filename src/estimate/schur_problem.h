@@ -20,9 +20,8 @@ class SchurProblem {
  public:
   using Solver = DampedSolver<typename decltype(Equations::system)::Number>;
 
-  SchurProblem(Model model, State state, double tolerance, bool depths_fixed = false)
+  SchurProblem(Model model, State state, bool depths_fixed = false)
       : model_(std::move(model)),
-        tolerance_(tolerance),
         depths_fixed_(depths_fixed),
         state_(std::move(state)),
         moved_(state_) {
@@ -51,20 +50,20 @@ class SchurProblem {
     return decrease >= 0 ? std::optional(decrease) : std::nullopt;
   }
   bool accept(const DampedStep& step) {
-    const bool converged = *step.decrease <= tolerance_ * equations_.cost;
+    const bool converged = *step.decrease <= kTolerance * equations_.cost;
     std::swap(state_, moved_);
     std::swap(equations_, moved_equations_);
     return !converged && !atMinimum();
   }
   [[nodiscard]] bool reject(const DampedStep& step) const {
-    return !step.predicted || *step.predicted >= tolerance_ * equations_.cost;
+    return !step.predicted || *step.predicted >= kTolerance * equations_.cost;
   }
 
  private:
+  static constexpr double kTolerance = 1e-6;     // of the cost; default of Ceres
   static constexpr double kMinGradient = 1e-10;  // default of Ceres
 
   Model model_;
-  double tolerance_;
   bool depths_fixed_;
   State state_;
   State moved_;

@@ -264,7 +264,7 @@ std::vector<SelectedPixel> PixelSelector::select(const Frame& frame,
   constexpr double kTooFew = 1.25;  // wanted / found. @source of both limits: DSO as published
   constexpr double kTooMany = 0.25;
   constexpr double kThin = 0.95;
-  thresholds_.compute(frame, options_.gradient_above_median);
+  thresholds_.compute(frame);
   scales_.compute(frame, thresholds_, threshold_factor);
   BlockPass pass(frame, scales_, random_bytes_);
   std::vector<SelectedPixel> selected;

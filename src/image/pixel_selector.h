@@ -22,10 +22,9 @@ struct SelectedPixel {
 [[nodiscard]] bool patternIsValid(const PyramidLevel& level, int x, int y);
 
 struct PixelSelectorOptions {
-  double gradient_above_median = 7;  ///< [grey levels / px]; DSO, section 3.2
-  int first_block_size = 3;          ///< [px]
-  int max_repetitions = 3;           ///< with another block size when the count is far off
-  int seed = 1;                      ///< of directions and thinning
+  int first_block_size = 3;  ///< [px]
+  int max_repetitions = 3;   ///< with another block size when the count is far off
+  int seed = 1;              ///< of directions and thinning
 };
 
 /// Well-spread gradient pixels: in each block the strongest along a random direction, on three

@@ -9,6 +9,7 @@
 namespace dsorb {
 namespace {
 
+constexpr double kAboveMedian = 7;        // [grey levels / px]; DSO, section 3.2
 constexpr int kGradientBins = 49;         // of 1 grey level / px; the last one takes the rest
 constexpr std::size_t kRowGrain = 16;     // rows one thread takes at a time
 constexpr std::size_t kRegionGrain = 16;  // regions one thread takes at a time
@@ -48,7 +49,7 @@ void RegionThresholds::resize(int width, int height) {
   squared_thresholds_.resize(thresholds_.size());
 }
 
-void RegionThresholds::compute(const Frame& frame, double above_median) {
+void RegionThresholds::compute(const Frame& frame) {
   const PyramidLevel& level = frame.level(0);
   resize(level.width(), level.height());
   const ResponseSlope* slope = frame.responseSlope();
@@ -59,15 +60,15 @@ void RegionThresholds::compute(const Frame& frame, double above_median) {
           level, y, slope, squared_gradients_.data() + static_cast<std::ptrdiff_t>(y) * width_);
     }
   });
-  medianGradients(level, above_median);
+  medianGradients(level);
   smoothAndSquare();
 }
 
-void RegionThresholds::medianGradients(const PyramidLevel& level, double above_median) {
+void RegionThresholds::medianGradients(const PyramidLevel& level) {
   forEachRange(thresholds_.size(), kRegionGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t region = begin; region < end; ++region) {
       thresholds_[region] =
-          static_cast<float>(medianGradient(level, static_cast<int>(region)) + above_median);
+          static_cast<float>(medianGradient(level, static_cast<int>(region)) + kAboveMedian);
     }
   });
 }

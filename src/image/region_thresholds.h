@@ -16,7 +16,7 @@ namespace dsorb {
 void squareGradients(const PyramidLevel& level, int y, const ResponseSlope* slope, float* squared);
 
 /// Squared gradients of level 0 in raw camera values (weighted by the slope of the response) and
-/// the threshold a pixel has to pass in its 32x32 region: median gradient plus a constant, smoothed
+/// the threshold a pixel has to pass in its 32x32 region: median gradient plus 7, smoothed
 /// over 3x3 regions, squared. Memory is reused between frames of one size.
 /// @source Engel et al., DSO, arXiv:1607.02565, section 3.2; strips that fill no region belong to
 ///         the last one, invalid pixels do not vote
@@ -24,8 +24,7 @@ class RegionThresholds {
  public:
   /// Takes the memory for frames of one size; compute() does so where it has not been done.
   void resize(int width, int height);
-  /// @param above_median added to each region's median gradient [grey levels / px]
-  void compute(const Frame& frame, double above_median);
+  void compute(const Frame& frame);
 
   [[nodiscard]] const float* squaredGradients(int y) const {
     return squared_gradients_.data() + static_cast<std::ptrdiff_t>(y) * width_;
@@ -41,7 +40,7 @@ class RegionThresholds {
   static constexpr int kRegionSize = 32;  // [px]; DSO, section 3.2
 
  private:
-  void medianGradients(const PyramidLevel& level, double above_median);
+  void medianGradients(const PyramidLevel& level);
   [[nodiscard]] int medianGradient(const PyramidLevel& level, int region) const;
   void smoothAndSquare();
   /// @param x,y of a region

@@ -166,7 +166,6 @@ bool FrameTracker::needsKeyframe(const Frame& frame, const track::TrackingResult
           .gain);
   cues.rmse = result.rmse[0];
   cues.first_rmse = *first_rmse_;
-  cues.seconds_since_keyframe = std::abs(frame.timestamp() - target.frame->timestamp());
   cues.width_plus_height = frame.width() + frame.height();
   return window::needsKeyframe(cues, options_.window);
 }

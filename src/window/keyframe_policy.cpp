@@ -17,7 +17,6 @@ constexpr double kBrightnessWeight = 2;      // of the absolute log gain
 constexpr double kRmseRatio = 2;             // of the tracking error to that of the first frame
 constexpr double kMinAliveShare = 0.05;      // a keyframe with fewer of its points left leaves
 constexpr double kMaxLogGain = 0.7;          // to the newest keyframe; more leaves
-constexpr double kFixedRateSlack = 0.95;     // of the period, so that jitter does not skip a frame
 constexpr double kDistanceOffset = 1e-5;     // relative to the window's extent; keeps scores finite
 
 double extent(const std::vector<KeyframeSummary>& keyframes) {
@@ -58,9 +57,6 @@ std::optional<std::size_t> worstPlaced(const std::vector<KeyframeSummary>& keyfr
 }  // namespace
 
 bool needsKeyframe(const KeyframeCues& cues, const WindowOptions& options) {
-  if (options.keyframes_per_second > 0) {
-    return cues.seconds_since_keyframe > kFixedRateSlack / options.keyframes_per_second;
-  }
   const double flow = (kTranslationWeight * std::sqrt(cues.translation_flow) +
                        kFlowWeight * std::sqrt(cues.full_flow)) /
                       cues.width_plus_height;

@@ -18,8 +18,7 @@ struct KeyframeCues {
   double log_gain = 0;          ///< brightness, reference to frame
   double rmse = 0;              ///< of tracking, level 0 [grey levels]
   double first_rmse = 0;        ///< of the first frame tracked on the same reference
-  double seconds_since_keyframe = 0;
-  int width_plus_height = 0;  ///< [px]
+  int width_plus_height = 0;    ///< [px]
 };
 
 /// @source Engel et al., DSO, arXiv:1607.02565, section 3.1; weights as published

@@ -18,6 +18,7 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
+constexpr int kMaxIterations = 6;        // of one adjustment. @source DSO as published
 constexpr std::size_t kSmallWindow = 4;  // fewer keyframes get more iterations
 constexpr int kMaxIterationsSmall = 15;  // while the window is small. @source DSO as published
 constexpr int kNullSpaceFrom =
@@ -338,7 +339,7 @@ OptimizationReport WindowOptimizer::optimize(Window& window) {
   FactorDamping damping = kDamping;
   if (!options_.optimizer.undo_bad_steps) damping.down = 1;
   if (adjustment.finite()) {
-    minimize(adjustment, damping, small ? kMaxIterationsSmall : options_.optimizer.max_iterations);
+    minimize(adjustment, damping, small ? kMaxIterationsSmall : kMaxIterations);
   }
   return adjustment.finish();
 }

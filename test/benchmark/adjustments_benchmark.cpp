@@ -86,8 +86,7 @@ void polish(benchmark::State& state) {
   const Start& from = start();
   timeWithThreads(state, [&] {
     InitialMap map = from.map;
-    return refineCorners(map, room().camera, from.options.geometric, from.options.polish_rounds)
-        .last_rms;
+    return refineCorners(map, room().camera, from.options.geometric).last_rms;
   });
   count(state, from.map);
 }
@@ -102,8 +101,7 @@ void polishOtherPoses(benchmark::State& state) {
   }
   timeWithThreads(state, [&] {
     InitialMap map = posed;
-    refinePoses(
-        map, room().camera, from.options.geometric, from.options.polish_rounds, from.others);
+    refinePoses(map, room().camera, from.options.geometric, from.others);
     return map.frames.size();
   });
   state.counters["frames"] = static_cast<double>(from.others.size());

@@ -6,8 +6,7 @@
 namespace dsorb {
 namespace {
 
-constexpr double kGradientAboveMedian = 7;  // [grey levels / px]; default of the options
-constexpr int kWantedPixels = 2000;         // of a keyframe
+constexpr int kWantedPixels = 2000;  // of a keyframe
 
 const RenderedFrames& room() {
   static const RenderedFrames frames(roomOptions(1));
@@ -38,7 +37,7 @@ void regionThresholds(benchmark::State& state, const RenderedFrames& (*scene)())
   const Frame& frame = *scene().frames.front();
   RegionThresholds thresholds;
   timeWithThreads(state, [&] {
-    thresholds.compute(frame, kGradientAboveMedian);
+    thresholds.compute(frame);
     return thresholds.squaredThreshold(0, 0);
   });
 }

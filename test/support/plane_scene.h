@@ -21,7 +21,14 @@ namespace dsorb {
 /// waves over the reference image, moved by the plane's homography.
 class PlaneScene {
  public:
-  explicit PlaneScene(std::uint64_t seed) {
+  /// @param scale of the image's sides, 1: 320 x 240
+  explicit PlaneScene(std::uint64_t seed, int scale = 1)
+      : camera_{200.0 * scale,
+                200.0 * scale,
+                160.0 * scale - 0.5,
+                120.0 * scale - 0.5,
+                320 * scale,
+                240 * scale} {
     Random random(seed);
     for (Wave& wave : waves_) {
       const double length = random.uniform(8, 40);  // [px]
@@ -75,7 +82,7 @@ class PlaneScene {
     return grey;
   }
 
-  PinholeCamera camera_{200, 200, 159.5, 119.5, 320, 240};
+  PinholeCamera camera_;
   Eigen::Vector3d normal_{0.3, -0.2, 1.0};
   std::array<Wave, 16> waves_;
 };

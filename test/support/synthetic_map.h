@@ -2,6 +2,7 @@
 #pragma once
 
 #include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/options/orb_mapping.h"
 
 #include "base/random.h"
 #include "init/orb/map/initial_map.h"
@@ -17,6 +18,15 @@ struct SyntheticMap {
   init_orb::InitialMap truth;  ///< mean inverse depth 1
   init_orb::InitialMap start;  ///< the same observations, perturbed poses and inverse depths
 };
+
+/// As [Gladkova]: hardly any observation of these scenes is weighted down.
+inline GeometricOptions huber() {
+  GeometricOptions options;
+  options.sigma = 1;
+  options.loss = RobustLoss::kHuber;
+  options.loss_threshold = 2.4474;
+  return options;
+}
 
 struct SyntheticMapOptions {
   int corners = 300;

@@ -94,8 +94,7 @@ TEST(CornerPolish, ReducesTheErrorOfDisturbedTracks) {
   const double before = rmsError(made);
   GeometricOptions geometric;
   geometric.sigma = 0.4;
-  const RefinementReport report =
-      refineCorners(made.map, made.scene.camera(), geometric, OrbOptions().polish_rounds);
+  const RefinementReport report = refineCorners(made.map, made.scene.camera(), geometric);
   ASSERT_TRUE(report.accepted) << report.first_rms << " " << report.last_rms;
   EXPECT_TRUE(report.fits);
   EXPECT_LT(rmsError(made), 0.35 * before);
@@ -112,21 +111,18 @@ TEST(CornerPolish, KeepsTheMapWhereTheImagesDoNotFit) {
     made.map.frames[k].frame = other.render(made.truth[k], 1, static_cast<int>(k));
   }
   const InitialMap before = made.map;
-  const RefinementReport report =
-      refineCorners(made.map, made.scene.camera(), GeometricOptions(), OrbOptions().polish_rounds);
+  const RefinementReport report = refineCorners(made.map, made.scene.camera(), GeometricOptions());
   EXPECT_FALSE(report.accepted);
   EXPECT_FALSE(report.fits);  // a start from such tracks is refused
   expectSame(made.map, before);
 }
 
 TEST(CornerPolish, EndsAfterTheFirstRoundWhereItIsHopeless) {
-  DisturbedMap once = makeDisturbedMap(0.4);
-  DisturbedMap ended = once;
-  DisturbedMap all = once;
-  const PinholeCamera& camera = once.scene.camera();
+  DisturbedMap ended = makeDisturbedMap(0.4);
+  DisturbedMap all = ended;
+  const PinholeCamera& camera = ended.scene.camera();
   GeometricOptions geometric;
   geometric.sigma = 0.4;
-  refineCorners(once.map, camera, geometric, 1);
   int asked = 0;
   const auto answer = [&](bool hopeless) {
     return [&asked, hopeless](const InitialMap&) {
@@ -134,25 +130,17 @@ TEST(CornerPolish, EndsAfterTheFirstRoundWhereItIsHopeless) {
       return hopeless;
     };
   };
-  refineCorners(ended.map, camera, geometric, 5, answer(true));
+  refineCorners(ended.map, camera, geometric, answer(true));
   EXPECT_EQ(asked, 1);
-  expectSame(ended.map, once.map);
-  refineCorners(all.map, camera, geometric, 5, answer(false));
+  refineCorners(all.map, camera, geometric, answer(false));
   EXPECT_EQ(asked, 2);
   EXPECT_LT(rmsError(all), rmsError(ended));
-}
-
-TEST(CornerPolish, IsOffWithoutRounds) {
-  DisturbedMap made = makeDisturbedMap(0.4);
-  const InitialMap before = made.map;
-  EXPECT_FALSE(refineCorners(made.map, made.scene.camera(), GeometricOptions(), 0).accepted);
-  expectSame(made.map, before);
 }
 
 constexpr double kDisturbance = 0.1;  // [px]
 
 /// Adjusted frames 1 and 3, then frame 2 posed from the corners; its covariance.
-Matrix6d covarianceBetween(DisturbedMap& made, int rounds, double disturbance) {
+Matrix6d covarianceBetween(DisturbedMap& made, double disturbance) {
   const PinholeCamera& camera = made.scene.camera();
   GeometricOptions geometric;
   geometric.sigma = disturbance;
@@ -160,7 +148,7 @@ Matrix6d covarianceBetween(DisturbedMap& made, int rounds, double disturbance) {
   EXPECT_TRUE(adjustGeometry(made.map, camera, geometric).usable);
   const std::vector<std::size_t> others = poseOtherFrames(made.map, camera);
   EXPECT_EQ(others, std::vector<std::size_t>{2});
-  refinePoses(made.map, camera, geometric, rounds, others);
+  refinePoses(made.map, camera, geometric, others);
   EXPECT_TRUE(made.map.frames[2].covariance);
   return made.map.frames[2].covariance.value_or(Matrix6d::Zero());
 }
@@ -178,12 +166,12 @@ struct BetweenSpread {
   double sigma = 0;
 };
 
-BetweenSpread spreadBetween(int rounds, double disturbance) {
+BetweenSpread spreadBetween(double disturbance) {
   std::vector<double> ratios;
   std::vector<double> sigmas;
   for (std::uint64_t seed = 9; seed < 24; ++seed) {
     DisturbedMap made = makeDisturbedMap(disturbance, seed);
-    const Matrix6d covariance = covarianceBetween(made, rounds, disturbance);
+    const Matrix6d covariance = covarianceBetween(made, disturbance);
     ratios.push_back(rotationRatio(made, covariance));
     sigmas.push_back(std::sqrt(covariance(4, 4)));
   }
@@ -191,7 +179,7 @@ BetweenSpread spreadBetween(int rounds, double disturbance) {
 }
 
 TEST(CornerPolish, SingleFramesGetACovariance) {
-  const BetweenSpread spread = spreadBetween(OrbOptions().polish_rounds, kDisturbance);
+  const BetweenSpread spread = spreadBetween(kDisturbance);
   // Expected 0.79, chi-square 3 over 3. Measured 1.2 and 0.00049 rad, margin x2.
   EXPECT_GT(spread.ratio, 0.4);
   EXPECT_LT(spread.ratio, 2.4);
@@ -199,19 +187,11 @@ TEST(CornerPolish, SingleFramesGetACovariance) {
 }
 
 TEST(CornerPolish, SingleFramesGetACovarianceWithNoisyCorners) {
-  const BetweenSpread spread = spreadBetween(OrbOptions().polish_rounds, 4 * kDisturbance);
+  const BetweenSpread spread = spreadBetween(4 * kDisturbance);
   // The pose is no longer linear in the errors. Measured 1.7 and 0.0018 rad, margin x2.
   EXPECT_GT(spread.ratio, 0.4);
   EXPECT_LT(spread.ratio, 3.4);
   EXPECT_LT(spread.sigma, 0.004);
-}
-
-TEST(CornerPolish, SingleFramesGetTheCovarianceOfTheirTracksWithoutRounds) {
-  const BetweenSpread spread = spreadBetween(0, kDisturbance);
-  // Measured 1.3 and 0.00058 rad, margin x2.
-  EXPECT_GT(spread.ratio, 0.4);
-  EXPECT_LT(spread.ratio, 2.6);
-  EXPECT_LT(spread.sigma, 0.0012);
 }
 
 TEST(CornerPolish, SingleFramesThatSeeNoCornerAreUncertain) {
@@ -221,7 +201,7 @@ TEST(CornerPolish, SingleFramesThatSeeNoCornerAreUncertain) {
                                     observations.end(),
                                     [](const CornerObservation& seen) { return seen.frame == 2; }),
                      observations.end());
-  const Matrix6d covariance = covarianceBetween(made, {}, kDisturbance);
+  const Matrix6d covariance = covarianceBetween(made, kDisturbance);
   const Vector6d motion = (made.truth[3] * made.truth[1].inverse()).log();
   EXPECT_GT(covariance(4, 4), 0.2 * motion.tail<3>().squaredNorm());
   EXPECT_LT(rotationRatio(made, covariance), 1);  // measured 0.06

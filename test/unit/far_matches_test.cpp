@@ -14,21 +14,18 @@ namespace {
 
 constexpr int kFarWidth = 480;
 constexpr int kFarHeight = 360;
-constexpr int kFeatures = 2000;
 const Eigen::Vector2f kFarShift(97.3F, -61.6F);  // far beyond a window of optical flow
 
 class OrbFeatures final : public FeatureFinder {
  public:
-  Features find(const GreyImage& image, int max_features) override {
-    return findFeatures(image, max_features);
-  }
+  Features find(const GreyImage& image) override { return findFeatures(image); }
 };
 
 /// Whether descriptors are floats makes two matchers: the bits as floats, of unit length.
 class FloatFeatures final : public FeatureFinder {
  public:
-  Features find(const GreyImage& image, int max_features) override {
-    Features features = findFeatures(image, max_features);
+  Features find(const GreyImage& image) override {
+    Features features = findFeatures(image);
     cv::Mat floats(features.descriptors.rows, 8 * features.descriptors.cols, CV_32F);
     for (int i = 0; i < floats.rows; ++i) {
       for (int k = 0; k < floats.cols; ++k) {
@@ -42,7 +39,7 @@ class FloatFeatures final : public FeatureFinder {
 };
 
 DescribedFrame describe(FeatureFinder& finder, int id, const Paint& scene) {
-  return describeFrame(paintFrame(id, kFarWidth, kFarHeight, scene), 1, finder, kFeatures);
+  return describeFrame(paintFrame(id, kFarWidth, kFarHeight, scene), 1, finder);
 }
 
 /// Matches a scene with itself far away.

@@ -21,10 +21,8 @@ FramePtr paintMatches(int id, const Paint& intensity) {
   return paintFrame(id, kMatchWidth, kMatchHeight, intensity);
 }
 
-constexpr int kMaxFeatures = 2000;
-
 Features featuresOf(const Paint& scene) {
-  return findFeatures(greyImage(paintMatches(0, scene)->level(0), 1, 15), kMaxFeatures);
+  return findFeatures(greyImage(paintMatches(0, scene)->level(0), 1, 15));
 }
 
 Paint shiftedScene(std::uint64_t seed) {
@@ -50,7 +48,7 @@ TEST(FeatureMatches, FindAShiftedSceneAgain) {
 }
 
 TEST(FeatureMatches, RefinementReachesAFractionOfAPixel) {
-  FeatureMatches matches(kMaxFeatures);
+  FeatureMatches matches;
   const std::vector<Eigen::Vector2f> reference = matches.start(*paintMatches(0, blobs(1)));
   const std::vector<Eigen::Vector2f> found = matches.find(*paintMatches(1, shiftedScene(1)));
   std::vector<float> errors;
@@ -64,7 +62,7 @@ TEST(FeatureMatches, RefinementReachesAFractionOfAPixel) {
 }
 
 TEST(FeatureMatches, OfAnotherSceneAreFew) {
-  FeatureMatches matches(kMaxFeatures);
+  FeatureMatches matches;
   const std::size_t features = matches.start(*paintMatches(0, blobs(1))).size();
   const std::vector<Eigen::Vector2f> found = matches.find(*paintMatches(1, blobs(2)));
   EXPECT_LT(static_cast<double>(std::count_if(found.begin(), found.end(), isSeen)),
@@ -74,16 +72,17 @@ TEST(FeatureMatches, OfAnotherSceneAreFew) {
 TEST(FeatureMatches, SpreadTheFeaturesOverTheImage) {
   // One quarter of the image has five times the contrast of the others.
   const Paint scene = [base = blobs(3)](float x, float y) {
-    const float contrast = x < kMatchWidth / 2 && y < kMatchHeight / 2 ? 1.0F : 0.2F;
+    const float contrast = x < kMatchWidth && y < kMatchHeight ? 1.0F : 0.2F;
     return 128.0F + contrast * (base(x, y) - 128.0F);
   };
-  FeatureMatches matches(200);
-  const std::vector<Eigen::Vector2f> found = matches.start(*paintMatches(0, scene));
+  FeatureMatches matches;
+  const std::vector<Eigen::Vector2f> found =
+      matches.start(*paintFrame(0, 2 * kMatchWidth, 2 * kMatchHeight, scene));
   const auto loud = std::count_if(found.begin(), found.end(), [](const Eigen::Vector2f& p) {
-    return p.x() < kMatchWidth / 2 && p.y() < kMatchHeight / 2;
+    return p.x() < kMatchWidth && p.y() < kMatchHeight;
   });
-  ASSERT_GT(found.size(), 100U);
-  EXPECT_LE(loud, 120);  // 6 of 20 cells, each twice its share; unspread all 200 are there
+  ASSERT_GT(found.size(), 1000U);
+  EXPECT_LE(loud, 1000);  // 20 of 80 cells, each twice its share; unspread all are there
 }
 
 TEST(FeatureMatches, KeepAwayFromInvalidPixels) {
@@ -91,7 +90,7 @@ TEST(FeatureMatches, KeepAwayFromInvalidPixels) {
   const Paint scene = [base = blobs(4), nan](float x, float y) {
     return x > 100 && x < 200 ? nan : base(x, y);
   };
-  FeatureMatches matches(kMaxFeatures);
+  FeatureMatches matches;
   const std::vector<Eigen::Vector2f> found = matches.start(*paintMatches(0, scene));
   ASSERT_FALSE(found.empty());
   for (const Eigen::Vector2f& point : found) EXPECT_TRUE(point.x() < 100 || point.x() > 200);
@@ -129,7 +128,7 @@ TEST(FeatureMatches, ArePartnersByOpenCvsMatcherToo) {
 }
 
 TEST(FeatureMatches, OfNothingAreNone) {
-  FeatureMatches matches(kMaxFeatures);
+  FeatureMatches matches;
   EXPECT_TRUE(matches.start(*paintMatches(0, [](float, float) { return 90.0F; })).empty());
   EXPECT_TRUE(matches.find(*paintMatches(1, blobs(6))).empty());
 }

@@ -4,6 +4,7 @@
 #include "base/median.h"
 #include "init/orb/thesis/ceres/reprojection_cost.h"
 #include "init/orb/thesis/geometric_adjustment.h"
+#include "support/formal_covariance.h"
 #include "support/jacobian_check.h"
 #include "support/matchers.h"
 #include "support/synthetic_map.h"
@@ -21,23 +22,14 @@
 namespace dsorb::init_orb {
 namespace {
 
-/// Independent noise: every observation counts, hardly any is weighted down.
-GeometricOptions formal() {
-  GeometricOptions options;
-  options.sigma = 1;
-  options.loss = RobustLoss::kHuber;
-  options.loss_threshold = 2.4474;
-  options.pose_variance_factor = 0;
-  return options;
-}
-
 TEST(GeometricCovariance, VariancesPredictTheErrorsOfNoisyObservations) {
   std::vector<double> depth_ratios;
   std::vector<double> pose_ratios;
   for (std::uint64_t seed = 10; seed < 30; ++seed) {
     SyntheticMap scene = makeSyntheticMap({200, 4, 0.3, 0.1}, seed);
-    const GeometricReport report = adjustGeometry(scene.start, scene.camera, formal());
+    const GeometricReport report = adjustGeometry(scene.start, scene.camera, huber());
     ASSERT_TRUE(report.usable);
+    setFormalCovariances(scene.start, scene.camera, huber());
     ASSERT_EQ(scene.start.corners.size(), scene.truth.corners.size());
     EXPECT_NEAR(report.variance_factor, 0.09, 0.02);  // noise^2; 800 degrees of freedom: 5 %
     // Truth in the gauge of the estimate: its noise moved the mean inverse depth.
@@ -90,12 +82,12 @@ Eigen::MatrixXd denseCovariance(const InitialMap& map, const PinholeCamera& came
 }
 
 TEST(GeometricCovariance, EqualsTheDensePseudoInverseInTheSameGauge) {
-  SyntheticMap scene = makeSyntheticMap({40, 4, 0.2, 0}, 6);
-  GeometricOptions options = formal();
-  options.min_points = 10;
+  SyntheticMap scene = makeSyntheticMap({60, 4, 0.2, 0}, 6);
+  GeometricOptions options = huber();
   options.loss_threshold = 1000;  // the referee has no weights
   const GeometricReport report = adjustGeometry(scene.start, scene.camera, options);
   ASSERT_TRUE(report.usable);
+  setFormalCovariances(scene.start, scene.camera, options);
   const Eigen::MatrixXd expected =
       report.variance_factor * denseCovariance(scene.start, scene.camera);
   for (int k = 1; k < 4; ++k) {
@@ -104,7 +96,7 @@ TEST(GeometricCovariance, EqualsTheDensePseudoInverseInTheSameGauge) {
         relativeDifference(*scene.start.frames[static_cast<std::size_t>(k)].covariance, block),
         1e-5);
   }
-  for (int i = 0; i < 40; ++i) {
+  for (int i = 0; i < 60; ++i) {
     const double variance = scene.start.corners[static_cast<std::size_t>(i)].variance;
     EXPECT_NEAR(variance / expected(18 + i, 18 + i), 1.0, 1e-5) << i;
   }
@@ -199,10 +191,11 @@ class SparseQrReferee {
 
 TEST(GeometricCovariance, EqualsSparseQrOfCeres) {
   SyntheticMap scene = makeSyntheticMap({200, 5, 0.2, 0}, 9);
-  GeometricOptions options = formal();
+  GeometricOptions options = huber();
   options.loss_threshold = 1000;  // the referee has no weights
   const GeometricReport report = adjustGeometry(scene.start, scene.camera, options);
   ASSERT_TRUE(report.usable);
+  setFormalCovariances(scene.start, scene.camera, options);
   ASSERT_EQ(scene.start.corners.size(), 200U);
   const SparseQrReferee referee(scene.start, scene.camera);
   ASSERT_TRUE(referee.usable());
@@ -218,12 +211,13 @@ TEST(GeometricCovariance, EqualsSparseQrOfCeres) {
 }
 
 /// Median over 30 maps of the squared error of the newest pose over its covariance, a sixth.
-double medianPoseRatio(const GeometricOptions& options) {
+double medianPoseRatio(bool formal) {
   std::vector<double> ratios;
   for (std::uint64_t seed = 40; seed < 70; ++seed) {
     SyntheticMap scene = makeSyntheticMap({600, 4, 0.1, 0}, seed);
     addSharedErrors(scene, 0.3, seed);
-    EXPECT_TRUE(adjustGeometry(scene.start, scene.camera, options).usable);
+    EXPECT_TRUE(adjustGeometry(scene.start, scene.camera, huber()).usable);
+    if (formal) setFormalCovariances(scene.start, scene.camera, huber());
     const Vector6d error =
         (*scene.truth.frames[3].T_cam_ref * scene.start.frames[3].T_cam_ref->inverse()).log();
     ratios.push_back(error.dot(scene.start.frames[3].covariance->inverse() * error) / 6);
@@ -232,10 +226,8 @@ double medianPoseRatio(const GeometricOptions& options) {
 }
 
 TEST(GeometricCovariance, ClusteredPredictsErrorsThatNeighboursShare) {
-  GeometricOptions clustered = formal();
-  clustered.pose_variance_factor = 1;
-  EXPECT_GT(medianPoseRatio(formal()), 5);               // measured 9.7
-  EXPECT_NEAR(medianPoseRatio(clustered), 0.891, 0.45);  // measured 1.17; expected 0.891
+  EXPECT_GT(medianPoseRatio(true), 5);               // measured 9.7
+  EXPECT_NEAR(medianPoseRatio(false), 0.891, 0.45);  // measured 1.17; expected 0.891
 }
 
 }  // namespace

@@ -36,17 +36,6 @@ TEST(NeedsKeyframeTest, FlowBrightnessAndErrorEachSuffice) {
   EXPECT_TRUE(needsKeyframe(cues, options));
 }
 
-TEST(NeedsKeyframeTest, FixedRateCountsOnlyTime) {
-  WindowOptions options;
-  options.keyframes_per_second = 5;
-  KeyframeCues cues = quiet();
-  cues.translation_flow = 1e4;
-  cues.seconds_since_keyframe = 0.18;
-  EXPECT_FALSE(needsKeyframe(cues, options));
-  cues.seconds_since_keyframe = 0.2;
-  EXPECT_TRUE(needsKeyframe(cues, options));
-}
-
 /// Keyframes on a line, 1 unit apart, all alive.
 std::vector<KeyframeSummary> line(int count) {
   std::vector<KeyframeSummary> keyframes;

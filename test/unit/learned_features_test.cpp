@@ -140,7 +140,7 @@ TEST(LearnedFeatures, OfATinyNetwork) {
   for (const auto& size : sizes) {
     GreyImage image = greyOf(size[0], size[1]);
     cv::randu(image.grey, 0, 255);
-    const Features found = finder->find(image, 1000);
+    const Features found = finder->find(image);
     ASSERT_FALSE(found.points.empty());
     EXPECT_EQ(found.descriptors.cols, 4);
     for (const cv::KeyPoint& point : found.points) {
@@ -160,9 +160,7 @@ TEST(LearnedFeatures, OfXFeatFindARoomAgain) {
   options.length = 13;
   const synthetic::SyntheticSequence room(options);
   const std::unique_ptr<FeatureFinder> finder = makeLearnedFinder(file);
-  const auto describe = [&](int index) {
-    return describeFrame(room.framePtr(index), 1, *finder, 2000);
-  };
+  const auto describe = [&](int index) { return describeFrame(room.framePtr(index), 1, *finder); };
   const DescribedFrame from = describe(0);
   const std::vector<Eigen::Vector2f> found = findAgain(from, describe(12));
   const std::vector<float> inverse_depth = room.inverseDepth(0);

@@ -55,7 +55,7 @@ std::vector<float> ramp(int width, int height, float slope) {
 
 TEST(RegionThresholds, AreTheMedianGradientPlusAConstantSquared) {
   RegionThresholds thresholds;
-  thresholds.compute(*makeFrame(ramp(kWidth, kHeight, 3.5F), kWidth), 7);
+  thresholds.compute(*makeFrame(ramp(kWidth, kHeight, 3.5F), kWidth));
   for (const auto& [x, y] : {std::pair{5, 5}, {160, 120}, {319, 239}}) {
     EXPECT_FLOAT_EQ(thresholds.squaredThreshold(x, y), 100.0F) << x << ' ' << y;  // (3 + 7)^2
   }
@@ -73,7 +73,7 @@ TEST(RegionThresholds, StripsBesideTheLastRegionUseIt) {
     }
   }
   RegionThresholds thresholds;
-  thresholds.compute(*makeFrame(grey, width), 7);
+  thresholds.compute(*makeFrame(grey, width));
   EXPECT_FLOAT_EQ(thresholds.squaredThreshold(width - 1, 50),
                   thresholds.squaredThreshold(5 * 32 + 1, 50));
   EXPECT_FLOAT_EQ(thresholds.squaredThreshold(width - 1, 50), 27.0F * 27.0F);
@@ -85,7 +85,7 @@ TEST(RegionThresholds, WeighGradientsByTheResponseSlope) {
   auto slope = std::make_shared<ResponseSlope>();
   slope->fill(0.5F);
   RegionThresholds thresholds;
-  thresholds.compute(*makeFrame(ramp(kWidth, kHeight, 8.0F), kWidth, slope), 7);
+  thresholds.compute(*makeFrame(ramp(kWidth, kHeight, 8.0F), kWidth, slope));
   EXPECT_FLOAT_EQ(thresholds.squaredGradients(100)[100], 16.0F);
   EXPECT_FLOAT_EQ(thresholds.squaredThreshold(100, 100), 121.0F);  // (4 + 7)^2
 }
@@ -98,7 +98,7 @@ TEST(RegionThresholds, InvalidPixelsDoNotVote) {
     }
   }
   RegionThresholds thresholds;
-  thresholds.compute(*makeFrame(grey, kWidth), 7);
+  thresholds.compute(*makeFrame(grey, kWidth));
   EXPECT_FLOAT_EQ(thresholds.squaredThreshold(5, 100), 144.0F);  // (5 + 7)^2
 }
 
@@ -230,7 +230,7 @@ TEST(GridMaxima, ApproachesTheWantedNumberAndCountsPixelsOnce) {
 TEST(PatchMaxima, ArePixelsOfLargestGradientInTheirPatch) {
   const FramePtr frame = makeFrame(texture(kWidth, kHeight, 6, 8), kWidth);
   RegionThresholds thresholds;
-  thresholds.compute(*frame, 7);
+  thresholds.compute(*frame);
   const std::vector<SelectedPixel> selected = selectPatchMaxima(*frame, thresholds, 6);
   ASSERT_GT(selected.size(), 100U);
   std::set<std::pair<int, int>> patches;
@@ -255,7 +255,7 @@ TEST(PatchMaxima, KeepThePatternOffInvalidPixels) {
   }
   const FramePtr frame = makeFrame(grey, kWidth);
   RegionThresholds thresholds;
-  thresholds.compute(*frame, 7);
+  thresholds.compute(*frame);
   for (const SelectedPixel& pixel : selectPatchMaxima(*frame, thresholds, 6)) {
     EXPECT_TRUE(patternIsValid(frame->level(0), pixel.x, pixel.y));
     EXPECT_GE(std::abs(pixel.x - 100), 2);

@@ -6,6 +6,7 @@
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/thesis/geometric_adjustment.h"
+#include "support/formal_covariance.h"
 #include "support/jacobian_check.h"
 #include "support/synthetic_map.h"
 
@@ -24,15 +25,6 @@ bool isAdjusted(int frame) {
   return frame > 0 && frame % 2 == 0;
 }
 
-GeometricOptions options(double pose_variance_factor) {
-  GeometricOptions options;
-  options.sigma = 1;
-  options.loss = RobustLoss::kHuber;
-  options.loss_threshold = 2.4474;
-  options.pose_variance_factor = pose_variance_factor;
-  return options;
-}
-
 /// Medians over maps and frames of the squared error of the pose over its covariance, a sixth.
 struct Ratios {
   double adjusted = 0;
@@ -40,7 +32,7 @@ struct Ratios {
   double between_own = 0;  ///< without the inherited part
 };
 
-Ratios measure(const SyntheticMapOptions& kind, double shared, double pose_variance_factor) {
+Ratios measure(const SyntheticMapOptions& kind, double shared, bool formal) {
   std::vector<double> adjusted;
   std::vector<double> between;
   std::vector<double> between_own;
@@ -51,10 +43,11 @@ Ratios measure(const SyntheticMapOptions& kind, double shared, double pose_varia
     for (int k = 1; k < kPosedFrames; ++k) {
       if (!isAdjusted(k)) map.frames[static_cast<std::size_t>(k)].T_cam_ref.reset();
     }
-    EXPECT_TRUE(adjustGeometry(map, scene.camera, options(pose_variance_factor)).usable);
+    EXPECT_TRUE(adjustGeometry(map, scene.camera, huber()).usable);
+    if (formal) setFormalCovariances(map, scene.camera, huber());
     EXPECT_EQ(map.corners.size(), scene.truth.corners.size());  // else the gauge is another
     poseOtherFrames(map, scene.camera);
-    const InheritedPoseError inherited(map, scene.camera, options(pose_variance_factor));
+    const InheritedPoseError inherited(map, scene.camera, huber());
     for (int k = 1; k < kPosedFrames; ++k) {
       const auto at = static_cast<std::size_t>(k);
       const SE3& T = *map.frames[at].T_cam_ref;
@@ -67,7 +60,7 @@ Ratios measure(const SyntheticMapOptions& kind, double shared, double pose_varia
         continue;
       }
       const auto own = poseCovariance(
-          observationsByFrame(map, scene.camera)[at], scene.camera, T, {1, pose_variance_factor});
+          observationsByFrame(map, scene.camera)[at], scene.camera, T, {1, formal ? 0.0 : 1.0});
       EXPECT_TRUE(own);
       between.push_back(ratio(*own + inherited.covariance(T)));
       between_own.push_back(ratio(*own));
@@ -77,7 +70,7 @@ Ratios measure(const SyntheticMapOptions& kind, double shared, double pose_varia
 }
 
 TEST(PoseCovariance, PredictsTheSpreadOfPosesFromNoisyObservations) {
-  const Ratios ratios = measure({200, kPosedFrames, 0.3, 0.02}, 0, 0);
+  const Ratios ratios = measure({200, kPosedFrames, 0.3, 0.02}, 0, true);
   // Expected 0.891, chi-square 6 over 6. Measured 0.893, 0.968 and 1.28.
   EXPECT_NEAR(ratios.adjusted, 0.891, 0.15);
   EXPECT_NEAR(ratios.between, 0.891, 0.2);
@@ -85,12 +78,12 @@ TEST(PoseCovariance, PredictsTheSpreadOfPosesFromNoisyObservations) {
 }
 
 TEST(PoseCovariance, ClusteredPredictsErrorsThatNeighboursShare) {
-  const Ratios ratios = measure({600, kPosedFrames, 0.1, 0.02}, 0.3, 1);
+  const Ratios ratios = measure({600, kPosedFrames, 0.1, 0.02}, 0.3, false);
   // Measured 0.833, 0.832 and 1.31; formal covariances: 6.9.
   EXPECT_NEAR(ratios.adjusted, 0.891, 0.2);
   EXPECT_NEAR(ratios.between, 0.891, 0.2);
   EXPECT_GT(ratios.between_own, ratios.between + 0.2);
-  EXPECT_GT(measure({600, kPosedFrames, 0.1, 0.02}, 0.3, 0).between, 4);
+  EXPECT_GT(measure({600, kPosedFrames, 0.1, 0.02}, 0.3, true).between, 4);
 }
 
 TEST(PoseCovariance, ResponseIsThatOfAPoseFittedToTheMovedStructure) {
@@ -99,11 +92,11 @@ TEST(PoseCovariance, ResponseIsThatOfAPoseFittedToTheMovedStructure) {
   for (int k = 1; k < kPosedFrames; ++k) {
     if (!isAdjusted(k)) map.frames[static_cast<std::size_t>(k)].T_cam_ref.reset();
   }
-  ASSERT_TRUE(adjustGeometry(map, scene.camera, options(0)).usable);
+  ASSERT_TRUE(adjustGeometry(map, scene.camera, huber()).usable);
   poseOtherFrames(map, scene.camera);
-  const InheritedPoseError inherited(map, scene.camera, options(0));
+  const InheritedPoseError inherited(map, scene.camera, huber());
   const PoseRows rows(map, map.joint_frames);
-  const LinearSystem<double> system = linearize(map, rows, scene.camera, options(0)).system;
+  const LinearSystem<double> system = linearize(map, rows, scene.camera, huber()).system;
   Random random(4);
   Eigen::VectorXd moved(rows.size);
   for (double& value : moved) value = 1e-4 * random.gaussian();
@@ -158,7 +151,7 @@ TEST(PoseCovariance, InterpolatedPoseIsAsUncertainAsTheMotionAroundIt) {
   for (int k = 1; k < kPosedFrames; ++k) {
     if (!isAdjusted(k)) map.frames[static_cast<std::size_t>(k)].T_cam_ref.reset();
   }
-  ASSERT_TRUE(adjustGeometry(map, scene.camera, options(0)).usable);
+  ASSERT_TRUE(adjustGeometry(map, scene.camera, huber()).usable);
   for (const int k : {1, 5}) {
     const auto before = static_cast<std::size_t>(k - 1);
     const auto after = static_cast<std::size_t>(k + 1);

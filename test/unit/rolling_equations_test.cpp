@@ -105,7 +105,6 @@ std::vector<RowMotion> wrongMotions(const RollingMap& made) {
 GeometricOptions rollingOptions() {
   GeometricOptions options;
   options.sigma = 0.1;
-  options.max_iterations = 10;
   return options;
 }
 

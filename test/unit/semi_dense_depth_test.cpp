@@ -193,11 +193,10 @@ TEST(SemiDenseDepth, VariancesPredictErrorsOfNoisyImagesAndPoses) {
 }
 
 TEST(SemiDenseDepth, IsBitIdenticalForAnyNumberOfThreads) {
-  const PlaneScene scene(6);
+  const PlaneScene scene(6, 2);  // the random choice takes part
   InitialMap one = makeMap(scene, sideways(), 2);
   InitialMap two = one;
-  SemiDenseOptions options;
-  options.max_candidates = 400;  // the random choice takes part
+  const SemiDenseOptions options;
   TaskArena(1).run([&] { return estimateSemiDenseDepth(one, scene.camera(), options, 7); });
   TaskArena(2).run([&] { return estimateSemiDenseDepth(two, scene.camera(), options, 7); });
   ASSERT_EQ(one.points.size(), two.points.size());
@@ -210,12 +209,10 @@ TEST(SemiDenseDepth, IsBitIdenticalForAnyNumberOfThreads) {
 }
 
 TEST(SemiDenseDepth, TakesNoMoreCandidatesThanWanted) {
-  const PlaneScene scene(7);
+  const PlaneScene scene(7, 3);
   InitialMap map = makeMap(scene, sideways(), 0);
-  SemiDenseOptions options;
-  options.max_candidates = 150;
-  const SemiDenseReport report = estimateSemiDenseDepth(map, scene.camera(), options, 1);
-  EXPECT_EQ(report.candidates, 150);
+  const SemiDenseReport report = estimateSemiDenseDepth(map, scene.camera(), SemiDenseOptions(), 1);
+  EXPECT_EQ(report.candidates, 3000);
 }
 
 TEST(SemiDenseDepth, FindsNothingWithoutPosedFrames) {

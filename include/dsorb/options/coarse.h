@@ -23,7 +23,6 @@ struct CoarseOptions {
   double max_outlier_share = 0.65;   ///< of the points in view, more: tracking is lost; 1: no test
   double max_relative_sigma = 0.35;  ///< median of the result's inverse depths; 0: no test
   int max_frames = 40;               ///< since the reference; 0: wait for ever
-  double effective_points = 2.5;     ///< whose information the pose's variance is worth; 0: formal
 };
 
 /// Field list; see DescribeFor.
@@ -42,7 +41,6 @@ DescribeFor<Options, CoarseOptions> describe(Visitor& visit, Options& o) {
   visit.field("max_outlier_share", o.max_outlier_share, Range{0, 1}, "");
   visit.field("max_relative_sigma", o.max_relative_sigma, Range{0, 100}, "");
   visit.field("max_frames", o.max_frames, Range{0, 1000}, "frames");
-  visit.field("effective_points", o.effective_points, Range{0, 100000}, "points");
 }
 
 }  // namespace dsorb

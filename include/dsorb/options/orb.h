@@ -75,12 +75,8 @@ struct OrbOptions {
   int min_tracked = 25;        ///< live tracks below which a reference is given up
   int reference_interval = 5;  ///< frames from one reference to the next; 0: only one at a time
   FeatureTrackOptions tracks;  ///< corners and how they are followed
-  int max_features = 2000;     ///< of an image, where descriptors are matched
-  MotionMethod motion = MotionMethod::kEssential;  ///< first poses
-  GateOptions gate;                                ///< when a start is sure enough
-  /// Rounds of refining the corners by patches of the reference, warped by pose and inverse depth,
-  /// and adjusting again; 0 leaves it out. docs/experiments.md, "Refinement of corners"
-  int polish_rounds = 5;
+  MotionMethod motion = MotionMethod::kEssential;     ///< first poses
+  GateOptions gate;                                   ///< when a start is sure enough
   ModelChoice model_choice = ModelChoice::kScore;     ///< of MotionMethod::kGladkova
   GeometricOptions geometric;                         ///< adjustment of the corners
   SemiDenseOptions semi_dense;                        ///< points beside the corners
@@ -100,12 +96,10 @@ DescribeFor<Options, OrbOptions> describe(Visitor& visit, Options& o) {
   visit.field("min_tracked", o.min_tracked, Range{8, 20000}, "corners");
   visit.field("reference_interval", o.reference_interval, Range{0, 1000}, "frames");
   visit.group("tracks", o.tracks);
-  visit.field("max_features", o.max_features, Range{50, 20000}, "features");
   visit.choice("motion",
                o.motion,
                {{"gladkova", MotionMethod::kGladkova}, {"essential", MotionMethod::kEssential}});
   visit.group("gate", o.gate);
-  visit.field("polish_rounds", o.polish_rounds, Range{0, 100}, "rounds");
   visit.choice("model_choice",
                o.model_choice,
                {{"score", ModelChoice::kScore}, {"inliers", ModelChoice::kInliers}});

@@ -19,12 +19,6 @@ struct GeometricOptions {
   double sigma = 0.5;  ///< standard deviation of a corner's position, unless measured [px]
   RobustLoss loss = RobustLoss::kCauchy;  ///< of reprojection errors
   double loss_threshold = 1.5;            ///< of the whitened error, where the loss bends [-]
-  double severe_limit = 8.0;         ///< corners above it in any frame go before solving again [px]
-  double normal_limit = 3.0;         ///< limit after the severe outliers are gone [px]
-  int min_points = 50;               ///< with fewer corners left the attempt fails
-  int max_iterations = 20;           ///< of one solve
-  double function_tolerance = 1e-6;  ///< relative change of the cost that ends a solve [-]
-  double pose_variance_factor = 1;   ///< on the clustered covariance of the poses; 0: formal ones
 };
 
 /// Field list; see DescribeFor.
@@ -36,12 +30,6 @@ DescribeFor<Options, GeometricOptions> describe(Visitor& visit, Options& o) {
   visit.field("sigma", o.sigma, Range{0.01, 100}, "px");
   visit.choice("loss", o.loss, {{"huber", RobustLoss::kHuber}, {"cauchy", RobustLoss::kCauchy}});
   visit.field("loss_threshold", o.loss_threshold, Range{0.1, 1000}, "");
-  visit.field("severe_limit", o.severe_limit, Range{0.1, 1000}, "px");
-  visit.field("normal_limit", o.normal_limit, Range{0.1, 1000}, "px");
-  visit.field("min_points", o.min_points, Range{8, 100000}, "points");
-  visit.field("max_iterations", o.max_iterations, Range{1, 1000}, "iterations");
-  visit.field("function_tolerance", o.function_tolerance, Range{1e-16, 1}, "");
-  visit.field("pose_variance_factor", o.pose_variance_factor, Range{0, 10000}, "");
 }
 
 /// How several observations of a depth are fused (docs/experiments.md, "Fusion of observations").
@@ -52,22 +40,16 @@ enum class DepthFusion {
 
 /// Options of the semi-dense structure of ORBInitializer.
 struct SemiDenseOptions {
-  double gradient_above_median = 7;  ///< threshold over the median of its 32x32 block [grey/px]
-  int max_candidates = 3000;         ///< larger patches are taken until no more remain
-  double min_line_gradient = 2.0;    ///< least |gradient along the line| [grey/px]
-  double image_noise = 2.8284;       ///< standard deviation of a grey value, sqrt(8) [grey levels]
+  double image_noise = 2.8284;  ///< standard deviation of a grey value, sqrt(8) [grey levels]
   DepthFusion fusion = DepthFusion::kMostPrecise;  ///< of the observations of one point
   /// Number of corners and points that are adjusted and handed over, as many as the window takes:
-  /// those of smallest relative variance. 0 keeps all.
+  /// those of smallest relative variance; 3000 candidates are searched. 0 keeps all.
   int max_points = 2000;
 };
 
 /// Field list; see DescribeFor.
 template <typename Visitor, typename Options>
 DescribeFor<Options, SemiDenseOptions> describe(Visitor& visit, Options& o) {
-  visit.field("gradient_above_median", o.gradient_above_median, Range{0, 255}, "grey levels / px");
-  visit.field("max_candidates", o.max_candidates, Range{1, 1000000}, "points");
-  visit.field("min_line_gradient", o.min_line_gradient, Range{0, 255}, "grey levels / px");
   visit.field("image_noise", o.image_noise, Range{0.01, 100}, "grey levels");
   visit.choice("fusion",
                o.fusion,
@@ -95,13 +77,10 @@ struct PhotometricOptions {
   AdjustmentSolver solver = AdjustmentSolver::kSchur;  ///< kCeres needs a build with it
   PhotometricBrightness brightness = PhotometricBrightness::kAffine;  ///< of patches
   PhotometricPoses poses = PhotometricPoses::kCombined;               ///< what becomes of them
-  bool gradient_weights = true;      ///< pixels of strong gradients count less, as in [DSO]
-  int max_frames = 4;                ///< evenly spaced, the newest included; 0: all
-  int max_iterations = 4;            ///< of one solve
-  double function_tolerance = 1e-6;  ///< relative change of the cost that ends a solve [-]
-  double coarse_residual = 20;  ///< a coarser level comes first above this median [grey levels]
-  int joint_points = 500;       ///< best points that give the poses, beside the corners; 0: all
-  int depth_iterations = 3;     ///< of the other points, poses fixed; where poses are free
+  bool gradient_weights = true;  ///< pixels of strong gradients count less, as in [DSO]
+  int max_frames = 4;            ///< evenly spaced, the newest included; 0: all
+  int max_iterations = 4;        ///< of one solve
+  int joint_points = 500;        ///< best points that give the poses, beside the corners; 0: all
 };
 
 /// Field list; see DescribeFor.
@@ -123,10 +102,7 @@ DescribeFor<Options, PhotometricOptions> describe(Visitor& visit, Options& o) {
   visit.field("gradient_weights", o.gradient_weights);
   visit.field("max_frames", o.max_frames, Range{0, 16}, "frames");
   visit.field("max_iterations", o.max_iterations, Range{1, 1000}, "iterations");
-  visit.field("function_tolerance", o.function_tolerance, Range{1e-16, 1}, "");
-  visit.field("coarse_residual", o.coarse_residual, Range{0, 1000}, "grey levels");
   visit.field("joint_points", o.joint_points, Range{0, 100000}, "points");
-  visit.field("depth_iterations", o.depth_iterations, Range{1, 100}, "iterations");
 }
 
 /// Rule that removes points afterwards (docs/experiments.md, "Outlier filter").

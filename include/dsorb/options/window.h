@@ -7,7 +7,6 @@ namespace dsorb {
 
 /// Iteration of the windowed adjustment.
 struct OptimizerOptions {
-  int max_iterations = 6;  ///< of one adjustment
   /// An adjustment ends with a step that corrects camera and frames by less than the root of this
   /// many standard deviations in the mean: by a third of one. 0 (reference): never
   double min_decrease = 0.1;
@@ -19,7 +18,6 @@ struct OptimizerOptions {
 /// Field list; see DescribeFor.
 template <typename Visitor, typename Options>
 DescribeFor<Options, OptimizerOptions> describe(Visitor& visit, Options& o) {
-  visit.field("max_iterations", o.max_iterations, Range{1, 1000}, "iterations");
   visit.field("min_decrease", o.min_decrease, Range{0, 1000}, "squared standard deviations");
   visit.field("undo_bad_steps", o.undo_bad_steps);
   visit.field("fixed_thresholds", o.fixed_thresholds);
@@ -56,11 +54,10 @@ struct WindowOptions {
   int max_keyframes = 7;          ///< after marginalisation; one more while optimising
   int first_keyframes = 4;        ///< at most, of the frames that an initialization has posed
   double keyframe_frequency = 1;  ///< factor on flow and change of brightness that want one
-  double keyframes_per_second = 0;  ///< fixed rate instead; 0: off
-  int desired_points = 2000;        ///< in the adjustment, of all keyframes together
-  bool current_reference = true;    ///< false (reference): tracking depths use first-estimate poses
-  OptimizerOptions optimizer;       ///< its iteration
-  PriorOptions prior;               ///< its priors
+  int desired_points = 2000;      ///< in the adjustment, of all keyframes together
+  bool current_reference = true;  ///< false (reference): tracking depths use first-estimate poses
+  OptimizerOptions optimizer;     ///< its iteration
+  PriorOptions prior;             ///< its priors
 };
 
 /// Field list; see DescribeFor.
@@ -70,7 +67,6 @@ DescribeFor<Options, WindowOptions> describe(Visitor& visit, Options& o) {
   visit.field("max_keyframes", o.max_keyframes, Range{2, 10}, "keyframes");
   visit.field("first_keyframes", o.first_keyframes, Range{2, 10}, "keyframes");
   visit.field("keyframe_frequency", o.keyframe_frequency, Range{0, 100}, "");
-  visit.field("keyframes_per_second", o.keyframes_per_second, Range{0, 1000}, "1/s");
   visit.field("desired_points", o.desired_points, Range{10, 100000}, "points");
   visit.field("current_reference", o.current_reference);
   visit.group("optimizer", o.optimizer);

@@ -21,8 +21,10 @@ namespace {
 
 constexpr int kHandoverPoints = 2000;  // of the result, at most
 
-// Effective number of points in the part of an inverse depth's variance that comes from the pose.
-// It is larger than for the pose itself, since the depths absorb some errors of the pose.
+// Effective numbers of points in the variance of the pose and in the part of an inverse depth's
+// that comes from it, which is larger, since the depths absorb some errors of the pose.
+// @source docs/experiments.md, "Sureness of coarse"
+constexpr double kPoseEffectivePoints = 2.5;
 constexpr double kDepthEffectivePoints = 50;
 constexpr float kMinCurvature = 1;  // [grey levels^2 unit^2]; less tells nothing
 
@@ -240,15 +242,14 @@ std::optional<Uncertainty> uncertaintyOf(const CoarseAttempt& attempt,
   if (known.empty() || !marginals.usable()) return std::nullopt;
   const auto count = static_cast<double>(known.size());
   const double variance = state.sums.good_energy / (kPatternSize * count);
-  const double effective = attempt.options.effective_points;
   const auto inflation = [&](double points_that_tell) {
-    return effective > 0 ? std::max(1.0, count / points_that_tell) : 1.0;
+    return std::max(1.0, count / points_that_tell);
   };
   const Eigen::MatrixXd roots = marginals.inGauge(marginals.roots()).topRows<6>();
   const Vector6d of_scale = scale.head<6>();
   Uncertainty result;
   result.pose =
-      variance * inflation(effective) *
+      variance * inflation(kPoseEffectivePoints) *
       (roots * roots.transpose() + marginals.depthVariance() * of_scale * of_scale.transpose());
   Eigen::MatrixXd effects(scale.size(), static_cast<Eigen::Index>(known.size()));
   for (Eigen::Index k = 0; k < effects.cols(); ++k) {

@@ -77,8 +77,8 @@ struct Uncertainty {
 };
 
 /// Covariance of pose and inverse depths together. Neighbouring patterns overlap, and errors of the
-/// smoothed inverse depths are common to many points: on the pose, n good points carry the
-/// information of `effective_points` independent ones; 0: all of theirs.
+/// smoothed inverse depths are common to many points: all good points carry the information of a
+/// few independent ones.
 /// @param points    level 0, trial inverse depths the ones to judge at
 /// @param curvature of each inverse depth known from another frame [grey levels^2 unit^2]; empty:
 ///                  this frame alone tells them

@@ -105,7 +105,7 @@ Outcome<Reconstruction> poseOtherFrames(Reconstruction made, const AttemptContex
   const OrbOptions& orb = context.options.orb;
   context.clock.time("pose", [&] {
     const std::vector<std::size_t> frames = poseOtherFrames(made.map, context.camera);
-    refinePoses(made.map, context.camera, orb.geometric, orb.polish_rounds, frames);
+    refinePoses(made.map, context.camera, orb.geometric, frames);
   });
   return made;
 }

@@ -12,7 +12,7 @@ constexpr int kMinMatches = 100;  // fewer: optical flow
 }  // namespace
 
 Correspondences::Correspondences(const OrbOptions& options)
-    : options_(options), matches_(options.max_features), tracks_(options.tracks) {}
+    : options_(options), tracks_(options.tracks) {}
 
 void Correspondences::clear() {
   tracks_.clear();

@@ -28,8 +28,8 @@ constexpr float kMinDistance = 4;
 /// ORB.
 class OrbFinder final : public FeatureFinder {
  public:
-  [[nodiscard]] Features find(const GreyImage& image, int max_features) override {
-    return init_orb::findFeatures(image, max_features);
+  [[nodiscard]] Features find(const GreyImage& image) override {
+    return init_orb::findFeatures(image);
   }
 };
 
@@ -95,7 +95,7 @@ const DescribedFrame& ReferencePool::described(int frame) {
   const auto f = static_cast<std::size_t>(frame);
   if (!described_[f]) {
     const float gain = gainTowards(tracks_.referenceMean(), *frames_[f]);
-    described_[f] = describeFrame(frames_[f], gain, *finder_, options_.max_features);
+    described_[f] = describeFrame(frames_[f], gain, *finder_);
   }
   return *described_[f];
 }

@@ -24,6 +24,7 @@
 namespace dsorb::init_orb {
 namespace {
 
+constexpr int kRounds = 5;      // at most. docs/experiments.md, "Refinement of corners"
 constexpr int kIterations = 2;  // of the adjustment in each round; 2 to 6 give the same starts
 constexpr double kCauchyThreshold = 2;  // of the whitened error [-]
 constexpr double kMaxResidual = 25;  // mean of a patch, above which the corner goes [grey levels]
@@ -158,7 +159,6 @@ struct FittedPose {
 /// Pose of a single frame from its corners, measured again several times.
 FittedPose refinePose(const InitialMap& map,
                       const PinholeCamera& camera,
-                      int rounds,
                       const Patches& patches,
                       std::size_t frame) {
   std::vector<std::size_t> seen;
@@ -167,7 +167,7 @@ FittedPose refinePose(const InitialMap& map,
   }
   FittedPose fit{*map.frames[frame].T_cam_ref, {}};
   std::vector<PointObservation> observations;
-  for (int round = 0; round < rounds; ++round) {
+  for (int round = 0; round < kRounds; ++round) {
     const FrameMeasurer measurer(map, camera, frame, fit.T_cam_ref);
     observations.clear();
     for (const std::size_t i : seen) {
@@ -207,27 +207,25 @@ GeometricOptions refinedAdjustment(const GeometricOptions& geometric) {
   adjusted.sigma = 1;
   adjusted.loss = RobustLoss::kCauchy;
   adjusted.loss_threshold = kCauchyThreshold;
-  adjusted.max_iterations = kIterations;
   return adjusted;
 }
 
 RefinementReport refineCorners(InitialMap& map,
                                const PinholeCamera& camera,
                                const GeometricOptions& geometric,
-                               int rounds,
                                const std::function<bool(const InitialMap&)>& hopeless) {
   RefinementReport report;
   const GeometricOptions adjusted = refinedAdjustment(geometric);
   InitialMap refined = map;
   Patches patches = cutPatches(refined);
-  for (int round = 0; round < rounds; ++round) {
+  for (int round = 0; round < kRounds; ++round) {
     if (round < kBrightnessRounds) estimateBrightness(refined, camera);
     const Round measured = measureCorners(refined, patches, camera, geometric.sigma);
     report.dropped += measured.dropped;
     if (round == 0) report.first_rms = measured.rms;
     report.last_rms = measured.rms;
     const SE3 before = newestPose(refined);
-    if (!adjustOnce(refined, camera, adjusted)) return report;
+    if (!adjustOnce(refined, camera, adjusted, kIterations)) return report;
     estimateMotions(refined, camera);
     if (round == 0 && hopeless && hopeless(refined)) break;
     if (directionChangeDeg(before, newestPose(refined)) < kSettledDeg) break;
@@ -235,9 +233,9 @@ RefinementReport refineCorners(InitialMap& map,
   report.direction_change_deg = directionChangeDeg(newestPose(map), newestPose(refined));
   report.fits = static_cast<double>(refined.corners.size()) >=
                 kMinFittingShare * static_cast<double>(map.corners.size());
-  report.accepted = report.fits && rounds > 0 && report.last_rms <= report.first_rms &&
+  report.accepted = report.fits && report.last_rms <= report.first_rms &&
                     report.direction_change_deg < kMaxTurnDeg &&
-                    static_cast<int>(refined.corners.size()) >= geometric.min_points;
+                    static_cast<int>(refined.corners.size()) >= kMinAdjusted;
   if (report.accepted) map = std::move(refined);
   return report;
 }
@@ -245,7 +243,6 @@ RefinementReport refineCorners(InitialMap& map,
 void refinePoses(InitialMap& map,
                  const PinholeCamera& camera,
                  const GeometricOptions& geometric,
-                 int rounds,
                  const std::vector<std::size_t>& frames) {
   if (frames.empty()) return;
   estimateBrightness(map, camera, frames);
@@ -256,7 +253,7 @@ void refinePoses(InitialMap& map,
   std::vector<std::optional<Matrix6d>> covariances(frames.size());
   forEachRange(frames.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      const FittedPose fit = refinePose(map, camera, rounds, patches, frames[i]);
+      const FittedPose fit = refinePose(map, camera, patches, frames[i]);
       poses[i] = fit.T_cam_ref;
       covariances[i] = poseCovariance(fit.observations, camera, poses[i], {fit.sigma, factor});
       if (covariances[i]) *covariances[i] += inherited.covariance(poses[i]);

@@ -27,19 +27,17 @@ GeometricOptions refinedAdjustment(const GeometricOptions& geometric);
 RefinementReport refineCorners(InitialMap& map,
                                const PinholeCamera& camera,
                                const GeometricOptions& geometric,
-                               int rounds,
                                const std::function<bool(const InitialMap&)>& hopeless = {});
 
 /// Refines the poses of single frames by the same measurements, with all inverse depths and all
 /// other poses fixed. Sets the brightness and the covariance of the frames as well.
 /// @param map       every frame posed, adjusted frames with their joint covariance; observations
 ///                  are left as they are
-/// @param geometric of the adjustment: its robust loss and variance factor
+/// @param geometric of the adjustment: its robust loss
 /// @param frames    indices, none of them adjusted nor the reference
 void refinePoses(InitialMap& map,
                  const PinholeCamera& camera,
                  const GeometricOptions& geometric,
-                 int rounds,
                  const std::vector<std::size_t>& frames);
 
 }  // namespace dsorb::init_orb

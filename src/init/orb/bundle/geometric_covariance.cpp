@@ -2,7 +2,6 @@
 #include "init/orb/bundle/geometric_covariance.h"
 
 #include "estimate/marginals.h"
-#include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/bundle/rolling_equations.h"
 
@@ -88,46 +87,48 @@ Eigen::MatrixXd cellGradients(const InitialMap& map,
   return gradients;
 }
 
-double setCovariances(InitialMap& map,
-                      const PinholeCamera& camera,
-                      const GeometricOptions& options) {
-  const GeometricMarginals joint(map, camera, options);
-  if (!joint.variance_factor) return std::numeric_limits<double>::quiet_NaN();
-  const PoseRows& pose_rows = joint.rows;
+void setCovariances(InitialMap& map,
+                    const GeometricMarginals& joint,
+                    const Eigen::MatrixXd& roots,
+                    double own_factor) {
   const LinearSystem<double>& system = joint.equations.system;
   const Marginals& marginals = joint.marginals;
-  const int size = pose_rows.size;
-  const double factor = *joint.variance_factor;
-  const bool formal = options.pose_variance_factor <= 0;
-  // Errors of one track in all frames are one error.
-  const double depth_only_factor = formal ? factor : factor * size / kPoseSize;
-  // Columns r with sum of r r^T = covariance of the poses, before the gauge.
-  Eigen::MatrixXd roots = std::sqrt(factor) * marginals.roots();
-  if (!formal) {
-    map.cluster_variance_scale =
-        options.pose_variance_factor * (1 + kTailVarianceFactor * tailExcess(map, camera));
-    const Eigen::MatrixXd clustered = marginals.clusteredRoots(
-        cellGradients(
-            map, system, camera, options, gradientOf(map, pose_rows, system.size(), camera)),
-        size / kPoseSize);
-    roots.conservativeResize(Eigen::NoChange, roots.cols() + clustered.cols());
-    roots.rightCols(clustered.cols()) = std::sqrt(map.cluster_variance_scale) * clustered;
-  }
+  const int size = joint.rows.size;
   const double mean_variance = marginals.depthVariance();
   const Eigen::MatrixXd in_gauge = marginals.inGauge(roots);
   const auto poses = in_gauge.topRows(size);
   const auto scale = joint.scale.head(size);
   setPoseCovariances(
       map,
-      pose_rows,
-      poses * poses.transpose() + depth_only_factor * mean_variance * scale * scale.transpose());
+      joint.rows,
+      poses * poses.transpose() + own_factor * mean_variance * scale * scale.transpose());
   Eigen::VectorXd effect(system.size());
   for (std::size_t i = 0; i < map.corners.size(); ++i) {
     const double rho = map.corners[i].inverse_depth;
     marginals.depthEffect(system, i, rho, effect);
-    map.corners[i].variance = depth_only_factor * marginals.ownVariance(system, i, rho) +
+    map.corners[i].variance = own_factor * marginals.ownVariance(system, i, rho) +
                               (roots.transpose() * effect).squaredNorm();
   }
+}
+
+double setCovariances(InitialMap& map,
+                      const PinholeCamera& camera,
+                      const GeometricOptions& options) {
+  const GeometricMarginals joint(map, camera, options);
+  if (!joint.variance_factor) return std::numeric_limits<double>::quiet_NaN();
+  const LinearSystem<double>& system = joint.equations.system;
+  const int size = joint.rows.size;
+  const double factor = *joint.variance_factor;
+  map.cluster_variance_scale = 1 + kTailVarianceFactor * tailExcess(map, camera);
+  Eigen::MatrixXd roots = std::sqrt(factor) * joint.marginals.roots();
+  const Eigen::MatrixXd clustered = joint.marginals.clusteredRoots(
+      cellGradients(
+          map, system, camera, options, gradientOf(map, joint.rows, system.size(), camera)),
+      size / kPoseSize);
+  roots.conservativeResize(Eigen::NoChange, roots.cols() + clustered.cols());
+  roots.rightCols(clustered.cols()) = std::sqrt(map.cluster_variance_scale) * clustered;
+  // Errors of one track in all frames are one error.
+  setCovariances(map, joint, roots, factor * size / kPoseSize);
   return factor;
 }
 

@@ -5,6 +5,7 @@
 #include "dsorb/options/orb_mapping.h"
 
 #include "estimate/linear_system.h"
+#include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/map/initial_map.h"
 
 #include <Eigen/Core>
@@ -31,17 +32,24 @@ Eigen::MatrixXd cellGradients(const InitialMap& map,
 /// the variance of every corner from their Marginals, times the a-posteriori variance factor
 /// s^2 = sum w e^2 / (observations - parameters) of the whitened errors e.
 ///
-/// Tracks share the reference patch and the calibration, neighbours share more: unless
-/// `options.pose_variance_factor` is 0 the clustered covariance over cells of the image is added,
-/// and the part of the variance that an inverse depth has of its own counts once for all frames.
-/// Errors that are no noise (occlusions, wrong warps) do not average out over cells either, and
-/// show in the tails of the errors: the clustered covariance is multiplied by pose_variance_factor
-/// (1 + tail_variance_factor * tailExcess), kept in `map.cluster_variance_scale`.
+/// Tracks share the reference patch and the calibration, neighbours share more: the clustered
+/// covariance over cells of the image is added, and the part of the variance that an inverse depth
+/// has of its own counts once for all frames. Errors that are no noise (occlusions, wrong warps) do
+/// not average out over cells either, and show in the tails of the errors: the clustered covariance
+/// is multiplied by 1 + kTailVarianceFactor * tailExcess, kept in `map.cluster_variance_scale`.
 /// @param map adjusted, mean inverse depth 1, every corner observed in a posed frame
 /// @return the variance factor s^2 [-]; nothing is set and NaN returned when the problem has no
 ///         redundancy or is degenerate
 double setCovariances(InitialMap& map,
                       const PinholeCamera& camera,
                       const GeometricOptions& options);
+
+/// The same of a given covariance of the frames' unknowns before the gauge.
+/// @param roots      columns r with sum of r r^T = that covariance
+/// @param own_factor on the variances that the inverse depths have of their own
+void setCovariances(InitialMap& map,
+                    const GeometricMarginals& joint,
+                    const Eigen::MatrixXd& roots,
+                    double own_factor);
 
 }  // namespace dsorb::init_orb

@@ -264,17 +264,17 @@ std::optional<double> reprojectionCost(const InitialMap& map,
 
 std::optional<int> solveWithSchur(InitialMap& map,
                                   const PinholeCamera& camera,
-                                  const GeometricOptions& options) {
-  if (!map.motions.empty()) return solveRolling(map, camera, options);
+                                  const GeometricOptions& options,
+                                  int max_iterations) {
+  if (!map.motions.empty()) return solveRolling(map, camera, options, max_iterations);
   const PoseRows pose_rows(map);
   if (pose_rows.size == 0) return std::nullopt;
   const ReprojectionProblem problem(map, pose_rows, camera, options);
   SchurProblem<ReprojectionModel, ReprojectionState, ReprojectionEquations> adjustment(
-      {problem}, ReprojectionState(map, pose_rows), options.function_tolerance);
+      {problem}, ReprojectionState(map, pose_rows));
   if (!std::isfinite(adjustment.cost())) return std::nullopt;
   GainDamping damping;
-  const int iterations =
-      adjustment.atMinimum() ? 0 : minimize(adjustment, damping, options.max_iterations);
+  const int iterations = adjustment.atMinimum() ? 0 : minimize(adjustment, damping, max_iterations);
   adjustment.state().writeTo(map, pose_rows);
   return iterations;
 }

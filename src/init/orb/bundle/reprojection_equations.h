@@ -139,21 +139,27 @@ std::optional<double> reprojectionCost(const InitialMap& map,
 /// @return    iterations, or nullopt when no usable numbers were found
 std::optional<int> solveWithCeres(InitialMap& map,
                                   const PinholeCamera& camera,
-                                  const GeometricOptions& options);
+                                  const GeometricOptions& options,
+                                  int max_iterations);
 /// @source Triggs et al., Bundle Adjustment - A Modern Synthesis, section 6.1 (Schur complement);
 ///         Madsen, Nielsen, Tingleff, Methods for Non-Linear Least Squares Problems, algorithm 3.16
 ///         (damping)
 std::optional<int> solveWithSchur(InitialMap& map,
                                   const PinholeCamera& camera,
-                                  const GeometricOptions& options);
+                                  const GeometricOptions& options,
+                                  int max_iterations);
+
+constexpr int kSolveIterations = 20;  ///< at most, unless a solution need not be exact
 
 /// The solver that the options name, where it knows all that the map does.
 inline std::optional<int> solveGeometry(InitialMap& map,
                                         const PinholeCamera& camera,
-                                        const GeometricOptions& options) {
+                                        const GeometricOptions& options,
+                                        int max_iterations = kSolveIterations) {
   const bool more = !map.motions.empty() || map.scaleKnown() || !map.known_motions.empty();
-  return options.solver == AdjustmentSolver::kCeres && !more ? solveWithCeres(map, camera, options)
-                                                             : solveWithSchur(map, camera, options);
+  return options.solver == AdjustmentSolver::kCeres && !more
+             ? solveWithCeres(map, camera, options, max_iterations)
+             : solveWithSchur(map, camera, options, max_iterations);
 }
 
 }  // namespace dsorb::init_orb

@@ -3,7 +3,6 @@
 
 #include "base/median.h"
 #include "base/parallel.h"
-#include "init/orb/bundle/reprojection_equations.h"
 
 #include <algorithm>
 #include <cmath>
@@ -17,7 +16,7 @@ namespace {
 constexpr double kTailShare = 0.9;
 constexpr double kNormalTail = 2.4387;  // that quantile over the median of a normal |error|
 constexpr double kFirstLimit = 6;       // least limit after the first solution [px]
-/// Limit of an error, between kFirstLimit or the normal limit and the severe limit [robust standard
+/// Limit of an error, between kFirstLimit or kNormalLimit and kSevereLimit [robust standard
 /// deviations].
 constexpr double kLimitFactor = 4;
 constexpr double kMinSigma = 1e-3;  // [px]; exact tracks of synthetic maps
@@ -64,21 +63,23 @@ std::vector<char> cornersAbove(const InitialMap& map,
   return above;
 }
 
-bool adjustOnce(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options) {
+bool adjustOnce(InitialMap& map,
+                const PinholeCamera& camera,
+                const GeometricOptions& options,
+                int max_iterations) {
   constexpr double kMax = std::numeric_limits<double>::max();
   removeCorners(map, cornersAbove(map, reprojectionErrors(map, camera), kMax));
-  return !map.corners.empty() && solveGeometry(map, camera, options);
+  return !map.corners.empty() && solveGeometry(map, camera, options, max_iterations);
 }
 
 bool adjustRobustly(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options) {
-  for (const double least : {kFirstLimit, options.normal_limit}) {
+  for (const double least : {kFirstLimit, kNormalLimit}) {
     if (!adjustOnce(map, camera, options)) return false;
     const std::vector<double> errors = reprojectionErrors(map, camera);
-    const double limit = std::clamp(kLimitFactor * kMadToSigma * medianKnown(errors),
-                                    least,
-                                    std::max(least, options.severe_limit));
+    const double limit = std::clamp(
+        kLimitFactor * kMadToSigma * medianKnown(errors), least, std::max(least, kSevereLimit));
     removeCorners(map, cornersAbove(map, errors, limit));
-    if (static_cast<int>(map.corners.size()) < options.min_points) return false;
+    if (static_cast<int>(map.corners.size()) < kMinAdjusted) return false;
   }
   return true;
 }

@@ -4,11 +4,16 @@
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/options/orb.h"
 
+#include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/map/initial_map.h"
 
 #include <vector>
 
 namespace dsorb::init_orb {
+
+constexpr double kSevereLimit = 8;  ///< of an error; corners above it go at once [px]
+constexpr double kNormalLimit = 3;  ///< least limit once the severe errors are gone [px]
+constexpr int kMinAdjusted = 50;    ///< corners; with fewer left an attempt fails
 
 /// Adjusts poses and corners in two rounds, each followed by the removal of corners whose largest
 /// error is above a multiple of the robust standard deviation. Corners behind the camera stay,
@@ -24,7 +29,10 @@ GeometricOptions adjustToNoise(InitialMap& map,
                                int rounds);
 
 /// Adjusts without removing corners. @return whether it found usable numbers
-bool adjustOnce(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options);
+bool adjustOnce(InitialMap& map,
+                const PinholeCamera& camera,
+                const GeometricOptions& options,
+                int max_iterations = kSolveIterations);
 
 /// Reprojection error of every observation, whitened but for sigma; infinite behind a camera, NaN
 /// in frames without pose.

@@ -74,6 +74,7 @@ ReprojectionEquations linearizeRolling(const InitialMap& map,
 /// @return iterations, or nullopt when no usable numbers were found
 std::optional<int> solveRolling(InitialMap& map,
                                 const PinholeCamera& camera,
-                                const GeometricOptions& options);
+                                const GeometricOptions& options,
+                                int max_iterations);
 
 }  // namespace dsorb::init_orb

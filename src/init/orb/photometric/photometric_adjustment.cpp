@@ -16,6 +16,12 @@ namespace {
 
 constexpr double kMinInsideShare = 0.5;  // of the residuals; fewer inside the images: failed
 constexpr std::size_t kMinPatches = 8;   // fewer do not determine a frame
+/// Median above which a coarser level comes first: level 0 is far from its basin [grey levels].
+/// @source docs/experiments.md, "Photometric adjustment"
+constexpr double kCoarseResidual = 20;
+/// Of the points that have no part in the joint solution, poses fixed.
+/// @source the same
+constexpr int kDepthIterations = 3;
 /// On the clustered covariance of the images' own poses, against the corners'.
 /// @source docs/experiments.md, "Photometric adjustment"
 constexpr double kCombinedVarianceFactor = 36;
@@ -168,9 +174,7 @@ void PhotometricAdjustment::solveCoarse(PhotometricState& state) {
 }
 
 bool PhotometricAdjustment::refineDepths(PhotometricState& state) {
-  PhotometricOptions options = options_;
-  options.depth_iterations = options_.max_iterations;
-  const PhotometricSolve solve = refinePhotometricDepths(problem_, options, state);
+  const PhotometricSolve solve = refinePhotometricDepths(problem_, options_.max_iterations, state);
   report_.iterations = solve.iterations;
   report_.first_cost = solve.first_cost;
   report_.cost = solve.cost;
@@ -223,7 +227,9 @@ bool PhotometricAdjustment::solveFine(PhotometricState& state) {
   report_.first_cost = solve->first_cost;
   report_.cost = solve->cost;
   report_.poses_moved = true;
-  if (joint.size() < problem_.patches.size()) refinePhotometricDepths(problem_, options_, state);
+  if (joint.size() < problem_.patches.size()) {
+    refinePhotometricDepths(problem_, kDepthIterations, state);
+  }
   return solve->cost <= solve->first_cost;
 }
 
@@ -264,7 +270,7 @@ PhotometricReport PhotometricAdjustment::run() {
   placePatches(problem_, state);
   findVisible(problem_, state);
   report_.median_residual = medianResidual(problem_, state);
-  const bool far = report_.median_residual > options_.coarse_residual;
+  const bool far = report_.median_residual > kCoarseResidual;
   if (far && map_.frames.front().frame->pyramid().levels() > 1) solveCoarse(state);
   if (!solveFine(state) || !isFinite(state)) return report_;
   report_.inside_share = findVisible(problem_, state);

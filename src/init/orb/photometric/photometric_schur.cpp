@@ -42,10 +42,7 @@ std::optional<PhotometricSolve> solveJointly(const PhotometricProblem& problem,
                                              bool depths_fixed,
                                              PhotometricState& state) {
   SchurProblem<Model, PhotometricState, PhotometricEquations> adjustment(
-      {PhotometricLinearizer(problem), frameSize(problem.brightness)},
-      state,
-      options.function_tolerance,
-      depths_fixed);
+      {PhotometricLinearizer(problem), frameSize(problem.brightness)}, state, depths_fixed);
   PhotometricSolve solve;
   solve.first_cost = adjustment.cost();
   if (!std::isfinite(solve.first_cost)) return std::nullopt;
@@ -163,7 +160,7 @@ std::optional<PhotometricSolve> alignPhotometricPoses(const PhotometricProblem& 
 }
 
 PhotometricSolve refinePhotometricDepths(const PhotometricProblem& problem,
-                                         const PhotometricOptions& options,
+                                         int iterations,
                                          PhotometricState& state) {
   std::vector<PatchImage> images;
   for (std::size_t f = 0; f < problem.frames.size(); ++f) {
@@ -173,12 +170,11 @@ PhotometricSolve refinePhotometricDepths(const PhotometricProblem& problem,
   std::vector<std::pair<double, double>> energies(blocks);
   forEachRange(blocks, 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t block = begin; block < end; ++block) {
-      energies[block] =
-          DepthBlock(problem, images, block).refine(options.depth_iterations, state.inverse_depth);
+      energies[block] = DepthBlock(problem, images, block).refine(iterations, state.inverse_depth);
     }
   });
   PhotometricSolve solve;
-  solve.iterations = options.depth_iterations;
+  solve.iterations = iterations;
   for (const auto& [before, after] : energies) {
     solve.first_cost += 0.5 * before;
     solve.cost += 0.5 * after;

@@ -30,9 +30,9 @@ std::optional<PhotometricSolve> alignPhotometricPoses(const PhotometricProblem& 
                                                       const PhotometricOptions& options,
                                                       PhotometricState& state);
 
-/// Moves every inverse depth on its own with all poses fixed, `options.depth_iterations` steps.
+/// Moves every inverse depth on its own with all poses fixed.
 PhotometricSolve refinePhotometricDepths(const PhotometricProblem& problem,
-                                         const PhotometricOptions& options,
+                                         int iterations,
                                          PhotometricState& state);
 
 }  // namespace dsorb::init_orb

@@ -14,8 +14,11 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr double kMaxSearch = 0.25;        // longest search [image diagonals]
-constexpr float kMinGradientShare = 0.3F;  // least |gradient along the line| / |gradient| [-]
+constexpr double kMaxSearch = 0.25;  // longest search [image diagonals]
+// Least gradient along the line [grey levels / px] and its least share of the gradient [-].
+// @source docs/experiments.md, "Epipolar search"
+constexpr float kMinLineGradient = 2;
+constexpr float kMinGradientShare = 0.3F;
 constexpr float kMaxResidual = 16;        // largest rms of a matched patch [grey levels]; LSD: 1300
                                           // over 5 samples
 constexpr float kSecondBestRatio = 1.5F;  // least ratio of the second-best minimum to the best [-]
@@ -78,13 +81,11 @@ void clip(float origin, float direction, const Bounds& bounds, float* begin, flo
   *end = std::min(*end, std::max(a, b));
 }
 
-bool gradientIsUsable(const ImageSample& sample,
-                      const EpipolarLine& line,
-                      double min_line_gradient) {
+bool gradientIsUsable(const ImageSample& sample, const EpipolarLine& line) {
   const Eigen::Vector2f gradient =
       line.warp().inverse().transpose() * Eigen::Vector2f(sample.dx, sample.dy);
   const float along = std::abs(gradient.dot(line.direction()));
-  return along >= min_line_gradient && along >= kMinGradientShare * gradient.norm();
+  return along >= kMinLineGradient && along >= kMinGradientShare * gradient.norm();
 }
 
 /// @param transfer reference to target
@@ -197,13 +198,12 @@ Linearization linearize(const PyramidLevel& target, const Patch& patch, float po
 bool refine(const PyramidLevel& target,
             const Patch& patch,
             const Interval& interval,
-            float min_gradient,
             Match& match) {
   const float begin = std::max(interval.begin, match.position - kMaxRefinement);
   const float end = std::min(interval.end, match.position + kMaxRefinement);
   Linearization sums = linearize(target, patch, match.position);
   for (int i = 0; i < kRefinements; ++i) {
-    if (!(sums.information >= min_gradient * min_gradient)) {
+    if (!(sums.information >= kMinLineGradient * kMinLineGradient)) {
       return false;
     }
     const float step = -sums.gradient / sums.information;
@@ -278,8 +278,7 @@ SearchOutcome EpipolarSearch::search(const SemiDensePoint& prior, Scratch& scrat
   // The floor of the line's error limits what this frame can tell.
   if (!line || line->speed() * std::sqrt(prior.variance) < kLineErrorFloor ||
       !gradientIsUsable(reference_.at(static_cast<int>(pixel.x()), static_cast<int>(pixel.y())),
-                        *line,
-                        options_.min_line_gradient)) {
+                        *line)) {
     return {};
   }
   Patch patch = cutPatch(reference_, frame_.transfer, pixel, *line);
@@ -293,9 +292,8 @@ SearchOutcome EpipolarSearch::search(const SemiDensePoint& prior, Scratch& scrat
   }
   Match match;
   const auto noise = static_cast<float>(options_.image_noise);
-  const auto min_gradient = static_cast<float>(options_.min_line_gradient);
   match.position = bestStep(target_, patch, interval, noise, scratch);
-  if (!std::isfinite(match.position) || !refine(target_, patch, interval, min_gradient, match)) {
+  if (!std::isfinite(match.position) || !refine(target_, patch, interval, match)) {
     return {SearchStatus::kRejected, {}};
   }
   const EpipolarLine::Depth depth = depthOf(*line, match.position, to_row);

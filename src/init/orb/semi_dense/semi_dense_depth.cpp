@@ -16,26 +16,24 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kPatchSize = 6;                // one candidate in a square of this side [px]
-constexpr std::size_t kCandidateGrain = 64;  // candidates one thread takes at a time
+constexpr int kPatchSize = 6;                 // one candidate in a square of this side [px]
+constexpr std::size_t kMaxCandidates = 3000;  // docs/experiments.md, "Epipolar search"
+constexpr std::size_t kCandidateGrain = 64;   // candidates one thread takes at a time
 
 /// Grows the patches until few enough candidates are left; candidates that are still too many are
 /// removed at random.
-std::vector<SelectedPixel> selectCandidates(const Frame& reference,
-                                            const SemiDenseOptions& options,
-                                            Random& random) {
+std::vector<SelectedPixel> selectCandidates(const Frame& reference, Random& random) {
   RegionThresholds thresholds;
-  thresholds.compute(reference, options.gradient_above_median);
-  const auto wanted = static_cast<std::size_t>(options.max_candidates);
+  thresholds.compute(reference);
   int patch_size = kPatchSize;
   std::vector<SelectedPixel> selected = selectPatchMaxima(reference, thresholds, patch_size);
   // The count is about proportional to 1 / patch_size^2.
-  const double ratio = static_cast<double>(selected.size()) / static_cast<double>(wanted);
+  const double ratio = static_cast<double>(selected.size()) / static_cast<double>(kMaxCandidates);
   const auto better_size = static_cast<int>(patch_size * std::sqrt(ratio));
   if (better_size > patch_size) {
     selected = selectPatchMaxima(reference, thresholds, better_size);
   }
-  for (; selected.size() > wanted; selected.pop_back()) {
+  for (; selected.size() > kMaxCandidates; selected.pop_back()) {
     std::swap(selected[random.below(static_cast<std::uint32_t>(selected.size()))], selected.back());
   }
   return selected;
@@ -134,7 +132,7 @@ SemiDenseReport estimateSemiDenseDepth(InitialMap& map,
   }
   Random random(seed);
   const FramePtr& reference = map.frames.front().frame;
-  std::vector<SelectedPixel> candidates = selectCandidates(*reference, options, random);
+  std::vector<SelectedPixel> candidates = selectCandidates(*reference, random);
   StuckRegions(map.stuck, camera.width, camera.height).removeFrom(candidates);
   const PointGuess guess{{map.corners, camera.width, camera.height}, known};
   std::vector<EpipolarSearch> searches;

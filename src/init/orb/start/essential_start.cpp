@@ -87,8 +87,7 @@ std::optional<Precision> completeMap(InitialMap& map,
     behind[i] = map.corners[i].inverse_depth > 0 ? 0 : 1;
   }
   removeCorners(map, behind);
-  if (static_cast<int>(map.corners.size()) < context.options.orb.geometric.min_points ||
-      !normalizeCornerScale(map)) {
+  if (static_cast<int>(map.corners.size()) < kMinAdjusted || !normalizeCornerScale(map)) {
     return std::nullopt;
   }
   const Precision reached{setCovariances(map, context.camera, adjusted),
@@ -135,7 +134,7 @@ Outcome<RefinedStart> refineStart(Reconstruction made,
   context.clock.time("motions", [&] { estimateMotions(map, camera); });
   const GeometricOptions refined = refinedAdjustment(adjusted);
   found.refinement = context.clock.time("polish", [&] {
-    return refineCorners(map, camera, adjusted, orb.polish_rounds, [&](const InitialMap& begun) {
+    return refineCorners(map, camera, adjusted, [&](const InitialMap& begun) {
       return doubtful && missesByFar(begun, refined, view, context);
     });
   });

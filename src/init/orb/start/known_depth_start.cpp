@@ -143,7 +143,7 @@ std::optional<MotionCandidate> makeKnownDepthCandidate(const ReferenceView& view
   InitialMap& map = candidate.map;
   map = makeMap(view, rotation);
   report.corners = static_cast<int>(map.corners.size());
-  if (report.corners < options.min_points) return std::nullopt;
+  if (report.corners < kMinAdjusted) return std::nullopt;
   const auto observations = observationsByFrame(map, camera);
   const auto pose =
       poseFromPoints(observations.back(), camera, *map.frames.back().T_cam_ref, kTrackSigma);

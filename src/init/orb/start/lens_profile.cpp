@@ -101,7 +101,7 @@ std::optional<Adjusted> adjustWith(const LensScore& lens,
   camera.fy *= lens.focal_factor;
   if (lens.radial != 0) undistort(lens.radial, camera, other);
   turnBy(1 / lens.focal_factor, other);
-  if (!adjustOnce(other, camera, options)) return std::nullopt;
+  if (!adjustOnce(other, camera, options, kLensIterations)) return std::nullopt;
   if (static_cast<double>(other.corners.size()) <
       kMinKeptShare * static_cast<double>(map.corners.size())) {
     return std::nullopt;
@@ -116,16 +116,14 @@ std::optional<Adjusted> adjustWith(const LensScore& lens,
 std::optional<OtherLens> profileLens(const InitialMap& map,
                                      const PinholeCamera& camera,
                                      const GeometricOptions& options) {
-  GeometricOptions thorough = options;
-  thorough.max_iterations = kLensIterations;
   InitialMap few = thinned(map);
-  if (!adjustOnce(few, camera, thorough) || !fixScale(few)) return std::nullopt;
-  const auto cost = meanCost(few, camera, thorough);
+  if (!adjustOnce(few, camera, options, kLensIterations) || !fixScale(few)) return std::nullopt;
+  const auto cost = meanCost(few, camera, options);
   if (!cost) return std::nullopt;
   std::array<std::optional<Adjusted>, kLenses.size()> tried;
   forEachRange(kLenses.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      tried[i] = adjustWith(kLenses[i], few, camera, thorough);
+      tried[i] = adjustWith(kLenses[i], few, camera, options);
     }
   });
   const std::optional<Adjusted>* best = nullptr;

@@ -79,7 +79,7 @@ std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,
   if (!cost) return std::nullopt;
   const auto tracks = static_cast<double>(matches.size());
   const double lost = (tracks - static_cast<double>(map.corners.size())) *
-                      robustCost(options.severe_limit / options.sigma, options);
+                      robustCost(kSevereLimit / options.sigma, options);
   candidate.cost = *cost / (tracks * static_cast<double>(frames.size())) + lost / tracks;
   candidate.front_share = flipToPositiveDepth(map);
   return candidate;

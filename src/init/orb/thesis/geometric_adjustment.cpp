@@ -51,7 +51,7 @@ bool solveAndRemove(InitialMap& map,
                     const PinholeCamera& camera,
                     const GeometricOptions& options,
                     GeometricReport& report) {
-  const auto enough = [&] { return static_cast<int>(map.corners.size()) >= options.min_points; };
+  const auto enough = [&] { return static_cast<int>(map.corners.size()) >= kMinAdjusted; };
   const auto solve = [&] {
     const std::optional<int> iterations =
         enough() ? solveGeometry(map, camera, options) : std::nullopt;
@@ -64,14 +64,14 @@ bool solveAndRemove(InitialMap& map,
   int removed = 0;
   do {
     if (!solve()) return false;
-    removed = removeAbove(map, camera, options.severe_limit);
+    removed = removeAbove(map, camera, kSevereLimit);
     report.removed_severe += removed;
   } while (removed > 0 && report.rounds < kMaxRounds);
-  removed = removeAbove(map, camera, options.normal_limit);
+  removed = removeAbove(map, camera, kNormalLimit);
   report.removed_normal = removed;
   while (removed > 0 && report.rounds < kMaxRounds) {
     if (!solve()) return false;
-    removed = removeAbove(map, camera, options.normal_limit);
+    removed = removeAbove(map, camera, kNormalLimit);
     report.removed_normal += removed;
   }
   return enough();

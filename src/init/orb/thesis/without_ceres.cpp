@@ -23,7 +23,8 @@ bool builtWithCeres() {
 
 std::optional<int> solveWithCeres(InitialMap& /*map*/,
                                   const PinholeCamera& /*camera*/,
-                                  const GeometricOptions& /*options*/) {
+                                  const GeometricOptions& /*options*/,
+                                  int /*max_iterations*/) {
   refuse();
 }
 

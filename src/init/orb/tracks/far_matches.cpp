@@ -153,10 +153,10 @@ bool refine(const ImagePair& images,
 
 }  // namespace
 
-DescribedFrame describeFrame(FramePtr frame, float gain, FeatureFinder& finder, int max_features) {
+DescribedFrame describeFrame(FramePtr frame, float gain, FeatureFinder& finder) {
   DescribedFrame described;
   const GreyImage image = greyImage(frame->level(0), gain, kInvalidMargin);
-  described.features = finder.find(image, max_features);
+  described.features = finder.find(image);
   for (const cv::KeyPoint& point : described.features.points) {
     described.positions.emplace_back(point.pt.x, point.pt.y);
   }

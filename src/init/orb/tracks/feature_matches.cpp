@@ -27,21 +27,21 @@ constexpr std::size_t kDistanceGrain = 32;  // rows of distances one thread take
 constexpr float kSamePlace = 5;             // features closer together are no rivals [px]
 
 /// Keeps the strongest features of every grid cell.
-void spread(const GreyImage& image, int max_features, std::vector<cv::KeyPoint>& points) {
+void spread(const GreyImage& image, std::vector<cv::KeyPoint>& points) {
   std::sort(points.begin(), points.end(), stronger);
-  CellQuota quota(CellGrid(image.grey.cols, image.grey.rows, kSpreadCell), max_features);
+  CellQuota quota(CellGrid(image.grey.cols, image.grey.rows, kSpreadCell), kMaxFeatures);
   std::size_t kept = 0;
   for (const cv::KeyPoint& point : points) {
     if (!image.usable(point.pt) || !quota.take(point.pt.x, point.pt.y)) continue;
     points[kept++] = point;
-    if (static_cast<int>(kept) == max_features) break;
+    if (static_cast<int>(kept) == kMaxFeatures) break;
   }
   points.resize(kept);
   points.shrink_to_fit();  // of ten times as many
 }
 
-cv::Ptr<cv::ORB> makeDetector(int max_features) {
-  return cv::ORB::create(kSurplus * max_features,
+cv::Ptr<cv::ORB> makeDetector() {
+  return cv::ORB::create(kSurplus * kMaxFeatures,
                          kScaleFactor,
                          kLevels,
                          kPatchSize,
@@ -76,11 +76,11 @@ DSORB_TARGET_CLONES void hammingRow(const Bits& a, const Bits* to, std::size_t c
 
 }  // namespace
 
-Features findFeatures(const GreyImage& image, int max_features) {
+Features findFeatures(const GreyImage& image) {
   Features features;
-  const cv::Ptr<cv::ORB> detector = makeDetector(max_features);
+  const cv::Ptr<cv::ORB> detector = makeDetector();
   detector->detect(image.grey, features.points, image.valid);
-  spread(image, max_features, features.points);
+  spread(image, features.points);
   detector->compute(image.grey, features.points, features.descriptors);
   return features;
 }
@@ -141,7 +141,7 @@ std::vector<int> matchFeatures(const Features& from, const Features& to) {
 const std::vector<Eigen::Vector2f>& FeatureMatches::start(const Frame& reference) {
   image_ = greyImage(reference.level(0), 1.0F, kPatchSize / 2);
   mean_ = meanIntensity(reference);
-  features_ = findFeatures(image_, max_features_);
+  features_ = findFeatures(image_);
   positions_.clear();
   for (const cv::KeyPoint& point : features_.points) positions_.push_back(toEigen(point.pt));
   return positions_;
@@ -149,7 +149,7 @@ const std::vector<Eigen::Vector2f>& FeatureMatches::start(const Frame& reference
 
 std::vector<Eigen::Vector2f> FeatureMatches::find(const Frame& frame) const {
   const GreyImage image = greyImage(frame.level(0), gainTowards(mean_, frame), kPatchSize / 2);
-  const Features found = findFeatures(image, max_features_);
+  const Features found = findFeatures(image);
   const std::vector<int> partner = matchFeatures(features_, found);
   std::vector<Eigen::Vector2f> observations(positions_.size(), kNotSeen);
   for (std::size_t i = 0; i < partner.size(); ++i) {

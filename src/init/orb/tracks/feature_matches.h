@@ -15,10 +15,10 @@
 
 namespace dsorb::init_orb {
 
-/// ORB features of an image, spread over it.
+/// kMaxFeatures ORB features of an image at most, spread over it.
 /// @source Rublee, Rabaud, Konolige, Bradski, ORB: an efficient alternative to SIFT or SURF,
 ///         ICCV 2011
-Features findFeatures(const GreyImage& image, int max_features);
+Features findFeatures(const GreyImage& image);
 
 constexpr double kMaxRatio = 0.8;  ///< of the best distance to the second best
 constexpr int kMaxDistance = 64;   ///< between two descriptors [bits of 256]
@@ -59,8 +59,6 @@ std::vector<int> matchFeatures(const Features& from, const Features& to);
 /// Features of a reference image and where later images show them, by descriptors.
 class FeatureMatches {
  public:
-  explicit FeatureMatches(int max_features) : max_features_(max_features) {}
-
   /// Forgets everything and finds the features of a new reference. @return their positions [px]
   const std::vector<Eigen::Vector2f>& start(const Frame& reference);
   /// Matches the reference with an image of its size.
@@ -70,7 +68,6 @@ class FeatureMatches {
  private:
   void refine(const GreyImage& image, std::vector<Eigen::Vector2f>& observations) const;
 
-  int max_features_;
   Features features_;
   std::vector<Eigen::Vector2f> positions_;
   GreyImage image_;

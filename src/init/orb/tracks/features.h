@@ -28,11 +28,13 @@ inline bool stronger(const cv::KeyPoint& a, const cv::KeyPoint& b) {
   return a.pt.x < b.pt.x;
 }
 
-/// What finds and describes the features of an image.
+constexpr int kMaxFeatures = 2000;  ///< of an image
+
+/// What finds and describes the features of an image, kMaxFeatures at most.
 class FeatureFinder {
  public:
   virtual ~FeatureFinder() = default;
-  virtual Features find(const GreyImage& image, int max_features) = 0;
+  virtual Features find(const GreyImage& image) = 0;
 };
 
 /// Whether a feature was found; positions of those that were not are NaN.

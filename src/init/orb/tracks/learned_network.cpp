@@ -40,14 +40,14 @@ class LearnedFinder final : public FeatureFinder {
  public:
   explicit LearnedFinder(const cv::dnn::Net& network) : network_(network) {}
 
-  Features find(const GreyImage& image, int max_features) override {
+  Features find(const GreyImage& image) override {
     const cv::Mat input = networkInput(image.grey);
     const std::vector<cv::Mat> outputs = run(network_, input);
     LearnedMaps maps{input.cols / kLearnedCell, input.rows / kLearnedCell, {}, {}, {}};
     maps.descriptors = outputs[0].reshape(1, outputs[0].size[1]);
     maps.keypoints = outputs[1].reshape(1, outputs[1].size[1]);
     maps.reliability = outputs[2].reshape(1, 1);
-    return readFeatures(maps, image, max_features);
+    return readFeatures(maps, image, kMaxFeatures);
   }
 
  private:

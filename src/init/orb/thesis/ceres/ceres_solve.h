@@ -34,8 +34,7 @@ inline ceres::Problem::Options problemOptions() {
 /// @return nullopt without a usable solution
 inline std::optional<ceres::Solver::Summary> solveBySchur(ceres::Problem& problem,
                                                           CeresUnknowns& unknowns,
-                                                          int max_iterations,
-                                                          double function_tolerance) {
+                                                          int max_iterations) {
   auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
   const auto add = [&](double* block, int group) {
     if (problem.HasParameterBlock(block)) ordering->AddElementToGroup(block, group);
@@ -47,7 +46,6 @@ inline std::optional<ceres::Solver::Summary> solveBySchur(ceres::Problem& proble
   options.linear_solver_type = ceres::DENSE_SCHUR;
   options.linear_solver_ordering = std::move(ordering);
   options.max_num_iterations = max_iterations;
-  options.function_tolerance = function_tolerance;
   options.num_threads = 1;
   options.logging_type = ceres::SILENT;
   ceres::Solver::Summary summary;
