@@ -11,8 +11,14 @@
 
 namespace dsorb {
 
+/// When a solution ends.
+struct Stopping {
+  int max_iterations = 20;
+  double cost_change = 1e-6;  ///< less than this share of the cost; default of Ceres
+};
+
 /// A problem for minimize() over states of frames and inverse depths, solved by elimination. Ends
-/// where the cost changes, or is predicted to change, by less than a share of itself.
+/// where the cost changes, or is predicted to change, by less than the share of itself.
 /// @tparam Model     linearize(state, equations) and move(state, solver, moved state)
 /// @tparam Equations has a LinearSystem `system` and a `cost`, infinite or NaN where there is none
 template <typename Model, typename State, typename Equations>
@@ -20,8 +26,9 @@ class SchurProblem {
  public:
   using Solver = DampedSolver<typename decltype(Equations::system)::Number>;
 
-  SchurProblem(Model model, State state, bool depths_fixed = false)
+  SchurProblem(Model model, State state, const Stopping& stopping, bool depths_fixed = false)
       : model_(std::move(model)),
+        cost_change_(stopping.cost_change),
         depths_fixed_(depths_fixed),
         state_(std::move(state)),
         moved_(state_) {
@@ -50,20 +57,20 @@ class SchurProblem {
     return decrease >= 0 ? std::optional(decrease) : std::nullopt;
   }
   bool accept(const DampedStep& step) {
-    const bool converged = *step.decrease <= kTolerance * equations_.cost;
+    const bool converged = *step.decrease <= cost_change_ * equations_.cost;
     std::swap(state_, moved_);
     std::swap(equations_, moved_equations_);
     return !converged && !atMinimum();
   }
   [[nodiscard]] bool reject(const DampedStep& step) const {
-    return !step.predicted || *step.predicted >= kTolerance * equations_.cost;
+    return !step.predicted || *step.predicted >= cost_change_ * equations_.cost;
   }
 
  private:
-  static constexpr double kTolerance = 1e-6;     // of the cost; default of Ceres
   static constexpr double kMinGradient = 1e-10;  // default of Ceres
 
   Model model_;
+  double cost_change_;
   bool depths_fixed_;
   State state_;
   State moved_;

@@ -58,6 +58,19 @@ TEST(MatchingInitializer, FindsPosesByDescriptors) {
   EXPECT_LT(errors.median_relative_depth, 0.17);
 }
 
+TEST(MatchingInitializer, FollowsOpticalFlowWhereDescriptorsFail) {
+  SequenceOptions tiny = small(SequenceKind::kRoom, 16);
+  tiny.width = 128;  // no hundred features match
+  tiny.height = 96;
+  const RenderedSequence& room = rendered(tiny);
+  const InitRun result = run(variant(), room.camera(), room.frames());
+  ASSERT_TRUE(result.result) << result.log();
+  EXPECT_EQ(result.result->report.optical_flow, true);
+  const StartErrors errors = startErrors(*result.result, room);
+  EXPECT_LT(errors.direction_deg, 1.5);  // measured 0.71 and 0.073; margin x2
+  EXPECT_LT(errors.rotation_deg, 0.15);
+}
+
 TEST(MatchingInitializer, ChangesToOpticalFlowBetweenFrames) {
   const RenderedSequence& room = rendered(small(SequenceKind::kRoom, 16));
   Correspondences pair(variant().orb);

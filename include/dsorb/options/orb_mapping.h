@@ -43,7 +43,8 @@ struct SemiDenseOptions {
   double image_noise = 2.8284;  ///< standard deviation of a grey value, sqrt(8) [grey levels]
   DepthFusion fusion = DepthFusion::kMostPrecise;  ///< of the observations of one point
   /// Number of corners and points that are adjusted and handed over, as many as the window takes:
-  /// those of smallest relative variance; 3000 candidates are searched. 0 keeps all.
+  /// those of smallest relative variance. One and a half times as many candidates are searched,
+  /// 3000 at least. 0 keeps all.
   int max_points = 2000;
 };
 

@@ -225,7 +225,7 @@ RefinementReport refineCorners(InitialMap& map,
     if (round == 0) report.first_rms = measured.rms;
     report.last_rms = measured.rms;
     const SE3 before = newestPose(refined);
-    if (!adjustOnce(refined, camera, adjusted, kIterations)) return report;
+    if (!adjustOnce(refined, camera, adjusted, {kIterations})) return report;
     estimateMotions(refined, camera);
     if (round == 0 && hopeless && hopeless(refined)) break;
     if (directionChangeDeg(before, newestPose(refined)) < kSettledDeg) break;

@@ -4,7 +4,6 @@
 #include "base/parallel.h"
 #include "estimate/levenberg_marquardt.h"
 #include "estimate/robust_loss.h"
-#include "estimate/schur_problem.h"
 #include "init/orb/bundle/rolling_equations.h"
 #include "init/orb/map/motion_equations.h"
 
@@ -265,16 +264,17 @@ std::optional<double> reprojectionCost(const InitialMap& map,
 std::optional<int> solveWithSchur(InitialMap& map,
                                   const PinholeCamera& camera,
                                   const GeometricOptions& options,
-                                  int max_iterations) {
-  if (!map.motions.empty()) return solveRolling(map, camera, options, max_iterations);
+                                  const Stopping& stopping) {
+  if (!map.motions.empty()) return solveRolling(map, camera, options, stopping);
   const PoseRows pose_rows(map);
   if (pose_rows.size == 0) return std::nullopt;
   const ReprojectionProblem problem(map, pose_rows, camera, options);
   SchurProblem<ReprojectionModel, ReprojectionState, ReprojectionEquations> adjustment(
-      {problem}, ReprojectionState(map, pose_rows));
+      {problem}, ReprojectionState(map, pose_rows), stopping);
   if (!std::isfinite(adjustment.cost())) return std::nullopt;
   GainDamping damping;
-  const int iterations = adjustment.atMinimum() ? 0 : minimize(adjustment, damping, max_iterations);
+  const int iterations =
+      adjustment.atMinimum() ? 0 : minimize(adjustment, damping, stopping.max_iterations);
   adjustment.state().writeTo(map, pose_rows);
   return iterations;
 }

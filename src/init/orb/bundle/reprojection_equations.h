@@ -6,6 +6,7 @@
 
 #include "estimate/linear_system.h"
 #include "estimate/marginals.h"
+#include "estimate/schur_problem.h"
 #include "estimate/warp.h"
 #include "init/orb/bundle/reprojection_kernels.h"
 #include "init/orb/map/initial_map.h"
@@ -140,26 +141,24 @@ std::optional<double> reprojectionCost(const InitialMap& map,
 std::optional<int> solveWithCeres(InitialMap& map,
                                   const PinholeCamera& camera,
                                   const GeometricOptions& options,
-                                  int max_iterations);
+                                  const Stopping& stopping);
 /// @source Triggs et al., Bundle Adjustment - A Modern Synthesis, section 6.1 (Schur complement);
 ///         Madsen, Nielsen, Tingleff, Methods for Non-Linear Least Squares Problems, algorithm 3.16
 ///         (damping)
 std::optional<int> solveWithSchur(InitialMap& map,
                                   const PinholeCamera& camera,
                                   const GeometricOptions& options,
-                                  int max_iterations);
-
-constexpr int kSolveIterations = 20;  ///< at most, unless a solution need not be exact
+                                  const Stopping& stopping);
 
 /// The solver that the options name, where it knows all that the map does.
 inline std::optional<int> solveGeometry(InitialMap& map,
                                         const PinholeCamera& camera,
                                         const GeometricOptions& options,
-                                        int max_iterations = kSolveIterations) {
+                                        const Stopping& stopping = {}) {
   const bool more = !map.motions.empty() || map.scaleKnown() || !map.known_motions.empty();
   return options.solver == AdjustmentSolver::kCeres && !more
-             ? solveWithCeres(map, camera, options, max_iterations)
-             : solveWithSchur(map, camera, options, max_iterations);
+             ? solveWithCeres(map, camera, options, stopping)
+             : solveWithSchur(map, camera, options, stopping);
 }
 
 }  // namespace dsorb::init_orb

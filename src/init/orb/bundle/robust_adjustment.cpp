@@ -66,10 +66,10 @@ std::vector<char> cornersAbove(const InitialMap& map,
 bool adjustOnce(InitialMap& map,
                 const PinholeCamera& camera,
                 const GeometricOptions& options,
-                int max_iterations) {
+                const Stopping& stopping) {
   constexpr double kMax = std::numeric_limits<double>::max();
   removeCorners(map, cornersAbove(map, reprojectionErrors(map, camera), kMax));
-  return !map.corners.empty() && solveGeometry(map, camera, options, max_iterations);
+  return !map.corners.empty() && solveGeometry(map, camera, options, stopping);
 }
 
 bool adjustRobustly(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options) {

@@ -32,7 +32,7 @@ GeometricOptions adjustToNoise(InitialMap& map,
 bool adjustOnce(InitialMap& map,
                 const PinholeCamera& camera,
                 const GeometricOptions& options,
-                int max_iterations = kSolveIterations);
+                const Stopping& stopping = {});
 
 /// Reprojection error of every observation, whitened but for sigma; infinite behind a camera, NaN
 /// in frames without pose.

@@ -350,15 +350,16 @@ ReprojectionEquations linearizeRolling(const InitialMap& map,
 std::optional<int> solveRolling(InitialMap& map,
                                 const PinholeCamera& camera,
                                 const GeometricOptions& options,
-                                int max_iterations) {
+                                const Stopping& stopping) {
   const PoseRows pose_rows(map);
   if (pose_rows.size == 0) return std::nullopt;
   const RollingProblem problem(map, pose_rows, camera, options);
   SchurProblem<const RollingProblem&, RollingState, ReprojectionEquations> adjustment(
-      problem, problem.start());
+      problem, problem.start(), stopping);
   if (!std::isfinite(adjustment.cost())) return std::nullopt;
   GainDamping damping;
-  const int iterations = adjustment.atMinimum() ? 0 : minimize(adjustment, damping, max_iterations);
+  const int iterations =
+      adjustment.atMinimum() ? 0 : minimize(adjustment, damping, stopping.max_iterations);
   const RollingState found = adjustment.state();
   problem.writeTo(map, found);
   return iterations;

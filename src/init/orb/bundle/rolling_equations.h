@@ -75,6 +75,6 @@ ReprojectionEquations linearizeRolling(const InitialMap& map,
 std::optional<int> solveRolling(InitialMap& map,
                                 const PinholeCamera& camera,
                                 const GeometricOptions& options,
-                                int max_iterations);
+                                const Stopping& stopping);
 
 }  // namespace dsorb::init_orb

@@ -42,7 +42,10 @@ std::optional<PhotometricSolve> solveJointly(const PhotometricProblem& problem,
                                              bool depths_fixed,
                                              PhotometricState& state) {
   SchurProblem<Model, PhotometricState, PhotometricEquations> adjustment(
-      {PhotometricLinearizer(problem), frameSize(problem.brightness)}, state, depths_fixed);
+      {PhotometricLinearizer(problem), frameSize(problem.brightness)},
+      state,
+      {options.max_iterations},
+      depths_fixed);
   PhotometricSolve solve;
   solve.first_cost = adjustment.cost();
   if (!std::isfinite(solve.first_cost)) return std::nullopt;

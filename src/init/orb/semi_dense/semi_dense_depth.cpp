@@ -16,24 +16,34 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kPatchSize = 6;                 // one candidate in a square of this side [px]
-constexpr std::size_t kMaxCandidates = 3000;  // docs/experiments.md, "Epipolar search"
-constexpr std::size_t kCandidateGrain = 64;   // candidates one thread takes at a time
+constexpr int kPatchSize = 6;  // one candidate in a square of this side [px]
+/// Candidates that are searched: at least, and for each point that is wanted.
+/// @source docs/experiments.md, "Epipolar search"
+constexpr int kCandidates = 3000;
+constexpr double kCandidatesAPoint = 1.5;
+constexpr std::size_t kCandidateGrain = 64;  // candidates one thread takes at a time
+
+std::size_t candidateCount(const SemiDenseOptions& options) {
+  return static_cast<std::size_t>(
+      std::max(kCandidates, static_cast<int>(kCandidatesAPoint * options.max_points)));
+}
 
 /// Grows the patches until few enough candidates are left; candidates that are still too many are
 /// removed at random.
-std::vector<SelectedPixel> selectCandidates(const Frame& reference, Random& random) {
+std::vector<SelectedPixel> selectCandidates(const Frame& reference,
+                                            std::size_t most,
+                                            Random& random) {
   RegionThresholds thresholds;
   thresholds.compute(reference);
   int patch_size = kPatchSize;
   std::vector<SelectedPixel> selected = selectPatchMaxima(reference, thresholds, patch_size);
   // The count is about proportional to 1 / patch_size^2.
-  const double ratio = static_cast<double>(selected.size()) / static_cast<double>(kMaxCandidates);
+  const double ratio = static_cast<double>(selected.size()) / static_cast<double>(most);
   const auto better_size = static_cast<int>(patch_size * std::sqrt(ratio));
   if (better_size > patch_size) {
     selected = selectPatchMaxima(reference, thresholds, better_size);
   }
-  for (; selected.size() > kMaxCandidates; selected.pop_back()) {
+  for (; selected.size() > most; selected.pop_back()) {
     std::swap(selected[random.below(static_cast<std::uint32_t>(selected.size()))], selected.back());
   }
   return selected;
@@ -132,7 +142,8 @@ SemiDenseReport estimateSemiDenseDepth(InitialMap& map,
   }
   Random random(seed);
   const FramePtr& reference = map.frames.front().frame;
-  std::vector<SelectedPixel> candidates = selectCandidates(*reference, random);
+  std::vector<SelectedPixel> candidates =
+      selectCandidates(*reference, candidateCount(options), random);
   StuckRegions(map.stuck, camera.width, camera.height).removeFrom(candidates);
   const PointGuess guess{{map.corners, camera.width, camera.height}, known};
   std::vector<EpipolarSearch> searches;

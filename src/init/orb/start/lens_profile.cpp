@@ -101,7 +101,7 @@ std::optional<Adjusted> adjustWith(const LensScore& lens,
   camera.fy *= lens.focal_factor;
   if (lens.radial != 0) undistort(lens.radial, camera, other);
   turnBy(1 / lens.focal_factor, other);
-  if (!adjustOnce(other, camera, options, kLensIterations)) return std::nullopt;
+  if (!adjustOnce(other, camera, options, {kLensIterations})) return std::nullopt;
   if (static_cast<double>(other.corners.size()) <
       kMinKeptShare * static_cast<double>(map.corners.size())) {
     return std::nullopt;
@@ -117,7 +117,7 @@ std::optional<OtherLens> profileLens(const InitialMap& map,
                                      const PinholeCamera& camera,
                                      const GeometricOptions& options) {
   InitialMap few = thinned(map);
-  if (!adjustOnce(few, camera, options, kLensIterations) || !fixScale(few)) return std::nullopt;
+  if (!adjustOnce(few, camera, options, {kLensIterations}) || !fixScale(few)) return std::nullopt;
   const auto cost = meanCost(few, camera, options);
   if (!cost) return std::nullopt;
   std::array<std::optional<Adjusted>, kLenses.size()> tried;

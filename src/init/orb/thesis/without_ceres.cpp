@@ -24,7 +24,7 @@ bool builtWithCeres() {
 std::optional<int> solveWithCeres(InitialMap& /*map*/,
                                   const PinholeCamera& /*camera*/,
                                   const GeometricOptions& /*options*/,
-                                  int /*max_iterations*/) {
+                                  const Stopping& /*stopping*/) {
   refuse();
 }
 

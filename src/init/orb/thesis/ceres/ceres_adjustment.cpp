@@ -23,7 +23,7 @@ std::unique_ptr<ceres::LossFunction> lossOf(const GeometricOptions& options) {
 std::optional<int> solveWithCeres(InitialMap& map,
                                   const PinholeCamera& camera,
                                   const GeometricOptions& options,
-                                  int max_iterations) {
+                                  const Stopping& stopping) {
   CeresUnknowns unknowns;
   for (const PosedFrame& frame : map.frames) {
     unknowns.poses.push_back(toBlock(frame.T_cam_ref.value_or(SE3())));
@@ -46,7 +46,7 @@ std::optional<int> solveWithCeres(InitialMap& map,
   for (PoseBlock& pose : unknowns.poses) {
     if (problem.HasParameterBlock(pose.data())) setManifold(problem, pose.data(), manifold);
   }
-  const auto summary = solveBySchur(problem, unknowns, max_iterations);
+  const auto summary = solveBySchur(problem, unknowns, stopping);
   if (!summary) return std::nullopt;
   for (std::size_t k = 1; k < unknowns.poses.size(); ++k) {
     const double* pose = unknowns.poses[k].data();

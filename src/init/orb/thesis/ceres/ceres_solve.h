@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "estimate/schur_problem.h"
 #include "init/orb/thesis/ceres/reprojection_cost.h"
 
 #include <ceres/ceres.h>
@@ -34,7 +35,7 @@ inline ceres::Problem::Options problemOptions() {
 /// @return nullopt without a usable solution
 inline std::optional<ceres::Solver::Summary> solveBySchur(ceres::Problem& problem,
                                                           CeresUnknowns& unknowns,
-                                                          int max_iterations) {
+                                                          const Stopping& stopping) {
   auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
   const auto add = [&](double* block, int group) {
     if (problem.HasParameterBlock(block)) ordering->AddElementToGroup(block, group);
@@ -45,7 +46,8 @@ inline std::optional<ceres::Solver::Summary> solveBySchur(ceres::Problem& proble
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::DENSE_SCHUR;
   options.linear_solver_ordering = std::move(ordering);
-  options.max_num_iterations = max_iterations;
+  options.max_num_iterations = stopping.max_iterations;
+  options.function_tolerance = stopping.cost_change;
   options.num_threads = 1;
   options.logging_type = ceres::SILENT;
   ceres::Solver::Summary summary;

@@ -42,7 +42,7 @@ std::optional<PhotometricSolve> solvePhotometricWithCeres(const PhotometricProbl
     }
     if (adjustment.HasParameterBlock(pose)) setManifold(adjustment, pose, manifold);
   }
-  const auto summary = solveBySchur(adjustment, unknowns, options.max_iterations);
+  const auto summary = solveBySchur(adjustment, unknowns, {options.max_iterations});
   if (!summary) return std::nullopt;
   for (std::size_t f = 0; f < frames; ++f) {
     state.T_cam_ref[f] = fromBlock(unknowns.poses[f].data());
