@@ -4,6 +4,8 @@
 #include "dsorb/camera/row_times.h"
 
 #include "base/random.h"
+#include "init/orb/bundle/geometric_covariance.h"
+#include "init/orb/bundle/robust_adjustment.h"
 #include "support/synthetic_map.h"
 
 #include <gtest/gtest.h>

@@ -4,6 +4,7 @@
 #include "base/median.h"
 #include "base/parallel.h"
 #include "init/orb/bundle/reprojection_equations.h"
+#include "init/orb/bundle/rolling_equations.h"
 
 #include <algorithm>
 #include <cmath>
@@ -39,6 +40,21 @@ double medianKnown(std::vector<double> errors) {
 }
 
 }  // namespace
+
+std::optional<int> solveWithSchur(InitialMap& map,
+                                  const PinholeCamera& camera,
+                                  const GeometricOptions& options) {
+  return map.motions.empty() ? solveReprojections(map, camera, options)
+                             : solveRolling(map, camera, options);
+}
+
+std::optional<int> solveGeometry(InitialMap& map,
+                                 const PinholeCamera& camera,
+                                 const GeometricOptions& options) {
+  const bool more = !map.motions.empty() || map.scaleKnown() || !map.known_motions.empty();
+  return options.solver == AdjustmentSolver::kCeres && !more ? solveWithCeres(map, camera, options)
+                                                             : solveWithSchur(map, camera, options);
+}
 
 std::vector<double> reprojectionErrors(const InitialMap& map, const PinholeCamera& camera) {
   const auto error = [&](const CornerObservation& observation) {

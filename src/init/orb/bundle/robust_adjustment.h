@@ -6,9 +6,29 @@
 
 #include "init/orb/map/initial_map.h"
 
+#include <optional>
 #include <vector>
 
 namespace dsorb::init_orb {
+
+/// Both solvers move the poses of all posed frames but the first and the inverse depths of the
+/// corners to the minimum of the reprojection errors with the robust loss of the options, and touch
+/// nothing else. The scale stays about where it was.
+/// @param map observations sorted by corner; every corner in front of all cameras that see it
+/// @return    iterations, or nullopt when no usable numbers were found
+std::optional<int> solveWithCeres(InitialMap& map,
+                                  const PinholeCamera& camera,
+                                  const GeometricOptions& options);
+/// @source Triggs et al., Bundle Adjustment - A Modern Synthesis, section 6.1 (Schur complement);
+///         Madsen, Nielsen, Tingleff, Methods for Non-Linear Least Squares Problems, algorithm 3.16
+///         (damping)
+std::optional<int> solveWithSchur(InitialMap& map,
+                                  const PinholeCamera& camera,
+                                  const GeometricOptions& options);
+/// The solver that the options name, where it knows all that the map does.
+std::optional<int> solveGeometry(InitialMap& map,
+                                 const PinholeCamera& camera,
+                                 const GeometricOptions& options);
 
 /// Adjusts poses and corners in two rounds, each followed by the removal of corners whose largest
 /// error is above a multiple of the robust standard deviation. Corners behind the camera stay,
