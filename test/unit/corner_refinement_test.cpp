@@ -6,6 +6,7 @@
 #include "estimate/warp.h"
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/thesis/geometric_adjustment.h"
+#include "support/assign_map.h"
 #include "support/matchers.h"
 #include "support/plane_scene.h"
 
@@ -157,7 +158,7 @@ Matrix6d covarianceBetween(DisturbedMap& made, int rounds, double disturbance) {
   GeometricOptions geometric;
   geometric.sigma = disturbance;
   made.map.frames[2].T_cam_ref.reset();
-  EXPECT_TRUE(adjustGeometry(made.map, camera, geometric).usable);
+  EXPECT_TRUE(assign(adjustGeometry(made.map, camera, geometric), made.map).usable);
   const std::vector<std::size_t> others = poseOtherFrames(made.map, camera);
   EXPECT_EQ(others, std::vector<std::size_t>{2});
   refinePoses(made.map, camera, geometric, rounds, others);

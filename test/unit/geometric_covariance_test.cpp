@@ -4,6 +4,7 @@
 #include "base/median.h"
 #include "init/orb/thesis/ceres/reprojection_cost.h"
 #include "init/orb/thesis/geometric_adjustment.h"
+#include "support/assign_map.h"
 #include "support/jacobian_check.h"
 #include "support/matchers.h"
 #include "support/synthetic_map.h"
@@ -36,7 +37,8 @@ TEST(GeometricCovariance, VariancesPredictTheErrorsOfNoisyObservations) {
   std::vector<double> pose_ratios;
   for (std::uint64_t seed = 10; seed < 30; ++seed) {
     SyntheticMap scene = makeSyntheticMap({200, 4, 0.3, 0.1}, seed);
-    const GeometricReport report = adjustGeometry(scene.start, scene.camera, formal());
+    const GeometricReport report =
+        assign(adjustGeometry(scene.start, scene.camera, formal()), scene.start);
     ASSERT_TRUE(report.usable);
     ASSERT_EQ(scene.start.corners.size(), scene.truth.corners.size());
     EXPECT_NEAR(report.variance_factor, 0.09, 0.02);  // noise^2; 800 degrees of freedom: 5 %
@@ -94,7 +96,8 @@ TEST(GeometricCovariance, EqualsTheDensePseudoInverseInTheSameGauge) {
   GeometricOptions options = formal();
   options.min_points = 10;
   options.loss_threshold = 1000;  // the referee has no weights
-  const GeometricReport report = adjustGeometry(scene.start, scene.camera, options);
+  const GeometricReport report =
+      assign(adjustGeometry(scene.start, scene.camera, options), scene.start);
   ASSERT_TRUE(report.usable);
   const Eigen::MatrixXd expected =
       report.variance_factor * denseCovariance(scene.start, scene.camera);
@@ -201,7 +204,8 @@ TEST(GeometricCovariance, EqualsSparseQrOfCeres) {
   SyntheticMap scene = makeSyntheticMap({200, 5, 0.2, 0}, 9);
   GeometricOptions options = formal();
   options.loss_threshold = 1000;  // the referee has no weights
-  const GeometricReport report = adjustGeometry(scene.start, scene.camera, options);
+  const GeometricReport report =
+      assign(adjustGeometry(scene.start, scene.camera, options), scene.start);
   ASSERT_TRUE(report.usable);
   ASSERT_EQ(scene.start.corners.size(), 200U);
   const SparseQrReferee referee(scene.start, scene.camera);
@@ -223,7 +227,7 @@ double medianPoseRatio(const GeometricOptions& options) {
   for (std::uint64_t seed = 40; seed < 70; ++seed) {
     SyntheticMap scene = makeSyntheticMap({600, 4, 0.1, 0}, seed);
     addSharedErrors(scene, 0.3, seed);
-    EXPECT_TRUE(adjustGeometry(scene.start, scene.camera, options).usable);
+    EXPECT_TRUE(assign(adjustGeometry(scene.start, scene.camera, options), scene.start).usable);
     const Vector6d error =
         (*scene.truth.frames[3].T_cam_ref * scene.start.frames[3].T_cam_ref->inverse()).log();
     ratios.push_back(error.dot(scene.start.frames[3].covariance->inverse() * error) / 6);

@@ -227,7 +227,9 @@ RefinementReport refineCorners(InitialMap& map,
     if (round == 0) report.first_rms = measured.rms;
     report.last_rms = measured.rms;
     const SE3 before = newestPose(refined);
-    if (!adjustOnce(refined, camera, adjusted)) return report;
+    auto solved = adjustOnce(std::move(refined), camera, adjusted);
+    if (!solved) return report;
+    refined = std::move(*solved);
     estimateMotions(refined, camera);
     if (round == 0 && hopeless && hopeless(refined)) break;
     if (directionChangeDeg(before, newestPose(refined)) < kSettledDeg) break;

@@ -80,23 +80,30 @@ std::vector<char> cornersAbove(const InitialMap& map,
   return above;
 }
 
-bool adjustOnce(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options) {
+std::optional<InitialMap> adjustOnce(InitialMap map,
+                                     const PinholeCamera& camera,
+                                     const GeometricOptions& options) {
   constexpr double kMax = std::numeric_limits<double>::max();
   removeCorners(map, cornersAbove(map, reprojectionErrors(map, camera), kMax));
-  return !map.corners.empty() && solveGeometry(map, camera, options);
+  if (map.corners.empty() || !solveGeometry(map, camera, options)) return std::nullopt;
+  return map;
 }
 
-bool adjustRobustly(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options) {
+std::optional<InitialMap> adjustRobustly(InitialMap map,
+                                         const PinholeCamera& camera,
+                                         const GeometricOptions& options) {
   for (const double least : {kFirstLimit, options.normal_limit}) {
-    if (!adjustOnce(map, camera, options)) return false;
+    auto adjusted = adjustOnce(std::move(map), camera, options);
+    if (!adjusted) return std::nullopt;
+    map = std::move(*adjusted);
     const std::vector<double> errors = reprojectionErrors(map, camera);
     const double limit = std::clamp(kLimitFactor * kMadToSigma * medianKnown(errors),
                                     least,
                                     std::max(least, options.severe_limit));
     removeCorners(map, cornersAbove(map, errors, limit));
-    if (static_cast<int>(map.corners.size()) < options.min_points) return false;
+    if (static_cast<int>(map.corners.size()) < options.min_points) return std::nullopt;
   }
-  return true;
+  return map;
 }
 
 double medianError(const InitialMap& map, const PinholeCamera& camera) {

@@ -33,8 +33,10 @@ std::optional<int> solveGeometry(InitialMap& map,
 /// Adjusts poses and corners in two rounds, each followed by the removal of corners whose largest
 /// error is above a multiple of the robust standard deviation. Corners behind the camera stay,
 /// because they are evidence against the motion.
-/// @return whether it found usable numbers and corners were left
-bool adjustRobustly(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options);
+/// @return the adjusted map; nothing where no usable numbers or too few corners were left
+std::optional<InitialMap> adjustRobustly(InitialMap map,
+                                         const PinholeCamera& camera,
+                                         const GeometricOptions& options);
 
 /// Measures the noise of the corners from their residuals and adjusts with it, several times.
 /// @return the options with the measured sigma
@@ -43,8 +45,11 @@ GeometricOptions adjustToNoise(InitialMap& map,
                                const GeometricOptions& options,
                                int rounds);
 
-/// Adjusts without removing corners. @return whether it found usable numbers
-bool adjustOnce(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options);
+/// Adjusts once, without the corners behind a camera.
+/// @return the adjusted map; nothing where no usable numbers were found
+std::optional<InitialMap> adjustOnce(InitialMap map,
+                                     const PinholeCamera& camera,
+                                     const GeometricOptions& options);
 
 /// Reprojection error of every observation, whitened but for sigma; infinite behind a camera, NaN
 /// in frames without pose.
