@@ -90,7 +90,7 @@ void expectSame(const InitialMap& a, const InitialMap& b) {
   }
 }
 
-TEST(CornerPolish, ReducesTheErrorOfDisturbedTracks) {
+TEST(CornerRefinement, ReducesTheErrorOfDisturbedTracks) {
   DisturbedMap made = makeDisturbedMap(0.4);
   const double before = rmsError(made);
   GeometricOptions geometric;
@@ -106,7 +106,7 @@ TEST(CornerPolish, ReducesTheErrorOfDisturbedTracks) {
             1.0);
 }
 
-TEST(CornerPolish, KeepsTheMapWhereTheImagesDoNotFit) {
+TEST(CornerRefinement, KeepsTheMapWhereTheImagesDoNotFit) {
   DisturbedMap made = makeDisturbedMap(0.4);
   const PlaneScene other(77);
   for (std::size_t k = 1; k < made.map.frames.size(); ++k) {
@@ -120,7 +120,7 @@ TEST(CornerPolish, KeepsTheMapWhereTheImagesDoNotFit) {
   expectSame(made.map, before);
 }
 
-TEST(CornerPolish, EndsAfterTheFirstRoundWhereItIsHopeless) {
+TEST(CornerRefinement, EndsAfterTheFirstRoundWhereItIsHopeless) {
   DisturbedMap once = makeDisturbedMap(0.4);
   DisturbedMap ended = once;
   DisturbedMap all = once;
@@ -143,7 +143,7 @@ TEST(CornerPolish, EndsAfterTheFirstRoundWhereItIsHopeless) {
   EXPECT_LT(rmsError(all), rmsError(ended));
 }
 
-TEST(CornerPolish, IsOffWithoutRounds) {
+TEST(CornerRefinement, IsOffWithoutRounds) {
   DisturbedMap made = makeDisturbedMap(0.4);
   const InitialMap before = made.map;
   EXPECT_FALSE(refineCorners(made.map, made.scene.camera(), GeometricOptions(), 0).accepted);
@@ -191,7 +191,7 @@ BetweenSpread spreadBetween(int rounds, double disturbance) {
   return {medianOf(ratios), medianOf(sigmas)};
 }
 
-TEST(CornerPolish, SingleFramesGetACovariance) {
+TEST(CornerRefinement, SingleFramesGetACovariance) {
   const BetweenSpread spread = spreadBetween(OrbOptions().polish_rounds, kDisturbance);
   // Expected 0.79, chi-square 3 over 3. Measured 1.2 and 0.00049 rad, margin x2.
   EXPECT_GT(spread.ratio, 0.4);
@@ -199,7 +199,7 @@ TEST(CornerPolish, SingleFramesGetACovariance) {
   EXPECT_LT(spread.sigma, 0.001);
 }
 
-TEST(CornerPolish, SingleFramesGetACovarianceWithNoisyCorners) {
+TEST(CornerRefinement, SingleFramesGetACovarianceWithNoisyCorners) {
   const BetweenSpread spread = spreadBetween(OrbOptions().polish_rounds, 4 * kDisturbance);
   // The pose is no longer linear in the errors. Measured 1.7 and 0.0018 rad, margin x2.
   EXPECT_GT(spread.ratio, 0.4);
@@ -207,7 +207,7 @@ TEST(CornerPolish, SingleFramesGetACovarianceWithNoisyCorners) {
   EXPECT_LT(spread.sigma, 0.004);
 }
 
-TEST(CornerPolish, SingleFramesGetTheCovarianceOfTheirTracksWithoutRounds) {
+TEST(CornerRefinement, SingleFramesGetTheCovarianceOfTheirTracksWithoutRounds) {
   const BetweenSpread spread = spreadBetween(0, kDisturbance);
   // Measured 1.3 and 0.00058 rad, margin x2.
   EXPECT_GT(spread.ratio, 0.4);
@@ -215,7 +215,7 @@ TEST(CornerPolish, SingleFramesGetTheCovarianceOfTheirTracksWithoutRounds) {
   EXPECT_LT(spread.sigma, 0.0012);
 }
 
-TEST(CornerPolish, SingleFramesThatSeeNoCornerAreUncertain) {
+TEST(CornerRefinement, SingleFramesThatSeeNoCornerAreUncertain) {
   DisturbedMap made = makeDisturbedMap(kDisturbance);
   std::vector<CornerObservation>& observations = made.map.observations;
   observations.erase(std::remove_if(observations.begin(),

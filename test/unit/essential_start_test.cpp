@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Motion by information, without images: essential matrix, competition of models, gate, noise.
+// A start from the essential matrix, without images: model selection, rivals, gate, noise.
 #include "base/spread_frames.h"
 #include "init/orb/bundle/geometric_covariance.h"
 #include "init/orb/bundle/robust_adjustment.h"
@@ -76,7 +76,7 @@ DisplacementModel winner(const TwoViewScene& scene, double sigma) {
   return homography < essential ? DisplacementModel::kHomography : DisplacementModel::kEssential;
 }
 
-TEST(ModelCompetition, NamesRotationPlaneAndGeneralMotion) {
+TEST(ModelSelection, NamesRotationPlaneAndGeneralMotion) {
   for (std::uint64_t seed = 1; seed <= 5; ++seed) {
     const TwoViewScene turned = makeTwoViewScene({300, false, {0, 0, 0}, 0.4}, seed);
     const TwoViewScene plane = makeTwoViewScene({300, true, {0.6, 0.1, 0.3}, 0.4}, seed);
