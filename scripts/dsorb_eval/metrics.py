@@ -52,17 +52,17 @@ def trajectory_errors(rows, truth, step=1):
                 rpe_rot_deg=root_mean_square([tr.rotation_angle(e[:3, :3]) for e in errors]) if errors else None)
 
 
-def initial_pose_errors(T_target_ref, reference_time, target_time, truth, frame_times):
+def initial_pose_errors(T_cur_ref, reference_time, target_time, truth, frame_times):
     """Errors of the relative pose an initializer delivers. Its unit is free, so its translation is first scaled to the
     true length; then the norm of equation 16 (without the square, which the plots of [Gladkova] do not have either).
 
-    @param T_target_ref  4x4, reference camera to target camera
+    @param T_cur_ref  4x4, reference camera to target camera
     @param frame_times   times of all frames of the run: the way between the two goes through them
     @return empty where there is no truth"""
     true_reference, true_target = truth.pose(reference_time), truth.pose(target_time)
     if true_reference is None or true_target is None:
         return {}
-    pose = np.array(T_target_ref, float)
+    pose = np.array(T_cur_ref, float)
     if pose.shape != (4, 4) or not np.isfinite(pose).all() or abs(np.linalg.det(pose[:3, :3]) - 1) > ROTATION_TOLERANCE:
         return dict(nonfinite=True, rot_deg=180., dir_deg=180.)
     true_motion, motion = tr.inverse(true_reference) @ true_target, tr.inverse(pose)
@@ -81,12 +81,12 @@ def rotation_vector(rotation):
     return np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]) / 2
 
 
-def initial_pose_nees(T_target_ref, covariance, true_reference, true_target):
+def initial_pose_nees(T_cur_ref, covariance, true_reference, true_target):
     """Squared error over variance, of the three rotation and the two direction components of the initial pose.
 
     @param covariance  6x6, [translation; rotation], of a left increment: t_est = t + v + w x t, so that the
                        translation's own variance is J C J^T with J = [I, -[t]x]"""
-    pose, covariance = np.array(T_target_ref, float), np.array(covariance, float)
+    pose, covariance = np.array(T_cur_ref, float), np.array(covariance, float)
     true = tr.inverse(true_target) @ true_reference
     t, length, true_length = pose[:3, 3], np.linalg.norm(pose[:3, 3]), np.linalg.norm(true[:3, 3])
     if covariance.shape != (6, 6) or not np.isfinite(covariance).all() or not length or not true_length:

@@ -150,6 +150,7 @@ void Undistorter::apply(const float* input, float* output) const {
     }
     return;
   }
+  // By offsets that are made once; the samplers of src/estimate take positions, and lie above this.
   const auto interpolate = [input, stride](const Sample& s) {
     const float* top = input + s.offset;
     const float* bottom = top + stride;

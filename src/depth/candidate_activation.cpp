@@ -197,7 +197,8 @@ DepthFit fitDepth(const CandidatePoint& candidate,
   DepthFit fit;
   fit.verdict = weak;
   if (!std::isfinite(terms.energy) || terms.curvature < kMinInformation) return fit;
-  float damping = kInitialDamping;  // of a single number: a loop shorter than a minimize() of it
+  // One number, which every trial may end for good: minimize() would need more around it than this.
+  float damping = kInitialDamping;
   for (int i = 0; i < kIterations; ++i) {
     const float step = terms.gradient / ((1 + damping) * terms.curvature);
     std::vector<FitState> trial_states = states;

@@ -85,12 +85,21 @@ double spreadAround(double mean, const std::vector<LogRatio>& ratios) {
   return std::max(kMadToSigma * medianInPlace(errors), kMinSpread);
 }
 
-/// Weight of a ratio; claimed sigmas count only relative to each other.
-double weightOf(const LogRatio& ratio, double mean, double spread) {
-  const double sigma = spread * std::max(ratio.sigma, kMinSpread);
-  const double error = (ratio.value - mean) / (kCauchyLimit * sigma);
-  return 1 / (sigma * sigma * (1 + error * error));
-}
+/// Cauchy's loss of a ratio; claimed sigmas count only relative to each other.
+struct RatioLoss {
+  RatioLoss(const LogRatio& log_ratio, double mean, double spread) {
+    const double sigma = spread * std::max(log_ratio.sigma, kMinSpread);
+    const double error = (log_ratio.value - mean) / (kCauchyLimit * sigma);
+    square = error * error;
+    double own = 1;
+    cauchyWeights(square, 1.0, ratio, own);
+    weight = 1 / (sigma * sigma * ratio);
+  }
+
+  double square = 0;  ///< of the error over the loss's limit
+  double ratio = 1;   ///< 1 + square
+  double weight = 0;
+};
 
 /// Sandwich variance of an M-estimate, errors of a cell added up first.
 /// @source Huber, Robust Statistics, section 6.3
@@ -98,12 +107,10 @@ double clusteredVariance(const std::vector<LogRatio>& ratios, double mean, doubl
   std::vector<double> of_cell(kErrorCells, 0.);
   double curvature = 0;
   for (const LogRatio& ratio : ratios) {
-    const double weight = weightOf(ratio, mean, spread);
-    of_cell[ratio.cell] += weight * (ratio.value - mean);
+    const RatioLoss loss(ratio, mean, spread);
+    of_cell[ratio.cell] += loss.weight * (ratio.value - mean);
     // Derivative of w(e) e: w (1 - e^2) / (1 + e^2), with the weight's own 1 / (1 + e^2).
-    const double sigma = spread * std::max(ratio.sigma, kMinSpread);
-    const double error = (ratio.value - mean) / (kCauchyLimit * sigma);
-    curvature += weight * (1 - error * error) / (1 + error * error);
+    curvature += loss.weight * (1 - loss.square) / loss.ratio;
   }
   double scatter = 0;
   for (const double sum : of_cell) scatter += sum * sum;
@@ -170,7 +177,7 @@ std::optional<MetricScale> scaleOf(const std::vector<LogRatio>& ratios) {
     double sum = 0;
     double total = 0;
     for (const LogRatio& ratio : ratios) {
-      const double weight = weightOf(ratio, mean, spread);
+      const double weight = RatioLoss(ratio, mean, spread).weight;
       sum += weight * ratio.value;
       total += weight;
     }

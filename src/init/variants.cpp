@@ -13,7 +13,7 @@ namespace dsorb {
 namespace {
 
 /// First version of [Gladkova]: geometry only, solved by Ceres.
-OrbOptions reportGeometry() {
+OrbOptions gladkovaGeometry() {
   OrbOptions orb;
   orb.min_frames = 5;
   orb.max_frames = 20;
@@ -38,8 +38,8 @@ OrbOptions reportGeometry() {
 }
 
 /// Second version: photometric adjustment of everything, patches scaled by psi.
-OrbOptions reportPhotometry() {
-  OrbOptions orb = reportGeometry();
+OrbOptions gladkovaPhotometry() {
+  OrbOptions orb = gladkovaGeometry();
   orb.photometric.enabled = true;
   orb.photometric.solver = AdjustmentSolver::kCeres;
   orb.photometric.brightness = PhotometricBrightness::kPsiFixed;
@@ -53,15 +53,15 @@ OrbOptions reportPhotometry() {
 }
 
 /// Third version: outlier filter and second adjustment.
-OrbOptions reportFiltered() {
-  OrbOptions orb = reportPhotometry();
+OrbOptions gladkovaFiltered() {
+  OrbOptions orb = gladkovaPhotometry();
   orb.outlier_rule = OutlierRule::kPixelVotes;
   return orb;
 }
 
 /// Xingwei Qu's variant: descriptors between two frames, the model with the most inliers.
 OrbOptions matching() {
-  OrbOptions orb = reportGeometry();
+  OrbOptions orb = gladkovaGeometry();
   orb.front_end = OrbFrontEnd::kDescriptors;
   orb.tracks.flow = OpticalFlow::kDsorb;  // for images out of focus only
   orb.model_choice = ModelChoice::kInliers;
@@ -105,9 +105,9 @@ InitializerOptions initializerVariant(const std::string& name) {
     options.registered = name;
   }
   if (name == "coarse") options.kind = InitializerKind::kCoarse;
-  if (name == "orb-v1") options.orb = reportGeometry();
-  if (name == "orb-v2") options.orb = reportPhotometry();
-  if (name == "orb-v3") options.orb = reportFiltered();
+  if (name == "orb-v1") options.orb = gladkovaGeometry();
+  if (name == "orb-v2") options.orb = gladkovaPhotometry();
+  if (name == "orb-v3") options.orb = gladkovaFiltered();
   if (name == "orb-matching") options.orb = matching();
   return options;
 }

@@ -92,9 +92,9 @@ TrackedPose FrameTracker::track(const Frame& frame, bool may_doubt) {
 
 void FrameTracker::setPose(const track::TrackingResult& result, TrackedPose& pose) const {
   pose.keyframe = reference().frame->id();
-  pose.T_cam_keyframe = result.T_frame_reference;
+  pose.T_cam_keyframe = result.T_cur_ref;
   pose.covariance = result.covariance;
-  pose.T_cam_world = result.T_frame_reference * target_->T_cam_world;
+  pose.T_cam_world = result.T_cur_ref * target_->T_cam_world;
   pose.affine = result.affine;
   pose.motion = result.motion;
   addErrorsOfMap(pose);
@@ -102,7 +102,7 @@ void FrameTracker::setPose(const track::TrackingResult& result, TrackedPose& pos
 
 bool FrameTracker::isDoubtful(const Frame& frame, const track::TrackingResult& result) const {
   if (inEarlierContrast(frame, result) < kDoubtful * rmse_) return false;
-  const TimedPose pose{frame.timestamp(), result.T_frame_reference};
+  const TimedPose pose{frame.timestamp(), result.T_cur_ref};
   return recent_.surprise(pose).value_or(0) > kSurprising;
 }
 

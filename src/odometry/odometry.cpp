@@ -6,6 +6,7 @@
 #include "base/timed.h"
 #include "image/frame_check.h"
 #include "odometry/async_mapper.h"
+#include "odometry/frame_estimates.h"
 #include "odometry/frame_tracker.h"
 #include "odometry/observers.h"
 #include "odometry/segment_unit.h"
@@ -31,13 +32,6 @@ void checkStep(const InitStep& step) {
                            (step.result ? "it came with another status" : "it is missing"));
   }
   if (step.result) checkInvariants(*step.result);
-}
-
-FrameEstimate estimateOf(const FramePtr& frame, int segment) {
-  FrameEstimate estimate;
-  estimate.frame = frame;
-  estimate.segment = segment;
-  return estimate;
 }
 
 }  // namespace
@@ -117,7 +111,8 @@ class Odometry::Impl {
       if (step.result) initializer_->reset();
       throw;
     }
-    last_estimate_ = estimateOf(frame, segment_);
+    last_estimate_ =
+        odometry::estimateWithoutPose(frame, segment_, OdometryState::kInitializing, {});
     if (step.result) {
       begin(*step.result);
     } else {
@@ -126,10 +121,10 @@ class Odometry::Impl {
   }
 
   /// @throws what mapping threw; the map is lost then
-  template <typename Work>
-  auto mapping(const Work& work) {
+  template <typename Call>
+  auto mapping(const Call& call) {
     try {
-      return work();
+      return call();
     } catch (...) {
       phase_ = Phase::kLost;
       throw;
@@ -185,16 +180,8 @@ class Odometry::Impl {
       return;
     }
     doubted_ = pose.fits ? 0 : doubted_ + 1;
-    FrameEstimate estimate = estimateOf(frame, segment_);
-    estimate.state = OdometryState::kTracked;
+    FrameEstimate estimate = odometry::trackedEstimate(frame, segment_, pose);
     estimate.is_keyframe = pose.wants_keyframe && !mapper_.keyframeIsDue();
-    estimate.T_world_cam = pose.T_cam_world.inverse();
-    estimate.keyframe = pose.keyframe;
-    estimate.T_cam_keyframe = pose.T_cam_keyframe;
-    estimate.covariance = pose.covariance;
-    estimate.world_covariance = pose.world_covariance;
-    estimate.affine = pose.affine;
-    estimate.tracking_rmse = pose.rmse;
     if (pose.fits) mapper_.submit({frame, std::move(pose), estimate.is_keyframe});
     bool stands = true;
     try {
@@ -218,13 +205,11 @@ class Odometry::Impl {
     }
     ++doubted_;
     ++report_.frames_missed;
-    tellWithoutPose(OdometryState::kMissed, tracking_rmse);
+    concludeWithoutPose(OdometryState::kMissed, tracking_rmse);
   }
 
-  void tellWithoutPose(OdometryState state, std::optional<double> tracking_rmse) {
-    last_estimate_ = estimateOf(last_input_, segment_);
-    last_estimate_.state = state;
-    last_estimate_.tracking_rmse = tracking_rmse;
+  void concludeWithoutPose(OdometryState state, std::optional<double> tracking_rmse) {
+    last_estimate_ = odometry::estimateWithoutPose(last_input_, segment_, state, tracking_rmse);
     observers_.notify(&OdometryObserver::onFrame, last_estimate_);
   }
 
@@ -239,18 +224,9 @@ class Odometry::Impl {
     conclude(std::move(estimate));
   }
 
-  /// Tells of a frame. Where mapping has made a keyframe of it, its pose is that after adjustment.
+  /// Tells of a frame with a pose.
   void conclude(FrameEstimate estimate) {
-    const track::TrackingReference& newest = tracker_.reference();
-    if (estimate.frame == newest.frame) {
-      estimate.T_world_cam = tracker_.target().T_cam_world.inverse();
-      estimate.affine = newest.affine;
-      if (!estimate.keyframe) {  // of an initialization
-        estimate.keyframe = estimate.frame->id();
-        estimate.T_cam_keyframe = SE3();
-      }
-    }
-    last_estimate_ = unit_.told(std::move(estimate));
+    last_estimate_ = unit_.told(odometry::adjustedEstimate(std::move(estimate), tracker_));
     observers_.notify(&OdometryObserver::onFrame, last_estimate_);
   }
 
@@ -282,7 +258,7 @@ class Odometry::Impl {
 
   /// The newest frame is lost.
   void lose(std::optional<double> tracking_rmse) {
-    tellWithoutPose(OdometryState::kLost, tracking_rmse);
+    concludeWithoutPose(OdometryState::kLost, tracking_rmse);
     loseMap();
   }
 

@@ -27,8 +27,8 @@ bool addDisplacement(const PinholeCamera& camera,
 
 FlowIndicators flowIndicators(const ReferencePoints& points,
                               const PinholeCamera& camera,
-                              const SE3& T_frame_reference) {
-  const Eigen::Matrix3d R = T_frame_reference.rotationMatrix();
+                              const SE3& T_cur_ref) {
+  const Eigen::Matrix3d R = T_cur_ref.rotationMatrix();
   double translation_sum = 0;
   double full_sum = 0;
   int translation_count = 0;
@@ -37,7 +37,7 @@ FlowIndicators flowIndicators(const ReferencePoints& points,
     const Eigen::Vector3d ray(points.ray_x[i], points.ray_y[i], 1.0);
     const Eigen::Vector2d pixel = camera.project(ray);
     const Eigen::Vector3d shift =
-        static_cast<double>(points.inverse_depth[i]) * T_frame_reference.translation();
+        static_cast<double>(points.inverse_depth[i]) * T_cur_ref.translation();
     for (const double sign : {1.0, -1.0}) {
       translation_count += addDisplacement(camera, pixel, ray + sign * shift, translation_sum);
       full_count += addDisplacement(camera, pixel, R * ray + sign * shift, full_sum);

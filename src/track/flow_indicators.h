@@ -20,6 +20,6 @@ struct FlowIndicators {
 /// @source front end of DSO as published, with bounds on degenerate points
 [[nodiscard]] FlowIndicators flowIndicators(const ReferencePoints& points,
                                             const PinholeCamera& camera,
-                                            const SE3& T_frame_reference);
+                                            const SE3& T_cur_ref);
 
 }  // namespace dsorb::track

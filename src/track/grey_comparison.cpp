@@ -52,10 +52,10 @@ std::pair<std::size_t, std::size_t> withoutTails(std::size_t count) {
 
 GreyComparison::GreyComparison(const TrackingReference& reference,
                                const Frame& frame,
-                               const SE3& T_frame_reference) {
+                               const SE3& T_cur_ref) {
   const ReferencePoints& points = reference.at(0);
   const PyramidLevel& level = frame.level(0);
-  const auto warp = makeWarp<float>(reference.camera, T_frame_reference);
+  const auto warp = makeWarp<float>(reference.camera, T_cur_ref);
   const std::size_t stride = std::max<std::size_t>(points.size() / kPoints, 1);
   for (std::size_t i = 0; i < points.size(); i += stride) {
     WarpedPoint<float> p;

@@ -17,10 +17,8 @@ namespace dsorb::track {
 /// point that hardly depends on the pose, so a guess of it is enough.
 class GreyComparison {
  public:
-  /// @param T_frame_reference roughly
-  GreyComparison(const TrackingReference& reference,
-                 const Frame& frame,
-                 const SE3& T_frame_reference);
+  /// @param T_cur_ref roughly
+  GreyComparison(const TrackingReference& reference, const Frame& frame, const SE3& T_cur_ref);
 
   /// Gain and offset that map one distribution to the other where neither is clipped.
   /// @return nullopt where too little is left or its contrast is too low

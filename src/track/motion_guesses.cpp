@@ -39,7 +39,7 @@ Vector6d stepBetween(const TimedPose& older, const TimedPose& newer) {
 }
 
 /// Whether a frame shows hardly anything of the motion that was expected; not for long, as then the
-/// camera stands.
+/// camera stands still.
 bool repeats(const TimedPose& newest, const TimedPose& previous, const TimedPose& before) {
   const double waited = intervals(previous, before, newest.time);
   const double expected = waited * stepBetween(before, previous).norm();

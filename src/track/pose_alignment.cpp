@@ -46,7 +46,7 @@ AlignmentSetting makeSetting(const AlignmentLevel& level, const AlignmentState& 
   const BrightnessTransfer transfer = brightnessTransfer(
       reference.affine, reference.frame->exposure(), state.affine, level.frame.exposure());
   AlignmentSetting s{};
-  s.target = makeTargetImage(camera, state.T_frame_reference, transfer, image);
+  s.target = makeTargetImage(camera, state.T_cur_ref, transfer, image);
   const auto shutter = shutterOf(level.frame, state.motion, reference.change, level.level);
   if (shutter) s.target.setShutter(*shutter);
   s.affine_b_reference = static_cast<float>(reference.affine.b);
@@ -252,7 +252,7 @@ class PoseAlignment::Problem {
 
  private:
   [[nodiscard]] double priorEnergy(const AlignmentState& state) const {
-    return velocity_ ? velocity_->energy(state.T_frame_reference, state.motion.velocity) : 0;
+    return velocity_ ? velocity_->energy(state.T_cur_ref, state.motion.velocity) : 0;
   }
   void linearize() {
     if (!velocity_) {
@@ -260,7 +260,7 @@ class PoseAlignment::Problem {
       return;
     }
     rolling_ = alignment_.rollingEquations();
-    velocity_->addTo(state_.T_frame_reference, state_.motion.velocity, rolling_.H, rolling_.b);
+    velocity_->addTo(state_.T_cur_ref, state_.motion.velocity, rolling_.H, rolling_.b);
     if (alignment_.brightness_ != BrightnessModel::kPerfect) return;
     for (const Eigen::Index i : {6, 7}) {
       rolling_.H.row(i).setZero();

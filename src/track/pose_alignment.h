@@ -24,12 +24,12 @@ using Vector14d = Eigen::Matrix<double, kRollingParameters, 1>;
 /// State that alignment estimates. Increments are [translation; rotation] from the left, then a, b,
 /// then the velocity.
 struct AlignmentState {
-  SE3 T_frame_reference;
+  SE3 T_cur_ref;
   AffineBrightness affine;  ///< of the frame
   RowMotion motion{};       ///< while the rows of a rolling shutter are read
 
   [[nodiscard]] AlignmentState plus(const Vector14d& increment) const {
-    return {SE3::exp(increment.head<6>()) * T_frame_reference,
+    return {SE3::exp(increment.head<6>()) * T_cur_ref,
             {affine.a + increment[6], affine.b + increment[7]},
             {motion.velocity + increment.tail<6>(), motion.acceleration}};
   }

@@ -88,7 +88,7 @@ bool Tracker::isSupported(const AlignmentState& state,
                           const TrackingStart& start) const {
   if (brightness_ == BrightnessModel::kPerfect) return true;
   if (std::abs(state.affine.a - start.affine.a) <= start.max_gain_step) return true;
-  const GreyComparison grey(reference_, frame, state.T_frame_reference);
+  const GreyComparison grey(reference_, frame, state.T_cur_ref);
   return grey.misfit(transferTo(frame, state.affine)) <= start.max_gain_step;
 }
 
@@ -100,13 +100,12 @@ Tracker::Descent Tracker::descend(const Frame& frame,
   descent.state = start;
   descent.failure = TrackingFailure::kDiverged;
   const std::optional<RowsOfFrame> rows = rowsOf(frame, known);
-  if (rows) descent.state.motion = rows->predict(start.T_frame_reference);
+  if (rows) descent.state.motion = rows->predict(start.T_cur_ref);
   bool repeated = false;
   for (int level = reference_.levels() - 1; level >= 0; --level) {
     const auto l = static_cast<std::size_t>(level);
     if (rows) {
-      descent.state.motion.acceleration =
-          rows->predict(descent.state.T_frame_reference).acceleration;
+      descent.state.motion.acceleration = rows->predict(descent.state.T_cur_ref).acceleration;
     }
     const LevelResult result =
         alignment_.align({reference_, frame, level, ceiling_, rows ? &*rows : nullptr},
@@ -146,12 +145,12 @@ void Tracker::search(const Frame& frame,
     ++best.hypotheses_tried;
     if (descent.failure == TrackingFailure::kNone && !(descent.rmse[0] >= best.rmse[0])) {
       best.failure = TrackingFailure::kNone;
-      best.T_frame_reference = descent.state.T_frame_reference;
+      best.T_cur_ref = descent.state.T_cur_ref;
       best.affine = descent.state.affine;
       best.motion = descent.state.motion;
       best.covariance = trackingCovariance(descent.equations,
                                            varianceOfResiduals(descent.rmse[0], descent.noise),
-                                           descent.state.T_frame_reference,
+                                           descent.state.T_cur_ref,
                                            brightness_);
       best.inside_fraction = descent.inside_fraction;
     } else if (best.hypotheses_tried == 1) {
@@ -167,7 +166,7 @@ void Tracker::search(const Frame& frame,
 TrackingResult Tracker::track(const Frame& frame, const TrackingStart& start) {
   if (reference_.frame == nullptr) throw std::logic_error("Tracker::track before setReference");
   TrackingResult best;
-  best.T_frame_reference = start.guesses.at(0);
+  best.T_cur_ref = start.guesses.at(0);
   if (isBlank(frame, *reference_.frame)) {
     best.failure = TrackingFailure::kBlank;
     return best;
@@ -181,7 +180,7 @@ TrackingResult Tracker::track(const Frame& frame, const TrackingStart& start) {
     if (!best.good()) search(frame, start, affine, best);
   }
   if (!best.good()) return best;
-  best.flow = flowIndicators(reference_.at(0), reference_.camera, best.T_frame_reference);
+  best.flow = flowIndicators(reference_.at(0), reference_.camera, best.T_cur_ref);
   if (best.rmse[0] > options_.max_rmse) best.failure = TrackingFailure::kLargeResidual;
   return best;
 }

@@ -30,13 +30,13 @@ constexpr LevelRmse kUnsetRmse = {std::numeric_limits<double>::quiet_NaN(),
 
 /// What is known before a frame is tracked.
 struct TrackingStart {
-  std::vector<SE3> guesses;    ///< T_frame_reference, most likely first; not empty
+  std::vector<SE3> guesses;    ///< T_cur_ref, most likely first; not empty
   AffineBrightness affine;     ///< of the previous frame
   double previous_rmse = 100;  ///< level 0 of the previous frame [grey levels]
   /// Largest change of the log gain a since the previous frame that the grey levels need not show;
   /// a larger one they must show, but for this share [-].
   double max_gain_step = std::numeric_limits<double>::infinity();
-  /// T_frame_reference of the frames before, the nearest first: they tell the motion while the rows
+  /// T_cur_ref of the frames before, the nearest first: they tell the motion while the rows
   /// of a rolling shutter are read.
   std::vector<TimedPose> recent{};
   /// By which the parabola through the frame and two of them misses the velocity while its rows are
@@ -56,10 +56,10 @@ enum class TrackingFailure {
 struct TrackingResult {
   TrackingFailure failure =
       TrackingFailure::kDiverged;  ///< of the first hypothesis if none is good
-  SE3 T_frame_reference;           ///< the first guess if none is good
+  SE3 T_cur_ref;                   ///< the first guess if none is good
   RowMotion motion;                ///< while the rows of a rolling shutter are read
   AffineBrightness affine;
-  std::optional<Matrix6d> covariance;  ///< of exp(xi) * T_frame_reference, [translation; rotation]
+  std::optional<Matrix6d> covariance;  ///< of exp(xi) * T_cur_ref, [translation; rotation]
   LevelRmse rmse = kUnsetRmse;         ///< lowest of the good hypotheses
   FlowIndicators flow;
   double inside_fraction = 0;  ///< level 0

@@ -32,7 +32,7 @@ double varianceOfResiduals(double rmse, double noise) {
 
 std::optional<Matrix6d> trackingCovariance(const PoseEquations& equations,
                                            double variance,
-                                           const SE3& T_frame_reference,
+                                           const SE3& T_cur_ref,
                                            BrightnessModel brightness) {
   const std::optional<Matrix6d> inverse =
       brightness == BrightnessModel::kPerfect
@@ -40,7 +40,7 @@ std::optional<Matrix6d> trackingCovariance(const PoseEquations& equations,
           : inversePoseBlock<8>(equations.H);
   if (!inverse) return std::nullopt;
   Matrix6d covariance = variance * *inverse;
-  const Eigen::Vector3d shared = kScaleSigma * T_frame_reference.translation();
+  const Eigen::Vector3d shared = kScaleSigma * T_cur_ref.translation();
   covariance.topLeftCorner<3, 3>() += shared * shared.transpose();
   covariance = (0.5 * (covariance + covariance.transpose())).eval();
   return covariance.allFinite() ? std::optional(covariance) : std::nullopt;

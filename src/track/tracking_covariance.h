@@ -32,12 +32,12 @@ constexpr double kResidualsPerMeasurement = 7;
 ///   C = v (H^-1)_pose + m^2 [t; 0] [t; 0]^T,
 /// H the Gauss-Newton matrix over pose and brightness, v the variance of its residuals, t the
 /// translation. m is in the source, with its reason.
-/// @param equations of the finest level at `T_frame_reference`
+/// @param equations of the finest level at `T_cur_ref`
 /// @param variance  of residuals [grey levels^2]
 /// @return nullopt where the points do not determine pose and brightness
 [[nodiscard]] std::optional<Matrix6d> trackingCovariance(const PoseEquations& equations,
                                                          double variance,
-                                                         const SE3& T_frame_reference,
+                                                         const SE3& T_cur_ref,
                                                          BrightnessModel brightness);
 
 }  // namespace dsorb::track

@@ -16,8 +16,8 @@ VelocityTerm::VelocityTerm(const RowsOfFrame& rows, double variance)
   }
 }
 
-double VelocityTerm::energy(const SE3& T_frame_reference, const Vector6d& velocity) const {
-  return error(T_frame_reference, velocity).cwiseAbs2().dot(information_);
+double VelocityTerm::energy(const SE3& T_cur_ref, const Vector6d& velocity) const {
+  return error(T_cur_ref, velocity).cwiseAbs2().dot(information_);
 }
 
 }  // namespace dsorb::track

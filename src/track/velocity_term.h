@@ -13,11 +13,11 @@ namespace dsorb::track {
 /// and two before it, and by how much that misses the velocity.
 struct RowsOfFrame {
   double timestamp = 0;               ///< [s]
-  std::vector<TimedPose> recent;      ///< T_frame_reference of frames before, the nearest first
+  std::vector<TimedPose> recent;      ///< T_cur_ref of frames before, the nearest first
   Vector6d sigma = Vector6d::Zero();  ///< standard deviation [unit/s; rad/s]
 
-  [[nodiscard]] RowMotion predict(const SE3& T_frame_reference) const {
-    return motionThrough({timestamp, T_frame_reference}, recent);
+  [[nodiscard]] RowMotion predict(const SE3& T_cur_ref) const {
+    return motionThrough({timestamp, T_cur_ref}, recent);
   }
 };
 
@@ -30,11 +30,11 @@ class VelocityTerm {
   /// @param variance of a point, of which its energy is the square [grey levels^2]
   VelocityTerm(const RowsOfFrame& rows, double variance);
 
-  [[nodiscard]] double energy(const SE3& T_frame_reference, const Vector6d& velocity) const;
+  [[nodiscard]] double energy(const SE3& T_cur_ref, const Vector6d& velocity) const;
   /// Adds it to equations whose unknowns begin with the pose and end with the velocity.
   template <typename Matrix, typename Vector>
-  void addTo(const SE3& T_frame_reference, const Vector6d& velocity, Matrix& H, Vector& b) const {
-    const Vector6d gradient = information_.cwiseProduct(error(T_frame_reference, velocity));
+  void addTo(const SE3& T_cur_ref, const Vector6d& velocity, Matrix& H, Vector& b) const {
+    const Vector6d gradient = information_.cwiseProduct(error(T_cur_ref, velocity));
     H.diagonal().template head<6>() += by_pose_ * by_pose_ * information_;
     H.diagonal().template tail<6>() += information_;
     H.template topRightCorner<6, 6>().diagonal() += by_pose_ * information_;
@@ -44,8 +44,8 @@ class VelocityTerm {
   }
 
  private:
-  [[nodiscard]] Vector6d error(const SE3& T_frame_reference, const Vector6d& velocity) const {
-    return velocity - rows_.predict(T_frame_reference).velocity;
+  [[nodiscard]] Vector6d error(const SE3& T_cur_ref, const Vector6d& velocity) const {
+    return velocity - rows_.predict(T_cur_ref).velocity;
   }
 
   const RowsOfFrame& rows_;

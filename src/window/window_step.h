@@ -33,7 +33,8 @@ struct StatePrior {
 /// @return dimension x 7
 [[nodiscard]] Eigen::MatrixXd gaugeDirections(const Window& window);
 
-/// Projects steps, one a column, onto the complement of motions and scale of the whole world.
+/// Projects steps, one a column, onto the complement of motions and scale of the whole world. No
+/// keyframe is held fixed here, as the reference is in the gauge of Marginals (src/estimate).
 [[nodiscard]] Eigen::MatrixXd withoutGauge(const Eigen::MatrixXd& steps,
                                            const Eigen::MatrixXd& directions);
 

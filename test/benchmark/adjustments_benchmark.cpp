@@ -162,9 +162,9 @@ BENCHMARK_CAPTURE(filter, pixel_votes, OutlierRule::kPixelVotes)
 
 void variances(benchmark::State& state) {
   const Start& from = start();
-  PhotometricProblem problem = makeProblem(from.map, room().camera, from.options.photometric);
-  InitialMap map = from.map;
-  timeWithThreads(state, [&] { return setPhotometricVariances(map, problem, false); });
+  const PhotometricProblem problem = makeProblem(from.map, room().camera, from.options.photometric);
+  timeWithThreads(state,
+                  [&] { return withPhotometricVariances(from.map, problem, false).has_value(); });
   count(state, from.map);
 }
 BENCHMARK(variances)->Arg(1)->Arg(2)->UseRealTime()->Unit(benchmark::kMillisecond);

@@ -60,8 +60,7 @@ struct Stages {
     unposed = makeInitialMap(frames, tracks, motion.best);
     triangulated = unposed;
     poseFramesBetween(triangulated, room().camera, kCornerSigma);
-    adjusted = triangulated;
-    adjustGeometry(adjusted, room().camera, options.geometric);
+    adjusted = adjustGeometry(triangulated, room().camera, options.geometric).map;
   }
 
   OrbOptions options;
@@ -139,8 +138,7 @@ void geometricAdjustment(benchmark::State& state,
   options.solver = solver;
   GeometricReport report;
   timeWithThreads(state, [&] {
-    InitialMap map = made.*start;
-    report = adjustGeometry(map, room().camera, options);
+    report = adjustGeometry(made.*start, room().camera, options).report;
     return report.usable;
   });
   state.counters["corners"] = static_cast<double>((stages().*start).corners.size());

@@ -91,8 +91,8 @@ class InitialPose(unittest.TestCase):
 
     def test_direction_thirty_degrees_off(self):
         centre = 7 * np.array([math.cos(math.radians(30)), math.sin(math.radians(30)), 0])  # its unit is free
-        T_target_ref = tr.inverse(pose(np.eye(3), centre))
-        errors = metrics.initial_pose_errors(T_target_ref, 0, 2, self.truth, [0, 1, 2])
+        T_cur_ref = tr.inverse(pose(np.eye(3), centre))
+        errors = metrics.initial_pose_errors(T_cur_ref, 0, 2, self.truth, [0, 1, 2])
         self.assertAlmostEqual(errors['dir_deg'], 30, places=10)
         self.assertAlmostEqual(errors['rot_deg'], 0, places=10)
         self.assertAlmostEqual(errors['error'], 2 * 2 * math.sin(math.radians(15)), places=12)  # chord, length 2
@@ -100,8 +100,8 @@ class InitialPose(unittest.TestCase):
         self.assertAlmostEqual(errors['error_over_path'], errors['error'] / (2 * math.sqrt(2)), places=12)
 
     def test_rotation_off_and_reversed_times(self):
-        T_target_ref = tr.inverse(pose(turned([0, 1, 0], 5), [-4, 0, 0]))
-        errors = metrics.initial_pose_errors(T_target_ref, 2, 0, self.truth, [2, 1, 0])
+        T_cur_ref = tr.inverse(pose(turned([0, 1, 0], 5), [-4, 0, 0]))
+        errors = metrics.initial_pose_errors(T_cur_ref, 2, 0, self.truth, [2, 1, 0])
         self.assertAlmostEqual(errors['rot_deg'], 5, places=10)
         self.assertAlmostEqual(errors['dir_deg'], 0, places=10)
         self.assertAlmostEqual(errors['path'], 2 * math.sqrt(2), places=12)
@@ -115,7 +115,7 @@ class InitialPose(unittest.TestCase):
         angle = .01  # [rad] about x; sin(angle) is what the skew part gives
         estimate = pose(turned([1, 0, 0], math.degrees(angle)), [0, 0, 2])
         covariance = np.diag([.04, .04, .04, 1e-4, 1e-4, 1e-4])
-        # truth T_target_ref: no rotation, direction z: camera moves by -z
+        # truth T_cur_ref: no rotation, direction z: camera moves by -z
         nees = metrics.initial_pose_nees(estimate, covariance, np.eye(4), pose(np.eye(3), [0, 0, -1]))
         np.testing.assert_allclose(nees['nees_rot'], [math.sin(angle) ** 2 / 1e-4, 0, 0], atol=1e-12)
         np.testing.assert_allclose(nees['nees_dir'], [0, 0], atol=1e-12)

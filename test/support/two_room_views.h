@@ -10,7 +10,7 @@ struct TwoRoomViews {
   PinholeCamera camera;
   FramePtr reference;
   FramePtr frame;
-  SE3 T_frame_reference;
+  SE3 T_cur_ref;
 };
 
 inline TwoRoomViews twoRoomViews() {

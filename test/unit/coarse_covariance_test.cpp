@@ -26,7 +26,7 @@ class CoarseCovarianceTest : public testing::Test {
     attempt_.camera = views.camera;
     attempt_.frames.push_back({views.reference, {}, {}});
     tracked_.frame = views.frame;
-    tracked_.alignment.T_cur_ref = views.T_frame_reference;
+    tracked_.alignment.T_cur_ref = views.T_cur_ref;
     std::vector<SelectedPixel> pixels;
     for (int y = 30; y < 210; y += 15) {
       for (int x = 30; x < 290; x += 15) pixels.push_back({x, y, 1});

@@ -3,6 +3,7 @@
 
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/thesis/ceres/reprojection_cost.h"
+#include "support/assign_map.h"
 #include "support/jacobian_check.h"
 #include "support/matchers.h"
 #include "support/synthetic_map.h"
@@ -100,7 +101,8 @@ TEST(ReprojectionCost, RefusesPointsBehindTheCamera) {
 
 TEST(GeometricAdjustment, RecoversTruthFromAPerturbedStart) {
   SyntheticMap scene = makeSyntheticMap({300, 5, 0, 0.3}, 5);
-  const GeometricReport report = adjustGeometry(scene.start, scene.camera, huber());
+  const GeometricReport report =
+      assign(adjustGeometry(scene.start, scene.camera, huber()), scene.start);
   ASSERT_TRUE(report.usable);
   EXPECT_EQ(report.removed_severe + report.removed_normal + report.removed_unseen, 0);
   EXPECT_LT(report.residual_rms, 1e-6);
@@ -162,7 +164,8 @@ TEST(GeometricAdjustment, RemovesPlantedOutliersAndKeepsMapConsistent) {
     }
   }
   const std::vector<Corner> before = scene.start.corners;
-  const GeometricReport report = adjustGeometry(scene.start, scene.camera, huber());
+  const GeometricReport report =
+      assign(adjustGeometry(scene.start, scene.camera, huber()), scene.start);
   ASSERT_TRUE(report.usable);
   EXPECT_GE(report.removed_severe, 30);
   EXPECT_GE(report.removed_normal, 25);
@@ -189,7 +192,8 @@ TEST(GeometricAdjustment, RemovesCornersBehindTheCameraAndUnseenOnes) {
   scene.start.frames[2].T_cam_ref.reset();
   scene.start.corners.push_back({{100, 100}, 1.0, 0});  // seen in the unposed frame alone
   scene.start.observations.push_back({200, 2, {105, 100}});
-  const GeometricReport report = adjustGeometry(scene.start, scene.camera, huber());
+  const GeometricReport report =
+      assign(adjustGeometry(scene.start, scene.camera, huber()), scene.start);
   ASSERT_TRUE(report.usable);
   EXPECT_EQ(report.removed_unseen, 1);
   EXPECT_EQ(report.removed_severe, 1);
@@ -201,7 +205,7 @@ TEST(GeometricAdjustment, RemovesCornersBehindTheCameraAndUnseenOnes) {
 
 TEST(GeometricAdjustment, FailsWithTooFewCorners) {
   SyntheticMap scene = makeSyntheticMap({49, 4, 0.1, 0.05}, 9);
-  EXPECT_FALSE(adjustGeometry(scene.start, scene.camera, huber()).usable);
+  EXPECT_FALSE(assign(adjustGeometry(scene.start, scene.camera, huber()), scene.start).usable);
 }
 
 TEST(GeometricAdjustment, FailsWithoutParallaxAndStaysSilent) {
@@ -214,7 +218,7 @@ TEST(GeometricAdjustment, FailsWithoutParallaxAndStaysSilent) {
   }
   testing::internal::CaptureStderr();
   testing::internal::CaptureStdout();
-  EXPECT_FALSE(adjustGeometry(scene.start, scene.camera, huber()).usable);
+  EXPECT_FALSE(assign(adjustGeometry(scene.start, scene.camera, huber()), scene.start).usable);
   EXPECT_EQ(testing::internal::GetCapturedStdout(), "");
   EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
 }
@@ -222,8 +226,8 @@ TEST(GeometricAdjustment, FailsWithoutParallaxAndStaysSilent) {
 TEST(GeometricAdjustment, SameInputGivesSameBits) {
   SyntheticMap a = makeSyntheticMap({200, 4, 0.3, 0.1}, 12);
   SyntheticMap b = makeSyntheticMap({200, 4, 0.3, 0.1}, 12);
-  ASSERT_TRUE(adjustGeometry(a.start, a.camera, huber()).usable);
-  ASSERT_TRUE(adjustGeometry(b.start, b.camera, huber()).usable);
+  ASSERT_TRUE(assign(adjustGeometry(a.start, a.camera, huber()), a.start).usable);
+  ASSERT_TRUE(assign(adjustGeometry(b.start, b.camera, huber()), b.start).usable);
   EXPECT_EQ(a.start.frames[3].T_cam_ref->matrix(), b.start.frames[3].T_cam_ref->matrix());
   for (std::size_t i = 0; i < a.start.corners.size(); ++i) {
     EXPECT_EQ(a.start.corners[i].inverse_depth, b.start.corners[i].inverse_depth);

@@ -4,6 +4,7 @@
 #include "base/median.h"
 #include "init/orb/thesis/ceres/reprojection_cost.h"
 #include "init/orb/thesis/geometric_adjustment.h"
+#include "support/assign_map.h"
 #include "support/formal_covariance.h"
 #include "support/jacobian_check.h"
 #include "support/matchers.h"
@@ -27,7 +28,8 @@ TEST(GeometricCovariance, VariancesPredictTheErrorsOfNoisyObservations) {
   std::vector<double> pose_ratios;
   for (std::uint64_t seed = 10; seed < 30; ++seed) {
     SyntheticMap scene = makeSyntheticMap({200, 4, 0.3, 0.1}, seed);
-    const GeometricReport report = adjustGeometry(scene.start, scene.camera, huber());
+    const GeometricReport report =
+        assign(adjustGeometry(scene.start, scene.camera, huber()), scene.start);
     ASSERT_TRUE(report.usable);
     setFormalCovariances(scene.start, scene.camera, huber());
     ASSERT_EQ(scene.start.corners.size(), scene.truth.corners.size());
@@ -85,7 +87,8 @@ TEST(GeometricCovariance, EqualsTheDensePseudoInverseInTheSameGauge) {
   SyntheticMap scene = makeSyntheticMap({60, 4, 0.2, 0}, 6);
   GeometricOptions options = huber();
   options.loss_threshold = 1000;  // the referee has no weights
-  const GeometricReport report = adjustGeometry(scene.start, scene.camera, options);
+  const GeometricReport report =
+      assign(adjustGeometry(scene.start, scene.camera, options), scene.start);
   ASSERT_TRUE(report.usable);
   setFormalCovariances(scene.start, scene.camera, options);
   const Eigen::MatrixXd expected =
@@ -193,7 +196,8 @@ TEST(GeometricCovariance, EqualsSparseQrOfCeres) {
   SyntheticMap scene = makeSyntheticMap({200, 5, 0.2, 0}, 9);
   GeometricOptions options = huber();
   options.loss_threshold = 1000;  // the referee has no weights
-  const GeometricReport report = adjustGeometry(scene.start, scene.camera, options);
+  const GeometricReport report =
+      assign(adjustGeometry(scene.start, scene.camera, options), scene.start);
   ASSERT_TRUE(report.usable);
   setFormalCovariances(scene.start, scene.camera, options);
   ASSERT_EQ(scene.start.corners.size(), 200U);
@@ -216,7 +220,7 @@ double medianPoseRatio(bool formal) {
   for (std::uint64_t seed = 40; seed < 70; ++seed) {
     SyntheticMap scene = makeSyntheticMap({600, 4, 0.1, 0}, seed);
     addSharedErrors(scene, 0.3, seed);
-    EXPECT_TRUE(adjustGeometry(scene.start, scene.camera, huber()).usable);
+    EXPECT_TRUE(assign(adjustGeometry(scene.start, scene.camera, huber()), scene.start).usable);
     if (formal) setFormalCovariances(scene.start, scene.camera, huber());
     const Vector6d error =
         (*scene.truth.frames[3].T_cam_ref * scene.start.frames[3].T_cam_ref->inverse()).log();

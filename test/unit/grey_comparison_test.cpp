@@ -19,10 +19,9 @@ class GreyComparisonTest : public ::testing::Test {
     reference_ = referenceOf(seen(SE3(), {1, 0}), camera_, plane_.samples(camera_, SE3(), 4));
   }
   /// The plane, less bright, as a sensor sees it that ends at 255.
-  [[nodiscard]] FramePtr seen(const SE3& T_frame_reference,
-                              const BrightnessTransfer& transfer) const {
+  [[nodiscard]] FramePtr seen(const SE3& T_cur_ref, const BrightnessTransfer& transfer) const {
     const FramePtr frame = plane_.render(camera_,
-                                         T_frame_reference.inverse(),
+                                         T_cur_ref.inverse(),
                                          {FrameId{1}, 1.0},
                                          {std::log(kDim * transfer.gain), transfer.offset});
     std::vector<float> image;
@@ -33,9 +32,8 @@ class GreyComparisonTest : public ::testing::Test {
     }
     return Frame::create(ImageView(image.data(), camera_.width, camera_.height), {FrameId{1}, 1.0});
   }
-  [[nodiscard]] GreyComparison compare(const FramePtr& frame,
-                                       const SE3& T_frame_reference = {}) const {
-    return {reference_, *frame, T_frame_reference};
+  [[nodiscard]] GreyComparison compare(const FramePtr& frame, const SE3& T_cur_ref = {}) const {
+    return {reference_, *frame, T_cur_ref};
   }
 
   static constexpr double kDim = 0.4;

@@ -8,6 +8,7 @@
 #include "init/orb/map/motion_equations.h"
 #include "init/orb/start/known_depth_start.h"
 #include "init/orb/start/known_motions.h"
+#include "support/assign_map.h"
 #include "support/matchers.h"
 #include "support/synthetic_map.h"
 
@@ -183,7 +184,7 @@ TEST_P(KnownMotions, AreTakenWhereTheyFitAndRefusedWhereTheyDoNot) {
   const SyntheticMap scene = makeSyntheticMap({150, 4, .3, .02}, 7);
   const GeometricOptions options;
   InitialMap map = scene.start;
-  ASSERT_TRUE(adjustOnce(map, scene.camera, options));
+  ASSERT_TRUE(assign(adjustOnce(map, scene.camera, options), map));
   const auto error = [&](const InitialMap& of) {
     return rotationErrorDeg(*of.frames.back().T_cam_ref, *scene.truth.frames.back().T_cam_ref);
   };
@@ -191,32 +192,31 @@ TEST_P(KnownMotions, AreTakenWhereTheyFitAndRefusedWhereTheyDoNot) {
     return directionErrorDeg(of.frames.back().T_cam_ref->translation(),
                              scene.truth.frames.back().T_cam_ref->translation());
   };
-  InitialMap right = map;
-  ASSERT_EQ(
-      adjustWithMotions(right, motionsOf(scene.truth, 0, 1e-5, GetParam()), scene.camera, options),
-      std::optional(true));
-  EXPECT_LT(error(right), .2 * error(map));
+  const MotionAdjustment right =
+      adjustWithMotions(map, motionsOf(scene.truth, 0, 1e-5, GetParam()), scene.camera, options);
+  ASSERT_EQ(right.used, std::optional(true));
+  EXPECT_LT(error(right.map), .2 * error(map));
   if (GetParam()) {
-    EXPECT_LT(direction(right), .2 * direction(map));
+    EXPECT_LT(direction(right.map), .2 * direction(map));
   }
-  InitialMap wrong = map;
-  ASSERT_EQ(adjustWithMotions(
-                wrong, motionsOf(scene.truth, .02, 1e-4, GetParam()), scene.camera, options),
-            std::optional(false));
-  EXPECT_TRUE(wrong.known_motions.empty());
-  EXPECT_EQ(error(wrong), error(map));
-  EXPECT_FALSE(adjustWithMotions(wrong, {}, scene.camera, options));
+  const MotionAdjustment wrong =
+      adjustWithMotions(map, motionsOf(scene.truth, .02, 1e-4, GetParam()), scene.camera, options);
+  ASSERT_EQ(wrong.used, std::optional(false));
+  EXPECT_TRUE(wrong.map.known_motions.empty());
+  EXPECT_EQ(error(wrong.map), error(map));
+  EXPECT_FALSE(adjustWithMotions(map, {}, scene.camera, options).used);
 }
 
 TEST(KnownMotionsOf, AMirroredOdometryAreRefused) {
   const SyntheticMap scene = makeSyntheticMap({150, 4, .3, .02}, 7);
   InitialMap map = scene.start;
-  ASSERT_TRUE(adjustOnce(map, scene.camera, GeometricOptions()));
+  ASSERT_TRUE(assign(adjustOnce(map, scene.camera, GeometricOptions()), map));
   std::vector<KnownMotion> known = motionsOf(scene.truth, 0, 1e-3, true);
   for (KnownMotion& one : known) {
     one.T_to_from.setTranslation(-one.T_to_from.translation());
   }
-  EXPECT_EQ(adjustWithMotions(map, known, scene.camera, GeometricOptions()), std::optional(false));
+  EXPECT_EQ(adjustWithMotions(map, known, scene.camera, GeometricOptions()).used,
+            std::optional(false));
 }
 
 FramePtr frameWith(int id, const std::optional<PosePrior>& motion) {

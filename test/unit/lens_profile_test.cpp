@@ -3,7 +3,7 @@
 
 #include "camera/lens_models.h"
 #include "init/orb/bundle/geometric_covariance.h"
-#include "init/orb/bundle/reprojection_equations.h"
+#include "init/orb/bundle/robust_adjustment.h"
 #include "support/synthetic_map.h"
 
 #include <gtest/gtest.h>

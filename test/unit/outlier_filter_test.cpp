@@ -11,6 +11,7 @@
 #include <gtest/gtest.h>
 
 #include <iostream>
+#include <utility>
 
 namespace dsorb::init_orb {
 namespace {
@@ -67,7 +68,12 @@ FilterEffect effectOn(const std::vector<DepthWindow>& windows, const std::string
     const DepthQuality filtered = judge(*map, window);
     const PhotometricReport report = adjustPhotometry(*map, problem, window.camera, photometric);
     EXPECT_TRUE(report.usable);
-    setPhotometricVariances(*map, problem, photometric.poses == PhotometricPoses::kFree);
+    map = withPhotometricVariances(
+        std::move(*map), std::move(problem), photometric.poses == PhotometricPoses::kFree);
+    if (!map) {
+      ADD_FAILURE() << "degenerate equations";
+      continue;
+    }
     const DepthQuality after = judge(*map, window);
     ++effect.windows;
     effect.outliers += before.outliers;

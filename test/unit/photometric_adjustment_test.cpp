@@ -163,10 +163,10 @@ TEST(PhotometricAdjustment, MotionsOfRowsFollowTheUnitOfTheMap) {
   }
   RowMotion motion;
   motion.velocity << 1, 0, 0, 0, 0, 0;
-  scene.start.motions.assign(scene.start.frames.size(), motion);
+  scene.start.motions.assign(scene.start.frames.size(), {motion});
   PhotometricProblem problem = makeProblem(scene.start, scene.scene.camera(), {});
   ASSERT_TRUE(adjustPhotometry(scene.start, problem, scene.scene.camera(), {}).usable);
-  const auto velocity = static_cast<float>(scene.start.motions.front().velocity[0]);
+  const auto velocity = static_cast<float>(scene.start.motions.front().found.velocity[0]);
   EXPECT_NEAR(velocity, kLonger, .01);
   EXPECT_FLOAT_EQ(problem.reference_shutter->velocity[0], velocity);
   EXPECT_FLOAT_EQ(problem.frames.back().shutter->velocity[0], velocity);

@@ -113,7 +113,7 @@ TEST(PointActivationTest, SameBitsForAnyNumberOfThreads) {
   }
 }
 
-TEST(HandoverTest, ThinningKeepsTheMostCertainOfEveryCell) {
+TEST(Seeding, ThinningKeepsTheMostCertainOfEveryCell) {
   std::vector<MapPoint> points;
   Random random(2);
   for (int i = 0; i < 5000; ++i) {
@@ -134,14 +134,14 @@ TEST(HandoverTest, ThinningKeepsTheMostCertainOfEveryCell) {
   EXPECT_EQ(thinOnGrid({points[0], points[1]}, 640, 480, 800).size(), 2U);
 }
 
-TEST(HandoverTest, SeedPriorIsTheInverseVarianceWithALimit) {
+TEST(Seeding, SeedPriorIsTheInverseVarianceWithALimit) {
   PriorOptions options;
   EXPECT_FLOAT_EQ(seedInformation({{0, 0}, 1, 0.01F}, options), 800);
   EXPECT_FLOAT_EQ(seedInformation({{0, 0}, 1, 1e-6F}, options), 2500);
   EXPECT_FLOAT_EQ(seedInformation({{0, 0}, 1, 0}, options), 0);
 }
 
-TEST(HandoverTest, DepthSamplesLieOnTheSurfaceOfTheNewestKeyframe) {
+TEST(DepthSamples, LieOnTheSurfaceOfTheNewestKeyframe) {
   const WindowOptions options;
   WindowSceneOptions scene_options;
   WindowScene scene = makeWindowScene(scene_options, options);

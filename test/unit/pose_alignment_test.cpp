@@ -29,13 +29,12 @@ struct Scene {
       : reference(referenceOf(plane.render(camera, SE3(), {FrameId{0}}),
                               camera,
                               plane.samples(camera, SE3(), spacing))),
-        frame(plane.render(
-            camera, T_frame_reference.inverse(), {FrameId{1}, 1.0, exposure}, affine)) {}
+        frame(plane.render(camera, T_cur_ref.inverse(), {FrameId{1}, 1.0, exposure}, affine)) {}
   [[nodiscard]] AlignmentLevel level(int l) const { return {reference, *frame, l}; }
 
   PinholeCamera camera = smallCamera();
   TexturedPlane plane;
-  SE3 T_frame_reference = smallMotion();
+  SE3 T_cur_ref = smallMotion();
   TrackingReference reference;
   FramePtr frame;
 };
@@ -48,8 +47,8 @@ struct OnePoint {
   AlignmentState state{smallMotion(), {-0.2, 7.0}};
 
   [[nodiscard]] Eigen::Vector3d transformed(const AlignmentState& at) const {
-    return at.T_frame_reference.unitQuaternion() * Eigen::Vector3d(ray_x, ray_y, 1) +
-           static_cast<double>(inverse_depth) * at.T_frame_reference.translation();
+    return at.T_cur_ref.unitQuaternion() * Eigen::Vector3d(ray_x, ray_y, 1) +
+           static_cast<double>(inverse_depth) * at.T_cur_ref.translation();
   }
 };
 
@@ -138,7 +137,7 @@ TEST(PoseAlignment, GradientOfTheEnergyMatchesCentralDifferences) {
       referenceOf(scene.plane.render(scene.camera, SE3(), {FrameId{0}}), scene.camera, middle);
   PoseAlignment alignment;
   constexpr double kCutoff = 200;  // nothing is saturated: the energy is smooth
-  const AlignmentState state{scene.T_frame_reference * smallMotion(), {0.03, 2.0}};
+  const AlignmentState state{scene.T_cur_ref * smallMotion(), {0.03, 2.0}};
   const Evaluation start = alignment.evaluate(scene.level(0), state, kCutoff);
   ASSERT_EQ(start.saturated, 0);
   const PoseEquations system = alignment.normalEquations();
@@ -161,7 +160,7 @@ TEST(PoseAlignment, GradientOfTheEnergyMatchesCentralDifferences) {
 TEST(PoseAlignment, NormalEquationsMatchADoublePrecisionSum) {
   const Scene whole(3);
   PoseAlignment alignment;
-  const AlignmentState state{whole.T_frame_reference * smallMotion(), {}};
+  const AlignmentState state{whole.T_cur_ref * smallMotion(), {}};
   alignment.evaluate(whole.level(0), state, 20);
   const PoseEquations all = alignment.normalEquations();
 
@@ -171,11 +170,11 @@ TEST(PoseAlignment, NormalEquationsMatchADoublePrecisionSum) {
   Matrix8d H = Matrix8d::Zero();
   Vector8d b = Vector8d::Zero();
   const PinholeCamera& camera = whole.camera;
-  const Eigen::Matrix3d R = state.T_frame_reference.rotationMatrix();
+  const Eigen::Matrix3d R = state.T_cur_ref.rotationMatrix();
   for (std::size_t i = 0; i < points.size(); ++i) {
     const double rho = static_cast<double>(points.inverse_depth[i]);
     const Eigen::Vector3d q = R * Eigen::Vector3d(points.ray_x[i], points.ray_y[i], 1) +
-                              rho * state.T_frame_reference.translation();
+                              rho * state.T_cur_ref.translation();
     const Eigen::Vector2d pixel = camera.project(q);
     const auto at = pixel.cast<float>();
     if (!canSample(whole.frame->level(0), at.x(), at.y())) continue;
@@ -229,7 +228,7 @@ TEST(PoseAlignment, APointBehindTheCameraSpoilsNoEquationsOfARollingShutter) {
   AlignmentState state{SE3(Eigen::Matrix3d::Identity(), {0, 0, -0.02}), {}};
   state.motion.velocity << 0.1, 0, 0, 0, 0, 0.5;
   const FramePtr frame =
-      plane.render(camera, state.T_frame_reference.inverse(), {FrameId{1}, 1, 1, nullptr, rows});
+      plane.render(camera, state.T_cur_ref.inverse(), {FrameId{1}, 1, 1, nullptr, rows});
   PoseAlignment alignment;
   EXPECT_GT(alignment.evaluate({reference, *frame, 0}, state, 20).used, 100);
   const RollingEquations equations = alignment.rollingEquations();
@@ -267,7 +266,7 @@ TEST(PoseAlignment, SameBitsForAnyNumberOfThreads) {
   };
   const AlignmentState one = run(1);
   const AlignmentState two = run(2);
-  EXPECT_EQ(one.T_frame_reference.matrix(), two.T_frame_reference.matrix());
+  EXPECT_EQ(one.T_cur_ref.matrix(), two.T_cur_ref.matrix());
   EXPECT_EQ(one.affine.a, two.affine.a);
   EXPECT_EQ(one.affine.b, two.affine.b);
 }
@@ -281,7 +280,7 @@ TEST(PoseAlignment, RecoversMotionAndBrightnessTransfer) {
     alignment.align(scene.level(l), 50, state);
   // Interpolation lowers contrast by some 0.3 %, dilated points have their neighbour's depth.
   // Measured 0.0102 deg, 0.00038 units, 0.0026, 0.38 grey levels; margin x2.
-  EXPECT_THAT(state.T_frame_reference, Se3Near(scene.T_frame_reference, 0.02, 8e-4));
+  EXPECT_THAT(state.T_cur_ref, Se3Near(scene.T_cur_ref, 0.02, 8e-4));
   EXPECT_NEAR(state.affine.a, truth.a, 0.005);
   EXPECT_NEAR(state.affine.b, truth.b, 0.8);
 }
@@ -289,7 +288,7 @@ TEST(PoseAlignment, RecoversMotionAndBrightnessTransfer) {
 TEST(PoseAlignment, ExposureTimesExplainBrightnessWithoutGain) {
   const Scene scene(3, {}, 0.6);
   PoseAlignment alignment;
-  AlignmentState state{scene.T_frame_reference, {}};
+  AlignmentState state{scene.T_cur_ref, {}};
   alignment.align(scene.level(0), 20, state);
   EXPECT_NEAR(state.affine.a, 0, 0.0026);  // measured 0.0013, margin x2
 }
@@ -306,7 +305,7 @@ TEST(PoseAlignment, PerfectPhotometryFixesBrightness) {
 TEST(PoseAlignment, RaisesTheCutoffWhileMostPointsAreSaturated) {
   const Scene scene(3, {0, 70});
   PoseAlignment alignment;
-  AlignmentState state{scene.T_frame_reference, {}};
+  AlignmentState state{scene.T_cur_ref, {}};
   const LevelResult result = alignment.align(scene.level(0), 30, state);
   EXPECT_TRUE(result.cutoff_raised);
   EXPECT_NEAR(state.affine.b, 70, 0.4);  // measured 0.2, margin x2

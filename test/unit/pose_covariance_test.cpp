@@ -6,6 +6,7 @@
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/thesis/geometric_adjustment.h"
+#include "support/assign_map.h"
 #include "support/formal_covariance.h"
 #include "support/jacobian_check.h"
 #include "support/synthetic_map.h"
@@ -43,7 +44,7 @@ Ratios measure(const SyntheticMapOptions& kind, double shared, bool formal) {
     for (int k = 1; k < kPosedFrames; ++k) {
       if (!isAdjusted(k)) map.frames[static_cast<std::size_t>(k)].T_cam_ref.reset();
     }
-    EXPECT_TRUE(adjustGeometry(map, scene.camera, huber()).usable);
+    EXPECT_TRUE(assign(adjustGeometry(map, scene.camera, huber()), map).usable);
     if (formal) setFormalCovariances(map, scene.camera, huber());
     EXPECT_EQ(map.corners.size(), scene.truth.corners.size());  // else the gauge is another
     poseOtherFrames(map, scene.camera);
@@ -92,7 +93,7 @@ TEST(PoseCovariance, ResponseIsThatOfAPoseFittedToTheMovedStructure) {
   for (int k = 1; k < kPosedFrames; ++k) {
     if (!isAdjusted(k)) map.frames[static_cast<std::size_t>(k)].T_cam_ref.reset();
   }
-  ASSERT_TRUE(adjustGeometry(map, scene.camera, huber()).usable);
+  ASSERT_TRUE(assign(adjustGeometry(map, scene.camera, huber()), map).usable);
   poseOtherFrames(map, scene.camera);
   const InheritedPoseError inherited(map, scene.camera, huber());
   const PoseRows rows(map, map.joint_frames);
@@ -151,7 +152,7 @@ TEST(PoseCovariance, InterpolatedPoseIsAsUncertainAsTheMotionAroundIt) {
   for (int k = 1; k < kPosedFrames; ++k) {
     if (!isAdjusted(k)) map.frames[static_cast<std::size_t>(k)].T_cam_ref.reset();
   }
-  ASSERT_TRUE(adjustGeometry(map, scene.camera, huber()).usable);
+  ASSERT_TRUE(assign(adjustGeometry(map, scene.camera, huber()), map).usable);
   for (const int k : {1, 5}) {
     const auto before = static_cast<std::size_t>(k - 1);
     const auto after = static_cast<std::size_t>(k + 1);

@@ -4,6 +4,8 @@
 #include "dsorb/camera/row_times.h"
 
 #include "base/random.h"
+#include "init/orb/bundle/geometric_covariance.h"
+#include "init/orb/bundle/robust_adjustment.h"
 #include "support/synthetic_map.h"
 
 #include <gtest/gtest.h>
@@ -52,7 +54,7 @@ RollingMap makeRollingMap(double perturbation) {
     truth.frames[k].frame = start.frames[k].frame = rollingFrame(k, camera);
     made.motions.push_back(someMotion(random));
   }
-  truth.motions = made.motions;
+  for (const RowMotion& motion : made.motions) truth.motions.push_back({motion});
   for (std::size_t i = 0; i < truth.corners.size(); ++i) {
     const auto rho = static_cast<float>(truth.corners[i].inverse_depth);
     const Eigen::Vector2f pixel = truth.corners[i].pixel.cast<float>();
@@ -75,9 +77,9 @@ RollingMap makeRollingMap(double perturbation) {
 /// The perturbed map, its pixels moved to the middle rows with some motions.
 InitialMap mapWith(const RollingMap& made, const std::vector<RowMotion>& motions) {
   InitialMap map = made.scene.start;
-  map.motions = motions;
-  for (const RowMotion& motion : made.motions) {
-    map.motion_priors.push_back({motion, Vector6d::Constant(3), Vector6d::Constant(30)});
+  for (std::size_t k = 0; k < motions.size(); ++k) {
+    map.motions.push_back(
+        {motions[k], {made.motions[k], Vector6d::Constant(3), Vector6d::Constant(30)}});
   }
   placeCorners(map, made.scene.camera);
   for (std::size_t i = 0; i < map.observations.size(); ++i) {
@@ -112,8 +114,8 @@ GeometricOptions rollingOptions() {
 double velocityError(const InitialMap& map, const std::vector<RowMotion>& truth) {
   double largest = 0;
   for (std::size_t k = 0; k < truth.size(); ++k) {
-    largest =
-        std::max(largest, (map.motions[k].velocity - truth[k].velocity).cwiseAbs().maxCoeff());
+    largest = std::max(largest,
+                       (map.motions[k].found.velocity - truth[k].velocity).cwiseAbs().maxCoeff());
   }
   return largest;
 }
@@ -191,9 +193,9 @@ TEST(RollingEquations, MarginalsOfPosesAreWiderThanThoseWithKnownMotions) {
   const RollingMap made = makeRollingMap(0);
   InitialMap map = mapWith(made, made.motions);
   const GeometricMarginals unknown(map, made.scene.camera, rollingOptions());
-  for (MotionPrior& prior : map.motion_priors) {
-    prior.sigma.setConstant(1e-4);
-    prior.acceleration_sigma.setConstant(1e-3);
+  for (FrameMotion& motion : map.motions) {
+    motion.prior.sigma.setConstant(1e-4);
+    motion.prior.acceleration_sigma.setConstant(1e-3);
   }
   const GeometricMarginals known(map, made.scene.camera, rollingOptions());
   map.motions.clear();

@@ -23,7 +23,7 @@ class ContestTest : public testing::Test {
       levels_.push_back(makePointLevel(views_.reference->level(l), selection.pixels));
       if (l > 0) findParents(levels_.back(), 2, levels_[levels_.size() - 2]);
     }
-    rotation_.T_cur_ref = SE3(views_.T_frame_reference.unitQuaternion(), Eigen::Vector3d::Zero());
+    rotation_.T_cur_ref = SE3(views_.T_cur_ref.unitQuaternion(), Eigen::Vector3d::Zero());
   }
   /// From the plane of unit depth and a motion with the true rotation.
   Estimate alignedFrom(const Eigen::Vector3d& t) {
@@ -35,8 +35,7 @@ class ContestTest : public testing::Test {
   }
   [[nodiscard]] double directionError(const Estimate& estimate) const {
     const Eigen::Vector3d t = estimate.alignment.T_cur_ref.translation();
-    return std::acos(t.normalized().dot(views_.T_frame_reference.translation().normalized())) *
-           180 / M_PI;
+    return std::acos(t.normalized().dot(views_.T_cur_ref.translation().normalized())) * 180 / M_PI;
   }
   TwoRoomViews views_ = twoRoomViews();
   std::vector<PointLevel> levels_;
@@ -46,7 +45,7 @@ class ContestTest : public testing::Test {
 };
 
 TEST_F(ContestTest, FindsTheMotionFromAWrongOne) {
-  const Estimate wrong = alignedFrom(-0.1 * views_.T_frame_reference.translation().normalized());
+  const Estimate wrong = alignedFrom(-0.1 * views_.T_cur_ref.translation().normalized());
   ASSERT_GT(directionError(wrong), 20);
   const Contest result =
       contest({*views_.frame, views_.camera, options_, aligner_}, rotation_, wrong);
@@ -56,7 +55,7 @@ TEST_F(ContestTest, FindsTheMotionFromAWrongOne) {
 }
 
 TEST_F(ContestTest, KeepsTheRightMotion) {
-  const Estimate right = alignedFrom(0.1 * views_.T_frame_reference.translation().normalized());
+  const Estimate right = alignedFrom(0.1 * views_.T_cur_ref.translation().normalized());
   const Contest result =
       contest({*views_.frame, views_.camera, options_, aligner_}, rotation_, right);
   EXPECT_LT(directionError(result.winner), 5);
@@ -66,7 +65,7 @@ TEST_F(ContestTest, KeepsTheRightMotion) {
 TEST_F(ContestTest, PassesEndWhenTheyNoLongerHelp) {
   options_.max_passes = 20;
   const AlignmentTask task{*views_.frame, views_.camera, options_, aligner_};
-  Estimate passes = alignedFrom(0.1 * views_.T_frame_reference.translation().normalized());
+  Estimate passes = alignedFrom(0.1 * views_.T_cur_ref.translation().normalized());
   Estimate converged = passes;
   converge(task, Aim{}, converged);
   double before = HUGE_VAL;
@@ -85,7 +84,7 @@ TEST_F(ContestTest, PassesEndWhenTheyNoLongerHelp) {
 
 TEST_F(ContestTest, OnePassIsEnoughForWhatCannotReachItsAim) {
   const AlignmentTask task{*views_.frame, views_.camera, options_, aligner_};
-  const Estimate start = alignedFrom(-0.1 * views_.T_frame_reference.translation().normalized());
+  const Estimate start = alignedFrom(-0.1 * views_.T_cur_ref.translation().normalized());
   Estimate once = start;
   alignLevels(task, 0, once);
   Estimate all = start;

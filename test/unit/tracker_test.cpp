@@ -32,9 +32,8 @@ class TrackerTest : public ::testing::Test {
     tracker.setReference(referenceOf(first_, camera_, plane_.samples(camera_, SE3(), 4, offset)));
     return tracker;
   }
-  [[nodiscard]] FramePtr render(const SE3& T_frame_reference,
-                                const AffineBrightness& affine = {}) const {
-    return plane_.render(camera_, T_frame_reference.inverse(), {FrameId{1}, 1.0}, affine);
+  [[nodiscard]] FramePtr render(const SE3& T_cur_ref, const AffineBrightness& affine = {}) const {
+    return plane_.render(camera_, T_cur_ref.inverse(), {FrameId{1}, 1.0}, affine);
   }
 
   /// Pixel by pixel: coarse levels hardly see it.
@@ -63,7 +62,7 @@ TEST_F(TrackerTest, UnchangedImageGivesIdentityAndNoResidual) {
     // Rounding of the projection: measured 6e-6 grey levels, and small steps that follow it by
     // 1.6e-6 deg and 7.4e-8 units; margin x4.
     EXPECT_LT(result.rmse[0], 2.5e-5);
-    EXPECT_THAT(result.T_frame_reference, Se3Near(SE3(), 6.5e-6, 3e-7));
+    EXPECT_THAT(result.T_cur_ref, Se3Near(SE3(), 6.5e-6, 3e-7));
     EXPECT_EQ(result.hypotheses_tried, 1);
     EXPECT_NEAR(result.flow.full, 0, 1e-4);
   }
@@ -75,7 +74,7 @@ TEST_F(TrackerTest, RecoversMotionFromIdentity) {
   const TrackingResult result = tracker.track(*render(truth), {{SE3()}, {}, 100});
   ASSERT_TRUE(result.good());
   // Measured 0.0123 deg and 0.00047 units; margin x2.
-  EXPECT_THAT(result.T_frame_reference, Se3Near(truth, 0.025, 1e-3));
+  EXPECT_THAT(result.T_cur_ref, Se3Near(truth, 0.025, 1e-3));
   EXPECT_GT(result.inside_fraction, 0.8);
 }
 
@@ -91,7 +90,7 @@ TEST_F(TrackerTest, SearchesFurtherHypothesesOnlyWhenTheResidualHasGrown) {
   const TrackingResult result = tracker.track(*frame, {{wrong, SE3(), truth}, {}, reached});
   ASSERT_TRUE(result.good());
   EXPECT_GT(result.hypotheses_tried, 1);
-  EXPECT_THAT(result.T_frame_reference, Se3Near(truth, 0.025, 1e-3));
+  EXPECT_THAT(result.T_cur_ref, Se3Near(truth, 0.025, 1e-3));
 }
 
 TEST_F(TrackerTest, SaysTooFewInsideWhenTheSceneLeavesTheImage) {
@@ -101,7 +100,7 @@ TEST_F(TrackerTest, SaysTooFewInsideWhenTheSceneLeavesTheImage) {
   const SE3 turned = SE3::exp(xi);
   const TrackingResult result = tracker.track(*render(turned), {{turned}, {}, 100});
   EXPECT_EQ(result.failure, TrackingFailure::kTooFewInside) << result.inside_fraction;
-  EXPECT_THAT(result.T_frame_reference, Se3Near(turned, 1e-9, 1e-9)) << "the guess is kept";
+  EXPECT_THAT(result.T_cur_ref, Se3Near(turned, 1e-9, 1e-9)) << "the guess is kept";
 }
 
 TEST_F(TrackerTest, RefusesImplausibleBrightnessByMode) {

@@ -39,7 +39,7 @@ struct RadialDistortion {
 /// an amount.
 /// @source docs/experiments.md, "Wrong calibrations"
 struct CameraScore {
-  double focal_change = 0;    ///< of both focal lengths, relative
+  double focal_change = 0;    ///< relative change of both focal lengths
   double focal_sigma = 0;     ///< standard deviation of that
   RadialDistortion radial{};  ///< change of the radial distortion, with its standard deviation
 
@@ -59,7 +59,7 @@ struct CameraScore {
 
 /// The camera that took the images. The centre of the top-left pixel is (0, 0).
 struct Lens {
-  LensModel model = LensModel::kPinhole;  ///< of the distortion
+  LensModel model = LensModel::kPinhole;  ///< model of the distortion
   double fx = 0;                          ///< focal length [px]
   double fy = 0;                          ///< focal length [px]
   double cx = 0;                          ///< principal point [px]
@@ -67,7 +67,7 @@ struct Lens {
   std::array<double, 5> coefficients{};   ///< of the model, as LensModel lists them; the rest are 0
   int width = 0;                          ///< [px]; 0: as the images are
   int height = 0;                         ///< [px]; 0: as the images are
-  Readout readout{};                      ///< of rows, or of columns
+  Readout readout{};                      ///< readout of rows, or of columns
   bool columns = false;                   ///< columns are read one after the other instead of rows
   bool backwards = false;  ///< the readout is from the image's last line to the first
 };
@@ -100,7 +100,7 @@ struct PhotometricCalibration {
 
 /// Content of the calibration files of a data set.
 struct Calibration {
-  Lens lens;                           ///< of the camera that took the images
+  Lens lens;                           ///< lens of the camera that took the images
   Rectification rectification;         ///< what they are rectified for
   PhotometricCalibration photometric;  ///< response and vignette, where known
 };

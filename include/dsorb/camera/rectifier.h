@@ -20,7 +20,7 @@ struct RawImage {
   const void* data = nullptr;                ///< first row, not owned
   int width = 0;                             ///< [px]
   int height = 0;                            ///< [px]
-  PixelFormat format = PixelFormat::kGrey8;  ///< of all pixels
+  PixelFormat format = PixelFormat::kGrey8;  ///< format of all pixels
   std::size_t stride_bytes = 0;              ///< distance between rows; 0: contiguous
 };
 

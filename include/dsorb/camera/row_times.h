@@ -12,12 +12,12 @@ namespace dsorb {
 /// sensor's rows are curves after rectification; a polynomial of third order in the pixel follows
 /// them.
 struct RowTimes {
-  Readout readout{};  ///< from the first to the last row (or column)
+  Readout readout{};  ///< time from the first to the last row (or column)
   /// Share of the readout, from -1/2 to 1/2: factors of 1, x, y, xx, xy, yy, xxx, xxy, xyy, yyy, x
   /// and y from -1 to 1 between the outermost pixel centres.
   std::array<double, 10> share{};
-  int width = 0;   ///< of the rectified images [px]
-  int height = 0;  ///< of the rectified images [px]
+  int width = 0;   ///< width of the rectified images [px]
+  int height = 0;  ///< height of the rectified images [px]
 
   /// @param x, y pixel of level 0
   /// @return relative to the middle row, by Readout::seconds [s]

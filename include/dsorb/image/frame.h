@@ -39,11 +39,11 @@ struct FramePriors;  // dsorb/image/frame_priors.h
 /// What a frame knows beside its image.
 struct FrameInfo {
   FrameId id;            ///< unique among the frames given
-  double timestamp = 0;  ///< of the middle row [s]; secondsFromNanoseconds()
+  double timestamp = 0;  ///< time of the middle row [s]; secondsFromNanoseconds()
   double exposure = 1;   ///< [s]; 1 when unknown
   std::shared_ptr<const ResponseSlope> response_slope = nullptr;  ///< null: the response is linear
   std::shared_ptr<const RowTimes> row_times = nullptr;            ///< null: global shutter
-  std::shared_ptr<const FramePriors> priors = nullptr;            ///< of the caller; null: none
+  std::shared_ptr<const FramePriors> priors = nullptr;  ///< what the caller knows; null: nothing
 };
 
 class Frame;

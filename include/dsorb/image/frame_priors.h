@@ -14,8 +14,8 @@ namespace dsorb {
 
 /// Depth along the optical axis that the caller knows of a frame's pixels: RGB-D, LiDAR, a network.
 struct DepthPrior {
-  int width = 0;             ///< of the frame [px]
-  int height = 0;            ///< of the frame [px]
+  int width = 0;             ///< width of the frame [px]
+  int height = 0;            ///< height of the frame [px]
   std::vector<float> depth;  ///< row by row [m]; NaN or not above 0 where it is not known
   std::vector<float> sigma;  ///< standard deviations, one a depth [m]; above 0 where it is known
   /// Whether depths are in metres. Otherwise they are right but for one factor, as those of a
@@ -54,9 +54,9 @@ struct DistancePrior {
 /// An initializer weighs it, tests it against the images and says in InitReport what became of it:
 /// a claimed standard deviation is what the caller believes, and may be wrong.
 struct FramePriors {
-  std::optional<DepthPrior> depth{};        ///< of the frame's pixels
-  std::optional<PosePrior> pose{};          ///< of the camera; a translation gives a scale, too
-  std::optional<DistancePrior> distance{};  ///< of the camera; it gives a start its scale
+  std::optional<DepthPrior> depth{};  ///< depths of the frame's pixels
+  std::optional<PosePrior> pose{};    ///< motion of the camera; a translation gives a scale, too
+  std::optional<DistancePrior> distance{};  ///< path of the camera; it gives a start its scale
 };
 
 /// Depths of all pixels, whose standard deviation is hypot(sigma, relative_sigma * depth).

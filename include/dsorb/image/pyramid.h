@@ -13,7 +13,7 @@ namespace dsorb {
 /// Intensity [grey levels, nominally 0..255] and its gradient [grey levels / px of the level].
 struct ImageSample {
   float intensity;  ///< [grey levels]; NaN: invalid
-  float dx;         ///< to the right [grey levels / px]
+  float dx;         ///< slope to the right [grey levels / px]
   float dy;         ///< downwards [grey levels / px]
 };
 

@@ -20,7 +20,7 @@ enum class InitStatus {
 /// What an initializer knows of the newest frame's motion while it waits to be surer.
 struct WaitingMotion {
   FrameId reference;  ///< frame that the motion is relative to
-  SE3 T_cam_ref;      ///< of the newest frame; the corners' mean inverse depth is 1
+  SE3 T_cam_ref;      ///< pose of the newest frame; the corners' mean inverse depth is 1
   std::optional<Matrix6d> covariance;  ///< of exp(xi) * T_cam_ref, [translation; rotation]
   double wrong_probability = 1;        ///< of the direction, as far as it was judged: GateReport
 };

@@ -18,16 +18,16 @@ struct StageTime {
 /// What led to a result. The parts of stages that did not run are empty.
 struct InitReport {
   int frames_fed = 0;             ///< since the reference, it included, that were kept
-  int frames_posed = 0;           ///< of those fed, the reference included
+  int frames_posed = 0;           ///< frames with a pose, of those fed, the reference included
   int restarts = 0;               ///< answers kRestarted since the object was made or reset
   int points = 0;                 ///< handed over
   std::string model;              ///< selected for the motion, for example "fundamental"
   std::vector<StageTime> stages;  ///< in the order in which they first ran
   std::vector<InitReason> earlier_resets;  ///< reasons of the latest restarts, oldest first
   double median_parallax_deg = 0;          ///< rotation-compensated
-  double inlier_ratio = 0;                 ///< of the matches or points that were judged
+  double inlier_ratio = 0;                 ///< inliers among the matches or points that were judged
   double residual_rms = 0;                 ///< [px]; `orb`: median, refined: of sigmas [-]
-  double median_relative_sigma = 0;        ///< of the inverse depths
+  double median_relative_sigma = 0;        ///< median of sigma over inverse depth [-]
   /// That the direction of translation is off by more than GateOptions::wrong_angle_deg.
   std::optional<double> wrong_probability;
   std::optional<DirectReport> direct;           ///< `coarse`
@@ -40,8 +40,8 @@ struct InitReport {
   std::optional<PhotometricReport> photometric;         ///< PhotometricOptions::enabled
   std::optional<OutlierReport> outliers;                ///< unless OutlierRule::kNone
   std::optional<PhotometricReport> second_photometric;  ///< after the outliers are gone
-  std::optional<int> corners;                           ///< of the result
-  std::optional<bool> optical_flow;                     ///< in place of descriptors
+  std::optional<int> corners;                           ///< number of corners in the result
+  std::optional<bool> optical_flow;  ///< matches by optical flow, not by descriptors
 };
 
 }  // namespace dsorb

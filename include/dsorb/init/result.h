@@ -18,7 +18,7 @@ namespace dsorb {
 /// Every posed frame but the reference has a covariance where the initializer estimates them. It
 /// includes the error of the structure that all frames share: two frames are not independent.
 struct PosedFrame {
-  FramePtr frame;                      ///< as given
+  FramePtr frame;                      ///< the frame as given
   std::optional<SE3> T_cam_ref;        ///< none: the frame could not be posed
   AffineBrightness affine;             ///< relative to the reference, which has a = b = 0
   std::optional<Matrix6d> covariance;  ///< of exp(xi) * T_cam_ref, [translation; rotation]
@@ -28,15 +28,15 @@ struct PosedFrame {
 /// the inverse depth that of the time of the pose; pixels of map points belong to that time, too.
 struct InitPoint {
   int host = 0;                 ///< index into the result's frames
-  Eigen::Vector2f pixel{0, 0};  ///< in the host, level 0 [px]
-  float inverse_depth = 0;      ///< for the host camera's z [1/unit]
-  float variance = 0;           ///< of the inverse depth [1/unit^2]
+  Eigen::Vector2f pixel{0, 0};  ///< position in the host, level 0 [px]
+  float inverse_depth = 0;      ///< inverse of the host camera's z [1/unit]
+  float variance = 0;           ///< variance of the inverse depth [1/unit^2]
   int observations = 0;         ///< measurements that agree on it
 };
 
 /// Length of a start's unit.
 struct MetricScale {
-  double metres = 0;          ///< of one unit [m]
+  double metres = 0;          ///< length of one unit [m]
   double relative_sigma = 0;  ///< standard deviation of its logarithm [-]
   int depths = 0;             ///< number of known depths that took part
 };
@@ -47,7 +47,7 @@ struct MetricScale {
 struct InitializationResult {
   std::vector<PosedFrame> frames;  ///< all since the reference, in the order given, but those
                                    ///< that InitializerOptions::max_waiting_mb had no room for
-  std::vector<InitPoint> points;   ///< of all hosts
+  std::vector<InitPoint> points;   ///< points of all hosts
   InitReport report;               ///< what led to it
   /// Of a rolling shutter, as the initializer took it: estimated where the calibration has a sigma.
   std::optional<Readout> readout{};

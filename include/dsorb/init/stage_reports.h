@@ -38,10 +38,10 @@ struct TwoViewReport {
   int tracks = 0;                ///< matches of the two views
   double homography_score = 0;   ///< 0: no sample gave a model
   double fundamental_score = 0;  ///< 0: no sample gave a model
-  int inliers = 0;               ///< of the chosen model
-  int good_points = 0;           ///< of the best motion
-  int second_good = 0;           ///< of the second-best motion
-  double parallax_deg = 0;       ///< of the point whose rank the options give
+  int inliers = 0;               ///< matches that fit the chosen model
+  int good_points = 0;           ///< good points of the best motion
+  int second_good = 0;           ///< good points of the second-best motion
+  double parallax_deg = 0;       ///< parallax of the point whose rank the options give
   int removed_severe = 0;        ///< corners far off or behind a camera, all adjustments together
   int removed_normal = 0;        ///< corners above the normal limit
 };
@@ -50,10 +50,10 @@ struct TwoViewReport {
 /// direction of translation is off by more than GateOptions::wrong_angle_deg, and why.
 struct GateReport {
   InitReason reason = InitReason::kDone;  ///< kDone when it passed
-  double wrong_probability = 1;           ///< of the three causes together
-  double error_probability = 1;           ///< by the tails of the direction's distribution
-  double rival_probability = 0;           ///< by another minimum of the tracks' likelihood
-  double plane_probability = 0;           ///< by the other motion that a plane allows
+  double wrong_probability = 1;           ///< all three causes together
+  double error_probability = 1;           ///< first: tails of the direction's distribution
+  double rival_probability = 0;           ///< second: another minimum of the tracks' likelihood
+  double plane_probability = 0;           ///< third: the other motion that a plane allows
   double direction_sigma_deg = 0;         ///< larger axis of the direction's covariance, x 1.5
   double second_sigma_deg = 0;            ///< smaller axis, x 1.5: scale of its t-distribution
   double misfit = 1;        ///< errors of the corners over what noise of the images explains
@@ -63,20 +63,20 @@ struct GateReport {
 
 /// Corners measured again by aligning warped patches.
 struct RefinementReport {
-  bool accepted = false;            ///< the refined corners were taken
-  bool fits = true;                 ///< at least half of the corners match the images
-  double first_rms = 0;             ///< of the patches' pixels before the first step [grey levels]
-  double last_rms = 0;              ///< of the patches' pixels before the last step [grey levels]
-  double direction_change_deg = 0;  ///< of the newest frame's translation
+  bool accepted = false;  ///< the refined corners were taken
+  bool fits = true;       ///< at least half of the corners match the images
+  double first_rms = 0;   ///< error of the patches' pixels before the first step [grey levels]
+  double last_rms = 0;    ///< error of the patches' pixels before the last step [grey levels]
+  double direction_change_deg = 0;  ///< change of the direction of the newest translation [deg]
   int dropped = 0;                  ///< corners whose patches do not match
 };
 
 /// How much better the tracks of a start fit another lens than the calibrated one.
 /// @source docs/experiments.md, "Wrong calibrations"
 struct LensScore {
-  double gain = 0;          ///< in the logarithm of the likelihood, by the best of the others [-]
-  double focal_factor = 1;  ///< that lens: its focal length over the calibrated one
-  double radial = 0;        ///< and its first coefficient of RadTan, beside the calibration
+  double gain = 0;          ///< log likelihood that the best other lens gains [-]
+  double focal_factor = 1;  ///< focal length of that lens over the calibrated one
+  double radial = 0;        ///< its first coefficient of RadTan, beside the calibration
 
   /// Whether it contradicts the calibration by more than three standard deviations.
   [[nodiscard]] bool suspicious() const { return gain > 0.5 * 3 * 3; }
@@ -85,10 +85,10 @@ struct LensScore {
 /// What became of depths that the caller knows of the reference.
 struct DepthPriorReport {
   bool used = false;          ///< the start is made of them; otherwise it is one without
-  bool contradicted = false;  ///< by the images: they give no scale, either
-  int corners = 0;            ///< that had a depth
-  double inflation = 1;       ///< of the claimed standard deviations, to fit the images [-]
-  double relative_sigma = 0;  ///< of a corner's known depth after that, median [-]
+  bool contradicted = false;  ///< the images contradict them: they give no scale, either
+  int corners = 0;            ///< corners that had a depth
+  double inflation = 1;       ///< factor on the claimed standard deviations, to fit the images [-]
+  double relative_sigma = 0;  ///< median relative sigma of a corner's known depth after that [-]
 };
 
 /// Essential matrix, model selection, gate and refinement.
@@ -102,10 +102,10 @@ struct EssentialReport {
   std::optional<double> second_cost;       ///< cost of a plane's other motion over the best's
   GateReport gate;                         ///< whether the start was sure enough
   double track_noise = 0;                  ///< standard deviation of the corners, measured [px]
-  RefinementReport refinement;             ///< of the corners by patches
+  RefinementReport refinement;             ///< refinement of the corners by patches
   double variance_factor = 0;              ///< a-posteriori [-]
   double clustered_factor = 0;             ///< on the clustered covariance [-]
-  std::optional<Readout> readout_score{};  ///< that the tracks ask for, where none is modelled
+  std::optional<Readout> readout_score{};  ///< readout by the tracks, where none is modelled
   std::optional<LensScore> lens_score{};   ///< where all rows are exposed at one time
 };
 
@@ -128,13 +128,13 @@ struct DynamicRegionsReport {
 struct PhotometricReport {
   bool usable = false;         ///< converged to numbers, lower cost, enough residuals inside
   int patches = 0;             ///< corners and semi-dense points that took part
-  int frames = 0;              ///< in the adjustment, besides the reference
-  int iterations = 0;          ///< of the solve at level 0 that gave the depths
+  int frames = 0;              ///< frames in the adjustment, besides the reference
+  int iterations = 0;          ///< steps of the solve at level 0 that gave the depths
   bool coarse_level = false;   ///< level 1 came first
   bool poses_moved = false;    ///< the photometric poses were taken, or have a part in the poses
   double first_cost = 0;       ///< half the weighted Huber energy of that problem
   double cost = 0;             ///< that energy afterwards
-  double inside_share = 0;     ///< of the patches' residuals inside the images [-]
+  double inside_share = 0;     ///< share of the patches' residuals inside the images [-]
   double median_residual = 0;  ///< before, absolute [grey levels]
   double pose_distance = 0;    ///< Mahalanobis, of the corners' poses and the photometric ones,
                                ///< a degree of freedom; 0: not compared

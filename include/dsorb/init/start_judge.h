@@ -19,7 +19,7 @@ struct StartChange {
   /// one degree of freedom. The variance is the one handed over and the window's own together, the
   /// latter with the noise of a right map at most.
   double depth_change = 0;
-  double kept_share = 0;  ///< of the points handed over, those that the window keeps
+  double kept_share = 0;  ///< share of the points handed over that the window keeps
 };
 
 /// Reason why the window refused a start.
@@ -34,7 +34,7 @@ enum class RefusalReason {
 
 /// A keyframe of a start, without the reference, before and after the first adjustment.
 struct StartPose {
-  SE3 T_cam_ref;  ///< as handed over
+  SE3 T_cam_ref;  ///< pose as handed over
   SE3 adjusted;   ///< T_cam_ref of the adjusted poses, in any unit
 };
 
@@ -42,7 +42,7 @@ struct StartPose {
 struct StartPoint {
   double inverse_depth = 0;  ///< as handed over [1/unit]; a point where it is not positive is left
                              ///< out
-  double variance = 0;       ///< as handed over [1/unit^2]
+  double variance = 0;       ///< variance as handed over [1/unit^2]
   double adjusted = 0;       ///< inverse depth [1/unit]; 0: the adjustment has dropped the point
   /// Of the adjusted inverse depth [1/unit^2], poses taken as exact: noise^2 over the curvature of
   /// the point's residuals, with the noise limited to kMaxStartNoise.

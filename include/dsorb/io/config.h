@@ -11,8 +11,8 @@ namespace dsorb {
 /// One assignment to an option as text, with the place where it was written for messages.
 struct ConfigAssignment {
   std::string key;     ///< full dotted key, or the end of exactly one: "orb.min_frames"
-  std::string value;   ///< as text
-  std::string origin;  ///< for example "--set", "slow.yaml:12"
+  std::string value;   ///< value as text
+  std::string origin;  ///< where it was set, for example "--set", "slow.yaml:12"
 };
 
 /// Sources of options. A later one overrides an earlier one in this order: struct defaults, the
@@ -21,7 +21,7 @@ struct ConfigAssignment {
 /// decides.
 struct ConfigSources {
   std::string preset = "default";                  ///< name, see presetNames()
-  std::vector<ConfigAssignment> program_defaults;  ///< of a program, below what its user says
+  std::vector<ConfigAssignment> program_defaults;  ///< defaults that the user's choices go before
   std::vector<std::string> files;                  ///< YAML
   std::vector<ConfigAssignment> assignments;       ///< `--set`
   std::vector<ConfigAssignment> flags;             ///< named flags of the command line

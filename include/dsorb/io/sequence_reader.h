@@ -21,10 +21,10 @@ struct SequenceOptions {
   /// Folder of a data set or of images, .zip of images, video file, /dev/videoN or rtsp://... A
   /// video file with the format kCamera is played like a camera, in its own time.
   std::string path;
-  SequenceFormat format = SequenceFormat::kAuto;  ///< of what lies at `path`
+  SequenceFormat format = SequenceFormat::kAuto;  ///< format of what lies at `path`
   std::string calibration_file;                   ///< empty: the one of the data set
   double horizontal_view = 0;  ///< [degrees] of a lens without distortion; 0: a calibration is read
-  std::optional<Readout> readout;  ///< in place of the calibration's
+  std::optional<Readout> readout;  ///< replaces the calibration's
   std::string response_file;       ///< empty: pcalib.txt of the data set, if there
   std::string vignette_file;       ///< empty: vignette.png of the data set, if there
   /// Image of pixels that no image uses (below 128), beside those of masks/ of the data set, if
@@ -43,7 +43,7 @@ struct SequenceOptions {
   double to = 0;    ///< [s] after the first image of the data set; 0: the last one
   int every = 1;    ///< use each N-th image, beginning with the first selected
   int width = 0;    ///< of the rectified images [px], less than without; 0: as calibrated
-  bool reverse = false;  ///< from end - 1 down to start, both included
+  bool reverse = false;  ///< read from end - 1 down to start, both included
   int prefetch =
       2;  ///< images prepared ahead by a thread of its own; 0: none, no thread. Of a camera none
 };

@@ -20,7 +20,7 @@ enum class RunStatus { kTracked, kLost, kNeverInitialized, kInterrupted, kError 
 /// Facts about a run that the files contain although observers are not told them.
 struct RunInfo {
   std::string program;      ///< name of the program that ran
-  std::string version;      ///< of that program
+  std::string version;      ///< version of that program
   std::string dataset;      ///< path as given
   std::string initializer;  ///< name of the variant
   int threads = 1;          ///< actually used, never 0

@@ -27,12 +27,12 @@ enum class OdometryState {
 
 /// Estimate of one frame after it was processed.
 struct FrameEstimate {
-  FramePtr frame;                                      ///< that was processed
+  FramePtr frame;                                      ///< the frame that was processed
   OdometryState state = OdometryState::kInitializing;  ///< after this frame
   int segment = 0;                    ///< number; a new one begins with the frame after a loss
   bool is_keyframe = false;           ///< or will become one, where mapping has its own thread
   std::optional<SE3> T_world_cam;     ///< world: reference camera of the segment's initialization
-  std::optional<FrameId> keyframe;    ///< that it was tracked against, or itself after initializing
+  std::optional<FrameId> keyframe;    ///< target of its tracking, or itself after initializing
   std::optional<SE3> T_cam_keyframe;  ///< pose relative to that keyframe, before any adjustment
   /// Of exp(xi) * T_cam_keyframe, [translation; rotation], in the segment's unit and in rad; of
   /// tracked frames whose points determine it. It says nothing of the keyframe's own pose.
@@ -48,13 +48,13 @@ struct FrameEstimate {
 
 /// A keyframe with the points it hosts, as a value.
 struct KeyframeSnapshot {
-  FrameId id;                    ///< of its frame
-  double timestamp = 0;          ///< [s]
-  int segment = 0;               ///< that it belongs to
-  SE3 T_world_cam;               ///< world: reference camera of the segment's initialization
-  AffineBrightness affine;       ///< as brightnessTransfer() takes it
-  PinholeCamera camera;          ///< that pixels, poses and depths belong to; as refined, if it is
-  std::vector<MapPoint> points;  ///< that it hosts, those that left the adjustment included
+  FrameId id;                        ///< id of its frame
+  double timestamp = 0;              ///< [s]
+  int segment = 0;                   ///< segment that it belongs to
+  SE3 T_world_cam;                   ///< world: reference camera of the segment's initialization
+  AffineBrightness affine;           ///< as brightnessTransfer() takes it
+  PinholeCamera camera;              ///< camera of pixels, poses and depths; as refined, if it is
+  std::vector<MapPoint> points;      ///< points it hosts, those that left the adjustment included
   std::optional<Readout> readout{};  ///< estimated, where Lens::readout has a sigma
   /// Standard deviations of fx, fy, cx, cy where the window estimates them [px].
   std::optional<std::array<double, 4>> camera_sigmas{};
@@ -70,7 +70,7 @@ struct KeyframeSnapshot {
 /// void: the initializer begins anew with the next frame.
 struct StartRefusal {
   FrameId frame;                                      ///< the newest frame of the start
-  int segment = 0;                                    ///< which stays
+  int segment = 0;                                    ///< number; the next start keeps it
   RefusalReason reason = RefusalReason::kAdjustment;  ///< the first that applies
   StartChange change;                                 ///< zeros with kAdjustment
 };

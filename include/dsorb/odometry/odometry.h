@@ -11,11 +11,11 @@ namespace dsorb {
 
 /// Seconds spent in each stage and counts, over the whole run.
 struct OdometryReport {
-  int frames_given = 0;             ///< to process()
+  int frames_given = 0;             ///< frames given to process()
   int frames_tracked = 0;           ///< without those of initializations
   int frames_missed = 0;            ///< without a pose while a map stood
   int keyframes = 0;                ///< those of initializations included
-  int segments = 0;                 ///< with a successful initialization
+  int segments = 0;                 ///< segments with a successful initialization
   double initializing_seconds = 0;  ///< [s]
   double tracking_seconds = 0;      ///< [s]
   double mapping_seconds = 0;       ///< [s]; pipelined it runs beside tracking

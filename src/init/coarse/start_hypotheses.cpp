@@ -232,8 +232,8 @@ void converge(const AlignmentTask& task, const Aim& aim, Estimate& estimate) {
     const double energy = estimate.energy();
     if (estimate.finest.inlierShare() * estimate.finest.visibleShare() > aim.enough) break;
     if (energy > kConverged * before) break;
-    const double hope = std::min(left * (before - energy), kMaxLaterGain * energy);
-    if (energy - hope > aim.energy) break;
+    const double possible_gain = std::min(left * (before - energy), kMaxLaterGain * energy);
+    if (energy - possible_gain > aim.energy) break;
     before = energy;
   }
 }

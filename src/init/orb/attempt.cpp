@@ -86,9 +86,11 @@ Outcome<Reconstruction> adjustImages(Reconstruction made, const AttemptContext& 
     if (!report.second_photometric->usable) return InitReason::kPoorQuality;
   }
   const bool free = orb.photometric.poses == PhotometricPoses::kFree;
-  const bool sure =
-      context.clock.time("variances", [&] { return setPhotometricVariances(map, problem, free); });
-  if (!sure) return InitReason::kPoorQuality;
+  auto known = context.clock.time("variances", [&] {
+    return withPhotometricVariances(std::move(map), std::move(problem), free);
+  });
+  if (!known) return InitReason::kPoorQuality;
+  made.map = std::move(*known);
   return made;
 }
 

@@ -225,7 +225,9 @@ RefinementReport refineCorners(InitialMap& map,
     if (round == 0) report.first_rms = measured.rms;
     report.last_rms = measured.rms;
     const SE3 before = newestPose(refined);
-    if (!adjustOnce(refined, camera, adjusted, {kIterations})) return report;
+    auto solved = adjustOnce(std::move(refined), camera, adjusted, {kIterations});
+    if (!solved) return report;
+    refined = std::move(*solved);
     estimateMotions(refined, camera);
     if (round == 0 && hopeless && hopeless(refined)) break;
     if (directionChangeDeg(before, newestPose(refined)) < kSettledDeg) break;

@@ -60,12 +60,13 @@ void estimateMotions(InitialMap& map, const PinholeCamera& camera) {
   const double interval =
       (poses.back().time - poses.front().time) / static_cast<double>(poses.size() - 1);
   const Vector6d acceleration_sigma = 3 / interval * sigma;
-  map.motion_priors.clear();
+  if (map.motions.empty()) {
+    for (const RowMotion& mean : means) map.motions.push_back({mean});
+  }
   for (std::size_t k = 0; k < means.size(); ++k) {
     const double share = isBetween(k, means.size()) ? 0.5 : 1;
-    map.motion_priors.push_back({means[k], share * sigma, acceleration_sigma});
+    map.motions[k].prior = {means[k], share * sigma, acceleration_sigma};
   }
-  if (map.motions.empty()) map.motions = means;
   placeCorners(map, camera);
 }
 

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/bundle/geometric_covariance.h"
 
-#include "estimate/marginals.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/bundle/rolling_equations.h"
 
+#include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <limits>
 #include <optional>
 #include <utility>
@@ -54,6 +55,31 @@ void setPoseCovariances(InitialMap& map, const PoseRows& pose_rows, const Eigen:
 }
 
 }  // namespace
+
+GeometricMarginals::GeometricMarginals(const InitialMap& map,
+                                       const PinholeCamera& camera,
+                                       const GeometricOptions& options)
+    : rows(map),
+      equations(map.motions.empty() ? linearize(map, rows, camera, options)
+                                    : linearizeRolling(map, rows, camera, options)) {
+  const std::vector<double>& h = equations.system.depth_hessian;
+  const auto last = h.begin() + static_cast<std::ptrdiff_t>(map.corners.size());
+  const bool all_known = std::all_of(h.begin(), last, [](double value) { return value > 0; });
+  if (rows.size == 0 || map.corners.empty() || !all_known) return;
+  const ReprojectionState state(map, rows);
+  scale = Eigen::VectorXd::Zero(equations.system.size());
+  if (!map.scaleKnown()) {
+    scale.head(rows.size) = scaleDirection(state.T_cam_ref, kPoseSize);
+    if (!map.motions.empty()) scaleMotions(map, rows, scale);
+  }
+  marginals = Marginals(equations.system, scale, state.inverse_depth);
+  const auto unknowns = equations.system.size() + static_cast<Eigen::Index>(map.corners.size());
+  const double redundancy =
+      equations.rows - static_cast<double>(unknowns) + (map.scaleKnown() ? 0 : 1);
+  if (marginals.usable() && redundancy > 0) {
+    variance_factor = equations.weighted_square / redundancy;
+  }
+}
 
 Eigen::MatrixXd cellGradients(const InitialMap& map,
                               const LinearSystem<double>& system,

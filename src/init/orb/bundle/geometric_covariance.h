@@ -5,6 +5,7 @@
 #include "dsorb/options/orb_mapping.h"
 
 #include "estimate/linear_system.h"
+#include "estimate/marginals.h"
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/map/initial_map.h"
 
@@ -12,6 +13,7 @@
 
 #include <cstddef>
 #include <functional>
+#include <optional>
 
 namespace dsorb::init_orb {
 
@@ -27,6 +29,21 @@ Eigen::MatrixXd cellGradients(const InitialMap& map,
                               const PinholeCamera& camera,
                               const GeometricOptions& options,
                               const ObservationGradient& gradient_of);
+
+/// Marginals of an adjusted map.
+struct GeometricMarginals {
+  GeometricMarginals(const InitialMap& map,
+                     const PinholeCamera& camera,
+                     const GeometricOptions& options);
+
+  PoseRows rows;
+  ReprojectionEquations equations;
+  Eigen::VectorXd scale;  ///< scaleDirection(); zeros where the map's scale is known
+  Marginals marginals;
+  /// A-posteriori: sum w e^2 / (observations - parameters) [-]; none without redundancy, or where
+  /// the equations do not determine every corner and pose.
+  std::optional<double> variance_factor;
+};
 
 /// Sets the covariance of every posed frame after the reference, the joint one of all of them and
 /// the variance of every corner from their Marginals, times the a-posteriori variance factor

@@ -83,6 +83,7 @@ std::optional<SE3> poseFromPoints(const std::vector<PointObservation>& observati
   const double limit = huberLimit(sigma);
   const ObservationArrays arrays(observations);
   SE3 T_cam_host = guess;
+  // Steps are never refused, unlike minimize()'s: the observations within the limit judge the end.
   for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
     const PoseSums sums = arrays.linearize(camera, T_cam_host, limit);
     const Vector6d step = -sums.hessian.ldlt().solve(sums.gradient);

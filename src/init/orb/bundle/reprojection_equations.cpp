@@ -4,7 +4,6 @@
 #include "base/parallel.h"
 #include "estimate/levenberg_marquardt.h"
 #include "estimate/robust_loss.h"
-#include "init/orb/bundle/rolling_equations.h"
 #include "init/orb/map/motion_equations.h"
 
 #include <algorithm>
@@ -229,31 +228,6 @@ ReprojectionEquations linearize(const InitialMap& map,
   return equations;
 }
 
-GeometricMarginals::GeometricMarginals(const InitialMap& map,
-                                       const PinholeCamera& camera,
-                                       const GeometricOptions& options)
-    : rows(map),
-      equations(map.motions.empty() ? linearize(map, rows, camera, options)
-                                    : linearizeRolling(map, rows, camera, options)) {
-  const std::vector<double>& h = equations.system.depth_hessian;
-  const auto last = h.begin() + static_cast<std::ptrdiff_t>(map.corners.size());
-  const bool all_known = std::all_of(h.begin(), last, [](double value) { return value > 0; });
-  if (rows.size == 0 || map.corners.empty() || !all_known) return;
-  const ReprojectionState state(map, rows);
-  scale = Eigen::VectorXd::Zero(equations.system.size());
-  if (!map.scaleKnown()) {
-    scale.head(rows.size) = scaleDirection(state.T_cam_ref, kPoseSize);
-    if (!map.motions.empty()) scaleMotions(map, rows, scale);
-  }
-  marginals = Marginals(equations.system, scale, state.inverse_depth);
-  const auto unknowns = equations.system.size() + static_cast<Eigen::Index>(map.corners.size());
-  const double redundancy =
-      equations.rows - static_cast<double>(unknowns) + (map.scaleKnown() ? 0 : 1);
-  if (marginals.usable() && redundancy > 0) {
-    variance_factor = equations.weighted_square / redundancy;
-  }
-}
-
 std::optional<double> reprojectionCost(const InitialMap& map,
                                        const PinholeCamera& camera,
                                        const GeometricOptions& options) {
@@ -261,11 +235,10 @@ std::optional<double> reprojectionCost(const InitialMap& map,
   return std::isfinite(cost) ? std::optional(cost) : std::nullopt;
 }
 
-std::optional<int> solveWithSchur(InitialMap& map,
-                                  const PinholeCamera& camera,
-                                  const GeometricOptions& options,
-                                  const Stopping& stopping) {
-  if (!map.motions.empty()) return solveRolling(map, camera, options, stopping);
+std::optional<int> solveReprojections(InitialMap& map,
+                                      const PinholeCamera& camera,
+                                      const GeometricOptions& options,
+                                      const Stopping& stopping) {
   const PoseRows pose_rows(map);
   if (pose_rows.size == 0) return std::nullopt;
   const ReprojectionProblem problem(map, pose_rows, camera, options);

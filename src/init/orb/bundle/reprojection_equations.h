@@ -5,7 +5,6 @@
 #include "dsorb/options/orb_mapping.h"
 
 #include "estimate/linear_system.h"
-#include "estimate/marginals.h"
 #include "estimate/schur_problem.h"
 #include "estimate/warp.h"
 #include "init/orb/bundle/reprojection_kernels.h"
@@ -101,21 +100,6 @@ ReprojectionEquations linearize(const InitialMap& map,
                                 const PinholeCamera& camera,
                                 const GeometricOptions& options);
 
-/// Marginals of an adjusted map.
-struct GeometricMarginals {
-  GeometricMarginals(const InitialMap& map,
-                     const PinholeCamera& camera,
-                     const GeometricOptions& options);
-
-  PoseRows rows;
-  ReprojectionEquations equations;
-  Eigen::VectorXd scale;  ///< scaleDirection(); zeros where the map's scale is known
-  Marginals marginals;
-  /// A-posteriori: sum w e^2 / (observations - parameters) [-]; none without redundancy, or where
-  /// the equations do not determine every corner and pose.
-  std::optional<double> variance_factor;
-};
-
 /// Where the corner of an observation is expected; nullopt behind the camera.
 /// @param observation of a frame with pose
 std::optional<HostedProjection> projectCorner(const InitialMap& map,
@@ -133,32 +117,10 @@ std::optional<double> reprojectionCost(const InitialMap& map,
                                        const PinholeCamera& camera,
                                        const GeometricOptions& options);
 
-/// Both solvers move the poses of all posed frames but the first and the inverse depths of the
-/// corners to the minimum of the reprojection errors with the robust loss of the options, and touch
-/// nothing else. The scale stays about where it was.
-/// @param map observations sorted by corner; every corner in front of all cameras that see it
-/// @return    iterations, or nullopt when no usable numbers were found
-std::optional<int> solveWithCeres(InitialMap& map,
-                                  const PinholeCamera& camera,
-                                  const GeometricOptions& options,
-                                  const Stopping& stopping);
-/// @source Triggs et al., Bundle Adjustment - A Modern Synthesis, section 6.1 (Schur complement);
-///         Madsen, Nielsen, Tingleff, Methods for Non-Linear Least Squares Problems, algorithm 3.16
-///         (damping)
-std::optional<int> solveWithSchur(InitialMap& map,
-                                  const PinholeCamera& camera,
-                                  const GeometricOptions& options,
-                                  const Stopping& stopping);
-
-/// The solver that the options name, where it knows all that the map does.
-inline std::optional<int> solveGeometry(InitialMap& map,
-                                        const PinholeCamera& camera,
-                                        const GeometricOptions& options,
-                                        const Stopping& stopping = {}) {
-  const bool more = !map.motions.empty() || map.scaleKnown() || !map.known_motions.empty();
-  return options.solver == AdjustmentSolver::kCeres && !more
-             ? solveWithCeres(map, camera, options, stopping)
-             : solveWithSchur(map, camera, options, stopping);
-}
+/// solveWithSchur() of a map whose frames were each exposed at one time.
+std::optional<int> solveReprojections(InitialMap& map,
+                                      const PinholeCamera& camera,
+                                      const GeometricOptions& options,
+                                      const Stopping& stopping);
 
 }  // namespace dsorb::init_orb

@@ -3,6 +3,7 @@
 
 #include "base/median.h"
 #include "base/parallel.h"
+#include "init/orb/bundle/rolling_equations.h"
 
 #include <algorithm>
 #include <cmath>
@@ -39,6 +40,24 @@ double medianKnown(std::vector<double> errors) {
 
 }  // namespace
 
+std::optional<int> solveWithSchur(InitialMap& map,
+                                  const PinholeCamera& camera,
+                                  const GeometricOptions& options,
+                                  const Stopping& stopping) {
+  return map.motions.empty() ? solveReprojections(map, camera, options, stopping)
+                             : solveRolling(map, camera, options, stopping);
+}
+
+std::optional<int> solveGeometry(InitialMap& map,
+                                 const PinholeCamera& camera,
+                                 const GeometricOptions& options,
+                                 const Stopping& stopping) {
+  const bool more = !map.motions.empty() || map.scaleKnown() || !map.known_motions.empty();
+  return options.solver == AdjustmentSolver::kCeres && !more
+             ? solveWithCeres(map, camera, options, stopping)
+             : solveWithSchur(map, camera, options, stopping);
+}
+
 std::vector<double> reprojectionErrors(const InitialMap& map, const PinholeCamera& camera) {
   const auto error = [&](const CornerObservation& observation) {
     if (!isPosed(map, observation)) return std::numeric_limits<double>::quiet_NaN();
@@ -63,25 +82,30 @@ std::vector<char> cornersAbove(const InitialMap& map,
   return above;
 }
 
-bool adjustOnce(InitialMap& map,
-                const PinholeCamera& camera,
-                const GeometricOptions& options,
-                const Stopping& stopping) {
+std::optional<InitialMap> adjustOnce(InitialMap map,
+                                     const PinholeCamera& camera,
+                                     const GeometricOptions& options,
+                                     const Stopping& stopping) {
   constexpr double kMax = std::numeric_limits<double>::max();
   removeCorners(map, cornersAbove(map, reprojectionErrors(map, camera), kMax));
-  return !map.corners.empty() && solveGeometry(map, camera, options, stopping);
+  if (map.corners.empty() || !solveGeometry(map, camera, options, stopping)) return std::nullopt;
+  return map;
 }
 
-bool adjustRobustly(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options) {
+std::optional<InitialMap> adjustRobustly(InitialMap map,
+                                         const PinholeCamera& camera,
+                                         const GeometricOptions& options) {
   for (const double least : {kFirstLimit, kNormalLimit}) {
-    if (!adjustOnce(map, camera, options)) return false;
+    auto adjusted = adjustOnce(std::move(map), camera, options);
+    if (!adjusted) return std::nullopt;
+    map = std::move(*adjusted);
     const std::vector<double> errors = reprojectionErrors(map, camera);
     const double limit = std::clamp(
         kLimitFactor * kMadToSigma * medianKnown(errors), least, std::max(least, kSevereLimit));
     removeCorners(map, cornersAbove(map, errors, limit));
-    if (static_cast<int>(map.corners.size()) < kMinAdjusted) return false;
+    if (static_cast<int>(map.corners.size()) < kMinAdjusted) return std::nullopt;
   }
-  return true;
+  return map;
 }
 
 double medianError(const InitialMap& map, const PinholeCamera& camera) {

@@ -7,6 +7,7 @@
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/map/initial_map.h"
 
+#include <optional>
 #include <vector>
 
 namespace dsorb::init_orb {
@@ -15,11 +16,35 @@ constexpr double kSevereLimit = 8;  ///< of an error; corners above it go at onc
 constexpr double kNormalLimit = 3;  ///< least limit once the severe errors are gone [px]
 constexpr int kMinAdjusted = 50;    ///< corners; with fewer left an attempt fails
 
+/// Both solvers move the poses of all posed frames but the first and the inverse depths of the
+/// corners to the minimum of the reprojection errors with the robust loss of the options, and touch
+/// nothing else. The scale stays about where it was.
+/// @param map observations sorted by corner; every corner in front of all cameras that see it
+/// @return    iterations, or nullopt when no usable numbers were found
+std::optional<int> solveWithCeres(InitialMap& map,
+                                  const PinholeCamera& camera,
+                                  const GeometricOptions& options,
+                                  const Stopping& stopping);
+/// @source Triggs et al., Bundle Adjustment - A Modern Synthesis, section 6.1 (Schur complement);
+///         Madsen, Nielsen, Tingleff, Methods for Non-Linear Least Squares Problems, algorithm 3.16
+///         (damping)
+std::optional<int> solveWithSchur(InitialMap& map,
+                                  const PinholeCamera& camera,
+                                  const GeometricOptions& options,
+                                  const Stopping& stopping);
+/// The solver that the options name, where it knows all that the map does.
+std::optional<int> solveGeometry(InitialMap& map,
+                                 const PinholeCamera& camera,
+                                 const GeometricOptions& options,
+                                 const Stopping& stopping = {});
+
 /// Adjusts poses and corners in two rounds, each followed by the removal of corners whose largest
 /// error is above a multiple of the robust standard deviation. Corners behind the camera stay,
 /// because they are evidence against the motion.
-/// @return whether it found usable numbers and corners were left
-bool adjustRobustly(InitialMap& map, const PinholeCamera& camera, const GeometricOptions& options);
+/// @return the adjusted map; nothing where no usable numbers or too few corners were left
+std::optional<InitialMap> adjustRobustly(InitialMap map,
+                                         const PinholeCamera& camera,
+                                         const GeometricOptions& options);
 
 /// Measures the noise of the corners from their residuals and adjusts with it, several times.
 /// @return the options with the measured sigma
@@ -28,11 +53,12 @@ GeometricOptions adjustToNoise(InitialMap& map,
                                const GeometricOptions& options,
                                int rounds);
 
-/// Adjusts without removing corners. @return whether it found usable numbers
-bool adjustOnce(InitialMap& map,
-                const PinholeCamera& camera,
-                const GeometricOptions& options,
-                const Stopping& stopping = {});
+/// Adjusts once, without the corners behind a camera.
+/// @return the adjusted map; nothing where no usable numbers were found
+std::optional<InitialMap> adjustOnce(InitialMap map,
+                                     const PinholeCamera& camera,
+                                     const GeometricOptions& options,
+                                     const Stopping& stopping = {});
 
 /// Reprojection error of every observation, whitened but for sigma; infinite behind a camera, NaN
 /// in frames without pose.

@@ -223,12 +223,11 @@ void RollingProblem::addPriors(const RollingState& state, ReprojectionEquations&
     const std::optional<std::size_t> index = indexOf(k);
     if (!index) continue;
     const int at = rows_.of(static_cast<int>(*index) * kPoseSize);
-    const MotionPrior& prior = map_.motion_priors[k];
+    const auto& [found, prior] = map_.motions[k];
     Motion sigma;
     Motion error;
     sigma << prior.sigma, prior.acceleration_sigma;
-    error << map_.motions[k].velocity - prior.mean.velocity,
-        map_.motions[k].acceleration - prior.mean.acceleration;
+    error << found.velocity - prior.mean.velocity, found.acceleration - prior.mean.acceleration;
     error += state.motion_change[*index];
     const Motion information = sigma.cwiseAbs2().cwiseInverse();
     equations.system.H.diagonal().segment<kMotionSize>(at) += information;
@@ -285,8 +284,8 @@ void RollingProblem::writeTo(InitialMap& map, const RollingState& state) const {
   for (std::size_t k = 0; k < map.frames.size(); ++k) {
     const std::optional<std::size_t> index = indexOf(k);
     if (!index) continue;
-    map.motions[k].velocity += state.motion_change[*index].head<6>();
-    map.motions[k].acceleration += state.motion_change[*index].tail<6>();
+    map.motions[k].found.velocity += state.motion_change[*index].head<6>();
+    map.motions[k].found.acceleration += state.motion_change[*index].tail<6>();
   }
   state.geometry.writeTo(map, pose_rows_);
   placeCorners(map, camera_);
@@ -332,8 +331,8 @@ void scaleMotions(const InitialMap& map, const PoseRows& pose_rows, Eigen::Vecto
   for (std::size_t k = 0; k < map.frames.size(); ++k) {
     const int row = k == 0 ? rows.of_poses : pose_rows.first[k];
     if (row < 0) continue;
-    direction.segment<3>(rows.of(row)) = map.motions[k].velocity.head<3>();
-    direction.segment<3>(rows.of(row) + kPoseSize) = map.motions[k].acceleration.head<3>();
+    direction.segment<3>(rows.of(row)) = map.motions[k].found.velocity.head<3>();
+    direction.segment<3>(rows.of(row) + kPoseSize) = map.motions[k].found.acceleration.head<3>();
   }
 }
 

@@ -29,8 +29,10 @@ bool rescale(InitialMap& map, double mean) {
   for (SemiDensePoint& point : map.points) changePointUnit(mean, point);
   changeUnit(mean, map.frames);
   map.metres /= mean;
-  for (RowMotion& motion : map.motions) motion.changeUnit(mean);
-  for (MotionPrior& prior : map.motion_priors) prior.changeUnit(mean);
+  for (FrameMotion& motion : map.motions) {
+    motion.found.changeUnit(mean);
+    motion.prior.changeUnit(mean);
+  }
   for (Eigen::Index row = 0; row < map.joint_covariance.rows(); ++row) {
     if (row % 6 >= 3) continue;  // a rotation
     map.joint_covariance.row(row) *= mean;
@@ -62,7 +64,7 @@ std::optional<RollingShutter> shutterOf(const InitialMap& map, std::size_t frame
   if (map.motions.empty()) return std::nullopt;
   const Frame& of = *map.frames[frame].frame;
   const double change = map.readout ? map.readout->seconds - readoutOf(of).seconds : 0;
-  return makeRollingShutter(rowTimesOf(of, change), map.motions[frame], level);
+  return makeRollingShutter(rowTimesOf(of, change), map.motions[frame].found, level);
 }
 
 void placeCorners(InitialMap& map, const PinholeCamera& camera) {

@@ -69,6 +69,12 @@ struct KnownMotion {
   bool has_translation = false;
 };
 
+/// Motion of a frame while its rows are read.
+struct FrameMotion {
+  RowMotion found;      ///< by the corners
+  MotionPrior prior{};  ///< what the poses around say of it
+};
+
 /// Map of an attempt with all frames since the reference.
 struct InitialMap {
   std::vector<PosedFrame> frames;         ///< front is the reference: identity, a = b = 0
@@ -78,9 +84,8 @@ struct InitialMap {
   std::vector<Corner> corners;
   std::vector<CornerObservation> observations;  ///< sorted by corner, then frame
   std::vector<SemiDensePoint> points;
-  /// Of the frames while their rows are read; empty: global shutter, or not known yet.
-  std::vector<RowMotion> motions{};
-  std::vector<MotionPrior> motion_priors{};  ///< what the poses say of them; as many
+  /// One a frame; empty: global shutter, or not known yet.
+  std::vector<FrameMotion> motions{};
   std::optional<Readout> readout{};          ///< of a rolling shutter, calibrated or estimated
   std::vector<KnownMotion> known_motions{};  ///< between frames, by the caller; take part
   std::vector<Eigen::Vector2f> stuck{};      ///< pixels that move with the camera

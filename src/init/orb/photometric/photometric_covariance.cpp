@@ -240,11 +240,13 @@ std::vector<double> speedsOf(const PhotometricProblem& problem,
 
 }  // namespace
 
-bool setPhotometricVariances(InitialMap& map, PhotometricProblem& problem, bool poses_moved) {
+std::optional<InitialMap> withPhotometricVariances(InitialMap map,
+                                                   PhotometricProblem problem,
+                                                   bool poses_moved) {
   const PhotometricState state = makeState(problem, map);
   findVisible(problem, state);
   const PhotometricMarginals marginals(problem, state);
-  if (!marginals.usable()) return false;
+  if (!marginals.usable()) return std::nullopt;
   const Eigen::MatrixXd poses =
       poses_moved ? Eigen::MatrixXd(kPoseVarianceFactor * marginals.clusteredPoseCovariance())
                   : geometricCovariance(map, problem);
@@ -265,7 +267,7 @@ bool setPhotometricVariances(InitialMap& map, PhotometricProblem& problem, bool 
       map.points[problem.source[i] - corners].variance = static_cast<float>(variance);
     }
   }
-  return true;
+  return map;
 }
 
 }  // namespace dsorb::init_orb

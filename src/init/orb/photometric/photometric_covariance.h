@@ -8,6 +8,7 @@
 #include <Eigen/Core>
 
 #include <array>
+#include <optional>
 #include <vector>
 
 namespace dsorb::init_orb {
@@ -62,11 +63,13 @@ class PhotometricMarginals {
   bool usable_ = false;
 };
 
-/// Sets the variances of corners and semi-dense points of an adjusted map, and the covariances of
-/// its poses where the photometric ones were taken.
+/// An adjusted map with the variances of its corners and semi-dense points, and with the
+/// covariances of its poses where the photometric ones were taken.
 /// @param problem     the map's
 /// @param poses_moved the poses are the photometric ones, not those of the corners
-/// @return false when the equations are degenerate; the map is unchanged then
-bool setPhotometricVariances(InitialMap& map, PhotometricProblem& problem, bool poses_moved);
+/// @return nothing when the equations are degenerate
+std::optional<InitialMap> withPhotometricVariances(InitialMap map,
+                                                   PhotometricProblem problem,
+                                                   bool poses_moved);
 
 }  // namespace dsorb::init_orb

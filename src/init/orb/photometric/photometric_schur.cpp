@@ -63,7 +63,8 @@ struct BlockSums {
   std::array<float, kPatchBlock> energy;
 };
 
-/// Patches of one block under refinement, each with its own damping.
+/// Patches of one block under refinement. A patch has its own damping and takes its own steps, but
+/// all are evaluated together in lanes: minimize() has one of both for all that it moves.
 class DepthBlock {
  public:
   DepthBlock(const PhotometricProblem& problem,

@@ -67,7 +67,8 @@ struct Bounds {
   float low, high;
 };
 
-/// Shortens [begin, end] to where origin + position * direction is within the bounds.
+/// Shortens [begin, end] to where origin + position * direction is within the bounds. The search of
+/// src/depth clips nothing: it refuses a segment that ends outside.
 void clip(float origin, float direction, const Bounds& bounds, float* begin, float* end) {
   if (std::abs(direction) < 1e-6F) {
     if (!(origin >= bounds.low && origin <= bounds.high)) {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/start/essential_start.h"
 
-#include "base/median.h"
 #include "init/orb/bundle/corner_refinement.h"
 #include "init/orb/bundle/frame_motions.h"
 #include "init/orb/bundle/geometric_covariance.h"
@@ -40,10 +39,6 @@ constexpr double kHopelessFactor = 1.5;
 constexpr double kMinMatchNoise = 0.05;
 /// Of a motion elsewhere, by the newest frame alone; likelier ones are asked for in all frames.
 constexpr double kMaxRivalProbability = 0.01;
-/// Median epipolar distance of a motion from known depths over that of the best motion, and the
-/// least one that counts [px].
-constexpr double kMaxMisfit = 2;
-constexpr double kMinMisfit = 0.05;
 /// Of the deviations of known depths that are not used otherwise: beyond it they give no scale.
 constexpr double kMaxInflation = 2;
 constexpr int kNoiseRounds =
@@ -70,7 +65,9 @@ Outcome<SelectedMotion> selectMotion(const Matches& matches,
   return selected;
 }
 
-struct Precision {
+/// A map with scale and covariances.
+struct CompletedMap {
+  InitialMap map;
   double variance_factor = 0;  ///< not finite where nothing is determined
   double median_error = 0;     ///< medianError()
 };
@@ -78,10 +75,10 @@ struct Precision {
 /// Drops corners behind the camera, sets scale and covariances.
 /// @param refined whether corners were refined: then errors beyond the images' noise widen
 /// @return nothing with too few corners
-std::optional<Precision> completeMap(InitialMap& map,
-                                     const GeometricOptions& adjusted,
-                                     bool refined,
-                                     const AttemptContext& context) {
+std::optional<CompletedMap> completeMap(InitialMap map,
+                                        const GeometricOptions& adjusted,
+                                        bool refined,
+                                        const AttemptContext& context) {
   std::vector<char> behind(map.corners.size(), 0);
   for (std::size_t i = 0; i < behind.size(); ++i) {
     behind[i] = map.corners[i].inverse_depth > 0 ? 0 : 1;
@@ -90,10 +87,10 @@ std::optional<Precision> completeMap(InitialMap& map,
   if (static_cast<int>(map.corners.size()) < kMinAdjusted || !normalizeCornerScale(map)) {
     return std::nullopt;
   }
-  const Precision reached{setCovariances(map, context.camera, adjusted),
-                          medianError(map, context.camera)};
-  if (refined) widenCovariances(map, misfitOf(reached.median_error));
-  return reached;
+  const double variance_factor = setCovariances(map, context.camera, adjusted);
+  const double median_error = medianError(map, context.camera);
+  if (refined) widenCovariances(map, misfitOf(median_error));
+  return CompletedMap{std::move(map), variance_factor, median_error};
 }
 
 /// Whether a start whose refinement has begun misses by so much that the rest of the refinement
@@ -102,10 +99,10 @@ bool missesByFar(InitialMap map,
                  const GeometricOptions& adjusted,
                  const ReferenceView& view,
                  const AttemptContext& context) {
-  const auto reached = completeMap(map, adjusted, true, context);
+  const auto reached = completeMap(std::move(map), adjusted, true, context);
   if (!reached || !std::isfinite(reached->variance_factor)) return false;
   const GateOptions& options = context.options.orb.gate;
-  const GateReport gate = judgeStart(map, context.camera, options, {});
+  const GateReport gate = judgeStart(reached->map, context.camera, options, {});
   return !errorsPass(gate, kHopelessFactor, options) ||
          isYoung(view, gate.direction_sigma_deg / kHopelessFactor);
 }
@@ -140,9 +137,11 @@ Outcome<RefinedStart> refineStart(Reconstruction made,
   });
   if (!found.refinement.fits) return InitReason::kPoorQuality;
   if (found.refinement.accepted) adjusted = refined;
-  const auto reached = context.clock.time(
-      "covariance", [&] { return completeMap(map, adjusted, found.refinement.accepted, context); });
+  auto reached = context.clock.time("covariance", [&] {
+    return completeMap(std::move(map), adjusted, found.refinement.accepted, context);
+  });
   if (!reached) return InitReason::kTooFewPoints;
+  map = std::move(reached->map);
   made.report.residual_rms = reached->median_error;
   found.variance_factor = reached->variance_factor;
   found.clustered_factor = map.cluster_variance_scale;
@@ -202,8 +201,9 @@ struct JudgedStart {
   Outcome<Reconstruction> made;
   std::optional<GateReport> gate;
   std::optional<WaitingMotion> motion{};
-  std::vector<SE3> motions{};  ///< not excluded, where that was the reason
-  StartEvidence evidence{};    ///< that it was judged by
+  std::vector<SE3> motions{};                     ///< not excluded, where that was the reason
+  StartEvidence evidence{};                       ///< that it was judged by
+  std::optional<DepthPriorReport> depth_prior{};  ///< where known depths were tried
 };
 
 WaitingMotion motionOf(const InitialMap& map, const GateReport& gate) {
@@ -282,36 +282,32 @@ void questionCamera(Reconstruction& made, const AttemptContext& context) {
                      made.map.joint_covariance + other->moved * other->moved.transpose());
 }
 
-/// Whether a motion fits the epipolar geometry of all matches about as well as the best one does:
-/// it does not where it was made to fit wrong depths.
-bool fitsLikeTheBest(const SE3& T_cur_ref, const Matches& matches, const AttemptContext& context) {
-  const auto best = estimateEssentialMotion(matches, context.camera, context.seed());
-  if (!best) return true;
-  const auto misfit = [&](const SE3& motion) {
-    return medianOf(epipolarDistances(motion, matches, context.camera));
-  };
-  return misfit(T_cur_ref) <= kMaxMisfit * std::max(kMinMisfit, misfit(best->T_cur_ref));
-}
-
 /// A start from known depths, where the reference has any and they fit the images: the motion is a
 /// pose from points, which has neither rivals nor the two solutions of a plane.
 JudgedStart startFromKnownDepth(const ReferenceView& view,
                                 const RotationFit& rotation,
                                 const Matches& matches,
-                                const AttemptContext& context,
-                                DepthPriorReport& report) {
-  auto candidate = context.clock.time(
-      "known_depth", [&] { return makeKnownDepthCandidate(view, rotation, context, report); });
-  if (!candidate) return {InitReason::kPoorQuality, {}};
-  const SelectedMotion all{{*candidate->map.frames.back().T_cam_ref, {}, report.corners, 0}, 0, 0};
-  const PlaneComparison known{std::move(*candidate), DisplacementModel::kEssential, {}, {}};
-  JudgedStart start = refineAndJudge(known, {view, matches, rotation, all}, false, context);
-  if (!start.made) return start;
-  if (!fitsLikeTheBest(*start.made->map.frames.back().T_cam_ref, matches, context)) {
-    report.contradicted = true;
-    return {InitReason::kPoorQuality, {}};
+                                const AttemptContext& context) {
+  auto [candidate, report] = context.clock.time(
+      "known_depth", [&] { return startOfKnownDepths(view, rotation, context); });
+  JudgedStart start{InitReason::kPoorQuality, {}};
+  if (candidate) {
+    const SE3& motion = *candidate->map.frames.back().T_cam_ref;
+    const SelectedMotion all{{motion, {}, report.corners, 0}, 0, 0};
+    const PlaneComparison known{std::move(*candidate), DisplacementModel::kEssential, {}, {}};
+    start = refineAndJudge(known, {view, matches, rotation, all}, false, context);
   }
-  start.made->report.model = "known_depth";
+  if (start.made && !fitsLikeTheBest(*start.made->map.frames.back().T_cam_ref, matches, context)) {
+    report.contradicted = true;
+    start = {InitReason::kPoorQuality, {}};
+  }
+  if (start.made) {
+    start.made->report.model = "known_depth";
+  } else {
+    report.used = false;
+    if (report.inflation > kMaxInflation) report.contradicted = true;
+  }
+  start.depth_prior = report;
   return start;
 }
 
@@ -360,16 +356,14 @@ EssentialStart startFromEssential(const ReferenceView& view, const AttemptContex
   summary.rotation_residual = rotation.median_residual;
   std::optional<DepthPriorReport> depth_prior;
   if (knowsDepth(view)) {
-    JudgedStart start =
-        startFromKnownDepth(view, rotation, matches, context, depth_prior.emplace());
+    JudgedStart start = startFromKnownDepth(view, rotation, matches, context);
+    depth_prior = start.depth_prior;
     if (start.made) {
       summary.tried = true;
       questionCamera(*start.made, context);
       start.made->report.depth_prior = depth_prior;
       return {std::move(start.made), summary, start.motion};
     }
-    depth_prior->used = false;
-    if (depth_prior->inflation > kMaxInflation) depth_prior->contradicted = true;
     if (static_cast<int>(view.frames.size()) < context.options.orb.min_frames) {
       return {start.made.reason(), summary, start.motion};
     }

@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <utility>
 
 namespace dsorb::init_orb {
 namespace {
@@ -27,6 +28,10 @@ constexpr int kInflations = 26;  // up to 95
 /// Log likelihood by which another inflation may be worse than the best and still be believed: two
 /// standard deviations.
 constexpr double kLikelihoodGap = 2;
+/// Median epipolar distance of a motion from known depths over that of the best motion, and the
+/// least one that counts [px].
+constexpr double kMaxMisfit = 2;
+constexpr double kMinMisfit = 0.05;
 
 /// Corners of all tracks whose depth is known, in metres; the newest frame where the camera has
 /// only turned.
@@ -48,10 +53,11 @@ InitialMap makeMap(const ReferenceView& view, const RotationFit& rotation) {
   return map;
 }
 
-/// Sets what is known of every corner.
-void setKnown(InitialMap& map, double inflation) {
+/// A map with what is known of every corner.
+InitialMap withKnown(InitialMap map, double inflation) {
   const DepthLookup lookup(*map.frames.front().frame->priors()->depth, map.metres, inflation);
   for (Corner& corner : map.corners) corner.known = lookup.at(corner.seen());
+  return map;
 }
 
 /// What the newest frame says of the known inverse depths, its pose taken as right. The noise is
@@ -100,18 +106,26 @@ double relativeSigma(const InitialMap& map) {
   return medianInPlace(sigmas);
 }
 
-/// Widens the deviations as the present pose wants it. @return whether the depths are of use
-bool weighDepths(InitialMap& map, const PinholeCamera& camera, DepthPriorReport& report) {
-  setKnown(map, 1);
+/// A map whose corners know their depths.
+struct WeighedDepths {
+  InitialMap map;
+  DepthPriorReport report{};
+  bool of_use = false;  ///< the depths give a start
+};
+
+/// Widens the deviations as the present pose wants it.
+WeighedDepths weighDepths(WeighedDepths weighed, const PinholeCamera& camera) {
+  DepthPriorReport& report = weighed.report;
+  InitialMap map = withKnown(std::move(weighed.map), 1);
   const auto innovations = innovationsOf(map, camera);
-  if (innovations.empty()) return false;
+  if (innovations.empty()) return {std::move(map), report, false};
   report.inflation = claimInflation(innovations);
   const double claimed = relativeSigma(map);
-  setKnown(map, report.inflation);
+  map = withKnown(std::move(map), report.inflation);
   report.relative_sigma = relativeSigma(map);
   report.corners = static_cast<int>(map.corners.size());
   report.contradicted = claimed <= kMaxRelativeSigma && report.relative_sigma > kMaxRelativeSigma;
-  return report.relative_sigma <= kMaxRelativeSigma;
+  return {std::move(map), report, report.relative_sigma <= kMaxRelativeSigma};
 }
 
 }  // namespace
@@ -133,33 +147,44 @@ double claimInflation(const std::vector<DepthInnovation>& innovations) {
   return std::pow(kInflationStep, static_cast<double>(least - likelihoods.begin()));
 }
 
-std::optional<MotionCandidate> makeKnownDepthCandidate(const ReferenceView& view,
-                                                       const RotationFit& rotation,
-                                                       const AttemptContext& context,
-                                                       DepthPriorReport& report) {
+bool fitsLikeTheBest(const SE3& T_cur_ref, const Matches& matches, const AttemptContext& context) {
+  const auto best = estimateEssentialMotion(matches, context.camera, context.seed());
+  if (!best) return true;
+  const auto misfit = [&](const SE3& motion) {
+    return medianOf(epipolarDistances(motion, matches, context.camera));
+  };
+  return misfit(T_cur_ref) <= kMaxMisfit * std::max(kMinMisfit, misfit(best->T_cur_ref));
+}
+
+KnownDepthStart startOfKnownDepths(const ReferenceView& view,
+                                   const RotationFit& rotation,
+                                   const AttemptContext& context) {
   const PinholeCamera& camera = context.camera;
   const GeometricOptions& options = context.options.orb.geometric;
-  MotionCandidate candidate;
-  InitialMap& map = candidate.map;
-  map = makeMap(view, rotation);
-  report.corners = static_cast<int>(map.corners.size());
-  if (report.corners < kMinAdjusted) return std::nullopt;
-  const auto observations = observationsByFrame(map, camera);
-  const auto pose =
-      poseFromPoints(observations.back(), camera, *map.frames.back().T_cam_ref, kTrackSigma);
-  if (!pose) return std::nullopt;
-  map.frames.back().T_cam_ref = *pose;
-  if (!weighDepths(map, camera, report)) return std::nullopt;
+  WeighedDepths start{makeMap(view, rotation)};
+  start.report.corners = static_cast<int>(start.map.corners.size());
+  if (start.report.corners < kMinAdjusted) return {std::nullopt, start.report};
+  PosedFrame& newest = start.map.frames.back();
+  const auto observations = observationsByFrame(start.map, camera);
+  const auto pose = poseFromPoints(observations.back(), camera, *newest.T_cam_ref, kTrackSigma);
+  if (!pose) return {std::nullopt, start.report};
+  newest.T_cam_ref = *pose;
+  start = weighDepths(std::move(start), camera);
+  if (!start.of_use) return {std::nullopt, start.report};
   const auto frames = spreadFrames(view.frames.size(), kAdjustedFrames);
-  poseFrames(map, camera, frames);
-  if (!adjustRobustly(map, camera, options) || !weighDepths(map, camera, report)) {
-    return std::nullopt;
-  }
-  candidate.motions_used =
-      adjustWithMotions(map, knownMotions(view.frames, frames), camera, options);
+  poseFrames(start.map, camera, frames);
+  auto robust = adjustRobustly(std::move(start.map), camera, options);
+  if (!robust) return {std::nullopt, start.report};
+  start = weighDepths({std::move(*robust), start.report}, camera);
+  if (!start.of_use) return {std::nullopt, start.report};
+  MotionAdjustment adjusted =
+      adjustWithMotions(std::move(start.map), knownMotions(view.frames, frames), camera, options);
+  MotionCandidate candidate;
+  candidate.map = std::move(adjusted.map);
   candidate.front_share = 1;
-  report.used = true;
-  return candidate;
+  candidate.motions_used = adjusted.used;
+  start.report.used = true;
+  return {std::move(candidate), start.report};
 }
 
 }  // namespace dsorb::init_orb

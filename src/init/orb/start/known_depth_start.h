@@ -26,13 +26,22 @@ struct DepthInnovation {
 /// @param innovations of corners, at least one
 double claimInflation(const std::vector<DepthInnovation>& innovations);
 
+/// A start that was made of known depths, and what became of them.
+struct KnownDepthStart {
+  std::optional<MotionCandidate> candidate;  ///< none where too few corners have a depth, or where
+                                             ///< the depths contradict the images
+  DepthPriorReport report;
+};
+
 /// A map from known depths: the newest frame posed by the corners that have one, the claimed
 /// deviations widened until they fit the images, a few frames adjusted together with the corners.
-/// The unit is a metre (or the prior's own). @param report of what became of the depths
-/// @return nullopt where too few corners have a depth, or where the depths contradict the images
-std::optional<MotionCandidate> makeKnownDepthCandidate(const ReferenceView& view,
-                                                       const RotationFit& rotation,
-                                                       const AttemptContext& context,
-                                                       DepthPriorReport& report);
+/// The unit is a metre (or the prior's own).
+KnownDepthStart startOfKnownDepths(const ReferenceView& view,
+                                   const RotationFit& rotation,
+                                   const AttemptContext& context);
+
+/// Whether a motion fits the epipolar geometry of all matches about as well as the best one does:
+/// it does not where it was made to fit wrong depths.
+bool fitsLikeTheBest(const SE3& T_cur_ref, const Matches& matches, const AttemptContext& context);
 
 }  // namespace dsorb::init_orb

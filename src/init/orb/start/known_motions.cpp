@@ -79,22 +79,20 @@ double noiseOf(const InitialMap& map, const PinholeCamera& camera) {
 std::optional<InitialMap> withRowMotions(InitialMap map,
                                          const PinholeCamera& camera,
                                          const GeometricOptions& options) {
-  if (!adjustOnce(map, camera, options)) return std::nullopt;
-  estimateMotions(map, camera);
-  if (!adjustOnce(map, camera, options)) return std::nullopt;
-  return map;
+  auto adjusted = adjustOnce(std::move(map), camera, options);
+  if (!adjusted) return std::nullopt;
+  estimateMotions(*adjusted, camera);
+  return adjustOnce(std::move(*adjusted), camera, options);
 }
 
-/// Adjusts a map once more, bound by what is known of the motions.
-/// @param[out] map where that does not contradict its images
-/// @return whether it does not
-bool bindByMotions(InitialMap free,
-                   const std::vector<KnownMotion>& motions,
-                   const PinholeCamera& camera,
-                   const GeometricOptions& measured,
-                   InitialMap& map) {
-  if (!adjustOnce(free, camera, measured)) return false;
-  InitialMap bound = free;
+/// Adjusts a map once more, bound by what is known of the motions; nothing where that contradicts
+/// its images.
+std::optional<InitialMap> boundByMotions(InitialMap map,
+                                         const std::vector<KnownMotion>& motions,
+                                         const PinholeCamera& camera,
+                                         const GeometricOptions& measured) {
+  const auto free = adjustOnce(std::move(map), camera, measured);
+  if (!free) return std::nullopt;
   double freedom = 0;
   bool has_translation = false;
   for (const KnownMotion& known : motions) {
@@ -102,15 +100,17 @@ bool bindByMotions(InitialMap free,
     has_translation = has_translation || known.has_translation;
   }
   if (has_translation) --freedom;  // the unit in metres is free
-  bound.known_motions = motions;
-  if (!adjustOnce(bound, camera, measured)) return false;
+  InitialMap knowing = *free;
+  knowing.known_motions = motions;
+  auto bound = adjustOnce(std::move(knowing), camera, measured);
+  if (!bound) return std::nullopt;
   // With the motions' own cost this is twice the drop of the logarithm of the likelihood.
-  const auto with = reprojectionCost(bound, camera, measured);
-  const auto without = reprojectionCost(free, camera, measured);
-  if (!with || !without) return false;
-  if (2 * (*with - *without) > freedom + kContradiction * std::sqrt(2 * freedom)) return false;
-  map = std::move(bound);
-  return true;
+  const auto with = reprojectionCost(*bound, camera, measured);
+  const auto without = reprojectionCost(*free, camera, measured);
+  if (!with || !without) return std::nullopt;
+  const double limit = freedom + kContradiction * std::sqrt(2 * freedom);
+  if (2 * (*with - *without) > limit) return std::nullopt;
+  return bound;
 }
 
 }  // namespace
@@ -128,11 +128,11 @@ std::vector<KnownMotion> knownMotions(const std::vector<FramePtr>& all,
   return known;
 }
 
-std::optional<bool> adjustWithMotions(InitialMap& map,
-                                      const std::vector<KnownMotion>& motions,
-                                      const PinholeCamera& camera,
-                                      const GeometricOptions& options) {
-  if (motions.empty()) return std::nullopt;
+MotionAdjustment adjustWithMotions(InitialMap map,
+                                   const std::vector<KnownMotion>& motions,
+                                   const PinholeCamera& camera,
+                                   const GeometricOptions& options) {
+  if (motions.empty()) return {std::move(map), std::nullopt};
   GeometricOptions measured = options;
   measured.sigma = noiseOf(map, camera);
   const FramePtr& reference = map.frames.front().frame;  // null: motion without images, in tests
@@ -140,10 +140,13 @@ std::optional<bool> adjustWithMotions(InitialMap& map,
     if (auto moving = withRowMotions(map, camera, measured)) {
       GeometricOptions known_rows = options;
       known_rows.sigma = noiseOf(*moving, camera);
-      if (bindByMotions(std::move(*moving), motions, camera, known_rows, map)) return true;
+      auto bound = boundByMotions(std::move(*moving), motions, camera, known_rows);
+      if (bound) return {std::move(*bound), true};
     }
   }
-  return bindByMotions(map, motions, camera, measured, map);
+  auto bound = boundByMotions(map, motions, camera, measured);
+  if (bound) return {std::move(*bound), true};
+  return {std::move(map), false};
 }
 
 }  // namespace dsorb::init_orb

@@ -19,13 +19,18 @@ namespace dsorb::init_orb {
 std::vector<KnownMotion> knownMotions(const std::vector<FramePtr>& all,
                                       const std::vector<std::size_t>& frames);
 
+/// A map after adjustWithMotions().
+struct MotionAdjustment {
+  InitialMap map;
+  std::optional<bool> used{};  ///< whether the motions take part from now on; none: there are none
+};
+
 /// Adjusts a map once more with the motions, unless they contradict the images: the corners then
 /// fit worse than errors of the motions as claimed let expect. The map stays as it was then.
 /// @param map adjusted without them
-/// @return    whether they take part from now on; nothing where there are none
-std::optional<bool> adjustWithMotions(InitialMap& map,
-                                      const std::vector<KnownMotion>& motions,
-                                      const PinholeCamera& camera,
-                                      const GeometricOptions& options);
+MotionAdjustment adjustWithMotions(InitialMap map,
+                                   const std::vector<KnownMotion>& motions,
+                                   const PinholeCamera& camera,
+                                   const GeometricOptions& options);
 
 }  // namespace dsorb::init_orb

@@ -95,20 +95,21 @@ std::optional<Adjusted> adjustWith(const LensScore& lens,
                                    const InitialMap& map,
                                    const PinholeCamera& calibrated,
                                    const GeometricOptions& options) {
-  InitialMap other = map;
+  InitialMap seen = map;
   PinholeCamera camera = calibrated;
   camera.fx *= lens.focal_factor;
   camera.fy *= lens.focal_factor;
-  if (lens.radial != 0) undistort(lens.radial, camera, other);
-  turnBy(1 / lens.focal_factor, other);
-  if (!adjustOnce(other, camera, options, {kLensIterations})) return std::nullopt;
-  if (static_cast<double>(other.corners.size()) <
+  if (lens.radial != 0) undistort(lens.radial, camera, seen);
+  turnBy(1 / lens.focal_factor, seen);
+  auto other = adjustOnce(std::move(seen), camera, options, {kLensIterations});
+  if (!other) return std::nullopt;
+  if (static_cast<double>(other->corners.size()) <
       kMinKeptShare * static_cast<double>(map.corners.size())) {
     return std::nullopt;
   }
-  const auto cost = meanCost(other, camera, options);
-  if (!cost || !fixScale(other)) return std::nullopt;
-  return Adjusted{lens, std::move(other), *cost};
+  const auto cost = meanCost(*other, camera, options);
+  if (!cost || !fixScale(*other)) return std::nullopt;
+  return Adjusted{lens, std::move(*other), *cost};
 }
 
 }  // namespace
@@ -116,14 +117,14 @@ std::optional<Adjusted> adjustWith(const LensScore& lens,
 std::optional<OtherLens> profileLens(const InitialMap& map,
                                      const PinholeCamera& camera,
                                      const GeometricOptions& options) {
-  InitialMap few = thinned(map);
-  if (!adjustOnce(few, camera, options, {kLensIterations}) || !fixScale(few)) return std::nullopt;
-  const auto cost = meanCost(few, camera, options);
+  auto few = adjustOnce(thinned(map), camera, options, {kLensIterations});
+  if (!few || !fixScale(*few)) return std::nullopt;
+  const auto cost = meanCost(*few, camera, options);
   if (!cost) return std::nullopt;
   std::array<std::optional<Adjusted>, kLenses.size()> tried;
   forEachRange(kLenses.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      tried[i] = adjustWith(kLenses[i], few, camera, options);
+      tried[i] = adjustWith(kLenses[i], *few, camera, options);
     }
   });
   const std::optional<Adjusted>* best = nullptr;
@@ -133,8 +134,8 @@ std::optional<OtherLens> profileLens(const InitialMap& map,
   if (best == nullptr) return std::nullopt;
   // The noise is not known, so that its likelihood is a power of the mean cost; the errors of a
   // cell of the image count as one.
-  OtherLens other{(*best)->score, increments(few, (*best)->map)};
-  other.score.gain = 0.5 * occupiedCells(few, camera) * std::log(*cost / (*best)->cost);
+  OtherLens other{(*best)->score, increments(*few, (*best)->map)};
+  other.score.gain = 0.5 * occupiedCells(*few, camera) * std::log(*cost / (*best)->cost);
   return other;
 }
 

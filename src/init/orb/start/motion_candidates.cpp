@@ -66,22 +66,24 @@ std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,
   const GeometricOptions& options = context.options.orb.geometric;
   const Matches matches = view.tracks.matchesTo(view.tracks.frames() - 1);
   const std::vector<std::size_t> frames = spreadFrames(view.frames.size(), kAdjustedFrames);
-  MotionCandidate candidate;
-  InitialMap& map = candidate.map;
-  map =
+  InitialMap start =
       makeInitialMap(view.frames, view.tracks, triangulateInliers(motion, matches, context.camera));
-  map.readout = view.readout;
-  poseFrames(map, context.camera, frames);
-  if (!adjustRobustly(map, context.camera, options)) return std::nullopt;
-  candidate.motions_used =
-      adjustWithMotions(map, knownMotions(view.frames, frames), context.camera, options);
-  const auto cost = reprojectionCost(map, context.camera, options);
+  start.readout = view.readout;
+  poseFrames(start, context.camera, frames);
+  auto robust = adjustRobustly(std::move(start), context.camera, options);
+  if (!robust) return std::nullopt;
+  MotionAdjustment adjusted = adjustWithMotions(
+      std::move(*robust), knownMotions(view.frames, frames), context.camera, options);
+  MotionCandidate candidate;
+  candidate.map = std::move(adjusted.map);
+  candidate.motions_used = adjusted.used;
+  const auto cost = reprojectionCost(candidate.map, context.camera, options);
   if (!cost) return std::nullopt;
   const auto tracks = static_cast<double>(matches.size());
-  const double lost = (tracks - static_cast<double>(map.corners.size())) *
+  const double lost = (tracks - static_cast<double>(candidate.map.corners.size())) *
                       robustCost(kSevereLimit / options.sigma, options);
   candidate.cost = *cost / (tracks * static_cast<double>(frames.size())) + lost / tracks;
-  candidate.front_share = flipToPositiveDepth(map);
+  candidate.front_share = flipToPositiveDepth(candidate.map);
   return candidate;
 }
 

@@ -76,6 +76,8 @@ RotationEquations linearize(const SE3& T_cur_ref, const Sample& sample) {
   return equations;
 }
 
+/// A few bounded steps that are never refused, unlike minimize()'s: all directions are ranked by
+/// the cost in the end.
 SE3 fitRotation(SE3 T_cur_ref, const Sample& sample) {
   for (int i = 0; i < kIterations; ++i) {
     const RotationEquations equations = linearize(T_cur_ref, sample);

@@ -7,6 +7,7 @@
 
 #include <cmath>
 #include <limits>
+#include <utility>
 #include <vector>
 
 namespace dsorb::init_orb {
@@ -45,12 +46,13 @@ double residualRms(const InitialMap& map, const PinholeCamera& camera) {
   return std::sqrt(sum / std::max(count, 1));
 }
 
-/// Severe outliers with a new solution after each removal, then normal ones.
-/// @return false when the attempt fails
-bool solveAndRemove(InitialMap& map,
-                    const PinholeCamera& camera,
-                    const GeometricOptions& options,
-                    GeometricReport& report) {
+/// Removes severe outliers with a new solution after each removal, then normal ones. The report is
+/// usable where enough corners are left.
+GeometricAdjustment solveAndRemove(GeometricAdjustment adjusted,
+                                   const PinholeCamera& camera,
+                                   const GeometricOptions& options) {
+  InitialMap& map = adjusted.map;
+  GeometricReport& report = adjusted.report;
   const auto enough = [&] { return static_cast<int>(map.corners.size()) >= kMinAdjusted; };
   const auto solve = [&] {
     const std::optional<int> iterations =
@@ -63,33 +65,37 @@ bool solveAndRemove(InitialMap& map,
   report.removed_severe = removeAbove(map, camera, std::numeric_limits<double>::max());
   int removed = 0;
   do {
-    if (!solve()) return false;
+    if (!solve()) return adjusted;
     removed = removeAbove(map, camera, kSevereLimit);
     report.removed_severe += removed;
   } while (removed > 0 && report.rounds < kMaxRounds);
   removed = removeAbove(map, camera, kNormalLimit);
   report.removed_normal = removed;
   while (removed > 0 && report.rounds < kMaxRounds) {
-    if (!solve()) return false;
+    if (!solve()) return adjusted;
     removed = removeAbove(map, camera, kNormalLimit);
     report.removed_normal += removed;
   }
-  return enough();
+  report.usable = enough();
+  return adjusted;
 }
 
 }  // namespace
 
-GeometricReport adjustGeometry(InitialMap& map,
-                               const PinholeCamera& camera,
-                               const GeometricOptions& options) {
-  GeometricReport report;
-  report.removed_unseen = removeUnseen(map);
-  if (!solveAndRemove(map, camera, options, report)) return report;
-  report.residual_rms = residualRms(map, camera);
-  if (!normalizeCornerScale(map)) return report;
-  report.variance_factor = setCovariances(map, camera, options);
+GeometricAdjustment adjustGeometry(InitialMap map,
+                                   const PinholeCamera& camera,
+                                   const GeometricOptions& options) {
+  GeometricReport begun;
+  begun.removed_unseen = removeUnseen(map);
+  GeometricAdjustment adjusted = solveAndRemove({std::move(map), begun}, camera, options);
+  GeometricReport& report = adjusted.report;
+  if (!report.usable) return adjusted;
+  report.residual_rms = residualRms(adjusted.map, camera);
+  report.usable = normalizeCornerScale(adjusted.map);
+  if (!report.usable) return adjusted;
+  report.variance_factor = setCovariances(adjusted.map, camera, options);
   report.usable = std::isfinite(report.variance_factor);
-  return report;
+  return adjusted;
 }
 
 }  // namespace dsorb::init_orb

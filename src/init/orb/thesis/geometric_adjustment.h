@@ -19,17 +19,23 @@ struct GeometricReport {
   double variance_factor = 1;  ///< a-posteriori: weighted squared error per degree of freedom [-]
 };
 
+/// A map after adjustGeometry(); half adjusted where the report is not usable.
+struct GeometricAdjustment {
+  InitialMap map;
+  GeometricReport report{};
+};
+
 /// Adjusts the poses of all posed frames but the first and the inverse depths of all corners to the
 /// observed corners, and removes outliers. Afterwards the mean inverse depth of the corners is 1;
 /// corners and observations are compacted; the covariances of posed frames and the corners'
 /// variances are those of the gauge "reference pose and mean inverse depth fixed", scaled by the
-/// a-posteriori variance factor. When the report is not usable the map is left half adjusted.
+/// a-posteriori variance factor.
 /// @param map at least one posed frame after the reference; corners with inverse depths to start
 /// from
 /// @source Triggs et al., Bundle Adjustment - A Modern Synthesis, sections 6.1 (Schur complement)
 ///         and 9 (gauge)
-GeometricReport adjustGeometry(InitialMap& map,
-                               const PinholeCamera& camera,
-                               const GeometricOptions& options);
+GeometricAdjustment adjustGeometry(InitialMap map,
+                                   const PinholeCamera& camera,
+                                   const GeometricOptions& options);
 
 }  // namespace dsorb::init_orb

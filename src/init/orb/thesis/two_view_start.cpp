@@ -95,13 +95,14 @@ Outcome<Reconstruction> startFromTwoViews(const ReferenceView& view,
 }
 
 Outcome<Reconstruction> adjustCorners(Reconstruction made, const AttemptContext& context) {
-  const GeometricReport adjusted = context.clock.time("geometric", [&] {
-    return adjustGeometry(made.map, context.camera, context.options.orb.geometric);
+  GeometricAdjustment adjusted = context.clock.time("geometric", [&] {
+    return adjustGeometry(std::move(made.map), context.camera, context.options.orb.geometric);
   });
-  made.report.residual_rms = adjusted.residual_rms;
-  made.report.two_view->removed_severe += adjusted.removed_severe;
-  made.report.two_view->removed_normal += adjusted.removed_normal;
-  if (!adjusted.usable) return InitReason::kPoorQuality;
+  if (!adjusted.report.usable) return InitReason::kPoorQuality;
+  made.map = std::move(adjusted.map);
+  made.report.residual_rms = adjusted.report.residual_rms;
+  made.report.two_view->removed_severe += adjusted.report.removed_severe;
+  made.report.two_view->removed_normal += adjusted.report.removed_normal;
   return made;
 }
 

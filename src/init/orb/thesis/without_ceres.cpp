@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // What a build without Ceres has in place of thesis/ceres and tracks/opencv_flow.cpp.
 // makeInitializer refuses options that lead here.
-#include "init/orb/bundle/reprojection_equations.h"
+#include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/photometric/photometric_solvers.h"
 #include "init/orb/thesis/with_ceres.h"
 #include "init/orb/tracks/opencv_flow.h"

@@ -110,6 +110,8 @@ DSORB_ALWAYS_INLINE bool cornerAt(
   return true;
 }
 
+/// Eight pixels that lie beside each other and share one fraction, for a row that the lines above
+/// and below it share as well: the samplers of src/estimate take a position for every pixel.
 DSORB_ALWAYS_INLINE void interpolateRow(const float* row, float fx, Lanes& value) {
   Lanes left;
   Lanes right;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/two_view/motion_refinement.h"
 
+#include "estimate/robust_loss.h"
 #include "geometry/tangent_basis.h"
 
 #include <Eigen/Cholesky>
@@ -45,7 +46,9 @@ Vector5d gaussNewtonStep(const SE3& T_cur_ref, const Rays& rays, double inverse_
     const EpipolarResidual residual =
         epipolarResidual(T_cur_ref, rays.reference[i], rays.target[i], basis);
     const double whitened = residual.value * inverse_sigma;
-    const double weight = 1.0 / (1.0 + whitened * whitened);
+    double ratio = 1;
+    double weight = 1;
+    cauchyWeights(whitened * whitened, 1.0, ratio, weight);
     H += weight * residual.J.transpose() * residual.J;
     b -= weight * residual.J.transpose() * residual.value;
   }
@@ -84,6 +87,7 @@ SE3 refineMotion(const SE3& T_cur_ref,
   const Rays rays = countedRays(matches, counted, camera);
   const double inverse_sigma = camera.fx / sigma;
   SE3 refined = T_cur_ref;
+  // Bounded steps that are never refused, unlike minimize()'s: callers judge where they have led.
   for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
     Vector5d step = gaussNewtonStep(refined, rays, inverse_sigma);
     if (!step.allFinite()) return T_cur_ref;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/bundle/reprojection_equations.h"
+#include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/thesis/ceres/ceres_solve.h"
 
 #include <ceres/loss_function.h>

@@ -120,6 +120,7 @@ bool PhotometricCost::Evaluate(double const* const* parameters,
     const auto root_weight = static_cast<double>(patch_.root_weight[static_cast<std::size_t>(j)]);
     const double threshold = setting_.huber_threshold;
     const bool valid = std::isfinite(r);
+    // The root of Huber's loss, which Ceres squares; robust_loss.h has the loss and its weight.
     const double robust = std::abs(r) <= threshold
                               ? std::abs(r)
                               : std::sqrt(2 * threshold * std::abs(r) - threshold * threshold);

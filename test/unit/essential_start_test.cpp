@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Motion by information, without images: essential matrix, competition of models, gate, noise.
+// A start from the essential matrix, without images: model selection, rivals, gate, noise.
 #include "base/spread_frames.h"
 #include "init/orb/bundle/geometric_covariance.h"
 #include "init/orb/bundle/robust_adjustment.h"
@@ -11,6 +11,7 @@
 #include "init/orb/two_view/model_selection.h"
 #include "init/orb/two_view/rotation_only.h"
 #include "init/wrong_direction.h"
+#include "support/assign_map.h"
 #include "support/matchers.h"
 #include "support/synthetic_map.h"
 #include "support/two_view_scene.h"
@@ -75,7 +76,7 @@ DisplacementModel winner(const TwoViewScene& scene, double sigma) {
   return homography < essential ? DisplacementModel::kHomography : DisplacementModel::kEssential;
 }
 
-TEST(ModelCompetition, NamesRotationPlaneAndGeneralMotion) {
+TEST(ModelSelection, NamesRotationPlaneAndGeneralMotion) {
   for (std::uint64_t seed = 1; seed <= 5; ++seed) {
     const TwoViewScene turned = makeTwoViewScene({300, false, {0, 0, 0}, 0.4}, seed);
     const TwoViewScene plane = makeTwoViewScene({300, true, {0.6, 0.1, 0.3}, 0.4}, seed);
@@ -150,7 +151,7 @@ TEST(MotionCandidates, FramesBetweenDecideWhichMotionOfAPlaneIsRight) {
 TEST(RobustAdjustment, MeasuresTheNoiseThatWasDrawn) {
   for (const double noise : {0.05, 0.2, 0.8}) {
     SyntheticMap scene = makeSyntheticMap({300, 5, noise, 0.05}, 11);
-    ASSERT_TRUE(adjustRobustly(scene.start, scene.camera, {}));
+    ASSERT_TRUE(assign(adjustRobustly(scene.start, scene.camera, {}), scene.start));
     const double sigma = adjustToNoise(scene.start, scene.camera, {}, 3).sigma;
     // The fit takes one of eight coordinates of every corner: .94 of the noise is left.
     EXPECT_NEAR(sigma / noise, 0.94, 0.08) << noise;
@@ -161,7 +162,7 @@ TEST(RobustAdjustment, TellsTailsFromNoise) {
   for (const int frames : {2, 5}) {
     for (std::uint64_t seed = 21; seed < 29; ++seed) {
       SyntheticMap noisy = makeSyntheticMap({600, frames, 0.2, 0.05}, seed);
-      ASSERT_TRUE(adjustOnce(noisy.start, noisy.camera, {}));
+      ASSERT_TRUE(assign(adjustOnce(noisy.start, noisy.camera, {}), noisy.start));
       const double noise = tailExcess(noisy.start, noisy.camera);
       SyntheticMap tailed = makeSyntheticMap({600, frames, 0.2, 0.05}, seed);
       Random random(seed);
@@ -170,7 +171,7 @@ TEST(RobustAdjustment, TellsTailsFromNoise) {
           observation.pixel += 0.8 * Eigen::Vector2d{random.gaussian(), random.gaussian()};
         }
       }
-      ASSERT_TRUE(adjustOnce(tailed.start, tailed.camera, {}));
+      ASSERT_TRUE(assign(adjustOnce(tailed.start, tailed.camera, {}), tailed.start));
       const double tails = tailExcess(tailed.start, tailed.camera);
       EXPECT_LT(noise, 0.15);  // measured up to 0.09
       EXPECT_GT(tails, 0.45);  // measured 0.55 to 1.6
@@ -185,7 +186,7 @@ TEST(RobustAdjustment, RemovesPlantedOutliersAndFindsTheTruth) {
       observation.pixel += Eigen::Vector2d(15, -20);
     }
   }
-  ASSERT_TRUE(adjustRobustly(scene.start, scene.camera, {}));
+  ASSERT_TRUE(assign(adjustRobustly(scene.start, scene.camera, {}), scene.start));
   EXPECT_EQ(scene.start.corners.size(), 240U);
   EXPECT_LT(directionErrorDeg(scene.start.frames.back().T_cam_ref->translation(),
                               scene.truth.frames.back().T_cam_ref->translation()),
@@ -208,7 +209,7 @@ TEST(RobustAdjustment, TurnsAMotionOfTheWrongSign) {
 /// An adjusted map with covariances, corners with an error of sigma [px].
 SyntheticMap mapWithCovariances(const SyntheticMapOptions& options, std::uint64_t seed) {
   SyntheticMap scene = makeSyntheticMap(options, seed);
-  EXPECT_TRUE(adjustRobustly(scene.start, scene.camera, {}));
+  EXPECT_TRUE(assign(adjustRobustly(scene.start, scene.camera, {}), scene.start));
   const GeometricOptions adjusted = adjustToNoise(scene.start, scene.camera, {}, 3);
   EXPECT_TRUE(normalizeCornerScale(scene.start));
   EXPECT_GT(setCovariances(scene.start, scene.camera, adjusted), 0);
