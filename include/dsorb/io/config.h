@@ -21,7 +21,7 @@ struct ConfigAssignment {
 /// decides.
 struct ConfigSources {
   std::string preset = "default";                  ///< name, see presetNames()
-  std::vector<ConfigAssignment> program_defaults;  ///< defaults that the user's choices go before
+  std::vector<ConfigAssignment> program_defaults;  ///< what the user says goes before them
   std::vector<std::string> files;                  ///< YAML
   std::vector<ConfigAssignment> assignments;       ///< `--set`
   std::vector<ConfigAssignment> flags;             ///< named flags of the command line
