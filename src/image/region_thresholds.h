@@ -16,7 +16,7 @@ namespace dsorb {
 void squareGradients(const PyramidLevel& level, int y, const ResponseSlope* slope, float* squared);
 
 /// Squared gradients of level 0 in raw camera values (weighted by the slope of the response) and
-/// the threshold a pixel has to pass in its 32x32 region: median gradient plus 7, smoothed
+/// the threshold a pixel has to pass in its 32x32 region: median gradient plus a constant, smoothed
 /// over 3x3 regions, squared. Memory is reused between frames of one size.
 /// @source Engel et al., DSO, arXiv:1607.02565, section 3.2; strips that fill no region belong to
 ///         the last one, invalid pixels do not vote
