@@ -113,6 +113,13 @@ void addInputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
   app.add_option("--calib", request.sequence.calibration_file, "geometric calibration")
       ->type_name("FILE")
       ->group("Input");
+  app.add_option(
+         "--camera",
+         request.sequence.camera,
+         "camera of a calibration with several, as it is called there: cam1, image_2, the "
+         "topic of its images; default: the one that a folder of the images is called after")
+      ->type_name("NAME")
+      ->group("Input");
   app.add_option("--gamma", request.sequence.response_file, "response of the camera (pcalib.txt)")
       ->type_name("FILE")
       ->group("Input");

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 namespace dsorb {
 namespace {
@@ -27,6 +28,40 @@ void scale(double sx, double sy, Camera& camera) {
 
 int scaled(int size, double factor) {
   return static_cast<int>(std::lround(size * factor));
+}
+
+/// Of an image whose height was `height`, turned clockwise by 90 degrees.
+/// @tparam Camera with members fx, fy, cx, cy
+template <typename Camera>
+void turnByQuarter(int height, Camera& camera) {
+  std::swap(camera.fx, camera.fy);
+  const double cx = camera.cx;
+  camera.cx = height - 1 - camera.cy;
+  camera.cy = cx;
+}
+
+void turnByQuarter(Lens& lens) {
+  turnByQuarter(lens.height, lens);
+  if (const std::size_t place = tangentialPlace(lens.model)) {  // x and y become y and -x
+    std::swap(lens.coefficients[place], lens.coefficients[place + 1]);
+    lens.coefficients[place + 1] *= -1;
+  }
+  std::swap(lens.width, lens.height);
+  turnReadout(90, lens);
+}
+
+void turnByQuarter(PhotometricCalibration& photometric) {
+  const int width = photometric.vignette_width;
+  const int height = photometric.vignette_height;
+  const std::vector<float> upright = photometric.vignette;
+  auto pixel = photometric.vignette.begin();
+  for (int x = 0; x < width; ++x) {
+    for (int y = height - 1; y >= 0; --y) {
+      *pixel++ = upright[static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
+                         static_cast<std::size_t>(x)];
+    }
+  }
+  std::swap(photometric.vignette_width, photometric.vignette_height);
 }
 
 }  // namespace
@@ -82,6 +117,11 @@ Calibration calibrationForSize(const Calibration& calibration, int width, int he
     lens.height = height;
   }
   if (lens.width == width && lens.height == height) return result;
+  if (calibration.cut) {
+    throw std::invalid_argument("by its roi and binning the calibration is for images of " +
+                                sizeText(lens.width, lens.height) + " px, these have " +
+                                sizeText(width, height));
+  }
   const double sx = static_cast<double>(width) / lens.width;
   const double sy = static_cast<double>(height) / lens.height;
   // Rounding a side to whole pixels moves it by half a pixel at most.
@@ -102,6 +142,26 @@ Calibration calibrationForSize(const Calibration& calibration, int width, int he
   return result;
 }
 
+void turnReadout(int degrees, Lens& lens) {
+  for (int turn = 0; turn < degrees; turn += 90) {
+    if (!lens.columns) lens.backwards = !lens.backwards;  // the first row is on the right
+    lens.columns = !lens.columns;
+  }
+}
+
+Calibration turned(const Calibration& calibration, int degrees) {
+  Calibration result = calibration;
+  Rectification& output = result.rectification;
+  for (int turn = 0; turn < degrees; turn += 90) {
+    const int output_height = output.height > 0 ? output.height : result.lens.height;
+    turnByQuarter(output_height, output.camera);
+    std::swap(output.width, output.height);
+    turnByQuarter(result.lens);
+    turnByQuarter(result.photometric);
+  }
+  return result;
+}
+
 Calibration withOutputWidth(const Calibration& calibration, int width) {
   Calibration result = calibration;
   Rectification& output = result.rectification;
@@ -115,10 +175,8 @@ Calibration withOutputWidth(const Calibration& calibration, int width) {
   output.height = scaled(full_height, static_cast<double>(width) / full_width);
   if (output.mode == RectificationMode::kNone && width != full_width) {
     output.mode = RectificationMode::kExplicit;
-    Lens& lens = result.lens;
+    const Lens& lens = result.lens;
     output.camera = {lens.fx, lens.fy, lens.cx, lens.cy, 0, 0};
-    lens.model = LensModel::kPinhole;  // kNone takes no distortion out
-    lens.coefficients = {};
   }
   if (output.mode == RectificationMode::kExplicit) {
     const double factor = static_cast<double>(width) / full_width;

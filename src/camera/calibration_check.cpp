@@ -33,14 +33,6 @@ std::string number(double value) {
   return text;
 }
 
-/// Largest distance of a column or row from the principal point [focal lengths].
-double extent(const Lens& lens) {
-  return std::max({lens.cx / lens.fx,
-                   (lens.width - 1 - lens.cx) / lens.fx,
-                   lens.cy / lens.fy,
-                   (lens.height - 1 - lens.cy) / lens.fy});
-}
-
 /// Change of the distorted ray with the ray.
 Eigen::Matrix2d distortionSlope(const Lens& lens, const Eigen::Vector2d& ray) {
   const Eigen::Vector2d pixel = projectThroughLens(lens, ray);
@@ -52,6 +44,23 @@ Eigen::Matrix2d distortionSlope(const Lens& lens, const Eigen::Vector2d& ray) {
   J_ray.row(0) /= lens.fx;
   J_ray.row(1) /= lens.fy;
   return J_ray;
+}
+
+/// Largest distance of a column or row from the principal point [focal lengths on the axis].
+double extent(const Lens& lens) {
+  const Eigen::Matrix2d slope = distortionSlope(lens, {0, 0});
+  const double fx = lens.fx * slope(0, 0);
+  const double fy = lens.fy * slope(1, 1);
+  return std::max({lens.cx / fx,
+                   (lens.width - 1 - lens.cx) / fx,
+                   lens.cy / fy,
+                   (lens.height - 1 - lens.cy) / fy});
+}
+
+/// Whether the model is one of lenses that see half of all directions or more.
+bool isWide(LensModel model) {
+  return model == LensModel::kEquidistant || model == LensModel::kDoubleSphere ||
+         model == LensModel::kExtendedUnified || model == LensModel::kUnified;
 }
 
 /// Share of the pixels, sampled over the image, for which a predicate of (pixel, ray) holds.
@@ -118,7 +127,7 @@ void doubtCrop(const Lens& lens, const PinholeCamera& camera, std::vector<std::s
 
 void refuseImpossibleLens(const Lens& lens) {
   const double widest = extent(lens);
-  const double limit = lens.model == LensModel::kEquidistant ? kMaxFisheyeAngle : kMaxRay;
+  const double limit = isWide(lens.model) ? kMaxFisheyeAngle : kMaxRay;
   if (widest > limit) {
     throw std::invalid_argument(
         "focal lengths " + number(lens.fx) + " " + number(lens.fy) + " for images of " +

@@ -20,6 +20,11 @@ constexpr int kBisections = 24;  // of an interval of about 2 px: 1e-7 px
 constexpr int kNewtonSteps = 20;
 constexpr double kDerivativeStep = 1e-6;
 
+/// From the plane z = 1 to the plane of the mirror, which the tangential terms are of.
+double mirrorFactor(const Lens& lens, double r2) {
+  return lens.model == LensModel::kUnified ? 1 / (1 + lens.coefficients[0] * std::sqrt(1 + r2)) : 1;
+}
+
 /// Radius of the distorted ray over the ideal radius r, without tangential terms.
 double radialFactor(const Lens& lens, double r) {
   const auto& k = lens.coefficients;
@@ -40,19 +45,34 @@ double radialFactor(const Lens& lens, double r) {
       const double t2 = theta * theta;
       return theta * (1 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3])))) / r;
     }
+    case LensModel::kRational:
+      return (1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))) /
+             (1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7])));
+    case LensModel::kDoubleSphere: {
+      const double z = k[0] * std::sqrt(1 + r2) + 1;  // in the second sphere
+      return 1 / (k[1] * std::sqrt(r2 + z * z) + (1 - k[1]) * z);
+    }
+    case LensModel::kExtendedUnified:
+      return 1 / (k[0] * std::sqrt(k[1] * r2 + 1) + (1 - k[0]));
+    case LensModel::kUnified: {
+      const double mirror = mirrorFactor(lens, r2);
+      const double m2 = mirror * mirror * r2;
+      return mirror * (1 + m2 * (k[1] + m2 * k[2]));
+    }
   }
   throw std::invalid_argument("unknown lens model");
 }
 
 Eigen::Vector2d distort(const Lens& lens, const Eigen::Vector2d& ray) {
   Eigen::Vector2d distorted = radialFactor(lens, ray.norm()) * ray;
-  if (lens.model == LensModel::kRadTan) {
-    const double p1 = lens.coefficients[2];
-    const double p2 = lens.coefficients[3];
-    const double xy = ray.x() * ray.y();
-    const double r2 = ray.squaredNorm();
-    distorted.x() += 2 * p1 * xy + p2 * (r2 + 2 * ray.x() * ray.x());
-    distorted.y() += 2 * p2 * xy + p1 * (r2 + 2 * ray.y() * ray.y());
+  if (const std::size_t place = tangentialPlace(lens.model)) {
+    const Eigen::Vector2d m = mirrorFactor(lens, ray.squaredNorm()) * ray;
+    const double p1 = lens.coefficients[place];
+    const double p2 = lens.coefficients[place + 1];
+    const double xy = m.x() * m.y();
+    const double r2 = m.squaredNorm();
+    distorted.x() += 2 * p1 * xy + p2 * (r2 + 2 * m.x() * m.x());
+    distorted.y() += 2 * p2 * xy + p1 * (r2 + 2 * m.y() * m.y());
   }
   return distorted;
 }
@@ -168,6 +188,13 @@ void growEdge(
 
 }  // namespace
 
+bool isDistorted(const Lens& lens) {
+  return lens.model == LensModel::kEquidistant ||
+         std::any_of(lens.coefficients.begin(), lens.coefficients.end(), [&](double coefficient) {
+           return lens.model != LensModel::kPinhole && coefficient != 0;
+         });
+}
+
 Eigen::Vector2d projectThroughLens(const Lens& lens, const Eigen::Vector2d& ray) {
   const Eigen::Vector2d distorted = distort(lens, ray);
   return {lens.fx * distorted.x() + lens.cx, lens.fy * distorted.y() + lens.cy};
@@ -180,7 +207,7 @@ double monotoneRadius(const Lens& lens) {
   while (radius < limit) {
     const double next = std::min(radius + kRadiusStep, limit);
     const double next_distorted = next * radialFactor(lens, next);
-    if (next_distorted <= distorted) break;
+    if (!(next_distorted > distorted)) break;
     radius = next;
     distorted = next_distorted;
   }

@@ -20,13 +20,18 @@ inline constexpr double kMaxRay = 5;
 struct LensModelName {
   const char* name;
   LensModel model;
-  std::size_t coefficients;  ///< of Lens::coefficients that it has
+  std::size_t coefficients;       ///< of Lens::coefficients that it has
+  const char* coefficient_names;  ///< in their order
 };
-inline constexpr std::array<LensModelName, 4> kLensModels = {
-    {{"pinhole", LensModel::kPinhole, 0},
-     {"fov", LensModel::kFov, 1},
-     {"radtan", LensModel::kRadTan, 5},
-     {"equidistant", LensModel::kEquidistant, 4}}};
+inline constexpr std::array<LensModelName, 8> kLensModels = {
+    {{"pinhole", LensModel::kPinhole, 0, ""},
+     {"fov", LensModel::kFov, 1, "omega"},
+     {"radtan", LensModel::kRadTan, 5, "k1 k2 p1 p2 k3"},
+     {"equidistant", LensModel::kEquidistant, 4, "k1 k2 k3 k4"},
+     {"rational", LensModel::kRational, 8, "k1 k2 p1 p2 k3 k4 k5 k6"},
+     {"double_sphere", LensModel::kDoubleSphere, 2, "xi alpha"},
+     {"eucm", LensModel::kExtendedUnified, 2, "alpha beta"},
+     {"unified", LensModel::kUnified, 5, "xi k1 k2 p1 p2"}}};
 
 [[nodiscard]] inline const LensModelName& nameOf(LensModel model) {
   return *std::find_if(kLensModels.begin(), kLensModels.end(), [model](const LensModelName& m) {
@@ -40,11 +45,22 @@ inline constexpr std::array<LensModelName, 4> kLensModels = {
   return {lens.coefficients.begin(), lens.coefficients.begin() + count};
 }
 
+/// Place of p1, behind which p2 stands, among the coefficients of a model; 0: it has none.
+[[nodiscard]] inline std::size_t tangentialPlace(LensModel model) {
+  if (model == LensModel::kRadTan || model == LensModel::kRational) return 2;
+  return model == LensModel::kUnified ? 3 : 0;
+}
+
+/// Whether a lens maps rays otherwise than a pinhole of its numbers.
+[[nodiscard]] bool isDistorted(const Lens& lens);
+
 /// Pixel of the input image seen along the ray (x, y, 1).
 /// @param ray [-]
 /// @return pixel of the lens' image [px]; meaningful up to monotoneRadius()
 /// @source FOV: Devernay and Faugeras 2001; radial-tangential: Brown 1971;
-///         equidistant: Kannala and Brandt, PAMI 2006, eq. (6), in the form of OpenCV's fisheye
+///         equidistant: Kannala and Brandt, PAMI 2006, eq. (6), in the form of OpenCV's fisheye;
+///         rational: OpenCV's calib3d; double sphere and extended unified: Usenko et al., 3DV 2018,
+///         eqs. (40) and (17); unified: Mei and Rives, ICRA 2007
 [[nodiscard]] Eigen::Vector2d projectThroughLens(const Lens& lens, const Eigen::Vector2d& ray);
 
 /// Largest |(x, y)| up to which the distortion is invertible: beyond it the polynomial folds back

@@ -17,7 +17,6 @@ constexpr double kBorderTolerance = 1e-3;  // [px] rounding of rays on the borde
 constexpr int kMaxSamplesPerSide = 8;
 
 constexpr std::int64_t kMaxInputPixels = std::int64_t{1} << 28;
-constexpr std::int64_t kMaxOutputPixels = std::int64_t{1} << 26;  // the map takes 12 bytes for each
 
 void checkPixels(const char* what, int width, int height, std::int64_t most) {
   if (std::int64_t{width} * height <= most) return;
@@ -52,6 +51,12 @@ PinholeCamera targetCamera(const Lens& lens, const Rectification& wanted) {
     case RectificationMode::kFull:
       return boundingRectangle(lens).camera(cropped_width, cropped_height);
     case RectificationMode::kNone:
+      if (isDistorted(lens)) {
+        throw std::invalid_argument(
+            std::string("rectification 'none' would leave the distortion of this ") +
+            nameOf(lens.model).name + " lens in the images; expected crop, full or, of images " +
+            "that are undistorted already, a pinhole");
+      }
       if (width != lens.width || height != lens.height) {
         throw std::invalid_argument("rectification 'none' cannot turn " +
                                     sizeText(lens.width, lens.height) + " into " +

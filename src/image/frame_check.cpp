@@ -42,6 +42,11 @@ FrameCheck::FrameCheck(const PinholeCamera& camera) : width_(camera.width), heig
   const auto is_length = [](double value) { return std::isfinite(value) && value > 0; };
   requireOfCamera(width_ >= kSizeUnit, "width", width_, "at least 16 pixels");
   requireOfCamera(height_ >= kSizeUnit, "height", height_, "at least 16 pixels");
+  const auto pixels = std::int64_t{width_} * height_;
+  requireOfCamera(pixels <= kMaxOutputPixels,
+                  "width * height",
+                  static_cast<double>(pixels),
+                  "at most 64 megapixels");
   requireOfCamera(is_length(camera.fx), "fx", camera.fx, "a focal length in pixels");
   requireOfCamera(is_length(camera.fy), "fy", camera.fy, "a focal length in pixels");
   requireOfCamera(std::isfinite(camera.cx), "cx", camera.cx, "a pixel");

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/calibration_colmap.h"
 
+#include "io/camera_choice.h"
 #include "io/lens_numbers.h"
 
 #include <fmt/format.h>
@@ -28,7 +29,7 @@ constexpr std::array<ColmapModel, 10> kModels = {{
     {"SIMPLE_RADIAL", LensModel::kRadTan, "f cx cy k1"},
     {"RADIAL", LensModel::kRadTan, "f cx cy k1 k2"},
     {"OPENCV", LensModel::kRadTan, "fx fy cx cy k1 k2 p1 p2"},
-    {"FULL_OPENCV", LensModel::kRadTan, "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"},
+    {"FULL_OPENCV", LensModel::kRational, "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"},
     {"OPENCV_FISHEYE", LensModel::kEquidistant, "fx fy cx cy k1 k2 k3 k4"},
     {"SIMPLE_RADIAL_FISHEYE", LensModel::kEquidistant, "f cx cy k1"},
     {"RADIAL_FISHEYE", LensModel::kEquidistant, "f cx cy k1 k2"},
@@ -47,6 +48,34 @@ const ColmapModel& modelOf(const std::filesystem::path& file, int line, const st
       fmt::format("the camera model {} is not known here; expected {}", quotable(word), known));
 }
 
+Calibration readCamera(const std::filesystem::path& file, const TextLine& text) {
+  const int line = text.number;
+  std::vector<std::string> words = splitWords(text.text);
+  if (words.size() < 2) throw lineError(file, line, "expected 'ID MODEL width height ...'");
+  const ColmapModel& model = modelOf(file, line, words[1]);
+  words.erase(words.begin(), words.begin() + 2);
+  const std::string expectation =
+      fmt::format("ID {} width height {}", model.name, model.parameters);
+  const std::vector<double> numbers = parseNumbers(file, line, words, expectation);
+  if (numbers.size() != splitWords(model.parameters).size() + 2) {
+    throw lineError(
+        file,
+        line,
+        fmt::format("{} numbers after the model; expected '{}'", numbers.size(), expectation));
+  }
+  Calibration calibration;
+  Lens& lens = calibration.lens;
+  const auto complain = [&](const std::string& what) { return lineError(file, line, what); };
+  lens.model = model.model;
+  setSize(numbers[0], numbers[1], lens, complain);
+  setParameters(model.parameters, {numbers.begin() + 2, numbers.end()}, lens, complain);
+  lens.cx -= 0.5;
+  lens.cy -= 0.5;
+  checkLens(lens, complain);
+  simplify(calibration);
+  return calibration;
+}
+
 }  // namespace
 
 bool isColmap(const std::vector<TextLine>& lines) {
@@ -62,49 +91,15 @@ bool isColmap(const std::vector<TextLine>& lines) {
          std::isupper(static_cast<unsigned char>(words[1].front())) != 0;
 }
 
-Calibration readColmap(const std::filesystem::path& file, const std::vector<TextLine>& lines) {
-  if (lines.size() != 1) {
-    throw lineError(
-        file,
-        lines[1].number,
-        fmt::format("{} cameras; expected one, leave the line of the one that took the images",
-                    lines.size()));
+Calibration readColmap(const std::filesystem::path& file,
+                       const std::vector<TextLine>& lines,
+                       const CameraChoice& choice) {
+  std::vector<NamedCamera> cameras;
+  for (const TextLine& line : lines) {
+    cameras.push_back(
+        {{splitWords(line.text).front()}, [&file, &line] { return readCamera(file, line); }});
   }
-  const int line = lines.front().number;
-  std::vector<std::string> words = splitWords(lines.front().text);
-  const ColmapModel& model = modelOf(file, line, words[1]);
-  const std::vector<std::string> names = splitWords(model.parameters);
-  words.erase(words.begin(), words.begin() + 2);
-  const std::string expectation =
-      fmt::format("ID {} width height {}", model.name, model.parameters);
-  const std::vector<double> numbers = parseNumbers(file, line, words, expectation);
-  if (numbers.size() != names.size() + 2) {
-    throw lineError(
-        file,
-        line,
-        fmt::format("{} numbers after the model; expected '{}'", numbers.size(), expectation));
-  }
-  Calibration calibration;
-  Lens& lens = calibration.lens;
-  const auto complain = [&](const std::string& what) { return lineError(file, line, what); };
-  lens.model = model.model;
-  setSize(numbers[0], numbers[1], lens, complain);
-  std::vector<double> coefficients;
-  for (std::size_t i = 0; i < names.size(); ++i) {
-    const double value = numbers[i + 2];
-    if (names[i] == "f") lens.fx = lens.fy = value;
-    if (names[i] == "fx") lens.fx = value;
-    if (names[i] == "fy") lens.fy = value;
-    if (names[i] == "cx") lens.cx = value - 0.5;
-    if (names[i] == "cy") lens.cy = value - 0.5;
-    if (names[i][0] == 'k' || names[i][0] == 'p' || names[i] == "omega") {
-      coefficients.push_back(value);
-    }
-  }
-  setCoefficients(coefficients, lens, complain);
-  checkLens(lens, complain);
-  if (lens.model == LensModel::kPinhole) calibration.rectification.mode = RectificationMode::kNone;
-  return calibration;
+  return readChosen(file, cameras, choice);
 }
 
 }  // namespace dsorb

@@ -1,77 +1,55 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/calibration_matrix.h"
 
+#include "io/camera_choice.h"
 #include "io/lens_numbers.h"
 #include "io/text_file.h"
 
 #include <fmt/format.h>
-#include <tinyxml2.h>
-#include <yaml-cpp/yaml.h>
 
 #include <algorithm>
-#include <map>
+#include <array>
+#include <cmath>
+#include <string>
 #include <vector>
 
 namespace dsorb {
 namespace {
 
-constexpr std::size_t kMaxNumbers = 64;  // of a matrix; none that is read has more than 14
-
+using io::KeyedValues;
 using Keys = std::vector<const char*>;
 
-/// A value of the file: numbers of a scalar, list or matrix, or words.
-struct Value {
-  std::vector<double> numbers;
-  std::string word;
-  int line = 0;
+/// Keys of the matrices of a camera.
+struct MatrixKeys {
+  Keys matrix;
+  Keys distortion;
+  std::vector<std::string> names;  // of the camera
 };
 
-/// Values by key; every complaint names file, line and key.
-class Values {
- public:
-  explicit Values(const std::filesystem::path& file) : file_(file) {}
-  void add(const std::string& key, Value value) { values_[key] = std::move(value); }
+const std::array<MatrixKeys, 3> kCameras = {{
+    {{"camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "k"},
+     {"distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs", "D", "d"},
+     {}},
+    {{"M1", "K1", "cameraMatrix1", "camera_matrix_1"},
+     {"D1", "distCoeffs1", "dist_coeffs_1"},
+     {"M1", "cam0", "left", "1"}},
+    {{"M2", "K2", "cameraMatrix2", "camera_matrix_2"},
+     {"D2", "distCoeffs2", "dist_coeffs_2"},
+     {"M2", "cam1", "right", "2"}},
+}};
 
-  /// The key among several spellings that the file has; empty: none.
-  [[nodiscard]] std::string find(const Keys& spellings) const {
-    for (const char* key : spellings) {
-      if (values_.count(key) > 0) return key;
-    }
-    return {};
+/// The first key that is there, or `data` below it; empty: none.
+std::string findMatrix(const KeyedValues& values, const Keys& keys) {
+  for (const char* key : keys) {
+    if (values.has(key)) return key;
+    if (values.has(std::string(key) + ".data")) return std::string(key) + ".data";
   }
-  [[nodiscard]] const Value& at(const std::string& key) const { return values_.at(key); }
-  [[nodiscard]] double number(const std::string& key) const {
-    if (at(key).numbers.size() != 1) throw error(key, "a number is expected");
-    return at(key).numbers.front();
-  }
-  [[nodiscard]] IoError error(const std::string& key, const std::string& what) const {
-    const auto value = values_.find(key);
-    return lineError(file_,
-                     value == values_.end() ? 0 : value->second.line,
-                     key.empty() ? what : fmt::format("{}: {}", key, what));
-  }
+  return {};
+}
 
- private:
-  std::filesystem::path file_;
-  std::map<std::string, Value> values_;
-};
-
-const Keys kMatrixKeys = {"camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "k", "M1"};
-const Keys kDistortionKeys = {"distortion_coefficients",
-                              "Distortion_Coefficients",
-                              "distCoeffs",
-                              "dist_coeffs",
-                              "D",
-                              "d",
-                              "D1"};
-const Keys kWidthKeys = {"image_width", "image_Width", "width"};
-const Keys kHeightKeys = {"image_height", "image_Height", "height"};
-const Keys kModelKeys = {"distortion_model", "fisheye_model"};
-const Keys kReadoutKeys = {kReadoutKey};
-
-void readMatrixSize(const Values& values, Lens& lens) {
-  const std::string width = values.find(kWidthKeys);
-  const std::string height = values.find(kHeightKeys);
+void readSize(const KeyedValues& values, Lens& lens) {
+  const std::string width = values.find({"image_width", "image_Width", "width"});
+  const std::string height = values.find({"image_height", "image_Height", "height"});
   if (width.empty() && height.empty()) return;
   if (width.empty() || height.empty()) {
     throw values.error("", "image_width and image_height are expected together");
@@ -81,10 +59,10 @@ void readMatrixSize(const Values& values, Lens& lens) {
   });
 }
 
-void readMatrix(const Values& values, const std::string& key, Lens& lens) {
-  const std::vector<double>& k = values.at(key).numbers;
-  if (k.size() != 9) {
-    throw values.error(key, fmt::format("{} numbers; expected the 9 of a 3x3 matrix", k.size()));
+void readMatrix(const KeyedValues& values, const std::string& key, Lens& lens) {
+  const std::vector<double> k = values.numbers(key, {9}, "the 9 of a 3x3 matrix");
+  if (std::all_of(k.begin(), k.end(), [](double entry) { return entry == 0; })) {
+    throw values.error(key, "is 0: nobody has calibrated this camera");
   }
   if (k[1] != 0 || k[3] != 0 || k[6] != 0 || k[7] != 0 || k[8] != 1) {
     throw values.error(key, "expected fx 0 cx, 0 fy cy, 0 0 1");
@@ -95,127 +73,110 @@ void readMatrix(const Values& values, const std::string& key, Lens& lens) {
   lens.cy = k[5];
 }
 
-LensModel readModel(const Values& values) {
-  const std::string fisheye = values.find({"fisheye_model"});
-  if (!fisheye.empty() && values.number(fisheye) != 0) return LensModel::kEquidistant;
-  const std::string key = values.find({"distortion_model"});
-  if (key.empty()) return LensModel::kRadTan;
-  const std::string& name = values.at(key).word;
-  if (name == "plumb_bob" || name == "rational_polynomial") return LensModel::kRadTan;
+LensModel readModel(const KeyedValues& values) {
+  if (values.has("xi")) return LensModel::kUnified;  // cv::omnidir
+  if (values.has("fisheye_model") && values.number("fisheye_model") != 0) {
+    return LensModel::kEquidistant;
+  }
+  const std::string name =
+      values.has("distortion_model") ? values.text("distortion_model", "a word") : "plumb_bob";
+  if (name == "plumb_bob" || name == "rational_polynomial" || name == "radtan") {
+    return LensModel::kRational;
+  }
   if (name == "equidistant" || name == "fisheye") return LensModel::kEquidistant;
   if (name == "none" || name.empty()) return LensModel::kPinhole;
-  throw values.error(
-      key,
-      fmt::format("'{}'; expected plumb_bob, rational_polynomial, equidistant or none",
-                  quotable(name)));
+  throw values.error("distortion_model",
+                     fmt::format("'{}'; expected plumb_bob, rational_polynomial, equidistant or "
+                                 "none",
+                                 quotable(name)));
 }
 
-Calibration calibrationOf(const Values& values) {
-  const std::string matrix = values.find(kMatrixKeys);
-  if (matrix.empty()) throw values.error("", "no camera_matrix");
+void readCoefficients(const KeyedValues& values, const std::string& key, Lens& lens) {
+  const auto complain = [&](const std::string& what) { return values.error(key, what); };
+  const bool fisheye = lens.model == LensModel::kEquidistant;
+  const std::string order = fisheye ? std::string("k1 k2 k3 k4 k5 k6 k7 k8") : kOpenCvOrder;
+  setParameters(order, key.empty() ? std::vector<double>() : values.numbers(key), lens, complain);
+  if (lens.model == LensModel::kUnified) lens.coefficients[0] = values.numbers("xi", {1}, "xi")[0];
+}
+
+/// A whole number of at least 0 that may be missing.
+double countAt(const KeyedValues& values, const std::string& key) {
+  if (!values.has(key)) return 0;
+  const double number = values.number(key);
+  if (number >= 0 && number <= kMaxSize && number == std::floor(number)) return number;
+  throw values.error(key, "a whole number is expected, not negative");
+}
+
+/// K is that of the whole sensor: the region comes first, then its pixels are added up.
+/// @source REP 104 of ROS
+void cut(const KeyedValues& values, Calibration& calibration) {
+  Lens& lens = calibration.lens;
+  const double x = countAt(values, "roi.x_offset"), y = countAt(values, "roi.y_offset");
+  const double width = countAt(values, "roi.width"), height = countAt(values, "roi.height");
+  const double bin_x = std::max(1.0, countAt(values, "binning_x"));
+  const double bin_y = std::max(1.0, countAt(values, "binning_y"));
+  const double full_width = lens.width, full_height = lens.height;
+  const double cut_width = width > 0 ? width : full_width - x;
+  const double cut_height = height > 0 ? height : full_height - y;
+  const bool whole = x == 0 && y == 0 && cut_width == full_width && cut_height == full_height;
+  if (whole && bin_x == 1 && bin_y == 1) return;
+  if (full_width == 0 || x + cut_width > full_width || y + cut_height > full_height) {
+    throw values.error(values.has("roi.width") ? "roi.width" : "binning_x",
+                       fmt::format("a region of {}x{} px at {} {} is no part of images of {}x{} px",
+                                   cut_width,
+                                   cut_height,
+                                   x,
+                                   y,
+                                   full_width,
+                                   full_height));
+  }
+  calibration.cut = true;
+  lens.fx /= bin_x;
+  lens.fy /= bin_y;
+  lens.cx = (lens.cx - x + 0.5) / bin_x - 0.5;
+  lens.cy = (lens.cy - y + 0.5) / bin_y - 0.5;
+  setSize(std::floor(cut_width / bin_x),
+          std::floor(cut_height / bin_y),
+          lens,
+          [&](const std::string& what) { return values.error("binning_x", what); });
+}
+
+/// @param matrix its key
+Calibration readCamera(const KeyedValues& values,
+                       const std::string& matrix,
+                       const Keys& distortion) {
   Calibration calibration;
   Lens& lens = calibration.lens;
-  readMatrixSize(values, lens);
+  readSize(values, lens);
   readMatrix(values, matrix, lens);
   lens.model = readModel(values);
-  const std::string key = values.find(kDistortionKeys);
-  const std::vector<double> coefficients =
-      key.empty() ? std::vector<double>() : values.at(key).numbers;
-  const auto complain = [&](const std::string& what) { return values.error(key, what); };
-  setCoefficients(coefficients, lens, complain);
-  const bool distorted = std::any_of(coefficients.begin(),
-                                     coefficients.end(),
-                                     [](double coefficient) { return coefficient != 0; });
-  if (lens.model == LensModel::kRadTan && !distorted) lens.model = LensModel::kPinhole;
-  if (lens.model == LensModel::kPinhole) calibration.rectification.mode = RectificationMode::kNone;
-  const std::string readout = values.find(kReadoutKeys);
-  if (!readout.empty() && !setReadout(values.at(readout).word, lens)) {
-    throw values.error(readout, fmt::format("{} are expected", kReadoutForm));
-  }
+  readCoefficients(values, findMatrix(values, distortion), lens);
   checkLens(lens, [&](const std::string& what) { return values.error(matrix, what); });
+  cut(values, calibration);
+  readReadoutKey(values, lens);
+  simplify(calibration);
   return calibration;
-}
-
-/// A list of numbers, or the list under `data` of a matrix.
-Value valueOf(const std::filesystem::path& file, const std::string& key, const YAML::Node& node) {
-  Value value;
-  value.line = node.Mark().line + 1;
-  const YAML::Node list = node.IsMap() ? node["data"] : node;
-  const auto add = [&](const YAML::Node& item) {
-    double number = 0;
-    if (!item.IsScalar() || !parseNumber(item.Scalar(), number)) {
-      throw lineError(file, value.line, fmt::format("{}: finite numbers are expected", key));
-    }
-    value.numbers.push_back(number);
-  };
-  if (list && list.IsSequence() && list.size() <= kMaxNumbers) {
-    for (const YAML::Node& item : list) add(item);
-  } else if (node.IsScalar()) {
-    double number = 0;
-    if (parseNumber(node.Scalar(), number)) value.numbers.push_back(number);
-    value.word = node.Scalar();
-  }
-  return value;
-}
-
-bool isKnown(const std::string& key) {
-  for (const Keys* keys :
-       {&kMatrixKeys, &kDistortionKeys, &kWidthKeys, &kHeightKeys, &kModelKeys, &kReadoutKeys}) {
-    if (std::find(keys->begin(), keys->end(), key) != keys->end()) return true;
-  }
-  return false;
-}
-
-/// A word or numbers that stand in an element of cv::FileStorage; those of a matrix under `data`.
-Value valueOf(const std::filesystem::path& file, const tinyxml2::XMLElement& element) {
-  const tinyxml2::XMLElement* data = element.FirstChildElement("data");
-  const char* text = (data != nullptr ? data : &element)->GetText();
-  Value value;
-  value.line = element.GetLineNum();
-  if (text != nullptr) value.word = trimmed(text);
-  for (const std::string& word : splitWords(text == nullptr ? "" : text)) {
-    double number = 0;
-    if (parseNumber(word, number) && value.numbers.size() < kMaxNumbers) {
-      value.numbers.push_back(number);
-    } else if (data != nullptr) {
-      throw lineError(
-          file,
-          value.line,
-          fmt::format("{}: at most {} finite numbers are expected", element.Name(), kMaxNumbers));
-    }
-  }
-  return value;
 }
 
 }  // namespace
 
-bool hasCameraMatrix(const YAML::Node& root) {
-  return std::any_of(
-      kMatrixKeys.begin(), kMatrixKeys.end(), [&](const char* key) { return bool(root[key]); });
+bool hasCameraMatrix(const KeyedValues& values) {
+  return std::any_of(kCameras.begin(), kCameras.end(), [&](const MatrixKeys& keys) {
+    return !findMatrix(values, keys.matrix).empty();
+  });
 }
 
-Calibration readMatrixYaml(const std::filesystem::path& file, const YAML::Node& root) {
-  Values values(file);
-  for (const auto& entry : root) {
-    if (!entry.first.IsScalar() || !isKnown(entry.first.Scalar())) continue;
-    values.add(entry.first.Scalar(), valueOf(file, entry.first.Scalar(), entry.second));
+Calibration readMatrices(const KeyedValues& values, const CameraChoice& choice) {
+  std::vector<NamedCamera> cameras;
+  for (const MatrixKeys& keys : kCameras) {
+    const std::string matrix = findMatrix(values, keys.matrix);
+    if (matrix.empty()) continue;
+    cameras.push_back({keys.names, [&values, &keys, matrix] {
+                         return readCamera(values, matrix, keys.distortion);
+                       }});
+    if (keys.names.empty()) break;
   }
-  return calibrationOf(values);
-}
-
-Calibration readMatrixXml(const std::filesystem::path& file, const std::string& text) {
-  tinyxml2::XMLDocument document;
-  if (document.Parse(text.data(), text.size()) != tinyxml2::XML_SUCCESS) {
-    throw lineError(file, document.ErrorLineNum(), "no XML");
-  }
-  const tinyxml2::XMLElement* root = document.FirstChildElement("opencv_storage");
-  if (root == nullptr) throw lineError(file, 0, "an XML file of OpenCV is expected");
-  Values values(file);
-  for (auto* element = root->FirstChildElement(); element != nullptr;
-       element = element->NextSiblingElement()) {
-    if (isKnown(element->Name())) values.add(element->Name(), valueOf(file, *element));
-  }
-  return calibrationOf(values);
+  return readChosen(values.file(), cameras, choice);
 }
 
 }  // namespace dsorb

@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "dsorb/io/calibration_reader.h"
 
+#include "camera/lens_models.h"
 #include "io/calibration_colmap.h"
+#include "io/calibration_kalibr.h"
+#include "io/calibration_kitti.h"
 #include "io/calibration_matrix.h"
-#include "io/calibration_yaml.h"
+#include "io/calibration_settings.h"
+#include "io/keyed_values.h"
 #include "io/lens_numbers.h"
 #include "io/text_file.h"
 
@@ -31,12 +35,16 @@ struct LensForm {
   const char* expectation;
 };
 
-constexpr std::array<LensForm, 5> kLensForms = {{
-    {"Pinhole", LensModel::kPinhole, 5, 5, "Pinhole fx fy cx cy 0"},
+constexpr std::array<LensForm, 9> kLensForms = {{
+    {"Pinhole", LensModel::kPinhole, 4, 5, "Pinhole fx fy cx cy 0"},
     {"FOV", LensModel::kFov, 5, 5, "FOV fx fy cx cy omega"},
     {"RadTan", LensModel::kRadTan, 8, 9, "RadTan fx fy cx cy k1 k2 p1 p2 [k3]"},
     {"EquiDistant", LensModel::kEquidistant, 8, 8, "EquiDistant fx fy cx cy k1 k2 k3 k4"},
     {"KannalaBrandt", LensModel::kEquidistant, 8, 8, "KannalaBrandt fx fy cx cy k1 k2 k3 k4"},
+    {"Rational", LensModel::kRational, 12, 12, "Rational fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"},
+    {"DoubleSphere", LensModel::kDoubleSphere, 6, 6, "DoubleSphere fx fy cx cy xi alpha"},
+    {"EUCM", LensModel::kExtendedUnified, 6, 6, "EUCM fx fy cx cy alpha beta"},
+    {"Unified", LensModel::kUnified, 5, 9, "Unified fx fy cx cy xi [k1 k2 p1 p2]"},
 }};
 
 /// Text file of a calibration, line by line.
@@ -112,7 +120,8 @@ std::pair<LensModel, std::vector<double>> readLensLine(const Lines& lines) {
   if (form == kLensForms.end()) {
     throw lines.error(0,
                       fmt::format("'{}' is no camera model; expected Pinhole, FOV, RadTan, "
-                                  "EquiDistant, KannalaBrandt, or 5 or 8 numbers",
+                                  "EquiDistant, KannalaBrandt, Rational, DoubleSphere, EUCM, "
+                                  "Unified, or 5 or 8 numbers",
                                   quotable(words.front())));
   }
   words.erase(words.begin());
@@ -147,6 +156,11 @@ Lens readLens(const Lines& lines) {
   lens.height = size.height;
   if (model != LensModel::kPinhole) {
     std::copy(numbers.begin() + 4, numbers.end(), lens.coefficients.begin());
+  } else if (numbers.size() > 4 && numbers[4] != 0) {
+    throw lines.error(0,
+                      fmt::format("{} behind cy: a Pinhole has no distortion; expected 0, or 'FOV "
+                                  "fx fy cx cy omega'",
+                                  numbers[4]));
   }
   if (lens.cx < 1 && lens.cy < 1) scaleToPixels(size, lens);
   checkLens(lens, [&](const std::string& what) { return lines.error(0, what); });
@@ -169,11 +183,12 @@ void readMode(const Lines& lines, Rectification& target) {
       throw lines.error(2, fmt::format("{} numbers; expected {}", numbers.size(), what));
     }
     const bool good = numbers[0] > 0 && numbers[1] > 0 && numbers[2] >= 0 && numbers[2] <= 1 &&
-                      numbers[3] >= 0 && numbers[3] <= 1;
+                      numbers[3] >= 0 && numbers[3] <= 1 && numbers[4] == 0;
     if (!good) {
       throw lines.error(2,
                         fmt::format("'{}'; expected output intrinsics relative to the output size: "
-                                    "positive focal lengths, principal point between 0 and 1",
+                                    "positive focal lengths, principal point between 0 and 1, "
+                                    "and 0 for no distortion",
                                     quotable(text)));
     }
     target.mode = RectificationMode::kExplicit;
@@ -208,6 +223,13 @@ Rectification readRectification(const Lines& lines, const Lens& lens) {
     target.width = size.width;
     target.height = size.height;
   }
+  if (target.mode == RectificationMode::kNone && isDistorted(lens)) {
+    throw lines.error(2,
+                      fmt::format("'none' would leave the distortion of the {} lens of line 1 in "
+                                  "the images; expected crop or full. Of images that are "
+                                  "undistorted already, line 1 is 'Pinhole fx fy cx cy 0'",
+                                  nameOf(lens.model).name));
+  }
   if (target.mode == RectificationMode::kNone &&
       (target.width != lens.width || target.height != lens.height)) {
     throw lines.error(
@@ -225,39 +247,27 @@ Rectification readRectification(const Lines& lines, const Lens& lens) {
   return target;
 }
 
-/// Projection matrix of one rectified KITTI camera. The file does not say the image size.
-Calibration readKitti(const Lines& lines, int camera) {
-  const std::string key = fmt::format("P{}:", camera);
-  for (std::size_t i = 0; i < lines.all().size(); ++i) {
-    std::vector<std::string> words = splitWords(lines.text(i));
-    if (words.front() != key) continue;
-    words.erase(words.begin());
-    const auto p = lines.numbers(i, words, "the 12 numbers of a 3x4 projection matrix");
-    if (p.size() != 12) {
-      throw lines.error(
-          i,
-          fmt::format("{} {} numbers; expected the 12 of a 3x4 projection matrix", key, p.size()));
-    }
-    if (!(p[0] > 0 && p[5] > 0)) {
-      throw lines.error(
-          i, fmt::format("{} focal lengths {} {}; expected positive numbers", key, p[0], p[5]));
-    }
-    Calibration calibration;
-    calibration.rectification.mode = RectificationMode::kNone;
-    calibration.lens.fx = p[0];
-    calibration.lens.fy = p[5];
-    calibration.lens.cx = p[2];
-    calibration.lens.cy = p[6];
-    return calibration;
+/// camera.txt of DSO.
+Calibration readDso(Lines lines) {
+  Calibration calibration;
+  const bool rolling = lines.has(1) && splitWords(lines.all().back().text).front() == kReadoutWord;
+  Lens timed;
+  if (rolling) {
+    readReadout(lines, timed);
+    lines.dropLast();
   }
-  throw lineError(lines.file(), 0, fmt::format("no line '{}' for image_{}", key, camera));
+  calibration.lens = readLens(lines);
+  calibration.lens.readout = timed.readout;
+  calibration.lens.columns = timed.columns;
+  calibration.rectification = readRectification(lines, calibration.lens);
+  return calibration;
 }
 
-bool isKitti(const Lines& lines) {
-  return std::any_of(lines.all().begin(), lines.all().end(), [](const TextLine& line) {
-    return line.text.size() > 2 && line.text[0] == 'P' && line.text[1] >= '0' &&
-           line.text[1] <= '3' && line.text[2] == ':';
-  });
+Calibration readKeyed(const io::KeyedValues& values, const CameraChoice& choice) {
+  if (hasCameraMatrix(values)) return readMatrices(values, choice);
+  const bool nerf = values.has("fl_x") || values.hasPath("frames[0]");
+  if (isKalibr(values) && !nerf) return readKalibr(values, choice);
+  return readSettings(values, choice);
 }
 
 }  // namespace
@@ -271,25 +281,21 @@ std::optional<Readout> parseReadout(std::string_view text) {
   return Readout{milliseconds / 1000, 0};
 }
 
-Calibration readCalibration(const std::filesystem::path& file, int kitti_camera) {
+Calibration readCalibration(const std::filesystem::path& file, const CameraChoice& choice) {
   const std::string suffix = file.extension().string();
-  if (suffix == ".yaml" || suffix == ".yml") return readYamlCalibration(file);
-  if (suffix == ".xml") return readMatrixXml(file, readText(file, kMaxCalibrationBytes));
-  Lines lines(file);
-  if (isKitti(lines)) return readKitti(lines, kitti_camera);
-  if (isColmap(lines.all())) return readColmap(file, lines.all());
-  Calibration calibration;
-  const bool rolling = lines.has(1) && splitWords(lines.all().back().text).front() == kReadoutWord;
-  Lens timed;
-  if (rolling) {
-    readReadout(lines, timed);
-    lines.dropLast();
+  if (suffix == ".yaml" || suffix == ".yml") {
+    return readKeyed(io::yamlValues(file, readText(file, kMaxYamlBytes)), choice);
   }
-  calibration.lens = readLens(lines);
-  calibration.lens.readout = timed.readout;
-  calibration.lens.columns = timed.columns;
-  calibration.rectification = readRectification(lines, calibration.lens);
-  return calibration;
+  if (suffix == ".json") {
+    return readKeyed(io::jsonValues(file, readText(file, kMaxListBytes)), choice);
+  }
+  if (suffix == ".xml") {
+    return readKeyed(io::xmlValues(file, readText(file, kMaxCalibrationBytes)), choice);
+  }
+  const Lines lines(file);
+  if (isKitti(lines.all())) return readKitti(file, lines.all(), choice);
+  if (isColmap(lines.all())) return readColmap(file, lines.all(), choice);
+  return readDso(lines);
 }
 
 }  // namespace dsorb

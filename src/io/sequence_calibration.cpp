@@ -47,8 +47,9 @@ struct Geometry {
 
 Geometry readGeometry(const SequenceOptions& options, const DatasetLayout& layout, cv::Size size) {
   if (options.horizontal_view > 0) {
-    if (!options.calibration_file.empty()) {
-      throw ConfigError("a calibration file and a field of view are given; expected one of them");
+    if (!options.calibration_file.empty() || !options.camera.empty()) {
+      throw ConfigError("a calibration file or a camera of one, and a field of view are given; "
+                        "expected one of them");
     }
     if (size.empty()) {
       throw IoError(fmt::format("{}: the first image cannot be read", options.path));
@@ -66,36 +67,59 @@ Geometry readGeometry(const SequenceOptions& options, const DatasetLayout& layou
                     "camera sees from left to right with --hfov DEGREES",
                     layout.images.string()));
   }
-  return {readCalibration(file, layout.kitti_camera), file};
+  const CameraChoice choice{options.camera, layout.images, size.width, size.height};
+  return {readCalibration(file, choice), file};
 }
 
-/// From the sensor's rows to the lines of an image that was turned clockwise.
-void turnReadout(int degrees, Lens& lens) {
-  lens.columns = degrees % 180 != 0;
-  lens.backwards = degrees == 90 || degrees == 180;
+bool isUpright(double width, double height) {
+  return height > width;
 }
 
-/// The calibration for images of the size that they have and the width that is wanted.
-void fit(const SequenceOptions& options,
-         const FirstImage& first,
-         Geometry& geometry,
-         std::vector<std::string>& warnings) {
+/// How far the calibration must be turned with the images, which the sensor has otherwise: not at
+/// all where it has the shape of images that were turned to the side.
+int turnOf(const SequenceOptions& options, const FirstImage& first, const Lens& lens) {
+  if (first.size.empty() || options.horizontal_view > 0) return 0;
+  const bool upright =
+      lens.width > 0 ? isUpright(lens.width, lens.height) : isUpright(lens.cx, lens.cy);
+  const bool same = upright == isUpright(first.size.width, first.size.height);
+  const bool square = first.size.width == first.size.height;
+  return first.turn % 180 != 0 && same && !square ? 0 : first.turn;
+}
+
+/// The calibration for images of the size that they have.
+void fitSize(cv::Size size, Geometry& geometry, std::vector<std::string>& warnings) {
   Calibration& calibration = geometry.calibration;
   const Lens lens = calibration.lens;
-  const cv::Size size = first.size;
-  if (!size.empty()) calibration = calibrationForSize(calibration, size.width, size.height);
-  if (lens.width > 0 && calibration.lens.width != lens.width) {
-    warnings.push_back(fmt::format("{}: for images of {}x{} px, scaled to these of {}x{}",
-                                   geometry.source,
-                                   lens.width,
-                                   lens.height,
-                                   size.width,
-                                   size.height));
+  if (size.empty()) return;
+  calibration = calibrationForSize(calibration, size.width, size.height);
+  if (lens.width == 0 || calibration.lens.width == lens.width) return;
+  warnings.push_back(fmt::format("{}: for images of {}x{} px, scaled to these of {}x{}",
+                                 geometry.source,
+                                 lens.width,
+                                 lens.height,
+                                 size.width,
+                                 size.height));
+}
+
+/// The calibration for images that were turned, and for the width that is wanted.
+void fitOutput(const SequenceOptions& options,
+               int image_turn,
+               int turn,
+               Geometry& geometry,
+               std::vector<std::string>& warnings) {
+  Calibration& calibration = geometry.calibration;
+  const bool known = calibration.lens.columns || calibration.lens.readout.seconds != 0;
+  if (turn != 0) {
+    calibration = turned(calibration, turn);
+    warnings.push_back(
+        fmt::format("{}: the images were turned by {} degrees to be upright; the "
+                    "calibration is taken to be the sensor's and turned with them",
+                    geometry.source,
+                    turn));
   }
   if (options.width > 0) calibration = withOutputWidth(calibration, options.width);
-  const bool known = calibration.lens.columns || calibration.lens.readout.seconds != 0;
   if (options.readout) calibration.lens.readout = *options.readout;
-  if (!known) turnReadout(first.turn, calibration.lens);
+  if (!known && turn == 0) turnReadout(image_turn, calibration.lens);
 }
 
 PhotometricCalibration readPhotometry(const std::string& response,
@@ -133,17 +157,26 @@ SequenceCalibration calibrateSequence(const SequenceOptions& options,
                                       const FirstImage& first) {
   std::vector<std::string> warnings;
   Geometry geometry = readGeometry(options, layout, first.size);
-  try {
-    fit(options, first, geometry, warnings);
-  } catch (const std::invalid_argument& error) {
-    throw IoError(fmt::format("{}: {}", geometry.source, error.what()));
+  if (options.horizontal_view > 0 && isUpright(first.size.width, first.size.height)) {
+    warnings.push_back(
+        "the images are upright: --hfov is what they show from left to right, along "
+        "their short side");
   }
   const std::string response = orDefault(options.response_file, layout.response);
   const std::string vignette = orDefault(options.vignette_file, layout.vignette);
   const BrightnessModel brightness = brightnessModel(options, response, vignette, warnings);
-  if (brightness == BrightnessModel::kCalibrated) {
-    geometry.calibration.photometric =
-        readPhotometry(response, vignette, geometry.calibration.lens);
+  const int turn = turnOf(options, first, geometry.calibration.lens);
+  const bool sideways = turn % 180 != 0;
+  try {
+    fitSize(
+        sideways ? cv::Size(first.size.height, first.size.width) : first.size, geometry, warnings);
+    if (brightness == BrightnessModel::kCalibrated) {
+      geometry.calibration.photometric =
+          readPhotometry(response, vignette, geometry.calibration.lens);
+    }
+    fitOutput(options, first.turn, turn, geometry, warnings);
+  } catch (const std::invalid_argument& error) {
+    throw IoError(fmt::format("{}: {}", geometry.source, error.what()));
   }
   SequenceCalibration result{
       rectifierFor(geometry), geometry.calibration.lens, brightness, std::move(warnings)};

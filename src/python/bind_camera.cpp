@@ -34,7 +34,9 @@ const LensModelName& modelOf(const std::string& name) {
                                    kLensModels.end(),
                                    [&name](const LensModelName& m) { return name == m.name; });
   if (found != kLensModels.end()) return *found;
-  throw std::invalid_argument("model '" + name + "': expected pinhole, fov, radtan or equidistant");
+  throw std::invalid_argument("model '" + name +
+                              "': expected pinhole, fov, radtan, equidistant, "
+                              "rational, double_sphere, eucm or unified");
 }
 
 RectificationMode modeOf(const std::string& name) {
@@ -173,14 +175,18 @@ void bindCalibrationMakers(nb::class_<Calibration>& type) {
           nb::arg("model") = "pinhole",
           nb::arg("coefficients") = std::vector<double>(),
           nb::arg("rectification") = nb::none(),
-          "A lens by its numbers [px]. `model`: pinhole, fov, radtan or equidistant; "
-          "`rectification`: crop, full or none (docs/calibration.md).")
+          "A lens by its numbers [px]. `model`: pinhole, fov, radtan, equidistant, rational, "
+          "double_sphere, eucm or unified; `rectification`: crop, full or none "
+          "(docs/calibration.md).")
       .def_static(
           "read",
-          [](const std::filesystem::path& file) { return readCalibration(file); },
+          [](const std::filesystem::path& file, const std::string& camera) {
+            return readCalibration(file, {camera, {}});
+          },
           nb::arg("file"),
+          nb::arg("camera") = "",
           "Any calibration file of docs/calibration.md; for_size gives it an image size where the "
-          "file has none. Raises IoError.")
+          "file has none. `camera` chooses one of several, as the file calls it. Raises IoError.")
       .def_static(
           "from_hfov",
           [](double degrees, int width, int height) {

@@ -71,9 +71,9 @@ void refusing(F f) {
 }
 
 void readLensOf(const fs::path& file) {
-  for (const int camera : {0, 2}) {
+  for (const char* camera : {"image_0", "image_02", "/cam1/image_raw"}) {
     refusing([&] {
-      const Calibration calibration = readCalibration(file, camera);
+      const Calibration calibration = readCalibration(file, {camera, file});
       if (calibration.lens.width == 0) return;  // KITTI
       try {
         refuseImpossibleLens(calibration.lens);
@@ -83,14 +83,20 @@ void readLensOf(const fs::path& file) {
   }
 }
 
-/// camera.txt of DSO, calib.txt of KITTI and cameras.txt of COLMAP.
+/// camera.txt of DSO, calib.txt and calib_cam_to_cam.txt of KITTI and cameras.txt of COLMAP.
 void calibration(const std::uint8_t* bytes, std::size_t size) {
   readLensOf(fileOf(bytes, size, "camera.txt"));
 }
 
-/// sensor.yaml of EuRoC, camchain.yaml of Kalibr, camera_info of ROS, YAML of OpenCV.
+/// sensor.yaml of EuRoC, camchain.yaml of Kalibr, camera_info of ROS, YAML of OpenCV, settings of
+/// ORB-SLAM, stella_vslam, VINS and SVO.
 void calibrationYaml(const std::uint8_t* bytes, std::size_t size) {
   readLensOf(fileOf(bytes, size, "sensor.yaml"));
+}
+
+/// Of nerfstudio and Basalt.
+void calibrationJson(const std::uint8_t* bytes, std::size_t size) {
+  readLensOf(fileOf(bytes, size, "transforms.json"));
 }
 
 /// XML of OpenCV.
@@ -146,6 +152,7 @@ void image(const std::uint8_t* bytes, std::size_t size) {
 const std::vector<Parser>& parsers() {
   static const std::vector<Parser> kParsers = {{"calibration", calibration},
                                                {"calibration_yaml", calibrationYaml},
+                                               {"calibration_json", calibrationJson},
                                                {"calibration_xml", calibrationXml},
                                                {"response", response},
                                                {"times", times},

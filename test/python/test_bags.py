@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from unittest import mock
 
 import numpy as np
-from dsorb import bags
+from dsorb import Calibration, bags
 from dsorb.run_folder import alone_in
 from PIL import Image
 from room import FRAMES, SIZE, images, room, room_run, temporary_folder
@@ -45,13 +45,14 @@ def compressed(store, image, nanoseconds, kind, ros1=False):
                                             data=np.frombuffer(file.getvalue(), np.uint8))
 
 
-def camera_info(store, ros1):
+def camera_info(store, ros1, region=(0, 0, 0, 0), binning=0):
+    """@param region x_offset, y_offset, height, width"""
     class_of = store.types
     k = np.array([200, 0, 159.5, 0, 200, 119.5, 0, 0, 1.])
     values = {'d': np.zeros(5), 'k': k, 'r': np.eye(3).ravel(), 'p': np.zeros(12)}
-    region = class_of['sensor_msgs/msg/RegionOfInterest'](x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+    region = class_of['sensor_msgs/msg/RegionOfInterest'](*region, do_rectify=False)
     return class_of[bags.CAMERA_INFO](header=stamped(store, BEGIN, ros1), height=SIZE[1], width=SIZE[0], distortion_model='plumb_bob',
-                                      binning_x=0, binning_y=0, roi=region,
+                                      binning_x=binning, binning_y=binning, roi=region,
                                       **{key.upper() if ros1 else key: value for key, value in values.items()})
 
 
@@ -121,15 +122,27 @@ class Runs(unittest.TestCase):
 
 class Calibrations(unittest.TestCase):
     def test_rectified_images_have_the_camera_of_p_without_distortion(self):
-        camera = SimpleNamespace(width=320, height=240, distortion_model='plumb_bob', k=[200, 0, 160, 0, 200, 120, 0, 0, 1],
+        region = SimpleNamespace(x_offset=0, y_offset=0, height=0, width=0)
+        camera = SimpleNamespace(width=320, height=240, distortion_model='plumb_bob', binning_x=0, binning_y=0, roi=region,
+                                 k=[200, 0, 160, 0, 200, 120, 0, 0, 1],
                                  d=[-.3, .1, 0, 0, 0], p=[180, 0, 150, 0, 0, 180, 110, 0, 0, 0, 1, 0])
         reader = SimpleNamespace(connections=[SimpleNamespace(topic='/camera/camera_info', msgtype=bags.CAMERA_INFO)],
                                  messages=lambda connections: [(connections[0], 0, camera)], deserialize=lambda data, _: data)
         file = temporary_folder() / 'calibration.yaml'
-        for topic, focal, k1 in (('image_raw', 200, '-0.2'), ('image_rect', 180, '0, 0'), ('image_rect_color/compressed', 180, '0, 0')):
-            bags.write_calibration(reader, f'/camera/{topic}', file)
-            self.assertIn(f'k: [{focal}, 0, ', file.read_text())
-            self.assertIn(f'd: [{k1}', file.read_text())
+        for topic, focal, k1, model in (('image_raw', 200, -.3, 'radtan'), ('image_rect', 180, None, 'pinhole'),
+                                        ('image_rect_color/compressed', 180, None, 'pinhole')):
+            found = Calibration.read(bags.write_calibration(reader, f'/camera/{topic}', file))
+            self.assertEqual((found.model, found.fx, found.coefficients[:1]), (model, focal, [k1] if k1 else []))
+
+    def test_region_and_binning_cut_the_calibration(self):
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        info = camera_info(store, False, (60, 40, 120, 160), 2)
+        reader = SimpleNamespace(connections=[SimpleNamespace(topic='/camera/camera_info', msgtype=bags.CAMERA_INFO)],
+                                 messages=lambda connections: [(connections[0], 0, info)], deserialize=lambda data, _: data)
+        found = Calibration.read(bags.write_calibration(reader, '/camera/image_raw', temporary_folder() / 'info.yaml'))
+        self.assertEqual((found.width, found.height, found.fx, found.cx, found.cy), (80, 60, 100, 49.5, 39.5))
+        with self.assertRaisesRegex(ValueError, 'by its roi and binning'):
+            found.for_size(320, 240)
 
 
 class Refusals(unittest.TestCase):

@@ -78,17 +78,21 @@ TEST_F(CalibrationReaderTest, EveryFormOfTheFirstLineIsUnderstood) {
   const struct {
     const char* line;
     LensModel model;
-    std::array<double, 5> coefficients;
+    std::array<double, 8> coefficients;
   } forms[] = {
       {"500 500 320 240 0", LensModel::kPinhole, {}},
       {"500 500 320 240 0.9", LensModel::kFov, {0.9}},
       {"500 500 320 240 1 2 3 4", LensModel::kRadTan, {1, 2, 3, 4}},
-      {"Pinhole 500 500 320 240 7", LensModel::kPinhole, {}},
+      {"Pinhole 500 500 320 240", LensModel::kPinhole, {}},
       {"FOV 500 500 320 240 0.9", LensModel::kFov, {0.9}},
       {"RadTan 500 500 320 240 1 2 3 4", LensModel::kRadTan, {1, 2, 3, 4}},
       {"RadTan 500 500 320 240 1 2 3 4 5", LensModel::kRadTan, {1, 2, 3, 4, 5}},
       {"EquiDistant 500 500 320 240 1 2 3 4", LensModel::kEquidistant, {1, 2, 3, 4}},
       {"KannalaBrandt 500 500 320 240 1 2 3 4", LensModel::kEquidistant, {1, 2, 3, 4}},
+      {"Rational 500 500 320 240 1 2 3 4 5 6 7 8", LensModel::kRational, {1, 2, 3, 4, 5, 6, 7, 8}},
+      {"DoubleSphere 500 500 320 240 -0.2 0.6", LensModel::kDoubleSphere, {-0.2, 0.6}},
+      {"EUCM 500 500 320 240 0.6 1.1", LensModel::kExtendedUnified, {0.6, 1.1}},
+      {"Unified 500 500 320 240 2 1 2 3 4", LensModel::kUnified, {2, 1, 2, 3, 4}},
   };
   for (const auto& form : forms) {
     const Calibration c = camera(std::string(form.line) + kTail);
@@ -156,6 +160,10 @@ TEST_F(CalibrationReaderTest, ComplaintsNameFileLineAndExpectation) {
               AllOf(HasSubstr("camera.txt:3"), HasSubstr("4 numbers")));
   EXPECT_THAT(cameraComplaint("Pinhole 500 500 320 240 0\n640 480\n500 500 320 240 0\n640 480"),
               AllOf(HasSubstr("camera.txt:3"), HasSubstr("relative")));
+  EXPECT_THAT(cameraComplaint("Pinhole 500 500 320 240 .9\n640 480\nnone\n640 480"),
+              AllOf(HasSubstr("camera.txt:1"), HasSubstr("0.9 behind cy"), HasSubstr("FOV")));
+  EXPECT_THAT(cameraComplaint("Pinhole 500 500 320 240 0\n640 480\n.5 .5 .5 .5 .9\n640 480"),
+              AllOf(HasSubstr("camera.txt:3"), HasSubstr("0 for no distortion")));
   EXPECT_THAT(cameraComplaint("Pinhole 500 500 320 240 0\n640 480\nnone\n320 240"),
               AllOf(HasSubstr("camera.txt:4"), HasSubstr("640x480"), HasSubstr("320x240")));
   EXPECT_THAT(cameraComplaint("Pinhole 500 500 320 240 0\n640 480\ncrop\n640 x"),
@@ -168,16 +176,21 @@ TEST_F(CalibrationReaderTest, KittiLineBelongsToTheImageFolder) {
   const std::string text =
       "P0: 700 0 600 0 0 701 180 0 0 0 1 0\nP2: 710 0 610 45 0 711 181 0.2 0 0 1 0.003\n";
   const auto file = write("calib.txt", text);
-  EXPECT_EQ(readCalibration(file, 0).lens.fx, 700);
-  const Calibration c = readCalibration(file, 2);
+  EXPECT_EQ(readCalibration(file, {"", "/kitti/image_0"}).lens.fx, 700);
+  const Calibration c = readCalibration(file, {"P2", {}});
   EXPECT_EQ(c.lens.fx, 710);
   EXPECT_EQ(c.lens.fy, 711);
   EXPECT_EQ(c.lens.cx, 610);
   EXPECT_EQ(c.lens.cy, 181);
   EXPECT_EQ(c.lens.width, 0);  // the images say it
   EXPECT_EQ(c.rectification.mode, RectificationMode::kNone);
-  EXPECT_THAT(complaint([&] { readCalibration(file, 1); }),
-              AllOf(HasSubstr("calib.txt"), HasSubstr("P1:"), HasSubstr("image_1")));
+  EXPECT_THAT(
+      complaint([&] {
+        readCalibration(file, {"image_1", {}});
+      }),
+      AllOf(HasSubstr("calib.txt"), HasSubstr("no camera 'image_1'"), HasSubstr("image_2")));
+  EXPECT_THAT(complaint([&] { readCalibration(file); }),
+              AllOf(HasSubstr("2 cameras"), HasSubstr("--camera: image_0, image_2")));
   EXPECT_THAT(
       complaint([&] { readCalibration(write("calib.txt", "P0: 700 0 600 0 0 701 180 0 0 0 1")); }),
       AllOf(HasSubstr("calib.txt:1"), HasSubstr("11 numbers")));
@@ -207,6 +220,20 @@ TEST_F(CalibrationReaderTest, LastLineMaySayHowLongTheRowsTake) {
                 AllOf(HasSubstr("camera.txt:5"), HasSubstr("behind 'readout' milliseconds")))
         << wrong;
   }
+}
+
+TEST_F(CalibrationReaderTest, NoneDoesNotLeaveADistortionInTheImages) {
+  for (const char* line : {"RadTan 500 500 320 240 -.3 .1 0 0",
+                           "500 500 320 240 .9",
+                           "FOV 500 500 320 240 .9",
+                           "EquiDistant 500 500 320 240 0 0 0 0",
+                           "DoubleSphere 500 500 320 240 -.2 .6"}) {
+    EXPECT_THAT(cameraComplaint(std::string(line) + "\n640 480\nnone\n640 480\n"),
+                AllOf(HasSubstr("camera.txt:3"), HasSubstr("expected crop or full")))
+        << line;
+  }
+  const Calibration zero = camera("RadTan 500 500 320 240 0 0 0 0\n640 480\nnone\n640 480\n");
+  EXPECT_EQ(zero.rectification.mode, RectificationMode::kNone);
 }
 
 constexpr const char* kSensor =
@@ -271,10 +298,12 @@ TEST_F(CalibrationReaderTest, YamlComplaintsNameLineAndKey) {
               AllOf(HasSubstr("sensor.yaml:4"), HasSubstr("positive")));
   EXPECT_THAT(yamlComplaint(replaced(kSensor, "367.2", "-300")),
               AllOf(HasSubstr("sensor.yaml:4"), HasSubstr("principal point -300 248.4")));
-  EXPECT_THAT(yamlComplaint(replaced(kSensor, "pinhole", "omni")),
-              AllOf(HasSubstr("sensor.yaml:3"), HasSubstr("'omni'; expected pinhole")));
-  EXPECT_THAT(yamlComplaint(replaced(kSensor, "radial-tangential", "fov")),
-              AllOf(HasSubstr("sensor.yaml:5"), HasSubstr("'fov'")));
+  EXPECT_THAT(
+      yamlComplaint(replaced(kSensor, "pinhole", "ocam")),
+      AllOf(HasSubstr("sensor.yaml:3"), HasSubstr("'ocam'; expected pinhole, omni, ds, eucm")));
+  EXPECT_THAT(yamlComplaint(replaced(kSensor, "radial-tangential", "atan")),
+              AllOf(HasSubstr("sensor.yaml:5"),
+                    HasSubstr("'atan'; expected, with the camera model pinhole, radtan")));
   EXPECT_THAT(yamlComplaint(replaced(kSensor, "[752, 480]", "[752.5, 480]")),
               AllOf(HasSubstr("sensor.yaml:2"), HasSubstr("resolution")));
   EXPECT_THAT(yamlComplaint(replaced(kSensor, "resolution: [752, 480]\n", "")),

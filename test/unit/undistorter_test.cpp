@@ -52,6 +52,33 @@ Lens wideFisheye() {
 Lens tumMono() {
   return {LensModel::kFov, 343, 343, 315, 256, {0.9, 0, 0, 0, 0}, 640, 512};
 }
+/// As of an Azure Kinect.
+Lens rational() {
+  return {LensModel::kRational,
+          605,
+          605,
+          638,
+          366,
+          {0.52, -2.6, 0.0004, -0.0003, 1.5, 0.40, -2.43, 1.43},
+          1280,
+          720};
+}
+Lens doubleSphere() {
+  return {LensModel::kDoubleSphere, 158, 158.1, 254.9, 256.9, {-0.172, 0.593}, 512, 512};
+}
+Lens extendedUnified() {
+  return {LensModel::kExtendedUnified, 191, 191.1, 254.9, 256.9, {0.63, 1.04}, 512, 512};
+}
+Lens unified() {
+  return {LensModel::kUnified,
+          1002.5,
+          1005.4,
+          325.3,
+          236.6,
+          {2.04, -0.11, 0.45, -0.0004, -0.0003},
+          640,
+          480};
+}
 Lens pinhole() {
   return {LensModel::kPinhole, 528, 530, 325.3, 236.6, {}, 640, 480};
 }
@@ -139,6 +166,139 @@ TEST(LensModelsTest, FieldOfViewModelWithoutAngleIsAPinhole) {
   EXPECT_NEAR(projectThroughLens(lens, {0.5, 0}).x(), 0.5 * lens.fx + lens.cx, 1e-12);
 }
 
+TEST(LensModelsTest, RationalAgreesWithOpenCv) {
+  const Lens lens = rational();
+  const cv::Matx33d K(lens.fx, 0, lens.cx, 0, lens.fy, lens.cy, 0, 0, 1);
+  const std::vector<double> coefficients(lens.coefficients.begin(), lens.coefficients.end());
+  for (double x = -1; x <= 1; x += 0.1) {
+    for (double y = -0.6; y <= 0.6; y += 0.1) {
+      std::vector<cv::Point2d> expected;
+      cv::projectPoints(std::vector<cv::Point3d>{{x, y, 1}},
+                        cv::Vec3d(0, 0, 0),
+                        cv::Vec3d(0, 0, 0),
+                        K,
+                        coefficients,
+                        expected);
+      const Eigen::Vector2d pixel = projectThroughLens(lens, {x, y});
+      EXPECT_NEAR(pixel.x(), expected[0].x, 1e-9);
+      EXPECT_NEAR(pixel.y(), expected[0].y, 1e-9);
+    }
+  }
+}
+
+/// Ray of length 1 of a point (mx, my) before fx, fy, cx, cy, by the closed forms.
+/// @source Usenko et al., "The Double Sphere Camera Model", 3DV 2018, eqs. (46) and (19)
+Eigen::Vector3d publishedRay(const Lens& lens, double mx, double my) {
+  const double r2 = mx * mx + my * my;
+  if (lens.model == LensModel::kExtendedUnified) {
+    const double alpha = lens.coefficients[0], beta = lens.coefficients[1];
+    const double mz = (1 - beta * alpha * alpha * r2) /
+                      (alpha * std::sqrt(1 - (2 * alpha - 1) * beta * r2) + (1 - alpha));
+    return Eigen::Vector3d(mx, my, mz).normalized();
+  }
+  const double xi = lens.coefficients[0], alpha = lens.coefficients[1];
+  const double mz =
+      (1 - alpha * alpha * r2) / (alpha * std::sqrt(1 - (2 * alpha - 1) * r2) + 1 - alpha);
+  const double share = (mz * xi + std::sqrt(mz * mz + (1 - xi * xi) * r2)) / (mz * mz + r2);
+  return share * Eigen::Vector3d(mx, my, mz) - Eigen::Vector3d(0, 0, xi);
+}
+
+TEST(LensModelsTest, SphericalModelsAgreeWithTheirPublishedInverses) {
+  for (const Lens& lens : {doubleSphere(), extendedUnified()}) {
+    for (double x = 20; x < lens.width; x += 60) {
+      for (double y = 100; y < lens.height - 100; y += 60) {
+        const Eigen::Vector3d ray =
+            publishedRay(lens, (x - lens.cx) / lens.fx, (y - lens.cy) / lens.fy);
+        if (ray.z() < 0.1) continue;
+        const Eigen::Vector2d pixel = projectThroughLens(lens, ray.head<2>() / ray.z());
+        EXPECT_NEAR(pixel.x(), x, 1e-9);
+        EXPECT_NEAR(pixel.y(), y, 1e-9);
+      }
+    }
+  }
+}
+
+TEST(LensModelsTest, UnifiedProjectsFromTheSphere) {
+  const Lens lens = unified();
+  const Eigen::Vector3d point(0.3, -0.4, 0.8);
+  const Eigen::Vector3d sphere = point.normalized() + Eigen::Vector3d(0, 0, lens.coefficients[0]);
+  const Lens distortion{
+      LensModel::kRadTan,
+      lens.fx,
+      lens.fy,
+      lens.cx,
+      lens.cy,
+      {lens.coefficients[1], lens.coefficients[2], lens.coefficients[3], lens.coefficients[4]}};
+  const Eigen::Vector2d expected = projectThroughLens(distortion, sphere.head<2>() / sphere.z());
+  const Eigen::Vector2d pixel = projectThroughLens(lens, point.head<2>() / point.z());
+  EXPECT_NEAR((pixel - expected).norm(), 0, 1e-9);
+}
+
+TEST_P(EveryLensTest, TheInverseChangesAsTheProjectionDoes) {
+  const Lens& lens = GetParam().lens;
+  const double max_radius = monotoneRadius(lens);
+  const double step = 1e-3;
+  const Eigen::Vector2d pixel(0.6 * lens.width, 0.3 * lens.height);
+  Eigen::Matrix2d J_pixel, J_ray;
+  const Eigen::Vector2d ray = rayOfPixel(lens, pixel, max_radius);
+  for (int axis = 0; axis < 2; ++axis) {
+    const Eigen::Vector2d off = step * Eigen::Vector2d::Unit(axis);
+    J_pixel.col(axis) =
+        (rayOfPixel(lens, pixel + off, max_radius) - rayOfPixel(lens, pixel - off, max_radius)) /
+        (2 * step);
+    J_ray.col(axis) =
+        (projectThroughLens(lens, ray + off) - projectThroughLens(lens, ray - off)) / (2 * step);
+  }
+  EXPECT_LT((J_ray * J_pixel - Eigen::Matrix2d::Identity()).norm(), 1e-4);
+}
+
+/// A turned lens sees along a turned ray the turned pixel.
+TEST_P(EveryLensTest, ATurnedLensSeesWhatTheTurnedImageShows) {
+  Calibration calibration;
+  calibration.lens = GetParam().lens;
+  const Lens& lens = calibration.lens;
+  const Eigen::Vector2d ray(0.21, -0.13);
+  const Eigen::Vector2d pixel = projectThroughLens(lens, ray);
+  const double last_x = lens.width - 1, last_y = lens.height - 1;
+  const Lens right = turned(calibration, 90).lens;
+  EXPECT_EQ(right.width, lens.height);
+  EXPECT_LT((projectThroughLens(right, {-ray.y(), ray.x()}) -
+             Eigen::Vector2d(last_y - pixel.y(), pixel.x()))
+                .norm(),
+            1e-9);
+  const Lens over = turned(calibration, 180).lens;
+  EXPECT_LT((projectThroughLens(over, -ray) - Eigen::Vector2d(last_x, last_y) + pixel).norm(),
+            1e-9);
+  const Lens left = turned(calibration, 270).lens;
+  EXPECT_LT((projectThroughLens(left, {ray.y(), -ray.x()}) -
+             Eigen::Vector2d(pixel.y(), last_x - pixel.x()))
+                .norm(),
+            1e-9);
+}
+
+TEST(TurnedCalibration, VignetteReadoutAndOutputCameraTurnToo) {
+  Calibration calibration;
+  calibration.lens = {LensModel::kPinhole, 50, 60, 20, 10, {}, 48, 32};
+  calibration.lens.readout.seconds = 0.01;
+  calibration.rectification = {RectificationMode::kExplicit, 32, 16, {30, 40, 12, 5, 0, 0}};
+  calibration.photometric.vignette = {1, 2, 3, 4, 5, 6};
+  calibration.photometric.vignette_width = 3;
+  calibration.photometric.vignette_height = 2;
+  const Calibration right = turned(calibration, 90);
+  EXPECT_EQ(right.photometric.vignette, (std::vector<float>{4, 1, 5, 2, 6, 3}));
+  EXPECT_EQ(right.photometric.vignette_width, 2);
+  EXPECT_TRUE(right.lens.columns && right.lens.backwards);
+  EXPECT_EQ(right.rectification.width, 16);
+  EXPECT_EQ(right.rectification.camera.fx, 40);
+  EXPECT_EQ(right.rectification.camera.cx, 10);
+  EXPECT_EQ(right.rectification.camera.cy, 12);
+  const Lens over = turned(calibration, 180).lens;
+  EXPECT_TRUE(!over.columns && over.backwards);
+  const Lens round = turned(turned(calibration, 180), 180).lens;
+  EXPECT_TRUE(!round.columns && !round.backwards);
+  EXPECT_EQ(round.cx, 20);
+}
+
 TEST_P(EveryLensTest, RayOfPixelInvertsTheLens) {
   const Lens& lens = GetParam().lens;
   const double max_radius = monotoneRadius(lens);
@@ -189,7 +349,11 @@ INSTANTIATE_TEST_SUITE_P(Lenses,
                                          NamedLens{"Euroc", euroc()},
                                          NamedLens{"Freiburg1", freiburg1()},
                                          NamedLens{"Fisheye", fisheye()},
-                                         NamedLens{"TumMono", tumMono()}),
+                                         NamedLens{"TumMono", tumMono()},
+                                         NamedLens{"Rational", rational()},
+                                         NamedLens{"DoubleSphere", doubleSphere()},
+                                         NamedLens{"ExtendedUnified", extendedUnified()},
+                                         NamedLens{"Unified", unified()}),
                          [](const auto& test) { return test.param.name; });
 
 TEST(UndistorterTest, FullMarksWhatLiesOutsideAsInvalidAndKeepsTheRest) {
@@ -228,6 +392,15 @@ TEST(UndistorterTest, NoneCopiesPixelsAndCropsRightAndBelowToMultiplesOf16) {
   EXPECT_EQ(output[0], 0);
   EXPECT_EQ(output[1231], 1231);
   EXPECT_EQ(output[367 * 1232 + 5], 367 * 1241 + 5);
+}
+
+TEST(UndistorterTest, NoneIsForImagesWithoutADistortion) {
+  for (const Lens& lens : {euroc(), fisheye(), tumMono(), doubleSphere()}) {
+    EXPECT_THROW(Undistorter(lens, wanted(RectificationMode::kNone)), std::invalid_argument);
+  }
+  Lens plain = euroc();
+  plain.coefficients = {};
+  EXPECT_EQ(Undistorter(plain, wanted(RectificationMode::kNone)).camera().fx, plain.fx);
 }
 
 TEST(UndistorterTest, SizesOfKittiSequencesGetFiveLevels) {

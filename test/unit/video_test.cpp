@@ -164,6 +164,23 @@ TEST_F(VideoTest, TheSensorsRowsAreColumnsOfAPortraitVideo) {
   EXPECT_EQ(calibrated.readout.seconds, 0.025);
 }
 
+TEST_F(VideoTest, TheSensorsCalibrationTurnsWithTheImages) {
+  const fs::path file = root() / "phone.mp4";
+  ASSERT_TRUE(writeVideo(
+      file, "mp4v", kRate, 1, [](int) { return cv::Mat(64, 96, CV_8UC3, cv::Scalar::all(40)); }));
+  turnClockwise(file);
+  SequenceOptions options = optionsFor(file);
+  options.calibration_file = root() / "camera.txt";
+  writeText(options.calibration_file,
+            "Pinhole 60 61 40.5 30.5 0\n96 64\nnone\n96 64\nreadout 20\n");
+  const SequenceReader reader(options);
+  EXPECT_EQ(reader.camera().fx, 61);
+  EXPECT_EQ(reader.camera().cx, 32.5);
+  EXPECT_EQ(reader.camera().cy, 40.5);
+  EXPECT_TRUE(reader.lens().columns && reader.lens().backwards);
+  EXPECT_THAT(reader.warnings(), testing::Contains(HasSubstr("turned by 90 degrees")));
+}
+
 /// Moves the images of an MKV with JPEGs from a position on to later times.
 void delay(const fs::path& file, int from, int milliseconds) {
   std::string bytes = readText(file);

@@ -11,10 +11,14 @@ namespace dsorb {
 /// Distortion model of a lens, which maps the ray (x, y, 1). The comments list the coefficients in
 /// the order of `Lens::coefficients`.
 enum class LensModel {
-  kPinhole,      ///< no distortion, no coefficients
-  kFov,          ///< omega [rad]: field-of-view model
-  kRadTan,       ///< k1 k2 p1 p2 k3: radial-tangential, the order of OpenCV
-  kEquidistant,  ///< k1 k2 k3 k4: fisheye; EquiDistant and KannalaBrandt of calibration files
+  kPinhole,          ///< no distortion, no coefficients
+  kFov,              ///< omega [rad]: field-of-view model
+  kRadTan,           ///< k1 k2 p1 p2 k3: radial-tangential, the order of OpenCV
+  kEquidistant,      ///< k1 k2 k3 k4: fisheye; EquiDistant and KannalaBrandt of calibration files
+  kRational,         ///< k1 k2 p1 p2 k3 k4 k5 k6: rational polynomial, the order of OpenCV
+  kDoubleSphere,     ///< xi alpha
+  kExtendedUnified,  ///< alpha beta
+  kUnified,          ///< xi k1 k2 p1 p2: a sphere and radial-tangential; omni of Kalibr, MEI
 };
 
 /// Time from the first to the last row [s]; 0: global shutter, below 0: the last row is first.
@@ -64,7 +68,7 @@ struct Lens {
   double fy = 0;                          ///< focal length [px]
   double cx = 0;                          ///< principal point [px]
   double cy = 0;                          ///< principal point [px]
-  std::array<double, 5> coefficients{};   ///< of the model, as LensModel lists them; the rest are 0
+  std::array<double, 8> coefficients{};   ///< of the model, as LensModel lists them; the rest are 0
   int width = 0;                          ///< [px]; 0: as the images are
   int height = 0;                         ///< [px]; 0: as the images are
   Readout readout{};                      ///< readout of rows, or of columns
@@ -76,7 +80,7 @@ struct Lens {
 enum class RectificationMode {
   kCrop,      ///< largest rectangle without invalid pixels
   kFull,      ///< whole field of view, with invalid pixels
-  kNone,      ///< no resampling, distortion is ignored
+  kNone,      ///< no resampling, of a lens without distortion
   kExplicit,  ///< the camera given
 };
 
@@ -103,6 +107,9 @@ struct Calibration {
   Lens lens;                           ///< lens of the camera that took the images
   Rectification rectification;         ///< what they are rectified for
   PhotometricCalibration photometric;  ///< response and vignette, where known
+  /// The size is that of a part of the sensor, or of its pixels added up (roi and binning of ROS):
+  /// images of another size are not a scaled version of it.
+  bool cut = false;
 };
 
 /// Lens without distortion whose axis meets the middle of the image.
@@ -113,8 +120,18 @@ struct Calibration {
 /// The same camera where images are stored in another size: lens and output camera are scaled.
 /// A lens without a size takes this one. Response and vignette stay as they are.
 /// @throws std::invalid_argument where the sides would be scaled differently (by more than rounding
-///         to whole pixels does): it is not known then what was cut off
+///         to whole pixels does), and of a calibration that is `cut`: it is not known then what was
+///         cut off
 [[nodiscard]] Calibration calibrationForSize(const Calibration& calibration, int width, int height);
+
+/// The same camera where images are turned clockwise: principal point, tangential distortion,
+/// readout, output camera and vignette turn with them.
+/// @param degrees 0, 90, 180 or 270
+[[nodiscard]] Calibration turned(const Calibration& calibration, int degrees);
+
+/// The readout alone, of images that are turned clockwise.
+/// @param degrees 0, 90, 180 or 270
+void turnReadout(int degrees, Lens& lens);
 
 /// The same calibration with smaller rectified images; the output's height follows.
 /// @param width of the rectified images before they are cropped to multiples of 16 [px]

@@ -5,19 +5,29 @@
 
 #include <filesystem>
 #include <optional>
+#include <string>
 #include <string_view>
 #include <vector>
 
 namespace dsorb {
 
+/// Which camera of a calibration file is meant, where it has several.
+struct CameraChoice {
+  /// As the file calls it (cam1 of Kalibr, image_2 of KITTI, a number of COLMAP, a label), or the
+  /// topic of its images, which begins with a slash; empty: not said.
+  std::string name;
+  /// Where nothing is said: one of the last folders of this path may be called as a camera is.
+  std::filesystem::path images;
+  int width = 0;   ///< of the images [px], which may tell raw from rectified ones; 0: not known
+  int height = 0;  ///< of the images [px]
+};
+
 /// Lens and rectification of a calibration file of any known kind, told by suffix and content:
-/// EuRoC sensor.yaml, Kalibr camchain.yaml, ROS camera_info, YAML or XML of cv::FileStorage, KITTI
-/// calib.txt, COLMAP cameras.txt, else the camera.txt of DSO. docs/calibration.md shows each.
-/// Nothing photometric is read.
-/// @param kitti_camera  which line of a KITTI file: that of image_0 ... image_3
-/// @return a lens of size 0 where the file does not say it (KITTI, some files of OpenCV)
-/// @throws IoError naming file, line, key and expectation
-Calibration readCalibration(const std::filesystem::path& file, int kitti_camera = 0);
+/// docs/calibration.md shows each. Nothing photometric is read.
+/// @return a lens of size 0 where the file does not say it (KITTI odometry, some of OpenCV)
+/// @throws IoError naming file, line, key and expectation, also where several cameras differ and
+///         none of them is chosen
+Calibration readCalibration(const std::filesystem::path& file, const CameraChoice& choice = {});
 
 /// Largest readout either way that is believed [ms].
 constexpr double kMaxReadoutMs = 1000;

@@ -23,6 +23,9 @@ struct SequenceOptions {
   std::string path;
   SequenceFormat format = SequenceFormat::kAuto;  ///< format of what lies at `path`
   std::string calibration_file;                   ///< empty: the one of the data set
+  /// Camera of a calibration file with several, as CameraChoice::name; empty: the one that a folder
+  /// of the images is called after.
+  std::string camera;
   double horizontal_view = 0;  ///< [degrees] of a lens without distortion; 0: a calibration is read
   std::optional<Readout> readout;  ///< replaces the calibration's
   std::string response_file;       ///< empty: pcalib.txt of the data set, if there

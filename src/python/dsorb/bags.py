@@ -172,13 +172,15 @@ def write_calibration(reader: Any, topic: str, file: Path) -> Optional[Path]:
     for connection, _, data in reader.messages(connections=connections) if connections else ():
         info = reader.deserialize(data, connection.msgtype)
         k, d, p = (np.ravel(getattr(info, key, getattr(info, key.upper(), ()))) for key in 'kdp')
+        model, roi = info.distortion_model or 'plumb_bob', info.roi
         if base.rpartition('/')[2].startswith('image_rect'):
-            k, d = p.reshape(3, 4)[:, :3].ravel(), np.zeros(5)
+            k, d, model = p.reshape(3, 4)[:, :3].ravel(), (), 'none'
         if k[0] <= 0:
             return None
         numbers = [', '.join(f'{x:.17g}' for x in values) for values in (k, d)]
-        file.write_text(f'width: {info.width}\nheight: {info.height}\ndistortion_model: {info.distortion_model or "plumb_bob"}\n'
-                        f'd: [{numbers[1]}]\nk: [{numbers[0]}]\n', encoding='utf-8')
+        region = ''.join(f'  {key}: {getattr(roi, key)}\n' for key in ('x_offset', 'y_offset', 'height', 'width'))
+        file.write_text(f'width: {info.width}\nheight: {info.height}\ndistortion_model: {model}\nd: [{numbers[1]}]\nk: [{numbers[0]}]\n'
+                        f'binning_x: {info.binning_x}\nbinning_y: {info.binning_y}\nroi:\n{region}', encoding='utf-8')
         return file
     return None
 

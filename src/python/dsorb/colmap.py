@@ -5,7 +5,7 @@ import struct
 
 import numpy as np
 
-from .pictures import calibration_of, to_camera
+from .pictures import PicturesError, calibration_of, to_camera
 
 HALF_PIXEL = 0.5  # the centre of COLMAP's top-left pixel is (0.5, 0.5)
 UNKNOWN_ERROR = -1.0
@@ -13,7 +13,7 @@ CAMERA = 1  # its number
 
 
 def camera_of(lens):
-    """Name, number and parameters of COLMAP's model for a lens of run.json."""
+    """Name, number and parameters of COLMAP's model for a lens of run.json. Raises PicturesError where it has none."""
     focal = [lens['fx'], lens['fy'], lens['cx'] + HALF_PIXEL, lens['cy'] + HALF_PIXEL]
     c = lens['coefficients']
     if lens['model'] == 'pinhole':
@@ -22,9 +22,11 @@ def camera_of(lens):
         return 'FOV', 7, focal + c
     if lens['model'] == 'equidistant':
         return 'OPENCV_FISHEYE', 5, focal + c
-    if c[4] == 0:
+    if lens['model'] not in ('radtan', 'rational'):
+        raise PicturesError(f'COLMAP has no lens of the model {lens["model"]}: export with --undistort')
+    if not any(c[4:]):
         return 'OPENCV', 4, focal + c[:4]
-    return 'FULL_OPENCV', 6, focal + c + [0.0, 0.0, 0.0]
+    return 'FULL_OPENCV', 6, focal + (c + [0.0, 0.0, 0.0])[:8]
 
 
 def world_to_camera(frame):

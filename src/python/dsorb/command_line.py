@@ -225,6 +225,8 @@ def take_from_bag(args, rest, output):
     args.input = str(found.folder)
     if args.calib is None and args.hfov is None and found.calibration:
         args.calib = str(found.calibration)
+    elif args.calib is not None and not any(word.partition('=')[0] == '--camera' for word in rest):
+        rest += ['--camera', found.topic]  # tells which one of several
     if not args.quiet:
         print(f'{found.topic}: {found.images} images' + (f', {found.left_out} left out that repeat a time' if found.left_out else '')
               + (', calibration from camera_info' if args.calib == str(found.calibration) else ''))
