@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/calibration_colmap.h"
-
+#include "io/calibration_forms.h"
 #include "io/camera_choice.h"
 #include "io/lens_numbers.h"
 

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/calibration_kitti.h"
-
+#include "io/calibration_forms.h"
 #include "io/camera_choice.h"
-#include "io/keyed_values.h"
 #include "io/lens_numbers.h"
 
 #include <fmt/format.h>

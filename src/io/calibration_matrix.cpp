@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/calibration_matrix.h"
-
+#include "io/calibration_forms.h"
 #include "io/camera_choice.h"
 #include "io/lens_numbers.h"
-#include "io/text_file.h"
 
 #include <fmt/format.h>
 

@@ -2,11 +2,7 @@
 #include "dsorb/io/calibration_reader.h"
 
 #include "camera/lens_models.h"
-#include "io/calibration_colmap.h"
-#include "io/calibration_kalibr.h"
-#include "io/calibration_kitti.h"
-#include "io/calibration_matrix.h"
-#include "io/calibration_settings.h"
+#include "io/calibration_forms.h"
 #include "io/keyed_values.h"
 #include "io/lens_numbers.h"
 #include "io/text_file.h"
@@ -284,11 +280,9 @@ std::optional<Readout> parseReadout(std::string_view text) {
 Calibration readCalibration(const std::filesystem::path& file, const CameraChoice& choice) {
   const std::string suffix = file.extension().string();
   if (suffix == ".yaml" || suffix == ".yml") {
-    return readKeyed(io::yamlValues(file, readText(file, kMaxYamlBytes)), choice);
+    return readKeyed(io::yamlValues(file, io::kPlainLimits), choice);
   }
-  if (suffix == ".json") {
-    return readKeyed(io::jsonValues(file, readText(file, kMaxListBytes)), choice);
-  }
+  if (suffix == ".json") return readKeyed(io::yamlValues(file, io::kJsonLimits), choice);
   if (suffix == ".xml") {
     return readKeyed(io::xmlValues(file, readText(file, kMaxCalibrationBytes)), choice);
   }

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/calibration_settings.h"
-
 #include "camera/lens_models.h"
+#include "io/calibration_forms.h"
 #include "io/camera_choice.h"
 #include "io/lens_numbers.h"
-#include "io/text_file.h"
 
 #include <fmt/format.h>
+#include <strings.h>
 
 #include <algorithm>
 #include <array>
@@ -26,12 +25,13 @@ constexpr double kHalfPixel = 0.5;  // where pixels have their centres at .5
 /// A lens model as a program calls it, with the keys of its parameters: "key=parameter", or one
 /// word for both. Parameters beside the first four may be missing.
 struct SettingsModel {
-  std::string_view word;
+  const char* word;  // in large or small letters
   LensModel model;
   const char* parameters;
 };
 
 using SettingsModels = std::vector<SettingsModel>;
+using Strings = std::vector<std::string>;
 
 const SettingsModel& modelOf(const KeyedValues& values,
                              const std::string& key,
@@ -39,8 +39,9 @@ const SettingsModel& modelOf(const KeyedValues& values,
   std::string known;
   for (const SettingsModel& model : models) known += fmt::format(", {}", model.word);
   const std::string word = values.text(key, "a lens model");
-  const auto model = std::find_if(
-      models.begin(), models.end(), [&](const SettingsModel& m) { return m.word == word; });
+  const auto model = std::find_if(models.begin(), models.end(), [&](const SettingsModel& m) {
+    return strcasecmp(m.word, word.c_str()) == 0;
+  });
   if (model != models.end()) return *model;
   throw values.error(
       key,
@@ -50,20 +51,26 @@ const SettingsModel& modelOf(const KeyedValues& values,
                   known.substr(2)));
 }
 
-void readParameters(const KeyedValues& values, const SettingsModel& model, Lens& lens) {
+/// @param groups that a key may stand in, each with the dot behind it
+void readParameters(const KeyedValues& values,
+                    const SettingsModel& model,
+                    Lens& lens,
+                    const Strings& groups = {""}) {
   lens.model = model.model;
   int place = 0;
+  std::string first;
   for (const std::string& pair : splitWords(model.parameters)) {
-    const std::string key = pair.substr(0, pair.find('='));
-    const std::string name = pair.substr(pair.find('=') + 1);
+    const std::string own = pair.substr(0, pair.find('='));
+    const auto group = std::find_if(
+        groups.begin(), groups.end(), [&](const std::string& g) { return values.has(g + own); });
+    const std::string key = (group == groups.end() ? groups.front() : *group) + own;
     const auto complain = [&](const std::string& what) { return values.error(key, what); };
     if (place++ < 4 && !values.has(key)) throw complain("is missing; a number is expected");
-    if (values.has(key)) setParameter(name, values.number(key), lens, complain);
+    if (place == 1) first = key;
+    if (!values.has(key)) continue;
+    setParameter(pair.substr(pair.find('=') + 1), values.number(key), lens, complain);
   }
-  const std::string first = splitWords(model.parameters).front();
-  checkLens(lens, [&](const std::string& what) {
-    return values.error(first.substr(0, first.find('=')), what);
-  });
+  checkLens(lens, [&](const std::string& what) { return values.error(first, what); });
 }
 
 /// The size by two keys, where they are there.
@@ -124,33 +131,19 @@ Calibration readOrbs(const KeyedValues& values, const CameraChoice& choice) {
 }
 
 const SettingsModels kVinsModels = {
-    {"PINHOLE",
-     LensModel::kRadTan,
-     "projection_parameters.fx=fx projection_parameters.fy=fy projection_parameters.cx=cx "
-     "projection_parameters.cy=cy distortion_parameters.k1=k1 distortion_parameters.k2=k2 "
-     "distortion_parameters.p1=p1 distortion_parameters.p2=p2"},
-    {"PINHOLE_FULL",
-     LensModel::kRational,
-     "projection_parameters.fx=fx projection_parameters.fy=fy projection_parameters.cx=cx "
-     "projection_parameters.cy=cy distortion_parameters.k1=k1 distortion_parameters.k2=k2 "
-     "distortion_parameters.k3=k3 distortion_parameters.k4=k4 distortion_parameters.k5=k5 "
-     "distortion_parameters.k6=k6 distortion_parameters.p1=p1 distortion_parameters.p2=p2"},
-    {"KANNALA_BRANDT",
-     LensModel::kEquidistant,
-     "projection_parameters.mu=fx projection_parameters.mv=fy projection_parameters.u0=cx "
-     "projection_parameters.v0=cy projection_parameters.k2=k1 projection_parameters.k3=k2 "
-     "projection_parameters.k4=k3 projection_parameters.k5=k4"},
-    {"MEI",
-     LensModel::kUnified,
-     "projection_parameters.gamma1=fx projection_parameters.gamma2=fy projection_parameters.u0=cx "
-     "projection_parameters.v0=cy mirror_parameters.xi=xi distortion_parameters.k1=k1 "
-     "distortion_parameters.k2=k2 distortion_parameters.p1=p1 distortion_parameters.p2=p2"}};
+    {"PINHOLE", LensModel::kRadTan, "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"},
+    {"PINHOLE_FULL", LensModel::kRational, "fx fy cx cy k1 k2 k3 k4 k5 k6 p1 p2"},
+    {"KANNALA_BRANDT", LensModel::kEquidistant, "mu=fx mv=fy u0=cx v0=cy k2=k1 k3=k2 k4=k3 k5=k4"},
+    {"MEI", LensModel::kUnified, "gamma1=fx gamma2=fy u0=cx v0=cy xi k1 k2 p1 p2"}};
+/// Groups that parameters may stand in.
+const Strings kVinsGroups = {
+    "projection_parameters.", "distortion_parameters.", "mirror_parameters."};
 
 Calibration readVins(const KeyedValues& values) {
   Calibration calibration;
   Lens& lens = calibration.lens;
   readSize(values, "image_width", "image_height", lens);
-  readParameters(values, modelOf(values, "model_type", kVinsModels), lens);
+  readParameters(values, modelOf(values, "model_type", kVinsModels), lens, kVinsGroups);
   if (values.has("rolling_shutter") && values.number("rolling_shutter") != 0) {
     lens.readout.seconds = values.number("rolling_shutter_tr");
   }
@@ -220,7 +213,7 @@ Calibration readBasalt(const KeyedValues& values, int number) {
     return values.error(resolution, what);
   });
   const SettingsModel& model = modelOf(camera, "camera_type", kBasaltModels);
-  lens.coefficients[1] = model.word == "ucm" ? 1 : 0;  // beta
+  lens.coefficients[1] = model.word == std::string_view("ucm") ? 1 : 0;  // beta
   readParameters(camera.within("intrinsics"), model, lens);
   return finished(values, calibration);
 }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/keyed_values.h"
 
-#include "io/json_text.h"
 #include "io/text_file.h"
 #include "io/yaml_text.h"
 
@@ -17,8 +16,7 @@
 namespace dsorb::io {
 namespace {
 
-constexpr std::size_t kMaxWords = 64;      // of a list; none that is read has more than 14
-constexpr std::size_t kMaxJsonDepth = 32;  // groups within groups
+constexpr std::size_t kMaxWords = 64;  // of a list; none that is read has more than 14
 
 std::string joined(const std::string& path, const std::string& key) {
   return path.empty() ? key : path + "." + key;
@@ -56,81 +54,6 @@ void addElement(const std::string& path, const tinyxml2::XMLElement& element, Ke
     addElement(joined(path, child->Name()), *child, values);
   }
 }
-
-/// Follows the parser of a JSON text, which knows no lines.
-class JsonReader : public nlohmann::json_sax<Json> {
- public:
-  explicit JsonReader(KeyedValues& values) : values_(values) {}
-
-  bool null() override { return place(); }
-  bool boolean(bool value) override { return scalar(value ? "true" : "false"); }
-  bool number_integer(number_integer_t value) override { return scalar(std::to_string(value)); }
-  bool number_unsigned(number_unsigned_t value) override { return scalar(std::to_string(value)); }
-  bool number_float(number_float_t /*value*/, const string_t& text) override {
-    return scalar(text);
-  }
-  bool string(string_t& value) override { return scalar(value); }
-  bool binary(binary_t& /*value*/) override { return true; }
-  bool start_object(std::size_t /*size*/) override { return open(false); }
-  bool key(string_t& name) override {
-    groups_.back().key = name;
-    return true;
-  }
-  bool end_object() override { return close(); }
-  bool start_array(std::size_t /*size*/) override {
-    if (!open(true)) return false;
-    values_.add(groups_.back().path, {});
-    return true;
-  }
-  bool end_array() override { return close(); }
-  bool parse_error(std::size_t position,
-                   const std::string& /*token*/,
-                   const nlohmann::detail::exception& /*error*/) override {
-    throw lineError(values_.file(), 0, fmt::format("no JSON from byte {} on", position));
-  }
-
- private:
-  struct Group {
-    std::string path;
-    bool is_list;
-    std::string key{};      // of the next value in an object
-    std::size_t index = 0;  // of the next value in a list
-  };
-
-  /// Of the value that comes, which is counted.
-  std::string nextPath() {
-    if (groups_.empty()) return {};
-    Group& group = groups_.back();
-    return group.is_list ? entry(group.path, group.index++) : joined(group.path, group.key);
-  }
-  bool place() {
-    (void)nextPath();
-    return true;
-  }
-  bool scalar(const std::string& word) {
-    const bool in_list = !groups_.empty() && groups_.back().is_list;
-    const std::string path = nextPath();
-    if (in_list) {
-      values_.append(groups_.back().path, word);
-    } else {
-      values_.add(path, {{word}});
-    }
-    return true;
-  }
-  bool open(bool is_list) {
-    groups_.push_back({nextPath(), is_list});
-    if (groups_.size() <= kMaxJsonDepth) return true;
-    throw lineError(
-        values_.file(), 0, fmt::format("more than {} groups within each other", kMaxJsonDepth));
-  }
-  bool close() {
-    groups_.pop_back();
-    return true;
-  }
-
-  KeyedValues& values_;
-  std::vector<Group> groups_;  // those open now
-};
 
 }  // namespace
 
@@ -217,23 +140,17 @@ IoError KeyedValues::error(const std::string& key, const std::string& what) cons
                    key.empty() ? what : fmt::format("{}{}: {}", prefix_, key, what));
 }
 
-KeyedValues yamlValues(const std::filesystem::path& file, const std::string& text) {
+KeyedValues yamlValues(const std::filesystem::path& file, const YamlLimits& limits) {
   // cv::FileStorage begins a file with "%YAML:1.0", which is no YAML. Line numbers stay.
   constexpr std::string_view kHeader = "%YAML:";
-  std::string document = text;
+  std::string document = readText(file, limits.bytes);
   if (document.compare(0, kHeader.size(), kHeader) == 0) document.front() = '#';
-  const YAML::Node root = parseYaml(document, file.string());
-  if (!root.IsMap())
+  const YAML::Node root = parseYaml(document, file.string(), limits.values);
+  if (!root.IsMap()) {
     throw lineError(file, 0, "a mapping is expected, as docs/calibration.md shows");
+  }
   KeyedValues values(file);
   addNode("", root, values);
-  return values;
-}
-
-KeyedValues jsonValues(const std::filesystem::path& file, const std::string& text) {
-  KeyedValues values(file);
-  JsonReader reader(values);
-  (void)Json::sax_parse(text, &reader);
   return values;
 }
 

@@ -3,6 +3,9 @@
 
 #include "dsorb/error.h"
 
+#include "io/text_file.h"
+#include "io/yaml_text.h"
+
 #include <cstddef>
 #include <filesystem>
 #include <map>
@@ -60,10 +63,16 @@ class KeyedValues {
   std::shared_ptr<std::map<std::string, KeyedValue>> values_;
 };
 
-/// Of a YAML document, which may begin as cv::FileStorage writes it.
-[[nodiscard]] KeyedValues yamlValues(const std::filesystem::path& file, const std::string& text);
-/// Of a JSON text.
-[[nodiscard]] KeyedValues jsonValues(const std::filesystem::path& file, const std::string& text);
+/// Most that is read of a file.
+struct YamlLimits {
+  std::size_t bytes;
+  std::size_t values;
+};
+inline constexpr YamlLimits kPlainLimits{kMaxYamlBytes, kMaxYamlValues};
+inline constexpr YamlLimits kJsonLimits{std::size_t{1} << 25, 1000000};  // poses of many images
+
+/// Of a YAML document, which may begin as cv::FileStorage writes it. JSON is a part of YAML.
+[[nodiscard]] KeyedValues yamlValues(const std::filesystem::path& file, const YamlLimits& limits);
 /// Of an XML file that cv::FileStorage wrote.
 [[nodiscard]] KeyedValues xmlValues(const std::filesystem::path& file, const std::string& text);
 

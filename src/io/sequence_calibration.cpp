@@ -48,8 +48,9 @@ struct Geometry {
 Geometry readGeometry(const SequenceOptions& options, const DatasetLayout& layout, cv::Size size) {
   if (options.horizontal_view > 0) {
     if (!options.calibration_file.empty() || !options.camera.empty()) {
-      throw ConfigError("a calibration file or a camera of one, and a field of view are given; "
-                        "expected one of them");
+      throw ConfigError(
+          "a calibration file or a camera of one, and a field of view are given; "
+          "expected one of them");
     }
     if (size.empty()) {
       throw IoError(fmt::format("{}: the first image cannot be read", options.path));

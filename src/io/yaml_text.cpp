@@ -15,13 +15,13 @@
 namespace dsorb::io {
 namespace {
 
-constexpr std::size_t kMaxDepth = 32;       // groups within groups
-constexpr std::size_t kMaxValues = 100000;  // aliases counted as what they stand for
+constexpr std::size_t kMaxDepth = 32;  // groups within groups
 
 /// Follows the parser through a document without building it.
 class StructureCheck : public YAML::EventHandler {
  public:
-  explicit StructureCheck(const std::string& name) : name_(name) {}
+  StructureCheck(const std::string& name, std::size_t most_values)
+      : name_(name), most_values_(most_values) {}
 
   /// Whether the document holds anything.
   [[nodiscard]] bool empty() const { return values_ == 0; }
@@ -71,10 +71,10 @@ class StructureCheck : public YAML::EventHandler {
   void add(const YAML::Mark& mark, std::size_t values) {
     if (line_ == 0) line_ = mark.line + 1;
     values_ += values;
-    if (values_ > kMaxValues) {
+    if (values_ > most_values_) {
       throw error(
           mark,
-          fmt::format("more than {} values, counted with what aliases stand for", kMaxValues));
+          fmt::format("more than {} values, counted with what aliases stand for", most_values_));
     }
   }
   void open(const YAML::Mark& mark, YAML::anchor_t anchor) {
@@ -91,6 +91,7 @@ class StructureCheck : public YAML::EventHandler {
   }
 
   std::string name_;
+  std::size_t most_values_;
   std::vector<Group> groups_;                    // those open now
   std::map<YAML::anchor_t, std::size_t> sizes_;  // values of closed groups that have an anchor
   std::size_t values_ = 0;
@@ -109,12 +110,12 @@ std::string withoutLastMark(const std::string& text) {
 /// @throws IoError on what the tree must not hold, and on more than one document. Where a document
 /// cannot begin with a token, for example a comma, the parser stays there and finds empty documents
 /// without end: a second one is enough to know.
-void check(const std::string& text, const std::string& name) {
+void check(const std::string& text, const std::string& name, std::size_t most_values) {
   std::istringstream stream(text);
   YAML::Parser parser(stream);
-  StructureCheck first(name);
+  StructureCheck first(name, most_values);
   if (!parser.HandleNextDocument(first)) return;
-  StructureCheck second(name);
+  StructureCheck second(name, most_values);
   if (!parser.HandleNextDocument(second)) return;
   throw lineError(name,
                   second.line(),
@@ -124,10 +125,10 @@ void check(const std::string& text, const std::string& name) {
 
 }  // namespace
 
-YAML::Node parseYaml(const std::string& whole, const std::string& name) {
+YAML::Node parseYaml(const std::string& whole, const std::string& name, std::size_t most_values) {
   const std::string text = withoutLastMark(whole);
   try {
-    check(text, name);
+    check(text, name, most_values);
     return YAML::Load(text);
   } catch (const YAML::Exception& error) {
     throw lineError(name,

@@ -288,7 +288,7 @@ TEST_F(CalibrationFormsTest, SettingsOfOtherSystemsHoldTheirLens) {
   EXPECT_THAT(complaint("a.json",
                         "{\"w\": 640, \"w\": 640, \"h\": 480, \"fl_x\": 5, \"cx\": 1, \"cy\": 1}"),
               HasSubstr("w: is there twice"));
-  EXPECT_THAT(complaint("a.json", "{\"w\": 640,"), HasSubstr("a.json: no JSON from byte"));
+  EXPECT_THAT(complaint("a.json", "{\"w\": 640,"), HasSubstr("a.json:1: not YAML"));
   EXPECT_THAT(complaint("a.yaml", "Camera.type: \"Omni\"\nCamera.fx: 5\n"),
               AllOf(HasSubstr("a.yaml:1"), HasSubstr("type: 'Omni'"), HasSubstr("KannalaBrandt8")));
   EXPECT_THAT(complaint("a.yaml", "Camera.fx: 500\nCamera.fy: 500\nCamera.cx: 5\n"),

@@ -64,10 +64,10 @@ Lens rational() {
           720};
 }
 Lens doubleSphere() {
-  return {LensModel::kDoubleSphere, 158, 158.1, 254.9, 256.9, {-0.172, 0.593}, 512, 512};
+  return {LensModel::kDoubleSphere, 250, 250.1, 254.9, 256.9, {-0.172, 0.593}, 512, 512};
 }
 Lens extendedUnified() {
-  return {LensModel::kExtendedUnified, 191, 191.1, 254.9, 256.9, {0.63, 1.04}, 512, 512};
+  return {LensModel::kExtendedUnified, 300, 300.1, 254.9, 256.9, {0.63, 1.04}, 512, 512};
 }
 Lens unified() {
   return {LensModel::kUnified,
