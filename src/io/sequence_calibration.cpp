@@ -45,7 +45,10 @@ struct Geometry {
   std::string source;
 };
 
-Geometry readGeometry(const SequenceOptions& options, const DatasetLayout& layout, cv::Size size) {
+Geometry readGeometry(const SequenceOptions& options,
+                      const DatasetLayout& layout,
+                      const FirstImage& first) {
+  const cv::Size size = first.size;
   if (options.horizontal_view > 0) {
     if (!options.calibration_file.empty()) {
       throw ConfigError("a calibration file and a field of view are given; expected one of them");
@@ -56,6 +59,7 @@ Geometry readGeometry(const SequenceOptions& options, const DatasetLayout& layou
     Geometry geometry;
     geometry.calibration.rectification.mode = RectificationMode::kNone;
     geometry.calibration.lens = lensOfFieldOfView(options.horizontal_view, size.width, size.height);
+    geometry.calibration.lens.fy *= first.pixel_aspect;
     geometry.source = "field of view";
     return geometry;
   }
@@ -132,7 +136,7 @@ SequenceCalibration calibrateSequence(const SequenceOptions& options,
                                       const DatasetLayout& layout,
                                       const FirstImage& first) {
   std::vector<std::string> warnings;
-  Geometry geometry = readGeometry(options, layout, first.size);
+  Geometry geometry = readGeometry(options, layout, first);
   try {
     fit(options, first, geometry, warnings);
   } catch (const std::invalid_argument& error) {
