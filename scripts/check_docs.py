@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: BSD-3-Clause
 """Checks README.md, CONTRIBUTING.md, CHANGELOG.md and docs/*.md: links to files and headings exist, and a code block
-after `<!-- code: FILE NAME -->` is what stands in FILE between the lines `// [NAME]` and `// [/NAME]`.
+after `<!-- code: FILE NAME -->` is what stands in FILE between the lines `// [NAME]` and `// [/NAME]`. Tests that
+inputs_images.md names exist.
 With --update the code blocks are written."""
 import argparse
 import pathlib
@@ -42,6 +43,18 @@ def broken_links(page, text):
             yield f'{page.relative_to(ROOT)}: {target}: no such heading'
 
 
+def unshown_fields(page, text):
+    """Rows of the tables of what is read whose word or test is none."""
+    tests = ''.join(file.read_text() for file in (ROOT / 'test').rglob('*_test.cpp'))
+    tests += ''.join(file.read_text() for file in (ROOT / 'test').rglob('test_*.py'))
+    for row in re.findall(r'^\| (.+) \|$', text, re.M)[1:]:
+        *_, treatment, _, test = row.split(' | ') if row.count(' | ') == 4 else row.replace(' | |', ' |  |').split(' | ')
+        if treatment.strip() not in ('used', 'told', 'refused', 'ignored'):
+            yield f'{page.relative_to(ROOT)}: "{treatment}" of "{row}": expected used, told, refused or ignored'
+        if not re.search(rf'\b{test.strip()}\b', tests):
+            yield f'{page.relative_to(ROOT)}: {test}: no such test'
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--update', action='store_true', help='write the code blocks')
@@ -58,6 +71,7 @@ def main():
         elif current != text:
             errors.append(f'{page.relative_to(ROOT)}: a code block is not what its file has; {sys.argv[0]} --update writes it')
         errors += broken_links(page, text)
+        errors += unshown_fields(page, text) if page.name == 'inputs_images.md' else []
     print('\n'.join(errors) or f'docs: {len(pages)} pages, {links} links, {blocks} code blocks are as they should be')
     return 1 if errors else 0
 

@@ -51,6 +51,7 @@ THIRD_PARTY = {
     r'yaml-cpp/': ('src/io/',),
     r'nlohmann/': ('src/io/',),
     r'zip\.h': ('src/io/',),
+    r'lib(av|sws)\w+/': ('src/io/ffmpeg_capture',),
     r'fmt/': ('src/io/', 'src/app/'),
     r'spdlog/': ('src/app/',),
     r'CLI/': ('src/app/',),

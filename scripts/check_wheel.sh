@@ -27,11 +27,11 @@ package=$("$work/venv/bin/python" -c 'import dsorb; print(dsorb.__path__[0])')
 needed=$(readelf -d "$package"/_dsorb*.so "$package/bin/dso_dataset" | grep NEEDED)
 if grep -E 'ceres|cholmod|spqr|suitesparse|glog' <<<"$needed"; then echo "GPL parts are linked" >&2; exit 1; fi
 scripts/check_module.sh "$package"/_dsorb*.so
-for optional in 'pycolmap>=4' opencv-python-headless rosbags rerun-sdk PyYAML; do # not every Python has each
+for optional in 'pycolmap>=4' opencv-python-headless imageio-ffmpeg rosbags rerun-sdk PyYAML; do # not every Python has each
   "${pip[@]}" install "$optional" || echo "without $optional: its tests are skipped"
 done
 export PYTHONPATH=$PWD/test/python PYTHONDONTWRITEBYTECODE=1 DSO_SYNTHESIZE=$renderer
-for module in test_module test_export test_command test_calibrate test_bags test_view test_browser test_vslamlab; do
+for module in test_module test_export test_command test_calibrate test_bags test_decoding test_view test_browser test_vslamlab; do
   "$work/venv/bin/python" test/python/run.py "$module" || [ $? = 77 ]
 done
 

@@ -5,7 +5,6 @@
 #include "dsorb/io/calibration_reader.h"
 
 #include "app/legacy_arguments.h"
-#include "io/image_decoder.h"
 #include "io/video.h"
 
 #include <CLI/CLI.hpp>
@@ -173,6 +172,10 @@ void addSelectionFlags(CLI::App& app, CommandLine& request) {
       ->group("Input");
   app.add_flag("--reverse", request.sequence.reverse, "frames M-1 down to N, N included")
       ->group("Input");
+  app.add_flag("--skip-unreadable",
+               request.sequence.skip_unreadable,
+               "pass over image files that cannot be read; default: the first one ends the run")
+      ->group("Input");
   app.add_option("--every", request.sequence.every, "use each N-th frame; default 1")
       ->type_name("N")
       ->check(wholeNumber(1))
@@ -260,6 +263,11 @@ void addOutputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
                  "everything a viewer needs, one JSON object a line (docs/formats.md)")
       ->type_name("FILE")
       ->group("Output");
+  app.add_flag("--serve-images",
+               request.serve_images,
+               "no run: for each position read from standard input the image there, as taken, is "
+               "written to standard output as PPM")
+      ->group("Output");
   app.add_flag("--quiet", request.quiet, "print errors only")->group("Output");
   app.add_option("--progress", flags.progress, "default auto: a bar where a terminal is")
       ->check(CLI::IsMember(namesOf(kProgressModes)))
@@ -321,7 +329,7 @@ void takeFlags(const Flags& flags, CommandLine& request) {
 std::string datasetName(const std::string& path) {
   const std::filesystem::path absolute = std::filesystem::absolute(path).lexically_normal();
   const auto last = absolute.has_filename() ? absolute : absolute.parent_path();
-  const bool is_file = lowerSuffix(last) == ".zip" || hasVideoSuffix(last);
+  const bool is_file = !isCameraAddress(path) && !std::filesystem::is_directory(last);
   const std::string name = (is_file ? last.stem() : last.filename()).string();
   return name.empty() ? "dataset" : name;
 }

@@ -23,6 +23,7 @@ struct CommandLine {
   ProgressMode progress = ProgressMode::kAuto;
   bool quiet = false;
   bool print_config = false;
+  bool serve_images = false;          ///< instead of a run
   bool write_result_txt = false;      ///< the original's words were used
   std::string text;                   ///< help or version: print it and stop
   std::vector<std::string> warnings;  ///< one line each

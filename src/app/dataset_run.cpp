@@ -108,6 +108,7 @@ class Feeder {
       reader_.skip(step.drop);
       const std::optional<SequenceFrame> input = reader_.next();
       outputs_.setDropped(dropped());
+      outputs_.setUnreadable(reader_.unreadable());
       if (!input) return false;
       if (!process(*input, step.late || input->late)) return false;
     }
@@ -260,6 +261,7 @@ RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
     Feeder feeder(reader, *odometry, outputs, request);
     result.interrupted = feeder.run(interrupt);
     result.frames_dropped = feeder.dropped();
+    result.frames_unreadable = static_cast<int>(reader.unreadable().size());
     result.report = odometry->finish();
   } catch (...) {
     interrupt.settle();

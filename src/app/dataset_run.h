@@ -17,6 +17,7 @@ struct RunResult {
   RunStatus outcome = RunStatus::kError;  ///< tracked, lost or never initialized
   bool interrupted = false;
   int frames_dropped = 0;                            ///< left out because the run was late
+  int frames_unreadable = 0;                         ///< passed over
   InitReason last_answer = InitReason::kFirstFrame;  ///< of the initializer
   bool calibration_suspected = false;                ///< by a start or a window
   OdometryReport report;

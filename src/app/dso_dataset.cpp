@@ -4,6 +4,7 @@
 
 #include "app/command_line.h"
 #include "app/dataset_run.h"
+#include "app/image_server.h"
 #include "app/interrupt.h"
 #include "app/standard_streams.h"
 
@@ -11,6 +12,7 @@
 #include <spdlog/spdlog.h>
 
 #include <exception>
+#include <iostream>
 #include <memory>
 #include <new>
 #include <string>
@@ -41,9 +43,12 @@ void keepFreedMemory() {
 
 void printSummary(const app::CommandLine& request, const app::RunResult& result) {
   const OdometryReport& report = result.report;
-  const std::string dropped = request.speed > 0 || result.frames_dropped > 0
-                                  ? fmt::format(", {} dropped", result.frames_dropped)
-                                  : "";
+  std::string dropped = request.speed > 0 || result.frames_dropped > 0
+                            ? fmt::format(", {} dropped", result.frames_dropped)
+                            : "";
+  if (result.frames_unreadable > 0) {
+    dropped += fmt::format(", {} unreadable (named in run.json)", result.frames_unreadable);
+  }
   const std::string reason =
       result.outcome == RunStatus::kTracked
           ? ""
@@ -89,6 +94,10 @@ int run(int argc, const char* const* argv, app::Interrupt& interrupt) {
     if (!request.quiet) spdlog::warn(warning);
   }
   app::ignoreWriteSignals();
+  if (request.serve_images) {
+    app::serveImages(request.sequence, std::cin, std::cout);
+    return app::kTracked;
+  }
   const app::RunResult result = app::runDataset(request, interrupt);
   if (!request.quiet) printSummary(request, result);
   return result.outcome == RunStatus::kTracked ? app::kTracked : app::kNotTracked;

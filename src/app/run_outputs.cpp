@@ -96,6 +96,11 @@ void RunOutputs::setDropped(int frames) {
   run_->setDropped(frames);
 }
 
+void RunOutputs::setUnreadable(const std::vector<std::string>& files) {
+  const Lock lock(mutex_);
+  run_->setUnreadable(files);
+}
+
 void RunOutputs::finish(RunStatus status, const OdometryReport* report) {
   const Lock lock(mutex_);
   finishLocked(status, report);

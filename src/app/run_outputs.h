@@ -33,6 +33,7 @@ class RunOutputs : public OdometryObserver {
                  const FrameEstimate& estimate,
                  const std::string& image_file);
   void setDropped(int frames);
+  void setUnreadable(const std::vector<std::string>& files);
 
   /// Writes the final files; before open() these say that nothing was computed.
   void finish(RunStatus status, const OdometryReport* report);

@@ -49,17 +49,11 @@ cv::Mat decodeByOpenCv(const std::vector<std::uint8_t>& bytes) {
 }
 
 std::unique_ptr<Capture> openCapture(const std::string& address) {
-  if (module().open_capture == nullptr) {
-    throw IoError(fmt::format(
-        "{}: this build reads neither videos nor cameras: OpenCV's videoio was missing when it was "
-        "configured (Debian: libopencv-videoio-dev)",
-        address));
-  }
-  std::unique_ptr<Capture> capture = module().open_capture(address);
+  std::string why;
+  std::unique_ptr<Capture> capture = module().open_capture(address, why);
   if (!capture) {
     throw IoError(fmt::format(
-        "{}: no video that can be decoded; expected a file, device or address with pictures",
-        address));
+        "{}: {}; expected a video file, device or address with pictures", address, why));
   }
   return capture;
 }

@@ -12,13 +12,13 @@
 
 namespace dsorb {
 
-/// Functions of the module that is linked with OpenCV's imgcodecs and videoio. It is linked with no
-/// library of ours, so they throw none of our errors.
+/// Functions of the module that is linked with OpenCV's imgcodecs and videoio, and with FFmpeg. It
+/// is linked with no library of ours, so they throw none of our errors.
 struct CodecsModule {
   /// @return empty where it cannot
   cv::Mat (*decode)(const std::vector<std::uint8_t>& bytes);
-  /// Null in a build without videoio. @return null where nothing that decodes is there
-  std::unique_ptr<Capture> (*open_capture)(const std::string& address);
+  /// @return null where nothing that decodes is there, and `why`
+  std::unique_ptr<Capture> (*open_capture)(const std::string& address, std::string& why);
 };
 
 }  // namespace dsorb

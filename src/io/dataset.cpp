@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/dataset.h"
 
-#include "base/median.h"
 #include "io/image_store.h"
+#include "io/image_times.h"
 #include "io/text_file.h"
 #include "io/video.h"
 
@@ -10,7 +10,6 @@
 
 #include <algorithm>
 #include <charconv>
-#include <cmath>
 #include <cstdint>
 #include <string>
 #include <utility>
@@ -22,64 +21,9 @@ namespace fs = std::filesystem;
 
 constexpr double kDefaultPeriod = 0.1;  // [s] between images without times
 constexpr double kSecondsPerMillisecond = 1e-3;
-constexpr double kNanosecondsPerSecond = 1e9;
-constexpr double kMinExposure = 1e-6;         // [ms]
-constexpr double kMaxExposure = 1e7;          // [ms]
-constexpr double kLeastNanosecondStep = 1e5;  // 10000 images a second, or more than a day for one
-constexpr double kMostNanosecondStep = 1e11;  // an image every 100 seconds, or 3000 years for one
-constexpr double kLongStep = 60;              // [s] between images; nothing is tracked over it
-
-/// Time of one image, and where it is written.
-struct TimeEntry {
-  double timestamp = 0;    // [s]
-  double exposure_ms = 0;  // 0: not given
-  int line = 0;
-};
 
 double readTime(const fs::path& file, const TextLine& line, const std::string& word) {
   return parseNumbers(file, line.number, {word}, "a time in seconds").front();
-}
-
-bool isExposure(double milliseconds) {
-  return milliseconds >= kMinExposure && milliseconds <= kMaxExposure;
-}
-
-/// Lines "id seconds [exposure in ms]" of DSO's times.txt; the id is not used.
-std::vector<TimeEntry> readDsoTimes(const fs::path& file) {
-  std::vector<TimeEntry> entries;
-  for (const TextLine& line : readLines(file, kMaxListBytes)) {
-    const std::vector<std::string> words = splitWords(line.text);
-    if (words.size() != 2 && words.size() != 3) {
-      throw lineError(
-          file,
-          line.number,
-          fmt::format("'{}'; expected 'id seconds [exposure_ms]'", quotable(line.text)));
-    }
-    TimeEntry entry{readTime(file, line, words[1]), 0, line.number};
-    if (words.size() == 3) {
-      entry.exposure_ms =
-          parseNumbers(file, line.number, {words[2]}, "an exposure in milliseconds").front();
-      if (entry.exposure_ms != 0 && !isExposure(entry.exposure_ms)) {
-        throw lineError(file,
-                        line.number,
-                        fmt::format("exposure {}; expected 0 (not known) or {:g} to {:g} ms",
-                                    words[2],
-                                    kMinExposure,
-                                    kMaxExposure));
-      }
-    }
-    entries.push_back(entry);
-  }
-  return entries;
-}
-
-/// Lines "seconds" of KITTI's times.txt.
-std::vector<TimeEntry> readKittiTimes(const fs::path& file) {
-  std::vector<TimeEntry> entries;
-  for (const TextLine& line : readLines(file, kMaxListBytes)) {
-    entries.push_back({readTime(file, line, line.text), 0, line.number});
-  }
-  return entries;
 }
 
 /// An exposure of 0 becomes the mean of its neighbours that are known; the one before may be
@@ -112,37 +56,10 @@ void checkIncreasing(const fs::path& file, const std::vector<TimeEntry>& entries
   }
 }
 
-/// Median time between neighbours. @param entries at least two
-double medianStep(const std::vector<TimeEntry>& entries) {
-  std::vector<double> steps;
-  for (std::size_t i = 1; i < entries.size(); ++i) {
-    steps.push_back(entries[i].timestamp - entries[i - 1].timestamp);
-  }
-  return medianOf(std::move(steps));
-}
-
-/// Whole numbers a year apart, taken as seconds, are nanoseconds.
-void convertNanoseconds(const fs::path& file,
-                        std::vector<TimeEntry>& entries,
-                        std::vector<std::string>& warnings) {
-  if (entries.size() < 2) return;
-  const double step = medianStep(entries);
-  const bool whole = std::all_of(entries.begin(), entries.end(), [](const TimeEntry& entry) {
-    return entry.timestamp == std::floor(entry.timestamp);
-  });
-  if (whole && step >= kLeastNanosecondStep && step <= kMostNanosecondStep) {
-    for (TimeEntry& entry : entries) entry.timestamp /= kNanosecondsPerSecond;
-    warnings.push_back(
-        fmt::format("{}: times are taken as nanoseconds: as seconds the images would be {} s apart",
-                    file.string(),
-                    step));
-  } else if (step > kLongStep) {
-    warnings.push_back(
-        fmt::format("{}: images are {} s apart; are the times in seconds?", file.string(), step));
-  }
-}
-
-void assignTimes(const fs::path& file, std::vector<TimeEntry> entries, Dataset& dataset) {
+void assignTimes(const fs::path& file,
+                 std::vector<TimeEntry> entries,
+                 Dataset& dataset,
+                 bool nanoseconds = false) {
   const auto images = static_cast<std::size_t>(dataset.images->size());
   if (entries.size() != images) {
     throw lineError(
@@ -151,14 +68,14 @@ void assignTimes(const fs::path& file, std::vector<TimeEntry> entries, Dataset& 
         fmt::format("{} times for {} images; expected one line for each", entries.size(), images));
   }
   checkIncreasing(file, entries);
-  convertNanoseconds(file, entries, dataset.warnings);
+  settleUnit(file, nanoseconds, entries, dataset.warnings);
   for (const TimeEntry& entry : entries) dataset.timestamps.push_back(entry.timestamp);
   dataset.exposures = repairedExposures(entries);
 }
 
 /// Position of a KITTI image in the times file: its name is the number of its line, from 0.
 std::vector<TimeEntry> kittiEntries(const fs::path& file, const ImageSource& images) {
-  const std::vector<TimeEntry> all = readKittiTimes(file);
+  const std::vector<TimeEntry> all = readTimes(file);
   std::vector<TimeEntry> entries;
   for (int i = 0; i < images.size(); ++i) {
     const std::string stem = fs::path(images.name(i)).stem().string();
@@ -204,17 +121,23 @@ ImageList readEurocList(const fs::path& file) {
   return list;
 }
 
-/// "seconds filename" of TUM's rgb.txt.
+/// "seconds filename" of TUM's rgb.txt, or two of these a line, of which one is a depth image's, of
+/// its associations.txt.
 ImageList readTumList(const fs::path& file) {
   ImageList list;
   for (const TextLine& line : readLines(file, kMaxListBytes)) {
     const std::vector<std::string> words = splitWords(line.text);
-    if (words.size() != 2) {
-      throw lineError(
-          file, line.number, fmt::format("'{}'; expected 'seconds filename'", quotable(line.text)));
+    if (words.size() != 2 && words.size() != 4) {
+      throw lineError(file,
+                      line.number,
+                      fmt::format("'{}'; expected 'seconds filename', or that of an image and of "
+                                  "its depth",
+                                  quotable(line.text)));
     }
-    list.files.push_back(file.parent_path() / words[1]);
-    list.times.push_back({readTime(file, line, words[0]), 0, line.number});
+    const bool second = words.size() == 4 && words[1].find("depth") != std::string::npos;
+    const std::size_t place = second ? 2 : 0;
+    list.files.push_back(file.parent_path() / words[place + 1]);
+    list.times.push_back({readTime(file, line, words[place]), 0, line.number});
   }
   return list;
 }
@@ -228,6 +151,27 @@ Dataset openVideoDataset(const fs::path& file) {
   }
   dataset.images = std::move(video);
   return dataset;
+}
+
+/// By the names of the images, or equally spaced.
+void assignTimesWithoutFile(const fs::path& images, Dataset& dataset) {
+  if (auto entries = timesInNames(*dataset.images)) {
+    std::vector<std::string> unit;
+    settleUnit(images, false, *entries, unit);
+    dataset.warnings.push_back(
+        fmt::format("{}: no times.txt beside the images: their names are taken for their times",
+                    images.string()));
+    dataset.warnings.insert(dataset.warnings.end(), unit.begin(), unit.end());
+    for (const TimeEntry& entry : *entries) dataset.timestamps.push_back(entry.timestamp);
+    return;
+  }
+  if (dataset.images->size() > 1) {
+    dataset.warnings.push_back(
+        fmt::format("{}: no times.txt beside the images: they are taken to be {} s apart",
+                    images.string(),
+                    kDefaultPeriod));
+  }
+  for (int i = 0; i < dataset.images->size(); ++i) dataset.timestamps.push_back(kDefaultPeriod * i);
 }
 
 }  // namespace
@@ -244,24 +188,21 @@ Dataset openDataset(const DatasetLayout& layout) {
                                                                    : readTumList(layout.images);
     if (list.files.empty()) throw lineError(layout.images, 0, "names no images");
     dataset.images = openImageList(list.files);
-    assignTimes(layout.images, list.times, dataset);
+    const bool nanoseconds = layout.format == SequenceFormat::kEuroc;
+    assignTimes(layout.images, list.times, dataset, nanoseconds);
     return dataset;
   }
-  dataset.images = openImageStore(layout.images);
+  auto images = openImageStore(layout.images, layout.others);
+  for (const std::string& name : images->leftOut()) {
+    dataset.warnings.push_back(fmt::format("{}: not taken for an image of the sequence", name));
+  }
+  dataset.images = std::move(images);
   if (layout.times.empty()) {
-    if (dataset.images->size() > 1) {
-      dataset.warnings.push_back(
-          fmt::format("{}: no times.txt beside the images: they are taken to be {} s apart",
-                      layout.images.string(),
-                      kDefaultPeriod));
-    }
-    for (int i = 0; i < dataset.images->size(); ++i) {
-      dataset.timestamps.push_back(kDefaultPeriod * i);
-    }
+    assignTimesWithoutFile(layout.images, dataset);
   } else if (layout.format == SequenceFormat::kKitti) {
     assignTimes(layout.times, kittiEntries(layout.times, *dataset.images), dataset);
   } else {
-    assignTimes(layout.times, readDsoTimes(layout.times), dataset);
+    assignTimes(layout.times, readTimes(layout.times), dataset);
   }
   return dataset;
 }

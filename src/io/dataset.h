@@ -21,6 +21,7 @@ struct DatasetLayout {
   std::filesystem::path response;                   ///< pcalib.txt
   std::filesystem::path vignette;                   ///< vignette.png
   std::filesystem::path masks;                      ///< folder with a mask for each image
+  std::vector<std::filesystem::path> others;        ///< images that are none of the sequence
   int kitti_camera = 0;                             ///< number N of image_N
 };
 

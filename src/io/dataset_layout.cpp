@@ -57,41 +57,71 @@ std::optional<DatasetLayout> findDso(const fs::path& path) {
   return std::nullopt;
 }
 
-/// Number N of a folder image_N, empty for other names.
+/// Number N of a folder image_N, or image_0N of raw data; empty for other names.
 std::optional<int> kittiCamera(const fs::path& folder) {
   const std::string name = folder.filename().string();
-  constexpr std::string_view kPrefix = "image_";
-  if (name.size() != kPrefix.size() + 1 || name.compare(0, kPrefix.size(), kPrefix) != 0) {
-    return std::nullopt;
+  for (const std::string_view prefix : {"image_0", "image_"}) {
+    if (name.size() != prefix.size() + 1 || name.compare(0, prefix.size(), prefix) != 0) continue;
+    const int camera = name.back() - '0';
+    if (camera >= 0 && camera <= 3) return camera;
   }
-  const int camera = name.back() - '0';
-  return camera >= 0 && camera <= 3 ? std::optional<int>(camera) : std::nullopt;
+  return std::nullopt;
+}
+
+/// The one drive below the folder of a day of KITTI's raw data.
+fs::path onlyDrive(const fs::path& day) {
+  fs::path drive;
+  if (!fs::is_regular_file(day / "calib_cam_to_cam.txt")) return drive;
+  for (const fs::directory_entry& entry : fs::directory_iterator(day)) {
+    if (!entry.is_directory() || entry.path().string().find("_drive_") == std::string::npos)
+      continue;
+    if (!drive.empty()) {
+      throw IoError(fmt::format("{}: several drives, as {} and {}; name one",
+                                day.string(),
+                                drive.filename().string(),
+                                entry.path().filename().string()));
+    }
+    drive = entry.path();
+  }
+  return drive;
+}
+
+/// The folder image_N that is meant by a path; empty where there is none.
+fs::path kittiFolder(const fs::path& path) {
+  if (kittiCamera(path)) return path;
+  if (path.filename() == "data" && kittiCamera(path.parent_path())) return path.parent_path();
+  for (const char* folder : {"image_0", "image_2", "image_1", "image_3"}) {
+    if (fs::is_directory(path / folder)) return path / folder;
+  }
+  for (const char* folder : {"image_00", "image_02", "image_01", "image_03"}) {
+    if (fs::is_directory(path / folder / "data")) return path / folder;
+  }
+  return {};
 }
 
 std::optional<DatasetLayout> findKitti(const fs::path& path) {
-  constexpr std::array<const char*, 4> kFolders = {"image_0", "image_2", "image_1", "image_3"};
-  fs::path images;
-  if (kittiCamera(path)) {
-    images = path;
-  } else {
-    for (const char* folder : kFolders) {
-      if (images.empty() && fs::is_directory(path / folder)) images = path / folder;
-    }
+  fs::path folder = kittiFolder(path);
+  if (folder.empty() && fs::is_directory(path)) {
+    const fs::path drive = onlyDrive(path);
+    if (!drive.empty()) folder = kittiFolder(drive);
   }
-  if (images.empty()) return std::nullopt;
-  const fs::path base = images.parent_path();
+  if (folder.empty()) return std::nullopt;
+  const fs::path base = folder.parent_path();
+  const bool raw = fs::is_directory(folder / "data");
   DatasetLayout layout;
   layout.format = SequenceFormat::kKitti;
-  layout.images = images;
-  layout.times = existing(base / "times.txt");
-  layout.calibration = existing(base / "calib.txt");
+  layout.images = raw ? folder / "data" : folder;
+  layout.times = existing(raw ? folder / "timestamps.txt" : base / "times.txt");
+  layout.calibration =
+      existing(raw ? base.parent_path() / "calib_cam_to_cam.txt" : base / "calib.txt");
   layout.masks = existingFolder(base / "masks");
-  layout.kitti_camera = *kittiCamera(images);
+  layout.kitti_camera = *kittiCamera(folder);
   return layout;
 }
 
 std::optional<DatasetLayout> findEuroc(const fs::path& path) {
-  for (const fs::path& camera : {path / "mav0" / "cam0", path / "cam0", path}) {
+  for (const fs::path& camera :
+       {path / "mav0" / "cam0", path / "cam0", path, path / "mav0" / "cam1", path / "cam1"}) {
     if (!fs::is_regular_file(camera / "data.csv") || !fs::is_directory(camera / "data")) continue;
     DatasetLayout layout;
     layout.format = SequenceFormat::kEuroc;
@@ -104,10 +134,12 @@ std::optional<DatasetLayout> findEuroc(const fs::path& path) {
 }
 
 std::optional<DatasetLayout> findTum(const fs::path& path) {
-  if (!fs::is_regular_file(path / "rgb.txt")) return std::nullopt;
   DatasetLayout layout;
+  for (const char* list : {"rgb.txt", "associations.txt", "association.txt", "associate.txt"}) {
+    if (layout.images.empty() && fs::is_regular_file(path / list)) layout.images = path / list;
+  }
+  if (layout.images.empty()) return std::nullopt;
   layout.format = SequenceFormat::kTum;
-  layout.images = path / "rgb.txt";
   layout.calibration = existing(path / "camera.txt");
   layout.masks = existingFolder(path / "masks");
   return layout;
@@ -129,7 +161,7 @@ DatasetLayout besideVideo(SequenceFormat format, const fs::path& file) {
 }
 
 std::optional<DatasetLayout> findVideo(const fs::path& path) {
-  if (!fs::is_regular_file(path) || !hasVideoSuffix(path)) return std::nullopt;
+  if (!fs::is_regular_file(path) || hasImageSuffix(path)) return std::nullopt;
   return besideVideo(SequenceFormat::kVideo, path);
 }
 
@@ -142,14 +174,26 @@ struct Finder {
 // In the order of recognition: from the most particular layout to the least.
 constexpr std::array<Finder, 6> kFinders = {{
     {SequenceFormat::kEuroc, findEuroc, "EuRoC: mav0/cam0/data.csv and mav0/cam0/data"},
-    {SequenceFormat::kKitti, findKitti, "KITTI: image_0 or image_2"},
-    {SequenceFormat::kTum, findTum, "TUM RGB-D: rgb.txt"},
+    {SequenceFormat::kKitti, findKitti, "KITTI: image_0 or image_2, of raw data image_00/data"},
+    {SequenceFormat::kTum, findTum, "TUM RGB-D: rgb.txt or associations.txt"},
     {SequenceFormat::kDso, findDso, "DSO: images or images.zip"},
     {SequenceFormat::kImages, findImages, "a folder of images"},
-    {SequenceFormat::kVideo,
-     findVideo,
-     "a video: .mp4, .mov, .avi, .mkv, .webm, .m4v, .mpg, .mpeg"},
+    {SequenceFormat::kVideo, findVideo, "a video file"},
 }};
+
+/// Files that people name, and what to do with them.
+void refuseWhatIsNoSequence(const fs::path& path, const fs::path& clean) {
+  std::error_code error;
+  if (!fs::is_regular_file(clean, error)) return;
+  const std::string suffix = lowerSuffix(clean);
+  if (hasImageSuffix(clean)) {
+    throw IoError(fmt::format("{}: one image; expected a folder of images", path.string()));
+  }
+  if (suffix == ".bag" || suffix == ".mcap" || suffix == ".db3") {
+    throw IoError(
+        fmt::format("{}: a ROS bag, which `dsorb run` of the Python package reads", path.string()));
+  }
+}
 
 }  // namespace
 
@@ -169,9 +213,7 @@ DatasetLayout findDataset(const fs::path& path, SequenceFormat format) {
   // Without "." and trailing slashes, so that the parent folder is the one meant.
   fs::path clean = fs::absolute(path).lexically_normal();
   if (!clean.has_filename()) clean = clean.parent_path();
-  if (fs::is_regular_file(clean, error) && hasSoundSuffix(clean)) {
-    throw IoError(fmt::format("{}: a sound file: it has no pictures", path.string()));
-  }
+  refuseWhatIsNoSequence(path, clean);
   std::string expected;
   for (const Finder& finder : kFinders) {
     if (format != SequenceFormat::kAuto && format != finder.format) continue;

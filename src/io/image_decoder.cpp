@@ -4,6 +4,7 @@
 #include "dsorb/error.h"
 
 #include "io/codecs.h"
+#include "io/image_header.h"
 #include "io/jpeg_decoder.h"
 #include "io/png.h"
 
@@ -18,8 +19,8 @@
 namespace dsorb {
 namespace {
 
-constexpr std::array<std::string_view, 9> kImageSuffixes = {
-    ".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".pnm", ".bmp", ".tif", ".tiff"};
+constexpr std::array<std::string_view, 10> kImageSuffixes = {
+    ".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".pnm", ".bmp", ".tif", ".tiff", ".webp"};
 
 bool startsWith(const std::vector<std::uint8_t>& bytes, std::string_view magic) {
   return bytes.size() >= magic.size() &&
@@ -28,15 +29,15 @@ bool startsWith(const std::vector<std::uint8_t>& bytes, std::string_view magic) 
          });
 }
 
-/// Whether OpenCV is asked to decode this: PNM, BMP, TIFF, and what libjpeg does not convert. The
-/// rest it would hand to GDAL, and to GDCM, which aborts over a damaged DICOM file.
+/// Whether OpenCV is asked to decode this: PNM, BMP, TIFF, WebP, and what libjpeg does not convert.
+/// The rest it would hand to GDAL, and to GDCM, which aborts over a damaged DICOM file.
 bool isLeftToOpenCv(const std::vector<std::uint8_t>& bytes) {
   using namespace std::string_view_literals;
   if (startsWith(bytes, "P")) {
     return bytes.size() > 2 && bytes[1] >= '1' && bytes[1] <= '6' && std::isspace(bytes[2]) != 0;
   }
   return isJpeg(bytes) || startsWith(bytes, "BM") || startsWith(bytes, "II*\0"sv) ||
-         startsWith(bytes, "MM\0*"sv);
+         startsWith(bytes, "MM\0*"sv) || startsWith(bytes, "RIFF");
 }
 
 /// Whether a binary PGM or PPM holds the pixels its header announces: "P5 width height maximum"
@@ -85,13 +86,21 @@ std::vector<std::uint8_t> readFile(const std::filesystem::path& file) {
 
 cv::Mat decodeGrey(const std::vector<std::uint8_t>& bytes, const std::string& name) {
   if (!complete(bytes)) throw IoError(fmt::format("{}: the image is truncated", name));
+  const std::optional<cv::Size> size = sizeInHeader(bytes);
+  if (size && std::int64_t{size->width} * size->height > kMaxPixels) {
+    throw IoError(fmt::format("{}: {}x{} px; expected {} megapixels at most",
+                              name,
+                              size->width,
+                              size->height,
+                              kMaxPixels >> 20U));
+  }
   if (isPng(bytes)) return decodePng(bytes, name);
   cv::Mat image;
   if (isJpeg(bytes)) image = decodeJpeg(bytes, name);
-  if (image.empty() && isLeftToOpenCv(bytes)) image = decodeByOpenCv(bytes);
+  if (image.empty() && size && isLeftToOpenCv(bytes)) image = decodeByOpenCv(bytes);
   if (image.empty()) {
-    throw IoError(
-        fmt::format("{}: the image cannot be decoded; expected PNG, JPEG, PNM, BMP or TIFF", name));
+    throw IoError(fmt::format(
+        "{}: the image cannot be decoded; expected PNG, JPEG, PNM, BMP, TIFF or WebP", name));
   }
   if (image.type() != CV_8UC1 && image.type() != CV_16UC1) {
     throw IoError(fmt::format("{}: neither 8 nor 16 bits a channel", name));

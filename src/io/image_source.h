@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/error.h"
+
 #include <opencv2/core/mat.hpp>
 
 #include <cstddef>
@@ -22,7 +24,11 @@ struct SourceImage {
   bool late = false;                ///< the image behind it is there, too: of a camera
   /// How far the sensor's image was turned clockwise to be upright: 0, 90, 180 or 270 degrees.
   int turn = 0;
+  double pixel_aspect = 1;  ///< width of a pixel over its height
 };
+
+/// What an image of another size than that of the calibration is refused with.
+[[nodiscard]] IoError wrongSize(const std::string& name, cv::Size size, cv::Size expected);
 
 /// Where images come from: files, an archive, a video, a camera. One thread at a time uses it.
 class ImageSource {
@@ -41,6 +47,8 @@ class ImageSource {
   /// the images: in a video.
   /// @return its index; that after the last one where there is none
   [[nodiscard]] virtual int seek(double /*seconds*/) { return 0; }
+  /// All images have this size: one of another may be refused before it is decoded.
+  virtual void expect(cv::Size /*size*/) {}
   /// Images that a camera gave and that were dropped for newer ones before they were asked for.
   [[nodiscard]] virtual int dropped() const { return 0; }
 };

@@ -4,11 +4,14 @@
 #include "dsorb/error.h"
 
 #include "io/image_decoder.h"
+#include "io/image_header.h"
 
 #include <fmt/format.h>
 #include <zip.h>
 
 #include <algorithm>
+#include <array>
+#include <cctype>
 #include <string_view>
 #include <utility>
 
@@ -18,10 +21,42 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr zip_uint64_t kFirstBlock = 1 << 20;  // of an image that is read [byte]
+constexpr zip_uint64_t kMostBytesBesidePixels = 1 << 26;
+constexpr zip_uint64_t kMostBytesPerPixel = 16;
+
+// Beside the images of a sequence, by the habits of DSO, TUM-mono and of this program.
+constexpr std::array<std::string_view, 4> kAccessories = {
+    "vignette", "vignettesmoothed", "smoothedvignette", "mask"};
 
 bool isImage(const fs::path& name) {
   const std::string file = name.filename().string();
   return !file.empty() && file.front() != '.' && hasImageSuffix(name);
+}
+
+std::string lowerStem(const fs::path& name) {
+  std::string stem = name.stem().string();
+  std::transform(stem.begin(), stem.end(), stem.begin(), [](unsigned char c) {
+    return static_cast<char>(std::tolower(c));
+  });
+  return stem;
+}
+
+/// Leaves out the images that are none of the sequence; their names go to `left_out`.
+void leaveOutAccessories(const std::vector<fs::path>& others,
+                         std::vector<std::string>& names,
+                         std::vector<std::string>& left_out) {
+  const auto known = [&](const fs::path& file) {
+    std::error_code error;
+    const bool named = std::any_of(others.begin(), others.end(), [&](const fs::path& other) {
+      return other.filename() == file.filename() && fs::equivalent(other, file, error);
+    });
+    const std::string stem = lowerStem(file);
+    return named || std::find(begin(kAccessories), end(kAccessories), stem) != end(kAccessories);
+  };
+  const auto end = std::stable_partition(
+      names.begin(), names.end(), [&](const std::string& name) { return !known(name); });
+  left_out.assign(end, names.end());
+  names.erase(end, names.end());
 }
 
 bool isDigit(char c) {
@@ -106,6 +141,7 @@ class ZippedImages : public ImageStore {
       bytes.resize(std::min(entry.bytes, std::max(2 * done, kFirstBlock)));
       const zip_int64_t count = zip_fread(file.get(), bytes.data() + done, bytes.size() - done);
       if (count <= 0) break;
+      if (done == 0) refuseImplausible(bytes, entry.bytes, name(index));
       done += static_cast<zip_uint64_t>(count);
       if (done == entry.bytes) return bytes;
     }
@@ -113,6 +149,20 @@ class ZippedImages : public ImageStore {
   }
 
  private:
+  /// A few bytes of an archive can claim to be many: what their beginning says of the image bounds
+  /// them. @param bytes the first block
+  static void refuseImplausible(const std::vector<std::uint8_t>& bytes,
+                                zip_uint64_t claimed,
+                                const std::string& name) {
+    const cv::Size size = sizeInHeader(bytes).value_or(cv::Size());
+    const auto pixels = static_cast<zip_uint64_t>(std::int64_t{size.width} * size.height);
+    if (claimed <= kMostBytesPerPixel * pixels + kMostBytesBesidePixels) return;
+    throw IoError(fmt::format("{}: {} MiB in the archive are too many for an image of {}x{} px",
+                              name,
+                              claimed >> 20U,
+                              size.width,
+                              size.height));
+  }
   static std::vector<std::string> namesOf(const fs::path& path,
                                           const std::vector<ArchiveEntry>& entries) {
     std::vector<std::string> names;
@@ -154,19 +204,38 @@ fs::directory_iterator contents(const fs::path& folder) {
   return entries;
 }
 
-std::unique_ptr<ImageStore> openFolder(const fs::path& folder) {
+std::unique_ptr<ImageStore> openFolder(const fs::path& folder,
+                                       const std::vector<fs::path>& others) {
   std::vector<std::string> names;
+  std::vector<std::string> left_out;
   for (const fs::directory_entry& entry : contents(folder)) {
     if (isImage(entry.path()) && entry.is_regular_file()) names.push_back(entry.path().string());
   }
+  leaveOutAccessories(others, names, left_out);
   std::sort(names.begin(), names.end(), countsBefore);
-  return std::make_unique<ImageFiles>(std::move(names));
+  auto images = std::make_unique<ImageFiles>(std::move(names));
+  images->setLeftOut(std::move(left_out));
+  return images;
 }
 
 }  // namespace
 
+IoError wrongSize(const std::string& name, cv::Size size, cv::Size expected) {
+  return IoError(fmt::format("{}: {}x{} px; expected {}x{} as calibrated",
+                             name,
+                             size.width,
+                             size.height,
+                             expected.width,
+                             expected.height));
+}
+
 std::optional<SourceImage> ImageStore::image(int index) {
-  return SourceImage{index, decodeGrey(read(index), name(index)), std::nullopt, {}};
+  const std::vector<std::uint8_t> bytes = read(index);
+  if (!expected_.empty()) {  // before memory is taken for it
+    const cv::Size size = sizeInHeader(bytes).value_or(expected_);
+    if (size != expected_) throw wrongSize(name(index), size, expected_);
+  }
+  return SourceImage{index, decodeGrey(bytes, name(index)), std::nullopt, {}};
 }
 
 std::unique_ptr<ImageStore> openImageList(const std::vector<fs::path>& files) {
@@ -176,8 +245,9 @@ std::unique_ptr<ImageStore> openImageList(const std::vector<fs::path>& files) {
   return std::make_unique<ImageFiles>(std::move(names));
 }
 
-std::unique_ptr<ImageStore> openImageStore(const fs::path& path) {
-  auto images = fs::is_directory(path) ? openFolder(path) : openArchive(path);
+std::unique_ptr<ImageStore> openImageStore(const fs::path& path,
+                                           const std::vector<fs::path>& others) {
+  auto images = fs::is_directory(path) ? openFolder(path, others) : openArchive(path);
   if (images->size() == 0) throw IoError(fmt::format("{}: holds no images", path.string()));
   return images;
 }

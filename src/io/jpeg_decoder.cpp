@@ -17,6 +17,7 @@ namespace dsorb {
 namespace {
 
 constexpr int kHarmlessBytes = 16;  // between two markers: some cameras pad with a few
+constexpr int kMostScans = 100;     // of a progressive file; encoders make ten or so
 
 /// What libjpeg says of a file. It reports errors by a jump out of its functions: whatever it is
 /// called from holds plain values only.
@@ -60,9 +61,18 @@ void onMessage(j_common_ptr jpeg, int level) {
   if (level < 0 && losesPixels(*jpeg->err)) keepText(jpeg);
 }
 
+/// Each scan goes over the whole image: few bytes can ask for hours.
+void onProgress(j_common_ptr jpeg) {
+  if (reinterpret_cast<j_decompress_ptr>(jpeg)->input_scan_number <= kMostScans) return;
+  Complaints& complaints = complaintsOf(jpeg);
+  std::snprintf(complaints.text.data(), complaints.text.size(), "more than %d scans", kMostScans);
+  std::longjmp(complaints.fatal, 1);
+}
+
 /// Frees what libjpeg holds.
 struct Decompressor {
   Decompressor() {
+    progress.progress_monitor = onProgress;
     jpeg.err = jpeg_std_error(&complaints.manager);
     jpeg.client_data = &complaints;
     complaints.manager.error_exit = onJpegError;
@@ -73,6 +83,7 @@ struct Decompressor {
   Decompressor& operator=(const Decompressor&) = delete;
 
   Complaints complaints;
+  jpeg_progress_mgr progress{};
   jpeg_decompress_struct jpeg{};
 };
 
@@ -81,6 +92,7 @@ bool readJpegHeader(Decompressor& d, const std::uint8_t* bytes, std::size_t size
   if (setjmp(d.complaints.fatal) != 0) return false;
   jpeg_create_decompress(&d.jpeg);
   d.jpeg.client_data = &d.complaints;
+  d.jpeg.progress = &d.progress;
   jpeg_mem_src(&d.jpeg, bytes, size);
   jpeg_read_header(&d.jpeg, TRUE);
   d.jpeg.out_color_space = d.jpeg.num_components == 4 ? JCS_CMYK : JCS_GRAYSCALE;

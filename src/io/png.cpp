@@ -3,8 +3,6 @@
 
 #include "dsorb/error.h"
 
-#include "io/image_decoder.h"
-
 #include <fmt/format.h>
 #include <png.h>
 
@@ -149,9 +147,6 @@ cv::Mat decodePng(const std::vector<std::uint8_t>& bytes, const std::string& nam
   if (done) {
     const auto width = static_cast<int>(png_get_image_width(reader.png, reader.info));
     const auto height = static_cast<int>(png_get_image_height(reader.png, reader.info));
-    if (std::int64_t{width} * height > kMaxPixels) {
-      throw IoError(fmt::format("{}: {}x{} px are too many", name, width, height));
-    }
     const bool deep = png_get_bit_depth(reader.png, reader.info) == 16;
     image.create(height, width, deep ? CV_16UC1 : CV_8UC1);
     std::vector<png_bytep> rows = rowsOf(image);

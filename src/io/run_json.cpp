@@ -117,6 +117,7 @@ Json runJson(const RunInfo& info,
   json["frames_tracked"] = record.framesTracked();
   json["frames_missed"] = record.framesMissed();
   json["frames_dropped"] = end.frames_dropped;
+  if (!end.unreadable.empty()) json["unreadable"] = end.unreadable;
   json["keyframes"] = record.keyframes().size();
   json["segments"] = record.segments().size();
   json["units"] = Json::array();

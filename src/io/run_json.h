@@ -8,6 +8,8 @@
 #include "io/run_record.h"
 
 #include <optional>
+#include <string>
+#include <vector>
 
 namespace dsorb::io {
 
@@ -25,6 +27,7 @@ struct RunSeconds {
 struct RunEnd {
   RunStatus status = RunStatus::kError;
   int frames_dropped = 0;
+  std::vector<std::string> unreadable;  ///< files that were passed over
   RunSeconds seconds;
 };
 

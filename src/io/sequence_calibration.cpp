@@ -45,7 +45,10 @@ struct Geometry {
   std::string source;
 };
 
-Geometry readGeometry(const SequenceOptions& options, const DatasetLayout& layout, cv::Size size) {
+Geometry readGeometry(const SequenceOptions& options,
+                      const DatasetLayout& layout,
+                      const FirstImage& first) {
+  const cv::Size size = first.size;
   if (options.horizontal_view > 0) {
     if (!options.calibration_file.empty() || !options.camera.empty()) {
       throw ConfigError(
@@ -58,6 +61,7 @@ Geometry readGeometry(const SequenceOptions& options, const DatasetLayout& layou
     Geometry geometry;
     geometry.calibration.rectification.mode = RectificationMode::kNone;
     geometry.calibration.lens = lensOfFieldOfView(options.horizontal_view, size.width, size.height);
+    geometry.calibration.lens.fy *= first.pixel_aspect;
     geometry.source = "field of view";
     return geometry;
   }
@@ -157,7 +161,7 @@ SequenceCalibration calibrateSequence(const SequenceOptions& options,
                                       const DatasetLayout& layout,
                                       const FirstImage& first) {
   std::vector<std::string> warnings;
-  Geometry geometry = readGeometry(options, layout, first.size);
+  Geometry geometry = readGeometry(options, layout, first);
   if (options.horizontal_view > 0 && isUpright(first.size.width, first.size.height)) {
     warnings.push_back(
         "the images are upright: --hfov is what they show from left to right, along "

@@ -22,8 +22,9 @@ struct SequenceCalibration {
 };
 
 struct FirstImage {
-  cv::Size size;  ///< empty: it cannot be read, the calibration's size counts
-  int turn = 0;   ///< SourceImage::turn
+  cv::Size size;            ///< empty: it cannot be read, the calibration's size counts
+  int turn = 0;             ///< SourceImage::turn
+  double pixel_aspect = 1;  ///< SourceImage::pixel_aspect
 };
 
 /// Reads the calibration files that options name or that lie beside the images, and fits them to

@@ -9,6 +9,7 @@
 #include "io/dataset.h"
 #include "io/depth_images.h"
 #include "io/image_masks.h"
+#include "io/pixel_patterns.h"
 #include "io/playlist.h"
 #include "io/prefetch_queue.h"
 #include "io/sequence_calibration.h"
@@ -54,7 +55,9 @@ ImageView viewOf(const cv::Mat& mask) {
 class SequenceReader::Impl {
  public:
   explicit Impl(const SequenceOptions& options)
-      : layout_(findDataset(options.path, options.format)), dataset_(openDataset(layout_)) {
+      : layout_(layoutOf(options)),
+        dataset_(openDataset(layout_)),
+        skip_unreadable_(options.skip_unreadable && !isStream()) {
     playlist_ = select(options);
     calibrate(options);
     const int prefetch = layout_.format == SequenceFormat::kCamera
@@ -81,9 +84,31 @@ class SequenceReader::Impl {
     return playlist_.index(static_cast<std::size_t>(position));
   }
   void skip(int images) { queue_->skip(static_cast<std::size_t>(std::max(images, 0))); }
-  std::optional<SequenceFrame> next() { return queue_->next(); }
+  [[nodiscard]] const std::vector<std::string>& unreadable() const { return unreadable_; }
+  /// Images that cannot be read are noted and passed over.
+  std::optional<SequenceFrame> next() {
+    std::vector<std::string> complaints;
+    while (true) {
+      std::optional<SequenceFrame> frame = queue_->next();
+      if (!frame) return frame;
+      frame->warnings.insert(frame->warnings.begin(), complaints.begin(), complaints.end());
+      if (frame->frame) return frame;
+      unreadable_.push_back(frame->image_file);
+      complaints = std::move(frame->warnings);
+    }
+  }
 
  private:
+  static DatasetLayout layoutOf(const SequenceOptions& options) {
+    DatasetLayout layout = findDataset(options.path, options.format);
+    for (const std::string& file : {options.mask, options.vignette_file}) {
+      if (!file.empty()) layout.others.emplace_back(file);
+    }
+    return layout;
+  }
+  [[nodiscard]] bool isStream() const {
+    return layout_.format == SequenceFormat::kCamera || layout_.format == SequenceFormat::kVideo;
+  }
   [[nodiscard]] Playlist select(const SequenceOptions& options) {
     if (layout_.format == SequenceFormat::kCamera) return selectLive(options);
     if (layout_.format != SequenceFormat::kVideo) {
@@ -95,14 +120,16 @@ class SequenceReader::Impl {
   void readCommonMask(const SequenceOptions& options);
   [[nodiscard]] FirstImage firstImage(bool needed);
   [[nodiscard]] std::optional<SourceImage> read(int index);
+  [[nodiscard]] std::optional<SourceImage> readSized(int index);
   [[nodiscard]] std::optional<SequenceFrame> prepare(int index);
-  void checkSize(const cv::Mat& image, const std::string& name) const;
+  void demosaic(cv::Mat& image, std::vector<std::string>& warnings);
   void chooseBits(const cv::Mat& image, std::vector<std::string>& warnings);
   void leaveOutBars(const cv::Mat& image, std::vector<std::string>& warnings);
   [[nodiscard]] std::uint16_t largestValue(const cv::Mat& image);
 
   DatasetLayout layout_;
   Dataset dataset_;
+  bool skip_unreadable_;
   Playlist playlist_;
   BrightnessModel brightness_ = BrightnessModel::kUncalibrated;
   std::optional<Rectifier> rectifier_;
@@ -111,8 +138,11 @@ class SequenceReader::Impl {
   BarFinder bars_;
   DepthImages depths_;
   std::optional<SourceImage> first_;  // decoded for its size, until it is read
-  int bits_ = 0;                      // of 16-bit images; 0: not known before the first of them
-  bool exceeded_ = false;             // by the values of one
+  std::optional<bool> mosaic_;        // empty: too dark to tell, so far
+  bool combed_ = false;               // an image is interlaced
+  std::vector<std::string> unreadable_;
+  int bits_ = 0;           // of 16-bit images; 0: not known before the first of them
+  bool exceeded_ = false;  // by the values of one
   std::unique_ptr<PrefetchQueue<SequenceFrame>> queue_;  // last: its thread stops first
 };
 
@@ -128,6 +158,7 @@ void SequenceReader::Impl::calibrate(const SequenceOptions& options) {
   if (brightness_ == BrightnessModel::kPerfect) dataset_.exposures.clear();
   bits_ = options.bits;
   if (bits_ != 0) rectifier_->setBits(bits_);
+  dataset_.images->expect({rectifier_->inputWidth(), rectifier_->inputHeight()});
   readCommonMask(options);
   if (options.depth_sigma > 0) {
     depths_ = DepthImages(std::filesystem::path(options.path) / "depth",
@@ -150,13 +181,12 @@ void SequenceReader::Impl::readCommonMask(const SequenceOptions& options) {
 /// Empty where the first image cannot be read, which it says in its turn; where the size is needed,
 /// and of a stream, it is said at once.
 FirstImage SequenceReader::Impl::firstImage(bool needed) {
-  const bool stream =
-      layout_.format == SequenceFormat::kCamera || layout_.format == SequenceFormat::kVideo;
   try {
     first_ = read(playlist_.index(0));
-    return first_ ? FirstImage{first_->pixels.size(), first_->turn} : FirstImage{};
+    return first_ ? FirstImage{first_->pixels.size(), first_->turn, first_->pixel_aspect}
+                  : FirstImage{};
   } catch (const IoError&) {
-    if (stream || needed) throw;
+    if (isStream() || needed) throw;
     return {};
   }
 }
@@ -214,26 +244,53 @@ void SequenceReader::Impl::leaveOutBars(const cv::Mat& image, std::vector<std::s
   if (!had_bars) warnings.push_back(describe(bars_.bars()));
 }
 
-void SequenceReader::Impl::checkSize(const cv::Mat& image, const std::string& name) const {
-  if (image.cols == rectifier_->inputWidth() && image.rows == rectifier_->inputHeight()) return;
-  throw IoError(fmt::format("{}: {}x{} px; expected {}x{} as calibrated",
-                            name,
-                            image.cols,
-                            image.rows,
-                            rectifier_->inputWidth(),
-                            rectifier_->inputHeight()));
+/// The first image that is light enough decides for all.
+void SequenceReader::Impl::demosaic(cv::Mat& image, std::vector<std::string>& warnings) {
+  if (image.channels() != 1) return;
+  if (!mosaic_) {
+    mosaic_ = isMosaic(image);
+    if (mosaic_.value_or(false)) {
+      warnings.emplace_back(
+          "the images are mosaics of colours (Bayer): the mean over its neighbours, with the "
+          "weights 1 2 1, replaces each pixel");
+    }
+  }
+  if (mosaic_.value_or(false)) image = greyOfMosaic(image);
+}
+
+std::optional<SourceImage> SequenceReader::Impl::readSized(int index) {
+  std::optional<SourceImage> image = read(index);
+  const cv::Size expected(rectifier_->inputWidth(), rectifier_->inputHeight());
+  if (image && image->pixels.size() != expected) {
+    throw wrongSize(dataset_.images->name(image->index), image->pixels.size(), expected);
+  }
+  return image;
 }
 
 std::optional<SequenceFrame> SequenceReader::Impl::prepare(int index) {
   SequenceFrame result;
   auto start = std::chrono::steady_clock::now();
-  const std::optional<SourceImage> image = read(index);
+  std::optional<SourceImage> image;
+  try {
+    image = readSized(index);
+  } catch (const IoError& error) {
+    if (!skip_unreadable_) throw;
+    result.image_file = dataset_.images->name(index);
+    result.warnings.push_back(fmt::format("{}; passed over", error.what()));
+    return result;
+  }
   if (!image || playlist_.isAfterEnd(image->timestamp)) return std::nullopt;
   result.index = image->index;
   result.image_file = dataset_.images->name(image->index);
   result.late = image->late;
   if (!image->warning.empty()) result.warnings.push_back(image->warning);
-  checkSize(image->pixels, result.image_file);
+  demosaic(image->pixels, result.warnings);
+  if (!combed_ && (combed_ = isInterlaced(image->pixels))) {
+    result.warnings.push_back(fmt::format(
+        "{}: interlaced, though nothing says so: every second row is of another moment; "
+        "ffmpeg -i FILE -vf yadif NEW takes them apart",
+        result.image_file));
+  }
   leaveOutBars(image->pixels, result.warnings);
   const cv::Mat mask = masks_.of(result.image_file);
   if (image->pixels.depth() == CV_16U) chooseBits(image->pixels, result.warnings);
@@ -290,6 +347,9 @@ int SequenceReader::index(int position) const {
 }
 int SequenceReader::dropped() const {
   return impl_->dropped();
+}
+const std::vector<std::string>& SequenceReader::unreadable() const {
+  return impl_->unreadable();
 }
 void SequenceReader::skip(int images) {
   impl_->skip(images);

@@ -4,35 +4,67 @@
 #include "dsorb/error.h"
 
 #include "io/codecs.h"
-#include "io/image_decoder.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <array>
-#include <string_view>
+#include <cstdint>
+#include <fstream>
 #include <utility>
 
 namespace dsorb {
 namespace {
 
-constexpr std::array<std::string_view, 8> kVideoSuffixes = {
-    ".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg"};
-constexpr std::array<std::string_view, 8> kSoundSuffixes = {
-    ".wav", ".mp3", ".m4a", ".aac", ".flac", ".ogg", ".opus", ".wma"};
-constexpr double kLeastShare =
-    0.9;  // of the announced images; containers may guess from the length
+constexpr double kMissingShare = 0.1;  // of the announced length that may be missing
 constexpr int kFewImages = 2;
 constexpr double kUnevenStep = 1.5;  // times the usual one
+
+/// Whether a file of MP4's family lacks the box that says where its images are: recorders write it
+/// at the end. Boxes are their length, their name and their content.
+bool lacksIndex(const std::string& file) {
+  std::ifstream stream(file, std::ios::binary);
+  std::array<unsigned char, 16> head{};
+  std::uint64_t at = 0;
+  const auto big = [&](std::size_t from, std::size_t to) {
+    std::uint64_t value = 0;
+    for (std::size_t i = from; i < to; ++i) value = value << 8U | head.at(i);
+    return value;
+  };
+  while (stream.seekg(static_cast<std::streamoff>(at)) &&
+         stream.read(reinterpret_cast<char*>(head.data()), head.size())) {
+    const std::string name(head.begin() + 4, head.begin() + 8);
+    if (at == 0 && name != "ftyp") return false;
+    if (name == "moov") return false;
+    const std::uint64_t length = big(0, 4) == 1 ? big(8, 16) : big(0, 4);
+    if (length < 8) break;
+    at += length;
+  }
+  return at > 0;
+}
+
+std::unique_ptr<Capture> openVideoFile(const std::string& file) {
+  try {
+    return openCapture(file);
+  } catch (const IoError&) {
+    if (!lacksIndex(file)) throw;
+    throw IoError(
+        fmt::format("{}: its index (moov) is missing: the recording was not finished or "
+                    "the file is cut off; a tool like untrunc makes a new one by another "
+                    "recording of the camera",
+                    file));
+  }
+}
 
 class VideoFile : public VideoSource {
  public:
   explicit VideoFile(const std::filesystem::path& file)
-      : file_(file.string()), capture_(openCapture(file_)) {
+      : file_(file.string()), capture_(openVideoFile(file_)) {
     if (!capture_->grab()) {
       throw IoError(fmt::format("{}: holds no image that can be decoded", file_));
     }
     begin_ = capture_->time();
+    takeDoubts();
   }
 
   [[nodiscard]] int size() const override { return std::max(capture_->announced(), 1); }
@@ -55,6 +87,7 @@ class VideoFile : public VideoSource {
     image.warning = warning_;
     told_ = true;
     image.turn = capture_->turn();
+    image.pixel_aspect = capture_->pixelAspect();
     return image;
   }
 
@@ -69,14 +102,7 @@ class VideoFile : public VideoSource {
   bool advance() {
     const double before = capture_->time();
     if (ended_ || !capture_->grab()) {
-      ended_ = true;
-      const int count = index_ + 1;
-      if (count < kLeastShare * capture_->announced() - kFewImages) {
-        throw IoError(fmt::format("{}: ends after {} of {} images; is the file complete?",
-                                  file_,
-                                  count,
-                                  capture_->announced()));
-      }
+      if (!std::exchange(ended_, true)) refuseCutFile();
       return false;
     }
     ++index_;
@@ -84,15 +110,36 @@ class VideoFile : public VideoSource {
     const double step = (capture_->time() - before) * capture_->rate();
     if (!uneven_ && (step > kUnevenStep || step < 1 / kUnevenStep)) {
       uneven_ = true;
-      warning_ = fmt::format(
-          "{}: {:.3g} s after the one before, at a nominal rate of {:.3g} images a second; the "
-          "rate "
-          "varies, the times of the images are used",
-          name(index_),
-          capture_->time() - before,
-          capture_->rate());
+      warn(
+          fmt::format("{:.3g} s after the one before, at a nominal rate of {:.3g} images a second; "
+                      "the rate varies, the times of the images are used",
+                      capture_->time() - before,
+                      capture_->rate()));
     }
+    takeDoubts();
     return true;
+  }
+
+  void takeDoubts() {
+    const std::string doubts = capture_->takeDoubts();
+    if (!doubts.empty()) warn(doubts);
+  }
+  void warn(const std::string& what) {
+    warning_ += fmt::format("{}{}: {}", warning_.empty() ? "" : "; ", name(index_), what);
+  }
+
+  void refuseCutFile() const {
+    const double missing = capture_->missingShare();
+    const int count = index_ + 1;
+    const double expected = count / (1 - std::min(missing, 0.999));
+    if (missing < kMissingShare || expected < count + kFewImages) return;
+    throw IoError(
+        fmt::format("{}: ends after {} of about {:.0f} images, {:.0f} % before the end that "
+                    "it announces; is the file complete?",
+                    file_,
+                    count,
+                    expected,
+                    100 * missing));
   }
 
   std::string file_;
@@ -105,21 +152,7 @@ class VideoFile : public VideoSource {
   bool told_ = false;    // with that one
 };
 
-template <std::size_t kCount>
-bool hasSuffixAmong(const std::filesystem::path& file,
-                    const std::array<std::string_view, kCount>& suffixes) {
-  return std::find(suffixes.begin(), suffixes.end(), lowerSuffix(file)) != suffixes.end();
-}
-
 }  // namespace
-
-bool hasVideoSuffix(const std::filesystem::path& file) {
-  return hasSuffixAmong(file, kVideoSuffixes);
-}
-
-bool hasSoundSuffix(const std::filesystem::path& file) {
-  return hasSuffixAmong(file, kSoundSuffixes);
-}
 
 bool isCameraAddress(const std::string& path) {
   return path.rfind("/dev/video", 0) == 0 || path.find("://") != std::string::npos;

@@ -18,12 +18,6 @@ class VideoSource : public ImageSource {
   [[nodiscard]] virtual double begin() const = 0;
 };
 
-/// Whether a file is taken for a video, by its suffix.
-[[nodiscard]] bool hasVideoSuffix(const std::filesystem::path& file);
-
-/// Whether a file is one of sound without pictures, by its suffix.
-[[nodiscard]] bool hasSoundSuffix(const std::filesystem::path& file);
-
 /// Whether a path is /dev/videoN or an address like rtsp://...
 [[nodiscard]] bool isCameraAddress(const std::string& path);
 

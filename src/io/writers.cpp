@@ -103,7 +103,8 @@ class RunWriter::Impl {
       written.tracking = report->tracking_seconds;
       written.mapping = report->mapping_seconds;
     }
-    const io::Json json = io::runJson(info, cameras, record, {status, frames_dropped, written});
+    const io::Json json =
+        io::runJson(info, cameras, record, {status, frames_dropped, unreadable, written});
     io::replaceFile(folder / "run.json", io::jsonText(json));
   }
 
@@ -122,6 +123,7 @@ class RunWriter::Impl {
   bool keyframes_changed = false;
   std::size_t next_writing = 0;  // number of keyframes
   int frames_dropped = 0;
+  std::vector<std::string> unreadable;
 };
 
 RunWriter::RunWriter(const std::string& folder, const RunInfo& info)
@@ -181,6 +183,10 @@ void RunWriter::frameDone(const FrameTiming& timing, const std::string& image_fi
 
 void RunWriter::setDropped(int frames) {
   impl_->frames_dropped = frames;
+}
+
+void RunWriter::setUnreadable(std::vector<std::string> files) {
+  impl_->unreadable = std::move(files);
 }
 
 RunStatus RunWriter::outcome() const {

@@ -9,6 +9,7 @@
 #include "io/dataset.h"
 #include "io/image_decoder.h"
 #include "io/image_store.h"
+#include "io/video.h"
 
 #include <unistd.h>
 
@@ -147,6 +148,15 @@ void image(const std::uint8_t* bytes, std::size_t size) {
   refusing([&] { (void)decodeGrey({bytes, bytes + size}, "image"); });
 }
 
+/// Containers that FFmpeg reads, and where one lacks its index.
+void video(const std::uint8_t* bytes, std::size_t size) {
+  refusing([&] {
+    const auto images = openVideo(fileOf(bytes, size, "clip.mp4"));
+    constexpr int kMost = 10;
+    for (int i = 0; i < kMost && images->image(i); ++i) continue;
+  });
+}
+
 }  // namespace
 
 const std::vector<Parser>& parsers() {
@@ -159,7 +169,8 @@ const std::vector<Parser>& parsers() {
                                                {"lists", lists},
                                                {"config", config},
                                                {"zip", zip},
-                                               {"image", image}};
+                                               {"image", image},
+                                               {"video", video}};
   return kParsers;
 }
 

@@ -38,14 +38,13 @@ TEST_F(SequenceErrorsTest, MissingAndEmptyFoldersAreRefused) {
   EXPECT_THROW(SequenceReader{options()}, IoError);
 }
 
-TEST_F(SequenceErrorsTest, SoundFilesAreSaidToHaveNoPictures) {
-  for (const std::string name : {"sound.wav", "sound.MP3"}) {
+TEST_F(SequenceErrorsTest, FilesThatAreNoSequenceAreNamed) {
+  for (const auto& [name, words] : {std::pair("notes.txt", "notes.txt: "),
+                                    {"00000.png", "one image; expected a folder"},
+                                    {"drive.mcap", "a ROS bag, which `dsorb run`"}}) {
     writeText(root() / name, "RIFF");
-    EXPECT_THAT(openingComplaint(optionsFor(root() / name)), HasSubstr("no pictures")) << name;
+    EXPECT_THAT(openingComplaint(optionsFor(root() / name)), HasSubstr(words)) << name;
   }
-  writeText(root() / "notes.txt", "RIFF");
-  EXPECT_THAT(openingComplaint(optionsFor(root() / "notes.txt")),
-              HasSubstr("no data set; expected"));
 }
 
 TEST_F(SequenceErrorsTest, TruncatedImagesEndTheSequenceAfterTheFramesBefore) {

@@ -231,11 +231,12 @@ TEST_F(VideoTest, FilesThatAreNoVideosAreNamed) {
     writeText(file, content);
     EXPECT_THROW(SequenceReader{viewOf(file)}, IoError);
     EXPECT_THAT(openingComplaint(viewOf(file)),
-                AllOf(HasSubstr("clip.mp4"), HasSubstr("no video")));
+                testing::ContainsRegex("clip.mp4: (no video|sound only)"));
   }
   const fs::path cut = video("cut.mp4", "avc1");
   fs::resize_file(cut, fs::file_size(cut) / 2);  // the index is at the end
-  EXPECT_THAT(openingComplaint(viewOf(cut)), AllOf(HasSubstr("cut.mp4"), HasSubstr("no video")));
+  EXPECT_THAT(openingComplaint(viewOf(cut)),
+              AllOf(HasSubstr("cut.mp4"), HasSubstr("its index (moov) is missing")));
   EXPECT_THAT(openingComplaint(optionsFor(video("good.avi"))),
               AllOf(HasSubstr("good.avi"), HasSubstr("no calibration")));
 }
@@ -249,7 +250,7 @@ TEST_F(VideoTest, ContainersWithoutPicturesAreNamed) {
   for (const std::string name : {"empty.avi", "empty.mkv", "empty.mp4", "sound.mp4", "sound.mkv"}) {
     EXPECT_THROW(SequenceReader{viewOf(root() / name)}, IoError);
     EXPECT_THAT(openingComplaint(viewOf(root() / name)),
-                testing::ContainsRegex(name + ": (no video|holds no image) that can be decoded"));
+                testing::ContainsRegex(name + ": (no video|holds no image|sound only)"));
   }
 }
 
@@ -267,7 +268,7 @@ TEST_F(VideoTest, AVideoThatEndsEarlyGivesTheImagesBefore) {
     while (reader.next()) ++images;
     ADD_FAILURE() << "nothing was thrown";
   } catch (const IoError& error) {
-    EXPECT_THAT(error.what(), AllOf(HasSubstr("cut.avi"), HasSubstr("of 30 images")));
+    EXPECT_THAT(error.what(), AllOf(HasSubstr("cut.avi"), HasSubstr("of about 30 images")));
   }
   EXPECT_GT(images, 5);
   EXPECT_LT(images, 20);

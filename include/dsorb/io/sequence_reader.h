@@ -46,7 +46,8 @@ struct SequenceOptions {
   double to = 0;    ///< [s] after the first image of the data set; 0: the last one
   int every = 1;    ///< use each N-th image, beginning with the first selected
   int width = 0;    ///< of the rectified images [px], less than without; 0: as calibrated
-  bool reverse = false;  ///< read from end - 1 down to start, both included
+  bool reverse = false;          ///< read from end - 1 down to start, both included
+  bool skip_unreadable = false;  ///< pass over image files that cannot be read
   int prefetch =
       2;  ///< images prepared ahead by a thread of its own; 0: none, no thread. Of a camera none
 };
@@ -102,11 +103,14 @@ class SequenceReader {
   /// Images that a camera gave and that were dropped for newer ones before they were asked for.
   [[nodiscard]] int dropped() const;
 
+  /// Files that could not be read and were passed over, so far.
+  [[nodiscard]] const std::vector<std::string>& unreadable() const;
+
   /// Leaves out the next images, unread as far as they are not yet prepared.
   void skip(int images);
 
   /// @return the next selected image; empty after the last one
-  /// @throws IoError where this image cannot be read; nothing follows it
+  /// @throws IoError where this image cannot be read and is not to be passed over; nothing follows
   [[nodiscard]] std::optional<SequenceFrame> next();
 
  private:

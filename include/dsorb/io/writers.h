@@ -8,6 +8,7 @@
 
 #include <memory>
 #include <string>
+#include <vector>
 
 namespace dsorb {
 
@@ -68,6 +69,9 @@ class RunWriter : public OdometryObserver {
 
   /// Counts images that were dropped because the run was late.
   void setDropped(int frames);
+
+  /// Files of images that could not be read and were passed over.
+  void setUnreadable(std::vector<std::string> files);
 
   /// Status up to now: tracked, lost (and not initialized again) or never initialized.
   [[nodiscard]] RunStatus outcome() const;

@@ -2,11 +2,15 @@
 """Images of a ROS 1 or ROS 2 bag or an MCAP file as a folder that dso_dataset reads. Needs the package rosbags."""
 from __future__ import annotations
 
+import itertools
 import math
+import os
+import re
 import shutil
+import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Optional
 
@@ -14,18 +18,22 @@ import numpy as np
 
 from .pictures import opencv
 
-SUFFIXES = ('.bag', '.mcap', '.db3')
+STORAGES = ('.mcap', '.db3')  # of ROS 2
+SUFFIXES = ('.bag', '.active', *STORAGES)
 IMAGE_TYPES = ('sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage')
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
-MAGIC = {b'\xff\xd8\xff': '.jpg', b'\x89PNG': '.png'}
+MAGIC = {b'\xff\xd8\xff': '.jpg', b'\x89PNG': '.png', b'RIFF': '.webp', b'II*\0': '.tif', b'MM\0*': '.tif', b'BM': '.bmp'}
 NANOSECONDS = 10**9
+BACK, AHEAD = NANOSECONDS // 2, 60 * NANOSECONDS  # what the order of messages and their delay explain of a header's clock
+LOOKED_AT = 10  # headers that tell whether their times are of any use
 MARGIN = 2  # between an image's time and that of its recording, at most [s]
 # Channels of an encoding, as PGM and PPM want them: grey, or red, green, blue.
 CHANNELS = {'mono8': [0], '8uc1': [0], 'mono16': [0], '16uc1': [0], 'rgb8': [0, 1, 2], 'bgr8': [2, 1, 0], '8uc3': [2, 1, 0],
-            'rgba8': [0, 1, 2, 3], 'bgra8': [2, 1, 0, 3], '8uc4': [2, 1, 0, 3]}
+            'rgb16': [0, 1, 2], 'bgr16': [2, 1, 0], 'rgba8': [0, 1, 2, 3], 'bgra8': [2, 1, 0, 3], '8uc4': [2, 1, 0, 3]}
 LUMA_FIRST, LUMA_SECOND = ('yuv422_yuy2', 'yuyv'), ('yuv422', 'uyvy')
-BAYER = {'bayer_rggb8': 'COLOR_BAYER_BG2GRAY', 'bayer_bggr8': 'COLOR_BAYER_RG2GRAY', 'bayer_gbrg8': 'COLOR_BAYER_GR2GRAY',
-         'bayer_grbg8': 'COLOR_BAYER_GB2GRAY'}  # OpenCV names the second row's second pixel first
+# OpenCV names the second row's second pixel first.
+BAYER = {f'bayer_{ours}{bits}': f'COLOR_BAYER_{theirs}2GRAY' for bits in (8, 16)
+         for ours, theirs in {'rggb': 'BG', 'bggr': 'RG', 'gbrg': 'GR', 'grbg': 'GB'}.items()}
 TIMES = 'times.txt'
 CALIBRATION = 'camera_info.yaml'
 
@@ -44,12 +52,29 @@ class Unpacked:
     topic: str
     images: int
     left_out: int  # whose time is that of another one
-    calibration: Optional[Path]  # from the camera_info beside the topic
+    calibration: Optional[Path]  # from a camera_info
+    no_calibration: str  # why there is none
+    notes: list[str] = field(default_factory=list)  # a sentence each
 
 
 def is_bag(source: str) -> bool:
     path = Path(source)
-    return path.suffix in SUFFIXES and path.is_file() or (path / 'metadata.yaml').is_file()
+    if path.is_file():
+        return path.suffix in SUFFIXES
+    return (path / 'metadata.yaml').is_file() or bool(storages(path))
+
+
+def storages(folder: Path) -> list[Path]:
+    """Files of a ROS 2 bag in their order."""
+    found = [path for path in folder.glob('*') if path.suffix in STORAGES]
+    return sorted(found, key=lambda path: [int(word) if word.isdigit() else word for word in re.split(r'(\d+)', path.name)])
+
+
+def cure(path: Path) -> str:
+    """What makes a bag whose end is missing readable."""
+    if path.suffix in ('.bag', '.active'):
+        return f'rosbag reindex {path}'
+    return f'mcap recover {path} -o recovered.mcap'
 
 
 @contextmanager
@@ -60,13 +85,30 @@ def opened(path: Path) -> Iterator[Any]:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise BagError(f'{path}: reading bags needs the package rosbags: pip install rosbags') from None
+    paths = [path] if path.is_file() or (path / 'metadata.yaml').is_file() else storages(path)
     try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        with AnyReader(paths, default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             yield reader
     except (BagError, OSError):
         raise
     except Exception as error:  # of many kinds, where the bytes are not what rosbags expects
+        for file in paths:
+            file = next(iter(storages(file)), file) if file.is_dir() else file
+            if is_unfinished(file):
+                raise BagError(f'{file}: ends in the middle, as that of a recorder that was killed; `{cure(file)}` saves what is there') from None
         raise BagError(f'{path}: damaged, or no bag: {str(error) or type(error).__name__}') from None
+
+
+def is_unfinished(file: Path) -> bool:
+    """Whether a file begins as a bag and has lost its end."""
+    with file.open('rb') as stream:
+        begin = stream.read(200)
+        stream.seek(max(0, file.stat().st_size - 8))
+        end = stream.read()
+    if begin.startswith(b'\x89MCAP'):
+        return end != begin[:8]
+    header = re.search(rb'index_pos=(.{8})', begin, re.DOTALL)  # where the index of a ROS 1 bag lies
+    return bool(header) and not 0 < int.from_bytes(header[1], 'little') < file.stat().st_size
 
 
 def image_topics(reader: Any) -> dict[str, int]:
@@ -80,15 +122,47 @@ def choose(path: Path, topics: dict[str, int], wanted: Optional[str]) -> str:
     listed = ''.join(f'\n  {name}: {count} images' for name, count in topics.items())
     if wanted is None and len(topics) > 1:
         raise TopicError(f'{path}: has several topics of images; choose one with --topic:{listed}')
+    if wanted is not None:
+        names = [name + end for name in (wanted, '/' + wanted) for end in ('', '/compressed')]
+        wanted = next((name for name in names if name in topics), wanted)
     if wanted is not None and wanted not in topics:
         raise TopicError(f"{path}: has no images of the topic '{wanted}'; those it has:{listed}")
     return wanted or next(iter(topics))
 
 
-def time_of(message: Any, received: int) -> int:
-    """[ns] of the header, or, where nobody set that, when the message was recorded."""
-    stamp = message.header.stamp
-    return (stamp.sec * NANOSECONDS + stamp.nanosec) or received
+def stamp_of(message: Any) -> int:
+    """[ns] of the header; 0 where nobody set it."""
+    return message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
+
+
+class Clock:
+    """Times of messages, by their headers as long as these go on as the recording does.
+
+    Where a header's clock was set anew, the later times continue those before as the recording does. Where headers have none,
+    or the same again and again, they are those of the recording."""
+
+    def __init__(self, stamps: list[int]):
+        self.useful, self.offset, self.jumps = len(set(stamps)) > len(stamps) // 2 and any(stamps), 0, []
+        self.last: Optional[tuple[int, int]] = None  # header and recording [ns]
+
+    def time(self, stamp: int, received: int, number: int) -> int:
+        stamp = stamp if self.useful and stamp else received
+        if self.last is not None:
+            step, passed = stamp - self.last[0], max(received - self.last[1], 1)
+            if step < -BACK or step > passed + AHEAD:
+                self.offset += passed - step
+                self.jumps.append((number, step / NANOSECONDS))
+        self.last = stamp, received
+        return stamp + self.offset
+
+    def notes(self) -> list[str]:
+        notes = [] if self.useful else ['the headers have no times of their own: those of the recording are used']
+        if self.jumps:
+            number, step = self.jumps[0]
+            more = f', and {len(self.jumps) - 1} time(s) more' if len(self.jumps) > 1 else ''
+            notes.append(f'the clock of the headers jumps by {step:+.6g} s before image {number}{more}: images keep the order of the '
+                         'recording, and times go on as it does')
+        return notes
 
 
 def pnm(image: np.ndarray) -> bytes:
@@ -114,10 +188,23 @@ def raw_image(message: Any) -> np.ndarray:
     if yuv:
         return pixels[..., 0 if encoding in LUMA_FIRST else 1]
     if encoding in BAYER:
-        cv2 = opencv(f'{encoding}: a mosaic of colours')
-        return cv2.cvtColor(np.ascontiguousarray(pixels[..., 0]), getattr(cv2, BAYER[encoding]))
+        return demosaiced(pixels[..., 0].astype(kind.newbyteorder('=')), encoding)
     pixels = pixels[..., CHANNELS[encoding][:3]].astype(kind.newbyteorder('='))
     return pixels[..., 0] if channels == 1 else pixels
+
+
+def demosaiced(pixels: np.ndarray, encoding: str) -> np.ndarray:
+    """Grey of a mosaic of colours."""
+    cv2 = opencv(f'{encoding}: a mosaic of colours')
+    return cv2.cvtColor(np.ascontiguousarray(pixels), getattr(cv2, BAYER[encoding]))
+
+
+def mosaic_of(form: str) -> Optional[str]:
+    """Encoding of a mosaic that a compressed image is, by its format: `bayer_rggb8; png compressed`, but not what was compressed
+    as colours or grey, `bayer_rggb8; jpeg compressed bgr8`."""
+    encoding, _, rest = form.lower().partition(';')
+    last = rest.split()[-1:] or ['']
+    return encoding.strip() if encoding.strip() in BAYER and not re.match('rgb|bgr|mono', last[0]) else None
 
 
 def file_of(message: Any) -> tuple[str, bytes]:
@@ -128,8 +215,18 @@ def file_of(message: Any) -> tuple[str, bytes]:
     data = bytes(message.data)
     for magic, suffix in MAGIC.items():
         if data.startswith(magic):
-            return suffix, data
-    raise BagError(f"compressed as '{message.format}'; expected JPEG or PNG")
+            mosaic = mosaic_of(message.format)
+            return mosaic_file(data, mosaic) if mosaic else (suffix, data)
+    raise BagError(f"compressed as '{message.format}'; expected JPEG, PNG, WebP or TIFF")
+
+
+def mosaic_file(data: bytes, encoding: str) -> tuple[str, bytes]:
+    """Suffix and content of the grey image of a compressed mosaic."""
+    cv2 = opencv(f'{encoding}: a mosaic of colours')
+    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if pixels is None or pixels.ndim != 2:
+        raise BagError(f'{encoding}: cannot be decoded as an image of one channel')
+    return '.pgm', pnm(demosaiced(pixels, encoding))
 
 
 def messages_within(reader: Any, connections: list[Any], begin: float, end: float) -> Iterator[tuple[Any, int, Any]]:
@@ -143,13 +240,15 @@ def messages_within(reader: Any, connections: list[Any], begin: float, end: floa
     yield from reader.messages(connections=connections, start=start, stop=stop)
 
 
-def write_images(reader: Any, topic: str, folder: Path, begin: float, end: float) -> tuple[dict[int, str], int]:
-    """Files of the images by their times [ns], and how many were left out because another one has their time."""
+def write_images(reader: Any, topic: str, folder: Path, begin: float, end: float) -> tuple[dict[int, str], int, list[str]]:
+    """Files of the images by their times [ns], how many were left out because another one has their time, and notes."""
     files, left_out = {}, 0
     connections = [c for c in reader.connections if c.topic == topic]
+    clock = Clock([stamp_of(reader.deserialize(data, connection.msgtype))
+                   for connection, _, data in itertools.islice(reader.messages(connections=connections), LOOKED_AT)])
     for number, (connection, received, data) in enumerate(messages_within(reader, connections, begin, end)):
         message = reader.deserialize(data, connection.msgtype)
-        time = time_of(message, received)
+        time = clock.time(stamp_of(message), received, number)
         if time in files:
             left_out += 1
             continue
@@ -159,30 +258,72 @@ def write_images(reader: Any, topic: str, folder: Path, begin: float, end: float
             raise BagError(f'{topic}, image {number}: {error}') from None
         files[time] = f'{time:020d}{suffix}'  # in the order of their times, which need not be that of the messages
         (folder / files[time]).write_bytes(content)
-    return files, left_out
+    return files, left_out, clock.notes()
 
 
-def write_calibration(reader: Any, topic: str, file: Path) -> Optional[Path]:
-    """The camera_info beside a topic, as `ros2 topic echo` prints it; None where there is none, or nobody calibrated.
+def size_of(file: Path) -> Optional[tuple[int, int]]:
+    """Width and height of a PNM, PNG or JPEG file; None of others."""
+    data = file.read_bytes()
+    if file.suffix in ('.pgm', '.ppm'):
+        width, height = data.split(maxsplit=3)[1:3]
+        return int(width), int(height)
+    if file.suffix == '.png':
+        return struct.unpack('>II', data[16:24])
+    frame = re.search(rb'\xff[\xc0-\xc3]..\x08(....)', data, re.DOTALL) if file.suffix == '.jpg' else None
+    return struct.unpack('>HH', frame[1])[::-1] if frame else None
+
+
+def camera_info(reader: Any, topic: str, size: Optional[tuple[int, int]]) -> tuple[Any, str]:
+    """The camera_info of a topic, and which topic has it or why there is none: the one beside it, else the only one for images of
+    its size, or the one of these that shares the longest beginning with it."""
+    base = base_of(topic)
+    found = {}
+    for connection in reader.connections:
+        if connection.msgtype == CAMERA_INFO:
+            message = next(reader.messages(connections=[connection]), None)
+            if message:
+                found[connection.topic] = reader.deserialize(message[2], connection.msgtype)
+    beside = base.rpartition('/')[0] + '/camera_info'
+    if beside in found:
+        return found[beside], beside
+    shared = {name: len(os.path.commonprefix([name.split('/'), base.split('/')]))
+              for name, info in found.items() if size is None or size in sizes_of(info)}
+    best = [name for name in shared if shared[name] == max(shared.values())]
+    if len(best) == 1:
+        return found[best[0]], best[0]
+    listed = ''.join(f'\n  {name}: {info.width}x{info.height}' for name, info in found.items())
+    what = f'there is no {beside}' if found else 'the bag has no camera_info'
+    return None, what + (f', and not one other that is for images of {size[0]}x{size[1]}:{listed}' if found and size else '')
+
+
+def sizes_of(info: Any) -> list[tuple[int, int]]:
+    """That images of a camera_info may have: of the sensor, of its region of interest, and with pixels added up."""
+    sizes = [(info.width, info.height), (info.roi.width, info.roi.height)]
+    return sizes + [(width // max(info.binning_x, 1), height // max(info.binning_y, 1)) for width, height in sizes]
+
+
+def base_of(topic: str) -> str:
+    return topic[:-len('/compressed')] if topic.endswith('/compressed') else topic
+
+
+def write_calibration(reader: Any, topic: str, size: Optional[tuple[int, int]], file: Path) -> str:
+    """The camera_info of a topic, as `ros2 topic echo` prints it. @return why there is none; empty where there is
 
     Of images that were rectified (`image_rect`, `image_rect_color`) it is the camera of P, without distortion."""
-    base = topic[:-len('/compressed')] if topic.endswith('/compressed') else topic
-    name = base.rpartition('/')[0] + '/camera_info'
-    connections = [c for c in reader.connections if c.topic == name and c.msgtype == CAMERA_INFO]
-    for connection, _, data in reader.messages(connections=connections) if connections else ():
-        info = reader.deserialize(data, connection.msgtype)
-        k, d, p = (np.ravel(getattr(info, key, getattr(info, key.upper(), ()))) for key in 'kdp')
-        model, roi = info.distortion_model or 'plumb_bob', info.roi
-        if base.rpartition('/')[2].startswith('image_rect'):
-            k, d, model = p.reshape(3, 4)[:, :3].ravel(), (), 'none'
-        if k[0] <= 0:
-            return None
-        numbers = [', '.join(f'{x:.17g}' for x in values) for values in (k, d)]
-        region = ''.join(f'  {key}: {getattr(roi, key)}\n' for key in ('x_offset', 'y_offset', 'height', 'width'))
-        file.write_text(f'width: {info.width}\nheight: {info.height}\ndistortion_model: {model}\nd: [{numbers[1]}]\nk: [{numbers[0]}]\n'
-                        f'binning_x: {info.binning_x}\nbinning_y: {info.binning_y}\nroi:\n{region}', encoding='utf-8')
-        return file
-    return None
+    info, name = camera_info(reader, topic, size)
+    if info is None:
+        return name
+    k, d, p = (np.ravel(getattr(info, key, getattr(info, key.upper(), ()))) for key in 'kdp')
+    model, roi, matrix = info.distortion_model or 'plumb_bob', info.roi, 'K'
+    if base_of(topic).rpartition('/')[2].startswith('image_rect'):
+        k, d, model, matrix = p.reshape(3, 4)[:, :3].ravel(), (), 'none', 'P'
+    if k[0] <= 0:
+        return f'{name} is there, but its {matrix} is 0: nobody calibrated this camera'
+    numbers = [', '.join(f'{x:.17g}' for x in values) for values in (k, d)]
+    region = ''.join(f'  {key}: {getattr(roi, key)}\n' for key in ('x_offset', 'y_offset', 'height', 'width'))
+    file.write_text(f'width: {info.width}\nheight: {info.height}\ndistortion_model: {model}\nd: [{numbers[1]}]\nk: [{numbers[0]}]\n'
+                    f'binning_x: {info.binning_x}\nbinning_y: {info.binning_y}\nroi:\n{region}', encoding='utf-8')
+    return ''
 
 
 def remove_unpacked(folder: Path) -> None:
@@ -208,8 +349,9 @@ def unpack(source: str, topic: Optional[str], folder: Path, begin: float = 0, en
         images = folder / 'images'
         images.mkdir(parents=True, exist_ok=True)
         (folder / TIMES).touch()  # this folder is ours, also after a kill
-        files, left_out = write_images(reader, chosen, images, begin, end)
-        calibration = write_calibration(reader, chosen, folder / CALIBRATION)
+        files, left_out, notes = write_images(reader, chosen, images, begin, end)
+        size = size_of(images / next(iter(files.values()))) if files else None
+        why = write_calibration(reader, chosen, size, folder / CALIBRATION)
     lines = [f'{files[time]} {time // NANOSECONDS}.{time % NANOSECONDS:09d}\n' for time in sorted(files)]
     (folder / TIMES).write_text(''.join(lines), encoding='utf-8')
-    return Unpacked(folder, chosen, len(files), left_out, calibration)
+    return Unpacked(folder, chosen, len(files), left_out, None if why else folder / CALIBRATION, why, notes)

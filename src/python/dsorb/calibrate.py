@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Calibration of a camera from a video or photographs of a chessboard, by OpenCV."""
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,11 +40,15 @@ def frames_of(cv2, source):
             if image is not None:
                 yield image
         return
-    video = Video(cv2, source)
-    if not video.opened:
-        raise PicturesError(f'{source}: neither a folder nor a video that can be opened')
-    while video.grab():
-        yield cv2.cvtColor(video.image(), cv2.COLOR_BGR2GRAY)
+    with Video(source) as video:
+        for index in itertools.count():
+            found = video.image(index)
+            if found is None:
+                return
+            image, turn = found
+            # Upside down is told by no size: such a video has the calibration of the sensor, which a run turns with the images.
+            image = cv2.rotate(image, cv2.ROTATE_180) if turn == 180 else image
+            yield cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
 
 
 def find_views(cv2, frames, board, every):

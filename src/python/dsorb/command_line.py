@@ -14,14 +14,14 @@ from pathlib import Path
 
 from . import __version__, bags, calibrate, recording
 from .export import FORMATS, export
-from .pictures import view_of_exif
+from .pictures import program, view_of_exif
 from .run_folder import alone_in, read_run, remove_exports
 from .summary import summarize
 
 RUNTIME_ERROR, WRONG_OPTIONS, NOT_TRACKED = 1, 2, 3  # as dso_dataset has them
 INTERRUPTED = 130  # as of a shell
 TELLS = {'--version', '--print-config'}  # options of dso_dataset that it answers instead of running
-FLAGS = {'--reverse', '--pipelined', *TELLS}  # those without a value
+FLAGS = {'--reverse', '--pipelined', '--skip-unreadable', *TELLS}  # those without a value
 
 DESCRIPTION = '''\
 Poses of the camera and points of the scene from a video, a folder of images or a ROS bag.
@@ -35,11 +35,6 @@ All other options are those of dso_dataset (dsorb run --help-all): --set key=val
 --mask, --initializer, ... The summary at the end names what it suspects of the camera. It cannot tell everything: a rolling
 shutter of 25 ms is not seen in a smooth walk (--readout auto models one).
 Exit codes: 0 tracked to the end, 1 unreadable data or failed export, 2 wrong options, 3 never initialized or lost for good.'''
-
-
-def program():
-    """The dso_dataset that came with the package."""
-    return Path(__file__).parent / 'bin' / 'dso_dataset'
 
 
 def formats_of(text):
@@ -213,7 +208,7 @@ def take_from_bag(args, rest, output):
     """Has the images of a bag as the input, and its calibration where none was given. @return exit code"""
     if not bags.is_bag(args.input):
         if args.topic is not None:
-            print(f'dsorb: --topic: {args.input} is no bag (.bag, .mcap, .db3, or a folder with metadata.yaml)', file=sys.stderr)
+            print(f'dsorb: --topic: {args.input} is no bag (.bag, .mcap, .db3, or a folder with such files)', file=sys.stderr)
         return WRONG_OPTIONS if args.topic is not None else 0
     try:
         with alone_in(output):
@@ -222,12 +217,18 @@ def take_from_bag(args, rest, output):
     except (ValueError, OSError) as error:
         print(f'dsorb: {error}', file=sys.stderr)
         return WRONG_OPTIONS if isinstance(error, bags.TopicError) else RUNTIME_ERROR
-    args.input = str(found.folder)
-    if args.calib is None and args.hfov is None and found.calibration:
+    source, args.input = args.input, str(found.folder)
+    if args.calib is None and args.hfov is None:
+        if found.calibration is None:
+            print(f'dsorb: {source}: {found.no_calibration}; give a calibration with --calib, or what the camera sees from left to right '
+                  'with --hfov DEGREES', file=sys.stderr)
+            return RUNTIME_ERROR
         args.calib = str(found.calibration)
     elif args.calib is not None and not any(word.partition('=')[0] == '--camera' for word in rest):
         rest += ['--camera', found.topic]  # tells which one of several
     if not args.quiet:
+        for note in found.notes:
+            print(f'dsorb: warning: {found.topic}: {note}', file=sys.stderr)
         print(f'{found.topic}: {found.images} images' + (f', {found.left_out} left out that repeat a time' if found.left_out else '')
               + (', calibration from camera_info' if args.calib == str(found.calibration) else ''))
     return 0

@@ -3,6 +3,8 @@
 an archive, or undistorted. Needs OpenCV's Python module (`pip install dsorb[images]`) where pixels are touched."""
 import os
 import re
+import subprocess
+import tempfile
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,6 +39,11 @@ def opencv(reason):
     except ImportError:
         raise PicturesError(f'{reason} needs OpenCV: pip install opencv-python-headless') from None
     return cv2
+
+
+def program():
+    """The dso_dataset that came with the package."""
+    return Path(__file__).parent / 'bin' / 'dso_dataset'
 
 
 def pinhole(camera):
@@ -130,34 +137,51 @@ def decoded(cv2, run, indices):
         for index in sorted(files):
             yield index, decoded_file(cv2, files[index])
         return
-    video = Video(cv2, run.summary['dataset'])
-    if not video.opened:
-        raise PicturesError(f'{run.summary["dataset"]}: cannot be opened as a video; cameras leave no images behind')
-    for index in range(max(indices) + 1):
-        if not video.grab():
-            return
-        if index in indices:
-            yield index, video.image()
+    if not Path(run.summary['dataset']).is_file():
+        raise PicturesError(f'{run.summary["dataset"]}: no file; cameras leave no images behind')
+    with Video(run.summary['dataset']) as video:
+        for index in sorted(indices):
+            found = video.image(index)
+            if found is None:
+                return
+            yield index, found[0]
 
 
 class Video:
-    """Images of a video, upright. OpenCV 4.6 turns them the wrong way round (its issue 22088), so it must not do it."""
+    """Images of a video as `dso_dataset` decodes it, upright: those that a run tracks. Raises PicturesError where it cannot."""
 
-    def __init__(self, cv2, path):
-        self.path, self.capture = path, cv2.VideoCapture(str(path))
-        self.opened = self.capture.isOpened()
-        turn = round(self.capture.get(cv2.CAP_PROP_ORIENTATION_META))
-        self.capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
-        self.quarters = (-turn if cv2.__version__.startswith('4.6.') else turn) // 90 % 4  # clockwise
+    def __init__(self, path):
+        self.errors = tempfile.TemporaryFile()
+        self.program = subprocess.Popen([str(program()), str(path), '--format', 'video', '--serve-images'], stdin=subprocess.PIPE,
+                                        stdout=subprocess.PIPE, stderr=self.errors)
 
-    def grab(self):
-        return self.capture.grab()
+    def __enter__(self):
+        return self
 
-    def image(self):
-        there, image = self.capture.retrieve()
-        if not there:
-            raise PicturesError(f'{self.path}: an image cannot be decoded')
-        return np.ascontiguousarray(np.rot90(image, -self.quarters))
+    def __exit__(self, *_):
+        self.program.kill()
+        self.program.communicate()
+        self.errors.close()
+
+    def image(self, index):
+        """(height, width, 3) of BGR, and how far it was turned clockwise [degrees]; None after the last one. Indices ascend."""
+        try:
+            self.program.stdin.write(b'%d\n' % index)
+            self.program.stdin.flush()
+        except OSError:
+            return self.end()
+        if self.program.stdout.readline() != b'P6\n':
+            return self.end()
+        turn = int(self.program.stdout.readline().split()[-1])
+        width, height = map(int, self.program.stdout.readline().split())
+        self.program.stdout.readline()
+        data = self.program.stdout.read(width * height * 3)
+        return np.ascontiguousarray(np.frombuffer(data, np.uint8).reshape(height, width, 3)[..., ::-1]), turn
+
+    def end(self):
+        if self.program.wait() != 0:
+            self.errors.seek(0)
+            raise PicturesError(self.errors.read().decode('utf-8', 'replace').strip())
 
 
 def decoded_file(cv2, name):

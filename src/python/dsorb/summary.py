@@ -34,6 +34,10 @@ def summarize(run):
     lines = [f'{posed} of {given} images have a pose ({100 * posed / given:.0f} %)' + of_segments(run)]
     lines += [f'  segment {segment.number}: {span(run, segment)}, {len(segment.points.positions)} points'
               for segment in run.segments]
+    unreadable = run.summary.get('unreadable', [])
+    if unreadable:
+        lines.append(f'  {len(unreadable)} image(s) could not be read and were passed over: {", ".join(unreadable[:3])}'
+                     + (', ... (run.json)' if len(unreadable) > 3 else ''))
     lines += how_sure(run) + of_lens(run.summary)
     if posed < ENOUGH * given:
         lines += advice(run)
