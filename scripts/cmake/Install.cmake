@@ -36,8 +36,10 @@ if(NOT DEFINED BUILD_SHARED_LIBS)
 endif()
 configure_package_config_file(scripts/cmake/dsorbConfig.cmake.in ${PROJECT_BINARY_DIR}/dsorbConfig.cmake
                               INSTALL_DESTINATION ${dsorb_package_dir})
+configure_file(scripts/cmake/dsorbDependencies.cmake.in ${PROJECT_BINARY_DIR}/dsorbDependencies.cmake @ONLY)
 write_basic_package_version_file(${PROJECT_BINARY_DIR}/dsorbConfigVersion.cmake COMPATIBILITY SameMinorVersion)
-install(FILES ${PROJECT_BINARY_DIR}/dsorbConfig.cmake ${PROJECT_BINARY_DIR}/dsorbConfigVersion.cmake
+install(FILES ${PROJECT_BINARY_DIR}/dsorbConfig.cmake ${PROJECT_BINARY_DIR}/dsorbDependencies.cmake
+              ${PROJECT_BINARY_DIR}/dsorbConfigVersion.cmake
         DESTINATION ${dsorb_package_dir})
 
 # pkg-config, for shared libraries: what these are linked with has pkg-config files in part only.

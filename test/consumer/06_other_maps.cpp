@@ -3,78 +3,51 @@
 // systems keep), and depth filters (as semi-direct ones do). docs/integrate.md explains it.
 #include "images.h"
 
-#include <Eigen/Dense>
 #include <dsorb/init/initializer.h>
+#include <dsorb/init/map_start.h>
 
 #include <cstdio>
+#include <list>
 #include <map>
+#include <utility>
 #include <vector>
 
 namespace {
 
 // [features]
 struct Landmark {
-  Eigen::Vector3d position;    // in the reference camera
-  Eigen::Matrix3d covariance;  // along the ray of its host; the ray itself counts as exact
-  std::map<std::size_t, Eigen::Vector2d> observed;  // keyframe -> pixel
+  Eigen::Vector3d position;
+  int host;
+  Eigen::Vector2d pixel;                    // in the host, where its descriptor is computed
+  std::map<int, Eigen::Vector2d> observed;  // keyframe -> pixel
 };
-
-/// Landmarks with the pixels at which the posed frames see them. What the initializer measured is
-/// inside poses and depths already, so these pixels are projections: refine or match them with your
-/// own descriptors before an adjustment takes them for measurements.
-std::vector<Landmark> landmarksOf(const dsorb::InitializationResult& result,
-                                  const dsorb::PinholeCamera& camera) {
-  std::vector<Landmark> landmarks;
-  for (const dsorb::InitPoint& point : result.points) {
-    const dsorb::SE3 T_ref_host =
-        result.frames[static_cast<std::size_t>(point.host)].T_cam_ref->inverse();
-    const Eigen::Vector3d ray = camera.unproject(point.pixel.cast<double>());
-    const double rho = point.inverse_depth;
-    const Eigen::Vector3d along =
-        T_ref_host.rotationMatrix() * ray / (rho * rho);  // d position / d rho
-    Landmark landmark{T_ref_host * (ray / rho), point.variance * along * along.transpose(), {}};
-    for (std::size_t k = 0; k < result.frames.size(); ++k) {
-      if (!result.frames[k].T_cam_ref) continue;
-      const Eigen::Vector3d p = *result.frames[k].T_cam_ref * landmark.position;
-      if (p.z() > 0 && camera.contains(camera.project(p), 2))
-        landmark.observed[k] = camera.project(p);
-    }
-    landmarks.push_back(landmark);
+struct FeatureMap {
+  int addKeyframe(const dsorb::PosedFrame&) { return keyframes++; }
+  Landmark* addPoint(int host,
+                     const Eigen::Vector2d& pixel,
+                     const Eigen::Vector3d& position,
+                     const Eigen::Matrix3d&) {
+    landmarks.push_back({position, host, pixel, {}});
+    return &landmarks.back();
   }
-  return landmarks;
-}
+  void observe(Landmark* point, int keyframe, const Eigen::Vector2d& pixel) {
+    point->observed[keyframe] = pixel;
+  }
+  std::list<Landmark> landmarks;
+  int keyframes = 0;
+};
 // [/features]
 
 // [filters]
-/// Depth filter of a pixel: inverse depth as a Gaussian, share of good measurements as a Beta
-/// distribution.
-struct DepthFilter {
-  std::size_t keyframe;
-  Eigen::Vector2d pixel;
-  double mean;
-  double variance;
-  double good, bad;  // of the Beta distribution
-};
-
-/// A start's variance contains what was measured in all its frames, so a filter continues from it:
-/// each observation counts as a good measurement. Do not feed the start's frames again.
-std::vector<DepthFilter> filtersOf(const dsorb::InitializationResult& result) {
-  std::vector<DepthFilter> filters;
-  for (const dsorb::InitPoint& p : result.points) {
-    filters.push_back({static_cast<std::size_t>(p.host),
-                       p.pixel.cast<double>(),
-                       p.inverse_depth,
-                       p.variance,
-                       10.0 + p.observations,
-                       10.0});
+struct FilterMap {
+  int addKeyframe(const dsorb::PosedFrame&) { return keyframes++; }
+  void addFilter(
+      int, const Eigen::Vector2d&, double mean, double variance, double, double, bool sure) {
+    (sure ? points : waiting).emplace_back(mean, variance);
   }
-  return filters;
-}
-
-/// A filter this sure is a point of the map.
-bool hasConverged(const DepthFilter& filter) {
-  return std::sqrt(filter.variance) < 0.1 * filter.mean;
-}
+  std::vector<std::pair<double, double>> points, waiting;
+  int keyframes = 0;
+};
 // [/filters]
 
 }  // namespace
@@ -87,29 +60,29 @@ int main() {
     const auto step = initializer->addFrame(dsorb::Frame::create(
         dsorb::ImageView(pixels.data(), kWidth, kHeight), {dsorb::FrameId{i}, i / 30.0}));
     if (!step.result) continue;
-    const dsorb::InitializationResult& result = *step.result;
 
+    FeatureMap features;
+    FilterMap filters;
+    dsorb::startFeatures(features, *step.result, camera);
+    dsorb::startFilters(filters, *step.result);
     std::size_t twice = 0, in_place = 0;
-    const std::vector<Landmark> landmarks = landmarksOf(result, camera);
-    for (std::size_t k = 0; k < landmarks.size(); ++k) {
-      const dsorb::InitPoint& point = result.points[k];
-      const auto& observed = landmarks[k].observed;
-      if (observed.size() >= 2) ++twice;
-      const auto in_host = observed.find(static_cast<std::size_t>(point.host));
-      if (in_host != observed.end() && (in_host->second - point.pixel.cast<double>()).norm() < 1e-3)
-        ++in_place;
+    for (const Landmark& landmark : features.landmarks) {
+      twice += landmark.observed.size() >= 2 ? 1U : 0U;
+      const auto in_host = landmark.observed.find(landmark.host);
+      const bool there = in_host != landmark.observed.end();
+      in_place += there && (in_host->second - landmark.pixel).norm() < 1e-3 ? 1U : 0U;
     }
-    std::size_t converged = 0;
-    for (const DepthFilter& filter : filtersOf(result)) converged += hasConverged(filter) ? 1U : 0U;
+    const std::size_t all = step.result->points.size();
     std::printf(
         "%zu landmarks, %zu seen twice, %zu where their host has them; %zu filters have "
         "converged\n",
-        landmarks.size(),
+        features.landmarks.size(),
         twice,
         in_place,
-        converged);
-    return in_place == landmarks.size() && 10 * twice > 9 * landmarks.size() &&
-                   2 * converged > landmarks.size()
+        filters.points.size());
+    const bool complete = in_place == all && filters.points.size() + filters.waiting.size() == all;
+    return complete && 10 * twice > 9 * all && 2 * filters.points.size() > all &&
+                   filters.keyframes == 1
                ? 0
                : 1;
   }

@@ -10,6 +10,11 @@ function(run)
 endfunction()
 
 file(REMOVE_RECURSE ${WORK_DIR})
+# Modules of the names of all that is looked for; they say so if they are asked.
+set(modules ${WORK_DIR}/modules)
+foreach(name Eigen3 TBB OpenCV Ceres Threads yaml-cpp nlohmann_json fmt JPEG PNG PkgConfig CLI11 spdlog GTest benchmark)
+  file(WRITE ${modules}/Find${name}.cmake "message(FATAL_ERROR \"somebody's Find${name}.cmake was asked\")\n")
+endforeach()
 run(${CMAKE_COMMAND} --install ${BUILD_DIR} --prefix ${WORK_DIR}/prefix)
 # All programs, or those of a list.
 function(build_and_run folder flags)
@@ -51,7 +56,22 @@ if(package_file)
   build_expression(io io/config.h "dsorb::loadConfig({}).initializer == \"orb\"")
   include(${SOURCE_DIR}/exports.cmake)
   check_exports(${library_folder})
+  count_libraries(${WORK_DIR}/by_pkg_config_init)
 endif()
+
+# Compilers of an older standard are told so, and no more.
+file(GLOB_RECURSE headers RELATIVE ${WORK_DIR}/prefix/include ${WORK_DIR}/prefix/include/dsorb/*.h)
+list(FILTER headers EXCLUDE REGEX "^dsorb/c/")
+foreach(header IN LISTS headers)
+  file(WRITE ${WORK_DIR}/old.cpp "#include <${header}>\n")
+  execute_process(COMMAND ${CXX} -std=c++0x -fsyntax-only -I${WORK_DIR}/prefix/include ${WORK_DIR}/old.cpp
+                  RESULT_VARIABLE result ERROR_VARIABLE output)
+  string(REGEX MATCHALL "[^\n]* error: [^\n]*" errors "${output}")
+  list(LENGTH errors count)
+  if(result EQUAL 0 OR NOT output MATCHES "error: #?(error )?\"dsorb needs C\\+\\+17: " OR count GREATER 2)
+    message(FATAL_ERROR "${header} with -std=c++0x must say that it needs C++17:\n${output}")
+  endif()
+endforeach()
 
 # Once more for another instruction set: Eigen aligns to 32 bytes there, in the library to 16. Those programs that hand
 # every kind of object with Eigen in it across.
@@ -69,4 +89,12 @@ if(result EQUAL 0 OR NOT output MATCHES "no_such_part")
   message(FATAL_ERROR "an unknown component must fail with its name:\n${output}")
 endif()
 
-run(${CMAKE_COMMAND} -S ${SOURCE_DIR}/subproject -B ${WORK_DIR}/subproject -DDSORB_SOURCE_DIR=${SOURCE_DIR}/../..)
+set(foreign -DCMAKE_MODULE_PATH=${modules})
+run(${CMAKE_COMMAND} -S ${SOURCE_DIR}/subproject -B ${WORK_DIR}/subproject -DDSORB_SOURCE_DIR=${SOURCE_DIR}/../.. ${foreign})
+# Shared libraries need little from a package file; those of a static build ask for everything.
+run(${CMAKE_COMMAND} -S ${SOURCE_DIR}/../.. -B ${WORK_DIR}/static -DBUILD_SHARED_LIBS=OFF -DDSORB_BUILD_TESTS=OFF ${foreign})
+file(WRITE ${WORK_DIR}/static/dsorbTargets.cmake "")
+file(WRITE ${WORK_DIR}/probe/CMakeLists.txt "cmake_minimum_required(VERSION 3.22)\nproject(probe LANGUAGES C CXX)\n"
+     "find_package(dsorb REQUIRED)\nif(NOT CMAKE_MODULE_PATH STREQUAL \"${modules}\" OR NOT fmt_FOUND)\n"
+     "  message(FATAL_ERROR \"the path of modules became \${CMAKE_MODULE_PATH}\")\nendif()\n")
+run(${CMAKE_COMMAND} -S ${WORK_DIR}/probe -B ${WORK_DIR}/probe/build -Ddsorb_DIR=${WORK_DIR}/static ${foreign})

@@ -28,7 +28,7 @@ struct PosedFrame {
 /// the inverse depth that of the time of the pose; pixels of map points belong to that time, too.
 struct InitPoint {
   int host = 0;                 ///< index into the result's frames
-  Eigen::Vector2f pixel{0, 0};  ///< position in the host, level 0 [px]
+  Eigen::Vector2f pixel{0, 0};  ///< in the host, level 0; whole numbers from `orb` [px]
   float inverse_depth = 0;      ///< inverse of the host camera's z [1/unit]
   float variance = 0;           ///< variance of the inverse depth [1/unit^2]
   int observations = 0;         ///< measurements that agree on it

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/cxx17.h"
+
 namespace dsorb {
 
 /// What is known of the images' brightness, and with it what is free in a frame's gain and offset.
