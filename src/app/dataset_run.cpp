@@ -237,7 +237,12 @@ Config configFor(const CommandLine& request, std::optional<BrightnessModel> know
     sources.program_defaults.push_back({"window.prior.focal_sigma", kGuessSigma, "--hfov"});
   }
   if (known) sources.program_defaults.push_back({"brightness", nameOf(*known), "photometry"});
-  return loadConfig(sources);
+  Config config = loadConfig(sources);
+  OdometryOptions& options = config.options;
+  options.initializer.skip = request.skip;
+  if (request.skip.has(Mechanism::kJudge)) options.max_refusals = 0;
+  if (request.skip.has(Mechanism::kMissed)) options.max_missed = 0;
+  return config;
 }
 
 RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {

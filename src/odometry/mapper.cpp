@@ -111,7 +111,7 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
   if (!update.finite) return update;
   noise_ = adjustment.rms;
   noteCamera(adjustment.uncertainty.camera_sigmas);
-  scoreCamera();
+  if (!options_.initializer.skip.has(Mechanism::kCameraScore)) scoreCamera();
   update.target = targetOf(T_cam_previous);
   update.target.keyframe.covariance = adjustment.uncertainty.newest_pose;
   update.target.keyframe.reach = reachOf(*window_);

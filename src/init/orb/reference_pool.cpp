@@ -58,9 +58,13 @@ void addFeatures(const std::vector<std::vector<Eigen::Vector2f>>& features,
 }  // namespace
 
 ReferencePool::ReferencePool(const OrbOptions& options,
+                             bool flow_only,
                              int max_waiting_mb,
                              const std::string& network)
-    : options_(options), max_waiting_mb_(max_waiting_mb), tracks_(options.tracks) {
+    : options_(options),
+      flow_only_(flow_only),
+      max_waiting_mb_(max_waiting_mb),
+      tracks_(options.tracks) {
   if (network.empty()) {
     finder_ = std::make_unique<OrbFinder>();
   } else {

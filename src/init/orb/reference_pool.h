@@ -24,7 +24,10 @@ class ReferencePool final : public ReferenceSource {
  public:
   /// @param max_waiting_mb for the frames; beyond it those between are forgotten [MiB]
   /// @param network ONNX file of learned features; empty: ORB
-  ReferencePool(const OrbOptions& options, int max_waiting_mb, const std::string& network = {});
+  ReferencePool(const OrbOptions& options,
+                bool flow_only,
+                int max_waiting_mb,
+                const std::string& network = {});
 
   void start(FramePtr frame) override;
   void advance(FramePtr frame) override;
@@ -76,7 +79,8 @@ class ReferencePool final : public ReferenceSource {
   /// Whether more tracks ended with the last step than went on; the published variants have optical
   /// flow alone.
   [[nodiscard]] bool farApart() const {
-    return options_.motion == MotionMethod::kEssential && tracks_.survivorShare() < kMinKeptShare;
+    return !flow_only_ && options_.motion == MotionMethod::kEssential &&
+           tracks_.survivorShare() < kMinKeptShare;
   }
   [[nodiscard]] bool lost(const Reference& reference) const;
   void forgetUnusedFrames();
@@ -86,6 +90,7 @@ class ReferencePool final : public ReferenceSource {
   void findFeatures(Reference& reference);
 
   OrbOptions options_;
+  bool flow_only_;
   int max_waiting_mb_;
   FeatureTracks tracks_;
   std::unique_ptr<FeatureFinder> finder_;
