@@ -307,12 +307,15 @@ void moveFirstEstimates(Window& window) {
 
 OptimizationReport WindowOptimizer::Adjustment::finish() {
   const WindowEquations& last = memory_.current_;
-  for (std::size_t i = 0; i < points_.size(); ++i) at(i).information = last.depth_hessian[i];
   report_.residuals = last.used;
   report_.last_energy = energy_;
   report_.rms = std::sqrt(squaredRms(last));
   report_.uncertainty =
       uncertaintyOf(window_, last, memory_.options_, report_.rms, memory_.elimination_);
+  for (std::size_t i = 0; i < points_.size(); ++i) {
+    at(i).information = last.depth_hessian[i];
+    at(i).variance = report_.uncertainty.depth_variances[i];
+  }
   if (camera_.any()) window_.readout_sigma = report_.uncertainty.camera_sigmas[kReadout];
   moveFirstEstimates(window_);
   pairs_ = PairTable(window_);

@@ -6,6 +6,7 @@
 #include "base/median.h"
 #include "init/orb/bundle/corner_refinement.h"
 #include "init/orb/bundle/map_assembly.h"
+#include "init/orb/first_window.h"
 #include "init/orb/map/depth_lookup.h"
 #include "init/orb/photometric/outlier_filter.h"
 #include "init/orb/photometric/photometric_adjustment.h"
@@ -60,6 +61,21 @@ Outcome<Reconstruction> addSemiDense(Reconstruction made,
   }
   if (orb.semi_dense.max_points > 0) keepBestPoints(map, orb.semi_dense.max_points);
   return made;
+}
+
+Outcome<Reconstruction> addWindow(Reconstruction made,
+                                  const ReferenceView& view,
+                                  const AttemptContext& context) {
+  std::optional<DynamicRegions> moving;
+  if (context.options.orb.remove_moving && !context.options.skip.has(Mechanism::kDynamic)) {
+    context.clock.time("moving", [&] { moving.emplace(made.map, view.tracks, context.camera); });
+    made.report.dynamic_regions = {moving->contradicting(), moving->removeCorners(made.map)};
+  }
+  auto filled = adjustFirstWindow(std::move(made), context);
+  if (filled && moving) {
+    filled->report.dynamic_regions->removed += moving->removePoints(filled->map);
+  }
+  return filled;
 }
 
 /// Runs the photometric adjustment, the outlier filter and the second adjustment that the options
@@ -156,9 +172,16 @@ Attempt reconstruct(ReferenceView seen, const AttemptContext& context) {
     start.made->map.stuck = stuck;
     start.made->report.essential->stuck_tracks = static_cast<int>(stuck.size());
   }
+  const bool by_window = !skip.has(Mechanism::kMissed);
   auto made = std::move(start.made)
-                  .then([&](Made m) { return addSemiDense(std::move(m), view, context); })
-                  .then([&](Made m) { return adjustImages(std::move(m), context); })
+                  .then([&](Made m) {
+                    return by_window ? addWindow(std::move(m), view, context)
+                                     : addSemiDense(std::move(m), view, context);
+                  })
+                  .then([&](Made m) -> Outcome<Made> {
+                    if (by_window) return m;
+                    return adjustImages(std::move(m), context);
+                  })
                   .then(refuseRemains)
                   .then([&](Made m) { return poseOtherFrames(std::move(m), context); });
   return {std::move(made), start.summary, start.motion};
