@@ -332,19 +332,25 @@ OptimizationReport WindowOptimizer::Adjustment::finish() {
   return report_;
 }
 
-OptimizationReport WindowOptimizer::optimize(Window& window) {
+OptimizationReport WindowOptimizer::run(Window& window, int max_iterations) {
   if (window.keyframes.size() < 2) {
     throw std::logic_error("a window of " + std::to_string(window.keyframes.size()) +
                            " keyframes cannot be adjusted; 2 are needed");
   }
-  const bool small = window.keyframes.size() < kSmallWindow;
   Adjustment adjustment(*this, window);
   FactorDamping damping = kDamping;
   if (!options_.optimizer.undo_bad_steps) damping.down = 1;
-  if (adjustment.finite()) {
-    minimize(adjustment, damping, small ? kMaxIterationsSmall : kMaxIterations);
-  }
+  if (adjustment.finite()) minimize(adjustment, damping, max_iterations);
   return adjustment.finish();
+}
+
+OptimizationReport WindowOptimizer::optimize(Window& window) {
+  const bool small = window.keyframes.size() < kSmallWindow;
+  return run(window, small ? kMaxIterationsSmall : kMaxIterations);
+}
+
+OptimizationReport WindowOptimizer::assess(Window& window) {
+  return run(window, 0);
 }
 
 }  // namespace dsorb::window

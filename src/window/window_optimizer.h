@@ -41,9 +41,13 @@ class WindowOptimizer {
 
   /// @throws std::logic_error with fewer than two keyframes
   OptimizationReport optimize(Window& window);
+  /// The same without a step: says how well the window fits its images and how sure it is.
+  /// @throws std::logic_error with fewer than two keyframes
+  OptimizationReport assess(Window& window);
 
  private:
   class Adjustment;
+  OptimizationReport run(Window& window, int max_iterations);
 
   WindowOptions options_;
   LinearizeOptions linearize_;

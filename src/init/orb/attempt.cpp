@@ -71,7 +71,7 @@ Outcome<Reconstruction> addWindow(Reconstruction made,
     context.clock.time("moving", [&] { moving.emplace(made.map, view.tracks, context.camera); });
     made.report.dynamic_regions = {moving->contradicting(), moving->removeCorners(made.map)};
   }
-  auto filled = adjustFirstWindow(std::move(made), context);
+  auto filled = fillFirstWindow(std::move(made), context);
   if (filled && moving) {
     filled->report.dynamic_regions->removed += moving->removePoints(filled->map);
   }

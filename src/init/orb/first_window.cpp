@@ -21,14 +21,14 @@ namespace dsorb::init_orb {
 namespace {
 
 constexpr int kMinFilled = 50;      // beside the corners; fewer: the attempt fails
-constexpr int kCandidates = 2000;   // pixels of the reference that are searched
+constexpr int kCandidates = 3000;   // pixels of the reference that are searched
 constexpr std::size_t kGrain = 64;  // candidates in a parallel task
 constexpr std::size_t kChunks = 2;  // of 128 points each in a parallel task
 /// Variance of a grey value that makes information of covariances [grey levels^2].
 constexpr double kGreyVariance = 50;
-constexpr double kMaxDisagreement = 0.25;  // of log inverse depth, to the neighbours
-constexpr double kNeighbourRadius = 60;    // for an image diagonal of 800 px [px]
-constexpr float kMaxRelativeSigma = 0.1F;  // of a point that the images have told
+constexpr double kMaxDisagreement = 0.1;    // of log inverse depth, to the neighbours
+constexpr double kNeighbourRadius = 60;     // for an image diagonal of 800 px [px]
+constexpr float kMaxRelativeSigma = 0.03F;  // of a point that the images have told
 
 /// Position of a corner in the map, by the identity of its point in the window.
 using CornerOf = std::unordered_map<int, std::size_t>;
@@ -145,19 +145,7 @@ void keepConsistent(window::Window& window, const CornerOf& corner_of) {
   eraseMarked(dropped, points);
 }
 
-/// Takes poses and brightness of the window's frames into the map.
-void takeFrames(const window::Window& window, InitialMap& map) {
-  const SE3 T_world_ref = window.keyframes.front().T_cam_world().inverse();
-  for (std::size_t k = 1; k < window.keyframes.size(); ++k) {
-    const std::size_t frame = map.joint_frames[k - 1];
-    map.frames[frame].T_cam_ref = window.keyframes[k].T_cam_world() * T_world_ref;
-    map.frames[frame].affine = window.keyframes[k].affine();
-    if (!map.motions.empty()) map.motions[frame].found = window.keyframes[k].motion;
-  }
-  if (!map.motions.empty()) map.motions.front().found = window.keyframes.front().motion;
-}
-
-/// Takes the window's depths into the map; corners that it dropped are removed.
+/// Takes the window's points into the map; corners that it dropped are removed.
 void takePoints(const window::Window& window, const CornerOf& corner_of, InitialMap& map) {
   std::vector<char> removed(map.corners.size(), 1);
   map.points.clear();
@@ -171,11 +159,6 @@ void takePoints(const window::Window& window, const CornerOf& corner_of, Initial
       return;
     }
     removed[corner->second] = 0;
-    Corner& known = map.corners[corner->second];
-    known.inverse_depth = static_cast<double>(point.inverse_depth);
-    known.variance = static_cast<double>(point.variance);
-    known.pixel = point.patch.pixel.cast<double>();
-    known.shift = (point.patch.seen - point.patch.pixel).cast<double>();
   };
   for (const window::WindowPoint& point : window.keyframes.front().points) take(point);
   removeCorners(map, removed);
@@ -183,7 +166,7 @@ void takePoints(const window::Window& window, const CornerOf& corner_of, Initial
 
 }  // namespace
 
-Outcome<Reconstruction> adjustFirstWindow(Reconstruction start, const AttemptContext& context) {
+Outcome<Reconstruction> fillFirstWindow(Reconstruction start, const AttemptContext& context) {
   InitialMap& map = start.map;
   const WindowOptions options = windowOptions();
   estimateBrightness(map, context.camera);
@@ -195,9 +178,8 @@ Outcome<Reconstruction> adjustFirstWindow(Reconstruction start, const AttemptCon
     keepConsistent(window, corner_of);
   });
   const auto report = context.clock.time(
-      "window", [&] { return window::WindowOptimizer(options, kChunks).optimize(window); });
+      "variances", [&] { return window::WindowOptimizer(options, kChunks).assess(window); });
   if (!report.finite || report.residuals == 0) return InitReason::kPoorQuality;
-  takeFrames(window, map);
   takePoints(window, corner_of, map);
   if (static_cast<int>(map.points.size()) < kMinFilled) return InitReason::kTooFewPoints;
   return start;

@@ -5,13 +5,16 @@
 
 namespace dsorb::init_orb {
 
-/// Fills a start up to a dense one: the corners and the poses they were adjusted with seed a window
-/// with their covariances as its prior, pixels of the reference are searched in its frames, those
-/// that agree with their neighbours become points, and one adjustment of the window finds poses,
-/// brightness and depths together.
+/// Fills a start up to a dense one with the engine's own tools: corners and the frames that they
+/// were adjusted with seed a window, pixels of the reference are searched in its frames, and those
+/// of which the images say enough and that agree with their neighbours become points.
+///
+/// Poses and corners stay as the corners' adjustment has them: an adjustment of this window would
+/// make the trajectory worse (1.06 +- .03) and no depth better (1.02 +- .02 of the error); the
+/// covariances of the poses are the window's prior and enter the variances of all points.
 /// @param start corners with variances, adjusted frames with their joint covariance
-/// @return      the same map with the window's poses and depths; corners that contradict their
-///              neighbours or the images are gone
-Outcome<Reconstruction> adjustFirstWindow(Reconstruction start, const AttemptContext& context);
+/// @return      the same map with points; corners that contradict their neighbours or the images
+///              are gone
+Outcome<Reconstruction> fillFirstWindow(Reconstruction start, const AttemptContext& context);
 
 }  // namespace dsorb::init_orb
