@@ -145,15 +145,18 @@ void keepConsistent(window::Window& window, const CornerOf& corner_of) {
   eraseMarked(dropped, points);
 }
 
-/// Takes the window's points into the map; corners that it dropped are removed.
+/// Takes the points that agree with more than half of the frames into the map; corners that do not
+/// are removed.
 void takePoints(const window::Window& window, const CornerOf& corner_of, InitialMap& map) {
+  const auto frames = static_cast<int>(map.joint_frames.size());
   std::vector<char> removed(map.corners.size(), 1);
   map.points.clear();
   const auto take = [&](const window::WindowPoint& point) {
+    const int observations = point.num_observations;
     if (!(point.variance > 0) || !(point.inverse_depth > 0)) return;
+    if (2 * observations <= frames) return;
     const auto corner = corner_of.find(point.id.value);
     if (corner == corner_of.end()) {
-      const int observations = point.num_observations;
       map.points.push_back(
           {point.patch.seen, point.inverse_depth, point.variance, observations, observations});
       return;
