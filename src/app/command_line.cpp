@@ -208,11 +208,6 @@ void addMethodFlags(CLI::App& app, Flags& flags, CommandLine& request) {
                  fmt::format("{}; default orb", fmt::join(initializerVariants(), ", ")))
       ->type_name("NAME")
       ->group("Method");
-  app.add_option("--network",
-                 request.network,
-                 "learned features (scripts/export_xfeat.py); with it there is orb-learned, too")
-      ->type_name("ONNX")
-      ->group("Method");
   app.add_option("--preset",
                  request.config.preset,
                  fmt::format("{}; default default", fmt::join(presetNames(), ", ")))

@@ -28,7 +28,6 @@ struct InitializerOptions {
   int max_waiting_mb = 64;
   CoarseOptions coarse;         ///< of kCoarse
   OrbOptions orb;               ///< of kOrb
-  std::string feature_network;  ///< ONNX file for kOrb: docs/variants.md, "Learned features"
   Skips skip{};                 ///< left out, of the engine as well; for measurements
 };
 

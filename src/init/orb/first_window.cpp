@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/first_window.h"
 
+#include "base/median.h"
 #include "image/image_scale.h"
 #include "image/photometric.h"
 #include "image/pixel_selector.h"
@@ -12,6 +13,8 @@
 
 #include <Eigen/LU>
 
+#include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <unordered_map>
 #include <utility>
@@ -26,7 +29,8 @@ constexpr std::size_t kGrain = 64;  // candidates in a parallel task
 constexpr std::size_t kChunks = 2;  // of 128 points each in a parallel task
 /// Variance of a grey value that makes information of covariances [grey levels^2].
 constexpr double kGreyVariance = 50;
-constexpr double kMaxDisagreement = 0.1;    // of log inverse depth, to the neighbours
+constexpr double kMinDisagreement = 0.1;    // of log inverse depth, to the neighbours
+constexpr double kMaxDisagreement = 4;      // over the median of all points, beyond that
 constexpr double kNeighbourRadius = 60;     // for an image diagonal of 800 px [px]
 constexpr float kMaxRelativeSigma = 0.03F;  // of a point that the images have told
 
@@ -134,13 +138,14 @@ void keepConsistent(window::Window& window, const CornerOf& corner_of) {
   const double radius = kNeighbourRadius * imageScale(frame.width(), frame.height());
   const std::vector<double> disagreement =
       neighbourDisagreement(pixels, inverse_depths, static_cast<float>(radius));
+  const double limit = std::max(kMinDisagreement, kMaxDisagreement * medianOf(disagreement));
   std::vector<char> dropped(points.size());
   for (std::size_t i = 0; i < points.size(); ++i) {
     const window::WindowPoint& point = points[i];
     const bool is_corner = corner_of.count(point.id.value) != 0;
     const float sigma = static_cast<float>(kImageNoise) / std::sqrt(point.information);
     const bool unsure = !is_corner && !(sigma < kMaxRelativeSigma * point.inverse_depth);
-    dropped[i] = unsure || !(disagreement[i] <= kMaxDisagreement) ? 1 : 0;
+    dropped[i] = unsure || !(disagreement[i] <= limit) ? 1 : 0;
   }
   eraseMarked(dropped, points);
 }

@@ -26,7 +26,7 @@ std::unique_ptr<ReferenceSource> makeSource(const InitializerOptions& options) {
   if (options.skip.has(Mechanism::kPool)) orb.reference_interval = 0;
   if (options.skip.has(Mechanism::kFlow)) orb.tracks.flow = OpticalFlow::kOpenCv;
   return std::make_unique<ReferencePool>(
-      orb, options.skip.has(Mechanism::kFar), options.max_waiting_mb, options.feature_network);
+      orb, options.max_waiting_mb, options.skip.has(Mechanism::kFar));
 }
 
 void keepSurest(const std::optional<WaitingMotion>& motion, std::optional<WaitingMotion>& surest) {

@@ -8,9 +8,7 @@
 #include "init/orb/tracks/far_matches.h"
 #include "init/orb/tracks/feature_tracks.h"
 
-#include <memory>
 #include <optional>
-#include <string>
 #include <vector>
 
 namespace dsorb::init_orb {
@@ -23,11 +21,8 @@ namespace dsorb::init_orb {
 class ReferencePool final : public ReferenceSource {
  public:
   /// @param max_waiting_mb for the frames; beyond it those between are forgotten [MiB]
-  /// @param network ONNX file of learned features; empty: ORB
-  ReferencePool(const OrbOptions& options,
-                bool flow_only,
-                int max_waiting_mb,
-                const std::string& network = {});
+  /// @param flow_only whether corners that optical flow loses are not found again
+  ReferencePool(const OrbOptions& options, int max_waiting_mb, bool flow_only = false);
 
   void start(FramePtr frame) override;
   void advance(FramePtr frame) override;
@@ -93,7 +88,6 @@ class ReferencePool final : public ReferenceSource {
   bool flow_only_;
   int max_waiting_mb_;
   FeatureTracks tracks_;
-  std::unique_ptr<FeatureFinder> finder_;
   std::vector<FramePtr> frames_;                          // since the oldest reference
   std::vector<std::optional<DescribedFrame>> described_;  // those of them that had to be
   std::vector<Reference> references_;                     // oldest first
