@@ -13,9 +13,6 @@ set(dsorb_init_opencv core imgproc features2d calib3d)
 if(DSORB_WITH_CERES)
   list(APPEND dsorb_init_opencv video)
 endif()
-if(DSORB_WITH_DNN)
-  list(APPEND dsorb_init_opencv dnn)
-endif()
 list(TRANSFORM dsorb_installed PREPEND dsorb_ OUTPUT_VARIABLE dsorb_libraries)
 install(TARGETS ${dsorb_libraries} EXPORT dsorbTargets
         RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR}

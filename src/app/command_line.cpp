@@ -84,6 +84,7 @@ struct Flags {
   std::string progress = "auto";
   std::string on_lost = "restart";
   std::string initializer;
+  std::string skip;
   std::vector<std::string> assignments;
   std::optional<int> threads;
   bool pipelined = false;
@@ -203,16 +204,19 @@ void addSelectionFlags(CLI::App& app, CommandLine& request) {
       ->group("Input");
 }
 
+std::string mechanismList() {
+  std::string text;
+  for (const MechanismName& entry : mechanisms()) {
+    text += fmt::format("{:<16} {}\n", entry.name, entry.description);
+  }
+  return text;
+}
+
 void addMethodFlags(CLI::App& app, Flags& flags, CommandLine& request) {
   app.add_option("--initializer",
                  flags.initializer,
                  fmt::format("{}; default orb", fmt::join(initializerVariants(), ", ")))
       ->type_name("NAME")
-      ->group("Method");
-  app.add_option("--network",
-                 request.network,
-                 "learned features (scripts/export_xfeat.py); with it there is orb-learned, too")
-      ->type_name("ONNX")
       ->group("Method");
   app.add_option("--preset",
                  request.config.preset,
@@ -232,6 +236,10 @@ void addMethodFlags(CLI::App& app, Flags& flags, CommandLine& request) {
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
       ->group("Method");
   app.add_flag("--print-config", request.print_config, "print all options as YAML and stop")
+      ->group("Method");
+  app.add_option(
+         "--skip", flags.skip, "for developers: leaves mechanisms out; list: prints them and stops")
+      ->type_name("NAME,...")
       ->group("Method");
   app.add_option("--threads", flags.threads, "default 0: all the machine has")
       ->type_name("N")
@@ -373,6 +381,11 @@ CommandLine parseCommandLine(int argc, const char* const* argv) {
     throw ConfigError(error.what());
   }
   refuseUnknownOptions(app);
+  if (flags.skip == "list") {
+    request.text = mechanismList();
+    return request;
+  }
+  request.skip = parseSkips(flags.skip);
   takeWords(flags.words, request);
   takeFlags(flags, request);
   if (request.sequence.path.empty()) {

@@ -17,7 +17,7 @@ struct CommandLine {
   ConfigSources config;
   std::string output;   ///< folder
   std::string record;   ///< file of the recording; empty: none
-  std::string network;  ///< ONNX file of learned features; empty: there is no `orb-learned`
+  Skips skip;           ///< mechanisms that are left out, for measurements
   double speed = 0;     ///< of the playback over real time; 0 plays every frame as fast as possible
   bool restart_when_lost = true;
   ProgressMode progress = ProgressMode::kAuto;

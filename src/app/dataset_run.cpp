@@ -76,11 +76,6 @@ std::vector<std::string> notModelled(const Config& config, const Lens& lens) {
                       config.initializer)};
 }
 
-std::vector<std::string> notUsed(const CommandLine& request, const Config& config) {
-  if (request.network.empty() || config.initializer == "orb-learned") return {};
-  return {fmt::format("--network: {} looks at no network; orb-learned does", config.initializer)};
-}
-
 /// Feeds the selected frames at the wanted speed.
 class Feeder {
  public:
@@ -170,16 +165,10 @@ void writeAfterError(RunOutputs& outputs, std::optional<Odometry>& odometry) {
 /// A name that is mistyped must not cost the results of an earlier run.
 void requireFiles(const CommandLine& request) {
   const SequenceOptions& files = request.sequence;
-  for (const std::string& name : {files.calibration_file,
-                                  files.response_file,
-                                  files.vignette_file,
-                                  files.mask,
-                                  request.network}) {
+  for (const std::string& name :
+       {files.calibration_file, files.response_file, files.vignette_file, files.mask}) {
     if (name.empty() || std::filesystem::exists(name)) continue;
     throw IoError(fmt::format("{}: no such file", name));
-  }
-  if (!request.network.empty() && !std::filesystem::is_regular_file(request.network)) {
-    throw IoError(fmt::format("{}: no regular file, of which a network is read", request.network));
   }
 }
 
@@ -238,7 +227,12 @@ Config configFor(const CommandLine& request, std::optional<BrightnessModel> know
     sources.program_defaults.push_back({"window.prior.focal_sigma", kGuessSigma, "--hfov"});
   }
   if (known) sources.program_defaults.push_back({"brightness", nameOf(*known), "photometry"});
-  return loadConfig(sources);
+  Config config = loadConfig(sources);
+  OdometryOptions& options = config.options;
+  options.initializer.skip = request.skip;
+  if (request.skip.has(Mechanism::kJudge)) options.max_refusals = 0;
+
+  return config;
 }
 
 RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
@@ -250,7 +244,6 @@ RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
   const LateEnd late_end(interrupt, outputs, request);
   SequenceReader reader = openSequence(request, outputs);
   config = configFor(request, reader.brightness());
-  warn(request, notUsed(request, config));
   warn(request, notModelled(config, reader.lens()));
   std::optional<Odometry> odometry;
   RunResult result;

@@ -68,20 +68,8 @@ void printSummary(const app::CommandLine& request, const app::RunResult& result)
              request.output);
 }
 
-/// Makes `orb-learned` known where there is a network for it.
-std::unique_ptr<RegisteredInitializer> learnedInitializer(const std::string& network) {
-  if (network.empty()) return nullptr;
-  return std::make_unique<RegisteredInitializer>(
-      "orb-learned", [network](InitializerOptions options, const PinholeCamera& camera) {
-        options.kind = InitializerKind::kOrb;
-        options.feature_network = network;
-        return makeInitializer(options, camera);
-      });
-}
-
 int run(int argc, const char* const* argv, app::Interrupt& interrupt) {
   const app::CommandLine request = app::parseCommandLine(argc, argv);
-  const auto learned = learnedInitializer(request.network);
   if (!request.text.empty()) {
     app::printText(request.text);
     return app::kTracked;

@@ -93,7 +93,6 @@ void throwUnknownVariant(const std::string& name) {
         "initializer '" + name + "' needs a build with Ceres (DSORB_WITH_CERES=ON); this one has";
   }
   for (const std::string& variant : initializerVariants()) text += " " + variant;
-  if (name == "orb-learned") text += "; this one comes with --network FILE";
   throw ConfigError(text);
 }
 

@@ -37,7 +37,9 @@ bool isCertain(const TrackedPose& pose) {
 }  // namespace
 
 FrameTracker::FrameTracker(const OdometryOptions& options)
-    : options_(options), tracker_(options.tracker, options.brightness) {}
+    : options_(options),
+      tracker_(
+          options.tracker, options.brightness, !options.initializer.skip.has(Mechanism::kGrey)) {}
 
 void FrameTracker::begin(const InitializationResult& result) {
   target_.reset();
@@ -79,10 +81,12 @@ TrackedPose FrameTracker::track(const Frame& frame, bool may_doubt) {
   if (std::isfinite(result.rmse[0])) pose.rmse = result.rmse[0];
   if (!result.good()) return pose;
   setPose(result, pose);
-  pose.good = isCertain(pose) && !(may_doubt && isDoubtful(frame, result));
+  const Skips& skip = options_.initializer.skip;
+  pose.good = (skip.has(Mechanism::kUncertain) || isCertain(pose)) &&
+              !(may_doubt && !skip.has(Mechanism::kDoubtful) && isDoubtful(frame, result));
   if (!pose.good) return pose;
-  pose.fits =
-      !may_doubt || !largest_rmse_ || inEarlierContrast(frame, result) < kUnfit * *largest_rmse_;
+  pose.fits = skip.has(Mechanism::kUnfit) || !may_doubt || !largest_rmse_ ||
+              inEarlierContrast(frame, result) < kUnfit * *largest_rmse_;
   if (pose.fits) noteFit(frame, result);
   pose.wants_keyframe = pose.fits && needsKeyframe(frame, result);
   noteMotion(frame, pose);

@@ -111,7 +111,7 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
   if (!update.finite) return update;
   noise_ = adjustment.rms;
   noteCamera(adjustment.uncertainty.camera_sigmas);
-  scoreCamera();
+  if (!options_.initializer.skip.has(Mechanism::kCameraScore)) scoreCamera();
   update.target = targetOf(T_cam_previous);
   update.target.keyframe.covariance = adjustment.uncertainty.newest_pose;
   update.target.keyframe.reach = reachOf(*window_);
@@ -198,16 +198,13 @@ KeyframeSnapshot Mapper::snapshot(const window::Keyframe& keyframe) const {
   shot.radial = radial_;
   shot.camera_score = camera_score_;
   shot.points.reserve(keyframe.points.size() + keyframe.marginalized.size());
-  const auto variance = static_cast<float>(noise_ * noise_);
   const auto add = [&](const window::WindowPoint& point) {
-    shot.points.push_back({point.patch.pixel,
-                           point.inverse_depth,
-                           variance / point.information,
-                           point.patch.grey[kPatternCenter]});
+    shot.points.push_back(
+        {point.patch.pixel, point.inverse_depth, point.variance, point.patch.grey[kPatternCenter]});
   };
   for (const window::WindowPoint& point : keyframe.marginalized) add(point);
   for (const window::WindowPoint& point : keyframe.points) {
-    if (point.information > 0 && point.inverse_depth > 0) add(point);
+    if (point.variance > 0 && point.inverse_depth > 0) add(point);
   }
   return shot;
 }

@@ -148,7 +148,8 @@ window::Window seedWindow(const InitializationResult& result,
   for (std::size_t k = 0; k < points.size(); ++k) {
     if (!points[k].empty()) addPoints(window, k, points[k], total, options.window);
   }
-  if (static_cast<double>(total) < kNearlyFull * options.window.desired_points) {
+  if (!options.initializer.skip.has(Mechanism::kFillUp) &&
+      static_cast<double>(total) < kNearlyFull * options.window.desired_points) {
     fillUp(window, result, options, selector, grain);
   }
   return window;

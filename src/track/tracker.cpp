@@ -56,6 +56,7 @@ std::vector<AffineBrightness> Tracker::brightnessGuesses(const Frame& frame,
                                                          const TrackingStart& start,
                                                          const GreyComparison& grey) const {
   if (brightness_ == BrightnessModel::kPerfect) return {AffineBrightness{}};
+  if (!compare_grey_) return {start.affine};
   const std::optional<BrightnessTransfer> transfer = grey.transfer();
   if (!transfer) return {start.affine};
   const AffineBrightness& from = reference_.affine;
@@ -88,6 +89,7 @@ bool Tracker::isSupported(const AlignmentState& state,
                           const TrackingStart& start) const {
   if (brightness_ == BrightnessModel::kPerfect) return true;
   if (std::abs(state.affine.a - start.affine.a) <= start.max_gain_step) return true;
+  if (!compare_grey_) return false;
   const GreyComparison grey(reference_, frame, state.T_cur_ref);
   return grey.misfit(transferTo(frame, state.affine)) <= start.max_gain_step;
 }

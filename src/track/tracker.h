@@ -73,8 +73,14 @@ struct TrackingResult {
 /// @source Engel et al., DSO, arXiv:1607.02565, section 3.1; front end of DSO as published
 class Tracker {
  public:
-  explicit Tracker(const TrackerOptions& options, BrightnessModel brightness = {})
-      : options_(options), brightness_(brightness), alignment_(brightness) {}
+  /// @param compare_grey whether distributions of grey levels give and support a gain
+  explicit Tracker(const TrackerOptions& options,
+                   BrightnessModel brightness = {},
+                   bool compare_grey = true)
+      : options_(options),
+        brightness_(brightness),
+        compare_grey_(compare_grey),
+        alignment_(brightness) {}
 
   /// Later frames are tracked against it; they are images of its camera.
   void setReference(TrackingReference reference) { reference_ = std::move(reference); }
@@ -115,6 +121,7 @@ class Tracker {
 
   TrackerOptions options_;
   BrightnessModel brightness_;
+  bool compare_grey_;
   TrackingReference reference_;
   PoseAlignment alignment_;
   float ceiling_ = 0;  // at which the frame that is tracked is clipped [grey levels]

@@ -311,18 +311,18 @@ void NormalEquationsBuilder::build(Window& window,
   stitch(window, pairs, out);
 }
 
-void evaluateNewest(Window& window,
-                    const PairTable& pairs,
-                    const std::vector<PointRef>& points,
-                    std::size_t chunks_per_task) {
-  const std::size_t newest = window.keyframes.size() - 1;
+void evaluateFrom(std::size_t first_target,
+                  Window& window,
+                  const PairTable& pairs,
+                  const std::vector<PointRef>& points,
+                  std::size_t chunks_per_task) {
   const auto evaluate_one = [&](const PointRef& ref) {
     WindowPoint& point = window.keyframes[ref.keyframe].points[ref.point];
     for (Observation& observation : point) {
-      if (observation.target != newest || observation.state == ResidualState::kOutOfBounds)
-        continue;
+      const std::size_t target = observation.target;
+      if (target < first_target || observation.state == ResidualState::kOutOfBounds) continue;
       PatchSums patch;
-      const bool seen = evaluatePatch(point, pairs.rays(), pairs.at(ref.keyframe, newest), patch);
+      const bool seen = evaluatePatch(point, pairs.rays(), pairs.at(ref.keyframe, target), patch);
       observation.trial_state = seen ? ResidualState::kIn : ResidualState::kOutOfBounds;
       if (seen) observation.trial_raw = patch.energy;
     }

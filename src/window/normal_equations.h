@@ -76,13 +76,14 @@ class NormalEquationsBuilder {
   std::vector<VelocitySums> velocity_sums_;  // the same; rolling shutter only
 };
 
-/// Evaluates the residuals of the newest keyframe alone and sets what its outlier threshold rests
-/// on: their trial states, kIn or kOutOfBounds, and raw energies.
-/// @param points         sorted by keyframe
+/// Evaluates the residuals to the keyframes from a position on and sets what their outlier
+/// thresholds rest on: trial states, kIn or kOutOfBounds, and raw energies.
+/// @param points          sorted by keyframe
 /// @param chunks_per_task of 128 points; 0 runs serially
-void evaluateNewest(Window& window,
-                    const PairTable& pairs,
-                    const std::vector<PointRef>& points,
-                    std::size_t chunks_per_task);
+void evaluateFrom(std::size_t first_target,
+                  Window& window,
+                  const PairTable& pairs,
+                  const std::vector<PointRef>& points,
+                  std::size_t chunks_per_task);
 
 }  // namespace dsorb::window

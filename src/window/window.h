@@ -89,6 +89,7 @@ struct WindowPoint {
   float prior_inverse_depth = 0;  ///< value the prior pulls to [1/unit]
   float prior_information = 0;    ///< [grey levels^2 unit^2]
   float information = 0;          ///< curvature of the last solve, prior included
+  float variance = 0;             ///< of the inverse depth, that of the poses included [1/unit^2]
   int good_observations = 0;      ///< used residuals, counted at every keyframe
   std::uint8_t num_observations = 0;
   std::array<Observation, kMaxKeyframes - 1> observations;

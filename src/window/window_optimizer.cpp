@@ -85,26 +85,27 @@ void closePoint(WindowPoint& point, const Window& window) {
 
 }  // namespace
 
-void adaptNewestThreshold(Window& window) {
-  const std::size_t newest = window.keyframes.size() - 1;
-  std::vector<float> energies;
+void adaptThresholds(std::size_t first, Window& window) {
+  std::vector<std::vector<float>> energies(window.keyframes.size());
   for (const Keyframe& keyframe : window.keyframes) {
     for (const WindowPoint& point : keyframe.points) {
       for (const Observation& observation : point) {
-        const bool counts =
-            observation.target == newest && observation.trial_state != ResidualState::kOutOfBounds;
-        if (counts) energies.push_back(observation.trial_raw);
+        if (observation.trial_state == ResidualState::kOutOfBounds) continue;
+        energies[observation.target].push_back(observation.trial_raw);
       }
     }
   }
-  float& threshold = window.keyframes.back().energy_threshold;
-  if (energies.empty()) {
-    threshold = kPatternOutlierEnergy;
-    return;
+  for (std::size_t k = first; k < energies.size(); ++k) {
+    float& threshold = window.keyframes[k].energy_threshold;
+    if (energies[k].empty()) {
+      threshold = kPatternOutlierEnergy;
+      continue;
+    }
+    const float root =
+        kThresholdConstant +
+        kThresholdFactor * std::sqrt(quantileInPlace(energies[k], kThresholdQuantile));
+    threshold = root * root;
   }
-  const float root = kThresholdConstant +
-                     kThresholdFactor * std::sqrt(quantileInPlace(energies, kThresholdQuantile));
-  threshold = root * root;
 }
 
 WindowOptimizer::WindowOptimizer(const WindowOptions& options, std::size_t chunks_per_task)
@@ -116,10 +117,12 @@ WindowOptimizer::WindowOptimizer(const WindowOptions& options, std::size_t chunk
 /// One adjustment, for minimize().
 class WindowOptimizer::Adjustment {
  public:
-  Adjustment(WindowOptimizer& memory, Window& window)
+  /// @param first_threshold position of the first keyframe whose outlier threshold is adapted
+  Adjustment(WindowOptimizer& memory, Window& window, std::size_t first_threshold)
       : memory_(memory),
         options_(memory.options_.optimizer),
         window_(window),
+        first_threshold_(first_threshold),
         pairs_(window),
         points_(allPoints(window)),
         gauge_(gaugeDirections(window)),
@@ -129,7 +132,7 @@ class WindowOptimizer::Adjustment {
     resetResiduals(window_);
     if (options_.fixed_thresholds) adaptThreshold();
     energy_ = evaluate(memory_.current_);
-    if (!options_.fixed_thresholds) adaptNewestThreshold(window_);
+    if (!options_.fixed_thresholds) adaptThresholds(first_threshold_, window_);
     commit(window_);
     report_.first_energy = energy_;
     report_.finite = std::isfinite(energy_);
@@ -167,7 +170,7 @@ class WindowOptimizer::Adjustment {
 
   bool accept(const DampedStep& /*step*/) {
     if (report_.converged) return false;
-    if (!options_.fixed_thresholds) adaptNewestThreshold(window_);
+    if (!options_.fixed_thresholds) adaptThresholds(first_threshold_, window_);
     commit(window_);
     std::swap(memory_.current_, memory_.trial_);
     energy_ = trial_energy_;
@@ -197,11 +200,11 @@ class WindowOptimizer::Adjustment {
     return equations.energy + equations.depth_prior_energy + marginalEnergy(window_) +
            statePrior(window_, memory_.options_).energy;
   }
-  /// The newest keyframe's threshold by its residuals at the state for which pairs_ was made.
+  /// Thresholds by the residuals at the state for which pairs_ was made.
   void adaptThreshold() {
     placePoints(window_);
-    evaluateNewest(window_, pairs_, points_, memory_.linearize_.chunks_per_task);
-    adaptNewestThreshold(window_);
+    evaluateFrom(first_threshold_, window_, pairs_, points_, memory_.linearize_.chunks_per_task);
+    adaptThresholds(first_threshold_, window_);
   }
   WindowPoint& at(std::size_t i) {
     return window_.keyframes[points_[i].keyframe].points[points_[i].point];
@@ -214,6 +217,7 @@ class WindowOptimizer::Adjustment {
   WindowOptimizer& memory_;
   const OptimizerOptions& options_;
   Window& window_;
+  std::size_t first_threshold_;
   PairTable pairs_;
   std::vector<PointRef> points_;
   MatrixXd gauge_;
@@ -307,12 +311,15 @@ void moveFirstEstimates(Window& window) {
 
 OptimizationReport WindowOptimizer::Adjustment::finish() {
   const WindowEquations& last = memory_.current_;
-  for (std::size_t i = 0; i < points_.size(); ++i) at(i).information = last.depth_hessian[i];
   report_.residuals = last.used;
   report_.last_energy = energy_;
   report_.rms = std::sqrt(squaredRms(last));
   report_.uncertainty =
       uncertaintyOf(window_, last, memory_.options_, report_.rms, memory_.elimination_);
+  for (std::size_t i = 0; i < points_.size(); ++i) {
+    at(i).information = last.depth_hessian[i];
+    at(i).variance = report_.uncertainty.depth_variances[i];
+  }
   if (camera_.any()) window_.readout_sigma = report_.uncertainty.camera_sigmas[kReadout];
   moveFirstEstimates(window_);
   pairs_ = PairTable(window_);
@@ -321,7 +328,7 @@ OptimizationReport WindowOptimizer::Adjustment::finish() {
   } else {
     evaluate(memory_.trial_);
     commit(window_);
-    adaptNewestThreshold(window_);
+    adaptThresholds(first_threshold_, window_);
   }
   for (Keyframe& keyframe : window_.keyframes) {
     for (WindowPoint& point : keyframe.points) closePoint(point, window_);
@@ -329,19 +336,26 @@ OptimizationReport WindowOptimizer::Adjustment::finish() {
   return report_;
 }
 
-OptimizationReport WindowOptimizer::optimize(Window& window) {
+OptimizationReport WindowOptimizer::run(Window& window, int max_iterations) {
   if (window.keyframes.size() < 2) {
     throw std::logic_error("a window of " + std::to_string(window.keyframes.size()) +
                            " keyframes cannot be adjusted; 2 are needed");
   }
-  const bool small = window.keyframes.size() < kSmallWindow;
-  Adjustment adjustment(*this, window);
+  const bool steps = max_iterations > 0;
+  Adjustment adjustment(*this, window, steps ? window.keyframes.size() - 1 : 0);
   FactorDamping damping = kDamping;
   if (!options_.optimizer.undo_bad_steps) damping.down = 1;
-  if (adjustment.finite()) {
-    minimize(adjustment, damping, small ? kMaxIterationsSmall : kMaxIterations);
-  }
+  if (adjustment.finite()) minimize(adjustment, damping, max_iterations);
   return adjustment.finish();
+}
+
+OptimizationReport WindowOptimizer::optimize(Window& window) {
+  const bool small = window.keyframes.size() < kSmallWindow;
+  return run(window, small ? kMaxIterationsSmall : kMaxIterations);
+}
+
+OptimizationReport WindowOptimizer::assess(Window& window) {
+  return run(window, 0);
 }
 
 }  // namespace dsorb::window

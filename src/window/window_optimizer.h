@@ -24,9 +24,9 @@ struct OptimizationReport {
   WindowUncertainty uncertainty;
 };
 
-/// Adapts the outlier threshold of the newest keyframe to its residuals.
+/// Adapts the outlier thresholds of the keyframes from a position on to the residuals to them.
 /// @source DSO as published: the mean of a constant and 1.5 times the root of the 70 % quantile
-void adaptNewestThreshold(Window& window);
+void adaptThresholds(std::size_t first, Window& window);
 
 /// Windowed photometric bundle adjustment: poses, brightness, inverse depths and, as an option,
 /// intrinsics; the readout of a rolling shutter where it is not known. Damped Gauss-Newton with
@@ -41,9 +41,14 @@ class WindowOptimizer {
 
   /// @throws std::logic_error with fewer than two keyframes
   OptimizationReport optimize(Window& window);
+  /// The same without a step, all thresholds adapted: says how well a window that was seeded fits
+  /// its images and how sure it is.
+  /// @throws std::logic_error with fewer than two keyframes
+  OptimizationReport assess(Window& window);
 
  private:
   class Adjustment;
+  OptimizationReport run(Window& window, int max_iterations);
 
   WindowOptions options_;
   LinearizeOptions linearize_;

@@ -77,6 +77,14 @@ class PreconditionedSystem {
   [[nodiscard]] Right solve(const Right& b) const {
     return scale_.asDiagonal() * factor_.solve(scale_.asDiagonal() * b);
   }
+  /// Columns r with sum of r r^T = H^-1; nothing where H is not positive.
+  [[nodiscard]] std::optional<MatrixXd> roots() const {
+    if (!(factor_.vectorD().minCoeff() > 0)) return std::nullopt;
+    const MatrixXd diagonal = factor_.vectorD().cwiseSqrt().cwiseInverse().asDiagonal();
+    MatrixXd columns = factor_.matrixU().solve(diagonal);
+    columns = factor_.transpositionsP().transpose() * columns;
+    return MatrixXd(scale_.asDiagonal() * columns);
+  }
 
  private:
   VectorXd scale_;
@@ -206,6 +214,26 @@ std::optional<Matrix6d> newestPoseCovariance(const Window& window,
   return usable ? std::optional(covariance) : std::nullopt;
 }
 
+/// @param noise of a pixel's residual [grey levels]
+std::vector<float> depthVariances(const Window& window,
+                                  const WindowEquations& equations,
+                                  const PreconditionedSystem& system,
+                                  double noise) {
+  std::vector<float> variances(equations.points(), 0.0F);
+  const auto roots = system.roots();
+  if (!roots) return variances;
+  const Eigen::MatrixXf of_frames =
+      (kErrorFactor * noise * withoutGauge(*roots, gaugeDirections(window))).cast<float>();
+  const Eigen::VectorXf shared = (equations.couplings() * of_frames).rowwise().squaredNorm();
+  const auto own = static_cast<float>(noise * noise);
+  for (std::size_t i = 0; i < variances.size(); ++i) {
+    if (!equations.known(i)) continue;
+    const float h = equations.depth_hessian[i];
+    variances[i] = own / h + shared[static_cast<Index>(i)] / (h * h);
+  }
+  return variances;
+}
+
 }  // namespace
 
 StateStep solveStep(const Window& window,
@@ -233,6 +261,7 @@ WindowUncertainty uncertaintyOf(const Window& window,
         kErrorFactor * cameraScale(i) * noise * std::sqrt(system.solve(unit)[i]);
   }
   uncertainty.newest_pose = newestPoseCovariance(window, system, noise);
+  uncertainty.depth_variances = depthVariances(window, equations, system, noise);
   return uncertainty;
 }
 

@@ -9,6 +9,7 @@
 #include <Eigen/Core>
 
 #include <optional>
+#include <vector>
 
 /// One linear step of an adjustment: priors of the state, gauge, solution.
 namespace dsorb::window {
@@ -62,6 +63,9 @@ struct WindowUncertainty {
   /// system does not determine it.
   /// @source Triggs et al., Bundle Adjustment - A Modern Synthesis, section 9.2: inner constraints
   std::optional<Matrix6d> newest_pose;
+  /// Of the inverse depths in the same gauge, in the order of the equations: what their own pixels
+  /// leave open, and what the errors of the frames add to it; 0 where nothing is known [1/unit^2].
+  std::vector<float> depth_variances;
 };
 
 /// @param noise of a pixel's residual [grey levels]

@@ -66,7 +66,7 @@ TEST_F(DatasetFailures, WrongRangeLeavesTheEarlierResults) {
 TEST_F(DatasetFailures, AFileThatIsNotThereLeavesTheEarlierResults) {
   ASSERT_EQ(runOn(room_).exit_code, 0);
   const std::string earlier = readText(file("trajectory.txt"));
-  for (const char* const option : {"--calib", "--gamma", "--vignette", "--mask", "--network"}) {
+  for (const char* const option : {"--calib", "--gamma", "--vignette", "--mask"}) {
     const ProgramResult result = runOn(room_, {option, "nix.bin"});
     EXPECT_EQ(result.exit_code, 1) << option;
     EXPECT_THAT(result.err, HasSubstr("nix.bin: no such file")) << option;

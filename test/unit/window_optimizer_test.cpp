@@ -278,13 +278,13 @@ TEST(AdaptNewestThresholdTest, FollowsTheQuantileOfTheResiduals) {
     point.observations[0].trial_raw = static_cast<float>(100 * i);
     window.keyframes[0].points.push_back(point);
   }
-  adaptNewestThreshold(window);
+  adaptThresholds(window.keyframes.size() - 1, window);
   const double root = 13 + 0.75 * std::sqrt(700.0);  // rank 7 of 10
   EXPECT_NEAR(static_cast<double>(window.keyframes[1].energy_threshold), root * root, 0.1);
   for (WindowPoint& point : window.keyframes[0].points) {
     point.observations[0].trial_state = ResidualState::kOutOfBounds;
   }
-  adaptNewestThreshold(window);
+  adaptThresholds(window.keyframes.size() - 1, window);
   EXPECT_EQ(window.keyframes[1].energy_threshold, 1152.0F);
 }
 

@@ -4,6 +4,7 @@
 #include "dsorb/options/coarse.h"
 #include "dsorb/options/field.h"
 #include "dsorb/options/orb.h"
+#include "dsorb/options/skip.h"
 
 #include <string>
 #include <vector>
@@ -27,7 +28,7 @@ struct InitializerOptions {
   int max_waiting_mb = 64;
   CoarseOptions coarse;         ///< of kCoarse
   OrbOptions orb;               ///< of kOrb
-  std::string feature_network;  ///< ONNX file for kOrb: docs/variants.md, "Learned features"
+  Skips skip{};                 ///< left out, of the engine as well; for measurements
 };
 
 /// Field list; see DescribeFor.

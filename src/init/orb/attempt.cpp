@@ -6,6 +6,7 @@
 #include "base/median.h"
 #include "init/orb/bundle/corner_refinement.h"
 #include "init/orb/bundle/map_assembly.h"
+#include "init/orb/first_window.h"
 #include "init/orb/map/depth_lookup.h"
 #include "init/orb/photometric/outlier_filter.h"
 #include "init/orb/photometric/photometric_adjustment.h"
@@ -45,10 +46,11 @@ Outcome<Reconstruction> addSemiDense(Reconstruction made,
   InitReport& report = made.report;
   const OrbOptions& orb = context.options.orb;
   std::optional<DynamicRegions> moving;
-  if (orb.remove_moving) {
+  if (orb.remove_moving && !context.options.skip.has(Mechanism::kDynamic)) {
     context.clock.time("moving", [&] { moving.emplace(map, view.tracks, context.camera); });
     report.dynamic_regions = {moving->contradicting(), moving->removeCorners(map)};
   }
+  if (context.options.skip.has(Mechanism::kSemiDense)) return made;
   report.semi_dense = context.clock.time("semi_dense", [&] {
     return estimateSemiDenseDepth(
         map, context.camera, orb.semi_dense, context.seed(), knownDepths(map, report));
@@ -61,13 +63,28 @@ Outcome<Reconstruction> addSemiDense(Reconstruction made,
   return made;
 }
 
+Outcome<Reconstruction> addWindow(Reconstruction made,
+                                  const ReferenceView& view,
+                                  const AttemptContext& context) {
+  std::optional<DynamicRegions> moving;
+  if (context.options.orb.remove_moving && !context.options.skip.has(Mechanism::kDynamic)) {
+    context.clock.time("moving", [&] { moving.emplace(made.map, view.tracks, context.camera); });
+    made.report.dynamic_regions = {moving->contradicting(), moving->removeCorners(made.map)};
+  }
+  auto filled = fillFirstWindow(std::move(made), context);
+  if (filled && moving) {
+    filled->report.dynamic_regions->removed += moving->removePoints(filled->map);
+  }
+  return filled;
+}
+
 /// Runs the photometric adjustment, the outlier filter and the second adjustment that the options
 /// ask for.
 Outcome<Reconstruction> adjustImages(Reconstruction made, const AttemptContext& context) {
   InitialMap& map = made.map;
   InitReport& report = made.report;
   const OrbOptions& orb = context.options.orb;
-  if (!orb.photometric.enabled) return made;
+  if (!orb.photometric.enabled || context.options.skip.has(Mechanism::kPhotometric)) return made;
   PhotometricProblem problem = context.clock.time(
       "photometric", [&] { return makeProblem(map, context.camera, orb.photometric); });
   const auto adjust = [&](const PhotometricOptions& options) {
@@ -75,7 +92,8 @@ Outcome<Reconstruction> adjustImages(Reconstruction made, const AttemptContext& 
         "photometric", [&] { return adjustPhotometry(map, problem, context.camera, options); });
   };
   PhotometricOptions first = orb.photometric;
-  const bool filter = orb.outlier_rule != OutlierRule::kNone;
+  const bool filter = orb.outlier_rule != OutlierRule::kNone &&
+                      !context.options.skip.has(Mechanism::kOutlierFilter);
   if (filter && first.poses == PhotometricPoses::kCombined) first.poses = PhotometricPoses::kFixed;
   report.photometric = adjust(first);
   if (!report.photometric->usable) return InitReason::kPoorQuality;
@@ -107,7 +125,9 @@ Outcome<Reconstruction> poseOtherFrames(Reconstruction made, const AttemptContex
   const OrbOptions& orb = context.options.orb;
   context.clock.time("pose", [&] {
     const std::vector<std::size_t> frames = poseOtherFrames(made.map, context.camera);
-    refinePoses(made.map, context.camera, orb.geometric, frames);
+    if (!context.options.skip.has(Mechanism::kFramesBetween)) {
+      refinePoses(made.map, context.camera, orb.geometric, frames);
+    }
   });
   return made;
 }
@@ -129,12 +149,17 @@ Outcome<Reconstruction> reconstructAsGladkova(const ReferenceView& view,
 /// all other frames are posed in the end.
 Attempt reconstruct(ReferenceView seen, const AttemptContext& context) {
   using Made = Reconstruction;
-  const std::vector<Eigen::Vector2f> stuck = context.clock.time(
-      "stuck", [&] { return leaveOutStuck(seen.tracks, context.camera, context.seed()); });
+  const Skips& skip = context.options.skip;
+  std::vector<Eigen::Vector2f> stuck;
+  if (!skip.has(Mechanism::kStuck)) {
+    stuck = context.clock.time(
+        "stuck", [&] { return leaveOutStuck(seen.tracks, context.camera, context.seed()); });
+  }
   const Readout calibrated = readoutOf(*seen.frames.front());
   ReferenceView view = withGlobalShutter(seen, calibrated);
   EssentialStart start = startFromEssential(view, context);
-  if (calibrated.sigma > 0 && start.summary.tried) {  // this frame is worth it
+  if (calibrated.sigma > 0 && start.summary.tried &&
+      !skip.has(Mechanism::kReadoutProfile)) {  // this frame is worth it
     const Readout found =
         context.clock.time("readout", [&] { return profileReadout(seen, context); });
     if (found.seconds != calibrated.seconds) {
@@ -147,9 +172,16 @@ Attempt reconstruct(ReferenceView seen, const AttemptContext& context) {
     start.made->map.stuck = stuck;
     start.made->report.essential->stuck_tracks = static_cast<int>(stuck.size());
   }
+  const bool by_window = !skip.has(Mechanism::kMissed);
   auto made = std::move(start.made)
-                  .then([&](Made m) { return addSemiDense(std::move(m), view, context); })
-                  .then([&](Made m) { return adjustImages(std::move(m), context); })
+                  .then([&](Made m) {
+                    return by_window ? addWindow(std::move(m), view, context)
+                                     : addSemiDense(std::move(m), view, context);
+                  })
+                  .then([&](Made m) -> Outcome<Made> {
+                    if (by_window) return m;
+                    return adjustImages(std::move(m), context);
+                  })
                   .then(refuseRemains)
                   .then([&](Made m) { return poseOtherFrames(std::move(m), context); });
   return {std::move(made), start.summary, start.motion};

@@ -22,8 +22,11 @@ std::unique_ptr<ReferenceSource> makeSource(const InitializerOptions& options) {
   if (options.orb.front_end == OrbFrontEnd::kDescriptors) {
     return std::make_unique<Correspondences>(options.orb);
   }
+  OrbOptions orb = options.orb;
+  if (options.skip.has(Mechanism::kPool)) orb.reference_interval = 0;
+  if (options.skip.has(Mechanism::kFlow)) orb.tracks.flow = OpticalFlow::kOpenCv;
   return std::make_unique<ReferencePool>(
-      options.orb, options.max_waiting_mb, options.feature_network);
+      orb, options.max_waiting_mb, options.skip.has(Mechanism::kFar));
 }
 
 void keepSurest(const std::optional<WaitingMotion>& motion, std::optional<WaitingMotion>& surest) {
@@ -67,7 +70,8 @@ InitStep ORBInitializer::advance(FramePtr frame) {
   if (source_->tooFewCorners()) {
     return startOver(std::move(frame), needsMoreFrames(InitReason::kTooFewPoints));
   }
-  if (blank_ < kMaxBlank && isBlank(*frame, source_->newest())) {
+  if (!options_.skip.has(Mechanism::kBlank) && blank_ < kMaxBlank &&
+      isBlank(*frame, source_->newest())) {
     ++blank_;
     return needsMoreFrames(InitReason::kTooFewPoints);
   }

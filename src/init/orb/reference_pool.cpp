@@ -6,7 +6,6 @@
 #include "image/cell_grid.h"
 #include "init/orb/tracks/feature_matches.h"
 #include "init/orb/tracks/grey_image.h"
-#include "init/orb/tracks/learned_features.h"
 #include "init/waiting_frames.h"
 
 #include <algorithm>
@@ -24,14 +23,6 @@ constexpr double kMinFoundShare = 0.05;
 constexpr int kMinFarTracks = 50;
 /// Features of a reference closer to another one, or to a corner, are left out [px].
 constexpr float kMinDistance = 4;
-
-/// ORB.
-class OrbFinder final : public FeatureFinder {
- public:
-  [[nodiscard]] Features find(const GreyImage& image) override {
-    return init_orb::findFeatures(image);
-  }
-};
 
 int countSeen(const std::vector<Eigen::Vector2f>& found) {
   return static_cast<int>(std::count_if(found.begin(), found.end(), isSeen));
@@ -57,16 +48,11 @@ void addFeatures(const std::vector<std::vector<Eigen::Vector2f>>& features,
 
 }  // namespace
 
-ReferencePool::ReferencePool(const OrbOptions& options,
-                             int max_waiting_mb,
-                             const std::string& network)
-    : options_(options), max_waiting_mb_(max_waiting_mb), tracks_(options.tracks) {
-  if (network.empty()) {
-    finder_ = std::make_unique<OrbFinder>();
-  } else {
-    finder_ = makeLearnedFinder(network);
-  }
-}
+ReferencePool::ReferencePool(const OrbOptions& options, int max_waiting_mb, bool flow_only)
+    : options_(options),
+      flow_only_(flow_only),
+      max_waiting_mb_(max_waiting_mb),
+      tracks_(options.tracks) {}
 
 int ReferencePool::Reference::seen() const {
   return far.empty() ? 0 : countSeen(far.back());
@@ -95,7 +81,7 @@ const DescribedFrame& ReferencePool::described(int frame) {
   const auto f = static_cast<std::size_t>(frame);
   if (!described_[f]) {
     const float gain = gainTowards(tracks_.referenceMean(), *frames_[f]);
-    described_[f] = describeFrame(frames_[f], gain, *finder_);
+    described_[f] = describeFrame(frames_[f], gain);
   }
   return *described_[f];
 }

@@ -8,9 +8,7 @@
 #include "init/orb/tracks/far_matches.h"
 #include "init/orb/tracks/feature_tracks.h"
 
-#include <memory>
 #include <optional>
-#include <string>
 #include <vector>
 
 namespace dsorb::init_orb {
@@ -23,8 +21,8 @@ namespace dsorb::init_orb {
 class ReferencePool final : public ReferenceSource {
  public:
   /// @param max_waiting_mb for the frames; beyond it those between are forgotten [MiB]
-  /// @param network ONNX file of learned features; empty: ORB
-  ReferencePool(const OrbOptions& options, int max_waiting_mb, const std::string& network = {});
+  /// @param flow_only whether corners that optical flow loses are not found again
+  ReferencePool(const OrbOptions& options, int max_waiting_mb, bool flow_only = false);
 
   void start(FramePtr frame) override;
   void advance(FramePtr frame) override;
@@ -76,7 +74,8 @@ class ReferencePool final : public ReferenceSource {
   /// Whether more tracks ended with the last step than went on; the published variants have optical
   /// flow alone.
   [[nodiscard]] bool farApart() const {
-    return options_.motion == MotionMethod::kEssential && tracks_.survivorShare() < kMinKeptShare;
+    return !flow_only_ && options_.motion == MotionMethod::kEssential &&
+           tracks_.survivorShare() < kMinKeptShare;
   }
   [[nodiscard]] bool lost(const Reference& reference) const;
   void forgetUnusedFrames();
@@ -86,9 +85,9 @@ class ReferencePool final : public ReferenceSource {
   void findFeatures(Reference& reference);
 
   OrbOptions options_;
+  bool flow_only_;
   int max_waiting_mb_;
   FeatureTracks tracks_;
-  std::unique_ptr<FeatureFinder> finder_;
   std::vector<FramePtr> frames_;                          // since the oldest reference
   std::vector<std::optional<DescribedFrame>> described_;  // those of them that had to be
   std::vector<Reference> references_;                     // oldest first

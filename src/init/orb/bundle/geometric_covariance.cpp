@@ -139,14 +139,22 @@ void setCovariances(InitialMap& map,
 
 double setCovariances(InitialMap& map,
                       const PinholeCamera& camera,
-                      const GeometricOptions& options) {
+                      const GeometricOptions& options,
+                      const Skips& skip) {
   const GeometricMarginals joint(map, camera, options);
   if (!joint.variance_factor) return std::numeric_limits<double>::quiet_NaN();
   const LinearSystem<double>& system = joint.equations.system;
   const int size = joint.rows.size;
   const double factor = *joint.variance_factor;
-  map.cluster_variance_scale = 1 + kTailVarianceFactor * tailExcess(map, camera);
+  map.cluster_variance_scale = 1;
+  if (!skip.has(Mechanism::kTail)) {
+    map.cluster_variance_scale += kTailVarianceFactor * tailExcess(map, camera);
+  }
   Eigen::MatrixXd roots = std::sqrt(factor) * joint.marginals.roots();
+  if (skip.has(Mechanism::kClusters)) {
+    setCovariances(map, joint, roots, factor * size / kPoseSize);
+    return factor;
+  }
   const Eigen::MatrixXd clustered = joint.marginals.clusteredRoots(
       cellGradients(
           map, system, camera, options, gradientOf(map, joint.rows, system.size(), camera)),

@@ -3,6 +3,7 @@
 
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/options/orb_mapping.h"
+#include "dsorb/options/skip.h"
 
 #include "estimate/linear_system.h"
 #include "estimate/marginals.h"
@@ -59,7 +60,8 @@ struct GeometricMarginals {
 ///         redundancy or is degenerate
 double setCovariances(InitialMap& map,
                       const PinholeCamera& camera,
-                      const GeometricOptions& options);
+                      const GeometricOptions& options,
+                      const Skips& skip = {});
 
 /// The same of a given covariance of the frames' unknowns before the gauge.
 /// @param roots      columns r with sum of r r^T = that covariance

@@ -59,7 +59,8 @@ Outcome<SelectedMotion> selectMotion(const Matches& matches,
   for (double& error : errors) error *= error;
   selected.gric = gric(DisplacementModel::kEssential, errors, selected.noise);
   errors = rotationSampsonErrors(rotation.R_cur_ref, matches, context.camera);
-  if (gric(DisplacementModel::kRotation, errors, selected.noise) < selected.gric) {
+  if (!context.options.skip.has(Mechanism::kRotation) &&
+      gric(DisplacementModel::kRotation, errors, selected.noise) < selected.gric) {
     return InitReason::kTooLittleParallax;
   }
   return selected;
@@ -87,9 +88,11 @@ std::optional<CompletedMap> completeMap(InitialMap map,
   if (static_cast<int>(map.corners.size()) < kMinAdjusted || !normalizeCornerScale(map)) {
     return std::nullopt;
   }
-  const double variance_factor = setCovariances(map, context.camera, adjusted);
+  const double variance_factor =
+      setCovariances(map, context.camera, adjusted, context.options.skip);
   const double median_error = medianError(map, context.camera);
-  if (refined) widenCovariances(map, misfitOf(median_error));
+  if (refined && !context.options.skip.has(Mechanism::kMisfit))
+    widenCovariances(map, misfitOf(median_error));
   return CompletedMap{std::move(map), variance_factor, median_error};
 }
 
@@ -125,16 +128,22 @@ Outcome<RefinedStart> refineStart(Reconstruction made,
   EssentialReport& found = *made.report.essential;
   const PinholeCamera& camera = context.camera;
   const OrbOptions& orb = context.options.orb;
+  const Skips& skip = context.options.skip;
+  const int rounds = skip.has(Mechanism::kNoise) ? 0 : kNoiseRounds;
   GeometricOptions adjusted = context.clock.time(
-      "geometric", [&] { return adjustToNoise(map, camera, orb.geometric, kNoiseRounds); });
+      "geometric", [&] { return adjustToNoise(map, camera, orb.geometric, rounds); });
   found.track_noise = adjusted.sigma;
-  context.clock.time("motions", [&] { estimateMotions(map, camera); });
-  const GeometricOptions refined = refinedAdjustment(adjusted);
-  found.refinement = context.clock.time("polish", [&] {
-    return refineCorners(map, camera, adjusted, [&](const InitialMap& begun) {
-      return doubtful && missesByFar(begun, refined, view, context);
-    });
+  context.clock.time("motions", [&] {
+    if (!skip.has(Mechanism::kRowMotions)) estimateMotions(map, camera);
   });
+  const GeometricOptions refined = refinedAdjustment(adjusted);
+  if (!skip.has(Mechanism::kRefinement))
+    found.refinement = context.clock.time("polish", [&] {
+      return refineCorners(map, camera, adjusted, [&](const InitialMap& begun) {
+        return doubtful && !skip.has(Mechanism::kHopeless) &&
+               missesByFar(begun, refined, view, context);
+      });
+    });
   if (!found.refinement.fits) return InitReason::kPoorQuality;
   if (found.refinement.accepted) adjusted = refined;
   auto reached = context.clock.time("covariance", [&] {
@@ -176,8 +185,13 @@ Judgement judge(const RefinedStart& start,
   const InitialMap& map = start.made.map;
   Judgement judged{judgeStart(map, context.camera, options, start.evidence)};
   if (judged.gate.reason != InitReason::kDone || map.scaleKnown()) return judged;  // no rivals
-  if (isYoung(views.view, judged.gate.direction_sigma_deg)) {
+  if (!context.options.skip.has(Mechanism::kYoung) &&
+      isYoung(views.view, judged.gate.direction_sigma_deg)) {
     judged.gate.reason = InitReason::kSettling;
+    return judged;
+  }
+  if (context.options.skip.has(Mechanism::kRivals)) {
+    addRival(judged.gate, 0, options);
     return judged;
   }
   const RivalMotion rival = findRival(*map.frames.back().T_cam_ref,
@@ -187,7 +201,8 @@ Judgement judge(const RefinedStart& start,
                                       options.wrong_angle_deg);
   const int cells = occupiedCells(map, context.camera);
   double probability = rival.probability(cells);
-  if (probability > std::min(kMaxRivalProbability, options.max_wrong_probability)) {
+  if (!context.options.skip.has(Mechanism::kRivalFrames) &&
+      probability > std::min(kMaxRivalProbability, options.max_wrong_probability)) {
     RivalVerdict verdict = judgeRivals(rival.motions, own, cells, views.view, context);
     probability = verdict.probability;
     judged.motions = std::move(verdict.motions);
@@ -265,7 +280,8 @@ JudgedStart judgeWithPlane(JudgedStart start,
 /// Tells in the report what a start says of the camera it took for granted: the readout and, where
 /// that is not modelled, the lens. Where the lens contradicts the tracks the covariances grow.
 void questionCamera(Reconstruction& made, const AttemptContext& context) {
-  if (!made.map.motions.empty()) return;
+  const bool skipped = context.options.skip.has(Mechanism::kCameraQuestion);
+  if (skipped || !made.map.motions.empty()) return;
   EssentialReport& found = *made.report.essential;
   GeometricOptions adjusted = context.options.orb.geometric;
   adjusted.sigma = found.track_noise;
@@ -320,7 +336,7 @@ JudgedStart startFromMotion(const TwoViews& views, const AttemptContext& context
       clock.time("geometric", [&] { return makeCandidate(view, views.selected.motion, context); });
   if (!candidate) return {InitReason::kTooFewPoints, {}};
   PlaneComparison compared{std::move(*candidate), DisplacementModel::kEssential, {}, {}};
-  if (!view.last.motions.empty()) {
+  if (!context.options.skip.has(Mechanism::kCarried) && !view.last.motions.empty()) {
     clock.time("planes", [&] {
       const Eigen::Quaterniond R_cur_ref = views.selected.motion.T_cur_ref.unitQuaternion();
       competeOverFrames(view,
@@ -334,6 +350,7 @@ JudgedStart startFromMotion(const TwoViews& views, const AttemptContext& context
       refusedUnless(1, view.last, views.rotation.median_residual, context.options.orb.gate);
   JudgedStart start = refineAndJudge(compared, views, doubtful, context);
   if (!start.made) return start;
+  if (context.options.skip.has(Mechanism::kPlane)) return start;
   clock.time("planes",
              [&] { comparePlane(views.selected, view, views.matches, context, compared); });
   start.made->report.essential->homography_gric = compared.homography_gric;
@@ -371,7 +388,8 @@ EssentialStart startFromEssential(const ReferenceView& view, const AttemptContex
   if (rotation.median_residual < kMinRotationResidual) {
     return refuse(InitReason::kTooLittleParallax);
   }
-  if (!worthTheTime(view, rotation.median_residual, context.options.orb.gate)) {
+  if (!context.options.skip.has(Mechanism::kRetry) &&
+      !worthTheTime(view, rotation.median_residual, context.options.orb.gate)) {
     summary = view.last;
     summary.tried = false;
     ++summary.skipped;

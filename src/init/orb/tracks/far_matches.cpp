@@ -20,33 +20,8 @@ namespace {
 
 constexpr int kInvalidMargin = 15;         // of invalid pixels: half of what ORB describes [px]
 constexpr std::size_t kFeatureGrain = 32;  // features one thread refines at a time
-/// Of descriptors of floats: a cosine of at least 0.82, no ratio. Neither was varied.
-constexpr double kMaxFloatRatio = 1;
-constexpr double kMaxFloatDistance = 0.6;
-constexpr double kWindow = 40;          // around a prediction, for a diagonal of 800 px [px]
-constexpr std::size_t kNeighbours = 5;  // whose motion predicts that of a feature
-
-using Descriptors =
-    Eigen::Map<const Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>;
-
-Descriptors allDescriptors(const Features& features) {
-  return {features.descriptors.ptr<float>(), features.descriptors.rows, features.descriptors.cols};
-}
-
-/// Between descriptors of unit length.
-Distances euclidean(const Features& from, const Features& to) {
-  Distances distances(from.points.size(), to.points.size());
-  const Descriptors a = allDescriptors(from);
-  const Descriptors b = allDescriptors(to);
-  forEachRange(from.points.size(), kFeatureGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      Eigen::Map<Eigen::RowVectorXf> row(distances.row(i), b.rows());
-      row.noalias() = a.row(static_cast<Eigen::Index>(i)) * b.transpose();
-      row = (2 - 2 * row.array()).max(0).sqrt();
-    }
-  });
-  return distances;
-}
+constexpr double kWindow = 40;             // around a prediction, for a diagonal of 800 px [px]
+constexpr std::size_t kNeighbours = 5;     // whose motion predicts that of a feature
 
 /// Motion of a feature as those matches tell that are nearest to it: medians of the coordinates.
 /// @param matched features of `from` with a partner, at least kNeighbours; the order is changed
@@ -103,13 +78,9 @@ void keepPredicted(const DescribedFrame& from,
 
 /// Index of the partner of each feature, -1 without one.
 std::vector<int> match(const DescribedFrame& from, const DescribedFrame& to) {
-  const bool bits = from.features.descriptors.type() == CV_8U;
-  Distances distances =
-      bits ? hammingDistances(from.features, to.features) : euclidean(from.features, to.features);
-  const double max_ratio = bits ? kMaxRatio : kMaxFloatRatio;
-  const double max_distance = bits ? kMaxDistance : kMaxFloatDistance;
+  Distances distances = hammingDistances(from.features, to.features);
   const auto partners = [&] {
-    return partnersOf(distances, to.positions, max_ratio, max_distance);
+    return partnersOf(distances, to.positions, kMaxRatio, kMaxDistance);
   };
   keepPredicted(from, to, partners(), distances);
   return partners();
@@ -153,10 +124,10 @@ bool refine(const ImagePair& images,
 
 }  // namespace
 
-DescribedFrame describeFrame(FramePtr frame, float gain, FeatureFinder& finder) {
+DescribedFrame describeFrame(FramePtr frame, float gain) {
   DescribedFrame described;
   const GreyImage image = greyImage(frame->level(0), gain, kInvalidMargin);
-  described.features = finder.find(image);
+  described.features = findFeatures(image);
   for (const cv::KeyPoint& point : described.features.points) {
     described.positions.emplace_back(point.pt.x, point.pt.y);
   }

@@ -22,7 +22,7 @@ struct DescribedFrame {
 };
 
 /// @param gain applied to the intensities
-DescribedFrame describeFrame(FramePtr frame, float gain, FeatureFinder& finder);
+DescribedFrame describeFrame(FramePtr frame, float gain);
 
 /// Where a frame shows the features of another one: those whose descriptors are each other's
 /// nearest, then those that the descriptors near the place tell that their neighbours' motion

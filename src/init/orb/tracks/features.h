@@ -18,7 +18,7 @@ constexpr double kMinTexture = 0.1;
 /// Features of one image, the strongest first.
 struct Features {
   std::vector<cv::KeyPoint> points;
-  cv::Mat descriptors;  ///< a row each: 32 bytes (Hamming distance), or floats of unit length
+  cv::Mat descriptors;  ///< a row each: 32 bytes
 };
 
 /// Strongest first; position decides between equals, so that the order is the same everywhere.
@@ -29,13 +29,6 @@ inline bool stronger(const cv::KeyPoint& a, const cv::KeyPoint& b) {
 }
 
 constexpr int kMaxFeatures = 2000;  ///< of an image
-
-/// What finds and describes the features of an image, kMaxFeatures at most.
-class FeatureFinder {
- public:
-  virtual ~FeatureFinder() = default;
-  virtual Features find(const GreyImage& image) = 0;
-};
 
 /// Whether a feature was found; positions of those that were not are NaN.
 inline bool isSeen(const Eigen::Vector2f& position) {

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace dsorb {
+
+/// Mechanisms that a developer can take out of the finished stack, one by one or together, to
+/// measure what each is worth (scripts/ablations.py). They are no part of the configuration.
+enum class Mechanism : std::uint8_t {
+  kPool,
+  kFlow,
+  kFar,
+  kBlank,
+  kStuck,
+  kDynamic,
+  kRotation,
+  kNoise,
+  kRowMotions,
+  kRefinement,
+  kHopeless,
+  kRetry,
+  kYoung,
+  kMisfit,
+  kTail,
+  kClusters,
+  kRivals,
+  kRivalFrames,
+  kCarried,
+  kPlane,
+  kCameraQuestion,
+  kReadoutProfile,
+  kSemiDense,
+  kPhotometric,
+  kOutlierFilter,
+  kFramesBetween,
+  kJudge,
+  kFillUp,
+  kUncertain,
+  kDoubtful,
+  kUnfit,
+  kGrey,
+  kCameraScore,
+  kMissed
+};
+
+/// A mechanism as the command line knows it.
+struct MechanismName {
+  Mechanism mechanism;
+  const char* name;
+  const char* description;
+};
+
+/// All mechanisms, in the order of the enumeration.
+[[nodiscard]] const std::vector<MechanismName>& mechanisms();
+
+/// Set of mechanisms that are left out.
+class Skips {
+ public:
+  void add(Mechanism mechanism) { bits_ |= bit(mechanism); }
+  [[nodiscard]] bool has(Mechanism mechanism) const { return (bits_ & bit(mechanism)) != 0; }
+  [[nodiscard]] bool empty() const { return bits_ == 0; }
+
+ private:
+  static std::uint64_t bit(Mechanism mechanism) {
+    return std::uint64_t{1} << static_cast<unsigned>(mechanism);
+  }
+  std::uint64_t bits_ = 0;
+};
+
+/// Reads names with commas between them.
+/// @throws ConfigError naming the word that is no mechanism, and those there are
+[[nodiscard]] Skips parseSkips(const std::string& names);
+
+}  // namespace dsorb

@@ -1,0 +1,196 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "init/orb/first_window.h"
+
+#include "base/median.h"
+#include "image/image_scale.h"
+#include "image/photometric.h"
+#include "image/pixel_selector.h"
+#include "image/stuck_regions.h"
+#include "init/orb/map/frame_brightness.h"
+#include "init/orb/photometric/neighbour_disagreement.h"
+#include "window/point_activation.h"
+#include "window/window_optimizer.h"
+
+#include <Eigen/LU>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+namespace dsorb::init_orb {
+namespace {
+
+constexpr int kMinFilled = 50;      // beside the corners; fewer: the attempt fails
+constexpr int kCandidates = 3000;   // pixels of the reference that are searched
+constexpr std::size_t kGrain = 64;  // candidates in a parallel task
+constexpr std::size_t kChunks = 2;  // of 128 points each in a parallel task
+/// Variance of a grey value that makes information of covariances [grey levels^2].
+constexpr double kGreyVariance = 50;
+constexpr double kMinDisagreement = 0.1;    // of log inverse depth, to the neighbours
+constexpr double kMaxDisagreement = 4;      // over the median of all points, beyond that
+constexpr double kNeighbourRadius = 60;     // for an image diagonal of 800 px [px]
+constexpr float kMaxRelativeSigma = 0.03F;  // of a point that the images have told
+
+/// Position of a corner in the map, by the identity of its point in the window.
+using CornerOf = std::unordered_map<int, std::size_t>;
+
+WindowOptions windowOptions() {
+  WindowOptions options;
+  options.prior.depth_gain = kGreyVariance;
+  return options;
+}
+
+void addFrame(window::Window& window,
+              const InitialMap& map,
+              std::size_t frame,
+              const WindowOptions& options) {
+  const PosedFrame& posed = map.frames[frame];
+  window::Keyframe& keyframe =
+      window::addKeyframe(window, posed.frame, *posed.T_cam_ref, posed.affine, options);
+  if (map.motions.empty()) return;
+  const FrameMotion& motion = map.motions[frame];
+  keyframe.setMotion(motion.found, motion.prior);
+}
+
+/// Information that the corners give the poses of the adjusted frames, as the window's prior.
+void holdPoses(window::Window& window, const InitialMap& map) {
+  const Eigen::MatrixXd information = map.joint_covariance.inverse();
+  if (!information.allFinite()) return;
+  const Vector6d scale = window::frameScale().head<6>();
+  const auto frames = static_cast<Eigen::Index>(map.joint_frames.size());
+  for (Eigen::Index i = 0; i < frames; ++i) {
+    const Eigen::Index row = window.rowOf(static_cast<std::size_t>(i) + 1);
+    for (Eigen::Index k = 0; k < frames; ++k) {
+      const Eigen::Index column = window.rowOf(static_cast<std::size_t>(k) + 1);
+      window.prior.H.block<6, 6>(row, column) += kGreyVariance * scale.asDiagonal() *
+                                                 information.block<6, 6>(6 * i, 6 * k) *
+                                                 scale.asDiagonal();
+    }
+  }
+}
+
+/// The reference and the adjusted frames, hosted by it the corners.
+window::Window seedWindow(const InitialMap& map,
+                          const PinholeCamera& camera,
+                          const WindowOptions& options,
+                          CornerOf& corner_of) {
+  window::Window window(camera);
+  addFrame(window, map, 0, options);
+  for (const std::size_t frame : map.joint_frames) addFrame(window, map, frame, options);
+  if (map.readout) {
+    const double change = map.readout->seconds - window.calibratedReadout().seconds;
+    window.camera_state[window::kReadout] = change / window::kReadoutScale;
+    window.readout_sigma = map.readout->sigma;
+  }
+  for (std::size_t i = 0; i < map.corners.size(); ++i) {
+    const Corner& corner = map.corners[i];
+    window::WindowPoint* point =
+        window::addPoint(window,
+                         window.keyframes.front(),
+                         corner.seen(),
+                         static_cast<float>(corner.inverse_depth),
+                         static_cast<float>(options.prior.depth_gain / corner.variance));
+    if (point == nullptr) continue;
+    window::addObservations(
+        window, 0, [](std::size_t) { return true; }, *point);
+    corner_of[point->id.value] = i;
+  }
+  holdPoses(window, map);
+  return window;
+}
+
+/// Searches pixels of the reference in all other keyframes.
+void fillUp(window::Window& window, const InitialMap& map, std::uint64_t seed) {
+  window::Keyframe& reference = window.keyframes.front();
+  const Frame& frame = *reference.frame;
+  PixelSelectorOptions options;
+  options.seed = static_cast<int>(seed);
+  PixelSelector selector(frame.width(), frame.height(), options);
+  std::vector<SelectedPixel> selected = selector.select(frame, kCandidates);
+  StuckRegions(map.stuck, frame.width(), frame.height()).removeFrom(selected);
+  window::addCandidates(reference, selected);
+  const DepthOptions depth;
+  for (std::size_t k = 1; k < window.keyframes.size(); ++k) {
+    const window::Keyframe& keyframe = window.keyframes[k];
+    window::refineCandidates(
+        window,
+        {keyframe.frame, keyframe.T_cam_world(), keyframe.affine(), keyframe.motion},
+        depth,
+        kGrain);
+  }
+  window::activateCandidates(window, windowOptions(), depth, kGrain);
+  reference.candidates.clear();
+}
+
+/// Drops points that disagree with their neighbours, and those of which the images say little.
+void keepConsistent(window::Window& window, const CornerOf& corner_of) {
+  std::vector<window::WindowPoint>& points = window.keyframes.front().points;
+  const Frame& frame = *window.keyframes.front().frame;
+  std::vector<Eigen::Vector2f> pixels;
+  std::vector<double> inverse_depths;
+  for (const window::WindowPoint& point : points) {
+    pixels.push_back(point.patch.pixel);
+    inverse_depths.push_back(static_cast<double>(point.inverse_depth));
+  }
+  const double radius = kNeighbourRadius * imageScale(frame.width(), frame.height());
+  const std::vector<double> disagreement =
+      neighbourDisagreement(pixels, inverse_depths, static_cast<float>(radius));
+  const double limit = std::max(kMinDisagreement, kMaxDisagreement * medianOf(disagreement));
+  std::vector<char> dropped(points.size());
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const window::WindowPoint& point = points[i];
+    const bool is_corner = corner_of.count(point.id.value) != 0;
+    const float sigma = static_cast<float>(kImageNoise) / std::sqrt(point.information);
+    const bool unsure = !is_corner && !(sigma < kMaxRelativeSigma * point.inverse_depth);
+    dropped[i] = unsure || !(disagreement[i] <= limit) ? 1 : 0;
+  }
+  eraseMarked(dropped, points);
+}
+
+/// Takes the points that agree with more than half of the frames into the map; corners that do not
+/// are removed.
+void takePoints(const window::Window& window, const CornerOf& corner_of, InitialMap& map) {
+  const auto frames = static_cast<int>(map.joint_frames.size());
+  std::vector<char> removed(map.corners.size(), 1);
+  map.points.clear();
+  const auto take = [&](const window::WindowPoint& point) {
+    const int observations = point.num_observations;
+    if (!(point.variance > 0) || !(point.inverse_depth > 0)) return;
+    if (2 * observations <= frames) return;
+    const auto corner = corner_of.find(point.id.value);
+    if (corner == corner_of.end()) {
+      map.points.push_back(
+          {point.patch.seen, point.inverse_depth, point.variance, observations, observations});
+      return;
+    }
+    removed[corner->second] = 0;
+  };
+  for (const window::WindowPoint& point : window.keyframes.front().points) take(point);
+  removeCorners(map, removed);
+}
+
+}  // namespace
+
+Outcome<Reconstruction> fillFirstWindow(Reconstruction start, const AttemptContext& context) {
+  InitialMap& map = start.map;
+  const WindowOptions options = windowOptions();
+  estimateBrightness(map, context.camera);
+  CornerOf corner_of;
+  window::Window window = context.clock.time(
+      "seed", [&] { return seedWindow(map, context.camera, options, corner_of); });
+  context.clock.time("fill", [&] {
+    fillUp(window, map, context.seed());
+    keepConsistent(window, corner_of);
+  });
+  const auto report = context.clock.time(
+      "variances", [&] { return window::WindowOptimizer(options, kChunks).assess(window); });
+  if (!report.finite || report.residuals == 0) return InitReason::kPoorQuality;
+  takePoints(window, corner_of, map);
+  if (static_cast<int>(map.points.size()) < kMinFilled) return InitReason::kTooFewPoints;
+  return start;
+}
+
+}  // namespace dsorb::init_orb

@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "dsorb/options/skip.h"
+
+#include "dsorb/error.h"
+
+#include <algorithm>
+#include <sstream>
+
+namespace dsorb {
+
+const std::vector<MechanismName>& mechanisms() {
+  static const std::vector<MechanismName> all = {
+      {Mechanism::kPool, "pool", "further references while the first one waits"},
+      {Mechanism::kFlow, "flow", "own Lucas-Kanade (without it OpenCV's)"},
+      {Mechanism::kFar, "far", "descriptors where optical flow loses most corners"},
+      {Mechanism::kBlank, "blank", "frames that show nothing are passed over"},
+      {Mechanism::kStuck, "stuck", "tracks that move with the camera are left out"},
+      {Mechanism::kDynamic, "dynamic", "corners and points of regions that move by themselves go"},
+      {Mechanism::kRotation, "rotation", "a rotation that explains the matches better refuses"},
+      {Mechanism::kNoise, "noise", "noise of the tracks is measured (without it the option's)"},
+      {Mechanism::kRowMotions, "row_motions", "motion of each frame of a rolling shutter"},
+      {Mechanism::kRefinement, "refinement", "corners are refined by their images"},
+      {Mechanism::kHopeless, "hopeless", "the refinement of a hopeless start ends early"},
+      {Mechanism::kRetry, "retry", "attempts that would miss the gate again are left out"},
+      {Mechanism::kYoung, "young", "a start with moving rows has to be surer before 8 frames"},
+      {Mechanism::kMisfit, "misfit", "errors beyond the images' noise widen covariances"},
+      {Mechanism::kTail, "tail", "heavy tails of the errors widen clustered covariances"},
+      {Mechanism::kClusters, "clusters", "errors of neighbours count as one in covariances"},
+      {Mechanism::kRivals, "rivals", "motions elsewhere that the newest frame allows"},
+      {Mechanism::kRivalFrames, "rival_frames", "all frames judge rivals of the newest one"},
+      {Mechanism::kCarried, "carried", "rivals compete again at the next frame"},
+      {Mechanism::kPlane, "plane", "the other motion of a plane"},
+      {Mechanism::kCameraQuestion, "camera_question", "the start asks for lens and readout"},
+      {Mechanism::kReadoutProfile, "readout_profile", "the start estimates an unknown readout"},
+      {Mechanism::kSemiDense, "semi_dense", "points beside the corners by epipolar search"},
+      {Mechanism::kPhotometric, "photometric", "photometric adjustment of the start"},
+      {Mechanism::kOutlierFilter, "outlier_filter", "outlier filter and second adjustment"},
+      {Mechanism::kFramesBetween, "frames_between", "poses of frames between are refined"},
+      {Mechanism::kJudge, "judge", "the window refuses starts that its adjustment contradicts"},
+      {Mechanism::kFillUp, "fill_up", "a sparse start is filled up by epipolar search"},
+      {Mechanism::kUncertain, "uncertain", "poses that the window hardly knows are refused"},
+      {Mechanism::kDoubtful, "doubtful", "grown residuals off the motion are refused"},
+      {Mechanism::kUnfit, "unfit", "frames that fit badly teach the map nothing"},
+      {Mechanism::kGrey, "grey", "distributions of grey levels give and support the gain"},
+      {Mechanism::kCameraScore, "camera_score", "the window asks whether the camera is right"},
+      {Mechanism::kMissed, "missed", "some frames may stay without a pose before a loss"}};
+  return all;
+}
+
+Skips parseSkips(const std::string& names) {
+  Skips skips;
+  std::istringstream words(names);
+  for (std::string word; std::getline(words, word, ',');) {
+    const auto found = std::find_if(mechanisms().begin(),
+                                    mechanisms().end(),
+                                    [&](const MechanismName& entry) { return word == entry.name; });
+    if (found == mechanisms().end()) {
+      std::ostringstream known;
+      for (const MechanismName& entry : mechanisms()) known << ' ' << entry.name;
+      throw ConfigError("skip: '" + word + "' is no mechanism; known are" + known.str());
+    }
+    skips.add(found->mechanism);
+  }
+  return skips;
+}
+
+}  // namespace dsorb
