@@ -27,7 +27,7 @@ FRAMES = 60  # of a rendered sequence
 MIN_WINDOWS = 20  # of a point in the figure
 BINS = (0, 1e-4, 1e-3, 1e-2, 1e-1, 1)  # edges, of the predicted probability
 MIN_CORNERS, MIN_TRACK_SHARE = 60, .5  # as the gate asks for
-COLUMNS = ('reference', 'target', 'frames', 'tracks', 'corners', 'error', 'rival', 'plane', 'sigma', 'second_sigma', 'misfit',
+COLUMNS = ('reference', 'target', 'frames', 'tracks', 'corners', 'error', 'plane', 'sigma', 'second_sigma', 'misfit',
            'depth_sigma', 'parallax', 'off')
 # Groups of sequences: name in the figure, colour.
 GROUPS = {'chosen': ('rendered, half to choose on', '#1f4fd6'), 'check': ('rendered, never looked at while choosing', '#111111'),
@@ -79,7 +79,7 @@ def read_windows(file):
         return np.zeros(0), np.zeros(0, bool)
     of = {name: rows[:, i] for i, name in enumerate(COLUMNS)}
     judged = (of['corners'] >= MIN_CORNERS) & (of['corners'] >= MIN_TRACK_SHARE * of['tracks'])
-    predicted = 1 - (1 - of['error']) * (1 - of['rival']) * (1 - of['plane'])
+    predicted = 1 - (1 - of['error']) * (1 - of['plane'])
     return predicted[judged], of['off'][judged] > WRONG_DEG
 
 

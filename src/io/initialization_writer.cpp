@@ -95,7 +95,6 @@ void Details::add(const TwoViewReport& report) {
 
 void Details::add(const EssentialReport& report) {
   add("error_probability", report.gate.error_probability);
-  add("rival_probability", report.gate.rival_probability);
   add("plane_probability", report.gate.plane_probability);
   add("second_sigma_deg", report.gate.second_sigma_deg);
   add("misfit", report.gate.misfit);

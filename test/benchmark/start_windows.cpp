@@ -2,7 +2,7 @@
 // start_windows SEQUENCE [reverse]: judges every window of a sequence that has a groundtruth.txt: a
 // reference every fifth frame, at each of its ages. Prints what the gate of `orb` makes of a window
 // and the true error of its direction, one line each:
-//   reference target frames tracks corners error_probability rival_probability plane_probability
+//   reference target frames tracks corners error_probability plane_probability
 //   direction_sigma_deg second_sigma_deg misfit depth_sigma parallax_deg direction_error_deg
 #include "dsorb/init/initializer.h"
 #include "dsorb/io/sequence_reader.h"
@@ -86,14 +86,13 @@ void judgeWindow(const ReferenceView& view,
   const InitialMap& map = start.made->map;
   const EssentialReport& report = *start.made->report.essential;
   const GateReport& gate = report.gate;
-  fmt::print("{} {} {} {} {} {:.6f} {:.6f} {:.6f} {:.4f} {:.4f} {:.4f} {:.5f} {:.3f} {:.4f}\n",
+  fmt::print("{} {} {} {} {} {:.6f} {:.6f} {:.4f} {:.4f} {:.4f} {:.5f} {:.3f} {:.4f}\n",
              view.frames.front()->id().value,
              view.frames.back()->id().value,
              view.frames.size(),
              report.tracks,
              map.corners.size(),
              gate.error_probability,
-             gate.rival_probability,
              gate.plane_probability,
              gate.direction_sigma_deg,
              gate.second_sigma_deg,

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// A start from the essential matrix, without images: model selection, rivals, gate, noise.
+// A start from the essential matrix, without images: model selection, gate, noise.
 #include "base/spread_frames.h"
 #include "init/orb/bundle/geometric_covariance.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/start/motion_candidates.h"
 #include "init/orb/start/motion_contest.h"
-#include "init/orb/start/rival_motions.h"
 #include "init/orb/start/start_gate.h"
 #include "init/orb/two_view/essential_motion.h"
 #include "init/orb/two_view/model_selection.h"
@@ -296,87 +295,6 @@ TEST(StartGate, TailsAreThoseOfDrawnErrors) {
   }
   EXPECT_EQ(tailProbability({0, 0}, 10), 0);
   EXPECT_EQ(rivalProbability(1, 40), 0.5);
-}
-
-TEST(RivalMotions, AreImpossibleWithParallaxAndLikelyWithoutTranslation) {
-  constexpr double kCells = 60;
-  TwoViewSceneOptions options;
-  options.noise = 0.2;
-  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
-    options.translation = {0.6, 0.1, 0.3};
-    const TwoViewScene moved = makeTwoViewScene(options, seed);
-    const RivalMotion far = findRival(moved.T_cur_ref, moved.matches, moved.camera, 0.2, 10);
-    EXPECT_EQ(far.matches, 300);
-    EXPECT_LT(far.probability(kCells), 1e-9);
-    options.translation *= 1e-4;
-    const TwoViewScene turned = makeTwoViewScene(options, seed);
-    const SE3 guess(turned.T_cur_ref.unitQuaternion(), Eigen::Vector3d(1, 0, 0));
-    EXPECT_GT(findRival(guess, turned.matches, turned.camera, 0.2, 10).probability(kCells), 0.01);
-  }
-}
-
-TEST(RivalMotions, TheOtherMotionOfAPlaneIsLikely) {
-  TwoViewSceneOptions options;
-  options.plane = true;
-  options.noise = 0.2;
-  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
-    const TwoViewScene scene = makeTwoViewScene(options, seed);
-    const RivalMotion rival = findRival(scene.T_cur_ref, scene.matches, scene.camera, 0.2, 10);
-    EXPECT_GT(rival.probability(60), 0.01) << rival.excess;
-  }
-}
-
-/// Of a plane's tracks: what the newest frame leaves open, and what all of them say of it.
-struct PlaneRivals {
-  double in_newest = 0;  // probability of a motion elsewhere
-  RivalVerdict in_all;
-  double error_deg = 0;  // of the candidate
-};
-
-PlaneRivals rivalsOf(const PlaneTracks& scene) {
-  constexpr double kCells = 40;
-  const InitializerOptions options;
-  StageClock clock;
-  const AttemptContext context{scene.camera, options, clock};
-  const Matches matches = scene.view.tracks.matchesTo(scene.view.tracks.frames() - 1);
-  const SE3& truth = scene.T_cam_ref.back();
-  const auto own = makeCandidate(
-      scene.view, refineOnInliers(truth, matches, scene.camera, kRansacThreshold), context);
-  if (!own) return {};
-  const SE3& found = *own->map.frames.back().T_cam_ref;
-  const RivalMotion rival = findRival(found, matches, scene.camera, 0.2, 10);
-  return {rival.probability(kCells),
-          judgeRivals(rival.motions, *own, kCells, scene.view, context),
-          directionErrorDeg(found.translation(), truth.translation())};
-}
-
-TEST(MotionContest, FramesBetweenExcludeTheOtherMotionOfAPlane) {
-  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
-    const PlaneRivals rivals = rivalsOf(makePlaneTracks(6, seed));
-    EXPECT_LT(rivals.error_deg, 2.0) << seed;
-    EXPECT_GT(rivals.in_newest, 0.01) << seed;
-    EXPECT_LT(rivals.in_all.probability, 1e-3) << seed;
-    EXPECT_GE(rivals.in_all.motions.size(), 2U);
-  }
-}
-
-TEST(MotionContest, TwoFramesLeaveItOpen) {
-  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
-    EXPECT_GT(rivalsOf(makePlaneTracks(2, seed)).in_all.probability, 1e-3) << seed;  // .0097 to .87
-  }
-}
-
-TEST(MotionContest, CarriesMotionsOverToTheNextFrame) {
-  const PlaneTracks scene = makePlaneTracks(6, 8);
-  AttemptSummary last;
-  const SE3& before = scene.T_cam_ref[4];
-  last.motions = {SE3(before.unitQuaternion(), before.translation().normalized())};
-  const auto carried = carriedOver(
-      last, scene.T_cam_ref[5].unitQuaternion(), scene.view.tracks.matchesTo(5), scene.camera);
-  ASSERT_EQ(carried.size(), 1U);
-  EXPECT_GT(carried[0].inliers, 180);
-  EXPECT_LT(directionErrorDeg(carried[0].T_cur_ref.translation(), scene.T_cam_ref[5].translation()),
-            2.0);
 }
 
 TEST(SpreadFrames, CoverTheWholeTimeAndEndWithTheNewest) {

@@ -50,10 +50,9 @@ struct TwoViewReport {
 /// direction of translation is off by more than GateOptions::wrong_angle_deg, and why.
 struct GateReport {
   InitReason reason = InitReason::kDone;  ///< kDone when it passed
-  double wrong_probability = 1;           ///< all three causes together
+  double wrong_probability = 1;           ///< both causes together
   double error_probability = 1;           ///< first: tails of the direction's distribution
-  double rival_probability = 0;           ///< second: another minimum of the tracks' likelihood
-  double plane_probability = 0;           ///< third: the other motion that a plane allows
+  double plane_probability = 0;           ///< second: the other motion that a plane allows
   double direction_sigma_deg = 0;         ///< larger axis of the direction's covariance, x 1.5
   double second_sigma_deg = 0;            ///< smaller axis, x 1.5: scale of its t-distribution
   double misfit = 1;        ///< errors of the corners over what noise of the images explains

@@ -52,9 +52,6 @@ struct AttemptSummary {
   std::optional<GateReport> gate;             ///< judgement, where it came so far
   int skipped = 0;                            ///< frames since then
   bool tried = false;                         ///< with this frame: it took its time
-  /// T_cur_ref of the newest frame then that were not excluded, where that was the reason: the best
-  /// one first, then those elsewhere; translations of length 1.
-  std::vector<SE3> motions{};
 };
 
 /// Input of an attempt: frames and tracks since one reference.

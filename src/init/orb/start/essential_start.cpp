@@ -11,7 +11,6 @@
 #include "init/orb/start/motion_contest.h"
 #include "init/orb/start/readout_score.h"
 #include "init/orb/start/retry_rule.h"
-#include "init/orb/start/rival_motions.h"
 #include "init/orb/start/start_gate.h"
 #include "init/orb/two_view/essential_motion.h"
 #include "init/orb/two_view/model_selection.h"
@@ -35,10 +34,6 @@ constexpr double kMinTrackNoise = 0.5;
 /// A start is refined no further where its errors would have to shrink by this factor to pass.
 /// @source docs/experiments.md, "Refinement of corners"
 constexpr double kHopelessFactor = 1.5;
-/// Least noise of a match in the likelihood of motions elsewhere [px].
-constexpr double kMinMatchNoise = 0.05;
-/// Of a motion elsewhere, by the newest frame alone; likelier ones are asked for in all frames.
-constexpr double kMaxRivalProbability = 0.01;
 /// Of the deviations of known depths that are not used otherwise: beyond it they give no scale.
 constexpr double kMaxInflation = 2;
 constexpr int kNoiseRounds =
@@ -110,7 +105,7 @@ bool missesByFar(InitialMap map,
          isYoung(view, gate.direction_sigma_deg / kHopelessFactor);
 }
 
-/// A refined start with what is known of it beside its map and its rivals.
+/// A refined start with what is known of it beside its map.
 struct RefinedStart {
   Reconstruction made;
   StartEvidence evidence;
@@ -168,47 +163,16 @@ struct TwoViews {
   const SelectedMotion& selected;
 };
 
-/// A judgement, with the motions that it could not exclude.
-struct Judgement {
-  GateReport gate;
-  std::vector<SE3> motions{};
-};
-
-/// Judges a refined start by everything that is known of it. Where the newest frame allows a motion
-/// elsewhere, all frames are asked.
-/// @param own the candidate that the start was made of
-Judgement judge(const RefinedStart& start,
-                const MotionCandidate& own,
-                const TwoViews& views,
-                const AttemptContext& context) {
-  const GateOptions& options = context.options.orb.gate;
-  const InitialMap& map = start.made.map;
-  Judgement judged{judgeStart(map, context.camera, options, start.evidence)};
-  if (judged.gate.reason != InitReason::kDone || map.scaleKnown()) return judged;  // no rivals
-  if (!context.options.skip.has(Mechanism::kYoung) &&
-      isYoung(views.view, judged.gate.direction_sigma_deg)) {
-    judged.gate.reason = InitReason::kSettling;
-    return judged;
+/// Judges a refined start by everything that is known of it.
+GateReport judge(const RefinedStart& start, const TwoViews& views, const AttemptContext& context) {
+  GateReport gate =
+      judgeStart(start.made.map, context.camera, context.options.orb.gate, start.evidence);
+  if (gate.reason == InitReason::kDone && !start.made.map.scaleKnown() &&
+      !context.options.skip.has(Mechanism::kYoung) &&
+      isYoung(views.view, gate.direction_sigma_deg)) {
+    gate.reason = InitReason::kSettling;
   }
-  if (context.options.skip.has(Mechanism::kRivals)) {
-    addRival(judged.gate, 0, options);
-    return judged;
-  }
-  const RivalMotion rival = findRival(*map.frames.back().T_cam_ref,
-                                      views.matches,
-                                      context.camera,
-                                      std::max(kMinMatchNoise, views.selected.motion.noise),
-                                      options.wrong_angle_deg);
-  const int cells = occupiedCells(map, context.camera);
-  double probability = rival.probability(cells);
-  if (!context.options.skip.has(Mechanism::kRivalFrames) &&
-      probability > std::min(kMaxRivalProbability, options.max_wrong_probability)) {
-    RivalVerdict verdict = judgeRivals(rival.motions, own, cells, views.view, context);
-    probability = verdict.probability;
-    judged.motions = std::move(verdict.motions);
-  }
-  addRival(judged.gate, probability, options);
-  return judged;
+  return gate;
 }
 
 /// A refined start that passed, or why not, with its judgement and motion where it came so far.
@@ -216,7 +180,6 @@ struct JudgedStart {
   Outcome<Reconstruction> made;
   std::optional<GateReport> gate;
   std::optional<WaitingMotion> motion{};
-  std::vector<SE3> motions{};                     ///< not excluded, where that was the reason
   StartEvidence evidence{};                       ///< that it was judged by
   std::optional<DepthPriorReport> depth_prior{};  ///< where known depths were tried
 };
@@ -256,11 +219,10 @@ JudgedStart refineAndJudge(const PlaneComparison& compared,
   start.report.pose_prior = compared.best.motions_used;
   auto refined = refineStart(std::move(start), views.view, doubtful, context);
   if (!refined) return {refined.reason(), {}};
-  Judgement judged =
-      context.clock.time("gate", [&] { return judge(*refined, compared.best, views, context); });
-  JudgedStart decision = decided(std::move(refined->made), judged.gate);
+  const GateReport gate =
+      context.clock.time("gate", [&] { return judge(*refined, views, context); });
+  JudgedStart decision = decided(std::move(refined->made), gate);
   decision.evidence = refined->evidence;
-  if (!decision.made) decision.motions = std::move(judged.motions);
   return decision;
 }
 
@@ -272,8 +234,7 @@ JudgedStart judgeWithPlane(JudgedStart start,
   report.model = name(compared.model);
   start.evidence.plane_cost_ratio = report.essential->second_cost = compared.second_cost;
   const GateOptions& options = context.options.orb.gate;
-  GateReport gate = judgeStart(start.made->map, context.camera, options, start.evidence);
-  if (gate.reason == InitReason::kDone) addRival(gate, start.gate->rival_probability, options);
+  const GateReport gate = judgeStart(start.made->map, context.camera, options, start.evidence);
   return decided(std::move(*start.made), gate);
 }
 
@@ -299,7 +260,7 @@ void questionCamera(Reconstruction& made, const AttemptContext& context) {
 }
 
 /// A start from known depths, where the reference has any and they fit the images: the motion is a
-/// pose from points, which has neither rivals nor the two solutions of a plane.
+/// pose from points, which has not the two solutions of a plane.
 JudgedStart startFromKnownDepth(const ReferenceView& view,
                                 const RotationFit& rotation,
                                 const Matches& matches,
@@ -327,8 +288,8 @@ JudgedStart startFromKnownDepth(const ReferenceView& view,
   return start;
 }
 
-/// A start from the motion of two views, or from one that was carried over or that a plane allows,
-/// where that is the better one.
+/// A start from the motion of two views, or from the other one that a plane allows, where that is
+/// the better one.
 JudgedStart startFromMotion(const TwoViews& views, const AttemptContext& context) {
   const ReferenceView& view = views.view;
   StageClock& clock = context.clock;
@@ -336,15 +297,6 @@ JudgedStart startFromMotion(const TwoViews& views, const AttemptContext& context
       clock.time("geometric", [&] { return makeCandidate(view, views.selected.motion, context); });
   if (!candidate) return {InitReason::kTooFewPoints, {}};
   PlaneComparison compared{std::move(*candidate), DisplacementModel::kEssential, {}, {}};
-  if (!context.options.skip.has(Mechanism::kCarried) && !view.last.motions.empty()) {
-    clock.time("planes", [&] {
-      const Eigen::Quaterniond R_cur_ref = views.selected.motion.T_cur_ref.unitQuaternion();
-      competeOverFrames(view,
-                        carriedOver(view.last, R_cur_ref, views.matches, context.camera),
-                        context,
-                        compared.best);
-    });
-  }
   const bool doubtful =
       isYoung(view, std::numeric_limits<double>::infinity()) ||
       refusedUnless(1, view.last, views.rotation.median_residual, context.options.orb.gate);
@@ -400,7 +352,6 @@ EssentialStart startFromEssential(const ReferenceView& view, const AttemptContex
   if (!selected) return refuse(selected.reason());
   JudgedStart start = startFromMotion({view, matches, rotation, *selected}, context);
   summary.gate = start.gate;
-  summary.motions = std::move(start.motions);
   if (start.made) {
     questionCamera(*start.made, context);
     start.made->report.depth_prior = depth_prior;

@@ -97,15 +97,6 @@ GateReport judgeStart(const InitialMap& map,
   return report;
 }
 
-void addRival(GateReport& report, double probability, const GateOptions& options) {
-  report.rival_probability = probability;
-  report.wrong_probability = 1 - (1 - report.wrong_probability) * (1 - probability);
-  if (report.reason == InitReason::kDone &&
-      !(report.wrong_probability <= options.max_wrong_probability)) {
-    report.reason = InitReason::kDegenerateMotion;
-  }
-}
-
 bool errorsPass(const GateReport& report, double shrunk_by, const GateOptions& options) {
   const Eigen::Vector2d sigmas(report.second_sigma_deg, report.direction_sigma_deg);
   return report.depth_sigma / shrunk_by <= options.max_depth_sigma &&

@@ -35,15 +35,12 @@ struct StartEvidence {
   std::optional<double> plane_cost_ratio;  ///< of the other motion of a plane
 };
 
-/// Judges a start by all but the motions elsewhere.
+/// Judges a start.
 /// @param map refined, mean inverse depth 1, with covariances
 GateReport judgeStart(const InitialMap& map,
                       const PinholeCamera& camera,
                       const GateOptions& options,
                       const StartEvidence& evidence);
-
-/// Adds the probability of a motion elsewhere.
-void addRival(GateReport& report, double probability, const GateOptions& options);
 
 /// Whether a start would pass by its errors alone if they had shrunk by a factor.
 bool errorsPass(const GateReport& report, double shrunk_by, const GateOptions& options);
