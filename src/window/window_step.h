@@ -62,6 +62,9 @@ struct WindowUncertainty {
   /// system does not determine it.
   /// @source Triggs et al., Bundle Adjustment - A Modern Synthesis, section 9.2: inner constraints
   std::optional<Matrix6d> newest_pose;
+  /// The same where intrinsics and distortion are held: what the map itself leaves open, without
+  /// what a focal length and a turn can trade.
+  std::optional<Matrix6d> newest_pose_camera_held;
 };
 
 /// @param noise of a pixel's residual [grey levels]
