@@ -100,7 +100,7 @@ def make_pictures(run, indices, undistort):
             raise PicturesError(f'{folder / names[index]}: cannot be written')
     missing = set(indices) - set(names)
     if missing:
-        raise PicturesError(f'{run.summary["dataset"]}: ends before image {min(missing)}')
+        raise PicturesError(f'{run.dataset}: ends before image {min(missing)}')
     finish_folder(run.folder, folder.name)
     return Pictures(folder, names, pinhole(run.camera) if undistort else lens)
 
@@ -130,9 +130,9 @@ def decoded(cv2, run, indices):
         for index in sorted(files):
             yield index, decoded_file(cv2, files[index])
         return
-    video = Video(cv2, run.summary['dataset'])
+    video = Video(cv2, run.dataset)
     if not video.opened:
-        raise PicturesError(f'{run.summary["dataset"]}: cannot be opened as a video; cameras leave no images behind')
+        raise PicturesError(f'{run.dataset}: cannot be opened as a video; cameras leave no images behind')
     for index in range(max(indices) + 1):
         if not video.grab():
             return
