@@ -102,8 +102,9 @@ def of_times(rows, times):
 
 
 def first_segment_rows(out, name, frames, segment):
-    """Trajectory file of a run, only its first segment with a successful initialization."""
-    return of_times(tr.load_tum(out / name), [f['timestamp'] for f in frames if f['segment'] == segment])
+    """Trajectory of a run's first segment with a successful initialization; the file of that name has the longest one."""
+    own = out / name.replace('.txt', f'_{segment}.txt')
+    return of_times(tr.load_tum(own if own.exists() else out / name), [f['timestamp'] for f in frames if f['segment'] == segment])
 
 
 def judge_trajectories(out, frames, starts, truth, with_evo):

@@ -10,11 +10,11 @@
 
 namespace dsorb::app {
 
-/// Turns the first Ctrl-C (SIGINT) or SIGTERM into a question that the program answers when it
-/// suits: signals are blocked in every thread but one that waits for them, no handler runs. Where
-/// the program does not come to its end soon, because it reads or computes for long, that thread
-/// ends it. Once the program is about to end a second signal ends it as usual. Make it before any
-/// thread is started: threads inherit what is blocked.
+/// Turns the first Ctrl-C (SIGINT), SIGTERM or SIGHUP into a question that the program answers when
+/// it suits: signals are blocked in every thread but one that waits for them, no handler runs.
+/// Where the program does not come to its end soon, because it reads or computes for long, that
+/// thread ends it. Once the program is about to end a second signal ends it as usual. Make it
+/// before any thread is started: threads inherit what is blocked.
 class Interrupt {
  public:
   /// Writes what there is. @return the exit code

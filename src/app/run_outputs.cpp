@@ -30,6 +30,7 @@ RunOutputs::RunOutputs(const CommandLine& request, RunInfo info)
       write_result_txt_(request.write_result_txt),
       info_(std::move(info)) {
   if (record_.empty()) return;
+  io::refuseOthers(record_);
   if (io::isOutputFile(resolved(record_).lexically_relative(resolved(folder_)))) {
     throw ConfigError(fmt::format(
         "--record {}: the run itself writes a file of this name; choose another", record_));

@@ -6,6 +6,7 @@
 #include "camera/image_size.h"
 #include "image/frame_priors.h"
 
+#include <algorithm>
 #include <cmath>
 #include <sstream>
 #include <stdexcept>
@@ -55,7 +56,7 @@ FrameCheck::FrameCheck(const PinholeCamera& camera) : width_(camera.width), heig
 }
 
 void FrameCheck::restart() {
-  id_.reset();
+  ids_.clear();
   has_rows_.reset();
   timestamp_.reset();
   is_forward_.reset();
@@ -69,7 +70,12 @@ void FrameCheck::accept(const FramePtr& frame) {
                                 std::to_string(frame->height()) + " differs from the camera's " +
                                 std::to_string(width_) + "x" + std::to_string(height_));
   }
-  if (id_ == frame->id()) throw std::invalid_argument(who + "the frame before has the same id");
+  const int id = frame->id().value;
+  if (id < 0) throw std::invalid_argument(who + "expected an id from 0");
+  const auto place = std::lower_bound(ids_.begin(), ids_.end(), id);
+  if (place != ids_.end() && *place == id) {
+    throw std::invalid_argument(who + "an earlier frame has the same id");
+  }
   const double exposure = frame->exposure();
   if (!std::isfinite(exposure) || exposure <= 0) {
     throw std::invalid_argument(who + "exposure " + std::to_string(exposure) +
@@ -93,7 +99,7 @@ void FrameCheck::accept(const FramePtr& frame) {
     }
     is_forward_ = is_forward;
   }
-  id_ = frame->id();
+  ids_.insert(place, id);
   has_rows_ = has_rows;
   timestamp_ = now;
 }

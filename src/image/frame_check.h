@@ -5,6 +5,7 @@
 #include "dsorb/image/frame.h"
 
 #include <optional>
+#include <vector>
 
 namespace dsorb {
 
@@ -16,10 +17,11 @@ class FrameCheck {
   explicit FrameCheck(const PinholeCamera& camera);
 
   /// Accepts the frame as the next one.
-  /// @throws std::invalid_argument no frame, wrong size, id of the previous frame, exposure not
-  ///         positive, timestamp not finite, equal to the previous one or a change of direction,
-  ///         row times where those before have none or the other way round, priors that do not fit;
-  ///         the message names both values, nothing is changed
+  /// @throws std::invalid_argument no frame, wrong size, id below 0 or of an earlier frame,
+  /// exposure
+  ///         not positive, timestamp not finite, equal to the previous one or a change of
+  ///         direction, row times where those before have none or the other way round, priors that
+  ///         do not fit; the message names both values, nothing is changed
   void accept(const FramePtr& frame);
   /// The next frame is taken as the first one.
   void restart();
@@ -27,7 +29,7 @@ class FrameCheck {
  private:
   int width_;
   int height_;
-  std::optional<FrameId> id_;        // of the previous frame
+  std::vector<int> ids_;             // of all frames, sorted
   std::optional<bool> has_rows_;     // whether frames have row times
   std::optional<double> timestamp_;  // of the previous frame [s]
   std::optional<bool> is_forward_;   // direction of time, known from the second frame on

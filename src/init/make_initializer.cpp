@@ -36,7 +36,9 @@ void refuseImpatience(const OrbOptions& orb) {
 
 std::unique_ptr<Initializer> makeRegistered(const InitializerOptions& options,
                                             const PinholeCamera& camera) {
-  std::unique_ptr<Initializer> made = registeredFactory(options.registered)(options, camera);
+  InitializerOptions own = options;
+  own.registered.clear();  // the factory may make one of another kind
+  std::unique_ptr<Initializer> made = registeredFactory(options.registered)(own, camera);
   if (!made) throw std::logic_error("the factory of '" + options.registered + "' made nothing");
   return made;
 }
@@ -46,6 +48,10 @@ std::unique_ptr<Initializer> makeRegistered(const InitializerOptions& options,
 std::unique_ptr<Initializer> makeInitializer(const InitializerOptions& options,
                                              const PinholeCamera& camera) {
   validateOptions(options);
+  if (options.kind != InitializerKind::kRegistered && !options.registered.empty()) {
+    throw ConfigError("option initializer.registered = '" + options.registered +
+                      "': expected the kind registered beside it");
+  }
   switch (options.kind) {
     case InitializerKind::kOrb:
       refuseImpatience(options.orb);

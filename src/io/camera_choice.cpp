@@ -102,11 +102,11 @@ Calibration readChosen(const std::filesystem::path& file,
   if (nameless) return cameras.front().read();
   if (const NamedCamera* camera = find(cameras, choice)) return camera->read();
   if (!choice.name.empty() && (cameras.size() > 1 || !isTopic(choice.name))) {
-    throw lineError(
-        file,
-        0,
-        fmt::format(
-            "has no camera '{}'; those it has: {}", quotable(choice.name), listed(cameras)));
+    throw lineError(file,
+                    0,
+                    fmt::format("has no camera '{}'; choose one with --camera: {}",
+                                quotable(choice.name),
+                                listed(cameras)));
   }
   if (cameras.size() == 1 || areAllSame(cameras)) return cameras.front().read();
   throw lineError(

@@ -21,6 +21,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kSummary = "run.json";
+constexpr const char* kFigures = "figures";
 
 FileHandle openForWriting(const fs::path& path) {
   FileHandle file(std::fopen(path.c_str(), "wb"));
@@ -37,7 +38,7 @@ void writeAll(std::FILE* file, std::string_view text, const fs::path& path) {
 /// Files of a run, by their names relative to the output folder. Those of earlier versions count.
 std::vector<fs::path> outputFilesIn(const fs::path& folder) {
   std::vector<fs::path> found;
-  for (const fs::path& part : {fs::path(), fs::path("figures")}) {
+  for (const fs::path& part : {fs::path(), fs::path(kFigures)}) {
     if (!fs::is_directory(folder / part)) continue;
     for (const auto& entry : fs::directory_iterator(folder / part)) {
       const fs::path name = part / entry.path().filename();
@@ -113,6 +114,10 @@ OutputFolder::OutputFolder(const fs::path& folder,
     if (lock_.get() >= 0 && flock(lock_.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
       throw IoError(fmt::format("output folder {}: another run writes into it", folder.string()));
     }
+    if (fs::is_symlink(folder / kFigures)) {
+      throw IoError(fmt::format(
+          "output folder {}: {} there is a link; move it away", folder.string(), kFigures));
+    }
     const std::vector<fs::path> old = outputFilesIn(folder);
     if (!old.empty() && !isSummaryOf(program, folder / kSummary)) {
       throw IoError(
@@ -122,7 +127,7 @@ OutputFolder::OutputFolder(const fs::path& folder,
                       old.front().generic_string(),
                       program));
     }
-    fs::create_directory(folder / "figures");
+    fs::create_directory(folder / kFigures);
     replaceFile(folder / kSummary, run_json);
     for (const fs::path& name : old) {
       if (name != kSummary) fs::remove(folder / name);

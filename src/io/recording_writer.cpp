@@ -171,17 +171,19 @@ void makeFolder(const fs::path& folder) {
 }
 
 bool isRecording(const fs::path& path) {
-  std::string begin(256, 0);  // of the header; a file without lines may be long
+  const std::string header = fmt::format(R"({{"kind":"header","format":"{}")", kFormat);
+  std::string begin(header.size(), 0);
   std::ifstream(path).read(begin.data(), static_cast<std::streamsize>(begin.size()));
-  return begin.find(kFormat) != std::string::npos;
+  return begin == header;
 }
 
 /// The recording's path, once its folders are there.
 /// @throws IoError where images would go among those of others
 fs::path prepared(const fs::path& path, const fs::path& images) {
   const fs::path folder = fs::absolute(path).parent_path() / images;
+  refuseOthers(path);
   makeFolder(folder);
-  if (!fs::is_empty(folder) && !isRecording(path)) {
+  if (fs::is_symlink(folder) || (!fs::is_empty(folder) && !isRecording(path))) {
     throw IoError(
         fmt::format("{}: holds files of others, where the images of {} would go; choose "
                     "another name for the recording",
@@ -196,6 +198,13 @@ fs::path imageFolder(const fs::path& path) {
 }
 
 }  // namespace
+
+void refuseOthers(const fs::path& path) {
+  std::error_code none;
+  if (!fs::is_regular_file(path, none) || fs::file_size(path) == 0 || isRecording(path)) return;
+  throw IoError(fmt::format(
+      "--record {}: is no recording, and would be replaced; choose another name", path.string()));
+}
 
 RecordingWriter::RecordingWriter(const fs::path& path,
                                  const RunInfo& info,

@@ -15,6 +15,9 @@
 
 namespace dsorb::io {
 
+/// @throws IoError where a recording would take the place of a file that is none
+void refuseOthers(const std::filesystem::path& path);
+
 /// Writes a recording (docs/formats.md): one JSON object a line, readable while the run goes on,
 /// and the rectified images in a folder beside it. As observer it only takes notes; lines and
 /// images are written in frameDone(), outside of what a frame's time counts.

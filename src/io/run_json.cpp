@@ -3,9 +3,12 @@
 
 #include "camera/lens_models.h"
 
+#include <fmt/format.h>
 #include <sys/resource.h>
 
+#include <cctype>
 #include <cstddef>
+#include <cstring>
 #include <fstream>
 #include <string>
 #include <string_view>
@@ -30,6 +33,27 @@ const char* name(RunStatus status) {
 }
 
 namespace io {
+namespace {
+
+bool isUtf8(const std::string& text) {
+  try {
+    return !Json(text).dump().empty();
+  } catch (const Json::type_error&) {
+    return false;
+  }
+}
+
+/// RFC 8089; names of files may hold any bytes.
+std::string fileUri(const std::string& path) {
+  std::string uri = "file://";
+  for (const char c : path) {
+    const bool plain = std::isalnum(static_cast<unsigned char>(c)) != 0 || std::strchr("/-._~", c);
+    uri += plain ? std::string(1, c) : fmt::format("%{:02X}", static_cast<unsigned char>(c));
+  }
+  return uri;
+}
+
+}  // namespace
 
 /// Unlike the resource usage that the system keeps, the mark begins anew with the program: it is
 /// not that of whoever started it.
@@ -102,6 +126,7 @@ Json runJson(const RunInfo& info,
                {"dataset", info.dataset},
                {"initializer", info.initializer},
                {"camera", nullptr}};
+  if (!isUtf8(info.dataset)) json["dataset_uri"] = fileUri(info.dataset);
   if (cameras.lens) json["lens"] = lensJson(*cameras.lens);
   if (cameras.camera) json["camera"] = cameraJson(*cameras.camera);
   const std::optional<PinholeCamera>& refined = cameras.refined.camera();

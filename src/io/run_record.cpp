@@ -17,6 +17,14 @@ bool isFinite(const SE3& pose) {
 RunRecord::RunRecord(const std::filesystem::path& folder)
     : frames_(folder), keyframes_(folder), notes_(folder) {}
 
+int RunRecord::longestSegment() const {
+  std::map<int, int> frames;
+  for (std::size_t i = 0; i < frames_.size(); ++i) ++frames[frames_.at(i).segment];
+  const auto longest = std::max_element(
+      frames.begin(), frames.end(), [](auto& a, auto& b) { return a.second < b.second; });
+  return longest == frames.end() ? -1 : longest->first;
+}
+
 void RunRecord::addInitStep(const InitStep& step, int segment) {
   steps_.push_back({step.status, step.reason, segment, step.result, {}});
   ++answers_[step.reason];

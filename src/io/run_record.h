@@ -72,6 +72,8 @@ class RunRecord {
   [[nodiscard]] int framesMissed() const { return frames_missed_; }
   /// Segments with a start that stayed.
   [[nodiscard]] const std::vector<int>& segments() const { return segments_; }
+  /// The one with the most frames, the earliest of equals; -1 where no frame has a pose.
+  [[nodiscard]] int longestSegment() const;
   /// Scale of each of them, in metres of its start's unit; where there is one, all of the segment
   /// is told in metres.
   [[nodiscard]] const std::vector<std::optional<MetricScale>>& units() const { return units_; }

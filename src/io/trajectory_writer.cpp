@@ -59,14 +59,24 @@ std::filesystem::path TrajectoryWriter::path(const std::string& suffix) const {
 
 void TrajectoryWriter::update(const RunRecord& record, const Entries& entries) {
   std::string lines;
+  const auto flush = [&] {
+    if (!lines.empty()) file_.append(lines);
+    lines.clear();
+  };
   for (; written_ < entries.size(); ++written_) {
-    lines += lineOf(entries.at(written_), record);
+    const PosedEntry entry = entries.at(written_);
+    if (entry.segment != segment_.value_or(entry.segment)) {
+      flush();
+      file_ = GrowingFile(path(fmt::format("_{}", entry.segment)));
+    }
+    segment_ = entry.segment;
+    lines += lineOf(entry, record);
   }
-  if (!lines.empty()) file_.append(lines);
+  flush();
 }
 
 void TrajectoryWriter::finish(const RunRecord& record, const Entries& entries) const {
-  writeTum(path(""), record, entries);
+  writeTum(path(""), record, entries, record.longestSegment());
   if (record.segments().size() < 2) return;
   std::optional<LineFile> file;
   int segment = -1;
@@ -96,9 +106,14 @@ std::string tumLine(double timestamp, const SE3& T_world_cam) {
                      q.w());
 }
 
-void writeTum(const std::filesystem::path& path, const RunRecord& record, const Entries& entries) {
+void writeTum(const std::filesystem::path& path,
+              const RunRecord& record,
+              const Entries& entries,
+              int segment) {
   LineFile file(path);
-  forEachByTime(entries, [&](const PosedEntry& entry) { file.add(lineOf(entry, record)); });
+  forEachByTime(entries, [&](const PosedEntry& entry) {
+    if (entry.segment == segment) file.add(lineOf(entry, record));
+  });
   file.commit();
 }
 

@@ -6,12 +6,15 @@
 
 #include <cstddef>
 #include <filesystem>
+#include <optional>
 #include <string>
 
 namespace dsorb::io {
 
-/// trajectory.txt or keyframes.txt: grows with the estimates of the moment, ends as the final
-/// poses sorted by time, with one more file a segment when there are several.
+/// trajectory.txt or keyframes.txt: grows with the estimates of the moment, ends as the final poses
+/// sorted by time. A file holds one segment: while the run goes on the first one, those after it
+/// in trajectory_<number>.txt; at the end the longest one, and where there are several each of them
+/// also under its number.
 class TrajectoryWriter {
  public:
   /// @param stem "trajectory" or "keyframes"
@@ -27,6 +30,7 @@ class TrajectoryWriter {
   std::filesystem::path folder_;
   std::string stem_;
   GrowingFile file_;
+  std::optional<int> segment_;  // that the file holds
   std::size_t written_ = 0;
 };
 
@@ -34,10 +38,14 @@ class TrajectoryWriter {
 /// @source TUM RGB-D benchmark, file formats
 [[nodiscard]] std::string tumLine(double timestamp, const SE3& T_world_cam);
 
-/// Replaces a file by the lines of all entries, sorted by time.
-void writeTum(const std::filesystem::path& path, const RunRecord& record, const Entries& entries);
+/// Replaces a file by the lines of a segment's entries, sorted by time.
+void writeTum(const std::filesystem::path& path,
+              const RunRecord& record,
+              const Entries& entries,
+              int segment);
 
-/// The same entries as lines of a 3x4 matrix, row by row: line n belongs to line n of the above.
+/// All entries, of one segment, as lines of a 3x4 matrix, row by row: line n belongs to line n of
+/// the above.
 /// @source KITTI odometry benchmark, format of poses
 void writeKitti(const std::filesystem::path& path, const RunRecord& record, const Entries& entries);
 

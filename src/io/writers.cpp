@@ -208,7 +208,8 @@ void RunWriter::finish(RunStatus status, const OdometryReport* report) {
 }
 
 void RunWriter::writeKeyframes(const std::string& path) const {
-  io::writeTum(path, impl_->record, impl_->record.keyframes());
+  const io::RunRecord& record = impl_->record;
+  io::writeTum(path, record, record.keyframes(), record.longestSegment());
 }
 
 }  // namespace dsorb

@@ -25,14 +25,21 @@ constexpr double kMemory = 0.9;      // of it, a frame
 
 /// A map that falls apart loses rotations first: of 4,600 frames after the dense starts and 6,300
 /// after held-out ones at most .15 degrees, and .4 within two frames where a map's scale is gone.
-constexpr double kMaxRotationSigmaDeg = 0.4;
+constexpr double kMaxRotationSigmaDeg = 0.4;  // intrinsics held
 
-/// Whether the frame's pose in the window is known at all.
-bool isCertain(const TrackedPose& pose) {
-  if (!pose.world_covariance) return true;
-  const double variance = pose.world_covariance->diagonal().tail<3>().maxCoeff();
-  return std::sqrt(variance) < kMaxRotationSigmaDeg * kRadPerDeg;
-}
+/// What a frame at a share of the map's reach gets of its keyframe's covariance.
+struct ErrorsOfMap {
+  ErrorsOfMap(const KeyframePose& keyframe, const Matrix6d& covariance, const SE3& T_cam_keyframe)
+      : share(T_cam_keyframe.translation().norm() / keyframe.reach) {
+    const Matrix6d adjoint = T_cam_keyframe.adjoint();
+    of_keyframe = adjoint * covariance * adjoint.transpose();
+  }
+  [[nodiscard]] Matrix6d ofWorldPose(const Matrix6d& tracked) const {
+    return tracked + (1 + share) * (1 + share) * of_keyframe;
+  }
+  double share;
+  Matrix6d of_keyframe;
+};
 
 }  // namespace
 
@@ -82,7 +89,7 @@ TrackedPose FrameTracker::track(const Frame& frame, bool may_doubt) {
   if (!result.good()) return pose;
   setPose(result, pose);
   const Skips& skip = options_.initializer.skip;
-  pose.good = (skip.has(Mechanism::kUncertain) || isCertain(pose)) &&
+  pose.good = (skip.has(Mechanism::kUncertain) || isCertain(pose, result)) &&
               !(may_doubt && !skip.has(Mechanism::kDoubtful) && isDoubtful(frame, result));
   if (!pose.good) return pose;
   pose.fits = skip.has(Mechanism::kUnfit) || !may_doubt || !largest_rmse_ ||
@@ -102,6 +109,15 @@ void FrameTracker::setPose(const track::TrackingResult& result, TrackedPose& pos
   pose.affine = result.affine;
   pose.motion = result.motion;
   addErrorsOfMap(pose);
+}
+
+bool FrameTracker::isCertain(const TrackedPose& pose, const track::TrackingResult& result) const {
+  const std::optional<Matrix6d>& held = target_->covariance_camera_held;
+  if (!pose.world_covariance || !held) return true;
+  const ErrorsOfMap errors(*target_, *held, pose.T_cam_keyframe);
+  const Matrix6d covariance = errors.ofWorldPose(*result.covariance);
+  const double variance = covariance.diagonal().tail<3>().maxCoeff();
+  return std::sqrt(variance) < kMaxRotationSigmaDeg * kRadPerDeg;
 }
 
 bool FrameTracker::isDoubtful(const Frame& frame, const track::TrackingResult& result) const {
@@ -132,11 +148,9 @@ void FrameTracker::noteFit(const Frame& frame, const track::TrackingResult& resu
 
 void FrameTracker::addErrorsOfMap(TrackedPose& pose) const {
   if (!pose.covariance || !target_->covariance || !(target_->reach > 0)) return;
-  const Matrix6d adjoint = pose.T_cam_keyframe.adjoint();
-  const Matrix6d of_keyframe = adjoint * *target_->covariance * adjoint.transpose();
-  const double share = pose.T_cam_keyframe.translation().norm() / target_->reach;
-  pose.world_covariance = *pose.covariance + (1 + share) * (1 + share) * of_keyframe;
-  *pose.covariance += kMapErrorShare * share * share * of_keyframe;
+  const ErrorsOfMap errors(*target_, *target_->covariance, pose.T_cam_keyframe);
+  pose.world_covariance = errors.ofWorldPose(*pose.covariance);
+  *pose.covariance += kMapErrorShare * errors.share * errors.share * errors.of_keyframe;
 }
 
 void FrameTracker::addErrorsOfCamera(TrackedPose& pose) const {

@@ -17,7 +17,8 @@ namespace dsorb::odometry {
 struct KeyframePose {
   SE3 T_cam_world;
   std::optional<Matrix6d>
-      covariance{};    ///< of exp(xi) * T_cam_world: WindowUncertainty::newest_pose
+      covariance{};  ///< of exp(xi) * T_cam_world: WindowUncertainty::newest_pose
+  std::optional<Matrix6d> covariance_camera_held{};  ///< WindowUncertainty::newest_pose_camera_held
   double reach = 0;    ///< distance of the farthest keyframe that its map was made with [unit]
   SE3 T_cam_middle{};  ///< relative to the middle one of those keyframes
   double doubt = 0;  ///< share by which the camera may get motions wrong, where it is suspected [-]
@@ -70,6 +71,8 @@ class FrameTracker {
   /// distance errs by that share of what its keyframe does in its window, and both add up.
   /// docs/experiments.md, "Covariance of tracked poses"
   void addErrorsOfMap(TrackedPose& pose) const;
+  /// Whether the map itself knows the frame's rotation, whatever it leaves open of the camera.
+  [[nodiscard]] bool isCertain(const TrackedPose& pose, const track::TrackingResult& result) const;
   /// A focal length that is off by a share gets motions wrong by that share.
   /// docs/experiments.md, "Wrong calibrations"
   void addErrorsOfCamera(TrackedPose& pose) const;

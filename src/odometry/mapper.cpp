@@ -114,6 +114,7 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
   if (!options_.initializer.skip.has(Mechanism::kCameraScore)) scoreCamera();
   update.target = targetOf(T_cam_previous);
   update.target.keyframe.covariance = adjustment.uncertainty.newest_pose;
+  update.target.keyframe.covariance_camera_held = adjustment.uncertainty.newest_pose_camera_held;
   update.target.keyframe.reach = reachOf(*window_);
   update.target.keyframe.doubt = camera_score_ ? camera_score_->motionError(window_->camera()) : 0;
   const std::vector<DepthSample> samples = window::depthSamples(*window_, options_.window);

@@ -3,6 +3,7 @@
 
 #include "dsorb/odometry/observer.h"
 
+#include <cstddef>
 #include <stdexcept>
 #include <vector>
 
@@ -16,10 +17,11 @@ class Observers {
     if (observer == nullptr) throw std::invalid_argument("observer is null");
     observers_.push_back(observer);
   }
-  /// Calls a method of every observer.
+  /// Calls a method of every observer; one that is added by such a call hears of what comes then.
   template <typename Method, typename... Values>
   void notify(Method method, const Values&... values) const {
-    for (OdometryObserver* observer : observers_) (observer->*method)(values...);
+    const std::size_t count = observers_.size();
+    for (std::size_t i = 0; i < count; ++i) (observers_[i]->*method)(values...);
   }
   /// Calls a method of every observer with the first keyframe, then with the next one.
   template <typename Method>

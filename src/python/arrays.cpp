@@ -42,6 +42,18 @@ int side(const AnyArray& array, std::size_t axis) {
 
 }  // namespace
 
+AnyArray arrayFrom(nb::handle argument) {
+  const std::string type = nb::str(argument.type().attr("__name__")).c_str();
+  if (type == "MaskedArray") {
+    throw nb::type_error(
+        "a masked array: its mask would be lost; numpy.ma.filled makes an array of it, and "
+        "Rectifier takes masks");
+  }
+  AnyArray array;
+  if (nb::try_cast(argument, array)) return array;
+  throw nb::type_error(("expected an array, found " + type).c_str());
+}
+
 ImageView depthView(const AnyArray& array) {
   if (array.ndim() != 2 || array.dtype() != nb::dtype<float>()) {
     throw std::invalid_argument(describe(array) +

@@ -23,6 +23,10 @@ using Matrix4 = nb::ndarray<nb::numpy, double, nb::shape<4, 4>>;
 /// (6, 6), [translation; rotation].
 using Covariance = nb::ndarray<nb::numpy, double, nb::shape<6, 6>>;
 
+/// An argument as array. @throws nb::type_error where it is none, or a masked one, whose mask would
+/// be lost
+AnyArray arrayFrom(nb::handle argument);
+
 /// View of a rectified image: (height, width) of uint8 or float32, pixels of a row side by side.
 /// @throws std::invalid_argument naming what the array is instead
 ImageView rectifiedView(const AnyArray& array);

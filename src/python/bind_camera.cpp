@@ -4,6 +4,8 @@
 #include "camera/lens_models.h"
 #include "python/arrays.h"
 #include "python/bind.h"
+#include "python/frame_source.h"
+#include "python/unlocked.h"
 
 #include <nanobind/stl/filesystem.h>
 #include <nanobind/stl/optional.h>
@@ -14,6 +16,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <mutex>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -116,11 +119,11 @@ RawPixels project(const Calibration& calibration, const Rays& points) {
 }
 
 void bindPinholeCamera(nb::module_& m) {
-  nb::class_<PinholeCamera>(m,
-                            "Camera",
-                            "Rectified pinhole camera in pixels; the centre of the top-left pixel "
-                            "is (0, 0), depth is along the optical axis.")
-      .def(
+  nb::class_<PinholeCamera> type(m,
+                                 "Camera",
+                                 "Rectified pinhole camera in pixels; the centre of the top-left "
+                                 "pixel is (0, 0), depth is along the optical axis.");
+  type.def(
           "__init__",
           [](PinholeCamera* self,
              double fx,
@@ -142,12 +145,8 @@ void bindPinholeCamera(nb::module_& m) {
       .def_ro("cx", &PinholeCamera::cx)
       .def_ro("cy", &PinholeCamera::cy)
       .def_ro("width", &PinholeCamera::width)
-      .def_ro("height", &PinholeCamera::height)
-      .def("__repr__", [](const PinholeCamera& c) {
-        return "Camera(fx=" + std::to_string(c.fx) + ", fy=" + std::to_string(c.fy) +
-               ", cx=" + std::to_string(c.cx) + ", cy=" + std::to_string(c.cy) +
-               ", width=" + std::to_string(c.width) + ", height=" + std::to_string(c.height) + ")";
-      });
+      .def_ro("height", &PinholeCamera::height);
+  bindRepr(type, {"fx", "fy", "cx", "cy", "width", "height"});
 }
 
 void bindCalibrationMakers(nb::class_<Calibration>& type) {
@@ -206,6 +205,8 @@ void bindCalibrationMakers(nb::class_<Calibration>& type) {
 void bindCalibration(nb::module_& m) {
   nb::class_<Calibration> type(m, "Calibration", "Lens of a camera and what is rectified for.");
   bindCalibrationMakers(type);
+  bindRepr(type,
+           {"model", "fx", "fy", "cx", "cy", "coefficients", "width", "height", "rectification"});
   type.def("for_size",
            &calibrationForSize,
            nb::arg("width"),
@@ -255,20 +256,22 @@ void bindCalibration(nb::module_& m) {
 
 using RectifiedArray = nb::ndarray<nb::numpy, float, nb::ndim<2>>;
 
-RectifiedArray rectify(Rectifier& rectifier,
-                       const AnyArray& image,
+RectifiedArray rectify(LockedRectifier& self,
+                       nb::handle image,
                        const std::optional<AnyArray>& mask,
                        bool rgb) {
-  const RawImage raw = rawView(image, rgb);
+  const AnyArray array = arrayFrom(image);
+  const RawImage raw = rawView(array, rgb);
   const Mask valid(mask);
-  const PinholeCamera& camera = rectifier.camera();
+  const PinholeCamera& camera = self.rectifier.camera();
   const auto width = static_cast<std::size_t>(camera.width);
   const auto height = static_cast<std::size_t>(camera.height);
   std::vector<float> pixels;
   pixels.reserve(width * height);
   {
-    const nb::gil_scoped_release release;
-    const ImageView view = rectifier.rectify(raw, valid.view());
+    const Unlocked unlocked;
+    const std::lock_guard<std::mutex> lock(self.mutex);
+    const ImageView view = self.rectifier.rectify(raw, valid.view());
     for (int y = 0; y < camera.height; ++y) {
       pixels.insert(pixels.end(), view.row<float>(y), view.row<float>(y) + width);
     }
@@ -277,21 +280,38 @@ RectifiedArray rectify(Rectifier& rectifier,
 }
 
 void bindRectifier(nb::module_& m) {
-  nb::class_<Rectifier>(m,
-                        "Rectifier",
-                        "Turns images as a camera gives them into rectified grey images: "
-                        "photometric correction, mask, undistortion. One thread at a time may use "
-                        "it.")
-      .def(nb::init<const Calibration&>(), nb::arg("calibration"))
-      .def_prop_ro("camera", &Rectifier::camera, "Camera of the rectified images.")
-      .def_prop_ro("input_width", &Rectifier::inputWidth)
-      .def_prop_ro("input_height", &Rectifier::inputHeight)
-      .def_prop_ro("warnings", &Rectifier::warnings, "What is odd about the calibration.")
-      .def("set_bits", &Rectifier::setBits, nb::arg("bits"), "Of uint16 images, 9 to 16.")
+  nb::class_<LockedRectifier> type(m,
+                                   "Rectifier",
+                                   "Turns images as a camera gives them into rectified grey "
+                                   "images: photometric correction, mask, undistortion.");
+  bindRepr(type, {"camera", "input_width", "input_height"});
+  type.def(nb::init<const Calibration&>(), nb::arg("calibration"))
+      .def_prop_ro(
+          "camera",
+          [](const LockedRectifier& self) { return self.rectifier.camera(); },
+          "Camera of the rectified images.")
+      .def_prop_ro("input_width",
+                   [](const LockedRectifier& self) { return self.rectifier.inputWidth(); })
+      .def_prop_ro("input_height",
+                   [](const LockedRectifier& self) { return self.rectifier.inputHeight(); })
+      .def_prop_ro(
+          "warnings",
+          [](const LockedRectifier& self) { return self.rectifier.warnings(); },
+          "What is odd about the calibration.")
+      .def(
+          "set_bits",
+          [](LockedRectifier& self, int bits) {
+            const std::lock_guard<std::mutex> lock(self.mutex);
+            self.rectifier.setBits(bits);
+          },
+          nb::arg("bits"),
+          "Of uint16 images, 9 to 16.")
       .def(
           "set_mask",
-          [](Rectifier& rectifier, const std::optional<AnyArray>& mask) {
-            rectifier.setMask(Mask(mask).view());
+          [](LockedRectifier& self, const std::optional<AnyArray>& mask) {
+            const Mask valid(mask);
+            const std::lock_guard<std::mutex> lock(self.mutex);
+            self.rectifier.setMask(valid.view());
           },
           nb::arg("mask").none(),
           "(height, width) of bool, or of uint8 and below 128 where no image is valid; or None.")

@@ -3,6 +3,7 @@
 #include "python/initialization.h"
 #include "python/options.h"
 #include "python/priors.h"
+#include "python/unlocked.h"
 
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
@@ -63,14 +64,15 @@ class LockedInitializer {
       : source_(std::move(source)),
         initializer_(makeInitializer(optionsOf(config), source_.camera())) {}
 
-  Step add(const AnyArray& image,
+  Step add(nb::handle image,
            double timestamp,
            std::optional<int> id,
            double exposure,
            const Priors* priors) {
-    const ImageView view = rectifiedView(image);
+    const AnyArray array = arrayFrom(image);
+    const ImageView view = rectifiedView(array);
     const auto known = sharedPriors(priors);
-    const nb::gil_scoped_release release;
+    const Unlocked unlocked;
     const std::lock_guard<std::mutex> lock(mutex_);
     const FrameInfo info = source_.next(timestamp, id, exposure, known);
     initializer_->setHurried(hurried);
@@ -81,7 +83,7 @@ class LockedInitializer {
     return answer;
   }
   void reset() {
-    const nb::gil_scoped_release release;
+    const Unlocked unlocked;
     const std::lock_guard<std::mutex> lock(mutex_);
     initializer_->reset();
     source_.reset();
@@ -133,8 +135,9 @@ nb::dict reportOf(const InitReport& report) {
 }
 
 void bindStart(nb::module_& m) {
-  nb::class_<StartFrame>(m, "StartFrame", "One of the frames of a start.")
-      .def_ro("id", &StartFrame::id)
+  nb::class_<StartFrame> frame(m, "StartFrame", "One of the frames of a start.");
+  bindRepr(frame, {"id", "timestamp"});
+  frame.def_ro("id", &StartFrame::id)
       .def_ro("timestamp", &StartFrame::timestamp)
       .def_prop_ro(
           "T_cam_ref",
@@ -174,14 +177,16 @@ void bindStart(nb::module_& m) {
               "Pixels (x, y) that move with the camera, as a bonnet does.")
       .def_prop_ro("report", [](const Initialization& i) { return reportOf(i.report); });
   bindPoints(type);
+  bindRepr(type, {"frames", "metric"});
 }
 
 }  // namespace
 
 void bindInitializer(nb::module_& m) {
   bindStart(m);
-  nb::class_<Step>(m, "InitStep", "What a frame led to.")
-      .def_prop_ro(
+  nb::class_<Step> step(m, "InitStep", "What a frame led to.");
+  bindRepr(step, {"status", "reason"});
+  step.def_prop_ro(
           "status",
           [](const Step& s) { return nameOf(s.status); },
           "needs_more_frames, restarted or initialized.")
@@ -204,6 +209,7 @@ void bindInitializer(nb::module_& m) {
              &LockedInitializer::add,
              "Gives the next rectified image, (height, width) of uint8 or float32, in time order. "
              "After a result, reset() comes first.");
+  bindRepr(type, {});
   type.def("reset", &LockedInitializer::reset, "Makes the object equal to a fresh one.");
   m.def("initializer_names", &initializerVariants, "Initializers of this build.");
 }

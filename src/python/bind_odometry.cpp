@@ -5,15 +5,20 @@
 #include "python/initialization.h"
 #include "python/options.h"
 #include "python/priors.h"
+#include "python/unlocked.h"
 
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
+#include <unistd.h>
 
 #include <atomic>
 #include <limits>
+#include <memory>
 #include <mutex>
+#include <optional>
+#include <stdexcept>
 #include <string>
 #include <utility>
 
@@ -92,23 +97,32 @@ class LockedOdometry {
   std::atomic<bool> hurried{false};
 
   LockedOdometry(FrameSource source, const Config& config)
-      : source_(std::move(source)), odometry_(source_.camera(), config.options) {
-    odometry_.addObserver(&log_);
+      : source_(std::move(source)),
+        odometry_(std::make_unique<Odometry>(source_.camera(), config.options)) {
+    odometry_->addObserver(&log_);
+    if (config.options.pipelined) process_ = getpid();
   }
+  ~LockedOdometry() {
+    if (isElsewhere()) (void)odometry_.release();  // its destructor would wait for a thread
+  }
+  LockedOdometry(const LockedOdometry&) = delete;
+  LockedOdometry& operator=(const LockedOdometry&) = delete;
 
-  Estimate process(const AnyArray& image,
+  Estimate process(nb::handle image,
                    double timestamp,
                    std::optional<int> id,
                    double exposure,
                    const Priors* priors) {
-    const ImageView view = rectifiedView(image);
+    const AnyArray array = arrayFrom(image);
+    const ImageView view = rectifiedView(array);
     const auto known = sharedPriors(priors);
-    const nb::gil_scoped_release release;
+    requireThreads();
+    const Unlocked unlocked;
     const std::lock_guard<std::mutex> lock(mutex_);
     const FrameInfo info = source_.next(timestamp, id, exposure, known);
     Estimate estimate;
     estimate.frame = source_.given(
-        info.id, [&] { return odometry_.process(Frame::create(view, info), hurried); });
+        info.id, [&] { return odometry_->process(Frame::create(view, info), hurried); });
     estimate.frame.frame = nullptr;
     estimate.id = info.id.value;
     estimate.timestamp = timestamp;
@@ -116,23 +130,35 @@ class LockedOdometry {
     return estimate;
   }
   std::vector<Keyframe> restart() {
-    const nb::gil_scoped_release release;
+    requireThreads();
+    const Unlocked unlocked;
     const std::lock_guard<std::mutex> lock(mutex_);
-    odometry_.restart();
+    odometry_->restart();
     return log_.take().keyframes;
   }
   Report finish() {
-    const nb::gil_scoped_release release;
+    requireThreads();
+    const Unlocked unlocked;
     const std::lock_guard<std::mutex> lock(mutex_);
-    const OdometryReport report = odometry_.finish();
+    const OdometryReport report = odometry_->finish();
     return {report, log_.take().keyframes};
   }
 
  private:
+  /// Whether it is pipelined and fork() has copied it without its thread.
+  [[nodiscard]] bool isElsewhere() const { return process_ && *process_ != getpid(); }
+  void requireThreads() const {
+    if (!isElsewhere()) return;
+    throw std::runtime_error(
+        "a pipelined Odometry has a thread, which stays in the process that made it; after fork() "
+        "make another one");
+  }
+
   std::mutex mutex_;
   EventLog log_;
   FrameSource source_;
-  Odometry odometry_;
+  std::unique_ptr<Odometry> odometry_;
+  std::optional<pid_t> process_;  // that made it, where it has a thread
 };
 
 using Points3 = nb::ndarray<nb::numpy, double, nb::shape<-1, 3>>;
@@ -191,6 +217,7 @@ void bindKeyframe(nb::module_& m) {
           "(n,): grey levels.")
       .def("world_points", &worldPoints, "(n, 3): world coordinates of the points, a new array.");
   bindPoints(type);
+  bindRepr(type, {"id", "timestamp", "segment", "final"});
 }
 
 void bindPose(nb::class_<Estimate>& type) {
@@ -229,6 +256,7 @@ void bindPose(nb::class_<Estimate>& type) {
 void bindEstimate(nb::module_& m) {
   nb::class_<Estimate> type(m, "Estimate", "Of one frame, after it was processed.");
   bindPose(type);
+  bindRepr(type, {"id", "timestamp", "state", "segment"});
   type.def_ro("id", &Estimate::id)
       .def_ro("timestamp", &Estimate::timestamp)
       .def_prop_ro(
@@ -263,8 +291,9 @@ void bindEstimate(nb::module_& m) {
 }
 
 void bindReport(nb::module_& m) {
-  nb::class_<Report>(m, "Report", "Of a whole run.")
-      .def_prop_ro("frames_given", [](const Report& r) { return r.odometry.frames_given; })
+  nb::class_<Report> type(m, "Report", "Of a whole run.");
+  bindRepr(type, {"frames_given", "frames_tracked", "frames_missed", "segments"});
+  type.def_prop_ro("frames_given", [](const Report& r) { return r.odometry.frames_given; })
       .def_prop_ro("frames_tracked", [](const Report& r) { return r.odometry.frames_tracked; })
       .def_prop_ro("frames_missed", [](const Report& r) { return r.odometry.frames_missed; })
       .def_prop_ro("segments", [](const Report& r) { return r.odometry.segments; })
@@ -288,6 +317,7 @@ void bindOdometry(nb::module_& m) {
              &LockedOdometry::process,
              "Gives the next rectified image, (height, width) of uint8 or float32, in time order. "
              "After `lost`, restart() comes first.");
+  bindRepr(type, {});
   type.def("restart",
            &LockedOdometry::restart,
            "Leaves the state lost: the next frame starts a new segment. Returns keyframes that are "

@@ -21,9 +21,9 @@ Eigen::Matrix<double, kRows, kColumns> matrixFrom(const Matrix<kRows, kColumns>&
   return Eigen::Map<const RowMajor>(array.data());
 }
 
-void setDepth(
-    Priors& self, const AnyArray& depth, double sigma, double relative_sigma, bool metric) {
-  self.priors.depth = denseDepth(depthView(depth), sigma, relative_sigma);
+void setDepth(Priors& self, nb::handle depth, double sigma, double relative_sigma, bool metric) {
+  const AnyArray array = arrayFrom(depth);
+  self.priors.depth = denseDepth(depthView(array), sigma, relative_sigma);
   self.priors.depth->metric = metric;
 }
 
@@ -87,6 +87,7 @@ void bindPriors(nb::module_& m) {
       "are named by the id of the earlier frame.");
   type.def(nb::init<>());
   bindDepths(type);
+  bindRepr(type, {});
   type.def("set_rotation",
            &setRotation,
            nb::arg("since"),

@@ -7,11 +7,19 @@
 
 #include <limits>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <stdexcept>
 #include <utility>
 
 namespace dsorb::python {
+
+/// Calls of several threads wait for each other.
+struct LockedRectifier {
+  explicit LockedRectifier(const Calibration& calibration) : rectifier(calibration) {}
+  std::mutex mutex;
+  Rectifier rectifier;
+};
 
 /// Camera of rectified images, and what all their frames share.
 class FrameSource {
@@ -19,10 +27,10 @@ class FrameSource {
   /// A global shutter and a linear response.
   explicit FrameSource(const PinholeCamera& camera) : camera_(camera) {}
   /// That makes the images.
-  explicit FrameSource(const Rectifier& rectifier)
-      : camera_(rectifier.camera()),
-        response_slope_(rectifier.responseSlope()),
-        row_times_(rectifier.rowTimes()) {}
+  explicit FrameSource(const LockedRectifier& locked)
+      : camera_(locked.rectifier.camera()),
+        response_slope_(locked.rectifier.responseSlope()),
+        row_times_(locked.rectifier.rowTimes()) {}
 
   [[nodiscard]] const PinholeCamera& camera() const { return camera_; }
   /// @param id none: the one after the last frame's

@@ -2,6 +2,7 @@
 #include "dsorb/error.h"
 
 #include "python/bind.h"
+#include "python/unlocked.h"
 
 #include <cstring>
 #include <exception>
@@ -32,6 +33,8 @@ void addError(nanobind::module_& m, const char* name, PyObject* base) {
 NB_MODULE(_dsorb, m) {
   m.doc() = "Monocular direct visual odometry, started from features.";
   m.attr("__version__") = DSORB_VERSION;
+  nanobind::set_leak_warnings(false);  // of objects that are alive when the interpreter ends
+  dsorb::python::waitAtExit();
   addError<dsorb::ConfigError>(m, "ConfigError", PyExc_ValueError);
   addError<dsorb::IoError>(m, "IoError", PyExc_RuntimeError);
   dsorb::python::bindCamera(m);

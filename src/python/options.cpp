@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "python/options.h"
 
+#include <algorithm>
 #include <stdexcept>
 
 namespace dsorb::python {
@@ -19,6 +20,10 @@ std::string textOf(nb::handle value) {
 }
 
 void flatten(const std::string& key, nb::handle value, std::vector<ConfigAssignment>& list) {
+  constexpr int kDeepest = 8;  // no key is; a dictionary may hold itself
+  if (std::count(key.begin(), key.end(), '.') > kDeepest) {
+    throw std::invalid_argument("options: '" + key + "' is nested deeper than any option");
+  }
   if (!nb::isinstance<nb::dict>(value)) {
     list.push_back({key == "initializer" ? "initializer.kind" : key, textOf(value), kOrigin});
     return;

@@ -49,9 +49,10 @@ void bindMakerFrom(nanobind::class_<Bound>& type, const char* text) {
 template <typename Bound>
 void bindMaker(nanobind::class_<Bound>& type, const char* text) {
   bindMakerFrom<PinholeCamera>(type, text);
-  bindMakerFrom<Rectifier>(type,
-                           "From the Rectifier that makes the images: its camera, with the times "
-                           "of the rows where the calibration has a readout, and the response.");
+  bindMakerFrom<LockedRectifier>(type,
+                                 "From the Rectifier that makes the images: its camera, with the "
+                                 "times of the rows where the calibration has a readout, and the "
+                                 "response.");
 }
 
 /// Binds a method that takes the next frame, and whether others wait behind it.

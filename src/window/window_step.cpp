@@ -40,6 +40,17 @@ struct ReducedSystem {
   VectorXd b;
 };
 
+/// Leaves out what is not estimated of the camera.
+void holdOthers(const EstimatedCamera& camera, ReducedSystem& system) {
+  for (Index i = 0; i < kCameraDim; ++i) {
+    if (camera.has(i)) continue;
+    system.H.row(i).setZero();
+    system.H.col(i).setZero();
+    system.H(i, i) = 1;
+    system.b[i] = 0;
+  }
+}
+
 ReducedSystem reduce(const Window& window,
                      const WindowEquations& equations,
                      const WindowOptions& options,
@@ -55,14 +66,7 @@ ReducedSystem reduce(const Window& window,
   b = equations.b + prior.gradient + window.prior.b + window.prior.H * window.deviation();
   elimination.damp(equations, damping);
   elimination.eliminate(equations, H, b);
-  const EstimatedCamera camera = estimatedCamera(window, options);
-  for (Index i = 0; i < kCameraDim; ++i) {
-    if (camera.has(i)) continue;
-    H.row(i).setZero();
-    H.col(i).setZero();
-    H(i, i) = 1;
-    b[i] = 0;
-  }
+  holdOthers(estimatedCamera(window, options), system);
   return system;
 }
 
@@ -250,7 +254,7 @@ WindowUncertainty uncertaintyOf(const Window& window,
                                 const WindowOptions& options,
                                 double noise,
                                 WindowElimination& elimination) {
-  const ReducedSystem reduced = reduce(window, equations, options, 0, elimination);
+  ReducedSystem reduced = reduce(window, equations, options, 0, elimination);
   const PreconditionedSystem system(reduced.H);
   const EstimatedCamera camera = estimatedCamera(window, options);
   WindowUncertainty uncertainty;
@@ -262,6 +266,11 @@ WindowUncertainty uncertaintyOf(const Window& window,
   }
   uncertainty.newest_pose = newestPoseCovariance(window, system, noise);
   uncertainty.depth_variances = depthVariances(window, equations, system, noise);
+  uncertainty.newest_pose_camera_held = uncertainty.newest_pose;
+  if (!camera.intrinsics) return uncertainty;
+  holdOthers({false, camera.readout, false}, reduced);
+  const PreconditionedSystem held(reduced.H);
+  uncertainty.newest_pose_camera_held = newestPoseCovariance(window, held, noise);
   return uncertainty;
 }
 

@@ -66,6 +66,9 @@ struct WindowUncertainty {
   /// Of the inverse depths in the same gauge, in the order of the equations: what their own pixels
   /// leave open, and what the errors of the frames add to it; 0 where nothing is known [1/unit^2].
   std::vector<float> depth_variances;
+  /// The same where intrinsics and distortion are held: what the map itself leaves open, without
+  /// what a focal length and a turn can trade.
+  std::optional<Matrix6d> newest_pose_camera_held;
 };
 
 /// @param noise of a pixel's residual [grey levels]

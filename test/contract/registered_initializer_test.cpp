@@ -68,6 +68,13 @@ TEST(RegisteredInitializer, IsFoundByFlagsAndYaml) {
   EXPECT_THAT(toYaml(config), HasSubstr("kind: waiting"));
 }
 
+TEST(RegisteredInitializer, ANameBesideAnotherKindIsRefused) {
+  InitializerOptions options;
+  options.registered = "waiting";
+  EXPECT_THAT(errorOf([&] { (void)makeInitializer(options, kCamera); }),
+              HasSubstr("'waiting': expected the kind registered"));
+}
+
 TEST(RegisteredInitializer, IsGoneWithItsObject) {
   InitializerOptions options;
   {

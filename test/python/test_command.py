@@ -1,20 +1,23 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The command `dsorb`, as it is installed or by its module."""
+import itertools
 import json
 import math
 import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
 import unittest
+from pathlib import Path
 
 import numpy as np
 from dsorb import Camera, command_line, evidence
 from dsorb.pictures import EXIF_IFD, FOCAL_LENGTH_35MM
-from dsorb.run_folder import read_run
+from dsorb.run_folder import FORMATS, read_run
 from dsorb.summary import of_lens, summarize
 from PIL import Image
 from room import FRAMES, SIZE, image_files, images, room, room_run, temporary_folder
@@ -104,6 +107,63 @@ class Run(unittest.TestCase):
         self.assertEqual(json.loads((output / 'run.json').read_text())['status'], 'interrupted')
         self.assertEqual(process.returncode, 3)
         self.assertIn('images have a pose', text)
+
+
+    def test_names_may_hold_any_bytes(self):
+        folder = Path(os.fsdecode(os.fsencode(temporary_folder()) + b'/caf\xe9'))
+        (folder / 'images').mkdir(parents=True)
+        for i, file in enumerate(image_files()):
+            shutil.copy(file, os.fsencode(folder) + b'/images/\xe9 %04d.png' % i)
+        shutil.copy(room() / 'camera.txt', folder)
+        output = Path(f'{folder}_out')
+        done = subprocess.run([sys.executable, '-m', 'dsorb.command_line', 'run', folder, '--output', output, '--export', ','.join(FORMATS)],
+                              capture_output=True, check=False)
+        self.assertEqual((done.returncode, done.stderr.count(b'Traceback')), (0, 0), done.stderr)
+        self.assertIn(os.fsencode(output) + b': trajectory.txt', done.stdout)
+        self.assertIn(b'\xe9 0000.png', (output / 'colmap/sparse/0/images.bin').read_bytes())
+        self.assertIn(b'\xe9 0000.png', (output / 'tum/images.txt').read_bytes())
+        self.assertEqual(read_run(output).dataset, str(folder))
+
+    def test_interrupted_while_a_camera_does_not_answer(self):
+        output = temporary_folder() / 'out'
+        shutil.copytree(room_run(), output)
+        with socket.create_server(('127.0.0.1', 0)) as silent:
+            address = f'rtsp://127.0.0.1:{silent.getsockname()[1]}/x'
+            with subprocess.Popen([sys.executable, '-m', 'dsorb.command_line', 'run', address, '--calib', room() / 'camera.txt', '--output',
+                                   output, '--export', 'tum'], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                                  start_new_session=True) as process:
+                with silent.accept()[0]:
+                    time.sleep(1)
+                    os.killpg(process.pid, signal.SIGINT)
+                    told, errors = process.communicate(timeout=60)
+        self.assertEqual((process.returncode, 'Traceback' in errors), (3, False), errors)
+        self.assertIn('No image was read', told)
+        self.assertEqual(json.loads((output / 'run.json').read_text())['status'], 'interrupted')
+
+    def test_a_terminal_that_is_closed_ends_a_run(self):
+        output = temporary_folder() / 'out'
+        with subprocess.Popen([sys.executable, '-m', 'dsorb.command_line', 'run', room(), '--output', output, '--speed', '0.1'],
+                              stdout=subprocess.DEVNULL) as process:
+            while not (output / 'frames.csv').exists():
+                time.sleep(0.05)
+            process.send_signal(signal.SIGHUP)
+            process.wait(60)
+        self.assertEqual(json.loads((output / 'run.json').read_text())['status'], 'interrupted')
+
+    def test_damaged_folders_are_named(self):
+        for name, size in itertools.product(('run.json', 'frames.csv', 'trajectory.txt', 'points.ply', 'keyframes.txt'), (0, 100, 1000)):
+            output = temporary_folder() / 'out'
+            shutil.copytree(room_run(), output)
+            os.truncate(output / name, size)
+            done = dsorb('export', output, '--format', 'tum')
+            self.assertNotIn('Traceback', done.stderr, (name, size))
+            self.assertEqual((done.returncode == 1, f'{output}/' in done.stderr), (True, True) if done.returncode else (False, False), name)
+        for edit in (('"camera": {', '"camera": [{}], "c": {'), ('"fx": ', '"fx": 0, "f": '), ('"width": ', '"width": "x", "w": ')):
+            output = temporary_folder() / 'out'
+            shutil.copytree(room_run(), output)
+            (output / 'run.json').write_text((output / 'run.json').read_text().replace(*edit, 1))
+            done = dsorb('export', output, '--format', 'colmap,nerfstudio')
+            self.assertEqual((done.returncode, 'run.json: not as a run leaves it' in done.stderr), (1, True), done.stderr)
 
 
 class Photographs(unittest.TestCase):
@@ -248,13 +308,21 @@ class Obstacles(unittest.TestCase):
             self.assertTrue(hosts <= {f.index for f in segment.frames})
             self.assertTrue((output / f'colmap/sparse/{place}/points3D.bin').exists())
         self.assertEqual(done.stdout.splitlines()[0], summarize(run).splitlines()[0])
-        for name in ('trajectory', 'keyframes'):  # as a run leaves them that is killed
-            files = [output / f'{name}_{segment.number}.txt' for segment in run.segments]
-            (output / f'{name}.txt').write_text(''.join(file.read_text() for file in files))
-            for file in files:
-                file.unlink()
+        longest = max(run.segments, key=lambda segment: len(segment.frames)).number
+        self.assertIn(f'trajectory.txt (segment {longest}, the longest; trajectory_N.txt the others)', done.stdout)
+        for name in ('trajectory', 'keyframes'):
+            self.assertEqual((output / f'{name}.txt').read_text(), (output / f'{name}_{longest}.txt').read_text())
+            (output / f'{name}_{run.segments[0].number}.txt').replace(output / f'{name}.txt')  # as a run leaves them that is killed
         self.assertEqual([[f.index for f in segment.frames] for segment in read_run(output).segments],
                          [[f.index for f in segment.frames] for segment in run.segments])
+
+    def test_images_that_were_dropped_count(self):
+        run = read_run(room_run())
+        run.summary['frames_dropped'] = 3 * FRAMES
+        text = summarize(run)
+        self.assertIn(f'{FRAMES} of {4 * FRAMES} images have a pose (25 %)', text)
+        self.assertIn(f'{3 * FRAMES} came while the run was busy and were left out', text)
+        self.assertNotIn('stood in the way', text, 'of those that were looked at all have a pose')
 
     def test_a_call_that_did_not_run_tells_nothing_of_an_earlier_run(self):
         output = temporary_folder() / 'out'

@@ -14,7 +14,7 @@ import numpy as np
 from dsorb.command_line import program
 from dsorb.export import export, model_of
 from dsorb.pictures import Video, calibration_of, decoded_file, find_pictures, rectifying_maps, refined_lens
-from dsorb.run_folder import read_run, remove_exports, rotation_of
+from dsorb.run_folder import FORMATS, read_run, remove_exports, rotation_of
 from PIL import Image
 from room import FRAMES, SIZE, image_files, room, room_run, temporary_folder, true_correspondences, true_poses
 
@@ -325,6 +325,35 @@ class Pictures(unittest.TestCase):
         (folder / 'exports.json').write_text(json.dumps(made))
         export(folder, ['kitti'])
         self.assertFalse((folder / 'kitti' / 'old.txt').exists())
+
+    def test_every_format_can_be_exported_again(self):
+        folder = exported(*FORMATS)
+        files = {path: path.read_bytes() for path in folder.rglob('*') if path.is_file()}
+        export(folder, FORMATS)
+        self.assertEqual({path: path.read_bytes() for path in folder.rglob('*') if path.is_file()}, files)
+        (folder / 'colmap' / 'sparse' / 'mine.txt').touch()
+        with self.assertRaisesRegex(ValueError, 'colmap: holds what no export has made'):
+            export(folder, ['colmap'])
+        self.assertTrue((folder / 'colmap/sparse/0/points3D.bin').exists(), 'refused before anything is removed')
+
+    def test_links_lead_nowhere(self):
+        folder = temporary_folder() / 'out'
+        shutil.copytree(room_run(), folder)
+        others = folder.parent / 'others'
+        others.mkdir()
+        (others / 'file').write_text('mine')
+        for name, made in (('colmap', {'colmap': ['file']}), ('images', {'images': None}), ('tum', {})):
+            (folder / name).symlink_to('../others')
+            (folder / 'exports.json').unlink(missing_ok=True)
+            (folder / 'exports.json').write_text(json.dumps(made))
+            with self.assertRaisesRegex(ValueError, f'{name}: holds what no export'):
+                export(folder, ['colmap' if name == 'images' else name], undistort=name == 'images')
+        (folder / 'exports.json').unlink()
+        (folder / 'exports.json').symlink_to('../others/file')
+        export(folder, ['kitti'])
+        remove_exports(folder)
+        self.assertEqual([path.name for path in others.iterdir()], ['file'])
+        self.assertEqual((others / 'file').read_text(), 'mine')
 
     @unittest.skipUnless(cv2, "OpenCV's Python module is not installed")
     def test_images_of_others_stay_as_they_are(self):

@@ -5,11 +5,13 @@ import io
 import os
 import re
 import shlex
+import subprocess
 import sys
 import tempfile
 import threading
 import time
 import unittest
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import dsorb
@@ -72,6 +74,34 @@ class Arrays(unittest.TestCase):
         pixels, copy = result.pixels, result.pixels.copy()
         del result
         np.testing.assert_array_equal(pixels, copy)
+
+
+    def test_masks_of_masked_arrays_are_not_dropped(self):
+        masked = np.ma.masked_array(self.image, self.image > 128)
+        for call in (self.rectifier.rectify, lambda image: dsorb.Odometry(CAMERA).process(image, 0.0),
+                     lambda image: dsorb.Initializer(CAMERA).add(image, 0.0), lambda image: dsorb.Priors().set_depth(image, .1)):
+            with self.assertRaisesRegex(TypeError, 'its mask would be lost'):
+                call(masked)
+            with self.assertRaisesRegex(TypeError, 'expected an array, found str'):
+                call('image')
+
+    def test_a_rectifier_serves_several_threads(self):
+        calibration = dsorb.Calibration(200, 200, 159.5, 119.5, *SIZE, 'radtan', [-.2, .05, 0, 0])
+        rectifier, pictures, done = dsorb.Rectifier(calibration), images(), threading.Event()
+        expected = [rectifier.rectify(image) for image in pictures]
+
+        def change_mask():
+            while not done.is_set():
+                rectifier.set_mask(np.ones((SIZE[1], SIZE[0]), bool))
+                rectifier.set_mask(None)
+
+        thread = threading.Thread(target=change_mask)
+        thread.start()
+        with ThreadPoolExecutor(4) as pool:
+            found = list(pool.map(rectifier.rectify, 3 * pictures))
+        done.set()
+        thread.join()
+        self.assertTrue(all(np.array_equal(f, e, equal_nan=True) for f, e in zip(found, 3 * expected)))
 
 
 class RollingShutter(unittest.TestCase):
@@ -277,7 +307,74 @@ class WhatTheCallerKnows(unittest.TestCase):
             dsorb.Initializer(CAMERA).add(images()[0], 0.0, priors=priors)
 
 
+    def test_dictionaries_that_hold_themselves_are_refused(self):
+        options = {}
+        options['window'] = options
+        with self.assertRaisesRegex(ValueError, 'nested deeper than any option'):
+            dsorb.Odometry(CAMERA, options=options)
+
+
+class Processes(unittest.TestCase):
+    """What ends or forks an interpreter that computes."""
+
+    def check(self, code, *words):
+        code = f'import os, sys, threading, time\nimport dsorb\nfrom room import images\nfrom test_module import CAMERA\n{code}'
+        done = subprocess.run([sys.executable, '-c', code, *words], capture_output=True, text=True, timeout=120, check=False)
+        self.assertEqual((done.returncode, done.stderr), (0, ''))
+        return done.stdout
+
+    def test_a_daemon_thread_may_compute_at_the_end(self):
+        for pipelined in ('', 'yes'):
+            self.check("""
+odometry, pictures = dsorb.Odometry(CAMERA, num_threads=1, pipelined=bool(sys.argv[1])), images()
+def work():
+    for i in range(10**9):
+        if odometry.process(pictures[i % len(pictures)], i * .1).state == 'lost':
+            odometry.restart()
+threading.Thread(target=work, daemon=True).start()
+time.sleep(.5)""", pipelined)
+
+    def test_a_pipelined_odometry_stays_where_it_was_made(self):
+        told = self.check("""
+odometry, pictures = dsorb.Odometry(CAMERA, num_threads=1, pipelined=True), images()
+for i, image in enumerate(pictures[:30]):
+    odometry.process(image, i * .1)
+if os.fork() == 0:
+    try:
+        odometry.process(pictures[30], 3.)
+    except RuntimeError as error:
+        print(error, flush=True)
+    del odometry
+    os._exit(0)
+os.wait()
+odometry.process(pictures[30], 3.)""")
+        self.assertIn('after fork() make another one', told)
+
+    def test_objects_that_are_alive_at_the_end_are_no_fault(self):
+        self.check('sys.kept = dsorb.Odometry(CAMERA), dsorb.Priors()')
+
+
 class Runs(unittest.TestCase):
+    def test_objects_say_what_they_are(self):
+        odometry = dsorb.Odometry(CAMERA)
+        estimates = [odometry.process(image, 0.1 * i) for i, image in enumerate(images()[:20])]
+        self.assertEqual(repr(estimates[0]), "Estimate(id=0, timestamp=0.0, state='initializing', segment=0)")
+        start = next(e.initialization for e in estimates if e.initialization)
+        keyframe = next(k for e in estimates for k in e.keyframes)
+        self.assertEqual(repr(CAMERA), 'Camera(fx=200.0, fy=200.0, cx=159.5, cy=119.5, width=320, height=240)')
+        for thing in (odometry, odometry.finish(), start, start.frames[0], keyframe, dsorb.Priors(), dsorb.Initializer(CAMERA),
+                      dsorb.Calibration.from_hfov(60, *SIZE), dsorb.Rectifier(dsorb.Calibration.from_hfov(60, *SIZE))):
+            self.assertRegex(repr(thing), rf'^{type(thing).__name__}\(')
+
+    def test_ids_are_taken_once(self):
+        odometry, pictures = dsorb.Odometry(CAMERA), images()
+        odometry.process(pictures[0], 0., id=0)
+        odometry.process(pictures[1], .1, id=1)
+        for taken, text in ((0, 'an earlier frame has the same id'), (-1, 'expected an id from 0')):
+            with self.assertRaisesRegex(ValueError, text):
+                odometry.process(pictures[2], .2, id=taken)
+        self.assertEqual(odometry.process(pictures[2], .2).id, 2)
+
     def test_estimates_tell_the_run(self):
         odometry = dsorb.Odometry(CAMERA)
         estimates = [odometry.process(image, timestamp=0.1 * i) for i, image in enumerate(images())]

@@ -114,6 +114,41 @@ class Recordings(unittest.TestCase):
             self.assertIn(f'/segment_0/{entity}', entities)
         self.assertIn('/segment_1/map/0', entities)
 
+    def test_images_are_those_of_the_recording(self):
+        self.images(1)
+        view = rerun_view.View(self.path, None, .3)
+        other = temporary_folder() / 'image.png'
+        other.write_bytes((self.folder / 'run_images/0.png').read_bytes())
+        (self.folder / 'link.png').symlink_to(other)
+        (self.folder / 'notes.png').write_text('mine')
+        for name, shown in (('run_images/0.png', True), ('/etc/passwd', False), (str(other), False), ('link.png', False),
+                            (os.path.relpath(other, self.folder), False), ('notes.png', False), ('/dev/null', False), ('.', False)):
+            self.assertEqual(view.may_show(self.folder / name), shown, name)
+
+    def test_damaged_recordings_are_named(self):
+        for event in (dict(kind='pose', segment=0, pose=[1]), dict(kind='pose'), dict(kind='points', segment=0, keyframe=0, points=[[1]]),
+                      dict(kind='image', index=0, segment={}, file=3)):
+            self.write([event])
+            with self.assertRaisesRegex(FormatError, rf'recording.jsonl:2: a `{event["kind"]}` that'):
+                rerun_view.Window('test', save=self.folder / 'run.rrd').play(self.path)
+
+    def test_a_file_of_others_is_not_replaced(self):
+        (self.folder / 'camera.txt').write_text('mine')
+        with self.assertRaisesRegex(OSError, 'is no recording of Rerun'):
+            rerun_view.Window('test', save=self.folder / 'camera.txt')
+        self.assertEqual((self.folder / 'camera.txt').read_text(), 'mine')
+
+    def test_a_server_listens_on_this_machine_alone(self):
+        with socket.socket() as free:
+            free.bind(('127.0.0.1', 0))
+            port = min(free.getsockname()[1], 65000)
+        for bind, listens in (('127.0.0.1', False), ('0.0.0.0', True)):
+            window = rerun_view.Window('test', serve=port, bind=bind)
+            self.assertEqual([rerun_view.answers(address, number) for number in (port, port + 1) for address in ('127.0.0.1', '127.0.0.2')],
+                             [True, listens, True, listens])
+            window.close()
+            self.assertFalse(rerun_view.answers('127.0.0.1', port))
+
     def test_points_of_a_keyframe_are_of_its_own_camera(self):
         view = rerun_view.View(self.path, None, .3)
         logged = {}

@@ -98,6 +98,27 @@ TEST_F(DatasetFailures, RecordingDoesNotTakeThePlaceOfAResult) {
   }
 }
 
+TEST_F(DatasetFailures, RecordingReplacesRecordingsAlone) {
+  const fs::path copy = copyOfRoom();
+  const std::string camera = readText(copy / "camera.txt");
+  const ProgramResult result = runOn(copy, {"--record", (copy / "camera.txt").string()});
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_THAT(result.err, HasSubstr("is no recording, and would be replaced"));
+  EXPECT_EQ(readText(copy / "camera.txt"), camera);
+  EXPECT_FALSE(fs::exists(file("run.json")));
+}
+
+TEST_F(DatasetFailures, FiguresDoNotFollowALink) {
+  fs::create_directories(folder_.path() / "others");
+  fs::create_directories(out());
+  std::ofstream(folder_.path() / "others" / "trajectory.png") << "mine";
+  fs::create_directory_symlink("../others", file("figures"));
+  const ProgramResult result = runOn(room_);
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_THAT(result.err, HasSubstr("figures there is a link"));
+  EXPECT_EQ(readText(folder_.path() / "others" / "trajectory.png"), "mine");
+}
+
 TEST_F(DatasetFailures, MoreThreadsThanTheMachineHasAreNoReasonForAWord) {
   const ProgramResult result = runOn(room_, {"--threads", "64", "--end", "8"});
   EXPECT_EQ(result.err, "");

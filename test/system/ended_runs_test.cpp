@@ -145,6 +145,19 @@ TEST_F(EndedRuns, FolderThatIsRemovedIsNamed) {
                            "/[a-z_/.]*: cannot be written: No such file or directory\n"));
 }
 
+TEST_F(EndedRuns, AHangupEndsARunButForNohup) {
+  const std::string slow = program("--speed .1") +
+                           " & until [ -s out/frames.csv ]; do sleep .005; "
+                           "done; kill -HUP $!; wait $!; echo $?";
+  EXPECT_EQ(shell(slow).out, "3\n");
+  EXPECT_EQ(runJson()["status"], "interrupted");
+  const std::string whole = program() +
+                            " & until [ -s out/frames.csv ]; do sleep .005; done; "
+                            "kill -HUP $!; wait $!; echo $?";
+  EXPECT_EQ(shell("trap '' HUP; rm -r out; " + whole).out, "0\n");
+  EXPECT_EQ(runJson()["status"], "tracked");
+}
+
 TEST_F(EndedRuns, SecondRunLeavesTheFolderToTheFirst) {
   const ProgramResult result =
       shell(haltedRun() + program() + "; echo $?; kill -CONT $!; wait $!; echo $?");

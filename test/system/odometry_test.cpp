@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <memory>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -214,6 +215,25 @@ TEST_F(OdometryWithTruth, RestartBeforeAnyInitializationKeepsTheSegment) {
   EXPECT_EQ(last().state, OdometryState::kInitialized);
   EXPECT_EQ(last().segment, 0);
   EXPECT_EQ(recorder.references.front(), 2);
+}
+
+TEST(OdometryObservers, MayBeAddedInACall) {
+  struct Adder : OdometryObserver {
+    Odometry* odometry = nullptr;
+    std::vector<std::unique_ptr<Recorder>> added;
+    void onFrame(const FrameEstimate& /*estimate*/) override {
+      added.push_back(std::make_unique<Recorder>());
+      odometry->addObserver(added.back().get());
+    }
+  };
+  const World& world = trackedRoom();
+  Adder adder;
+  Odometry odometry = world.odometry();
+  adder.odometry = &odometry;
+  odometry.addObserver(&adder);
+  feed(odometry, world, 0, 10);
+  ASSERT_EQ(adder.added.size(), 10U);
+  EXPECT_EQ(adder.added.front()->estimates.size(), 9U) << "the first came with a frame";
 }
 
 TEST(OdometryRepeated, TwoObjectsInOneProcessAnswerAsAlone) {

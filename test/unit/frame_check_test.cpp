@@ -76,10 +76,12 @@ TEST(FrameCheck, RefusesWhatCannotBeTheNextFrame) {
     EXPECT_THAT(error_of(frameOf(0, 0, exposure)), HasSubstr("expected a positive time"));
   }
   check.accept(frameOf(4, 2.5));
-  EXPECT_THAT(error_of(frameOf(4, 2.6)), HasSubstr("frame 4: the frame before has the same id"));
+  EXPECT_THAT(error_of(frameOf(4, 2.6)), HasSubstr("frame 4: an earlier frame has the same id"));
+  EXPECT_THAT(error_of(frameOf(-1, 2.6)), HasSubstr("frame -1: expected an id from 0"));
   EXPECT_THAT(error_of(frameOf(5, 2.5)), HasSubstr("2.500000 after 2.500000: equal"));
   check.accept(frameOf(5, 2.4));
   EXPECT_THAT(error_of(frameOf(6, 2.6)), HasSubstr("time has changed its direction"));
+  EXPECT_THAT(error_of(frameOf(4, 2.3)), HasSubstr("frame 4: an earlier frame has the same id"));
   check.accept(frameOf(6, 2.3));
   const std::vector<float> grey(std::size_t{32} * 32, 100);
   const FramePtr rolling = Frame::create(

@@ -77,7 +77,8 @@ TEST_F(FrameTrackerTest, AFrameWhoseRotationTheMapDoesNotKnowHasNoPose) {
     FrameTracker tracker = started();
     TrackingTarget known = target(3, 0);
     const double sigma = sigma_deg * M_PI / 180;
-    known.keyframe.covariance = sigma * sigma * Matrix6d::Identity();
+    known.keyframe.covariance = Matrix6d::Identity();  // as free intrinsics leave it open
+    known.keyframe.covariance_camera_held = sigma * sigma * Matrix6d::Identity();
     known.keyframe.reach = 1;
     tracker.setTarget(std::move(known));
     const TrackedPose pose = tracker.track(*frame(4));

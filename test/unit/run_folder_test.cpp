@@ -57,7 +57,9 @@ TEST(RunFolder, ANameThatIsNoUtf8IsTold) {
   info.dataset = "r\xff";
   RunWriter writer(folder.path().string(), info);
   writer.finish(writer.outcome(), nullptr);
-  EXPECT_EQ(readJson(folder.path() / "run.json")["dataset"], "r\xEF\xBF\xBD");
+  const auto json = readJson(folder.path() / "run.json");
+  EXPECT_EQ(json["dataset"], "r\xEF\xBF\xBD");
+  EXPECT_EQ(json["dataset_uri"], "file://r%FF");
 }
 
 TEST(RunFolder, RunWithoutFramesIsValid) {

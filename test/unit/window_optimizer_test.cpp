@@ -263,6 +263,24 @@ TEST(WindowOptimizerTest, NewestPoseIsAsSureWhateverHoldsTheWorld) {
   EXPECT_LT(change, 1e-4);  // measured 1e-6
 }
 
+TEST(WindowOptimizerTest, HeldIntrinsicsAreAsSureAsGivenOnes) {
+  const auto uncertainty = [](bool refined) {
+    WindowOptions options;
+    options.optimizer.optimize_intrinsics = refined;
+    WindowScene scene = roomScene(options);
+    return WindowOptimizer(options).optimize(scene.window).uncertainty;
+  };
+  const WindowUncertainty given = uncertainty(false);
+  const WindowUncertainty free = uncertainty(true);
+  EXPECT_EQ(*given.newest_pose_camera_held, *given.newest_pose);
+  const auto rotation = [](const Matrix6d& covariance) {
+    return std::sqrt(covariance.diagonal().tail<3>().maxCoeff());
+  };
+  const double sigma = rotation(*given.newest_pose);
+  EXPECT_GT(rotation(*free.newest_pose), 1.05 * sigma);  // measured 1.085
+  EXPECT_NEAR(rotation(*free.newest_pose_camera_held) / sigma, 1, 0.1);
+}
+
 TEST(WindowOptimizerTest, OneKeyframeIsRefused) {
   Window window(PinholeCamera{100, 100, 50, 50, 100, 100});
   window.keyframes.emplace_back();

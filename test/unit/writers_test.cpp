@@ -167,11 +167,15 @@ TEST(RunWriter, SecondSegmentGetsFilesOfItsOwn) {
   EXPECT_EQ(run.writer.outcome(), RunStatus::kLost);
   run.initialized(7);
   EXPECT_EQ(run.writer.outcome(), RunStatus::kTracked);
+  const auto lines = [&](const char* name) { return readTextLines(folder.path() / name).size(); };
+  EXPECT_EQ(lines("trajectory.txt"), 5U)
+      << "no file holds two worlds, while the run goes on either";
+  EXPECT_EQ(lines("trajectory_1.txt"), 2U);
   run.writer.finish(run.writer.outcome(), nullptr);
-  EXPECT_EQ(readTextLines(folder.path() / "trajectory.txt").size(), 7U);
-  EXPECT_EQ(readTextLines(folder.path() / "trajectory_0.txt").size(), 5U);
-  EXPECT_EQ(readTextLines(folder.path() / "trajectory_1.txt").size(), 2U);
-  EXPECT_EQ(readTextLines(folder.path() / "keyframes_1.txt").size(), 1U);
+  EXPECT_EQ(lines("trajectory.txt"), 5U);
+  EXPECT_EQ(lines("trajectory_0.txt"), 5U);
+  EXPECT_EQ(lines("trajectory_1.txt"), 2U);
+  EXPECT_EQ(lines("keyframes_1.txt"), 1U);
   EXPECT_FALSE(fs::exists(folder.path() / "trajectory_kitti.txt"));
   const auto json = readJson(folder.path() / "run.json");
   EXPECT_EQ(json["segments"], 2);
@@ -179,6 +183,23 @@ TEST(RunWriter, SecondSegmentGetsFilesOfItsOwn) {
   const auto starts = readJson(folder.path() / "initialization.json")["initializations"];
   EXPECT_EQ(starts[1]["segment"], 1);
   EXPECT_EQ(starts[1]["frames_given"], 2);
+}
+
+TEST(RunWriter, TheLongestSegmentHasThePlainName) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  run.initializing(0);
+  run.initialized(1);
+  run.lost(2);
+  run.initializing(3);
+  run.initialized(4);
+  run.tracked(5);
+  run.writer.finish(run.writer.outcome(), nullptr);
+  for (const std::string name : {"trajectory", "keyframes"}) {
+    EXPECT_EQ(readTextLines(folder.path() / (name + ".txt")),
+              readTextLines(folder.path() / (name + "_1.txt")));
+    EXPECT_TRUE(fs::exists(folder.path() / (name + "_0.txt")));
+  }
 }
 
 TEST(RunWriter, ARefusedStartIsInTheListOfStartsAndNowhereElse) {

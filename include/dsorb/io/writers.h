@@ -83,7 +83,7 @@ class RunWriter : public OdometryObserver {
   /// @throws IoError where a file cannot be written
   void finish(RunStatus status, const OdometryReport* report);
 
-  /// Writes the trajectory of all keyframes, as in keyframes.txt, to another file.
+  /// Writes the trajectory of the keyframes, as in keyframes.txt, to another file.
   /// @throws IoError where it cannot be written
   void writeKeyframes(const std::string& path) const;
 

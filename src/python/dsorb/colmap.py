@@ -6,6 +6,7 @@ import struct
 import numpy as np
 
 from .pictures import PicturesError, calibration_of, to_camera
+from .run_folder import TEXT
 
 HALF_PIXEL = 0.5  # the centre of COLMAP's top-left pixel is (0.5, 0.5)
 UNKNOWN_ERROR = -1.0
@@ -62,7 +63,7 @@ def write_model(folder, frames, points, pictures):
 
 
 def write_images(folder, frames, seen, pictures):
-    with (folder / 'images.txt').open('w', encoding='utf-8') as text, (folder / 'images.bin').open('wb') as binary:
+    with (folder / 'images.txt').open('w', **TEXT) as text, (folder / 'images.bin').open('wb') as binary:
         binary.write(struct.pack('<Q', len(frames)))
         for frame, (pixels, rows) in zip(frames, seen):
             quaternion, translation = world_to_camera(frame)
@@ -70,7 +71,7 @@ def write_images(folder, frames, seen, pictures):
             pose = ' '.join(repr(float(value)) for value in (*quaternion, *translation))
             text.write(f'{frame.index + 1} {pose} {CAMERA} {name}\n')
             text.write(' '.join(f'{u:.4f} {v:.4f} {row + 1}' for (u, v), row in zip(pixels, rows)) + '\n')
-            binary.write(struct.pack('<i7di', frame.index + 1, *quaternion, *translation, CAMERA) + name.encode() + b'\0')
+            binary.write(struct.pack('<i7di', frame.index + 1, *quaternion, *translation, CAMERA) + name.encode(**TEXT) + b'\0')
             binary.write(struct.pack('<Q', len(rows)))
             binary.write(b''.join(struct.pack('<ddq', u, v, row + 1) for (u, v), row in zip(pixels, rows)))
 

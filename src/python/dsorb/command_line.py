@@ -2,6 +2,7 @@
 """dsorb run VIDEO|FOLDER|BAG: poses and points of a video; dsorb view DIR: the run in the Rerun viewer; dsorb export DIR:
 files for other programs; dsorb calibrate VIDEO: calibration from a chessboard."""
 import argparse
+import io
 import json
 import math
 import os
@@ -20,6 +21,7 @@ from .summary import summarize
 
 RUNTIME_ERROR, WRONG_OPTIONS, NOT_TRACKED = 1, 2, 3  # as dso_dataset has them
 INTERRUPTED = 130  # as of a shell
+LOOPBACK = '127.0.0.1'
 TELLS = {'--version', '--print-config'}  # options of dso_dataset that it answers instead of running
 FLAGS = {'--reverse', '--pipelined', '--skip-unreadable', *TELLS}  # those without a value
 
@@ -105,9 +107,11 @@ def add_view_flags(parser, live):
     where = parser.add_mutually_exclusive_group()
     if live:
         where.add_argument('--view', action='store_true', help='show the run in the Rerun viewer while it goes on')
-    where.add_argument('--serve', action='store_true', help='the same in a browser, also on another machine; until Ctrl-C')
+    where.add_argument('--serve', action='store_true', help='the same in a browser of this machine, until Ctrl-C')
     where.add_argument('--save', metavar='FILE.rrd', type=Path, help='the same into a file, for `rerun FILE.rrd`')
     parser.add_argument('--port', metavar='N', type=positive, default=9090, help='of --serve, which takes N+1, too; default 9090')
+    parser.add_argument('--bind', metavar='ADDRESS', default=LOOPBACK, help=f'of --serve: who may look. Default {LOOPBACK}, this machine '
+                        'alone; 0.0.0.0 is everybody who reaches it')
 
 
 def add_run(commands):
@@ -185,8 +189,10 @@ def default_output(source):
 def run_program(words):
     """Runs dso_dataset until it ends by itself; Ctrl-C is its to answer. @return its exit code"""
     with subprocess.Popen([str(program()), *words], stdout=subprocess.DEVNULL) as process:
-        asked = {number: signal.signal(number, lambda *_: None) for number in (signal.SIGINT, signal.SIGTERM)}
-        signal.signal(signal.SIGTERM, lambda *_: process.terminate())
+        asked = {number: signal.signal(number, lambda *_: None) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+                 if signal.getsignal(number) != signal.SIG_IGN}  # as nohup has it
+        for number in asked.keys() - {signal.SIGINT}:
+            signal.signal(number, lambda *_: process.terminate())
         try:
             return process.wait()
         finally:
@@ -240,9 +246,11 @@ def open_window(args, name):
         from . import rerun_view
     except ImportError:
         raise ValueError('--view, --serve and --save need the package rerun-sdk: pip install rerun-sdk') from None
-    window = rerun_view.Window(name, args.save, args.port if args.serve else None)
+    window = rerun_view.Window(name, args.save, args.port if args.serve else None, args.bind)
     if window.address and not getattr(args, 'quiet', False):
-        print(f'{window.address}  (from elsewhere: the name of this machine in place of localhost, twice)', flush=True)
+        others = 'seen on this machine alone; --bind 0.0.0.0 lets others look' if args.bind == LOOPBACK else \
+            'from elsewhere: the name of this machine in place of localhost, twice; whoever reaches it may look'
+        print(f'{window.address}  ({others})', flush=True)
     return window
 
 
@@ -323,11 +331,19 @@ def run(args, rest):
     if code < 0 or code == WRONG_OPTIONS or (code == RUNTIME_ERROR and not (written and was_cut_short(output))):
         return code if code > 0 else RUNTIME_ERROR
     if not args.quiet:
-        print(summarize(read_run(output)), flush=True)
+        tell(output)
     code = code if write_exports(output, args.export, args) else RUNTIME_ERROR
     if window:
         serve_on(window, args)
     return code
+
+
+def tell(output):
+    """The summary of a run."""
+    try:
+        print(summarize(read_run(output)), flush=True)
+    except (ValueError, OSError) as error:
+        print(f'dsorb: {error}', file=sys.stderr)
 
 
 def run_shown(words, window, record):
@@ -357,6 +373,8 @@ def write_exports(folder, formats, args):
 
 
 def main(words=None):
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors='surrogateescape')  # names of files are bytes
     args, rest = parse(words)
     if args.command == 'calibrate':
         sys.exit(run_calibrate(args))

@@ -117,7 +117,7 @@ def gather(run: Run) -> Optional[Evidence]:
     """Medians of what some of the images without a pose show; None where they cannot be had."""
     windows = windows_of(run)
     no_files = not all(row.image for row in run.rows)
-    if not windows or 'lens' not in run.summary or (no_files and not Path(run.summary['dataset']).is_file()):
+    if not windows or 'lens' not in run.summary or (no_files and not Path(run.dataset).is_file()):
         return None
     try:
         cv2 = opencv('evidence')

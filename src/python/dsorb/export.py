@@ -14,9 +14,8 @@ from . import colmap
 from .pictures import Pictures, colours_of, find_pictures, make_pictures
 from .refine import Refined, TooFewPoints
 from .refine import refine as adjust
-from .run_folder import Points, finish_folder, new_folder, read_run, remove_exports
+from .run_folder import FORMATS, TEXT, Points, finish_folder, new_folder, read_run, remove_exports
 
-FORMATS = ('tum', 'kitti', 'euroc', 'colmap', 'nerfstudio', 'ply')
 NEED_PICTURES = {'colmap', 'nerfstudio'}
 # Camera axes of OpenGL, which nerfstudio has: x right, y up, z backwards; ours are x right, y down, z forwards.
 OPENGL = np.diag([1.0, -1, -1, 1])
@@ -178,7 +177,7 @@ def link_images(link, folder):
 
 
 def write_lines(path, lines):
-    path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
+    path.write_text('\n'.join(lines) + '\n', **TEXT)
 
 
 WRITERS = {'tum': write_tum, 'kitti': write_kitti, 'euroc': write_euroc, 'colmap': write_colmap,

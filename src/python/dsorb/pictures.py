@@ -107,7 +107,7 @@ def make_pictures(run, indices, undistort):
             raise PicturesError(f'{folder / names[index]}: cannot be written')
     missing = set(indices) - set(names)
     if missing:
-        raise PicturesError(f'{run.summary["dataset"]}: ends before image {min(missing)}')
+        raise PicturesError(f'{run.dataset}: ends before image {min(missing)}')
     finish_folder(run.folder, folder.name)
     return Pictures(folder, names, pinhole(run.camera) if undistort else lens)
 
@@ -137,9 +137,9 @@ def decoded(cv2, run, indices):
         for index in sorted(files):
             yield index, decoded_file(cv2, files[index])
         return
-    if not Path(run.summary['dataset']).is_file():
-        raise PicturesError(f'{run.summary["dataset"]}: no file; cameras leave no images behind')
-    with Video(run.summary['dataset']) as video:
+    if not Path(run.dataset).is_file():
+        raise PicturesError(f'{run.dataset}: no file; cameras leave no images behind')
+    with Video(run.dataset) as video:
         for index in sorted(indices):
             found = video.image(index)
             if found is None:

@@ -5,25 +5,34 @@ Every segment of a run is a space of its own, `segment_<n>`: it has its own orig
 from __future__ import annotations
 
 import colorsys
+import contextlib
+import ctypes
 import os
+import re
+import signal
 import socket
+import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Optional
 
 import numpy as np
 import rerun as rr
+import rerun_cli
 
 from . import recording
 
 APPLICATION = 'dsorb'
 MAX_RELATIVE_SIGMA = .3  # of the inverse depths of points that are shown
+START = 20.  # [s] until a server that was started listens
 FLUSH = 60.  # [s] for a viewer that is closed, or slow, at the end
 TIMELINE = 'frame'  # counts the images given; positions and times run backwards in a reversed run
 PATH_CHUNK = 100  # camera positions an entity: logging one strip of all at every frame would grow with the square
 FRUSTUM = .08  # depth of a keyframe's drawn pyramid, in units of its segment
+IMAGE = re.compile(rb'\x89PNG\r\n|\xff\xd8\xff')  # begins so: PNG, JPEG
 PATH_COLOUR, KEYFRAME_COLOUR, FINAL_COLOUR = (31, 79, 214), (44, 160, 44), (120, 120, 120)
 NEAR_HUE, FAR_HUE = 0., .67  # red to blue, as in the program's figures
 
@@ -85,8 +94,16 @@ class View:
         root, self.rectified = self.root(event), bool(event.get('rectified'))
         self.log(f'{root}/camera/image/tracks', rr.Clear(recursive=True))
         file = self.folder / event['file'] if event.get('file') else None
-        if file is not None and file.exists():
+        if file is not None and self.may_show(file):
             self.log(f'{root}/camera/image', rr.EncodedImage(path=file))
+
+    def may_show(self, file: Path) -> bool:
+        """Whether it is an image in the recording's own folder: one by somebody else must not publish other files."""
+        place = file.resolve()
+        if self.folder not in place.parents or not place.is_file():
+            return False
+        with place.open('rb') as opened:
+            return IMAGE.match(opened.read(16)) is not None
 
     def init(self, event: dict) -> None:
         root = self.root(event)
@@ -163,47 +180,94 @@ def refuse_taken(port: int) -> None:
             raise OSError(f'port {port}: {error.strerror}; choose another one with --port') from None
 
 
+def refuse_others(save: Path) -> None:
+    """Raises OSError where a file is there that is none of Rerun's."""
+    with contextlib.suppress(FileNotFoundError), save.open('rb') as file:
+        if file.read(2) in (b'', b'RR'):
+            return
+        raise OSError(f'{save}: is no recording of Rerun, and would be replaced; choose another name')
+
+
+def end_with_parent() -> None:
+    """In a child: no server outlives the command, however that ends."""
+    ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG
+
+
+def reachable(bind: str) -> str:
+    return {'0.0.0.0': '127.0.0.1', '::': '[::1]'}.get(bind, bind)
+
+
+def answers(bind: str, port: int) -> bool:
+    try:
+        socket.create_connection((reachable(bind).strip('[]'), port), timeout=1).close()
+    except OSError:
+        return False
+    return True
+
+
 class Window:
-    """Where a recording is shown: a window of the viewer, an .rrd file (`save`), or a browser (`serve`, a port).
+    """Where a recording is shown: a window of the viewer, an .rrd file (`save`), or a browser (`serve`, a port, at the address `bind`).
 
     Raises OSError where the file cannot be written, the port is taken, or the viewer cannot be started."""
 
-    def __init__(self, name: str, save: Optional[Path] = None, serve: Optional[int] = None):
-        self.stream, self.address = rr.RecordingStream(APPLICATION, recording_id=name), None
+    def __init__(self, name: str, save: Optional[Path] = None, serve: Optional[int] = None, bind: str = '127.0.0.1'):
+        self.stream, self.address, self.server = rr.RecordingStream(APPLICATION, recording_id=name), None, None
+        # The viewer lies beside this Python, also where its environment was not activated.
+        os.environ['PATH'] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get('PATH', '')])
         try:
-            self.open(save, serve)
+            if serve:
+                self.serve(serve, bind)
+            else:
+                self.open(save)
         except RuntimeError as error:
             raise OSError(f'Rerun: {str(error).splitlines()[0]}') from None
 
-    def open(self, save: Optional[Path], serve: Optional[int]) -> None:
+    def serve(self, port: int, bind: str) -> None:
+        """By the viewer's own program: the module's server listens on all addresses. The command of the package only calls it."""
+        refuse_taken(port)
+        refuse_taken(port + 1)  # Rerun says so only in its log
+        self.server = subprocess.Popen(
+            [Path(rerun_cli.__file__).parent / 'rerun', '--serve-web', '--bind', bind, '--web-viewer-port', str(port), '--port',
+             str(port + 1)], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
+            preexec_fn=end_with_parent)  # pylint: disable=subprocess-popen-preexec-fn
+        end = time.monotonic() + START
+        while not all(answers(bind, number) for number in (port, port + 1)):
+            if self.server.poll() is not None or time.monotonic() > end:
+                self.close()
+                raise OSError(f'Rerun cannot listen on {bind}, ports {port} and {port + 1}')
+            time.sleep(.05)
+        self.stream.connect_grpc(f'rerun+http://{reachable(bind)}:{port + 1}/proxy')
+        self.address = f'http://localhost:{port}/?url=rerun+http://localhost:{port + 1}/proxy'
+
+    def open(self, save: Optional[Path]) -> None:
         if save:
             save.parent.mkdir(parents=True, exist_ok=True)
+            refuse_others(save)
             save.open('wb').close()  # rerun only logs that it could not
             self.stream.save(str(save))
-        elif serve:
-            refuse_taken(serve)
-            refuse_taken(serve + 1)  # Rerun says so only in its log
-            server = self.stream.serve_grpc(grpc_port=serve + 1)
-            rr.serve_web_viewer(web_port=serve, open_browser=False, connect_to=server)
-            self.address = f'http://localhost:{serve}/?url={server}'
         else:
             if sys.platform.startswith('linux') and not (os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')):
                 raise OSError('no display to open a window on: use --serve or --save')
-            # The viewer lies beside this Python, also where its environment was not activated.
-            os.environ['PATH'] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get('PATH', '')])
             self.stream.spawn()
 
     def play(self, path: Path, going: Optional[Callable[[bool], bool]] = None,
              max_relative_sigma: float = MAX_RELATIVE_SIGMA) -> int:
         """Shows a recording. @return number of images shown"""
         view = View(path, self.stream, max_relative_sigma)
-        for event in recording.events(path, going):
-            view.show(event)
+        for number, event in enumerate(recording.events(path, going), 1):
+            try:
+                view.show(event)
+            except (ValueError, LookupError, TypeError, AttributeError) as error:
+                raise recording.FormatError(f'{path}:{number}: a `{event["kind"]}` that is not as a run writes it: '
+                                            f'{type(error).__name__}: {error}') from None
         self.stream.flush(timeout_sec=FLUSH)
         return view.images
 
     def close(self) -> None:
         self.stream.disconnect()
+        if self.server:
+            self.server.terminate()
+            self.server.wait()
 
 
 class Live:

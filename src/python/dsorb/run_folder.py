@@ -4,15 +4,20 @@ import contextlib
 import csv
 import fcntl
 import json
+import math
 import os
-import shutil
+import sys
 from collections import namedtuple
 from dataclasses import dataclass, field
 from pathlib import Path
+from urllib.parse import unquote_to_bytes
 
 import numpy as np
 
-EXPORTS = 'exports.json'  # what exports have made
+FORMATS = ('tum', 'kitti', 'euroc', 'colmap', 'nerfstudio', 'ply')
+TEXT = dict(encoding=sys.getfilesystemencoding(), errors='surrogateescape')  # names of files are bytes and stay what they are
+EXPORTED = (*FORMATS, 'images')  # folders that exports make
+EXPORTS = 'exports.json'  # what they have made
 Row = namedtuple('Row', 'index time state is_keyframe segment image')  # of frames.csv; the time as it is written
 
 
@@ -59,9 +64,30 @@ class Run:
     segments: list = field(default_factory=list)
 
     @property
+    def dataset(self):
+        """What was read, with the bytes of its name."""
+        uri = self.summary.get('dataset_uri')
+        return os.fsdecode(unquote_to_bytes(uri.removeprefix('file://'))) if uri else self.summary['dataset']
+
+    @property
     def camera(self):
         """Of the rectified images; refined where the run did that: poses and points belong to it."""
         return self.summary.get('refined_camera') or self.summary['camera']
+
+
+class FolderError(ValueError):
+    """A file of an output folder that is not as expected; the message names it."""
+
+
+@contextlib.contextmanager
+def reading(path):
+    """Says of which file something is not as a run leaves it."""
+    try:
+        yield
+    except FolderError:
+        raise
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        raise FolderError(f'{path}: not as a run leaves it: {type(error).__name__}: {error}') from None
 
 
 @contextlib.contextmanager
@@ -89,20 +115,20 @@ def rotation_of(quaternion):
 
 
 def read_run(folder):
-    """Everything of an output folder. Raises ValueError naming the file that is not as expected, OSError."""
+    """Everything of an output folder. Raises FolderError naming the file that is not as expected, OSError."""
     folder = Path(folder)
-    summary = json.loads((folder / 'run.json').read_text(encoding='utf-8'))
-    if summary.get('camera') is None:
-        raise ValueError(f'{folder / "run.json"}: this run read no image')
+    summary = read_summary(folder / 'run.json')
     rows = read_rows(folder / 'frames.csv')
-    points = read_points(folder / 'points.ply')
     run = Run(folder, summary, rows)
+    if summary['camera'] is None:
+        return run  # that read no image
+    points = read_points(folder / 'points.ply')
     by_time = {row.time: row for row in rows}
     for number, poses, keyframes in read_poses(folder, rows):
         frames = []
         for time, pose in poses:
             if time not in by_time:
-                raise ValueError(f'{folder / "frames.csv"}: no line for the time {time}')
+                raise FolderError(f'{folder / "frames.csv"}: no line for the time {time}')
             row = by_time[time]
             frames.append(PosedFrame(row.index, time, row.image, time in keyframes, pose[:3], pose[3:]))
         chosen = points['segment'] == number
@@ -110,32 +136,45 @@ def read_run(folder):
     return run
 
 
+def read_summary(path):
+    with reading(path):
+        summary = json.loads(path.read_text(encoding='utf-8'))
+        for name in ('camera', 'lens', 'refined_camera'):
+            camera = summary['camera'] if name == 'camera' else summary.get(name)
+            for key in ('fx', 'fy', 'cx', 'cy', 'width', 'height') if camera is not None else ():
+                if not math.isfinite(camera[key]) or (key[0] != 'c' and camera[key] <= 0):
+                    raise ValueError(f'{key} of {name} is {camera[key]}')
+        return summary
+
+
 def read_rows(path):
-    with path.open(newline='', encoding='utf-8') as file:
+    with reading(path), path.open(newline='', **TEXT) as file:
         rows = list(csv.DictReader(file))
-    if rows and 'image' not in rows[0]:
-        raise ValueError(f'{path}: no column `image`; made by an older version, run again')
-    return [Row(int(row['index']), row['timestamp'], row['state'], row['is_keyframe'] == '1', int(row['segment']),
-                row['image']) for row in rows]
+        if rows and 'image' not in rows[0]:
+            raise FolderError(f'{path}: no column `image`; made by an older version, run again')
+        return [Row(int(row['index']), row['timestamp'], row['state'], row['is_keyframe'] == '1', int(row['segment']),
+                    row['image']) for row in rows]
 
 
 def read_poses(folder, rows):
     """Per segment: number, [(time, numbers of the TUM line)], times of keyframes."""
-    numbers = sorted({row.segment for row in rows})
-    several = [n for n in numbers if (folder / f'trajectory_{n}.txt').exists()]
-    if several:
-        return [(n, read_tum(folder / f'trajectory_{n}.txt'), times_of(folder / f'keyframes_{n}.txt')) for n in several]
-    of_segment, segment_at = {}, {row.time: row.segment for row in rows}
-    for time, pose in read_tum(folder / 'trajectory.txt'):  # of a run that was killed: of all segments
-        of_segment.setdefault(segment_at.get(time, -1), []).append((time, pose))
-    keyframes = times_of(folder / 'keyframes.txt')
-    return [(number, poses, keyframes) for number, poses in sorted(of_segment.items())]
+    segment_at = {row.time: row.segment for row in rows}
+    of_segment, keyframes = {}, set()
+    for ending in [''] + [f'_{n}' for n in sorted(set(segment_at.values()))]:  # the plain names have one of the segments
+        trajectory, adjusted = folder / f'trajectory{ending}.txt', folder / f'keyframes{ending}.txt'
+        for time, pose in read_tum(trajectory) if trajectory.exists() or not ending else ():
+            of_segment.setdefault(segment_at.get(time, -1), {})[time] = pose
+        keyframes |= times_of(adjusted) if adjusted.exists() or not ending else set()
+    return [(number, list(poses.items()), keyframes) for number, poses in sorted(of_segment.items())]
 
 
 def read_tum(path):
-    with path.open(encoding='utf-8') as file:
+    with reading(path), path.open(encoding='utf-8') as file:
         lines = [line.split() for line in file if line.strip() and not line.startswith('#')]
-    return [(words[0], np.array(words[1:8], float)) for words in lines]
+        poses = [(words[0], np.array(words[1:], float)) for words in lines]
+        if not all(pose.shape == (7,) and np.isfinite(pose).all() for _, pose in poses):
+            raise ValueError('expected a time and seven numbers a line')
+        return poses
 
 
 def times_of(path):
@@ -151,11 +190,13 @@ def read_points(path):
     end = data.find(b'end_header\n')
     header = data[:max(end, 0)].decode('ascii', 'replace').splitlines()
     if end < 0 or 'format binary_little_endian 1.0' not in header:
-        raise ValueError(f'{path}: expected a binary little-endian PLY file')
-    fields = [(words[2], PLY_TYPES[words[1]]) for words in map(str.split, header) if words[0] == 'property']
-    if 'keyframe' not in dict(fields):
-        raise ValueError(f'{path}: no property `keyframe`; made by an older version, run again')
-    return np.frombuffer(data, np.dtype(fields), offset=end + len(b'end_header\n'))
+        raise FolderError(f'{path}: expected a binary little-endian PLY file')
+    with reading(path):
+        fields = [(words[2], PLY_TYPES[words[1]]) for words in map(str.split, header) if words[0] == 'property']
+        if 'keyframe' not in dict(fields):
+            raise FolderError(f'{path}: no property `keyframe`; made by an older version, run again')
+        count = next(int(words[2]) for words in map(str.split, header) if words[:2] == ['element', 'vertex'])
+        return np.frombuffer(data, np.dtype(fields), count, end + len(b'end_header\n'))
 
 
 def points_of(vertices):
@@ -172,33 +213,45 @@ def exported(folder):
         return {}
     if not isinstance(made, dict):
         return {}
-    return {name: files for name, files in made.items() if name and Path(name).name == name != '..'}  # none outside
+    return {name: files for name, files in made.items() if name in EXPORTED and
+            (files is None or isinstance(files, list) and all(isinstance(file, str) for file in files))}
 
 
 def note_exports(folder, made):
+    (folder / EXPORTS).unlink(missing_ok=True)  # which may be a link
     (folder / EXPORTS).write_text(json.dumps(made, sort_keys=True) + '\n', encoding='utf-8')
 
 
+def is_folder(path):
+    return path.is_dir() and not path.is_symlink()
+
+
+def files_below(target):
+    """Names, relative to a folder, of all files and links in it; what links lead to is not in it."""
+    there = target.rglob('*') if is_folder(target) else ()
+    return sorted(str(path.relative_to(target)) for path in there if not is_folder(path))
+
+
 def remove_made(target, files):
-    """What an export has made; what others have put there stays."""
-    if files is None:
-        shutil.rmtree(target, ignore_errors=True)
+    """What an export has made; what others have put there stays. With None for files all of the folder."""
+    for name in files_below(target):
+        if files is None or name in files:
+            (target / name).unlink()
+    if not is_folder(target):
         return
-    for path in (target / name for name in files):
-        if target.resolve() in path.resolve().parents:
-            path.unlink(missing_ok=True)
     for path in sorted([target, *target.rglob('*')], reverse=True):
-        if path.is_dir() and not path.is_symlink() and not any(path.iterdir()):
+        if is_folder(path) and not any(path.iterdir()):
             path.rmdir()
 
 
 def new_folder(folder, name):
     """An empty folder in the output folder, in place of that of an earlier export. Raises ValueError where there is another."""
     target, made = folder / name, exported(folder)
-    if name in made:
-        remove_made(target, made[name])
-    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+    files = made.get(name, [])
+    others = files is not None and set(files_below(target)) - set(files)
+    if others or target.is_symlink() or (target.exists() and not target.is_dir()):
         raise ValueError(f'{target}: holds what no export has made; move it away, or choose another folder for the run')
+    remove_made(target, files)
     target.mkdir(exist_ok=True)
     note_exports(folder, {**made, name: None})
     return target
@@ -206,9 +259,7 @@ def new_folder(folder, name):
 
 def finish_folder(folder, name):
     """Notes what an export has made, which is all that is there."""
-    target = folder / name
-    files = sorted(str(path.relative_to(target)) for path in target.rglob('*') if not path.is_dir())
-    note_exports(folder, {**exported(folder), name: files})
+    note_exports(folder, {**exported(folder), name: files_below(folder / name)})
 
 
 def remove_exports(folder):

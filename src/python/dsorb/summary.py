@@ -6,6 +6,7 @@ import math
 import numpy as np
 
 from . import evidence
+from .run_folder import reading
 
 ENOUGH = 0.9  # of the images posed: nothing to advise
 # Share by which the window's focal length may be off the given one. Rendered walks: 0.5 % with the right one, 54 % with 2.2
@@ -27,7 +28,8 @@ REFUSALS = 'the first adjustment contradicted {} start(s): check --calib or --hf
 
 def summarize(run):
     """Some lines of text on an output folder that was read."""
-    given = len(run.rows)
+    dropped = run.summary['frames_dropped']
+    given = len(run.rows) + dropped
     if not given:
         return 'No image was read.'
     posed = sum(len(segment.frames) for segment in run.segments)
@@ -38,10 +40,12 @@ def summarize(run):
     if unreadable:
         lines.append(f'  {len(unreadable)} image(s) could not be read and were passed over: {", ".join(unreadable[:3])}'
                      + (', ... (run.json)' if len(unreadable) > 3 else ''))
+    if dropped:
+        lines.append(f'  {dropped} came while the run was busy and were left out: smaller images (--width) or --pipelined take less time')
     lines += how_sure(run) + of_lens(run.summary)
-    if posed < ENOUGH * given:
+    if posed < ENOUGH * len(run.rows):
         lines += advice(run)
-    lines.append(f'{run.folder}: trajectory.txt, points.ply, figures/trajectory.png; docs/formats.md has the rest')
+    lines.append(f'{run.folder}: trajectory.txt{which_segment(run)}, points.ply, figures/trajectory.png; docs/formats.md has the rest')
     return '\n'.join(lines)
 
 
@@ -49,6 +53,13 @@ def of_segments(run):
     if len(run.segments) < 2:
         return ''
     return f', in {len(run.segments)} segments, each with a world and a unit of its own'
+
+
+def which_segment(run):
+    if len(run.segments) < 2:
+        return ''
+    longest = max(run.segments, key=lambda segment: len(segment.frames))
+    return f' (segment {longest.number}, the longest; trajectory_N.txt the others)'
 
 
 def span(run, segment):
@@ -59,8 +70,9 @@ def span(run, segment):
 
 def starts_of(run):
     path = run.folder / 'initialization.json'
-    starts = json.loads(path.read_text(encoding='utf-8'))['initializations']
-    return [start for start in starts if not start['withdrawn']]
+    with reading(path):
+        starts = json.loads(path.read_text(encoding='utf-8'))['initializations']
+        return [start for start in starts if not start['withdrawn']]
 
 
 def direction_sigma(start):
@@ -90,7 +102,7 @@ def how_sure(run):
         lines.append(f'  tracking was lost {lost} time(s): at {times}')
     missed = sum(row.state == 'missed' for row in run.rows)
     if missed:
-        lines.append(f'  {missed} image(s) got no pose and lost no map: black, torn, covered or blurred ones')
+        lines.append(f'  {missed} image(s) in between did not fit the map and have no pose (`missed` in frames.csv)')
     return lines
 
 
