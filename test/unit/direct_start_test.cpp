@@ -147,10 +147,10 @@ TEST_F(DirectStartTest, RefusesAtMostTwiceInARowUnlessTheAdjustmentBrokeDown) {
 TEST_F(DirectStartTest, PointsThatLeaveTheImageAreNotLost) {
   DirectStart<Recorder> direct = make({});
   start(direct);
-  fork_.depths[2] = {};
+  fork_.depths[2] = {};  // at (5, 30)
   EXPECT_EQ(direct.judge(fork_, 5), std::nullopt);
   start(direct);
-  fork_.depths[fork_.depths.size() - 2] = {};  // seen by the newest keyframe, and dropped
+  fork_.depths[fork_.depths.size() - 3] = {};  // at (30, 20), which the newest keyframe sees
   EXPECT_EQ(direct.judge(fork_, 5), RefusalReason::kDepth);
 }
 
