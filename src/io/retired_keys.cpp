@@ -156,7 +156,7 @@ constexpr RetiredKey kKeys[] = {
     {"initializer.orb.informed.polish.max_turn_deg", kConstant},
     {"initializer.orb.two_view.rounds", kConstant},
     {"initializer.orb.two_view.sigma", kConstant},
-    {"initializer.orb.two_view.model_choice", "is now the option 'initializer.orb.model_choice'"},
+    {"initializer.orb.two_view.model_choice", "is gone: each published variant has its own"},
     {"initializer.orb.two_view.homography_share", kConstant},
     {"initializer.orb.two_view.min_rotation_residual_deg", kConstant},
     {"initializer.orb.two_view.min_triangulated", kConstant},

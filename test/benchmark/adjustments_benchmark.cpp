@@ -109,10 +109,9 @@ void polishOtherPoses(benchmark::State& state) {
 BENCHMARK(polishOtherPoses)->Arg(1)->Arg(2)->UseRealTime()->Unit(benchmark::kMillisecond);
 
 /// Poses free, so that the joint problem is solved; or kept, so that each depth is on its own.
-void photometric(benchmark::State& state, AdjustmentSolver solver, PhotometricPoses poses) {
+void photometric(benchmark::State& state, PhotometricPoses poses) {
   const Start& from = start();
   PhotometricOptions options = from.options.photometric;
-  options.solver = solver;
   options.poses = poses;
   PhotometricReport report;
   timeWithThreads(state, [&] {
@@ -124,16 +123,12 @@ void photometric(benchmark::State& state, AdjustmentSolver solver, PhotometricPo
   count(state, from.map);
   state.counters["iterations"] = report.iterations;
 }
-BENCHMARK_CAPTURE(photometric, free_schur, AdjustmentSolver::kSchur, PhotometricPoses::kFree)
+BENCHMARK_CAPTURE(photometric, free, PhotometricPoses::kFree)
     ->Arg(1)
     ->Arg(2)
     ->UseRealTime()
     ->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(photometric, free_ceres, AdjustmentSolver::kCeres, PhotometricPoses::kFree)
-    ->Arg(1)
-    ->UseRealTime()
-    ->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(photometric, depths, AdjustmentSolver::kSchur, PhotometricPoses::kFixed)
+BENCHMARK_CAPTURE(photometric, depths, PhotometricPoses::kFixed)
     ->Arg(1)
     ->Arg(2)
     ->UseRealTime()

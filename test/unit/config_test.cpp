@@ -7,6 +7,7 @@
 #include "io/presets.h"
 #include "io/retired_keys.h"
 #include "io/yaml_assignments.h"
+#include "support/published_variants.h"
 #include "support/reference_coarse_options.h"
 #include "support/temporary_folder.h"
 #include "support/text_files.h"

@@ -54,8 +54,8 @@ struct FilterEffect {
   [[nodiscard]] double lostShare() const { return lost / std::max(1.0, 1.0 * good); }
 };
 
-FilterEffect effectOn(const std::vector<DepthWindow>& windows, const std::string& variant) {
-  const InitializerOptions options = initializerVariant(variant);
+FilterEffect effectOn(const std::vector<DepthWindow>& windows) {
+  const InitializerOptions options;
   const PhotometricOptions& photometric = options.orb.photometric;
   FilterEffect effect;
   for (const DepthWindow& window : windows) {
@@ -88,11 +88,10 @@ FilterEffect effectOn(const std::vector<DepthWindow>& windows, const std::string
   effect.median_before /= n;
   effect.median_after /= n;
   effect.nees /= n;
-  std::cout << variant << ": " << effect.windows << " windows, median depth error "
-            << effect.median_before << " -> " << effect.median_after << ", removed "
-            << effect.removedShare() << " of " << effect.outliers << " outliers, lost "
-            << effect.lostShare() << " of " << effect.good << " good points, error^2/variance "
-            << effect.nees << "\n";
+  std::cout << effect.windows << " windows, median depth error " << effect.median_before << " -> "
+            << effect.median_after << ", removed " << effect.removedShare() << " of "
+            << effect.outliers << " outliers, lost " << effect.lostShare() << " of " << effect.good
+            << " good points, error^2/variance " << effect.nees << "\n";
   return effect;
 }
 
@@ -123,7 +122,7 @@ void expectHelpful(const FilterEffect& effect, int windows) {
 }
 
 TEST(OutlierFilter, RemovesHalfOfTheOutliersAndFewGoodPointsInARoomWithOcclusions) {
-  expectHelpful(effectOn(roomWindows(), "orb"), 3);
+  expectHelpful(effectOn(roomWindows()), 3);
 }
 
 TEST(OutlierFilter, RemovesHalfOfTheOutliersAndFewGoodPointsOnTartanAir) {
@@ -134,9 +133,7 @@ TEST(OutlierFilter, RemovesHalfOfTheOutliersAndFewGoodPointsOnTartanAir) {
   for (int first = 0; first + 12 <= 90; first += 12) {
     windows.push_back(realWindow("tartanair_hospital", first, 12));
   }
-  expectHelpful(effectOn(windows, "orb"), 4);
-  // The filter of [Gladkova], on its own map, for comparison.
-  effectOn(windows, "orb-v3");
+  expectHelpful(effectOn(windows), 4);
 }
 
 }  // namespace

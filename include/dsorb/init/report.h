@@ -31,8 +31,8 @@ struct InitReport {
   /// That the direction of translation is off by more than GateOptions::wrong_angle_deg.
   std::optional<double> wrong_probability;
   std::optional<DirectReport> direct;           ///< `coarse`
-  std::optional<TwoViewReport> two_view;        ///< MotionMethod::kGladkova
-  std::optional<EssentialReport> essential;     ///< MotionMethod::kEssential
+  std::optional<TwoViewReport> two_view;        ///< published variants
+  std::optional<EssentialReport> essential;     ///< `orb`
   std::optional<DepthPriorReport> depth_prior;  ///< FramePriors::depth of the reference
   std::optional<bool> pose_prior;               ///< FramePriors::pose: taken (true) or contradicted
   std::optional<SemiDenseReport> semi_dense;    ///< `orb` and its variants

@@ -5,17 +5,11 @@
 
 namespace dsorb {
 
-/// Solver of an adjustment. Ours reaches the same minimum as Ceres about ten times faster
-/// (docs/experiments.md, "Speed of the solvers"), and alone knows a rolling shutter and priors:
-/// with these it serves in any case.
-enum class AdjustmentSolver { kCeres, kSchur };
-
 /// Robust loss of reprojection errors.
 enum class RobustLoss { kHuber, kCauchy };
 
 /// Options of the geometric bundle adjustment of ORBInitializer.
 struct GeometricOptions {
-  AdjustmentSolver solver = AdjustmentSolver::kSchur;  ///< kCeres needs a build with it
   double sigma = 0.5;  ///< standard deviation of a corner's position, unless measured [px]
   RobustLoss loss = RobustLoss::kCauchy;  ///< of reprojection errors
   double loss_threshold = 1.5;            ///< of the whitened error, where the loss bends [-]
@@ -24,9 +18,6 @@ struct GeometricOptions {
 /// Field list; see DescribeFor.
 template <typename Visitor, typename Options>
 DescribeFor<Options, GeometricOptions> describe(Visitor& visit, Options& o) {
-  visit.choice("solver",
-               o.solver,
-               {{"ceres", AdjustmentSolver::kCeres}, {"schur", AdjustmentSolver::kSchur}});
   visit.field("sigma", o.sigma, Range{0.01, 100}, "px");
   visit.choice("loss", o.loss, {{"huber", RobustLoss::kHuber}, {"cauchy", RobustLoss::kCauchy}});
   visit.field("loss_threshold", o.loss_threshold, Range{0.1, 1000}, "");
@@ -75,7 +66,6 @@ enum class PhotometricPoses {
 /// Options of the photometric bundle adjustment of ORBInitializer.
 struct PhotometricOptions {
   bool enabled = true;  ///< false: the geometric result is handed over
-  AdjustmentSolver solver = AdjustmentSolver::kSchur;  ///< kCeres needs a build with it
   PhotometricBrightness brightness = PhotometricBrightness::kAffine;  ///< of patches
   PhotometricPoses poses = PhotometricPoses::kCombined;               ///< what becomes of them
   bool gradient_weights = true;  ///< pixels of strong gradients count less, as in [DSO]
@@ -88,9 +78,6 @@ struct PhotometricOptions {
 template <typename Visitor, typename Options>
 DescribeFor<Options, PhotometricOptions> describe(Visitor& visit, Options& o) {
   visit.field("enabled", o.enabled);
-  visit.choice("solver",
-               o.solver,
-               {{"ceres", AdjustmentSolver::kCeres}, {"schur", AdjustmentSolver::kSchur}});
   visit.choice("brightness",
                o.brightness,
                {{"psi_fixed", PhotometricBrightness::kPsiFixed},

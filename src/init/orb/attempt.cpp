@@ -15,7 +15,6 @@
 #include "init/orb/start/essential_start.h"
 #include "init/orb/start/readout_profile.h"
 #include "init/orb/start/start_gate.h"
-#include "init/orb/thesis/two_view_start.h"
 #include "init/orb/two_view/stuck_tracks.h"
 #include "init/result.h"
 
@@ -112,19 +111,6 @@ Outcome<Reconstruction> poseOtherFrames(Reconstruction made, const AttemptContex
   return made;
 }
 
-/// Reconstruction of the published variants: two-view geometry by homography or fundamental matrix,
-/// then adjustments of all frames.
-/// @source [Gladkova], algorithm 1
-Outcome<Reconstruction> reconstructAsGladkova(const ReferenceView& view,
-                                              const AttemptContext& context) {
-  using Made = Reconstruction;
-  return startFromTwoViews(view, context)
-      .then([&](Made made) { return adjustCorners(std::move(made), context); })
-      .then([&](Made made) { return addSemiDense(std::move(made), view, context); })
-      .then([&](Made made) { return adjustCorners(std::move(made), context); })
-      .then([&](Made made) { return adjustImages(std::move(made), context); });
-}
-
 /// Reconstruction of `orb`: essential matrix, adjustment of a few frames, a gate, refined corners;
 /// all other frames are posed in the end.
 Attempt reconstruct(ReferenceView seen, const AttemptContext& context) {
@@ -167,13 +153,10 @@ double medianRelativeSigma(const std::vector<InitPoint>& points) {
 }  // namespace
 
 Attempt attemptFrom(const ReferenceView& view, const AttemptContext& context) {
-  Attempt attempt = context.options.orb.motion == MotionMethod::kGladkova
-                        ? Attempt{reconstructAsGladkova(view, context), {}}
-                        : reconstruct(view, context);
+  Attempt attempt = reconstruct(view, context);
   attempt.summary.reason = attempt.made.reason();
   if (attempt.made) {
     attempt.made->report.corners = static_cast<int>(attempt.made->map.corners.size());
-    attempt.made->report.optical_flow = view.optical_flow;
   }
   return attempt;
 }

@@ -73,11 +73,8 @@ class ReferencePool final : public ReferenceSource {
 
   /// Whether most tracks ended with the last step.
   [[nodiscard]] bool cut() const { return tracks_.survivorShare() < kMinSurvivorShare; }
-  /// Whether more tracks ended with the last step than went on; the published variants have optical
-  /// flow alone.
-  [[nodiscard]] bool farApart() const {
-    return options_.motion == MotionMethod::kEssential && tracks_.survivorShare() < kMinKeptShare;
-  }
+  /// Whether more tracks ended with the last step than went on.
+  [[nodiscard]] bool farApart() const { return tracks_.survivorShare() < kMinKeptShare; }
   [[nodiscard]] bool lost(const Reference& reference) const;
   void forgetUnusedFrames();
   void keepWithinBudget();

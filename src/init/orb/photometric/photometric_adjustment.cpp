@@ -69,15 +69,6 @@ std::vector<std::size_t> jointPatches(const PhotometricProblem& problem,
   return all;
 }
 
-std::optional<PhotometricSolve> solvePart(const PhotometricProblem& part,
-                                          const PhotometricOptions& options,
-                                          PhotometricState& state) {
-  const bool more = part.reference_shutter || !part.known.empty();
-  return options.solver == AdjustmentSolver::kCeres && !more
-             ? solvePhotometricWithCeres(part, options, state)
-             : solvePhotometricWithSchur(part, options, state);
-}
-
 /// State of some patches with all frames.
 PhotometricState partOf(const PhotometricState& state, const std::vector<std::size_t>& patches) {
   PhotometricState part{state.T_cam_ref, state.affine, {}};
@@ -102,7 +93,7 @@ std::optional<PhotometricSolve> solveJoint(const PhotometricProblem& problem,
                                            PhotometricState& state) {
   PhotometricState part = partOf(state, patches);
   const std::optional<PhotometricSolve> solve =
-      solvePart(subProblem(problem, patches), options, part);
+      solvePhotometricWithSchur(subProblem(problem, patches), options, part);
   if (!solve) return std::nullopt;
   state.T_cam_ref = part.T_cam_ref;
   state.affine = part.affine;
@@ -187,7 +178,7 @@ std::optional<PosesOfImages> PhotometricAdjustment::posesOfImages(const Photomet
   const PhotometricProblem part = subProblem(problem_, patches);
   PhotometricState solution = partOf(state, patches);
   const double before = sum(solution.inverse_depth);
-  const auto solve = solvePart(part, options_, solution);
+  const auto solve = solvePhotometricWithSchur(part, options_, solution);
   if (!solve || !isFinite(solution)) return std::nullopt;
   if (part.known.empty()) changeUnit(sum(solution.inverse_depth) / before, solution);
   const PhotometricMarginals marginals(part, solution);

@@ -13,13 +13,9 @@ struct PhotometricSolve {
   double cost = 0;        ///< the same afterwards
 };
 
-/// Both solvers move poses, inverse depths and, with the affine model, the brightness of all frames
-/// to the minimum of the photometric errors. The scale stays about where it was.
+/// Moves poses, inverse depths and, with the affine model, the brightness of all frames to the
+/// minimum of the photometric errors. The scale stays about where it was.
 /// @return nullopt when no usable numbers were found; the state is as before then
-std::optional<PhotometricSolve> solvePhotometricWithCeres(const PhotometricProblem& problem,
-                                                          const PhotometricOptions& options,
-                                                          PhotometricState& state);
-
 /// @source Triggs et al., Bundle Adjustment - A Modern Synthesis, section 6.1 (Schur complement)
 std::optional<PhotometricSolve> solvePhotometricWithSchur(const PhotometricProblem& problem,
                                                           const PhotometricOptions& options,

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/thesis/two_view.h"
+#include "published/two_view.h"
 
 #include "base/parallel.h"
+#include "support/matchers.h"
 #include "support/two_view_scene.h"
 
 #include <Eigen/Geometry>
@@ -10,7 +11,7 @@
 
 #include <numeric>
 
-namespace dsorb::init_orb {
+namespace dsorb::published {
 namespace {
 
 Eigen::Matrix3d fundamentalOf(const TwoViewScene& scene) {
@@ -26,8 +27,8 @@ double projectiveDifference(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b) 
   return std::min((unit_a - unit_b).norm(), (unit_a + unit_b).norm());
 }
 
-Sample firstEight() {
-  Sample sample{};
+SampleIndices firstEight() {
+  SampleIndices sample{};
   std::iota(sample.begin(), sample.end(), 0U);
   return sample;
 }
@@ -42,7 +43,7 @@ TEST(TwoViewScore, SupportFallsToZeroAtTheModelsThreshold) {
 TEST(TwoViewScore, HomographyDistancesByHand) {
   // Twice as large: (10, 20) goes to (20, 40), 5 px from (23, 44); back (11.5, 22), 2.5 px away.
   const Eigen::Matrix3d H = Eigen::Vector3d(2, 2, 1).asDiagonal();
-  const auto distances = homographyDistances(H, H.inverse(), {10, 20}, {23, 44});
+  const auto distances = transferDistances(Model::kHomography, H, H.inverse(), {10, 20}, {23, 44});
   EXPECT_NEAR(distances[0], 25, 1e-12);
   EXPECT_NEAR(distances[1], 6.25, 1e-12);
 }
@@ -52,18 +53,18 @@ TEST(TwoViewScore, FundamentalDistancesByHand) {
   // 3 px in the target and 1.5 px in the reference.
   Eigen::Matrix3d F;
   F << 0, 0, 0, 0, 0, -1, 0, 2, 0;
-  const auto distances = fundamentalDistances(F, {1, 10}, {7, 23});
+  const auto distances = transferDistances(Model::kFundamental, F, F.transpose(), {1, 10}, {7, 23});
   EXPECT_NEAR(distances[0], 9, 1e-12);
   EXPECT_NEAR(distances[1], 2.25, 1e-12);
 }
 
-TEST(TwoViewScore, ScoreAddsBothDirectionsOverSigma) {
+TEST(TwoViewScore, ScoreAddsBothDirections) {
   const Eigen::Matrix3d H = Eigen::Matrix3d::Identity();
   Matches matches;
   matches.reference = {{0, 0}, {10, 10}, {50, 50}};
-  matches.target = {{0, 0}, {12, 10}, {60, 50}};
-  // Distances 0, 2 and 10 px at sigma 2 px: 0, 1 and 25.
-  const ScoredModel model = scoreModel(TwoViewModel::kHomography, H, matches, 2);
+  matches.target = {{0, 0}, {11, 10}, {55, 50}};
+  // Squared distances 0, 1 and 25.
+  const ScoredModel model = scoreModel(Model::kHomography, H, matches);
   EXPECT_NEAR(model.score, 2 * 5.99 + 2 * 4.99, 1e-12);
   EXPECT_EQ(model.inliers, 2);
   EXPECT_EQ(model.inlier, (std::vector<char>{1, 1, 0}));
@@ -71,7 +72,7 @@ TEST(TwoViewScore, ScoreAddsBothDirectionsOverSigma) {
 
 TEST(TwoViewSolver, FourExactMatchesGiveThePlanesHomography) {
   const TwoViewScene scene = makeTwoViewScene({8, true}, 1);
-  const auto H = solveModel(TwoViewModel::kHomography, scene.matches, firstEight());
+  const auto H = solveModel(Model::kHomography, scene.matches, firstEight());
   ASSERT_TRUE(H);
   const Eigen::Matrix3d K = scene.camera.matrix();
   const Eigen::Vector3d normal_over_distance = Eigen::Vector3d(0.25, -0.15, 1) / 6;
@@ -85,7 +86,7 @@ TEST(TwoViewSolver, FourExactMatchesGiveThePlanesHomography) {
 
 TEST(TwoViewSolver, EightExactMatchesGiveTheFundamentalMatrixOfRankTwo) {
   const TwoViewScene scene = makeTwoViewScene({8, false}, 2);
-  const auto F = solveModel(TwoViewModel::kFundamental, scene.matches, firstEight());
+  const auto F = solveModel(Model::kFundamental, scene.matches, firstEight());
   ASSERT_TRUE(F);
   EXPECT_LT(projectiveDifference(*F, fundamentalOf(scene)), 1e-6);
   EXPECT_LT(std::abs(F->determinant()), 1e-15);
@@ -97,10 +98,10 @@ TEST(TwoViewSolver, RefusesCollinearAndFoldedQuadruples) {
     matches.reference.emplace_back(x, 2 * x);
     matches.target.emplace_back(x + 1, 2 * x);
   }
-  EXPECT_FALSE(solveModel(TwoViewModel::kHomography, matches, firstEight()));
+  EXPECT_FALSE(solveModel(Model::kHomography, matches, firstEight()));
   matches.reference = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};
   matches.target = {{0, 0}, {1, 0}, {0.3, -0.5}, {0, 1}};
-  EXPECT_FALSE(solveModel(TwoViewModel::kHomography, matches, firstEight()));
+  EXPECT_FALSE(solveModel(Model::kHomography, matches, firstEight()));
 }
 
 TEST(TwoViewSelection, PlaneIsAHomographyAndDepthAFundamentalMatrix) {
@@ -117,8 +118,7 @@ TEST(TwoViewSelection, PlaneIsAHomographyAndDepthAFundamentalMatrix) {
 TEST(TwoViewRansac, FindsTheInliersAmongThirtyPercentOutliers) {
   const auto scene = makeTwoViewScene({300, false, {0.6, 0.1, 0.3}, 0.3, 0.3}, 7);
   const ScoredModel model = fitModels(scene.matches, 7).fundamental;
-  const ScoredModel truth =
-      scoreModel(TwoViewModel::kFundamental, fundamentalOf(scene), scene.matches, 1);
+  const ScoredModel truth = scoreModel(Model::kFundamental, fundamentalOf(scene), scene.matches);
   // Measured over 30 seeds: at least .995 of the inliers of the true model.
   EXPECT_GT(model.inliers, 0.98 * truth.inliers);
   EXPECT_GT(truth.inliers, 200);
@@ -146,5 +146,65 @@ TEST(TwoViewRansac, AllMatchesInOnePointGiveNoModel) {
   EXPECT_EQ(pair.homography.inlier.size(), matches.size());
 }
 
+TEST(Motion, IsFoundFromNoisyMatchesWithOutliers) {
+  // Measured over 30 seeds: at most .103 and .83 deg; margin x2.
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    const auto scene = makeTwoViewScene({300, false, {0.6, 0.1, 0.3}, 0.3, 0.2}, seed);
+    const RelativeMotion motion = estimateMotion(scene.matches, scene.camera, {}, seed);
+    ASSERT_EQ(motion.reason, InitReason::kDone) << "seed " << seed << " " << name(motion.reason);
+    EXPECT_EQ(motion.model, Model::kFundamental);
+    EXPECT_LT(rotationErrorDeg(motion.best.T_cur_ref, scene.T_cur_ref), 0.2);
+    EXPECT_LT(directionErrorDeg(motion.best.T_cur_ref.translation(), scene.T_cur_ref.translation()),
+              1.4);
+  }
+}
+
+TEST(Motion, TranslationHasLengthOneAndDepthsFollow) {
+  const TwoViewScene scene = makeTwoViewScene({}, 3);
+  const RelativeMotion motion = estimateMotion(scene.matches, scene.camera, {}, 3);
+  ASSERT_EQ(motion.reason, InitReason::kDone);
+  EXPECT_NEAR(motion.best.T_cur_ref.translation().norm(), 1, 1e-9);
+  const double baseline = scene.T_cur_ref.translation().norm();
+  for (std::size_t i = 0; i < scene.matches.size(); ++i) {
+    ASSERT_TRUE(motion.best.points[i]);
+    EXPECT_NEAR(motion.best.points[i]->inverse_depth, baseline * scene.inverse_depth[i], 1e-5);
+  }
+}
+
+TEST(Motion, SmallBaselineIsTooLittleParallax) {
+  // Depths from 4 to 12: a baseline of .08 is .38 to 1.1 deg.
+  const auto scene = makeTwoViewScene({300, false, {0.08, 0, 0}, 0.01, 0}, 4);
+  const RelativeMotion motion = estimateMotion(scene.matches, scene.camera, {}, 4);
+  EXPECT_EQ(motion.reason, InitReason::kTooLittleParallax) << name(motion.reason);
+  EXPECT_LT(motion.best.parallax_deg, 1.0);
+}
+
+TEST(Motion, PureRotationGivesNone) {
+  const auto scene = makeTwoViewScene({300, false, {0, 0, 0}, 0.3, 0}, 5);
+  const InitReason reason = estimateMotion(scene.matches, scene.camera, {}, 5).reason;
+  EXPECT_EQ(reason, InitReason::kPoorQuality) << name(reason);  // no point is in front of both
+}
+
+TEST(Motion, RandomMatchesGiveNone) {
+  const auto scene = makeTwoViewScene({300, false, {0.6, 0.1, 0.3}, 0, 1.0}, 6);
+  const InitReason reason = estimateMotion(scene.matches, scene.camera, {}, 6).reason;
+  EXPECT_EQ(reason, InitReason::kTooFewPoints) << name(reason);
+}
+
+TEST(Motion, PlaneIsEitherRightOrRefused) {
+  // The second motion of a homography puts up to 80 % of this plane in front: mostly refused.
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    const auto scene = makeTwoViewScene({300, true, {1.5, 0.3, 0.5}, 0.1, 0}, seed);
+    const RelativeMotion motion = estimateMotion(scene.matches, scene.camera, {}, seed);
+    EXPECT_EQ(motion.model, Model::kHomography);
+    EXPECT_EQ(motion.best.good, 300);
+    const double error =
+        directionErrorDeg(motion.best.T_cur_ref.translation(), scene.T_cur_ref.translation());
+    // Measured over 30 seeds: found once, .045 deg off.
+    EXPECT_TRUE(motion.reason == InitReason::kDegenerateMotion || error < 0.2)
+        << name(motion.reason) << " " << error << " deg off";
+  }
+}
+
 }  // namespace
-}  // namespace dsorb::init_orb
+}  // namespace dsorb::published

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/correspondences.h"
-#include "init/orb/orb_initializer.h"
+#include "published/orb_initializer.h"
 #include "support/init_run.h"
 
 #include <gtest/gtest.h>
@@ -8,7 +7,7 @@
 
 #include <algorithm>
 
-namespace dsorb::init_orb {
+namespace dsorb::published {
 namespace {
 
 using synthetic::SequenceKind;
@@ -23,14 +22,10 @@ SequenceOptions small(SequenceKind kind, int length) {
   return options;
 }
 
-InitializerOptions variant() {
-  return initializerVariant("orb-matching");
-}
-
 InitRun run(const InitializerOptions& options,
             const PinholeCamera& camera,
             const std::vector<FramePtr>& frames) {
-  ORBInitializer initializer(options, camera);
+  ORBInitializer initializer(Version::kMatching, options, camera);
   return feed(initializer, frames);
 }
 
@@ -49,7 +44,7 @@ FramePtr blurred(const Frame& frame, double sigma) {
 
 TEST(MatchingInitializer, FindsPosesByDescriptors) {
   const RenderedSequence& street = rendered(small(SequenceKind::kStreet, 8));
-  const InitRun result = run(variant(), street.camera(), street.frames());
+  const InitRun result = run({}, street.camera(), street.frames());
   ASSERT_TRUE(result.result) << result.log();
   EXPECT_EQ(result.result->report.optical_flow, false);
   const StartErrors errors = startErrors(*result.result, street);
@@ -63,7 +58,7 @@ TEST(MatchingInitializer, FollowsOpticalFlowWhereDescriptorsFail) {
   tiny.width = 128;  // no hundred features match
   tiny.height = 96;
   const RenderedSequence& room = rendered(tiny);
-  const InitRun result = run(variant(), room.camera(), room.frames());
+  const InitRun result = run({}, room.camera(), room.frames());
   ASSERT_TRUE(result.result) << result.log();
   EXPECT_EQ(result.result->report.optical_flow, true);
   const StartErrors errors = startErrors(*result.result, room);
@@ -73,40 +68,41 @@ TEST(MatchingInitializer, FollowsOpticalFlowWhereDescriptorsFail) {
 
 TEST(MatchingInitializer, ChangesToOpticalFlowBetweenFrames) {
   const RenderedSequence& room = rendered(small(SequenceKind::kRoom, 16));
-  Correspondences pair(variant().orb);
+  Features pair(2000, true);
   pair.start(room.frames()[0]);
-  pair.advance(room.frames()[1]);
-  EXPECT_EQ(pair.view(0).optical_flow, false);
-  pair.advance(blurred(*room.frames()[2], 4));
-  EXPECT_FALSE(pair.dropLost());
-  const ReferenceView view = pair.view(0);
-  ASSERT_EQ(view.optical_flow, true);
-  EXPECT_EQ(view.frames.size(), 3U);
-  EXPECT_EQ(view.tracks.frames(), 3);
-  EXPECT_EQ(view.tracks.size(), pair.size());
+  pair.track(room.frames()[1]);
+  EXPECT_FALSE(pair.usesFlow());
+  pair.track(blurred(*room.frames()[2], 4));
+  EXPECT_FALSE(pair.cut());
+  ASSERT_TRUE(pair.usesFlow());
+  EXPECT_EQ(pair.frames().size(), 3U);
+  EXPECT_EQ(pair.tracks().frames(), 3);
+  EXPECT_EQ(pair.tracks().size(), pair.size());
 }
 
 TEST(MatchingInitializer, AFeatureCanMissInFramesBetween) {
   const RenderedSequence& room = rendered(small(SequenceKind::kRoom, 16));
-  Correspondences pair(variant().orb);
+  Features pair(2000, true);
   pair.start(room.frames()[0]);
-  for (std::size_t k = 1; k < 5; ++k) pair.advance(room.frames()[k]);
-  ASSERT_EQ(pair.view(0).optical_flow, false);
-  const CornerTracks tracks = pair.view(0).tracks;
+  for (std::size_t k = 1; k < 5; ++k) pair.track(room.frames()[k]);
+  ASSERT_FALSE(pair.usesFlow());
+  const init_orb::CornerTracks tracks = pair.tracks();
   EXPECT_EQ(tracks.size(), pair.size());
-  EXPECT_TRUE(
-      std::all_of(tracks.positions.front().begin(), tracks.positions.front().end(), isSeen));
-  EXPECT_TRUE(std::all_of(tracks.positions.back().begin(), tracks.positions.back().end(), isSeen));
-  EXPECT_FALSE(std::all_of(tracks.positions[2].begin(), tracks.positions[2].end(), isSeen));
+  EXPECT_TRUE(std::all_of(
+      tracks.positions.front().begin(), tracks.positions.front().end(), init_orb::isSeen));
+  EXPECT_TRUE(std::all_of(
+      tracks.positions.back().begin(), tracks.positions.back().end(), init_orb::isSeen));
+  EXPECT_FALSE(
+      std::all_of(tracks.positions[2].begin(), tracks.positions[2].end(), init_orb::isSeen));
 }
 
 TEST(MatchingInitializer, StartsAfreshWithTheFrameOfAFailedPair) {
   const RenderedSequence& room = rendered(small(SequenceKind::kRoom, 16));
   std::vector<FramePtr> frames;
   for (const FramePtr& frame : room.frames()) frames.push_back(blurred(*frame, 4));
-  InitializerOptions options = variant();
-  options.orb.tracks.max_corners = 50;  // too few of them fit
-  options.orb.min_tracked = 8;
+  InitializerOptions options;
+  options.published.max_corners = 50;  // too few of them fit
+  options.published.min_tracked = 8;
   const InitRun result = run(options, room.camera(), frames);
   EXPECT_FALSE(result.result);
   std::vector<std::size_t> restarts;
@@ -116,7 +112,7 @@ TEST(MatchingInitializer, StartsAfreshWithTheFrameOfAFailedPair) {
   ASSERT_GE(restarts.size(), 2U) << result.log();
   EXPECT_EQ(result.steps[restarts[0]].reason, InitReason::kTooFewPoints);
   // The frame of the failure is the new reference, so the next pair needs min_frames - 1 more.
-  EXPECT_GE(restarts[1] - restarts[0], static_cast<std::size_t>(options.orb.min_frames - 1));
+  EXPECT_GE(restarts[1] - restarts[0], static_cast<std::size_t>(options.published.min_frames - 1));
 }
 
 TEST(MatchingInitializer, InitializesBehindASceneCut) {
@@ -124,7 +120,7 @@ TEST(MatchingInitializer, InitializesBehindASceneCut) {
   const RenderedSequence& room = rendered(small(SequenceKind::kRoom, 16));
   std::vector<FramePtr> frames(cut.frames().begin() + 4, cut.frames().begin() + 7);  // another room
   for (int i = 0; i < room.length(); ++i) frames.push_back(room.copyAs(i, 100 + i));
-  const InitRun result = run(variant(), room.camera(), frames);
+  const InitRun result = run({}, room.camera(), frames);
   ASSERT_TRUE(result.result) << result.log();
   EXPECT_EQ(result.result->report.restarts, 1);
   EXPECT_EQ(result.result->report.earlier_resets,
@@ -133,4 +129,4 @@ TEST(MatchingInitializer, InitializesBehindASceneCut) {
 }
 
 }  // namespace
-}  // namespace dsorb::init_orb
+}  // namespace dsorb::published
