@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "published/covariance.h"
-
 #include "base/median.h"
 #include "estimate/marginals.h"
 #include "estimate/robust_loss.h"
 #include "estimate/warp.h"
 #include "image/cell_grid.h"
+#include "published/bundle_adjustment.h"
 #include "published/photometric.h"
 
 #include <algorithm>

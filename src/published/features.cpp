@@ -89,19 +89,12 @@ bool isUsable(const GreyImage& image, const Eigen::Vector2f& place) {
   return image.usable({place.x(), place.y()});
 }
 
-FeatureTrackOptions trackOptions(int max_corners) {
-  FeatureTrackOptions options;
-  options.max_corners = max_corners;
-  options.corner_quality = kCornerQuality;
-  options.max_level = kMaxLevel;
-  options.min_eigenvalue = 1024 * kMinEigenvalue;
-  return options;
-}
-
 }  // namespace
 
 Features::Features(int max_corners, bool descriptors)
-    : max_corners_(max_corners), descriptors_(descriptors), ours_(trackOptions(max_corners)) {}
+    : max_corners_(max_corners),
+      descriptors_(descriptors),
+      ours_({max_corners, kCornerQuality, kMaxLevel, 1024 * kMinEigenvalue}) {}
 
 void Features::start(FramePtr reference) {
   uses_flow_ = false;

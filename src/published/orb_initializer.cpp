@@ -11,7 +11,6 @@
 #include "init/orb/two_view/rotation_only.h"
 #include "init/result.h"
 #include "published/bundle_adjustment.h"
-#include "published/covariance.h"
 #include "published/photometric.h"
 #include "published/structure.h"
 #include "published/two_view.h"
@@ -159,15 +158,9 @@ InitReason ORBInitializer::computeRelativeTransform() {
       clock_.time("two_view", [&] { return estimateMotion(matches, camera_, choice, seed); });
   if (motion.reason != InitReason::kDone) return motion.reason;
   report_.model = motion.model == Model::kHomography ? "homography" : "fundamental";
-  report_.inlier_ratio = static_cast<double>(motion.inliers) / static_cast<double>(matches.size());
-  report_.two_view.emplace();
-  report_.two_view->tracks = static_cast<int>(matches.size());
-  report_.two_view->homography_score = motion.homography_score;
-  report_.two_view->fundamental_score = motion.fundamental_score;
-  report_.two_view->inliers = motion.inliers;
-  report_.two_view->good_points = motion.best.good;
-  report_.two_view->second_good = motion.second_good;
-  report_.two_view->parallax_deg = motion.best.parallax_deg;
+  report_.inlier_ratio =
+      static_cast<double>(motion.report.inliers) / static_cast<double>(matches.size());
+  report_.two_view = motion.report;
   map_ = clock_.time("pose",
                      [&] { return makeMap(features_.frames(), tracks, motion.best, camera_); });
   return InitReason::kDone;

@@ -66,6 +66,9 @@ PhotometricReport performPhotometricBA(Map& map, const PinholeCamera& camera);
 /// @source [Gladkova], section 3.4
 OutlierReport removeOutliers(Map& map, const PinholeCamera& camera);
 
+/// Does what setGeometricCovariances() does by the photometric adjustment, for all points.
+bool setPhotometricCovariances(Map& map, const PinholeCamera& camera);
+
 /// Scale of greatest likelihood of a t-distribution with five degrees of freedom around zero: its
 /// sigma, not its standard deviation. Residuals farther from the median than 3 times 1.4826 MAD
 /// have no part.

@@ -203,6 +203,7 @@ class CornerPrior {
 /// @source [Gladkova], section 3.3; Engel, Sturm, Cremers, ICCV 2013, section 2.3
 struct FusedDepth {
   DepthEstimate current;
+  int searches = 0;
   int observations = 0;
   int votes = 0;
 
@@ -322,48 +323,40 @@ class EpipolarSearch {
         camera_(camera),
         geometry_(camera, pose_) {}
 
-  /// @param prior the search covers kSearchSigmas to both sides
-  /// @param searched set where the line is in the image, the gradient not across it, and the motion
-  ///                 large enough
-  /// @return a trustworthy match with the variance of [Gladkova], eq. (8)
-  [[nodiscard]] std::optional<DepthEstimate> search(const Eigen::Vector2f& pixel,
-                                                    const DepthEstimate& prior,
-                                                    bool& searched) const {
+  /// Adds a trustworthy match within kSearchSigmas, with the variance of [Gladkova], eq. (8), where
+  /// the line is in the image, the gradient not across it, and the motion large enough.
+  void search(const Eigen::Vector2f& pixel, FusedDepth& depth) const {
+    const DepthEstimate prior = depth.current;
     const auto line = EpipolarLine::through(geometry_, pixel, prior.inverse_depth);
     // The floor of the line's error limits what this frame can tell.
-    if (!line || line->speed * std::sqrt(prior.variance) < kLineErrorFloor ||
-        !gradientIsUsable(pixel, *line)) {
-      return std::nullopt;
+    if (!line || line->speed * std::sqrt(prior.variance) < kLineErrorFloor) return;
+    const ImageSample here =
+        reference_.at(static_cast<int>(pixel.x()), static_cast<int>(pixel.y()));
+    const Eigen::Vector2f gradient =
+        line->warp.inverse().transpose() * Eigen::Vector2f(here.dx, here.dy);
+    const float along = std::abs(gradient.dot(line->direction));
+    if (!(along >= std::max(kMinLineGradient, kMinGradientShare * gradient.norm()))) {
+      return;
     }
     const Patch patch = cutPatch(pixel, *line);
     const Interval interval = clippedInterval(patch, prior);
-    if (!(interval.end - interval.begin >= 2.0F)) return std::nullopt;
-    searched = true;
+    if (!(interval.end - interval.begin >= 2.0F)) return;
+    ++depth.searches;
     const std::optional<float> best = bestStep(patch, interval);
     const std::optional<Match> match = best ? refine(patch, interval, *best) : std::nullopt;
-    if (!match) return std::nullopt;
+    if (!match) return;
     const auto [inverse_depth, alpha] = line->depthAt(match->position);
     const Eigen::Vector3d ray = camera_.unproject(pixel.cast<double>());
     const auto projection = projectHosted(camera_, pose_, ray, inverse_depth);
-    if (!projection) return std::nullopt;
+    if (!projection) return;
     const float photometric = 2.0F * kImageNoise * kImageNoise / match->information;  // eq. (7)
     const float variance =
         alpha * alpha * (geometricVariance(*line, projection->J_pose, *match) + photometric);
-    if (!(inverse_depth > 0) || !std::isfinite(variance) || !(variance > 0)) return std::nullopt;
-    return DepthEstimate{inverse_depth, variance};
+    if (!(inverse_depth > 0) || !std::isfinite(variance) || !(variance > 0)) return;
+    depth.add({inverse_depth, variance});
   }
 
  private:
-  [[nodiscard]] bool gradientIsUsable(const Eigen::Vector2f& pixel,
-                                      const EpipolarLine& line) const {
-    const ImageSample sample =
-        reference_.at(static_cast<int>(pixel.x()), static_cast<int>(pixel.y()));
-    const Eigen::Vector2f gradient =
-        line.warp.inverse().transpose() * Eigen::Vector2f(sample.dx, sample.dy);
-    const float along = std::abs(gradient.dot(line.direction));
-    return along >= kMinLineGradient && along >= kMinGradientShare * gradient.norm();
-  }
-
   [[nodiscard]] Patch cutPatch(const Eigen::Vector2f& pixel, const EpipolarLine& line) const {
     Patch patch{line, {}, {}};
     for (std::size_t i = 0; i < kPatternSize; ++i) {
@@ -393,17 +386,6 @@ class EpipolarSearch {
     return interval;
   }
 
-  [[nodiscard]] float cost(const Patch& patch, float position) const {
-    const Eigen::Vector2f centre = patch.line.at(position);
-    float squares = 0;
-    for (std::size_t i = 0; i < kPatternSize; ++i) {
-      const Eigen::Vector2f at = centre + patch.offset[i];
-      const float difference = interpolateIntensity(target_, at.x(), at.y()) - patch.grey[i];
-      squares += difference * difference;
-    }
-    return squares;
-  }
-
   /// @return position of the best step; nothing when there is none or another is about as good
   [[nodiscard]] std::optional<float> bestStep(const Patch& patch, const Interval& interval) const {
     constexpr float kMax = std::numeric_limits<float>::max();
@@ -412,7 +394,7 @@ class EpipolarSearch {
     int best = -1;
     float best_cost = kMax;
     for (int i = 0; i < steps; ++i) {
-      costs.push_back(cost(patch, interval.begin + static_cast<float>(i)));
+      costs.push_back(linearize(patch, interval.begin + static_cast<float>(i)).squared_error);
       if (!(costs.back() < best_cost)) continue;  // never true for an invalid pixel's NaN
       best_cost = costs.back();
       best = i;
@@ -493,32 +475,6 @@ class EpipolarSearch {
   EpipolarGeometry geometry_;
 };
 
-/// Result of one candidate; without observations it has no depth.
-struct Candidate {
-  MapPoint point;
-  int searches = 0;
-  int matches = 0;
-};
-
-Candidate observe(const SelectedPixel& pixel,
-                  const CornerPrior& corners,
-                  const std::vector<EpipolarSearch>& frames) {
-  Candidate result;
-  const Eigen::Vector2f at(static_cast<float>(pixel.x), static_cast<float>(pixel.y));
-  FusedDepth depth{corners.at(at)};
-  for (const EpipolarSearch& frame : frames) {
-    bool searched = false;
-    const auto observed = frame.search(at, depth.current, searched);
-    result.searches += searched ? 1 : 0;
-    if (!observed) continue;
-    ++result.matches;
-    depth.add(*observed);
-  }
-  const int observations = depth.votes < kMaxVotes ? depth.observations : 0;
-  result.point = {at, depth.current.inverse_depth, depth.current.variance, observations};
-  return result;
-}
-
 }  // namespace
 
 SemiDenseReport populateStructure3D(Map& map, const PinholeCamera& camera, std::uint64_t seed) {
@@ -527,19 +483,28 @@ SemiDenseReport populateStructure3D(Map& map, const PinholeCamera& camera, std::
   const CornerPrior prior(map, camera);
   std::vector<EpipolarSearch> frames;
   for (std::size_t k = 1; k < map.frames.size(); ++k) frames.emplace_back(map, k, camera);
-  std::vector<Candidate> candidates(selected.size());
-  forEachRange(candidates.size(), kCandidateGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) candidates[i] = observe(selected[i], prior, frames);
+  std::vector<FusedDepth> depths(selected.size());
+  const auto pixelOf = [&](std::size_t i) {
+    return Eigen::Vector2f(static_cast<float>(selected[i].x), static_cast<float>(selected[i].y));
+  };
+  forEachRange(depths.size(), kCandidateGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      depths[i].current = prior.at(pixelOf(i));
+      for (const EpipolarSearch& frame : frames) frame.search(pixelOf(i), depths[i]);
+    }
   });
   SemiDenseReport report;
+  report.candidates = static_cast<int>(depths.size());
   map.points.resize(map.corners);
-  for (const Candidate& candidate : candidates) {
-    report.searched += candidate.searches > 0 ? 1 : 0;
-    report.searches += candidate.searches;
-    report.matches += candidate.matches;
-    if (candidate.point.observations > 0) map.points.push_back(candidate.point);
+  for (std::size_t i = 0; i < depths.size(); ++i) {
+    const FusedDepth& depth = depths[i];
+    report.searched += depth.searches > 0 ? 1 : 0;
+    report.searches += depth.searches;
+    report.matches += depth.observations + depth.votes;
+    if (depth.observations == 0 || depth.votes >= kMaxVotes) continue;
+    const DepthEstimate& fused = depth.current;
+    map.points.push_back({pixelOf(i), fused.inverse_depth, fused.variance, depth.observations});
   }
-  report.candidates = static_cast<int>(candidates.size());
   report.points = static_cast<int>(map.points.size() - map.corners);
   return report;
 }

@@ -60,15 +60,8 @@ Eigen::Matrix3d asMatrix(const Eigen::Matrix<double, 9, 1>& rows) {
 std::optional<Eigen::Matrix3d> nullMatrix(const System& system) {
   const Eigen::ColPivHouseholderQR<Eigen::Matrix<double, 9, 8>> qr(system.transpose());
   if (!(std::abs(qr.matrixR()(7, 7)) > kMinPivot)) return std::nullopt;
-  // The last column of Q, by single reflections: the product of Eigen takes long to compile.
-  const auto reflections = qr.householderQ();
-  Eigen::Matrix<double, 9, 1> null = Eigen::Matrix<double, 9, 1>::Unit(8);
-  double workspace = 0;
-  for (Eigen::Index k = 7; k >= 0; --k) {
-    null.tail(9 - k).applyHouseholderOnTheLeft(
-        reflections.essentialVector(k), qr.hCoeffs()[k], &workspace);
-  }
-  return asMatrix(null);
+  const Eigen::Matrix<double, 9, 1> last = Eigen::Matrix<double, 9, 1>::Unit(8);
+  return asMatrix(qr.householderQ() * last);
 }
 
 /// A plane in front of both cameras keeps the orientation of triangles, all of them or none.
@@ -215,10 +208,10 @@ std::vector<SE3> decompose(Model model,
 
 InitReason judge(const RelativeMotion& motion) {
   const int good = motion.best.good;
-  if (motion.inliers < kMinTriangulated) return InitReason::kTooFewPoints;
-  const double needed = std::max<double>(kMinGoodShare * motion.inliers, kMinTriangulated);
+  if (motion.report.inliers < kMinTriangulated) return InitReason::kTooFewPoints;
+  const double needed = std::max<double>(kMinGoodShare * motion.report.inliers, kMinTriangulated);
   if (good < needed) return InitReason::kPoorQuality;
-  if (motion.second_good > kMaxSecondShare * good) return InitReason::kDegenerateMotion;
+  if (motion.report.second_good > kMaxSecondShare * good) return InitReason::kDegenerateMotion;
   if (motion.best.parallax_deg < kMinParallaxDeg) return InitReason::kTooLittleParallax;
   return InitReason::kDone;
 }
@@ -320,22 +313,26 @@ RelativeMotion estimateMotion(const Matches& matches,
                               std::uint64_t seed) {
   const ModelPair pair = fitModels(matches, seed);
   RelativeMotion motion;
-  motion.homography_score = pair.homography.score;
-  motion.fundamental_score = pair.fundamental.score;
+  TwoViewReport& report = motion.report;
+  report.tracks = static_cast<int>(matches.size());
+  report.homography_score = pair.homography.score;
+  report.fundamental_score = pair.fundamental.score;
   const bool planar = choice == ModelChoice::kScore
                           ? pair.homographyShare() > kHomographyShare
                           : pair.homography.inliers >= pair.fundamental.inliers;
   motion.model = planar ? Model::kHomography : Model::kFundamental;
   const ScoredModel& chosen = planar ? pair.homography : pair.fundamental;
-  motion.inliers = chosen.inliers;
+  report.inliers = chosen.inliers;
   motion.reason = InitReason::kTooFewPoints;
   if (chosen.inliers == 0) return motion;
   for (const SE3& decomposed : decompose(motion.model, chosen.matrix, camera)) {
     const SE3 refined = init_orb::refineMotion(decomposed, matches, chosen.inlier, camera, kSigma);
     Hypothesis hypothesis = evaluateMotion(refined, matches, chosen.inlier, camera);
     if (hypothesis.good > motion.best.good) std::swap(hypothesis, motion.best);
-    motion.second_good = std::max(motion.second_good, hypothesis.good);
+    report.second_good = std::max(report.second_good, hypothesis.good);
   }
+  report.good_points = motion.best.good;
+  report.parallax_deg = motion.best.parallax_deg;
   motion.reason = judge(motion);
   return motion;
 }

@@ -97,11 +97,8 @@ struct Hypothesis {
 struct RelativeMotion {
   InitReason reason = InitReason::kDegenerateMotion;  ///< kDone when a motion was found
   Model model = Model::kFundamental;
-  double homography_score = 0;
-  double fundamental_score = 0;
-  int inliers = 0;      ///< of the chosen model
-  int second_good = 0;  ///< good points of the second-best motion
   Hypothesis best;
+  TwoViewReport report;
 };
 
 /// Fits both models, chooses one, decomposes it and chooses the motion that most points confirm.

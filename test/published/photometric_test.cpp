@@ -3,7 +3,6 @@
 
 #include "base/median.h"
 #include "base/random.h"
-#include "published/covariance.h"
 #include "support/jacobian_check.h"
 #include "support/matchers.h"
 #include "support/plane_scene.h"
