@@ -3,6 +3,7 @@
 
 #include "dsorb/error.h"
 #include "dsorb/io/calibration_reader.h"
+#include "dsorb/published/registration.h"
 
 #include "app/legacy_arguments.h"
 #include "io/video.h"
@@ -352,6 +353,9 @@ std::string nameOf(BrightnessModel brightness) {
 }
 
 CommandLine parseCommandLine(int argc, const char* const* argv) {
+#ifdef DSORB_WITH_PUBLISHED
+  published::registerInitializers();
+#endif
   CommandLine request;
   Flags flags;
   CLI::App app("Monocular direct visual odometry on a data set, started from features.",

@@ -67,10 +67,8 @@ void warn(const CommandLine& request, const std::vector<std::string>& warnings) 
 
 /// What the camera does and the initializer does not model, one sentence each.
 std::vector<std::string> notModelled(const Config& config, const Lens& lens) {
-  const InitializerOptions& options = config.options.initializer;
-  const bool global_start =
-      options.kind == InitializerKind::kCoarse ||
-      (options.kind == InitializerKind::kOrb && options.orb.motion == MotionMethod::kGladkova);
+  const bool global_start = config.options.initializer.kind == InitializerKind::kCoarse ||
+                            isPublishedVariant(config.initializer);
   if (!global_start || !lens.readout.isRolling()) return {};
   return {fmt::format("{} starts as if all rows were read at once; orb models a rolling shutter",
                       config.initializer)};

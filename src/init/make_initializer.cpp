@@ -5,7 +5,6 @@
 #include "base/describe.h"
 #include "init/coarse/coarse_initializer.h"
 #include "init/orb/orb_initializer.h"
-#include "init/orb/thesis/with_ceres.h"
 #include "init/registry.h"
 
 #include <stdexcept>
@@ -13,19 +12,6 @@
 
 namespace dsorb {
 namespace {
-
-/// @throws ConfigError where the options ask for what a build without Ceres lacks
-void refuseWithoutCeres(const OrbOptions& orb) {
-  const char* value = nullptr;
-  if (orb.front_end == OrbFrontEnd::kDescriptors) value = "orb.front_end = descriptors";
-  if (orb.tracks.flow == OpticalFlow::kOpenCv) value = "orb.tracks.flow = opencv";
-  if (orb.geometric.solver == AdjustmentSolver::kCeres) value = "orb.geometric.solver = ceres";
-  if (orb.photometric.solver == AdjustmentSolver::kCeres) value = "orb.photometric.solver = ceres";
-  if (value != nullptr) {
-    throw ConfigError(std::string("option ") + value +
-                      " needs a build with Ceres (DSORB_WITH_CERES=ON)");
-  }
-}
 
 /// @throws ConfigError where a reference is given up before it may be tried
 void refuseImpatience(const OrbOptions& orb) {
@@ -55,7 +41,6 @@ std::unique_ptr<Initializer> makeInitializer(const InitializerOptions& options,
   switch (options.kind) {
     case InitializerKind::kOrb:
       refuseImpatience(options.orb);
-      if (!init_orb::builtWithCeres()) refuseWithoutCeres(options.orb);
       return std::make_unique<init_orb::ORBInitializer>(options, camera);
     case InitializerKind::kCoarse:
       return std::make_unique<init_coarse::CoarseInitializer>(options, camera);

@@ -11,7 +11,6 @@ namespace dsorb {
 const std::vector<MechanismName>& mechanisms() {
   static const std::vector<MechanismName> all = {
       {Mechanism::kPool, "pool", "further references while the first one waits"},
-      {Mechanism::kFlow, "flow", "own Lucas-Kanade (without it OpenCV's)"},
       {Mechanism::kFar, "far", "descriptors where optical flow loses most corners"},
       {Mechanism::kBlank, "blank", "frames that show nothing are passed over"},
       {Mechanism::kStuck, "stuck", "tracks that move with the camera are left out"},
@@ -29,9 +28,6 @@ const std::vector<MechanismName>& mechanisms() {
       {Mechanism::kPlane, "plane", "the other motion of a plane"},
       {Mechanism::kCameraQuestion, "camera_question", "the start asks for lens and readout"},
       {Mechanism::kReadoutProfile, "readout_profile", "the start estimates an unknown readout"},
-      {Mechanism::kSemiDense, "semi_dense", "points beside the corners by epipolar search"},
-      {Mechanism::kPhotometric, "photometric", "photometric adjustment of the start"},
-      {Mechanism::kOutlierFilter, "outlier_filter", "outlier filter and second adjustment"},
       {Mechanism::kFramesBetween, "frames_between", "poses of frames between are refined"},
       {Mechanism::kJudge, "judge", "the window refuses starts that its adjustment contradicts"},
       {Mechanism::kFillUp, "fill_up", "a sparse start is filled up by epipolar search"},

@@ -6,10 +6,10 @@
 
 namespace dsorb {
 
-/// Names of dsorb's own variants, also of those that need Ceres and are not in this build.
+/// Names of the variants that dsorb::init itself has.
 [[nodiscard]] std::vector<std::string> builtInVariants();
 
-/// @throws ConfigError why there is no such variant in this build, and which ones there are
+/// @throws ConfigError why there is no such variant, and which ones there are
 [[noreturn]] void throwUnknownVariant(const std::string& name);
 
 }  // namespace dsorb

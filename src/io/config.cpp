@@ -5,7 +5,6 @@
 
 #include "base/describe.h"
 #include "io/presets.h"
-#include "io/retired_keys.h"
 #include "io/yaml_assignments.h"
 
 #include <fmt/format.h>
@@ -58,10 +57,6 @@ OptionField& findField(std::vector<OptionField>& fields, const ConfigAssignment&
                                   assignment.key,
                                   ending[0]->key,
                                   ending[1]->key));
-  }
-  if (const io::RetiredKey* retired = io::findRetiredKey(assignment.key)) {
-    throw ConfigError(fmt::format(
-        "{}: key '{}' {}; see CHANGELOG.md", assignment.origin, retired->key, retired->fate));
   }
   throw ConfigError(fmt::format("{}: unknown key '{}'; the closest valid key is '{}'",
                                 assignment.origin,

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "dsorb/error.h"
+#include "dsorb/published/registration.h"
 
 #include "python/bind.h"
 #include "python/unlocked.h"
@@ -31,6 +32,9 @@ void addError(nanobind::module_& m, const char* name, PyObject* base) {
 }  // namespace
 
 NB_MODULE(_dsorb, m) {
+#ifdef DSORB_WITH_PUBLISHED
+  dsorb::published::registerInitializers();
+#endif
   m.doc() = "Monocular direct visual odometry, started from features.";
   m.attr("__version__") = DSORB_VERSION;
   nanobind::set_leak_warnings(false);  // of objects that are alive when the interpreter ends

@@ -5,10 +5,6 @@
 #include "benchmark/rendered_frames.h"
 #include "init/orb/bundle/corner_refinement.h"
 #include "init/orb/bundle/geometric_covariance.h"
-#include "init/orb/photometric/outlier_filter.h"
-#include "init/orb/photometric/photometric_adjustment.h"
-#include "init/orb/photometric/photometric_covariance.h"
-#include "init/orb/semi_dense/semi_dense_depth.h"
 #include "init/orb/tracks/feature_tracks.h"
 
 #include <cstddef>
@@ -27,7 +23,7 @@ const RenderedFrames& room() {
   return frames;
 }
 
-/// A map as the geometric adjustment leaves it, with semi-dense points.
+/// A map as the geometric adjustment leaves it.
 struct Start {
   Start() {
     const RenderedFrames& scene = room();
@@ -44,8 +40,6 @@ struct Start {
       addCorner(pixel.cast<double>(), random);
     for (const std::size_t k : others) map.frames[k].T_cam_ref.reset();
     normalizeCornerScale(map);
-    estimateSemiDenseDepth(map, scene.camera, options.semi_dense, kSeed);
-    keepBestPoints(map, options.semi_dense.max_points);
   }
 
   void addCorner(const Eigen::Vector2d& pixel, Random& random) {
@@ -79,7 +73,6 @@ const Start& start() {
 
 void count(benchmark::State& state, const InitialMap& map) {
   state.counters["corners"] = static_cast<double>(map.corners.size());
-  state.counters["points"] = static_cast<double>(map.points.size());
 }
 
 void polish(benchmark::State& state) {
@@ -107,67 +100,6 @@ void polishOtherPoses(benchmark::State& state) {
   state.counters["frames"] = static_cast<double>(from.others.size());
 }
 BENCHMARK(polishOtherPoses)->Arg(1)->Arg(2)->UseRealTime()->Unit(benchmark::kMillisecond);
-
-/// Poses free, so that the joint problem is solved; or kept, so that each depth is on its own.
-void photometric(benchmark::State& state, AdjustmentSolver solver, PhotometricPoses poses) {
-  const Start& from = start();
-  PhotometricOptions options = from.options.photometric;
-  options.solver = solver;
-  options.poses = poses;
-  PhotometricReport report;
-  timeWithThreads(state, [&] {
-    InitialMap map = from.map;
-    PhotometricProblem problem = makeProblem(map, room().camera, options);
-    report = adjustPhotometry(map, problem, room().camera, options);
-    return report.usable;
-  });
-  count(state, from.map);
-  state.counters["iterations"] = report.iterations;
-}
-BENCHMARK_CAPTURE(photometric, free_schur, AdjustmentSolver::kSchur, PhotometricPoses::kFree)
-    ->Arg(1)
-    ->Arg(2)
-    ->UseRealTime()
-    ->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(photometric, free_ceres, AdjustmentSolver::kCeres, PhotometricPoses::kFree)
-    ->Arg(1)
-    ->UseRealTime()
-    ->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(photometric, depths, AdjustmentSolver::kSchur, PhotometricPoses::kFixed)
-    ->Arg(1)
-    ->Arg(2)
-    ->UseRealTime()
-    ->Unit(benchmark::kMillisecond);
-
-void filter(benchmark::State& state, OutlierRule rule) {
-  const Start& from = start();
-  const PhotometricProblem problem = makeProblem(from.map, room().camera, from.options.photometric);
-  timeWithThreads(state, [&] {
-    InitialMap map = from.map;
-    PhotometricProblem part = problem;
-    return removeOutliers(map, part, rule).examined;
-  });
-  count(state, from.map);
-}
-BENCHMARK_CAPTURE(filter, combined, OutlierRule::kCombined)
-    ->Arg(1)
-    ->Arg(2)
-    ->UseRealTime()
-    ->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(filter, pixel_votes, OutlierRule::kPixelVotes)
-    ->Arg(1)
-    ->Arg(2)
-    ->UseRealTime()
-    ->Unit(benchmark::kMillisecond);
-
-void variances(benchmark::State& state) {
-  const Start& from = start();
-  const PhotometricProblem problem = makeProblem(from.map, room().camera, from.options.photometric);
-  timeWithThreads(state,
-                  [&] { return withPhotometricVariances(from.map, problem, false).has_value(); });
-  count(state, from.map);
-}
-BENCHMARK(variances)->Arg(1)->Arg(2)->UseRealTime()->Unit(benchmark::kMillisecond);
 
 }  // namespace
 }  // namespace dsorb::init_orb

@@ -2,13 +2,7 @@
 #include "dsorb/init/initializer.h"
 
 #include "benchmark/rendered_frames.h"
-#include "init/orb/bundle/map_assembly.h"
-#include "init/orb/semi_dense/semi_dense_depth.h"
-#include "init/orb/thesis/geometric_adjustment.h"
-#include "init/orb/thesis/two_view.h"
-#include "init/orb/thesis/two_view_start.h"
 #include "init/orb/tracks/feature_tracks.h"
-#include "init/orb/two_view/decomposition.h"
 
 #include <cstddef>
 #include <stdexcept>
@@ -16,7 +10,6 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr std::uint64_t kSeed = 1;
 constexpr int kFrames = 20;  // more than a start needs
 
 const RenderedFrames& room() {
@@ -40,36 +33,16 @@ std::size_t framesNeeded(const InitializerOptions& options) {
   throw std::runtime_error("the room was not initialized");
 }
 
-CornerTracks tracksOf(const std::vector<FramePtr>& frames, const FeatureTrackOptions& options) {
-  FeatureTracks tracks(options);
-  tracks.start(*frames.front());
-  for (std::size_t i = 1; i < frames.size(); ++i) tracks.advance(*frames[i]);
-  return tracks.since(0);
-}
-
-/// What every stage of the start in the room begins with.
+/// Frames of the start in the room.
 struct Stages {
   Stages()
       : frames(room().frames.begin(),
                room().frames.begin() +
-                   static_cast<std::ptrdiff_t>(framesNeeded(optionsOf(InitializerKind::kOrb, 1)))),
-        tracks(tracksOf(frames, options.tracks)),
-        matches(tracks.matchesTo(tracks.frames() - 1)) {
-    const TwoViewMotion motion =
-        estimateMotion(matches, room().camera, options.model_choice, kSeed);
-    unposed = makeInitialMap(frames, tracks, motion.best);
-    triangulated = unposed;
-    poseFramesBetween(triangulated, room().camera, kCornerSigma);
-    adjusted = adjustGeometry(triangulated, room().camera, options.geometric).map;
+                   static_cast<std::ptrdiff_t>(framesNeeded(optionsOf(InitializerKind::kOrb, 1)))) {
   }
 
   OrbOptions options;
   std::vector<FramePtr> frames;
-  CornerTracks tracks;
-  Matches matches;
-  InitialMap unposed;       // two frames posed
-  InitialMap triangulated;  // all frames posed, nothing adjusted
-  InitialMap adjusted;
 };
 
 const Stages& stages() {
@@ -102,89 +75,6 @@ void tracksAdvance(benchmark::State& state) {
   state.counters["tracks"] = tracks.size();
 }
 BENCHMARK(tracksAdvance)->Arg(1)->UseRealTime()->MeasureProcessCPUTime();
-
-void twoViewModels(benchmark::State& state) {
-  const Stages& made = stages();  // outside the time
-  timeWithThreads(state, [&] { return fitModels(made.matches, kSeed).homographyShare(); });
-  state.counters["matches"] = static_cast<double>(made.matches.size());
-}
-BENCHMARK(twoViewModels)->Arg(1)->Arg(2)->UseRealTime()->MeasureProcessCPUTime();
-
-/// Models, choice, decomposition and refinement.
-void twoViewMotion(benchmark::State& state) {
-  const Stages& made = stages();  // outside the time
-  timeWithThreads(state, [&] {
-    return estimateMotion(made.matches, room().camera, made.options.model_choice, kSeed).inliers;
-  });
-}
-BENCHMARK(twoViewMotion)->Arg(1)->Arg(2)->UseRealTime()->MeasureProcessCPUTime();
-
-void poseBetween(benchmark::State& state) {
-  const Stages& made = stages();  // outside the time
-  timeWithThreads(state, [&] {
-    InitialMap map = made.unposed;
-    poseFramesBetween(map, room().camera, kCornerSigma);
-    return map.frames.size();
-  });
-}
-BENCHMARK(poseBetween)->Arg(1)->UseRealTime()->MeasureProcessCPUTime();
-
-/// The first adjustment moves everything, the second starts from the first one's result.
-void geometricAdjustment(benchmark::State& state,
-                         InitialMap Stages::*start,
-                         AdjustmentSolver solver) {
-  const Stages& made = stages();
-  GeometricOptions options = made.options.geometric;
-  options.solver = solver;
-  GeometricReport report;
-  timeWithThreads(state, [&] {
-    report = adjustGeometry(made.*start, room().camera, options).report;
-    return report.usable;
-  });
-  state.counters["corners"] = static_cast<double>((stages().*start).corners.size());
-  state.counters["frames"] = static_cast<double>(stages().frames.size());
-  state.counters["rounds"] = report.rounds;
-  state.counters["iterations"] = report.iterations;
-}
-BENCHMARK_CAPTURE(geometricAdjustment, first, &Stages::triangulated, AdjustmentSolver::kSchur)
-    ->Arg(1)
-    ->UseRealTime()
-    ->MeasureProcessCPUTime()
-    ->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(geometricAdjustment, second, &Stages::adjusted, AdjustmentSolver::kSchur)
-    ->Arg(1)
-    ->UseRealTime()
-    ->MeasureProcessCPUTime()
-    ->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(geometricAdjustment, first_ceres, &Stages::triangulated, AdjustmentSolver::kCeres)
-    ->Arg(1)
-    ->UseRealTime()
-    ->MeasureProcessCPUTime()
-    ->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(geometricAdjustment, second_ceres, &Stages::adjusted, AdjustmentSolver::kCeres)
-    ->Arg(1)
-    ->UseRealTime()
-    ->MeasureProcessCPUTime()
-    ->Unit(benchmark::kMillisecond);
-
-void semiDenseSearch(benchmark::State& state) {
-  const Stages& made = stages();  // outside the time
-  SemiDenseReport report;
-  timeWithThreads(state, [&] {
-    InitialMap map = made.adjusted;
-    report = estimateSemiDenseDepth(map, room().camera, made.options.semi_dense, kSeed);
-    return report.points;
-  });
-  state.counters["candidates"] = report.candidates;
-  state.counters["searches"] = report.searches;
-  state.counters["points"] = report.points;
-}
-BENCHMARK(semiDenseSearch)
-    ->Arg(1)
-    ->Arg(2)
-    ->UseRealTime()
-    ->MeasureProcessCPUTime()
-    ->Unit(benchmark::kMillisecond);
 
 /// The frame that completes a start; the frames before it are fed outside the time. Counters: the
 /// stages' milliseconds of the whole start.

@@ -5,6 +5,7 @@
 
 #include "support/init_run.h"
 #include "support/painted_frame.h"
+#include "support/published_variants.h"
 
 #include <gtest/gtest.h>
 

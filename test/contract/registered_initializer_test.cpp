@@ -3,6 +3,8 @@
 #include "dsorb/init/registry.h"
 #include "dsorb/io/config.h"
 
+#include "support/published_variants.h"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

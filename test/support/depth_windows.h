@@ -166,11 +166,9 @@ inline DepthWindow realWindow(const std::string& sequence, int first, int frames
   return window;
 }
 
-/// The map that the stages before the photometric ones make of a window, at the first frame where
-/// they do.
+/// The map that a start makes of a window, at the first frame where it does.
 inline std::optional<init_orb::InitialMap> mapOf(const DepthWindow& window,
-                                                 InitializerOptions options) {
-  options.orb.photometric.enabled = false;
+                                                 const InitializerOptions& options) {
   init_orb::ReferencePool pool(options.orb, options.max_waiting_mb);
   pool.start(window.frames.front());
   for (std::size_t k = 1; k < window.frames.size(); ++k) {

@@ -4,6 +4,7 @@
 #include "dsorb/init/initializer.h"
 
 #include "support/odometry_run.h"
+#include "support/published_variants.h"
 
 #include <gtest/gtest.h>
 

@@ -5,8 +5,8 @@
 
 #include "base/describe.h"
 #include "io/presets.h"
-#include "io/retired_keys.h"
 #include "io/yaml_assignments.h"
+#include "support/published_variants.h"
 #include "support/reference_coarse_options.h"
 #include "support/temporary_folder.h"
 #include "support/text_files.h"
@@ -182,44 +182,6 @@ TEST(Config, UnknownKeyNamesFileLineAndClosestKey) {
               HasSubstr("the closest valid key is 'initializer.orb.min_frames'"));
 }
 
-TEST(Config, RetiredKeySaysWhatBecameOfIt) {
-  EXPECT_THAT(
-      errorOf([] { loadText("initializer:\n  orb:\n    semi_dense:\n      patch: line\n"); }),
-      HasSubstr("test.yaml:4: key 'initializer.orb.semi_dense.patch' is gone: the patch is "
-                "always the 8-pixel pattern"));
-  EXPECT_THAT(errorOf([] { loadSet("line_error=normal"); }),
-              HasSubstr("--set: key 'initializer.orb.semi_dense.line_error' is gone"));
-}
-
-TEST(Config, EveryRetiredKeyIsRefusedAndNoneIsInUse) {
-  OdometryOptions options;
-  const std::vector<OptionField> fields = listFields(options);
-  const std::string changelog = readText(DSORB_CHANGELOG);
-  for (const io::RetiredKey& retired : io::retiredKeys()) {
-    EXPECT_THAT(changelog, HasSubstr(std::string("| `") + retired.key + "` |"));
-    EXPECT_THAT(
-        errorOf([&retired] { loadSet(std::string(retired.key) + "=1"); }),
-        AllOf(HasSubstr(std::string("key '") + retired.key + "'"), HasSubstr(retired.fate)));
-    for (const OptionField& field : fields) {
-      EXPECT_NE(field.key, retired.key);
-      EXPECT_FALSE(io::isEndOfKey(retired.key, field.key)) << retired.key << " " << field.key;
-    }
-  }
-}
-
-TEST(Config, RetiredKeysThatMovedNameAKeyInUse) {
-  const std::string moved = "is now the option '";
-  int count = 0;
-  for (const io::RetiredKey& retired : io::retiredKeys()) {
-    const std::string fate = retired.fate;
-    if (fate.compare(0, moved.size(), moved) != 0) continue;
-    const std::string key = fate.substr(moved.size(), fate.find('\'', moved.size()) - moved.size());
-    EXPECT_THAT(errorOf([&key] { loadSet(key + "="); }), HasSubstr("must be")) << retired.key;
-    ++count;
-  }
-  EXPECT_GT(count, 5);
-}
-
 TEST(Config, OutOfRangeAndWrongTypeNameTheRange) {
   EXPECT_THAT(errorOf([] { loadText("num_threads: -1\n"); }),
               AllOf(HasSubstr("test.yaml:1: num_threads = '-1'"),
@@ -231,8 +193,8 @@ TEST(Config, OutOfRangeAndWrongTypeNameTheRange) {
   }
   EXPECT_THAT(errorOf([] { loadSet("orb.geometric.sigma=nan"); }),
               HasSubstr("must be a number in"));
-  EXPECT_THAT(errorOf([] { loadSet("orb.semi_dense.fusion=best"); }),
-              HasSubstr("must be one of product, most_precise"));
+  EXPECT_THAT(errorOf([] { loadSet("orb.geometric.loss=best"); }),
+              HasSubstr("must be one of huber, cauchy"));
 }
 
 TEST(Config, UnknownVariantAndPresetNameThoseThereAre) {

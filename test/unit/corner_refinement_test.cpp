@@ -5,7 +5,6 @@
 #include "base/random.h"
 #include "estimate/warp.h"
 #include "init/orb/bundle/map_assembly.h"
-#include "init/orb/thesis/geometric_adjustment.h"
 #include "support/assign_map.h"
 #include "support/matchers.h"
 #include "support/plane_scene.h"
@@ -146,7 +145,7 @@ Matrix6d covarianceBetween(DisturbedMap& made, double disturbance) {
   GeometricOptions geometric;
   geometric.sigma = disturbance;
   made.map.frames[2].T_cam_ref.reset();
-  EXPECT_TRUE(assign(adjustGeometry(made.map, camera, geometric), made.map).usable);
+  EXPECT_TRUE(adjust(made.map, camera, geometric));
   const std::vector<std::size_t> others = poseOtherFrames(made.map, camera);
   EXPECT_EQ(others, std::vector<std::size_t>{2});
   refinePoses(made.map, camera, geometric, others);

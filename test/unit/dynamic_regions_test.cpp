@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/semi_dense/dynamic_regions.h"
+#include "init/orb/dynamic_regions.h"
 
 #include "base/random.h"
 

@@ -47,39 +47,16 @@ TEST(FeatureMatches, FindAShiftedSceneAgain) {
   EXPECT_LT(errors[errors.size() * 9 / 10], 3.0F);
 }
 
-TEST(FeatureMatches, RefinementReachesAFractionOfAPixel) {
-  FeatureMatches matches;
-  const std::vector<Eigen::Vector2f> reference = matches.start(*paintMatches(0, blobs(1)));
-  const std::vector<Eigen::Vector2f> found = matches.find(*paintMatches(1, shiftedScene(1)));
-  std::vector<float> errors;
-  for (std::size_t i = 0; i < reference.size(); ++i) {
-    if (isSeen(found[i])) errors.push_back((found[i] - reference[i] - kShift).norm());
-  }
-  std::sort(errors.begin(), errors.end());
-  ASSERT_GT(errors.size(), 100U);
-  EXPECT_LT(errors[errors.size() / 2], 0.02F);  // measured 0.008 and 0.013; margin x2
-  EXPECT_LT(errors[errors.size() * 9 / 10], 0.03F);
-}
-
-TEST(FeatureMatches, OfAnotherSceneAreFew) {
-  FeatureMatches matches;
-  const std::size_t features = matches.start(*paintMatches(0, blobs(1))).size();
-  const std::vector<Eigen::Vector2f> found = matches.find(*paintMatches(1, blobs(2)));
-  EXPECT_LT(static_cast<double>(std::count_if(found.begin(), found.end(), isSeen)),
-            0.014 * static_cast<double>(features));  // measured 0.007; margin x2
-}
-
 TEST(FeatureMatches, SpreadTheFeaturesOverTheImage) {
   // One quarter of the image has five times the contrast of the others.
   const Paint scene = [base = blobs(3)](float x, float y) {
     const float contrast = x < kMatchWidth && y < kMatchHeight ? 1.0F : 0.2F;
     return 128.0F + contrast * (base(x, y) - 128.0F);
   };
-  FeatureMatches matches;
-  const std::vector<Eigen::Vector2f> found =
-      matches.start(*paintFrame(0, 2 * kMatchWidth, 2 * kMatchHeight, scene));
-  const auto loud = std::count_if(found.begin(), found.end(), [](const Eigen::Vector2f& p) {
-    return p.x() < kMatchWidth && p.y() < kMatchHeight;
+  const FramePtr frame = paintFrame(0, 2 * kMatchWidth, 2 * kMatchHeight, scene);
+  const std::vector<cv::KeyPoint> found = findFeatures(greyImage(frame->level(0), 1, 15)).points;
+  const auto loud = std::count_if(found.begin(), found.end(), [](const cv::KeyPoint& p) {
+    return p.pt.x < kMatchWidth && p.pt.y < kMatchHeight;
   });
   ASSERT_GT(found.size(), 1000U);
   EXPECT_LE(loud, 1000);  // 20 of 80 cells, each twice its share; unspread all are there
@@ -90,10 +67,9 @@ TEST(FeatureMatches, KeepAwayFromInvalidPixels) {
   const Paint scene = [base = blobs(4), nan](float x, float y) {
     return x > 100 && x < 200 ? nan : base(x, y);
   };
-  FeatureMatches matches;
-  const std::vector<Eigen::Vector2f> found = matches.start(*paintMatches(0, scene));
+  const std::vector<cv::KeyPoint> found = featuresOf(scene).points;
   ASSERT_FALSE(found.empty());
-  for (const Eigen::Vector2f& point : found) EXPECT_TRUE(point.x() < 100 || point.x() > 200);
+  for (const cv::KeyPoint& point : found) EXPECT_TRUE(point.pt.x < 100 || point.pt.x > 200);
 }
 
 TEST(FeatureMatches, PartnersAreMutual) {
@@ -125,12 +101,6 @@ TEST(FeatureMatches, ArePartnersByOpenCvsMatcherToo) {
         best.distance <= static_cast<float>(kMaxDistance);
     EXPECT_EQ(partner[i], expected ? best.trainIdx : -1) << "feature " << i;
   }
-}
-
-TEST(FeatureMatches, OfNothingAreNone) {
-  FeatureMatches matches;
-  EXPECT_TRUE(matches.start(*paintMatches(0, [](float, float) { return 90.0F; })).empty());
-  EXPECT_TRUE(matches.find(*paintMatches(1, blobs(6))).empty());
 }
 
 }  // namespace

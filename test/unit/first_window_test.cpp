@@ -3,6 +3,7 @@
 
 #include "dsorb/options/initializer.h"
 
+#include "init/orb/neighbour_disagreement.h"
 #include "init/orb/start/essential_start.h"
 #include "support/depth_windows.h"
 
@@ -11,6 +12,7 @@
 #include <cstdint>
 #include <optional>
 #include <utility>
+#include <vector>
 
 namespace dsorb::init_orb {
 namespace {
@@ -33,6 +35,28 @@ std::optional<Reconstruction> cornersOf(const DepthWindow& window, const Attempt
   EssentialStart start = startFromEssential(pool.view(0), context);
   if (!start.made) return std::nullopt;
   return std::move(*start.made);
+}
+
+TEST(NeighbourDisagreement, IsLargeForALonePointAndSmallBesideADepthEdge) {
+  std::vector<Eigen::Vector2f> pixels;
+  std::vector<double> inverse_depths;
+  for (int y = 0; y < 100; y += 8) {
+    for (int x = 0; x < 100; x += 8) {
+      pixels.emplace_back(static_cast<float>(x), static_cast<float>(y));
+      inverse_depths.push_back(x < 50 ? 1.0 : 2.0);
+    }
+  }
+  const std::size_t alone = 30;
+  inverse_depths[alone] = 6;
+  const std::vector<double> disagreement = neighbourDisagreement(pixels, inverse_depths, 60);
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    if (i == alone) {
+      EXPECT_GT(disagreement[i], 1.0);
+    } else {
+      EXPECT_LT(disagreement[i], 1e-12) << i;
+    }
+  }
+  EXPECT_EQ(neighbourDisagreement({{0, 0}, {1, 1}}, {1, 5}, 60), (std::vector<double>{0, 0}));
 }
 
 TEST(FirstWindow, PointsAreAsGoodAsTheirVariancesSay) {

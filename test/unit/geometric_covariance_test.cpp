@@ -2,8 +2,7 @@
 #include "init/orb/bundle/geometric_covariance.h"
 
 #include "base/median.h"
-#include "init/orb/thesis/ceres/reprojection_cost.h"
-#include "init/orb/thesis/geometric_adjustment.h"
+#include "published/bundle_adjustment.h"
 #include "support/assign_map.h"
 #include "support/formal_covariance.h"
 #include "support/jacobian_check.h"
@@ -28,12 +27,11 @@ TEST(GeometricCovariance, VariancesPredictTheErrorsOfNoisyObservations) {
   std::vector<double> pose_ratios;
   for (std::uint64_t seed = 10; seed < 30; ++seed) {
     SyntheticMap scene = makeSyntheticMap({200, 4, 0.3, 0.1}, seed);
-    const GeometricReport report =
-        assign(adjustGeometry(scene.start, scene.camera, huber()), scene.start);
-    ASSERT_TRUE(report.usable);
+    const auto factor = adjust(scene.start, scene.camera, huber());
+    ASSERT_TRUE(factor);
     setFormalCovariances(scene.start, scene.camera, huber());
     ASSERT_EQ(scene.start.corners.size(), scene.truth.corners.size());
-    EXPECT_NEAR(report.variance_factor, 0.09, 0.02);  // noise^2; 800 degrees of freedom: 5 %
+    EXPECT_NEAR(*factor, 0.09, 0.02);  // noise^2; 800 degrees of freedom: 5 %
     // Truth in the gauge of the estimate: its noise moved the mean inverse depth.
     for (std::size_t i = 0; i < scene.truth.corners.size(); ++i) {
       const Corner& corner = scene.start.corners[i];
@@ -87,12 +85,10 @@ TEST(GeometricCovariance, EqualsTheDensePseudoInverseInTheSameGauge) {
   SyntheticMap scene = makeSyntheticMap({60, 4, 0.2, 0}, 6);
   GeometricOptions options = huber();
   options.loss_threshold = 1000;  // the referee has no weights
-  const GeometricReport report =
-      assign(adjustGeometry(scene.start, scene.camera, options), scene.start);
-  ASSERT_TRUE(report.usable);
+  const auto factor = adjust(scene.start, scene.camera, options);
+  ASSERT_TRUE(factor);
   setFormalCovariances(scene.start, scene.camera, options);
-  const Eigen::MatrixXd expected =
-      report.variance_factor * denseCovariance(scene.start, scene.camera);
+  const Eigen::MatrixXd expected = *factor * denseCovariance(scene.start, scene.camera);
   for (int k = 1; k < 4; ++k) {
     const Eigen::MatrixXd block = expected.block(6 * (k - 1), 6 * (k - 1), 6, 6);
     EXPECT_LT(
@@ -133,7 +129,9 @@ class FixedMean final : public ceres::CostFunction {
 class SparseQrReferee {
  public:
   SparseQrReferee(const InitialMap& map, const PinholeCamera& camera) {
-    for (const PosedFrame& frame : map.frames) poses_.push_back(toBlock(*frame.T_cam_ref));
+    for (const PosedFrame& frame : map.frames) {
+      poses_.push_back(published::toBlock(*frame.T_cam_ref));
+    }
     std::vector<double*> depths;
     for (const Corner& corner : map.corners) {
       depths_.push_back(corner.inverse_depth);
@@ -142,12 +140,14 @@ class SparseQrReferee {
     for (const CornerObservation& o : map.observations) {
       const std::size_t corner = o.corner;
       const Eigen::Vector3d ray = camera.unproject(map.corners[corner].pixel);
-      costs_.emplace_back(camera, ray, o.pixel, o.whitening);
       double* pose = poses_[o.frame].data();
-      problem_.AddResidualBlock(&costs_.back(), nullptr, pose, depths[corner]);
-      setManifold(problem_, pose, manifold_);
+      problem_.AddResidualBlock(
+          new published::ReprojectionCost(camera, ray, o.pixel), nullptr, pose, depths[corner]);
     }
-    problem_.AddResidualBlock(&gauge_, nullptr, depths);
+    for (std::size_t k = 1; k < poses_.size(); ++k) {
+      published::setPoseManifold(problem_, poses_[k].data());
+    }
+    problem_.AddResidualBlock(new FixedMean(depths.size(), kStiff), nullptr, depths);
     ceres::Covariance::Options options;
     options.algorithm_type = ceres::SPARSE_QR;
     options.sparse_linear_algebra_library_type = ceres::SUITE_SPARSE;
@@ -173,21 +173,11 @@ class SparseQrReferee {
   }
 
  private:
-  static ceres::Problem::Options borrowing() {
-    ceres::Problem::Options options;
-    options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-    borrowManifolds(options);
-    return options;
-  }
-
   static constexpr double kStiff =
       1e7;  // a variance of the mean far below those of the inverse depths
-  std::vector<PoseBlock> poses_;
+  std::vector<published::PoseBlock> poses_;
   std::deque<double> depths_;
-  std::deque<ReprojectionCost> costs_;
-  PoseManifold manifold_;
-  FixedMean gauge_{200, kStiff};
-  ceres::Problem problem_{borrowing()};
+  ceres::Problem problem_;
   std::unique_ptr<ceres::Covariance> covariance_;
   bool usable_ = false;
 };
@@ -196,20 +186,19 @@ TEST(GeometricCovariance, EqualsSparseQrOfCeres) {
   SyntheticMap scene = makeSyntheticMap({200, 5, 0.2, 0}, 9);
   GeometricOptions options = huber();
   options.loss_threshold = 1000;  // the referee has no weights
-  const GeometricReport report =
-      assign(adjustGeometry(scene.start, scene.camera, options), scene.start);
-  ASSERT_TRUE(report.usable);
+  const auto factor = adjust(scene.start, scene.camera, options);
+  ASSERT_TRUE(factor);
   setFormalCovariances(scene.start, scene.camera, options);
   ASSERT_EQ(scene.start.corners.size(), 200U);
   const SparseQrReferee referee(scene.start, scene.camera);
   ASSERT_TRUE(referee.usable());
   // Measured at most 2e-10, poses and depths; margin x5.
   for (std::size_t k = 1; k < scene.start.frames.size(); ++k) {
-    const Matrix6d expected = report.variance_factor * referee.pose(k);
+    const Matrix6d expected = *factor * referee.pose(k);
     EXPECT_LT(relativeDifference(*scene.start.frames[k].covariance, expected), 1e-9) << k;
   }
   for (std::size_t i = 0; i < 200; ++i) {
-    const double expected = report.variance_factor * referee.depth(i);
+    const double expected = *factor * referee.depth(i);
     EXPECT_NEAR(scene.start.corners[i].variance / expected, 1, 1e-9) << i;
   }
 }
@@ -220,7 +209,7 @@ double medianPoseRatio(bool formal) {
   for (std::uint64_t seed = 40; seed < 70; ++seed) {
     SyntheticMap scene = makeSyntheticMap({600, 4, 0.1, 0}, seed);
     addSharedErrors(scene, 0.3, seed);
-    EXPECT_TRUE(assign(adjustGeometry(scene.start, scene.camera, huber()), scene.start).usable);
+    EXPECT_TRUE(adjust(scene.start, scene.camera, huber()));
     if (formal) setFormalCovariances(scene.start, scene.camera, huber());
     const Vector6d error =
         (*scene.truth.frames[3].T_cam_ref * scene.start.frames[3].T_cam_ref->inverse()).log();

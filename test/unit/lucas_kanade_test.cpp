@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/tracks/lucas_kanade.h"
 
-#include "init/orb/tracks/opencv_flow.h"
 #include "support/painted_frame.h"
 
 #include <gtest/gtest.h>
+#include <opencv2/video/tracking.hpp>
 
 #include <algorithm>
 #include <cmath>
@@ -119,7 +119,10 @@ TEST(LucasKanade, FindsWhatOpenCvFinds) {
     }
   }
   std::vector<cv::Point2f> theirs;
-  const auto found = followWithOpenCv(eightBit(scene), eightBit(moved), places, {}, theirs);
+  std::vector<unsigned char> found;
+  const cv::TermCriteria stop(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 30, 0.01);
+  cv::calcOpticalFlowPyrLK(
+      eightBit(scene), eightBit(moved), places, theirs, found, cv::noArray(), {21, 21}, 4, stop);
   LucasKanade lucas_kanade({});
   float worst = 0;
   float worst_error = 0;

@@ -5,7 +5,6 @@
 #include "base/random.h"
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/bundle/reprojection_equations.h"
-#include "init/orb/thesis/geometric_adjustment.h"
 #include "support/assign_map.h"
 #include "support/formal_covariance.h"
 #include "support/jacobian_check.h"
@@ -44,7 +43,7 @@ Ratios measure(const SyntheticMapOptions& kind, double shared, bool formal) {
     for (int k = 1; k < kPosedFrames; ++k) {
       if (!isAdjusted(k)) map.frames[static_cast<std::size_t>(k)].T_cam_ref.reset();
     }
-    EXPECT_TRUE(assign(adjustGeometry(map, scene.camera, huber()), map).usable);
+    EXPECT_TRUE(adjust(map, scene.camera, huber()));
     if (formal) setFormalCovariances(map, scene.camera, huber());
     EXPECT_EQ(map.corners.size(), scene.truth.corners.size());  // else the gauge is another
     poseOtherFrames(map, scene.camera);
@@ -93,7 +92,7 @@ TEST(PoseCovariance, ResponseIsThatOfAPoseFittedToTheMovedStructure) {
   for (int k = 1; k < kPosedFrames; ++k) {
     if (!isAdjusted(k)) map.frames[static_cast<std::size_t>(k)].T_cam_ref.reset();
   }
-  ASSERT_TRUE(assign(adjustGeometry(map, scene.camera, huber()), map).usable);
+  ASSERT_TRUE(adjust(map, scene.camera, huber()));
   poseOtherFrames(map, scene.camera);
   const InheritedPoseError inherited(map, scene.camera, huber());
   const PoseRows rows(map, map.joint_frames);
@@ -152,7 +151,7 @@ TEST(PoseCovariance, InterpolatedPoseIsAsUncertainAsTheMotionAroundIt) {
   for (int k = 1; k < kPosedFrames; ++k) {
     if (!isAdjusted(k)) map.frames[static_cast<std::size_t>(k)].T_cam_ref.reset();
   }
-  ASSERT_TRUE(assign(adjustGeometry(map, scene.camera, huber()), map).usable);
+  ASSERT_TRUE(adjust(map, scene.camera, huber()));
   for (const int k : {1, 5}) {
     const auto before = static_cast<std::size_t>(k - 1);
     const auto after = static_cast<std::size_t>(k + 1);

@@ -57,8 +57,8 @@ class Initializer {
 };
 
 /// The initializer that the options name.
-/// @throws ConfigError on options out of range, on what needs a build with Ceres and on the name of
-///         a registered kind that is not there; IoError on a feature network that cannot be read;
+/// @throws ConfigError on options out of range and on the name of a registered kind that is not
+///         there; IoError on a feature network that cannot be read;
 ///         std::invalid_argument on an impossible camera and on a size with too few pyramid levels
 std::unique_ptr<Initializer> makeInitializer(const InitializerOptions& options,
                                              const PinholeCamera& camera);

@@ -31,14 +31,14 @@ struct InitReport {
   /// That the direction of translation is off by more than GateOptions::wrong_angle_deg.
   std::optional<double> wrong_probability;
   std::optional<DirectReport> direct;           ///< `coarse`
-  std::optional<TwoViewReport> two_view;        ///< MotionMethod::kGladkova
-  std::optional<EssentialReport> essential;     ///< MotionMethod::kEssential
+  std::optional<TwoViewReport> two_view;        ///< published variants
+  std::optional<EssentialReport> essential;     ///< `orb`
   std::optional<DepthPriorReport> depth_prior;  ///< FramePriors::depth of the reference
   std::optional<bool> pose_prior;               ///< FramePriors::pose: taken (true) or contradicted
-  std::optional<SemiDenseReport> semi_dense;    ///< `orb` and its variants
+  std::optional<SemiDenseReport> semi_dense;    ///< the published variants
   std::optional<DynamicRegionsReport> dynamic_regions;  ///< OrbOptions::remove_moving
-  std::optional<PhotometricReport> photometric;         ///< PhotometricOptions::enabled
-  std::optional<OutlierReport> outliers;                ///< unless OutlierRule::kNone
+  std::optional<PhotometricReport> photometric;         ///< the published variants
+  std::optional<OutlierReport> outliers;                ///< the published variants
   std::optional<PhotometricReport> second_photometric;  ///< after the outliers are gone
   std::optional<int> corners;                           ///< number of corners in the result
   std::optional<bool> optical_flow;  ///< matches by optical flow, not by descriptors

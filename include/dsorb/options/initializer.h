@@ -4,6 +4,7 @@
 #include "dsorb/options/coarse.h"
 #include "dsorb/options/field.h"
 #include "dsorb/options/orb.h"
+#include "dsorb/options/published.h"
 #include "dsorb/options/skip.h"
 
 #include <string>
@@ -26,9 +27,10 @@ struct InitializerOptions {
   int num_threads = 1;                           ///< 0: all the machine has
   /// Of the frames that wait for a start. docs/experiments.md, "Resolution"
   int max_waiting_mb = 64;
-  CoarseOptions coarse;         ///< of kCoarse
-  OrbOptions orb;               ///< of kOrb
-  Skips skip{};                 ///< left out, of the engine as well; for measurements
+  CoarseOptions coarse;        ///< of kCoarse
+  OrbOptions orb;              ///< of kOrb
+  PublishedOptions published;  ///< of `orb-v1` to `orb-v3` and `orb-matching`, kRegistered
+  Skips skip{};                ///< left out, of the engine as well; for measurements
 };
 
 /// Field list; see DescribeFor.
@@ -44,14 +46,14 @@ DescribeFor<Options, InitializerOptions> describe(Visitor& visit, Options& o) {
   visit.field("max_waiting_mb", o.max_waiting_mb, Range{1, 1000000}, "MiB");
   visit.group("coarse", o.coarse);
   visit.group("orb", o.orb);
+  visit.group("published", o.published);
 }
 
-/// Names of the variants of this build as on the command line ("orb", "orb-v1"), then those of
-/// registered kinds.
+/// Names of the variants as on the command line: "coarse", "orb", then those of registered kinds.
 [[nodiscard]] std::vector<std::string> initializerVariants();
 
 /// Options of a named variant.
-/// @throws ConfigError naming the variants there are, or that this one needs a build with Ceres
+/// @throws ConfigError naming the variants there are, or where this one comes from
 [[nodiscard]] InitializerOptions initializerVariant(const std::string& name);
 
 }  // namespace dsorb

@@ -6,16 +6,9 @@
 
 namespace dsorb {
 
-/// Implementation of pyramidal Lucas-Kanade.
-enum class OpticalFlow {
-  kDsorb,  ///< in single precision, without rounding intensities and positions
-  kOpenCv  ///< cv::calcOpticalFlowPyrLK, as [Gladkova]
-};
-
 /// Corners of the reference, followed from frame to frame.
 struct FeatureTrackOptions {
-  OpticalFlow flow = OpticalFlow::kDsorb;  ///< that follows the corners
-  int max_corners = 1000;                  ///< of a reference
+  int max_corners = 1000;         ///< of a reference
   double corner_quality = 0.003;  ///< corner strength relative to the strongest of the image
   int max_level = 4;              ///< coarsest pyramid level of Lucas-Kanade
   double min_eigenvalue = 0.3;    ///< texture of a patch: smaller one of its mean gradient tensor
@@ -24,18 +17,11 @@ struct FeatureTrackOptions {
 /// Field list; see DescribeFor.
 template <typename Visitor, typename Options>
 DescribeFor<Options, FeatureTrackOptions> describe(Visitor& visit, Options& o) {
-  visit.choice("flow", o.flow, {{"dsorb", OpticalFlow::kDsorb}, {"opencv", OpticalFlow::kOpenCv}});
   visit.field("max_corners", o.max_corners, Range{50, 20000}, "corners");
   visit.field("corner_quality", o.corner_quality, Range{1e-5, 1}, "");
   visit.field("max_level", o.max_level, Range{0, 8}, "levels");
   visit.field("min_eigenvalue", o.min_eigenvalue, Range{0, 1e4}, "grey levels^2 / px^2");
 }
-
-/// How ORBInitializer finds poses and corners.
-enum class MotionMethod {
-  kGladkova,  ///< homography against fundamental matrix, gates on the number of frames and points
-  kEssential  ///< essential matrix and adjustment, gate on the probability of a wrong direction
-};
 
 /// When a start is sure enough.
 /// @source docs/experiments.md, "When to start"
@@ -53,21 +39,8 @@ DescribeFor<Options, GateOptions> describe(Visitor& visit, Options& o) {
   visit.field("max_depth_sigma", o.max_depth_sigma, Range{0, 10}, "");
 }
 
-/// Which of two models explains the matches.
-enum class ModelChoice {
-  kScore,   ///< by the homography's share of both scores
-  kInliers  ///< the one with more inliers
-};
-
-/// How points of the reference are found again in later frames.
-enum class OrbFrontEnd {
-  kTracks,      ///< corners followed from frame to frame by optical flow
-  kDescriptors  ///< ORB features matched with the reference's by their descriptors
-};
-
 /// Options of ORBInitializer, one nested struct a stage.
 struct OrbOptions {
-  OrbFrontEnd front_end = OrbFrontEnd::kTracks;  ///< where matches come from
   /// Before the first attempt, including the reference. Between two frames depths take up whatever
   /// errors run along the epipolar lines; the third contradicts them.
   int min_frames = 3;
@@ -75,42 +48,21 @@ struct OrbOptions {
   int min_tracked = 25;        ///< live tracks below which a reference is given up
   int reference_interval = 5;  ///< frames from one reference to the next; 0: only one at a time
   FeatureTrackOptions tracks;  ///< corners and how they are followed
-  MotionMethod motion = MotionMethod::kEssential;     ///< first poses
-  GateOptions gate;                                   ///< when a start is sure enough
-  ModelChoice model_choice = ModelChoice::kScore;     ///< of MotionMethod::kGladkova
-  GeometricOptions geometric;                         ///< adjustment of the corners
-  SemiDenseOptions semi_dense;                        ///< points beside the corners
-  PhotometricOptions photometric;                     ///< adjustment of all points
-  OutlierRule outlier_rule = OutlierRule::kCombined;  ///< afterwards
-  bool remove_moving = true;  ///< drops points where tracks contradict the camera's motion
+  GateOptions gate;            ///< when a start is sure enough
+  GeometricOptions geometric;  ///< adjustment of the corners
+  bool remove_moving = true;   ///< drops points where tracks contradict the camera's motion
 };
 
 /// Field list; see DescribeFor.
 template <typename Visitor, typename Options>
 DescribeFor<Options, OrbOptions> describe(Visitor& visit, Options& o) {
-  visit.choice("front_end",
-               o.front_end,
-               {{"tracks", OrbFrontEnd::kTracks}, {"descriptors", OrbFrontEnd::kDescriptors}});
   visit.field("min_frames", o.min_frames, Range{2, 100}, "frames");
   visit.field("max_frames", o.max_frames, Range{2, 1000}, "frames");
   visit.field("min_tracked", o.min_tracked, Range{8, 20000}, "corners");
   visit.field("reference_interval", o.reference_interval, Range{0, 1000}, "frames");
   visit.group("tracks", o.tracks);
-  visit.choice("motion",
-               o.motion,
-               {{"gladkova", MotionMethod::kGladkova}, {"essential", MotionMethod::kEssential}});
   visit.group("gate", o.gate);
-  visit.choice("model_choice",
-               o.model_choice,
-               {{"score", ModelChoice::kScore}, {"inliers", ModelChoice::kInliers}});
   visit.group("geometric", o.geometric);
-  visit.group("semi_dense", o.semi_dense);
-  visit.group("photometric", o.photometric);
-  visit.choice("outlier_rule",
-               o.outlier_rule,
-               {{"none", OutlierRule::kNone},
-                {"pixel_votes", OutlierRule::kPixelVotes},
-                {"combined", OutlierRule::kCombined}});
   visit.field("remove_moving", o.remove_moving);
 }
 

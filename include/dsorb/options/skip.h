@@ -11,7 +11,6 @@ namespace dsorb {
 /// measure what each is worth (scripts/ablations.py). They are no part of the configuration.
 enum class Mechanism : std::uint8_t {
   kPool,
-  kFlow,
   kFar,
   kBlank,
   kStuck,
@@ -29,9 +28,6 @@ enum class Mechanism : std::uint8_t {
   kPlane,
   kCameraQuestion,
   kReadoutProfile,
-  kSemiDense,
-  kPhotometric,
-  kOutlierFilter,
   kFramesBetween,
   kJudge,
   kFillUp,

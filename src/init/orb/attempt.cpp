@@ -6,17 +6,11 @@
 #include "base/median.h"
 #include "init/orb/bundle/corner_refinement.h"
 #include "init/orb/bundle/map_assembly.h"
+#include "init/orb/dynamic_regions.h"
 #include "init/orb/first_window.h"
-#include "init/orb/map/depth_lookup.h"
-#include "init/orb/photometric/outlier_filter.h"
-#include "init/orb/photometric/photometric_adjustment.h"
-#include "init/orb/photometric/photometric_covariance.h"
-#include "init/orb/semi_dense/dynamic_regions.h"
-#include "init/orb/semi_dense/semi_dense_depth.h"
 #include "init/orb/start/essential_start.h"
 #include "init/orb/start/readout_profile.h"
 #include "init/orb/start/start_gate.h"
-#include "init/orb/thesis/two_view_start.h"
 #include "init/orb/two_view/stuck_tracks.h"
 #include "init/result.h"
 
@@ -28,93 +22,25 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kMinPoints = 50;  // semi-dense ones; fewer: the attempt fails
-
-/// Known depths of the reference where the start is made of them.
-KnownDepths knownDepths(const InitialMap& map, const InitReport& report) {
-  if (!map.scaleKnown()) return {};
-  const DepthLookup lookup(
-      *map.frames.front().frame->priors()->depth, map.metres, report.depth_prior->inflation);
-  return [lookup](const Eigen::Vector2f& pixel) { return lookup.at(pixel); };
-}
-
-/// Adds semi-dense inverse depths of the reference, leaving out regions that move by themselves.
-Outcome<Reconstruction> addSemiDense(Reconstruction made,
-                                     const ReferenceView& view,
-                                     const AttemptContext& context) {
-  InitialMap& map = made.map;
-  InitReport& report = made.report;
-  const OrbOptions& orb = context.options.orb;
-  std::optional<DynamicRegions> moving;
-  if (orb.remove_moving && !context.options.skip.has(Mechanism::kDynamic)) {
-    context.clock.time("moving", [&] { moving.emplace(map, view.tracks, context.camera); });
-    report.dynamic_regions = {moving->contradicting(), moving->removeCorners(map)};
-  }
-  if (context.options.skip.has(Mechanism::kSemiDense)) return made;
-  report.semi_dense = context.clock.time("semi_dense", [&] {
-    return estimateSemiDenseDepth(
-        map, context.camera, orb.semi_dense, context.seed(), knownDepths(map, report));
-  });
-  if (moving) report.dynamic_regions->removed += moving->removePoints(map);
-  if (static_cast<int>(map.points.size()) < kMinPoints) {
-    return InitReason::kTooFewPoints;
-  }
-  if (orb.semi_dense.max_points > 0) keepBestPoints(map, orb.semi_dense.max_points);
-  return made;
-}
-
-Outcome<Reconstruction> addWindow(Reconstruction made,
+/// Fills the start up with points, leaving out regions that move by themselves.
+Outcome<Reconstruction> addPoints(Reconstruction made,
                                   const ReferenceView& view,
                                   const AttemptContext& context) {
-  std::optional<DynamicRegions> moving;
-  if (context.options.orb.remove_moving && !context.options.skip.has(Mechanism::kDynamic)) {
-    context.clock.time("moving", [&] { moving.emplace(made.map, view.tracks, context.camera); });
-    made.report.dynamic_regions = {moving->contradicting(), moving->removeCorners(made.map)};
+  if (!context.options.orb.remove_moving || context.options.skip.has(Mechanism::kDynamic)) {
+    return fillFirstWindow(std::move(made), context);
   }
+  std::optional<DynamicRegions> dynamic;
+  context.clock.time("dynamic", [&] { dynamic.emplace(made.map, view.tracks, context.camera); });
+  const int corners = dynamic->removeCorners(made.map);
   auto filled = fillFirstWindow(std::move(made), context);
-  if (filled && moving) {
-    filled->report.dynamic_regions->removed += moving->removePoints(filled->map);
-  }
+  if (!filled) return filled;
+  filled->report.dynamic_regions = {dynamic->contradicting(),
+                                    corners + dynamic->removePoints(filled->map)};
   return filled;
 }
 
-/// Runs the photometric adjustment, the outlier filter and the second adjustment that the options
-/// ask for.
-Outcome<Reconstruction> adjustImages(Reconstruction made, const AttemptContext& context) {
-  InitialMap& map = made.map;
-  InitReport& report = made.report;
-  const OrbOptions& orb = context.options.orb;
-  if (!orb.photometric.enabled || context.options.skip.has(Mechanism::kPhotometric)) return made;
-  PhotometricProblem problem = context.clock.time(
-      "photometric", [&] { return makeProblem(map, context.camera, orb.photometric); });
-  const auto adjust = [&](const PhotometricOptions& options) {
-    return context.clock.time(
-        "photometric", [&] { return adjustPhotometry(map, problem, context.camera, options); });
-  };
-  PhotometricOptions first = orb.photometric;
-  const bool filter = orb.outlier_rule != OutlierRule::kNone &&
-                      !context.options.skip.has(Mechanism::kOutlierFilter);
-  if (filter && first.poses == PhotometricPoses::kCombined) first.poses = PhotometricPoses::kFixed;
-  report.photometric = adjust(first);
-  if (!report.photometric->usable) return InitReason::kPoorQuality;
-  if (filter) {
-    report.outliers = context.clock.time(
-        "filter", [&] { return removeOutliers(map, problem, orb.outlier_rule); });
-    report.second_photometric = adjust(orb.photometric);
-    if (!report.second_photometric->usable) return InitReason::kPoorQuality;
-  }
-  const bool free = orb.photometric.poses == PhotometricPoses::kFree;
-  auto known = context.clock.time("variances", [&] {
-    return withPhotometricVariances(std::move(map), std::move(problem), free);
-  });
-  if (!known) return InitReason::kPoorQuality;
-  made.map = std::move(*known);
-  return made;
-}
-
-/// A map that has lost half of the tracks to moving regions and the filter is none to start with,
-/// however sure the rest looks.
-/// @source docs/experiments.md, "When to start"
+/// A map that has lost half of its tracks to dynamic regions and to neighbours that contradict them
+/// is none to start with, however sure the rest looks.
 Outcome<Reconstruction> refuseRemains(Reconstruction made) {
   if (!hasEnoughCorners(made.map, made.report.essential->tracks)) return InitReason::kPoorQuality;
   return made;
@@ -130,19 +56,6 @@ Outcome<Reconstruction> poseOtherFrames(Reconstruction made, const AttemptContex
     }
   });
   return made;
-}
-
-/// Reconstruction of the published variants: two-view geometry by homography or fundamental matrix,
-/// then adjustments of all frames.
-/// @source [Gladkova], algorithm 1
-Outcome<Reconstruction> reconstructAsGladkova(const ReferenceView& view,
-                                              const AttemptContext& context) {
-  using Made = Reconstruction;
-  return startFromTwoViews(view, context)
-      .then([&](Made made) { return adjustCorners(std::move(made), context); })
-      .then([&](Made made) { return addSemiDense(std::move(made), view, context); })
-      .then([&](Made made) { return adjustCorners(std::move(made), context); })
-      .then([&](Made made) { return adjustImages(std::move(made), context); });
 }
 
 /// Reconstruction of `orb`: essential matrix, adjustment of a few frames, a gate, refined corners;
@@ -172,16 +85,8 @@ Attempt reconstruct(ReferenceView seen, const AttemptContext& context) {
     start.made->map.stuck = stuck;
     start.made->report.essential->stuck_tracks = static_cast<int>(stuck.size());
   }
-  const bool by_window = !skip.has(Mechanism::kMissed);
   auto made = std::move(start.made)
-                  .then([&](Made m) {
-                    return by_window ? addWindow(std::move(m), view, context)
-                                     : addSemiDense(std::move(m), view, context);
-                  })
-                  .then([&](Made m) -> Outcome<Made> {
-                    if (by_window) return m;
-                    return adjustImages(std::move(m), context);
-                  })
+                  .then([&](Made m) { return addPoints(std::move(m), view, context); })
                   .then(refuseRemains)
                   .then([&](Made m) { return poseOtherFrames(std::move(m), context); });
   return {std::move(made), start.summary, start.motion};
@@ -199,13 +104,10 @@ double medianRelativeSigma(const std::vector<InitPoint>& points) {
 }  // namespace
 
 Attempt attemptFrom(const ReferenceView& view, const AttemptContext& context) {
-  Attempt attempt = context.options.orb.motion == MotionMethod::kGladkova
-                        ? Attempt{reconstructAsGladkova(view, context), {}}
-                        : reconstruct(view, context);
+  Attempt attempt = reconstruct(view, context);
   attempt.summary.reason = attempt.made.reason();
   if (attempt.made) {
     attempt.made->report.corners = static_cast<int>(attempt.made->map.corners.size());
-    attempt.made->report.optical_flow = view.optical_flow;
   }
   return attempt;
 }

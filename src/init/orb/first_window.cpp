@@ -7,7 +7,7 @@
 #include "image/pixel_selector.h"
 #include "image/stuck_regions.h"
 #include "init/orb/map/frame_brightness.h"
-#include "init/orb/photometric/neighbour_disagreement.h"
+#include "init/orb/neighbour_disagreement.h"
 #include "window/point_activation.h"
 #include "window/window_optimizer.h"
 

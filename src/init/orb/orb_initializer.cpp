@@ -2,7 +2,6 @@
 #include "init/orb/orb_initializer.h"
 
 #include "image/contrast.h"
-#include "init/orb/correspondences.h"
 #include "init/orb/reference_pool.h"
 #include "init/orb/two_view/rotation_only.h"
 
@@ -18,20 +17,16 @@ constexpr int kMaxAttempts = 2;         // with one frame
 constexpr int kMaxBlank = 3;            // frames in a row that are passed over
 constexpr int kMaxPutOff = 10;          // attempts in a row, of a caller who is always in a hurry
 
-std::unique_ptr<ReferenceSource> makeSource(const InitializerOptions& options) {
-  if (options.orb.front_end == OrbFrontEnd::kDescriptors) {
-    return std::make_unique<Correspondences>(options.orb);
-  }
-  OrbOptions orb = options.orb;
-  if (options.skip.has(Mechanism::kPool)) orb.reference_interval = 0;
-  if (options.skip.has(Mechanism::kFlow)) orb.tracks.flow = OpticalFlow::kOpenCv;
-  return std::make_unique<ReferencePool>(
-      orb, options.max_waiting_mb, options.skip.has(Mechanism::kFar));
-}
-
 void keepSurest(const std::optional<WaitingMotion>& motion, std::optional<WaitingMotion>& surest) {
   if (!motion) return;
   if (!surest || motion->wrong_probability < surest->wrong_probability) surest = motion;
+}
+
+std::unique_ptr<ReferencePool> makePool(const InitializerOptions& options) {
+  OrbOptions orb = options.orb;
+  if (options.skip.has(Mechanism::kPool)) orb.reference_interval = 0;
+  return std::make_unique<ReferencePool>(
+      orb, options.max_waiting_mb, options.skip.has(Mechanism::kFar));
 }
 
 }  // namespace
@@ -41,11 +36,7 @@ ORBInitializer::ORBInitializer(const InitializerOptions& options, const PinholeC
       camera_(camera),
       arena_(options.num_threads),
       frame_check_(camera),
-      source_(makeSource(options)) {
-  const bool matches = options.orb.front_end == OrbFrontEnd::kDescriptors;
-  start_stage_ = matches ? "matching" : "corners";
-  advance_stage_ = matches ? "matching" : "tracking";
-}
+      source_(makePool(options)) {}
 
 InitStep ORBInitializer::addFrame(FramePtr frame) {
   if (spent_) throw std::logic_error("addFrame after a result: call reset() first");
@@ -76,7 +67,7 @@ InitStep ORBInitializer::advance(FramePtr frame) {
     return needsMoreFrames(InitReason::kTooFewPoints);
   }
   blank_ = 0;
-  clock_.time(advance_stage_, [&] { source_->advance(frame); });
+  clock_.time("tracking", [&] { source_->advance(frame); });
   if (source_->dropLost()) {
     return startOver(std::move(frame),
                      onlyRotated() ? needsMoreFrames(InitReason::kTooLittleParallax)
@@ -94,7 +85,7 @@ InitStep ORBInitializer::advance(FramePtr frame) {
                      *reason == InitReason::kTooLittleParallax ? needsMoreFrames(*reason)
                                                                : resets_.restart(*reason));
   }
-  clock_.time(start_stage_, [&] { source_->addWhenDue(); });
+  clock_.time("corners", [&] { source_->addWhenDue(); });
   InitStep step = needsMoreFrames(failure);
   step.motion = attempt.motion;
   return step;
@@ -135,7 +126,7 @@ bool ORBInitializer::onlyRotated() const {
 }
 
 InitStep ORBInitializer::startOver(FramePtr frame, InitStep step) {
-  clock_.time(start_stage_, [&] { source_->start(std::move(frame)); });
+  clock_.time("corners", [&] { source_->start(std::move(frame)); });
   return step;
 }
 

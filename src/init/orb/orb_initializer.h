@@ -15,8 +15,7 @@
 namespace dsorb::init_orb {
 
 /// Initializer from corners: motion between a reference and the newest frame, geometric adjustment
-/// of the frames since the reference, semi-dense inverse depth of the reference. The source of
-/// references finds their corners again, by optical flow or by matching descriptors.
+/// of the frames since the reference, semi-dense inverse depth of the reference.
 /// @source [Gladkova], algorithm 1 (full reference: docs/references.md)
 class ORBInitializer final : public Initializer {
  public:
@@ -40,8 +39,6 @@ class ORBInitializer final : public Initializer {
   TaskArena arena_;
   FrameCheck frame_check_;
   std::unique_ptr<ReferenceSource> source_;
-  const char* start_stage_;  // names for the clock
-  const char* advance_stage_;
   StageClock clock_;
   ResetLog resets_;
   bool spent_ = false;

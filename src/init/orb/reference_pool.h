@@ -71,11 +71,9 @@ class ReferencePool final : public ReferenceSource {
 
   /// Whether most tracks ended with the last step.
   [[nodiscard]] bool cut() const { return tracks_.survivorShare() < kMinSurvivorShare; }
-  /// Whether more tracks ended with the last step than went on; the published variants have optical
-  /// flow alone.
+  /// Whether more tracks ended with the last step than went on.
   [[nodiscard]] bool farApart() const {
-    return !flow_only_ && options_.motion == MotionMethod::kEssential &&
-           tracks_.survivorShare() < kMinKeptShare;
+    return !flow_only_ && tracks_.survivorShare() < kMinKeptShare;
   }
   [[nodiscard]] bool lost(const Reference& reference) const;
   void forgetUnusedFrames();

@@ -58,17 +58,6 @@ InitialMap makeInitialMap(const std::vector<FramePtr>& frames,
   return map;
 }
 
-void poseFramesBetween(InitialMap& map, const PinholeCamera& camera, double sigma) {
-  const auto observations = observationsByFrame(map, camera);
-  const Vector6d motion = map.frames.back().T_cam_ref->log();
-  const auto last = static_cast<double>(map.frames.size() - 1);
-  for (std::size_t frame = 1; frame + 1 < map.frames.size(); ++frame) {
-    const SE3 guess = SE3::exp(static_cast<double>(frame) / last * motion);
-    map.frames[frame].T_cam_ref =
-        poseFromPoints(observations[frame], camera, guess, sigma).value_or(guess);
-  }
-}
-
 std::vector<std::size_t> poseFrames(InitialMap& map,
                                     const PinholeCamera& camera,
                                     const std::vector<std::size_t>& frames) {

@@ -24,11 +24,6 @@ InitialMap makeInitialMap(const std::vector<FramePtr>& frames,
 std::vector<std::vector<PointObservation>> observationsByFrame(const InitialMap& map,
                                                                const PinholeCamera& camera);
 
-/// Poses the frames between the first and the last, from the corners or, where these do not agree,
-/// by interpolation along the motion.
-/// @param sigma of an observation, each axis [px]
-void poseFramesBetween(InitialMap& map, const PinholeCamera& camera, double sigma);
-
 /// Poses some frames from the corners, each from where its nearest posed neighbours let expect it;
 /// a frame whose corners do not agree is interpolated between them.
 /// @param frames ascending; those that have a pose keep it

@@ -40,22 +40,12 @@ double medianKnown(std::vector<double> errors) {
 
 }  // namespace
 
-std::optional<int> solveWithSchur(InitialMap& map,
-                                  const PinholeCamera& camera,
-                                  const GeometricOptions& options,
-                                  const Stopping& stopping) {
-  return map.motions.empty() ? solveReprojections(map, camera, options, stopping)
-                             : solveRolling(map, camera, options, stopping);
-}
-
 std::optional<int> solveGeometry(InitialMap& map,
                                  const PinholeCamera& camera,
                                  const GeometricOptions& options,
                                  const Stopping& stopping) {
-  const bool more = !map.motions.empty() || map.scaleKnown() || !map.known_motions.empty();
-  return options.solver == AdjustmentSolver::kCeres && !more
-             ? solveWithCeres(map, camera, options, stopping)
-             : solveWithSchur(map, camera, options, stopping);
+  return map.motions.empty() ? solveReprojections(map, camera, options, stopping)
+                             : solveRolling(map, camera, options, stopping);
 }
 
 std::vector<double> reprojectionErrors(const InitialMap& map, const PinholeCamera& camera) {

@@ -16,23 +16,14 @@ constexpr double kSevereLimit = 8;  ///< of an error; corners above it go at onc
 constexpr double kNormalLimit = 3;  ///< least limit once the severe errors are gone [px]
 constexpr int kMinAdjusted = 50;    ///< corners; with fewer left an attempt fails
 
-/// Both solvers move the poses of all posed frames but the first and the inverse depths of the
-/// corners to the minimum of the reprojection errors with the robust loss of the options, and touch
-/// nothing else. The scale stays about where it was.
+/// Moves the poses of all posed frames but the first and the inverse depths of the corners to the
+/// minimum of the reprojection errors with the robust loss of the options, and touches nothing
+/// else. The scale stays about where it was.
 /// @param map observations sorted by corner; every corner in front of all cameras that see it
 /// @return    iterations, or nullopt when no usable numbers were found
-std::optional<int> solveWithCeres(InitialMap& map,
-                                  const PinholeCamera& camera,
-                                  const GeometricOptions& options,
-                                  const Stopping& stopping);
 /// @source Triggs et al., Bundle Adjustment - A Modern Synthesis, section 6.1 (Schur complement);
 ///         Madsen, Nielsen, Tingleff, Methods for Non-Linear Least Squares Problems, algorithm 3.16
 ///         (damping)
-std::optional<int> solveWithSchur(InitialMap& map,
-                                  const PinholeCamera& camera,
-                                  const GeometricOptions& options,
-                                  const Stopping& stopping);
-/// The solver that the options name, where it knows all that the map does.
 std::optional<int> solveGeometry(InitialMap& map,
                                  const PinholeCamera& camera,
                                  const GeometricOptions& options,

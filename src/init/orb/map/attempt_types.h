@@ -56,11 +56,10 @@ struct AttemptSummary {
 
 /// Input of an attempt: frames and tracks since one reference.
 struct ReferenceView {
-  std::vector<FramePtr> frames;        ///< the reference first
-  CornerTracks tracks;                 ///< one entry a frame
-  AttemptSummary last;                 ///< the attempt before
-  std::optional<bool> optical_flow{};  ///< in place of descriptors, where there is a choice
-  std::optional<Readout> readout{};    ///< that the tracks were moved to the middle rows with
+  std::vector<FramePtr> frames;      ///< the reference first
+  CornerTracks tracks;               ///< one entry a frame
+  AttemptSummary last;               ///< the attempt before
+  std::optional<Readout> readout{};  ///< that the tracks were moved to the middle rows with
 };
 
 /// Value that passes through the stages of an attempt: the map and the report so far.

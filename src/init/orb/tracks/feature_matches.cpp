@@ -4,8 +4,6 @@
 #include "base/parallel.h"
 #include "base/target_clones.h"
 #include "image/cell_grid.h"
-#include "init/orb/tracks/lucas_kanade.h"
-#include "init/orb/tracks/opencv_flow.h"
 
 #include <opencv2/features2d.hpp>
 
@@ -51,16 +49,6 @@ cv::Ptr<cv::ORB> makeDetector() {
                          kPatchSize,
                          kFastThreshold);
 }
-
-cv::Point2f toCv(const Eigen::Vector2f& point) {
-  return {point.x(), point.y()};
-}
-
-Eigen::Vector2f toEigen(const cv::Point2f& point) {
-  return {point.x, point.y};
-}
-
-const Eigen::Vector2f kNotSeen = Eigen::Vector2f::Constant(NAN);
 
 /// 256 bits of an ORB descriptor.
 using Bits = std::array<std::uint64_t, 4>;
@@ -136,54 +124,6 @@ std::vector<int> partnersOf(const Distances& distances,
 
 std::vector<int> matchFeatures(const Features& from, const Features& to) {
   return partnersOf(hammingDistances(from, to), {}, kMaxRatio, kMaxDistance);
-}
-
-const std::vector<Eigen::Vector2f>& FeatureMatches::start(const Frame& reference) {
-  image_ = greyImage(reference.level(0), 1.0F, kPatchSize / 2);
-  mean_ = meanIntensity(reference);
-  features_ = findFeatures(image_);
-  positions_.clear();
-  for (const cv::KeyPoint& point : features_.points) positions_.push_back(toEigen(point.pt));
-  return positions_;
-}
-
-std::vector<Eigen::Vector2f> FeatureMatches::find(const Frame& frame) const {
-  const GreyImage image = greyImage(frame.level(0), gainTowards(mean_, frame), kPatchSize / 2);
-  const Features found = findFeatures(image);
-  const std::vector<int> partner = matchFeatures(features_, found);
-  std::vector<Eigen::Vector2f> observations(positions_.size(), kNotSeen);
-  for (std::size_t i = 0; i < partner.size(); ++i) {
-    if (partner[i] < 0) continue;
-    observations[i] = toEigen(found.points[static_cast<std::size_t>(partner[i])].pt);
-  }
-  refine(image, observations);
-  return observations;
-}
-
-void FeatureMatches::refine(const GreyImage& image,
-                            std::vector<Eigen::Vector2f>& observations) const {
-  std::vector<std::size_t> which;
-  std::vector<cv::Point2f> start;
-  std::vector<cv::Point2f> end;
-  for (std::size_t i = 0; i < observations.size(); ++i) {
-    if (!isSeen(observations[i])) continue;
-    which.push_back(i);
-    start.push_back(toCv(positions_[i]));
-    end.push_back(toCv(observations[i]));
-  }
-  if (which.empty()) return;
-  const std::vector<cv::Point2f> matched = end;
-  LucasKanadeOptions flow;
-  flow.max_level = 0;
-  flow.min_eigenvalue = kMinTexture;
-  const std::vector<unsigned char> found =
-      followWithOpenCv(image_.grey, image.grey, start, flow, end);
-  for (std::size_t k = 0; k < which.size(); ++k) {
-    const cv::Point2f moved = end[k] - matched[k];
-    const bool kept =
-        found[k] != 0 && std::hypot(moved.x, moved.y) <= kMaxRefinement && image.usable(end[k]);
-    observations[which[k]] = kept ? toEigen(end[k]) : kNotSeen;
-  }
 }
 
 }  // namespace dsorb::init_orb

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "dsorb/image/frame.h"
-
 #include "init/orb/tracks/features.h"
 #include "init/orb/tracks/grey_image.h"
 
@@ -55,23 +53,5 @@ std::vector<int> partnersOf(const Distances& distances,
 
 /// Index of the partner of each ORB feature of `from`, -1 without one.
 std::vector<int> matchFeatures(const Features& from, const Features& to);
-
-/// Features of a reference image and where later images show them, by descriptors.
-class FeatureMatches {
- public:
-  /// Forgets everything and finds the features of a new reference. @return their positions [px]
-  const std::vector<Eigen::Vector2f>& start(const Frame& reference);
-  /// Matches the reference with an image of its size.
-  /// @return positions there, one a feature of the reference; NaN where it was not found [px]
-  [[nodiscard]] std::vector<Eigen::Vector2f> find(const Frame& frame) const;
-
- private:
-  void refine(const GreyImage& image, std::vector<Eigen::Vector2f>& observations) const;
-
-  Features features_;
-  std::vector<Eigen::Vector2f> positions_;
-  GreyImage image_;
-  double mean_ = 0;  // intensity that later images are brought to [grey levels]
-};
 
 }  // namespace dsorb::init_orb

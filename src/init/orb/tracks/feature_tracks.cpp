@@ -6,7 +6,6 @@
 #include "image/image_scale.h"
 #include "init/orb/tracks/corner_detection.h"
 #include "init/orb/tracks/grey_image.h"
-#include "init/orb/tracks/opencv_flow.h"
 
 #include <algorithm>
 #include <cmath>
@@ -111,8 +110,7 @@ void FeatureTracks::advance(const Frame& frame) {
   const std::vector<Eigen::Vector2f>& before = positions_.back();
   std::vector<Eigen::Vector2f> after = before;
   std::vector<Eigen::Vector2f> back = before;
-  std::vector<char> alive =
-      options_.flow == OpticalFlow::kDsorb ? follow(after, back) : followByOpenCv(after, back);
+  std::vector<char> alive = follow(after, back);
   for (std::size_t i = 0; i < alive.size(); ++i) {
     if (!((back[i] - before[i]).norm() < kMaxBackwardError)) alive[i] = 0;
   }
@@ -135,27 +133,6 @@ std::vector<char> FeatureTracks::follow(std::vector<Eigen::Vector2f>& places,
                      : 0;
     }
   });
-  return found;
-}
-
-std::vector<char> FeatureTracks::followByOpenCv(std::vector<Eigen::Vector2f>& places,
-                                                std::vector<Eigen::Vector2f>& back) const {
-  const cv::Mat before = eightBit(other_pyramid_.levels().front());
-  const cv::Mat now = eightBit(pyramid_.levels().front());
-  std::vector<cv::Point2f> start;
-  start.reserve(places.size());
-  for (const Eigen::Vector2f& place : places) start.emplace_back(place.x(), place.y());
-  std::vector<cv::Point2f> there;
-  std::vector<cv::Point2f> again;
-  const auto forward = followWithOpenCv(before, now, start, flowOptions(options_), there);
-  const auto backward = followWithOpenCv(now, before, there, flowOptions(options_), again);
-  std::vector<char> found(places.size());
-  for (std::size_t i = 0; i < places.size(); ++i) {
-    places[i] = {there[i].x, there[i].y};
-    back[i] = {again[i].x, again[i].y};
-    const bool both = forward[i] != 0 && backward[i] != 0;
-    found[i] = both && isUsable(places[i], now.size(), valid_) ? 1 : 0;
-  }
   return found;
 }
 

@@ -63,8 +63,6 @@ class FeatureTracks {
   /// @return by place, whether both ways succeeded
   [[nodiscard]] std::vector<char> follow(std::vector<Eigen::Vector2f>& places,
                                          std::vector<Eigen::Vector2f>& back) const;
-  [[nodiscard]] std::vector<char> followByOpenCv(std::vector<Eigen::Vector2f>& places,
-                                                 std::vector<Eigen::Vector2f>& back) const;
   void keepOnly(const std::vector<char>& alive);
 
   FeatureTrackOptions options_;
