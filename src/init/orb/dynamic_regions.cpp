@@ -24,7 +24,7 @@ constexpr std::size_t kVoters = 5;  // nearest tracks that vote on a point
 constexpr double kVoteRadius = 60;
 constexpr double kMaxShare = 0.4;  // of contradicting neighbours that a point may have
 /// Least share of a point's epipolar searches that agree. docs/experiments.md, "Moving objects"
-constexpr double kMinFoundShare = 0.7;
+constexpr double kMinSearchesShare = 0.7;
 constexpr int kIterations = 3;        // of Gauss-Newton on one inverse depth
 constexpr std::size_t kMinVotes = 3;  // fewer tracks close by decide nothing
 constexpr double kLost = 1e6;         // [px]; error of a track behind a camera
@@ -136,7 +136,7 @@ int DynamicRegions::removeCorners(InitialMap& map) const {
 
 int DynamicRegions::removePoints(InitialMap& map) const {
   const auto rarely_found = [&](const SemiDensePoint& point) {
-    return point.observations < kMinFoundShare * point.searches;
+    return point.observations < kMinSearchesShare * point.searches;
   };
   const std::size_t before = map.points.size();
   map.points.erase(std::remove_if(map.points.begin(), map.points.end(), rarely_found),
