@@ -63,7 +63,8 @@ struct WindowUncertainty {
   /// @source Triggs et al., Bundle Adjustment - A Modern Synthesis, section 9.2: inner constraints
   std::optional<Matrix6d> newest_pose;
   /// The same where intrinsics and distortion are held: what the map itself leaves open, without
-  /// what a focal length and a turn can trade.
+  /// what a focal length and a turn can trade. Nothing, too, as long as there are keyframes whose
+  /// priors were forgotten: hardly anything else holds the older ones.
   std::optional<Matrix6d> newest_pose_camera_held;
 };
 
