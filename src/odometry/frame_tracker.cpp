@@ -113,7 +113,7 @@ void FrameTracker::setPose(const track::TrackingResult& result, TrackedPose& pos
 
 bool FrameTracker::isCertain(const TrackedPose& pose, const track::TrackingResult& result) const {
   const std::optional<Matrix6d>& held = target_->covariance_camera_held;
-  if (!pose.world_covariance || !held) return true;
+  if (!result.covariance || !held || !(target_->reach > 0)) return true;
   const ErrorsOfMap errors(*target_, *held, pose.T_cam_keyframe);
   const Matrix6d covariance = errors.ofWorldPose(*result.covariance);
   const double variance = covariance.diagonal().tail<3>().maxCoeff();

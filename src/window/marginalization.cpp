@@ -185,6 +185,7 @@ void forgetGuess(Window& window, const WindowOptions& options) {
   if (same) return;
   window.prior_focal = focal;
   window.prior_radial = radial;
+  window.forgotten = window.keyframes.back().id.value;
   window.prior.H.setZero();
   window.prior.b.setZero();
   for (Keyframe& keyframe : window.keyframes) {

@@ -178,6 +178,7 @@ struct Window {
   double readout_sigma = 0;  ///< of the estimated readout after the last adjustment [s]
   double prior_focal = 0;    ///< mean focal length of the camera that priors were made with [px]
   double prior_radial = 0;   ///< its radial distortion
+  int forgotten = -1;        ///< newest keyframe when priors were last forgotten; -1: never
   /// Adapted minimum distance between points [px, half resolution]; it starts as published with
   /// DSO.
   double activation_distance = 2;

@@ -268,6 +268,8 @@ WindowUncertainty uncertaintyOf(const Window& window,
   uncertainty.depth_variances = depthVariances(window, equations, system, noise);
   uncertainty.newest_pose_camera_held = uncertainty.newest_pose;
   if (!camera.intrinsics) return uncertainty;
+  uncertainty.newest_pose_camera_held.reset();
+  if (window.keyframes.front().id.value <= window.forgotten) return uncertainty;
   holdOthers({false, camera.readout, false}, reduced);
   const PreconditionedSystem held(reduced.H);
   uncertainty.newest_pose_camera_held = newestPoseCovariance(window, held, noise);

@@ -67,7 +67,8 @@ struct WindowUncertainty {
   /// leave open, and what the errors of the frames add to it; 0 where nothing is known [1/unit^2].
   std::vector<float> depth_variances;
   /// The same where intrinsics and distortion are held: what the map itself leaves open, without
-  /// what a focal length and a turn can trade.
+  /// what a focal length and a turn can trade. Nothing, too, as long as there are keyframes whose
+  /// priors were forgotten: hardly anything else holds the older ones.
   std::optional<Matrix6d> newest_pose_camera_held;
 };
 

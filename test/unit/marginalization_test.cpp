@@ -125,7 +125,9 @@ TEST(MarginalizationTest, APriorWithAWrongGuessIsForgotten) {
     return !window.prior.H.isZero(0) && !window.prior.b.isZero(0);
   };
   EXPECT_TRUE(filled(0.009));
+  EXPECT_EQ(window.forgotten, -1);
   EXPECT_FALSE(filled(0.011));
+  EXPECT_EQ(window.forgotten, window.keyframes.back().id.value);
   EXPECT_TRUE(filled(0.019)) << "1 % from where it began anew";
   options.prior.focal_sigma = 0;
   EXPECT_TRUE(filled(0.5)) << "a calibration is no guess";

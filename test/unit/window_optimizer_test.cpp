@@ -264,10 +264,11 @@ TEST(WindowOptimizerTest, NewestPoseIsAsSureWhateverHoldsTheWorld) {
 }
 
 TEST(WindowOptimizerTest, HeldIntrinsicsAreAsSureAsGivenOnes) {
-  const auto uncertainty = [](bool refined) {
+  const auto uncertainty = [](bool refined, int forgotten = -1) {
     WindowOptions options;
     options.optimizer.optimize_intrinsics = refined;
     WindowScene scene = roomScene(options);
+    scene.window.forgotten = forgotten;
     return WindowOptimizer(options).optimize(scene.window).uncertainty;
   };
   const WindowUncertainty given = uncertainty(false);
@@ -279,6 +280,7 @@ TEST(WindowOptimizerTest, HeldIntrinsicsAreAsSureAsGivenOnes) {
   const double sigma = rotation(*given.newest_pose);
   EXPECT_GT(rotation(*free.newest_pose), 1.05 * sigma);  // measured 1.085
   EXPECT_NEAR(rotation(*free.newest_pose_camera_held) / sigma, 1, 0.1);
+  EXPECT_FALSE(uncertainty(true, 0).newest_pose_camera_held);
 }
 
 TEST(WindowOptimizerTest, OneKeyframeIsRefused) {
