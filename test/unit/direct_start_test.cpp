@@ -20,8 +20,8 @@ namespace {
 
 using ::testing::ElementsAre;
 
-constexpr int kWidth = 64, kHeight = 48;
-const PinholeCamera kCamera{50, 50, 31.5, 23.5, kWidth, kHeight};
+constexpr int kStartWidth = 64, kStartHeight = 48;
+const PinholeCamera kCamera{50, 50, 31.5, 23.5, kStartWidth, kStartHeight};
 
 /// Starts with the fifth image; the second one has no pose, the camera moves to the right.
 class FifthImage : public Initializer {
@@ -92,10 +92,10 @@ class DirectStartTest : public ::testing::Test {
   }
   /// Gives five images without times, from `a` on. @return the newest keyframe
   std::string start(DirectStart<Recorder>& start) {
-    const std::vector<std::uint8_t> image(kWidth * kHeight, 0);
+    const std::vector<std::uint8_t> image(kStartWidth * kStartHeight, 0);
     std::optional<std::string> newest;
     for (char name = 'a'; name <= 'e'; ++name) {
-      newest = start.addFrame(fork_, {name}, ImageView(image.data(), kWidth, kHeight));
+      newest = start.addFrame(fork_, {name}, ImageView(image.data(), kStartWidth, kStartHeight));
       EXPECT_EQ(newest.has_value(), name == 'e');
     }
     return newest.value_or("");

@@ -17,14 +17,14 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kFrames = 8;
+constexpr int kWindowFrames = 8;
 
 DepthWindow roomOf(std::uint64_t seed, double noise = 0) {
   synthetic::SequenceOptions options;
   options.seed = seed;
-  options.length = kFrames;
+  options.length = kWindowFrames;
   options.noise_sigma = noise;
-  return renderedWindow(synthetic::SyntheticSequence(options), 0, kFrames);
+  return renderedWindow(synthetic::SyntheticSequence(options), 0, kWindowFrames);
 }
 
 /// A start of corners alone, from all frames.
