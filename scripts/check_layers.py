@@ -16,7 +16,7 @@ MAY_INCLUDE = {
     'camera': {'geometry', 'base', 'options'},
     'image': {'camera', 'geometry', 'base', 'options'},
     'estimate': {'image', 'camera', 'geometry', 'base', 'options'},
-    'init': {'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
+    'init': {'window', 'depth', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
     'published': {'init', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
     'track': {'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
     'depth': {'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
@@ -38,8 +38,6 @@ ORB_ROOMS = {
     'two_view': TRACKS,
     'map': TRACKS,
     'bundle': GEOMETRY,
-    'semi_dense': GEOMETRY,
-    'photometric': GEOMETRY,
     'start': GEOMETRY,
 }
 MAX_FILES = 22  # in one folder of src/init/orb

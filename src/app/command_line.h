@@ -15,10 +15,10 @@ enum class ProgressMode { kAuto, kOn, kOff };
 struct CommandLine {
   SequenceOptions sequence;
   ConfigSources config;
-  std::string output;   ///< folder
-  std::string record;   ///< file of the recording; empty: none
-  Skips skip;           ///< mechanisms that are left out, for measurements
-  double speed = 0;     ///< of the playback over real time; 0 plays every frame as fast as possible
+  std::string output;  ///< folder
+  std::string record;  ///< file of the recording; empty: none
+  Skips skip;          ///< mechanisms that are left out, for measurements
+  double speed = 0;    ///< of the playback over real time; 0 plays every frame as fast as possible
   bool restart_when_lost = true;
   ProgressMode progress = ProgressMode::kAuto;
   bool quiet = false;
