@@ -71,7 +71,6 @@ void FrameCheck::accept(const FramePtr& frame) {
                                 std::to_string(width_) + "x" + std::to_string(height_));
   }
   const int id = frame->id().value;
-  if (id < 0) throw std::invalid_argument(who + "expected an id from 0");
   const auto place = std::lower_bound(ids_.begin(), ids_.end(), id);
   if (place != ids_.end() && *place == id) {
     throw std::invalid_argument(who + "an earlier frame has the same id");

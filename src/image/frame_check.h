@@ -17,11 +17,10 @@ class FrameCheck {
   explicit FrameCheck(const PinholeCamera& camera);
 
   /// Accepts the frame as the next one.
-  /// @throws std::invalid_argument no frame, wrong size, id below 0 or of an earlier frame,
-  /// exposure
-  ///         not positive, timestamp not finite, equal to the previous one or a change of
-  ///         direction, row times where those before have none or the other way round, priors that
-  ///         do not fit; the message names both values, nothing is changed
+  /// @throws std::invalid_argument no frame, wrong size, id of an earlier frame, exposure not
+  ///         positive, timestamp not finite, equal to the previous one or a change of direction,
+  ///         row times where those before have none or the other way round, priors that do not fit;
+  ///         the message names both values, nothing is changed
   void accept(const FramePtr& frame);
   /// The next frame is taken as the first one.
   void restart();

@@ -10,6 +10,7 @@
 #include <mutex>
 #include <optional>
 #include <stdexcept>
+#include <string>
 #include <utility>
 
 namespace dsorb::python {
@@ -34,10 +35,14 @@ class FrameSource {
 
   [[nodiscard]] const PinholeCamera& camera() const { return camera_; }
   /// @param id none: the one after the last frame's
+  /// @throws std::invalid_argument below 0
   [[nodiscard]] FrameInfo next(double timestamp,
                                std::optional<int> id,
                                double exposure,
                                std::shared_ptr<const FramePriors> priors) const {
+    if (id && *id < 0) {
+      throw std::invalid_argument("frame " + std::to_string(*id) + ": expected an id from 0");
+    }
     return {FrameId{id.value_or(next_id_)},
             timestamp,
             exposure,

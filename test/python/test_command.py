@@ -151,13 +151,14 @@ class Run(unittest.TestCase):
         self.assertEqual(json.loads((output / 'run.json').read_text())['status'], 'interrupted')
 
     def test_damaged_folders_are_named(self):
-        for name, size in itertools.product(('run.json', 'frames.csv', 'trajectory.txt', 'points.ply', 'keyframes.txt'), (0, 100, 1000)):
+        for name, size in itertools.product(('run.json', 'frames.csv', 'trajectory.txt', 'points.ply', 'keyframes.txt'), (0, 90, 990)):
             output = temporary_folder() / 'out'
             shutil.copytree(room_run(), output)
             os.truncate(output / name, size)
             done = dsorb('export', output, '--format', 'tum')
             self.assertNotIn('Traceback', done.stderr, (name, size))
-            self.assertEqual((done.returncode == 1, f'{output}/' in done.stderr), (True, True) if done.returncode else (False, False), name)
+            if size or name not in ('trajectory.txt', 'keyframes.txt'):
+                self.assertEqual((done.returncode, f'{output}/' in done.stderr), (1, True), (name, size))
         for edit in (('"camera": {', '"camera": [{}], "c": {'), ('"fx": ', '"fx": 0, "f": '), ('"width": ', '"width": "x", "w": ')):
             output = temporary_folder() / 'out'
             shutil.copytree(room_run(), output)

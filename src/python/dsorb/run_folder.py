@@ -169,8 +169,11 @@ def read_poses(folder, rows):
 
 
 def read_tum(path):
-    with reading(path), path.open(encoding='utf-8') as file:
-        lines = [line.split() for line in file if line.strip() and not line.startswith('#')]
+    with reading(path):
+        text = path.read_text(encoding='utf-8')
+        if text and not text.endswith('\n'):
+            raise ValueError('it ends within a line')
+        lines = [line.split() for line in text.splitlines() if line.strip() and not line.startswith('#')]
         poses = [(words[0], np.array(words[1:], float)) for words in lines]
         if not all(pose.shape == (7,) and np.isfinite(pose).all() for _, pose in poses):
             raise ValueError('expected a time and seven numbers a line')
