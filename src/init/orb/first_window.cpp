@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/first_window.h"
 
+#include "dsorb/image/frame_priors.h"
+
 #include "base/median.h"
 #include "image/image_scale.h"
 #include "image/photometric.h"
 #include "image/pixel_selector.h"
 #include "image/stuck_regions.h"
+#include "init/orb/map/depth_lookup.h"
 #include "init/orb/map/frame_brightness.h"
 #include "init/orb/neighbour_disagreement.h"
 #include "window/point_activation.h"
@@ -33,6 +36,8 @@ constexpr double kMinDisagreement = 0.1;    // of log inverse depth, to the neig
 constexpr double kMaxDisagreement = 4;      // over the median of all points, beyond that
 constexpr double kNeighbourRadius = 60;     // for an image diagonal of 800 px [px]
 constexpr float kMaxRelativeSigma = 0.03F;  // of a point that the images have told
+
+constexpr double kMaxDeviations = 3;  // between a point and a known depth [sigma]
 
 /// Position of a corner in the map, by the identity of its point in the window.
 using CornerOf = std::unordered_map<int, std::size_t>;
@@ -172,6 +177,24 @@ void takePoints(const window::Window& window, const CornerOf& corner_of, Initial
   removeCorners(map, removed);
 }
 
+/// Fuses the points with depths that the caller knows, where the start is made of them and both
+/// agree; corners have theirs in the adjustment.
+/// @source Engel, Sturm, Cremers, ICCV 2013, section 2.3 (product of Gaussians)
+void fuseKnownDepths(InitialMap& map, const InitReport& report) {
+  if (!map.scaleKnown() || !report.depth_prior) return;
+  const DepthLookup lookup(
+      *map.frames.front().frame->priors()->depth, map.metres, report.depth_prior->inflation);
+  for (SemiDensePoint& point : map.points) {
+    const KnownInverseDepth known = lookup.at(point.pixel);
+    const auto own = static_cast<double>(point.variance);
+    const double difference = known.mean - static_cast<double>(point.inverse_depth);
+    const double sum = own + known.variance;
+    if (!known || difference * difference > kMaxDeviations * kMaxDeviations * sum) continue;
+    point.inverse_depth += static_cast<float>(own / sum * difference);
+    point.variance = static_cast<float>(own * known.variance / sum);
+  }
+}
+
 }  // namespace
 
 Outcome<Reconstruction> fillFirstWindow(Reconstruction start, const AttemptContext& context) {
@@ -189,6 +212,7 @@ Outcome<Reconstruction> fillFirstWindow(Reconstruction start, const AttemptConte
       "variances", [&] { return window::WindowOptimizer(options, kChunks).assess(window); });
   if (!report.finite || report.residuals == 0) return InitReason::kPoorQuality;
   takePoints(window, corner_of, map);
+  fuseKnownDepths(map, start.report);
   if (static_cast<int>(map.points.size()) < kMinFilled) return InitReason::kTooFewPoints;
   return start;
 }
