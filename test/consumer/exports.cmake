@@ -30,10 +30,7 @@ function(count_libraries program)
   execute_process(COMMAND ldd ${program} OUTPUT_VARIABLE loaded COMMAND_ERROR_IS_FATAL ANY)
   string(REGEX MATCHALL "[^\n]+" loaded "${loaded}")
   list(LENGTH loaded count)
-  set(limit 40)
-  if(loaded MATCHES "cholmod") # of Ceres, while a build with it has it in dsorb::init
-    set(limit 52)
-  endif()
+  set(limit 40) # measured 27 to 29
   if(count GREATER limit OR loaded MATCHES "gdal|imgcodecs|videoio|highgui")
     list(JOIN loaded "\n" loaded)
     message(FATAL_ERROR "a program with dsorb::init loads ${count} shared libraries, not ${limit} at most:\n${loaded}")
