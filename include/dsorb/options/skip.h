@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/cxx17.h"
+
 #include <cstdint>
 #include <string>
 #include <vector>

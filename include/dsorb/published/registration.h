@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/cxx17.h"
+
 namespace dsorb::published {
 
 /// Makes the published variants known to `makeInitializer`, `Odometry`, configuration files and the
