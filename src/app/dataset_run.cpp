@@ -229,7 +229,7 @@ Config configFor(const CommandLine& request, std::optional<BrightnessModel> know
   OdometryOptions& options = config.options;
   options.initializer.skip = request.skip;
   if (request.skip.has(Mechanism::kJudge)) options.max_refusals = 0;
-
+  if (request.skip.has(Mechanism::kMissed)) options.max_missed = 0;
   return config;
 }
 
