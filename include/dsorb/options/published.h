@@ -12,6 +12,7 @@ namespace dsorb {
 /// Names of the published variants, which dsorb::published makes known.
 constexpr std::array<const char*, 4> kPublishedVariants = {
     "orb-v1", "orb-v2", "orb-v3", "orb-matching"};
+/// Whether a name is one of kPublishedVariants.
 inline bool isPublishedVariant(const std::string& name) {
   return std::find(kPublishedVariants.begin(), kPublishedVariants.end(), name) !=
          kPublishedVariants.end();

@@ -43,9 +43,9 @@ enum class Mechanism : std::uint8_t {
 
 /// A mechanism as the command line knows it.
 struct MechanismName {
-  Mechanism mechanism;
-  const char* name;
-  const char* description;
+  Mechanism mechanism;      ///< which one
+  const char* name;         ///< for example "pool"
+  const char* description;  ///< what it does, in a few words
 };
 
 /// All mechanisms, in the order of the enumeration.
@@ -54,8 +54,11 @@ struct MechanismName {
 /// Set of mechanisms that are left out.
 class Skips {
  public:
+  /// Leaves a mechanism out, too.
   void add(Mechanism mechanism) { bits_ |= bit(mechanism); }
+  /// Whether a mechanism is left out.
   [[nodiscard]] bool has(Mechanism mechanism) const { return (bits_ & bit(mechanism)) != 0; }
+  /// Whether none is left out.
   [[nodiscard]] bool empty() const { return bits_ == 0; }
 
  private:
