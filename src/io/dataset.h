@@ -22,7 +22,6 @@ struct DatasetLayout {
   std::filesystem::path vignette;                   ///< vignette.png
   std::filesystem::path masks;                      ///< folder with a mask for each image
   std::vector<std::filesystem::path> others;        ///< images that are none of the sequence
-  int kitti_camera = 0;                             ///< number N of image_N
 };
 
 /// Finds the parts of a data set, by its format or by what lies there.

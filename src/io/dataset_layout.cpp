@@ -115,7 +115,6 @@ std::optional<DatasetLayout> findKitti(const fs::path& path) {
   layout.calibration =
       existing(raw ? base.parent_path() / "calib_cam_to_cam.txt" : base / "calib.txt");
   layout.masks = existingFolder(base / "masks");
-  layout.kitti_camera = *kittiCamera(folder);
   return layout;
 }
 
