@@ -16,7 +16,7 @@ namespace {
 
 /// A row as PNM wants it: red before blue, of two bytes the higher one first.
 std::string rowOf(const cv::Mat& image, int row) {
-  const std::size_t bytes = image.cols * image.elemSize();
+  const std::size_t bytes = static_cast<std::size_t>(image.cols) * image.elemSize();
   std::string text(reinterpret_cast<const char*>(image.ptr(row)), bytes);
   if (image.channels() == 3) {
     for (std::size_t i = 0; i + 2 < bytes; i += 3) std::swap(text[i], text[i + 2]);
