@@ -2,11 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Fails when a source file includes what its layer may not know (data flows one way), or when two headers define a type
 of one name in one namespace: programs that include both are undefined, and no compiler says so."""
-import os
 import re
 import subprocess
 import sys
-from collections import Counter
 
 # folder -> project folders it may include besides itself; public and private headers alike
 MAY_INCLUDE = {
@@ -16,8 +14,10 @@ MAY_INCLUDE = {
     'camera': {'geometry', 'base', 'options'},
     'image': {'camera', 'geometry', 'base', 'options'},
     'estimate': {'image', 'camera', 'geometry', 'base', 'options'},
-    'init': {'window', 'depth', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
-    'published': {'init', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
+    'features': {'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
+    'two_view': {'features', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
+    'init': {'window', 'depth', 'two_view', 'features', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
+    'published': {'init', 'two_view', 'features', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
     'track': {'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
     'depth': {'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
     'window': {'depth', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
@@ -30,26 +30,20 @@ MAY_INCLUDE = {
 }
 # the last step of camera makes the first thing of image
 BRIDGES = {'include/dsorb/camera/rectifier.h': 'image', 'src/camera/rectifier.cpp': 'image'}
-# rooms of src/init/orb -> rooms each may include besides itself; files of init/orb itself may include all
-TRACKS, GEOMETRY = {'tracks'}, {'tracks', 'two_view', 'map', 'bundle'}
-SHARED_ROOMS = {'tracks', 'two_view'}  # of init/orb, which src/published includes as well
-ORB_ROOMS = {
-    'tracks': set(),
-    'two_view': TRACKS,
-    'map': TRACKS,
-    'bundle': GEOMETRY,
-    'start': GEOMETRY,
+# rooms of src/init/orb and src/io -> rooms of the same folder each may include; files of the folder itself may include all
+ROOMS = {
+    'init/orb': {'map': set(), 'bundle': {'map'}, 'start': {'map', 'bundle'}},
+    'io': {'calibration': set(), 'input': {'calibration'}, 'output': {'calibration'}},
 }
-MAX_FILES = 22  # in one folder of src/init/orb
 # third-party header -> folders (or file prefixes) that may use it
 THIRD_PARTY = {
-    r'opencv2/': ('src/camera/undistorter', 'src/init/orb/', 'src/published/', 'src/io/', 'src/app/'),
+    r'opencv2/': ('src/camera/undistorter', 'src/features/', 'src/two_view/', 'src/init/orb/', 'src/published/', 'src/io/', 'src/app/'),
     r'ceres/': ('src/published/',),
     r'tbb/|oneapi/': ('src/base/', 'src/odometry/'),
     r'yaml-cpp/': ('src/io/',),
     r'nlohmann/': ('src/io/',),
     r'zip\.h': ('src/io/',),
-    r'lib(av|sws)\w+/': ('src/io/ffmpeg_capture',),
+    r'lib(av|sws)\w+/': ('src/io/input/ffmpeg_capture',),
     r'fmt/': ('src/io/', 'src/app/'),
     r'spdlog/': ('src/app/',),
     r'CLI/': ('src/app/',),
@@ -67,22 +61,19 @@ def folder_of(path):
 
 
 def room_of(path):
-    """Room of a file of init/orb; '' for its top, None outside."""
-    match = re.match(r'(?:src/)?init/orb/(?:(\w+)/)?', path)
-    return match and (match.group(1) or '')
+    """(folder, room) of a file in a folder that has rooms; room is '' for its top."""
+    for folder in ROOMS:
+        match = re.match(rf'(?:src/)?{folder}/(?:(\w+)/)?', path)
+        if match:
+            return folder, match.group(1) or ''
+    return None, None
 
 
 def wrong_room(path, header):
-    room, target = room_of(path), room_of(header)
-    if not room or target is None or target == room or target in ORB_ROOMS.get(room, ()):
+    (folder, room), (target_folder, target) = room_of(path), room_of(header)
+    if not room or folder != target_folder or not target or target in ROOMS[folder].get(room, ()) or target == room:
         return None
-    return f'init/orb/{room} may not include {header}'
-
-
-def crowded(paths):
-    files = Counter(os.path.dirname(path) for path in paths if path.startswith('src/init/orb'))
-    return [f'{folder}: {count} files, at most {MAX_FILES} keep it readable'
-            for folder, count in sorted(files.items()) if count > MAX_FILES]
+    return f'{folder}/{room} may not include {header}'
 
 
 def defined_twice(paths):
@@ -114,8 +105,8 @@ def wrong_includes(path):
                 yield number, f'{folder} may not include {header}'
             if folder == 'odometry' and target == 'init' and not header.startswith('dsorb/'):
                 yield number, f'odometry may include init through dsorb/init only, not {header}'
-            if folder == 'published' and target == 'init' and room_of(header) not in SHARED_ROOMS | {None}:
-                yield number, f'published may include the rooms tracks and two_view of init/orb only, not {header}'
+            if folder == 'published' and target == 'init' and header.startswith('init/orb/'):
+                yield number, f'published may not include {header}'
             if folder in ('app', 'python') and target == 'published' and not header.startswith('dsorb/'):
                 yield number, f'{folder} may include published through public headers only, not {header}'
             if folder == 'io' and target in ('odometry', 'init', 'image') and not header.startswith('dsorb/'):
@@ -133,7 +124,6 @@ def main():
     paths = subprocess.run(['git', 'ls-files', 'include/*.h', 'src/*.h', 'src/*.cpp'],
                            capture_output=True, text=True, check=True).stdout.split()
     faults = [f'{path}:{number}: {text}' for path in paths for number, text in wrong_includes(path)]
-    faults += crowded(paths)
     faults += defined_twice(paths)
     print('\n'.join(faults) or f'layers: {len(paths)} files, no wrong arrow')
     return 1 if faults else 0

@@ -6,7 +6,7 @@
 #include "dsorb/published/registration.h"
 
 #include "app/legacy_arguments.h"
-#include "io/video.h"
+#include "io/input/video.h"
 
 #include <CLI/CLI.hpp>
 #include <fmt/ranges.h>

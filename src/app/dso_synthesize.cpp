@@ -2,7 +2,7 @@
 #include "dsorb/error.h"
 #include "dsorb/io/config.h"
 
-#include "io/dataset_writer.h"
+#include "io/output/dataset_writer.h"
 #include "synthetic/sequence.h"
 
 #include <CLI/CLI.hpp>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "app/image_server.h"
 
-#include "io/dataset.h"
+#include "io/input/dataset.h"
 
 #include <fmt/format.h>
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "app/playback.h"
 
-#include "io/image_source.h"
+#include "io/input/image_source.h"
 
 #include <cmath>
 #include <cstddef>

@@ -3,7 +3,7 @@
 
 #include "dsorb/error.h"
 
-#include "io/output_file.h"
+#include "io/output/output_file.h"
 
 #include <spdlog/fmt/fmt.h>
 

@@ -4,7 +4,7 @@
 #include "dsorb/io/writers.h"
 
 #include "app/command_line.h"
-#include "io/recording_writer.h"
+#include "io/output/recording_writer.h"
 
 #include <chrono>
 #include <mutex>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/descriptor.h"
 
-#include "io/output_file.h"
+#include "io/output/output_file.h"
 
 #include <unistd.h>
 

@@ -3,8 +3,8 @@
 
 #include "dsorb/error.h"
 
+#include "io/calibration/yaml_text.h"
 #include "io/text_file.h"
-#include "io/yaml_text.h"
 
 #include <fmt/format.h>
 #include <yaml-cpp/yaml.h>

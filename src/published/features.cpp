@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "published/features.h"
 
+#include "features/feature_matches.h"
 #include "image/cell_grid.h"
 #include "image/image_scale.h"
-#include "init/orb/tracks/feature_matches.h"
 #include "init/waiting_frames.h"
 
 #include <opencv2/imgproc.hpp>
@@ -16,8 +16,8 @@
 namespace dsorb::published {
 namespace {
 
-using init_orb::GreyImage;
-using init_orb::isSeen;
+using GreyImage;
+using isSeen;
 using Places = std::vector<Eigen::Vector2f>;
 
 constexpr double kCornerQuality = 0.01;  // strength relative to the strongest of the image
@@ -98,12 +98,12 @@ Features::Features(int max_corners, bool descriptors)
 
 void Features::start(FramePtr reference) {
   uses_flow_ = false;
-  reference_mean_ = init_orb::meanIntensity(*reference);
+  reference_mean_ = meanIntensity(*reference);
   frames_ = {std::move(reference)};
   places_.assign(1, {});
   if (descriptors_) {
     image_ = show(*frames_.front(), kDescriptorMargin);
-    described_ = init_orb::findFeatures(image_);
+    described_ = findFeatures(image_);
     for (const cv::KeyPoint& point : described_.points) {
       places_.front().emplace_back(point.pt.x, point.pt.y);
     }
@@ -119,7 +119,7 @@ int Features::track(FramePtr frame) {
 }
 
 GreyImage Features::show(const Frame& frame, int margin) const {
-  return init_orb::greyImage(frame.level(0), init_orb::gainTowards(reference_mean_, frame), margin);
+  return greyImage(frame.level(0), gainTowards(reference_mean_, frame), margin);
 }
 
 /// Follows corners through the frames given so far.
@@ -165,8 +165,8 @@ void Features::follow(const Frame& frame) {
 /// Matches are refined by one level of Lucas-Kanade.
 void Features::match(const Frame& frame) {
   const GreyImage image = show(frame, kDescriptorMargin);
-  const init_orb::Features found = init_orb::findFeatures(image);
-  const std::vector<int> partner = init_orb::matchFeatures(described_, found);
+  const Features found = findFeatures(image);
+  const std::vector<int> partner = matchFeatures(described_, found);
   std::vector<std::size_t> which;
   Places from;
   Places matched;
@@ -204,8 +204,8 @@ bool Features::cut() const {
   return uses_flow_ && survivor_share_ < kMinSurvivorShare;
 }
 
-init_orb::CornerTracks Features::tracks() const {
-  init_orb::CornerTracks tracks;
+CornerTracks Features::tracks() const {
+  CornerTracks tracks;
   for (const Places& places : places_) {
     tracks.positions.emplace_back();
     for (std::size_t i = 0; i < places.size(); ++i) {

@@ -3,9 +3,9 @@
 
 #include "dsorb/image/frame.h"
 
-#include "init/orb/tracks/feature_tracks.h"
-#include "init/orb/tracks/features.h"
-#include "init/orb/tracks/grey_image.h"
+#include "features/feature_tracks.h"
+#include "features/features.h"
+#include "features/grey_image.h"
 
 #include <Eigen/Core>
 
@@ -38,10 +38,10 @@ class Features {
   [[nodiscard]] bool cut() const;
   [[nodiscard]] bool usesFlow() const { return uses_flow_; }
   /// Places in all frames of the points that the newest one shows.
-  [[nodiscard]] init_orb::CornerTracks tracks() const;
+  [[nodiscard]] CornerTracks tracks() const;
 
  private:
-  [[nodiscard]] init_orb::GreyImage show(const Frame& frame, int margin) const;
+  [[nodiscard]] GreyImage show(const Frame& frame, int margin) const;
   void changeToFlow();
   void follow(const Frame& frame);
   void match(const Frame& frame);
@@ -51,11 +51,11 @@ class Features {
   bool uses_flow_ = false;
   std::vector<FramePtr> frames_;
   std::vector<std::vector<Eigen::Vector2f>> places_;  // by frame, then point; NaN: not seen [px]
-  init_orb::GreyImage image_;     // with flow the newest, with descriptors the reference
-  init_orb::Features described_;  // of the reference
-  init_orb::FeatureTracks ours_;  // where descriptors are too few
-  double reference_mean_ = 0;     // intensity that later images are brought to [grey levels]
-  double survivor_share_ = 1;     // of the tracks in the last step
+  GreyImage image_;            // with flow the newest, with descriptors the reference
+  Features described_;         // of the reference
+  FeatureTracks ours_;         // where descriptors are too few
+  double reference_mean_ = 0;  // intensity that later images are brought to [grey levels]
+  double survivor_share_ = 1;  // of the tracks in the last step
 };
 
 }  // namespace dsorb::published

@@ -8,12 +8,12 @@
 
 #include "base/median.h"
 #include "image/contrast.h"
-#include "init/orb/two_view/rotation_only.h"
 #include "init/result.h"
 #include "published/bundle_adjustment.h"
 #include "published/photometric.h"
 #include "published/structure.h"
 #include "published/two_view.h"
+#include "two_view/rotation_only.h"
 
 #include <algorithm>
 #include <cmath>
@@ -143,13 +143,13 @@ InitReason ORBInitializer::initialize() {
 }
 
 InitReason ORBInitializer::computeRelativeTransform() {
-  const init_orb::CornerTracks tracks = features_.tracks();
+  const CornerTracks tracks = features_.tracks();
   const Matches matches = tracks.matchesTo(tracks.frames() - 1);
   const bool matching = version_ == Version::kMatching;
   if (matching) report_.optical_flow = features_.usesFlow();
   report_.median_parallax_deg =
-      clock_.time("two_view", [&] { return init_orb::rotationResidualDeg(matches, camera_); });
-  if (report_.median_parallax_deg < init_orb::kMinRotationResidualDeg) {
+      clock_.time("two_view", [&] { return rotationResidualDeg(matches, camera_); });
+  if (report_.median_parallax_deg < kMinRotationResidualDeg) {
     return InitReason::kTooLittleParallax;
   }
   const ModelChoice choice = matching ? ModelChoice::kInliers : ModelChoice::kScore;
@@ -209,10 +209,10 @@ InitStep ORBInitializer::failure(FramePtr frame, InitReason reason) {
 /// Whether the corners left the image only because the camera rotated.
 bool ORBInitializer::onlyRotated() const {
   if (features_.cut()) return false;
-  const init_orb::CornerTracks tracks = features_.tracks();
+  const CornerTracks tracks = features_.tracks();
   return tracks.size() >= kMinRotationTracks &&
-         init_orb::rotationResidualDeg(tracks.matchesTo(tracks.frames() - 1), camera_) <
-             init_orb::kMinRotationResidualDeg;
+         rotationResidualDeg(tracks.matchesTo(tracks.frames() - 1), camera_) <
+             kMinRotationResidualDeg;
 }
 
 }  // namespace dsorb::published

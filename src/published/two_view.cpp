@@ -8,8 +8,8 @@
 #include "estimate/warp.h"
 #include "geometry/symmetric_eigen.h"
 #include "geometry/triangulate.h"
-#include "init/orb/two_view/decomposition.h"
-#include "init/orb/two_view/motion_refinement.h"
+#include "two_view/decomposition.h"
+#include "two_view/motion_refinement.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/QR>
@@ -202,8 +202,8 @@ std::vector<SE3> decompose(Model model,
                            const Eigen::Matrix3d& matrix,
                            const PinholeCamera& camera) {
   const Eigen::Matrix3d K = camera.matrix();
-  return model == Model::kHomography ? init_orb::decomposeHomography(matrix, camera)
-                                     : init_orb::decomposeEssential(K.transpose() * matrix * K);
+  return model == Model::kHomography ? decomposeHomography(matrix, camera)
+                                     : decomposeEssential(K.transpose() * matrix * K);
 }
 
 InitReason judge(const RelativeMotion& motion) {
@@ -326,7 +326,7 @@ RelativeMotion estimateMotion(const Matches& matches,
   motion.reason = InitReason::kTooFewPoints;
   if (chosen.inliers == 0) return motion;
   for (const SE3& decomposed : decompose(motion.model, chosen.matrix, camera)) {
-    const SE3 refined = init_orb::refineMotion(decomposed, matches, chosen.inlier, camera, kSigma);
+    const SE3 refined = refineMotion(decomposed, matches, chosen.inlier, camera, kSigma);
     Hypothesis hypothesis = evaluateMotion(refined, matches, chosen.inlier, camera);
     if (hypothesis.good > motion.best.good) std::swap(hypothesis, motion.best);
     report.second_good = std::max(report.second_good, hypothesis.good);
@@ -338,7 +338,7 @@ RelativeMotion estimateMotion(const Matches& matches,
 }
 
 Map makeMap(const std::vector<FramePtr>& frames,
-            const init_orb::CornerTracks& tracks,
+            const CornerTracks& tracks,
             const Hypothesis& motion,
             const PinholeCamera& camera) {
   Map map;

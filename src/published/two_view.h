@@ -3,7 +3,7 @@
 
 #include "dsorb/camera/pinhole_camera.h"
 
-#include "init/orb/tracks/corner_tracks.h"
+#include "features/corner_tracks.h"
 #include "published/map.h"
 
 #include <Eigen/Core>
@@ -17,7 +17,7 @@
 
 namespace dsorb::published {
 
-using init_orb::Matches;
+using Matches;
 
 enum class Model { kHomography, kFundamental };
 
@@ -114,7 +114,7 @@ RelativeMotion estimateMotion(const Matches& matches,
 /// @param frames one a frame of the tracks
 /// @param motion reference to newest frame, its points in the order of the tracks
 Map makeMap(const std::vector<FramePtr>& frames,
-            const init_orb::CornerTracks& tracks,
+            const CornerTracks& tracks,
             const Hypothesis& motion,
             const PinholeCamera& camera);
 

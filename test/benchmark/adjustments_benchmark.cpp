@@ -3,9 +3,9 @@
 
 #include "base/random.h"
 #include "benchmark/rendered_frames.h"
+#include "features/feature_tracks.h"
 #include "init/orb/bundle/corner_refinement.h"
 #include "init/orb/bundle/geometric_covariance.h"
-#include "init/orb/tracks/feature_tracks.h"
 
 #include <cstddef>
 

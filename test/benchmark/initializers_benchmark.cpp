@@ -2,7 +2,7 @@
 #include "dsorb/init/initializer.h"
 
 #include "benchmark/rendered_frames.h"
-#include "init/orb/tracks/feature_tracks.h"
+#include "features/feature_tracks.h"
 
 #include <cstddef>
 #include <stdexcept>

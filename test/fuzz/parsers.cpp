@@ -6,10 +6,10 @@
 #include "dsorb/io/config.h"
 
 #include "camera/calibration_check.h"
-#include "io/dataset.h"
-#include "io/image_decoder.h"
-#include "io/image_store.h"
-#include "io/video.h"
+#include "io/input/dataset.h"
+#include "io/input/image_decoder.h"
+#include "io/input/image_store.h"
+#include "io/input/video.h"
 
 #include <unistd.h>
 

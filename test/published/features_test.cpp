@@ -27,7 +27,7 @@ TEST(MatchesByDescriptors, ReachAFractionOfAPixel) {
   features.start(paintMatches(0, blobs(1)));
   ASSERT_GT(features.track(paintMatches(1, shiftedScene(1))), 100);
   EXPECT_FALSE(features.usesFlow());
-  const init_orb::CornerTracks tracks = features.tracks();
+  const CornerTracks tracks = features.tracks();
   std::vector<float> errors;
   for (std::size_t i = 0; i < tracks.positions[0].size(); ++i) {
     errors.push_back((tracks.positions[1][i] - tracks.positions[0][i] - kShift).norm());
@@ -43,7 +43,7 @@ TEST(FollowedCorners, ReachAFractionOfAPixelAndEndWithTheScene) {
   EXPECT_LE(features.size(), 500);
   ASSERT_GT(features.track(paintMatches(1, shiftedScene(1))), 50);
   EXPECT_FALSE(features.cut());
-  const init_orb::CornerTracks tracks = features.tracks();
+  const CornerTracks tracks = features.tracks();
   std::vector<float> errors;
   for (std::size_t i = 0; i < tracks.positions[0].size(); ++i) {
     errors.push_back((tracks.positions[1][i] - tracks.positions[0][i] - kShift).norm());

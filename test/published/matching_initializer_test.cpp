@@ -86,14 +86,12 @@ TEST(MatchingInitializer, AFeatureCanMissInFramesBetween) {
   pair.start(room.frames()[0]);
   for (std::size_t k = 1; k < 5; ++k) pair.track(room.frames()[k]);
   ASSERT_FALSE(pair.usesFlow());
-  const init_orb::CornerTracks tracks = pair.tracks();
+  const CornerTracks tracks = pair.tracks();
   EXPECT_EQ(tracks.size(), pair.size());
-  EXPECT_TRUE(std::all_of(
-      tracks.positions.front().begin(), tracks.positions.front().end(), init_orb::isSeen));
-  EXPECT_TRUE(std::all_of(
-      tracks.positions.back().begin(), tracks.positions.back().end(), init_orb::isSeen));
-  EXPECT_FALSE(
-      std::all_of(tracks.positions[2].begin(), tracks.positions[2].end(), init_orb::isSeen));
+  EXPECT_TRUE(
+      std::all_of(tracks.positions.front().begin(), tracks.positions.front().end(), isSeen));
+  EXPECT_TRUE(std::all_of(tracks.positions.back().begin(), tracks.positions.back().end(), isSeen));
+  EXPECT_FALSE(std::all_of(tracks.positions[2].begin(), tracks.positions[2].end(), isSeen));
 }
 
 TEST(MatchingInitializer, StartsAfreshWithTheFrameOfAFailedPair) {

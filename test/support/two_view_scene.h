@@ -5,7 +5,7 @@
 #include "dsorb/geometry/se3.h"
 
 #include "base/random.h"
-#include "init/orb/tracks/corner_tracks.h"
+#include "features/corner_tracks.h"
 
 #include <cstdint>
 #include <vector>
@@ -16,7 +16,7 @@ namespace dsorb {
 struct TwoViewScene {
   PinholeCamera camera{450, 450, 319.5, 239.5, 640, 480};
   SE3 T_cur_ref;
-  init_orb::Matches matches;
+  Matches matches;
   std::vector<double> inverse_depth;  ///< in the reference
 };
 

@@ -3,7 +3,7 @@
 #include "dsorb/io/writers.h"
 #include "dsorb/odometry/odometry.h"
 
-#include "io/run_record.h"
+#include "io/output/run_record.h"
 #include "support/fake_run.h"
 #include "support/temporary_folder.h"
 #include "support/truth_initializer.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/black_bars.h"
+#include "io/input/black_bars.h"
 
 #include "dsorb/io/sequence_reader.h"
 

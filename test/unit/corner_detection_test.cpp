@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/tracks/corner_detection.h"
+#include "features/corner_detection.h"
 
 #include "base/random.h"
 #include "support/painted_frame.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/dataset_writer.h"
+#include "io/output/dataset_writer.h"
 
 #include "dsorb/error.h"
 #include "dsorb/io/sequence_reader.h"

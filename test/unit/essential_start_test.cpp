@@ -6,14 +6,14 @@
 #include "init/orb/start/motion_candidates.h"
 #include "init/orb/start/motion_contest.h"
 #include "init/orb/start/start_gate.h"
-#include "init/orb/two_view/essential_motion.h"
-#include "init/orb/two_view/model_selection.h"
-#include "init/orb/two_view/rotation_only.h"
 #include "init/wrong_direction.h"
 #include "support/assign_map.h"
 #include "support/matchers.h"
 #include "support/synthetic_map.h"
 #include "support/two_view_scene.h"
+#include "two_view/essential_motion.h"
+#include "two_view/model_selection.h"
+#include "two_view/rotation_only.h"
 
 #include <gtest/gtest.h>
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/tracks/far_matches.h"
+#include "features/far_matches.h"
 
-#include "init/orb/tracks/feature_matches.h"
+#include "features/feature_matches.h"
 #include "support/painted_frame.h"
 
 #include <gtest/gtest.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/tracks/feature_matches.h"
+#include "features/feature_matches.h"
 
 #include "support/painted_frame.h"
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/tracks/feature_tracks.h"
+#include "features/feature_tracks.h"
 
-#include "init/orb/tracks/grey_image.h"
+#include "features/grey_image.h"
 #include "support/painted_frame.h"
 
 #include <gtest/gtest.h>

@@ -2,9 +2,9 @@
 // What is no image of the sequence, cannot be read, is too large, or is a mosaic.
 #include "dsorb/io/sequence_reader.h"
 
-#include "io/image_decoder.h"
-#include "io/image_header.h"
-#include "io/pixel_patterns.h"
+#include "io/input/image_decoder.h"
+#include "io/input/image_header.h"
+#include "io/input/pixel_patterns.h"
 #include "support/sequence_fixture.h"
 #include "support/text_files.h"
 

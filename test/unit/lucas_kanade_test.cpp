@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/tracks/lucas_kanade.h"
+#include "features/lucas_kanade.h"
 
 #include "support/painted_frame.h"
 

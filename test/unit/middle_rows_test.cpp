@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/tracks/middle_rows.h"
+#include "features/middle_rows.h"
 
 #include "dsorb/camera/row_times.h"
 

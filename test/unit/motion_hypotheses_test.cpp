@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "geometry/tangent_basis.h"
 #include "init/orb/bundle/pose_from_points.h"
-#include "init/orb/two_view/decomposition.h"
-#include "init/orb/two_view/motion_refinement.h"
-#include "init/orb/two_view/rotation_only.h"
 #include "support/jacobian_check.h"
 #include "support/matchers.h"
 #include "support/two_view_scene.h"
+#include "two_view/decomposition.h"
+#include "two_view/motion_refinement.h"
+#include "two_view/rotation_only.h"
 
 #include <Eigen/LU>
 #include <gtest/gtest.h>

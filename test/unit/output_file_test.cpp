@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/output_file.h"
+#include "io/output/output_file.h"
 
 #include "dsorb/error.h"
 
-#include "io/json_text.h"
-#include "io/spool.h"
-#include "io/whole_file.h"
+#include "io/output/json_text.h"
+#include "io/output/spool.h"
+#include "io/output/whole_file.h"
 #include "support/temporary_folder.h"
 #include "support/text_files.h"
 

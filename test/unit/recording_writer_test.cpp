@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/recording_writer.h"
+#include "io/output/recording_writer.h"
 
 #include "dsorb/error.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/two_view/stuck_tracks.h"
+#include "two_view/stuck_tracks.h"
 
 #include "image/stuck_regions.h"
 #include "support/two_view_scene.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "dsorb/io/writers.h"
 
-#include "io/figures.h"
+#include "io/output/figures.h"
 #include "support/fake_run.h"
 #include "support/temporary_folder.h"
 #include "support/text_files.h"

@@ -11,8 +11,8 @@
 #include "init/orb/start/essential_start.h"
 #include "init/orb/start/readout_profile.h"
 #include "init/orb/start/start_gate.h"
-#include "init/orb/two_view/stuck_tracks.h"
 #include "init/result.h"
+#include "two_view/stuck_tracks.h"
 
 #include <cmath>
 #include <optional>

@@ -3,9 +3,9 @@
 
 #include "dsorb/camera/pinhole_camera.h"
 
+#include "features/corner_tracks.h"
 #include "image/cell_grid.h"
 #include "init/orb/map/initial_map.h"
-#include "init/orb/tracks/corner_tracks.h"
 
 #include <vector>
 

@@ -3,7 +3,7 @@
 
 #include "image/contrast.h"
 #include "init/orb/reference_pool.h"
-#include "init/orb/two_view/rotation_only.h"
+#include "two_view/rotation_only.h"
 
 #include <optional>
 #include <stdexcept>

@@ -3,9 +3,9 @@
 
 #include "dsorb/image/frame_priors.h"
 
+#include "features/feature_matches.h"
+#include "features/grey_image.h"
 #include "image/cell_grid.h"
-#include "init/orb/tracks/feature_matches.h"
-#include "init/orb/tracks/grey_image.h"
 #include "init/waiting_frames.h"
 
 #include <algorithm>

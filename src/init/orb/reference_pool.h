@@ -4,9 +4,9 @@
 #include "dsorb/image/frame.h"
 #include "dsorb/options/orb.h"
 
+#include "features/far_matches.h"
+#include "features/feature_tracks.h"
 #include "init/orb/reference_source.h"
-#include "init/orb/tracks/far_matches.h"
-#include "init/orb/tracks/feature_tracks.h"
 
 #include <optional>
 #include <vector>

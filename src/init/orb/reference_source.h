@@ -4,8 +4,8 @@
 #include "dsorb/image/frame.h"
 #include "dsorb/init/report.h"
 
+#include "features/corner_tracks.h"
 #include "init/orb/map/attempt_types.h"
-#include "init/orb/tracks/corner_tracks.h"
 
 #include <optional>
 #include <vector>

@@ -3,10 +3,10 @@
 
 #include "dsorb/camera/pinhole_camera.h"
 
+#include "features/corner_tracks.h"
 #include "init/orb/bundle/pose_from_points.h"
 #include "init/orb/map/initial_map.h"
-#include "init/orb/tracks/corner_tracks.h"
-#include "init/orb/two_view/decomposition.h"
+#include "two_view/decomposition.h"
 
 #include <vector>
 

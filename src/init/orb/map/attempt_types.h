@@ -7,8 +7,8 @@
 #include "dsorb/init/report.h"
 #include "dsorb/options/initializer.h"
 
+#include "features/corner_tracks.h"
 #include "init/orb/map/initial_map.h"
-#include "init/orb/tracks/corner_tracks.h"
 #include "init/stage_clock.h"
 
 #include <cstdint>

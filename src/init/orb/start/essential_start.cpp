@@ -12,9 +12,9 @@
 #include "init/orb/start/readout_score.h"
 #include "init/orb/start/retry_rule.h"
 #include "init/orb/start/start_gate.h"
-#include "init/orb/two_view/essential_motion.h"
-#include "init/orb/two_view/model_selection.h"
-#include "init/orb/two_view/rotation_only.h"
+#include "two_view/essential_motion.h"
+#include "two_view/model_selection.h"
+#include "two_view/rotation_only.h"
 
 #include <algorithm>
 #include <cmath>

@@ -3,7 +3,7 @@
 
 #include "init/orb/map/attempt_types.h"
 #include "init/orb/start/motion_candidates.h"
-#include "init/orb/two_view/rotation_only.h"
+#include "two_view/rotation_only.h"
 
 #include <optional>
 #include <vector>

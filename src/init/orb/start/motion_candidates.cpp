@@ -7,8 +7,8 @@
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/start/known_motions.h"
-#include "init/orb/two_view/decomposition.h"
-#include "init/orb/two_view/model_selection.h"
+#include "two_view/decomposition.h"
+#include "two_view/model_selection.h"
 
 #include <algorithm>
 #include <cstddef>

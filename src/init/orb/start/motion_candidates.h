@@ -2,7 +2,7 @@
 #pragma once
 
 #include "init/orb/map/attempt_types.h"
-#include "init/orb/two_view/essential_motion.h"
+#include "two_view/essential_motion.h"
 
 #include <Eigen/Core>
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "features/corner_tracks.h"
 #include "init/orb/map/attempt_types.h"
 #include "init/orb/start/motion_candidates.h"
-#include "init/orb/tracks/corner_tracks.h"
-#include "init/orb/two_view/essential_motion.h"
-#include "init/orb/two_view/model_selection.h"
+#include "two_view/essential_motion.h"
+#include "two_view/model_selection.h"
 
 #include <optional>
 

@@ -2,10 +2,10 @@
 #include "init/orb/start/readout_profile.h"
 
 #include "estimate/rolling_shutter.h"
+#include "features/middle_rows.h"
 #include "init/orb/start/motion_candidates.h"
 #include "init/orb/start/start_gate.h"
-#include "init/orb/tracks/middle_rows.h"
-#include "init/orb/two_view/essential_motion.h"
+#include "two_view/essential_motion.h"
 
 #include <algorithm>
 #include <array>

@@ -1,0 +1,371 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "features/lucas_kanade.h"
+
+#include "base/lanes.h"
+#include "base/parallel.h"
+#include "base/target_clones.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace dsorb {
+namespace {
+
+constexpr std::size_t kRowGrain = 16;     // rows one thread takes at a time
+constexpr float kMaxIntensity = 255;      // [grey levels]
+constexpr std::ptrdiff_t kPart = kLanes;  // of a template's step: intensity, dx, dy
+constexpr std::ptrdiff_t kTemplateStep = 3 * kPart;
+
+/// Columns of a window, filled up to whole lanes.
+constexpr int columnsOf(int window) {
+  return (window + kLanes - 1) / kLanes * kLanes;
+}
+
+/// Pixels around a level, so that a window whose first pixel is between -window and the size can be
+/// read with its gradients.
+constexpr int borderOf(int window) {
+  return columnsOf(window) + kLanes + 2;
+}
+
+void resize(FlowLevel& level, int width, int height, int border) {
+  level.width = width;
+  level.height = height;
+  level.stride = width + 2 * border;
+  level.memory.resize(static_cast<std::size_t>(level.stride) *
+                      static_cast<std::size_t>(height + 2 * border));
+  level.origin = border * level.stride + border;
+}
+
+/// Pixel that stands for one outside: the image continues mirrored, the outermost pixel not
+/// doubled.
+int mirrored(int index, int size) {
+  const int period = std::max(1, 2 * (size - 1));
+  const int folded = (index % period + period) % period;
+  return std::min(folded, period - folded);
+}
+
+void extendRow(FlowLevel& level, int y, int border) {
+  float* row = level.row(y);
+  for (int k = 1; k <= border; ++k) {
+    row[-k] = row[mirrored(-k, level.width)];
+    row[level.width - 1 + k] = row[mirrored(level.width - 1 + k, level.width)];
+  }
+}
+
+void extendColumns(FlowLevel& level, int border) {
+  for (int k = 1; k <= border; ++k) {
+    for (const int y : {-k, level.height - 1 + k}) {
+      const float* source = level.row(mirrored(y, level.height)) - border;
+      std::copy(source, source + level.stride, level.row(y) - border);
+    }
+  }
+}
+
+/// @return whether all are valid
+DSORB_TARGET_CLONES bool copyRow(const float* source, int width, float gain, float* row) {
+  int valid = 1;
+  for (int x = 0; x < width; ++x) {
+    const float value = gain * source[x];
+    valid &= value == value ? 1 : 0;
+    const float positive = value > 0 ? value : 0;  // and no NaN
+    row[x] = positive < kMaxIntensity ? positive : kMaxIntensity;
+  }
+  return valid != 0;
+}
+
+/// A row of the next level, binomial weights 1 4 6 4 1 both ways. @param smoothed fine row's length
+DSORB_TARGET_CLONES void halveRow(
+    const FlowLevel& fine, int y, float* smoothed, float* row, int width) {
+  const float* r0 = fine.row(y - 2) - kLanes;
+  const float* r1 = r0 + fine.stride;
+  const float* r2 = r1 + fine.stride;
+  const float* r3 = r2 + fine.stride;
+  const float* r4 = r3 + fine.stride;
+  for (int x = 0; x < fine.width + 2 * kLanes; ++x) {
+    smoothed[x] = (r0[x] + r4[x] + 4 * (r1[x] + r3[x]) + 6 * r2[x]) * (1.0F / 256);
+  }
+  const float* s = smoothed + kLanes;
+  for (std::ptrdiff_t x = 0; x < width; ++x) {
+    row[x] = s[2 * x - 2] + s[2 * x + 2] + 4 * (s[2 * x - 1] + s[2 * x + 1]) + 6 * s[2 * x];
+  }
+}
+
+/// Where a window begins between the pixels of a level.
+struct WindowCorner {
+  int x, y;
+  float fx, fy;
+};
+
+DSORB_ALWAYS_INLINE bool cornerAt(
+    const FlowLevel& level, float x, float y, int window, WindowCorner& corner) {
+  const float half = 0.5F * static_cast<float>(window - 1);
+  const float left = std::floor(x - half);
+  const float top = std::floor(y - half);
+  // Written so that NaN is outside.
+  if (!(left >= static_cast<float>(-window) && top >= static_cast<float>(-window) &&
+        left < static_cast<float>(level.width) && top < static_cast<float>(level.height))) {
+    return false;
+  }
+  corner = {static_cast<int>(left), static_cast<int>(top), x - half - left, y - half - top};
+  return true;
+}
+
+/// Eight pixels that lie beside each other and share one fraction, for a row that the lines above
+/// and below it share as well: the samplers of src/estimate take a position for every pixel.
+DSORB_ALWAYS_INLINE void interpolateRow(const float* row, float fx, Lanes& value) {
+  Lanes left;
+  Lanes right;
+  load(row, left);
+  load(row + 1, right);
+  value = left + fx * (right - left);
+}
+
+/// Gradient tensor of the window, summed.
+struct Tensor {
+  float xx, xy, yy;
+};
+
+/// Interpolates the window with one more pixel on every side.
+DSORB_ALWAYS_INLINE void cutPatch(const FlowLevel& level,
+                                  const WindowCorner& at,
+                                  int window,
+                                  float* patch) {
+  const int stride = columnsOf(window) + kLanes;
+  for (int column = 0; column < stride; column += kLanes) {
+    const float* source = level.row(at.y - 1) + at.x - 1 + column;
+    float* target = patch + column;
+    Lanes upper;
+    interpolateRow(source, at.fx, upper);
+    for (int row = 0; row < window + 2; ++row) {
+      source += level.stride;
+      Lanes lower;
+      interpolateRow(source, at.fx, lower);
+      store(upper + at.fy * (lower - upper), target);
+      target += stride;
+      upper = lower;
+    }
+  }
+}
+
+/// Scharr's weights across the derivative, 3 10 3, of the pixels at p, p + step, p + 2 step.
+DSORB_ALWAYS_INLINE void smooth(const float* p, std::ptrdiff_t step, Lanes& value) {
+  Lanes a;
+  Lanes b;
+  Lanes c;
+  load(p, a);
+  load(p + step, b);
+  load(p + 2 * step, c);
+  value = (3.0F / 32) * (a + c) + (10.0F / 32) * b;
+}
+
+/// Columns and rows of a window that lie inside the image.
+struct Inside {
+  int left, right, top, bottom;
+
+  Inside(const FlowLevel& level, const WindowCorner& at, int window)
+      : left(std::max(0, -at.x)),
+        right(std::min(window, level.width - 1 - at.x)),
+        top(std::max(0, -at.y)),
+        bottom(std::min(window, level.height - 1 - at.y)) {}
+};
+
+/// Intensities and gradients of a patch; no gradients beyond the window and outside the image.
+DSORB_ALWAYS_INLINE void makeTemplate(
+    const float* patch, int window, const Inside& inside, float* target, Tensor& tensor) {
+  const std::ptrdiff_t stride = columnsOf(window) + kLanes;
+  Lanes xx = {};
+  Lanes xy = {};
+  Lanes yy = {};
+  for (int column = 0; column < window; column += kLanes) {
+    Lanes used;
+    for (int k = 0; k < kLanes; ++k) {
+      used[k] = column + k >= inside.left && column + k < inside.right ? 1.0F : 0.0F;
+    }
+    const float* p = patch + column;
+    for (int row = 0; row < window; ++row, p += stride) {
+      Lanes before;
+      Lanes after;
+      Lanes intensity;
+      smooth(p, stride, before);
+      smooth(p + 2, stride, after);
+      const float row_used = row >= inside.top && row < inside.bottom ? 1.0F : 0.0F;
+      const Lanes dx = row_used * used * (after - before);
+      smooth(p, 1, before);
+      smooth(p + 2 * stride, 1, after);
+      const Lanes dy = row_used * used * (after - before);
+      load(p + stride + 1, intensity);
+      store(intensity, target);
+      store(dx, target + kPart);
+      store(dy, target + 2 * kPart);
+      target += kTemplateStep;
+      xx += dx * dx;
+      xy += dx * dy;
+      yy += dy * dy;
+    }
+  }
+  tensor = {sumLanes(xx), sumLanes(xy), sumLanes(yy)};
+}
+
+/// Sums of gradient times difference between a window and the template.
+struct Slope {
+  float x, y;
+};
+
+DSORB_ALWAYS_INLINE Slope compare(const FlowLevel& level,
+                                  const WindowCorner& at,
+                                  int window,
+                                  const float* source) {
+  Lanes sum_x = {};
+  Lanes sum_y = {};
+  for (int column = 0; column < window; column += kLanes) {
+    const float* pixels = level.row(at.y) + at.x + column;
+    Lanes upper;
+    interpolateRow(pixels, at.fx, upper);
+    for (int row = 0; row < window; ++row) {
+      pixels += level.stride;
+      Lanes lower;
+      Lanes intensity;
+      Lanes dx;
+      Lanes dy;
+      interpolateRow(pixels, at.fx, lower);
+      load(source, intensity);
+      load(source + kPart, dx);
+      load(source + 2 * kPart, dy);
+      source += kTemplateStep;
+      const Lanes difference = upper + at.fy * (lower - upper) - intensity;
+      sum_x += difference * dx;
+      sum_y += difference * dy;
+      upper = lower;
+    }
+  }
+  return {sumLanes(sum_x), sumLanes(sum_y)};
+}
+
+/// What followOnLevel() works with.
+struct LevelTask {
+  const FlowLevel& from;
+  const FlowLevel& to;
+  int window;
+  int max_iterations;
+  float min_step;
+  float min_eigenvalue;
+  float* patch;
+  float* memory;
+};
+
+/// @param x, y the point in `from`; u, v a guess, then the result in `to`
+/// @return     false without texture or outside
+DSORB_TARGET_CLONES bool followOnLevel(
+    const LevelTask& task, float x, float y, float& u, float& v) {
+  WindowCorner at{};
+  if (!cornerAt(task.from, x, y, task.window, at)) return false;
+  Tensor tensor{};
+  cutPatch(task.from, at, task.window, task.patch);
+  makeTemplate(task.patch, task.window, Inside(task.from, at, task.window), task.memory, tensor);
+  const float difference = tensor.xx - tensor.yy;
+  const float root = std::sqrt(difference * difference + 4 * tensor.xy * tensor.xy);
+  const float least = 0.5F * (tensor.xx + tensor.yy - root);
+  const float determinant = tensor.xx * tensor.yy - tensor.xy * tensor.xy;
+  const auto pixels = static_cast<float>(task.window * task.window);
+  if (!(least >= task.min_eigenvalue * pixels && determinant > 0)) return false;
+  float last_x = 0;
+  float last_y = 0;
+  for (int iteration = 0; iteration < task.max_iterations; ++iteration) {
+    if (!cornerAt(task.to, u, v, task.window, at)) return false;
+    const Slope b = compare(task.to, at, task.window, task.memory);
+    const float step_x = (tensor.xy * b.y - tensor.yy * b.x) / determinant;
+    const float step_y = (tensor.xy * b.x - tensor.xx * b.y) / determinant;
+    u += step_x;
+    v += step_y;
+    if (step_x * step_x + step_y * step_y <= task.min_step * task.min_step) break;
+    // Back and forth: the middle.
+    if (iteration > 0 && std::abs(step_x + last_x) < task.min_step &&
+        std::abs(step_y + last_y) < task.min_step) {
+      u -= 0.5F * step_x;
+      v -= 0.5F * step_y;
+      break;
+    }
+    last_x = step_x;
+    last_y = step_y;
+  }
+  return true;
+}
+
+}  // namespace
+
+bool FlowPyramid::build(const PyramidLevel& image, float gain, const LucasKanadeOptions& options) {
+  const int border = borderOf(options.window);
+  int count = 1;
+  for (int width = image.width(), height = image.height(); count <= options.max_level; ++count) {
+    width = (width + 1) / 2;
+    height = (height + 1) / 2;
+    if (width <= options.window || height <= options.window) break;
+  }
+  levels_.resize(static_cast<std::size_t>(count));
+  FlowLevel& first = levels_.front();
+  resize(first, image.width(), image.height(), border);
+  std::vector<char> valid(static_cast<std::size_t>(image.height()));
+  forEachRange(valid.size(), kRowGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const int y = static_cast<int>(i);
+      valid[i] = copyRow(image.row(y), image.width(), gain, first.row(y)) ? 1 : 0;
+      extendRow(first, y, border);
+    }
+  });
+  extendColumns(first, border);
+  for (std::size_t l = 1; l < levels_.size(); ++l) {
+    const FlowLevel& fine = levels_[l - 1];
+    FlowLevel& coarse = levels_[l];
+    resize(coarse, (fine.width + 1) / 2, (fine.height + 1) / 2, border);
+    forEachRange(static_cast<std::size_t>(coarse.height),
+                 kRowGrain,
+                 [&](std::size_t begin, std::size_t end) {
+                   std::vector<float> smoothed(static_cast<std::size_t>(fine.width + 2 * kLanes));
+                   for (std::size_t i = begin; i < end; ++i) {
+                     const int y = static_cast<int>(i);
+                     halveRow(fine, 2 * y, smoothed.data(), coarse.row(y), coarse.width);
+                     extendRow(coarse, y, border);
+                   }
+                 });
+    extendColumns(coarse, border);
+  }
+  return std::find(valid.begin(), valid.end(), char{0}) == valid.end();
+}
+
+LucasKanade::LucasKanade(const LucasKanadeOptions& options) : options_(options) {
+  const auto columns = static_cast<std::size_t>(columnsOf(options.window));
+  const auto rows = static_cast<std::size_t>(options.window);
+  patch_.resize((columns + kLanes) * (rows + 2) + kLanes);  // gradients read beyond the last row
+  template_.resize(static_cast<std::size_t>(kTemplateStep) / kLanes * columns * rows);
+}
+
+bool LucasKanade::follow(const FlowPyramid& from,
+                         const FlowPyramid& to,
+                         const Eigen::Vector2f& start,
+                         Eigen::Vector2f& place) {
+  const int levels = static_cast<int>(std::min(from.levels().size(), to.levels().size()));
+  const float coarsest = 1.0F / static_cast<float>(1 << (levels - 1));
+  Eigen::Vector2f guess = coarsest * place;
+  for (int level = levels - 1; level >= 0; --level) {
+    const auto l = static_cast<std::size_t>(level);
+    const Eigen::Vector2f at = start / static_cast<float>(1 << level);
+    const bool found = followOnLevel({from.levels()[l],
+                                      to.levels()[l],
+                                      options_.window,
+                                      options_.max_iterations,
+                                      static_cast<float>(options_.min_step),
+                                      static_cast<float>(options_.min_eigenvalue),
+                                      patch_.data(),
+                                      template_.data()},
+                                     at.x(),
+                                     at.y(),
+                                     guess.x(),
+                                     guess.y());
+    if (level == 0 && !found) return false;
+    if (level > 0) guess *= 2;
+  }
+  place = guess;
+  return place.allFinite();
+}
+
+}  // namespace dsorb

@@ -1,0 +1,361 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "dsorb/io/sequence_reader.h"
+
+#include "dsorb/camera/rectifier.h"
+#include "dsorb/error.h"
+
+#include "io/input/bit_depth.h"
+#include "io/input/black_bars.h"
+#include "io/input/dataset.h"
+#include "io/input/depth_images.h"
+#include "io/input/image_masks.h"
+#include "io/input/pixel_patterns.h"
+#include "io/input/playlist.h"
+#include "io/input/prefetch_queue.h"
+#include "io/input/sequence_calibration.h"
+
+#include <fmt/format.h>
+#include <opencv2/core.hpp>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <new>
+#include <stdexcept>
+#include <utility>
+#include <vector>
+
+namespace dsorb {
+namespace {
+
+constexpr int kDepthSamples = 4;  // images beside the first that show how many bits are used
+
+double millisecondsSince(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
+      .count();
+}
+
+/// Images that may be prepared ahead without taking much memory.
+int imagesAhead(const PinholeCamera& camera) {
+  constexpr double kBytesAhead = 100e6;
+  constexpr double kBytesPerPixel = 16;  // of a pyramid
+  return static_cast<int>(kBytesAhead / (kBytesPerPixel * camera.width * camera.height));
+}
+
+/// @param mask empty or of 8 bits
+ImageView viewOf(const cv::Mat& mask) {
+  return mask.empty() ? ImageView() : ImageView(mask.data, mask.cols, mask.rows, mask.step);
+}
+
+}  // namespace
+
+/// The whole way from file to frame. After construction only prepare() uses source and rectifier,
+/// and only one thread calls it.
+class SequenceReader::Impl {
+ public:
+  explicit Impl(const SequenceOptions& options)
+      : layout_(layoutOf(options)),
+        dataset_(openDataset(layout_)),
+        skip_unreadable_(options.skip_unreadable && !isStream()) {
+    playlist_ = select(options);
+    calibrate(options);
+    const int prefetch = layout_.format == SequenceFormat::kCamera
+                             ? 0
+                             : std::min(options.prefetch, imagesAhead(rectifier_->camera()));
+    queue_ = std::make_unique<PrefetchQueue<SequenceFrame>>(
+        playlist_.count, prefetch, [this](std::size_t position) {
+          return prepare(playlist_.index(position));
+        });
+  }
+
+  [[nodiscard]] const PinholeCamera& camera() const { return rectifier_->camera(); }
+  [[nodiscard]] const Lens& lens() const { return lens_; }
+  [[nodiscard]] const Dataset& dataset() const { return dataset_; }
+  [[nodiscard]] int selected() const { return static_cast<int>(playlist_.expected); }
+  [[nodiscard]] int dropped() const { return dataset_.images->dropped(); }
+  [[nodiscard]] SequenceFormat format() const { return layout_.format; }
+  [[nodiscard]] BrightnessModel brightness() const { return brightness_; }
+  [[nodiscard]] const std::vector<std::string>& warnings() const { return dataset_.warnings; }
+  [[nodiscard]] int index(int position) const {
+    if (position < 0 || position >= selected()) {
+      throw std::out_of_range(fmt::format("position {} of {} images", position, selected()));
+    }
+    return playlist_.index(static_cast<std::size_t>(position));
+  }
+  void skip(int images) { queue_->skip(static_cast<std::size_t>(std::max(images, 0))); }
+  [[nodiscard]] const std::vector<std::string>& unreadable() const { return unreadable_; }
+  /// Images that cannot be read are noted and passed over.
+  std::optional<SequenceFrame> next() {
+    std::vector<std::string> complaints;
+    while (true) {
+      std::optional<SequenceFrame> frame = queue_->next();
+      if (!frame) return frame;
+      frame->warnings.insert(frame->warnings.begin(), complaints.begin(), complaints.end());
+      if (frame->frame) return frame;
+      unreadable_.push_back(frame->image_file);
+      complaints = std::move(frame->warnings);
+    }
+  }
+
+ private:
+  static DatasetLayout layoutOf(const SequenceOptions& options) {
+    DatasetLayout layout = findDataset(options.path, options.format);
+    for (const std::string& file : {options.mask, options.vignette_file}) {
+      if (!file.empty()) layout.others.emplace_back(file);
+    }
+    return layout;
+  }
+  [[nodiscard]] bool isStream() const {
+    return layout_.format == SequenceFormat::kCamera || layout_.format == SequenceFormat::kVideo;
+  }
+  [[nodiscard]] Playlist select(const SequenceOptions& options) {
+    if (layout_.format == SequenceFormat::kCamera) return selectLive(options);
+    if (layout_.format != SequenceFormat::kVideo) {
+      return selectImages(options, dataset_.images->size(), dataset_.timestamps);
+    }
+    return selectVideo(options, *dataset_.images, dataset_.timestamps.front(), dataset_.rate);
+  }
+  void calibrate(const SequenceOptions& options);
+  void readCommonMask(const SequenceOptions& options);
+  [[nodiscard]] FirstImage firstImage(bool needed);
+  [[nodiscard]] std::optional<SourceImage> read(int index);
+  [[nodiscard]] std::optional<SourceImage> readSized(int index);
+  [[nodiscard]] std::optional<SequenceFrame> prepare(int index);
+  void demosaic(cv::Mat& image, std::vector<std::string>& warnings);
+  void chooseBits(const cv::Mat& image, std::vector<std::string>& warnings);
+  void leaveOutBars(const cv::Mat& image, std::vector<std::string>& warnings);
+  [[nodiscard]] std::uint16_t largestValue(const cv::Mat& image);
+
+  DatasetLayout layout_;
+  Dataset dataset_;
+  bool skip_unreadable_;
+  Playlist playlist_;
+  BrightnessModel brightness_ = BrightnessModel::kUncalibrated;
+  std::optional<Rectifier> rectifier_;
+  Lens lens_;
+  ImageMasks masks_;
+  BarFinder bars_;
+  DepthImages depths_;
+  std::optional<SourceImage> first_;  // decoded for its size, until it is read
+  std::optional<bool> mosaic_;        // empty: too dark to tell, so far
+  bool combed_ = false;               // an image is interlaced
+  std::vector<std::string> unreadable_;
+  int bits_ = 0;           // of 16-bit images; 0: not known before the first of them
+  bool exceeded_ = false;  // by the values of one
+  std::unique_ptr<PrefetchQueue<SequenceFrame>> queue_;  // last: its thread stops first
+};
+
+void SequenceReader::Impl::calibrate(const SequenceOptions& options) {
+  SequenceCalibration calibration =
+      calibrateSequence(options, layout_, firstImage(options.horizontal_view > 0));
+  rectifier_.emplace(std::move(calibration.rectifier));
+  lens_ = calibration.lens;
+  brightness_ = calibration.brightness;
+  dataset_.warnings.insert(
+      dataset_.warnings.end(), calibration.warnings.begin(), calibration.warnings.end());
+  // To an unknown response a ratio of exposures is a guess, which free brightness may correct.
+  if (brightness_ == BrightnessModel::kPerfect) dataset_.exposures.clear();
+  bits_ = options.bits;
+  if (bits_ != 0) rectifier_->setBits(bits_);
+  dataset_.images->expect({rectifier_->inputWidth(), rectifier_->inputHeight()});
+  readCommonMask(options);
+  if (options.depth_sigma > 0) {
+    depths_ = DepthImages(std::filesystem::path(options.path) / "depth",
+                          options.depth_sigma,
+                          camera().width,
+                          camera().height);
+  }
+}
+
+void SequenceReader::Impl::readCommonMask(const SequenceOptions& options) {
+  masks_ =
+      ImageMasks(options.mask, layout_.masks, rectifier_->inputWidth(), rectifier_->inputHeight());
+  try {
+    rectifier_->setMask(viewOf(masks_.common()));
+  } catch (const std::invalid_argument& error) {
+    throw IoError(fmt::format("{}: {}", options.mask, error.what()));
+  }
+}
+
+/// Empty where the first image cannot be read, which it says in its turn; where the size is needed,
+/// and of a stream, it is said at once.
+FirstImage SequenceReader::Impl::firstImage(bool needed) {
+  try {
+    first_ = read(playlist_.index(0));
+    return first_ ? FirstImage{first_->pixels.size(), first_->turn, first_->pixel_aspect}
+                  : FirstImage{};
+  } catch (const IoError&) {
+    if (isStream() || needed) throw;
+    return {};
+  }
+}
+
+std::optional<SourceImage> SequenceReader::Impl::read(int index) {
+  if (first_ && index == playlist_.index(0)) return std::exchange(first_, std::nullopt);
+  try {
+    return dataset_.images->image(index);
+  } catch (const std::bad_alloc&) {
+    throw IoError(fmt::format("{}: no memory for this image", dataset_.images->name(index)));
+  }
+}
+
+/// Over an image and some others of the sequence. Those that cannot be read complain in their turn.
+std::uint16_t SequenceReader::Impl::largestValue(const cv::Mat& image) {
+  double largest = 0;
+  cv::minMaxLoc(image, nullptr, &largest);
+  for (int i = 1; i <= kDepthSamples; ++i) {
+    try {
+      double value = 0;
+      const auto other = read(index((selected() - 1) * i / kDepthSamples));
+      if (!other || other->pixels.depth() != CV_16U) continue;
+      cv::minMaxLoc(other->pixels, nullptr, &value);
+      largest = std::max(largest, value);
+    } catch (const IoError&) {
+      continue;
+    }
+  }
+  return static_cast<std::uint16_t>(largest);
+}
+
+/// With the first 16-bit image the bits are chosen; later ones must keep to them.
+void SequenceReader::Impl::chooseBits(const cv::Mat& image, std::vector<std::string>& warnings) {
+  if (bits_ == 0) {
+    const BitDepth depth = recogniseBitDepth(largestValue(image));
+    bits_ = depth.bits;
+    rectifier_->setBits(bits_);
+    if (!depth.warning.empty()) warnings.push_back(depth.warning);
+  }
+  double largest = 0;
+  if (bits_ < 16 && !exceeded_) cv::minMaxLoc(image, nullptr, &largest);
+  if (largest < std::exp2(bits_)) return;
+  exceeded_ = true;
+  warnings.push_back(
+      fmt::format("a value of {} does not fit into {} bits and counts as the largest "
+                  "that does; say with --bits how many the images have",
+                  largest,
+                  bits_));
+}
+
+void SequenceReader::Impl::leaveOutBars(const cv::Mat& image, std::vector<std::string>& warnings) {
+  const bool had_bars = bars_.bars().any();
+  if (!bars_.look(image)) return;
+  rectifier_->setMask(viewOf(withoutBars(bars_.bars(), image.size(), masks_.common())));
+  if (!had_bars) warnings.push_back(describe(bars_.bars()));
+}
+
+/// The first image that is light enough decides for all.
+void SequenceReader::Impl::demosaic(cv::Mat& image, std::vector<std::string>& warnings) {
+  if (image.channels() != 1) return;
+  if (!mosaic_) {
+    mosaic_ = isMosaic(image);
+    if (mosaic_.value_or(false)) {
+      warnings.emplace_back(
+          "the images are mosaics of colours (Bayer): the mean over its neighbours, with the "
+          "weights 1 2 1, replaces each pixel");
+    }
+  }
+  if (mosaic_.value_or(false)) image = greyOfMosaic(image);
+}
+
+std::optional<SourceImage> SequenceReader::Impl::readSized(int index) {
+  std::optional<SourceImage> image = read(index);
+  const cv::Size expected(rectifier_->inputWidth(), rectifier_->inputHeight());
+  if (image && image->pixels.size() != expected) {
+    throw wrongSize(dataset_.images->name(image->index), image->pixels.size(), expected);
+  }
+  return image;
+}
+
+std::optional<SequenceFrame> SequenceReader::Impl::prepare(int index) {
+  SequenceFrame result;
+  auto start = std::chrono::steady_clock::now();
+  std::optional<SourceImage> image;
+  try {
+    image = readSized(index);
+  } catch (const IoError& error) {
+    if (!skip_unreadable_) throw;
+    result.image_file = dataset_.images->name(index);
+    result.warnings.push_back(fmt::format("{}; passed over", error.what()));
+    return result;
+  }
+  if (!image || playlist_.isAfterEnd(image->timestamp)) return std::nullopt;
+  result.index = image->index;
+  result.image_file = dataset_.images->name(image->index);
+  result.late = image->late;
+  if (!image->warning.empty()) result.warnings.push_back(image->warning);
+  demosaic(image->pixels, result.warnings);
+  if (!combed_ && (combed_ = isInterlaced(image->pixels))) {
+    result.warnings.push_back(fmt::format(
+        "{}: interlaced, though nothing says so: every second row is of another moment; "
+        "ffmpeg -i FILE -vf yadif NEW takes them apart",
+        result.image_file));
+  }
+  leaveOutBars(image->pixels, result.warnings);
+  const cv::Mat mask = masks_.of(result.image_file);
+  if (image->pixels.depth() == CV_16U) chooseBits(image->pixels, result.warnings);
+  const auto priors = depths_.of(result.image_file);
+  const ImageView rectified = rectifier_->rectify(rawImage(image->pixels), viewOf(mask));
+  result.read_milliseconds = millisecondsSince(start);
+
+  start = std::chrono::steady_clock::now();
+  FrameInfo info;
+  const auto entry = static_cast<std::size_t>(image->index);
+  info.id = FrameId{image->index};
+  info.timestamp = image->timestamp ? *image->timestamp : dataset_.timestamps[entry];
+  if (!dataset_.exposures.empty()) info.exposure = dataset_.exposures[entry];
+  info.response_slope = rectifier_->responseSlope();
+  info.row_times = rectifier_->rowTimes();
+  info.priors = priors;
+  result.frame = Frame::create(rectified, info);
+  result.pyramid_milliseconds = millisecondsSince(start);
+  return result;
+}
+
+SequenceReader::SequenceReader(const SequenceOptions& options)
+    : impl_(std::make_unique<Impl>(options)) {}
+SequenceReader::~SequenceReader() = default;
+SequenceReader::SequenceReader(SequenceReader&&) noexcept = default;
+SequenceReader& SequenceReader::operator=(SequenceReader&&) noexcept = default;
+
+const PinholeCamera& SequenceReader::camera() const {
+  return impl_->camera();
+}
+const Lens& SequenceReader::lens() const {
+  return impl_->lens();
+}
+int SequenceReader::size() const {
+  return impl_->dataset().images->size();
+}
+int SequenceReader::selected() const {
+  return impl_->selected();
+}
+SequenceFormat SequenceReader::format() const {
+  return impl_->format();
+}
+BrightnessModel SequenceReader::brightness() const {
+  return impl_->brightness();
+}
+double SequenceReader::timestamp(int index) const {
+  return impl_->dataset().timestamps.at(static_cast<std::size_t>(index));
+}
+const std::vector<std::string>& SequenceReader::warnings() const {
+  return impl_->warnings();
+}
+int SequenceReader::index(int position) const {
+  return impl_->index(position);
+}
+int SequenceReader::dropped() const {
+  return impl_->dropped();
+}
+const std::vector<std::string>& SequenceReader::unreadable() const {
+  return impl_->unreadable();
+}
+void SequenceReader::skip(int images) {
+  impl_->skip(images);
+}
+std::optional<SequenceFrame> SequenceReader::next() {
+  return impl_->next();
+}
+
+}  // namespace dsorb

@@ -1,0 +1,206 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/output/dataset_writer.h"
+
+#include "dsorb/error.h"
+
+#include "base/parallel.h"
+#include "io/output/trajectory_writer.h"
+#include "io/png.h"
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <opencv2/core.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <limits>
+#include <string>
+#include <system_error>
+
+namespace dsorb {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kFramesAtOnce = 8;      // memory stays bounded, order stays nearly that of time
+constexpr int kPngCompression = 1;    // fast; noise hardly shrinks any further
+constexpr double kMillimetres = 1e3;  // per metre
+
+void writeFile(const fs::path& file, const char* data, std::size_t size) {
+  std::ofstream stream(file, std::ios::binary | std::ios::trunc);
+  stream.write(data, static_cast<std::streamsize>(size));
+  stream.close();
+  if (!stream) throw IoError(fmt::format("{}: cannot be written", file.string()));
+}
+
+void writeText(const fs::path& file, const std::string& text) {
+  writeFile(file, text.data(), text.size());
+}
+
+void writePng(const fs::path& file, const cv::Mat& image) {
+  const std::string bytes = encodePng(image, kPngCompression);
+  writeFile(file, bytes.data(), bytes.size());
+}
+
+/// Makes the folder and removes the numbered PNGs of an earlier data set from it.
+void prepareImageFolder(const fs::path& folder) {
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (error) {
+    throw IoError(fmt::format("{}: cannot make this folder: {}", folder.string(), error.message()));
+  }
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder, error)) {
+    const std::string name = entry.path().stem().string();
+    const bool numbered = !name.empty() && name.find_first_not_of("0123456789") == name.npos;
+    if (numbered && entry.path().extension() == ".png") fs::remove(entry.path(), error);
+    if (error) break;
+  }
+  if (error) {
+    throw IoError(fmt::format("{}: cannot be emptied: {}", folder.string(), error.message()));
+  }
+}
+
+cv::Mat depthInMillimetres(const std::vector<float>& inverse_depth, const PinholeCamera& camera) {
+  cv::Mat depth(camera.height, camera.width, CV_16U);
+  auto* pixel = depth.ptr<std::uint16_t>();
+  for (const float inverse : inverse_depth) {
+    const double millimetres = inverse > 0 ? std::round(kMillimetres / inverse) : 0.0;
+    constexpr double kLargest = std::numeric_limits<std::uint16_t>::max();
+    *pixel++ = millimetres <= kLargest ? static_cast<std::uint16_t>(millimetres) : std::uint16_t{0};
+  }
+  return depth;
+}
+
+void writeCalibration(const DatasetDescription& description) {
+  const PinholeCamera& camera = description.camera;
+  const std::string size = fmt::format("{} {}\n", camera.width, camera.height);
+  writeText(description.folder / "camera.txt",
+            fmt::format("Pinhole {:.12g} {:.12g} {:.12g} {:.12g} 0\n{}none\n{}",
+                        camera.fx,
+                        camera.fy,
+                        camera.cx,
+                        camera.cy,
+                        size,
+                        size));
+  std::error_code ignored;
+  fs::remove(description.folder / "pcalib.txt", ignored);
+  fs::remove(description.folder / "vignette.png", ignored);
+  if (description.inverse_response.empty()) return;
+  std::string response;
+  for (const double value : description.inverse_response) {
+    response += fmt::format("{:.9f} ", value);
+  }
+  response.back() = '\n';
+  writeText(description.folder / "pcalib.txt", response);
+  cv::Mat vignette(camera.height, camera.width, CV_16U, cv::Scalar(65535));
+  auto* pixel = vignette.ptr<std::uint16_t>();
+  for (const float share : description.vignette) {
+    *pixel++ = static_cast<std::uint16_t>(std::lround(65535.0F * share));
+  }
+  writePng(description.folder / "vignette.png", vignette);
+}
+
+/// The list beside a data set, of those that were written there.
+struct DatasetList {
+  fs::path file;
+  std::string name;  // of the data set
+  nlohmann::ordered_json sequences = nlohmann::ordered_json::object();
+};
+
+DatasetList listBeside(const fs::path& dataset) {
+  const fs::path folder = fs::absolute(dataset / "").lexically_normal().parent_path();
+  DatasetList list{folder.parent_path() / "sequences.json", folder.filename().string()};
+  if (!fs::exists(list.file)) return list;
+  std::ifstream stream(list.file);
+  list.sequences = nlohmann::ordered_json::parse(stream, nullptr, false);
+  if (!list.sequences.is_object()) {
+    throw IoError(fmt::format("{}: expected a JSON object of sequences", list.file.string()));
+  }
+  return list;
+}
+
+/// @throws IoError where files of others would be replaced
+void refuseForeign(const fs::path& folder) {
+  const DatasetList list = listBeside(folder);
+  if (list.sequences.contains(list.name) || !fs::exists(folder) || fs::is_empty(folder)) return;
+  throw IoError(
+      fmt::format("{}: holds files that are not of a data set written before ({} does not "
+                  "list it); choose another folder or empty it",
+                  folder.string(),
+                  list.file.string()));
+}
+
+/// Adds or replaces the entry of a data set in the list beside it; the file changes at once or not.
+void listInParent(const DatasetDescription& description) {
+  auto [list, name, sequences] = listBeside(description.folder);
+  nlohmann::ordered_json entry = {{"path", name}, {"frames", description.frames}};
+  if (!description.can_start) entry["no_start"] = true;
+  sequences[name] = entry;
+  const fs::path fresh = list.string() + ".new";
+  writeText(fresh, sequences.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n");
+  std::error_code error;
+  fs::rename(fresh, list, error);
+  if (error) {
+    throw IoError(fmt::format("{}: cannot be replaced: {}", list.string(), error.message()));
+  }
+}
+
+/// Rows of times.txt and groundtruth.txt.
+struct FrameRows {
+  std::string time;
+  std::string truth;
+};
+
+FrameRows writeFrame(const DatasetDescription& description, int index, DatasetFrame frame) {
+  const std::string name = fmt::format("{:05d}", index);
+  const PinholeCamera& camera = description.camera;
+  writePng(description.folder / "images" / (name + ".png"),
+           cv::Mat(camera.height, camera.width, CV_8U, frame.image.data()));
+  writePng(description.folder / "depth" / (name + ".png"),
+           depthInMillimetres(frame.inverse_depth, camera));
+  return {fmt::format("{} {:.9f} {:.6f}\n", name, frame.timestamp, 1e3 * frame.exposure),
+          io::tumLine(frame.timestamp, frame.T_world_cam)};
+}
+
+std::vector<FrameRows> writeFrames(const DatasetDescription& description,
+                                   const std::function<DatasetFrame(int)>& make,
+                                   const std::function<void(int)>& progress) {
+  std::vector<FrameRows> rows(static_cast<std::size_t>(description.frames));
+  TaskArena arena(description.num_threads);
+  for (int first = 0; first < description.frames; first += kFramesAtOnce) {
+    const int count = std::min(kFramesAtOnce, description.frames - first);
+    arena.run([&] {
+      forEachRange(static_cast<std::size_t>(count), 1, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+          const int index = first + static_cast<int>(i);
+          rows[static_cast<std::size_t>(index)] = writeFrame(description, index, make(index));
+        }
+      });
+    });
+    if (progress) progress(first + count);
+  }
+  return rows;
+}
+
+}  // namespace
+
+void writeDataset(const DatasetDescription& description,
+                  const std::function<DatasetFrame(int)>& make,
+                  const std::function<void(int)>& progress) {
+  refuseForeign(description.folder);
+  prepareImageFolder(description.folder / "images");
+  prepareImageFolder(description.folder / "depth");
+  writeCalibration(description);
+  std::string times;
+  std::string truth = "# timestamp tx ty tz qx qy qz qw (camera to world)\n";
+  for (const FrameRows& row : writeFrames(description, make, progress)) {
+    times += row.time;
+    truth += row.truth;
+  }
+  writeText(description.folder / "times.txt", times);
+  writeText(description.folder / "groundtruth.txt", truth);
+  listInParent(description);
+}
+
+}  // namespace dsorb

@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/output/output_file.h"
+
+#include "io/output/json_text.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <fstream>
+#include <regex>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+namespace dsorb::io {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kSummary = "run.json";
+constexpr const char* kFigures = "figures";
+
+FileHandle openForWriting(const fs::path& path) {
+  FileHandle file(std::fopen(path.c_str(), "wb"));
+  if (!file) throw writeError(path);
+  return file;
+}
+
+void writeAll(std::FILE* file, std::string_view text, const fs::path& path) {
+  if (std::fwrite(text.data(), 1, text.size(), file) != text.size() || std::fflush(file) != 0) {
+    throw writeError(path);
+  }
+}
+
+/// Files of a run, by their names relative to the output folder. Those of earlier versions count.
+std::vector<fs::path> outputFilesIn(const fs::path& folder) {
+  std::vector<fs::path> found;
+  for (const fs::path& part : {fs::path(), fs::path(kFigures)}) {
+    if (!fs::is_directory(folder / part)) continue;
+    for (const auto& entry : fs::directory_iterator(folder / part)) {
+      const fs::path name = part / entry.path().filename();
+      if (!entry.is_directory() && isOutputFile(name)) found.push_back(name);
+    }
+  }
+  return found;
+}
+
+bool isSummaryOf(const std::string& program, const fs::path& run_json) {
+  std::ifstream file(run_json);
+  const Json json = Json::parse(file, nullptr, false);
+  return json.is_object() && json.contains("program") && json["program"] == program;
+}
+
+}  // namespace
+
+IoError writeError(const fs::path& path) {
+  return IoError(fmt::format(
+      "{}: cannot be written: {}", path.string(), std::generic_category().message(errno)));
+}
+
+GrowingFile::GrowingFile(fs::path path) : path_(std::move(path)), file_(openForWriting(path_)) {}
+
+void GrowingFile::append(std::string_view text) {
+  writeAll(file_.get(), text, path_);
+}
+
+ReplacingFile::ReplacingFile(fs::path path)
+    : path_(std::move(path)), part_(path_.string() + kPartSuffix), file_(openForWriting(part_)) {}
+
+ReplacingFile::~ReplacingFile() {
+  if (!file_) return;
+  file_.reset();
+  std::error_code ignored;
+  fs::remove(part_, ignored);
+}
+
+void ReplacingFile::append(std::string_view text) {
+  writeAll(file_.get(), text, path_);
+}
+
+void ReplacingFile::commit() {
+  const bool closed = std::fclose(file_.release()) == 0;
+  if (closed && std::rename(part_.c_str(), path_.c_str()) == 0) return;
+  const IoError error = writeError(path_);
+  std::error_code ignored;
+  fs::remove(part_, ignored);
+  throw error;
+}
+
+void replaceFile(const fs::path& path, std::string_view content) {
+  ReplacingFile file(path);
+  file.append(content);
+  file.commit();
+}
+
+bool isOutputFile(const fs::path& name) {
+  static const std::regex kNames(
+      R"((trajectory(_kitti|_\d+)?\.txt|keyframes(_\d+)?\.txt|initialization\.json|frames\.csv|)"
+      R"(points\.ply|refined_camera\.txt|run\.json|config\.yaml)(\.part)?|points\.spool|)"
+      R"(figures/(initial_inverse_depth(_\d+)?|trajectory|timeline)\.png(\.part)?)");
+  return std::regex_match(name.generic_string(), kNames);
+}
+
+OutputFolder::OutputFolder(const fs::path& folder,
+                           const std::string& program,
+                           std::string_view run_json) {
+  try {
+    fs::create_directories(folder);
+    lock_ = Descriptor(open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+    // A file system without locks is no reason not to run.
+    if (lock_.get() >= 0 && flock(lock_.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+      throw IoError(fmt::format("output folder {}: another run writes into it", folder.string()));
+    }
+    if (fs::is_symlink(folder / kFigures)) {
+      throw IoError(fmt::format(
+          "output folder {}: {} there is a link; move it away", folder.string(), kFigures));
+    }
+    const std::vector<fs::path> old = outputFilesIn(folder);
+    if (!old.empty() && !isSummaryOf(program, folder / kSummary)) {
+      throw IoError(
+          fmt::format("output folder {}: {} there is not from a run of {}; it would be replaced. "
+                      "Choose another folder or move it away",
+                      folder.string(),
+                      old.front().generic_string(),
+                      program));
+    }
+    fs::create_directory(folder / kFigures);
+    replaceFile(folder / kSummary, run_json);
+    for (const fs::path& name : old) {
+      if (name != kSummary) fs::remove(folder / name);
+    }
+  } catch (const fs::filesystem_error& error) {
+    throw IoError(fmt::format(
+        "output folder {}: cannot be prepared: {}", folder.string(), error.code().message()));
+  }
+}
+
+}  // namespace dsorb::io

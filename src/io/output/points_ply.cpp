@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/output/points_ply.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <utility>
+#include <vector>
+
+namespace dsorb::io {
+namespace {
+
+constexpr std::uintmax_t kVertexBytes = 4 * sizeof(float) + 3 + 2 * sizeof(std::int32_t);
+constexpr std::size_t kCopyBytes = 1 << 16;
+
+template <typename Value>
+void appendLittleEndian(Value value, std::string& bytes) {
+  std::uint32_t bits = 0;
+  static_assert(sizeof(Value) == sizeof(bits));
+  std::memcpy(&bits, &value, sizeof(bits));
+  for (int shift = 0; shift < 32; shift += 8) {
+    bytes.push_back(static_cast<char>((bits >> shift) & 0xFFU));
+  }
+}
+
+/// Vertices of all points that have a finite place in front of the camera.
+std::string vertices(const KeyframeSnapshot& keyframe) {
+  std::string bytes;
+  for (const MapPoint& point : keyframe.points) {
+    if (!(point.inverse_depth > 0) || !std::isfinite(point.variance)) continue;
+    const Eigen::Vector3d p_cam = keyframe.camera.unproject(point.pixel.cast<double>()) /
+                                  static_cast<double>(point.inverse_depth);
+    const Eigen::Vector3f p_world = (keyframe.T_world_cam * p_cam).cast<float>();
+    if (!p_world.allFinite()) continue;
+    for (const float coordinate : p_world) appendLittleEndian(coordinate, bytes);
+    const float grey = std::isfinite(point.intensity) ? point.intensity : 0.0F;
+    const auto level =
+        static_cast<char>(static_cast<unsigned char>(std::lround(std::clamp(grey, 0.0F, 255.0F))));
+    bytes.append(3, level);
+    appendLittleEndian(point.variance, bytes);
+    appendLittleEndian(static_cast<std::int32_t>(keyframe.segment), bytes);
+    appendLittleEndian(static_cast<std::int32_t>(keyframe.id.value), bytes);
+  }
+  return bytes;
+}
+
+std::string header(std::uintmax_t count) {
+  return fmt::format(
+      "ply\nformat binary_little_endian 1.0\ncomment unit of each segment: units in "
+      "run.json\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n"
+      "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+      "property float inverse_depth_variance\nproperty int segment\nproperty int "
+      "keyframe\nend_header\n",
+      count);
+}
+
+}  // namespace
+
+PointsPly::PointsPly(std::filesystem::path folder) : folder_(std::move(folder)), spool_(folder_) {
+  update();
+}
+
+void PointsPly::setKeyframe(const KeyframeSnapshot& keyframe) {
+  active_[keyframe.id] = keyframe;
+  changed_ = true;
+}
+
+void PointsPly::retireKeyframe(const KeyframeSnapshot& keyframe) {
+  active_.erase(keyframe.id);
+  const std::string bytes = vertices(keyframe);
+  spool_.write(spool_bytes_, bytes.data(), bytes.size());
+  spool_bytes_ += bytes.size();
+  changed_ = true;
+}
+
+void PointsPly::copySpool(ReplacingFile& target) const {
+  std::vector<char> block(kCopyBytes);
+  for (std::uintmax_t done = 0; done < spool_bytes_;) {
+    const auto size =
+        static_cast<std::size_t>(std::min<std::uintmax_t>(spool_bytes_ - done, block.size()));
+    spool_.read(done, block.data(), size);
+    target.append({block.data(), size});
+    done += size;
+  }
+}
+
+void PointsPly::update() {
+  if (!changed_) return;
+  std::string body;
+  for (const auto& [id, keyframe] : active_) body += vertices(keyframe);
+  ReplacingFile file(folder_ / "points.ply");
+  file.append(header((spool_bytes_ + body.size()) / kVertexBytes));
+  if (spool_bytes_ > 0) copySpool(file);
+  file.append(body);
+  file.commit();
+  changed_ = false;
+}
+
+}  // namespace dsorb::io

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/odometry/observer.h"
+
+#include "io/output/nameless_file.h"
+#include "io/output/output_file.h"
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+
+namespace dsorb::io {
+
+/// points.ply: the map as binary little-endian vertices `x y z red green blue
+/// inverse_depth_variance segment keyframe`, in world coordinates of each segment; the last is the
+/// position of the host's image. Points of retired keyframes are final and wait in a file, not in
+/// memory.
+class PointsPly {
+ public:
+  explicit PointsPly(std::filesystem::path folder);
+
+  void setKeyframe(const KeyframeSnapshot& keyframe);
+  void retireKeyframe(const KeyframeSnapshot& keyframe);
+
+  /// Replaces the file when points changed.
+  void update();
+
+ private:
+  void copySpool(ReplacingFile& target) const;
+
+  std::filesystem::path folder_;
+  std::map<FrameId, KeyframeSnapshot> active_;
+  NamelessFile spool_;
+  std::uintmax_t spool_bytes_ = 0;
+  bool changed_ = true;
+};
+
+}  // namespace dsorb::io

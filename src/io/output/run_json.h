@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/io/writers.h"
+
+#include "io/output/camera_estimate.h"
+#include "io/output/json_text.h"
+#include "io/output/run_record.h"
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace dsorb::io {
+
+/// Time that the stages of a run took [s].
+struct RunSeconds {
+  double total = 0;
+  double reading = 0;
+  double initializing = 0;
+  double tracking = 0;
+  double mapping = 0;
+  double writing = 0;  ///< files of the output folder but the last run.json
+};
+
+/// Outcome of a run as far as its record does not contain it.
+struct RunEnd {
+  RunStatus status = RunStatus::kError;
+  int frames_dropped = 0;
+  std::vector<std::string> unreadable;  ///< files that were passed over
+  RunSeconds seconds;
+};
+
+/// Largest resident memory of this process up to now [MiB].
+[[nodiscard]] double peakMemory();
+
+[[nodiscard]] Json cameraJson(const PinholeCamera& camera);
+
+[[nodiscard]] Json lensJson(const Lens& lens);
+
+/// The cameras of a run as far as they are known.
+struct RunCameras {
+  std::optional<PinholeCamera> camera;  ///< of the rectified images
+  std::optional<Lens> lens;             ///< of the images as they were taken
+  CameraEstimate refined;               ///< by the window
+  std::optional<Readout> readout;       ///< estimated, of the newest keyframe
+};
+
+/// Content of run.json.
+[[nodiscard]] Json runJson(const RunInfo& info,
+                           const RunCameras& cameras,
+                           const RunRecord& record,
+                           const RunEnd& end);
+
+}  // namespace dsorb::io

@@ -1,0 +1,199 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/output/run_record.h"
+
+#include "dsorb/init/metric_scale.h"
+
+#include "geometry/reattachment.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+
+namespace dsorb::io {
+bool isFinite(const SE3& pose) {
+  return pose.unitQuaternion().coeffs().allFinite() && pose.translation().allFinite();
+}
+
+RunRecord::RunRecord(const std::filesystem::path& folder)
+    : frames_(folder), keyframes_(folder), notes_(folder) {}
+
+int RunRecord::longestSegment() const {
+  std::map<int, int> frames;
+  for (std::size_t i = 0; i < frames_.size(); ++i) ++frames[frames_.at(i).segment];
+  const auto longest = std::max_element(
+      frames.begin(), frames.end(), [](auto& a, auto& b) { return a.second < b.second; });
+  return longest == frames.end() ? -1 : longest->first;
+}
+
+void RunRecord::addInitStep(const InitStep& step, int segment) {
+  steps_.push_back({step.status, step.reason, segment, step.result, {}});
+  ++answers_[step.reason];
+}
+
+void RunRecord::addInitialization(InitializationResult result, int segment) {
+  segments_.push_back(segment);
+  units_.push_back(result.metric);
+  if (result.metric) toMetres(*result.metric, result);
+  noteReadout(result);
+  noteLens(result);
+  noteStuck(result);
+  const FrameId reference = result.frames.front().frame->id();
+  const double begin = result.frames.front().frame->timestamp();
+  const double duration = result.frames.back().frame->timestamp() - begin;
+  anchors_.try_emplace(reference, SE3(), begin);
+  starts_.push_back({result.frames.back().frame->id(), *result.frames.back().T_cam_ref});
+  const int start = static_cast<int>(starts_.size()) - 1;
+  for (const PosedFrame& posed : result.frames) {
+    if (!posed.T_cam_ref || !isFinite(*posed.T_cam_ref)) continue;
+    frames_.push({posed.frame->id(),
+                  posed.frame->timestamp(),
+                  segment,
+                  reference,
+                  *posed.T_cam_ref,
+                  start,
+                  (posed.frame->timestamp() - begin) / duration});
+  }
+}
+
+void RunRecord::noteReadout(const InitializationResult& result) {
+  constexpr double kSuspicious = 3;  // standard deviations; docs/experiments.md, "Rolling shutter"
+  if (!result.report.essential || !result.report.essential->readout_score) return;
+  const Readout& score = *result.report.essential->readout_score;
+  const double interval =
+      result.frames[1].frame->timestamp() - result.frames.front().frame->timestamp();
+  if (std::abs(score.seconds) > std::abs(interval)) return;  // no camera reads longer than that
+  const auto deviations = [](const Readout& readout) {
+    return std::abs(readout.seconds) / readout.sigma;
+  };
+  const double known = suspected_readout_ ? deviations(*suspected_readout_) : kSuspicious;
+  if (deviations(score) > known) suspected_readout_ = score;
+}
+
+void RunRecord::noteStuck(const InitializationResult& result) {
+  if (!result.report.essential || result.report.essential->stuck_tracks == 0) return;
+  const double stuck = result.report.essential->stuck_tracks;
+  stuck_share_ = std::max(stuck_share_, stuck / (stuck + result.report.essential->tracks));
+}
+
+void RunRecord::noteLens(const InitializationResult& result) {
+  if (!result.report.essential || !result.report.essential->lens_score) return;
+  const LensScore& score = *result.report.essential->lens_score;
+  if (!score.suspicious()) return;
+  if (!contradicted_lens_ || score.gain > contradicted_lens_->gain) contradicted_lens_ = score;
+}
+
+void RunRecord::addRefusal(const StartRefusal& refusal) {
+  ++refusals_[refusal.reason];
+  steps_.back().refusal = refusal;
+}
+
+std::optional<MetricScale> RunRecord::unitOf(int segment) const {
+  const auto found = std::find(segments_.begin(), segments_.end(), segment);
+  if (found == segments_.end()) return std::nullopt;
+  return units_[static_cast<std::size_t>(found - segments_.begin())];
+}
+
+int RunRecord::refusals(RefusalReason reason) const {
+  const auto count = refusals_.find(reason);
+  return count == refusals_.end() ? 0 : count->second;
+}
+
+void RunRecord::addFrame(const FrameEstimate& estimate) {
+  estimate_ = estimate;
+  const double rmse = estimate.tracking_rmse.value_or(-1);
+  notes_.push({estimate.frame->id().value,
+               estimate.segment,
+               estimate.state,
+               0,
+               std::isfinite(rmse) ? static_cast<float>(rmse) : -1.0F});
+  frames_tracked_ += estimate.state == OdometryState::kTracked ? 1 : 0;
+  frames_missed_ += estimate.state == OdometryState::kMissed ? 1 : 0;
+  if (estimate.state == OdometryState::kInitialized && !steps_.empty() && steps_.back().result) {
+    addInitialization(*steps_.back().result, estimate.segment);
+  }
+  const bool placed =
+      estimate.state == OdometryState::kTracked || estimate.state == OdometryState::kInitialized;
+  if (!placed || !estimate.T_world_cam || !isFinite(*estimate.T_world_cam)) return;
+
+  PosedEntry entry{
+      estimate.frame->id(), estimate.frame->timestamp(), estimate.segment, FrameId{}, SE3(), -1, 0};
+  if (estimate.keyframe && estimate.T_cam_keyframe && isFinite(*estimate.T_cam_keyframe)) {
+    entry.anchor = *estimate.keyframe;
+    entry.T_cam_anchor = *estimate.T_cam_keyframe;
+    const SE3 T_world_anchor = *estimate.T_world_cam * entry.T_cam_anchor;
+    Anchor& anchor = anchors_.try_emplace(entry.anchor, T_world_anchor).first->second;
+    if (estimate.is_keyframe && entry.anchor != entry.id) {
+      anchor.next = entry.id;
+      anchor.T_next_cam = entry.T_cam_anchor;
+    }
+  } else {  // a keyframe is its own anchor
+    entry.anchor = entry.id;
+    anchors_.try_emplace(entry.id, *estimate.T_world_cam, entry.timestamp);
+  }
+  if (!frames_.empty() && frames_.newest().id == entry.id) frames_.pop();  // came with a result
+  frames_.push(entry);
+}
+
+void RunRecord::noteCamera(const KeyframeSnapshot& keyframe) {
+  if (!keyframe.camera_score || !keyframe.camera_score->suspicious()) return;
+  const bool most = !contradicted_camera_ ||
+                    keyframe.camera_score->deviations() > contradicted_camera_->deviations();
+  if (most) contradicted_camera_ = keyframe.camera_score;
+}
+
+void RunRecord::addKeyframe(const KeyframeSnapshot& keyframe) {
+  noteCamera(keyframe);
+  if (!isFinite(keyframe.T_world_cam)) return;
+  Anchor& anchor = anchors_[keyframe.id];
+  anchor.T_world_cam = keyframe.T_world_cam;
+  anchor.timestamp = keyframe.timestamp;
+  if (anchor.is_keyframe) return;
+  anchor.is_keyframe = true;
+  keyframes_.push({keyframe.id, keyframe.timestamp, keyframe.segment, keyframe.id, SE3(), -1, 0});
+}
+
+void RunRecord::setMilliseconds(double milliseconds) {
+  if (estimate_) notes_.newest().milliseconds = static_cast<float>(milliseconds);
+}
+
+void RunRecord::nextFrame() {
+  frames_.settle();
+  keyframes_.settle();
+  notes_.settle();
+  steps_.clear();
+  estimate_.reset();
+}
+
+SE3 RunRecord::T_world_cam(const PosedEntry& entry) const {
+  const auto own = anchors_.find(entry.id);  // the frame became a keyframe itself
+  if (own != anchors_.end()) return own->second.T_world_cam;
+  const Anchor& anchor = anchors_.at(entry.anchor);
+  const SE3 T_cam_anchor =
+      entry.start < 0 ? T_cam_keyframe(entry, anchor) : T_cam_reference(entry, anchor);
+  return anchor.T_world_cam * T_cam_anchor.inverse();
+}
+
+/// Pose of a frame of an initialization.
+SE3 RunRecord::T_cam_reference(const PosedEntry& entry, const Anchor& reference) const {
+  const Start& start = starts_[static_cast<std::size_t>(entry.start)];
+  const auto newest = anchors_.find(start.newest);
+  if (newest == anchors_.end()) return entry.T_cam_anchor;
+  const SE3 T_newest_anchor = newest->second.T_world_cam.inverse() * reference.T_world_cam;
+  return reattach(entry.T_cam_anchor, {start.T_newest_reference, T_newest_anchor}, entry.progress);
+}
+
+/// Pose of a tracked frame.
+SE3 RunRecord::T_cam_keyframe(const PosedEntry& entry, const Anchor& keyframe) const {
+  const auto next = keyframe.next ? anchors_.find(*keyframe.next) : anchors_.end();
+  if (next == anchors_.end() || !keyframe.timestamp || !next->second.timestamp) {
+    return entry.T_cam_anchor;
+  }
+  const SE3 T_next_anchor = next->second.T_world_cam.inverse() * keyframe.T_world_cam;
+  const double progress =
+      (entry.timestamp - *keyframe.timestamp) / (*next->second.timestamp - *keyframe.timestamp);
+  // Frames tracked while the next keyframe is made lie behind it.
+  return spreadCorrection(
+      entry.T_cam_anchor, {keyframe.T_next_cam, T_next_anchor}, std::min(progress, 1.0));
+}
+
+}  // namespace dsorb::io

@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/output/trajectory_writer.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <optional>
+#include <utility>
+#include <vector>
+
+namespace dsorb::io {
+namespace {
+
+constexpr std::size_t kBlockBytes = 1 << 16;
+
+/// Calls f with every entry, sorted by time.
+template <typename F>
+void forEachByTime(const Entries& entries, F f) {
+  std::vector<std::pair<double, std::size_t>> order;
+  order.reserve(entries.size());
+  for (std::size_t i = 0; i < entries.size(); ++i) order.emplace_back(entries.at(i).timestamp, i);
+  std::sort(order.begin(), order.end());
+  for (const auto& place : order) f(entries.at(place.second));
+}
+
+/// A file that takes the place of an earlier one, written line by line.
+class LineFile {
+ public:
+  explicit LineFile(const std::filesystem::path& path) : file_(path) {}
+  void add(const std::string& line) {
+    lines_ += line;
+    if (lines_.size() < kBlockBytes) return;
+    file_.append(lines_);
+    lines_.clear();
+  }
+  void commit() {
+    file_.append(lines_);
+    file_.commit();
+  }
+
+ private:
+  ReplacingFile file_;
+  std::string lines_;
+};
+
+std::string lineOf(const PosedEntry& entry, const RunRecord& record) {
+  return tumLine(entry.timestamp, record.T_world_cam(entry));
+}
+
+}  // namespace
+
+TrajectoryWriter::TrajectoryWriter(std::filesystem::path folder, std::string stem)
+    : folder_(std::move(folder)), stem_(std::move(stem)), file_(path("")) {}
+
+std::filesystem::path TrajectoryWriter::path(const std::string& suffix) const {
+  return folder_ / (stem_ + suffix + ".txt");
+}
+
+void TrajectoryWriter::update(const RunRecord& record, const Entries& entries) {
+  std::string lines;
+  const auto flush = [&] {
+    if (!lines.empty()) file_.append(lines);
+    lines.clear();
+  };
+  for (; written_ < entries.size(); ++written_) {
+    const PosedEntry entry = entries.at(written_);
+    if (entry.segment != segment_.value_or(entry.segment)) {
+      flush();
+      file_ = GrowingFile(path(fmt::format("_{}", entry.segment)));
+    }
+    segment_ = entry.segment;
+    lines += lineOf(entry, record);
+  }
+  flush();
+}
+
+void TrajectoryWriter::finish(const RunRecord& record, const Entries& entries) const {
+  writeTum(path(""), record, entries, record.longestSegment());
+  if (record.segments().size() < 2) return;
+  std::optional<LineFile> file;
+  int segment = -1;
+  forEachByTime(entries, [&](const PosedEntry& entry) {  // one segment after the other
+    if (entry.segment != segment) {
+      if (file) file->commit();
+      segment = entry.segment;
+      file.emplace(path(fmt::format("_{}", segment)));
+    }
+    file->add(lineOf(entry, record));
+  });
+  if (file) file->commit();
+}
+
+std::string tumLine(double timestamp, const SE3& T_world_cam) {
+  const Eigen::Vector3d& t = T_world_cam.translation();
+  Eigen::Vector4d q = T_world_cam.unitQuaternion().coeffs();  // x y z w
+  if (q.w() < 0) q = -q;
+  return fmt::format("{:.9f} {:.9f} {:.9f} {:.9f} {:.9f} {:.9f} {:.9f} {:.9f}\n",
+                     timestamp,
+                     t.x(),
+                     t.y(),
+                     t.z(),
+                     q.x(),
+                     q.y(),
+                     q.z(),
+                     q.w());
+}
+
+void writeTum(const std::filesystem::path& path,
+              const RunRecord& record,
+              const Entries& entries,
+              int segment) {
+  LineFile file(path);
+  forEachByTime(entries, [&](const PosedEntry& entry) {
+    if (entry.segment == segment) file.add(lineOf(entry, record));
+  });
+  file.commit();
+}
+
+void writeKitti(const std::filesystem::path& path,
+                const RunRecord& record,
+                const Entries& entries) {
+  LineFile file(path);
+  forEachByTime(entries, [&](const PosedEntry& entry) {
+    const Eigen::Matrix<double, 3, 4, Eigen::RowMajor> T =
+        record.T_world_cam(entry).matrix().topRows<3>();
+    file.add(fmt::format("{:.9e}\n", fmt::join(T.data(), T.data() + T.size(), " ")));
+  });
+  file.commit();
+}
+
+}  // namespace dsorb::io
