@@ -19,7 +19,7 @@ struct RunResult {
   int frames_dropped = 0;                            ///< left out because the run was late
   int frames_unreadable = 0;                         ///< passed over
   InitReason last_answer = InitReason::kFirstFrame;  ///< of the initializer
-  bool calibration_suspected = false;                ///< by a start or a window
+  bool calibration_suspected = false;                ///< by the first keyframes
   OdometryReport report;
 };
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/reset_log.h"
 
-#include <algorithm>
 #include <cstddef>
 #include <optional>
 #include <utility>
@@ -31,12 +30,6 @@ InitStep ResetLog::restart(InitReason reason) {
 
 InitStep ResetLog::finish(InitializationResult result, const StageClock& clock) const {
   InitReport& report = result.report;
-  report.frames_fed = static_cast<int>(result.frames.size());
-  report.frames_posed = static_cast<int>(
-      std::count_if(result.frames.begin(), result.frames.end(), [](const PosedFrame& frame) {
-        return frame.T_cam_ref.has_value();
-      }));
-  report.points = static_cast<int>(result.points.size());
   report.restarts = restarts_;
   report.earlier_resets = latest_;
   report.stages = clock.stages();

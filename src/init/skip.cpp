@@ -26,7 +26,6 @@ const std::vector<MechanismName>& mechanisms() {
       {Mechanism::kTail, "tail", "heavy tails of the errors widen clustered covariances"},
       {Mechanism::kClusters, "clusters", "errors of neighbours count as one in covariances"},
       {Mechanism::kPlane, "plane", "the other motion of a plane"},
-      {Mechanism::kCameraQuestion, "camera_question", "the start asks for lens and readout"},
       {Mechanism::kReadoutProfile, "readout_profile", "the start estimates an unknown readout"},
       {Mechanism::kFramesBetween, "frames_between", "poses of frames between are refined"},
       {Mechanism::kJudge, "judge", "the window refuses starts that its adjustment contradicts"},

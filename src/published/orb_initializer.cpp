@@ -28,6 +28,32 @@ constexpr std::size_t kMinPoints = 50;  // semi-dense ones; fewer: the attempt f
 constexpr int kMinRotationTracks = 10;  // needed to tell that a rotation explains them
 constexpr int kMaxBlank = 3;            // frames in a row that are passed over
 
+void addDetails(const TwoViewReport& found, InitReport& report) {
+  report.add("tracks", found.tracks);
+  report.add("score_homography", found.homography_score);
+  report.add("score_fundamental", found.fundamental_score);
+  report.add("model_inliers", found.inliers);
+  report.add("inlier_ratio", static_cast<double>(found.inliers) / found.tracks);
+  report.add("good_points", found.good_points);
+  report.add("good_points_of_second_motion", found.second_good);
+  report.add("ranked_parallax_deg", found.parallax_deg);
+}
+
+void addDetails(const std::string& name, const PhotometricReport& found, InitReport& report) {
+  report.add(name + "_patches", found.patches);
+  report.add(name + "_iterations", found.iterations);
+  report.add(name + "_first_cost", found.first_cost);
+  report.add(name + "_cost", found.cost);
+  report.add(name + "_inside", found.inside_share);
+}
+
+void addDetails(const OutlierReport& found, InitReport& report) {
+  report.add("filter_examined", found.examined);
+  report.add("filter_removed_corners", found.removed_corners);
+  report.add("filter_removed_points", found.removed_points);
+  report.add("filter_t_scale", found.t_scale);
+}
+
 /// Hands over the points that are in front and have a variance.
 InitializationResult toResult(Map map, InitReport report) {
   InitializationResult result;
@@ -44,7 +70,7 @@ InitializationResult toResult(Map map, InitReport report) {
   }
   result.frames = std::move(map.frames);
   result.report = std::move(report);
-  result.report.corners = static_cast<int>(map.corners);
+  result.report.add("corners", static_cast<double>(map.corners));
   result.report.median_relative_sigma = medianOf(std::move(sigmas));
   normalizeScale(result);
   const FramePriors* priors = result.frames.front().frame->priors();
@@ -134,8 +160,10 @@ InitReason ORBInitializer::initialize() {
   if (reason != InitReason::kDone) return reason;
   if (!performGeometricBA()) return InitReason::kPoorQuality;
   const auto seed = static_cast<std::uint64_t>(options_.seed);
-  report_.semi_dense =
+  const SemiDenseReport found =
       clock_.time("semi_dense", [&] { return populateStructure3D(map_, camera_, seed); });
+  report_.add("semi_dense_candidates", found.candidates);
+  report_.add("semi_dense_points", found.points);
   if (map_.points.size() - map_.corners < kMinPoints) return InitReason::kTooFewPoints;
   if (!performGeometricBA()) return InitReason::kPoorQuality;
   if (version_ == Version::kV1 || version_ == Version::kMatching) return InitReason::kDone;
@@ -146,21 +174,18 @@ InitReason ORBInitializer::computeRelativeTransform() {
   const CornerTracks tracks = features_.tracks();
   const Matches matches = tracks.matchesTo(tracks.frames() - 1);
   const bool matching = version_ == Version::kMatching;
-  if (matching) report_.optical_flow = features_.usesFlow();
-  report_.median_parallax_deg =
+  if (matching) report_.add("optical_flow", features_.usesFlow() ? 1 : 0);
+  const double parallax_deg =
       clock_.time("two_view", [&] { return rotationResidualDeg(matches, camera_); });
-  if (report_.median_parallax_deg < kMinRotationResidualDeg) {
-    return InitReason::kTooLittleParallax;
-  }
+  report_.add("parallax_deg", parallax_deg);
+  if (parallax_deg < kMinRotationResidualDeg) return InitReason::kTooLittleParallax;
   const ModelChoice choice = matching ? ModelChoice::kInliers : ModelChoice::kScore;
   const auto seed = static_cast<std::uint64_t>(options_.seed);
   const RelativeMotion motion =
       clock_.time("two_view", [&] { return estimateMotion(matches, camera_, choice, seed); });
   if (motion.reason != InitReason::kDone) return motion.reason;
   report_.model = motion.model == Model::kHomography ? "homography" : "fundamental";
-  report_.inlier_ratio =
-      static_cast<double>(motion.report.inliers) / static_cast<double>(matches.size());
-  report_.two_view = motion.report;
+  addDetails(motion.report, report_);
   map_ = clock_.time("pose",
                      [&] { return makeMap(features_.frames(), tracks, motion.best, camera_); });
   return InitReason::kDone;
@@ -169,22 +194,23 @@ InitReason ORBInitializer::computeRelativeTransform() {
 bool ORBInitializer::performGeometricBA() {
   const GeometricReport report =
       clock_.time("geometric", [&] { return adjustGeometry(map_, camera_); });
-  report_.residual_rms = report.residual_rms;
-  report_.two_view->removed_severe += report.removed_severe;
-  report_.two_view->removed_normal += report.removed_normal;
+  report_.add("residual_rms", report.residual_rms);
+  report_.add("removed_severe", report.removed_severe);
+  report_.add("removed_normal", report.removed_normal);
   return report.usable;
 }
 
 bool ORBInitializer::performPhotometricBAs() {
-  const auto adjust = [&] {
-    return clock_.time("photometric", [&] { return performPhotometricBA(map_, camera_); });
+  const auto adjust = [&](const std::string& name) {
+    const PhotometricReport report =
+        clock_.time("photometric", [&] { return performPhotometricBA(map_, camera_); });
+    addDetails(name, report, report_);
+    return report.usable;
   };
-  report_.photometric = adjust();
-  if (!report_.photometric->usable) return false;
+  if (!adjust("photometric")) return false;
   if (version_ == Version::kV3) {
-    report_.outliers = clock_.time("filter", [&] { return removeOutliers(map_, camera_); });
-    report_.second_photometric = adjust();
-    if (!report_.second_photometric->usable) return false;
+    addDetails(clock_.time("filter", [&] { return removeOutliers(map_, camera_); }), report_);
+    if (!adjust("second_photometric")) return false;
   }
   return clock_.time("variances", [&] { return setPhotometricCovariances(map_, camera_); });
 }

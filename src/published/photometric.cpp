@@ -169,27 +169,25 @@ std::vector<PatchResidual> residualsOf(const PhotometricProblem& problem,
 PhotometricReport performPhotometricBA(Map& map, const PinholeCamera& camera) {
   PhotometricReport report;
   const PhotometricProblem problem(map, camera, 0);
-  report.frames = static_cast<int>(map.frames.size() - 1);
   report.patches = static_cast<int>(problem.patches.size());
   std::vector<double> magnitudes;  // of one pixel a patch in turn
   forInside(problem, map, [&](std::size_t /*k*/, std::size_t i, const PatchResidual& residual) {
     magnitudes.push_back(std::abs(residual.value[static_cast<Eigen::Index>(i % kPatternSize)]));
   });
-  report.median_residual = medianOf(std::move(magnitudes));
   Map adjusted = map;
-  if (report.median_residual > kCoarseResidual &&
+  if (medianOf(std::move(magnitudes)) > kCoarseResidual &&
       map.frames.front().frame->pyramid().levels() > 1) {
-    report.coarse_level = solve({map, camera, 1}, adjusted).has_value();
+    solve({map, camera, 1}, adjusted);  // without a result the depths stay as they are
   }
   const std::optional<Solved> solved = solve(problem, adjusted);
   if (!solved || !(solved->cost <= solved->first_cost)) return report;
   report.iterations = solved->iterations;
   report.first_cost = solved->first_cost;
   report.cost = solved->cost;
-  report.poses_moved = true;
   std::size_t inside = 0;
   forInside(problem, adjusted, [&](std::size_t, std::size_t, const PatchResidual&) { ++inside; });
-  report.inside_share = static_cast<double>(inside) / (1.0 * report.frames * report.patches);
+  report.inside_share = static_cast<double>(inside) /
+                        static_cast<double>((map.frames.size() - 1) * problem.patches.size());
   report.usable =
       report.inside_share >= kMinInsideShare && normalizeScale(adjusted, adjusted.points.size());
   if (report.usable) map = std::move(adjusted);

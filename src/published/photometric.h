@@ -2,7 +2,6 @@
 #pragma once
 
 #include "dsorb/camera/pinhole_camera.h"
-#include "dsorb/init/stage_reports.h"
 
 #include "estimate/host_patch.h"
 #include "published/map.h"
@@ -13,6 +12,24 @@
 #include <vector>
 
 namespace dsorb::published {
+
+/// Photometric adjustment.
+struct PhotometricReport {
+  bool usable = false;      ///< converged to numbers, lower cost, enough residuals inside
+  int patches = 0;          ///< corners and semi-dense points that took part
+  int iterations = 0;       ///< steps of the solve at level 0 that gave the depths
+  double first_cost = 0;    ///< half the weighted Huber energy of that problem
+  double cost = 0;          ///< that energy afterwards
+  double inside_share = 0;  ///< share of the patches' residuals inside the images [-]
+};
+
+/// Removal of points by their residuals.
+struct OutlierReport {
+  int examined = 0;         ///< corners and semi-dense points
+  int removed_corners = 0;  ///< corners taken out
+  int removed_points = 0;   ///< semi-dense
+  double t_scale = 0;       ///< of the residuals' t-distribution, median over frames [grey levels]
+};
 
 /// Patches of the reference at one pyramid level and the frames they are compared with.
 struct PhotometricProblem {

@@ -498,9 +498,6 @@ SemiDenseReport populateStructure3D(Map& map, const PinholeCamera& camera, std::
   map.points.resize(map.corners);
   for (std::size_t i = 0; i < depths.size(); ++i) {
     const FusedDepth& depth = depths[i];
-    report.searched += depth.searches > 0 ? 1 : 0;
-    report.searches += depth.searches;
-    report.matches += depth.observations + depth.votes;
     if (depth.observations == 0 || depth.votes >= kMaxVotes) continue;
     const DepthEstimate& fused = depth.current;
     map.points.push_back({pixelOf(i), fused.inverse_depth, fused.variance, depth.observations});

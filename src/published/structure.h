@@ -10,6 +10,12 @@
 
 namespace dsorb::published {
 
+/// Depths of gradient pixels beside the corners.
+struct SemiDenseReport {
+  int candidates = 0;  ///< selected gradient pixels
+  int points = 0;      ///< candidates that were found consistently
+};
+
 /// Sets the frames' brightness and the map's points after the corners: selects gradient pixels of
 /// the reference, searches each along its epipolar line in every later frame by the sum of squared
 /// differences over a patch, and fuses what is found to one inverse depth with variance. Runs in

@@ -110,27 +110,24 @@ nb::object motionOf(const std::optional<WaitingMotion>& motion) {
   return std::move(dict);
 }
 
-nb::dict reportOf(const InitReport& report) {
+nb::dict reportOf(const InitializationResult& result) {
+  const InitReport& report = result.report;
   nb::dict stages;
   for (const StageTime& stage : report.stages) stages[stage.stage.c_str()] = stage.milliseconds;
   nb::list resets;
   for (const InitReason reason : report.earlier_resets) resets.append(name(reason));
+  nb::dict details;
+  for (const Detail& detail : report.details) details[detail.name.c_str()] = detail.value;
   nb::dict dict;
-  dict["frames_fed"] = report.frames_fed;
-  dict["frames_posed"] = report.frames_posed;
   dict["restarts"] = report.restarts;
-  dict["points"] = report.points;
   dict["model"] = report.model;
-  dict["median_parallax_deg"] = report.median_parallax_deg;
-  dict["inlier_ratio"] = report.inlier_ratio;
-  dict["residual_rms"] = report.residual_rms;
   dict["median_relative_sigma"] = report.median_relative_sigma;
   dict["wrong_probability"] = report.wrong_probability;
-  dict["depth_prior_used"] =
-      report.depth_prior ? std::optional(report.depth_prior->used) : std::nullopt;
+  dict["depth_prior_used"] = report.depth_prior;
   dict["pose_prior_used"] = report.pose_prior;
   dict["milliseconds"] = stages;
   dict["earlier_resets"] = resets;
+  dict["details"] = details;
   return dict;
 }
 

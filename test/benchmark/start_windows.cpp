@@ -84,13 +84,12 @@ void judgeWindow(const ReferenceView& view,
   EssentialStart start = startFromEssential(view, context);
   if (!start.made) return;
   const InitialMap& map = start.made->map;
-  const EssentialReport& report = *start.made->report.essential;
-  const GateReport& gate = report.gate;
+  const GateReport& gate = *start.summary.gate;
   fmt::print("{} {} {} {} {} {:.6f} {:.6f} {:.4f} {:.4f} {:.4f} {:.5f} {:.3f} {:.4f}\n",
              view.frames.front()->id().value,
              view.frames.back()->id().value,
              view.frames.size(),
-             report.tracks,
+             start.made->live_tracks,
              map.corners.size(),
              gate.error_probability,
              gate.plane_probability,

@@ -30,7 +30,6 @@ class KnownStart : public dsorb::Initializer {
   dsorb::InitializationResult result() const {
     dsorb::InitializationResult result;
     result.frames = frames_;
-    result.report.frames_fed = result.report.frames_posed = static_cast<int>(frames_.size());
     const dsorb::PyramidLevel& image = frames_.front().frame->level(0);
     double sum = 0;
     for (int v = 8; v < kHeight - 8; v += 5) {
@@ -43,7 +42,6 @@ class KnownStart : public dsorb::Initializer {
         sum += inverse_depth;
       }
     }
-    result.report.points = static_cast<int>(result.points.size());
     const double mean =
         sum / static_cast<double>(result.points.size());  // becomes 1: the unit's definition
     for (dsorb::InitPoint& point : result.points) {

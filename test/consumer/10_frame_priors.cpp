@@ -124,8 +124,9 @@ dsorb::FramePtr withOdometry(dsorb::ImageView image, int i) {
 
 /// What became of the priors.
 const char* used(const dsorb::InitReport& report) {
-  const bool depth = report.depth_prior && report.depth_prior->used;
-  return depth ? "depths used" : report.pose_prior.value_or(false) ? "motions used" : "";
+  return report.depth_prior.value_or(false)  ? "depths used"
+         : report.pose_prior.value_or(false) ? "motions used"
+                                             : "";
 }
 
 /// Starts from frames with priors. @return whether it did, early enough and in metres if expected

@@ -46,7 +46,7 @@ TEST(MatchingInitializer, FindsPosesByDescriptors) {
   const RenderedSequence& street = rendered(small(SequenceKind::kStreet, 8));
   const InitRun result = run({}, street.camera(), street.frames());
   ASSERT_TRUE(result.result) << result.log();
-  EXPECT_EQ(result.result->report.optical_flow, false);
+  EXPECT_EQ(result.result->report.detail("optical_flow"), 0);
   const StartErrors errors = startErrors(*result.result, street);
   EXPECT_LT(errors.direction_deg, 3.0);  // measured 1.6, 0.21 and 0.086; margin x2
   EXPECT_LT(errors.rotation_deg, 0.4);
@@ -60,7 +60,7 @@ TEST(MatchingInitializer, FollowsOpticalFlowWhereDescriptorsFail) {
   const RenderedSequence& room = rendered(tiny);
   const InitRun result = run({}, room.camera(), room.frames());
   ASSERT_TRUE(result.result) << result.log();
-  EXPECT_EQ(result.result->report.optical_flow, true);
+  EXPECT_EQ(result.result->report.detail("optical_flow"), 1);
   const StartErrors errors = startErrors(*result.result, room);
   EXPECT_LT(errors.direction_deg, 1.5);  // measured 0.71 and 0.073; margin x2
   EXPECT_LT(errors.rotation_deg, 0.15);

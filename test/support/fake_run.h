@@ -54,7 +54,7 @@ inline InitializationResult makeResult(const std::vector<FramePtr>& frames) {
   result.points.push_back({1, {20, 20}, 1, 0.01F, 3});  // hosted elsewhere
   result.report.model = "fundamental";
   result.report.stages = {{"tracking", 1.5}};
-  result.report.residual_rms = std::numeric_limits<double>::quiet_NaN();
+  result.report.add("residual_rms", std::numeric_limits<double>::quiet_NaN());
   return result;
 }
 

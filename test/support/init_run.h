@@ -147,29 +147,8 @@ inline StartErrors startErrors(const InitializationResult& result,
 
 /// What the stages found, as numbers.
 inline std::vector<double> scoresOf(const InitReport& report) {
-  std::vector<double> scores = {report.median_parallax_deg,
-                                report.inlier_ratio,
-                                report.residual_rms,
-                                report.median_relative_sigma,
-                                static_cast<double>(report.corners.value_or(0))};
-  if (const auto& direct = report.direct) {
-    scores.insert(scores.end(), {direct->residual_rms, direct->motion_gain, direct->rival_margin});
-  }
-  if (const auto& two_view = report.two_view) {
-    scores.insert(scores.end(), {two_view->homography_score, two_view->fundamental_score});
-  }
-  if (const auto& essential = report.essential) {
-    scores.insert(scores.end(),
-                  {essential->gate.wrong_probability,
-                   essential->track_noise,
-                   essential->refinement.last_rms,
-                   essential->variance_factor,
-                   essential->clustered_factor});
-  }
-  for (const auto& photometric : {report.photometric, report.second_photometric}) {
-    if (photometric) scores.insert(scores.end(), {photometric->first_cost, photometric->cost});
-  }
-  if (report.outliers) scores.push_back(report.outliers->t_scale);
+  std::vector<double> scores = {report.median_relative_sigma, report.wrong_probability.value_or(0)};
+  for (const Detail& detail : report.details) scores.push_back(detail.value);
   return scores;
 }
 

@@ -162,9 +162,9 @@ inline void compare(const InitializationResult& result,
     outcome.scale = result.metric->metres / scale - 1;
     outcome.sigma = result.metric->relative_sigma;
   }
-  if (const auto& depths = result.report.depth_prior) {
-    outcome.used = depths->used ? 1 : 0;
-    outcome.inflation = depths->inflation;
+  if (result.report.depth_prior) {
+    outcome.used = *result.report.depth_prior ? 1 : 0;
+    outcome.inflation = *result.report.detail("known_depth_inflation");
   }
   if (result.report.pose_prior) outcome.used = *result.report.pose_prior ? 1 : 0;
 }

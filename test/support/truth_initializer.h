@@ -56,8 +56,6 @@ class TruthInitializer : public Initializer {
       T_cam_ref.setTranslation(T_cam_ref.translation() / unit);
       result.frames.push_back({frame, T_cam_ref, {}, {}});
     }
-    result.report.frames_fed = result.report.frames_posed = static_cast<int>(fed_.size());
-    result.report.points = static_cast<int>(result.points.size());
     result.report.model = "truth";
     return result;
   }

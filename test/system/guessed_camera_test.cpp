@@ -106,19 +106,17 @@ void writeCalibration(double factor,
   std::ofstream(file) << begin + text.substr(third);
 }
 
-TEST(WrongCalibration, IsSuspectedByTheStartAndTheFirstKeyframes) {
+TEST(WrongCalibration, IsSuspectedByTheFirstKeyframes) {
   const TemporaryFolder folder;
   const std::string room = renderedRoom().string();
   const std::filesystem::path calibration = folder.path() / "camera.txt";
-  // Measured: gains of 7.4 and 5.2; above 4.5 they are suspicious.
   for (const double factor : {0.5, 1.0, 2.0}) {
     writeCalibration(factor, room, calibration);
     const auto run =
         runOn(room, folder.path() / "out", {"--calib", calibration.string(), "--end", "40"});
     ASSERT_EQ(run.contains("calibration_suspected"), factor != 1) << factor;
     if (factor == 1) continue;
-    EXPECT_EQ(run["calibration_suspected"]["focal_factor"] > 1, factor < 1);
-    EXPECT_EQ(run["calibration_suspected"]["window"]["focal_change"] > 0, factor < 1);
+    EXPECT_EQ(run["calibration_suspected"]["focal_change"] > 0, factor < 1);
   }
 }
 
@@ -140,7 +138,7 @@ TEST(WrongCalibration, ADistortionThatIsNoneIsSuspectedByTheFirstKeyframes) {
         runOn(room, folder.path() / "out", {"--calib", calibration.string(), "--end", "60"});
     ASSERT_TRUE(run.contains("calibration_suspected")) << k1;
     // Measured: .077 and -.080, 20 and 22 standard deviations.
-    const auto& asked = run["calibration_suspected"]["window"];
+    const auto& asked = run["calibration_suspected"];
     EXPECT_NEAR(asked["radial"], -k1, 0.05) << asked;
   }
 }

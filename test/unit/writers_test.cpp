@@ -94,8 +94,7 @@ TEST(RunWriter, TheWindowThatContradictsTheCalibrationMostIsInTheSummary) {
   }
   run.writer.finish(run.writer.outcome(), nullptr);
   const auto json = readJson(folder.path() / "run.json");
-  EXPECT_EQ(json["calibration_suspected"].dump(),
-            R"({"window":{"focal_change":-0.5,"focal_sigma":0.1}})");
+  EXPECT_EQ(json["calibration_suspected"].dump(), R"({"focal_change":-0.5,"focal_sigma":0.1})");
 }
 
 TEST(RunWriter, FiguresOfLargeImagesAreSmaller) {
@@ -154,7 +153,7 @@ TEST(RunWriter, InitializationFollowsTheSchema) {
   EXPECT_EQ(start["milliseconds"]["this_attempt"], 26.0);
   EXPECT_EQ(start["milliseconds"]["last_frame"], 20.0);
   EXPECT_EQ(start["milliseconds"]["stages"]["tracking"], 1.5);
-  EXPECT_TRUE(start["report"]["residual_rms"].is_null()) << "nan has no place in a file";
+  EXPECT_TRUE(start["report"]["details"]["residual_rms"].is_null()) << "nan has no place in a file";
 }
 
 TEST(RunWriter, SecondSegmentGetsFilesOfItsOwn) {

@@ -1,13 +1,31 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "dsorb/init/stage_reports.h"
+#include "dsorb/cxx17.h"
 
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace dsorb {
+
+/// Why an initializer answered as it did; for logs, observers and tests, never for control flow.
+enum class InitReason {
+  kFirstFrame,
+  kTooFewPoints,
+  kTooLittleParallax,
+  kSettling,
+  kTrackingLost,
+  kDegenerateMotion,
+  kPoorQuality,
+  kTimeout,
+  kDone,
+  kHurried  ///< Initializer::setHurried
+};
+
+/// Name as in logs and JSON, for example "too_little_parallax".
+[[nodiscard]] const char* name(InitReason reason);
 
 /// Wall time of a stage.
 struct StageTime {
@@ -15,33 +33,29 @@ struct StageTime {
   double milliseconds = 0;  ///< [ms]
 };
 
-/// What led to a result. The parts of stages that did not run are empty.
+/// A figure that a stage found, for logs and tests.
+struct Detail {
+  std::string name;  ///< as in `details` of initialization.json, with its unit where it has one
+  double value = 0;  ///< truth values are 0 and 1
+};
+
+/// What led to a result.
 struct InitReport {
-  int frames_fed = 0;             ///< since the reference, it included, that were kept
-  int frames_posed = 0;           ///< frames with a pose, of those fed, the reference included
   int restarts = 0;               ///< answers kRestarted since the object was made or reset
-  int points = 0;                 ///< handed over
   std::string model;              ///< selected for the motion, for example "fundamental"
   std::vector<StageTime> stages;  ///< in the order in which they first ran
   std::vector<InitReason> earlier_resets;  ///< reasons of the latest restarts, oldest first
-  double median_parallax_deg = 0;          ///< rotation-compensated
-  double inlier_ratio = 0;                 ///< inliers among the matches or points that were judged
-  double residual_rms = 0;                 ///< [px]; `orb`: median, refined: of sigmas [-]
   double median_relative_sigma = 0;        ///< median of sigma over inverse depth [-]
   /// That the direction of translation is off by more than GateOptions::wrong_angle_deg.
   std::optional<double> wrong_probability;
-  std::optional<DirectReport> direct;           ///< `coarse`
-  std::optional<TwoViewReport> two_view;        ///< published variants
-  std::optional<EssentialReport> essential;     ///< `orb`
-  std::optional<DepthPriorReport> depth_prior;  ///< FramePriors::depth of the reference
-  std::optional<bool> pose_prior;               ///< FramePriors::pose: taken (true) or contradicted
-  std::optional<SemiDenseReport> semi_dense;    ///< the published variants
-  std::optional<DynamicRegionsReport> dynamic_regions;  ///< OrbOptions::remove_moving
-  std::optional<PhotometricReport> photometric;         ///< the published variants
-  std::optional<OutlierReport> outliers;                ///< the published variants
-  std::optional<PhotometricReport> second_photometric;  ///< after the outliers are gone
-  std::optional<int> corners;                           ///< number of corners in the result
-  std::optional<bool> optical_flow;  ///< matches by optical flow, not by descriptors
+  std::optional<bool> depth_prior;  ///< FramePriors::depth of the reference: used, or not
+  std::optional<bool> pose_prior;   ///< FramePriors::pose: taken, or contradicted by the images
+  std::vector<Detail> details;      ///< what else the stages found, in their order
+
+  /// Adds a detail.
+  void add(std::string name, double value) { details.push_back({std::move(name), value}); }
+  /// The latest detail of a name; nothing where no stage gave it.
+  [[nodiscard]] std::optional<double> detail(const std::string& name) const;
 };
 
 }  // namespace dsorb

@@ -75,7 +75,7 @@ class RunWriter : public OdometryObserver {
 
   /// Status up to now: tracked, lost (and not initialized again) or never initialized.
   [[nodiscard]] RunStatus outcome() const;
-  /// Whether run.json has `calibration_suspected`: by a start that stayed, or a window.
+  /// Whether run.json has `calibration_suspected`: the first keyframes contradict the camera.
   [[nodiscard]] bool calibrationSuspected() const;
 
   /// Writes the final files.

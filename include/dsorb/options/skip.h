@@ -28,7 +28,6 @@ enum class Mechanism : std::uint8_t {
   kTail,
   kClusters,
   kPlane,
-  kCameraQuestion,
   kReadoutProfile,
   kFramesBetween,
   kJudge,

@@ -352,14 +352,14 @@ InitializationResult handOver(const CoarseAttempt& attempt,
   normalizeScale(result);
   InitReport& report = result.report;
   report.model = "direct";
-  report.median_parallax_deg = quality.parallax_deg;
-  report.inlier_ratio = quality.inlier_share;
   report.median_relative_sigma = quality.relative_sigma;
   report.wrong_probability = wrongProbability(result.frames.back(), quality, attempt);
-  report.direct = DirectReport{quality.residual_rms,
-                               quality.visible_share,
-                               quality.motion_gain,
-                               std::min(quality.rival_margin, kMaxMargin)};
+  report.add("parallax_deg", quality.parallax_deg);
+  report.add("inlier_ratio", quality.inlier_share);
+  report.add("residual_rms_grey", quality.residual_rms);
+  report.add("visible_share", quality.visible_share);
+  report.add("motion_gain", quality.motion_gain);
+  report.add("rival_margin", std::min(quality.rival_margin, kMaxMargin));
   return result;
 }
 

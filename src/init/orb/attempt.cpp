@@ -34,15 +34,15 @@ Outcome<Reconstruction> addPoints(Reconstruction made,
   const int corners = dynamic->removeCorners(made.map);
   auto filled = fillFirstWindow(std::move(made), context);
   if (!filled) return filled;
-  filled->report.dynamic_regions = {dynamic->contradicting(),
-                                    corners + dynamic->removePoints(filled->map)};
+  filled->report.add("contradicting_tracks", dynamic->contradicting());
+  filled->report.add("removed_dynamic", corners + dynamic->removePoints(filled->map));
   return filled;
 }
 
 /// A map that has lost half of its tracks to dynamic regions and to neighbours that contradict them
 /// is none to start with, however sure the rest looks.
 Outcome<Reconstruction> refuseRemains(Reconstruction made) {
-  if (!hasEnoughCorners(made.map, made.report.essential->tracks)) return InitReason::kPoorQuality;
+  if (!hasEnoughCorners(made.map, made.live_tracks)) return InitReason::kPoorQuality;
   return made;
 }
 
@@ -83,7 +83,7 @@ Attempt reconstruct(ReferenceView seen, const AttemptContext& context) {
   }
   if (start.made) {
     start.made->map.stuck = stuck;
-    start.made->report.essential->stuck_tracks = static_cast<int>(stuck.size());
+    start.made->report.add("stuck_tracks", static_cast<double>(stuck.size()));
   }
   auto made = std::move(start.made)
                   .then([&](Made m) { return addPoints(std::move(m), view, context); })
@@ -107,7 +107,7 @@ Attempt attemptFrom(const ReferenceView& view, const AttemptContext& context) {
   Attempt attempt = reconstruct(view, context);
   attempt.summary.reason = attempt.made.reason();
   if (attempt.made) {
-    attempt.made->report.corners = static_cast<int>(attempt.made->map.corners.size());
+    attempt.made->report.add("corners", static_cast<double>(attempt.made->map.corners.size()));
   }
   return attempt;
 }
@@ -121,7 +121,7 @@ InitializationResult toResult(Reconstruction made) {
   result.stuck = std::move(made.map.stuck);
   normalizeScale(result);
   const FramePriors* priors = result.frames.front().frame->priors();
-  const bool contradicted = result.report.depth_prior && result.report.depth_prior->contradicted;
+  const bool contradicted = made.depth_prior && made.depth_prior->contradicted;
   if (priors != nullptr && priors->depth && priors->depth->metric && !contradicted) {
     result.metric = scaleFromDepth(result, *priors->depth);
   }

@@ -180,10 +180,8 @@ void takePoints(const window::Window& window, const CornerOf& corner_of, Initial
 /// Fuses the points with depths that the caller knows, where the start is made of them and both
 /// agree; corners have theirs in the adjustment.
 /// @source Engel, Sturm, Cremers, ICCV 2013, section 2.3 (product of Gaussians)
-void fuseKnownDepths(InitialMap& map, const InitReport& report) {
-  if (!map.scaleKnown() || !report.depth_prior) return;
-  const DepthLookup lookup(
-      *map.frames.front().frame->priors()->depth, map.metres, report.depth_prior->inflation);
+void fuseKnownDepths(InitialMap& map, double inflation) {
+  const DepthLookup lookup(*map.frames.front().frame->priors()->depth, map.metres, inflation);
   for (SemiDensePoint& point : map.points) {
     const KnownInverseDepth known = lookup.at(point.pixel);
     const auto own = static_cast<double>(point.variance);
@@ -212,7 +210,7 @@ Outcome<Reconstruction> fillFirstWindow(Reconstruction start, const AttemptConte
       "variances", [&] { return window::WindowOptimizer(options, kChunks).assess(window); });
   if (!report.finite || report.residuals == 0) return InitReason::kPoorQuality;
   takePoints(window, corner_of, map);
-  fuseKnownDepths(map, start.report);
+  if (map.scaleKnown() && start.depth_prior) fuseKnownDepths(map, start.depth_prior->inflation);
   if (static_cast<int>(map.points.size()) < kMinFilled) return InitReason::kTooFewPoints;
   return start;
 }

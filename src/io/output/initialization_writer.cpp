@@ -3,6 +3,7 @@
 
 #include "io/output/run_json.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <optional>
@@ -61,136 +62,29 @@ Json referencePoints(const InitializationResult& result) {
   return list;
 }
 
-/// Names and numbers of what the stages found, in the order in which they run.
-class Details {
- public:
-  template <typename Number>
-  void add(const std::string& name, Number value) {
-    json_[name] = static_cast<double>(value);
-  }
-  template <typename Number>
-  void add(const std::string& name, const std::optional<Number>& value) {
-    if (value) add(name, *value);
-  }
-  void add(const TwoViewReport& report);
-  void add(const EssentialReport& report);
-  void add(const std::string& name, const PhotometricReport& report);
-  Json take() { return std::move(json_); }
-
- private:
-  Json json_ = Json::object();
-};
-
-void Details::add(const TwoViewReport& report) {
-  add("tracks", report.tracks);
-  add("score_homography", report.homography_score);
-  add("score_fundamental", report.fundamental_score);
-  add("model_inliers", report.inliers);
-  add("good_points", report.good_points);
-  add("good_points_of_second_motion", report.second_good);
-  add("ranked_parallax_deg", report.parallax_deg);
-  add("removed_severe", report.removed_severe);
-  add("removed_normal", report.removed_normal);
-}
-
-void Details::add(const EssentialReport& report) {
-  add("error_probability", report.gate.error_probability);
-  add("plane_probability", report.gate.plane_probability);
-  add("second_sigma_deg", report.gate.second_sigma_deg);
-  add("misfit", report.gate.misfit);
-  add("depth_sigma", report.gate.depth_sigma);
-  add("gric_homography_over_essential", report.homography_gric);
-  add("second_motion_cost_ratio", report.second_cost);
-  add("tracks", report.tracks);
-  add("model_inliers", report.inliers);
-  add("rotation_residual_px", report.rotation_residual);
-  add("direction_sigma_deg", report.gate.direction_sigma_deg);
-  add("stuck_tracks", report.stuck_tracks);
-  add("front_share", report.front_share);
-  add("track_noise", report.track_noise);
-  add("polished", report.refinement.accepted);
-  add("polish_first_rms", report.refinement.first_rms);
-  add("polish_last_rms", report.refinement.last_rms);
-  add("polish_turn_deg", report.refinement.direction_change_deg);
-  add("variance_factor", report.variance_factor);
-  add("clustered_factor", report.clustered_factor);
-  if (const auto& readout = report.readout_score) {
-    add("readout_score_ms", 1000 * readout->seconds);
-    add("readout_score_sigma_ms", 1000 * readout->sigma);
-  }
-  if (const auto& lens = report.lens_score) {
-    add("lens_score_gain", lens->gain);
-    add("lens_score_focal_factor", lens->focal_factor);
-    add("lens_score_radial", lens->radial);
-  }
-}
-
-void Details::add(const std::string& name, const PhotometricReport& report) {
-  add(name + "_patches", report.patches);
-  add(name + "_iterations", report.iterations);
-  add(name + "_first_cost", report.first_cost);
-  add(name + "_cost", report.cost);
-  add(name + "_inside", report.inside_share);
-  add(name + "_pose_distance", report.pose_distance);
-  add(name + "_poses_moved", report.poses_moved);
-}
-
-Json detailsOf(const InitReport& report) {
-  Details details;
-  if (const auto& direct = report.direct) {
-    details.add("residual_rms_grey", direct->residual_rms);
-    details.add("visible_share", direct->visible_share);
-    details.add("motion_gain", direct->motion_gain);
-    details.add("rival_margin", direct->rival_margin);
-  }
-  if (report.two_view) details.add(*report.two_view);
-  if (report.essential) details.add(*report.essential);
-  details.add("known_pose_used", report.pose_prior);
-  if (const auto& depths = report.depth_prior) {
-    details.add("known_depth_used", depths->used);
-    details.add("known_depth_contradicted", depths->contradicted);
-    details.add("known_depth_corners", depths->corners);
-    details.add("known_depth_inflation", depths->inflation);
-    details.add("known_depth_sigma", depths->relative_sigma);
-  }
-  if (const auto& semi_dense = report.semi_dense) {
-    details.add("semi_dense_candidates", semi_dense->candidates);
-    details.add("semi_dense_points", semi_dense->points);
-  }
-  if (const auto& moving = report.dynamic_regions) {
-    details.add("contradicting_tracks", moving->contradicting_tracks);
-    details.add("removed_moving", moving->removed);
-  }
-  if (report.photometric) details.add("photometric", *report.photometric);
-  if (const auto& outliers = report.outliers) {
-    details.add("filter_examined", outliers->examined);
-    details.add("filter_removed_corners", outliers->removed_corners);
-    details.add("filter_removed_points", outliers->removed_points);
-    details.add("filter_t_scale", outliers->t_scale);
-  }
-  if (report.second_photometric) details.add("second_photometric", *report.second_photometric);
-  details.add("corners", report.corners);
-  details.add("optical_flow", report.optical_flow);
-  return details.take();
-}
-
-Json reportJson(const InitReport& report) {
+Json reportJson(const InitializationResult& result) {
+  const InitReport& report = result.report;
+  const auto posed = std::count_if(result.frames.begin(), result.frames.end(), [](const auto& f) {
+    return f.T_cam_ref.has_value();
+  });
   Json json = {{"model", report.model},
-               {"frames_fed", report.frames_fed},
-               {"frames_posed", report.frames_posed},
+               {"frames_fed", result.frames.size()},
+               {"frames_posed", posed},
                {"restarts", report.restarts},
-               {"points", report.points},
-               {"median_parallax_deg", report.median_parallax_deg},
-               {"inlier_ratio", report.inlier_ratio},
-               {"residual_rms", report.residual_rms},
+               {"points", result.points.size()},
                {"median_relative_sigma", report.median_relative_sigma}};
-  json["wrong_probability"] =
-      report.wrong_probability ? Json(*report.wrong_probability) : Json(nullptr);
+  const auto add = [&json](const char* name, const auto& value) {
+    json[name] = value ? Json(*value) : Json(nullptr);
+  };
+  add("wrong_probability", report.wrong_probability);
+  add("known_depth_used", report.depth_prior);
+  add("known_pose_used", report.pose_prior);
   json["earlier_resets"] = Json::array();
   for (const InitReason reason : report.earlier_resets) {
     json["earlier_resets"].push_back(name(reason));
   }
-  json["details"] = detailsOf(report);
+  Json& details = json["details"] = Json::object();
+  for (const Detail& detail : report.details) details[detail.name] = detail.value;
   return json;
 }
 
@@ -265,7 +159,7 @@ Json InitializationWriter::describe(const InitStepNote& step, double millisecond
     json["metric"] = {{"metres_per_unit", result.metric->metres},
                       {"relative_sigma", result.metric->relative_sigma}};
   }
-  json["report"] = reportJson(result.report);
+  json["report"] = reportJson(result);
   return json;
 }
 

@@ -90,26 +90,22 @@ Json lensJson(const Lens& lens) {
 
 namespace {
 
-/// What starts and windows hold against the camera.
+/// What a start holds against the readout and a window against the lens.
 void addDoubts(const RunRecord& record, Json& json) {
   if (const std::optional<Readout>& suspected = record.suspectedReadout()) {
     json["rolling_shutter_suspected"] = {{"milliseconds", 1000 * suspected->seconds},
                                          {"sigma", 1000 * suspected->sigma}};
   }
-  if (const std::optional<LensScore>& lens = record.contradictedLens()) {
-    json["calibration_suspected"] = {
-        {"gain", lens->gain}, {"focal_factor", lens->focal_factor}, {"radial", lens->radial}};
-  }
   if (const std::optional<CameraScore>& camera = record.contradictedCamera()) {
     const CameraScore parts = camera->contradicting();
-    Json& window = json["calibration_suspected"]["window"];
+    Json& suspected = json["calibration_suspected"];
     if (parts.focal_sigma > 0) {
-      window["focal_change"] = parts.focal_change;
-      window["focal_sigma"] = parts.focal_sigma;
+      suspected["focal_change"] = parts.focal_change;
+      suspected["focal_sigma"] = parts.focal_sigma;
     }
     if (parts.radial.sigma > 0) {
-      window["radial"] = parts.radial.k1;
-      window["radial_sigma"] = parts.radial.sigma;
+      suspected["radial"] = parts.radial.k1;
+      suspected["radial_sigma"] = parts.radial.sigma;
     }
   }
   if (record.stuckShare() > 0) json["stuck_share"] = record.stuckShare();

@@ -35,7 +35,6 @@ void RunRecord::addInitialization(InitializationResult result, int segment) {
   units_.push_back(result.metric);
   if (result.metric) toMetres(*result.metric, result);
   noteReadout(result);
-  noteLens(result);
   noteStuck(result);
   const FrameId reference = result.frames.front().frame->id();
   const double begin = result.frames.front().frame->timestamp();
@@ -57,8 +56,10 @@ void RunRecord::addInitialization(InitializationResult result, int segment) {
 
 void RunRecord::noteReadout(const InitializationResult& result) {
   constexpr double kSuspicious = 3;  // standard deviations; docs/experiments.md, "Rolling shutter"
-  if (!result.report.essential || !result.report.essential->readout_score) return;
-  const Readout& score = *result.report.essential->readout_score;
+  const auto milliseconds = result.report.detail("readout_score_ms");
+  const auto sigma = result.report.detail("readout_score_sigma_ms");
+  if (!milliseconds || !sigma) return;
+  const Readout score{*milliseconds / 1000, *sigma / 1000};
   const double interval =
       result.frames[1].frame->timestamp() - result.frames.front().frame->timestamp();
   if (std::abs(score.seconds) > std::abs(interval)) return;  // no camera reads longer than that
@@ -70,16 +71,10 @@ void RunRecord::noteReadout(const InitializationResult& result) {
 }
 
 void RunRecord::noteStuck(const InitializationResult& result) {
-  if (!result.report.essential || result.report.essential->stuck_tracks == 0) return;
-  const double stuck = result.report.essential->stuck_tracks;
-  stuck_share_ = std::max(stuck_share_, stuck / (stuck + result.report.essential->tracks));
-}
-
-void RunRecord::noteLens(const InitializationResult& result) {
-  if (!result.report.essential || !result.report.essential->lens_score) return;
-  const LensScore& score = *result.report.essential->lens_score;
-  if (!score.suspicious()) return;
-  if (!contradicted_lens_ || score.gain > contradicted_lens_->gain) contradicted_lens_ = score;
+  const double stuck = result.report.detail("stuck_tracks").value_or(0);
+  if (stuck > 0) {
+    stuck_share_ = std::max(stuck_share_, stuck / (stuck + *result.report.detail("tracks")));
+  }
 }
 
 void RunRecord::addRefusal(const StartRefusal& refusal) {

@@ -84,11 +84,6 @@ class RunRecord {
   [[nodiscard]] const std::optional<Readout>& suspectedReadout() const {
     return suspected_readout_;
   }
-  /// What the start that contradicts the calibration most says of the lens, where one does by more
-  /// than three standard deviations.
-  [[nodiscard]] const std::optional<LensScore>& contradictedLens() const {
-    return contradicted_lens_;
-  }
   /// What the window that contradicts the calibration most says of the camera, where one does.
   [[nodiscard]] const std::optional<CameraScore>& contradictedCamera() const {
     return contradicted_camera_;
@@ -123,7 +118,6 @@ class RunRecord {
   /// Frames of a start, in the segment's unit.
   void addInitialization(InitializationResult result, int segment);
   void noteReadout(const InitializationResult& result);
-  void noteLens(const InitializationResult& result);
   void noteStuck(const InitializationResult& result);
   void noteCamera(const KeyframeSnapshot& keyframe);
   [[nodiscard]] SE3 T_cam_reference(const PosedEntry& entry, const Anchor& reference) const;
@@ -137,7 +131,6 @@ class RunRecord {
   std::vector<Start> starts_;
   std::optional<Readout> suspected_readout_;
   double stuck_share_ = 0;
-  std::optional<LensScore> contradicted_lens_;
   std::optional<CameraScore> contradicted_camera_;
   std::map<FrameId, Anchor> anchors_;
   std::vector<int> segments_;

@@ -198,7 +198,7 @@ RunStatus RunWriter::outcome() const {
 }
 
 bool RunWriter::calibrationSuspected() const {
-  return impl_->record.contradictedLens() || impl_->record.contradictedCamera();
+  return impl_->record.contradictedCamera().has_value();
 }
 
 void RunWriter::finish(RunStatus status, const OdometryReport* report) {

@@ -123,8 +123,7 @@ def of_lens(summary):
         if contradicted or camera['settled']:
             doubt = None  # the window knows more by now
     if doubt:
-        against_lens = better_lens if 'gain' in doubt else asked_of_lens
-        lines.append('  calibration suspected: ' + against_lens(doubt, guessed))
+        lines.append('  calibration suspected: ' + asked_of_lens(doubt, guessed))
     if summary.get('stuck_share'):
         lines.append(f'  {100 * summary["stuck_share"]:.0f} % of the corners of a start move with the camera (a bonnet, a watermark): '
                      'hide them with --mask FILE')
@@ -143,22 +142,12 @@ def mean_focal(camera):
     return (camera['fx'] + camera['fy']) / 2
 
 
-def better_lens(doubt, given):
-    """What the tracks of a start say against the calibration with that focal length [px], and what to do."""
-    factor = doubt['focal_factor']
-    other = (f'a focal length of {factor * given:.0f} px better than the {given:.0f} px given' if factor != 1 else
-             f'a lens with more {"barrel" if doubt["radial"] < 0 else "pincushion"} distortion better than the one given')
-    return (f'the tracks of a start fit {other} (by {doubt["gain"]:.1f} in the logarithm of the likelihood; chance explains 4.5). '
-            'Give the field of view to --hfov, or calibrate (docs/calibration.md)')
-
-
 def asked_of_lens(doubt, given):
     """What the first keyframes say against the calibration with that focal length [px], and what to do."""
-    asked = doubt['window']
-    focal, radial = (abs(asked.get(name, 0)) / asked.get(sigma, 1)
+    focal, radial = (abs(doubt.get(name, 0)) / doubt.get(sigma, 1)
                      for name, sigma in (('focal_change', 'focal_sigma'), ('radial', 'radial_sigma')))
-    other = (f'a {"longer" if asked["focal_change"] > 0 else "shorter"} focal length than the {given:.0f} px given' if focal > radial else
-             f'more {"barrel" if asked["radial"] < 0 else "pincushion"} distortion than given')
+    other = (f'a {"longer" if doubt["focal_change"] > 0 else "shorter"} focal length than the {given:.0f} px given' if focal > radial else
+             f'more {"barrel" if doubt["radial"] < 0 else "pincushion"} distortion than given')
     return (f'the first keyframes ask for {other} (by {max(focal, radial):.1f} standard deviations; chance explains 4). '
             'Give the field of view to --hfov, or calibrate (docs/calibration.md); a rolling shutter does the same (--readout auto)')
 

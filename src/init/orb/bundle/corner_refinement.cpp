@@ -74,7 +74,6 @@ bool strongEnough(const Eigen::Matrix2d& information) {
 
 struct Round {
   double rms = 0;
-  int dropped = 0;
 };
 
 /// Measures every observation in a posed frame again.
@@ -144,7 +143,7 @@ Round measureCorners(InitialMap& map, Patches& patches, const PinholeCamera& cam
     return static_cast<char>(summary.fits ? 0 : 1);
   });
   round.rms = weight > 0 ? std::sqrt(square / weight) : 0;
-  round.dropped = removeCorners(map, removed);
+  removeCorners(map, removed);
   eraseMarked(removed, patches);
   return round;
 }
@@ -221,7 +220,6 @@ RefinementReport refineCorners(InitialMap& map,
   for (int round = 0; round < kRounds; ++round) {
     if (round < kBrightnessRounds) estimateBrightness(refined, camera);
     const Round measured = measureCorners(refined, patches, camera, geometric.sigma);
-    report.dropped += measured.dropped;
     if (round == 0) report.first_rms = measured.rms;
     report.last_rms = measured.rms;
     const SE3 before = newestPose(refined);

@@ -2,7 +2,6 @@
 #pragma once
 
 #include "dsorb/camera/pinhole_camera.h"
-#include "dsorb/init/report.h"
 #include "dsorb/options/orb.h"
 
 #include "init/orb/map/initial_map.h"
@@ -15,6 +14,15 @@ namespace dsorb::init_orb {
 /// Options for the adjustment of refined corners: sigma 1, because each observation is whitened by
 /// its own covariance, and a redescending loss.
 GeometricOptions refinedAdjustment(const GeometricOptions& geometric);
+
+/// Corners measured again by aligning warped patches.
+struct RefinementReport {
+  bool accepted = false;  ///< the refined corners were taken
+  bool fits = true;       ///< at least half of the corners match the images
+  double first_rms = 0;   ///< error of the patches' pixels before the first step [grey levels]
+  double last_rms = 0;    ///< error of the patches' pixels before the last step [grey levels]
+  double direction_change_deg = 0;  ///< change of the direction of the newest translation [deg]
+};
 
 /// Measures every corner again in every posed frame and adjusts, several times. The patch of the
 /// reference is warped by pose and inverse depth, so the measurement does not drift as tracking

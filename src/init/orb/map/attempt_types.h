@@ -45,6 +45,29 @@ class Outcome {
   std::variant<T, InitReason> state_;
 };
 
+/// Judgement of a start from the essential matrix: how likely it is that the newest frame's
+/// direction of translation is off by more than GateOptions::wrong_angle_deg, and why.
+struct GateReport {
+  InitReason reason = InitReason::kDone;  ///< kDone when it passed
+  double wrong_probability = 1;           ///< both causes together
+  double error_probability = 1;           ///< first: tails of the direction's distribution
+  double plane_probability = 0;           ///< second: the other motion that a plane allows
+  double direction_sigma_deg = 0;         ///< larger axis of the direction's covariance, x 1.5
+  double second_sigma_deg = 0;            ///< smaller axis, x 1.5: scale of its t-distribution
+  double misfit = 1;        ///< errors of the corners over what noise of the images explains
+  double depth_sigma = 0;   ///< predicted relative error of a corner's inverse depth, median
+  double parallax_deg = 0;  ///< median angle under which both cameras see a corner
+};
+
+/// What became of depths that the caller knows of the reference.
+struct DepthPriorReport {
+  bool used = false;          ///< the start is made of them; otherwise it is one without
+  bool contradicted = false;  ///< the images contradict them: they give no scale, either
+  int corners = 0;            ///< corners that had a depth
+  double inflation = 1;       ///< factor on the claimed standard deviations, to fit the images [-]
+  double relative_sigma = 0;  ///< median relative sigma of a corner's known depth after that [-]
+};
+
 /// Summary of the latest attempt from a reference, which tells when the next one is worth its time.
 struct AttemptSummary {
   InitReason reason = InitReason::kSettling;  ///< why it did not succeed
@@ -66,6 +89,9 @@ struct ReferenceView {
 struct Reconstruction {
   InitialMap map;
   InitReport report;
+  int live_tracks = 0;                            ///< of the reference
+  GeometricOptions adjustment{};                  ///< that fits the map's observations
+  std::optional<DepthPriorReport> depth_prior{};  ///< where the caller knows depths
 };
 
 /// Context of every stage of an attempt.

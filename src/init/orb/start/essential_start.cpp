@@ -6,7 +6,6 @@
 #include "init/orb/bundle/geometric_covariance.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/start/known_depth_start.h"
-#include "init/orb/start/lens_profile.h"
 #include "init/orb/start/motion_candidates.h"
 #include "init/orb/start/motion_contest.h"
 #include "init/orb/start/readout_score.h"
@@ -111,6 +110,13 @@ struct RefinedStart {
   StartEvidence evidence;
 };
 
+void addDetails(const RefinementReport& refinement, InitReport& report) {
+  report.add("refined", refinement.accepted ? 1 : 0);
+  report.add("refined_first_rms", refinement.first_rms);
+  report.add("refined_last_rms", refinement.last_rms);
+  report.add("refined_turn_deg", refinement.direction_change_deg);
+}
+
 /// Measures the noise, refines the corners, drops those behind the camera, sets scale and
 /// covariances.
 /// @param doubtful the start is likely to be refused: the refinement ends early where it is
@@ -118,40 +124,44 @@ struct RefinedStart {
 Outcome<RefinedStart> refineStart(Reconstruction made,
                                   const ReferenceView& view,
                                   bool doubtful,
+                                  StartEvidence evidence,
                                   const AttemptContext& context) {
   InitialMap& map = made.map;
-  EssentialReport& found = *made.report.essential;
+  InitReport& report = made.report;
   const PinholeCamera& camera = context.camera;
   const OrbOptions& orb = context.options.orb;
   const Skips& skip = context.options.skip;
   const int rounds = skip.has(Mechanism::kNoise) ? 0 : kNoiseRounds;
   GeometricOptions adjusted = context.clock.time(
       "geometric", [&] { return adjustToNoise(map, camera, orb.geometric, rounds); });
-  found.track_noise = adjusted.sigma;
+  report.add("track_noise", adjusted.sigma);
   context.clock.time("motions", [&] {
     if (!skip.has(Mechanism::kRowMotions)) estimateMotions(map, camera);
   });
   const GeometricOptions refined = refinedAdjustment(adjusted);
-  if (!skip.has(Mechanism::kRefinement))
-    found.refinement = context.clock.time("polish", [&] {
+  RefinementReport refinement;
+  if (!skip.has(Mechanism::kRefinement)) {
+    refinement = context.clock.time("refine", [&] {
       return refineCorners(map, camera, adjusted, [&](const InitialMap& begun) {
         return doubtful && !skip.has(Mechanism::kHopeless) &&
                missesByFar(begun, refined, view, context);
       });
     });
-  if (!found.refinement.fits) return InitReason::kPoorQuality;
-  if (found.refinement.accepted) adjusted = refined;
+    addDetails(refinement, report);
+  }
+  if (!refinement.fits) return InitReason::kPoorQuality;
+  if (refinement.accepted) adjusted = refined;
   auto reached = context.clock.time("covariance", [&] {
-    return completeMap(std::move(map), adjusted, found.refinement.accepted, context);
+    return completeMap(std::move(map), adjusted, refinement.accepted, context);
   });
   if (!reached) return InitReason::kTooFewPoints;
   map = std::move(reached->map);
-  made.report.residual_rms = reached->median_error;
-  found.variance_factor = reached->variance_factor;
-  found.clustered_factor = map.cluster_variance_scale;
-  if (!std::isfinite(found.variance_factor)) return InitReason::kPoorQuality;
-  StartEvidence evidence{found.tracks, found.front_share, 1, found.second_cost};
-  if (found.refinement.accepted) evidence.misfit = misfitOf(reached->median_error);
+  made.adjustment = adjusted;
+  report.add("median_error", reached->median_error);
+  report.add("variance_factor", reached->variance_factor);
+  report.add("clustered_factor", map.cluster_variance_scale);
+  if (!std::isfinite(reached->variance_factor)) return InitReason::kPoorQuality;
+  if (refinement.accepted) evidence.misfit = misfitOf(reached->median_error);
   return RefinedStart{std::move(made), evidence};
 }
 
@@ -193,10 +203,23 @@ WaitingMotion motionOf(const InitialMap& map, const GateReport& gate) {
 /// A start with its judgement: refused, or passed and told in the report.
 JudgedStart decided(Reconstruction made, const GateReport& gate) {
   if (gate.reason != InitReason::kDone) return {gate.reason, gate, motionOf(made.map, gate)};
-  made.report.essential->gate = gate;
-  made.report.median_parallax_deg = gate.parallax_deg;
-  made.report.wrong_probability = gate.wrong_probability;
+  InitReport& report = made.report;
+  report.wrong_probability = gate.wrong_probability;
+  report.add("error_probability", gate.error_probability);
+  report.add("plane_probability", gate.plane_probability);
+  report.add("direction_sigma_deg", gate.direction_sigma_deg);
+  report.add("second_sigma_deg", gate.second_sigma_deg);
+  report.add("misfit", gate.misfit);
+  report.add("depth_sigma", gate.depth_sigma);
+  report.add("parallax_deg", gate.parallax_deg);
   return {std::move(made), gate};
+}
+
+void addDetails(const PlaneComparison& compared, InitReport& report) {
+  if (compared.homography_gric) {
+    report.add("gric_homography_over_essential", *compared.homography_gric);
+  }
+  if (compared.second_cost) report.add("second_motion_cost_ratio", *compared.second_cost);
 }
 
 /// @param doubtful see refineStart()
@@ -206,18 +229,19 @@ JudgedStart refineAndJudge(const PlaneComparison& compared,
                            const AttemptContext& context) {
   const SelectedMotion& selected = views.selected;
   Reconstruction start{compared.best.map, {}};
-  start.report.model = name(compared.model);
-  start.report.inlier_ratio =
-      static_cast<double>(selected.motion.inliers) / static_cast<double>(views.matches.size());
-  EssentialReport& found = start.report.essential.emplace();
-  found.tracks = static_cast<int>(views.matches.size());
-  found.inliers = selected.motion.inliers;
-  found.rotation_residual = views.rotation.median_residual;
-  found.front_share = compared.best.front_share;
-  found.homography_gric = compared.homography_gric;
-  found.second_cost = compared.second_cost;
-  start.report.pose_prior = compared.best.motions_used;
-  auto refined = refineStart(std::move(start), views.view, doubtful, context);
+  start.live_tracks = static_cast<int>(views.matches.size());
+  InitReport& report = start.report;
+  report.model = name(compared.model);
+  report.pose_prior = compared.best.motions_used;
+  report.add("tracks", start.live_tracks);
+  report.add("model_inliers", selected.motion.inliers);
+  report.add("inlier_ratio", static_cast<double>(selected.motion.inliers) / start.live_tracks);
+  report.add("rotation_residual_px", views.rotation.median_residual);
+  report.add("front_share", compared.best.front_share);
+  addDetails(compared, report);
+  const StartEvidence evidence{
+      start.live_tracks, compared.best.front_share, 1, compared.second_cost};
+  auto refined = refineStart(std::move(start), views.view, doubtful, evidence, context);
   if (!refined) return {refined.reason(), {}};
   const GateReport gate =
       context.clock.time("gate", [&] { return judge(*refined, views, context); });
@@ -230,33 +254,31 @@ JudgedStart refineAndJudge(const PlaneComparison& compared,
 JudgedStart judgeWithPlane(JudgedStart start,
                            const PlaneComparison& compared,
                            const AttemptContext& context) {
-  InitReport& report = start.made->report;
-  report.model = name(compared.model);
-  start.evidence.plane_cost_ratio = report.essential->second_cost = compared.second_cost;
+  start.made->report.model = name(compared.model);
+  start.evidence.plane_cost_ratio = compared.second_cost;
   const GateOptions& options = context.options.orb.gate;
   const GateReport gate = judgeStart(start.made->map, context.camera, options, start.evidence);
   return decided(std::move(*start.made), gate);
 }
 
-/// Tells in the report what a start says of the camera it took for granted: the readout and, where
-/// that is not modelled, the lens. Where the lens contradicts the tracks the covariances grow.
-void questionCamera(Reconstruction& made, const AttemptContext& context) {
-  const bool skipped = context.options.skip.has(Mechanism::kCameraQuestion);
-  if (skipped || !made.map.motions.empty()) return;
-  EssentialReport& found = *made.report.essential;
-  GeometricOptions adjusted = context.options.orb.geometric;
-  adjusted.sigma = found.track_noise;
-  if (found.refinement.accepted) adjusted = refinedAdjustment(adjusted);
-  found.readout_score = context.clock.time(
-      "readout", [&] { return scoreReadout(made.map, context.camera, adjusted); });
-  const auto other =
-      context.clock.time("lens", [&] { return profileLens(made.map, context.camera, adjusted); });
-  if (!other) return;
-  found.lens_score = other->score;
-  if (!other->score.suspicious()) return;
-  setJointCovariance(made.map,
-                     made.map.joint_frames,
-                     made.map.joint_covariance + other->moved * other->moved.transpose());
+/// Tells in the report what the tracks of a start say of the readout, where none is modelled.
+void askReadout(Reconstruction& made, const AttemptContext& context) {
+  if (!made.map.motions.empty()) return;
+  const auto score = context.clock.time(
+      "readout", [&] { return scoreReadout(made.map, context.camera, made.adjustment); });
+  if (!score) return;
+  made.report.add("readout_score_ms", 1000 * score->seconds);
+  made.report.add("readout_score_sigma_ms", 1000 * score->sigma);
+}
+
+/// Tells in the report what became of known depths.
+void tellDepthPrior(const DepthPriorReport& known, Reconstruction& made) {
+  made.depth_prior = known;
+  made.report.depth_prior = known.used;
+  made.report.add("known_depth_contradicted", known.contradicted ? 1 : 0);
+  made.report.add("known_depth_corners", known.corners);
+  made.report.add("known_depth_inflation", known.inflation);
+  made.report.add("known_depth_sigma", known.relative_sigma);
 }
 
 /// A start from known depths, where the reference has any and they fit the images: the motion is a
@@ -305,8 +327,8 @@ JudgedStart startFromMotion(const TwoViews& views, const AttemptContext& context
   if (context.options.skip.has(Mechanism::kPlane)) return start;
   clock.time("planes",
              [&] { comparePlane(views.selected, view, views.matches, context, compared); });
-  start.made->report.essential->homography_gric = compared.homography_gric;
   if (compared.replaced) return refineAndJudge(compared, views, false, context);
+  addDetails(compared, start.made->report);
   if (compared.second_cost) return judgeWithPlane(std::move(start), compared, context);
   return start;
 }
@@ -329,8 +351,8 @@ EssentialStart startFromEssential(const ReferenceView& view, const AttemptContex
     depth_prior = start.depth_prior;
     if (start.made) {
       summary.tried = true;
-      questionCamera(*start.made, context);
-      start.made->report.depth_prior = depth_prior;
+      askReadout(*start.made, context);
+      tellDepthPrior(*depth_prior, *start.made);
       return {std::move(start.made), summary, start.motion};
     }
     if (static_cast<int>(view.frames.size()) < context.options.orb.min_frames) {
@@ -353,8 +375,8 @@ EssentialStart startFromEssential(const ReferenceView& view, const AttemptContex
   JudgedStart start = startFromMotion({view, matches, rotation, *selected}, context);
   summary.gate = start.gate;
   if (start.made) {
-    questionCamera(*start.made, context);
-    start.made->report.depth_prior = depth_prior;
+    askReadout(*start.made, context);
+    if (depth_prior) tellDepthPrior(*depth_prior, *start.made);
   }
   return {std::move(start.made), summary, start.motion};
 }

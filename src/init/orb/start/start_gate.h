@@ -2,10 +2,9 @@
 #pragma once
 
 #include "dsorb/camera/pinhole_camera.h"
-#include "dsorb/init/report.h"
 #include "dsorb/options/orb.h"
 
-#include "init/orb/map/initial_map.h"
+#include "init/orb/map/attempt_types.h"
 
 #include <optional>
 #include <vector>
