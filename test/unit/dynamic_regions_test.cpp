@@ -40,7 +40,7 @@ Scene makeScene(const Eigen::Vector3d& own_motion, std::uint64_t seed = 7) {
     const double depth = random.uniform(2, 6);
     const bool moves = onBox(pixel.cast<float>());
     scene.map.corners.push_back({pixel, 1 / depth, 1e-4});
-    scene.map.points.push_back({pixel.cast<float>(), static_cast<float>(1 / depth), 1e-4F, 4, 4});
+    scene.map.points.push_back({0, pixel.cast<float>(), static_cast<float>(1 / depth), 1e-4F, 4});
     for (int k = 0; k < kFrames; ++k) {
       Eigen::Vector3d p = depth * kCamera.unproject(pixel);
       if (moves) p += k * own_motion;
@@ -112,13 +112,6 @@ TEST(DynamicRegions, OneBadTrackIsNoRegion) {
   const DynamicRegions moving(scene.map, scene.tracks, kCamera);
   EXPECT_EQ(moving.contradicting(), 1);
   EXPECT_EQ(moving.removeCorners(scene.map), 0);
-}
-
-TEST(DynamicRegions, PointsThatFewSearchesFoundGo) {
-  Scene scene = makeScene(Eigen::Vector3d::Zero());
-  scene.map.points[3].observations = 2;  // of 4
-  const DynamicRegions moving(scene.map, scene.tracks, kCamera);
-  EXPECT_EQ(moving.removePoints(scene.map), 1);
 }
 
 }  // namespace

@@ -4,7 +4,6 @@
 #include "init/orb/bundle/geometric_covariance.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/start/motion_candidates.h"
-#include "init/orb/start/motion_contest.h"
 #include "init/orb/start/start_gate.h"
 #include "init/wrong_direction.h"
 #include "support/assign_map.h"

@@ -22,9 +22,7 @@ constexpr double kErrorFactor = 5;  // and by which it exceeds the median of all
 constexpr std::size_t kVoters = 5;  // nearest tracks that vote on a point
 // Tracks farther away do not vote, for an image diagonal of 800 px [px].
 constexpr double kVoteRadius = 60;
-constexpr double kMaxShare = 0.4;  // of contradicting neighbours that a point may have
-/// Least share of a point's epipolar searches that agree. docs/experiments.md, "Moving objects"
-constexpr double kMinSearchesShare = 0.7;
+constexpr double kMaxShare = 0.4;     // of contradicting neighbours that a point may have
 constexpr int kIterations = 3;        // of Gauss-Newton on one inverse depth
 constexpr std::size_t kMinVotes = 3;  // fewer tracks close by decide nothing
 constexpr double kLost = 1e6;         // [px]; error of a track behind a camera
@@ -135,15 +133,10 @@ int DynamicRegions::removeCorners(InitialMap& map) const {
 }
 
 int DynamicRegions::removePoints(InitialMap& map) const {
-  const auto rarely_found = [&](const SemiDensePoint& point) {
-    return point.observations < kMinSearchesShare * point.searches;
-  };
   const std::size_t before = map.points.size();
-  map.points.erase(std::remove_if(map.points.begin(), map.points.end(), rarely_found),
-                   map.points.end());
   std::vector<Eigen::Vector2f> pixels;
   pixels.reserve(map.points.size());
-  for (const SemiDensePoint& point : map.points) pixels.push_back(point.pixel);
+  for (const InitPoint& point : map.points) pixels.push_back(point.pixel);
   eraseMarked(covered(pixels), map.points);
   return static_cast<int>(before - map.points.size());
 }

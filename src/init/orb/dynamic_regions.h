@@ -31,8 +31,7 @@ class DynamicRegions {
 
   /// Takes the corners of these regions out of a map. @return their number
   int removeCorners(InitialMap& map) const;
-  /// Takes the semi-dense points of these regions out of a map, and those that too few of their
-  /// searches found: another depth fits in every frame. @return their number
+  /// Takes the other points of these regions out of a map. @return their number
   int removePoints(InitialMap& map) const;
 
  private:

@@ -168,7 +168,7 @@ void takePoints(const window::Window& window, const CornerOf& corner_of, Initial
     const auto corner = corner_of.find(point.id.value);
     if (corner == corner_of.end()) {
       map.points.push_back(
-          {point.patch.seen, point.inverse_depth, point.variance, observations, observations});
+          {0, point.patch.seen, point.inverse_depth, point.variance, observations});
       return;
     }
     removed[corner->second] = 0;
@@ -182,7 +182,7 @@ void takePoints(const window::Window& window, const CornerOf& corner_of, Initial
 /// @source Engel, Sturm, Cremers, ICCV 2013, section 2.3 (product of Gaussians)
 void fuseKnownDepths(InitialMap& map, double inflation) {
   const DepthLookup lookup(*map.frames.front().frame->priors()->depth, map.metres, inflation);
-  for (SemiDensePoint& point : map.points) {
+  for (InitPoint& point : map.points) {
     const KnownInverseDepth known = lookup.at(point.pixel);
     const auto own = static_cast<double>(point.variance);
     const double difference = known.mean - static_cast<double>(point.inverse_depth);

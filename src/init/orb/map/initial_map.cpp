@@ -16,17 +16,14 @@ bool handedOver(double inverse_depth, double variance) {
          variance > 0;
 }
 
-template <typename Point>
-void changePointUnit(double mean, Point& point) {
-  changeUnit(mean, point.inverse_depth, point.variance);
-  changeUnit(mean, point.known.mean, point.known.variance);
-}
-
 /// Makes this inverse depth 1. @return false when it is not positive
 bool rescale(InitialMap& map, double mean) {
   if (!(mean > 0) || !std::isfinite(mean)) return false;
-  for (Corner& corner : map.corners) changePointUnit(mean, corner);
-  for (SemiDensePoint& point : map.points) changePointUnit(mean, point);
+  for (Corner& corner : map.corners) {
+    changeUnit(mean, corner.inverse_depth, corner.variance);
+    changeUnit(mean, corner.known.mean, corner.known.variance);
+  }
+  for (InitPoint& point : map.points) changeUnit(mean, point.inverse_depth, point.variance);
   changeUnit(mean, map.frames);
   map.metres /= mean;
   for (FrameMotion& motion : map.motions) {
@@ -134,9 +131,8 @@ std::vector<InitPoint> pointsOf(const InitialMap& map) {
                       static_cast<float>(corner.variance),
                       observations[i]});
   }
-  for (const SemiDensePoint& point : map.points) {
-    if (!handedOver(point.inverse_depth, point.variance)) continue;
-    points.push_back({0, point.pixel, point.inverse_depth, point.variance, point.observations});
+  for (const InitPoint& point : map.points) {
+    if (handedOver(point.inverse_depth, point.variance)) points.push_back(point);
   }
   return points;
 }
@@ -147,13 +143,6 @@ bool normalizeCornerScale(InitialMap& map) {
     mean += corner.inverse_depth / static_cast<double>(map.corners.size());
   }
   return rescale(map, mean);
-}
-
-bool normalizeMapScale(InitialMap& map) {
-  double sum = 0;
-  for (const Corner& corner : map.corners) sum += corner.inverse_depth;
-  for (const SemiDensePoint& point : map.points) sum += static_cast<double>(point.inverse_depth);
-  return rescale(map, sum / static_cast<double>(map.corners.size() + map.points.size()));
 }
 
 }  // namespace dsorb::init_orb

@@ -47,16 +47,6 @@ struct CornerObservation {
   Eigen::Matrix2d whitening = Eigen::Matrix2d::Identity();
 };
 
-/// Pixel of the reference with its inverse depth as a Gaussian, found by epipolar search.
-struct SemiDensePoint {
-  Eigen::Vector2f pixel{0, 0};
-  float inverse_depth = 0;    ///< [1/unit]
-  float variance = 0;         ///< [1/unit^2]
-  int observations = 0;       ///< epipolar searches that agree on it
-  int searches = 0;           ///< number of searches for it
-  KnownInverseDepth known{};  ///< by the caller
-};
-
 /// Motion between two frames that the caller knows.
 struct KnownMotion {
   static constexpr std::size_t kReference = std::numeric_limits<std::size_t>::max();
@@ -83,7 +73,7 @@ struct InitialMap {
   double cluster_variance_scale = 0;      ///< factor on the clustered part of the covariance [-]
   std::vector<Corner> corners;
   std::vector<CornerObservation> observations;  ///< sorted by corner, then frame
-  std::vector<SemiDensePoint> points;
+  std::vector<InitPoint> points;                ///< beside the corners, of the reference
   /// One a frame; empty: global shutter, or not known yet.
   std::vector<FrameMotion> motions{};
   std::optional<Readout> readout{};          ///< of a rolling shutter, calibrated or estimated
@@ -138,7 +128,7 @@ void eraseMarked(const std::vector<char>& marked, std::vector<T>& elements) {
   elements.resize(kept);
 }
 
-/// Corners and semi-dense points as they are handed over; those at or behind infinity are left out.
+/// Corners and points as they are handed over; those at or behind infinity are left out.
 std::vector<InitPoint> pointsOf(const InitialMap& map);
 
 /// Removes the marked corners with their observations. @param removed one a corner
@@ -149,9 +139,6 @@ int removeCorners(InitialMap& map, const std::vector<char>& removed);
 /// unit with it.
 /// @return false when that mean is not positive; nothing is changed then
 bool normalizeCornerScale(InitialMap& map);
-
-/// Does the same with the mean over corners and semi-dense points together.
-bool normalizeMapScale(InitialMap& map);
 
 /// The one of errorCells() at a pixel of the reference.
 inline std::size_t imageCell(const Eigen::Vector2d& pixel, const PinholeCamera& camera) {

@@ -20,6 +20,7 @@ namespace {
 
 constexpr double kSameDirection = 0.9986;    // cosine of 3 degrees: the same minimum
 constexpr double kMinPlaneFrontShare = 0.5;  // of a plane's inliers
+constexpr double kMaxCostRatio = 1000;       // of a plane's motions: files hold no infinity
 
 std::optional<TriangulatedPoint> triangulate(const SE3& T_cur_ref,
                                              const Matches& matches,
@@ -129,6 +130,24 @@ Competition competeOverFrames(const ReferenceView& view,
     outcome.cost_ratio = std::min(outcome.cost_ratio, other.cost / best.cost);
   }
   return outcome;
+}
+
+void comparePlane(const SelectedMotion& selected,
+                  const ReferenceView& view,
+                  const Matches& matches,
+                  const AttemptContext& context,
+                  PlaneComparison& compared) {
+  const auto H = estimateHomography(matches, kRansacThreshold, context.seed());
+  if (!H) return;
+  const double homography_gric =
+      gric(DisplacementModel::kHomography, homographySampsonErrors(*H, matches), selected.noise);
+  compared.homography_gric = homography_gric / selected.gric;
+  if (homography_gric >= selected.gric) return;
+  compared.model = DisplacementModel::kHomography;
+  const Competition outcome = competeOverFrames(
+      view, planeMotions(*H, matches, context.camera, kRansacThreshold), context, compared.best);
+  compared.second_cost = std::min(outcome.cost_ratio, kMaxCostRatio);
+  compared.replaced = outcome.replaced;
 }
 
 }  // namespace dsorb::init_orb

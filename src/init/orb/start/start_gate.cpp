@@ -23,6 +23,12 @@ constexpr double kFartherShare = 0.75;  // of the corners, than the scene; same 
 /// Scale of the t-distribution of a direction's errors over their predicted sigmas.
 /// @source docs/experiments.md, "When to start"
 constexpr double kDirectionScale = 1.5;
+/// An attempt is left out where the last one from this reference, extrapolated by the growth of the
+/// parallax, misses the gate by more than this factor.
+constexpr double kRetryMargin = 1.5;
+constexpr int kMaxSkippedFrames = 1;       // but so many times in a row at most
+constexpr std::size_t kGrownUpFrames = 8;  // of a start whose rows move; with fewer its direction
+constexpr double kYoungSigmaDeg = 0.5;     // has to be as sure as this
 
 }  // namespace
 
@@ -102,6 +108,27 @@ bool errorsPass(const GateReport& report, double shrunk_by, const GateOptions& o
   return report.depth_sigma / shrunk_by <= options.max_depth_sigma &&
          tailProbability(sigmas / shrunk_by, options.wrong_angle_deg) <=
              options.max_wrong_probability;
+}
+
+bool refusedUnless(double larger,
+                   const AttemptSummary& last,
+                   double rotation_residual,
+                   const GateOptions& gate) {
+  return last.gate &&
+         !errorsPass(*last.gate, larger * rotation_residual / last.rotation_residual, gate);
+}
+
+bool isYoung(const ReferenceView& view, double direction_sigma_deg) {
+  const bool rows_move = view.readout && view.readout->seconds != 0;
+  return rows_move && view.frames.size() < kGrownUpFrames && direction_sigma_deg > kYoungSigmaDeg;
+}
+
+bool worthTheTime(const ReferenceView& view, double rotation_residual, const GateOptions& gate) {
+  const AttemptSummary& last = view.last;
+  const bool was_young = last.gate && last.reason == InitReason::kSettling;
+  if (was_young) return view.frames.size() >= kGrownUpFrames;
+  return last.skipped >= kMaxSkippedFrames ||
+         !refusedUnless(kRetryMargin, last, rotation_residual, gate);
 }
 
 }  // namespace dsorb::init_orb

@@ -47,4 +47,19 @@ bool errorsPass(const GateReport& report, double shrunk_by, const GateOptions& o
 /// Cells of the image with corners in them.
 int occupiedCells(const InitialMap& map, const PinholeCamera& camera);
 
+/// Whether the last attempt from this reference, extrapolated by the growth of the parallax, tells
+/// that the next one is refused unless the parallax is this much larger still.
+bool refusedUnless(double larger,
+                   const AttemptSummary& last,
+                   double rotation_residual,
+                   const GateOptions& gate);
+
+/// Whether a start that passes should wait all the same: its rows move, and of a few frames their
+/// motion is mostly what the frames around let expect. docs/experiments.md, "Rolling shutter"
+bool isYoung(const ReferenceView& view, double direction_sigma_deg);
+
+/// Whether enough has changed since the last attempt from this reference: the predicted errors fall
+/// as the rotation-compensated flow grows.
+bool worthTheTime(const ReferenceView& view, double rotation_residual, const GateOptions& gate);
+
 }  // namespace dsorb::init_orb
