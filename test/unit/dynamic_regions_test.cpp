@@ -68,10 +68,10 @@ TEST(DynamicRegions, ErrorsOfStaticTracksAreThoseOfTheTracking) {
 
 TEST(DynamicRegions, AreNoneInAStaticScene) {
   Scene scene = makeScene(Eigen::Vector3d::Zero());
-  const DynamicRegions moving(scene.map, scene.tracks, kCamera);
-  EXPECT_EQ(moving.contradicting(), 0);
-  EXPECT_EQ(moving.removeCorners(scene.map), 0);
-  EXPECT_EQ(moving.removePoints(scene.map), 0);
+  const DynamicRegions dynamic(scene.map, scene.tracks, kCamera);
+  EXPECT_EQ(dynamic.contradicting(), 0);
+  EXPECT_EQ(dynamic.removeCorners(scene.map), 0);
+  EXPECT_EQ(dynamic.removePoints(scene.map), 0);
 }
 
 TEST(DynamicRegions, AreWhereTracksContradictTheCamera) {
@@ -86,10 +86,10 @@ TEST(DynamicRegions, AreWhereTracksContradictTheCamera) {
   std::ptrdiff_t removed = 0;
   for (std::uint64_t seed = 0; seed < 20; ++seed) {
     Scene scene = makeScene({0.05, 0.02, 0}, seed);
-    const DynamicRegions moving(scene.map, scene.tracks, kCamera);
+    const DynamicRegions dynamic(scene.map, scene.tracks, kCamera);
     on_box += of_box(scene.map.corners);
-    const int corners = moving.removeCorners(scene.map);
-    EXPECT_EQ(corners, moving.removePoints(scene.map));  // they were at the same places
+    const int corners = dynamic.removeCorners(scene.map);
+    EXPECT_EQ(corners, dynamic.removePoints(scene.map));  // they were at the same places
     removed += corners;
     corners_left += of_box(scene.map.corners);
     points_left += of_box(scene.map.points);
@@ -109,16 +109,16 @@ TEST(DynamicRegions, AreWhereTracksContradictTheCamera) {
 TEST(DynamicRegions, OneBadTrackIsNoRegion) {
   Scene scene = makeScene(Eigen::Vector3d::Zero());
   scene.tracks.positions.back()[100] += Eigen::Vector2f(30, 40);
-  const DynamicRegions moving(scene.map, scene.tracks, kCamera);
-  EXPECT_EQ(moving.contradicting(), 1);
-  EXPECT_EQ(moving.removeCorners(scene.map), 0);
+  const DynamicRegions dynamic(scene.map, scene.tracks, kCamera);
+  EXPECT_EQ(dynamic.contradicting(), 1);
+  EXPECT_EQ(dynamic.removeCorners(scene.map), 0);
 }
 
 TEST(DynamicRegions, PointsThatFewSearchesFoundGo) {
   Scene scene = makeScene(Eigen::Vector3d::Zero());
   scene.map.points[3].observations = 2;  // of 4
-  const DynamicRegions moving(scene.map, scene.tracks, kCamera);
-  EXPECT_EQ(moving.removePoints(scene.map), 1);
+  const DynamicRegions dynamic(scene.map, scene.tracks, kCamera);
+  EXPECT_EQ(dynamic.removePoints(scene.map), 1);
 }
 
 }  // namespace

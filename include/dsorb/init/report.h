@@ -28,7 +28,8 @@ struct InitReport {
   double inlier_ratio = 0;                 ///< inliers among the matches or points that were judged
   double residual_rms = 0;                 ///< [px]; `orb`: median, refined: of sigmas [-]
   double median_relative_sigma = 0;        ///< median of sigma over inverse depth [-]
-  /// That the direction of translation is off by more than GateOptions::wrong_angle_deg.
+  /// Probability that the direction of translation is off by more than
+  /// GateOptions::wrong_angle_deg.
   std::optional<double> wrong_probability;
   std::optional<DirectReport> direct;           ///< `coarse`
   std::optional<TwoViewReport> two_view;        ///< published variants

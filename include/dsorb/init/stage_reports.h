@@ -71,7 +71,6 @@ struct RefinementReport {
 };
 
 /// How much better the tracks of a start fit another lens than the calibrated one.
-/// @source docs/experiments.md, "Wrong calibrations"
 struct LensScore {
   double gain = 0;          ///< log likelihood that the best other lens gains [-]
   double focal_factor = 1;  ///< focal length of that lens over the calibrated one
@@ -144,8 +143,8 @@ struct OutlierReport {
   int examined = 0;         ///< corners and semi-dense points
   int removed_corners = 0;  ///< corners taken out
   int removed_points = 0;   ///< semi-dense
-  /// Of the residuals' t-distribution, median over the frames [grey levels]; combined: of the
-  /// residuals over what their gradients let expect [-].
+  /// Scale of the residuals' t-distribution, median over the frames [grey levels]; combined: scale
+  /// of the residuals over what their gradients let expect [-].
   double t_scale = 0;
 };
 

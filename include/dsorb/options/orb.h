@@ -24,7 +24,6 @@ DescribeFor<Options, FeatureTrackOptions> describe(Visitor& visit, Options& o) {
 }
 
 /// When a start is sure enough.
-/// @source docs/experiments.md, "When to start"
 struct GateOptions {
   double max_wrong_probability = 0.01;  ///< that the direction of translation is off by more than
   double wrong_angle_deg = 10;          ///< this angle

@@ -23,7 +23,8 @@ constexpr std::size_t kVoters = 5;  // nearest tracks that vote on a point
 // Tracks farther away do not vote, for an image diagonal of 800 px [px].
 constexpr double kVoteRadius = 60;
 constexpr double kMaxShare = 0.4;  // of contradicting neighbours that a point may have
-/// Least share of a point's epipolar searches that agree. docs/experiments.md, "Moving objects"
+/// Least share of a point's epipolar searches that agree. With it at most .6 % of the points lie on
+/// a van that drives over a tenth of the image; without it 8 to 12 % do.
 constexpr double kMinSearchesShare = 0.7;
 constexpr int kIterations = 3;        // of Gauss-Newton on one inverse depth
 constexpr std::size_t kMinVotes = 3;  // fewer tracks close by decide nothing

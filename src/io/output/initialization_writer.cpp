@@ -108,10 +108,10 @@ void Details::add(const EssentialReport& report) {
   add("stuck_tracks", report.stuck_tracks);
   add("front_share", report.front_share);
   add("track_noise", report.track_noise);
-  add("polished", report.refinement.accepted);
-  add("polish_first_rms", report.refinement.first_rms);
-  add("polish_last_rms", report.refinement.last_rms);
-  add("polish_turn_deg", report.refinement.direction_change_deg);
+  add("refined", report.refinement.accepted);
+  add("refine_first_rms", report.refinement.first_rms);
+  add("refine_last_rms", report.refinement.last_rms);
+  add("refine_turn_deg", report.refinement.direction_change_deg);
   add("variance_factor", report.variance_factor);
   add("clustered_factor", report.clustered_factor);
   if (const auto& readout = report.readout_score) {
@@ -157,9 +157,9 @@ Json detailsOf(const InitReport& report) {
     details.add("semi_dense_candidates", semi_dense->candidates);
     details.add("semi_dense_points", semi_dense->points);
   }
-  if (const auto& moving = report.dynamic_regions) {
-    details.add("contradicting_tracks", moving->contradicting_tracks);
-    details.add("removed_moving", moving->removed);
+  if (const auto& dynamic = report.dynamic_regions) {
+    details.add("contradicting_tracks", dynamic->contradicting_tracks);
+    details.add("removed_dynamic", dynamic->removed);
   }
   if (report.photometric) details.add("photometric", *report.photometric);
   if (const auto& outliers = report.outliers) {

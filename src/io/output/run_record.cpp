@@ -56,7 +56,7 @@ void RunRecord::addInitialization(InitializationResult result, int segment) {
 }
 
 void RunRecord::noteReadout(const InitializationResult& result) {
-  constexpr double kSuspicious = 3;  // standard deviations; docs/experiments.md, "Rolling shutter"
+  constexpr double kSuspicious = 3;  // standard deviations
   if (!result.report.essential || !result.report.essential->readout_score) return;
   const Readout& score = *result.report.essential->readout_score;
   const double interval =

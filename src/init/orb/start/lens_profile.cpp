@@ -63,7 +63,7 @@ void turnBy(double factor, InitialMap& map) {
   }
 }
 
-/// Of an observation, robust; nullopt when a point is behind a camera.
+/// Robust cost of an observation in the mean; nullopt when a point is behind a camera.
 std::optional<double> meanCost(const InitialMap& map,
                                const PinholeCamera& camera,
                                const GeometricOptions& options) {

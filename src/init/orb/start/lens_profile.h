@@ -26,7 +26,6 @@ struct OtherLens {
 /// @param map     adjusted, of a global shutter, with its joint frames
 /// @param options of that adjustment
 /// @return the one that the tracks fit best; nullopt where none can be tried
-/// @source docs/experiments.md, "Wrong calibrations"
 std::optional<OtherLens> profileLens(const InitialMap& map,
                                      const PinholeCamera& camera,
                                      const GeometricOptions& options);

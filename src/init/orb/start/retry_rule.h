@@ -15,8 +15,8 @@ bool refusedUnless(double larger,
                    double rotation_residual,
                    const GateOptions& gate);
 
-/// Whether a start that passes should wait all the same: its rows move, and of a few frames their
-/// motion is mostly what the frames around let expect. docs/experiments.md, "Rolling shutter"
+/// Whether a start that passes should wait all the same: its rows move, and a few frames tell of
+/// their motion little more than their neighbours let expect.
 bool isYoung(const ReferenceView& view, double direction_sigma_deg);
 
 /// Whether enough has changed since the last attempt from this reference: the predicted errors fall
