@@ -60,7 +60,7 @@ def main():
     parser.add_argument('--update', action='store_true', help='write the code blocks')
     update = parser.parse_args().update
     errors, links, blocks = [], 0, 0
-    pages = sorted(ROOT.glob('*.md')) + sorted((ROOT / 'docs').glob('*.md'))
+    pages = sorted(ROOT.glob('*.md')) + sorted((ROOT / 'docs').rglob('*.md'))
     for page in pages:
         text = page.read_text()
         current = CODE.sub(lambda m: m.group(1) + region(m.group(2), m.group(3)) + m.group(5), text)
