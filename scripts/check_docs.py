@@ -1,10 +1,14 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks the pages: README.md, CONTRIBUTING.md, CHANGELOG.md, docs and docs/lab. Links to files and headings exist, and a
-code block after `<!-- code: FILE NAME -->` is what stands in FILE between the lines `// [NAME]` and `// [/NAME]`. Tests
-that inputs_images.md names exist, and sources that how-it-works.md names. README.md and docs/*.md have at most 20,000
-words, tables and code included. In the sources no comment, and no sentence in one, begins with a word that leaves its
-subject out, comments do not send to the laboratory book, and words that were given up do not come back.
+"""Checks the pages (README.md, CONTRIBUTING.md, CHANGELOG.md, docs, docs/lab) and how comments begin.
+
+- Links to files and headings exist.
+- A code block after `<!-- code: FILE NAME -->` is what stands in FILE between the lines `// [NAME]` and `// [/NAME]`.
+- Tests that inputs_images.md names exist, and sources that how-it-works.md names.
+- README.md and docs/*.md have at most 20,000 words, tables and code included.
+- No comment of the sources, and no sentence in one, begins with a word that leaves its subject out; those of the library
+  do not send to docs/lab.
+
 With --update the code blocks are written."""
 import argparse
 import pathlib
