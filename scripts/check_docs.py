@@ -1,8 +1,14 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks README.md, CONTRIBUTING.md, CHANGELOG.md and docs/*.md: links to files and headings exist, and a code block
-after `<!-- code: FILE NAME -->` is what stands in FILE between the lines `// [NAME]` and `// [/NAME]`. Tests that
-inputs_images.md names exist.
+"""Checks the pages (README.md, CONTRIBUTING.md, CHANGELOG.md, docs, docs/lab) and how comments begin.
+
+- Links to files and headings exist.
+- A code block after `<!-- code: FILE NAME -->` is what stands in FILE between the lines `// [NAME]` and `// [/NAME]`.
+- Tests that inputs_images.md names exist, and sources that how-it-works.md names.
+- README.md and docs/*.md have at most 20,000 words, tables and code included.
+- No comment of the sources, and no sentence in one, begins with a word that leaves its subject out; those of the library
+  do not send to docs/lab.
+
 With --update the code blocks are written."""
 import argparse
 import pathlib
@@ -12,6 +18,9 @@ import textwrap
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 LINK = re.compile(r'(?<!!)\[[^\]]*\]\(([^)\s]+)\)|!\[[^\]]*\]\(([^)\s]+)\)')
+MAX_WORDS = 20000
+SOURCES = ('.h', '.cpp', '.c', '.py', '.pyi', '.sh', '.cmake', '.txt')
+BEGINNING = re.compile(r'(//+<?|#|/?\*+|""")(.*[.:;!?])? ?(Of|That|By) ')
 CODE = re.compile(r'(<!-- code: (\S+) (\S+) -->\n```\w*\n)(.*?)(```\n)', re.S)
 
 
@@ -55,12 +64,34 @@ def unshown_fields(page, text):
             yield f'{page.relative_to(ROOT)}: {test}: no such test'
 
 
+def faulty_words():
+    """Lines of the sources whose comments leave their subject out, or send to the laboratory book."""
+    for folder in ('include', 'src', 'test', 'scripts'):
+        for file in sorted((ROOT / folder).rglob('*')):
+            if file.suffix not in SOURCES or file == pathlib.Path(__file__).resolve() or 'corpus' in file.parts:
+                continue
+            for number, line in enumerate(file.read_text(errors='replace').splitlines(), 1):
+                found = BEGINNING.search(line)
+                place = f'{file.relative_to(ROOT)}:{number}'
+                if found:
+                    yield f'{place}: a comment begins with "{found.group(3)}": expected a sentence or a noun phrase'
+                if folder in ('include', 'src') and 'docs/lab' in line:
+                    yield f'{place}: expected the figure instead of a page of docs/lab'
+
+
+def lost_sources(page, text):
+    """Sources of src or include that a page names and that do not exist."""
+    for name in sorted(set(re.findall(r'`([\w/]+/[\w/]+\.(?:h|cpp))`', text))):
+        if not any((ROOT / folder / name).exists() for folder in ('src', 'include', 'include/dsorb')):
+            yield f'{page.relative_to(ROOT)}: {name}: no such source'
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--update', action='store_true', help='write the code blocks')
     update = parser.parse_args().update
     errors, links, blocks = [], 0, 0
-    pages = sorted(ROOT.glob('*.md')) + sorted((ROOT / 'docs').glob('*.md'))
+    pages = sorted(ROOT.glob('*.md')) + sorted((ROOT / 'docs').rglob('*.md'))
     for page in pages:
         text = page.read_text()
         current = CODE.sub(lambda m: m.group(1) + region(m.group(2), m.group(3)) + m.group(5), text)
@@ -72,7 +103,12 @@ def main():
             errors.append(f'{page.relative_to(ROOT)}: a code block is not what its file has; {sys.argv[0]} --update writes it')
         errors += broken_links(page, text)
         errors += unshown_fields(page, text) if page.name == 'inputs_images.md' else []
-    print('\n'.join(errors) or f'docs: {len(pages)} pages, {links} links, {blocks} code blocks are as they should be')
+        errors += lost_sources(page, text) if page.name == 'how-it-works.md' else []
+    words = sum(len(page.read_text().split()) for page in [ROOT / 'README.md', *(ROOT / 'docs').glob('*.md')])
+    if words > MAX_WORDS:
+        errors.append(f'README.md and docs/*.md: {words} words; expected at most {MAX_WORDS}')
+    errors += faulty_words()
+    print('\n'.join(errors) or f'docs: {len(pages)} pages, {links} links, {blocks} code blocks and {words} words for users are as they should be')
     return 1 if errors else 0
 
 

@@ -12,8 +12,7 @@ ROOT = pathlib.Path(__file__).resolve().parent.parent
 PAGE = ROOT / 'docs' / 'configuration.md'
 HEAD = '''# Configuration
 
-Every key of a configuration file (`--config`, `--set key=value`; the end of a key is enough where it is unique), with its default. This page is made by `scripts/configuration_reference.py` from the program and the comments of
-`include/dsorb/options`; a test fails where it is out of date.
+Every key of a configuration file (`--config`, `--set key=value`; the end of a key is enough where it is unique). `scripts/configuration_reference.py` makes this page.
 '''
 
 
@@ -84,6 +83,7 @@ def page_text(program):
         if parent != group:
             group = parent
             text += f'\n## {parent or "At the top"}\n\n| key | default | takes | |\n|---|---|---|---|\n'
+        allowed = re.sub(r'^a whole number in ', 'whole, ', re.sub(r'^(a number in|one of) ', '', allowed))
         comment = said[key].replace('|', '\\|')
         text += f'| `{name}` | {value} | {allowed} | {comment} |\n'
     return text

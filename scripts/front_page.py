@@ -57,7 +57,7 @@ def points_of(pose, points, camera):
 
 
 def moments(recording):
-    """Of every posed image: file, pose, poses of the path so far, points of the map. @return camera, list"""
+    """Collects for every posed image: file, pose, poses of the path so far, points of the map. @return camera, list"""
     camera, poses, keyframes, points, file, found = None, [], {}, {}, None, []
     for line in open(recording):
         event = json.loads(line)

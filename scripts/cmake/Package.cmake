@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Debian packages of what is installed, by `cpack -G DEB` in the build folder. What they depend on is read from what their
-# files are linked with. dsorb-codecs has the module of OpenCV's codecs and nothing else. Of shared libraries only: static
+# files are linked with. dsorb-codecs has the module of OpenCV's codecs and nothing else. Only shared libraries: static
 # ones have the codecs inside the programs.
 if(NOT PROJECT_IS_TOP_LEVEL OR NOT BUILD_SHARED_LIBS)
   return()

@@ -23,7 +23,7 @@ from .trajectory import FormatError
 
 LOG_BYTES = 4000  # of a log's end that are looked at for the reason of a failure
 ADVICE = re.compile(r'What (stood in the way|\d+ of the images without a pose show):')  # of the summary: dsorb/summary.py
-# Of the table: column, type for Parquet.
+# Columns of the table with their types for Parquet.
 COLUMNS = {'video': 'string', 'name': 'string', 'status': 'string', 'exit_code': 'int32', 'error': 'string',
            'obstacle': 'string', 'suspected': 'string', 'images': 'int32', 'images_posed': 'int32', 'share_posed': 'float64',
            'wrong_probability': 'float64', 'segments': 'int32', 'losses': 'int32', 'refined_focal_px': 'float64',
@@ -55,7 +55,7 @@ def read_list(path: str) -> dict[str, list[str]]:
 
 
 def processor_seconds() -> float:
-    """Of all programs that this one ran."""
+    """Seconds that all programs took which this one ran."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return round(used.ru_utime + used.ru_stime, 3)
 

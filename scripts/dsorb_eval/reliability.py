@@ -21,7 +21,7 @@ from scipy.stats import chi2  # noqa: E402
 from .plots import save  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-LIST = ROOT / 'docs' / 'results' / 'reliability.txt'
+LIST = ROOT / 'docs' / 'lab' / 'results' / 'reliability.txt'
 WRONG_DEG = 10
 FRAMES = 60  # of a rendered sequence
 MIN_WINDOWS = 20  # of a point in the figure

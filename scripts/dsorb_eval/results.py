@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""docs/results.md: all variants against each other and against other programs; every number comes from a table."""
+"""docs/lab/results.md: all variants against each other and against other programs; every number comes from a table."""
 import argparse
 import csv
 import datetime
@@ -152,12 +152,12 @@ def page(protocols, target, of_commit, note):
     parts = ['# Results\n', f'Written by `scripts/results_page.py` on {datetime.date.today()} from runs of commit `{of_commit}` (program '
              f'`{plan["build"][:16]}`) on {machine()}; {plan["threads"]} thread a run. Sequences: excerpts of public data sets '
              '(KITTI odometry, EuRoC, TUM RGB-D, 7-Scenes, TartanAir) and a rendered hand-held one (`room_hand`).\n',
-             'Rows in *italics* are other programs, measured by us (`docs/results/reference.csv`): *reference* is the original DSO program with its own '
+             'Rows in *italics* are other programs, measured by us (`docs/lab/results/reference.csv`): *reference* is the original DSO program with its own '
              'initializer (`coarse+reference` is our `--preset reference`), the others are two-view initializations on the same starts. Its runs on `euroc_static` were made on a longer '
              'excerpt, its depth on 7-Scenes judged against depth images that we do not have; its milliseconds are from a busy machine of the same kind. '
              'That file says of each row which program made it and how it was run; command lines were not kept.\n',
              '**Development data.** The limits of the start rule and many constants of `orb` and `coarse` were chosen on these very sequences (the history: '
-             '`docs/experiments.md`): read the rows of both as figures on development data, not as a test. The published variants and the '
+             '`docs/lab/experiments.md`): read the rows of both as figures on development data, not as a test. The published variants and the '
              'programs in italics had no constant chosen on them.\n']
     parts += [note + '\n'] if note else []
     for protocol in protocols:
@@ -173,8 +173,8 @@ def main(arguments=None):
     parser = argparse.ArgumentParser(prog='results_page.py', description='Writes the results page from two evaluations.')
     parser.add_argument('--five', required=True, metavar='DIR', help='output of evaluate.py --starts five --frames 200')
     parser.add_argument('--dense', required=True, metavar='DIR', help='output of evaluate.py --starts every:10 --frames 40')
-    parser.add_argument('--others', default=str(ROOT / 'docs' / 'results' / 'reference.csv'), metavar='FILE.csv')
-    parser.add_argument('--output', default=str(ROOT / 'docs' / 'results.md'), metavar='FILE.md', help='pictures go to the folder results beside it')
+    parser.add_argument('--others', default=str(ROOT / 'docs' / 'lab' / 'results' / 'reference.csv'), metavar='FILE.csv')
+    parser.add_argument('--output', default=str(ROOT / 'docs' / 'lab' / 'results.md'), metavar='FILE.md', help='pictures go to the folder results beside it')
     parser.add_argument('--commit', default=commit(), help='of the program that ran; default: of the sources as they are')
     parser.add_argument('--note', default='', help='a sentence about the runs, for the head of the page')
     args = parser.parse_args(arguments)

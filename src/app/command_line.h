@@ -29,7 +29,7 @@ struct CommandLine {
   std::vector<std::string> warnings;  ///< one line each
 };
 
-/// As a value of `--mode` and of the option `brightness`.
+/// The model's name as a value of `--mode` and of the option `brightness`.
 [[nodiscard]] std::string nameOf(BrightnessModel brightness);
 
 /// Reads flags and the original program's `key=value` words.

@@ -31,7 +31,7 @@ void setUpLog() {
 }
 
 /// Frames come and go, megabytes each: the allocator shall keep them instead of giving them back to
-/// the kernel, which clears them anew for every frame (docs/performance.md).
+/// the kernel, which clears them anew for every frame.
 void keepFreedMemory() {
 #ifdef __GLIBC__
   // NOLINTBEGIN(concurrency-mt-unsafe) no thread is started yet

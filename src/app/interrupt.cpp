@@ -9,10 +9,11 @@
 namespace dsorb::app {
 namespace {
 
-// From a signal to the end of a program that does not end by itself. It stays below a second with
-// what is written then.
+// Time from a signal to the end of a program that does not end by itself; with what is written then
+// it stays below a second.
 constexpr std::chrono::milliseconds kPatience(500);
-// For signals that are sent twice at once, as timeout(1) does, to the program and to its group.
+// Time within which two signals count as one: timeout(1) sends them to the program and to its
+// group.
 constexpr timespec kTwiceAtOnce{0, 100000000};
 constexpr int kNothingToWrite = 3;  // exit code: nothing was tracked
 

@@ -32,7 +32,7 @@ void ProgressBar::update(const FrameEstimate& estimate, int dropped) {
   if (enabled_ && (done_ == total_ || now - drawn_ >= kRedrawInterval)) draw(estimate, now);
 }
 
-/// Of a camera, whose end is not known, the number alone.
+/// The share that is done; the number of images alone where the end is not known (a camera).
 std::string ProgressBar::share() const {
   if (total_ <= 0) return std::to_string(done_);
   const int filled = kBarWidth * std::min(done_, total_) / total_;

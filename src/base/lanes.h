@@ -17,7 +17,7 @@ namespace dsorb {
 using Lanes = float __attribute__((vector_size(32)));
 constexpr int kLanes = 8;
 
-/// Of what holds, -1, and what does not, 0.
+/// Results of comparisons: -1 in a lane where it holds, 0 where it does not.
 using LaneMask = std::int32_t __attribute__((vector_size(sizeof(Lanes))));
 
 /// Four doubles, the same way.
@@ -90,7 +90,7 @@ DSORB_ALWAYS_INLINE bool inAnyLane(const LaneMask& mask) {
   return any != 0;
 }
 
-/// In all lanes at once where the file is compiled with -fno-math-errno.
+/// Square roots of all lanes, at once where the file is compiled with -fno-math-errno.
 DSORB_ALWAYS_INLINE void squareRoots(Lanes& lanes) {
   float values[kLanes];
   store(lanes, values);

@@ -30,7 +30,7 @@ int scaled(int size, double factor) {
   return static_cast<int>(std::lround(size * factor));
 }
 
-/// Of an image whose height was `height`, turned clockwise by 90 degrees.
+/// Turns the camera of an image whose height was `height` clockwise by 90 degrees.
 /// @tparam Camera with members fx, fy, cx, cy
 template <typename Camera>
 void turnByQuarter(int height, Camera& camera) {

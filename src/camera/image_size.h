@@ -14,7 +14,7 @@ inline int roundedDown(int size) {
   return size / kSizeUnit * kSizeUnit;
 }
 
-/// For messages, for example "640x480".
+/// A size as messages have it, for example "640x480".
 inline std::string sizeText(int width, int height) {
   return std::to_string(width) + "x" + std::to_string(height);
 }

@@ -20,7 +20,7 @@ constexpr int kBisections = 24;  // of an interval of about 2 px: 1e-7 px
 constexpr int kNewtonSteps = 20;
 constexpr double kDerivativeStep = 1e-6;
 
-/// From the plane z = 1 to the plane of the mirror, which the tangential terms are of.
+/// Factor from the plane z = 1 to the plane of the mirror, to which the tangential terms belong.
 double mirrorFactor(const Lens& lens, double r2) {
   return lens.model == LensModel::kUnified ? 1 / (1 + lens.coefficients[0] * std::sqrt(1 + r2)) : 1;
 }

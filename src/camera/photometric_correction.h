@@ -20,7 +20,7 @@ class PhotometricCorrection {
   /// Without a calibration; grey levels are only scaled to 0..255.
   PhotometricCorrection(int width, int height);
 
-  /// With a known response and vignette.
+  /// Corrects by a known response and vignette.
   /// @throws std::invalid_argument where the response has fewer than 256 entries or does not
   ///         increase, or the vignette is not of the image's size
   PhotometricCorrection(const PhotometricCalibration& calibration, int width, int height);

@@ -94,7 +94,7 @@ Undistorter::Undistorter(const Lens& lens, const Rectification& rectification)
   }
 }
 
-/// As many samples per output pixel as it covers input pixels around the optical axis.
+/// Takes as many samples per output pixel as it covers input pixels around the optical axis.
 void Undistorter::chooseSamples(const Lens& lens) {
   const Eigen::Vector2d axis = projectThroughLens(lens, {0, 0});
   const Eigen::Vector2d right = projectThroughLens(lens, {1 / camera_.fx, 0});
@@ -155,7 +155,7 @@ void Undistorter::apply(const float* input, float* output) const {
     }
     return;
   }
-  // By offsets that are made once; the samplers of src/estimate take positions, and lie above this.
+  // Offsets are made once. The samplers of src/estimate take positions, and lie above this.
   const auto interpolate = [input, stride](const Sample& s) {
     const float* top = input + s.offset;
     const float* bottom = top + stride;

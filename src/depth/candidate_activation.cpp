@@ -12,7 +12,7 @@
 namespace dsorb::depth {
 namespace {
 
-// Of candidates that become points of the window, as published with DSO.
+// What a candidate needs to become a point of the window, as published with DSO.
 constexpr float kMinQuality = 3;        // second best over best energy of the last long search
 constexpr float kMaxInterval = 8;       // [px] uncertainty along the epipolar line
 constexpr int kIterations = 3;          // of the depth alone, before activation

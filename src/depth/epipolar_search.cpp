@@ -49,7 +49,7 @@ struct ExpectedPattern {
   }
 };
 
-/// From a place on the epipolar line to where the row of the frame shows it [px].
+/// Shift from a place on the epipolar line to where the row of the frame shows it [px].
 Vector2f shiftToRow(const CandidatePoint& candidate,
                     const EpipolarPair& pair,
                     float inverse_depth) {

@@ -10,7 +10,8 @@
 /// @source first term of Brown, Close-Range Camera Calibration, 1971; LensModel::kRadTan's k1
 namespace dsorb {
 
-/// From where a pinhole camera would see a ray to where the lens shows it. @tparam T float or Lanes
+/// Moves (u, v) from where a pinhole camera would see a ray to where the lens shows it.
+/// @tparam T float or Lanes
 template <typename T>
 DSORB_ALWAYS_INLINE void bend(float k, T& u, T& v) {
   const T factor = 1.0F + k * (u * u + v * v);

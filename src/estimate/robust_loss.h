@@ -29,7 +29,7 @@ DSORB_ALWAYS_INLINE void huberWeights(const T& magnitude, const T& threshold, T&
   weight = threshold / (magnitude > threshold ? magnitude : threshold);
 }
 
-/// Of residuals in grey levels.
+/// Huber weights of residuals in grey levels.
 DSORB_ALWAYS_INLINE void huberWeights(const Lanes& residual, Lanes& weight) {
   Lanes threshold;
   fill(kHuberThreshold, threshold);
@@ -47,7 +47,7 @@ DSORB_ALWAYS_INLINE void huberEnergies(const T& residual,
                                        T& energy) {
   energy = weight * residual * residual * (2.0F - huber);
 }
-/// Of residuals that count 1.
+/// Huber energies of residuals whose other weight is 1.
 template <typename T>
 DSORB_ALWAYS_INLINE void huberEnergies(const T& residual, const T& huber, T& energy) {
   huberEnergies(residual, huber, huber, energy);

@@ -191,7 +191,7 @@ inline Eigen::Vector2f pixelInMiddle(const RollingShutter& s,
   return {fx * (ray[0] + moved(0)) * scale + cx, fy * (ray[1] + moved(1)) * scale + cy};
 }
 
-/// Of the camera that took a frame, as it was calibrated.
+/// Readout of the camera that took a frame, as it was calibrated.
 inline Readout readoutOf(const Frame& frame) {
   return frame.rowTimes() == nullptr ? Readout{} : frame.rowTimes()->readout;
 }
@@ -215,7 +215,8 @@ struct CameraChange {
   double radial = 0;   ///< of radial.h
 };
 
-/// Of a frame; nothing where it sees what a pinhole camera with a global shutter would.
+/// How the rows of a frame move; nothing where the frame sees what a pinhole camera with a global
+/// shutter would.
 inline std::optional<RollingShutter> shutterOf(const Frame& frame,
                                                const RowMotion& motion,
                                                const CameraChange& change,

@@ -49,7 +49,8 @@ Band findMaxima(const cv::Mat& grey, const cv::Mat& valid, int first, int last) 
   return band;
 }
 
-/// Of equally strong ones the lowest and rightmost comes first, as with OpenCV.
+/// The order of corners: among equally strong ones the lowest and rightmost comes first, as with
+/// OpenCV.
 bool isStronger(const DetectedCorner& a, const DetectedCorner& b) {
   return std::tie(a.strength, a.y, a.x) > std::tie(b.strength, b.y, b.x);
 }

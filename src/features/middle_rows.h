@@ -11,7 +11,7 @@ namespace dsorb {
 
 /// Tracks as a global shutter would have given them: every position is moved along its own track,
 /// a parabola through the three nearest frames that saw it (a line through two), to the time of the
-/// frame's middle row. That needs no pose and no depth.
+/// frame's middle row. Neither a pose nor a depth is needed.
 /// @param frames one a frame of the tracks, with row times
 /// @param readout_change over the calibrated readout [s]
 CornerTracks atMiddleRows(CornerTracks tracks,

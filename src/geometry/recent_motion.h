@@ -23,7 +23,7 @@ struct Passage {
 class RecentMotion {
  public:
   void push(const Passage& newest);
-  /// By how many standard deviations a pose misses what the newest frames let expect, the larger of
+  /// Standard deviations by which a pose misses what the newest frames let expect, the larger of
   /// translation and rotation; empty before there are enough frames.
   [[nodiscard]] std::optional<double> surprise(const TimedPose& next) const;
   /// Poses are relative to another frame from now on.
@@ -33,10 +33,10 @@ class RecentMotion {
   [[nodiscard]] std::size_t size() const { return recent_.size(); }
   /// Standard deviation of the velocity at the end of a parabola [unit/s; rad/s].
   [[nodiscard]] Vector6d sigma() const;
-  /// Of the newest frame, by those before it.
+  /// Motion at the newest frame, by those before it.
   [[nodiscard]] MotionPrior atEnd() const;
-  /// Of the frame before that, by its two neighbours, their velocities included where all are
-  /// known; there are at least two poses.
+  /// Motion at the frame before the newest, by its two neighbours, their velocities included where
+  /// all are known; there are at least two poses.
   [[nodiscard]] MotionPrior inMiddle() const;
 
  private:
@@ -52,7 +52,7 @@ class RecentMotion {
 };
 
 /// Motion at a pose by the polynomial of fourth degree through it and two neighbours whose
-/// velocities are known. Of a motion that three poses do not resolve it sees more than a parabola.
+/// velocities are known. It sees more than a parabola of a motion that three poses do not resolve.
 /// The three have different times.
 [[nodiscard]] RowMotion motionBetween(const TimedPose& pose,
                                       const Passage& before,

@@ -166,7 +166,7 @@ class PointGrid {
 
     [[nodiscard]] const Neighbour* begin() const { return nearest.data(); }
     [[nodiscard]] const Neighbour* end() const { return nearest.data() + count; }
-    /// Of several points at the same distance the one of the smallest index comes first.
+    /// Where several points are equally far, the one of the smallest index comes first.
     void add(const Neighbour& found) {
       if (count == kWanted && !(found < nearest[kWanted - 1])) return;
       std::size_t place = count < kWanted ? count++ : kWanted - 1;

@@ -11,8 +11,8 @@
 
 namespace dsorb {
 
-/// At which scales each pixel of level 0 passes the threshold of its region: the pixel itself, and
-/// the pixels of levels 1 and 2 that cover it, with lower thresholds. Memory is reused between
+/// The scales at which each pixel of level 0 passes the threshold of its region: the pixel itself,
+/// and the pixels of levels 1 and 2 that cover it, with lower thresholds. Memory is reused between
 /// frames of one size.
 /// @source Engel et al., DSO, arXiv:1607.02565, section 3.2; factors of DSO as published
 class ScaleMap {

@@ -117,7 +117,7 @@ double clusteredVariance(const std::vector<LogRatio>& ratios, double mean, doubl
   return scatter / (curvature * curvature);
 }
 
-/// Of the length of a frame's translation, which is not 0.
+/// Relative sigma of the length of a frame's translation, which is not 0.
 double relativeSigmaOf(const PosedFrame& posed) {
   // exp(xi) T moves t by the translation of xi and turns it, which leaves its length.
   const Eigen::Vector3d t = posed.T_cam_ref->translation();
@@ -125,8 +125,8 @@ double relativeSigmaOf(const PosedFrame& posed) {
   return std::sqrt(t.dot(covariance * t)) / t.squaredNorm();
 }
 
-/// Metres of a unit, from lengths and translations. Of both the noise of the known ones is known,
-/// that of the estimated ones is not: `square` has none in the mean, and `product` none of either.
+/// Metres of a unit, from lengths and translations. The noise of the known ones is known, that of
+/// the estimated ones is not: in the mean `square` has no noise, and `product` has none of either.
 struct MetresFit {
   double product = 0;  // of known and estimated ones, weighted
   double square = 0;   // of known ones, weighted, less that of their noise

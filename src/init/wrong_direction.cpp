@@ -10,8 +10,8 @@
 namespace dsorb {
 namespace {
 
-/// Degrees of freedom of the t-distribution of a direction's errors.
-/// @source docs/experiments.md, "When to start"
+/// Degrees of freedom of the t-distribution of a direction's errors, whose tails are those of
+/// starts on real sequences.
 constexpr double kFreedom = 4;
 
 }  // namespace

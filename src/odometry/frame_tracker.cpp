@@ -11,13 +11,13 @@
 namespace dsorb::odometry {
 namespace {
 
-/// Of a keyframe's covariance, which is rather too careful, that frames get by errors of the map.
-/// docs/experiments.md, "Covariance of tracked poses"
+/// Share of a keyframe's covariance that its frames get for errors of the map. It is half, because
+/// the keyframe's covariance is up to three times too large.
 constexpr double kMapErrorShare = 0.5;
 
 // A torn or half covered image may still get a pose, with a residual above that of the frame
 // before. Where the motion does not lead there it is wrong; else a part of the image has told it,
-// and the rest would bend the map. docs/experiments.md, "Frames without a pose"
+// and the rest would bend the map.
 constexpr double kDoubtful = 1.5;    // times the residual before, together with the next
 constexpr double kSurprising = 2.5;  // [standard deviations]
 constexpr double kUnfit = 2.2;       // times the largest residual of late

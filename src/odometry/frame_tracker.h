@@ -69,12 +69,10 @@ class FrameTracker {
   void setPose(const track::TrackingResult& result, TrackedPose& pose) const;
   /// The poses that a map was made with and its depths err together. A frame at a share of their
   /// distance errs by that share of what its keyframe does in its window, and both add up.
-  /// docs/experiments.md, "Covariance of tracked poses"
   void addErrorsOfMap(TrackedPose& pose) const;
   /// Whether the map itself knows the frame's rotation, whatever it leaves open of the camera.
   [[nodiscard]] bool isCertain(const TrackedPose& pose, const track::TrackingResult& result) const;
   /// A focal length that is off by a share gets motions wrong by that share.
-  /// docs/experiments.md, "Wrong calibrations"
   void addErrorsOfCamera(TrackedPose& pose) const;
   [[nodiscard]] bool needsKeyframe(const Frame& frame, const track::TrackingResult& result) const;
   /// Residual in the contrast of the last frame that fitted, where that is lower [grey levels].
@@ -91,7 +89,7 @@ class FrameTracker {
   track::MotionHistory history_;  // relative to the target
   RecentMotion recent_;           // relative to the target
   FrameId previous_;              // frame
-  // Of the last frame that fitted.
+  // What the last frame that fitted left behind.
   AffineBrightness affine_;
   double exposure_ = 1;                 // [s]
   double rmse_ = 0;                     // level 0 [grey levels]

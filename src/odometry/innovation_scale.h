@@ -10,7 +10,7 @@ namespace dsorb::odometry {
 /// information it should move, from one adjustment to the next, with the difference of its
 /// variances; where models do not hold it moves by more.
 /// @source Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation,
-///         section 5.4: normalised innovation squared; docs/experiments.md, "Rolling shutter"
+///         section 5.4: normalised innovation squared
 class InnovationScale {
  public:
   /// @param sigma as its adjustment says

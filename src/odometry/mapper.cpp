@@ -24,7 +24,7 @@ constexpr std::size_t kCandidatesPerTask = 64;
 constexpr std::size_t kChunksPerTask = 2;  // of 128 points each, in the adjustment
 
 // Keyframes of a segment after which the calibration is looked at: enough of them to tell it, and
-// structure not yet bent to what is wrong with it. docs/experiments.md, "Wrong calibrations"
+// structure not yet bent to what is wrong with it.
 constexpr std::array<int, 3> kScored{4, 6, 8};
 
 PixelSelectorOptions selectorOptions(const OdometryOptions& options) {

@@ -52,7 +52,7 @@ std::vector<MapPoint> pointsOf(const InitializationResult& result, std::size_t h
   return points;
 }
 
-/// Of a frame while its rows are read, from its posed neighbours.
+/// Motion of a frame while its rows are read, from its posed neighbours.
 RowMotion motionOf(const InitializationResult& result, std::size_t frame) {
   const auto posed_at = [&](std::size_t i) {
     return TimedPose{result.frames[i].frame->timestamp(), *result.frames[i].T_cam_ref};
@@ -64,7 +64,7 @@ RowMotion motionOf(const InitializationResult& result, std::size_t frame) {
   return motionThrough(posed_at(frame), neighbours);
 }
 
-/// By which the velocities of motionOf() are off.
+/// Standard deviation of the velocities of motionOf().
 Vector6d motionSigma(const InitializationResult& result) {
   RecentMotion motion;
   for (const PosedFrame& posed : result.frames) {

@@ -59,7 +59,7 @@ inline double supportOf(double squared_distance, double threshold) {
 
 /// Squared symmetric transfer distances of a match, in the target and in the reference [px^2].
 /// @param back inverse of H, or transpose of F
-/// @source [Gladkova], eq. (4) and (5). Of F with the square and the norm of the line's direction
+/// @source [Gladkova], eq. (4) and (5), for F with the square and the norm of the line's direction
 ///         that the print lacks; Hartley and Zisserman, Multiple View Geometry, eq. (11.10)
 std::array<double, 2> transferDistances(Model model,
                                         const Eigen::Matrix3d& matrix,

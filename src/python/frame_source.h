@@ -27,7 +27,7 @@ class FrameSource {
  public:
   /// A global shutter and a linear response.
   explicit FrameSource(const PinholeCamera& camera) : camera_(camera) {}
-  /// That makes the images.
+  /// A rectifier that makes the images.
   explicit FrameSource(const LockedRectifier& locked)
       : camera_(locked.rectifier.camera()),
         response_slope_(locked.rectifier.responseSlope()),

@@ -7,7 +7,7 @@
 namespace dsorb::python {
 namespace {
 
-/// Of the process' one interpreter; guarded by its lock.
+/// Calls into the process' one interpreter; guarded by its lock.
 struct Calls {
   int under_way = 0;
   bool ending = false;

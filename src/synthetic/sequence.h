@@ -39,7 +39,7 @@ struct SequenceOptions {
   double readout = 0;
   double speed = 1;  ///< of everything that moves, times the usual one
   double rate = 0;   ///< [frames/s]; 0: 10 of kStreet, else 30
-  /// Of the camera of kStreet, times `speed`; 0: it stands in the traffic.
+  /// Speed of the camera of kStreet, times `speed`; 0: it stands in the traffic.
   double camera_speed = 1;
   bool moving_object = false;  ///< a box that moves by itself
   /// Share of the first image of kStreet that the box covers: a van close ahead that swerves;

@@ -105,7 +105,7 @@ DSORB_ALWAYS_INLINE void evaluateLanes(const AlignmentSetting& s,
   if constexpr (kRolling) {
     Lanes time;
     rowTime(s.target.shutter, p.x, p.y, time);
-    // Of a point behind the camera it may be no number, which no weight removes.
+    // The time of a point behind the camera may be no number, which no weight removes.
     storeSome(unsaturated ? time : zero, count, samples.time + i);
   }
 }

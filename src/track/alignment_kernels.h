@@ -20,7 +20,7 @@ struct AlignmentSetting {
   TargetImage target;        ///< level of the frame
   float affine_b_reference;  ///< [grey levels]
   float cutoff;              ///< [grey levels]
-  /// At which the frame is clipped [grey levels]; infinite where it is not.
+  /// Grey level at which the frame is clipped; infinite where it is not.
   float ceiling = std::numeric_limits<float>::infinity();
 };
 

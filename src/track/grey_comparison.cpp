@@ -20,7 +20,7 @@ constexpr double kMinContrast = 5;      // standard deviation in the reference [
 // An image is clipped at its largest or smallest grey level if many points have it.
 constexpr double kManyPoints = 0.02;  // of all
 constexpr float kSameGrey = 2;        // so near to the extreme counts as it [grey levels]
-/// Of the range of grey levels: edges are partly clipped so near to the extreme.
+/// Share of the range of grey levels in which, near the extreme, edges are partly clipped.
 constexpr float kClippedMargin = 0.15F;
 
 /// Grey levels between which an image is not clipped.

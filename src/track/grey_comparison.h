@@ -26,7 +26,7 @@ class GreyComparison {
   /// Root mean square by which a transfer misses the frame's distribution, over its standard
   /// deviation; with a wrong gain about the relative error of that [-]. Infinite without contrast.
   [[nodiscard]] double misfit(const BrightnessTransfer& transfer) const;
-  /// At which the frame is clipped [grey levels]; infinite where it is not.
+  /// Grey level at which the frame is clipped; infinite where it is not.
   [[nodiscard]] float ceiling() const { return ceiling_; }
 
  private:

@@ -40,7 +40,7 @@ struct AlignmentLevel {
   const TrackingReference& reference;
   const Frame& frame;
   int level = 0;
-  /// At which the frame is clipped [grey levels].
+  /// Grey level at which the frame is clipped; infinite where it is not.
   float ceiling = std::numeric_limits<float>::infinity();
   const RowsOfFrame* rows = nullptr;  ///< of a rolling shutter
 };
@@ -91,13 +91,13 @@ class PoseAlignment {
   /// @param cutoff larger residuals are saturated [grey levels]
   Evaluation evaluate(const AlignmentLevel& level, const AlignmentState& state, double cutoff);
 
-  /// Of the last state evaluated.
+  /// Normal equations of the last state evaluated.
   [[nodiscard]] PoseEquations normalEquations();
 
   /// Levenberg-Marquardt from `state`, which is left at the lowest energy found.
   LevelResult align(const AlignmentLevel& level, int max_iterations, AlignmentState& state);
 
-  /// Of the last state evaluated, which was that of a rolling shutter; without the prior.
+  /// Equations of the last state evaluated, which was that of a rolling shutter; without the prior.
   [[nodiscard]] RollingEquations rollingEquations();
 
   /// Standard deviation of the residuals inside the frame, from their median; of the last state

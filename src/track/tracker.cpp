@@ -42,7 +42,7 @@ void lower(LevelRmse& bounds, const LevelRmse& rmse) {
   }
 }
 
-/// Of a rolling shutter.
+/// What is known of the rows' motion; nothing with a global shutter.
 std::optional<RowsOfFrame> rowsOf(const Frame& frame, const TrackingStart& known) {
   if (!isRolling(frame)) return std::nullopt;
   return RowsOfFrame{frame.timestamp(), known.recent, known.velocity_sigma};
@@ -68,7 +68,7 @@ std::vector<AffineBrightness> Tracker::brightnessGuesses(const Frame& frame,
   return {measured, start.affine};
 }
 
-/// From the reference to the frame.
+/// Brightness transfer from the reference to the frame.
 BrightnessTransfer Tracker::transferTo(const Frame& frame, const AffineBrightness& affine) const {
   return brightnessTransfer(
       reference_.affine, reference_.frame->exposure(), affine, frame.exposure());

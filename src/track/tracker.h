@@ -39,8 +39,8 @@ struct TrackingStart {
   /// T_cur_ref of the frames before, the nearest first: they tell the motion while the rows
   /// of a rolling shutter are read.
   std::vector<TimedPose> recent{};
-  /// By which the parabola through the frame and two of them misses the velocity while its rows are
-  /// read [unit/s; rad/s].
+  /// Standard deviation of the velocity that the parabola through the frame and two of them has
+  /// while its rows are read [unit/s; rad/s].
   Vector6d velocity_sigma = Vector6d::Zero();
 };
 

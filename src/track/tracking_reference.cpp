@@ -207,7 +207,7 @@ void TrackingReferenceBuilder::clearFinest() {
   }
 }
 
-/// Fills the maps of all levels. Of the first two only where there are samples.
+/// Fills the maps of all levels, those of the first two only where there are samples.
 void TrackingReferenceBuilder::accumulate() {
   DepthAccumulator& finest = maps_[0];
   for (const DepthSample& sample : sorted_) {

@@ -22,7 +22,7 @@ constexpr int kMinInliers = 50;
 constexpr int kMinMatches = 8;  // of OpenCV's local optimisation
 constexpr int kRefits = 2;      // of motion and inliers; the inliers then stay the same
 
-/// Of the four motions of an essential matrix the one with most inliers in front of both cameras.
+/// The one of an essential matrix' four motions with most inliers in front of both cameras.
 SE3 mostInFront(const std::vector<SE3>& motions,
                 const Matches& matches,
                 const std::vector<char>& inlier,

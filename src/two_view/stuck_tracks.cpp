@@ -21,7 +21,7 @@ constexpr double kMaxCellShare = 0.45;  // of the image's cells with tracks; mor
 constexpr int kColumns = 8;
 constexpr int kRows = 6;
 
-/// By track, whether it stands still in all frames.
+/// Whether each track stands still in all frames.
 std::vector<char> stillTracks(const CornerTracks& tracks) {
   std::vector<char> still(static_cast<std::size_t>(tracks.size()), 1);
   for (const std::vector<Eigen::Vector2f>& positions : tracks.positions) {

@@ -17,7 +17,6 @@ namespace dsorb {
 /// points far away, or those that the camera turns around, agree with it.
 /// @param seed of the samples by which the others' motion is found
 /// @return where the reference shows those that were left out [px]
-/// @source docs/experiments.md, "Stuck tracks"
 std::vector<Eigen::Vector2f> leaveOutStuck(CornerTracks& tracks,
                                            const PinholeCamera& camera,
                                            std::uint64_t seed);

@@ -16,7 +16,6 @@ namespace dsorb::window {
 /// window's estimates stay.
 /// @param noise           of a pixel's residual [grey levels]
 /// @param chunks_per_task of 128 points; 0 runs serially
-/// @source docs/experiments.md, "Wrong calibrations"
 [[nodiscard]] CameraScore scoreCamera(Window& window,
                                       const WindowOptions& options,
                                       double noise,

@@ -10,7 +10,8 @@
 
 namespace dsorb::window {
 
-/// Of what points know when they leave: their residuals are not independent. As published.
+/// Share that is kept of what points know when they leave, since their residuals are not
+/// independent; as published.
 constexpr double kMarginalizationWeight = 0.25;
 
 enum class PointVerdict { kStay, kDiscard, kMarginalize };

@@ -8,8 +8,8 @@
 
 #include <Eigen/Core>
 
-/// From sums over the residuals of an ordered pair of keyframes to the normal equations of the
-/// absolute states.
+/// The way from sums over the residuals of an ordered pair of keyframes to the normal equations of
+/// the absolute states.
 namespace dsorb::window {
 
 /// Sums of one ordered pair over one chunk: rows of the relative normal equations (translation,

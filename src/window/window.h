@@ -200,8 +200,8 @@ struct Window {
     return calibrated.sigma > 0 &&
            std::abs(calibrated.seconds + change().readout) <= 3 * readout_sigma;
   }
-  /// Of one of its keyframes; nothing where it sees what a pinhole camera with a global shutter
-  /// would.
+  /// How the rows of one of its keyframes move; nothing where the keyframe sees what a pinhole
+  /// camera with a global shutter would.
   [[nodiscard]] std::optional<RollingShutter> shutter(const Keyframe& keyframe) const {
     return shutterOf(*keyframe.frame, keyframe.motion, change());
   }
@@ -209,11 +209,11 @@ struct Window {
   [[nodiscard]] bool hasVelocities() const {
     return !keyframes.empty() && isRolling(*keyframes.front().frame);
   }
-  /// Of the state of a keyframe: kFrameDim, and its velocity.
+  /// Numbers in the state of a keyframe: kFrameDim, and its velocity.
   [[nodiscard]] int frameDimension() const {
     return hasVelocities() ? kFrameDim + kVelocityDim : kFrameDim;
   }
-  /// Of the first number of a keyframe's state.
+  /// Row of the first number of a keyframe's state.
   [[nodiscard]] Eigen::Index rowOf(std::size_t position) const {
     return kCameraDim + frameDimension() * static_cast<Eigen::Index>(position);
   }

@@ -44,7 +44,7 @@ double marginalEnergy(const Window& window) {
   return d.dot(window.prior.H * d) + 2 * window.prior.b.dot(d);
 }
 
-/// Of a used residual's pixel [grey levels^2].
+/// Mean energy of a pixel of the residuals in use [grey levels^2].
 double squaredRms(const WindowEquations& equations) {
   return equations.energy / (kPatternSize * std::max(1, equations.used));
 }

@@ -20,21 +20,20 @@ constexpr double kSingularCutOff = 1e-5;  // relative, of gauge directions
 // of the size of those after a start, 5 to 9 grey levels.
 constexpr double kPriorNoise = 49;
 
-// By which the errors of what an adjustment estimates exceed what independent pixels would give:
-// the eight pixels of a patch err together, root of 8, and what is wrong with a host's patch is
-// wrong in all of its residuals, about 2. docs/experiments.md, "Rolling shutter" and "Covariance of
-// tracked poses".
+// Factor by which the errors of an adjustment exceed those of independent pixels. The eight pixels
+// of a patch err together, which gives the root of 8, and a fault of a host's patch is in all of
+// its residuals, which gives about 2. With 6 the median squared error over variance of the newest
+// pose is .07 to 1.1 on rendered and hand-held sequences, and 6 on TartanAir; .8 is right.
 constexpr double kErrorFactor = 6;
 constexpr double kPreconditionerOffset = 10;  // @source DSO as published
 
-// What phones and webcams differ by, for a guessed camera. docs/experiments.md, "Refined
-// intrinsics".
+// Standard deviations by which phones and webcams differ, for a guessed camera.
 constexpr double kAspectSigma = 0.003;  // relative, of the ratio of the two focal lengths
 constexpr double kCenterSigma = 0.02;   // of the principal point, as a share of the width
 constexpr double kRadialSigma = 0.1;    // of the radial distortion k1
 
-/// Of the linearised energy, priors included and depths eliminated; the quantities that are not
-/// estimated stay.
+/// Normal equations of the linearised energy, priors included and depths eliminated; the rows of
+/// quantities that are not estimated are there, too.
 struct ReducedSystem {
   MatrixXd H;
   VectorXd b;

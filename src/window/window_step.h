@@ -17,7 +17,7 @@ namespace dsorb::window {
 /// What an adjustment of a window estimates of its camera.
 [[nodiscard]] EstimatedCamera estimatedCamera(const Window& window, const WindowOptions& options);
 
-/// Of the prior of a keyframe's velocity, scaled units.
+/// Information of the prior of a keyframe's velocity, in scaled units.
 [[nodiscard]] Vector6d velocityInformation(const Window& window, const Keyframe& keyframe);
 
 /// Priors of frames and camera at the current state.
@@ -57,14 +57,15 @@ struct StateStep {
 /// How sure the result of an adjustment is.
 struct WindowUncertainty {
   CameraVector camera_sigmas = CameraVector::Zero();  ///< of what is estimated [px; s]
-  /// Of exp(xi) * T_cam_world of the newest keyframe, xi = [translation; rotation], in the gauge in
-  /// which the keyframes as a whole are not moved, turned or scaled: a state's covariance C seen
-  /// through P C P, P the projection onto the complement of gaugeDirections(). Nothing where the
-  /// system does not determine it.
+  /// Covariance of the newest keyframe's pose: of xi = [translation; rotation] in
+  /// exp(xi) * T_cam_world, in the gauge in which the keyframes as a whole are not moved, turned or
+  /// scaled: a state's covariance C seen through P C P, P the projection onto the complement of
+  /// gaugeDirections(). Nothing where the system does not determine it.
   /// @source Triggs et al., Bundle Adjustment - A Modern Synthesis, section 9.2: inner constraints
   std::optional<Matrix6d> newest_pose;
-  /// Of the inverse depths in the same gauge, in the order of the equations: what their own pixels
-  /// leave open, and what the errors of the frames add to it; 0 where nothing is known [1/unit^2].
+  /// Variances of the inverse depths in the same gauge, in the order of the equations: what their
+  /// own pixels leave open, and what the errors of the frames add to it; 0 where nothing is known
+  /// [1/unit^2].
   std::vector<float> depth_variances;
   /// The same where intrinsics and distortion are held: what the map itself leaves open, without
   /// what a focal length and a turn can trade. Nothing, too, as long as there are keyframes whose

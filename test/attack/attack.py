@@ -7,7 +7,7 @@ LONGEST = 300  # [s]
 
 
 def main(cases):
-    """Of a script: all its cases, or the one that is named."""
+    """Runs all cases of a script, or the one that is named."""
     if len(sys.argv) > 1:
         cases[sys.argv[1]]()
         return

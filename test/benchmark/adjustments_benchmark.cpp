@@ -75,7 +75,7 @@ void count(benchmark::State& state, const InitialMap& map) {
   state.counters["corners"] = static_cast<double>(map.corners.size());
 }
 
-void polish(benchmark::State& state) {
+void refine(benchmark::State& state) {
   const Start& from = start();
   timeWithThreads(state, [&] {
     InitialMap map = from.map;
@@ -83,9 +83,9 @@ void polish(benchmark::State& state) {
   });
   count(state, from.map);
 }
-BENCHMARK(polish)->Arg(1)->Arg(2)->UseRealTime()->Unit(benchmark::kMillisecond);
+BENCHMARK(refine)->Arg(1)->Arg(2)->UseRealTime()->Unit(benchmark::kMillisecond);
 
-void polishOtherPoses(benchmark::State& state) {
+void refineOtherPoses(benchmark::State& state) {
   const Start& from = start();
   InitialMap posed = from.map;
   setCovariances(posed, room().camera, from.options.geometric);
@@ -99,7 +99,7 @@ void polishOtherPoses(benchmark::State& state) {
   });
   state.counters["frames"] = static_cast<double>(from.others.size());
 }
-BENCHMARK(polishOtherPoses)->Arg(1)->Arg(2)->UseRealTime()->Unit(benchmark::kMillisecond);
+BENCHMARK(refineOtherPoses)->Arg(1)->Arg(2)->UseRealTime()->Unit(benchmark::kMillisecond);
 
 }  // namespace
 }  // namespace dsorb::init_orb

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// What the machine can do at most: arithmetic in registers, and reading in order and out of order.
-/// docs/performance.md holds the stages of the engine against it.
+/// docs/lab/performance.md holds the stages of the engine against it.
 #include "base/lanes.h"
 #include "base/random.h"
 #include "base/target_clones.h"

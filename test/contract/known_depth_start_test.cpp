@@ -138,7 +138,7 @@ TEST(KnownDepth, WrongOnesDoNoHarm) {
     EXPECT_LT(start.direction, 10) << errors.name;
     EXPECT_LT(start.depth, .03) << errors.name;
     EXPECT_LE(run.steps.size(), without.steps.size()) << errors.name;
-    // Of this room's mirror image part is right: it is taken with deviations 3.6 times as wide.
+    // Part of this room's mirror image is right: it is taken with deviations 3.6 times as wide.
     EXPECT_TRUE(errors.mirrored ? start.used == 0 || start.inflation > 2 : start.used == 1)
         << errors.name;
   }

@@ -95,7 +95,7 @@ void calibrationYaml(const std::uint8_t* bytes, std::size_t size) {
   readLensOf(fileOf(bytes, size, "sensor.yaml"));
 }
 
-/// Of nerfstudio and Basalt.
+/// Calibrations of nerfstudio and Basalt.
 void calibrationJson(const std::uint8_t* bytes, std::size_t size) {
   readLensOf(fileOf(bytes, size, "transforms.json"));
 }

@@ -46,7 +46,7 @@ def far_apart(indices):
 
 
 def pixels_in_run(index, points):
-    """By what the output folder says, in our convention: independent of what an export adds."""
+    """Pixels of points by what the output folder says, in our convention: independent of what an export adds."""
     run = read_run(room_run())
     frame = next(f for f in run.segments[0].frames if f.index == index)
     camera = (points - frame.position) @ rotation_of(frame.quaternion)

@@ -40,7 +40,7 @@ class PlaneScene {
   }
 
   [[nodiscard]] const PinholeCamera& camera() const { return camera_; }
-  /// Of a pixel of the reference; the mean over the image is about 1.
+  /// Inverse depth of a pixel of the reference; the mean over the image is about 1.
   [[nodiscard]] double inverseDepth(const Eigen::Vector2d& pixel) const {
     return normal_.dot(camera_.unproject(pixel));
   }

@@ -24,7 +24,7 @@
 namespace dsorb {
 namespace {
 
-/// Of a camera.txt: "Pinhole fx fy cx cy 0", then the size.
+/// What a camera.txt says: "Pinhole fx fy cx cy 0", then the size.
 struct Camera {
   double fx = 0;
   int width = 0;

@@ -27,7 +27,7 @@ double distance(const Position& a, const Position& b) {
                    (a.z - b.z) * (a.z - b.z));
 }
 
-/// By time in milliseconds.
+/// Positions of a trajectory, by time in milliseconds.
 std::map<long, Position> positionsOf(const std::filesystem::path& file) {
   std::map<long, Position> positions;
   std::ifstream stream(file);

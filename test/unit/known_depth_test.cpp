@@ -242,7 +242,7 @@ TEST(KnownMotionsOf, AChainAddUpWithTheirCovariances) {
   EXPECT_EQ(known[1].to, 3U);
   const SE3 two = step * step;
   EXPECT_LT((known[1].T_to_from.matrix() - two.matrix()).norm(), 1e-12);
-  // By sampling: differences of translation and rotation of disturbed chains.
+  // Samples of the differences of translation and rotation of disturbed chains.
   std::mt19937 random(4);
   std::normal_distribution<double> noise(0, 1);
   const Eigen::Matrix<double, 6, 6> root = Eigen::Matrix<double, 6, 6>(covariance).llt().matrixL();

@@ -205,7 +205,7 @@ TEST(PhotometricResidualTest, DerivativesByTheVelocitiesAgreeWithDifferences) {
   // Measured below .012: the rows that pass while the image moves, and its change of shape.
   EXPECT_LT(relativeDifference(target, numeric.rightCols<6>()), 0.02);
   // The inverse depth is that of the host's middle row: a velocity does not change it, as a pose
-  // would. That is a difference along the epipolar line, which the elimination of the depths takes
+  // would. It is a difference along the epipolar line, which the elimination of the depths takes
   // out.
   const Vector2d across = Vector2d(geometry.depth_y, -geometry.depth_x).normalized();
   EXPECT_LT(

@@ -17,7 +17,7 @@
 namespace dsorb::init_orb {
 namespace {
 
-/// Of a quick hand.
+/// Motion of a quick hand.
 RowMotion someMotion(Random& random) {
   RowMotion motion;
   for (int i = 0; i < 6; ++i) {

@@ -88,7 +88,7 @@ template <typename T>
 class WarpOf : public testing::Test {
  protected:
   using Scalar = typename ScalarOf<T>::type;
-  /// Of values, and of derivatives relative to their norm.
+  /// Largest error of values, and of derivatives relative to their norm.
   static constexpr double kTolerance = sizeof(Scalar) == sizeof(float) ? 2e-6 : 1e-8;
 
   Warp<Scalar> warp = makeWarp<Scalar>(kWarpCamera, somePose());

@@ -246,7 +246,7 @@ TEST(WindowOptimizerTest, IntrinsicsAreFoundWhenAsked) {
   EXPECT_LT(std::abs(found.cy - truth.cy), 1.3);        // measured 0.03 px
 }
 
-/// Of the newest pose, where the prior that holds the first keyframe is so many times as strong.
+/// Covariance of the newest pose, where the prior of the first keyframe is `hold` times as strong.
 Matrix6d newestCovariance(double hold) {
   const WindowOptions options;
   WindowScene scene = roomScene(options);

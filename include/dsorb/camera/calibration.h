@@ -30,7 +30,8 @@ struct Readout {
   [[nodiscard]] bool isRolling() const { return seconds != 0 || sigma > 0; }
 };
 
-/// Of a camera of which nothing is known: the rows take at most the time between two frames.
+/// Readout of a camera of which nothing is known: its rows take at most the time between two
+/// frames.
 constexpr Readout kUnknownReadout{0, 0.02};
 
 /// First coefficient of LensModel::kRadTan as an estimate [-].
@@ -41,17 +42,16 @@ struct RadialDistortion {
 
 /// What images ask of a camera beside its calibration, by one linear step: a direction rather than
 /// an amount.
-/// @source docs/experiments.md, "Wrong calibrations"
 struct CameraScore {
   double focal_change = 0;    ///< relative change of both focal lengths
   double focal_sigma = 0;     ///< standard deviation of that
   RadialDistortion radial{};  ///< change of the radial distortion, with its standard deviation
 
-  /// By how many standard deviations it contradicts the calibration; 0 where it asks for less than
-  /// 3 % of the focal length and .02 of the distortion, which what is not modelled of a right
-  /// camera can.
+  /// Standard deviations by which it contradicts the calibration; 0 where it asks for less than 3 %
+  /// of the focal length and .02 of the distortion, as a right camera may that is not modelled
+  /// exactly.
   [[nodiscard]] double deviations() const;
-  /// The part that does so by more than four of them; 0 of what does not.
+  /// The part that contradicts it by more than four of them; what does not is 0.
   [[nodiscard]] CameraScore contradicting() const;
   /// Whether that is more than chance makes of a right calibration (a limit from measurements).
   [[nodiscard]] bool suspicious() const { return deviations() > 4; }

@@ -13,7 +13,7 @@ namespace dsorb {
 /// Position of an image in its sequence, or any number that is unique among the frames given.
 struct FrameId {
   int value = -1;  ///< the number itself; below 0: none
-  /// By number, as the other comparisons.
+  /// Compares the numbers, as the other comparisons do.
   friend bool operator==(FrameId l, FrameId r) { return l.value == r.value; }
   friend bool operator!=(FrameId l, FrameId r) { return l.value != r.value; }  ///< by number
   friend bool operator<(FrameId l, FrameId r) { return l.value < r.value; }    ///< by number
@@ -60,28 +60,28 @@ class Frame {
   static FramePtr create(const ImageView& image, const FrameInfo& info) {
     return std::make_shared<const Frame>(image, info);
   }
-  /// As create().
+  /// Makes the frame as create() does.
   Frame(const ImageView& image, const FrameInfo& info) : info_(info), pyramid_(image) {}
 
-  /// As given.
+  /// Identity that the caller gave.
   [[nodiscard]] FrameId id() const { return info_.id; }
-  /// Of the middle row [s].
+  /// Time of the middle row [s].
   [[nodiscard]] double timestamp() const { return info_.timestamp; }
-  /// [s]; 1 when unknown.
+  /// Exposure time [s]; 1 when unknown.
   [[nodiscard]] double exposure() const { return info_.exposure; }
-  /// Null where the response is linear.
+  /// Slope of the response; null where the response is linear.
   [[nodiscard]] const ResponseSlope* responseSlope() const { return info_.response_slope.get(); }
-  /// Null where all pixels were exposed at the time stamp.
+  /// Times of the rows; null where all pixels were exposed at the time stamp.
   [[nodiscard]] const RowTimes* rowTimes() const { return info_.row_times.get(); }
-  /// Null where the caller knows nothing beside the image.
+  /// What the caller knows beside the image; null where it is nothing.
   [[nodiscard]] const FramePriors* priors() const { return info_.priors.get(); }
   /// All levels.
   [[nodiscard]] const Pyramid& pyramid() const { return pyramid_; }
   /// @param index of the level; 0: the image itself
   [[nodiscard]] const PyramidLevel& level(int index) const { return pyramid_.level(index); }
-  /// Of level 0 [px].
+  /// Width of level 0 [px].
   [[nodiscard]] int width() const { return pyramid_.width(); }
-  /// Of level 0 [px].
+  /// Height of level 0 [px].
   [[nodiscard]] int height() const { return pyramid_.height(); }
 
  private:

@@ -37,9 +37,10 @@ struct DepthAtPixel {
 struct PosePrior {
   FrameId since;      ///< the frame before, or another one that came earlier
   SE3 T_frame_since;  ///< coordinates of then to now [m]
-  /// Of exp(xi) * T_frame_since, [translation; rotation] in m and rad; positive definite.
+  /// Covariance of xi = [translation; rotation] in exp(xi) * T_frame_since, in m and rad; positive
+  /// definite.
   Matrix6d covariance = Matrix6d::Identity();
-  /// False: only the rotation is known, and of the covariance only its block counts.
+  /// False: only the rotation is known, and only its block of the covariance counts.
   bool has_translation = false;
 };
 

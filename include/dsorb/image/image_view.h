@@ -17,10 +17,10 @@ namespace dsorb {
 /// 8-bit image has no invalid pixels.
 class ImageView {
  public:
-  /// Of a pixel.
+  /// Type of a pixel.
   enum class Type { kUint8, kFloat };
 
-  /// Empty.
+  /// A view of no image.
   ImageView() = default;
   /// @param stride_bytes distance between rows [bytes]; 0 means contiguous rows
   /// @throws std::invalid_argument when the distance is shorter than a row or no multiple of a
@@ -31,11 +31,11 @@ class ImageView {
   ImageView(const float* data, int width, int height, std::size_t stride_bytes = 0)
       : ImageView(data, Type::kFloat, width, height, stride_bytes) {}
 
-  /// Of the pixels.
+  /// Type of the pixels.
   [[nodiscard]] Type type() const { return type_; }
-  /// [px]
+  /// Width [px].
   [[nodiscard]] int width() const { return width_; }
-  /// [px]
+  /// Height [px].
   [[nodiscard]] int height() const { return height_; }
   /// Without data or without pixels.
   [[nodiscard]] bool empty() const { return data_ == nullptr || width_ <= 0 || height_ <= 0; }

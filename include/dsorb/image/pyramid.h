@@ -25,9 +25,9 @@ class PyramidLevel {
   PyramidLevel(const float* data, int width, int height)
       : data_(data), width_(width), height_(height) {}
 
-  /// [px]
+  /// Width [px].
   [[nodiscard]] int width() const { return width_; }
-  /// [px]
+  /// Height [px].
   [[nodiscard]] int height() const { return height_; }
   /// First intensity of the first row; rows follow each other.
   [[nodiscard]] const float* data() const { return data_; }
@@ -75,9 +75,9 @@ class Pyramid {
   [[nodiscard]] const PyramidLevel& level(int index) const {
     return levels_[static_cast<std::size_t>(index)];
   }
-  /// Of level 0 [px].
+  /// Width of level 0 [px].
   [[nodiscard]] int width() const { return levels_.front().width(); }
-  /// Of level 0 [px].
+  /// Height of level 0 [px].
   [[nodiscard]] int height() const { return levels_.front().height(); }
 
  private:

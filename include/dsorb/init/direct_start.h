@@ -137,7 +137,8 @@ class DirectStart {
   struct Traces<F, std::void_t<decltype(std::declval<F&>().trace(std::declval<Keyframe>()))>>
       : std::true_type {};
 
-  /// As floats, with NaN for the zeros that reach an edge of the image in their row or column.
+  /// Pixels as floats, with NaN for the zeros that reach an edge of the image in their row or
+  /// column.
   static std::vector<float> withoutBorder(const ImageView& image) {
     const int w = image.width(), h = image.height();
     std::vector<float> pixels;

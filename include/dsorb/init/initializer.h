@@ -49,10 +49,10 @@ class Initializer {
   /// Makes the object equal to a fresh one.
   virtual void reset() = 0;
 
-  /// From the next frame on: whether other images wait behind it. `orb` then only follows its
-  /// corners, which keeps up with a camera, and tries to start with a frame that leaves time for
-  /// it, or after ten that do not. The other kinds ignore it. Of the caller, not of the frames:
-  /// reset() leaves it.
+  /// Tells whether, from the next frame on, other images wait behind it. `orb` then only follows
+  /// its corners, which keeps up with a camera, and tries to start with a frame that leaves time
+  /// for it, or after ten that do not. The other kinds ignore it. The caller sets it, not the
+  /// frames: reset() leaves it.
   virtual void setHurried(bool /*hurried*/) {}
 };
 

@@ -46,7 +46,8 @@ struct InitReport {
   std::vector<StageTime> stages;  ///< in the order in which they first ran
   std::vector<InitReason> earlier_resets;  ///< reasons of the latest restarts, oldest first
   double median_relative_sigma = 0;        ///< median of sigma over inverse depth [-]
-  /// That the direction of translation is off by more than GateOptions::wrong_angle_deg.
+  /// Probability that the direction of translation is off by more than
+  /// GateOptions::wrong_angle_deg.
   std::optional<double> wrong_probability;
   std::optional<bool> depth_prior;  ///< FramePriors::depth of the reference: used, or not
   std::optional<bool> pose_prior;   ///< FramePriors::pose: taken, or contradicted by the images

@@ -24,8 +24,8 @@ struct PosedFrame {
   std::optional<Matrix6d> covariance;  ///< of exp(xi) * T_cam_ref, [translation; rotation]
 };
 
-/// A pixel with its inverse depth. Of a rolling shutter the pixel is where its row sees the point,
-/// the inverse depth that of the time of the pose; pixels of map points belong to that time, too.
+/// A pixel with its inverse depth. With a rolling shutter the pixel is where its row sees the
+/// point, and the inverse depth belongs to the time of the pose, as the pixels of map points do.
 struct InitPoint {
   int host = 0;                 ///< index into the result's frames
   Eigen::Vector2f pixel{0, 0};  ///< in the host, level 0; whole numbers from `orb` [px]
@@ -49,10 +49,11 @@ struct InitializationResult {
                                    ///< that InitializerOptions::max_waiting_mb had no room for
   std::vector<InitPoint> points;   ///< points of all hosts
   InitReport report;               ///< what led to it
-  /// Of a rolling shutter, as the initializer took it: estimated where the calibration has a sigma.
+  /// Readout of a rolling shutter, as the initializer took it: estimated where the calibration has
+  /// a sigma.
   std::optional<Readout> readout{};
-  /// Of the unit, where frames came with priors: depths of the reference that the start agrees
-  /// with, or else distances.
+  /// Metres of the unit, where frames came with priors: from depths of the reference that the start
+  /// agrees with, or else from distances.
   std::optional<MetricScale> metric{};
   /// Pixels of all images that move with the camera (a bonnet, a watermark): corners were seen to.
   std::vector<Eigen::Vector2f> stuck{};

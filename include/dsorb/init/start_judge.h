@@ -44,8 +44,8 @@ struct StartPoint {
                              ///< out
   double variance = 0;       ///< variance as handed over [1/unit^2]
   double adjusted = 0;       ///< inverse depth [1/unit]; 0: the adjustment has dropped the point
-  /// Of the adjusted inverse depth [1/unit^2], poses taken as exact: noise^2 over the curvature of
-  /// the point's residuals, with the noise limited to kMaxStartNoise.
+  /// Variance of the adjusted inverse depth [1/unit^2], poses taken as exact: noise^2 over the
+  /// curvature of the point's residuals, with the noise limited to kMaxStartNoise.
   double adjusted_variance = 0;
 };
 
@@ -65,7 +65,6 @@ constexpr double kMaxStartNoise = 7;
 /// Judges a start by its first adjustment. Odometry does so for at most
 /// OdometryOptions::max_refusals starts in a row: then the scene is one where the limits err.
 /// @return why it is refused; nothing: it stays
-/// @source docs/experiments.md, "Wrong starts"
 [[nodiscard]] std::optional<RefusalReason> refusalOf(const StartChange& change);
 
 }  // namespace dsorb

@@ -13,7 +13,7 @@ namespace dsorb {
 
 /// Which camera of a calibration file is meant, where it has several.
 struct CameraChoice {
-  /// As the file calls it (cam1 of Kalibr, image_2 of KITTI, a number of COLMAP, a label), or the
+  /// Its name in the file (cam1 of Kalibr, image_2 of KITTI, a number of COLMAP, a label), or the
   /// topic of its images, which begins with a slash; empty: not said.
   std::string name;
   /// Where nothing is said: one of the last folders of this path may be called as a camera is.

@@ -48,8 +48,7 @@ struct SequenceOptions {
   int width = 0;    ///< of the rectified images [px], less than without; 0: as calibrated
   bool reverse = false;          ///< read from end - 1 down to start, both included
   bool skip_unreadable = false;  ///< pass over image files that cannot be read
-  int prefetch =
-      2;  ///< images prepared ahead by a thread of its own; 0: none, no thread. Of a camera none
+  int prefetch = 2;  ///< images prepared ahead by a thread; 0, and with cameras: none, no thread
 };
 
 /// One rectified and photometrically corrected image with its pyramid.

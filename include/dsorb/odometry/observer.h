@@ -34,13 +34,14 @@ struct FrameEstimate {
   std::optional<SE3> T_world_cam;     ///< world: reference camera of the segment's initialization
   std::optional<FrameId> keyframe;    ///< target of its tracking, or itself after initializing
   std::optional<SE3> T_cam_keyframe;  ///< pose relative to that keyframe, before any adjustment
-  /// Of exp(xi) * T_cam_keyframe, [translation; rotation], in the segment's unit and in rad; of
-  /// tracked frames whose points determine it. It says nothing of the keyframe's own pose.
+  /// Covariance of xi = [translation; rotation] in exp(xi) * T_cam_keyframe, in the segment's unit
+  /// and in rad, where the frame was tracked and its points determine it. How sure the keyframe's
+  /// own pose is, it does not say.
   std::optional<Matrix6d> covariance;
-  /// Of exp(xi) * T_cam_world as tracked, the same units, where the window's keyframes of that time
-  /// taken together are not moved, turned or scaled: the keyframe's own pose in its window counts,
-  /// the drift of the window does not. Both grow where the window suspects the calibration
-  /// (KeyframeSnapshot::camera_score).
+  /// Covariance of xi in exp(xi) * T_cam_world as tracked, in the same units. The errors of the
+  /// keyframe's pose relative to the other keyframes of its window are in it; the drift of the
+  /// window as a whole (its place, direction and scale) is not. Both covariances grow where the
+  /// window suspects the calibration (KeyframeSnapshot::camera_score).
   std::optional<Matrix6d> world_covariance;
   AffineBrightness affine;              ///< as brightnessTransfer() takes it
   std::optional<double> tracking_rmse;  ///< level 0 [grey levels]
@@ -58,8 +59,8 @@ struct KeyframeSnapshot {
   std::optional<Readout> readout{};  ///< estimated, where Lens::readout has a sigma
   /// Standard deviations of fx, fy, cx, cy where the window estimates them [px].
   std::optional<std::array<double, 4>> camera_sigmas{};
-  /// Of the images, which show a point where `camera` does not: estimated where the camera is a
-  /// guess (PriorOptions::focal_sigma).
+  /// Distortion that the images have beside `camera`; estimated where the camera is a guess
+  /// (PriorOptions::focal_sigma).
   std::optional<RadialDistortion> radial{};
   /// What contradicted the calibration most among the first keyframes of the segment, where the
   /// window does not estimate the camera.

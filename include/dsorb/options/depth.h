@@ -7,7 +7,7 @@ namespace dsorb {
 
 /// Candidate points: pixels of keyframes that wait for a depth.
 struct DepthOptions {
-  int candidates_per_keyframe = 1000;  ///< wanted; docs/performance.md
+  int candidates_per_keyframe = 1000;  ///< number that the selection aims at
   /// Searched again is an interval that is at least this many times the expected error long: what
   /// a search leaves is twice the error, so that it becomes half as long. Reference: 2
   double min_improvement = 4;

@@ -25,7 +25,7 @@ struct InitializerOptions {
   std::string registered;                        ///< name of the registered kind
   int seed = 1;                                  ///< seed of every random choice
   int num_threads = 1;                           ///< 0: all the machine has
-  /// Of the frames that wait for a start. docs/experiments.md, "Resolution"
+  /// Memory of the frames that wait for a start.
   int max_waiting_mb = 64;
   CoarseOptions coarse;        ///< of kCoarse
   OrbOptions orb;              ///< of kOrb

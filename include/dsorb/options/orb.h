@@ -24,7 +24,6 @@ DescribeFor<Options, FeatureTrackOptions> describe(Visitor& visit, Options& o) {
 }
 
 /// When a start is sure enough.
-/// @source docs/experiments.md, "When to start"
 struct GateOptions {
   double max_wrong_probability = 0.01;  ///< that the direction of translation is off by more than
   double wrong_angle_deg = 10;          ///< this angle
@@ -50,7 +49,6 @@ struct OrbOptions {
   FeatureTrackOptions tracks;  ///< corners and how they are followed
   GateOptions gate;            ///< when a start is sure enough
   GeometricOptions geometric;  ///< adjustment of the corners
-  bool remove_moving = true;   ///< drops points where tracks contradict the camera's motion
 };
 
 /// Field list; see DescribeFor.
@@ -63,7 +61,6 @@ DescribeFor<Options, OrbOptions> describe(Visitor& visit, Options& o) {
   visit.group("tracks", o.tracks);
   visit.group("gate", o.gate);
   visit.group("geometric", o.geometric);
-  visit.field("remove_moving", o.remove_moving);
 }
 
 }  // namespace dsorb

@@ -16,7 +16,6 @@ enum class Mechanism : std::uint8_t {
   kFar,
   kBlank,
   kStuck,
-  kDynamic,
   kRotation,
   kNoise,
   kRowMotions,

@@ -9,8 +9,8 @@ namespace dsorb {
 /// counts as lost. What the limits were measured on is in track/tracker.cpp.
 struct TrackerOptions {
   double min_inside_fraction = 0.3;  ///< of the reference points in the image; below: lost
-  /// Of the log gain between two frames; a larger step is refused unless the distribution of the
-  /// grey levels shows it, up to this share.
+  /// Largest step of the log gain between two frames; a larger one is refused unless the
+  /// distribution of the grey levels shows it, up to this share.
   double max_gain_step = 0.3;
   double max_rmse = 13.5;  ///< level 0; above: lost [grey levels]
 };

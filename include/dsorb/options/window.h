@@ -26,7 +26,7 @@ DescribeFor<Options, OptimizerOptions> describe(Visitor& visit, Options& o) {
 
 /// Weights of the priors; those of intrinsics in scaled units (window/window.h).
 struct PriorOptions {
-  double intrinsics = 1e5;  ///< reference: 5e9. docs/experiments.md, "Refined intrinsics"
+  double intrinsics = 1e5;  ///< reference: 5e9
   double focal_sigma = 0;   ///< relative, of a guess; above 0 instead of the former. `--hfov`: 0.15
   double depth_gain = 8;    ///< on 1 / variance of an initial point: kImageNoise^2
   double max_depth = 2500;  ///< upper limit of an initial point's prior

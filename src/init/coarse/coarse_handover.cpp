@@ -23,7 +23,6 @@ constexpr int kHandoverPoints = 2000;  // of the result, at most
 
 // Effective numbers of points in the variance of the pose and in the part of an inverse depth's
 // that comes from it, which is larger, since the depths absorb some errors of the pose.
-// @source docs/experiments.md, "Sureness of coarse"
 constexpr double kPoseEffectivePoints = 2.5;
 constexpr double kDepthEffectivePoints = 50;
 constexpr float kMinCurvature = 1;  // [grey levels^2 unit^2]; less tells nothing
@@ -36,8 +35,8 @@ constexpr double kMaxMargin = 1e3;            // reported where there is no riva
 constexpr double kUnknownVariance = 1;        // of an inverse depth the newest frame does not tell
 
 /// Scale of the t-distribution of a direction's errors over the sigmas of its covariance, and what
-/// the energies of a whole image are worth, in independent samples, between motions.
-/// @source docs/experiments.md, "Sureness of coarse"
+/// the energies of a whole image are worth, in independent samples, between motions. Both were
+/// chosen on starts of which 0 of 36 are wrong where .03 is predicted, and 5 of 9 where .5 is.
 constexpr double kDirectionScale = 0.5;
 constexpr double kRivalSamples = 5;
 constexpr double kTellingMargin = 1.5;  // a larger one tells no more: the right motion may be none
@@ -165,8 +164,8 @@ std::vector<InitPoint> makePoints(const CoarseAttempt& attempt, LevelAligner& al
   return result;
 }
 
-/// That the newest frame's direction is wrong, by its own errors or because a motion elsewhere is
-/// the right one; nothing where one of them was not looked at.
+/// Probability that the newest frame's direction is wrong, by its own errors or because a motion
+/// elsewhere is the right one; nothing where one of them was not looked at.
 std::optional<double> wrongProbability(const PosedFrame& newest,
                                        const Quality& quality,
                                        const CoarseAttempt& attempt) {

@@ -255,8 +255,8 @@ double CoarseInitializer::challenge(const LevelReport& finest) {
 InitStep CoarseInitializer::conclude(const LevelReport& finest) {
   const CoarseOptions& o = options_.coarse;
   Quality quality = clock_.time("quality", [&] { return judge(attempt_, aligner_); });
-  // An estimate of poor quality may still be improved by a rival, but not the next one as well:
-  // docs/experiments.md, "Sureness of coarse".
+  // An estimate of poor quality may still be improved by a rival. After one refusal the rivals,
+  // which take a quarter of a second, are not tried again.
   const bool contested = quality.reason == InitReason::kDone ||
                          (quality.reason != InitReason::kTooLittleParallax && refusals_ == 0);
   if (contested && o.min_rival_margin > 0) {

@@ -25,8 +25,8 @@ struct Alignment {
   double exposure_log_gain = 0;  ///< what the exposure times say of log_gain; 0: unknown
   bool snapped = false;          ///< translation has left the prior once
   /// Residuals are divided by the root of the gain, beyond what the exposures say: both images
-  /// count alike. By least squares alone the gain falls with the share of the images that does not
-  /// match.
+  /// count alike. With least squares alone the gain falls with the share of the images that does
+  /// not match.
   /// @source geometric mean regression, minimum of (I_new - g I_ref - b)^2 / g
   bool balanced = false;
 };
@@ -51,7 +51,7 @@ struct LevelSums {
   int inliers = 0;  ///< good with a pattern energy of at most kPatternOutlierEnergy
   LevelSums& operator+=(const LevelSums& other);
 
-  /// Of the good points; every other one counts as an outlier.
+  /// Energy in which every point that is not good counts as an outlier.
   [[nodiscard]] double robustEnergy(int points) const {
     return good_energy + static_cast<double>(kPatternOutlierEnergy) * (points - good);
   }

@@ -10,7 +10,6 @@ namespace dsorb::init_orb {
 /// Disagreement of each inverse depth with its neighbours in the image: the 35 % quantile of the
 /// absolute differences of log inverse depth to the 7 nearest points within a radius, so that the
 /// neighbours on its own side of a depth edge are enough. It is 0 with fewer than 3 neighbours.
-/// @source docs/experiments.md, "Outlier filter"
 /// @param pixels         one a point [px]
 /// @param inverse_depths one a point; not positive: infinite disagreement [1/unit]
 /// @param radius         [px]

@@ -17,7 +17,6 @@ namespace dsorb::init_orb {
 /// new one every few frames, because a fast camera loses its tracks before a slow one has parallax.
 /// Where optical flow loses more than it keeps, features of the references are found again by
 /// their descriptors as well, from then on.
-/// @source docs/experiments.md, "Pool of references" and "Frames far apart"
 class ReferencePool final : public ReferenceSource {
  public:
   /// @param max_waiting_mb for the frames; beyond it those between are forgotten [MiB]
@@ -62,7 +61,8 @@ class ReferencePool final : public ReferenceSource {
     int advanced = 0;  // of the pool when it was the newest frame
     AttemptSummary last;
     int tried = 0;  // of the pool when it was tried last
-    /// Of its features, from itself on [px]; empty while optical flow suffices.
+    /// Positions of its features, frame by frame from itself on [px]; empty while optical flow
+    /// suffices.
     std::vector<std::vector<Eigen::Vector2f>> far{};
 
     /// Features that the newest frame shows.

@@ -48,7 +48,7 @@ class ReferenceSource {
   /// References in the order in which a frame tries them.
   [[nodiscard]] virtual std::vector<int> turns() const { return {0}; }
   virtual void remember(int /*reference*/, const AttemptSummary& /*attempt*/) {}
-  /// Of the newest reference, lost or not; empty after a scene cut.
+  /// Tracks of the newest reference, lost or not; empty after a scene cut.
   [[nodiscard]] virtual CornerTracks newestTracks() const = 0;
 };
 

@@ -71,9 +71,9 @@ struct YamlLimits {
 inline constexpr YamlLimits kPlainLimits{kMaxYamlBytes, kMaxYamlValues};
 inline constexpr YamlLimits kJsonLimits{std::size_t{1} << 25, 1000000};  // poses of many images
 
-/// Of a YAML document, which may begin as cv::FileStorage writes it. JSON is a part of YAML.
+/// Values of a YAML document, which may begin as cv::FileStorage writes it. JSON is a part of YAML.
 [[nodiscard]] KeyedValues yamlValues(const std::filesystem::path& file, const YamlLimits& limits);
-/// Of an XML file that cv::FileStorage wrote.
+/// Values of an XML file that cv::FileStorage wrote.
 [[nodiscard]] KeyedValues xmlValues(const std::filesystem::path& file, const std::string& text);
 
 }  // namespace dsorb::io

@@ -93,7 +93,7 @@ void readReadoutKey(const io::KeyedValues& values, Lens& lens) {
 
 namespace {
 
-/// Of lenses that project by a sphere or an ellipsoid.
+/// Checks the numbers of lenses that project by a sphere or an ellipsoid.
 void checkSphere(const Lens& lens, const Complain& complain) {
   const auto [a, b] = std::pair(lens.coefficients[0], lens.coefficients[1]);
   if (lens.model == LensModel::kDoubleSphere && !(a > -1 && a < 1 && b >= 0 && b <= 1)) {

@@ -35,7 +35,7 @@ class BarFinder {
 /// @param mask of the sequence; empty: none
 [[nodiscard]] cv::Mat withoutBars(const BlackBars& bars, cv::Size size, const cv::Mat& mask);
 
-/// For the user.
+/// What the user is told of the bars.
 [[nodiscard]] std::string describe(const BlackBars& bars);
 
 }  // namespace dsorb

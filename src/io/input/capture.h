@@ -16,9 +16,9 @@ class Capture {
   virtual bool grab() = 0;
   /// The image that was grabbed: 8 bits BGR, upright. @return false where it cannot be decoded
   virtual bool retrieve(cv::Mat& image) = 0;
-  /// Of the image that was grabbed, from the container [s]; increases always.
+  /// Time of the image that was grabbed, from the container [s]; it always increases.
   [[nodiscard]] virtual double time() const = 0;
-  /// Of the images [1/s]; 30 where the container does not say it.
+  /// Rate of the images [1/s]; 30 where the container does not say it.
   [[nodiscard]] virtual double rate() const = 0;
   /// Number of images as the container tells or as its length and rate let one guess; 0: unknown.
   [[nodiscard]] virtual int announced() const = 0;

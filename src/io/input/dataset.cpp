@@ -153,7 +153,7 @@ Dataset openVideoDataset(const fs::path& file) {
   return dataset;
 }
 
-/// By the names of the images, or equally spaced.
+/// Takes the times from the names of the images, or spaces them equally.
 void assignTimesWithoutFile(const fs::path& images, Dataset& dataset) {
   if (auto entries = timesInNames(*dataset.images)) {
     std::vector<std::string> unit;

@@ -13,7 +13,7 @@ namespace dsorb {
 /// where there is none.
 class DepthImages {
  public:
-  /// None.
+  /// No depth images.
   DepthImages() = default;
   /// @param folder         of the depth images
   /// @param relative_sigma standard deviation of a depth over it [-]

@@ -26,7 +26,7 @@ constexpr double kMaxRate = 1e4;
 constexpr double kMaxImages = 1e9;
 constexpr double kRightAngle = 90;       // [degrees]
 constexpr double kAngleTolerance = 0.5;  // [degrees]
-// Of an address. FFmpeg looks for up to 5 s at what a stream holds.
+// For the opening of an address; FFmpeg looks for up to 5 s at what a stream holds.
 constexpr std::chrono::milliseconds kOpeningPatience(10000);
 constexpr std::chrono::milliseconds kReadingPatience(5000);  // for an image
 
@@ -173,8 +173,8 @@ class FfmpegCapture final : public Capture {
   [[nodiscard]] double pixelAspect() const override { return pixel_aspect_; }
 
   /// Times count from 0 in some containers and from their first image in others: the end that is
-  /// nearer counts. Of an AVI that is cut off the length is mended, the number of images is not; an
-  /// edit list of MP4 hides some of its number.
+  /// nearer counts. FFmpeg mends the length of an AVI that is cut off, but not its number of
+  /// images; an edit list of MP4 hides some of its number.
   [[nodiscard]] double missingShare() const override {
     if (format_->duration_estimation_method == AVFMT_DURATION_FROM_BITRATE) return 0;
     const bool hides =

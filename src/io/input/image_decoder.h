@@ -24,7 +24,7 @@ std::vector<std::uint8_t> readFile(const std::filesystem::path& file);
 ///         more than kMaxPixels, which is told before they are decoded
 cv::Mat decodeGrey(const std::vector<std::uint8_t>& bytes, const std::string& name);
 
-/// In lower case, with its dot.
+/// Suffix of a file in lower case, with its dot.
 std::string lowerSuffix(const std::filesystem::path& file);
 
 /// Whether a file is taken for an image, by its suffix.

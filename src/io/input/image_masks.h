@@ -11,7 +11,7 @@ namespace dsorb {
 /// Masks of a sequence: one for all images, or one for each.
 class ImageMasks {
  public:
-  /// None.
+  /// No masks.
   ImageMasks() = default;
   /// @param given   file or folder the user named; empty: none
   /// @param found   folder beside the images; empty: none

@@ -36,7 +36,7 @@ class ImageSource {
   virtual ~ImageSource() = default;
   /// Number of images; of a video as its container announces it, of a camera 0.
   [[nodiscard]] virtual int size() const = 0;
-  /// Of an image, for messages and reports.
+  /// Name of an image, for messages and reports.
   [[nodiscard]] virtual std::string name(int index) const = 0;
   /// The image of this position. A video goes forwards only; a camera gives the oldest of its
   /// images that wait, which is not that of the position. The last one may be asked for again.

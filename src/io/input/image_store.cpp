@@ -135,7 +135,7 @@ class ZippedImages : public ImageStore {
     }
     const std::unique_ptr<zip_file_t, CloseEntry> file(
         zip_fopen_index(archive_.get(), entry.position, 0));
-    // By blocks that double: what an entry claims to hold may not be there.
+    // The blocks double, because what an entry claims to hold may not be there.
     std::vector<std::uint8_t> bytes;
     for (zip_uint64_t done = 0; file && done < entry.bytes;) {
       bytes.resize(std::min(entry.bytes, std::max(2 * done, kFirstBlock)));

@@ -10,15 +10,15 @@ namespace dsorb {
 namespace {
 
 constexpr int kCells = 16;  // of 2x2 pixels, on each side of a block
-// Of 450 images of 16 cameras none has a block that votes for a mosaic; the images of six of them
-// made into mosaics have .04 to .74 of their blocks with white balance, .98 and more without.
+// No block votes for a mosaic in 450 images of 16 cameras. In the images of six of them that were
+// made into mosaics, .04 to .74 of the blocks do with white balance, .98 and more without.
 constexpr double kLeastShare = 0.1;
 constexpr double kLeastContrast = 0.02;  // of the block's mean
 constexpr double kMosaicSigmas = 5;
 constexpr double kDarkShare = 8. / 255;  // of the largest value that the image has
 
-// Of the 450 images above none has a block that votes for interlacing; of a hand-held video that is
-// interlaced .1 to .8 do where the camera moves, less where it nearly stands.
+// No block of these 450 images votes for interlacing. In an interlaced hand-held video .1 to .8 of
+// them do where the camera moves, fewer where it nearly stands.
 constexpr int kGrid = 8;              // blocks looked at, across and down
 constexpr int kBlock = 16;            // [px]
 constexpr int kLeastTextured = 16;    // blocks

@@ -218,7 +218,7 @@ std::uint16_t SequenceReader::Impl::largestValue(const cv::Mat& image) {
   return static_cast<std::uint16_t>(largest);
 }
 
-/// With the first 16-bit image the bits are chosen; later ones must keep to them.
+/// Chooses the bits with the first 16-bit image; later ones must keep to them.
 void SequenceReader::Impl::chooseBits(const cv::Mat& image, std::vector<std::string>& warnings) {
   if (bits_ == 0) {
     const BitDepth depth = recogniseBitDepth(largestValue(image));

@@ -12,7 +12,7 @@ namespace dsorb {
 /// A video file: goes forwards only, times from its container.
 class VideoSource : public ImageSource {
  public:
-  /// Of the images as the container announces it [1/s].
+  /// Rate of the images as the container announces it [1/s].
   [[nodiscard]] virtual double rate() const = 0;
   /// Time of the first image [s].
   [[nodiscard]] virtual double begin() const = 0;

@@ -24,7 +24,7 @@ class CameraEstimate {
   [[nodiscard]] const std::optional<PinholeCamera>& camera() const { return known_.camera; }
   /// Whether the focal length is known to 1 %: by two sigmas, and by how much it still moved.
   [[nodiscard]] bool isSettled() const;
-  /// Of run.json: the camera and, where the window estimates it, how sure that is.
+  /// The object in run.json: the camera and, where the window estimates it, how sure that is.
   /// @param with_sigma of a camera that is not null
   [[nodiscard]] Json json() const;
 

@@ -55,7 +55,7 @@ void RunRecord::addInitialization(InitializationResult result, int segment) {
 }
 
 void RunRecord::noteReadout(const InitializationResult& result) {
-  constexpr double kSuspicious = 3;  // standard deviations; docs/experiments.md, "Rolling shutter"
+  constexpr double kSuspicious = 3;  // standard deviations
   const auto milliseconds = result.report.detail("readout_score_ms");
   const auto sigma = result.report.detail("readout_score_sigma_ms");
   if (!milliseconds || !sigma) return;

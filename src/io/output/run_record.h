@@ -77,7 +77,7 @@ class RunRecord {
   /// Scale of each of them, in metres of its start's unit; where there is one, all of the segment
   /// is told in metres.
   [[nodiscard]] const std::vector<std::optional<MetricScale>>& units() const { return units_; }
-  /// That of one segment; nothing: it is not told in metres.
+  /// Unit of one segment; nothing where it is not told in metres.
   [[nodiscard]] std::optional<MetricScale> unitOf(int segment) const;
   /// What a start that took all rows for exposed at one time says of the readout, where that is not
   /// 0 by more than three standard deviations; the surest of them.
@@ -95,7 +95,7 @@ class RunRecord {
   /// How often the initializer gave each reason.
   [[nodiscard]] const std::map<InitReason, int>& answers() const { return answers_; }
 
-  /// Of the current frame.
+  /// Steps of the initialization at the current frame.
   [[nodiscard]] const std::vector<InitStepNote>& steps() const { return steps_; }
   [[nodiscard]] const std::optional<FrameEstimate>& estimate() const { return estimate_; }
 

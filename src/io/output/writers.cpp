@@ -86,7 +86,7 @@ class RunWriter::Impl {
     }
   }
 
-  /// For the next run.
+  /// Writes the calibration that the run found, for the next run.
   void writeCalibration() const {
     if (!cameras.camera || !cameras.lens || !cameras.refined.isSettled()) return;
     Lens lens = *cameras.lens;

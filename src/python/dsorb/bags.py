@@ -297,7 +297,7 @@ def camera_info(reader: Any, topic: str, size: Optional[tuple[int, int]]) -> tup
 
 
 def sizes_of(info: Any) -> list[tuple[int, int]]:
-    """That images of a camera_info may have: of the sensor, of its region of interest, and with pixels added up."""
+    """Sizes that images of a camera_info may have: the sensor's, its region's of interest, both with pixels added up."""
     sizes = [(info.width, info.height), (info.roi.width, info.roi.height)]
     return sizes + [(width // max(info.binning_x, 1), height // max(info.binning_y, 1)) for width, height in sizes]
 

@@ -38,7 +38,7 @@ def world_to_camera(frame):
 
 
 def observations(frames, points, pictures):
-    """Of every frame: (m, 2) pixels, with half a pixel, and (m,) rows of `points`."""
+    """Yields for every frame its (m, 2) pixels, with half a pixel added, and the (m,) rows of `points` that they show."""
     calibration = calibration_of(pictures.lens)
     for frame in frames:
         rows = np.flatnonzero(points.keyframes == frame.index)

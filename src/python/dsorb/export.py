@@ -94,7 +94,7 @@ def pictures_for(run, formats, all_frames, undistort, notes):
 
 
 def suffix(place):
-    """Of the files of a segment: none for the first one."""
+    """Suffix of the names of a segment's files; the first segment has none."""
     return f'_{place}' if place else ''
 
 

@@ -30,7 +30,7 @@ def change_time(path: Path) -> Optional[int]:
 
 
 def patient(seconds: float = PATIENCE) -> Callable[[bool], bool]:
-    """Of a run that somebody else started: goes on until nothing came for so long."""
+    """Whether to wait on for a run that somebody else started: until nothing came for `seconds`."""
     last = time.monotonic()
 
     def going(news: bool) -> bool:

@@ -223,7 +223,7 @@ class Window:
             raise OSError(f'Rerun: {str(error).splitlines()[0]}') from None
 
     def serve(self, port: int, bind: str) -> None:
-        """By the viewer's own program: the module's server listens on all addresses. The command of the package only calls it."""
+        """Serves by the viewer's own program, because the module's server listens on all addresses."""
         refuse_taken(port)
         refuse_taken(port + 1)  # Rerun says so only in its log
         self.server = subprocess.Popen(

@@ -71,7 +71,7 @@ class Run:
 
     @property
     def camera(self):
-        """Of the rectified images; refined where the run did that: poses and points belong to it."""
+        """Camera of the rectified images, to which poses and points belong; the refined one where the run refined it."""
         return self.summary.get('refined_camera') or self.summary['camera']
 
 

@@ -24,7 +24,7 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kRounds = 5;      // at most. docs/experiments.md, "Refinement of corners"
+constexpr int kRounds = 5;      // at most
 constexpr int kIterations = 2;  // of the adjustment in each round; 2 to 6 give the same starts
 constexpr double kCauchyThreshold = 2;  // of the whitened error [-]
 constexpr double kMaxResidual = 25;  // mean of a patch, above which the corner goes [grey levels]
@@ -35,7 +35,6 @@ constexpr double kMinGradient = 1;        // rms in the weakest direction [grey 
 constexpr double kMeasuredSigma = 0.2;  // of a measured corner, for the pose of a single frame [px]
 /// Share of the adjustment's variance factor for the own part of a single frame's pose; the rest
 /// comes with the inverse depths.
-/// @source docs/experiments.md, "Refinement of corners"
 constexpr double kOwnFactor = 0.5;
 /// Share of the corners that must match the images.
 constexpr double kMinFittingShare = 0.5;

@@ -9,9 +9,9 @@
 namespace dsorb::init_orb {
 namespace {
 
-/// Of the standard deviation that the poses of a start show: half as much, because it is measured
-/// while these poses are still noisy. Half to once is calibrated on rendered rooms and streets;
-/// half has the smaller errors: docs/experiments.md, "Rolling shutter".
+/// Sigma of a motion's prior over the one that the poses of a start show. It is half as much,
+/// because that one is measured while the poses are still noisy. From half to once the variances
+/// are right on rendered rooms and streets; half has the smaller errors.
 constexpr double kPriorShare = 0.5;
 
 std::vector<TimedPose> posesOf(InitialMap map, const PinholeCamera& camera) {

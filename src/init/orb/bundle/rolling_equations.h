@@ -46,7 +46,7 @@ struct MotionRows {
   [[nodiscard]] int of(int pose_row) const { return of_poses + 2 * pose_row; }
   [[nodiscard]] int ofReference() const { return of(of_poses); }
   [[nodiscard]] int size() const { return ofReference() + kMotionSize; }
-  /// Of the unknowns that the factors stand for.
+  /// Rows of the unknowns that the factors stand for.
   [[nodiscard]] std::array<int, kFactors> ofFactors(int pose_row) const {
     const int motion = of(pose_row);
     return {pose_row, motion, motion + kPoseSize, ofReference(), ofReference() + kPoseSize};

@@ -53,8 +53,8 @@ struct KnownMotion {
   std::size_t from = 0;  ///< index into InitialMap::frames
   std::size_t to = 0;    ///< a later one
   SE3 T_to_from;         ///< [m]
-  /// Of the error, [translation; rotation]: differences of the two translations and of the two
-  /// rotations; zeros where nothing is known of the translation [1/m^2, 1/rad^2].
+  /// Information of the error, [translation; rotation]: differences of the two translations and of
+  /// the two rotations; zeros where nothing is known of the translation [1/m^2, 1/rad^2].
   Matrix6d information = Matrix6d::Zero();
   bool has_translation = false;
 };

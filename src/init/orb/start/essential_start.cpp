@@ -26,15 +26,14 @@ namespace {
 constexpr int kMinTracks = 50;                // of a reference, before an attempt
 constexpr double kMinRotationResidual = 0.5;  // rotation-compensated flow; less: no parallax [px]
 /// Least noise of the tracks in the competition of models [px]. With the measured 0.1 px a rotation
-/// never wins on real images: docs/experiments.md, "What did not help".
+/// never wins on real images.
 constexpr double kMinTrackNoise = 0.5;
 /// A start is refined no further where its errors would have to shrink by this factor to pass.
-/// @source docs/experiments.md, "Refinement of corners"
 constexpr double kHopelessFactor = 1.5;
-/// Of the deviations of known depths that are not used otherwise: beyond it they give no scale.
+/// Largest factor on the deviations of known depths with which they still give a scale, where they
+/// are used for nothing else.
 constexpr double kMaxInflation = 2;
-constexpr int kNoiseRounds =
-    3;  // of measuring the noise; docs/experiments.md, "Noise of the tracks"
+constexpr int kNoiseRounds = 3;  // of measuring the noise and adjusting with it
 
 /// The essential matrix's motion, unless a rotation explains the matches better.
 Outcome<SelectedMotion> selectMotion(const Matches& matches,

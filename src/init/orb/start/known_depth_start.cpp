@@ -18,7 +18,6 @@ namespace dsorb::init_orb {
 namespace {
 
 /// Largest relative deviation, after it was widened, with which depths still give a start.
-/// @source docs/experiments.md, "What the caller knows"
 constexpr double kMaxRelativeSigma = 0.15;
 constexpr double kMinInnovationNoise = 0.05;  // [px]
 constexpr double kMaxInnovationNoise = 1;     // [px]; more is no noise but a pose that does not fit

@@ -137,10 +137,10 @@ MotionAdjustment adjustWithMotions(InitialMap map,
   measured.sigma = noiseOf(map, camera);
   const FramePtr& reference = map.frames.front().frame;  // null: motion without images, in tests
   if (reference && isRolling(*reference)) {  // else the skew of the images speaks against them
-    if (auto moving = withRowMotions(map, camera, measured)) {
+    if (auto rolling = withRowMotions(map, camera, measured)) {
       GeometricOptions known_rows = options;
-      known_rows.sigma = noiseOf(*moving, camera);
-      auto bound = boundByMotions(std::move(*moving), motions, camera, known_rows);
+      known_rows.sigma = noiseOf(*rolling, camera);
+      auto bound = boundByMotions(std::move(*rolling), motions, camera, known_rows);
       if (bound) return {std::move(*bound), true};
     }
   }
