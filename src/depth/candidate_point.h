@@ -28,6 +28,8 @@ enum class CandidateStatus : std::uint8_t {
 struct CandidatePoint {
   float min_inverse_depth = 0;         ///< [1/unit]
   float max_inverse_depth = kUnknown;  ///< [1/unit], NaN before the first match
+  float expected_min = 0;              ///< before the first match, by the points around [1/unit]
+  float expected_max = kUnknown;       ///< [1/unit], NaN: nothing is expected
   float quality = 10000;               ///< second best over best energy
   float interval = 0;                  ///< uncertainty along the line [px]
   float selection_scale = 1;           ///< 1, 2 or 4: cell size of the pixel selector

@@ -145,20 +145,43 @@ float expectedError(const CandidatePoint& candidate,
   return kBaseError + kBaseError * (along + across) / along;
 }
 
+/// Interval of inverse depths to search before the first match.
+struct Expectation {
+  bool counts = false;
+  float min = 0;
+  float max = 0;
+};
+
+/// What the points around let expect; it counts where frames are so far apart that a search of the
+/// usual length, from infinity, would not reach all of it.
+Expectation expectationOf(const CandidatePoint& candidate,
+                          const EpipolarPair& pair,
+                          float longest) {
+  if (!std::isfinite(candidate.expected_max)) return {};
+  const Vector3f infinity = pair.geometry.atInfinity(candidate.patch.pixel);
+  const Vector3f nearest = pair.geometry.at(candidate.patch.pixel, candidate.expected_max);
+  if (!(infinity.z() > 0 && nearest.z() > 0)) return {};
+  const float parallax = (infinity.hnormalized() - nearest.hnormalized()).norm();
+  return {parallax > longest, candidate.expected_min, candidate.expected_max};
+}
+
 /// Where to search. @return nullopt when the candidate's status is decided without a search
 std::optional<Segment> planSearch(CandidatePoint& candidate,
                                   const EpipolarPair& pair,
                                   const SearchArea& area,
                                   const DepthOptions& options,
                                   float longest) {
-  const Vector3f near = pair.geometry.at(candidate.patch.pixel, candidate.min_inverse_depth);
+  const bool known = candidate.hasDepth();
+  const Expectation expected = known ? Expectation{} : expectationOf(candidate, pair, longest);
+  const Vector3f near = pair.geometry.at(
+      candidate.patch.pixel, expected.counts ? expected.min : candidate.min_inverse_depth);
   Segment segment;
   segment.near = near.hnormalized();
-  const bool known = candidate.hasDepth();
-  const Vector3f far = pair.geometry.at(
-      candidate.patch.pixel, known ? candidate.max_inverse_depth : kDirectionInverseDepth);
+  const float far_depth = known ? candidate.max_inverse_depth : kDirectionInverseDepth;
+  const Vector3f far =
+      pair.geometry.at(candidate.patch.pixel, expected.counts ? expected.max : far_depth);
   Vector2f line = Vector2f(far.hnormalized()) - segment.near;
-  if (!known) line *= longest / line.norm();
+  if (!known && !expected.counts) line *= longest / line.norm();
   segment.length = line.norm();
   const bool ends_inside = near.z() > 0 && far.z() > 0 && area.contains(segment.near) &&
                            area.contains(segment.near + line);  // false for NaN as well
@@ -185,7 +208,7 @@ std::optional<Segment> planSearch(CandidatePoint& candidate,
     return std::nullopt;
   }
   segment.error = std::min(segment.error, kMaxError);
-  segment.length = std::min(segment.length, longest);
+  if (!expected.counts) segment.length = std::min(segment.length, longest);
   return segment;
 }
 

@@ -34,7 +34,10 @@ const std::vector<MechanismName>& mechanisms() {
       {Mechanism::kUnfit, "unfit", "frames that fit badly teach the map nothing"},
       {Mechanism::kGrey, "grey", "distributions of grey levels give and support the gain"},
       {Mechanism::kCameraScore, "camera_score", "the window asks whether the camera is right"},
-      {Mechanism::kMissed, "missed", "some frames may stay without a pose before a loss"}};
+      {Mechanism::kMissed, "missed", "some frames may stay without a pose before a loss"},
+      {Mechanism::kMatches, "matches", "matched corners pose frames that the tracker loses"},
+      {Mechanism::kProof, "proof", "after a miss the images must show a pose"},
+      {Mechanism::kExpected, "expected", "far epipolar searches begin at the depths around"}};
   return all;
 }
 

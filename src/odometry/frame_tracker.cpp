@@ -27,6 +27,12 @@ constexpr double kMemory = 0.9;      // of it, a frame
 /// after held-out ones at most .15 degrees, and .4 within two frames where a map's scale is gone.
 constexpr double kMaxRotationSigmaDeg = 0.4;  // intrinsics held
 
+/// Residual that grey levels of 8 bits have even of equal images, rather more [grey levels].
+constexpr double kRounding = 0.5;
+
+/// Least share of the matches behind a pose that still agree once it is aligned to the image.
+constexpr double kMinAgreeing = 0.7;
+
 /// What a frame at a share of the map's reach gets of its keyframe's covariance.
 struct ErrorsOfMap {
   ErrorsOfMap(const KeyframePose& keyframe, const Matrix6d& covariance, const SE3& T_cam_keyframe)
@@ -46,7 +52,8 @@ struct ErrorsOfMap {
 FrameTracker::FrameTracker(const OdometryOptions& options)
     : options_(options),
       tracker_(
-          options.tracker, options.brightness, !options.initializer.skip.has(Mechanism::kGrey)) {}
+          options.tracker, options.brightness, !options.initializer.skip.has(Mechanism::kGrey)),
+      matched_(options.initializer.seed) {}
 
 void FrameTracker::begin(const InitializationResult& result) {
   target_.reset();
@@ -63,6 +70,7 @@ void FrameTracker::begin(const InitializationResult& result) {
   exposure_ = result.frames.back().frame->exposure();
   rmse_ = track::TrackingStart{}.previous_rmse;
   largest_rmse_.reset();
+  missed_ = false;
 }
 
 void FrameTracker::setTarget(TrackingTarget target) {
@@ -76,27 +84,61 @@ void FrameTracker::setTarget(TrackingTarget target) {
   first_rmse_.reset();
 }
 
-TrackedPose FrameTracker::track(const Frame& frame, bool may_doubt) {
-  const track::TrackingStart start{track::motionGuesses(history_, frame.timestamp()),
-                                   affine_,
-                                   rmse_,
-                                   options_.tracker.max_gain_step,
-                                   recent_.poses(),
-                                   recent_.sigma()};
-  const track::TrackingResult result = tracker_.track(frame, start);
-  TrackedPose pose;
-  if (std::isfinite(result.rmse[0])) pose.rmse = result.rmse[0];
-  if (!result.good()) return pose;
-  setPose(result, pose);
+track::TrackingStart FrameTracker::startOf(const Frame& frame) const {
+  return {track::motionGuesses(history_, frame.timestamp()),
+          affine_,
+          rmse_,
+          options_.tracker.max_gain_step,
+          recent_.poses(),
+          recent_.sigma()};
+}
+
+bool FrameTracker::counts(const Frame& frame,
+                          const track::TrackingResult& result,
+                          bool may_doubt) const {
   const Skips& skip = options_.initializer.skip;
-  pose.good = (skip.has(Mechanism::kUncertain) || isCertain(pose, result)) &&
-              !(may_doubt && !skip.has(Mechanism::kDoubtful) && isDoubtful(frame, result));
-  if (!pose.good) return pose;
+  if (!result.good()) return false;
+  if (!skip.has(Mechanism::kUncertain) && !isCertain(result)) return false;
+  if (missed_ && !skip.has(Mechanism::kProof)) {
+    return inEarlierContrast(frame, result) < std::max(kDoubtful * rmse_, kRounding);
+  }
+  return !may_doubt || skip.has(Mechanism::kDoubtful) || !isDoubtful(frame, result);
+}
+
+std::optional<track::TrackingResult> FrameTracker::fromMatches(const FramePtr& frame) {
+  const std::optional<MatchEvidence> evidence = matched_.find(frame, reference());
+  if (!evidence) return std::nullopt;
+  track::TrackingStart start = startOf(*frame);
+  start.guesses = {evidence->pose.T_cam_host};
+  track::TrackingResult result = tracker_.track(*frame, start);
+  const int agreeing = countAgreeing(evidence->matches, reference().camera, result.T_cur_ref);
+  if (!result.good() || agreeing < kMinAgreeing * evidence->pose.inliers) return std::nullopt;
+  return result;
+}
+
+TrackedPose FrameTracker::track(const FramePtr& frame, bool may_doubt) {
+  track::TrackingResult result = tracker_.track(*frame, startOf(*frame));
+  TrackedPose pose;
+  pose.good = counts(*frame, result, may_doubt);
+  const Skips& skip = options_.initializer.skip;
+  if (!pose.good && !skip.has(Mechanism::kMatches) &&
+      result.failure != track::TrackingFailure::kBlank) {
+    if (auto matched = fromMatches(frame)) {
+      result = std::move(*matched);
+      pose.good = skip.has(Mechanism::kUncertain) || isCertain(result);
+    }
+  }
+  if (std::isfinite(result.rmse[0])) pose.rmse = result.rmse[0];
+  if (!pose.good) {
+    missed_ = true;
+    return pose;
+  }
+  setPose(result, pose);
   pose.fits = skip.has(Mechanism::kUnfit) || !may_doubt || !largest_rmse_ ||
-              inEarlierContrast(frame, result) < kUnfit * *largest_rmse_;
-  if (pose.fits) noteFit(frame, result);
-  pose.wants_keyframe = pose.fits && needsKeyframe(frame, result);
-  noteMotion(frame, pose);
+              inEarlierContrast(*frame, result) < kUnfit * *largest_rmse_;
+  if (pose.fits) noteFit(*frame, result);
+  pose.wants_keyframe = pose.fits && needsKeyframe(*frame, result);
+  noteMotion(*frame, pose);
   addErrorsOfCamera(pose);
   return pose;
 }
@@ -111,10 +153,10 @@ void FrameTracker::setPose(const track::TrackingResult& result, TrackedPose& pos
   addErrorsOfMap(pose);
 }
 
-bool FrameTracker::isCertain(const TrackedPose& pose, const track::TrackingResult& result) const {
+bool FrameTracker::isCertain(const track::TrackingResult& result) const {
   const std::optional<Matrix6d>& held = target_->covariance_camera_held;
   if (!result.covariance || !held || !(target_->reach > 0)) return true;
-  const ErrorsOfMap errors(*target_, *held, pose.T_cam_keyframe);
+  const ErrorsOfMap errors(*target_, *held, result.T_cur_ref);
   const Matrix6d covariance = errors.ofWorldPose(*result.covariance);
   const double variance = covariance.diagonal().tail<3>().maxCoeff();
   return std::sqrt(variance) < kMaxRotationSigmaDeg * kRadPerDeg;
@@ -142,6 +184,7 @@ void FrameTracker::noteFit(const Frame& frame, const track::TrackingResult& resu
   rmse_ = result.rmse[0];
   largest_rmse_ = std::max(rmse_, kMemory * largest_rmse_.value_or(0));
   if (!first_rmse_) first_rmse_ = rmse_;
+  missed_ = false;
   affine_ = result.affine;
   exposure_ = frame.exposure();
 }

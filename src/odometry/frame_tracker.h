@@ -6,6 +6,7 @@
 
 #include "geometry/motion_prior.h"
 #include "geometry/recent_motion.h"
+#include "odometry/matched_poses.h"
 #include "track/motion_guesses.h"
 #include "track/tracker.h"
 
@@ -60,18 +61,25 @@ class FrameTracker {
   void setTarget(TrackingTarget target);
   /// @param may_doubt whether a frame whose residual has grown much may get no pose, or one without
   ///        `fits`
-  [[nodiscard]] TrackedPose track(const Frame& frame, bool may_doubt = false);
+  [[nodiscard]] TrackedPose track(const FramePtr& frame, bool may_doubt = false);
   /// The keyframe that frames are tracked against; there is one after setTarget().
   [[nodiscard]] const KeyframePose& target() const { return *target_; }
   [[nodiscard]] const track::TrackingReference& reference() const { return tracker_.reference(); }
 
  private:
+  [[nodiscard]] track::TrackingStart startOf(const Frame& frame) const;
+  /// Whether a pose that the tracker has found by its own guesses counts.
+  [[nodiscard]] bool counts(const Frame& frame,
+                            const track::TrackingResult& result,
+                            bool may_doubt) const;
+  /// The pose that matched corners tell, aligned to the image; none where too few agree with it.
+  [[nodiscard]] std::optional<track::TrackingResult> fromMatches(const FramePtr& frame);
   void setPose(const track::TrackingResult& result, TrackedPose& pose) const;
   /// The poses that a map was made with and its depths err together. A frame at a share of their
   /// distance errs by that share of what its keyframe does in its window, and both add up.
   void addErrorsOfMap(TrackedPose& pose) const;
   /// Whether the map itself knows the frame's rotation, whatever it leaves open of the camera.
-  [[nodiscard]] bool isCertain(const TrackedPose& pose, const track::TrackingResult& result) const;
+  [[nodiscard]] bool isCertain(const track::TrackingResult& result) const;
   /// A focal length that is off by a share gets motions wrong by that share.
   void addErrorsOfCamera(TrackedPose& pose) const;
   [[nodiscard]] bool needsKeyframe(const Frame& frame, const track::TrackingResult& result) const;
@@ -89,6 +97,8 @@ class FrameTracker {
   track::MotionHistory history_;  // relative to the target
   RecentMotion recent_;           // relative to the target
   FrameId previous_;              // frame
+  MatchedPoses matched_;
+  bool missed_ = false;  // a frame since the last one that fitted
   // What the last frame that fitted left behind.
   AffineBrightness affine_;
   double exposure_ = 1;                 // [s]

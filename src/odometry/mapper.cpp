@@ -118,6 +118,9 @@ MapUpdate Mapper::adjust(const SE3& T_cam_previous) {
   update.target.keyframe.reach = reachOf(*window_);
   update.target.keyframe.doubt = camera_score_ ? camera_score_->motionError(window_->camera()) : 0;
   const std::vector<DepthSample> samples = window::depthSamples(*window_, options_.window);
+  if (!options_.initializer.skip.has(Mechanism::kExpected)) {
+    window::expectDepths(window_->keyframes.back(), samples);
+  }
   runBoth([&] { reference_builder_.fill(samples, update.target.reference); },
           [&] {
             window::forgetGuess(*window_, options_.window);

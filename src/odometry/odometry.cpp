@@ -166,14 +166,14 @@ class Odometry::Impl {
 
   /// Phase tracking: pose of one frame, which then goes into the map.
   void track(const FramePtr& frame) {
-    odometry::TrackedPose pose = poseOf(*frame);
+    odometry::TrackedPose pose = poseOf(frame);
     if (!pose.good && mapper_.busy()) {  // once more, against a newer keyframe
       mapper_.wait();
       if (!adoptKeyframes()) {
         lose({});
         return;
       }
-      pose = poseOf(*frame);
+      pose = poseOf(frame);
     }
     if (!pose.good) {
       miss(pose.rmse);
@@ -213,7 +213,7 @@ class Odometry::Impl {
     observers_.notify(&OdometryObserver::onFrame, last_estimate_);
   }
 
-  [[nodiscard]] odometry::TrackedPose poseOf(const Frame& frame) {
+  [[nodiscard]] odometry::TrackedPose poseOf(const FramePtr& frame) {
     return timed(report_.tracking_seconds, [&] {
       return arena_.run([&] { return tracker_.track(frame, doubted_ < options_.max_missed); });
     });

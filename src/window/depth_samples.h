@@ -16,4 +16,8 @@ namespace dsorb::window {
 [[nodiscard]] std::vector<DepthSample> depthSamples(const Window& window,
                                                     const WindowOptions& options);
 
+/// Tells the candidates of a keyframe what inverse depths the points around them let expect.
+/// @param samples of the keyframe
+void expectDepths(Keyframe& keyframe, const std::vector<DepthSample>& samples);
+
 }  // namespace dsorb::window

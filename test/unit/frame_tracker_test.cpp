@@ -61,15 +61,15 @@ class FrameTrackerTest : public ::testing::Test {
 TEST_F(FrameTrackerTest, PosesAreRelativeToTheTarget) {
   FrameTracker tracker = started();
   EXPECT_EQ(tracker.reference().frame->id(), FrameId{3});
-  for (int i = 4; i < 7; ++i) expectNearTruth(tracker.track(*frame(i)), i, 3);
+  for (int i = 4; i < 7; ++i) expectNearTruth(tracker.track(frame(i)), i, 3);
 }
 
 TEST_F(FrameTrackerTest, GoesOnAgainstANewTarget) {
   FrameTracker tracker = started();
-  for (int i = 4; i < 7; ++i) expectNearTruth(tracker.track(*frame(i)), i, 3);
+  for (int i = 4; i < 7; ++i) expectNearTruth(tracker.track(frame(i)), i, 3);
   tracker.setTarget(target(6, 3));
   EXPECT_EQ(tracker.reference().frame->id(), FrameId{6});
-  for (int i = 7; i < 10; ++i) expectNearTruth(tracker.track(*frame(i)), i, 6);
+  for (int i = 7; i < 10; ++i) expectNearTruth(tracker.track(frame(i)), i, 6);
 }
 
 TEST_F(FrameTrackerTest, AFrameWhoseRotationTheMapDoesNotKnowHasNoPose) {
@@ -81,7 +81,7 @@ TEST_F(FrameTrackerTest, AFrameWhoseRotationTheMapDoesNotKnowHasNoPose) {
     known.keyframe.covariance_camera_held = sigma * sigma * Matrix6d::Identity();
     known.keyframe.reach = 1;
     tracker.setTarget(std::move(known));
-    const TrackedPose pose = tracker.track(*frame(4));
+    const TrackedPose pose = tracker.track(frame(4));
     EXPECT_EQ(pose.good, sigma_deg < 0.4);
     EXPECT_TRUE(pose.rmse);
   }
@@ -96,7 +96,7 @@ TEST_F(FrameTrackerTest, ASuspectedCameraMakesPosesAsUnsureAsTheirMotionIsLong) 
     known.keyframe.T_cam_middle = T_cam_keyframe(3, 1);
     known.keyframe.doubt = doubt;
     tracker.setTarget(std::move(known));
-    return tracker.track(*frame(4));
+    return tracker.track(frame(4));
   };
   const TrackedPose sure = tracked(0);
   const TrackedPose unsure = tracked(0.3);
@@ -119,30 +119,30 @@ TEST_F(FrameTrackerTest, ASuspectedCameraMakesPosesAsUnsureAsTheirMotionIsLong) 
 
 TEST_F(FrameTrackerTest, WantsAKeyframeOnceTheTargetIsFarAway) {
   FrameTracker tracker = started();
-  EXPECT_FALSE(tracker.track(*frame(4)).wants_keyframe);
+  EXPECT_FALSE(tracker.track(frame(4)).wants_keyframe);
   int first = 5;
-  while (first < 20 && !tracker.track(*frame(first)).wants_keyframe) ++first;
+  while (first < 20 && !tracker.track(frame(first)).wants_keyframe) ++first;
   EXPECT_EQ(first, 6) << "three steps of 1.6 pixels";
   tracker.setTarget(target(first, 3));
-  EXPECT_FALSE(tracker.track(*frame(first + 1)).wants_keyframe) << "near the new target";
+  EXPECT_FALSE(tracker.track(frame(first + 1)).wants_keyframe) << "near the new target";
 }
 
 TEST_F(FrameTrackerTest, AFailureSaysHowBadAndLeavesTheMotionAsItWas) {
   FrameTracker tracker = started();
-  expectNearTruth(tracker.track(*frame(4)), 4, 3);
-  const TrackedPose failed = tracker.track(*paintFrame(5, camera_.width, camera_.height, blobs(1)));
+  expectNearTruth(tracker.track(frame(4)), 4, 3);
+  const TrackedPose failed = tracker.track(paintFrame(5, camera_.width, camera_.height, blobs(1)));
   EXPECT_FALSE(failed.good);
   EXPECT_FALSE(failed.wants_keyframe);
-  expectNearTruth(tracker.track(*frame(5)), 5, 3);
+  expectNearTruth(tracker.track(frame(5)), 5, 3);
 }
 
 TEST_F(FrameTrackerTest, FollowsStepsOfTheBrightnessThatTheGreyLevelsShow) {
   for (const double log_gain : {-1.2, -0.7, -0.35, 0.4, 0.7, 1.1}) {
     FrameTracker tracker = started();
-    const TrackedPose pose = tracker.track(*frame(4, log_gain));
+    const TrackedPose pose = tracker.track(frame(4, log_gain));
     expectNearTruth(pose, 4, 3);
     EXPECT_NEAR(pose.affine.a, log_gain, 0.01);
-    expectNearTruth(tracker.track(*frame(5)), 5, 3);
+    expectNearTruth(tracker.track(frame(5)), 5, 3);
   }
 }
 

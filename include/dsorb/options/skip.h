@@ -36,7 +36,10 @@ enum class Mechanism : std::uint8_t {
   kUnfit,
   kGrey,
   kCameraScore,
-  kMissed
+  kMissed,
+  kMatches,
+  kProof,
+  kExpected
 };
 
 /// A mechanism as the command line knows it.

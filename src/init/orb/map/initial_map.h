@@ -140,9 +140,4 @@ int removeCorners(InitialMap& map, const std::vector<char>& removed);
 /// @return false when that mean is not positive; nothing is changed then
 bool normalizeCornerScale(InitialMap& map);
 
-/// The one of errorCells() at a pixel of the reference.
-inline std::size_t imageCell(const Eigen::Vector2d& pixel, const PinholeCamera& camera) {
-  return errorCells(camera.width, camera.height).at(pixel.x(), pixel.y());
-}
-
 }  // namespace dsorb::init_orb
