@@ -21,7 +21,7 @@ MAY_INCLUDE = {
     'track': {'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
     'depth': {'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
     'window': {'depth', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
-    'odometry': {'window', 'track', 'depth', 'init', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
+    'odometry': {'window', 'track', 'depth', 'init', 'features', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
     'place': {'odometry', 'init', 'features', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
     'c': {'odometry', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
     'synthetic': {'image', 'camera', 'geometry', 'base', 'options'},

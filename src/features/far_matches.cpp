@@ -76,16 +76,6 @@ void keepPredicted(const DescribedFrame& from,
   });
 }
 
-/// Index of the partner of each feature, -1 without one.
-std::vector<int> match(const DescribedFrame& from, const DescribedFrame& to) {
-  Distances distances = hammingDistances(from.features, to.features);
-  const auto partners = [&] {
-    return partnersOf(distances, to.positions, kMaxRatio, kMaxDistance);
-  };
-  keepPredicted(from, to, partners(), distances);
-  return partners();
-}
-
 LucasKanadeOptions refinement() {
   LucasKanadeOptions options;
   options.max_level = 0;
@@ -137,10 +127,19 @@ DescribedFrame describeFrame(FramePtr frame, float gain) {
   return described;
 }
 
+std::vector<int> findPartners(const DescribedFrame& from, const DescribedFrame& to) {
+  Distances distances = hammingDistances(from.features, to.features);
+  const auto partners = [&] {
+    return partnersOf(distances, to.positions, kMaxRatio, kMaxDistance);
+  };
+  keepPredicted(from, to, partners(), distances);
+  return partners();
+}
+
 std::vector<Eigen::Vector2f> findAgain(const DescribedFrame& from, const DescribedFrame& to) {
   std::vector<Eigen::Vector2f> places(from.positions.size(), Eigen::Vector2f::Constant(NAN));
   if (places.empty() || to.positions.empty()) return places;
-  const std::vector<int> partner = match(from, to);
+  const std::vector<int> partner = findPartners(from, to);
   const ImagePair images(from, to);
   forEachRange(places.size(), kFeatureGrain, [&](std::size_t begin, std::size_t end) {
     LucasKanade flow(refinement());

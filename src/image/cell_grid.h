@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/camera/pinhole_camera.h"
+
 #include <Eigen/Core>
 
 #include <algorithm>
@@ -60,6 +62,11 @@ constexpr int kErrorRows = 8;
 constexpr std::size_t kErrorCells = static_cast<std::size_t>(kErrorColumns) * kErrorRows;
 inline CellGrid errorCells(int width, int height) {
   return {width, height, kErrorColumns, kErrorRows};
+}
+
+/// The one of errorCells() at a pixel of an image.
+inline std::size_t imageCell(const Eigen::Vector2d& pixel, const PinholeCamera& camera) {
+  return errorCells(camera.width, camera.height).at(pixel.x(), pixel.y());
 }
 
 /// The best thing of every cell: indices, ascending.

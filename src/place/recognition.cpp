@@ -4,14 +4,13 @@
 #include "place/binary_matches.h"
 
 #include "base/median.h"
-#include "estimate/radial.h"
+#include "features/pose_from_matches.h"
 #include "image/cell_grid.h"
-
-#include <opencv2/calib3d.hpp>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <set>
 #include <utility>
 
@@ -20,8 +19,7 @@ namespace {
 
 constexpr std::size_t kReach = 3;        // keyframes before and after that belong to a place
 constexpr std::size_t kMinMatches = 8;   // of a pose
-constexpr int kAttempts = 300;           // of RANSAC
-constexpr float kNear = 5;               // error of an inlier, for a width of 640 px [px]
+constexpr std::uint64_t kSeed = 49;      // of samples; any number
 constexpr double kRadius = 6;            // of the search around a prediction, the same width [px]
 constexpr int kAlike = 60;               // distance of descriptors of one corner at most [bits]
 constexpr int kViewColumns = 8;
@@ -165,28 +163,17 @@ Matched matchPoints(const KeyframeStore& store,
 std::optional<SE3> poseOfMost(const std::vector<StoredPoint>& points,
                               const Matched& matched,
                               const Lookup& lookup,
-                              const PinholeCamera& camera) {
-  if (matched.points.size() < kMinMatches) return std::nullopt;
-  std::vector<cv::Point3d> objects;
-  std::vector<cv::Point2d> images;
+                              const PinholeCamera& camera,
+                              const SE3& T_world_host) {
+  const SE3 T_host_world = T_world_host.inverse();
+  std::vector<PointObservation> matches;
   for (std::size_t i = 0; i < matched.points.size(); ++i) {
-    const Eigen::Vector3d& p = points[matched.points[i]].position;
-    const Eigen::Vector2d& u = lookup.pixel(matched.features[i]);
-    objects.emplace_back(p.x(), p.y(), p.z());
-    images.emplace_back(u.x(), u.y());
+    const Eigen::Vector3d p = T_host_world * points[matched.points[i]].position;
+    if (p.z() > 0) matches.push_back({p / p.z(), 1 / p.z(), lookup.pixel(matched.features[i])});
   }
-  const cv::Matx33d K(camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1);
-  cv::Vec3d turned;
-  cv::Vec3d moved;
-  std::vector<int> inliers;
-  const auto near = static_cast<float>(kNear * pixelScale(camera));
-  if (!cv::solvePnPRansac(objects, images, K, cv::noArray(), turned, moved, false, kAttempts, near,
-                          0.999, inliers, cv::SOLVEPNP_AP3P) ||
-      inliers.size() < kMinMatches) {
-    return std::nullopt;
-  }
-  return SE3(so3Exp({turned[0], turned[1], turned[2]}),
-             Eigen::Vector3d(moved[0], moved[1], moved[2]));
+  const std::optional<MatchedPose> pose = poseFromMatches(matches, camera, kSeed);
+  if (!pose) return std::nullopt;
+  return pose->T_cam_host * T_host_world;
 }
 
 Sight sightOf(const KeyframeStore& store,
@@ -212,7 +199,7 @@ std::optional<Recognition> recognize(const KeyframeStore& store,
   const std::vector<StoredPoint> points = store.pointsOf(store.neighbourhood(keyframe, kReach));
   const Lookup lookup(query, pinholePixels(query));
   const Matched matched = matchPoints(store, points, *query.view);
-  std::optional<SE3> pose = poseOfMost(points, matched, lookup, query.camera);
+  std::optional<SE3> pose = poseOfMost(points, matched, lookup, query.camera, store[keyframe].T_world_cam);
   Recognition result;
   for (int round = 0; pose && round < 2; ++round) {
     const Found found = findPredicted(store, points, query, lookup, *pose);

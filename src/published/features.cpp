@@ -16,8 +16,6 @@
 namespace dsorb::published {
 namespace {
 
-using GreyImage;
-using isSeen;
 using Places = std::vector<Eigen::Vector2f>;
 
 constexpr double kCornerQuality = 0.01;  // strength relative to the strongest of the image
@@ -165,7 +163,7 @@ void Features::follow(const Frame& frame) {
 /// Matches are refined by one level of Lucas-Kanade.
 void Features::match(const Frame& frame) {
   const GreyImage image = show(frame, kDescriptorMargin);
-  const Features found = findFeatures(image);
+  const dsorb::Features found = findFeatures(image);
   const std::vector<int> partner = matchFeatures(described_, found);
   std::vector<std::size_t> which;
   Places from;

@@ -52,7 +52,7 @@ class Features {
   std::vector<FramePtr> frames_;
   std::vector<std::vector<Eigen::Vector2f>> places_;  // by frame, then point; NaN: not seen [px]
   GreyImage image_;            // with flow the newest, with descriptors the reference
-  Features described_;         // of the reference
+  dsorb::Features described_;  // of the reference
   FeatureTracks ours_;         // where descriptors are too few
   double reference_mean_ = 0;  // intensity that later images are brought to [grey levels]
   double survivor_share_ = 1;  // of the tracks in the last step

@@ -17,8 +17,6 @@
 
 namespace dsorb::published {
 
-using Matches;
-
 enum class Model { kHomography, kFundamental };
 
 /// A 3x3 relation between two images with its support.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "two_view/decomposition.h"
 
-#include "two_view/ransac.h"
+#include "features/ransac.h"
 
 #include <cstddef>
 

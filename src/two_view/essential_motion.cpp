@@ -6,7 +6,7 @@
 #include "geometry/triangulate.h"
 #include "two_view/decomposition.h"
 #include "two_view/motion_refinement.h"
-#include "two_view/ransac.h"
+#include "features/ransac.h"
 
 #include <opencv2/calib3d.hpp>
 

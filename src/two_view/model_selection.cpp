@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "two_view/model_selection.h"
 
-#include "two_view/ransac.h"
+#include "features/ransac.h"
 
 #include <opencv2/calib3d.hpp>
 

@@ -92,7 +92,7 @@ inline void addSharedErrors(SyntheticMap& scene, double sigma, std::uint64_t see
   for (Eigen::Vector2d& error : errors) error = {random.gaussian(), random.gaussian()};
   for (init_orb::CornerObservation& observation : scene.start.observations) {
     const std::size_t cell =
-        init_orb::imageCell(scene.start.corners[observation.corner].pixel, scene.camera);
+        imageCell(scene.start.corners[observation.corner].pixel, scene.camera);
     observation.pixel += sigma * errors[kErrorCells * observation.frame + cell];
   }
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "geometry/tangent_basis.h"
-#include "init/orb/bundle/pose_from_points.h"
+#include "estimate/pose_from_points.h"
 #include "support/jacobian_check.h"
 #include "support/matchers.h"
 #include "support/two_view_scene.h"

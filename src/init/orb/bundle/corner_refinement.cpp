@@ -8,7 +8,7 @@
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/bundle/patch_alignment.h"
 #include "init/orb/bundle/pose_covariance.h"
-#include "init/orb/bundle/pose_from_points.h"
+#include "estimate/pose_from_points.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/map/frame_brightness.h"
 

@@ -4,7 +4,7 @@
 #include "dsorb/camera/pinhole_camera.h"
 
 #include "features/corner_tracks.h"
-#include "init/orb/bundle/pose_from_points.h"
+#include "estimate/pose_from_points.h"
 #include "init/orb/map/initial_map.h"
 #include "two_view/decomposition.h"
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/bundle/pose_covariance.h"
 
-#include "estimate/robust_loss.h"
 #include "estimate/warp.h"
 #include "init/orb/bundle/reprojection_equations.h"
 
@@ -11,57 +10,6 @@
 #include <cstddef>
 
 namespace dsorb::init_orb {
-namespace {
-
-/// Sum over cells of the image of g g^T, g the gradient of the cell's observations.
-Matrix6d gradientSpread(const std::vector<PointObservation>& observations,
-                        const PinholeCamera& camera,
-                        const SE3& T_cam_host,
-                        double limit) {
-  std::array<Vector6d, kErrorCells> gradients;
-  gradients.fill(Vector6d::Zero());
-  std::array<bool, kErrorCells> used{};
-  for (const PointObservation& observation : observations) {
-    const auto projection =
-        projectHosted(camera, T_cam_host, observation.host_ray, observation.inverse_depth);
-    if (!projection) continue;
-    const Eigen::Vector2d error = projection->pixel - observation.pixel;
-    const std::size_t cell = imageCell(camera.project(observation.host_ray), camera);
-    used[cell] = true;
-    gradients[cell] += projection->J_pose.transpose() * (huberWeight(error.norm(), limit) * error);
-  }
-  Matrix6d spread = Matrix6d::Zero();
-  int cells = 0;
-  for (std::size_t cell = 0; cell < kErrorCells; ++cell) {
-    if (!used[cell]) continue;
-    spread += gradients[cell] * gradients[cell].transpose();
-    ++cells;
-  }
-  return spread * (static_cast<double>(cells) / std::max(cells - 1, 1));
-}
-
-}  // namespace
-
-std::optional<Matrix6d> poseCovariance(const std::vector<PointObservation>& observations,
-                                       const PinholeCamera& camera,
-                                       const SE3& T_cam_host,
-                                       const ObservationNoise& noise) {
-  const std::optional<PoseSums> sums = poseEquations(observations, camera, T_cam_host, noise.sigma);
-  if (!sums) return std::nullopt;
-  const Eigen::LDLT<Matrix6d> hessian(sums->hessian);
-  if (!hessian.isPositive()) return std::nullopt;
-  const Matrix6d inverse = hessian.solve(Matrix6d::Identity());
-  const Vector6d step = inverse * sums->gradient;
-  Matrix6d covariance = sums->weighted_square / (2 * sums->observations - kPoseSize) * inverse +
-                        step * step.transpose();
-  if (noise.variance_factor > 0) {
-    const double limit = huberLimit(noise.sigma);
-    covariance += noise.variance_factor * inverse *
-                  gradientSpread(observations, camera, T_cam_host, limit) * inverse;
-  }
-  covariance = (0.5 * (covariance + covariance.transpose())).eval();
-  return covariance.allFinite() ? std::optional(covariance) : std::nullopt;
-}
 
 InheritedPoseError::InheritedPoseError(const InitialMap& map,
                                        const PinholeCamera& camera,

@@ -5,35 +5,13 @@
 #include "dsorb/geometry/se3.h"
 #include "dsorb/options/orb_mapping.h"
 
-#include "init/orb/bundle/pose_from_points.h"
 #include "init/orb/map/initial_map.h"
 
 #include <Eigen/Core>
 
 #include <array>
-#include <optional>
-#include <vector>
 
 namespace dsorb::init_orb {
-
-/// Noise model of the observations that a pose was fitted to.
-struct ObservationNoise {
-  double sigma = 1;            ///< of an observation, each axis: where the loss bends [px]
-  double variance_factor = 0;  ///< on the clustered covariance [-]; 0 takes the formal one
-};
-
-/// Covariance that the observations' own errors give a pose fitted to them by poseFromPoints(), the
-/// points taken as exact: s^2 H^-1, plus the spread of the gradient over cells of the image as in
-/// geometric_covariance.h, plus the square of the step that the observations still ask for (none
-/// where the pose was fitted to just these). It includes the independent errors of the inverse
-/// depths, because they show in the residuals.
-/// @param T_cam_host the fitted pose
-/// @return of a left increment; nullopt where poseFromPoints() would not take the pose
-/// @source White, Econometrica 1980, with clusters
-std::optional<Matrix6d> poseCovariance(const std::vector<PointObservation>& observations,
-                                       const PinholeCamera& camera,
-                                       const SE3& T_cam_host,
-                                       const ObservationNoise& noise);
 
 /// Second part of the error of a frame that is posed afterwards: inverse depths share the errors of
 /// the poses they were adjusted with, and propagate them. With x the errors of the adjusted poses,

@@ -7,7 +7,7 @@
 #include "estimate/linear_system.h"
 #include "estimate/schur_problem.h"
 #include "estimate/warp.h"
-#include "init/orb/bundle/reprojection_kernels.h"
+#include "estimate/reprojection_kernels.h"
 #include "init/orb/map/initial_map.h"
 
 #include <Eigen/Core>

@@ -153,9 +153,4 @@ bool normalizeCornerScale(InitialMap& map);
 /// Does the same with the mean over corners and semi-dense points together.
 bool normalizeMapScale(InitialMap& map);
 
-/// The one of errorCells() at a pixel of the reference.
-inline std::size_t imageCell(const Eigen::Vector2d& pixel, const PinholeCamera& camera) {
-  return errorCells(camera.width, camera.height).at(pixel.x(), pixel.y());
-}
-
 }  // namespace dsorb::init_orb

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/bundle/reprojection_kernels.h"
+#include "estimate/reprojection_kernels.h"
 
 #include "base/target_clones.h"
 #include "estimate/robust_loss.h"
@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace dsorb::init_orb {
+namespace dsorb {
 namespace {
 
 using Mask = MaskOf<DoubleLanes>;
@@ -233,4 +233,4 @@ void linearizeObservations(const Warp<double>& frame,
   sums.behind += sumLanes(lanes.behind);
 }
 
-}  // namespace dsorb::init_orb
+}  // namespace dsorb

@@ -11,7 +11,7 @@
 #include <cstddef>
 
 /// The inner loops of the geometric adjustment: one lane a corner.
-namespace dsorb::init_orb {
+namespace dsorb {
 
 constexpr int kPoseSize = 6;
 
@@ -62,4 +62,4 @@ void linearizeObservations(const Warp<double>& frame,
                            const PointSums<double>& depths,
                            PoseSums& sums);
 
-}  // namespace dsorb::init_orb
+}  // namespace dsorb
