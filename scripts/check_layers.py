@@ -22,11 +22,12 @@ MAY_INCLUDE = {
     'depth': {'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
     'window': {'depth', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
     'odometry': {'window', 'track', 'depth', 'init', 'features', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
+    'place': {'odometry', 'init', 'features', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
     'c': {'odometry', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
     'synthetic': {'image', 'camera', 'geometry', 'base', 'options'},
     'io': {'odometry', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
     'python': {'published', 'io', 'odometry', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
-    'app': {'published', 'io', 'odometry', 'init', 'synthetic', 'image', 'camera', 'geometry', 'base', 'options'},
+    'app': {'place', 'published', 'io', 'odometry', 'init', 'synthetic', 'image', 'camera', 'geometry', 'base', 'options'},
 }
 # the last step of camera makes the first thing of image
 BRIDGES = {'include/dsorb/camera/rectifier.h': 'image', 'src/camera/rectifier.cpp': 'image'}
@@ -37,8 +38,9 @@ ROOMS = {
 }
 # third-party header -> folders (or file prefixes) that may use it
 THIRD_PARTY = {
-    r'opencv2/': ('src/camera/undistorter', 'src/features/', 'src/two_view/', 'src/init/orb/', 'src/published/', 'src/io/', 'src/app/'),
-    r'ceres/': ('src/published/',),
+    r'opencv2/': ('src/camera/undistorter', 'src/features/', 'src/two_view/', 'src/init/orb/', 'src/published/', 'src/place/', 'src/io/', 'src/app/'),
+    r'ceres/': ('src/published/', 'src/place/'),
+    r'sqlite3': ('src/place/',),
     r'tbb/|oneapi/': ('src/base/', 'src/odometry/'),
     r'yaml-cpp/': ('src/io/',),
     r'nlohmann/': ('src/io/',),
@@ -107,8 +109,10 @@ def wrong_includes(path):
                 yield number, f'odometry may include init through dsorb/init only, not {header}'
             if folder == 'published' and target == 'init' and header.startswith('init/orb/'):
                 yield number, f'published may not include {header}'
-            if folder in ('app', 'python') and target == 'published' and not header.startswith('dsorb/'):
-                yield number, f'{folder} may include published through public headers only, not {header}'
+            if folder == 'place' and target in ('odometry', 'init') and not header.startswith('dsorb/'):
+                yield number, f'place may include {target} through public headers only, not {header}'
+            if folder in ('app', 'python') and target in ('published', 'place') and not header.startswith('dsorb/'):
+                yield number, f'{folder} may include {target} through public headers only, not {header}'
             if folder == 'io' and target in ('odometry', 'init', 'image') and not header.startswith('dsorb/'):
                 yield number, f'io may include {target} through public headers only, not {header}'
         if public and match.group(1) == '"' and not header.startswith('dsorb/'):

@@ -37,6 +37,9 @@ const std::map<std::string, BrightnessModel> kModes = {
 const std::map<std::string, ProgressMode> kProgressModes = {
     {"auto", ProgressMode::kAuto}, {"on", ProgressMode::kOn}, {"off", ProgressMode::kOff}};
 
+const std::map<std::string, PlacesMode> kPlacesModes = {
+    {"off", PlacesMode::kOff}, {"join", PlacesMode::kJoin}, {"loops", PlacesMode::kLoops}};
+
 constexpr double kMaxSpeed = 1e6;    // times real time
 constexpr double kMaxSeconds = 1e9;  // from the first image
 
@@ -84,6 +87,7 @@ struct Flags {
   std::string mode;
   std::string progress = "auto";
   std::string on_lost = "restart";
+  std::string places;
   std::string initializer;
   std::string skip;
   std::vector<std::string> assignments;
@@ -249,6 +253,12 @@ void addMethodFlags(CLI::App& app, Flags& flags, CommandLine& request) {
   app.add_option("--on-lost", flags.on_lost, "stop or restart; default restart: a new segment")
       ->check(CLI::IsMember({"stop", "restart"}))
       ->group("Method");
+  app.add_option("--places",
+                 flags.places,
+                 "what is done where a place is seen again: off; join: segments that show one "
+                 "place become one (default; of cameras and with --speed off); loops: also closed")
+      ->check(CLI::IsMember(namesOf(kPlacesModes)))
+      ->group("Method");
   app.add_option("--speed",
                  request.speed,
                  "play back at X times real time and drop frames as a live camera would; 0 "
@@ -402,6 +412,10 @@ CommandLine parseCommandLine(int argc, const char* const* argv) {
   if (is_camera && request.speed > 0) {
     throw ConfigError("--speed plays recordings; a camera has a time of its own");
   }
+  const bool is_live = is_camera || request.speed > 0;
+  request.places = !flags.places.empty() ? kPlacesModes.at(flags.places)
+                   : is_live             ? PlacesMode::kOff
+                                         : PlacesMode::kJoin;
   if (request.output.empty()) request.output = "out/" + datasetName(request.sequence.path);
   return request;
 }

@@ -9,6 +9,8 @@
 
 namespace dsorb::app {
 
+/// What is done about places that are seen again.
+enum class PlacesMode { kOff, kJoin, kLoops };
 enum class ProgressMode { kAuto, kOn, kOff };
 
 /// The user's request.
@@ -20,6 +22,7 @@ struct CommandLine {
   Skips skip;          ///< mechanisms that are left out, for measurements
   double speed = 0;    ///< of the playback over real time; 0 plays every frame as fast as possible
   bool restart_when_lost = true;
+  PlacesMode places = PlacesMode::kJoin;
   ProgressMode progress = ProgressMode::kAuto;
   bool quiet = false;
   bool print_config = false;

@@ -3,6 +3,7 @@
 
 #include "dsorb/error.h"
 #include "dsorb/odometry/odometry.h"
+#include "dsorb/place/place.h"
 
 #include "app/playback.h"
 #include "app/progress_bar.h"
@@ -17,6 +18,7 @@
 #include <cstdio>
 #include <exception>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 #include <system_error>
@@ -216,6 +218,19 @@ class LateEnd {
   Interrupt& interrupt_;
 };
 
+/// Recognition of places, where it is wanted; what it finds goes to the outputs.
+std::unique_ptr<Place> placeFor(const CommandLine& request,
+                                const Config& config,
+                                RunOutputs& outputs) {
+  if (request.places == PlacesMode::kOff) return nullptr;
+  PlaceOptions options;
+  options.loops = request.places == PlacesMode::kLoops;
+  options.num_threads = config.options.num_threads;
+  auto place = std::make_unique<Place>(options);
+  place->addObserver(&outputs);
+  return place;
+}
+
 }  // namespace
 
 Config configFor(const CommandLine& request, std::optional<BrightnessModel> known) {
@@ -243,17 +258,20 @@ RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
   SequenceReader reader = openSequence(request, outputs);
   config = configFor(request, reader.brightness());
   warn(request, notModelled(config, reader.lens()));
+  const std::unique_ptr<Place> place = placeFor(request, config, outputs);
   std::optional<Odometry> odometry;
   RunResult result;
   try {
     outputs.open(reader.camera(), reader.lens(), toYaml(config));
     odometry.emplace(reader.camera(), config.options);
     odometry->addObserver(&outputs);
+    if (place) odometry->addObserver(place.get());
     Feeder feeder(reader, *odometry, outputs, request);
     result.interrupted = feeder.run(interrupt);
     result.frames_dropped = feeder.dropped();
     result.frames_unreadable = static_cast<int>(reader.unreadable().size());
     result.report = odometry->finish();
+    if (place) result.report.segments -= place->finish().joined;
   } catch (...) {
     interrupt.settle();
     writeAfterError(outputs, odometry);

@@ -84,6 +84,16 @@ void RunOutputs::onLost(FrameId frame, int segment) {
   if (recording_) recording_->onLost(frame, segment);
 }
 
+void RunOutputs::onSegmentsJoined(const SegmentsJoined& joined) {
+  const Lock lock(mutex_);
+  run_->onSegmentsJoined(joined);
+}
+
+void RunOutputs::onLoopsClosed(const LoopsClosed& closed) {
+  const Lock lock(mutex_);
+  run_->onLoopsClosed(closed);
+}
+
 void RunOutputs::frameDone(const FrameTiming& timing,
                            const FrameEstimate& estimate,
                            const std::string& image_file) {

@@ -28,6 +28,8 @@ class RunOutputs : public OdometryObserver {
   void onKeyframeRetired(const KeyframeSnapshot& keyframe) override;
   void onStartRefused(const StartRefusal& refusal) override;
   void onLost(FrameId frame, int segment) override;
+  void onSegmentsJoined(const SegmentsJoined& joined) override;
+  void onLoopsClosed(const LoopsClosed& closed) override;
 
   void frameDone(const FrameTiming& timing,
                  const FrameEstimate& estimate,

@@ -25,21 +25,21 @@ constexpr std::size_t kDistanceGrain = 32;  // rows of distances one thread take
 constexpr float kSamePlace = 5;             // features closer together are no rivals [px]
 
 /// Keeps the strongest features of every grid cell.
-void spread(const GreyImage& image, std::vector<cv::KeyPoint>& points) {
+void spread(const GreyImage& image, int count, std::vector<cv::KeyPoint>& points) {
   std::sort(points.begin(), points.end(), stronger);
-  CellQuota quota(CellGrid(image.grey.cols, image.grey.rows, kSpreadCell), kMaxFeatures);
+  CellQuota quota(CellGrid(image.grey.cols, image.grey.rows, kSpreadCell), count);
   std::size_t kept = 0;
   for (const cv::KeyPoint& point : points) {
     if (!image.usable(point.pt) || !quota.take(point.pt.x, point.pt.y)) continue;
     points[kept++] = point;
-    if (static_cast<int>(kept) == kMaxFeatures) break;
+    if (static_cast<int>(kept) == count) break;
   }
   points.resize(kept);
   points.shrink_to_fit();  // of ten times as many
 }
 
-cv::Ptr<cv::ORB> makeDetector() {
-  return cv::ORB::create(kSurplus * kMaxFeatures,
+cv::Ptr<cv::ORB> makeDetector(int count) {
+  return cv::ORB::create(kSurplus * count,
                          kScaleFactor,
                          kLevels,
                          kPatchSize,
@@ -64,11 +64,11 @@ DSORB_TARGET_CLONES void hammingRow(const Bits& a, const Bits* to, std::size_t c
 
 }  // namespace
 
-Features findFeatures(const GreyImage& image) {
+Features findFeatures(const GreyImage& image, int count) {
   Features features;
-  const cv::Ptr<cv::ORB> detector = makeDetector();
+  const cv::Ptr<cv::ORB> detector = makeDetector(count);
   detector->detect(image.grey, features.points, image.valid);
-  spread(image, features.points);
+  spread(image, count, features.points);
   detector->compute(image.grey, features.points, features.descriptors);
   return features;
 }

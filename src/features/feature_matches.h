@@ -13,10 +13,10 @@
 
 namespace dsorb {
 
-/// kMaxFeatures ORB features of an image at most, spread over it.
+/// ORB features of an image, spread over it. @param count at most so many
 /// @source Rublee, Rabaud, Konolige, Bradski, ORB: an efficient alternative to SIFT or SURF,
 ///         ICCV 2011
-Features findFeatures(const GreyImage& image);
+Features findFeatures(const GreyImage& image, int count = kMaxFeatures);
 
 constexpr double kMaxRatio = 0.8;  ///< of the best distance to the second best
 constexpr int kMaxDistance = 64;   ///< between two descriptors [bits of 256]

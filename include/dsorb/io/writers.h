@@ -61,6 +61,8 @@ class RunWriter : public OdometryObserver {
   void onKeyframe(const KeyframeSnapshot& keyframe) override;
   void onKeyframeRetired(const KeyframeSnapshot& keyframe) override;
   void onStartRefused(const StartRefusal& refusal) override;
+  void onSegmentsJoined(const SegmentsJoined& joined) override;
+  void onLoopsClosed(const LoopsClosed& closed) override;
 
   /// Writes what was noted since the last call. To be called after each Odometry::process.
   /// @param image_file of the frame; empty where its images are no files

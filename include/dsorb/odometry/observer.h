@@ -3,6 +3,7 @@
 
 #include "dsorb/camera/calibration.h"
 #include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/geometry/similarity.h"
 #include "dsorb/image/map_point.h"
 #include "dsorb/init/initializer.h"
 #include "dsorb/init/start_judge.h"
@@ -76,6 +77,31 @@ struct StartRefusal {
   StartChange change;                                 ///< zeros with kAdjustment
 };
 
+/// Two segments that have become one (dsorb/place/place.h): what was told of one of them is to be
+/// brought into the world and the unit of the other.
+struct SegmentsJoined {
+  int segment = 0;            ///< the one that is moved
+  int into = 0;               ///< the one whose world and unit stay
+  Similarity S_into_segment;  ///< of the worlds
+  Matrix7d covariance = Matrix7d::Zero();  ///< of a left increment of it
+  int keyframes = 0;                       ///< of the moved one, that were seen to show the other
+  int matches = 0;                         ///< corners that agree with it
+  double wrong_probability = 1;            ///< that they are two places
+};
+
+/// A keyframe that loops have moved: its points and the frames that hang on it move along.
+struct KeyframeMoved {
+  FrameId id;            ///< id of its frame
+  Similarity S_new_old;  ///< worlds of its segment: coordinates around it of before to those now
+};
+
+/// Places of a segment that were seen again, and what followed.
+struct LoopsClosed {
+  int segment = 0;                   ///< after all joins
+  int loops = 0;                     ///< that were taken
+  std::vector<KeyframeMoved> moved;  ///< all keyframes of the segment
+};
+
 /// Is told by Odometry::process, restart and finish what happens, in order and on their thread,
 /// also where mapping has a thread of its own. Calls should be quick; exceptions propagate to the
 /// caller, and a result that onInitStep told is void then, as after onStartRefused. The order for a
@@ -99,6 +125,10 @@ class OdometryObserver {
   /// Tracking was lost with this frame; the next one needs Odometry::restart(). Without an onFrame
   /// before where it is restart() or finish() that finds the map broken.
   virtual void onLost(FrameId /*frame*/, int /*segment*/) {}
+  /// Told by Place, not by Odometry: segments have become one.
+  virtual void onSegmentsJoined(const SegmentsJoined& /*joined*/) {}
+  /// Told by Place, after all onSegmentsJoined.
+  virtual void onLoopsClosed(const LoopsClosed& /*closed*/) {}
 };
 
 }  // namespace dsorb

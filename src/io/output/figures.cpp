@@ -80,7 +80,7 @@ struct SegmentPath {
 std::vector<int> longestSegments(const RunRecord& record) {
   std::map<int, std::size_t> lengths;
   for (std::size_t i = 0; i < record.frames().size(); ++i) {
-    ++lengths[record.frames().at(i).segment];
+    ++lengths[record.segmentOf(record.frames().at(i))];
   }
   std::vector<std::pair<std::size_t, int>> ranked;
   ranked.reserve(lengths.size());
@@ -101,8 +101,9 @@ std::vector<std::vector<cv::Point2d>> topViews(const RunRecord& record,
   std::vector<std::vector<cv::Point2d>> views(segments.size());
   for (std::size_t i = 0; i < entries.size(); ++i) {
     const PosedEntry entry = entries.at(i);
-    const auto found = std::lower_bound(segments.begin(), segments.end(), entry.segment);
-    if (found == segments.end() || *found != entry.segment) continue;
+    const int segment = record.segmentOf(entry);
+    const auto found = std::lower_bound(segments.begin(), segments.end(), segment);
+    if (found == segments.end() || *found != segment) continue;
     const Eigen::Vector3d place = record.T_world_cam(entry).translation();
     views[static_cast<std::size_t>(found - segments.begin())].emplace_back(place.x(), place.z());
   }

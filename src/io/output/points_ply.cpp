@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -13,7 +14,7 @@ namespace dsorb::io {
 namespace {
 
 constexpr std::uintmax_t kVertexBytes = 4 * sizeof(float) + 3 + 2 * sizeof(std::int32_t);
-constexpr std::size_t kCopyBytes = 1 << 16;
+constexpr std::size_t kCopyVertices = 4096;
 
 template <typename Value>
 void appendLittleEndian(Value value, std::string& bytes) {
@@ -23,6 +24,39 @@ void appendLittleEndian(Value value, std::string& bytes) {
   for (int shift = 0; shift < 32; shift += 8) {
     bytes.push_back(static_cast<char>((bits >> shift) & 0xFFU));
   }
+}
+
+template <typename Value>
+Value littleEndian(const char* bytes) {
+  std::uint32_t bits = 0;
+  for (unsigned i = 0; i < sizeof(bits); ++i) {
+    bits |= static_cast<std::uint32_t>(static_cast<unsigned char>(bytes[i])) << (8 * i);
+  }
+  Value value;
+  std::memcpy(&value, &bits, sizeof(bits));
+  return value;
+}
+
+/// Vertices where joins and loops put them.
+std::string changed(std::string_view vertices, const MapChanges& changes) {
+  std::string bytes;
+  constexpr std::size_t kVariance = 3 * sizeof(float) + 3;
+  for (std::size_t at = 0; at < vertices.size(); at += kVertexBytes) {
+    const char* const vertex = vertices.data() + at;
+    const auto number = [&](std::size_t i) { return littleEndian<float>(vertex + i); };
+    const auto segment = littleEndian<std::int32_t>(vertex + kVariance + 4);
+    const auto keyframe = littleEndian<std::int32_t>(vertex + kVariance + 8);
+    const Similarity change = changes.changeOf(segment, FrameId{keyframe});
+    const Eigen::Vector3f told(number(0), number(4), number(8));
+    const Eigen::Vector3f place = (change * told.cast<double>()).cast<float>();
+    for (const float coordinate : place) appendLittleEndian(coordinate, bytes);
+    bytes.append(vertex + 3 * sizeof(float), 3);
+    const auto scale = static_cast<float>(change.scale);
+    appendLittleEndian(number(kVariance) / (scale * scale), bytes);
+    appendLittleEndian(static_cast<std::int32_t>(changes.segmentOf(segment)), bytes);
+    appendLittleEndian(keyframe, bytes);
+  }
+  return bytes;
 }
 
 /// Vertices of all points that have a finite place in front of the camera.
@@ -75,13 +109,19 @@ void PointsPly::retireKeyframe(const KeyframeSnapshot& keyframe) {
   changed_ = true;
 }
 
+void PointsPly::change(const MapChanges& changes) {
+  changes_ = changes;
+  changed_ = true;
+}
+
 void PointsPly::copySpool(ReplacingFile& target) const {
-  std::vector<char> block(kCopyBytes);
+  std::vector<char> block(kCopyVertices * kVertexBytes);
   for (std::uintmax_t done = 0; done < spool_bytes_;) {
     const auto size =
         static_cast<std::size_t>(std::min<std::uintmax_t>(spool_bytes_ - done, block.size()));
     spool_.read(done, block.data(), size);
-    target.append({block.data(), size});
+    const std::string_view told(block.data(), size);
+    target.append(changes_.empty() ? told : std::string_view(changed(told, changes_)));
     done += size;
   }
 }
@@ -90,6 +130,7 @@ void PointsPly::update() {
   if (!changed_) return;
   std::string body;
   for (const auto& [id, keyframe] : active_) body += vertices(keyframe);
+  if (!changes_.empty()) body = changed(body, changes_);
   ReplacingFile file(folder_ / "points.ply");
   file.append(header((spool_bytes_ + body.size()) / kVertexBytes));
   if (spool_bytes_ > 0) copySpool(file);

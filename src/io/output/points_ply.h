@@ -3,6 +3,7 @@
 
 #include "dsorb/odometry/observer.h"
 
+#include "io/output/map_changes.h"
 #include "io/output/nameless_file.h"
 #include "io/output/output_file.h"
 
@@ -23,6 +24,9 @@ class PointsPly {
   void setKeyframe(const KeyframeSnapshot& keyframe);
   void retireKeyframe(const KeyframeSnapshot& keyframe);
 
+  /// From the next update() on points are where joins and loops put them.
+  void change(const MapChanges& changes);
+
   /// Replaces the file when points changed.
   void update();
 
@@ -33,6 +37,7 @@ class PointsPly {
   std::map<FrameId, KeyframeSnapshot> active_;
   NamelessFile spool_;
   std::uintmax_t spool_bytes_ = 0;
+  MapChanges changes_;
   bool changed_ = true;
 };
 

@@ -19,7 +19,7 @@ RunRecord::RunRecord(const std::filesystem::path& folder)
 
 int RunRecord::longestSegment() const {
   std::map<int, int> frames;
-  for (std::size_t i = 0; i < frames_.size(); ++i) ++frames[frames_.at(i).segment];
+  for (std::size_t i = 0; i < frames_.size(); ++i) ++frames[segmentOf(frames_.at(i))];
   const auto longest = std::max_element(
       frames.begin(), frames.end(), [](auto& a, auto& b) { return a.second < b.second; });
   return longest == frames.end() ? -1 : longest->first;
@@ -159,7 +159,33 @@ void RunRecord::nextFrame() {
   estimate_.reset();
 }
 
+void RunRecord::addJoin(const SegmentsJoined& joined) {
+  changes_.add(joined);
+  const auto found = std::find(segments_.begin(), segments_.end(), joined.segment);
+  if (found == segments_.end()) return;
+  units_.erase(units_.begin() + (found - segments_.begin()));
+  segments_.erase(found);
+}
+
 SE3 RunRecord::T_world_cam(const PosedEntry& entry) const {
+  const SE3 told = toldPose(entry);
+  if (changes_.empty()) return told;
+  const bool is_own = anchors_.count(entry.id) > 0;
+  const SE3 pose =
+      changes_.changeOf(entry.segment, is_own ? entry.id : entry.anchor).moved(told);
+  if (is_own || changes_.moved.empty() || entry.start >= 0) return pose;
+  // Between two keyframes the change by loops goes over from one to the other.
+  const Anchor& anchor = anchors_.at(entry.anchor);
+  const auto next = anchor.next ? anchors_.find(*anchor.next) : anchors_.end();
+  if (next == anchors_.end() || !anchor.timestamp || !next->second.timestamp) return pose;
+  const double progress = (entry.timestamp - *anchor.timestamp) /
+                          (*next->second.timestamp - *anchor.timestamp);
+  const SE3 by_next = changes_.changeOf(entry.segment, *anchor.next).moved(told);
+  const Vector6d way = (by_next * pose.inverse()).log();
+  return SE3::exp(std::clamp(progress, 0.0, 1.0) * way) * pose;
+}
+
+SE3 RunRecord::toldPose(const PosedEntry& entry) const {
   const auto own = anchors_.find(entry.id);  // the frame became a keyframe itself
   if (own != anchors_.end()) return own->second.T_world_cam;
   const Anchor& anchor = anchors_.at(entry.anchor);

@@ -3,6 +3,7 @@
 
 #include "dsorb/odometry/observer.h"
 
+#include "io/output/map_changes.h"
 #include "io/output/spool.h"
 
 #include <filesystem>
@@ -56,12 +57,21 @@ class RunRecord {
   void addRefusal(const StartRefusal& refusal);
   void addFrame(const FrameEstimate& estimate);
   void addKeyframe(const KeyframeSnapshot& keyframe);
+  /// From here on poses are those after the join: nothing of the moved segment may follow.
+  void addJoin(const SegmentsJoined& joined);
+  /// The same after loops were closed.
+  void addLoops(const LoopsClosed& closed) { changes_.add(closed); }
+  [[nodiscard]] const MapChanges& changes() const { return changes_; }
   /// Completes the current frame's note.
   void setMilliseconds(double milliseconds);
   /// Forgets everything that belongs to the current frame only.
   /// @throws IoError where the disk is full
   void nextFrame();
 
+  /// Segment of an entry, after all joins.
+  [[nodiscard]] int segmentOf(const PosedEntry& entry) const {
+    return changes_.segmentOf(entry.segment);
+  }
   /// World (reference camera of the segment) from camera, by the present estimates.
   [[nodiscard]] SE3 T_world_cam(const PosedEntry& entry) const;
   [[nodiscard]] const Entries& frames() const { return frames_; }
@@ -70,7 +80,7 @@ class RunRecord {
   [[nodiscard]] int framesTracked() const { return frames_tracked_; }
   /// Without a pose while a map stood.
   [[nodiscard]] int framesMissed() const { return frames_missed_; }
-  /// Segments with a start that stayed.
+  /// Segments with a start that stayed, and that were not joined to another one.
   [[nodiscard]] const std::vector<int>& segments() const { return segments_; }
   /// The one with the most frames, the earliest of equals; -1 where no frame has a pose.
   [[nodiscard]] int longestSegment() const;
@@ -120,6 +130,8 @@ class RunRecord {
   void noteReadout(const InitializationResult& result);
   void noteStuck(const InitializationResult& result);
   void noteCamera(const KeyframeSnapshot& keyframe);
+  /// As told, before joins and loops.
+  [[nodiscard]] SE3 toldPose(const PosedEntry& entry) const;
   [[nodiscard]] SE3 T_cam_reference(const PosedEntry& entry, const Anchor& reference) const;
   [[nodiscard]] SE3 T_cam_keyframe(const PosedEntry& entry, const Anchor& keyframe) const;
 
@@ -133,6 +145,7 @@ class RunRecord {
   double stuck_share_ = 0;
   std::optional<CameraScore> contradicted_camera_;
   std::map<FrameId, Anchor> anchors_;
+  MapChanges changes_;
   std::vector<int> segments_;
   std::vector<std::optional<MetricScale>> units_;
   std::map<RefusalReason, int> refusals_;

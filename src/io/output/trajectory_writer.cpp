@@ -77,18 +77,16 @@ void TrajectoryWriter::update(const RunRecord& record, const Entries& entries) {
 
 void TrajectoryWriter::finish(const RunRecord& record, const Entries& entries) const {
   writeTum(path(""), record, entries, record.longestSegment());
-  if (record.segments().size() < 2) return;
-  std::optional<LineFile> file;
-  int segment = -1;
-  forEachByTime(entries, [&](const PosedEntry& entry) {  // one segment after the other
-    if (entry.segment != segment) {
-      if (file) file->commit();
-      segment = entry.segment;
-      file.emplace(path(fmt::format("_{}", segment)));
+  const auto numbered = [&](int segment) { return path(fmt::format("_{}", segment)); };
+  if (record.segments().size() > 1) {
+    for (const int segment : record.segments()) {
+      writeTum(numbered(segment), record, entries, segment);
     }
-    file->add(lineOf(entry, record));
-  });
-  if (file) file->commit();
+  }
+  std::error_code error;  // files of segments that are part of another one now
+  for (const SegmentsJoined& joined : record.changes().joins) {
+    std::filesystem::remove(numbered(joined.segment), error);
+  }
 }
 
 std::string tumLine(double timestamp, const SE3& T_world_cam) {
@@ -112,7 +110,7 @@ void writeTum(const std::filesystem::path& path,
               int segment) {
   LineFile file(path);
   forEachByTime(entries, [&](const PosedEntry& entry) {
-    if (entry.segment == segment) file.add(lineOf(entry, record));
+    if (record.segmentOf(entry) == segment) file.add(lineOf(entry, record));
   });
   file.commit();
 }

@@ -148,6 +148,16 @@ void RunWriter::onStartRefused(const StartRefusal& refusal) {
   impl_->record.addRefusal(refusal);
 }
 
+void RunWriter::onSegmentsJoined(const SegmentsJoined& joined) {
+  impl_->record.addJoin(joined);
+  impl_->points.change(impl_->record.changes());
+}
+
+void RunWriter::onLoopsClosed(const LoopsClosed& closed) {
+  impl_->record.addLoops(closed);
+  impl_->points.change(impl_->record.changes());
+}
+
 void RunWriter::onFrame(const FrameEstimate& estimate) {
   impl_->record.addFrame(estimate);
 }

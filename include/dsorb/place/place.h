@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/odometry/observer.h"
+
+#include <cstddef>
+#include <memory>
+
+namespace dsorb {
+
+/// What Place does.
+struct PlaceOptions {
+  bool loops = true;      ///< finish() closes loops; needs a build with Ceres
+  int num_threads = 1;    ///< 0: all the machine has
+  /// Largest probability of a wrong join that is accepted [-].
+  double max_wrong_probability = 1e-4;
+};
+
+/// Sizes and counts of a Place.
+struct PlaceReport {
+  int keyframes = 0;         ///< that are remembered
+  int joined = 0;            ///< segments that became part of another one
+  int loops = 0;             ///< that were closed
+  std::size_t bytes = 0;     ///< of keyframes and index
+  double adding_seconds = 0;  ///< describing keyframes and following their corners
+  double finish_seconds = 0;  ///< of finish()
+};
+
+/// Remembers the keyframes of a run, compact (30 kB each: corners with descriptors and depths), and
+/// recognizes places: segments that share a view become one, and loops are closed. Register it with
+/// Odometry::addObserver() and call finish() after Odometry::finish(); what it finds is told to its
+/// own observers. The same input gives the same bits for any number of threads.
+class Place : public OdometryObserver {
+ public:
+  explicit Place(const PlaceOptions& options);
+  ~Place() override;
+  Place(Place&&) = delete;
+  Place& operator=(Place&&) = delete;
+  Place(const Place&) = delete;
+  Place& operator=(const Place&) = delete;
+
+  /// @param observer must outlive this object; is told onSegmentsJoined and onLoopsClosed
+  void addObserver(OdometryObserver* observer);
+
+  void onInitStep(const InitStep& step, const Frame& frame, int segment) override;
+  void onFrame(const FrameEstimate& estimate) override;
+  void onKeyframe(const KeyframeSnapshot& keyframe) override;
+  void onKeyframeRetired(const KeyframeSnapshot& keyframe) override;
+  void onStartRefused(const StartRefusal& refusal) override;
+
+  /// Joins segments and closes loops by all that was told, and tells observers.
+  PlaceReport finish();
+
+ private:
+  class Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace dsorb

@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "place/joining.h"
+
+#include "base/parallel.h"
+
+#include <Eigen/Cholesky>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <optional>
+#include <set>
+#include <utility>
+
+namespace dsorb::place {
+namespace {
+
+constexpr std::size_t kCandidates = 4;  // of a query
+constexpr double kSameShare = 0.15;     // of what is seen, and rad, by which agreeing links differ
+
+/// Whether two links between the same segments say the same, by where they put the cameras of one.
+bool agree(const KeyframeStore& store, const Link& a, const Link& b) {
+  const SE3& camera = store[b.from].T_world_cam;
+  const SE3 by_a = a.S_to_from.moved(camera);
+  const SE3 by_b = b.S_to_from.moved(camera);
+  const double distance = store.medianInverseDepth(b.from) / b.S_to_from.scale;
+  const Vector6d change = (by_a.inverse() * by_b).log();
+  return change.head<3>().norm() * distance < kSameShare && change.tail<3>().norm() < kSameShare &&
+         std::abs(std::log(a.S_to_from.scale / b.S_to_from.scale)) < kSameShare;
+}
+
+std::optional<Link> bestLink(const KeyframeStore& store,
+                             const BinaryIndex& index,
+                             std::size_t query,
+                             const std::function<bool(std::size_t, std::size_t)>& wanted) {
+  const StoredKeyframe& keyframe = store[query];
+  std::optional<Link> best;
+  for (const BinaryIndex::Candidate& candidate :
+       index.query(keyframe.view.descriptors, kCandidates,
+                   [&](std::size_t i) { return wanted(query, i); })) {
+    const std::optional<Recognition> seen =
+        recognize(store, {&keyframe.view, keyframe.camera, keyframe.radial}, candidate.image);
+    if (!seen) continue;
+    std::optional<Link> found = link(store, query, *seen);
+    if (found && (!best || found->matches > best->matches)) best = std::move(found);
+  }
+  return best;
+}
+
+}  // namespace
+
+std::vector<Link> findLinks(
+    const KeyframeStore& store,
+    const BinaryIndex& index,
+    const std::vector<std::size_t>& queries,
+    const std::function<bool(std::size_t query, std::size_t candidate)>& wanted) {
+  std::vector<std::optional<Link>> found(queries.size());
+  forEachRange(queries.size(), 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) found[i] = bestLink(store, index, queries[i], wanted);
+  });
+  std::vector<Link> links;
+  for (std::optional<Link>& link : found) {
+    if (link) links.push_back(*std::move(link));
+  }
+  return links;
+}
+
+std::vector<Join> joinsOf(const KeyframeStore& store, const std::vector<Link>& links) {
+  std::map<std::pair<int, int>, std::vector<Link>> by_pair;  // into, segment
+  for (const Link& link : links) {
+    const int from = store[link.from].segment;
+    const int to = store[link.to].segment;
+    Link turned = link;
+    if (from < to) {
+      std::swap(turned.from, turned.to);
+      turned.S_to_from = link.S_to_from.inverse();
+    }
+    by_pair[{std::min(from, to), std::max(from, to)}].push_back(turned);
+  }
+  std::vector<Join> joins;
+  for (const auto& [pair, all] : by_pair) {
+    std::size_t most = 0;
+    std::vector<const Link*> supporters;
+    for (const Link& link : all) {
+      std::vector<const Link*> agreeing;
+      for (const Link& other : all) {
+        if (agree(store, link, other)) agreeing.push_back(&other);
+      }
+      if (agreeing.size() <= most) continue;
+      most = agreeing.size();
+      supporters = agreeing;
+    }
+    const Link& surest = **std::max_element(
+        supporters.begin(), supporters.end(), [](const Link* a, const Link* b) { return a->matches < b->matches; });
+    Join join{pair.second, pair.first, surest.S_to_from, surest.covariance, 0, 0, 1};
+    std::set<std::size_t> keyframes;
+    for (const Link* link : supporters) {
+      keyframes.insert(link->from);
+      join.matches += link->matches;
+    }
+    join.keyframes = static_cast<int>(keyframes.size());
+    join.wrong_probability = surest.wrong_probability;
+    joins.push_back(join);
+  }
+  return joins;
+}
+
+}  // namespace dsorb::place

@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "place/keyframe_store.h"
+#include "place/recognition.h"
+
+#include <vector>
+
+namespace dsorb::place {
+
+/// Whether dsorb was built with what closes loops.
+[[nodiscard]] bool canCloseLoops();
+
+/// Where keyframes of a segment are when its loops are closed: S_new_old of each, in the order of
+/// KeyframeStore::inSegment(). Empty: nothing to close, or a build without Ceres.
+[[nodiscard]] std::vector<Similarity> closeLoops(const KeyframeStore& store,
+                                                 int segment,
+                                                 const std::vector<Link>& links,
+                                                 int num_threads);
+
+}  // namespace dsorb::place

@@ -1,0 +1,218 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "dsorb/place/place.h"
+
+#include "base/parallel.h"
+#include "base/timed.h"
+#include "place/binary_index.h"
+#include "place/joining.h"
+#include "place/keyframe_store.h"
+#include "place/loops.h"
+
+#include <algorithm>
+#include <map>
+#include <numeric>
+#include <set>
+#include <stdexcept>
+#include <utility>
+#include <vector>
+
+namespace dsorb {
+namespace {
+
+constexpr std::size_t kLoopGap = 10;  // keyframes between two ends of a loop at least
+
+}  // namespace
+
+class Place::Impl {
+ public:
+  explicit Impl(const PlaceOptions& chosen) : options(chosen), arena(chosen.num_threads) {}
+
+  void noteStart(const InitStep& step, int segment) {
+    if (!step.result) return;
+    for (const PosedFrame& posed : step.result->frames) {
+      if (posed.T_cam_ref) start_frames[posed.frame->id()] = posed.frame;
+    }
+    if (step.result->metric) metric.insert(segment);
+  }
+
+  void noteFrame(const FrameEstimate& estimate) {
+    start_frames.clear();
+    if (!estimate.is_keyframe || positions.count(estimate.frame->id()) > 0) return;
+    const FrameId id = estimate.frame->id();
+    timed(report.adding_seconds, [&] { views[id] = place::describeView(*estimate.frame); });
+    const auto told = early.find(id);
+    if (told == early.end()) return;
+    enter(told->second);
+    early.erase(told);
+  }
+
+  void noteKeyframe(const KeyframeSnapshot& keyframe) {
+    const auto known = positions.find(keyframe.id);
+    if (known != positions.end()) {
+      store.update(known->second, keyframe);
+      return;
+    }
+    const auto start = start_frames.find(keyframe.id);
+    if (start != start_frames.end()) {
+      timed(report.adding_seconds, [&] { views[keyframe.id] = place::describeView(*start->second); });
+    }
+    if (views.count(keyframe.id) > 0) {
+      enter(keyframe);
+      return;
+    }
+    early[keyframe.id] = keyframe;
+    early[keyframe.id].points.clear();
+  }
+
+  void enter(const KeyframeSnapshot& keyframe) {
+    timed(report.adding_seconds, [&] {
+      const auto view = views.find(keyframe.id);
+      positions[keyframe.id] =
+          arena.run([&] { return store.add(keyframe, std::move(view->second)); });
+      views.erase(view);
+      index.add(store[store.size() - 1].view.descriptors);
+      segments.insert(keyframe.segment);
+    });
+  }
+
+  void finish() {
+    for (const int segment : segments) store.triangulate(segment);
+    if (segments.size() > 1) join();
+    if (options.loops && place::canCloseLoops()) closeLoops();
+  }
+
+  /// Links of all keyframes to those that `wanted` admits.
+  template <typename Wanted>
+  [[nodiscard]] std::vector<place::Link> sureLinks(const Wanted& wanted) const {
+    std::vector<std::size_t> queries(store.size());
+    std::iota(queries.begin(), queries.end(), std::size_t{0});
+    std::vector<place::Link> links = place::findLinks(store, index, queries, wanted);
+    links.erase(std::remove_if(links.begin(),
+                               links.end(),
+                               [&](const place::Link& link) {
+                                 return !(link.wrong_probability <= options.max_wrong_probability);
+                               }),
+                links.end());
+    return links;
+  }
+
+  /// The segment whose world stays of two: one in metres, the earlier one of equals.
+  [[nodiscard]] int stayingOf(int a, int b) const {
+    if (metric.count(a) != metric.count(b)) return metric.count(a) > 0 ? a : b;
+    return std::min(a, b);
+  }
+
+  void join() {
+    const std::vector<place::Link> links =
+        sureLinks([&](std::size_t query, std::size_t candidate) {
+          return store[query].segment != store[candidate].segment;
+        });
+    std::map<int, std::pair<int, Similarity>> root;  // of a segment, and its world from that one's
+    for (const int segment : segments) root[segment] = {segment, {}};
+    for (const place::Join& join : place::joinsOf(store, links)) {
+      const auto [root_a, S_root_a] = root[join.into];
+      const auto [root_b, S_root_b] = root[join.segment];
+      if (root_a == root_b) continue;
+      const int stays = stayingOf(root_a, root_b);
+      Similarity S_stays_moved = S_root_a * join.S_into_segment * S_root_b.inverse();
+      Matrix7d adjoint = S_root_a.adjoint();
+      if (stays == root_b) {
+        S_stays_moved = S_stays_moved.inverse();
+        adjoint = S_stays_moved.adjoint() * adjoint;
+      }
+      const int moved = stays == root_a ? root_b : root_a;
+      for (auto& [segment, place] : root) {
+        if (place.first == moved) place = {stays, S_stays_moved * place.second};
+      }
+      store.move(moved, stays, S_stays_moved);
+      segments.erase(moved);
+      ++report.joined;
+      const SegmentsJoined told{moved,
+                                stays,
+                                S_stays_moved,
+                                adjoint * join.covariance * adjoint.transpose(),
+                                join.keyframes,
+                                join.matches,
+                                join.wrong_probability};
+      for (OdometryObserver* observer : observers) observer->onSegmentsJoined(told);
+    }
+  }
+
+  void closeLoops() {
+    const std::vector<place::Link> links =
+        sureLinks([&](std::size_t query, std::size_t candidate) {
+          if (store[query].segment != store[candidate].segment || candidate >= query) return false;
+          return store[query].stretch != store[candidate].stretch ||
+                 (query - candidate > kLoopGap && !store.shareTracks(query, candidate));
+        });
+    for (const int segment : segments) {
+      std::vector<place::Link> inside;
+      for (const place::Link& link : links) {
+        if (store[link.from].segment == segment) inside.push_back(link);
+      }
+      const std::vector<Similarity> moves =
+          place::closeLoops(store, segment, inside, options.num_threads);
+      if (moves.empty()) continue;
+      LoopsClosed closed{segment, static_cast<int>(inside.size()), {}};
+      const std::vector<std::size_t> members = store.inSegment(segment);
+      for (std::size_t k = 0; k < members.size(); ++k) {
+        closed.moved.push_back({store[members[k]].id, moves[k]});
+        store.move(members[k], moves[k]);
+      }
+      report.loops += closed.loops;
+      for (OdometryObserver* observer : observers) observer->onLoopsClosed(closed);
+    }
+  }
+
+  PlaceOptions options;
+  TaskArena arena;
+  place::KeyframeStore store;
+  place::BinaryIndex index;
+  std::map<FrameId, std::size_t> positions;  // in the store
+  std::map<FrameId, FramePtr> start_frames;  // of the newest start, until it stands
+  std::map<FrameId, place::View> views;      // of frames that become keyframes
+  std::map<FrameId, KeyframeSnapshot> early;  // told before their frames
+  std::set<int> segments;
+  std::set<int> metric;  // segments told in metres
+  std::vector<OdometryObserver*> observers;
+  PlaceReport report;
+};
+
+Place::Place(const PlaceOptions& options) : impl_(std::make_unique<Impl>(options)) {}
+Place::~Place() = default;
+
+void Place::addObserver(OdometryObserver* observer) {
+  if (observer == nullptr) throw std::invalid_argument("observer is null");
+  impl_->observers.push_back(observer);
+}
+
+void Place::onInitStep(const InitStep& step, const Frame& /*frame*/, int segment) {
+  impl_->noteStart(step, segment);
+}
+
+void Place::onFrame(const FrameEstimate& estimate) {
+  impl_->noteFrame(estimate);
+}
+
+void Place::onKeyframe(const KeyframeSnapshot& keyframe) {
+  impl_->noteKeyframe(keyframe);
+}
+
+void Place::onKeyframeRetired(const KeyframeSnapshot& keyframe) {
+  impl_->noteKeyframe(keyframe);
+}
+
+void Place::onStartRefused(const StartRefusal& refusal) {
+  impl_->start_frames.clear();
+  impl_->metric.erase(refusal.segment);
+}
+
+PlaceReport Place::finish() {
+  Impl& my = *impl_;
+  timed(my.report.finish_seconds, [&] { my.arena.run([&] { my.finish(); }); });
+  my.report.keyframes = static_cast<int>(my.store.size());
+  my.report.bytes = my.store.bytes() + my.index.bytes();
+  return my.report;
+}
+
+}  // namespace dsorb
