@@ -174,7 +174,8 @@ void KeyframeStore::follow(StoredKeyframe& keyframe) {
   std::unordered_set<std::uint32_t> taken;
   for (std::size_t back = 1; back <= std::min(kLookBack, before.size()); ++back) {
     const StoredKeyframe& earlier = keyframes_[before[before.size() - back]];
-    const std::vector<int> partner = mutualMatches(keyframe.view.descriptors, earlier.view.descriptors);
+    const std::vector<int> partner =
+        mutualMatches(keyframe.view.descriptors, earlier.view.descriptors);
     for (std::size_t i = 0; i < partner.size(); ++i) {
       if (partner[i] < 0 || keyframe.tracks[i] != kNone) continue;
       const std::uint32_t track = earlier.tracks[static_cast<std::size_t>(partner[i])];
@@ -244,8 +245,8 @@ double KeyframeStore::medianInverseDepth(std::size_t keyframe) const {
 std::vector<std::size_t> KeyframeStore::neighbourhood(std::size_t keyframe,
                                                       std::size_t reach) const {
   const std::vector<std::size_t>& all = stretches_.at(keyframes_[keyframe].stretch);
-  const auto place = static_cast<std::size_t>(
-      std::lower_bound(all.begin(), all.end(), keyframe) - all.begin());
+  const auto place =
+      static_cast<std::size_t>(std::lower_bound(all.begin(), all.end(), keyframe) - all.begin());
   std::vector<std::size_t> found = {keyframe};
   for (std::size_t step = 1; step <= reach; ++step) {
     if (step <= place) found.push_back(all[place - step]);
