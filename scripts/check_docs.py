@@ -5,7 +5,7 @@
 - Links to files and headings exist.
 - A code block after `<!-- code: FILE NAME -->` is what stands in FILE between the lines `// [NAME]` and `// [/NAME]`.
 - Tests that inputs_images.md names exist, and sources that how-it-works.md names.
-- README.md and docs/*.md have at most 20,000 words, tables and code included.
+- README.md and docs/*.md, without the generated configuration.md, have at most 20,000 words, tables and code included.
 - No comment of the sources, and no sentence in one, begins with a word that leaves its subject out; those of the library
   do not send to docs/lab.
 
@@ -104,9 +104,10 @@ def main():
         errors += broken_links(page, text)
         errors += unshown_fields(page, text) if page.name == 'inputs_images.md' else []
         errors += lost_sources(page, text) if page.name == 'how-it-works.md' else []
-    words = sum(len(page.read_text().split()) for page in [ROOT / 'README.md', *(ROOT / 'docs').glob('*.md')])
+    user_pages = [ROOT / 'README.md', *(p for p in (ROOT / 'docs').glob('*.md') if p.name != 'configuration.md')]
+    words = sum(len(page.read_text().split()) for page in user_pages)
     if words > MAX_WORDS:
-        errors.append(f'README.md and docs/*.md: {words} words; expected at most {MAX_WORDS}')
+        errors.append(f'README.md and docs/*.md have {words} words: expected {MAX_WORDS} at most; measurements and lists go to docs/lab')
     errors += faulty_words()
     print('\n'.join(errors) or f'docs: {len(pages)} pages, {links} links, {blocks} code blocks and {words} words for users are as they should be')
     return 1 if errors else 0
