@@ -109,9 +109,9 @@ struct RefinedStart {
 
 void addDetails(const RefinementReport& refinement, InitReport& report) {
   report.add("refined", refinement.accepted ? 1 : 0);
-  report.add("refined_first_rms", refinement.first_rms);
-  report.add("refined_last_rms", refinement.last_rms);
-  report.add("refined_turn_deg", refinement.direction_change_deg);
+  report.add("refine_first_rms", refinement.first_rms);
+  report.add("refine_last_rms", refinement.last_rms);
+  report.add("refine_turn_deg", refinement.direction_change_deg);
 }
 
 /// Measures the noise, refines the corners, drops those behind the camera, sets scale and
