@@ -2,6 +2,7 @@
 #include "odometry/frame_tracker.h"
 
 #include "base/angles.h"
+#include "estimate/variance_factors.h"
 #include "window/keyframe_policy.h"
 
 #include <algorithm>
@@ -10,10 +11,6 @@
 
 namespace dsorb::odometry {
 namespace {
-
-/// Share of a keyframe's covariance that its frames get for errors of the map. It is half, because
-/// the keyframe's covariance is up to three times too large.
-constexpr double kMapErrorShare = 0.5;
 
 // A torn or half covered image may still get a pose, with a residual above that of the frame
 // before. Where the motion does not lead there it is wrong; else a part of the image has told it,
@@ -193,7 +190,8 @@ void FrameTracker::addErrorsOfMap(TrackedPose& pose) const {
   if (!pose.covariance || !target_->covariance || !(target_->reach > 0)) return;
   const ErrorsOfMap errors(*target_, *target_->covariance, pose.T_cam_keyframe);
   pose.world_covariance = errors.ofWorldPose(*pose.covariance);
-  *pose.covariance += kMapErrorShare * errors.share * errors.share * errors.of_keyframe;
+  *pose.covariance +=
+      variance_factors::kMapShare * errors.share * errors.share * errors.of_keyframe;
 }
 
 void FrameTracker::addErrorsOfCamera(TrackedPose& pose) const {

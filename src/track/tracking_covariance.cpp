@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "track/tracking_covariance.h"
 
+#include "estimate/variance_factors.h"
+
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 
@@ -8,10 +10,6 @@
 
 namespace dsorb::track {
 namespace {
-
-// All inverse depths of a keyframe share an error that alignment cannot see, because it scales the
-// translation with them: between keyframes of rendered scenes the scale varies by .12 to .26 %.
-constexpr double kScaleSigma = .002;
 
 /// Upper left 6 x 6 of the inverse, brightness being free.
 template <int kSize>
@@ -40,7 +38,7 @@ std::optional<Matrix6d> trackingCovariance(const PoseEquations& equations,
           : inversePoseBlock<8>(equations.H);
   if (!inverse) return std::nullopt;
   Matrix6d covariance = variance * *inverse;
-  const Eigen::Vector3d shared = kScaleSigma * T_cur_ref.translation();
+  const Eigen::Vector3d shared = variance_factors::kTrackedScale * T_cur_ref.translation();
   covariance.topLeftCorner<3, 3>() += shared * shared.transpose();
   covariance = (0.5 * (covariance + covariance.transpose())).eval();
   return covariance.allFinite() ? std::optional(covariance) : std::nullopt;

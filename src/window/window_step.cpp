@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "window/window_step.h"
 
+#include "estimate/variance_factors.h"
 #include "geometry/symmetric_eigen.h"
 
 #include <Eigen/Cholesky>
@@ -20,11 +21,6 @@ constexpr double kSingularCutOff = 1e-5;  // relative, of gauge directions
 // of the size of those after a start, 5 to 9 grey levels.
 constexpr double kPriorNoise = 49;
 
-// Factor by which the errors of an adjustment exceed those of independent pixels. The eight pixels
-// of a patch err together, which gives the root of 8, and a fault of a host's patch is in all of
-// its residuals, which gives about 2. With 6 the median squared error over variance of the newest
-// pose is .07 to 1.1 on rendered and hand-held sequences, and 6 on TartanAir; .8 is right.
-constexpr double kErrorFactor = 6;
 constexpr double kPreconditionerOffset = 10;  // @source DSO as published
 
 // Standard deviations by which phones and webcams differ, for a guessed camera.
@@ -109,7 +105,8 @@ Eigen::Matrix4d guessInformation(const PinholeCamera& camera, const PriorOptions
   whiten.row(1).head<2>() << 1 / camera.fx, -1 / camera.fy;
   whiten.row(1) /= kAspectSigma;
   whiten(2, 2) = whiten(3, 3) = 1 / center;
-  const double weight = kPriorNoise * kErrorFactor * kErrorFactor * kCameraScale * kCameraScale;
+  const double weight = kPriorNoise * variance_factors::kWindow * variance_factors::kWindow *
+                        kCameraScale * kCameraScale;
   return weight * whiten.transpose() * whiten;
 }
 
@@ -117,8 +114,8 @@ Eigen::Matrix4d guessInformation(const PinholeCamera& camera, const PriorOptions
 
 Vector6d velocityInformation(const Window& window, const Keyframe& keyframe) {
   constexpr double kHeld = 1e6;  // a thousandth of the standard deviation
-  const double weight =
-      (window.velocities_held ? kHeld : 1) * kPriorNoise * kErrorFactor * kErrorFactor;
+  const double weight = (window.velocities_held ? kHeld : 1) * kPriorNoise *
+                        variance_factors::kWindow * variance_factors::kWindow;
   return weight * velocityScale().cwiseQuotient(keyframe.rows.sigma).cwiseAbs2();
 }
 
@@ -137,7 +134,7 @@ StatePrior statePrior(const Window& window, const WindowOptions& options) {
   const EstimatedCamera camera = estimatedCamera(window, options);
   if (camera.radial) {
     prior.guess = guessInformation(window.first_camera, options.prior);
-    const double scaled = kErrorFactor * kRadialScale / kRadialSigma;
+    const double scaled = variance_factors::kWindow * kRadialScale / kRadialSigma;
     prior.information[kRadial] = kPriorNoise * scaled * scaled;
   } else if (camera.intrinsics) {
     prior.information.head<kIntrinsicsDim>().setConstant(options.prior.intrinsics);
@@ -210,7 +207,7 @@ std::optional<Matrix6d> newestPoseCovariance(const Window& window,
   columns.middleRows<6>(window.rowOf(window.keyframes.size() - 1)).setIdentity();
   columns = withoutGauge(columns, gaugeDirections(window));
   const Matrix6d scaled = columns.transpose() * system.solve(columns);
-  const Vector6d scale = kErrorFactor * noise * frameScale().head<6>();
+  const Vector6d scale = variance_factors::kWindow * noise * frameScale().head<6>();
   const Matrix6d covariance =
       scale.asDiagonal() * (0.5 * (scaled + scaled.transpose())) * scale.asDiagonal();
   const bool usable = covariance.allFinite() && covariance.diagonal().minCoeff() > 0;
@@ -226,7 +223,8 @@ std::vector<float> depthVariances(const Window& window,
   const auto roots = system.roots();
   if (!roots) return variances;
   const Eigen::MatrixXf of_frames =
-      (kErrorFactor * noise * withoutGauge(*roots, gaugeDirections(window))).cast<float>();
+      (variance_factors::kWindow * noise * withoutGauge(*roots, gaugeDirections(window)))
+          .cast<float>();
   const Eigen::VectorXf shared = (equations.couplings() * of_frames).rowwise().squaredNorm();
   const auto own = static_cast<float>(noise * noise);
   for (std::size_t i = 0; i < variances.size(); ++i) {
@@ -261,7 +259,7 @@ WindowUncertainty uncertaintyOf(const Window& window,
     if (!camera.has(i)) continue;
     const VectorXd unit = VectorXd::Unit(reduced.b.size(), i);
     uncertainty.camera_sigmas[i] =
-        kErrorFactor * cameraScale(i) * noise * std::sqrt(system.solve(unit)[i]);
+        variance_factors::kWindow * cameraScale(i) * noise * std::sqrt(system.solve(unit)[i]);
   }
   uncertainty.newest_pose = newestPoseCovariance(window, system, noise);
   uncertainty.depth_variances = depthVariances(window, equations, system, noise);

@@ -4,6 +4,7 @@
 #include "base/angles.h"
 #include "base/parallel.h"
 #include "estimate/pose_from_points.h"
+#include "estimate/variance_factors.h"
 #include "image/photometric.h"
 #include "init/orb/bundle/frame_motions.h"
 #include "init/orb/bundle/map_assembly.h"
@@ -33,9 +34,6 @@ constexpr double kMaxTurnDeg = 15;        // of the direction of translation; be
 constexpr double kSettledDeg = .03;       // less in a round: the others change nothing
 constexpr double kMinGradient = 1;        // rms in the weakest direction [grey levels / px]
 constexpr double kMeasuredSigma = 0.2;  // of a measured corner, for the pose of a single frame [px]
-/// Share of the adjustment's variance factor for the own part of a single frame's pose; the rest
-/// comes with the inverse depths.
-constexpr double kOwnFactor = 0.5;
 /// Share of the corners that must match the images.
 constexpr double kMinFittingShare = 0.5;
 constexpr int kBrightnessRounds = 2;  // the pixels hardly move in the others
@@ -247,7 +245,7 @@ void refinePoses(InitialMap& map,
   estimateBrightness(map, camera, frames);
   const Patches patches = cutPatches(map);
   const InheritedPoseError inherited(map, camera, geometric);
-  const double factor = kOwnFactor * map.cluster_variance_scale;
+  const double factor = variance_factors::kFrameBetween * map.cluster_variance_scale;
   std::vector<SE3> poses(frames.size());
   std::vector<std::optional<Matrix6d>> covariances(frames.size());
   forEachRange(frames.size(), 1, [&](std::size_t begin, std::size_t end) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/bundle/frame_motions.h"
 
+#include "estimate/variance_factors.h"
 #include "geometry/recent_motion.h"
 #include "init/orb/bundle/map_assembly.h"
 
@@ -8,11 +9,6 @@
 
 namespace dsorb::init_orb {
 namespace {
-
-/// Sigma of a motion's prior over the one that the poses of a start show. It is half as much,
-/// because that one is measured while the poses are still noisy. From half to once the variances
-/// are right on rendered rooms and streets; half has the smaller errors.
-constexpr double kPriorShare = 0.5;
 
 std::vector<TimedPose> posesOf(InitialMap map, const PinholeCamera& camera) {
   poseOtherFrames(map, camera);
@@ -54,7 +50,7 @@ void estimateMotions(InitialMap& map, const PinholeCamera& camera) {
   const std::vector<RowMotion> means = parabolasThrough(poses);
   RecentMotion shown;
   for (const TimedPose& pose : poses) shown.push({pose});
-  const Vector6d sigma = kPriorShare * shown.sigma();
+  const Vector6d sigma = variance_factors::kRowMotion * shown.sigma();
   // A parabola that misses the velocity by jerk times squared interval over 3 misses the
   // acceleration by jerk times interval.
   const double interval =

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/bundle/geometric_covariance.h"
 
+#include "estimate/variance_factors.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/bundle/rolling_equations.h"
 
@@ -14,12 +15,6 @@
 
 namespace dsorb::init_orb {
 namespace {
-
-/// Relative growth of the factor on the clustered covariance per unit by which the tails of the
-/// errors exceed a Gaussian's [-]. With it the median squared error over variance is .45 for
-/// rotations and .49 for directions of 18 rendered sequences, each between .15 and 1.6; .45 is
-/// right.
-constexpr double kTailVarianceFactor = 4;
 
 /// Derivatives of an observation by the pose of the frame and, with a rolling shutter, by the
 /// motions.
@@ -150,7 +145,7 @@ double setCovariances(InitialMap& map,
   const double factor = *joint.variance_factor;
   map.cluster_variance_scale = 1;
   if (!skip.has(Mechanism::kTail)) {
-    map.cluster_variance_scale += kTailVarianceFactor * tailExcess(map, camera);
+    map.cluster_variance_scale += variance_factors::kStartTail * tailExcess(map, camera);
   }
   Eigen::MatrixXd roots = std::sqrt(factor) * joint.marginals.roots();
   if (skip.has(Mechanism::kClusters)) {

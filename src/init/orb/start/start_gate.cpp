@@ -3,6 +3,7 @@
 
 #include "base/angles.h"
 #include "base/median.h"
+#include "estimate/variance_factors.h"
 #include "geometry/triangulate.h"
 #include "init/wrong_direction.h"
 
@@ -21,9 +22,6 @@ constexpr int kMinCorners = 60;
 constexpr double kMinTrackShare = 0.5;  // of the reference's live tracks that are left
 constexpr double kMinFrontShare = 0.8;  // of the corners, in front of the camera
 constexpr double kFartherShare = 0.75;  // of the corners, which are farther than the near part
-/// Scale of the t-distribution of a direction's errors over their predicted sigmas. With it, starts
-/// that are predicted to be wrong with less than .01 are wrong in one of 29,486 windows.
-constexpr double kDirectionScale = 1.5;
 /// An attempt is left out where the last one from this reference, extrapolated by the growth of the
 /// parallax, misses the gate by more than this factor.
 constexpr double kRetryMargin = 1.5;
@@ -81,7 +79,8 @@ GateReport judgeStart(const InitialMap& map,
   GateReport report;
   report.misfit = evidence.misfit;
   report.parallax_deg = medianParallaxDeg(map, camera);
-  const Eigen::Vector2d sigmas = kDirectionScale * directionSigmasDeg(map.frames.back());
+  const Eigen::Vector2d sigmas =
+      variance_factors::kStartDirection * directionSigmasDeg(map.frames.back());
   report.direction_sigma_deg = sigmas[1];
   report.second_sigma_deg = sigmas[0];
   report.depth_sigma = depthSigma(map.corners);
