@@ -22,11 +22,12 @@ MAY_INCLUDE = {
     'depth': {'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
     'window': {'depth', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
     'odometry': {'window', 'track', 'depth', 'init', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
+    'self_calibration': {'odometry', 'features', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
     'c': {'odometry', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
     'synthetic': {'image', 'camera', 'geometry', 'base', 'options'},
-    'io': {'odometry', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
-    'python': {'published', 'io', 'odometry', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
-    'app': {'published', 'io', 'odometry', 'init', 'synthetic', 'image', 'camera', 'geometry', 'base', 'options'},
+    'io': {'self_calibration', 'odometry', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
+    'python': {'published', 'self_calibration', 'io', 'odometry', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
+    'app': {'published', 'self_calibration', 'io', 'odometry', 'init', 'synthetic', 'image', 'camera', 'geometry', 'base', 'options'},
 }
 # the last step of camera makes the first thing of image
 BRIDGES = {'include/dsorb/camera/rectifier.h': 'image', 'src/camera/rectifier.cpp': 'image'}
@@ -37,7 +38,7 @@ ROOMS = {
 }
 # third-party header -> folders (or file prefixes) that may use it
 THIRD_PARTY = {
-    r'opencv2/': ('src/camera/undistorter', 'src/features/', 'src/two_view/', 'src/init/orb/', 'src/published/', 'src/io/', 'src/app/'),
+    r'opencv2/': ('src/camera/undistorter', 'src/features/', 'src/self_calibration/', 'src/two_view/', 'src/init/orb/', 'src/published/', 'src/io/', 'src/app/'),
     r'ceres/': ('src/published/',),
     r'tbb/|oneapi/': ('src/base/', 'src/odometry/'),
     r'yaml-cpp/': ('src/io/',),
