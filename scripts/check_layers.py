@@ -23,11 +23,12 @@ MAY_INCLUDE = {
     'window': {'depth', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
     'odometry': {'window', 'track', 'depth', 'init', 'features', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
     'place': {'odometry', 'init', 'features', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
+    'self_calibration': {'odometry', 'features', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
     'c': {'odometry', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
     'synthetic': {'image', 'camera', 'geometry', 'base', 'options'},
-    'io': {'odometry', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
-    'python': {'published', 'io', 'odometry', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
-    'app': {'place', 'published', 'io', 'odometry', 'init', 'synthetic', 'image', 'camera', 'geometry', 'base', 'options'},
+    'io': {'self_calibration', 'odometry', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
+    'python': {'published', 'self_calibration', 'io', 'odometry', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
+    'app': {'place', 'published', 'self_calibration', 'io', 'odometry', 'init', 'synthetic', 'image', 'camera', 'geometry', 'base', 'options'},
 }
 # the last step of camera makes the first thing of image
 BRIDGES = {'include/dsorb/camera/rectifier.h': 'image', 'src/camera/rectifier.cpp': 'image'}
@@ -38,7 +39,7 @@ ROOMS = {
 }
 # third-party header -> folders (or file prefixes) that may use it
 THIRD_PARTY = {
-    r'opencv2/': ('src/camera/undistorter', 'src/features/', 'src/two_view/', 'src/init/orb/', 'src/published/', 'src/place/', 'src/io/', 'src/app/'),
+    r'opencv2/': ('src/camera/undistorter', 'src/features/', 'src/self_calibration/', 'src/two_view/', 'src/init/orb/', 'src/published/', 'src/place/', 'src/io/', 'src/app/'),
     r'ceres/': ('src/published/', 'src/place/'),
     r'sqlite3': ('src/place/',),
     r'tbb/|oneapi/': ('src/base/', 'src/odometry/'),

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import yaml
 
-from . import evo, protocol
+from . import evo, no_calibration, protocol
 from .runner import FIGURES, RECORD, read_record
 from .trajectory import FormatError
 
@@ -44,6 +44,8 @@ def parse_arguments(arguments):
     parser.add_argument('--report-only', action='store_true', help='run nothing; report on what is there')
     parser.add_argument('--profile', metavar='DIR', help='Snakemake profile, for a cluster: scripts/profiles has examples')
     parser.add_argument('--dry-run', action='store_true', help='say what would run, and stop')
+    parser.add_argument('--no-calibration', action='store_true', help='instead: whole sequences without their calibration, as files and as '
+                        'H.264 videos, beside the run with it; no_calibration.md')
     parser.add_argument('--quiet', action='store_true', help='no progress bar')
     return parser.parse_args(arguments)
 
@@ -194,7 +196,8 @@ def raise_interrupt(*_):
 def main(arguments=None):
     signal.signal(signal.SIGTERM, raise_interrupt)
     try:
-        return evaluate(parse_arguments(arguments))
+        args = parse_arguments(arguments)
+        return no_calibration.evaluate(args) if args.no_calibration else evaluate(args)
     except FormatError as error:
         print(f'evaluate.py: {error}', file=sys.stderr)
         return 2

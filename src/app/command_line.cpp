@@ -131,9 +131,11 @@ void addInputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
   app.add_option("--vignette", request.sequence.vignette_file, "vignette image")
       ->type_name("FILE")
       ->group("Input");
-  app.add_option("--hfov",
-                 request.sequence.horizontal_view,
-                 "what the images show from left to right, where there is no calibration")
+  app.add_option(
+         "--hfov",
+         request.sequence.horizontal_view,
+         "what the images show from left to right, about, where there is no calibration; default: "
+         "found out")
       ->type_name("DEGREES")
       ->check(numberIn(1, 157))
       ->group("Input");
@@ -196,9 +198,10 @@ void addSelectionFlags(CLI::App& app, CommandLine& request) {
       ->group("Input");
   app.add_option("--width",
                  request.sequence.width,
-                 "make images smaller, to this width; default: as the calibration says")
+                 "make images smaller, to this width; 0: keep them; default: as the calibration "
+                 "says, and without one no side longer than 1280")
       ->type_name("PIXELS")
-      ->check(wholeNumber(16))
+      ->check(wholeNumber(0))
       ->group("Input");
   app.add_option("--use-depth",
                  request.sequence.depth_sigma,

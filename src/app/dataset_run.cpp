@@ -5,6 +5,7 @@
 #include "dsorb/odometry/odometry.h"
 #include "dsorb/place/place.h"
 
+#include "app/camera_search.h"
 #include "app/playback.h"
 #include "app/progress_bar.h"
 #include "app/run_outputs.h"
@@ -29,8 +30,7 @@
 namespace dsorb::app {
 namespace {
 
-constexpr const char* kGuessSigma = "0.15";  // relative, of a focal length that somebody guessed
-constexpr double kLongestSleep = 0.05;       // between two looks for Ctrl-C [s]
+constexpr double kLongestSleep = 0.05;                     // between two looks for Ctrl-C [s]
 constexpr std::chrono::milliseconds kWriterPatience(200);  // for a run that writes when it is ended
 
 /// Where a file or folder is found from everywhere; a camera's address as it is.
@@ -231,13 +231,26 @@ std::unique_ptr<Place> placeFor(const CommandLine& request,
   return place;
 }
 
+/// With a camera that was found: held where it is known, else a better guess.
+SequenceOptions withCamera(SequenceOptions sequence, const std::optional<FoundCamera>& camera) {
+  if (!camera) return sequence;
+  sequence.lens = camera->lens;
+  sequence.lens->readout.sigma = 0;
+  if (camera->isKnown()) sequence.lens->focal_sigma = 0;
+  return sequence;
+}
+
 }  // namespace
 
-Config configFor(const CommandLine& request, std::optional<BrightnessModel> known) {
+Config configFor(const CommandLine& request,
+                 std::optional<BrightnessModel> known,
+                 double focal_sigma) {
   ConfigSources sources = request.config;
-  if (request.sequence.horizontal_view > 0) {
-    sources.program_defaults.push_back({"window.optimizer.optimize_intrinsics", "true", "--hfov"});
-    sources.program_defaults.push_back({"window.prior.focal_sigma", kGuessSigma, "--hfov"});
+  if (focal_sigma > 0) {
+    const std::string source = "the camera is a guess";
+    sources.program_defaults.push_back({"window.optimizer.optimize_intrinsics", "true", source});
+    sources.program_defaults.push_back(
+        {"window.prior.focal_sigma", fmt::format("{:.3g}", focal_sigma), source});
   }
   if (known) sources.program_defaults.push_back({"brightness", nameOf(*known), "photometry"});
   Config config = loadConfig(sources);
@@ -249,22 +262,28 @@ Config configFor(const CommandLine& request, std::optional<BrightnessModel> know
 }
 
 RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
-  Config config = configFor(request, request.sequence.brightness);
+  Config config = configFor(request, request.sequence.brightness, 0);
   requireFiles(request);
   const RunInfo info = describeRun(request, config);
   cv::setNumThreads(info.threads);  // OpenCV's pool belongs to the process
   RunOutputs outputs(request, info);
   const LateEnd late_end(interrupt, outputs, request);
   SequenceReader reader = openSequence(request, outputs);
-  config = configFor(request, reader.brightness());
-  warn(request, notModelled(config, reader.lens()));
-  const std::unique_ptr<Place> place = placeFor(request, config, outputs);
+  std::unique_ptr<Place> place;  // is told until the odometry ends
   std::optional<Odometry> odometry;
   RunResult result;
   try {
+    if (isSearched(reader)) {
+      result.camera = searchCamera(std::move(reader), request, interrupt);
+      reader = SequenceReader(withCamera(request.sequence, result.camera));
+    }
+    config = configFor(request, reader.brightness(), reader.lens().focal_sigma);
+    warn(request, notModelled(config, reader.lens()));
     outputs.open(reader.camera(), reader.lens(), toYaml(config));
+    if (result.camera) outputs.setFoundCamera(*result.camera);
     odometry.emplace(reader.camera(), config.options);
     odometry->addObserver(&outputs);
+    place = placeFor(request, config, outputs);
     if (place) odometry->addObserver(place.get());
     Feeder feeder(reader, *odometry, outputs, request);
     result.interrupted = feeder.run(interrupt);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "dsorb/io/writers.h"
+#include "dsorb/self_calibration/camera_finder.h"
 
 #include "app/command_line.h"
 #include "app/interrupt.h"
@@ -20,13 +21,16 @@ struct RunResult {
   int frames_unreadable = 0;                         ///< passed over
   InitReason last_answer = InitReason::kFirstFrame;  ///< of the initializer
   bool calibration_suspected = false;                ///< by the first keyframes
+  std::optional<FoundCamera> camera;                 ///< where none was given, by earlier passes
   OdometryReport report;
 };
 
-/// Configuration for images of which this is known, unless a file or `--set` names `brightness`; a
-/// guessed field of view is refined.
-/// @param known empty: not known yet
-[[nodiscard]] Config configFor(const CommandLine& request, std::optional<BrightnessModel> known);
+/// Configuration for images of which this is known, unless a file or `--set` names its options.
+/// @param known       empty: not known yet
+/// @param focal_sigma of a camera that is a guess, and is refined
+[[nodiscard]] Config configFor(const CommandLine& request,
+                               std::optional<BrightnessModel> known,
+                               double focal_sigma);
 
 /// Reads the data set, runs the odometry on it and writes the output folder. After an error the
 /// results so far are written before it is thrown on.

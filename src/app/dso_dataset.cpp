@@ -53,7 +53,8 @@ void printSummary(const app::CommandLine& request, const app::RunResult& result)
       result.outcome == RunStatus::kTracked
           ? ""
           : fmt::format("the initializer's last answer: {}\n", name(result.last_answer));
-  if (result.calibration_suspected) {
+  if (result.camera) fmt::print("{}\n", describe(*result.camera));
+  if (result.calibration_suspected && !result.camera) {
     fmt::print("calibration suspected: calibration_suspected in run.json says by how much\n");
   }
   fmt::print("{}{}: {} of {} frames tracked{}, {} keyframes, {} segments\n{}{}\n",
@@ -75,7 +76,8 @@ int run(int argc, const char* const* argv, app::Interrupt& interrupt) {
     return app::kTracked;
   }
   if (request.print_config) {
-    app::printText(toYaml(app::configFor(request, request.sequence.brightness)));
+    const double sigma = request.sequence.horizontal_view > 0 ? kStatedFocalSigma : 0;
+    app::printText(toYaml(app::configFor(request, request.sequence.brightness, sigma)));
     return app::kTracked;
   }
   for (const std::string& warning : request.warnings) {

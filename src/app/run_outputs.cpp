@@ -47,6 +47,11 @@ void RunOutputs::open(const PinholeCamera& camera,
   if (!record_.empty()) recording_.emplace(record_, info_, camera);
 }
 
+void RunOutputs::setFoundCamera(const FoundCamera& camera) {
+  const Lock lock(mutex_);
+  run_->setFoundCamera(camera);
+}
+
 void RunOutputs::onInitStep(const InitStep& step, const Frame& frame, int segment) {
   const Lock lock(mutex_);
   last_answer_ = step.reason;

@@ -22,6 +22,9 @@ class RunOutputs : public OdometryObserver {
   /// Prepares the output folder, and the recording where one is wanted.
   void open(const PinholeCamera& camera, const Lens& lens, const std::string& config_yaml);
 
+  /// The camera that earlier passes found; after open().
+  void setFoundCamera(const FoundCamera& camera);
+
   void onInitStep(const InitStep& step, const Frame& frame, int segment) override;
   void onFrame(const FrameEstimate& estimate) override;
   void onKeyframe(const KeyframeSnapshot& keyframe) override;

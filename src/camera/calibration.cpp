@@ -106,6 +106,15 @@ Lens lensOfFieldOfView(double degrees, int width, int height) {
   lens.cy = 0.5 * (height - 1);
   lens.width = width;
   lens.height = height;
+  lens.focal_sigma = kStatedFocalSigma;
+  return lens;
+}
+
+Lens unknownLens(int width, int height) {
+  if (width <= 0 || height <= 0) throw std::invalid_argument("an image size is expected");
+  const PinholeCamera camera = PinholeCamera::unknown(width, height);
+  Lens lens{LensModel::kPinhole, camera.fx, camera.fy, camera.cx, camera.cy, {}, width, height};
+  lens.focal_sigma = camera.focal_sigma;
   return lens;
 }
 

@@ -88,6 +88,7 @@ Undistorter::Undistorter(const Lens& lens, const Rectification& rectification)
     throw std::invalid_argument("a lens coefficient is not finite");
   }
   camera_ = targetCamera(lens, rectification);
+  camera_.focal_sigma = lens.focal_sigma;
   if (rectification.mode != RectificationMode::kNone) {
     chooseSamples(lens);
     buildMap(lens);

@@ -24,9 +24,27 @@ bool isInside(const Eigen::Vector2f& corner, const cv::Size& size) {
          corner.y() <= static_cast<float>(size.height - 1 - kFeatureBorder);
 }
 
-/// Corners of an image, well inside it and away from each other and from those that are there
-/// already: the strongest ones of every cell, so that a textured part of the image cannot take all.
-/// @param known places that are taken
+LucasKanadeOptions flowOptions(const FeatureTrackOptions& options) {
+  LucasKanadeOptions flow;
+  flow.max_level = options.max_level;
+  flow.min_eigenvalue = options.min_eigenvalue;
+  return flow;
+}
+
+/// Level 0 of a pyramid as OpenCV wants it.
+cv::Mat eightBit(const FlowLevel& level) {
+  const cv::Mat values(level.height,
+                       level.width,
+                       CV_32FC1,
+                       const_cast<float*>(level.row(0)),  // cv::Mat has no view of const
+                       static_cast<std::size_t>(level.stride) * sizeof(float));
+  cv::Mat grey;
+  values.convertTo(grey, CV_8U);
+  return grey;
+}
+
+}  // namespace
+
 std::vector<Eigen::Vector2f> chooseCorners(const cv::Mat& grey,
                                            const cv::Mat& valid,
                                            const std::vector<Eigen::Vector2f>& known,
@@ -51,27 +69,6 @@ std::vector<Eigen::Vector2f> chooseCorners(const cv::Mat& grey,
   }
   return chosen;
 }
-
-LucasKanadeOptions flowOptions(const FeatureTrackOptions& options) {
-  LucasKanadeOptions flow;
-  flow.max_level = options.max_level;
-  flow.min_eigenvalue = options.min_eigenvalue;
-  return flow;
-}
-
-/// Level 0 of a pyramid as OpenCV wants it.
-cv::Mat eightBit(const FlowLevel& level) {
-  const cv::Mat values(level.height,
-                       level.width,
-                       CV_32FC1,
-                       const_cast<float*>(level.row(0)),  // cv::Mat has no view of const
-                       static_cast<std::size_t>(level.stride) * sizeof(float));
-  cv::Mat grey;
-  values.convertTo(grey, CV_8U);
-  return grey;
-}
-
-}  // namespace
 
 void FeatureTracks::clear() {
   positions_.clear();

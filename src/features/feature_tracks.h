@@ -19,6 +19,16 @@ constexpr double kMinSurvivorShare = 0.2;
 /// Share below which optical flow loses more than it keeps: the frames are far apart.
 constexpr double kMinKeptShare = 0.5;
 
+/// Corners of an image, well inside it and away from each other and from those that are there
+/// already: the strongest ones of every cell, so that a textured part of the image cannot take all.
+/// @param grey  8 bit
+/// @param valid mask; empty: all of it
+/// @param known places that are taken
+[[nodiscard]] std::vector<Eigen::Vector2f> chooseCorners(const cv::Mat& grey,
+                                                         const cv::Mat& valid,
+                                                         const std::vector<Eigen::Vector2f>& known,
+                                                         const FeatureTrackOptions& options);
+
 /// Corners followed from frame to frame with Lucas-Kanade; a track must come back to where it
 /// started when it is followed backwards. Only tracks that live in the newest frame are kept.
 ///

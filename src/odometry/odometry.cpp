@@ -19,8 +19,13 @@
 namespace dsorb {
 namespace {
 
-OdometryOptions checked(OdometryOptions options) {
+/// With the camera refined where it is a guess.
+OdometryOptions checked(OdometryOptions options, const PinholeCamera& camera) {
   options.initializer.num_threads = options.num_threads;
+  if (camera.focal_sigma > 0 && options.window.prior.focal_sigma == 0) {
+    options.window.optimizer.optimize_intrinsics = true;
+    options.window.prior.focal_sigma = camera.focal_sigma;
+  }
   validateOptions(options);
   return options;
 }
@@ -42,7 +47,7 @@ class Odometry::Impl {
   Impl(const PinholeCamera& camera,
        const OdometryOptions& options,
        std::unique_ptr<Initializer> initializer)
-      : options_(checked(options)),
+      : options_(checked(options, camera)),
         frame_check_(camera),
         arena_(options_.num_threads),
         initializer_(std::move(initializer)),

@@ -140,12 +140,20 @@ void bindPinholeCamera(nb::module_& m) {
           nb::arg("cy"),
           nb::arg("width"),
           nb::arg("height"))
+      .def_static("unknown",
+                  &PinholeCamera::unknown,
+                  nb::arg("width"),
+                  nb::arg("height"),
+                  "Of images of which nothing is known: a guess, which Odometry refines.")
       .def_ro("fx", &PinholeCamera::fx)
       .def_ro("fy", &PinholeCamera::fy)
       .def_ro("cx", &PinholeCamera::cx)
       .def_ro("cy", &PinholeCamera::cy)
       .def_ro("width", &PinholeCamera::width)
-      .def_ro("height", &PinholeCamera::height);
+      .def_ro("height", &PinholeCamera::height)
+      .def_ro("focal_sigma",
+              &PinholeCamera::focal_sigma,
+              "Relative standard deviation of focal lengths that are a guess; 0: a calibration.");
   bindRepr(type, {"fx", "fy", "cx", "cy", "width", "height"});
 }
 
@@ -197,9 +205,21 @@ void bindCalibrationMakers(nb::class_<Calibration>& type) {
           nb::arg("degrees"),
           nb::arg("width"),
           nb::arg("height"),
-          "Lens without distortion that sees so much from its left to its right edge. Odometry "
-          "refines a guess with window.optimizer.optimize_intrinsics=True and "
-          "window.prior.focal_sigma=0.15, as --hfov does.");
+          "Lens without distortion that sees about so much from its left to its right edge: a "
+          "guess, "
+          "which Odometry refines.")
+      .def_static(
+          "unknown",
+          [](int width, int height) {
+            Calibration calibration;
+            calibration.lens = unknownLens(width, height);
+            calibration.rectification.mode = RectificationMode::kNone;
+            return calibration;
+          },
+          nb::arg("width"),
+          nb::arg("height"),
+          "Lens of which nothing is known but the size of its images: a guess, which Odometry "
+          "refines.");
 }
 
 void bindCalibration(nb::module_& m) {

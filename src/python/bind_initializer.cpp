@@ -110,8 +110,7 @@ nb::object motionOf(const std::optional<WaitingMotion>& motion) {
   return std::move(dict);
 }
 
-nb::dict reportOf(const InitializationResult& result) {
-  const InitReport& report = result.report;
+nb::dict reportOf(const InitReport& report) {
   nb::dict stages;
   for (const StageTime& stage : report.stages) stages[stage.stage.c_str()] = stage.milliseconds;
   nb::list resets;

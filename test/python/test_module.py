@@ -150,6 +150,15 @@ class Cameras(unittest.TestCase):
         for name in ('model', 'fx', 'fy', 'cx', 'cy', 'width', 'height', 'coefficients', 'rectification'):
             self.assertEqual(getattr(read, name), getattr(made, name))
 
+    def test_an_unknown_camera_is_a_guess_that_the_odometry_refines(self):
+        camera = dsorb.Camera.unknown(*SIZE)
+        self.assertGreater(camera.focal_sigma, 0)
+        self.assertEqual(dsorb.Camera(200, 200, 159.5, 119.5, *SIZE).focal_sigma, 0)
+        self.assertEqual(dsorb.Rectifier(dsorb.Calibration.unknown(*SIZE)).camera.focal_sigma, camera.focal_sigma)
+        odometry = dsorb.Odometry(camera)
+        keyframes = [k for i, image in enumerate(images()) for k in odometry.process(image, i / 30).keyframes]
+        self.assertLess(abs(keyframes[-1].camera.fx / 200 - 1), abs(camera.fx / 200 - 1))
+
     def test_field_of_view(self):
         calibration = dsorb.Calibration.from_hfov(90, 640, 480)
         self.assertAlmostEqual(calibration.fx, 320)

@@ -111,10 +111,12 @@ TEST_F(SequenceSelectionTest, SecondsAndEverySelectImages) {
   EXPECT_THAT(openingComplaint(o), HasSubstr("no image is selected; the sequence takes 1.9 s"));
 }
 
-TEST_F(SequenceSelectionTest, WithoutCalibrationAFieldOfViewServes) {
+TEST_F(SequenceSelectionTest, WithoutCalibrationTheCameraIsAGuess) {
   writeGreyImages(root() / "images", 2, ".png");
-  EXPECT_THAT(openingComplaint(options()), HasSubstr("--hfov"));
   SequenceOptions o = options();
+  SequenceReader unknown(o);
+  EXPECT_EQ(unknown.camera().focal_sigma, PinholeCamera::unknown(64, 32).focal_sigma);
+  EXPECT_EQ(unknown.camera().fx, PinholeCamera::unknown(64, 32).fx);
   o.horizontal_view = 90;
   SequenceReader reader(o);
   EXPECT_NEAR(reader.camera().fx, 32, 1e-9);

@@ -74,6 +74,8 @@ struct Lens {
   Readout readout{};                      ///< readout of rows, or of columns
   bool columns = false;                   ///< columns are read one after the other instead of rows
   bool backwards = false;  ///< the readout is from the image's last line to the first
+  /// PinholeCamera::focal_sigma of the images rectified.
+  double focal_sigma = 0;
 };
 
 /// What part of the distorted image the rectified one shows.
@@ -112,7 +114,14 @@ struct Calibration {
   bool cut = false;
 };
 
-/// Lens without distortion whose axis meets the middle of the image.
+/// Relative standard deviation of a focal length by a field of view that somebody states.
+constexpr double kStatedFocalSigma = 0.15;
+
+/// Lens of which nothing is known but the size of its images: PinholeCamera::unknown().
+/// @throws std::invalid_argument without an image size
+[[nodiscard]] Lens unknownLens(int width, int height);
+
+/// Lens without distortion whose axis meets the middle of the image; a guess (kStatedFocalSigma).
 /// @param degrees what an image sees from its left to its right edge
 /// @throws std::invalid_argument outside 1 to 157 degrees, or without an image size
 [[nodiscard]] Lens lensOfFieldOfView(double degrees, int width, int height);

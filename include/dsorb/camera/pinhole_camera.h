@@ -15,6 +15,17 @@ struct PinholeCamera {
   double cy = 0;   ///< principal point [px]
   int width = 0;   ///< [px]
   int height = 0;  ///< [px]
+  /// Relative standard deviation of the focal lengths where they are a guess, which the odometry
+  /// then refines together with principal point and radial distortion; 0: a calibration.
+  double focal_sigma = 0;
+
+  /// Of images of which nothing is known: 65 degrees along the longer side, as phones, webcams and
+  /// action cameras have them within a factor of two.
+  [[nodiscard]] static PinholeCamera unknown(int width, int height) {
+    constexpr double kFocalOfSide = 0.785;  // 1 / (2 tan(65 degrees / 2))
+    const double focal = kFocalOfSide * (width > height ? width : height);
+    return {focal, focal, 0.5 * (width - 1), 0.5 * (height - 1), width, height, 0.3};
+  }
 
   /// @param point camera coordinates, z > 0
   [[nodiscard]] Eigen::Vector2d project(const Eigen::Vector3d& point) const {

@@ -16,6 +16,9 @@ namespace dsorb {
 /// Kind of a data set; kAuto recognises it by what lies there.
 enum class SequenceFormat { kAuto, kDso, kKitti, kEuroc, kTum, kImages, kVideo, kCamera };
 
+/// Longer side of images without a calibration: larger ones are made smaller [px].
+constexpr int kMostGuessedSide = 1280;
+
 /// Which images are read, and how.
 struct SequenceOptions {
   /// Folder of a data set or of images, .zip of images, video file, /dev/videoN or rtsp://... A
@@ -26,7 +29,10 @@ struct SequenceOptions {
   /// Camera of a calibration file with several, as CameraChoice::name; empty: the one that a folder
   /// of the images is called after.
   std::string camera;
-  double horizontal_view = 0;  ///< [degrees] of a lens without distortion; 0: a calibration is read
+  /// [degrees] of a lens without distortion; 0: a calibration is read, and without one nothing is
+  /// known of the lens, which Lens::focal_sigma then says.
+  double horizontal_view = 0;
+  std::optional<Lens> lens;        ///< of the images as they are, instead of a calibration
   std::optional<Readout> readout;  ///< replaces the calibration's
   std::string response_file;       ///< empty: pcalib.txt of the data set, if there
   std::string vignette_file;       ///< empty: vignette.png of the data set, if there
@@ -45,7 +51,9 @@ struct SequenceOptions {
   double from = 0;  ///< [s] after the first image of the data set
   double to = 0;    ///< [s] after the first image of the data set; 0: the last one
   int every = 1;    ///< use each N-th image, beginning with the first selected
-  int width = 0;    ///< of the rectified images [px], less than without; 0: as calibrated
+  /// Of the rectified images [px], less than without; 0: as calibrated. Below 0: the same, but of
+  /// a lens that is a guess at most so much that no side is longer than kMostGuessedSide.
+  int width = -1;
   bool reverse = false;          ///< read from end - 1 down to start, both included
   bool skip_unreadable = false;  ///< pass over image files that cannot be read
   int prefetch = 2;  ///< images prepared ahead by a thread; 0, and with cameras: none, no thread

@@ -5,6 +5,7 @@
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/odometry/observer.h"
 #include "dsorb/odometry/odometry.h"
+#include "dsorb/self_calibration/camera_finder.h"
 
 #include <memory>
 #include <string>
@@ -53,6 +54,8 @@ class RunWriter : public OdometryObserver {
   /// Camera of the rectified images; needed before the first frame.
   /// @param lens of the camera that took them; null: unknown
   void setCamera(const PinholeCamera& camera, const Lens* lens = nullptr);
+  /// The camera that earlier passes over the images found.
+  void setFoundCamera(const FoundCamera& camera);
   /// Writes config.yaml anew, where the data set decided about options.
   void setConfig(const std::string& yaml);
 

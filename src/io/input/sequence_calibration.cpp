@@ -4,8 +4,11 @@
 #include "dsorb/error.h"
 #include "dsorb/io/calibration_reader.h"
 
+#include "camera/lens_models.h"
+
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <new>
 #include <stdexcept>
 #include <utility>
@@ -45,35 +48,46 @@ struct Geometry {
   std::string source;
 };
 
+Geometry geometryOf(const Lens& lens, const std::string& source) {
+  Geometry geometry;
+  geometry.calibration.lens = lens;
+  if (!isDistorted(lens)) geometry.calibration.rectification.mode = RectificationMode::kNone;
+  geometry.source = source;
+  return geometry;
+}
+
 Geometry readGeometry(const SequenceOptions& options,
                       const DatasetLayout& layout,
                       const FirstImage& first) {
   const cv::Size size = first.size;
-  if (options.horizontal_view > 0) {
+  if (options.lens) return geometryOf(*options.lens, "lens");
+  if (isGuess(options, layout)) {
+    const bool stated = options.horizontal_view > 0;
     if (!options.calibration_file.empty() || !options.camera.empty()) {
-      throw ConfigError(
-          "a calibration file or a camera of one, and a field of view are given; "
-          "expected one of them");
+      throw ConfigError(stated
+                            ? "a calibration file or a camera of one, and a field of view are "
+                              "given; expected one of them"
+                            : "--camera " + options.camera + ": there is no calibration with it");
     }
     if (size.empty()) {
       throw IoError(fmt::format("{}: the first image cannot be read", options.path));
     }
-    Geometry geometry;
-    geometry.calibration.rectification.mode = RectificationMode::kNone;
-    geometry.calibration.lens = lensOfFieldOfView(options.horizontal_view, size.width, size.height);
-    geometry.calibration.lens.fy *= first.pixel_aspect;
-    geometry.source = "field of view";
-    return geometry;
+    Lens lens = stated ? lensOfFieldOfView(options.horizontal_view, size.width, size.height)
+                       : unknownLens(size.width, size.height);
+    lens.fy *= first.pixel_aspect;
+    return geometryOf(lens, stated ? "field of view" : "unknown camera");
   }
   const std::string file = orDefault(options.calibration_file, layout.calibration);
-  if (file.empty()) {
-    throw IoError(
-        fmt::format("{}: no calibration lies beside the images; give one with --calib, or what the "
-                    "camera sees from left to right with --hfov DEGREES",
-                    layout.images.string()));
-  }
   const CameraChoice choice{options.camera, layout.images, size.width, size.height};
   return {readCalibration(file, choice), file};
+}
+
+/// Width that images get; 0: as the calibration says.
+int outputWidth(const SequenceOptions& options, const Lens& lens) {
+  const bool calibrated = !options.lens && lens.focal_sigma == 0;
+  const int side = std::max(lens.width, lens.height);
+  if (options.width >= 0 || calibrated || side <= kMostGuessedSide) return options.width;
+  return lens.width * kMostGuessedSide / side;
 }
 
 bool isUpright(double width, double height) {
@@ -83,7 +97,7 @@ bool isUpright(double width, double height) {
 /// How far the calibration must be turned with the images, which the sensor has otherwise: not at
 /// all where it has the shape of images that were turned to the side.
 int turnOf(const SequenceOptions& options, const FirstImage& first, const Lens& lens) {
-  if (first.size.empty() || options.horizontal_view > 0) return 0;
+  if (first.size.empty() || options.lens || lens.focal_sigma > 0) return 0;
   const bool upright =
       lens.width > 0 ? isUpright(lens.width, lens.height) : isUpright(lens.cx, lens.cy);
   const bool same = upright == isUpright(first.size.width, first.size.height);
@@ -122,9 +136,10 @@ void fitOutput(const SequenceOptions& options,
                     geometry.source,
                     turn));
   }
-  if (options.width > 0) calibration = withOutputWidth(calibration, options.width);
+  const int width = outputWidth(options, calibration.lens);
+  if (width > 0) calibration = withOutputWidth(calibration, width);
   if (options.readout) calibration.lens.readout = *options.readout;
-  if (!known && turn == 0) turnReadout(image_turn, calibration.lens);
+  if (!known && turn == 0 && !options.lens) turnReadout(image_turn, calibration.lens);
 }
 
 PhotometricCalibration readPhotometry(const std::string& response,
@@ -157,6 +172,11 @@ Rectifier rectifierFor(const Geometry& geometry) {
 
 }  // namespace
 
+bool isGuess(const SequenceOptions& options, const DatasetLayout& layout) {
+  return options.horizontal_view > 0 ||
+         orDefault(options.calibration_file, layout.calibration).empty();
+}
+
 SequenceCalibration calibrateSequence(const SequenceOptions& options,
                                       const DatasetLayout& layout,
                                       const FirstImage& first) {
@@ -180,6 +200,15 @@ SequenceCalibration calibrateSequence(const SequenceOptions& options,
           readPhotometry(response, vignette, geometry.calibration.lens);
     }
     fitOutput(options, first.turn, turn, geometry, warnings);
+    const Lens& lens = geometry.calibration.lens;
+    const int width = outputWidth(options, lens);
+    if (width > 0 && width != options.width) {
+      warnings.push_back(
+          fmt::format("images of {}x{} px are made smaller, to a width of {}; --width 0 keeps them",
+                      lens.width,
+                      lens.height,
+                      width));
+    }
   } catch (const std::invalid_argument& error) {
     throw IoError(fmt::format("{}: {}", geometry.source, error.what()));
   }

@@ -27,6 +27,9 @@ struct FirstImage {
   double pixel_aspect = 1;  ///< SourceImage::pixel_aspect
 };
 
+/// Whether the lens is a guess: by a field of view, or because nothing is known of it.
+[[nodiscard]] bool isGuess(const SequenceOptions& options, const DatasetLayout& layout);
+
 /// Reads the calibration files that options name or that lie beside the images, and fits them to
 /// the first image's size. Where they do not say how the sensor is read, it is by its rows, which
 /// are columns of an image that was turned.

@@ -148,7 +148,7 @@ class SequenceReader::Impl {
 
 void SequenceReader::Impl::calibrate(const SequenceOptions& options) {
   SequenceCalibration calibration =
-      calibrateSequence(options, layout_, firstImage(options.horizontal_view > 0));
+      calibrateSequence(options, layout_, firstImage(!options.lens && isGuess(options, layout_)));
   rectifier_.emplace(std::move(calibration.rectifier));
   lens_ = calibration.lens;
   brightness_ = calibration.brightness;

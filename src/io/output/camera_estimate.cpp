@@ -33,6 +33,18 @@ std::string readoutLine(const Lens& lens) {
 
 }  // namespace
 
+std::string calibrationFile(const Lens& lens) {
+  const std::string numbers = fmt::format("{} {} {} {}", lens.fx, lens.fy, lens.cx, lens.cy);
+  const std::string size = fmt::format("{} {}\n", lens.width, lens.height);
+  const auto& k = lens.coefficients;
+  const std::string model =
+      lens.model == LensModel::kRadTan
+          ? fmt::format("RadTan {} {} {} {} {} {}\n", numbers, k[0], k[1], k[2], k[3], k[4]) +
+                size + "crop\n"
+          : "Pinhole " + numbers + " 0\n" + size + "none\n";
+  return model + size + readoutLine(lens);
+}
+
 void CameraEstimate::add(const KeyframeSnapshot& keyframe) {
   if (keyframe.segment != segment_) {
     focal_lengths_.clear();
@@ -88,17 +100,16 @@ std::string CameraEstimate::calibrationFile(const Lens& lens,
   if (!known_.sigmas || lens.model != LensModel::kPinhole) return {};
   const PinholeCamera& camera = *known_.camera;
   const double sx = lens.fx / rectified.fx, sy = lens.fy / rectified.fy;
-  const std::string numbers = fmt::format("{} {} {} {}",
-                                          sx * camera.fx,
-                                          sy * camera.fy,
-                                          lens.cx + sx * (camera.cx - rectified.cx),
-                                          lens.cy + sy * (camera.cy - rectified.cy));
-  const std::string size = fmt::format("{} {}\n", lens.width, lens.height);
-  const std::string model =
-      isDistorted()
-          ? fmt::format("RadTan {} {} 0 0 0\n", numbers, known_.radial->k1) + size + "crop\n"
-          : "Pinhole " + numbers + " 0\n" + size + "none\n";
-  return model + size + readoutLine(lens);
+  Lens refined = lens;
+  refined.fx = sx * camera.fx;
+  refined.fy = sy * camera.fy;
+  refined.cx = lens.cx + sx * (camera.cx - rectified.cx);
+  refined.cy = lens.cy + sy * (camera.cy - rectified.cy);
+  if (isDistorted()) {
+    refined.model = LensModel::kRadTan;
+    refined.coefficients[0] = known_.radial->k1;
+  }
+  return io::calibrationFile(refined);
 }
 
 }  // namespace dsorb::io

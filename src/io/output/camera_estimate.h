@@ -14,6 +14,10 @@
 
 namespace dsorb::io {
 
+/// Calibration file of images as they were taken, as DSO's camera.txt.
+/// @param lens a pinhole or kRadTan
+[[nodiscard]] std::string calibrationFile(const Lens& lens);
+
 /// The camera that the window refines, over a run: the estimate of the segment that knows the focal
 /// length best.
 class CameraEstimate {

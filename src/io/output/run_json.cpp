@@ -90,6 +90,21 @@ Json lensJson(const Lens& lens) {
 
 namespace {
 
+Json foundJson(const FoundCamera& found) {
+  Json json = lensJson(found.lens);
+  json["readout"] = 1000 * found.lens.readout.seconds;
+  json["sigma"] = {{"focal", found.lens.fx * found.lens.focal_sigma},
+                   {"center", found.center_sigma},
+                   {"k1", found.k1_sigma},
+                   {"readout", 1000 * found.lens.readout.sigma}};
+  json["views"] = found.views;
+  json["corners"] = found.corners;
+  json["error"] = found.error;
+  json["known"] = found.isKnown();
+  json["text"] = describe(found);
+  return json;
+}
+
 /// What a start holds against the readout and a window against the lens.
 void addDoubts(const RunRecord& record, Json& json) {
   if (const std::optional<Readout>& suspected = record.suspectedReadout()) {
@@ -129,6 +144,7 @@ Json runJson(const RunInfo& info,
   if (cameras.camera && refined && refined->matrix() != cameras.camera->matrix()) {
     json["refined_camera"] = cameras.refined.json();
   }
+  if (cameras.found) json["found_camera"] = foundJson(*cameras.found);
   if (cameras.readout) {
     json["readout"] = {{"milliseconds", 1000 * cameras.readout->seconds},
                        {"sigma", 1000 * cameras.readout->sigma}};

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "dsorb/io/writers.h"
+#include "dsorb/self_calibration/camera_finder.h"
 
 #include "io/output/camera_estimate.h"
 #include "io/output/json_text.h"
@@ -43,6 +44,7 @@ struct RunCameras {
   std::optional<PinholeCamera> camera;  ///< of the rectified images
   std::optional<Lens> lens;             ///< of the images as they were taken
   CameraEstimate refined;               ///< by the window
+  std::optional<FoundCamera> found;     ///< by earlier passes, as `lens`
   std::optional<Readout> readout;       ///< estimated, of the newest keyframe
 };
 

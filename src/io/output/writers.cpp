@@ -88,6 +88,10 @@ class RunWriter::Impl {
 
   /// Writes the calibration that the run found, for the next run.
   void writeCalibration() const {
+    if (cameras.found && cameras.found->isKnown()) {
+      io::replaceFile(folder / "refined_camera.txt", io::calibrationFile(cameras.found->lens));
+      return;
+    }
     if (!cameras.camera || !cameras.lens || !cameras.refined.isSettled()) return;
     Lens lens = *cameras.lens;
     if (cameras.readout) lens.readout = *cameras.readout;
@@ -134,6 +138,10 @@ void RunWriter::setCamera(const PinholeCamera& camera, const Lens* lens) {
   impl_->cameras.camera = camera;
   if (lens != nullptr) impl_->cameras.lens = *lens;
   impl_->initializations.setCamera(camera);
+}
+
+void RunWriter::setFoundCamera(const FoundCamera& camera) {
+  impl_->cameras.found = camera;
 }
 
 void RunWriter::setConfig(const std::string& yaml) {

@@ -28,8 +28,8 @@ FLAGS = {'--reverse', '--pipelined', '--skip-unreadable', *TELLS}  # those witho
 DESCRIPTION = '''\
 Poses of the camera and points of the scene from a video, a folder of images or a ROS bag.
 
-  dsorb run clip.mp4 --calib camera.yaml --export colmap,nerfstudio
-  dsorb run images/ --hfov 65 --output out/mine --view
+  dsorb run clip.mp4 --export colmap,nerfstudio
+  dsorb run images/ --calib camera.yaml --output out/mine --view
   dsorb export out/mine --format colmap --undistort
   dsorb calibrate board.mp4 --board 9x6 --output camera.txt'''
 RUN_EPILOG = '''\
@@ -121,8 +121,8 @@ def add_run(commands):
                      '/dev/videoN, rtsp://...')
     run.add_argument('--topic', metavar='NAME', help='images of a bag; needed where it has several topics of images')
     run.add_argument('--calib', metavar='FILE', help='calibration of the camera, in any form of docs/calibration.md')
-    run.add_argument('--hfov', metavar='DEGREES|exif', help='what the images show from left to right, without a calibration; '
-                     'exif: by the focal length that photographs note')
+    run.add_argument('--hfov', metavar='DEGREES|exif', help='what the images show from left to right, about, without a calibration; '
+                     'exif: by the focal length that photographs note; default: found out')
     run.add_argument('--output', metavar='DIR', type=Path, help='default out/<name of the input>')
     run.add_argument('--export', metavar='FORMATS', type=formats_of, default=[], help=','.join(FORMATS))
     add_view_flags(run, live=True)
@@ -225,11 +225,9 @@ def take_from_bag(args, rest, output):
         return WRONG_OPTIONS if isinstance(error, bags.TopicError) else RUNTIME_ERROR
     source, args.input = args.input, str(found.folder)
     if args.calib is None and args.hfov is None:
-        if found.calibration is None:
-            print(f'dsorb: {source}: {found.no_calibration}; give a calibration with --calib, or what the camera sees from left to right '
-                  'with --hfov DEGREES', file=sys.stderr)
-            return RUNTIME_ERROR
-        args.calib = str(found.calibration)
+        args.calib = found.calibration and str(found.calibration)
+        if args.calib is None and not args.quiet:
+            print(f'dsorb: {source}: {found.no_calibration}; the camera is found out', file=sys.stderr)
     elif args.calib is not None and not any(word.partition('=')[0] == '--camera' for word in rest):
         rest += ['--camera', found.topic]  # tells which one of several
     if not args.quiet:

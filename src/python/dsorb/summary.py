@@ -109,7 +109,11 @@ def how_sure(run):
 def of_lens(summary):
     """What the run found out about its camera, by run.json."""
     lines, camera, readout = [], summary.get('refined_camera', {}), summary.get('readout')
-    doubt = summary.get('calibration_suspected')
+    found = summary.get('found_camera')
+    if found:  # nobody gave a camera that could be suspected
+        lines.append(f'  {found["text"]}' + (': refined_camera.txt' if found['known'] else ''))
+        camera = {}
+    doubt = None if found else summary.get('calibration_suspected')
     guessed = mean_focal(summary.get('lens') or summary['camera']) if camera or doubt else None
     if 'sigma' in camera:
         focal = guessed * mean_focal(camera) / mean_focal(summary['camera'])  # of the images as they were taken
@@ -128,7 +132,7 @@ def of_lens(summary):
         lines.append(f'  {100 * summary["stuck_share"]:.0f} % of the corners of a start move with the camera (a bonnet, a watermark): '
                      'hide them with --mask FILE')
     suspected = summary.get('rolling_shutter_suspected')
-    if suspected and not readout:
+    if suspected and not readout and not found:
         lines.append(f'  rolling shutter suspected: the images of a start ask for {suspected["milliseconds"]:.0f} +- {suspected["sigma"]:.0f} ms '
                      'between the rows; a phone has 10 to 30. Try --readout auto')
     if readout:

@@ -1,0 +1,373 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "self_calibration/camera_adjustment.h"
+
+#include "estimate/levenberg_marquardt.h"
+
+#include <Eigen/Cholesky>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <utility>
+
+namespace dsorb::self_calibration {
+namespace {
+
+using Eigen::Index;
+using Matrix23 = Eigen::Matrix<double, 2, 3>;
+using Matrix26 = Eigen::Matrix<double, 2, 6>;
+
+constexpr double kLossScale = 4;      // squared standard deviations at which the loss bends
+constexpr double kBehind = 50;        // loss of a corner behind a view that sees it
+constexpr double kLeastDamping = 1e-8;  // holds the motions and scales of whole worlds
+constexpr double kLeastChange = 1e-5;   // of the cost; less ends an adjustment
+
+/// Error of a sight with its derivatives.
+struct Residual {
+  bool in_front = false;
+  Eigen::Vector2d error;
+  Matrix26 by_view;
+  Matrix23 by_corner;
+  Eigen::Matrix<double, 2, kLensDim> by_lens;
+};
+
+/// @tparam Derivatives whether they are wanted
+template <bool Derivatives>
+Residual residualOf(const Scene& scene, const Sight& sight) {
+  Residual r;
+  const SE3& view = scene.views[sight.view];
+  const Eigen::Vector3d p = view * scene.corners[sight.corner];
+  r.in_front = p.z() > 1e-6 * p.norm();
+  if (!r.in_front) return r;
+  const double fx = std::exp(scene.lens[kLogFocal]);
+  const Eigen::Vector2d focal(fx, scene.aspect * fx);
+  const Eigen::Vector2d ray = p.head<2>() / p.z();
+  const double squared = ray.squaredNorm();
+  const double k1 = scene.lens[kRadial], k2 = scene.lens[kRadial + 1];
+  const double bend = 1 + squared * (k1 + squared * k2);
+  const Eigen::Vector2d shift = bend * focal.cwiseProduct(ray);
+  r.error = shift + scene.lens.segment<2>(kCenter) - sight.pixel +
+            scene.lens[kReadout] * sight.drift;
+  if constexpr (!Derivatives) return r;
+  const Eigen::Matrix2d by_ray =
+      focal.asDiagonal() * (bend * Eigen::Matrix2d::Identity() +
+                            2 * (k1 + 2 * k2 * squared) * ray * ray.transpose());
+  Matrix23 ray_by_point;
+  ray_by_point << 1, 0, -ray.x(), 0, 1, -ray.y();
+  const Matrix23 by_point = by_ray * ray_by_point / p.z();
+  r.by_corner = by_point * view.rotationMatrix();
+  r.by_view << by_point, -by_point * hat(p);
+  r.by_lens.col(kLogFocal) = shift;
+  r.by_lens.middleCols<2>(kCenter).setIdentity();
+  r.by_lens.col(kRadial) = squared * focal.cwiseProduct(ray);
+  r.by_lens.col(kRadial + 1) = squared * r.by_lens.col(kRadial);
+  r.by_lens.col(kReadout) = sight.drift;
+  return r;
+}
+
+double lossOf(double squared) {
+  return kLossScale * std::log1p(squared / kLossScale);
+}
+
+double costOf(const Scene& scene, const LensPrior& prior, double noise) {
+  double cost = 0;
+  for (const Sight& sight : scene.sights) {
+    const Residual r = residualOf<false>(scene, sight);
+    cost += r.in_front ? lossOf(r.error.squaredNorm() / (noise * noise)) : kBehind;
+  }
+  for (int i = 0; i < kLensDim; ++i) {
+    if (prior.sigma[i] > 0) cost += std::pow((scene.lens[i] - prior.mean[i]) / prior.sigma[i], 2);
+  }
+  return cost;
+}
+
+/// The sights of a corner: [first, last).
+struct SightRange {
+  std::size_t first = 0;
+  std::size_t last = 0;
+};
+
+std::vector<SightRange> rangesOf(const Scene& scene) {
+  std::vector<SightRange> ranges(scene.corners.size());
+  for (std::size_t i = 0; i < scene.sights.size(); ++i) {
+    SightRange& range = ranges[scene.sights[i].corner];
+    if (range.last == 0) range.first = i;
+    range.last = i + 1;
+  }
+  return ranges;
+}
+
+/// A corner, eliminated: its step is -(gradient + coupling * step of lens and of its views).
+struct EliminatedCorner {
+  std::vector<Index> rows;    // of the blocks of its views
+  Eigen::Matrix3Xd C;         // of the corner with the lens, then with its views
+  Eigen::Matrix3Xd coupling;  // H^-1 C
+  Eigen::Vector3d gradient;   // H^-1 b
+};
+
+/// Equations of lens and views, corners eliminated: the lens first.
+struct Reduced {
+  Eigen::MatrixXd H;  // lower half
+  Eigen::VectorXd b;
+  Eigen::VectorXd diagonal;  // of H before corners were eliminated
+  std::vector<EliminatedCorner> corners;
+};
+
+Index rowOf(std::size_t view) {
+  return kLensDim + 6 * static_cast<Index>(view);
+}
+
+/// Sums what one sight says of lens and view.
+void addSight(const Residual& r, double w, Index row, Reduced& system) {
+  const Eigen::Matrix<double, kLensDim, kLensDim> lens = w * r.by_lens.transpose() * r.by_lens;
+  const Eigen::Matrix<double, 6, 6> view = w * r.by_view.transpose() * r.by_view;
+  system.H.topLeftCorner<kLensDim, kLensDim>() += lens;
+  system.H.block<6, kLensDim>(row, 0) += w * r.by_view.transpose() * r.by_lens;
+  system.H.block<6, 6>(row, row) += view;
+  system.diagonal.head<kLensDim>() += lens.diagonal();
+  system.diagonal.segment<6>(row) += view.diagonal();
+  system.b.head<kLensDim>() += w * r.by_lens.transpose() * r.error;
+  system.b.segment<6>(row) += w * r.by_view.transpose() * r.error;
+}
+
+/// Sums what the sights of one corner say, and finds how it follows lens and views.
+void addCorner(const Scene& scene,
+               const SightRange& range,
+               double noise,
+               double damping,
+               Reduced& system,
+               EliminatedCorner& corner) {
+  Eigen::Matrix3d H = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d b = Eigen::Vector3d::Zero();
+  corner.C = Eigen::Matrix3Xd::Zero(3, kLensDim + 6 * static_cast<Index>(range.last - range.first));
+  corner.rows.clear();
+  const double information = 1 / (noise * noise);
+  for (std::size_t i = range.first; i < range.last; ++i) {
+    const Sight& sight = scene.sights[i];
+    const Index column = kLensDim + 6 * static_cast<Index>(i - range.first);
+    corner.rows.push_back(rowOf(sight.view));
+    const Residual r = residualOf<true>(scene, sight);
+    if (!r.in_front) continue;
+    const double w = information / (1 + information * r.error.squaredNorm() / kLossScale);
+    H += w * r.by_corner.transpose() * r.by_corner;
+    b += w * r.by_corner.transpose() * r.error;
+    corner.C.leftCols<kLensDim>() += w * r.by_corner.transpose() * r.by_lens;
+    corner.C.middleCols<6>(column) = w * r.by_corner.transpose() * r.by_view;
+    addSight(r, w, corner.rows.back(), system);
+  }
+  H.diagonal() *= 1 + damping;
+  H.diagonal().array() += 1e-12 * H.trace() + 1e-300;
+  const Eigen::LLT<Eigen::Matrix3d> factor(H);
+  corner.coupling = factor.solve(corner.C);
+  corner.gradient = factor.solve(b);
+}
+
+/// Takes the part of an eliminated corner out of the rows of lens and views.
+void subtractCorner(const EliminatedCorner& corner, Reduced& system) {
+  const auto& Y = corner.coupling;
+  const auto lens = corner.C.leftCols<kLensDim>();
+  system.H.topLeftCorner<kLensDim, kLensDim>() -= lens.transpose() * Y.leftCols<kLensDim>();
+  system.b.head<kLensDim>() -= lens.transpose() * corner.gradient;
+  const auto columnOf = [](std::size_t i) { return kLensDim + 6 * static_cast<Index>(i); };
+  for (std::size_t a = 0; a < corner.rows.size(); ++a) {
+    const auto view = corner.C.middleCols<6>(columnOf(a));
+    const Index row = corner.rows[a];
+    system.b.segment<6>(row) -= view.transpose() * corner.gradient;
+    system.H.block<6, kLensDim>(row, 0) -= view.transpose() * Y.leftCols<kLensDim>();
+    for (std::size_t c = 0; c < corner.rows.size(); ++c) {
+      if (corner.rows[c] > row) continue;
+      system.H.block<6, 6>(row, corner.rows[c]) -= view.transpose() * Y.middleCols<6>(columnOf(c));
+    }
+  }
+}
+
+Reduced linearize(const Scene& scene, const LensPrior& prior, double noise, double damping) {
+  const std::vector<SightRange> ranges = rangesOf(scene);
+  const Index size = rowOf(scene.views.size());
+  Reduced system{Eigen::MatrixXd::Zero(size, size),
+                 Eigen::VectorXd::Zero(size),
+                 Eigen::VectorXd::Zero(size),
+                 std::vector<EliminatedCorner>(ranges.size())};
+  for (std::size_t i = 0; i < ranges.size(); ++i) {
+    addCorner(scene, ranges[i], noise, damping, system, system.corners[i]);
+    subtractCorner(system.corners[i], system);
+  }
+  system.H.diagonal() += damping * system.diagonal;
+  for (Index i = 0; i < kLensDim; ++i) {
+    if (prior.sigma[i] > 0) {
+      const double information = 1 / (prior.sigma[i] * prior.sigma[i]);
+      system.H(i, i) += information;
+      system.b[i] += information * (scene.lens[i] - prior.mean[i]);
+      continue;
+    }
+    system.H.row(i).setZero();
+    system.H.col(i).setZero();
+    system.H(i, i) = 1;
+    system.b[i] = 0;
+  }
+  return system;
+}
+
+/// Rows and columns of a symmetric system made comparable.
+class ScaledSystem {
+ public:
+  explicit ScaledSystem(const Eigen::MatrixXd& lower)
+      : scale_((lower.diagonal().array().abs() + 1e-12).rsqrt()) {
+    const Eigen::MatrixXd scaled = scale_.asDiagonal() * lower * scale_.asDiagonal();
+    factor_.compute(scaled.selfadjointView<Eigen::Lower>());
+  }
+  [[nodiscard]] Eigen::VectorXd solve(const Eigen::VectorXd& b) const {
+    return scale_.asDiagonal() * factor_.solve(scale_.asDiagonal() * b);
+  }
+
+ private:
+  Eigen::VectorXd scale_;
+  Eigen::LDLT<Eigen::MatrixXd> factor_;
+};
+
+/// For minimize().
+class AdjustmentProblem {
+ public:
+  AdjustmentProblem(const LensPrior& prior, double noise, Scene& scene)
+      : prior_(prior), noise_(noise), scene_(scene), cost_(costOf(scene, prior, noise)) {}
+
+  [[nodiscard]] double cost() const { return cost_; }
+  std::optional<double> solve(double damping) {
+    system_ = linearize(scene_, prior_, noise_, damping);
+    step_ = -ScaledSystem(system_.H).solve(system_.b);
+    return step_.allFinite() ? std::optional(0.0) : std::nullopt;
+  }
+  std::optional<double> tryStep() {
+    moved_ = scene_;
+    moved_.lens += step_.head<kLensDim>();
+    for (std::size_t i = 0; i < moved_.views.size(); ++i) {
+      moved_.views[i] = SE3::exp(step_.segment<6>(rowOf(i))) * moved_.views[i];
+    }
+    for (std::size_t i = 0; i < moved_.corners.size(); ++i) {
+      const EliminatedCorner& corner = system_.corners[i];
+      Eigen::Vector3d step = corner.gradient +
+                             corner.coupling.leftCols<kLensDim>() * step_.head<kLensDim>();
+      for (std::size_t k = 0; k < corner.rows.size(); ++k) {
+        step += corner.coupling.middleCols<6>(kLensDim + 6 * static_cast<Index>(k)) *
+                step_.segment<6>(corner.rows[k]);
+      }
+      moved_.corners[i] -= step;
+    }
+    moved_cost_ = costOf(moved_, prior_, noise_);
+    return moved_cost_ < cost_ ? std::optional(cost_ - moved_cost_) : std::nullopt;
+  }
+  bool accept(const DampedStep& step) {
+    const bool converged = *step.decrease < kLeastChange * cost_;
+    std::swap(scene_, moved_);
+    cost_ = moved_cost_;
+    return !converged;
+  }
+  [[nodiscard]] static bool reject(const DampedStep& /*step*/) { return true; }
+
+ private:
+  const LensPrior& prior_;
+  double noise_;
+  Scene& scene_;
+  double cost_;
+  Scene moved_;
+  double moved_cost_ = 0;
+  Reduced system_;
+  Eigen::VectorXd step_;
+};
+
+/// Keeps the corners that are marked, with their sights.
+void keepOnly(const std::vector<char>& kept, Scene& scene) {
+  std::vector<std::size_t> place(kept.size());
+  std::vector<Eigen::Vector3d> corners;
+  for (std::size_t i = 0; i < kept.size(); ++i) {
+    place[i] = corners.size();
+    if (kept[i] != 0) corners.push_back(scene.corners[i]);
+  }
+  std::vector<Sight> sights;
+  for (Sight sight : scene.sights) {
+    if (kept[sight.corner] == 0) continue;
+    sight.corner = place[sight.corner];
+    sights.push_back(sight);
+  }
+  scene.corners = std::move(corners);
+  scene.sights = std::move(sights);
+}
+
+/// Where a pinhole camera would see what the lens shows at a pixel, on the plane z = 1.
+Eigen::Vector2d rayOf(const Scene& scene, const Eigen::Vector2d& pixel) {
+  constexpr int kIterations = 10;
+  constexpr double kLeastBend = 0.3;
+  const double fx = std::exp(scene.lens[kLogFocal]);
+  const Eigen::Vector2d seen =
+      (pixel - scene.lens.segment<2>(kCenter)).cwiseQuotient(Eigen::Vector2d(fx, scene.aspect * fx));
+  Eigen::Vector2d ray = seen;
+  for (int i = 0; i < kIterations; ++i) {
+    const double squared = ray.squaredNorm();
+    const double bend = 1 + squared * (scene.lens[kRadial] + squared * scene.lens[kRadial + 1]);
+    ray = seen / std::max(bend, kLeastBend);
+  }
+  return ray;
+}
+
+}  // namespace
+
+void placeCorners(Scene& scene) {
+  std::vector<Eigen::Matrix3d> H(scene.corners.size(), Eigen::Matrix3d::Zero());
+  std::vector<Eigen::Vector3d> b(scene.corners.size(), Eigen::Vector3d::Zero());
+  for (const Sight& sight : scene.sights) {
+    const SE3& view = scene.views[sight.view];
+    const Eigen::Matrix3d R = view.rotationMatrix();
+    const Eigen::Vector2d ray = rayOf(scene, sight.pixel);
+    for (Index i = 0; i < 2; ++i) {  // (row i - ray_i row 3) [X; 1] = 0
+      const Eigen::Vector3d row = (R.row(i) - ray[i] * R.row(2)).transpose();
+      const double right = ray[i] * view.translation().z() - view.translation()[i];
+      H[sight.corner] += row * row.transpose();
+      b[sight.corner] += row * right;
+    }
+  }
+  for (std::size_t i = 0; i < H.size(); ++i) {
+    H[i].diagonal().array() += 1e-9 * H[i].trace();
+    scene.corners[i] = H[i].ldlt().solve(b[i]);
+  }
+  leaveOutAbove(std::numeric_limits<double>::max(), scene);
+}
+
+std::vector<double> sightErrors(const Scene& scene) {
+  std::vector<double> errors;
+  errors.reserve(scene.sights.size());
+  for (const Sight& sight : scene.sights) {
+    const Residual r = residualOf<false>(scene, sight);
+    errors.push_back(r.in_front ? r.error.norm() : std::numeric_limits<double>::infinity());
+  }
+  return errors;
+}
+
+void leaveOutAbove(double limit, Scene& scene) {
+  const std::vector<double> errors = sightErrors(scene);
+  std::vector<char> kept(scene.corners.size(), 1);
+  for (std::size_t i = 0; i < errors.size(); ++i) {
+    if (!(errors[i] <= limit)) kept[scene.sights[i].corner] = 0;
+  }
+  keepOnly(kept, scene);
+}
+
+double adjust(const LensPrior& prior, double noise, int max_iterations, Scene& scene) {
+  AdjustmentProblem problem(prior, noise, scene);
+  FactorDamping damping{1e-4, 0.2, 5, kLeastDamping, kLeastDamping, 1e8, 8};
+  minimize(problem, damping, max_iterations);
+  return problem.cost();
+}
+
+LensVector lensSigmas(const LensPrior& prior, double noise, const Scene& scene) {
+  const ScaledSystem system(linearize(scene, prior, noise, kLeastDamping).H);
+  LensVector sigmas = LensVector::Zero();
+  const Index size = rowOf(scene.views.size());
+  for (Index i = 0; i < kLensDim; ++i) {
+    if (!(prior.sigma[i] > 0)) continue;
+    sigmas[i] = std::sqrt(std::max(0.0, system.solve(Eigen::VectorXd::Unit(size, i))[i]));
+  }
+  return sigmas;
+}
+
+}  // namespace dsorb::self_calibration

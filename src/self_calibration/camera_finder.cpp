@@ -1,0 +1,328 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "dsorb/self_calibration/camera_finder.h"
+
+#include "base/angles.h"
+#include "base/median.h"
+#include "base/parallel.h"
+#include "camera/lens_models.h"
+#include "image/image_scale.h"
+#include "self_calibration/camera_adjustment.h"
+#include "self_calibration/corner_paths.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <iomanip>
+#include <limits>
+#include <map>
+#include <sstream>
+#include <utility>
+#include <vector>
+
+namespace dsorb {
+namespace {
+
+using self_calibration::adjust;
+using self_calibration::CornerPaths;
+using self_calibration::LensPrior;
+using self_calibration::LensVector;
+using self_calibration::Scene;
+using self_calibration::Sight;
+using self_calibration::Sighting;
+
+constexpr std::size_t kMaxViews = 40;     // an even number; of more, every second one goes
+constexpr std::size_t kFewestViews = 6;   // that are adjusted
+constexpr std::size_t kFewestCorners = 60;
+constexpr std::size_t kMostCorners = 800;  // those seen in most views
+constexpr std::size_t kFewestSights = 3;   // of a corner
+constexpr double kViewStep = 16;  // between two views, for an image diagonal of 800 px [px]
+constexpr double kViewShare = 0.8;  // of the corners of a view; where fewer are left comes the next
+
+/// What competes in the beginning, times the guess.
+constexpr std::array<double, 3> kFocalLengths = {1, 1.5, 1 / 1.5};
+constexpr int kRivalIterations = 8;
+constexpr int kIterations = 25;
+constexpr double kFirstNoise = 0.5;   // of a corner, for an image diagonal of 800 px [px]
+constexpr double kLeastNoise = 0.05;  // [px]
+constexpr double kWrong = 8;          // times the noise: a corner that is none
+constexpr double kBehindCost = 50;    // of a sight of a corner that cannot be placed
+
+/// By which errors exceed those of independent corners. docs/experiments.md, "No calibration"
+constexpr double kErrorFactor = 5;
+constexpr double kShows = 3;  // standard deviations that a distortion or readout differs from none
+
+// Beforehand: what phones, webcams and action cameras have.
+constexpr double kCenterSigma = 0.02;  // share of the longer side
+constexpr double kK1Sigma = 0.3;
+constexpr double kK2Sigma = 0.15;
+
+/// How far the corners that two images share have moved: the median [px]; infinite where they
+/// share too few.
+double stepBetween(const std::vector<Sighting>& from, const std::vector<Sighting>& to) {
+  std::vector<double> steps;
+  auto other = from.begin();
+  for (const Sighting& sighting : to) {
+    while (other != from.end() && other->corner < sighting.corner) ++other;
+    if (other == from.end()) break;
+    if (other->corner != sighting.corner) continue;
+    steps.push_back(static_cast<double>((sighting.pixel - other->pixel).norm()));
+  }
+  if (static_cast<double>(steps.size()) < kViewShare * static_cast<double>(from.size())) {
+    return std::numeric_limits<double>::infinity();
+  }
+  return medianInPlace(steps);
+}
+
+/// Makes velocities the mean of those before and after an image.
+void centreVelocities(const std::vector<Sighting>& next, std::vector<Sighting>& seen) {
+  auto later = next.begin();
+  for (Sighting& sighting : seen) {
+    while (later != next.end() && later->corner < sighting.corner) ++later;
+    if (later == next.end()) return;
+    if (later->corner != sighting.corner) continue;
+    const bool began = sighting.velocity.isZero(0);
+    sighting.velocity =
+        began ? later->velocity : Eigen::Vector2f(0.5F * (sighting.velocity + later->velocity));
+  }
+}
+
+LensVector numbersOf(const Lens& lens) {
+  LensVector numbers;
+  const bool bent = lens.model == LensModel::kRadTan;
+  numbers << std::log(lens.fx), lens.cx, lens.cy, bent ? lens.coefficients[0] : 0,
+      bent ? lens.coefficients[1] : 0, lens.readout.seconds;
+  return numbers;
+}
+
+LensPrior priorOf(const Lens& guess) {
+  LensPrior prior{numbersOf(guess), LensVector::Zero()};
+  if (guess.focal_sigma > 0) {
+    const double center = kCenterSigma * std::max(guess.width, guess.height);
+    prior.sigma << guess.focal_sigma, center, center, kK1Sigma, kK2Sigma, 0;
+  }
+  prior.sigma[self_calibration::kReadout] = guess.readout.sigma;
+  prior.sigma /= kErrorFactor;  // must count as the corners do
+  return prior;
+}
+
+double noiseOf(const Scene& scene) {
+  return std::max(kLeastNoise, medianOf(sightErrors(scene)) / kMedianLength);
+}
+
+/// The focal length with which corners and poses agree best.
+Scene bestStart(const Scene& scene, const LensPrior& prior, double noise) {
+  Scene best;
+  double least = std::numeric_limits<double>::infinity();
+  for (const double factor : kFocalLengths) {
+    Scene rival = scene;
+    rival.lens[self_calibration::kLogFocal] += std::log(factor);
+    placeCorners(rival);
+    const double lost = kBehindCost * static_cast<double>(scene.sights.size() - rival.sights.size());
+    if (rival.corners.size() < kFewestCorners) continue;
+    const double cost = lost + adjust(prior, noise, kRivalIterations, rival);
+    if (cost >= least) continue;
+    least = cost;
+    best = std::move(rival);
+    if (!(prior.sigma[self_calibration::kLogFocal] > 0)) break;
+  }
+  return best;
+}
+
+}  // namespace
+
+class CameraFinder::Impl {
+ public:
+  Impl(const Lens& guess, const Lens& images, const PinholeCamera& rectified, int threads)
+      : guess_(guess),
+        images_(images),
+        rectified_(rectified),
+        step_(kViewStep * imageScale(rectified.width, rectified.height)),
+        arena_(threads) {}
+
+  void take(const FrameEstimate& estimate) {
+    if (estimate.segment != segment_ || !estimate.T_world_cam) {
+      // Without a pose nothing is known of how the next one lies to those before.
+      if (estimate.segment != segment_ || estimate.state == OdometryState::kLost) paths_.clear();
+      segment_ = estimate.segment;
+      if (!estimate.T_world_cam) return;
+    }
+    ++frames_;
+    View view{estimate.T_world_cam->inverse(),
+              arena_.run([&] { return paths_.add(*estimate.frame); })};
+    if (newest_is_view_) centreVelocities(view.seen, views_.back().seen);
+    newest_is_view_ = views_.empty() || stepBetween(views_.back().seen, view.seen) > step_;
+    if (!newest_is_view_) return;
+    views_.push_back(std::move(view));
+    if (views_.size() <= kMaxViews) return;
+    for (std::size_t i = 1; 2 * i < views_.size(); ++i) views_[i] = std::move(views_[2 * i]);
+    views_.resize((views_.size() + 1) / 2);
+    step_ *= 2;
+  }
+
+  [[nodiscard]] int frames() const { return frames_; }
+
+  [[nodiscard]] std::optional<FoundCamera> find() const {
+    if (views_.size() < kFewestViews) return std::nullopt;
+    LensPrior prior = priorOf(guess_);
+    double noise = kFirstNoise * imageScale(images_.width, images_.height);
+    Scene scene = bestStart(sceneOf(), prior, noise);
+    if (scene.corners.size() < kFewestCorners) return std::nullopt;
+    for (int round = 0; round < 2; ++round) {
+      noise = noiseOf(scene);
+      leaveOutAbove(kWrong * noise, scene);
+      if (scene.corners.size() < kFewestCorners) return std::nullopt;
+      adjust(prior, noise, kIterations, scene);
+    }
+    noise = noiseOf(scene);
+    holdWhatDoesNotShow(noise, prior, scene);
+    return told(scene, kErrorFactor * lensSigmas(prior, noise, scene));
+  }
+
+ private:
+  /// What is kept of an image with a pose.
+  struct View {
+    SE3 T_cam_world;
+    std::vector<Sighting> seen;
+  };
+  /// Where the image as it was taken shows what the rectified one shows at a pixel.
+  [[nodiscard]] Eigen::Vector2d taken(const Eigen::Vector2f& pixel) const {
+    return projectThroughLens(images_, rectified_.unproject(pixel.cast<double>()).head<2>());
+  }
+
+  [[nodiscard]] Sight sightOf(const Sighting& seen, std::size_t view, std::size_t corner) const {
+    constexpr float kInstant = 1e-3F;  // [s]
+    Sight sight{view, corner, taken(seen.pixel)};
+    const Eigen::Vector2d velocity =
+        (taken(seen.pixel + kInstant * seen.velocity) - sight.pixel) / static_cast<double>(kInstant);
+    const double line = images_.columns ? sight.pixel.x() / (images_.width - 1)
+                                        : sight.pixel.y() / (images_.height - 1);
+    sight.drift = (images_.backwards ? 0.5 - line : line - 0.5) * velocity;
+    return sight;
+  }
+
+  /// Views with the corners that are seen in most of them, not yet placed.
+  [[nodiscard]] Scene sceneOf() const {
+    std::map<int, std::vector<Sight>> by_corner;
+    for (std::size_t v = 0; v < views_.size(); ++v) {
+      for (const Sighting& seen : views_[v].seen) {
+        by_corner[seen.corner].push_back(sightOf(seen, v, 0));
+      }
+    }
+    std::vector<std::vector<Sight>> corners;
+    for (auto& entry : by_corner) {
+      if (entry.second.size() >= kFewestSights) corners.push_back(std::move(entry.second));
+    }
+    std::stable_sort(corners.begin(), corners.end(), [](const auto& a, const auto& b) {
+      return a.size() > b.size();
+    });
+    corners.resize(std::min(corners.size(), kMostCorners));
+    Scene scene;
+    scene.lens = numbersOf(guess_);
+    scene.lens[self_calibration::kLogFocal] = std::log(images_.fx);
+    scene.aspect = images_.fy / images_.fx;
+    for (const View& view : views_) scene.views.push_back(view.T_cam_world);
+    for (std::size_t i = 0; i < corners.size(); ++i) {
+      for (Sight& sight : corners[i]) {
+        sight.corner = i;
+        scene.sights.push_back(sight);
+      }
+    }
+    scene.corners.resize(corners.size());
+    return scene;
+  }
+
+  /// A distortion and a readout that are not told from none are none.
+  static void holdWhatDoesNotShow(double noise, LensPrior& prior, Scene& scene) {
+    const LensVector sigmas = kErrorFactor * lensSigmas(prior, noise, scene);
+    const auto shows = [&](int i) { return std::abs(scene.lens[i]) > kShows * sigmas[i]; };
+    const auto hold = [&](int i) {
+      if (!(prior.sigma[i] > 0)) return false;
+      prior.sigma[i] = scene.lens[i] = 0;
+      return true;
+    };
+    bool changed = false;
+    if (!shows(self_calibration::kReadout)) changed = hold(self_calibration::kReadout);
+    if (!shows(self_calibration::kRadial) && !shows(self_calibration::kRadial + 1)) {
+      changed = hold(self_calibration::kRadial) || changed;
+      changed = hold(self_calibration::kRadial + 1) || changed;
+    }
+    if (changed) adjust(prior, noise, kIterations, scene);
+  }
+
+  [[nodiscard]] FoundCamera told(const Scene& scene, const LensVector& sigmas) const {
+    FoundCamera found;
+    Lens& lens = found.lens = guess_;
+    lens.fx = std::exp(scene.lens[self_calibration::kLogFocal]);
+    lens.fy = scene.aspect * lens.fx;
+    lens.cx = scene.lens[self_calibration::kCenter];
+    lens.cy = scene.lens[self_calibration::kCenter + 1];
+    const double k1 = scene.lens[self_calibration::kRadial];
+    const double k2 = scene.lens[self_calibration::kRadial + 1];
+    lens.model = k1 == 0 && k2 == 0 ? LensModel::kPinhole : LensModel::kRadTan;
+    lens.coefficients = {k1, k2};
+    lens.readout = {scene.lens[self_calibration::kReadout], sigmas[self_calibration::kReadout]};
+    lens.focal_sigma = sigmas[self_calibration::kLogFocal];
+    found.center_sigma = std::max(sigmas[self_calibration::kCenter],
+                                  sigmas[self_calibration::kCenter + 1]);
+    found.k1_sigma = sigmas[self_calibration::kRadial];
+    found.views = static_cast<int>(scene.views.size());
+    found.corners = static_cast<int>(scene.corners.size());
+    found.error = medianOf(sightErrors(scene));
+    return found;
+  }
+
+  Lens guess_;   // what is known beforehand
+  Lens images_;  // that images are rectified with
+  PinholeCamera rectified_;
+  double step_;  // least between two views [px]
+  TaskArena arena_;
+  CornerPaths paths_;
+  std::vector<View> views_;
+  bool newest_is_view_ = false;
+  int segment_ = -1;
+  int frames_ = 0;
+};
+
+std::string describe(const FoundCamera& camera) {
+  const Lens& lens = camera.lens;
+  const double sigma = lens.focal_sigma * lens.fx;
+  std::ostringstream text;
+  text << std::fixed << std::setprecision(sigma < 1 ? 1 : 0) << "focal length " << lens.fx << " +- "
+       << sigma << " px (" << std::setprecision(1)
+       << 2 * std::atan(0.5 * lens.width / lens.fx) * kDegPerRad << " degrees)";
+  if (lens.model != LensModel::kPinhole) {
+    text << std::setprecision(2) << ", distortion " << lens.coefficients[0] << " +- "
+         << std::setprecision(camera.k1_sigma < 0.01 ? 3 : 2) << camera.k1_sigma;
+  }
+  if (lens.readout.seconds != 0) {
+    text << std::setprecision(1) << ", readout " << 1000 * lens.readout.seconds << " +- "
+         << 1000 * lens.readout.sigma << " ms";
+  }
+  if (!camera.isKnown()) {
+    text << std::setprecision(0) << "; these images do not tell it better, turns may be "
+         << std::ceil(100 * lens.focal_sigma) << " % off";
+  }
+  return text.str();
+}
+
+CameraFinder::CameraFinder(const Lens& guess,
+                           const Lens& images,
+                           const PinholeCamera& rectified,
+                           int threads)
+    : impl_(std::make_unique<Impl>(guess, images, rectified, threads)) {}
+CameraFinder::~CameraFinder() = default;
+
+void CameraFinder::onFrame(const FrameEstimate& estimate) {
+  impl_->take(estimate);
+}
+
+int CameraFinder::frames() const {
+  return impl_->frames();
+}
+
+std::optional<FoundCamera> CameraFinder::find() const {
+  return impl_->find();
+}
+
+}  // namespace dsorb

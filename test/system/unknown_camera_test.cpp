@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Images and nothing else: the program finds the camera, and runs with it.
+#include "support/run_program.h"
+#include "support/temporary_folder.h"
+#include "support/text_files.h"
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace dsorb {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// A rendered room without its calibration. @param view [degrees]
+fs::path roomWithoutCalibration(const fs::path& folder, const std::string& view) {
+  const fs::path room = folder / ("room_" + view);
+  const ProgramResult made = runProgram({DSORB_SYNTHESIZE, "room", "--output", room.string(),
+                                         "--frames", "70", "--fov", view, "--quiet"},
+                                        folder);
+  EXPECT_EQ(made.exit_code, 0) << made.err;
+  fs::remove(room / "camera.txt");
+  return room;
+}
+
+nlohmann::json runOn(const fs::path& sequence,
+                     const fs::path& output,
+                     const std::vector<std::string>& more = {}) {
+  std::vector<std::string> words = {DSORB_DATASET, sequence.string(), "--output", output.string()};
+  words.insert(words.end(), more.begin(), more.end());
+  const ProgramResult run = runProgram(words, output.parent_path());
+  EXPECT_EQ(run.exit_code, 0) << run.err;
+  EXPECT_NE(run.out.find("focal length "), std::string::npos) << run.out;
+  return nlohmann::json::parse(readText(output / "run.json"));
+}
+
+TEST(UnknownCamera, IsFoundAndIsTheCalibrationOfTheNextRun) {
+  const TemporaryFolder folder;
+  for (const auto& [view, focal] : {std::pair("50", 686.2), std::pair("90", 320.0)}) {
+    const fs::path room = roomWithoutCalibration(folder.path(), view);
+    const fs::path out = folder.path() / "out";
+    const auto run = runOn(room, out);
+    EXPECT_EQ(run["status"], "tracked");
+    EXPECT_EQ(run["segments"], 1);
+    const auto& found = run["found_camera"];
+    EXPECT_NEAR(found["fx"].get<double>() / focal, 1, 0.02) << found.dump(2);
+    EXPECT_EQ(found["known"], true) << found.dump(2);
+    EXPECT_EQ(run["lens"]["fx"], found["fx"]);
+    EXPECT_FALSE(run.contains("calibration_suspected")) << "of a camera that nobody gave";
+    fs::copy_file(out / "refined_camera.txt", room / "camera.txt");
+    const ProgramResult next = runProgram(
+        {DSORB_DATASET, room.string(), "--output", out.string(), "--quiet"}, folder.path());
+    EXPECT_EQ(next.exit_code, 0) << next.err;
+    EXPECT_FALSE(nlohmann::json::parse(readText(out / "run.json")).contains("found_camera"));
+  }
+}
+
+}  // namespace
+}  // namespace dsorb

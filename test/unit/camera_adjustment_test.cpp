@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// A camera, views and corners that fit exactly: the adjustment comes back to them from elsewhere.
+#include "self_calibration/camera_adjustment.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+namespace dsorb::self_calibration {
+namespace {
+
+constexpr double kNoise = 0.2;  // [px]
+
+LensVector truth() {
+  return (LensVector() << std::log(500.0), 325, 236, -0.25, 0.06, 0.02).finished();
+}
+
+Eigen::Vector2d seen(const LensVector& lens, const Eigen::Vector3d& p) {
+  const Eigen::Vector2d ray = p.head<2>() / p.z();
+  const double r2 = ray.squaredNorm();
+  return std::exp(lens[0]) * (1 + r2 * (lens[3] + r2 * lens[4])) * ray + lens.segment<2>(1);
+}
+
+/// A camera that turns and moves before a cloud of points; corners are not placed yet.
+Scene sceneWithNoise(double noise) {
+  std::mt19937 random(7);
+  std::normal_distribution<double> normal;
+  const auto vector = [&](double scale) {
+    const double x = normal(random), y = normal(random);
+    return Eigen::Vector3d(scale * x, scale * y, scale * normal(random));
+  };
+  Scene scene;
+  scene.lens = truth();
+  for (int i = 0; i < 12; ++i) {
+    Vector6d motion;
+    motion << vector(0.4), vector(0.12);
+    scene.views.push_back(SE3::exp(motion));
+  }
+  for (std::size_t corner = 0; corner < 200; ++corner) {
+    const Eigen::Vector3d point =
+        vector(1.0).cwiseProduct(Eigen::Vector3d(1.5, 1.1, 0.7)) + Eigen::Vector3d(0, 0, 4);
+    scene.corners.emplace_back(0, 0, 0);
+    for (std::size_t view = 0; view < scene.views.size(); ++view) {
+      Sight sight{view, corner, seen(scene.lens, scene.views[view] * point)};
+      sight.drift = 60 * vector(1.0).head<2>();
+      sight.pixel += scene.lens[kReadout] * sight.drift + noise * vector(1.0).head<2>();
+      scene.sights.push_back(sight);
+    }
+  }
+  return scene;
+}
+
+LensPrior wide() {
+  LensPrior prior;
+  prior.mean << std::log(560.0), 319.5, 239.5, 0, 0, 0;
+  prior.sigma << 0.3, 13, 13, 0.3, 0.15, 0.02;
+  return prior;
+}
+
+TEST(CameraAdjustment, FindsLensAndReadoutFromAWrongGuess) {
+  Scene scene = sceneWithNoise(0);
+  scene.lens = wide().mean;
+  placeCorners(scene);
+  const std::size_t corners = scene.corners.size();
+  EXPECT_GT(corners, 190U);
+  adjust(wide(), 0.01, 60, scene);
+  EXPECT_EQ(scene.corners.size(), corners);
+  for (int i = 0; i < kLensDim; ++i) {
+    EXPECT_NEAR(scene.lens[i], truth()[i], 2e-3 * std::max(1.0, std::abs(truth()[i]))) << i;
+  }
+}
+
+TEST(CameraAdjustment, SigmasAreThoseOfTheNoise) {
+  Scene scene = sceneWithNoise(kNoise);
+  scene.lens = wide().mean;
+  placeCorners(scene);
+  adjust(wide(), kNoise, 60, scene);
+  const LensVector sigmas = lensSigmas(wide(), kNoise, scene);
+  const LensVector off = (scene.lens - truth()).cwiseQuotient(sigmas);
+  EXPECT_LT(off.cwiseAbs().maxCoeff(), 3.5) << off.transpose();
+  EXPECT_GT(off.norm(), 0.3) << "not much surer than they are";
+  EXPECT_LT(sigmas[kLogFocal], 0.01);
+}
+
+TEST(CameraAdjustment, WhatHasNoSigmaIsHeld) {
+  Scene scene = sceneWithNoise(0);
+  placeCorners(scene);
+  LensPrior prior = wide();
+  prior.sigma[kRadial] = prior.sigma[kReadout] = 0;
+  scene.lens[kRadial] = -0.1;
+  adjust(prior, kNoise, 10, scene);
+  EXPECT_EQ(scene.lens[kRadial], -0.1);
+  EXPECT_EQ(scene.lens[kReadout], truth()[kReadout]);
+  EXPECT_EQ(lensSigmas(prior, kNoise, scene)[kRadial], 0);
+}
+
+TEST(CameraAdjustment, CornersWithALargeErrorGoWithTheirSights) {
+  Scene scene = sceneWithNoise(0);
+  placeCorners(scene);
+  const std::size_t corners = scene.corners.size();
+  const std::size_t sights = scene.sights.size();
+  scene.sights[5].pixel.x() += 20;
+  leaveOutAbove(5, scene);
+  EXPECT_EQ(scene.corners.size(), corners - 1);
+  EXPECT_EQ(scene.sights.size(), sights - 12);
+}
+
+}  // namespace
+}  // namespace dsorb::self_calibration
