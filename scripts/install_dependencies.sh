@@ -6,7 +6,7 @@ set -euo pipefail
 packages=(
   g++ cmake ninja-build ccache pkg-config
   libeigen3-dev libopencv-dev libceres-dev libsuitesparse-dev libtbb-dev
-  libcli11-dev libyaml-cpp-dev libtinyxml2-dev nlohmann-json3-dev libzip-dev libjpeg-dev libpng-dev libavformat-dev libswscale-dev libspdlog-dev libfmt-dev
+  libcli11-dev libyaml-cpp-dev libtinyxml2-dev nlohmann-json3-dev libzip-dev libjpeg-dev libpng-dev libsqlite3-dev libavformat-dev libswscale-dev libspdlog-dev libfmt-dev
   libgtest-dev libgmock-dev libbenchmark-dev
   python3-dev python3-venv
   "$@"

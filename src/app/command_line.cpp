@@ -262,6 +262,13 @@ void addMethodFlags(CLI::App& app, Flags& flags, CommandLine& request) {
                  "place become one (default; of cameras and with --speed off); loops: also closed")
       ->check(CLI::IsMember(namesOf(kPlacesModes)))
       ->group("Method");
+  app.add_option(
+         "--load-map",
+         request.load_map,
+         "map of an earlier run (--save-map): the run starts where the camera is recognized "
+         "in it, in its world and unit")
+      ->type_name("FILE")
+      ->group("Method");
   app.add_option("--speed",
                  request.speed,
                  "play back at X times real time and drop frames as a live camera would; 0 "
@@ -284,6 +291,19 @@ void addOutputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
                  request.record,
                  "everything a viewer needs, one JSON object a line (docs/formats.md)")
       ->type_name("FILE")
+      ->group("Output");
+  app.add_option("--save-map",
+                 request.save_map,
+                 "keyframes for --load-map and dsorb merge (docs/formats.md)")
+      ->type_name("FILE")
+      ->group("Output");
+  app.add_option("--merge-map",
+                 request.merge_maps,
+                 "no run: the maps named so become one, which --save-map names; at least two")
+      ->type_name("FILE")
+      ->expected(1)
+      ->allow_extra_args(false)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
       ->group("Output");
   app.add_flag("--serve-images",
                request.serve_images,
@@ -405,6 +425,13 @@ CommandLine parseCommandLine(int argc, const char* const* argv) {
   request.skip = parseSkips(flags.skip);
   takeWords(flags.words, request);
   takeFlags(flags, request);
+  if (!request.merge_maps.empty()) {
+    if (request.merge_maps.size() < 2 || request.save_map.empty()) {
+      throw ConfigError(
+          "--merge-map: expected two maps or more, and --save-map for the merged one");
+    }
+    return request;
+  }
   if (request.sequence.path.empty()) {
     if (request.print_config) return request;
     throw ConfigError("no data set given; --help shows the options");
@@ -416,9 +443,13 @@ CommandLine parseCommandLine(int argc, const char* const* argv) {
     throw ConfigError("--speed plays recordings; a camera has a time of its own");
   }
   const bool is_live = is_camera || request.speed > 0;
-  request.places = !flags.places.empty() ? kPlacesModes.at(flags.places)
-                   : is_live             ? PlacesMode::kOff
-                                         : PlacesMode::kJoin;
+  const bool uses_map = !request.load_map.empty() || !request.save_map.empty();
+  request.places = !flags.places.empty()  ? kPlacesModes.at(flags.places)
+                   : is_live && !uses_map ? PlacesMode::kOff
+                                          : PlacesMode::kJoin;
+  if (uses_map && request.places == PlacesMode::kOff) {
+    throw ConfigError("--load-map and --save-map need --places join or loops");
+  }
   if (request.output.empty()) request.output = "out/" + datasetName(request.sequence.path);
   return request;
 }

@@ -165,8 +165,11 @@ void writeAfterError(RunOutputs& outputs, std::optional<Odometry>& odometry) {
 /// A name that is mistyped must not cost the results of an earlier run.
 void requireFiles(const CommandLine& request) {
   const SequenceOptions& files = request.sequence;
-  for (const std::string& name :
-       {files.calibration_file, files.response_file, files.vignette_file, files.mask}) {
+  for (const std::string& name : {files.calibration_file,
+                                  files.response_file,
+                                  files.vignette_file,
+                                  files.mask,
+                                  request.load_map}) {
     if (name.empty() || std::filesystem::exists(name)) continue;
     throw IoError(fmt::format("{}: no such file", name));
   }
@@ -284,13 +287,18 @@ RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
     odometry.emplace(reader.camera(), config.options);
     odometry->addObserver(&outputs);
     place = placeFor(request, config, outputs);
-    if (place) odometry->addObserver(place.get());
+    if (place) {
+      odometry->addObserver(place.get());
+      const int first = request.load_map.empty() ? 0 : place->load(request.load_map);
+      odometry->setRecognizer(place->recognizer(reader.camera()), first);
+    }
     Feeder feeder(reader, *odometry, outputs, request);
     result.interrupted = feeder.run(interrupt);
     result.frames_dropped = feeder.dropped();
     result.frames_unreadable = static_cast<int>(reader.unreadable().size());
     result.report = odometry->finish();
     if (place) result.report.segments -= place->finish().joined;
+    if (!request.save_map.empty()) place->save(request.save_map);
   } catch (...) {
     interrupt.settle();
     writeAfterError(outputs, odometry);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "dsorb/error.h"
 #include "dsorb/init/registry.h"
+#include "dsorb/place/place.h"
 
 #include "app/command_line.h"
 #include "app/dataset_run.h"
@@ -82,6 +83,17 @@ int run(int argc, const char* const* argv, app::Interrupt& interrupt) {
   }
   for (const std::string& warning : request.warnings) {
     if (!request.quiet) spdlog::warn(warning);
+  }
+  if (!request.merge_maps.empty()) {
+    const PlaceReport report = mergeMaps(request.merge_maps, request.save_map, PlaceOptions());
+    if (!request.quiet) {
+      fmt::print("{}: {} keyframes, {} segments joined, {} loops closed\n",
+                 request.save_map,
+                 report.keyframes,
+                 report.joined,
+                 report.loops);
+    }
+    return app::kTracked;
   }
   app::ignoreWriteSignals();
   if (request.serve_images) {

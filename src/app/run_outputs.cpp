@@ -99,6 +99,11 @@ void RunOutputs::onLoopsClosed(const LoopsClosed& closed) {
   run_->onLoopsClosed(closed);
 }
 
+void RunOutputs::onTracks(const std::vector<MapTrack>& tracks) {
+  const Lock lock(mutex_);
+  run_->onTracks(tracks);
+}
+
 void RunOutputs::frameDone(const FrameTiming& timing,
                            const FrameEstimate& estimate,
                            const std::string& image_file) {

@@ -33,6 +33,7 @@ class RunOutputs : public OdometryObserver {
   void onLost(FrameId frame, int segment) override;
   void onSegmentsJoined(const SegmentsJoined& joined) override;
   void onLoopsClosed(const LoopsClosed& closed) override;
+  void onTracks(const std::vector<MapTrack>& tracks) override;
 
   void frameDone(const FrameTiming& timing,
                  const FrameEstimate& estimate,

@@ -16,8 +16,8 @@ constexpr double kFrameBetween = 0.5;
 /// Sigma of a row motion's prior over the one that the poses of a start show, which are still noisy
 /// when it is measured [-].
 constexpr double kRowMotion = 0.5;
-/// Errors of a window's adjustment over those of independent pixels [-]: the eight pixels of a patch
-/// err together, and a fault of a host's patch is in all of its residuals.
+/// Errors of a window's adjustment over those of independent pixels [-]: the eight pixels of a
+/// patch err together, and a fault of a host's patch is in all of its residuals.
 constexpr double kWindow = 6;
 /// Share of a keyframe's covariance that its frames get for errors of the map [-].
 constexpr double kMapShare = 0.5;

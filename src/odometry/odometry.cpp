@@ -11,6 +11,7 @@
 #include "odometry/observers.h"
 #include "odometry/segment_unit.h"
 
+#include <algorithm>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -39,6 +40,23 @@ void checkStep(const InitStep& step) {
   if (step.result) checkInvariants(*step.result);
 }
 
+/// The same image with other priors.
+FramePtr withPriors(const FramePtr& frame, FramePriors priors) {
+  FrameInfo info;
+  info.id = frame->id();
+  info.timestamp = frame->timestamp();
+  info.exposure = frame->exposure();
+  info.response_slope = {frame, frame->responseSlope()};  // lives as long as the frame
+  info.row_times = {frame, frame->rowTimes()};
+  info.priors = std::make_shared<const FramePriors>(std::move(priors));
+  const PyramidLevel& image = frame->level(0);
+  std::vector<float> pixels;
+  for (int y = 0; y < image.height(); ++y) {
+    pixels.insert(pixels.end(), image.row(y), image.row(y) + image.width());
+  }
+  return Frame::create(ImageView(pixels.data(), image.width(), image.height()), info);
+}
+
 }  // namespace
 
 /// The phases of a run.
@@ -57,6 +75,11 @@ class Odometry::Impl {
   }
 
   void addObserver(OdometryObserver* observer) { observers_.add(observer); }
+
+  void setRecognizer(Recognizer recognizer, int first_segment) {
+    recognizer_ = std::move(recognizer);
+    segment_ = std::max(segment_, first_segment);
+  }
 
   FrameEstimate process(const FramePtr& frame, bool hurried) {
     accept(frame);
@@ -79,6 +102,7 @@ class Odometry::Impl {
     if (was_placed) ++segment_;
     refusals_ = 0;
     initializer_->reset();
+    place_.reset();
     frame_check_.restart();
     phase_ = Phase::kInitializing;
   }
@@ -107,11 +131,14 @@ class Odometry::Impl {
 
   /// Phase initializing: feeds the initializer; its result becomes the first map.
   void initialize(const FramePtr& frame) {
-    const InitStep step =
-        timed(report_.initializing_seconds, [&] { return initializer_->addFrame(frame); });
+    const InitStep step = timed(report_.initializing_seconds,
+                                [&] { return initializer_->addFrame(recognized(frame)); });
+    const bool begins_anew = step.status == InitStatus::kRestarted;
+    if (begins_anew || (step.result && !isOfPlace(*step.result))) place_.reset();
+    unit_ = unitOf(step);
     try {
       checkStep(step);
-      observers_.notify(&OdometryObserver::onInitStep, step, *frame, segment_);
+      observers_.notify(&OdometryObserver::onInitStep, step, *frame, unit_.told(segment_));
     } catch (...) {
       if (step.result) initializer_->reset();
       throw;
@@ -123,6 +150,30 @@ class Odometry::Impl {
     } else {
       observers_.notify(&OdometryObserver::onFrame, last_estimate_);
     }
+  }
+
+  /// A frame as the initializer gets it: the reference of a new start where its place is known.
+  FramePtr recognized(const FramePtr& frame) {
+    if (!recognizer_ || place_) return frame;
+    std::optional<RecognizedPlace> found = recognizer_(*frame);
+    if (!found || found->depths.empty()) return frame;
+    FramePriors priors = frame->priors() == nullptr ? FramePriors() : *frame->priors();
+    priors.depth = sparseDepth(frame->width(), frame->height(), found->depths);
+    place_ = std::move(found);
+    place_frame_ = frame->id();
+    initializer_->reset();
+    return withPriors(frame, std::move(priors));
+  }
+
+  /// Whether a start has the unit of the place that was recognized.
+  [[nodiscard]] bool isOfPlace(const InitializationResult& result) const {
+    return place_ && result.metric && result.frames.front().frame->id() == place_frame_;
+  }
+
+  [[nodiscard]] odometry::SegmentUnit unitOf(const InitStep& step) const {
+    if (!step.result) return {};
+    if (!place_) return odometry::SegmentUnit(step.result->metric);
+    return {step.result->metric, place_->segment, place_->T_world_cam};
   }
 
   /// @throws what mapping threw; the map is lost then
@@ -144,15 +195,16 @@ class Odometry::Impl {
         update.finite ? refusalOf(update.start_change) : std::optional(RefusalReason::kAdjustment);
     if (reason && (!update.finite || refusals_ < options_.max_refusals)) {
       report_.mapping_seconds += seeded.seconds;
-      refuse({result.frames.back().frame->id(), segment_, *reason, update.start_change});
+      refuse(
+          {result.frames.back().frame->id(), unit_.told(segment_), *reason, update.start_change});
       return;
     }
     refusals_ = 0;
     doubted_ = 0;
     phase_ = Phase::kTracking;
-    ++report_.segments;
+    ++(place_ ? report_.recognized : report_.segments);
+    place_.reset();
     tracker_.begin(result);
-    unit_ = odometry::SegmentUnit(result.metric);
     adopt(std::move(seeded));
     FrameEstimate estimate = last_estimate_;
     estimate.state = OdometryState::kInitialized;
@@ -163,6 +215,7 @@ class Odometry::Impl {
   /// The initializer begins anew with the next frame.
   void refuse(const StartRefusal& refusal) {
     ++refusals_;
+    place_.reset();
     mapper_.clear();
     initializer_->reset();
     observers_.notify(&OdometryObserver::onStartRefused, refusal);
@@ -214,7 +267,8 @@ class Odometry::Impl {
   }
 
   void concludeWithoutPose(OdometryState state, std::optional<double> tracking_rmse) {
-    last_estimate_ = odometry::estimateWithoutPose(last_input_, segment_, state, tracking_rmse);
+    last_estimate_ =
+        odometry::estimateWithoutPose(last_input_, unit_.told(segment_), state, tracking_rmse);
     observers_.notify(&OdometryObserver::onFrame, last_estimate_);
   }
 
@@ -271,7 +325,7 @@ class Odometry::Impl {
   void loseMap() {
     phase_ = Phase::kLost;
     retireAll();
-    observers_.notify(&OdometryObserver::onLost, last_input_->id(), segment_);
+    observers_.notify(&OdometryObserver::onLost, last_input_->id(), unit_.told(segment_));
   }
 
   void retireAll() {
@@ -290,6 +344,9 @@ class Odometry::Impl {
   bool is_finished_ = false;
   int segment_ = 0;
   odometry::SegmentUnit unit_;
+  Recognizer recognizer_;
+  std::optional<RecognizedPlace> place_;  // of the reference of the start that is under way
+  FrameId place_frame_;
   int refusals_ = 0;  // in a row
   int doubted_ = 0;   // frames in a row without a pose, or with one that does not fit
   OdometryReport report_;
@@ -313,6 +370,10 @@ Odometry& Odometry::operator=(Odometry&&) noexcept = default;
 
 void Odometry::addObserver(OdometryObserver* observer) {
   impl_->addObserver(observer);
+}
+
+void Odometry::setRecognizer(Recognizer recognizer, int first_segment) {
+  impl_->setRecognizer(std::move(recognizer), first_segment);
 }
 
 FrameEstimate Odometry::process(const FramePtr& frame, bool hurried) {

@@ -19,13 +19,14 @@
 namespace dsorb::place {
 namespace {
 
-constexpr int kBorderOfInvalid = 15;   // half of what ORB describes [px]
-constexpr std::size_t kLookBack = 4;   // keyframes that corners are followed to
-constexpr double kLevelFactor = 1.2;   // between two levels of the detector's pyramid
-constexpr double kCornerSigma = 0.8;   // of a corner's position on its level [px]
-constexpr double kOutlier = 9.2;       // chi-square, 2 degrees of freedom, 99 %
-constexpr double kMaxRelative = 0.25;  // standard deviation of an inverse depth over it
-constexpr int kSteps = 4;              // of Gauss-Newton
+constexpr int kBorderOfInvalid = 15;        // half of what ORB describes [px]
+constexpr std::size_t kLookBack = 4;        // keyframes that corners are followed to
+constexpr std::ptrdiff_t kTrackReach = 12;  // keyframes that a track is looked for in, at once
+constexpr double kLevelFactor = 1.2;        // between two levels of the detector's pyramid
+constexpr double kCornerSigma = 0.8;        // of a corner's position on its level [px]
+constexpr double kOutlier = 9.2;            // chi-square, 2 degrees of freedom, 99 %
+constexpr double kMaxRelative = 0.25;       // standard deviation of an inverse depth over it
+constexpr int kSteps = 4;                   // of Gauss-Newton
 
 /// A corner of a track.
 struct Sighting {
@@ -130,11 +131,11 @@ Eigen::Vector2d StoredKeyframe::pixel(std::size_t feature) const {
                      : camera.project(ray(feature));
 }
 
-std::size_t KeyframeStore::add(const KeyframeSnapshot& snapshot, View view) {
+std::size_t KeyframeStore::add(const KeyframeSnapshot& snapshot, View view, int stretch) {
   StoredKeyframe keyframe;
   keyframe.id = snapshot.id;
   keyframe.segment = snapshot.segment;
-  keyframe.stretch = snapshot.segment;
+  keyframe.stretch = stretch;
   keyframe.view = std::move(view);
   keyframe.inverse_depths.assign(keyframe.view.size(), 0);
   keyframe.sigmas.assign(keyframe.view.size(), 0);
@@ -188,12 +189,30 @@ void KeyframeStore::follow(StoredKeyframe& keyframe) {
 }
 
 void KeyframeStore::triangulate(int stretch) {
+  triangulateAll(stretches_[stretch], nullptr);
+}
+
+void KeyframeStore::triangulateAround(std::size_t keyframe) {
+  const std::vector<std::size_t>& all = stretches_.at(keyframes_[keyframe].stretch);
+  const auto end = std::upper_bound(all.begin(), all.end(), keyframe);
+  const auto count = std::min<std::ptrdiff_t>(kTrackReach, end - all.begin());
+  triangulateAll(std::vector<std::size_t>(end - count, end), &keyframes_[keyframe]);
+}
+
+void KeyframeStore::triangulateAll(const std::vector<std::size_t>& keyframes,
+                                   const StoredKeyframe* only) {
   std::unordered_map<std::uint32_t, std::vector<Sighting>> tracks;
-  for (const std::size_t k : stretches_[stretch]) {
+  if (only != nullptr) {
+    for (const std::uint32_t track : only->tracks) tracks[track];
+  }
+  for (const std::size_t k : keyframes) {
     StoredKeyframe& keyframe = keyframes_[k];
-    std::fill(keyframe.inverse_depths.begin(), keyframe.inverse_depths.end(), 0.0F);
+    if (only == nullptr)
+      std::fill(keyframe.inverse_depths.begin(), keyframe.inverse_depths.end(), 0.0F);
     for (std::size_t i = 0; i < keyframe.view.size(); ++i) {
-      tracks[keyframe.tracks[i]].push_back({k, i});
+      const auto track = only == nullptr ? tracks.try_emplace(keyframe.tracks[i]).first
+                                         : tracks.find(keyframe.tracks[i]);
+      if (track != tracks.end()) track->second.push_back({k, i});
     }
   }
   for (const auto& [number, track] : tracks) {
@@ -232,6 +251,28 @@ bool KeyframeStore::shareTracks(std::size_t a, std::size_t b) const {
   const std::vector<std::uint32_t>& others = keyframes_[b].tracks;
   return std::any_of(
       others.begin(), others.end(), [&](std::uint32_t track) { return ours.count(track) > 0; });
+}
+
+std::vector<MapTrack> KeyframeStore::tracks(int first_stretch) const {
+  std::unordered_map<std::uint32_t, std::size_t> numbers;
+  std::vector<MapTrack> all;
+  for (const StoredKeyframe& keyframe : keyframes_) {
+    if (keyframe.stretch < first_stretch) continue;
+    for (std::size_t i = 0; i < keyframe.view.size(); ++i) {
+      if (!(keyframe.inverse_depths[i] > 0)) continue;
+      const auto [found, is_new] = numbers.try_emplace(keyframe.tracks[i], all.size());
+      if (is_new) all.push_back({keyframe.segment, Eigen::Vector3d::Zero(), {}});
+      MapTrack& track = all[found->second];
+      track.position += keyframe.T_world_cam *
+                        (keyframe.ray(i) / static_cast<double>(keyframe.inverse_depths[i]));
+      track.sights.push_back({keyframe.id, keyframe.pixel(i).cast<float>()});
+    }
+  }
+  for (MapTrack& track : all) track.position /= static_cast<double>(track.sights.size());
+  all.erase(
+      std::remove_if(all.begin(), all.end(), [](const MapTrack& t) { return t.sights.size() < 2; }),
+      all.end());
+  return all;
 }
 
 double KeyframeStore::medianInverseDepth(std::size_t keyframe) const {

@@ -38,7 +38,7 @@ struct StoredKeyframe {
   FrameId id;
   double timestamp = 0;  ///< [s]
   int segment = 0;       ///< whose world it lies in
-  int stretch = 0;       ///< segment that it was tracked in, before any join
+  int stretch = 0;       ///< start that it was tracked from
   SE3 T_world_cam;
   PinholeCamera camera;
   float radial = 0;  ///< first coefficient of RadTan, which the images have beside the camera
@@ -65,15 +65,17 @@ struct StoredPoint {
 /// The keyframes of a run, compact, in the order in which they came.
 class KeyframeStore {
  public:
-  /// Enters a keyframe and follows its corners back to those before it in its segment.
+  /// Enters a keyframe and follows its corners back to those before it in its stretch.
   /// @return its position
-  std::size_t add(const KeyframeSnapshot& keyframe, View view);
+  std::size_t add(const KeyframeSnapshot& keyframe, View view, int stretch);
   /// Takes over keyframes as they are, their tracks numbered anew.
   void append(std::vector<StoredKeyframe> keyframes);
   /// Later estimates of one that was entered.
   void update(std::size_t position, const KeyframeSnapshot& keyframe);
   /// Triangulates the tracks of a stretch by the present poses.
   void triangulate(int stretch);
+  /// The same of the tracks that a keyframe sees, by it and those shortly before it.
+  void triangulateAround(std::size_t keyframe);
   /// Brings a segment into the world and the unit of another one, of which it becomes a part.
   void move(int segment, int into, const Similarity& S_into_segment);
   /// Moves one keyframe within the world of its segment, its unit with it.
@@ -97,6 +99,9 @@ class KeyframeStore {
   /// Median of the known inverse depths of a keyframe; 0 without any [1/unit].
   [[nodiscard]] double medianInverseDepth(std::size_t keyframe) const;
 
+  /// Triangulated tracks that two or more keyframes of these stretches see.
+  /// @param first_stretch the first of them
+  [[nodiscard]] std::vector<MapTrack> tracks(int first_stretch) const;
   /// Whether two keyframes have corners in common that were followed from one to the other.
   [[nodiscard]] bool shareTracks(std::size_t a, std::size_t b) const;
 
@@ -105,6 +110,7 @@ class KeyframeStore {
 
  private:
   void follow(StoredKeyframe& keyframe);
+  void triangulateAll(const std::vector<std::size_t>& keyframes, const StoredKeyframe* only);
 
   std::vector<StoredKeyframe> keyframes_;
   std::map<int, std::vector<std::size_t>> segments_;

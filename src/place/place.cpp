@@ -7,10 +7,14 @@
 #include "place/joining.h"
 #include "place/keyframe_store.h"
 #include "place/loops.h"
+#include "place/map_file.h"
+#include "place/recognition.h"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <numeric>
+#include <optional>
 #include <set>
 #include <stdexcept>
 #include <utility>
@@ -19,7 +23,10 @@
 namespace dsorb {
 namespace {
 
-constexpr std::size_t kLoopGap = 10;  // keyframes between two ends of a loop at least
+constexpr std::size_t kAskedCandidates = 3;  // that a frame is compared with
+constexpr int kPatch = 4;                    // around a corner that have its depth [px]
+constexpr double kPatchSlope = 0.02;         // of the depth, that they differ from it
+constexpr std::size_t kLoopGap = 10;         // keyframes between two ends of a loop at least
 
 }  // namespace
 
@@ -33,6 +40,7 @@ class Place::Impl {
       if (posed.T_cam_ref) start_frames[posed.frame->id()] = posed.frame;
     }
     if (step.result->metric) metric.insert(segment);
+    ++stretch;
   }
 
   void noteFrame(const FrameEstimate& estimate) {
@@ -69,17 +77,81 @@ class Place::Impl {
     timed(report.adding_seconds, [&] {
       const auto view = views.find(keyframe.id);
       positions[keyframe.id] =
-          arena.run([&] { return store.add(keyframe, std::move(view->second)); });
+          arena.run([&] { return store.add(keyframe, std::move(view->second), stretch); });
       views.erase(view);
       index.add(store[store.size() - 1].view.descriptors);
       segments.insert(keyframe.segment);
     });
   }
 
+  void retire(const KeyframeSnapshot& keyframe) {
+    noteKeyframe(keyframe);
+    const auto known = positions.find(keyframe.id);
+    if (known == positions.end()) return;
+    timed(report.adding_seconds, [&] { store.triangulateAround(known->second); });
+  }
+
+  int load(const std::string& file) {
+    std::map<int, int> numbers;
+    std::vector<place::StoredKeyframe> keyframes = place::readMap(file);
+    for (place::StoredKeyframe& keyframe : keyframes) {
+      const int next = first_segment + static_cast<int>(numbers.size());
+      keyframe.segment = numbers.try_emplace(keyframe.segment, next).first->second;
+      keyframe.stretch += first_stretch;
+      stretch = std::max(stretch, keyframe.stretch + 1);
+      segments.insert(keyframe.segment);
+      index.add(keyframe.view.descriptors);
+    }
+    store.append(std::move(keyframes));
+    first_segment += static_cast<int>(numbers.size());
+    first_stretch = stretch;
+    return first_segment;
+  }
+
+  std::optional<RecognizedPlace> recognizeNow(const Frame& frame, const PinholeCamera& camera) {
+    if (store.size() == 0) return std::nullopt;
+    ++report.asked;
+    return timed(report.asking_seconds,
+                 [&] { return arena.run([&] { return placeOf(frame, camera); }); });
+  }
+
+  [[nodiscard]] std::optional<RecognizedPlace> placeOf(const Frame& frame,
+                                                       const PinholeCamera& camera) const {
+    const place::View view = place::describeView(frame);
+    std::optional<place::Recognition> best;
+    for (const auto& candidate :
+         index.query(view.descriptors, kAskedCandidates, [](std::size_t) { return true; })) {
+      auto found = place::recognize(store, {&view, camera, 0}, candidate.image);
+      if (found && (!best || found->points.size() > best->points.size())) best = std::move(found);
+    }
+    if (!best || !(place::wrongProbability(best->evidence) <= options.max_wrong_probability)) {
+      return std::nullopt;
+    }
+    RecognizedPlace place{store[best->keyframe].segment, best->T_view_world.inverse(), {}};
+    for (std::size_t i = 0; i < best->points.size(); ++i) {
+      const place::StoredPoint& point = best->points[i];
+      const double z = (best->T_view_world * point.position).z();
+      const double sigma = std::hypot(point.uncertainty.norm(), kPatchSlope * z);
+      const Eigen::Vector2f& pixel = view.pixels[best->features[i]];
+      for (int dy = -kPatch; dy <= kPatch; ++dy) {  // trackers see corners beside ours
+        for (int dx = -kPatch; dx <= kPatch; ++dx) {
+          place.depths.push_back({pixel.x() + static_cast<float>(dx),
+                                  pixel.y() + static_cast<float>(dy),
+                                  static_cast<float>(z),
+                                  static_cast<float>(sigma)});
+        }
+      }
+    }
+    return place;
+  }
+
   void finish() {
-    for (const int segment : segments) store.triangulate(segment);
+    for (int s = first_stretch; s <= stretch; ++s) store.triangulate(s);
     if (segments.size() > 1) join();
     if (options.loops && place::canCloseLoops()) closeLoops();
+    if (observers.empty() || positions.empty()) return;
+    const std::vector<MapTrack> tracks = store.tracks(first_stretch);
+    for (OdometryObserver* observer : observers) observer->onTracks(tracks);
   }
 
   /// Links of all keyframes to those that `wanted` admits.
@@ -99,6 +171,7 @@ class Place::Impl {
 
   /// The segment whose world stays of two: one in metres, the earlier one of equals.
   [[nodiscard]] int stayingOf(int a, int b) const {
+    if (std::min(a, b) < first_segment) return std::min(a, b);
     if (metric.count(a) != metric.count(b)) return metric.count(a) > 0 ? a : b;
     return std::min(a, b);
   }
@@ -155,7 +228,9 @@ class Place::Impl {
       LoopsClosed closed{segment, static_cast<int>(inside.size()), {}};
       const std::vector<std::size_t> members = store.inSegment(segment);
       for (std::size_t k = 0; k < members.size(); ++k) {
-        closed.moved.push_back({store[members[k]].id, moves[k]});
+        if (store[members[k]].stretch >= first_stretch) {
+          closed.moved.push_back({store[members[k]].id, moves[k]});
+        }
         store.move(members[k], moves[k]);
       }
       report.loops += closed.loops;
@@ -175,6 +250,9 @@ class Place::Impl {
   std::set<int> metric;  // segments told in metres
   std::vector<OdometryObserver*> observers;
   PlaceReport report;
+  int first_segment = 0;  // of the run: those below are of a loaded map
+  int first_stretch = 0;
+  int stretch = 0;  // the newest one
 };
 
 Place::Place(const PlaceOptions& options) : impl_(std::make_unique<Impl>(options)) {}
@@ -198,7 +276,19 @@ void Place::onKeyframe(const KeyframeSnapshot& keyframe) {
 }
 
 void Place::onKeyframeRetired(const KeyframeSnapshot& keyframe) {
-  impl_->noteKeyframe(keyframe);
+  impl_->retire(keyframe);
+}
+
+int Place::load(const std::string& file) {
+  return impl_->load(file);
+}
+
+Recognizer Place::recognizer(const PinholeCamera& camera) {
+  return [this, camera](const Frame& frame) { return impl_->recognizeNow(frame, camera); };
+}
+
+void Place::save(const std::string& file) const {
+  place::writeMap(file, impl_->store.keyframes());
 }
 
 void Place::onStartRefused(const StartRefusal& refusal) {
@@ -212,6 +302,16 @@ PlaceReport Place::finish() {
   my.report.keyframes = static_cast<int>(my.store.size());
   my.report.bytes = my.store.bytes() + my.index.bytes();
   return my.report;
+}
+
+PlaceReport mergeMaps(const std::vector<std::string>& maps,
+                      const std::string& into,
+                      const PlaceOptions& options) {
+  Place place(options);
+  for (const std::string& map : maps) place.load(map);
+  const PlaceReport report = place.finish();
+  place.save(into);
+  return report;
 }
 
 }  // namespace dsorb

@@ -192,6 +192,10 @@ Sight sightOf(const KeyframeStore& store,
 
 }  // namespace
 
+double wrongProbability(const Evidence& evidence) {
+  return std::pow(10.0, std::max(-9.0, std::min(0.0, 2 - 0.1 * evidence.found)));
+}
+
 std::optional<Recognition> recognize(const KeyframeStore& store,
                                      const Query& query,
                                      std::size_t keyframe) {
@@ -312,6 +316,7 @@ std::optional<Link> link(const KeyframeStore& store,
     result.matches = static_cast<int>(alignment->inliers);
     result.evidence = seen.evidence;
   }
+  result.wrong_probability = wrongProbability(result.evidence);
   return result;
 }
 

@@ -27,6 +27,9 @@ struct Evidence {
   }
 };
 
+/// Probability that so much is found where another place is seen.
+[[nodiscard]] double wrongProbability(const Evidence& evidence);
+
 /// A view as it is asked about.
 struct Query {
   const View* view = nullptr;

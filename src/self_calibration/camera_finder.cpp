@@ -31,12 +31,12 @@ using self_calibration::Scene;
 using self_calibration::Sight;
 using self_calibration::Sighting;
 
-constexpr std::size_t kMaxViews = 40;     // an even number; of more, every second one goes
-constexpr std::size_t kFewestViews = 6;   // that are adjusted
+constexpr std::size_t kMaxViews = 40;    // an even number; of more, every second one goes
+constexpr std::size_t kFewestViews = 6;  // that are adjusted
 constexpr std::size_t kFewestCorners = 60;
 constexpr std::size_t kMostCorners = 800;  // those seen in most views
 constexpr std::size_t kFewestSights = 3;   // of a corner
-constexpr double kViewStep = 16;  // between two views, for an image diagonal of 800 px [px]
+constexpr double kViewStep = 16;    // between two views, for an image diagonal of 800 px [px]
 constexpr double kViewShare = 0.8;  // of the corners of a view; where fewer are left comes the next
 
 /// What competes in the beginning, times the guess.
@@ -118,7 +118,8 @@ Scene bestStart(const Scene& scene, const LensPrior& prior, double noise) {
     Scene rival = scene;
     rival.lens[self_calibration::kLogFocal] += std::log(factor);
     placeCorners(rival);
-    const double lost = kBehindCost * static_cast<double>(scene.sights.size() - rival.sights.size());
+    const double lost =
+        kBehindCost * static_cast<double>(scene.sights.size() - rival.sights.size());
     if (rival.corners.size() < kFewestCorners) continue;
     const double cost = lost + adjust(prior, noise, kRivalIterations, rival);
     if (cost >= least) continue;
@@ -193,8 +194,8 @@ class CameraFinder::Impl {
   [[nodiscard]] Sight sightOf(const Sighting& seen, std::size_t view, std::size_t corner) const {
     constexpr float kInstant = 1e-3F;  // [s]
     Sight sight{view, corner, taken(seen.pixel)};
-    const Eigen::Vector2d velocity =
-        (taken(seen.pixel + kInstant * seen.velocity) - sight.pixel) / static_cast<double>(kInstant);
+    const Eigen::Vector2d velocity = (taken(seen.pixel + kInstant * seen.velocity) - sight.pixel) /
+                                     static_cast<double>(kInstant);
     const double line = images_.columns ? sight.pixel.x() / (images_.width - 1)
                                         : sight.pixel.y() / (images_.height - 1);
     sight.drift = (images_.backwards ? 0.5 - line : line - 0.5) * velocity;
@@ -263,8 +264,8 @@ class CameraFinder::Impl {
     lens.coefficients = {k1, k2};
     lens.readout = {scene.lens[self_calibration::kReadout], sigmas[self_calibration::kReadout]};
     lens.focal_sigma = sigmas[self_calibration::kLogFocal];
-    found.center_sigma = std::max(sigmas[self_calibration::kCenter],
-                                  sigmas[self_calibration::kCenter + 1]);
+    found.center_sigma =
+        std::max(sigmas[self_calibration::kCenter], sigmas[self_calibration::kCenter + 1]);
     found.k1_sigma = sigmas[self_calibration::kRadial];
     found.views = static_cast<int>(scene.views.size());
     found.corners = static_cast<int>(scene.corners.size());

@@ -66,6 +66,7 @@ class RunWriter : public OdometryObserver {
   void onStartRefused(const StartRefusal& refusal) override;
   void onSegmentsJoined(const SegmentsJoined& joined) override;
   void onLoopsClosed(const LoopsClosed& closed) override;
+  void onTracks(const std::vector<MapTrack>& tracks) override;
 
   /// Writes what was noted since the last call. To be called after each Odometry::process.
   /// @param image_file of the frame; empty where its images are no files

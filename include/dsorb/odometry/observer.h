@@ -102,6 +102,19 @@ struct LoopsClosed {
   std::vector<KeyframeMoved> moved;  ///< all keyframes of the segment
 };
 
+/// Where a keyframe sees a point.
+struct TrackSight {
+  FrameId keyframe;             ///< id of its frame
+  Eigen::Vector2f pixel{0, 0};  ///< in its rectified image [px]
+};
+
+/// A corner that was followed through several keyframes, and triangulated.
+struct MapTrack {
+  int segment = 0;                    ///< after all joins
+  Eigen::Vector3d position{0, 0, 0};  ///< in the world of the segment, after all loops
+  std::vector<TrackSight> sights;     ///< two or more
+};
+
 /// Is told by Odometry::process, restart and finish what happens, in order and on their thread,
 /// also where mapping has a thread of its own. Calls should be quick; exceptions propagate to the
 /// caller, and a result that onInitStep told is void then, as after onStartRefused. The order for a
@@ -129,6 +142,8 @@ class OdometryObserver {
   virtual void onSegmentsJoined(const SegmentsJoined& /*joined*/) {}
   /// Told by Place, after all onSegmentsJoined.
   virtual void onLoopsClosed(const LoopsClosed& /*closed*/) {}
+  /// Told by Place at the end: what the keyframes of the run see in common.
+  virtual void onTracks(const std::vector<MapTrack>& /*tracks*/) {}
 };
 
 }  // namespace dsorb

@@ -1,13 +1,26 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/image/frame_priors.h"
 #include "dsorb/init/initializer.h"
 #include "dsorb/odometry/observer.h"
 #include "dsorb/options/odometry.h"
 
+#include <functional>
 #include <memory>
+#include <optional>
+#include <vector>
 
 namespace dsorb {
+
+/// Where a frame was taken in a map of before: a segment that was told, or one that somebody keeps.
+struct RecognizedPlace {
+  int segment = 0;                   ///< goes on where the camera is found in it
+  SE3 T_world_cam;                   ///< in the segment's world, as told
+  std::vector<DepthAtPixel> depths;  ///< of the frame, in the segment's unit as told
+};
+/// Answers where a frame was taken; nothing where it is not sure. Place::recognizer().
+using Recognizer = std::function<std::optional<RecognizedPlace>(const Frame&)>;
 
 /// Seconds spent in each stage and counts, over the whole run.
 struct OdometryReport {
@@ -16,6 +29,7 @@ struct OdometryReport {
   int frames_missed = 0;            ///< without a pose while a map stood
   int keyframes = 0;                ///< those of initializations included
   int segments = 0;                 ///< segments with a successful initialization
+  int recognized = 0;               ///< starts that went on in a segment of before
   double initializing_seconds = 0;  ///< [s]
   double tracking_seconds = 0;      ///< [s]
   double mapping_seconds = 0;       ///< [s]; pipelined it runs beside tracking
@@ -42,6 +56,13 @@ class Odometry {
 
   /// @param observer must outlive this object; called in the order of registration
   void addObserver(OdometryObserver* observer);
+
+  /// While there is no map, every frame is asked about: where it is recognized, it becomes the
+  /// reference of a start from known depths, and what follows is told in the world and unit of the
+  /// segment of before, which goes on. Without a recognizer nothing is asked.
+  /// @param first_segment number of the first one that begins anew; below it are those that the
+  ///        recognizer knows beforehand
+  void setRecognizer(Recognizer recognizer, int first_segment = 0);
 
   /// Takes the next frame and tells observers.
   /// @param hurried other images wait behind it already: Initializer::setHurried. The same frames

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "dsorb/odometry/observer.h"
+#include "dsorb/odometry/odometry.h"
 
 #include <cstddef>
 #include <memory>
+#include <string>
+#include <vector>
 
 namespace dsorb {
 
@@ -22,6 +24,8 @@ struct PlaceReport {
   int joined = 0;             ///< segments that became part of another one
   int loops = 0;              ///< that were closed
   std::size_t bytes = 0;      ///< of keyframes and index
+  int asked = 0;              ///< frames that the recognizer was asked about
+  double asking_seconds = 0;  ///< by it
   double adding_seconds = 0;  ///< describing keyframes and following their corners
   double finish_seconds = 0;  ///< of finish()
 };
@@ -39,6 +43,14 @@ class Place : public OdometryObserver {
   Place(const Place&) = delete;
   Place& operator=(const Place&) = delete;
 
+  /// Takes over a map that save() wrote, before anything is told.
+  /// @return number of its segments: they are 0 and up, those of the run begin with this one
+  /// @throws IoError naming the file and what is wrong with it
+  int load(const std::string& file);
+  /// Answers where a frame was taken, by all keyframes that are final. This object must outlive it.
+  /// @param camera of the rectified images
+  [[nodiscard]] Recognizer recognizer(const PinholeCamera& camera);
+
   /// @param observer must outlive this object; is told onSegmentsJoined and onLoopsClosed
   void addObserver(OdometryObserver* observer);
 
@@ -50,10 +62,20 @@ class Place : public OdometryObserver {
 
   /// Joins segments and closes loops by all that was told, and tells observers.
   PlaceReport finish();
+  /// Writes the map as it is after finish(): docs/formats.md, "Maps".
+  /// @throws IoError naming the file
+  void save(const std::string& file) const;
 
  private:
   class Impl;
   std::unique_ptr<Impl> impl_;
 };
+
+/// One map of several: what shares a view becomes one segment, in the world and unit of the first
+/// map that has it.
+/// @throws IoError naming the file and what is wrong with it
+PlaceReport mergeMaps(const std::vector<std::string>& maps,
+                      const std::string& into,
+                      const PlaceOptions& options);
 
 }  // namespace dsorb

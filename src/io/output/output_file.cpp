@@ -99,7 +99,7 @@ void replaceFile(const fs::path& path, std::string_view content) {
 bool isOutputFile(const fs::path& name) {
   static const std::regex kNames(
       R"((trajectory(_kitti|_\d+)?\.txt|keyframes(_\d+)?\.txt|initialization\.json|frames\.csv|)"
-      R"(points\.ply|refined_camera\.txt|run\.json|config\.yaml)(\.part)?|points\.spool|)"
+      R"(points\.ply|tracks\.ply|refined_camera\.txt|run\.json|config\.yaml)(\.part)?|points\.spool|)"
       R"(figures/(initial_inverse_depth(_\d+)?|trajectory|timeline)\.png(\.part)?)");
   return std::regex_match(name.generic_string(), kNames);
 }

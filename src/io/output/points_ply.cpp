@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/output/points_ply.h"
 
+#include "io/output/little_endian.h"
+
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <string_view>
 #include <utility>
 #include <vector>
@@ -15,27 +16,6 @@ namespace {
 
 constexpr std::uintmax_t kVertexBytes = 4 * sizeof(float) + 3 + 2 * sizeof(std::int32_t);
 constexpr std::size_t kCopyVertices = 4096;
-
-template <typename Value>
-void appendLittleEndian(Value value, std::string& bytes) {
-  std::uint32_t bits = 0;
-  static_assert(sizeof(Value) == sizeof(bits));
-  std::memcpy(&bits, &value, sizeof(bits));
-  for (int shift = 0; shift < 32; shift += 8) {
-    bytes.push_back(static_cast<char>((bits >> shift) & 0xFFU));
-  }
-}
-
-template <typename Value>
-Value littleEndian(const char* bytes) {
-  std::uint32_t bits = 0;
-  for (unsigned i = 0; i < sizeof(bits); ++i) {
-    bits |= static_cast<std::uint32_t>(static_cast<unsigned char>(bytes[i])) << (8 * i);
-  }
-  Value value;
-  std::memcpy(&value, &bits, sizeof(bits));
-  return value;
-}
 
 /// Vertices where joins and loops put them.
 std::string changed(std::string_view vertices, const MapChanges& changes) {

@@ -31,8 +31,10 @@ void RunRecord::addInitStep(const InitStep& step, int segment) {
 }
 
 void RunRecord::addInitialization(InitializationResult result, int segment) {
-  segments_.push_back(segment);
-  units_.push_back(result.metric);
+  if (std::find(segments_.begin(), segments_.end(), segment) == segments_.end()) {
+    segments_.push_back(segment);
+    units_.push_back(result.metric);
+  }
   if (result.metric) toMetres(*result.metric, result);
   noteReadout(result);
   noteStuck(result);
@@ -163,6 +165,10 @@ void RunRecord::addJoin(const SegmentsJoined& joined) {
   changes_.add(joined);
   const auto found = std::find(segments_.begin(), segments_.end(), joined.segment);
   if (found == segments_.end()) return;
+  if (std::find(segments_.begin(), segments_.end(), joined.into) == segments_.end()) {
+    *found = joined.into;  // that is of a map of before
+    return;
+  }
   units_.erase(units_.begin() + (found - segments_.begin()));
   segments_.erase(found);
 }

@@ -9,6 +9,7 @@
 #include "io/output/points_ply.h"
 #include "io/output/run_json.h"
 #include "io/output/run_record.h"
+#include "io/output/tracks_ply.h"
 #include "io/output/trajectory_writer.h"
 
 #include <fmt/format.h>
@@ -164,6 +165,10 @@ void RunWriter::onSegmentsJoined(const SegmentsJoined& joined) {
 void RunWriter::onLoopsClosed(const LoopsClosed& closed) {
   impl_->record.addLoops(closed);
   impl_->points.change(impl_->record.changes());
+}
+
+void RunWriter::onTracks(const std::vector<MapTrack>& tracks) {
+  io::writeTracks(impl_->folder / "tracks.ply", tracks);
 }
 
 void RunWriter::onFrame(const FrameEstimate& estimate) {

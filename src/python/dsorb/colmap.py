@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A COLMAP model, text and binary: cameras, images, points3D (https://colmap.github.io/format.html). Each point is seen
-by the image that hosts it; where else it is seen is COLMAP's to find."""
+"""A COLMAP model, text and binary: cameras, images, points3D (https://colmap.github.io/format.html). A point of the map is
+seen by the image that hosts it, a corner that was followed by all keyframes that see it."""
 import struct
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,6 +12,15 @@ from .run_folder import TEXT
 HALF_PIXEL = 0.5  # the centre of COLMAP's top-left pixel is (0.5, 0.5)
 UNKNOWN_ERROR = -1.0
 CAMERA = 1  # its number
+
+
+@dataclass
+class Sights:
+    """Who sees points from the row `first` on: (m,) rows, (m,) indices of images, (m, 3) rays."""
+    first: int
+    rows: np.ndarray
+    images: np.ndarray
+    rays: np.ndarray
 
 
 def camera_of(lens):
@@ -37,23 +47,27 @@ def world_to_camera(frame):
     return [w, -x, -y, -z], list(-pose[:3, :3].T @ pose[:3, 3])
 
 
-def observations(frames, points, pictures):
+def observations(frames, points, sights, pictures):
     """Yields for every frame its (m, 2) pixels, with half a pixel added, and the (m,) rows of `points` that they show."""
     calibration = calibration_of(pictures.lens)
     for frame in frames:
-        rows = np.flatnonzero(points.keyframes == frame.index)
-        pixels = calibration.project(to_camera(frame.T_world_cam, points.positions[rows])) + HALF_PIXEL
+        rows, followed = np.flatnonzero(points.keyframes[:sights.first] == frame.index), sights.images == frame.index
+        hosted = to_camera(frame.T_world_cam, points.positions[rows])
+        pixels = calibration.project(np.concatenate([hosted, sights.rays[followed]])) + HALF_PIXEL
+        rows = np.concatenate([rows, sights.rows[followed]])
         seen = np.isfinite(pixels).all(1)
         yield pixels[seen], rows[seen]
 
 
-def write_model(folder, frames, points, pictures):
+def write_model(folder, frames, points, sights, pictures):
     folder.mkdir(parents=True)
     name, number, parameters = camera_of(pictures.lens)
     size = pictures.lens['width'], pictures.lens['height']
-    seen = list(observations(frames, points, pictures))
-    # (row of `points`, image, position in the image), with numbers from 1 for points and images
-    tracks = [(row, frame.index + 1, place) for frame, (_, rows) in zip(frames, seen) for place, row in enumerate(rows)]
+    seen = list(observations(frames, points, sights, pictures))
+    tracks = {}  # by row of `points`: (image, position in the image), images with numbers from 1
+    for frame, (_, rows) in zip(frames, seen):
+        for place, row in enumerate(rows.tolist()):
+            tracks.setdefault(row, []).append((frame.index + 1, place))
     with (folder / 'cameras.txt').open('w') as file:
         file.write(f'{CAMERA} {name} {size[0]} {size[1]} ' + ' '.join(repr(float(p)) for p in parameters) + '\n')
     (folder / 'cameras.bin').write_bytes(struct.pack('<QiiQQ', 1, CAMERA, number, *size) +
@@ -79,8 +93,9 @@ def write_images(folder, frames, seen, pictures):
 def write_points(folder, points, tracks):
     with (folder / 'points3D.txt').open('w') as text, (folder / 'points3D.bin').open('wb') as binary:
         binary.write(struct.pack('<Q', len(tracks)))
-        for row, image, place in tracks:
+        for row, track in sorted(tracks.items()):
             position, colour = points.positions[row], points.colours[row]
             text.write(f'{row + 1} ' + ' '.join(repr(float(x)) for x in position) + ' ' + ' '.join(map(str, colour)) +
-                       f' {UNKNOWN_ERROR} {image} {place}\n')
-            binary.write(struct.pack('<Q3d3BdQii', row + 1, *position, *colour, UNKNOWN_ERROR, 1, image, place))
+                       f' {UNKNOWN_ERROR} ' + ' '.join(f'{image} {place}' for image, place in track) + '\n')
+            binary.write(struct.pack('<Q3d3BdQ', row + 1, *position, *colour, UNKNOWN_ERROR, len(track)))
+            binary.write(b''.join(struct.pack('<ii', *sight) for sight in track))

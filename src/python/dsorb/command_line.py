@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """dsorb run VIDEO|FOLDER|BAG: poses and points of a video; dsorb view DIR: the run in the Rerun viewer; dsorb export DIR:
-files for other programs; dsorb calibrate VIDEO: calibration from a chessboard."""
+files for other programs; dsorb calibrate VIDEO: calibration from a chessboard; dsorb merge MAP MAP: one map of two."""
 import argparse
 import io
 import json
@@ -92,6 +92,17 @@ def run_calibrate(args):
     return 0
 
 
+def add_merge(commands):
+    parser = commands.add_parser('merge', help='one map of several (dso_dataset --save-map)', allow_abbrev=False)
+    parser.add_argument('maps', nargs='+', metavar='MAP', help='two or more; world and unit are those of the first that has a place')
+    parser.add_argument('--output', metavar='FILE', required=True, help='the merged map')
+
+
+def run_merge(args):
+    named = [word for name in args.maps for word in ('--merge-map', name)]
+    return subprocess.call([str(program()), *named, '--save-map', args.output])
+
+
 def add_export_flags(parser):
     parser.add_argument('--all-frames', action='store_true',
                         help='models with every posed image; default: those of the keyframes')
@@ -168,6 +179,7 @@ def parse(words):
     later.add_argument('--format', metavar='FORMATS', type=formats_of, required=True, help=','.join(FORMATS))
     add_export_flags(later)
     add_calibrate(commands)
+    add_merge(commands)
     words = sys.argv[1:] if words is None else list(words)
     if words[:1] == ['run']:
         words = words[:1] + sorted_out(words[1:], run)
@@ -376,6 +388,8 @@ def main(words=None):
     args, rest = parse(words)
     if args.command == 'calibrate':
         sys.exit(run_calibrate(args))
+    if args.command == 'merge':
+        sys.exit(run_merge(args))
     if args.command == 'view':
         sys.exit(view(args))
     if args.command == 'export':

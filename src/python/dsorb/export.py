@@ -60,6 +60,7 @@ class Model:
     points: Points
     pictures: Optional[Pictures]
     refined: Optional[Refined] = None
+    tracks: Optional[colmap.Sights] = None
 
 
 def model_of(run, segment, pictures, all_frames, refine, notes):
@@ -73,11 +74,26 @@ def model_of(run, segment, pictures, all_frames, refine, notes):
             if len(run.segments) == 1:
                 raise
             notes.append(f'{error}; segment {segment.number} stays as it was')
-    points, missing = segment.points, 'points are grey: colours need OpenCV (pip install opencv-python-headless)'
+    points, tracks = with_tracks(segment.points, segment.tracks, run.camera)
+    missing = 'points are grey: colours need OpenCV (pip install opencv-python-headless)'
     colours = colours_of(pictures, run, points) if pictures is not None else points.colours
     if colours is None and missing not in notes:
         notes.append(missing)
-    return Model(segment.frames, frames, replace(points, colours=points.colours if colours is None else colours), pictures)
+    return Model(segment.frames, frames, replace(points, colours=points.colours if colours is None else colours), pictures,
+                 tracks=tracks)
+
+
+def with_tracks(points, tracks, camera):
+    """Points and, behind them, those of tracks; and who sees the latter."""
+    first = len(points.positions)
+    rows, at = np.unique(tracks.points, return_index=True)
+    joined = Points(np.concatenate([points.positions, tracks.positions[rows]]),
+                    np.concatenate([points.colours, np.full((len(rows), 3), 128, points.colours.dtype)]),
+                    np.concatenate([points.keyframes, tracks.keyframes[at].astype(points.keyframes.dtype)]),
+                    np.concatenate([points.variances, np.zeros(len(rows), points.variances.dtype)]))
+    rays = np.column_stack([(tracks.pixels[:, 0] - camera['cx']) / camera['fx'],
+                            (tracks.pixels[:, 1] - camera['cy']) / camera['fy'], np.ones(len(tracks.pixels))])
+    return joined, colmap.Sights(first, first + np.searchsorted(rows, tracks.points), tracks.keyframes, rays)
 
 
 def pictures_for(run, formats, all_frames, undistort, notes):
@@ -129,7 +145,7 @@ def write_colmap(folder, place, model):
     link_images(folder / 'images', model.pictures.folder)
     target = folder / 'sparse' / str(place)
     if model.refined is None:
-        colmap.write_model(target, model.frames, model.points, model.pictures)
+        colmap.write_model(target, model.frames, model.points, model.tracks, model.pictures)
         return
     target.mkdir(parents=True)
     model.refined.model.write_text(str(target))

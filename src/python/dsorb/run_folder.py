@@ -49,11 +49,22 @@ class Points:
 
 
 @dataclass
+class Tracks:
+    """Corners that several keyframes see: (n, 3) world coordinates, and of every observation, (m,) each, the row of its point
+    and the index of its image, and (m, 2) the pixel in the rectified image."""
+    positions: np.ndarray
+    points: np.ndarray
+    keyframes: np.ndarray
+    pixels: np.ndarray
+
+
+@dataclass
 class Segment:
     """A stretch of the video with one world and one unit of length."""
     number: int
     frames: list
     points: Points
+    tracks: Tracks
 
 
 @dataclass
@@ -122,9 +133,9 @@ def read_run(folder):
     run = Run(folder, summary, rows)
     if summary['camera'] is None:
         return run  # that read no image
-    points = read_points(folder / 'points.ply')
+    points, tracks = read_points(folder / 'points.ply'), read_tracks(folder / 'tracks.ply')
     by_time = {row.time: row for row in rows}
-    for number, poses, keyframes in read_poses(folder, rows):
+    for number, poses, keyframes in read_poses(folder, rows, summary.get('joined', [])):
         frames = []
         for time, pose in poses:
             if time not in by_time:
@@ -132,7 +143,7 @@ def read_run(folder):
             row = by_time[time]
             frames.append(PosedFrame(row.index, time, row.image, time in keyframes, pose[:3], pose[3:]))
         chosen = points['segment'] == number
-        run.segments.append(Segment(number, frames, points_of(points[chosen])))
+        run.segments.append(Segment(number, frames, points_of(points[chosen]), tracks_of(tracks, number)))
     return run
 
 
@@ -156,9 +167,16 @@ def read_rows(path):
                     row['image']) for row in rows]
 
 
-def read_poses(folder, rows):
+def after_joins(segment, joined):
+    """Number of the segment that has become of one, by `joined` of run.json."""
+    for join in joined:
+        segment = join['into'] if join['segment'] == segment else segment
+    return segment
+
+
+def read_poses(folder, rows, joined):
     """Per segment: number, [(time, numbers of the TUM line)], times of keyframes."""
-    segment_at = {row.time: row.segment for row in rows}
+    segment_at = {row.time: after_joins(row.segment, joined) for row in rows}
     of_segment, keyframes = {}, set()
     for ending in [''] + [f'_{n}' for n in sorted(set(segment_at.values()))]:  # the plain names have one of the segments
         trajectory, adjusted = folder / f'trajectory{ending}.txt', folder / f'keyframes{ending}.txt'
@@ -187,19 +205,56 @@ def times_of(path):
 PLY_TYPES = {'float': '<f4', 'uchar': 'u1', 'int': '<i4'}
 
 
-def read_points(path):
-    """Vertices of points.ply as a structured array."""
+def read_ply(path):
+    """Elements of a PLY file by their names, as structured arrays."""
     data = path.read_bytes()
     end = data.find(b'end_header\n')
     header = data[:max(end, 0)].decode('ascii', 'replace').splitlines()
     if end < 0 or 'format binary_little_endian 1.0' not in header:
         raise FolderError(f'{path}: expected a binary little-endian PLY file')
+    elements, place = [], end + len(b'end_header\n')
     with reading(path):
-        fields = [(words[2], PLY_TYPES[words[1]]) for words in map(str.split, header) if words[0] == 'property']
-        if 'keyframe' not in dict(fields):
-            raise FolderError(f'{path}: no property `keyframe`; made by an older version, run again')
-        count = next(int(words[2]) for words in map(str.split, header) if words[:2] == ['element', 'vertex'])
-        return np.frombuffer(data, np.dtype(fields), count, end + len(b'end_header\n'))
+        for words in map(str.split, header):
+            if words[0] == 'element':
+                elements.append((words[1], int(words[2]), []))
+            elif words[0] == 'property':
+                elements[-1][2].append((words[2], PLY_TYPES[words[1]]))
+        found = {}
+        for name, count, fields in elements:
+            found[name] = np.frombuffer(data, np.dtype(fields), count, place)
+            place += found[name].nbytes
+        return found
+
+
+def read_points(path):
+    """Vertices of points.ply as a structured array."""
+    vertices = read_ply(path).get('vertex')
+    if vertices is None or 'keyframe' not in vertices.dtype.names:
+        raise FolderError(f'{path}: no property `keyframe`; made by an older version, run again')
+    return vertices
+
+
+def read_tracks(path):
+    """Elements of tracks.ply; None where the run recognized no places."""
+    if not path.exists():
+        return None
+    elements = read_ply(path)
+    with reading(path):
+        points, seen = elements['point'], elements['observation']
+        if len(seen) and not 0 <= seen['point'].min() <= seen['point'].max() < len(points):
+            raise ValueError('an observation of a point that is not there')
+        return points, seen
+
+
+def tracks_of(tracks, segment):
+    if tracks is None:
+        return Tracks(np.empty((0, 3)), np.empty(0, int), np.empty(0, int), np.empty((0, 2)))
+    points, seen = tracks
+    chosen = points['segment'] == segment
+    row_of = np.cumsum(chosen) - 1
+    seen = seen[chosen[seen['point']]]
+    return Tracks(np.stack([points[axis] for axis in 'xyz'], 1).astype(float)[chosen], row_of[seen['point']],
+                  seen['keyframe'].copy(), np.stack([seen['u'], seen['v']], 1).astype(float))
 
 
 def points_of(vertices):

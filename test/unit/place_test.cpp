@@ -1,0 +1,257 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "dsorb/place/place.h"
+
+#include "dsorb/error.h"
+
+#include "base/random.h"
+#include "place/alignment.h"
+#include "place/binary_index.h"
+#include "place/binary_matches.h"
+#include "place/joining.h"
+#include "place/keyframe_store.h"
+#include "place/map_file.h"
+#include "place/recognition.h"
+#include "support/temporary_folder.h"
+#include "synthetic/places.h"
+#include "synthetic/trajectory.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <string>
+#include <vector>
+
+namespace dsorb {
+namespace {
+
+using place::BinaryDescriptor;
+
+Similarity someSimilarity() {
+  return {SE3(so3Exp({0.2, -0.5, 0.3}), Eigen::Vector3d(1, -2, 0.5)), 1.7};
+}
+
+TEST(SimilarityTest, InverseAndProductAreThoseOfItsMatrix) {
+  const Similarity a = someSimilarity();
+  const Similarity b{SE3(so3Exp({-0.1, 0.4, 0.9}), Eigen::Vector3d(0.3, 0.2, -1)), 0.6};
+  const Eigen::Vector3d p(0.4, -0.7, 2);
+  EXPECT_LT((a.inverse() * (a * p) - p).norm(), 1e-12);
+  EXPECT_LT(((a * b) * p - a * (b * p)).norm(), 1e-12);
+}
+
+TEST(SimilarityTest, AdjointCarriesIncrementsOver) {
+  const Similarity a = someSimilarity();
+  Vector7d xi;
+  xi << 1, -2, 3, 2, 1, -1, 2;
+  xi *= 1e-6;
+  const Eigen::Vector3d p(0.4, -0.7, 2);
+  const Eigen::Vector3d moved = (a * Similarity::increment(xi) * a.inverse()) * p;
+  const Eigen::Vector3d expected = Similarity::increment(Vector7d(a.adjoint() * xi)) * p;
+  EXPECT_LT((moved - expected).norm(), 1e-10);
+}
+
+BinaryDescriptor randomDescriptor(Random& random) {
+  return {random.next(), random.next(), random.next(), random.next()};
+}
+
+/// The same corner seen again: one bit in eight differs.
+BinaryDescriptor seenAgain(BinaryDescriptor descriptor, Random& random) {
+  for (int flip = 0; flip < 32; ++flip) {
+    const std::uint32_t bit = random.below(256);
+    descriptor[bit / 64] ^= std::uint64_t{1} << (bit % 64);
+  }
+  return descriptor;
+}
+
+TEST(BinaryIndexTest, FindsAnImageSeenAgainAmongMany) {
+  Random random(1);
+  place::BinaryIndex index;
+  std::vector<std::vector<BinaryDescriptor>> images(500);
+  for (auto& image : images) {
+    for (int i = 0; i < 300; ++i) image.push_back(randomDescriptor(random));
+    index.add(image);
+  }
+  for (const std::size_t wanted : {3U, 250U, 499U}) {
+    std::vector<BinaryDescriptor> query;
+    for (std::size_t i = 0; i < 300; ++i) {  // a third of the corners
+      query.push_back(i % 3 == 0 ? seenAgain(images[wanted][i], random) : randomDescriptor(random));
+    }
+    const auto found = index.query(query, 3, [](std::size_t) { return true; });
+    ASSERT_FALSE(found.empty());
+    EXPECT_EQ(found.front().image, wanted);
+    const auto others = index.query(query, 3, [&](std::size_t image) { return image != wanted; });
+    for (const auto& other : others) EXPECT_NE(other.image, wanted);
+  }
+}
+
+/// Points before cameras of two maps, b being map a in another unit.
+struct TwoMaps {
+  explicit TwoMaps(double noise) {
+    Random random(2);
+    const PinholeCamera camera{300, 300, 160, 120, 320, 240};
+    for (int i = 0; i < 200; ++i) {
+      place::Sight sight;
+      sight.backward = i % 2 == 1;
+      const Eigen::Vector3d in_a(
+          random.uniform(-2, 2), random.uniform(-2, 2), random.uniform(3, 8));
+      sight.T_cam_map = SE3(so3Exp({0, random.uniform(-0.1, 0.1), 0}),
+                            Eigen::Vector3d(random.uniform(-0.5, 0.5), 0, 0));
+      const Eigen::Vector3d in_b = S_a_b.inverse() * in_a;
+      sight.point = sight.backward ? in_a : in_b;
+      sight.uncertainty.setZero();
+      if (sight.backward)
+        sight.T_cam_map = S_a_b.inverse().moved(sight.T_cam_map.inverse()).inverse();
+      const Eigen::Vector3d seen = sight.T_cam_map * (sight.backward ? in_b : in_a);
+      sight.camera = camera;
+      sight.pixel =
+          camera.project(seen) + noise * Eigen::Vector2d(random.gaussian(), random.gaussian());
+      sight.sigma = std::max(noise, 0.1);
+      if (i % 10 == 0) sight.pixel += Eigen::Vector2d(40, -30);  // wrong
+      sights.push_back(sight);
+    }
+  }
+  Similarity S_a_b = someSimilarity();
+  std::vector<place::Sight> sights;
+};
+
+TEST(AlignmentTest, FindsTheSimilarityOfTwoMapsInSpiteOfWrongMatches) {
+  const TwoMaps maps(0);
+  Vector7d off = Vector7d::Constant(0.02);
+  const auto found = place::align(maps.sights, Similarity::increment(off) * maps.S_a_b, true);
+  ASSERT_TRUE(found);
+  EXPECT_NEAR(found->S_a_b.scale, maps.S_a_b.scale, 1e-3);
+  EXPECT_EQ(found->inliers, 180U);
+}
+
+TEST(AlignmentTest, ItsErrorIsOfTheSizeOfItsCovariance) {
+  const TwoMaps maps(0.5);
+  const auto found = place::align(maps.sights, maps.S_a_b, true);
+  ASSERT_TRUE(found);
+  const double error = std::log(found->S_a_b.scale / maps.S_a_b.scale);
+  EXPECT_LT(std::abs(error), 4 * std::sqrt(found->covariance(6, 6)));
+  EXPECT_LT(std::sqrt(found->covariance(6, 6)), 0.01);
+}
+
+/// Keyframes of a rendered room by the truth. @param first frame of its path
+void enterRoom(place::KeyframeStore& store,
+               place::BinaryIndex& index,
+               int segment,
+               const synthetic::Scene& room,
+               double first,
+               double unit) {
+  const PinholeCamera camera{200, 200, 159.5, 119.5, 320, 240};
+  for (int k = 0; k < 6; ++k) {
+    const SE3 pose = synthetic::roomPose(first + 5 * k, 1);
+    const synthetic::View view = synthetic::render(room, camera, pose);
+    FrameInfo info;
+    info.id = FrameId{100 * segment + k};
+    const FramePtr frame = Frame::create(ImageView(view.intensity.data(), 320, 240), info);
+    KeyframeSnapshot keyframe;
+    keyframe.id = info.id;
+    keyframe.segment = segment;
+    keyframe.camera = camera;
+    keyframe.T_world_cam = pose;
+    keyframe.T_world_cam.setTranslation(pose.translation() * unit);
+    store.add(keyframe, place::describeView(*frame), segment);
+    index.add(store[store.size() - 1].view.descriptors);
+  }
+  store.triangulate(segment);
+}
+
+std::vector<std::size_t> allOf(const place::KeyframeStore& store) {
+  std::vector<std::size_t> all;
+  for (std::size_t i = 0; i < store.size(); ++i) all.push_back(i);
+  return all;
+}
+
+TEST(JoiningTest, SegmentsOfOneRoomBecomeOneInTheRightUnit) {
+  place::KeyframeStore store;
+  place::BinaryIndex index;
+  const synthetic::Scene room = synthetic::makeRoom(5);
+  enterRoom(store, index, 0, room, 0, 1);
+  enterRoom(store, index, 1, room, 12, 0.4);
+  const auto links =
+      place::findLinks(store, index, allOf(store), [&](std::size_t a, std::size_t b) {
+        return store[a].segment != store[b].segment;
+      });
+  const std::vector<place::Join> joins = place::joinsOf(store, links);
+  ASSERT_EQ(joins.size(), 1U);
+  EXPECT_NEAR(joins.front().S_into_segment.scale, 2.5, 0.02 * 2.5);
+  EXPECT_LT(joins.front().S_into_segment.motion.log().tail<3>().norm(), 0.01);
+  EXPECT_LT(joins.front().wrong_probability, 1e-4);
+}
+
+TEST(JoiningTest, RoomsOfTheSameTexturesStayTwo) {
+  place::KeyframeStore store;
+  place::BinaryIndex index;
+  const synthetic::Scene first = synthetic::makeRoom(5);
+  for (int i = 0; i < 8; ++i) {
+    synthetic::Scene room = synthetic::makeRoom(static_cast<std::uint64_t>(20 + i));
+    for (std::size_t t = 0; t < room.textures.size(); ++t) {
+      room.textures[t] = first.textures[(7 * t + static_cast<std::size_t>(i)) % 8];
+    }
+    enterRoom(store, index, i, room, 0, 1);
+  }
+  const auto links =
+      place::findLinks(store, index, allOf(store), [&](std::size_t a, std::size_t b) {
+        return store[a].segment != store[b].segment;
+      });
+  for (const place::Link& link : links) EXPECT_GT(link.wrong_probability, 1e-4);
+}
+
+class MapFileTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    place::BinaryIndex index;
+    enterRoom(store_, index, 0, synthetic::makeRoom(5), 0, 1);
+    place::writeMap(file_, store_.keyframes());
+  }
+  void expectRefused(const std::string& why) const {
+    try {
+      (void)place::readMap(file_);
+      FAIL() << "was read";
+    } catch (const IoError& error) {
+      const std::string text = error.what();
+      EXPECT_NE(text.find(file_), std::string::npos) << text;
+      EXPECT_NE(text.find(why), std::string::npos) << text;
+    }
+  }
+  TemporaryFolder folder_;
+  std::string file_ = (folder_.path() / "map.db").string();
+  place::KeyframeStore store_;
+};
+
+TEST_F(MapFileTest, ComesBackAsItWas) {
+  const std::vector<place::StoredKeyframe> read = place::readMap(file_);
+  ASSERT_EQ(read.size(), store_.size());
+  for (std::size_t i = 0; i < read.size(); ++i) {
+    EXPECT_EQ(read[i].id, store_[i].id);
+    EXPECT_EQ(read[i].T_world_cam.matrix(), store_[i].T_world_cam.matrix());
+    EXPECT_EQ(read[i].view.descriptors, store_[i].view.descriptors);
+    EXPECT_EQ(read[i].tracks, store_[i].tracks);
+    EXPECT_EQ(read[i].inverse_depths, store_[i].inverse_depths);
+    EXPECT_EQ(read[i].view.pixels, store_[i].view.pixels);
+  }
+}
+
+TEST_F(MapFileTest, OtherFilesAreRefusedByName) {
+  std::ofstream(file_, std::ios::trunc) << "no map";
+  expectRefused("not a");
+}
+
+TEST_F(MapFileTest, DamageIsRefusedByName) {
+  std::fstream file(file_, std::ios::in | std::ios::out | std::ios::binary);
+  file.seekp(4096);
+  file << std::string(3000, '\xFF');
+  file.close();
+  expectRefused("");
+}
+
+TEST_F(MapFileTest, WhatIsNoMapIsNotReplaced) {
+  std::ofstream(file_, std::ios::trunc) << "somebody's notes";
+  EXPECT_THROW(place::writeMap(file_, store_.keyframes()), IoError);
+}
+
+}  // namespace
+}  // namespace dsorb
