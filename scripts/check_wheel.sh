@@ -31,7 +31,7 @@ for optional in 'pycolmap>=4' opencv-python-headless imageio-ffmpeg rosbags reru
   "${pip[@]}" install "$optional" || echo "without $optional: its tests are skipped"
 done
 export PYTHONPATH=$PWD/test/python PYTHONDONTWRITEBYTECODE=1 DSO_SYNTHESIZE=$renderer
-for module in test_module test_export test_command test_calibrate test_bags test_decoding test_view test_browser test_vslamlab; do
+for module in test_module test_export test_metric test_command test_calibrate test_bags test_decoding test_view test_browser test_vslamlab; do
   "$work/venv/bin/python" test/python/run.py "$module" || [ $? = 77 ]
 done
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from . import __version__, bags, calibrate, recording
 from .export import FORMATS, export
 from .pictures import program, view_of_exif
+from .metric import to_metres
 from .run_folder import alone_in, read_run, remove_exports
 from .summary import summarize
 
@@ -31,6 +32,7 @@ Poses of the camera and points of the scene from a video, a folder of images or 
   dsorb run clip.mp4 --export colmap,nerfstudio
   dsorb run images/ --calib camera.yaml --output out/mine --view
   dsorb export out/mine --format colmap --undistort
+  dsorb metric out/mine --distance 10 85 2.5
   dsorb calibrate board.mp4 --board 9x6 --output camera.txt'''
 RUN_EPILOG = '''\
 All other options are those of dso_dataset (dsorb run --help-all): --set key=value, --width, --every, --from, --to,
@@ -125,6 +127,48 @@ def add_view_flags(parser, live):
                         'alone; 0.0.0.0 is everybody who reaches it')
 
 
+def distance_of(words):
+    """A B METRES [SIGMA]; one per cent where no standard deviation is given."""
+    try:
+        first, second, metres = int(words[0]), int(words[1]), float(words[2])
+        sigma = float(words[3]) if len(words) > 3 else .01 * metres
+    except (ValueError, IndexError):
+        first, second, metres, sigma = 0, 0, 0, 0
+    if len(words) > 4 or first < 0 or second < 0 or first == second or not 0 < metres < math.inf or not 0 < sigma < math.inf:
+        raise ValueError(f"--distance: '{' '.join(words)}': expected two different image numbers, metres and perhaps their standard deviation: 10 85 2.5 .02")
+    return first, second, metres, sigma
+
+
+def add_metric_flags(parser):
+    """What tells metres. One of them."""
+    known = parser.add_argument_group('metres (one of these; DIR/metric has the result)').add_mutually_exclusive_group()
+    known.add_argument('--distance', nargs='+', metavar='A B METRES [SIGMA]', help='between the camera at the images A and B (their numbers from 0); '
+                       'standard deviation of 1 %% by default')
+    known.add_argument('--speed', metavar='FILE.csv', help='lines of time [s], speed [m/s]')
+    known.add_argument('--altitude', metavar='FILE.csv', help='lines of time [s], altitude [m]')
+    known.add_argument('--gps', metavar='FILE.csv|FILE.gpx', help='lines of time [s], latitude, longitude [degrees], altitude [m]; or a GPX track')
+    parser.add_argument('--time-offset', metavar='SECONDS', type=float, default=0, help='added to the times of that file, to be those of the images')
+
+
+def write_metric(args):
+    """@return exit code"""
+    try:
+        knowledge = {'distance': distance_of(args.distance) if args.distance else None, 'speed': args.speed, 'altitude': args.altitude,
+                     'gps': args.gps, 'time_offset': args.time_offset}
+    except ValueError as error:
+        print(f'dsorb: {error}', file=sys.stderr)
+        return WRONG_OPTIONS
+    if not any(knowledge[kind] for kind in ('distance', 'speed', 'altitude', 'gps')):
+        print('dsorb: metric: expected --distance, --speed, --altitude or --gps', file=sys.stderr)
+        return WRONG_OPTIONS
+    try:
+        print('\n'.join(to_metres(args.folder, knowledge)))
+    except (ValueError, OSError) as error:
+        print(f'dsorb: metric: {error}', file=sys.stderr)
+        return RUNTIME_ERROR
+    return 0
+
+
 def add_run(commands):
     run = commands.add_parser('run', help='poses and points of a video', epilog=RUN_EPILOG, allow_abbrev=False,
                               formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -178,6 +222,9 @@ def parse(words):
     later.add_argument('folder', metavar='DIR', type=Path, help='output folder of dsorb run or dso_dataset')
     later.add_argument('--format', metavar='FORMATS', type=formats_of, required=True, help=','.join(FORMATS))
     add_export_flags(later)
+    metric = commands.add_parser('metric', help='metres from a distance, speeds, altitudes or a GPS track', allow_abbrev=False)
+    metric.add_argument('folder', metavar='DIR', type=Path, help='output folder of dsorb run or dso_dataset')
+    add_metric_flags(metric)
     add_calibrate(commands)
     add_merge(commands)
     words = sys.argv[1:] if words is None else list(words)
@@ -392,6 +439,8 @@ def main(words=None):
         sys.exit(run_merge(args))
     if args.command == 'view':
         sys.exit(view(args))
+    if args.command == 'metric':
+        sys.exit(write_metric(args))
     if args.command == 'export':
         sys.exit(0 if write_exports(args.folder, args.format, args) else RUNTIME_ERROR)
     if not os.access(program(), os.X_OK):

@@ -16,7 +16,7 @@ import numpy as np
 
 FORMATS = ('tum', 'kitti', 'euroc', 'colmap', 'nerfstudio', 'ply')
 TEXT = dict(encoding=sys.getfilesystemencoding(), errors='surrogateescape')  # names of files are bytes and stay what they are
-EXPORTED = (*FORMATS, 'images')  # folders that exports make
+EXPORTED = (*FORMATS, 'images', 'metric')  # folders that exports make
 EXPORTS = 'exports.json'  # what they have made
 Row = namedtuple('Row', 'index time state is_keyframe segment image')  # of frames.csv; the time as it is written
 
