@@ -35,7 +35,8 @@ constexpr int kMinPoseInliers = 15;
 /// A pose that matches agree about.
 struct MatchedPose {
   SE3 T_cam_host;
-  /// Of exp(xi) * T_cam_host, [translation; rotation]; the points err independently here.
+  /// Covariance of xi in exp(xi) * T_cam_host, [translation; rotation]; the points err
+  /// independently here.
   Matrix6d covariance = Matrix6d::Zero();
   std::vector<char> inlier;  ///< by match
   int inliers = 0;

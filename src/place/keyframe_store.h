@@ -44,7 +44,7 @@ struct StoredKeyframe {
   float radial = 0;  ///< first coefficient of RadTan, which the images have beside the camera
   View view;
   std::vector<std::uint32_t> tracks;  ///< number of each feature's track, unique in the store
-  // Of each feature [1/unit]; 0: its depth is not known.
+  // Inverse depth of each feature, and its sigma [1/unit]; 0: the depth is not known.
   std::vector<float> inverse_depths;
   std::vector<float> sigmas;
 

@@ -5,6 +5,7 @@
 #include "base/median.h"
 #include "base/parallel.h"
 #include "camera/lens_models.h"
+#include "estimate/variance_factors.h"
 #include "image/image_scale.h"
 #include "self_calibration/camera_adjustment.h"
 #include "self_calibration/corner_paths.h"
@@ -48,8 +49,6 @@ constexpr double kLeastNoise = 0.05;  // [px]
 constexpr double kWrong = 8;          // times the noise: a corner that is none
 constexpr double kBehindCost = 50;    // of a sight of a corner that cannot be placed
 
-/// By which errors exceed those of independent corners. docs/experiments.md, "No calibration"
-constexpr double kErrorFactor = 5;
 constexpr double kShows = 3;  // standard deviations that a distortion or readout differs from none
 
 // Beforehand: what phones, webcams and action cameras have.
@@ -102,7 +101,7 @@ LensPrior priorOf(const Lens& guess) {
     prior.sigma << guess.focal_sigma, center, center, kK1Sigma, kK2Sigma, 0;
   }
   prior.sigma[self_calibration::kReadout] = guess.readout.sigma;
-  prior.sigma /= kErrorFactor;  // must count as the corners do
+  prior.sigma /= variance_factors::kFoundCamera;  // must count as the corners do
   return prior;
 }
 
@@ -177,7 +176,7 @@ class CameraFinder::Impl {
     }
     noise = noiseOf(scene);
     holdWhatDoesNotShow(noise, prior, scene);
-    return told(scene, kErrorFactor * lensSigmas(prior, noise, scene));
+    return told(scene, variance_factors::kFoundCamera * lensSigmas(prior, noise, scene));
   }
 
  private:
@@ -235,7 +234,7 @@ class CameraFinder::Impl {
 
   /// A distortion and a readout that are not told from none are none.
   static void holdWhatDoesNotShow(double noise, LensPrior& prior, Scene& scene) {
-    const LensVector sigmas = kErrorFactor * lensSigmas(prior, noise, scene);
+    const LensVector sigmas = variance_factors::kFoundCamera * lensSigmas(prior, noise, scene);
     const auto shows = [&](int i) { return std::abs(scene.lens[i]) > kShows * sigmas[i]; };
     const auto hold = [&](int i) {
       if (!(prior.sigma[i] > 0)) return false;

@@ -51,7 +51,7 @@ struct DepthRange {
   }
 };
 
-/// Of a cell and those around it.
+/// Range of a cell and those around it.
 DepthRange rangeAround(const CellGrid& grid,
                        const std::vector<DepthRange>& ranges,
                        const Eigen::Vector2f& pixel) {

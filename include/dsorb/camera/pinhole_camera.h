@@ -19,8 +19,8 @@ struct PinholeCamera {
   /// then refines together with principal point and radial distortion; 0: a calibration.
   double focal_sigma = 0;
 
-  /// Of images of which nothing is known: 65 degrees along the longer side, as phones, webcams and
-  /// action cameras have them within a factor of two.
+  /// Camera of images of which nothing is known: 65 degrees along the longer side, as phones,
+  /// webcams and action cameras have them within a factor of two.
   [[nodiscard]] static PinholeCamera unknown(int width, int height) {
     constexpr double kFocalOfSide = 0.785;  // 1 / (2 tan(65 degrees / 2))
     const double focal = kFocalOfSide * (width > height ? width : height);

@@ -51,8 +51,8 @@ struct SequenceOptions {
   double from = 0;  ///< [s] after the first image of the data set
   double to = 0;    ///< [s] after the first image of the data set; 0: the last one
   int every = 1;    ///< use each N-th image, beginning with the first selected
-  /// Of the rectified images [px], less than without; 0: as calibrated. Below 0: the same, but of
-  /// a lens that is a guess at most so much that no side is longer than kMostGuessedSide.
+  /// Width of the rectified images [px], less than without; 0: as calibrated. Below 0: the same,
+  /// but of a lens that is a guess at most so much that no side is longer than kMostGuessedSide.
   int width = -1;
   bool reverse = false;          ///< read from end - 1 down to start, both included
   bool skip_unreadable = false;  ///< pass over image files that cannot be read

@@ -13,8 +13,8 @@ namespace dsorb {
 /// The camera that took a recording, as its corners tell. Standard deviations are those of errors
 /// that neighbouring corners share.
 struct FoundCamera {
-  /// Of the images as they were taken: a pinhole where no distortion shows, else kRadTan with k1
-  /// and k2; its `readout` and `focal_sigma` have their standard deviations.
+  /// Lens of the images as they were taken: a pinhole where no distortion shows, else kRadTan with
+  /// k1 and k2; its `readout` and `focal_sigma` have their standard deviations.
   Lens lens;
   double center_sigma = 0;  ///< of the principal point [px]
   double k1_sigma = 0;      ///< of the first radial coefficient
