@@ -282,7 +282,7 @@ TEST_F(SequenceReaderTest, EurocWithAndWithoutItsCalibration) {
             "#timestamp [ns],filename\r\n1403715285262142976,000000.png\r\n"
             "1403715285312143104,000002.png\r\n");
   SequenceOptions o = options();
-  EXPECT_THAT(openingComplaint(o), HasSubstr("--calib"));
+  EXPECT_GT(SequenceReader(o).lens().focal_sigma, 0) << "no calibration: a guess";
   writeText(root() / "mine.txt", "EquiDistant 50 50 31 23 0 0 0 0\n64 48\ncrop\n48 32\n");
   o.calibration_file = (root() / "mine.txt").string();
   EXPECT_EQ(SequenceReader(o).camera().width, 48);
@@ -318,7 +318,7 @@ TEST_F(SequenceReaderTest, TumRgbd) {
 TEST_F(SequenceReaderTest, PlainFolderWithACalibration) {
   writeGreyImages(root() / "holiday", 2, ".pgm");
   SequenceOptions o = optionsFor(root() / "holiday");
-  EXPECT_THAT(openingComplaint(o), HasSubstr("--calib"));
+  EXPECT_GT(SequenceReader(o).lens().focal_sigma, 0) << "no calibration: a guess";
   writeText(root() / "phone.txt", "Pinhole 50 50 31 23 0\n64 48\n");
   o.calibration_file = (root() / "phone.txt").string();
   EXPECT_EQ(SequenceReader(o).format(), SequenceFormat::kImages);

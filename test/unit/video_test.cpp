@@ -237,8 +237,6 @@ TEST_F(VideoTest, FilesThatAreNoVideosAreNamed) {
   fs::resize_file(cut, fs::file_size(cut) / 2);  // the index is at the end
   EXPECT_THAT(openingComplaint(viewOf(cut)),
               AllOf(HasSubstr("cut.mp4"), HasSubstr("its index (moov) is missing")));
-  EXPECT_THAT(openingComplaint(optionsFor(video("good.avi"))),
-              AllOf(HasSubstr("good.avi"), HasSubstr("no calibration")));
 }
 
 TEST_F(VideoTest, ContainersWithoutPicturesAreNamed) {
