@@ -21,6 +21,7 @@ constexpr float kMinInterval = 1.5F;       // [px] shorter epipolar intervals ar
 constexpr float kMaxError = 10;            // [px] the expected error is limited to this
 constexpr float kMinDepthRatio = 0.75F;    // admissible depth in the frame over depth in the host
 constexpr float kMaxDepthRatio = 1.5F;
+constexpr float kNearestRatio = 0.4F;     // the same where frames are far apart
 constexpr int kRefinementIterations = 3;  // Gauss-Newton along the line
 constexpr float kOutlierSlack = 1.2F;     // on the patch energy that makes a match an outlier
 constexpr float kDirectionInverseDepth = 0.01F;  // [1/unit] fixes the direction of a first search
@@ -65,11 +66,43 @@ Vector2f shiftToRow(const CandidatePoint& candidate,
   return Vector2f(p.x, p.y) - middle;
 }
 
-ExpectedPattern expectPattern(const CandidatePoint& candidate, const EpipolarPair& pair) {
+/// Interval of inverse depths to search before the first match.
+struct Expectation {
+  bool counts = false;
+  float min = 0;
+  float max = 0;
+  float scale = 1;  ///< of the host's patch in the frame
+};
+
+/// What the points around let expect; it counts where frames are so far apart that a search of the
+/// usual length, from infinity, would not reach all of it.
+Expectation expectationOf(const CandidatePoint& candidate,
+                          const EpipolarPair& pair,
+                          float longest) {
+  if (candidate.hasDepth() || !std::isfinite(candidate.expected_max)) return {};
+  const Vector2f& pixel = candidate.patch.pixel;
+  const Vector3f infinity = pair.geometry.atInfinity(pixel);
+  Expectation expected{true, candidate.expected_min, candidate.expected_max};
+  if (pair.geometry.b.z() < 0) {
+    expected.max = std::min(expected.max, (kNearestRatio - infinity.z()) / pair.geometry.b.z());
+  }
+  if (!(expected.min < expected.max)) return {};
+  const Vector3f nearest = pair.geometry.at(pixel, expected.max);
+  if (!(infinity.z() > 0 && nearest.z() > 0)) return {};
+  const float parallax = (infinity.hnormalized() - nearest.hnormalized()).norm();
+  if (!(parallax > longest)) return {};
+  expected.scale = 1 / pair.geometry.at(pixel, 0.5F * (expected.min + expected.max)).z();
+  return expected;
+}
+
+/// @param scale of the host's patch in the frame
+ExpectedPattern expectPattern(const CandidatePoint& candidate,
+                              const EpipolarPair& pair,
+                              float scale) {
   ExpectedPattern warped;
   for (std::size_t k = 0; k < kPattern.size(); ++k) {
     const Vector2f offset(static_cast<float>(kPattern[k].x), static_cast<float>(kPattern[k].y));
-    const Vector2f turned = pair.geometry.A.topLeftCorner<2, 2>() * offset;
+    const Vector2f turned = scale * (pair.geometry.A.topLeftCorner<2, 2>() * offset);
     warped.x[k] = turned.x();
     warped.y[k] = turned.y();
     warped.extent_x = std::max(warped.extent_x, std::abs(turned.x()));
@@ -85,6 +118,7 @@ ExpectedPattern expectPattern(const CandidatePoint& candidate, const EpipolarPai
 
 /// The discrete search begins up to this before its segment and ends as far behind [px].
 constexpr float kSearchSlack = 1;
+constexpr float kClipSlack = 1e-3F;  // of a clipped line's ends to the border, of its length
 
 /// Part of the image where the pattern can be sampled up to `slack` pixels further on.
 struct SearchArea {
@@ -100,6 +134,24 @@ struct SearchArea {
 
   [[nodiscard]] bool contains(const Vector2f& p) const {
     return p.x() > low_x && p.y() > low_y && p.x() < high_x && p.y() < high_y;
+  }
+
+  /// Shortens a line to its part in here; one that has none is left as it is.
+  void clip(Vector2f& start, Vector2f& line) const {
+    float from = 0;
+    float to = 1;
+    const auto keep = [&](float low, float high, float at, float along) {
+      if (along == 0) return;
+      const float enters = ((along > 0 ? low : high) - at) / along;
+      const float leaves = ((along > 0 ? high : low) - at) / along;
+      from = std::max(from, enters + kClipSlack);
+      to = std::min(to, leaves - kClipSlack);
+    };
+    keep(low_x, high_x, start.x(), line.x());
+    keep(low_y, high_y, start.y(), line.y());
+    if (!(from < to) || (from <= 0 && to >= 1)) return;
+    start += from * line;
+    line *= to - from;
   }
 };
 
@@ -145,34 +197,14 @@ float expectedError(const CandidatePoint& candidate,
   return kBaseError + kBaseError * (along + across) / along;
 }
 
-/// Interval of inverse depths to search before the first match.
-struct Expectation {
-  bool counts = false;
-  float min = 0;
-  float max = 0;
-};
-
-/// What the points around let expect; it counts where frames are so far apart that a search of the
-/// usual length, from infinity, would not reach all of it.
-Expectation expectationOf(const CandidatePoint& candidate,
-                          const EpipolarPair& pair,
-                          float longest) {
-  if (!std::isfinite(candidate.expected_max)) return {};
-  const Vector3f infinity = pair.geometry.atInfinity(candidate.patch.pixel);
-  const Vector3f nearest = pair.geometry.at(candidate.patch.pixel, candidate.expected_max);
-  if (!(infinity.z() > 0 && nearest.z() > 0)) return {};
-  const float parallax = (infinity.hnormalized() - nearest.hnormalized()).norm();
-  return {parallax > longest, candidate.expected_min, candidate.expected_max};
-}
-
 /// Where to search. @return nullopt when the candidate's status is decided without a search
 std::optional<Segment> planSearch(CandidatePoint& candidate,
                                   const EpipolarPair& pair,
                                   const SearchArea& area,
                                   const DepthOptions& options,
+                                  const Expectation& expected,
                                   float longest) {
   const bool known = candidate.hasDepth();
-  const Expectation expected = known ? Expectation{} : expectationOf(candidate, pair, longest);
   const Vector3f near = pair.geometry.at(
       candidate.patch.pixel, expected.counts ? expected.min : candidate.min_inverse_depth);
   Segment segment;
@@ -182,6 +214,7 @@ std::optional<Segment> planSearch(CandidatePoint& candidate,
       pair.geometry.at(candidate.patch.pixel, expected.counts ? expected.max : far_depth);
   Vector2f line = Vector2f(far.hnormalized()) - segment.near;
   if (!known && !expected.counts) line *= longest / line.norm();
+  if (expected.counts) area.clip(segment.near, line);
   segment.length = line.norm();
   const bool ends_inside = near.z() > 0 && far.z() > 0 && area.contains(segment.near) &&
                            area.contains(segment.near + line);  // false for NaN as well
@@ -194,7 +227,7 @@ std::optional<Segment> planSearch(CandidatePoint& candidate,
     candidate.interval = segment.length;
     return std::nullopt;
   }
-  const bool ratio_ok = near.z() > kMinDepthRatio && near.z() < kMaxDepthRatio;
+  const bool ratio_ok = expected.counts || (near.z() > kMinDepthRatio && near.z() < kMaxDepthRatio);
   if (!ratio_ok && !(candidate.min_inverse_depth < 0)) {
     leave(candidate, options);
     return std::nullopt;
@@ -366,11 +399,12 @@ void searchEpipolarLine(CandidatePoint& candidate,
                         const PyramidLevel& level,
                         const DepthOptions& options) {
   if (candidate.finished) return;
-  const ExpectedPattern pattern = expectPattern(candidate, pair);
-  const SearchArea area(level, pattern, kSearchSlack);
   const auto longest =
       static_cast<float>(kMaxSearchShare * static_cast<double>(level.width() + level.height()));
-  std::optional<Segment> segment = planSearch(candidate, pair, area, options, longest);
+  const Expectation expected = expectationOf(candidate, pair, longest);
+  const ExpectedPattern pattern = expectPattern(candidate, pair, expected.scale);
+  const SearchArea area(level, pattern, kSearchSlack);
+  std::optional<Segment> segment = planSearch(candidate, pair, area, options, expected, longest);
   if (!segment) return;
   segment->near = searchDiscrete(candidate, *segment, level, pattern);
   Match match = refineMatch(candidate, *segment, level, pattern);
