@@ -226,7 +226,10 @@ TEST_F(MapFileTest, ComesBackAsItWas) {
     EXPECT_EQ(read[i].view.descriptors, store_[i].view.descriptors);
     EXPECT_EQ(read[i].tracks, store_[i].tracks);
     EXPECT_EQ(read[i].inverse_depths, store_[i].inverse_depths);
-    EXPECT_EQ(read[i].view.pixels, store_[i].view.pixels);
+    ASSERT_EQ(read[i].view.size(), store_[i].view.size());
+    for (std::size_t f = 0; f < read[i].view.size(); ++f) {  // COLMAP's half pixel costs a bit
+      EXPECT_LT((read[i].view.pixels[f] - store_[i].view.pixels[f]).norm(), 1e-4);
+    }
   }
 }
 
