@@ -259,10 +259,11 @@ void addMethodFlags(CLI::App& app, Flags& flags, CommandLine& request) {
                  "place become one (default; of cameras and with --speed off); loops: also closed")
       ->check(CLI::IsMember(namesOf(kPlacesModes)))
       ->group("Method");
-  app.add_option("--load-map",
-                 request.load_map,
-                 "map of an earlier run (--save-map): the run starts where the camera is recognized "
-                 "in it, in its world and unit")
+  app.add_option(
+         "--load-map",
+         request.load_map,
+         "map of an earlier run (--save-map): the run starts where the camera is recognized "
+         "in it, in its world and unit")
       ->type_name("FILE")
       ->group("Method");
   app.add_option("--speed",
@@ -423,7 +424,8 @@ CommandLine parseCommandLine(int argc, const char* const* argv) {
   takeFlags(flags, request);
   if (!request.merge_maps.empty()) {
     if (request.merge_maps.size() < 2 || request.save_map.empty()) {
-      throw ConfigError("--merge-map: expected two maps or more, and --save-map for the merged one");
+      throw ConfigError(
+          "--merge-map: expected two maps or more, and --save-map for the merged one");
     }
     return request;
   }
@@ -439,9 +441,9 @@ CommandLine parseCommandLine(int argc, const char* const* argv) {
   }
   const bool is_live = is_camera || request.speed > 0;
   const bool uses_map = !request.load_map.empty() || !request.save_map.empty();
-  request.places = !flags.places.empty() ? kPlacesModes.at(flags.places)
+  request.places = !flags.places.empty()  ? kPlacesModes.at(flags.places)
                    : is_live && !uses_map ? PlacesMode::kOff
-                                         : PlacesMode::kJoin;
+                                          : PlacesMode::kJoin;
   if (uses_map && request.places == PlacesMode::kOff) {
     throw ConfigError("--load-map and --save-map need --places join or loops");
   }

@@ -133,8 +133,7 @@ class Odometry::Impl {
     unit_ = unitOf(step);
     try {
       checkStep(step);
-      observers_.notify(
-          &OdometryObserver::onInitStep, step, *frame, unit_.told(segment_));
+      observers_.notify(&OdometryObserver::onInitStep, step, *frame, unit_.told(segment_));
     } catch (...) {
       if (step.result) initializer_->reset();
       throw;
@@ -191,7 +190,8 @@ class Odometry::Impl {
         update.finite ? refusalOf(update.start_change) : std::optional(RefusalReason::kAdjustment);
     if (reason && (!update.finite || refusals_ < options_.max_refusals)) {
       report_.mapping_seconds += seeded.seconds;
-      refuse({result.frames.back().frame->id(), unit_.told(segment_), *reason, update.start_change});
+      refuse(
+          {result.frames.back().frame->id(), unit_.told(segment_), *reason, update.start_change});
       return;
     }
     refusals_ = 0;
@@ -262,8 +262,8 @@ class Odometry::Impl {
   }
 
   void concludeWithoutPose(OdometryState state, std::optional<double> tracking_rmse) {
-    last_estimate_ = odometry::estimateWithoutPose(
-        last_input_, unit_.told(segment_), state, tracking_rmse);
+    last_estimate_ =
+        odometry::estimateWithoutPose(last_input_, unit_.told(segment_), state, tracking_rmse);
     observers_.notify(&OdometryObserver::onFrame, last_estimate_);
   }
 

@@ -25,8 +25,8 @@ struct Sight {
 
 struct Alignment {
   Similarity S_a_b;
-  Matrix7d covariance;          ///< of a left increment
-  std::vector<char> fits;       ///< by sight
+  Matrix7d covariance;     ///< of a left increment
+  std::vector<char> fits;  ///< by sight
   std::size_t inliers = 0;
   double mean_square = 0;  ///< of the inliers' errors over their standard deviations, each axis [-]
 };

@@ -10,7 +10,7 @@
 namespace dsorb::place {
 namespace {
 
-constexpr std::uint64_t kIndexSeed = 20;    // any number
+constexpr std::uint64_t kIndexSeed = 20;  // any number
 constexpr double kCommonWord = 0.2;  // share of the images; a word in more of them tells nothing
 
 }  // namespace
@@ -79,7 +79,8 @@ std::vector<BinaryIndex::Candidate> BinaryIndex::best(std::vector<Candidate> fou
 }
 
 std::size_t BinaryIndex::bytes() const {
-  std::size_t sum = images_.size() * sizeof(images_.front()) + sizes_.capacity() * sizeof(sizes_.front());
+  std::size_t sum =
+      images_.size() * sizeof(images_.front()) + sizes_.capacity() * sizeof(sizes_.front());
   for (const auto& list : images_) sum += list.capacity() * sizeof(list.front());
   return sum;
 }

@@ -50,7 +50,7 @@ class BinaryIndex {
 
  private:
   static constexpr int kTables = 4;
-  static constexpr int kBits = 15;          // of a word
+  static constexpr int kBits = 15;           // of a word
   static constexpr std::size_t kUsed = 300;  // descriptors of an image
 
   [[nodiscard]] std::vector<float> scoresOf(const std::vector<BinaryDescriptor>& descriptors) const;

@@ -36,8 +36,9 @@ std::optional<Link> bestLink(const KeyframeStore& store,
   const StoredKeyframe& keyframe = store[query];
   std::optional<Link> best;
   for (const BinaryIndex::Candidate& candidate :
-       index.query(keyframe.view.descriptors, kCandidates,
-                   [&](std::size_t i) { return wanted(query, i); })) {
+       index.query(keyframe.view.descriptors, kCandidates, [&](std::size_t i) {
+         return wanted(query, i);
+       })) {
     const std::optional<Recognition> seen =
         recognize(store, {&keyframe.view, keyframe.camera, keyframe.radial}, candidate.image);
     if (!seen) continue;
@@ -90,8 +91,10 @@ std::vector<Join> joinsOf(const KeyframeStore& store, const std::vector<Link>& l
       most = agreeing.size();
       supporters = agreeing;
     }
-    const Link& surest = **std::max_element(
-        supporters.begin(), supporters.end(), [](const Link* a, const Link* b) { return a->matches < b->matches; });
+    const Link& surest =
+        **std::max_element(supporters.begin(), supporters.end(), [](const Link* a, const Link* b) {
+          return a->matches < b->matches;
+        });
     Join join{pair.second, pair.first, surest.S_to_from, surest.covariance, 0, 0, 1};
     std::set<std::size_t> keyframes;
     for (const Link* link : supporters) {

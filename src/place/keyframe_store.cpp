@@ -19,14 +19,14 @@
 namespace dsorb::place {
 namespace {
 
-constexpr int kBorderOfInvalid = 15;   // half of what ORB describes [px]
-constexpr std::size_t kLookBack = 4;   // keyframes that corners are followed to
+constexpr int kBorderOfInvalid = 15;        // half of what ORB describes [px]
+constexpr std::size_t kLookBack = 4;        // keyframes that corners are followed to
 constexpr std::ptrdiff_t kTrackReach = 12;  // keyframes that a track is looked for in, at once
-constexpr double kLevelFactor = 1.2;   // between two levels of the detector's pyramid
-constexpr double kCornerSigma = 0.8;   // of a corner's position on its level [px]
-constexpr double kOutlier = 9.2;       // chi-square, 2 degrees of freedom, 99 %
-constexpr double kMaxRelative = 0.25;  // standard deviation of an inverse depth over it
-constexpr int kSteps = 4;              // of Gauss-Newton
+constexpr double kLevelFactor = 1.2;        // between two levels of the detector's pyramid
+constexpr double kCornerSigma = 0.8;        // of a corner's position on its level [px]
+constexpr double kOutlier = 9.2;            // chi-square, 2 degrees of freedom, 99 %
+constexpr double kMaxRelative = 0.25;       // standard deviation of an inverse depth over it
+constexpr int kSteps = 4;                   // of Gauss-Newton
 
 /// A corner of a track.
 struct Sighting {
@@ -175,7 +175,8 @@ void KeyframeStore::follow(StoredKeyframe& keyframe) {
   std::unordered_set<std::uint32_t> taken;
   for (std::size_t back = 1; back <= std::min(kLookBack, before.size()); ++back) {
     const StoredKeyframe& earlier = keyframes_[before[before.size() - back]];
-    const std::vector<int> partner = mutualMatches(keyframe.view.descriptors, earlier.view.descriptors);
+    const std::vector<int> partner =
+        mutualMatches(keyframe.view.descriptors, earlier.view.descriptors);
     for (std::size_t i = 0; i < partner.size(); ++i) {
       if (partner[i] < 0 || keyframe.tracks[i] != kNone) continue;
       const std::uint32_t track = earlier.tracks[static_cast<std::size_t>(partner[i])];
@@ -206,7 +207,8 @@ void KeyframeStore::triangulateAll(const std::vector<std::size_t>& keyframes,
   }
   for (const std::size_t k : keyframes) {
     StoredKeyframe& keyframe = keyframes_[k];
-    if (only == nullptr) std::fill(keyframe.inverse_depths.begin(), keyframe.inverse_depths.end(), 0.0F);
+    if (only == nullptr)
+      std::fill(keyframe.inverse_depths.begin(), keyframe.inverse_depths.end(), 0.0F);
     for (std::size_t i = 0; i < keyframe.view.size(); ++i) {
       const auto track = only == nullptr ? tracks.try_emplace(keyframe.tracks[i]).first
                                          : tracks.find(keyframe.tracks[i]);
@@ -261,13 +263,15 @@ std::vector<MapTrack> KeyframeStore::tracks(int first_stretch) const {
       const auto [found, is_new] = numbers.try_emplace(keyframe.tracks[i], all.size());
       if (is_new) all.push_back({keyframe.segment, Eigen::Vector3d::Zero(), {}});
       MapTrack& track = all[found->second];
-      track.position += keyframe.T_world_cam * (keyframe.ray(i) / static_cast<double>(keyframe.inverse_depths[i]));
+      track.position += keyframe.T_world_cam *
+                        (keyframe.ray(i) / static_cast<double>(keyframe.inverse_depths[i]));
       track.sights.push_back({keyframe.id, keyframe.pixel(i).cast<float>()});
     }
   }
   for (MapTrack& track : all) track.position /= static_cast<double>(track.sights.size());
-  all.erase(std::remove_if(all.begin(), all.end(), [](const MapTrack& t) { return t.sights.size() < 2; }),
-            all.end());
+  all.erase(
+      std::remove_if(all.begin(), all.end(), [](const MapTrack& t) { return t.sights.size() < 2; }),
+      all.end());
   return all;
 }
 
@@ -282,8 +286,8 @@ double KeyframeStore::medianInverseDepth(std::size_t keyframe) const {
 std::vector<std::size_t> KeyframeStore::neighbourhood(std::size_t keyframe,
                                                       std::size_t reach) const {
   const std::vector<std::size_t>& all = stretches_.at(keyframes_[keyframe].stretch);
-  const auto place = static_cast<std::size_t>(
-      std::lower_bound(all.begin(), all.end(), keyframe) - all.begin());
+  const auto place =
+      static_cast<std::size_t>(std::lower_bound(all.begin(), all.end(), keyframe) - all.begin());
   std::vector<std::size_t> found = {keyframe};
   for (std::size_t step = 1; step <= reach; ++step) {
     if (step <= place) found.push_back(all[place - step]);

@@ -37,8 +37,8 @@ struct View {
 struct StoredKeyframe {
   FrameId id;
   double timestamp = 0;  ///< [s]
-  int segment = 0;  ///< whose world it lies in
-  int stretch = 0;  ///< start that it was tracked from
+  int segment = 0;       ///< whose world it lies in
+  int stretch = 0;       ///< start that it was tracked from
   SE3 T_world_cam;
   PinholeCamera camera;
   float radial = 0;  ///< first coefficient of RadTan, which the images have beside the camera

@@ -16,10 +16,10 @@ namespace dsorb::place {
 namespace {
 
 // What an odometry gets wrong from one keyframe to the next.
-constexpr double kTurnSigma = 1e-3;       // [rad]
-constexpr double kMotionSigma = 0.01;     // of the motion
-constexpr double kMotionFloor = 2e-4;     // of the distance to what is seen
-constexpr double kScaleSigma = 3e-3;      // of the logarithm
+constexpr double kTurnSigma = 1e-3;    // [rad]
+constexpr double kMotionSigma = 0.01;  // of the motion
+constexpr double kMotionFloor = 2e-4;  // of the distance to what is seen
+constexpr double kScaleSigma = 3e-3;   // of the logarithm
 // What a loop's covariance does not know: depths that err together.
 constexpr double kLoopFloor = 2e-3;  // of the distance, rad and of the logarithm
 
@@ -31,7 +31,8 @@ GraphEdge stepEdge(const KeyframeStore& store, std::size_t a, std::size_t b) {
   GraphEdge edge;
   edge.S_i_j = cameraOf(store[a]).inverse() * cameraOf(store[b]);
   const double depth = 1 / std::max(1e-6, store.medianInverseDepth(a));
-  const double moved = std::hypot(kMotionSigma * edge.S_i_j.motion.translation().norm(), kMotionFloor * depth);
+  const double moved =
+      std::hypot(kMotionSigma * edge.S_i_j.motion.translation().norm(), kMotionFloor * depth);
   Vector7d variances;
   variances << moved * moved, moved * moved, moved * moved, kTurnSigma * kTurnSigma,
       kTurnSigma * kTurnSigma, kTurnSigma * kTurnSigma, kScaleSigma * kScaleSigma;

@@ -64,7 +64,8 @@ class Statement {
  public:
   Statement(const Database& database, const char* sql) : database_(database) {
     if (sqlite3_prepare_v2(database.get(), sql, -1, &statement_, nullptr) != SQLITE_OK) {
-      database.fail(std::string("not a map of dsorb, or damaged: ") + sqlite3_errmsg(database.get()));
+      database.fail(std::string("not a map of dsorb, or damaged: ") +
+                    sqlite3_errmsg(database.get()));
     }
   }
   ~Statement() { sqlite3_finalize(statement_); }
@@ -154,7 +155,8 @@ void insert(const Database& database, const std::vector<StoredKeyframe>& keyfram
   Statement image(database, "INSERT INTO images VALUES (?, ?, ?)");
   Statement corners(database, "INSERT INTO keypoints VALUES (?, ?, 2, ?)");
   Statement descriptors(database, "INSERT INTO descriptors VALUES (?, ?, 32, ?)");
-  Statement keyframe(database, "INSERT INTO dsorb_keyframes VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
+  Statement keyframe(database,
+                     "INSERT INTO dsorb_keyframes VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
   sqlite3_int64 number = 0;
   for (const StoredKeyframe& k : keyframes) {
     ++number;
@@ -164,15 +166,17 @@ void insert(const Database& database, const std::vector<StoredKeyframe>& keyfram
     (camera << number << sqlite3_int64{kPinhole} << sqlite3_int64{k.camera.width}
             << sqlite3_int64{k.camera.height} << parameters)
         .done();
-    (image << number << "segment " + std::to_string(k.segment) + " frame " + std::to_string(k.id.value) +
-                            " keyframe " + std::to_string(number)
+    (image << number
+           << "segment " + std::to_string(k.segment) + " frame " + std::to_string(k.id.value) +
+                  " keyframe " + std::to_string(number)
            << number)
         .done();
     (corners << number << count << keypointsOf(k.view)).done();
     (descriptors << number << count << k.view.descriptors).done();
-    (keyframe << number << sqlite3_int64{k.id.value} << k.timestamp << sqlite3_int64{k.segment} << sqlite3_int64{k.stretch}
-              << static_cast<double>(k.radial) << numbersOf(k.T_world_cam) << k.view.octaves
-              << k.tracks << k.inverse_depths << k.sigmas)
+    (keyframe << number << sqlite3_int64{k.id.value} << k.timestamp << sqlite3_int64{k.segment}
+              << sqlite3_int64{k.stretch} << static_cast<double>(k.radial)
+              << numbersOf(k.T_world_cam) << k.view.octaves << k.tracks << k.inverse_depths
+              << k.sigmas)
         .done();
   }
 }
@@ -245,8 +249,9 @@ void writeMap(const std::string& path, const std::vector<StoredKeyframe>& keyfra
   std::filesystem::remove(part, error);
   {
     const Database database(part, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE);
-    database.run("PRAGMA journal_mode = OFF; PRAGMA application_id = " + std::to_string(kApplication) +
-                 "; PRAGMA user_version = " + std::to_string(kVersion) + "; BEGIN;" + kSchema);
+    database.run(
+        "PRAGMA journal_mode = OFF; PRAGMA application_id = " + std::to_string(kApplication) +
+        "; PRAGMA user_version = " + std::to_string(kVersion) + "; BEGIN;" + kSchema);
     insert(database, keyframes);
     database.run("COMMIT");
   }
@@ -258,12 +263,13 @@ std::vector<StoredKeyframe> readMap(const std::string& path) {
   if (!std::filesystem::exists(path)) throw IoError(path + ": no such file");
   const Database database(path, SQLITE_OPEN_READONLY);
   checkMap(database);
-  Statement row(database,
-                "SELECT frame, timestamp, segment, stretch, radial, T_world_cam, width, height, params, "
-                "keypoints.rows, keypoints.data, descriptors.data, octaves, tracks, inverse_depths, "
-                "sigmas FROM dsorb_keyframes JOIN images USING (image_id) JOIN cameras USING "
-                "(camera_id) JOIN keypoints USING (image_id) JOIN descriptors USING (image_id) "
-                "ORDER BY image_id");
+  Statement row(
+      database,
+      "SELECT frame, timestamp, segment, stretch, radial, T_world_cam, width, height, params, "
+      "keypoints.rows, keypoints.data, descriptors.data, octaves, tracks, inverse_depths, "
+      "sigmas FROM dsorb_keyframes JOIN images USING (image_id) JOIN cameras USING "
+      "(camera_id) JOIN keypoints USING (image_id) JOIN descriptors USING (image_id) "
+      "ORDER BY image_id");
   std::vector<StoredKeyframe> keyframes;
   while (row.step()) keyframes.push_back(keyframeOf(database, row));
   if (keyframes.size() != keyframesIn(database)) {

@@ -24,9 +24,9 @@ namespace dsorb {
 namespace {
 
 constexpr std::size_t kAskedCandidates = 3;  // that a frame is compared with
-constexpr int kPatch = 4;              // around a corner that have its depth [px]
-constexpr double kPatchSlope = 0.02;   // of the depth, that they differ from it
-constexpr std::size_t kLoopGap = 10;  // keyframes between two ends of a loop at least
+constexpr int kPatch = 4;                    // around a corner that have its depth [px]
+constexpr double kPatchSlope = 0.02;         // of the depth, that they differ from it
+constexpr std::size_t kLoopGap = 10;         // keyframes between two ends of a loop at least
 
 }  // namespace
 
@@ -62,7 +62,8 @@ class Place::Impl {
     }
     const auto start = start_frames.find(keyframe.id);
     if (start != start_frames.end()) {
-      timed(report.adding_seconds, [&] { views[keyframe.id] = place::describeView(*start->second); });
+      timed(report.adding_seconds,
+            [&] { views[keyframe.id] = place::describeView(*start->second); });
     }
     if (views.count(keyframe.id) > 0) {
       enter(keyframe);
@@ -134,8 +135,10 @@ class Place::Impl {
       const Eigen::Vector2f& pixel = view.pixels[best->features[i]];
       for (int dy = -kPatch; dy <= kPatch; ++dy) {  // trackers see corners beside ours
         for (int dx = -kPatch; dx <= kPatch; ++dx) {
-          place.depths.push_back({pixel.x() + static_cast<float>(dx), pixel.y() + static_cast<float>(dy),
-                                  static_cast<float>(z), static_cast<float>(sigma)});
+          place.depths.push_back({pixel.x() + static_cast<float>(dx),
+                                  pixel.y() + static_cast<float>(dy),
+                                  static_cast<float>(z),
+                                  static_cast<float>(sigma)});
         }
       }
     }
@@ -174,10 +177,9 @@ class Place::Impl {
   }
 
   void join() {
-    const std::vector<place::Link> links =
-        sureLinks([&](std::size_t query, std::size_t candidate) {
-          return store[query].segment != store[candidate].segment;
-        });
+    const std::vector<place::Link> links = sureLinks([&](std::size_t query, std::size_t candidate) {
+      return store[query].segment != store[candidate].segment;
+    });
     std::map<int, std::pair<int, Similarity>> root;  // of a segment, and its world from that one's
     for (const int segment : segments) root[segment] = {segment, {}};
     for (const place::Join& join : place::joinsOf(store, links)) {
@@ -210,12 +212,11 @@ class Place::Impl {
   }
 
   void closeLoops() {
-    const std::vector<place::Link> links =
-        sureLinks([&](std::size_t query, std::size_t candidate) {
-          if (store[query].segment != store[candidate].segment || candidate >= query) return false;
-          return store[query].stretch != store[candidate].stretch ||
-                 (query - candidate > kLoopGap && !store.shareTracks(query, candidate));
-        });
+    const std::vector<place::Link> links = sureLinks([&](std::size_t query, std::size_t candidate) {
+      if (store[query].segment != store[candidate].segment || candidate >= query) return false;
+      return store[query].stretch != store[candidate].stretch ||
+             (query - candidate > kLoopGap && !store.shareTracks(query, candidate));
+    });
     for (const int segment : segments) {
       std::vector<place::Link> inside;
       for (const place::Link& link : links) {
@@ -241,9 +242,9 @@ class Place::Impl {
   TaskArena arena;
   place::KeyframeStore store;
   place::BinaryIndex index;
-  std::map<FrameId, std::size_t> positions;  // in the store
-  std::map<FrameId, FramePtr> start_frames;  // of the newest start, until it stands
-  std::map<FrameId, place::View> views;      // of frames that become keyframes
+  std::map<FrameId, std::size_t> positions;   // in the store
+  std::map<FrameId, FramePtr> start_frames;   // of the newest start, until it stands
+  std::map<FrameId, place::View> views;       // of frames that become keyframes
   std::map<FrameId, KeyframeSnapshot> early;  // told before their frames
   std::set<int> segments;
   std::set<int> metric;  // segments told in metres

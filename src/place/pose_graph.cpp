@@ -34,7 +34,8 @@ struct SimilarityOf {
   SimilarityOf(const Eigen::Quaternion<T>& r, const Eigen::Matrix<T, 3, 1>& t, const T& s)
       : rotation(r), translation(t), scale(s) {}
   SimilarityOf operator*(const SimilarityOf& o) const {
-    return {rotation * o.rotation, translation + scale * (rotation * o.translation), scale * o.scale};
+    return {
+        rotation * o.rotation, translation + scale * (rotation * o.translation), scale * o.scale};
   }
   [[nodiscard]] SimilarityOf inverse() const {
     const Eigen::Quaternion<T> back = rotation.conjugate();
@@ -79,8 +80,8 @@ std::vector<Similarity> adjustGraph(const std::vector<Similarity>& S_world_cam,
         Eigen::Matrix<double, 7, 7>(edge.covariance).inverse();
     const Eigen::Matrix<double, 7, 7> root = information.llt().matrixU();
     problem.AddResidualBlock(
-        new ceres::AutoDiffCostFunction<EdgeError, 7, 7, 7>(new EdgeError{
-            S_world_cam[edge.i], S_world_cam[edge.j], edge.S_i_j.inverse(), root}),
+        new ceres::AutoDiffCostFunction<EdgeError, 7, 7, 7>(
+            new EdgeError{S_world_cam[edge.i], S_world_cam[edge.j], edge.S_i_j.inverse(), root}),
         edge.doubtful ? new ceres::CauchyLoss(kCauchy) : nullptr,
         increments[edge.i].data(),
         increments[edge.j].data());

@@ -12,8 +12,8 @@ namespace dsorb::place {
 struct GraphEdge {
   std::size_t i = 0;
   std::size_t j = 0;
-  Similarity S_i_j;     ///< coordinates of camera j, in its unit, to those of camera i
-  Matrix7d covariance;  ///< of a left increment of S_i_j
+  Similarity S_i_j;       ///< coordinates of camera j, in its unit, to those of camera i
+  Matrix7d covariance;    ///< of a left increment of S_i_j
   bool doubtful = false;  ///< may be wrong altogether: counts by Cauchy's loss
 };
 

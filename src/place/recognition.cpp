@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "place/recognition.h"
 
-#include "place/binary_matches.h"
-
 #include "base/median.h"
 #include "features/pose_from_matches.h"
 #include "image/cell_grid.h"
+#include "place/binary_matches.h"
 
 #include <algorithm>
 #include <array>
@@ -16,19 +15,19 @@
 namespace dsorb::place {
 namespace {
 
-constexpr std::size_t kReach = 3;        // keyframes before and after that belong to a place
-constexpr std::size_t kMinMatches = 8;   // of a pose
-constexpr std::uint64_t kSeed = 49;      // of samples; any number
-constexpr double kRadius = 6;            // of the search around a prediction, the same width [px]
-constexpr int kAlike = 60;               // distance of descriptors of one corner at most [bits]
+constexpr std::size_t kReach = 3;       // keyframes before and after that belong to a place
+constexpr std::size_t kMinMatches = 8;  // of a pose
+constexpr std::uint64_t kSeed = 49;     // of samples; any number
+constexpr double kRadius = 6;           // of the search around a prediction, the same width [px]
+constexpr int kAlike = 60;              // distance of descriptors of one corner at most [bits]
 constexpr int kViewColumns = 8;
 constexpr int kViewRows = 6;
-constexpr double kCell = 16;             // of the lookup of features [px]
+constexpr double kCell = 16;  // of the lookup of features [px]
 // Shares that were found of 12 pairs of rooms that have the same walls, and nothing else in common.
 constexpr double kSharedWalls = 0.08;
 constexpr double kSharedWallsSigma = 0.03;
-constexpr double kLeastWrong = 1e-9;     // no test was long enough for less
-constexpr double kLogChance = -4;        // of a view that shows the place by itself
+constexpr double kLeastWrong = 1e-9;  // no test was long enough for less
+constexpr double kLogChance = -4;     // of a view that shows the place by itself
 
 /// Feature of a view near a place that is most like a descriptor.
 class Lookup {
@@ -216,7 +215,8 @@ std::optional<Recognition> recognize(const KeyframeStore& store,
   const std::vector<StoredPoint> points = store.pointsOf(store.neighbourhood(keyframe, kReach));
   const Lookup lookup(query, pinholePixels(query));
   const Matched matched = matchPoints(store, points, *query.view);
-  std::optional<SE3> pose = poseOfMost(points, matched, lookup, query.camera, store[keyframe].T_world_cam);
+  std::optional<SE3> pose =
+      poseOfMost(points, matched, lookup, query.camera, store[keyframe].T_world_cam);
   Recognition result;
   for (int round = 0; pose && round < 2; ++round) {
     const Found found = findPredicted(store, points, query, lookup, *pose);

@@ -15,11 +15,11 @@ namespace dsorb::place {
 
 /// How much of what a view should show of a map it shows.
 struct Evidence {
-  int views = 0;      ///< that show the place by themselves
-  int predicted = 0;  ///< points that should be seen
-  int found = 0;      ///< of these, with a like corner where they should be
-  int around = 0;     ///< that should be seen in those parts of the image where some are found
-  double chance = 0;  ///< share that would be found anywhere in the same images
+  int views = 0;          ///< that show the place by themselves
+  int predicted = 0;      ///< points that should be seen
+  int found = 0;          ///< of these, with a like corner where they should be
+  int around = 0;         ///< that should be seen in those parts of the image where some are found
+  double chance = 0;      ///< share that would be found anywhere in the same images
   double log_chance = 0;  ///< log10 of the probability to find so many by chance
   int cells = 0;          ///< of 48 over the image, that have found points; the best view
 
@@ -46,7 +46,7 @@ struct Recognition {
   SE3 T_view_world;          ///< in the world and unit of that keyframe's segment
   Matrix6d covariance;       ///< of exp(xi) * T_view_world
   Evidence evidence;
-  std::vector<StoredPoint> points;     ///< of the map, found in the view
+  std::vector<StoredPoint> points;    ///< of the map, found in the view
   std::vector<std::size_t> features;  ///< where each of them was found
 };
 

@@ -93,16 +93,19 @@ struct TwoMaps {
     for (int i = 0; i < 200; ++i) {
       place::Sight sight;
       sight.backward = i % 2 == 1;
-      const Eigen::Vector3d in_a(random.uniform(-2, 2), random.uniform(-2, 2), random.uniform(3, 8));
+      const Eigen::Vector3d in_a(
+          random.uniform(-2, 2), random.uniform(-2, 2), random.uniform(3, 8));
       sight.T_cam_map = SE3(so3Exp({0, random.uniform(-0.1, 0.1), 0}),
                             Eigen::Vector3d(random.uniform(-0.5, 0.5), 0, 0));
       const Eigen::Vector3d in_b = S_a_b.inverse() * in_a;
       sight.point = sight.backward ? in_a : in_b;
       sight.uncertainty.setZero();
-      if (sight.backward) sight.T_cam_map = S_a_b.inverse().moved(sight.T_cam_map.inverse()).inverse();
+      if (sight.backward)
+        sight.T_cam_map = S_a_b.inverse().moved(sight.T_cam_map.inverse()).inverse();
       const Eigen::Vector3d seen = sight.T_cam_map * (sight.backward ? in_b : in_a);
       sight.camera = camera;
-      sight.pixel = camera.project(seen) + noise * Eigen::Vector2d(random.gaussian(), random.gaussian());
+      sight.pixel =
+          camera.project(seen) + noise * Eigen::Vector2d(random.gaussian(), random.gaussian());
       sight.sigma = std::max(noise, 0.1);
       if (i % 10 == 0) sight.pixel += Eigen::Vector2d(40, -30);  // wrong
       sights.push_back(sight);
@@ -168,9 +171,10 @@ TEST(JoiningTest, SegmentsOfOneRoomBecomeOneInTheRightUnit) {
   const synthetic::Scene room = synthetic::makeRoom(5);
   enterRoom(store, index, 0, room, 0, 1);
   enterRoom(store, index, 1, room, 12, 0.4);
-  const auto links = place::findLinks(store, index, allOf(store), [&](std::size_t a, std::size_t b) {
-    return store[a].segment != store[b].segment;
-  });
+  const auto links =
+      place::findLinks(store, index, allOf(store), [&](std::size_t a, std::size_t b) {
+        return store[a].segment != store[b].segment;
+      });
   const std::vector<place::Join> joins = place::joinsOf(store, links);
   ASSERT_EQ(joins.size(), 1U);
   EXPECT_NEAR(joins.front().S_into_segment.scale, 2.5, 0.02 * 2.5);
@@ -189,9 +193,10 @@ TEST(JoiningTest, RoomsOfTheSameTexturesStayTwo) {
     }
     enterRoom(store, index, i, room, 0, 1);
   }
-  const auto links = place::findLinks(store, index, allOf(store), [&](std::size_t a, std::size_t b) {
-    return store[a].segment != store[b].segment;
-  });
+  const auto links =
+      place::findLinks(store, index, allOf(store), [&](std::size_t a, std::size_t b) {
+        return store[a].segment != store[b].segment;
+      });
   for (const place::Link& link : links) EXPECT_GT(link.wrong_probability, 1e-4);
 }
 

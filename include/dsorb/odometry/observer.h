@@ -79,9 +79,9 @@ struct StartRefusal {
 /// Two segments that have become one (dsorb/place/place.h): what was told of one of them is to be
 /// brought into the world and the unit of the other.
 struct SegmentsJoined {
-  int segment = 0;            ///< the one that is moved
-  int into = 0;               ///< the one whose world and unit stay
-  Similarity S_into_segment;  ///< of the worlds
+  int segment = 0;                         ///< the one that is moved
+  int into = 0;                            ///< the one whose world and unit stay
+  Similarity S_into_segment;               ///< of the worlds
   Matrix7d covariance = Matrix7d::Zero();  ///< of a left increment of it
   int keyframes = 0;                       ///< of the moved one, that were seen to show the other
   int matches = 0;                         ///< corners that agree with it
@@ -109,9 +109,9 @@ struct TrackSight {
 
 /// A corner that was followed through several keyframes, and triangulated.
 struct MapTrack {
-  int segment = 0;                       ///< after all joins
-  Eigen::Vector3d position{0, 0, 0};     ///< in the world of the segment, after all loops
-  std::vector<TrackSight> sights;        ///< two or more
+  int segment = 0;                    ///< after all joins
+  Eigen::Vector3d position{0, 0, 0};  ///< in the world of the segment, after all loops
+  std::vector<TrackSight> sights;     ///< two or more
 };
 
 /// Is told by Odometry::process, restart and finish what happens, in order and on their thread,

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "dsorb/init/initializer.h"
 #include "dsorb/image/frame_priors.h"
+#include "dsorb/init/initializer.h"
 #include "dsorb/odometry/observer.h"
 #include "dsorb/options/odometry.h"
 

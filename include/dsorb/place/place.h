@@ -12,18 +12,18 @@ namespace dsorb {
 
 /// What Place does.
 struct PlaceOptions {
-  bool loops = true;      ///< finish() closes loops; needs a build with Ceres
-  int num_threads = 1;    ///< 0: all the machine has
+  bool loops = true;    ///< finish() closes loops; needs a build with Ceres
+  int num_threads = 1;  ///< 0: all the machine has
   /// Largest probability of a wrong join that is accepted [-].
   double max_wrong_probability = 1e-4;
 };
 
 /// Sizes and counts of a Place.
 struct PlaceReport {
-  int keyframes = 0;         ///< that are remembered
-  int joined = 0;            ///< segments that became part of another one
-  int loops = 0;             ///< that were closed
-  std::size_t bytes = 0;     ///< of keyframes and index
+  int keyframes = 0;          ///< that are remembered
+  int joined = 0;             ///< segments that became part of another one
+  int loops = 0;              ///< that were closed
+  std::size_t bytes = 0;      ///< of keyframes and index
   int asked = 0;              ///< frames that the recognizer was asked about
   double asking_seconds = 0;  ///< by it
   double adding_seconds = 0;  ///< describing keyframes and following their corners

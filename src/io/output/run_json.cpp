@@ -158,14 +158,15 @@ Json runJson(const RunInfo& info,
     const Eigen::Vector3d& t = joined.S_into_segment.motion.translation();
     const Eigen::Vector4d q = joined.S_into_segment.motion.unitQuaternion().coeffs();
     const auto sigma = [&](int i) { return std::sqrt(joined.covariance(i, i)); };
-    json["joined"].push_back({{"segment", joined.segment},
-                              {"into", joined.into},
-                              {"scale", joined.S_into_segment.scale},
-                              {"pose", {t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w()}},
-                              {"sigmas", {sigma(0), sigma(1), sigma(2), sigma(3), sigma(4), sigma(5), sigma(6)}},
-                              {"keyframes", joined.keyframes},
-                              {"matches", joined.matches},
-                              {"wrong_probability", joined.wrong_probability}});
+    json["joined"].push_back(
+        {{"segment", joined.segment},
+         {"into", joined.into},
+         {"scale", joined.S_into_segment.scale},
+         {"pose", {t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w()}},
+         {"sigmas", {sigma(0), sigma(1), sigma(2), sigma(3), sigma(4), sigma(5), sigma(6)}},
+         {"keyframes", joined.keyframes},
+         {"matches", joined.matches},
+         {"wrong_probability", joined.wrong_probability}});
   }
   for (const LoopsClosed& closed : record.changes().loops) {
     json["loops"].push_back({{"segment", closed.segment}, {"loops", closed.loops}});

@@ -182,15 +182,14 @@ SE3 RunRecord::T_world_cam(const PosedEntry& entry) const {
   const SE3 told = toldPose(entry);
   if (changes_.empty()) return told;
   const bool is_own = anchors_.count(entry.id) > 0;
-  const SE3 pose =
-      changes_.changeOf(entry.segment, is_own ? entry.id : entry.anchor).moved(told);
+  const SE3 pose = changes_.changeOf(entry.segment, is_own ? entry.id : entry.anchor).moved(told);
   if (is_own || changes_.moved.empty() || entry.start >= 0) return pose;
   // Between two keyframes the change by loops goes over from one to the other.
   const Anchor& anchor = anchors_.at(entry.anchor);
   const auto next = anchor.next ? anchors_.find(*anchor.next) : anchors_.end();
   if (next == anchors_.end() || !anchor.timestamp || !next->second.timestamp) return pose;
-  const double progress = (entry.timestamp - *anchor.timestamp) /
-                          (*next->second.timestamp - *anchor.timestamp);
+  const double progress =
+      (entry.timestamp - *anchor.timestamp) / (*next->second.timestamp - *anchor.timestamp);
   const SE3 by_next = changes_.changeOf(entry.segment, *anchor.next).moved(told);
   const Vector6d way = (by_next * pose.inverse()).log();
   return SE3::exp(std::clamp(progress, 0.0, 1.0) * way) * pose;
