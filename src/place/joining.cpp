@@ -105,6 +105,9 @@ std::vector<Join> joinsOf(const KeyframeStore& store, const std::vector<Link>& l
     join.wrong_probability = surest.wrong_probability;
     joins.push_back(join);
   }
+  std::stable_sort(joins.begin(), joins.end(), [](const Join& a, const Join& b) {
+    return a.matches > b.matches;
+  });
   return joins;
 }
 

@@ -39,7 +39,7 @@ class Place::Impl {
     for (const PosedFrame& posed : step.result->frames) {
       if (posed.T_cam_ref) start_frames[posed.frame->id()] = posed.frame;
     }
-    if (step.result->metric) metric.insert(segment);
+    if (step.result->metric && segments.count(segment) == 0) metric.insert(segment);
     ++stretch;
   }
 
