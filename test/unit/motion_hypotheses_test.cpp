@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "geometry/tangent_basis.h"
 #include "estimate/pose_from_points.h"
+#include "geometry/tangent_basis.h"
 #include "support/jacobian_check.h"
 #include "support/matchers.h"
 #include "support/two_view_scene.h"
