@@ -29,6 +29,18 @@ struct CornerTracks {
   [[nodiscard]] int size() const {
     return positions.empty() ? 0 : static_cast<int>(positions.front().size());
   }
+  /// Removes tracks. @param dropped nonzero for those that go
+  void drop(const std::vector<char>& dropped) {
+    const auto filter = [&](std::vector<Eigen::Vector2f>& places) {
+      std::size_t kept = 0;
+      for (std::size_t i = 0; i < places.size(); ++i) {
+        if (dropped[i] == 0) places[kept++] = places[i];
+      }
+      places.resize(kept);
+    };
+    for (std::vector<Eigen::Vector2f>& frame : positions) filter(frame);
+    filter(seen);
+  }
   /// Matches between the reference and a later frame that sees all corners.
   [[nodiscard]] Matches matchesTo(int frame) const {
     Matches matches;

@@ -3,10 +3,35 @@
 
 #include "dsorb/image/frame.h"
 
+#include <optional>
+
 namespace dsorb {
 
 /// Whether a frame shows next to nothing beside another one of its camera: black, covered,
 /// overexposed or full of noise alone. A shorter exposure excuses it.
 [[nodiscard]] bool isBlank(const Frame& frame, const Frame& beside);
+
+/// Whether a frame shows the very image of another one of its camera, exactly or as it is encoded
+/// again: a video of a variable rate, a frozen stream.
+[[nodiscard]] bool isRepeated(const Frame& frame, const Frame& before);
+
+/// Standard deviation of a pixel's noise, by what planes leave of the median 3 x 3 neighbourhood;
+/// fine texture counts as noise [grey levels].
+/// @source Immerkaer, Fast noise variance estimation, CVIU 1996, with a median
+[[nodiscard]] double noiseOf(const PyramidLevel& level);
+
+/// From the intensities of images to the grey levels that thresholds are meant in. Images of usual
+/// contrast are left as they are; those of little (thermal, fog, a small part of 16 bits) and of
+/// much get the usual one, unless that would show the noise.
+struct GreyScale {
+  float gain = 1;
+  float offset = 0;  ///< [grey levels]
+
+  [[nodiscard]] bool changes() const { return gain != 1 || offset != 0; }
+  /// Of the images of a camera, by one of them; nullopt where it shows nothing.
+  [[nodiscard]] static std::optional<GreyScale> of(const Frame& frame);
+  /// The same frame in other grey levels. The slope of its response is forgotten.
+  [[nodiscard]] FramePtr apply(const FramePtr& frame) const;
+};
 
 }  // namespace dsorb

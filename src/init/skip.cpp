@@ -37,7 +37,8 @@ const std::vector<MechanismName>& mechanisms() {
       {Mechanism::kMissed, "missed", "some frames may stay without a pose before a loss"},
       {Mechanism::kMatches, "matches", "matched corners pose frames that the tracker loses"},
       {Mechanism::kProof, "proof", "after a miss the images must show a pose"},
-      {Mechanism::kExpected, "expected", "far epipolar searches begin at the depths around"}};
+      {Mechanism::kExpected, "expected", "far epipolar searches begin at the depths around"},
+      {Mechanism::kContrast, "contrast", "images of little contrast get the usual one"}};
   return all;
 }
 

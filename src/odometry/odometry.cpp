@@ -4,6 +4,7 @@
 #include "base/describe.h"
 #include "base/parallel.h"
 #include "base/timed.h"
+#include "image/contrast.h"
 #include "image/frame_check.h"
 #include "odometry/async_mapper.h"
 #include "odometry/frame_estimates.h"
@@ -81,11 +82,16 @@ class Odometry::Impl {
     segment_ = std::max(segment_, first_segment);
   }
 
-  FrameEstimate process(const FramePtr& frame, bool hurried) {
-    accept(frame);
+  FrameEstimate process(const FramePtr& given, bool hurried) {
+    accept(given);
+    const FramePtr frame = inUsualGrey(given);
     initializer_->setHurried(hurried);
+    const bool repeats = shown_ && isRepeated(*frame, *shown_);
+    if (!repeats) shown_ = frame;
     if (!adoptKeyframes()) {
       lose({});
+    } else if (repeats) {
+      repeat(frame);
     } else if (phase_ == Phase::kInitializing) {
       initialize(frame);
     } else {
@@ -103,6 +109,8 @@ class Odometry::Impl {
     refusals_ = 0;
     initializer_->reset();
     place_.reset();
+    shown_.reset();
+    grey_scale_.reset();
     frame_check_.restart();
     phase_ = Phase::kInitializing;
   }
@@ -127,6 +135,30 @@ class Odometry::Impl {
     frame_check_.accept(frame);
     ++report_.frames_given;
     last_input_ = frame;
+  }
+
+  /// The frame in the grey levels that thresholds are meant in: the first image with something to
+  /// see decides for all that follow.
+  FramePtr inUsualGrey(const FramePtr& frame) {
+    if (options_.initializer.skip.has(Mechanism::kContrast)) return frame;
+    if (!grey_scale_) grey_scale_ = GreyScale::of(*frame);
+    return grey_scale_ && grey_scale_->changes() ? grey_scale_->apply(frame) : frame;
+  }
+
+  /// An image that repeats the one before tells nothing new: it has the same answer, at no cost.
+  void repeat(const FramePtr& frame) {
+    FrameEstimate estimate = std::move(last_estimate_);
+    estimate.is_keyframe = false;
+    if (estimate.T_world_cam && estimate.frame == tracker_.reference().frame) {
+      estimate.keyframe = estimate.frame->id();
+      estimate.T_cam_keyframe = SE3();
+    }
+    estimate.frame = frame;
+    if (estimate.state == OdometryState::kInitialized) estimate.state = OdometryState::kTracked;
+    if (estimate.state == OdometryState::kTracked) ++report_.frames_tracked;
+    if (estimate.state == OdometryState::kMissed) ++report_.frames_missed;
+    last_estimate_ = std::move(estimate);
+    observers_.notify(&OdometryObserver::onFrame, last_estimate_);
   }
 
   /// Phase initializing: feeds the initializer; its result becomes the first map.
@@ -351,6 +383,8 @@ class Odometry::Impl {
   int doubted_ = 0;   // frames in a row without a pose, or with one that does not fit
   OdometryReport report_;
   FramePtr last_input_;
+  std::optional<GreyScale> grey_scale_;  // of the images
+  FramePtr shown_;                       // the last one that did not repeat another
   FrameEstimate last_estimate_;
 };
 

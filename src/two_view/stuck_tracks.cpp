@@ -50,18 +50,6 @@ double stillCells(const Matches& matches,
          static_cast<double>(std::count(taken.begin(), taken.end(), 1));
 }
 
-void drop(const std::vector<char>& dropped, CornerTracks& tracks) {
-  const auto filter = [&](std::vector<Eigen::Vector2f>& places) {
-    std::size_t kept = 0;
-    for (std::size_t i = 0; i < places.size(); ++i) {
-      if (dropped[i] == 0) places[kept++] = places[i];
-    }
-    places.resize(kept);
-  };
-  for (std::vector<Eigen::Vector2f>& positions : tracks.positions) filter(positions);
-  filter(tracks.seen);
-}
-
 }  // namespace
 
 std::vector<Eigen::Vector2f> leaveOutStuck(CornerTracks& tracks,
@@ -90,7 +78,7 @@ std::vector<Eigen::Vector2f> leaveOutStuck(CornerTracks& tracks,
   for (const Eigen::Vector2d& pixel : standing.reference) {
     stuck.emplace_back(pixel.cast<float>());
   }
-  drop(still, tracks);
+  tracks.drop(still);
   return stuck;
 }
 

@@ -121,5 +121,33 @@ TEST_F(MissedFrames, AChangeThatStaysReachesTheMap) {
   EXPECT_EQ(odometry->finish().frames_missed, 0);
 }
 
+class RepeatedImages : public TruthStarted {};
+
+TEST_F(RepeatedImages, ChangeNothing) {
+  start(trackedRoom());
+  run(0, 30);
+  const Recorder once = recorder;
+  recorder = {};
+  start(trackedRoom());
+  for (const FramePtr& frame : trackedRoom().frames()) {
+    odometry->process(frame);
+    const PyramidLevel& image = frame->level(0);
+    odometry->process(Frame::create(
+        {image.data(), image.width(), image.height()},
+        {FrameId{1000 + frame->id().value}, frame->timestamp() + 1e-3, frame->exposure()}));
+  }
+  EXPECT_EQ(recorder.ids, once.ids);
+  ASSERT_EQ(recorder.estimates.size(), 2 * once.estimates.size());
+  for (std::size_t i = 0; i < once.estimates.size(); ++i) {
+    const FrameEstimate& copy = recorder.estimates[2 * i + 1];
+    EXPECT_FALSE(copy.is_keyframe);
+    ASSERT_EQ(copy.T_world_cam.has_value(), once.estimates[i].T_world_cam.has_value());
+    if (!copy.T_world_cam) continue;
+    EXPECT_EQ(copy.state, OdometryState::kTracked);
+    EXPECT_EQ(copy.T_world_cam->matrix(), once.estimates[i].T_world_cam->matrix());
+    EXPECT_EQ(recorder.estimates[2 * i].T_world_cam->matrix(), copy.T_world_cam->matrix());
+  }
+}
+
 }  // namespace
 }  // namespace dsorb

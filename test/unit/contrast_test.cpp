@@ -69,5 +69,44 @@ TEST(Blank, BesideABlankFrameIsNone) {
   EXPECT_FALSE(isBlank(*black, *black));
 }
 
+TEST(Repeated, IsTheSameImageAndNotTheNextOne) {
+  const Paint scene = blobs(1);
+  const FramePtr before = painted(scene);
+  const auto random = std::make_shared<Random>(3);
+  const auto noisy = [&](float sigma) {
+    return painted([=](float x, float y) {
+      return scene(x, y) + sigma * static_cast<float>(random->gaussian());
+    });
+  };
+  EXPECT_TRUE(isRepeated(*painted(scene), *before));
+  EXPECT_TRUE(isRepeated(*noisy(0.2F), *before));
+  EXPECT_FALSE(isRepeated(*noisy(1), *before)) << "a standing camera has noise of its own";
+  EXPECT_FALSE(isRepeated(*painted(shifted(scene, 0.05F, 0)), *before));
+  EXPECT_FALSE(isRepeated(*painted(scaled(scene, 1.02F, 0)), *before));
+  const FramePtr black = painted([](float, float) { return 0.0F; });
+  EXPECT_FALSE(isRepeated(*black, *black)) << "nothing is seen of any moment";
+}
+
+TEST(GreyScale, GivesImagesTheUsualContrastAndLeavesUsualOnes) {
+  const Paint scene = blobs(1);
+  EXPECT_FALSE(GreyScale::of(*painted(scene))->changes());
+  for (const float gain : {0.03F, 0.1F, 5.0F}) {
+    const FramePtr frame = painted(scaled(scene, gain, 20));
+    const FramePtr usual = GreyScale::of(*frame)->apply(frame);
+    EXPECT_FALSE(GreyScale::of(*usual)->changes()) << gain;
+    EXPECT_EQ(usual->id(), frame->id());
+  }
+  EXPECT_FALSE(GreyScale::of(*painted([](float, float) { return 90.0F; })));
+}
+
+TEST(GreyScale, DoesNotShowTheNoise) {
+  const auto random = std::make_shared<Random>(3);
+  const FramePtr frame = painted([=](float x, float) {
+    return 100 + 3 * std::sin(0.05F * x) + 2 * static_cast<float>(random->gaussian());
+  });
+  const GreyScale scale = *GreyScale::of(*frame);
+  EXPECT_NEAR(scale.gain, 2, 0.3) << "4 grey levels of noise at most";
+}
+
 }  // namespace
 }  // namespace dsorb

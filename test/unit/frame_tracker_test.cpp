@@ -9,7 +9,9 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <string>
 #include <utility>
+#include <vector>
 
 namespace dsorb::odometry {
 namespace {
@@ -144,6 +146,55 @@ TEST_F(FrameTrackerTest, FollowsStepsOfTheBrightnessThatTheGreyLevelsShow) {
     EXPECT_NEAR(pose.affine.a, log_gain, 0.01);
     expectNearTruth(tracker.track(frame(5)), 5, 3);
   }
+}
+
+/// Blobs on a wall that the camera passes.
+class FarFrames : public ::testing::Test {
+ protected:
+  static constexpr float kStep = 60;  // of an image [px]
+  [[nodiscard]] FramePtr frame(int i, float x) const {
+    return paintFrame(i, camera_.width, camera_.height, shifted(scene_, -x, 0));
+  }
+  [[nodiscard]] FrameTracker started(const std::string& skip) const {
+    OdometryOptions options;
+    options.initializer.skip = parseSkips(skip);
+    FrameTracker tracker(options);
+    InitializationResult result;
+    for (int i = 0; i < 3; ++i) {
+      result.frames.push_back(
+          {frame(i, static_cast<float>(i)), pose(static_cast<float>(i)), {}, {}});
+    }
+    tracker.begin(result);
+    std::vector<DepthSample> wall;
+    for (int y = 5; y < camera_.height - 5; y += 4) {
+      for (int x = 5; x < camera_.width - 5; x += 4) {
+        wall.push_back({{static_cast<float>(x), static_cast<float>(y)}, 0.5F});
+      }
+    }
+    tracker.setTarget({{pose(2)}, track::referenceOf(frame(2, 2), camera_, wall, {}), SE3()});
+    return tracker;
+  }
+  [[nodiscard]] SE3 pose(float x) const {
+    return SE3(so3Exp({0, 0, 0}), Eigen::Vector3d(-2 * static_cast<double>(x) / camera_.fx, 0, 0));
+  }
+
+  PinholeCamera camera_{300, 300, 199.5, 149.5, 400, 300};
+  Paint scene_ = blobs(1);
+};
+
+TEST_F(FarFrames, ArePosedByMatches) {
+  const FramePtr far = frame(3, 2 + kStep);
+  const TrackedPose posed = started("").track(far, true);
+  ASSERT_TRUE(posed.good);
+  EXPECT_THAT(posed.T_cam_world, Se3Near(pose(2 + kStep), 0.05, 0.002));
+  const TrackedPose alone = started("matches").track(far, true);
+  EXPECT_FALSE(alone.good &&
+               (alone.T_cam_world.translation() - pose(2 + kStep).translation()).norm() < 0.01);
+}
+
+TEST_F(FarFrames, OfAnotherSceneHaveNone) {
+  FrameTracker tracker = started("");
+  EXPECT_FALSE(tracker.track(paintFrame(3, camera_.width, camera_.height, blobs(2)), true).good);
 }
 
 }  // namespace

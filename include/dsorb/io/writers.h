@@ -14,7 +14,14 @@
 namespace dsorb {
 
 /// How a run ended; docs/formats.md.
-enum class RunStatus { kTracked, kLost, kNeverInitialized, kInterrupted, kError };
+enum class RunStatus {
+  kTracked,           ///< to the end, and at least half of the images have a pose
+  kPartlyTracked,     ///< to the end, but fewer have one
+  kLost,              ///< the last image has no map
+  kNeverInitialized,  ///< no image has a pose
+  kInterrupted,       ///< the user ended it
+  kError              ///< something failed
+};
 
 /// Name as in run.json, for example "never_initialized".
 [[nodiscard]] const char* name(RunStatus status);

@@ -39,7 +39,8 @@ enum class Mechanism : std::uint8_t {
   kMissed,
   kMatches,
   kProof,
-  kExpected
+  kExpected,
+  kContrast
 };
 
 /// A mechanism as the command line knows it.

@@ -9,6 +9,7 @@
 #include "init/waiting_frames.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <numeric>
 #include <utility>
@@ -21,8 +22,15 @@ namespace {
 constexpr double kMinFoundShare = 0.05;
 /// Fewer cannot start, and between frames far apart they do not become more.
 constexpr int kMinFarTracks = 50;
+/// References whose features are looked for in every frame: the oldest, which has most parallax,
+/// and the newest ones. Where nothing starts (a checkerboard) each frame would add one for good.
+constexpr std::size_t kMaxFarReferences = 4;
+/// Frames before the newest in which they are looked for when that begins.
+constexpr int kMaxCaughtUp = 6;
 /// Features of a reference closer to another one, or to a corner, are left out [px].
 constexpr float kMinDistance = 4;
+
+const Eigen::Vector2f kUnseen = Eigen::Vector2f::Constant(NAN);
 
 int countSeen(const std::vector<Eigen::Vector2f>& found) {
   return static_cast<int>(std::count_if(found.begin(), found.end(), isSeen));
@@ -72,9 +80,21 @@ void ReferencePool::advance(FramePtr frame) {
   described_.emplace_back();
   ++advanced_;
   keepWithinBudget();
-  for (Reference& reference : references_) {
-    if (farApart() || !reference.far.empty()) findFeatures(reference);
+  forgetFarReferences();
+  for (std::size_t i = 0; i < references_.size(); ++i) {
+    const bool wanted = i == 0 || references_.size() - i < kMaxFarReferences;
+    if (wanted && (farApart() || !references_[i].far.empty())) findFeatures(references_[i]);
   }
+}
+
+/// Those between the oldest and the newest whose features would have to be looked for, too.
+void ReferencePool::forgetFarReferences() {
+  if (references_.size() <= kMaxFarReferences) return;
+  const auto begin = references_.begin() + 1;
+  const auto end = references_.end() - static_cast<std::ptrdiff_t>(kMaxFarReferences - 1);
+  references_.erase(
+      std::remove_if(begin, end, [](const Reference& reference) { return !reference.far.empty(); }),
+      end);
 }
 
 const DescribedFrame& ReferencePool::described(int frame) {
@@ -97,7 +117,9 @@ void ReferencePool::findFeatures(Reference& reference) {
   }
   for (int frame = reference.frame + static_cast<int>(reference.far.size()); frame < newest;
        ++frame) {
-    reference.far.push_back(findAgain(from, described(frame)));
+    reference.far.push_back(newest - frame <= kMaxCaughtUp
+                                ? findAgain(from, described(frame))
+                                : std::vector<Eigen::Vector2f>(from.positions.size(), kUnseen));
   }
   reference.far.push_back(std::move(found));
 }

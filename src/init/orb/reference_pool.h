@@ -77,6 +77,7 @@ class ReferencePool final : public ReferenceSource {
   }
   [[nodiscard]] bool lost(const Reference& reference) const;
   void forgetUnusedFrames();
+  void forgetFarReferences();
   void keepWithinBudget();
   const DescribedFrame& described(int frame);
   /// Finds the features of a reference in the frames that they are not yet found in.

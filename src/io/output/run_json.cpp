@@ -20,6 +20,8 @@ const char* name(RunStatus status) {
   switch (status) {
     case RunStatus::kTracked:
       return "tracked";
+    case RunStatus::kPartlyTracked:
+      return "partly_tracked";
     case RunStatus::kLost:
       return "lost";
     case RunStatus::kNeverInitialized:

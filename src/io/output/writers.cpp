@@ -217,7 +217,9 @@ RunStatus RunWriter::outcome() const {
   if (record.segments().empty()) return RunStatus::kNeverInitialized;
   const OdometryState last = record.notes().newest().state;
   const bool map_stands = last != OdometryState::kInitializing && last != OdometryState::kLost;
-  return map_stands ? RunStatus::kTracked : RunStatus::kLost;
+  if (!map_stands) return RunStatus::kLost;
+  const bool most = 2 * record.frames().size() >= record.notes().size();
+  return most ? RunStatus::kTracked : RunStatus::kPartlyTracked;
 }
 
 bool RunWriter::calibrationSuspected() const {

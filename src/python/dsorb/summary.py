@@ -34,6 +34,8 @@ def summarize(run):
         return 'No image was read.'
     posed = sum(len(segment.frames) for segment in run.segments)
     lines = [f'{posed} of {given} images have a pose ({100 * posed / given:.0f} %)' + of_segments(run)]
+    if run.summary['status'] == 'partly_tracked':
+        lines.append('  fewer than half: this run does not count as tracked (exit code 3)')
     lines += [f'  segment {segment.number}: {span(run, segment)}, {len(segment.points.positions)} points'
               for segment in run.segments]
     unreadable = run.summary.get('unreadable', [])
