@@ -163,8 +163,11 @@ void writeAfterError(RunOutputs& outputs, std::optional<Odometry>& odometry) {
 /// A name that is mistyped must not cost the results of an earlier run.
 void requireFiles(const CommandLine& request) {
   const SequenceOptions& files = request.sequence;
-  for (const std::string& name :
-       {files.calibration_file, files.response_file, files.vignette_file, files.mask}) {
+  for (const std::string& name : {files.calibration_file,
+                                  files.response_file,
+                                  files.vignette_file,
+                                  files.mask,
+                                  files.gyroscope_file}) {
     if (name.empty() || std::filesystem::exists(name)) continue;
     throw IoError(fmt::format("{}: no such file", name));
   }

@@ -7,6 +7,7 @@
 #include "app/image_server.h"
 #include "app/interrupt.h"
 #include "app/standard_streams.h"
+#include "platform/process.h"
 
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
@@ -81,7 +82,7 @@ int run(int argc, const char* const* argv, app::Interrupt& interrupt) {
   for (const std::string& warning : request.warnings) {
     if (!request.quiet) spdlog::warn(warning);
   }
-  app::ignoreWriteSignals();
+  platform::ignoreWriteSignals();
   if (request.serve_images) {
     app::serveImages(request.sequence, std::cin, std::cout);
     return app::kTracked;
@@ -95,7 +96,7 @@ int run(int argc, const char* const* argv, app::Interrupt& interrupt) {
 
 int main(int argc, char** argv) {
   keepFreedMemory();
-  app::openStandardStreams();
+  platform::openStandardStreams();
   app::Interrupt interrupt;  // before any thread is started
   setUpLog();
   try {
