@@ -9,6 +9,7 @@ import sys
 # folder -> project folders it may include besides itself; public and private headers alike
 MAY_INCLUDE = {
     'options': set(),
+    'platform': set(),
     'base': {'options'},
     'geometry': {'base'},
     'camera': {'geometry', 'base', 'options'},
@@ -26,9 +27,9 @@ MAY_INCLUDE = {
     'self_calibration': {'odometry', 'features', 'estimate', 'image', 'camera', 'geometry', 'base', 'options'},
     'c': {'odometry', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
     'synthetic': {'image', 'camera', 'geometry', 'base', 'options'},
-    'io': {'self_calibration', 'odometry', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
-    'python': {'published', 'self_calibration', 'io', 'odometry', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
-    'app': {'place', 'published', 'self_calibration', 'io', 'odometry', 'init', 'synthetic', 'image', 'camera', 'geometry', 'base', 'options'},
+    'io': {'platform', 'self_calibration', 'odometry', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
+    'python': {'platform', 'published', 'self_calibration', 'io', 'odometry', 'init', 'image', 'camera', 'geometry', 'base', 'options'},
+    'app': {'platform', 'place', 'published', 'self_calibration', 'io', 'odometry', 'init', 'synthetic', 'image', 'camera', 'geometry', 'base', 'options'},
 }
 # the last step of camera makes the first thing of image
 BRIDGES = {'include/dsorb/camera/rectifier.h': 'image', 'src/camera/rectifier.cpp': 'image'}
@@ -50,6 +51,7 @@ THIRD_PARTY = {
     r'fmt/': ('src/io/', 'src/app/'),
     r'spdlog/': ('src/app/',),
     r'CLI/': ('src/app/',),
+    r'(unistd|fcntl|poll|io|windows|psapi|pthread|sys/(file|mman|resource|stat|types|wait))\.h': ('src/platform/',),
     r'nanobind/': ('src/python/',),
 }
 NAMESPACE = re.compile(r'^namespace ([\w:]+) \{', re.MULTILINE)

@@ -5,10 +5,13 @@
 #   soak     200,000 rendered frames
 #   fuzz     each parser, 10 minutes (needs the fuzzers of .ci/run)
 #   memory   that it does not grow with the length of a run
+#   ros2     the callbacks of scripts/ros2 on bags (needs a Python with rosbags and the package in build/python)
+#   wheels   scripts/wheels/build.sh for x86_64 and aarch64, tried in empty roots (Debian 12, as root)
+#   aarch64  unit and contract tests under qemu (after wheels)
 set -uo pipefail
 cd "$(dirname "$0")/.."
 export DSORB_BUILD_DIR=${DSORB_BUILD_DIR:-$PWD/build}
-[ $# -gt 0 ] || set -- attack soak fuzz memory
+[ $# -gt 0 ] || set -- attack soak fuzz memory ros2 wheels aarch64
 
 attack() {
   local python=${DSORB_PYTHON:-python3} script failed=0
@@ -20,6 +23,15 @@ attack() {
 soak() { scripts/soak.sh 200000; }
 fuzz() { DSORB_BUILD_DIR=$PWD/build-clang scripts/fuzz.sh 600s; }
 memory() { python3 scripts/check_memory.py; }
+ros2() {
+  local python=${DSORB_PYTHON:-python3}
+  cmake -S . -B "$DSORB_BUILD_DIR" -DDSORB_BUILD_ROS_STUB=ON -DPython_EXECUTABLE="$(command -v "$python")" >/dev/null &&
+    cmake --build "$DSORB_BUILD_DIR" --target dsorb_ros_replay dso_synthesize _dsorb &&
+    DSORB_ROS_REPLAY=$DSORB_BUILD_DIR/bin/dsorb_ros_replay DSO_SYNTHESIZE=$DSORB_BUILD_DIR/bin/dso_synthesize \
+      PYTHONPATH=$DSORB_BUILD_DIR/python:test/python "$python" test/python/run.py test_ros2
+}
+wheels() { scripts/wheels/build.sh x86_64 && scripts/wheels/build.sh aarch64 && scripts/wheels/try.sh; }
+aarch64() { scripts/wheels/test_aarch64.sh; }
 
 failed=()
 for step in "$@"; do

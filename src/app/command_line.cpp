@@ -6,6 +6,7 @@
 #include "dsorb/published/registration.h"
 
 #include "app/legacy_arguments.h"
+#include "io/input/gyroscope.h"
 #include "io/input/video.h"
 
 #include <CLI/CLI.hpp>
@@ -209,6 +210,25 @@ void addSelectionFlags(CLI::App& app, CommandLine& request) {
                  "this relative standard deviation; default: not used")
       ->type_name("SIGMA")
       ->check(numberIn(1e-4, 1))
+      ->group("Input");
+  app.add_option(
+         "--gyro",
+         request.sequence.gyroscope_file,
+         "rates of a gyroscope: lines of time [s or ns], wx, wy, wz [rad/s] (imu0/data.csv)")
+      ->type_name("FILE")
+      ->group("Input");
+  app.add_option_function<std::string>(
+         "--gyro-axes",
+         [&request](const std::string& text) {
+           const auto R = parseRotation(text);
+           if (!R) {
+             throw ConfigError(fmt::format(
+                 "--gyro-axes: '{}': expected the nine numbers of a rotation, row by row", text));
+           }
+           request.sequence.R_cam_gyro = *R;
+         },
+         "rotation of the gyroscope's axes to those of the camera; default: the same")
+      ->type_name("R11,...,R33")
       ->group("Input");
 }
 

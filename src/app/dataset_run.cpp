@@ -169,7 +169,8 @@ void requireFiles(const CommandLine& request) {
                                   files.response_file,
                                   files.vignette_file,
                                   files.mask,
-                                  request.load_map}) {
+                                  request.load_map,
+                                  files.gyroscope_file}) {
     if (name.empty() || std::filesystem::exists(name)) continue;
     throw IoError(fmt::format("{}: no such file", name));
   }

@@ -8,6 +8,7 @@
 #include "app/image_server.h"
 #include "app/interrupt.h"
 #include "app/standard_streams.h"
+#include "platform/process.h"
 
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
@@ -95,7 +96,7 @@ int run(int argc, const char* const* argv, app::Interrupt& interrupt) {
     }
     return app::kTracked;
   }
-  app::ignoreWriteSignals();
+  platform::ignoreWriteSignals();
   if (request.serve_images) {
     app::serveImages(request.sequence, std::cin, std::cout);
     return app::kTracked;
@@ -109,7 +110,7 @@ int run(int argc, const char* const* argv, app::Interrupt& interrupt) {
 
 int main(int argc, char** argv) {
   keepFreedMemory();
-  app::openStandardStreams();
+  platform::openStandardStreams();
   app::Interrupt interrupt;  // before any thread is started
   setUpLog();
   try {

@@ -3,11 +3,11 @@
 #include "dsorb/io/config.h"
 
 #include "io/output/dataset_writer.h"
+#include "platform/process.h"
 #include "synthetic/sequence.h"
 
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <array>
 #include <cmath>
@@ -176,7 +176,8 @@ void synthesize(const CommandLine& line) {
                                frame.timestamp,
                                frame.exposure};
   };
-  const bool is_terminal = isatty(STDERR_FILENO) == 1;  // elsewhere one line at the end is enough
+  const bool is_terminal =
+      dsorb::platform::errorIsTerminal();  // elsewhere one line at the end is enough
   const auto progress = [&](int done) {
     const bool is_last = done == sequence.length();
     if (line.quiet || !(is_terminal || is_last)) return;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "app/interrupt.h"
 
-#include <unistd.h>
+#include "platform/process.h"
 
 #include <chrono>
 #include <utility>
@@ -12,22 +12,11 @@ namespace {
 // Time from a signal to the end of a program that does not end by itself; with what is written then
 // it stays below a second.
 constexpr std::chrono::milliseconds kPatience(500);
-// Time within which two signals count as one: timeout(1) sends them to the program and to its
-// group.
-constexpr timespec kTwiceAtOnce{0, 100000000};
 constexpr int kNothingToWrite = 3;  // exit code: nothing was tracked
 
 }  // namespace
 
-Interrupt::Interrupt() : signals_() {
-  sigemptyset(&signals_);
-  sigaddset(&signals_, SIGINT);
-  sigaddset(&signals_, SIGTERM);
-  struct sigaction hangup {};  // ignored where nohup has started the program
-  if (sigaction(SIGHUP, nullptr, &hangup) == 0 && hangup.sa_handler != SIG_IGN) {
-    sigaddset(&signals_, SIGHUP);
-  }
-  pthread_sigmask(SIG_BLOCK, &signals_, nullptr);
+Interrupt::Interrupt() {
   watcher_ = std::thread([this] { watch(); });
 }
 
@@ -36,7 +25,7 @@ Interrupt::~Interrupt() {
     const std::lock_guard<std::mutex> lock(mutex_);
     stopping_ = true;
     // The watcher takes the signal itself, or has it blocked when it ends.
-    if (!requested_) pthread_kill(watcher_.native_handle(), SIGINT);
+    if (!requested_) signals_.wake(watcher_);
   }
   changed_.notify_all();
   watcher_.join();
@@ -54,8 +43,7 @@ void Interrupt::settle() {
 }
 
 void Interrupt::watch() {
-  int signal = 0;
-  sigwait(&signals_, &signal);
+  signals_.wait();
   std::unique_lock<std::mutex> lock(mutex_);
   if (stopping_) return;
   requested_ = true;
@@ -66,10 +54,9 @@ void Interrupt::watch() {
 /// return.
 void Interrupt::endWhenLate(std::unique_lock<std::mutex>& lock) {
   const bool in_time = changed_.wait_for(lock, kPatience, [this] { return settled_ || stopping_; });
-  if (!in_time) _exit(last_resort_ ? last_resort_() : kNothingToWrite);
+  if (!in_time) platform::endNow(last_resort_ ? last_resort_() : kNothingToWrite);
   lock.unlock();
-  while (sigtimedwait(&signals_, nullptr, &kTwiceAtOnce) > 0) continue;
-  pthread_sigmask(SIG_UNBLOCK, &signals_, nullptr);
+  signals_.letThrough();
   lock.lock();
   changed_.wait(lock, [this] { return stopping_; });
 }

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "platform/stop_signals.h"
+
 #include <atomic>
 #include <condition_variable>
-#include <csignal>
 #include <functional>
 #include <mutex>
 #include <thread>
@@ -40,7 +41,7 @@ class Interrupt {
   void watch();
   void endWhenLate(std::unique_lock<std::mutex>& lock);
 
-  sigset_t signals_;
+  platform::StopSignals signals_;
   std::atomic<bool> requested_{false};
   std::mutex mutex_;
   std::condition_variable changed_;

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "app/progress_bar.h"
 
+#include "platform/process.h"
+
 #include <spdlog/fmt/fmt.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cstdio>
@@ -19,7 +20,7 @@ constexpr std::chrono::milliseconds kRedrawInterval(100);
 ProgressBar::ProgressBar(int total, ProgressMode mode, bool quiet)
     : total_(total),
       enabled_(mode == ProgressMode::kOn ||
-               (mode == ProgressMode::kAuto && !quiet && isatty(STDERR_FILENO) == 1)) {}
+               (mode == ProgressMode::kAuto && !quiet && platform::errorIsTerminal())) {}
 
 ProgressBar::~ProgressBar() {
   if (enabled_ && done_ > 0) std::fputc('\n', stderr);

@@ -1,16 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/text_file.h"
 
-#include "io/descriptor.h"
+#include "platform/files.h"
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <poll.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <charconv>
 #include <cmath>
@@ -21,9 +16,7 @@ namespace {
 
 constexpr std::string_view kWhiteSpace = " \t\r\n\v\f";
 constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";  // editors of Windows begin with it
-constexpr std::size_t kBlockBytes = 1 << 16;
-constexpr int kPipePatience = 2000;       // for the first byte of a pipe [ms]
-constexpr std::size_t kMaxQuotable = 80;  // characters
+constexpr std::size_t kMaxQuotable = 80;                     // characters
 
 IoError readError(const std::filesystem::path& file, int code) {
   return lineError(
@@ -37,25 +30,6 @@ IoError sizeError(const std::filesystem::path& file, std::size_t most_bytes) {
       file, 0, fmt::format("too large; at most {} KiB of text are expected", most_bytes >> 10U));
 }
 
-/// Everything up to the end. @throws IoError
-std::string readAll(const io::Descriptor& source,
-                    const std::filesystem::path& file,
-                    std::size_t most_bytes) {
-  std::string text;
-  std::array<char, kBlockBytes> block{};
-  while (true) {
-    pollfd request{source.get(), POLLIN, 0};
-    const bool ready = poll(&request, 1, kPipePatience) != 0;
-    const ssize_t count = read(source.get(), block.data(), block.size());
-    if (count == 0 && ready) return text;
-    if (count == 0) throw lineError(file, 0, "a pipe that nobody writes to");
-    if (count < 0 && (errno == EAGAIN || errno == EINTR)) continue;
-    if (count < 0) throw readError(file, errno);
-    text.append(block.data(), static_cast<std::size_t>(count));
-    if (text.size() > most_bytes) throw sizeError(file, most_bytes);
-  }
-}
-
 }  // namespace
 
 std::string_view trimmed(std::string_view text) {
@@ -65,15 +39,17 @@ std::string_view trimmed(std::string_view text) {
 }
 
 std::string readText(const std::filesystem::path& file, std::size_t most_bytes) {
-  // A pipe without a writer does not block this.
-  const io::Descriptor source(open(file.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC));
-  struct stat status {};
-  if (source.get() < 0 || fstat(source.get(), &status) != 0) throw readError(file, errno);
-  if (S_ISDIR(status.st_mode)) throw readError(file, EISDIR);
-  if (S_ISREG(status.st_mode) && static_cast<std::size_t>(status.st_size) > most_bytes) {
-    throw sizeError(file, most_bytes);
+  std::string text;
+  switch (platform::readWhole(file, most_bytes, text)) {
+    case platform::Reading::kDone:
+      break;
+    case platform::Reading::kFailed:
+      throw readError(file, errno);
+    case platform::Reading::kTooLarge:
+      throw sizeError(file, most_bytes);
+    case platform::Reading::kNobodyWrites:
+      throw lineError(file, 0, "a pipe that nobody writes to");
   }
-  std::string text = readAll(source, file, most_bytes);
   if (text.compare(0, kByteOrderMark.size(), kByteOrderMark) == 0) {
     text.erase(0, kByteOrderMark.size());
   }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "dsorb/odometry/odometry.h"
 
+#include "platform/process.h"
 #include "python/bind.h"
 #include "python/initialization.h"
 #include "python/options.h"
@@ -11,13 +12,16 @@
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
-#include <unistd.h>
 
 #include <atomic>
+#include <cmath>
+#include <cstdint>
+#include <iomanip>
 #include <limits>
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -100,7 +104,7 @@ class LockedOdometry {
       : source_(std::move(source)),
         odometry_(std::make_unique<Odometry>(source_.camera(), config.options)) {
     odometry_->addObserver(&log_);
-    if (config.options.pipelined) process_ = getpid();
+    if (config.options.pipelined) process_ = platform::processId();
   }
   ~LockedOdometry() {
     if (isElsewhere()) (void)odometry_.release();  // its destructor would wait for a thread
@@ -146,7 +150,7 @@ class LockedOdometry {
 
  private:
   /// Whether it is pipelined and fork() has copied it without its thread.
-  [[nodiscard]] bool isElsewhere() const { return process_ && *process_ != getpid(); }
+  [[nodiscard]] bool isElsewhere() const { return process_ && *process_ != platform::processId(); }
   void requireThreads() const {
     if (!isElsewhere()) return;
     throw std::runtime_error(
@@ -158,7 +162,7 @@ class LockedOdometry {
   EventLog log_;
   FrameSource source_;
   std::unique_ptr<Odometry> odometry_;
-  std::optional<pid_t> process_;  // that made it, where it has a thread
+  std::optional<std::int64_t> process_;  // that made it, where it has a thread
 };
 
 using Points3 = nb::ndarray<nb::numpy, double, nb::shape<-1, 3>>;
@@ -220,6 +224,28 @@ void bindKeyframe(nb::module_& m) {
   bindRepr(type, {"id", "timestamp", "segment", "final"});
 }
 
+/// A line for people.
+std::string lineOf(const Estimate& e) {
+  std::ostringstream line;
+  line << std::fixed << std::setprecision(3) << "image " << e.id << " at " << e.timestamp
+       << " s: " << name(e.frame.state);
+  if (e.frame.T_world_cam) {
+    const Eigen::Vector3d p = e.frame.T_world_cam->translation();
+    line << " at (" << p.x() << ", " << p.y() << ", " << p.z() << ") of segment "
+         << e.frame.segment;
+  }
+  if (e.frame.world_covariance) {
+    const Matrix6d& covariance = *e.frame.world_covariance;
+    line << ", +- " << std::sqrt(covariance(0, 0) + covariance(1, 1) + covariance(2, 2));
+  }
+  if (e.frame.tracking_rmse) {
+    line << std::setprecision(1) << ", " << *e.frame.tracking_rmse << " grey levels off";
+  }
+  if (e.frame.is_keyframe) line << ", a keyframe";
+  if (e.events.refusal) line << ", start refused: " << *e.events.refusal;
+  return line.str();
+}
+
 void bindPose(nb::class_<Estimate>& type) {
   type.def_prop_ro(
           "T_world_cam",
@@ -257,6 +283,7 @@ void bindEstimate(nb::module_& m) {
   nb::class_<Estimate> type(m, "Estimate", "Of one frame, after it was processed.");
   bindPose(type);
   bindRepr(type, {"id", "timestamp", "state", "segment"});
+  type.def("__str__", &lineOf);
   type.def_ro("id", &Estimate::id)
       .def_ro("timestamp", &Estimate::timestamp)
       .def_prop_ro(

@@ -10,6 +10,7 @@ from datetime import datetime, timedelta, timezone
 
 import numpy as np
 from dsorb import metric
+from dsorb.command_line import program as metric_program
 from dsorb.run_folder import read_run, read_tum
 from room import room, room_run, temporary_folder, true_poses
 
@@ -112,6 +113,25 @@ class Scales(unittest.TestCase):
         self.check({'gps': file, 'time_offset': -begin.timestamp()})
         with self.assertRaisesRegex(metric.MetricError, 'fewer than three images lie within; --time-offset'):
             metric.to_metres(run_copy(), {'gps': file})
+
+
+class Gyroscopes(unittest.TestCase):
+    def test_rotations_of_a_file_take_part_in_the_start(self):
+        folder, t, rotations = temporary_folder(), times(), true_poses()[:, :3, :3]
+        turns = [rotations[i].T @ rotations[i + 1] for i in range(len(t) - 1)]
+        rates = [np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2 / (b - a) for R, a, b in zip(turns, t, t[1:])]
+        axes = np.array([[0, -1., 0], [0, 0, 1], [-1, 0, 0]])  # of the gyroscope to those of the camera
+        rows = [[time, *(axes.T @ rate)] for a, b, rate in zip(t, t[1:], rates) for time in (a + 1e-6, b - 1e-6)]
+        rows = [[t[0] - .01, *rows[0][1:]], *rows, [t[-1] + .01, *rows[-1][1:]]]
+        file = table(rows, '#time,wx,wy,wz')
+        words = [metric_program(), room(), '--gyro', file, '--gyro-axes', ','.join(map(str, axes.ravel())), '--output', folder / 'out']
+        done = subprocess.run(list(map(str, words)), capture_output=True, text=True, check=False)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        told = (folder / 'out/initialization.json').read_text()
+        self.assertRegex(told, r'"known_pose_used"\s*:\s*(true|1)')
+        wrong = subprocess.run([*map(str, words[:5]), '1,0,0,0,1,0,0,0,2'], capture_output=True, text=True, check=False)
+        self.assertEqual(wrong.returncode, 2)
+        self.assertIn('expected the nine numbers of a rotation', wrong.stderr)
 
 
 class Refusals(unittest.TestCase):

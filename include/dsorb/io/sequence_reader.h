@@ -6,6 +6,8 @@
 #include "dsorb/image/frame.h"
 #include "dsorb/options/brightness.h"
 
+#include <Eigen/Core>
+
 #include <memory>
 #include <optional>
 #include <string>
@@ -43,6 +45,10 @@ struct SequenceOptions {
   /// Relative standard deviation of the depth images in depth/ of the data set, one for each image
   /// (16 bits, millimetres, rectified): frames have them as priors. 0: they are not read.
   double depth_sigma = 0;
+  /// Rates of a gyroscope: lines of time [s or ns], wx, wy, wz [rad/s], as imu0/data.csv of EuRoC.
+  /// Frames have the rotation since the one before as a prior. Empty: none.
+  std::string gyroscope_file;
+  Eigen::Matrix3d R_cam_gyro = Eigen::Matrix3d::Identity();  ///< its axes to those of the camera
   /// Empty: calibrated where response and vignette are there, else uncalibrated.
   std::optional<BrightnessModel> brightness;
   int bits = 0;     ///< that values of 16-bit files take, 9 to 16; 0: recognised by their largest

@@ -8,6 +8,7 @@
 #include "io/input/black_bars.h"
 #include "io/input/dataset.h"
 #include "io/input/depth_images.h"
+#include "io/input/gyroscope.h"
 #include "io/input/image_masks.h"
 #include "io/input/pixel_patterns.h"
 #include "io/input/playlist.h"
@@ -122,6 +123,8 @@ class SequenceReader::Impl {
   [[nodiscard]] std::optional<SourceImage> read(int index);
   [[nodiscard]] std::optional<SourceImage> readSized(int index);
   [[nodiscard]] std::optional<SequenceFrame> prepare(int index);
+  [[nodiscard]] std::shared_ptr<const FramePriors> withRotation(
+      std::shared_ptr<const FramePriors> priors, const FrameInfo& info);
   void demosaic(cv::Mat& image, std::vector<std::string>& warnings);
   void chooseBits(const cv::Mat& image, std::vector<std::string>& warnings);
   void leaveOutBars(const cv::Mat& image, std::vector<std::string>& warnings);
@@ -137,9 +140,11 @@ class SequenceReader::Impl {
   ImageMasks masks_;
   BarFinder bars_;
   DepthImages depths_;
-  std::optional<SourceImage> first_;  // decoded for its size, until it is read
-  std::optional<bool> mosaic_;        // empty: too dark to tell, so far
-  bool combed_ = false;               // an image is interlaced
+  std::optional<Gyroscope> gyroscope_;
+  std::optional<std::pair<FrameId, double>> before_;  // the frame and its time
+  std::optional<SourceImage> first_;                  // decoded for its size, until it is read
+  std::optional<bool> mosaic_;                        // empty: too dark to tell, so far
+  bool combed_ = false;                               // an image is interlaced
   std::vector<std::string> unreadable_;
   int bits_ = 0;           // of 16-bit images; 0: not known before the first of them
   bool exceeded_ = false;  // by the values of one
@@ -165,6 +170,9 @@ void SequenceReader::Impl::calibrate(const SequenceOptions& options) {
                           options.depth_sigma,
                           camera().width,
                           camera().height);
+  }
+  if (!options.gyroscope_file.empty()) {
+    gyroscope_.emplace(options.gyroscope_file, options.R_cam_gyro);
   }
 }
 
@@ -267,6 +275,17 @@ std::optional<SourceImage> SequenceReader::Impl::readSized(int index) {
   return image;
 }
 
+std::shared_ptr<const FramePriors> SequenceReader::Impl::withRotation(
+    std::shared_ptr<const FramePriors> priors, const FrameInfo& info) {
+  const auto before = std::exchange(before_, std::make_pair(info.id, info.timestamp));
+  if (!gyroscope_ || !before) return priors;
+  const auto turn = gyroscope_->between(before->first, before->second, info.timestamp);
+  if (!turn) return priors;
+  auto all = priors ? std::make_shared<FramePriors>(*priors) : std::make_shared<FramePriors>();
+  all->pose = turn;
+  return all;
+}
+
 std::optional<SequenceFrame> SequenceReader::Impl::prepare(int index) {
   SequenceFrame result;
   auto start = std::chrono::steady_clock::now();
@@ -306,7 +325,7 @@ std::optional<SequenceFrame> SequenceReader::Impl::prepare(int index) {
   if (!dataset_.exposures.empty()) info.exposure = dataset_.exposures[entry];
   info.response_slope = rectifier_->responseSlope();
   info.row_times = rectifier_->rowTimes();
-  info.priors = priors;
+  info.priors = withRotation(priors, info);
   result.frame = Frame::create(rectified, info);
   result.pyramid_milliseconds = millisecondsSince(start);
   return result;

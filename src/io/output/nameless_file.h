@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "io/descriptor.h"
+#include "platform/files.h"
 
 #include <cstddef>
 #include <cstdint>
@@ -22,7 +22,7 @@ class NamelessFile {
 
  private:
   std::filesystem::path folder_;
-  Descriptor file_;
+  platform::Descriptor file_;
 };
 
 }  // namespace dsorb::io

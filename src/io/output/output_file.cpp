@@ -3,10 +3,7 @@
 
 #include "io/output/json_text.h"
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <sys/file.h>
-#include <unistd.h>
 
 #include <cerrno>
 #include <fstream>
@@ -24,7 +21,7 @@ constexpr const char* kSummary = "run.json";
 constexpr const char* kFigures = "figures";
 
 FileHandle openForWriting(const fs::path& path) {
-  FileHandle file(std::fopen(path.c_str(), "wb"));
+  FileHandle file(std::fopen(path.string().c_str(), "wb"));
   if (!file) throw writeError(path);
   return file;
 }
@@ -83,7 +80,10 @@ void ReplacingFile::append(std::string_view text) {
 
 void ReplacingFile::commit() {
   const bool closed = std::fclose(file_.release()) == 0;
-  if (closed && std::rename(part_.c_str(), path_.c_str()) == 0) return;
+  std::error_code failed;
+  if (closed) fs::rename(part_, path_, failed);
+  if (closed && !failed) return;
+  if (failed) errno = failed.value();
   const IoError error = writeError(path_);
   std::error_code ignored;
   fs::remove(part_, ignored);
@@ -109,9 +109,7 @@ OutputFolder::OutputFolder(const fs::path& folder,
                            std::string_view run_json) {
   try {
     fs::create_directories(folder);
-    lock_ = Descriptor(open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
-    // A file system without locks is no reason not to run.
-    if (lock_.get() >= 0 && flock(lock_.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+    if (!platform::lockFolder(folder, lock_)) {
       throw IoError(fmt::format("output folder {}: another run writes into it", folder.string()));
     }
     if (fs::is_symlink(folder / kFigures)) {

@@ -3,7 +3,7 @@
 
 #include "dsorb/error.h"
 
-#include "io/descriptor.h"
+#include "platform/files.h"
 
 #include <cstdio>
 #include <filesystem>
@@ -78,7 +78,7 @@ class OutputFolder {
                std::string_view run_json);
 
  private:
-  Descriptor lock_;  // of the folder
+  platform::Descriptor lock_;  // of the folder
 };
 
 }  // namespace dsorb::io

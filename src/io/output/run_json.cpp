@@ -2,9 +2,9 @@
 #include "io/output/run_json.h"
 
 #include "camera/lens_models.h"
+#include "platform/process.h"
 
 #include <fmt/format.h>
-#include <sys/resource.h>
 
 #include <cctype>
 #include <cstddef>
@@ -56,19 +56,6 @@ std::string fileUri(const std::string& path) {
 }
 
 }  // namespace
-
-/// Unlike the resource usage that the system keeps, the mark begins anew with the program: it is
-/// not that of whoever started it.
-double peakMemory() {
-  std::ifstream status("/proc/self/status");
-  const std::string_view key = "VmHWM:";
-  for (std::string line; std::getline(status, line);) {
-    if (line.compare(0, key.size(), key) == 0) return std::stod(line.substr(key.size())) / 1024.0;
-  }
-  rusage usage{};
-  getrusage(RUSAGE_SELF, &usage);
-  return static_cast<double>(usage.ru_maxrss) / 1024.0;  // Linux counts KiB
-}
 
 Json cameraJson(const PinholeCamera& camera) {
   return {{"fx", camera.fx},
@@ -199,7 +186,7 @@ Json runJson(const RunInfo& info,
                      {"tracking", end.seconds.tracking},
                      {"mapping", end.seconds.mapping},
                      {"writing", end.seconds.writing}};
-  json["peak_memory_mb"] = peakMemory();
+  json["peak_memory_mb"] = platform::peakMemory();
   json["threads"] = info.threads;
   return json;
 }

@@ -32,9 +32,6 @@ struct RunEnd {
   RunSeconds seconds;
 };
 
-/// Largest resident memory of this process up to now [MiB].
-[[nodiscard]] double peakMemory();
-
 [[nodiscard]] Json cameraJson(const PinholeCamera& camera);
 
 [[nodiscard]] Json lensJson(const Lens& lens);

@@ -3,12 +3,8 @@
 
 #include "io/output/output_file.h"
 
-#include <fcntl.h>
-#include <unistd.h>
-
 #include <cassert>
 #include <cerrno>
-#include <cstdio>
 #include <system_error>
 #include <utility>
 
@@ -17,10 +13,17 @@ namespace {
 
 namespace fs = std::filesystem;
 
-Descriptor openDescriptor(const fs::path& path, int how) {
-  Descriptor file(open(path.c_str(), O_RDWR | O_CLOEXEC | how, 0666));
+using platform::Descriptor;
+using platform::Opening;
+
+Descriptor openOrThrow(const fs::path& path, Opening opening) {
+  Descriptor file = platform::openFile(path, opening);
   if (file.get() < 0) throw writeError(path);
   return file;
+}
+
+void write(const Descriptor& file, std::uintmax_t at, std::string_view text, const fs::path& path) {
+  if (!platform::writeAt(file, at, text)) throw writeError(path);
 }
 
 }  // namespace
@@ -28,8 +31,8 @@ Descriptor openDescriptor(const fs::path& path, int how) {
 WholeFile::WholeFile(fs::path path, std::string_view content)
     : path_(std::move(path)), part_(path_.string() + kPartSuffix), end_(content) {
   replaceFile(path_, content);
-  shown_ = openDescriptor(path_, 0);
-  hidden_ = openDescriptor(part_, O_CREAT | O_TRUNC);
+  shown_ = openOrThrow(path_, Opening::kExisting);
+  hidden_ = openOrThrow(part_, Opening::kEmpty);
 }
 
 WholeFile::~WholeFile() {
@@ -40,27 +43,25 @@ WholeFile::~WholeFile() {
 void WholeFile::replaceEnd(std::uintmax_t keep, std::string_view text) {
   assert(keep >= same_ && keep <= same_ + end_.size());
   const std::string_view kept(end_.data(), static_cast<std::size_t>(keep - same_));
-  if (ftruncate(hidden_.get(), static_cast<off_t>(same_)) != 0) throw writeError(path_);
-  writeAt(hidden_, same_, kept, path_);
-  writeAt(hidden_, keep, text, path_);
+  if (!platform::resize(hidden_, same_)) throw writeError(path_);
+  write(hidden_, same_, kept, path_);
+  write(hidden_, keep, text, path_);
   exchange();
   same_ = keep;
   end_ = text;
 }
 
 void WholeFile::exchange() {
-  const char* path = path_.c_str();
-  const char* part = part_.c_str();
-  if (renameat2(AT_FDCWD, part, AT_FDCWD, path, RENAME_EXCHANGE) != 0) {
-    if (errno != EINVAL && errno != ENOSYS) throw writeError(path_);
-    // A file system that cannot exchange names gets a second copy of the whole file instead.
-    if (std::rename(part, path) != 0) throw writeError(path_);
+  const platform::Exchange exchange = platform::exchangeNames(part_, path_);
+  if (exchange == platform::Exchange::kFailed) throw writeError(path_);
+  if (exchange == platform::Exchange::kReplaced) {
+    // A system that cannot exchange names gets a second copy of the whole file instead.
     std::error_code error;
-    if (!fs::copy_file(path_, part_, error)) {
+    if (!fs::copy_file(path_, part_, fs::copy_options::overwrite_existing, error)) {
       errno = error.value();
       throw writeError(part_);
     }
-    shown_ = openDescriptor(part_, 0);
+    shown_ = openOrThrow(part_, Opening::kExisting);
   }
   std::swap(shown_, hidden_);
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "io/descriptor.h"
+#include "platform/files.h"
 
 #include <cstdint>
 #include <filesystem>
@@ -32,10 +32,10 @@ class WholeFile {
 
   std::filesystem::path path_;
   std::filesystem::path part_;
-  Descriptor shown_;         ///< of `path`
-  Descriptor hidden_;        ///< of `path.part`
-  std::uintmax_t same_ = 0;  ///< bytes at the beginning in which both are alike
-  std::string end_;          ///< what follows these in the shown one
+  platform::Descriptor shown_;   ///< of `path`
+  platform::Descriptor hidden_;  ///< of `path.part`
+  std::uintmax_t same_ = 0;      ///< bytes at the beginning in which both are alike
+  std::string end_;              ///< what follows these in the shown one
 };
 
 }  // namespace dsorb::io

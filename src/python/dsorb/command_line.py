@@ -248,7 +248,7 @@ def default_output(source):
 def run_program(words):
     """Runs dso_dataset until it ends by itself; Ctrl-C is its to answer. @return its exit code"""
     with subprocess.Popen([str(program()), *words], stdout=subprocess.DEVNULL) as process:
-        asked = {number: signal.signal(number, lambda *_: None) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        asked = {number: signal.signal(number, lambda *_: None) for number in (signal.SIGINT, signal.SIGTERM, getattr(signal, 'SIGHUP', signal.SIGTERM))
                  if signal.getsignal(number) != signal.SIG_IGN}  # as nohup has it
         for number in asked.keys() - {signal.SIGINT}:
             signal.signal(number, lambda *_: process.terminate())

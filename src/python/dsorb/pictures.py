@@ -43,7 +43,7 @@ def opencv(reason):
 
 def program():
     """The dso_dataset that came with the package."""
-    return Path(__file__).parent / 'bin' / 'dso_dataset'
+    return Path(__file__).parent / 'bin' / ('dso_dataset.exe' if os.name == 'nt' else 'dso_dataset')
 
 
 def pinhole(camera):

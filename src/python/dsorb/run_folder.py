@@ -2,7 +2,6 @@
 """What `dso_dataset` and `dsorb run` leave in their output folder (docs/formats.md), read back."""
 import contextlib
 import csv
-import fcntl
 import json
 import math
 import os
@@ -13,6 +12,11 @@ from pathlib import Path
 from urllib.parse import unquote_to_bytes
 
 import numpy as np
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
 
 FORMATS = ('tum', 'kitti', 'euroc', 'colmap', 'nerfstudio', 'ply')
 TEXT = dict(encoding=sys.getfilesystemencoding(), errors='surrogateescape')  # names of files are bytes and stay what they are
@@ -105,6 +109,9 @@ def reading(path):
 def alone_in(folder):
     """Holds the lock of an output folder, as `dso_dataset` does while it writes. Raises ValueError where another has it."""
     folder.mkdir(parents=True, exist_ok=True)
+    if fcntl is None:
+        yield
+        return
     lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         with contextlib.suppress(OSError):  # a file system without locks is no reason not to run

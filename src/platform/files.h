@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <string_view>
+
+/// What the standard library has not and systems have each in their own way: files_posix.cpp,
+/// files_windows.cpp. Where something fails, errno says why.
+namespace dsorb::platform {
+
+/// A file descriptor that is closed at the end of its scope.
+class Descriptor {
+ public:
+  explicit Descriptor(int descriptor = -1) : descriptor_(descriptor) {}
+  ~Descriptor();
+  Descriptor(Descriptor&& other) noexcept;
+  Descriptor& operator=(Descriptor&& other) noexcept;
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+
+  [[nodiscard]] int get() const { return descriptor_; }  ///< negative: there is none
+
+ private:
+  int descriptor_;
+};
+
+enum class Opening {
+  kExisting,  ///< reading and writing
+  kEmpty,     ///< made, or made empty
+};
+
+/// @return none where it cannot be opened
+[[nodiscard]] Descriptor openFile(const std::filesystem::path& path, Opening opening);
+/// A file that ends with the program, however that ends, and that nobody else sees.
+[[nodiscard]] Descriptor openNameless(const std::filesystem::path& folder);
+
+/// Writes all of the text at a position. @return whether it did
+[[nodiscard]] bool writeAt(const Descriptor& file, std::uintmax_t position, std::string_view text);
+/// @return whether all of the bytes were there
+[[nodiscard]] bool readAt(const Descriptor& file,
+                          std::uintmax_t position,
+                          void* bytes,
+                          std::size_t size);
+/// @return whether the file has that size now
+[[nodiscard]] bool resize(const Descriptor& file, std::uintmax_t size);
+
+enum class Exchange {
+  kDone,
+  kReplaced,  ///< the second has the first's content now, and the first is gone
+  kFailed,
+};
+/// Two files of one folder take each other's names at once, where the system can do that.
+[[nodiscard]] Exchange exchangeNames(const std::filesystem::path& first,
+                                     const std::filesystem::path& second);
+
+/// @return false: somebody else holds it. Systems and file systems without locks on folders say
+///         true.
+[[nodiscard]] bool lockFolder(const std::filesystem::path& folder, Descriptor& lock);
+
+enum class Reading {
+  kDone,
+  kFailed,
+  kTooLarge,
+  kNobodyWrites,  ///< a pipe
+};
+/// Everything of a file or a pipe. @param text what was read is added to it
+[[nodiscard]] Reading readWhole(const std::filesystem::path& file,
+                                std::size_t most_bytes,
+                                std::string& text);
+
+}  // namespace dsorb::platform

@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#ifndef _WIN32
+#include "platform/files.h"
+
+#include <fcntl.h>
+#include <poll.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstdio>
+#include <cstdlib>
+#include <utility>
+
+namespace dsorb::platform {
+namespace {
+
+constexpr std::size_t kBlockBytes = 1 << 16;
+constexpr int kPipePatience = 2000;  // for the first byte of a pipe [ms]
+
+/// @return whether names were exchanged; errno is ENOSYS where nothing can do that
+bool swapNames(const char* first, const char* second) {
+#if defined(__APPLE__)
+  return renamex_np(first, second, RENAME_SWAP) == 0;
+#elif defined(RENAME_EXCHANGE)
+  return renameat2(AT_FDCWD, first, AT_FDCWD, second, RENAME_EXCHANGE) == 0;
+#else
+  errno = first == second ? EINVAL : ENOSYS;
+  return false;
+#endif
+}
+
+}  // namespace
+
+Descriptor::~Descriptor() {
+  if (descriptor_ >= 0) close(descriptor_);
+}
+
+Descriptor::Descriptor(Descriptor&& other) noexcept
+    : descriptor_(std::exchange(other.descriptor_, -1)) {}
+
+Descriptor& Descriptor::operator=(Descriptor&& other) noexcept {
+  std::swap(descriptor_, other.descriptor_);
+  return *this;
+}
+
+Descriptor openFile(const std::filesystem::path& path, Opening opening) {
+  const int how = opening == Opening::kEmpty ? O_CREAT | O_TRUNC : 0;
+  return Descriptor(open(path.c_str(), O_RDWR | O_CLOEXEC | how, 0666));
+}
+
+Descriptor openNameless(const std::filesystem::path& folder) {
+  std::string name = (folder / "spool_XXXXXX").string();
+  Descriptor file(mkostemp(name.data(), O_CLOEXEC));
+  if (file.get() >= 0 && unlink(name.c_str()) != 0) file = Descriptor();
+  return file;
+}
+
+bool writeAt(const Descriptor& file, std::uintmax_t position, std::string_view text) {
+  while (!text.empty()) {
+    const ssize_t done = pwrite(file.get(), text.data(), text.size(), static_cast<off_t>(position));
+    if (done < 0 && errno == EINTR) continue;
+    if (done <= 0) return false;
+    position += static_cast<std::uintmax_t>(done);
+    text.remove_prefix(static_cast<std::size_t>(done));
+  }
+  return true;
+}
+
+bool readAt(const Descriptor& file, std::uintmax_t position, void* bytes, std::size_t size) {
+  auto* target = static_cast<char*>(bytes);
+  while (size > 0) {
+    const ssize_t done = pread(file.get(), target, size, static_cast<off_t>(position));
+    if (done < 0 && errno == EINTR) continue;
+    if (done <= 0) return false;
+    target += done;
+    position += static_cast<std::uintmax_t>(done);
+    size -= static_cast<std::size_t>(done);
+  }
+  return true;
+}
+
+bool resize(const Descriptor& file, std::uintmax_t size) {
+  return ftruncate(file.get(), static_cast<off_t>(size)) == 0;
+}
+
+Exchange exchangeNames(const std::filesystem::path& first, const std::filesystem::path& second) {
+  if (swapNames(first.c_str(), second.c_str())) return Exchange::kDone;
+  if (errno != EINVAL && errno != ENOSYS && errno != ENOTSUP) return Exchange::kFailed;
+  return std::rename(first.c_str(), second.c_str()) == 0 ? Exchange::kReplaced : Exchange::kFailed;
+}
+
+bool lockFolder(const std::filesystem::path& folder, Descriptor& lock) {
+  lock = Descriptor(open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  return lock.get() < 0 || flock(lock.get(), LOCK_EX | LOCK_NB) == 0 || errno != EWOULDBLOCK;
+}
+
+Reading readWhole(const std::filesystem::path& file, std::size_t most_bytes, std::string& text) {
+  // A pipe without a writer does not block this.
+  const Descriptor source(open(file.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC));
+  struct stat status {};
+  if (source.get() < 0 || fstat(source.get(), &status) != 0) return Reading::kFailed;
+  if (S_ISDIR(status.st_mode)) {
+    errno = EISDIR;
+    return Reading::kFailed;
+  }
+  const bool regular = S_ISREG(status.st_mode);
+  if (regular && static_cast<std::size_t>(status.st_size) > most_bytes) return Reading::kTooLarge;
+  std::array<char, kBlockBytes> block{};
+  while (true) {
+    pollfd request{source.get(), POLLIN, 0};
+    const bool ready = poll(&request, 1, kPipePatience) != 0;
+    const ssize_t count = read(source.get(), block.data(), block.size());
+    if (count == 0) return ready ? Reading::kDone : Reading::kNobodyWrites;
+    if (count < 0 && (errno == EAGAIN || errno == EINTR)) continue;
+    if (count < 0) return Reading::kFailed;
+    text.append(block.data(), static_cast<std::size_t>(count));
+    if (text.size() > most_bytes) return Reading::kTooLarge;
+  }
+}
+
+}  // namespace dsorb::platform
+#endif
