@@ -15,7 +15,7 @@ namespace {
 constexpr double kBlankShare = 0.1;
 
 // Two images of one moment differ by less than rounding: a moving camera passes it at a hundredth
-// of a pixel. Of the standard deviation of the images.
+// of a pixel. The share is that of the standard deviation of the images.
 constexpr double kRepeatedShare = 0.005;
 constexpr int kRepeatedLevel = 1;  // where it is looked for: a quarter of the pixels
 
@@ -31,7 +31,7 @@ struct Moments {
   double deviation = 0;  // standard
 };
 
-/// Of a level's valid pixels.
+/// Moments of a level's valid pixels.
 Moments momentsOf(const PyramidLevel& level) {
   double n = 0;
   double sum = 0;

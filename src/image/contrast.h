@@ -28,7 +28,7 @@ struct GreyScale {
   float offset = 0;  ///< [grey levels]
 
   [[nodiscard]] bool changes() const { return gain != 1 || offset != 0; }
-  /// Of the images of a camera, by one of them; nullopt where it shows nothing.
+  /// Grey levels of the images of a camera, by one of them; nullopt where it shows nothing.
   [[nodiscard]] static std::optional<GreyScale> of(const Frame& frame);
   /// The same frame in other grey levels. The slope of its response is forgotten.
   [[nodiscard]] FramePtr apply(const FramePtr& frame) const;

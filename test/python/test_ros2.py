@@ -70,7 +70,7 @@ class Callbacks(unittest.TestCase):
         times, positions, rotations = poses_of(odometry)
         indices = np.searchsorted([float(line.split()[1]) for line in (room() / 'times.txt').read_text().splitlines()], times - 1e-4)
         truth = true_poses()[indices]
-        # Of the first pose on: the body's axes, and one scale.
+        # Relative to the first pose: the body's axes, and one scale.
         first = np.linalg.inv(truth[0])
         expected = np.array([(first @ pose)[:3, 3] for pose in truth]) @ BODY_FROM_OPTICAL.T
         start = rotations[0] @ BODY_FROM_OPTICAL.T
