@@ -18,15 +18,13 @@ struct Evidence {
   int views = 0;          ///< that show the place by themselves
   int predicted = 0;      ///< points that should be seen
   int found = 0;          ///< of these, with a like corner where they should be
-  int around = 0;         ///< that should be seen in those parts of the image where some are found
   double chance = 0;      ///< share that would be found anywhere in the same images
   double log_chance = 0;  ///< log10 of the probability to find so many by chance
   int cells = 0;          ///< of 48 over the image, that have found points; the best view
 
-  /// Share that is found where anything is: a view may see a part of the place alone, but there
-  /// nothing should be missing.
+  /// Of what should be seen.
   [[nodiscard]] double share() const {
-    return around > 0 ? static_cast<double>(found) / around : 0;
+    return predicted > 0 ? static_cast<double>(found) / predicted : 0;
   }
 };
 

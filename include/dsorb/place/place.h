@@ -12,7 +12,7 @@ namespace dsorb {
 
 /// What Place does.
 struct PlaceOptions {
-  bool loops = true;    ///< finish() closes loops; needs a build with Ceres
+  bool loops = false;   ///< finish() closes loops; needs a build with Ceres
   int num_threads = 1;  ///< 0: all the machine has
   /// Largest probability of a wrong join that is accepted [-].
   double max_wrong_probability = 1e-4;
