@@ -186,7 +186,7 @@ TEST(CommandLine, FlagsOfOnesOwnCameraArrive) {
   EXPECT_THAT(errorOf({"x", "--readout", "fast"}), HasSubstr("'fast' must be auto or a number in"));
   EXPECT_THAT(errorOf({"x", "--hfov", "180"}), HasSubstr("'180' must be a number in [1, 157]"));
   EXPECT_THAT(errorOf({"x", "--every", "0"}), HasSubstr("'0' must be a whole number from 1"));
-  EXPECT_THAT(errorOf({"x", "--width=-5"}), HasSubstr("'-5' must be a whole number from 0"));
+  EXPECT_THAT(errorOf({"x", "--width=-5"}), HasSubstr("'-5' must be a whole number, not negative"));
   EXPECT_THAT(errorOf({"x", "--from=-1"}), HasSubstr("'-1' must be a number in [0, 1000000000]"));
   EXPECT_THAT(errorOf({"x", "--format", "camera", "--speed", "1"}), HasSubstr("time of its own"));
 }
