@@ -14,6 +14,7 @@ const std::vector<MechanismName>& mechanisms() {
       {Mechanism::kFar, "far", "descriptors where optical flow loses most corners"},
       {Mechanism::kBlank, "blank", "frames that show nothing are passed over"},
       {Mechanism::kStuck, "stuck", "tracks that move with the camera are left out"},
+      {Mechanism::kDynamic, "dynamic", "corners and points that contradict the motion together go"},
       {Mechanism::kRotation, "rotation", "a rotation that explains the matches better refuses"},
       {Mechanism::kNoise, "noise", "noise of the tracks is measured (without it the option's)"},
       {Mechanism::kRowMotions, "row_motions", "motion of each frame of a rolling shutter"},

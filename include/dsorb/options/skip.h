@@ -16,6 +16,7 @@ enum class Mechanism : std::uint8_t {
   kFar,
   kBlank,
   kStuck,
+  kDynamic,
   kRotation,
   kNoise,
   kRowMotions,

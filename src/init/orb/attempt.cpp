@@ -6,6 +6,7 @@
 #include "base/median.h"
 #include "init/orb/bundle/corner_refinement.h"
 #include "init/orb/bundle/map_assembly.h"
+#include "init/orb/dynamic_regions.h"
 #include "init/orb/first_window.h"
 #include "init/orb/start/essential_start.h"
 #include "init/orb/start/readout_profile.h"
@@ -21,7 +22,24 @@
 namespace dsorb::init_orb {
 namespace {
 
-/// A map that has lost half of its tracks to neighbours that contradict them
+/// Fills the start up with points, leaving out regions that contradict the motion.
+Outcome<Reconstruction> addPoints(Reconstruction made,
+                                  const ReferenceView& view,
+                                  const AttemptContext& context) {
+  if (context.options.skip.has(Mechanism::kDynamic)) {
+    return fillFirstWindow(std::move(made), context);
+  }
+  std::optional<DynamicRegions> dynamic;
+  context.clock.time("dynamic", [&] { dynamic.emplace(made.map, view.tracks, context.camera); });
+  const int corners = dynamic->removeCorners(made.map);
+  auto filled = fillFirstWindow(std::move(made), context);
+  if (!filled) return filled;
+  filled->report.add("contradicting_tracks", dynamic->contradicting());
+  filled->report.add("removed_dynamic", corners + dynamic->removePoints(filled->map));
+  return filled;
+}
+
+/// A map that has lost half of its tracks to dynamic regions and to neighbours that contradict them
 /// is none to start with, however sure the rest looks.
 Outcome<Reconstruction> refuseRemains(Reconstruction made) {
   if (!hasEnoughCorners(made.map, made.live_tracks)) return InitReason::kPoorQuality;
@@ -68,7 +86,7 @@ Attempt reconstruct(ReferenceView seen, const AttemptContext& context) {
     start.made->report.add("stuck_tracks", static_cast<double>(stuck.size()));
   }
   auto made = std::move(start.made)
-                  .then([&](Made m) { return fillFirstWindow(std::move(m), context); })
+                  .then([&](Made m) { return addPoints(std::move(m), view, context); })
                   .then(refuseRemains)
                   .then([&](Made m) { return poseOtherFrames(std::move(m), context); });
   return {std::move(made), start.summary, start.motion};

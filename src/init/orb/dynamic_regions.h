@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+
+#include "features/corner_tracks.h"
+#include "image/cell_grid.h"
+#include "init/orb/map/initial_map.h"
+
+#include <vector>
+
+namespace dsorb::init_orb {
+
+/// How badly the best inverse depth explains each track under a map's poses: root mean square of
+/// the reprojection error over the posed frames that see it, depth not behind the camera [px].
+std::vector<double> trackErrors(const InitialMap& map,
+                                const CornerTracks& tracks,
+                                const PinholeCamera& camera);
+
+/// The regions of the reference image whose tracks contradict the motion of the camera: what moves
+/// by itself. One contradicting track may be an accident of tracking; in a region its neighbours
+/// contradict, too.
+class DynamicRegions {
+ public:
+  /// @param map    adjusted poses
+  /// @param tracks all of them, those that the map left out included
+  DynamicRegions(const InitialMap& map, const CornerTracks& tracks, const PinholeCamera& camera);
+
+  /// Tracks that contradict.
+  [[nodiscard]] int contradicting() const { return contradicting_; }
+
+  /// Takes the corners of these regions out of a map. @return their number
+  int removeCorners(InitialMap& map) const;
+  /// Takes the other points of these regions out of a map. @return their number
+  int removePoints(InitialMap& map) const;
+
+ private:
+  /// @return by pixel of the reference, whether too many of the nearest tracks contradict
+  [[nodiscard]] std::vector<char> covered(const std::vector<Eigen::Vector2f>& pixels) const;
+
+  float radius_;                   ///< within which tracks vote [px]
+  PointGrid grid_;                 ///< the tracks in the reference
+  std::vector<char> contradicts_;  ///< by track
+  int contradicting_ = 0;
+};
+
+}  // namespace dsorb::init_orb
