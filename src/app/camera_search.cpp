@@ -14,8 +14,8 @@ namespace dsorb::app {
 namespace {
 
 constexpr int kPasses = 3;
-constexpr int kFirstLook = 60;       // images with a pose; the next after twice as many
-constexpr double kEnough = 0.005;    // standard deviation of the focal length, relative
+constexpr int kFirstLook = 60;     // images with a pose; the next after twice as many
+constexpr double kEnough = 0.005;  // standard deviation of the focal length, relative
 /// Focal lengths of passes after one that found nothing, times the guess.
 constexpr std::array<double, 2> kOtherFocals = {1.6, 0.6};
 

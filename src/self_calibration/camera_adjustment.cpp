@@ -18,10 +18,10 @@ using Eigen::Index;
 using Matrix23 = Eigen::Matrix<double, 2, 3>;
 using Matrix26 = Eigen::Matrix<double, 2, 6>;
 
-constexpr double kLossScale = 4;      // squared standard deviations at which the loss bends
-constexpr double kBehind = 50;        // loss of a corner behind a view that sees it
+constexpr double kLossScale = 4;        // squared standard deviations at which the loss bends
+constexpr double kBehind = 50;          // loss of a corner behind a view that sees it
 constexpr double kLeastDamping = 1e-8;  // holds the motions and scales of whole worlds
-constexpr double kLeastChange = 1e-5;   // of the cost; less ends an adjustment
+constexpr double kLeastChange = 1e-4;   // of the cost; less ends an adjustment
 
 /// Error of a sight with its derivatives.
 struct Residual {
@@ -47,12 +47,12 @@ Residual residualOf(const Scene& scene, const Sight& sight) {
   const double k1 = scene.lens[kRadial], k2 = scene.lens[kRadial + 1];
   const double bend = 1 + squared * (k1 + squared * k2);
   const Eigen::Vector2d shift = bend * focal.cwiseProduct(ray);
-  r.error = shift + scene.lens.segment<2>(kCenter) - sight.pixel +
-            scene.lens[kReadout] * sight.drift;
+  r.error =
+      shift + scene.lens.segment<2>(kCenter) - sight.pixel + scene.lens[kReadout] * sight.drift;
   if constexpr (!Derivatives) return r;
   const Eigen::Matrix2d by_ray =
-      focal.asDiagonal() * (bend * Eigen::Matrix2d::Identity() +
-                            2 * (k1 + 2 * k2 * squared) * ray * ray.transpose());
+      focal.asDiagonal() *
+      (bend * Eigen::Matrix2d::Identity() + 2 * (k1 + 2 * k2 * squared) * ray * ray.transpose());
   Matrix23 ray_by_point;
   ray_by_point << 1, 0, -ray.x(), 0, 1, -ray.y();
   const Matrix23 by_point = by_ray * ray_by_point / p.z();
@@ -246,8 +246,8 @@ class AdjustmentProblem {
     }
     for (std::size_t i = 0; i < moved_.corners.size(); ++i) {
       const EliminatedCorner& corner = system_.corners[i];
-      Eigen::Vector3d step = corner.gradient +
-                             corner.coupling.leftCols<kLensDim>() * step_.head<kLensDim>();
+      Eigen::Vector3d step =
+          corner.gradient + corner.coupling.leftCols<kLensDim>() * step_.head<kLensDim>();
       for (std::size_t k = 0; k < corner.rows.size(); ++k) {
         step += corner.coupling.middleCols<6>(kLensDim + 6 * static_cast<Index>(k)) *
                 step_.segment<6>(corner.rows[k]);
@@ -294,13 +294,14 @@ void keepOnly(const std::vector<char>& kept, Scene& scene) {
   scene.sights = std::move(sights);
 }
 
-/// Where a pinhole camera would see what the lens shows at a pixel, on the plane z = 1.
-Eigen::Vector2d rayOf(const Scene& scene, const Eigen::Vector2d& pixel) {
+/// Where a pinhole camera with a global shutter would see a corner, on the plane z = 1.
+Eigen::Vector2d rayOf(const Scene& scene, const Sight& sight) {
   constexpr int kIterations = 10;
   constexpr double kLeastBend = 0.3;
   const double fx = std::exp(scene.lens[kLogFocal]);
-  const Eigen::Vector2d seen =
-      (pixel - scene.lens.segment<2>(kCenter)).cwiseQuotient(Eigen::Vector2d(fx, scene.aspect * fx));
+  const Eigen::Vector2d pixel = sight.pixel - scene.lens[kReadout] * sight.drift;
+  const Eigen::Vector2d seen = (pixel - scene.lens.segment<2>(kCenter))
+                                   .cwiseQuotient(Eigen::Vector2d(fx, scene.aspect * fx));
   Eigen::Vector2d ray = seen;
   for (int i = 0; i < kIterations; ++i) {
     const double squared = ray.squaredNorm();
@@ -318,7 +319,7 @@ void placeCorners(Scene& scene) {
   for (const Sight& sight : scene.sights) {
     const SE3& view = scene.views[sight.view];
     const Eigen::Matrix3d R = view.rotationMatrix();
-    const Eigen::Vector2d ray = rayOf(scene, sight.pixel);
+    const Eigen::Vector2d ray = rayOf(scene, sight);
     for (Index i = 0; i < 2; ++i) {  // (row i - ray_i row 3) [X; 1] = 0
       const Eigen::Vector3d row = (R.row(i) - ray[i] * R.row(2)).transpose();
       const double right = ray[i] * view.translation().z() - view.translation()[i];

@@ -12,10 +12,10 @@
 namespace dsorb::self_calibration {
 namespace {
 
-constexpr int kCorners = 500;             // followed at a time
-constexpr double kFewest = 0.7;           // share of them below which new ones are found
-constexpr float kMaxReturn = 0.3F;        // between a corner and where its way back ends [px]
-constexpr float kMaxCorrection = 2;       // of a step by the first image of the corner [px]
+constexpr int kCorners = 500;        // followed at a time
+constexpr double kFewest = 0.7;      // share of them below which new ones are found
+constexpr float kMaxReturn = 0.3F;   // between a corner and where its way back ends [px]
+constexpr float kMaxCorrection = 2;  // of a step by the first image of the corner [px]
 constexpr std::size_t kPathsPerTask = 32;
 
 LucasKanadeOptions onFinestLevel() {

@@ -17,14 +17,14 @@ constexpr bool hasLayout() {
 // Sizes with GCC's and clang's standard library on x86-64.
 constexpr bool kSame =
     hasLayout<dsorb::SE3, 56, 8>() && hasLayout<dsorb::Vector6d, 48, 8>() &&
-    hasLayout<dsorb::Matrix6d, 288, 8>() && hasLayout<dsorb::PinholeCamera, 40, 8>() &&
+    hasLayout<dsorb::Matrix6d, 288, 8>() && hasLayout<dsorb::PinholeCamera, 48, 8>() &&
     hasLayout<dsorb::PosedFrame, 392, 8>() && hasLayout<dsorb::InitPoint, 24, 4>() &&
     hasLayout<dsorb::InitializationResult, 904, 8>() && hasLayout<dsorb::InitStep, 1296, 8>() &&
     hasLayout<dsorb::MapPoint, 20, 4>() && hasLayout<dsorb::FrameEstimate, 792, 8>() &&
-    hasLayout<dsorb::KeyframeSnapshot, 288, 8>() && hasLayout<dsorb::FramePriors, 472, 8>() &&
+    hasLayout<dsorb::KeyframeSnapshot, 296, 8>() && hasLayout<dsorb::FramePriors, 472, 8>() &&
     hasLayout<dsorb::PosePrior, 360, 8>() && hasLayout<dsorb::FrameInfo, 72, 8>() &&
     hasLayout<dsorb::InitReport, 776, 8>() && hasLayout<dsorb::StartPose, 112, 8>() &&
-    hasLayout<dsorb::RowTimes, 104, 8>() && hasLayout<dsorb::Calibration, 256, 8>() &&
+    hasLayout<dsorb::RowTimes, 104, 8>() && hasLayout<dsorb::Calibration, 272, 8>() &&
     hasLayout<dsorb::OdometryOptions, 448, 8>();
 
 }  // namespace

@@ -19,8 +19,15 @@ namespace fs = std::filesystem;
 /// A rendered room without its calibration. @param view [degrees]
 fs::path roomWithoutCalibration(const fs::path& folder, const std::string& view) {
   const fs::path room = folder / ("room_" + view);
-  const ProgramResult made = runProgram({DSORB_SYNTHESIZE, "room", "--output", room.string(),
-                                         "--frames", "70", "--fov", view, "--quiet"},
+  const ProgramResult made = runProgram({DSORB_SYNTHESIZE,
+                                         "room",
+                                         "--output",
+                                         room.string(),
+                                         "--frames",
+                                         "70",
+                                         "--fov",
+                                         view,
+                                         "--quiet"},
                                         folder);
   EXPECT_EQ(made.exit_code, 0) << made.err;
   fs::remove(room / "camera.txt");

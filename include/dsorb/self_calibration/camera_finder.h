@@ -41,10 +41,7 @@ class CameraFinder : public OdometryObserver {
   /// @param images    the lens that images are rectified with, the guess or what was found with it
   /// @param rectified camera of the odometry's frames
   /// @param threads   0: all
-  CameraFinder(const Lens& guess,
-               const Lens& images,
-               const PinholeCamera& rectified,
-               int threads);
+  CameraFinder(const Lens& guess, const Lens& images, const PinholeCamera& rectified, int threads);
   ~CameraFinder() override;
 
   /// Takes the pose and follows the corners.
