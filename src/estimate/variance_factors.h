@@ -24,6 +24,6 @@ constexpr double kMapShare = 0.5;
 /// Relative sigma of the scale between a keyframe and its frames, which alignment cannot see [-].
 constexpr double kTrackedScale = 0.002;
 /// Errors of a camera that was found over those of independent corners [-].
-constexpr double kFoundCamera = 5;
+constexpr double kFoundCamera = 8;
 
 }  // namespace dsorb::variance_factors

@@ -21,7 +21,7 @@ using Matrix26 = Eigen::Matrix<double, 2, 6>;
 constexpr double kLossScale = 4;        // squared standard deviations at which the loss bends
 constexpr double kBehind = 50;          // loss of a corner behind a view that sees it
 constexpr double kLeastDamping = 1e-8;  // holds the motions and scales of whole worlds
-constexpr double kLeastChange = 1e-5;   // of the cost; less ends an adjustment
+constexpr double kLeastChange = 1e-4;   // of the cost; less ends an adjustment
 
 /// Error of a sight with its derivatives.
 struct Residual {
@@ -294,11 +294,12 @@ void keepOnly(const std::vector<char>& kept, Scene& scene) {
   scene.sights = std::move(sights);
 }
 
-/// Where a pinhole camera would see what the lens shows at a pixel, on the plane z = 1.
-Eigen::Vector2d rayOf(const Scene& scene, const Eigen::Vector2d& pixel) {
+/// Where a pinhole camera with a global shutter would see a corner, on the plane z = 1.
+Eigen::Vector2d rayOf(const Scene& scene, const Sight& sight) {
   constexpr int kIterations = 10;
   constexpr double kLeastBend = 0.3;
   const double fx = std::exp(scene.lens[kLogFocal]);
+  const Eigen::Vector2d pixel = sight.pixel - scene.lens[kReadout] * sight.drift;
   const Eigen::Vector2d seen = (pixel - scene.lens.segment<2>(kCenter))
                                    .cwiseQuotient(Eigen::Vector2d(fx, scene.aspect * fx));
   Eigen::Vector2d ray = seen;
@@ -318,7 +319,7 @@ void placeCorners(Scene& scene) {
   for (const Sight& sight : scene.sights) {
     const SE3& view = scene.views[sight.view];
     const Eigen::Matrix3d R = view.rotationMatrix();
-    const Eigen::Vector2d ray = rayOf(scene, sight.pixel);
+    const Eigen::Vector2d ray = rayOf(scene, sight);
     for (Index i = 0; i < 2; ++i) {  // (row i - ray_i row 3) [X; 1] = 0
       const Eigen::Vector3d row = (R.row(i) - ray[i] * R.row(2)).transpose();
       const double right = ray[i] * view.translation().z() - view.translation()[i];

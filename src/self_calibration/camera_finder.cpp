@@ -42,8 +42,9 @@ constexpr double kViewShare = 0.8;  // of the corners of a view; where fewer are
 
 /// What competes in the beginning, times the guess.
 constexpr std::array<double, 3> kFocalLengths = {1, 1.5, 1 / 1.5};
-constexpr int kRivalIterations = 8;
-constexpr int kIterations = 25;
+constexpr int kRivalIterations = 6;
+constexpr std::size_t kRivalCorners = 200;
+constexpr int kIterations = 12;
 constexpr double kFirstNoise = 0.5;   // of a corner, for an image diagonal of 800 px [px]
 constexpr double kLeastNoise = 0.05;  // [px]
 constexpr double kWrong = 8;          // times the noise: a corner that is none
@@ -109,24 +110,73 @@ double noiseOf(const Scene& scene) {
   return std::max(kLeastNoise, medianOf(sightErrors(scene)) / kMedianLength);
 }
 
-/// The focal length with which corners and poses agree best.
-Scene bestStart(const Scene& scene, const LensPrior& prior, double noise) {
-  Scene best;
+/// The first corners alone, with their sights.
+Scene firstCorners(Scene scene, std::size_t count) {
+  count = std::min(count, scene.corners.size());
+  scene.corners.resize(count);
+  const auto end = std::find_if(scene.sights.begin(), scene.sights.end(), [&](const Sight& sight) {
+    return sight.corner >= count;
+  });
+  scene.sights.erase(end, scene.sights.end());
+  return scene;
+}
+
+/// The part that some views see, with the corners that three of them see.
+Scene partOf(const Scene& scene, std::size_t first_view, std::size_t last_view) {
+  Scene part;
+  part.lens = scene.lens;
+  part.aspect = scene.aspect;
+  part.views.assign(scene.views.begin() + static_cast<std::ptrdiff_t>(first_view),
+                    scene.views.begin() + static_cast<std::ptrdiff_t>(last_view));
+  for (auto sight = scene.sights.begin(); sight != scene.sights.end();) {
+    const std::size_t corner = sight->corner;
+    const std::size_t before = part.sights.size();
+    for (; sight != scene.sights.end() && sight->corner == corner; ++sight) {
+      if (sight->view < first_view || sight->view >= last_view) continue;
+      part.sights.push_back(*sight);
+      part.sights.back().view -= first_view;
+      part.sights.back().corner = part.corners.size();
+    }
+    if (part.sights.size() - before < kFewestSights) {
+      part.sights.resize(before);
+    } else {
+      part.corners.push_back(scene.corners[corner]);
+    }
+  }
+  return part;
+}
+
+/// Half of what the focal lengths by the two halves of the views differ, relative: what independent
+/// errors of corners do not tell. 0 where a half sees too little.
+double disagreement(const Scene& scene, const LensPrior& prior, double noise) {
+  const std::size_t middle = scene.views.size() / 2;
+  Scene early = partOf(scene, 0, middle);
+  Scene late = partOf(scene, middle, scene.views.size());
+  if (std::min(early.corners.size(), late.corners.size()) < kFewestCorners) return 0;
+  adjust(prior, noise, kIterations, early);
+  adjust(prior, noise, kIterations, late);
+  return 0.5 *
+         std::abs(early.lens[self_calibration::kLogFocal] - late.lens[self_calibration::kLogFocal]);
+}
+
+/// Gives the scene the lens and the views with which some of its corners agree best, of those that
+/// lead from several focal lengths.
+void startBest(const LensPrior& prior, double noise, Scene& scene) {
+  const Scene some = firstCorners(scene, kRivalCorners);
   double least = std::numeric_limits<double>::infinity();
   for (const double factor : kFocalLengths) {
-    Scene rival = scene;
+    Scene rival = some;
     rival.lens[self_calibration::kLogFocal] += std::log(factor);
     placeCorners(rival);
-    const double lost =
-        kBehindCost * static_cast<double>(scene.sights.size() - rival.sights.size());
+    const double lost = kBehindCost * static_cast<double>(some.sights.size() - rival.sights.size());
     if (rival.corners.size() < kFewestCorners) continue;
     const double cost = lost + adjust(prior, noise, kRivalIterations, rival);
     if (cost >= least) continue;
     least = cost;
-    best = std::move(rival);
-    if (!(prior.sigma[self_calibration::kLogFocal] > 0)) break;
+    scene.lens = rival.lens;
+    scene.views = std::move(rival.views);
   }
-  return best;
+  placeCorners(scene);
 }
 
 }  // namespace
@@ -166,7 +216,8 @@ class CameraFinder::Impl {
     if (views_.size() < kFewestViews) return std::nullopt;
     LensPrior prior = priorOf(guess_);
     double noise = kFirstNoise * imageScale(images_.width, images_.height);
-    Scene scene = bestStart(sceneOf(), prior, noise);
+    Scene scene = sceneOf();
+    startBest(prior, noise, scene);
     if (scene.corners.size() < kFewestCorners) return std::nullopt;
     for (int round = 0; round < 2; ++round) {
       noise = noiseOf(scene);
@@ -176,7 +227,11 @@ class CameraFinder::Impl {
     }
     noise = noiseOf(scene);
     holdWhatDoesNotShow(noise, prior, scene);
-    return told(scene, variance_factors::kFoundCamera * lensSigmas(prior, noise, scene));
+    FoundCamera found =
+        told(scene, variance_factors::kFoundCamera * lensSigmas(prior, noise, scene));
+    double& sigma = found.lens.focal_sigma;
+    if (sigma > 0) sigma = std::hypot(sigma, disagreement(scene, prior, noise));
+    return found;
   }
 
  private:
