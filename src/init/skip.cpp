@@ -39,7 +39,8 @@ const std::vector<MechanismName>& mechanisms() {
       {Mechanism::kMatches, "matches", "matched corners pose frames that the tracker loses"},
       {Mechanism::kProof, "proof", "after a miss the images must show a pose"},
       {Mechanism::kExpected, "expected", "far epipolar searches begin at the depths around"},
-      {Mechanism::kContrast, "contrast", "images of little contrast get the usual one"}};
+      {Mechanism::kContrast, "contrast", "images of little contrast get the usual one"},
+      {Mechanism::kEdges, "edges", "tracks on edges go where most are on edges"}};
   return all;
 }
 

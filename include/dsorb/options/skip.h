@@ -41,7 +41,8 @@ enum class Mechanism : std::uint8_t {
   kMatches,
   kProof,
   kExpected,
-  kContrast
+  kContrast,
+  kEdges
 };
 
 /// A mechanism as the command line knows it.

@@ -12,6 +12,7 @@
 #include "init/orb/start/readout_profile.h"
 #include "init/orb/start/start_gate.h"
 #include "init/result.h"
+#include "two_view/edge_tracks.h"
 #include "two_view/stuck_tracks.h"
 
 #include <cmath>
@@ -68,6 +69,7 @@ Attempt reconstruct(ReferenceView seen, const AttemptContext& context) {
     stuck = context.clock.time(
         "stuck", [&] { return leaveOutStuck(seen.tracks, context.camera, context.seed()); });
   }
+  if (!skip.has(Mechanism::kEdges)) leaveOutEdges(seen.frames.front()->level(0), seen.tracks);
   const Readout calibrated = readoutOf(*seen.frames.front());
   ReferenceView view = withGlobalShutter(seen, calibrated);
   EssentialStart start = startFromEssential(view, context);
