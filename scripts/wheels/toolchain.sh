@@ -1,0 +1,91 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: BSD-3-Clause
+# A compiler for the libc of Debian 11 (glibc 2.31), which every Linux since 2020 has: toolchain.sh ARCH FOLDER, ARCH being
+# x86_64 or aarch64. FOLDER/bin/cc and c++ are Debian 12's GCC with headers and libraries of Debian 11 and a static
+# libstdc++, FOLDER/toolchain.cmake tells CMake; FOLDER/python3.N are headers of Python. Packages are unpacked, not installed.
+set -euo pipefail
+arch=$1 folder=$(mkdir -p "$2" && readlink -f "$2")
+case $arch in
+  x86_64) debian=amd64 ;;
+  aarch64) debian=arm64 ;;
+  *) echo "toolchain.sh: $arch: expected x86_64 or aarch64" >&2; exit 2 ;;
+esac
+triplet=$arch-linux-gnu
+gcc=$(command -v "$triplet-gcc-12") || { echo "toolchain.sh: $triplet-gcc-12 is missing: apt-get install g++-12-${triplet//_/-}" >&2; exit 1; }
+inside=$(dirname "$("$gcc" -print-libgcc-file-name)")
+[ -e "$folder/toolchain.cmake" ] && exit 0
+
+# unpack SUITE FOLDER PACKAGE...: from Debian's archive, whatever this machine's own lists are
+unpack() {
+  local suite=$1 target=$2 lists=$folder/apt/$1 package
+  shift 2
+  mkdir -p "$lists/lists/partial" "$lists/archives" "$target"
+  [ -e "$lists/status" ] || touch "$lists/status"
+  printf 'deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org/debian %s main\n' "$suite" >"$lists/sources"
+  local apt=(-qq -o "Dir::Etc::sourcelist=$lists/sources" -o Dir::Etc::sourceparts=/dev/null -o "Dir::State::lists=$lists/lists"
+    -o "Dir::State::status=$lists/status" -o "Dir::Cache::archives=$lists/archives" -o "Dir::Cache::pkgcache=" -o "Dir::Cache::srcpkgcache="
+    -o "APT::Architecture=$debian" -o "APT::Architectures::=$debian" -o APT::Sandbox::User=root)
+  apt-get "${apt[@]}" update
+  (cd "$lists/archives" && apt-get "${apt[@]}" download "$@")
+  for package in "$@"; do dpkg -x "$lists/archives/${package}"_*.deb "$target"; done
+}
+unpack bullseye "$folder/sysroot" libc6 libc6-dev linux-libc-dev libcrypt1 libgcc-s1
+find "$folder/sysroot" -type l -lname '/*' -printf '%l %p\n' | while read -r target link; do ln -sfn "$folder/sysroot$target" "$link"; done
+for version in 3.9:bullseye 3.11:bookworm 3.13:trixie; do
+  python=python${version%:*}
+  unpack "${version#*:}" "$folder/unpacked" "lib$python-dev"
+  mkdir -p "$folder/$python"
+  cp -r "$folder/unpacked/usr/include/$python/." "$folder/$python/"
+  cp "$folder/unpacked/usr/include/$triplet/$python/pyconfig.h" "$folder/$python/pyconfig.h"
+done
+
+# What the static libstdc++ asks of newer libcs: whether there are threads ("perhaps" is right), random bytes.
+mkdir -p "$folder/bin"
+cat >"$folder/newer_libc.c" <<'END'
+#include <sys/random.h>
+__attribute__((visibility("hidden"))) char __libc_single_threaded = 0;
+__attribute__((visibility("hidden"))) unsigned arc4random(void) {
+  unsigned bits = 0;
+  while (getrandom(&bits, sizeof bits, 0) != sizeof bits) {}
+  return bits;
+}
+END
+root=$folder/sysroot
+for language in c c++; do
+  headers="-isystem $inside/include -isystem $root/usr/include/$triplet -isystem $root/usr/include"
+  libraries="-B $root/usr/lib/$triplet -L $root/usr/lib/$triplet -L $root/lib/$triplet"
+  if [ $language = c++ ]; then
+    standard=/usr/include/c++/12
+    [ "$debian" = "$(dpkg --print-architecture)" ] || standard=/usr/$triplet/include/c++/12
+    own=$standard/$triplet
+    [ -d "$own" ] || own=/usr/include/$triplet/c++/12
+    headers="-isystem $standard -isystem $own -isystem $standard/backward $headers"
+    libraries="$libraries -static-libstdc++"
+  fi
+  program=$triplet-g++-12
+  [ $language = c++ ] || program=$triplet-gcc-12
+  cat >"$folder/bin/${program%-12}" <<END
+#!/bin/sh
+# What is linked gets newer_libc.o, and the threads that libstdc++ counts on (of newer libcs they are a part).
+link="$folder/newer_libc.o -Wl,--push-state,--no-as-needed -lpthread -Wl,--pop-state"
+for word; do case \$word in -c|-S|-E|-M|-MM|-fsyntax-only|--version|-v|-dump*|-print*|-r) link= ;; esac; done
+exec $program --sysroot=$root -nostdinc $headers $libraries "\$@" \$link
+END
+  chmod +x "$folder/bin/${program%-12}"
+done
+"$folder/bin/$triplet-gcc" -O2 -fPIC -c "$folder/newer_libc.c" -o "$folder/newer_libc.o"
+cat >"$folder/toolchain.cmake" <<END
+set(CMAKE_SYSTEM_NAME Linux)
+set(CMAKE_SYSTEM_PROCESSOR $arch)
+set(CMAKE_C_COMPILER $folder/bin/$triplet-gcc)
+set(CMAKE_CXX_COMPILER $folder/bin/$triplet-g++)
+set(CMAKE_LIBRARY_ARCHITECTURE $triplet)
+set(CMAKE_FIND_ROOT_PATH $folder/prefix $folder/sysroot)
+set(CMAKE_FIND_ROOT_PATH_MODE_PROGRAM NEVER)
+set(CMAKE_FIND_ROOT_PATH_MODE_LIBRARY ONLY)
+set(CMAKE_FIND_ROOT_PATH_MODE_INCLUDE ONLY)
+set(CMAKE_FIND_ROOT_PATH_MODE_PACKAGE ONLY)
+set(CMAKE_PREFIX_PATH $folder/prefix)
+set(ENV{PKG_CONFIG_LIBDIR} $folder/prefix/lib/pkgconfig)
+set(ENV{PKG_CONFIG_PATH} "")
+END
