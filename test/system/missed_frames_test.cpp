@@ -127,7 +127,7 @@ TEST_F(RepeatedImages, ChangeNothing) {
   start(trackedRoom());
   run(0, 30);
   const Recorder once = recorder;
-  recorder = {};
+  recorder = Recorder();
   start(trackedRoom());
   for (const FramePtr& frame : trackedRoom().frames()) {
     odometry->process(frame);
