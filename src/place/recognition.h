@@ -22,7 +22,7 @@ struct Evidence {
   double log_chance = 0;  ///< log10 of the probability to find so many by chance
   int cells = 0;          ///< of 48 over the image, that have found points; the best view
 
-  /// Of what should be seen.
+  /// Share that was found of what should be seen.
   [[nodiscard]] double share() const {
     return predicted > 0 ? static_cast<double>(found) / predicted : 0;
   }

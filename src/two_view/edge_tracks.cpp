@@ -13,7 +13,7 @@ namespace {
 
 constexpr int kEdgeRadius = 7;       // of the square whose gradients are looked at [px]
 constexpr float kMaxEdgeRatio = 30;  // of the eigenvalues of a corner's gradient tensor
-// Of the tracks; with fewer corners the others go. Bars have 3 to 19 %, TartanAir's bare
+// Share of the tracks; with fewer corners the others go. Bars have 3 to 19 %, TartanAir's bare
 // corridors 52.
 constexpr double kMinCornerShare = 0.3;
 
