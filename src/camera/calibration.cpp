@@ -114,7 +114,7 @@ Lens unknownLens(int width, int height) {
   if (width <= 0 || height <= 0) throw std::invalid_argument("an image size is expected");
   const PinholeCamera camera = PinholeCamera::unknown(width, height);
   Lens lens{LensModel::kPinhole, camera.fx, camera.fy, camera.cx, camera.cy, {}, width, height};
-  lens.focal_sigma = 0.4;
+  lens.focal_sigma = camera.focal_sigma;
   return lens;
 }
 
