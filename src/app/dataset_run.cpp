@@ -235,12 +235,11 @@ std::unique_ptr<Place> placeFor(const CommandLine& request,
   return place;
 }
 
-/// With a camera that was found: held where it is known, else a better guess.
+/// With a camera that was found: a better guess, which the run goes on refining.
 SequenceOptions withCamera(SequenceOptions sequence, const std::optional<FoundCamera>& camera) {
   if (!camera) return sequence;
   sequence.lens = camera->lens;
   sequence.lens->readout.sigma = 0;
-  if (camera->isKnown()) sequence.lens->focal_sigma = 0;
   return sequence;
 }
 
