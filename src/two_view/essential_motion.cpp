@@ -2,11 +2,11 @@
 #include "two_view/essential_motion.h"
 
 #include "base/median.h"
+#include "features/ransac.h"
 #include "geometry/tangent_basis.h"
 #include "geometry/triangulate.h"
 #include "two_view/decomposition.h"
 #include "two_view/motion_refinement.h"
-#include "features/ransac.h"
 
 #include <opencv2/calib3d.hpp>
 

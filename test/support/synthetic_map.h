@@ -91,8 +91,7 @@ inline void addSharedErrors(SyntheticMap& scene, double sigma, std::uint64_t see
   std::vector<Eigen::Vector2d> errors(kErrorCells * scene.start.frames.size());
   for (Eigen::Vector2d& error : errors) error = {random.gaussian(), random.gaussian()};
   for (init_orb::CornerObservation& observation : scene.start.observations) {
-    const std::size_t cell =
-        imageCell(scene.start.corners[observation.corner].pixel, scene.camera);
+    const std::size_t cell = imageCell(scene.start.corners[observation.corner].pixel, scene.camera);
     observation.pixel += sigma * errors[kErrorCells * observation.frame + cell];
   }
 }

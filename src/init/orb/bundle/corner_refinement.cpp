@@ -3,12 +3,12 @@
 
 #include "base/angles.h"
 #include "base/parallel.h"
+#include "estimate/pose_from_points.h"
 #include "image/photometric.h"
 #include "init/orb/bundle/frame_motions.h"
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/bundle/patch_alignment.h"
 #include "init/orb/bundle/pose_covariance.h"
-#include "estimate/pose_from_points.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/map/frame_brightness.h"
 

@@ -3,8 +3,8 @@
 
 #include "dsorb/camera/pinhole_camera.h"
 
-#include "features/corner_tracks.h"
 #include "estimate/pose_from_points.h"
+#include "features/corner_tracks.h"
 #include "init/orb/map/initial_map.h"
 #include "two_view/decomposition.h"
 

@@ -5,9 +5,9 @@
 #include "dsorb/options/orb_mapping.h"
 
 #include "estimate/linear_system.h"
+#include "estimate/reprojection_kernels.h"
 #include "estimate/schur_problem.h"
 #include "estimate/warp.h"
-#include "estimate/reprojection_kernels.h"
 #include "init/orb/map/initial_map.h"
 
 #include <Eigen/Core>
