@@ -29,6 +29,12 @@ constexpr double kRounding = 0.5;
 
 /// Least share of the matches behind a pose that still agree once it is aligned to the image.
 constexpr double kMinAgreeing = 0.7;
+/// Share of all matches that agree with a pose whose residual has grown: of a torn image two thirds
+/// may show another moment.
+constexpr double kMinStanding = 0.75;
+/// Flow since the keyframe, of width + height, beyond which a low residual may be that of another
+/// pose: matches that mostly agree are asked.
+constexpr double kFarFlow = 0.027;
 
 /// What a frame at a share of the map's reach gets of its keyframe's covariance.
 struct ErrorsOfMap {
@@ -96,9 +102,7 @@ bool FrameTracker::counts(const Frame& frame,
   const Skips& skip = options_.initializer.skip;
   if (!result.good()) return false;
   if (!skip.has(Mechanism::kUncertain) && !isCertain(result)) return false;
-  if (missed_ && !skip.has(Mechanism::kProof)) {
-    return inEarlierContrast(frame, result) < std::max(kDoubtful * rmse_, kRounding);
-  }
+  if (missed_ && !skip.has(Mechanism::kProof)) return isAtLevel(frame, result);
   return !may_doubt || skip.has(Mechanism::kDoubtful) || !isDoubtful(frame, result);
 }
 
@@ -110,7 +114,20 @@ std::optional<track::TrackingResult> FrameTracker::fromMatches(const FramePtr& f
   track::TrackingResult result = tracker_.track(*frame, start);
   const int agreeing = countAgreeing(evidence->matches, reference().camera, result.T_cur_ref);
   if (!result.good() || agreeing < kMinAgreeing * evidence->pose.inliers) return std::nullopt;
-  return result;
+  const auto matches = static_cast<double>(evidence->matches.size());
+  const bool stands = evidence->pose.inliers > kMinStanding * matches || isAtLevel(*frame, result);
+  return stands ? std::optional(result) : std::nullopt;
+}
+
+bool FrameTracker::isContradicted(const FramePtr& frame, const track::TrackingResult& result) {
+  const double far = kFarFlow * (frame->width() + frame->height());
+  if (result.flow.full < far * far) return false;
+  const std::optional<MatchEvidence> evidence = matched_.find(frame, reference());
+  if (!evidence) return false;
+  const MatchedPose& matched = evidence->pose;
+  const int agreeing = countAgreeing(evidence->matches, reference().camera, result.T_cur_ref);
+  return matched.inliers > kMinStanding * static_cast<double>(evidence->matches.size()) &&
+         agreeing < kMinAgreeing * matched.inliers;
 }
 
 TrackedPose FrameTracker::track(const FramePtr& frame, bool may_doubt) {
@@ -118,6 +135,7 @@ TrackedPose FrameTracker::track(const FramePtr& frame, bool may_doubt) {
   TrackedPose pose;
   pose.good = counts(*frame, result, may_doubt);
   const Skips& skip = options_.initializer.skip;
+  if (pose.good && !skip.has(Mechanism::kProof)) pose.good = !isContradicted(frame, result);
   if (!pose.good && !skip.has(Mechanism::kMatches) &&
       result.failure != track::TrackingFailure::kBlank) {
     if (auto matched = fromMatches(frame)) {
@@ -157,6 +175,10 @@ bool FrameTracker::isCertain(const track::TrackingResult& result) const {
   const Matrix6d covariance = errors.ofWorldPose(*result.covariance);
   const double variance = covariance.diagonal().tail<3>().maxCoeff();
   return std::sqrt(variance) < kMaxRotationSigmaDeg * kRadPerDeg;
+}
+
+bool FrameTracker::isAtLevel(const Frame& frame, const track::TrackingResult& result) const {
+  return inEarlierContrast(frame, result) < std::max(kDoubtful * rmse_, kRounding);
 }
 
 bool FrameTracker::isDoubtful(const Frame& frame, const track::TrackingResult& result) const {

@@ -72,6 +72,8 @@ class FrameTracker {
   [[nodiscard]] bool counts(const Frame& frame,
                             const track::TrackingResult& result,
                             bool may_doubt) const;
+  /// Whether matched corners of a frame far from its keyframe agree about another pose.
+  [[nodiscard]] bool isContradicted(const FramePtr& frame, const track::TrackingResult& result);
   /// The pose that matched corners tell, aligned to the image; none where too few agree with it.
   [[nodiscard]] std::optional<track::TrackingResult> fromMatches(const FramePtr& frame);
   void setPose(const track::TrackingResult& result, TrackedPose& pose) const;
@@ -86,6 +88,8 @@ class FrameTracker {
   /// Residual in the contrast of the last frame that fitted, where that is lower [grey levels].
   [[nodiscard]] double inEarlierContrast(const Frame& frame,
                                          const track::TrackingResult& result) const;
+  /// Whether the image fits about as well as the last one that did.
+  [[nodiscard]] bool isAtLevel(const Frame& frame, const track::TrackingResult& result) const;
   /// Whether the image fits much worse than the one before, at a pose off the motion.
   [[nodiscard]] bool isDoubtful(const Frame& frame, const track::TrackingResult& result) const;
   void noteFit(const Frame& frame, const track::TrackingResult& result);
