@@ -24,7 +24,7 @@ const double kHuberLimit = std::sqrt(5.991);  // [sigma]; chi-square, 2 dof, 95 
 class ObservationArrays {
  public:
   explicit ObservationArrays(const std::vector<PointObservation>& observations)
-      : stride_(wholeLanes(observations.size())), arrays_(kRows * stride_, 0.0) {
+      : stride_(wholeLanes(observations.size())), arrays_(kNumRows * stride_, 0.0) {
     for (std::size_t i = 0; i < observations.size(); ++i) {
       at(kRayX, i) = observations[i].host_ray.x();
       at(kRayY, i) = observations[i].host_ray.y();
@@ -56,7 +56,7 @@ class ObservationArrays {
   }
 
  private:
-  enum Row { kRayX, kRayY, kInverseDepth, kPixelX, kPixelY, kInformation, kZero, kRows };
+  enum Row { kRayX, kRayY, kInverseDepth, kPixelX, kPixelY, kInformation, kZero, kNumRows };
   double& at(Row row, std::size_t i) { return arrays_[row * stride_ + i]; }
   [[nodiscard]] const double* row(Row row) const { return arrays_.data() + row * stride_; }
 
