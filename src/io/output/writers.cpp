@@ -87,16 +87,20 @@ class RunWriter::Impl {
     }
   }
 
-  /// Writes the calibration that the run found, for the next run.
-  void writeCalibration() const {
-    if (cameras.found && cameras.found->isKnown()) {
-      io::replaceFile(folder / "refined_camera.txt", io::calibrationFile(cameras.found->lens));
-      return;
-    }
-    if (!cameras.camera || !cameras.lens || !cameras.refined.isSettled()) return;
+  /// Calibration that the run refined; empty where it is not settled, or of no form of ours.
+  [[nodiscard]] std::string refinedCalibration() const {
+    if (!cameras.camera || !cameras.lens || !cameras.refined.isSettled()) return {};
     Lens lens = *cameras.lens;
     if (cameras.readout) lens.readout = *cameras.readout;
-    const std::string file = cameras.refined.calibrationFile(lens, *cameras.camera);
+    return cameras.refined.calibrationFile(lens, *cameras.camera);
+  }
+
+  /// Writes the calibration for the next run: the one that was refined, or else the one that was
+  /// found before.
+  void writeCalibration() const {
+    std::string file = refinedCalibration();
+    const bool found = cameras.found && cameras.found->isKnown();
+    if (file.empty() && found) file = io::calibrationFile(cameras.found->lens);
     if (!file.empty()) io::replaceFile(folder / "refined_camera.txt", file);
   }
 
