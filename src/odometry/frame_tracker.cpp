@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <utility>
 
 namespace dsorb::odometry {
@@ -56,7 +57,7 @@ FrameTracker::FrameTracker(const OdometryOptions& options)
     : options_(options),
       tracker_(
           options.tracker, options.brightness, !options.initializer.skip.has(Mechanism::kGrey)),
-      matched_(options.initializer.seed) {}
+      matched_(static_cast<std::uint64_t>(options.initializer.seed)) {}
 
 void FrameTracker::begin(const InitializationResult& result) {
   target_.reset();
