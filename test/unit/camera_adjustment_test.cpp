@@ -98,6 +98,7 @@ TEST(CameraAdjustment, WhatHasNoSigmaIsHeld) {
 TEST(CameraAdjustment, CornersWithALargeErrorGoWithTheirSights) {
   Scene scene = sceneWithNoise(0);
   placeCorners(scene);
+  leaveOutAbove(5, scene);  // those that the lens to begin with is too wrong for
   const std::size_t corners = scene.corners.size();
   const std::size_t sights = scene.sights.size();
   scene.sights[5].pixel.x() += 20;
