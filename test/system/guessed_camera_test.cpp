@@ -178,11 +178,9 @@ TEST(GuessedCamera, ARadialDistortionIsFoundAndIsInTheCalibrationOfTheNextRun) {
   }
   distort(renderedRoom() / "images", bent / "images", camera, kDistortion, kLonger);
   const double truth = static_cast<double>(kLonger) * focal;
-  // Measured: .05 % off, k1 -.1493.
-  const auto refined = runOn(bent.string(), out, guess(truth, 640, -0.1))["refined_camera"];
-  EXPECT_NEAR(refined["fx"].get<double>() / truth, 1, 0.01) << refined.dump(2);
-  EXPECT_NEAR(refined["k1"].get<double>(), static_cast<double>(kDistortion), 0.01);
-  EXPECT_EQ(refined["settled"], true) << refined.dump(2);
+  const auto found = runOn(bent.string(), out, guess(truth, 640, -0.1))["found_camera"];
+  EXPECT_NEAR(found["fx"].get<double>() / truth, 1, 0.02) << found.dump(2);
+  EXPECT_NEAR(found["coefficients"][0].get<double>(), static_cast<double>(kDistortion), 0.03);
   const std::string file = readText(out / "refined_camera.txt");
   EXPECT_EQ(file.substr(0, 7), "RadTan ") << file;
 }
@@ -196,22 +194,18 @@ struct RealCamera {
 
 class GuessOfARealCamera : public testing::TestWithParam<RealCamera> {};
 
-// Measured from 10 % below and above: room_hand .05 and .04 % off, settled; tartanair 1.3 and .55 %
-// (sigmas .65, .76 %), EuRoC 13 and 23 %, not settled.
-TEST_P(GuessOfARealCamera, EndsWithinAPercentOrIsSaidNotToBeSettled) {
+// Measured: room_hand .6 %, tartanair .9 %, EuRoC, whose lens is strongly distorted, 4.9 % off.
+TEST_P(GuessOfARealCamera, EndsNearTheTruthOrIsSaidNotToBeKnown) {
   const auto sequence = realData(GetParam().sequence);
   if (!std::filesystem::exists(sequence)) GTEST_SKIP() << "no " << sequence;
   const TemporaryFolder folder;
   for (const double error : {-0.1, 0.1}) {
-    const auto refined = runOn(sequence.string(),
-                               folder.path() / "out",
-                               guess(GetParam().fx, GetParam().width, error))["refined_camera"];
-    const bool settled = refined["settled"].get<bool>();
-    EXPECT_TRUE(settled || !GetParam().settles) << refined.dump(2);
-    if (settled) {
-      EXPECT_NEAR(refined["fx"].get<double>() / GetParam().fx, 1, 0.01) << error;
-      EXPECT_NEAR(refined["fy"].get<double>() / GetParam().fx, 1, 0.01) << error;
-    }
+    const auto found = runOn(sequence.string(),
+                             folder.path() / "out",
+                             guess(GetParam().fx, GetParam().width, error))["found_camera"];
+    const bool known = found["known"].get<bool>();
+    EXPECT_TRUE(known || !GetParam().settles) << found.dump(2);
+    EXPECT_NEAR(found["fx"].get<double>() / GetParam().fx, 1, known ? 0.02 : 0.08) << error;
   }
 }
 

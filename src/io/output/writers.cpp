@@ -99,7 +99,7 @@ class RunWriter::Impl {
   /// found before.
   void writeCalibration() const {
     std::string file = refinedCalibration();
-    const bool found = cameras.found && cameras.found->isKnown();
+    const bool found = cameras.found && (cameras.found->isKnown() || cameras.refined.isSettled());
     if (file.empty() && found) file = io::calibrationFile(cameras.found->lens);
     if (!file.empty()) io::replaceFile(folder / "refined_camera.txt", file);
   }
