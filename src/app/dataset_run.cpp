@@ -278,6 +278,9 @@ RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
   try {
     if (isSearched(reader)) {
       result.camera = searchCamera(std::move(reader), request, interrupt);
+      if (!result.camera) {
+        warn(request, {"these images do not tell the camera: the run begins with a guess of it"});
+      }
       reader = SequenceReader(withCamera(request.sequence, result.camera));
     }
     config = configFor(request, reader.brightness(), reader.lens().focal_sigma);

@@ -31,7 +31,8 @@ void writeTracks(const std::filesystem::path& path, const std::vector<MapTrack>&
   }
   ReplacingFile file(path);
   file.append(fmt::format(
-      "ply\nformat binary_little_endian 1.0\nelement point {}\nproperty float x\nproperty float y\n"
+      "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float "
+      "y\n"
       "property float z\nproperty int segment\nelement observation {}\nproperty int point\n"
       "property int keyframe\nproperty float u\nproperty float v\nend_header\n",
       tracks.size(),

@@ -247,7 +247,7 @@ def read_tracks(path):
         return None
     elements = read_ply(path)
     with reading(path):
-        points, seen = elements['point'], elements['observation']
+        points, seen = elements['vertex'], elements['observation']
         if len(seen) and not 0 <= seen['point'].min() <= seen['point'].max() < len(points):
             raise ValueError('an observation of a point that is not there')
         return points, seen
