@@ -56,13 +56,13 @@ def pixels_in_run(index, points):
 class Truth(unittest.TestCase):
     def check(self, hosts, points, project):
         """hosts: image index -> pixels (ours) of its points, rows of `points`; project(image index, (n, 3))."""
-        indices, worst = sorted(hosts), 0
+        indices, worst, exact, total = sorted(hosts), 0, 0, 0
         for index in indices:
             pixels, rows = hosts[index]
             ours = pixels_in_run(index, points[rows])
             distance = np.abs(pixels - ours).max(1)
-            self.assertLess(np.median(distance), 1e-3)  # points of the map, at their hosts
-            self.assertLess(distance.max(), 6)  # corners as other keyframes see them; measured 2
+            self.assertLess(distance.max(initial=0), 6)  # corners as other keyframes see them; measured 2
+            exact, total = exact + (distance < 1e-3).sum(), total + len(distance)
             np.testing.assert_allclose(project(index, points[rows]), ours, atol=1e-3)
         for first, second in far_apart(indices):
             pixels, rows = hosts[first]
@@ -70,6 +70,7 @@ class Truth(unittest.TestCase):
             # A point of a pixel between two surfaces has the depth of either: the median is that of the others.
             error = np.linalg.norm(project(second, points[rows]) - expected, axis=1)
             worst = max(worst, np.nanmedian(error))
+        self.assertGreater(exact, .5 * total)  # points of the map, at their hosts
         self.assertGreater(len(indices), 3)
         self.assertLess(worst, MOST_PIXELS)
 
