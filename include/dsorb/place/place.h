@@ -36,6 +36,7 @@ struct PlaceReport {
 /// own observers. The same input gives the same bits for any number of threads.
 class Place : public OdometryObserver {
  public:
+  /// Remembers nothing yet.
   explicit Place(const PlaceOptions& options);
   ~Place() override;
   Place(Place&&) = delete;
