@@ -108,6 +108,7 @@ Calibration readChosen(const std::filesystem::path& file,
                                 quotable(choice.name),
                                 listed(cameras)));
   }
+  if (cameras.empty()) throw lineError(file, 0, "has no camera; at least one is expected");
   if (cameras.size() == 1 || areAllSame(cameras)) return cameras.front().read();
   throw lineError(
       file,
