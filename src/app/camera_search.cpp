@@ -43,17 +43,16 @@ std::optional<FoundCamera> pass(SequenceReader& reader,
   return finder.find();
 }
 
-/// The sequence as images of a lens, whose readout does not change while it is tracked.
-SequenceOptions withLens(SequenceOptions sequence, const Lens& lens) {
-  sequence.lens = lens;
-  sequence.lens->readout.sigma = 0;
-  return sequence;
-}
-
 }  // namespace
 
 bool isSearched(const SequenceReader& reader) {
   return reader.lens().focal_sigma > 0 && reader.format() != SequenceFormat::kCamera;
+}
+
+SequenceOptions withLens(SequenceOptions sequence, const Lens& lens) {
+  sequence.lens = lens;
+  sequence.lens->readout.sigma = 0;
+  return sequence;
 }
 
 std::optional<FoundCamera> searchCamera(SequenceReader first,

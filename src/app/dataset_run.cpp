@@ -235,14 +235,6 @@ std::unique_ptr<Place> placeFor(const CommandLine& request,
   return place;
 }
 
-/// With a camera that was found: a better guess, which the run goes on refining.
-SequenceOptions withCamera(SequenceOptions sequence, const std::optional<FoundCamera>& camera) {
-  if (!camera) return sequence;
-  sequence.lens = camera->lens;
-  sequence.lens->readout.sigma = 0;
-  return sequence;
-}
-
 }  // namespace
 
 Config configFor(const CommandLine& request,
@@ -281,7 +273,8 @@ RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
       if (!result.camera) {
         warn(request, {"these images do not tell the camera: the run begins with a guess of it"});
       }
-      reader = SequenceReader(withCamera(request.sequence, result.camera));
+      reader = SequenceReader(result.camera ? withLens(request.sequence, result.camera->lens)
+                                            : request.sequence);
     }
     config = configFor(request, reader.brightness(), reader.lens().focal_sigma);
     warn(request, notModelled(config, reader.lens()));

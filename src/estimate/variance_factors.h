@@ -2,7 +2,7 @@
 #pragma once
 
 /// Factors that no model gives: what errors exceed their predicted variances by, as measured.
-/// scripts/variance_factors.py measures squared error over variance of all that they enter.
+/// scripts/variance_factors.py measures in one run what five of them should be.
 namespace dsorb::variance_factors {
 
 /// Relative growth of the clustered covariance of a start per unit by which the tails of its errors
