@@ -89,10 +89,11 @@ def forget_failed(plan, folder):
 
 
 def snakemake_command(args, folder):
-    """Snakemake's command line. The folder's own lock is ours, hence --nolock; a run is complete when its record is there;
-    the report is cheap and follows the code that writes it, hence --forcerun."""
+    """Snakemake's command line. The folder's own lock is ours, hence --nolock; a run is complete when its record is
+    there, even if Snakemake was ended before it had noticed, hence --ignore-incomplete; the report is cheap and follows the
+    code that writes it, hence --forcerun."""
     command = [sys.executable, '-m', 'snakemake', '--snakefile', str(SCRIPTS / 'Snakefile'), '--directory', str(folder), '--nolock',
-               '--rerun-triggers', 'mtime', '--rerun-incomplete', '--keep-going', '--forcerun', 'report', '--workflow-profile', 'none',
+               '--rerun-triggers', 'mtime', '--ignore-incomplete', '--keep-going', '--forcerun', 'report', '--workflow-profile', 'none',
                '--scheduler', 'greedy']  # all runs are alike: nothing to optimise
     command += ['--dry-run'] if args.dry_run else []
     if not args.profile:
