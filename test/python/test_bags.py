@@ -167,6 +167,15 @@ class Calibrations(unittest.TestCase):
         text, _ = self.found({'/left/info': {'focal': 210}, '/right/info': {'focal': 220, 'size': (640, 480)}})
         self.assertIn('k: [210, 0, ', text)
 
+    def test_a_calibration_that_changes_is_told(self):
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        infos = [(BEGIN + k * bags.NANOSECONDS // 10, camera_info(store, False, focal=200 + 10 * (k >= 20))) for k in range(30)]
+        bag = write(temporary_folder() / 'bag', {TOPIC: [(BEGIN, message(store, images()[0]))], '/camera/camera_info': infos})
+        unpacked = bags.unpack(bag, None, temporary_folder() / 'bag_images')
+        self.assertIn('k: [200, 0, ', unpacked.calibration.read_text())
+        self.assertIn('/camera/camera_info: 10 of 30 messages say another camera than the first, from 2.0 s on; the first is used for '
+                      'all images', unpacked.notes)
+
     def test_why_there_is_no_calibration(self):
         for topics, why in (({}, 'the bag has no camera_info'),
                             ({'/left/info': {}, '/right/info': {}}, 'not one other that is for images of 320x240:\n  /left/info: 320x240'),

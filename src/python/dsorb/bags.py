@@ -296,6 +296,26 @@ def camera_info(reader: Any, topic: str, size: Optional[tuple[int, int]]) -> tup
     return None, what + (f', and not one other that is for images of {size[0]}x{size[1]}:{listed}' if found and size else '')
 
 
+def camera_of(info: Any) -> tuple:
+    """All of a camera_info that says where a point is seen."""
+    numbers = [tuple(np.ravel(getattr(info, key, getattr(info, key.upper(), ())))) for key in 'kdp']
+    roi = tuple(getattr(info.roi, key) for key in ('x_offset', 'y_offset', 'height', 'width'))
+    return info.width, info.height, info.distortion_model, *numbers, info.binning_x, info.binning_y, roi
+
+
+def changes_of(reader: Any, name: str) -> list[str]:
+    """A sentence where the camera_info of a topic do not all say the same, as those of a zoom or of a region that moves."""
+    connections = [connection for connection in reader.connections if connection.topic == name]
+    cameras = [(received, camera_of(reader.deserialize(data, connection.msgtype)))
+               for connection, received, data in reader.messages(connections=connections)]
+    others = [received for received, camera in cameras if camera != cameras[0][1]]
+    if not others:
+        return []
+    since = (others[0] - cameras[0][0]) / NANOSECONDS
+    return [f'{name}: {len(others)} of {len(cameras)} messages say another camera than the first, from {since:.1f} s on; the first is '
+            'used for all images']
+
+
 def sizes_of(info: Any) -> list[tuple[int, int]]:
     """Sizes that images of a camera_info may have: the sensor's, its region's of interest, both with pixels added up."""
     sizes = [(info.width, info.height), (info.roi.width, info.roi.height)]
@@ -306,24 +326,24 @@ def base_of(topic: str) -> str:
     return topic[:-len('/compressed')] if topic.endswith('/compressed') else topic
 
 
-def write_calibration(reader: Any, topic: str, size: Optional[tuple[int, int]], file: Path) -> str:
-    """The camera_info of a topic, as `ros2 topic echo` prints it. @return why there is none; empty where there is
+def write_calibration(reader: Any, topic: str, size: Optional[tuple[int, int]], file: Path) -> tuple[str, list[str]]:
+    """The camera_info of a topic, as `ros2 topic echo` prints it. @return why there is none, empty where there is; notes
 
     Of images that were rectified (`image_rect`, `image_rect_color`) it is the camera of P, without distortion."""
     info, name = camera_info(reader, topic, size)
     if info is None:
-        return name
+        return name, []
     k, d, p = (np.ravel(getattr(info, key, getattr(info, key.upper(), ()))) for key in 'kdp')
     model, roi, matrix = info.distortion_model or 'plumb_bob', info.roi, 'K'
     if base_of(topic).rpartition('/')[2].startswith('image_rect'):
         k, d, model, matrix = p.reshape(3, 4)[:, :3].ravel(), (), 'none', 'P'
     if k[0] <= 0:
-        return f'{name} is there, but its {matrix} is 0: nobody calibrated this camera'
+        return f'{name} is there, but its {matrix} is 0: nobody calibrated this camera', []
     numbers = [', '.join(f'{x:.17g}' for x in values) for values in (k, d)]
     region = ''.join(f'  {key}: {getattr(roi, key)}\n' for key in ('x_offset', 'y_offset', 'height', 'width'))
     file.write_text(f'width: {info.width}\nheight: {info.height}\ndistortion_model: {model}\nd: [{numbers[1]}]\nk: [{numbers[0]}]\n'
                     f'binning_x: {info.binning_x}\nbinning_y: {info.binning_y}\nroi:\n{region}', encoding='utf-8')
-    return ''
+    return '', changes_of(reader, name)
 
 
 def remove_unpacked(folder: Path) -> None:
@@ -351,7 +371,7 @@ def unpack(source: str, topic: Optional[str], folder: Path, begin: float = 0, en
         (folder / TIMES).touch()  # this folder is ours, also after a kill
         files, left_out, notes = write_images(reader, chosen, images, begin, end)
         size = size_of(images / next(iter(files.values()))) if files else None
-        why = write_calibration(reader, chosen, size, folder / CALIBRATION)
+        why, changes = write_calibration(reader, chosen, size, folder / CALIBRATION)
     lines = [f'{files[time]} {time // NANOSECONDS}.{time % NANOSECONDS:09d}\n' for time in sorted(files)]
     (folder / TIMES).write_text(''.join(lines), encoding='utf-8')
-    return Unpacked(folder, chosen, len(files), left_out, None if why else folder / CALIBRATION, why, notes)
+    return Unpacked(folder, chosen, len(files), left_out, None if why else folder / CALIBRATION, why, notes + changes)
