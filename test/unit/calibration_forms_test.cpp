@@ -189,6 +189,8 @@ TEST_F(CalibrationFormsTest, ACameraOfSeveralIsNeverGuessed) {
   const auto one = write("one.yaml", chainCamera(0, 510, "/a/image"));
   EXPECT_EQ(readCalibration(one, {"/remapped", {}}).lens.fx, 510);
   EXPECT_THROW((void)readCalibration(one, {"cam1", {}}), IoError);
+  EXPECT_THAT(complaint("svo.yaml", "cameras:\n- camera: 5\n"),
+              HasSubstr("has no camera; at least one is expected"));
 }
 
 TEST_F(CalibrationFormsTest, RegionAndBinningCutTheCalibration) {

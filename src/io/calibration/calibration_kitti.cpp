@@ -108,7 +108,6 @@ Calibration readKitti(const std::filesystem::path& file,
                          [&values, two, choice] { return readRaw(values, two, choice); }});
     }
   }
-  if (cameras.empty()) throw lineError(file, 0, "no camera from 0 to 3");
   return readChosen(file, cameras, choice);
 }
 

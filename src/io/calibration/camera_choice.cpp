@@ -98,6 +98,7 @@ std::string listed(const std::vector<NamedCamera>& cameras) {
 Calibration readChosen(const std::filesystem::path& file,
                        const std::vector<NamedCamera>& cameras,
                        const CameraChoice& choice) {
+  if (cameras.empty()) throw lineError(file, 0, "has no camera; at least one is expected");
   const bool nameless = cameras.size() == 1 && cameras.front().names.empty();
   if (nameless) return cameras.front().read();
   if (const NamedCamera* camera = find(cameras, choice)) return camera->read();
@@ -108,7 +109,6 @@ Calibration readChosen(const std::filesystem::path& file,
                                 quotable(choice.name),
                                 listed(cameras)));
   }
-  if (cameras.empty()) throw lineError(file, 0, "has no camera; at least one is expected");
   if (cameras.size() == 1 || areAllSame(cameras)) return cameras.front().read();
   throw lineError(
       file,
