@@ -172,6 +172,17 @@ class Recordings(unittest.TestCase):
         strips = [np.array(logged[f's/path/{chunk}'].strips.as_arrow_array().to_pylist()[0]) for chunk in range(3)]
         self.assertEqual([(s[0][0], s[-1][0]) for s in strips], [(0, 100), (100, 200), (200, 249)])
 
+    def test_a_refused_start_takes_its_path_alone(self):
+        view = rerun_view.View(self.path, None, .3)
+        view.log = lambda entity, what, static=False: None
+        view.say = lambda *words: None
+        view.header(HEADER)
+        start = dict(kind='init', segment=0, status='initialized', reason='enough', poses=[[0, [0, 0, 0, 0, 0, 0, 1]], [1, [0, 0, 1, 0, 0, 0, 1]]])
+        refused = dict(kind='refused', index=1, segment=0, reason='depths')
+        for event, poses in ((start, 2), (refused, 0), (start, 2), (start, 4), (refused, 2)):  # the third found its place again
+            view.show(dict(event, index=1))
+            self.assertEqual(len(view.paths['segment_0']), poses)
+
 
 class Commands(unittest.TestCase):
     def dsorb(self, *words):

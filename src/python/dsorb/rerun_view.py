@@ -53,8 +53,8 @@ class View:
     def __init__(self, path: Path, stream: Any, max_relative_sigma: float):
         self.folder, self.stream, self.max_relative_sigma = Path(path).resolve().parent, stream, max_relative_sigma
         self.camera, self.images, self.rectified = None, 0, False
-        self.paths, self.keyframes, self.known, self.started = {}, {}, set(), set()
-        self.handlers = dict(header=self.header, image=self.image, init=self.init, tracks=self.tracks, pose=self.pose,
+        self.paths, self.keyframes, self.known, self.start = {}, {}, set(), None
+        self.handlers = dict(header=self.header, image=self.image, init=self.init, refused=self.refused, tracks=self.tracks, pose=self.pose,
                              keyframe=self.keyframe, points=self.points, lost=self.lost, end=self.end)
 
     def show(self, event: dict) -> None:
@@ -108,16 +108,19 @@ class View:
     def init(self, event: dict) -> None:
         root = self.root(event)
         self.say(f"frame {event['index']}: {event['status']} ({event['reason']})")
-        if event['segment'] in self.started:  # the initializer is asked again: its start was taken back
-            self.started.remove(event['segment'])
-            self.paths[root] = []
-            for part in ('path', 'keyframes', 'map'):
-                self.log(f'{root}/{part}', rr.Clear(recursive=True))
         if event['status'] != 'initialized':
             return
-        self.started.add(event['segment'])
-        positions = [recording.pose(pose)[:3, 3] for _, pose in event['poses'] if pose]
-        self.paths[root] = [*positions, *self.paths.get(root, [])]
+        path = self.paths.setdefault(root, [])
+        self.start = root, len(path)
+        path += [recording.pose(pose)[:3, 3] for _, pose in event['poses'] if pose]
+        self.log_path(root, self.start[1])
+
+    def refused(self, event: dict) -> None:
+        """The path of the last start goes; it has no keyframes yet."""
+        self.say(f"frame {event['index']}: start refused ({event['reason']})", rr.TextLogLevel.WARN)
+        root, first = self.start
+        del self.paths[root][first:]
+        self.log(f'{root}/path', rr.Clear(recursive=True))
         self.log_path(root, 0)
 
     def tracks(self, event: dict) -> None:
