@@ -192,6 +192,34 @@ TEST_F(SequenceReaderTest, ForeignFilesBetweenImagesAreIgnored) {
   EXPECT_THAT(indicesOf(optionsFor(root() / "images.zip")), ElementsAre(0, 1));
 }
 
+TEST_F(SequenceReaderTest, ImagesWithoutANumberAreNoneOfANumberedSequence) {
+  const auto write = [&](const std::string& name) {
+    writeImage(root() / "images" / name, cv::Mat(48, 64, CV_8U, cv::Scalar(10)));
+  };
+  writeDso(0);
+  for (const char* name : {"response.png", "mask.png"}) write(name);
+  EXPECT_THAT(indicesOf(options()), ElementsAre(0, 1));  // names without any number are images
+  for (const char* name : {"shot.png", "shot 2.png", "shot 3.png"}) write(name);
+  zipFolder(root() / "images", root() / "zipped.zip");
+  for (const char* images : {"images", "zipped.zip"}) {
+    SCOPED_TRACE(images);
+    SequenceReader reader(optionsFor(root() / images));
+    EXPECT_EQ(reader.size(), 3);
+    EXPECT_THAT(reader.warnings(),
+                testing::Contains(HasSubstr("mask.png: not taken for an image")));
+    EXPECT_THAT(readAll(reader)[0].image_file, HasSubstr("shot.png"));
+  }
+}
+
+TEST_F(SequenceReaderTest, WhatAnArchiveHoldsBesideImagesIsNamed) {
+  writeDso(2);
+  writeText(root() / "images/times.txt", "0 1\n1 2\n");
+  zipFolder(root() / "images", root() / "images.zip");
+  SequenceReader reader(optionsFor(root() / "images.zip"));
+  EXPECT_THAT(reader.warnings(),
+              testing::Contains(HasSubstr("images.zip/times.txt: not read inside of an archive")));
+}
+
 TEST_F(SequenceReaderTest, CalibratedPhotometryUsesResponseVignetteAndExposure) {
   writeDso(3);
   writeText(root() / "times.txt", "0 1.0 10\n1 2.0 0\n2 3.0 20\n");

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/input/dataset.h"
 
+#include "io/input/image_decoder.h"
 #include "io/input/image_store.h"
 #include "io/input/image_times.h"
 #include "io/input/video.h"
@@ -194,7 +195,9 @@ Dataset openDataset(const DatasetLayout& layout) {
   }
   auto images = openImageStore(layout.images, layout.others);
   for (const std::string& name : images->leftOut()) {
-    dataset.warnings.push_back(fmt::format("{}: not taken for an image of the sequence", name));
+    const char* why = hasImageSuffix(name) ? "not taken for an image of the sequence"
+                                           : "not read inside of an archive; put it beside it";
+    dataset.warnings.push_back(fmt::format("{}: {}", name, why));
   }
   dataset.images = std::move(images);
   if (layout.times.empty()) {

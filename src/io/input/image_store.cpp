@@ -10,8 +10,7 @@
 #include <zip.h>
 
 #include <algorithm>
-#include <array>
-#include <cctype>
+#include <map>
 #include <string_view>
 #include <utility>
 
@@ -24,39 +23,15 @@ constexpr zip_uint64_t kFirstBlock = 1 << 20;  // of an image that is read [byte
 constexpr zip_uint64_t kMostBytesBesidePixels = 1 << 26;
 constexpr zip_uint64_t kMostBytesPerPixel = 16;
 
-// Beside the images of a sequence, by the habits of DSO, TUM-mono and of this program.
-constexpr std::array<std::string_view, 4> kAccessories = {
-    "vignette", "vignettesmoothed", "smoothedvignette", "mask"};
-
 bool isImage(const fs::path& name) {
   const std::string file = name.filename().string();
   return !file.empty() && file.front() != '.' && hasImageSuffix(name);
 }
 
-std::string lowerStem(const fs::path& name) {
-  std::string stem = name.stem().string();
-  std::transform(stem.begin(), stem.end(), stem.begin(), [](unsigned char c) {
-    return static_cast<char>(std::tolower(c));
-  });
-  return stem;
-}
-
-/// Leaves out the images that are none of the sequence; their names go to `left_out`.
-void leaveOutAccessories(const std::vector<fs::path>& others,
-                         std::vector<std::string>& names,
-                         std::vector<std::string>& left_out) {
-  const auto known = [&](const fs::path& file) {
-    std::error_code error;
-    const bool named = std::any_of(others.begin(), others.end(), [&](const fs::path& other) {
-      return other.filename() == file.filename() && fs::equivalent(other, file, error);
-    });
-    const std::string stem = lowerStem(file);
-    return named || std::find(begin(kAccessories), end(kAccessories), stem) != end(kAccessories);
-  };
-  const auto end = std::stable_partition(
-      names.begin(), names.end(), [&](const std::string& name) { return !known(name); });
-  left_out.assign(end, names.end());
-  names.erase(end, names.end());
+/// Whether a file would be read if it lay beside the images.
+bool isBesideImages(const fs::path& name) {
+  const std::string file = name.filename().string();
+  return file == "camera.txt" || file == "times.txt" || file == "pcalib.txt";
 }
 
 bool isDigit(char c) {
@@ -76,7 +51,7 @@ std::string_view withoutLeadingZeros(std::string_view digits) {
 }
 
 /// Orders names as people count: 2.png comes before 10.png, and 1.25.png before 1.5.png.
-bool countsBefore(const std::string& left, const std::string& right) {
+bool countsBefore(std::string_view left, std::string_view right) {
   std::size_t l = 0;
   std::size_t r = 0;
   while (l < left.size() && r < right.size()) {
@@ -100,6 +75,48 @@ bool countsBefore(const std::string& left, const std::string& right) {
   return left < right;  // they differ by leading zeros
 }
 
+/// The same of files, whose suffix counts last: image.png comes before "image 2.png".
+bool comesBefore(const std::string& left, const std::string& right) {
+  const std::string_view l = std::string_view(left).substr(0, left.rfind('.'));
+  const std::string_view r = std::string_view(right).substr(0, right.rfind('.'));
+  return l == r ? left < right : countsBefore(l, r);
+}
+
+bool isNumbered(const fs::path& name) {
+  const std::string stem = name.stem().string();
+  return std::any_of(stem.begin(), stem.end(), isDigit);
+}
+
+/// Whether an image without a number begins those that have one: `image.png`, `image 2.png`.
+bool begins(const fs::path& name, const std::vector<std::string>& others) {
+  const std::string stem = name.stem().string();
+  return std::any_of(others.begin(), others.end(), [&](const fs::path& other) {
+    return isNumbered(other) && other.stem().string().compare(0, stem.size(), stem) == 0;
+  });
+}
+
+/// Takes out what is no image of the sequence: files that have another use, and images without a
+/// number among numbered ones (vignette.png, mask.png, cover.jpg). @return them
+std::vector<std::string> takeAccessories(const std::vector<fs::path>& others,
+                                         std::vector<std::string>& names) {
+  const bool numbered = std::any_of(
+      names.begin(), names.end(), [](const fs::path& name) { return isNumbered(name); });
+  const auto is_accessory = [&](const fs::path& file) {
+    std::error_code error;
+    const bool used = std::any_of(others.begin(), others.end(), [&](const fs::path& other) {
+      return other.filename() == file.filename() && fs::equivalent(other, file, error);
+    });
+    return used || (numbered && !isNumbered(file) && !begins(file, names));
+  };
+  std::vector<std::string> images;
+  std::vector<std::string> accessories;
+  for (std::string& name : names) {
+    (is_accessory(name) ? accessories : images).push_back(name);
+  }
+  names = std::move(images);
+  return accessories;
+}
+
 class ImageFiles : public ImageStore {
  public:
   explicit ImageFiles(std::vector<std::string> names) : ImageStore(std::move(names)) {}
@@ -115,20 +132,18 @@ struct CloseEntry {
 using Archive = std::unique_ptr<zip_t, CloseArchive>;
 
 struct ArchiveEntry {
-  std::string name;
   zip_uint64_t position;
   zip_uint64_t bytes;
 };
+using ArchiveEntries = std::map<std::string, ArchiveEntry>;
 
 class ZippedImages : public ImageStore {
  public:
-  ZippedImages(Archive archive, const fs::path& path, std::vector<ArchiveEntry> entries)
-      : ImageStore(namesOf(path, entries)),
-        archive_(std::move(archive)),
-        entries_(std::move(entries)) {}
+  ZippedImages(Archive archive, std::vector<std::string> names, ArchiveEntries entries)
+      : ImageStore(std::move(names)), archive_(std::move(archive)), entries_(std::move(entries)) {}
 
   [[nodiscard]] std::vector<std::uint8_t> read(int index) override {
-    const ArchiveEntry& entry = entries_[static_cast<std::size_t>(index)];
+    const ArchiveEntry& entry = entries_.at(name(index));
     if (entry.bytes > kMaxImageBytes) {
       throw IoError(
           fmt::format("{}: {} MiB are too many for an image", name(index), entry.bytes >> 20U));
@@ -163,23 +178,18 @@ class ZippedImages : public ImageStore {
                               size.width,
                               size.height));
   }
-  static std::vector<std::string> namesOf(const fs::path& path,
-                                          const std::vector<ArchiveEntry>& entries) {
-    std::vector<std::string> names;
-    names.reserve(entries.size());
-    for (const ArchiveEntry& entry : entries) names.push_back((path / entry.name).string());
-    return names;
-  }
 
   Archive archive_;
-  std::vector<ArchiveEntry> entries_;
+  ArchiveEntries entries_;
 };
 
 std::unique_ptr<ImageStore> openArchive(const fs::path& path) {
   int code = 0;
   Archive archive(zip_open(path.c_str(), ZIP_RDONLY, &code));
   if (!archive) throw IoError(fmt::format("{}: no readable zip archive", path.string()));
-  std::vector<ArchiveEntry> entries;
+  ArchiveEntries entries;
+  std::vector<std::string> names;
+  std::vector<std::string> unread;
   const zip_int64_t count = zip_get_num_entries(archive.get(), 0);
   for (zip_int64_t i = 0; i < count; ++i) {
     zip_stat_t entry;
@@ -187,12 +197,20 @@ std::unique_ptr<ImageStore> openArchive(const fs::path& path) {
     if (zip_stat_index(archive.get(), position, 0, &entry) != 0) {
       throw IoError(fmt::format("{}: entry {} cannot be read", path.string(), i));
     }
-    if (isImage(entry.name)) entries.push_back({entry.name, position, entry.size});
+    const std::string name = (path / entry.name).string();
+    if (isImage(name)) {
+      if (entries.emplace(name, ArchiveEntry{position, entry.size}).second) names.push_back(name);
+    } else if (isBesideImages(name)) {
+      unread.push_back(name);
+    }
   }
-  std::sort(entries.begin(), entries.end(), [](const ArchiveEntry& l, const ArchiveEntry& r) {
-    return countsBefore(l.name, r.name);
-  });
-  return std::make_unique<ZippedImages>(std::move(archive), path, std::move(entries));
+  std::vector<std::string> left_out = takeAccessories({}, names);
+  left_out.insert(left_out.end(), unread.begin(), unread.end());
+  std::sort(names.begin(), names.end(), comesBefore);
+  auto images =
+      std::make_unique<ZippedImages>(std::move(archive), std::move(names), std::move(entries));
+  images->setLeftOut(std::move(left_out));
+  return images;
 }
 
 fs::directory_iterator contents(const fs::path& folder) {
@@ -207,12 +225,11 @@ fs::directory_iterator contents(const fs::path& folder) {
 std::unique_ptr<ImageStore> openFolder(const fs::path& folder,
                                        const std::vector<fs::path>& others) {
   std::vector<std::string> names;
-  std::vector<std::string> left_out;
   for (const fs::directory_entry& entry : contents(folder)) {
     if (isImage(entry.path()) && entry.is_regular_file()) names.push_back(entry.path().string());
   }
-  leaveOutAccessories(others, names, left_out);
-  std::sort(names.begin(), names.end(), countsBefore);
+  std::vector<std::string> left_out = takeAccessories(others, names);
+  std::sort(names.begin(), names.end(), comesBefore);
   auto images = std::make_unique<ImageFiles>(std::move(names));
   images->setLeftOut(std::move(left_out));
   return images;

@@ -22,7 +22,8 @@ class ImageStore : public ImageSource {
   }
   [[nodiscard]] std::optional<SourceImage> image(int index) final;
   void expect(cv::Size size) final { expected_ = size; }
-  /// Files with the suffix of an image that are none of the sequence.
+  /// Files that look as if they were read and are not: images that are none of the sequence, and in
+  /// an archive what is read beside it.
   [[nodiscard]] const std::vector<std::string>& leftOut() const { return left_out_; }
   void setLeftOut(std::vector<std::string> names) { left_out_ = std::move(names); }
   /// @throws IoError where the file cannot be read
@@ -41,8 +42,8 @@ class ImageStore : public ImageSource {
 std::unique_ptr<ImageStore> openImageList(const std::vector<std::filesystem::path>& files);
 
 /// Images of a folder or of a .zip archive in the order of their names, numbers in them by
-/// value. Hidden files, sub-folders and files without the suffix of an image are ignored; a
-/// vignette and a mask are left out.
+/// value. Hidden files, sub-folders and files without the suffix of an image are ignored; images
+/// without a number among numbered ones, as a vignette or a mask, are left out.
 /// @param others  images that may lie there, too, and are none of the sequence
 /// @throws IoError where it is missing, unreadable, or holds no image
 std::unique_ptr<ImageStore> openImageStore(const std::filesystem::path& path,

@@ -293,7 +293,9 @@ std::optional<SequenceFrame> SequenceReader::Impl::prepare(int index) {
   try {
     image = readSized(index);
   } catch (const IoError& error) {
-    if (!skip_unreadable_) throw;
+    if (isStream()) throw;
+    if (!skip_unreadable_)
+      throw IoError(fmt::format("{}; --skip-unreadable passes over such images", error.what()));
     result.image_file = dataset_.images->name(index);
     result.warnings.push_back(fmt::format("{}; passed over", error.what()));
     return result;
