@@ -1,23 +1,29 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "dsorb/error.h"
 #include "dsorb/init/registry.h"
+#include "dsorb/io/sequence_reader.h"
 #include "dsorb/place/place.h"
 
 #include "app/command_line.h"
 #include "app/dataset_run.h"
-#include "app/image_server.h"
 #include "app/interrupt.h"
-#include "app/standard_streams.h"
+#include "io/input/dataset.h"
 #include "platform/process.h"
 
+#include <fmt/format.h>
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
+#include <cerrno>
+#include <cstdint>
+#include <cstdio>
 #include <exception>
 #include <iostream>
 #include <memory>
 #include <new>
 #include <string>
+#include <system_error>
 
 #ifdef __GLIBC__
 #include <malloc.h>
@@ -41,6 +47,54 @@ void keepFreedMemory() {
   mallopt(M_TRIM_THRESHOLD, 1 << 30);
   // NOLINTEND(concurrency-mt-unsafe)
 #endif
+}
+
+/// Prints a text that the user asked for.
+/// @throws std::system_error where not all of it arrives
+void printText(const std::string& text) {
+  if (std::fputs(text.c_str(), stdout) < 0 || std::fflush(stdout) != 0) {
+    throw std::system_error(errno, std::generic_category(), "standard output");
+  }
+}
+
+/// A row as PNM wants it: red before blue, of two bytes the higher one first.
+std::string rowOf(const cv::Mat& image, int row) {
+  const std::size_t bytes = static_cast<std::size_t>(image.cols) * image.elemSize();
+  std::string text(reinterpret_cast<const char*>(image.ptr(row)), bytes);
+  if (image.channels() == 3) {
+    for (std::size_t i = 0; i + 2 < bytes; i += 3) std::swap(text[i], text[i + 2]);
+  }
+  if (image.depth() == CV_16U) {
+    for (std::size_t i = 0; i + 1 < bytes; i += 2) std::swap(text[i], text[i + 1]);
+  }
+  return text;
+}
+
+void write(const SourceImage& image, std::ostream& stream) {
+  const cv::Mat& pixels = image.pixels;
+  stream << fmt::format("P{}\n# turn {}\n{} {}\n{}\n",
+                        pixels.channels() == 3 ? 6 : 5,
+                        image.turn,
+                        pixels.cols,
+                        pixels.rows,
+                        pixels.depth() == CV_16U ? 65535 : 255);
+  for (int row = 0; row < pixels.rows; ++row) stream << rowOf(pixels, row);
+  stream.flush();
+}
+
+/// Answers every position among the words with the image there as the run would read it, upright
+/// and before it is rectified: a PPM, or a PGM of grey ones, that notes in a comment how far it was
+/// turned. Positions of a video ascend. The answers end where there is no such image.
+/// @throws IoError on a data set or an image that cannot be read
+void serveImages(const SequenceOptions& options, std::istream& positions, std::ostream& images) {
+  const Dataset dataset = openDataset(findDataset(options.path, options.format));
+  const bool video = dataset.rate > 0;
+  for (int position = 0; images && positions >> position;) {
+    if (position < 0 || (!video && position >= dataset.images->size())) return;
+    const auto image = dataset.images->image(position);
+    if (!image) return;
+    write(*image, images);
+  }
 }
 
 void printSummary(const app::CommandLine& request, const app::RunResult& result) {
@@ -74,12 +128,12 @@ void printSummary(const app::CommandLine& request, const app::RunResult& result)
 int run(int argc, const char* const* argv, app::Interrupt& interrupt) {
   const app::CommandLine request = app::parseCommandLine(argc, argv);
   if (!request.text.empty()) {
-    app::printText(request.text);
+    printText(request.text);
     return app::kTracked;
   }
   if (request.print_config) {
     const double sigma = request.sequence.horizontal_view > 0 ? kStatedFocalSigma : 0;
-    app::printText(toYaml(app::configFor(request, request.sequence.brightness, sigma)));
+    printText(toYaml(app::configFor(request, request.sequence.brightness, sigma)));
     return app::kTracked;
   }
   for (const std::string& warning : request.warnings) {
@@ -98,7 +152,7 @@ int run(int argc, const char* const* argv, app::Interrupt& interrupt) {
   }
   platform::ignoreWriteSignals();
   if (request.serve_images) {
-    app::serveImages(request.sequence, std::cin, std::cout);
+    serveImages(request.sequence, std::cin, std::cout);
     return app::kTracked;
   }
   const app::RunResult result = app::runDataset(request, interrupt);

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "dsorb/camera/rectifier.h"
 
-#include "camera/calibration_check.h"
 #include "camera/image_size.h"
 #include "camera/photometric_correction.h"
 #include "camera/undistorter.h"

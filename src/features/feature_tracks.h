@@ -14,6 +14,24 @@
 
 namespace dsorb {
 
+/// A local maximum of the smaller eigenvalue of the gradient tensor.
+struct DetectedCorner {
+  float strength = 0;  ///< that eigenvalue, as cv::cornerMinEigenVal() scales it
+  int x = 0;           ///< [px]
+  int y = 0;           ///< [px]
+};
+
+/// Corners of an image, strongest first. Finds what cv::goodFeaturesToTrack() finds without a least
+/// distance, but in bands of rows: in parallel inside the caller's arena, with the memory of a
+/// band.
+/// @param grey    8 bit
+/// @param valid   0 where no corner can be; empty: nowhere
+/// @param quality least strength relative to the strongest
+/// @source Shi and Tomasi, Good Features to Track, CVPR 1994
+std::vector<DetectedCorner> detectCorners(const cv::Mat& grey,
+                                          const cv::Mat& valid,
+                                          double quality);
+
 /// Least share of tracks that survive one step; with fewer, the scene was cut.
 constexpr double kMinSurvivorShare = 0.2;
 /// Share below which optical flow loses more than it keeps: the frames are far apart.

@@ -4,6 +4,7 @@
 #include "base/median.h"
 #include "estimate/warp.h"
 #include "features/ransac.h"
+#include "image/cell_grid.h"
 #include "image/image_scale.h"
 
 #include <opencv2/calib3d.hpp>
@@ -11,6 +12,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <utility>
+#include <vector>
 
 namespace dsorb {
 namespace {
@@ -22,21 +25,6 @@ constexpr int kPoseRefits = 3;            // of pose and inliers
 
 double thresholdFor(const PinholeCamera& camera) {
   return kPoseThreshold * std::max(0.5, imageScale(camera.width, camera.height));
-}
-
-/// The sample nearest to a place, -1 without one near enough.
-int nearestSample(const std::vector<DepthSample>& samples,
-                  const Eigen::Vector2f& place,
-                  float max_distance) {
-  int nearest = -1;
-  float least = max_distance * max_distance;
-  for (std::size_t i = 0; i < samples.size(); ++i) {
-    const float distance = (samples[i].pixel - place).squaredNorm();
-    if (!(samples[i].inverse_depth > 0) || !(distance < least)) continue;
-    least = distance;
-    nearest = static_cast<int>(i);
-  }
-  return nearest;
 }
 
 std::optional<SE3> sampledPose(const std::vector<PointObservation>& matches,
@@ -96,16 +84,20 @@ DescribedPoints describePoints(const DescribedFrame& frame,
   const Frame& image = *frame.frame;
   const auto max_distance =
       kMaxDistanceOfDepth * static_cast<float>(imageScale(image.width(), image.height()));
+  std::vector<Eigen::Vector2f> pixels;
+  for (const DepthSample& sample : depths) pixels.push_back(sample.pixel);
+  const PointGrid grid(std::move(pixels), CellGrid(image.width(), image.height(), max_distance));
+  const auto in_front = [&](std::size_t i) { return depths[i].inverse_depth > 0; };
   DescribedPoints points;
   points.corners.gain = frame.gain;
   for (std::size_t i = 0; i < frame.positions.size(); ++i) {
-    const int sample = nearestSample(depths, frame.positions[i], max_distance);
-    if (sample < 0) continue;
+    const auto sample = grid.nearest<1>(frame.positions[i], max_distance, in_front);
+    if (sample.count == 0) continue;
     points.corners.features.points.push_back(frame.features.points[i]);
     points.corners.features.descriptors.push_back(
         frame.features.descriptors.row(static_cast<int>(i)));
     points.corners.positions.push_back(frame.positions[i]);
-    points.inverse_depths.push_back(depths[static_cast<std::size_t>(sample)].inverse_depth);
+    points.inverse_depths.push_back(depths[sample.nearest[0].point].inverse_depth);
   }
   return points;
 }

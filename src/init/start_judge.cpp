@@ -17,7 +17,7 @@ constexpr double kChi2Median = 0.4549364231195;  // with one degree of freedom
 constexpr double kMaxDirection = 8;      // [deg]
 constexpr double kMaxDepthSpread = .02;  // below it variances do not matter
 constexpr double kMaxDepthChange = 3;
-constexpr double kMinKeptShare = .8;
+constexpr double kLeastKeptShare = .8;
 
 /// Turn of the camera's place that is farthest from the reference [deg].
 double turnOfTheFarthest(const std::vector<StartPose>& poses) {
@@ -80,7 +80,7 @@ std::optional<RefusalReason> refusalOf(const StartChange& change) {
   if (!(change.direction_deg <= kMaxDirection)) return RefusalReason::kDirection;
   const bool same_depths =
       change.depth_spread <= kMaxDepthSpread || change.depth_change <= kMaxDepthChange;
-  const bool kept = change.kept_share >= kMinKeptShare;
+  const bool kept = change.kept_share >= kLeastKeptShare;
   return same_depths && kept ? std::nullopt : std::optional(RefusalReason::kDepth);
 }
 

@@ -4,8 +4,8 @@
 #include "dsorb/error.h"
 
 #include "base/describe.h"
+#include "io/calibration/yaml_text.h"
 #include "io/presets.h"
-#include "io/yaml_assignments.h"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>

@@ -3,14 +3,25 @@
 
 #include "base/spread_frames.h"
 #include "geometry/recent_motion.h"
+#include "image/cell_grid.h"
 #include "window/point_activation.h"
-#include "window/seeding.h"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
 #include <vector>
 
 namespace dsorb::odometry {
 namespace {
+
+constexpr int kThinningRounds = 20;  // of the search for the cell size
+
+/// Relative uncertainty, by which seeds compete for a cell.
+float uncertainty(const MapPoint& point) {
+  if (!(point.variance > 0)) return std::numeric_limits<float>::max();
+  return point.variance / (point.inverse_depth * point.inverse_depth);
+}
 
 constexpr double kNearlyFull = 0.9;  // of the wanted points; beyond it no search is worth its time
 
@@ -83,43 +94,96 @@ void addPoints(window::Window& window,
   const double share = static_cast<double>(points.size()) / static_cast<double>(total);
   const int wanted = static_cast<int>(share * options.desired_points);
   std::vector<MapPoint> kept;
-  for (const std::size_t i : window::thinOnGrid(points, frame.width(), frame.height(), wanted)) {
+  for (const std::size_t i : thinOnGrid(points, frame.width(), frame.height(), wanted)) {
     kept.push_back(points[i]);
   }
-  window::seedPoints(window, position, kept, options);
+  seedPoints(window, position, kept, options);
 }
 
-/// Fills a sparse window up with pixels of the reference, searched in all posed frames behind it.
-void fillUp(window::Window& window,
-            const InitializationResult& result,
-            const OdometryOptions& options,
-            PixelSelector& selector,
-            std::size_t grain) {
-  window::Keyframe& reference = window.keyframes.front();
-  selectCandidates(reference,
-                   selector,
-                   StuckRegions(result.stuck, reference.frame->width(), reference.frame->height()),
-                   options.depth.candidates_per_keyframe);
+std::vector<SelectedPixel> selected(const window::Keyframe& keyframe,
+                                    PixelSelector& selector,
+                                    const StuckRegions& stuck,
+                                    int wanted) {
+  std::vector<SelectedPixel> pixels = selector.select(*keyframe.frame, wanted);
+  stuck.removeFrom(pixels);
+  return pixels;
+}
+
+/// The posed frames behind the reference.
+std::vector<window::TrackedFrame> othersOf(const InitializationResult& result) {
+  std::vector<window::TrackedFrame> others;
   for (std::size_t i = 1; i < result.frames.size(); ++i) {
     const PosedFrame& posed = result.frames[i];
     if (!posed.T_cam_ref) continue;
-    window::refineCandidates(window,
-                             {posed.frame, *posed.T_cam_ref, posed.affine, motionOf(result, i)},
-                             options.depth,
-                             grain);
+    others.push_back({posed.frame, *posed.T_cam_ref, posed.affine, motionOf(result, i)});
   }
-  window::activateCandidates(window, options.window, options.depth, grain);
+  return others;
 }
 
 }  // namespace
+
+std::vector<std::size_t> thinOnGrid(const std::vector<MapPoint>& points,
+                                    int width,
+                                    int height,
+                                    int wanted) {
+  const auto limit = static_cast<std::size_t>(std::max(wanted, 0));
+  std::vector<std::size_t> all(points.size());
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  const auto best_of_cells = [&](double cell) {
+    return bestOfCells(
+        CellGrid(width, height, cell),
+        all,
+        [&](std::size_t i) { return points[i].pixel; },
+        [&](std::size_t a, std::size_t b) {
+          return uncertainty(points[a]) < uncertainty(points[b]);
+        });
+  };
+  double fine = 1;  // [px] cell sides; the coarser one is known to give few enough points
+  double coarse = std::max(width, height);
+  std::vector<std::size_t> kept = best_of_cells(fine);
+  if (kept.size() <= limit) return kept;
+  std::vector<std::size_t> result;
+  for (int i = 0; i < kThinningRounds; ++i) {
+    const double middle = std::sqrt(fine * coarse);
+    kept = best_of_cells(middle);
+    if (kept.size() > limit) {
+      fine = middle;
+    } else {
+      coarse = middle;
+      result = kept;
+    }
+  }
+  return result;
+}
+
+float seedInformation(const MapPoint& point, const PriorOptions& options) {
+  const auto limit = static_cast<float>(options.max_depth);
+  if (!(point.variance > 0)) return 0;
+  return std::min(static_cast<float>(options.depth_gain) / point.variance, limit);
+}
+
+int seedPoints(window::Window& window,
+               std::size_t host,
+               const std::vector<MapPoint>& points,
+               const WindowOptions& options) {
+  window::Keyframe& keyframe = window.keyframes[host];
+  int added = 0;
+  for (const MapPoint& seed : points) {
+    window::WindowPoint* point = window::addPoint(
+        window, keyframe, seed.pixel, seed.inverse_depth, seedInformation(seed, options.prior));
+    if (point == nullptr) continue;
+    ++added;
+    window::addObservations(
+        window, host, [](std::size_t) { return true; }, *point);
+  }
+  return added;
+}
 
 void selectCandidates(window::Keyframe& keyframe,
                       PixelSelector& selector,
                       const StuckRegions& stuck,
                       int wanted) {
-  std::vector<SelectedPixel> selected = selector.select(*keyframe.frame, wanted);
-  stuck.removeFrom(selected);
-  window::addCandidates(keyframe, selected);
+  window::addCandidates(keyframe, selected(keyframe, selector, stuck, wanted));
 }
 
 window::Window seedWindow(const InitializationResult& result,
@@ -140,17 +204,21 @@ window::Window seedWindow(const InitializationResult& result,
     points.push_back(pointsOf(result, i));
     total += points.back().size();
   }
-  if (result.readout) {
-    const double change = result.readout->seconds - window.calibratedReadout().seconds;
-    window.camera_state[window::kReadout] = change / window::kReadoutScale;
-    window.readout_sigma = result.readout->sigma;
-  }
+  window::setReadout(window, result.readout);
   for (std::size_t k = 0; k < points.size(); ++k) {
     if (!points[k].empty()) addPoints(window, k, points[k], total, options.window);
   }
   if (!options.initializer.skip.has(Mechanism::kFillUp) &&
       static_cast<double>(total) < kNearlyFull * options.window.desired_points) {
-    fillUp(window, result, options, selector, grain);
+    const window::Keyframe& reference = window.keyframes.front();
+    const StuckRegions stuck(result.stuck, reference.frame->width(), reference.frame->height());
+    const int wanted = options.depth.candidates_per_keyframe;
+    window::fillUp(window,
+                   selected(reference, selector, stuck, wanted),
+                   othersOf(result),
+                   options.window,
+                   options.depth,
+                   grain);
   }
   return window;
 }

@@ -27,13 +27,6 @@ class Descriptor {
   int descriptor_;
 };
 
-enum class Opening {
-  kExisting,  ///< reading and writing
-  kEmpty,     ///< made, or made empty
-};
-
-/// @return none where it cannot be opened
-[[nodiscard]] Descriptor openFile(const std::filesystem::path& path, Opening opening);
 /// A file that ends with the program, however that ends, and that nobody else sees.
 [[nodiscard]] Descriptor openNameless(const std::filesystem::path& folder);
 
@@ -44,18 +37,6 @@ enum class Opening {
                           std::uintmax_t position,
                           void* bytes,
                           std::size_t size);
-/// @return whether the file has that size now
-[[nodiscard]] bool resize(const Descriptor& file, std::uintmax_t size);
-
-enum class Exchange {
-  kDone,
-  kReplaced,  ///< the second has the first's content now, and the first is gone
-  kFailed,
-};
-/// Two files of one folder take each other's names at once, where the system can do that.
-[[nodiscard]] Exchange exchangeNames(const std::filesystem::path& first,
-                                     const std::filesystem::path& second);
-
 /// @return false: somebody else holds it. Systems and file systems without locks on folders say
 ///         true.
 [[nodiscard]] bool lockFolder(const std::filesystem::path& folder, Descriptor& lock);

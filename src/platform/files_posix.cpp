@@ -20,18 +20,6 @@ namespace {
 constexpr std::size_t kBlockBytes = 1 << 16;
 constexpr int kPipePatience = 2000;  // for the first byte of a pipe [ms]
 
-/// @return whether names were exchanged; errno is ENOSYS where nothing can do that
-bool swapNames(const char* first, const char* second) {
-#if defined(__APPLE__)
-  return renamex_np(first, second, RENAME_SWAP) == 0;
-#elif defined(RENAME_EXCHANGE)
-  return renameat2(AT_FDCWD, first, AT_FDCWD, second, RENAME_EXCHANGE) == 0;
-#else
-  errno = first == second ? EINVAL : ENOSYS;
-  return false;
-#endif
-}
-
 }  // namespace
 
 Descriptor::~Descriptor() {
@@ -44,11 +32,6 @@ Descriptor::Descriptor(Descriptor&& other) noexcept
 Descriptor& Descriptor::operator=(Descriptor&& other) noexcept {
   std::swap(descriptor_, other.descriptor_);
   return *this;
-}
-
-Descriptor openFile(const std::filesystem::path& path, Opening opening) {
-  const int how = opening == Opening::kEmpty ? O_CREAT | O_TRUNC : 0;
-  return Descriptor(open(path.c_str(), O_RDWR | O_CLOEXEC | how, 0666));
 }
 
 Descriptor openNameless(const std::filesystem::path& folder) {
@@ -80,16 +63,6 @@ bool readAt(const Descriptor& file, std::uintmax_t position, void* bytes, std::s
     size -= static_cast<std::size_t>(done);
   }
   return true;
-}
-
-bool resize(const Descriptor& file, std::uintmax_t size) {
-  return ftruncate(file.get(), static_cast<off_t>(size)) == 0;
-}
-
-Exchange exchangeNames(const std::filesystem::path& first, const std::filesystem::path& second) {
-  if (swapNames(first.c_str(), second.c_str())) return Exchange::kDone;
-  if (errno != EINVAL && errno != ENOSYS && errno != ENOTSUP) return Exchange::kFailed;
-  return std::rename(first.c_str(), second.c_str()) == 0 ? Exchange::kReplaced : Exchange::kFailed;
 }
 
 bool lockFolder(const std::filesystem::path& folder, Descriptor& lock) {

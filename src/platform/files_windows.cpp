@@ -8,7 +8,6 @@
 
 #include <cerrno>
 #include <cstdio>
-#include <system_error>
 #include <utility>
 
 namespace dsorb::platform {
@@ -36,12 +35,6 @@ Descriptor::Descriptor(Descriptor&& other) noexcept
 Descriptor& Descriptor::operator=(Descriptor&& other) noexcept {
   std::swap(descriptor_, other.descriptor_);
   return *this;
-}
-
-Descriptor openFile(const std::filesystem::path& path, Opening opening) {
-  const int how = opening == Opening::kEmpty ? _O_CREAT | _O_TRUNC : 0;
-  return Descriptor(
-      _wopen(path.c_str(), _O_RDWR | _O_BINARY | _O_NOINHERIT | how, _S_IREAD | _S_IWRITE));
 }
 
 Descriptor openNameless(const std::filesystem::path& folder) {
@@ -74,20 +67,6 @@ bool readAt(const Descriptor& file, std::uintmax_t position, void* bytes, std::s
     size -= static_cast<std::size_t>(done);
   }
   return true;
-}
-
-bool resize(const Descriptor& file, std::uintmax_t size) {
-  errno = _chsize_s(file.get(), static_cast<long long>(size));
-  return errno == 0;
-}
-
-/// Both files may be open here, which no rename of this system takes: the content is copied.
-Exchange exchangeNames(const std::filesystem::path& first, const std::filesystem::path& second) {
-  std::error_code error;
-  std::filesystem::copy_file(
-      first, second, std::filesystem::copy_options::overwrite_existing, error);
-  errno = error.value();
-  return error ? Exchange::kFailed : Exchange::kReplaced;
 }
 
 bool lockFolder(const std::filesystem::path& /*folder*/, Descriptor& /*lock*/) {

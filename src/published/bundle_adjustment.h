@@ -3,7 +3,7 @@
 
 #include "dsorb/camera/pinhole_camera.h"
 
-#include "published/map.h"
+#include "published/structure.h"
 
 #include <ceres/cost_function.h>
 #include <ceres/loss_function.h>

@@ -8,7 +8,7 @@
 #include "init/reset_log.h"
 #include "init/stage_clock.h"
 #include "published/features.h"
-#include "published/map.h"
+#include "published/structure.h"
 
 #include <memory>
 

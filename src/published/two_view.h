@@ -4,7 +4,7 @@
 #include "dsorb/camera/pinhole_camera.h"
 
 #include "features/corner_tracks.h"
-#include "published/map.h"
+#include "published/structure.h"
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "synthetic/sequence.h"
 
+#include "base/parallel.h"
+#include "base/random.h"
 #include "synthetic/places.h"
-#include "synthetic/sensor.h"
-#include "synthetic/trajectory.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <stdexcept>
 #include <string>
@@ -12,6 +14,36 @@
 
 namespace dsorb::synthetic {
 namespace {
+
+constexpr double kCameraHeight = 1.65;  // as KITTI's cameras [m]
+
+/// Start phase of a path [rad].
+double startPhase(std::uint64_t seed) {
+  return 2 * M_PI * Random(seed ^ 0x7A7AULL).uniform();
+}
+
+/// Camera axes (x right, y down, z ahead) turned by heading, then pitch, then roll [rad].
+Eigen::Quaterniond orientation(double heading, double pitch, double roll) {
+  return so3Exp({0, heading, 0}) * so3Exp({pitch, 0, 0}) * so3Exp({0, 0, roll});
+}
+
+/// Sum of two incommensurable sines, within [-1, 1]: no two seconds of a path are alike.
+double wave(double phase) {
+  return 0.7 * std::sin(phase) + 0.3 * std::sin(2.63 * phase + 1.0);
+}
+
+double streetPosition(double frame, double phase) {
+  return kStreetStep * frame + 0.5 * std::sin(0.25 * frame + phase);
+}
+
+// The inverse response of the simulated camera is a x + (1 - a) x^2 for x in [0, 1]: smooth,
+// strictly increasing and exactly invertible, about as bent as the curves of real cameras.
+constexpr double kLinearPart = 0.35;
+// Brightness left in the corners: 1 - kVignetteSquare - kVignetteFourth.
+constexpr double kVignetteSquare = 0.28;
+constexpr double kVignetteFourth = 0.12;
+constexpr std::size_t kTableSize = 4096;  // the forward response, for speed
+constexpr std::size_t kRowsPerTask = 16;
 
 constexpr double kStreetFocal = 0.58;       // focal length over width, as KITTI 00
 constexpr double kRoomFocal = 0.625;        // between EuRoC and TUM RGB-D
@@ -92,6 +124,135 @@ Scene makePlace(const SequenceOptions& options, std::uint64_t seed) {
 }
 
 }  // namespace
+
+SE3 streetPose(double frame, std::uint64_t seed) {
+  const double phase = startPhase(seed);
+  const double z = streetPosition(frame, phase);
+  const StreetAxis axis = streetAxis(z);
+  const double sway = 0.25 * std::sin(0.05 * frame + phase);
+  const double sway_heading = 0.25 * 0.05 / kStreetStep * std::cos(0.05 * frame + phase);
+  const double pitch = 0.005 * wave(0.9 * frame + phase);
+  const double roll = 0.004 * wave(0.5 * frame + 2 * phase);
+  const double bounce = 0.015 * wave(0.8 * frame + 3 * phase);
+  return {orientation(axis.heading + sway_heading, pitch, roll),
+          Eigen::Vector3d(axis.x + sway, -kCameraHeight + bounce, z)};
+}
+
+SE3 roomPose(double frame, std::uint64_t seed) {
+  const double phase = startPhase(seed);
+  const double turn = 0.024 * frame + phase;  // one loop takes about nine seconds
+  const Eigen::Vector3d position(
+      1.1 * std::sin(turn), -1.35 + 0.18 * wave(1.7 * turn), -0.9 + 0.7 * std::cos(turn));
+  const double heading = -0.18 * std::sin(turn) + 0.16 * wave(0.031 * frame + phase);
+  const double pitch = -0.16 + 0.07 * wave(0.043 * frame + 2 * phase);
+  const double roll = 0.05 * wave(0.037 * frame + 3 * phase);
+  return {orientation(heading, pitch, roll), position};
+}
+
+SE3 planePose(double frame, std::uint64_t seed) {
+  const double phase = startPhase(seed);
+  const Eigen::Vector3d position(1.5 * std::sin(0.025 * frame + phase),
+                                 0.8 * std::sin(0.031 * frame + 2 * phase),
+                                 0.6 * std::sin(0.028 * frame + 3 * phase));
+  return {orientation(0.12 * wave(0.026 * frame + phase),
+                      0.10 * wave(0.03 * frame + 2 * phase),
+                      0.15 * wave(0.02 * frame + 3 * phase)),
+          position};
+}
+
+SE3 rotationPose(double frame, std::uint64_t seed) {
+  SE3 pose = roomPose(0, seed);
+  const double turn = 0.05 * frame;
+  const Eigen::Quaterniond rotation =
+      orientation(0.45 * std::sin(turn), 0.12 * std::sin(1.7 * turn), 0.10 * std::sin(1.3 * turn));
+  return {pose.unitQuaternion() * rotation, pose.translation()};
+}
+
+SE3 movingCarPose(double frame, std::uint64_t seed) {
+  // Starts ahead and drives a little slower: it comes nearer by 6 cm per frame.
+  const double z = 13 + 0.95 * streetPosition(frame, startPhase(seed));
+  const StreetAxis axis = streetAxis(z);
+  return {so3Exp({0, axis.heading, 0}), Eigen::Vector3d(axis.x + 0.4, -0.95, z)};
+}
+
+SE3 movingVanPose(double frame, std::uint64_t seed, double ahead, double height) {
+  const double z = ahead + streetPosition(frame, startPhase(seed));
+  const StreetAxis axis = streetAxis(z);
+  const double swerve = 1.2 * std::sin(0.13 * frame);  // at most 16 cm per frame
+  return {so3Exp({0, axis.heading, 0}), Eigen::Vector3d(axis.x + swerve, -height, z)};
+}
+
+SE3 movingCratePose(double frame, std::uint64_t seed) {
+  const double phase = 0.04 * frame + startPhase(seed);
+  return {so3Exp({0, 0.5 * phase, 0}),
+          Eigen::Vector3d(1.2 * std::sin(phase), -1.1 + 0.2 * std::cos(phase), 1.2)};
+}
+
+double forwardResponse(double irradiance, bool nonlinear) {
+  const double y = std::clamp(irradiance / 255.0, 0.0, 1.0);
+  if (!nonlinear) return 255.0 * y;
+  const double curved = 1.0 - kLinearPart;
+  return 255.0 * (std::sqrt(kLinearPart * kLinearPart + 4 * curved * y) - kLinearPart) /
+         (2 * curved);
+}
+
+std::vector<double> makeInverseResponse(bool nonlinear) {
+  std::vector<double> inverse(256);
+  for (std::size_t value = 0; value < inverse.size(); ++value) {
+    const double x = static_cast<double>(value) / 255.0;
+    inverse[value] = 255.0 * (nonlinear ? kLinearPart * x + (1 - kLinearPart) * x * x : x);
+  }
+  return inverse;
+}
+
+std::vector<float> makeVignette(int width, int height, bool enabled) {
+  std::vector<float> vignette(static_cast<std::size_t>(width) * static_cast<std::size_t>(height),
+                              1.0F);
+  if (!enabled) return vignette;
+  const double middle_x = 0.5 * (width - 1);
+  const double middle_y = 0.5 * (height - 1);
+  const double corner = middle_x * middle_x + middle_y * middle_y;
+  float* pixel = vignette.data();
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      const double square =
+          ((x - middle_x) * (x - middle_x) + (y - middle_y) * (y - middle_y)) / corner;
+      *pixel++ =
+          static_cast<float>(1 - kVignetteSquare * square - kVignetteFourth * square * square);
+    }
+  }
+  return vignette;
+}
+
+std::vector<std::uint8_t> expose(const std::vector<float>& irradiance,
+                                 const std::vector<float>& vignette,
+                                 int width,
+                                 const Exposure& exposure) {
+  std::array<float, kTableSize + 2> response{};
+  const float per_grey = static_cast<float>(kTableSize) / 255.0F;
+  for (std::size_t i = 0; i < response.size(); ++i) {
+    response[i] = static_cast<float>(forwardResponse(
+        static_cast<double>(i) / static_cast<double>(per_grey), exposure.nonlinear));
+  }
+  const auto columns = static_cast<std::size_t>(width);
+  const auto gain = static_cast<float>(exposure.gain);
+  std::vector<std::uint8_t> image(irradiance.size());
+  forEachRange(irradiance.size() / columns, kRowsPerTask, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t row = begin; row < end; ++row) {
+      Random random(exposure.seed + 0x9E3779B97F4A7C15ULL * (row + 1));
+      Random noise(random.next());
+      for (std::size_t i = row * columns; i < (row + 1) * columns; ++i) {
+        const float light = std::clamp(gain * irradiance[i] * vignette[i], 0.0F, 255.0F) * per_grey;
+        const auto cell = static_cast<std::size_t>(light);
+        const float part = light - static_cast<float>(cell);
+        double value = response[cell] + part * (response[cell + 1] - response[cell]);
+        if (exposure.noise_sigma > 0) value += exposure.noise_sigma * noise.gaussian();
+        image[i] = static_cast<std::uint8_t>(std::clamp(value + 0.5, 0.0, 255.0));
+      }
+    }
+  });
+  return image;
+}
 
 SyntheticSequence::SyntheticSequence(const SequenceOptions& options) : options_(options) {
   validate(options);

@@ -12,6 +12,52 @@
 
 namespace dsorb::synthetic {
 
+// Camera paths as smooth functions of time, in the axes of the places: x right, y down, z ahead.
+
+/// Mean way of the street drive [m per frame]; single frames lie between 1.0 and 1.3 m.
+constexpr double kStreetStep = 1.15;
+
+/// @param frame time in frames, fractions allowed @param seed start phase
+/// @return T_world_cam
+[[nodiscard]] SE3 streetPose(double frame, std::uint64_t seed);
+[[nodiscard]] SE3 roomPose(double frame, std::uint64_t seed);
+[[nodiscard]] SE3 planePose(double frame, std::uint64_t seed);
+/// Position of roomPose(0), turning.
+[[nodiscard]] SE3 rotationPose(double frame, std::uint64_t seed);
+
+/// Pose of the box that moves by itself: a car ahead on the street, a crate elsewhere.
+[[nodiscard]] SE3 movingCarPose(double frame, std::uint64_t seed);
+/// Pose of the middle of a box that stays as far ahead of the street's camera and swerves.
+/// @param ahead  middle to camera [m]
+/// @param height of the middle above the street [m]
+[[nodiscard]] SE3 movingVanPose(double frame, std::uint64_t seed, double ahead, double height);
+[[nodiscard]] SE3 movingCratePose(double frame, std::uint64_t seed);
+
+/// Pixel value of a light intensity; the curve of the simulated camera, or a straight line.
+/// @param irradiance [grey levels]; clipped to [0, 255] @return [grey levels], not rounded
+[[nodiscard]] double forwardResponse(double irradiance, bool nonlinear);
+
+/// Light intensity of the pixel values 0 to 255 [grey levels, 0 to 255], strictly increasing.
+[[nodiscard]] std::vector<double> makeInverseResponse(bool nonlinear);
+
+/// Share of the light that arrives at each pixel, 1 in the middle; all 1 without vignette.
+[[nodiscard]] std::vector<float> makeVignette(int width, int height, bool enabled);
+
+/// Settings of one exposure.
+struct Exposure {
+  double gain = 1;         ///< exposure time over the nominal one
+  bool nonlinear = false;  ///< response
+  double noise_sigma = 0;  ///< [grey levels]
+  std::uint64_t seed = 0;  ///< of the noise
+};
+
+/// Turns light into pixel values: vignette, exposure, response, noise, rounding.
+/// @param irradiance [grey levels] row-major @param vignette of the same size
+[[nodiscard]] std::vector<std::uint8_t> expose(const std::vector<float>& irradiance,
+                                               const std::vector<float>& vignette,
+                                               int width,
+                                               const Exposure& exposure);
+
 enum class SequenceKind {
   kStreet,    ///< forward drive between facades and parked cars, 10 Hz, about 1.15 m per frame
   kRoom,      ///< hand-held or flying camera in a furnished room, 30 Hz, 1.5 to 3 cm per frame

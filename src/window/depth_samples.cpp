@@ -93,7 +93,7 @@ std::vector<DepthSample> depthSamples(const Window& window, const WindowOptions&
   std::vector<DepthSample> samples;
   const std::size_t newest = window.keyframes.size() - 1;
   const auto pose = [&](const Keyframe& keyframe) {
-    return options.current_reference ? keyframe.T_cam_world() : keyframe.T_cam_world_first;
+    return options.published ? keyframe.T_cam_world_first : keyframe.T_cam_world();
   };
   for (std::size_t host = 0; host < newest; ++host) {
     const Keyframe& keyframe = window.keyframes[host];

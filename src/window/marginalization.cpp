@@ -65,8 +65,7 @@ void absorb(Window& window, const std::vector<PointRef>& points, const WindowOpt
   linearize.frozen = true;
   linearize.camera = estimatedCamera(window, options);
   linearize.depth_prior_factor = options.prior.depth_at_marginalization;
-  linearize.depth_prior_pulls =
-      options.prior.depth_pulls_to_value && options.prior.depth_at_marginalization == 1;
+  linearize.depth_prior_pulls = !options.published && options.prior.depth_at_marginalization == 1;
   NormalEquationsBuilder builder;
   WindowEquations equations;
   builder.build(window, PairTable(window), points, linearize, equations);
@@ -160,7 +159,7 @@ Keyframe marginalizeKeyframe(Window& window, std::size_t position, const WindowO
   }
   MarginalPrior prior = keyframeLast(window, position);
   // The keyframe's own prior pulls its state to zero; the energy is expanded at the first estimate.
-  const Vector8d& expansion = options.prior.consistent_gradient ? keyframe.first : keyframe.state;
+  const Vector8d& expansion = options.published ? keyframe.state : keyframe.first;
   const int size = window.frameDimension();
   prior.H.diagonal().tail(size).head<kFrameDim>() += keyframe.prior;
   prior.b.tail(size).head<kFrameDim>() += keyframe.prior.cwiseProduct(expansion);

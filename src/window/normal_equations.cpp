@@ -11,6 +11,46 @@ namespace dsorb::window {
 namespace {
 
 using Eigen::Index;
+using Rows = Eigen::Matrix<float, kPoseRows, kRowLanes, Eigen::RowMajor>;
+using Square = Eigen::Matrix<float, kPoseRows, kPoseLanes, Eigen::RowMajor>;
+using Matrix6 = Eigen::Matrix<double, kPoseRows, kPoseRows>;
+
+template <typename Block>
+void addBoth(const Block& block, Index row, Index column, Eigen::MatrixXd& H) {
+  H.block(row, column, block.rows(), block.cols()) += block;
+  H.block(column, row, block.cols(), block.rows()) += block.transpose();
+}
+
+/// A velocity of the system: what makes its relative gradients absolute ones, its first row.
+struct VelocityState {
+  Matrix6 to;
+  Index row;
+};
+
+/// Adds the products of one velocity with all that is no velocity.
+void addRows(const Rows& sums,
+             const VelocityState& velocity,
+             const PairGeometry& pair,
+             const PairRows& rows,
+             LinearSystem<float>& out) {
+  const Eigen::Matrix<double, kPoseRows, kRowLanes> absolute = velocity.to * sums.cast<double>();
+  const auto relative = absolute.leftCols<kFrameDim>();
+  addBoth((relative * pair.to_host.transpose()).eval(), velocity.row, rows.host, out.H);
+  addBoth((relative * pair.to_target.asDiagonal()).eval(), velocity.row, rows.target, out.H);
+  addBoth(absolute.middleCols<kCameraDim>(kLaneCamera).eval(), velocity.row, 0, out.H);
+}
+
+Eigen::Matrix<double, kPoseRows, 1> column(const float (&sums)[kPoseLanes]) {
+  return Eigen::Map<const Eigen::Matrix<float, kPoseRows, 1>>(sums).cast<double>();
+}
+
+/// Rounding makes the two triangles differ; the upper one counts.
+Matrix6 symmetric(const float (&sums)[kPoseRows][kPoseLanes]) {
+  const Matrix6 square = Eigen::Map<const Square>(sums[0]).leftCols<kPoseRows>().cast<double>();
+  return square.selfadjointView<Eigen::Upper>();
+}
+
+using Eigen::Index;
 
 constexpr std::size_t kChunk = 128;  // points of one part of the work
 constexpr float kMinDepthCurvature = 1e-10F;
@@ -224,6 +264,78 @@ void linearizeChunk(const ChunkContext& context, Chunk& chunk) {
 }
 
 }  // namespace
+
+using Eigen::Index;
+
+void PairBlocks::add(const PairSums& sums) {
+  using Row = Eigen::Matrix<double, 1, kRowLanes>;
+  const auto row_of = [&sums](Index i) -> Row {
+    return Eigen::Map<const Eigen::Matrix<float, 1, kRowLanes>>(sums.rows[i]).cast<double>();
+  };
+  const auto single = [](float value) { return static_cast<double>(value); };
+  for (Index i = 0; i < kPoseRows; ++i) {
+    const Row row = row_of(i);
+    H.row(i) += row.head<kFrameDim>();
+    b[i] += single(sums.residual[i]);
+    H_camera.row(i) += row.segment<kCameraDim>(kLaneCamera);
+  }
+  for (Index i = 0; i < kCameraDim; ++i) {
+    const Row row = row_of(kPoseRows + i);
+    H_camera(6, i) += row[kLaneA];
+    H_camera(7, i) += row[kLaneB];
+    b_camera[i] += row[kLaneResidual];
+    camera.row(i) += row.segment<kCameraDim>(kLaneCamera);
+  }
+  H(6, 6) += single(sums.brightness[0]);
+  H(6, 7) += single(sums.brightness[1]);
+  H(7, 7) += single(sums.brightness[2]);
+  b[6] += single(sums.brightness[3]);
+  b[7] += single(sums.brightness[4]);
+}
+
+void addPair(const PairBlocks& blocks,
+             const PairGeometry& pair,
+             const PairRows& rows,
+             LinearSystem<float>& out) {
+  const auto [host, target] = rows;
+  const Matrix8d host_H = pair.to_host * blocks.H;
+  const auto to_target = pair.to_target.asDiagonal();
+  const Matrix8d host_block = host_H * pair.to_host.transpose();
+  out.H.block<8, 8>(host, host) += 0.5 * (host_block + host_block.transpose());
+  out.H.block<8, 8>(target, target) += to_target * blocks.H * to_target;
+  const Matrix8d cross = host_H * to_target;
+  out.H.block<8, 8>(host, target) += cross;
+  out.H.block<8, 8>(target, host) += cross.transpose();
+  out.b.segment<8>(host) += pair.to_host * blocks.b;
+  out.b.segment<8>(target) += to_target * blocks.b;
+  const Eigen::Matrix<double, kFrameDim, kCameraDim> host_camera = pair.to_host * blocks.H_camera;
+  const Eigen::Matrix<double, kFrameDim, kCameraDim> target_camera = to_target * blocks.H_camera;
+  out.H.block<kFrameDim, kCameraDim>(host, 0) += host_camera;
+  out.H.block<kFrameDim, kCameraDim>(target, 0) += target_camera;
+  out.H.block<kCameraDim, kFrameDim>(0, host) += host_camera.transpose();
+  out.H.block<kCameraDim, kFrameDim>(0, target) += target_camera.transpose();
+  out.H.topLeftCorner<kCameraDim, kCameraDim>() += blocks.camera;
+  out.b.head<kCameraDim>() += blocks.b_camera;
+}
+
+void addVelocities(const VelocitySums& sums,
+                   const PairGeometry& pair,
+                   const PairRows& rows,
+                   LinearSystem<float>& out) {
+  const Matrix6 host = pair.to_host.topLeftCorner<kPoseRows, kPoseRows>();
+  const Matrix6 target = pair.to_target.head<kPoseRows>().asDiagonal();
+  const Index of_host = rows.host + kFrameDim;
+  const Index of_target = rows.target + kFrameDim;
+  addRows(Eigen::Map<const Rows>(sums.by_host[0]), {host, of_host}, pair, rows, out);
+  addRows(Eigen::Map<const Rows>(sums.by_target[0]), {target, of_target}, pair, rows, out);
+  out.b.segment<kPoseRows>(of_host) += host * column(sums.host_residual);
+  out.b.segment<kPoseRows>(of_target) += target * column(sums.target_residual);
+  const Matrix6 hosts = host * symmetric(sums.host_host) * host.transpose();
+  out.H.block<kPoseRows, kPoseRows>(of_host, of_host) += 0.5 * (hosts + hosts.transpose());
+  out.H.block<kPoseRows, kPoseRows>(of_target, of_target) +=
+      target * symmetric(sums.target_target) * target;
+  addBoth((host * symmetric(sums.target_host) * target).eval(), of_host, of_target, out.H);
+}
 
 std::vector<PointRef> allPoints(const Window& window) {
   std::vector<PointRef> refs;

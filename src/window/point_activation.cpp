@@ -3,7 +3,6 @@
 
 #include "base/parallel.h"
 #include "depth/candidate_activation.h"
-#include "depth/epipolar_search.h"
 #include "window/pair_geometry.h"
 
 #include <cmath>
@@ -185,6 +184,17 @@ void activateCandidates(Window& window,
   for (std::size_t k = 0; k + 1 < window.keyframes.size(); ++k) {
     window.keyframes[k].candidates = std::move(waiting[k]);
   }
+}
+
+void fillUp(Window& window,
+            const std::vector<SelectedPixel>& pixels,
+            const std::vector<TrackedFrame>& frames,
+            const WindowOptions& window_options,
+            const DepthOptions& options,
+            std::size_t grain) {
+  addCandidates(window.keyframes.front(), pixels);
+  for (const TrackedFrame& frame : frames) refineCandidates(window, frame, options, grain);
+  activateCandidates(window, window_options, options, grain);
 }
 
 }  // namespace dsorb::window

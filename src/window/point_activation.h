@@ -10,6 +10,7 @@
 #include "window/window.h"
 
 #include <cstddef>
+#include <vector>
 
 namespace dsorb::window {
 
@@ -36,5 +37,14 @@ void activateCandidates(Window& window,
                         const WindowOptions& window_options,
                         const DepthOptions& options,
                         std::size_t grain);
+
+/// Searches pixels of the first keyframe in other frames and turns what is found into points.
+/// @param grain  candidates in a parallel task; 0 runs serially
+void fillUp(Window& window,
+            const std::vector<SelectedPixel>& pixels,
+            const std::vector<TrackedFrame>& frames,
+            const WindowOptions& window_options,
+            const DepthOptions& options,
+            std::size_t grain);
 
 }  // namespace dsorb::window

@@ -146,7 +146,7 @@ Keyframe& addKeyframe(Window& window,
   added.state[7] = affine.b / frameScale()[7];
   added.first = added.state;
   added.prior = priorOf(added.id.value == 0, window.brightness);
-  const bool inherits = options.optimizer.fixed_thresholds && added.id.value > 1;
+  const bool inherits = !options.published && added.id.value > 1;
   added.energy_threshold = inherits ? window.keyframes.back().energy_threshold : kInitialThreshold;
   for (Keyframe& keyframe : window.keyframes) {
     for (WindowPoint& point : keyframe.points) {
@@ -158,6 +158,13 @@ Keyframe& addKeyframe(Window& window,
   window.keyframes.push_back(std::move(added));
   enlarge(window.prior, window.dimension());
   return window.keyframes.back();
+}
+
+void setReadout(Window& window, const std::optional<Readout>& readout) {
+  if (!readout) return;
+  const double change = readout->seconds - window.calibratedReadout().seconds;
+  window.camera_state[kReadout] = change / kReadoutScale;
+  window.readout_sigma = readout->sigma;
 }
 
 void placePoints(Window& window) {

@@ -231,6 +231,9 @@ Keyframe& addKeyframe(Window& window,
                       const AffineBrightness& affine,
                       const WindowOptions& options);
 
+/// Sets the readout and how sure it is, where one was estimated.
+void setReadout(Window& window, const std::optional<Readout>& readout);
+
 /// Moves points to where a pinhole camera with a global shutter would have seen them at their
 /// present inverse depths.
 void placePoints(Window& window);

@@ -110,7 +110,7 @@ void adaptThresholds(std::size_t first, Window& window) {
 
 WindowOptimizer::WindowOptimizer(const WindowOptions& options, std::size_t chunks_per_task)
     : options_(options) {
-  linearize_.depth_prior_pulls = options.prior.depth_pulls_to_value;
+  linearize_.depth_prior_pulls = !options.published;
   linearize_.chunks_per_task = chunks_per_task;
 }
 
@@ -120,7 +120,7 @@ class WindowOptimizer::Adjustment {
   /// @param first_threshold position of the first keyframe whose outlier threshold is adapted
   Adjustment(WindowOptimizer& memory, Window& window, std::size_t first_threshold)
       : memory_(memory),
-        options_(memory.options_.optimizer),
+        options_(memory.options_),
         window_(window),
         first_threshold_(first_threshold),
         pairs_(window),
@@ -130,9 +130,9 @@ class WindowOptimizer::Adjustment {
     memory_.linearize_.camera = camera_;
     window_.velocities_held = window_.mayBeGlobal();
     resetResiduals(window_);
-    if (options_.fixed_thresholds) adaptThreshold();
+    if (!options_.published) adaptThreshold();
     energy_ = evaluate(memory_.current_);
-    if (!options_.fixed_thresholds) adaptThresholds(first_threshold_, window_);
+    if (options_.published) adaptThresholds(first_threshold_, window_);
     commit(window_);
     report_.first_energy = energy_;
     report_.finite = std::isfinite(energy_);
@@ -147,7 +147,8 @@ class WindowOptimizer::Adjustment {
     // energy by the variance of a residual.
     const double decrease = -step.gradient.dot(step_);
     const double variances = static_cast<double>(step_.size()) * squaredRms(memory_.current_);
-    negligible_ = options_.min_decrease > 0 && decrease < options_.min_decrease * variances;
+    negligible_ = options_.optimizer.min_decrease > 0 &&
+                  decrease < options_.optimizer.min_decrease * variances;
     memory_.elimination_.substituteBack(memory_.current_, step_, depth_step_);
     const bool finite =
         step_.allFinite() && std::all_of(depth_step_.begin(), depth_step_.end(), [](double depth) {
@@ -164,13 +165,13 @@ class WindowOptimizer::Adjustment {
     if (negligible_) return 0;
     trial_energy_ = evaluate(memory_.trial_);
     const bool keep =
-        std::isfinite(trial_energy_) && (!options_.undo_bad_steps || trial_energy_ <= energy_);
+        std::isfinite(trial_energy_) && (options_.published || trial_energy_ <= energy_);
     return keep ? std::optional(energy_ - trial_energy_) : std::nullopt;
   }
 
   bool accept(const DampedStep& /*step*/) {
     if (report_.converged) return false;
-    if (!options_.fixed_thresholds) adaptThresholds(first_threshold_, window_);
+    if (options_.published) adaptThresholds(first_threshold_, window_);
     commit(window_);
     std::swap(memory_.current_, memory_.trial_);
     energy_ = trial_energy_;
@@ -185,7 +186,7 @@ class WindowOptimizer::Adjustment {
     }
     restore();
     ++report_.undone_steps;
-    report_.finite = std::isfinite(trial_energy_) || options_.undo_bad_steps;
+    report_.finite = std::isfinite(trial_energy_) || !options_.published;
     return report_.finite && report_.undone_steps < kMaxUndone && !isSmall();
   }
 
@@ -215,7 +216,7 @@ class WindowOptimizer::Adjustment {
   [[nodiscard]] bool isSmall() const;
 
   WindowOptimizer& memory_;
-  const OptimizerOptions& options_;
+  const WindowOptions& options_;
   Window& window_;
   std::size_t first_threshold_;
   PairTable pairs_;
@@ -323,7 +324,7 @@ OptimizationReport WindowOptimizer::Adjustment::finish() {
   if (camera_.any()) window_.readout_sigma = report_.uncertainty.camera_sigmas[kReadout];
   moveFirstEstimates(window_);
   pairs_ = PairTable(window_);
-  if (options_.fixed_thresholds) {
+  if (!options_.published) {
     adaptThreshold();
   } else {
     evaluate(memory_.trial_);
@@ -344,7 +345,7 @@ OptimizationReport WindowOptimizer::run(Window& window, int max_iterations) {
   const bool steps = max_iterations > 0;
   Adjustment adjustment(*this, window, steps ? window.keyframes.size() - 1 : 0);
   FactorDamping damping = kDamping;
-  if (!options_.optimizer.undo_bad_steps) damping.down = 1;
+  if (options_.published) damping.down = 1;
   if (adjustment.finite()) minimize(adjustment, damping, max_iterations);
   return adjustment.finish();
 }

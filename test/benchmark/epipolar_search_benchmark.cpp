@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "depth/candidate_activation.h"
-#include "depth/epipolar_search.h"
 #include "support/window_scene.h"
 
 #include <benchmark/benchmark.h>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "benchmark/rendered_frames.h"
 #include "image/pixel_selector.h"
-#include "image/region_thresholds.h"
 
 namespace dsorb {
 namespace {

@@ -5,7 +5,7 @@
 #include "dsorb/io/calibration_reader.h"
 #include "dsorb/io/config.h"
 
-#include "camera/calibration_check.h"
+#include "camera/undistorter.h"
 #include "io/input/dataset.h"
 #include "io/input/image_decoder.h"
 #include "io/input/image_store.h"

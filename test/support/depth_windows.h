@@ -5,7 +5,7 @@
 #include "dsorb/options/initializer.h"
 
 #include "image/photometric.h"
-#include "init/orb/attempt.h"
+#include "init/orb/orb_initializer.h"
 #include "init/orb/reference_pool.h"
 #include "support/init_run.h"
 #include "support/real_data.h"

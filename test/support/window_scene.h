@@ -4,8 +4,8 @@
 #include "dsorb/options/window.h"
 
 #include "base/random.h"
+#include "odometry/seed_window.h"
 #include "synthetic/sequence.h"
-#include "window/seeding.h"
 #include "window/window.h"
 
 #include <algorithm>

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/input/black_bars.h"
-
 #include "dsorb/io/sequence_reader.h"
 
+#include "io/input/pixel_patterns.h"
 #include "support/image_folder.h"
 #include "support/temporary_folder.h"
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/coarse/coarse_points.h"
-
 #include "base/random.h"
+#include "init/coarse/coarse_alignment.h"
 
 #include <gmock/gmock.h>
 

@@ -4,8 +4,8 @@
 #include "dsorb/error.h"
 
 #include "base/describe.h"
+#include "io/calibration/yaml_text.h"
 #include "io/presets.h"
-#include "io/yaml_assignments.h"
 #include "support/published_variants.h"
 #include "support/reference_coarse_options.h"
 #include "support/temporary_folder.h"
@@ -117,19 +117,13 @@ TEST(Config, ReferencePresetHoldsWhatWasPublished) {
                                               "tracker.max_rmse",
                                               "depth.candidates_per_keyframe",
                                               "depth.min_improvement",
-                                              "depth.rotate_gradients",
-                                              "depth.final_out_of_bounds",
-                                              "depth.consistent_energy",
+                                              "depth.published",
                                               "window.first_keyframes",
-                                              "window.current_reference",
+                                              "window.published",
                                               "window.optimizer.min_decrease",
-                                              "window.optimizer.undo_bad_steps",
-                                              "window.optimizer.fixed_thresholds",
                                               "window.optimizer.optimize_intrinsics",
                                               "window.prior.intrinsics",
-                                              "window.prior.depth_gain",
-                                              "window.prior.depth_pulls_to_value",
-                                              "window.prior.consistent_gradient"));
+                                              "window.prior.depth_gain"));
 }
 
 TEST(Config, FastPresetWantsLess) {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "features/corner_detection.h"
-
 #include "base/random.h"
+#include "features/feature_tracks.h"
 #include "support/painted_frame.h"
 
 #include <gtest/gtest.h>

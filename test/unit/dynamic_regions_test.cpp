@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/dynamic_regions.h"
-
 #include "base/random.h"
+#include "init/orb/left_out_tracks.h"
 
 #include <gtest/gtest.h>
 

@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "two_view/edge_tracks.h"
-
+#include "init/orb/left_out_tracks.h"
 #include "support/painted_frame.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-namespace dsorb {
+namespace dsorb::init_orb {
 namespace {
 
 constexpr int kSide = 240;
@@ -52,4 +51,4 @@ TEST(EdgeTracks, StayWhereMostAreCorners) {
 }
 
 }  // namespace
-}  // namespace dsorb
+}  // namespace dsorb::init_orb

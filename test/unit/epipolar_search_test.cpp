@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "depth/epipolar_search.h"
-
 #include "base/parallel.h"
+#include "depth/candidate_activation.h"
 #include "support/window_scene.h"
 #include "synthetic/sequence.h"
 
@@ -117,13 +116,13 @@ TEST(EpipolarSearchTest, LeavingTheImageIsFinalOnlyInReferenceMode) {
   const FramePtr frame = scene.sequence.framePtr(0);
   const SE3 turned(so3Exp({0, 1.2, 0}), {0.1, 0, 0});
   DepthOptions options;
-  for (const bool final_out_of_bounds : {false, true}) {
-    options.final_out_of_bounds = final_out_of_bounds;
+  for (const bool published : {false, true}) {
+    options.published = published;
     CandidatePoint candidate = scene.candidates[scene.candidates.size() / 2];
     searchEpipolarLine(
         candidate, EpipolarPair(scene.sequence.camera(), turned, {}), frame->level(0), options);
     EXPECT_EQ(candidate.status, CandidateStatus::kOutOfBounds);
-    EXPECT_EQ(candidate.finished, final_out_of_bounds);
+    EXPECT_EQ(candidate.finished, published);
   }
 }
 

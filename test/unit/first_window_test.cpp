@@ -3,7 +3,6 @@
 
 #include "dsorb/options/initializer.h"
 
-#include "init/orb/neighbour_disagreement.h"
 #include "init/orb/start/essential_start.h"
 #include "support/depth_windows.h"
 

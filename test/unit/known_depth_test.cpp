@@ -5,8 +5,6 @@
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/map/depth_lookup.h"
-#include "init/orb/map/motion_equations.h"
-#include "init/orb/start/known_depth_start.h"
 #include "init/orb/start/known_motions.h"
 #include "support/assign_map.h"
 #include "support/matchers.h"

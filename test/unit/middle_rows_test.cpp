@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "features/middle_rows.h"
-
 #include "dsorb/camera/row_times.h"
+
+#include "init/orb/start/readout.h"
 
 #include <gtest/gtest.h>
 

@@ -5,7 +5,6 @@
 
 #include "io/output/json_text.h"
 #include "io/output/spool.h"
-#include "io/output/whole_file.h"
 #include "support/temporary_folder.h"
 #include "support/text_files.h"
 
@@ -27,71 +26,18 @@ TEST(GrowingFile, FullDiskIsAnError) {
   EXPECT_THROW(file.append("text"), IoError);
 }
 
-TEST(WholeFile, EndIsReplaced) {
+TEST(GrowingFile, EndIsReplaced) {
   const TemporaryFolder folder;
   const std::filesystem::path path = folder.path() / "file.txt";
-  {
-    io::WholeFile file(path, "[]");
-    EXPECT_EQ(readText(path), "[]");
-    file.replaceEnd(1, "one]");
-    EXPECT_EQ(readText(path), "[one]");
-    file.replaceEnd(1, "1]");
-    EXPECT_EQ(readText(path), "[1]") << "shorter than before";
-    file.replaceEnd(2, ", two]");
-    file.replaceEnd(7, ", three, four]");
-    EXPECT_EQ(readText(path), "[1, two, three, four]");
-  }
-  EXPECT_EQ(readText(path), "[1, two, three, four]");
-  EXPECT_FALSE(std::filesystem::exists(path.string() + ".part"));
-}
-
-/// Bytes that this process has written to files so far.
-std::uintmax_t bytesWritten() {
-  const std::string counters = readText("/proc/self/io");
-  const std::string key = "wchar: ";
-  return std::stoull(counters.substr(counters.find(key) + key.size()));
-}
-
-TEST(WholeFile, ChangeCostsItsOwnLength) {
-  if (!std::filesystem::exists("/proc/self/io")) GTEST_SKIP() << "nobody counts here";
-  const TemporaryFolder folder;
-  io::WholeFile file(folder.path() / "file.txt", "");
-  const std::string entry(1000, 'x');
-  std::uintmax_t size = 0;
-  for (int i = 0; i < 300; ++i) {
-    const std::uintmax_t before = bytesWritten();
-    file.replaceEnd(size, entry);
-    size += entry.size();
-    // Once into each copy.
-    ASSERT_EQ(bytesWritten() - before, (i == 0 ? 1 : 2) * entry.size()) << "change " << i;
-  }
-  EXPECT_EQ(std::filesystem::file_size(folder.path() / "file.txt"), size);
-}
-
-TEST(WholeFile, IsWholeWhenItsWriterIsKilled) {
-  const TemporaryFolder folder;
-  const std::filesystem::path path = folder.path() / "file.json";
-  std::mt19937 random(20);  // NOLINT(cert-msc51-cpp): the same moments in every run
-  int largest = 0;
-  for (int trial = 0; trial < 20; ++trial) {
-    io::replaceFile(path, "[]");
-    const pid_t writer = fork();
-    ASSERT_GE(writer, 0);
-    if (writer == 0) {
-      const std::string entry = "\"" + std::string(100000, 'x') + "\"";
-      io::WholeFile file(path, "[]");
-      for (std::uintmax_t keep = 1;; keep += entry.size() + (keep > 1 ? 1 : 0)) {
-        file.replaceEnd(keep, (keep > 1 ? "," : "") + entry + "]");
-      }
-    }
-    usleep(std::uniform_int_distribution<useconds_t>(100, 10000)(random));
-    kill(writer, SIGKILL);
-    waitpid(writer, nullptr, 0);
-    const io::Json json = io::Json::parse(readText(path), nullptr, false);
-    ASSERT_TRUE(json.is_array()) << "killed in trial " << trial;
-    largest = std::max(largest, static_cast<int>(json.size()));
-  }
-  EXPECT_GT(largest, 3) << "otherwise it was never killed at work";
+  io::GrowingFile file(path);
+  file.append("[]");
+  file.replaceEnd(1, "one]");
+  EXPECT_EQ(readText(path), "[one]");
+  file.replaceEnd(1, "1]");
+  EXPECT_EQ(readText(path), "[1]") << "shorter than before";
+  file.replaceEnd(2, ", two]");
+  file.append("\n");
+  EXPECT_EQ(readText(path), "[1, two]\n");
 }
 
 TEST(Spool, HoldsWhatWasPushedAndNotPopped) {

@@ -13,7 +13,7 @@
 #include "place/recognition.h"
 #include "support/temporary_folder.h"
 #include "synthetic/places.h"
-#include "synthetic/trajectory.h"
+#include "synthetic/sequence.h"
 
 #include <gtest/gtest.h>
 

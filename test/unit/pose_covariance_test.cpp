@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/bundle/pose_covariance.h"
-
 #include "base/median.h"
 #include "base/random.h"
+#include "init/orb/bundle/corner_refinement.h"
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/bundle/reprojection_equations.h"
 #include "support/assign_map.h"

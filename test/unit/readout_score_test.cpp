@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/start/readout_score.h"
-
 #include "init/orb/bundle/frame_motions.h"
 #include "init/orb/bundle/geometric_covariance.h"
 #include "init/orb/bundle/robust_adjustment.h"
+#include "init/orb/start/readout.h"
 #include "support/synthetic_map.h"
 
 #include <gtest/gtest.h>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/coarse/start_hypotheses.h"
-
 #include "init/coarse/coarse_handover.h"
+#include "init/coarse/coarse_initializer.h"
 #include "support/matchers.h"
 #include "support/two_room_views.h"
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "two_view/stuck_tracks.h"
-
 #include "image/stuck_regions.h"
+#include "init/orb/left_out_tracks.h"
 #include "support/two_view_scene.h"
 
 #include <gtest/gtest.h>

@@ -3,7 +3,6 @@
 #include "synthetic/places.h"
 #include "synthetic/scene.h"
 #include "synthetic/sequence.h"
-#include "synthetic/trajectory.h"
 
 #include <gtest/gtest.h>
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "base/parallel.h"
-#include "synthetic/sensor.h"
 #include "synthetic/sequence.h"
 
 #include <gtest/gtest.h>

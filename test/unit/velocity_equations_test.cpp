@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "window/velocity_equations.h"
+#include "window/normal_equations.h"
 
 #include <gtest/gtest.h>
 

@@ -30,12 +30,8 @@ struct RunResult {
 
 WindowOptions referenceOptions() {
   WindowOptions options;
-  options.current_reference = false;
-  options.optimizer.undo_bad_steps = false;
-  options.optimizer.fixed_thresholds = false;
+  options.published = true;
   options.optimizer.optimize_intrinsics = true;
-  options.prior.depth_pulls_to_value = false;
-  options.prior.consistent_gradient = false;
   return options;
 }
 

@@ -11,11 +11,9 @@ struct DepthOptions {
   /// Searched again is an interval that is at least this many times the expected error long: what
   /// a search leaves is twice the error, so that it becomes half as long. Reference: 2
   double min_improvement = 4;
-  bool rotate_gradients = true;      ///< false (reference): error model ignores camera roll
-  bool final_out_of_bounds = false;  ///< true (reference): a candidate that left one frame is never
-                                     ///< searched again
-  bool consistent_energy = true;     ///< false (reference): a candidate's first energy has no
-                                     ///< outlier limit
+  /// Faults of the published system included: the error model ignores camera roll, a candidate that
+  /// left one frame is never searched again, its first energy has no outlier limit. Reference: true
+  bool published = false;
 };
 
 /// Field list; see DescribeFor.
@@ -23,9 +21,7 @@ template <typename Visitor, typename Options>
 DescribeFor<Options, DepthOptions> describe(Visitor& visit, Options& o) {
   visit.field("candidates_per_keyframe", o.candidates_per_keyframe, Range{10, 100000}, "points");
   visit.field("min_improvement", o.min_improvement, Range{0, 1000}, "expected errors");
-  visit.field("rotate_gradients", o.rotate_gradients);
-  visit.field("final_out_of_bounds", o.final_out_of_bounds);
-  visit.field("consistent_energy", o.consistent_energy);
+  visit.field("published", o.published);
 }
 
 }  // namespace dsorb

@@ -10,8 +10,6 @@ struct OptimizerOptions {
   /// An adjustment ends with a step that corrects camera and frames by less than the root of this
   /// many standard deviations in the mean: by a third of one. 0 (reference): never
   double min_decrease = 0.1;
-  bool undo_bad_steps = true;    ///< false (reference): every step is kept, damping is constant
-  bool fixed_thresholds = true;  ///< false (reference): outlier limit changes with every evaluation
   bool optimize_intrinsics = false;  ///< reference: true
 };
 
@@ -19,8 +17,6 @@ struct OptimizerOptions {
 template <typename Visitor, typename Options>
 DescribeFor<Options, OptimizerOptions> describe(Visitor& visit, Options& o) {
   visit.field("min_decrease", o.min_decrease, Range{0, 1000}, "squared standard deviations");
-  visit.field("undo_bad_steps", o.undo_bad_steps);
-  visit.field("fixed_thresholds", o.fixed_thresholds);
   visit.field("optimize_intrinsics", o.optimize_intrinsics);
 }
 
@@ -30,10 +26,7 @@ struct PriorOptions {
   double focal_sigma = 0;   ///< relative, of a guess; above 0 instead of the former. `--hfov`: 0.15
   double depth_gain = 8;    ///< on 1 / variance of an initial point: kImageNoise^2
   double max_depth = 2500;  ///< upper limit of an initial point's prior
-  bool depth_pulls_to_value = true;          ///< false (reference): the depth prior only damps
   double depth_at_marginalization = 360000;  ///< factor on the depth prior, 600^2
-  bool consistent_gradient = true;  ///< false (reference): a marginalised prior's gradient is
-                                    ///< taken at the current state instead of the expansion point
 };
 
 /// Field list; see DescribeFor.
@@ -43,9 +36,7 @@ DescribeFor<Options, PriorOptions> describe(Visitor& visit, Options& o) {
   visit.field("focal_sigma", o.focal_sigma, Range{0, 1}, "");
   visit.field("depth_gain", o.depth_gain, Range{0, 1e9}, "grey levels^2");
   visit.field("max_depth", o.max_depth, Range{0, 1e12}, "grey levels^2 unit^2");
-  visit.field("depth_pulls_to_value", o.depth_pulls_to_value);
   visit.field("depth_at_marginalization", o.depth_at_marginalization, Range{1, 1e9}, "");
-  visit.field("consistent_gradient", o.consistent_gradient);
 }
 
 /// The window of keyframes and its adjustment.
@@ -55,9 +46,13 @@ struct WindowOptions {
   int first_keyframes = 4;        ///< at most, of the frames that an initialization has posed
   double keyframe_frequency = 1;  ///< factor on flow and change of brightness that want one
   int desired_points = 2000;      ///< in the adjustment, of all keyframes together
-  bool current_reference = true;  ///< false (reference): tracking depths use first-estimate poses
-  OptimizerOptions optimizer;     ///< its iteration
-  PriorOptions prior;             ///< its priors
+  /// Faults of the published system included: every step is kept at constant damping, outlier
+  /// limits change with every evaluation, the depth prior only damps, a marginalised prior's
+  /// gradient is taken at the current state, tracking depths use first-estimate poses. Reference:
+  /// true
+  bool published = false;
+  OptimizerOptions optimizer;  ///< its iteration
+  PriorOptions prior;          ///< its priors
 };
 
 /// Field list; see DescribeFor.
@@ -68,7 +63,7 @@ DescribeFor<Options, WindowOptions> describe(Visitor& visit, Options& o) {
   visit.field("first_keyframes", o.first_keyframes, Range{2, 10}, "keyframes");
   visit.field("keyframe_frequency", o.keyframe_frequency, Range{0, 100}, "");
   visit.field("desired_points", o.desired_points, Range{10, 100000}, "points");
-  visit.field("current_reference", o.current_reference);
+  visit.field("published", o.published);
   visit.group("optimizer", o.optimizer);
   visit.group("prior", o.prior);
 }

@@ -1,17 +1,229 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/coarse/coarse_alignment.h"
 
+#include "base/median.h"
+#include "base/parallel.h"
+#include "base/target_clones.h"
+#include "estimate/host_patch.h"
 #include "estimate/levenberg_marquardt.h"
+#include "estimate/robust_loss.h"
+#include "estimate/triangle_sums.h"
+#include "image/cell_grid.h"
 
 #include <Eigen/Cholesky>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <iterator>
 #include <optional>
 #include <utility>
 
 namespace dsorb::init_coarse {
 namespace {
+
+constexpr std::array<double, 5> kDensities = {0.03, 0.05, 0.15, 0.5, 1.0};  // of level 0's pixels
+constexpr int kMinGoodNeighbours = 3;
+constexpr double kPointsPerCell = 3;
+
+PointGrid gridOf(const PointLevel& level) {
+  std::vector<Eigen::Vector2f> points;
+  for (std::size_t i = 0; i < level.x.size(); ++i) points.emplace_back(level.x[i], level.y[i]);
+  const float width = *std::max_element(level.x.begin(), level.x.end()) + 1;
+  const float height = *std::max_element(level.y.begin(), level.y.end()) + 1;
+  const double cell = std::sqrt(width * height * kPointsPerCell / level.size());
+  return {std::move(points), CellGrid(static_cast<int>(width), static_cast<int>(height), cell)};
+}
+
+void findNeighbours(PointLevel& level) {
+  const PointGrid grid = gridOf(level);
+  level.neighbours.assign(level.x.size() * kNeighbours, -1);
+  for (std::size_t i = 0; i < level.x.size(); ++i) {
+    std::int32_t* next = &level.neighbours[i * kNeighbours];
+    for (const auto& found : grid.nearest<kNeighbours>({level.x[i], level.y[i]}, HUGE_VALF)) {
+      *next++ = static_cast<std::int32_t>(found.point);
+    }
+  }
+}
+
+/// Element count / 2 of all neighbours' sorted values: keeps the least in order, without branches.
+float upperMedianOfAll(const float* values) {
+  std::array<float, kNeighbours / 2 + 1> least{};
+  least.fill(HUGE_VALF);
+  for (int i = 0; i < kNeighbours; ++i) {
+    float value = values[i];
+    for (float& slot : least) {
+      const float low = std::min(slot, value);
+      value = std::max(slot, value);
+      slot = low;
+    }
+  }
+  return least.back();
+}
+
+/// Element count / 2 of the sorted values, count at least 1; reorders them.
+float upperMedian(float* values, int count) {
+  for (int i = 1; i < count; ++i) {
+    const float value = values[i];
+    int slot = i;
+    for (; slot > 0 && values[slot - 1] > value; --slot) values[slot] = values[slot - 1];
+    values[slot] = value;
+  }
+  return values[count / 2];
+}
+
+constexpr std::size_t kBlock = 512;  // points a block of float sums has at most
+constexpr std::size_t kParameters = 8;
+constexpr float kMaxInverseStep = 1e-10F;  // of the step limit, against division by zero
+
+/// Everything the loop over points reads that is the same for all of them.
+struct LevelWarp {
+  TargetImage target;
+  HostRays rays;
+  float scale = 1;   // of residuals
+  float scale_rate;  // half where the scale follows the gain
+  DepthPull pull;
+
+  LevelWarp(const LevelView& view, const Alignment& alignment, const DepthPull& depth_pull)
+      : target(makeTargetImage(view.camera,
+                               alignment.T_cur_ref,
+                               {std::exp(alignment.log_gain), alignment.offset},
+                               *view.image)),
+        rays(view.camera),
+        scale_rate(alignment.balanced ? 0.5F : 0.0F),
+        pull(depth_pull) {
+    const double log_scale = 0.5 * (alignment.exposure_log_gain - alignment.log_gain);
+    if (alignment.balanced) scale = static_cast<float>(std::exp(log_scale));
+  }
+};
+
+/// Residuals of one point with their derivatives.
+struct Residual {
+  Lanes r, weight;
+  Lanes J[kParameters];
+  Lanes J_depth;
+  Lanes squared_flow;  // of the projection over the inverse depth [px^2]
+};
+
+/// @return energy, infinite for a point that is not seen
+DSORB_ALWAYS_INLINE float evaluatePoint(const LevelWarp& w,
+                                        const Eigen::Vector2f& pixel,
+                                        float inverse_depth,
+                                        const float* grey,
+                                        Residual& out) {
+  if (!(inverse_depth > 0)) return HUGE_VALF;
+  WarpedPattern pattern;
+  warpPattern(w.target, w.rays, pixel, inverse_depth, pattern);
+  if (!inAllLanes(pattern.inside)) return HUGE_VALF;
+  const WarpedPoint<Lanes>& p = pattern.at;
+  const LaneSamples& seen = pattern.seen;
+  Lanes reference;
+  load(grey, reference);
+  out.J[6] = -w.target.gain * reference;
+  out.r = w.scale * (seen.intensity + out.J[6] - w.target.offset);
+  out.J[6] = w.scale * out.J[6] - w.scale_rate * out.r;
+  fill(-w.scale, out.J[7]);
+  huberWeights(out.r, out.weight);
+  RayGradient<Lanes> gradient;
+  rayGradient<float, Lanes>(w.target.warp, p, w.scale * seen.dx, w.scale * seen.dy, gradient);
+  poseJacobian<Lanes>(p, gradient, inverse_depth * p.inverse_z, out.J);
+  Lanes flow_x;
+  Lanes flow_y;
+  depthFlow(w.target.warp, p, flow_x, flow_y);
+  out.J_depth = w.scale * (seen.dx * flow_x + seen.dy * flow_y);
+  out.squared_flow = flow_x * flow_x + flow_y * flow_y;
+  Lanes energy;
+  huberEnergies(out.r, out.weight, energy);
+  return sumLanes(energy);
+}
+
+/// Float sums of one block of points, a lane each for the pattern's pixels.
+struct BlockSums {
+  Lanes triangle[triangleSums(kParameters)];
+  LevelSums level;
+};
+
+/// Writes the row of one inverse depth.
+DSORB_ALWAYS_INLINE void couple(const LevelWarp& w,
+                                const Residual& s,
+                                std::size_t i,
+                                PointLevel& points,
+                                LinearSystem<float>& system) {
+  Lanes products[kParameters];
+  const Lanes weighted = s.weight * s.J_depth;
+  for (std::size_t k = 0; k < kParameters; ++k) products[k] = weighted * s.J[k];
+  Lanes coupling;
+  sumLanes(products, coupling);
+  store(coupling, &system.coupling[i * kParameters]);
+  const float depth = points.trial_inverse_depth[i];
+  const float curvature = sumLanes(weighted * s.J_depth);
+  points.trial_curvature[i] = curvature;
+  system.depth_hessian[i] = 1.0F + curvature + w.pull.prior + w.pull.coupling;
+  system.depth_gradient[i] = sumLanes(weighted * s.r) + w.pull.prior * (depth - 1.0F) +
+                             w.pull.coupling * (depth - points.smoothed[i]);
+}
+
+/// Points [begin, end).
+struct Block {
+  std::size_t begin, end;
+};
+
+DSORB_TARGET_CLONES void evaluateBlock(const LevelWarp& w,
+                                       const Block& block,
+                                       PointLevel& points,
+                                       LinearSystem<float>& system,
+                                       BlockSums& sums) {
+  for (std::size_t i = block.begin; i < block.end; ++i) {
+    points.trial_good[i] = 0;
+    points.trial_energy[i] = points.energy[i];
+    Residual s;
+    float energy = HUGE_VALF;
+    if (points.good[i] != 0) {
+      energy = evaluatePoint(w,
+                             {points.x[i], points.y[i]},
+                             points.trial_inverse_depth[i],
+                             &points.reference[i * kPatternSize],
+                             s);
+    }
+    if (!(energy <= kMaxPatternEnergy)) {
+      sums.level.energy += static_cast<double>(points.energy[i]);
+      continue;
+    }
+    points.trial_good[i] = 1;
+    points.trial_energy[i] = energy;
+    couple(w, s, i, points, system);
+    float flow = kMaxInverseStep * kMaxInverseStep;
+    for (int k = 0; k < kLanes; ++k) flow = std::max(flow, s.squared_flow[k]);
+    points.max_step[i] = 1.0F / std::sqrt(flow);
+    addToTriangle<kParameters>(s.J, s.weight, s.r, sums.triangle);
+    sums.level.energy += static_cast<double>(energy);
+    sums.level.good_energy += static_cast<double>(energy);
+    ++sums.level.good;
+    sums.level.inliers += energy <= kPatternOutlierEnergy ? 1 : 0;
+  }
+}
+
+double wideSum(const Lanes& lanes) {
+  double sum = 0;
+  for (int i = 0; i < kLanes; ++i) sum += static_cast<double>(lanes[i]);
+  return sum;
+}
+
+/// Sums of some blocks.
+struct PartialSums {
+  std::array<double, triangleSums(kParameters)> triangle{};
+  LevelSums level;
+
+  PartialSums() = default;
+  explicit PartialSums(const BlockSums& sums) : level(sums.level) {
+    std::transform(std::begin(sums.triangle), std::end(sums.triangle), triangle.begin(), wideSum);
+  }
+  PartialSums& operator+=(const PartialSums& other) {
+    for (std::size_t i = 0; i < triangle.size(); ++i) triangle[i] += other.triangle[i];
+    level += other.level;
+    return *this;
+  }
+};
 
 // Constants of the published front end.
 constexpr double kPriorWeight = 150;  // toward no translation and inverse depth 1, square root
@@ -48,6 +260,177 @@ Alignment moved(const Alignment& alignment, const Vector8d& step) {
 }
 
 }  // namespace
+
+int wantedPoints(int level, int width, int height) {
+  const std::size_t index = std::min(static_cast<std::size_t>(level), kDensities.size() - 1);
+  return std::max(1, static_cast<int>(std::lround(kDensities[index] * width * height)));
+}
+
+PointLevel makePointLevel(const PyramidLevel& image, const std::vector<SelectedPixel>& pixels) {
+  PointLevel level;
+  for (const SelectedPixel& pixel : pixels) {
+    const float x = static_cast<float>(pixel.x) + kPixelOffset;
+    const float y = static_cast<float>(pixel.y) + kPixelOffset;
+    const auto patch = readHostPatch<interpolate<float>>(image, {x, y});
+    if (!patch) continue;
+    level.x.push_back(x);
+    level.y.push_back(y);
+    level.reference.insert(level.reference.end(), patch->grey.begin(), patch->grey.end());
+  }
+  const std::size_t n = level.x.size();
+  level.parent.assign(n, -1);
+  for (auto* depths : {&level.inverse_depth, &level.trial_inverse_depth, &level.smoothed}) {
+    depths->assign(n, 1.0F);
+  }
+  for (auto* zeros : {&level.energy,
+                      &level.trial_energy,
+                      &level.curvature,
+                      &level.trial_curvature,
+                      &level.max_step}) {
+    zeros->assign(n, 0.0F);
+  }
+  level.good.assign(n, 1);
+  level.trial_good.assign(n, 1);
+  if (n > 0) findNeighbours(level);
+  return level;
+}
+
+void findParents(const PointLevel& coarse, double max_distance, PointLevel& fine) {
+  if (coarse.size() == 0) return;
+  const PointGrid grid = gridOf(coarse);
+  const float limit = max_distance > 0 ? static_cast<float>(max_distance) : HUGE_VALF;
+  for (std::size_t i = 0; i < fine.x.size(); ++i) {
+    // Pixel centres of 2 x 2 means.
+    const auto found = grid.nearest<1>({0.5F * fine.x[i] - 0.25F, 0.5F * fine.y[i] - 0.25F}, limit);
+    fine.parent[i] = found.count > 0 ? static_cast<std::int32_t>(found.nearest[0].point) : -1;
+  }
+}
+
+void flatten(PointLevel& level) {
+  for (auto* depths : {&level.inverse_depth, &level.trial_inverse_depth, &level.smoothed}) {
+    std::fill(depths->begin(), depths->end(), 1.0F);
+  }
+  std::fill(level.curvature.begin(), level.curvature.end(), 0.0F);
+}
+
+void smooth(PointLevel& level) {
+  std::array<float, kNeighbours> values{};
+  for (std::size_t i = 0; i < level.x.size(); ++i) {
+    if (level.good[i] == 0) continue;
+    int count = 0;
+    for (std::size_t n = 0; n < kNeighbours; ++n) {
+      const std::int32_t other = level.neighbours[i * kNeighbours + n];
+      if (other < 0) break;
+      if (level.good[static_cast<std::size_t>(other)] == 0) continue;
+      values[static_cast<std::size_t>(count++)] = level.smoothed[static_cast<std::size_t>(other)];
+    }
+    if (count < kMinGoodNeighbours) continue;
+    const float median =
+        count == kNeighbours ? upperMedianOfAll(values.data()) : upperMedian(values.data(), count);
+    level.smoothed[i] =
+        (1.0F - kSmoothingWeight) * level.inverse_depth[i] + kSmoothingWeight * median;
+  }
+}
+
+float neighbourSpread(const PointLevel& level, std::size_t point) {
+  std::array<float, kNeighbours> off{};
+  int count = 0;
+  for (std::size_t n = 0; n < kNeighbours; ++n) {
+    const std::int32_t other = level.neighbours[point * kNeighbours + n];
+    if (other < 0) break;
+    const auto neighbour = static_cast<std::size_t>(other);
+    if (level.good[neighbour] == 0) continue;
+    off[static_cast<std::size_t>(count++)] =
+        std::abs(level.inverse_depth[neighbour] - level.smoothed[point]);
+  }
+  if (count < kMinGoodNeighbours) return 0;
+  return static_cast<float>(kMadToSigma) * upperMedian(off.data(), count);
+}
+
+void propagateDown(const PointLevel& coarse, PointLevel& fine) {
+  for (std::size_t i = 0; i < fine.x.size(); ++i) {
+    if (fine.parent[i] < 0) continue;
+    const auto parent = static_cast<std::size_t>(fine.parent[i]);
+    const float weight = coarse.curvature[parent];
+    if (coarse.good[parent] == 0 || weight < kMinParentCurvature) continue;
+    float depth = coarse.smoothed[parent];
+    if (fine.good[i] == 0) {
+      fine.good[i] = 1;
+      fine.curvature[i] = 0;
+    } else {
+      const float own = 2.0F * fine.curvature[i];
+      depth = (own * fine.smoothed[i] + weight * depth) / (own + weight);
+    }
+    fine.smoothed[i] = fine.inverse_depth[i] = fine.trial_inverse_depth[i] = depth;
+  }
+}
+
+void propagateUp(const PointLevel& fine, bool keep_orphans, PointLevel& coarse) {
+  std::vector<float> sums(coarse.x.size(), 0.0F);
+  std::vector<float> weights(coarse.x.size(), 0.0F);
+  for (std::size_t i = 0; i < fine.x.size(); ++i) {
+    if (fine.good[i] == 0 || fine.parent[i] < 0) continue;
+    const auto parent = static_cast<std::size_t>(fine.parent[i]);
+    sums[parent] += fine.curvature[i] * fine.smoothed[i];
+    weights[parent] += fine.curvature[i];
+  }
+  for (std::size_t p = 0; p < coarse.x.size(); ++p) {
+    if (weights[p] > 0) {
+      coarse.smoothed[p] = coarse.inverse_depth[p] = sums[p] / weights[p];
+      coarse.good[p] = 1;
+    } else if (!keep_orphans) {
+      coarse.smoothed[p] = 0;
+    }
+  }
+}
+
+void reviveFromNeighbours(PointLevel& level) {
+  for (std::size_t i = 0; i < level.x.size(); ++i) {
+    if (level.good[i] != 0) continue;
+    float sum = 0;
+    int count = 0;
+    for (std::size_t n = 0; n < kNeighbours; ++n) {
+      const std::int32_t other = level.neighbours[i * kNeighbours + n];
+      if (other < 0) break;
+      if (level.good[static_cast<std::size_t>(other)] == 0) continue;
+      sum += level.smoothed[static_cast<std::size_t>(other)];
+      ++count;
+    }
+    if (count == 0) continue;
+    level.good[i] = 1;
+    level.smoothed[i] = level.inverse_depth[i] = level.trial_inverse_depth[i] =
+        sum / static_cast<float>(count);
+  }
+}
+
+LevelSums& LevelSums::operator+=(const LevelSums& other) {
+  energy += other.energy;
+  good_energy += other.good_energy;
+  good += other.good;
+  inliers += other.inliers;
+  return *this;
+}
+
+LevelSums evaluateLevel(const LevelView& view,
+                        const Alignment& alignment,
+                        const DepthPull& pull,
+                        PointLevel& points,
+                        LinearSystem<float>& system) {
+  const LevelWarp warp(view, alignment, pull);
+  system.reset(kParameters, points.x.size());
+  const PartialSums total =
+      deterministicSum(points.x.size(),
+                       kBlock,
+                       PartialSums(),
+                       [&](std::size_t begin, std::size_t end, const PartialSums& /*zero*/) {
+                         BlockSums sums{};
+                         evaluateBlock(warp, {begin, end}, points, system, sums);
+                         return PartialSums(sums);
+                       });
+  addTriangle(total.triangle.data(), 0, kParameters, system.H, system.b);
+  system.H.triangularView<Eigen::StrictlyLower>() = system.H.transpose();
+  return total.level;
+}
 
 double LevelReport::inlierShare() const {
   return state.sums.good > 0 ? static_cast<double>(state.sums.inliers) / state.sums.good : 0.0;

@@ -1,19 +1,104 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/image/frame.h"
 #include "dsorb/init/initializer.h"
 
 #include "base/parallel.h"
 #include "image/frame_check.h"
 #include "init/coarse/coarse_alignment.h"
 #include "init/coarse/coarse_handover.h"
-#include "init/coarse/start_hypotheses.h"
 #include "init/reset_log.h"
 #include "init/stage_clock.h"
 
+#include <cmath>
+#include <optional>
 #include <vector>
 
 namespace dsorb::init_coarse {
+
+/// Points of all levels, finest first, with their terms in the newest frame.
+struct Estimate {
+  std::vector<PointLevel> levels;
+  Alignment alignment;
+  LevelReport finest;
+  /// Photometric energy of the finest level; points that are not good count as outliers.
+  [[nodiscard]] double energy() const;
+};
+
+/// The newest frame with the context of its alignment.
+struct AlignmentTask {
+  const Frame& frame;
+  const PinholeCamera& camera;
+  const CoarseOptions& options;
+  LevelAligner& aligner;
+};
+
+/// Aligns the frame, coarse to fine, from the estimate's alignment and depths.
+/// @param finest last level, 0: all
+void alignLevels(const AlignmentTask& task, int finest, Estimate& estimate);
+
+/// What an estimate is made for.
+struct Aim {
+  double enough = 1;         ///< share of the points that match; from there on one pass will do
+  double energy = HUGE_VAL;  ///< it has to come down to, or else it does not matter
+};
+
+/// Aligns the frame on all levels again and again while that helps.
+void converge(const AlignmentTask& task, const Aim& aim, Estimate& estimate);
+
+/// Tries motions along the axes, each turned so that points of unit depth stay where the rotation
+/// alone has them: what tells them apart is relief, which the alignment from no translation may see
+/// inside out.
+/// @param rotation best pure rotation
+/// @return the best estimate, when its energy is below that of the given one
+[[nodiscard]] std::optional<Estimate> betterHypothesis(const AlignmentTask& task,
+                                                       const Alignment& rotation,
+                                                       const Estimate& given);
+
+/// Outcome of a contest between motions.
+struct Contest {
+  Estimate winner;
+  double margin = 0;  ///< energy of the best one elsewhere over the winner's, less 1
+};
+
+/// Aligns the frame anew from motions in all directions over the plane of unit depth; the best of
+/// them compete with the given estimate. A scene near a plane, or seen by a small motion, has
+/// several motions that explain it nearly as well, and from no translation the alignment may end in
+/// any of them.
+/// @param rotation best pure rotation
+[[nodiscard]] Contest contest(const AlignmentTask& task,
+                              const Alignment& rotation,
+                              const Estimate& given);
+
+struct RotationMatch {
+  Alignment rotation;
+  bool matches = false;  ///< the images do, nearly everywhere in view: it may well be the motion
+};
+
+/// Finds the pure rotation that explains a frame best, on the coarsest level alone: from the best
+/// of the given starts, or, where the images do not match from there, from a grid of rotations
+/// around it.
+class RotationSearch {
+ public:
+  explicit RotationSearch(const CoarseOptions& options) : aligner_(options) {}
+
+  /// @param points coarsest level of the reference
+  void setReference(const PointLevel& points) { points_ = points; }
+
+  /// @param starts at least one; their translations are left out
+  [[nodiscard]] RotationMatch find(const LevelView& coarsest, const std::vector<Alignment>& starts);
+
+ private:
+  /// Energy at an alignment; points out of view or far off count as outliers.
+  double energy(const LevelView& view, const Alignment& alignment);
+  Alignment best(const LevelView& view, const std::vector<Alignment>& candidates);
+  /// @return share of the points in view that match
+  double refine(const LevelView& view, Alignment& alignment);
+
+  LevelAligner aligner_;
+  PointLevel points_;
+};
 
 /// Direct initializer: aligns each new frame with the first one, pose, brightness and the inverse
 /// depths of the first frame's points together, coarse to fine. A prior holds translation and

@@ -4,27 +4,44 @@
 #include "dsorb/image/frame_priors.h"
 
 #include "base/median.h"
+#include "base/parallel.h"
+#include "image/cell_grid.h"
 #include "image/image_scale.h"
 #include "image/photometric.h"
 #include "image/pixel_selector.h"
 #include "image/stuck_regions.h"
 #include "init/orb/map/depth_lookup.h"
 #include "init/orb/map/frame_brightness.h"
-#include "init/orb/neighbour_disagreement.h"
 #include "window/point_activation.h"
 #include "window/window_optimizer.h"
 
 #include <Eigen/LU>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <unordered_map>
 #include <utility>
 #include <vector>
 
 namespace dsorb::init_orb {
 namespace {
+
+constexpr std::size_t kNeighbours = 7;
+constexpr std::size_t kMinNeighbours = 3;
+constexpr float kCellSize = 1.0F / 3;      // of the radius
+constexpr float kQuantile = 0.35F;         // of the differences
+constexpr std::size_t kPointsAtOnce = 64;  // points one thread takes at a time
+
+PointGrid gridOf(const std::vector<Eigen::Vector2f>& pixels, float cell_size) {
+  Eigen::Vector2f farthest(0, 0);
+  for (const Eigen::Vector2f& pixel : pixels) farthest = farthest.cwiseMax(pixel);
+  return {
+      pixels,
+      CellGrid(static_cast<int>(farthest.x()) + 1, static_cast<int>(farthest.y()) + 1, cell_size)};
+}
 
 constexpr int kMinFilled = 50;      // beside the corners; fewer: the attempt fails
 constexpr int kCandidates = 3000;   // pixels of the reference that are searched
@@ -85,11 +102,7 @@ window::Window seedWindow(const InitialMap& map,
   window::Window window(camera);
   addFrame(window, map, 0, options);
   for (const std::size_t frame : map.joint_frames) addFrame(window, map, frame, options);
-  if (map.readout) {
-    const double change = map.readout->seconds - window.calibratedReadout().seconds;
-    window.camera_state[window::kReadout] = change / window::kReadoutScale;
-    window.readout_sigma = map.readout->sigma;
-  }
+  window::setReadout(window, map.readout);
   for (std::size_t i = 0; i < map.corners.size(); ++i) {
     const Corner& corner = map.corners[i];
     window::WindowPoint* point =
@@ -116,17 +129,12 @@ void fillUp(window::Window& window, const InitialMap& map, std::uint64_t seed) {
   PixelSelector selector(frame.width(), frame.height(), options);
   std::vector<SelectedPixel> selected = selector.select(frame, kCandidates);
   StuckRegions(map.stuck, frame.width(), frame.height()).removeFrom(selected);
-  window::addCandidates(reference, selected);
-  const DepthOptions depth;
+  std::vector<window::TrackedFrame> others;
   for (std::size_t k = 1; k < window.keyframes.size(); ++k) {
     const window::Keyframe& keyframe = window.keyframes[k];
-    window::refineCandidates(
-        window,
-        {keyframe.frame, keyframe.T_cam_world(), keyframe.affine(), keyframe.motion},
-        depth,
-        kGrain);
+    others.push_back({keyframe.frame, keyframe.T_cam_world(), keyframe.affine(), keyframe.motion});
   }
-  window::activateCandidates(window, windowOptions(), depth, kGrain);
+  window::fillUp(window, selected, others, windowOptions(), DepthOptions(), kGrain);
   reference.candidates.clear();
 }
 
@@ -194,6 +202,35 @@ void fuseKnownDepths(InitialMap& map, double inflation) {
 }
 
 }  // namespace
+
+std::vector<double> neighbourDisagreement(const std::vector<Eigen::Vector2f>& pixels,
+                                          const std::vector<double>& inverse_depths,
+                                          float radius) {
+  const PointGrid grid = gridOf(pixels, kCellSize * radius);
+  std::vector<double> logs(inverse_depths.size());
+  std::transform(inverse_depths.begin(), inverse_depths.end(), logs.begin(), [](double rho) {
+    return rho > 0 ? std::log(rho) : -std::numeric_limits<double>::infinity();
+  });
+  std::vector<double> disagreement(pixels.size(), 0.0);
+  forEachRange(pixels.size(), kPointsAtOnce, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const auto neighbours = grid.nearest<kNeighbours>(pixels[i], radius, [&](std::size_t other) {
+        return other != i && inverse_depths[other] > 0;
+      });
+      if (neighbours.count < kMinNeighbours) continue;
+      std::array<double, kNeighbours> differences;
+      differences.fill(std::numeric_limits<double>::infinity());
+      std::transform(
+          neighbours.begin(), neighbours.end(), differences.begin(), [&](const auto& neighbour) {
+            return std::abs(logs[neighbour.point] - logs[i]);
+          });
+      std::sort(differences.begin(), differences.end());
+      disagreement[i] =
+          differences[static_cast<std::size_t>(kQuantile * static_cast<float>(neighbours.count))];
+    }
+  });
+  return disagreement;
+}
 
 Outcome<Reconstruction> fillFirstWindow(Reconstruction start, const AttemptContext& context) {
   InitialMap& map = start.map;

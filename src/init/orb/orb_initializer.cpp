@@ -1,16 +1,108 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/orb_initializer.h"
 
+#include "dsorb/init/metric_scale.h"
+
+#include "base/median.h"
 #include "image/contrast.h"
-#include "init/orb/reference_pool.h"
+#include "init/orb/bundle/corner_refinement.h"
+#include "init/orb/bundle/map_assembly.h"
+#include "init/orb/first_window.h"
+#include "init/orb/left_out_tracks.h"
+#include "init/orb/start/essential_start.h"
+#include "init/orb/start/readout.h"
+#include "init/orb/start/start_gate.h"
+#include "init/result.h"
 #include "two_view/rotation_only.h"
 
+#include <cmath>
 #include <optional>
 #include <stdexcept>
 #include <utility>
+#include <vector>
 
 namespace dsorb::init_orb {
 namespace {
+
+/// Fills the start up with points, leaving out regions that contradict the motion.
+Outcome<Reconstruction> addPoints(Reconstruction made,
+                                  const ReferenceView& view,
+                                  const AttemptContext& context) {
+  if (context.options.skip.has(Mechanism::kDynamic)) {
+    return fillFirstWindow(std::move(made), context);
+  }
+  std::optional<DynamicRegions> dynamic;
+  context.clock.time("dynamic", [&] { dynamic.emplace(made.map, view.tracks, context.camera); });
+  const int corners = dynamic->removeCorners(made.map);
+  auto filled = fillFirstWindow(std::move(made), context);
+  if (!filled) return filled;
+  filled->report.add("contradicting_tracks", dynamic->contradicting());
+  filled->report.add("removed_dynamic", corners + dynamic->removePoints(filled->map));
+  return filled;
+}
+
+/// A map that has lost half of its tracks to dynamic regions and to neighbours that contradict them
+/// is none to start with, however sure the rest looks.
+Outcome<Reconstruction> refuseRemains(Reconstruction made) {
+  if (!hasEnoughCorners(made.map, made.live_tracks)) return InitReason::kPoorQuality;
+  return made;
+}
+
+/// Poses the frames that had no part in the adjustments.
+Outcome<Reconstruction> poseOtherFrames(Reconstruction made, const AttemptContext& context) {
+  const OrbOptions& orb = context.options.orb;
+  context.clock.time("pose", [&] {
+    const std::vector<std::size_t> frames = poseOtherFrames(made.map, context.camera);
+    if (!context.options.skip.has(Mechanism::kFramesBetween)) {
+      refinePoses(made.map, context.camera, orb.geometric, frames);
+    }
+  });
+  return made;
+}
+
+/// Reconstruction of `orb`: essential matrix, adjustment of a few frames, a gate, refined corners;
+/// all other frames are posed in the end.
+Attempt reconstruct(ReferenceView seen, const AttemptContext& context) {
+  using Made = Reconstruction;
+  const Skips& skip = context.options.skip;
+  std::vector<Eigen::Vector2f> stuck;
+  if (!skip.has(Mechanism::kStuck)) {
+    stuck = context.clock.time(
+        "stuck", [&] { return leaveOutStuck(seen.tracks, context.camera, context.seed()); });
+  }
+  if (!skip.has(Mechanism::kEdges)) leaveOutEdges(seen.frames.front()->level(0), seen.tracks);
+  const Readout calibrated = readoutOf(*seen.frames.front());
+  ReferenceView view = withGlobalShutter(seen, calibrated);
+  EssentialStart start = startFromEssential(view, context);
+  if (calibrated.sigma > 0 && start.summary.tried &&
+      !skip.has(Mechanism::kReadoutProfile)) {  // this frame is worth it
+    const Readout found =
+        context.clock.time("readout", [&] { return profileReadout(seen, context); });
+    if (found.seconds != calibrated.seconds) {
+      view = withGlobalShutter(seen, found);
+      view.last = {};
+      start = startFromEssential(view, context);
+    }
+  }
+  if (start.made) {
+    start.made->map.stuck = stuck;
+    start.made->report.add("stuck_tracks", static_cast<double>(stuck.size()));
+  }
+  auto made = std::move(start.made)
+                  .then([&](Made m) { return addPoints(std::move(m), view, context); })
+                  .then(refuseRemains)
+                  .then([&](Made m) { return poseOtherFrames(std::move(m), context); });
+  return {std::move(made), start.summary, start.motion};
+}
+
+double medianRelativeSigma(const std::vector<InitPoint>& points) {
+  std::vector<double> sigmas;
+  sigmas.reserve(points.size());
+  for (const InitPoint& point : points) {
+    sigmas.push_back(std::sqrt(point.variance) / point.inverse_depth);
+  }
+  return medianOf(std::move(sigmas));
+}
 
 constexpr int kMinRotationTracks = 10;  // needed to tell that a rotation explains them
 constexpr int kMaxAttempts = 2;         // with one frame
@@ -22,21 +114,47 @@ void keepSurest(const std::optional<WaitingMotion>& motion, std::optional<Waitin
   if (!surest || motion->wrong_probability < surest->wrong_probability) surest = motion;
 }
 
-std::unique_ptr<ReferencePool> makePool(const InitializerOptions& options) {
+ReferencePool makePool(const InitializerOptions& options) {
   OrbOptions orb = options.orb;
   if (options.skip.has(Mechanism::kPool)) orb.reference_interval = 0;
-  return std::make_unique<ReferencePool>(
-      orb, options.max_waiting_mb, options.skip.has(Mechanism::kFar));
+  return {orb, options.max_waiting_mb, options.skip.has(Mechanism::kFar)};
 }
 
 }  // namespace
+
+Attempt attemptFrom(const ReferenceView& view, const AttemptContext& context) {
+  Attempt attempt = reconstruct(view, context);
+  attempt.summary.reason = attempt.made.reason();
+  if (attempt.made) {
+    attempt.made->report.add("corners", static_cast<double>(attempt.made->map.corners.size()));
+  }
+  return attempt;
+}
+
+InitializationResult toResult(Reconstruction made) {
+  InitializationResult result;
+  result.points = pointsOf(made.map);
+  result.frames = std::move(made.map.frames);
+  result.report = std::move(made.report);
+  result.readout = made.map.readout;
+  result.stuck = std::move(made.map.stuck);
+  normalizeScale(result);
+  const FramePriors* priors = result.frames.front().frame->priors();
+  const bool contradicted = made.depth_prior && made.depth_prior->contradicted;
+  if (priors != nullptr && priors->depth && priors->depth->metric && !contradicted) {
+    result.metric = scaleFromDepth(result, *priors->depth);
+  }
+  if (!result.metric) result.metric = scaleFromDistances(result);
+  result.report.median_relative_sigma = medianRelativeSigma(result.points);
+  return result;
+}
 
 ORBInitializer::ORBInitializer(const InitializerOptions& options, const PinholeCamera& camera)
     : options_(options),
       camera_(camera),
       arena_(options.num_threads),
       frame_check_(camera),
-      source_(makePool(options)) {}
+      pool_(makePool(options)) {}
 
 InitStep ORBInitializer::addFrame(FramePtr frame) {
   if (spent_) throw std::logic_error("addFrame after a result: call reset() first");
@@ -45,7 +163,7 @@ InitStep ORBInitializer::addFrame(FramePtr frame) {
 }
 
 void ORBInitializer::reset() {
-  source_->clear();
+  pool_.clear();
   clock_.clear();
   resets_.clear();
   frame_check_.restart();
@@ -55,20 +173,20 @@ void ORBInitializer::reset() {
 }
 
 InitStep ORBInitializer::advance(FramePtr frame) {
-  if (source_->empty()) {
+  if (pool_.empty()) {
     return startOver(std::move(frame), needsMoreFrames(InitReason::kFirstFrame));
   }
-  if (source_->tooFewCorners()) {
+  if (pool_.tooFewCorners()) {
     return startOver(std::move(frame), needsMoreFrames(InitReason::kTooFewPoints));
   }
   if (!options_.skip.has(Mechanism::kBlank) && blank_ < kMaxBlank &&
-      isBlank(*frame, source_->newest())) {
+      isBlank(*frame, pool_.newest())) {
     ++blank_;
     return needsMoreFrames(InitReason::kTooFewPoints);
   }
   blank_ = 0;
-  clock_.time("tracking", [&] { source_->advance(frame); });
-  if (source_->dropLost()) {
+  clock_.time("tracking", [&] { pool_.advance(frame); });
+  if (pool_.dropLost()) {
     return startOver(std::move(frame),
                      onlyRotated() ? needsMoreFrames(InitReason::kTooLittleParallax)
                                    : resets_.restart(InitReason::kTrackingLost));
@@ -80,12 +198,12 @@ InitStep ORBInitializer::advance(FramePtr frame) {
     return started;
   }
   const InitReason failure = attempt.made.reason();
-  if (const auto reason = source_->giveUp(failure)) {
+  if (const auto reason = pool_.giveUp(failure)) {
     return startOver(std::move(frame),
                      *reason == InitReason::kTooLittleParallax ? needsMoreFrames(*reason)
                                                                : resets_.restart(*reason));
   }
-  clock_.time("corners", [&] { source_->addWhenDue(); });
+  clock_.time("corners", [&] { pool_.addWhenDue(); });
   InitStep step = needsMoreFrames(failure);
   step.motion = attempt.motion;
   return step;
@@ -101,14 +219,14 @@ Attempt ORBInitializer::tryReferences() {
   put_off_ = 0;
   std::optional<WaitingMotion> surest;
   int tried = 0;
-  for (const int reference : source_->turns()) {
+  for (const int reference : pool_.turns()) {
     if (tried == kMaxAttempts) break;
-    if (source_->age(reference) < options_.orb.min_frames && !source_->mayStartEarly(reference)) {
+    if (pool_.age(reference) < options_.orb.min_frames && !pool_.mayStartEarly(reference)) {
       continue;
     }
-    Attempt next = attemptFrom(source_->view(reference), {camera_, options_, clock_});
+    Attempt next = attemptFrom(pool_.view(reference), {camera_, options_, clock_});
     if (next.made) return next;
-    source_->remember(reference, next.summary);
+    pool_.remember(reference, next.summary);
     tried += next.summary.tried ? 1 : 0;
     keepSurest(next.motion, surest);
     if (reference == 0) first = std::move(next);
@@ -119,14 +237,14 @@ Attempt ORBInitializer::tryReferences() {
 
 /// Whether the corners left the image only because the camera rotated.
 bool ORBInitializer::onlyRotated() const {
-  const CornerTracks tracks = source_->newestTracks();
+  const CornerTracks tracks = pool_.newestTracks();
   return tracks.size() >= kMinRotationTracks &&
          rotationResidualDeg(tracks.matchesTo(tracks.frames() - 1), camera_) <
              kMinRotationResidualDeg;
 }
 
 InitStep ORBInitializer::startOver(FramePtr frame, InitStep step) {
-  clock_.time("corners", [&] { source_->start(std::move(frame)); });
+  clock_.time("corners", [&] { pool_.start(std::move(frame)); });
   return step;
 }
 

@@ -2,17 +2,32 @@
 #pragma once
 
 #include "dsorb/init/initializer.h"
+#include "dsorb/init/result.h"
 
 #include "base/parallel.h"
 #include "image/frame_check.h"
-#include "init/orb/attempt.h"
-#include "init/orb/reference_source.h"
+#include "init/orb/map/attempt_types.h"
+#include "init/orb/reference_pool.h"
 #include "init/reset_log.h"
 #include "init/stage_clock.h"
 
-#include <memory>
+#include <optional>
 
 namespace dsorb::init_orb {
+
+/// One try to initialize.
+struct Attempt {
+  Outcome<Reconstruction> made = InitReason::kSettling;
+  AttemptSummary summary;
+  std::optional<WaitingMotion> motion{};  ///< where there is no start, but a motion
+};
+
+/// Tries to initialize from one reference.
+Attempt attemptFrom(const ReferenceView& view, const AttemptContext& context);
+
+/// Converts a successful attempt into the hand-over, in the common unit, without points at or
+/// behind infinity. The caller fills in counts, restarts and stages of the report.
+InitializationResult toResult(Reconstruction made);
 
 /// Initializer from corners: motion between a reference and the newest frame, geometric adjustment
 /// of the frames since the reference, semi-dense inverse depth of the reference.
@@ -38,7 +53,7 @@ class ORBInitializer final : public Initializer {
   PinholeCamera camera_;
   TaskArena arena_;
   FrameCheck frame_check_;
-  std::unique_ptr<ReferenceSource> source_;
+  ReferencePool pool_;
   StageClock clock_;
   ResetLog resets_;
   bool spent_ = false;

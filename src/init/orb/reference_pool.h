@@ -2,11 +2,12 @@
 #pragma once
 
 #include "dsorb/image/frame.h"
+#include "dsorb/init/report.h"
 #include "dsorb/options/orb.h"
 
 #include "features/far_matches.h"
 #include "features/feature_tracks.h"
-#include "init/orb/reference_source.h"
+#include "init/orb/map/attempt_types.h"
 
 #include <optional>
 #include <vector>
@@ -17,28 +18,38 @@ namespace dsorb::init_orb {
 /// new one every few frames, because a fast camera loses its tracks before a slow one has parallax.
 /// Where optical flow loses more than it keeps, features of the references are found again by
 /// their descriptors as well, from then on.
-class ReferencePool final : public ReferenceSource {
+class ReferencePool {
  public:
   /// @param max_waiting_mb for the frames; beyond it those between are forgotten [MiB]
   /// @param flow_only whether corners that optical flow loses are not found again
   ReferencePool(const OrbOptions& options, int max_waiting_mb, bool flow_only = false);
 
-  void start(FramePtr frame) override;
-  void advance(FramePtr frame) override;
-  void addWhenDue() override;
-  void clear() override;
+  /// Forgets everything; the frame becomes the only reference.
+  void start(FramePtr frame);
+  /// Finds the corners of all references in the next frame.
+  void advance(FramePtr frame);
+  /// Makes the newest frame another reference when one is due.
+  void addWhenDue();
+  void clear();
 
-  [[nodiscard]] bool empty() const override { return frames_.empty(); }
-  [[nodiscard]] const Frame& newest() const override { return *frames_.back(); }
-  [[nodiscard]] bool tooFewCorners() const override {
+  [[nodiscard]] bool empty() const { return frames_.empty(); }
+  /// The frame given last; there is one unless empty().
+  [[nodiscard]] const Frame& newest() const { return *frames_.back(); }
+  /// Whether the first reference has too few corners to follow.
+  [[nodiscard]] bool tooFewCorners() const {
     return references() == 1 && tracks(0) < options_.min_tracked;
   }
-  bool dropLost() override;
+  /// Drops references with too few live tracks, and all at a scene cut.
+  /// @return whether none is left
+  bool dropLost();
   /// Gives up references that have waited too long.
-  std::optional<InitReason> giveUp(InitReason failure) override;
+  /// @param failure of the attempt from the oldest one
+  /// @return        the reason when none is left
+  std::optional<InitReason> giveUp(InitReason failure);
 
-  [[nodiscard]] int references() const override { return static_cast<int>(references_.size()); }
-  [[nodiscard]] int age(int reference) const override {
+  [[nodiscard]] int references() const { return static_cast<int>(references_.size()); }
+  /// Frames since a reference, both counted. @param reference oldest first
+  [[nodiscard]] int age(int reference) const {
     return advanced_ - references_[static_cast<std::size_t>(reference)].advanced + 1;
   }
   /// Live tracks of a reference, and features of it that the newest frame shows.
@@ -46,12 +57,15 @@ class ReferencePool final : public ReferenceSource {
     const Reference& from = references_[static_cast<std::size_t>(reference)];
     return tracks_.sizeSince(from.frame) + from.seen();
   }
-  [[nodiscard]] ReferenceView view(int reference) const override;
-  [[nodiscard]] bool mayStartEarly(int reference) const override;
+  [[nodiscard]] ReferenceView view(int reference) const;
+  /// Whether a reference may start with fewer than OrbOptions::min_frames: the caller knows depths
+  /// of it, and a later frame is there.
+  [[nodiscard]] bool mayStartEarly(int reference) const;
   /// The oldest, which has most parallax, then those that have waited longest.
-  [[nodiscard]] std::vector<int> turns() const override;
-  void remember(int reference, const AttemptSummary& attempt) override;
-  [[nodiscard]] CornerTracks newestTracks() const override {
+  [[nodiscard]] std::vector<int> turns() const;
+  void remember(int reference, const AttemptSummary& attempt);
+  /// Tracks of the newest reference, lost or not; empty after a scene cut.
+  [[nodiscard]] CornerTracks newestTracks() const {
     return cut() ? CornerTracks() : tracks_.since(newest_);
   }
 

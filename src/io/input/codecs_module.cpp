@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/input/codecs_module.h"
 
-#ifdef DSORB_WITH_FFMPEG
-#include "io/input/ffmpeg_capture.h"
-#endif
-
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
@@ -64,6 +60,16 @@ std::unique_ptr<Capture> openDevice(const std::string& /*address*/, std::string&
 }
 
 #endif
+
+std::unique_ptr<Capture> openCapture(const std::string& address, std::string& why) {
+  const bool device = address.rfind("/dev/video", 0) == 0;
+  return device ? openDevice(address, why) : openFfmpegCapture(address, why);
+}
+
+constexpr CodecsModule kModule{&decode, &openCapture};
+
+}  // namespace
+
 #ifndef DSORB_WITH_FFMPEG
 
 std::unique_ptr<Capture> openFfmpegCapture(const std::string& /*address*/, std::string& why) {
@@ -75,14 +81,6 @@ std::unique_ptr<Capture> openFfmpegCapture(const std::string& /*address*/, std::
 
 #endif
 
-std::unique_ptr<Capture> openCapture(const std::string& address, std::string& why) {
-  const bool device = address.rfind("/dev/video", 0) == 0;
-  return device ? openDevice(address, why) : openFfmpegCapture(address, why);
-}
-
-constexpr CodecsModule kModule{&decode, &openCapture};
-
-}  // namespace
 }  // namespace dsorb
 
 const dsorb::CodecsModule* dsorbCodecsModule() {

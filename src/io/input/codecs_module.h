@@ -21,6 +21,11 @@ struct CodecsModule {
   std::unique_ptr<Capture> (*open_capture)(const std::string& address, std::string& why);
 };
 
+/// Opens a video file, or an address like rtsp://..., by FFmpeg's libraries.
+/// @param why what is wrong, where nothing that decodes is there
+/// @return null where nothing that decodes is there
+std::unique_ptr<Capture> openFfmpegCapture(const std::string& address, std::string& why);
+
 }  // namespace dsorb
 
 extern "C" __attribute__((visibility("default"))) const dsorb::CodecsModule* dsorbCodecsModule();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/input/ffmpeg_capture.h"
+#include "io/input/codecs_module.h"
 
 extern "C" {
 #include <libavcodec/avcodec.h>

@@ -3,32 +3,131 @@
 
 #include "dsorb/camera/rectifier.h"
 #include "dsorb/error.h"
+#include "dsorb/image/frame_priors.h"
 
-#include "io/input/bit_depth.h"
-#include "io/input/black_bars.h"
 #include "io/input/dataset.h"
-#include "io/input/depth_images.h"
 #include "io/input/gyroscope.h"
-#include "io/input/image_masks.h"
+#include "io/input/image_decoder.h"
 #include "io/input/pixel_patterns.h"
 #include "io/input/playlist.h"
-#include "io/input/prefetch_queue.h"
 #include "io/input/sequence_calibration.h"
 
 #include <fmt/format.h>
 #include <opencv2/core.hpp>
+#include <opencv2/core/mat.hpp>
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <new>
 #include <stdexcept>
+#include <string>
 #include <utility>
 #include <vector>
 
 namespace dsorb {
+
+namespace fs = std::filesystem;
+
 namespace {
+
+/// An image beside the sequence.
+/// @param what it is; `of` which images it has to have the size
+/// @throws IoError where it is unreadable or of another depth or size
+cv::Mat readBeside(
+    const fs::path& file, int depth, cv::Size size, const char* what, const char* of) {
+  cv::Mat image = decodeGrey(readFile(file), file.string());
+  if (image.depth() != depth) {
+    throw IoError(
+        fmt::format("{}: {} of {} bits is expected", file.string(), what, depth == CV_8U ? 8 : 16));
+  }
+  if (image.size() == size) return image;
+  throw IoError(fmt::format("{}: {}x{} px; expected the size of the {}, {}x{}",
+                            file.string(),
+                            image.cols,
+                            image.rows,
+                            of,
+                            size.width,
+                            size.height));
+}
+
+}  // namespace
+
+/// Masks of a sequence: one for all images, or one for each.
+class ImageMasks {
+ public:
+  ImageMasks() = default;
+  /// @param given file or folder the user named; empty: none
+  /// @param found folder beside the images; empty: none
+  /// @throws IoError where what is given is missing, or the one mask is none of this size
+  ImageMasks(const std::string& given, const fs::path& found, cv::Size size)
+      : folder_(found), size_(size) {
+    if (given.empty()) return;
+    if (!fs::exists(given)) {
+      throw IoError(fmt::format("{}: no such mask or folder of masks", given));
+    }
+    if (fs::is_directory(given)) {
+      folder_ = given;
+    } else {
+      common_ = read(given);
+    }
+  }
+
+  /// The mask of all images; empty: none.
+  [[nodiscard]] const cv::Mat& common() const { return common_; }
+  /// The mask of one image alone: under the image's name, or with .png after or instead of its
+  /// suffix. Empty where images have none of their own.
+  /// @throws IoError where it is missing, unreadable or of another size
+  [[nodiscard]] cv::Mat of(const std::string& image) const {
+    if (folder_.empty()) return {};
+    const fs::path name = fs::path(image).filename();
+    const fs::path png = fs::path(name).replace_extension(".png");
+    for (const fs::path& candidate : {name, png, fs::path(name.string() + ".png")}) {
+      if (fs::is_regular_file(folder_ / candidate)) return read(folder_ / candidate);
+    }
+    throw IoError(fmt::format("{}: no mask for {}; expected one for each image, here {} or {}",
+                              folder_.string(),
+                              image,
+                              name.string(),
+                              png.string()));
+  }
+
+ private:
+  [[nodiscard]] cv::Mat read(const fs::path& file) const {
+    return readBeside(file, CV_8U, size_, "a mask", "images");
+  }
+
+  fs::path folder_;
+  cv::Mat common_;
+  cv::Size size_;
+};
+
+namespace {
+
+/// Priors of an image from its depth image, the file of its name with the suffix .png: 16 bits,
+/// millimetres along the optical axis, 0 where there is none.
+/// @param relative_sigma standard deviation of a depth over it [-]
+/// @param size           of the rectified images, which it belongs to
+/// @throws IoError where the file is missing, unreadable or of another size
+std::shared_ptr<const FramePriors> depthOf(const std::string& image,
+                                           const fs::path& folder,
+                                           double relative_sigma,
+                                           cv::Size size) {
+  constexpr float kMetres = 1e-3F;  // of a value
+  const fs::path file = folder / fs::path(image).filename().replace_extension(".png");
+  if (!fs::is_regular_file(file)) {
+    throw IoError(fmt::format("{}: no depth image for {}", file.string(), image));
+  }
+  cv::Mat metres;
+  readBeside(file, CV_16U, size, "a depth image", "rectified images")
+      .convertTo(metres, CV_32F, kMetres);
+  auto priors = std::make_shared<FramePriors>();
+  priors->depth = denseDepth({metres.ptr<float>(), metres.cols, metres.rows}, 0, relative_sigma);
+  return priors;
+}
 
 constexpr int kDepthSamples = 4;  // images beside the first that show how many bits are used
 
@@ -139,7 +238,8 @@ class SequenceReader::Impl {
   Lens lens_;
   ImageMasks masks_;
   BarFinder bars_;
-  DepthImages depths_;
+  fs::path depths_;  // folder of the depth images; empty: none
+  double depth_sigma_ = 0;
   std::optional<Gyroscope> gyroscope_;
   std::optional<std::pair<FrameId, double>> before_;  // the frame and its time
   std::optional<SourceImage> first_;                  // decoded for its size, until it is read
@@ -166,10 +266,11 @@ void SequenceReader::Impl::calibrate(const SequenceOptions& options) {
   dataset_.images->expect({rectifier_->inputWidth(), rectifier_->inputHeight()});
   readCommonMask(options);
   if (options.depth_sigma > 0) {
-    depths_ = DepthImages(std::filesystem::path(options.path) / "depth",
-                          options.depth_sigma,
-                          camera().width,
-                          camera().height);
+    depths_ = fs::path(options.path) / "depth";
+    depth_sigma_ = options.depth_sigma;
+    if (!fs::is_directory(depths_)) {
+      throw IoError(fmt::format("{}: no such folder of depth images", depths_.string()));
+    }
   }
   if (!options.gyroscope_file.empty()) {
     gyroscope_.emplace(options.gyroscope_file, options.R_cam_gyro);
@@ -177,8 +278,8 @@ void SequenceReader::Impl::calibrate(const SequenceOptions& options) {
 }
 
 void SequenceReader::Impl::readCommonMask(const SequenceOptions& options) {
-  masks_ =
-      ImageMasks(options.mask, layout_.masks, rectifier_->inputWidth(), rectifier_->inputHeight());
+  masks_ = ImageMasks(
+      options.mask, layout_.masks, {rectifier_->inputWidth(), rectifier_->inputHeight()});
   try {
     rectifier_->setMask(viewOf(masks_.common()));
   } catch (const std::invalid_argument& error) {
@@ -315,7 +416,11 @@ std::optional<SequenceFrame> SequenceReader::Impl::prepare(int index) {
   leaveOutBars(image->pixels, result.warnings);
   const cv::Mat mask = masks_.of(result.image_file);
   if (image->pixels.depth() == CV_16U) chooseBits(image->pixels, result.warnings);
-  const auto priors = depths_.of(result.image_file);
+  std::shared_ptr<const FramePriors> priors;
+  if (!depths_.empty()) {
+    const cv::Size size(camera().width, camera().height);
+    priors = depthOf(result.image_file, depths_, depth_sigma_, size);
+  }
   const ImageView rectified = rectifier_->rectify(rawImage(image->pixels), viewOf(mask));
   result.read_milliseconds = millisecondsSince(start);
 

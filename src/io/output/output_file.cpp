@@ -64,6 +64,16 @@ void GrowingFile::append(std::string_view text) {
   writeAll(file_.get(), text, path_);
 }
 
+void GrowingFile::replaceEnd(std::uintmax_t keep, std::string_view text) {
+  if (std::fseek(file_.get(), static_cast<long>(keep), SEEK_SET) != 0) throw writeError(path_);
+  append(text);
+  std::error_code error;
+  fs::resize_file(path_, keep + text.size(), error);
+  if (!error) return;
+  errno = error.value();
+  throw writeError(path_);
+}
+
 ReplacingFile::ReplacingFile(fs::path path)
     : path_(std::move(path)), part_(path_.string() + kPartSuffix), file_(openForWriting(part_)) {}
 

@@ -5,6 +5,7 @@
 
 #include "platform/files.h"
 
+#include <cstdint>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -28,6 +29,8 @@ class GrowingFile {
   explicit GrowingFile(std::filesystem::path path);
   /// @throws IoError where not all could be written, for example on a full disk
   void append(std::string_view text);
+  /// The content becomes its first `keep` bytes and then the text. @throws IoError as append()
+  void replaceEnd(std::uintmax_t keep, std::string_view text);
 
  private:
   std::filesystem::path path_;

@@ -1,18 +1,46 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/output/points_ply.h"
 
-#include "io/output/little_endian.h"
+#include "io/output/output_file.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <string>
 #include <string_view>
 #include <utility>
 #include <vector>
 
 namespace dsorb::io {
 namespace {
+
+/// Appends a number of four bytes.
+template <typename Value>
+void appendLittleEndian(Value value, std::string& bytes) {
+  std::uint32_t bits = 0;
+  static_assert(sizeof(Value) == sizeof(bits));
+  std::memcpy(&bits, &value, sizeof(bits));
+  for (int shift = 0; shift < 32; shift += 8) {
+    bytes.push_back(static_cast<char>((bits >> shift) & 0xFFU));
+  }
+}
+
+/// Reads a number of four bytes.
+template <typename Value>
+[[nodiscard]] Value littleEndian(const char* bytes) {
+  std::uint32_t bits = 0;
+  static_assert(sizeof(Value) == sizeof(bits));
+  for (unsigned i = 0; i < sizeof(bits); ++i) {
+    bits |= static_cast<std::uint32_t>(static_cast<unsigned char>(bytes[i])) << (8 * i);
+  }
+  Value value;
+  std::memcpy(&value, &bits, sizeof(bits));
+  return value;
+}
 
 constexpr std::uintmax_t kVertexBytes = 4 * sizeof(float) + 3 + 2 * sizeof(std::int32_t);
 constexpr std::size_t kCopyVertices = 4096;
@@ -71,6 +99,36 @@ std::string header(std::uintmax_t count) {
 }
 
 }  // namespace
+
+void writeTracks(const std::filesystem::path& path, const std::vector<MapTrack>& tracks) {
+  std::string points;
+  std::string sights;
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < tracks.size(); ++i) {
+    for (const float coordinate : tracks[i].position.cast<float>().eval()) {
+      appendLittleEndian(coordinate, points);
+    }
+    appendLittleEndian(static_cast<std::int32_t>(tracks[i].segment), points);
+    for (const TrackSight& sight : tracks[i].sights) {
+      appendLittleEndian(static_cast<std::int32_t>(i), sights);
+      appendLittleEndian(static_cast<std::int32_t>(sight.keyframe.value), sights);
+      appendLittleEndian(sight.pixel.x(), sights);
+      appendLittleEndian(sight.pixel.y(), sights);
+      ++count;
+    }
+  }
+  ReplacingFile file(path);
+  file.append(fmt::format(
+      "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float "
+      "y\n"
+      "property float z\nproperty int segment\nelement observation {}\nproperty int point\n"
+      "property int keyframe\nproperty float u\nproperty float v\nend_header\n",
+      tracks.size(),
+      count));
+  file.append(points);
+  file.append(sights);
+  file.commit();
+}
 
 PointsPly::PointsPly(std::filesystem::path folder) : folder_(std::move(folder)), spool_(folder_) {
   update();

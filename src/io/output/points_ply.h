@@ -4,14 +4,20 @@
 #include "dsorb/odometry/observer.h"
 
 #include "io/output/map_changes.h"
-#include "io/output/nameless_file.h"
 #include "io/output/output_file.h"
+#include "io/output/spool.h"
 
 #include <cstdint>
 #include <filesystem>
 #include <map>
+#include <vector>
 
 namespace dsorb::io {
+
+/// tracks.ply: corners that several keyframes see, as a binary little-endian PLY file with two
+/// elements: `point` (x y z segment) and `observation` (point keyframe u v), the latter with the
+/// position of the point in the former and of the keyframe's image in its sequence.
+void writeTracks(const std::filesystem::path& path, const std::vector<MapTrack>& tracks);
 
 /// points.ply: the map as binary little-endian vertices `x y z red green blue
 /// inverse_depth_variance segment keyframe`, in world coordinates of each segment; the last is the

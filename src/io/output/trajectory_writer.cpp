@@ -1,16 +1,54 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/output/trajectory_writer.h"
 
+#include "io/output/run_record.h"
+
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <optional>
 #include <utility>
 #include <vector>
 
 namespace dsorb::io {
 namespace {
+
+constexpr std::size_t kPoseColumns = 7;  // translation and quaternion
+constexpr int kCovarianceColumns = 21;   // upper triangle of 6 x 6
+
+/// Text as RFC 4180 has it: in quotes where it holds a comma, a quote or a line break.
+std::string csvField(const std::string& text) {
+  if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
+  std::string field = "\"";
+  for (const char c : text) field += c == '"' ? std::string("\"\"") : std::string(1, c);
+  return field + "\"";
+}
+
+/// Translation and quaternion (x y z w).
+std::array<double, kPoseColumns> numbersOf(const SE3& pose) {
+  const Eigen::Vector3d& t = pose.translation();
+  const Eigen::Quaterniond& q = pose.unitQuaternion();
+  return {t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w()};
+}
+
+std::string poseFields(const std::optional<SE3>& pose) {
+  if (!pose || !isFinite(*pose)) return std::string(kPoseColumns, ',');
+  return fmt::format(",{:.9f}", fmt::join(numbersOf(*pose), ","));
+}
+
+std::string covarianceFields(const std::optional<Matrix6d>& covariance) {
+  if (!covariance || !covariance->allFinite()) return std::string(kCovarianceColumns, ',');
+  std::string fields;
+  for (int row = 0; row < 6; ++row) {
+    for (int column = row; column < 6; ++column) {
+      fields += fmt::format(",{:.6e}", (*covariance)(row, column));
+    }
+  }
+  return fields;
+}
 
 constexpr std::size_t kBlockBytes = 1 << 16;
 
@@ -49,6 +87,40 @@ std::string lineOf(const PosedEntry& entry, const RunRecord& record) {
 }
 
 }  // namespace
+
+std::string frameTableHeader() {
+  std::string header =
+      "index,timestamp,state,milliseconds,is_keyframe,tracking_rmse,segment,image,keyframe,rel_tx,"
+      "rel_ty,rel_tz,rel_qx,rel_qy,rel_qz,rel_qw";
+  for (const char* prefix : {"cov", "world_cov"}) {
+    for (int row = 0; row < 6; ++row) {
+      for (int column = row; column < 6; ++column) {
+        header += fmt::format(",{}_{}{}", prefix, row, column);
+      }
+    }
+  }
+  return header + "\n";
+}
+
+std::string frameTableLine(const FrameEstimate& estimate,
+                           double milliseconds,
+                           const std::string& image_file) {
+  const double rmse = estimate.tracking_rmse.value_or(-1);
+  return fmt::format(
+      "{},{:.9f},{},{:.3f},{},{},{},{},{}{}{}{}\n",
+      estimate.frame->id().value,
+      estimate.frame->timestamp(),
+      name(estimate.state),
+      milliseconds,
+      estimate.is_keyframe ? 1 : 0,
+      std::isfinite(rmse) && rmse >= 0 ? fmt::format("{:.4f}", static_cast<float>(rmse)) : "",
+      estimate.segment,
+      csvField(image_file),
+      estimate.keyframe ? fmt::to_string(estimate.keyframe->value) : "",
+      poseFields(estimate.T_cam_keyframe),
+      covarianceFields(estimate.covariance),
+      covarianceFields(estimate.world_covariance));
+}
 
 TrajectoryWriter::TrajectoryWriter(std::filesystem::path folder, std::string stem)
     : folder_(std::move(folder)), stem_(std::move(stem)), file_(path("")) {}
@@ -90,18 +162,11 @@ void TrajectoryWriter::finish(const RunRecord& record, const Entries& entries) c
 }
 
 std::string tumLine(double timestamp, const SE3& T_world_cam) {
-  const Eigen::Vector3d& t = T_world_cam.translation();
-  Eigen::Vector4d q = T_world_cam.unitQuaternion().coeffs();  // x y z w
-  if (q.w() < 0) q = -q;
-  return fmt::format("{:.9f} {:.9f} {:.9f} {:.9f} {:.9f} {:.9f} {:.9f} {:.9f}\n",
-                     timestamp,
-                     t.x(),
-                     t.y(),
-                     t.z(),
-                     q.x(),
-                     q.y(),
-                     q.z(),
-                     q.w());
+  auto numbers = numbersOf(T_world_cam);
+  if (numbers.back() < 0) {
+    for (std::size_t i = 3; i < numbers.size(); ++i) numbers[i] = -numbers[i];
+  }
+  return fmt::format("{:.9f} {:.9f}\n", timestamp, fmt::join(numbers, " "));
 }
 
 void writeTum(const std::filesystem::path& path,

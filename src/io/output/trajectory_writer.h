@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/odometry/observer.h"
+
 #include "io/output/output_file.h"
 #include "io/output/run_record.h"
 
@@ -10,6 +12,14 @@
 #include <string>
 
 namespace dsorb::io {
+
+/// First line of frames.csv.
+[[nodiscard]] std::string frameTableHeader();
+
+/// Line of a frame; what does not exist or is not finite is an empty field.
+[[nodiscard]] std::string frameTableLine(const FrameEstimate& estimate,
+                                         double milliseconds,
+                                         const std::string& image_file);
 
 /// trajectory.txt or keyframes.txt: grows with the estimates of the moment, ends as the final poses
 /// sorted by time. A file holds one segment: while the run goes on the first one, those after it

@@ -1,23 +1,235 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "dsorb/io/writers.h"
 
+#include "dsorb/camera/pinhole_camera.h"
+
 #include "base/timed.h"
 #include "io/output/figures.h"
-#include "io/output/frame_table.h"
-#include "io/output/initialization_writer.h"
+#include "io/output/json_text.h"
 #include "io/output/output_file.h"
 #include "io/output/points_ply.h"
 #include "io/output/run_json.h"
 #include "io/output/run_record.h"
-#include "io/output/tracks_ply.h"
 #include "io/output/trajectory_writer.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstdlib>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
 
 namespace dsorb {
+/// initialization.json: one object per successful initialization, added when it comes. Only the
+/// last one is kept: no other can be taken back.
+class InitializationWriter {
+ public:
+  /// Writes the empty list. @throws IoError where it cannot be written
+  InitializationWriter(std::filesystem::path path, std::string initializer);
+
+  void setCamera(const PinholeCamera& camera) { camera_ = camera; }
+
+  /// Counts the current frame and writes when it brought or took back an initialization.
+  void update(const io::RunRecord& record, double milliseconds);
+
+ private:
+  /// The start of a segment up to now.
+  struct Progress {
+    int segment = -1;
+    int frames_given = 0;
+    int resets = 0;
+    double total_milliseconds = 0;
+    double attempt_milliseconds = 0;  ///< since the last reset
+  };
+
+  [[nodiscard]] io::Json describe(const io::InitStepNote& step, double milliseconds) const;
+  void add(io::Json initialization);
+  /// Brings the file up to date.
+  void write();
+
+  io::GrowingFile file_;
+  std::string initializer_;
+  PinholeCamera camera_;
+  Progress progress_;
+  io::Json last_;              ///< null before the first one
+  std::uintmax_t last_begin_;  ///< its place in the file
+  std::size_t last_size_ = 0;
+  bool changed_ = false;
+};
+
+namespace {
+
+constexpr std::string_view kHead = "{\n \"initializations\": [";
+constexpr int kDepth = 2;  // of an initialization in the file
+
+template <typename Matrix>
+io::Json rows(const Matrix& matrix) {
+  io::Json result = io::Json::array();
+  for (Eigen::Index r = 0; r < matrix.rows(); ++r) {
+    io::Json row = io::Json::array();
+    for (Eigen::Index c = 0; c < matrix.cols(); ++c) row.push_back(matrix(r, c));
+    result.push_back(std::move(row));
+  }
+  return result;
+}
+
+io::Json frameReference(const Frame& frame) {
+  return {{"index", frame.id().value}, {"timestamp", frame.timestamp()}};
+}
+
+io::Json poses(const InitializationResult& result) {
+  io::Json list = io::Json::array();
+  for (const PosedFrame& posed : result.frames) {
+    const bool known = posed.T_cam_ref && io::isFinite(*posed.T_cam_ref);
+    const bool certain = known && posed.covariance && posed.covariance->allFinite();
+    io::Json entry = frameReference(*posed.frame);
+    entry["T_cam_ref"] = known ? rows(posed.T_cam_ref->matrix()) : io::Json();
+    entry["affine"] = {posed.affine.a, posed.affine.b};
+    entry["covariance"] = certain ? rows(*posed.covariance) : io::Json();
+    list.push_back(std::move(entry));
+  }
+  return list;
+}
+
+/// Points hosted in the reference as [u, v, inverse depth, variance].
+io::Json referencePoints(const InitializationResult& result) {
+  io::Json list = io::Json::array();
+  for (const InitPoint& point : result.points) {
+    if (point.host != 0 || !point.pixel.allFinite() || !std::isfinite(point.inverse_depth) ||
+        !std::isfinite(point.variance)) {
+      continue;
+    }
+    list.push_back({io::shortest(point.pixel.x()),
+                    io::shortest(point.pixel.y()),
+                    io::shortest(point.inverse_depth),
+                    io::shortest(point.variance)});
+  }
+  return list;
+}
+
+io::Json reportJson(const InitializationResult& result) {
+  const InitReport& report = result.report;
+  const auto posed = std::count_if(result.frames.begin(), result.frames.end(), [](const auto& f) {
+    return f.T_cam_ref.has_value();
+  });
+  io::Json json = {{"model", report.model},
+                   {"frames_fed", result.frames.size()},
+                   {"frames_posed", posed},
+                   {"restarts", report.restarts},
+                   {"points", result.points.size()},
+                   {"median_relative_sigma", report.median_relative_sigma}};
+  const auto add = [&json](const char* name, const auto& value) {
+    json[name] = value ? io::Json(*value) : io::Json(nullptr);
+  };
+  add("wrong_probability", report.wrong_probability);
+  add("known_depth_used", report.depth_prior);
+  add("known_pose_used", report.pose_prior);
+  json["earlier_resets"] = io::Json::array();
+  for (const InitReason reason : report.earlier_resets) {
+    json["earlier_resets"].push_back(name(reason));
+  }
+  io::Json& details = json["details"] = io::Json::object();
+  for (const Detail& detail : report.details) details[detail.name] = detail.value;
+  return json;
+}
+
+void noteRefusal(const std::optional<StartRefusal>& refusal, io::Json& initialization) {
+  initialization["withdrawn"] = refusal.has_value();
+  initialization["withdrawal"] = nullptr;
+  if (!refusal) return;
+  const StartChange& change = refusal->change;
+  initialization["withdrawal"] = {{"reason", name(refusal->reason)},
+                                  {"index", refusal->frame.value},
+                                  {"direction_deg", change.direction_deg},
+                                  {"depth_spread", change.depth_spread},
+                                  {"depth_change", change.depth_change},
+                                  {"kept_share", change.kept_share}};
+}
+
+}  // namespace
+
+InitializationWriter::InitializationWriter(std::filesystem::path path, std::string initializer)
+    : file_(std::move(path)), initializer_(std::move(initializer)), last_begin_(kHead.size()) {
+  file_.append(std::string(kHead) + "]\n}\n");
+}
+
+void InitializationWriter::update(const io::RunRecord& record, double milliseconds) {
+  if (record.estimate()) {
+    if (record.estimate()->segment != progress_.segment) {
+      progress_ = {};
+      progress_.segment = record.estimate()->segment;
+    }
+    ++progress_.frames_given;
+  }
+  for (const io::InitStepNote& step : record.steps()) {
+    if (step.status == InitStatus::kRestarted && step.reason != InitReason::kFirstFrame) {
+      ++progress_.resets;
+      progress_.attempt_milliseconds = 0;
+    }
+  }
+  if (!record.steps().empty()) {
+    progress_.total_milliseconds += milliseconds;
+    progress_.attempt_milliseconds += milliseconds;
+  }
+  for (const io::InitStepNote& step : record.steps()) {
+    if (!step.result) continue;
+    add(describe(step, milliseconds));
+  }
+  if (changed_) write();
+}
+
+io::Json InitializationWriter::describe(const io::InitStepNote& step, double milliseconds) const {
+  const InitializationResult& result = *step.result;
+  const Frame& reference = *result.frames.front().frame;
+  const Frame& target = *result.frames.back().frame;
+  io::Json json;
+  json["initializer"] = initializer_;
+  json["segment"] = progress_.segment;
+  json["frames_given"] = progress_.frames_given;
+  json["frames_since_reference"] = std::abs(target.id().value - reference.id().value);
+  json["resets"] = progress_.resets;
+  noteRefusal(step.refusal, json);
+  json["reference"] = frameReference(reference);
+  json["target"] = frameReference(target);
+  json["camera"] = io::cameraJson(camera_);
+  json["poses"] = poses(result);
+  json["points"] = referencePoints(result);
+  io::Json stages = io::Json::object();
+  for (const StageTime& stage : result.report.stages) stages[stage.stage] = stage.milliseconds;
+  json["milliseconds"] = {{"total", progress_.total_milliseconds},
+                          {"this_attempt", progress_.attempt_milliseconds},
+                          {"last_frame", milliseconds},
+                          {"stages", std::move(stages)}};
+  if (result.metric) {
+    json["metric"] = {{"metres_per_unit", result.metric->metres},
+                      {"relative_sigma", result.metric->relative_sigma}};
+  }
+  json["report"] = reportJson(result);
+  return json;
+}
+
+void InitializationWriter::add(io::Json initialization) {
+  if (changed_) write();  // the one before, for the last time
+  if (!last_.is_null()) last_begin_ += last_size_;
+  last_ = std::move(initialization);
+  changed_ = true;
+}
+
+void InitializationWriter::write() {
+  std::string text = last_begin_ == kHead.size() ? "\n  " : ",\n  ";
+  text += io::jsonText(last_, kDepth);
+  last_size_ = text.size();
+  file_.replaceEnd(last_begin_, text + "\n ]\n}\n");
+  changed_ = false;
+}
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -127,7 +339,7 @@ class RunWriter::Impl {
   io::GrowingFile frames_csv;
   io::TrajectoryWriter trajectory;
   io::TrajectoryWriter keyframes;
-  io::InitializationWriter initializations;
+  InitializationWriter initializations;
   io::PointsPly points;
   bool keyframes_changed = false;
   std::size_t next_writing = 0;  // number of keyframes

@@ -1,22 +1,31 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/bundle/corner_refinement.h"
 
+#include "dsorb/camera/pinhole_camera.h"
+
 #include "base/angles.h"
+#include "base/lanes.h"
 #include "base/parallel.h"
+#include "base/target_clones.h"
 #include "estimate/pose_from_points.h"
+#include "estimate/robust_loss.h"
+#include "estimate/sampling.h"
+#include "estimate/target_image.h"
 #include "estimate/variance_factors.h"
+#include "estimate/warp.h"
 #include "image/photometric.h"
 #include "init/orb/bundle/frame_motions.h"
 #include "init/orb/bundle/map_assembly.h"
-#include "init/orb/bundle/patch_alignment.h"
-#include "init/orb/bundle/pose_covariance.h"
+#include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/map/frame_brightness.h"
+#include "init/orb/map/initial_map.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <optional>
@@ -24,6 +33,184 @@
 
 namespace dsorb::init_orb {
 namespace {
+
+constexpr int kPatchSide = 5;
+constexpr int kPatchStep = 2;  ///< [px] between two samples
+constexpr std::size_t kPatchPixels = std::size_t{kPatchSide} * kPatchSide;
+constexpr std::size_t kPatchLanes = 32;  ///< pixels filled up to whole lanes
+
+/// Grey values of the reference around a corner.
+using CornerPatch = std::array<float, kPatchLanes>;
+
+/// Measurement of a corner by its patch in one frame.
+struct Measurement {
+  Eigen::Vector2d pixel{0, 0};
+  Eigen::Matrix2d information = Eigen::Matrix2d::Zero();  ///< for a squared noise of a pixel of 1
+  double weighted_square = 0;                             ///< sum of w r^2, w Huber's weight
+  double weight = 0;                                      ///< sum of w
+  double mean_residual = 0;                               ///< of |r| [grey levels]
+};
+
+constexpr int kRadius = kPatchSide / 2;
+constexpr double kMaxStep = 1;     // of one corner [px]
+constexpr double kDamping = 1e-3;  // of the mean curvature
+
+/// Offsets of the samples from the centre [px], and 1 for each; zeros fill up.
+struct Offsets {
+  std::array<float, kPatchLanes> x{};
+  std::array<float, kPatchLanes> y{};
+  std::array<float, kPatchLanes> used{};
+};
+
+constexpr Offsets makeOffsets() {
+  Offsets offsets;
+  for (std::size_t i = 0; i < kPatchPixels; ++i) {
+    const int index = static_cast<int>(i);
+    const int row = index / kPatchSide;
+    offsets.x[i] = static_cast<float>(kPatchStep * (index - row * kPatchSide - kRadius));
+    offsets.y[i] = static_cast<float>(kPatchStep * (row - kRadius));
+    offsets.used[i] = 1;
+  }
+  return offsets;
+}
+
+constexpr Offsets kOffsets = makeOffsets();
+
+/// Residuals of a corner's patch, warped into a frame, over a shift of the patch there.
+/// @param ray    of the corner in the reference, z = 1
+/// @param totals sums over the pixels: w times the gradient's squares xx, xy, yy and its products
+///               with the residual x, y; w r^2, w, |r|
+/// @return       false where the patch leaves the image
+template <bool kRolling>
+DSORB_ALWAYS_INLINE bool linearizeAs(const TargetImage& target,
+                                     const CornerPatch& patch,
+                                     const Eigen::Vector2f& ray,
+                                     float inverse_depth,
+                                     Lanes& totals) {
+  Lanes terms[8] = {};
+  const float step_x = 1.0F / target.warp.fx;
+  const float step_y = 1.0F / target.warp.fy;
+  SampleArea<Lanes> area;
+  sampleArea(target.width, target.height, area);
+  for (std::size_t i = 0; i < kPatchLanes; i += kLanes) {
+    Lanes offset_x;
+    Lanes offset_y;
+    Lanes used;
+    Lanes grey;
+    load(&kOffsets.x[i], offset_x);
+    load(&kOffsets.y[i], offset_y);
+    load(&kOffsets.used[i], used);
+    load(&patch[i], grey);
+    const Lanes ray_x = ray.x() + step_x * offset_x;
+    const Lanes ray_y = ray.y() + step_y * offset_y;
+    WarpedPoint<Lanes> point;
+    projectInto<kRolling>(target, ray_x, ray_y, inverse_depth, point);
+    LaneSamples samples;
+    MaskOf<Lanes> inside;
+    sampleTarget(target, area, point, samples, inside);
+    if (!inAllLanes(inside)) return false;
+    const Lanes residual = (samples.intensity - target.gain * grey - target.offset) * used;
+    Lanes weight;
+    huberWeights(residual, weight);
+    weight *= used;
+    const Lanes wx = weight * samples.dx;
+    const Lanes wy = weight * samples.dy;
+    terms[0] += wx * samples.dx;
+    terms[1] += wx * samples.dy;
+    terms[2] += wy * samples.dy;
+    terms[3] += wx * residual;
+    terms[4] += wy * residual;
+    terms[5] += weight * residual * residual;
+    terms[6] += weight;
+    terms[7] += residual < 0.0F ? -residual : residual;
+  }
+  sumLanes(terms, totals);
+  return true;
+}
+
+DSORB_TARGET_CLONES bool linearizePatch(const TargetImage& target,
+                                        const CornerPatch& patch,
+                                        const Eigen::Vector2f& ray,
+                                        float inverse_depth,
+                                        Lanes& totals) {
+  return linearizeAs<false>(target, patch, ray, inverse_depth, totals);
+}
+
+DSORB_TARGET_CLONES bool linearizePatchRolling(const TargetImage& target,
+                                               const CornerPatch& patch,
+                                               const Eigen::Vector2f& ray,
+                                               float inverse_depth,
+                                               Lanes& totals) {
+  return linearizeAs<true>(target, patch, ray, inverse_depth, totals);
+}
+
+/// @return nullopt where the patch leaves the image or touches an invalid pixel
+std::optional<CornerPatch> cutCornerPatch(const PyramidLevel& reference,
+                                          const Eigen::Vector2f& pixel) {
+  if (!canSample(reference, pixel.x(), pixel.y(), static_cast<float>(kPatchStep * kRadius))) {
+    return std::nullopt;
+  }
+  CornerPatch patch{};
+  float sum = 0;
+  for (std::size_t i = 0; i < kPatchPixels; ++i) {
+    patch[i] =
+        interpolateIntensity(reference, pixel.x() + kOffsets.x[i], pixel.y() + kOffsets.y[i]);
+    sum += patch[i];
+  }
+  return std::isfinite(sum) ? std::optional(patch) : std::nullopt;
+}
+
+/// Measures corners in one frame: aligns their patches, warped by pose and inverse depth.
+class FrameMeasurer {
+ public:
+  FrameMeasurer(const InitialMap& map,
+                const PinholeCamera& camera,
+                std::size_t frame,
+                const SE3& T_cam_ref)
+      : camera_(camera),
+        T_cam_ref_(T_cam_ref),
+        target_(makeTargetImage(
+            camera, T_cam_ref, brightnessTo(map, frame), map.frames[frame].frame->level(0))) {
+    if (const auto shutter = shutterOf(map, frame)) target_.setShutter(*shutter);
+  }
+
+  /// One damped Gauss-Newton step from the corner's projection.
+  /// @return nullopt where the patch leaves the image or is invalid
+  [[nodiscard]] std::optional<Measurement> measure(const Corner& corner,
+                                                   const std::optional<CornerPatch>& patch) const {
+    const Eigen::Vector3d ray = camera_.unproject(corner.pixel);
+    Lanes sums;
+    const auto sum_up = target_.corrected ? linearizePatchRolling : linearizePatch;
+    if (!patch || !sum_up(target_,
+                          *patch,
+                          ray.head<2>().cast<float>(),
+                          static_cast<float>(corner.inverse_depth),
+                          sums)) {
+      return std::nullopt;
+    }
+    const auto sum = [&sums](int k) { return static_cast<double>(sums[k]); };
+    if (!std::isfinite(sum(7))) return std::nullopt;
+    Measurement measurement;
+    measurement.information << sum(0), sum(1), sum(1), sum(2);
+    measurement.weighted_square = sum(5);
+    measurement.weight = sum(6);
+    measurement.mean_residual = sum(7) / kPatchPixels;
+    Eigen::Matrix2d damped = measurement.information;
+    damped.diagonal().array() += kDamping * 0.5 * damped.trace();
+    Eigen::Vector2d step = -damped.inverse() * Eigen::Vector2d(sum(3), sum(4));
+    if (!step.allFinite()) return std::nullopt;
+    if (step.norm() > kMaxStep) step *= kMaxStep / step.norm();
+    const Eigen::Vector3d direction =
+        T_cam_ref_.unitQuaternion() * ray + corner.inverse_depth * T_cam_ref_.translation();
+    measurement.pixel = camera_.project(direction) + step;
+    return measurement;
+  }
+
+ private:
+  const PinholeCamera& camera_;
+  SE3 T_cam_ref_;
+  TargetImage target_;
+};
 
 constexpr int kRounds = 5;      // at most
 constexpr int kIterations = 2;  // of the adjustment in each round; 2 to 6 give the same starts
@@ -197,6 +384,68 @@ double directionChangeDeg(const SE3& before, const SE3& after) {
 }
 
 }  // namespace
+
+InheritedPoseError::InheritedPoseError(const InitialMap& map,
+                                       const PinholeCamera& camera,
+                                       const GeometricOptions& options)
+    : joint_(map.joint_covariance) {
+  const PoseRows rows(map, map.joint_frames);
+  const LinearSystem<double> system = linearize(map, rows, camera, options).system;
+  const auto corners = static_cast<Eigen::Index>(map.corners.size());
+  // Rows 6 d to 6 d + 5: J^T J_t,d / (rho h).
+  Eigen::Matrix<double, 18, Eigen::Dynamic> effects =
+      Eigen::Matrix<double, 18, Eigen::Dynamic>::Zero(18, corners);
+  Matrix6d hessian = Matrix6d::Zero();
+  for (Eigen::Index i = 0; i < corners; ++i) {
+    const Corner& corner = map.corners[static_cast<std::size_t>(i)];
+    const auto k = static_cast<std::size_t>(i);
+    if (!system.known(k) || !(corner.inverse_depth > 0)) continue;
+    const auto projection =
+        projectHosted(camera, SE3(), camera.unproject(corner.pixel), corner.inverse_depth);
+    const Matrix6d own = projection->J_pose.transpose() * projection->J_pose;
+    hessian += own;
+    const double scale = 1 / (corner.inverse_depth * system.depth_hessian[k]);
+    for (Eigen::Index d = 0; d < 3; ++d) effects.col(i).segment<6>(6 * d) = scale * own.col(d);
+  }
+  const Eigen::Matrix<double, 18, Eigen::Dynamic> sums =
+      effects * system.couplings().topRows(corners);
+  const Eigen::LDLT<Matrix6d> cholesky(hessian);
+  for (Eigen::Index d = 0; d < 3; ++d) {
+    response_[static_cast<std::size_t>(d)] = cholesky.solve(sums.middleRows<6>(6 * d));
+  }
+}
+
+Eigen::Matrix<double, 6, Eigen::Dynamic> InheritedPoseError::response(const SE3& T_cam_ref) const {
+  const Eigen::Matrix3d R = T_cam_ref.unitQuaternion().toRotationMatrix();
+  const Eigen::Vector3d t = R.transpose() * T_cam_ref.translation();
+  Eigen::Matrix<double, 6, Eigen::Dynamic> response =
+      t.x() * response_[0] + t.y() * response_[1] + t.z() * response_[2];
+  response.topRows<3>() = (R * response.topRows<3>()).eval();
+  response.bottomRows<3>() = (R * response.bottomRows<3>()).eval();
+  return response;
+}
+
+Matrix6d InheritedPoseError::covariance(const SE3& T_cam_ref) const {
+  const Eigen::Matrix<double, 6, Eigen::Dynamic> inherited = response(T_cam_ref);
+  const Matrix6d covariance = inherited * joint_ * inherited.transpose();
+  return 0.5 * (covariance + covariance.transpose());
+}
+
+Matrix6d interpolatedCovariance(const InitialMap& map, std::size_t frame) {
+  const auto after = std::upper_bound(map.joint_frames.begin(), map.joint_frames.end(), frame);
+  const std::size_t last = *after;
+  Matrix6d covariance = map.frames[last].covariance.value_or(Matrix6d::Zero());
+  SE3 T_before;
+  if (after != map.joint_frames.begin()) {
+    const std::size_t first = *(after - 1);
+    T_before = *map.frames[first].T_cam_ref;
+    covariance += map.frames[first].covariance.value_or(Matrix6d::Zero());
+  }
+  const Vector6d motion = (*map.frames[last].T_cam_ref * T_before.inverse()).log();
+  covariance.diagonal().head<3>().array() += 0.25 * motion.head<3>().squaredNorm();
+  covariance.diagonal().tail<3>().array() += 0.25 * motion.tail<3>().squaredNorm();
+  return covariance;
+}
 
 GeometricOptions refinedAdjustment(const GeometricOptions& geometric) {
   GeometricOptions adjusted = geometric;

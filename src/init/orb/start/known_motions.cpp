@@ -5,15 +5,19 @@
 #include "dsorb/image/frame_priors.h"
 
 #include "base/median.h"
+#include "base/spread_frames.h"
 #include "estimate/rolling_shutter.h"
 #include "init/orb/bundle/frame_motions.h"
+#include "init/orb/bundle/map_assembly.h"
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/bundle/robust_adjustment.h"
+#include "init/orb/map/depth_lookup.h"
 
 #include <Eigen/LU>
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <utility>
 
 namespace dsorb::init_orb {
@@ -113,6 +117,116 @@ std::optional<InitialMap> boundByMotions(InitialMap map,
   return bound;
 }
 
+/// Largest relative deviation, after it was widened, with which depths still give a start.
+constexpr double kMaxRelativeSigma = 0.15;
+constexpr double kMinInnovationNoise = 0.05;  // [px]
+constexpr double kMaxInnovationNoise = 1;     // [px]; more is no noise but a pose that does not fit
+constexpr double kInnovationFreedom = 4;      // of the t-distribution of an innovation
+constexpr double kInflationStep = 1.2;
+constexpr int kInflations = 26;  // up to 95
+/// Log likelihood by which another inflation may be worse than the best and still be believed: two
+/// standard deviations.
+constexpr double kLikelihoodGap = 2;
+/// Median epipolar distance of a motion from known depths over that of the best motion, and the
+/// least one that counts [px].
+constexpr double kMaxMisfit = 2;
+constexpr double kMinMisfit = 0.05;
+
+/// Corners of all tracks whose depth is known, in metres; the newest frame where the camera has
+/// only turned.
+InitialMap makeMap(const ReferenceView& view, const RotationFit& rotation) {
+  const DepthLookup lookup(*view.frames.front()->priors()->depth, 1, 1);
+  const std::vector<Eigen::Vector2f>& pixels = view.tracks.positions.front();
+  MotionHypothesis motion;
+  motion.T_cur_ref = SE3(rotation.R_cur_ref, Eigen::Vector3d::Zero());
+  motion.points.resize(pixels.size());
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    if (!view.tracks.positions.back()[i].allFinite()) continue;
+    const Eigen::Vector2f seen = view.tracks.seen.empty() ? pixels[i] : view.tracks.seen[i];
+    const KnownInverseDepth known = lookup.at(seen);
+    if (known) motion.points[i] = TriangulatedPoint{known.mean, known.variance};
+  }
+  InitialMap map = makeInitialMap(view.frames, view.tracks, motion);
+  map.readout = view.readout;
+  map.metres = 1;
+  return map;
+}
+
+/// A map with what is known of every corner.
+InitialMap withKnown(InitialMap map, double inflation) {
+  const DepthLookup lookup(*map.frames.front().frame->priors()->depth, map.metres, inflation);
+  for (Corner& corner : map.corners) corner.known = lookup.at(corner.seen());
+  return map;
+}
+
+/// What the newest frame says of the known inverse depths, its pose taken as right. The noise is
+/// that across the epipolar lines, where depths have no part.
+std::vector<DepthInnovation> innovationsOf(const InitialMap& map, const PinholeCamera& camera) {
+  std::vector<DepthInnovation> innovations;
+  std::vector<double> across;
+  for (const CornerObservation& observation : map.observations) {
+    if (observation.frame + 1 != map.frames.size()) continue;
+    const KnownInverseDepth& known = map.corners[observation.corner].known;
+    const auto projection = projectHosted(camera,
+                                          *map.frames.back().T_cam_ref,
+                                          camera.unproject(map.corners[observation.corner].pixel),
+                                          known.mean);
+    if (!projection) continue;
+    const Eigen::Vector2d& speed = projection->J_inverse_depth;
+    const Eigen::Vector2d error = observation.pixel - projection->pixel;
+    const double square = std::max(speed.squaredNorm(), 1e-12);
+    across.push_back(std::abs(speed.x() * error.y() - speed.y() * error.x()) / std::sqrt(square));
+    innovations.push_back({speed.dot(error) / square, known.variance, 1 / square});
+  }
+  const double noise =
+      std::clamp(kMadToSigma * medianInPlace(across), kMinInnovationNoise, kMaxInnovationNoise);
+  for (DepthInnovation& innovation : innovations) innovation.image_variance *= noise * noise;
+  return innovations;
+}
+
+double logLikelihood(const std::vector<DepthInnovation>& innovations, double inflation) {
+  double sum = 0;
+  for (const DepthInnovation& innovation : innovations) {
+    const double variance =
+        inflation * inflation * innovation.known_variance + innovation.image_variance;
+    const double square = innovation.error * innovation.error / variance;
+    sum -= 0.5 * std::log(variance) +
+           0.5 * (kInnovationFreedom + 1) * std::log1p(square / kInnovationFreedom);
+  }
+  return sum;
+}
+
+/// Median of what is known, over its inverse depth.
+double relativeSigma(const InitialMap& map) {
+  std::vector<double> sigmas;
+  for (const Corner& corner : map.corners) {
+    if (corner.known) sigmas.push_back(std::sqrt(corner.known.variance) / corner.known.mean);
+  }
+  return medianInPlace(sigmas);
+}
+
+/// A map whose corners know their depths.
+struct WeighedDepths {
+  InitialMap map;
+  DepthPriorReport report{};
+  bool of_use = false;  ///< the depths give a start
+};
+
+/// Widens the deviations as the present pose wants it.
+WeighedDepths weighDepths(WeighedDepths weighed, const PinholeCamera& camera) {
+  DepthPriorReport& report = weighed.report;
+  InitialMap map = withKnown(std::move(weighed.map), 1);
+  const auto innovations = innovationsOf(map, camera);
+  if (innovations.empty()) return {std::move(map), report, false};
+  report.inflation = claimInflation(innovations);
+  const double claimed = relativeSigma(map);
+  map = withKnown(std::move(map), report.inflation);
+  report.relative_sigma = relativeSigma(map);
+  report.corners = static_cast<int>(map.corners.size());
+  report.contradicted = claimed <= kMaxRelativeSigma && report.relative_sigma > kMaxRelativeSigma;
+  return {std::move(map), report, report.relative_sigma <= kMaxRelativeSigma};
+}
+
 }  // namespace
 
 std::vector<KnownMotion> knownMotions(const std::vector<FramePtr>& all,
@@ -147,6 +261,63 @@ MotionAdjustment adjustWithMotions(InitialMap map,
   auto bound = boundByMotions(map, motions, camera, measured);
   if (bound) return {std::move(*bound), true};
   return {std::move(map), false};
+}
+
+bool knowsDepth(const ReferenceView& view) {
+  const FramePriors* priors = view.frames.front()->priors();
+  return priors != nullptr && priors->depth;
+}
+
+double claimInflation(const std::vector<DepthInnovation>& innovations) {
+  std::vector<double> likelihoods;
+  double inflation = 1;
+  for (int i = 0; i < kInflations; ++i, inflation *= kInflationStep) {
+    likelihoods.push_back(logLikelihood(innovations, inflation));
+  }
+  const double enough = *std::max_element(likelihoods.begin(), likelihoods.end()) - kLikelihoodGap;
+  const auto least = std::find_if(
+      likelihoods.begin(), likelihoods.end(), [enough](double value) { return value >= enough; });
+  return std::pow(kInflationStep, static_cast<double>(least - likelihoods.begin()));
+}
+
+bool fitsLikeTheBest(const SE3& T_cur_ref, const Matches& matches, const AttemptContext& context) {
+  const auto best = estimateEssentialMotion(matches, context.camera, context.seed());
+  if (!best) return true;
+  const auto misfit = [&](const SE3& motion) {
+    return medianOf(epipolarDistances(motion, matches, context.camera));
+  };
+  return misfit(T_cur_ref) <= kMaxMisfit * std::max(kMinMisfit, misfit(best->T_cur_ref));
+}
+
+KnownDepthStart startOfKnownDepths(const ReferenceView& view,
+                                   const RotationFit& rotation,
+                                   const AttemptContext& context) {
+  const PinholeCamera& camera = context.camera;
+  const GeometricOptions& options = context.options.orb.geometric;
+  WeighedDepths start{makeMap(view, rotation)};
+  start.report.corners = static_cast<int>(start.map.corners.size());
+  if (start.report.corners < kMinAdjusted) return {std::nullopt, start.report};
+  PosedFrame& newest = start.map.frames.back();
+  const auto observations = observationsByFrame(start.map, camera);
+  const auto pose = poseFromPoints(observations.back(), camera, *newest.T_cam_ref, kTrackSigma);
+  if (!pose) return {std::nullopt, start.report};
+  newest.T_cam_ref = *pose;
+  start = weighDepths(std::move(start), camera);
+  if (!start.of_use) return {std::nullopt, start.report};
+  const auto frames = spreadFrames(view.frames.size(), kAdjustedFrames);
+  poseFrames(start.map, camera, frames);
+  auto robust = adjustRobustly(std::move(start.map), camera, options);
+  if (!robust) return {std::nullopt, start.report};
+  start = weighDepths({std::move(*robust), start.report}, camera);
+  if (!start.of_use) return {std::nullopt, start.report};
+  MotionAdjustment adjusted =
+      adjustWithMotions(std::move(start.map), knownMotions(view.frames, frames), camera, options);
+  MotionCandidate candidate;
+  candidate.map = std::move(adjusted.map);
+  candidate.front_share = 1;
+  candidate.motions_used = adjusted.used;
+  start.report.used = true;
+  return {std::move(candidate), start.report};
 }
 
 }  // namespace dsorb::init_orb

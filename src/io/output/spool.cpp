@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/output/nameless_file.h"
+#include "io/output/spool.h"
 
 #include "io/output/output_file.h"
 

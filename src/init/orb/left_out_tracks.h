@@ -2,14 +2,33 @@
 #pragma once
 
 #include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/image/pyramid.h"
 
 #include "features/corner_tracks.h"
 #include "image/cell_grid.h"
 #include "init/orb/map/initial_map.h"
 
+#include <Eigen/Core>
+
+#include <cstdint>
 #include <vector>
 
 namespace dsorb::init_orb {
+
+/// Leaves out the tracks on edges where most are on edges: bars, blinds, corrugated walls. Such a
+/// track slides along its edge and knows one direction of its motion only; a few of them among
+/// corners do no harm, but where they are most, they agree about motions that are wrong.
+/// @param image that the tracks begin in
+void leaveOutEdges(const PyramidLevel& image, CornerTracks& tracks);
+
+/// Leaves out the tracks of what moves with the camera: a bonnet, a watermark, hot pixels. They
+/// stand still in all frames, against the epipolar geometry of the others all over the image:
+/// points far away, or those that the camera turns around, agree with it.
+/// @param seed of the samples by which the others' motion is found
+/// @return where the reference shows those that were left out [px]
+std::vector<Eigen::Vector2f> leaveOutStuck(CornerTracks& tracks,
+                                           const PinholeCamera& camera,
+                                           std::uint64_t seed);
 
 /// How badly the best inverse depth explains each track under a map's poses: root mean square of
 /// the reprojection error over the posed frames that see it, depth not behind the camera [px].

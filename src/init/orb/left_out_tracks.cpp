@@ -1,19 +1,94 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/dynamic_regions.h"
+#include "init/orb/left_out_tracks.h"
 
 #include "base/median.h"
 #include "base/parallel.h"
 #include "estimate/warp.h"
 #include "geometry/triangulate.h"
+#include "image/cell_grid.h"
+#include "image/contrast.h"
 #include "image/image_scale.h"
+#include "two_view/essential_motion.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <optional>
+#include <vector>
 
 namespace dsorb::init_orb {
 namespace {
+
+constexpr int kEdgeRadius = 7;       // of the square whose gradients are looked at [px]
+constexpr float kMaxEdgeRatio = 30;  // of the eigenvalues of a corner's gradient tensor
+// Share of the tracks; with fewer corners the others go. Bars have 3 to 19 %, TartanAir's bare
+// corridors 52.
+constexpr double kMinCornerShare = 0.3;
+
+/// Whether the gradients around a place have one direction only: a misfit of a fraction of a pixel
+/// across the edge then moves a track by several times as much along it.
+/// @param noise variance that noise gives a gradient [grey levels^2 / px^2]
+bool isOnEdge(const PyramidLevel& image, const Eigen::Vector2f& place, float noise) {
+  const int x0 = static_cast<int>(std::lround(place.x()));
+  const int y0 = static_cast<int>(std::lround(place.y()));
+  float xx = 0;
+  float xy = 0;
+  float yy = 0;
+  float pixels = 0;
+  for (int y = std::max(0, y0 - kEdgeRadius); y <= std::min(image.height() - 1, y0 + kEdgeRadius);
+       ++y) {
+    for (int x = std::max(0, x0 - kEdgeRadius); x <= std::min(image.width() - 1, x0 + kEdgeRadius);
+         ++x) {
+      const ImageSample sample = image.at(x, y);
+      ++pixels;
+      xx += sample.dx * sample.dx;
+      xy += sample.dx * sample.dy;
+      yy += sample.dy * sample.dy;
+    }
+  }
+  const float middle = (xx + yy) / 2;
+  const float half = std::sqrt((xx - yy) * (xx - yy) / 4 + xy * xy);
+  const float of_noise = pixels * noise;
+  return middle + half - of_noise > kMaxEdgeRatio * std::max(0.0F, middle - half - of_noise);
+}
+
+constexpr float kStill = 0.5F;           // largest distance from the place in the reference [px]
+constexpr double kMinMoved = 3;          // median of the others in the newest frame [px]
+constexpr double kMinOffEpipolar = 0.5;  // median from the epipolar lines of the others [px]
+constexpr double kMinShare = 0.03;       // of the tracks; a few are outliers like others
+constexpr int kMinOthers = 50;           // an attempt needs as many
+constexpr double kMaxCellShare = 0.45;   // of the image's cells with tracks; more: the scene stands
+constexpr int kColumns = 8;
+constexpr int kRows = 6;
+
+/// Whether each track stands still in all frames.
+std::vector<char> stillTracks(const CornerTracks& tracks) {
+  std::vector<char> still(static_cast<std::size_t>(tracks.size()), 1);
+  for (const std::vector<Eigen::Vector2f>& positions : tracks.positions) {
+    for (std::size_t i = 0; i < still.size(); ++i) {
+      const float moved = (positions[i] - tracks.positions.front()[i]).norm();
+      if (moved > kStill) still[i] = 0;  // unseen is not moved
+    }
+  }
+  return still;
+}
+
+/// Share of the cells with tracks in which most of these stand still.
+double stillCells(const Matches& matches,
+                  const std::vector<char>& still,
+                  const PinholeCamera& camera) {
+  const CellGrid grid(camera.width, camera.height, kColumns, kRows);
+  std::vector<int> balance(grid.size(), 0);
+  std::vector<char> taken(grid.size(), 0);
+  for (std::size_t i = 0; i < still.size(); ++i) {
+    const std::size_t cell = grid.at(matches.reference[i].x(), matches.reference[i].y());
+    balance[cell] += still[i] != 0 ? 1 : -1;
+    taken[cell] = 1;
+  }
+  const auto standing = std::count_if(balance.begin(), balance.end(), [](int b) { return b > 0; });
+  return static_cast<double>(standing) /
+         static_cast<double>(std::count(taken.begin(), taken.end(), 1));
+}
 
 constexpr std::size_t kPixelGrain = 64;  // pixels one thread judges at a time
 
@@ -76,6 +151,49 @@ double trackError(const std::vector<PosedObservation>& observations,
 }
 
 }  // namespace
+
+void leaveOutEdges(const PyramidLevel& image, CornerTracks& tracks) {
+  const auto& shown = tracks.seen.empty() ? tracks.positions.front() : tracks.seen;
+  std::vector<char> on_edge;
+  on_edge.reserve(shown.size());
+  const double noise = noiseOf(image);
+  const auto of_gradient = static_cast<float>(noise * noise / 2);  // of a central difference
+  for (const Eigen::Vector2f& place : shown) {
+    on_edge.push_back(isOnEdge(image, place, of_gradient) ? 1 : 0);
+  }
+  const auto corners = static_cast<double>(std::count(on_edge.begin(), on_edge.end(), char{0}));
+  if (corners < kMinCornerShare * static_cast<double>(shown.size())) tracks.drop(on_edge);
+}
+
+std::vector<Eigen::Vector2f> leaveOutStuck(CornerTracks& tracks,
+                                           const PinholeCamera& camera,
+                                           std::uint64_t seed) {
+  const std::vector<char> still = stillTracks(tracks);
+  const auto count = static_cast<int>(std::count(still.begin(), still.end(), 1));
+  if (count < kMinShare * tracks.size() || tracks.size() - count < kMinOthers) return {};
+  const Matches all = tracks.matchesTo(tracks.frames() - 1);
+  Matches standing;
+  Matches others;
+  std::vector<double> moved;
+  for (std::size_t i = 0; i < still.size(); ++i) {
+    Matches& part = still[i] != 0 ? standing : others;
+    part.reference.push_back(all.reference[i]);
+    part.target.push_back(all.target[i]);
+    if (still[i] == 0) moved.push_back((all.target[i] - all.reference[i]).norm());
+  }
+  if (medianInPlace(moved) < kMinMoved || stillCells(all, still, camera) > kMaxCellShare) return {};
+  const auto motion = estimateEssentialMotion(others, camera, seed);
+  if (!motion) return {};
+  const double distance = medianOf(epipolarDistances(motion->T_cur_ref, standing, camera));
+  if (distance < kMinOffEpipolar) return {};
+  std::vector<Eigen::Vector2f> stuck;
+  stuck.reserve(standing.size());
+  for (const Eigen::Vector2d& pixel : standing.reference) {
+    stuck.emplace_back(pixel.cast<float>());
+  }
+  tracks.drop(still);
+  return stuck;
+}
 
 std::vector<double> trackErrors(const InitialMap& map,
                                 const CornerTracks& tracks,
