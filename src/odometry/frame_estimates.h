@@ -2,6 +2,7 @@
 #pragma once
 
 #include "dsorb/odometry/observer.h"
+#include "dsorb/odometry/odometry.h"
 
 #include "odometry/frame_tracker.h"
 
@@ -34,8 +35,20 @@ inline FrameEstimate trackedEstimate(const FramePtr& frame, int segment, const T
   return estimate;
 }
 
-/// The same where mapping has made the newest keyframe of the frame: its pose is that after
-/// adjustment.
+/// What is told of a frame that was recognized, in the unit of the place.
+inline FrameEstimate recognizedEstimate(const FramePtr& frame, const RecognizedPlace& place) {
+  FrameEstimate estimate =
+      estimateWithoutPose(frame, place.segment, OdometryState::kTracked, std::nullopt);
+  estimate.T_world_cam = place.T_world_cam;
+  estimate.keyframe = place.keyframe;
+  estimate.T_cam_keyframe = place.T_cam_keyframe;
+  estimate.covariance = place.covariance;
+  estimate.world_covariance = place.covariance;
+  return estimate;
+}
+
+/// What is told of a tracked frame where mapping has made the newest keyframe of it: its pose is
+/// that after adjustment.
 inline FrameEstimate adjustedEstimate(FrameEstimate estimate, const FrameTracker& tracker) {
   const track::TrackingReference& newest = tracker.reference();
   if (estimate.frame != newest.frame) return estimate;

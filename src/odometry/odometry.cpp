@@ -167,6 +167,11 @@ class Odometry::Impl {
                                 [&] { return initializer_->addFrame(recognized(frame)); });
     const bool begins_anew = step.status == InitStatus::kRestarted;
     if (begins_anew || (step.result && !isOfPlace(*step.result))) place_.reset();
+    proceed(step, frame);
+  }
+
+  /// What the initializer answers is told; a map begins with its result.
+  void proceed(const InitStep& step, const FramePtr& frame) {
     unit_ = unitOf(step);
     try {
       checkStep(step);
@@ -187,14 +192,57 @@ class Odometry::Impl {
   /// A frame as the initializer gets it: the reference of a new start where its place is known.
   FramePtr recognized(const FramePtr& frame) {
     if (!recognizer_ || place_) return frame;
-    std::optional<RecognizedPlace> found = recognizer_(*frame);
-    if (!found || found->depths.empty()) return frame;
+    std::optional<RecognizedPlace> found = placeOf(*frame);
+    return found ? referenceAt(*std::move(found), frame) : frame;
+  }
+
+  [[nodiscard]] std::optional<RecognizedPlace> placeOf(const Frame& frame) const {
+    std::optional<RecognizedPlace> found = recognizer_(frame);
+    return found && !found->depths.empty() ? std::move(found) : std::nullopt;
+  }
+
+  /// The frame with what its place knows of it, for a start that begins with it.
+  FramePtr referenceAt(RecognizedPlace found, const FramePtr& frame) {
     FramePriors priors = frame->priors() == nullptr ? FramePriors() : *frame->priors();
-    priors.depth = sparseDepth(frame->width(), frame->height(), found->depths);
+    priors.depth = sparseDepth(frame->width(), frame->height(), found.depths);
     place_ = std::move(found);
     place_frame_ = frame->id();
     initializer_->reset();
     return withPriors(frame, std::move(priors));
+  }
+
+  /// Looks for a frame that the newest keyframe does not show among all places of before: it has
+  /// the pose that it is recognized at, and a start from there goes on beside the map that it was
+  /// lost from, until one of both tracks.
+  /// @return whether the frame has a pose
+  bool recognizeMissed(const FramePtr& frame) {
+    if (!recognizer_) return false;
+    const std::optional<RecognizedPlace> found = placeOf(*frame);
+    if (!found && !place_) return false;
+    const InitStep step = timed(report_.initializing_seconds, [&] {
+      return initializer_->addFrame(place_ ? frame : referenceAt(*found, frame));
+    });
+    if (step.result && isOfPlace(*step.result)) {
+      retireAll();
+      ++segment_;
+      phase_ = Phase::kInitializing;
+      proceed(step, frame);
+      return true;
+    }
+    if (step.result || step.status == InitStatus::kRestarted) forgetPlace();
+    if (found) {
+      ++report_.frames_tracked;
+      last_estimate_ = odometry::recognizedEstimate(frame, *found);
+      observers_.notify(&OdometryObserver::onFrame, last_estimate_);
+    }
+    return found.has_value();
+  }
+
+  /// The map that was lost tracks again, or another one begins.
+  void forgetPlace() {
+    if (!place_) return;
+    place_.reset();
+    initializer_->reset();
   }
 
   /// Whether a start has the unit of the place that was recognized.
@@ -266,9 +314,10 @@ class Odometry::Impl {
       pose = poseOf(frame);
     }
     if (!pose.good) {
-      miss(pose.rmse);
+      if (!recognizeMissed(frame)) miss(pose.rmse);
       return;
     }
+    forgetPlace();
     doubted_ = pose.fits ? 0 : doubted_ + 1;
     FrameEstimate estimate = odometry::trackedEstimate(frame, segment_, pose);
     estimate.is_keyframe = pose.wants_keyframe && !mapper_.keyframeIsDue();

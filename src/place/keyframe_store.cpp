@@ -95,7 +95,7 @@ void setDepth(StoredKeyframe& keyframe, std::size_t feature, const Triangulated&
   const double sigma = std::sqrt(axis.dot(point.covariance * axis));
   if (!(z > 0) || !(sigma < kMaxRelative * z)) return;
   keyframe.inverse_depths[feature] = static_cast<float>(1 / z);
-  keyframe.sigmas[feature] = static_cast<float>(sigma / (z * z));
+  keyframe.sigmas[feature] = Eigen::half(static_cast<float>(sigma / (z * z)));
 }
 
 }  // namespace
@@ -110,6 +110,8 @@ View describeView(const Frame& frame) {
   View view;
   const std::size_t count = features.points.size();
   view.descriptors.resize(count);
+  view.pixels.reserve(count);
+  view.octaves.reserve(count);
   for (std::size_t i = 0; i < count; ++i) {
     std::memcpy(view.descriptors[i].data(),
                 features.descriptors.ptr(static_cast<int>(i)),
@@ -138,7 +140,7 @@ std::size_t KeyframeStore::add(const KeyframeSnapshot& snapshot, View view, int 
   keyframe.stretch = stretch;
   keyframe.view = std::move(view);
   keyframe.inverse_depths.assign(keyframe.view.size(), 0);
-  keyframe.sigmas.assign(keyframe.view.size(), 0);
+  keyframe.sigmas.assign(keyframe.view.size(), Eigen::half(0.0F));
   follow(keyframe);
   segments_[keyframe.segment].push_back(keyframes_.size());
   stretches_[keyframe.stretch].push_back(keyframes_.size());
@@ -229,7 +231,7 @@ void KeyframeStore::move(std::size_t position, const Similarity& S_new_old) {
   const auto scale = static_cast<float>(S_new_old.scale);
   for (std::size_t i = 0; i < keyframe.view.size(); ++i) {
     keyframe.inverse_depths[i] /= scale;
-    keyframe.sigmas[i] /= scale;
+    keyframe.sigmas[i] = Eigen::half(static_cast<float>(keyframe.sigmas[i]) / scale);
   }
 }
 
@@ -305,7 +307,8 @@ std::vector<StoredPoint> KeyframeStore::pointsOf(const std::vector<std::size_t>&
       const double inverse_depth = keyframe.inverse_depths[i];
       if (!(inverse_depth > 0) || !seen.insert(keyframe.tracks[i]).second) continue;
       const Eigen::Vector3d ray = keyframe.ray(i);
-      const double moved = keyframe.sigmas[i] / (inverse_depth * inverse_depth);
+      const double moved =
+          static_cast<double>(keyframe.sigmas[i]) / (inverse_depth * inverse_depth);
       points.push_back({keyframe.T_world_cam * (ray / inverse_depth),
                         keyframe.T_world_cam.unitQuaternion() * (moved * ray),
                         k,
@@ -322,7 +325,8 @@ std::size_t KeyframeStore::bytes() const {
     sum += sizeof(keyframe) + view.descriptors.capacity() * sizeof(BinaryDescriptor) +
            view.pixels.capacity() * sizeof(Eigen::Vector2f) + view.octaves.capacity() +
            keyframe.tracks.capacity() * sizeof(std::uint32_t) +
-           (keyframe.inverse_depths.capacity() + keyframe.sigmas.capacity()) * sizeof(float);
+           keyframe.inverse_depths.capacity() * sizeof(float) +
+           keyframe.sigmas.capacity() * sizeof(Eigen::half);
   }
   return sum;
 }

@@ -46,7 +46,7 @@ struct StoredKeyframe {
   std::vector<std::uint32_t> tracks;  ///< number of each feature's track, unique in the store
   // Inverse depth of each feature, and its sigma [1/unit]; 0: the depth is not known.
   std::vector<float> inverse_depths;
-  std::vector<float> sigmas;
+  std::vector<Eigen::half> sigmas;
 
   /// Ray through a feature, scaled to z = 1.
   [[nodiscard]] Eigen::Vector3d ray(std::size_t feature) const;

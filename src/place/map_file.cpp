@@ -176,7 +176,7 @@ void insert(const Database& database, const std::vector<StoredKeyframe>& keyfram
     (keyframe << number << sqlite3_int64{k.id.value} << k.timestamp << sqlite3_int64{k.segment}
               << sqlite3_int64{k.stretch} << static_cast<double>(k.radial)
               << numbersOf(k.T_world_cam) << k.view.octaves << k.tracks << k.inverse_depths
-              << k.sigmas)
+              << std::vector<float>(k.sigmas.begin(), k.sigmas.end()))
         .done();
   }
 }
@@ -225,6 +225,7 @@ StoredKeyframe keyframeOf(const Database& database, Statement& row) {
   if (rows < 0) database.fail("damaged: a negative number of corners");
   const auto count = static_cast<std::size_t>(rows);
   const std::vector<float> corners = row.values<float>(2 * count);
+  k.view.pixels.reserve(count);
   for (std::size_t i = 0; i < count; ++i) {
     k.view.pixels.emplace_back(corners[2 * i] - kHalfPixel, corners[2 * i + 1] - kHalfPixel);
   }
@@ -232,7 +233,8 @@ StoredKeyframe keyframeOf(const Database& database, Statement& row) {
   k.view.octaves = row.values<std::uint8_t>(count);
   k.tracks = row.values<std::uint32_t>(count);
   k.inverse_depths = row.values<float>(count);
-  k.sigmas = row.values<float>(count);
+  k.sigmas.reserve(count);
+  for (const float sigma : row.values<float>(count)) k.sigmas.emplace_back(sigma);
   if (!k.T_world_cam.matrix().allFinite() || !(k.camera.fx > 0) || !(k.camera.fy > 0) ||
       k.camera.width <= 0 || k.camera.height <= 0) {
     database.fail("damaged: keyframe " + std::to_string(k.id.value) + " has no pose or no camera");

@@ -127,7 +127,15 @@ class Place::Impl {
     if (!best || !(place::wrongProbability(best->evidence) <= options.max_wrong_probability)) {
       return std::nullopt;
     }
-    RecognizedPlace place{store[best->keyframe].segment, best->T_view_world.inverse(), {}};
+    const place::StoredKeyframe& keyframe = store[best->keyframe];
+    RecognizedPlace place;
+    place.segment = keyframe.segment;
+    place.T_world_cam = best->T_view_world.inverse();
+    place.covariance = best->covariance;
+    if (keyframe.stretch >= first_stretch) {
+      place.keyframe = keyframe.id;
+      place.T_cam_keyframe = best->T_view_world * keyframe.T_world_cam;
+    }
     for (std::size_t i = 0; i < best->points.size(); ++i) {
       const place::StoredPoint& point = best->points[i];
       const double z = (best->T_view_world * point.position).z();

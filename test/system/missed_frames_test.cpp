@@ -121,6 +121,37 @@ TEST_F(MissedFrames, AChangeThatStaysReachesTheMap) {
   EXPECT_EQ(odometry->finish().frames_missed, 0);
 }
 
+/// A recognizer that knows some frames, each at one metre to the right of the one before.
+Recognizer recognizerOf(int begin, int end) {
+  return [=](const Frame& frame) -> std::optional<RecognizedPlace> {
+    const int id = frame.id().value;
+    if (id < begin || id >= end) return std::nullopt;
+    RecognizedPlace place;
+    place.T_world_cam = SE3(Eigen::Quaterniond::Identity(), Eigen::Vector3d(id, 0, 0));
+    place.depths.push_back({100, 100, 1, 0.1F});
+    place.keyframe = FrameId{0};
+    place.T_cam_keyframe = place.T_world_cam.inverse();
+    return place;
+  };
+}
+
+TEST_F(MissedFrames, ThoseThatAreRecognizedHaveAPose) {
+  start(trackedRoom());
+  run(0, 10);
+  odometry->setRecognizer(recognizerOf(8, 12));
+  run(10, 11);
+  expectTracked();  // nobody is asked about frames that the map shows
+  runBlack(11, 13);
+  const FrameEstimate& recognized = recorder.estimates[11];
+  EXPECT_EQ(recognized.state, OdometryState::kTracked);
+  ASSERT_TRUE(recognized.T_world_cam);
+  EXPECT_EQ(recognized.T_world_cam->translation().x(), 11);
+  EXPECT_EQ(last().state, OdometryState::kMissed);
+  run(13, 14);
+  expectTracked();  // the map that stood goes on
+  EXPECT_EQ(odometry->finish().frames_missed, 1);
+}
+
 class RepeatedImages : public TruthStarted {};
 
 TEST_F(RepeatedImages, ChangeNothing) {

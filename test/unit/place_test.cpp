@@ -21,6 +21,7 @@
 #include <cmath>
 #include <fstream>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace dsorb {
@@ -198,6 +199,69 @@ TEST(JoiningTest, RoomsOfTheSameTexturesStayTwo) {
         return store[a].segment != store[b].segment;
       });
   for (const place::Link& link : links) EXPECT_GT(link.wrong_probability, 1e-4);
+}
+
+TEST(KeyframeStoreTest, TwoThousandKeyframesTakeSixtyMegabytes) {
+  Random random(3);
+  place::BinaryIndex index;
+  place::StoredKeyframe keyframe;
+  keyframe.view.descriptors.resize(place::kViewFeatures);
+  keyframe.view.pixels.resize(place::kViewFeatures);
+  keyframe.view.octaves.resize(place::kViewFeatures);
+  keyframe.tracks.resize(place::kViewFeatures);
+  keyframe.inverse_depths.resize(place::kViewFeatures);
+  keyframe.sigmas.resize(place::kViewFeatures);
+  std::vector<place::StoredKeyframe> keyframes(2000, keyframe);
+  for (place::StoredKeyframe& one : keyframes) {
+    for (BinaryDescriptor& descriptor : one.view.descriptors) descriptor = randomDescriptor(random);
+    index.add(one.view.descriptors);
+  }
+  place::KeyframeStore store;
+  store.append(std::move(keyframes));
+  EXPECT_LT(store.bytes() + index.bytes(), 60'000'000U);
+}
+
+/// What is told of each frame.
+struct BroughtBack : OdometryObserver {
+  void onFrame(const FrameEstimate& estimate) override { told.push_back(estimate); }
+  std::vector<FrameEstimate> told;
+};
+
+TEST(RecognitionTest, ACameraThatIsBroughtBackGoesOnInItsSegment) {
+  const PinholeCamera camera{200, 200, 159.5, 119.5, 320, 240};
+  const synthetic::Scene room = synthetic::makeRoom(5);
+  Odometry odometry(camera, {});
+  Place place{PlaceOptions{}};
+  BroughtBack run;
+  odometry.addObserver(&place);
+  odometry.addObserver(&run);
+  odometry.setRecognizer(place.recognizer(camera));
+  constexpr int kAhead = 75;
+  constexpr int kAfter = 12;
+  for (int i = 0; i < kAhead + kAfter; ++i) {
+    const int at = i < kAhead ? i : i - kAhead + 4;
+    const synthetic::View view = synthetic::render(room, camera, synthetic::roomPose(at, 1));
+    FrameInfo info;
+    info.id = FrameId{i};
+    info.timestamp = i / 30.0;
+    odometry.process(Frame::create(ImageView(view.intensity.data(), 320, 240), info));
+  }
+  const OdometryReport report = odometry.finish();
+  EXPECT_EQ(report.segments, 1);
+  EXPECT_EQ(report.recognized, 1);
+  // The same camera twice: the second time where the first one was.
+  const auto poseAt = [&](int at) { return *run.told[static_cast<std::size_t>(at)].T_world_cam; };
+  const double way = (poseAt(kAhead - 1).translation() - poseAt(20).translation()).norm();
+  for (int i = kAhead; i < kAhead + kAfter; ++i) {
+    const FrameEstimate& estimate = run.told[static_cast<std::size_t>(i)];
+    ASSERT_TRUE(estimate.T_world_cam) << i << name(estimate.state);
+    EXPECT_EQ(estimate.segment, 0);
+  }
+  const SE3 again = poseAt(kAhead + kAfter - 1);
+  const int first = kAfter - 1 + 4;
+  if (const auto& before = run.told[static_cast<std::size_t>(first)].T_world_cam) {
+    EXPECT_LT((before->inverse() * again).translation().norm(), 0.01 * way);
+  }
 }
 
 class MapFileTest : public ::testing::Test {

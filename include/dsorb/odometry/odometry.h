@@ -15,9 +15,12 @@ namespace dsorb {
 
 /// Where a frame was taken in a map of before: a segment that was told, or one that somebody keeps.
 struct RecognizedPlace {
-  int segment = 0;                   ///< goes on where the camera is found in it
-  SE3 T_world_cam;                   ///< in the segment's world, as told
-  std::vector<DepthAtPixel> depths;  ///< of the frame, in the segment's unit as told
+  int segment = 0;                     ///< goes on where the camera is found in it
+  SE3 T_world_cam;                     ///< in the segment's world, as told
+  std::vector<DepthAtPixel> depths;    ///< of the frame, in the segment's unit as told
+  std::optional<FrameId> keyframe;     ///< that it was recognized by, where this run has told it
+  std::optional<SE3> T_cam_keyframe;   ///< pose relative to that keyframe
+  std::optional<Matrix6d> covariance;  ///< of exp(xi) * T_cam_world, [translation; rotation]
 };
 /// Answers where a frame was taken; nothing where it is not sure. Place::recognizer().
 using Recognizer = std::function<std::optional<RecognizedPlace>(const Frame&)>;
@@ -57,9 +60,11 @@ class Odometry {
   /// @param observer must outlive this object; called in the order of registration
   void addObserver(OdometryObserver* observer);
 
-  /// While there is no map, every frame is asked about: where it is recognized, it becomes the
-  /// reference of a start from known depths, and what follows is told in the world and unit of the
-  /// segment of before, which goes on. Without a recognizer nothing is asked.
+  /// While there is no map, every frame is asked about, and with one those that it does not show:
+  /// where a frame is recognized, it becomes the reference of a start from known depths, and what
+  /// follows is told in the world and unit of the segment of before, which goes on. Frames that the
+  /// map does not show have the pose that they are recognized at until then. Without a recognizer
+  /// nothing is asked.
   /// @param first_segment number of the first one that begins anew; below it are those that the
   ///        recognizer knows beforehand
   void setRecognizer(Recognizer recognizer, int first_segment = 0);

@@ -44,7 +44,12 @@ void RunRecord::addInitialization(InitializationResult result, int segment) {
   anchors_.try_emplace(reference, SE3(), begin);
   starts_.push_back({result.frames.back().frame->id(), *result.frames.back().T_cam_ref});
   const int start = static_cast<int>(starts_.size()) - 1;
-  for (const PosedFrame& posed : result.frames) {
+  const auto recognized =
+      std::find_if(result.frames.rbegin(), result.frames.rend(), [this](const PosedFrame& posed) {
+        return !frames_.empty() && posed.frame->id() == frames_.newest().id;
+      });
+  for (auto frame = recognized.base(); frame != result.frames.end(); ++frame) {
+    const PosedFrame& posed = *frame;
     if (!posed.T_cam_ref || !isFinite(*posed.T_cam_ref)) continue;
     frames_.push({posed.frame->id(),
                   posed.frame->timestamp(),
