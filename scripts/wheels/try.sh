@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: BSD-3-Clause
 # Tries the wheels of out/wheels in roots that have Python and nothing else: try.sh [SUITE...] (default bullseye jammy
-# bookworm noble trixie, which have Python 3.9 to 3.13; made by debootstrap, as root). Each installs the wheel by pip, runs
+# bookworm noble trixie, which have Python 3.9 to 3.13; packages of debootstrap, as root). Each installs the wheel by pip, runs
 # `dsorb run clip.mp4` on a rendered clip, then the Python example of README.md. The trajectories have to agree. Says how
 # long it takes from an empty environment to the trajectory. Needs build/bin/dso_synthesize, see clip.sh.
 set -euo pipefail
@@ -11,13 +11,19 @@ wheels=$PWD/out/wheels roots=$(mkdir -p "${DSORB_CACHE:-.cache/wheels}/roots" &&
 [ -e "$roots/clip/clip.mp4" ] || scripts/wheels/clip.sh "$roots/clip"
 sed -n '/^```python/,/^```/p' README.md | grep -v '^```' >"$roots/clip/readme.py"
 
-root_of() { # SUITE: makes it where it is not there
-  local mirror=http://deb.debian.org/debian script=/usr/share/debootstrap/scripts/$1
+# root_of SUITE: makes it where it is not there; packages are unpacked, which is all that Python needs
+root_of() {
+  local root=$roots/$1 mirror=http://deb.debian.org/debian script=/usr/share/debootstrap/scripts/$1 package
+  [ ! -e "$root/done" ] || return 0
   case $1 in jammy | noble) mirror=http://archive.ubuntu.com/ubuntu ;; esac
   [ -e "$script" ] || script=/usr/share/debootstrap/scripts/gutsy # of all Ubuntus
-  [ -e "$roots/$1/done" ] && return
-  debootstrap --variant=minbase --components=main,universe --include=python3,python3-venv,ca-certificates "$1" "$roots/$1" $mirror "$script" >"$roots/$1.log"
-  touch "$roots/$1/done"
+  debootstrap --download-only --variant=minbase --components=main,universe --include=python3,python3-venv,ca-certificates \
+    "$1" "$root.packages" $mirror "$script" >"$root.log"
+  mkdir -p "$root"/{proc,dev,tmp,usr/{bin,sbin,lib,lib64}}
+  ln -sfn usr/bin usr/sbin usr/lib usr/lib64 "$root/"
+  for package in "$root.packages"/var/cache/apt/archives/*.deb; do dpkg-deb -x "$package" "$root"; done
+  ln -sfn dash "$root/usr/bin/sh"
+  touch "$root/done"
 }
 
 for suite; do
@@ -45,7 +51,7 @@ venv/bin/python example.py >example.txt
 tail -2 example.txt
 END
   begin=$(date +%s.%N)
-  unshare -m bash -c 'mount -t proc proc "$1/proc"; mount --bind /dev "$1/dev"; exec chroot "$1" /bin/sh /try/try.sh' _ "$root"
+  unshare -m bash -c 'mount -t proc proc "$1/proc"; mount --bind /dev "$1/dev"; exec env -i PATH=/usr/bin:/bin chroot "$1" /bin/sh /try/try.sh' _ "$root"
   echo "$suite: $(awk -v a="$begin" -v b="$(cat "$root/try/end")" 'BEGIN { printf "%.0f", b - a }') s from an empty environment to the trajectory"
   [ -e "$roots/expected.txt" ] && [ "$suite" != "$1" ] || cp "$root/try/out/trajectory.txt" "$roots/expected.txt"
   # Libraries of mathematics differ in the last digit from one libc to the next.
