@@ -1,14 +1,14 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: BSD-3-Clause
 # Wheels that need nothing but Python, for every Linux with glibc 2.31 or newer: build.sh [ARCH] [CPYTHON...] (default x86_64,
-# and cp39 cp311 cp312: the last is for 3.12 and newer). They come into out/wheels. Needs Debian 12 with g++-12 (for aarch64
-# g++-12-aarch64-linux-gnu), cmake, ninja-build, nasm, pkg-config, dpkg-dev, python3-venv, and for aarch64 wheels those for
+# and cp39 cp310 cp311 cp312: the last is for 3.12 and newer). They come into out/wheels. Needs Debian 12 with g++-12 (for aarch64
+# g++-12-aarch64-linux-gnu), cmake, ninja-build, make, nasm, tcl, pkg-config, dpkg-dev, python3-venv, and for aarch64 wheels those for
 # x86_64 before (they have the stub). What takes long is kept in DSORB_CACHE (default .cache/wheels) and done once.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 arch=${1:-x86_64}
 [ $# -eq 0 ] || shift
-[ $# -gt 0 ] || set -- cp311 cp39 cp312
+[ $# -gt 0 ] || set -- cp311 cp310 cp39 cp312
 most_bytes=25000000
 cache=$(mkdir -p "${DSORB_CACHE:-.cache/wheels}" && readlink -f "${DSORB_CACHE:-.cache/wheels}")
 folder=$cache/$arch output=$PWD/out/wheels triplet=$arch-linux-gnu
@@ -49,7 +49,9 @@ pack() {
   cp "$cache/_dsorb.pyi" "$stage/dsorb/"
   info=$stage/$(python -c 'import sys; from scikit_build_core.build import prepare_metadata_for_build_wheel as p; print(p(sys.argv[1]))' "$stage" 2>/dev/null | tail -1)
   mkdir -p "$info/licenses/third_party"
-  cp "$folder"/prefix/licences/* "$info/licenses/third_party/"
+  cp -r "$folder"/prefix/licences/* scripts/wheels/THIRD_PARTY.md "$info/licenses/third_party/"
+  cp "$(python -c 'import nanobind; print(nanobind.__path__[0])')"-*.dist-info/licenses/LICENSE "$info/licenses/third_party/nanobind.txt"
+  cp /usr/share/doc/gcc-12-base/copyright "$info/licenses/third_party/libstdc++.txt"
   printf 'Wheel-Version: 1.0\nGenerator: dsorb\nRoot-Is-Purelib: false\nTag: %s-%s-linux_%s\n' "$1" "$abi" "$arch" >"$info/WHEEL"
   rm -f "$info/RECORD"
   mkdir -p "$folder/raw" "$output"
@@ -60,7 +62,7 @@ pack() {
 
 # The stub is that of the module for this machine's own Python.
 stub() {
-  [ "$arch" = x86_64 ] || return 0
+  [ "$arch" = "$(uname -m)" ] || return 0
   "$(command -v python)" -m nanobind.stubgen -m _dsorb -i "$folder/dsorb/python/dsorb" -o "$cache/_dsorb.pyi" -q
 }
 

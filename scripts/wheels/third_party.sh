@@ -4,7 +4,7 @@
 # third_party.sh ARCH FOLDER [PACKAGE...] (default: all but googletest), FOLDER being that of toolchain.sh. Installs into FOLDER/prefix; does what is not done yet.
 # FFmpeg is shared (LGPL: whoever has the wheel may put another one in its place) and has no GPL part.
 set -euo pipefail
-all=(zlib libpng1.6 libjpeg-turbo libwebp tiff eigen3 nlohmann-json3 fmtlib spdlog cli11 yaml-cpp tinyxml2 libzip onetbb opencv ffmpeg)
+all=(zlib libpng1.6 libjpeg-turbo libwebp tiff eigen3 nlohmann-json3 fmtlib spdlog cli11 yaml-cpp tinyxml2 libzip sqlite3 onetbb opencv ffmpeg)
 arch=$1 folder=$(readlink -f "$2") sources=${DSORB_SOURCES:-$(dirname "$(readlink -f "$2")")/sources}
 prefix=$folder/prefix triplet=$arch-linux-gnu jobs=${DSORB_JOBS:-$(($(nproc) + 1))}
 
@@ -37,11 +37,20 @@ cmake_package() {
     -DCMAKE_C_COMPILER_LAUNCHER="$(command -v ccache)" -DCMAKE_CXX_COMPILER_LAUNCHER="$(command -v ccache)" "$@" >"$folder/build/$name.log"
   cmake --build "$folder/build/$name" --parallel "$jobs" >>"$folder/build/$name.log"
   cmake --install "$folder/build/$name" >>"$folder/build/$name.log"
-  licence "$name" "$source"
   mkdir -p "$prefix/done"
   touch "$prefix/done/$name"
 }
-licence() { install -D -m 644 "$2/debian/copyright" "$prefix/licences/$1.txt"; }
+
+# licence PACKAGE: its own licence files, without the GPL that some bring for parts that are not compiled
+licence() {
+  local source file
+  source=$(source_of "$1")
+  rm -rf "$prefix/licences/$1"* && mkdir -p "$prefix/licences/$1"
+  for file in "$source"/{LICENSE,COPYING,COPYRIGHT,README.ijg}*; do
+    [ -f "$file" ] && case $(basename "$file") in *.GPL* | *.LGPLv3) ;; *) cp "$file" "$prefix/licences/$1/" ;; esac
+  done
+  [ -n "$(ls "$prefix/licences/$1")" ] || { echo "third_party.sh: $1 brings no licence" >&2; exit 1; }
+}
 
 zlib() { # its CMakeLists.txt names what Debian leaves out
   [ ! -e "$prefix/done/zlib" ] || return 0
@@ -50,8 +59,19 @@ zlib() { # its CMakeLists.txt names what Debian leaves out
   mkdir -p "$folder/build/zlib" "$prefix/done"
   (cd "$folder/build/zlib" && CC=$folder/bin/$triplet-gcc CFLAGS='-O3 -fPIC -fvisibility=hidden' "$source/configure" --static --prefix="$prefix" &&
     make -j "$jobs" libz.a && make install) >"$folder/build/zlib.log" 2>&1
-  licence zlib "$source"
   touch "$prefix/done/zlib"
+}
+
+sqlite3() { # Debian has its many sources; tclsh makes the one file of them
+  [ ! -e "$prefix/done/sqlite3" ] || return 0
+  echo "third_party.sh: sqlite3"
+  local source build=$folder/build/sqlite3
+  source=$(source_of sqlite3)
+  mkdir -p "$build" "$prefix/lib" "$prefix/include" "$prefix/done"
+  (cd "$build" && "$source/configure" --disable-tcl --disable-readline && make sqlite3.c &&
+    "$folder/bin/$triplet-gcc" -O2 -fPIC -fvisibility=hidden -DSQLITE_OMIT_LOAD_EXTENSION -c sqlite3.c -o sqlite3.o &&
+    ar rcs "$prefix/lib/libsqlite3.a" sqlite3.o && cp sqlite3.h "$prefix/include/") >"$build.log" 2>&1
+  touch "$prefix/done/sqlite3"
 }
 
 ffmpeg() {
@@ -75,7 +95,7 @@ ffmpeg() {
   make -j "$jobs" >>"$folder/build/ffmpeg.log" 2>&1
   make install >>"$folder/build/ffmpeg.log" 2>&1
   cd - >/dev/null
-  licence ffmpeg "$source"
+  grep -q 'define FFMPEG_LICENSE "LGPL version 2.1 or later"' "$folder/build/ffmpeg/config.h"
   touch "$prefix/done/ffmpeg"
 }
 
@@ -100,16 +120,17 @@ package() {
     yaml-cpp) cmake_package "$1" -DYAML_CPP_BUILD_TESTS=OFF -DYAML_CPP_BUILD_TOOLS=OFF -DYAML_CPP_BUILD_CONTRIB=OFF ;;
     tinyxml2) cmake_package "$1" ;;
     libzip)
-      cmake_package "$1" -DENABLE_COMMONCRYPTO=OFF -DENABLE_GNUTLS=OFF -DENABLE_MBEDTLS=OFF -DENABLE_OPENSSL=OFF -DENABLE_BZIP2=OFF \
+      cmake_package "$1" -DHAVE_ARC4RANDOM=OFF -DENABLE_COMMONCRYPTO=OFF -DENABLE_GNUTLS=OFF -DENABLE_MBEDTLS=OFF -DENABLE_OPENSSL=OFF -DENABLE_BZIP2=OFF \
       -DENABLE_LZMA=OFF -DENABLE_ZSTD=OFF -DBUILD_TOOLS=OFF -DBUILD_REGRESS=OFF -DBUILD_EXAMPLES=OFF -DBUILD_DOC=OFF
       ;;
+    sqlite3) sqlite3 ;;
     onetbb) cmake_package "$1" -DTBB_TEST=OFF -DTBB_STRICT=OFF -DTBBMALLOC_BUILD=OFF -DTBB_DISABLE_HWLOC_AUTOMATIC_SEARCH=ON ;;
     opencv)
       cmake_package "$1" -DBUILD_LIST=core,imgproc,flann,features2d,calib3d,imgcodecs,videoio -DCPU_DISPATCH= \
       -DCMAKE_CXX_FLAGS_RELEASE='-O2 -DNDEBUG' -DBUILD_PERF_TESTS=OFF -DBUILD_EXAMPLES=OFF -DBUILD_opencv_apps=OFF -DBUILD_JAVA=OFF -DBUILD_opencv_python3=OFF -DOPENCV_GENERATE_PKGCONFIG=OFF \
       -DBUILD_ZLIB=OFF -DBUILD_JPEG=OFF -DBUILD_PNG=OFF -DBUILD_TIFF=OFF -DBUILD_WEBP=OFF -DBUILD_ITT=OFF \
-      -DWITH_{1394,ADE,EIGEN,FFMPEG,GSTREAMER,GTK,IPP,ITT,JASPER,LAPACK,OPENCL,OPENEXR,OPENJPEG,PROTOBUF,QUIRC,TBB,VA,VA_INTEL,VTK,GDAL,GDCM,GPHOTO2}=OFF \
-      -DWITH_{JPEG,PNG,TIFF,WEBP,V4L,PTHREADS_PF}=ON -DOPENCV_ENABLE_NONFREE=OFF -DCV_TRACE=OFF -DENABLE_PRECOMPILED_HEADERS=OFF
+      -DWITH_{1394,ADE,FFMPEG,GSTREAMER,GTK,IPP,ITT,JASPER,LAPACK,OPENCL,OPENEXR,OPENJPEG,PROTOBUF,QUIRC,TBB,VA,VA_INTEL,VTK,GDAL,GDCM,GPHOTO2}=OFF \
+      -DWITH_{EIGEN,JPEG,PNG,TIFF,WEBP,V4L,PTHREADS_PF}=ON -DOPENCV_ENABLE_NONFREE=OFF -DCV_TRACE=OFF -DENABLE_PRECOMPILED_HEADERS=OFF
       ;;
     ffmpeg) ffmpeg ;;
     googletest) cmake_package "$1" ;;
@@ -123,4 +144,7 @@ package() {
 mkdir -p "$folder/build" "$sources"
 shift 2
 [ $# -gt 0 ] || set -- "${all[@]}"
-for name; do package "$name"; done
+for name; do
+  package "$name"
+  licence "$name"
+done

@@ -13,8 +13,6 @@ esac
 triplet=$arch-linux-gnu
 gcc=$(command -v "$triplet-gcc-12") || { echo "toolchain.sh: $triplet-gcc-12 is missing: apt-get install g++-12-${triplet//_/-}" >&2; exit 1; }
 inside=$(dirname "$("$gcc" -print-libgcc-file-name)")
-[ -e "$folder/toolchain.cmake" ] && exit 0
-
 # unpack SUITE FOLDER PACKAGE...: from Debian's archive, whatever this machine's own lists are
 unpack() {
   local suite=$1 target=$2 lists=$folder/apt/$1 package
@@ -29,15 +27,24 @@ unpack() {
   (cd "$lists/archives" && apt-get "${apt[@]}" download "$@")
   for package in "$@"; do dpkg -x "$lists/archives/${package}"_*.deb "$target"; done
 }
-unpack bullseye "$folder/sysroot" libc6 libc6-dev linux-libc-dev libcrypt1 libgcc-s1
-find "$folder/sysroot" -type l -lname '/*' -printf '%l %p\n' | while read -r target link; do ln -sfn "$folder/sysroot$target" "$link"; done
-for version in 3.9:bullseye 3.11:bookworm 3.13:trixie; do
-  python=python${version%:*}
-  unpack "${version#*:}" "$folder/unpacked" "lib$python-dev"
+for version in 3.9:bullseye 3.10:jammy 3.11:bookworm 3.13:trixie; do
+  python=python${version%:*} own=$triplet
+  [ ! -e "$folder/$python/pyconfig.h" ] || continue
+  if [ "$version" = 3.10:jammy ]; then # in no release of Debian; of Ubuntu's package the headers serve both machines
+    own=x86_64-linux-gnu
+    /usr/lib/apt/apt-helper -o APT::Sandbox::User=root download-file http://archive.ubuntu.com/ubuntu/pool/main/p/python3.10/libpython3.10-dev_3.10.4-3_amd64.deb \
+      "$folder/apt/libpython3.10-dev.deb" SHA256:89246f12cdfb1fac7675bc94d5cc8b9c72320f152e855197668305c73c8588ec >/dev/null
+    dpkg -x "$folder/apt/libpython3.10-dev.deb" "$folder/unpacked"
+  else
+    unpack "${version#*:}" "$folder/unpacked" "lib$python-dev"
+  fi
   mkdir -p "$folder/$python"
   cp -r "$folder/unpacked/usr/include/$python/." "$folder/$python/"
-  cp "$folder/unpacked/usr/include/$triplet/$python/pyconfig.h" "$folder/$python/pyconfig.h"
+  cp "$folder/unpacked/usr/include/$own/$python/pyconfig.h" "$folder/$python/pyconfig.h"
 done
+[ ! -e "$folder/toolchain.cmake" ] || exit 0
+unpack bullseye "$folder/sysroot" libc6 libc6-dev linux-libc-dev libcrypt1 libgcc-s1
+find "$folder/sysroot" -type l -lname '/*' -printf '%l %p\n' | while read -r target link; do ln -sfn "$folder/sysroot$target" "$link"; done
 
 # What the static libstdc++ asks of newer libcs: whether there are threads ("perhaps" is right), random bytes.
 mkdir -p "$folder/bin"
