@@ -14,7 +14,7 @@ from pathlib import Path
 
 
 def trajectory(model, times):
-    """Lines of TUM, camera to world."""
+    """The lines of a TUM file, camera to world."""
     lines = []
     for image in sorted(model.images.values(), key=lambda image: image.name):
         if not image.has_pose:
@@ -26,7 +26,7 @@ def trajectory(model, times):
 
 
 def times_of(folder, names):
-    """By name of the image."""
+    """Times by name of the image."""
     file = folder / 'times.txt'
     if not file.exists():
         return {name: float(i) for i, name in enumerate(names)}

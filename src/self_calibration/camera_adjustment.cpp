@@ -18,10 +18,11 @@ using Eigen::Index;
 using Matrix23 = Eigen::Matrix<double, 2, 3>;
 using Matrix26 = Eigen::Matrix<double, 2, 6>;
 
-constexpr double kLossScale = 4;        // squared standard deviations at which the loss bends
-constexpr double kBehind = 50;          // loss of a corner behind a view that sees it
-constexpr double kLeastDamping = 1e-8;  // holds the motions and scales of whole worlds
-constexpr double kLeastChange = 1e-4;   // of the cost; less ends an adjustment
+constexpr double kLossScale = 4;          // squared standard deviations at which the loss bends
+constexpr double kBehind = 50;            // loss of a corner behind a view that sees it
+constexpr double kLeastDamping = 1e-8;    // holds the motions and scales of whole worlds
+constexpr double kLeastChange = 1e-4;     // of the cost; less ends an adjustment
+constexpr std::size_t kFewestSights = 3;  // of a corner in a part of the views
 
 /// Error of a sight with its derivatives.
 struct Residual {
@@ -311,6 +312,31 @@ Eigen::Vector2d rayOf(const Scene& scene, const Sight& sight) {
   return ray;
 }
 
+/// The part that some views see, with the corners that three of them see.
+Scene partOf(const Scene& scene, std::size_t first_view, std::size_t last_view) {
+  Scene part;
+  part.lens = scene.lens;
+  part.aspect = scene.aspect;
+  part.views.assign(scene.views.begin() + static_cast<std::ptrdiff_t>(first_view),
+                    scene.views.begin() + static_cast<std::ptrdiff_t>(last_view));
+  for (auto sight = scene.sights.begin(); sight != scene.sights.end();) {
+    const std::size_t corner = sight->corner;
+    const std::size_t before = part.sights.size();
+    for (; sight != scene.sights.end() && sight->corner == corner; ++sight) {
+      if (sight->view < first_view || sight->view >= last_view) continue;
+      part.sights.push_back(*sight);
+      part.sights.back().view -= first_view;
+      part.sights.back().corner = part.corners.size();
+    }
+    if (part.sights.size() - before < kFewestSights) {
+      part.sights.resize(before);
+    } else {
+      part.corners.push_back(scene.corners[corner]);
+    }
+  }
+  return part;
+}
+
 }  // namespace
 
 void placeCorners(Scene& scene) {
@@ -369,6 +395,22 @@ LensVector lensSigmas(const LensPrior& prior, double noise, const Scene& scene) 
     sigmas[i] = std::sqrt(std::max(0.0, system.solve(Eigen::VectorXd::Unit(size, i))[i]));
   }
   return sigmas;
+}
+
+std::optional<FocalChange> focalChange(const LensPrior& prior,
+                                       double noise,
+                                       int max_iterations,
+                                       std::size_t fewest_corners,
+                                       const Scene& scene) {
+  const std::size_t middle = scene.views.size() / 2;
+  Scene early = partOf(scene, 0, middle);
+  Scene late = partOf(scene, middle, scene.views.size());
+  if (std::min(early.corners.size(), late.corners.size()) < fewest_corners) return std::nullopt;
+  adjust(prior, noise, max_iterations, early);
+  adjust(prior, noise, max_iterations, late);
+  return FocalChange{late.lens[kLogFocal] - early.lens[kLogFocal],
+                     std::hypot(lensSigmas(prior, noise, early)[kLogFocal],
+                                lensSigmas(prior, noise, late)[kLogFocal])};
 }
 
 }  // namespace dsorb::self_calibration

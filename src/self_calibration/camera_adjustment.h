@@ -6,6 +6,7 @@
 #include <Eigen/Core>
 
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 namespace dsorb::self_calibration {
@@ -62,5 +63,19 @@ double adjust(const LensPrior& prior, double noise, int max_iterations, Scene& s
 /// Standard deviations of the lens after an adjustment, as errors of sights that are independent
 /// make it; 0 of what is held.
 [[nodiscard]] LensVector lensSigmas(const LensPrior& prior, double noise, const Scene& scene);
+
+/// How much longer the focal length by the second half of the views is than that by the first.
+struct FocalChange {
+  double relative = 0;
+  double sigma = 0;  ///< as errors of sights that are independent make it
+};
+
+/// @param scene after an adjustment
+/// @return nothing where a half of the views has fewer corners
+[[nodiscard]] std::optional<FocalChange> focalChange(const LensPrior& prior,
+                                                     double noise,
+                                                     int max_iterations,
+                                                     std::size_t fewest_corners,
+                                                     const Scene& scene);
 
 }  // namespace dsorb::self_calibration

@@ -121,44 +121,6 @@ Scene firstCorners(Scene scene, std::size_t count) {
   return scene;
 }
 
-/// The part that some views see, with the corners that three of them see.
-Scene partOf(const Scene& scene, std::size_t first_view, std::size_t last_view) {
-  Scene part;
-  part.lens = scene.lens;
-  part.aspect = scene.aspect;
-  part.views.assign(scene.views.begin() + static_cast<std::ptrdiff_t>(first_view),
-                    scene.views.begin() + static_cast<std::ptrdiff_t>(last_view));
-  for (auto sight = scene.sights.begin(); sight != scene.sights.end();) {
-    const std::size_t corner = sight->corner;
-    const std::size_t before = part.sights.size();
-    for (; sight != scene.sights.end() && sight->corner == corner; ++sight) {
-      if (sight->view < first_view || sight->view >= last_view) continue;
-      part.sights.push_back(*sight);
-      part.sights.back().view -= first_view;
-      part.sights.back().corner = part.corners.size();
-    }
-    if (part.sights.size() - before < kFewestSights) {
-      part.sights.resize(before);
-    } else {
-      part.corners.push_back(scene.corners[corner]);
-    }
-  }
-  return part;
-}
-
-/// Half of what the focal lengths by the two halves of the views differ, relative: what independent
-/// errors of corners do not tell. 0 where a half sees too little.
-double disagreement(const Scene& scene, const LensPrior& prior, double noise) {
-  const std::size_t middle = scene.views.size() / 2;
-  Scene early = partOf(scene, 0, middle);
-  Scene late = partOf(scene, middle, scene.views.size());
-  if (std::min(early.corners.size(), late.corners.size()) < kFewestCorners) return 0;
-  adjust(prior, noise, kIterations, early);
-  adjust(prior, noise, kIterations, late);
-  return 0.5 *
-         std::abs(early.lens[self_calibration::kLogFocal] - late.lens[self_calibration::kLogFocal]);
-}
-
 /// Gives the scene the lens and the views with which some of its corners agree best, of those that
 /// lead from several focal lengths.
 void startBest(const LensPrior& prior, double noise, Scene& scene) {
@@ -229,8 +191,12 @@ class CameraFinder::Impl {
     holdWhatDoesNotShow(noise, prior, scene);
     FoundCamera found =
         told(scene, variance_factors::kFoundCamera * lensSigmas(prior, noise, scene));
-    double& sigma = found.lens.focal_sigma;
-    if (sigma > 0) sigma = std::hypot(sigma, disagreement(scene, prior, noise));
+    const auto change = focalChange(prior, noise, kIterations, kFewestCorners, scene);
+    if (!change || !(found.lens.focal_sigma > 0)) return found;
+    found.focal_change = change->relative;
+    found.focal_change_sigma = variance_factors::kFoundCamera * change->sigma;
+    // What errors of corners that are independent do not tell.
+    found.lens.focal_sigma = std::hypot(found.lens.focal_sigma, 0.5 * change->relative);
     return found;
   }
 
@@ -296,6 +262,13 @@ class CameraFinder::Impl {
       prior.sigma[i] = scene.lens[i] = 0;
       return true;
     };
+    std::fprintf(stderr,
+                 1e3 * scene.lens[5],
+                 1e3 * sigmas[5],
+                 scene.lens[3],
+                 sigmas[3],
+                 scene.lens[4],
+                 sigmas[4]);
     bool changed = false;
     if (!shows(self_calibration::kReadout)) changed = hold(self_calibration::kReadout);
     if (!shows(self_calibration::kRadial) && !shows(self_calibration::kRadial + 1)) {
@@ -354,7 +327,11 @@ std::string describe(const FoundCamera& camera) {
     text << std::setprecision(1) << ", readout " << 1000 * lens.readout.seconds << " +- "
          << 1000 * lens.readout.sigma << " ms";
   }
-  if (!camera.isKnown()) {
+  if (camera.changes()) {
+    text << std::setprecision(0) << "; it changes by " << 100 * camera.focal_change << " +- "
+         << std::ceil(100 * camera.focal_change_sigma)
+         << " % from the first half to the second: zoom, focus breathing or stabilized images";
+  } else if (!camera.isKnown()) {
     text << std::setprecision(0) << "; these images do not tell it better, turns may be "
          << std::ceil(100 * lens.focal_sigma) << " % off";
   }

@@ -95,6 +95,24 @@ TEST(CameraAdjustment, WhatHasNoSigmaIsHeld) {
   EXPECT_EQ(lensSigmas(prior, kNoise, scene)[kRadial], 0);
 }
 
+TEST(CameraAdjustment, AFocalLengthThatChangesIsToldFromOneThatStays) {
+  for (const double zoom : {1.0, 1.1}) {
+    SCOPED_TRACE(zoom);
+    Scene scene = sceneWithNoise(kNoise);
+    const Eigen::Vector2d center = truth().segment<2>(kCenter);
+    for (Sight& sight : scene.sights) {
+      if (sight.view >= 6) sight.pixel = center + zoom * (sight.pixel - center);
+    }
+    placeCorners(scene);
+    adjust(wide(), kNoise, 60, scene);
+    const auto change = focalChange(wide(), kNoise, 60, 60, scene);
+    ASSERT_TRUE(change);
+    EXPECT_NEAR(change->relative, std::log(zoom), 4 * change->sigma);
+    EXPECT_LT(change->sigma, 0.02);
+    EXPECT_FALSE(focalChange(wide(), kNoise, 60, 201, scene)) << "too few corners";
+  }
+}
+
 TEST(CameraAdjustment, CornersWithALargeErrorGoWithTheirSights) {
   Scene scene = sceneWithNoise(0);
   placeCorners(scene);
