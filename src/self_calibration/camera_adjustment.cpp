@@ -18,11 +18,11 @@ using Eigen::Index;
 using Matrix23 = Eigen::Matrix<double, 2, 3>;
 using Matrix26 = Eigen::Matrix<double, 2, 6>;
 
-constexpr double kLossScale = 4;          // squared standard deviations at which the loss bends
-constexpr double kBehind = 50;            // loss of a corner behind a view that sees it
-constexpr double kLeastDamping = 1e-8;    // holds the motions and scales of whole worlds
-constexpr double kLeastChange = 1e-4;     // of the cost; less ends an adjustment
-constexpr std::size_t kFewestSights = 3;  // of a corner in a part of the views
+constexpr double kLossScale = 4;        // squared standard deviations at which the loss bends
+constexpr double kBehind = 50;          // loss of a corner behind a view that sees it
+constexpr double kLeastDamping = 1e-8;  // holds the motions and scales of whole worlds
+constexpr double kZoomSigma = 0.3;      // wide: a change of the focal length is nearly free
+constexpr double kLeastChange = 1e-4;   // of the cost; less ends an adjustment
 
 /// Error of a sight with its derivatives.
 struct Residual {
@@ -33,6 +33,12 @@ struct Residual {
   Eigen::Matrix<double, 2, kLensDim> by_lens;
 };
 
+/// Place of a view between the first and the last, -1/2 to 1/2.
+double phaseOf(const Scene& scene, std::size_t view) {
+  const auto last = static_cast<double>(std::max<std::size_t>(scene.views.size(), 2) - 1);
+  return static_cast<double>(view) / last - 0.5;
+}
+
 /// @tparam Derivatives whether they are wanted
 template <bool Derivatives>
 Residual residualOf(const Scene& scene, const Sight& sight) {
@@ -41,7 +47,8 @@ Residual residualOf(const Scene& scene, const Sight& sight) {
   const Eigen::Vector3d p = view * scene.corners[sight.corner];
   r.in_front = p.z() > 1e-6 * p.norm();
   if (!r.in_front) return r;
-  const double fx = std::exp(scene.lens[kLogFocal]);
+  const double phase = phaseOf(scene, sight.view);
+  const double fx = std::exp(scene.lens[kLogFocal] + phase * scene.lens[kZoom]);
   const Eigen::Vector2d focal(fx, scene.aspect * fx);
   const Eigen::Vector2d ray = p.head<2>() / p.z();
   const double squared = ray.squaredNorm();
@@ -64,6 +71,7 @@ Residual residualOf(const Scene& scene, const Sight& sight) {
   r.by_lens.col(kRadial) = squared * focal.cwiseProduct(ray);
   r.by_lens.col(kRadial + 1) = squared * r.by_lens.col(kRadial);
   r.by_lens.col(kReadout) = sight.drift;
+  r.by_lens.col(kZoom) = phase * shift;
   return r;
 }
 
@@ -299,7 +307,8 @@ void keepOnly(const std::vector<char>& kept, Scene& scene) {
 Eigen::Vector2d rayOf(const Scene& scene, const Sight& sight) {
   constexpr int kIterations = 10;
   constexpr double kLeastBend = 0.3;
-  const double fx = std::exp(scene.lens[kLogFocal]);
+  const double fx =
+      std::exp(scene.lens[kLogFocal] + phaseOf(scene, sight.view) * scene.lens[kZoom]);
   const Eigen::Vector2d pixel = sight.pixel - scene.lens[kReadout] * sight.drift;
   const Eigen::Vector2d seen = (pixel - scene.lens.segment<2>(kCenter))
                                    .cwiseQuotient(Eigen::Vector2d(fx, scene.aspect * fx));
@@ -310,31 +319,6 @@ Eigen::Vector2d rayOf(const Scene& scene, const Sight& sight) {
     ray = seen / std::max(bend, kLeastBend);
   }
   return ray;
-}
-
-/// The part that some views see, with the corners that three of them see.
-Scene partOf(const Scene& scene, std::size_t first_view, std::size_t last_view) {
-  Scene part;
-  part.lens = scene.lens;
-  part.aspect = scene.aspect;
-  part.views.assign(scene.views.begin() + static_cast<std::ptrdiff_t>(first_view),
-                    scene.views.begin() + static_cast<std::ptrdiff_t>(last_view));
-  for (auto sight = scene.sights.begin(); sight != scene.sights.end();) {
-    const std::size_t corner = sight->corner;
-    const std::size_t before = part.sights.size();
-    for (; sight != scene.sights.end() && sight->corner == corner; ++sight) {
-      if (sight->view < first_view || sight->view >= last_view) continue;
-      part.sights.push_back(*sight);
-      part.sights.back().view -= first_view;
-      part.sights.back().corner = part.corners.size();
-    }
-    if (part.sights.size() - before < kFewestSights) {
-      part.sights.resize(before);
-    } else {
-      part.corners.push_back(scene.corners[corner]);
-    }
-  }
-  return part;
 }
 
 }  // namespace
@@ -397,20 +381,10 @@ LensVector lensSigmas(const LensPrior& prior, double noise, const Scene& scene) 
   return sigmas;
 }
 
-std::optional<FocalChange> focalChange(const LensPrior& prior,
-                                       double noise,
-                                       int max_iterations,
-                                       std::size_t fewest_corners,
-                                       const Scene& scene) {
-  const std::size_t middle = scene.views.size() / 2;
-  Scene early = partOf(scene, 0, middle);
-  Scene late = partOf(scene, middle, scene.views.size());
-  if (std::min(early.corners.size(), late.corners.size()) < fewest_corners) return std::nullopt;
-  adjust(prior, noise, max_iterations, early);
-  adjust(prior, noise, max_iterations, late);
-  return FocalChange{late.lens[kLogFocal] - early.lens[kLogFocal],
-                     std::hypot(lensSigmas(prior, noise, early)[kLogFocal],
-                                lensSigmas(prior, noise, late)[kLogFocal])};
+FocalChange focalChange(LensPrior prior, double noise, int max_iterations, Scene scene) {
+  prior.sigma[kZoom] = kZoomSigma;
+  adjust(prior, noise, max_iterations, scene);
+  return {scene.lens[kZoom], lensSigmas(prior, noise, scene)[kZoom]};
 }
 
 }  // namespace dsorb::self_calibration

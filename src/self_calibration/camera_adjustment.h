@@ -6,17 +6,18 @@
 #include <Eigen/Core>
 
 #include <cstddef>
-#include <optional>
 #include <vector>
 
 namespace dsorb::self_calibration {
 
-/// Numbers of a camera: logarithm of fx [px], cx, cy [px], k1, k2, readout [s].
+/// Numbers of a camera: logarithm of fx [px], cx, cy [px], k1, k2, readout [s], and what the first
+/// one grows by from the first view to the last.
 constexpr int kLogFocal = 0;
 constexpr int kCenter = 1;
 constexpr int kRadial = 3;
 constexpr int kReadout = 5;
-constexpr int kLensDim = 6;
+constexpr int kZoom = 6;
+constexpr int kLensDim = 7;
 using LensVector = Eigen::Matrix<double, kLensDim, 1>;
 
 /// What is known of the numbers beforehand; one without a standard deviation is held.
@@ -64,18 +65,16 @@ double adjust(const LensPrior& prior, double noise, int max_iterations, Scene& s
 /// make it; 0 of what is held.
 [[nodiscard]] LensVector lensSigmas(const LensPrior& prior, double noise, const Scene& scene);
 
-/// How much longer the focal length by the second half of the views is than that by the first.
+/// What the logarithm of the focal length grows by from the first view to the last.
 struct FocalChange {
   double relative = 0;
   double sigma = 0;  ///< as errors of sights that are independent make it
 };
 
-/// @param scene after an adjustment
-/// @return nothing where a half of the views has fewer corners
-[[nodiscard]] std::optional<FocalChange> focalChange(const LensPrior& prior,
-                                                     double noise,
-                                                     int max_iterations,
-                                                     std::size_t fewest_corners,
-                                                     const Scene& scene);
+/// @param scene after an adjustment of a focal length that stays
+[[nodiscard]] FocalChange focalChange(LensPrior prior,
+                                      double noise,
+                                      int max_iterations,
+                                      Scene scene);
 
 }  // namespace dsorb::self_calibration

@@ -26,6 +26,7 @@ namespace {
 
 using self_calibration::adjust;
 using self_calibration::CornerPaths;
+using self_calibration::FocalChange;
 using self_calibration::LensPrior;
 using self_calibration::LensVector;
 using self_calibration::Scene;
@@ -50,7 +51,8 @@ constexpr double kLeastNoise = 0.05;  // [px]
 constexpr double kWrong = 8;          // times the noise: a corner that is none
 constexpr double kBehindCost = 50;    // of a sight of a corner that cannot be placed
 
-constexpr double kShows = 3;  // standard deviations that a distortion or readout differs from none
+constexpr double kShows = 3;         // standard deviations that a distortion differs from none
+constexpr double kReadoutShows = 1;  // a readout above is nearer to the truth than none
 
 // Beforehand: what phones, webcams and action cameras have.
 constexpr double kCenterSigma = 0.02;  // share of the longer side
@@ -91,7 +93,7 @@ LensVector numbersOf(const Lens& lens) {
   LensVector numbers;
   const bool bent = lens.model == LensModel::kRadTan;
   numbers << std::log(lens.fx), lens.cx, lens.cy, bent ? lens.coefficients[0] : 0,
-      bent ? lens.coefficients[1] : 0, lens.readout.seconds;
+      bent ? lens.coefficients[1] : 0, lens.readout.seconds, 0;
   return numbers;
 }
 
@@ -99,7 +101,7 @@ LensPrior priorOf(const Lens& guess) {
   LensPrior prior{numbersOf(guess), LensVector::Zero()};
   if (guess.focal_sigma > 0) {
     const double center = kCenterSigma * std::max(guess.width, guess.height);
-    prior.sigma << guess.focal_sigma, center, center, kK1Sigma, kK2Sigma, 0;
+    prior.sigma << guess.focal_sigma, center, center, kK1Sigma, kK2Sigma, 0, 0;
   }
   prior.sigma[self_calibration::kReadout] = guess.readout.sigma;
   prior.sigma /= variance_factors::kFoundCamera;  // must count as the corners do
@@ -119,6 +121,44 @@ Scene firstCorners(Scene scene, std::size_t count) {
   });
   scene.sights.erase(end, scene.sights.end());
   return scene;
+}
+
+/// The part that some views see, with the corners that three of them see.
+Scene partOf(const Scene& scene, std::size_t first_view, std::size_t last_view) {
+  Scene part;
+  part.lens = scene.lens;
+  part.aspect = scene.aspect;
+  part.views.assign(scene.views.begin() + static_cast<std::ptrdiff_t>(first_view),
+                    scene.views.begin() + static_cast<std::ptrdiff_t>(last_view));
+  for (auto sight = scene.sights.begin(); sight != scene.sights.end();) {
+    const std::size_t corner = sight->corner;
+    const std::size_t before = part.sights.size();
+    for (; sight != scene.sights.end() && sight->corner == corner; ++sight) {
+      if (sight->view < first_view || sight->view >= last_view) continue;
+      part.sights.push_back(*sight);
+      part.sights.back().view -= first_view;
+      part.sights.back().corner = part.corners.size();
+    }
+    if (part.sights.size() - before < kFewestSights) {
+      part.sights.resize(before);
+    } else {
+      part.corners.push_back(scene.corners[corner]);
+    }
+  }
+  return part;
+}
+
+/// Half of what the focal lengths by the two halves of the views differ, relative: what independent
+/// errors of corners do not tell. 0 where a half sees too little.
+double disagreement(const Scene& scene, const LensPrior& prior, double noise) {
+  const std::size_t middle = scene.views.size() / 2;
+  Scene early = partOf(scene, 0, middle);
+  Scene late = partOf(scene, middle, scene.views.size());
+  if (std::min(early.corners.size(), late.corners.size()) < kFewestCorners) return 0;
+  adjust(prior, noise, kIterations, early);
+  adjust(prior, noise, kIterations, late);
+  return 0.5 *
+         std::abs(early.lens[self_calibration::kLogFocal] - late.lens[self_calibration::kLogFocal]);
 }
 
 /// Gives the scene the lens and the views with which some of its corners agree best, of those that
@@ -191,12 +231,13 @@ class CameraFinder::Impl {
     holdWhatDoesNotShow(noise, prior, scene);
     FoundCamera found =
         told(scene, variance_factors::kFoundCamera * lensSigmas(prior, noise, scene));
-    const auto change = focalChange(prior, noise, kIterations, kFewestCorners, scene);
-    if (!change || !(found.lens.focal_sigma > 0)) return found;
-    found.focal_change = change->relative;
-    found.focal_change_sigma = variance_factors::kFoundCamera * change->sigma;
-    // What errors of corners that are independent do not tell.
-    found.lens.focal_sigma = std::hypot(found.lens.focal_sigma, 0.5 * change->relative);
+    double& sigma = found.lens.focal_sigma;
+    if (!(sigma > 0)) return found;
+    const FocalChange change = focalChange(prior, noise, kIterations, scene);
+    found.focal_change = change.relative;
+    found.focal_change_sigma = variance_factors::kFoundCamera * change.sigma;
+    sigma = std::hypot(sigma, disagreement(scene, prior, noise));
+    if (found.changes()) sigma = std::hypot(sigma, change.relative);
     return found;
   }
 
@@ -256,22 +297,19 @@ class CameraFinder::Impl {
   /// A distortion and a readout that are not told from none are none.
   static void holdWhatDoesNotShow(double noise, LensPrior& prior, Scene& scene) {
     const LensVector sigmas = variance_factors::kFoundCamera * lensSigmas(prior, noise, scene);
-    const auto shows = [&](int i) { return std::abs(scene.lens[i]) > kShows * sigmas[i]; };
+    const auto shows = [&](int i, double limit) {
+      return std::abs(scene.lens[i]) > limit * sigmas[i];
+    };
     const auto hold = [&](int i) {
       if (!(prior.sigma[i] > 0)) return false;
       prior.sigma[i] = scene.lens[i] = 0;
       return true;
     };
-    std::fprintf(stderr,
-                 1e3 * scene.lens[5],
-                 1e3 * sigmas[5],
-                 scene.lens[3],
-                 sigmas[3],
-                 scene.lens[4],
-                 sigmas[4]);
     bool changed = false;
-    if (!shows(self_calibration::kReadout)) changed = hold(self_calibration::kReadout);
-    if (!shows(self_calibration::kRadial) && !shows(self_calibration::kRadial + 1)) {
+    if (!shows(self_calibration::kReadout, kReadoutShows))
+      changed = hold(self_calibration::kReadout);
+    if (!shows(self_calibration::kRadial, kShows) &&
+        !shows(self_calibration::kRadial + 1, kShows)) {
       changed = hold(self_calibration::kRadial) || changed;
       changed = hold(self_calibration::kRadial + 1) || changed;
     }
@@ -330,7 +368,7 @@ std::string describe(const FoundCamera& camera) {
   if (camera.changes()) {
     text << std::setprecision(0) << "; it changes by " << 100 * camera.focal_change << " +- "
          << std::ceil(100 * camera.focal_change_sigma)
-         << " % from the first half to the second: zoom, focus breathing or stabilized images";
+         << " % from the first image to the last: zoom or focus breathing";
   } else if (!camera.isKnown()) {
     text << std::setprecision(0) << "; these images do not tell it better, turns may be "
          << std::ceil(100 * lens.focal_sigma) << " % off";

@@ -22,7 +22,7 @@ struct FoundCamera {
   int views = 0;                  ///< images that were adjusted
   int corners = 0;                ///< corners seen in them
   double error = 0;               ///< median distance between a corner and its prediction [px]
-  double focal_change = 0;        ///< from the first half of the views to the second, relative
+  double focal_change = 0;        ///< from the first image to the last, relative
   double focal_change_sigma = 0;  ///< 0: not known
 
   /// Whether the focal length is known well enough to hold it.
