@@ -38,7 +38,8 @@ constexpr std::size_t kFewestViews = 6;  // that are adjusted
 constexpr std::size_t kFewestCorners = 60;
 constexpr std::size_t kMostCorners = 800;  // those seen in most views
 constexpr std::size_t kFewestSights = 3;   // of a corner
-constexpr double kViewStep = 16;    // between two views, for an image diagonal of 800 px [px]
+constexpr double kViewStep = 16;      // between two views, for an image diagonal of 800 px [px]
+constexpr double kLeastViewStep = 4;  // where the others are too few
 constexpr double kViewShare = 0.8;  // of the corners of a view; where fewer are left comes the next
 
 /// What competes in the beginning, times the guess.
@@ -189,7 +190,7 @@ class CameraFinder::Impl {
       : guess_(guess),
         images_(images),
         rectified_(rectified),
-        step_(kViewStep * imageScale(rectified.width, rectified.height)),
+        step_(kLeastViewStep * imageScale(rectified.width, rectified.height)),
         arena_(threads) {}
 
   void take(const FrameEstimate& estimate) {
@@ -215,10 +216,11 @@ class CameraFinder::Impl {
   [[nodiscard]] int frames() const { return frames_; }
 
   [[nodiscard]] std::optional<FoundCamera> find() const {
-    if (views_.size() < kFewestViews) return std::nullopt;
+    const std::vector<View> views = farApart();
+    if (views.size() < kFewestViews) return std::nullopt;
     LensPrior prior = priorOf(guess_);
     double noise = kFirstNoise * imageScale(images_.width, images_.height);
-    Scene scene = sceneOf();
+    Scene scene = sceneOf(views);
     startBest(prior, noise, scene);
     if (scene.corners.size() < kFewestCorners) return std::nullopt;
     for (int round = 0; round < 2; ++round) {
@@ -263,11 +265,21 @@ class CameraFinder::Impl {
     return sight;
   }
 
+  /// The views that are a whole step apart; all where these are too few.
+  [[nodiscard]] std::vector<View> farApart() const {
+    const double step = kViewStep * imageScale(rectified_.width, rectified_.height);
+    std::vector<View> views;
+    for (const View& view : views_) {
+      if (views.empty() || stepBetween(views.back().seen, view.seen) > step) views.push_back(view);
+    }
+    return views.size() < kFewestViews ? views_ : views;
+  }
+
   /// Views with the corners that are seen in most of them, not yet placed.
-  [[nodiscard]] Scene sceneOf() const {
+  [[nodiscard]] Scene sceneOf(const std::vector<View>& views) const {
     std::map<int, std::vector<Sight>> by_corner;
-    for (std::size_t v = 0; v < views_.size(); ++v) {
-      for (const Sighting& seen : views_[v].seen) {
+    for (std::size_t v = 0; v < views.size(); ++v) {
+      for (const Sighting& seen : views[v].seen) {
         by_corner[seen.corner].push_back(sightOf(seen, v, 0));
       }
     }
@@ -283,7 +295,7 @@ class CameraFinder::Impl {
     scene.lens = numbersOf(guess_);
     scene.lens[self_calibration::kLogFocal] = std::log(images_.fx);
     scene.aspect = images_.fy / images_.fx;
-    for (const View& view : views_) scene.views.push_back(view.T_cam_world);
+    for (const View& view : views) scene.views.push_back(view.T_cam_world);
     for (std::size_t i = 0; i < corners.size(); ++i) {
       for (Sight& sight : corners[i]) {
         sight.corner = i;
