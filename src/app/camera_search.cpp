@@ -19,9 +19,15 @@ constexpr double kEnough = 0.005;  // standard deviation of the focal length, re
 /// Focal lengths of passes after one that found nothing, times the guess.
 constexpr std::array<double, 2> kOtherFocals = {1.6, 0.6};
 
-/// One pass. @return what it found at last
+bool isFarther(const FoundCamera& found, const Lens& used) {
+  return std::abs(std::log(found.lens.fx / used.fx)) > used.focal_sigma;
+}
+
+/// One pass. It ends where the camera is known, and, unless it is the last one, where the camera
+/// is another than the pass is run with. @return what it found at last
 std::optional<FoundCamera> pass(SequenceReader& reader,
                                 const Lens& guess,
+                                bool is_last,
                                 const CommandLine& request,
                                 const Interrupt& interrupt) {
   const Config config = configFor(request, reader.brightness(), reader.lens().focal_sigma);
@@ -38,7 +44,9 @@ std::optional<FoundCamera> pass(SequenceReader& reader,
     if (finder.frames() < next_look) continue;
     next_look *= 2;
     auto found = finder.find();
-    if (found && found->lens.focal_sigma < kEnough) return found;
+    if (!found) continue;
+    const bool again = !is_last && isFarther(*found, reader.lens());
+    if (again || found->lens.focal_sigma < kEnough) return found;
   }
   return finder.find();
 }
@@ -64,7 +72,7 @@ std::optional<FoundCamera> searchCamera(SequenceReader first,
   std::optional<FoundCamera> found;
   for (int i = 0; i < kPasses && !interrupt.requested(); ++i) {
     if (i > 0) first = SequenceReader(withLens(request.sequence, used));
-    auto better = pass(first, guess, request, interrupt);
+    auto better = pass(first, guess, i + 1 == kPasses, request, interrupt);
     if (!better && found) break;
     if (!better) {
       if (i == static_cast<int>(kOtherFocals.size())) break;
@@ -73,8 +81,7 @@ std::optional<FoundCamera> searchCamera(SequenceReader first,
       used.fy *= kOtherFocals.at(static_cast<std::size_t>(i));
       continue;
     }
-    const double moved = std::abs(std::log(better->lens.fx / used.fx));
-    const bool stays = moved <= used.focal_sigma;
+    const bool stays = !isFarther(*better, used);
     used = better->lens;
     found = std::move(better);
     if (stays) break;

@@ -270,11 +270,12 @@ RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
   try {
     if (isSearched(reader)) {
       result.camera = searchCamera(std::move(reader), request, interrupt);
-      if (!result.camera) {
-        warn(request, {"these images do not tell the camera: the run begins with a guess of it"});
-      }
       reader = SequenceReader(result.camera ? withLens(request.sequence, result.camera->lens)
                                             : request.sequence);
+      if (!result.camera) {
+        warn(request, {"these images do not tell the camera: the run begins with a guess of it"});
+        result.camera.emplace().lens = reader.lens();
+      }
     }
     config = configFor(request, reader.brightness(), reader.lens().focal_sigma);
     warn(request, notModelled(config, reader.lens()));

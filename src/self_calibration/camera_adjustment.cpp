@@ -21,6 +21,7 @@ using Matrix26 = Eigen::Matrix<double, 2, 6>;
 constexpr double kLossScale = 4;        // squared standard deviations at which the loss bends
 constexpr double kBehind = 50;          // loss of a corner behind a view that sees it
 constexpr double kLeastDamping = 1e-8;  // holds the motions and scales of whole worlds
+constexpr double kZoomSigma = 0.3;      // wide: a change of the focal length is nearly free
 constexpr double kLeastChange = 1e-4;   // of the cost; less ends an adjustment
 
 /// Error of a sight with its derivatives.
@@ -32,6 +33,12 @@ struct Residual {
   Eigen::Matrix<double, 2, kLensDim> by_lens;
 };
 
+/// Place of a view between the first and the last, -1/2 to 1/2.
+double phaseOf(const Scene& scene, std::size_t view) {
+  const auto last = static_cast<double>(std::max<std::size_t>(scene.views.size(), 2) - 1);
+  return static_cast<double>(view) / last - 0.5;
+}
+
 /// @tparam Derivatives whether they are wanted
 template <bool Derivatives>
 Residual residualOf(const Scene& scene, const Sight& sight) {
@@ -40,7 +47,8 @@ Residual residualOf(const Scene& scene, const Sight& sight) {
   const Eigen::Vector3d p = view * scene.corners[sight.corner];
   r.in_front = p.z() > 1e-6 * p.norm();
   if (!r.in_front) return r;
-  const double fx = std::exp(scene.lens[kLogFocal]);
+  const double phase = phaseOf(scene, sight.view);
+  const double fx = std::exp(scene.lens[kLogFocal] + phase * scene.lens[kZoom]);
   const Eigen::Vector2d focal(fx, scene.aspect * fx);
   const Eigen::Vector2d ray = p.head<2>() / p.z();
   const double squared = ray.squaredNorm();
@@ -63,6 +71,7 @@ Residual residualOf(const Scene& scene, const Sight& sight) {
   r.by_lens.col(kRadial) = squared * focal.cwiseProduct(ray);
   r.by_lens.col(kRadial + 1) = squared * r.by_lens.col(kRadial);
   r.by_lens.col(kReadout) = sight.drift;
+  r.by_lens.col(kZoom) = phase * shift;
   return r;
 }
 
@@ -298,7 +307,8 @@ void keepOnly(const std::vector<char>& kept, Scene& scene) {
 Eigen::Vector2d rayOf(const Scene& scene, const Sight& sight) {
   constexpr int kIterations = 10;
   constexpr double kLeastBend = 0.3;
-  const double fx = std::exp(scene.lens[kLogFocal]);
+  const double fx =
+      std::exp(scene.lens[kLogFocal] + phaseOf(scene, sight.view) * scene.lens[kZoom]);
   const Eigen::Vector2d pixel = sight.pixel - scene.lens[kReadout] * sight.drift;
   const Eigen::Vector2d seen = (pixel - scene.lens.segment<2>(kCenter))
                                    .cwiseQuotient(Eigen::Vector2d(fx, scene.aspect * fx));
@@ -369,6 +379,12 @@ LensVector lensSigmas(const LensPrior& prior, double noise, const Scene& scene) 
     sigmas[i] = std::sqrt(std::max(0.0, system.solve(Eigen::VectorXd::Unit(size, i))[i]));
   }
   return sigmas;
+}
+
+FocalChange focalChange(LensPrior prior, double noise, int max_iterations, Scene scene) {
+  prior.sigma[kZoom] = kZoomSigma;
+  adjust(prior, noise, max_iterations, scene);
+  return {scene.lens[kZoom], lensSigmas(prior, noise, scene)[kZoom]};
 }
 
 }  // namespace dsorb::self_calibration

@@ -10,12 +10,14 @@
 
 namespace dsorb::self_calibration {
 
-/// Numbers of a camera: logarithm of fx [px], cx, cy [px], k1, k2, readout [s].
+/// Numbers of a camera: logarithm of fx [px], cx, cy [px], k1, k2, readout [s], and what the first
+/// one grows by from the first view to the last.
 constexpr int kLogFocal = 0;
 constexpr int kCenter = 1;
 constexpr int kRadial = 3;
 constexpr int kReadout = 5;
-constexpr int kLensDim = 6;
+constexpr int kZoom = 6;
+constexpr int kLensDim = 7;
 using LensVector = Eigen::Matrix<double, kLensDim, 1>;
 
 /// What is known of the numbers beforehand; one without a standard deviation is held.
@@ -62,5 +64,17 @@ double adjust(const LensPrior& prior, double noise, int max_iterations, Scene& s
 /// Standard deviations of the lens after an adjustment, as errors of sights that are independent
 /// make it; 0 of what is held.
 [[nodiscard]] LensVector lensSigmas(const LensPrior& prior, double noise, const Scene& scene);
+
+/// What the logarithm of the focal length grows by from the first view to the last.
+struct FocalChange {
+  double relative = 0;
+  double sigma = 0;  ///< as errors of sights that are independent make it
+};
+
+/// @param scene after an adjustment of a focal length that stays
+[[nodiscard]] FocalChange focalChange(LensPrior prior,
+                                      double noise,
+                                      int max_iterations,
+                                      Scene scene);
 
 }  // namespace dsorb::self_calibration

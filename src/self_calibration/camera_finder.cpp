@@ -26,6 +26,7 @@ namespace {
 
 using self_calibration::adjust;
 using self_calibration::CornerPaths;
+using self_calibration::FocalChange;
 using self_calibration::LensPrior;
 using self_calibration::LensVector;
 using self_calibration::Scene;
@@ -37,7 +38,8 @@ constexpr std::size_t kFewestViews = 6;  // that are adjusted
 constexpr std::size_t kFewestCorners = 60;
 constexpr std::size_t kMostCorners = 800;  // those seen in most views
 constexpr std::size_t kFewestSights = 3;   // of a corner
-constexpr double kViewStep = 16;    // between two views, for an image diagonal of 800 px [px]
+constexpr double kViewStep = 16;      // between two views, for an image diagonal of 800 px [px]
+constexpr double kLeastViewStep = 4;  // where the others are too few
 constexpr double kViewShare = 0.8;  // of the corners of a view; where fewer are left comes the next
 
 /// What competes in the beginning, times the guess.
@@ -50,7 +52,8 @@ constexpr double kLeastNoise = 0.05;  // [px]
 constexpr double kWrong = 8;          // times the noise: a corner that is none
 constexpr double kBehindCost = 50;    // of a sight of a corner that cannot be placed
 
-constexpr double kShows = 3;  // standard deviations that a distortion or readout differs from none
+constexpr double kShows = 3;         // standard deviations that a distortion differs from none
+constexpr double kReadoutShows = 1;  // a readout above is nearer to the truth than none
 
 // Beforehand: what phones, webcams and action cameras have.
 constexpr double kCenterSigma = 0.02;  // share of the longer side
@@ -91,7 +94,7 @@ LensVector numbersOf(const Lens& lens) {
   LensVector numbers;
   const bool bent = lens.model == LensModel::kRadTan;
   numbers << std::log(lens.fx), lens.cx, lens.cy, bent ? lens.coefficients[0] : 0,
-      bent ? lens.coefficients[1] : 0, lens.readout.seconds;
+      bent ? lens.coefficients[1] : 0, lens.readout.seconds, 0;
   return numbers;
 }
 
@@ -99,7 +102,7 @@ LensPrior priorOf(const Lens& guess) {
   LensPrior prior{numbersOf(guess), LensVector::Zero()};
   if (guess.focal_sigma > 0) {
     const double center = kCenterSigma * std::max(guess.width, guess.height);
-    prior.sigma << guess.focal_sigma, center, center, kK1Sigma, kK2Sigma, 0;
+    prior.sigma << guess.focal_sigma, center, center, kK1Sigma, kK2Sigma, 0, 0;
   }
   prior.sigma[self_calibration::kReadout] = guess.readout.sigma;
   prior.sigma /= variance_factors::kFoundCamera;  // must count as the corners do
@@ -187,7 +190,7 @@ class CameraFinder::Impl {
       : guess_(guess),
         images_(images),
         rectified_(rectified),
-        step_(kViewStep * imageScale(rectified.width, rectified.height)),
+        step_(kLeastViewStep * imageScale(rectified.width, rectified.height)),
         arena_(threads) {}
 
   void take(const FrameEstimate& estimate) {
@@ -213,10 +216,11 @@ class CameraFinder::Impl {
   [[nodiscard]] int frames() const { return frames_; }
 
   [[nodiscard]] std::optional<FoundCamera> find() const {
-    if (views_.size() < kFewestViews) return std::nullopt;
+    const std::vector<View> views = farApart();
+    if (views.size() < kFewestViews) return std::nullopt;
     LensPrior prior = priorOf(guess_);
     double noise = kFirstNoise * imageScale(images_.width, images_.height);
-    Scene scene = sceneOf();
+    Scene scene = sceneOf(views);
     startBest(prior, noise, scene);
     if (scene.corners.size() < kFewestCorners) return std::nullopt;
     for (int round = 0; round < 2; ++round) {
@@ -230,7 +234,12 @@ class CameraFinder::Impl {
     FoundCamera found =
         told(scene, variance_factors::kFoundCamera * lensSigmas(prior, noise, scene));
     double& sigma = found.lens.focal_sigma;
-    if (sigma > 0) sigma = std::hypot(sigma, disagreement(scene, prior, noise));
+    if (!(sigma > 0)) return found;
+    const FocalChange change = focalChange(prior, noise, kIterations, scene);
+    found.focal_change = change.relative;
+    found.focal_change_sigma = variance_factors::kFoundCamera * change.sigma;
+    sigma = std::hypot(sigma, disagreement(scene, prior, noise));
+    if (found.changes()) sigma = std::hypot(sigma, change.relative);
     return found;
   }
 
@@ -256,11 +265,21 @@ class CameraFinder::Impl {
     return sight;
   }
 
+  /// The views that are a whole step apart; all where these are too few.
+  [[nodiscard]] std::vector<View> farApart() const {
+    const double step = kViewStep * imageScale(rectified_.width, rectified_.height);
+    std::vector<View> views;
+    for (const View& view : views_) {
+      if (views.empty() || stepBetween(views.back().seen, view.seen) > step) views.push_back(view);
+    }
+    return views.size() < kFewestViews ? views_ : views;
+  }
+
   /// Views with the corners that are seen in most of them, not yet placed.
-  [[nodiscard]] Scene sceneOf() const {
+  [[nodiscard]] Scene sceneOf(const std::vector<View>& views) const {
     std::map<int, std::vector<Sight>> by_corner;
-    for (std::size_t v = 0; v < views_.size(); ++v) {
-      for (const Sighting& seen : views_[v].seen) {
+    for (std::size_t v = 0; v < views.size(); ++v) {
+      for (const Sighting& seen : views[v].seen) {
         by_corner[seen.corner].push_back(sightOf(seen, v, 0));
       }
     }
@@ -276,7 +295,7 @@ class CameraFinder::Impl {
     scene.lens = numbersOf(guess_);
     scene.lens[self_calibration::kLogFocal] = std::log(images_.fx);
     scene.aspect = images_.fy / images_.fx;
-    for (const View& view : views_) scene.views.push_back(view.T_cam_world);
+    for (const View& view : views) scene.views.push_back(view.T_cam_world);
     for (std::size_t i = 0; i < corners.size(); ++i) {
       for (Sight& sight : corners[i]) {
         sight.corner = i;
@@ -290,15 +309,19 @@ class CameraFinder::Impl {
   /// A distortion and a readout that are not told from none are none.
   static void holdWhatDoesNotShow(double noise, LensPrior& prior, Scene& scene) {
     const LensVector sigmas = variance_factors::kFoundCamera * lensSigmas(prior, noise, scene);
-    const auto shows = [&](int i) { return std::abs(scene.lens[i]) > kShows * sigmas[i]; };
+    const auto shows = [&](int i, double limit) {
+      return std::abs(scene.lens[i]) > limit * sigmas[i];
+    };
     const auto hold = [&](int i) {
       if (!(prior.sigma[i] > 0)) return false;
       prior.sigma[i] = scene.lens[i] = 0;
       return true;
     };
     bool changed = false;
-    if (!shows(self_calibration::kReadout)) changed = hold(self_calibration::kReadout);
-    if (!shows(self_calibration::kRadial) && !shows(self_calibration::kRadial + 1)) {
+    if (!shows(self_calibration::kReadout, kReadoutShows))
+      changed = hold(self_calibration::kReadout);
+    if (!shows(self_calibration::kRadial, kShows) &&
+        !shows(self_calibration::kRadial + 1, kShows)) {
       changed = hold(self_calibration::kRadial) || changed;
       changed = hold(self_calibration::kRadial + 1) || changed;
     }
@@ -354,7 +377,11 @@ std::string describe(const FoundCamera& camera) {
     text << std::setprecision(1) << ", readout " << 1000 * lens.readout.seconds << " +- "
          << 1000 * lens.readout.sigma << " ms";
   }
-  if (!camera.isKnown()) {
+  if (camera.changes()) {
+    text << std::setprecision(0) << "; it changes by " << 100 * camera.focal_change << " +- "
+         << std::ceil(100 * camera.focal_change_sigma)
+         << " % from the first image to the last: zoom or focus breathing";
+  } else if (!camera.isKnown()) {
     text << std::setprecision(0) << "; these images do not tell it better, turns may be "
          << std::ceil(100 * lens.focal_sigma) << " % off";
   }

@@ -13,7 +13,7 @@ namespace {
 constexpr double kNoise = 0.2;  // [px]
 
 LensVector truth() {
-  return (LensVector() << std::log(500.0), 325, 236, -0.25, 0.06, 0.02).finished();
+  return (LensVector() << std::log(500.0), 325, 236, -0.25, 0.06, 0.02, 0).finished();
 }
 
 Eigen::Vector2d seen(const LensVector& lens, const Eigen::Vector3d& p) {
@@ -53,8 +53,8 @@ Scene sceneWithNoise(double noise) {
 
 LensPrior wide() {
   LensPrior prior;
-  prior.mean << std::log(560.0), 319.5, 239.5, 0, 0, 0;
-  prior.sigma << 0.3, 13, 13, 0.3, 0.15, 0.02;
+  prior.mean << std::log(560.0), 319.5, 239.5, 0, 0, 0, 0;
+  prior.sigma << 0.3, 13, 13, 0.3, 0.15, 0.02, 0;
   return prior;
 }
 
@@ -77,7 +77,8 @@ TEST(CameraAdjustment, SigmasAreThoseOfTheNoise) {
   placeCorners(scene);
   adjust(wide(), kNoise, 60, scene);
   const LensVector sigmas = lensSigmas(wide(), kNoise, scene);
-  const LensVector off = (scene.lens - truth()).cwiseQuotient(sigmas);
+  const Eigen::VectorXd off =
+      (scene.lens - truth()).cwiseQuotient(sigmas).head<kZoom>();  // what is not held
   EXPECT_LT(off.cwiseAbs().maxCoeff(), 3.5) << off.transpose();
   EXPECT_GT(off.norm(), 0.3) << "not much surer than they are";
   EXPECT_LT(sigmas[kLogFocal], 0.01);
@@ -93,6 +94,24 @@ TEST(CameraAdjustment, WhatHasNoSigmaIsHeld) {
   EXPECT_EQ(scene.lens[kRadial], -0.1);
   EXPECT_EQ(scene.lens[kReadout], truth()[kReadout]);
   EXPECT_EQ(lensSigmas(prior, kNoise, scene)[kRadial], 0);
+}
+
+TEST(CameraAdjustment, AFocalLengthThatChangesIsToldFromOneThatStays) {
+  for (const double zoom : {1.0, 1.05}) {
+    SCOPED_TRACE(zoom);
+    Scene scene = sceneWithNoise(kNoise);
+    const Eigen::Vector2d center = truth().segment<2>(kCenter);
+    for (Sight& sight : scene.sights) {
+      const double scale = std::pow(zoom, static_cast<double>(sight.view) / 11);
+      sight.pixel = center + scale * (sight.pixel - center);
+    }
+    placeCorners(scene);
+    adjust(wide(), kNoise, 60, scene);
+    const FocalChange change = focalChange(wide(), kNoise, 60, scene);
+    EXPECT_NEAR(change.relative, std::log(zoom), 4 * change.sigma);
+    EXPECT_LT(change.sigma, 0.01);
+    EXPECT_EQ(scene.lens[kZoom], 0) << "held otherwise";
+  }
 }
 
 TEST(CameraAdjustment, CornersWithALargeErrorGoWithTheirSights) {

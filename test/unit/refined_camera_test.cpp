@@ -118,6 +118,28 @@ TEST(RefinedCamera, AFocalLengthThatStillMovesIsNoCalibration) {
   }
 }
 
+TEST(RefinedCamera, OfAFoundCameraIsNoSurerThanWhatWasFound) {
+  for (const double sigma : {0.005, 0.02}) {
+    const TemporaryFolder folder;
+    FakeRun run(folder.path());
+    playOneSegment(run);
+    FoundCamera found;
+    found.lens.width = 160;
+    found.lens.height = 120;
+    found.lens.fx = found.lens.fy = 100;
+    found.lens.focal_sigma = sigma;
+    run.writer.setCamera(kCamera, &found.lens);
+    run.writer.setFoundCamera(found);
+    refine(run, {102, 102, 102}, 0.1);
+    run.writer.finish(RunStatus::kTracked, nullptr);
+    const auto json = readJson(folder.path() / "run.json");
+    EXPECT_EQ(json["refined_camera"]["settled"], sigma < 0.01);
+    EXPECT_EQ(json["found_camera"]["known"], sigma < 0.01);
+    EXPECT_FALSE(json["found_camera"].contains("focal_change")) << "not known";
+    EXPECT_EQ(fs::exists(folder.path() / "refined_camera.txt"), sigma < 0.01);
+  }
+}
+
 TEST(RefinedCamera, MovesAsFarInAReversedRun) {
   for (const int step : {1, -1}) {
     const TemporaryFolder folder;

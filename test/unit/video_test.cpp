@@ -73,6 +73,24 @@ TEST_F(VideoTest, ImagesAndTimesAreThoseOfTheContainer) {
   }
 }
 
+TEST_F(VideoTest, ImagesOfAnyWidthAreWholeAndStayInTheirMemory) {
+  for (const int width : {1240, 364, 90}) {  // FFmpeg writes 16 pixels at a time
+    SCOPED_TRACE(width);
+    const fs::path file = root() / (std::to_string(width) + ".mp4");
+    ASSERT_TRUE(writeVideo(file, "mp4v", kRate, 3, [&](int) {
+      cv::Mat image(60, width, CV_8UC3, cv::Scalar::all(40));
+      image.colRange(width - 32, width).setTo(cv::Scalar::all(200));
+      return image;
+    }));
+    SequenceReader reader(viewOf(file));
+    const auto frame = reader.next();
+    ASSERT_TRUE(frame);
+    const int last = reader.camera().width - 1;
+    EXPECT_NEAR(frame->frame->level(0).at(last, 30).intensity, 200, 5);
+    EXPECT_NEAR(frame->frame->level(0).at(last - 60, 30).intensity, 40, 5);
+  }
+}
+
 TEST_F(VideoTest, PartsAreSelected) {
   SequenceOptions o = viewOf(video());
   o.from = 0.2;

@@ -4,6 +4,7 @@
 #include "dsorb/camera/calibration.h"
 #include "dsorb/odometry/observer.h"
 
+#include <cmath>
 #include <memory>
 #include <optional>
 #include <string>
@@ -16,14 +17,20 @@ struct FoundCamera {
   /// Lens of the images as they were taken: a pinhole where no distortion shows, else kRadTan with
   /// k1 and k2; its `readout` and `focal_sigma` have their standard deviations.
   Lens lens;
-  double center_sigma = 0;  ///< of the principal point [px]
-  double k1_sigma = 0;      ///< of the first radial coefficient
-  int views = 0;            ///< images that were adjusted
-  int corners = 0;          ///< corners seen in them
-  double error = 0;         ///< median distance between a corner and its prediction [px]
+  double center_sigma = 0;        ///< of the principal point [px]
+  double k1_sigma = 0;            ///< of the first radial coefficient
+  int views = 0;                  ///< images that were adjusted
+  int corners = 0;                ///< corners seen in them
+  double error = 0;               ///< median distance between a corner and its prediction [px]
+  double focal_change = 0;        ///< from the first image to the last, relative
+  double focal_change_sigma = 0;  ///< 0: not known
 
   /// Whether the focal length is known well enough to hold it.
   [[nodiscard]] bool isKnown() const { return lens.focal_sigma < 0.01; }
+  /// Whether the focal length changes by more than chance explains: zoom, focus breathing.
+  [[nodiscard]] bool changes() const {
+    return focal_change_sigma > 0 && std::abs(focal_change) > 4 * focal_change_sigma;
+  }
 };
 
 /// One line for people: "focal length 528 +- 3 px (62.4 degrees), distortion -.28 +- .01, readout

@@ -24,6 +24,7 @@ using Clock = std::chrono::steady_clock;
 constexpr double kUsualRate = 30;
 constexpr double kMaxRate = 1e4;
 constexpr double kMaxImages = 1e9;
+constexpr int kWrittenAtOnce = 64;       // pixels that FFmpeg may write past the end of a row
 constexpr double kRightAngle = 90;       // [degrees]
 constexpr double kAngleTolerance = 0.5;  // [degrees]
 // For the opening of an address; FFmpeg looks for up to 5 s at what a stream holds.
@@ -156,13 +157,14 @@ class FfmpegCapture final : public Capture {
                                           nullptr,
                                           nullptr));
     if (!converter_) return false;
-    cv::Mat bgr(height, frame.width, CV_8UC3);
+    cv::Mat padded(height, (frame.width / kWrittenAtOnce + 1) * kWrittenAtOnce, CV_8UC3);
+    cv::Mat bgr = padded.colRange(0, frame.width);
     std::array<std::uint8_t*, 4> rows{bgr.data};
     const std::array<int, 4> step{static_cast<int>(bgr.step)};
     const int done = sws_scale(
         converter_.get(), data.data(), strides.data(), 0, height, rows.data(), step.data());
     if (done != height) return false;
-    image = turned(interlaced ? interpolateRows(bgr, first) : bgr, turn_);
+    image = turned(interlaced ? interpolateRows(bgr, first) : bgr.clone(), turn_);
     return true;
   }
 

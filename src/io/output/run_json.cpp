@@ -192,6 +192,11 @@ Json foundJson(const FoundCamera& found) {
   json["corners"] = found.corners;
   json["error"] = found.error;
   json["known"] = found.isKnown();
+  if (found.focal_change_sigma > 0) {
+    json["focal_change"] = {{"relative", found.focal_change},
+                            {"sigma", found.focal_change_sigma},
+                            {"contradicts_one_camera", found.changes()}};
+  }
   json["text"] = describe(found);
   return json;
 }
@@ -234,6 +239,9 @@ Json runJson(const RunInfo& info,
   const std::optional<PinholeCamera>& refined = cameras.refined.camera();
   if (cameras.camera && refined && refined->matrix() != cameras.camera->matrix()) {
     json["refined_camera"] = cameras.refined.json();
+    if (json["refined_camera"].contains("settled")) {
+      json["refined_camera"]["settled"] = cameras.areSettled();
+    }
   }
   if (cameras.found) json["found_camera"] = foundJson(*cameras.found);
   if (cameras.readout) {

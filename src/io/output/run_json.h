@@ -89,6 +89,13 @@ struct RunCameras {
   CameraEstimate refined;               ///< by the window
   std::optional<FoundCamera> found;     ///< by earlier passes, as `lens`
   std::optional<Readout> readout;       ///< estimated, of the newest keyframe
+
+  /// Whether `refined` may be the next run's calibration. The window holds principal point,
+  /// distortion and readout as they were found: where the images did not tell the focal length
+  /// beside these, its own standard deviation is too small.
+  [[nodiscard]] bool areSettled() const {
+    return refined.isSettled() && (!found || found->isKnown());
+  }
 };
 
 /// Content of run.json.

@@ -301,7 +301,7 @@ class RunWriter::Impl {
 
   /// Calibration that the run refined; empty where it is not settled, or of no form of ours.
   [[nodiscard]] std::string refinedCalibration() const {
-    if (!cameras.camera || !cameras.lens || !cameras.refined.isSettled()) return {};
+    if (!cameras.camera || !cameras.lens || !cameras.areSettled()) return {};
     Lens lens = *cameras.lens;
     if (cameras.readout) lens.readout = *cameras.readout;
     return cameras.refined.calibrationFile(lens, *cameras.camera);
@@ -311,8 +311,9 @@ class RunWriter::Impl {
   /// found before.
   void writeCalibration() const {
     std::string file = refinedCalibration();
-    const bool found = cameras.found && (cameras.found->isKnown() || cameras.refined.isSettled());
-    if (file.empty() && found) file = io::calibrationFile(cameras.found->lens);
+    if (file.empty() && cameras.found && cameras.found->isKnown()) {
+      file = io::calibrationFile(cameras.found->lens);
+    }
     if (!file.empty()) io::replaceFile(folder / "refined_camera.txt", file);
   }
 
