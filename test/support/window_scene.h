@@ -121,7 +121,7 @@ inline WindowScene makeWindowScene(const WindowSceneOptions& scene_options,
       scene_options.hosts > 0 ? static_cast<std::size_t>(scene_options.hosts) : frames.size() - 1;
   for (std::size_t k = 0; k < hosts; ++k) {
     for (MapPoint& point : points[k]) point.inverse_depth /= static_cast<float>(scale);
-    window::seedPoints(scene.window, k, points[k], options);
+    odometry::seedPoints(scene.window, k, points[k], options);
   }
   for (const window::Keyframe& keyframe : scene.window.keyframes) {
     scene.depths.emplace_back();

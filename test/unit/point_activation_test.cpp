@@ -122,7 +122,7 @@ TEST(Seeding, ThinningKeepsTheMostCertainOfEveryCell) {
          1,
          static_cast<float>(random.uniform(0.001, 0.1))});
   }
-  const std::vector<std::size_t> kept = thinOnGrid(points, 640, 480, 800);
+  const std::vector<std::size_t> kept = odometry::thinOnGrid(points, 640, 480, 800);
   EXPECT_LE(kept.size(), 800U);
   EXPECT_GT(kept.size(), 700U);
   double all = 0, thinned = 0;
@@ -131,14 +131,14 @@ TEST(Seeding, ThinningKeepsTheMostCertainOfEveryCell) {
     thinned += static_cast<double>(points[i].variance) / static_cast<double>(kept.size());
   }
   EXPECT_LT(thinned, 0.5 * all);
-  EXPECT_EQ(thinOnGrid({points[0], points[1]}, 640, 480, 800).size(), 2U);
+  EXPECT_EQ(odometry::thinOnGrid({points[0], points[1]}, 640, 480, 800).size(), 2U);
 }
 
 TEST(Seeding, SeedPriorIsTheInverseVarianceWithALimit) {
   PriorOptions options;
-  EXPECT_FLOAT_EQ(seedInformation({{0, 0}, 1, 0.01F}, options), 800);
-  EXPECT_FLOAT_EQ(seedInformation({{0, 0}, 1, 1e-6F}, options), 2500);
-  EXPECT_FLOAT_EQ(seedInformation({{0, 0}, 1, 0}, options), 0);
+  EXPECT_FLOAT_EQ(odometry::seedInformation({{0, 0}, 1, 0.01F}, options), 800);
+  EXPECT_FLOAT_EQ(odometry::seedInformation({{0, 0}, 1, 1e-6F}, options), 2500);
+  EXPECT_FLOAT_EQ(odometry::seedInformation({{0, 0}, 1, 0}, options), 0);
 }
 
 TEST(DepthSamples, LieOnTheSurfaceOfTheNewestKeyframe) {

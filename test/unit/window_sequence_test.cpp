@@ -92,7 +92,7 @@ class MappingRun {
     unit_ = mean;
     for (MapPoint& seed : seeds) seed.inverse_depth /= static_cast<float>(mean);
     addKeyframe(window_, frame, SE3(), {}, options_);
-    seedPoints(window_, 0, seeds, options_);
+    odometry::seedPoints(window_, 0, seeds, options_);
     for (int index = 1; index < frames; ++index) process(index);
     for (const Keyframe& keyframe : window_.keyframes) trajectory_.add(keyframe, sequence_);
     trajectory_.judge(result_);
