@@ -51,7 +51,7 @@ venv/bin/python example.py >example.txt
 tail -2 example.txt
 END
   begin=$(date +%s.%N)
-  unshare -m bash -c 'mount -t proc proc "$1/proc"; mount --bind /dev "$1/dev"; exec env -i PATH=/usr/bin:/bin chroot "$1" /bin/sh /try/try.sh' _ "$root"
+  unshare -m bash -c 'mount -t proc proc "$1/proc"; mount --bind /dev "$1/dev"; exec env -i PATH=/usr/sbin:/usr/bin:/bin chroot "$1" /bin/sh /try/try.sh' _ "$root"
   echo "$suite: $(awk -v a="$begin" -v b="$(cat "$root/try/end")" 'BEGIN { printf "%.0f", b - a }') s from an empty environment to the trajectory"
   [ -e "$roots/expected.txt" ] && [ "$suite" != "$1" ] || cp "$root/try/out/trajectory.txt" "$roots/expected.txt"
   # Libraries of mathematics differ in the last digit from one libc to the next.

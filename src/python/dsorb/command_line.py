@@ -142,7 +142,7 @@ def distance_of(words):
 def add_metric_flags(parser):
     """What tells metres. One of them."""
     known = parser.add_argument_group('metres (one of these; DIR/metric has the result)').add_mutually_exclusive_group()
-    known.add_argument('--distance', nargs='+', metavar='A B METRES [SIGMA]', help='between the camera at the images A and B (their numbers from 0); '
+    known.add_argument('--distance', nargs='+', metavar=('A B METRES', 'SIGMA'), help='between the camera at the images A and B (their numbers from 0); '
                        'standard deviation of 1 %% by default')
     known.add_argument('--speed', metavar='FILE.csv', help='lines of time [s], speed [m/s]')
     known.add_argument('--altitude', metavar='FILE.csv', help='lines of time [s], altitude [m]')
@@ -164,7 +164,8 @@ def write_metric(args):
     try:
         print('\n'.join(to_metres(args.folder, knowledge)))
     except (ValueError, OSError) as error:
-        print(f'dsorb: metric: {error}', file=sys.stderr)
+        why = f'{error.filename}: {error.strerror}' if isinstance(error, OSError) and error.filename else error
+        print(f'dsorb: metric: {why}', file=sys.stderr)
         return RUNTIME_ERROR
     return 0
 

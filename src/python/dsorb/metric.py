@@ -109,7 +109,7 @@ def within(times, table, path):
     inside = (times >= table[0, 0]) & (times <= table[-1, 0])
     if inside.sum() < 3:
         raise MetricError(f'{path}: its times are {table[0, 0]:.3f} to {table[-1, 0]:.3f} s, those of the images {times[0]:.3f} to {times[-1]:.3f} s: '
-                          'fewer than three images lie within; --time-offset SECONDS is added to the former')
+                          f'fewer than three images lie within; --time-offset SECONDS is added to the former: {times[0] - table[0, 0]:.3f} where both begin at once')
     return inside
 
 
