@@ -127,14 +127,6 @@ int countAgreeing(const std::vector<PointObservation>& matches,
       std::count_if(errors.begin(), errors.end(), [&](double error) { return error < threshold; }));
 }
 
-double medianError(const std::vector<PointObservation>& matches,
-                   const MatchedPose& pose,
-                   const PinholeCamera& camera,
-                   const SE3& T_cam_host) {
-  std::vector<double> errors = errorsOf(marked(matches, pose.inlier), camera, T_cam_host);
-  return errors.empty() ? 0 : medianInPlace(errors);
-}
-
 std::optional<MatchedPose> poseFromMatches(const std::vector<PointObservation>& matches,
                                            const PinholeCamera& camera,
                                            std::uint64_t seed) {

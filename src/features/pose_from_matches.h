@@ -58,10 +58,4 @@ int countAgreeing(const std::vector<PointObservation>& matches,
                   const PinholeCamera& camera,
                   const SE3& T_cam_host);
 
-/// Median distance between where the inliers of a pose are and where another one shows them [px].
-double medianError(const std::vector<PointObservation>& matches,
-                   const MatchedPose& pose,
-                   const PinholeCamera& camera,
-                   const SE3& T_cam_host);
-
 }  // namespace dsorb

@@ -36,10 +36,6 @@ constexpr double kMinStanding = 0.75;
 /// Flow since the keyframe, of width + height, beyond which a low residual may be that of another
 /// pose: matches that mostly agree are asked.
 constexpr double kFarFlow = 0.027;
-/// Median error of matches under a pose, over that under their own, beyond which the pose may be an
-/// alias of repeated texture some pixels away.
-constexpr double kOffMatches = 2;
-constexpr double kLeastOff = 1e-3;  // of it, of width + height
 
 /// What a frame at a share of the map's reach gets of its keyframe's covariance.
 struct ErrorsOfMap {
@@ -135,35 +131,12 @@ bool FrameTracker::isContradicted(const FramePtr& frame, const track::TrackingRe
          agreeing < kMinAgreeing * matched.inliers;
 }
 
-bool FrameTracker::isOffMatches(const FramePtr& frame, const track::TrackingResult& result) {
-  const double size = frame->width() + frame->height();
-  if (result.flow.full < kFarFlow * kFarFlow * size * size) return false;
-  const std::optional<MatchEvidence> evidence = matched_.find(frame, reference());
-  if (!evidence) return false;
-  const auto error = [&](const SE3& pose) {
-    return medianError(evidence->matches, evidence->pose, reference().camera, pose);
-  };
-  const double off = error(result.T_cur_ref);
-  return off > kLeastOff * size && off > kOffMatches * error(evidence->pose.T_cam_host);
-}
-
-void FrameTracker::settle(const FramePtr& frame, track::TrackingResult& result) {
-  if (!isOffMatches(frame, result)) return;
-  std::optional<track::TrackingResult> matched = fromMatches(frame);
-  if (matched && matched->rmse[0] < result.rmse[0] && !isOffMatches(frame, *matched)) {
-    result = std::move(*matched);
-  }
-}
-
 TrackedPose FrameTracker::track(const FramePtr& frame, bool may_doubt) {
   track::TrackingResult result = tracker_.track(*frame, startOf(*frame));
   TrackedPose pose;
   pose.good = counts(*frame, result, may_doubt);
   const Skips& skip = options_.initializer.skip;
-  if (pose.good && !skip.has(Mechanism::kProof)) {
-    pose.good = !isContradicted(frame, result);
-    if (pose.good) settle(frame, result);
-  }
+  if (pose.good && !skip.has(Mechanism::kProof)) pose.good = !isContradicted(frame, result);
   if (!pose.good && !skip.has(Mechanism::kMatches) &&
       result.failure != track::TrackingFailure::kBlank) {
     if (auto matched = fromMatches(frame)) {

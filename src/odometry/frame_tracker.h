@@ -74,11 +74,6 @@ class FrameTracker {
                             bool may_doubt) const;
   /// Whether matched corners of a frame far from its keyframe agree about another pose.
   [[nodiscard]] bool isContradicted(const FramePtr& frame, const track::TrackingResult& result);
-  /// Whether matches of a frame far from its keyframe lie pixels off a pose, and not off their own.
-  [[nodiscard]] bool isOffMatches(const FramePtr& frame, const track::TrackingResult& result);
-  /// Goes over to the pose that matches lead to, where they lie off one and the image shows theirs
-  /// better.
-  void settle(const FramePtr& frame, track::TrackingResult& result);
   /// The pose that matched corners tell, aligned to the image; none where too few agree with it.
   [[nodiscard]] std::optional<track::TrackingResult> fromMatches(const FramePtr& frame);
   void setPose(const track::TrackingResult& result, TrackedPose& pose) const;

@@ -11,6 +11,7 @@ namespace dsorb::place {
 namespace {
 
 constexpr std::uint64_t kIndexSeed = 20;  // any number
+constexpr std::size_t kGrowth = 4;        // a list grows by a fourth
 constexpr double kCommonWord = 0.2;  // share of the images; a word in more of them tells nothing
 
 }  // namespace
@@ -43,7 +44,9 @@ void BinaryIndex::add(const std::vector<BinaryDescriptor>& descriptors) {
   for (std::size_t i = 0; i < used; ++i) {
     for (int table = 0; table < kTables; ++table) {
       std::vector<std::uint32_t>& list = images_[wordOf(descriptors[i], table)];
-      if (list.empty() || list.back() != image) list.push_back(image);
+      if (!list.empty() && list.back() == image) continue;
+      if (list.size() == list.capacity()) list.reserve(list.size() + list.size() / kGrowth + 1);
+      list.push_back(image);
     }
   }
   sizes_.push_back(static_cast<std::uint32_t>(used));
