@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A COLMAP model, text and binary: cameras, images, points3D (https://colmap.github.io/format.html). A point of the map is
-seen by the image that hosts it, a corner that was followed by all keyframes that see it."""
+"""A COLMAP model, text and binary: cameras, images, points3D (https://colmap.github.io/format.html). A corner that was followed
+has the observations of all keyframes that see it; a point of the map has none, because an adjustment must not take it for one
+that a single image fixes."""
 import struct
 from dataclasses import dataclass
 
 import numpy as np
 
-from .pictures import PicturesError, calibration_of, to_camera
+from .pictures import PicturesError, calibration_of
 from .run_folder import TEXT
 
 HALF_PIXEL = 0.5  # the centre of COLMAP's top-left pixel is (0.5, 0.5)
@@ -47,24 +48,23 @@ def world_to_camera(frame):
     return [w, -x, -y, -z], list(-pose[:3, :3].T @ pose[:3, 3])
 
 
-def observations(frames, points, sights, pictures):
-    """Yields for every frame its (m, 2) pixels, with half a pixel added, and the (m,) rows of `points` that they show."""
-    calibration = calibration_of(pictures.lens)
+def observations(frames, sights, pictures):
+    """Yields for every frame its (m, 2) pixels, with half a pixel added, and the (m,) rows of the points that they show."""
+    pixels = calibration_of(pictures.lens).project(sights.rays) + HALF_PIXEL
+    seen = np.isfinite(pixels).all(1) & np.isin(sights.images, [frame.index for frame in frames])
+    seen &= np.bincount(sights.rows[seen], minlength=sights.rows.max(initial=0) + 1)[sights.rows] > 1  # one image fixes no point
     for frame in frames:
-        rows, followed = np.flatnonzero(points.keyframes[:sights.first] == frame.index), sights.images == frame.index
-        hosted = to_camera(frame.T_world_cam, points.positions[rows])
-        pixels = calibration.project(np.concatenate([hosted, sights.rays[followed]])) + HALF_PIXEL
-        rows = np.concatenate([rows, sights.rows[followed]])
-        seen = np.isfinite(pixels).all(1)
-        yield pixels[seen], rows[seen]
+        here = seen & (sights.images == frame.index)
+        yield pixels[here], sights.rows[here]
 
 
 def write_model(folder, frames, points, sights, pictures):
     folder.mkdir(parents=True)
     name, number, parameters = camera_of(pictures.lens)
     size = pictures.lens['width'], pictures.lens['height']
-    seen = list(observations(frames, points, sights, pictures))
-    tracks = {}  # by row of `points`: (image, position in the image), images with numbers from 1
+    seen = list(observations(frames, sights, pictures))
+    # By row of `points`: (image, position in the image), images with numbers from 1.
+    tracks = {row: [] for row in range(sights.first)}
     for frame, (_, rows) in zip(frames, seen):
         for place, row in enumerate(rows.tolist()):
             tracks.setdefault(row, []).append((frame.index + 1, place))
