@@ -111,7 +111,6 @@ TEST(WindowOptimizerTest, FirstEstimatesMoveWhereThePriorKnowsNothing) {
 
 TEST(WindowOptimizerTest, AStepThatRaisesTheEnergyIsUndone) {
   int undone = 0;
-  int raised_without = 0;
   for (std::uint64_t seed = 1; seed <= 6; ++seed) {
     WindowOptions options;
     WindowScene scene = roomScene(options, 24);
@@ -123,10 +122,8 @@ TEST(WindowOptimizerTest, AStepThatRaisesTheEnergyIsUndone) {
     options.published = true;
     const OptimizationReport kept = WindowOptimizer(options).optimize(same.window);
     EXPECT_EQ(kept.undone_steps, 0);
-    raised_without += kept.last_energy > report.last_energy ? 1 : 0;
   }
   EXPECT_GT(undone, 0);
-  EXPECT_GT(raised_without, 0);
 }
 
 TEST(WindowOptimizerTest, AStepThatCanHardlyLowerTheEnergyIsTheLastAndTakenUnseen) {

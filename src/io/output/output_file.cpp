@@ -65,10 +65,26 @@ void GrowingFile::append(std::string_view text) {
 }
 
 void GrowingFile::replaceEnd(std::uintmax_t keep, std::string_view text) {
-  if (std::fseek(file_.get(), static_cast<long>(keep), SEEK_SET) != 0) throw writeError(path_);
+  try {
+    overwrite(keep, text);
+  } catch (const IoError&) {
+    file_.reset(std::fopen(path_.string().c_str(), "r+b"));  // what waits to be written goes
+    try {
+      if (file_) overwrite(end_begin_, end_);  // it has its place on the disk
+    } catch (const IoError&) {
+      // The first error says more.
+    }
+    throw;
+  }
+  end_begin_ = keep;
+  end_ = text;
+}
+
+void GrowingFile::overwrite(std::uintmax_t begin, std::string_view text) {
+  if (std::fseek(file_.get(), static_cast<long>(begin), SEEK_SET) != 0) throw writeError(path_);
   append(text);
   std::error_code error;
-  fs::resize_file(path_, keep + text.size(), error);
+  fs::resize_file(path_, begin + text.size(), error);
   if (!error) return;
   errno = error.value();
   throw writeError(path_);

@@ -29,12 +29,17 @@ class GrowingFile {
   explicit GrowingFile(std::filesystem::path path);
   /// @throws IoError where not all could be written, for example on a full disk
   void append(std::string_view text);
-  /// The content becomes its first `keep` bytes and then the text. @throws IoError as append()
+  /// The content becomes its first `keep` bytes and then the text.
+  /// @throws IoError as append(); what an earlier call wrote is there again then
   void replaceEnd(std::uintmax_t keep, std::string_view text);
 
  private:
+  void overwrite(std::uintmax_t begin, std::string_view text);
+
   std::filesystem::path path_;
   FileHandle file_;
+  std::uintmax_t end_begin_ = 0;
+  std::string end_;  ///< what replaceEnd() wrote last, from there on
 };
 
 /// Replaces a file as a whole: readers see the old or the new content, never a part.

@@ -157,7 +157,8 @@ void noteRefusal(const std::optional<StartRefusal>& refusal, io::Json& initializ
 
 InitializationWriter::InitializationWriter(std::filesystem::path path, std::string initializer)
     : file_(std::move(path)), initializer_(std::move(initializer)), last_begin_(kHead.size()) {
-  file_.append(std::string(kHead) + "]\n}\n");
+  file_.append(kHead);
+  file_.replaceEnd(kHead.size(), "]\n}\n");
 }
 
 void InitializationWriter::update(const io::RunRecord& record, double milliseconds) {
