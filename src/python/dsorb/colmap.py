@@ -63,7 +63,7 @@ def write_model(folder, frames, points, sights, pictures):
     name, number, parameters = camera_of(pictures.lens)
     size = pictures.lens['width'], pictures.lens['height']
     seen = list(observations(frames, sights, pictures))
-    # By row of `points`: (image, position in the image), images with numbers from 1.
+    # (image, position in the image) of those that see each row of `points`; images have numbers from 1.
     tracks = {row: [] for row in range(sights.first)}
     for frame, (_, rows) in zip(frames, seen):
         for place, row in enumerate(rows.tolist()):
