@@ -429,7 +429,7 @@ void addMethodFlags(CLI::App& app, Flags& flags, CommandLine& request) {
                  flags.places,
                  "what is done where a place is seen again: off; join: segments that show one "
                  "place become one (default; of cameras and with --speed off); loops: also closed; "
-                 "not yet measured")
+                 "hardly gained anything where it was measured")
       ->check(CLI::IsMember(namesOf(kPlacesModes)))
       ->group("Method");
   app.add_option(

@@ -61,7 +61,7 @@ const std::filesystem::path& renderedRoom() {
   static const std::filesystem::path kRoom = [] {
     std::filesystem::path room = kFolder.path() / "room";
     const ProgramResult made = runProgram(
-        {DSORB_SYNTHESIZE, "room", "--output", room.string(), "--frames", "90", "--quiet"},
+        {DSORB_SYNTHESIZE, "room", "--output", room.string(), "--frames", "120", "--quiet"},
         kFolder.path());
     EXPECT_EQ(made.exit_code, 0) << made.err;
     return room;

@@ -95,14 +95,14 @@ TEST_F(ImageInputsTest, AVignetteAndAMaskAreNoImages) {
   writeGreyImages(root(), 3, ".png");
   writeText(root() / "camera.txt", "Pinhole 50 50 31.5 23.5 0\n64 48\nnone\n64 48\n");
   writeImage(root() / "vignette.png", cv::Mat(48, 64, CV_16UC1, cv::Scalar(65535)));
-  writeImage(root() / "zone.png", cv::Mat(48, 64, CV_8UC1, cv::Scalar(255)));
+  writeImage(root() / "zone 1.png", cv::Mat(48, 64, CV_8UC1, cv::Scalar(255)));
   SequenceOptions o = options();
-  EXPECT_THAT(indicesOf(o), ElementsAre(0, 1, 2, 3)) << "nobody says what zone.png is";
-  o.mask = root() / "zone.png";
+  EXPECT_THAT(indicesOf(o), ElementsAre(0, 1, 2, 3)) << "nobody says what zone 1.png is";
+  o.mask = root() / "zone 1.png";
   EXPECT_THAT(indicesOf(o), ElementsAre(0, 1, 2));
   const SequenceReader reader(o);
   EXPECT_THAT(reader.warnings(), testing::Contains(HasSubstr("vignette.png: not taken for")));
-  EXPECT_THAT(reader.warnings(), testing::Contains(HasSubstr("zone.png: not taken for")));
+  EXPECT_THAT(reader.warnings(), testing::Contains(HasSubstr("zone 1.png: not taken for")));
 }
 
 TEST_F(ImageInputsTest, UnreadableImagesArePassedOverWhereThatIsWanted) {

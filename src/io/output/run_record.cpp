@@ -44,6 +44,7 @@ void RunRecord::addInitialization(InitializationResult result, int segment) {
   anchors_.try_emplace(reference, SE3(), begin);
   starts_.push_back({result.frames.back().frame->id(), *result.frames.back().T_cam_ref});
   const int start = static_cast<int>(starts_.size()) - 1;
+  // Frames up to the newest one that has a line were posed when they were recognized.
   const auto recognized =
       std::find_if(result.frames.rbegin(), result.frames.rend(), [this](const PosedFrame& posed) {
         return !frames_.empty() && posed.frame->id() == frames_.newest().id;
