@@ -43,7 +43,7 @@ for version in 3.9:bullseye 3.10:jammy 3.11:bookworm 3.13:trixie; do
   cp "$folder/unpacked/usr/include/$own/$python/pyconfig.h" "$folder/$python/pyconfig.h"
 done
 [ ! -e "$folder/toolchain.cmake" ] || exit 0
-unpack bullseye "$folder/sysroot" libc6 libc6-dev linux-libc-dev libcrypt1 libgcc-s1
+unpack bullseye "$folder/sysroot" libc6 libc6-dev linux-libc-dev libcrypt1 libcrypt-dev libgcc-s1
 find "$folder/sysroot" -type l -lname '/*' -printf '%l %p\n' | while read -r target link; do ln -sfn "$folder/sysroot$target" "$link"; done
 
 # What the static libstdc++ asks of newer libcs: whether there are threads ("perhaps" is right), random bytes.
