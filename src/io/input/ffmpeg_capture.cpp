@@ -28,7 +28,7 @@ constexpr int kWrittenAtOnce = 64;       // pixels that FFmpeg may write past th
 constexpr double kRightAngle = 90;       // [degrees]
 constexpr double kAngleTolerance = 0.5;  // [degrees]
 // For the opening of an address; FFmpeg looks for up to 5 s at what a stream holds.
-constexpr std::chrono::milliseconds kOpeningPatience(10000);
+constexpr std::chrono::milliseconds kAddressPatience(10000);
 constexpr std::chrono::milliseconds kReadingPatience(5000);  // for an image
 
 /// What FFmpeg would show of texts, single images and lists of other files is no video of ours.
@@ -113,7 +113,7 @@ class FfmpegCapture final : public Capture {
   /// @return what is wrong; empty: nothing
   std::string open(const std::string& address) {
     is_file_ = address.find("://") == std::string::npos;
-    patience(kOpeningPatience);
+    patience(kAddressPatience);
     std::string why = is_file_ ? openFile(address) : std::string();
     if (why.empty() && !openContainer(address)) why = "no video that can be decoded";
     if (why.empty()) why = openDecoder();
