@@ -160,7 +160,7 @@ def main():
     what, cuts = write_sequence(options.work, options.frames, options.walk)
     output = options.work / 'out'
     (output / 'frames.csv').unlink(missing_ok=True)
-    process = subprocess.Popen([options.program, options.work, '--output', output, '--quiet', '--threads', '1'])
+    process = subprocess.Popen([options.program, options.work, '--output', output, '--quiet', '--threads', '1', '--places', 'off'])  # they keep a map that grows
     samples = watch(process, output / 'frames.csv', 0.2)
     if process.returncode not in (0, 3):  # 3: lost at the end
         sys.exit(f'dso_dataset ended with {process.returncode}')

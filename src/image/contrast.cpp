@@ -113,6 +113,10 @@ std::optional<GreyScale> GreyScale::of(const Frame& frame) {
   return GreyScale{static_cast<float>(gain), static_cast<float>(kMiddleGrey - gain * seen.mean)};
 }
 
+bool GreyScale::suits(const Frame& frame) const {
+  return gain <= 1 || static_cast<double>(gain) * contrast(frame) <= kMostContrast;
+}
+
 FramePtr GreyScale::apply(const FramePtr& frame) const {
   const PyramidLevel& level = frame->level(0);
   std::vector<float> pixels(level.data(),

@@ -138,9 +138,15 @@ class Odometry::Impl {
   }
 
   /// The frame in the grey levels that thresholds are meant in: the first image with something to
-  /// see decides for all that follow.
+  /// see decides for all that follow, or, while nothing has started, the first that this does not
+  /// suit.
   FramePtr inUsualGrey(const FramePtr& frame) {
     if (options_.initializer.skip.has(Mechanism::kContrast)) return frame;
+    if (phase_ == Phase::kInitializing && grey_scale_ && !grey_scale_->suits(*frame)) {
+      grey_scale_.reset();
+      place_.reset();
+      initializer_->reset();
+    }
     if (!grey_scale_) grey_scale_ = GreyScale::of(*frame);
     return grey_scale_ && grey_scale_->changes() ? grey_scale_->apply(frame) : frame;
   }

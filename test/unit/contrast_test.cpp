@@ -99,6 +99,16 @@ TEST(GreyScale, GivesImagesTheUsualContrastAndLeavesUsualOnes) {
   EXPECT_FALSE(GreyScale::of(*painted([](float, float) { return 90.0F; })));
 }
 
+TEST(GreyScale, OfDarknessDoesNotSuitTheLight) {
+  const auto scene = [](float x, float y) { return 120 + 60 * std::sin(x / 9) * std::cos(y / 7); };
+  const auto dark = [&](float x, float y) { return 0.02F * scene(x, y); };
+  const GreyScale scale = *GreyScale::of(*painted(dark));
+  EXPECT_TRUE(scale.changes());
+  EXPECT_TRUE(scale.suits(*painted(dark)));
+  EXPECT_FALSE(scale.suits(*painted(scene)));
+  EXPECT_TRUE(GreyScale().suits(*painted(scene)));
+}
+
 TEST(GreyScale, DoesNotShowTheNoise) {
   const auto random = std::make_shared<Random>(3);
   const FramePtr frame = painted([=](float x, float) {
