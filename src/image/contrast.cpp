@@ -114,7 +114,11 @@ std::optional<GreyScale> GreyScale::of(const Frame& frame) {
 }
 
 bool GreyScale::suits(const Frame& frame) const {
-  return gain <= 1 || static_cast<double>(gain) * contrast(frame) <= kMostContrast;
+  if (gain <= 1) return true;
+  const Moments seen = momentsOf(coarsest(frame));
+  const double mean = static_cast<double>(gain) * seen.mean + static_cast<double>(offset);
+  return static_cast<double>(gain) * seen.deviation <= kMostContrast && mean >= 0 &&
+         mean <= 2 * kMiddleGrey;
 }
 
 FramePtr GreyScale::apply(const FramePtr& frame) const {

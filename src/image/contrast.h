@@ -30,7 +30,7 @@ struct GreyScale {
   [[nodiscard]] bool changes() const { return gain != 1 || offset != 0; }
   /// Grey levels of the images of a camera, by one of them; nullopt where it shows nothing.
   [[nodiscard]] static std::optional<GreyScale> of(const Frame& frame);
-  /// Whether it leaves an image of its camera a usual contrast: one of darkness does not suit the
+  /// Whether it leaves an image of its camera usual grey levels: one of darkness does not suit the
   /// light that comes back.
   [[nodiscard]] bool suits(const Frame& frame) const;
   /// The same frame in other grey levels. The slope of its response is forgotten.

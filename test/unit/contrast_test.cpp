@@ -106,6 +106,7 @@ TEST(GreyScale, OfDarknessDoesNotSuitTheLight) {
   EXPECT_TRUE(scale.changes());
   EXPECT_TRUE(scale.suits(*painted(dark)));
   EXPECT_FALSE(scale.suits(*painted(scene)));
+  EXPECT_FALSE((GreyScale{4, 118}.suits(*painted(scene)))) << "its mean would be 600";
   EXPECT_TRUE(GreyScale().suits(*painted(scene)));
 }
 
