@@ -189,7 +189,8 @@ class FfmpegCapture final : public Capture {
 
   [[nodiscard]] std::string takeDoubts() override {
     if (std::exchange(damaged_, false) && !std::exchange(damage_told_, true)) {
-      doubts_.push_back("damaged, as later ones may be: the decoder fills in what it cannot read");
+      doubts_.emplace_back(
+          "damaged, as later ones may be: the decoder fills in what it cannot read");
     }
     std::string all;
     for (const std::string& doubt : doubts_) all += (all.empty() ? "" : "; ") + doubt;
