@@ -51,8 +51,11 @@ class Run(unittest.TestCase):
         shutil.copytree(room() / 'images', folder / 'images')  # beside no calibration
         done = dsorb('run', folder / 'images', '--output', folder / 'out')
         self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertRegex(done.stdout, r'focal length \d+')  # found, or, of so few images, not yet known
-        self.assertGreater(json.loads((folder / 'out' / 'run.json').read_text())['frames_tracked'], 20)
+        self.assertIn(f'{FRAMES} of {FRAMES} images have a pose (100 %)', done.stdout)
+        self.assertRegex(done.stdout, r'focal length \d+(\.\d)? \+- \d+(\.\d)? px \(\d+\.\d degrees\)')
+        self.assertNotIn('suspected', done.stdout)
+        found = json.loads((folder / 'out' / 'run.json').read_text())['found_camera']
+        self.assertAlmostEqual(found['fx'] / 200, 1, delta=.03)
 
     def test_options_of_the_program_are_passed_on(self):
         output = temporary_folder() / 'out'

@@ -207,7 +207,7 @@ TEST_P(GuessOfARealCamera, EndsNearTheTruthOrIsSaidNotToBeKnown) {
                              guess(GetParam().fx, GetParam().width, error))["found_camera"];
     const bool known = found["known"].get<bool>();
     EXPECT_TRUE(known || !GetParam().settles) << found.dump(2);
-    EXPECT_NEAR(found["fx"].get<double>() / GetParam().fx, 1, 0.06) << error;
+    EXPECT_NEAR(found["fx"].get<double>() / GetParam().fx, 1, 0.04) << error;
   }
 }
 

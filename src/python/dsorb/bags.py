@@ -296,11 +296,19 @@ def camera_info(reader: Any, topic: str, size: Optional[tuple[int, int]]) -> tup
     return None, what + (f', and not one other that is for images of {size[0]}x{size[1]}:{listed}' if found and size else '')
 
 
+def numbers_of(info: Any) -> list[np.ndarray]:
+    """K, D and P, which ROS 1 writes with capitals."""
+    return [np.ravel(getattr(info, key, getattr(info, key.upper(), ()))) for key in 'kdp']
+
+
+def region_of(info: Any) -> dict[str, int]:
+    return {key: getattr(info.roi, key) for key in ('x_offset', 'y_offset', 'height', 'width')}
+
+
 def camera_of(info: Any) -> tuple:
     """All of a camera_info that says where a point is seen."""
-    numbers = [tuple(np.ravel(getattr(info, key, getattr(info, key.upper(), ())))) for key in 'kdp']
-    roi = tuple(getattr(info.roi, key) for key in ('x_offset', 'y_offset', 'height', 'width'))
-    return info.width, info.height, info.distortion_model, *numbers, info.binning_x, info.binning_y, roi
+    return (info.width, info.height, info.distortion_model, *map(tuple, numbers_of(info)), info.binning_x, info.binning_y,
+            region_of(info))
 
 
 def changes_of(reader: Any, name: str) -> list[str]:
@@ -333,14 +341,14 @@ def write_calibration(reader: Any, topic: str, size: Optional[tuple[int, int]], 
     info, name = camera_info(reader, topic, size)
     if info is None:
         return name, []
-    k, d, p = (np.ravel(getattr(info, key, getattr(info, key.upper(), ()))) for key in 'kdp')
-    model, roi, matrix = info.distortion_model or 'plumb_bob', info.roi, 'K'
+    k, d, p = numbers_of(info)
+    model, matrix = info.distortion_model or 'plumb_bob', 'K'
     if base_of(topic).rpartition('/')[2].startswith('image_rect'):
         k, d, model, matrix = p.reshape(3, 4)[:, :3].ravel(), (), 'none', 'P'
     if k[0] <= 0:
         return f'{name} is there, but its {matrix} is 0: nobody calibrated this camera', []
     numbers = [', '.join(f'{x:.17g}' for x in values) for values in (k, d)]
-    region = ''.join(f'  {key}: {getattr(roi, key)}\n' for key in ('x_offset', 'y_offset', 'height', 'width'))
+    region = ''.join(f'  {key}: {value}\n' for key, value in region_of(info).items())
     file.write_text(f'width: {info.width}\nheight: {info.height}\ndistortion_model: {model}\nd: [{numbers[1]}]\nk: [{numbers[0]}]\n'
                     f'binning_x: {info.binning_x}\nbinning_y: {info.binning_y}\nroi:\n{region}', encoding='utf-8')
     return '', changes_of(reader, name)
