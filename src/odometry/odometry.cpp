@@ -160,6 +160,7 @@ class Odometry::Impl {
       estimate.T_cam_keyframe = SE3();
     }
     estimate.frame = frame;
+    estimate.repeats = shown_->id();
     if (estimate.state == OdometryState::kInitialized) estimate.state = OdometryState::kTracked;
     if (estimate.state == OdometryState::kTracked) ++report_.frames_tracked;
     if (estimate.state == OdometryState::kMissed) ++report_.frames_missed;

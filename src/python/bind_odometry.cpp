@@ -299,6 +299,12 @@ void bindEstimate(nb::module_& m) {
       .def_prop_ro(
           "tracking_rmse", [](const Estimate& e) { return e.frame.tracking_rmse; }, "[grey levels]")
       .def_prop_ro(
+          "repeats",
+          [](const Estimate& e) {
+            return e.frame.repeats ? std::optional(e.frame.repeats->value) : std::nullopt;
+          },
+          "Id of the earlier frame with the same image, whose answer this is.")
+      .def_prop_ro(
           "keyframes",
           [](const Estimate& e) { return &e.events.keyframes; },
           nb::rv_policy::reference_internal,

@@ -20,7 +20,7 @@ constexpr bool kSame =
     hasLayout<dsorb::Matrix6d, 288, 8>() && hasLayout<dsorb::PinholeCamera, 48, 8>() &&
     hasLayout<dsorb::PosedFrame, 392, 8>() && hasLayout<dsorb::InitPoint, 24, 4>() &&
     hasLayout<dsorb::InitializationResult, 272, 8>() && hasLayout<dsorb::InitStep, 664, 8>() &&
-    hasLayout<dsorb::MapPoint, 20, 4>() && hasLayout<dsorb::FrameEstimate, 792, 8>() &&
+    hasLayout<dsorb::MapPoint, 20, 4>() && hasLayout<dsorb::FrameEstimate, 800, 8>() &&
     hasLayout<dsorb::KeyframeSnapshot, 296, 8>() && hasLayout<dsorb::FramePriors, 472, 8>() &&
     hasLayout<dsorb::PosePrior, 360, 8>() && hasLayout<dsorb::FrameInfo, 72, 8>() &&
     hasLayout<dsorb::InitReport, 144, 8>() && hasLayout<dsorb::StartPose, 112, 8>() &&

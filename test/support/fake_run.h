@@ -85,6 +85,15 @@ class FakeRun {
     finishFrame(fed_.back(), OdometryState::kInitializing);
   }
 
+  /// A frame whose image is that of an earlier one, while nothing has started.
+  void repeated(int index, int of) {
+    FrameEstimate estimate;
+    estimate.frame = makeFrame(index);
+    estimate.repeats = FrameId{of};
+    writer.onFrame(estimate);
+    writer.frameDone({3, 1});
+  }
+
   /// A start that the window refuses.
   void refused(int index, const StartChange& change) {
     addResult(index);

@@ -172,6 +172,8 @@ TEST_F(RepeatedImages, ChangeNothing) {
   for (std::size_t i = 0; i < once.estimates.size(); ++i) {
     const FrameEstimate& copy = recorder.estimates[2 * i + 1];
     EXPECT_FALSE(copy.is_keyframe);
+    EXPECT_FALSE(recorder.estimates[2 * i].repeats);
+    EXPECT_EQ(copy.repeats, recorder.estimates[2 * i].frame->id());
     ASSERT_EQ(copy.T_world_cam.has_value(), once.estimates[i].T_world_cam.has_value());
     if (!copy.T_world_cam) continue;
     EXPECT_EQ(copy.state, OdometryState::kTracked);

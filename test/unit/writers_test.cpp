@@ -80,6 +80,26 @@ TEST(RunWriter, FramesOfTheInitializationFollowItsTwoEnds) {
   EXPECT_THAT(lines[2], StartsWith("0.200000000 0.000000000 0.000000000 0.300000000"));
 }
 
+TEST(RunWriter, RepeatedImagesOfTheInitializationHaveThePosesOfTheFirstOnes) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  run.initializing(0);
+  run.repeated(1, 0);
+  run.initializing(2);
+  run.repeated(3, 2);
+  run.repeated(4, 2);
+  run.initialized(5);
+  run.writer.finish(run.writer.outcome(), nullptr);
+  const auto lines = readTextLines(folder.path() / "trajectory.txt");
+  ASSERT_EQ(lines.size(), 6U);
+  const std::vector<std::string> positions = {"0.0", "0.0", "0.1", "0.1", "0.1", "0.5"};
+  for (std::size_t i = 0; i < positions.size(); ++i) {
+    EXPECT_THAT(
+        lines[i],
+        StartsWith("0." + std::to_string(i) + "00000000 0.000000000 0.000000000 " + positions[i]));
+  }
+}
+
 TEST(RunWriter, TheWindowThatContradictsTheCalibrationMostIsInTheSummary) {
   const TemporaryFolder folder;
   FakeRun run(folder.path());

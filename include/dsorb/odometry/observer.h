@@ -46,6 +46,7 @@ struct FrameEstimate {
   std::optional<Matrix6d> world_covariance;
   AffineBrightness affine;              ///< as brightnessTransfer() takes it
   std::optional<double> tracking_rmse;  ///< level 0 [grey levels]
+  std::optional<FrameId> repeats;       ///< earlier frame with the same image, whose answer this is
 };
 
 /// A keyframe with the points it hosts, as a value.

@@ -52,14 +52,22 @@ void RunRecord::addInitialization(InitializationResult result, int segment) {
   for (auto frame = recognized.base(); frame != result.frames.end(); ++frame) {
     const PosedFrame& posed = *frame;
     if (!posed.T_cam_ref || !isFinite(*posed.T_cam_ref)) continue;
-    frames_.push({posed.frame->id(),
-                  posed.frame->timestamp(),
-                  segment,
-                  reference,
-                  *posed.T_cam_ref,
-                  start,
-                  (posed.frame->timestamp() - begin) / duration});
+    PosedEntry entry{posed.frame->id(),
+                     posed.frame->timestamp(),
+                     segment,
+                     reference,
+                     *posed.T_cam_ref,
+                     start,
+                     (posed.frame->timestamp() - begin) / duration};
+    frames_.push(entry);
+    for (const Repeat& repeat : repeats_) {
+      if (repeat.of != posed.frame->id()) continue;
+      entry.id = repeat.id;
+      entry.timestamp = repeat.timestamp;
+      frames_.push(entry);
+    }
   }
+  repeats_.clear();
 }
 
 void RunRecord::noteReadout(const InitializationResult& result) {
@@ -109,6 +117,9 @@ void RunRecord::addFrame(const FrameEstimate& estimate) {
                estimate.state,
                0,
                std::isfinite(rmse) ? static_cast<float>(rmse) : -1.0F});
+  if (estimate.repeats && !estimate.T_world_cam) {
+    repeats_.push_back({estimate.frame->id(), estimate.frame->timestamp(), *estimate.repeats});
+  }
   frames_tracked_ += estimate.state == OdometryState::kTracked ? 1 : 0;
   frames_missed_ += estimate.state == OdometryState::kMissed ? 1 : 0;
   if (estimate.state == OdometryState::kInitialized && !steps_.empty() && steps_.back().result) {

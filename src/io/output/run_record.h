@@ -115,6 +115,12 @@ class RunRecord {
     FrameId newest;
     SE3 T_newest_reference;
   };
+  /// A frame without a pose whose image is that of an earlier one, which may still get one.
+  struct Repeat {
+    FrameId id;
+    double timestamp = 0;
+    FrameId of;
+  };
   /// What frames hang on: a keyframe, or the reference of an initialization.
   struct Anchor {
     explicit Anchor(const SE3& pose = {}, std::optional<double> time = {})
@@ -138,6 +144,7 @@ class RunRecord {
   Entries frames_;
   Entries keyframes_;  ///< each its own anchor
   Spool<FrameNote> notes_;
+  std::vector<Repeat> repeats_;  ///< since the last start
   int frames_tracked_ = 0;
   int frames_missed_ = 0;
   std::vector<Start> starts_;
