@@ -4,6 +4,7 @@
 #   attack   test/attack on the package in build/python
 #   soak     200,000 rendered frames
 #   fuzz     each parser, 10 minutes (needs the fuzzers of .ci/run)
+#   contract those of all initializers under the sanitizers of clang (needs that build of .ci/run)
 #   memory   that it does not grow with the length of a run
 #   ros2     the callbacks of scripts/ros2 on bags (needs a Python with rosbags and the package in build/python)
 #   wheels   scripts/wheels/build.sh, tried in empty roots (on Debian 12, as root)
@@ -11,7 +12,7 @@
 set -uo pipefail
 cd "$(dirname "$0")/.."
 export DSORB_BUILD_DIR=${DSORB_BUILD_DIR:-$PWD/build}
-[ $# -gt 0 ] || set -- attack soak fuzz memory ros2 wheels
+[ $# -gt 0 ] || set -- attack soak fuzz contract memory ros2 wheels
 
 attack() {
   local python=${DSORB_PYTHON:-python3} script failed=0
@@ -22,6 +23,7 @@ attack() {
 }
 soak() { scripts/soak.sh 200000; }
 fuzz() { DSORB_BUILD_DIR=$PWD/build-clang scripts/fuzz.sh 600s; }
+contract() { ctest --test-dir build-clang --output-on-failure --parallel "$(nproc)" -L contract --repeat until-pass:3; }
 memory() { python3 scripts/check_memory.py; }
 ros2() {
   local python=${DSORB_PYTHON:-python3}
