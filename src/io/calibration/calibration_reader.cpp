@@ -2,8 +2,6 @@
 #include "dsorb/io/calibration_reader.h"
 
 #include "camera/lens_models.h"
-#include "io/calibration/calibration_forms.h"
-#include "io/calibration/keyed_values.h"
 #include "io/calibration/lens_numbers.h"
 #include "io/text_file.h"
 
@@ -20,28 +18,24 @@
 namespace dsorb {
 namespace {
 
+using io::KeyedValues;
+
 constexpr std::string_view kReadoutWord = "readout";
+// Of files with poses of many images.
+constexpr std::size_t kMaxJsonBytes = std::size_t{1} << 25;
+constexpr std::size_t kMaxJsonValues = 1000000;
 
-/// One way to write the first line of camera.txt.
-struct LensForm {
-  std::string_view word;
-  LensModel model;
-  std::size_t least_numbers;  // after the word
-  std::size_t most_numbers;
-  const char* expectation;
-};
-
-constexpr std::array<LensForm, 9> kLensForms = {{
-    {"Pinhole", LensModel::kPinhole, 4, 5, "Pinhole fx fy cx cy 0"},
-    {"FOV", LensModel::kFov, 5, 5, "FOV fx fy cx cy omega"},
-    {"RadTan", LensModel::kRadTan, 8, 9, "RadTan fx fy cx cy k1 k2 p1 p2 [k3]"},
-    {"EquiDistant", LensModel::kEquidistant, 8, 8, "EquiDistant fx fy cx cy k1 k2 k3 k4"},
-    {"KannalaBrandt", LensModel::kEquidistant, 8, 8, "KannalaBrandt fx fy cx cy k1 k2 k3 k4"},
-    {"Rational", LensModel::kRational, 12, 12, "Rational fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"},
-    {"DoubleSphere", LensModel::kDoubleSphere, 6, 6, "DoubleSphere fx fy cx cy xi alpha"},
-    {"EUCM", LensModel::kExtendedUnified, 6, 6, "EUCM fx fy cx cy alpha beta"},
-    {"Unified", LensModel::kUnified, 5, 9, "Unified fx fy cx cy xi [k1 k2 p1 p2]"},
-}};
+/// First line of camera.txt.
+const std::vector<LensWord> kModels = {
+    {"Pinhole", LensModel::kPinhole, "fx fy cx cy [omega]"},  // which is 0
+    {"FOV", LensModel::kFov, "fx fy cx cy omega"},
+    {"RadTan", LensModel::kRadTan, "fx fy cx cy k1 k2 p1 p2 [k3]"},
+    {"EquiDistant", LensModel::kEquidistant, "fx fy cx cy k1 k2 k3 k4"},
+    {"KannalaBrandt", LensModel::kEquidistant, "fx fy cx cy k1 k2 k3 k4"},
+    {"Rational", LensModel::kRational, "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"},
+    {"DoubleSphere", LensModel::kDoubleSphere, "fx fy cx cy xi alpha"},
+    {"EUCM", LensModel::kExtendedUnified, "fx fy cx cy alpha beta"},
+    {"Unified", LensModel::kUnified, "fx fy cx cy xi [k1 k2 p1 p2]"}};
 
 /// Text file of a calibration, line by line.
 class Lines {
@@ -56,6 +50,9 @@ class Lines {
   [[nodiscard]] const std::string& text(std::size_t i) const { return lines_[i].text; }
   [[nodiscard]] IoError error(std::size_t i, const std::string& what) const {
     return lineError(file_, has(i) ? lines_[i].number : 0, what);
+  }
+  [[nodiscard]] Complain complain(std::size_t i) const {
+    return [this, i](const std::string& what) { return error(i, what); };
   }
   [[nodiscard]] std::vector<double> numbers(std::size_t i,
                                             const std::vector<std::string>& words,
@@ -89,44 +86,32 @@ Size readSize(const Lines& lines, std::size_t i, const std::string& what) {
   return {static_cast<int>(numbers[0]), static_cast<int>(numbers[1])};
 }
 
-/// Model of a line without a name, told by its numbers.
-LensModel legacyModel(const Lines& lines, const std::vector<double>& numbers) {
-  if (numbers.size() == 8) return LensModel::kRadTan;
-  if (numbers.size() == 5) return numbers[4] == 0 ? LensModel::kPinhole : LensModel::kFov;
-  throw lines.error(
-      0,
-      fmt::format("{} numbers without a model; expected 5 (Pinhole or FOV) or 8 (RadTan)",
-                  numbers.size()));
-}
-
-/// First line of camera.txt. @return model and its numbers as written
-std::pair<LensModel, std::vector<double>> readLensLine(const Lines& lines) {
+/// First line of camera.txt; without a name its numbers tell the model.
+void readLensLine(const Lines& lines, Lens& lens) {
   if (!lines.has(0)) {
     throw lines.error(0, "is empty; expected a camera model, for example 'Pinhole fx fy cx cy 0'");
   }
   std::vector<std::string> words = splitWords(lines.text(0));
-  double first = 0;
-  if (parseNumber(words.front(), first)) {
-    const auto numbers = lines.numbers(0, words, "numbers");
-    return {legacyModel(lines, numbers), numbers};
+  double number = 0;
+  if (!parseNumber(words.front(), number)) {
+    words.front() = findLens(kModels, words.front(), lines.complain(0)).word;
+  } else if (words.size() == 8) {
+    words.insert(words.begin(), "RadTan");
+  } else if (words.size() == 5 && parseNumber(words.back(), number)) {
+    words.insert(words.begin(), number == 0 ? "Pinhole" : "FOV");
+  } else {
+    throw lines.error(
+        0,
+        fmt::format("{} numbers without a model; expected 5 (Pinhole or FOV) or 8 (RadTan)",
+                    words.size()));
   }
-  const auto* form = std::find_if(kLensForms.begin(), kLensForms.end(), [&](const LensForm& f) {
-    return words.front() == f.word;
-  });
-  if (form == kLensForms.end()) {
-    throw lines.error(0,
-                      fmt::format("'{}' is no camera model; expected Pinhole, FOV, RadTan, "
-                                  "EquiDistant, KannalaBrandt, Rational, DoubleSphere, EUCM, "
-                                  "Unified, or 5 or 8 numbers",
-                                  quotable(words.front())));
-  }
+  const LensWord& model = findLens(kModels, words.front(), lines.complain(0));
   words.erase(words.begin());
-  const auto numbers = lines.numbers(0, words, form->expectation);
-  if (numbers.size() < form->least_numbers || numbers.size() > form->most_numbers) {
-    throw lines.error(0,
-                      fmt::format("{} numbers; expected '{}'", numbers.size(), form->expectation));
-  }
-  return {form->model, numbers};
+  lens.model = model.model;
+  setParameters(model.parameters,
+                lines.numbers(0, words, fmt::format("{} {}", model.word, model.parameters)),
+                lens,
+                lines.complain(0));
 }
 
 /// Relative intrinsics let pixel (0, 0) cover [0, 1]; ours has its centre at (0, 0).
@@ -140,26 +125,13 @@ void scaleToPixels(Size size, Camera& camera) {
 }
 
 Lens readLens(const Lines& lines) {
-  const auto [model, numbers] = readLensLine(lines);
-  const Size size = readSize(lines, 1, "input width and height");
   Lens lens;
-  lens.model = model;
-  lens.fx = numbers[0];
-  lens.fy = numbers[1];
-  lens.cx = numbers[2];
-  lens.cy = numbers[3];
+  readLensLine(lines, lens);
+  const Size size = readSize(lines, 1, "input width and height");
   lens.width = size.width;
   lens.height = size.height;
-  if (model != LensModel::kPinhole) {
-    std::copy(numbers.begin() + 4, numbers.end(), lens.coefficients.begin());
-  } else if (numbers.size() > 4 && numbers[4] != 0) {
-    throw lines.error(0,
-                      fmt::format("{} behind cy: a Pinhole has no distortion; expected 0, or 'FOV "
-                                  "fx fy cx cy omega'",
-                                  numbers[4]));
-  }
   if (lens.cx < 1 && lens.cy < 1) scaleToPixels(size, lens);
-  checkLens(lens, [&](const std::string& what) { return lines.error(0, what); });
+  checkLens(lens, lines.complain(0));
   return lens;
 }
 
@@ -259,11 +231,139 @@ Calibration readDso(Lines lines) {
   return calibration;
 }
 
-Calibration readKeyed(const io::KeyedValues& values, const CameraChoice& choice) {
-  if (hasCameraMatrix(values)) return readMatrices(values, choice);
-  const bool nerf = values.has("fl_x") || values.hasPath("frames[0]");
-  if (isKalibr(values) && !nerf) return readKalibr(values, choice);
-  return readSettings(values, choice);
+/// "KEY: words" a line.
+KeyedValues keyed(const std::filesystem::path& file, const std::vector<TextLine>& lines) {
+  KeyedValues values(file);
+  for (const TextLine& line : lines) {
+    const std::size_t colon = line.text.find(':');
+    if (colon == std::string::npos) continue;
+    values.add(line.text.substr(0, colon), {splitWords(line.text.substr(colon + 1)), line.number});
+  }
+  return values;
+}
+
+/// fx, fy, cx, cy of a 3x3 matrix, or of a 3x4 one of a rectified camera, whose last column is
+/// where it stands.
+void readProjection(const KeyedValues& values, const std::string& key, Lens& lens) {
+  const std::size_t columns = key.front() == 'K' ? 3 : 4;
+  const auto m = values.numbers(
+      key, 3 * columns, fmt::format("the {} of a 3x{} matrix", 3 * columns, columns));
+  const auto at = [&](std::size_t row, std::size_t column) { return m[row * columns + column]; };
+  if (at(0, 1) != 0 || at(1, 0) != 0 || at(2, 0) != 0 || at(2, 1) != 0 || at(2, 2) != 1) {
+    throw values.error(key, "expected fx 0 cx, 0 fy cy, 0 0 1 in the first three columns");
+  }
+  setParameters(
+      "fx fy cx cy", {at(0, 0), at(1, 1), at(0, 2), at(1, 2)}, lens, values.complain(key));
+}
+
+/// Both kinds of images have the calibration of their size; most recordings are rectified.
+Calibration readRaw(const KeyedValues& values, const std::string& number, const CameraChoice& c) {
+  Lens raw;
+  Lens rectified;
+  const std::string raw_size = "S_" + number, rectified_size = "S_rect_" + number;
+  if (values.has(raw_size)) readSize(values, raw_size, raw);
+  if (values.has(rectified_size)) readSize(values, rectified_size, rectified);
+  const auto fits = [&](const Lens& l) { return l.width == c.width && l.height == c.height; };
+  const std::string projection = "P_rect_" + number, matrix = "K_" + number;
+  if (values.has(projection) && (fits(rectified) || !fits(raw))) {
+    readProjection(values, projection, rectified);
+    return finished(values, projection, rectified);
+  }
+  readProjection(values, matrix, raw);
+  raw.model = LensModel::kRadTan;
+  const std::string distortion = "D_" + number;
+  setParameters("k1 k2 p1 p2 k3", values.numbers(distortion), raw, values.complain(distortion));
+  return finished(values, matrix, raw);
+}
+
+/// KITTI's calib.txt, where image_2 is P2, and calib_cam_to_cam.txt, where image_02 is P_rect_02,
+/// or K_02 and D_02 for images of the size of raw ones.
+bool isKitti(const std::vector<TextLine>& lines) {
+  return std::any_of(lines.begin(), lines.end(), [](const TextLine& line) {
+    const std::string key = line.text.substr(0, line.text.find(':'));
+    const bool odometry = key.size() == 2 && key[0] == 'P' && key[1] >= '0' && key[1] <= '3';
+    return key.size() < line.text.size() &&
+           (odometry || key.compare(0, 7, "P_rect_") == 0 || key.compare(0, 3, "K_0") == 0);
+  });
+}
+
+Calibration readKitti(const std::filesystem::path& file,
+                      const std::vector<TextLine>& lines,
+                      const CameraChoice& choice) {
+  const KeyedValues values = keyed(file, lines);
+  std::vector<NamedCamera> cameras;
+  for (const char number : {'0', '1', '2', '3'}) {
+    const std::string projection = std::string("P") + number;
+    const std::string two = std::string("0") + number;
+    if (values.has(projection)) {
+      cameras.push_back({{std::string("image_") + number, projection, std::string(1, number)},
+                         [&values, projection] {
+                           Lens lens;
+                           readProjection(values, projection, lens);
+                           return finished(values, projection, lens);
+                         }});
+    } else if (values.has("P_rect_" + two) || values.has("K_" + two)) {
+      cameras.push_back({{"image_" + two, two, "P_rect_" + two, "K_" + two},
+                         [&values, two, choice] { return readRaw(values, two, choice); }});
+    }
+  }
+  return readChosen(file, cameras, choice);
+}
+
+/// A line of COLMAP's cameras.txt.
+/// @source COLMAP's documentation, "Camera Models"
+const std::vector<LensWord> kColmapModels = {
+    {"SIMPLE_PINHOLE", LensModel::kPinhole, "f cx cy"},
+    {"PINHOLE", LensModel::kPinhole, "fx fy cx cy"},
+    {"SIMPLE_RADIAL", LensModel::kRadTan, "f cx cy k1"},
+    {"RADIAL", LensModel::kRadTan, "f cx cy k1 k2"},
+    {"OPENCV", LensModel::kRadTan, "fx fy cx cy k1 k2 p1 p2"},
+    {"FULL_OPENCV", LensModel::kRational, "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"},
+    {"OPENCV_FISHEYE", LensModel::kEquidistant, "fx fy cx cy k1 k2 k3 k4"},
+    {"SIMPLE_RADIAL_FISHEYE", LensModel::kEquidistant, "f cx cy k1"},
+    {"RADIAL_FISHEYE", LensModel::kEquidistant, "f cx cy k1 k2"},
+    {"FOV", LensModel::kFov, "fx fy cx cy omega"}};
+
+Calibration readColmapCamera(const std::filesystem::path& file, const TextLine& text) {
+  const auto complain = [&](const std::string& what) { return lineError(file, text.number, what); };
+  std::vector<std::string> words = splitWords(text.text);
+  if (words.size() < 4) throw complain("expected 'ID MODEL width height ...'");
+  const LensWord& model = findLens(kColmapModels, words[1], complain);
+  words.erase(words.begin(), words.begin() + 2);
+  const std::vector<double> numbers = parseNumbers(
+      file, text.number, words, fmt::format("ID {} width height {}", model.word, model.parameters));
+  Lens lens;
+  lens.model = model.model;
+  setSize(numbers[0], numbers[1], lens, complain);
+  setParameters(model.parameters, {numbers.begin() + 2, numbers.end()}, lens, complain);
+  lens.cx -= 0.5;  // pixels have their centres at .5
+  lens.cy -= 0.5;
+  return finished(lens, complain);
+}
+
+/// Lines of a number, a name in capitals, and more.
+bool isColmap(const std::vector<TextLine>& lines) {
+  if (lines.empty()) return false;
+  const std::vector<std::string> words = splitWords(lines.front().text);
+  double id = 0;
+  return words.size() > 2 && parseNumber(words[0], id) && words[1].size() > 2 &&
+         std::all_of(words[1].begin(),
+                     words[1].end(),
+                     [](unsigned char c) {
+                       return std::isupper(c) != 0 || std::isdigit(c) != 0 || c == '_';
+                     }) &&
+         std::isupper(static_cast<unsigned char>(words[1].front())) != 0;
+}
+
+Calibration readColmap(const std::filesystem::path& file,
+                       const std::vector<TextLine>& lines,
+                       const CameraChoice& choice) {
+  std::vector<NamedCamera> cameras;
+  for (const TextLine& line : lines) {
+    cameras.push_back(
+        {{splitWords(line.text).front()}, [&file, &line] { return readColmapCamera(file, line); }});
+  }
+  return readChosen(file, cameras, choice);
 }
 
 }  // namespace
@@ -280,9 +380,11 @@ std::optional<Readout> parseReadout(std::string_view text) {
 Calibration readCalibration(const std::filesystem::path& file, const CameraChoice& choice) {
   const std::string suffix = file.extension().string();
   if (suffix == ".yaml" || suffix == ".yml") {
-    return readKeyed(io::yamlValues(file, io::kPlainLimits), choice);
+    return readKeyed(io::yamlValues(readText(file, kMaxYamlBytes), file), choice);
   }
-  if (suffix == ".json") return readKeyed(io::yamlValues(file, io::kJsonLimits), choice);
+  if (suffix == ".json") {
+    return readKeyed(io::yamlValues(readText(file, kMaxJsonBytes), file, kMaxJsonValues), choice);
+  }
   if (suffix == ".xml") {
     return readKeyed(io::xmlValues(file, readText(file, kMaxCalibrationBytes)), choice);
   }
