@@ -78,6 +78,10 @@ std::vector<TextLine> readLines(const std::filesystem::path& file, std::size_t m
   return lines;
 }
 
+std::string pixelText(double width, double height) {
+  return fmt::format("{}x{} px", width, height);
+}
+
 std::string quotable(std::string_view text) {
   if (text.size() <= kMaxQuotable) return std::string(text);
   return std::string(text.substr(0, kMaxQuotable)) + "...";

@@ -38,6 +38,9 @@ IoError lineError(const std::filesystem::path& file, int line, const std::string
 /// Words between white space, commas not included.
 std::vector<std::string> splitWords(std::string_view text);
 
+/// "640x480 px", for messages.
+std::string pixelText(double width, double height);
+
 /// Text as a message may quote it: without what exceeds a line of a terminal.
 std::string quotable(std::string_view text);
 

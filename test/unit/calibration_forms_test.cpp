@@ -190,7 +190,7 @@ TEST_F(CalibrationFormsTest, ACameraOfSeveralIsNeverGuessed) {
   EXPECT_EQ(readCalibration(one, {"/remapped", {}}).lens.fx, 510);
   EXPECT_THROW((void)readCalibration(one, {"cam1", {}}), IoError);
   EXPECT_THAT(complaint("svo.yaml", "cameras:\n- camera: 5\n"),
-              HasSubstr("has no camera; at least one is expected"));
+              HasSubstr("svo.yaml:2: cameras[0].camera: a mapping"));
 }
 
 TEST_F(CalibrationFormsTest, RegionAndBinningCutTheCalibration) {

@@ -143,7 +143,7 @@ TEST_F(CalibrationReaderTest, ComplaintsNameFileLineAndExpectation) {
   EXPECT_THAT(cameraComplaint(std::string("ocam 500 500 320 240 0") + kTail),
               AllOf(HasSubstr("'ocam' is no lens model"), HasSubstr("Pinhole")));
   EXPECT_THAT(cameraComplaint(std::string("Pinhole nan 500 320 240 0") + kTail),
-              AllOf(HasSubstr("camera.txt:1"), HasSubstr("'nan' is not a finite number")));
+              AllOf(HasSubstr("camera.txt:1"), HasSubstr("'nan', is not a finite number")));
   EXPECT_THAT(cameraComplaint(std::string("Pinhole 500 -500 320 240 0") + kTail),
               AllOf(HasSubstr("camera.txt:1"), HasSubstr("500 -500"), HasSubstr("positive")));
   EXPECT_THAT(cameraComplaint(std::string("Pinhole 500 500 3200 240 0") + kTail),
@@ -168,7 +168,7 @@ TEST_F(CalibrationReaderTest, ComplaintsNameFileLineAndExpectation) {
   EXPECT_THAT(cameraComplaint("Pinhole 500 500 320 240 0\n640 480\nnone\n320 240"),
               AllOf(HasSubstr("camera.txt:4"), HasSubstr("640x480"), HasSubstr("320x240")));
   EXPECT_THAT(cameraComplaint("Pinhole 500 500 320 240 0\n640 480\ncrop\n640 x"),
-              AllOf(HasSubstr("camera.txt:4"), HasSubstr("'x' is not a finite number")));
+              AllOf(HasSubstr("camera.txt:4"), HasSubstr("'x', is not a finite number")));
   EXPECT_THAT(cameraComplaint("Pinhole 500 500 320 240 0\n640 480\ncrop\n640 480\nmore"),
               HasSubstr("camera.txt:5"));
 }
@@ -218,7 +218,7 @@ TEST_F(CalibrationReaderTest, LastLineMaySayHowLongTheRowsTake) {
   EXPECT_EQ(unknown.sigma, kUnknownReadout.sigma);
   for (const char* wrong : {"readout", "readout x", "readout 25 rows", "readout 2000"}) {
     EXPECT_THAT(cameraComplaint(std::string("Pinhole 528 529 325.3 236.6 0") + kTail + wrong),
-                AllOf(HasSubstr("camera.txt:5"), HasSubstr("behind 'readout' milliseconds")))
+                AllOf(HasSubstr("camera.txt:5"), HasSubstr("readout_ms: milliseconds")))
         << wrong;
   }
 }

@@ -18,11 +18,35 @@ using io::KeyedValues;
 using Strings = std::vector<std::string>;
 using LensWords = std::vector<LensWord>;
 
+constexpr int kMaxCameras = 100;    // of one file
 constexpr double kHalfPixel = 0.5;  // where pixels have their centres at .5
 
 /// Whether all numbers of a list are 0, or there is none.
 bool isZero(const std::vector<double>& numbers) {
   return std::all_of(numbers.begin(), numbers.end(), [](double n) { return n == 0; });
+}
+
+/// Reads one of a list of cameras that are called cam0, cam1 and so on, and perhaps by a name of
+/// their own.
+/// @param paths of the cameras by their numbers
+/// @param name  key of a camera's own name
+template <typename Paths, typename Read>
+Calibration readOneOf(const KeyedValues& values,
+                      const CameraChoice& choice,
+                      const Paths& paths,
+                      const std::string& name,
+                      const Read& read) {
+  std::vector<NamedCamera> cameras;
+  for (int i = 0; i < kMaxCameras; ++i) {
+    const std::string path = paths(i);
+    if (!values.hasPath(path)) continue;
+    const KeyedValues camera = values.within(path);
+    if (camera.empty()) throw values.error(path, "a mapping with camera_model is expected");
+    NamedCamera named{{fmt::format("cam{}", i)}, [camera, &read, i] { return read(camera, i); }};
+    if (camera.has(name)) named.names.push_back(camera.text(name, "a name"));
+    cameras.push_back(std::move(named));
+  }
+  return readChosen(values.file(), cameras, choice);
 }
 
 // ROS' camera_info (camera_matrix or K, distortion_coefficients or D, distortion_model, binning,
@@ -107,13 +131,11 @@ void cut(const KeyedValues& values, Calibration& calibration) {
   if (whole && bin_x == 1 && bin_y == 1) return;
   if (lens.width == 0 || x + cut_width > lens.width || y + cut_height > lens.height) {
     throw values.error(values.has("roi.width") ? "roi.width" : "binning_x",
-                       fmt::format("a region of {}x{} px at {} {} is no part of images of {}x{} px",
-                                   cut_width,
-                                   cut_height,
+                       fmt::format("a region of {} at {} {} is no part of images of {}",
+                                   pixelText(cut_width, cut_height),
                                    x,
                                    y,
-                                   lens.width,
-                                   lens.height));
+                                   pixelText(lens.width, lens.height)));
   }
   calibration.cut = true;
   lens.fx /= bin_x;
@@ -191,27 +213,23 @@ Calibration readKalibrCamera(const KeyedValues& values) {
   return finished(values, "intrinsics", lens);
 }
 
-/// Keys of the cameras of a chain; one of sensor.yaml has none.
-Strings camerasOf(const KeyedValues& values) {
-  Strings keys;
-  for (int i = 0; i < 100; ++i) {
-    std::string key = fmt::format("cam{}", i);
-    if (values.hasPath(key)) keys.push_back(std::move(key));
+std::string kalibrPath(int number) {
+  return fmt::format("cam{}", number);
+}
+
+/// Whether it is a chain of cameras; a sensor.yaml is one camera.
+bool isChain(const KeyedValues& values) {
+  for (int i = 0; i < kMaxCameras; ++i) {
+    if (values.hasPath(kalibrPath(i))) return true;
   }
-  return keys;
+  return false;
 }
 
 Calibration readKalibr(const KeyedValues& values, const CameraChoice& choice) {
-  std::vector<NamedCamera> cameras;
-  for (const std::string& key : camerasOf(values)) {
-    const KeyedValues camera = values.within(key);
-    if (camera.empty()) throw values.error(key, "a mapping with camera_model is expected");
-    NamedCamera named{{key}, [camera] { return readKalibrCamera(camera); }};
-    if (camera.has("rostopic")) named.names.push_back(camera.text("rostopic", "a topic"));
-    cameras.push_back(std::move(named));
-  }
-  if (cameras.empty()) cameras.push_back({{}, [&values] { return readKalibrCamera(values); }});
-  return readChosen(values.file(), cameras, choice);
+  if (!isChain(values)) return readKalibrCamera(values);
+  return readOneOf(values, choice, kalibrPath, "rostopic", [](const KeyedValues& camera, int) {
+    return readKalibrCamera(camera);
+  });
 }
 
 // Settings of ORB-SLAM2 and 3, and of stella_vslam, which nests the same keys.
@@ -291,7 +309,7 @@ const LensWords kSvoModels = {{"none", LensModel::kPinhole, ""},
                               {"equidistant", LensModel::kEquidistant, "[k1 k2 k3 k4]"},
                               {"fisheye", LensModel::kFov, "[omega]"}};
 
-Calibration readSvo(const KeyedValues& camera) {
+Calibration readSvo(const KeyedValues& camera, int /*number*/) {
   const auto model = [&](const LensWords& models, const std::string& key) {
     return findLens(models, camera.text(key, "a lens model"), camera.complain(key));
   };
@@ -312,16 +330,8 @@ Calibration readSvo(const KeyedValues& camera) {
   return finished(camera, intrinsics, lens);
 }
 
-Calibration readSvos(const KeyedValues& values, const CameraChoice& choice) {
-  std::vector<NamedCamera> cameras;
-  for (int i = 0;; ++i) {
-    const KeyedValues camera = values.within(fmt::format("cameras[{}].camera", i));
-    if (camera.empty()) break;
-    NamedCamera named{{fmt::format("cam{}", i)}, [camera] { return readSvo(camera); }};
-    if (camera.has("label")) named.names.push_back(camera.text("label", "a name"));
-    cameras.push_back(std::move(named));
-  }
-  return readChosen(values.file(), cameras, choice);
+std::string svoPath(int number) {
+  return fmt::format("cameras[{}].camera", number);
 }
 
 // Basalt.
@@ -334,9 +344,12 @@ const LensWords kBasaltModels = {{"pinhole", LensModel::kPinhole, "fx fy cx cy"}
                                  {"eucm", LensModel::kExtendedUnified, "fx fy cx cy [alpha beta]"},
                                  {"ds", LensModel::kDoubleSphere, "fx fy cx cy [xi alpha]"}};
 
-Calibration readBasalt(const KeyedValues& values, int number) {
-  const std::string path = fmt::format("value0.intrinsics[{}]", number);
-  const KeyedValues camera = values.within(path);
+std::string basaltPath(int number) {
+  return fmt::format("value0.intrinsics[{}]", number);
+}
+
+/// @param values of the whole file
+Calibration readBasalt(const KeyedValues& values, const KeyedValues& camera, int number) {
   const std::string key = "camera_type";
   const LensWord& model =
       findLens(kBasaltModels, camera.text(key, "a lens model"), camera.complain(key));
@@ -345,15 +358,7 @@ Calibration readBasalt(const KeyedValues& values, int number) {
   lens.coefficients[1] = model.word == "ucm" ? 1 : 0;  // beta
   readSize(values, fmt::format("value0.resolution[{}]", number), lens);
   readParameters(camera.within("intrinsics"), model.parameters, lens);
-  return finished(values, path + ".intrinsics.fx", lens);
-}
-
-Calibration readBasalts(const KeyedValues& values, const CameraChoice& choice) {
-  std::vector<NamedCamera> cameras;
-  for (int i = 0; values.hasPath(fmt::format("value0.intrinsics[{}]", i)); ++i) {
-    cameras.push_back({{fmt::format("cam{}", i)}, [&values, i] { return readBasalt(values, i); }});
-  }
-  return readChosen(values.file(), cameras, choice);
+  return finished(values, basaltPath(number) + ".intrinsics.fx", lens);
 }
 
 // transforms.json of nerfstudio and instant-ngp.
@@ -428,11 +433,15 @@ Calibration readKeyed(const KeyedValues& values, const CameraChoice& choice) {
   if (matrices) return readMatrices(values, choice);
   const bool frames = values.hasPath("frames[0]");
   if (values.has("fl_x") || values.has("camera_angle_x") || frames) return readNerf(values);
-  if (values.has("camera_model") || !camerasOf(values).empty()) return readKalibr(values, choice);
+  if (values.has("camera_model") || isChain(values)) return readKalibr(values, choice);
   if (values.hasPath("Camera") || values.hasPath("Camera1")) return readOrbs(values, choice);
   if (values.has("model_type")) return readVins(values);
-  if (values.hasPath("cameras[0].camera")) return readSvos(values, choice);
-  if (values.hasPath("value0.intrinsics[0]")) return readBasalts(values, choice);
+  if (values.hasPath(svoPath(0))) return readOneOf(values, choice, svoPath, "label", readSvo);
+  if (values.hasPath(basaltPath(0))) {
+    return readOneOf(values, choice, basaltPath, "", [&](const KeyedValues& camera, int i) {
+      return readBasalt(values, camera, i);
+    });
+  }
   if (values.has("cam0_calib")) {
     throw values.error("cam0_calib",
                        "the lens stands in the file that this names; give that one with --calib");

@@ -20,7 +20,6 @@ namespace {
 
 using io::KeyedValues;
 
-constexpr std::string_view kReadoutWord = "readout";
 // Of files with poses of many images.
 constexpr std::size_t kMaxJsonBytes = std::size_t{1} << 25;
 constexpr std::size_t kMaxJsonValues = 1000000;
@@ -37,197 +36,131 @@ const std::vector<LensWord> kModels = {
     {"EUCM", LensModel::kExtendedUnified, "fx fy cx cy alpha beta"},
     {"Unified", LensModel::kUnified, "fx fy cx cy xi [k1 k2 p1 p2]"}};
 
-/// Text file of a calibration, line by line.
-class Lines {
- public:
-  explicit Lines(const std::filesystem::path& file)
-      : file_(file), lines_(readLines(file, kMaxCalibrationBytes)) {}
+// What the lines of camera.txt are, as messages call them.
+constexpr const char* kModel = "camera model";
+constexpr const char* kInputSize = "input width and height";
+constexpr const char* kOutput = "output camera";
+constexpr const char* kOutputSize = "output width and height";
 
-  [[nodiscard]] const std::filesystem::path& file() const { return file_; }
-  [[nodiscard]] const std::vector<TextLine>& all() const { return lines_; }
-  void dropLast() { lines_.pop_back(); }
-  [[nodiscard]] bool has(std::size_t i) const { return i < lines_.size(); }
-  [[nodiscard]] const std::string& text(std::size_t i) const { return lines_[i].text; }
-  [[nodiscard]] IoError error(std::size_t i, const std::string& what) const {
-    return lineError(file_, has(i) ? lines_[i].number : 0, what);
+/// The words of camera.txt by what their line is.
+KeyedValues dsoValues(const std::filesystem::path& file, const std::vector<TextLine>& lines) {
+  constexpr std::array<const char*, 4> kLines = {kModel, kInputSize, kOutput, kOutputSize};
+  KeyedValues values(file);
+  for (std::size_t i = 0; i < lines.size(); ++i) {
+    std::vector<std::string> words = splitWords(lines[i].text);
+    const bool readout = i > 0 && i + 1 == lines.size() && words.front() == "readout";
+    if (!readout && i >= kLines.size()) {
+      throw lineError(file, lines[i].number, "more than four lines");
+    }
+    if (readout) words.erase(words.begin());
+    values.add(readout ? kReadoutKey : kLines.at(i), {words, lines[i].number});
   }
-  [[nodiscard]] Complain complain(std::size_t i) const {
-    return [this, i](const std::string& what) { return error(i, what); };
-  }
-  [[nodiscard]] std::vector<double> numbers(std::size_t i,
-                                            const std::vector<std::string>& words,
-                                            const std::string& what) const {
-    return parseNumbers(file_, lines_[i].number, words, what);
-  }
-
- private:
-  std::filesystem::path file_;
-  std::vector<TextLine> lines_;
-};
-
-struct Size {
-  int width;
-  int height;
-};
-
-Size readSize(const Lines& lines, std::size_t i, const std::string& what) {
-  if (!lines.has(i)) throw lines.error(i, fmt::format("ends before '{}'", what));
-  const auto numbers = lines.numbers(i, splitWords(lines.text(i)), what);
-  const bool good =
-      numbers.size() == 2 && std::all_of(numbers.begin(), numbers.end(), [](double n) {
-        return n >= 1 && n <= kMaxSize && n == std::floor(n);
-      });
-  if (!good) {
-    throw lines.error(
-        i,
-        fmt::format(
-            "'{}'; expected '{}', two positive whole numbers", quotable(lines.text(i)), what));
-  }
-  return {static_cast<int>(numbers[0]), static_cast<int>(numbers[1])};
+  return values;
 }
 
 /// First line of camera.txt; without a name its numbers tell the model.
-void readLensLine(const Lines& lines, Lens& lens) {
-  if (!lines.has(0)) {
-    throw lines.error(0, "is empty; expected a camera model, for example 'Pinhole fx fy cx cy 0'");
+void readModel(const KeyedValues& values, Lens& lens) {
+  if (!values.has(kModel)) {
+    throw values.error("", "is empty; expected a camera model, as 'Pinhole fx fy cx cy 0'");
   }
-  std::vector<std::string> words = splitWords(lines.text(0));
-  double number = 0;
-  if (!parseNumber(words.front(), number)) {
-    words.front() = findLens(kModels, words.front(), lines.complain(0)).word;
+  std::vector<std::string> words = splitWords(values.text(kModel, ""));
+  double last = 0;
+  if (!parseNumber(words.front(), last)) {
+    // It has a name.
   } else if (words.size() == 8) {
     words.insert(words.begin(), "RadTan");
-  } else if (words.size() == 5 && parseNumber(words.back(), number)) {
-    words.insert(words.begin(), number == 0 ? "Pinhole" : "FOV");
+  } else if (words.size() == 5 && parseNumber(words.back(), last)) {
+    words.insert(words.begin(), last == 0 ? "Pinhole" : "FOV");
   } else {
-    throw lines.error(
-        0,
-        fmt::format("{} numbers without a model; expected 5 (Pinhole or FOV) or 8 (RadTan)",
+    throw values.error(
+        kModel,
+        fmt::format("{} numbers without a name; expected 5 (Pinhole or FOV) or 8 (RadTan)",
                     words.size()));
   }
-  const LensWord& model = findLens(kModels, words.front(), lines.complain(0));
+  const LensWord& model = findLens(kModels, words.front(), values.complain(kModel));
   words.erase(words.begin());
+  KeyedValues numbers(values.file());
+  numbers.add(kModel, {words, values.all().at(kModel).line});
   lens.model = model.model;
-  setParameters(model.parameters,
-                lines.numbers(0, words, fmt::format("{} {}", model.word, model.parameters)),
-                lens,
-                lines.complain(0));
+  setParameters(model.parameters, numbers.numbers(kModel), lens, numbers.complain(kModel));
 }
 
 /// Relative intrinsics let pixel (0, 0) cover [0, 1]; ours has its centre at (0, 0).
 /// @tparam Camera with members fx, fy, cx, cy
 template <typename Camera>
-void scaleToPixels(Size size, Camera& camera) {
-  camera.fx *= size.width;
-  camera.fy *= size.height;
-  camera.cx = camera.cx * size.width - 0.5;
-  camera.cy = camera.cy * size.height - 0.5;
-}
-
-Lens readLens(const Lines& lines) {
-  Lens lens;
-  readLensLine(lines, lens);
-  const Size size = readSize(lines, 1, "input width and height");
-  lens.width = size.width;
-  lens.height = size.height;
-  if (lens.cx < 1 && lens.cy < 1) scaleToPixels(size, lens);
-  checkLens(lens, lines.complain(0));
-  return lens;
+void scaleToPixels(int width, int height, Camera& camera) {
+  camera.fx *= width;
+  camera.fy *= height;
+  camera.cx = camera.cx * width - 0.5;
+  camera.cy = camera.cy * height - 0.5;
 }
 
 /// Third line: a word, or the relative intrinsics of the output camera.
-void readMode(const Lines& lines, Rectification& target) {
-  const std::string& text = lines.text(2);
-  if (text == "crop") {
-    target.mode = RectificationMode::kCrop;
-  } else if (text == "full") {
-    target.mode = RectificationMode::kFull;
-  } else if (text == "none") {
-    target.mode = RectificationMode::kNone;
-  } else {
-    const std::string what = "crop, full, none, or relative 'fx fy cx cy 0'";
-    const auto numbers = lines.numbers(2, splitWords(text), what);
-    if (numbers.size() != 5) {
-      throw lines.error(2, fmt::format("{} numbers; expected {}", numbers.size(), what));
-    }
-    const bool good = numbers[0] > 0 && numbers[1] > 0 && numbers[2] >= 0 && numbers[2] <= 1 &&
-                      numbers[3] >= 0 && numbers[3] <= 1 && numbers[4] == 0;
-    if (!good) {
-      throw lines.error(2,
-                        fmt::format("'{}'; expected output intrinsics relative to the output size: "
-                                    "positive focal lengths, principal point between 0 and 1, "
-                                    "and 0 for no distortion",
-                                    quotable(text)));
-    }
-    target.mode = RectificationMode::kExplicit;
-    target.camera.fx = numbers[0];
-    target.camera.fy = numbers[1];
-    target.camera.cx = numbers[2];
-    target.camera.cy = numbers[3];
+void readMode(const KeyedValues& values, Rectification& target) {
+  const std::string text = values.text(kOutput, "");
+  const std::array<std::pair<const char*, RectificationMode>, 3> modes = {
+      {{"crop", RectificationMode::kCrop},
+       {"full", RectificationMode::kFull},
+       {"none", RectificationMode::kNone}}};
+  for (const auto& [word, mode] : modes) {
+    target.mode = mode;
+    if (text == word) return;
   }
+  const std::string what = "crop, full, none, or relative 'fx fy cx cy 0'";
+  double number = 0;
+  if (!parseNumber(splitWords(text).front(), number)) {
+    throw values.error(kOutput, fmt::format("'{}'; expected {}", quotable(text), what));
+  }
+  const std::vector<double> n = values.numbers(kOutput, 5, what);
+  if (!(n[0] > 0 && n[1] > 0 && n[2] >= 0 && n[2] <= 1 && n[3] >= 0 && n[3] <= 1 && n[4] == 0)) {
+    throw values.error(kOutput,
+                       fmt::format("'{}'; expected intrinsics relative to the output size: "
+                                   "positive focal lengths, principal point between 0 and 1, "
+                                   "and 0 for no distortion",
+                                   quotable(text)));
+  }
+  target.mode = RectificationMode::kExplicit;
+  target.camera.fx = n[0];
+  target.camera.fy = n[1];
+  target.camera.cx = n[2];
+  target.camera.cy = n[3];
 }
 
-/// Last line: "readout", and what setReadout() reads.
-void readReadout(const Lines& lines, Lens& lens) {
-  const std::size_t last = lines.all().size() - 1;
-  const std::string& line = lines.text(last);
-  if (!setReadout(line.substr(kReadoutWord.size()), lens)) {
-    throw lines.error(
-        last, fmt::format("'{}'; behind 'readout' {} are expected", quotable(line), kReadoutForm));
-  }
-}
-
-Rectification readRectification(const Lines& lines, const Lens& lens) {
-  Rectification target;
-  target.width = lens.width;
-  target.height = lens.height;
-  if (!lines.has(2)) {
-    if (lens.model == LensModel::kPinhole) target.mode = RectificationMode::kNone;
-    return target;
-  }
-  readMode(lines, target);
-  if (lines.has(3)) {
-    const Size size = readSize(lines, 3, "output width and height");
-    target.width = size.width;
-    target.height = size.height;
-  }
-  if (target.mode == RectificationMode::kNone && isDistorted(lens)) {
-    throw lines.error(2,
-                      fmt::format("'none' would leave the distortion of the {} lens of line 1 in "
-                                  "the images; expected crop or full. Of images that are "
-                                  "undistorted already, line 1 is 'Pinhole fx fy cx cy 0'",
-                                  nameOf(lens.model).name));
-  }
-  if (target.mode == RectificationMode::kNone &&
-      (target.width != lens.width || target.height != lens.height)) {
-    throw lines.error(
-        3,
-        fmt::format("'none' cannot turn {}x{} into {}x{} px; expected equal sizes, or crop",
-                    lens.width,
-                    lens.height,
-                    target.width,
-                    target.height));
-  }
+void readRectification(const KeyedValues& values, Calibration& calibration) {
+  Rectification& target = calibration.rectification;
+  const Lens& lens = calibration.lens;
+  Lens output = lens;
+  if (values.has(kOutput)) readMode(values, target);
+  if (values.has(kOutputSize)) readSize(values, kOutputSize, output);
+  target.width = output.width;
+  target.height = output.height;
   if (target.mode == RectificationMode::kExplicit) {
-    scaleToPixels({target.width, target.height}, target.camera);
+    scaleToPixels(target.width, target.height, target.camera);
   }
-  if (lines.has(4)) throw lines.error(4, "more than four lines");
-  return target;
+  if (target.mode != RectificationMode::kNone) return;
+  if (isDistorted(lens)) {
+    throw values.error(kOutput,
+                       fmt::format("'none' would leave the distortion of the {} lens of line 1 in "
+                                   "the images; expected crop or full. Of images that are "
+                                   "undistorted already, line 1 is 'Pinhole fx fy cx cy 0'",
+                                   nameOf(lens.model).name));
+  }
+  if (target.width != lens.width || target.height != lens.height) {
+    throw values.error(kOutputSize,
+                       fmt::format("'none' cannot turn {} into {}; expected equal sizes, or crop",
+                                   pixelText(lens.width, lens.height),
+                                   pixelText(target.width, target.height)));
+  }
 }
 
 /// camera.txt of DSO.
-Calibration readDso(Lines lines) {
-  Calibration calibration;
-  const bool rolling = lines.has(1) && splitWords(lines.all().back().text).front() == kReadoutWord;
-  Lens timed;
-  if (rolling) {
-    readReadout(lines, timed);
-    lines.dropLast();
-  }
-  calibration.lens = readLens(lines);
-  calibration.lens.readout = timed.readout;
-  calibration.lens.columns = timed.columns;
-  calibration.rectification = readRectification(lines, calibration.lens);
+Calibration readDso(const KeyedValues& values) {
+  Lens lens;
+  readModel(values, lens);
+  readSize(values, kInputSize, lens);
+  if (lens.cx < 1 && lens.cy < 1) scaleToPixels(lens.width, lens.height, lens);
+  Calibration calibration = finished(values, kModel, lens);
+  readRectification(values, calibration);
   return calibration;
 }
 
@@ -388,10 +321,10 @@ Calibration readCalibration(const std::filesystem::path& file, const CameraChoic
   if (suffix == ".xml") {
     return readKeyed(io::xmlValues(file, readText(file, kMaxCalibrationBytes)), choice);
   }
-  const Lines lines(file);
-  if (isKitti(lines.all())) return readKitti(file, lines.all(), choice);
-  if (isColmap(lines.all())) return readColmap(file, lines.all(), choice);
-  return readDso(lines);
+  const std::vector<TextLine> lines = readLines(file, kMaxCalibrationBytes);
+  if (isKitti(lines)) return readKitti(file, lines, choice);
+  if (isColmap(lines)) return readColmap(file, lines, choice);
+  return readDso(dsoValues(file, lines));
 }
 
 }  // namespace dsorb

@@ -174,11 +174,10 @@ void checkLens(const Lens& lens, const Complain& complain) {
   checkCoefficients(lens, complain);
   if (lens.width == 0) return;
   if (lens.cx >= 0 && lens.cy >= 0 && lens.cx < lens.width && lens.cy < lens.height) return;
-  throw complain(fmt::format("principal point {} {}; expected inside the image of {}x{} px",
+  throw complain(fmt::format("principal point {} {}; expected inside the image of {}",
                              lens.cx,
                              lens.cy,
-                             lens.width,
-                             lens.height));
+                             pixelText(lens.width, lens.height)));
 }
 
 Calibration finished(Lens lens, const Complain& complain) {
@@ -197,7 +196,6 @@ Calibration finished(Lens lens, const Complain& complain) {
 }
 
 Calibration finished(const io::KeyedValues& values, const std::string& key, const Lens& lens) {
-  constexpr const char* kReadoutKey = "readout_ms";
   Calibration calibration = finished(lens, values.complain(key));
   if (values.has(kReadoutKey) &&
       !setReadout(values.text(kReadoutKey, kReadoutForm), calibration.lens)) {

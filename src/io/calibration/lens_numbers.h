@@ -69,7 +69,8 @@ inline constexpr const char* kReadoutForm =
 /// A calibration, once its lens was checked and is of the plainest model that says the same: images
 /// without a distortion are not resampled.
 [[nodiscard]] Calibration finished(Lens lens, const Complain& complain);
-/// The same with the readout that the key readout_ms may say.
+inline constexpr const char* kReadoutKey = "readout_ms";
+/// The same with the readout that this key may say.
 [[nodiscard]] Calibration finished(const io::KeyedValues& values,
                                    const std::string& key,
                                    const Lens& lens);

@@ -6,7 +6,7 @@
 #include "dsorb/odometry/observer.h"
 #include "dsorb/self_calibration/camera_finder.h"
 
-#include "io/output/json_text.h"
+#include "io/output/output_file.h"
 #include "io/output/run_record.h"
 
 #include <array>
