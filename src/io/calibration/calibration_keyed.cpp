@@ -41,7 +41,7 @@ Calibration readOneOf(const KeyedValues& values,
     const std::string path = paths(i);
     if (!values.hasPath(path)) continue;
     const KeyedValues camera = values.within(path);
-    if (camera.empty()) throw values.error(path, "a mapping with camera_model is expected");
+    if (camera.empty()) throw values.error(path, "a mapping that describes a camera is expected");
     NamedCamera named{{fmt::format("cam{}", i)}, [camera, &read, i] { return read(camera, i); }};
     if (camera.has(name)) named.names.push_back(camera.text(name, "a name"));
     cameras.push_back(std::move(named));

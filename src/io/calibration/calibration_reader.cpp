@@ -20,7 +20,7 @@ namespace {
 
 using io::KeyedValues;
 
-// Of files with poses of many images.
+// Limits of JSON, which may hold the poses of many images.
 constexpr std::size_t kMaxJsonBytes = std::size_t{1} << 25;
 constexpr std::size_t kMaxJsonValues = 1000000;
 
@@ -50,7 +50,7 @@ KeyedValues dsoValues(const std::filesystem::path& file, const std::vector<TextL
     std::vector<std::string> words = splitWords(lines[i].text);
     const bool readout = i > 0 && i + 1 == lines.size() && words.front() == "readout";
     if (!readout && i >= kLines.size()) {
-      throw lineError(file, lines[i].number, "more than four lines");
+      throw lines[i].error("more than four lines");
     }
     if (readout) words.erase(words.begin());
     values.add(readout ? kReadoutKey : kLines.at(i), {words, lines[i].number});
@@ -257,14 +257,14 @@ const std::vector<LensWord> kColmapModels = {
     {"RADIAL_FISHEYE", LensModel::kEquidistant, "f cx cy k1 k2"},
     {"FOV", LensModel::kFov, "fx fy cx cy omega"}};
 
-Calibration readColmapCamera(const std::filesystem::path& file, const TextLine& text) {
-  const auto complain = [&](const std::string& what) { return lineError(file, text.number, what); };
-  std::vector<std::string> words = splitWords(text.text);
-  if (words.size() < 4) throw complain("expected 'ID MODEL width height ...'");
+Calibration readColmapCamera(const TextLine& line) {
+  const auto complain = [&](const std::string& what) { return line.error(what); };
+  std::vector<std::string> words = splitWords(line.text);
+  if (words.size() < 4) throw line.error("expected 'ID MODEL width height ...'");
   const LensWord& model = findLens(kColmapModels, words[1], complain);
   words.erase(words.begin(), words.begin() + 2);
-  const std::vector<double> numbers = parseNumbers(
-      file, text.number, words, fmt::format("ID {} width height {}", model.word, model.parameters));
+  const std::vector<double> numbers =
+      line.numbers(words, fmt::format("ID {} width height {}", model.word, model.parameters));
   Lens lens;
   lens.model = model.model;
   setSize(numbers[0], numbers[1], lens, complain);
@@ -294,7 +294,7 @@ Calibration readColmap(const std::filesystem::path& file,
   std::vector<NamedCamera> cameras;
   for (const TextLine& line : lines) {
     cameras.push_back(
-        {{splitWords(line.text).front()}, [&file, &line] { return readColmapCamera(file, line); }});
+        {{splitWords(line.text).front()}, [&line] { return readColmapCamera(line); }});
   }
   return readChosen(file, cameras, choice);
 }

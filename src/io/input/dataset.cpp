@@ -124,16 +124,11 @@ std::optional<double> secondsOfDate(const std::string& date, const std::string& 
   return ((days * 24 + hour) * 60 + minute) * 60 + second;
 }
 
-double readExposure(const fs::path& file, const TextLine& line, const std::string& word) {
-  const double exposure =
-      parseNumbers(file, line.number, {word}, "an exposure in milliseconds").front();
+double readExposure(const TextLine& line, const std::string& word) {
+  const double exposure = line.numbers({word}, "an exposure in milliseconds").front();
   if (exposure == 0 || (exposure >= kMinExposure && exposure <= kMaxExposure)) return exposure;
-  throw lineError(file,
-                  line.number,
-                  fmt::format("exposure {}; expected 0 (not known) or {:g} to {:g} ms",
-                              word,
-                              kMinExposure,
-                              kMaxExposure));
+  throw line.error(fmt::format(
+      "exposure {}; expected 0 (not known) or {:g} to {:g} ms", word, kMinExposure, kMaxExposure));
 }
 
 /// Lines "id seconds [exposure in ms]" of DSO (the id is not used), "seconds", or "2011-09-26
@@ -146,18 +141,15 @@ std::vector<TimeEntry> readTimes(const fs::path& file) {
     const std::vector<std::string> words = splitWords(line.text);
     if (columns == 0) columns = words.size();
     if (words.empty() || words.size() > 3 || (words.size() == 1) != (columns == 1)) {
-      throw lineError(file,
-                      line.number,
-                      fmt::format("'{}'; expected 'id seconds [exposure_ms]', or the seconds alone "
-                                  "in every line",
-                                  quotable(line.text)));
+      throw line.error(fmt::format(
+          "'{}'; expected 'id seconds [exposure_ms]', or the seconds alone in every line",
+          quotable(line.text)));
     }
     TimeEntry entry{0, 0, line.number};
     const auto date = words.size() == 2 ? secondsOfDate(words[0], words[1]) : std::nullopt;
     const std::string& number = words.size() == 1 ? words[0] : words[1];
-    entry.timestamp =
-        date ? *date : parseNumbers(file, line.number, {number}, "a time in seconds").front();
-    if (words.size() == 3) entry.exposure_ms = readExposure(file, line, words[2]);
+    entry.timestamp = date ? *date : line.numbers({number}, "a time in seconds").front();
+    if (words.size() == 3) entry.exposure_ms = readExposure(line, words[2]);
     entries.push_back(entry);
   }
   return entries;
@@ -231,10 +223,6 @@ void settleUnit(const fs::path& file,
 
 constexpr double kDefaultPeriod = 0.1;  // [s] between images without times
 constexpr double kSecondsPerMillisecond = 1e-3;
-
-double readTime(const fs::path& file, const TextLine& line, const std::string& word) {
-  return parseNumbers(file, line.number, {word}, "a time in seconds").front();
-}
 
 /// An exposure of 0 becomes the mean of its neighbours that are known; the one before may be
 /// repaired already. @return seconds; empty where some stay unknown
@@ -321,9 +309,7 @@ ImageList readEurocList(const fs::path& file) {
     const char* end = stamp.data() + stamp.size();
     const auto [rest, error] = std::from_chars(stamp.data(), end, nanoseconds);
     if (name.empty() || error != std::errc() || rest != end) {
-      throw lineError(file,
-                      line.number,
-                      fmt::format("'{}'; expected 'nanoseconds,filename'", quotable(line.text)));
+      throw line.error(fmt::format("'{}'; expected 'nanoseconds,filename'", quotable(line.text)));
     }
     list.files.push_back(file.parent_path() / "data" / name);
     list.times.push_back({secondsFromNanoseconds(nanoseconds), 0, line.number});
@@ -338,16 +324,15 @@ ImageList readTumList(const fs::path& file) {
   for (const TextLine& line : readLines(file, kMaxListBytes)) {
     const std::vector<std::string> words = splitWords(line.text);
     if (words.size() != 2 && words.size() != 4) {
-      throw lineError(file,
-                      line.number,
-                      fmt::format("'{}'; expected 'seconds filename', or that of an image and of "
-                                  "its depth",
-                                  quotable(line.text)));
+      throw line.error(
+          fmt::format("'{}'; expected 'seconds filename', or that of an image and of its depth",
+                      quotable(line.text)));
     }
     const bool second = words.size() == 4 && words[1].find("depth") != std::string::npos;
     const std::size_t place = second ? 2 : 0;
     list.files.push_back(file.parent_path() / words[place + 1]);
-    list.times.push_back({readTime(file, line, words[place]), 0, line.number});
+    list.times.push_back(
+        {line.numbers({words[place]}, "a time in seconds").front(), 0, line.number});
   }
   return list;
 }

@@ -191,17 +191,6 @@ PhotometricCalibration readPhotometry(const std::string& response,
   return photometric;
 }
 
-/// @throws IoError naming the file that the calibration comes from
-Rectifier rectifierFor(const Geometry& geometry) {
-  try {
-    return Rectifier(geometry.calibration);
-  } catch (const std::invalid_argument& error) {
-    throw IoError(fmt::format("{}: {}", geometry.source, error.what()));
-  } catch (const std::bad_alloc&) {
-    throw IoError(fmt::format("{}: no memory for images of this size", geometry.source));
-  }
-}
-
 /// Reads the calibration files that options name or that lie beside the images, and fits them to
 /// the first image's size. Where they do not say how the sensor is read, it is by its rows, which
 /// are columns of an image that was turned.
@@ -221,17 +210,15 @@ SequenceCalibration calibrateSequence(const SequenceOptions& options,
   const std::string vignette = orDefault(options.vignette_file, layout.vignette);
   const BrightnessModel brightness = brightnessModel(options, response, vignette, warnings);
   const int turn = turnOf(options, first, geometry.calibration.lens);
-  const bool sideways = turn % 180 != 0;
+  cv::Size size = first.pixels.size();
+  if (turn % 180 != 0) std::swap(size.width, size.height);
   try {
-    fitSize(sideways ? cv::Size(first.pixels.rows, first.pixels.cols) : first.pixels.size(),
-            geometry,
-            warnings);
+    fitSize(size, geometry, warnings);
+    Lens& lens = geometry.calibration.lens;
     if (brightness == BrightnessModel::kCalibrated) {
-      geometry.calibration.photometric =
-          readPhotometry(response, vignette, geometry.calibration.lens);
+      geometry.calibration.photometric = readPhotometry(response, vignette, lens);
     }
     fitOutput(options, first.turn, turn, geometry, warnings);
-    const Lens& lens = geometry.calibration.lens;
     const int width = outputWidth(options, lens);
     if (width > 0 && width != options.width) {
       warnings.push_back(
@@ -239,15 +226,16 @@ SequenceCalibration calibrateSequence(const SequenceOptions& options,
                       pixelText(lens.width, lens.height),
                       width));
     }
+    Rectifier rectifier(geometry.calibration);
+    for (const std::string& doubt : rectifier.warnings()) {
+      warnings.push_back(fmt::format("{}: {}", geometry.source, doubt));
+    }
+    return {std::move(rectifier), lens, brightness, std::move(warnings)};
   } catch (const std::invalid_argument& error) {
     throw IoError(fmt::format("{}: {}", geometry.source, error.what()));
+  } catch (const std::bad_alloc&) {
+    throw IoError(fmt::format("{}: no memory for images of this size", geometry.source));
   }
-  SequenceCalibration result{
-      rectifierFor(geometry), geometry.calibration.lens, brightness, std::move(warnings)};
-  for (const std::string& doubt : result.rectifier.warnings()) {
-    result.warnings.push_back(fmt::format("{}: {}", geometry.source, doubt));
-  }
-  return result;
 }
 
 /// An image beside the sequence.
@@ -688,14 +676,14 @@ constexpr double kMaxLevel = 255;  // [grey levels]
 
 }  // namespace
 
-std::vector<float> readResponse(const std::filesystem::path& file) {
+std::vector<float> readResponse(const fs::path& file) {
   const std::vector<TextLine> lines = readLines(file, kMaxCalibrationBytes);
   const std::string what = "at least 256 increasing numbers on one line";
-  if (lines.empty()) throw lineError(file, 0, fmt::format("is empty; expected {}", what));
-  const int line = lines.front().number;
-  const auto raw = parseNumbers(file, line, splitWords(lines.front().text), what);
+  if (lines.empty()) throw lineError(file, 0, "is empty; expected " + what);
+  const TextLine& line = lines.front();
+  const std::vector<double> raw = line.numbers(splitWords(line.text), what);
   if (raw.size() < kMinResponseEntries) {
-    throw lineError(file, line, fmt::format("{} numbers; expected {}", raw.size(), what));
+    throw line.error(fmt::format("{} numbers; expected {}", raw.size(), what));
   }
   std::vector<float> response;
   response.reserve(raw.size());
@@ -703,11 +691,8 @@ std::vector<float> readResponse(const std::filesystem::path& file) {
   for (std::size_t i = 0; i < raw.size(); ++i) {
     response.push_back(static_cast<float>(kMaxLevel * (raw[i] - raw.front()) / range));
     if (i > 0 && !(response[i] > response[i - 1] && raw[i] > raw[i - 1])) {
-      throw lineError(
-          file,
-          line,
-          fmt::format(
-              "number {} ({}) is not above the one before; expected {}", i + 1, raw[i], what));
+      throw line.error(fmt::format(
+          "number {} ({}) is not above the one before; expected {}", i + 1, raw[i], what));
     }
   }
   return response;

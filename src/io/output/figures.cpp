@@ -255,7 +255,7 @@ void drawPath(cv::Mat& canvas, const cv::Rect& area, const SegmentPath& path, bo
   chart.dots({{0, 0}}, 5, kStartColour);
 }
 
-/// By OdometryState.
+/// Colours of the states, in the order of OdometryState.
 const std::array<cv::Scalar, 5> kStateColours = {cv::Scalar(190, 230, 255),
                                                  cv::Scalar(120, 190, 120),
                                                  cv::Scalar(235, 250, 235),

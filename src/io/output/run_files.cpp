@@ -241,7 +241,7 @@ std::string vertices(const KeyframeSnapshot& keyframe) {
   return bytes;
 }
 
-/// Of the same length for any count.
+/// Head of points.ply; its length is the same for any count.
 std::string header(std::uintmax_t count) {
   const std::string number = fmt::format("{}", count);
   return fmt::format(

@@ -88,10 +88,10 @@ void CameraEstimate::add(const KeyframeSnapshot& keyframe) {
   }
   if (frames_.insert(keyframe.id).second) focal_lengths_.push_back(0);
   focal_lengths_.back() = meanFocal(keyframe.camera);
-  newest_ = {
+  const Estimate newest = {
       keyframe.camera, keyframe.camera_sigmas, keyframe.radial, movement(), keyframe.segment};
-  const bool same_segment = known_.segment == newest_.segment;
-  if (same_segment || focalSigma(newest_) <= focalSigma(known_)) known_ = newest_;
+  const bool same_segment = known_.segment == newest.segment;
+  if (same_segment || focalSigma(newest) <= focalSigma(known_)) known_ = newest;
 }
 
 double CameraEstimate::focalSigma(const Estimate& estimate) {

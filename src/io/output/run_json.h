@@ -53,7 +53,6 @@ class CameraEstimate {
   [[nodiscard]] static double focalSigma(const Estimate& estimate);
   [[nodiscard]] double movement() const;
 
-  Estimate newest_;
   Estimate known_;
   int segment_ = -1;
   std::set<FrameId> frames_;           // keyframes of the segment
