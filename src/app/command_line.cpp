@@ -6,7 +6,7 @@
 #include "dsorb/published/registration.h"
 
 #include "io/input/gyroscope.h"
-#include "io/input/video.h"
+#include "io/input/image_source.h"
 
 #include <CLI/CLI.hpp>
 #include <fmt/ranges.h>

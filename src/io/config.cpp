@@ -4,7 +4,7 @@
 #include "dsorb/error.h"
 
 #include "base/describe.h"
-#include "io/calibration/yaml_text.h"
+#include "io/calibration/keyed_values.h"
 #include "io/presets.h"
 
 #include <fmt/format.h>
@@ -35,6 +35,12 @@ std::string closestKey(const std::string& word, const std::vector<OptionField>& 
   return fields[static_cast<std::size_t>(closest - endings.begin())].key;
 }
 
+/// Whether `key` ends with `end` at a dot: "b.c" is an end of "a.b.c".
+bool isEndOfKey(const std::string& end, const std::string& key) {
+  return key.size() > end.size() && key[key.size() - end.size() - 1] == '.' &&
+         key.compare(key.size() - end.size(), end.size(), end) == 0;
+}
+
 /// The field with this key; else the only one whose key ends with it at a dot, unless it names a
 /// group.
 OptionField& findField(std::vector<OptionField>& fields, const ConfigAssignment& assignment) {
@@ -48,7 +54,7 @@ OptionField& findField(std::vector<OptionField>& fields, const ConfigAssignment&
                       assignment.key,
                       field.key));
     }
-    if (io::isEndOfKey(assignment.key, field.key)) ending.push_back(&field);
+    if (isEndOfKey(assignment.key, field.key)) ending.push_back(&field);
   }
   if (ending.size() == 1) return *ending.front();
   if (ending.size() > 1) {
@@ -108,6 +114,15 @@ std::string valueText(const OptionField& field) {
   return fmt::format("{}", *std::get<double*>(field.value));
 }
 
+/// @throws ConfigError also where the file cannot be read
+std::vector<ConfigAssignment> assignmentsIn(const std::string& file) {
+  try {
+    return io::readYamlAssignments(readText(file, kMaxYamlBytes), file);
+  } catch (const IoError& error) {
+    throw ConfigError(error.what());
+  }
+}
+
 const io::Preset& findPreset(const std::string& name) {
   for (const io::Preset& preset : io::presets()) {
     if (name == preset.name) return preset;
@@ -154,7 +169,7 @@ Config loadConfig(const ConfigSources& sources) {
   before.insert(before.end(), sources.program_defaults.begin(), sources.program_defaults.end());
   std::vector<ConfigAssignment> after;
   for (const std::string& file : sources.files) {
-    const auto assignments = io::readYamlFile(file);
+    const auto assignments = assignmentsIn(file);
     after.insert(after.end(), assignments.begin(), assignments.end());
   }
   after.insert(after.end(), sources.assignments.begin(), sources.assignments.end());
@@ -184,7 +199,9 @@ std::string toYaml(const Config& config) {
   std::string text;
   std::vector<std::string> open;  // groups the last line stands in
   for (const OptionField& field : listFields(options)) {
-    const std::vector<std::string> path = io::splitKey(field.key);
+    std::string words = field.key;
+    std::replace(words.begin(), words.end(), '.', ' ');
+    const std::vector<std::string> path = splitWords(words);
     const std::size_t depth = path.size() - 1;
     std::size_t common = 0;
     while (common < std::min(open.size(), depth) && open[common] == path[common]) ++common;

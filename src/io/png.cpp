@@ -84,55 +84,6 @@ bool readPngRows(Reader& r, png_bytepp rows) {
   return true;
 }
 
-std::vector<png_bytep> rowsOf(cv::Mat& image) {
-  std::vector<png_bytep> rows;
-  rows.reserve(static_cast<std::size_t>(image.rows));
-  for (int y = 0; y < image.rows; ++y) rows.push_back(image.ptr(y));
-  return rows;
-}
-
-/// A file in memory that is written.
-struct Writer {
-  Writer()
-      : png(png_create_write_struct(PNG_LIBPNG_VER_STRING, &complaint, onPngError, onWarning)),
-        info(png_create_info_struct(png)) {
-    const auto append = [](png_structp to, png_bytep data, std::size_t size) {
-      static_cast<Writer*>(png_get_io_ptr(to))->bytes.append(reinterpret_cast<char*>(data), size);
-    };
-    png_set_write_fn(png, this, append, [](png_structp) {});
-  }
-  ~Writer() { png_destroy_write_struct(&png, &info); }
-  Writer(const Writer&) = delete;
-  Writer& operator=(const Writer&) = delete;
-
-  Complaint complaint;
-  std::string bytes;
-  png_structp png;
-  png_infop info;
-};
-
-/// @return whether libpng took it
-bool write(Writer& w, const cv::Mat& image, int compression, png_bytepp rows) {
-  if (setjmp(png_jmpbuf(w.png)) != 0) return false;
-  png_set_compression_level(w.png, compression);
-  png_set_filter(w.png, PNG_FILTER_TYPE_BASE, PNG_FILTER_SUB);
-  png_set_IHDR(w.png,
-               w.info,
-               static_cast<png_uint_32>(image.cols),
-               static_cast<png_uint_32>(image.rows),
-               image.depth() == CV_16U ? 16 : 8,
-               image.channels() == 3 ? PNG_COLOR_TYPE_RGB : PNG_COLOR_TYPE_GRAY,
-               PNG_INTERLACE_NONE,
-               PNG_COMPRESSION_TYPE_DEFAULT,
-               PNG_FILTER_TYPE_DEFAULT);
-  png_write_info(w.png, w.info);
-  png_set_bgr(w.png);
-  if (image.depth() == CV_16U) png_set_swap(w.png);
-  png_write_image(w.png, rows);
-  png_write_end(w.png, nullptr);
-  return true;
-}
-
 }  // namespace
 
 bool isPng(const std::vector<std::uint8_t>& bytes) {
@@ -149,7 +100,8 @@ cv::Mat decodePng(const std::vector<std::uint8_t>& bytes, const std::string& nam
     const auto height = static_cast<int>(png_get_image_height(reader.png, reader.info));
     const bool deep = png_get_bit_depth(reader.png, reader.info) == 16;
     image.create(height, width, deep ? CV_16UC1 : CV_8UC1);
-    std::vector<png_bytep> rows = rowsOf(image);
+    std::vector<png_bytep> rows;
+    for (int y = 0; y < height; ++y) rows.push_back(image.ptr(y));
     done = readPngRows(reader, rows.data());
   }
   if (!done) {
@@ -159,19 +111,28 @@ cv::Mat decodePng(const std::vector<std::uint8_t>& bytes, const std::string& nam
   return image;
 }
 
-std::string encodePng(const cv::Mat& image, int compression) {
+std::string encodePng(const cv::Mat& image) {
   const int type = image.type();
   if (image.empty() || (type != CV_8UC1 && type != CV_16UC1 && type != CV_8UC3)) {
     throw std::invalid_argument(fmt::format(
         "encodePng: expected a grey image of 8 or 16 bits or BGR, got OpenCV's type {}", type));
   }
-  Writer writer;
-  cv::Mat pixels = image;
-  std::vector<png_bytep> rows = rowsOf(pixels);
-  if (!write(writer, image, compression, rows.data())) {
-    throw std::runtime_error(fmt::format("libpng: {}", writer.complaint.text.data()));
+  png_image png{};
+  png.version = PNG_IMAGE_VERSION;
+  png.width = static_cast<png_uint_32>(image.cols);
+  png.height = static_cast<png_uint_32>(image.rows);
+  png.format = type == CV_16UC1  ? PNG_FORMAT_LINEAR_Y
+               : type == CV_8UC3 ? PNG_FORMAT_BGR
+                                 : PNG_FORMAT_GRAY;
+  png.flags = PNG_IMAGE_FLAG_FAST;
+  png_alloc_size_t size = PNG_IMAGE_PNG_SIZE_MAX(png);
+  std::string bytes(size, '\0');
+  const auto row = static_cast<png_int_32>(image.step / image.elemSize1());
+  if (png_image_write_to_memory(&png, bytes.data(), &size, 0, image.data, row, nullptr) == 0) {
+    throw std::runtime_error(fmt::format("libpng: {}", static_cast<const char*>(png.message)));
   }
-  return std::move(writer.bytes);
+  bytes.resize(size);
+  return bytes;
 }
 
 }  // namespace dsorb

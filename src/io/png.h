@@ -18,9 +18,8 @@ namespace dsorb {
 /// @throws IoError with the words of libpng where the file is truncated or damaged
 [[nodiscard]] cv::Mat decodePng(const std::vector<std::uint8_t>& bytes, const std::string& name);
 
-/// @param image       grey of 8 or 16 bits, or BGR of 8 bits
-/// @param compression of zlib, 0 to 9
+/// @param image grey of 8 or 16 bits, or BGR of 8 bits
 /// @throws std::invalid_argument on an image of another type
-[[nodiscard]] std::string encodePng(const cv::Mat& image, int compression);
+[[nodiscard]] std::string encodePng(const cv::Mat& image);
 
 }  // namespace dsorb

@@ -18,18 +18,6 @@ constexpr std::string_view kWhiteSpace = " \t\r\n\v\f";
 constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";  // editors of Windows begin with it
 constexpr std::size_t kMaxQuotable = 80;                     // characters
 
-IoError readError(const std::filesystem::path& file, int code) {
-  return lineError(
-      file,
-      0,
-      fmt::format("cannot be opened for reading: {}", std::generic_category().message(code)));
-}
-
-IoError sizeError(const std::filesystem::path& file, std::size_t most_bytes) {
-  return lineError(
-      file, 0, fmt::format("too large; at most {} KiB of text are expected", most_bytes >> 10U));
-}
-
 }  // namespace
 
 std::string_view trimmed(std::string_view text) {
@@ -44,9 +32,13 @@ std::string readText(const std::filesystem::path& file, std::size_t most_bytes) 
     case platform::Reading::kDone:
       break;
     case platform::Reading::kFailed:
-      throw readError(file, errno);
+      throw lineError(
+          file, 0, "cannot be opened for reading: " + std::generic_category().message(errno));
     case platform::Reading::kTooLarge:
-      throw sizeError(file, most_bytes);
+      throw lineError(
+          file,
+          0,
+          fmt::format("too large; at most {} KiB of text are expected", most_bytes >> 10U));
     case platform::Reading::kNobodyWrites:
       throw lineError(file, 0, "a pipe that nobody writes to");
   }
@@ -65,17 +57,22 @@ std::string readText(const std::filesystem::path& file, std::size_t most_bytes) 
 std::vector<TextLine> readLines(const std::filesystem::path& file, std::size_t most_bytes) {
   const std::string text = readText(file, most_bytes);
   const std::string_view all = text;
+  const auto name = std::make_shared<const std::filesystem::path>(file);
   std::vector<TextLine> lines;
   int number = 1;
   for (std::size_t begin = 0; begin < all.size(); ++number) {
     const std::size_t end = std::min(all.find('\n', begin), all.size());
     const std::string_view content = trimmed(all.substr(begin, end - begin));
     if (!content.empty() && content.front() != '#') {
-      lines.push_back({number, std::string(content)});
+      lines.push_back({number, std::string(content), name});
     }
     begin = end + 1;
   }
   return lines;
+}
+
+std::string pixelText(double width, double height) {
+  return fmt::format("{}x{} px", width, height);
 }
 
 std::string quotable(std::string_view text) {
@@ -106,23 +103,19 @@ bool parseNumber(std::string_view text, double& value) {
   return error == std::errc() && rest == end && std::isfinite(value);
 }
 
-std::vector<double> parseNumbers(const std::filesystem::path& file,
-                                 int line,
-                                 const std::vector<std::string>& words,
-                                 const std::string& what) {
-  std::vector<double> numbers;
-  numbers.reserve(words.size());
+IoError TextLine::error(const std::string& what) const {
+  return lineError(*file, number, what);
+}
+
+std::vector<double> TextLine::numbers(const std::vector<std::string>& words,
+                                      const std::string& what) const {
+  std::vector<double> values;
   for (const std::string& word : words) {
-    double value = 0;
-    if (!parseNumber(word, value)) {
-      throw lineError(
-          file,
-          line,
-          fmt::format("'{}' is not a finite number; expected {}", quotable(word), what));
+    if (!parseNumber(word, values.emplace_back())) {
+      throw error(fmt::format("'{}' is not a finite number; expected {}", quotable(word), what));
     }
-    numbers.push_back(value);
   }
-  return numbers;
+  return values;
 }
 
 }  // namespace dsorb

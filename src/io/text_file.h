@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <filesystem>
+#include <memory>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -15,6 +16,15 @@ namespace dsorb {
 struct TextLine {
   int number = 0;  ///< position in the file, from 1
   std::string text;
+  std::shared_ptr<const std::filesystem::path> file;
+
+  /// Message "FILE:LINE: what".
+  [[nodiscard]] IoError error(const std::string& what) const;
+  /// Words as finite numbers.
+  /// @param what names the expectation in the message, for example "fx fy cx cy 0"
+  /// @throws IoError naming the word that is no finite number
+  [[nodiscard]] std::vector<double> numbers(const std::vector<std::string>& words,
+                                            const std::string& what) const;
 };
 
 /// Most that is read of a file: configurations, calibrations with responses of 16 bits, and lists
@@ -38,6 +48,9 @@ IoError lineError(const std::filesystem::path& file, int line, const std::string
 /// Words between white space, commas not included.
 std::vector<std::string> splitWords(std::string_view text);
 
+/// "640x480 px", for messages.
+std::string pixelText(double width, double height);
+
 /// Text as a message may quote it: without what exceeds a line of a terminal.
 std::string quotable(std::string_view text);
 
@@ -45,13 +58,5 @@ std::string_view trimmed(std::string_view text);
 
 /// Whole text as a finite number, independent of the locale. @return false where it is none
 bool parseNumber(std::string_view text, double& value);
-
-/// Words as finite numbers.
-/// @param what names the expectation in the message, for example "fx fy cx cy 0"
-/// @throws IoError naming the word that is no finite number
-std::vector<double> parseNumbers(const std::filesystem::path& file,
-                                 int line,
-                                 const std::vector<std::string>& words,
-                                 const std::string& what);
 
 }  // namespace dsorb

@@ -8,8 +8,7 @@
 #include "camera/undistorter.h"
 #include "io/input/dataset.h"
 #include "io/input/image_decoder.h"
-#include "io/input/image_store.h"
-#include "io/input/video.h"
+#include "io/input/image_source.h"
 
 #include <unistd.h>
 

@@ -3,7 +3,7 @@
 
 #include "dsorb/io/writers.h"
 
-#include "io/output/json_text.h"
+#include "io/output/output_file.h"
 #include "support/text_files.h"
 
 #include <filesystem>

@@ -4,7 +4,7 @@
 #include "dsorb/error.h"
 
 #include "base/describe.h"
-#include "io/calibration/yaml_text.h"
+#include "io/calibration/keyed_values.h"
 #include "io/presets.h"
 #include "support/published_variants.h"
 #include "support/reference_coarse_options.h"
@@ -202,7 +202,7 @@ TEST(Config, UnknownVariantAndPresetNameThoseThereAre) {
 
 TEST(Config, MalformedYamlNamesTheLine) {
   EXPECT_THAT(errorOf([] { loadText("num_threads: 2\n  bad: [\n"); }), HasSubstr("test.yaml:2"));
-  EXPECT_THAT(errorOf([] { loadText("- 1\n- 2\n"); }), HasSubstr("expected lines of 'key: value'"));
+  EXPECT_THAT(errorOf([] { loadText("- 1\n- 2\n"); }), HasSubstr("lines of 'key: value'"));
   EXPECT_THAT(errorOf([] { loadText("num_threads: [1, 2]\n"); }), HasSubstr("test.yaml:1"));
   EXPECT_THAT(errorOf([] { loadText("num_threads: 1\nnum_threads: 2\n"); }),
               AllOf(HasSubstr("test.yaml:2"), HasSubstr("given twice")));

@@ -3,7 +3,6 @@
 #include "dsorb/io/sequence_reader.h"
 
 #include "io/input/image_decoder.h"
-#include "io/input/image_header.h"
 #include "io/input/pixel_patterns.h"
 #include "support/sequence_fixture.h"
 #include "support/text_files.h"

@@ -33,13 +33,13 @@ void expectEqual(const cv::Mat& found, const cv::Mat& expected) {
 TEST(Png, GreyComesBackAsItWas) {
   for (const int type : {CV_8UC1, CV_16UC1}) {
     const cv::Mat image = randomImage(type);
-    expectEqual(decodePng(bytesOf(encodePng(image, 1)), "image"), image);
+    expectEqual(decodePng(bytesOf(encodePng(image)), "image"), image);
   }
 }
 
 TEST(Png, ColoursAreWrittenAsOpenCvReadsThem) {
   const cv::Mat image = randomImage(CV_8UC3);
-  expectEqual(cv::imdecode(bytesOf(encodePng(image, 3)), cv::IMREAD_COLOR), image);
+  expectEqual(cv::imdecode(bytesOf(encodePng(image)), cv::IMREAD_COLOR), image);
 }
 
 TEST(Png, EveryKindIsReadAsByOpenCv) {
@@ -72,7 +72,7 @@ TEST(Png, PaletteIsReadAsByOpenCv) {
 }
 
 TEST(Png, MissingAndChangedBytesAreNamed) {
-  const std::vector<std::uint8_t> whole = bytesOf(encodePng(randomImage(CV_8UC1), 1));
+  const std::vector<std::uint8_t> whole = bytesOf(encodePng(randomImage(CV_8UC1)));
   for (const std::size_t size : {whole.size() - 1, whole.size() / 2, std::size_t{9}}) {
     const std::vector<std::uint8_t> part(whole.begin(),
                                          whole.begin() + static_cast<std::ptrdiff_t>(size));
@@ -91,8 +91,8 @@ TEST(Png, MissingAndChangedBytesAreNamed) {
 }
 
 TEST(Png, OtherTypesAreNotWritten) {
-  EXPECT_THROW((void)encodePng(cv::Mat(2, 2, CV_32FC1), 1), std::invalid_argument);
-  EXPECT_THROW((void)encodePng(cv::Mat(), 1), std::invalid_argument);
+  EXPECT_THROW((void)encodePng(cv::Mat(2, 2, CV_32FC1)), std::invalid_argument);
+  EXPECT_THROW((void)encodePng(cv::Mat()), std::invalid_argument);
 }
 
 }  // namespace

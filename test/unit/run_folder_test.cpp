@@ -103,7 +103,6 @@ TEST(RunFolder, RemovesTheFilesOfAnEarlierRunAndNothingElse) {
                            "trajectory_kitti.txt",
                            "keyframes_12.txt",
                            "run.json.part",
-                           "points.spool",
                            "figures/initial_inverse_depth_2.png",
                            "notes.txt",
                            "trajectory_mine.txt",
@@ -116,7 +115,6 @@ TEST(RunFolder, RemovesTheFilesOfAnEarlierRunAndNothingElse) {
                            "trajectory_kitti.txt",
                            "keyframes_12.txt",
                            "run.json.part",
-                           "points.spool",
                            "figures/initial_inverse_depth_2.png"}) {
     EXPECT_FALSE(fs::exists(folder.path() / file)) << file;
   }
@@ -157,16 +155,6 @@ TEST(RunFolder, TwoRunsDoNotShareAFolder) {
   }
   EXPECT_EQ(readJson(folder.path() / "run.json")["frames_given"], 5);
   EXPECT_EQ(complaintOfRunInto(folder.path()), "nothing was thrown");
-}
-
-TEST(RunFolder, NothingButResultsLiesInTheFolderOfARunThatEndsAtOnce) {
-  const TemporaryFolder folder;
-  {
-    FakeRun run(folder.path());
-    playOneSegment(run);
-    run.retire();
-  }
-  EXPECT_FALSE(fs::exists(folder.path() / "points.spool"));
 }
 
 TEST(RunFolder, UnwritableFolderIsNamed) {

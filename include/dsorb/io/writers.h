@@ -45,8 +45,9 @@ struct FrameTiming {
 /// Writes the output folder of a run: trajectories, initializations, points, per-frame table,
 /// summary and figures. As observer it only takes notes; files are written in frameDone() and
 /// finish(), so that writing is not part of a frame's measured time. Whatever lies in the folder
-/// after a crash is valid: text files grow by whole lines, all others are replaced by rename. Its
-/// memory grows by what belongs to a keyframe, about 200 bytes; frames wait on the disk.
+/// after a crash is valid: text files grow by whole lines, points.ply by what its header counts,
+/// all others are replaced by rename. Its memory grows by what belongs to a keyframe, about 200
+/// bytes; frames wait on the disk.
 class RunWriter : public OdometryObserver {
  public:
   /// Creates the folder and removes the files of an earlier run from it.

@@ -2,8 +2,6 @@
 #include "dsorb/io/calibration_reader.h"
 
 #include "camera/lens_models.h"
-#include "io/calibration/calibration_forms.h"
-#include "io/calibration/keyed_values.h"
 #include "io/calibration/lens_numbers.h"
 #include "io/text_file.h"
 
@@ -20,250 +18,285 @@
 namespace dsorb {
 namespace {
 
-constexpr std::string_view kReadoutWord = "readout";
+using io::KeyedValues;
 
-/// One way to write the first line of camera.txt.
-struct LensForm {
-  std::string_view word;
-  LensModel model;
-  std::size_t least_numbers;  // after the word
-  std::size_t most_numbers;
-  const char* expectation;
-};
+// Limits of JSON, which may hold the poses of many images.
+constexpr std::size_t kMaxJsonBytes = std::size_t{1} << 25;
+constexpr std::size_t kMaxJsonValues = 1000000;
 
-constexpr std::array<LensForm, 9> kLensForms = {{
-    {"Pinhole", LensModel::kPinhole, 4, 5, "Pinhole fx fy cx cy 0"},
-    {"FOV", LensModel::kFov, 5, 5, "FOV fx fy cx cy omega"},
-    {"RadTan", LensModel::kRadTan, 8, 9, "RadTan fx fy cx cy k1 k2 p1 p2 [k3]"},
-    {"EquiDistant", LensModel::kEquidistant, 8, 8, "EquiDistant fx fy cx cy k1 k2 k3 k4"},
-    {"KannalaBrandt", LensModel::kEquidistant, 8, 8, "KannalaBrandt fx fy cx cy k1 k2 k3 k4"},
-    {"Rational", LensModel::kRational, 12, 12, "Rational fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"},
-    {"DoubleSphere", LensModel::kDoubleSphere, 6, 6, "DoubleSphere fx fy cx cy xi alpha"},
-    {"EUCM", LensModel::kExtendedUnified, 6, 6, "EUCM fx fy cx cy alpha beta"},
-    {"Unified", LensModel::kUnified, 5, 9, "Unified fx fy cx cy xi [k1 k2 p1 p2]"},
-}};
+/// First line of camera.txt.
+const std::vector<LensWord> kModels = {
+    {"Pinhole", LensModel::kPinhole, "fx fy cx cy [omega]"},  // which is 0
+    {"FOV", LensModel::kFov, "fx fy cx cy omega"},
+    {"RadTan", LensModel::kRadTan, "fx fy cx cy k1 k2 p1 p2 [k3]"},
+    {"EquiDistant", LensModel::kEquidistant, "fx fy cx cy k1 k2 k3 k4"},
+    {"KannalaBrandt", LensModel::kEquidistant, "fx fy cx cy k1 k2 k3 k4"},
+    {"Rational", LensModel::kRational, "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"},
+    {"DoubleSphere", LensModel::kDoubleSphere, "fx fy cx cy xi alpha"},
+    {"EUCM", LensModel::kExtendedUnified, "fx fy cx cy alpha beta"},
+    {"Unified", LensModel::kUnified, "fx fy cx cy xi [k1 k2 p1 p2]"}};
 
-/// Text file of a calibration, line by line.
-class Lines {
- public:
-  explicit Lines(const std::filesystem::path& file)
-      : file_(file), lines_(readLines(file, kMaxCalibrationBytes)) {}
+// What the lines of camera.txt are, as messages call them.
+constexpr const char* kModel = "camera model";
+constexpr const char* kInputSize = "input width and height";
+constexpr const char* kOutput = "output camera";
+constexpr const char* kOutputSize = "output width and height";
 
-  [[nodiscard]] const std::filesystem::path& file() const { return file_; }
-  [[nodiscard]] const std::vector<TextLine>& all() const { return lines_; }
-  void dropLast() { lines_.pop_back(); }
-  [[nodiscard]] bool has(std::size_t i) const { return i < lines_.size(); }
-  [[nodiscard]] const std::string& text(std::size_t i) const { return lines_[i].text; }
-  [[nodiscard]] IoError error(std::size_t i, const std::string& what) const {
-    return lineError(file_, has(i) ? lines_[i].number : 0, what);
+/// The words of camera.txt by what their line is.
+KeyedValues dsoValues(const std::filesystem::path& file, const std::vector<TextLine>& lines) {
+  constexpr std::array<const char*, 4> kLines = {kModel, kInputSize, kOutput, kOutputSize};
+  KeyedValues values(file);
+  for (std::size_t i = 0; i < lines.size(); ++i) {
+    std::vector<std::string> words = splitWords(lines[i].text);
+    const bool readout = i > 0 && i + 1 == lines.size() && words.front() == "readout";
+    if (!readout && i >= kLines.size()) {
+      throw lines[i].error("more than four lines");
+    }
+    if (readout) words.erase(words.begin());
+    values.add(readout ? kReadoutKey : kLines.at(i), {words, lines[i].number});
   }
-  [[nodiscard]] std::vector<double> numbers(std::size_t i,
-                                            const std::vector<std::string>& words,
-                                            const std::string& what) const {
-    return parseNumbers(file_, lines_[i].number, words, what);
-  }
-
- private:
-  std::filesystem::path file_;
-  std::vector<TextLine> lines_;
-};
-
-struct Size {
-  int width;
-  int height;
-};
-
-Size readSize(const Lines& lines, std::size_t i, const std::string& what) {
-  if (!lines.has(i)) throw lines.error(i, fmt::format("ends before '{}'", what));
-  const auto numbers = lines.numbers(i, splitWords(lines.text(i)), what);
-  const bool good =
-      numbers.size() == 2 && std::all_of(numbers.begin(), numbers.end(), [](double n) {
-        return n >= 1 && n <= kMaxSize && n == std::floor(n);
-      });
-  if (!good) {
-    throw lines.error(
-        i,
-        fmt::format(
-            "'{}'; expected '{}', two positive whole numbers", quotable(lines.text(i)), what));
-  }
-  return {static_cast<int>(numbers[0]), static_cast<int>(numbers[1])};
+  return values;
 }
 
-/// Model of a line without a name, told by its numbers.
-LensModel legacyModel(const Lines& lines, const std::vector<double>& numbers) {
-  if (numbers.size() == 8) return LensModel::kRadTan;
-  if (numbers.size() == 5) return numbers[4] == 0 ? LensModel::kPinhole : LensModel::kFov;
-  throw lines.error(
-      0,
-      fmt::format("{} numbers without a model; expected 5 (Pinhole or FOV) or 8 (RadTan)",
-                  numbers.size()));
-}
-
-/// First line of camera.txt. @return model and its numbers as written
-std::pair<LensModel, std::vector<double>> readLensLine(const Lines& lines) {
-  if (!lines.has(0)) {
-    throw lines.error(0, "is empty; expected a camera model, for example 'Pinhole fx fy cx cy 0'");
+/// First line of camera.txt; without a name its numbers tell the model.
+void readModel(const KeyedValues& values, Lens& lens) {
+  if (!values.has(kModel)) {
+    throw values.error("", "is empty; expected a camera model, as 'Pinhole fx fy cx cy 0'");
   }
-  std::vector<std::string> words = splitWords(lines.text(0));
-  double first = 0;
-  if (parseNumber(words.front(), first)) {
-    const auto numbers = lines.numbers(0, words, "numbers");
-    return {legacyModel(lines, numbers), numbers};
+  std::vector<std::string> words = splitWords(values.text(kModel, ""));
+  double last = 0;
+  if (!parseNumber(words.front(), last)) {
+    // It has a name.
+  } else if (words.size() == 8) {
+    words.insert(words.begin(), "RadTan");
+  } else if (words.size() == 5 && parseNumber(words.back(), last)) {
+    words.insert(words.begin(), last == 0 ? "Pinhole" : "FOV");
+  } else {
+    throw values.error(
+        kModel,
+        fmt::format("{} numbers without a name; expected 5 (Pinhole or FOV) or 8 (RadTan)",
+                    words.size()));
   }
-  const auto* form = std::find_if(kLensForms.begin(), kLensForms.end(), [&](const LensForm& f) {
-    return words.front() == f.word;
-  });
-  if (form == kLensForms.end()) {
-    throw lines.error(0,
-                      fmt::format("'{}' is no camera model; expected Pinhole, FOV, RadTan, "
-                                  "EquiDistant, KannalaBrandt, Rational, DoubleSphere, EUCM, "
-                                  "Unified, or 5 or 8 numbers",
-                                  quotable(words.front())));
-  }
+  const LensWord& model = findLens(kModels, words.front(), values.complain(kModel));
   words.erase(words.begin());
-  const auto numbers = lines.numbers(0, words, form->expectation);
-  if (numbers.size() < form->least_numbers || numbers.size() > form->most_numbers) {
-    throw lines.error(0,
-                      fmt::format("{} numbers; expected '{}'", numbers.size(), form->expectation));
-  }
-  return {form->model, numbers};
+  KeyedValues numbers(values.file());
+  numbers.add(kModel, {words, values.all().at(kModel).line});
+  lens.model = model.model;
+  setParameters(model.parameters, numbers.numbers(kModel), lens, numbers.complain(kModel));
 }
 
 /// Relative intrinsics let pixel (0, 0) cover [0, 1]; ours has its centre at (0, 0).
 /// @tparam Camera with members fx, fy, cx, cy
 template <typename Camera>
-void scaleToPixels(Size size, Camera& camera) {
-  camera.fx *= size.width;
-  camera.fy *= size.height;
-  camera.cx = camera.cx * size.width - 0.5;
-  camera.cy = camera.cy * size.height - 0.5;
-}
-
-Lens readLens(const Lines& lines) {
-  const auto [model, numbers] = readLensLine(lines);
-  const Size size = readSize(lines, 1, "input width and height");
-  Lens lens;
-  lens.model = model;
-  lens.fx = numbers[0];
-  lens.fy = numbers[1];
-  lens.cx = numbers[2];
-  lens.cy = numbers[3];
-  lens.width = size.width;
-  lens.height = size.height;
-  if (model != LensModel::kPinhole) {
-    std::copy(numbers.begin() + 4, numbers.end(), lens.coefficients.begin());
-  } else if (numbers.size() > 4 && numbers[4] != 0) {
-    throw lines.error(0,
-                      fmt::format("{} behind cy: a Pinhole has no distortion; expected 0, or 'FOV "
-                                  "fx fy cx cy omega'",
-                                  numbers[4]));
-  }
-  if (lens.cx < 1 && lens.cy < 1) scaleToPixels(size, lens);
-  checkLens(lens, [&](const std::string& what) { return lines.error(0, what); });
-  return lens;
+void scaleToPixels(int width, int height, Camera& camera) {
+  camera.fx *= width;
+  camera.fy *= height;
+  camera.cx = camera.cx * width - 0.5;
+  camera.cy = camera.cy * height - 0.5;
 }
 
 /// Third line: a word, or the relative intrinsics of the output camera.
-void readMode(const Lines& lines, Rectification& target) {
-  const std::string& text = lines.text(2);
-  if (text == "crop") {
-    target.mode = RectificationMode::kCrop;
-  } else if (text == "full") {
-    target.mode = RectificationMode::kFull;
-  } else if (text == "none") {
-    target.mode = RectificationMode::kNone;
-  } else {
-    const std::string what = "crop, full, none, or relative 'fx fy cx cy 0'";
-    const auto numbers = lines.numbers(2, splitWords(text), what);
-    if (numbers.size() != 5) {
-      throw lines.error(2, fmt::format("{} numbers; expected {}", numbers.size(), what));
-    }
-    const bool good = numbers[0] > 0 && numbers[1] > 0 && numbers[2] >= 0 && numbers[2] <= 1 &&
-                      numbers[3] >= 0 && numbers[3] <= 1 && numbers[4] == 0;
-    if (!good) {
-      throw lines.error(2,
-                        fmt::format("'{}'; expected output intrinsics relative to the output size: "
-                                    "positive focal lengths, principal point between 0 and 1, "
-                                    "and 0 for no distortion",
-                                    quotable(text)));
-    }
-    target.mode = RectificationMode::kExplicit;
-    target.camera.fx = numbers[0];
-    target.camera.fy = numbers[1];
-    target.camera.cx = numbers[2];
-    target.camera.cy = numbers[3];
+void readMode(const KeyedValues& values, Rectification& target) {
+  const std::string text = values.text(kOutput, "");
+  const std::array<std::pair<const char*, RectificationMode>, 3> modes = {
+      {{"crop", RectificationMode::kCrop},
+       {"full", RectificationMode::kFull},
+       {"none", RectificationMode::kNone}}};
+  for (const auto& [word, mode] : modes) {
+    target.mode = mode;
+    if (text == word) return;
   }
+  const std::string what = "crop, full, none, or relative 'fx fy cx cy 0'";
+  double number = 0;
+  if (!parseNumber(splitWords(text).front(), number)) {
+    throw values.error(kOutput, fmt::format("'{}'; expected {}", quotable(text), what));
+  }
+  const std::vector<double> n = values.numbers(kOutput, 5, what);
+  if (!(n[0] > 0 && n[1] > 0 && n[2] >= 0 && n[2] <= 1 && n[3] >= 0 && n[3] <= 1 && n[4] == 0)) {
+    throw values.error(kOutput,
+                       fmt::format("'{}'; expected intrinsics relative to the output size: "
+                                   "positive focal lengths, principal point between 0 and 1, "
+                                   "and 0 for no distortion",
+                                   quotable(text)));
+  }
+  target.mode = RectificationMode::kExplicit;
+  target.camera.fx = n[0];
+  target.camera.fy = n[1];
+  target.camera.cx = n[2];
+  target.camera.cy = n[3];
 }
 
-/// Last line: "readout", and what setReadout() reads.
-void readReadout(const Lines& lines, Lens& lens) {
-  const std::size_t last = lines.all().size() - 1;
-  const std::string& line = lines.text(last);
-  if (!setReadout(line.substr(kReadoutWord.size()), lens)) {
-    throw lines.error(
-        last, fmt::format("'{}'; behind 'readout' {} are expected", quotable(line), kReadoutForm));
-  }
-}
-
-Rectification readRectification(const Lines& lines, const Lens& lens) {
-  Rectification target;
-  target.width = lens.width;
-  target.height = lens.height;
-  if (!lines.has(2)) {
-    if (lens.model == LensModel::kPinhole) target.mode = RectificationMode::kNone;
-    return target;
-  }
-  readMode(lines, target);
-  if (lines.has(3)) {
-    const Size size = readSize(lines, 3, "output width and height");
-    target.width = size.width;
-    target.height = size.height;
-  }
-  if (target.mode == RectificationMode::kNone && isDistorted(lens)) {
-    throw lines.error(2,
-                      fmt::format("'none' would leave the distortion of the {} lens of line 1 in "
-                                  "the images; expected crop or full. Of images that are "
-                                  "undistorted already, line 1 is 'Pinhole fx fy cx cy 0'",
-                                  nameOf(lens.model).name));
-  }
-  if (target.mode == RectificationMode::kNone &&
-      (target.width != lens.width || target.height != lens.height)) {
-    throw lines.error(
-        3,
-        fmt::format("'none' cannot turn {}x{} into {}x{} px; expected equal sizes, or crop",
-                    lens.width,
-                    lens.height,
-                    target.width,
-                    target.height));
-  }
+void readRectification(const KeyedValues& values, Calibration& calibration) {
+  Rectification& target = calibration.rectification;
+  const Lens& lens = calibration.lens;
+  Lens output = lens;
+  if (values.has(kOutput)) readMode(values, target);
+  if (values.has(kOutputSize)) readSize(values, kOutputSize, output);
+  target.width = output.width;
+  target.height = output.height;
   if (target.mode == RectificationMode::kExplicit) {
-    scaleToPixels({target.width, target.height}, target.camera);
+    scaleToPixels(target.width, target.height, target.camera);
   }
-  if (lines.has(4)) throw lines.error(4, "more than four lines");
-  return target;
+  if (target.mode != RectificationMode::kNone) return;
+  if (isDistorted(lens)) {
+    throw values.error(kOutput,
+                       fmt::format("'none' would leave the distortion of the {} lens of line 1 in "
+                                   "the images; expected crop or full. Of images that are "
+                                   "undistorted already, line 1 is 'Pinhole fx fy cx cy 0'",
+                                   nameOf(lens.model).name));
+  }
+  if (target.width != lens.width || target.height != lens.height) {
+    throw values.error(kOutputSize,
+                       fmt::format("'none' cannot turn {} into {}; expected equal sizes, or crop",
+                                   pixelText(lens.width, lens.height),
+                                   pixelText(target.width, target.height)));
+  }
 }
 
 /// camera.txt of DSO.
-Calibration readDso(Lines lines) {
-  Calibration calibration;
-  const bool rolling = lines.has(1) && splitWords(lines.all().back().text).front() == kReadoutWord;
-  Lens timed;
-  if (rolling) {
-    readReadout(lines, timed);
-    lines.dropLast();
-  }
-  calibration.lens = readLens(lines);
-  calibration.lens.readout = timed.readout;
-  calibration.lens.columns = timed.columns;
-  calibration.rectification = readRectification(lines, calibration.lens);
+Calibration readDso(const KeyedValues& values) {
+  Lens lens;
+  readModel(values, lens);
+  readSize(values, kInputSize, lens);
+  if (lens.cx < 1 && lens.cy < 1) scaleToPixels(lens.width, lens.height, lens);
+  Calibration calibration = finished(values, kModel, lens);
+  readRectification(values, calibration);
   return calibration;
 }
 
-Calibration readKeyed(const io::KeyedValues& values, const CameraChoice& choice) {
-  if (hasCameraMatrix(values)) return readMatrices(values, choice);
-  const bool nerf = values.has("fl_x") || values.hasPath("frames[0]");
-  if (isKalibr(values) && !nerf) return readKalibr(values, choice);
-  return readSettings(values, choice);
+/// "KEY: words" a line.
+KeyedValues keyed(const std::filesystem::path& file, const std::vector<TextLine>& lines) {
+  KeyedValues values(file);
+  for (const TextLine& line : lines) {
+    const std::size_t colon = line.text.find(':');
+    if (colon == std::string::npos) continue;
+    values.add(line.text.substr(0, colon), {splitWords(line.text.substr(colon + 1)), line.number});
+  }
+  return values;
+}
+
+/// fx, fy, cx, cy of a 3x3 matrix, or of a 3x4 one of a rectified camera, whose last column is
+/// where it stands.
+void readProjection(const KeyedValues& values, const std::string& key, Lens& lens) {
+  const std::size_t columns = key.front() == 'K' ? 3 : 4;
+  const auto m = values.numbers(
+      key, 3 * columns, fmt::format("the {} of a 3x{} matrix", 3 * columns, columns));
+  const auto at = [&](std::size_t row, std::size_t column) { return m[row * columns + column]; };
+  if (at(0, 1) != 0 || at(1, 0) != 0 || at(2, 0) != 0 || at(2, 1) != 0 || at(2, 2) != 1) {
+    throw values.error(key, "expected fx 0 cx, 0 fy cy, 0 0 1 in the first three columns");
+  }
+  setParameters(
+      "fx fy cx cy", {at(0, 0), at(1, 1), at(0, 2), at(1, 2)}, lens, values.complain(key));
+}
+
+/// Both kinds of images have the calibration of their size; most recordings are rectified.
+Calibration readRaw(const KeyedValues& values, const std::string& number, const CameraChoice& c) {
+  Lens raw;
+  Lens rectified;
+  const std::string raw_size = "S_" + number, rectified_size = "S_rect_" + number;
+  if (values.has(raw_size)) readSize(values, raw_size, raw);
+  if (values.has(rectified_size)) readSize(values, rectified_size, rectified);
+  const auto fits = [&](const Lens& l) { return l.width == c.width && l.height == c.height; };
+  const std::string projection = "P_rect_" + number, matrix = "K_" + number;
+  if (values.has(projection) && (fits(rectified) || !fits(raw))) {
+    readProjection(values, projection, rectified);
+    return finished(values, projection, rectified);
+  }
+  readProjection(values, matrix, raw);
+  raw.model = LensModel::kRadTan;
+  const std::string distortion = "D_" + number;
+  setParameters("k1 k2 p1 p2 k3", values.numbers(distortion), raw, values.complain(distortion));
+  return finished(values, matrix, raw);
+}
+
+/// KITTI's calib.txt, where image_2 is P2, and calib_cam_to_cam.txt, where image_02 is P_rect_02,
+/// or K_02 and D_02 for images of the size of raw ones.
+bool isKitti(const std::vector<TextLine>& lines) {
+  return std::any_of(lines.begin(), lines.end(), [](const TextLine& line) {
+    const std::string key = line.text.substr(0, line.text.find(':'));
+    const bool odometry = key.size() == 2 && key[0] == 'P' && key[1] >= '0' && key[1] <= '3';
+    return key.size() < line.text.size() &&
+           (odometry || key.compare(0, 7, "P_rect_") == 0 || key.compare(0, 3, "K_0") == 0);
+  });
+}
+
+Calibration readKitti(const std::filesystem::path& file,
+                      const std::vector<TextLine>& lines,
+                      const CameraChoice& choice) {
+  const KeyedValues values = keyed(file, lines);
+  std::vector<NamedCamera> cameras;
+  for (const char number : {'0', '1', '2', '3'}) {
+    const std::string projection = std::string("P") + number;
+    const std::string two = std::string("0") + number;
+    if (values.has(projection)) {
+      cameras.push_back({{std::string("image_") + number, projection, std::string(1, number)},
+                         [&values, projection] {
+                           Lens lens;
+                           readProjection(values, projection, lens);
+                           return finished(values, projection, lens);
+                         }});
+    } else if (values.has("P_rect_" + two) || values.has("K_" + two)) {
+      cameras.push_back({{"image_" + two, two, "P_rect_" + two, "K_" + two},
+                         [&values, two, choice] { return readRaw(values, two, choice); }});
+    }
+  }
+  return readChosen(file, cameras, choice);
+}
+
+/// A line of COLMAP's cameras.txt.
+/// @source COLMAP's documentation, "Camera Models"
+const std::vector<LensWord> kColmapModels = {
+    {"SIMPLE_PINHOLE", LensModel::kPinhole, "f cx cy"},
+    {"PINHOLE", LensModel::kPinhole, "fx fy cx cy"},
+    {"SIMPLE_RADIAL", LensModel::kRadTan, "f cx cy k1"},
+    {"RADIAL", LensModel::kRadTan, "f cx cy k1 k2"},
+    {"OPENCV", LensModel::kRadTan, "fx fy cx cy k1 k2 p1 p2"},
+    {"FULL_OPENCV", LensModel::kRational, "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"},
+    {"OPENCV_FISHEYE", LensModel::kEquidistant, "fx fy cx cy k1 k2 k3 k4"},
+    {"SIMPLE_RADIAL_FISHEYE", LensModel::kEquidistant, "f cx cy k1"},
+    {"RADIAL_FISHEYE", LensModel::kEquidistant, "f cx cy k1 k2"},
+    {"FOV", LensModel::kFov, "fx fy cx cy omega"}};
+
+Calibration readColmapCamera(const TextLine& line) {
+  const auto complain = [&](const std::string& what) { return line.error(what); };
+  std::vector<std::string> words = splitWords(line.text);
+  if (words.size() < 4) throw line.error("expected 'ID MODEL width height ...'");
+  const LensWord& model = findLens(kColmapModels, words[1], complain);
+  words.erase(words.begin(), words.begin() + 2);
+  const std::vector<double> numbers =
+      line.numbers(words, fmt::format("ID {} width height {}", model.word, model.parameters));
+  Lens lens;
+  lens.model = model.model;
+  setSize(numbers[0], numbers[1], lens, complain);
+  setParameters(model.parameters, {numbers.begin() + 2, numbers.end()}, lens, complain);
+  lens.cx -= 0.5;  // pixels have their centres at .5
+  lens.cy -= 0.5;
+  return finished(lens, complain);
+}
+
+/// Lines of a number, a name in capitals, and more.
+bool isColmap(const std::vector<TextLine>& lines) {
+  if (lines.empty()) return false;
+  const std::vector<std::string> words = splitWords(lines.front().text);
+  double id = 0;
+  return words.size() > 2 && parseNumber(words[0], id) && words[1].size() > 2 &&
+         std::all_of(words[1].begin(),
+                     words[1].end(),
+                     [](unsigned char c) {
+                       return std::isupper(c) != 0 || std::isdigit(c) != 0 || c == '_';
+                     }) &&
+         std::isupper(static_cast<unsigned char>(words[1].front())) != 0;
+}
+
+Calibration readColmap(const std::filesystem::path& file,
+                       const std::vector<TextLine>& lines,
+                       const CameraChoice& choice) {
+  std::vector<NamedCamera> cameras;
+  for (const TextLine& line : lines) {
+    cameras.push_back(
+        {{splitWords(line.text).front()}, [&line] { return readColmapCamera(line); }});
+  }
+  return readChosen(file, cameras, choice);
 }
 
 }  // namespace
@@ -280,16 +313,18 @@ std::optional<Readout> parseReadout(std::string_view text) {
 Calibration readCalibration(const std::filesystem::path& file, const CameraChoice& choice) {
   const std::string suffix = file.extension().string();
   if (suffix == ".yaml" || suffix == ".yml") {
-    return readKeyed(io::yamlValues(file, io::kPlainLimits), choice);
+    return readKeyed(io::yamlValues(readText(file, kMaxYamlBytes), file), choice);
   }
-  if (suffix == ".json") return readKeyed(io::yamlValues(file, io::kJsonLimits), choice);
+  if (suffix == ".json") {
+    return readKeyed(io::yamlValues(readText(file, kMaxJsonBytes), file, kMaxJsonValues), choice);
+  }
   if (suffix == ".xml") {
     return readKeyed(io::xmlValues(file, readText(file, kMaxCalibrationBytes)), choice);
   }
-  const Lines lines(file);
-  if (isKitti(lines.all())) return readKitti(file, lines.all(), choice);
-  if (isColmap(lines.all())) return readColmap(file, lines.all(), choice);
-  return readDso(lines);
+  const std::vector<TextLine> lines = readLines(file, kMaxCalibrationBytes);
+  if (isKitti(lines)) return readKitti(file, lines, choice);
+  if (isColmap(lines)) return readColmap(file, lines, choice);
+  return readDso(dsoValues(file, lines));
 }
 
 }  // namespace dsorb

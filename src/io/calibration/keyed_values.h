@@ -2,24 +2,33 @@
 #pragma once
 
 #include "dsorb/error.h"
+#include "dsorb/io/config.h"
 
-#include "io/calibration/yaml_text.h"
 #include "io/text_file.h"
 
 #include <cstddef>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
 #include <string>
 #include <vector>
 
-namespace dsorb::io {
+namespace dsorb {
+
+/// Makes the error of a file from what is wrong.
+using Complain = std::function<IoError(const std::string& what)>;
+
+namespace io {
 
 /// A scalar or a list of scalars of a file, as words.
 struct KeyedValue {
+  enum Kind { kScalar, kList, kNull };
+
   std::vector<std::string> words;
-  int line = 0;        ///< from 1; 0: not known
-  bool twice = false;  ///< the file has its key again
+  int line = 0;  ///< from 1; 0: not known
+  Kind kind = kScalar;
+  int again = 0;  ///< line where the file has its key again; 0: it has not
 };
 
 /// Scalars and lists of a YAML, JSON or XML file by the whole path of their keys, as in
@@ -32,6 +41,9 @@ class KeyedValues {
   void add(const std::string& key, KeyedValue value);
   /// Appends to the list of a key.
   void append(const std::string& key, const std::string& word);
+  /// Adds what stands under one path under another one, too. @return number of values
+  std::size_t copy(const std::string& from, const std::string& to);
+  [[nodiscard]] const std::map<std::string, KeyedValue>& all() const { return *values_; }
 
   /// Those whose keys begin with a path and a dot, by what follows.
   [[nodiscard]] KeyedValues within(const std::string& path) const;
@@ -40,19 +52,23 @@ class KeyedValues {
   /// Whether there is a value or a group of this path.
   [[nodiscard]] bool hasPath(const std::string& path) const;
   /// The first of several spellings that is there; empty: none.
-  [[nodiscard]] std::string find(const std::vector<const char*>& spellings) const;
+  [[nodiscard]] std::string find(const std::vector<std::string>& spellings) const;
 
   /// Words with spaces between them.
   /// @param what is expected, for the complaint where there is none
   [[nodiscard]] std::string text(const std::string& key, const std::string& what) const;
   [[nodiscard]] double number(const std::string& key) const;
   [[nodiscard]] std::vector<double> numbers(const std::string& key) const;
-  /// @param counts how many there may be
+  /// @param count how many there must be
   [[nodiscard]] std::vector<double> numbers(const std::string& key,
-                                            const std::vector<std::size_t>& counts,
+                                            std::size_t count,
                                             const std::string& what) const;
 
   [[nodiscard]] IoError error(const std::string& key, const std::string& what) const;
+  /// The same to be made later; the values must live until then.
+  [[nodiscard]] Complain complain(const std::string& key) const {
+    return [this, key](const std::string& what) { return error(key, what); };
+  }
   [[nodiscard]] const std::filesystem::path& file() const { return file_; }
 
  private:
@@ -63,17 +79,23 @@ class KeyedValues {
   std::shared_ptr<std::map<std::string, KeyedValue>> values_;
 };
 
-/// Most that is read of a file.
-struct YamlLimits {
-  std::size_t bytes;
-  std::size_t values;
-};
-inline constexpr YamlLimits kPlainLimits{kMaxYamlBytes, kMaxYamlValues};
-inline constexpr YamlLimits kJsonLimits{std::size_t{1} << 25, 1000000};  // poses of many images
+/// Most values that are read of a file, aliases counted as what they stand for.
+inline constexpr std::size_t kMaxYamlValues = 100000;
 
-/// Values of a YAML document, which may begin as cv::FileStorage writes it. JSON is a part of YAML.
-[[nodiscard]] KeyedValues yamlValues(const std::filesystem::path& file, const YamlLimits& limits);
+/// Values of the only document of a YAML text; none where it holds nothing. JSON is a part of YAML.
+/// Depth, number of values and aliases are limited before memory is taken for them.
+/// @param name of the file, for messages
+/// @throws IoError naming file and line
+[[nodiscard]] KeyedValues yamlValues(const std::string& text,
+                                     const std::filesystem::path& name,
+                                     std::size_t most_values = kMaxYamlValues);
 /// Values of an XML file that cv::FileStorage wrote.
 [[nodiscard]] KeyedValues xmlValues(const std::filesystem::path& file, const std::string& text);
 
-}  // namespace dsorb::io
+/// Nested YAML maps as dotted keys, in the order written, each with "<name>:<line>".
+/// @throws ConfigError naming the line, on anything but maps of scalars and on a key given twice
+[[nodiscard]] std::vector<ConfigAssignment> readYamlAssignments(const std::string& text,
+                                                                const std::string& name);
+
+}  // namespace io
+}  // namespace dsorb

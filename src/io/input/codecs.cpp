@@ -3,8 +3,6 @@
 
 #include "dsorb/error.h"
 
-#include "io/input/codecs_module.h"
-
 #include <fmt/format.h>
 
 #ifdef DSORB_CODECS_FILE

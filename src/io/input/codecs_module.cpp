@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/input/codecs_module.h"
+#include "io/input/codecs.h"
 
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/input/dataset.h"
 
+#include "dsorb/error.h"
+
 #include "base/median.h"
 #include "io/input/image_decoder.h"
 #include "io/input/image_source.h"
-#include "io/input/image_store.h"
-#include "io/input/video.h"
 #include "io/text_file.h"
 
 #include <fmt/format.h>
@@ -23,6 +23,9 @@
 #include <vector>
 
 namespace dsorb {
+
+namespace fs = std::filesystem;
+
 namespace {
 
 /// Time of one image, and where it is written.
@@ -31,8 +34,6 @@ struct TimeEntry {
   double exposure_ms = 0;  // 0: not given
   int line = 0;
 };
-
-namespace fs = std::filesystem;
 
 constexpr double kMinExposure = 1e-6;   // [ms]
 constexpr double kMaxExposure = 1e7;    // [ms]
@@ -123,16 +124,11 @@ std::optional<double> secondsOfDate(const std::string& date, const std::string& 
   return ((days * 24 + hour) * 60 + minute) * 60 + second;
 }
 
-double readExposure(const fs::path& file, const TextLine& line, const std::string& word) {
-  const double exposure =
-      parseNumbers(file, line.number, {word}, "an exposure in milliseconds").front();
+double readExposure(const TextLine& line, const std::string& word) {
+  const double exposure = line.numbers({word}, "an exposure in milliseconds").front();
   if (exposure == 0 || (exposure >= kMinExposure && exposure <= kMaxExposure)) return exposure;
-  throw lineError(file,
-                  line.number,
-                  fmt::format("exposure {}; expected 0 (not known) or {:g} to {:g} ms",
-                              word,
-                              kMinExposure,
-                              kMaxExposure));
+  throw line.error(fmt::format(
+      "exposure {}; expected 0 (not known) or {:g} to {:g} ms", word, kMinExposure, kMaxExposure));
 }
 
 /// Lines "id seconds [exposure in ms]" of DSO (the id is not used), "seconds", or "2011-09-26
@@ -145,18 +141,15 @@ std::vector<TimeEntry> readTimes(const fs::path& file) {
     const std::vector<std::string> words = splitWords(line.text);
     if (columns == 0) columns = words.size();
     if (words.empty() || words.size() > 3 || (words.size() == 1) != (columns == 1)) {
-      throw lineError(file,
-                      line.number,
-                      fmt::format("'{}'; expected 'id seconds [exposure_ms]', or the seconds alone "
-                                  "in every line",
-                                  quotable(line.text)));
+      throw line.error(fmt::format(
+          "'{}'; expected 'id seconds [exposure_ms]', or the seconds alone in every line",
+          quotable(line.text)));
     }
     TimeEntry entry{0, 0, line.number};
     const auto date = words.size() == 2 ? secondsOfDate(words[0], words[1]) : std::nullopt;
     const std::string& number = words.size() == 1 ? words[0] : words[1];
-    entry.timestamp =
-        date ? *date : parseNumbers(file, line.number, {number}, "a time in seconds").front();
-    if (words.size() == 3) entry.exposure_ms = readExposure(file, line, words[2]);
+    entry.timestamp = date ? *date : line.numbers({number}, "a time in seconds").front();
+    if (words.size() == 3) entry.exposure_ms = readExposure(line, words[2]);
     entries.push_back(entry);
   }
   return entries;
@@ -228,14 +221,8 @@ void settleUnit(const fs::path& file,
   warnOfGap(file, entries, warnings);
 }
 
-namespace fs = std::filesystem;
-
 constexpr double kDefaultPeriod = 0.1;  // [s] between images without times
 constexpr double kSecondsPerMillisecond = 1e-3;
-
-double readTime(const fs::path& file, const TextLine& line, const std::string& word) {
-  return parseNumbers(file, line.number, {word}, "a time in seconds").front();
-}
 
 /// An exposure of 0 becomes the mean of its neighbours that are known; the one before may be
 /// repaired already. @return seconds; empty where some stay unknown
@@ -322,9 +309,7 @@ ImageList readEurocList(const fs::path& file) {
     const char* end = stamp.data() + stamp.size();
     const auto [rest, error] = std::from_chars(stamp.data(), end, nanoseconds);
     if (name.empty() || error != std::errc() || rest != end) {
-      throw lineError(file,
-                      line.number,
-                      fmt::format("'{}'; expected 'nanoseconds,filename'", quotable(line.text)));
+      throw line.error(fmt::format("'{}'; expected 'nanoseconds,filename'", quotable(line.text)));
     }
     list.files.push_back(file.parent_path() / "data" / name);
     list.times.push_back({secondsFromNanoseconds(nanoseconds), 0, line.number});
@@ -339,23 +324,22 @@ ImageList readTumList(const fs::path& file) {
   for (const TextLine& line : readLines(file, kMaxListBytes)) {
     const std::vector<std::string> words = splitWords(line.text);
     if (words.size() != 2 && words.size() != 4) {
-      throw lineError(file,
-                      line.number,
-                      fmt::format("'{}'; expected 'seconds filename', or that of an image and of "
-                                  "its depth",
-                                  quotable(line.text)));
+      throw line.error(
+          fmt::format("'{}'; expected 'seconds filename', or that of an image and of its depth",
+                      quotable(line.text)));
     }
     const bool second = words.size() == 4 && words[1].find("depth") != std::string::npos;
     const std::size_t place = second ? 2 : 0;
     list.files.push_back(file.parent_path() / words[place + 1]);
-    list.times.push_back({readTime(file, line, words[place]), 0, line.number});
+    list.times.push_back(
+        {line.numbers({words[place]}, "a time in seconds").front(), 0, line.number});
   }
   return list;
 }
 
 Dataset openVideoDataset(const fs::path& file) {
   Dataset dataset;
-  std::unique_ptr<VideoSource> video = openVideo(file);
+  std::unique_ptr<ImageSource> video = openVideo(file);
   dataset.rate = video->rate();
   for (int i = 0; i < video->size(); ++i) {
     dataset.timestamps.push_back(video->begin() + i / video->rate());
@@ -418,6 +402,198 @@ Dataset openDataset(const DatasetLayout& layout) {
     assignTimes(layout.times, readTimes(layout.times), dataset);
   }
   return dataset;
+}
+
+namespace {
+
+/// The file when it exists, else an empty path. What else has its name, a folder or a broken link,
+/// is left to those who read it: they complain.
+fs::path existing(const fs::path& file) {
+  return fs::symlink_status(file).type() == fs::file_type::not_found ? fs::path() : file;
+}
+
+/// Files that lie beside the images.
+DatasetLayout beside(SequenceFormat format,
+                     const fs::path& images,
+                     const fs::path& base,
+                     const char* calibration = "camera.txt") {
+  DatasetLayout layout;
+  layout.format = format;
+  layout.images = images;
+  layout.times = existing(base / "times.txt");
+  layout.calibration = existing((base / calibration).lexically_normal());
+  layout.response = existing(base / "pcalib.txt");
+  layout.vignette = existing(base / "vignette.png");
+  if (fs::is_directory(base / "masks")) layout.masks = base / "masks";
+  return layout;
+}
+
+std::optional<DatasetLayout> findDso(const fs::path& path) {
+  if (fs::is_regular_file(path) && lowerSuffix(path) == ".zip") {
+    return beside(SequenceFormat::kDso, path, path.parent_path());
+  }
+  for (const char* images : {"images", "images.zip"}) {
+    if (fs::exists(path / images)) {
+      return beside(SequenceFormat::kDso, path / images, path);
+    }
+  }
+  const bool image_folder = fs::is_directory(path) && holdsImages(path);
+  if (image_folder && fs::is_regular_file(path.parent_path() / "camera.txt")) {
+    return beside(SequenceFormat::kDso, path, path.parent_path());
+  }
+  return std::nullopt;
+}
+
+/// Number N of a folder image_N, or image_0N of raw data; empty for other names.
+std::optional<int> kittiCamera(const fs::path& folder) {
+  const std::string name = folder.filename().string();
+  for (const std::string_view prefix : {"image_0", "image_"}) {
+    if (name.size() != prefix.size() + 1 || name.compare(0, prefix.size(), prefix) != 0) continue;
+    const int camera = name.back() - '0';
+    if (camera >= 0 && camera <= 3) return camera;
+  }
+  return std::nullopt;
+}
+
+/// The one drive below the folder of a day of KITTI's raw data.
+fs::path onlyDrive(const fs::path& day) {
+  fs::path drive;
+  if (!fs::is_regular_file(day / "calib_cam_to_cam.txt")) return drive;
+  for (const fs::directory_entry& entry : fs::directory_iterator(day)) {
+    if (!entry.is_directory() || entry.path().string().find("_drive_") == std::string::npos)
+      continue;
+    if (!drive.empty()) {
+      throw IoError(fmt::format("{}: several drives, as {} and {}; name one",
+                                day.string(),
+                                drive.filename().string(),
+                                entry.path().filename().string()));
+    }
+    drive = entry.path();
+  }
+  return drive;
+}
+
+/// The folder image_N that is meant by a path; empty where there is none.
+fs::path kittiFolder(const fs::path& path) {
+  if (kittiCamera(path)) return path;
+  if (path.filename() == "data" && kittiCamera(path.parent_path())) return path.parent_path();
+  for (const char* folder : {"image_0", "image_2", "image_1", "image_3"}) {
+    if (fs::is_directory(path / folder)) return path / folder;
+  }
+  for (const char* folder : {"image_00", "image_02", "image_01", "image_03"}) {
+    if (fs::is_directory(path / folder / "data")) return path / folder;
+  }
+  return {};
+}
+
+std::optional<DatasetLayout> findKitti(const fs::path& path) {
+  fs::path folder = kittiFolder(path);
+  if (folder.empty() && fs::is_directory(path)) {
+    const fs::path drive = onlyDrive(path);
+    if (!drive.empty()) folder = kittiFolder(drive);
+  }
+  if (folder.empty()) return std::nullopt;
+  const fs::path base = folder.parent_path();
+  const bool raw = fs::is_directory(folder / "data");
+  if (!raw) return beside(SequenceFormat::kKitti, folder, base, "calib.txt");
+  DatasetLayout layout =
+      beside(SequenceFormat::kKitti, folder / "data", base, "../calib_cam_to_cam.txt");
+  layout.times = existing(folder / "timestamps.txt");
+  return layout;
+}
+
+std::optional<DatasetLayout> findEuroc(const fs::path& path) {
+  for (const fs::path& camera :
+       {path / "mav0" / "cam0", path / "cam0", path, path / "mav0" / "cam1", path / "cam1"}) {
+    if (!fs::is_regular_file(camera / "data.csv") || !fs::is_directory(camera / "data")) continue;
+    return beside(SequenceFormat::kEuroc, camera / "data.csv", camera, "sensor.yaml");
+  }
+  return std::nullopt;
+}
+
+std::optional<DatasetLayout> findTum(const fs::path& path) {
+  for (const char* list : {"rgb.txt", "associations.txt", "association.txt", "associate.txt"}) {
+    if (fs::is_regular_file(path / list)) return beside(SequenceFormat::kTum, path / list, path);
+  }
+  return std::nullopt;
+}
+
+std::optional<DatasetLayout> findImages(const fs::path& path) {
+  if (!fs::is_directory(path) || !holdsImages(path)) return std::nullopt;
+  DatasetLayout layout = beside(SequenceFormat::kImages, path, path);
+  if (layout.times.empty()) layout.times = existing(path.parent_path() / "times.txt");
+  return layout;
+}
+
+/// Calibration and photometry lie beside the file; those of a device or address are named.
+DatasetLayout besideVideo(SequenceFormat format, const fs::path& file) {
+  DatasetLayout layout = beside(format, file, file.parent_path());
+  layout.times.clear();  // the container has them
+  layout.masks.clear();  // are found by the names of image files
+  return layout;
+}
+
+std::optional<DatasetLayout> findVideo(const fs::path& path) {
+  if (!fs::is_regular_file(path) || hasImageSuffix(path)) return std::nullopt;
+  return besideVideo(SequenceFormat::kVideo, path);
+}
+
+struct Finder {
+  SequenceFormat format;
+  std::optional<DatasetLayout> (*find)(const fs::path&);
+  const char* expectation;
+};
+
+// In the order of recognition: from the most particular layout to the least.
+constexpr std::array<Finder, 6> kFinders = {{
+    {SequenceFormat::kEuroc, findEuroc, "EuRoC: mav0/cam0/data.csv and mav0/cam0/data"},
+    {SequenceFormat::kKitti, findKitti, "KITTI: image_0 or image_2, of raw data image_00/data"},
+    {SequenceFormat::kTum, findTum, "TUM RGB-D: rgb.txt or associations.txt"},
+    {SequenceFormat::kDso, findDso, "DSO: images or images.zip"},
+    {SequenceFormat::kImages, findImages, "a folder of images"},
+    {SequenceFormat::kVideo, findVideo, "a video file"},
+}};
+
+/// Files that people name, and what to do with them.
+void refuseWhatIsNoSequence(const fs::path& path, const fs::path& clean) {
+  std::error_code error;
+  if (!fs::is_regular_file(clean, error)) return;
+  const std::string suffix = lowerSuffix(clean);
+  if (hasImageSuffix(clean)) {
+    throw IoError(fmt::format("{}: one image; expected a folder of images", path.string()));
+  }
+  if (suffix == ".bag" || suffix == ".mcap" || suffix == ".db3") {
+    throw IoError(
+        fmt::format("{}: a ROS bag, which `dsorb run` of the Python package reads", path.string()));
+  }
+}
+
+}  // namespace
+
+DatasetLayout findDataset(const fs::path& path, SequenceFormat format) {
+  std::error_code error;
+  const bool auto_camera = format == SequenceFormat::kAuto && isCameraAddress(path.string());
+  if (auto_camera || format == SequenceFormat::kCamera) {
+    if (fs::is_regular_file(path, error)) return besideVideo(SequenceFormat::kCamera, path);
+    DatasetLayout layout;
+    layout.format = SequenceFormat::kCamera;
+    layout.images = path;
+    return layout;
+  }
+  if (!fs::exists(path, error)) {
+    throw IoError(fmt::format("{}: no such file or folder", path.string()));
+  }
+  // Without "." and trailing slashes, so that the parent folder is the one meant.
+  fs::path clean = fs::absolute(path).lexically_normal();
+  if (!clean.has_filename()) clean = clean.parent_path();
+  refuseWhatIsNoSequence(path, clean);
+  std::string expected;
+  for (const Finder& finder : kFinders) {
+    if (format != SequenceFormat::kAuto && format != finder.format) continue;
+    if (auto layout = finder.find(clean)) return *layout;
+    expected += (expected.empty() ? "" : "; ") + std::string(finder.expectation);
+  }
+  throw IoError(fmt::format("{}: no data set; expected {}", path.string(), expected));
 }
 
 }  // namespace dsorb

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/input/codecs_module.h"
+#include "io/input/codecs.h"
 
 extern "C" {
 #include <libavcodec/avcodec.h>
@@ -32,23 +32,14 @@ constexpr std::chrono::milliseconds kAddressPatience(10000);
 constexpr std::chrono::milliseconds kReadingPatience(5000);  // for an image
 
 /// What FFmpeg would show of texts, single images and lists of other files is no video of ours.
-constexpr std::array<std::string_view, 11> kNoVideos = {"tty",
-                                                        "concat",
-                                                        "hls",
-                                                        "dash",
-                                                        "image2",
-                                                        "image2pipe",
-                                                        "webm_dash_manifest",
-                                                        "sdp",
-                                                        "imf",
-                                                        "ffmetadata",
-                                                        "lavfi"};
+constexpr std::string_view kNoVideos =
+    " tty concat hls dash image2 image2pipe webm_dash_manifest sdp imf ffmetadata lavfi ";
 
-bool isNoVideo(std::string_view demuxer) {
+bool isNoVideo(const std::string& demuxer) {
   constexpr std::string_view kPipe = "_pipe";  // of single images
-  const bool image =
-      demuxer.size() > kPipe.size() && demuxer.substr(demuxer.size() - kPipe.size()) == kPipe;
-  return image || std::find(begin(kNoVideos), end(kNoVideos), demuxer) != end(kNoVideos);
+  const bool image = demuxer.size() > kPipe.size() &&
+                     demuxer.compare(demuxer.size() - kPipe.size(), kPipe.size(), kPipe) == 0;
+  return image || kNoVideos.find(" " + demuxer + " ") != std::string_view::npos;
 }
 
 struct Free {

@@ -43,12 +43,12 @@ Gyroscope::Gyroscope(const std::filesystem::path& file, const Eigen::Matrix3d& R
     if (samples_.empty() && std::isalpha(static_cast<unsigned char>(words.front().front())) != 0) {
       continue;
     }
-    if (words.size() < kColumns) throw lineError(file, line.number, "expected " + expected);
+    if (words.size() < kColumns) throw line.error("expected " + expected);
     words.resize(kColumns);
-    const std::vector<double> n = parseNumbers(file, line.number, words, expected);
+    const std::vector<double> n = line.numbers(words, expected);
     const double time = n[0] > kNanoseconds ? n[0] * 1e-9 : n[0];
     if (!samples_.empty() && !(time > samples_.back().time)) {
-      throw lineError(file, line.number, "its time is not after that of the line before");
+      throw line.error("its time is not after that of the line before");
     }
     samples_.push_back({time, R_cam_gyro * Eigen::Vector3d(n[1], n[2], n[3])});
   }

@@ -4,8 +4,8 @@
 #include "dsorb/error.h"
 
 #include "io/input/codecs.h"
-#include "io/input/image_header.h"
 #include "io/png.h"
+#include "io/text_file.h"
 
 #include <fmt/format.h>
 #include <jerror.h>
@@ -19,6 +19,8 @@
 #include <cstdint>
 #include <cstdio>
 #include <fstream>
+#include <limits>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -26,6 +28,9 @@
 namespace dsorb {
 namespace {
 
+using namespace std::string_view_literals;
+
+constexpr std::string_view kJpeg = "\xFF\xD8\xFF"sv;
 constexpr int kHarmlessBytes = 16;  // between two markers: some cameras pad with a few
 constexpr int kMostScans = 100;     // of a progressive file; encoders make ten or so
 
@@ -122,11 +127,6 @@ bool readJpegRows(Decompressor& d, std::uint8_t* pixels, std::size_t row_bytes) 
   return true;
 }
 
-/// Whether the bytes begin as those of a JPEG.
-bool isJpeg(const std::vector<std::uint8_t>& bytes) {
-  return bytes.size() >= 3 && bytes[0] == 0xFF && bytes[1] == 0xD8 && bytes[2] == 0xFF;
-}
-
 /// Decodes a JPEG to one grey channel of 8 bits. The same pixels as OpenCV's, but OpenCV fills what
 /// is missing of a truncated or damaged file with grey and says so nowhere.
 /// @param name of the file, for messages
@@ -141,7 +141,7 @@ cv::Mat decodeJpeg(const std::vector<std::uint8_t>& bytes, const std::string& na
     const auto width = static_cast<int>(d.jpeg.image_width);
     const auto height = static_cast<int>(d.jpeg.image_height);
     if (std::int64_t{width} * height > kMaxPixels) {
-      throw IoError(fmt::format("{}: {}x{} px are too many", name, width, height));
+      throw IoError(name + ": " + pixelText(width, height) + " are too many");
     }
     image.create(grey ? height : 1, width, grey ? CV_8UC1 : CV_8UC4);
     done = readJpegRows(d, image.data, grey ? image.step[0] : 0);
@@ -156,47 +156,120 @@ cv::Mat decodeJpeg(const std::vector<std::uint8_t>& bytes, const std::string& na
 constexpr std::array<std::string_view, 10> kImageSuffixes = {
     ".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".pnm", ".bmp", ".tif", ".tiff", ".webp"};
 
-bool startsWith(const std::vector<std::uint8_t>& bytes, std::string_view magic) {
-  return bytes.size() >= magic.size() &&
-         std::equal(magic.begin(), magic.end(), bytes.begin(), [](char m, std::uint8_t b) {
-           return static_cast<std::uint8_t>(m) == b;
-         });
+/// Bytes with positions that need not exist: there they are 0.
+struct Bytes {
+  const std::vector<std::uint8_t>& data;
+
+  [[nodiscard]] std::uint32_t at(std::size_t i) const { return i < data.size() ? data[i] : 0; }
+  [[nodiscard]] std::uint32_t big(std::size_t i, int count) const {
+    std::uint32_t value = 0;
+    for (int k = 0; k < count; ++k) value = value << 8U | at(i + static_cast<std::size_t>(k));
+    return value;
+  }
+  [[nodiscard]] std::uint32_t little(std::size_t i, int count) const {
+    std::uint32_t value = 0;
+    for (int k = count; k-- > 0;) value = value << 8U | at(i + static_cast<std::size_t>(k));
+    return value;
+  }
+  [[nodiscard]] std::uint32_t number(std::size_t i, int count, bool is_big) const {
+    return is_big ? big(i, count) : little(i, count);
+  }
+  [[nodiscard]] bool has(std::string_view text, std::size_t i = 0) const {
+    if (data.size() < i + text.size()) return false;
+    for (std::size_t k = 0; k < text.size(); ++k) {
+      if (data[i + k] != static_cast<std::uint8_t>(text[k])) return false;
+    }
+    return true;
+  }
+};
+
+std::optional<cv::Size> sizeOf(std::uint32_t width, std::uint32_t height) {
+  constexpr std::uint32_t kMost = std::numeric_limits<int>::max();
+  if (width == 0 || height == 0 || width > kMost || height > kMost) return std::nullopt;
+  return cv::Size(static_cast<int>(width), static_cast<int>(height));
+}
+
+/// Segments FF xx length, until one of the frame headers C0 to CF that are none of DHT, JPG, DAC.
+std::optional<cv::Size> jpegSize(const Bytes& b) {
+  for (std::size_t i = 2; i + 9 < b.data.size();) {
+    if (b.at(i) != 0xFF) return std::nullopt;
+    const std::uint32_t marker = b.at(i + 1);
+    if (marker == 0xFF) {  // padding
+      ++i;
+      continue;
+    }
+    const bool frame =
+        (marker & 0xF0U) == 0xC0 && marker != 0xC4 && marker != 0xC8 && marker != 0xCC;
+    if (frame) return sizeOf(b.big(i + 7, 2), b.big(i + 5, 2));
+    if (marker == 0xDA || marker == 0xD9) return std::nullopt;
+    i += 2 + b.big(i + 2, 2);
+  }
+  return std::nullopt;
+}
+
+bool isPnm(const Bytes& b) {
+  return b.at(0) == 'P' && b.at(1) >= '1' && b.at(1) <= '6' &&
+         std::isspace(static_cast<int>(b.at(2))) != 0;
+}
+
+/// Header of a PNM: "P5 width height maximum", comments between.
+struct PnmHeader {
+  std::array<std::uint32_t, 3> numbers{};
+  std::size_t end = 2;  ///< behind the last of them
+};
+
+PnmHeader pnmHeader(const Bytes& b) {
+  PnmHeader header;
+  std::size_t& i = header.end;
+  for (std::uint32_t& number : header.numbers) {
+    while (i < b.data.size() && std::isdigit(b.data[i]) == 0) {
+      const bool comment = b.data[i++] == '#';
+      while (comment && i < b.data.size() && b.data[i] != '\n') ++i;
+    }
+    constexpr std::uint32_t kTooLarge = 100000000;
+    while (std::isdigit(static_cast<int>(b.at(i))) != 0 && number < kTooLarge) {
+      number = 10 * number + (b.at(i++) - '0');
+    }
+  }
+  return header;
+}
+
+/// Whether a binary PGM or PPM holds the pixels its header announces, behind one more white space.
+bool isCompletePnm(const Bytes& b) {
+  const auto [numbers, end] = pnmHeader(b);
+  const std::uint64_t values = std::uint64_t{numbers[0]} * numbers[1] * (b.has("P6") ? 3U : 1U);
+  return end + 1 + values * (numbers[2] > 255 ? 2U : 1U) <= b.data.size();
+}
+
+/// The entries 256 and 257 of the first directory.
+std::optional<cv::Size> tiffSize(const Bytes& b) {
+  const bool big = b.at(0) == 'M';
+  const std::size_t directory = b.number(4, 4, big);
+  const std::uint32_t entries = b.number(directory, 2, big);
+  std::array<std::uint32_t, 2> numbers{};
+  for (std::uint32_t k = 0; k < entries; ++k) {
+    const std::size_t entry = directory + 2 + std::size_t{12} * k;
+    if (entry >= b.data.size()) break;
+    const std::uint32_t tag = b.number(entry, 2, big);
+    const int bytes = b.number(entry + 2, 2, big) == 3 ? 2 : 4;  // SHORT or LONG
+    if (tag == 256 || tag == 257) numbers.at(tag - 256) = b.number(entry + 8, bytes, big);
+  }
+  return sizeOf(numbers[0], numbers[1]);
+}
+
+std::optional<cv::Size> webpSize(const Bytes& b) {
+  if (b.has("VP8X", 12)) return sizeOf(1 + b.little(24, 3), 1 + b.little(27, 3));
+  if (b.has("VP8 ", 12)) return sizeOf(b.little(26, 2) & 0x3FFFU, b.little(28, 2) & 0x3FFFU);
+  if (!b.has("VP8L", 12)) return std::nullopt;
+  const std::uint32_t bits = b.little(21, 4);
+  return sizeOf(1 + (bits & 0x3FFFU), 1 + (bits >> 14U & 0x3FFFU));
 }
 
 /// Whether OpenCV is asked to decode this: PNM, BMP, TIFF, WebP, and what libjpeg does not convert.
 /// The rest it would hand to GDAL, and to GDCM, which aborts over a damaged DICOM file.
-bool isLeftToOpenCv(const std::vector<std::uint8_t>& bytes) {
-  using namespace std::string_view_literals;
-  if (startsWith(bytes, "P")) {
-    return bytes.size() > 2 && bytes[1] >= '1' && bytes[1] <= '6' && std::isspace(bytes[2]) != 0;
-  }
-  return isJpeg(bytes) || startsWith(bytes, "BM") || startsWith(bytes, "II*\0"sv) ||
-         startsWith(bytes, "MM\0*"sv) || startsWith(bytes, "RIFF");
-}
-
-/// Whether a binary PGM or PPM holds the pixels its header announces: "P5 width height maximum"
-/// and one more white space.
-bool completePnm(const std::vector<std::uint8_t>& bytes, std::size_t channels) {
-  std::array<std::size_t, 3> header{};
-  std::size_t at = 2;
-  for (std::size_t& number : header) {
-    while (at < bytes.size() && std::isdigit(bytes[at]) == 0) {
-      const bool comment = bytes[at++] == '#';
-      while (comment && at < bytes.size() && bytes[at] != '\n') ++at;
-    }
-    constexpr std::size_t kTooLarge = 1000000;
-    while (at < bytes.size() && std::isdigit(bytes[at]) != 0 && number < kTooLarge) {
-      number = 10 * number + (bytes[at++] - std::size_t{'0'});
-    }
-  }
-  const std::size_t bytes_per_value = header[2] > 255 ? 2 : 1;
-  return at + 1 + header[0] * header[1] * channels * bytes_per_value <= bytes.size();
-}
-
-bool complete(const std::vector<std::uint8_t>& bytes) {
-  if (startsWith(bytes, "P5")) return completePnm(bytes, 1);
-  if (startsWith(bytes, "P6")) return completePnm(bytes, 3);
-  return !bytes.empty();
+bool isLeftToOpenCv(const Bytes& b) {
+  return isPnm(b) || b.has(kJpeg) || b.has("BM") || b.has("II*\0"sv) || b.has("MM\0*"sv) ||
+         b.has("RIFF");
 }
 
 }  // namespace
@@ -218,20 +291,33 @@ std::vector<std::uint8_t> readFile(const std::filesystem::path& file) {
   return bytes;
 }
 
+std::optional<cv::Size> sizeInHeader(const std::vector<std::uint8_t>& bytes) {
+  const Bytes b{bytes};
+  if (b.has("\x89PNG"sv)) return sizeOf(b.big(16, 4), b.big(20, 4));
+  if (b.has(kJpeg)) return jpegSize(b);
+  if (b.has("BM")) return sizeOf(b.little(18, 4), std::min(b.little(22, 4), 0U - b.little(22, 4)));
+  if (b.has("II*\0"sv) || b.has("MM\0*"sv)) return tiffSize(b);
+  if (b.has("RIFF") && b.has("WEBP", 8)) return webpSize(b);
+  if (isPnm(b)) return sizeOf(pnmHeader(b).numbers[0], pnmHeader(b).numbers[1]);
+  return std::nullopt;
+}
+
 cv::Mat decodeGrey(const std::vector<std::uint8_t>& bytes, const std::string& name) {
-  if (!complete(bytes)) throw IoError(fmt::format("{}: the image is truncated", name));
+  const Bytes b{bytes};
+  const bool binary_pnm = b.has("P5") || b.has("P6");
+  if (bytes.empty() || (binary_pnm && !isCompletePnm(b)))
+    throw IoError(fmt::format("{}: the image is truncated", name));
   const std::optional<cv::Size> size = sizeInHeader(bytes);
   if (size && std::int64_t{size->width} * size->height > kMaxPixels) {
-    throw IoError(fmt::format("{}: {}x{} px; expected {} megapixels at most",
+    throw IoError(fmt::format("{}: {}; expected {} megapixels at most",
                               name,
-                              size->width,
-                              size->height,
+                              pixelText(size->width, size->height),
                               kMaxPixels >> 20U));
   }
   if (isPng(bytes)) return decodePng(bytes, name);
   cv::Mat image;
-  if (isJpeg(bytes)) image = decodeJpeg(bytes, name);
-  if (image.empty() && size && isLeftToOpenCv(bytes)) image = decodeByOpenCv(bytes);
+  if (b.has(kJpeg)) image = decodeJpeg(bytes, name);
+  if (image.empty() && size && isLeftToOpenCv(b)) image = decodeByOpenCv(bytes);
   if (image.empty()) {
     throw IoError(fmt::format(
         "{}: the image cannot be decoded; expected PNG, JPEG, PNM, BMP, TIFF or WebP", name));

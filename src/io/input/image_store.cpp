@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/input/image_store.h"
-
 #include "dsorb/error.h"
 
 #include "io/input/image_decoder.h"
-#include "io/input/image_header.h"
+#include "io/input/image_source.h"
+#include "io/text_file.h"
 
 #include <fmt/format.h>
 #include <zip.h>
@@ -117,77 +116,72 @@ std::vector<std::string> takeAccessories(const std::vector<fs::path>& others,
   return accessories;
 }
 
-class ImageFiles : public ImageStore {
- public:
-  explicit ImageFiles(std::vector<std::string> names) : ImageStore(std::move(names)) {}
-  [[nodiscard]] std::vector<std::uint8_t> read(int index) override { return readFile(name(index)); }
-};
-
 struct CloseArchive {
-  void operator()(zip_t* archive) const { zip_discard(archive); }
+  void operator()(zip_t* archive) const {
+    if (archive != nullptr) zip_discard(archive);
+  }
 };
 struct CloseEntry {
   void operator()(zip_file_t* entry) const { zip_fclose(entry); }
 };
-using Archive = std::unique_ptr<zip_t, CloseArchive>;
 
+/// The images in the order of their names, without what is none of the sequence.
+/// @param left_out files that are left out beside these
+std::unique_ptr<ImageStore> inOrder(std::vector<std::string> names,
+                                    const std::vector<fs::path>& others,
+                                    const std::vector<std::string>& left_out,
+                                    ImageStore::Read read) {
+  std::vector<std::string> accessories = takeAccessories(others, names);
+  accessories.insert(accessories.end(), left_out.begin(), left_out.end());
+  std::sort(names.begin(), names.end(), comesBefore);
+  return std::make_unique<ImageStore>(std::move(names), std::move(accessories), std::move(read));
+}
+
+/// An image of an archive.
 struct ArchiveEntry {
   zip_uint64_t position;
   zip_uint64_t bytes;
 };
-using ArchiveEntries = std::map<std::string, ArchiveEntry>;
 
-class ZippedImages : public ImageStore {
- public:
-  ZippedImages(Archive archive, std::vector<std::string> names, ArchiveEntries entries)
-      : ImageStore(std::move(names)), archive_(std::move(archive)), entries_(std::move(entries)) {}
+/// A few bytes of an archive can claim to be many: what their beginning says of the image bounds
+/// them. @param bytes the first block
+void refuseImplausible(const std::vector<std::uint8_t>& bytes,
+                       zip_uint64_t claimed,
+                       const std::string& name) {
+  const cv::Size size = sizeInHeader(bytes).value_or(cv::Size());
+  const auto pixels = static_cast<zip_uint64_t>(std::int64_t{size.width} * size.height);
+  if (claimed <= kMostBytesPerPixel * pixels + kMostBytesBesidePixels) return;
+  throw IoError(fmt::format("{}: {} MiB in the archive are too many for an image of {}",
+                            name,
+                            claimed >> 20U,
+                            pixelText(size.width, size.height)));
+}
 
-  [[nodiscard]] std::vector<std::uint8_t> read(int index) override {
-    const ArchiveEntry& entry = entries_.at(name(index));
-    if (entry.bytes > kMaxImageBytes) {
-      throw IoError(
-          fmt::format("{}: {} MiB are too many for an image", name(index), entry.bytes >> 20U));
-    }
-    const std::unique_ptr<zip_file_t, CloseEntry> file(
-        zip_fopen_index(archive_.get(), entry.position, 0));
-    // The blocks double, because what an entry claims to hold may not be there.
-    std::vector<std::uint8_t> bytes;
-    for (zip_uint64_t done = 0; file && done < entry.bytes;) {
-      bytes.resize(std::min(entry.bytes, std::max(2 * done, kFirstBlock)));
-      const zip_int64_t count = zip_fread(file.get(), bytes.data() + done, bytes.size() - done);
-      if (count <= 0) break;
-      if (done == 0) refuseImplausible(bytes, entry.bytes, name(index));
-      done += static_cast<zip_uint64_t>(count);
-      if (done == entry.bytes) return bytes;
-    }
-    throw IoError(fmt::format("{}: cannot be read from the archive", name(index)));
+std::vector<std::uint8_t> readEntry(zip_t* archive,
+                                    const ArchiveEntry& entry,
+                                    const std::string& name) {
+  if (entry.bytes > kMaxImageBytes) {
+    throw IoError(fmt::format("{}: {} MiB are too many for an image", name, entry.bytes >> 20U));
   }
-
- private:
-  /// A few bytes of an archive can claim to be many: what their beginning says of the image bounds
-  /// them. @param bytes the first block
-  static void refuseImplausible(const std::vector<std::uint8_t>& bytes,
-                                zip_uint64_t claimed,
-                                const std::string& name) {
-    const cv::Size size = sizeInHeader(bytes).value_or(cv::Size());
-    const auto pixels = static_cast<zip_uint64_t>(std::int64_t{size.width} * size.height);
-    if (claimed <= kMostBytesPerPixel * pixels + kMostBytesBesidePixels) return;
-    throw IoError(fmt::format("{}: {} MiB in the archive are too many for an image of {}x{} px",
-                              name,
-                              claimed >> 20U,
-                              size.width,
-                              size.height));
+  const std::unique_ptr<zip_file_t, CloseEntry> file(zip_fopen_index(archive, entry.position, 0));
+  // The blocks double, because what an entry claims to hold may not be there.
+  std::vector<std::uint8_t> bytes;
+  for (zip_uint64_t done = 0; file && done < entry.bytes;) {
+    bytes.resize(std::min(entry.bytes, std::max(2 * done, kFirstBlock)));
+    const zip_int64_t count = zip_fread(file.get(), bytes.data() + done, bytes.size() - done);
+    if (count <= 0) break;
+    if (done == 0) refuseImplausible(bytes, entry.bytes, name);
+    done += static_cast<zip_uint64_t>(count);
+    if (done == entry.bytes) return bytes;
   }
-
-  Archive archive_;
-  ArchiveEntries entries_;
-};
+  throw IoError(fmt::format("{}: cannot be read from the archive", name));
+}
 
 std::unique_ptr<ImageStore> openArchive(const fs::path& path) {
   int code = 0;
-  Archive archive(zip_open(path.c_str(), ZIP_RDONLY, &code));
+  const std::shared_ptr<zip_t> archive(zip_open(path.c_str(), ZIP_RDONLY, &code), CloseArchive());
   if (!archive) throw IoError(fmt::format("{}: no readable zip archive", path.string()));
-  ArchiveEntries entries;
+  std::map<std::string, ArchiveEntry> entries;
   std::vector<std::string> names;
   std::vector<std::string> unread;
   const zip_int64_t count = zip_get_num_entries(archive.get(), 0);
@@ -204,13 +198,9 @@ std::unique_ptr<ImageStore> openArchive(const fs::path& path) {
       unread.push_back(name);
     }
   }
-  std::vector<std::string> left_out = takeAccessories({}, names);
-  left_out.insert(left_out.end(), unread.begin(), unread.end());
-  std::sort(names.begin(), names.end(), comesBefore);
-  auto images =
-      std::make_unique<ZippedImages>(std::move(archive), std::move(names), std::move(entries));
-  images->setLeftOut(std::move(left_out));
-  return images;
+  return inOrder(std::move(names), {}, unread, [archive, entries](const std::string& name) {
+    return readEntry(archive.get(), entries.at(name), name);
+  });
 }
 
 fs::directory_iterator contents(const fs::path& folder) {
@@ -228,22 +218,16 @@ std::unique_ptr<ImageStore> openFolder(const fs::path& folder,
   for (const fs::directory_entry& entry : contents(folder)) {
     if (isImage(entry.path()) && entry.is_regular_file()) names.push_back(entry.path().string());
   }
-  std::vector<std::string> left_out = takeAccessories(others, names);
-  std::sort(names.begin(), names.end(), comesBefore);
-  auto images = std::make_unique<ImageFiles>(std::move(names));
-  images->setLeftOut(std::move(left_out));
-  return images;
+  return inOrder(std::move(names), others, {}, readFile);
 }
 
 }  // namespace
 
 IoError wrongSize(const std::string& name, cv::Size size, cv::Size expected) {
-  return IoError(fmt::format("{}: {}x{} px; expected {}x{} as calibrated",
+  return IoError(fmt::format("{}: {}; expected {} as calibrated",
                              name,
-                             size.width,
-                             size.height,
-                             expected.width,
-                             expected.height));
+                             pixelText(size.width, size.height),
+                             pixelText(expected.width, expected.height)));
 }
 
 std::optional<SourceImage> ImageStore::image(int index) {
@@ -259,7 +243,8 @@ std::unique_ptr<ImageStore> openImageList(const std::vector<fs::path>& files) {
   std::vector<std::string> names;
   names.reserve(files.size());
   for (const fs::path& file : files) names.push_back(file.string());
-  return std::make_unique<ImageFiles>(std::move(names));
+  return std::make_unique<ImageStore>(
+      std::move(names), std::vector<std::string>(), ImageStore::Read(readFile));
 }
 
 std::unique_ptr<ImageStore> openImageStore(const fs::path& path,

@@ -68,27 +68,20 @@ constexpr int kBarMargin = 8;     // [px] a block of JPEG or H.264
 
 /// Whether a line of the image looks as a bar does.
 /// @param low,high of the lines before it, widened by this one
-bool isBlack(const cv::Mat& line, int& low, int& high) {
-  const auto widen = [&](int grey) {
-    low = std::min(low, grey);
-    high = std::max(high, grey);
-    return high <= kBlack && high - low <= kEven;
-  };
-  for (int y = 0; y < line.rows; ++y) {
-    const uchar* row = line.ptr(y);
-    const int values = line.cols * line.channels();
-    for (int i = 0; i < values; ++i) {
-      if (!widen(row[i])) return false;
-    }
-  }
-  return true;
+bool isBlack(const cv::Mat& line, double& low, double& high) {
+  double least = 0;
+  double most = 0;
+  cv::minMaxLoc(line.reshape(1), &least, &most);
+  low = std::min(low, least);
+  high = std::max(high, most);
+  return high <= kBlack && high - low <= kEven;
 }
 
 /// Black lines from one side on. @param line gives the i-th one from there
 template <typename Line>
 int blackLines(int count, const Line& line) {
-  int low = kBlack;
-  int high = 0;
+  double low = kBlack;
+  double high = 0;
   int i = 0;
   while (i < count && isBlack(line(i), low, high)) ++i;
   return i;

@@ -5,13 +5,13 @@
 
 #include "io/input/image_source.h"
 
+#include <tbb/concurrent_queue.h>
+
 #include <algorithm>
-#include <condition_variable>
+#include <atomic>
 #include <cstddef>
-#include <deque>
 #include <exception>
 #include <functional>
-#include <mutex>
 #include <optional>
 #include <thread>
 #include <utility>
@@ -56,19 +56,17 @@ Playlist selectLive(const SequenceOptions& options);
 template <typename Item>
 class PrefetchQueue {
  public:
-  /// @param depth items that wait at most; 0: no thread, items are made when asked for
+  /// @param depth items that are made ahead at most; 0: no thread, items are made when asked for
   PrefetchQueue(std::size_t count, int depth, std::function<std::optional<Item>(std::size_t)> make)
-      : count_(count),
-        depth_(depth > 0 ? static_cast<std::size_t>(depth) : 0),
-        make_(std::move(make)) {
-    if (depth_ > 0) worker_ = std::thread([this] { work(); });
+      : count_(count), make_(std::move(make)) {
+    if (depth <= 0) return;
+    made_.set_capacity(std::max(1, depth - 1));  // and one that waits for its place
+    worker_ = std::thread([this] { work(); });
   }
   ~PrefetchQueue() {
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      stopped_ = true;
+    stopped_ = true;
+    for (Entry entry; made_.try_pop(entry);) {
     }
-    changed_.notify_all();
     if (worker_.joinable()) worker_.join();
   }
   PrefetchQueue(const PrefetchQueue&) = delete;
@@ -77,22 +75,20 @@ class PrefetchQueue {
   /// Leaves out the next items; those not yet begun are never made.
   void skip(std::size_t items) {
     delivered_ += std::min(items, count_ - delivered_);
-    if (depth_ == 0) return;
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      wanted_ = delivered_;
-      while (!entries_.empty() && entries_.front().position < wanted_ && entries_.front().item) {
-        entries_.pop_front();
-      }
-    }
-    changed_.notify_all();
+    wanted_ = delivered_;
   }
 
   /// @return the next item; empty after the last one or after an exception
   std::optional<Item> next() {
     if (delivered_ == count_) return std::nullopt;
-    Entry entry = depth_ > 0 ? take() : makeEntry(delivered_);
-    while (entry.position < delivered_ && entry.item) entry = take();  // begun before a skip
+    Entry entry;
+    do {
+      if (worker_.joinable()) {
+        made_.pop(entry);
+      } else {
+        entry = makeEntry(delivered_);
+      }
+    } while (entry.position < delivered_ && entry.item);  // begun before a skip
     if (!entry.item) delivered_ = count_;
     if (entry.error) std::rethrow_exception(entry.error);
     if (!entry.item) return std::nullopt;
@@ -118,46 +114,23 @@ class PrefetchQueue {
     return entry;
   }
 
-  Entry take() {
-    std::unique_lock<std::mutex> lock(mutex_);
-    changed_.wait(lock, [this] { return !entries_.empty(); });
-    Entry entry = std::move(entries_.front());
-    entries_.pop_front();
-    lock.unlock();
-    changed_.notify_all();
-    return entry;
-  }
-
   void work() {
-    for (std::size_t position = 0;; ++position) {
-      {
-        std::unique_lock<std::mutex> lock(mutex_);
-        changed_.wait(lock, [this] { return stopped_ || entries_.size() < depth_; });
-        if (stopped_) return;
-        position = std::max(position, wanted_);
-      }
+    bool ended = false;
+    for (std::size_t position = 0; !ended && !stopped_; ++position) {
+      position = std::max(position, wanted_.load());
       if (position >= count_) return;
       Entry entry = makeEntry(position);
-      const bool ended = !entry.item;
-      {
-        const std::lock_guard<std::mutex> lock(mutex_);
-        entries_.push_back(std::move(entry));
-      }
-      changed_.notify_all();
-      if (ended) return;
+      ended = !entry.item;
+      made_.push(std::move(entry));
     }
   }
 
   const std::size_t count_;
-  const std::size_t depth_;
   const std::function<std::optional<Item>(std::size_t)> make_;
   std::size_t delivered_ = 0;  // of the consumer's thread alone
-
-  std::mutex mutex_;
-  std::condition_variable changed_;
-  std::deque<Entry> entries_;
-  std::size_t wanted_ = 0;  // items before are skipped
-  bool stopped_ = false;
+  tbb::concurrent_bounded_queue<Entry> made_;
+  std::atomic<std::size_t> wanted_ = 0;  // items before are skipped
+  std::atomic<bool> stopped_ = false;
   std::thread worker_;
 };
 

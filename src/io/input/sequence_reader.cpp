@@ -4,17 +4,21 @@
 #include "dsorb/camera/rectifier.h"
 #include "dsorb/error.h"
 #include "dsorb/image/frame_priors.h"
+#include "dsorb/io/calibration_reader.h"
 
+#include "camera/lens_models.h"
+#include "camera/photometric_correction.h"
 #include "io/input/dataset.h"
 #include "io/input/gyroscope.h"
 #include "io/input/image_decoder.h"
 #include "io/input/pixel_patterns.h"
 #include "io/input/playlist.h"
-#include "io/input/sequence_calibration.h"
+#include "io/text_file.h"
 
 #include <fmt/format.h>
 #include <opencv2/core.hpp>
 #include <opencv2/core/mat.hpp>
+#include <opencv2/core/types.hpp>
 
 #include <algorithm>
 #include <chrono>
@@ -34,6 +38,206 @@ namespace fs = std::filesystem;
 
 namespace {
 
+/// What a sequence is rectified with.
+struct SequenceCalibration {
+  Rectifier rectifier;
+  Lens lens;
+  BrightnessModel brightness;
+  std::vector<std::string> warnings;  ///< one sentence each
+};
+
+std::string orDefault(const std::string& given, const fs::path& found) {
+  return given.empty() ? found.string() : given;
+}
+
+/// Whether the lens is a guess: by a field of view, or because nothing is known of it.
+bool isGuess(const SequenceOptions& options, const DatasetLayout& layout) {
+  return options.horizontal_view > 0 ||
+         orDefault(options.calibration_file, layout.calibration).empty();
+}
+
+/// Decides where no mode is asked for, and checks that what is asked for is there.
+BrightnessModel brightnessModel(const SequenceOptions& options,
+                                const std::string& response,
+                                const std::string& vignette,
+                                std::vector<std::string>& warnings) {
+  const std::optional<BrightnessModel> wanted = options.brightness;
+  if (wanted && *wanted != BrightnessModel::kCalibrated) return *wanted;
+  if (!response.empty() && !vignette.empty()) return BrightnessModel::kCalibrated;
+  const std::string missing =
+      fmt::format("photometric calibration needs a response and a vignette, but there is no {}",
+                  response.empty() ? "response (pcalib.txt)" : "vignette (vignette.png)");
+  if (wanted) {
+    throw ConfigError(missing + "; give it, or choose the mode uncalibrated or perfect");
+  }
+  for (const std::string& alone : {options.response_file, options.vignette_file}) {
+    if (alone.empty()) continue;
+    if (!fs::exists(alone)) throw IoError(alone + ": cannot be read");
+    warnings.push_back(fmt::format("{}: not used; {}", alone, missing));
+  }
+  return BrightnessModel::kUncalibrated;
+}
+
+/// Lens and rectification, and where they come from.
+struct Geometry {
+  Calibration calibration;
+  std::string source;
+};
+
+Geometry geometryOf(const Lens& lens, const std::string& source) {
+  Geometry geometry;
+  geometry.calibration.lens = lens;
+  if (!isDistorted(lens)) geometry.calibration.rectification.mode = RectificationMode::kNone;
+  geometry.source = source;
+  return geometry;
+}
+
+Geometry readGeometry(const SequenceOptions& options,
+                      const DatasetLayout& layout,
+                      const SourceImage& first) {
+  const cv::Size size = first.pixels.size();
+  if (options.lens) return geometryOf(*options.lens, "lens");
+  if (isGuess(options, layout)) {
+    const bool stated = options.horizontal_view > 0;
+    if (!options.calibration_file.empty() || !options.camera.empty()) {
+      throw ConfigError(stated
+                            ? "a calibration file or a camera of one, and a field of view are "
+                              "given; expected one of them"
+                            : "--camera " + options.camera + ": there is no calibration with it");
+    }
+    if (size.empty()) {
+      throw IoError(fmt::format("{}: the first image cannot be read", options.path));
+    }
+    Lens lens = stated ? lensOfFieldOfView(options.horizontal_view, size.width, size.height)
+                       : unknownLens(size.width, size.height);
+    lens.fy *= first.pixel_aspect;
+    return geometryOf(lens, stated ? "field of view" : "unknown camera");
+  }
+  const std::string file = orDefault(options.calibration_file, layout.calibration);
+  const CameraChoice choice{options.camera, layout.images, size.width, size.height};
+  return {readCalibration(file, choice), file};
+}
+
+/// Width that images get; 0: as the calibration says.
+int outputWidth(const SequenceOptions& options, const Lens& lens) {
+  const bool calibrated = !options.lens && lens.focal_sigma == 0;
+  const int side = std::max(lens.width, lens.height);
+  if (options.width >= 0 || calibrated || side <= kMostGuessedSide) return options.width;
+  return lens.width * kMostGuessedSide / side;
+}
+
+bool isUpright(double width, double height) {
+  return height > width;
+}
+
+/// How far the calibration must be turned with the images, which the sensor has otherwise: not at
+/// all where it has the shape of images that were turned to the side.
+int turnOf(const SequenceOptions& options, const SourceImage& first, const Lens& lens) {
+  if (first.pixels.empty() || options.lens || lens.focal_sigma > 0) return 0;
+  const bool upright =
+      lens.width > 0 ? isUpright(lens.width, lens.height) : isUpright(lens.cx, lens.cy);
+  const bool same = upright == isUpright(first.pixels.cols, first.pixels.rows);
+  const bool square = first.pixels.cols == first.pixels.rows;
+  return first.turn % 180 != 0 && same && !square ? 0 : first.turn;
+}
+
+/// The calibration for images of the size that they have.
+void fitSize(cv::Size size, Geometry& geometry, std::vector<std::string>& warnings) {
+  Calibration& calibration = geometry.calibration;
+  const Lens lens = calibration.lens;
+  if (size.empty()) return;
+  calibration = calibrationForSize(calibration, size.width, size.height);
+  if (lens.width == 0 || calibration.lens.width == lens.width) return;
+  warnings.push_back(fmt::format("{}: for images of {}, scaled to these of {}",
+                                 geometry.source,
+                                 pixelText(lens.width, lens.height),
+                                 pixelText(size.width, size.height)));
+}
+
+/// The calibration for images that were turned, and for the width that is wanted.
+void fitOutput(const SequenceOptions& options,
+               int image_turn,
+               int turn,
+               Geometry& geometry,
+               std::vector<std::string>& warnings) {
+  Calibration& calibration = geometry.calibration;
+  const bool known = calibration.lens.columns || calibration.lens.readout.seconds != 0;
+  if (turn != 0) {
+    calibration = turned(calibration, turn);
+    warnings.push_back(
+        fmt::format("{}: the images were turned by {} degrees to be upright; the "
+                    "calibration is taken to be the sensor's and turned with them",
+                    geometry.source,
+                    turn));
+  }
+  const int width = outputWidth(options, calibration.lens);
+  if (width > 0) calibration = withOutputWidth(calibration, width);
+  if (options.readout) calibration.lens.readout = *options.readout;
+  if (!known && turn == 0 && !options.lens) turnReadout(image_turn, calibration.lens);
+}
+
+PhotometricCalibration readPhotometry(const std::string& response,
+                                      const std::string& vignette,
+                                      const Lens& lens) {
+  PhotometricCalibration photometric;
+  photometric.response = readResponse(response);
+  readVignette(vignette, photometric);
+  if (photometric.vignette_width != lens.width || photometric.vignette_height != lens.height) {
+    throw IoError(fmt::format("{}: {}; expected the size of the images, {}",
+                              vignette,
+                              pixelText(photometric.vignette_width, photometric.vignette_height),
+                              pixelText(lens.width, lens.height)));
+  }
+  return photometric;
+}
+
+/// Reads the calibration files that options name or that lie beside the images, and fits them to
+/// the first image's size. Where they do not say how the sensor is read, it is by its rows, which
+/// are columns of an image that was turned.
+/// @throws IoError naming the file at fault
+/// @throws ConfigError where options contradict each other or the data set
+SequenceCalibration calibrateSequence(const SequenceOptions& options,
+                                      const DatasetLayout& layout,
+                                      const SourceImage& first) {
+  std::vector<std::string> warnings;
+  Geometry geometry = readGeometry(options, layout, first);
+  if (options.horizontal_view > 0 && isUpright(first.pixels.cols, first.pixels.rows)) {
+    warnings.push_back(
+        "the images are upright: --hfov is what they show from left to right, along "
+        "their short side");
+  }
+  const std::string response = orDefault(options.response_file, layout.response);
+  const std::string vignette = orDefault(options.vignette_file, layout.vignette);
+  const BrightnessModel brightness = brightnessModel(options, response, vignette, warnings);
+  const int turn = turnOf(options, first, geometry.calibration.lens);
+  cv::Size size = first.pixels.size();
+  if (turn % 180 != 0) std::swap(size.width, size.height);
+  try {
+    fitSize(size, geometry, warnings);
+    Lens& lens = geometry.calibration.lens;
+    if (brightness == BrightnessModel::kCalibrated) {
+      geometry.calibration.photometric = readPhotometry(response, vignette, lens);
+    }
+    fitOutput(options, first.turn, turn, geometry, warnings);
+    const int width = outputWidth(options, lens);
+    if (width > 0 && width != options.width) {
+      warnings.push_back(
+          fmt::format("images of {} are made smaller, to a width of {}; --width 0 keeps them",
+                      pixelText(lens.width, lens.height),
+                      width));
+    }
+    Rectifier rectifier(geometry.calibration);
+    for (const std::string& doubt : rectifier.warnings()) {
+      warnings.push_back(fmt::format("{}: {}", geometry.source, doubt));
+    }
+    return {std::move(rectifier), lens, brightness, std::move(warnings)};
+  } catch (const std::invalid_argument& error) {
+    throw IoError(fmt::format("{}: {}", geometry.source, error.what()));
+  } catch (const std::bad_alloc&) {
+    throw IoError(fmt::format("{}: no memory for images of this size", geometry.source));
+  }
+}
+
 /// An image beside the sequence.
 /// @param what it is; `of` which images it has to have the size
 /// @throws IoError where it is unreadable or of another depth or size
@@ -45,13 +249,11 @@ cv::Mat readBeside(
         fmt::format("{}: {} of {} bits is expected", file.string(), what, depth == CV_8U ? 8 : 16));
   }
   if (image.size() == size) return image;
-  throw IoError(fmt::format("{}: {}x{} px; expected the size of the {}, {}x{}",
+  throw IoError(fmt::format("{}: {}; expected the size of the {}, {}",
                             file.string(),
-                            image.cols,
-                            image.rows,
+                            pixelText(image.cols, image.rows),
                             of,
-                            size.width,
-                            size.height));
+                            pixelText(size.width, size.height)));
 }
 
 }  // namespace
@@ -112,10 +314,10 @@ namespace {
 /// @param relative_sigma standard deviation of a depth over it [-]
 /// @param size           of the rectified images, which it belongs to
 /// @throws IoError where the file is missing, unreadable or of another size
-std::shared_ptr<const FramePriors> depthOf(const std::string& image,
-                                           const fs::path& folder,
-                                           double relative_sigma,
-                                           cv::Size size) {
+std::shared_ptr<FramePriors> depthOf(const std::string& image,
+                                     const fs::path& folder,
+                                     double relative_sigma,
+                                     cv::Size size) {
   constexpr float kMetres = 1e-3F;  // of a value
   const fs::path file = folder / fs::path(image).filename().replace_extension(".png");
   if (!fs::is_regular_file(file)) {
@@ -129,7 +331,8 @@ std::shared_ptr<const FramePriors> depthOf(const std::string& image,
   return priors;
 }
 
-constexpr int kDepthSamples = 4;  // images beside the first that show how many bits are used
+constexpr std::size_t kDepthSamples =
+    4;  // images beside the first that show how many bits are used
 
 double millisecondsSince(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
@@ -155,133 +358,104 @@ ImageView viewOf(const cv::Mat& mask) {
 class SequenceReader::Impl {
  public:
   explicit Impl(const SequenceOptions& options)
-      : layout_(layoutOf(options)),
-        dataset_(openDataset(layout_)),
-        skip_unreadable_(options.skip_unreadable && !isStream()) {
-    playlist_ = select(options);
+      : layout(layoutOf(options)),
+        dataset(openDataset(layout)),
+        skip_unreadable(options.skip_unreadable && !isStream()) {
+    playlist = select(options);
     calibrate(options);
-    const int prefetch = layout_.format == SequenceFormat::kCamera
+    const int prefetch = layout.format == SequenceFormat::kCamera
                              ? 0
-                             : std::min(options.prefetch, imagesAhead(rectifier_->camera()));
-    queue_ = std::make_unique<PrefetchQueue<SequenceFrame>>(
-        playlist_.count, prefetch, [this](std::size_t position) {
-          return prepare(playlist_.index(position));
+                             : std::min(options.prefetch, imagesAhead(rectifier->camera()));
+    queue = std::make_unique<PrefetchQueue<SequenceFrame>>(
+        playlist.count, prefetch, [this](std::size_t position) {
+          return prepare(playlist.index(position));
         });
   }
 
-  [[nodiscard]] const PinholeCamera& camera() const { return rectifier_->camera(); }
-  [[nodiscard]] const Lens& lens() const { return lens_; }
-  [[nodiscard]] const Dataset& dataset() const { return dataset_; }
-  [[nodiscard]] int selected() const { return static_cast<int>(playlist_.expected); }
-  [[nodiscard]] int dropped() const { return dataset_.images->dropped(); }
-  [[nodiscard]] SequenceFormat format() const { return layout_.format; }
-  [[nodiscard]] BrightnessModel brightness() const { return brightness_; }
-  [[nodiscard]] const std::vector<std::string>& warnings() const { return dataset_.warnings; }
-  [[nodiscard]] int index(int position) const {
-    if (position < 0 || position >= selected()) {
-      throw std::out_of_range(fmt::format("position {} of {} images", position, selected()));
-    }
-    return playlist_.index(static_cast<std::size_t>(position));
-  }
-  void skip(int images) { queue_->skip(static_cast<std::size_t>(std::max(images, 0))); }
-  [[nodiscard]] const std::vector<std::string>& unreadable() const { return unreadable_; }
-  /// Images that cannot be read are noted and passed over.
-  std::optional<SequenceFrame> next() {
-    std::vector<std::string> complaints;
-    while (true) {
-      std::optional<SequenceFrame> frame = queue_->next();
-      if (!frame) return frame;
-      frame->warnings.insert(frame->warnings.begin(), complaints.begin(), complaints.end());
-      if (frame->frame) return frame;
-      unreadable_.push_back(frame->image_file);
-      complaints = std::move(frame->warnings);
-    }
-  }
-
- private:
   static DatasetLayout layoutOf(const SequenceOptions& options) {
-    DatasetLayout layout = findDataset(options.path, options.format);
+    DatasetLayout found = findDataset(options.path, options.format);
     for (const std::string& file : {options.mask, options.vignette_file}) {
-      if (!file.empty()) layout.others.emplace_back(file);
+      if (!file.empty()) found.others.emplace_back(file);
     }
-    return layout;
+    return found;
   }
   [[nodiscard]] bool isStream() const {
-    return layout_.format == SequenceFormat::kCamera || layout_.format == SequenceFormat::kVideo;
+    return layout.format == SequenceFormat::kCamera || layout.format == SequenceFormat::kVideo;
   }
+  [[nodiscard]] int selected() const { return static_cast<int>(playlist.expected); }
   [[nodiscard]] Playlist select(const SequenceOptions& options) {
-    if (layout_.format == SequenceFormat::kCamera) return selectLive(options);
-    if (layout_.format != SequenceFormat::kVideo) {
-      return selectImages(options, dataset_.images->size(), dataset_.timestamps);
+    if (layout.format == SequenceFormat::kCamera) return selectLive(options);
+    if (layout.format != SequenceFormat::kVideo) {
+      return selectImages(options, dataset.images->size(), dataset.timestamps);
     }
-    return selectVideo(options, *dataset_.images, dataset_.timestamps.front(), dataset_.rate);
+    return selectVideo(options, *dataset.images, dataset.timestamps.front(), dataset.rate);
   }
   void calibrate(const SequenceOptions& options);
   void readCommonMask(const SequenceOptions& options);
-  [[nodiscard]] FirstImage firstImage(bool needed);
+  [[nodiscard]] SourceImage firstImage(bool needed);
   [[nodiscard]] std::optional<SourceImage> read(int index);
   [[nodiscard]] std::optional<SourceImage> readSized(int index);
   [[nodiscard]] std::optional<SequenceFrame> prepare(int index);
-  [[nodiscard]] std::shared_ptr<const FramePriors> withRotation(
-      std::shared_ptr<const FramePriors> priors, const FrameInfo& info);
+  [[nodiscard]] std::shared_ptr<const FramePriors> priorsOf(const SequenceFrame& frame,
+                                                            const FrameInfo& info);
   void demosaic(cv::Mat& image, std::vector<std::string>& warnings);
   void chooseBits(const cv::Mat& image, std::vector<std::string>& warnings);
   void leaveOutBars(const cv::Mat& image, std::vector<std::string>& warnings);
   [[nodiscard]] std::uint16_t largestValue(const cv::Mat& image);
 
-  DatasetLayout layout_;
-  Dataset dataset_;
-  bool skip_unreadable_;
-  Playlist playlist_;
-  BrightnessModel brightness_ = BrightnessModel::kUncalibrated;
-  std::optional<Rectifier> rectifier_;
-  Lens lens_;
-  ImageMasks masks_;
-  BarFinder bars_;
-  fs::path depths_;  // folder of the depth images; empty: none
-  double depth_sigma_ = 0;
-  std::optional<Gyroscope> gyroscope_;
-  std::optional<std::pair<FrameId, double>> before_;  // the frame and its time
-  std::optional<SourceImage> first_;                  // decoded for its size, until it is read
-  std::optional<bool> mosaic_;                        // empty: too dark to tell, so far
-  bool combed_ = false;                               // an image is interlaced
-  std::vector<std::string> unreadable_;
-  int bits_ = 0;           // of 16-bit images; 0: not known before the first of them
-  bool exceeded_ = false;  // by the values of one
-  std::unique_ptr<PrefetchQueue<SequenceFrame>> queue_;  // last: its thread stops first
+  DatasetLayout layout;
+  Dataset dataset;
+  bool skip_unreadable;
+  Playlist playlist;
+  BrightnessModel brightness = BrightnessModel::kUncalibrated;
+  std::optional<Rectifier> rectifier;
+  Lens lens;
+  ImageMasks masks;
+  BarFinder bars;
+  fs::path depths;  // folder of the depth images; empty: none
+  double depth_sigma = 0;
+  std::optional<Gyroscope> gyroscope;
+  std::optional<std::pair<FrameId, double>> before;  // the frame and its time
+  std::optional<SourceImage> first;                  // decoded for its size, until it is read
+  std::optional<bool> mosaic;                        // empty: too dark to tell, so far
+  bool combed = false;                               // an image is interlaced
+  std::vector<std::string> unreadable;
+  int bits = 0;           // of 16-bit images; 0: not known before the first of them
+  bool exceeded = false;  // by the values of one
+  std::unique_ptr<PrefetchQueue<SequenceFrame>> queue;  // last: its thread stops first
 };
 
 void SequenceReader::Impl::calibrate(const SequenceOptions& options) {
   SequenceCalibration calibration =
-      calibrateSequence(options, layout_, firstImage(!options.lens && isGuess(options, layout_)));
-  rectifier_.emplace(std::move(calibration.rectifier));
-  lens_ = calibration.lens;
-  brightness_ = calibration.brightness;
-  dataset_.warnings.insert(
-      dataset_.warnings.end(), calibration.warnings.begin(), calibration.warnings.end());
+      calibrateSequence(options, layout, firstImage(!options.lens && isGuess(options, layout)));
+  rectifier.emplace(std::move(calibration.rectifier));
+  lens = calibration.lens;
+  brightness = calibration.brightness;
+  dataset.warnings.insert(
+      dataset.warnings.end(), calibration.warnings.begin(), calibration.warnings.end());
   // To an unknown response a ratio of exposures is a guess, which free brightness may correct.
-  if (brightness_ == BrightnessModel::kPerfect) dataset_.exposures.clear();
-  bits_ = options.bits;
-  if (bits_ != 0) rectifier_->setBits(bits_);
-  dataset_.images->expect({rectifier_->inputWidth(), rectifier_->inputHeight()});
+  if (brightness == BrightnessModel::kPerfect) dataset.exposures.clear();
+  bits = options.bits;
+  if (bits != 0) rectifier->setBits(bits);
+  dataset.images->expect({rectifier->inputWidth(), rectifier->inputHeight()});
   readCommonMask(options);
   if (options.depth_sigma > 0) {
-    depths_ = fs::path(options.path) / "depth";
-    depth_sigma_ = options.depth_sigma;
-    if (!fs::is_directory(depths_)) {
-      throw IoError(fmt::format("{}: no such folder of depth images", depths_.string()));
+    depths = fs::path(options.path) / "depth";
+    depth_sigma = options.depth_sigma;
+    if (!fs::is_directory(depths)) {
+      throw IoError(fmt::format("{}: no such folder of depth images", depths.string()));
     }
   }
   if (!options.gyroscope_file.empty()) {
-    gyroscope_.emplace(options.gyroscope_file, options.R_cam_gyro);
+    gyroscope.emplace(options.gyroscope_file, options.R_cam_gyro);
   }
 }
 
 void SequenceReader::Impl::readCommonMask(const SequenceOptions& options) {
-  masks_ = ImageMasks(
-      options.mask, layout_.masks, {rectifier_->inputWidth(), rectifier_->inputHeight()});
+  masks =
+      ImageMasks(options.mask, layout.masks, {rectifier->inputWidth(), rectifier->inputHeight()});
   try {
-    rectifier_->setMask(viewOf(masks_.common()));
+    rectifier->setMask(viewOf(masks.common()));
   } catch (const std::invalid_argument& error) {
     throw IoError(fmt::format("{}: {}", options.mask, error.what()));
   }
@@ -289,11 +463,10 @@ void SequenceReader::Impl::readCommonMask(const SequenceOptions& options) {
 
 /// Empty where the first image cannot be read, which it says in its turn; where the size is needed,
 /// and of a stream, it is said at once.
-FirstImage SequenceReader::Impl::firstImage(bool needed) {
+SourceImage SequenceReader::Impl::firstImage(bool needed) {
   try {
-    first_ = read(playlist_.index(0));
-    return first_ ? FirstImage{first_->pixels.size(), first_->turn, first_->pixel_aspect}
-                  : FirstImage{};
+    first = read(playlist.index(0));
+    return first.value_or(SourceImage());
   } catch (const IoError&) {
     if (isStream() || needed) throw;
     return {};
@@ -301,11 +474,11 @@ FirstImage SequenceReader::Impl::firstImage(bool needed) {
 }
 
 std::optional<SourceImage> SequenceReader::Impl::read(int index) {
-  if (first_ && index == playlist_.index(0)) return std::exchange(first_, std::nullopt);
+  if (first && index == playlist.index(0)) return std::exchange(first, std::nullopt);
   try {
-    return dataset_.images->image(index);
+    return dataset.images->image(index);
   } catch (const std::bad_alloc&) {
-    throw IoError(fmt::format("{}: no memory for this image", dataset_.images->name(index)));
+    throw IoError(fmt::format("{}: no memory for this image", dataset.images->name(index)));
   }
 }
 
@@ -313,10 +486,10 @@ std::optional<SourceImage> SequenceReader::Impl::read(int index) {
 std::uint16_t SequenceReader::Impl::largestValue(const cv::Mat& image) {
   double largest = 0;
   cv::minMaxLoc(image, nullptr, &largest);
-  for (int i = 1; i <= kDepthSamples; ++i) {
+  for (std::size_t i = 1; i <= kDepthSamples; ++i) {
     try {
       double value = 0;
-      const auto other = read(index((selected() - 1) * i / kDepthSamples));
+      const auto other = read(playlist.index((playlist.expected - 1) * i / kDepthSamples));
       if (!other || other->pixels.depth() != CV_16U) continue;
       cv::minMaxLoc(other->pixels, nullptr, &value);
       largest = std::max(largest, value);
@@ -329,62 +502,68 @@ std::uint16_t SequenceReader::Impl::largestValue(const cv::Mat& image) {
 
 /// Chooses the bits with the first 16-bit image; later ones must keep to them.
 void SequenceReader::Impl::chooseBits(const cv::Mat& image, std::vector<std::string>& warnings) {
-  if (bits_ == 0) {
+  if (bits == 0) {
     const BitDepth depth = recogniseBitDepth(largestValue(image));
-    bits_ = depth.bits;
-    rectifier_->setBits(bits_);
+    bits = depth.bits;
+    rectifier->setBits(bits);
     if (!depth.warning.empty()) warnings.push_back(depth.warning);
   }
   double largest = 0;
-  if (bits_ < 16 && !exceeded_) cv::minMaxLoc(image, nullptr, &largest);
-  if (largest < std::exp2(bits_)) return;
-  exceeded_ = true;
+  if (bits < 16 && !exceeded) cv::minMaxLoc(image, nullptr, &largest);
+  if (largest < std::exp2(bits)) return;
+  exceeded = true;
   warnings.push_back(
       fmt::format("a value of {} does not fit into {} bits and counts as the largest "
                   "that does; say with --bits how many the images have",
                   largest,
-                  bits_));
+                  bits));
 }
 
 void SequenceReader::Impl::leaveOutBars(const cv::Mat& image, std::vector<std::string>& warnings) {
-  const bool had_bars = bars_.bars().any();
-  if (!bars_.look(image)) return;
-  rectifier_->setMask(viewOf(withoutBars(bars_.bars(), image.size(), masks_.common())));
-  if (!had_bars) warnings.push_back(describe(bars_.bars()));
+  const bool had_bars = bars.bars().any();
+  if (!bars.look(image)) return;
+  rectifier->setMask(viewOf(withoutBars(bars.bars(), image.size(), masks.common())));
+  if (!had_bars) warnings.push_back(describe(bars.bars()));
 }
 
 /// The first image that is light enough decides for all.
 void SequenceReader::Impl::demosaic(cv::Mat& image, std::vector<std::string>& warnings) {
   if (image.channels() != 1) return;
-  if (!mosaic_) {
-    mosaic_ = isMosaic(image);
-    if (mosaic_.value_or(false)) {
+  if (!mosaic) {
+    mosaic = isMosaic(image);
+    if (mosaic.value_or(false)) {
       warnings.emplace_back(
           "the images are mosaics of colours (Bayer): the mean over its neighbours, with the "
           "weights 1 2 1, replaces each pixel");
     }
   }
-  if (mosaic_.value_or(false)) image = greyOfMosaic(image);
+  if (mosaic.value_or(false)) image = greyOfMosaic(image);
 }
 
 std::optional<SourceImage> SequenceReader::Impl::readSized(int index) {
   std::optional<SourceImage> image = read(index);
-  const cv::Size expected(rectifier_->inputWidth(), rectifier_->inputHeight());
+  const cv::Size expected(rectifier->inputWidth(), rectifier->inputHeight());
   if (image && image->pixels.size() != expected) {
-    throw wrongSize(dataset_.images->name(image->index), image->pixels.size(), expected);
+    throw wrongSize(dataset.images->name(image->index), image->pixels.size(), expected);
   }
   return image;
 }
 
-std::shared_ptr<const FramePriors> SequenceReader::Impl::withRotation(
-    std::shared_ptr<const FramePriors> priors, const FrameInfo& info) {
-  const auto before = std::exchange(before_, std::make_pair(info.id, info.timestamp));
-  if (!gyroscope_ || !before) return priors;
-  const auto turn = gyroscope_->between(before->first, before->second, info.timestamp);
+/// Depth and rotation that are known beside the image.
+std::shared_ptr<const FramePriors> SequenceReader::Impl::priorsOf(const SequenceFrame& frame,
+                                                                  const FrameInfo& info) {
+  std::shared_ptr<FramePriors> priors;
+  if (!depths.empty()) {
+    const PinholeCamera& camera = rectifier->camera();
+    priors = depthOf(frame.image_file, depths, depth_sigma, {camera.width, camera.height});
+  }
+  const auto last = std::exchange(before, std::make_pair(info.id, info.timestamp));
+  if (!gyroscope || !last) return priors;
+  const auto turn = gyroscope->between(last->first, last->second, info.timestamp);
   if (!turn) return priors;
-  auto all = priors ? std::make_shared<FramePriors>(*priors) : std::make_shared<FramePriors>();
-  all->pose = turn;
-  return all;
+  if (!priors) priors = std::make_shared<FramePriors>();
+  priors->pose = turn;
+  return priors;
 }
 
 std::optional<SequenceFrame> SequenceReader::Impl::prepare(int index) {
@@ -395,44 +574,39 @@ std::optional<SequenceFrame> SequenceReader::Impl::prepare(int index) {
     image = readSized(index);
   } catch (const IoError& error) {
     if (isStream()) throw;
-    if (!skip_unreadable_)
+    if (!skip_unreadable)
       throw IoError(fmt::format("{}; --skip-unreadable passes over such images", error.what()));
-    result.image_file = dataset_.images->name(index);
+    result.image_file = dataset.images->name(index);
     result.warnings.push_back(fmt::format("{}; passed over", error.what()));
     return result;
   }
-  if (!image || playlist_.isAfterEnd(image->timestamp)) return std::nullopt;
+  if (!image || playlist.isAfterEnd(image->timestamp)) return std::nullopt;
   result.index = image->index;
-  result.image_file = dataset_.images->name(image->index);
+  result.image_file = dataset.images->name(image->index);
   result.late = image->late;
   if (!image->warning.empty()) result.warnings.push_back(image->warning);
   demosaic(image->pixels, result.warnings);
-  if (!combed_ && (combed_ = isInterlaced(image->pixels))) {
+  if (!combed && (combed = isInterlaced(image->pixels))) {
     result.warnings.push_back(fmt::format(
         "{}: interlaced, though nothing says so: every second row is of another moment; "
         "ffmpeg -i FILE -vf yadif NEW takes them apart",
         result.image_file));
   }
   leaveOutBars(image->pixels, result.warnings);
-  const cv::Mat mask = masks_.of(result.image_file);
+  const cv::Mat mask = masks.of(result.image_file);
   if (image->pixels.depth() == CV_16U) chooseBits(image->pixels, result.warnings);
-  std::shared_ptr<const FramePriors> priors;
-  if (!depths_.empty()) {
-    const cv::Size size(camera().width, camera().height);
-    priors = depthOf(result.image_file, depths_, depth_sigma_, size);
-  }
-  const ImageView rectified = rectifier_->rectify(rawImage(image->pixels), viewOf(mask));
-  result.read_milliseconds = millisecondsSince(start);
-
-  start = std::chrono::steady_clock::now();
+  const ImageView rectified = rectifier->rectify(rawImage(image->pixels), viewOf(mask));
   FrameInfo info;
   const auto entry = static_cast<std::size_t>(image->index);
   info.id = FrameId{image->index};
-  info.timestamp = image->timestamp ? *image->timestamp : dataset_.timestamps[entry];
-  if (!dataset_.exposures.empty()) info.exposure = dataset_.exposures[entry];
-  info.response_slope = rectifier_->responseSlope();
-  info.row_times = rectifier_->rowTimes();
-  info.priors = withRotation(priors, info);
+  info.timestamp = image->timestamp ? *image->timestamp : dataset.timestamps[entry];
+  if (!dataset.exposures.empty()) info.exposure = dataset.exposures[entry];
+  info.response_slope = rectifier->responseSlope();
+  info.row_times = rectifier->rowTimes();
+  info.priors = priorsOf(result, info);
+  result.read_milliseconds = millisecondsSince(start);
+
+  start = std::chrono::steady_clock::now();
   result.frame = Frame::create(rectified, info);
   result.pyramid_milliseconds = millisecondsSince(start);
   return result;
@@ -445,43 +619,95 @@ SequenceReader::SequenceReader(SequenceReader&&) noexcept = default;
 SequenceReader& SequenceReader::operator=(SequenceReader&&) noexcept = default;
 
 const PinholeCamera& SequenceReader::camera() const {
-  return impl_->camera();
+  return impl_->rectifier->camera();
 }
 const Lens& SequenceReader::lens() const {
-  return impl_->lens();
+  return impl_->lens;
 }
 int SequenceReader::size() const {
-  return impl_->dataset().images->size();
+  return impl_->dataset.images->size();
 }
 int SequenceReader::selected() const {
   return impl_->selected();
 }
 SequenceFormat SequenceReader::format() const {
-  return impl_->format();
+  return impl_->layout.format;
 }
 BrightnessModel SequenceReader::brightness() const {
-  return impl_->brightness();
+  return impl_->brightness;
 }
 double SequenceReader::timestamp(int index) const {
-  return impl_->dataset().timestamps.at(static_cast<std::size_t>(index));
+  return impl_->dataset.timestamps.at(static_cast<std::size_t>(index));
 }
 const std::vector<std::string>& SequenceReader::warnings() const {
-  return impl_->warnings();
+  return impl_->dataset.warnings;
 }
 int SequenceReader::index(int position) const {
-  return impl_->index(position);
+  if (position < 0 || position >= selected()) {
+    throw std::out_of_range(fmt::format("position {} of {} images", position, selected()));
+  }
+  return impl_->playlist.index(static_cast<std::size_t>(position));
 }
 int SequenceReader::dropped() const {
-  return impl_->dropped();
+  return impl_->dataset.images->dropped();
 }
 const std::vector<std::string>& SequenceReader::unreadable() const {
-  return impl_->unreadable();
+  return impl_->unreadable;
 }
 void SequenceReader::skip(int images) {
-  impl_->skip(images);
+  impl_->queue->skip(static_cast<std::size_t>(std::max(images, 0)));
 }
+/// Images that cannot be read are noted and passed over.
 std::optional<SequenceFrame> SequenceReader::next() {
-  return impl_->next();
+  std::vector<std::string> complaints;
+  while (true) {
+    std::optional<SequenceFrame> frame = impl_->queue->next();
+    if (!frame) return frame;
+    frame->warnings.insert(frame->warnings.begin(), complaints.begin(), complaints.end());
+    if (frame->frame) return frame;
+    impl_->unreadable.push_back(frame->image_file);
+    complaints = std::move(frame->warnings);
+  }
+}
+
+namespace {
+
+constexpr double kMaxLevel = 255;  // [grey levels]
+
+}  // namespace
+
+std::vector<float> readResponse(const fs::path& file) {
+  const std::vector<TextLine> lines = readLines(file, kMaxCalibrationBytes);
+  const std::string what = "at least 256 increasing numbers on one line";
+  if (lines.empty()) throw lineError(file, 0, "is empty; expected " + what);
+  const TextLine& line = lines.front();
+  const std::vector<double> raw = line.numbers(splitWords(line.text), what);
+  if (raw.size() < kMinResponseEntries) {
+    throw line.error(fmt::format("{} numbers; expected {}", raw.size(), what));
+  }
+  std::vector<float> response;
+  response.reserve(raw.size());
+  const double range = raw.back() - raw.front();
+  for (std::size_t i = 0; i < raw.size(); ++i) {
+    response.push_back(static_cast<float>(kMaxLevel * (raw[i] - raw.front()) / range));
+    if (i > 0 && !(response[i] > response[i - 1] && raw[i] > raw[i - 1])) {
+      throw line.error(fmt::format(
+          "number {} ({}) is not above the one before; expected {}", i + 1, raw[i], what));
+    }
+  }
+  return response;
+}
+
+void readVignette(const std::filesystem::path& file, PhotometricCalibration& calibration) {
+  const cv::Mat image = decodeGrey(readFile(file), file.string());
+  double maximum = 0;
+  cv::minMaxLoc(image, nullptr, &maximum);
+  if (maximum <= 0) throw lineError(file, 0, "the vignette is black everywhere");
+  cv::Mat attenuation;
+  image.convertTo(attenuation, CV_32F, 1 / maximum);
+  calibration.vignette_width = image.cols;
+  calibration.vignette_height = image.rows;
+  calibration.vignette.assign(attenuation.begin<float>(), attenuation.end<float>());
 }
 
 }  // namespace dsorb

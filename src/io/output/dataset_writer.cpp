@@ -4,8 +4,9 @@
 #include "dsorb/error.h"
 
 #include "base/parallel.h"
-#include "io/output/trajectory_writer.h"
-#include "io/png.h"
+#include "io/output/figures.h"
+#include "io/output/output_file.h"
+#include "io/output/run_files.h"
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -24,40 +25,15 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kFramesAtOnce = 8;      // memory stays bounded, order stays nearly that of time
-constexpr int kPngCompression = 1;    // fast; noise hardly shrinks any further
 constexpr double kMillimetres = 1e3;  // per metre
-
-void writeFile(const fs::path& file, const char* data, std::size_t size) {
-  std::ofstream stream(file, std::ios::binary | std::ios::trunc);
-  stream.write(data, static_cast<std::streamsize>(size));
-  stream.close();
-  if (!stream) throw IoError(fmt::format("{}: cannot be written", file.string()));
-}
-
-void writeText(const fs::path& file, const std::string& text) {
-  writeFile(file, text.data(), text.size());
-}
-
-void writePng(const fs::path& file, const cv::Mat& image) {
-  const std::string bytes = encodePng(image, kPngCompression);
-  writeFile(file, bytes.data(), bytes.size());
-}
 
 /// Makes the folder and removes the numbered PNGs of an earlier data set from it.
 void prepareImageFolder(const fs::path& folder) {
-  std::error_code error;
-  fs::create_directories(folder, error);
-  if (error) {
-    throw IoError(fmt::format("{}: cannot make this folder: {}", folder.string(), error.message()));
-  }
-  for (const fs::directory_entry& entry : fs::directory_iterator(folder, error)) {
+  fs::create_directories(folder);
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
     const std::string name = entry.path().stem().string();
     const bool numbered = !name.empty() && name.find_first_not_of("0123456789") == name.npos;
-    if (numbered && entry.path().extension() == ".png") fs::remove(entry.path(), error);
-    if (error) break;
-  }
-  if (error) {
-    throw IoError(fmt::format("{}: cannot be emptied: {}", folder.string(), error.message()));
+    if (numbered && entry.path().extension() == ".png") fs::remove(entry.path());
   }
 }
 
@@ -75,30 +51,29 @@ cv::Mat depthInMillimetres(const std::vector<float>& inverse_depth, const Pinhol
 void writeCalibration(const DatasetDescription& description) {
   const PinholeCamera& camera = description.camera;
   const std::string size = fmt::format("{} {}\n", camera.width, camera.height);
-  writeText(description.folder / "camera.txt",
-            fmt::format("Pinhole {:.12g} {:.12g} {:.12g} {:.12g} 0\n{}none\n{}",
-                        camera.fx,
-                        camera.fy,
-                        camera.cx,
-                        camera.cy,
-                        size,
-                        size));
-  std::error_code ignored;
-  fs::remove(description.folder / "pcalib.txt", ignored);
-  fs::remove(description.folder / "vignette.png", ignored);
+  io::replaceFile(description.folder / "camera.txt",
+                  fmt::format("Pinhole {:.12g} {:.12g} {:.12g} {:.12g} 0\n{}none\n{}",
+                              camera.fx,
+                              camera.fy,
+                              camera.cx,
+                              camera.cy,
+                              size,
+                              size));
+  fs::remove(description.folder / "pcalib.txt");
+  fs::remove(description.folder / "vignette.png");
   if (description.inverse_response.empty()) return;
   std::string response;
   for (const double value : description.inverse_response) {
     response += fmt::format("{:.9f} ", value);
   }
   response.back() = '\n';
-  writeText(description.folder / "pcalib.txt", response);
+  io::replaceFile(description.folder / "pcalib.txt", response);
   cv::Mat vignette(camera.height, camera.width, CV_16U, cv::Scalar(65535));
   auto* pixel = vignette.ptr<std::uint16_t>();
   for (const float share : description.vignette) {
     *pixel++ = static_cast<std::uint16_t>(std::lround(65535.0F * share));
   }
-  writePng(description.folder / "vignette.png", vignette);
+  io::writePng(description.folder / "vignette.png", vignette);
 }
 
 /// The list beside a data set, of those that were written there.
@@ -131,19 +106,15 @@ void refuseForeign(const fs::path& folder) {
                   list.file.string()));
 }
 
-/// Adds or replaces the entry of a data set in the list beside it; the file changes at once or not.
+/// Adds or replaces the entry of a data set in the list beside it.
 void listInParent(const DatasetDescription& description) {
-  auto [list, name, sequences] = listBeside(description.folder);
-  nlohmann::ordered_json entry = {{"path", name}, {"frames", description.frames}};
+  DatasetList list = listBeside(description.folder);
+  nlohmann::ordered_json entry = {{"path", list.name}, {"frames", description.frames}};
   if (!description.can_start) entry["no_start"] = true;
-  sequences[name] = entry;
-  const fs::path fresh = list.string() + ".new";
-  writeText(fresh, sequences.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n");
-  std::error_code error;
-  fs::rename(fresh, list, error);
-  if (error) {
-    throw IoError(fmt::format("{}: cannot be replaced: {}", list.string(), error.message()));
-  }
+  list.sequences[list.name] = entry;
+  io::replaceFile(
+      list.file,
+      list.sequences.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n");
 }
 
 /// Rows of times.txt and groundtruth.txt.
@@ -155,10 +126,10 @@ struct FrameRows {
 FrameRows writeFrame(const DatasetDescription& description, int index, DatasetFrame frame) {
   const std::string name = fmt::format("{:05d}", index);
   const PinholeCamera& camera = description.camera;
-  writePng(description.folder / "images" / (name + ".png"),
-           cv::Mat(camera.height, camera.width, CV_8U, frame.image.data()));
-  writePng(description.folder / "depth" / (name + ".png"),
-           depthInMillimetres(frame.inverse_depth, camera));
+  io::writePng(description.folder / "images" / (name + ".png"),
+               cv::Mat(camera.height, camera.width, CV_8U, frame.image.data()));
+  io::writePng(description.folder / "depth" / (name + ".png"),
+               depthInMillimetres(frame.inverse_depth, camera));
   return {fmt::format("{} {:.9f} {:.6f}\n", name, frame.timestamp, 1e3 * frame.exposure),
           io::tumLine(frame.timestamp, frame.T_world_cam)};
 }
@@ -187,7 +158,7 @@ std::vector<FrameRows> writeFrames(const DatasetDescription& description,
 
 void writeDataset(const DatasetDescription& description,
                   const std::function<DatasetFrame(int)>& make,
-                  const std::function<void(int)>& progress) {
+                  const std::function<void(int)>& progress) try {
   refuseForeign(description.folder);
   prepareImageFolder(description.folder / "images");
   prepareImageFolder(description.folder / "depth");
@@ -198,9 +169,11 @@ void writeDataset(const DatasetDescription& description,
     times += row.time;
     truth += row.truth;
   }
-  writeText(description.folder / "times.txt", times);
-  writeText(description.folder / "groundtruth.txt", truth);
+  io::replaceFile(description.folder / "times.txt", times);
+  io::replaceFile(description.folder / "groundtruth.txt", truth);
   listInParent(description);
+} catch (const fs::filesystem_error& error) {
+  throw IoError(error.what());
 }
 
 }  // namespace dsorb

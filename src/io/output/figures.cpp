@@ -11,8 +11,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
-#include <limits>
 #include <map>
 #include <string>
 #include <utility>
@@ -21,44 +21,17 @@
 namespace dsorb::io {
 namespace {
 
-/// Closed interval of data values.
-struct Interval {
+/// Range of data values along an axis.
+struct Axis {
   double low = 0;
   double high = 1;
+  double step = 1;  ///< between ticks
+
   [[nodiscard]] double length() const { return high - low; }
-};
-
-/// Smallest interval with round ends (a multiple of `step`) around the values.
-struct RoundAxis {
-  Interval interval;
-  double step = 1;  ///< between ticks: 1, 2 or 5 times a power of ten
-};
-
-/// A plot area inside an image: frame, grid with labelled ticks, curves, in the colours of one
-/// plain style.
-class Chart {
- public:
-  /// @param area of the whole chart in the canvas, labels included [px]
-  Chart(cv::Mat& canvas, const cv::Rect& area, const std::string& title);
-
-  /// Sets the data range and draws grid, ticks and their numbers.
-  void axes(const RoundAxis& x, const RoundAxis& y, const std::string& x_label);
-
-  void curve(const std::vector<cv::Point2d>& points, const cv::Scalar& colour);
-  void dots(const std::vector<cv::Point2d>& points, int radius, const cv::Scalar& colour);
-  /// Fills the vertical strip between two x values.
-  void band(double x_begin, double x_end, const cv::Scalar& colour);
-  /// Size of the area that data is drawn in [px].
-  [[nodiscard]] cv::Size plotSize() const { return plot_.size(); }
-
- private:
-  /// Pixel of a data point, in the 1/16 px of OpenCV's drawing functions.
-  [[nodiscard]] cv::Point toPixel(const cv::Point2d& point) const;
-
-  cv::Mat canvas_;
-  cv::Rect plot_;
-  Interval x_;
-  Interval y_;
+  void include(double value) {
+    low = std::min(low, value);
+    high = std::max(high, value);
+  }
 };
 
 constexpr int kSubpixelBits = 4;
@@ -68,21 +41,6 @@ constexpr int kTopMargin = 30;
 constexpr int kBottomMargin = 44;
 const cv::Scalar kInk(60, 60, 60);
 const cv::Scalar kGrid(225, 225, 225);
-
-std::string tickText(double value, double step) {
-  if (std::abs(value) < 1e-9 * step) return "0";
-  return fmt::format("{:.6g}", value);
-}
-
-/// Multiples of the step inside the interval.
-std::vector<double> tickValues(const RoundAxis& axis) {
-  const double tolerance = 1e-6;  // share of a step; keeps ends that are ticks up to rounding
-  const auto first = std::lround(std::ceil(axis.interval.low / axis.step - tolerance));
-  const auto last = std::lround(std::floor(axis.interval.high / axis.step + tolerance));
-  std::vector<double> values;
-  for (auto i = first; i <= last; ++i) values.push_back(static_cast<double>(i) * axis.step);
-  return values;
-}
 
 /// A blank figure.
 cv::Mat blankCanvas(int width, int height) {
@@ -94,88 +52,96 @@ void drawText(cv::Mat& canvas, const std::string& text, const cv::Point& at, dou
   cv::putText(canvas, text, at, cv::FONT_HERSHEY_SIMPLEX, scale, kInk, 1, cv::LINE_AA);
 }
 
-RoundAxis roundAxis(const Interval& values, int ticks) {
-  const double length = std::max(values.length(), 1e-9);
-  const double raw = length / std::max(ticks, 1);
+/// 1, 2 or 5 times a power of ten: at most so many of them in a range.
+double roundStep(const Axis& values, int ticks) {
+  const double raw = std::max(values.length(), 1e-9) / ticks;
   const double power = std::pow(10.0, std::floor(std::log10(raw)));
-  double step = 10 * power;
   for (const double factor : {1.0, 2.0, 5.0}) {
-    if (factor * power >= raw) {
-      step = factor * power;
-      break;
+    if (factor * power >= raw) return factor * power;
+  }
+  return 10 * power;
+}
+
+/// The part of a chart's area that data is drawn in.
+cv::Rect plotIn(const cv::Rect& area) {
+  return {area.x + kLeftMargin,
+          area.y + kTopMargin,
+          area.width - kLeftMargin - kRightMargin,
+          area.height - kTopMargin - kBottomMargin};
+}
+
+/// A plot inside an image: frame, grid with labelled ticks, curves, in the colours of one plain
+/// style.
+class Chart {
+ public:
+  /// @param plot where data is drawn [px]
+  Chart(cv::Mat& canvas, const cv::Rect& plot, const Axis& x, const Axis& y)
+      : canvas_(canvas), plot_(plot), x_(x), y_(y) {}
+
+  /// Draws title, grid, ticks and their numbers.
+  void axes(const std::string& title, const std::string& x_label) {
+    drawText(canvas_, title, {plot_.x, plot_.y - 10}, 0.5);
+    forEachTick(x_, [&](double value, const std::string& text) {
+      const cv::Point base = line({value, y_.low}, {value, y_.high});
+      drawText(canvas_, text, base + cv::Point(-4 * static_cast<int>(text.size()), 16), 0.4);
+    });
+    forEachTick(y_, [&](double value, const std::string& text) {
+      const cv::Point base = line({x_.low, value}, {x_.high, value});
+      drawText(canvas_, text, base + cv::Point(-8 - 8 * static_cast<int>(text.size()), 4), 0.4);
+    });
+    cv::rectangle(canvas_, plot_, kInk, 1);
+    drawText(canvas_, x_label, {plot_.x, plot_.y + plot_.height + 36}, 0.42);
+  }
+  void curve(const std::vector<cv::Point2d>& points, const cv::Scalar& colour) {
+    std::vector<cv::Point> pixels;
+    for (const cv::Point2d& point : points) pixels.push_back(toPixel(point));
+    cv::polylines(canvas_, pixels, false, colour, 2, cv::LINE_AA, kSubpixelBits);
+  }
+  void dots(const std::vector<cv::Point2d>& points, int radius, const cv::Scalar& colour) {
+    const int size = radius << kSubpixelBits;
+    for (const cv::Point2d& point : points) {
+      cv::circle(canvas_, toPixel(point), size, colour, cv::FILLED, cv::LINE_AA, kSubpixelBits);
     }
   }
-  return {{std::floor(values.low / step) * step, std::ceil(values.high / step) * step}, step};
-}
+  /// Fills the vertical strip between two x values.
+  void band(double x_begin, double x_end, const cv::Scalar& colour) {
+    const int left = toPixel({x_begin, y_.high}).x >> kSubpixelBits;
+    const int right = toPixel({x_end, y_.low}).x >> kSubpixelBits;
+    const cv::Rect strip(left, plot_.y + 1, std::max(1, right - left), plot_.height - 2);
+    canvas_(strip & plot_).setTo(colour);
+  }
 
-Chart::Chart(cv::Mat& canvas, const cv::Rect& area, const std::string& title)
-    : canvas_(canvas),
-      plot_(area.x + kLeftMargin,
-            area.y + kTopMargin,
-            area.width - kLeftMargin - kRightMargin,
-            area.height - kTopMargin - kBottomMargin) {
-  drawText(canvas_, title, {plot_.x, area.y + kTopMargin - 10}, 0.5);
-}
-
-cv::Point Chart::toPixel(const cv::Point2d& point) const {
-  const double scale = 1 << kSubpixelBits;
-  const double x = plot_.x + (point.x - x_.low) / x_.length() * (plot_.width - 1);
-  const double y = plot_.y + (y_.high - point.y) / y_.length() * (plot_.height - 1);
-  return {static_cast<int>(std::lround(x * scale)), static_cast<int>(std::lround(y * scale))};
-}
-
-void Chart::axes(const RoundAxis& x, const RoundAxis& y, const std::string& x_label) {
-  x_ = x.interval;
-  y_ = y.interval;
-  const auto line = [this](const cv::Point2d& from, const cv::Point2d& to) {
+ private:
+  /// Pixel of a data point, in the 1/16 px of OpenCV's drawing functions.
+  [[nodiscard]] cv::Point toPixel(const cv::Point2d& point) const {
+    const double scale = 1 << kSubpixelBits;
+    const double x = plot_.x + (point.x - x_.low) / x_.length() * (plot_.width - 1);
+    const double y = plot_.y + (y_.high - point.y) / y_.length() * (plot_.height - 1);
+    return {static_cast<int>(std::lround(x * scale)), static_cast<int>(std::lround(y * scale))};
+  }
+  /// Draws a line of the grid. @return the pixel where it begins
+  cv::Point line(const cv::Point2d& from, const cv::Point2d& to) {
     cv::line(canvas_, toPixel(from), toPixel(to), kGrid, 1, cv::LINE_AA, kSubpixelBits);
-  };
-  for (const double value : tickValues(x)) {
-    line({value, y_.low}, {value, y_.high});
-    const std::string text = tickText(value, x.step);
-    const cv::Point base(toPixel({value, y_.low}).x >> kSubpixelBits, plot_.y + plot_.height + 16);
-    drawText(canvas_, text, base - cv::Point(4 * static_cast<int>(text.size()), 0), 0.4);
+    return {toPixel(from).x >> kSubpixelBits, toPixel(from).y >> kSubpixelBits};
   }
-  for (const double value : tickValues(y)) {
-    line({x_.low, value}, {x_.high, value});
-    const std::string text = tickText(value, y.step);
-    const cv::Point base(plot_.x - 8 - 8 * static_cast<int>(text.size()),
-                         (toPixel({x_.low, value}).y >> kSubpixelBits) + 4);
-    drawText(canvas_, text, base, 0.4);
+  /// Calls f with the multiples of the step inside of an axis and their texts.
+  template <typename F>
+  static void forEachTick(const Axis& axis, const F& f) {
+    constexpr double kTolerance = 1e-6;  // share of a step; keeps ends that are ticks
+    const auto first = std::lround(std::ceil(axis.low / axis.step - kTolerance));
+    const auto last = std::lround(std::floor(axis.high / axis.step + kTolerance));
+    for (auto i = first; i <= last; ++i) {
+      const double value = static_cast<double>(i) * axis.step;
+      f(value, fmt::format("{:.6g}", value));
+    }
   }
-  cv::rectangle(canvas_, plot_, kInk, 1);
-  drawText(canvas_, x_label, {plot_.x, plot_.y + plot_.height + 36}, 0.42);
-}
 
-void Chart::curve(const std::vector<cv::Point2d>& points, const cv::Scalar& colour) {
-  for (std::size_t i = 1; i < points.size(); ++i) {
-    cv::line(
-        canvas_, toPixel(points[i - 1]), toPixel(points[i]), colour, 2, cv::LINE_AA, kSubpixelBits);
-  }
-}
+  cv::Mat canvas_;
+  cv::Rect plot_;
+  Axis x_;
+  Axis y_;
+};
 
-void Chart::dots(const std::vector<cv::Point2d>& points, int radius, const cv::Scalar& colour) {
-  for (const cv::Point2d& point : points) {
-    cv::circle(canvas_,
-               toPixel(point),
-               radius << kSubpixelBits,
-               colour,
-               cv::FILLED,
-               cv::LINE_AA,
-               kSubpixelBits);
-  }
-}
-
-void Chart::band(double x_begin, double x_end, const cv::Scalar& colour) {
-  const cv::Point from = toPixel({x_begin, y_.high});
-  const cv::Point to = toPixel({x_end, y_.low});
-  const int left = from.x >> kSubpixelBits;
-  const int right = to.x >> kSubpixelBits;
-  const cv::Rect strip(left, plot_.y + 1, std::max(1, right - left), plot_.height - 2);
-  canvas_(strip & plot_).setTo(colour);
-}
-
-constexpr int kPngCompression = 3;
 constexpr int kBarWidth = 90;
 constexpr double kMaxFigureWidth = 1600;  // [px]
 constexpr std::size_t kMaxPanels = 4;
@@ -225,144 +191,106 @@ void drawColourBar(cv::Mat& canvas, const cv::Mat& colours, float low, float hig
 /// Points of one segment seen from above: x to the right, z up.
 struct SegmentPath {
   int segment = 0;
-  bool metric = false;  // in metres
   std::vector<cv::Point2d> frames;
   std::vector<cv::Point2d> keyframes;
 };
 
 /// Segments with the most frames, in the order of the sequence.
-std::vector<int> longestSegments(const RunRecord& record) {
-  std::map<int, std::size_t> lengths;
-  for (std::size_t i = 0; i < record.frames().size(); ++i) {
-    ++lengths[record.segmentOf(record.frames().at(i))];
-  }
-  std::vector<std::pair<std::size_t, int>> ranked;
-  ranked.reserve(lengths.size());
-  for (const auto& [segment, length] : lengths) ranked.emplace_back(length, -segment);
-  std::sort(ranked.rbegin(), ranked.rend());
-  ranked.resize(std::min(ranked.size(), kMaxPanels));
-  std::vector<int> segments;
-  segments.reserve(ranked.size());
-  for (const auto& place : ranked) segments.push_back(-place.second);
-  std::sort(segments.begin(), segments.end());
-  return segments;
-}
-
-/// Places of the entries of these segments, a list each.
-std::vector<std::vector<cv::Point2d>> topViews(const RunRecord& record,
-                                               const Entries& entries,
-                                               const std::vector<int>& segments) {
-  std::vector<std::vector<cv::Point2d>> views(segments.size());
-  for (std::size_t i = 0; i < entries.size(); ++i) {
-    const PosedEntry entry = entries.at(i);
-    const int segment = record.segmentOf(entry);
-    const auto found = std::lower_bound(segments.begin(), segments.end(), segment);
-    if (found == segments.end() || *found != segment) continue;
-    const Eigen::Vector3d place = record.T_world_cam(entry).translation();
-    views[static_cast<std::size_t>(found - segments.begin())].emplace_back(place.x(), place.z());
-  }
-  return views;
-}
-
 std::vector<SegmentPath> longestPaths(const RunRecord& record) {
-  const std::vector<int> segments = longestSegments(record);
-  auto frames = topViews(record, record.frames(), segments);
-  auto keyframes = topViews(record, record.keyframes(), segments);
+  std::map<int, SegmentPath> all;
+  const auto add = [&](const Entries& entries, std::vector<cv::Point2d> SegmentPath::*points) {
+    for (std::size_t i = 0; i < entries.size(); ++i) {
+      const PosedEntry entry = entries.at(i);
+      const Eigen::Vector3d place = record.T_world_cam(entry).translation();
+      (all[record.segmentOf(entry)].*points).emplace_back(place.x(), place.z());
+    }
+  };
+  add(record.frames(), &SegmentPath::frames);
+  add(record.keyframes(), &SegmentPath::keyframes);
   std::vector<SegmentPath> paths;
-  for (std::size_t i = 0; i < segments.size(); ++i) {
-    paths.push_back({segments[i],
-                     record.unitOf(segments[i]).has_value(),
-                     std::move(frames[i]),
-                     std::move(keyframes[i])});
+  for (auto& [segment, path] : all) {
+    path.segment = segment;
+    if (!path.frames.empty()) paths.push_back(std::move(path));
   }
+  const auto longer = [](const auto& a, const auto& b) {
+    return a.frames.size() > b.frames.size();
+  };
+  std::stable_sort(paths.begin(), paths.end(), longer);
+  paths.resize(std::min(paths.size(), kMaxPanels));
+  std::sort(paths.begin(), paths.end(), [](const auto& a, const auto& b) {
+    return a.segment < b.segment;
+  });
   return paths;
 }
 
-void include(Interval& interval, double value) {
-  interval.low = std::min(interval.low, value);
-  interval.high = std::max(interval.high, value);
-}
-
-/// Makes the range cover `length` around its middle.
-Interval widened(const Interval& interval, double length) {
-  const double margin = 0.5 * std::max(0.0, length - interval.length());
-  return {interval.low - margin, interval.high + margin};
-}
-
-void drawPath(cv::Mat& canvas, const cv::Rect& area, const SegmentPath& path) {
-  Interval x{0, 0};  // the origin, the reference camera, is always in view
-  Interval z{0, 0};
+/// @param metric whether the path is told in metres
+void drawPath(cv::Mat& canvas, const cv::Rect& area, const SegmentPath& path, bool metric) {
+  Axis x{0, 0};  // the origin, the reference camera, is always in view
+  Axis z{0, 0};
   for (const cv::Point2d& point : path.frames) {
-    include(x, point.x);
-    include(z, point.y);
+    x.include(point.x);
+    z.include(point.y);
   }
-  Chart chart(canvas,
-              area,
-              fmt::format("segment {}: {} frames (blue), {} keyframes (red), start green",
-                          path.segment,
-                          path.frames.size(),
-                          path.keyframes.size()));
+  const cv::Rect plot = plotIn(area);
   // One unit is equally long on both axes.
   const double per_pixel =
-      std::max({x.length() / chart.plotSize().width, z.length() / chart.plotSize().height, 1e-6}) *
-      1.1;
-  x = widened(x, per_pixel * chart.plotSize().width);
-  z = widened(z, per_pixel * chart.plotSize().height);
-  const double step = std::max(roundAxis(x, 8).step, roundAxis(z, 8).step);
-  chart.axes(RoundAxis{x, step},
-             RoundAxis{z, step},
-             path.metric ? "x right, z up [m]"
-                         : "x right, z up; unit: mean inverse depth of the reference is 1");
+      1.1 * std::max({x.length() / plot.width, z.length() / plot.height, 1e-6});
+  const auto widen = [&](Axis& axis, int pixels) {
+    const double margin = 0.5 * (per_pixel * pixels - axis.length());
+    axis.low -= margin;
+    axis.high += margin;
+  };
+  widen(x, plot.width);
+  widen(z, plot.height);
+  x.step = z.step = std::max(roundStep(x, 8), roundStep(z, 8));
+  Chart chart(canvas, plot, x, z);
+  chart.axes(fmt::format("segment {}: {} frames (blue), {} keyframes (red), start green",
+                         path.segment,
+                         path.frames.size(),
+                         path.keyframes.size()),
+             metric ? "x right, z up [m]"
+                    : "x right, z up; unit: mean inverse depth of the reference is 1");
   chart.curve(path.frames, kPathColour);
   chart.dots(path.keyframes, 4, kKeyframeColour);
   chart.dots({{0, 0}}, 5, kStartColour);
 }
 
-cv::Scalar stateColour(OdometryState state) {
-  switch (state) {
-    case OdometryState::kInitializing:
-      return {190, 230, 255};
-    case OdometryState::kInitialized:
-      return {120, 190, 120};
-    case OdometryState::kTracked:
-      return {235, 250, 235};
-    case OdometryState::kLost:
-      return {150, 150, 245};
-    case OdometryState::kMissed:
-      return {205, 205, 205};
-  }
-  return cv::Scalar::all(255);
-}
+/// Colours of the states, in the order of OdometryState.
+const std::array<cv::Scalar, 5> kStateColours = {cv::Scalar(190, 230, 255),
+                                                 cv::Scalar(120, 190, 120),
+                                                 cv::Scalar(235, 250, 235),
+                                                 cv::Scalar(150, 150, 245),
+                                                 cv::Scalar(205, 205, 205)};
 
 void drawNotes(cv::Mat& canvas,
                const cv::Rect& area,
                const std::string& title,
                const Spool<FrameNote>& notes,
                float FrameNote::*member) {
-  Interval x{std::numeric_limits<double>::max(), std::numeric_limits<double>::lowest()};
-  Interval y{0, 1e-3};
+  const double first = notes.at(0).index;
+  Axis x{first, first + 1};
+  Axis y{0, 1e-3};
   std::vector<std::vector<cv::Point2d>> curves(1);
   for (std::size_t i = 0; i < notes.size(); ++i) {
     const FrameNote note = notes.at(i);
-    include(x, note.index);
-    if (note.*member < 0) {
-      if (!curves.back().empty()) curves.emplace_back();
-      continue;
+    x.include(note.index);
+    if (note.*member >= 0) {
+      y.include(static_cast<double>(note.*member));
+      curves.back().emplace_back(note.index, static_cast<double>(note.*member));
+    } else if (!curves.back().empty()) {
+      curves.emplace_back();
     }
-    include(y, static_cast<double>(note.*member));
-    curves.back().emplace_back(note.index, static_cast<double>(note.*member));
   }
-  Chart chart(canvas, area, title);
-  RoundAxis x_axis = roundAxis(x, 10);
-  if (x_axis.step < 1) x_axis = {{x.low, std::max(x.high, x.low + 1)}, 1};
-  const RoundAxis y_axis = roundAxis(y, 5);
-  chart.axes(x_axis, y_axis, "");
+  x.step = std::max(1.0, roundStep(x, 10));
+  y.step = roundStep(y, 5);
+  y.high = y.step * std::ceil(y.high / y.step);
+  Chart chart(canvas, plotIn(area), x, y);
   for (std::size_t i = 0; i < notes.size(); ++i) {
     const FrameNote note = notes.at(i);
-    chart.band(note.index - 0.5, note.index + 0.5, stateColour(note.state));
+    const auto state = static_cast<std::size_t>(note.state);
+    chart.band(note.index - 0.5, note.index + 0.5, kStateColours.at(state));
   }
-  chart.axes(x_axis,
-             y_axis,
+  chart.axes(title,
              "frame; orange: initializing, dark green: initialized, light green: tracked, grey: "
              "missed, red: lost");
   for (const auto& curve : curves) {
@@ -424,7 +352,8 @@ cv::Mat drawTrajectory(const RunRecord& record) {
   for (std::size_t i = 0; i < paths.size(); ++i) {
     const int column = static_cast<int>(i) % columns;
     const int row = static_cast<int>(i) / columns;
-    drawPath(canvas, {{column * panel.width, row * panel.height}, panel}, paths[i]);
+    const cv::Point corner(column * panel.width, row * panel.height);
+    drawPath(canvas, {corner, panel}, paths[i], record.unitOf(paths[i].segment).has_value());
   }
   if (paths.empty()) drawText(canvas, "never initialized", {40, 60}, 0.6);
   return canvas;
@@ -451,7 +380,7 @@ cv::Mat drawTimeline(const RunRecord& record) {
 }
 
 void writePng(const std::filesystem::path& path, const cv::Mat& image) {
-  replaceFile(path, encodePng(image, kPngCompression));
+  replaceFile(path, encodePng(image));
 }
 
 }  // namespace dsorb::io

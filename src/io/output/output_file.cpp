@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/output/output_file.h"
 
-#include "io/output/json_text.h"
-
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cerrno>
+#include <charconv>
 #include <fstream>
 #include <regex>
 #include <system_error>
@@ -27,9 +27,7 @@ FileHandle openForWriting(const fs::path& path) {
 }
 
 void writeAll(std::FILE* file, std::string_view text, const fs::path& path) {
-  if (std::fwrite(text.data(), 1, text.size(), file) != text.size() || std::fflush(file) != 0) {
-    throw writeError(path);
-  }
+  if (std::fwrite(text.data(), 1, text.size(), file) != text.size()) throw writeError(path);
 }
 
 /// Files of a run, by their names relative to the output folder. Those of earlier versions count.
@@ -60,34 +58,46 @@ IoError writeError(const fs::path& path) {
 
 GrowingFile::GrowingFile(fs::path path) : path_(std::move(path)), file_(openForWriting(path_)) {}
 
-void GrowingFile::append(std::string_view text) {
+void GrowingFile::append(std::string_view text, std::string_view end) {
+  if (end_size_ > 0 && std::fseek(file_.get(), -end_size_, SEEK_END) != 0) throw writeError(path_);
   writeAll(file_.get(), text, path_);
+  writeAll(file_.get(), end, path_);
+  if (std::fflush(file_.get()) != 0) throw writeError(path_);
+  end_size_ = static_cast<long>(end.size());
 }
 
-void GrowingFile::replaceEnd(std::uintmax_t keep, std::string_view text) {
-  try {
-    overwrite(keep, text);
-  } catch (const IoError&) {
-    file_.reset(std::fopen(path_.string().c_str(), "r+b"));  // what waits to be written goes
-    try {
-      if (file_) overwrite(end_begin_, end_);  // it has its place on the disk
-    } catch (const IoError&) {
-      // The first error says more.
-    }
-    throw;
+void GrowingFile::write(std::uintmax_t position, std::string_view text) {
+  if (std::fseek(file_.get(), static_cast<long>(position), SEEK_SET) != 0) throw writeError(path_);
+  writeAll(file_.get(), text, path_);
+  if (std::fflush(file_.get()) != 0) throw writeError(path_);
+}
+
+std::string GrowingFile::read(std::uintmax_t position, std::size_t bytes) const {
+  std::string text(bytes, '\0');
+  std::ifstream file(path_, std::ios::binary);
+  if (!file.seekg(static_cast<std::streamoff>(position)) ||
+      !file.read(text.data(), static_cast<std::streamsize>(bytes))) {
+    throw IoError(path_.string() + ": what was written there cannot be read back");
   }
-  end_begin_ = keep;
-  end_ = text;
+  return text;
 }
 
-void GrowingFile::overwrite(std::uintmax_t begin, std::string_view text) {
-  if (std::fseek(file_.get(), static_cast<long>(begin), SEEK_SET) != 0) throw writeError(path_);
-  append(text);
+void GrowingFile::cut(std::uintmax_t bytes) {
   std::error_code error;
-  fs::resize_file(path_, begin + text.size(), error);
+  fs::resize_file(path_, bytes, error);
   if (!error) return;
   errno = error.value();
   throw writeError(path_);
+}
+
+void NamelessFile::write(std::uintmax_t position, std::string_view bytes) {
+  if (file_.get() < 0) file_ = platform::openNameless(folder_);
+  if (file_.get() < 0 || !platform::writeAt(file_, position, bytes)) throw writeError(folder_);
+}
+
+void NamelessFile::read(std::uintmax_t position, void* bytes, std::size_t size) const {
+  if (platform::readAt(file_, position, bytes, size)) return;
+  throw IoError(folder_.string() + ": what was put aside there cannot be read back");
 }
 
 ReplacingFile::ReplacingFile(fs::path path)
@@ -105,7 +115,7 @@ void ReplacingFile::append(std::string_view text) {
 }
 
 void ReplacingFile::commit() {
-  const bool closed = std::fclose(file_.release()) == 0;
+  const bool closed = std::fclose(file_.release()) == 0;  // what was buffered is written, too
   std::error_code failed;
   if (closed) fs::rename(part_, path_, failed);
   if (closed && !failed) return;
@@ -125,7 +135,7 @@ void replaceFile(const fs::path& path, std::string_view content) {
 bool isOutputFile(const fs::path& name) {
   static const std::regex kNames(
       R"((trajectory(_kitti|_\d+)?\.txt|keyframes(_\d+)?\.txt|initialization\.json|frames\.csv|)"
-      R"(points\.ply|tracks\.ply|refined_camera\.txt|run\.json|config\.yaml)(\.part)?|points\.spool|)"
+      R"(points\.ply|tracks\.ply|refined_camera\.txt|run\.json|config\.yaml)(\.part)?|)"
       R"(figures/(initial_inverse_depth(_\d+)?|trajectory|timeline)\.png(\.part)?)");
   return std::regex_match(name.generic_string(), kNames);
 }
@@ -160,6 +170,69 @@ OutputFolder::OutputFolder(const fs::path& folder,
     throw IoError(fmt::format(
         "output folder {}: cannot be prepared: {}", folder.string(), error.code().message()));
   }
+}
+
+namespace {
+
+constexpr const char* kTimestampKey = "timestamp";
+
+bool isFlat(const Json& value) {
+  return std::none_of(
+      value.begin(), value.end(), [](const Json& element) { return element.is_structured(); });
+}
+
+/// A path may hold bytes that are no UTF-8.
+std::string dumped(const Json& value) {
+  return value.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+/// Arrays of numbers and matrices stay on one line.
+bool onOneLine(const Json& value) {
+  if (!value.is_array()) return !value.is_structured() || value.empty();
+  return isFlat(value);
+}
+
+void write(const Json& value, int depth, std::string& text) {
+  if (onOneLine(value)) {
+    text += dumped(value);
+    return;
+  }
+  const bool object = value.is_object();
+  text += object ? '{' : '[';
+  const char* separator = "\n";
+  for (const auto& [key, element] : value.items()) {
+    text += separator;
+    separator = ",\n";
+    text.append(static_cast<std::size_t>(depth) + 1, ' ');
+    if (object) text += dumped(key) + ": ";
+    if (object && key == kTimestampKey && element.is_number_float()) {
+      text += fmt::format("{:.9f}", element.get<double>());
+    } else {
+      write(element, depth + 1, text);
+    }
+  }
+  text += '\n';
+  text.append(static_cast<std::size_t>(depth), ' ');
+  text += object ? '}' : ']';
+}
+
+}  // namespace
+
+std::string jsonText(const Json& value) {
+  return jsonText(value, 0) + '\n';
+}
+
+std::string jsonText(const Json& value, int depth) {
+  std::string text;
+  write(value, depth, text);
+  return text;
+}
+
+double shortest(float value) {
+  const std::string text = fmt::format("{}", value);
+  double result = value;
+  std::from_chars(text.data(), text.data() + text.size(), result);
+  return result;
 }
 
 }  // namespace dsorb::io

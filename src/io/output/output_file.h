@@ -5,12 +5,16 @@
 
 #include "platform/files.h"
 
+#include <nlohmann/json.hpp>
+
+#include <cstddef>
 #include <cstdint>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
 #include <string>
 #include <string_view>
+#include <utility>
 
 namespace dsorb::io {
 
@@ -27,19 +31,35 @@ class GrowingFile {
  public:
   /// Starts with an empty file. @throws IoError where it cannot be created
   explicit GrowingFile(std::filesystem::path path);
+  /// @param end of the file for now: the next record takes its place
   /// @throws IoError where not all could be written, for example on a full disk
-  void append(std::string_view text);
-  /// The content becomes its first `keep` bytes and then the text.
-  /// @throws IoError as append(); what an earlier call wrote is there again then
-  void replaceEnd(std::uintmax_t keep, std::string_view text);
+  void append(std::string_view text, std::string_view end = {});
+  /// Overwrites what stands at a position. @throws IoError
+  void write(std::uintmax_t position, std::string_view text);
+  /// @throws IoError where not all of it can be read
+  [[nodiscard]] std::string read(std::uintmax_t position, std::size_t bytes) const;
+  /// Ends the file behind so many bytes. @throws IoError
+  void cut(std::uintmax_t bytes);
 
  private:
-  void overwrite(std::uintmax_t begin, std::string_view text);
-
   std::filesystem::path path_;
   FileHandle file_;
-  std::uintmax_t end_begin_ = 0;
-  std::string end_;  ///< what replaceEnd() wrote last, from there on
+  long end_size_ = 0;
+};
+
+/// A file without a name: it ends with the program, however that ends.
+class NamelessFile {
+ public:
+  /// @param folder on whose disk it lies; the file is made when the first bytes come
+  explicit NamelessFile(std::filesystem::path folder) : folder_(std::move(folder)) {}
+  /// @throws IoError where not all could be written
+  void write(std::uintmax_t position, std::string_view bytes);
+  /// @throws IoError where not all could be read
+  void read(std::uintmax_t position, void* bytes, std::size_t size) const;
+
+ private:
+  std::filesystem::path folder_;
+  platform::Descriptor file_;
 };
 
 /// Replaces a file as a whole: readers see the old or the new content, never a part.
@@ -52,7 +72,7 @@ class ReplacingFile {
   ReplacingFile(const ReplacingFile&) = delete;
   ReplacingFile& operator=(const ReplacingFile&) = delete;
 
-  /// @throws IoError where not all could be written
+  /// @throws IoError where not all could be written, here or in commit()
   void append(std::string_view text);
   /// Puts what was appended in the file's place. @throws IoError where that fails
   void commit();
@@ -88,5 +108,19 @@ class OutputFolder {
  private:
   platform::Descriptor lock_;  // of the folder
 };
+
+using Json = nlohmann::ordered_json;
+
+/// Text of a JSON value, indented; arrays of plain values stay on one line. Numbers are the
+/// shortest that read back the same, but a `timestamp` has nine decimals as in every file; nan and
+/// infinity become null.
+[[nodiscard]] std::string jsonText(const Json& value);
+
+/// The same for a value inside of another, without a line break at the end.
+/// @param depth number of objects and arrays around it
+[[nodiscard]] std::string jsonText(const Json& value, int depth);
+
+/// The double whose shortest text is that of the float: 0.1f gives 0.1.
+[[nodiscard]] double shortest(float value);
 
 }  // namespace dsorb::io

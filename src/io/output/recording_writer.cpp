@@ -55,12 +55,17 @@ Json carried(const Eigen::Vector2f& pixel,
           shortest(static_cast<float>(1.0 / point.z()))};
 }
 
+/// @param tracks some of them null
 Json tracksLine(FrameId frame, int segment, const char* source, Json tracks) {
+  Json seen = Json::array();
+  for (Json& track : tracks) {
+    if (!track.is_null()) seen.push_back(std::move(track));
+  }
   return {{"kind", "tracks"},
           {"index", frame.value},
           {"segment", segment},
           {"source", source},
-          {"tracks", std::move(tracks)}};
+          {"tracks", std::move(seen)}};
 }
 
 /// The initializer's points in the newest frame.
@@ -71,8 +76,7 @@ Json initialTracks(const InitializationResult& result, int segment, const Pinhol
     const auto& host = result.frames[static_cast<std::size_t>(point.host)].T_cam_ref;
     if (!host || !newest.T_cam_ref) continue;
     const SE3 T_newest_host = *newest.T_cam_ref * host->inverse();
-    Json track = carried(point.pixel, point.inverse_depth, T_newest_host, camera);
-    if (!track.is_null()) tracks.push_back(std::move(track));
+    tracks.push_back(carried(point.pixel, point.inverse_depth, T_newest_host, camera));
   }
   return tracksLine(newest.frame->id(), segment, "initial_points", std::move(tracks));
 }
@@ -81,9 +85,8 @@ Json initialTracks(const InitializationResult& result, int segment, const Pinhol
 Json mapTracks(const FrameEstimate& estimate, const KeyframeSnapshot& keyframe) {
   Json tracks = Json::array();
   for (const MapPoint& point : keyframe.points) {
-    Json track =
-        carried(point.pixel, point.inverse_depth, *estimate.T_cam_keyframe, keyframe.camera);
-    if (!track.is_null()) tracks.push_back(std::move(track));
+    tracks.push_back(
+        carried(point.pixel, point.inverse_depth, *estimate.T_cam_keyframe, keyframe.camera));
   }
   return tracksLine(estimate.frame->id(), estimate.segment, "map_points", std::move(tracks));
 }
@@ -161,15 +164,6 @@ Json headerLine(const RunInfo& info, const PinholeCamera& camera) {
           {"camera", cameraJson(camera)}};
 }
 
-/// Makes a folder with its parents. @throws IoError
-void makeFolder(const fs::path& folder) {
-  std::error_code error;
-  fs::create_directories(folder, error);
-  if (error) {
-    throw IoError(fmt::format("{}: cannot be created: {}", folder.string(), error.message()));
-  }
-}
-
 bool isRecording(const fs::path& path) {
   const std::string header = fmt::format(R"({{"kind":"header","format":"{}")", kFormat);
   std::string begin(header.size(), 0);
@@ -182,7 +176,11 @@ bool isRecording(const fs::path& path) {
 fs::path prepared(const fs::path& path, const fs::path& images) {
   const fs::path folder = fs::absolute(path).parent_path() / images;
   refuseOthers(path);
-  makeFolder(folder);
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (error) {
+    throw IoError(fmt::format("{}: cannot be created: {}", folder.string(), error.message()));
+  }
   if (fs::is_symlink(folder) || (!fs::is_empty(folder) && !isRecording(path))) {
     throw IoError(
         fmt::format("{}: holds files of others, where the images of {} would go; choose "

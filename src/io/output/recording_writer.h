@@ -5,7 +5,6 @@
 #include "dsorb/io/writers.h"
 #include "dsorb/odometry/observer.h"
 
-#include "io/output/json_text.h"
 #include "io/output/output_file.h"
 
 #include <filesystem>

@@ -20,21 +20,9 @@
 namespace dsorb {
 
 const char* name(RunStatus status) {
-  switch (status) {
-    case RunStatus::kTracked:
-      return "tracked";
-    case RunStatus::kPartlyTracked:
-      return "partly_tracked";
-    case RunStatus::kLost:
-      return "lost";
-    case RunStatus::kNeverInitialized:
-      return "never_initialized";
-    case RunStatus::kInterrupted:
-      return "interrupted";
-    case RunStatus::kError:
-      return "error";
-  }
-  return "error";
+  constexpr std::array<const char*, 6> kNames = {
+      "tracked", "partly_tracked", "lost", "never_initialized", "interrupted", "error"};
+  return kNames.at(static_cast<std::size_t>(status));
 }
 
 namespace io {
@@ -100,10 +88,10 @@ void CameraEstimate::add(const KeyframeSnapshot& keyframe) {
   }
   if (frames_.insert(keyframe.id).second) focal_lengths_.push_back(0);
   focal_lengths_.back() = meanFocal(keyframe.camera);
-  newest_ = {
+  const Estimate newest = {
       keyframe.camera, keyframe.camera_sigmas, keyframe.radial, movement(), keyframe.segment};
-  const bool same_segment = known_.segment == newest_.segment;
-  if (same_segment || focalSigma(newest_) <= focalSigma(known_)) known_ = newest_;
+  const bool same_segment = known_.segment == newest.segment;
+  if (same_segment || focalSigma(newest) <= focalSigma(known_)) known_ = newest;
 }
 
 double CameraEstimate::focalSigma(const Estimate& estimate) {
@@ -203,11 +191,11 @@ Json foundJson(const FoundCamera& found) {
 
 /// What a start holds against the readout and a window against the lens.
 void addDoubts(const RunRecord& record, Json& json) {
-  if (const std::optional<Readout>& suspected = record.suspectedReadout()) {
+  if (const std::optional<Readout>& suspected = record.facts().suspected_readout) {
     json["rolling_shutter_suspected"] = {{"milliseconds", 1000 * suspected->seconds},
                                          {"sigma", 1000 * suspected->sigma}};
   }
-  if (const std::optional<CameraScore>& camera = record.contradictedCamera()) {
+  if (const std::optional<CameraScore>& camera = record.facts().contradicted_camera) {
     const CameraScore parts = camera->contradicting();
     Json& suspected = json["calibration_suspected"];
     if (parts.focal_sigma > 0) {
@@ -219,7 +207,7 @@ void addDoubts(const RunRecord& record, Json& json) {
       suspected["radial_sigma"] = parts.radial.sigma;
     }
   }
-  if (record.stuckShare() > 0) json["stuck_share"] = record.stuckShare();
+  if (record.facts().stuck_share > 0) json["stuck_share"] = record.facts().stuck_share;
 }
 
 }  // namespace
@@ -228,6 +216,7 @@ Json runJson(const RunInfo& info,
              const RunCameras& cameras,
              const RunRecord& record,
              const RunEnd& end) {
+  const RunFacts& facts = record.facts();
   Json json = {{"program", info.program},
                {"version", info.version},
                {"dataset", info.dataset},
@@ -250,16 +239,16 @@ Json runJson(const RunInfo& info,
   }
   addDoubts(record, json);
   json["frames_given"] = record.notes().size();
-  json["frames_tracked"] = record.framesTracked();
-  json["frames_missed"] = record.framesMissed();
+  json["frames_tracked"] = facts.frames_tracked;
+  json["frames_missed"] = facts.frames_missed;
   json["frames_dropped"] = end.frames_dropped;
   if (!end.unreadable.empty()) json["unreadable"] = end.unreadable;
   json["keyframes"] = record.keyframes().size();
-  json["segments"] = record.segments().size();
+  json["segments"] = facts.segments.size();
   json["units"] = Json::array();
-  for (std::size_t i = 0; i < record.units().size(); ++i) {
-    Json unit = {{"segment", record.segments()[i]}, {"unit", "free"}};
-    if (const auto& metric = record.units()[i]) {
+  for (std::size_t i = 0; i < facts.units.size(); ++i) {
+    Json unit = {{"segment", facts.segments[i]}, {"unit", "free"}};
+    if (const auto& metric = facts.units[i]) {
       unit["unit"] = "metre";
       unit["relative_sigma"] = metric->relative_sigma;
     }
@@ -285,10 +274,11 @@ Json runJson(const RunInfo& info,
   json["withdrawn"] = Json::object();
   for (const RefusalReason reason :
        {RefusalReason::kAdjustment, RefusalReason::kDirection, RefusalReason::kDepth}) {
-    json["withdrawn"][name(reason)] = record.refusals(reason);
+    const auto count = facts.refusals.find(reason);
+    json["withdrawn"][name(reason)] = count == facts.refusals.end() ? 0 : count->second;
   }
   json["answers"] = Json::object();
-  for (const auto& [reason, count] : record.answers()) json["answers"][name(reason)] = count;
+  for (const auto& [reason, count] : facts.answers) json["answers"][name(reason)] = count;
   json["status"] = name(end.status);
   json["seconds"] = {{"total", end.seconds.total},
                      {"reading", end.seconds.reading},

@@ -6,7 +6,7 @@
 #include "dsorb/odometry/observer.h"
 #include "dsorb/self_calibration/camera_finder.h"
 
-#include "io/output/json_text.h"
+#include "io/output/output_file.h"
 #include "io/output/run_record.h"
 
 #include <array>
@@ -53,7 +53,6 @@ class CameraEstimate {
   [[nodiscard]] static double focalSigma(const Estimate& estimate);
   [[nodiscard]] double movement() const;
 
-  Estimate newest_;
   Estimate known_;
   int segment_ = -1;
   std::set<FrameId> frames_;           // keyframes of the segment

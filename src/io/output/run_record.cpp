@@ -27,13 +27,13 @@ int RunRecord::longestSegment() const {
 
 void RunRecord::addInitStep(const InitStep& step, int segment) {
   steps_.push_back({step.status, step.reason, segment, step.result, {}});
-  ++answers_[step.reason];
+  ++facts_.answers[step.reason];
 }
 
 void RunRecord::addInitialization(InitializationResult result, int segment) {
-  if (std::find(segments_.begin(), segments_.end(), segment) == segments_.end()) {
-    segments_.push_back(segment);
-    units_.push_back(result.metric);
+  if (std::find(facts_.segments.begin(), facts_.segments.end(), segment) == facts_.segments.end()) {
+    facts_.segments.push_back(segment);
+    facts_.units.push_back(result.metric);
   }
   if (result.metric) toMetres(*result.metric, result);
   noteReadout(result);
@@ -82,31 +82,28 @@ void RunRecord::noteReadout(const InitializationResult& result) {
   const auto deviations = [](const Readout& readout) {
     return std::abs(readout.seconds) / readout.sigma;
   };
-  const double known = suspected_readout_ ? deviations(*suspected_readout_) : kSuspicious;
-  if (deviations(score) > known) suspected_readout_ = score;
+  const double known =
+      facts_.suspected_readout ? deviations(*facts_.suspected_readout) : kSuspicious;
+  if (deviations(score) > known) facts_.suspected_readout = score;
 }
 
 void RunRecord::noteStuck(const InitializationResult& result) {
   const double stuck = result.report.detail("stuck_tracks").value_or(0);
   if (stuck > 0) {
-    stuck_share_ = std::max(stuck_share_, stuck / (stuck + *result.report.detail("tracks")));
+    facts_.stuck_share =
+        std::max(facts_.stuck_share, stuck / (stuck + *result.report.detail("tracks")));
   }
 }
 
 void RunRecord::addRefusal(const StartRefusal& refusal) {
-  ++refusals_[refusal.reason];
+  ++facts_.refusals[refusal.reason];
   steps_.back().refusal = refusal;
 }
 
 std::optional<MetricScale> RunRecord::unitOf(int segment) const {
-  const auto found = std::find(segments_.begin(), segments_.end(), segment);
-  if (found == segments_.end()) return std::nullopt;
-  return units_[static_cast<std::size_t>(found - segments_.begin())];
-}
-
-int RunRecord::refusals(RefusalReason reason) const {
-  const auto count = refusals_.find(reason);
-  return count == refusals_.end() ? 0 : count->second;
+  const auto found = std::find(facts_.segments.begin(), facts_.segments.end(), segment);
+  if (found == facts_.segments.end()) return std::nullopt;
+  return facts_.units[static_cast<std::size_t>(found - facts_.segments.begin())];
 }
 
 void RunRecord::addFrame(const FrameEstimate& estimate) {
@@ -120,8 +117,8 @@ void RunRecord::addFrame(const FrameEstimate& estimate) {
   if (estimate.repeats && !estimate.T_world_cam) {
     repeats_.push_back({estimate.frame->id(), estimate.frame->timestamp(), *estimate.repeats});
   }
-  frames_tracked_ += estimate.state == OdometryState::kTracked ? 1 : 0;
-  frames_missed_ += estimate.state == OdometryState::kMissed ? 1 : 0;
+  facts_.frames_tracked += estimate.state == OdometryState::kTracked ? 1 : 0;
+  facts_.frames_missed += estimate.state == OdometryState::kMissed ? 1 : 0;
   if (estimate.state == OdometryState::kInitialized && !steps_.empty() && steps_.back().result) {
     addInitialization(*steps_.back().result, estimate.segment);
   }
@@ -144,15 +141,18 @@ void RunRecord::addFrame(const FrameEstimate& estimate) {
     entry.anchor = entry.id;
     anchors_.try_emplace(entry.id, *estimate.T_world_cam, entry.timestamp);
   }
-  if (!frames_.empty() && frames_.newest().id == entry.id) frames_.pop();  // came with a result
-  frames_.push(entry);
+  if (!frames_.empty() && frames_.newest().id == entry.id) {  // came with a result
+    frames_.newest() = entry;
+  } else {
+    frames_.push(entry);
+  }
 }
 
 void RunRecord::noteCamera(const KeyframeSnapshot& keyframe) {
   if (!keyframe.camera_score || !keyframe.camera_score->suspicious()) return;
-  const bool most = !contradicted_camera_ ||
-                    keyframe.camera_score->deviations() > contradicted_camera_->deviations();
-  if (most) contradicted_camera_ = keyframe.camera_score;
+  const bool most = !facts_.contradicted_camera ||
+                    keyframe.camera_score->deviations() > facts_.contradicted_camera->deviations();
+  if (most) facts_.contradicted_camera = keyframe.camera_score;
 }
 
 void RunRecord::addKeyframe(const KeyframeSnapshot& keyframe) {
@@ -180,14 +180,15 @@ void RunRecord::nextFrame() {
 
 void RunRecord::addJoin(const SegmentsJoined& joined) {
   changes_.add(joined);
-  const auto found = std::find(segments_.begin(), segments_.end(), joined.segment);
-  if (found == segments_.end()) return;
-  if (std::find(segments_.begin(), segments_.end(), joined.into) == segments_.end()) {
+  const auto found = std::find(facts_.segments.begin(), facts_.segments.end(), joined.segment);
+  if (found == facts_.segments.end()) return;
+  if (std::find(facts_.segments.begin(), facts_.segments.end(), joined.into) ==
+      facts_.segments.end()) {
     *found = joined.into;  // that is of a map of before
     return;
   }
-  units_.erase(units_.begin() + (found - segments_.begin()));
-  segments_.erase(found);
+  facts_.units.erase(facts_.units.begin() + (found - facts_.segments.begin()));
+  facts_.segments.erase(found);
 }
 
 SE3 RunRecord::T_world_cam(const PosedEntry& entry) const {
@@ -197,46 +198,43 @@ SE3 RunRecord::T_world_cam(const PosedEntry& entry) const {
   const SE3 pose = changes_.changeOf(entry.segment, is_own ? entry.id : entry.anchor).moved(told);
   if (is_own || changes_.moved.empty() || entry.start >= 0) return pose;
   // Between two keyframes the change by loops goes over from one to the other.
-  const Anchor& anchor = anchors_.at(entry.anchor);
-  const auto next = anchor.next ? anchors_.find(*anchor.next) : anchors_.end();
-  if (next == anchors_.end() || !anchor.timestamp || !next->second.timestamp) return pose;
-  const double progress =
-      (entry.timestamp - *anchor.timestamp) / (*next->second.timestamp - *anchor.timestamp);
-  const SE3 by_next = changes_.changeOf(entry.segment, *anchor.next).moved(told);
+  const auto [next, progress] = nextOf(entry);
+  if (next == nullptr) return pose;
+  const SE3 by_next = changes_.changeOf(entry.segment, *anchors_.at(entry.anchor).next).moved(told);
   const Vector6d way = (by_next * pose.inverse()).log();
   return SE3::exp(std::clamp(progress, 0.0, 1.0) * way) * pose;
+}
+
+/// The keyframe after that of an entry, null where there is none, and how far the entry is on the
+/// way to it: frames tracked while the next keyframe is made lie behind it.
+std::pair<const RunRecord::Anchor*, double> RunRecord::nextOf(const PosedEntry& entry) const {
+  const Anchor& anchor = anchors_.at(entry.anchor);
+  const auto next = anchor.next ? anchors_.find(*anchor.next) : anchors_.end();
+  if (next == anchors_.end() || !anchor.timestamp || !next->second.timestamp) return {nullptr, 0};
+  return {&next->second,
+          (entry.timestamp - *anchor.timestamp) / (*next->second.timestamp - *anchor.timestamp)};
 }
 
 SE3 RunRecord::toldPose(const PosedEntry& entry) const {
   const auto own = anchors_.find(entry.id);  // the frame became a keyframe itself
   if (own != anchors_.end()) return own->second.T_world_cam;
   const Anchor& anchor = anchors_.at(entry.anchor);
-  const SE3 T_cam_anchor =
-      entry.start < 0 ? T_cam_keyframe(entry, anchor) : T_cam_reference(entry, anchor);
-  return anchor.T_world_cam * T_cam_anchor.inverse();
-}
-
-/// Pose of a frame of an initialization.
-SE3 RunRecord::T_cam_reference(const PosedEntry& entry, const Anchor& reference) const {
-  const Start& start = starts_[static_cast<std::size_t>(entry.start)];
-  const auto newest = anchors_.find(start.newest);
-  if (newest == anchors_.end()) return entry.T_cam_anchor;
-  const SE3 T_newest_anchor = newest->second.T_world_cam.inverse() * reference.T_world_cam;
-  return reattach(entry.T_cam_anchor, {start.T_newest_reference, T_newest_anchor}, entry.progress);
-}
-
-/// Pose of a tracked frame.
-SE3 RunRecord::T_cam_keyframe(const PosedEntry& entry, const Anchor& keyframe) const {
-  const auto next = keyframe.next ? anchors_.find(*keyframe.next) : anchors_.end();
-  if (next == anchors_.end() || !keyframe.timestamp || !next->second.timestamp) {
-    return entry.T_cam_anchor;
+  const auto T_end_anchor = [&](const Anchor& end) {
+    return end.T_world_cam.inverse() * anchor.T_world_cam;
+  };
+  SE3 T_cam_anchor = entry.T_cam_anchor;
+  if (entry.start >= 0) {
+    const Start& start = starts_[static_cast<std::size_t>(entry.start)];
+    const auto newest = anchors_.find(start.newest);
+    if (newest != anchors_.end()) {
+      T_cam_anchor = reattach(
+          T_cam_anchor, {start.T_newest_reference, T_end_anchor(newest->second)}, entry.progress);
+    }
+  } else if (const auto [next, progress] = nextOf(entry); next != nullptr) {
+    T_cam_anchor = spreadCorrection(
+        T_cam_anchor, {anchor.T_next_cam, T_end_anchor(*next)}, std::min(progress, 1.0));
   }
-  const SE3 T_next_anchor = next->second.T_world_cam.inverse() * keyframe.T_world_cam;
-  const double progress =
-      (entry.timestamp - *keyframe.timestamp) / (*next->second.timestamp - *keyframe.timestamp);
-  // Frames tracked while the next keyframe is made lie behind it.
-  return spreadCorrection(
-      entry.T_cam_anchor, {keyframe.T_next_cam, T_next_anchor}, std::min(progress, 1.0));
+  return anchor.T_world_cam * T_cam_anchor.inverse();
 }
 
 }  // namespace dsorb::io

@@ -3,15 +3,106 @@
 
 #include "dsorb/odometry/observer.h"
 
-#include "io/output/map_changes.h"
-#include "io/output/spool.h"
+#include "io/output/output_file.h"
 
+#include <algorithm>
+#include <cstddef>
 #include <filesystem>
 #include <map>
 #include <optional>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 namespace dsorb::io {
+
+/// A list of which only the newest records are in memory, the others in a nameless file.
+/// @tparam Record its bytes are all there is to it: nothing it points to
+template <typename Record>
+class Spool {
+ public:
+  static constexpr std::size_t kBlock = 1024;  ///< so many of the newest records stay in memory
+
+  /// @param folder on whose disk the old records lie
+  explicit Spool(std::filesystem::path folder) : file_(std::move(folder)) {}
+
+  [[nodiscard]] std::size_t size() const { return stored_ + newest_.size(); }
+  [[nodiscard]] bool empty() const { return size() == 0; }
+
+  /// The last record, where there is one.
+  [[nodiscard]] Record& newest() { return newest_.back(); }
+  [[nodiscard]] const Record& newest() const { return newest_.back(); }
+  /// Any record; quick where the last one asked for was near. @throws IoError
+  [[nodiscard]] Record at(std::size_t index) const {
+    if (index >= stored_) return newest_[index - stored_];
+    const std::size_t begin = index - index % kBlock;
+    if (begin != block_begin_ || block_.empty()) {
+      block_ = load(begin, std::min(kBlock, stored_ - begin));
+      block_begin_ = begin;
+    }
+    return block_[index - begin];
+  }
+
+  void push(const Record& record) { newest_.push_back(record); }
+
+  /// Puts all but the newest records on the disk. @throws IoError
+  void settle() {
+    if (newest_.size() < 2 * kBlock) return;
+    const std::size_t count = newest_.size() - kBlock;
+    file_.write(bytes(stored_), {reinterpret_cast<const char*>(newest_.data()), bytes(count)});
+    newest_.erase(newest_.begin(), newest_.end() - kBlock);
+    stored_ += count;
+    block_.clear();
+  }
+
+ private:
+  static constexpr std::size_t bytes(std::size_t records) { return records * sizeof(Record); }
+
+  [[nodiscard]] std::vector<Record> load(std::size_t begin, std::size_t count) const {
+    std::vector<Record> records(count);
+    file_.read(bytes(begin), records.data(), bytes(count));
+    return records;
+  }
+
+  NamelessFile file_;
+  std::size_t stored_ = 0;  ///< records that are in the file
+  std::vector<Record> newest_;
+  mutable std::vector<Record> block_;  ///< of the file, read last
+  mutable std::size_t block_begin_ = 0;
+};
+
+/// What became of a run's segments after they were told: joins and loops.
+struct MapChanges {
+  std::vector<SegmentsJoined> joins;
+  std::vector<LoopsClosed> loops;
+  std::map<FrameId, Similarity> moved;  ///< by keyframe: S_new_old of loops, after the joins
+
+  void add(const SegmentsJoined& joined) { joins.push_back(joined); }
+  void add(const LoopsClosed& closed) {
+    loops.push_back(closed);
+    for (const KeyframeMoved& keyframe : closed.moved) moved[keyframe.id] = keyframe.S_new_old;
+  }
+  [[nodiscard]] bool empty() const { return joins.empty() && loops.empty(); }
+
+  /// The segment that has become of one.
+  [[nodiscard]] int segmentOf(int segment) const {
+    for (const SegmentsJoined& joined : joins) {
+      if (joined.segment == segment) segment = joined.into;
+    }
+    return segment;
+  }
+  /// World of now from the world in which something was told, around a keyframe of the segment.
+  [[nodiscard]] Similarity changeOf(int segment, FrameId keyframe) const {
+    Similarity change;
+    for (const SegmentsJoined& joined : joins) {
+      if (joined.segment != segment) continue;
+      change = joined.S_into_segment * change;
+      segment = joined.into;
+    }
+    const auto by_loops = moved.find(keyframe);
+    return by_loops == moved.end() ? change : by_loops->second * change;
+  }
+};
 
 /// A frame with a pose, hung on an anchor: a keyframe or the reference of an initialization. Where
 /// the next keyframe (the newest frame of the initialization) is known, it follows that one, too.
@@ -43,6 +134,24 @@ struct InitStepNote {
   int segment = 0;
   std::optional<InitializationResult> result;
   std::optional<StartRefusal> refusal;  ///< of its result
+};
+
+/// Numbers of a whole run.
+struct RunFacts {
+  int frames_tracked = 0;
+  int frames_missed = 0;      ///< without a pose while a map stood
+  std::vector<int> segments;  ///< with a start that stayed, and not joined to another one
+  /// Scale of each of them, in metres of its start's unit; where there is one, all of the segment
+  /// is told in metres.
+  std::vector<std::optional<MetricScale>> units;
+  /// What a start that took all rows for exposed at one time says of the readout, where that is not
+  /// 0 by more than three standard deviations; the surest of them.
+  std::optional<Readout> suspected_readout;
+  /// What the window that contradicts the calibration most says of the camera, where one does.
+  std::optional<CameraScore> contradicted_camera;
+  double stuck_share = 0;  ///< largest of a start's corners that moved with the camera, as a bonnet
+  std::map<RefusalReason, int> refusals;  ///< of starts
+  std::map<InitReason, int> answers;      ///< of the initializer
 };
 
 /// Record of a run: enough to write every trajectory with the poses that are final by then. In
@@ -77,34 +186,11 @@ class RunRecord {
   [[nodiscard]] const Entries& frames() const { return frames_; }
   [[nodiscard]] const Entries& keyframes() const { return keyframes_; }
   [[nodiscard]] const Spool<FrameNote>& notes() const { return notes_; }
-  [[nodiscard]] int framesTracked() const { return frames_tracked_; }
-  /// Without a pose while a map stood.
-  [[nodiscard]] int framesMissed() const { return frames_missed_; }
-  /// Segments with a start that stayed, and that were not joined to another one.
-  [[nodiscard]] const std::vector<int>& segments() const { return segments_; }
+  [[nodiscard]] const RunFacts& facts() const { return facts_; }
   /// The one with the most frames, the earliest of equals; -1 where no frame has a pose.
   [[nodiscard]] int longestSegment() const;
-  /// Scale of each of them, in metres of its start's unit; where there is one, all of the segment
-  /// is told in metres.
-  [[nodiscard]] const std::vector<std::optional<MetricScale>>& units() const { return units_; }
   /// Unit of one segment; nothing where it is not told in metres.
   [[nodiscard]] std::optional<MetricScale> unitOf(int segment) const;
-  /// What a start that took all rows for exposed at one time says of the readout, where that is not
-  /// 0 by more than three standard deviations; the surest of them.
-  [[nodiscard]] const std::optional<Readout>& suspectedReadout() const {
-    return suspected_readout_;
-  }
-  /// What the window that contradicts the calibration most says of the camera, where one does.
-  [[nodiscard]] const std::optional<CameraScore>& contradictedCamera() const {
-    return contradicted_camera_;
-  }
-  /// Largest share of a start's corners that moved with the camera, as a bonnet does.
-  [[nodiscard]] double stuckShare() const { return stuck_share_; }
-  /// Number of starts that were refused.
-  [[nodiscard]] int refusals(RefusalReason reason) const;
-  /// How often the initializer gave each reason.
-  [[nodiscard]] const std::map<InitReason, int>& answers() const { return answers_; }
-
   /// Steps of the initialization at the current frame.
   [[nodiscard]] const std::vector<InitStepNote>& steps() const { return steps_; }
   [[nodiscard]] const std::optional<FrameEstimate>& estimate() const { return estimate_; }
@@ -138,25 +224,16 @@ class RunRecord {
   void noteCamera(const KeyframeSnapshot& keyframe);
   /// As told, before joins and loops.
   [[nodiscard]] SE3 toldPose(const PosedEntry& entry) const;
-  [[nodiscard]] SE3 T_cam_reference(const PosedEntry& entry, const Anchor& reference) const;
-  [[nodiscard]] SE3 T_cam_keyframe(const PosedEntry& entry, const Anchor& keyframe) const;
+  [[nodiscard]] std::pair<const Anchor*, double> nextOf(const PosedEntry& entry) const;
 
   Entries frames_;
   Entries keyframes_;  ///< each its own anchor
   Spool<FrameNote> notes_;
   std::vector<Repeat> repeats_;  ///< since the last start
-  int frames_tracked_ = 0;
-  int frames_missed_ = 0;
+  RunFacts facts_;
   std::vector<Start> starts_;
-  std::optional<Readout> suspected_readout_;
-  double stuck_share_ = 0;
-  std::optional<CameraScore> contradicted_camera_;
   std::map<FrameId, Anchor> anchors_;
   MapChanges changes_;
-  std::vector<int> segments_;
-  std::vector<std::optional<MetricScale>> units_;
-  std::map<RefusalReason, int> refusals_;
-  std::map<InitReason, int> answers_;
 
   std::vector<InitStepNote> steps_;
   std::optional<FrameEstimate> estimate_;

@@ -5,12 +5,10 @@
 
 #include "base/timed.h"
 #include "io/output/figures.h"
-#include "io/output/json_text.h"
 #include "io/output/output_file.h"
-#include "io/output/points_ply.h"
+#include "io/output/run_files.h"
 #include "io/output/run_json.h"
 #include "io/output/run_record.h"
-#include "io/output/trajectory_writer.h"
 
 #include <fmt/format.h>
 
@@ -18,7 +16,6 @@
 #include <chrono>
 #include <cmath>
 #include <cstddef>
-#include <cstdint>
 #include <cstdlib>
 #include <filesystem>
 #include <optional>
@@ -27,46 +24,13 @@
 #include <utility>
 
 namespace dsorb {
-/// initialization.json: one object per successful initialization, added when it comes. Only the
-/// last one is kept: no other can be taken back.
-class InitializationWriter {
- public:
-  /// Writes the empty list. @throws IoError where it cannot be written
-  InitializationWriter(std::filesystem::path path, std::string initializer);
 
-  void setCamera(const PinholeCamera& camera) { camera_ = camera; }
-
-  /// Counts the current frame and writes when it brought or took back an initialization.
-  void update(const io::RunRecord& record, double milliseconds);
-
- private:
-  /// The start of a segment up to now.
-  struct Progress {
-    int segment = -1;
-    int frames_given = 0;
-    int resets = 0;
-    double total_milliseconds = 0;
-    double attempt_milliseconds = 0;  ///< since the last reset
-  };
-
-  [[nodiscard]] io::Json describe(const io::InitStepNote& step, double milliseconds) const;
-  void add(io::Json initialization);
-  /// Brings the file up to date.
-  void write();
-
-  io::GrowingFile file_;
-  std::string initializer_;
-  PinholeCamera camera_;
-  Progress progress_;
-  io::Json last_;              ///< null before the first one
-  std::uintmax_t last_begin_;  ///< its place in the file
-  std::size_t last_size_ = 0;
-  bool changed_ = false;
-};
+namespace fs = std::filesystem;
 
 namespace {
 
 constexpr std::string_view kHead = "{\n \"initializations\": [";
+constexpr std::string_view kTail = "]\n}\n";
 constexpr int kDepth = 2;  // of an initialization in the file
 
 template <typename Matrix>
@@ -155,85 +119,92 @@ void noteRefusal(const std::optional<StartRefusal>& refusal, io::Json& initializ
 
 }  // namespace
 
-InitializationWriter::InitializationWriter(std::filesystem::path path, std::string initializer)
-    : file_(std::move(path)), initializer_(std::move(initializer)), last_begin_(kHead.size()) {
-  file_.append(kHead);
-  file_.replaceEnd(kHead.size(), "]\n}\n");
-}
+/// initialization.json: one object per successful initialization, added when it comes.
+class InitializationWriter {
+ public:
+  /// Writes the empty list. @throws IoError where it cannot be written
+  InitializationWriter(fs::path path, std::string initializer)
+      : file_(std::move(path)), initializer_(std::move(initializer)) {
+    file_.append(kHead, kTail);
+  }
 
-void InitializationWriter::update(const io::RunRecord& record, double milliseconds) {
-  if (record.estimate()) {
-    if (record.estimate()->segment != progress_.segment) {
-      progress_ = {};
-      progress_.segment = record.estimate()->segment;
+  void setCamera(const PinholeCamera& camera) { camera_ = camera; }
+
+  /// Counts the current frame and writes when it brought an initialization.
+  void update(const io::RunRecord& record, double milliseconds) {
+    if (record.estimate()) {
+      if (record.estimate()->segment != progress_.segment) {
+        progress_ = {};
+        progress_.segment = record.estimate()->segment;
+      }
+      ++progress_.frames_given;
     }
-    ++progress_.frames_given;
-  }
-  for (const io::InitStepNote& step : record.steps()) {
-    if (step.status == InitStatus::kRestarted && step.reason != InitReason::kFirstFrame) {
-      ++progress_.resets;
-      progress_.attempt_milliseconds = 0;
+    for (const io::InitStepNote& step : record.steps()) {
+      if (step.status == InitStatus::kRestarted && step.reason != InitReason::kFirstFrame) {
+        ++progress_.resets;
+        progress_.attempt_milliseconds = 0;
+      }
+    }
+    if (!record.steps().empty()) {
+      progress_.total_milliseconds += milliseconds;
+      progress_.attempt_milliseconds += milliseconds;
+    }
+    for (const io::InitStepNote& step : record.steps()) {
+      if (!step.result) continue;
+      const std::string text = io::jsonText(describe(step, milliseconds), kDepth);
+      file_.append(fmt::format("{}\n  {}", separator_, text), fmt::format("\n {}", kTail));
+      separator_ = ",";
     }
   }
-  if (!record.steps().empty()) {
-    progress_.total_milliseconds += milliseconds;
-    progress_.attempt_milliseconds += milliseconds;
-  }
-  for (const io::InitStepNote& step : record.steps()) {
-    if (!step.result) continue;
-    add(describe(step, milliseconds));
-  }
-  if (changed_) write();
-}
 
-io::Json InitializationWriter::describe(const io::InitStepNote& step, double milliseconds) const {
-  const InitializationResult& result = *step.result;
-  const Frame& reference = *result.frames.front().frame;
-  const Frame& target = *result.frames.back().frame;
-  io::Json json;
-  json["initializer"] = initializer_;
-  json["segment"] = progress_.segment;
-  json["frames_given"] = progress_.frames_given;
-  json["frames_since_reference"] = std::abs(target.id().value - reference.id().value);
-  json["resets"] = progress_.resets;
-  noteRefusal(step.refusal, json);
-  json["reference"] = frameReference(reference);
-  json["target"] = frameReference(target);
-  json["camera"] = io::cameraJson(camera_);
-  json["poses"] = poses(result);
-  json["points"] = referencePoints(result);
-  io::Json stages = io::Json::object();
-  for (const StageTime& stage : result.report.stages) stages[stage.stage] = stage.milliseconds;
-  json["milliseconds"] = {{"total", progress_.total_milliseconds},
-                          {"this_attempt", progress_.attempt_milliseconds},
-                          {"last_frame", milliseconds},
-                          {"stages", std::move(stages)}};
-  if (result.metric) {
-    json["metric"] = {{"metres_per_unit", result.metric->metres},
-                      {"relative_sigma", result.metric->relative_sigma}};
+ private:
+  /// The start of a segment up to now.
+  struct Progress {
+    int segment = -1;
+    int frames_given = 0;
+    int resets = 0;
+    double total_milliseconds = 0;
+    double attempt_milliseconds = 0;  ///< since the last reset
+  };
+
+  [[nodiscard]] io::Json describe(const io::InitStepNote& step, double milliseconds) const {
+    const InitializationResult& result = *step.result;
+    const Frame& reference = *result.frames.front().frame;
+    const Frame& target = *result.frames.back().frame;
+    io::Json json;
+    json["initializer"] = initializer_;
+    json["segment"] = progress_.segment;
+    json["frames_given"] = progress_.frames_given;
+    json["frames_since_reference"] = std::abs(target.id().value - reference.id().value);
+    json["resets"] = progress_.resets;
+    noteRefusal(step.refusal, json);
+    json["reference"] = frameReference(reference);
+    json["target"] = frameReference(target);
+    json["camera"] = io::cameraJson(camera_);
+    json["poses"] = poses(result);
+    json["points"] = referencePoints(result);
+    io::Json stages = io::Json::object();
+    for (const StageTime& stage : result.report.stages) stages[stage.stage] = stage.milliseconds;
+    json["milliseconds"] = {{"total", progress_.total_milliseconds},
+                            {"this_attempt", progress_.attempt_milliseconds},
+                            {"last_frame", milliseconds},
+                            {"stages", std::move(stages)}};
+    if (result.metric) {
+      json["metric"] = {{"metres_per_unit", result.metric->metres},
+                        {"relative_sigma", result.metric->relative_sigma}};
+    }
+    json["report"] = reportJson(result);
+    return json;
   }
-  json["report"] = reportJson(result);
-  return json;
-}
 
-void InitializationWriter::add(io::Json initialization) {
-  if (changed_) write();  // the one before, for the last time
-  if (!last_.is_null()) last_begin_ += last_size_;
-  last_ = std::move(initialization);
-  changed_ = true;
-}
-
-void InitializationWriter::write() {
-  std::string text = last_begin_ == kHead.size() ? "\n  " : ",\n  ";
-  text += io::jsonText(last_, kDepth);
-  last_size_ = text.size();
-  file_.replaceEnd(last_begin_, text + "\n ]\n}\n");
-  changed_ = false;
-}
+  io::GrowingFile file_;
+  std::string initializer_;
+  PinholeCamera camera_;
+  Progress progress_;
+  const char* separator_ = "";
+};
 
 namespace {
-
-namespace fs = std::filesystem;
 
 /// What run.json says until finish(): the run was killed.
 std::string firstSummary(const RunInfo& info) {
@@ -282,10 +253,10 @@ class RunWriter::Impl {
   void writeFinalFiles(RunStatus outcome) {
     trajectory.finish(record, record.frames());
     keyframes.finish(record, record.keyframes());
-    if (record.segments().size() == 1 && outcome == RunStatus::kTracked) {
+    if (record.facts().segments.size() == 1 && outcome == RunStatus::kTracked) {
       io::writeKitti(folder / "trajectory_kitti.txt", record, record.frames());
     }
-    points.update();
+    points.finish(record.changes());
     io::writePng(folder / "figures" / "trajectory.png", io::drawTrajectory(record));
     io::writePng(folder / "figures" / "timeline.png", io::drawTimeline(record));
     writeCalibration();
@@ -377,12 +348,10 @@ void RunWriter::onStartRefused(const StartRefusal& refusal) {
 
 void RunWriter::onSegmentsJoined(const SegmentsJoined& joined) {
   impl_->record.addJoin(joined);
-  impl_->points.change(impl_->record.changes());
 }
 
 void RunWriter::onLoopsClosed(const LoopsClosed& closed) {
   impl_->record.addLoops(closed);
-  impl_->points.change(impl_->record.changes());
 }
 
 void RunWriter::onTracks(const std::vector<MapTrack>& tracks) {
@@ -432,7 +401,7 @@ void RunWriter::setUnreadable(std::vector<std::string> files) {
 
 RunStatus RunWriter::outcome() const {
   const io::RunRecord& record = impl_->record;
-  if (record.segments().empty()) return RunStatus::kNeverInitialized;
+  if (record.facts().segments.empty()) return RunStatus::kNeverInitialized;
   const OdometryState last = record.notes().newest().state;
   const bool map_stands = last != OdometryState::kInitializing && last != OdometryState::kLost;
   if (!map_stands) return RunStatus::kLost;
@@ -441,7 +410,7 @@ RunStatus RunWriter::outcome() const {
 }
 
 bool RunWriter::calibrationSuspected() const {
-  return impl_->record.contradictedCamera().has_value();
+  return impl_->record.facts().contradicted_camera.has_value();
 }
 
 void RunWriter::finish(RunStatus status, const OdometryReport* report) {

@@ -60,7 +60,7 @@ def calibration_of(lens):
 def lens_of(run):
     """Lens of the images as they were taken. Raises PicturesError where poses belong to another one."""
     if 'lens' not in run.summary:
-        raise PicturesError(f'{run.folder / "run.json"}: no `lens`; made by an older version, run again')
+        raise PicturesError(f'{run.folder / "run.json"}: no `lens`; run again')
     lens = run.summary['lens']
     if 'refined_camera' not in run.summary:
         return lens
@@ -92,7 +92,7 @@ def make_pictures(run, indices, undistort):
     cv2 = opencv('taking images out of videos and archives, and undistorting them,')
     lens = run.summary.get('lens') if undistort else lens_of(run)
     if lens is None:
-        raise PicturesError(f'{run.folder / "run.json"}: no `lens`; made by an older version, run again')
+        raise PicturesError(f'{run.folder / "run.json"}: no `lens`; run again')
     camera = run.summary['camera']
     maps = rectifying_maps(lens, camera, run.camera) if undistort else None
     folder, names = new_folder(run.folder, 'images'), {}

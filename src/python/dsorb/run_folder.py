@@ -167,11 +167,8 @@ def read_summary(path):
 
 def read_rows(path):
     with reading(path), path.open(newline='', **TEXT) as file:
-        rows = list(csv.DictReader(file))
-        if rows and 'image' not in rows[0]:
-            raise FolderError(f'{path}: no column `image`; made by an older version, run again')
         return [Row(int(row['index']), row['timestamp'], row['state'], row['is_keyframe'] == '1', int(row['segment']),
-                    row['image']) for row in rows]
+                    row['image']) for row in csv.DictReader(file)]
 
 
 def after_joins(segment, joined):
@@ -237,7 +234,7 @@ def read_points(path):
     """Vertices of points.ply as a structured array."""
     vertices = read_ply(path).get('vertex')
     if vertices is None or 'keyframe' not in vertices.dtype.names:
-        raise FolderError(f'{path}: no property `keyframe`; made by an older version, run again')
+        raise FolderError(f'{path}: no property `keyframe`, as that of a run has')
     return vertices
 
 

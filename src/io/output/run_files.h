@@ -7,9 +7,12 @@
 #include "io/output/run_record.h"
 
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace dsorb::io {
 
@@ -58,5 +61,34 @@ void writeTum(const std::filesystem::path& path,
 /// the above.
 /// @source KITTI odometry benchmark, format of poses
 void writeKitti(const std::filesystem::path& path, const RunRecord& record, const Entries& entries);
+
+/// tracks.ply: corners that several keyframes see, as a binary little-endian PLY file with two
+/// elements: `point` (x y z segment) and `observation` (point keyframe u v), the latter with the
+/// position of the point in the former and of the keyframe's image in its sequence.
+void writeTracks(const std::filesystem::path& path, const std::vector<MapTrack>& tracks);
+
+/// points.ply: the map as binary little-endian vertices `x y z red green blue
+/// inverse_depth_variance segment keyframe`, in world coordinates of each segment; the last is the
+/// position of the host's image. Points of retired keyframes are final, those of the others stand
+/// behind them for now.
+class PointsPly {
+ public:
+  explicit PointsPly(const std::filesystem::path& folder);
+
+  void setKeyframe(const KeyframeSnapshot& keyframe) { active_[keyframe.id] = keyframe; }
+  void retireKeyframe(const KeyframeSnapshot& keyframe);
+
+  /// Brings the file up to date.
+  void update();
+  /// The same for the last time: points are where joins and loops put them.
+  void finish(const MapChanges& changes);
+
+ private:
+  std::map<FrameId, KeyframeSnapshot> active_;
+  GrowingFile file_;
+  std::string retired_;             // since the last update
+  std::uintmax_t final_bytes_ = 0;  // of the vertices of retired keyframes in the file
+  std::uintmax_t bytes_ = 0;        // of all vertices in the file
+};
 
 }  // namespace dsorb::io
