@@ -270,8 +270,9 @@ RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
   try {
     if (isSearched(reader)) {
       result.camera = searchCamera(std::move(reader), request, interrupt);
-      reader = SequenceReader(result.camera ? withLens(request.sequence, result.camera->lens)
-                                            : request.sequence);
+      SequenceOptions sequence = request.sequence;
+      if (result.camera) sequence.lens = result.camera->lens;
+      reader = SequenceReader(sequence);
       if (!result.camera) {
         warn(request, {"these images do not tell the camera: the run begins with a guess of it"});
         result.camera.emplace().lens = reader.lens();

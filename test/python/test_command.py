@@ -249,12 +249,6 @@ class Obstacles(unittest.TestCase):
         found = of_lens({'camera': camera, 'calibration_suspected': doubt, 'refined_camera': refined})
         self.assertEqual(sum('calibration suspected' in line for line in found), 1)  # the window knows it by now
 
-    def test_a_readout_that_no_shutter_has_is_not_suspected(self):
-        camera = {'fx': 400, 'fy': 400}
-        for milliseconds, lines in ((25., 1), (-25., 1), (-184., 0)):
-            asked = {'milliseconds': milliseconds, 'sigma': 4.}
-            self.assertEqual(len(of_lens({'camera': camera, 'rolling_shutter_suspected': asked})), lines)
-
     def summary_of(self, kind, *options):
         """Text of a run in which nothing starts."""
         folder = temporary_folder()

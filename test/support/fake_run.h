@@ -145,6 +145,7 @@ class FakeRun {
   void retire() { writer.onKeyframeRetired(snapshot_); }
 
   RunWriter writer;
+  std::vector<Detail> details;  ///< of the report of starts, beside others
   int segment = 0;
 
  private:
@@ -154,6 +155,7 @@ class FakeRun {
     step.status = InitStatus::kInitialized;
     step.reason = InitReason::kDone;
     step.result = makeResult(fed_);
+    for (const Detail& detail : details) step.result->report.details.push_back(detail);
     writer.onInitStep(step, *fed_.back(), segment);
   }
   FrameEstimate posed(const FramePtr& frame, OdometryState state) const {

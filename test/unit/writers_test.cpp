@@ -10,6 +10,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <utility>
 #include <vector>
 
 namespace dsorb {
@@ -115,6 +116,20 @@ TEST(RunWriter, TheWindowThatContradictsTheCalibrationMostIsInTheSummary) {
   run.writer.finish(run.writer.outcome(), nullptr);
   const auto json = readJson(folder.path() / "run.json");
   EXPECT_EQ(json["calibration_suspected"].dump(), R"({"focal_change":-0.5,"focal_sigma":0.1})");
+}
+
+TEST(RunWriter, AReadoutThatAStartAsksForIsSuspectedWhereAShutterMayHaveIt) {
+  for (const auto& [milliseconds, suspected] :
+       {std::pair(25., true), std::pair(-25., true), std::pair(-184., false)}) {
+    const TemporaryFolder folder;
+    FakeRun run(folder.path());
+    run.details = {{"readout_score_ms", milliseconds}, {"readout_score_sigma_ms", 4}};
+    run.initializing(0);
+    run.initialized(5);
+    run.writer.finish(run.writer.outcome(), nullptr);
+    const auto json = readJson(folder.path() / "run.json");
+    EXPECT_EQ(json.contains("rolling_shutter_suspected"), suspected) << milliseconds;
+  }
 }
 
 TEST(RunWriter, FiguresOfLargeImagesAreSmaller) {

@@ -72,13 +72,14 @@ void RunRecord::addInitialization(InitializationResult result, int segment) {
 
 void RunRecord::noteReadout(const InitializationResult& result) {
   constexpr double kSuspicious = 3;  // standard deviations
+  constexpr double kLongest = 0.1;   // that a shutter takes [s]
   const auto milliseconds = result.report.detail("readout_score_ms");
   const auto sigma = result.report.detail("readout_score_sigma_ms");
   if (!milliseconds || !sigma) return;
   const Readout score{*milliseconds / 1000, *sigma / 1000};
   const double interval =
       result.frames[1].frame->timestamp() - result.frames.front().frame->timestamp();
-  if (std::abs(score.seconds) > std::abs(interval)) return;  // no camera reads longer than that
+  if (std::abs(score.seconds) > std::min(std::abs(interval), kLongest)) return;
   const auto deviations = [](const Readout& readout) {
     return std::abs(readout.seconds) / readout.sigma;
   };

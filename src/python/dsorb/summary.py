@@ -12,7 +12,6 @@ ENOUGH = 0.9  # of the images posed: nothing to advise
 # Share by which the window's focal length may be off the given one. Rendered walks: 0.5 % with the right one, 54 % with 2.2
 # times the right one; people guess to 10 %.
 SUSPECTED, SIGMAS = 0.1, 5
-LONGEST_READOUT = 100  # [ms] of a camera: more than that is no shutter
 # Answers of the initializer that name an obstacle, and what helps.
 ADVICE = {
     'too_few_points': 'too few corners to follow: too dark, blurred, or without texture. More light, a shorter exposure, '
@@ -135,7 +134,7 @@ def of_lens(summary):
         lines.append(f'  {100 * summary["stuck_share"]:.0f} % of the corners of a start move with the camera (a bonnet, a watermark): '
                      'hide them with --mask FILE')
     suspected = summary.get('rolling_shutter_suspected')
-    if suspected and abs(suspected['milliseconds']) < LONGEST_READOUT and not readout and not found:
+    if suspected and not readout and not found:
         lines.append(f'  rolling shutter suspected: the images of a start ask for {suspected["milliseconds"]:.0f} +- {suspected["sigma"]:.0f} ms '
                      'between the rows; a phone has 10 to 30. Try --readout auto')
     if readout:
