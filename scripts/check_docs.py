@@ -6,6 +6,7 @@
 - A code block after `<!-- code: FILE NAME -->` is what stands in FILE between the lines `// [NAME]` and `// [/NAME]`.
 - Tests that inputs_images.md names exist, and sources that how-it-works.md names.
 - README.md and docs/*.md, without the generated configuration.md, have at most 20,000 words, tables and code included.
+- CMakeLists.txt, CITATION.cff and the ROS 2 node's package.xml have one version, and CHANGELOG.md a heading for it.
 - No comment of the sources, and no sentence in one, begins with a word that leaves its subject out; those of the library
   do not send to docs/lab.
 
@@ -86,6 +87,14 @@ def lost_sources(page, text):
             yield f'{page.relative_to(ROOT)}: {name}: no such source'
 
 
+def other_versions():
+    """Files whose version is not that of CMakeLists.txt."""
+    version = re.search(r'project\(dsorb VERSION ([\d.]+)', (ROOT / 'CMakeLists.txt').read_text()).group(1)
+    for file, form in (('CITATION.cff', '\nversion: {}\n'), ('scripts/ros2/dsorb_ros/package.xml', '<version>{}<'), ('CHANGELOG.md', '\n## {}')):
+        if form.format(version) not in (ROOT / file).read_text():
+            yield f'{file}: expected the version {version} of CMakeLists.txt: {form.format(version).strip()}'
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--update', action='store_true', help='write the code blocks')
@@ -108,7 +117,7 @@ def main():
     words = sum(len(page.read_text().split()) for page in user_pages)
     if words > MAX_WORDS:
         errors.append(f'README.md and docs/*.md have {words} words: expected {MAX_WORDS} at most; measurements and lists go to docs/lab')
-    errors += faulty_words()
+    errors += [*faulty_words(), *other_versions()]
     print('\n'.join(errors) or f'docs: {len(pages)} pages, {links} links, {blocks} code blocks and {words} words for users are as they should be')
     return 1 if errors else 0
 

@@ -8,11 +8,12 @@
 #   memory   that it does not grow with the length of a run
 #   ros2     the callbacks of scripts/ros2 on bags (needs a Python with rosbags and the package in build/python)
 #   wheels   scripts/wheels/build.sh, tried in empty roots (on Debian 12, as root)
-#   aarch64  its wheels, and unit and contract tests under qemu (after wheels; not by default: not yet tried to the end)
+#   portability  what macOS and Windows would say of the code, as far as Debian's compilers can tell
+#   aarch64  unit and contract tests under qemu, then its wheels (after wheels; not by default: not yet tried to the end)
 set -uo pipefail
 cd "$(dirname "$0")/.."
 export DSORB_BUILD_DIR=${DSORB_BUILD_DIR:-$PWD/build}
-[ $# -gt 0 ] || set -- attack soak fuzz contract memory ros2 wheels
+[ $# -gt 0 ] || set -- attack soak fuzz contract memory ros2 wheels portability
 
 attack() {
   local python=${DSORB_PYTHON:-python3} script failed=0
@@ -33,7 +34,10 @@ ros2() {
       PYTHONPATH=$DSORB_BUILD_DIR/python:test/python "$python" test/python/run.py test_ros2
 }
 wheels() { scripts/wheels/build.sh x86_64 && scripts/wheels/try.sh; }
-aarch64() { scripts/wheels/build.sh aarch64 && scripts/wheels/test_aarch64.sh; }
+portability() {
+  scripts/install_dependencies.sh clang-14 libc++-14-dev libc++abi-14-dev g++-mingw-w64-x86-64-posix && scripts/check_portability.sh
+}
+aarch64() { scripts/wheels/test_aarch64.sh && scripts/wheels/build.sh aarch64; }
 
 failed=()
 for step in "$@"; do

@@ -1,15 +1,15 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: BSD-3-Clause
-# The documentation as a site of plain HTML: site.sh [FOLDER] (default build/site). Pages are those of docs/ and the README by
-# the Python package markdown; api/ is the reference of the public headers by Doxygen, where that is installed.
+# The documentation as a site of plain HTML: site.sh [FOLDER] (default build/site). Pages are README, CHANGELOG,
+# CONTRIBUTING, the ROS 2 node and docs/ by the Python package markdown; a link to nothing is an error. api/ is the reference of the
+# public headers by Doxygen, where that is installed.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 folder=${1:-build/site}
 python=${DSORB_PYTHON:-python3}
 "$python" -c 'import markdown' 2>/dev/null || { echo 'site.sh: pip install markdown' >&2; exit 1; }
-rm -rf "$folder" && mkdir -p "$folder/docs"
-cp -r docs/images "$folder/docs/"
-[ ! -d docs/results ] || cp -r docs/results "$folder/docs/"
+rm -rf "$folder" && mkdir -p "$folder"
+cp -r docs "$folder/" && find "$folder/docs" -name '*.md' -delete
 "$python" - "$folder" <<'END'
 import re
 import sys
@@ -20,7 +20,7 @@ import markdown
 folder = Path(sys.argv[1])
 style = 'body{max-width:60em;margin:2em auto;padding:0 1em;font:16px/1.5 sans-serif}pre{background:#f4f4f4;padding:.6em;overflow:auto}' \
     'code{background:#f4f4f4}table{border-collapse:collapse}td,th{border:1px solid #ccc;padding:.2em .5em}img{max-width:100%}nav{border-bottom:1px solid #ccc}'
-pages = [Path('README.md'), Path('CHANGELOG.md'), Path('CONTRIBUTING.md'), *sorted(Path('docs').glob('*.md'))]
+pages = [*sorted(Path('.').glob('*.md')), *sorted(Path('docs').rglob('*.md')), Path('scripts/ros2/dsorb_ros/README.md')]
 for page in pages:
     html = markdown.markdown(page.read_text(encoding='utf-8'), extensions=['tables', 'fenced_code', 'toc'])
     html = re.sub(r'(href="[^":]*)README\.md', r'\1index.html', html)
@@ -28,10 +28,14 @@ for page in pages:
     up = '../' * (len(page.parts) - 1)
     links = ' · '.join(f'<a href="{up}{target}">{name}</a>' for target, name in (('index.html', 'dsorb'), ('docs/python.html', 'Python'), (
         'docs/running.html', 'program'), ('docs/library.html', 'C++'), ('docs/limits.html', 'limits'), ('api/index.html', 'reference')))
-    target = folder / ('index.html' if page.name == 'README.md' else page.with_suffix('.html'))
+    target = folder / (page.with_name('index.html') if page.name == 'README.md' else page.with_suffix('.html'))
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_text(f'<!doctype html><meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>dsorb: {page.stem}</title>'
                       f'<style>{style}</style><nav>{links}</nav>{html}', encoding='utf-8')
+for page in folder.rglob('*.html'):
+    for link in re.findall(r'(?:href|src)="([^"#:]+)["#]', page.read_text(encoding='utf-8')):
+        if not (page.parent / link).exists() and not link.endswith('api/index.html'):
+            sys.exit(f'site.sh: {page}: {link}: no such file')
 print(f'{len(pages)} pages: {folder}/index.html')
 END
 if command -v doxygen >/dev/null; then

@@ -35,6 +35,8 @@ function(dsorb_add_tests program label)
   set(timeout 300)
   if(DSORB_SANITIZE)
     set(timeout 1500)
+  elseif(CMAKE_CROSSCOMPILING_EMULATOR) # takes some twenty times as long as the processor itself
+    set(timeout 7200)
   endif()
   list(POP_FRONT arg_PARTS file_with_parts)
   list(FILTER arg_UNPARSED_ARGUMENTS INCLUDE REGEX "_test\\.cpp$")

@@ -1,17 +1,56 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: BSD-3-Clause
-# Unit and contract tests compiled for aarch64, under qemu: test_aarch64.sh [GTEST_FILTER]. Uses what build.sh aarch64 has
-# made, builds GoogleTest from Debian's source and needs qemu-user-static. DSORB_TARGETS (default: unit_tests contract_tests).
+# Unit and contract tests compiled for aarch64 (without Ceres), under qemu: test_aarch64.sh [CTEST ARGUMENTS...] (default: all of
+# both). Libraries are Debian 12's packages for arm64, unpacked and not installed; that and the build stay in
+# DSORB_CACHE/aarch64-debian. Needs g++-12-aarch64-linux-gnu, cmake, ninja-build, ccache, pkg-config and qemu-user-static.
+# DSORB_TARGETS (default: unit_tests contract_tests dso_dataset) is what is built.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
-cache=$(readlink -f "${DSORB_CACHE:-.cache/wheels}") folder=$cache/aarch64
-filter=${1:-*}
-read -ra targets <<<"${DSORB_TARGETS:-unit_tests contract_tests}"
-scripts/wheels/third_party.sh aarch64 "$folder" googletest
-cmake -S . -B "$folder/tests" -G Ninja --toolchain "$folder/toolchain.cmake" -DCMAKE_BUILD_TYPE=Release -DCMAKE_UNITY_BUILD=ON \
-  -DCMAKE_CXX_COMPILER_LAUNCHER="$(command -v ccache)" -DBUILD_SHARED_LIBS=OFF -DDSORB_WITH_CERES=OFF -DDSORB_BUILD_TESTS=ON -DDSORB_INSTALL=OFF >/dev/null
-cmake --build "$folder/tests" --parallel "${DSORB_JOBS:-$(nproc)}" --target "${targets[@]}"
-root=$folder/sysroot
-find -L "$folder/tests" -maxdepth 3 -type f -name '*_test*' -perm -u+x | while read -r program; do
-  qemu-aarch64-static -L "$root" -E LD_LIBRARY_PATH="$folder/prefix/lib:$root/usr/lib/aarch64-linux-gnu:$root/lib/aarch64-linux-gnu" "$program" --gtest_filter="$filter" --gtest_brief=1
-done
+folder=$(mkdir -p "${DSORB_CACHE:-.cache/wheels}/aarch64-debian" && readlink -f "${DSORB_CACHE:-.cache/wheels}/aarch64-debian")
+root=$folder/root libraries=$folder/root/usr/lib/aarch64-linux-gnu
+read -ra targets <<<"${DSORB_TARGETS:-unit_tests contract_tests dso_dataset}"
+
+# download PACKAGE...: with all they need, from Debian's archive, whatever this machine has
+download() {
+  local lists=$folder/apt
+  mkdir -p "$lists"/{lists,archives}/partial
+  touch "$lists/status"
+  echo 'deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org/debian bookworm main' >"$lists/sources"
+  local apt=(-qq -y -o "Dir::Etc::sourcelist=$lists/sources" -o Dir::Etc::sourceparts=/dev/null -o "Dir::State::lists=$lists/lists"
+    -o "Dir::State::status=$lists/status" -o "Dir::Cache::archives=$lists/archives" -o Dir::Cache::pkgcache= -o Dir::Cache::srcpkgcache=
+    -o APT::Architecture=arm64 -o APT::Architectures::=arm64 -o APT::Sandbox::User=root -o APT::Install-Recommends=false -o Debug::NoLocking=1)
+  apt-get "${apt[@]}" update
+  apt-get "${apt[@]}" install --download-only "$@" >/dev/null
+}
+
+if [ ! -e "$folder/done" ]; then
+  # shellcheck disable=SC2046 # one word a package
+  download libc6-dev libstdc++6 $(grep -o '[a-z0-9-]*-dev' scripts/install_dependencies.sh | grep -v -e ceres -e suitesparse -e python3)
+  mkdir -p "$root"
+  for package in "$folder"/apt/archives/*.deb; do dpkg-deb -x "$package" "$root"; done
+  for name in blas lapack; do ln -sfn "$name/lib$name.so.3" "$libraries/"; done # what the packages' scripts would do
+  find "$root"/lib "$root"/usr/lib -type l -lname '/lib/*' -printf '%l %p\n' |
+    while read -r target link; do ln -sfnr "$root$target" "$link"; done
+  touch "$folder/done"
+fi
+
+cat >"$folder/toolchain.cmake" <<END
+set(CMAKE_SYSTEM_NAME Linux)
+set(CMAKE_SYSTEM_PROCESSOR aarch64)
+set(CMAKE_C_COMPILER aarch64-linux-gnu-gcc-12)
+set(CMAKE_CXX_COMPILER aarch64-linux-gnu-g++-12)
+set(CMAKE_SYSROOT $root)
+set(CMAKE_LIBRARY_ARCHITECTURE aarch64-linux-gnu)
+set(CMAKE_FIND_ROOT_PATH_MODE_PROGRAM NEVER)
+set(CMAKE_FIND_ROOT_PATH_MODE_LIBRARY ONLY)
+set(CMAKE_FIND_ROOT_PATH_MODE_INCLUDE ONLY)
+set(CMAKE_FIND_ROOT_PATH_MODE_PACKAGE ONLY)
+set(CMAKE_CROSSCOMPILING_EMULATOR $(command -v qemu-aarch64-static) -L $root)
+set(ENV{PKG_CONFIG_LIBDIR} $libraries/pkgconfig:$root/usr/share/pkgconfig)
+set(ENV{PKG_CONFIG_SYSROOT_DIR} $root)
+END
+cmake -S . -B "$folder/build" -G Ninja --toolchain "$folder/toolchain.cmake" -DCMAKE_BUILD_TYPE=Release -DCMAKE_UNITY_BUILD=ON \
+  -DCMAKE_CXX_COMPILER_LAUNCHER=ccache -DDSORB_WITH_CERES=OFF -DDSORB_INSTALL=OFF >/dev/null
+cmake --build "$folder/build" --parallel "${DSORB_JOBS:-$(nproc)}" --target "${targets[@]}"
+[ $# -gt 0 ] || set -- -L 'unit|contract'
+ctest --test-dir "$folder/build" --parallel "$(nproc)" --output-on-failure "$@"
