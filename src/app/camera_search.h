@@ -13,8 +13,8 @@ namespace dsorb::app {
 /// Whether a lens is a guess that passes over these images can replace: a live camera has but one.
 [[nodiscard]] bool isSearched(const SequenceReader& reader);
 
-/// Passes over a recording, as much of it as it takes, until its camera is found; again with another
-/// field of view where a pass found nothing.
+/// Passes over a recording, as much of it as it takes, until its camera is found; again with
+/// another field of view where a pass found nothing.
 /// @param first opened, for the first pass
 /// @return nothing where the images do not tell, or after an interrupt
 [[nodiscard]] std::optional<FoundCamera> searchCamera(SequenceReader first,

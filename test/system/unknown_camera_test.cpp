@@ -60,7 +60,6 @@ TEST(UnknownCamera, IsFoundAndIsTheCalibrationOfTheNextRun) {
     EXPECT_LT(std::abs(found["fx"].get<double>() - focal), 2 * sigma) << found.dump(2);
     EXPECT_EQ(run["lens"]["fx"], found["fx"]);
     EXPECT_FALSE(run.contains("calibration_suspected")) << "of a camera that nobody gave";
-    ASSERT_EQ(found["known"], view == "90") << found.dump(2);
     ASSERT_EQ(fs::exists(out / "refined_camera.txt"), found["known"].get<bool>());
     if (!found["known"]) continue;
     fs::copy_file(out / "refined_camera.txt", room / "camera.txt");
