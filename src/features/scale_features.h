@@ -10,7 +10,8 @@ namespace dsorb {
 /// SIFT features of an image: they find a thing again from a side from which ORB's do not, at ten
 /// times the price. Their descriptors are 128 floats of length 1, the square roots of SIFT's.
 /// @param count at most about so many
-/// @source Lowe, Distinctive image features from scale-invariant keypoints, IJCV 2004; Arandjelovic,
+/// @source Lowe, Distinctive image features from scale-invariant keypoints, IJCV 2004;
+/// Arandjelovic,
 ///         Zisserman, Three things everyone should know to improve object retrieval, CVPR 2012
 Features findScaleFeatures(const GreyImage& image, int count);
 

@@ -9,7 +9,6 @@
 #include "image/image_scale.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
 #include <limits>
 #include <set>
@@ -40,7 +39,7 @@ Features describe(const GreyImage& image) {
 }
 
 GreyImage imageOf(const Frame& frame) {
-  return greyImage(frame.level(std::min(kLevel, frame.pyramid().levels() - 1)), 1, kMargin);
+  return greyImage(frame.level(kLevel), 1, kMargin);
 }
 
 std::vector<Eigen::Vector2f> placesOf(const Features& features) {
@@ -129,6 +128,7 @@ std::optional<RecognizedPlace> placeOfMost(const Pairs& pairs,
 }  // namespace
 
 void RecentViews::add(FrameId id, const Frame& frame) {
+  if (frame.pyramid().levels() <= kLevel) return;
   views_.push_back({id, {}, imageOf(frame), {}});
   if (views_.size() > kViews) views_.pop_front();
   asked_ = 0;
@@ -187,10 +187,8 @@ std::optional<RecognizedPlace> RecentViews::find(const Frame& frame, const Pinho
     for (std::size_t i = begin; i < end; ++i) {
       const std::optional<KeyframeSnapshot>& keyframe = views_[i].keyframe;
       if (!keyframe || keyframe->segment != host->keyframe->segment) continue;
-      addPairs(locate(views_[i].features, depthsOf(i), keyframe->camera),
-               *keyframe,
-               features,
-               found[i]);
+      addPairs(
+          locate(views_[i].features, depthsOf(i), keyframe->camera), *keyframe, features, found[i]);
     }
   });
   Pairs pairs;
