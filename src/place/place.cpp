@@ -119,7 +119,7 @@ class Place::Impl {
                  [&] { return arena.run([&] { return placeOf(frame, camera); }); });
   }
 
-  /// By ORB among all keyframes, which is fast, else by SIFT among the newest.
+  /// ORB asks all keyframes, which is fast; where it finds none, SIFT asks the newest.
   [[nodiscard]] std::optional<RecognizedPlace> placeOf(const Frame& frame,
                                                        const PinholeCamera& camera) {
     const place::View view = place::describeView(frame);
