@@ -24,6 +24,9 @@ constexpr int kCorners = 1000;        // of a view
 constexpr int kLevel = 1;             // of the pyramid, on which they are found
 constexpr int kMargin = 8;            // of invalid pixels [px]
 constexpr int kMinSeen = 20;          // corners of the frame that agree with its pose
+constexpr double kNear = 12;          // of a corner to where a pose shows its point, the same [px]
+constexpr float kSameCorner = 0.7F;   // distance of the descriptors of one corner at most [-]
+constexpr int kRounds = 2;            // of corners that a pose leads to, after the first
 constexpr float kMaxToDepth = 8;      // of a corner to a point, for 800 px [px]
 constexpr double kDepthSigma = 0.05;  // of a depth taken from there, of the depth
 constexpr std::uint64_t kSampleSeed = 48;
@@ -79,23 +82,51 @@ struct Pairs {
   std::vector<Eigen::Vector2d> pixels;
 };
 
+/// Where a frame is taken to be.
+struct FramePose {
+  PinholeCamera camera;
+  SE3 T_cam_world;
+};
+
+/// Leaves the distances of points to corners near where a pose shows them.
+void keepNear(const std::vector<Eigen::Vector3d>& points,
+              const std::vector<Eigen::Vector2f>& corners,
+              const FramePose& pose,
+              Distances& distances) {
+  const double radius = kNear * imageScale(pose.camera.width, pose.camera.height);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const Eigen::Vector3d p = pose.T_cam_world * points[i];
+    const Eigen::Vector2d place = pose.camera.project(p);
+    float* row = distances.row(i);
+    for (std::size_t j = 0; j < corners.size(); ++j) {
+      const bool is_near = p.z() > 0 && (corners[j].cast<double>() - place).norm() < radius;
+      if (!is_near || row[j] > kSameCorner) row[j] = Distances::kNone;
+    }
+  }
+}
+
+/// @param guess of the frame; else its corners are looked for everywhere
 void addPairs(const Located& view,
               const KeyframeSnapshot& keyframe,
               const Features& frame,
+              const std::optional<FramePose>& guess,
               Pairs& pairs) {
   if (view.inverse_depths.empty()) return;
-  const std::vector<int> partner = partnersOf(scaleDistances(view.features, frame),
-                                              placesOf(frame),
-                                              kMaxRatio,
-                                              std::numeric_limits<double>::infinity());
+  const std::vector<Eigen::Vector2f> corners = placesOf(frame);
+  std::vector<Eigen::Vector3d> points;
+  for (std::size_t i = 0; i < view.inverse_depths.size(); ++i) {
+    const cv::Point2f& pixel = view.features.points[i].pt;
+    const Eigen::Vector3d ray = keyframe.camera.unproject({pixel.x, pixel.y});
+    points.push_back(keyframe.T_world_cam * (ray / static_cast<double>(view.inverse_depths[i])));
+  }
+  Distances distances = scaleDistances(view.features, frame);
+  if (guess) keepNear(points, corners, *guess, distances);
+  const std::vector<int> partner =
+      partnersOf(distances, corners, kMaxRatio, std::numeric_limits<float>::max());
   for (std::size_t i = 0; i < partner.size(); ++i) {
     if (partner[i] < 0) continue;
-    const cv::Point2f& from = view.features.points[i].pt;
-    const cv::Point2f& to = frame.points[static_cast<std::size_t>(partner[i])].pt;
-    const Eigen::Vector3d ray = keyframe.camera.unproject({from.x, from.y});
-    pairs.points.push_back(keyframe.T_world_cam *
-                           (ray / static_cast<double>(view.inverse_depths[i])));
-    pairs.pixels.emplace_back(to.x, to.y);
+    pairs.points.push_back(points[i]);
+    pairs.pixels.push_back(corners[static_cast<std::size_t>(partner[i])].cast<double>());
   }
 }
 
@@ -123,6 +154,19 @@ std::optional<RecognizedPlace> placeOfMost(const Pairs& pairs,
     addDepth(match.pixel.cast<float>(), z, kDepthSigma * z, place);
   }
   return static_cast<int>(seen.size()) < kMinSeen ? std::nullopt : std::optional(std::move(place));
+}
+
+bool hasFewer(const Pairs& a, const Pairs& b) {
+  return a.points.size() < b.points.size();
+}
+
+Pairs allOf(const std::vector<Pairs>& parts) {
+  Pairs all;
+  for (const Pairs& part : parts) {
+    all.points.insert(all.points.end(), part.points.begin(), part.points.end());
+    all.pixels.insert(all.pixels.end(), part.pixels.begin(), part.pixels.end());
+  }
+  return all;
 }
 
 }  // namespace
@@ -177,34 +221,36 @@ std::optional<RecognizedPlace> RecentViews::find(const Frame& frame, const Pinho
   ++asked_;
   describe();
   const Features features = place::describe(imageOf(frame));
-  const RecentView* host = nullptr;
-  for (const RecentView& view : views_) {
-    if (view.keyframe) host = &view;
-  }
-  if (host == nullptr) return std::nullopt;
-  std::vector<Pairs> found(views_.size());
-  forEachRange(views_.size(), 1, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const std::optional<KeyframeSnapshot>& keyframe = views_[i].keyframe;
-      if (!keyframe || keyframe->segment != host->keyframe->segment) continue;
-      addPairs(
-          locate(views_[i].features, depthsOf(i), keyframe->camera), *keyframe, features, found[i]);
-    }
+  const auto newest = std::find_if(views_.rbegin(), views_.rend(), [](const RecentView& view) {
+    return view.keyframe.has_value();
   });
-  Pairs pairs;
-  std::size_t most = 0;
-  for (std::size_t i = 0; i < found.size(); ++i) {
-    pairs.points.insert(pairs.points.end(), found[i].points.begin(), found[i].points.end());
-    pairs.pixels.insert(pairs.pixels.end(), found[i].pixels.begin(), found[i].pixels.end());
-    if (found[i].points.size() <= most) continue;
-    most = found[i].points.size();
-    host = &views_[i];
+  if (newest == views_.rend()) return std::nullopt;
+  const int segment = newest->keyframe->segment;
+  std::optional<RecognizedPlace> place;
+  for (int round = 0; round <= kRounds; ++round) {
+    std::optional<FramePose> guess;
+    if (place) guess = FramePose{camera, place->T_world_cam.inverse()};
+    std::vector<Pairs> found(views_.size());
+    forEachRange(views_.size(), 1, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) {
+        const std::optional<KeyframeSnapshot>& told = views_[i].keyframe;
+        if (!told || told->segment != segment) continue;
+        addPairs(locate(views_[i].features, depthsOf(i), told->camera),
+                 *told,
+                 features,
+                 guess,
+                 found[i]);
+      }
+    });
+    const auto most = std::max_element(found.begin(), found.end(), hasFewer) - found.begin();
+    const RecentView& host = views_[static_cast<std::size_t>(most)];
+    if (!host.keyframe) return std::nullopt;
+    place = placeOfMost(allOf(found), camera, host.keyframe->T_world_cam);
+    if (!place) return std::nullopt;
+    place->keyframe = host.id;
   }
-  std::optional<RecognizedPlace> place = placeOfMost(pairs, camera, host->keyframe->T_world_cam);
-  if (!place) return std::nullopt;
   asked_ = 0;
-  place->segment = host->keyframe->segment;
-  place->keyframe = host->id;
+  place->segment = segment;
   return place;
 }
 
