@@ -8,6 +8,7 @@
 #include "place/keyframe_store.h"
 #include "place/loops.h"
 #include "place/map_file.h"
+#include "place/recent_views.h"
 #include "place/recognition.h"
 
 #include <algorithm>
@@ -24,8 +25,7 @@ namespace dsorb {
 namespace {
 
 constexpr std::size_t kAskedCandidates = 3;  // that a frame is compared with
-constexpr int kPatch = 4;                    // around a corner that have its depth [px]
-constexpr double kPatchSlope = 0.02;         // of the depth, that they differ from it
+constexpr double kPatchSlope = 0.02;         // of a depth, that pixels beside the corner differ
 constexpr std::size_t kLoopGap = 10;         // keyframes between two ends of a loop at least
 
 }  // namespace
@@ -48,6 +48,7 @@ class Place::Impl {
     if (!estimate.is_keyframe || positions.count(estimate.frame->id()) > 0) return;
     const FrameId id = estimate.frame->id();
     timed(report.adding_seconds, [&] { views[id] = place::describeView(*estimate.frame); });
+    recent.add(id, *estimate.frame);
     const auto told = early.find(id);
     if (told == early.end()) return;
     enter(told->second);
@@ -55,6 +56,7 @@ class Place::Impl {
   }
 
   void noteKeyframe(const KeyframeSnapshot& keyframe) {
+    recent.tell(keyframe);
     const auto known = positions.find(keyframe.id);
     if (known != positions.end()) {
       store.update(known->second, keyframe);
@@ -64,6 +66,8 @@ class Place::Impl {
     if (start != start_frames.end()) {
       timed(report.adding_seconds,
             [&] { views[keyframe.id] = place::describeView(*start->second); });
+      recent.add(keyframe.id, *start->second);
+      recent.tell(keyframe);
     }
     if (views.count(keyframe.id) > 0) {
       enter(keyframe);
@@ -115,8 +119,9 @@ class Place::Impl {
                  [&] { return arena.run([&] { return placeOf(frame, camera); }); });
   }
 
+  /// ORB asks all keyframes, which is fast; where it finds none, SIFT asks the newest.
   [[nodiscard]] std::optional<RecognizedPlace> placeOf(const Frame& frame,
-                                                       const PinholeCamera& camera) const {
+                                                       const PinholeCamera& camera) {
     const place::View view = place::describeView(frame);
     std::optional<place::Recognition> best;
     for (const auto& candidate :
@@ -125,7 +130,7 @@ class Place::Impl {
       if (found && (!best || found->points.size() > best->points.size())) best = std::move(found);
     }
     if (!best || !(place::wrongProbability(best->evidence) <= options.max_wrong_probability)) {
-      return std::nullopt;
+      return recent.find(frame, camera);
     }
     const place::StoredKeyframe& keyframe = store[best->keyframe];
     RecognizedPlace place;
@@ -140,15 +145,7 @@ class Place::Impl {
       const place::StoredPoint& point = best->points[i];
       const double z = (best->T_view_world * point.position).z();
       const double sigma = std::hypot(point.uncertainty.norm(), kPatchSlope * z);
-      const Eigen::Vector2f& pixel = view.pixels[best->features[i]];
-      for (int dy = -kPatch; dy <= kPatch; ++dy) {  // trackers see corners beside ours
-        for (int dx = -kPatch; dx <= kPatch; ++dx) {
-          place.depths.push_back({pixel.x() + static_cast<float>(dx),
-                                  pixel.y() + static_cast<float>(dy),
-                                  static_cast<float>(z),
-                                  static_cast<float>(sigma)});
-        }
-      }
+      place::addDepth(view.pixels[best->features[i]], z, sigma, place);
     }
     return place;
   }
@@ -254,6 +251,7 @@ class Place::Impl {
   std::map<FrameId, FramePtr> start_frames;   // of the newest start, until it stands
   std::map<FrameId, place::View> views;       // of frames that become keyframes
   std::map<FrameId, KeyframeSnapshot> early;  // told before their frames
+  place::RecentViews recent;
   std::set<int> segments;
   std::set<int> metric;  // segments told in metres
   std::vector<OdometryObserver*> observers;

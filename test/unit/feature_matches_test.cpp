@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "features/feature_matches.h"
 
+#include "features/scale_features.h"
 #include "support/painted_frame.h"
 
 #include <gtest/gtest.h>
@@ -45,6 +46,33 @@ TEST(FeatureMatches, FindAShiftedSceneAgain) {
   // Features lie on whole pixels of their pyramid level, 3.6 px at the coarsest.
   EXPECT_LT(errors[errors.size() / 2], 1.0F);  // measured 0.5 and 1.5; margin x2
   EXPECT_LT(errors[errors.size() * 9 / 10], 3.0F);
+}
+
+TEST(ScaleFeatures, FindATurnedAndSmallerSceneAgain) {
+  const Eigen::Vector2f middle(kMatchWidth / 2.0F, kMatchHeight / 2.0F);
+  const Eigen::Matrix2f turned = 1.6F * Eigen::Rotation2Df(0.9F).toRotationMatrix();
+  const auto before = [&](const Eigen::Vector2f& place) -> Eigen::Vector2f {
+    return turned * (place - middle) + middle;
+  };
+  const auto found = [](const Paint& scene) {
+    return findScaleFeatures(greyImage(paintMatches(0, scene)->level(0), 1, 15), 500);
+  };
+  const Features from = found(blobs(1));
+  const Features to = found([&, base = blobs(1)](float x, float y) {
+    const Eigen::Vector2f place = before({x, y});
+    return base(place.x(), place.y());
+  });
+  const std::vector<int> partner = partnersOf(scaleDistances(from, to), {}, kMaxRatio, 2);
+  int right = 0;
+  int wrong = 0;
+  for (std::size_t i = 0; i < partner.size(); ++i) {
+    if (partner[i] < 0) continue;
+    const cv::Point2f& place = to.points[static_cast<std::size_t>(partner[i])].pt;
+    const Eigen::Vector2f start(from.points[i].pt.x, from.points[i].pt.y);
+    ((before({place.x, place.y}) - start).norm() < 3 ? right : wrong) += 1;
+  }
+  EXPECT_GT(right, 50);
+  EXPECT_LT(wrong, right / 4);
 }
 
 TEST(FeatureMatches, SpreadTheFeaturesOverTheImage) {

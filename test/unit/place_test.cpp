@@ -10,6 +10,7 @@
 #include "place/joining.h"
 #include "place/keyframe_store.h"
 #include "place/map_file.h"
+#include "place/recent_views.h"
 #include "place/recognition.h"
 #include "support/temporary_folder.h"
 #include "synthetic/places.h"
@@ -266,6 +267,68 @@ TEST(RecognitionTest, ACameraThatIsBroughtBackGoesOnInItsSegment) {
   if (const auto& before = run.told[static_cast<std::size_t>(first)].T_world_cam) {
     EXPECT_LT((before->inverse() * again).translation().norm(), 0.01 * way);
   }
+}
+
+const PinholeCamera kRoomCamera{200, 200, 159.5, 119.5, 320, 240};
+
+FramePtr roomFrame(int id, const synthetic::View& view) {
+  FrameInfo info;
+  info.id = FrameId{id};
+  return Frame::create(ImageView(view.intensity.data(), view.width, view.height), info);
+}
+
+/// Keyframes of a rendered room by the truth, with every sixth pixel as a point.
+void tellRoom(const synthetic::Scene& room, place::RecentViews& views) {
+  for (int k = 0; k < 6; ++k) {
+    KeyframeSnapshot keyframe;
+    keyframe.id = FrameId{k};
+    keyframe.camera = kRoomCamera;
+    keyframe.T_world_cam = synthetic::roomPose(5 * k, 1);
+    const synthetic::View view = synthetic::render(room, kRoomCamera, keyframe.T_world_cam);
+    for (int y = 0; y < view.height; y += 6) {
+      for (int x = 0; x < view.width; x += 6) {
+        MapPoint point;
+        point.pixel = Eigen::Vector2i(x, y).cast<float>();
+        point.inverse_depth = view.inverse_depth[static_cast<std::size_t>(y * view.width + x)];
+        keyframe.points.push_back(point);
+      }
+    }
+    views.add(keyframe.id, *roomFrame(k, view));
+    views.tell(keyframe);
+  }
+}
+
+TEST(RecentViewsTest, FindAFrameThatIsTurnedAndFartherAway) {
+  const synthetic::Scene room = synthetic::makeRoom(5);
+  place::RecentViews views;
+  tellRoom(room, views);
+  const SE3 pose =
+      synthetic::roomPose(12, 1) * SE3(so3Exp({0, 0.1, 0.8}), Eigen::Vector3d(0.2, 0, -0.4));
+  const FramePtr frame = roomFrame(50, synthetic::render(room, kRoomCamera, pose));
+  const auto found = views.find(*frame, kRoomCamera);
+  ASSERT_TRUE(found);
+  const SE3 error = pose.inverse() * found->T_world_cam;
+  EXPECT_LT(error.translation().norm(), 0.05);
+  EXPECT_LT(so3Log(error.unitQuaternion()).norm(), 0.01);
+  ASSERT_TRUE(found->keyframe && found->T_cam_keyframe);
+  EXPECT_LT((synthetic::roomPose(5 * found->keyframe->value, 1).inverse() * found->T_world_cam *
+             *found->T_cam_keyframe)
+                .log()
+                .norm(),
+            1e-9);
+}
+
+TEST(RecentViewsTest, FindNoOtherRoomAndGiveUp) {
+  place::RecentViews views;
+  tellRoom(synthetic::makeRoom(5), views);
+  const auto isFound = [&](const synthetic::Scene& room) {
+    const synthetic::View view = synthetic::render(room, kRoomCamera, synthetic::roomPose(12, 1));
+    return views.find(*roomFrame(50, view), kRoomCamera).has_value();
+  };
+  for (std::uint64_t other = 21; other < 25; ++other) {
+    EXPECT_FALSE(isFound(synthetic::makeRoom(other)));
+  }
+  EXPECT_FALSE(isFound(synthetic::makeRoom(5))) << "is looked for no more after four in vain";
 }
 
 class MapFileTest : public ::testing::Test {

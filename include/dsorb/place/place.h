@@ -30,8 +30,8 @@ struct PlaceReport {
   double finish_seconds = 0;  ///< of finish()
 };
 
-/// Remembers the keyframes of a run, compact (30 kB each: corners with descriptors and depths), and
-/// recognizes places: segments that share a view become one, and loops are closed. Register it with
+/// Remembers the keyframes of a run, compact (30 kB each: corners with descriptors and depths, of
+/// the newest sixteen a small image, too), and recognizes places: segments that share a view become one, and loops are closed. Register it with
 /// Odometry::addObserver() and call finish() after Odometry::finish(); what it finds is told to its
 /// own observers. The same input gives the same bits for any number of threads.
 class Place : public OdometryObserver {

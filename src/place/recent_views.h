@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/odometry/observer.h"
+#include "dsorb/odometry/odometry.h"
+
+#include "features/features.h"
+#include "features/grey_image.h"
+
+#include <cstddef>
+#include <deque>
+#include <optional>
+#include <vector>
+
+namespace dsorb::place {
+
+/// The newest keyframes as SIFT sees them, for a frame that shows their place from another side.
+/// Nothing is described before it is asked for.
+class RecentViews {
+ public:
+  /// Remembers a keyframe by its image at half the size.
+  void add(FrameId id, const Frame& frame);
+  /// What is told of a keyframe, the newest counts.
+  void tell(const KeyframeSnapshot& keyframe);
+
+  /// Where a frame was taken: the pose that most of the corners agree with, which it has in common
+  /// with any of the keyframes. Some frames after the newest keyframe it is not looked for any
+  /// more, unless the one before was found. Runs in parallel inside the caller's arena.
+  /// @param camera of the frame
+  [[nodiscard]] std::optional<RecognizedPlace> find(const Frame& frame,
+                                                    const PinholeCamera& camera);
+
+ private:
+  struct RecentView {
+    FrameId id;
+    std::optional<KeyframeSnapshot> keyframe;  // as told last
+    GreyImage image;                           // until it is described
+    Features features;
+  };
+  void describe();
+  [[nodiscard]] std::vector<DepthSample> depthsOf(std::size_t view) const;
+
+  std::deque<RecentView> views_;  // the newest last
+  int asked_ = 0;                 // without an answer, since the newest keyframe
+};
+
+/// Gives a place the depth of a corner, and of the pixels beside it: trackers see other corners.
+void addDepth(const Eigen::Vector2f& pixel, double depth, double sigma, RecognizedPlace& place);
+
+}  // namespace dsorb::place
