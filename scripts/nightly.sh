@@ -3,6 +3,7 @@
 # What is too long for every change: nightly.sh [STEP...], all steps by default, each also where one before it failed.
 #   attack   test/attack on the package in build/python
 #   soak     200,000 rendered frames
+#   lost     rendered clips whose camera is lost, and what is found again
 #   fuzz     each parser, 10 minutes (needs the fuzzers of .ci/run)
 #   contract those of all initializers under the sanitizers of clang (needs that build of .ci/run)
 #   memory   that it does not grow with the length of a run
@@ -13,7 +14,7 @@
 set -uo pipefail
 cd "$(dirname "$0")/.."
 export DSORB_BUILD_DIR=${DSORB_BUILD_DIR:-$PWD/build}
-[ $# -gt 0 ] || set -- attack soak fuzz contract memory ros2 wheels portability
+[ $# -gt 0 ] || set -- attack soak lost fuzz contract memory ros2 wheels portability
 
 attack() {
   local python=${DSORB_PYTHON:-python3} script failed=0
@@ -23,6 +24,7 @@ attack() {
   return $failed
 }
 soak() { scripts/soak.sh 200000; }
+lost() { scripts/lost_clips.py "$(mktemp -d)" --bin "$DSORB_BUILD_DIR/bin"; }
 fuzz() { DSORB_BUILD_DIR=$PWD/build-clang scripts/fuzz.sh 600s; }
 contract() { ctest --test-dir build-clang --output-on-failure --parallel "$(nproc)" -L contract --repeat until-pass:3; }
 memory() { python3 scripts/check_memory.py; }

@@ -428,8 +428,8 @@ void addMethodFlags(CLI::App& app, Flags& flags, CommandLine& request) {
   app.add_option("--places",
                  flags.places,
                  "what is done where a place is seen again: off; join: segments that show one "
-                 "place become one (default; of cameras and with --speed off); loops: also closed; "
-                 "hardly gained anything where it was measured")
+                 "place become one (default; of cameras and with --speed off); loops: also closed "
+                 "where they are open by more than their uncertainty")
       ->check(CLI::IsMember(namesOf(kPlacesModes)))
       ->group("Method");
   app.add_option(

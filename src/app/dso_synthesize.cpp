@@ -43,13 +43,15 @@ struct CommandLine {
   bool quiet = false;
 };
 
-constexpr std::array<std::pair<const char*, SequenceKind>, 6> kKinds = {{
+constexpr std::array<std::pair<const char*, SequenceKind>, 8> kKinds = {{
     {"street", SequenceKind::kStreet},
     {"room", SequenceKind::kRoom},
     {"plane", SequenceKind::kPlane},
     {"static", SequenceKind::kStatic},
     {"rotation", SequenceKind::kRotation},
     {"cut", SequenceKind::kCut},
+    {"block", SequenceKind::kBlock},
+    {"round", SequenceKind::kRound},
 }};
 
 /// @throws dsorb::ConfigError on a word that names no kind of sequence
@@ -68,7 +70,8 @@ SequenceKind kindOf(const std::string& word) {
 void addOptions(CLI::App& app, CommandLine& line) {
   SequenceOptions& sequence = line.sequence;
   sequence.noise_sigma = kDefaultNoise;
-  app.add_option("KIND", line.kind, "street, room, plane, static, rotation or cut")->required();
+  app.add_option("KIND", line.kind, "street, room, plane, static, rotation, cut, block or round")
+      ->required();
   app.add_option("--output,-o", line.output, "folder, listed in its ../sequences.json")->required();
   app.add_option("--width", sequence.width, "image width [px]")
       ->check(CLI::Range(32, 8192))

@@ -29,23 +29,22 @@ bool agree(const KeyframeStore& store, const Link& a, const Link& b) {
          std::abs(std::log(a.S_to_from.scale / b.S_to_from.scale)) < kSameShare;
 }
 
+/// The link by the candidate that a query shows most of.
 std::optional<Link> bestLink(const KeyframeStore& store,
                              const BinaryIndex& index,
                              std::size_t query,
                              const std::function<bool(std::size_t, std::size_t)>& wanted) {
   const StoredKeyframe& keyframe = store[query];
-  std::optional<Link> best;
+  std::optional<Recognition> best;
   for (const BinaryIndex::Candidate& candidate :
        index.query(keyframe.view.descriptors, kCandidates, [&](std::size_t i) {
          return wanted(query, i);
        })) {
-    const std::optional<Recognition> seen =
+    std::optional<Recognition> seen =
         recognize(store, {&keyframe.view, keyframe.camera, keyframe.radial}, candidate.image);
-    if (!seen) continue;
-    std::optional<Link> found = link(store, query, *seen);
-    if (found && (!best || found->matches > best->matches)) best = std::move(found);
+    if (seen && (!best || seen->points.size() > best->points.size())) best = std::move(seen);
   }
-  return best;
+  return best ? link(store, query, *best) : std::nullopt;
 }
 
 }  // namespace

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "place/loops.h"
 
+#include "base/median.h"
 #ifdef DSORB_WITH_POSE_GRAPH
 #include "place/pose_graph.h"
 #endif
+
+#include <Eigen/Cholesky>
 
 #include <algorithm>
 #include <cmath>
@@ -21,7 +24,9 @@ constexpr double kMotionSigma = 0.01;  // of the motion
 constexpr double kMotionFloor = 2e-4;  // of the distance to what is seen
 constexpr double kScaleSigma = 3e-3;   // of the logarithm
 // What a loop's covariance does not know: depths that err together.
-constexpr double kLoopFloor = 2e-3;  // of the distance, rad and of the logarithm
+constexpr double kLoopFloor = 3e-4;  // of the distance, rad and of the logarithm
+// Loops that are hardly open tell less than the odometry does.
+constexpr double kOpen = 9;  // chi-square by degree of freedom, the median of the loops
 
 Similarity cameraOf(const StoredKeyframe& keyframe) {
   return {keyframe.T_world_cam, 1};
@@ -54,6 +59,15 @@ GraphEdge loopEdge(const KeyframeStore& store, const Link& link) {
   return edge;
 }
 
+/// Square of how far a loop is open, over its standard deviations, by degree of freedom.
+double openness(const GraphEdge& loop, const Similarity& S_i_j) {
+  const Similarity off = S_i_j * loop.S_i_j.inverse();
+  Eigen::Matrix<double, 7, 1> xi;
+  xi << off.motion.translation(), so3Log(off.motion.unitQuaternion()), std::log(off.scale);
+  const Eigen::Matrix<double, 7, 7> covariance = loop.covariance;
+  return xi.dot(covariance.ldlt().solve(xi)) / 7;
+}
+
 }  // namespace
 
 bool canCloseLoops() {
@@ -81,12 +95,15 @@ std::vector<Similarity> closeLoops(const KeyframeStore& store,
       edges.push_back(edge);
     }
   }
+  std::vector<double> open;
   for (const Link& link : links) {
     GraphEdge edge = loopEdge(store, link);
     edge.i = place.at(link.to);
     edge.j = place.at(link.from);
+    open.push_back(openness(edge, start[edge.i].inverse() * start[edge.j]));
     edges.push_back(edge);
   }
+  if (medianInPlace(open) < kOpen) return {};
   std::vector<Similarity> changes = adjustGraph(start, edges, num_threads);
   for (std::size_t k = 0; k < changes.size(); ++k) changes[k] = changes[k] * start[k].inverse();
   return changes;

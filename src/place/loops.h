@@ -12,7 +12,8 @@ namespace dsorb::place {
 [[nodiscard]] bool canCloseLoops();
 
 /// Where keyframes of a segment are when its loops are closed: S_new_old of each, in the order of
-/// KeyframeStore::inSegment(). Empty: nothing to close, or a build without Ceres.
+/// KeyframeStore::inSegment(). Empty: no loop is open by more than its uncertainty, or a build
+/// without Ceres.
 [[nodiscard]] std::vector<Similarity> closeLoops(const KeyframeStore& store,
                                                  int segment,
                                                  const std::vector<Link>& links,

@@ -14,7 +14,6 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <numeric>
 #include <optional>
 #include <set>
 #include <stdexcept>
@@ -27,6 +26,7 @@ namespace {
 constexpr std::size_t kAskedCandidates = 3;  // that a frame is compared with
 constexpr double kPatchSlope = 0.02;         // of a depth, that pixels beside the corner differ
 constexpr std::size_t kLoopGap = 10;         // keyframes between two ends of a loop at least
+constexpr std::size_t kLoopSpacing = 3;  // keyframes from one query to the next; links see as many
 
 }  // namespace
 
@@ -159,11 +159,11 @@ class Place::Impl {
     for (OdometryObserver* observer : observers) observer->onTracks(tracks);
   }
 
-  /// Links of all keyframes to those that `wanted` admits.
+  /// Links of every so many keyframes to those that `wanted` admits.
   template <typename Wanted>
-  [[nodiscard]] std::vector<place::Link> sureLinks(const Wanted& wanted) const {
-    std::vector<std::size_t> queries(store.size());
-    std::iota(queries.begin(), queries.end(), std::size_t{0});
+  [[nodiscard]] std::vector<place::Link> sureLinks(std::size_t every, const Wanted& wanted) const {
+    std::vector<std::size_t> queries;
+    for (std::size_t i = 0; i < store.size(); i += every) queries.push_back(i);
     std::vector<place::Link> links = place::findLinks(store, index, queries, wanted);
     links.erase(std::remove_if(links.begin(),
                                links.end(),
@@ -182,7 +182,7 @@ class Place::Impl {
   }
 
   void join() {
-    const std::vector<place::Link> links = sureLinks([&](std::size_t query, std::size_t candidate) {
+    const auto links = sureLinks(1, [&](std::size_t query, std::size_t candidate) {
       return store[query].segment != store[candidate].segment;
     });
     std::map<int, std::pair<int, Similarity>> root;  // of a segment, and its world from that one's
@@ -217,7 +217,7 @@ class Place::Impl {
   }
 
   void closeLoops() {
-    const std::vector<place::Link> links = sureLinks([&](std::size_t query, std::size_t candidate) {
+    const auto links = sureLinks(kLoopSpacing, [&](std::size_t query, std::size_t candidate) {
       if (store[query].segment != store[candidate].segment || candidate >= query) return false;
       return store[query].stretch != store[candidate].stretch ||
              (query - candidate > kLoopGap && !store.shareTracks(query, candidate));

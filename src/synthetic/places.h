@@ -14,16 +14,24 @@ inline SE3 uprightPose(const Eigen::Vector3d& position, double heading = 0) {
   return {so3Exp({0, heading, 0}), position};
 }
 
-/// Lateral position [m] and heading [rad] of the middle of the street at z [m] along it.
+/// Position [m] and heading [rad] of the middle of the street.
 struct StreetAxis {
   double x = 0;
+  double z = 0;
   double heading = 0;
 };
+/// @param z [m] along it
 [[nodiscard]] StreetAxis streetAxis(double z);
+/// The same of the street round a block of houses.
+/// @param along way from the start [m], any number of times round
+[[nodiscard]] StreetAxis blockAxis(double along);
+constexpr double kBlockLength = 260;  ///< once round the block [m]
 
 /// Slightly winding street between facades, with parked cars, posts and trees.
 /// @param length of the drive [m]; the houses go on beyond it
 [[nodiscard]] Scene makeStreet(std::uint64_t seed, double length);
+/// Street round a block of houses.
+[[nodiscard]] Scene makeBlock(std::uint64_t seed);
 
 /// Half sizes of the room [m]; its middle is the origin, on the floor.
 constexpr double kRoomHalfWidth = 3.4;

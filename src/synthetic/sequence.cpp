@@ -64,8 +64,12 @@ constexpr double kFastestRate = 1000;  // [frames/s]
   throw std::invalid_argument("SequenceOptions: " + what + ", is " + std::to_string(value));
 }
 
+bool isDrive(SequenceKind kind) {
+  return kind == SequenceKind::kStreet || kind == SequenceKind::kBlock;
+}
+
 double usualRate(SequenceKind kind) {
-  return kind == SequenceKind::kStreet ? kStreetRate : kRoomRate;
+  return isDrive(kind) ? kStreetRate : kRoomRate;
 }
 
 double frameRate(const SequenceOptions& options) {
@@ -118,6 +122,8 @@ Scene makePlace(const SequenceOptions& options, std::uint64_t seed) {
                             std::max(1.0, options.camera_speed));
     case SequenceKind::kPlane:
       return makePlane(seed);
+    case SequenceKind::kBlock:
+      return makeBlock(seed);
     default:
       return makeRoom(seed);
   }
@@ -125,17 +131,38 @@ Scene makePlace(const SequenceOptions& options, std::uint64_t seed) {
 
 }  // namespace
 
-SE3 streetPose(double frame, std::uint64_t seed) {
+namespace {
+
+SE3 drivePose(double frame, std::uint64_t seed, StreetAxis (*axisAt)(double along)) {
   const double phase = startPhase(seed);
-  const double z = streetPosition(frame, phase);
-  const StreetAxis axis = streetAxis(z);
+  const StreetAxis axis = axisAt(streetPosition(frame, phase));
   const double sway = 0.25 * std::sin(0.05 * frame + phase);
   const double sway_heading = 0.25 * 0.05 / kStreetStep * std::cos(0.05 * frame + phase);
   const double pitch = 0.005 * wave(0.9 * frame + phase);
   const double roll = 0.004 * wave(0.5 * frame + 2 * phase);
   const double bounce = 0.015 * wave(0.8 * frame + 3 * phase);
   return {orientation(axis.heading + sway_heading, pitch, roll),
-          Eigen::Vector3d(axis.x + sway, -kCameraHeight + bounce, z)};
+          Eigen::Vector3d(axis.x + sway, -kCameraHeight + bounce, axis.z)};
+}
+
+}  // namespace
+
+SE3 streetPose(double frame, std::uint64_t seed) {
+  return drivePose(frame, seed, streetAxis);
+}
+
+SE3 blockPose(double frame, std::uint64_t seed) {
+  return drivePose(frame, seed, blockAxis);
+}
+
+SE3 roundPose(double frame, std::uint64_t seed) {
+  const double phase = startPhase(seed);
+  const double turn = 0.024 * frame + phase;
+  const Eigen::Vector3d position(
+      0.8 * std::sin(turn), -1.35 + 0.18 * wave(1.7 * turn), 0.1 + 0.8 * std::cos(turn));
+  const double heading = turn + 0.16 * wave(0.031 * frame + phase);
+  const double pitch = -0.16 + 0.07 * wave(0.043 * frame + 2 * phase);
+  return {orientation(heading, pitch, 0.05 * wave(0.037 * frame + 3 * phase)), position};
 }
 
 SE3 roomPose(double frame, std::uint64_t seed) {
@@ -256,7 +283,7 @@ std::vector<std::uint8_t> expose(const std::vector<float>& irradiance,
 
 SyntheticSequence::SyntheticSequence(const SequenceOptions& options) : options_(options) {
   validate(options);
-  const bool street = options.kind == SequenceKind::kStreet;
+  const bool street = isDrive(options.kind);
   const double fx =
       options.fx > 0 ? options.fx : (street ? kStreetFocal : kRoomFocal) * options.width;
   camera_ = {
@@ -304,6 +331,10 @@ SE3 SyntheticSequence::poseAt(int act, double frame) const {
       return streetPose(frame * options_.camera_speed, seed);
     case SequenceKind::kPlane:
       return planePose(frame, seed);
+    case SequenceKind::kBlock:
+      return blockPose(frame * options_.camera_speed, seed);
+    case SequenceKind::kRound:
+      return roundPose(frame, seed);
     case SequenceKind::kStatic:
       return roomPose(0, seed);
     case SequenceKind::kRotation:

@@ -20,6 +20,8 @@ constexpr double kStreetStep = 1.15;
 /// @param frame time in frames, fractions allowed @param seed start phase
 /// @return T_world_cam
 [[nodiscard]] SE3 streetPose(double frame, std::uint64_t seed);
+[[nodiscard]] SE3 blockPose(double frame, std::uint64_t seed);
+[[nodiscard]] SE3 roundPose(double frame, std::uint64_t seed);
 [[nodiscard]] SE3 roomPose(double frame, std::uint64_t seed);
 [[nodiscard]] SE3 planePose(double frame, std::uint64_t seed);
 /// Position of roomPose(0), turning.
@@ -65,6 +67,8 @@ enum class SequenceKind {
   kStatic,    ///< the camera of kRoom stands still
   kRotation,  ///< the camera of kRoom turns about its centre
   kCut,       ///< kRoom; in the middle another room begins
+  kBlock,     ///< kStreet round a block of houses, 226 frames once
+  kRound,     ///< the camera goes round in kRoom and looks at the walls, 262 frames once
 };
 
 struct SequenceOptions {

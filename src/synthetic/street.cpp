@@ -2,6 +2,7 @@
 #include "synthetic/place_builder.h"
 #include "synthetic/places.h"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -18,8 +19,9 @@ constexpr double kHouseDepth = 9.0;    // [m]
 
 class StreetBuilder {
  public:
-  StreetBuilder(std::uint64_t seed, double length)
-      : builder_(seed), begin_(-kBehind), end_(length + kAhead) {}
+  using Axis = StreetAxis (*)(double along);
+  StreetBuilder(std::uint64_t seed, double begin, double end, Axis axis)
+      : builder_(seed), begin_(begin), end_(end), axis_(axis) {}
 
   Scene build() {
     addGround();
@@ -29,7 +31,7 @@ class StreetBuilder {
       addPosts(side);
       addTrees(side);
     }
-    addEnd();
+    if (axis_ == streetAxis) addEnd();
     builder_.scene().sky = sky();
     return builder_.take();
   }
@@ -37,12 +39,13 @@ class StreetBuilder {
  private:
   /// Upright box at a lateral position [m] of the street at z, turned with the street.
   void place(double lateral, double z, const Eigen::Vector3d& size, int texture, double above = 0) {
-    const StreetAxis axis = streetAxis(z);
-    builder_.add(
-        {{axis.x + lateral * std::cos(axis.heading), -above, z - lateral * std::sin(axis.heading)},
-         size,
-         axis.heading},
-        texture);
+    const StreetAxis axis = axis_(z);
+    builder_.add({{axis.x + lateral * std::cos(axis.heading),
+                   -above,
+                   axis.z - lateral * std::sin(axis.heading)},
+                  size,
+                  axis.heading},
+                 texture);
   }
 
   void addGround() {
@@ -165,6 +168,7 @@ class StreetBuilder {
   PlaceBuilder builder_;
   double begin_;
   double end_;
+  Axis axis_;
 };
 
 }  // namespace
@@ -172,11 +176,32 @@ class StreetBuilder {
 StreetAxis streetAxis(double z) {
   const double phase = 2 * M_PI * z / kBendPeriod;
   return {kBend * (1 - std::cos(phase)),
+          z,
           std::atan(kBend * 2 * M_PI / kBendPeriod * std::sin(phase))};
 }
 
+StreetAxis blockAxis(double along) {
+  constexpr double kSide = kBlockLength / 4;           // straight, and a corner to the right
+  constexpr double kStraight = kSide - 10 * M_PI;      // [m]
+  constexpr double kCorner = 20;                       // radius [m]
+  constexpr double kMiddle = kCorner + kStraight / 2;  // of the block, from each street
+  const double side = std::floor(along / kSide);
+  const double straight = std::min(along - side * kSide, kStraight);
+  const double turn = (along - side * kSide - straight) / kCorner;
+  const double x = kCorner * (1 - std::cos(turn)) - kMiddle;
+  const double z = straight + kCorner * std::sin(turn) - kStraight / 2;
+  const double heading = side * M_PI / 2;
+  const double c = std::cos(heading);
+  const double s = std::sin(heading);
+  return {kMiddle + c * x + s * z, kStraight / 2 + c * z - s * x, heading + turn};
+}
+
 Scene makeStreet(std::uint64_t seed, double length) {
-  return StreetBuilder(seed, length).build();
+  return StreetBuilder(seed, -kBehind, length + kAhead, streetAxis).build();
+}
+
+Scene makeBlock(std::uint64_t seed) {
+  return StreetBuilder(seed, 0, kBlockLength, blockAxis).build();
 }
 
 }  // namespace dsorb::synthetic

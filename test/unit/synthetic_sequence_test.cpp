@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "base/parallel.h"
+#include "synthetic/places.h"
 #include "synthetic/sequence.h"
 
 #include <gtest/gtest.h>
@@ -25,7 +26,9 @@ constexpr SequenceKind kAllKinds[] = {SequenceKind::kStreet,
                                       SequenceKind::kPlane,
                                       SequenceKind::kStatic,
                                       SequenceKind::kRotation,
-                                      SequenceKind::kCut};
+                                      SequenceKind::kCut,
+                                      SequenceKind::kBlock,
+                                      SequenceKind::kRound};
 
 /// Mean and standard deviation of the difference of two images.
 struct Difference {
@@ -102,6 +105,18 @@ TEST(SyntheticSequence, DrivesAndFliesAtThePromisedSpeed) {
     const SyntheticSequence room(options);
     EXPECT_GE(steps(room).least, 0.015);
     EXPECT_LE(steps(room).most, 0.03);
+  }
+}
+
+TEST(SyntheticSequence, TheStreetRoundTheBlockEndsWhereItBegan) {
+  for (double along = -1; along < 2 * kBlockLength; along += 0.5) {
+    const StreetAxis here = blockAxis(along);
+    const StreetAxis next = blockAxis(along + 0.5);
+    EXPECT_NEAR(std::hypot(next.x - here.x, next.z - here.z), 0.5, 1e-4);
+    const double course = std::atan2(next.x - here.x, next.z - here.z);
+    EXPECT_NEAR(std::remainder(course - 0.5 * (here.heading + next.heading), 2 * M_PI), 0, 0.01);
+    const StreetAxis again = blockAxis(along + kBlockLength);
+    EXPECT_NEAR(std::hypot(again.x - here.x, again.z - here.z), 0, 1e-9);
   }
 }
 
