@@ -31,9 +31,10 @@ struct PlaceReport {
 };
 
 /// Remembers the keyframes of a run, compact (30 kB each: corners with descriptors and depths, of
-/// the newest sixteen a small image, too), and recognizes places: segments that share a view become one, and loops are closed. Register it with
-/// Odometry::addObserver() and call finish() after Odometry::finish(); what it finds is told to its
-/// own observers. The same input gives the same bits for any number of threads.
+/// the newest sixteen a small image, too), and recognizes places: segments that share a view become
+/// one, and loops are closed. Register it with Odometry::addObserver() and call finish() after
+/// Odometry::finish(); what it finds is told to its own observers. The same input gives the same
+/// bits for any number of threads.
 class Place : public OdometryObserver {
  public:
   /// Remembers nothing yet.
