@@ -81,6 +81,10 @@ class ForkJoin {
   char join_ = 0;
 };
 
+/// Items that a task of forEachRange() has at least, where an item takes a fraction of a
+/// microsecond up to some of them: a task is then worth its start.
+constexpr std::size_t kTaskGrain = 32;
+
 /// Calls function(begin, end) on disjoint ranges that cover [0, n). Results must not depend on the
 /// split. @param grain items a range has at least; 0 runs everything in one call
 template <typename Function>

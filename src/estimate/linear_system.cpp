@@ -205,29 +205,22 @@ void DepthElimination<Scalar, Sum>::substituteBack(const LinearSystem<Scalar>& s
 
 template <typename Scalar>
 std::optional<double> DampedSolver<Scalar>::solve(const LinearSystem<Scalar>& system,
-                                                  double damping,
-                                                  bool depths_fixed) {
+                                                  double damping) {
   const Eigen::VectorXd diagonal = system.H.diagonal();
   reduced_ = system.H;
   reduced_.diagonal() += damping * diagonal;
   right_ = system.b;
-  if (!depths_fixed) {
-    elimination_.damp(system, damping);
-    elimination_.eliminate(system, reduced_, right_);
-  }
+  elimination_.damp(system, damping);
+  elimination_.eliminate(system, reduced_, right_);
   const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>, Eigen::Lower> cholesky(reduced_);
   if (cholesky.info() != Eigen::Success) return std::nullopt;
   step_ = -cholesky.solve(right_);
   double decrease = step_.dot(damping * diagonal.cwiseProduct(step_) - system.b);
-  if (depths_fixed) {
-    depth_step_.assign(system.points(), 0);
-  } else {
-    elimination_.substituteBack(system, step_, depth_step_);
-    for (std::size_t i = 0; i < depth_step_.size(); ++i) {
-      const auto h = static_cast<double>(system.depth_hessian[i]);
-      const auto b = static_cast<double>(system.depth_gradient[i]);
-      decrease += depth_step_[i] * (damping * h * depth_step_[i] - b);
-    }
+  elimination_.substituteBack(system, step_, depth_step_);
+  for (std::size_t i = 0; i < depth_step_.size(); ++i) {
+    const auto h = static_cast<double>(system.depth_hessian[i]);
+    const auto b = static_cast<double>(system.depth_gradient[i]);
+    decrease += depth_step_[i] * (damping * h * depth_step_[i] - b);
   }
   return std::isfinite(decrease) ? std::optional(0.5 * decrease) : std::nullopt;
 }

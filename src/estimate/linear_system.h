@@ -88,12 +88,9 @@ class DepthElimination {
 template <typename Scalar>
 class DampedSolver {
  public:
-  /// @param depths_fixed every depth step is 0
   /// @return decrease of the cost, half the squared error, that the equations predict; nullopt when
   ///         they are degenerate
-  std::optional<double> solve(const LinearSystem<Scalar>& system,
-                              double damping,
-                              bool depths_fixed = false);
+  std::optional<double> solve(const LinearSystem<Scalar>& system, double damping);
 
   [[nodiscard]] const Eigen::VectorXd& step() const { return step_; }
   [[nodiscard]] const std::vector<double>& depthStep() const { return depth_step_; }

@@ -91,12 +91,8 @@ Matrix6d gradientSpread(const std::vector<PointObservation>& observations,
   return spread * (static_cast<double>(cells) / std::max(cells - 1, 1));
 }
 
-}  // namespace
-
-double huberLimit(double sigma) {
-  return kHuberLimit * sigma;
-}
-
+/// Robust normal equations of a pose, as the last iteration of poseFromPoints() has them.
+/// @return nullopt with too few observations, or with less than half of them within the Huber limit
 std::optional<PoseSums> poseEquations(const std::vector<PointObservation>& observations,
                                       const PinholeCamera& camera,
                                       const SE3& T_cam_host,
@@ -106,6 +102,12 @@ std::optional<PoseSums> poseEquations(const std::vector<PointObservation>& obser
       ObservationArrays(observations).linearize(camera, T_cam_host, huberLimit(sigma));
   if (2 * sums.within < static_cast<double>(observations.size())) return std::nullopt;
   return sums;
+}
+
+}  // namespace
+
+double huberLimit(double sigma) {
+  return kHuberLimit * sigma;
 }
 
 std::optional<SE3> poseFromPoints(const std::vector<PointObservation>& observations,

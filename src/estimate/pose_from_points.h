@@ -25,13 +25,6 @@ struct PointObservation {
 /// Where the Huber loss bends. @param sigma of an observation, each axis [px]
 double huberLimit(double sigma);
 
-/// Robust normal equations of a pose, as the last iteration of poseFromPoints() has them.
-/// @return nullopt with too few observations, or with less than half of them within the Huber limit
-std::optional<PoseSums> poseEquations(const std::vector<PointObservation>& observations,
-                                      const PinholeCamera& camera,
-                                      const SE3& T_cam_host,
-                                      double sigma);
-
 /// Pose of a camera from points of known inverse depth: Gauss-Newton on the reprojection error with
 /// a Huber loss, from a guess.
 /// @param guess maps host to camera coordinates

@@ -26,10 +26,9 @@ class SchurProblem {
  public:
   using Solver = DampedSolver<typename decltype(Equations::system)::Number>;
 
-  SchurProblem(Model model, State state, const Stopping& stopping, bool depths_fixed = false)
+  SchurProblem(Model model, State state, const Stopping& stopping)
       : model_(std::move(model)),
         cost_change_(stopping.cost_change),
-        depths_fixed_(depths_fixed),
         state_(std::move(state)),
         moved_(state_) {
     model_.linearize(state_, equations_);
@@ -47,9 +46,7 @@ class SchurProblem {
            std::all_of(system.depth_gradient.begin(), system.depth_gradient.end(), small);
   }
 
-  std::optional<double> solve(double damping) {
-    return solver_.solve(equations_.system, damping, depths_fixed_);
-  }
+  std::optional<double> solve(double damping) { return solver_.solve(equations_.system, damping); }
   std::optional<double> tryStep() {
     model_.move(state_, solver_, moved_);
     model_.linearize(moved_, moved_equations_);
@@ -71,12 +68,21 @@ class SchurProblem {
 
   Model model_;
   double cost_change_;
-  bool depths_fixed_;
   State state_;
   State moved_;
   Equations equations_;
   Equations moved_equations_;
   Solver solver_;
 };
+
+/// Moves a problem to its minimum.
+/// @return iterations, or nullopt where it has no usable numbers
+template <typename Model, typename State, typename Equations>
+std::optional<int> minimize(SchurProblem<Model, State, Equations>& problem,
+                            const Stopping& stopping) {
+  if (!std::isfinite(problem.cost())) return std::nullopt;
+  GainDamping damping;
+  return problem.atMinimum() ? 0 : minimize(problem, damping, stopping.max_iterations);
+}
 
 }  // namespace dsorb

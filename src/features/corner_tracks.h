@@ -8,6 +8,9 @@
 
 namespace dsorb {
 
+/// Fewest corners that tell a motion and that it is right.
+constexpr int kMinCornersOfMotion = 50;
+
 /// Pixels of the same corners in two images [px]; equal lengths.
 struct Matches {
   std::vector<Eigen::Vector2d> reference;

@@ -60,8 +60,7 @@ bool isStronger(const DetectedCorner& a, const DetectedCorner& b) {
   return std::tie(a.strength, a.y, a.x) > std::tie(b.strength, b.y, b.x);
 }
 
-constexpr double kMinDistance = 8;       // between corners, for an image diagonal of 800 px [px]
-constexpr std::size_t kTrackGrain = 32;  // tracks one thread follows at a time
+constexpr double kMinDistance = 8;  // between corners, for an image diagonal of 800 px [px]
 
 bool isInside(const Eigen::Vector2f& corner, const cv::Size& size) {
   return corner.x() >= kFeatureBorder && corner.y() >= kFeatureBorder &&
@@ -188,7 +187,7 @@ std::vector<char> FeatureTracks::follow(std::vector<Eigen::Vector2f>& places,
                                         std::vector<Eigen::Vector2f>& back) const {
   const cv::Size size(pyramid_.levels().front().width, pyramid_.levels().front().height);
   std::vector<char> found(places.size());
-  forEachRange(places.size(), kTrackGrain, [&](std::size_t begin, std::size_t end) {
+  forEachRange(places.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
     LucasKanade lucas_kanade(flowOptions(options_));
     for (std::size_t i = begin; i < end; ++i) {
       if (!lucas_kanade.follow(other_pyramid_, pyramid_, places[i])) continue;

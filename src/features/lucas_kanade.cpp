@@ -11,7 +11,6 @@
 namespace dsorb {
 namespace {
 
-constexpr std::size_t kRowGrain = 16;     // rows one thread takes at a time
 constexpr float kMaxIntensity = 255;      // [grey levels]
 constexpr std::ptrdiff_t kPart = kLanes;  // of a template's step: intensity, dx, dy
 constexpr std::ptrdiff_t kTemplateStep = 3 * kPart;
@@ -305,7 +304,7 @@ bool FlowPyramid::build(const PyramidLevel& image, float gain, const LucasKanade
   FlowLevel& first = levels_.front();
   resize(first, image.width(), image.height(), border);
   std::vector<char> valid(static_cast<std::size_t>(image.height()));
-  forEachRange(valid.size(), kRowGrain, [&](std::size_t begin, std::size_t end) {
+  forEachRange(valid.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const int y = static_cast<int>(i);
       valid[i] = copyRow(image.row(y), image.width(), gain, first.row(y)) ? 1 : 0;
@@ -318,7 +317,7 @@ bool FlowPyramid::build(const PyramidLevel& image, float gain, const LucasKanade
     FlowLevel& coarse = levels_[l];
     resize(coarse, (fine.width + 1) / 2, (fine.height + 1) / 2, border);
     forEachRange(static_cast<std::size_t>(coarse.height),
-                 kRowGrain,
+                 kTaskGrain,
                  [&](std::size_t begin, std::size_t end) {
                    std::vector<float> smoothed(static_cast<std::size_t>(fine.width + 2 * kLanes));
                    for (std::size_t i = begin; i < end; ++i) {

@@ -5,7 +5,7 @@
 #include "dsorb/geometry/se3.h"
 
 #include "estimate/pose_from_points.h"
-#include "features/far_matches.h"
+#include "features/feature_matches.h"
 #include "image/photometric.h"
 
 #include <cstdint>

@@ -193,6 +193,20 @@ class PointGrid {
 
   [[nodiscard]] std::size_t size() const { return points_.size(); }
 
+  /// Calls visit(index) for all points closer to a pixel than a radius.
+  template <typename Visit>
+  void forEachWithin(const Eigen::Vector2f& pixel, float radius, Visit&& visit) const {
+    for (int y = cells_.row(pixel.y() - radius); y <= cells_.row(pixel.y() + radius); ++y) {
+      for (int x = cells_.column(pixel.x() - radius); x <= cells_.column(pixel.x() + radius); ++x) {
+        const std::size_t cell = cells_.index(x, y);
+        for (std::size_t i = first_[cell]; i < first_[cell + 1]; ++i) {
+          const float squared = (points_[sorted_[i]] - pixel).squaredNorm();
+          if (squared < radius * radius) visit(sorted_[i]);
+        }
+      }
+    }
+  }
+
   /// The nearest points within a radius, found ring by ring of cells.
   /// @param accept whether a point counts, by its index
   template <std::size_t kWanted, typename Accept>

@@ -3,15 +3,28 @@
 
 #include "base/angles.h"
 #include "estimate/variance_factors.h"
+#include "features/grey_image.h"
 #include "window/keyframe_policy.h"
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <utility>
 
 namespace dsorb::odometry {
 namespace {
+
+std::vector<DepthSample> samplesOf(const track::TrackingReference& reference) {
+  const track::ReferencePoints& points = reference.at(0);
+  std::vector<DepthSample> samples;
+  samples.reserve(points.size());
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const Eigen::Vector2d pixel = reference.camera.project({points.ray_x[i], points.ray_y[i], 1});
+    samples.push_back({pixel.cast<float>(), points.inverse_depth[i]});
+  }
+  return samples;
+}
 
 // A torn or half covered image may still get a pose, with a residual above that of the frame
 // before. Where the motion does not lead there it is wrong; else a part of the image has told it,
@@ -52,6 +65,27 @@ struct ErrorsOfMap {
 };
 
 }  // namespace
+
+std::optional<MatchEvidence> MatchedPoses::find(const FramePtr& frame,
+                                                const track::TrackingReference& reference) {
+  if (host_frame_ != reference.frame) {
+    host_frame_ = reference.frame;
+    mean_ = meanIntensity(*host_frame_);
+    const bool described = frame_ == host_frame_ && described_.gain == 1;
+    points_ = describePoints(described ? described_ : describeFrame(host_frame_, 1),
+                             samplesOf(reference));
+  }
+  if (frame_ != frame) {
+    frame_ = frame;
+    described_ = describeFrame(frame, gainTowards(mean_, *frame));
+  }
+  MatchEvidence evidence;
+  evidence.matches = matchPoints(points_, described_, reference.camera);
+  std::optional<MatchedPose> pose = poseFromMatches(evidence.matches, reference.camera, seed_);
+  if (!pose) return std::nullopt;
+  evidence.pose = std::move(*pose);
+  return evidence;
+}
 
 FrameTracker::FrameTracker(const OdometryOptions& options)
     : options_(options),

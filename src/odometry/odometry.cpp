@@ -1,22 +1,106 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "dsorb/odometry/odometry.h"
 
+#include "dsorb/odometry/observer.h"
+
 #include "base/describe.h"
 #include "base/parallel.h"
 #include "base/timed.h"
 #include "image/contrast.h"
 #include "image/frame_check.h"
-#include "odometry/async_mapper.h"
-#include "odometry/frame_estimates.h"
 #include "odometry/frame_tracker.h"
-#include "odometry/observers.h"
+#include "odometry/mapper.h"
 #include "odometry/segment_unit.h"
 
 #include <algorithm>
+#include <cstddef>
 #include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
+#include <vector>
+
+namespace dsorb::odometry {
+
+/// The observers of a run, called in the order in which they were added.
+class Observers {
+ public:
+  /// @throws std::invalid_argument for a null pointer
+  void add(OdometryObserver* observer) {
+    if (observer == nullptr) throw std::invalid_argument("observer is null");
+    observers_.push_back(observer);
+  }
+  /// Calls a method of every observer; one that is added by such a call hears of what comes then.
+  template <typename Method, typename... Values>
+  void notify(Method method, const Values&... values) const {
+    const std::size_t count = observers_.size();
+    for (std::size_t i = 0; i < count; ++i) (observers_[i]->*method)(values...);
+  }
+  /// Calls a method of every observer with the first keyframe, then with the next one.
+  template <typename Method>
+  void notifyEach(Method method, const std::vector<KeyframeSnapshot>& keyframes) const {
+    for (const KeyframeSnapshot& keyframe : keyframes) notify(method, keyframe);
+  }
+
+ private:
+  std::vector<OdometryObserver*> observers_;
+};
+
+namespace {
+
+/// What is told of a frame without a pose.
+FrameEstimate estimateWithoutPose(const FramePtr& frame,
+                                  int segment,
+                                  OdometryState state,
+                                  std::optional<double> tracking_rmse) {
+  FrameEstimate estimate;
+  estimate.frame = frame;
+  estimate.segment = segment;
+  estimate.state = state;
+  estimate.tracking_rmse = tracking_rmse;
+  return estimate;
+}
+
+/// What is told of a tracked frame, in the segment's own unit.
+FrameEstimate trackedEstimate(const FramePtr& frame, int segment, const TrackedPose& pose) {
+  FrameEstimate estimate = estimateWithoutPose(frame, segment, OdometryState::kTracked, pose.rmse);
+  estimate.T_world_cam = pose.T_cam_world.inverse();
+  estimate.keyframe = pose.keyframe;
+  estimate.T_cam_keyframe = pose.T_cam_keyframe;
+  estimate.covariance = pose.covariance;
+  estimate.world_covariance = pose.world_covariance;
+  estimate.affine = pose.affine;
+  return estimate;
+}
+
+/// What is told of a frame that was recognized, in the unit of the place.
+FrameEstimate recognizedEstimate(const FramePtr& frame, const RecognizedPlace& place) {
+  FrameEstimate estimate =
+      estimateWithoutPose(frame, place.segment, OdometryState::kTracked, std::nullopt);
+  estimate.T_world_cam = place.T_world_cam;
+  estimate.keyframe = place.keyframe;
+  estimate.T_cam_keyframe = place.T_cam_keyframe;
+  estimate.covariance = place.covariance;
+  estimate.world_covariance = place.covariance;
+  return estimate;
+}
+
+/// What is told of a tracked frame where mapping has made the newest keyframe of it: its pose is
+/// that after adjustment.
+FrameEstimate adjustedEstimate(FrameEstimate estimate, const FrameTracker& tracker) {
+  const track::TrackingReference& newest = tracker.reference();
+  if (estimate.frame != newest.frame) return estimate;
+  estimate.T_world_cam = tracker.target().T_cam_world.inverse();
+  estimate.affine = newest.affine;
+  if (!estimate.keyframe) {  // of an initialization
+    estimate.keyframe = estimate.frame->id();
+    estimate.T_cam_keyframe = SE3();
+  }
+  return estimate;
+}
+
+}  // namespace
+}  // namespace dsorb::odometry
 
 namespace dsorb {
 namespace {

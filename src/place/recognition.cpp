@@ -37,38 +37,34 @@ class Lookup {
   Lookup(const Query& query, std::vector<Eigen::Vector2d> pixels)
       : view_(*query.view),
         pixels_(std::move(pixels)),
-        grid_(query.camera.width, query.camera.height, kCell),
-        cells_(grid_.size()) {
-    for (std::size_t i = 0; i < pixels_.size(); ++i) {
-      cells_[grid_.at(pixels_[i].x(), pixels_[i].y())].push_back(i);
-    }
-  }
+        grid_(asFloats(pixels_), CellGrid(query.camera.width, query.camera.height, kCell)) {}
   /// @return -1 where there is none
   [[nodiscard]] int find(const Eigen::Vector2d& place,
                          double radius,
                          const BinaryDescriptor& descriptor) const {
     int best = -1;
     int least = kAlike + 1;
-    for (int y = grid_.row(place.y() - radius); y <= grid_.row(place.y() + radius); ++y) {
-      for (int x = grid_.column(place.x() - radius); x <= grid_.column(place.x() + radius); ++x) {
-        for (const std::size_t i : cells_[grid_.index(x, y)]) {
-          if (!((pixels_[i] - place).squaredNorm() < radius * radius)) continue;
-          const int bits = distance(view_.descriptors[i], descriptor);
-          if (bits >= least) continue;
-          least = bits;
-          best = static_cast<int>(i);
-        }
-      }
-    }
+    const Eigen::Vector2f at = place.cast<float>();
+    grid_.forEachWithin(at, static_cast<float>(radius), [&](std::size_t i) {
+      const int bits = distance(view_.descriptors[i], descriptor);
+      if (bits >= least) return;
+      least = bits;
+      best = static_cast<int>(i);
+    });
     return best;
   }
   [[nodiscard]] const Eigen::Vector2d& pixel(std::size_t i) const { return pixels_[i]; }
 
  private:
+  static std::vector<Eigen::Vector2f> asFloats(const std::vector<Eigen::Vector2d>& pixels) {
+    std::vector<Eigen::Vector2f> floats;
+    for (const Eigen::Vector2d& pixel : pixels) floats.emplace_back(pixel.cast<float>());
+    return floats;
+  }
+
   const View& view_;
   std::vector<Eigen::Vector2d> pixels_;
-  CellGrid grid_;
-  std::vector<std::vector<std::size_t>> cells_;
+  PointGrid grid_;
 };
 
 std::vector<Eigen::Vector2d> pinholePixels(const Query& query) {

@@ -2,6 +2,7 @@
 #include "published/bundle_adjustment.h"
 
 #include "estimate/warp.h"
+#include "init/orb/bundle/geometric_covariance.h"
 #include "init/result.h"
 
 #include <ceres/ordered_groups.h>
@@ -224,11 +225,7 @@ std::optional<Solved> CeresAdjustment::solve(int max_iterations, double cost_cha
   options.logging_type = ceres::SILENT;
   ceres::Solver::Summary summary;
   ceres::Solve(options, &problem_, &summary);
-  Solved solved{static_cast<int>(summary.iterations.size()),
-                summary.initial_cost,
-                summary.final_cost,
-                {},
-                inverse_depths_};
+  Solved solved{summary.initial_cost, summary.final_cost, {}, inverse_depths_};
   for (const PoseBlock& pose : poses_) solved.poses.push_back(fromBlock(pose.data()));
   if (!summary.IsSolutionUsable() || !isFinite(solved)) return std::nullopt;
   return solved;
@@ -249,7 +246,7 @@ GeometricReport adjustGeometry(Map& map, const PinholeCamera& camera) {
     sum += std::pow(reprojectionError(map, camera, seen), 2);
   }
   report.residual_rms = std::sqrt(sum / static_cast<double>(2 * map.observations.size()));
-  report.usable = normalizeScale(map, map.corners) && setGeometricCovariances(map, camera);
+  report.usable = normalizeScale(map, map.corners) && setCovariances(map, camera);
   return report;
 }
 
@@ -266,6 +263,29 @@ bool ReprojectionCost::Evaluate(double const* const* parameters,
   }
   if (jacobians[1] != nullptr) {
     Eigen::Map<Eigen::Vector2d>(jacobians[1], 2) = seen->J_inverse_depth;
+  }
+  return true;
+}
+
+init_orb::InitialMap cornersOf(const Map& map) {
+  init_orb::InitialMap corners;
+  corners.frames = map.frames;
+  for (std::size_t i = 0; i < map.corners; ++i) {
+    corners.corners.push_back({map.points[i].pixel.cast<double>(), map.points[i].inverse_depth});
+  }
+  for (const Observation& seen : map.observations) {
+    corners.observations.push_back({seen.corner, seen.frame, seen.pixel});
+  }
+  return corners;
+}
+
+bool setCovariances(Map& map, const PinholeCamera& camera) {
+  init_orb::InitialMap corners = cornersOf(map);
+  const GeometricOptions adjusted{1, RobustLoss::kHuber, kCornerHuber};
+  if (!std::isfinite(init_orb::setCovariances(corners, camera, adjusted))) return false;
+  map.frames = std::move(corners.frames);
+  for (std::size_t i = 0; i < map.corners; ++i) {
+    map.points[i].variance = corners.corners[i].variance;
   }
   return true;
 }

@@ -3,6 +3,7 @@
 
 #include "dsorb/camera/pinhole_camera.h"
 
+#include "init/orb/map/initial_map.h"
 #include "published/structure.h"
 
 #include <ceres/cost_function.h>
@@ -28,7 +29,6 @@ void setPoseManifold(ceres::Problem& problem, double* pose);
 
 /// What a bundle adjustment has found.
 struct Solved {
-  int iterations = 0;
   double first_cost = 0;
   double cost = 0;
   std::vector<SE3> poses;
@@ -99,16 +99,13 @@ GeometricReport adjustGeometry(Map& map, const PinholeCamera& camera);
 
 constexpr double kCornerHuber = 2.4474;  ///< sqrt(5.99): 95 % of chi-square, 2 degrees of freedom
 
+/// The corners of a map as `orb` has them.
+init_orb::InitialMap cornersOf(const Map& map);
+
 /// Sets the covariances of frames and the variances of corners, which the thesis does not hand
-/// over: marginals of the geometric adjustment in the gauge "reference pose and mean inverse depth
-/// fixed", times the a-posteriori variance factor.
-///
-/// Tracks share the reference patch and the calibration, neighbours share more: the covariance by
-/// cells of the image is added, and the part of the variance that an inverse depth has of its own
-/// counts once for all frames. Errors that are no noise (occlusions, wrong warps) do not average
-/// out over cells either, and show in the tails of the errors: they widen the covariance by cells.
+/// over, as `orb` does.
 /// @param map adjusted, mean inverse depth 1
 /// @return false where the problem has no redundancy or is degenerate; nothing is set then
-bool setGeometricCovariances(Map& map, const PinholeCamera& camera);
+bool setCovariances(Map& map, const PinholeCamera& camera);
 
 }  // namespace dsorb::published

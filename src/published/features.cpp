@@ -51,7 +51,7 @@ Places chooseCorners(const GreyImage& image, int max_corners) {
   return chosen;
 }
 
-std::vector<cv::Point2f> toCv(const Places& places) {
+std::vector<cv::Point2f> asPoints(const Places& places) {
   std::vector<cv::Point2f> points;
   for (const Eigen::Vector2f& place : places) points.emplace_back(place.x(), place.y());
   return points;
@@ -63,13 +63,13 @@ std::vector<unsigned char> flow(
     const cv::Mat& before, const cv::Mat& now, const Places& from, int max_level, Places& to) {
   std::vector<unsigned char> found;
   if (from.empty()) return found;
-  std::vector<cv::Point2f> points = toCv(to);
+  std::vector<cv::Point2f> points = asPoints(to);
   const int flags = to.empty() ? 0 : static_cast<int>(cv::OPTFLOW_USE_INITIAL_FLOW);
   const cv::TermCriteria stop(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, kMaxSteps, kMinStep);
   const cv::Size window(kWindow, kWindow);
   cv::calcOpticalFlowPyrLK(before,
                            now,
-                           toCv(from),
+                           asPoints(from),
                            points,
                            found,
                            cv::noArray(),
@@ -83,16 +83,10 @@ std::vector<unsigned char> flow(
   return found;
 }
 
-bool isUsable(const GreyImage& image, const Eigen::Vector2f& place) {
-  return image.usable({place.x(), place.y()});
-}
-
 }  // namespace
 
 Features::Features(int max_corners, bool descriptors)
-    : max_corners_(max_corners),
-      descriptors_(descriptors),
-      ours_({max_corners, kCornerQuality, kMaxLevel, 1024 * kMinEigenvalue}) {}
+    : max_corners_(max_corners), descriptors_(descriptors) {}
 
 void Features::start(FramePtr reference) {
   uses_flow_ = false;
@@ -124,23 +118,12 @@ GreyImage Features::show(const Frame& frame, int margin) const {
 void Features::changeToFlow() {
   uses_flow_ = true;
   survivor_share_ = 1;
-  if (descriptors_) {
-    ours_.start(*frames_.front());
-    places_ = ours_.since(0).positions;
-  } else {
-    image_ = show(*frames_.front(), kWindow / 2);
-    places_ = {chooseCorners(image_, max_corners_)};
-  }
+  image_ = show(*frames_.front(), kWindow / 2);
+  places_ = {chooseCorners(image_, max_corners_)};
   for (std::size_t k = 1; k < frames_.size(); ++k) follow(*frames_[k]);
 }
 
 void Features::follow(const Frame& frame) {
-  if (descriptors_) {
-    ours_.advance(frame);
-    places_ = ours_.since(0).positions;
-    survivor_share_ = ours_.survivorShare();
-    return;
-  }
   const GreyImage before = std::exchange(image_, show(frame, kWindow / 2));
   const Places from = places_.back();
   Places to;
@@ -152,7 +135,7 @@ void Features::follow(const Frame& frame) {
   for (std::size_t i = 0; i < from.size(); ++i) {
     const bool returns =
         forward[i] != 0 && backward[i] != 0 && (back[i] - from[i]).norm() < kMaxBackwardError;
-    if (!returns || !isUsable(image_, to[i])) continue;
+    if (!returns || !isUsable(to[i], image_.grey.size(), image_.valid)) continue;
     for (Places& places : places_) places[kept] = places[i];
     ++kept;
   }
@@ -180,7 +163,8 @@ void Features::match(const Frame& frame) {
   places_.emplace_back(partner.size(), Eigen::Vector2f::Constant(NAN));
   for (std::size_t k = 0; k < which.size(); ++k) {
     const bool near = aligned[k] != 0 && (refined[k] - matched[k]).norm() <= kMaxRefinement;
-    if (near && isUsable(image, refined[k])) places_.back()[which[k]] = refined[k];
+    if (near && isUsable(refined[k], image.grey.size(), image.valid))
+      places_.back()[which[k]] = refined[k];
   }
 }
 
@@ -190,7 +174,6 @@ void Features::keepWithin(int budget_mb) {
         leastMissed(frames_, [](const FramePtr& frame) -> const Frame& { return *frame; }));
     frames_.erase(frames_.begin() + dropped);
     places_.erase(places_.begin() + dropped);
-    if (descriptors_ && uses_flow_) ours_.dropFrames(static_cast<int>(dropped), 1);
   }
 }
 

@@ -3,8 +3,8 @@
 
 #include "dsorb/image/frame.h"
 
-#include "features/feature_tracks.h"
-#include "features/features.h"
+#include "features/corner_tracks.h"
+#include "features/feature_matches.h"
 #include "features/grey_image.h"
 
 #include <Eigen/Core>
@@ -17,7 +17,7 @@ namespace dsorb::published {
 /// cv::goodFeaturesToTrack, followed from frame to frame by cv::calcOpticalFlowPyrLK and back
 /// again; or ORB features, matched with the reference's by their descriptors. From the first frame
 /// on that has too few of these, corners are followed instead, through all frames since the
-/// reference, by the Lucas-Kanade of `orb`, which serves images out of focus.
+/// reference.
 /// @source [Gladkova], section 3.1; descriptors: the variant of X. Qu, described in section 4
 class Features {
  public:
@@ -53,7 +53,6 @@ class Features {
   std::vector<std::vector<Eigen::Vector2f>> places_;  // by frame, then point; NaN: not seen [px]
   GreyImage image_;            // with flow the newest, with descriptors the reference
   dsorb::Features described_;  // of the reference
-  FeatureTracks ours_;         // where descriptors are too few
   double reference_mean_ = 0;  // intensity that later images are brought to [grey levels]
   double survivor_share_ = 1;  // of the tracks in the last step
 };

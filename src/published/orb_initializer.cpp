@@ -13,7 +13,7 @@
 #include "published/photometric.h"
 #include "published/structure.h"
 #include "published/two_view.h"
-#include "two_view/rotation_only.h"
+#include "two_view/model_selection.h"
 
 #include <algorithm>
 #include <cmath>
@@ -27,32 +27,6 @@ namespace {
 constexpr std::size_t kMinPoints = 50;  // semi-dense ones; fewer: the attempt fails
 constexpr int kMinRotationTracks = 10;  // needed to tell that a rotation explains them
 constexpr int kMaxBlank = 3;            // frames in a row that are passed over
-
-void addDetails(const TwoViewReport& found, InitReport& report) {
-  report.add("tracks", found.tracks);
-  report.add("score_homography", found.homography_score);
-  report.add("score_fundamental", found.fundamental_score);
-  report.add("model_inliers", found.inliers);
-  report.add("inlier_ratio", static_cast<double>(found.inliers) / found.tracks);
-  report.add("good_points", found.good_points);
-  report.add("good_points_of_second_motion", found.second_good);
-  report.add("ranked_parallax_deg", found.parallax_deg);
-}
-
-void addDetails(const std::string& name, const PhotometricReport& found, InitReport& report) {
-  report.add(name + "_patches", found.patches);
-  report.add(name + "_iterations", found.iterations);
-  report.add(name + "_first_cost", found.first_cost);
-  report.add(name + "_cost", found.cost);
-  report.add(name + "_inside", found.inside_share);
-}
-
-void addDetails(const OutlierReport& found, InitReport& report) {
-  report.add("filter_examined", found.examined);
-  report.add("filter_removed_corners", found.removed_corners);
-  report.add("filter_removed_points", found.removed_points);
-  report.add("filter_t_scale", found.t_scale);
-}
 
 /// Hands over the points that are in front and have a variance.
 InitializationResult toResult(Map map, InitReport report) {
@@ -160,10 +134,7 @@ InitReason ORBInitializer::initialize() {
   if (reason != InitReason::kDone) return reason;
   if (!performGeometricBA()) return InitReason::kPoorQuality;
   const auto seed = static_cast<std::uint64_t>(options_.seed);
-  const SemiDenseReport found =
-      clock_.time("semi_dense", [&] { return populateStructure3D(map_, camera_, seed); });
-  report_.add("semi_dense_candidates", found.candidates);
-  report_.add("semi_dense_points", found.points);
+  clock_.time("semi_dense", [&] { populateStructure3D(map_, camera_, seed); });
   if (map_.points.size() - map_.corners < kMinPoints) return InitReason::kTooFewPoints;
   if (!performGeometricBA()) return InitReason::kPoorQuality;
   if (version_ == Version::kV1 || version_ == Version::kMatching) return InitReason::kDone;
@@ -185,7 +156,7 @@ InitReason ORBInitializer::computeRelativeTransform() {
       clock_.time("two_view", [&] { return estimateMotion(matches, camera_, choice, seed); });
   if (motion.reason != InitReason::kDone) return motion.reason;
   report_.model = motion.model == Model::kHomography ? "homography" : "fundamental";
-  addDetails(motion.report, report_);
+  report_.add("tracks", static_cast<double>(matches.size()));
   map_ = clock_.time("pose",
                      [&] { return makeMap(features_.frames(), tracks, motion.best, camera_); });
   return InitReason::kDone;
@@ -195,24 +166,19 @@ bool ORBInitializer::performGeometricBA() {
   const GeometricReport report =
       clock_.time("geometric", [&] { return adjustGeometry(map_, camera_); });
   report_.add("residual_rms", report.residual_rms);
-  report_.add("removed_severe", report.removed_severe);
-  report_.add("removed_normal", report.removed_normal);
   return report.usable;
 }
 
 bool ORBInitializer::performPhotometricBAs() {
-  const auto adjust = [&](const std::string& name) {
-    const PhotometricReport report =
-        clock_.time("photometric", [&] { return performPhotometricBA(map_, camera_); });
-    addDetails(name, report, report_);
-    return report.usable;
+  const auto adjust = [&] {
+    return clock_.time("photometric", [&] { return performPhotometricBA(map_, camera_); });
   };
-  if (!adjust("photometric")) return false;
+  if (!adjust()) return false;
   if (version_ == Version::kV3) {
-    addDetails(clock_.time("filter", [&] { return removeOutliers(map_, camera_); }), report_);
-    if (!adjust("second_photometric")) return false;
+    clock_.time("filter", [&] { removeOutliers(map_, camera_); });
+    if (!adjust()) return false;
   }
-  return clock_.time("variances", [&] { return setPhotometricCovariances(map_, camera_); });
+  return true;
 }
 
 InitStep ORBInitializer::resetRefFrame(FramePtr frame, InitStep step) {

@@ -6,7 +6,6 @@
 #include "base/parallel.h"
 #include "image/frame_check.h"
 #include "init/reset_log.h"
-#include "init/stage_clock.h"
 #include "published/features.h"
 #include "published/structure.h"
 

@@ -15,7 +15,6 @@
 namespace dsorb::published {
 namespace {
 
-constexpr std::size_t kPatchGrain = 128;  // patches one thread takes at a time
 constexpr double kMinGreySum = 8;   // of a patch; psi of a darker one means nothing [grey levels]
 constexpr int kMaxSolveSteps = 10;  // of one solve
 constexpr std::size_t kMinPatches = 8;   // fewer do not determine a frame
@@ -157,7 +156,7 @@ std::vector<PatchResidual> residualsOf(const PhotometricProblem& problem,
                                        const Map& map,
                                        std::size_t frame) {
   std::vector<PatchResidual> residuals(problem.patches.size());
-  forEachRange(residuals.size(), kPatchGrain, [&](std::size_t begin, std::size_t end) {
+  forEachRange(residuals.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const double inverse_depth = map.points[problem.points[i]].inverse_depth;
       residuals[i] = evaluatePatch(problem, i, frame, map.pose(frame), inverse_depth);
@@ -166,10 +165,8 @@ std::vector<PatchResidual> residualsOf(const PhotometricProblem& problem,
   return residuals;
 }
 
-PhotometricReport performPhotometricBA(Map& map, const PinholeCamera& camera) {
-  PhotometricReport report;
+bool performPhotometricBA(Map& map, const PinholeCamera& camera) {
   const PhotometricProblem problem(map, camera, 0);
-  report.patches = static_cast<int>(problem.patches.size());
   std::vector<double> magnitudes;  // of one pixel a patch in turn
   forInside(problem, map, [&](std::size_t /*k*/, std::size_t i, const PatchResidual& residual) {
     magnitudes.push_back(std::abs(residual.value[static_cast<Eigen::Index>(i % kPatternSize)]));
@@ -180,18 +177,16 @@ PhotometricReport performPhotometricBA(Map& map, const PinholeCamera& camera) {
     solve({map, camera, 1}, adjusted);  // without a result the depths stay as they are
   }
   const std::optional<Solved> solved = solve(problem, adjusted);
-  if (!solved || !(solved->cost <= solved->first_cost)) return report;
-  report.iterations = solved->iterations;
-  report.first_cost = solved->first_cost;
-  report.cost = solved->cost;
+  if (!solved || !(solved->cost <= solved->first_cost)) return false;
   std::size_t inside = 0;
   forInside(problem, adjusted, [&](std::size_t, std::size_t, const PatchResidual&) { ++inside; });
-  report.inside_share = static_cast<double>(inside) /
-                        static_cast<double>((map.frames.size() - 1) * problem.patches.size());
-  report.usable =
-      report.inside_share >= kMinInsideShare && normalizeScale(adjusted, adjusted.points.size());
-  if (report.usable) map = std::move(adjusted);
-  return report;
+  const std::size_t all = (map.frames.size() - 1) * problem.patches.size();
+  if (static_cast<double>(inside) < kMinInsideShare * static_cast<double>(all) ||
+      !normalizeScale(adjusted, adjusted.points.size())) {
+    return false;
+  }
+  map = std::move(adjusted);
+  return true;
 }
 
 double fitTDistribution(const std::vector<double>& residuals) {
@@ -222,7 +217,7 @@ double fitTDistribution(const std::vector<double>& residuals) {
   return degenerate ? std::max(std::sqrt(variance), kMinScale) : std::sqrt(variance);
 }
 
-OutlierReport removeOutliers(Map& map, const PinholeCamera& camera) {
+void removeOutliers(Map& map, const PinholeCamera& camera) {
   const PhotometricProblem problem(map, camera, 0);
   std::vector<std::vector<double>> residuals(map.frames.size());
   forInside(problem, map, [&](std::size_t k, std::size_t /*i*/, const PatchResidual& patch) {
@@ -240,13 +235,7 @@ OutlierReport removeOutliers(Map& map, const PinholeCamera& camera) {
   for (std::size_t i = 0; i < views.size(); ++i) {
     removed[problem.points[i]] = views[i] < std::min(kMinViews, scales.size()) ? 1 : 0;
   }
-  OutlierReport report;
-  report.t_scale = medianOf(scales);
-  report.examined = static_cast<int>(removed.size());
-  report.removed_corners = removePoints(map, removed);
-  report.removed_points =
-      report.examined - report.removed_corners - static_cast<int>(map.points.size());
-  return report;
+  removePoints(map, removed);
 }
 
 }  // namespace dsorb::published

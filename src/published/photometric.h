@@ -13,24 +13,6 @@
 
 namespace dsorb::published {
 
-/// Photometric adjustment.
-struct PhotometricReport {
-  bool usable = false;      ///< converged to numbers, lower cost, enough residuals inside
-  int patches = 0;          ///< corners and semi-dense points that took part
-  int iterations = 0;       ///< steps of the solve at level 0 that gave the depths
-  double first_cost = 0;    ///< half the weighted Huber energy of that problem
-  double cost = 0;          ///< that energy afterwards
-  double inside_share = 0;  ///< share of the patches' residuals inside the images [-]
-};
-
-/// Removal of points by their residuals.
-struct OutlierReport {
-  int examined = 0;         ///< corners and semi-dense points
-  int removed_corners = 0;  ///< corners taken out
-  int removed_points = 0;   ///< semi-dense
-  double t_scale = 0;       ///< of the residuals' t-distribution, median over frames [grey levels]
-};
-
 /// Patches of the reference at one pyramid level and the frames they are compared with.
 struct PhotometricProblem {
   /// Takes the points whose pattern lies inside the reference.
@@ -71,20 +53,19 @@ std::vector<PatchResidual> residualsOf(const PhotometricProblem& problem,
                                        std::size_t frame);
 
 /// Adjusts poses and the inverse depths of all points to the grey values of the images by Ceres.
-/// Afterwards the mean inverse depth is 1. When the report is not usable the map is unchanged.
+/// Afterwards the mean inverse depth is 1.
 /// @param map adjusted geometrically, with points
+/// @return    whether that gave numbers, a lower cost and enough residuals inside; else the map is
+///            as before
 /// @source [Gladkova], section 3.4, eq. (10) to (12)
-PhotometricReport performPhotometricBA(Map& map, const PinholeCamera& camera);
+bool performPhotometricBA(Map& map, const PinholeCamera& camera);
 
 /// Removes points that do not fit after a photometric adjustment: a pixel is an outlier when its
 /// residual exceeds a quantile of its frame's t-distribution, an observation when more than half of
 /// its pixels are, and a point when fewer than two observations remain (or fewer than there are
 /// frames).
 /// @source [Gladkova], section 3.4
-OutlierReport removeOutliers(Map& map, const PinholeCamera& camera);
-
-/// Does what setGeometricCovariances() does by the photometric adjustment, for all points.
-bool setPhotometricCovariances(Map& map, const PinholeCamera& camera);
+void removeOutliers(Map& map, const PinholeCamera& camera);
 
 /// Scale of greatest likelihood of a t-distribution with five degrees of freedom around zero: its
 /// sigma, not its standard deviation. Residuals farther from the median than 3 times 1.4826 MAD

@@ -4,12 +4,12 @@
 #include "base/parallel.h"
 #include "base/random.h"
 #include "estimate/epipolar_geometry.h"
-#include "estimate/robust_loss.h"
 #include "estimate/warp.h"
 #include "image/cell_grid.h"
 #include "image/image_scale.h"
 #include "image/photometric.h"
 #include "image/pixel_selector.h"
+#include "published/bundle_adjustment.h"
 
 #include <Eigen/LU>
 
@@ -24,16 +24,9 @@
 namespace dsorb::published {
 namespace {
 
-// Brightness.
-constexpr std::size_t kMinPairs = 10;
-constexpr int kReweightings = 5;
-constexpr double kMinContrast = 5;  // standard deviation of the reference's patches [grey levels]
-constexpr double kMaxGain = 5;      // and its inverse; more is no exposure change
-
 // Candidates and their priors.
-constexpr int kPatchSide = 6;                // one candidate in a square of this side [px]
-constexpr std::size_t kCandidates = 3000;    // that are searched at most
-constexpr std::size_t kCandidateGrain = 64;  // candidates one thread takes at a time
+constexpr int kPatchSide = 6;              // one candidate in a square of this side [px]
+constexpr std::size_t kCandidates = 3000;  // that are searched at most
 constexpr double kRadius = 60;  // corners farther away do not count, at a diagonal of 800 px [px]
 constexpr float kCellSize = 0.5F;          // of the radius
 constexpr std::size_t kNeighbours = 5;     // nearest corners a prior is made of
@@ -59,66 +52,6 @@ constexpr float kSettled = 0.01F;          // [px]
 constexpr float kLineErrorFloor = 0.2F;    // least sigma_l [px]
 constexpr float kMinZ = 0.05F;             // depth in the frame over depth in the reference
 constexpr float kMinSpeed = 1e-3F;         // [px unit]: no direction can be told
-
-/// Mean grey value of the residual pattern; NaN where it leaves the image or is invalid.
-double patchMean(const PyramidLevel& level, const Eigen::Vector2f& at) {
-  if (!canSample(level, at.x(), at.y(), kPatternRadius)) return NAN;
-  float sum = 0;
-  for (const PatternOffset& offset : kPattern) {
-    sum += interpolateIntensity(
-        level, at.x() + static_cast<float>(offset.x), at.y() + static_cast<float>(offset.y));
-  }
-  return static_cast<double>(sum) / kPatternSize;
-}
-
-/// target = gain reference + offset, Huber weights. @param pairs reference, target
-std::optional<BrightnessTransfer> fitLine(const std::vector<Eigen::Vector2d>& pairs) {
-  if (pairs.size() < kMinPairs) return std::nullopt;
-  BrightnessTransfer line;
-  for (int iteration = 0; iteration < kReweightings; ++iteration) {
-    double sum = 0;
-    Eigen::Vector2d mean(0, 0);
-    Eigen::Vector2d moments(0, 0);  // of reference with reference, with target
-    for (const Eigen::Vector2d& pair : pairs) {
-      const double error = pair.y() - line.gain * pair.x() - line.offset;
-      // The first round has no line yet.
-      const double weight =
-          iteration == 0 ? 1 : static_cast<double>(huberWeight(static_cast<float>(error)));
-      sum += weight;
-      mean += weight * pair;
-      moments += weight * pair.x() * pair;
-    }
-    mean /= sum;
-    moments = moments / sum - mean.x() * mean;
-    if (!(moments.x() > kMinContrast * kMinContrast)) return std::nullopt;
-    line.gain = moments.y() / moments.x();
-    line.offset = mean.y() - line.gain * mean.x();
-  }
-  if (!(line.gain > 1 / kMaxGain && line.gain < kMaxGain)) return std::nullopt;
-  return line;
-}
-
-/// Sets the brightness of every frame after the reference, which the search needs and the thesis
-/// leaves open: by a robust line through the means of the corners' patches. A frame with too few
-/// corners or too little contrast keeps a = b = 0.
-void estimateBrightness(Map& map) {
-  const Frame& reference = *map.frames.front().frame;
-  std::vector<std::vector<Eigen::Vector2d>> pairs(map.frames.size());
-  for (const Observation& seen : map.observations) {
-    const Eigen::Vector2d pair(
-        patchMean(reference.level(0), map.points[seen.corner].pixel),
-        patchMean(map.frames[seen.frame].frame->level(0), seen.pixel.cast<float>()));
-    if (pair.allFinite()) pairs[seen.frame].push_back(pair);
-  }
-  for (std::size_t k = 1; k < map.frames.size(); ++k) {
-    PosedFrame& frame = map.frames[k];
-    const std::optional<BrightnessTransfer> line = fitLine(pairs[k]);
-    const double exposures =
-        brightnessTransfer({}, reference.exposure(), {}, frame.frame->exposure()).gain;
-    frame.affine = {};
-    if (line) frame.affine = {std::log(line->gain / exposures), line->offset};
-  }
-}
 
 /// Grows the patches until few enough candidates are left; candidates that are still too many are
 /// removed at random.
@@ -477,8 +410,11 @@ class EpipolarSearch {
 
 }  // namespace
 
-SemiDenseReport populateStructure3D(Map& map, const PinholeCamera& camera, std::uint64_t seed) {
-  estimateBrightness(map);
+void populateStructure3D(Map& map, const PinholeCamera& camera, std::uint64_t seed) {
+  // The search needs brightness, which the thesis leaves open.
+  init_orb::InitialMap corners = cornersOf(map);
+  init_orb::estimateBrightness(corners, camera);
+  map.frames = std::move(corners.frames);
   const std::vector<SelectedPixel> selected = selectCandidates(*map.frames.front().frame, seed);
   const CornerPrior prior(map, camera);
   std::vector<EpipolarSearch> frames;
@@ -487,14 +423,12 @@ SemiDenseReport populateStructure3D(Map& map, const PinholeCamera& camera, std::
   const auto pixelOf = [&](std::size_t i) {
     return Eigen::Vector2f(static_cast<float>(selected[i].x), static_cast<float>(selected[i].y));
   };
-  forEachRange(depths.size(), kCandidateGrain, [&](std::size_t begin, std::size_t end) {
+  forEachRange(depths.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       depths[i].current = prior.at(pixelOf(i));
       for (const EpipolarSearch& frame : frames) frame.search(pixelOf(i), depths[i]);
     }
   });
-  SemiDenseReport report;
-  report.candidates = static_cast<int>(depths.size());
   map.points.resize(map.corners);
   for (std::size_t i = 0; i < depths.size(); ++i) {
     const FusedDepth& depth = depths[i];
@@ -502,8 +436,6 @@ SemiDenseReport populateStructure3D(Map& map, const PinholeCamera& camera, std::
     const DepthEstimate& fused = depth.current;
     map.points.push_back({pixelOf(i), fused.inverse_depth, fused.variance, depth.observations});
   }
-  report.points = static_cast<int>(map.points.size() - map.corners);
-  return report;
 }
 
 }  // namespace dsorb::published

@@ -4,14 +4,12 @@
 #include "base/angles.h"
 #include "base/parallel.h"
 #include "base/random.h"
-#include "estimate/robust_loss.h"
+#include "estimate/pose_from_points.h"
 #include "estimate/warp.h"
 #include "geometry/symmetric_eigen.h"
 #include "geometry/triangulate.h"
-#include "two_view/decomposition.h"
-#include "two_view/motion_refinement.h"
+#include "two_view/essential_motion.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/QR>
 #include <Eigen/SVD>
 
@@ -37,12 +35,6 @@ constexpr double kMaxSecondShare = 0.7;   // good points of the second motion, o
 constexpr double kMinParallaxDeg = 1;     // of the point of kParallaxRank
 constexpr int kParallaxRank = 51;
 constexpr double kMaxSquaredError = 4;  // of a good point, ORB-SLAM's limit [sigma^2]
-
-// Poses of the frames between.
-constexpr std::size_t kMinPoseCorners = 10;  // six unknowns, two equations each, some to spare
-constexpr int kPoseIterations = 20;
-constexpr double kMinPoseStep = 1e-8;         // norm of the increment; the end of iteration
-const double kHuberLimit = std::sqrt(5.991);  // [sigma]; chi-square, 2 dof, 95 %
 
 /// T_M: chi-square of 2 and of 1 degree of freedom, 95 %.
 double thresholdOf(Model model) {
@@ -208,46 +200,12 @@ std::vector<SE3> decompose(Model model,
 
 InitReason judge(const RelativeMotion& motion) {
   const int good = motion.best.good;
-  if (motion.report.inliers < kMinTriangulated) return InitReason::kTooFewPoints;
-  const double needed = std::max<double>(kMinGoodShare * motion.report.inliers, kMinTriangulated);
+  if (motion.inliers < kMinTriangulated) return InitReason::kTooFewPoints;
+  const double needed = std::max<double>(kMinGoodShare * motion.inliers, kMinTriangulated);
   if (good < needed) return InitReason::kPoorQuality;
-  if (motion.report.second_good > kMaxSecondShare * good) return InitReason::kDegenerateMotion;
+  if (motion.second_good > kMaxSecondShare * good) return InitReason::kDegenerateMotion;
   if (motion.best.parallax_deg < kMinParallaxDeg) return InitReason::kTooLittleParallax;
   return InitReason::kDone;
-}
-
-/// Pose of a frame from the corners it sees: Gauss-Newton on the reprojection error with a Huber
-/// loss, from a guess.
-/// @return nullopt with too few corners, or with less than half of them within the Huber limit
-std::optional<SE3> poseFromPoints(const Map& map,
-                                  const std::vector<Observation>& observations,
-                                  const PinholeCamera& camera,
-                                  SE3 pose) {
-  if (observations.size() < kMinPoseCorners) return std::nullopt;
-  bool settled = false;
-  for (int iteration = 0;; ++iteration) {
-    Matrix6d H = Matrix6d::Zero();
-    Vector6d b = Vector6d::Zero();
-    std::size_t within = 0;
-    for (const Observation& seen : observations) {
-      const MapPoint& corner = map.points[seen.corner];
-      const Eigen::Vector3d ray = camera.unproject(corner.pixel.cast<double>());
-      const auto projection = projectHosted(camera, pose, ray, corner.inverse_depth);
-      if (!projection) continue;
-      const Eigen::Vector2d error = projection->pixel - seen.pixel;
-      const double weight = huberWeight(error.norm(), kHuberLimit * kSigma);
-      H += weight * projection->J_pose.transpose() * projection->J_pose;
-      b += weight * projection->J_pose.transpose() * error;
-      within += error.norm() <= kHuberLimit * kSigma ? 1 : 0;
-    }
-    if (settled || iteration == kPoseIterations) {
-      return 2 * within < observations.size() ? std::nullopt : std::optional(pose);
-    }
-    const Vector6d step = -H.ldlt().solve(b);
-    if (!step.allFinite()) return std::nullopt;
-    pose = SE3::exp(step) * pose;
-    settled = step.norm() < kMinPoseStep;
-  }
 }
 
 }  // namespace
@@ -313,26 +271,20 @@ RelativeMotion estimateMotion(const Matches& matches,
                               std::uint64_t seed) {
   const ModelPair pair = fitModels(matches, seed);
   RelativeMotion motion;
-  TwoViewReport& report = motion.report;
-  report.tracks = static_cast<int>(matches.size());
-  report.homography_score = pair.homography.score;
-  report.fundamental_score = pair.fundamental.score;
   const bool planar = choice == ModelChoice::kScore
                           ? pair.homographyShare() > kHomographyShare
                           : pair.homography.inliers >= pair.fundamental.inliers;
   motion.model = planar ? Model::kHomography : Model::kFundamental;
   const ScoredModel& chosen = planar ? pair.homography : pair.fundamental;
-  report.inliers = chosen.inliers;
+  motion.inliers = chosen.inliers;
   motion.reason = InitReason::kTooFewPoints;
   if (chosen.inliers == 0) return motion;
   for (const SE3& decomposed : decompose(motion.model, chosen.matrix, camera)) {
     const SE3 refined = refineMotion(decomposed, matches, chosen.inlier, camera, kSigma);
     Hypothesis hypothesis = evaluateMotion(refined, matches, chosen.inlier, camera);
     if (hypothesis.good > motion.best.good) std::swap(hypothesis, motion.best);
-    report.second_good = std::max(report.second_good, hypothesis.good);
+    motion.second_good = std::max(motion.second_good, hypothesis.good);
   }
-  report.good_points = motion.best.good;
-  report.parallax_deg = motion.best.parallax_deg;
   motion.reason = judge(motion);
   return motion;
 }
@@ -343,7 +295,7 @@ Map makeMap(const std::vector<FramePtr>& frames,
             const PinholeCamera& camera) {
   Map map;
   for (const FramePtr& frame : frames) map.frames.push_back({frame, {}, {}, {}});
-  std::vector<std::vector<Observation>> by_frame(frames.size());
+  std::vector<std::vector<PointObservation>> by_frame(frames.size());
   for (std::size_t track = 0; track < motion.points.size(); ++track) {
     if (!motion.points[track]) continue;
     const std::size_t corner = map.points.size();
@@ -352,7 +304,9 @@ Map makeMap(const std::vector<FramePtr>& frames,
       const Eigen::Vector2f& place = tracks.positions[frame][track];
       if (!place.allFinite()) continue;
       map.observations.push_back({corner, frame, place.cast<double>()});
-      by_frame[frame].push_back(map.observations.back());
+      by_frame[frame].push_back({camera.unproject(map.points[corner].pixel.cast<double>()),
+                                 map.points[corner].inverse_depth,
+                                 place.cast<double>()});
     }
   }
   map.corners = map.points.size();
@@ -363,7 +317,7 @@ Map makeMap(const std::vector<FramePtr>& frames,
   for (std::size_t frame = 1; frame + 1 < frames.size(); ++frame) {
     const SE3 guess = SE3::exp(static_cast<double>(frame) / last * twist);
     map.frames[frame].T_cam_ref =
-        poseFromPoints(map, by_frame[frame], camera, guess).value_or(guess);
+        poseFromPoints(by_frame[frame], camera, guess, kSigma).value_or(guess);
   }
   return map;
 }

@@ -19,17 +19,6 @@ namespace dsorb::published {
 
 enum class Model { kHomography, kFundamental };
 
-/// Homography against fundamental matrix.
-struct TwoViewReport {
-  int tracks = 0;                ///< matches of the two views
-  double homography_score = 0;   ///< 0: no sample gave a model
-  double fundamental_score = 0;  ///< 0: no sample gave a model
-  int inliers = 0;               ///< matches that fit the chosen model
-  int good_points = 0;           ///< good points of the best motion
-  int second_good = 0;           ///< good points of the second-best motion
-  double parallax_deg = 0;       ///< parallax of the point whose rank the options give
-};
-
 /// A 3x3 relation between two images with its support.
 struct ScoredModel {
   Eigen::Matrix3d matrix = Eigen::Matrix3d::Zero();  ///< x_c ~ H x_r, or x_c^T F x_r = 0; pixels
@@ -107,7 +96,8 @@ struct RelativeMotion {
   InitReason reason = InitReason::kDegenerateMotion;  ///< kDone when a motion was found
   Model model = Model::kFundamental;
   Hypothesis best;
-  TwoViewReport report;
+  int inliers = 0;      ///< matches that fit the chosen model
+  int second_good = 0;  ///< good points of the second-best motion
 };
 
 /// Fits both models, chooses one, decomposes it and chooses the motion that most points confirm.

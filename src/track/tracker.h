@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/geometry/se3.h"
 #include "dsorb/image/affine_brightness.h"
 #include "dsorb/options/brightness.h"
 #include "dsorb/options/tracker.h"
 
-#include "track/flow_indicators.h"
-#include "track/grey_comparison.h"
+#include "geometry/row_motion.h"
 #include "track/pose_alignment.h"
 #include "track/tracking_reference.h"
 
@@ -17,6 +18,64 @@
 #include <vector>
 
 namespace dsorb::track {
+
+/// Poses of two frames before the one to be tracked, relative to the tracking reference; the elder
+/// is known only together with the younger.
+struct MotionHistory {
+  std::optional<TimedPose> previous;
+  std::optional<TimedPose> before;  ///< the previous frame
+
+  /// Appends the pose of a new frame, unless it repeats the one before: of the motion it tells
+  /// nothing.
+  void push(const TimedPose& newest);
+  /// This history relative to another reference frame.
+  [[nodiscard]] MotionHistory relativeTo(const SE3& T_new_old) const;
+};
+
+/// Poses reference -> new frame worth trying, most likely first: constant, double and half motion,
+/// no motion since the previous frame, no motion since the reference, and constant motion times one
+/// of 26 small rotations (single-axis ones first). With no frame before the previous one the motion
+/// counts as none; with no previous frame identity is all.
+/// @param time of the new frame [s]
+/// @source front end of DSO as published, but for times: constant is the velocity
+[[nodiscard]] std::vector<SE3> motionGuesses(const MotionHistory& history, double time);
+
+/// Grey levels of the reference's points and of the places where a frame sees them, compared as
+/// distributions: the n-th smallest here with the n-th smallest there. Unlike differences point by
+/// point that hardly depends on the pose, so a guess of it is enough.
+class GreyComparison {
+ public:
+  /// @param T_cur_ref roughly
+  GreyComparison(const TrackingReference& reference, const Frame& frame, const SE3& T_cur_ref);
+
+  /// Gain and offset that map one distribution to the other where neither is clipped.
+  /// @return nullopt where too little is left or its contrast is too low
+  [[nodiscard]] std::optional<BrightnessTransfer> transfer() const;
+  /// Root mean square by which a transfer misses the frame's distribution, over its standard
+  /// deviation; with a wrong gain about the relative error of that [-]. Infinite without contrast.
+  [[nodiscard]] double misfit(const BrightnessTransfer& transfer) const;
+  /// Grey level at which the frame is clipped; infinite where it is not.
+  [[nodiscard]] float ceiling() const { return ceiling_; }
+
+ private:
+  std::vector<float> reference_;  // sorted
+  std::vector<float> frame_;      // sorted
+  float ceiling_ = std::numeric_limits<float>::infinity();
+};
+
+/// Mean squared image motion of the reference points, by translation alone and by the full motion.
+struct FlowIndicators {
+  double translation = 0;  ///< [px^2]
+  double full = 0;         ///< [px^2]
+};
+
+/// Every 32nd point is projected with +t and -t. A point that passes the camera plane is left out;
+/// one displacement counts at most the image diagonal.
+/// @param camera of level 0, like the points
+/// @source front end of DSO as published, with bounds on degenerate points
+[[nodiscard]] FlowIndicators flowIndicators(const ReferencePoints& points,
+                                            const PinholeCamera& camera,
+                                            const SE3& T_cur_ref);
 
 constexpr int kTrackingLevels = 5;  ///< levels a pyramid has at most
 

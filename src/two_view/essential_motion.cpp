@@ -2,12 +2,12 @@
 #include "two_view/essential_motion.h"
 
 #include "base/median.h"
+#include "estimate/robust_loss.h"
 #include "features/ransac.h"
 #include "geometry/tangent_basis.h"
 #include "geometry/triangulate.h"
-#include "two_view/decomposition.h"
-#include "two_view/motion_refinement.h"
 
+#include <Eigen/Cholesky>
 #include <opencv2/calib3d.hpp>
 
 #include <algorithm>
@@ -17,10 +17,64 @@
 namespace dsorb {
 namespace {
 
+constexpr double kMinTranslation = 1e-9;  // of a homography's t over the plane's distance
+
+/// @return nullopt without translation
+std::optional<SE3> unitMotion(const cv::Mat& rotation, const cv::Mat& translation) {
+  const Eigen::Matrix3d R = toEigen(rotation);
+  const Eigen::Vector3d direction(translation.ptr<double>());
+  const double length = direction.norm();
+  if (!R.allFinite() || !(length > kMinTranslation)) return std::nullopt;
+  return SE3(R, direction / length);
+}
+
+using Matrix5d = Eigen::Matrix<double, 5, 5>;
+using Vector5d = Eigen::Matrix<double, 5, 1>;
+
+constexpr int kMaxIterations = 15;
+constexpr double kMinStep = 1e-7;  // [rad]; far below a hundredth of a pixel
+constexpr double kMaxStep = 0.2;   // [rad]; a longer Gauss-Newton step leaves its linear range
+constexpr double kDamping = 1e-9;  // of the diagonal, against the singular case of no parallax
+
+struct Rays {
+  std::vector<Eigen::Vector3d> reference;
+  std::vector<Eigen::Vector3d> target;
+};
+
+Rays countedRays(const Matches& matches,
+                 const std::vector<char>& counted,
+                 const PinholeCamera& camera) {
+  Rays rays;
+  for (std::size_t i = 0; i < matches.size(); ++i) {
+    if (counted[i] == 0) continue;
+    rays.reference.push_back(camera.unproject(matches.reference[i]));
+    rays.target.push_back(camera.unproject(matches.target[i]));
+  }
+  return rays;
+}
+
+/// @param inverse_sigma of the residual, in normalised units
+Vector5d gaussNewtonStep(const SE3& T_cur_ref, const Rays& rays, double inverse_sigma) {
+  const Eigen::Matrix<double, 3, 2> basis = tangentBasis(T_cur_ref.translation());
+  Matrix5d H = Matrix5d::Zero();
+  Vector5d b = Vector5d::Zero();
+  for (std::size_t i = 0; i < rays.reference.size(); ++i) {
+    const EpipolarResidual residual =
+        epipolarResidual(T_cur_ref, rays.reference[i], rays.target[i], basis);
+    const double whitened = residual.value * inverse_sigma;
+    double ratio = 1;
+    double weight = 1;
+    cauchyWeights(whitened * whitened, 1.0, ratio, weight);
+    H += weight * residual.J.transpose() * residual.J;
+    b -= weight * residual.J.transpose() * residual.value;
+  }
+  H.diagonal() += kDamping * H.diagonal();
+  return H.ldlt().solve(b);
+}
+
 constexpr int kMaxRounds = 1000;  // of RANSAC; it stops when it is sure
-constexpr int kMinInliers = 50;
-constexpr int kMinMatches = 8;  // of OpenCV's local optimisation
-constexpr int kRefits = 2;      // of motion and inliers; the inliers then stay the same
+constexpr int kMinMatches = 8;    // of OpenCV's local optimisation
+constexpr int kRefits = 2;        // of motion and inliers; the inliers then stay the same
 
 /// The one of an essential matrix' four motions with most inliers in front of both cameras.
 SE3 mostInFront(const std::vector<SE3>& motions,
@@ -49,23 +103,7 @@ SE3 mostInFront(const std::vector<SE3>& motions,
   return best;
 }
 
-}  // namespace
-
-std::vector<double> epipolarDistances(const SE3& T_cur_ref,
-                                      const Matches& matches,
-                                      const PinholeCamera& camera) {
-  const auto basis = tangentBasis(T_cur_ref.translation());
-  std::vector<double> distances(matches.size());
-  for (std::size_t i = 0; i < matches.size(); ++i) {
-    distances[i] = camera.fx * std::abs(epipolarResidual(T_cur_ref,
-                                                         camera.unproject(matches.reference[i]),
-                                                         camera.unproject(matches.target[i]),
-                                                         basis)
-                                            .value);
-  }
-  return distances;
-}
-
+/// The motion moved to the minimum over its inliers, and its inliers counted anew.
 EssentialMotion refineOnInliers(const SE3& T_cur_ref,
                                 const Matches& matches,
                                 const PinholeCamera& camera,
@@ -88,10 +126,97 @@ EssentialMotion refineOnInliers(const SE3& T_cur_ref,
   return motion;
 }
 
+}  // namespace
+
+std::vector<SE3> decomposeHomography(const Eigen::Matrix3d& H_cur_ref,
+                                     const PinholeCamera& camera) {
+  std::vector<cv::Mat> rotations;
+  std::vector<cv::Mat> translations;
+  std::vector<cv::Mat> normals;
+  cv::decomposeHomographyMat(
+      toCv(H_cur_ref), toCv(camera.matrix()), rotations, translations, normals);
+  std::vector<SE3> motions;
+  for (std::size_t i = 0; i < rotations.size(); ++i) {
+    if (const auto motion = unitMotion(rotations[i], translations[i])) motions.push_back(*motion);
+  }
+  return motions;
+}
+
+std::vector<SE3> decomposeEssential(const Eigen::Matrix3d& E) {
+  cv::Mat first;
+  cv::Mat second;
+  cv::Mat translation;
+  cv::decomposeEssentialMat(toCv(E), first, second, translation);
+  std::vector<SE3> motions;
+  for (const cv::Mat& rotation : {first, second}) {
+    for (const double sign : {1.0, -1.0}) {
+      if (const auto motion = unitMotion(rotation, sign * translation)) motions.push_back(*motion);
+    }
+  }
+  return motions;
+}
+
+EpipolarResidual epipolarResidual(const SE3& T_cur_ref,
+                                  const Eigen::Vector3d& reference,
+                                  const Eigen::Vector3d& target,
+                                  const Eigen::Matrix<double, 3, 2>& basis) {
+  const Eigen::Vector3d& t = T_cur_ref.translation();
+  const Eigen::Vector3d turned = T_cur_ref.unitQuaternion() * reference;
+  const Eigen::Vector3d line_target = t.cross(turned);
+  // E^T x_t = R^T (x_t x t), the line in the reference
+  const Eigen::Vector3d line_reference = T_cur_ref.unitQuaternion().conjugate() * target.cross(t);
+  const double gradient =
+      std::sqrt(line_target.head<2>().squaredNorm() + line_reference.head<2>().squaredNorm());
+  EpipolarResidual residual;
+  residual.J.setZero();
+  if (!(gradient > 0)) return residual;
+  residual.value = target.dot(line_target) / gradient;
+  // x_t . (t x (w x y)) = w . (y x (x_t x t)) and x_t . (d x y) = d . (y x x_t)
+  residual.J.head<3>() = turned.cross(target.cross(t)).transpose() / gradient;
+  residual.J.tail<2>() = turned.cross(target).transpose() * basis / gradient;
+  return residual;
+}
+
+SE3 refineMotion(const SE3& T_cur_ref,
+                 const Matches& matches,
+                 const std::vector<char>& counted,
+                 const PinholeCamera& camera,
+                 double sigma) {
+  const Rays rays = countedRays(matches, counted, camera);
+  const double inverse_sigma = camera.fx / sigma;
+  SE3 refined = T_cur_ref;
+  // Bounded steps that are never refused, unlike minimize()'s: callers judge where they have led.
+  for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
+    Vector5d step = gaussNewtonStep(refined, rays, inverse_sigma);
+    if (!step.allFinite()) return T_cur_ref;
+    if (step.norm() > kMaxStep) step *= kMaxStep / step.norm();
+    const Eigen::Vector3d t =
+        refined.translation() + tangentBasis(refined.translation()) * step.tail<2>();
+    refined = SE3(so3Exp(step.head<3>()) * refined.unitQuaternion(), t.normalized());
+    if (step.norm() < kMinStep) break;
+  }
+  return refined;
+}
+
+std::vector<double> epipolarDistances(const SE3& T_cur_ref,
+                                      const Matches& matches,
+                                      const PinholeCamera& camera) {
+  const auto basis = tangentBasis(T_cur_ref.translation());
+  std::vector<double> distances(matches.size());
+  for (std::size_t i = 0; i < matches.size(); ++i) {
+    distances[i] = camera.fx * std::abs(epipolarResidual(T_cur_ref,
+                                                         camera.unproject(matches.reference[i]),
+                                                         camera.unproject(matches.target[i]),
+                                                         basis)
+                                            .value);
+  }
+  return distances;
+}
+
 std::optional<EssentialMotion> estimateEssentialMotion(const Matches& matches,
                                                        const PinholeCamera& camera,
                                                        std::uint64_t seed) {
-  if (static_cast<int>(matches.size()) < std::max(kMinMatches, kMinInliers)) {
+  if (static_cast<int>(matches.size()) < kMinCornersOfMotion) {
     return std::nullopt;
   }
   const cv::Matx33d K = toCv(camera.matrix());
@@ -114,7 +239,7 @@ std::optional<EssentialMotion> estimateEssentialMotion(const Matches& matches,
   if (motions.empty()) return std::nullopt;
   EssentialMotion motion = refineOnInliers(
       mostInFront(motions, matches, inlier, camera), matches, camera, kRansacThreshold);
-  if (motion.inliers < kMinInliers) return std::nullopt;
+  if (motion.inliers < kMinCornersOfMotion) return std::nullopt;
   return motion;
 }
 

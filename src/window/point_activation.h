@@ -7,6 +7,7 @@
 #include "dsorb/options/depth.h"
 #include "dsorb/options/window.h"
 
+#include "image/photometric.h"
 #include "window/window.h"
 
 #include <cstddef>
@@ -46,5 +47,15 @@ void fillUp(Window& window,
             const WindowOptions& window_options,
             const DepthOptions& options,
             std::size_t grain);
+
+/// Inverse depths of the newest keyframe's pixels by the points it sees, for the tracker; weight
+/// sqrt(1e-3 / (1 / information + 1e-12)). Call after an adjustment, before points retire.
+/// @source weight: DSO as published
+[[nodiscard]] std::vector<DepthSample> depthSamples(const Window& window,
+                                                    const WindowOptions& options);
+
+/// Tells the candidates of a keyframe what inverse depths the points around them let expect.
+/// @param samples of the keyframe
+void expectDepths(Keyframe& keyframe, const std::vector<DepthSample>& samples);
 
 }  // namespace dsorb::window

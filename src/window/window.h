@@ -8,7 +8,7 @@
 #include "dsorb/options/brightness.h"
 #include "dsorb/options/window.h"
 
-#include "depth/candidate_point.h"
+#include "depth/candidate_activation.h"
 #include "estimate/rolling_shutter.h"
 #include "geometry/motion_prior.h"
 #include "geometry/row_motion.h"

@@ -3,10 +3,14 @@
 
 #include "estimate/variance_factors.h"
 #include "geometry/symmetric_eigen.h"
+#include "window/normal_equations.h"
+#include "window/pair_geometry.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Core>
 
 #include <cmath>
+#include <utility>
 
 namespace dsorb::window {
 namespace {
@@ -108,6 +112,14 @@ Eigen::Matrix4d guessInformation(const PinholeCamera& camera, const PriorOptions
   const double weight = kPriorNoise * variance_factors::kWindow * variance_factors::kWindow *
                         kCameraScale * kCameraScale;
   return weight * whiten.transpose() * whiten;
+}
+
+constexpr double kFocalSigma = 0.5;  // relative: that nearly nothing is known of it
+
+WindowOptions withGuessedCamera(WindowOptions options) {
+  options.optimizer.optimize_intrinsics = true;
+  options.prior.focal_sigma = kFocalSigma;
+  return options;
 }
 
 }  // namespace
@@ -271,6 +283,34 @@ WindowUncertainty uncertaintyOf(const Window& window,
   const PreconditionedSystem held(reduced.H);
   uncertainty.newest_pose_camera_held = newestPoseCovariance(window, held, noise);
   return uncertainty;
+}
+
+CameraScore scoreCamera(Window& window,
+                        const WindowOptions& options,
+                        double noise,
+                        std::size_t chunks_per_task) {
+  const WindowOptions guessed = withGuessedCamera(options);
+  LinearizeOptions linearize;
+  linearize.camera = estimatedCamera(window, guessed);
+  linearize.depth_prior_factor = 0;
+  linearize.chunks_per_task = chunks_per_task;
+  NormalEquationsBuilder builder;
+  WindowEquations equations;
+  WindowElimination elimination;
+  builder.build(window, PairTable(window), allPoints(window), linearize, equations);
+
+  const Eigen::Index size = window.dimension();
+  const MarginalPrior kept =
+      std::exchange(window.prior, {Eigen::MatrixXd::Zero(size, size), Eigen::VectorXd::Zero(size)});
+  const Eigen::VectorXd step = solveStep(window, equations, guessed, 0, elimination).change;
+  const CameraVector sigmas =
+      uncertaintyOf(window, equations, guessed, noise, elimination).camera_sigmas;
+  window.prior = kept;
+
+  const PinholeCamera& camera = window.first_camera;
+  return {0.5 * kCameraScale * (step[0] / camera.fx + step[1] / camera.fy),
+          0.5 * (sigmas[0] / camera.fx + sigmas[1] / camera.fy),
+          {kRadialScale * step[kRadial], sigmas[kRadial]}};
 }
 
 }  // namespace dsorb::window

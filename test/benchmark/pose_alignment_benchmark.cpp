@@ -3,7 +3,6 @@
 #include "benchmark/rendered_frames.h"
 #include "image/pixel_selector.h"
 #include "support/tracking_reference_of.h"
-#include "track/motion_guesses.h"
 #include "track/pose_alignment.h"
 #include "track/tracker.h"
 

@@ -10,7 +10,7 @@
 #include "base/parallel.h"
 #include "init/orb/reference_pool.h"
 #include "init/orb/start/essential_start.h"
-#include "init/stage_clock.h"
+#include "init/reset_log.h"
 
 #include <fmt/core.h>
 
@@ -81,7 +81,7 @@ double directionErrorDeg(const InitialMap& map, const std::vector<StampedPose>& 
 void judgeWindow(const ReferenceView& view,
                  const AttemptContext& context,
                  const std::vector<StampedPose>& truth) {
-  EssentialStart start = startFromEssential(view, context);
+  Attempt start = startFromEssential(view, context);
   if (!start.made) return;
   const InitialMap& map = start.made->map;
   const GateReport& gate = *start.summary.gate;

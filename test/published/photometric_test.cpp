@@ -138,9 +138,7 @@ TEST(PhotometricBA, RecoversPosesAndDepths) {
   PlaneMap plane(3, 0);
   EXPECT_GT(medianOf(plane.errors(plane.start)), 0.02);
   Map map = plane.start;
-  const PhotometricReport report = performPhotometricBA(map, plane.scene.camera());
-  ASSERT_TRUE(report.usable);
-  EXPECT_LT(report.cost, 0.2 * report.first_cost);
+  ASSERT_TRUE(performPhotometricBA(map, plane.scene.camera()));
   EXPECT_LT(medianOf(plane.errors(map)), 0.0066);
   EXPECT_LT(directionErrorDeg(map.pose(3).translation(), plane.truth.pose(3).translation()), 1);
   EXPECT_LT(rotationErrorDeg(map.pose(3), plane.truth.pose(3)), 0.22);
@@ -150,23 +148,8 @@ TEST(PhotometricBA, FailsWithoutPointsAndLeavesTheMap) {
   PlaneMap plane(4, 0);
   Map map = plane.start;
   map.points.resize(7);
-  EXPECT_FALSE(performPhotometricBA(map, plane.scene.camera()).usable);
+  EXPECT_FALSE(performPhotometricBA(map, plane.scene.camera()));
   EXPECT_EQ(map.pose(3).matrix(), plane.start.pose(3).matrix());
-}
-
-TEST(PhotometricBA, VariancesPredictErrorsOfNoisyImages) {
-  PlaneMap plane(5, 3);
-  Map map = plane.start;
-  ASSERT_TRUE(performPhotometricBA(map, plane.scene.camera()).usable);
-  ASSERT_TRUE(setPhotometricCovariances(map, plane.scene.camera()));
-  const std::vector<double> errors = plane.errors(map);
-  std::vector<double> ratios;
-  for (std::size_t i = 0; i < errors.size(); ++i) {
-    const double error = errors[i] * map.points[i].inverse_depth;
-    ratios.push_back(error * error / map.points[i].variance);
-  }
-  EXPECT_GT(medianOf(ratios), 0.15);
-  EXPECT_LT(medianOf(ratios), 2.0);
 }
 
 TEST(OutlierFilter, RemovesPointsOfWrongDepthAndKeepsTheOthers) {
@@ -174,8 +157,7 @@ TEST(OutlierFilter, RemovesPointsOfWrongDepthAndKeepsTheOthers) {
   Map map = plane.truth;
   for (std::size_t i = 0; i < map.points.size(); i += 10) map.points[i].inverse_depth *= 1.5;
   const std::size_t wrong = (map.points.size() + 9) / 10;
-  const OutlierReport report = removeOutliers(map, plane.scene.camera());
-  EXPECT_EQ(report.examined, static_cast<int>(plane.truth.points.size()));
+  removeOutliers(map, plane.scene.camera());
   std::size_t kept = 0;
   for (const MapPoint& point : map.points) {
     const double truth = plane.scene.inverseDepth(point.pixel.cast<double>());

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "window/camera_score.h"
-
 #include "support/window_scene.h"
 #include "window/window_optimizer.h"
+#include "window/window_step.h"
 
 #include <gtest/gtest.h>
 

@@ -2,7 +2,7 @@
 #include "base/median.h"
 #include "base/random.h"
 #include "image/photometric.h"
-#include "init/coarse/coarse_handover.h"
+#include "init/coarse/coarse_initializer.h"
 #include "support/jacobian_check.h"
 #include "support/two_room_views.h"
 

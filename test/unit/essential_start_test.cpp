@@ -1,18 +1,17 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // A start from the essential matrix, without images: model selection, gate, noise.
+#include "init/orb/start/essential_start.h"
+
 #include "base/spread_frames.h"
 #include "init/orb/bundle/geometric_covariance.h"
 #include "init/orb/bundle/robust_adjustment.h"
-#include "init/orb/start/motion_candidates.h"
-#include "init/orb/start/start_gate.h"
-#include "init/wrong_direction.h"
+#include "init/result.h"
 #include "support/assign_map.h"
 #include "support/matchers.h"
 #include "support/synthetic_map.h"
 #include "support/two_view_scene.h"
 #include "two_view/essential_motion.h"
 #include "two_view/model_selection.h"
-#include "two_view/rotation_only.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "features/far_matches.h"
 
 #include "features/feature_matches.h"
 #include "support/painted_frame.h"

@@ -31,7 +31,7 @@ std::optional<Reconstruction> cornersOf(const DepthWindow& window, const Attempt
   ReferencePool pool(context.options.orb, context.options.max_waiting_mb);
   pool.start(window.frames.front());
   for (std::size_t k = 1; k < window.frames.size(); ++k) pool.advance(window.frames[k]);
-  EssentialStart start = startFromEssential(pool.view(0), context);
+  Attempt start = startFromEssential(pool.view(0), context);
   if (!start.made) return std::nullopt;
   return std::move(*start.made);
 }

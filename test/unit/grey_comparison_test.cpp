@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "track/grey_comparison.h"
-
 #include "support/textured_plane.h"
 #include "support/tracking_reference_of.h"
+#include "track/tracker.h"
 
 #include <gtest/gtest.h>
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "odometry/innovation_scale.h"
-
 #include "base/random.h"
+#include "odometry/mapper.h"
 
 #include <gtest/gtest.h>
 

@@ -4,7 +4,7 @@
 #include "estimate/marginals.h"
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/bundle/robust_adjustment.h"
-#include "init/orb/map/depth_lookup.h"
+#include "init/orb/map/initial_map.h"
 #include "init/orb/start/known_motions.h"
 #include "support/assign_map.h"
 #include "support/matchers.h"

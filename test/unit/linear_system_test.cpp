@@ -107,15 +107,6 @@ TYPED_TEST(LinearSystemOf, SolutionIsBitIdenticalForAnyNumberOfThreads) {
   EXPECT_EQ(TaskArena(1).run(solve), TaskArena(2).run(solve));
 }
 
-TYPED_TEST(LinearSystemOf, FixedDepthsStay) {
-  const RandomSystem<TypeParam> random;
-  DampedSolver<TypeParam> solver;
-  ASSERT_TRUE(solver.solve(random.system, 0, true));
-  EXPECT_EQ(solver.depthStep(), std::vector<double>(kPoints, 0));
-  EXPECT_LT(relativeDifference(solver.step(), -random.system.H.llt().solve(random.system.b)),
-            1e-12);
-}
-
 /// Rosenbrock's valley as two residuals, 10 (y - x^2) and 1 - x.
 struct Valley {
   Eigen::Vector2d state{-1.2, 1};

@@ -2,7 +2,6 @@
 #include "odometry/mapper.h"
 
 #include "base/median.h"
-#include "odometry/async_mapper.h"
 #include "support/matchers.h"
 #include "support/odometry_run.h"
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "track/motion_guesses.h"
-
 #include "support/matchers.h"
+#include "track/tracker.h"
 
 #include <gtest/gtest.h>
 

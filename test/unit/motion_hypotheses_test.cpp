@@ -4,9 +4,8 @@
 #include "support/jacobian_check.h"
 #include "support/matchers.h"
 #include "support/two_view_scene.h"
-#include "two_view/decomposition.h"
-#include "two_view/motion_refinement.h"
-#include "two_view/rotation_only.h"
+#include "two_view/essential_motion.h"
+#include "two_view/model_selection.h"
 
 #include <Eigen/LU>
 #include <gtest/gtest.h>

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "window/photometric_residual.h"
-
 #include "estimate/robust_loss.h"
 #include "support/jacobian_check.h"
+#include "window/normal_equations.h"
 
 #include <gtest/gtest.h>
 

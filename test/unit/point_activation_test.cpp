@@ -4,7 +4,6 @@
 #include "base/median.h"
 #include "base/parallel.h"
 #include "support/window_scene.h"
-#include "window/depth_samples.h"
 #include "window/window_optimizer.h"
 
 #include <gtest/gtest.h>

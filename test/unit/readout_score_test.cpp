@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/bundle/frame_motions.h"
 #include "init/orb/bundle/geometric_covariance.h"
+#include "init/orb/bundle/map_assembly.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/start/readout.h"
 #include "support/synthetic_map.h"

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/coarse/coarse_handover.h"
 #include "init/coarse/coarse_initializer.h"
 #include "support/matchers.h"
 #include "support/two_room_views.h"

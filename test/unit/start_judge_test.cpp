@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "odometry/mapper.h"
 #include "odometry/seed_window.h"
-#include "odometry/start_comparison.h"
 #include "support/odometry_run.h"
 #include "support/wrong_starts.h"
 

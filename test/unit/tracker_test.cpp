@@ -5,7 +5,6 @@
 #include "support/matchers.h"
 #include "support/textured_plane.h"
 #include "support/tracking_reference_of.h"
-#include "track/motion_guesses.h"
 
 #include <gtest/gtest.h>
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "track/tracking_covariance.h"
-
 #include "base/random.h"
+#include "track/pose_alignment.h"
 
 #include <Eigen/LU>
 #include <gtest/gtest.h>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "track/velocity_term.h"
-
 #include "support/jacobian_check.h"
+#include "track/pose_alignment.h"
 
 #include <gtest/gtest.h>
 

@@ -4,7 +4,6 @@
 #include "image/pixel_selector.h"
 #include "support/matchers.h"
 #include "support/window_scene.h"
-#include "window/depth_samples.h"
 #include "window/keyframe_policy.h"
 #include "window/marginalization.h"
 #include "window/point_activation.h"

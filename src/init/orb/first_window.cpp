@@ -10,8 +10,7 @@
 #include "image/photometric.h"
 #include "image/pixel_selector.h"
 #include "image/stuck_regions.h"
-#include "init/orb/map/depth_lookup.h"
-#include "init/orb/map/frame_brightness.h"
+#include "init/orb/map/initial_map.h"
 #include "window/point_activation.h"
 #include "window/window_optimizer.h"
 
@@ -31,9 +30,8 @@ namespace {
 
 constexpr std::size_t kNeighbours = 7;
 constexpr std::size_t kMinNeighbours = 3;
-constexpr float kCellSize = 1.0F / 3;      // of the radius
-constexpr float kQuantile = 0.35F;         // of the differences
-constexpr std::size_t kPointsAtOnce = 64;  // points one thread takes at a time
+constexpr float kCellSize = 1.0F / 3;  // of the radius
+constexpr float kQuantile = 0.35F;     // of the differences
 
 PointGrid gridOf(const std::vector<Eigen::Vector2f>& pixels, float cell_size) {
   Eigen::Vector2f farthest(0, 0);
@@ -45,7 +43,6 @@ PointGrid gridOf(const std::vector<Eigen::Vector2f>& pixels, float cell_size) {
 
 constexpr int kMinFilled = 50;      // beside the corners; fewer: the attempt fails
 constexpr int kCandidates = 3000;   // pixels of the reference that are searched
-constexpr std::size_t kGrain = 64;  // candidates in a parallel task
 constexpr std::size_t kChunks = 2;  // of 128 points each in a parallel task
 /// Variance of a grey value that makes information of covariances [grey levels^2].
 constexpr double kGreyVariance = 50;
@@ -134,7 +131,7 @@ void fillUp(window::Window& window, const InitialMap& map, std::uint64_t seed) {
     const window::Keyframe& keyframe = window.keyframes[k];
     others.push_back({keyframe.frame, keyframe.T_cam_world(), keyframe.affine(), keyframe.motion});
   }
-  window::fillUp(window, selected, others, windowOptions(), DepthOptions(), kGrain);
+  window::fillUp(window, selected, others, windowOptions(), DepthOptions(), kTaskGrain);
   reference.candidates.clear();
 }
 
@@ -212,7 +209,7 @@ std::vector<double> neighbourDisagreement(const std::vector<Eigen::Vector2f>& pi
     return rho > 0 ? std::log(rho) : -std::numeric_limits<double>::infinity();
   });
   std::vector<double> disagreement(pixels.size(), 0.0);
-  forEachRange(pixels.size(), kPointsAtOnce, [&](std::size_t begin, std::size_t end) {
+  forEachRange(pixels.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const auto neighbours = grid.nearest<kNeighbours>(pixels[i], radius, [&](std::size_t other) {
         return other != i && inverse_depths[other] > 0;

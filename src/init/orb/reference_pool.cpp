@@ -20,8 +20,6 @@ namespace {
 
 /// Share of a reference's features that descriptors find again; fewer are found in any image.
 constexpr double kMinFoundShare = 0.05;
-/// Fewer cannot start, and between frames far apart they do not become more.
-constexpr int kMinFarTracks = 50;
 /// References whose features are looked for in every frame: the oldest, which has most parallax,
 /// and the newest ones. Where nothing starts (a checkerboard) each frame would add one for good.
 constexpr std::size_t kMaxFarReferences = 4;
@@ -126,8 +124,8 @@ void ReferencePool::findFeatures(Reference& reference) {
 
 bool ReferencePool::lost(const Reference& reference) const {
   if (cut() && (reference.far.empty() || !enoughFound(reference.far.back()))) return true;
-  const int least =
-      reference.far.empty() ? options_.min_tracked : std::max(kMinFarTracks, options_.min_tracked);
+  const int least = reference.far.empty() ? options_.min_tracked
+                                          : std::max(kMinCornersOfMotion, options_.min_tracked);
   return tracks_.sizeSince(reference.frame) + reference.seen() < least;
 }
 

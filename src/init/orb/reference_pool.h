@@ -5,7 +5,7 @@
 #include "dsorb/init/report.h"
 #include "dsorb/options/orb.h"
 
-#include "features/far_matches.h"
+#include "features/feature_matches.h"
 #include "features/feature_tracks.h"
 #include "init/orb/map/attempt_types.h"
 
@@ -17,7 +17,8 @@ namespace dsorb::init_orb {
 /// References whose corners are followed from frame to frame: one only, or a sliding pool with a
 /// new one every few frames, because a fast camera loses its tracks before a slow one has parallax.
 /// Where optical flow loses more than it keeps, features of the references are found again by
-/// their descriptors as well, from then on.
+/// their descriptors as well, from then on: without this starts from frames far apart take
+/// 1.15 +- .06 times as many images.
 class ReferencePool {
  public:
   /// @param max_waiting_mb for the frames; beyond it those between are forgotten [MiB]

@@ -14,11 +14,9 @@
 #include "estimate/variance_factors.h"
 #include "estimate/warp.h"
 #include "image/photometric.h"
-#include "init/orb/bundle/frame_motions.h"
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/bundle/robust_adjustment.h"
-#include "init/orb/map/frame_brightness.h"
 #include "init/orb/map/initial_map.h"
 
 #include <Eigen/Cholesky>
@@ -226,7 +224,6 @@ constexpr double kMinFittingShare = 0.5;
 constexpr int kBrightnessRounds = 2;  // the pixels hardly move in the others
 constexpr double kMinPoseStep =
     1e-5;  // of a single frame's pose, which ends its rounds: below .01 px
-constexpr std::size_t kMeasuredAtOnce = 64;  // observations one thread measures at a time
 
 /// One a corner; none where it cannot be cut.
 using Patches = std::vector<std::optional<CornerPatch>>;
@@ -234,7 +231,7 @@ using Patches = std::vector<std::optional<CornerPatch>>;
 /// Cuts the corners' patches out of the reference.
 Patches cutPatches(const InitialMap& map) {
   Patches patches(map.corners.size());
-  forEachRange(patches.size(), kMeasuredAtOnce, [&](std::size_t begin, std::size_t end) {
+  forEachRange(patches.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       patches[i] = cutCornerPatch(map.frames.front().frame->level(0), map.corners[i].seen());
     }
@@ -269,7 +266,7 @@ std::vector<std::optional<Measurement>> measureAll(const InitialMap& map,
     if (map.frames[k].T_cam_ref) measurers[k].emplace(map, camera, k, *map.frames[k].T_cam_ref);
   }
   std::vector<std::optional<Measurement>> measurements(map.observations.size());
-  forEachRange(measurements.size(), kMeasuredAtOnce, [&](std::size_t begin, std::size_t end) {
+  forEachRange(measurements.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const auto& measurer = measurers[map.observations[i].frame];
       const auto corner = map.observations[i].corner;
@@ -481,7 +478,7 @@ RefinementReport refineCorners(InitialMap& map,
                 kMinFittingShare * static_cast<double>(map.corners.size());
   report.accepted = report.fits && report.last_rms <= report.first_rms &&
                     report.direction_change_deg < kMaxTurnDeg &&
-                    static_cast<int>(refined.corners.size()) >= kMinAdjusted;
+                    static_cast<int>(refined.corners.size()) >= kMinCornersOfMotion;
   if (report.accepted) map = std::move(refined);
   return report;
 }

@@ -5,8 +5,9 @@
 
 #include "estimate/pose_from_points.h"
 #include "features/corner_tracks.h"
+#include "geometry/row_motion.h"
 #include "init/orb/map/initial_map.h"
-#include "two_view/decomposition.h"
+#include "two_view/essential_motion.h"
 
 #include <vector>
 
@@ -34,5 +35,14 @@ std::vector<std::size_t> poseFrames(InitialMap& map,
 
 /// Poses all frames that have no pose yet. @return these frames
 std::vector<std::size_t> poseOtherFrames(InitialMap& map, const PinholeCamera& camera);
+
+/// Motion of every frame by the poses of the frames around it, those without a pose being posed
+/// from the corners.
+std::vector<RowMotion> motionsByPoses(const InitialMap& map, const PinholeCamera& camera);
+
+/// Sets priors of the motions of all frames from the poses around them, as tightly as the poses
+/// themselves show; and the motions, where there are none yet, with mean inverse depth 1. Moves the
+/// corners' pixels by the motion of the reference. Nothing happens with a global shutter.
+void estimateMotions(InitialMap& map, const PinholeCamera& camera);
 
 }  // namespace dsorb::init_orb

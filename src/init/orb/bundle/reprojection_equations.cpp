@@ -69,13 +69,7 @@ struct ReprojectionModel {
   static void move(const ReprojectionState& from,
                    const DampedSolver<double>& solution,
                    ReprojectionState& to) {
-    for (std::size_t f = 0; f < from.T_cam_ref.size(); ++f) {
-      const auto at = static_cast<Eigen::Index>(f) * kPoseSize;
-      to.T_cam_ref[f] = SE3::exp(solution.step().segment<kPoseSize>(at)) * from.T_cam_ref[f];
-    }
-    for (std::size_t i = 0; i < from.inverse_depth.size(); ++i) {
-      to.inverse_depth[i] = from.inverse_depth[i] + solution.depthStep()[i];
-    }
+    to.moveFrom(from, solution);
   }
 };
 
@@ -170,6 +164,17 @@ ReprojectionState::ReprojectionState(const InitialMap& map, const PoseRows& rows
       map.corners.begin(), map.corners.end(), inverse_depth.begin(), [](const Corner& corner) {
         return corner.inverse_depth;
       });
+}
+
+void ReprojectionState::moveFrom(const ReprojectionState& from,
+                                 const DampedSolver<double>& solution) {
+  for (std::size_t f = 0; f < from.T_cam_ref.size(); ++f) {
+    const auto at = static_cast<Eigen::Index>(f) * kPoseSize;
+    T_cam_ref[f] = SE3::exp(solution.step().segment<kPoseSize>(at)) * from.T_cam_ref[f];
+  }
+  for (std::size_t i = 0; i < from.inverse_depth.size(); ++i) {
+    inverse_depth[i] = from.inverse_depth[i] + solution.depthStep()[i];
+  }
 }
 
 void ReprojectionState::writeTo(InitialMap& map, const PoseRows& rows) const {
@@ -325,10 +330,8 @@ std::optional<int> solveReprojections(InitialMap& map,
   const ReprojectionProblem problem(map, pose_rows, camera, options);
   SchurProblem<ReprojectionModel, ReprojectionState, ReprojectionEquations> adjustment(
       {problem}, ReprojectionState(map, pose_rows), stopping);
-  if (!std::isfinite(adjustment.cost())) return std::nullopt;
-  GainDamping damping;
-  const int iterations =
-      adjustment.atMinimum() ? 0 : minimize(adjustment, damping, stopping.max_iterations);
+  const std::optional<int> iterations = minimize(adjustment, stopping);
+  if (!iterations) return std::nullopt;
   adjustment.state().writeTo(map, pose_rows);
   return iterations;
 }

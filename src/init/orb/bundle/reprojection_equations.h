@@ -55,6 +55,8 @@ struct ReprojectionState {
   std::vector<double> inverse_depth;
 
   ReprojectionState(const InitialMap& map, const PoseRows& rows);
+  /// Becomes another state after a step.
+  void moveFrom(const ReprojectionState& from, const DampedSolver<double>& solution);
   void writeTo(InitialMap& map, const PoseRows& rows) const;
 };
 

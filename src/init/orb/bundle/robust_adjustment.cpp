@@ -3,6 +3,7 @@
 
 #include "base/median.h"
 #include "base/parallel.h"
+#include "features/corner_tracks.h"
 #include "init/orb/bundle/rolling_equations.h"
 
 #include <algorithm>
@@ -22,10 +23,6 @@ constexpr double kFirstLimit = 6;       // least limit after the first solution 
 constexpr double kLimitFactor = 4;
 constexpr double kMinSigma = 1e-3;  // [px]; exact tracks of synthetic maps
 
-constexpr std::size_t kProjectedAtOnce = 512;  // observations one thread projects at a time
-
-constexpr double kBehind = std::numeric_limits<double>::infinity();
-
 bool isPosed(const InitialMap& map, const CornerObservation& observation) {
   return map.frames[observation.frame].T_cam_ref.has_value();
 }
@@ -38,30 +35,7 @@ double medianKnown(std::vector<double> errors) {
   return medianOf(std::move(errors));
 }
 
-}  // namespace
-
-std::optional<int> solveGeometry(InitialMap& map,
-                                 const PinholeCamera& camera,
-                                 const GeometricOptions& options,
-                                 const Stopping& stopping) {
-  return map.motions.empty() ? solveReprojections(map, camera, options, stopping)
-                             : solveRolling(map, camera, options, stopping);
-}
-
-std::vector<double> reprojectionErrors(const InitialMap& map, const PinholeCamera& camera) {
-  const auto error = [&](const CornerObservation& observation) {
-    if (!isPosed(map, observation)) return std::numeric_limits<double>::quiet_NaN();
-    const auto projection = projectCorner(map, camera, observation);
-    return projection ? (observation.whitening * (projection->pixel - observation.pixel)).norm()
-                      : kBehind;
-  };
-  std::vector<double> errors(map.observations.size());
-  forEachRange(errors.size(), kProjectedAtOnce, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) errors[i] = error(map.observations[i]);
-  });
-  return errors;
-}
-
+/// Marks the corners with an error above a limit in any frame. @param errors one an observation
 std::vector<char> cornersAbove(const InitialMap& map,
                                const std::vector<double>& errors,
                                double limit) {
@@ -70,6 +44,32 @@ std::vector<char> cornersAbove(const InitialMap& map,
     if (errors[i] > limit) above[map.observations[i].corner] = 1;
   }
   return above;
+}
+
+/// Reprojection error of every observation, whitened but for sigma; infinite behind a camera, NaN
+/// in frames without pose.
+std::vector<double> reprojectionErrors(const InitialMap& map, const PinholeCamera& camera) {
+  const auto error = [&](const CornerObservation& observation) {
+    if (!isPosed(map, observation)) return std::numeric_limits<double>::quiet_NaN();
+    const auto projection = projectCorner(map, camera, observation);
+    return projection ? (observation.whitening * (projection->pixel - observation.pixel)).norm()
+                      : std::numeric_limits<double>::infinity();
+  };
+  std::vector<double> errors(map.observations.size());
+  forEachRange(errors.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) errors[i] = error(map.observations[i]);
+  });
+  return errors;
+}
+
+}  // namespace
+
+std::optional<int> solveGeometry(InitialMap& map,
+                                 const PinholeCamera& camera,
+                                 const GeometricOptions& options,
+                                 const Stopping& stopping) {
+  return map.motions.empty() ? solveReprojections(map, camera, options, stopping)
+                             : solveRolling(map, camera, options, stopping);
 }
 
 std::optional<InitialMap> adjustOnce(InitialMap map,
@@ -93,7 +93,7 @@ std::optional<InitialMap> adjustRobustly(InitialMap map,
     const double limit = std::clamp(
         kLimitFactor * kMadToSigma * medianKnown(errors), least, std::max(least, kSevereLimit));
     removeCorners(map, cornersAbove(map, errors, limit));
-    if (static_cast<int>(map.corners.size()) < kMinAdjusted) return std::nullopt;
+    if (static_cast<int>(map.corners.size()) < kMinCornersOfMotion) return std::nullopt;
   }
   return map;
 }

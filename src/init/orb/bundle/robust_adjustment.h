@@ -14,7 +14,6 @@ namespace dsorb::init_orb {
 
 constexpr double kSevereLimit = 8;  ///< of an error; corners above it go at once [px]
 constexpr double kNormalLimit = 3;  ///< least limit once the severe errors are gone [px]
-constexpr int kMinAdjusted = 50;    ///< corners; with fewer left an attempt fails
 
 /// Moves the poses of all posed frames but the first and the inverse depths of the corners to the
 /// minimum of the reprojection errors with the robust loss of the options, and touches nothing
@@ -50,15 +49,6 @@ std::optional<InitialMap> adjustOnce(InitialMap map,
                                      const PinholeCamera& camera,
                                      const GeometricOptions& options,
                                      const Stopping& stopping = {});
-
-/// Reprojection error of every observation, whitened but for sigma; infinite behind a camera, NaN
-/// in frames without pose.
-std::vector<double> reprojectionErrors(const InitialMap& map, const PinholeCamera& camera);
-
-/// Marks the corners with an error above a limit in any frame. @param errors one an observation
-std::vector<char> cornersAbove(const InitialMap& map,
-                               const std::vector<double>& errors,
-                               double limit);
 
 /// Median of the reprojection errors of all observations in posed frames, whitened but for sigma.
 double medianError(const InitialMap& map, const PinholeCamera& camera);

@@ -133,17 +133,10 @@ class RollingProblem {
   void move(const RollingState& from,
             const DampedSolver<double>& solution,
             RollingState& to) const {
-    const Eigen::VectorXd& step = solution.step();
-    for (std::size_t f = 0; f < from.geometry.T_cam_ref.size(); ++f) {
-      const auto at = static_cast<Eigen::Index>(f) * kPoseSize;
-      to.geometry.T_cam_ref[f] = SE3::exp(step.segment<kPoseSize>(at)) * from.geometry.T_cam_ref[f];
-    }
+    to.geometry.moveFrom(from.geometry, solution);
     for (std::size_t f = 0; f < from.motion_change.size(); ++f) {
       const int at = rows_.of(static_cast<int>(f) * kPoseSize);
-      to.motion_change[f] = from.motion_change[f] + step.segment<kMotionSize>(at);
-    }
-    for (std::size_t i = 0; i < from.geometry.inverse_depth.size(); ++i) {
-      to.geometry.inverse_depth[i] = from.geometry.inverse_depth[i] + solution.depthStep()[i];
+      to.motion_change[f] = from.motion_change[f] + solution.step().segment<kMotionSize>(at);
     }
   }
 
@@ -355,10 +348,8 @@ std::optional<int> solveRolling(InitialMap& map,
   const RollingProblem problem(map, pose_rows, camera, options);
   SchurProblem<const RollingProblem&, RollingState, ReprojectionEquations> adjustment(
       problem, problem.start(), stopping);
-  if (!std::isfinite(adjustment.cost())) return std::nullopt;
-  GainDamping damping;
-  const int iterations =
-      adjustment.atMinimum() ? 0 : minimize(adjustment, damping, stopping.max_iterations);
+  const std::optional<int> iterations = minimize(adjustment, stopping);
+  if (!iterations) return std::nullopt;
   const RollingState found = adjustment.state();
   problem.writeTo(map, found);
   return iterations;

@@ -9,7 +9,7 @@
 
 #include "features/corner_tracks.h"
 #include "init/orb/map/initial_map.h"
-#include "init/stage_clock.h"
+#include "init/reset_log.h"
 
 #include <cstdint>
 #include <optional>

@@ -1,11 +1,19 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/map/initial_map.h"
 
+#include "base/parallel.h"
 #include "estimate/robust_loss.h"
+#include "estimate/rolling_shutter.h"
+#include "estimate/sampling.h"
+#include "image/frame_priors.h"
+#include "image/photometric.h"
 #include "init/result.h"
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <numeric>
+#include <optional>
 #include <utility>
 
 namespace dsorb::init_orb {
@@ -36,6 +44,131 @@ bool rescale(InitialMap& map, double mean) {
     map.joint_covariance.col(row) *= mean;
   }
   return true;
+}
+
+constexpr int kRadius = 4;           // of a pixel without depth [px]
+constexpr double kGuessSigma = 0.1;  // least relative standard deviation there [-]
+
+/// Weighted sums over known pixels.
+struct Sums {
+  double weight = 0;
+  double mean = 0;
+  double square = 0;
+  double claimed = 0;  // variances
+
+  void add(double inverse_depth, double variance, double w) {
+    weight += w;
+    mean += w * inverse_depth;
+    square += w * inverse_depth * inverse_depth;
+    claimed += w * variance;
+  }
+  [[nodiscard]] double average() const { return mean / weight; }
+  [[nodiscard]] double spread() const {
+    return std::max(0.0, square / weight - average() * average());
+  }
+};
+
+Sums sumAround(const DepthPrior& prior, int x, int y, int radius) {
+  Sums sums;
+  for (int v = std::max(0, y - radius); v <= std::min(prior.height - 1, y + radius); ++v) {
+    for (int u = std::max(0, x - radius); u <= std::min(prior.width - 1, x + radius); ++u) {
+      const auto i = static_cast<std::size_t>(v) * static_cast<std::size_t>(prior.width) +
+                     static_cast<std::size_t>(u);
+      if (!isKnownDepth(prior.depth[i])) continue;
+      const auto depth = static_cast<double>(prior.depth[i]);
+      const double sigma = static_cast<double>(prior.sigma[i]) / (depth * depth);
+      sums.add(1 / depth, sigma * sigma, 1 / (1 + std::hypot(u - x, v - y)));
+    }
+  }
+  return sums;
+}
+
+constexpr int kMinPairs = 10;
+constexpr int kIterations = 5;      // of re-weighting
+constexpr double kMinContrast = 5;  // standard deviation of the reference's patches [grey levels]
+constexpr double kMaxGain = 5;      // and its inverse; more is no exposure change
+
+/// Mean grey value of the residual pattern; nullopt where it leaves the image or is invalid.
+std::optional<double> patchMean(const PyramidLevel& level, const Eigen::Vector2f& at) {
+  if (!canSample(level, at.x(), at.y(), kPatternRadius)) {
+    return std::nullopt;
+  }
+  float sum = 0;
+  for (const PatternOffset& offset : kPattern) {
+    sum += interpolateIntensity(
+        level, at.x() + static_cast<float>(offset.x), at.y() + static_cast<float>(offset.y));
+  }
+  if (!std::isfinite(sum)) {
+    return std::nullopt;
+  }
+  return static_cast<double>(sum) / kPatternSize;
+}
+
+struct GreyPair {
+  double reference;
+  double target;
+};
+
+/// target = gain reference + offset, Huber weights.
+std::optional<BrightnessTransfer> fitLine(const std::vector<GreyPair>& pairs) {
+  if (pairs.size() < kMinPairs) {
+    return std::nullopt;
+  }
+  BrightnessTransfer line;
+  for (int iteration = 0; iteration < kIterations; ++iteration) {
+    double sum = 0;
+    double x = 0;
+    double y = 0;
+    double xx = 0;
+    double xy = 0;
+    for (const GreyPair& pair : pairs) {
+      const double error = pair.target - line.gain * pair.reference - line.offset;
+      // The first round has no line yet.
+      const double weight =
+          iteration == 0 ? 1.0 : static_cast<double>(huberWeight(static_cast<float>(error)));
+      sum += weight;
+      x += weight * pair.reference;
+      y += weight * pair.target;
+      xx += weight * pair.reference * pair.reference;
+      xy += weight * pair.reference * pair.target;
+    }
+    const double variance = xx / sum - x / sum * (x / sum);
+    if (!(variance > kMinContrast * kMinContrast)) {
+      return std::nullopt;
+    }
+    line.gain = (xy / sum - x / sum * (y / sum)) / variance;
+    line.offset = (y - line.gain * x) / sum;
+  }
+  if (!(line.gain > 1 / kMaxGain && line.gain < kMaxGain)) {
+    return std::nullopt;
+  }
+  return line;
+}
+
+/// Brightness of a frame whose reference has none; none either where nothing can be said.
+AffineBrightness affineOf(const Frame& reference,
+                          const Frame& frame,
+                          const std::vector<GreyPair>& pairs) {
+  const std::optional<BrightnessTransfer> line = fitLine(pairs);
+  if (!line) return {};
+  const double exposure_ratio =
+      brightnessTransfer({}, reference.exposure(), {}, frame.exposure()).gain;
+  return {std::log(line->gain / exposure_ratio), line->offset};
+}
+
+/// Where the rows of its frame show a corner [px].
+Eigen::Vector2f shownPixel(const InitialMap& map,
+                           const PinholeCamera& camera,
+                           const CornerObservation& observation,
+                           const std::optional<RollingShutter>& shutter) {
+  const Eigen::Vector2f pixel = observation.pixel.cast<float>();
+  if (!shutter) return pixel;
+  const Corner& corner = map.corners[observation.corner];
+  const SE3& T_cam_ref = *map.frames[observation.frame].T_cam_ref;
+  const Eigen::Vector3d direction = T_cam_ref.unitQuaternion() * camera.unproject(corner.pixel) +
+                                    corner.inverse_depth * T_cam_ref.translation();
+  return pixelInRow(
+      *shutter, camera, pixel, static_cast<float>(corner.inverse_depth / direction.z()));
 }
 
 }  // namespace
@@ -75,11 +208,6 @@ void placeCorners(InitialMap& map, const PinholeCamera& camera) {
             .cast<double>();
     corner.shift = seen - corner.pixel;
   }
-}
-
-Eigen::Index jointRow(const InitialMap& map, std::size_t frame) {
-  const auto found = std::find(map.joint_frames.begin(), map.joint_frames.end(), frame);
-  return found == map.joint_frames.end() ? -1 : 6 * (found - map.joint_frames.begin());
 }
 
 void setJointCovariance(InitialMap& map,
@@ -143,6 +271,67 @@ bool normalizeCornerScale(InitialMap& map) {
     mean += corner.inverse_depth / static_cast<double>(map.corners.size());
   }
   return rescale(map, mean);
+}
+
+KnownInverseDepth DepthLookup::at(const Eigen::Vector2f& pixel) const {
+  const auto x = static_cast<int>(std::lround(pixel.x()));
+  const auto y = static_cast<int>(std::lround(pixel.y()));
+  const Sums own = sumAround(prior_, x, y, 0);
+  const Sums around = sumAround(prior_, x, y, own.weight > 0 ? 1 : kRadius);
+  if (!(around.weight > 0)) return {};
+  const Sums& best = own.weight > 0 ? own : around;
+  double variance = inflation_ * inflation_ * best.claimed / best.weight + around.spread();
+  if (!(own.weight > 0)) {
+    const double guess = kGuessSigma * best.average();
+    variance += guess * guess;
+  }
+  return {metres_ * best.average(), metres_ * metres_ * variance};
+}
+
+void estimateBrightness(InitialMap& map, const PinholeCamera& camera) {
+  std::vector<std::size_t> all(map.frames.size() - 1);
+  std::iota(all.begin(), all.end(), std::size_t{1});
+  estimateBrightness(map, camera, all);
+}
+
+void estimateBrightness(InitialMap& map,
+                        const PinholeCamera& camera,
+                        const std::vector<std::size_t>& frames) {
+  std::vector<std::optional<RollingShutter>> shutters(map.frames.size());
+  for (const std::size_t frame : frames) shutters[frame] = shutterOf(map, frame);
+  std::vector<char> wanted(map.frames.size(), 0);
+  for (const std::size_t frame : frames) wanted[frame] = 1;
+  std::vector<std::optional<double>> reference(map.corners.size());
+  forEachRange(map.corners.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      reference[i] = patchMean(map.frames.front().frame->level(0), map.corners[i].seen());
+    }
+  });
+  std::vector<std::optional<double>> target(map.observations.size());
+  forEachRange(map.observations.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const CornerObservation& observation = map.observations[i];
+      const auto frame = observation.frame;
+      if (wanted[frame] != 0 && map.frames[frame].T_cam_ref) {
+        target[i] = patchMean(map.frames[frame].frame->level(0),
+                              shownPixel(map, camera, observation, shutters[frame]));
+      }
+    }
+  });
+  std::vector<std::vector<GreyPair>> pairs(map.frames.size());
+  for (std::size_t i = 0; i < map.observations.size(); ++i) {
+    const CornerObservation& observation = map.observations[i];
+    const std::optional<double>& host = reference[observation.corner];
+    if (host && target[i]) {
+      pairs[observation.frame].push_back({*host, *target[i]});
+    }
+  }
+  forEachRange(frames.size(), 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const std::size_t k = frames[i];
+      map.frames[k].affine = affineOf(*map.frames.front().frame, *map.frames[k].frame, pairs[k]);
+    }
+  });
 }
 
 }  // namespace dsorb::init_orb

@@ -4,6 +4,7 @@
 #include "dsorb/camera/calibration.h"
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/image/affine_brightness.h"
+#include "dsorb/image/frame_priors.h"
 #include "dsorb/init/result.h"
 
 #include "estimate/rolling_shutter.h"
@@ -106,9 +107,6 @@ void placeCorners(InitialMap& map, const PinholeCamera& camera);
 /// Brightness of the reference to that of a frame.
 BrightnessTransfer brightnessTo(const InitialMap& map, std::size_t frame);
 
-/// First row of a frame in the joint covariance; -1 when it has none.
-Eigen::Index jointRow(const InitialMap& map, std::size_t frame);
-
 /// Sets the joint covariance, and from it that of every frame in it; other frames keep theirs.
 /// @param frames ascending, without the reference
 /// @param joint  of their left increments, 6 rows each
@@ -139,5 +137,35 @@ int removeCorners(InitialMap& map, const std::vector<char>& removed);
 /// unit with it.
 /// @return false when that mean is not positive; nothing is changed then
 bool normalizeCornerScale(InitialMap& map);
+
+/// Reads the inverse depth at any pixel from a frame's known depths. Refers to them.
+class DepthLookup {
+ public:
+  /// @param metres    of a unit
+  /// @param inflation of the claimed standard deviations [-]
+  DepthLookup(const DepthPrior& prior, double metres, double inflation)
+      : prior_(prior), metres_(metres), inflation_(inflation) {}
+
+  /// The depth of the pixel with the spread of its eight neighbours, which is wide at an edge of
+  /// depth; where the pixel has none, the mean of the known ones within a few pixels, as wide as a
+  /// guess. Nothing where there are none, either.
+  [[nodiscard]] KnownInverseDepth at(const Eigen::Vector2f& pixel) const;
+
+ private:
+  const DepthPrior& prior_;
+  double metres_;
+  double inflation_;
+};
+
+/// Sets the brightness of every posed frame after the reference: gain and offset between the grey
+/// values around the corners in the reference and where they are seen, by a robust line through the
+/// patch means. A frame with too few corners or too little contrast keeps a = b = 0.
+/// @source Engel et al., DSO, arXiv:1607.02565, eq. (4) for the meaning of a and b
+void estimateBrightness(InitialMap& map, const PinholeCamera& camera);
+
+/// Sets the brightness of some frames only. @param frames indices without the reference
+void estimateBrightness(InitialMap& map,
+                        const PinholeCamera& camera,
+                        const std::vector<std::size_t>& frames);
 
 }  // namespace dsorb::init_orb

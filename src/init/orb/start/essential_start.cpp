@@ -1,39 +1,163 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/start/essential_start.h"
 
+#include "base/angles.h"
+#include "base/median.h"
+#include "base/spread_frames.h"
+#include "estimate/variance_factors.h"
+#include "geometry/triangulate.h"
 #include "init/orb/bundle/corner_refinement.h"
-#include "init/orb/bundle/frame_motions.h"
 #include "init/orb/bundle/geometric_covariance.h"
+#include "init/orb/bundle/map_assembly.h"
+#include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/start/known_motions.h"
-#include "init/orb/start/motion_candidates.h"
 #include "init/orb/start/readout.h"
-#include "init/orb/start/start_gate.h"
+#include "init/result.h"
 #include "two_view/essential_motion.h"
 #include "two_view/model_selection.h"
-#include "two_view/rotation_only.h"
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <limits>
 #include <optional>
+#include <set>
 #include <utility>
 #include <vector>
 
 namespace dsorb::init_orb {
 namespace {
 
-constexpr int kMinTracks = 50;                // of a reference, before an attempt
+// Without the first two a start of a turning Kinect was 123 degrees off, with 58 corners.
+constexpr int kMinCorners = 60;
+constexpr double kMinTrackShare = 0.5;  // of the reference's live tracks that are left
+constexpr double kMinFrontShare = 0.8;  // of the corners, in front of the camera
+constexpr double kFartherShare = 0.75;  // of the corners, which are farther than the near part
+/// An attempt is left out where the last one from this reference, extrapolated by the growth of the
+/// parallax, misses the gate by more than this factor.
+constexpr double kRetryMargin = 1.5;
+constexpr int kMaxSkippedFrames = 1;       // but so many times in a row at most
+constexpr std::size_t kGrownUpFrames = 8;  // of a start whose rows move; with fewer its direction
+constexpr double kYoungSigmaDeg = 0.5;     // has to be as sure as this
+
+constexpr double kSameDirection = 0.9986;    // cosine of 3 degrees: the same minimum
+constexpr double kMinPlaneFrontShare = 0.5;  // of a plane's inliers
+constexpr double kMaxCostRatio = 1000;       // of a plane's motions: files hold no infinity
+
+/// Corners of all inliers, on either side of the camera.
+MotionHypothesis triangulateInliers(const EssentialMotion& motion,
+                                    const Matches& matches,
+                                    const PinholeCamera& camera) {
+  MotionHypothesis hypothesis;
+  hypothesis.T_cur_ref = motion.T_cur_ref;
+  hypothesis.points.resize(matches.size());
+  for (std::size_t i = 0; i < matches.size(); ++i) {
+    if (motion.inlier[i] == 0) continue;
+    hypothesis.points[i] = triangulateInverseDepth(motion.T_cur_ref,
+                                                   camera.unproject(matches.reference[i]),
+                                                   camera.unproject(matches.target[i]).head<2>(),
+                                                   1.0 / camera.fx);
+  }
+  return hypothesis;
+}
+
+double frontShare(const EssentialMotion& motion,
+                  const Matches& matches,
+                  const PinholeCamera& camera) {
+  const auto points = triangulateInliers(motion, matches, camera).points;
+  const auto in_front = std::count_if(points.begin(), points.end(), [](const auto& point) {
+    return point && point->inverse_depth > 0;
+  });
+  return motion.inliers > 0 ? static_cast<double>(in_front) / motion.inliers : 0;
+}
+
+/// A motion between two views, and how well its model explains the matches.
+struct SelectedMotion {
+  EssentialMotion motion;
+  double noise = 0;  ///< of a match [px]
+  double gric = 0;
+};
+
+/// The best motion after the motions of a plane have been tried as well.
+struct PlaneComparison {
+  MotionCandidate best;
+  DisplacementModel model = DisplacementModel::kEssential;
+  std::optional<double> second_cost;  ///< of the best really different motion, over the best's
+  bool replaced = false;              ///< a motion of the plane is the best now
+};
+
+/// Where a homography explains the matches better, both motions of the plane are tried.
+void comparePlane(const SelectedMotion& selected,
+                  const ReferenceView& view,
+                  const Matches& matches,
+                  const AttemptContext& context,
+                  PlaneComparison& compared) {
+  const auto H = estimateHomography(matches, kRansacThreshold, context.seed());
+  if (!H) return;
+  const double homography_gric =
+      gric(DisplacementModel::kHomography, homographySampsonErrors(*H, matches), selected.noise);
+  if (homography_gric >= selected.gric) return;
+  compared.model = DisplacementModel::kHomography;
+  const Competition outcome = competeOverFrames(
+      view, planeMotions(*H, matches, context.camera, kRansacThreshold), context, compared.best);
+  compared.second_cost = std::min(outcome.cost_ratio, kMaxCostRatio);
+  compared.replaced = outcome.replaced;
+}
+
 constexpr double kMinRotationResidual = 0.5;  // rotation-compensated flow; less: no parallax [px]
 /// Least noise of the tracks in the competition of models [px]. With the measured 0.1 px a rotation
 /// never wins on real images.
 constexpr double kMinTrackNoise = 0.5;
-/// A start is refined no further where its errors would have to shrink by this factor to pass.
+/// A start is refined no further where its errors would have to shrink by this factor to pass,
+/// which saves a sixth of the time.
 constexpr double kHopelessFactor = 1.5;
 /// Largest factor on the deviations of known depths with which they still give a scale, where they
 /// are used for nothing else.
 constexpr double kMaxInflation = 2;
 constexpr int kNoiseRounds = 3;  // of measuring the noise and adjusting with it
+
+/// Median angle between the rays to a corner from the reference and from the newest frame [deg].
+double medianParallaxDeg(const InitialMap& map, const PinholeCamera& camera) {
+  const std::size_t newest = map.frames.size() - 1;
+  std::vector<double> angles;
+  for (const CornerObservation& observation : map.observations) {
+    if (observation.frame != newest) continue;
+    const Corner& corner = map.corners[observation.corner];
+    angles.push_back(parallaxAngle(*map.frames.back().T_cam_ref,
+                                   camera.unproject(corner.pixel),
+                                   camera.unproject(observation.pixel)));
+  }
+  return medianOf(std::move(angles)) * kDegPerRad;
+}
+
+/// Whether the last attempt from this reference, extrapolated by the growth of the parallax, tells
+/// that the next one is refused unless the parallax is this much larger still.
+bool refusedUnless(double larger,
+                   const AttemptSummary& last,
+                   double rotation_residual,
+                   const GateOptions& gate) {
+  return last.gate &&
+         !errorsPass(*last.gate, larger * rotation_residual / last.rotation_residual, gate);
+}
+
+/// Whether enough has changed since the last attempt from this reference: the predicted errors fall
+/// as the rotation-compensated flow grows.
+bool worthTheTime(const ReferenceView& view, double rotation_residual, const GateOptions& gate) {
+  const AttemptSummary& last = view.last;
+  const bool was_young = last.gate && last.reason == InitReason::kSettling;
+  if (was_young) return view.frames.size() >= kGrownUpFrames;
+  return last.skipped >= kMaxSkippedFrames ||
+         !refusedUnless(kRetryMargin, last, rotation_residual, gate);
+}
+
+/// Whether a start that passes should wait all the same: its rows move, and of a few frames their
+/// motion is mostly what the frames around let expect. Without this directions are 1.50 +- .23
+/// times as wrong there.
+bool isYoung(const ReferenceView& view, double direction_sigma_deg) {
+  const bool rows_move = view.readout && view.readout->seconds != 0;
+  return rows_move && view.frames.size() < kGrownUpFrames && direction_sigma_deg > kYoungSigmaDeg;
+}
 
 /// The essential matrix's motion, unless a rotation explains the matches better.
 Outcome<SelectedMotion> selectMotion(const Matches& matches,
@@ -76,7 +200,7 @@ std::optional<CompletedMap> completeMap(InitialMap map,
     behind[i] = map.corners[i].inverse_depth > 0 ? 0 : 1;
   }
   removeCorners(map, behind);
-  if (static_cast<int>(map.corners.size()) < kMinAdjusted || !normalizeCornerScale(map)) {
+  if (static_cast<int>(map.corners.size()) < kMinCornersOfMotion || !normalizeCornerScale(map)) {
     return std::nullopt;
   }
   const double variance_factor =
@@ -101,37 +225,23 @@ bool missesByFar(InitialMap map,
          isYoung(view, gate.direction_sigma_deg / kHopelessFactor);
 }
 
-/// A refined start with what is known of it beside its map.
-struct RefinedStart {
-  Reconstruction made;
-  StartEvidence evidence;
-};
-
-void addDetails(const RefinementReport& refinement, InitReport& report) {
-  report.add("refined", refinement.accepted ? 1 : 0);
-  report.add("refine_first_rms", refinement.first_rms);
-  report.add("refine_last_rms", refinement.last_rms);
-  report.add("refine_turn_deg", refinement.direction_change_deg);
-}
-
 /// Measures the noise, refines the corners, drops those behind the camera, sets scale and
 /// covariances.
 /// @param doubtful the start is likely to be refused: the refinement ends early where it is
 /// hopeless
-Outcome<RefinedStart> refineStart(Reconstruction made,
-                                  const ReferenceView& view,
-                                  bool doubtful,
-                                  StartEvidence evidence,
-                                  const AttemptContext& context) {
+/// @param evidence gets the misfit of refined corners
+Outcome<Reconstruction> refineStart(Reconstruction made,
+                                    const ReferenceView& view,
+                                    bool doubtful,
+                                    StartEvidence& evidence,
+                                    const AttemptContext& context) {
   InitialMap& map = made.map;
-  InitReport& report = made.report;
   const PinholeCamera& camera = context.camera;
   const OrbOptions& orb = context.options.orb;
   const Skips& skip = context.options.skip;
   const int rounds = skip.has(Mechanism::kNoise) ? 0 : kNoiseRounds;
   GeometricOptions adjusted = context.clock.time(
       "geometric", [&] { return adjustToNoise(map, camera, orb.geometric, rounds); });
-  report.add("track_noise", adjusted.sigma);
   context.clock.time("motions", [&] {
     if (!skip.has(Mechanism::kRowMotions)) estimateMotions(map, camera);
   });
@@ -144,7 +254,6 @@ Outcome<RefinedStart> refineStart(Reconstruction made,
                missesByFar(begun, refined, view, context);
       });
     });
-    addDetails(refinement, report);
   }
   if (!refinement.fits) return InitReason::kPoorQuality;
   if (refinement.accepted) adjusted = refined;
@@ -154,29 +263,19 @@ Outcome<RefinedStart> refineStart(Reconstruction made,
   if (!reached) return InitReason::kTooFewPoints;
   map = std::move(reached->map);
   made.adjustment = adjusted;
-  report.add("median_error", reached->median_error);
-  report.add("variance_factor", reached->variance_factor);
-  report.add("clustered_factor", map.cluster_variance_scale);
   if (!std::isfinite(reached->variance_factor)) return InitReason::kPoorQuality;
   if (refinement.accepted) evidence.misfit = misfitOf(reached->median_error);
-  return RefinedStart{std::move(made), evidence};
+  return made;
 }
 
-/// What two views tell of a start.
-struct TwoViews {
-  const ReferenceView& view;
-  const Matches& matches;
-  const RotationFit& rotation;
-  const SelectedMotion& selected;
-};
-
 /// Judges a refined start by everything that is known of it.
-GateReport judge(const RefinedStart& start, const TwoViews& views, const AttemptContext& context) {
-  GateReport gate =
-      judgeStart(start.made.map, context.camera, context.options.orb.gate, start.evidence);
-  if (gate.reason == InitReason::kDone && !start.made.map.scaleKnown() &&
-      !context.options.skip.has(Mechanism::kYoung) &&
-      isYoung(views.view, gate.direction_sigma_deg)) {
+GateReport judge(const InitialMap& map,
+                 const StartEvidence& evidence,
+                 const ReferenceView& view,
+                 const AttemptContext& context) {
+  GateReport gate = judgeStart(map, context.camera, context.options.orb.gate, evidence);
+  if (gate.reason == InitReason::kDone && !map.scaleKnown() &&
+      !context.options.skip.has(Mechanism::kYoung) && isYoung(view, gate.direction_sigma_deg)) {
     gate.reason = InitReason::kSettling;
   }
   return gate;
@@ -205,45 +304,30 @@ JudgedStart decided(Reconstruction made, const GateReport& gate) {
   report.add("error_probability", gate.error_probability);
   report.add("plane_probability", gate.plane_probability);
   report.add("direction_sigma_deg", gate.direction_sigma_deg);
-  report.add("second_sigma_deg", gate.second_sigma_deg);
   report.add("misfit", gate.misfit);
   report.add("depth_sigma", gate.depth_sigma);
   report.add("parallax_deg", gate.parallax_deg);
   return {std::move(made), gate};
 }
 
-void addDetails(const PlaneComparison& compared, InitReport& report) {
-  if (compared.homography_gric) {
-    report.add("gric_homography_over_essential", *compared.homography_gric);
-  }
-  if (compared.second_cost) report.add("second_motion_cost_ratio", *compared.second_cost);
-}
-
 /// @param doubtful see refineStart()
 JudgedStart refineAndJudge(const PlaneComparison& compared,
-                           const TwoViews& views,
+                           const ReferenceView& view,
                            bool doubtful,
                            const AttemptContext& context) {
-  const SelectedMotion& selected = views.selected;
   Reconstruction start{compared.best.map, {}};
-  start.live_tracks = static_cast<int>(views.matches.size());
+  start.live_tracks = view.tracks.size();
   InitReport& report = start.report;
   report.model = name(compared.model);
   report.pose_prior = compared.best.motions_used;
   report.add("tracks", start.live_tracks);
-  report.add("model_inliers", selected.motion.inliers);
-  report.add("inlier_ratio", static_cast<double>(selected.motion.inliers) / start.live_tracks);
-  report.add("rotation_residual_px", views.rotation.median_residual);
-  report.add("front_share", compared.best.front_share);
-  addDetails(compared, report);
-  const StartEvidence evidence{
-      start.live_tracks, compared.best.front_share, 1, compared.second_cost};
-  auto refined = refineStart(std::move(start), views.view, doubtful, evidence, context);
+  StartEvidence evidence{start.live_tracks, compared.best.front_share, 1, compared.second_cost};
+  auto refined = refineStart(std::move(start), view, doubtful, evidence, context);
   if (!refined) return {refined.reason(), {}};
   const GateReport gate =
-      context.clock.time("gate", [&] { return judge(*refined, views, context); });
-  JudgedStart decision = decided(std::move(refined->made), gate);
-  decision.evidence = refined->evidence;
+      context.clock.time("gate", [&] { return judge(refined->map, evidence, view, context); });
+  JudgedStart decision = decided(std::move(*refined), gate);
+  decision.evidence = evidence;
   return decision;
 }
 
@@ -272,10 +356,7 @@ void askReadout(Reconstruction& made, const AttemptContext& context) {
 void tellDepthPrior(const DepthPriorReport& known, Reconstruction& made) {
   made.depth_prior = known;
   made.report.depth_prior = known.used;
-  made.report.add("known_depth_contradicted", known.contradicted ? 1 : 0);
-  made.report.add("known_depth_corners", known.corners);
   made.report.add("known_depth_inflation", known.inflation);
-  made.report.add("known_depth_sigma", known.relative_sigma);
 }
 
 /// A start from known depths, where the reference has any and they fit the images: the motion is a
@@ -288,10 +369,8 @@ JudgedStart startFromKnownDepth(const ReferenceView& view,
       "known_depth", [&] { return startOfKnownDepths(view, rotation, context); });
   JudgedStart start{InitReason::kPoorQuality, {}};
   if (candidate) {
-    const SE3& motion = *candidate->map.frames.back().T_cam_ref;
-    const SelectedMotion all{{motion, {}, report.corners, 0}, 0, 0};
-    const PlaneComparison known{std::move(*candidate), DisplacementModel::kEssential, {}, {}};
-    start = refineAndJudge(known, {view, matches, rotation, all}, false, context);
+    const PlaneComparison known{std::move(*candidate), DisplacementModel::kEssential, {}};
+    start = refineAndJudge(known, view, false, context);
   }
   if (start.made && !fitsLikeTheBest(*start.made->map.frames.back().T_cam_ref, matches, context)) {
     report.contradicted = true;
@@ -309,36 +388,174 @@ JudgedStart startFromKnownDepth(const ReferenceView& view,
 
 /// A start from the motion of two views, or from the other one that a plane allows, where that is
 /// the better one.
-JudgedStart startFromMotion(const TwoViews& views, const AttemptContext& context) {
-  const ReferenceView& view = views.view;
+JudgedStart startFromMotion(const ReferenceView& view,
+                            const Matches& matches,
+                            const RotationFit& rotation,
+                            const SelectedMotion& selected,
+                            const AttemptContext& context) {
   StageClock& clock = context.clock;
   auto candidate =
-      clock.time("geometric", [&] { return makeCandidate(view, views.selected.motion, context); });
+      clock.time("geometric", [&] { return makeCandidate(view, selected.motion, context); });
   if (!candidate) return {InitReason::kTooFewPoints, {}};
-  PlaneComparison compared{std::move(*candidate), DisplacementModel::kEssential, {}, {}};
+  PlaneComparison compared{std::move(*candidate), DisplacementModel::kEssential, {}};
   const bool doubtful =
       isYoung(view, std::numeric_limits<double>::infinity()) ||
-      refusedUnless(1, view.last, views.rotation.median_residual, context.options.orb.gate);
-  JudgedStart start = refineAndJudge(compared, views, doubtful, context);
+      refusedUnless(1, view.last, rotation.median_residual, context.options.orb.gate);
+  JudgedStart start = refineAndJudge(compared, view, doubtful, context);
   if (!start.made) return start;
   if (context.options.skip.has(Mechanism::kPlane)) return start;
-  clock.time("planes",
-             [&] { comparePlane(views.selected, view, views.matches, context, compared); });
-  if (compared.replaced) return refineAndJudge(compared, views, false, context);
-  addDetails(compared, start.made->report);
+  clock.time("planes", [&] { comparePlane(selected, view, matches, context, compared); });
+  if (compared.replaced) return refineAndJudge(compared, view, false, context);
   if (compared.second_cost) return judgeWithPlane(std::move(start), compared, context);
   return start;
 }
 
 }  // namespace
 
-EssentialStart startFromEssential(const ReferenceView& view, const AttemptContext& context) {
+double depthSigma(const std::vector<Corner>& corners) {
+  std::vector<double> inverse_depths;
+  inverse_depths.reserve(corners.size());
+  for (const Corner& corner : corners) inverse_depths.push_back(corner.inverse_depth);
+  const double scene = quantileInPlace(inverse_depths, kFartherShare);
+  std::vector<double> errors;
+  errors.reserve(corners.size());
+  for (const Corner& corner : corners) {
+    errors.push_back(std::sqrt(corner.variance) / std::max(scene, corner.inverse_depth));
+  }
+  return medianInPlace(errors);
+}
+
+double misfitOf(double median_error) {
+  return std::max(1.0, median_error / kMedianLength);
+}
+
+bool hasEnoughCorners(const InitialMap& map, int live_tracks) {
+  const auto corners = static_cast<double>(map.corners.size());
+  return corners >= kMinCorners && corners >= kMinTrackShare * live_tracks;
+}
+
+int occupiedCells(const InitialMap& map, const PinholeCamera& camera) {
+  std::set<std::size_t> cells;
+  for (const Corner& corner : map.corners) cells.insert(imageCell(corner.pixel, camera));
+  return static_cast<int>(cells.size());
+}
+
+GateReport judgeStart(const InitialMap& map,
+                      const PinholeCamera& camera,
+                      const GateOptions& options,
+                      const StartEvidence& evidence) {
+  GateReport report;
+  report.misfit = evidence.misfit;
+  report.parallax_deg = medianParallaxDeg(map, camera);
+  const Eigen::Vector2d sigmas =
+      variance_factors::kStartDirection * directionSigmasDeg(map.frames.back());
+  report.direction_sigma_deg = sigmas[1];
+  report.second_sigma_deg = sigmas[0];
+  report.depth_sigma = depthSigma(map.corners);
+  report.error_probability = tailProbability(sigmas, options.wrong_angle_deg);
+  if (evidence.plane_cost_ratio) {
+    report.plane_probability = rivalProbability(*evidence.plane_cost_ratio,
+                                                static_cast<double>(occupiedCells(map, camera)));
+  }
+  report.wrong_probability = 1 - (1 - report.error_probability) * (1 - report.plane_probability);
+  if (!hasEnoughCorners(map, evidence.live_tracks)) {
+    report.reason = InitReason::kTooFewPoints;
+  } else if (evidence.front_share < kMinFrontShare ||
+             !(report.plane_probability <= options.max_wrong_probability)) {
+    report.reason = InitReason::kDegenerateMotion;
+  } else if (!(report.depth_sigma <= options.max_depth_sigma)) {
+    report.reason = InitReason::kTooLittleParallax;
+  } else if (!(report.wrong_probability <= options.max_wrong_probability)) {
+    report.reason = InitReason::kPoorQuality;
+  }
+  return report;
+}
+
+bool errorsPass(const GateReport& report, double shrunk_by, const GateOptions& options) {
+  const Eigen::Vector2d sigmas(report.second_sigma_deg, report.direction_sigma_deg);
+  return report.depth_sigma / shrunk_by <= options.max_depth_sigma &&
+         tailProbability(sigmas / shrunk_by, options.wrong_angle_deg) <=
+             options.max_wrong_probability;
+}
+
+std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,
+                                             const EssentialMotion& motion,
+                                             const AttemptContext& context) {
+  const GeometricOptions& options = context.options.orb.geometric;
+  const Matches matches = view.tracks.matchesTo(view.tracks.frames() - 1);
+  const std::vector<std::size_t> frames = spreadFrames(view.frames.size(), kAdjustedFrames);
+  InitialMap start =
+      makeInitialMap(view.frames, view.tracks, triangulateInliers(motion, matches, context.camera));
+  start.readout = view.readout;
+  poseFrames(start, context.camera, frames);
+  auto robust = adjustRobustly(std::move(start), context.camera, options);
+  if (!robust) return std::nullopt;
+  MotionAdjustment adjusted = adjustWithMotions(
+      std::move(*robust), knownMotions(view.frames, frames), context.camera, options);
+  MotionCandidate candidate;
+  candidate.map = std::move(adjusted.map);
+  candidate.motions_used = adjusted.used;
+  const auto cost = reprojectionCost(candidate.map, context.camera, options);
+  if (!cost) return std::nullopt;
+  const auto tracks = static_cast<double>(matches.size());
+  const double lost = (tracks - static_cast<double>(candidate.map.corners.size())) *
+                      robustCost(kSevereLimit / options.sigma, options);
+  candidate.cost = *cost / (tracks * static_cast<double>(frames.size())) + lost / tracks;
+  candidate.front_share = flipToPositiveDepth(candidate.map);
+  return candidate;
+}
+
+std::vector<EssentialMotion> planeMotions(const Eigen::Matrix3d& H_cur_ref,
+                                          const Matches& matches,
+                                          const PinholeCamera& camera,
+                                          double threshold) {
+  const std::vector<double> errors = homographySampsonErrors(H_cur_ref, matches);
+  EssentialMotion motion;
+  for (const double error : errors) motion.inlier.push_back(error < threshold * threshold ? 1 : 0);
+  motion.inliers = static_cast<int>(std::count(motion.inlier.begin(), motion.inlier.end(), 1));
+  std::vector<EssentialMotion> motions;
+  for (const SE3& decomposed : decomposeHomography(H_cur_ref, camera)) {
+    motion.T_cur_ref = decomposed;
+    if (frontShare(motion, matches, camera) > kMinPlaneFrontShare) motions.push_back(motion);
+  }
+  return motions;
+}
+
+Competition competeOverFrames(const ReferenceView& view,
+                              const std::vector<EssentialMotion>& motions,
+                              const AttemptContext& context,
+                              MotionCandidate& best) {
+  const auto is_same = [](const MotionCandidate& a, const MotionCandidate& b) {
+    const auto direction = [](const MotionCandidate& candidate) {
+      return candidate.map.frames.back().T_cam_ref->translation().normalized();
+    };
+    return direction(a).dot(direction(b)) > kSameDirection;
+  };
+  std::vector<MotionCandidate> others;
+  for (const EssentialMotion& motion : motions) {
+    auto candidate = makeCandidate(view, motion, context);
+    if (candidate && !is_same(*candidate, best)) others.push_back(std::move(*candidate));
+  }
+  Competition outcome{std::numeric_limits<double>::infinity(), false};
+  for (MotionCandidate& other : others) {
+    if (!(other.cost < best.cost)) continue;
+    std::swap(other, best);
+    outcome.replaced = true;
+  }
+  for (const MotionCandidate& other : others) {
+    if (is_same(other, best)) continue;
+    outcome.cost_ratio = std::min(outcome.cost_ratio, other.cost / best.cost);
+  }
+  return outcome;
+}
+
+Attempt startFromEssential(const ReferenceView& view, const AttemptContext& context) {
   StageClock& clock = context.clock;
   AttemptSummary summary;
-  const auto refuse = [&summary](InitReason reason) { return EssentialStart{reason, summary}; };
+  const auto refuse = [&summary](InitReason reason) { return Attempt{reason, summary}; };
   const Matches matches = view.tracks.matchesTo(view.tracks.frames() - 1);
   const auto tracks = static_cast<int>(matches.size());
-  if (tracks < kMinTracks) return refuse(InitReason::kTooFewPoints);
+  if (tracks < kMinCornersOfMotion) return refuse(InitReason::kTooFewPoints);
   const RotationFit rotation =
       clock.time("rotation", [&] { return fitRotation(matches, context.camera); });
   summary.rotation_residual = rotation.median_residual;
@@ -369,7 +586,7 @@ EssentialStart startFromEssential(const ReferenceView& view, const AttemptContex
   summary.tried = true;
   auto selected = selectMotion(matches, rotation, context);
   if (!selected) return refuse(selected.reason());
-  JudgedStart start = startFromMotion({view, matches, rotation, *selected}, context);
+  JudgedStart start = startFromMotion(view, matches, rotation, *selected, context);
   summary.gate = start.gate;
   if (start.made) {
     askReadout(*start.made, context);

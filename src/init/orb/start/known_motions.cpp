@@ -7,11 +7,10 @@
 #include "base/median.h"
 #include "base/spread_frames.h"
 #include "estimate/rolling_shutter.h"
-#include "init/orb/bundle/frame_motions.h"
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/bundle/robust_adjustment.h"
-#include "init/orb/map/depth_lookup.h"
+#include "init/orb/map/initial_map.h"
 
 #include <Eigen/LU>
 
@@ -296,7 +295,7 @@ KnownDepthStart startOfKnownDepths(const ReferenceView& view,
   const GeometricOptions& options = context.options.orb.geometric;
   WeighedDepths start{makeMap(view, rotation)};
   start.report.corners = static_cast<int>(start.map.corners.size());
-  if (start.report.corners < kMinAdjusted) return {std::nullopt, start.report};
+  if (start.report.corners < kMinCornersOfMotion) return {std::nullopt, start.report};
   PosedFrame& newest = start.map.frames.back();
   const auto observations = observationsByFrame(start.map, camera);
   const auto pose = poseFromPoints(observations.back(), camera, *newest.T_cam_ref, kTrackSigma);

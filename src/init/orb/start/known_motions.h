@@ -6,8 +6,8 @@
 
 #include "init/orb/map/attempt_types.h"
 #include "init/orb/map/initial_map.h"
-#include "init/orb/start/motion_candidates.h"
-#include "two_view/rotation_only.h"
+#include "init/orb/start/essential_start.h"
+#include "two_view/model_selection.h"
 
 #include <cstddef>
 #include <optional>

@@ -5,11 +5,10 @@
 
 #include "estimate/marginals.h"
 #include "estimate/rolling_shutter.h"
-#include "init/orb/bundle/frame_motions.h"
 #include "init/orb/bundle/geometric_covariance.h"
+#include "init/orb/bundle/map_assembly.h"
 #include "init/orb/bundle/reprojection_equations.h"
-#include "init/orb/start/motion_candidates.h"
-#include "init/orb/start/start_gate.h"
+#include "init/orb/start/essential_start.h"
 #include "two_view/essential_motion.h"
 
 #include <algorithm>
