@@ -2,7 +2,6 @@
 #pragma once
 
 #include "features/feature_matches.h"
-#include "features/features.h"
 #include "features/grey_image.h"
 
 namespace dsorb {

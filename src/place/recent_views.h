@@ -5,7 +5,7 @@
 #include "dsorb/odometry/observer.h"
 #include "dsorb/odometry/odometry.h"
 
-#include "features/features.h"
+#include "features/feature_matches.h"
 #include "features/grey_image.h"
 
 #include <cstddef>
