@@ -259,113 +259,93 @@ void addInputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
          flags.words,
          "folder of a data set or of images, .zip of images, video file, /dev/videoN, rtsp://...")
       ->type_name("");
+  app.option_defaults()->group("Input");
   app.add_option("--format",
                  flags.format,
                  "default auto: recognised by what lies in the folder; camera plays a "
                  "video file in its own time")
-      ->check(CLI::IsMember(namesOf(kFormats)))
-      ->group("Input");
+      ->check(CLI::IsMember(namesOf(kFormats)));
   app.add_option("--calib", request.sequence.calibration_file, "geometric calibration")
-      ->type_name("FILE")
-      ->group("Input");
+      ->type_name("FILE");
   app.add_option(
          "--camera",
          request.sequence.camera,
          "camera of a calibration with several, as it is called there: cam1, image_2, the "
          "topic of its images; default: the one that a folder of the images is called after")
-      ->type_name("NAME")
-      ->group("Input");
+      ->type_name("NAME");
   app.add_option("--gamma", request.sequence.response_file, "response of the camera (pcalib.txt)")
-      ->type_name("FILE")
-      ->group("Input");
-  app.add_option("--vignette", request.sequence.vignette_file, "vignette image")
-      ->type_name("FILE")
-      ->group("Input");
+      ->type_name("FILE");
+  app.add_option("--vignette", request.sequence.vignette_file, "vignette image")->type_name("FILE");
   app.add_option(
          "--hfov",
          request.sequence.horizontal_view,
          "what the images show from left to right, about, where there is no calibration; default: "
          "found out")
       ->type_name("DEGREES")
-      ->check(numberIn(1, 157))
-      ->group("Input");
+      ->check(numberIn(1, 157));
   app.add_option_function<std::string>(
          "--readout",
          [&request](const std::string& text) { request.sequence.readout = parseReadout(text); },
          "rolling shutter: time from the first to the last row, below 0 from the last to the "
          "first; 0: global; auto: estimated; default: as the calibration says")
       ->type_name("MS|auto")
-      ->check(CLI::Validator(readoutComplaint, ""))
-      ->group("Input");
+      ->check(CLI::Validator(readoutComplaint, ""));
   app.add_option(
          "--mask",
          request.sequence.mask,
          "image whose black pixels are not used, beside those of masks/ beside the images; or "
          "another folder with one for each image")
-      ->type_name("FILE")
-      ->group("Input");
+      ->type_name("FILE");
   app.add_option("--mode",
                  flags.mode,
                  "photometry; default calibrated where response and vignette are there, else "
                  "uncalibrated")
-      ->check(CLI::IsMember(namesOf(kModes)))
-      ->group("Input");
+      ->check(CLI::IsMember(namesOf(kModes)));
   app.add_option("--bits",
                  request.sequence.bits,
                  "that values of 16-bit images take, 9 to 16; default: 10 or 12 where all values "
                  "fit into them, else 16")
       ->type_name("N")
-      ->check(CLI::Range(9, 16))
-      ->group("Input");
+      ->check(CLI::Range(9, 16));
 }
 
 void addSelectionFlags(CLI::App& app, CommandLine& request) {
   app.add_option("--start", request.sequence.start, "first frame of the sequence; default 0")
       ->type_name("N")
-      ->check(wholeNumber(0))
-      ->group("Input");
+      ->check(wholeNumber(0));
   app.add_option("--end", request.sequence.end, "one past the last frame; default: all")
       ->type_name("M")
-      ->check(wholeNumber(0))
-      ->group("Input");
-  app.add_flag("--reverse", request.sequence.reverse, "frames M-1 down to N, N included")
-      ->group("Input");
+      ->check(wholeNumber(0));
+  app.add_flag("--reverse", request.sequence.reverse, "frames M-1 down to N, N included");
   app.add_flag("--skip-unreadable",
                request.sequence.skip_unreadable,
-               "pass over image files that cannot be read; default: the first one ends the run")
-      ->group("Input");
+               "pass over image files that cannot be read; default: the first one ends the run");
   app.add_option("--every", request.sequence.every, "use each N-th frame; default 1")
       ->type_name("N")
-      ->check(wholeNumber(1))
-      ->group("Input");
+      ->check(wholeNumber(1));
   app.add_option("--from", request.sequence.from, "skip what comes before; default 0")
       ->type_name("SECONDS")
-      ->check(numberIn(0, kMaxSeconds))
-      ->group("Input");
+      ->check(numberIn(0, kMaxSeconds));
   app.add_option("--to", request.sequence.to, "leave out what comes after; default: all")
       ->type_name("SECONDS")
-      ->check(numberIn(0, kMaxSeconds))
-      ->group("Input");
+      ->check(numberIn(0, kMaxSeconds));
   app.add_option("--width",
                  request.sequence.width,
                  "make images smaller, to this width; 0: keep them; default: as the calibration "
                  "says, and without one no side longer than 1280")
       ->type_name("PIXELS")
-      ->check(wholeNumber(0))
-      ->group("Input");
+      ->check(wholeNumber(0));
   app.add_option("--use-depth",
                  request.sequence.depth_sigma,
                  "start from the depth images in depth/ (16 bits, millimetres, rectified), with "
                  "this relative standard deviation; default: not used")
       ->type_name("SIGMA")
-      ->check(numberIn(1e-4, 1))
-      ->group("Input");
+      ->check(numberIn(1e-4, 1));
   app.add_option(
          "--gyro",
          request.sequence.gyroscope_file,
          "rates of a gyroscope: lines of time [s or ns], wx, wy, wz [rad/s] (imu0/data.csv)")
-      ->type_name("FILE")
-      ->group("Input");
+      ->type_name("FILE");
   app.add_option_function<std::string>(
          "--gyro-axes",
          [&request](const std::string& text) {
@@ -377,8 +357,7 @@ void addSelectionFlags(CLI::App& app, CommandLine& request) {
            request.sequence.R_cam_gyro = *R;
          },
          "rotation of the gyroscope's axes to those of the camera; default: the same")
-      ->type_name("R11,...,R33")
-      ->group("Input");
+      ->type_name("R11,...,R33");
 }
 
 std::string mechanismList() {
@@ -390,101 +369,84 @@ std::string mechanismList() {
 }
 
 void addMethodFlags(CLI::App& app, Flags& flags, CommandLine& request) {
+  app.option_defaults()->group("Method");
   app.add_option("--initializer",
                  flags.initializer,
                  fmt::format("{}; default orb", fmt::join(initializerVariants(), ", ")))
-      ->type_name("NAME")
-      ->group("Method");
+      ->type_name("NAME");
   app.add_option("--preset",
                  request.config.preset,
                  fmt::format("{}; default default", fmt::join(presetNames(), ", ")))
-      ->type_name("NAME")
-      ->group("Method");
+      ->type_name("NAME");
   app.add_option("--config", request.config.files, "options from a YAML file; may repeat")
       ->type_name("FILE")
       ->expected(1)
       ->allow_extra_args(false)
-      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
-      ->group("Method");
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   app.add_option("--set", flags.assignments, "one option, e.g. orb.min_frames=6; may repeat")
       ->type_name("KEY=VALUE")
       ->expected(1)
       ->allow_extra_args(false)
-      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
-      ->group("Method");
-  app.add_flag("--print-config", request.print_config, "print all options as YAML and stop")
-      ->group("Method");
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  app.add_flag("--print-config", request.print_config, "print all options as YAML and stop");
   app.add_option(
          "--skip", flags.skip, "for developers: leaves mechanisms out; list: prints them and stops")
-      ->type_name("NAME,...")
-      ->group("Method");
+      ->type_name("NAME,...");
   app.add_option("--threads", flags.threads, "default 0: all the machine has")
       ->type_name("N")
-      ->check(wholeNumber(std::numeric_limits<int>::min()))
-      ->group("Method");
+      ->check(wholeNumber(std::numeric_limits<int>::min()));
   app.add_option("--on-lost", flags.on_lost, "stop or restart; default restart: a new segment")
-      ->check(CLI::IsMember({"stop", "restart"}))
-      ->group("Method");
+      ->check(CLI::IsMember({"stop", "restart"}));
   app.add_option("--places",
                  flags.places,
                  "what is done where a place is seen again: off; join: segments that show one "
                  "place become one (default; of cameras and with --speed off); loops: also closed "
                  "where they are open by more than their uncertainty")
-      ->check(CLI::IsMember(namesOf(kPlacesModes)))
-      ->group("Method");
+      ->check(CLI::IsMember(namesOf(kPlacesModes)));
   app.add_option(
          "--load-map",
          request.load_map,
          "map of an earlier run (--save-map): the run starts where the camera is recognized "
          "in it, in its world and unit")
-      ->type_name("FILE")
-      ->group("Method");
+      ->type_name("FILE");
   app.add_option("--speed",
                  request.speed,
                  "play back at X times real time and drop frames as a live camera would; 0 "
                  "(default): every frame, as fast as it goes")
       ->type_name("X")
-      ->check(numberIn(0.0, kMaxSpeed))
-      ->group("Method");
+      ->check(numberIn(0.0, kMaxSpeed));
   app.add_flag("--pipelined",
                flags.pipelined,
                "tracking and mapping in two threads, as live use needs; default: one after the "
-               "other")
-      ->group("Method");
+               "other");
 }
 
 void addOutputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
+  app.option_defaults()->group("Output");
   app.add_option("--output", request.output, "folder; default out/<dataset name>")
-      ->type_name("DIR")
-      ->group("Output");
+      ->type_name("DIR");
   app.add_option("--record",
                  request.record,
                  "everything a viewer needs, one JSON object a line (docs/formats.md)")
-      ->type_name("FILE")
-      ->group("Output");
+      ->type_name("FILE");
   app.add_option("--save-map",
                  request.save_map,
                  "keyframes for --load-map and dsorb merge (docs/formats.md)")
-      ->type_name("FILE")
-      ->group("Output");
+      ->type_name("FILE");
   app.add_option("--merge-map",
                  request.merge_maps,
                  "no run: the maps named so become one, which --save-map names; at least two")
       ->type_name("FILE")
       ->expected(1)
       ->allow_extra_args(false)
-      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
-      ->group("Output");
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   app.add_flag("--serve-images",
                request.serve_images,
                "no run: for each position read from standard input the image there, as taken, is "
-               "written to standard output as PPM")
-      ->group("Output");
-  app.add_flag("--quiet", request.quiet, "print errors only")->group("Output");
+               "written to standard output as PPM");
+  app.add_flag("--quiet", request.quiet, "print errors only");
   app.add_option("--progress", flags.progress, "default auto: a bar where a terminal is")
-      ->check(CLI::IsMember(namesOf(kProgressModes)))
-      ->group("Output");
-  app.set_version_flag("--version", std::string("dso_dataset ") + DSORB_VERSION);
+      ->check(CLI::IsMember(namesOf(kProgressModes)));
 }
 
 /// The first argument that looks like an option but is not one.
@@ -572,6 +534,7 @@ CommandLine parseCommandLine(int argc, const char* const* argv) {
       "trajectory is also written to result.txt in the working directory.\n"
       "Exit codes: 0 tracked to the end, 1 runtime error, 2 wrong options, 3 never initialized or\n"
       "lost.");
+  app.set_version_flag("--version", std::string("dso_dataset ") + DSORB_VERSION);
   addInputFlags(app, flags, request);
   addSelectionFlags(app, request);
   addMethodFlags(app, flags, request);

@@ -52,58 +52,6 @@ void RunOutputs::setFoundCamera(const FoundCamera& camera) {
   run_->setFoundCamera(camera);
 }
 
-void RunOutputs::onInitStep(const InitStep& step, const Frame& frame, int segment) {
-  const Lock lock(mutex_);
-  last_answer_ = step.reason;
-  run_->onInitStep(step, frame, segment);
-  if (recording_) recording_->onInitStep(step, frame, segment);
-}
-
-void RunOutputs::onFrame(const FrameEstimate& estimate) {
-  const Lock lock(mutex_);
-  run_->onFrame(estimate);
-  if (recording_) recording_->onFrame(estimate);
-}
-
-void RunOutputs::onKeyframe(const KeyframeSnapshot& keyframe) {
-  const Lock lock(mutex_);
-  run_->onKeyframe(keyframe);
-  if (recording_) recording_->onKeyframe(keyframe);
-}
-
-void RunOutputs::onKeyframeRetired(const KeyframeSnapshot& keyframe) {
-  const Lock lock(mutex_);
-  run_->onKeyframeRetired(keyframe);
-  if (recording_) recording_->onKeyframeRetired(keyframe);
-}
-
-void RunOutputs::onStartRefused(const StartRefusal& refusal) {
-  const Lock lock(mutex_);
-  run_->onStartRefused(refusal);
-  if (recording_) recording_->onStartRefused(refusal);
-}
-
-void RunOutputs::onLost(FrameId frame, int segment) {
-  const Lock lock(mutex_);
-  run_->onLost(frame, segment);
-  if (recording_) recording_->onLost(frame, segment);
-}
-
-void RunOutputs::onSegmentsJoined(const SegmentsJoined& joined) {
-  const Lock lock(mutex_);
-  run_->onSegmentsJoined(joined);
-}
-
-void RunOutputs::onLoopsClosed(const LoopsClosed& closed) {
-  const Lock lock(mutex_);
-  run_->onLoopsClosed(closed);
-}
-
-void RunOutputs::onTracks(const std::vector<MapTrack>& tracks) {
-  const Lock lock(mutex_);
-  run_->onTracks(tracks);
-}
-
 void RunOutputs::frameDone(const FrameTiming& timing,
                            const FrameEstimate& estimate,
                            const std::string& image_file) {

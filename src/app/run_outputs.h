@@ -25,15 +25,34 @@ class RunOutputs : public OdometryObserver {
   /// The camera that earlier passes found; after open().
   void setFoundCamera(const FoundCamera& camera);
 
-  void onInitStep(const InitStep& step, const Frame& frame, int segment) override;
-  void onFrame(const FrameEstimate& estimate) override;
-  void onKeyframe(const KeyframeSnapshot& keyframe) override;
-  void onKeyframeRetired(const KeyframeSnapshot& keyframe) override;
-  void onStartRefused(const StartRefusal& refusal) override;
-  void onLost(FrameId frame, int segment) override;
-  void onSegmentsJoined(const SegmentsJoined& joined) override;
-  void onLoopsClosed(const LoopsClosed& closed) override;
-  void onTracks(const std::vector<MapTrack>& tracks) override;
+  void onInitStep(const InitStep& step, const Frame& frame, int segment) override {
+    last_answer_ = step.reason;
+    tell(&OdometryObserver::onInitStep, step, frame, segment);
+  }
+  void onFrame(const FrameEstimate& estimate) override {
+    tell(&OdometryObserver::onFrame, estimate);
+  }
+  void onKeyframe(const KeyframeSnapshot& keyframe) override {
+    tell(&OdometryObserver::onKeyframe, keyframe);
+  }
+  void onKeyframeRetired(const KeyframeSnapshot& keyframe) override {
+    tell(&OdometryObserver::onKeyframeRetired, keyframe);
+  }
+  void onStartRefused(const StartRefusal& refusal) override {
+    tell(&OdometryObserver::onStartRefused, refusal);
+  }
+  void onLost(FrameId frame, int segment) override {
+    tell(&OdometryObserver::onLost, frame, segment);
+  }
+  void onSegmentsJoined(const SegmentsJoined& joined) override {
+    tell(&OdometryObserver::onSegmentsJoined, joined);
+  }
+  void onLoopsClosed(const LoopsClosed& closed) override {
+    tell(&OdometryObserver::onLoopsClosed, closed);
+  }
+  void onTracks(const std::vector<MapTrack>& tracks) override {
+    tell(&OdometryObserver::onTracks, tracks);
+  }
 
   void frameDone(const FrameTiming& timing,
                  const FrameEstimate& estimate,
@@ -55,6 +74,12 @@ class RunOutputs : public OdometryObserver {
 
  private:
   using Lock = std::lock_guard<std::timed_mutex>;
+  template <typename Event, typename... What>
+  void tell(Event event, const What&... what) {
+    const Lock lock(mutex_);
+    ((*run_).*event)(what...);
+    if (recording_) ((*recording_).*event)(what...);
+  }
   void finishLocked(RunStatus status, const OdometryReport* report);
 
   std::string folder_;
