@@ -11,16 +11,12 @@
 namespace dsorb::app {
 namespace {
 
-constexpr int kFirstLook = 60;     // images with a pose; the next after twice as many
-constexpr double kEnough = 0.005;  // standard deviation of the focal length, relative
+constexpr int kFirstLook = 60;  // images with a pose; the next after twice as many
+/// Standard deviation of the focal length by which a pass ends, relative, for each image with a
+/// pose: what it is to tell is less exact the longer it takes.
+constexpr double kEnough = 0.005 / 120;
 /// Focal lengths of the passes, times the guess: the next one where a pass found nothing.
 constexpr std::array<double, 3> kFocals = {1, 1.6, 0.6};
-
-/// Whether a pass has seen enough after some images with a pose: what it is to tell is less exact
-/// the longer it takes, and few images that remain do not tell more.
-bool isEnough(const FoundCamera& found, int images, int remaining) {
-  return found.lens.focal_sigma < kEnough * images / kFirstLook || remaining < images / 2;
-}
 
 std::optional<FoundCamera> pass(SequenceReader& reader,
                                 const Lens& guess,
@@ -32,16 +28,14 @@ std::optional<FoundCamera> pass(SequenceReader& reader,
   odometry.addObserver(&finder);
   ProgressBar progress(reader.selected(), request.progress, request.quiet);
   int next_look = kFirstLook;
-  int remaining = reader.selected();
   while (const auto input = reader.next()) {
     if (interrupt.requested()) return std::nullopt;
     const FrameEstimate estimate = odometry.process(input->frame);
     progress.update(estimate, 0);
     if (estimate.state == OdometryState::kLost) odometry.restart();
-    --remaining;
     if (finder.frames() < next_look) continue;
     auto found = finder.find();
-    if (found && isEnough(*found, next_look, remaining)) return found;
+    if (found && found->lens.focal_sigma < kEnough * next_look) return found;
     next_look *= 2;
   }
   return finder.find();

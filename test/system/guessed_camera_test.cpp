@@ -166,7 +166,7 @@ void distort(const std::filesystem::path& images,
   }
 }
 
-TEST(GuessedCamera, ARadialDistortionIsFoundAndIsInTheCalibrationOfTheNextRun) {
+TEST(GuessedCamera, ARadialDistortionIsFound) {
   const TemporaryFolder folder;
   const double focal = Camera((renderedRoom() / "camera.txt").string()).fx;
   const PinholeCamera camera{focal, focal, 319.5, 239.5, 640, 480};
@@ -181,9 +181,8 @@ TEST(GuessedCamera, ARadialDistortionIsFoundAndIsInTheCalibrationOfTheNextRun) {
   const auto found = runOn(bent.string(), out, guess(truth, 640, -0.1))["found_camera"];
   EXPECT_NEAR(found["fx"].get<double>() / truth, 1, 0.02) << found.dump(2);
   EXPECT_NEAR(found["coefficients"][0].get<double>(), static_cast<double>(kDistortion), 0.03);
-  if (!found["known"]) return;
-  const std::string file = readText(out / "refined_camera.txt");
-  EXPECT_EQ(file.substr(0, 7), "RadTan ") << file;
+  EXPECT_FALSE(found["known"].get<bool>()) << found.dump(2);  // measured: 1.6 %
+  EXPECT_FALSE(std::filesystem::exists(out / "refined_camera.txt"));
 }
 
 struct RealCamera {
