@@ -9,6 +9,7 @@
 #include "place/binary_matches.h"
 #include "place/joining.h"
 #include "place/keyframe_store.h"
+#include "place/loops.h"
 #include "place/map_file.h"
 #include "place/recent_views.h"
 #include "place/recognition.h"
@@ -135,6 +136,27 @@ TEST(AlignmentTest, ItsErrorIsOfTheSizeOfItsCovariance) {
   EXPECT_LT(std::sqrt(found->covariance(6, 6)), 0.01);
 }
 
+/// Enters what a camera sees. @param told the pose that is believed
+void enterView(place::KeyframeStore& store,
+               place::BinaryIndex& index,
+               int segment,
+               const synthetic::Scene& room,
+               const SE3& pose,
+               const SE3& told) {
+  const PinholeCamera camera{200, 200, 159.5, 119.5, 320, 240};
+  const synthetic::View view = synthetic::render(room, camera, pose);
+  FrameInfo info;
+  info.id = FrameId{static_cast<int>(store.size())};
+  const FramePtr frame = Frame::create(ImageView(view.intensity.data(), 320, 240), info);
+  KeyframeSnapshot keyframe;
+  keyframe.id = info.id;
+  keyframe.segment = segment;
+  keyframe.camera = camera;
+  keyframe.T_world_cam = told;
+  store.add(keyframe, place::describeView(*frame), segment);
+  index.add(store[store.size() - 1].view.descriptors);
+}
+
 /// Keyframes of a rendered room by the truth. @param first frame of its path
 void enterRoom(place::KeyframeStore& store,
                place::BinaryIndex& index,
@@ -142,21 +164,10 @@ void enterRoom(place::KeyframeStore& store,
                const synthetic::Scene& room,
                double first,
                double unit) {
-  const PinholeCamera camera{200, 200, 159.5, 119.5, 320, 240};
   for (int k = 0; k < 6; ++k) {
     const SE3 pose = synthetic::roomPose(first + 5 * k, 1);
-    const synthetic::View view = synthetic::render(room, camera, pose);
-    FrameInfo info;
-    info.id = FrameId{100 * segment + k};
-    const FramePtr frame = Frame::create(ImageView(view.intensity.data(), 320, 240), info);
-    KeyframeSnapshot keyframe;
-    keyframe.id = info.id;
-    keyframe.segment = segment;
-    keyframe.camera = camera;
-    keyframe.T_world_cam = pose;
-    keyframe.T_world_cam.setTranslation(pose.translation() * unit);
-    store.add(keyframe, place::describeView(*frame), segment);
-    index.add(store[store.size() - 1].view.descriptors);
+    enterView(
+        store, index, segment, room, pose, {pose.unitQuaternion(), pose.translation() * unit});
   }
   store.triangulate(segment);
 }
@@ -200,6 +211,41 @@ TEST(JoiningTest, RoomsOfTheSameTexturesStayTwo) {
         return store[a].segment != store[b].segment;
       });
   for (const place::Link& link : links) EXPECT_GT(link.wrong_probability, 1e-4);
+}
+
+TEST(LoopsTest, DriftOfAWayRoundIsTakenBack) {
+  if (!place::canCloseLoops()) GTEST_SKIP() << "built without Ceres";
+  place::KeyframeStore store;
+  place::BinaryIndex index;
+  const synthetic::Scene room = synthetic::makeRoom(5);
+  SE3 before;
+  Similarity drifted;
+  std::vector<SE3> truth;
+  for (int k = 0; k < 60; ++k) {  // 45 once round
+    const SE3 pose = synthetic::roundPose(6 * k, 1);
+    const Similarity step{before.inverse() * pose, k > 0 ? 1.001 : 1};
+    drifted = drifted * step;
+    drifted.motion = drifted.motion * SE3(so3Exp({4e-4, 2e-4, 0}), Eigen::Vector3d::Zero());
+    before = pose;
+    truth.push_back(pose);
+    enterView(store, index, 0, room, pose, drifted.motion);
+  }
+  store.triangulate(0);
+  const auto links =
+      place::findLinks(store, index, {47, 50, 53, 56, 59}, [&](std::size_t a, std::size_t b) {
+        return a > b + 10 && !store.shareTracks(a, b);
+      });
+  ASSERT_GE(links.size(), 2U);
+  const auto gap = [&] {  // between two views of one place, 14 keyframes from the end
+    const SE3 told = store[1].T_world_cam.inverse() * store[46].T_world_cam;
+    return (told.inverse() * truth[1].inverse() * truth[46]).translation().norm();
+  };
+  const double drift = gap();
+  EXPECT_GT(drift, 0.02);
+  const std::vector<Similarity> moves = place::closeLoops(store, 0, links, 1);
+  ASSERT_EQ(moves.size(), store.size());
+  for (std::size_t k = 0; k < moves.size(); ++k) store.move(k, moves[k]);
+  EXPECT_LT(gap(), 0.3 * drift);
 }
 
 TEST(KeyframeStoreTest, TwoThousandKeyframesTakeSixtyMegabytes) {
