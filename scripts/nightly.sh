@@ -37,7 +37,7 @@ ros2() {
 }
 wheels() { scripts/wheels/build.sh x86_64 && scripts/wheels/try.sh; }
 portability() {
-  scripts/install_dependencies.sh clang-14 libc++-14-dev libc++abi-14-dev g++-mingw-w64-x86-64-posix && scripts/check_portability.sh
+  scripts/install_dependencies.sh clang-14 g++-mingw-w64-x86-64-posix && scripts/check_portability.sh
 }
 aarch64() { scripts/wheels/test_aarch64.sh && scripts/wheels/build.sh aarch64; }
 
