@@ -170,7 +170,7 @@ class Cameras(unittest.TestCase):
         with tempfile.NamedTemporaryFile(suffix='.txt') as file:
             file.write(b'Pinhole 5\xa05 50 31.5 23.5 0\n')
             file.flush()
-            with self.assertRaisesRegex(dsorb.IoError, r"\.txt:1: '5\\xa05' is not"):
+            with self.assertRaisesRegex(dsorb.IoError, r"\.txt:1: .*'5\\xa05', is not a finite number"):
                 dsorb.Calibration.read(file.name)
 
     def test_impossible_lenses_are_refused(self):
