@@ -59,11 +59,21 @@ IoError writeError(const fs::path& path) {
 GrowingFile::GrowingFile(fs::path path) : path_(std::move(path)), file_(openForWriting(path_)) {}
 
 void GrowingFile::append(std::string_view text, std::string_view end) {
-  if (end_size_ > 0 && std::fseek(file_.get(), -end_size_, SEEK_END) != 0) throw writeError(path_);
-  writeAll(file_.get(), text, path_);
-  writeAll(file_.get(), end, path_);
-  if (std::fflush(file_.get()) != 0) throw writeError(path_);
-  end_size_ = static_cast<long>(end.size());
+  const std::uintmax_t begin = size_ - end_.size();
+  try {
+    write(begin, std::string(text).append(end));
+  } catch (const IoError&) {
+    file_.reset(std::fopen(path_.string().c_str(), "r+b"));  // what waits to be written goes
+    try {
+      if (file_) write(begin, end_);  // it has its place on the disk
+      cut(size_);
+    } catch (const IoError&) {
+      // The first error says more.
+    }
+    throw;
+  }
+  size_ = begin + text.size() + end.size();
+  end_ = end;
 }
 
 void GrowingFile::write(std::uintmax_t position, std::string_view text) {

@@ -32,7 +32,8 @@ class GrowingFile {
   /// Starts with an empty file. @throws IoError where it cannot be created
   explicit GrowingFile(std::filesystem::path path);
   /// @param end of the file for now: the next record takes its place
-  /// @throws IoError where not all could be written, for example on a full disk
+  /// @throws IoError where not all could be written, for example on a full disk; the file is then
+  ///         as before
   void append(std::string_view text, std::string_view end = {});
   /// Overwrites what stands at a position. @throws IoError
   void write(std::uintmax_t position, std::string_view text);
@@ -44,7 +45,8 @@ class GrowingFile {
  private:
   std::filesystem::path path_;
   FileHandle file_;
-  long end_size_ = 0;
+  std::uintmax_t size_ = 0;  ///< of what was appended
+  std::string end_;          ///< of it, which the next record replaces
 };
 
 /// A file without a name: it ends with the program, however that ends.
