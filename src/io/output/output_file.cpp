@@ -63,9 +63,8 @@ void GrowingFile::append(std::string_view text, std::string_view end) {
   try {
     write(begin, std::string(text).append(end));
   } catch (const IoError&) {
-    file_.reset(std::fopen(path_.string().c_str(), "r+b"));  // what waits to be written goes
     try {
-      if (file_) write(begin, end_);  // it has its place on the disk
+      write(begin, end_);  // it has its place on the disk
       cut(size_);
     } catch (const IoError&) {
       // The first error says more.
@@ -77,9 +76,14 @@ void GrowingFile::append(std::string_view text, std::string_view end) {
 }
 
 void GrowingFile::write(std::uintmax_t position, std::string_view text) {
-  if (std::fseek(file_.get(), static_cast<long>(position), SEEK_SET) != 0) throw writeError(path_);
-  writeAll(file_.get(), text, path_);
-  if (std::fflush(file_.get()) != 0) throw writeError(path_);
+  if (file_ && std::fseek(file_.get(), static_cast<long>(position), SEEK_SET) == 0 &&
+      std::fwrite(text.data(), 1, text.size(), file_.get()) == text.size() &&
+      std::fflush(file_.get()) == 0) {
+    return;
+  }
+  const IoError error = writeError(path_);
+  file_.reset(std::fopen(path_.string().c_str(), "r+b"));  // what waits to be written goes
+  throw error;
 }
 
 std::string GrowingFile::read(std::uintmax_t position, std::size_t bytes) const {

@@ -297,8 +297,13 @@ void PointsPly::update() {
   const std::size_t begin = header(0).size();
   std::string body = retired_;
   for (const auto& [id, keyframe] : active_) body += vertices(keyframe);
+  try {
+    file_.write(begin + final_bytes_, body);
+  } catch (const IoError&) {
+    file_.cut(begin + bytes_);  // as many points as the header counts, older or newer ones
+    throw;
+  }
   bytes_ = final_bytes_ + body.size();
-  file_.write(begin + final_bytes_, body);
   file_.write(0, header(bytes_ / kVertexBytes));
   file_.cut(begin + bytes_);
   final_bytes_ += retired_.size();
