@@ -162,7 +162,7 @@ class Run(unittest.TestCase):
         self.assertEqual(json.loads((output / 'run.json').read_text())['status'], 'interrupted')
 
     def test_damaged_folders_are_named(self):
-        for name, size in itertools.product(('run.json', 'frames.csv', 'trajectory.txt', 'points.ply', 'keyframes.txt'), (0, 90, 700)):
+        for name, size in itertools.product(('run.json', 'frames.csv', 'trajectory.txt', 'points.ply', 'keyframes.txt'), (0, 90, 930)):
             output = temporary_folder() / 'out'
             shutil.copytree(room_run(), output)
             os.truncate(output / name, size)
