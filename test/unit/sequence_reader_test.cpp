@@ -327,6 +327,11 @@ TEST_F(SequenceReaderTest, EurocWithAndWithoutItsCalibration) {
     EXPECT_EQ(frames[1].frame->timestamp(), 1403715285.312143104);
     EXPECT_EQ(levelOf(frames[1]), 20);
   }
+  std::string response;
+  for (int i = 0; i < 256; ++i) response += std::to_string(i) + " ";
+  writeText(camera / "pcalib.txt", response);
+  writeImage(camera / "vignette.png", cv::Mat(48, 64, CV_8U, cv::Scalar(200)));
+  EXPECT_EQ(SequenceReader(optionsFor(root())).brightness(), BrightnessModel::kCalibrated);
 }
 
 TEST_F(SequenceReaderTest, TumRgbd) {
