@@ -145,6 +145,21 @@ TEST(RunWriter, FiguresOfLargeImagesAreSmaller) {
   EXPECT_EQ(figure.at<cv::Vec3b>(10, 750), cv::Vec3b());
 }
 
+TEST(RunWriter, ManyPointsDoNotWaitInMemory) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  playOneSegment(run);
+  for (int i = 5; i < 45; ++i) run.trackedKeyframe(i, translated(0.1 * i));
+  KeyframeSnapshot keyframe;
+  keyframe.id = {100};
+  keyframe.camera = kCamera;
+  keyframe.points.assign(20000, {{30, 30}, 1, 0.02F, 300});
+  run.writer.onKeyframeRetired(keyframe);
+  const auto before = fs::file_size(folder.path() / "points.ply");
+  run.tracked(45);
+  EXPECT_EQ(fs::file_size(folder.path() / "points.ply"), before + keyframe.points.size() * 27);
+}
+
 TEST(RunWriter, ReversedRunIsSortedByTimeAtTheEnd) {
   const TemporaryFolder folder;
   FakeRun run(folder.path());

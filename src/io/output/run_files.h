@@ -78,12 +78,16 @@ class PointsPly {
   void setKeyframe(const KeyframeSnapshot& keyframe) { active_[keyframe.id] = keyframe; }
   void retireKeyframe(const KeyframeSnapshot& keyframe);
 
+  /// Whether as many points wait for update() as should be kept in memory.
+  [[nodiscard]] bool isFull() const { return retired_.size() > kMostWaiting; }
   /// Brings the file up to date.
   void update();
   /// The same for the last time: points are where joins and loops put them.
   void finish(const MapChanges& changes);
 
  private:
+  static constexpr std::size_t kMostWaiting = 1 << 18;  // [bytes]
+
   std::map<FrameId, KeyframeSnapshot> active_;
   GrowingFile file_;
   std::string retired_;             // since the last update

@@ -211,8 +211,8 @@ std::string firstSummary(const RunInfo& info) {
   return io::jsonText(io::runJson(info, {}, io::RunRecord({}), {}));
 }
 
-/// Keyframes from which on the files that are replaced as a whole are worth it again: each a tenth
-/// after the one before, so that writing stays linear in the length of the run.
+/// Keyframes from which on run.json and points.ply are brought up to date again: each a tenth after
+/// the one before.
 std::size_t nextWriting(std::size_t keyframes) {
   return keyframes + std::max<std::size_t>(1, keyframes / 10);
 }
@@ -242,7 +242,7 @@ class RunWriter::Impl {
     initializations.update(record, timing.work_milliseconds);
     writeInitialFigures();
     const std::size_t count = record.keyframes().size();
-    if (!keyframes_changed || count < next_writing) return;
+    if (!keyframes_changed || (count < next_writing && !points.isFull())) return;
     points.update();
     next_writing = nextWriting(count);
     writeRunJson(RunStatus::kError, nullptr);
