@@ -500,6 +500,24 @@ void takeFlags(const Flags& flags, CommandLine& request) {
   }
 }
 
+/// What is done with places: live runs look for none unless a map is asked for.
+void choosePlaces(const Flags& flags, CommandLine& request) {
+  const std::string& path = request.sequence.path;
+  const bool is_camera =
+      request.sequence.format == SequenceFormat::kCamera || isCameraAddress(path);
+  if (is_camera && request.speed > 0) {
+    throw ConfigError("--speed plays recordings; a camera has a time of its own");
+  }
+  const bool is_live = is_camera || request.speed > 0;
+  const bool uses_map = !request.load_map.empty() || !request.save_map.empty();
+  request.places = !flags.places.empty()  ? kPlacesModes.at(flags.places)
+                   : is_live && !uses_map ? PlacesMode::kOff
+                                          : PlacesMode::kJoin;
+  if (uses_map && request.places == PlacesMode::kOff) {
+    throw ConfigError("--load-map and --save-map need --places join or loops");
+  }
+}
+
 std::string datasetName(const std::string& path) {
   const std::filesystem::path absolute = std::filesystem::absolute(path).lexically_normal();
   const auto last = absolute.has_filename() ? absolute : absolute.parent_path();
@@ -569,20 +587,7 @@ CommandLine parseCommandLine(int argc, const char* const* argv) {
     if (request.print_config) return request;
     throw ConfigError("no data set given; --help shows the options");
   }
-  const std::string& path = request.sequence.path;
-  const bool is_camera =
-      request.sequence.format == SequenceFormat::kCamera || isCameraAddress(path);
-  if (is_camera && request.speed > 0) {
-    throw ConfigError("--speed plays recordings; a camera has a time of its own");
-  }
-  const bool is_live = is_camera || request.speed > 0;
-  const bool uses_map = !request.load_map.empty() || !request.save_map.empty();
-  request.places = !flags.places.empty()  ? kPlacesModes.at(flags.places)
-                   : is_live && !uses_map ? PlacesMode::kOff
-                                          : PlacesMode::kJoin;
-  if (uses_map && request.places == PlacesMode::kOff) {
-    throw ConfigError("--load-map and --save-map need --places join or loops");
-  }
+  choosePlaces(flags, request);
   if (request.output.empty()) request.output = "out/" + datasetName(request.sequence.path);
   return request;
 }
