@@ -51,15 +51,16 @@ std::vector<Eigen::Vector2f> placesOf(const Features& features) {
   return places;
 }
 
-/// A feature that is near a point, and its distance along the axis.
+/// Features of a view that are near a point, and where they are in the world.
 struct Located {
   Features features;
-  std::vector<float> inverse_depths;
+  std::vector<Eigen::Vector3d> points;
 };
 
 Located locate(const Features& features,
                const std::vector<DepthSample>& depths,
-               const PinholeCamera& camera) {
+               const KeyframeSnapshot& keyframe) {
+  const PinholeCamera& camera = keyframe.camera;
   const auto radius = kMaxToDepth * static_cast<float>(imageScale(camera.width, camera.height));
   std::vector<Eigen::Vector2f> pixels;
   for (const DepthSample& sample : depths) pixels.push_back(sample.pixel);
@@ -71,7 +72,9 @@ Located locate(const Features& features,
     if (sample.count == 0) continue;
     located.features.points.push_back(features.points[i]);
     located.features.descriptors.push_back(features.descriptors.row(static_cast<int>(i)));
-    located.inverse_depths.push_back(depths[sample.nearest[0].point].inverse_depth);
+    const float inverse_depth = depths[sample.nearest[0].point].inverse_depth;
+    located.points.push_back(keyframe.T_world_cam * (camera.unproject({pixel.x, pixel.y}) /
+                                                     static_cast<double>(inverse_depth)));
   }
   return located;
 }
@@ -107,25 +110,18 @@ void keepNear(const std::vector<Eigen::Vector3d>& points,
 
 /// @param guess of the frame; else its corners are looked for everywhere
 void addPairs(const Located& view,
-              const KeyframeSnapshot& keyframe,
               const Features& frame,
+              const std::vector<Eigen::Vector2f>& corners,
               const std::optional<FramePose>& guess,
               Pairs& pairs) {
-  if (view.inverse_depths.empty()) return;
-  const std::vector<Eigen::Vector2f> corners = placesOf(frame);
-  std::vector<Eigen::Vector3d> points;
-  for (std::size_t i = 0; i < view.inverse_depths.size(); ++i) {
-    const cv::Point2f& pixel = view.features.points[i].pt;
-    const Eigen::Vector3d ray = keyframe.camera.unproject({pixel.x, pixel.y});
-    points.push_back(keyframe.T_world_cam * (ray / static_cast<double>(view.inverse_depths[i])));
-  }
+  if (view.points.empty()) return;
   Distances distances = scaleDistances(view.features, frame);
-  if (guess) keepNear(points, corners, *guess, distances);
+  if (guess) keepNear(view.points, corners, *guess, distances);
   const std::vector<int> partner =
       partnersOf(distances, corners, kMaxRatio, std::numeric_limits<float>::max());
   for (std::size_t i = 0; i < partner.size(); ++i) {
     if (partner[i] < 0) continue;
-    pairs.points.push_back(points[i]);
+    pairs.points.push_back(view.points[i]);
     pairs.pixels.push_back(corners[static_cast<std::size_t>(partner[i])].cast<double>());
   }
 }
@@ -226,22 +222,25 @@ std::optional<RecognizedPlace> RecentViews::find(const Frame& frame, const Pinho
   });
   if (newest == views_.rend()) return std::nullopt;
   const int segment = newest->keyframe->segment;
+  std::vector<Located> views(views_.size());
+  const auto for_each_view = [this](const auto& call) {
+    forEachRange(views_.size(), 1, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) call(i);
+    });
+  };
+  for_each_view([&](std::size_t i) {
+    const std::optional<KeyframeSnapshot>& told = views_[i].keyframe;
+    if (told && told->segment == segment) {
+      views[i] = locate(views_[i].features, depthsOf(i), *told);
+    }
+  });
+  const std::vector<Eigen::Vector2f> corners = placesOf(features);
   std::optional<RecognizedPlace> place;
   for (int round = 0; round <= kRounds; ++round) {
     std::optional<FramePose> guess;
     if (place) guess = FramePose{camera, place->T_world_cam.inverse()};
     std::vector<Pairs> found(views_.size());
-    forEachRange(views_.size(), 1, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t i = begin; i < end; ++i) {
-        const std::optional<KeyframeSnapshot>& told = views_[i].keyframe;
-        if (!told || told->segment != segment) continue;
-        addPairs(locate(views_[i].features, depthsOf(i), told->camera),
-                 *told,
-                 features,
-                 guess,
-                 found[i]);
-      }
-    });
+    for_each_view([&](std::size_t i) { addPairs(views[i], features, corners, guess, found[i]); });
     const auto most = std::max_element(found.begin(), found.end(), hasFewer) - found.begin();
     const RecentView& host = views_[static_cast<std::size_t>(most)];
     if (!host.keyframe) return std::nullopt;
