@@ -232,13 +232,17 @@ std::vector<int> matchFeatures(const Features& from, const Features& to) {
   return partnersOf(hammingDistances(from, to), {}, kMaxRatio, kMaxDistance);
 }
 
+std::vector<Eigen::Vector2f> positionsOf(const Features& features) {
+  std::vector<Eigen::Vector2f> positions;
+  for (const cv::KeyPoint& point : features.points) positions.emplace_back(point.pt.x, point.pt.y);
+  return positions;
+}
+
 DescribedFrame describeFrame(FramePtr frame, float gain) {
   DescribedFrame described;
   const GreyImage image = greyImage(frame->level(0), gain, kInvalidMargin);
   described.features = findFeatures(image);
-  for (const cv::KeyPoint& point : described.features.points) {
-    described.positions.emplace_back(point.pt.x, point.pt.y);
-  }
+  described.positions = positionsOf(described.features);
   described.valid = image.valid;
   described.frame = std::move(frame);
   described.gain = gain;

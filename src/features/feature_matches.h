@@ -22,8 +22,11 @@ constexpr double kMinTexture = 0.1;
 /// Features of one image, the strongest first.
 struct Features {
   std::vector<cv::KeyPoint> points;
-  cv::Mat descriptors;  ///< a row each: 32 bytes
+  cv::Mat descriptors;  ///< a row each: 32 bytes of ORB, 128 floats of SIFT
 };
+
+/// Where the features are [px].
+[[nodiscard]] std::vector<Eigen::Vector2f> positionsOf(const Features& features);
 
 /// Whether a feature was found; positions of those that were not are NaN.
 inline bool isSeen(const Eigen::Vector2f& position) {

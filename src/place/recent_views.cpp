@@ -45,12 +45,6 @@ GreyImage imageOf(const Frame& frame) {
   return greyImage(frame.level(kLevel), 1, kMargin);
 }
 
-std::vector<Eigen::Vector2f> placesOf(const Features& features) {
-  std::vector<Eigen::Vector2f> places;
-  for (const cv::KeyPoint& point : features.points) places.emplace_back(point.pt.x, point.pt.y);
-  return places;
-}
-
 /// Features of a view that are near a point, and where they are in the world.
 struct Located {
   Features features;
@@ -63,6 +57,7 @@ Located locate(const Features& features,
   const PinholeCamera& camera = keyframe.camera;
   const auto radius = kMaxToDepth * static_cast<float>(imageScale(camera.width, camera.height));
   std::vector<Eigen::Vector2f> pixels;
+  pixels.reserve(depths.size());
   for (const DepthSample& sample : depths) pixels.push_back(sample.pixel);
   const PointGrid grid(std::move(pixels), CellGrid(camera.width, camera.height, radius));
   Located located;
@@ -122,7 +117,7 @@ void addPairs(const Located& view,
   for (std::size_t i = 0; i < partner.size(); ++i) {
     if (partner[i] < 0) continue;
     pairs.points.push_back(view.points[i]);
-    pairs.pixels.push_back(corners[static_cast<std::size_t>(partner[i])].cast<double>());
+    pairs.pixels.emplace_back(corners[static_cast<std::size_t>(partner[i])].cast<double>());
   }
 }
 
@@ -234,7 +229,7 @@ std::optional<RecognizedPlace> RecentViews::find(const Frame& frame, const Pinho
       views[i] = locate(views_[i].features, depthsOf(i), *told);
     }
   });
-  const std::vector<Eigen::Vector2f> corners = placesOf(features);
+  const std::vector<Eigen::Vector2f> corners = positionsOf(features);
   std::optional<RecognizedPlace> place;
   for (int round = 0; round <= kRounds; ++round) {
     std::optional<FramePose> guess;
