@@ -20,6 +20,7 @@ namespace {
 constexpr std::size_t kViews = 16;    // that are remembered
 constexpr std::size_t kShared = 3;    // views before and after, whose points a view shows, too
 constexpr int kPatience = 4;          // frames that are looked for in vain
+constexpr std::size_t kBlind = 4;     // times fewer corners than the newest view: covered, blurred
 constexpr int kCorners = 1000;        // of a view
 constexpr int kLevel = 1;             // of the pyramid, on which they are found
 constexpr int kMargin = 8;            // of invalid pixels [px]
@@ -209,9 +210,10 @@ void RecentViews::describe() {
 
 std::optional<RecognizedPlace> RecentViews::find(const Frame& frame, const PinholeCamera& camera) {
   if (asked_ >= kPatience || views_.empty()) return std::nullopt;
-  ++asked_;
   describe();
   const Features features = place::describe(imageOf(frame));
+  if (kBlind * features.points.size() < views_.back().features.points.size()) return std::nullopt;
+  ++asked_;
   const auto newest = std::find_if(views_.rbegin(), views_.rend(), [](const RecentView& view) {
     return view.keyframe.has_value();
   });

@@ -26,7 +26,8 @@ class RecentViews {
 
   /// Where a frame was taken: the pose that most of the corners agree with, which it has in common
   /// with any of the keyframes. Some frames after the newest keyframe it is not looked for any
-  /// more, unless the one before was found. Runs in parallel inside the caller's arena.
+  /// more, unless the one before was found; frames that show hardly anything do not count. Runs in
+  /// parallel inside the caller's arena.
   /// @param camera of the frame
   [[nodiscard]] std::optional<RecognizedPlace> find(const Frame& frame,
                                                     const PinholeCamera& camera);

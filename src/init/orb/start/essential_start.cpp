@@ -310,13 +310,15 @@ JudgedStart decided(Reconstruction made, const GateReport& gate) {
   return {std::move(made), gate};
 }
 
+/// @param live_tracks that a corner could have been made of
 /// @param doubtful see refineStart()
 JudgedStart refineAndJudge(const PlaneComparison& compared,
                            const ReferenceView& view,
+                           int live_tracks,
                            bool doubtful,
                            const AttemptContext& context) {
   Reconstruction start{compared.best.map, {}};
-  start.live_tracks = view.tracks.size();
+  start.live_tracks = live_tracks;
   InitReport& report = start.report;
   report.model = name(compared.model);
   report.pose_prior = compared.best.motions_used;
@@ -370,7 +372,7 @@ JudgedStart startFromKnownDepth(const ReferenceView& view,
   JudgedStart start{InitReason::kPoorQuality, {}};
   if (candidate) {
     const PlaneComparison known{std::move(*candidate), DisplacementModel::kEssential, {}};
-    start = refineAndJudge(known, view, false, context);
+    start = refineAndJudge(known, view, report.corners, false, context);
   }
   if (start.made && !fitsLikeTheBest(*start.made->map.frames.back().T_cam_ref, matches, context)) {
     report.contradicted = true;
@@ -401,11 +403,13 @@ JudgedStart startFromMotion(const ReferenceView& view,
   const bool doubtful =
       isYoung(view, std::numeric_limits<double>::infinity()) ||
       refusedUnless(1, view.last, rotation.median_residual, context.options.orb.gate);
-  JudgedStart start = refineAndJudge(compared, view, doubtful, context);
+  JudgedStart start = refineAndJudge(compared, view, view.tracks.size(), doubtful, context);
   if (!start.made) return start;
   if (context.options.skip.has(Mechanism::kPlane)) return start;
   clock.time("planes", [&] { comparePlane(selected, view, matches, context, compared); });
-  if (compared.replaced) return refineAndJudge(compared, view, false, context);
+  if (compared.replaced) {
+    return refineAndJudge(compared, view, view.tracks.size(), false, context);
+  }
   if (compared.second_cost) return judgeWithPlane(std::move(start), compared, context);
   return start;
 }
