@@ -3,6 +3,7 @@
 
 #include "dsorb/error.h"
 #include "dsorb/io/calibration_reader.h"
+#include "dsorb/place/place.h"
 #include "dsorb/published/registration.h"
 
 #include "io/input/gyroscope.h"
@@ -399,9 +400,9 @@ void addMethodFlags(CLI::App& app, Flags& flags, CommandLine& request) {
       ->check(CLI::IsMember({"stop", "restart"}));
   app.add_option("--places",
                  flags.places,
-                 "what is done where a place is seen again: off; join: segments that show one "
-                 "place become one (default; of cameras and with --speed off); loops: also closed "
-                 "where they are open by more than their uncertainty")
+                 "what is done where a place is seen again: off (default of cameras and with "
+                 "--speed); join: segments that show one place become one; loops (default): also "
+                 "closed where they are open by more than their uncertainty, which needs Ceres")
       ->check(CLI::IsMember(namesOf(kPlacesModes)));
   app.add_option(
          "--load-map",
@@ -512,7 +513,10 @@ void choosePlaces(const Flags& flags, CommandLine& request) {
   const bool uses_map = !request.load_map.empty() || !request.save_map.empty();
   request.places = !flags.places.empty()  ? kPlacesModes.at(flags.places)
                    : is_live && !uses_map ? PlacesMode::kOff
-                                          : PlacesMode::kJoin;
+                                          : PlacesMode::kLoops;
+  if (flags.places == "loops" && !canCloseLoops()) {
+    throw ConfigError("--places loops needs a build with Ceres; join does without");
+  }
   if (uses_map && request.places == PlacesMode::kOff) {
     throw ConfigError("--load-map and --save-map need --places join or loops");
   }

@@ -22,7 +22,7 @@ struct CommandLine {
   Skips skip;          ///< mechanisms that are left out, for measurements
   double speed = 0;    ///< of the playback over real time; 0 plays every frame as fast as possible
   bool restart_when_lost = true;
-  PlacesMode places = PlacesMode::kJoin;
+  PlacesMode places = PlacesMode::kLoops;
   std::string load_map;                 ///< file; empty: none
   std::string save_map;                 ///< file; empty: none
   std::vector<std::string> merge_maps;  ///< files that become save_map, instead of a run

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "place/loops.h"
 
+#include "dsorb/place/place.h"
+
 #include "base/median.h"
 #ifdef DSORB_WITH_POSE_GRAPH
 #include "place/pose_graph.h"
@@ -70,10 +72,6 @@ double openness(const GraphEdge& loop, const Similarity& S_i_j) {
 
 }  // namespace
 
-bool canCloseLoops() {
-  return true;
-}
-
 std::vector<Similarity> closeLoops(const KeyframeStore& store,
                                    int segment,
                                    const std::vector<Link>& links,
@@ -111,10 +109,6 @@ std::vector<Similarity> closeLoops(const KeyframeStore& store,
 
 #else
 
-bool canCloseLoops() {
-  return false;
-}
-
 std::vector<Similarity> closeLoops(const KeyframeStore& /*store*/,
                                    int /*segment*/,
                                    const std::vector<Link>& /*links*/,
@@ -125,3 +119,11 @@ std::vector<Similarity> closeLoops(const KeyframeStore& /*store*/,
 #endif
 
 }  // namespace dsorb::place
+
+bool dsorb::canCloseLoops() {
+#ifdef DSORB_WITH_POSE_GRAPH
+  return true;
+#else
+  return false;
+#endif
+}

@@ -8,9 +8,6 @@
 
 namespace dsorb::place {
 
-/// Whether dsorb was built with what closes loops.
-[[nodiscard]] bool canCloseLoops();
-
 /// Where keyframes of a segment are when its loops are closed: S_new_old of each, in the order of
 /// KeyframeStore::inSegment(). Empty: no loop is open by more than its uncertainty, or a build
 /// without Ceres.

@@ -153,7 +153,7 @@ class Place::Impl {
   void finish() {
     for (int s = first_stretch; s <= stretch; ++s) store.triangulate(s);
     if (segments.size() > 1) join();
-    if (options.loops && place::canCloseLoops()) closeLoops();
+    if (options.loops && canCloseLoops()) closeLoops();
     if (observers.empty() || positions.empty()) return;
     const std::vector<MapTrack> tracks = store.tracks(first_stretch);
     for (OdometryObserver* observer : observers) observer->onTracks(tracks);

@@ -75,6 +75,19 @@ TEST(KnownDepth, StartsFromTwoFramesInMetres) {
   EXPECT_LT(std::abs(start.scale), .005);
 }
 
+TEST(KnownDepth, OfAPartOfTheImageIsEnough) {
+  DepthSequence sequence = room();
+  const auto width = static_cast<std::size_t>(sequence.camera.width);
+  for (std::vector<float>& depth : sequence.depth) {
+    for (std::size_t i = 0; i < depth.size(); ++i) {
+      if (i % width / 16 % 5 > 1) depth[i] = 0;
+    }
+  }
+  const InitRun run = feed(sequence, {"right"});
+  ASSERT_TRUE(run.result) << run.log();
+  EXPECT_EQ(judged(run, sequence).used, 1) << run.log();
+}
+
 TEST(KnownDepth, TheUnitIsLeftOutWhereDepthsAreNotMetric) {
   const DepthSequence sequence = room();
   const auto initializer = makeInitializer({}, sequence.camera);

@@ -214,7 +214,7 @@ TEST(JoiningTest, RoomsOfTheSameTexturesStayTwo) {
 }
 
 TEST(LoopsTest, DriftOfAWayRoundIsTakenBack) {
-  if (!place::canCloseLoops()) GTEST_SKIP() << "built without Ceres";
+  if (!canCloseLoops()) GTEST_SKIP() << "built without Ceres";
   place::KeyframeStore store;
   place::BinaryIndex index;
   const synthetic::Scene room = synthetic::makeRoom(5);

@@ -12,11 +12,14 @@ namespace dsorb {
 
 /// What Place does.
 struct PlaceOptions {
-  bool loops = false;   ///< finish() closes loops; needs a build with Ceres
+  bool loops = true;    ///< finish() closes loops; a build without Ceres closes none
   int num_threads = 1;  ///< 0: all the machine has
   /// Largest probability of a wrong join that is accepted [-].
   double max_wrong_probability = 1e-4;
 };
+
+/// Whether this build closes loops: it has Ceres.
+[[nodiscard]] bool canCloseLoops();
 
 /// Sizes and counts of a Place.
 struct PlaceReport {
