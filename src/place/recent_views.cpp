@@ -24,7 +24,13 @@ constexpr std::size_t kBlind = 4;     // times fewer corners than the newest vie
 constexpr int kCorners = 1000;        // of a view
 constexpr int kLevel = 1;             // of the pyramid, on which they are found
 constexpr int kMargin = 8;            // of invalid pixels [px]
-constexpr int kMinSeen = 20;          // corners of the frame that agree with its pose
+constexpr std::size_t kMinSeen = 20;  // corners of the frame that agree with its pose
+/// Cells of 48 that these corners lie in at the end. A repeated wallpaper was taken for another
+/// stretch of itself with 5, two poses that were wrong by degrees had 13 and 14, right ones 19
+/// to 32.
+constexpr std::size_t kMinCells = 16;
+constexpr int kColumns = 8;
+constexpr int kRows = 6;
 constexpr double kNear = 12;          // of a corner to where a pose shows its point, the same [px]
 constexpr float kSameCorner = 0.7F;   // distance of the descriptors of one corner at most [-]
 constexpr int kRounds = 2;            // of corners that a pose leads to, after the first
@@ -122,10 +128,13 @@ void addPairs(const Located& view,
   }
 }
 
-/// The pose that most agree with. @param T_world_host of a camera that has the points before it
+/// The pose that most agree with.
+/// @param T_world_host of a camera that has the points before it
+/// @param min_cells    that corners which agree lie in
 std::optional<RecognizedPlace> placeOfMost(const Pairs& pairs,
                                            const PinholeCamera& camera,
-                                           const SE3& T_world_host) {
+                                           const SE3& T_world_host,
+                                           std::size_t min_cells) {
   const SE3 T_host_world = T_world_host.inverse();
   std::vector<PointObservation> matches;
   for (std::size_t i = 0; i < pairs.points.size(); ++i) {
@@ -139,13 +148,17 @@ std::optional<RecognizedPlace> placeOfMost(const Pairs& pairs,
   place.T_cam_keyframe = pose->T_cam_host;
   place.covariance = pose->covariance;
   std::set<std::pair<double, double>> seen;
+  std::set<std::size_t> covered;
+  const CellGrid cells(camera.width, camera.height, kColumns, kRows);
   for (std::size_t i = 0; i < matches.size(); ++i) {
     const PointObservation& match = matches[i];
     if (pose->inlier[i] == 0 || !seen.emplace(match.pixel.x(), match.pixel.y()).second) continue;
+    covered.insert(cells.at(match.pixel.x(), match.pixel.y()));
     const double z = (pose->T_cam_host * (match.host_ray / match.inverse_depth)).z();
     addDepth(match.pixel.cast<float>(), z, kDepthSigma * z, place);
   }
-  return static_cast<int>(seen.size()) < kMinSeen ? std::nullopt : std::optional(std::move(place));
+  if (seen.size() < kMinSeen || covered.size() < min_cells) return std::nullopt;
+  return place;
 }
 
 bool hasFewer(const Pairs& a, const Pairs& b) {
@@ -241,7 +254,8 @@ std::optional<RecognizedPlace> RecentViews::find(const Frame& frame, const Pinho
     const auto most = std::max_element(found.begin(), found.end(), hasFewer) - found.begin();
     const RecentView& host = views_[static_cast<std::size_t>(most)];
     if (!host.keyframe) return std::nullopt;
-    place = placeOfMost(allOf(found), camera, host.keyframe->T_world_cam);
+    place = placeOfMost(
+        allOf(found), camera, host.keyframe->T_world_cam, round == kRounds ? kMinCells : 0);
     if (!place) return std::nullopt;
     place->keyframe = host.id;
   }
