@@ -9,7 +9,7 @@
 #   memory   that it does not grow with the length of a run
 #   wheels   scripts/wheels/build.sh, tried in empty roots (on Debian 12, as root)
 #   portability  what macOS and Windows would say of the code, as far as Debian's compilers can tell
-#   aarch64  unit and contract tests under qemu, then its wheels (after wheels; not by default: of the tests only test_core was tried)
+#   aarch64  unit and contract tests under qemu, then its wheels (after wheels; not by default, because it takes hours)
 set -uo pipefail
 cd "$(dirname "$0")/.."
 export DSORB_BUILD_DIR=${DSORB_BUILD_DIR:-$PWD/build}
