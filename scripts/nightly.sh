@@ -7,14 +7,13 @@
 #   fuzz     each parser, 10 minutes (needs the fuzzers of .ci/run)
 #   contract those of all initializers under the sanitizers of clang (needs that build of .ci/run)
 #   memory   that it does not grow with the length of a run
-#   ros2     the callbacks of scripts/ros2 on bags (needs a Python with rosbags and the package in build/python)
 #   wheels   scripts/wheels/build.sh, tried in empty roots (on Debian 12, as root)
 #   portability  what macOS and Windows would say of the code, as far as Debian's compilers can tell
-#   aarch64  unit and contract tests under qemu, then its wheels (after wheels; not by default: of the tests only test_core was tried)
+#   aarch64  unit and contract tests under qemu, then its wheels (after wheels; not by default, because it takes hours)
 set -uo pipefail
 cd "$(dirname "$0")/.."
 export DSORB_BUILD_DIR=${DSORB_BUILD_DIR:-$PWD/build}
-[ $# -gt 0 ] || set -- attack soak lost fuzz contract memory ros2 wheels portability
+[ $# -gt 0 ] || set -- attack soak lost fuzz contract memory wheels portability
 
 attack() {
   local python=${DSORB_PYTHON:-python3} script failed=0
@@ -28,18 +27,13 @@ lost() { scripts/lost_clips.py "$(mktemp -d)" --bin "$DSORB_BUILD_DIR/bin"; }
 fuzz() { DSORB_BUILD_DIR=$PWD/build-clang scripts/fuzz.sh 600s; }
 contract() { ctest --test-dir build-clang --output-on-failure --parallel "$(nproc)" -L contract --repeat until-pass:3; }
 memory() { python3 scripts/check_memory.py; }
-ros2() {
-  local python=${DSORB_PYTHON:-python3}
-  cmake -S . -B "$DSORB_BUILD_DIR" -DDSORB_BUILD_ROS_STUB=ON -DPython_EXECUTABLE="$(command -v "$python")" >/dev/null &&
-    cmake --build "$DSORB_BUILD_DIR" --target dsorb_ros_replay dso_synthesize _dsorb &&
-    DSORB_ROS_REPLAY=$DSORB_BUILD_DIR/bin/dsorb_ros_replay DSO_SYNTHESIZE=$DSORB_BUILD_DIR/bin/dso_synthesize \
-      PYTHONPATH=$DSORB_BUILD_DIR/python:test/python "$python" test/python/run.py test_ros2
-}
 wheels() { scripts/wheels/build.sh x86_64 && scripts/wheels/try.sh; }
 portability() {
   scripts/install_dependencies.sh clang-14 g++-mingw-w64-x86-64-posix && scripts/check_portability.sh
 }
-aarch64() { scripts/wheels/test_aarch64.sh && scripts/wheels/build.sh aarch64; }
+aarch64() {
+  scripts/wheels/test_aarch64.sh && scripts/wheels/build.sh aarch64 && DSORB_ARCH=aarch64 scripts/wheels/try.sh bookworm
+}
 
 failed=()
 for step in "$@"; do

@@ -1,14 +1,20 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: BSD-3-Clause
 # The documentation as a site of plain HTML: site.sh [FOLDER] (default build/site). Pages are README, CHANGELOG,
-# CONTRIBUTING, the ROS 2 node and docs/ by the Python package markdown; a link to nothing is an error. api/ is the reference of the
-# public headers by Doxygen, where that is installed.
+# CONTRIBUTING, the ROS 2 node and docs/ by the Python package markdown (installed in build/markdown where it is missing); a link
+# to nothing is an error. api/ is the reference of the public headers, checked and made by docs.sh.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 folder=${1:-build/site}
 python=${DSORB_PYTHON:-python3}
-"$python" -c 'import markdown' 2>/dev/null || { echo 'site.sh: pip install markdown' >&2; exit 1; }
+"$python" -c 'import markdown' 2>/dev/null || {
+  "$python" -m venv build/markdown
+  python=build/markdown/bin/python
+  "$python" -m pip install -q --disable-pip-version-check markdown
+}
 rm -rf "$folder" && mkdir -p "$folder"
+scripts/docs.sh "$folder/doxygen" >/dev/null
+mv "$folder/doxygen/html" "$folder/api" && rm -r "$folder/doxygen"
 cp -r docs "$folder/" && find "$folder/docs" -name '*.md' -delete
 "$python" - "$folder" <<'END'
 import re
@@ -32,13 +38,9 @@ for page in pages:
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_text(f'<!doctype html><meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>dsorb: {page.stem}</title>'
                       f'<style>{style}</style><nav>{links}</nav>{html}', encoding='utf-8')
-for page in folder.rglob('*.html'):
+for page in (page for page in folder.rglob('*.html') if folder / 'api' not in page.parents):
     for link in re.findall(r'(?:href|src)="([^"#:]+)["#]', page.read_text(encoding='utf-8')):
-        if not (page.parent / link).exists() and not link.endswith('api/index.html'):
+        if not (page.parent / link).exists():
             sys.exit(f'site.sh: {page}: {link}: no such file')
 print(f'{len(pages)} pages: {folder}/index.html')
 END
-if command -v doxygen >/dev/null; then
-  { cat docs/Doxyfile; echo "OUTPUT_DIRECTORY = $folder/doxygen"; } | doxygen - >/dev/null
-  mv "$folder/doxygen/html" "$folder/api" && rm -r "$folder/doxygen"
-fi

@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: BSD-3-Clause
 # Wheels that need nothing but Python, for every Linux with glibc 2.31 or newer: build.sh [ARCH] [CPYTHON...] (default x86_64,
-# and cp39 cp310 cp311 cp312: the last is for 3.12 and newer). They come into out/wheels. Needs Debian 12 with g++-12 (for aarch64
-# g++-12-aarch64-linux-gnu), cmake, ninja-build, make, nasm, tcl, pkg-config, dpkg-dev, python3-venv, and for aarch64 wheels those for
-# x86_64 before (they have the stub). What takes long is kept in DSORB_CACHE (default .cache/wheels) and done once.
+# and cp39 cp310 cp311 cp312: the last is for 3.12 and newer). They come into out/wheels. Needs Debian 12 with g++-12 (for another
+# machine its cross compiler, as g++-12-aarch64-linux-gnu, and before that the wheel cp311 for this one, which makes the stub), cmake,
+# ninja-build, make, nasm, tcl, pkg-config, dpkg-dev, python3-venv, and ccache where it is there. What takes long is kept in DSORB_CACHE (default .cache/wheels) and done once.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 arch=${1:-x86_64}

@@ -10,22 +10,10 @@ folder=$(mkdir -p "${DSORB_CACHE:-.cache/wheels}/aarch64-debian" && readlink -f 
 root=$folder/root libraries=$folder/root/usr/lib/aarch64-linux-gnu
 read -ra targets <<<"${DSORB_TARGETS:-unit_tests contract_tests dso_dataset}"
 
-# download PACKAGE...: with all they need, from Debian's archive, whatever this machine has
-download() {
-  local lists=$folder/apt
-  mkdir -p "$lists"/{lists,archives}/partial
-  touch "$lists/status"
-  echo 'deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org/debian bookworm main' >"$lists/sources"
-  local apt=(-qq -y -o "Dir::Etc::sourcelist=$lists/sources" -o Dir::Etc::sourceparts=/dev/null -o "Dir::State::lists=$lists/lists"
-    -o "Dir::State::status=$lists/status" -o "Dir::Cache::archives=$lists/archives" -o Dir::Cache::pkgcache= -o Dir::Cache::srcpkgcache=
-    -o APT::Architecture=arm64 -o APT::Architectures::=arm64 -o APT::Sandbox::User=root -o APT::Install-Recommends=false -o Debug::NoLocking=1)
-  apt-get "${apt[@]}" update
-  apt-get "${apt[@]}" install --download-only "$@" >/dev/null
-}
-
 if [ ! -e "$folder/done" ]; then
   # shellcheck disable=SC2046 # one word a package
-  download libc6-dev libstdc++6 $(grep -o '[a-z0-9-]*-dev' scripts/install_dependencies.sh | grep -v -e ceres -e suitesparse -e python3)
+  scripts/wheels/archive.sh bookworm arm64 "$folder/apt" install --download-only libc6-dev libstdc++6 \
+    $(grep -o '[a-z0-9-]*-dev' scripts/install_dependencies.sh | grep -v -e ceres -e suitesparse -e python3) >/dev/null
   mkdir -p "$root"
   for package in "$folder"/apt/archives/*.deb; do dpkg-deb -x "$package" "$root"; done
   for name in blas lapack; do ln -sfn "$name/lib$name.so.3" "$libraries/"; done # what the packages' scripts would do

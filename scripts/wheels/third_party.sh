@@ -5,19 +5,14 @@
 # FFmpeg is shared (LGPL: whoever has the wheel may put another one in its place) and has no GPL part.
 set -euo pipefail
 all=(zlib libpng1.6 libjpeg-turbo libwebp tiff eigen3 nlohmann-json3 fmtlib spdlog cli11 yaml-cpp tinyxml2 libzip sqlite3 onetbb opencv ffmpeg)
-arch=$1 folder=$(readlink -f "$2") sources=${DSORB_SOURCES:-$(dirname "$(readlink -f "$2")")/sources}
+here=$(cd "$(dirname "$0")" && pwd) arch=$1 folder=$(readlink -f "$2") sources=${DSORB_SOURCES:-$(dirname "$(readlink -f "$2")")/sources}
 prefix=$folder/prefix triplet=$arch-linux-gnu jobs=${DSORB_JOBS:-$(($(nproc) + 1))}
 
 # source_of PACKAGE: unpacks Debian's source package, its patches applied, and names the folder
 source_of() {
-  local lists=$sources/apt
   if [ ! -d "$sources/$1" ]; then
-    mkdir -p "$lists/lists/partial"
-    echo "deb-src [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org/debian bookworm main" >"$lists/sources"
-    local apt=(-qq -o "Dir::Etc::sourcelist=$lists/sources" -o Dir::Etc::sourceparts=/dev/null -o "Dir::State::lists=$lists/lists"
-      -o Dir::Cache::pkgcache= -o Dir::Cache::srcpkgcache= -o APT::Sandbox::User=root)
-    [ -n "$(ls "$lists"/lists/*Sources* 2>/dev/null)" ] || apt-get "${apt[@]}" update
-    (cd "$sources" && apt-get "${apt[@]}" source --download-only "$1" >/dev/null && dpkg-source --no-check -x "$1"_*.dsc "$1.part" >/dev/null)
+    (cd "$sources" && "$here/archive.sh" bookworm "$(dpkg --print-architecture)" apt source --download-only "$1" >/dev/null &&
+      dpkg-source --no-check -x "$1"_*.dsc "$1.part" >/dev/null)
     mv "$sources/$1.part" "$sources/$1"
   fi
   echo "$sources/$1"

@@ -4,7 +4,7 @@
 # x86_64 or aarch64. FOLDER/bin/cc and c++ are Debian 12's GCC with headers and libraries of Debian 11 and a static
 # libstdc++, FOLDER/toolchain.cmake tells CMake; FOLDER/python3.N are headers of Python. Packages are unpacked, not installed.
 set -euo pipefail
-arch=$1 folder=$(mkdir -p "$2" && readlink -f "$2")
+here=$(cd "$(dirname "$0")" && pwd) arch=$1 folder=$(mkdir -p "$2" && readlink -f "$2")
 case $arch in
   x86_64) debian=amd64 ;;
   aarch64) debian=arm64 ;;
@@ -13,19 +13,13 @@ esac
 triplet=$arch-linux-gnu
 gcc=$(command -v "$triplet-gcc-12") || { echo "toolchain.sh: $triplet-gcc-12 is missing: apt-get install g++-12-${triplet//_/-}" >&2; exit 1; }
 inside=$(dirname "$("$gcc" -print-libgcc-file-name)")
-# unpack SUITE FOLDER PACKAGE...: from Debian's archive, whatever this machine's own lists are
+# unpack SUITE FOLDER PACKAGE...
 unpack() {
-  local suite=$1 target=$2 lists=$folder/apt/$1 package
+  local suite=$1 target=$2 archives=$folder/apt/$1/archives package
   shift 2
-  mkdir -p "$lists/lists/partial" "$lists/archives" "$target"
-  [ -e "$lists/status" ] || touch "$lists/status"
-  printf 'deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org/debian %s main\n' "$suite" >"$lists/sources"
-  local apt=(-qq -o "Dir::Etc::sourcelist=$lists/sources" -o Dir::Etc::sourceparts=/dev/null -o "Dir::State::lists=$lists/lists"
-    -o "Dir::State::status=$lists/status" -o "Dir::Cache::archives=$lists/archives" -o "Dir::Cache::pkgcache=" -o "Dir::Cache::srcpkgcache="
-    -o "APT::Architecture=$debian" -o "APT::Architectures::=$debian" -o APT::Sandbox::User=root)
-  apt-get "${apt[@]}" update
-  (cd "$lists/archives" && apt-get "${apt[@]}" download "$@")
-  for package in "$@"; do dpkg -x "$lists/archives/${package}"_*.deb "$target"; done
+  mkdir -p "$archives" "$target"
+  (cd "$archives" && "$here/archive.sh" "$suite" "$debian" .. download "$@")
+  for package in "$@"; do dpkg -x "$archives/${package}"_*.deb "$target"; done
 }
 for version in 3.9:bullseye 3.10:jammy 3.11:bookworm 3.13:trixie; do
   python=python${version%:*} own=$triplet

@@ -236,10 +236,12 @@ std::string lineOf(const Estimate& e) {
   }
   if (e.frame.world_covariance) {
     const Matrix6d& covariance = *e.frame.world_covariance;
-    line << ", +- " << std::sqrt(covariance(0, 0) + covariance(1, 1) + covariance(2, 2));
+    line << std::defaultfloat << std::setprecision(2) << ", +- "
+         << std::sqrt(covariance(0, 0) + covariance(1, 1) + covariance(2, 2));
   }
   if (e.frame.tracking_rmse) {
-    line << std::setprecision(1) << ", " << *e.frame.tracking_rmse << " grey levels off";
+    line << std::fixed << std::setprecision(1) << ", " << *e.frame.tracking_rmse
+         << " grey levels off";
   }
   if (e.frame.is_keyframe) line << ", a keyframe";
   if (e.events.refusal) line << ", start refused: " << *e.events.refusal;

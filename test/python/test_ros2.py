@@ -16,8 +16,8 @@ try:
     from test_bags import BEGIN, TOPIC, camera_info, compressed, message, write
 except ImportError:
     raise unittest.SkipTest('the package rosbags is not installed') from None
-if 'DSORB_ROS_REPLAY' not in os.environ:
-    raise unittest.SkipTest('DSORB_ROS_REPLAY names no program: scripts/nightly.sh ros2 builds it')
+if not os.access(os.environ.get('DSORB_ROS_REPLAY', ''), os.X_OK):
+    raise unittest.SkipTest('DSORB_ROS_REPLAY names no program: dsorb_ros_replay is built where Python has rosbags')
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 NAMES = {TOPIC: 'image', TOPIC + '/compressed': 'image/compressed', '/camera/camera_info': 'camera_info'}
