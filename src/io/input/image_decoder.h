@@ -12,7 +12,7 @@
 namespace dsorb {
 
 /// Largest image file that is read.
-inline constexpr std::uintmax_t kMaxImageBytes = std::uintmax_t{1} << 30;
+inline constexpr std::uintmax_t kMaxImageBytes = std::uintmax_t{1} << 28;
 /// Most pixels that are decoded.
 inline constexpr std::int64_t kMaxPixels = std::int64_t{1} << 26;
 

@@ -11,7 +11,6 @@
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <map>
 #include <string>
@@ -103,13 +102,6 @@ class Chart {
       cv::circle(canvas_, toPixel(point), size, colour, cv::FILLED, cv::LINE_AA, kSubpixelBits);
     }
   }
-  /// Fills the vertical strip between two x values.
-  void band(double x_begin, double x_end, const cv::Scalar& colour) {
-    const int left = toPixel({x_begin, y_.high}).x >> kSubpixelBits;
-    const int right = toPixel({x_end, y_.low}).x >> kSubpixelBits;
-    const cv::Rect strip(left, plot_.y + 1, std::max(1, right - left), plot_.height - 2);
-    canvas_(strip & plot_).setTo(colour);
-  }
 
  private:
   /// Pixel of a data point, in the 1/16 px of OpenCV's drawing functions.
@@ -199,8 +191,7 @@ struct SegmentPath {
 std::vector<SegmentPath> longestPaths(const RunRecord& record) {
   std::map<int, SegmentPath> all;
   const auto add = [&](const Entries& entries, std::vector<cv::Point2d> SegmentPath::*points) {
-    for (std::size_t i = 0; i < entries.size(); ++i) {
-      const PosedEntry entry = entries.at(i);
+    for (const PosedEntry& entry : entries) {
       const Eigen::Vector3d place = record.T_world_cam(entry).translation();
       (all[record.segmentOf(entry)].*points).emplace_back(place.x(), place.z());
     }
@@ -253,50 +244,6 @@ void drawPath(cv::Mat& canvas, const cv::Rect& area, const SegmentPath& path, bo
   chart.curve(path.frames, kPathColour);
   chart.dots(path.keyframes, 4, kKeyframeColour);
   chart.dots({{0, 0}}, 5, kStartColour);
-}
-
-/// Colours of the states, in the order of OdometryState.
-const std::array<cv::Scalar, 5> kStateColours = {cv::Scalar(190, 230, 255),
-                                                 cv::Scalar(120, 190, 120),
-                                                 cv::Scalar(235, 250, 235),
-                                                 cv::Scalar(150, 150, 245),
-                                                 cv::Scalar(205, 205, 205)};
-
-void drawNotes(cv::Mat& canvas,
-               const cv::Rect& area,
-               const std::string& title,
-               const Spool<FrameNote>& notes,
-               float FrameNote::*member) {
-  const double first = notes.at(0).index;
-  Axis x{first, first + 1};
-  Axis y{0, 1e-3};
-  std::vector<std::vector<cv::Point2d>> curves(1);
-  for (std::size_t i = 0; i < notes.size(); ++i) {
-    const FrameNote note = notes.at(i);
-    x.include(note.index);
-    if (note.*member >= 0) {
-      y.include(static_cast<double>(note.*member));
-      curves.back().emplace_back(note.index, static_cast<double>(note.*member));
-    } else if (!curves.back().empty()) {
-      curves.emplace_back();
-    }
-  }
-  x.step = std::max(1.0, roundStep(x, 10));
-  y.step = roundStep(y, 5);
-  y.high = y.step * std::ceil(y.high / y.step);
-  Chart chart(canvas, plotIn(area), x, y);
-  for (std::size_t i = 0; i < notes.size(); ++i) {
-    const FrameNote note = notes.at(i);
-    const auto state = static_cast<std::size_t>(note.state);
-    chart.band(note.index - 0.5, note.index + 0.5, kStateColours.at(state));
-  }
-  chart.axes(title,
-             "frame; orange: initializing, dark green: initialized, light green: tracked, grey: "
-             "missed, red: lost");
-  for (const auto& curve : curves) {
-    chart.curve(curve, kPathColour);
-    if (curve.size() == 1) chart.dots(curve, 2, kPathColour);
-  }
 }
 
 }  // namespace
@@ -356,26 +303,6 @@ cv::Mat drawTrajectory(const RunRecord& record) {
     drawPath(canvas, {corner, panel}, paths[i], record.unitOf(paths[i].segment).has_value());
   }
   if (paths.empty()) drawText(canvas, "never initialized", {40, 60}, 0.6);
-  return canvas;
-}
-
-cv::Mat drawTimeline(const RunRecord& record) {
-  const cv::Size panel(1000, 300);
-  cv::Mat canvas = blankCanvas(panel.width, 2 * panel.height);
-  if (record.notes().empty()) {
-    drawText(canvas, "no frames", {40, 60}, 0.6);
-    return canvas;
-  }
-  drawNotes(canvas,
-            {{0, 0}, panel},
-            "tracking error, rms [grey levels]",
-            record.notes(),
-            &FrameNote::tracking_rmse);
-  drawNotes(canvas,
-            {{0, panel.height}, panel},
-            "work for a frame [ms]",
-            record.notes(),
-            &FrameNote::milliseconds);
   return canvas;
 }
 

@@ -238,7 +238,7 @@ Json runJson(const RunInfo& info,
                        {"sigma", 1000 * cameras.readout->sigma}};
   }
   addDoubts(record, json);
-  json["frames_given"] = record.notes().size();
+  json["frames_given"] = facts.frames_given;
   json["frames_tracked"] = facts.frames_tracked;
   json["frames_missed"] = facts.frames_missed;
   json["frames_dropped"] = end.frames_dropped;
@@ -271,11 +271,11 @@ Json runJson(const RunInfo& info,
   for (const LoopsClosed& closed : record.changes().loops) {
     json["loops"].push_back({{"segment", closed.segment}, {"loops", closed.loops}});
   }
-  json["withdrawn"] = Json::object();
+  json["refused"] = Json::object();
   for (const RefusalReason reason :
        {RefusalReason::kAdjustment, RefusalReason::kDirection, RefusalReason::kDepth}) {
     const auto count = facts.refusals.find(reason);
-    json["withdrawn"][name(reason)] = count == facts.refusals.end() ? 0 : count->second;
+    json["refused"][name(reason)] = count == facts.refusals.end() ? 0 : count->second;
   }
   json["answers"] = Json::object();
   for (const auto& [reason, count] : facts.answers) json["answers"][name(reason)] = count;
