@@ -106,7 +106,7 @@ class FfmpegCapture final : public Capture {
     is_file_ = address.find("://") == std::string::npos;
     patience(kAddressPatience);
     std::string why = is_file_ ? openFile(address) : std::string();
-    if (why.empty() && !openContainer(address)) why = "no video that can be decoded";
+    if (why.empty() && !openContainer(address)) why = closedReason();
     if (why.empty()) why = openDecoder();
     if (why.empty()) describe();
     return why;
@@ -230,6 +230,15 @@ class FfmpegCapture final : public Capture {
     return avformat_find_stream_info(format, nullptr) >= 0;
   }
 
+  /// Why the container did not open. Recorders write the index of MP4's family at the end.
+  [[nodiscard]] std::string closedReason() const {
+    const bool mp4 = demuxer_ != nullptr && std::string_view(demuxer_->name).substr(0, 3) == "mov";
+    return mp4 ? "its index (moov) is missing or damaged: the recording was not finished or the "
+                 "file is cut off; a tool like untrunc makes a new one by another recording of "
+                 "the camera"
+               : "no video that can be decoded";
+  }
+
   std::string openDecoder() {
     const AVCodec* codec = nullptr;
     const int best = av_find_best_stream(format_.get(), AVMEDIA_TYPE_VIDEO, -1, -1, &codec, 0);
@@ -268,15 +277,11 @@ class FfmpegCapture final : public Capture {
     if (aspect.num > 0 && aspect.den > 0) {
       pixel_aspect_ = turn_ % 180 == 0 ? av_q2d(aspect) : 1 / av_q2d(aspect);
     }
-    if (sideData(*stream_, AV_PKT_DATA_SPHERICAL) != nullptr) {
-      doubts_.emplace_back(
-          "the container calls the images spherical (360 degrees); a camera with a "
-          "lens is expected");
-    }
-    if (sideData(*stream_, AV_PKT_DATA_STEREO3D) != nullptr) {
-      doubts_.emplace_back(
-          "the container calls the images stereo pairs; those of one camera are "
-          "expected");
+    for (const auto& [type, what] :
+         {std::pair(AV_PKT_DATA_SPHERICAL, "spherical (360 degrees); a camera with a lens is"),
+          std::pair(AV_PKT_DATA_STEREO3D, "stereo pairs; those of one camera are")}) {
+      if (sideData(*stream_, type) == nullptr) continue;
+      doubts_.push_back(std::string("the container calls the images ") + what + " expected");
     }
     const auto videos =
         std::count_if(format_->streams, format_->streams + format_->nb_streams, [](auto* stream) {

@@ -580,22 +580,16 @@ class RunWriter::Impl {
     }
   }
 
-  /// Calibration that the run refined; empty where it is not settled, or of no form of ours.
-  [[nodiscard]] std::string refinedCalibration() const {
-    if (!cameras.camera || !cameras.lens || !cameras.areSettled()) return {};
-    Lens lens = *cameras.lens;
-    if (cameras.readout) lens.readout = *cameras.readout;
-    return cameras.refined.calibrationFile(lens, *cameras.camera);
-  }
-
-  /// Writes the calibration for the next run: the one that was refined, or else the one that was
-  /// found before.
+  /// Writes the calibration for the next run: the one that was refined, where it is settled, or
+  /// else the one that was found before.
   void writeCalibration() const {
-    std::string file = refinedCalibration();
-    if (file.empty() && cameras.found && cameras.found->isKnown()) {
-      file = io::calibrationFile(cameras.found->lens);
+    std::optional<Lens> lens;
+    if (cameras.camera && cameras.lens && cameras.areSettled()) {
+      lens = cameras.refined.lens(*cameras.lens, *cameras.camera);
+      if (lens && cameras.readout) lens->readout = *cameras.readout;
     }
-    if (!file.empty()) io::replaceFile(folder / "refined_camera.txt", file);
+    if (!lens && cameras.found && cameras.found->isKnown()) lens = cameras.found->lens;
+    if (lens) io::replaceFile(folder / "refined_camera.txt", io::calibrationFile(*lens));
   }
 
   void writeRunJson(RunStatus status, const OdometryReport* report) const {
