@@ -64,8 +64,6 @@ class RunWriter : public OdometryObserver {
   void setCamera(const PinholeCamera& camera, const Lens* lens = nullptr);
   /// The camera that earlier passes over the images found.
   void setFoundCamera(const FoundCamera& camera);
-  /// Writes config.yaml anew, where the data set decided about options.
-  void setConfig(const std::string& yaml);
 
   void onInitStep(const InitStep& step, const Frame& frame, int segment) override;
   void onFrame(const FrameEstimate& estimate) override;

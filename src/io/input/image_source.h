@@ -43,8 +43,8 @@ class ImageSource {
   [[nodiscard]] virtual double begin() const { return 0; }
   /// Name of an image, for messages and reports.
   [[nodiscard]] virtual std::string name(int index) const = 0;
-  /// The image of this position. A video goes forwards only; a camera gives the oldest of its
-  /// images that wait, which is not that of the position. The last one may be asked for again.
+  /// The image of this position. A video goes forwards only, and its last one may be asked for
+  /// again; a camera gives the oldest of its images that wait, which is not that of the position.
   /// @return empty after the last image
   /// @throws IoError where it cannot be read
   [[nodiscard]] virtual std::optional<SourceImage> image(int index) = 0;

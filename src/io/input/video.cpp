@@ -303,12 +303,7 @@ class CameraStream : public ImageSource {
   [[nodiscard]] std::string name(int index) const override {
     return fmt::format("{}, image {}", address_, index);
   }
-  [[nodiscard]] std::optional<SourceImage> image(int index) override {
-    if (index == asked_ && given_) return given_;
-    given_ = taker_->next();
-    asked_ = index;
-    return given_;
-  }
+  [[nodiscard]] std::optional<SourceImage> image(int /*index*/) override { return taker_->next(); }
   [[nodiscard]] int dropped() const override { return taker_->dropped(); }
 
  private:
@@ -323,8 +318,6 @@ class CameraStream : public ImageSource {
   std::string address_;
   std::shared_ptr<Taker> taker_;
   std::thread thread_;
-  int asked_ = -1;
-  std::optional<SourceImage> given_;
 };
 
 }  // namespace

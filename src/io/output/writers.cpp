@@ -13,6 +13,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <cstddef>
@@ -130,51 +131,44 @@ void writeKitti(const fs::path& path, const RunRecord& record) {
   replaceFile(path, text);
 }
 
-/// Appends a number of four bytes.
+/// Appends the bytes of a plain value; processors that we know are little-endian.
 template <typename Value>
-void appendLittleEndian(Value value, std::string& bytes) {
-  std::uint32_t bits = 0;
-  static_assert(sizeof(Value) == sizeof(bits));
-  std::memcpy(&bits, &value, sizeof(bits));
-  for (int shift = 0; shift < 32; shift += 8) {
-    bytes.push_back(static_cast<char>((bits >> shift) & 0xFFU));
-  }
+void appendBytes(const Value& value, std::string& bytes) {
+  bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
 }
 
-/// Reads a number of four bytes.
-template <typename Value>
-[[nodiscard]] Value littleEndian(const char* bytes) {
-  std::uint32_t bits = 0;
-  static_assert(sizeof(Value) == sizeof(bits));
-  for (unsigned i = 0; i < sizeof(bits); ++i) {
-    bits |= static_cast<std::uint32_t>(static_cast<unsigned char>(bytes[i])) << (8 * i);
-  }
-  Value value;
-  std::memcpy(&value, &bits, sizeof(bits));
-  return value;
-}
+#pragma pack(push, 1)
+/// A vertex of points.ply.
+struct Vertex {
+  std::array<float, 3> place;
+  std::array<std::uint8_t, 3> colour;
+  float variance;
+  std::int32_t segment;
+  std::int32_t keyframe;
+};
+#pragma pack(pop)
 
-constexpr std::uintmax_t kVertexBytes = 4 * sizeof(float) + 3 + 2 * sizeof(std::int32_t);
+constexpr std::uintmax_t kVertexBytes = sizeof(Vertex);
 constexpr std::size_t kBlockVertices = 4096;
+
+std::array<float, 3> floatsOf(const Eigen::Vector3d& p) {
+  const Eigen::Vector3f floats = p.cast<float>();
+  return {floats.x(), floats.y(), floats.z()};
+}
 
 /// Vertices where joins and loops put them.
 std::string changed(std::string_view vertices, const MapChanges& changes) {
   std::string bytes;
-  constexpr std::size_t kVariance = 3 * sizeof(float) + 3;
   for (std::size_t at = 0; at < vertices.size(); at += kVertexBytes) {
-    const char* const vertex = vertices.data() + at;
-    const auto number = [&](std::size_t i) { return littleEndian<float>(vertex + i); };
-    const auto segment = littleEndian<std::int32_t>(vertex + kVariance + 4);
-    const auto keyframe = littleEndian<std::int32_t>(vertex + kVariance + 8);
-    const Similarity change = changes.changeOf(segment, FrameId{keyframe});
-    const Eigen::Vector3f told(number(0), number(4), number(8));
-    const Eigen::Vector3f place = (change * told.cast<double>()).cast<float>();
-    for (const float coordinate : place) appendLittleEndian(coordinate, bytes);
-    bytes.append(vertex + 3 * sizeof(float), 3);
+    Vertex vertex{};
+    std::memcpy(&vertex, vertices.data() + at, kVertexBytes);
+    const Similarity change = changes.changeOf(vertex.segment, FrameId{vertex.keyframe});
+    const auto [x, y, z] = vertex.place;
+    vertex.place = floatsOf(change * Eigen::Vector3d(x, y, z));
     const auto scale = static_cast<float>(change.scale);
-    appendLittleEndian(number(kVariance) / (scale * scale), bytes);
-    appendLittleEndian(static_cast<std::int32_t>(changes.segmentOf(segment)), bytes);
-    appendLittleEndian(keyframe, bytes);
+    vertex.variance /= scale * scale;
+    vertex.segment = changes.segmentOf(vertex.segment);
+    appendBytes(vertex, bytes);
   }
   return bytes;
 }
@@ -186,16 +180,16 @@ std::string vertices(const KeyframeSnapshot& keyframe) {
     if (!(point.inverse_depth > 0) || !std::isfinite(point.variance)) continue;
     const Eigen::Vector3d p_cam = keyframe.camera.unproject(point.pixel.cast<double>()) /
                                   static_cast<double>(point.inverse_depth);
-    const Eigen::Vector3f p_world = (keyframe.T_world_cam * p_cam).cast<float>();
-    if (!p_world.allFinite()) continue;
-    for (const float coordinate : p_world) appendLittleEndian(coordinate, bytes);
+    const Eigen::Vector3d p_world = keyframe.T_world_cam * p_cam;
+    if (!p_world.cast<float>().allFinite()) continue;
     const float grey = std::isfinite(point.intensity) ? point.intensity : 0.0F;
-    const auto level =
-        static_cast<char>(static_cast<unsigned char>(std::lround(std::clamp(grey, 0.0F, 255.0F))));
-    bytes.append(3, level);
-    appendLittleEndian(point.variance, bytes);
-    appendLittleEndian(static_cast<std::int32_t>(keyframe.segment), bytes);
-    appendLittleEndian(static_cast<std::int32_t>(keyframe.id.value), bytes);
+    const auto level = static_cast<std::uint8_t>(std::lround(std::clamp(grey, 0.0F, 255.0F)));
+    appendBytes(Vertex{floatsOf(p_world),
+                       {level, level, level},
+                       point.variance,
+                       keyframe.segment,
+                       keyframe.id.value},
+                bytes);
   }
   return bytes;
 }
@@ -218,20 +212,22 @@ std::string header(std::uintmax_t count) {
 /// elements: `point` (x y z segment) and `observation` (point keyframe u v), the latter with the
 /// position of the point in the former and of the keyframe's image in its sequence.
 void writeTracks(const fs::path& path, const std::vector<MapTrack>& tracks) {
+  struct Point {
+    std::array<float, 3> place;
+    std::int32_t segment;
+  };
+  struct Sight {
+    std::int32_t point;
+    std::int32_t keyframe;
+    std::array<float, 2> pixel;
+  };
   std::string points;
   std::string sights;
-  std::size_t count = 0;
   for (std::size_t i = 0; i < tracks.size(); ++i) {
-    for (const float coordinate : tracks[i].position.cast<float>().eval()) {
-      appendLittleEndian(coordinate, points);
-    }
-    appendLittleEndian(static_cast<std::int32_t>(tracks[i].segment), points);
+    appendBytes(Point{floatsOf(tracks[i].position), tracks[i].segment}, points);
     for (const TrackSight& sight : tracks[i].sights) {
-      appendLittleEndian(static_cast<std::int32_t>(i), sights);
-      appendLittleEndian(static_cast<std::int32_t>(sight.keyframe.value), sights);
-      appendLittleEndian(sight.pixel.x(), sights);
-      appendLittleEndian(sight.pixel.y(), sights);
-      ++count;
+      const auto row = static_cast<std::int32_t>(i);
+      appendBytes(Sight{row, sight.keyframe.value, {sight.pixel.x(), sight.pixel.y()}}, sights);
     }
   }
   const std::string head = fmt::format(
@@ -240,7 +236,7 @@ void writeTracks(const fs::path& path, const std::vector<MapTrack>& tracks) {
       "property float z\nproperty int segment\nelement observation {}\nproperty int point\n"
       "property int keyframe\nproperty float u\nproperty float v\nend_header\n",
       tracks.size(),
-      count);
+      sights.size() / sizeof(Sight));
   replaceFile(path, head + points + sights);
 }
 
@@ -635,10 +631,6 @@ void RunWriter::setCamera(const PinholeCamera& camera, const Lens* lens) {
 
 void RunWriter::setFoundCamera(const FoundCamera& camera) {
   impl_->cameras.found = camera;
-}
-
-void RunWriter::setConfig(const std::string& yaml) {
-  io::replaceFile(impl_->folder / "config.yaml", yaml);
 }
 
 void RunWriter::onInitStep(const InitStep& step, const Frame& /*frame*/, int segment) {
