@@ -167,16 +167,17 @@ class View:
 
     def points(self, event: dict) -> None:
         host = event['segment'], event['keyframe']
-        keyframe = self.keyframes.get(host)
-        if keyframe is None:
+        points = recording.certain(event['points'], np.inf)
+        if host not in self.keyframes:
             return
-        self.hosted[host] = recording.certain(event['points'], np.inf)
         if event['final']:
-            del self.hosted[host]
-        points = recording.certain(event['points'], self.max_relative_sigma)
+            self.hosted.pop(host, None)
+        else:
+            self.hosted[host] = points
+        points = recording.certain(points, self.max_relative_sigma)
         grey = np.clip(points[:, 4:5], 0, 255).astype(np.uint8)
         self.log(f"{self.root(event)}/map/{event['keyframe']}",
-                 rr.Points3D(recording.world_points(points, *keyframe), colors=np.repeat(grey, 3, axis=1)))
+                 rr.Points3D(recording.world_points(points, *self.keyframes[host]), colors=np.repeat(grey, 3, axis=1)))
 
     def lost(self, event: dict) -> None:
         self.say(f"frame {event['index']}: lost", rr.TextLogLevel.WARN)
