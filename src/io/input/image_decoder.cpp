@@ -110,11 +110,11 @@ bool readJpegHeader(Decompressor& d, const std::uint8_t* bytes, std::size_t size
   d.jpeg.progress = &d.progress;
   jpeg_mem_src(&d.jpeg, bytes, size);
   jpeg_read_header(&d.jpeg, TRUE);
-  d.jpeg.out_color_space = d.jpeg.num_components == 4 ? JCS_CMYK : JCS_GRAYSCALE;
+  d.jpeg.out_color_space = JCS_GRAYSCALE;
   return true;
 }
 
-/// @param row_bytes from one row of `pixels` to the next; 0: all into the same
+/// @param row_bytes from one row of `pixels` to the next
 /// @return whether all rows were there, right or wrong
 bool readJpegRows(Decompressor& d, std::uint8_t* pixels, std::size_t row_bytes) {
   if (setjmp(d.complaints.fatal) != 0) return false;
@@ -127,30 +127,35 @@ bool readJpegRows(Decompressor& d, std::uint8_t* pixels, std::size_t row_bytes) 
   return true;
 }
 
+/// @throws IoError where there are more pixels than are decoded
+void checkSize(const cv::Size& size, const std::string& name) {
+  if (std::int64_t{size.width} * size.height <= kMaxPixels) return;
+  throw IoError(fmt::format("{}: {}; expected {} megapixels at most",
+                            name,
+                            pixelText(size.width, size.height),
+                            kMaxPixels >> 20U));
+}
+
 /// Decodes a JPEG to one grey channel of 8 bits. The same pixels as OpenCV's, but OpenCV fills what
 /// is missing of a truncated or damaged file with grey and says so nowhere.
 /// @param name of the file, for messages
-/// @return empty where the file is intact but has four channels, which only OpenCV converts
+/// @return empty where it has four channels, which only OpenCV converts
 /// @throws IoError with the words of libjpeg
 cv::Mat decodeJpeg(const std::vector<std::uint8_t>& bytes, const std::string& name) {
   Decompressor d;
   cv::Mat image;
   bool done = readJpegHeader(d, bytes.data(), bytes.size());
-  const bool grey = done && d.jpeg.num_components != 4;
   if (done) {
-    const auto width = static_cast<int>(d.jpeg.image_width);
-    const auto height = static_cast<int>(d.jpeg.image_height);
-    if (std::int64_t{width} * height > kMaxPixels) {
-      throw IoError(name + ": " + pixelText(width, height) + " are too many");
-    }
-    image.create(grey ? height : 1, width, grey ? CV_8UC1 : CV_8UC4);
-    done = readJpegRows(d, image.data, grey ? image.step[0] : 0);
+    const cv::Size size(static_cast<int>(d.jpeg.image_width),
+                        static_cast<int>(d.jpeg.image_height));
+    checkSize(size, name);
+    if (d.jpeg.num_components == 4) return {};
+    image.create(size, CV_8UC1);
+    done = readJpegRows(d, image.data, image.step[0]);
   }
   const char* complaint = d.complaints.text.data();
-  if (!done || *complaint != '\0') {
-    throw IoError(fmt::format("{}: the image is truncated or damaged: {}", name, complaint));
-  }
-  return grey ? image : cv::Mat();
+  if (done && *complaint == '\0') return image;
+  throw IoError(fmt::format("{}: the image is truncated or damaged: {}", name, complaint));
 }
 
 constexpr std::array<std::string_view, 10> kImageSuffixes = {
@@ -187,24 +192,6 @@ std::optional<cv::Size> sizeOf(std::uint32_t width, std::uint32_t height) {
   constexpr std::uint32_t kMost = std::numeric_limits<int>::max();
   if (width == 0 || height == 0 || width > kMost || height > kMost) return std::nullopt;
   return cv::Size(static_cast<int>(width), static_cast<int>(height));
-}
-
-/// Segments FF xx length, until one of the frame headers C0 to CF that are none of DHT, JPG, DAC.
-std::optional<cv::Size> jpegSize(const Bytes& b) {
-  for (std::size_t i = 2; i + 9 < b.data.size();) {
-    if (b.at(i) != 0xFF) return std::nullopt;
-    const std::uint32_t marker = b.at(i + 1);
-    if (marker == 0xFF) {  // padding
-      ++i;
-      continue;
-    }
-    const bool frame =
-        (marker & 0xF0U) == 0xC0 && marker != 0xC4 && marker != 0xC8 && marker != 0xCC;
-    if (frame) return sizeOf(b.big(i + 7, 2), b.big(i + 5, 2));
-    if (marker == 0xDA || marker == 0xD9) return std::nullopt;
-    i += 2 + b.big(i + 2, 2);
-  }
-  return std::nullopt;
 }
 
 bool isPnm(const Bytes& b) {
@@ -294,7 +281,6 @@ std::vector<std::uint8_t> readFile(const std::filesystem::path& file) {
 std::optional<cv::Size> sizeInHeader(const std::vector<std::uint8_t>& bytes) {
   const Bytes b{bytes};
   if (b.has("\x89PNG"sv)) return sizeOf(b.big(16, 4), b.big(20, 4));
-  if (b.has(kJpeg)) return jpegSize(b);
   if (b.has("BM")) return sizeOf(b.little(18, 4), std::min(b.little(22, 4), 0U - b.little(22, 4)));
   if (b.has("II*\0"sv) || b.has("MM\0*"sv)) return tiffSize(b);
   if (b.has("RIFF") && b.has("WEBP", 8)) return webpSize(b);
@@ -308,16 +294,12 @@ cv::Mat decodeGrey(const std::vector<std::uint8_t>& bytes, const std::string& na
   if (bytes.empty() || (binary_pnm && !isCompletePnm(b)))
     throw IoError(fmt::format("{}: the image is truncated", name));
   const std::optional<cv::Size> size = sizeInHeader(bytes);
-  if (size && std::int64_t{size->width} * size->height > kMaxPixels) {
-    throw IoError(fmt::format("{}: {}; expected {} megapixels at most",
-                              name,
-                              pixelText(size->width, size->height),
-                              kMaxPixels >> 20U));
-  }
+  if (size) checkSize(*size, name);
   if (isPng(bytes)) return decodePng(bytes, name);
   cv::Mat image;
-  if (b.has(kJpeg)) image = decodeJpeg(bytes, name);
-  if (image.empty() && size && isLeftToOpenCv(b)) image = decodeByOpenCv(bytes);
+  const bool jpeg = b.has(kJpeg);
+  if (jpeg) image = decodeJpeg(bytes, name);
+  if (image.empty() && (size || jpeg) && isLeftToOpenCv(b)) image = decodeByOpenCv(bytes);
   if (image.empty()) {
     throw IoError(fmt::format(
         "{}: the image cannot be decoded; expected PNG, JPEG, PNM, BMP, TIFF or WebP", name));
