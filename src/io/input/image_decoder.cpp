@@ -4,13 +4,13 @@
 #include "dsorb/error.h"
 
 #include "io/input/codecs.h"
-#include "io/png.h"
 #include "io/text_file.h"
 
 #include <fmt/format.h>
 #include <jerror.h>
 #include <jpeglib.h>
 #include <opencv2/core/mat.hpp>
+#include <png.h>
 
 #include <algorithm>
 #include <array>
@@ -18,6 +18,7 @@
 #include <csetjmp>
 #include <cstdint>
 #include <cstdio>
+#include <cstring>
 #include <fstream>
 #include <limits>
 #include <optional>
@@ -31,6 +32,7 @@ namespace {
 using namespace std::string_view_literals;
 
 constexpr std::string_view kJpeg = "\xFF\xD8\xFF"sv;
+constexpr std::string_view kPng = "\x89PNG\r\n\x1A\n"sv;
 constexpr int kHarmlessBytes = 16;  // between two markers: some cameras pad with a few
 constexpr int kMostScans = 100;     // of a progressive file; encoders make ten or so
 
@@ -158,6 +160,99 @@ cv::Mat decodeJpeg(const std::vector<std::uint8_t>& bytes, const std::string& na
   throw IoError(fmt::format("{}: the image is truncated or damaged: {}", name, complaint));
 }
 
+constexpr png_fixed_point kRed = 29900;  // of grey, in 1 / 100000
+constexpr png_fixed_point kGreen = 58700;
+
+/// What libpng says of a file. It reports errors by a jump out of its functions: whatever it is
+/// called from holds plain values only.
+struct Complaint {
+  std::array<char, 128> text{};
+};
+
+[[noreturn]] void onPngError(png_structp png, png_const_charp message) {
+  auto& text = static_cast<Complaint*>(png_get_error_ptr(png))->text;
+  std::strncpy(text.data(), message, text.size() - 1);
+  png_longjmp(png, 1);
+}
+
+void onWarning(png_structp /*png*/, png_const_charp /*message*/) {}
+
+/// A file in memory that is read.
+struct Reader {
+  explicit Reader(const std::vector<std::uint8_t>& bytes)
+      : next(bytes.data()),
+        left(bytes.size()),
+        png(png_create_read_struct(PNG_LIBPNG_VER_STRING, &complaint, onPngError, onWarning)),
+        info(png_create_info_struct(png)) {
+    png_set_read_fn(png, this, [](png_structp from, png_bytep to, std::size_t size) {
+      auto& reader = *static_cast<Reader*>(png_get_io_ptr(from));
+      if (size > reader.left) png_error(from, "the file ends too early");
+      std::copy_n(reader.next, size, to);
+      reader.next += size;
+      reader.left -= size;
+    });
+  }
+  ~Reader() { png_destroy_read_struct(&png, &info, nullptr); }
+  Reader(const Reader&) = delete;
+  Reader& operator=(const Reader&) = delete;
+
+  Complaint complaint;
+  const std::uint8_t* next;
+  std::size_t left;
+  png_structp png;
+  png_infop info;
+};
+
+/// Reads the header and asks for one grey channel. @return whether that went well
+bool readPngHeader(Reader& r) {
+  if (setjmp(png_jmpbuf(r.png)) != 0) return false;
+  png_read_info(r.png, r.info);
+  const int colour = png_get_color_type(r.png, r.info);
+  if (colour == PNG_COLOR_TYPE_PALETTE) png_set_palette_to_rgb(r.png);
+  if (png_get_bit_depth(r.png, r.info) < 8) png_set_expand_gray_1_2_4_to_8(r.png);
+  if (png_get_bit_depth(r.png, r.info) == 16) png_set_swap(r.png);
+  png_set_strip_alpha(r.png);
+  if ((colour & PNG_COLOR_MASK_COLOR) != 0) {
+    png_set_rgb_to_gray_fixed(r.png, PNG_ERROR_ACTION_NONE, kRed, kGreen);
+  }
+  png_set_interlace_handling(r.png);
+  png_read_update_info(r.png, r.info);
+  return true;
+}
+
+/// @param rows of the image, to be filled
+/// @return whether all of the file was there
+bool readPngRows(Reader& r, png_bytepp rows) {
+  if (setjmp(png_jmpbuf(r.png)) != 0) return false;
+  png_read_image(r.png, rows);
+  png_read_end(r.png, nullptr);
+  return true;
+}
+
+/// Decodes a PNG to one grey channel of 8 or 16 bits, the same pixels as OpenCV's: colours are
+/// weighed as those of Rec. 601, transparency is left out.
+/// @param name of the file, for messages
+/// @throws IoError with the words of libpng where the file is truncated or damaged
+cv::Mat decodePng(const std::vector<std::uint8_t>& bytes, const std::string& name) {
+  Reader reader(bytes);
+  cv::Mat image;
+  bool done = readPngHeader(reader);
+  if (done) {
+    const auto width = static_cast<int>(png_get_image_width(reader.png, reader.info));
+    const auto height = static_cast<int>(png_get_image_height(reader.png, reader.info));
+    const bool deep = png_get_bit_depth(reader.png, reader.info) == 16;
+    image.create(height, width, deep ? CV_16UC1 : CV_8UC1);
+    std::vector<png_bytep> rows;
+    for (int y = 0; y < height; ++y) rows.push_back(image.ptr(y));
+    done = readPngRows(reader, rows.data());
+  }
+  if (!done) {
+    throw IoError(fmt::format(
+        "{}: the image is truncated or damaged: {}", name, reader.complaint.text.data()));
+  }
+  return image;
+}
+
 constexpr std::array<std::string_view, 10> kImageSuffixes = {
     ".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".pnm", ".bmp", ".tif", ".tiff", ".webp"};
 
@@ -280,7 +375,7 @@ std::vector<std::uint8_t> readFile(const std::filesystem::path& file) {
 
 std::optional<cv::Size> sizeInHeader(const std::vector<std::uint8_t>& bytes) {
   const Bytes b{bytes};
-  if (b.has("\x89PNG"sv)) return sizeOf(b.big(16, 4), b.big(20, 4));
+  if (b.has(kPng)) return sizeOf(b.big(16, 4), b.big(20, 4));
   if (b.has("BM")) return sizeOf(b.little(18, 4), std::min(b.little(22, 4), 0U - b.little(22, 4)));
   if (b.has("II*\0"sv) || b.has("MM\0*"sv)) return tiffSize(b);
   if (b.has("RIFF") && b.has("WEBP", 8)) return webpSize(b);
@@ -295,7 +390,7 @@ cv::Mat decodeGrey(const std::vector<std::uint8_t>& bytes, const std::string& na
     throw IoError(fmt::format("{}: the image is truncated", name));
   const std::optional<cv::Size> size = sizeInHeader(bytes);
   if (size) checkSize(*size, name);
-  if (isPng(bytes)) return decodePng(bytes, name);
+  if (b.has(kPng)) return decodePng(bytes, name);
   cv::Mat image;
   const bool jpeg = b.has(kJpeg);
   if (jpeg) image = decodeJpeg(bytes, name);

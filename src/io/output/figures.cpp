@@ -4,16 +4,18 @@
 #include "dsorb/error.h"
 
 #include "io/output/output_file.h"
-#include "io/png.h"
 
 #include <fmt/format.h>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
+#include <png.h>
 
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <stdexcept>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -288,7 +290,22 @@ cv::Mat drawTrajectory(const RunRecord& record) {
 }
 
 void writePng(const std::filesystem::path& path, const cv::Mat& image) {
-  replaceFile(path, encodePng(image));
+  const int type = image.type();
+  png_image png{};
+  png.version = PNG_IMAGE_VERSION;
+  png.width = static_cast<png_uint_32>(image.cols);
+  png.height = static_cast<png_uint_32>(image.rows);
+  png.format = type == CV_16UC1  ? PNG_FORMAT_LINEAR_Y
+               : type == CV_8UC3 ? PNG_FORMAT_BGR
+                                 : PNG_FORMAT_GRAY;
+  png.flags = PNG_IMAGE_FLAG_FAST;
+  png_alloc_size_t size = PNG_IMAGE_PNG_SIZE_MAX(png);
+  std::string bytes(size, '\0');
+  const auto row = static_cast<png_int_32>(image.step / image.elemSize1());
+  if (png_image_write_to_memory(&png, bytes.data(), &size, 0, image.data, row, nullptr) == 0) {
+    throw std::runtime_error(fmt::format("libpng: {}", static_cast<const char*>(png.message)));
+  }
+  replaceFile(path, std::string_view(bytes).substr(0, size));
 }
 
 }  // namespace dsorb::io

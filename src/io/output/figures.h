@@ -23,6 +23,7 @@ namespace dsorb::io {
 [[nodiscard]] cv::Mat drawTrajectory(const RunRecord& record);
 
 /// Writes a PNG, replacing the file as a whole. @throws IoError
+/// @param image grey of 8 or 16 bits, or BGR of 8 bits
 void writePng(const std::filesystem::path& path, const cv::Mat& image);
 
 }  // namespace dsorb::io
