@@ -206,8 +206,8 @@ class FfmpegCapture final : public Capture {
       return "cannot be opened";
     }
     file_.reset(file);
-    const int score = av_probe_input_buffer2(file, &demuxer_, path.c_str(), nullptr, 0, 0);
-    if (score < 0 || demuxer_ == nullptr || isNoVideo(demuxer_->name)) {
+    score_ = av_probe_input_buffer2(file, &demuxer_, path.c_str(), nullptr, 0, 0);
+    if (score_ < 0 || demuxer_ == nullptr || isNoVideo(demuxer_->name)) {
       return "no video that can be decoded";
     }
     return {};
@@ -232,7 +232,8 @@ class FfmpegCapture final : public Capture {
 
   /// Why the container did not open. Recorders write the index of MP4's family at the end.
   [[nodiscard]] std::string closedReason() const {
-    const bool mp4 = demuxer_ != nullptr && std::string_view(demuxer_->name).substr(0, 3) == "mov";
+    const bool mp4 =
+        score_ > AVPROBE_SCORE_EXTENSION && std::string_view(demuxer_->name).substr(0, 3) == "mov";
     return mp4 ? "its index (moov) is missing or damaged: the recording was not finished or the "
                  "file is cut off; a tool like untrunc makes a new one by another recording of "
                  "the camera"
@@ -363,6 +364,7 @@ class FfmpegCapture final : public Capture {
   bool is_file_ = true;
   Clock::time_point deadline_;
   const AVInputFormat* demuxer_ = nullptr;
+  int score_ = 0;  // how sure the demuxer is, by the file's name alone AVPROBE_SCORE_EXTENSION
   Owned<AVIOContext> file_;
   Owned<AVFormatContext> format_;
   AVStream* stream_ = nullptr;
