@@ -9,6 +9,8 @@
 #include <gmock/gmock.h>
 
 #include <algorithm>
+#include <array>
+#include <cstdint>
 #include <cstring>
 #include <utility>
 #include <vector>
@@ -417,6 +419,26 @@ TEST(RunWriter, PointsAreBinaryVerticesInTheWorld) {
   EXPECT_THAT(vertex, ElementsAre(0, 0, 2)) << "image centre at inverse depth 0.5";
   EXPECT_EQ(static_cast<unsigned char>(body[12]), 100);
   EXPECT_EQ(static_cast<unsigned char>(body[27 + 12]), 255) << "clamped";
+}
+
+TEST(RunWriter, PointsStandWhereAJoinPutsThem) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  playOneSegment(run);
+  run.lost(5);  // retires the keyframe
+  run.writer.onSegmentsJoined({0, 7, {translated(1), 2}, Matrix7d::Zero(), 1, 30, 0});
+  run.writer.finish(run.writer.outcome(), nullptr);
+  const std::string text = readText(folder.path() / "points.ply");
+  const char* const vertex = text.data() + text.size() - std::size_t{2} * 27;
+  std::array<float, 3> place{};
+  float variance = 0;
+  std::int32_t segment = 0;
+  std::memcpy(place.data(), vertex, sizeof place);
+  std::memcpy(&variance, vertex + 15, sizeof variance);
+  std::memcpy(&segment, vertex + 19, sizeof segment);
+  EXPECT_THAT(place, ElementsAre(0, 0, 5)) << "twice 2, and one ahead";
+  EXPECT_FLOAT_EQ(variance, 0.0025F);
+  EXPECT_EQ(segment, 7);
 }
 
 }  // namespace
