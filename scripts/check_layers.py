@@ -43,7 +43,7 @@ THIRD_PARTY = {
     r'opencv2/': ('src/camera/undistorter', 'src/features/', 'src/self_calibration/', 'src/two_view/', 'src/init/orb/', 'src/published/', 'src/place/', 'src/io/', 'src/app/'),
     r'ceres/': ('src/published/', 'src/place/'),
     r'sqlite3': ('src/place/',),
-    r'tbb/|oneapi/': ('src/base/', 'src/odometry/', 'src/io/input/playlist'),
+    r'tbb/|oneapi/': ('src/base/', 'src/odometry/', 'src/io/input/sequence_reader'),
     r'yaml-cpp/': ('src/io/',),
     r'nlohmann/': ('src/io/',),
     r'zip\.h': ('src/io/',),

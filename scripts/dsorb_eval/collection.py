@@ -133,7 +133,7 @@ def row_of(video: str, folder: Path) -> dict[str, Any]:
     """What a video gave; None where nothing is known."""
     record, out = loaded(folder / runner.RECORD), folder / 'out'
     summary, frames = loaded(out / 'run.json'), rows_of(out / 'frames.csv')
-    starts = [start for start in loaded(out / 'initialization.json').get('initializations', []) if not start['withdrawn']]
+    starts = [start for start in loaded(out / 'initialization.json').get('initializations', []) if not start['refused']]
     wrong = [start['report'].get('wrong_probability') for start in starts]
     refined, readout = (summary.get(key) or {} for key in ('refined_camera', 'readout'))
     times = [float(row['milliseconds']) for row in frames]

@@ -124,7 +124,7 @@ def judge_files(out, sequence, with_evo):
     content = read_json(out / 'initialization.json')
     if summary is None or content is None or not frames:
         raise ValueError('run.json, initialization.json or frames.csv is missing or empty')
-    starts = [s for s in content['initializations'] if not s.get('withdrawn')]
+    starts = [s for s in content['initializations'] if not s.get('refused')]
     truth = layout.load_ground_truth(Path(sequence['groundtruth']) if sequence['groundtruth'] else None,
                                      Path(sequence['path']), sequence['format'])
     times = [f['timestamp'] for f in frames]

@@ -79,19 +79,11 @@ void setPreset(const ConfigAssignment& word, CommandLine& request) {
 }
 
 void setMode(const ConfigAssignment& word, CommandLine& request) {
-  switch (number<int>(word)) {
-    case 0:
-      request.sequence.brightness = BrightnessModel::kCalibrated;
-      return;
-    case 1:
-      request.sequence.brightness = BrightnessModel::kUncalibrated;
-      return;
-    case 2:
-      request.sequence.brightness = BrightnessModel::kPerfect;
-      return;
-    default:
-      throw ConfigError(fmt::format("mode={}: must be 0, 1 or 2", word.value));
-  }
+  constexpr std::array<BrightnessModel, 3> kNumbered = {
+      BrightnessModel::kCalibrated, BrightnessModel::kUncalibrated, BrightnessModel::kPerfect};
+  const int mode = number<int>(word);
+  if (mode < 0 || mode > 2) throw ConfigError(fmt::format("mode={}: must be 0, 1 or 2", mode));
+  request.sequence.brightness = kNumbered[static_cast<std::size_t>(mode)];
 }
 
 void setSpeed(const ConfigAssignment& word, CommandLine& request) {

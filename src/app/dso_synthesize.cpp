@@ -2,7 +2,7 @@
 #include "dsorb/error.h"
 #include "dsorb/io/config.h"
 
-#include "io/output/dataset_writer.h"
+#include "app/dataset_writer.h"
 #include "platform/process.h"
 #include "synthetic/sequence.h"
 
@@ -21,7 +21,6 @@ namespace {
 
 using dsorb::synthetic::SequenceKind;
 using dsorb::synthetic::SequenceOptions;
-using dsorb::synthetic::SyntheticFrame;
 using dsorb::synthetic::SyntheticSequence;
 
 constexpr int kRuntimeError = 1;
@@ -161,24 +160,6 @@ SequenceOptions sequenceOptions(const CommandLine& line) {
 
 void synthesize(const CommandLine& line) {
   const SyntheticSequence sequence(sequenceOptions(line));
-  dsorb::DatasetDescription description;
-  description.folder = line.output;
-  description.camera = sequence.camera();
-  description.frames = sequence.length();
-  description.can_start = sequence.hasParallax();
-  description.num_threads = line.num_threads;
-  if (sequence.isPhotometric()) {
-    description.inverse_response = sequence.inverseResponse();
-    description.vignette = sequence.vignette();
-  }
-  const auto make = [&](int index) {
-    SyntheticFrame frame = sequence.frame(index);
-    return dsorb::DatasetFrame{std::move(frame.image),
-                               std::move(frame.inverse_depth),
-                               frame.T_world_cam,
-                               frame.timestamp,
-                               frame.exposure};
-  };
   const bool is_terminal =
       dsorb::platform::errorIsTerminal();  // elsewhere one line at the end is enough
   const auto progress = [&](int done) {
@@ -193,7 +174,7 @@ void synthesize(const CommandLine& line) {
                is_last ? "\n" : "");
     std::fflush(stderr);
   };
-  dsorb::writeDataset(description, make, progress);
+  dsorb::app::writeDataset(sequence, line.output, line.num_threads, progress);
 }
 
 int run(int argc, char** argv) {

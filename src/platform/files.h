@@ -2,10 +2,8 @@
 #pragma once
 
 #include <cstddef>
-#include <cstdint>
 #include <filesystem>
 #include <string>
-#include <string_view>
 
 /// What the standard library has not and systems have each in their own way: files_posix.cpp,
 /// files_windows.cpp. Where something fails, errno says why.
@@ -27,16 +25,6 @@ class Descriptor {
   int descriptor_;
 };
 
-/// A file that ends with the program, however that ends, and that nobody else sees.
-[[nodiscard]] Descriptor openNameless(const std::filesystem::path& folder);
-
-/// Writes all of the text at a position. @return whether it did
-[[nodiscard]] bool writeAt(const Descriptor& file, std::uintmax_t position, std::string_view text);
-/// @return whether all of the bytes were there
-[[nodiscard]] bool readAt(const Descriptor& file,
-                          std::uintmax_t position,
-                          void* bytes,
-                          std::size_t size);
 /// @return false: somebody else holds it. Systems and file systems without locks on folders say
 ///         true.
 [[nodiscard]] bool lockFolder(const std::filesystem::path& folder, Descriptor& lock);

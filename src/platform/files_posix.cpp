@@ -10,8 +10,6 @@
 
 #include <array>
 #include <cerrno>
-#include <cstdio>
-#include <cstdlib>
 #include <utility>
 
 namespace dsorb::platform {
@@ -32,37 +30,6 @@ Descriptor::Descriptor(Descriptor&& other) noexcept
 Descriptor& Descriptor::operator=(Descriptor&& other) noexcept {
   std::swap(descriptor_, other.descriptor_);
   return *this;
-}
-
-Descriptor openNameless(const std::filesystem::path& folder) {
-  std::string name = (folder / "spool_XXXXXX").string();
-  Descriptor file(mkostemp(name.data(), O_CLOEXEC));
-  if (file.get() >= 0 && unlink(name.c_str()) != 0) file = Descriptor();
-  return file;
-}
-
-bool writeAt(const Descriptor& file, std::uintmax_t position, std::string_view text) {
-  while (!text.empty()) {
-    const ssize_t done = pwrite(file.get(), text.data(), text.size(), static_cast<off_t>(position));
-    if (done < 0 && errno == EINTR) continue;
-    if (done <= 0) return false;
-    position += static_cast<std::uintmax_t>(done);
-    text.remove_prefix(static_cast<std::size_t>(done));
-  }
-  return true;
-}
-
-bool readAt(const Descriptor& file, std::uintmax_t position, void* bytes, std::size_t size) {
-  auto* target = static_cast<char*>(bytes);
-  while (size > 0) {
-    const ssize_t done = pread(file.get(), target, size, static_cast<off_t>(position));
-    if (done < 0 && errno == EINTR) continue;
-    if (done <= 0) return false;
-    target += done;
-    position += static_cast<std::uintmax_t>(done);
-    size -= static_cast<std::size_t>(done);
-  }
-  return true;
 }
 
 bool lockFolder(const std::filesystem::path& folder, Descriptor& lock) {

@@ -7,23 +7,9 @@
 #include <sys/stat.h>
 
 #include <cerrno>
-#include <cstdio>
 #include <utility>
 
 namespace dsorb::platform {
-namespace {
-
-constexpr unsigned kMostAtOnce = 1U << 30U;
-
-unsigned partOf(std::size_t size) {
-  return size < kMostAtOnce ? static_cast<unsigned>(size) : kMostAtOnce;
-}
-
-bool goTo(const Descriptor& file, std::uintmax_t position) {
-  return _lseeki64(file.get(), static_cast<long long>(position), SEEK_SET) >= 0;
-}
-
-}  // namespace
 
 Descriptor::~Descriptor() {
   if (descriptor_ >= 0) _close(descriptor_);
@@ -35,38 +21,6 @@ Descriptor::Descriptor(Descriptor&& other) noexcept
 Descriptor& Descriptor::operator=(Descriptor&& other) noexcept {
   std::swap(descriptor_, other.descriptor_);
   return *this;
-}
-
-Descriptor openNameless(const std::filesystem::path& folder) {
-  for (int number = 0; number < 10000; ++number) {
-    const std::filesystem::path name = folder / ("spool_" + std::to_string(number));
-    const int how = _O_RDWR | _O_BINARY | _O_NOINHERIT | _O_CREAT | _O_EXCL | _O_TEMPORARY;
-    Descriptor file(_wopen(name.c_str(), how, _S_IREAD | _S_IWRITE));
-    if (file.get() >= 0 || errno != EEXIST) return file;
-  }
-  return Descriptor();
-}
-
-bool writeAt(const Descriptor& file, std::uintmax_t position, std::string_view text) {
-  if (!goTo(file, position)) return false;
-  while (!text.empty()) {
-    const int done = _write(file.get(), text.data(), partOf(text.size()));
-    if (done <= 0) return false;
-    text.remove_prefix(static_cast<std::size_t>(done));
-  }
-  return true;
-}
-
-bool readAt(const Descriptor& file, std::uintmax_t position, void* bytes, std::size_t size) {
-  if (!goTo(file, position)) return false;
-  auto* target = static_cast<char*>(bytes);
-  while (size > 0) {
-    const int done = _read(file.get(), target, partOf(size));
-    if (done <= 0) return false;
-    target += done;
-    size -= static_cast<std::size_t>(done);
-  }
-  return true;
 }
 
 bool lockFolder(const std::filesystem::path& /*folder*/, Descriptor& /*lock*/) {

@@ -38,8 +38,7 @@ def frame_events(index, segment=0):
             dict(kind='points', keyframe=index, segment=segment, final=False,
                  points=[[31.5, 23.5, .5, 1e-4, 200], [131.5, 23.5, .25, 1e-4, 100], [0, 0, .5, 1., 10]]),
             dict(kind='pose', index=index, timestamp=index / 10, segment=segment, state='tracked', is_keyframe=True, pose=pose,
-                 keyframe=index, rmse=4., affine=[0, 0]),
-            dict(kind='tracks', index=index, segment=segment, source='map_points', tracks=[[3, 4, .5]])]
+                 keyframe=index, rmse=4., affine=[0, 0])]
 
 
 def entities_of(file):
@@ -113,6 +112,19 @@ class Recordings(unittest.TestCase):
         for entity in ('camera', 'camera/image', 'camera/image/tracks', 'path/0', 'keyframes/2', 'map/2'):
             self.assertIn(f'/segment_0/{entity}', entities)
         self.assertIn('/segment_1/map/0', entities)
+
+    def test_tracks_are_the_points_of_the_keyframe_as_the_frame_sees_them(self):
+        view, logged = rerun_view.View(self.path, None, .3), []
+        view.log = lambda entity, what, static=False: logged.append(what) if entity.endswith('/tracks') else None
+        view.camera, view.rectified = CAMERA, True
+        for event in (dict(kind='keyframe', index=0, segment=0, final=False, pose=[0, 0, 0, 0, 0, 0, 1]),
+                      # At depth 2; one unit nearer the first is twice as far from the middle, the others are behind the camera and outside.
+                      dict(kind='points', keyframe=0, segment=0, final=False,
+                           points=[[41.5, 23.5, .5, 1., 9], [41.5, 23.5, 1.25, 1., 9], [61.5, 23.5, .5, 1., 9]]),
+                      dict(kind='pose', index=1, segment=0, keyframe=0, pose=[0, 0, 1, 0, 0, 0, 1])):
+            view.show(event)
+        tracks, = logged
+        self.assertEqual(tracks.positions.as_arrow_array().to_pylist(), [[52, 24]])
 
     def test_images_are_those_of_the_recording(self):
         self.images(1)
@@ -199,7 +211,7 @@ class Commands(unittest.TestCase):
         self.assertLessEqual({f'/segment_0/{name}' for name in ('camera', 'camera/image', 'camera/image/tracks', 'path/0', 'map/0',
                                                                 'keyframes/0')}, entities)
         kinds = {event['kind'] for event in recording.events(output / 'recording.jsonl')}
-        self.assertEqual(kinds, {'header', 'image', 'init', 'pose', 'keyframe', 'points', 'tracks', 'end'})
+        self.assertEqual(kinds, {'header', 'image', 'init', 'pose', 'keyframe', 'points', 'end'})
         done = self.dsorb('view', output, '--save', output / 'again.rrd')
         self.assertEqual((done.returncode, done.stdout), (0, f'{FRAMES} images; {output / "again.rrd"}\n'), done.stderr)
         self.assertEqual(entities_of(output / 'again.rrd'), entities)

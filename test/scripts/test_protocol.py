@@ -263,11 +263,11 @@ class Judge(InFolder):
         self.write_json('run.json', dict(status='tracked', segments=1, peak_memory_mb=80., camera={}))
         centre = rows[4, 1:4] - rows[0, 1:4]
         points = [[5 + i % 50, 5 + i // 50, .25 * 1.1 ** (i % 3 - 1), .0025] for i in range(150)]
-        self.start = dict(segment=0, frames_given=5, resets=0, withdrawn=False, reference=dict(index=0, timestamp=0.),
+        self.start = dict(segment=0, frames_given=5, resets=0, refused=False, reference=dict(index=0, timestamp=0.),
                           target=dict(index=4, timestamp=.4), camera=dict(fx=50., fy=50., cx=31.5, cy=23.5), points=points,
                           poses=[dict(index=4, T_cam_ref=tr.inverse(tr.pose_of([0, *centre, 0, 0, 0, 1])).tolist())],
                           milliseconds=dict(total=100., last_frame=40.))
-        self.write_json('initialization.json', dict(initializations=[dict(self.start, withdrawn=True), self.start]))
+        self.write_json('initialization.json', dict(initializations=[dict(self.start, refused=True), self.start]))
 
     def write_json(self, name, content):
         (self.out / name).write_text(json.dumps(content))
@@ -283,7 +283,7 @@ class Judge(InFolder):
         self.assertAlmostEqual(figures['frames']['scale'], 2, places=6)
         self.assertLess(figures['keyframes']['ate_over_path'], 1e-8)
         self.assertEqual((figures['tracked'], figures['tracked_after'], figures['ms_track']), (25, 1., 2.5))
-        start, = figures['starts']  # the one withdrawn does not count
+        start, = figures['starts']  # the one refused does not count
         self.assertEqual((start['frames_given'], start['since_ref'], start['points']), (5, 4, 150))
         self.assertLess(start['dir_deg'], 1e-5)
         # a third each of 1/1.1, 1 and 1.1 times the true inverse depth: the best scale lies between two of them, 4.8 % from each

@@ -44,8 +44,7 @@ TEST_F(DsoDataset, TracksTheRoomAndWritesEveryFile) {
                            "run.json",
                            "config.yaml",
                            "figures/initial_inverse_depth.png",
-                           "figures/trajectory.png",
-                           "figures/timeline.png"}) {
+                           "figures/trajectory.png"}) {
     EXPECT_GT(readText(file(name)).size(), 0U) << name;
   }
   EXPECT_EQ(readTextLines(file("frames.csv")).size(), kFrames + 1U);
@@ -278,7 +277,7 @@ TEST_F(DsoDataset, InterruptWritesWhatWasComputed) {
   EXPECT_EQ(runJson()["status"], "interrupted");
   EXPECT_LT(runJson()["frames_given"], kFrames);
   EXPECT_EQ(readTextLines(table).size(), runJson()["frames_given"].get<std::size_t>() + 1);
-  EXPECT_THAT(readText(file("figures/timeline.png")), Not(""));
+  EXPECT_THAT(readText(file("figures/trajectory.png")), Not(""));
   EXPECT_THAT(result.out, HasSubstr("interrupted"));
 }
 

@@ -67,7 +67,7 @@ TEST_F(LiveRun, InterruptEndsASlowPlaybackAtOnce) {
       [&table] { return readTextLines(table).size() > 1; });
   EXPECT_EQ(runJson()["status"], "interrupted");
   EXPECT_EQ(runJson()["frames_given"], 1) << "the next image would be there after 33 s";
-  EXPECT_THAT(readText(file("figures/timeline.png")), Not(""));
+  EXPECT_THAT(readText(file("figures/trajectory.png")), Not(""));
 }
 
 }  // namespace

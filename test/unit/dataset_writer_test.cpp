@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/output/dataset_writer.h"
+#include "app/dataset_writer.h"
 
 #include "dsorb/error.h"
 #include "dsorb/io/sequence_reader.h"
@@ -37,23 +37,6 @@ synthetic::SequenceOptions smallStreet() {
   return options;
 }
 
-void write(const synthetic::SyntheticSequence& sequence, const fs::path& folder) {
-  DatasetDescription description;
-  description.folder = folder;
-  description.camera = sequence.camera();
-  description.frames = sequence.length();
-  description.can_start = sequence.hasParallax();
-  if (sequence.isPhotometric()) {
-    description.inverse_response = sequence.inverseResponse();
-    description.vignette = sequence.vignette();
-  }
-  writeDataset(description, [&](int index) {
-    const synthetic::SyntheticFrame frame = sequence.frame(index);
-    return DatasetFrame{
-        frame.image, frame.inverse_depth, frame.T_world_cam, frame.timestamp, frame.exposure};
-  });
-}
-
 TEST(DatasetWriter, WritesWhatTheReaderReads) {
   synthetic::SequenceOptions options = smallStreet();
   options.nonlinear_response = true;
@@ -61,7 +44,7 @@ TEST(DatasetWriter, WritesWhatTheReaderReads) {
   options.exposure_changes = 0.3;
   const synthetic::SyntheticSequence sequence(options);
   const TemporaryFolder folder;
-  write(sequence, folder.path() / "street");
+  app::writeDataset(sequence, folder.path() / "street");
   SequenceOptions reading;
   reading.path = (folder.path() / "street").string();
   SequenceReader reader(reading);
@@ -86,7 +69,7 @@ TEST(DatasetWriter, WritesWhatTheReaderReads) {
 TEST(DatasetWriter, WritesDepthInMillimetresAndThePoses) {
   const synthetic::SyntheticSequence sequence(smallStreet());
   const TemporaryFolder folder;
-  write(sequence, folder.path() / "street");
+  app::writeDataset(sequence, folder.path() / "street");
   const cv::Mat depth =
       cv::imread((folder.path() / "street/depth/00002.png").string(), cv::IMREAD_UNCHANGED);
   ASSERT_EQ(depth.type(), CV_16U);
@@ -116,10 +99,11 @@ TEST(DatasetWriter, MergesItsEntryIntoTheListOfTheParentFolder) {
   std::ofstream(folder.path() / "sequences.json")
       << R"({"mine": {"path": "a/b", "frames": 9, "note": "kept"}})";
   synthetic::SequenceOptions options = smallStreet();
-  write(synthetic::SyntheticSequence(options), folder.path() / "street");
+  app::writeDataset(synthetic::SyntheticSequence(options), folder.path() / "street");
   options.kind = synthetic::SequenceKind::kStatic;
   options.length = 2;
-  write(synthetic::SyntheticSequence(options), folder.path() / "still/");  // a trailing slash
+  app::writeDataset(synthetic::SyntheticSequence(options),
+                    folder.path() / "still/");  // a trailing slash
   const auto list = nlohmann::json::parse(contentOf(folder.path() / "sequences.json"));
   EXPECT_EQ(list, nlohmann::json::parse(R"({
       "mine": {"path": "a/b", "frames": 9, "note": "kept"},
@@ -131,12 +115,12 @@ TEST(DatasetWriter, ReplacesAnEarlierDataSet) {
   const TemporaryFolder folder;
   synthetic::SequenceOptions options = smallStreet();
   options.vignette = true;
-  write(synthetic::SyntheticSequence(options), folder.path() / "a");
+  app::writeDataset(synthetic::SyntheticSequence(options), folder.path() / "a");
   EXPECT_TRUE(fs::exists(folder.path() / "a/vignette.png"));
   EXPECT_TRUE(fs::exists(folder.path() / "a/pcalib.txt"));
   options.vignette = false;
   options.length = 2;
-  write(synthetic::SyntheticSequence(options), folder.path() / "a");
+  app::writeDataset(synthetic::SyntheticSequence(options), folder.path() / "a");
   EXPECT_FALSE(fs::exists(folder.path() / "a/vignette.png"));
   EXPECT_FALSE(fs::exists(folder.path() / "a/pcalib.txt"));
   EXPECT_FALSE(fs::exists(folder.path() / "a/images/00002.png"));
@@ -149,7 +133,7 @@ TEST(DatasetWriter, LeavesFilesOfOthersAlone) {
   fs::create_directories(image.parent_path());
   std::ofstream(image) << "of somebody";
   try {
-    write(synthetic::SyntheticSequence(smallStreet()), folder.path() / "mine");
+    app::writeDataset(synthetic::SyntheticSequence(smallStreet()), folder.path() / "mine");
     FAIL() << "wrote among them";
   } catch (const IoError& error) {
     EXPECT_THAT(error.what(), testing::HasSubstr("sequences.json does not list it"));
@@ -162,14 +146,14 @@ TEST(DatasetWriter, NamesTheFileItCannotWrite) {
   std::ofstream(folder.path() / "file") << "not a folder";
   const synthetic::SyntheticSequence sequence(smallStreet());
   try {
-    write(sequence, folder.path() / "file/street");
+    app::writeDataset(sequence, folder.path() / "file/street");
     FAIL() << "wrote below a file";
   } catch (const IoError& error) {
     EXPECT_THAT(error.what(), testing::HasSubstr("file/street"));
   }
   std::ofstream(folder.path() / "sequences.json") << "[1, 2";
   try {
-    write(sequence, folder.path() / "street");
+    app::writeDataset(sequence, folder.path() / "street");
     FAIL() << "took a broken list";
   } catch (const IoError& error) {
     EXPECT_THAT(error.what(), testing::HasSubstr("sequences.json"));

@@ -3,7 +3,6 @@
 
 #include "dsorb/error.h"
 
-#include "io/output/run_record.h"
 #include "support/temporary_folder.h"
 #include "support/text_files.h"
 
@@ -40,34 +39,17 @@ TEST(GrowingFile, EndIsReplaced) {
   EXPECT_EQ(file.read(0, 4), "[ONE");
 }
 
-TEST(Spool, HoldsWhatWasPushed) {
-  const TemporaryFolder folder;
-  io::Spool<int> spool(folder.path());
-  constexpr int kCount = 5000;  // several blocks
-  for (int i = 0; i < kCount; ++i) {
-    spool.push(i);
-    spool.settle();
-  }
-  ASSERT_EQ(spool.size(), std::size_t{kCount});
-  EXPECT_EQ(spool.newest(), kCount - 1);
-  for (const int i : {0, 1023, 1024, 4999, 4000, 2048, 1}) {
-    EXPECT_EQ(spool.at(static_cast<std::size_t>(i)), i);
-  }
-  EXPECT_TRUE(std::filesystem::is_empty(folder.path())) << "its file has no name";
-}
-
-TEST(ReplacingFile, OldContentStaysUntilCommit) {
+TEST(ReplaceFile, OldContentStaysWhereTheNewOneCannotBeWritten) {
   const TemporaryFolder folder;
   const std::filesystem::path path = folder.path() / "file.txt";
   io::replaceFile(path, "old");
-  {
-    io::ReplacingFile file(path);
-    file.append("half of the new");
-  }
+  std::filesystem::create_directory(path.string() + ".part");
+  EXPECT_THROW(io::replaceFile(path, "new"), IoError);
   EXPECT_EQ(readText(path), "old");
-  EXPECT_FALSE(std::filesystem::exists(path.string() + ".part"));
+  std::filesystem::remove(path.string() + ".part");
   io::replaceFile(path, "new");
   EXPECT_EQ(readText(path), "new");
+  EXPECT_FALSE(std::filesystem::exists(path.string() + ".part"));
 }
 
 TEST(JsonText, KeepsArraysOfNumbersOnOneLineAndReadsBack) {

@@ -99,8 +99,7 @@ TEST_F(RecordingWriterTest, LinesComeInTheOrderTheFormatPromises) {
   writer.onFrame(estimate);
   writer.frameDone(estimate);
   const std::vector<io::Json> lines = readLines(path_);
-  EXPECT_THAT(kindsOf(lines),
-              ElementsAre("header", "image", "keyframe", "points", "pose", "tracks"));
+  EXPECT_THAT(kindsOf(lines), ElementsAre("header", "image", "keyframe", "points", "pose"));
   EXPECT_EQ(lines[0].at("program"), "dso_dataset 1.2.3");
   EXPECT_EQ(lines[0].at("camera").at("width"), 160);
   EXPECT_EQ(lines[0].at("camera").at("fx"), 100);
@@ -110,19 +109,7 @@ TEST_F(RecordingWriterTest, LinesComeInTheOrderTheFormatPromises) {
   writer.onLost({1}, 0);
   writer.finish(RunStatus::kLost);
   EXPECT_EQ(readLines(path_).back().at("status"), "lost");
-  EXPECT_EQ(readLines(path_)[6].at("kind"), "lost");
-}
-
-TEST_F(RecordingWriterTest, TracksAreThePointsAsTheFrameSeesThem) {
-  io::RecordingWriter writer(path_, info_, kRecordedCamera);
-  // Depth 2, 20 px right of the centre; one unit nearer it is 40 px right, at depth 1. The second
-  // point is passed by, the third leaves the image.
-  writer.onKeyframe(makeKeyframe(
-      0, {point(99.5F, 59.5F, 0.5F), point(99.5F, 59.5F, 1.25F), point(149.5F, 59.5F, 0.5F)}));
-  const FrameEstimate estimate = tracked(1, 1.0);
-  writer.onFrame(estimate);
-  writer.frameDone(estimate);
-  EXPECT_EQ(readLines(path_).back().at("tracks"), io::Json::array({{119.5, 59.5, 1.0}}));
+  EXPECT_EQ(readLines(path_)[5].at("kind"), "lost");
 }
 
 TEST_F(RecordingWriterTest, ImagesLieBesideTheRecording) {
@@ -138,7 +125,7 @@ TEST_F(RecordingWriterTest, ImagesLieBesideTheRecording) {
   EXPECT_EQ(image.at<uchar>(60, 80), 127);
 }
 
-TEST_F(RecordingWriterTest, AnInitializationBringsPosesAndItsPoints) {
+TEST_F(RecordingWriterTest, AnInitializationBringsPoses) {
   io::RecordingWriter writer(path_, info_, kRecordedCamera);
   InitStep step;
   step.status = InitStatus::kInitialized;
@@ -149,19 +136,15 @@ TEST_F(RecordingWriterTest, AnInitializationBringsPosesAndItsPoints) {
     step.result->frames[i].frame = recordedFrame(static_cast<int>(i) + 4);
     if (i != 1) step.result->frames[i].T_cam_ref = forward(-0.5 * static_cast<double>(i));
   }
-  step.result->points.resize(1);
-  step.result->points[0].pixel = {99.5F, 59.5F};
-  step.result->points[0].inverse_depth = 0.5F;
   writer.onInitStep(step, *step.result->frames.back().frame, 0);
   FrameEstimate estimate;
   estimate.frame = step.result->frames.back().frame;
   writer.frameDone(estimate);
   const std::vector<io::Json> lines = readLines(path_);
-  ASSERT_THAT(kindsOf(lines), ElementsAre("header", "image", "init", "tracks"));
+  ASSERT_THAT(kindsOf(lines), ElementsAre("header", "image", "init"));
   EXPECT_EQ(lines[2].at("reference"), 4);
   EXPECT_TRUE(lines[2].at("poses").at(1).at(1).is_null());
   EXPECT_EQ(lines[2].at("poses").at(2).at(1).at(2), 1.0);
-  EXPECT_EQ(lines[3].at("tracks"), io::Json::array({{119.5, 59.5, 1.0}}));
 }
 
 TEST_F(RecordingWriterTest, AMetricStartIsToldInMetresAndARefusalFollowsIt) {
@@ -172,9 +155,6 @@ TEST_F(RecordingWriterTest, AMetricStartIsToldInMetresAndARefusalFollowsIt) {
   for (int i = 0; i < 2; ++i) {
     step.result->frames.push_back({recordedFrame(i), forward(-0.5 * i), {}, std::nullopt});
   }
-  step.result->points.resize(1);
-  step.result->points[0].pixel = {99.5F, 59.5F};
-  step.result->points[0].inverse_depth = 0.5F;
   step.result->metric = MetricScale{4, .01, 0};
   writer.onInitStep(step, *step.result->frames.back().frame, 0);
   StartRefusal refusal;
@@ -185,10 +165,9 @@ TEST_F(RecordingWriterTest, AMetricStartIsToldInMetresAndARefusalFollowsIt) {
   estimate.frame = step.result->frames.back().frame;
   writer.frameDone(estimate);
   const std::vector<io::Json> lines = readLines(path_);
-  ASSERT_THAT(kindsOf(lines), ElementsAre("header", "image", "init", "tracks", "refused"));
+  ASSERT_THAT(kindsOf(lines), ElementsAre("header", "image", "init", "refused"));
   EXPECT_EQ(lines[2].at("poses").at(1).at(1).at(2), 2.0);
-  EXPECT_NEAR(lines[3].at("tracks").at(0).at(2).get<double>(), 1 / 6., 1e-6);
-  EXPECT_EQ(lines[4].at("reason"), "depth");
+  EXPECT_EQ(lines[3].at("reason"), "depth");
 }
 
 TEST_F(RecordingWriterTest, ImagesOfOthersStayAsTheyAre) {

@@ -67,12 +67,8 @@ TEST(RunFolder, RunWithoutFramesIsValid) {
   FakeRun run(folder.path());
   EXPECT_EQ(run.writer.outcome(), RunStatus::kNeverInitialized);
   run.writer.finish(run.writer.outcome(), nullptr);
-  for (const char* file : {"trajectory.txt",
-                           "keyframes.txt",
-                           "frames.csv",
-                           "points.ply",
-                           "figures/trajectory.png",
-                           "figures/timeline.png"}) {
+  for (const char* file :
+       {"trajectory.txt", "keyframes.txt", "frames.csv", "points.ply", "figures/trajectory.png"}) {
     EXPECT_TRUE(fs::exists(folder.path() / file)) << file;
   }
 }

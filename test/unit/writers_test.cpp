@@ -9,6 +9,8 @@
 #include <gmock/gmock.h>
 
 #include <algorithm>
+#include <array>
+#include <cstdint>
 #include <cstring>
 #include <utility>
 #include <vector>
@@ -190,7 +192,7 @@ TEST(RunWriter, InitializationFollowsTheSchema) {
   EXPECT_EQ(start["frames_given"], 4);
   EXPECT_EQ(start["frames_since_reference"], 2);
   EXPECT_EQ(start["resets"], 1);
-  EXPECT_EQ(start["withdrawn"], false);
+  EXPECT_EQ(start["refused"], false);
   EXPECT_EQ(start["reference"]["index"], 1);
   EXPECT_EQ(start["target"]["index"], 3);
   EXPECT_EQ(start["camera"]["width"], 160);
@@ -266,14 +268,14 @@ TEST(RunWriter, ARefusedStartIsInTheListOfStartsAndNowhereElse) {
   EXPECT_EQ(readJson(folder.path() / "run.json")["segments"], 1);
   const auto starts = readJson(folder.path() / "initialization.json")["initializations"];
   ASSERT_EQ(starts.size(), 2U);
-  EXPECT_EQ(starts[0]["withdrawn"], true);
-  EXPECT_EQ(starts[0]["withdrawal"].dump(),
+  EXPECT_EQ(starts[0]["refused"], true);
+  EXPECT_EQ(starts[0]["refusal"].dump(),
             R"({"reason":"depth","index":1,"direction_deg":0.75,"depth_spread":0.25,)"
             R"("depth_change":3.5,"kept_share":0.5})");
-  EXPECT_EQ(starts[1]["withdrawn"], false);
-  EXPECT_TRUE(starts[1]["withdrawal"].is_null());
+  EXPECT_EQ(starts[1]["refused"], false);
+  EXPECT_TRUE(starts[1]["refusal"].is_null());
   EXPECT_EQ(starts[1]["frames_given"], 4) << "the segment goes on";
-  EXPECT_EQ(readJson(folder.path() / "run.json")["withdrawn"].dump(),
+  EXPECT_EQ(readJson(folder.path() / "run.json")["refused"].dump(),
             R"({"adjustment":0,"direction":0,"depth":1})");
 }
 
@@ -403,24 +405,40 @@ TEST(RunWriter, PointsAreBinaryVerticesInTheWorld) {
   const TemporaryFolder folder;
   FakeRun run(folder.path());
   playOneSegment(run);
-  const auto check = [&folder] {
-    const std::string text = readText(folder.path() / "points.ply");
-    EXPECT_THAT(text, HasSubstr("format binary_little_endian 1.0"));
-    EXPECT_THAT(text, HasSubstr("comment unit of each segment: units in run.json"));
-    EXPECT_THAT(text, HasSubstr("element vertex 2\n"));
-    const std::string end = "end_header\n";
-    const std::string body = text.substr(text.find(end) + end.size());
-    ASSERT_EQ(body.size(), 2U * 27U);
-    float vertex[3];
-    std::memcpy(vertex, body.data(), sizeof(vertex));
-    EXPECT_THAT(vertex, ElementsAre(0, 0, 2)) << "image centre at inverse depth 0.5";
-    EXPECT_EQ(static_cast<unsigned char>(body[12]), 100);
-    EXPECT_EQ(static_cast<unsigned char>(body[27 + 12]), 255) << "clamped";
-  };
-  check();
   run.retire();
   run.writer.finish(run.writer.outcome(), nullptr);
-  check();
+  const std::string text = readText(folder.path() / "points.ply");
+  EXPECT_THAT(text, HasSubstr("format binary_little_endian 1.0"));
+  EXPECT_THAT(text, HasSubstr("comment unit of each segment: units in run.json"));
+  EXPECT_THAT(text, HasSubstr("element vertex 2\n"));
+  const std::string end = "end_header\n";
+  const std::string body = text.substr(text.find(end) + end.size());
+  ASSERT_EQ(body.size(), 2U * 27U);
+  float vertex[3];
+  std::memcpy(vertex, body.data(), sizeof(vertex));
+  EXPECT_THAT(vertex, ElementsAre(0, 0, 2)) << "image centre at inverse depth 0.5";
+  EXPECT_EQ(static_cast<unsigned char>(body[12]), 100);
+  EXPECT_EQ(static_cast<unsigned char>(body[27 + 12]), 255) << "clamped";
+}
+
+TEST(RunWriter, PointsStandWhereAJoinPutsThem) {
+  const TemporaryFolder folder;
+  FakeRun run(folder.path());
+  playOneSegment(run);
+  run.lost(5);  // retires the keyframe
+  run.writer.onSegmentsJoined({0, 7, {translated(1), 2}, Matrix7d::Zero(), 1, 30, 0});
+  run.writer.finish(run.writer.outcome(), nullptr);
+  const std::string text = readText(folder.path() / "points.ply");
+  const char* const vertex = text.data() + text.size() - std::size_t{2} * 27;
+  std::array<float, 3> place{};
+  float variance = 0;
+  std::int32_t segment = 0;
+  std::memcpy(place.data(), vertex, sizeof place);
+  std::memcpy(&variance, vertex + 15, sizeof variance);
+  std::memcpy(&segment, vertex + 19, sizeof segment);
+  EXPECT_THAT(place, ElementsAre(0, 0, 5)) << "twice 2, and one ahead";
+  EXPECT_FLOAT_EQ(variance, 0.0025F);
+  EXPECT_EQ(segment, 7);
 }
 
 }  // namespace

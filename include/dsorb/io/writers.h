@@ -46,8 +46,8 @@ struct FrameTiming {
 /// summary and figures. As observer it only takes notes; files are written in frameDone() and
 /// finish(), so that writing is not part of a frame's measured time. Whatever lies in the folder
 /// after a crash is valid: text files grow by whole lines, points.ply by what its header counts,
-/// all others are replaced by rename. Its memory grows by what belongs to a keyframe, about 200
-/// bytes; frames wait on the disk.
+/// all others are replaced by rename. Its memory grows by about 110 bytes a frame and 200 a
+/// keyframe: 12 MB an hour at 30 frames a second.
 class RunWriter : public OdometryObserver {
  public:
   /// Creates the folder and removes the files of an earlier run from it.
@@ -64,8 +64,6 @@ class RunWriter : public OdometryObserver {
   void setCamera(const PinholeCamera& camera, const Lens* lens = nullptr);
   /// The camera that earlier passes over the images found.
   void setFoundCamera(const FoundCamera& camera);
-  /// Writes config.yaml anew, where the data set decided about options.
-  void setConfig(const std::string& yaml);
 
   void onInitStep(const InitStep& step, const Frame& frame, int segment) override;
   void onFrame(const FrameEstimate& estimate) override;

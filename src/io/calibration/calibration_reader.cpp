@@ -21,8 +21,8 @@ namespace {
 using io::KeyedValues;
 
 // Limits of JSON, which may hold the poses of many images.
-constexpr std::size_t kMaxJsonBytes = std::size_t{1} << 25;
-constexpr std::size_t kMaxJsonValues = 1000000;
+constexpr std::size_t kMaxJsonBytes = std::size_t{1} << 23;
+constexpr std::size_t kMaxJsonValues = 400000;
 
 /// First line of camera.txt.
 const std::vector<LensWord> kModels = {

@@ -4,11 +4,9 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <tinyxml2.h>
-#include <yaml-cpp/eventhandler.h>
 #include <yaml-cpp/yaml.h>
 
 #include <algorithm>
-#include <optional>
 #include <sstream>
 #include <string_view>
 #include <utility>
@@ -16,150 +14,87 @@
 namespace dsorb::io {
 namespace {
 
-constexpr std::size_t kMaxWords = 64;  // of a list; none that is read has more than 14
-constexpr std::size_t kMaxDepth = 32;  // groups within groups
+constexpr int kMaxDepth = 32;  // groups within groups
 
 std::string joined(const std::string& path, const std::string& key) {
   return path.empty() ? key : path + "." + key;
 }
 
-/// Notes the values of a document as the parser finds them.
-class YamlValues : public YAML::EventHandler {
+/// Notes the values of a document under their paths.
+class YamlValues {
  public:
   YamlValues(KeyedValues& values, std::size_t most_values)
       : values_(values), most_values_(most_values) {}
 
-  /// Whether the document holds anything.
-  [[nodiscard]] bool empty() const { return count_ == 0; }
-  /// Where what the document holds begins, from 1.
-  [[nodiscard]] int line() const { return line_; }
-
-  void OnDocumentStart(const YAML::Mark& /*mark*/) override {}
-  void OnDocumentEnd() override {}
-  void OnNull(const YAML::Mark& mark, YAML::anchor_t anchor) override {
-    if (line_ == 0) line_ = mark.line + 1;
-    if (!groups_.empty()) addScalar(mark, {std::nullopt, {}}, anchor);
-  }
-  void OnScalar(const YAML::Mark& mark,
-                const std::string& /*tag*/,
-                YAML::anchor_t anchor,
-                const std::string& value) override {
-    addScalar(mark, {value, {}}, anchor);
-  }
-  void OnAlias(const YAML::Mark& mark, YAML::anchor_t name) override {
-    const auto anchor = anchors_.find(name);
-    if (anchor == anchors_.end()) {
-      throw error(mark, "an alias stands for the group it is part of");
+  void add(const std::string& path, const YAML::Node& node, int depth = 0) {
+    count_ += node.IsSequence() ? 1 + node.size() : 1;
+    if (count_ > most_values_) {
+      throw error(
+          node,
+          fmt::format("more than {} values, counted with what aliases stand for", most_values_));
     }
-    if (anchor->second.path.empty()) {
-      addScalar(mark, anchor->second, 0);
+    if (depth > kMaxDepth) {
+      throw error(node, fmt::format("more than {} groups within each other", kMaxDepth));
+    }
+    if (node.IsMap()) {
+      for (const auto& entry : node) {
+        if (!entry.first.IsScalar()) throw error(entry.first, "not YAML: a key is expected");
+        add(joined(path, entry.first.Scalar()), entry.second, depth + 1);
+      }
+    } else if (node.IsSequence()) {
+      addList(path, node, depth);
     } else {
-      count(mark, values_.copy(anchor->second.path, begin(mark)));
+      const auto kind = node.IsScalar() ? KeyedValue::kScalar : KeyedValue::kNull;
+      values_.add(path, {{node.Scalar()}, lineOf(node), kind});
     }
   }
-  void OnSequenceStart(const YAML::Mark& mark,
-                       const std::string& /*tag*/,
-                       YAML::anchor_t anchor,
-                       YAML::EmitterStyle::value /*style*/) override {
-    open(mark, anchor, false);
-    if (groups_.size() > 1) {
-      values_.add(groups_.back().path, {{}, mark.line + 1, KeyedValue::kList});
-    }
-  }
-  void OnSequenceEnd() override { close(); }
-  void OnMapStart(const YAML::Mark& mark,
-                  const std::string& /*tag*/,
-                  YAML::anchor_t anchor,
-                  YAML::EmitterStyle::value /*style*/) override {
-    open(mark, anchor, true);
-  }
-  void OnMapEnd() override { close(); }
 
  private:
-  struct Group {
-    std::string path;
-    YAML::anchor_t anchor;
-    bool is_map;
-    std::size_t items;               // so far
-    std::optional<std::string> key;  // of a map, whose value comes next
-  };
-  /// What an alias may stand for: a scalar, or the group of a path.
-  struct Anchor {
-    std::optional<std::string> scalar;
-    std::string path;
-  };
-
-  [[nodiscard]] IoError error(const YAML::Mark& mark, const std::string& what) const {
-    return lineError(values_.file(), mark.line + 1, what);
+  static int lineOf(const YAML::Node& node) { return node.Mark().line + 1; }
+  [[nodiscard]] IoError error(const YAML::Node& node, const std::string& what) const {
+    return lineError(values_.file(), lineOf(node), what);
   }
-  void count(const YAML::Mark& mark, std::size_t values) {
-    if (line_ == 0) line_ = mark.line + 1;
-    count_ += values;
-    if (count_ <= most_values_) return;
-    throw error(
-        mark,
-        fmt::format("more than {} values, counted with what aliases stand for", most_values_));
-  }
-  /// @return path of the value that begins
-  std::string begin(const YAML::Mark& mark) {
-    count(mark, 1);
-    if (groups_.empty()) return {};
-    Group& group = groups_.back();
-    if (!group.is_map) return fmt::format("{}[{}]", group.path, group.items++);
-    if (!group.key) throw error(mark, "not YAML: a key is expected");
-    const std::string path = joined(group.path, *group.key);
-    group.key.reset();
-    return path;
-  }
-  void addScalar(const YAML::Mark& mark, const Anchor& value, YAML::anchor_t anchor) {
-    if (anchor != 0) anchors_[anchor] = value;
-    if (groups_.empty()) throw error(mark, "a mapping is expected, lines of 'key: value'");
-    Group& group = groups_.back();
-    if (group.is_map && !group.key && value.scalar) {
-      group.key = value.scalar;
-      return;
+  void addList(const std::string& path, const YAML::Node& list, int depth) {
+    KeyedValue value{{}, lineOf(list), KeyedValue::kList};
+    int place = 0;
+    for (const auto& item : list) {
+      if (item.IsScalar()) value.words.push_back(item.Scalar());
+      if (item.IsMap() || item.IsSequence()) {
+        add(fmt::format("{}[{}]", path, place), item, depth + 1);
+      }
+      ++place;
     }
-    const std::string path = begin(mark);
-    if (!group.is_map && value.scalar) values_.append(group.path, *value.scalar);
-    if (!group.is_map) return;
-    const auto kind = value.scalar ? KeyedValue::kScalar : KeyedValue::kNull;
-    values_.add(path, {{value.scalar.value_or("")}, mark.line + 1, kind});
-  }
-  void open(const YAML::Mark& mark, YAML::anchor_t anchor, bool is_map) {
-    if (groups_.size() == kMaxDepth) {
-      throw error(mark, fmt::format("more than {} groups within each other", kMaxDepth));
-    }
-    if (groups_.empty() && !is_map) {
-      throw error(mark, "a mapping is expected, lines of 'key: value'");
-    }
-    std::string path = begin(mark);
-    groups_.push_back({std::move(path), anchor, is_map, 0, {}});
-  }
-  void close() {
-    const Group& group = groups_.back();
-    if (group.anchor != 0) anchors_[group.anchor] = {std::nullopt, group.path};
-    groups_.pop_back();
+    values_.add(path, std::move(value));
   }
 
   KeyedValues& values_;
   std::size_t most_values_;
-  std::vector<Group> groups_;                 // those open now
-  std::map<YAML::anchor_t, Anchor> anchors_;  // of closed groups and scalars
   std::size_t count_ = 0;
-  int line_ = 0;
 };
 
-/// Without the mark that ends a document, which the tools of ROS write behind each, and with the
-/// first line of cv::FileStorage, "%YAML:1.0", which is no YAML, as a comment.
-std::string plainYaml(std::string text) {
-  constexpr std::string_view kHeader = "%YAML:";
-  constexpr std::string_view kMark = "\n---";
-  if (text.compare(0, kHeader.size(), kHeader) == 0) text.front() = '#';
-  const std::size_t end = text.find_last_not_of(" \t\r\n") + 1;
-  if (end > kMark.size() && text.compare(end - kMark.size(), kMark.size(), kMark) == 0) {
-    text.resize(end - kMark.size() + 1);
+/// Lines where documents begin to have content; 0: there is none.
+struct Documents {
+  int first = 0;
+  int second = 0;
+};
+
+Documents documentsIn(const std::string& text) {
+  Documents documents;
+  std::istringstream lines(text);
+  int number = 0;
+  bool ended = false;
+  for (std::string line; documents.second == 0 && std::getline(lines, line);) {
+    ++number;
+    std::string_view content = line;
+    const bool mark = trimmed(content.substr(0, 4)) == "---" || trimmed(content) == "...";
+    if (mark) content.remove_prefix(3);
+    ended = ended || (mark && documents.first > 0);
+    content = trimmed(content);
+    if (content.empty() || content.front() == '#' || content.front() == '%') continue;
+    if (documents.first == 0) documents.first = number;
+    if (ended) documents.second = number;
   }
-  return text;
+  return documents;
 }
 
 /// Matrices have their numbers in an element `data`.
@@ -182,26 +117,6 @@ void KeyedValues::add(const std::string& key, KeyedValue value) {
   const int line = value.line;
   const auto [place, is_new] = values_->try_emplace(key, std::move(value));
   if (!is_new) place->second.again = line;
-}
-
-void KeyedValues::append(const std::string& key, const std::string& word) {
-  std::vector<std::string>& words = (*values_)[key].words;
-  if (words.size() <= kMaxWords) words.push_back(word);
-}
-
-std::size_t KeyedValues::copy(const std::string& from, const std::string& to) {
-  std::vector<std::pair<std::string, KeyedValue>> found;
-  std::size_t count = 0;
-  for (auto at = values_->lower_bound(from);
-       at != values_->end() && at->first.compare(0, from.size(), from) == 0;
-       ++at) {
-    const char next = at->first.c_str()[from.size()];
-    if (next != '\0' && next != '.' && next != '[') continue;
-    found.emplace_back(to + at->first.substr(from.size()), at->second);
-    count += 1 + at->second.words.size();
-  }
-  for (auto& [key, value] : found) add(key, std::move(value));
-  return count;
 }
 
 KeyedValues KeyedValues::within(const std::string& path) const {
@@ -275,27 +190,29 @@ IoError KeyedValues::error(const std::string& key, const std::string& what) cons
                    key.empty() ? what : fmt::format("{}{}: {}", prefix_, key, what));
 }
 
-/// Where a document cannot begin with a token, for example a comma, the parser stays there and
-/// finds empty documents without end: a second one is enough to know.
+/// The first line of cv::FileStorage, "%YAML:1.0", is no YAML.
 KeyedValues yamlValues(const std::string& text,
                        const std::filesystem::path& name,
                        std::size_t most_values) {
   KeyedValues values(name);
+  const Documents documents = documentsIn(text);
+  if (documents.second > 0) {
+    throw lineError(name, documents.second, "a second document begins; expected one");
+  }
+  if (documents.first == 0) return values;
   try {
-    std::istringstream stream(plainYaml(text));
-    YAML::Parser parser(stream);
-    YamlValues first(values, most_values);
-    if (!parser.HandleNextDocument(first)) return values;
-    KeyedValues others(name);
-    YamlValues second(others, most_values);
-    if (!parser.HandleNextDocument(second)) return values;
-    throw lineError(name,
-                    second.line(),
-                    second.empty() ? "not YAML: neither a key nor a value can begin here"
-                                   : "a second document begins; expected one");
+    const YAML::Node root = YAML::Load(text.rfind("%YAML:", 0) == 0 ? "#" + text : text);
+    if (!root.IsMap()) {
+      throw lineError(name,
+                      documents.first,
+                      fmt::format("{}a mapping is expected, lines of 'key: value'",
+                                  root.IsNull() ? "not YAML: " : ""));
+    }
+    YamlValues(values, most_values).add("", root);
   } catch (const YAML::Exception& error) {
     throw lineError(name, error.mark.is_null() ? 0 : error.mark.line + 1, "not YAML: " + error.msg);
   }
+  return values;
 }
 
 KeyedValues xmlValues(const std::filesystem::path& file, const std::string& text) {

@@ -39,10 +39,6 @@ class KeyedValues {
 
   /// A key that comes again is told to whoever asks for its value.
   void add(const std::string& key, KeyedValue value);
-  /// Appends to the list of a key.
-  void append(const std::string& key, const std::string& word);
-  /// Adds what stands under one path under another one, too. @return number of values
-  std::size_t copy(const std::string& from, const std::string& to);
   [[nodiscard]] const std::map<std::string, KeyedValue>& all() const { return *values_; }
 
   /// Those whose keys begin with a path and a dot, by what follows.

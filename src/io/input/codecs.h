@@ -20,13 +20,13 @@ class Capture {
   /// The image that was grabbed: 8 bits BGR, upright. @return false where it cannot be decoded
   virtual bool retrieve(cv::Mat& image) = 0;
   /// Time of the image that was grabbed, from the container [s]; it always increases.
-  [[nodiscard]] virtual double time() const = 0;
+  [[nodiscard]] virtual double time() const { return 0; }
   /// Rate of the images [1/s]; 30 where the container does not say it.
-  [[nodiscard]] virtual double rate() const = 0;
+  [[nodiscard]] virtual double rate() const { return 0; }
   /// Number of images as the container tells or as its length and rate let one guess; 0: unknown.
-  [[nodiscard]] virtual int announced() const = 0;
+  [[nodiscard]] virtual int announced() const { return 0; }
   /// How far images are turned clockwise to be upright: 0, 90, 180 or 270 degrees.
-  [[nodiscard]] virtual int turn() const = 0;
+  [[nodiscard]] virtual int turn() const { return 0; }
   /// Width of a pixel over its height, of upright images.
   [[nodiscard]] virtual double pixelAspect() const { return 1; }
   /// After the last image: the share of its length that the container announces and does not have,

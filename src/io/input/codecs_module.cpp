@@ -34,10 +34,6 @@ class Device final : public Capture {
   }
   bool grab() override { return capture_.grab(); }
   bool retrieve(cv::Mat& image) override { return capture_.retrieve(image) && !image.empty(); }
-  [[nodiscard]] double time() const override { return 0; }
-  [[nodiscard]] double rate() const override { return 0; }
-  [[nodiscard]] int announced() const override { return 0; }
-  [[nodiscard]] int turn() const override { return 0; }
 
  private:
   cv::VideoCapture capture_;

@@ -106,7 +106,7 @@ class FfmpegCapture final : public Capture {
     is_file_ = address.find("://") == std::string::npos;
     patience(kAddressPatience);
     std::string why = is_file_ ? openFile(address) : std::string();
-    if (why.empty() && !openContainer(address)) why = "no video that can be decoded";
+    if (why.empty() && !openContainer(address)) why = closedReason();
     if (why.empty()) why = openDecoder();
     if (why.empty()) describe();
     return why;
@@ -206,8 +206,8 @@ class FfmpegCapture final : public Capture {
       return "cannot be opened";
     }
     file_.reset(file);
-    const int score = av_probe_input_buffer2(file, &demuxer_, path.c_str(), nullptr, 0, 0);
-    if (score < 0 || demuxer_ == nullptr || isNoVideo(demuxer_->name)) {
+    score_ = av_probe_input_buffer2(file, &demuxer_, path.c_str(), nullptr, 0, 0);
+    if (score_ < 0 || demuxer_ == nullptr || isNoVideo(demuxer_->name)) {
       return "no video that can be decoded";
     }
     return {};
@@ -228,6 +228,16 @@ class FfmpegCapture final : public Capture {
     if (code < 0) return false;
     format_.reset(format);
     return avformat_find_stream_info(format, nullptr) >= 0;
+  }
+
+  /// Why the container did not open. Recorders write the index of MP4's family at the end.
+  [[nodiscard]] std::string closedReason() const {
+    const bool mp4 =
+        score_ > AVPROBE_SCORE_EXTENSION && std::string_view(demuxer_->name).substr(0, 3) == "mov";
+    return mp4 ? "its index (moov) is missing or damaged: the recording was not finished or the "
+                 "file is cut off; a tool like untrunc makes a new one by another recording of "
+                 "the camera"
+               : "no video that can be decoded";
   }
 
   std::string openDecoder() {
@@ -268,15 +278,11 @@ class FfmpegCapture final : public Capture {
     if (aspect.num > 0 && aspect.den > 0) {
       pixel_aspect_ = turn_ % 180 == 0 ? av_q2d(aspect) : 1 / av_q2d(aspect);
     }
-    if (sideData(*stream_, AV_PKT_DATA_SPHERICAL) != nullptr) {
-      doubts_.emplace_back(
-          "the container calls the images spherical (360 degrees); a camera with a "
-          "lens is expected");
-    }
-    if (sideData(*stream_, AV_PKT_DATA_STEREO3D) != nullptr) {
-      doubts_.emplace_back(
-          "the container calls the images stereo pairs; those of one camera are "
-          "expected");
+    for (const auto& [type, what] :
+         {std::pair(AV_PKT_DATA_SPHERICAL, "spherical (360 degrees); a camera with a lens is"),
+          std::pair(AV_PKT_DATA_STEREO3D, "stereo pairs; those of one camera are")}) {
+      if (sideData(*stream_, type) == nullptr) continue;
+      doubts_.push_back(std::string("the container calls the images ") + what + " expected");
     }
     const auto videos =
         std::count_if(format_->streams, format_->streams + format_->nb_streams, [](auto* stream) {
@@ -358,6 +364,7 @@ class FfmpegCapture final : public Capture {
   bool is_file_ = true;
   Clock::time_point deadline_;
   const AVInputFormat* demuxer_ = nullptr;
+  int score_ = 0;  // how sure the demuxer is, by the file's name alone AVPROBE_SCORE_EXTENSION
   Owned<AVIOContext> file_;
   Owned<AVFormatContext> format_;
   AVStream* stream_ = nullptr;

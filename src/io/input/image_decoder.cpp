@@ -4,13 +4,13 @@
 #include "dsorb/error.h"
 
 #include "io/input/codecs.h"
-#include "io/png.h"
 #include "io/text_file.h"
 
 #include <fmt/format.h>
 #include <jerror.h>
 #include <jpeglib.h>
 #include <opencv2/core/mat.hpp>
+#include <png.h>
 
 #include <algorithm>
 #include <array>
@@ -18,6 +18,7 @@
 #include <csetjmp>
 #include <cstdint>
 #include <cstdio>
+#include <cstring>
 #include <fstream>
 #include <limits>
 #include <optional>
@@ -31,6 +32,7 @@ namespace {
 using namespace std::string_view_literals;
 
 constexpr std::string_view kJpeg = "\xFF\xD8\xFF"sv;
+constexpr std::string_view kPng = "\x89PNG\r\n\x1A\n"sv;
 constexpr int kHarmlessBytes = 16;  // between two markers: some cameras pad with a few
 constexpr int kMostScans = 100;     // of a progressive file; encoders make ten or so
 
@@ -110,11 +112,11 @@ bool readJpegHeader(Decompressor& d, const std::uint8_t* bytes, std::size_t size
   d.jpeg.progress = &d.progress;
   jpeg_mem_src(&d.jpeg, bytes, size);
   jpeg_read_header(&d.jpeg, TRUE);
-  d.jpeg.out_color_space = d.jpeg.num_components == 4 ? JCS_CMYK : JCS_GRAYSCALE;
+  d.jpeg.out_color_space = JCS_GRAYSCALE;
   return true;
 }
 
-/// @param row_bytes from one row of `pixels` to the next; 0: all into the same
+/// @param row_bytes from one row of `pixels` to the next
 /// @return whether all rows were there, right or wrong
 bool readJpegRows(Decompressor& d, std::uint8_t* pixels, std::size_t row_bytes) {
   if (setjmp(d.complaints.fatal) != 0) return false;
@@ -127,30 +129,128 @@ bool readJpegRows(Decompressor& d, std::uint8_t* pixels, std::size_t row_bytes) 
   return true;
 }
 
+/// @throws IoError where there are more pixels than are decoded
+void checkSize(const cv::Size& size, const std::string& name) {
+  if (std::int64_t{size.width} * size.height <= kMaxPixels) return;
+  throw IoError(fmt::format("{}: {}; expected {} megapixels at most",
+                            name,
+                            pixelText(size.width, size.height),
+                            kMaxPixels >> 20U));
+}
+
 /// Decodes a JPEG to one grey channel of 8 bits. The same pixels as OpenCV's, but OpenCV fills what
 /// is missing of a truncated or damaged file with grey and says so nowhere.
 /// @param name of the file, for messages
-/// @return empty where the file is intact but has four channels, which only OpenCV converts
+/// @return empty where it has four channels, which only OpenCV converts
 /// @throws IoError with the words of libjpeg
 cv::Mat decodeJpeg(const std::vector<std::uint8_t>& bytes, const std::string& name) {
   Decompressor d;
   cv::Mat image;
   bool done = readJpegHeader(d, bytes.data(), bytes.size());
-  const bool grey = done && d.jpeg.num_components != 4;
   if (done) {
-    const auto width = static_cast<int>(d.jpeg.image_width);
-    const auto height = static_cast<int>(d.jpeg.image_height);
-    if (std::int64_t{width} * height > kMaxPixels) {
-      throw IoError(name + ": " + pixelText(width, height) + " are too many");
-    }
-    image.create(grey ? height : 1, width, grey ? CV_8UC1 : CV_8UC4);
-    done = readJpegRows(d, image.data, grey ? image.step[0] : 0);
+    const cv::Size size(static_cast<int>(d.jpeg.image_width),
+                        static_cast<int>(d.jpeg.image_height));
+    checkSize(size, name);
+    if (d.jpeg.num_components == 4) return {};
+    image.create(size, CV_8UC1);
+    done = readJpegRows(d, image.data, image.step[0]);
   }
   const char* complaint = d.complaints.text.data();
-  if (!done || *complaint != '\0') {
-    throw IoError(fmt::format("{}: the image is truncated or damaged: {}", name, complaint));
+  if (done && *complaint == '\0') return image;
+  throw IoError(fmt::format("{}: the image is truncated or damaged: {}", name, complaint));
+}
+
+constexpr png_fixed_point kRed = 29900;  // of grey, in 1 / 100000
+constexpr png_fixed_point kGreen = 58700;
+
+/// What libpng says of a file. It reports errors by a jump out of its functions: whatever it is
+/// called from holds plain values only.
+struct Complaint {
+  std::array<char, 128> text{};
+};
+
+[[noreturn]] void onPngError(png_structp png, png_const_charp message) {
+  auto& text = static_cast<Complaint*>(png_get_error_ptr(png))->text;
+  std::strncpy(text.data(), message, text.size() - 1);
+  png_longjmp(png, 1);
+}
+
+void onWarning(png_structp /*png*/, png_const_charp /*message*/) {}
+
+/// A file in memory that is read.
+struct Reader {
+  explicit Reader(const std::vector<std::uint8_t>& bytes)
+      : next(bytes.data()),
+        left(bytes.size()),
+        png(png_create_read_struct(PNG_LIBPNG_VER_STRING, &complaint, onPngError, onWarning)),
+        info(png_create_info_struct(png)) {
+    png_set_read_fn(png, this, [](png_structp from, png_bytep to, std::size_t size) {
+      auto& reader = *static_cast<Reader*>(png_get_io_ptr(from));
+      if (size > reader.left) png_error(from, "the file ends too early");
+      std::copy_n(reader.next, size, to);
+      reader.next += size;
+      reader.left -= size;
+    });
   }
-  return grey ? image : cv::Mat();
+  ~Reader() { png_destroy_read_struct(&png, &info, nullptr); }
+  Reader(const Reader&) = delete;
+  Reader& operator=(const Reader&) = delete;
+
+  Complaint complaint;
+  const std::uint8_t* next;
+  std::size_t left;
+  png_structp png;
+  png_infop info;
+};
+
+/// Reads the header and asks for one grey channel. @return whether that went well
+bool readPngHeader(Reader& r) {
+  if (setjmp(png_jmpbuf(r.png)) != 0) return false;
+  png_read_info(r.png, r.info);
+  const int colour = png_get_color_type(r.png, r.info);
+  if (colour == PNG_COLOR_TYPE_PALETTE) png_set_palette_to_rgb(r.png);
+  if (png_get_bit_depth(r.png, r.info) < 8) png_set_expand_gray_1_2_4_to_8(r.png);
+  if (png_get_bit_depth(r.png, r.info) == 16) png_set_swap(r.png);
+  png_set_strip_alpha(r.png);
+  if ((colour & PNG_COLOR_MASK_COLOR) != 0) {
+    png_set_rgb_to_gray_fixed(r.png, PNG_ERROR_ACTION_NONE, kRed, kGreen);
+  }
+  png_set_interlace_handling(r.png);
+  png_read_update_info(r.png, r.info);
+  return true;
+}
+
+/// @param rows of the image, to be filled
+/// @return whether all of the file was there
+bool readPngRows(Reader& r, png_bytepp rows) {
+  if (setjmp(png_jmpbuf(r.png)) != 0) return false;
+  png_read_image(r.png, rows);
+  png_read_end(r.png, nullptr);
+  return true;
+}
+
+/// Decodes a PNG to one grey channel of 8 or 16 bits, the same pixels as OpenCV's: colours are
+/// weighed as those of Rec. 601, transparency is left out.
+/// @param name of the file, for messages
+/// @throws IoError with the words of libpng where the file is truncated or damaged
+cv::Mat decodePng(const std::vector<std::uint8_t>& bytes, const std::string& name) {
+  Reader reader(bytes);
+  cv::Mat image;
+  bool done = readPngHeader(reader);
+  if (done) {
+    const auto width = static_cast<int>(png_get_image_width(reader.png, reader.info));
+    const auto height = static_cast<int>(png_get_image_height(reader.png, reader.info));
+    const bool deep = png_get_bit_depth(reader.png, reader.info) == 16;
+    image.create(height, width, deep ? CV_16UC1 : CV_8UC1);
+    std::vector<png_bytep> rows;
+    for (int y = 0; y < height; ++y) rows.push_back(image.ptr(y));
+    done = readPngRows(reader, rows.data());
+  }
+  if (!done) {
+    throw IoError(fmt::format(
+        "{}: the image is truncated or damaged: {}", name, reader.complaint.text.data()));
+  }
+  return image;
 }
 
 constexpr std::array<std::string_view, 10> kImageSuffixes = {
@@ -187,24 +287,6 @@ std::optional<cv::Size> sizeOf(std::uint32_t width, std::uint32_t height) {
   constexpr std::uint32_t kMost = std::numeric_limits<int>::max();
   if (width == 0 || height == 0 || width > kMost || height > kMost) return std::nullopt;
   return cv::Size(static_cast<int>(width), static_cast<int>(height));
-}
-
-/// Segments FF xx length, until one of the frame headers C0 to CF that are none of DHT, JPG, DAC.
-std::optional<cv::Size> jpegSize(const Bytes& b) {
-  for (std::size_t i = 2; i + 9 < b.data.size();) {
-    if (b.at(i) != 0xFF) return std::nullopt;
-    const std::uint32_t marker = b.at(i + 1);
-    if (marker == 0xFF) {  // padding
-      ++i;
-      continue;
-    }
-    const bool frame =
-        (marker & 0xF0U) == 0xC0 && marker != 0xC4 && marker != 0xC8 && marker != 0xCC;
-    if (frame) return sizeOf(b.big(i + 7, 2), b.big(i + 5, 2));
-    if (marker == 0xDA || marker == 0xD9) return std::nullopt;
-    i += 2 + b.big(i + 2, 2);
-  }
-  return std::nullopt;
 }
 
 bool isPnm(const Bytes& b) {
@@ -293,8 +375,7 @@ std::vector<std::uint8_t> readFile(const std::filesystem::path& file) {
 
 std::optional<cv::Size> sizeInHeader(const std::vector<std::uint8_t>& bytes) {
   const Bytes b{bytes};
-  if (b.has("\x89PNG"sv)) return sizeOf(b.big(16, 4), b.big(20, 4));
-  if (b.has(kJpeg)) return jpegSize(b);
+  if (b.has(kPng)) return sizeOf(b.big(16, 4), b.big(20, 4));
   if (b.has("BM")) return sizeOf(b.little(18, 4), std::min(b.little(22, 4), 0U - b.little(22, 4)));
   if (b.has("II*\0"sv) || b.has("MM\0*"sv)) return tiffSize(b);
   if (b.has("RIFF") && b.has("WEBP", 8)) return webpSize(b);
@@ -308,16 +389,12 @@ cv::Mat decodeGrey(const std::vector<std::uint8_t>& bytes, const std::string& na
   if (bytes.empty() || (binary_pnm && !isCompletePnm(b)))
     throw IoError(fmt::format("{}: the image is truncated", name));
   const std::optional<cv::Size> size = sizeInHeader(bytes);
-  if (size && std::int64_t{size->width} * size->height > kMaxPixels) {
-    throw IoError(fmt::format("{}: {}; expected {} megapixels at most",
-                              name,
-                              pixelText(size->width, size->height),
-                              kMaxPixels >> 20U));
-  }
-  if (isPng(bytes)) return decodePng(bytes, name);
+  if (size) checkSize(*size, name);
+  if (b.has(kPng)) return decodePng(bytes, name);
   cv::Mat image;
-  if (b.has(kJpeg)) image = decodeJpeg(bytes, name);
-  if (image.empty() && size && isLeftToOpenCv(b)) image = decodeByOpenCv(bytes);
+  const bool jpeg = b.has(kJpeg);
+  if (jpeg) image = decodeJpeg(bytes, name);
+  if (image.empty() && (size || jpeg) && isLeftToOpenCv(b)) image = decodeByOpenCv(bytes);
   if (image.empty()) {
     throw IoError(fmt::format(
         "{}: the image cannot be decoded; expected PNG, JPEG, PNM, BMP, TIFF or WebP", name));

@@ -12,7 +12,7 @@
 namespace dsorb {
 
 /// Largest image file that is read.
-inline constexpr std::uintmax_t kMaxImageBytes = std::uintmax_t{1} << 30;
+inline constexpr std::uintmax_t kMaxImageBytes = std::uintmax_t{1} << 28;
 /// Most pixels that are decoded.
 inline constexpr std::int64_t kMaxPixels = std::int64_t{1} << 26;
 
@@ -25,7 +25,7 @@ std::vector<std::uint8_t> readFile(const std::filesystem::path& file);
 ///         more than kMaxPixels, which is told before they are decoded
 cv::Mat decodeGrey(const std::vector<std::uint8_t>& bytes, const std::string& name);
 
-/// Size of an image as its header tells it, without decoding: PNG, JPEG, PNM, BMP, TIFF or WebP.
+/// Size of an image as its header tells it, without decoding: PNG, PNM, BMP, TIFF or WebP.
 /// @param bytes the file or its beginning
 /// @return empty where it is none of these, or where the size does not stand in these bytes
 [[nodiscard]] std::optional<cv::Size> sizeInHeader(const std::vector<std::uint8_t>& bytes);

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "dsorb/error.h"
-
 #include <opencv2/core/mat.hpp>
 
 #include <cstddef>
@@ -33,9 +31,6 @@ struct SourceImage {
   double pixel_aspect = 1;  ///< width of a pixel over its height
 };
 
-/// What an image of another size than that of the calibration is refused with.
-[[nodiscard]] IoError wrongSize(const std::string& name, cv::Size size, cv::Size expected);
-
 /// Where images come from: files, an archive, a video, a camera. One thread at a time uses it.
 class ImageSource {
  public:
@@ -48,8 +43,8 @@ class ImageSource {
   [[nodiscard]] virtual double begin() const { return 0; }
   /// Name of an image, for messages and reports.
   [[nodiscard]] virtual std::string name(int index) const = 0;
-  /// The image of this position. A video goes forwards only; a camera gives the oldest of its
-  /// images that wait, which is not that of the position. The last one may be asked for again.
+  /// The image of this position. A video goes forwards only, and its last one may be asked for
+  /// again; a camera gives the oldest of its images that wait, which is not that of the position.
   /// @return empty after the last image
   /// @throws IoError where it cannot be read
   [[nodiscard]] virtual std::optional<SourceImage> image(int index) = 0;
@@ -57,8 +52,6 @@ class ImageSource {
   /// the images: in a video.
   /// @return its index; that after the last one where there is none
   [[nodiscard]] virtual int seek(double /*seconds*/) { return 0; }
-  /// All images have this size: one of another may be refused before it is decoded.
-  virtual void expect(cv::Size /*size*/) {}
   /// Images that a camera gave and that were dropped for newer ones before they were asked for.
   [[nodiscard]] virtual int dropped() const { return 0; }
 };
@@ -79,18 +72,14 @@ class ImageStore : public ImageSource {
     return names_[static_cast<std::size_t>(index)];
   }
   [[nodiscard]] std::optional<SourceImage> image(int index) final;
-  void expect(cv::Size size) final { expected_ = size; }
   /// Files that look as if they were read and are not: images that are none of the sequence, and in
   /// an archive what is read beside it.
   [[nodiscard]] const std::vector<std::string>& leftOut() const { return left_out_; }
-  /// @throws IoError where the file cannot be read
-  [[nodiscard]] std::vector<std::uint8_t> read(int index) { return read_(name(index)); }
 
  private:
   std::vector<std::string> names_;
   std::vector<std::string> left_out_;
   Read read_;
-  cv::Size expected_;  // empty: any
 };
 
 /// Images given as a list of files, in that order.

@@ -18,10 +18,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr zip_uint64_t kFirstBlock = 1 << 20;  // of an image that is read [byte]
-constexpr zip_uint64_t kMostBytesBesidePixels = 1 << 26;
-constexpr zip_uint64_t kMostBytesPerPixel = 16;
-
 bool isImage(const fs::path& name) {
   const std::string file = name.filename().string();
   return !file.empty() && file.front() != '.' && hasImageSuffix(name);
@@ -143,20 +139,6 @@ struct ArchiveEntry {
   zip_uint64_t bytes;
 };
 
-/// A few bytes of an archive can claim to be many: what their beginning says of the image bounds
-/// them. @param bytes the first block
-void refuseImplausible(const std::vector<std::uint8_t>& bytes,
-                       zip_uint64_t claimed,
-                       const std::string& name) {
-  const cv::Size size = sizeInHeader(bytes).value_or(cv::Size());
-  const auto pixels = static_cast<zip_uint64_t>(std::int64_t{size.width} * size.height);
-  if (claimed <= kMostBytesPerPixel * pixels + kMostBytesBesidePixels) return;
-  throw IoError(fmt::format("{}: {} MiB in the archive are too many for an image of {}",
-                            name,
-                            claimed >> 20U,
-                            pixelText(size.width, size.height)));
-}
-
 std::vector<std::uint8_t> readEntry(zip_t* archive,
                                     const ArchiveEntry& entry,
                                     const std::string& name) {
@@ -164,15 +146,9 @@ std::vector<std::uint8_t> readEntry(zip_t* archive,
     throw IoError(fmt::format("{}: {} MiB are too many for an image", name, entry.bytes >> 20U));
   }
   const std::unique_ptr<zip_file_t, CloseEntry> file(zip_fopen_index(archive, entry.position, 0));
-  // The blocks double, because what an entry claims to hold may not be there.
-  std::vector<std::uint8_t> bytes;
-  for (zip_uint64_t done = 0; file && done < entry.bytes;) {
-    bytes.resize(std::min(entry.bytes, std::max(2 * done, kFirstBlock)));
-    const zip_int64_t count = zip_fread(file.get(), bytes.data() + done, bytes.size() - done);
-    if (count <= 0) break;
-    if (done == 0) refuseImplausible(bytes, entry.bytes, name);
-    done += static_cast<zip_uint64_t>(count);
-    if (done == entry.bytes) return bytes;
+  std::vector<std::uint8_t> bytes(entry.bytes);
+  if (file && zip_fread(file.get(), bytes.data(), bytes.size()) == std::int64_t(bytes.size())) {
+    return bytes;
   }
   throw IoError(fmt::format("{}: cannot be read from the archive", name));
 }
@@ -223,20 +199,8 @@ std::unique_ptr<ImageStore> openFolder(const fs::path& folder,
 
 }  // namespace
 
-IoError wrongSize(const std::string& name, cv::Size size, cv::Size expected) {
-  return IoError(fmt::format("{}: {}; expected {} as calibrated",
-                             name,
-                             pixelText(size.width, size.height),
-                             pixelText(expected.width, expected.height)));
-}
-
 std::optional<SourceImage> ImageStore::image(int index) {
-  const std::vector<std::uint8_t> bytes = read(index);
-  if (!expected_.empty()) {  // before memory is taken for it
-    const cv::Size size = sizeInHeader(bytes).value_or(expected_);
-    if (size != expected_) throw wrongSize(name(index), size, expected_);
-  }
-  return SourceImage{index, decodeGrey(bytes, name(index)), std::nullopt, {}};
+  return SourceImage{index, decodeGrey(read_(name(index)), name(index)), std::nullopt, {}};
 }
 
 std::unique_ptr<ImageStore> openImageList(const std::vector<fs::path>& files) {

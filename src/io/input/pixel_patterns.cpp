@@ -34,15 +34,14 @@ constexpr double kCombedShare = 0.1;  // of the blocks
 
 enum class Vote { kDark, kPlain, kMosaic };
 
-/// @tparam Pixel std::uint8_t or std::uint16_t
-template <typename Pixel>
+/// @param image of 16 bits
 Vote voteOf(const cv::Mat& image, int left, int top, double dark) {
   double sum = 0;
   double difference = 0;
   double squares = 0;
   for (int y = top; y < top + 2 * kCells; y += 2) {
-    const auto* upper = image.ptr<Pixel>(y) + left;
-    const auto* lower = image.ptr<Pixel>(y + 1) + left;
+    const auto* upper = image.ptr<std::uint16_t>(y) + left;
+    const auto* lower = image.ptr<std::uint16_t>(y + 1) + left;
     for (int x = 0; x < 2 * kCells; x += 2) {
       const double d = upper[x] - upper[x + 1] - lower[x] + lower[x + 1];
       sum += upper[x] + upper[x + 1] + lower[x] + lower[x + 1];
@@ -130,16 +129,16 @@ BitDepth recogniseBitDepth(std::uint16_t largest) {
 }
 
 std::optional<bool> isMosaic(const cv::Mat& image) {
-  const bool deep = image.depth() == CV_16U;
   double largest = 255;
-  if (deep) cv::minMaxLoc(image, nullptr, &largest);
+  if (image.depth() == CV_16U) cv::minMaxLoc(image, nullptr, &largest);
+  cv::Mat deep;
+  image.convertTo(deep, CV_16U);
   int votes = 0;
   int light = 0;
   int blocks = 0;
   for (int y = 0; y + 2 * kCells <= image.rows; y += 2 * kCells) {
     for (int x = 0; x + 2 * kCells <= image.cols; x += 2 * kCells) {
-      const Vote vote = deep ? voteOf<std::uint16_t>(image, x, y, kDarkShare * largest)
-                             : voteOf<std::uint8_t>(image, x, y, kDarkShare * largest);
+      const Vote vote = voteOf(deep, x, y, kDarkShare * largest);
       ++blocks;
       light += vote != Vote::kDark ? 1 : 0;
       votes += vote == Vote::kMosaic ? 1 : 0;

@@ -12,23 +12,29 @@
 #include "io/input/gyroscope.h"
 #include "io/input/image_decoder.h"
 #include "io/input/pixel_patterns.h"
-#include "io/input/playlist.h"
 #include "io/text_file.h"
 
 #include <fmt/format.h>
 #include <opencv2/core.hpp>
 #include <opencv2/core/mat.hpp>
 #include <opencv2/core/types.hpp>
+#include <tbb/concurrent_queue.h>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
+#include <exception>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <new>
+#include <optional>
 #include <stdexcept>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -36,7 +42,206 @@ namespace dsorb {
 
 namespace fs = std::filesystem;
 
+/// Which images of a source are read, in this order.
+struct Playlist {
+  std::size_t count = 0;     ///< at most; images may end before
+  std::size_t expected = 0;  ///< number of images as far as known
+  int first = 0;
+  int step = 1;              ///< negative: backwards
+  std::optional<double> to;  ///< [s]: nothing after it, where times come with the images
+
+  [[nodiscard]] int index(std::size_t position) const {
+    return first + static_cast<int>(position) * step;
+  }
+  [[nodiscard]] bool isAfterEnd(std::optional<double> timestamp) const {
+    return to && timestamp && *timestamp > *to;
+  }
+};
+
+/// Makes the frames 0 .. count - 1 in order, some ahead of their use in a thread of its own. The
+/// maker ends the queue earlier by making nothing, or by an exception, which is delivered in its
+/// place.
+class PrefetchQueue {
+ public:
+  /// @param depth frames that are made ahead at most; 0: no thread, they are made when asked for
+  PrefetchQueue(std::size_t count,
+                int depth,
+                std::function<std::optional<SequenceFrame>(std::size_t)> make)
+      : count_(count), make_(std::move(make)) {
+    if (depth <= 0) return;
+    made_.set_capacity(std::max(1, depth - 1));  // and one that waits for its place
+    worker_ = std::thread([this] { work(); });
+  }
+  ~PrefetchQueue() {
+    stopped_ = true;
+    for (Entry entry; made_.try_pop(entry);) {
+    }
+    if (worker_.joinable()) worker_.join();
+  }
+  PrefetchQueue(const PrefetchQueue&) = delete;
+  PrefetchQueue& operator=(const PrefetchQueue&) = delete;
+
+  /// Leaves out the next frames; those not yet begun are never made.
+  void skip(std::size_t frames) {
+    delivered_ += std::min(frames, count_ - delivered_);
+    wanted_ = delivered_;
+  }
+
+  /// @return the next frame; empty after the last one or after an exception
+  std::optional<SequenceFrame> next() {
+    if (delivered_ == count_) return std::nullopt;
+    Entry entry;
+    do {
+      if (worker_.joinable()) {
+        made_.pop(entry);
+      } else {
+        entry = makeEntry(delivered_);
+      }
+    } while (entry.position < delivered_ && entry.item);  // begun before a skip
+    if (!entry.item) delivered_ = count_;
+    if (entry.error) std::rethrow_exception(entry.error);
+    if (!entry.item) return std::nullopt;
+    ++delivered_;
+    return std::move(entry.item);
+  }
+
+ private:
+  struct Entry {
+    std::size_t position = 0;
+    std::optional<SequenceFrame> item;
+    std::exception_ptr error;
+  };
+
+  Entry makeEntry(std::size_t position) {
+    Entry entry;
+    entry.position = position;
+    try {
+      entry.item = make_(position);
+    } catch (...) {
+      entry.error = std::current_exception();
+    }
+    return entry;
+  }
+
+  void work() {
+    bool ended = false;
+    for (std::size_t position = 0; !ended && !stopped_; ++position) {
+      position = std::max(position, wanted_.load());
+      if (position >= count_) return;
+      Entry entry = makeEntry(position);
+      ended = !entry.item;
+      made_.push(std::move(entry));
+    }
+  }
+
+  const std::size_t count_;
+  const std::function<std::optional<SequenceFrame>(std::size_t)> make_;
+  std::size_t delivered_ = 0;  // of the consumer's thread alone
+  tbb::concurrent_bounded_queue<Entry> made_;
+  std::atomic<std::size_t> wanted_ = 0;  // frames before are skipped
+  std::atomic<bool> stopped_ = false;
+  std::thread worker_;
+};
+
 namespace {
+
+constexpr std::size_t kEndless = std::size_t{1} << 30U;
+constexpr double kTimeTolerance = 1e-6;  // [s] "--to 1.2" means the image at 12 * 0.1 s, too
+
+void check(const SequenceOptions& options) {
+  if (options.every < 1) {
+    throw ConfigError(fmt::format("every: {}; expected 1 or more", options.every));
+  }
+  if (!(options.from >= 0 && options.to >= 0)) {
+    throw ConfigError("from, to: seconds after the first image are expected, not negative");
+  }
+  if (options.to > 0 && options.to < options.from) {
+    throw ConfigError(fmt::format("to: {} s is before from: {} s", options.to, options.from));
+  }
+}
+
+/// Images selected by start, end, from, to, every and reverse.
+/// @param timestamps [s], one for each image
+/// @throws ConfigError where nothing is selected
+Playlist selectImages(const SequenceOptions& options, const std::vector<double>& timestamps) {
+  const int size = static_cast<int>(timestamps.size());
+  check(options);
+  if (options.start < 0 || options.start >= size) {
+    throw ConfigError(
+        fmt::format("start: {} lies outside the sequence of {} images; expected 0 to {}",
+                    options.start,
+                    size,
+                    size - 1));
+  }
+  int end = options.end < 0 ? size : std::min(options.end, size);
+  if (end <= options.start) {
+    throw ConfigError(fmt::format("end: {} is not above start: {}", options.end, options.start));
+  }
+  const double begin = timestamps.front();
+  const auto index_of = [&](auto time) { return static_cast<int>(time - timestamps.begin()); };
+  const int start =
+      std::max(options.start,
+               index_of(std::lower_bound(
+                   timestamps.begin(), timestamps.end(), begin + options.from - kTimeTolerance)));
+  if (options.to > 0) {
+    end = std::min(end,
+                   index_of(std::upper_bound(
+                       timestamps.begin(), timestamps.end(), begin + options.to + kTimeTolerance)));
+  }
+  if (end <= start) {
+    throw ConfigError(
+        fmt::format("no image is selected; the sequence takes {:g} s", timestamps.back() - begin));
+  }
+  Playlist playlist;
+  playlist.count = 1 + static_cast<std::size_t>((end - start - 1) / options.every);
+  playlist.expected = playlist.count;
+  playlist.first = options.reverse ? end - 1 : start;
+  playlist.step = options.reverse ? -options.every : options.every;
+  return playlist;
+}
+
+/// Images of a video selected by start, end, from, to and every.
+/// @throws ConfigError where nothing is selected, and on `reverse`
+Playlist selectVideo(const SequenceOptions& options, ImageSource& video) {
+  check(options);
+  if (options.reverse) throw ConfigError("reverse: a video is read forwards only");
+  if (options.end >= 0 && options.end <= options.start) {
+    throw ConfigError(fmt::format("end: {} is not above start: {}", options.end, options.start));
+  }
+  Playlist playlist;
+  playlist.first = options.start;
+  if (options.from > 0) {
+    playlist.first = std::max(playlist.first, video.seek(options.from - kTimeTolerance));
+  }
+  playlist.step = options.every;
+  const auto positions = [&](double end) {
+    return static_cast<std::size_t>(
+        std::max(0.0, std::ceil((end - playlist.first) / options.every)));
+  };
+  playlist.count = options.end >= 0 ? positions(options.end) : kEndless;
+  playlist.expected = std::min(playlist.count, positions(video.size()));
+  if (options.to > 0) {
+    playlist.to = video.begin() + options.to + kTimeTolerance;
+    playlist.expected =
+        std::min(playlist.expected, positions(std::floor(options.to * video.rate()) + 1));
+  }
+  if (!video.image(playlist.first)) {
+    throw ConfigError(fmt::format("no image is selected; the video has about {}", video.size()));
+  }
+  return playlist;
+}
+
+/// Images of a camera: `end` of them, or without end.
+/// @throws ConfigError on any other selection
+Playlist selectLive(const SequenceOptions& options) {
+  if (options.start > 0 || options.from > 0 || options.to > 0 || options.every != 1 ||
+      options.reverse) {
+    throw ConfigError("start, from, to, every and reverse do not apply to a camera; end does");
+  }
+  Playlist playlist;
+  playlist.count = options.end >= 0 ? static_cast<std::size_t>(options.end) : kEndless;
+  return playlist;
+}
 
 /// What a sequence is rectified with.
 struct SequenceCalibration {
@@ -256,58 +461,22 @@ cv::Mat readBeside(
                             pixelText(size.width, size.height)));
 }
 
-}  // namespace
-
-/// Masks of a sequence: one for all images, or one for each.
-class ImageMasks {
- public:
-  ImageMasks() = default;
-  /// @param given file or folder the user named; empty: none
-  /// @param found folder beside the images; empty: none
-  /// @throws IoError where what is given is missing, or the one mask is none of this size
-  ImageMasks(const std::string& given, const fs::path& found, cv::Size size)
-      : folder_(found), size_(size) {
-    if (given.empty()) return;
-    if (!fs::exists(given)) {
-      throw IoError(fmt::format("{}: no such mask or folder of masks", given));
-    }
-    if (fs::is_directory(given)) {
-      folder_ = given;
-    } else {
-      common_ = read(given);
-    }
+/// The mask of one image alone: under the image's name, or with .png after or instead of its
+/// suffix.
+/// @throws IoError where it is missing, unreadable or of another size
+cv::Mat maskOf(const std::string& image, const fs::path& folder, cv::Size size) {
+  const fs::path name = fs::path(image).filename();
+  const fs::path png = fs::path(name).replace_extension(".png");
+  for (const fs::path& candidate : {name, png, fs::path(name.string() + ".png")}) {
+    if (!fs::is_regular_file(folder / candidate)) continue;
+    return readBeside(folder / candidate, CV_8U, size, "a mask", "images");
   }
-
-  /// The mask of all images; empty: none.
-  [[nodiscard]] const cv::Mat& common() const { return common_; }
-  /// The mask of one image alone: under the image's name, or with .png after or instead of its
-  /// suffix. Empty where images have none of their own.
-  /// @throws IoError where it is missing, unreadable or of another size
-  [[nodiscard]] cv::Mat of(const std::string& image) const {
-    if (folder_.empty()) return {};
-    const fs::path name = fs::path(image).filename();
-    const fs::path png = fs::path(name).replace_extension(".png");
-    for (const fs::path& candidate : {name, png, fs::path(name.string() + ".png")}) {
-      if (fs::is_regular_file(folder_ / candidate)) return read(folder_ / candidate);
-    }
-    throw IoError(fmt::format("{}: no mask for {}; expected one for each image, here {} or {}",
-                              folder_.string(),
-                              image,
-                              name.string(),
-                              png.string()));
-  }
-
- private:
-  [[nodiscard]] cv::Mat read(const fs::path& file) const {
-    return readBeside(file, CV_8U, size_, "a mask", "images");
-  }
-
-  fs::path folder_;
-  cv::Mat common_;
-  cv::Size size_;
-};
-
-namespace {
+  throw IoError(fmt::format("{}: no mask for {}; expected one for each image, here {} or {}",
+                            folder.string(),
+                            image,
+                            name.string(),
+                            png.string()));
+}
 
 /// Priors of an image from its depth image, the file of its name with the suffix .png: 16 bits,
 /// millimetres along the optical axis, 0 where there is none.
@@ -366,10 +535,9 @@ class SequenceReader::Impl {
     const int prefetch = layout.format == SequenceFormat::kCamera
                              ? 0
                              : std::min(options.prefetch, imagesAhead(rectifier->camera()));
-    queue = std::make_unique<PrefetchQueue<SequenceFrame>>(
-        playlist.count, prefetch, [this](std::size_t position) {
-          return prepare(playlist.index(position));
-        });
+    queue = std::make_unique<PrefetchQueue>(playlist.count, prefetch, [this](std::size_t position) {
+      return prepare(playlist.index(position));
+    });
   }
 
   static DatasetLayout layoutOf(const SequenceOptions& options) {
@@ -386,12 +554,15 @@ class SequenceReader::Impl {
   [[nodiscard]] Playlist select(const SequenceOptions& options) {
     if (layout.format == SequenceFormat::kCamera) return selectLive(options);
     if (layout.format != SequenceFormat::kVideo) {
-      return selectImages(options, dataset.images->size(), dataset.timestamps);
+      return selectImages(options, dataset.timestamps);
     }
-    return selectVideo(options, *dataset.images, dataset.timestamps.front(), dataset.rate);
+    return selectVideo(options, *dataset.images);
   }
   void calibrate(const SequenceOptions& options);
-  void readCommonMask(const SequenceOptions& options);
+  void readMasks(const std::string& given);
+  [[nodiscard]] cv::Size inputSize() const {
+    return {rectifier->inputWidth(), rectifier->inputHeight()};
+  }
   [[nodiscard]] SourceImage firstImage(bool needed);
   [[nodiscard]] std::optional<SourceImage> read(int index);
   [[nodiscard]] std::optional<SourceImage> readSized(int index);
@@ -410,7 +581,8 @@ class SequenceReader::Impl {
   BrightnessModel brightness = BrightnessModel::kUncalibrated;
   std::optional<Rectifier> rectifier;
   Lens lens;
-  ImageMasks masks;
+  cv::Mat mask;    // of all images; empty: none
+  fs::path masks;  // folder with one for each image; empty: none
   BarFinder bars;
   fs::path depths;  // folder of the depth images; empty: none
   double depth_sigma = 0;
@@ -420,9 +592,9 @@ class SequenceReader::Impl {
   std::optional<bool> mosaic;                        // empty: too dark to tell, so far
   bool combed = false;                               // an image is interlaced
   std::vector<std::string> unreadable;
-  int bits = 0;           // of 16-bit images; 0: not known before the first of them
-  bool exceeded = false;  // by the values of one
-  std::unique_ptr<PrefetchQueue<SequenceFrame>> queue;  // last: its thread stops first
+  int bits = 0;                          // of 16-bit images; 0: not known before the first of them
+  bool exceeded = false;                 // by the values of one
+  std::unique_ptr<PrefetchQueue> queue;  // last: its thread stops first
 };
 
 void SequenceReader::Impl::calibrate(const SequenceOptions& options) {
@@ -437,8 +609,7 @@ void SequenceReader::Impl::calibrate(const SequenceOptions& options) {
   if (brightness == BrightnessModel::kPerfect) dataset.exposures.clear();
   bits = options.bits;
   if (bits != 0) rectifier->setBits(bits);
-  dataset.images->expect({rectifier->inputWidth(), rectifier->inputHeight()});
-  readCommonMask(options);
+  readMasks(options.mask);
   if (options.depth_sigma > 0) {
     depths = fs::path(options.path) / "depth";
     depth_sigma = options.depth_sigma;
@@ -451,13 +622,16 @@ void SequenceReader::Impl::calibrate(const SequenceOptions& options) {
   }
 }
 
-void SequenceReader::Impl::readCommonMask(const SequenceOptions& options) {
-  masks =
-      ImageMasks(options.mask, layout.masks, {rectifier->inputWidth(), rectifier->inputHeight()});
+void SequenceReader::Impl::readMasks(const std::string& given) {
+  masks = fs::is_directory(given) ? fs::path(given) : layout.masks;
+  if (!given.empty() && masks != given) {
+    if (!fs::exists(given)) throw IoError(given + ": no such mask or folder of masks");
+    mask = readBeside(given, CV_8U, inputSize(), "a mask", "images");
+  }
   try {
-    rectifier->setMask(viewOf(masks.common()));
+    rectifier->setMask(viewOf(mask));
   } catch (const std::invalid_argument& error) {
-    throw IoError(fmt::format("{}: {}", options.mask, error.what()));
+    throw IoError(fmt::format("{}: {}", given, error.what()));
   }
 }
 
@@ -522,7 +696,7 @@ void SequenceReader::Impl::chooseBits(const cv::Mat& image, std::vector<std::str
 void SequenceReader::Impl::leaveOutBars(const cv::Mat& image, std::vector<std::string>& warnings) {
   const bool had_bars = bars.bars().any();
   if (!bars.look(image)) return;
-  rectifier->setMask(viewOf(withoutBars(bars.bars(), image.size(), masks.common())));
+  rectifier->setMask(viewOf(withoutBars(bars.bars(), image.size(), mask)));
   if (!had_bars) warnings.push_back(describe(bars.bars()));
 }
 
@@ -542,11 +716,11 @@ void SequenceReader::Impl::demosaic(cv::Mat& image, std::vector<std::string>& wa
 
 std::optional<SourceImage> SequenceReader::Impl::readSized(int index) {
   std::optional<SourceImage> image = read(index);
-  const cv::Size expected(rectifier->inputWidth(), rectifier->inputHeight());
-  if (image && image->pixels.size() != expected) {
-    throw wrongSize(dataset.images->name(image->index), image->pixels.size(), expected);
-  }
-  return image;
+  if (!image || image->pixels.size() == inputSize()) return image;
+  throw IoError(fmt::format("{}: {}; expected {} as calibrated",
+                            dataset.images->name(image->index),
+                            pixelText(image->pixels.cols, image->pixels.rows),
+                            pixelText(rectifier->inputWidth(), rectifier->inputHeight())));
 }
 
 /// Depth and rotation that are known beside the image.
@@ -593,9 +767,9 @@ std::optional<SequenceFrame> SequenceReader::Impl::prepare(int index) {
         result.image_file));
   }
   leaveOutBars(image->pixels, result.warnings);
-  const cv::Mat mask = masks.of(result.image_file);
+  const cv::Mat own = masks.empty() ? cv::Mat() : maskOf(result.image_file, masks, inputSize());
   if (image->pixels.depth() == CV_16U) chooseBits(image->pixels, result.warnings);
-  const ImageView rectified = rectifier->rectify(rawImage(image->pixels), viewOf(mask));
+  const ImageView rectified = rectifier->rectify(rawImage(image->pixels), viewOf(own));
   FrameInfo info;
   const auto entry = static_cast<std::size_t>(image->index);
   info.id = FrameId{image->index};

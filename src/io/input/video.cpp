@@ -7,14 +7,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <condition_variable>
-#include <cstdint>
 #include <deque>
 #include <exception>
 #include <filesystem>
-#include <fstream>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -29,46 +26,10 @@ constexpr double kMissingShare = 0.1;  // of the announced length that may be mi
 constexpr int kFewImages = 2;
 constexpr double kUnevenStep = 1.5;  // times the usual one
 
-/// Whether a file of MP4's family lacks the box that says where its images are: recorders write it
-/// at the end. Boxes are their length, their name and their content.
-bool lacksIndex(const std::string& file) {
-  std::ifstream stream(file, std::ios::binary);
-  std::array<unsigned char, 16> head{};
-  std::uint64_t at = 0;
-  const auto big = [&](std::size_t from, std::size_t to) {
-    std::uint64_t value = 0;
-    for (std::size_t i = from; i < to; ++i) value = value << 8U | head.at(i);
-    return value;
-  };
-  while (stream.seekg(static_cast<std::streamoff>(at)) &&
-         stream.read(reinterpret_cast<char*>(head.data()), head.size())) {
-    const std::string name(head.begin() + 4, head.begin() + 8);
-    if (at == 0 && name != "ftyp") return false;
-    if (name == "moov") return false;
-    const std::uint64_t length = big(0, 4) == 1 ? big(8, 16) : big(0, 4);
-    if (length < 8) break;
-    at += length;
-  }
-  return at > 0;
-}
-
-std::unique_ptr<Capture> openVideoFile(const std::string& file) {
-  try {
-    return openCapture(file);
-  } catch (const IoError&) {
-    if (!lacksIndex(file)) throw;
-    throw IoError(
-        fmt::format("{}: its index (moov) is missing: the recording was not finished or "
-                    "the file is cut off; a tool like untrunc makes a new one by another "
-                    "recording of the camera",
-                    file));
-  }
-}
-
 class VideoFile : public ImageSource {
  public:
   explicit VideoFile(const std::filesystem::path& file)
-      : file_(file.string()), capture_(openVideoFile(file_)) {
+      : file_(file.string()), capture_(openCapture(file_)) {
     if (!capture_->grab()) {
       throw IoError(fmt::format("{}: holds no image that can be decoded", file_));
     }
@@ -342,12 +303,7 @@ class CameraStream : public ImageSource {
   [[nodiscard]] std::string name(int index) const override {
     return fmt::format("{}, image {}", address_, index);
   }
-  [[nodiscard]] std::optional<SourceImage> image(int index) override {
-    if (index == asked_ && given_) return given_;
-    given_ = taker_->next();
-    asked_ = index;
-    return given_;
-  }
+  [[nodiscard]] std::optional<SourceImage> image(int /*index*/) override { return taker_->next(); }
   [[nodiscard]] int dropped() const override { return taker_->dropped(); }
 
  private:
@@ -362,8 +318,6 @@ class CameraStream : public ImageSource {
   std::string address_;
   std::shared_ptr<Taker> taker_;
   std::thread thread_;
-  int asked_ = -1;
-  std::optional<SourceImage> given_;
 };
 
 }  // namespace

@@ -4,37 +4,50 @@
 #include "dsorb/error.h"
 
 #include "io/output/output_file.h"
-#include "io/png.h"
 
 #include <fmt/format.h>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
+#include <png.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <map>
+#include <stdexcept>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
 namespace dsorb::io {
 namespace {
 
-/// Range of data values along an axis.
+constexpr int kSubpixelBits = 4;
+
+/// Data values along a line of pixels.
 struct Axis {
+  int first = 0;  ///< pixel of `low`
+  int last = 0;   ///< pixel of `high`
   double low = 0;
-  double high = 1;
-  double step = 1;  ///< between ticks
+  double high = 0;
 
   [[nodiscard]] double length() const { return high - low; }
   void include(double value) {
     low = std::min(low, value);
     high = std::max(high, value);
   }
+  void widenTo(double length) {
+    const double margin = 0.5 * (length - this->length());
+    low -= margin;
+    high += margin;
+  }
+  /// In the 1/16 px of OpenCV's drawing functions.
+  [[nodiscard]] int subpixel(double value) const {
+    const double pixel = first + (value - low) / length() * (last - first);
+    return static_cast<int>(std::lround(pixel * (1 << kSubpixelBits)));
+  }
 };
 
-constexpr int kSubpixelBits = 4;
 constexpr int kLeftMargin = 58;
 constexpr int kRightMargin = 16;
 constexpr int kTopMargin = 30;
@@ -52,9 +65,9 @@ void drawText(cv::Mat& canvas, const std::string& text, const cv::Point& at, dou
   cv::putText(canvas, text, at, cv::FONT_HERSHEY_SIMPLEX, scale, kInk, 1, cv::LINE_AA);
 }
 
-/// 1, 2 or 5 times a power of ten: at most so many of them in a range.
-double roundStep(const Axis& values, int ticks) {
-  const double raw = std::max(values.length(), 1e-9) / ticks;
+/// 1, 2 or 5 times a power of ten: at most eight of them along an axis.
+double roundStep(const Axis& values) {
+  const double raw = values.length() / 8;
   const double power = std::pow(10.0, std::floor(std::log10(raw)));
   for (const double factor : {1.0, 2.0, 5.0}) {
     if (factor * power >= raw) return factor * power;
@@ -62,85 +75,17 @@ double roundStep(const Axis& values, int ticks) {
   return 10 * power;
 }
 
-/// The part of a chart's area that data is drawn in.
-cv::Rect plotIn(const cv::Rect& area) {
-  return {area.x + kLeftMargin,
-          area.y + kTopMargin,
-          area.width - kLeftMargin - kRightMargin,
-          area.height - kTopMargin - kBottomMargin};
+/// Calls f with the multiples of a step inside of an axis, their subpixel and their text.
+template <typename F>
+void forEachTick(const Axis& axis, double step, const F& f) {
+  constexpr double kTolerance = 1e-6;  // share of a step; keeps ends that are ticks
+  const auto first = std::lround(std::ceil(axis.low / step - kTolerance));
+  const auto last = std::lround(std::floor(axis.high / step + kTolerance));
+  for (auto i = first; i <= last; ++i) {
+    const double value = static_cast<double>(i) * step;
+    f(axis.subpixel(value), fmt::format("{:.6g}", value));
+  }
 }
-
-/// A plot inside an image: frame, grid with labelled ticks, curves, in the colours of one plain
-/// style.
-class Chart {
- public:
-  /// @param plot where data is drawn [px]
-  Chart(cv::Mat& canvas, const cv::Rect& plot, const Axis& x, const Axis& y)
-      : canvas_(canvas), plot_(plot), x_(x), y_(y) {}
-
-  /// Draws title, grid, ticks and their numbers.
-  void axes(const std::string& title, const std::string& x_label) {
-    drawText(canvas_, title, {plot_.x, plot_.y - 10}, 0.5);
-    forEachTick(x_, [&](double value, const std::string& text) {
-      const cv::Point base = line({value, y_.low}, {value, y_.high});
-      drawText(canvas_, text, base + cv::Point(-4 * static_cast<int>(text.size()), 16), 0.4);
-    });
-    forEachTick(y_, [&](double value, const std::string& text) {
-      const cv::Point base = line({x_.low, value}, {x_.high, value});
-      drawText(canvas_, text, base + cv::Point(-8 - 8 * static_cast<int>(text.size()), 4), 0.4);
-    });
-    cv::rectangle(canvas_, plot_, kInk, 1);
-    drawText(canvas_, x_label, {plot_.x, plot_.y + plot_.height + 36}, 0.42);
-  }
-  void curve(const std::vector<cv::Point2d>& points, const cv::Scalar& colour) {
-    std::vector<cv::Point> pixels;
-    for (const cv::Point2d& point : points) pixels.push_back(toPixel(point));
-    cv::polylines(canvas_, pixels, false, colour, 2, cv::LINE_AA, kSubpixelBits);
-  }
-  void dots(const std::vector<cv::Point2d>& points, int radius, const cv::Scalar& colour) {
-    const int size = radius << kSubpixelBits;
-    for (const cv::Point2d& point : points) {
-      cv::circle(canvas_, toPixel(point), size, colour, cv::FILLED, cv::LINE_AA, kSubpixelBits);
-    }
-  }
-  /// Fills the vertical strip between two x values.
-  void band(double x_begin, double x_end, const cv::Scalar& colour) {
-    const int left = toPixel({x_begin, y_.high}).x >> kSubpixelBits;
-    const int right = toPixel({x_end, y_.low}).x >> kSubpixelBits;
-    const cv::Rect strip(left, plot_.y + 1, std::max(1, right - left), plot_.height - 2);
-    canvas_(strip & plot_).setTo(colour);
-  }
-
- private:
-  /// Pixel of a data point, in the 1/16 px of OpenCV's drawing functions.
-  [[nodiscard]] cv::Point toPixel(const cv::Point2d& point) const {
-    const double scale = 1 << kSubpixelBits;
-    const double x = plot_.x + (point.x - x_.low) / x_.length() * (plot_.width - 1);
-    const double y = plot_.y + (y_.high - point.y) / y_.length() * (plot_.height - 1);
-    return {static_cast<int>(std::lround(x * scale)), static_cast<int>(std::lround(y * scale))};
-  }
-  /// Draws a line of the grid. @return the pixel where it begins
-  cv::Point line(const cv::Point2d& from, const cv::Point2d& to) {
-    cv::line(canvas_, toPixel(from), toPixel(to), kGrid, 1, cv::LINE_AA, kSubpixelBits);
-    return {toPixel(from).x >> kSubpixelBits, toPixel(from).y >> kSubpixelBits};
-  }
-  /// Calls f with the multiples of the step inside of an axis and their texts.
-  template <typename F>
-  static void forEachTick(const Axis& axis, const F& f) {
-    constexpr double kTolerance = 1e-6;  // share of a step; keeps ends that are ticks
-    const auto first = std::lround(std::ceil(axis.low / axis.step - kTolerance));
-    const auto last = std::lround(std::floor(axis.high / axis.step + kTolerance));
-    for (auto i = first; i <= last; ++i) {
-      const double value = static_cast<double>(i) * axis.step;
-      f(value, fmt::format("{:.6g}", value));
-    }
-  }
-
-  cv::Mat canvas_;
-  cv::Rect plot_;
-  Axis x_;
-  Axis y_;
-};
 
 constexpr int kBarWidth = 90;
 constexpr double kMaxFigureWidth = 1600;  // [px]
@@ -199,8 +144,7 @@ struct SegmentPath {
 std::vector<SegmentPath> longestPaths(const RunRecord& record) {
   std::map<int, SegmentPath> all;
   const auto add = [&](const Entries& entries, std::vector<cv::Point2d> SegmentPath::*points) {
-    for (std::size_t i = 0; i < entries.size(); ++i) {
-      const PosedEntry entry = entries.at(i);
+    for (const PosedEntry& entry : entries) {
       const Eigen::Vector3d place = record.T_world_cam(entry).translation();
       (all[record.segmentOf(entry)].*points).emplace_back(place.x(), place.z());
     }
@@ -223,80 +167,66 @@ std::vector<SegmentPath> longestPaths(const RunRecord& record) {
   return paths;
 }
 
+/// Grid and numbers, a step apart on both axes.
+void drawGrid(cv::Mat& canvas, const Axis& x, const Axis& z, double step) {
+  const auto draw = [&](const cv::Point& from, const cv::Point& to) {
+    cv::line(canvas, from, to, kGrid, 1, cv::LINE_AA, kSubpixelBits);
+    return cv::Point(from.x >> kSubpixelBits, from.y >> kSubpixelBits);
+  };
+  forEachTick(x, step, [&](int at, const std::string& text) {
+    const cv::Point base = draw({at, z.subpixel(z.low)}, {at, z.subpixel(z.high)});
+    drawText(canvas, text, base + cv::Point(-4 * static_cast<int>(text.size()), 16), 0.4);
+  });
+  forEachTick(z, step, [&](int at, const std::string& text) {
+    const cv::Point base = draw({x.subpixel(x.low), at}, {x.subpixel(x.high), at});
+    drawText(canvas, text, base + cv::Point(-8 - 8 * static_cast<int>(text.size()), 4), 0.4);
+  });
+}
+
 /// @param metric whether the path is told in metres
 void drawPath(cv::Mat& canvas, const cv::Rect& area, const SegmentPath& path, bool metric) {
-  Axis x{0, 0};  // the origin, the reference camera, is always in view
-  Axis z{0, 0};
+  const cv::Rect plot(area.x + kLeftMargin,
+                      area.y + kTopMargin,
+                      area.width - kLeftMargin - kRightMargin,
+                      area.height - kTopMargin - kBottomMargin);
+  // The origin, the reference camera, is always in view.
+  Axis x{plot.x, plot.x + plot.width - 1};
+  Axis z{plot.y + plot.height - 1, plot.y};
   for (const cv::Point2d& point : path.frames) {
     x.include(point.x);
     z.include(point.y);
   }
-  const cv::Rect plot = plotIn(area);
   // One unit is equally long on both axes.
   const double per_pixel =
       1.1 * std::max({x.length() / plot.width, z.length() / plot.height, 1e-6});
-  const auto widen = [&](Axis& axis, int pixels) {
-    const double margin = 0.5 * (per_pixel * pixels - axis.length());
-    axis.low -= margin;
-    axis.high += margin;
+  x.widenTo(per_pixel * plot.width);
+  z.widenTo(per_pixel * plot.height);
+  drawText(canvas,
+           fmt::format("segment {}: {} frames (blue), {} keyframes (red), start green",
+                       path.segment,
+                       path.frames.size(),
+                       path.keyframes.size()),
+           {plot.x, plot.y - 10},
+           0.5);
+  drawGrid(canvas, x, z, std::max(roundStep(x), roundStep(z)));
+  cv::rectangle(canvas, plot, kInk, 1);
+  drawText(canvas,
+           metric ? "x right, z up [m]"
+                  : "x right, z up; unit: mean inverse depth of the reference is 1",
+           {plot.x, plot.y + plot.height + 36},
+           0.42);
+  const auto pixel = [&](const cv::Point2d& point) {
+    return cv::Point(x.subpixel(point.x), z.subpixel(point.y));
   };
-  widen(x, plot.width);
-  widen(z, plot.height);
-  x.step = z.step = std::max(roundStep(x, 8), roundStep(z, 8));
-  Chart chart(canvas, plot, x, z);
-  chart.axes(fmt::format("segment {}: {} frames (blue), {} keyframes (red), start green",
-                         path.segment,
-                         path.frames.size(),
-                         path.keyframes.size()),
-             metric ? "x right, z up [m]"
-                    : "x right, z up; unit: mean inverse depth of the reference is 1");
-  chart.curve(path.frames, kPathColour);
-  chart.dots(path.keyframes, 4, kKeyframeColour);
-  chart.dots({{0, 0}}, 5, kStartColour);
-}
-
-/// Colours of the states, in the order of OdometryState.
-const std::array<cv::Scalar, 5> kStateColours = {cv::Scalar(190, 230, 255),
-                                                 cv::Scalar(120, 190, 120),
-                                                 cv::Scalar(235, 250, 235),
-                                                 cv::Scalar(150, 150, 245),
-                                                 cv::Scalar(205, 205, 205)};
-
-void drawNotes(cv::Mat& canvas,
-               const cv::Rect& area,
-               const std::string& title,
-               const Spool<FrameNote>& notes,
-               float FrameNote::*member) {
-  const double first = notes.at(0).index;
-  Axis x{first, first + 1};
-  Axis y{0, 1e-3};
-  std::vector<std::vector<cv::Point2d>> curves(1);
-  for (std::size_t i = 0; i < notes.size(); ++i) {
-    const FrameNote note = notes.at(i);
-    x.include(note.index);
-    if (note.*member >= 0) {
-      y.include(static_cast<double>(note.*member));
-      curves.back().emplace_back(note.index, static_cast<double>(note.*member));
-    } else if (!curves.back().empty()) {
-      curves.emplace_back();
-    }
-  }
-  x.step = std::max(1.0, roundStep(x, 10));
-  y.step = roundStep(y, 5);
-  y.high = y.step * std::ceil(y.high / y.step);
-  Chart chart(canvas, plotIn(area), x, y);
-  for (std::size_t i = 0; i < notes.size(); ++i) {
-    const FrameNote note = notes.at(i);
-    const auto state = static_cast<std::size_t>(note.state);
-    chart.band(note.index - 0.5, note.index + 0.5, kStateColours.at(state));
-  }
-  chart.axes(title,
-             "frame; orange: initializing, dark green: initialized, light green: tracked, grey: "
-             "missed, red: lost");
-  for (const auto& curve : curves) {
-    chart.curve(curve, kPathColour);
-    if (curve.size() == 1) chart.dots(curve, 2, kPathColour);
-  }
+  const auto dot = [&](const cv::Point2d& point, int radius, const cv::Scalar& colour) {
+    const int size = radius << kSubpixelBits;
+    cv::circle(canvas, pixel(point), size, colour, cv::FILLED, cv::LINE_AA, kSubpixelBits);
+  };
+  std::vector<cv::Point> pixels;
+  for (const cv::Point2d& point : path.frames) pixels.push_back(pixel(point));
+  cv::polylines(canvas, pixels, false, kPathColour, 2, cv::LINE_AA, kSubpixelBits);
+  for (const cv::Point2d& point : path.keyframes) dot(point, 4, kKeyframeColour);
+  dot({0, 0}, 5, kStartColour);
 }
 
 }  // namespace
@@ -359,28 +289,23 @@ cv::Mat drawTrajectory(const RunRecord& record) {
   return canvas;
 }
 
-cv::Mat drawTimeline(const RunRecord& record) {
-  const cv::Size panel(1000, 300);
-  cv::Mat canvas = blankCanvas(panel.width, 2 * panel.height);
-  if (record.notes().empty()) {
-    drawText(canvas, "no frames", {40, 60}, 0.6);
-    return canvas;
-  }
-  drawNotes(canvas,
-            {{0, 0}, panel},
-            "tracking error, rms [grey levels]",
-            record.notes(),
-            &FrameNote::tracking_rmse);
-  drawNotes(canvas,
-            {{0, panel.height}, panel},
-            "work for a frame [ms]",
-            record.notes(),
-            &FrameNote::milliseconds);
-  return canvas;
-}
-
 void writePng(const std::filesystem::path& path, const cv::Mat& image) {
-  replaceFile(path, encodePng(image));
+  const int type = image.type();
+  png_image png{};
+  png.version = PNG_IMAGE_VERSION;
+  png.width = static_cast<png_uint_32>(image.cols);
+  png.height = static_cast<png_uint_32>(image.rows);
+  png.format = type == CV_16UC1  ? PNG_FORMAT_LINEAR_Y
+               : type == CV_8UC3 ? PNG_FORMAT_BGR
+                                 : PNG_FORMAT_GRAY;
+  png.flags = PNG_IMAGE_FLAG_FAST;
+  png_alloc_size_t size = PNG_IMAGE_PNG_SIZE_MAX(png);
+  std::string bytes(size, '\0');
+  const auto row = static_cast<png_int_32>(image.step / image.elemSize1());
+  if (png_image_write_to_memory(&png, bytes.data(), &size, 0, image.data, row, nullptr) == 0) {
+    throw std::runtime_error(fmt::format("libpng: {}", static_cast<const char*>(png.message)));
+  }
+  replaceFile(path, std::string_view(bytes).substr(0, size));
 }
 
 }  // namespace dsorb::io

@@ -22,10 +22,8 @@ namespace dsorb::io {
 /// many segments the longest.
 [[nodiscard]] cv::Mat drawTrajectory(const RunRecord& record);
 
-/// Tracking error and milliseconds over the sequence, above a strip of states.
-[[nodiscard]] cv::Mat drawTimeline(const RunRecord& record);
-
 /// Writes a PNG, replacing the file as a whole. @throws IoError
+/// @param image grey of 8 or 16 bits, or BGR of 8 bits
 void writePng(const std::filesystem::path& path, const cv::Mat& image);
 
 }  // namespace dsorb::io

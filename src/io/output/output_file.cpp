@@ -2,6 +2,7 @@
 #include "io/output/output_file.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -26,11 +27,7 @@ FileHandle openForWriting(const fs::path& path) {
   return file;
 }
 
-void writeAll(std::FILE* file, std::string_view text, const fs::path& path) {
-  if (std::fwrite(text.data(), 1, text.size(), file) != text.size()) throw writeError(path);
-}
-
-/// Files of a run, by their names relative to the output folder. Those of earlier versions count.
+/// Files of a run, by their names relative to the output folder.
 std::vector<fs::path> outputFilesIn(const fs::path& folder) {
   std::vector<fs::path> found;
   for (const fs::path& part : {fs::path(), fs::path(kFigures)}) {
@@ -65,10 +62,11 @@ void GrowingFile::append(std::string_view text, std::string_view end) {
   } catch (const IoError&) {
     try {
       write(begin, end_);  // it has its place on the disk
-      cut(size_);
     } catch (const IoError&) {
       // The first error says more.
     }
+    std::error_code ignored;
+    fs::resize_file(path_, size_, ignored);
     throw;
   }
   size_ = begin + text.size() + end.size();
@@ -96,61 +94,37 @@ std::string GrowingFile::read(std::uintmax_t position, std::size_t bytes) const 
   return text;
 }
 
-void GrowingFile::cut(std::uintmax_t bytes) {
-  std::error_code error;
-  fs::resize_file(path_, bytes, error);
-  if (!error) return;
-  errno = error.value();
-  throw writeError(path_);
-}
-
-void NamelessFile::write(std::uintmax_t position, std::string_view bytes) {
-  if (file_.get() < 0) file_ = platform::openNameless(folder_);
-  if (file_.get() < 0 || !platform::writeAt(file_, position, bytes)) throw writeError(folder_);
-}
-
-void NamelessFile::read(std::uintmax_t position, void* bytes, std::size_t size) const {
-  if (platform::readAt(file_, position, bytes, size)) return;
-  throw IoError(folder_.string() + ": what was put aside there cannot be read back");
-}
-
-ReplacingFile::ReplacingFile(fs::path path)
-    : path_(std::move(path)), part_(path_.string() + kPartSuffix), file_(openForWriting(part_)) {}
-
-ReplacingFile::~ReplacingFile() {
-  if (!file_) return;
-  file_.reset();
-  std::error_code ignored;
-  fs::remove(part_, ignored);
-}
-
-void ReplacingFile::append(std::string_view text) {
-  writeAll(file_.get(), text, path_);
-}
-
-void ReplacingFile::commit() {
-  const bool closed = std::fclose(file_.release()) == 0;  // what was buffered is written, too
+void replaceFile(const fs::path& path, std::string_view content) {
+  const fs::path part = path.string() + ".part";
+  FileHandle file = openForWriting(part);
+  const bool written = std::fwrite(content.data(), 1, content.size(), file.get()) == content.size();
   std::error_code failed;
-  if (closed) fs::rename(part_, path_, failed);
-  if (closed && !failed) return;
-  if (failed) errno = failed.value();
-  const IoError error = writeError(path_);
-  std::error_code ignored;
-  fs::remove(part_, ignored);
+  if (std::fclose(file.release()) == 0 && written) {
+    fs::rename(part, path, failed);
+    if (!failed) return;
+    errno = failed.value();
+  }
+  const IoError error = writeError(path);
+  fs::remove(part, failed);
   throw error;
 }
 
-void replaceFile(const fs::path& path, std::string_view content) {
-  ReplacingFile file(path);
-  file.append(content);
-  file.commit();
+bool isFinite(const SE3& pose) {
+  return pose.unitQuaternion().coeffs().allFinite() && pose.translation().allFinite();
+}
+
+std::string tumLine(double timestamp, const SE3& T_world_cam) {
+  const Eigen::Vector3d& t = T_world_cam.translation();
+  Eigen::Vector4d q = T_world_cam.unitQuaternion().coeffs();
+  if (q.w() < 0) q = -q;
+  return fmt::format("{:.9f} {:.9f} {:.9f}\n", timestamp, fmt::join(t, " "), fmt::join(q, " "));
 }
 
 bool isOutputFile(const fs::path& name) {
   static const std::regex kNames(
       R"((trajectory(_kitti|_\d+)?\.txt|keyframes(_\d+)?\.txt|initialization\.json|frames\.csv|)"
       R"(points\.ply|tracks\.ply|refined_camera\.txt|run\.json|config\.yaml)(\.part)?|)"
-      R"(figures/(initial_inverse_depth(_\d+)?|trajectory|timeline)\.png(\.part)?)");
+      R"(figures/(initial_inverse_depth(_\d+)?|trajectory)\.png(\.part)?)");
   return std::regex_match(name.generic_string(), kNames);
 }
 

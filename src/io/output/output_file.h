@@ -2,6 +2,7 @@
 #pragma once
 
 #include "dsorb/error.h"
+#include "dsorb/geometry/se3.h"
 
 #include "platform/files.h"
 
@@ -17,9 +18,6 @@
 #include <utility>
 
 namespace dsorb::io {
-
-/// Ends the name of what is to take the place of a file.
-constexpr const char* kPartSuffix = ".part";
 
 struct CloseFile {
   void operator()(std::FILE* file) const { std::fclose(file); }
@@ -39,8 +37,6 @@ class GrowingFile {
   void write(std::uintmax_t position, std::string_view text);
   /// @throws IoError where not all of it can be read
   [[nodiscard]] std::string read(std::uintmax_t position, std::size_t bytes) const;
-  /// Ends the file behind so many bytes. @throws IoError
-  void cut(std::uintmax_t bytes);
 
  private:
   std::filesystem::path path_;
@@ -49,45 +45,16 @@ class GrowingFile {
   std::string end_;          ///< of it, which the next record replaces
 };
 
-/// A file without a name: it ends with the program, however that ends.
-class NamelessFile {
- public:
-  /// @param folder on whose disk it lies; the file is made when the first bytes come
-  explicit NamelessFile(std::filesystem::path folder) : folder_(std::move(folder)) {}
-  /// @throws IoError where not all could be written
-  void write(std::uintmax_t position, std::string_view bytes);
-  /// @throws IoError where not all could be read
-  void read(std::uintmax_t position, void* bytes, std::size_t size) const;
-
- private:
-  std::filesystem::path folder_;
-  platform::Descriptor file_;
-};
-
-/// Replaces a file as a whole: readers see the old or the new content, never a part.
-class ReplacingFile {
- public:
-  /// @throws IoError where nothing can be written beside the file
-  explicit ReplacingFile(std::filesystem::path path);
-  /// Leaves the old content in place unless commit() was called.
-  ~ReplacingFile();
-  ReplacingFile(const ReplacingFile&) = delete;
-  ReplacingFile& operator=(const ReplacingFile&) = delete;
-
-  /// @throws IoError where not all could be written, here or in commit()
-  void append(std::string_view text);
-  /// Puts what was appended in the file's place. @throws IoError where that fails
-  void commit();
-
- private:
-  std::filesystem::path path_;
-  std::filesystem::path part_;
-  FileHandle file_;
-};
-
-/// Replaces a file by this content, as a whole.
+/// Replaces a file by this content: readers see the old or the new one, never a part.
 /// @throws IoError where it cannot be written; the old content stays
 void replaceFile(const std::filesystem::path& path, std::string_view content);
+
+/// A line `timestamp tx ty tz qx qy qz qw`, nine decimals, qw not negative.
+/// @source TUM RGB-D benchmark, file formats
+[[nodiscard]] std::string tumLine(double timestamp, const SE3& T_world_cam);
+
+/// Whether rotation and translation hold neither nan nor infinity.
+[[nodiscard]] bool isFinite(const SE3& pose);
 
 /// The error of the last system call on this file, in words.
 [[nodiscard]] IoError writeError(const std::filesystem::path& path);

@@ -38,59 +38,6 @@ Json poseJson(const std::optional<SE3>& T_world_cam) {
   return T_world_cam ? poseJson(*T_world_cam) : Json();
 }
 
-/// A pixel with inverse depth, seen by another camera: [u, v, inverse depth there]; null where it
-/// is behind that camera or outside its image.
-Json carried(const Eigen::Vector2f& pixel,
-             float inverse_depth,
-             const SE3& T_target_host,
-             const PinholeCamera& camera) {
-  if (!pixel.allFinite() || !(inverse_depth > 0) || !std::isfinite(inverse_depth)) return {};
-  const Eigen::Vector3d ray = camera.unproject(pixel.cast<double>());
-  const Eigen::Vector3d point = T_target_host * Eigen::Vector3d(ray / inverse_depth);
-  if (!(point.z() > 0)) return {};
-  const Eigen::Vector2d target = camera.project(point);
-  if (!camera.contains(target)) return {};
-  return {shortest(static_cast<float>(target.x())),
-          shortest(static_cast<float>(target.y())),
-          shortest(static_cast<float>(1.0 / point.z()))};
-}
-
-/// @param tracks some of them null
-Json tracksLine(FrameId frame, int segment, const char* source, Json tracks) {
-  Json seen = Json::array();
-  for (Json& track : tracks) {
-    if (!track.is_null()) seen.push_back(std::move(track));
-  }
-  return {{"kind", "tracks"},
-          {"index", frame.value},
-          {"segment", segment},
-          {"source", source},
-          {"tracks", std::move(seen)}};
-}
-
-/// The initializer's points in the newest frame.
-Json initialTracks(const InitializationResult& result, int segment, const PinholeCamera& camera) {
-  const PosedFrame& newest = result.frames.back();
-  Json tracks = Json::array();
-  for (const InitPoint& point : result.points) {
-    const auto& host = result.frames[static_cast<std::size_t>(point.host)].T_cam_ref;
-    if (!host || !newest.T_cam_ref) continue;
-    const SE3 T_newest_host = *newest.T_cam_ref * host->inverse();
-    tracks.push_back(carried(point.pixel, point.inverse_depth, T_newest_host, camera));
-  }
-  return tracksLine(newest.frame->id(), segment, "initial_points", std::move(tracks));
-}
-
-/// The points of the keyframe a frame hangs on, in that frame.
-Json mapTracks(const FrameEstimate& estimate, const KeyframeSnapshot& keyframe) {
-  Json tracks = Json::array();
-  for (const MapPoint& point : keyframe.points) {
-    tracks.push_back(
-        carried(point.pixel, point.inverse_depth, *estimate.T_cam_keyframe, keyframe.camera));
-  }
-  return tracksLine(estimate.frame->id(), estimate.segment, "map_points", std::move(tracks));
-}
-
 Json initLine(const InitStep& step, FrameId frame, int segment) {
   const char* status = step.status == InitStatus::kInitialized ? "initialized"
                        : step.status == InitStatus::kRestarted ? "restarted"
@@ -209,8 +156,7 @@ RecordingWriter::RecordingWriter(const fs::path& path,
                                  const PinholeCamera& camera)
     : file_(prepared(path, imageFolder(path))),
       folder_(fs::absolute(path).parent_path()),
-      images_(imageFolder(path)),
-      camera_(camera) {
+      images_(imageFolder(path)) {
   writeLine(headerLine(info, camera));
 }
 
@@ -218,10 +164,6 @@ void RecordingWriter::onInitStep(const InitStep& step, const Frame& frame, int s
   InitStep told = step;
   if (told.result && told.result->metric) toMetres(*told.result->metric, *told.result);
   pending_.emplace_back([told, id = frame.id(), segment] { return initLine(told, id, segment); });
-  if (!told.result) return;
-  pending_.emplace_back([result = *told.result, segment, camera = camera_] {
-    return initialTracks(result, segment, camera);
-  });
 }
 
 void RecordingWriter::onStartRefused(const StartRefusal& refusal) {
@@ -235,23 +177,6 @@ void RecordingWriter::onStartRefused(const StartRefusal& refusal) {
 
 void RecordingWriter::onFrame(const FrameEstimate& estimate) {
   pending_.emplace_back([estimate] { return poseLine(estimate); });
-  if (estimate.state != OdometryState::kTracked || !estimate.keyframe || !estimate.T_cam_keyframe) {
-    return;
-  }
-  const auto keyframe = keyframes_.find(*estimate.keyframe);
-  if (keyframe == keyframes_.end() || keyframe->second.points.empty()) return;
-  pending_.emplace_back(
-      [estimate, snapshot = keyframe->second] { return mapTracks(estimate, snapshot); });
-}
-
-void RecordingWriter::onKeyframe(const KeyframeSnapshot& keyframe) {
-  noteKeyframe(keyframe, false);
-  keyframes_[keyframe.id] = keyframe;
-}
-
-void RecordingWriter::onKeyframeRetired(const KeyframeSnapshot& keyframe) {
-  noteKeyframe(keyframe, true);
-  keyframes_.erase(keyframe.id);
 }
 
 void RecordingWriter::noteKeyframe(const KeyframeSnapshot& keyframe, bool final) {

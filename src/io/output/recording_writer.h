@@ -9,7 +9,6 @@
 
 #include <filesystem>
 #include <functional>
-#include <map>
 #include <vector>
 
 namespace dsorb::io {
@@ -31,8 +30,10 @@ class RecordingWriter : public OdometryObserver {
   void onInitStep(const InitStep& step, const Frame& frame, int segment) override;
   void onStartRefused(const StartRefusal& refusal) override;
   void onFrame(const FrameEstimate& estimate) override;
-  void onKeyframe(const KeyframeSnapshot& keyframe) override;
-  void onKeyframeRetired(const KeyframeSnapshot& keyframe) override;
+  void onKeyframe(const KeyframeSnapshot& keyframe) override { noteKeyframe(keyframe, false); }
+  void onKeyframeRetired(const KeyframeSnapshot& keyframe) override {
+    noteKeyframe(keyframe, true);
+  }
   void onLost(FrameId frame, int segment) override;
 
   /// Writes the frame's image and all lines noted since the last call.
@@ -48,11 +49,9 @@ class RecordingWriter : public OdometryObserver {
   void writeLine(const Json& line);
 
   GrowingFile file_;
-  std::filesystem::path folder_;  ///< of the recording
-  std::filesystem::path images_;  ///< relative to it
-  PinholeCamera camera_;
-  std::vector<std::function<Json()>> pending_;     ///< lines of the current frame, formatted later
-  std::map<FrameId, KeyframeSnapshot> keyframes_;  ///< latest estimate of those not yet final
+  std::filesystem::path folder_;                ///< of the recording
+  std::filesystem::path images_;                ///< relative to it
+  std::vector<std::function<Json()>> pending_;  ///< lines of the current frame, formatted later
 };
 
 }  // namespace dsorb::io

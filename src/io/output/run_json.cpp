@@ -11,8 +11,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstring>
-#include <fstream>
-#include <limits>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -29,12 +27,7 @@ namespace io {
 
 namespace {
 
-constexpr double kWanted = 0.01;  // of the focal length
-constexpr double kSigmas = 3;     // that a distortion or readout must differ from none by
-
-double meanFocal(const PinholeCamera& camera) {
-  return 0.5 * (camera.fx + camera.fy);
-}
+constexpr double kSigmas = 3;  // that a readout must differ from none by
 
 /// Last line of camera.txt: a readout that shows, "auto" for one that does not; none of a global
 /// shutter.
@@ -80,73 +73,6 @@ std::string calibrationFile(const Lens& lens) {
   return model + size + readoutLine(lens);
 }
 
-void CameraEstimate::add(const KeyframeSnapshot& keyframe) {
-  if (keyframe.segment != segment_) {
-    focal_lengths_.clear();
-    segment_ = keyframe.segment;
-    frames_.clear();
-  }
-  if (frames_.insert(keyframe.id).second) focal_lengths_.push_back(0);
-  focal_lengths_.back() = meanFocal(keyframe.camera);
-  const Estimate newest = {
-      keyframe.camera, keyframe.camera_sigmas, keyframe.radial, movement(), keyframe.segment};
-  const bool same_segment = known_.segment == newest.segment;
-  if (same_segment || focalSigma(newest) <= focalSigma(known_)) known_ = newest;
-}
-
-double CameraEstimate::focalSigma(const Estimate& estimate) {
-  if (!estimate.camera || !estimate.sigmas) return std::numeric_limits<double>::infinity();
-  const auto& sigmas = *estimate.sigmas;
-  return std::max(sigmas[0] / estimate.camera->fx, sigmas[1] / estimate.camera->fy);
-}
-
-/// How far the focal length has gone in the last third of the segment, relative.
-double CameraEstimate::movement() const {
-  const auto last = focal_lengths_.end() - static_cast<long>((focal_lengths_.size() + 2) / 3);
-  const auto [least, most] = std::minmax_element(last, focal_lengths_.end());
-  return (*most - *least) / focal_lengths_.back();
-}
-
-/// Whether a radial distortion shows; without it images need no resampling.
-bool CameraEstimate::isDistorted() const {
-  return known_.radial && std::abs(known_.radial->k1) > kSigmas * known_.radial->sigma;
-}
-
-bool CameraEstimate::isSettled() const {
-  return 2 * focalSigma(known_) < kWanted && known_.moved < kWanted;
-}
-
-Json CameraEstimate::json() const {
-  Json json = cameraJson(*known_.camera);
-  if (!known_.sigmas) return json;
-  const auto& sigmas = *known_.sigmas;
-  json["sigma"] = {{"fx", sigmas[0]}, {"fy", sigmas[1]}, {"cx", sigmas[2]}, {"cy", sigmas[3]}};
-  if (known_.radial) {
-    json["k1"] = known_.radial->k1;
-    json["sigma"]["k1"] = known_.radial->sigma;
-  }
-  json["moved"] = known_.moved;
-  json["settled"] = isSettled();
-  return json;
-}
-
-std::string CameraEstimate::calibrationFile(const Lens& lens,
-                                            const PinholeCamera& rectified) const {
-  if (!known_.sigmas || lens.model != LensModel::kPinhole) return {};
-  const PinholeCamera& camera = *known_.camera;
-  const double sx = lens.fx / rectified.fx, sy = lens.fy / rectified.fy;
-  Lens refined = lens;
-  refined.fx = sx * camera.fx;
-  refined.fy = sy * camera.fy;
-  refined.cx = lens.cx + sx * (camera.cx - rectified.cx);
-  refined.cy = lens.cy + sy * (camera.cy - rectified.cy);
-  if (isDistorted()) {
-    refined.model = LensModel::kRadTan;
-    refined.coefficients[0] = known_.radial->k1;
-  }
-  return io::calibrationFile(refined);
-}
-
 Json cameraJson(const PinholeCamera& camera) {
   return {{"fx", camera.fx},
           {"fy", camera.fy},
@@ -168,6 +94,22 @@ Json lensJson(const Lens& lens) {
 }
 
 namespace {
+
+/// The camera and, where the window estimates it, how sure that is.
+Json refinedJson(const RunCameras& cameras) {
+  const auto& [camera, sigmas, radial, moved, segment] = cameras.refined.estimate();
+  Json json = cameraJson(*camera);
+  if (!sigmas) return json;
+  json["sigma"] = {
+      {"fx", (*sigmas)[0]}, {"fy", (*sigmas)[1]}, {"cx", (*sigmas)[2]}, {"cy", (*sigmas)[3]}};
+  if (radial) {
+    json["k1"] = radial->k1;
+    json["sigma"]["k1"] = radial->sigma;
+  }
+  json["moved"] = moved;
+  json["settled"] = cameras.areSettled();
+  return json;
+}
 
 Json foundJson(const FoundCamera& found) {
   Json json = lensJson(found.lens);
@@ -225,12 +167,9 @@ Json runJson(const RunInfo& info,
   if (!isUtf8(info.dataset)) json["dataset_uri"] = fileUri(info.dataset);
   if (cameras.lens) json["lens"] = lensJson(*cameras.lens);
   if (cameras.camera) json["camera"] = cameraJson(*cameras.camera);
-  const std::optional<PinholeCamera>& refined = cameras.refined.camera();
+  const std::optional<PinholeCamera>& refined = cameras.refined.estimate().camera;
   if (cameras.camera && refined && refined->matrix() != cameras.camera->matrix()) {
-    json["refined_camera"] = cameras.refined.json();
-    if (json["refined_camera"].contains("settled")) {
-      json["refined_camera"]["settled"] = cameras.areSettled();
-    }
+    json["refined_camera"] = refinedJson(cameras);
   }
   if (cameras.found) json["found_camera"] = foundJson(*cameras.found);
   if (cameras.readout) {
@@ -238,7 +177,7 @@ Json runJson(const RunInfo& info,
                        {"sigma", 1000 * cameras.readout->sigma}};
   }
   addDoubts(record, json);
-  json["frames_given"] = record.notes().size();
+  json["frames_given"] = facts.frames_given;
   json["frames_tracked"] = facts.frames_tracked;
   json["frames_missed"] = facts.frames_missed;
   json["frames_dropped"] = end.frames_dropped;
@@ -271,11 +210,11 @@ Json runJson(const RunInfo& info,
   for (const LoopsClosed& closed : record.changes().loops) {
     json["loops"].push_back({{"segment", closed.segment}, {"loops", closed.loops}});
   }
-  json["withdrawn"] = Json::object();
+  json["refused"] = Json::object();
   for (const RefusalReason reason :
        {RefusalReason::kAdjustment, RefusalReason::kDirection, RefusalReason::kDepth}) {
     const auto count = facts.refusals.find(reason);
-    json["withdrawn"][name(reason)] = count == facts.refusals.end() ? 0 : count->second;
+    json["refused"][name(reason)] = count == facts.refusals.end() ? 0 : count->second;
   }
   json["answers"] = Json::object();
   for (const auto& [reason, count] : facts.answers) json["answers"][name(reason)] = count;

@@ -4,22 +4,17 @@
 #include "dsorb/init/metric_scale.h"
 
 #include "geometry/reattachment.h"
+#include "io/output/output_file.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
 
 namespace dsorb::io {
-bool isFinite(const SE3& pose) {
-  return pose.unitQuaternion().coeffs().allFinite() && pose.translation().allFinite();
-}
-
-RunRecord::RunRecord(const std::filesystem::path& folder)
-    : frames_(folder), keyframes_(folder), notes_(folder) {}
 
 int RunRecord::longestSegment() const {
   std::map<int, int> frames;
-  for (std::size_t i = 0; i < frames_.size(); ++i) ++frames[segmentOf(frames_.at(i))];
+  for (const PosedEntry& entry : frames_) ++frames[segmentOf(entry)];
   const auto longest = std::max_element(
       frames.begin(), frames.end(), [](auto& a, auto& b) { return a.second < b.second; });
   return longest == frames.end() ? -1 : longest->first;
@@ -47,7 +42,7 @@ void RunRecord::addInitialization(InitializationResult result, int segment) {
   // Frames up to the newest one that has a line were posed when they were recognized.
   const auto recognized =
       std::find_if(result.frames.rbegin(), result.frames.rend(), [this](const PosedFrame& posed) {
-        return !frames_.empty() && posed.frame->id() == frames_.newest().id;
+        return !frames_.empty() && posed.frame->id() == frames_.back().id;
       });
   for (auto frame = recognized.base(); frame != result.frames.end(); ++frame) {
     const PosedFrame& posed = *frame;
@@ -59,12 +54,12 @@ void RunRecord::addInitialization(InitializationResult result, int segment) {
                      *posed.T_cam_ref,
                      start,
                      (posed.frame->timestamp() - begin) / duration};
-    frames_.push(entry);
+    frames_.push_back(entry);
     for (const Repeat& repeat : repeats_) {
       if (repeat.of != posed.frame->id()) continue;
       entry.id = repeat.id;
       entry.timestamp = repeat.timestamp;
-      frames_.push(entry);
+      frames_.push_back(entry);
     }
   }
   repeats_.clear();
@@ -109,12 +104,8 @@ std::optional<MetricScale> RunRecord::unitOf(int segment) const {
 
 void RunRecord::addFrame(const FrameEstimate& estimate) {
   estimate_ = estimate;
-  const double rmse = estimate.tracking_rmse.value_or(-1);
-  notes_.push({estimate.frame->id().value,
-               estimate.segment,
-               estimate.state,
-               0,
-               std::isfinite(rmse) ? static_cast<float>(rmse) : -1.0F});
+  ++facts_.frames_given;
+  facts_.last_state = estimate.state;
   if (estimate.repeats && !estimate.T_world_cam) {
     repeats_.push_back({estimate.frame->id(), estimate.frame->timestamp(), *estimate.repeats});
   }
@@ -142,10 +133,10 @@ void RunRecord::addFrame(const FrameEstimate& estimate) {
     entry.anchor = entry.id;
     anchors_.try_emplace(entry.id, *estimate.T_world_cam, entry.timestamp);
   }
-  if (!frames_.empty() && frames_.newest().id == entry.id) {  // came with a result
-    frames_.newest() = entry;
+  if (!frames_.empty() && frames_.back().id == entry.id) {  // came with a result
+    frames_.back() = entry;
   } else {
-    frames_.push(entry);
+    frames_.push_back(entry);
   }
 }
 
@@ -164,17 +155,11 @@ void RunRecord::addKeyframe(const KeyframeSnapshot& keyframe) {
   anchor.timestamp = keyframe.timestamp;
   if (anchor.is_keyframe) return;
   anchor.is_keyframe = true;
-  keyframes_.push({keyframe.id, keyframe.timestamp, keyframe.segment, keyframe.id, SE3(), -1, 0});
-}
-
-void RunRecord::setMilliseconds(double milliseconds) {
-  if (estimate_) notes_.newest().milliseconds = static_cast<float>(milliseconds);
+  keyframes_.push_back(
+      {keyframe.id, keyframe.timestamp, keyframe.segment, keyframe.id, SE3(), -1, 0});
 }
 
 void RunRecord::nextFrame() {
-  frames_.settle();
-  keyframes_.settle();
-  notes_.settle();
   steps_.clear();
   estimate_.reset();
 }

@@ -3,73 +3,13 @@
 
 #include "dsorb/odometry/observer.h"
 
-#include "io/output/output_file.h"
-
-#include <algorithm>
-#include <cstddef>
-#include <filesystem>
+#include <deque>
 #include <map>
 #include <optional>
-#include <string_view>
 #include <utility>
 #include <vector>
 
 namespace dsorb::io {
-
-/// A list of which only the newest records are in memory, the others in a nameless file.
-/// @tparam Record its bytes are all there is to it: nothing it points to
-template <typename Record>
-class Spool {
- public:
-  static constexpr std::size_t kBlock = 1024;  ///< so many of the newest records stay in memory
-
-  /// @param folder on whose disk the old records lie
-  explicit Spool(std::filesystem::path folder) : file_(std::move(folder)) {}
-
-  [[nodiscard]] std::size_t size() const { return stored_ + newest_.size(); }
-  [[nodiscard]] bool empty() const { return size() == 0; }
-
-  /// The last record, where there is one.
-  [[nodiscard]] Record& newest() { return newest_.back(); }
-  [[nodiscard]] const Record& newest() const { return newest_.back(); }
-  /// Any record; quick where the last one asked for was near. @throws IoError
-  [[nodiscard]] Record at(std::size_t index) const {
-    if (index >= stored_) return newest_[index - stored_];
-    const std::size_t begin = index - index % kBlock;
-    if (begin != block_begin_ || block_.empty()) {
-      block_ = load(begin, std::min(kBlock, stored_ - begin));
-      block_begin_ = begin;
-    }
-    return block_[index - begin];
-  }
-
-  void push(const Record& record) { newest_.push_back(record); }
-
-  /// Puts all but the newest records on the disk. @throws IoError
-  void settle() {
-    if (newest_.size() < 2 * kBlock) return;
-    const std::size_t count = newest_.size() - kBlock;
-    file_.write(bytes(stored_), {reinterpret_cast<const char*>(newest_.data()), bytes(count)});
-    newest_.erase(newest_.begin(), newest_.end() - kBlock);
-    stored_ += count;
-    block_.clear();
-  }
-
- private:
-  static constexpr std::size_t bytes(std::size_t records) { return records * sizeof(Record); }
-
-  [[nodiscard]] std::vector<Record> load(std::size_t begin, std::size_t count) const {
-    std::vector<Record> records(count);
-    file_.read(bytes(begin), records.data(), bytes(count));
-    return records;
-  }
-
-  NamelessFile file_;
-  std::size_t stored_ = 0;  ///< records that are in the file
-  std::vector<Record> newest_;
-  mutable std::vector<Record> block_;  ///< of the file, read last
-  mutable std::size_t block_begin_ = 0;
-};
 
 /// What became of a run's segments after they were told: joins and loops.
 struct MapChanges {
@@ -116,16 +56,7 @@ struct PosedEntry {
   double progress = 0;  ///< from its reference to its newest frame, 0 to 1
 };
 
-/// Values of every frame that the figures need.
-struct FrameNote {
-  int index = 0;
-  int segment = 0;
-  OdometryState state = OdometryState::kInitializing;
-  float milliseconds = 0;
-  float tracking_rmse = 0;  ///< negative: there is none
-};
-
-using Entries = Spool<PosedEntry>;
+using Entries = std::deque<PosedEntry>;  ///< a vector would move, and need twice the room
 
 /// A call of the initializer.
 struct InitStepNote {
@@ -138,6 +69,8 @@ struct InitStepNote {
 
 /// Numbers of a whole run.
 struct RunFacts {
+  int frames_given = 0;
+  OdometryState last_state = OdometryState::kInitializing;  ///< after the newest frame
   int frames_tracked = 0;
   int frames_missed = 0;      ///< without a pose while a map stood
   std::vector<int> segments;  ///< with a start that stayed, and not joined to another one
@@ -154,14 +87,10 @@ struct RunFacts {
   std::map<InitReason, int> answers;      ///< of the initializer
 };
 
-/// Record of a run: enough to write every trajectory with the poses that are final by then. In
-/// memory it keeps what belongs to the keyframes, about 200 bytes each; frames wait on the disk,
-/// images are not kept beyond the current frame.
+/// Record of a run: enough to write every trajectory with the poses that are final by then. It
+/// keeps about 110 bytes a frame and 200 a keyframe; images are not kept beyond the current frame.
 class RunRecord {
  public:
-  /// @param folder on whose disk there is room for about 150 bytes a frame
-  explicit RunRecord(const std::filesystem::path& folder);
-
   void addInitStep(const InitStep& step, int segment);
   void addRefusal(const StartRefusal& refusal);
   void addFrame(const FrameEstimate& estimate);
@@ -171,10 +100,7 @@ class RunRecord {
   /// The same after loops were closed.
   void addLoops(const LoopsClosed& closed) { changes_.add(closed); }
   [[nodiscard]] const MapChanges& changes() const { return changes_; }
-  /// Completes the current frame's note.
-  void setMilliseconds(double milliseconds);
   /// Forgets everything that belongs to the current frame only.
-  /// @throws IoError where the disk is full
   void nextFrame();
 
   /// Segment of an entry, after all joins.
@@ -185,7 +111,6 @@ class RunRecord {
   [[nodiscard]] SE3 T_world_cam(const PosedEntry& entry) const;
   [[nodiscard]] const Entries& frames() const { return frames_; }
   [[nodiscard]] const Entries& keyframes() const { return keyframes_; }
-  [[nodiscard]] const Spool<FrameNote>& notes() const { return notes_; }
   [[nodiscard]] const RunFacts& facts() const { return facts_; }
   /// The one with the most frames, the earliest of equals; -1 where no frame has a pose.
   [[nodiscard]] int longestSegment() const;
@@ -227,8 +152,7 @@ class RunRecord {
   [[nodiscard]] std::pair<const Anchor*, double> nextOf(const PosedEntry& entry) const;
 
   Entries frames_;
-  Entries keyframes_;  ///< each its own anchor
-  Spool<FrameNote> notes_;
+  Entries keyframes_;            ///< each its own anchor
   std::vector<Repeat> repeats_;  ///< since the last start
   RunFacts facts_;
   std::vector<Start> starts_;
@@ -238,8 +162,5 @@ class RunRecord {
   std::vector<InitStepNote> steps_;
   std::optional<FrameEstimate> estimate_;
 };
-
-/// Whether rotation and translation hold neither nan nor infinity.
-[[nodiscard]] bool isFinite(const SE3& pose);
 
 }  // namespace dsorb::io

@@ -6,26 +6,333 @@
 #include "base/timed.h"
 #include "io/output/figures.h"
 #include "io/output/output_file.h"
-#include "io/output/run_files.h"
 #include "io/output/run_json.h"
 #include "io/output/run_record.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <cstdlib>
+#include <cstring>
 #include <filesystem>
 #include <optional>
 #include <string>
 #include <string_view>
 #include <utility>
+#include <vector>
 
 namespace dsorb {
 
 namespace fs = std::filesystem;
+
+namespace io {
+namespace {
+
+constexpr std::size_t kPoseColumns = 7;  // translation and quaternion (x y z w)
+constexpr int kCovarianceColumns = 21;   // upper triangle of 6 x 6
+
+/// Text as RFC 4180 has it: in quotes where it holds a comma, a quote or a line break.
+std::string csvField(const std::string& text) {
+  if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
+  std::string field = "\"";
+  for (const char c : text) field += c == '"' ? std::string("\"\"") : std::string(1, c);
+  return field + "\"";
+}
+
+std::string poseFields(const std::optional<SE3>& pose) {
+  if (!pose || !isFinite(*pose)) return std::string(kPoseColumns, ',');
+  return fmt::format(",{:.9f},{:.9f}",
+                     fmt::join(pose->translation(), ","),
+                     fmt::join(pose->unitQuaternion().coeffs(), ","));
+}
+
+std::string covarianceFields(const std::optional<Matrix6d>& covariance) {
+  if (!covariance || !covariance->allFinite()) return std::string(kCovarianceColumns, ',');
+  std::string fields;
+  for (int row = 0; row < 6; ++row) {
+    for (int column = row; column < 6; ++column) {
+      fields += fmt::format(",{:.6e}", (*covariance)(row, column));
+    }
+  }
+  return fields;
+}
+
+Entries byTime(Entries entries) {
+  std::stable_sort(entries.begin(), entries.end(), [](const PosedEntry& a, const PosedEntry& b) {
+    return a.timestamp < b.timestamp;
+  });
+  return entries;
+}
+
+std::string lineOf(const PosedEntry& entry, const RunRecord& record) {
+  return tumLine(entry.timestamp, record.T_world_cam(entry));
+}
+
+/// First line of frames.csv.
+std::string frameTableHeader() {
+  std::string header =
+      "index,timestamp,state,milliseconds,is_keyframe,tracking_rmse,segment,image,keyframe,rel_tx,"
+      "rel_ty,rel_tz,rel_qx,rel_qy,rel_qz,rel_qw";
+  for (const char* prefix : {"cov", "world_cov"}) {
+    for (int row = 0; row < 6; ++row) {
+      for (int column = row; column < 6; ++column) {
+        header += fmt::format(",{}_{}{}", prefix, row, column);
+      }
+    }
+  }
+  return header + "\n";
+}
+
+/// Line of a frame; what does not exist or is not finite is an empty field.
+std::string frameTableLine(const FrameEstimate& estimate,
+                           double milliseconds,
+                           const std::string& image_file) {
+  const double rmse = estimate.tracking_rmse.value_or(-1);
+  return fmt::format(
+      "{},{:.9f},{},{:.3f},{},{},{},{},{}{}{}{}\n",
+      estimate.frame->id().value,
+      estimate.frame->timestamp(),
+      name(estimate.state),
+      milliseconds,
+      estimate.is_keyframe ? 1 : 0,
+      std::isfinite(rmse) && rmse >= 0 ? fmt::format("{:.4f}", static_cast<float>(rmse)) : "",
+      estimate.segment,
+      csvField(image_file),
+      estimate.keyframe ? fmt::to_string(estimate.keyframe->value) : "",
+      poseFields(estimate.T_cam_keyframe),
+      covarianceFields(estimate.covariance),
+      covarianceFields(estimate.world_covariance));
+}
+
+/// Replaces a file by the lines of a segment's entries, sorted by time.
+void writeTum(const fs::path& path, const RunRecord& record, const Entries& entries, int segment) {
+  std::string text;
+  for (const PosedEntry& entry : byTime(entries)) {
+    if (record.segmentOf(entry) == segment) text += lineOf(entry, record);
+  }
+  replaceFile(path, text);
+}
+
+/// All entries, of one segment, as lines of a 3x4 matrix, row by row.
+/// @source KITTI odometry benchmark, format of poses
+void writeKitti(const fs::path& path, const RunRecord& record) {
+  std::string text;
+  for (const PosedEntry& entry : byTime(record.frames())) {
+    const Eigen::Matrix<double, 3, 4, Eigen::RowMajor> T =
+        record.T_world_cam(entry).matrix().topRows<3>();
+    text += fmt::format("{:.9e}\n", fmt::join(T.data(), T.data() + T.size(), " "));
+  }
+  replaceFile(path, text);
+}
+
+/// Appends the bytes of a plain value; processors that we know are little-endian.
+template <typename Value>
+void appendBytes(const Value& value, std::string& bytes) {
+  bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
+}
+
+#pragma pack(push, 1)
+/// A vertex of points.ply.
+struct Vertex {
+  std::array<float, 3> place;
+  std::array<std::uint8_t, 3> colour;
+  float variance;
+  std::int32_t segment;
+  std::int32_t keyframe;
+};
+#pragma pack(pop)
+
+constexpr std::uintmax_t kVertexBytes = sizeof(Vertex);
+constexpr std::size_t kBlockVertices = 4096;
+
+std::array<float, 3> floatsOf(const Eigen::Vector3d& p) {
+  const Eigen::Vector3f floats = p.cast<float>();
+  return {floats.x(), floats.y(), floats.z()};
+}
+
+/// Vertices where joins and loops put them.
+std::string changed(std::string_view vertices, const MapChanges& changes) {
+  std::string bytes;
+  for (std::size_t at = 0; at < vertices.size(); at += kVertexBytes) {
+    Vertex vertex{};
+    std::memcpy(&vertex, vertices.data() + at, kVertexBytes);
+    const Similarity change = changes.changeOf(vertex.segment, FrameId{vertex.keyframe});
+    const auto [x, y, z] = vertex.place;
+    vertex.place = floatsOf(change * Eigen::Vector3d(x, y, z));
+    const auto scale = static_cast<float>(change.scale);
+    vertex.variance /= scale * scale;
+    vertex.segment = changes.segmentOf(vertex.segment);
+    appendBytes(vertex, bytes);
+  }
+  return bytes;
+}
+
+/// Vertices of all points that have a finite place in front of the camera.
+std::string vertices(const KeyframeSnapshot& keyframe) {
+  std::string bytes;
+  for (const MapPoint& point : keyframe.points) {
+    if (!(point.inverse_depth > 0) || !std::isfinite(point.variance)) continue;
+    const Eigen::Vector3d p_cam = keyframe.camera.unproject(point.pixel.cast<double>()) /
+                                  static_cast<double>(point.inverse_depth);
+    const Eigen::Vector3d p_world = keyframe.T_world_cam * p_cam;
+    if (!p_world.cast<float>().allFinite()) continue;
+    const float grey = std::isfinite(point.intensity) ? point.intensity : 0.0F;
+    const auto level = static_cast<std::uint8_t>(std::lround(std::clamp(grey, 0.0F, 255.0F)));
+    appendBytes(Vertex{floatsOf(p_world),
+                       {level, level, level},
+                       point.variance,
+                       keyframe.segment,
+                       keyframe.id.value},
+                bytes);
+  }
+  return bytes;
+}
+
+/// Head of points.ply; its length is the same for any count.
+std::string header(std::uintmax_t count) {
+  const std::string number = fmt::format("{}", count);
+  return fmt::format(
+      "ply\nformat binary_little_endian 1.0\ncomment unit of each segment: units in "
+      "run.json{:{}}\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n"
+      "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+      "property float inverse_depth_variance\nproperty int segment\nproperty int "
+      "keyframe\nend_header\n",
+      "",
+      20 - number.size(),
+      number);
+}
+
+/// tracks.ply: corners that several keyframes see, as a binary little-endian PLY file with two
+/// elements: `point` (x y z segment) and `observation` (point keyframe u v), the latter with the
+/// position of the point in the former and of the keyframe's image in its sequence.
+void writeTracks(const fs::path& path, const std::vector<MapTrack>& tracks) {
+  struct Point {
+    std::array<float, 3> place;
+    std::int32_t segment;
+  };
+  struct Sight {
+    std::int32_t point;
+    std::int32_t keyframe;
+    std::array<float, 2> pixel;
+  };
+  std::string points;
+  std::string sights;
+  for (std::size_t i = 0; i < tracks.size(); ++i) {
+    appendBytes(Point{floatsOf(tracks[i].position), tracks[i].segment}, points);
+    for (const TrackSight& sight : tracks[i].sights) {
+      const auto row = static_cast<std::int32_t>(i);
+      appendBytes(Sight{row, sight.keyframe.value, {sight.pixel.x(), sight.pixel.y()}}, sights);
+    }
+  }
+  const std::string head = fmt::format(
+      "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float "
+      "y\n"
+      "property float z\nproperty int segment\nelement observation {}\nproperty int point\n"
+      "property int keyframe\nproperty float u\nproperty float v\nend_header\n",
+      tracks.size(),
+      sights.size() / sizeof(Sight));
+  replaceFile(path, head + points + sights);
+}
+
+}  // namespace
+
+/// trajectory.txt or keyframes.txt: grows with the estimates of the moment, ends as the final poses
+/// sorted by time. A file holds one segment: while the run goes on the first one, those after it
+/// in trajectory_<number>.txt; at the end the longest one, and where there are several each of them
+/// also under its number.
+class TrajectoryWriter {
+ public:
+  /// @param stem "trajectory" or "keyframes"
+  TrajectoryWriter(fs::path folder, std::string stem)
+      : folder_(std::move(folder)), stem_(std::move(stem)), file_(path("")) {}
+
+  /// Appends the entries that are new. @throws IoError
+  void update(const RunRecord& record, const Entries& entries) {
+    for (; written_ < entries.size(); ++written_) {
+      const PosedEntry& entry = entries[written_];
+      if (entry.segment != segment_.value_or(entry.segment)) {
+        file_ = GrowingFile(numbered(entry.segment));
+      }
+      segment_ = entry.segment;
+      file_.append(lineOf(entry, record));
+    }
+  }
+
+  void finish(const RunRecord& record, const Entries& entries) const {
+    writeTum(path(""), record, entries, record.longestSegment());
+    if (record.facts().segments.size() > 1) {
+      for (const int segment : record.facts().segments) {
+        writeTum(numbered(segment), record, entries, segment);
+      }
+    }
+    std::error_code error;  // files of segments that are part of another one now
+    for (const SegmentsJoined& joined : record.changes().joins) {
+      fs::remove(numbered(joined.segment), error);
+    }
+  }
+
+ private:
+  [[nodiscard]] fs::path path(const std::string& suffix) const {
+    return folder_ / (stem_ + suffix + ".txt");
+  }
+  [[nodiscard]] fs::path numbered(int segment) const { return path(fmt::format("_{}", segment)); }
+
+  fs::path folder_;
+  std::string stem_;
+  GrowingFile file_;
+  std::optional<int> segment_;  // that the file holds
+  std::size_t written_ = 0;
+};
+
+/// points.ply: the map as binary little-endian vertices `x y z red green blue
+/// inverse_depth_variance segment keyframe`, in world coordinates of each segment; the last is the
+/// position of the host's image. Points come when their keyframe is retired.
+class PointsPly {
+ public:
+  explicit PointsPly(const fs::path& folder) : file_(folder / "points.ply") {
+    file_.append(header(0));
+  }
+
+  void retireKeyframe(const KeyframeSnapshot& keyframe) { waiting_ += vertices(keyframe); }
+
+  /// Whether as many points wait for update() as should be kept in memory.
+  [[nodiscard]] bool isFull() const { return waiting_.size() > kMostWaiting; }
+
+  /// Brings the file up to date.
+  void update() {
+    file_.append(waiting_);
+    bytes_ += waiting_.size();
+    waiting_.clear();
+    file_.write(0, header(bytes_ / kVertexBytes));
+  }
+
+  /// The same for the last time: points are where joins and loops put them.
+  void finish(const MapChanges& changes) {
+    update();
+    const std::size_t begin = header(0).size();
+    for (std::uintmax_t done = 0; done < bytes_ && !changes.empty();) {
+      const auto size = std::min<std::uintmax_t>(bytes_ - done, kBlockVertices * kVertexBytes);
+      const std::string told = file_.read(begin + done, static_cast<std::size_t>(size));
+      file_.write(begin + done, changed(told, changes));
+      done += size;
+    }
+  }
+
+ private:
+  static constexpr std::size_t kMostWaiting = 1 << 18;  // [bytes]
+
+  GrowingFile file_;
+  std::string waiting_;       // since the last update
+  std::uintmax_t bytes_ = 0;  // of the vertices in the file
+};
+
+}  // namespace io
 
 namespace {
 
@@ -105,16 +412,16 @@ io::Json reportJson(const InitializationResult& result) {
 }
 
 void noteRefusal(const std::optional<StartRefusal>& refusal, io::Json& initialization) {
-  initialization["withdrawn"] = refusal.has_value();
-  initialization["withdrawal"] = nullptr;
+  initialization["refused"] = refusal.has_value();
+  initialization["refusal"] = nullptr;
   if (!refusal) return;
   const StartChange& change = refusal->change;
-  initialization["withdrawal"] = {{"reason", name(refusal->reason)},
-                                  {"index", refusal->frame.value},
-                                  {"direction_deg", change.direction_deg},
-                                  {"depth_spread", change.depth_spread},
-                                  {"depth_change", change.depth_change},
-                                  {"kept_share", change.kept_share}};
+  initialization["refusal"] = {{"reason", name(refusal->reason)},
+                               {"index", refusal->frame.value},
+                               {"direction_deg", change.direction_deg},
+                               {"depth_spread", change.depth_spread},
+                               {"depth_change", change.depth_change},
+                               {"kept_share", change.kept_share}};
 }
 
 }  // namespace
@@ -208,7 +515,7 @@ namespace {
 
 /// What run.json says until finish(): the run was killed.
 std::string firstSummary(const RunInfo& info) {
-  return io::jsonText(io::runJson(info, {}, io::RunRecord({}), {}));
+  return io::jsonText(io::runJson(info, {}, io::RunRecord(), {}));
 }
 
 /// Keyframes from which on run.json and points.ply are brought up to date again: each a tenth after
@@ -225,7 +532,6 @@ class RunWriter::Impl {
       : folder(folder_name),
         prepared(folder, run_info.program, firstSummary(run_info)),
         info(run_info),
-        record(folder),
         frames_csv(folder / "frames.csv"),
         trajectory(folder, "trajectory"),
         keyframes(folder, "keyframes"),
@@ -254,11 +560,10 @@ class RunWriter::Impl {
     trajectory.finish(record, record.frames());
     keyframes.finish(record, record.keyframes());
     if (record.facts().segments.size() == 1 && outcome == RunStatus::kTracked) {
-      io::writeKitti(folder / "trajectory_kitti.txt", record, record.frames());
+      io::writeKitti(folder / "trajectory_kitti.txt", record);
     }
     points.finish(record.changes());
     io::writePng(folder / "figures" / "trajectory.png", io::drawTrajectory(record));
-    io::writePng(folder / "figures" / "timeline.png", io::drawTimeline(record));
     writeCalibration();
   }
 
@@ -271,22 +576,16 @@ class RunWriter::Impl {
     }
   }
 
-  /// Calibration that the run refined; empty where it is not settled, or of no form of ours.
-  [[nodiscard]] std::string refinedCalibration() const {
-    if (!cameras.camera || !cameras.lens || !cameras.areSettled()) return {};
-    Lens lens = *cameras.lens;
-    if (cameras.readout) lens.readout = *cameras.readout;
-    return cameras.refined.calibrationFile(lens, *cameras.camera);
-  }
-
-  /// Writes the calibration for the next run: the one that was refined, or else the one that was
-  /// found before.
+  /// Writes the calibration for the next run: the one that was refined, where it is settled, or
+  /// else the one that was found before.
   void writeCalibration() const {
-    std::string file = refinedCalibration();
-    if (file.empty() && cameras.found && cameras.found->isKnown()) {
-      file = io::calibrationFile(cameras.found->lens);
+    std::optional<Lens> lens;
+    if (cameras.camera && cameras.lens && cameras.areSettled()) {
+      lens = cameras.refined.lens(*cameras.lens, *cameras.camera);
+      if (lens && cameras.readout) lens->readout = *cameras.readout;
     }
-    if (!file.empty()) io::replaceFile(folder / "refined_camera.txt", file);
+    if (!lens && cameras.found && cameras.found->isKnown()) lens = cameras.found->lens;
+    if (lens) io::replaceFile(folder / "refined_camera.txt", io::calibrationFile(*lens));
   }
 
   void writeRunJson(RunStatus status, const OdometryReport* report) const {
@@ -334,10 +633,6 @@ void RunWriter::setFoundCamera(const FoundCamera& camera) {
   impl_->cameras.found = camera;
 }
 
-void RunWriter::setConfig(const std::string& yaml) {
-  io::replaceFile(impl_->folder / "config.yaml", yaml);
-}
-
 void RunWriter::onInitStep(const InitStep& step, const Frame& /*frame*/, int segment) {
   impl_->record.addInitStep(step, segment);
 }
@@ -364,7 +659,6 @@ void RunWriter::onFrame(const FrameEstimate& estimate) {
 
 void RunWriter::onKeyframe(const KeyframeSnapshot& keyframe) {
   impl_->record.addKeyframe(keyframe);
-  impl_->points.setKeyframe(keyframe);
   impl_->cameras.refined.add(keyframe);
   if (keyframe.readout) impl_->cameras.readout = keyframe.readout;
   impl_->keyframes_changed = true;
@@ -385,8 +679,6 @@ void RunWriter::frameDone(const FrameTiming& timing, const std::string& image_fi
       state == OdometryState::kInitializing || state == OdometryState::kInitialized;
   (initializing ? run.seconds.initializing : run.seconds.tracking) +=
       timing.work_milliseconds * 1e-3;
-  run.record.setMilliseconds(timing.work_milliseconds);
-
   timed(run.seconds.writing, [&] { run.writeFrame(timing, image_file); });
   run.record.nextFrame();
 }
@@ -402,10 +694,11 @@ void RunWriter::setUnreadable(std::vector<std::string> files) {
 RunStatus RunWriter::outcome() const {
   const io::RunRecord& record = impl_->record;
   if (record.facts().segments.empty()) return RunStatus::kNeverInitialized;
-  const OdometryState last = record.notes().newest().state;
+  const OdometryState last = record.facts().last_state;
   const bool map_stands = last != OdometryState::kInitializing && last != OdometryState::kLost;
   if (!map_stands) return RunStatus::kLost;
-  const bool most = 2 * record.frames().size() >= record.notes().size();
+  const bool most =
+      2 * record.frames().size() >= static_cast<std::size_t>(record.facts().frames_given);
   return most ? RunStatus::kTracked : RunStatus::kPartlyTracked;
 }
 

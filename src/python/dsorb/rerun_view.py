@@ -53,8 +53,8 @@ class View:
     def __init__(self, path: Path, stream: Any, max_relative_sigma: float):
         self.folder, self.stream, self.max_relative_sigma = Path(path).resolve().parent, stream, max_relative_sigma
         self.camera, self.images, self.rectified = None, 0, False
-        self.paths, self.keyframes, self.known, self.start = {}, {}, set(), None
-        self.handlers = dict(header=self.header, image=self.image, init=self.init, refused=self.refused, tracks=self.tracks, pose=self.pose,
+        self.paths, self.keyframes, self.hosted, self.known, self.start = {}, {}, {}, set(), None
+        self.handlers = dict(header=self.header, image=self.image, init=self.init, refused=self.refused, pose=self.pose,
                              keyframe=self.keyframe, points=self.points, lost=self.lost, end=self.end)
 
     def show(self, event: dict) -> None:
@@ -123,10 +123,17 @@ class View:
         self.log(f'{root}/path', rr.Clear(recursive=True))
         self.log_path(root, 0)
 
-    def tracks(self, event: dict) -> None:
-        tracks = np.array(event['tracks'], float).reshape(-1, 3)
-        if self.rectified:
-            self.log(f'{self.root(event)}/camera/image/tracks', rr.Points2D(tracks[:, :2] + .5, colors=depth_colours(tracks[:, 2]), radii=2.))
+    def tracks(self, event: dict, T_world_cam: np.ndarray) -> None:
+        """The points of the keyframe that a frame hangs on, where the frame sees them."""
+        host = event['segment'], event['keyframe']
+        if not self.rectified or host not in self.hosted:
+            return
+        T_world_host, c = self.keyframes[host]
+        local = (recording.world_points(self.hosted[host], T_world_host, c) - T_world_cam[:3, 3]) @ T_world_cam[:3, :3]
+        local = local[local[:, 2] > 0]
+        pixels = local[:, :2] / local[:, 2:] * (c['fx'], c['fy']) + (c['cx'], c['cy']) + .5
+        seen = np.all((pixels > 0) & (pixels < (c['width'], c['height'])), axis=1)
+        self.log(f'{self.root(event)}/camera/image/tracks', rr.Points2D(pixels[seen], colors=depth_colours(1 / local[seen, 2]), radii=2.))
 
     def pose(self, event: dict) -> None:
         root = self.root(event)
@@ -134,6 +141,7 @@ class View:
             return
         T_world_cam = recording.pose(event['pose'])
         self.log(f'{root}/camera', rr.Transform3D(translation=T_world_cam[:3, 3], mat3x3=T_world_cam[:3, :3]))
+        self.tracks(event, T_world_cam)
         self.paths.setdefault(root, []).append(T_world_cam[:3, 3])
         self.log_path(root, len(self.paths[root]) - 1)
         if event.get('rmse') is not None:
@@ -158,13 +166,18 @@ class View:
                                          colors=[FINAL_COLOUR if event['final'] else KEYFRAME_COLOUR]))
 
     def points(self, event: dict) -> None:
-        keyframe = self.keyframes.get((event['segment'], event['keyframe']))
-        points = recording.certain(event['points'], self.max_relative_sigma)
-        if keyframe is None:
+        host = event['segment'], event['keyframe']
+        points = recording.certain(event['points'], np.inf)
+        if host not in self.keyframes:
             return
+        if event['final']:
+            self.hosted.pop(host, None)
+        else:
+            self.hosted[host] = points
+        points = recording.certain(points, self.max_relative_sigma)
         grey = np.clip(points[:, 4:5], 0, 255).astype(np.uint8)
         self.log(f"{self.root(event)}/map/{event['keyframe']}",
-                 rr.Points3D(recording.world_points(points, *keyframe), colors=np.repeat(grey, 3, axis=1)))
+                 rr.Points3D(recording.world_points(points, *self.keyframes[host]), colors=np.repeat(grey, 3, axis=1)))
 
     def lost(self, event: dict) -> None:
         self.say(f"frame {event['index']}: lost", rr.TextLogLevel.WARN)

@@ -74,7 +74,7 @@ def starts_of(run):
     path = run.folder / 'initialization.json'
     with reading(path):
         starts = json.loads(path.read_text(encoding='utf-8'))['initializations']
-        return [start for start in starts if not start['withdrawn']]
+        return [start for start in starts if not start['refused']]
 
 
 def direction_sigma(start):
@@ -175,7 +175,7 @@ def advice(run):
     named = sorted(((count, reason) for reason, count in run.summary.get('answers', {}).items()
                     if reason in ADVICE and reason not in explained), reverse=True)
     lines = [f'  {count} x {reason}: {ADVICE[reason]}' for count, reason in named]
-    refused = sum(run.summary.get('withdrawn', {}).values())
+    refused = sum(run.summary.get('refused', {}).values())
     if refused:
         lines.append('  ' + REFUSALS.format(refused))
     if any(row.state == 'lost' for row in run.rows) and not explained:
