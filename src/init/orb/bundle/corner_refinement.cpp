@@ -245,10 +245,6 @@ bool strongEnough(const Eigen::Matrix2d& information) {
          kPatchPixels * kMinGradient * kMinGradient * information.trace();
 }
 
-struct Round {
-  double rms = 0;
-};
-
 /// Measures every observation in a posed frame again.
 std::vector<std::optional<Measurement>> measureAll(const InitialMap& map,
                                                    const PinholeCamera& camera,
@@ -284,7 +280,11 @@ struct CornerSummary {
 /// Replaces observations in posed frames by new measurements; those without keep the old pixel.
 /// @param patches of the corners; those of dropped corners go with them
 /// @param sigma   of old pixels
-Round measureCorners(InitialMap& map, Patches& patches, const PinholeCamera& camera, double sigma) {
+/// @return        error of the patches' pixels [grey levels]
+double measureCorners(InitialMap& map,
+                      Patches& patches,
+                      const PinholeCamera& camera,
+                      double sigma) {
   const std::vector<std::optional<Measurement>> measurements = measureAll(map, camera, patches);
   std::vector<CornerSummary> summaries(map.corners.size());
   for (std::size_t i = 0; i < measurements.size(); ++i) {
@@ -295,7 +295,6 @@ Round measureCorners(InitialMap& map, Patches& patches, const PinholeCamera& cam
     if (measurements[i]->mean_residual > kMaxResidual) summary.fits = false;
   }
   for (CornerSummary& summary : summaries) summary.finish();
-  Round round;
   double square = 0;
   double weight = 0;
   for (std::size_t i = 0; i < measurements.size(); ++i) {
@@ -315,10 +314,9 @@ Round measureCorners(InitialMap& map, Patches& patches, const PinholeCamera& cam
   std::transform(summaries.begin(), summaries.end(), removed.begin(), [](const auto& summary) {
     return static_cast<char>(summary.fits ? 0 : 1);
   });
-  round.rms = weight > 0 ? std::sqrt(square / weight) : 0;
   removeCorners(map, removed);
   eraseMarked(removed, patches);
-  return round;
+  return weight > 0 ? std::sqrt(square / weight) : 0;
 }
 
 const SE3& newestPose(const InitialMap& map) {
@@ -349,9 +347,8 @@ RefinementReport refineCorners(InitialMap& map,
   Patches patches = cutPatches(refined);
   for (int round = 0; round < kRounds; ++round) {
     if (round < kBrightnessRounds) estimateBrightness(refined, camera);
-    const Round measured = measureCorners(refined, patches, camera, geometric.sigma);
-    if (round == 0) report.first_rms = measured.rms;
-    report.last_rms = measured.rms;
+    report.last_rms = measureCorners(refined, patches, camera, geometric.sigma);
+    if (round == 0) report.first_rms = report.last_rms;
     const SE3 before = newestPose(refined);
     auto solved = adjustOnce(std::move(refined), camera, adjusted, {kIterations});
     if (!solved) return report;

@@ -147,14 +147,6 @@ PoseRows::PoseRows(const InitialMap& map) : first(map.frames.size(), -1) {
   }
 }
 
-PoseRows::PoseRows(const InitialMap& map, const std::vector<std::size_t>& frames)
-    : first(map.frames.size(), -1) {
-  for (const std::size_t frame : frames) {
-    first[frame] = size;
-    size += kPoseSize;
-  }
-}
-
 ReprojectionState::ReprojectionState(const InitialMap& map, const PoseRows& rows)
     : inverse_depth(wholeLanes(map.corners.size()), 0.0) {
   for (std::size_t k = 0; k < rows.first.size(); ++k) {

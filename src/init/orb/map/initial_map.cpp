@@ -297,39 +297,25 @@ void estimateBrightness(InitialMap& map, const PinholeCamera& camera) {
 void estimateBrightness(InitialMap& map,
                         const PinholeCamera& camera,
                         const std::vector<std::size_t>& frames) {
-  std::vector<std::optional<RollingShutter>> shutters(map.frames.size());
-  for (const std::size_t frame : frames) shutters[frame] = shutterOf(map, frame);
-  std::vector<char> wanted(map.frames.size(), 0);
-  for (const std::size_t frame : frames) wanted[frame] = 1;
-  std::vector<std::optional<double>> reference(map.corners.size());
-  forEachRange(map.corners.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
+  const Frame& reference = *map.frames.front().frame;
+  std::vector<std::optional<double>> host(map.corners.size());
+  forEachRange(host.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      reference[i] = patchMean(map.frames.front().frame->level(0), map.corners[i].seen());
+      host[i] = patchMean(reference.level(0), map.corners[i].seen());
     }
   });
-  std::vector<std::optional<double>> target(map.observations.size());
-  forEachRange(map.observations.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const CornerObservation& observation = map.observations[i];
-      const auto frame = observation.frame;
-      if (wanted[frame] != 0 && map.frames[frame].T_cam_ref) {
-        target[i] = patchMean(map.frames[frame].frame->level(0),
-                              shownPixel(map, camera, observation, shutters[frame]));
-      }
-    }
-  });
-  std::vector<std::vector<GreyPair>> pairs(map.frames.size());
-  for (std::size_t i = 0; i < map.observations.size(); ++i) {
-    const CornerObservation& observation = map.observations[i];
-    const std::optional<double>& host = reference[observation.corner];
-    if (host && target[i]) {
-      pairs[observation.frame].push_back({*host, *target[i]});
-    }
-  }
   forEachRange(frames.size(), 1, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      const std::size_t k = frames[i];
-      map.frames[k].affine = affineOf(*map.frames.front().frame, *map.frames[k].frame, pairs[k]);
+      PosedFrame& posed = map.frames[frames[i]];
+      const std::optional<RollingShutter> shutter = shutterOf(map, frames[i]);
+      std::vector<GreyPair> pairs;
+      for (const CornerObservation& seen : map.observations) {
+        if (seen.frame != frames[i] || !posed.T_cam_ref || !host[seen.corner]) continue;
+        const auto target =
+            patchMean(posed.frame->level(0), shownPixel(map, camera, seen, shutter));
+        if (target) pairs.push_back({*host[seen.corner], *target});
+      }
+      posed.affine = affineOf(reference, *posed.frame, pairs);
     }
   });
 }

@@ -7,6 +7,7 @@
 #include "dsorb/image/frame_priors.h"
 #include "dsorb/init/result.h"
 
+#include "base/erase_marked.h"
 #include "estimate/rolling_shutter.h"
 #include "geometry/motion_prior.h"
 #include "geometry/row_motion.h"
@@ -115,16 +116,6 @@ void setJointCovariance(InitialMap& map,
                         const Eigen::MatrixXd& joint);
 /// Multiplies all standard deviations: of poses and of corners.
 void widenCovariances(InitialMap& map, double factor);
-
-/// Erases the marked elements, order kept. @param marked not zero where marked; one an element
-template <typename T>
-void eraseMarked(const std::vector<char>& marked, std::vector<T>& elements) {
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < elements.size(); ++i) {
-    if (marked[i] == 0) elements[kept++] = elements[i];
-  }
-  elements.resize(kept);
-}
 
 /// Corners and points as they are handed over; those at or behind infinity are left out.
 std::vector<InitPoint> pointsOf(const InitialMap& map);

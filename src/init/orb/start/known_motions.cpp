@@ -220,10 +220,9 @@ WeighedDepths weighDepths(WeighedDepths weighed, const PinholeCamera& camera) {
   report.inflation = claimInflation(innovations);
   const double claimed = relativeSigma(map);
   map = withKnown(std::move(map), report.inflation);
-  report.relative_sigma = relativeSigma(map);
-  report.corners = static_cast<int>(map.corners.size());
-  report.contradicted = claimed <= kMaxRelativeSigma && report.relative_sigma > kMaxRelativeSigma;
-  return {std::move(map), report, report.relative_sigma <= kMaxRelativeSigma};
+  const bool of_use = relativeSigma(map) <= kMaxRelativeSigma;
+  report.contradicted = claimed <= kMaxRelativeSigma && !of_use;
+  return {std::move(map), report, of_use};
 }
 
 }  // namespace
@@ -241,25 +240,26 @@ std::vector<KnownMotion> knownMotions(const std::vector<FramePtr>& all,
   return known;
 }
 
-MotionAdjustment adjustWithMotions(InitialMap map,
-                                   const std::vector<KnownMotion>& motions,
-                                   const PinholeCamera& camera,
-                                   const GeometricOptions& options) {
-  if (motions.empty()) return {std::move(map), std::nullopt};
-  GeometricOptions measured = options;
-  measured.sigma = noiseOf(map, camera);
+std::optional<bool> adjustWithMotions(InitialMap& map,
+                                      const std::vector<KnownMotion>& motions,
+                                      const PinholeCamera& camera,
+                                      const GeometricOptions& options) {
+  if (motions.empty()) return std::nullopt;
+  const auto bind = [&](InitialMap start) {
+    GeometricOptions measured = options;
+    measured.sigma = noiseOf(start, camera);
+    auto bound = boundByMotions(std::move(start), motions, camera, measured);
+    if (bound) map = std::move(*bound);
+    return bound.has_value();
+  };
   const FramePtr& reference = map.frames.front().frame;  // null: motion without images, in tests
   if (reference && isRolling(*reference)) {  // else the skew of the images speaks against them
-    if (auto rolling = withRowMotions(map, camera, measured)) {
-      GeometricOptions known_rows = options;
-      known_rows.sigma = noiseOf(*rolling, camera);
-      auto bound = boundByMotions(std::move(*rolling), motions, camera, known_rows);
-      if (bound) return {std::move(*bound), true};
-    }
+    GeometricOptions measured = options;
+    measured.sigma = noiseOf(map, camera);
+    auto rolling = withRowMotions(map, camera, measured);
+    if (rolling && bind(std::move(*rolling))) return true;
   }
-  auto bound = boundByMotions(map, motions, camera, measured);
-  if (bound) return {std::move(*bound), true};
-  return {std::move(map), false};
+  return bind(map);
 }
 
 bool knowsDepth(const ReferenceView& view) {
@@ -294,8 +294,8 @@ KnownDepthStart startOfKnownDepths(const ReferenceView& view,
   const PinholeCamera& camera = context.camera;
   const GeometricOptions& options = context.options.orb.geometric;
   WeighedDepths start{makeMap(view, rotation)};
-  start.report.corners = static_cast<int>(start.map.corners.size());
-  if (start.report.corners < kMinCornersOfMotion) return {std::nullopt, start.report};
+  if (static_cast<int>(start.map.corners.size()) < kMinCornersOfMotion)
+    return {std::nullopt, start.report};
   PosedFrame& newest = start.map.frames.back();
   const auto observations = observationsByFrame(start.map, camera);
   const auto pose = poseFromPoints(observations.back(), camera, *newest.T_cam_ref, kTrackSigma);
@@ -309,12 +309,11 @@ KnownDepthStart startOfKnownDepths(const ReferenceView& view,
   if (!robust) return {std::nullopt, start.report};
   start = weighDepths({std::move(*robust), start.report}, camera);
   if (!start.of_use) return {std::nullopt, start.report};
-  MotionAdjustment adjusted =
-      adjustWithMotions(std::move(start.map), knownMotions(view.frames, frames), camera, options);
   MotionCandidate candidate;
-  candidate.map = std::move(adjusted.map);
+  candidate.map = std::move(start.map);
+  candidate.motions_used =
+      adjustWithMotions(candidate.map, knownMotions(view.frames, frames), camera, options);
   candidate.front_share = 1;
-  candidate.motions_used = adjusted.used;
   start.report.used = true;
   return {std::move(candidate), start.report};
 }
