@@ -190,11 +190,11 @@ BrightnessTransfer brightnessTo(const InitialMap& map, std::size_t frame) {
   return brightnessTransfer(from.affine, from.frame->exposure(), to.affine, to.frame->exposure());
 }
 
-std::optional<RollingShutter> shutterOf(const InitialMap& map, std::size_t frame, int level) {
+std::optional<RollingShutter> shutterOf(const InitialMap& map, std::size_t frame) {
   if (map.motions.empty()) return std::nullopt;
   const Frame& of = *map.frames[frame].frame;
   const double change = map.readout ? map.readout->seconds - readoutOf(of).seconds : 0;
-  return makeRollingShutter(rowTimesOf(of, change), map.motions[frame].found, level);
+  return makeRollingShutter(rowTimesOf(of, change), map.motions[frame].found);
 }
 
 void placeCorners(InitialMap& map, const PinholeCamera& camera) {

@@ -99,7 +99,7 @@ struct KnownTerm {
 KnownTerm knownTerm(const KnownInverseDepth& known, double inverse_depth);
 
 /// Rolling shutter of a frame's image; nothing where all of it counts as exposed at one time.
-std::optional<RollingShutter> shutterOf(const InitialMap& map, std::size_t frame, int level = 0);
+std::optional<RollingShutter> shutterOf(const InitialMap& map, std::size_t frame);
 
 /// Moves the corners' pixels to where a global shutter would have seen them, by the reference's
 /// motion.

@@ -86,12 +86,12 @@ std::optional<Competition> comparePlane(const SelectedMotion& selected,
                                         const Matches& matches,
                                         const AttemptContext& context,
                                         MotionCandidate& best) {
-  const auto H = estimateHomography(matches, kRansacThreshold, context.seed());
+  const auto H = estimateHomography(matches, context.seed());
   if (!H) return std::nullopt;
   const double homography_gric =
       gric(DisplacementModel::kHomography, homographySampsonErrors(*H, matches), selected.noise);
   if (homography_gric >= selected.gric) return std::nullopt;
-  const auto motions = planeMotions(*H, matches, context.camera, kRansacThreshold);
+  const auto motions = planeMotions(*H, matches, context.camera);
   return competeOverFrames(view, motions, context, best);
 }
 
@@ -491,11 +491,12 @@ std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,
 
 std::vector<EssentialMotion> planeMotions(const Eigen::Matrix3d& H_cur_ref,
                                           const Matches& matches,
-                                          const PinholeCamera& camera,
-                                          double threshold) {
+                                          const PinholeCamera& camera) {
   const std::vector<double> errors = homographySampsonErrors(H_cur_ref, matches);
   EssentialMotion motion;
-  for (const double error : errors) motion.inlier.push_back(error < threshold * threshold ? 1 : 0);
+  for (const double error : errors) {
+    motion.inlier.push_back(error < kRansacThreshold * kRansacThreshold ? 1 : 0);
+  }
   motion.inliers = static_cast<int>(std::count(motion.inlier.begin(), motion.inlier.end(), 1));
   std::vector<EssentialMotion> motions;
   for (const SE3& decomposed : decomposeHomography(H_cur_ref, camera)) {
