@@ -31,9 +31,9 @@ Outcome<Reconstruction> addPoints(Reconstruction made,
   }
   std::optional<DynamicRegions> dynamic;
   context.clock.time("dynamic", [&] { dynamic.emplace(made.map, view.tracks, context.camera); });
-  dynamic->removeCorners(made.map);
+  dynamic->removeFrom(made.map);
   auto filled = fillFirstWindow(std::move(made), context);
-  if (filled) dynamic->removePoints(filled->map);
+  if (filled) dynamic->removeFrom(filled->map);
   return filled;
 }
 
@@ -50,7 +50,7 @@ Outcome<Reconstruction> poseOtherFrames(Reconstruction made, const AttemptContex
   InitialMap& map = made.map;
   context.clock.time("pose", [&] {
     const std::vector<std::size_t> frames = poseOtherFrames(map, context.camera);
-    estimateBrightness(map, context.camera, frames);
+    estimateBrightness(map, context.camera);
     const auto observations = observationsByFrame(map, context.camera);
     for (const std::size_t frame : frames) {
       PosedFrame& posed = map.frames[frame];

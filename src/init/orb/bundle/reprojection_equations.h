@@ -90,6 +90,11 @@ class ReprojectionProblem {
                       const GeometricOptions& options);
 
   void linearize(const ReprojectionState& state, ReprojectionEquations& equations) const;
+  static void move(const ReprojectionState& from,
+                   const DampedSolver<double>& solution,
+                   ReprojectionState& to) {
+    to.moveFrom(from, solution);
+  }
 
   [[nodiscard]] std::size_t frames() const { return observations_.size(); }
   /// Corners, filled up to whole lanes.

@@ -12,7 +12,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <numeric>
 #include <optional>
 #include <utility>
 
@@ -228,7 +227,7 @@ void widenCovariances(InitialMap& map, double factor) {
   for (Corner& corner : map.corners) corner.variance *= variance;
 }
 
-int removeCorners(InitialMap& map, const std::vector<char>& removed) {
+void removeCorners(InitialMap& map, const std::vector<char>& removed) {
   std::vector<std::size_t> new_index;
   new_index.reserve(removed.size());
   std::size_t next = 0;
@@ -241,7 +240,6 @@ int removeCorners(InitialMap& map, const std::vector<char>& removed) {
     map.observations[kept++].corner = new_index[observation.corner];
   }
   map.observations.resize(kept);
-  return static_cast<int>(removed.size() - next);
 }
 
 std::vector<InitPoint> pointsOf(const InitialMap& map) {
@@ -289,14 +287,6 @@ KnownInverseDepth DepthLookup::at(const Eigen::Vector2f& pixel) const {
 }
 
 void estimateBrightness(InitialMap& map, const PinholeCamera& camera) {
-  std::vector<std::size_t> all(map.frames.size() - 1);
-  std::iota(all.begin(), all.end(), std::size_t{1});
-  estimateBrightness(map, camera, all);
-}
-
-void estimateBrightness(InitialMap& map,
-                        const PinholeCamera& camera,
-                        const std::vector<std::size_t>& frames) {
   const Frame& reference = *map.frames.front().frame;
   std::vector<std::optional<double>> host(map.corners.size());
   forEachRange(host.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
@@ -304,13 +294,13 @@ void estimateBrightness(InitialMap& map,
       host[i] = patchMean(reference.level(0), map.corners[i].seen());
     }
   });
-  forEachRange(frames.size(), 1, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      PosedFrame& posed = map.frames[frames[i]];
-      const std::optional<RollingShutter> shutter = shutterOf(map, frames[i]);
+  forEachRange(map.frames.size() - 1, 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t k = begin + 1; k <= end; ++k) {
+      PosedFrame& posed = map.frames[k];
+      const std::optional<RollingShutter> shutter = shutterOf(map, k);
       std::vector<GreyPair> pairs;
       for (const CornerObservation& seen : map.observations) {
-        if (seen.frame != frames[i] || !posed.T_cam_ref || !host[seen.corner]) continue;
+        if (seen.frame != k || !posed.T_cam_ref || !host[seen.corner]) continue;
         const auto target =
             patchMean(posed.frame->level(0), shownPixel(map, camera, seen, shutter));
         if (target) pairs.push_back({*host[seen.corner], *target});

@@ -121,8 +121,7 @@ void widenCovariances(InitialMap& map, double factor);
 std::vector<InitPoint> pointsOf(const InitialMap& map);
 
 /// Removes the marked corners with their observations. @param removed one a corner
-/// @return their number
-int removeCorners(InitialMap& map, const std::vector<char>& removed);
+void removeCorners(InitialMap& map, const std::vector<char>& removed);
 
 /// Makes the mean inverse depth of the corners 1; poses, covariances and variances change their
 /// unit with it.
@@ -153,10 +152,5 @@ class DepthLookup {
 /// patch means. A frame with too few corners or too little contrast keeps a = b = 0.
 /// @source Engel et al., DSO, arXiv:1607.02565, eq. (4) for the meaning of a and b
 void estimateBrightness(InitialMap& map, const PinholeCamera& camera);
-
-/// Sets the brightness of some frames only. @param frames indices without the reference
-void estimateBrightness(InitialMap& map,
-                        const PinholeCamera& camera,
-                        const std::vector<std::size_t>& frames);
 
 }  // namespace dsorb::init_orb
