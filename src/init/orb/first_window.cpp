@@ -165,19 +165,17 @@ void takePoints(const window::Window& window, const CornerOf& corner_of, Initial
   const auto frames = static_cast<int>(map.joint_frames.size());
   std::vector<char> removed(map.corners.size(), 1);
   map.points.clear();
-  const auto take = [&](const window::WindowPoint& point) {
+  for (const window::WindowPoint& point : window.keyframes.front().points) {
     const int observations = point.num_observations;
-    if (!(point.variance > 0) || !(point.inverse_depth > 0)) return;
-    if (2 * observations <= frames) return;
+    if (!(point.variance > 0) || !(point.inverse_depth > 0) || 2 * observations <= frames) continue;
     const auto corner = corner_of.find(point.id.value);
-    if (corner == corner_of.end()) {
+    if (corner != corner_of.end()) {
+      removed[corner->second] = 0;
+    } else {
       map.points.push_back(
           {0, point.patch.seen, point.inverse_depth, point.variance, observations});
-      return;
     }
-    removed[corner->second] = 0;
-  };
-  for (const window::WindowPoint& point : window.keyframes.front().points) take(point);
+  }
   removeCorners(map, removed);
 }
 

@@ -151,11 +151,10 @@ InitialMap makeMap(const ReferenceView& view, const RotationFit& rotation) {
   return map;
 }
 
-/// A map with what is known of every corner.
-InitialMap withKnown(InitialMap map, double inflation) {
+/// Sets what is known of every corner.
+void setKnown(double inflation, InitialMap& map) {
   const DepthLookup lookup(*map.frames.front().frame->priors()->depth, map.metres, inflation);
   for (Corner& corner : map.corners) corner.known = lookup.at(corner.seen());
-  return map;
 }
 
 /// What the newest frame says of the known inverse depths, its pose taken as right. The noise is
@@ -204,25 +203,18 @@ double relativeSigma(const InitialMap& map) {
   return medianInPlace(sigmas);
 }
 
-/// A map whose corners know their depths.
-struct WeighedDepths {
-  InitialMap map;
-  DepthPriorReport report{};
-  bool of_use = false;  ///< the depths give a start
-};
-
-/// Widens the deviations as the present pose wants it.
-WeighedDepths weighDepths(WeighedDepths weighed, const PinholeCamera& camera) {
-  DepthPriorReport& report = weighed.report;
-  InitialMap map = withKnown(std::move(weighed.map), 1);
+/// Lets the corners know their depths, with deviations widened as the present pose wants it.
+/// @return whether the depths give a start
+bool weighDepths(const PinholeCamera& camera, InitialMap& map, DepthPriorReport& report) {
+  setKnown(1, map);
   const auto innovations = innovationsOf(map, camera);
-  if (innovations.empty()) return {std::move(map), report, false};
+  if (innovations.empty()) return false;
   report.inflation = claimInflation(innovations);
   const double claimed = relativeSigma(map);
-  map = withKnown(std::move(map), report.inflation);
+  setKnown(report.inflation, map);
   const bool of_use = relativeSigma(map) <= kMaxRelativeSigma;
   report.contradicted = claimed <= kMaxRelativeSigma && !of_use;
-  return {std::move(map), report, of_use};
+  return of_use;
 }
 
 }  // namespace
@@ -293,29 +285,26 @@ KnownDepthStart startOfKnownDepths(const ReferenceView& view,
                                    const AttemptContext& context) {
   const PinholeCamera& camera = context.camera;
   const GeometricOptions& options = context.options.orb.geometric;
-  WeighedDepths start{makeMap(view, rotation)};
-  if (static_cast<int>(start.map.corners.size()) < kMinCornersOfMotion)
-    return {std::nullopt, start.report};
-  PosedFrame& newest = start.map.frames.back();
-  const auto observations = observationsByFrame(start.map, camera);
+  KnownDepthStart start;
+  InitialMap map = makeMap(view, rotation);
+  if (static_cast<int>(map.corners.size()) < kMinCornersOfMotion) return start;
+  PosedFrame& newest = map.frames.back();
+  const auto observations = observationsByFrame(map, camera);
   const auto pose = poseFromPoints(observations.back(), camera, *newest.T_cam_ref, kTrackSigma);
-  if (!pose) return {std::nullopt, start.report};
+  if (!pose) return start;
   newest.T_cam_ref = *pose;
-  start = weighDepths(std::move(start), camera);
-  if (!start.of_use) return {std::nullopt, start.report};
+  if (!weighDepths(camera, map, start.report)) return start;
   const auto frames = spreadFrames(view.frames.size(), kAdjustedFrames);
-  poseFrames(start.map, camera, frames);
-  auto robust = adjustRobustly(std::move(start.map), camera, options);
-  if (!robust) return {std::nullopt, start.report};
-  start = weighDepths({std::move(*robust), start.report}, camera);
-  if (!start.of_use) return {std::nullopt, start.report};
-  MotionCandidate candidate;
-  candidate.map = std::move(start.map);
+  poseFrames(map, camera, frames);
+  auto robust = adjustRobustly(std::move(map), camera, options);
+  if (!robust || !weighDepths(camera, *robust, start.report)) return start;
+  MotionCandidate& candidate = start.candidate.emplace();
+  candidate.map = std::move(*robust);
   candidate.motions_used =
       adjustWithMotions(candidate.map, knownMotions(view.frames, frames), camera, options);
   candidate.front_share = 1;
   start.report.used = true;
-  return {std::move(candidate), start.report};
+  return start;
 }
 
 }  // namespace dsorb::init_orb
