@@ -50,6 +50,7 @@ Outcome<Reconstruction> poseOtherFrames(Reconstruction made, const AttemptContex
   InitialMap& map = made.map;
   context.clock.time("pose", [&] {
     const std::vector<std::size_t> frames = poseOtherFrames(map, context.camera);
+    if (frames.empty()) return;
     estimateBrightness(map, context.camera);
     const auto observations = observationsByFrame(map, context.camera);
     for (const std::size_t frame : frames) {
