@@ -44,14 +44,13 @@ Outcome<Reconstruction> refuseRemains(Reconstruction made) {
   return made;
 }
 
-/// Poses the frames that had no part in the adjustments. Their covariances are those of their own
-/// corners' errors. The depths' are not in them: squared errors are 1.4 times as large as they say.
+/// Poses the frames that had no part in the adjustments; their brightness is left to the window.
+/// Their covariances are those of their own corners' errors. The depths' are not in them: squared
+/// errors are 1.4 times as large as they say.
 Outcome<Reconstruction> poseOtherFrames(Reconstruction made, const AttemptContext& context) {
   InitialMap& map = made.map;
   context.clock.time("pose", [&] {
     const std::vector<std::size_t> frames = poseOtherFrames(map, context.camera);
-    if (frames.empty()) return;
-    estimateBrightness(map, context.camera);
     const auto observations = observationsByFrame(map, context.camera);
     for (const std::size_t frame : frames) {
       PosedFrame& posed = map.frames[frame];
