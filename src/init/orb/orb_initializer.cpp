@@ -46,7 +46,7 @@ Outcome<Reconstruction> refuseRemains(Reconstruction made) {
 
 /// Poses the frames that had no part in the adjustments; their brightness is left to the window.
 /// Their covariances are those of their own corners' errors. The depths' are not in them: squared
-/// errors are 1.4 times as large as they say.
+/// errors are up to 1.5 times as large as they say.
 Outcome<Reconstruction> poseOtherFrames(Reconstruction made, const AttemptContext& context) {
   InitialMap& map = made.map;
   context.clock.time("pose", [&] {
