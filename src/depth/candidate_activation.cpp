@@ -517,9 +517,8 @@ void searchEpipolarLine(CandidatePoint& candidate,
 void searchEpipolarLines(std::vector<CandidatePoint>& candidates,
                          const EpipolarPair& pair,
                          const PyramidLevel& level,
-                         const DepthOptions& options,
-                         std::size_t grain) {
-  forEachRange(candidates.size(), grain, [&](std::size_t begin, std::size_t end) {
+                         const DepthOptions& options) {
+  forEachRange(candidates.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       searchEpipolarLine(candidates[i], pair, level, options);
     }

@@ -96,12 +96,10 @@ void searchEpipolarLine(CandidatePoint& candidate,
                         const DepthOptions& options);
 
 /// The same for all candidates of one host.
-/// @param grain  candidates in a parallel task; 0 runs serially
 void searchEpipolarLines(std::vector<CandidatePoint>& candidates,
                          const EpipolarPair& pair,
                          const PyramidLevel& level,
-                         const DepthOptions& options,
-                         std::size_t grain);
+                         const DepthOptions& options);
 
 /// Distance of every cell to the nearest seed, grown in alternating steps to 8 and 4 neighbours so
 /// that circles become octagons. Cells on the border are reached but not grown from.

@@ -10,9 +10,6 @@ namespace dsorb::variance_factors {
 constexpr double kStartTail = 4;
 /// Scale of the t-distribution of a start's direction over its predicted sigmas [-].
 constexpr double kStartDirection = 1.5;
-/// Share of the adjustment's variance factor for the own part of the pose of a frame between the
-/// adjusted ones; the rest comes with the inverse depths [-].
-constexpr double kFrameBetween = 0.5;
 /// Sigma of a row motion's prior over the one that the poses of a start show, which are still noisy
 /// when it is measured [-].
 constexpr double kRowMotion = 0.5;

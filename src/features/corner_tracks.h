@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "base/erase_marked.h"
+
 #include <Eigen/Core>
 
 #include <cstddef>
@@ -34,15 +36,8 @@ struct CornerTracks {
   }
   /// Removes tracks. @param dropped nonzero for those that go
   void drop(const std::vector<char>& dropped) {
-    const auto filter = [&](std::vector<Eigen::Vector2f>& places) {
-      std::size_t kept = 0;
-      for (std::size_t i = 0; i < places.size(); ++i) {
-        if (dropped[i] == 0) places[kept++] = places[i];
-      }
-      places.resize(kept);
-    };
-    for (std::vector<Eigen::Vector2f>& frame : positions) filter(frame);
-    filter(seen);
+    for (std::vector<Eigen::Vector2f>& frame : positions) eraseMarked(dropped, frame);
+    eraseMarked(dropped, seen);
   }
   /// Matches between the reference and a later frame that sees all corners.
   [[nodiscard]] Matches matchesTo(int frame) const {

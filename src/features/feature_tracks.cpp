@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "features/feature_tracks.h"
 
+#include "base/erase_marked.h"
 #include "base/parallel.h"
 #include "features/grey_image.h"
 #include "image/cell_grid.h"
@@ -11,62 +12,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <cstdint>
-#include <iterator>
-#include <tuple>
 #include <utility>
 
 namespace dsorb {
 namespace {
 
-constexpr int kBandRows = 64;  // that one task takes at a time
-constexpr int kBlock = 3;      // side of the square whose gradients are summed [px]
-constexpr int kMargin = 2;     // rows around a band: one for the square, one for the neighbours
-
-struct Band {
-  float strongest = 0;  // of all pixels, maxima or not
-  std::vector<DetectedCorner> maxima;
-};
-
-/// Rows [first, last) of an image.
-Band findMaxima(const cv::Mat& grey, const cv::Mat& valid, int first, int last) {
-  const int top = std::max(first - kMargin, 0);
-  const int bottom = std::min(last + kMargin, grey.rows);
-  cv::Mat strength;
-  cv::Mat highest;
-  cv::cornerMinEigenVal(grey.rowRange(top, bottom), strength, kBlock);
-  cv::dilate(strength, highest, cv::Mat());
-  Band band;
-  for (int y = first; y < last; ++y) {
-    const auto* here = strength.ptr<float>(y - top);
-    const auto* around = highest.ptr<float>(y - top);
-    const auto* usable = valid.empty() ? nullptr : valid.ptr<std::uint8_t>(y);
-    const bool outermost_row = y == 0 || y == grey.rows - 1;
-    for (int x = 0; x < grey.cols; ++x) {
-      if (usable != nullptr && usable[x] == 0) continue;
-      band.strongest = std::max(band.strongest, here[x]);
-      const bool outermost = outermost_row || x == 0 || x == grey.cols - 1;
-      if (here[x] > 0 && here[x] == around[x] && !outermost) {
-        band.maxima.push_back({here[x], x, y});
-      }
-    }
-  }
-  return band;
-}
-
-/// The order of corners: among equally strong ones the lowest and rightmost comes first, as with
-/// OpenCV.
-bool isStronger(const DetectedCorner& a, const DetectedCorner& b) {
-  return std::tie(a.strength, a.y, a.x) > std::tie(b.strength, b.y, b.x);
-}
-
 constexpr double kMinDistance = 8;  // between corners, for an image diagonal of 800 px [px]
-
-bool isInside(const Eigen::Vector2f& corner, const cv::Size& size) {
-  return corner.x() >= kFeatureBorder && corner.y() >= kFeatureBorder &&
-         corner.x() <= static_cast<float>(size.width - 1 - kFeatureBorder) &&
-         corner.y() <= static_cast<float>(size.height - 1 - kFeatureBorder);
-}
 
 LucasKanadeOptions flowOptions(const FeatureTrackOptions& options) {
   LucasKanadeOptions flow;
@@ -89,30 +40,6 @@ cv::Mat eightBit(const FlowLevel& level) {
 
 }  // namespace
 
-std::vector<DetectedCorner> detectCorners(const cv::Mat& grey,
-                                          const cv::Mat& valid,
-                                          double quality) {
-  std::vector<Band> bands(static_cast<std::size_t>((grey.rows + kBandRows - 1) / kBandRows));
-  forEachRange(bands.size(), 1, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const int first = static_cast<int>(i) * kBandRows;
-      bands[i] = findMaxima(grey, valid, first, std::min(first + kBandRows, grey.rows));
-    }
-  });
-  float strongest = 0;
-  for (const Band& band : bands) strongest = std::max(strongest, band.strongest);
-  const auto least = static_cast<float>(quality * strongest);
-  std::vector<DetectedCorner> corners;
-  for (const Band& band : bands) {
-    std::copy_if(band.maxima.begin(),
-                 band.maxima.end(),
-                 std::back_inserter(corners),
-                 [&](const DetectedCorner& corner) { return corner.strength > least; });
-  }
-  std::sort(corners.begin(), corners.end(), isStronger);
-  return corners;
-}
-
 std::vector<Eigen::Vector2f> chooseCorners(const cv::Mat& grey,
                                            const cv::Mat& valid,
                                            const std::vector<Eigen::Vector2f>& known,
@@ -127,11 +54,13 @@ std::vector<Eigen::Vector2f> chooseCorners(const cv::Mat& grey,
   }
   const auto most = static_cast<std::size_t>(options.max_corners);
   const std::size_t wanted = most - std::min(known.size(), most);
+  std::vector<cv::Point2f> strongest_first;
+  cv::goodFeaturesToTrack(grey, strongest_first, 0, options.corner_quality, 0, valid);
   std::vector<Eigen::Vector2f> chosen;
-  for (const DetectedCorner& corner : detectCorners(grey, valid, options.corner_quality)) {
+  for (const cv::Point2f& corner : strongest_first) {
     if (chosen.size() == wanted) break;
-    const Eigen::Vector2f place(static_cast<float>(corner.x), static_cast<float>(corner.y));
-    if (spaced.take(place) && isInside(place, size) && quota.take(place.x(), place.y())) {
+    const Eigen::Vector2f place(corner.x, corner.y);
+    if (spaced.take(place) && isUsable(place, size, valid) && quota.take(place.x(), place.y())) {
       chosen.push_back(place);
     }
   }
@@ -173,45 +102,29 @@ void FeatureTracks::advance(const Frame& frame) {
   std::swap(pyramid_, other_pyramid_);
   show(frame, gainTowards(reference_mean_, frame));
   const std::vector<Eigen::Vector2f>& before = positions_.back();
+  const cv::Size size(frame.width(), frame.height());
   std::vector<Eigen::Vector2f> after = before;
-  std::vector<Eigen::Vector2f> back = before;
-  std::vector<char> alive = follow(after, back);
-  for (std::size_t i = 0; i < alive.size(); ++i) {
-    if (!((back[i] - before[i]).norm() < kMaxBackwardError)) alive[i] = 0;
-  }
-  positions_.push_back(std::move(after));
-  keepOnly(alive);
-}
-
-std::vector<char> FeatureTracks::follow(std::vector<Eigen::Vector2f>& places,
-                                        std::vector<Eigen::Vector2f>& back) const {
-  const cv::Size size(pyramid_.levels().front().width, pyramid_.levels().front().height);
-  std::vector<char> found(places.size());
-  forEachRange(places.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
-    LucasKanade lucas_kanade(flowOptions(options_));
+  std::vector<char> lost(before.size(), 1);
+  forEachRange(before.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
+    LucasKanade flow(flowOptions(options_));
     for (std::size_t i = begin; i < end; ++i) {
-      if (!lucas_kanade.follow(other_pyramid_, pyramid_, places[i])) continue;
-      back[i] = places[i];
-      found[i] = isUsable(places[i], size, valid_) &&
-                         lucas_kanade.follow(pyramid_, other_pyramid_, back[i])
-                     ? 1
-                     : 0;
+      if (!flow.follow(other_pyramid_, pyramid_, after[i])) continue;
+      Eigen::Vector2f back = after[i];
+      const bool returns = isUsable(after[i], size, valid_) &&
+                           flow.follow(pyramid_, other_pyramid_, back) &&
+                           (back - before[i]).norm() < kMaxBackwardError;
+      lost[i] = returns ? 0 : 1;
     }
   });
-  return found;
+  positions_.push_back(std::move(after));
+  drop(lost);
 }
 
-void FeatureTracks::keepOnly(const std::vector<char>& alive) {
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < alive.size(); ++i) {
-    if (alive[i] == 0) continue;
-    for (auto& frame : positions_) frame[kept] = frame[i];
-    births_[kept++] = births_[i];
-  }
-  for (auto& frame : positions_) frame.resize(kept);
-  births_.resize(kept);
+void FeatureTracks::drop(const std::vector<char>& lost) {
+  for (auto& frame : positions_) eraseMarked(lost, frame);
+  eraseMarked(lost, births_);
   survivor_share_ =
-      alive.empty() ? 1.0 : static_cast<double>(kept) / static_cast<double>(alive.size());
+      lost.empty() ? 1.0 : static_cast<double>(births_.size()) / static_cast<double>(lost.size());
 }
 
 void FeatureTracks::dropFrames(int first, int count) {

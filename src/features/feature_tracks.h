@@ -14,24 +14,6 @@
 
 namespace dsorb {
 
-/// A local maximum of the smaller eigenvalue of the gradient tensor.
-struct DetectedCorner {
-  float strength = 0;  ///< that eigenvalue, as cv::cornerMinEigenVal() scales it
-  int x = 0;           ///< [px]
-  int y = 0;           ///< [px]
-};
-
-/// Corners of an image, strongest first. Finds what cv::goodFeaturesToTrack() finds without a least
-/// distance, but in bands of rows: in parallel inside the caller's arena, with the memory of a
-/// band.
-/// @param grey    8 bit
-/// @param valid   0 where no corner can be; empty: nowhere
-/// @param quality least strength relative to the strongest
-/// @source Shi and Tomasi, Good Features to Track, CVPR 1994
-std::vector<DetectedCorner> detectCorners(const cv::Mat& grey,
-                                          const cv::Mat& valid,
-                                          double quality);
-
 /// Least share of tracks that survive one step; with fewer, the scene was cut.
 constexpr double kMinSurvivorShare = 0.2;
 /// Share below which optical flow loses more than it keeps: the frames are far apart.
@@ -39,6 +21,7 @@ constexpr double kMinKeptShare = 0.5;
 
 /// Corners of an image, well inside it and away from each other and from those that are there
 /// already: the strongest ones of every cell, so that a textured part of the image cannot take all.
+/// @source Shi and Tomasi, Good Features to Track, CVPR 1994
 /// @param grey  8 bit
 /// @param valid mask; empty: all of it
 /// @param known places that are taken
@@ -52,8 +35,7 @@ constexpr double kMinKeptShare = 0.5;
 ///
 /// Every frame can become a reference: its corners are the tracks that live there, topped up with
 /// fresh ones. So one set of tracks serves all references, each track is followed once.
-/// @source Bouguet, Pyramidal Implementation of the Lucas Kanade Feature Tracker; Shi and Tomasi,
-///         Good Features to Track, CVPR 1994
+/// @source Bouguet, Pyramidal Implementation of the Lucas Kanade Feature Tracker
 class FeatureTracks {
  public:
   explicit FeatureTracks(const FeatureTrackOptions& options) : options_(options) {}
@@ -87,11 +69,7 @@ class FeatureTracks {
 
  private:
   void show(const Frame& frame, float gain);
-  /// Follows places from the image before into the newest one and back again.
-  /// @return by place, whether both ways succeeded
-  [[nodiscard]] std::vector<char> follow(std::vector<Eigen::Vector2f>& places,
-                                         std::vector<Eigen::Vector2f>& back) const;
-  void keepOnly(const std::vector<char>& alive);
+  void drop(const std::vector<char>& lost);
 
   FeatureTrackOptions options_;
   // [frame][track], NaN before its first [px]

@@ -27,7 +27,6 @@ const std::vector<MechanismName>& mechanisms() {
       {Mechanism::kClusters, "clusters", "errors of neighbours count as one in covariances"},
       {Mechanism::kPlane, "plane", "the other motion of a plane"},
       {Mechanism::kReadoutProfile, "readout_profile", "the start estimates an unknown readout"},
-      {Mechanism::kFramesBetween, "frames_between", "poses of frames between are refined"},
       {Mechanism::kJudge, "judge", "the window refuses starts that its adjustment contradicts"},
       {Mechanism::kFillUp, "fill_up", "a sparse start is filled up by epipolar search"},
       {Mechanism::kUncertain, "uncertain", "poses that the window hardly knows are refused"},

@@ -20,9 +20,6 @@
 namespace dsorb::odometry {
 namespace {
 
-constexpr std::size_t kCandidatesPerTask = 64;
-constexpr std::size_t kChunksPerTask = 2;  // of 128 points each, in the adjustment
-
 // Keyframes of a segment after which the calibration is looked at: enough of them to tell it, and
 // structure not yet bent to what is wrong with it.
 constexpr std::array<int, 3> kScored{4, 6, 8};
@@ -52,7 +49,7 @@ Mapper::Mapper(const PinholeCamera& camera, const OdometryOptions& options)
     : camera_(camera),
       options_(options),
       selector_(camera.width, camera.height, selectorOptions(options)),
-      optimizer_(options.window, kChunksPerTask),
+      optimizer_(options.window),
       reference_builder_(camera) {}
 
 MapUpdate Mapper::seed(const InitializationResult& result, int segment) {
@@ -65,7 +62,7 @@ MapUpdate Mapper::seed(const InitializationResult& result, int segment) {
   scored_ = -1;
   innovations_ = {};
   stuck_ = StuckRegions(result.stuck, camera_.width, camera_.height);
-  window_ = seedWindow(result, camera_, options_, selector_, kCandidatesPerTask);
+  window_ = seedWindow(result, camera_, options_, selector_);
   const StartComparison comparison(result, *window_);
   MapUpdate update = adjust(SE3());
   if (update.finite) update.start_change = comparison.change(*window_, noise_);
@@ -78,12 +75,12 @@ std::unique_ptr<MapUpdate> Mapper::map(const MappingJob& job) {
   const window::TrackedFrame tracked{job.frame, poseOf(job.pose), job.pose.affine, job.pose.motion};
   window::Keyframe& newest = window_->keyframes.back();
   if (newest.frame->id() == job.pose.previous) newest.expect(job.pose.previous_rows);
-  window::refineCandidates(*window_, tracked, options_.depth, kCandidatesPerTask);
+  window::refineCandidates(*window_, tracked, options_.depth);
   if (!job.becomes_keyframe) return nullptr;
   window::flagLeaving(*window_, options_.window);
   window::addKeyframe(*window_, tracked.frame, tracked.T_cam_world, tracked.affine, options_.window)
       .setMotion(tracked.motion, job.pose.rows);
-  window::activateCandidates(*window_, options_.window, options_.depth, kCandidatesPerTask);
+  window::activateCandidates(*window_, options_.window, options_.depth);
   return std::make_unique<MapUpdate>(adjust(job.pose.T_cam_keyframe));
 }
 
@@ -168,7 +165,7 @@ void Mapper::scoreCamera() {
   if (due == kScored.end() || newest < *due || options_.window.optimizer.optimize_intrinsics)
     return;
   scored_ = newest;
-  const CameraScore score = window::scoreCamera(*window_, options_.window, noise_, kChunksPerTask);
+  const CameraScore score = window::scoreCamera(*window_, options_.window, noise_);
   if (!camera_score_ || score.deviations() > camera_score_->deviations()) camera_score_ = score;
 }
 

@@ -233,8 +233,7 @@ void selectCandidates(window::Keyframe& keyframe,
 window::Window seedWindow(const InitializationResult& result,
                           const PinholeCamera& camera,
                           const OdometryOptions& options,
-                          PixelSelector& selector,
-                          std::size_t grain) {
+                          PixelSelector& selector) {
   window::Window window(camera, options.brightness);
   const std::vector<std::size_t> keyframes = keyframesOf(result, options.window);
   std::vector<std::vector<MapPoint>> points;
@@ -261,8 +260,7 @@ window::Window seedWindow(const InitializationResult& result,
                    selected(reference, selector, stuck, wanted),
                    othersOf(result),
                    options.window,
-                   options.depth,
-                   grain);
+                   options.depth);
   }
   return window;
 }

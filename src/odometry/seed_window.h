@@ -43,13 +43,11 @@ int seedPoints(window::Window& window,
 /// window wants, selected pixels of the reference become candidates, are searched in the posed
 /// frames and, where there is room, become points as well.
 /// @param selector of the keyframes' candidate pixels
-/// @param grain    candidates in a parallel task; 0 runs serially
 /// @note  hosts beyond what the window holds are left out, those with the fewest points first
 [[nodiscard]] window::Window seedWindow(const InitializationResult& result,
                                         const PinholeCamera& camera,
                                         const OdometryOptions& options,
-                                        PixelSelector& selector,
-                                        std::size_t grain);
+                                        PixelSelector& selector);
 
 /// Gives a keyframe of the window its candidates, none where the image moves with the camera.
 void selectCandidates(window::Keyframe& keyframe,

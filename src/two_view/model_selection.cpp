@@ -4,6 +4,7 @@
 #include "base/angles.h"
 #include "base/median.h"
 #include "features/ransac.h"
+#include "two_view/essential_motion.h"
 
 #include <Eigen/SVD>
 #include <opencv2/calib3d.hpp>
@@ -108,15 +109,13 @@ double gric(DisplacementModel model, const std::vector<double>& squared_errors, 
   return sum;
 }
 
-std::optional<Eigen::Matrix3d> estimateHomography(const Matches& matches,
-                                                  double threshold,
-                                                  std::uint64_t seed) {
+std::optional<Eigen::Matrix3d> estimateHomography(const Matches& matches, std::uint64_t seed) {
   constexpr std::size_t kEnough = 8;
   if (matches.size() < kEnough) return std::nullopt;
   const cv::Mat H = cv::findHomography(toCv(matches.reference),
                                        toCv(matches.target),
                                        cv::noArray(),
-                                       ransacParameters(threshold, kHomographyRounds, seed));
+                                       ransacParameters(kRansacThreshold, kHomographyRounds, seed));
   if (H.rows != 3 || H.cols != 3) return std::nullopt;
   return toEigen(H);
 }

@@ -40,11 +40,8 @@ std::vector<double> rotationSampsonErrors(const Eigen::Quaterniond& R_cur_ref,
 double gric(DisplacementModel model, const std::vector<double>& squared_errors, double sigma);
 
 /// Homography by RANSAC with local optimisation over all matches.
-/// @param threshold distance from the predicted position [px]
-/// @param seed      of the samples
-std::optional<Eigen::Matrix3d> estimateHomography(const Matches& matches,
-                                                  double threshold,
-                                                  std::uint64_t seed);
+/// @param seed of the samples
+std::optional<Eigen::Matrix3d> estimateHomography(const Matches& matches, std::uint64_t seed);
 
 /// Median rotation-compensated flow, as an angle; less is no parallax.
 constexpr double kMinRotationResidualDeg = 0.3;

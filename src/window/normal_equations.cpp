@@ -265,6 +265,7 @@ Matrix6 symmetric(const float (&sums)[kPoseRows][kPoseLanes]) {
 using Eigen::Index;
 
 constexpr std::size_t kChunk = 128;  // points of one part of the work
+constexpr std::size_t kChunksPerTask = 2;
 constexpr float kMinDepthCurvature = 1e-10F;
 
 /// Everything the evaluation of one chunk reads and writes.
@@ -647,7 +648,7 @@ void NormalEquationsBuilder::build(Window& window,
     context.frame_deviation.emplace_back(keyframe.state - keyframe.first);
     context.velocity_deviation.emplace_back(keyframe.velocityFrom(keyframe.first_velocity));
   }
-  forEachRange(chunks_.size(), options.chunks_per_task, [&](std::size_t begin, std::size_t end) {
+  forEachRange(chunks_.size(), kChunksPerTask, [&](std::size_t begin, std::size_t end) {
     ChunkContext mine = context;
     for (std::size_t c = begin; c < end; ++c) {
       mine.sums = pair_sums_.data() + c * pairs.size();
@@ -669,8 +670,7 @@ void NormalEquationsBuilder::build(Window& window,
 void evaluateFrom(std::size_t first_target,
                   Window& window,
                   const PairTable& pairs,
-                  const std::vector<PointRef>& points,
-                  std::size_t chunks_per_task) {
+                  const std::vector<PointRef>& points) {
   const auto evaluate_one = [&](const PointRef& ref) {
     WindowPoint& point = window.keyframes[ref.keyframe].points[ref.point];
     for (Observation& observation : point) {
@@ -682,7 +682,7 @@ void evaluateFrom(std::size_t first_target,
       if (seen) observation.trial_raw = patch.energy;
     }
   };
-  forEachRange(points.size(), kChunk * chunks_per_task, [&](std::size_t begin, std::size_t end) {
+  forEachRange(points.size(), kChunk * kChunksPerTask, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) evaluate_one(points[i]);
   });
 }

@@ -316,11 +316,10 @@ struct PointRef {
 [[nodiscard]] std::vector<PointRef> allPoints(const Window& window);
 
 struct LinearizeOptions {
-  EstimatedCamera camera{};         ///< estimated, too
-  bool frozen = false;              ///< residuals extrapolated to the first estimates (marginals)
-  bool depth_prior_pulls = true;    ///< false: the depth prior only adds curvature
-  double depth_prior_factor = 1;    ///< on every depth prior
-  std::size_t chunks_per_task = 0;  ///< of 128 points; 0 runs serially
+  EstimatedCamera camera{};       ///< estimated, too
+  bool frozen = false;            ///< residuals extrapolated to the first estimates (marginals)
+  bool depth_prior_pulls = true;  ///< false: the depth prior only adds curvature
+  double depth_prior_factor = 1;  ///< on every depth prior
 };
 
 /// Gauss-Newton system of a window: camera and frames in scaled units, and inverse depths;
@@ -368,12 +367,10 @@ class NormalEquationsBuilder {
 
 /// Evaluates the residuals to the keyframes from a position on and sets what their outlier
 /// thresholds rest on: trial states, kIn or kOutOfBounds, and raw energies.
-/// @param points          sorted by keyframe
-/// @param chunks_per_task of 128 points; 0 runs serially
+/// @param points sorted by keyframe
 void evaluateFrom(std::size_t first_target,
                   Window& window,
                   const PairTable& pairs,
-                  const std::vector<PointRef>& points,
-                  std::size_t chunks_per_task);
+                  const std::vector<PointRef>& points);
 
 }  // namespace dsorb::window

@@ -180,10 +180,7 @@ DepthRange rangeAround(const CellGrid& grid,
 
 }  // namespace
 
-void refineCandidates(Window& window,
-                      const TrackedFrame& tracked,
-                      const DepthOptions& options,
-                      std::size_t grain) {
+void refineCandidates(Window& window, const TrackedFrame& tracked, const DepthOptions& options) {
   placeCandidates(window);
   for (Keyframe& keyframe : window.keyframes) {
     if (keyframe.candidates.empty()) continue;
@@ -192,14 +189,13 @@ void refineCandidates(Window& window,
         keyframe.affine(), keyframe.frame->exposure(), tracked.affine, tracked.frame->exposure());
     depth::EpipolarPair pair(window.camera(), T_frame_host, transfer);
     pair.shutter = shutterOf(*tracked.frame, tracked.motion, window.change());
-    depth::searchEpipolarLines(keyframe.candidates, pair, tracked.frame->level(0), options, grain);
+    depth::searchEpipolarLines(keyframe.candidates, pair, tracked.frame->level(0), options);
   }
 }
 
 void activateCandidates(Window& window,
                         const WindowOptions& window_options,
-                        const DepthOptions& options,
-                        std::size_t grain) {
+                        const DepthOptions& options) {
   if (window.keyframes.size() < 2) return;
   placePoints(window);
   placeCandidates(window);
@@ -218,7 +214,7 @@ void activateCandidates(Window& window,
     targets.push_back(targetsOf(pairs, k));
     choose(window, k, map, chosen);
   }
-  forEachRange(chosen.size(), grain, [&](std::size_t begin, std::size_t end) {
+  forEachRange(chosen.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       auto& [verdict, pending] = chosen[i];
       if (verdict != CandidateVerdict::kReady) continue;
@@ -248,11 +244,10 @@ void fillUp(Window& window,
             const std::vector<SelectedPixel>& pixels,
             const std::vector<TrackedFrame>& frames,
             const WindowOptions& window_options,
-            const DepthOptions& options,
-            std::size_t grain) {
+            const DepthOptions& options) {
   addCandidates(window.keyframes.front(), pixels);
-  for (const TrackedFrame& frame : frames) refineCandidates(window, frame, options, grain);
-  activateCandidates(window, window_options, options, grain);
+  for (const TrackedFrame& frame : frames) refineCandidates(window, frame, options);
+  activateCandidates(window, window_options, options);
 }
 
 void expectDepths(Keyframe& keyframe, const std::vector<DepthSample>& samples) {

@@ -24,29 +24,21 @@ struct TrackedFrame {
 };
 
 /// Searches all candidates of all keyframes in a tracked frame.
-/// @param grain  candidates in a parallel task; 0 runs serially
-void refineCandidates(Window& window,
-                      const TrackedFrame& tracked,
-                      const DepthOptions& options,
-                      std::size_t grain);
+void refineCandidates(Window& window, const TrackedFrame& tracked, const DepthOptions& options);
 
 /// Turns candidates of the older keyframes into points where the newest keyframe has room for them,
 /// each with a residual to every keyframe that sees it.
-/// @param grain  candidates in a parallel task; 0 runs serially
-/// @source       Engel et al., DSO, arXiv:1607.02565, section 3.2
+/// @source Engel et al., DSO, arXiv:1607.02565, section 3.2
 void activateCandidates(Window& window,
                         const WindowOptions& window_options,
-                        const DepthOptions& options,
-                        std::size_t grain);
+                        const DepthOptions& options);
 
 /// Searches pixels of the first keyframe in other frames and turns what is found into points.
-/// @param grain  candidates in a parallel task; 0 runs serially
 void fillUp(Window& window,
             const std::vector<SelectedPixel>& pixels,
             const std::vector<TrackedFrame>& frames,
             const WindowOptions& window_options,
-            const DepthOptions& options,
-            std::size_t grain);
+            const DepthOptions& options);
 
 /// Inverse depths of the newest keyframe's pixels by the points it sees, for the tracker; weight
 /// sqrt(1e-3 / (1 / information + 1e-12)). Call after an adjustment, before points retire.

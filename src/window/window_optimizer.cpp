@@ -108,10 +108,8 @@ void adaptThresholds(std::size_t first, Window& window) {
   }
 }
 
-WindowOptimizer::WindowOptimizer(const WindowOptions& options, std::size_t chunks_per_task)
-    : options_(options) {
+WindowOptimizer::WindowOptimizer(const WindowOptions& options) : options_(options) {
   linearize_.depth_prior_pulls = !options.published;
-  linearize_.chunks_per_task = chunks_per_task;
 }
 
 /// One adjustment, for minimize().
@@ -204,7 +202,7 @@ class WindowOptimizer::Adjustment {
   /// Thresholds by the residuals at the state for which pairs_ was made.
   void adaptThreshold() {
     placePoints(window_);
-    evaluateFrom(first_threshold_, window_, pairs_, points_, memory_.linearize_.chunks_per_task);
+    evaluateFrom(first_threshold_, window_, pairs_, points_);
     adaptThresholds(first_threshold_, window_);
   }
   WindowPoint& at(std::size_t i) {

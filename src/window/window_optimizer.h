@@ -7,8 +7,6 @@
 #include "window/window.h"
 #include "window/window_step.h"
 
-#include <cstddef>
-
 namespace dsorb::window {
 
 /// What an adjustment did.
@@ -36,8 +34,7 @@ void adaptThresholds(std::size_t first, Window& window);
 /// @source Engel et al., DSO, arXiv:1607.02565, section 2.3
 class WindowOptimizer {
  public:
-  /// @param chunks_per_task  chunks of 128 points in a parallel task; 0 runs serially
-  explicit WindowOptimizer(const WindowOptions& options, std::size_t chunks_per_task = 0);
+  explicit WindowOptimizer(const WindowOptions& options);
 
   /// @throws std::logic_error with fewer than two keyframes
   OptimizationReport optimize(Window& window);

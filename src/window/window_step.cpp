@@ -285,15 +285,11 @@ WindowUncertainty uncertaintyOf(const Window& window,
   return uncertainty;
 }
 
-CameraScore scoreCamera(Window& window,
-                        const WindowOptions& options,
-                        double noise,
-                        std::size_t chunks_per_task) {
+CameraScore scoreCamera(Window& window, const WindowOptions& options, double noise) {
   const WindowOptions guessed = withGuessedCamera(options);
   LinearizeOptions linearize;
   linearize.camera = estimatedCamera(window, guessed);
   linearize.depth_prior_factor = 0;
-  linearize.chunks_per_task = chunks_per_task;
   NormalEquationsBuilder builder;
   WindowEquations equations;
   WindowElimination elimination;

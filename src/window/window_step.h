@@ -87,11 +87,7 @@ struct WindowUncertainty {
 /// lengths, principal point and radial distortion beside the rest. The marginal prior, which was
 /// made with the calibrated camera, does not count, nor does what else is known of depths. The
 /// window's estimates stay.
-/// @param noise           of a pixel's residual [grey levels]
-/// @param chunks_per_task of 128 points; 0 runs serially
-[[nodiscard]] CameraScore scoreCamera(Window& window,
-                                      const WindowOptions& options,
-                                      double noise,
-                                      std::size_t chunks_per_task);
+/// @param noise of a pixel's residual [grey levels]
+[[nodiscard]] CameraScore scoreCamera(Window& window, const WindowOptions& options, double noise);
 
 }  // namespace dsorb::window

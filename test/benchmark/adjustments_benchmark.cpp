@@ -5,7 +5,6 @@
 #include "benchmark/rendered_frames.h"
 #include "features/feature_tracks.h"
 #include "init/orb/bundle/corner_refinement.h"
-#include "init/orb/bundle/geometric_covariance.h"
 
 #include <cstddef>
 
@@ -33,12 +32,11 @@ struct Start {
     for (int k = 0; k < kFrames; ++k) {
       const FramePtr& frame = scene.frames[static_cast<std::size_t>(k)];
       map.frames.push_back({frame, scene.T_cam_first(k), {}, {}});
-      if (k > 0 && k % (kFrames / kAdjusted) != 0) others.push_back(static_cast<std::size_t>(k));
+      if (k % (kFrames / kAdjusted) != 0) map.frames.back().T_cam_ref.reset();
     }
     const CornerTracks corners = tracks.since(0);
     for (const Eigen::Vector2f& pixel : corners.positions[0])
       addCorner(pixel.cast<double>(), random);
-    for (const std::size_t k : others) map.frames[k].T_cam_ref.reset();
     normalizeCornerScale(map);
   }
 
@@ -63,7 +61,6 @@ struct Start {
 
   OrbOptions options;
   InitialMap map;
-  std::vector<std::size_t> others;  ///< frames without pose
 };
 
 const Start& start() {
@@ -84,22 +81,6 @@ void refine(benchmark::State& state) {
   count(state, from.map);
 }
 BENCHMARK(refine)->Arg(1)->Arg(2)->UseRealTime()->Unit(benchmark::kMillisecond);
-
-void refineOtherPoses(benchmark::State& state) {
-  const Start& from = start();
-  InitialMap posed = from.map;
-  setCovariances(posed, room().camera, from.options.geometric);
-  for (const std::size_t k : from.others) {
-    posed.frames[k].T_cam_ref = room().T_cam_first(static_cast<int>(k));
-  }
-  timeWithThreads(state, [&] {
-    InitialMap map = posed;
-    refinePoses(map, room().camera, from.options.geometric, from.others);
-    return map.frames.size();
-  });
-  state.counters["frames"] = static_cast<double>(from.others.size());
-}
-BENCHMARK(refineOtherPoses)->Arg(1)->Arg(2)->UseRealTime()->Unit(benchmark::kMillisecond);
 
 }  // namespace
 }  // namespace dsorb::init_orb

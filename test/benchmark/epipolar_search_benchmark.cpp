@@ -35,7 +35,7 @@ void BM_SearchNewCandidates(benchmark::State& state) {
     state.PauseTiming();
     std::vector<CandidatePoint> candidates = scene.candidates;
     state.ResumeTiming();
-    searchEpipolarLines(candidates, scene.pair, scene.target->level(0), {}, 0);
+    searchEpipolarLines(candidates, scene.pair, scene.target->level(0), {});
     benchmark::DoNotOptimize(candidates.data());
   }
   state.counters["candidates"] = static_cast<double>(scene.candidates.size());
@@ -49,12 +49,12 @@ BENCHMARK(BM_SearchNewCandidates)->Unit(benchmark::kMillisecond);
 void BM_SearchKnownCandidates(benchmark::State& state) {
   const Scene scene;
   std::vector<CandidatePoint> known = scene.candidates;
-  searchEpipolarLines(known, scene.pair, scene.target->level(0), {}, 0);
+  searchEpipolarLines(known, scene.pair, scene.target->level(0), {});
   for (auto _ : state) {
     state.PauseTiming();
     std::vector<CandidatePoint> candidates = known;
     state.ResumeTiming();
-    searchEpipolarLines(candidates, scene.pair, scene.target->level(0), {}, 0);
+    searchEpipolarLines(candidates, scene.pair, scene.target->level(0), {});
     benchmark::DoNotOptimize(candidates.data());
   }
 }
@@ -63,7 +63,7 @@ BENCHMARK(BM_SearchKnownCandidates)->Unit(benchmark::kMillisecond);
 void BM_FitDepth(benchmark::State& state) {
   const Scene scene;
   std::vector<CandidatePoint> known = scene.candidates;
-  searchEpipolarLines(known, scene.pair, scene.target->level(0), {}, 0);
+  searchEpipolarLines(known, scene.pair, scene.target->level(0), {});
   const HostRays rays(scene.sequence.camera());
   const std::vector<TargetImage> targets(
       4, makeTargetImage(scene.sequence.camera(), scene.T_target_host, {}, scene.target->level(0)));

@@ -29,7 +29,7 @@ TEST(CameraScore, AsksForTheFocalLengthThatIsRight) {
     OptimizationReport report;
     WindowScene scene = adjustedWith(factor, options, report);
     ASSERT_TRUE(report.finite) << factor;
-    const CameraScore score = scoreCamera(scene.window, options, report.rms, 0);
+    const CameraScore score = scoreCamera(scene.window, options, report.rms);
     // Measured: 6.1, 10, 0 and 8.3 standard deviations of .04, .009, .009 and .011.
     EXPECT_EQ(score.suspicious(), factor != 1) << factor;
     EXPECT_NEAR(score.radial.k1, 0, 0.01) << factor;  // measured .0022 at most
@@ -47,7 +47,7 @@ TEST(CameraScore, LeavesTheWindowAsItIs) {
   OptimizationReport report;
   WindowScene once = adjustedWith(1.1, options, report);
   WindowScene twice = once;
-  (void)scoreCamera(twice.window, options, report.rms, 0);
+  (void)scoreCamera(twice.window, options, report.rms);
   const OptimizationReport after_once = WindowOptimizer(options).optimize(once.window);
   const OptimizationReport after_twice = WindowOptimizer(options).optimize(twice.window);
   EXPECT_EQ(after_once.first_energy, after_twice.first_energy);

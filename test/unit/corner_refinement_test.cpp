@@ -1,18 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/bundle/corner_refinement.h"
 
-#include "base/median.h"
 #include "base/random.h"
 #include "estimate/warp.h"
-#include "init/orb/bundle/map_assembly.h"
 #include "support/assign_map.h"
 #include "support/matchers.h"
 #include "support/plane_scene.h"
 
-#include <Eigen/LU>
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -26,9 +22,9 @@ struct DisturbedMap {
   InitialMap map;
 };
 
-DisturbedMap makeDisturbedMap(double disturbance, std::uint64_t seed = 9) {
+DisturbedMap makeDisturbedMap(double disturbance) {
   DisturbedMap made;
-  Random random(seed);
+  Random random(9);
   InitialMap& map = made.map;
   for (int k = 0; k < 4; ++k) {
     const double path = k / 3.0;
@@ -135,76 +131,6 @@ TEST(CornerRefinement, EndsAfterTheFirstRoundWhereItIsHopeless) {
   refineCorners(all.map, camera, geometric, answer(false));
   EXPECT_EQ(asked, 2);
   EXPECT_LT(rmsError(all), rmsError(ended));
-}
-
-constexpr double kDisturbance = 0.1;  // [px]
-
-/// Adjusted frames 1 and 3, then frame 2 posed from the corners; its covariance.
-Matrix6d covarianceBetween(DisturbedMap& made, double disturbance) {
-  const PinholeCamera& camera = made.scene.camera();
-  GeometricOptions geometric;
-  geometric.sigma = disturbance;
-  made.map.frames[2].T_cam_ref.reset();
-  EXPECT_TRUE(adjust(made.map, camera, geometric));
-  const std::vector<std::size_t> others = poseOtherFrames(made.map, camera);
-  EXPECT_EQ(others, std::vector<std::size_t>{2});
-  refinePoses(made.map, camera, geometric, others);
-  EXPECT_TRUE(made.map.frames[2].covariance);
-  return made.map.frames[2].covariance.value_or(Matrix6d::Zero());
-}
-
-/// Squared error of the rotation of frame 2 over its covariance, a third.
-double rotationRatio(const DisturbedMap& made, const Matrix6d& covariance) {
-  const Vector6d error = (made.truth[2] * made.map.frames[2].T_cam_ref->inverse()).log();
-  const Eigen::Vector3d turn = error.tail<3>();
-  return turn.dot(covariance.bottomRightCorner<3, 3>().inverse() * turn) / 3;
-}
-
-/// Medians over draws: rotationRatio and the standard deviation of the turn around y [rad].
-struct BetweenSpread {
-  double ratio = 0;
-  double sigma = 0;
-};
-
-BetweenSpread spreadBetween(double disturbance) {
-  std::vector<double> ratios;
-  std::vector<double> sigmas;
-  for (std::uint64_t seed = 9; seed < 24; ++seed) {
-    DisturbedMap made = makeDisturbedMap(disturbance, seed);
-    const Matrix6d covariance = covarianceBetween(made, disturbance);
-    ratios.push_back(rotationRatio(made, covariance));
-    sigmas.push_back(std::sqrt(covariance(4, 4)));
-  }
-  return {medianOf(ratios), medianOf(sigmas)};
-}
-
-TEST(CornerRefinement, SingleFramesGetACovariance) {
-  const BetweenSpread spread = spreadBetween(kDisturbance);
-  // Expected 0.79, chi-square 3 over 3. Measured 1.2 and 0.00049 rad, margin x2.
-  EXPECT_GT(spread.ratio, 0.4);
-  EXPECT_LT(spread.ratio, 2.4);
-  EXPECT_LT(spread.sigma, 0.001);
-}
-
-TEST(CornerRefinement, SingleFramesGetACovarianceWithNoisyCorners) {
-  const BetweenSpread spread = spreadBetween(4 * kDisturbance);
-  // The pose is no longer linear in the errors. Measured 1.7 and 0.0018 rad, margin x2.
-  EXPECT_GT(spread.ratio, 0.4);
-  EXPECT_LT(spread.ratio, 3.4);
-  EXPECT_LT(spread.sigma, 0.004);
-}
-
-TEST(CornerRefinement, SingleFramesThatSeeNoCornerAreUncertain) {
-  DisturbedMap made = makeDisturbedMap(kDisturbance);
-  std::vector<CornerObservation>& observations = made.map.observations;
-  observations.erase(std::remove_if(observations.begin(),
-                                    observations.end(),
-                                    [](const CornerObservation& seen) { return seen.frame == 2; }),
-                     observations.end());
-  const Matrix6d covariance = covarianceBetween(made, kDisturbance);
-  const Vector6d motion = (made.truth[3] * made.truth[1].inverse()).log();
-  EXPECT_GT(covariance(4, 4), 0.2 * motion.tail<3>().squaredNorm());
-  EXPECT_LT(rotationRatio(made, covariance), 1);  // measured 0.06
 }
 
 }  // namespace

@@ -14,6 +14,7 @@ namespace {
 
 const PinholeCamera kCamera{400, 400, 319.5, 239.5, 640, 480};
 constexpr int kFrames = 5;
+constexpr std::size_t kCorners = 800;
 
 bool onBox(const Eigen::Vector2f& pixel) {
   return pixel.x() > 200 && pixel.x() < 340 && pixel.y() > 150 && pixel.y() < 330;
@@ -34,7 +35,7 @@ Scene makeScene(const Eigen::Vector3d& own_motion, std::uint64_t seed = 7) {
     const SE3 pose(Eigen::Quaterniond::Identity(), {0.02 * k, 0, -0.1 * k});
     scene.map.frames.push_back({nullptr, pose, {}, {}});
   }
-  for (int i = 0; i < 800; ++i) {
+  for (std::size_t i = 0; i < kCorners; ++i) {
     const Eigen::Vector2d pixel{random.uniform(20, 620), random.uniform(20, 460)};
     const double depth = random.uniform(2, 6);
     const bool moves = onBox(pixel.cast<float>());
@@ -67,10 +68,9 @@ TEST(DynamicRegions, ErrorsOfStaticTracksAreThoseOfTheTracking) {
 
 TEST(DynamicRegions, AreNoneInAStaticScene) {
   Scene scene = makeScene(Eigen::Vector3d::Zero());
-  const DynamicRegions moving(scene.map, scene.tracks, kCamera);
-  EXPECT_EQ(moving.contradicting(), 0);
-  EXPECT_EQ(moving.removeCorners(scene.map), 0);
-  EXPECT_EQ(moving.removePoints(scene.map), 0);
+  DynamicRegions(scene.map, scene.tracks, kCamera).removeFrom(scene.map);
+  EXPECT_EQ(scene.map.corners.size(), kCorners);
+  EXPECT_EQ(scene.map.points.size(), kCorners);
 }
 
 TEST(DynamicRegions, AreWhereTracksContradictTheCamera) {
@@ -85,11 +85,10 @@ TEST(DynamicRegions, AreWhereTracksContradictTheCamera) {
   std::ptrdiff_t removed = 0;
   for (std::uint64_t seed = 0; seed < 20; ++seed) {
     Scene scene = makeScene({0.05, 0.02, 0}, seed);
-    const DynamicRegions moving(scene.map, scene.tracks, kCamera);
     on_box += of_box(scene.map.corners);
-    const int corners = moving.removeCorners(scene.map);
-    EXPECT_EQ(corners, moving.removePoints(scene.map));  // they were at the same places
-    removed += corners;
+    DynamicRegions(scene.map, scene.tracks, kCamera).removeFrom(scene.map);
+    EXPECT_EQ(scene.map.corners.size(), scene.map.points.size());  // they were at the same places
+    removed += static_cast<std::ptrdiff_t>(kCorners - scene.map.corners.size());
     corners_left += of_box(scene.map.corners);
     points_left += of_box(scene.map.points);
     EXPECT_EQ(scene.map.observations.size(), scene.map.corners.size() * (kFrames - 1));
@@ -108,9 +107,8 @@ TEST(DynamicRegions, AreWhereTracksContradictTheCamera) {
 TEST(DynamicRegions, OneBadTrackIsNoRegion) {
   Scene scene = makeScene(Eigen::Vector3d::Zero());
   scene.tracks.positions.back()[100] += Eigen::Vector2f(30, 40);
-  const DynamicRegions moving(scene.map, scene.tracks, kCamera);
-  EXPECT_EQ(moving.contradicting(), 1);
-  EXPECT_EQ(moving.removeCorners(scene.map), 0);
+  DynamicRegions(scene.map, scene.tracks, kCamera).removeFrom(scene.map);
+  EXPECT_EQ(scene.map.corners.size(), kCorners);
 }
 
 }  // namespace

@@ -36,11 +36,11 @@ struct SearchScene {
       truth.push_back(seed.inverse_depth);
     }
   }
-  void search(std::vector<CandidatePoint>& points, int index, std::size_t grain = 0) const {
+  void search(std::vector<CandidatePoint>& points, int index) const {
     const SE3 T_frame_host = sequence.pose(index).inverse() * sequence.pose(0);
     const FramePtr frame = sequence.framePtr(index);
     searchEpipolarLines(
-        points, EpipolarPair(sequence.camera(), T_frame_host, {}), frame->level(0), {}, grain);
+        points, EpipolarPair(sequence.camera(), T_frame_host, {}), frame->level(0), {});
   }
 };
 
@@ -75,7 +75,7 @@ TEST(EpipolarSearchTest, ParallelSearchGivesTheSameBits) {
   SearchScene scene;
   std::vector<CandidatePoint> parallel = scene.candidates;
   scene.search(scene.candidates, 6);
-  TaskArena(2).run([&] { scene.search(parallel, 6, 16); });
+  TaskArena(2).run([&] { scene.search(parallel, 6); });
   for (std::size_t i = 0; i < parallel.size(); ++i) {
     ASSERT_EQ(parallel[i].status, scene.candidates[i].status);
     ASSERT_EQ(parallel[i].min_inverse_depth, scene.candidates[i].min_inverse_depth);
@@ -95,8 +95,7 @@ TEST(EpipolarSearchTest, BrightnessTransferIsApplied) {
   searchEpipolarLines(scene.candidates,
                       EpipolarPair(scene.sequence.camera(), T_frame_host, {0.7, 9}),
                       frame->level(0),
-                      {},
-                      0);
+                      {});
   int good = 0, same = 0;
   for (std::size_t i = 0; i < plain.size(); ++i) {
     if (plain[i].status != CandidateStatus::kGood) continue;

@@ -56,7 +56,7 @@ TEST(EssentialMotion, IsRefusedWithFewMatches) {
 /// The model of least criterion, all fitted to the scene.
 DisplacementModel winner(const TwoViewScene& scene, double sigma) {
   const auto motion = estimateEssentialMotion(scene.matches, scene.camera, kSeed);
-  const auto H = estimateHomography(scene.matches, 1, kSeed);
+  const auto H = estimateHomography(scene.matches, kSeed);
   std::vector<double> errors =
       motion ? epipolarDistances(motion->T_cur_ref, scene.matches, scene.camera)
              : std::vector<double>(scene.matches.size(), 1e6);
@@ -122,9 +122,9 @@ TEST(MotionCandidates, FramesBetweenDecideWhichMotionOfAPlaneIsRight) {
   StageClock clock;
   const AttemptContext context{scene.camera, options, clock};
   const Matches matches = scene.view.tracks.matchesTo(5);
-  const auto H = estimateHomography(matches, 1, kSeed);
+  const auto H = estimateHomography(matches, kSeed);
   ASSERT_TRUE(H);
-  const std::vector<EssentialMotion> motions = planeMotions(*H, matches, scene.camera, 1);
+  const std::vector<EssentialMotion> motions = planeMotions(*H, matches, scene.camera);
   ASSERT_EQ(motions.size(), 2U);
   const Eigen::Vector3d truth = scene.T_cam_ref.back().translation();
   const auto errorOf = [&](const SE3& pose) {

@@ -45,7 +45,7 @@ struct ActivationScene {
     }
     addCandidates(first, pixels);
     for (const int index : {2, 4, 6, 8, 10, 12}) {
-      refineCandidates(window, {sequence.framePtr(index), pose(index), {}}, depth_options, 0);
+      refineCandidates(window, {sequence.framePtr(index), pose(index), {}}, depth_options);
     }
     addKeyframe(window, sequence.framePtr(12), pose(12), {}, window_options);
   }
@@ -55,7 +55,7 @@ TEST(PointActivationTest, ActivatedPointsHaveTheTrueDepth) {
   ActivationScene scene;
   const Keyframe& host = scene.window.keyframes[0];
   const std::size_t candidates = host.candidates.size();
-  activateCandidates(scene.window, scene.window_options, scene.depth_options, 0);
+  activateCandidates(scene.window, scene.window_options, scene.depth_options);
   EXPECT_LE(host.points.size() + host.candidates.size(), candidates);
   EXPECT_GT(host.points.size(), 200U);
   std::vector<double> errors;
@@ -74,7 +74,7 @@ TEST(PointActivationTest, PointsKeepTheirDistance) {
   ActivationScene scene;
   scene.window_options.desired_points = 10;  // more than enough points: the distance stays large
   scene.window.activation_distance = 4;
-  activateCandidates(scene.window, scene.window_options, scene.depth_options, 0);
+  activateCandidates(scene.window, scene.window_options, scene.depth_options);
   // With no active points yet the distance shrinks by 1.3 first: 2.7 px of half resolution.
   const double least = scene.window.activation_distance;
   ASSERT_NEAR(least, 2.7, 1e-9);
@@ -100,9 +100,8 @@ TEST(PointActivationTest, PointsKeepTheirDistance) {
 TEST(PointActivationTest, SameBitsForAnyNumberOfThreads) {
   ActivationScene one;
   ActivationScene two = one;
-  activateCandidates(one.window, one.window_options, one.depth_options, 0);
-  TaskArena(2).run(
-      [&] { activateCandidates(two.window, two.window_options, two.depth_options, 16); });
+  activateCandidates(one.window, one.window_options, one.depth_options);
+  TaskArena(2).run([&] { activateCandidates(two.window, two.window_options, two.depth_options); });
   const auto& expected = one.window.keyframes[0].points;
   const auto& points = two.window.keyframes[0].points;
   ASSERT_EQ(points.size(), expected.size());

@@ -14,8 +14,6 @@
 namespace dsorb::odometry {
 namespace {
 
-constexpr std::size_t kSerial = 0;
-
 /// True initializations of a rendered room.
 class SeedWindow : public ::testing::Test {
  protected:
@@ -31,7 +29,7 @@ class SeedWindow : public ::testing::Test {
   [[nodiscard]] window::Window seed(const InitializationResult& result) const {
     const PinholeCamera& camera = room().camera();
     PixelSelector selector(camera.width, camera.height, {});
-    return seedWindow(result, camera, options_, selector, kSerial);
+    return seedWindow(result, camera, options_, selector);
   }
 
   OdometryOptions options_;

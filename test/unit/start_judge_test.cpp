@@ -114,7 +114,7 @@ class SeededWindow : public ::testing::Test {
  protected:
   static window::Window seeded(const World& world, const InitializationResult& start) {
     PixelSelector selector(world.camera().width, world.camera().height, {});
-    return seedWindow(start, world.camera(), {}, selector, 0);
+    return seedWindow(start, world.camera(), {}, selector);
   }
   SeededWindow() {
     for (window::Keyframe& keyframe : after_.keyframes) {

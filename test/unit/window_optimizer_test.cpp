@@ -147,7 +147,7 @@ TEST(WindowOptimizerTest, SameBitsForOneAndTwoThreads) {
   std::vector<WindowScene> results;
   for (const int threads : {1, 2}) {
     WindowScene scene = start;
-    TaskArena(threads).run([&] { WindowOptimizer(options, 1).optimize(scene.window); });
+    TaskArena(threads).run([&] { WindowOptimizer(options).optimize(scene.window); });
     results.push_back(scene);
   }
   for (std::size_t k = 0; k < results[0].window.keyframes.size(); ++k) {

@@ -109,14 +109,14 @@ class MappingRun {
     Vector6d noise;
     for (int i = 0; i < 6; ++i) noise[i] = 5e-4 * random_.gaussian();
     const SE3 T_cam_world = SE3::exp(noise) * T_frame_last * last.T_cam_world();
-    refineCandidates(window_, {frame, T_cam_world, {}}, depth_options_, 0);
+    refineCandidates(window_, {frame, T_cam_world, {}}, depth_options_);
     if (index % kInterval == 0) addAndMap(frame, T_cam_world);
   }
 
   void addAndMap(const FramePtr& frame, const SE3& T_cam_world) {
     flagLeaving(window_, options_);
     addKeyframe(window_, frame, T_cam_world, {}, options_);
-    activateCandidates(window_, options_, depth_options_, 0);
+    activateCandidates(window_, options_, depth_options_);
     result_.most_keyframes = std::max(result_.most_keyframes, window_.keyframes.size());
     const OptimizationReport report = optimizer_.optimize(window_);
     result_.finite = result_.finite && report.finite;

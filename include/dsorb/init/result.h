@@ -15,8 +15,9 @@
 namespace dsorb {
 
 /// One of the frames since the reference. A frame that could not be posed is listed without a pose.
-/// Every posed frame but the reference has a covariance where the initializer estimates them. It
-/// includes the error of the structure that all frames share: two frames are not independent.
+/// Posed frames but the reference have a covariance where the initializer estimates them. It
+/// includes the error of the structure that all frames share, so that two frames are not
+/// independent; but not for those that `orb` has only posed after its adjustment.
 struct PosedFrame {
   FramePtr frame;                      ///< the frame as given
   std::optional<SE3> T_cam_ref;        ///< none: the frame could not be posed

@@ -29,7 +29,6 @@ enum class Mechanism : std::uint8_t {
   kClusters,
   kPlane,
   kReadoutProfile,
-  kFramesBetween,
   kJudge,
   kFillUp,
   kUncertain,

@@ -432,10 +432,6 @@ LevelSums evaluateLevel(const LevelView& view,
   return total.level;
 }
 
-double LevelReport::inlierShare() const {
-  return state.sums.good > 0 ? static_cast<double>(state.sums.inliers) / state.sums.good : 0.0;
-}
-
 double LevelReport::visibleShare() const {
   return points > 0 ? static_cast<double>(state.sums.good) / points : 0.0;
 }

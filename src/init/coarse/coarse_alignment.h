@@ -122,6 +122,10 @@ struct LevelSums {
   [[nodiscard]] double robustEnergy(int points) const {
     return good_energy + static_cast<double>(kPatternOutlierEnergy) * (points - good);
   }
+  /// Share of the good points.
+  [[nodiscard]] double inlierShare() const {
+    return good > 0 ? static_cast<double>(inliers) / good : 0.0;
+  }
 };
 
 constexpr float kMaxPatternEnergy = 20 * kPatternOutlierEnergy;  // above, the point is bad
@@ -168,7 +172,7 @@ struct LevelReport {
   int iterations = 0;  ///< steps tried
   LevelState state;    ///< at the accepted estimate
   int points = 0;
-  [[nodiscard]] double inlierShare() const;   ///< of the good points
+  [[nodiscard]] double inlierShare() const { return state.sums.inlierShare(); }
   [[nodiscard]] double visibleShare() const;  ///< good points, of all
 };
 

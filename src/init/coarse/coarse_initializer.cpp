@@ -76,6 +76,20 @@ double energyPerPoint(const LevelState& state) {
   return state.sums.good > 0 ? state.sums.good_energy / state.sums.good : HUGE_VAL;
 }
 
+/// The alignment of least energy, the first of equals; the first one where none has an energy.
+template <typename Energy>
+Alignment leastOf(const std::vector<Alignment>& candidates, const Energy& energy) {
+  double least = HUGE_VAL;
+  const Alignment* best = &candidates.front();
+  for (const Alignment& candidate : candidates) {
+    const double value = energy(candidate);
+    if (!(value < least)) continue;
+    least = value;
+    best = &candidate;
+  }
+  return *best;
+}
+
 /// Start of an earlier frame's alignment: its own estimate, that of the frame after it, or what
 /// lies between the latter and the reference; the best on the coarsest level.
 Alignment bestStart(const CoarseAttempt& attempt,
@@ -86,18 +100,11 @@ Alignment bestStart(const CoarseAttempt& attempt,
   const int level = static_cast<int>(attempt.levels.size()) - 1;
   std::vector<Alignment> starts = {tracked.alignment, tracked.alignment, next.first};
   starts[1].T_cur_ref = SE3::exp(next.second * next.first.T_cur_ref.log());
-  double best = HUGE_VAL;
-  Alignment result = tracked.alignment;
-  for (const Alignment& start : starts) {
+  return leastOf(starts, [&](const Alignment& start) {
     coarsest.good = attempt.levels.back().good;
-    const double energy = energyPerPoint(aligner.evaluate(
+    return energyPerPoint(aligner.evaluate(
         viewOf(*tracked.frame, attempt.camera, level), Unknowns::kPose, coarsest, start));
-    if (energy < best) {
-      best = energy;
-      result = start;
-    }
-  }
-  return result;
+  });
 }
 
 /// Mean squared residual of the good points of level 0 [grey levels^2].
@@ -514,8 +521,7 @@ Quality judge(const CoarseAttempt& attempt, LevelAligner& aligner) {
   const AlignedFrame& newest = attempt.frames.back();
   const LevelState full = aligner.evaluate(
       viewOf(*newest.frame, attempt.camera, 0), Unknowns::kPose, fixed.front(), newest.alignment);
-  quality.inlier_share =
-      full.sums.good > 0 ? static_cast<double>(full.sums.inliers) / full.sums.good : 0.0;
+  quality.inlier_share = full.sums.inlierShare();
   quality.parallax_deg = parallaxDeg(attempt);
   if (quality.parallax_deg < attempt.options.min_parallax_deg) {
     quality.reason = InitReason::kTooLittleParallax;
@@ -661,16 +667,7 @@ double RotationSearch::energy(const LevelView& view, const Alignment& alignment)
 }
 
 Alignment RotationSearch::best(const LevelView& view, const std::vector<Alignment>& candidates) {
-  double least = HUGE_VAL;
-  Alignment result = candidates.front();
-  for (const Alignment& candidate : candidates) {
-    const double value = energy(view, candidate);
-    if (value < least) {
-      least = value;
-      result = candidate;
-    }
-  }
-  return result;
+  return leastOf(candidates, [&](const Alignment& candidate) { return energy(view, candidate); });
 }
 
 double RotationSearch::refine(const LevelView& view, Alignment& alignment) {
@@ -775,11 +772,10 @@ Alignment CoarseInitializer::bestStart(const Frame& frame, const std::vector<Ali
   const auto view = viewOf(frame, camera_, coarsest);
   PointLevel& points = attempt_.levels.back();
   points.trial_inverse_depth = points.inverse_depth;
-  const auto energy = [&](const Alignment& alignment) {
+  return leastOf(starts, [&](const Alignment& alignment) {
     return aligner_.evaluate(view, Unknowns::kPose, points, alignment)
         .sums.robustEnergy(points.size());
-  };
-  return starts.size() == 2 && energy(starts[1]) < energy(starts[0]) ? starts[1] : starts[0];
+  });
 }
 
 LevelReport CoarseInitializer::track(const FramePtr& frame) {

@@ -41,9 +41,8 @@ PointGrid gridOf(const std::vector<Eigen::Vector2f>& pixels, float cell_size) {
       CellGrid(static_cast<int>(farthest.x()) + 1, static_cast<int>(farthest.y()) + 1, cell_size)};
 }
 
-constexpr int kMinFilled = 50;      // beside the corners; fewer: the attempt fails
-constexpr int kCandidates = 3000;   // pixels of the reference that are searched
-constexpr std::size_t kChunks = 2;  // of 128 points each in a parallel task
+constexpr int kMinFilled = 50;     // beside the corners; fewer: the attempt fails
+constexpr int kCandidates = 3000;  // pixels of the reference that are searched
 /// Variance of a grey value that makes information of covariances [grey levels^2].
 constexpr double kGreyVariance = 50;
 constexpr double kMinDisagreement = 0.1;    // of log inverse depth, to the neighbours
@@ -131,7 +130,7 @@ void fillUp(window::Window& window, const InitialMap& map, std::uint64_t seed) {
     const window::Keyframe& keyframe = window.keyframes[k];
     others.push_back({keyframe.frame, keyframe.T_cam_world(), keyframe.affine(), keyframe.motion});
   }
-  window::fillUp(window, selected, others, windowOptions(), DepthOptions(), kTaskGrain);
+  window::fillUp(window, selected, others, windowOptions(), DepthOptions());
   reference.candidates.clear();
 }
 
@@ -166,19 +165,17 @@ void takePoints(const window::Window& window, const CornerOf& corner_of, Initial
   const auto frames = static_cast<int>(map.joint_frames.size());
   std::vector<char> removed(map.corners.size(), 1);
   map.points.clear();
-  const auto take = [&](const window::WindowPoint& point) {
+  for (const window::WindowPoint& point : window.keyframes.front().points) {
     const int observations = point.num_observations;
-    if (!(point.variance > 0) || !(point.inverse_depth > 0)) return;
-    if (2 * observations <= frames) return;
+    if (!(point.variance > 0) || !(point.inverse_depth > 0) || 2 * observations <= frames) continue;
     const auto corner = corner_of.find(point.id.value);
-    if (corner == corner_of.end()) {
+    if (corner != corner_of.end()) {
+      removed[corner->second] = 0;
+    } else {
       map.points.push_back(
           {0, point.patch.seen, point.inverse_depth, point.variance, observations});
-      return;
     }
-    removed[corner->second] = 0;
-  };
-  for (const window::WindowPoint& point : window.keyframes.front().points) take(point);
+  }
   removeCorners(map, removed);
 }
 
@@ -241,7 +238,7 @@ Outcome<Reconstruction> fillFirstWindow(Reconstruction start, const AttemptConte
     keepConsistent(window, corner_of);
   });
   const auto report = context.clock.time(
-      "variances", [&] { return window::WindowOptimizer(options, kChunks).assess(window); });
+      "variances", [&] { return window::WindowOptimizer(options).assess(window); });
   if (!report.finite || report.residuals == 0) return InitReason::kPoorQuality;
   takePoints(window, corner_of, map);
   if (map.scaleKnown() && start.depth_prior) fuseKnownDepths(map, start.depth_prior->inflation);

@@ -219,12 +219,10 @@ DynamicRegions::DynamicRegions(const InitialMap& map,
   const std::vector<double> errors = trackErrors(map, tracks, camera);
   const double limit = std::max(kMinError, kErrorFactor * medianOf(errors));
   for (const double error : errors) contradicts_.push_back(error > limit ? 1 : 0);
-  contradicting_ = static_cast<int>(std::count(contradicts_.begin(), contradicts_.end(), 1));
 }
 
 std::vector<char> DynamicRegions::covered(const std::vector<Eigen::Vector2f>& pixels) const {
   std::vector<char> covered(pixels.size(), 0);
-  if (contradicting_ == 0) return covered;
   forEachRange(pixels.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const auto nearest = grid_.nearest<kVoters>(pixels[i], radius_);
@@ -240,20 +238,14 @@ std::vector<char> DynamicRegions::covered(const std::vector<Eigen::Vector2f>& pi
   return covered;
 }
 
-int DynamicRegions::removeCorners(InitialMap& map) const {
+void DynamicRegions::removeFrom(InitialMap& map) const {
   std::vector<Eigen::Vector2f> pixels;
   pixels.reserve(map.corners.size());
   for (const Corner& corner : map.corners) pixels.emplace_back(corner.pixel.cast<float>());
-  return init_orb::removeCorners(map, covered(pixels));
-}
-
-int DynamicRegions::removePoints(InitialMap& map) const {
-  const std::size_t before = map.points.size();
-  std::vector<Eigen::Vector2f> pixels;
-  pixels.reserve(map.points.size());
+  removeCorners(map, covered(pixels));
+  pixels.clear();
   for (const InitPoint& point : map.points) pixels.push_back(point.pixel);
   eraseMarked(covered(pixels), map.points);
-  return static_cast<int>(before - map.points.size());
 }
 
 }  // namespace dsorb::init_orb

@@ -46,13 +46,8 @@ class DynamicRegions {
   /// @param tracks all of them, those that the map left out included
   DynamicRegions(const InitialMap& map, const CornerTracks& tracks, const PinholeCamera& camera);
 
-  /// Tracks that contradict.
-  [[nodiscard]] int contradicting() const { return contradicting_; }
-
-  /// Takes the corners of these regions out of a map. @return their number
-  int removeCorners(InitialMap& map) const;
-  /// Takes the other points of these regions out of a map. @return their number
-  int removePoints(InitialMap& map) const;
+  /// Takes the corners and the other points of these regions out of a map.
+  void removeFrom(InitialMap& map) const;
 
  private:
   /// @return by pixel of the reference, whether too many of the nearest tracks contradict
@@ -61,7 +56,6 @@ class DynamicRegions {
   float radius_;                   ///< within which tracks vote [px]
   PointGrid grid_;                 ///< the tracks in the reference
   std::vector<char> contradicts_;  ///< by track
-  int contradicting_ = 0;
 };
 
 }  // namespace dsorb::init_orb

@@ -5,7 +5,6 @@
 
 #include "base/median.h"
 #include "image/contrast.h"
-#include "init/orb/bundle/corner_refinement.h"
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/first_window.h"
 #include "init/orb/left_out_tracks.h"
@@ -32,9 +31,9 @@ Outcome<Reconstruction> addPoints(Reconstruction made,
   }
   std::optional<DynamicRegions> dynamic;
   context.clock.time("dynamic", [&] { dynamic.emplace(made.map, view.tracks, context.camera); });
-  dynamic->removeCorners(made.map);
+  dynamic->removeFrom(made.map);
   auto filled = fillFirstWindow(std::move(made), context);
-  if (filled) dynamic->removePoints(filled->map);
+  if (filled) dynamic->removeFrom(filled->map);
   return filled;
 }
 
@@ -45,13 +44,20 @@ Outcome<Reconstruction> refuseRemains(Reconstruction made) {
   return made;
 }
 
-/// Poses the frames that had no part in the adjustments.
+/// Poses the frames that had no part in the adjustments; their brightness is left to the window.
+/// Their covariances are those of their own corners' errors. The depths' are not in them: squared
+/// errors are up to 1.5 times as large as they say.
 Outcome<Reconstruction> poseOtherFrames(Reconstruction made, const AttemptContext& context) {
-  const OrbOptions& orb = context.options.orb;
+  InitialMap& map = made.map;
   context.clock.time("pose", [&] {
-    const std::vector<std::size_t> frames = poseOtherFrames(made.map, context.camera);
-    if (!context.options.skip.has(Mechanism::kFramesBetween)) {
-      refinePoses(made.map, context.camera, orb.geometric, frames);
+    const std::vector<std::size_t> frames = poseOtherFrames(map, context.camera);
+    const auto observations = observationsByFrame(map, context.camera);
+    for (const std::size_t frame : frames) {
+      PosedFrame& posed = map.frames[frame];
+      posed.covariance = poseCovariance(observations[frame],
+                                        context.camera,
+                                        *posed.T_cam_ref,
+                                        {kTrackSigma, map.cluster_variance_scale});
     }
   });
   return made;

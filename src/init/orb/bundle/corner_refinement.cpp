@@ -7,15 +7,12 @@
 #include "base/lanes.h"
 #include "base/parallel.h"
 #include "base/target_clones.h"
-#include "estimate/pose_from_points.h"
 #include "estimate/robust_loss.h"
 #include "estimate/sampling.h"
 #include "estimate/target_image.h"
-#include "estimate/variance_factors.h"
 #include "estimate/warp.h"
 #include "image/photometric.h"
 #include "init/orb/bundle/map_assembly.h"
-#include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "init/orb/map/initial_map.h"
 
@@ -161,14 +158,12 @@ std::optional<CornerPatch> cutCornerPatch(const PyramidLevel& reference,
 /// Measures corners in one frame: aligns their patches, warped by pose and inverse depth.
 class FrameMeasurer {
  public:
-  FrameMeasurer(const InitialMap& map,
-                const PinholeCamera& camera,
-                std::size_t frame,
-                const SE3& T_cam_ref)
+  /// @param frame that has a pose
+  FrameMeasurer(const InitialMap& map, const PinholeCamera& camera, std::size_t frame)
       : camera_(camera),
-        T_cam_ref_(T_cam_ref),
+        T_cam_ref_(*map.frames[frame].T_cam_ref),
         target_(makeTargetImage(
-            camera, T_cam_ref, brightnessTo(map, frame), map.frames[frame].frame->level(0))) {
+            camera, T_cam_ref_, brightnessTo(map, frame), map.frames[frame].frame->level(0))) {
     if (const auto shutter = shutterOf(map, frame)) target_.setShutter(*shutter);
   }
 
@@ -218,12 +213,9 @@ constexpr double kMinCornerSigma = 0.05;  // of a corner however strong its grad
 constexpr double kMaxTurnDeg = 15;        // of the direction of translation; beyond it, rejected
 constexpr double kSettledDeg = .03;       // less in a round: the others change nothing
 constexpr double kMinGradient = 1;        // rms in the weakest direction [grey levels / px]
-constexpr double kMeasuredSigma = 0.2;  // of a measured corner, for the pose of a single frame [px]
 /// Share of the corners that must match the images.
 constexpr double kMinFittingShare = 0.5;
 constexpr int kBrightnessRounds = 2;  // the pixels hardly move in the others
-constexpr double kMinPoseStep =
-    1e-5;  // of a single frame's pose, which ends its rounds: below .01 px
 
 /// One a corner; none where it cannot be cut.
 using Patches = std::vector<std::optional<CornerPatch>>;
@@ -253,17 +245,13 @@ bool strongEnough(const Eigen::Matrix2d& information) {
          kPatchPixels * kMinGradient * kMinGradient * information.trace();
 }
 
-struct Round {
-  double rms = 0;
-};
-
 /// Measures every observation in a posed frame again.
 std::vector<std::optional<Measurement>> measureAll(const InitialMap& map,
                                                    const PinholeCamera& camera,
                                                    const Patches& patches) {
   std::vector<std::optional<FrameMeasurer>> measurers(map.frames.size());
   for (std::size_t k = 1; k < measurers.size(); ++k) {
-    if (map.frames[k].T_cam_ref) measurers[k].emplace(map, camera, k, *map.frames[k].T_cam_ref);
+    if (map.frames[k].T_cam_ref) measurers[k].emplace(map, camera, k);
   }
   std::vector<std::optional<Measurement>> measurements(map.observations.size());
   forEachRange(measurements.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
@@ -292,7 +280,11 @@ struct CornerSummary {
 /// Replaces observations in posed frames by new measurements; those without keep the old pixel.
 /// @param patches of the corners; those of dropped corners go with them
 /// @param sigma   of old pixels
-Round measureCorners(InitialMap& map, Patches& patches, const PinholeCamera& camera, double sigma) {
+/// @return        error of the patches' pixels [grey levels]
+double measureCorners(InitialMap& map,
+                      Patches& patches,
+                      const PinholeCamera& camera,
+                      double sigma) {
   const std::vector<std::optional<Measurement>> measurements = measureAll(map, camera, patches);
   std::vector<CornerSummary> summaries(map.corners.size());
   for (std::size_t i = 0; i < measurements.size(); ++i) {
@@ -303,7 +295,6 @@ Round measureCorners(InitialMap& map, Patches& patches, const PinholeCamera& cam
     if (measurements[i]->mean_residual > kMaxResidual) summary.fits = false;
   }
   for (CornerSummary& summary : summaries) summary.finish();
-  Round round;
   double square = 0;
   double weight = 0;
   for (std::size_t i = 0; i < measurements.size(); ++i) {
@@ -323,53 +314,9 @@ Round measureCorners(InitialMap& map, Patches& patches, const PinholeCamera& cam
   std::transform(summaries.begin(), summaries.end(), removed.begin(), [](const auto& summary) {
     return static_cast<char>(summary.fits ? 0 : 1);
   });
-  round.rms = weight > 0 ? std::sqrt(square / weight) : 0;
   removeCorners(map, removed);
   eraseMarked(removed, patches);
-  return round;
-}
-
-/// A pose with the observations it was fitted to.
-struct FittedPose {
-  SE3 T_cam_ref;
-  std::vector<PointObservation> observations;
-  double sigma = kTrackSigma;  ///< of an observation [px]
-};
-
-/// Pose of a single frame from its corners, measured again several times.
-FittedPose refinePose(const InitialMap& map,
-                      const PinholeCamera& camera,
-                      const Patches& patches,
-                      std::size_t frame) {
-  std::vector<std::size_t> seen;
-  for (const CornerObservation& observation : map.observations) {
-    if (observation.frame == frame) seen.push_back(observation.corner);
-  }
-  FittedPose fit{*map.frames[frame].T_cam_ref, {}};
-  std::vector<PointObservation> observations;
-  for (int round = 0; round < kRounds; ++round) {
-    const FrameMeasurer measurer(map, camera, frame, fit.T_cam_ref);
-    observations.clear();
-    for (const std::size_t i : seen) {
-      const Corner& corner = map.corners[i];
-      const auto measurement = measurer.measure(corner, patches[i]);
-      if (!measurement || measurement->mean_residual > kMaxResidual ||
-          !strongEnough(measurement->information)) {
-        continue;
-      }
-      observations.push_back(
-          {camera.unproject(corner.pixel), corner.inverse_depth, measurement->pixel});
-    }
-    const auto found = poseFromPoints(observations, camera, fit.T_cam_ref, kMeasuredSigma);
-    if (!found) break;
-    const double step = (*found * fit.T_cam_ref.inverse()).log().norm();
-    fit.T_cam_ref = *found;
-    fit.observations.swap(observations);
-    fit.sigma = kMeasuredSigma;
-    if (step < kMinPoseStep) break;
-  }
-  if (fit.observations.empty()) fit.observations = observationsByFrame(map, camera)[frame];
-  return fit;
+  return weight > 0 ? std::sqrt(square / weight) : 0;
 }
 
 const SE3& newestPose(const InitialMap& map) {
@@ -381,68 +328,6 @@ double directionChangeDeg(const SE3& before, const SE3& after) {
 }
 
 }  // namespace
-
-InheritedPoseError::InheritedPoseError(const InitialMap& map,
-                                       const PinholeCamera& camera,
-                                       const GeometricOptions& options)
-    : joint_(map.joint_covariance) {
-  const PoseRows rows(map, map.joint_frames);
-  const LinearSystem<double> system = linearize(map, rows, camera, options).system;
-  const auto corners = static_cast<Eigen::Index>(map.corners.size());
-  // Rows 6 d to 6 d + 5: J^T J_t,d / (rho h).
-  Eigen::Matrix<double, 18, Eigen::Dynamic> effects =
-      Eigen::Matrix<double, 18, Eigen::Dynamic>::Zero(18, corners);
-  Matrix6d hessian = Matrix6d::Zero();
-  for (Eigen::Index i = 0; i < corners; ++i) {
-    const Corner& corner = map.corners[static_cast<std::size_t>(i)];
-    const auto k = static_cast<std::size_t>(i);
-    if (!system.known(k) || !(corner.inverse_depth > 0)) continue;
-    const auto projection =
-        projectHosted(camera, SE3(), camera.unproject(corner.pixel), corner.inverse_depth);
-    const Matrix6d own = projection->J_pose.transpose() * projection->J_pose;
-    hessian += own;
-    const double scale = 1 / (corner.inverse_depth * system.depth_hessian[k]);
-    for (Eigen::Index d = 0; d < 3; ++d) effects.col(i).segment<6>(6 * d) = scale * own.col(d);
-  }
-  const Eigen::Matrix<double, 18, Eigen::Dynamic> sums =
-      effects * system.couplings().topRows(corners);
-  const Eigen::LDLT<Matrix6d> cholesky(hessian);
-  for (Eigen::Index d = 0; d < 3; ++d) {
-    response_[static_cast<std::size_t>(d)] = cholesky.solve(sums.middleRows<6>(6 * d));
-  }
-}
-
-Eigen::Matrix<double, 6, Eigen::Dynamic> InheritedPoseError::response(const SE3& T_cam_ref) const {
-  const Eigen::Matrix3d R = T_cam_ref.unitQuaternion().toRotationMatrix();
-  const Eigen::Vector3d t = R.transpose() * T_cam_ref.translation();
-  Eigen::Matrix<double, 6, Eigen::Dynamic> response =
-      t.x() * response_[0] + t.y() * response_[1] + t.z() * response_[2];
-  response.topRows<3>() = (R * response.topRows<3>()).eval();
-  response.bottomRows<3>() = (R * response.bottomRows<3>()).eval();
-  return response;
-}
-
-Matrix6d InheritedPoseError::covariance(const SE3& T_cam_ref) const {
-  const Eigen::Matrix<double, 6, Eigen::Dynamic> inherited = response(T_cam_ref);
-  const Matrix6d covariance = inherited * joint_ * inherited.transpose();
-  return 0.5 * (covariance + covariance.transpose());
-}
-
-Matrix6d interpolatedCovariance(const InitialMap& map, std::size_t frame) {
-  const auto after = std::upper_bound(map.joint_frames.begin(), map.joint_frames.end(), frame);
-  const std::size_t last = *after;
-  Matrix6d covariance = map.frames[last].covariance.value_or(Matrix6d::Zero());
-  SE3 T_before;
-  if (after != map.joint_frames.begin()) {
-    const std::size_t first = *(after - 1);
-    T_before = *map.frames[first].T_cam_ref;
-    covariance += map.frames[first].covariance.value_or(Matrix6d::Zero());
-  }
-  const Vector6d motion = (*map.frames[last].T_cam_ref * T_before.inverse()).log();
-  covariance.diagonal().head<3>().array() += 0.25 * motion.head<3>().squaredNorm();
-  covariance.diagonal().tail<3>().array() += 0.25 * motion.tail<3>().squaredNorm();
-  return covariance;
-}
 
 GeometricOptions refinedAdjustment(const GeometricOptions& geometric) {
   GeometricOptions adjusted = geometric;
@@ -462,9 +347,8 @@ RefinementReport refineCorners(InitialMap& map,
   Patches patches = cutPatches(refined);
   for (int round = 0; round < kRounds; ++round) {
     if (round < kBrightnessRounds) estimateBrightness(refined, camera);
-    const Round measured = measureCorners(refined, patches, camera, geometric.sigma);
-    if (round == 0) report.first_rms = measured.rms;
-    report.last_rms = measured.rms;
+    report.last_rms = measureCorners(refined, patches, camera, geometric.sigma);
+    if (round == 0) report.first_rms = report.last_rms;
     const SE3 before = newestPose(refined);
     auto solved = adjustOnce(std::move(refined), camera, adjusted, {kIterations});
     if (!solved) return report;
@@ -481,32 +365,6 @@ RefinementReport refineCorners(InitialMap& map,
                     static_cast<int>(refined.corners.size()) >= kMinCornersOfMotion;
   if (report.accepted) map = std::move(refined);
   return report;
-}
-
-void refinePoses(InitialMap& map,
-                 const PinholeCamera& camera,
-                 const GeometricOptions& geometric,
-                 const std::vector<std::size_t>& frames) {
-  if (frames.empty()) return;
-  estimateBrightness(map, camera, frames);
-  const Patches patches = cutPatches(map);
-  const InheritedPoseError inherited(map, camera, geometric);
-  const double factor = variance_factors::kFrameBetween * map.cluster_variance_scale;
-  std::vector<SE3> poses(frames.size());
-  std::vector<std::optional<Matrix6d>> covariances(frames.size());
-  forEachRange(frames.size(), 1, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const FittedPose fit = refinePose(map, camera, patches, frames[i]);
-      poses[i] = fit.T_cam_ref;
-      covariances[i] = poseCovariance(fit.observations, camera, poses[i], {fit.sigma, factor});
-      if (covariances[i]) *covariances[i] += inherited.covariance(poses[i]);
-    }
-  });
-  for (std::size_t i = 0; i < frames.size(); ++i) {
-    PosedFrame& frame = map.frames[frames[i]];
-    frame.T_cam_ref = poses[i];
-    frame.covariance = covariances[i] ? *covariances[i] : interpolatedCovariance(map, frames[i]);
-  }
 }
 
 }  // namespace dsorb::init_orb

@@ -33,10 +33,6 @@ std::vector<TimedPose> posesOf(InitialMap map, const PinholeCamera& camera) {
   return poses;
 }
 
-bool isBetween(std::size_t k, std::size_t count) {
-  return k > 0 && k + 1 < count;
-}
-
 std::vector<RowMotion> parabolasThrough(const std::vector<TimedPose>& poses) {
   std::vector<RowMotion> motions;
   const std::size_t count = poses.size();
@@ -134,7 +130,8 @@ void estimateMotions(InitialMap& map, const PinholeCamera& camera) {
     for (const RowMotion& mean : means) map.motions.push_back({mean});
   }
   for (std::size_t k = 0; k < means.size(); ++k) {
-    const double share = isBetween(k, means.size()) ? 0.5 : 1;
+    const bool between = k > 0 && k + 1 < means.size();
+    const double share = between ? 0.5 : 1;
     map.motions[k].prior = {means[k], share * sigma, acceleration_sigma};
   }
   placeCorners(map, camera);

@@ -59,20 +59,6 @@ double fitMetres(const std::vector<KnownMotion>& motions,
   return metres;
 }
 
-/// Linearization and update of the state.
-struct ReprojectionModel {
-  const ReprojectionProblem& problem;
-
-  void linearize(const ReprojectionState& state, ReprojectionEquations& equations) const {
-    problem.linearize(state, equations);
-  }
-  static void move(const ReprojectionState& from,
-                   const DampedSolver<double>& solution,
-                   ReprojectionState& to) {
-    to.moveFrom(from, solution);
-  }
-};
-
 }  // namespace
 
 MotionEquations motionEquations(const std::vector<KnownMotion>& motions,
@@ -144,14 +130,6 @@ PoseRows::PoseRows(const InitialMap& map) : first(map.frames.size(), -1) {
       first[k] = size;
       size += kPoseSize;
     }
-  }
-}
-
-PoseRows::PoseRows(const InitialMap& map, const std::vector<std::size_t>& frames)
-    : first(map.frames.size(), -1) {
-  for (const std::size_t frame : frames) {
-    first[frame] = size;
-    size += kPoseSize;
   }
 }
 
@@ -328,8 +306,8 @@ std::optional<int> solveReprojections(InitialMap& map,
   const PoseRows pose_rows(map);
   if (pose_rows.size == 0) return std::nullopt;
   const ReprojectionProblem problem(map, pose_rows, camera, options);
-  SchurProblem<ReprojectionModel, ReprojectionState, ReprojectionEquations> adjustment(
-      {problem}, ReprojectionState(map, pose_rows), stopping);
+  SchurProblem<const ReprojectionProblem&, ReprojectionState, ReprojectionEquations> adjustment(
+      problem, ReprojectionState(map, pose_rows), stopping);
   const std::optional<int> iterations = minimize(adjustment, stopping);
   if (!iterations) return std::nullopt;
   adjustment.state().writeTo(map, pose_rows);

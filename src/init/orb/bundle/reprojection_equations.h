@@ -41,8 +41,6 @@ constexpr std::size_t kCornerBlock = 64;  ///< corners that one thread takes at 
 /// Rows of the posed frames' unknowns in the equations.
 struct PoseRows {
   explicit PoseRows(const InitialMap& map);
-  /// @param frames posed, ascending, without the reference; no others have rows
-  PoseRows(const InitialMap& map, const std::vector<std::size_t>& frames);
 
   std::vector<int> first;  ///< one a frame; -1 for the reference and unposed frames
   int size = 0;            ///< of all poses together
@@ -92,6 +90,11 @@ class ReprojectionProblem {
                       const GeometricOptions& options);
 
   void linearize(const ReprojectionState& state, ReprojectionEquations& equations) const;
+  static void move(const ReprojectionState& from,
+                   const DampedSolver<double>& solution,
+                   ReprojectionState& to) {
+    to.moveFrom(from, solution);
+  }
 
   [[nodiscard]] std::size_t frames() const { return observations_.size(); }
   /// Corners, filled up to whole lanes.

@@ -63,9 +63,8 @@ struct GateReport {
 struct DepthPriorReport {
   bool used = false;          ///< the start is made of them; otherwise it is one without
   bool contradicted = false;  ///< the images contradict them: they give no scale, either
-  int corners = 0;            ///< corners that had a depth
+  int corners = 0;            ///< that have a depth
   double inflation = 1;       ///< factor on the claimed standard deviations, to fit the images [-]
-  double relative_sigma = 0;  ///< median relative sigma of a corner's known depth after that [-]
 };
 
 /// Summary of the latest attempt from a reference, which tells when the next one is worth its time.

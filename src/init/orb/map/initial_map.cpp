@@ -12,7 +12,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <numeric>
 #include <optional>
 #include <utility>
 
@@ -190,11 +189,11 @@ BrightnessTransfer brightnessTo(const InitialMap& map, std::size_t frame) {
   return brightnessTransfer(from.affine, from.frame->exposure(), to.affine, to.frame->exposure());
 }
 
-std::optional<RollingShutter> shutterOf(const InitialMap& map, std::size_t frame, int level) {
+std::optional<RollingShutter> shutterOf(const InitialMap& map, std::size_t frame) {
   if (map.motions.empty()) return std::nullopt;
   const Frame& of = *map.frames[frame].frame;
   const double change = map.readout ? map.readout->seconds - readoutOf(of).seconds : 0;
-  return makeRollingShutter(rowTimesOf(of, change), map.motions[frame].found, level);
+  return makeRollingShutter(rowTimesOf(of, change), map.motions[frame].found);
 }
 
 void placeCorners(InitialMap& map, const PinholeCamera& camera) {
@@ -228,7 +227,7 @@ void widenCovariances(InitialMap& map, double factor) {
   for (Corner& corner : map.corners) corner.variance *= variance;
 }
 
-int removeCorners(InitialMap& map, const std::vector<char>& removed) {
+void removeCorners(InitialMap& map, const std::vector<char>& removed) {
   std::vector<std::size_t> new_index;
   new_index.reserve(removed.size());
   std::size_t next = 0;
@@ -241,7 +240,6 @@ int removeCorners(InitialMap& map, const std::vector<char>& removed) {
     map.observations[kept++].corner = new_index[observation.corner];
   }
   map.observations.resize(kept);
-  return static_cast<int>(removed.size() - next);
 }
 
 std::vector<InitPoint> pointsOf(const InitialMap& map) {
@@ -289,47 +287,25 @@ KnownInverseDepth DepthLookup::at(const Eigen::Vector2f& pixel) const {
 }
 
 void estimateBrightness(InitialMap& map, const PinholeCamera& camera) {
-  std::vector<std::size_t> all(map.frames.size() - 1);
-  std::iota(all.begin(), all.end(), std::size_t{1});
-  estimateBrightness(map, camera, all);
-}
-
-void estimateBrightness(InitialMap& map,
-                        const PinholeCamera& camera,
-                        const std::vector<std::size_t>& frames) {
-  std::vector<std::optional<RollingShutter>> shutters(map.frames.size());
-  for (const std::size_t frame : frames) shutters[frame] = shutterOf(map, frame);
-  std::vector<char> wanted(map.frames.size(), 0);
-  for (const std::size_t frame : frames) wanted[frame] = 1;
-  std::vector<std::optional<double>> reference(map.corners.size());
-  forEachRange(map.corners.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
+  const Frame& reference = *map.frames.front().frame;
+  std::vector<std::optional<double>> host(map.corners.size());
+  forEachRange(host.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      reference[i] = patchMean(map.frames.front().frame->level(0), map.corners[i].seen());
+      host[i] = patchMean(reference.level(0), map.corners[i].seen());
     }
   });
-  std::vector<std::optional<double>> target(map.observations.size());
-  forEachRange(map.observations.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const CornerObservation& observation = map.observations[i];
-      const auto frame = observation.frame;
-      if (wanted[frame] != 0 && map.frames[frame].T_cam_ref) {
-        target[i] = patchMean(map.frames[frame].frame->level(0),
-                              shownPixel(map, camera, observation, shutters[frame]));
+  forEachRange(map.frames.size() - 1, 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t k = begin + 1; k <= end; ++k) {
+      PosedFrame& posed = map.frames[k];
+      const std::optional<RollingShutter> shutter = shutterOf(map, k);
+      std::vector<GreyPair> pairs;
+      for (const CornerObservation& seen : map.observations) {
+        if (seen.frame != k || !posed.T_cam_ref || !host[seen.corner]) continue;
+        const auto target =
+            patchMean(posed.frame->level(0), shownPixel(map, camera, seen, shutter));
+        if (target) pairs.push_back({*host[seen.corner], *target});
       }
-    }
-  });
-  std::vector<std::vector<GreyPair>> pairs(map.frames.size());
-  for (std::size_t i = 0; i < map.observations.size(); ++i) {
-    const CornerObservation& observation = map.observations[i];
-    const std::optional<double>& host = reference[observation.corner];
-    if (host && target[i]) {
-      pairs[observation.frame].push_back({*host, *target[i]});
-    }
-  }
-  forEachRange(frames.size(), 1, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const std::size_t k = frames[i];
-      map.frames[k].affine = affineOf(*map.frames.front().frame, *map.frames[k].frame, pairs[k]);
+      posed.affine = affineOf(reference, *posed.frame, pairs);
     }
   });
 }

@@ -7,6 +7,7 @@
 #include "dsorb/image/frame_priors.h"
 #include "dsorb/init/result.h"
 
+#include "base/erase_marked.h"
 #include "estimate/rolling_shutter.h"
 #include "geometry/motion_prior.h"
 #include "geometry/row_motion.h"
@@ -98,7 +99,7 @@ struct KnownTerm {
 KnownTerm knownTerm(const KnownInverseDepth& known, double inverse_depth);
 
 /// Rolling shutter of a frame's image; nothing where all of it counts as exposed at one time.
-std::optional<RollingShutter> shutterOf(const InitialMap& map, std::size_t frame, int level = 0);
+std::optional<RollingShutter> shutterOf(const InitialMap& map, std::size_t frame);
 
 /// Moves the corners' pixels to where a global shutter would have seen them, by the reference's
 /// motion.
@@ -116,22 +117,11 @@ void setJointCovariance(InitialMap& map,
 /// Multiplies all standard deviations: of poses and of corners.
 void widenCovariances(InitialMap& map, double factor);
 
-/// Erases the marked elements, order kept. @param marked not zero where marked; one an element
-template <typename T>
-void eraseMarked(const std::vector<char>& marked, std::vector<T>& elements) {
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < elements.size(); ++i) {
-    if (marked[i] == 0) elements[kept++] = elements[i];
-  }
-  elements.resize(kept);
-}
-
 /// Corners and points as they are handed over; those at or behind infinity are left out.
 std::vector<InitPoint> pointsOf(const InitialMap& map);
 
 /// Removes the marked corners with their observations. @param removed one a corner
-/// @return their number
-int removeCorners(InitialMap& map, const std::vector<char>& removed);
+void removeCorners(InitialMap& map, const std::vector<char>& removed);
 
 /// Makes the mean inverse depth of the corners 1; poses, covariances and variances change their
 /// unit with it.
@@ -162,10 +152,5 @@ class DepthLookup {
 /// patch means. A frame with too few corners or too little contrast keeps a = b = 0.
 /// @source Engel et al., DSO, arXiv:1607.02565, eq. (4) for the meaning of a and b
 void estimateBrightness(InitialMap& map, const PinholeCamera& camera);
-
-/// Sets the brightness of some frames only. @param frames indices without the reference
-void estimateBrightness(InitialMap& map,
-                        const PinholeCamera& camera,
-                        const std::vector<std::size_t>& frames);
 
 }  // namespace dsorb::init_orb

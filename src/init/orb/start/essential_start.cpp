@@ -79,30 +79,20 @@ struct SelectedMotion {
   double gric = 0;
 };
 
-/// The best motion after the motions of a plane have been tried as well.
-struct PlaneComparison {
-  MotionCandidate best;
-  DisplacementModel model = DisplacementModel::kEssential;
-  std::optional<double> second_cost;  ///< of the best really different motion, over the best's
-  bool replaced = false;              ///< a motion of the plane is the best now
-};
-
-/// Where a homography explains the matches better, both motions of the plane are tried.
-void comparePlane(const SelectedMotion& selected,
-                  const ReferenceView& view,
-                  const Matches& matches,
-                  const AttemptContext& context,
-                  PlaneComparison& compared) {
-  const auto H = estimateHomography(matches, kRansacThreshold, context.seed());
-  if (!H) return;
+/// Where a homography explains the matches better, both motions of the plane compete with the best
+/// motion so far. @return nothing where none does
+std::optional<Competition> comparePlane(const SelectedMotion& selected,
+                                        const ReferenceView& view,
+                                        const Matches& matches,
+                                        const AttemptContext& context,
+                                        MotionCandidate& best) {
+  const auto H = estimateHomography(matches, context.seed());
+  if (!H) return std::nullopt;
   const double homography_gric =
       gric(DisplacementModel::kHomography, homographySampsonErrors(*H, matches), selected.noise);
-  if (homography_gric >= selected.gric) return;
-  compared.model = DisplacementModel::kHomography;
-  const Competition outcome = competeOverFrames(
-      view, planeMotions(*H, matches, context.camera, kRansacThreshold), context, compared.best);
-  compared.second_cost = std::min(outcome.cost_ratio, kMaxCostRatio);
-  compared.replaced = outcome.replaced;
+  if (homography_gric >= selected.gric) return std::nullopt;
+  const auto motions = planeMotions(*H, matches, context.camera);
+  return competeOverFrames(view, motions, context, best);
 }
 
 constexpr double kMinRotationResidual = 0.5;  // rotation-compensated flow; less: no parallax [px]
@@ -181,34 +171,29 @@ Outcome<SelectedMotion> selectMotion(const Matches& matches,
   return selected;
 }
 
-/// A map with scale and covariances.
-struct CompletedMap {
-  InitialMap map;
-  double variance_factor = 0;  ///< not finite where nothing is determined
-  double median_error = 0;     ///< medianError()
-};
-
 /// Drops corners behind the camera, sets scale and covariances.
 /// @param refined whether corners were refined: then errors beyond the images' noise widen
-/// @return nothing with too few corners
-std::optional<CompletedMap> completeMap(InitialMap map,
-                                        const GeometricOptions& adjusted,
-                                        bool refined,
-                                        const AttemptContext& context) {
+/// @return the misfit of refined corners; 1 of others
+Outcome<double> completeMap(InitialMap& map,
+                            const GeometricOptions& adjusted,
+                            bool refined,
+                            const AttemptContext& context) {
   std::vector<char> behind(map.corners.size(), 0);
   for (std::size_t i = 0; i < behind.size(); ++i) {
     behind[i] = map.corners[i].inverse_depth > 0 ? 0 : 1;
   }
   removeCorners(map, behind);
   if (static_cast<int>(map.corners.size()) < kMinCornersOfMotion || !normalizeCornerScale(map)) {
-    return std::nullopt;
+    return InitReason::kTooFewPoints;
   }
-  const double variance_factor =
-      setCovariances(map, context.camera, adjusted, context.options.skip);
-  const double median_error = medianError(map, context.camera);
-  if (refined && !context.options.skip.has(Mechanism::kMisfit))
-    widenCovariances(map, misfitOf(median_error));
-  return CompletedMap{std::move(map), variance_factor, median_error};
+  const Skips& skip = context.options.skip;
+  if (!std::isfinite(setCovariances(map, context.camera, adjusted, skip))) {
+    return InitReason::kPoorQuality;
+  }
+  if (!refined) return 1.0;
+  double misfit = misfitOf(medianError(map, context.camera));
+  if (!skip.has(Mechanism::kMisfit)) widenCovariances(map, misfit);
+  return misfit;
 }
 
 /// Whether a start whose refinement has begun misses by so much that the rest of the refinement
@@ -217,10 +202,9 @@ bool missesByFar(InitialMap map,
                  const GeometricOptions& adjusted,
                  const ReferenceView& view,
                  const AttemptContext& context) {
-  const auto reached = completeMap(std::move(map), adjusted, true, context);
-  if (!reached || !std::isfinite(reached->variance_factor)) return false;
+  if (!completeMap(map, adjusted, true, context)) return false;
   const GateOptions& options = context.options.orb.gate;
-  const GateReport gate = judgeStart(reached->map, context.camera, options, {});
+  const GateReport gate = judgeStart(map, context.camera, options, {});
   return !errorsPass(gate, kHopelessFactor, options) ||
          isYoung(view, gate.direction_sigma_deg / kHopelessFactor);
 }
@@ -257,14 +241,11 @@ Outcome<Reconstruction> refineStart(Reconstruction made,
   }
   if (!refinement.fits) return InitReason::kPoorQuality;
   if (refinement.accepted) adjusted = refined;
-  auto reached = context.clock.time("covariance", [&] {
-    return completeMap(std::move(map), adjusted, refinement.accepted, context);
-  });
-  if (!reached) return InitReason::kTooFewPoints;
-  map = std::move(reached->map);
+  auto misfit = context.clock.time(
+      "covariance", [&] { return completeMap(map, adjusted, refinement.accepted, context); });
+  if (!misfit) return misfit.reason();
+  evidence.misfit = *misfit;
   made.adjustment = adjusted;
-  if (!std::isfinite(reached->variance_factor)) return InitReason::kPoorQuality;
-  if (refinement.accepted) evidence.misfit = misfitOf(reached->median_error);
   return made;
 }
 
@@ -310,20 +291,29 @@ JudgedStart decided(Reconstruction made, const GateReport& gate) {
   return {std::move(made), gate};
 }
 
+/// What the competition with the motions of a plane says of a start.
+void tellPlane(const std::optional<Competition>& plane,
+               StartEvidence& evidence,
+               InitReport& report) {
+  report.model = name(plane ? DisplacementModel::kHomography : DisplacementModel::kEssential);
+  if (plane) evidence.plane_cost_ratio = std::min(plane->cost_ratio, kMaxCostRatio);
+}
+
+/// @param plane       where motions of a plane have competed
 /// @param live_tracks that a corner could have been made of
-/// @param doubtful see refineStart()
-JudgedStart refineAndJudge(const PlaneComparison& compared,
+/// @param doubtful    see refineStart()
+JudgedStart refineAndJudge(const MotionCandidate& candidate,
+                           const std::optional<Competition>& plane,
                            const ReferenceView& view,
                            int live_tracks,
                            bool doubtful,
                            const AttemptContext& context) {
-  Reconstruction start{compared.best.map, {}};
+  Reconstruction start{candidate.map, {}};
   start.live_tracks = live_tracks;
-  InitReport& report = start.report;
-  report.model = name(compared.model);
-  report.pose_prior = compared.best.motions_used;
-  report.add("tracks", start.live_tracks);
-  StartEvidence evidence{start.live_tracks, compared.best.front_share, 1, compared.second_cost};
+  start.report.pose_prior = candidate.motions_used;
+  StartEvidence evidence{start.live_tracks, candidate.front_share, 1, {}};
+  tellPlane(plane, evidence, start.report);
+  start.report.add("tracks", start.live_tracks);
   auto refined = refineStart(std::move(start), view, doubtful, evidence, context);
   if (!refined) return {refined.reason(), {}};
   const GateReport gate =
@@ -335,10 +325,9 @@ JudgedStart refineAndJudge(const PlaneComparison& compared,
 
 /// Judges a start that has passed anew, knowing the other motion of its plane.
 JudgedStart judgeWithPlane(JudgedStart start,
-                           const PlaneComparison& compared,
+                           const Competition& plane,
                            const AttemptContext& context) {
-  start.made->report.model = name(compared.model);
-  start.evidence.plane_cost_ratio = compared.second_cost;
+  tellPlane(plane, start.evidence, start.made->report);
   const GateOptions& options = context.options.orb.gate;
   const GateReport gate = judgeStart(start.made->map, context.camera, options, start.evidence);
   return decided(std::move(*start.made), gate);
@@ -370,10 +359,7 @@ JudgedStart startFromKnownDepth(const ReferenceView& view,
   auto [candidate, report] = context.clock.time(
       "known_depth", [&] { return startOfKnownDepths(view, rotation, context); });
   JudgedStart start{InitReason::kPoorQuality, {}};
-  if (candidate) {
-    const PlaneComparison known{std::move(*candidate), DisplacementModel::kEssential, {}};
-    start = refineAndJudge(known, view, report.corners, false, context);
-  }
+  if (candidate) start = refineAndJudge(*candidate, {}, view, report.corners, false, context);
   if (start.made && !fitsLikeTheBest(*start.made->map.frames.back().T_cam_ref, matches, context)) {
     report.contradicted = true;
     start = {InitReason::kPoorQuality, {}};
@@ -396,22 +382,20 @@ JudgedStart startFromMotion(const ReferenceView& view,
                             const SelectedMotion& selected,
                             const AttemptContext& context) {
   StageClock& clock = context.clock;
-  auto candidate =
+  auto best =
       clock.time("geometric", [&] { return makeCandidate(view, selected.motion, context); });
-  if (!candidate) return {InitReason::kTooFewPoints, {}};
-  PlaneComparison compared{std::move(*candidate), DisplacementModel::kEssential, {}};
+  if (!best) return {InitReason::kTooFewPoints, {}};
   const bool doubtful =
       isYoung(view, std::numeric_limits<double>::infinity()) ||
       refusedUnless(1, view.last, rotation.median_residual, context.options.orb.gate);
-  JudgedStart start = refineAndJudge(compared, view, view.tracks.size(), doubtful, context);
-  if (!start.made) return start;
-  if (context.options.skip.has(Mechanism::kPlane)) return start;
-  clock.time("planes", [&] { comparePlane(selected, view, matches, context, compared); });
-  if (compared.replaced) {
-    return refineAndJudge(compared, view, view.tracks.size(), false, context);
-  }
-  if (compared.second_cost) return judgeWithPlane(std::move(start), compared, context);
-  return start;
+  const int live = view.tracks.size();
+  JudgedStart start = refineAndJudge(*best, {}, view, live, doubtful, context);
+  if (!start.made || context.options.skip.has(Mechanism::kPlane)) return start;
+  const std::optional<Competition> plane =
+      clock.time("planes", [&] { return comparePlane(selected, view, matches, context, *best); });
+  if (!plane) return start;
+  return plane->replaced ? refineAndJudge(*best, plane, view, live, false, context)
+                         : judgeWithPlane(std::move(start), *plane, context);
 }
 
 }  // namespace
@@ -494,11 +478,10 @@ std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,
   poseFrames(start, context.camera, frames);
   auto robust = adjustRobustly(std::move(start), context.camera, options);
   if (!robust) return std::nullopt;
-  MotionAdjustment adjusted = adjustWithMotions(
-      std::move(*robust), knownMotions(view.frames, frames), context.camera, options);
   MotionCandidate candidate;
-  candidate.map = std::move(adjusted.map);
-  candidate.motions_used = adjusted.used;
+  candidate.map = std::move(*robust);
+  candidate.motions_used =
+      adjustWithMotions(candidate.map, knownMotions(view.frames, frames), context.camera, options);
   const auto cost = reprojectionCost(candidate.map, context.camera, options);
   if (!cost) return std::nullopt;
   const auto tracks = static_cast<double>(matches.size());
@@ -511,11 +494,12 @@ std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,
 
 std::vector<EssentialMotion> planeMotions(const Eigen::Matrix3d& H_cur_ref,
                                           const Matches& matches,
-                                          const PinholeCamera& camera,
-                                          double threshold) {
+                                          const PinholeCamera& camera) {
   const std::vector<double> errors = homographySampsonErrors(H_cur_ref, matches);
   EssentialMotion motion;
-  for (const double error : errors) motion.inlier.push_back(error < threshold * threshold ? 1 : 0);
+  for (const double error : errors) {
+    motion.inlier.push_back(error < kRansacThreshold * kRansacThreshold ? 1 : 0);
+  }
   motion.inliers = static_cast<int>(std::count(motion.inlier.begin(), motion.inlier.end(), 1));
   std::vector<EssentialMotion> motions;
   for (const SE3& decomposed : decomposeHomography(H_cur_ref, camera)) {

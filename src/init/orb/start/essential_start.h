@@ -68,8 +68,7 @@ std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,
 /// cameras: two at most. Translations of length 1.
 std::vector<EssentialMotion> planeMotions(const Eigen::Matrix3d& H_cur_ref,
                                           const Matches& matches,
-                                          const PinholeCamera& camera,
-                                          double threshold);
+                                          const PinholeCamera& camera);
 
 /// Outcome of a competition between motions.
 struct Competition {

@@ -151,11 +151,10 @@ InitialMap makeMap(const ReferenceView& view, const RotationFit& rotation) {
   return map;
 }
 
-/// A map with what is known of every corner.
-InitialMap withKnown(InitialMap map, double inflation) {
+/// Sets what is known of every corner.
+void setKnown(double inflation, InitialMap& map) {
   const DepthLookup lookup(*map.frames.front().frame->priors()->depth, map.metres, inflation);
   for (Corner& corner : map.corners) corner.known = lookup.at(corner.seen());
-  return map;
 }
 
 /// What the newest frame says of the known inverse depths, its pose taken as right. The noise is
@@ -204,26 +203,18 @@ double relativeSigma(const InitialMap& map) {
   return medianInPlace(sigmas);
 }
 
-/// A map whose corners know their depths.
-struct WeighedDepths {
-  InitialMap map;
-  DepthPriorReport report{};
-  bool of_use = false;  ///< the depths give a start
-};
-
-/// Widens the deviations as the present pose wants it.
-WeighedDepths weighDepths(WeighedDepths weighed, const PinholeCamera& camera) {
-  DepthPriorReport& report = weighed.report;
-  InitialMap map = withKnown(std::move(weighed.map), 1);
+/// Lets the corners know their depths, with deviations widened as the present pose wants it.
+/// @return whether the depths give a start
+bool weighDepths(const PinholeCamera& camera, InitialMap& map, DepthPriorReport& report) {
+  setKnown(1, map);
   const auto innovations = innovationsOf(map, camera);
-  if (innovations.empty()) return {std::move(map), report, false};
+  if (innovations.empty()) return false;
   report.inflation = claimInflation(innovations);
   const double claimed = relativeSigma(map);
-  map = withKnown(std::move(map), report.inflation);
-  report.relative_sigma = relativeSigma(map);
-  report.corners = static_cast<int>(map.corners.size());
-  report.contradicted = claimed <= kMaxRelativeSigma && report.relative_sigma > kMaxRelativeSigma;
-  return {std::move(map), report, report.relative_sigma <= kMaxRelativeSigma};
+  setKnown(report.inflation, map);
+  const bool of_use = relativeSigma(map) <= kMaxRelativeSigma;
+  report.contradicted = claimed <= kMaxRelativeSigma && !of_use;
+  return of_use;
 }
 
 }  // namespace
@@ -241,25 +232,26 @@ std::vector<KnownMotion> knownMotions(const std::vector<FramePtr>& all,
   return known;
 }
 
-MotionAdjustment adjustWithMotions(InitialMap map,
-                                   const std::vector<KnownMotion>& motions,
-                                   const PinholeCamera& camera,
-                                   const GeometricOptions& options) {
-  if (motions.empty()) return {std::move(map), std::nullopt};
-  GeometricOptions measured = options;
-  measured.sigma = noiseOf(map, camera);
+std::optional<bool> adjustWithMotions(InitialMap& map,
+                                      const std::vector<KnownMotion>& motions,
+                                      const PinholeCamera& camera,
+                                      const GeometricOptions& options) {
+  if (motions.empty()) return std::nullopt;
+  const auto bind = [&](InitialMap start) {
+    GeometricOptions measured = options;
+    measured.sigma = noiseOf(start, camera);
+    auto bound = boundByMotions(std::move(start), motions, camera, measured);
+    if (bound) map = std::move(*bound);
+    return bound.has_value();
+  };
   const FramePtr& reference = map.frames.front().frame;  // null: motion without images, in tests
   if (reference && isRolling(*reference)) {  // else the skew of the images speaks against them
-    if (auto rolling = withRowMotions(map, camera, measured)) {
-      GeometricOptions known_rows = options;
-      known_rows.sigma = noiseOf(*rolling, camera);
-      auto bound = boundByMotions(std::move(*rolling), motions, camera, known_rows);
-      if (bound) return {std::move(*bound), true};
-    }
+    GeometricOptions measured = options;
+    measured.sigma = noiseOf(map, camera);
+    auto rolling = withRowMotions(map, camera, measured);
+    if (rolling && bind(std::move(*rolling))) return true;
   }
-  auto bound = boundByMotions(map, motions, camera, measured);
-  if (bound) return {std::move(*bound), true};
-  return {std::move(map), false};
+  return bind(map);
 }
 
 bool knowsDepth(const ReferenceView& view) {
@@ -293,30 +285,27 @@ KnownDepthStart startOfKnownDepths(const ReferenceView& view,
                                    const AttemptContext& context) {
   const PinholeCamera& camera = context.camera;
   const GeometricOptions& options = context.options.orb.geometric;
-  WeighedDepths start{makeMap(view, rotation)};
-  start.report.corners = static_cast<int>(start.map.corners.size());
-  if (start.report.corners < kMinCornersOfMotion) return {std::nullopt, start.report};
-  PosedFrame& newest = start.map.frames.back();
-  const auto observations = observationsByFrame(start.map, camera);
+  KnownDepthStart start;
+  InitialMap map = makeMap(view, rotation);
+  start.report.corners = static_cast<int>(map.corners.size());
+  if (start.report.corners < kMinCornersOfMotion) return start;
+  PosedFrame& newest = map.frames.back();
+  const auto observations = observationsByFrame(map, camera);
   const auto pose = poseFromPoints(observations.back(), camera, *newest.T_cam_ref, kTrackSigma);
-  if (!pose) return {std::nullopt, start.report};
+  if (!pose) return start;
   newest.T_cam_ref = *pose;
-  start = weighDepths(std::move(start), camera);
-  if (!start.of_use) return {std::nullopt, start.report};
+  if (!weighDepths(camera, map, start.report)) return start;
   const auto frames = spreadFrames(view.frames.size(), kAdjustedFrames);
-  poseFrames(start.map, camera, frames);
-  auto robust = adjustRobustly(std::move(start.map), camera, options);
-  if (!robust) return {std::nullopt, start.report};
-  start = weighDepths({std::move(*robust), start.report}, camera);
-  if (!start.of_use) return {std::nullopt, start.report};
-  MotionAdjustment adjusted =
-      adjustWithMotions(std::move(start.map), knownMotions(view.frames, frames), camera, options);
-  MotionCandidate candidate;
-  candidate.map = std::move(adjusted.map);
+  poseFrames(map, camera, frames);
+  auto robust = adjustRobustly(std::move(map), camera, options);
+  if (!robust || !weighDepths(camera, *robust, start.report)) return start;
+  MotionCandidate& candidate = start.candidate.emplace();
+  candidate.map = std::move(*robust);
+  candidate.motions_used =
+      adjustWithMotions(candidate.map, knownMotions(view.frames, frames), camera, options);
   candidate.front_share = 1;
-  candidate.motions_used = adjusted.used;
   start.report.used = true;
-  return {std::move(candidate), start.report};
+  return start;
 }
 
 }  // namespace dsorb::init_orb

@@ -22,19 +22,14 @@ namespace dsorb::init_orb {
 std::vector<KnownMotion> knownMotions(const std::vector<FramePtr>& all,
                                       const std::vector<std::size_t>& frames);
 
-/// A map after adjustWithMotions().
-struct MotionAdjustment {
-  InitialMap map;
-  std::optional<bool> used{};  ///< whether the motions take part from now on; none: there are none
-};
-
 /// Adjusts a map once more with the motions, unless they contradict the images: the corners then
 /// fit worse than errors of the motions as claimed let expect. The map stays as it was then.
 /// @param map adjusted without them
-MotionAdjustment adjustWithMotions(InitialMap map,
-                                   const std::vector<KnownMotion>& motions,
-                                   const PinholeCamera& camera,
-                                   const GeometricOptions& options);
+/// @return    whether the motions take part from now on; nothing: there are none
+std::optional<bool> adjustWithMotions(InitialMap& map,
+                                      const std::vector<KnownMotion>& motions,
+                                      const PinholeCamera& camera,
+                                      const GeometricOptions& options);
 
 /// Whether the caller knows depths of the reference.
 bool knowsDepth(const ReferenceView& view);
