@@ -11,7 +11,7 @@
 namespace dsorb::app {
 namespace {
 
-constexpr int kFirstLook = 60;  // images with a pose; the next after twice as many
+constexpr int kFirstLook = 120;  // images with a pose; the next after twice as many
 /// Standard deviation of the focal length by which a pass ends, relative, for each image with a
 /// pose: what it is to tell is less exact the longer it takes.
 constexpr double kEnough = 0.005 / 120;
@@ -48,8 +48,10 @@ bool isSearched(const SequenceReader& reader) {
 }
 
 std::optional<FoundCamera> searchCamera(SequenceReader first,
-                                        const CommandLine& request,
+                                        CommandLine request,
                                         const Interrupt& interrupt) {
+  // Corners tell the camera; points need only carry the poses from which these are adjusted.
+  if (request.config.preset == "default") request.config.preset = "fast";
   Lens guess = first.lens();
   if (!request.sequence.readout) guess.readout = kUnknownReadout;
   for (const double factor : kFocals) {

@@ -18,7 +18,7 @@ namespace dsorb::app {
 /// @param first opened, for the first pass
 /// @return nothing where the images do not tell, or after an interrupt
 [[nodiscard]] std::optional<FoundCamera> searchCamera(SequenceReader first,
-                                                      const CommandLine& request,
+                                                      CommandLine request,
                                                       const Interrupt& interrupt);
 
 }  // namespace dsorb::app

@@ -16,7 +16,8 @@ namespace {
 
 using Eigen::Index;
 using Matrix23 = Eigen::Matrix<double, 2, 3>;
-using Matrix26 = Eigen::Matrix<double, 2, 6>;
+constexpr int kViewDim = 8;  // pose and shift
+using Matrix2V = Eigen::Matrix<double, 2, kViewDim>;
 
 constexpr double kLossScale = 4;        // squared standard deviations at which the loss bends
 constexpr double kBehind = 50;          // loss of a corner behind a view that sees it
@@ -28,7 +29,7 @@ constexpr double kLeastChange = 1e-4;   // of the cost; less ends an adjustment
 struct Residual {
   bool in_front = false;
   Eigen::Vector2d error;
-  Matrix26 by_view;
+  Matrix2V by_view;
   Matrix23 by_corner;
   Eigen::Matrix<double, 2, kLensDim> by_lens;
 };
@@ -55,8 +56,8 @@ Residual residualOf(const Scene& scene, const Sight& sight) {
   const double k1 = scene.lens[kRadial], k2 = scene.lens[kRadial + 1];
   const double bend = 1 + squared * (k1 + squared * k2);
   const Eigen::Vector2d shift = bend * focal.cwiseProduct(ray);
-  r.error =
-      shift + scene.lens.segment<2>(kCenter) - sight.pixel + scene.lens[kReadout] * sight.drift;
+  r.error = shift + scene.lens.segment<2>(kCenter) + scene.shifts[sight.view] - sight.pixel +
+            scene.lens[kReadout] * sight.drift;
   if constexpr (!Derivatives) return r;
   const Eigen::Matrix2d by_ray =
       focal.asDiagonal() *
@@ -65,7 +66,7 @@ Residual residualOf(const Scene& scene, const Sight& sight) {
   ray_by_point << 1, 0, -ray.x(), 0, 1, -ray.y();
   const Matrix23 by_point = by_ray * ray_by_point / p.z();
   r.by_corner = by_point * view.rotationMatrix();
-  r.by_view << by_point, -by_point * hat(p);
+  r.by_view << by_point, -by_point * hat(p), Eigen::Matrix2d::Identity();
   r.by_lens.col(kLogFocal) = shift;
   r.by_lens.middleCols<2>(kCenter).setIdentity();
   r.by_lens.col(kRadial) = squared * focal.cwiseProduct(ray);
@@ -84,6 +85,10 @@ double costOf(const Scene& scene, const LensPrior& prior, double noise) {
   for (const Sight& sight : scene.sights) {
     const Residual r = residualOf<false>(scene, sight);
     cost += r.in_front ? lossOf(r.error.squaredNorm() / (noise * noise)) : kBehind;
+  }
+  if (prior.shift_sigma > 0) {
+    for (const Eigen::Vector2d& shift : scene.shifts)
+      cost += shift.squaredNorm() / (prior.shift_sigma * prior.shift_sigma);
   }
   for (int i = 0; i < kLensDim; ++i) {
     if (prior.sigma[i] > 0) cost += std::pow((scene.lens[i] - prior.mean[i]) / prior.sigma[i], 2);
@@ -124,20 +129,20 @@ struct Reduced {
 };
 
 Index rowOf(std::size_t view) {
-  return kLensDim + 6 * static_cast<Index>(view);
+  return kLensDim + kViewDim * static_cast<Index>(view);
 }
 
 /// Sums what one sight says of lens and view.
 void addSight(const Residual& r, double w, Index row, Reduced& system) {
   const Eigen::Matrix<double, kLensDim, kLensDim> lens = w * r.by_lens.transpose() * r.by_lens;
-  const Eigen::Matrix<double, 6, 6> view = w * r.by_view.transpose() * r.by_view;
+  const Eigen::Matrix<double, kViewDim, kViewDim> view = w * r.by_view.transpose() * r.by_view;
   system.H.topLeftCorner<kLensDim, kLensDim>() += lens;
-  system.H.block<6, kLensDim>(row, 0) += w * r.by_view.transpose() * r.by_lens;
-  system.H.block<6, 6>(row, row) += view;
+  system.H.block<kViewDim, kLensDim>(row, 0) += w * r.by_view.transpose() * r.by_lens;
+  system.H.block<kViewDim, kViewDim>(row, row) += view;
   system.diagonal.head<kLensDim>() += lens.diagonal();
-  system.diagonal.segment<6>(row) += view.diagonal();
+  system.diagonal.segment<kViewDim>(row) += view.diagonal();
   system.b.head<kLensDim>() += w * r.by_lens.transpose() * r.error;
-  system.b.segment<6>(row) += w * r.by_view.transpose() * r.error;
+  system.b.segment<kViewDim>(row) += w * r.by_view.transpose() * r.error;
 }
 
 /// Sums what the sights of one corner say, and finds how it follows lens and views.
@@ -149,12 +154,13 @@ void addCorner(const Scene& scene,
                EliminatedCorner& corner) {
   Eigen::Matrix3d H = Eigen::Matrix3d::Zero();
   Eigen::Vector3d b = Eigen::Vector3d::Zero();
-  corner.C = Eigen::Matrix3Xd::Zero(3, kLensDim + 6 * static_cast<Index>(range.last - range.first));
+  corner.C =
+      Eigen::Matrix3Xd::Zero(3, kLensDim + kViewDim * static_cast<Index>(range.last - range.first));
   corner.rows.clear();
   const double information = 1 / (noise * noise);
   for (std::size_t i = range.first; i < range.last; ++i) {
     const Sight& sight = scene.sights[i];
-    const Index column = kLensDim + 6 * static_cast<Index>(i - range.first);
+    const Index column = kLensDim + kViewDim * static_cast<Index>(i - range.first);
     corner.rows.push_back(rowOf(sight.view));
     const Residual r = residualOf<true>(scene, sight);
     if (!r.in_front) continue;
@@ -162,7 +168,7 @@ void addCorner(const Scene& scene,
     H += w * r.by_corner.transpose() * r.by_corner;
     b += w * r.by_corner.transpose() * r.error;
     corner.C.leftCols<kLensDim>() += w * r.by_corner.transpose() * r.by_lens;
-    corner.C.middleCols<6>(column) = w * r.by_corner.transpose() * r.by_view;
+    corner.C.middleCols<kViewDim>(column) = w * r.by_corner.transpose() * r.by_view;
     addSight(r, w, corner.rows.back(), system);
   }
   H.diagonal() *= 1 + damping;
@@ -178,15 +184,16 @@ void subtractCorner(const EliminatedCorner& corner, Reduced& system) {
   const auto lens = corner.C.leftCols<kLensDim>();
   system.H.topLeftCorner<kLensDim, kLensDim>() -= lens.transpose() * Y.leftCols<kLensDim>();
   system.b.head<kLensDim>() -= lens.transpose() * corner.gradient;
-  const auto columnOf = [](std::size_t i) { return kLensDim + 6 * static_cast<Index>(i); };
+  const auto columnOf = [](std::size_t i) { return kLensDim + kViewDim * static_cast<Index>(i); };
   for (std::size_t a = 0; a < corner.rows.size(); ++a) {
-    const auto view = corner.C.middleCols<6>(columnOf(a));
+    const auto view = corner.C.middleCols<kViewDim>(columnOf(a));
     const Index row = corner.rows[a];
-    system.b.segment<6>(row) -= view.transpose() * corner.gradient;
-    system.H.block<6, kLensDim>(row, 0) -= view.transpose() * Y.leftCols<kLensDim>();
+    system.b.segment<kViewDim>(row) -= view.transpose() * corner.gradient;
+    system.H.block<kViewDim, kLensDim>(row, 0) -= view.transpose() * Y.leftCols<kLensDim>();
     for (std::size_t c = 0; c < corner.rows.size(); ++c) {
       if (corner.rows[c] > row) continue;
-      system.H.block<6, 6>(row, corner.rows[c]) -= view.transpose() * Y.middleCols<6>(columnOf(c));
+      system.H.block<kViewDim, kViewDim>(row, corner.rows[c]) -=
+          view.transpose() * Y.middleCols<kViewDim>(columnOf(c));
     }
   }
 }
@@ -203,17 +210,24 @@ Reduced linearize(const Scene& scene, const LensPrior& prior, double noise, doub
     subtractCorner(system.corners[i], system);
   }
   system.H.diagonal() += damping * system.diagonal;
-  for (Index i = 0; i < kLensDim; ++i) {
-    if (prior.sigma[i] > 0) {
-      const double information = 1 / (prior.sigma[i] * prior.sigma[i]);
-      system.H(i, i) += information;
-      system.b[i] += information * (scene.lens[i] - prior.mean[i]);
-      continue;
+  const auto constrain = [&system](Index row, double sigma, double deviation) {
+    if (sigma > 0) {
+      system.H(row, row) += 1 / (sigma * sigma);
+      system.b[row] += deviation / (sigma * sigma);
+      return;
     }
-    system.H.row(i).setZero();
-    system.H.col(i).setZero();
-    system.H(i, i) = 1;
-    system.b[i] = 0;
+    system.H.row(row).setZero();
+    system.H.col(row).setZero();
+    system.H(row, row) = 1;
+    system.b[row] = 0;
+  };
+  for (Index i = 0; i < kLensDim; ++i) {
+    constrain(i, prior.sigma[i], scene.lens[i] - prior.mean[i]);
+  }
+  for (std::size_t i = 0; i < scene.views.size(); ++i) {
+    for (const Index k : {0, 1}) {
+      constrain(rowOf(i) + 6 + k, prior.shift_sigma, scene.shifts[i][k]);
+    }
   }
   return system;
 }
@@ -252,14 +266,15 @@ class AdjustmentProblem {
     moved_.lens += step_.head<kLensDim>();
     for (std::size_t i = 0; i < moved_.views.size(); ++i) {
       moved_.views[i] = SE3::exp(step_.segment<6>(rowOf(i))) * moved_.views[i];
+      moved_.shifts[i] += step_.segment<2>(rowOf(i) + 6);
     }
     for (std::size_t i = 0; i < moved_.corners.size(); ++i) {
       const EliminatedCorner& corner = system_.corners[i];
       Eigen::Vector3d step =
           corner.gradient + corner.coupling.leftCols<kLensDim>() * step_.head<kLensDim>();
       for (std::size_t k = 0; k < corner.rows.size(); ++k) {
-        step += corner.coupling.middleCols<6>(kLensDim + 6 * static_cast<Index>(k)) *
-                step_.segment<6>(corner.rows[k]);
+        step += corner.coupling.middleCols<kViewDim>(kLensDim + kViewDim * static_cast<Index>(k)) *
+                step_.segment<kViewDim>(corner.rows[k]);
       }
       moved_.corners[i] -= step;
     }
@@ -309,7 +324,8 @@ Eigen::Vector2d rayOf(const Scene& scene, const Sight& sight) {
   constexpr double kLeastBend = 0.3;
   const double fx =
       std::exp(scene.lens[kLogFocal] + phaseOf(scene, sight.view) * scene.lens[kZoom]);
-  const Eigen::Vector2d pixel = sight.pixel - scene.lens[kReadout] * sight.drift;
+  const Eigen::Vector2d pixel =
+      sight.pixel - scene.shifts[sight.view] - scene.lens[kReadout] * sight.drift;
   const Eigen::Vector2d seen = (pixel - scene.lens.segment<2>(kCenter))
                                    .cwiseQuotient(Eigen::Vector2d(fx, scene.aspect * fx));
   Eigen::Vector2d ray = seen;
@@ -324,6 +340,7 @@ Eigen::Vector2d rayOf(const Scene& scene, const Sight& sight) {
 }  // namespace
 
 void placeCorners(Scene& scene) {
+  scene.shifts.resize(scene.views.size(), Eigen::Vector2d::Zero());
   std::vector<Eigen::Matrix3d> H(scene.corners.size(), Eigen::Matrix3d::Zero());
   std::vector<Eigen::Vector3d> b(scene.corners.size(), Eigen::Vector3d::Zero());
   for (const Sight& sight : scene.sights) {
@@ -364,6 +381,7 @@ void leaveOutAbove(double limit, Scene& scene) {
 }
 
 double adjust(const LensPrior& prior, double noise, int max_iterations, Scene& scene) {
+  scene.shifts.resize(scene.views.size(), Eigen::Vector2d::Zero());
   AdjustmentProblem problem(prior, noise, scene);
   FactorDamping damping{1e-4, 0.2, 5, kLeastDamping, kLeastDamping, 1e8, 8};
   minimize(problem, damping, max_iterations);
@@ -385,6 +403,18 @@ FocalChange focalChange(LensPrior prior, double noise, int max_iterations, Scene
   prior.sigma[kZoom] = kZoomSigma;
   adjust(prior, noise, max_iterations, scene);
   return {scene.lens[kZoom], lensSigmas(prior, noise, scene)[kZoom]};
+}
+
+ViewShifts viewShifts(
+    LensPrior prior, double noise, double sigma, int max_iterations, Scene scene) {
+  const double cost = costOf(scene, prior, noise);
+  const double focal = scene.lens[kLogFocal];
+  prior.shift_sigma = sigma;
+  const double gain = cost - adjust(prior, noise, max_iterations, scene);
+  double squared = 0;
+  for (const Eigen::Vector2d& shift : scene.shifts) squared += shift.squaredNorm();
+  const auto views = static_cast<double>(scene.views.size());
+  return {std::sqrt(squared / views), gain / views, scene.lens[kLogFocal] - focal};
 }
 
 }  // namespace dsorb::self_calibration

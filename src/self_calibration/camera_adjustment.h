@@ -24,6 +24,7 @@ using LensVector = Eigen::Matrix<double, kLensDim, 1>;
 struct LensPrior {
   LensVector mean;
   LensVector sigma;
+  double shift_sigma = 0;  ///< of the image of a view; 0: shifts are held [px]
 };
 
 /// A corner in a view.
@@ -37,8 +38,9 @@ struct Sight {
 
 /// Views, corners and their camera: what an adjustment moves.
 struct Scene {
-  std::vector<SE3> views;                ///< T_cam_world
-  std::vector<Eigen::Vector3d> corners;  ///< world coordinates
+  std::vector<SE3> views;                 ///< T_cam_world
+  std::vector<Eigen::Vector2d> shifts{};  ///< of their images, which a crop that moves has [px]
+  std::vector<Eigen::Vector3d> corners;   ///< world coordinates
   LensVector lens;
   std::vector<Sight> sights;  ///< sorted by corner; neither moved nor changed
   double aspect = 1;          ///< fy over fx
@@ -76,5 +78,17 @@ struct FocalChange {
                                       double noise,
                                       int max_iterations,
                                       Scene scene);
+
+/// What views gain by an image that is shifted in each of them.
+struct ViewShifts {
+  double rms = 0;    ///< [px]
+  double gain = 0;   ///< of the cost, for each view
+  double focal = 0;  ///< what the logarithm of the focal length changes by
+};
+
+/// @param sigma of a shift beforehand [px]
+/// @param scene after an adjustment without shifts
+[[nodiscard]] ViewShifts viewShifts(
+    LensPrior prior, double noise, double sigma, int max_iterations, Scene scene);
 
 }  // namespace dsorb::self_calibration

@@ -32,6 +32,8 @@ using self_calibration::LensVector;
 using self_calibration::Scene;
 using self_calibration::Sight;
 using self_calibration::Sighting;
+using self_calibration::ViewShifts;
+using variance_factors::kFoundCamera;
 
 constexpr std::size_t kMaxViews = 40;    // an even number; of more, every second one goes
 constexpr std::size_t kFewestViews = 6;  // that are adjusted
@@ -98,14 +100,18 @@ LensVector numbersOf(const Lens& lens) {
   return numbers;
 }
 
+double centerSigma(const Lens& guess) {
+  return kCenterSigma * std::max(guess.width, guess.height);
+}
+
 LensPrior priorOf(const Lens& guess) {
   LensPrior prior{numbersOf(guess), LensVector::Zero()};
   if (guess.focal_sigma > 0) {
-    const double center = kCenterSigma * std::max(guess.width, guess.height);
+    const double center = centerSigma(guess);
     prior.sigma << guess.focal_sigma, center, center, kK1Sigma, kK2Sigma, 0, 0;
   }
   prior.sigma[self_calibration::kReadout] = guess.readout.sigma;
-  prior.sigma /= variance_factors::kFoundCamera;  // must count as the corners do
+  prior.sigma /= kFoundCamera;  // must count as the corners do
   return prior;
 }
 
@@ -231,15 +237,19 @@ class CameraFinder::Impl {
     }
     noise = noiseOf(scene);
     holdWhatDoesNotShow(noise, prior, scene);
-    FoundCamera found =
-        told(scene, variance_factors::kFoundCamera * lensSigmas(prior, noise, scene));
+    FoundCamera found = told(scene, kFoundCamera * lensSigmas(prior, noise, scene));
     double& sigma = found.lens.focal_sigma;
     if (!(sigma > 0)) return found;
     const FocalChange change = focalChange(prior, noise, kIterations, scene);
     found.focal_change = change.relative;
-    found.focal_change_sigma = variance_factors::kFoundCamera * change.sigma;
+    found.focal_change_sigma = kFoundCamera * change.sigma;
     sigma = std::hypot(sigma, disagreement(scene, prior, noise));
     if (found.changes()) sigma = std::hypot(sigma, change.relative);
+    const ViewShifts shifts =
+        viewShifts(prior, noise, centerSigma(guess_) / kFoundCamera, kIterations, scene);
+    found.shift = shifts.rms;
+    found.shift_gain = shifts.gain / (kFoundCamera * kFoundCamera);
+    if (found.isStabilized()) sigma = std::hypot(sigma, shifts.focal);
     return found;
   }
 
@@ -308,7 +318,7 @@ class CameraFinder::Impl {
 
   /// A distortion and a readout that are not told from none are none.
   static void holdWhatDoesNotShow(double noise, LensPrior& prior, Scene& scene) {
-    const LensVector sigmas = variance_factors::kFoundCamera * lensSigmas(prior, noise, scene);
+    const LensVector sigmas = kFoundCamera * lensSigmas(prior, noise, scene);
     const auto shows = [&](int i, double limit) {
       return std::abs(scene.lens[i]) > limit * sigmas[i];
     };
@@ -377,7 +387,10 @@ std::string describe(const FoundCamera& camera) {
     text << std::setprecision(1) << ", readout " << 1000 * lens.readout.seconds << " +- "
          << 1000 * lens.readout.sigma << " ms";
   }
-  if (camera.changes()) {
+  if (camera.isStabilized()) {
+    text << std::setprecision(0) << "; images move by " << camera.shift
+         << " px in their frame as those of stabilized video do: turns and paths are wrong";
+  } else if (camera.changes()) {
     text << std::setprecision(0) << "; it changes by " << 100 * camera.focal_change << " +- "
          << std::ceil(100 * camera.focal_change_sigma)
          << " % from the first image to the last: zoom or focus breathing";

@@ -114,6 +114,23 @@ TEST(CameraAdjustment, AFocalLengthThatChangesIsToldFromOneThatStays) {
   }
 }
 
+TEST(CameraAdjustment, ImagesThatMoveInTheirFrameAreToldFromThoseThatDoNot) {
+  for (const double crop : {0.0, 10.0}) {
+    SCOPED_TRACE(crop);
+    Scene scene = sceneWithNoise(kNoise);
+    for (Sight& sight : scene.sights) {
+      const auto view = static_cast<double>(sight.view);
+      sight.pixel += crop * Eigen::Vector2d(std::sin(view), std::cos(1.7 * view));
+    }
+    placeCorners(scene);
+    adjust(wide(), kNoise, 60, scene);
+    const ViewShifts shifts = viewShifts(wide(), kNoise, 13, 60, scene);
+    EXPECT_NEAR(shifts.rms, crop, 3);
+    EXPECT_EQ(shifts.gain > 64, crop > 0) << shifts.gain;
+    EXPECT_TRUE(scene.shifts.front().isZero(0)) << "held otherwise";
+  }
+}
+
 TEST(CameraAdjustment, CornersWithALargeErrorGoWithTheirSights) {
   Scene scene = sceneWithNoise(0);
   placeCorners(scene);

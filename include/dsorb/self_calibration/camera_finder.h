@@ -24,9 +24,13 @@ struct FoundCamera {
   double error = 0;               ///< median distance between a corner and its prediction [px]
   double focal_change = 0;        ///< from the first image to the last, relative
   double focal_change_sigma = 0;  ///< 0: not known
+  double shift = 0;               ///< of an image in its frame, beside one camera: rms [px]
+  double shift_gain = 0;          ///< squared standard deviations that it explains, for each view
 
   /// Whether the focal length is known well enough to hold it.
   [[nodiscard]] bool isKnown() const { return lens.focal_sigma < 0.01; }
+  /// Whether images move in their frame, as the crops of stabilized video do.
+  [[nodiscard]] bool isStabilized() const { return shift_gain > 1; }
   /// Whether the focal length changes by more than chance explains: zoom, focus breathing.
   [[nodiscard]] bool changes() const {
     return focal_change_sigma > 0 && std::abs(focal_change) > 4 * focal_change_sigma;

@@ -126,6 +126,7 @@ Json foundJson(const FoundCamera& found) {
     json["focal_change"] = {{"relative", found.focal_change},
                             {"sigma", found.focal_change_sigma},
                             {"contradicts_one_camera", found.changes()}};
+    json["image_shift"] = {{"rms", found.shift}, {"contradicts_one_camera", found.isStabilized()}};
   }
   json["text"] = describe(found);
   return json;
