@@ -243,6 +243,7 @@ cv::Mat decodePng(const std::vector<std::uint8_t>& bytes, const std::string& nam
     const bool deep = png_get_bit_depth(reader.png, reader.info) == 16;
     image.create(height, width, deep ? CV_16UC1 : CV_8UC1);
     std::vector<png_bytep> rows;
+    rows.reserve(static_cast<std::size_t>(height));
     for (int y = 0; y < height; ++y) rows.push_back(image.ptr(y));
     done = readPngRows(reader, rows.data());
   }

@@ -223,6 +223,7 @@ void drawPath(cv::Mat& canvas, const cv::Rect& area, const SegmentPath& path, bo
     cv::circle(canvas, pixel(point), size, colour, cv::FILLED, cv::LINE_AA, kSubpixelBits);
   };
   std::vector<cv::Point> pixels;
+  pixels.reserve(path.frames.size());
   for (const cv::Point2d& point : path.frames) pixels.push_back(pixel(point));
   cv::polylines(canvas, pixels, false, kPathColour, 2, cv::LINE_AA, kSubpixelBits);
   for (const cv::Point2d& point : path.keyframes) dot(point, 4, kKeyframeColour);

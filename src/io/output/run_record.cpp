@@ -178,10 +178,10 @@ void RunRecord::addJoin(const SegmentsJoined& joined) {
 }
 
 SE3 RunRecord::T_world_cam(const PosedEntry& entry) const {
-  const SE3 told = toldPose(entry);
+  SE3 told = toldPose(entry);
   if (changes_.empty()) return told;
   const bool is_own = anchors_.count(entry.id) > 0;
-  const SE3 pose = changes_.changeOf(entry.segment, is_own ? entry.id : entry.anchor).moved(told);
+  SE3 pose = changes_.changeOf(entry.segment, is_own ? entry.id : entry.anchor).moved(told);
   if (is_own || changes_.moved.empty() || entry.start >= 0) return pose;
   // Between two keyframes the change by loops goes over from one to the other.
   const auto [next, progress] = nextOf(entry);
