@@ -43,8 +43,10 @@ constexpr double kRounding = 0.5;
 
 /// Least share of the matches behind a pose that still agree once it is aligned to the image.
 constexpr double kMinAgreeing = 0.7;
-/// Share of all matches that agree with a pose whose residual has grown: of a torn image two thirds
-/// may show another moment.
+/// Share of all matches that agree with a pose: of those of another place .22 to .43 did, of right
+/// ones .53 to .96.
+constexpr double kMinShare = 0.5;
+/// The same where the residual has grown: of a torn image two thirds may show another moment.
 constexpr double kMinStanding = 0.75;
 /// Flow since the keyframe, of width + height, beyond which a low residual may be that of another
 /// pose: matches that mostly agree are asked.
@@ -149,8 +151,8 @@ std::optional<track::TrackingResult> FrameTracker::fromMatches(const FramePtr& f
   track::TrackingResult result = tracker_.track(*frame, start);
   const int agreeing = countAgreeing(evidence->matches, reference().camera, result.T_cur_ref);
   if (!result.good() || agreeing < kMinAgreeing * evidence->pose.inliers) return std::nullopt;
-  const auto matches = static_cast<double>(evidence->matches.size());
-  const bool stands = evidence->pose.inliers > kMinStanding * matches || isAtLevel(*frame, result);
+  const double share = evidence->pose.inliers / static_cast<double>(evidence->matches.size());
+  const bool stands = share > kMinStanding || (share > kMinShare && isAtLevel(*frame, result));
   return stands ? std::optional(result) : std::nullopt;
 }
 
