@@ -50,8 +50,12 @@ bool isSearched(const SequenceReader& reader) {
 std::optional<FoundCamera> searchCamera(SequenceReader first,
                                         CommandLine request,
                                         const Interrupt& interrupt) {
-  // Corners tell the camera; points need only carry the poses from which these are adjusted.
+  // Corners tell the camera. Starts and points need only carry the poses from which these are
+  // adjusted, and a corner that contradicts them is left out.
   if (request.config.preset == "default") request.config.preset = "fast";
+  for (const Mechanism left_out : {Mechanism::kClusters, Mechanism::kTail, Mechanism::kProof}) {
+    request.skip.add(left_out);
+  }
   Lens guess = first.lens();
   if (!request.sequence.readout) guess.readout = kUnknownReadout;
   for (const double factor : kFocals) {
