@@ -7,6 +7,10 @@
 
 namespace dsorb {
 
+/// Least standard deviation of an image's grey values that tells the gain to another one [grey
+/// levels].
+constexpr double kContrastOfGain = 5;
+
 /// Whether a frame shows next to nothing beside another one of its camera: black, covered,
 /// overexposed or full of noise alone. A shorter exposure excuses it.
 [[nodiscard]] bool isBlank(const Frame& frame, const Frame& beside);

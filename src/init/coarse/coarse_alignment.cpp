@@ -46,30 +46,21 @@ void findNeighbours(PointLevel& level) {
   }
 }
 
-/// Element count / 2 of all neighbours' sorted values: keeps the least in order, without branches.
-float upperMedianOfAll(const float* values) {
-  std::array<float, kNeighbours / 2 + 1> least{};
-  least.fill(HUGE_VALF);
-  for (int i = 0; i < kNeighbours; ++i) {
-    float value = values[i];
-    for (float& slot : least) {
-      const float low = std::min(slot, value);
-      value = std::max(slot, value);
-      slot = low;
-    }
-  }
-  return least.back();
-}
-
 /// Element count / 2 of the sorted values, count at least 1; reorders them.
 float upperMedian(float* values, int count) {
-  for (int i = 1; i < count; ++i) {
-    const float value = values[i];
-    int slot = i;
-    for (; slot > 0 && values[slot - 1] > value; --slot) values[slot] = values[slot - 1];
-    values[slot] = value;
-  }
+  std::nth_element(values, values + count / 2, values + count);
   return values[count / 2];
+}
+
+/// Calls f with the positions of the good neighbours of a point, the nearest first.
+template <typename F>
+void forEachGoodNeighbour(const PointLevel& level, std::size_t point, F f) {
+  for (std::size_t n = 0; n < kNeighbours; ++n) {
+    const std::int32_t other = level.neighbours[point * kNeighbours + n];
+    if (other < 0) break;
+    const auto neighbour = static_cast<std::size_t>(other);
+    if (level.good[neighbour] != 0) f(neighbour);
+  }
 }
 
 constexpr std::size_t kBlock = 512;  // points a block of float sums has at most
@@ -318,31 +309,22 @@ void smooth(PointLevel& level) {
   for (std::size_t i = 0; i < level.x.size(); ++i) {
     if (level.good[i] == 0) continue;
     int count = 0;
-    for (std::size_t n = 0; n < kNeighbours; ++n) {
-      const std::int32_t other = level.neighbours[i * kNeighbours + n];
-      if (other < 0) break;
-      if (level.good[static_cast<std::size_t>(other)] == 0) continue;
-      values[static_cast<std::size_t>(count++)] = level.smoothed[static_cast<std::size_t>(other)];
-    }
+    forEachGoodNeighbour(level, i, [&](std::size_t neighbour) {
+      values[static_cast<std::size_t>(count++)] = level.smoothed[neighbour];
+    });
     if (count < kMinGoodNeighbours) continue;
-    const float median =
-        count == kNeighbours ? upperMedianOfAll(values.data()) : upperMedian(values.data(), count);
-    level.smoothed[i] =
-        (1.0F - kSmoothingWeight) * level.inverse_depth[i] + kSmoothingWeight * median;
+    level.smoothed[i] = (1.0F - kSmoothingWeight) * level.inverse_depth[i] +
+                        kSmoothingWeight * upperMedian(values.data(), count);
   }
 }
 
 float neighbourSpread(const PointLevel& level, std::size_t point) {
   std::array<float, kNeighbours> off{};
   int count = 0;
-  for (std::size_t n = 0; n < kNeighbours; ++n) {
-    const std::int32_t other = level.neighbours[point * kNeighbours + n];
-    if (other < 0) break;
-    const auto neighbour = static_cast<std::size_t>(other);
-    if (level.good[neighbour] == 0) continue;
+  forEachGoodNeighbour(level, point, [&](std::size_t neighbour) {
     off[static_cast<std::size_t>(count++)] =
         std::abs(level.inverse_depth[neighbour] - level.smoothed[point]);
-  }
+  });
   if (count < kMinGoodNeighbours) return 0;
   return static_cast<float>(kMadToSigma) * upperMedian(off.data(), count);
 }
@@ -389,13 +371,10 @@ void reviveFromNeighbours(PointLevel& level) {
     if (level.good[i] != 0) continue;
     float sum = 0;
     int count = 0;
-    for (std::size_t n = 0; n < kNeighbours; ++n) {
-      const std::int32_t other = level.neighbours[i * kNeighbours + n];
-      if (other < 0) break;
-      if (level.good[static_cast<std::size_t>(other)] == 0) continue;
-      sum += level.smoothed[static_cast<std::size_t>(other)];
+    forEachGoodNeighbour(level, i, [&](std::size_t neighbour) {
+      sum += level.smoothed[neighbour];
       ++count;
-    }
+    });
     if (count == 0) continue;
     level.good[i] = 1;
     level.smoothed[i] = level.inverse_depth[i] = level.trial_inverse_depth[i] =

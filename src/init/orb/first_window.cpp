@@ -47,7 +47,6 @@ constexpr int kCandidates = 3000;  // pixels of the reference that are searched
 constexpr double kGreyVariance = 50;
 constexpr double kMinDisagreement = 0.1;    // of log inverse depth, to the neighbours
 constexpr double kMaxDisagreement = 4;      // over the median of all points, beyond that
-constexpr double kNeighbourRadius = 60;     // for an image diagonal of 800 px [px]
 constexpr float kMaxRelativeSigma = 0.03F;  // of a point that the images have told
 
 constexpr double kMaxDeviations = 3;  // between a point and a known depth [sigma]

@@ -92,8 +92,6 @@ double stillCells(const Matches& matches,
 constexpr double kMinError = 1;     // rms over the frames from which a track may contradict [px]
 constexpr double kErrorFactor = 5;  // and by which it exceeds the median of all tracks [-]
 constexpr std::size_t kVoters = 5;  // nearest tracks that vote on a point
-// Tracks farther away do not vote, for an image diagonal of 800 px [px].
-constexpr double kVoteRadius = 60;
 constexpr double kMaxShare = 0.4;     // of contradicting neighbours that a point may have
 constexpr int kIterations = 3;        // of Gauss-Newton on one inverse depth
 constexpr std::size_t kMinVotes = 3;  // fewer tracks close by decide nothing
@@ -214,7 +212,7 @@ std::vector<double> trackErrors(const InitialMap& map,
 DynamicRegions::DynamicRegions(const InitialMap& map,
                                const CornerTracks& tracks,
                                const PinholeCamera& camera)
-    : radius_(static_cast<float>(kVoteRadius * imageScale(camera.width, camera.height))),
+    : radius_(static_cast<float>(kNeighbourRadius * imageScale(camera.width, camera.height))),
       grid_(tracks.positions.front(), CellGrid(camera.width, camera.height, radius_)) {
   const std::vector<double> errors = trackErrors(map, tracks, camera);
   const double limit = std::max(kMinError, kErrorFactor * medianOf(errors));

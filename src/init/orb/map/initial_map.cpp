@@ -5,6 +5,7 @@
 #include "estimate/robust_loss.h"
 #include "estimate/rolling_shutter.h"
 #include "estimate/sampling.h"
+#include "image/contrast.h"
 #include "image/frame_priors.h"
 #include "image/photometric.h"
 #include "init/result.h"
@@ -84,7 +85,6 @@ Sums sumAround(const DepthPrior& prior, int x, int y, int radius) {
 
 constexpr int kMinPairs = 10;
 constexpr int kIterations = 5;      // of re-weighting
-constexpr double kMinContrast = 5;  // standard deviation of the reference's patches [grey levels]
 constexpr double kMaxGain = 5;      // and its inverse; more is no exposure change
 
 /// Mean grey value of the residual pattern; nullopt where it leaves the image or is invalid.
@@ -132,7 +132,7 @@ std::optional<BrightnessTransfer> fitLine(const std::vector<GreyPair>& pairs) {
       xy += weight * pair.reference * pair.target;
     }
     const double variance = xx / sum - x / sum * (x / sum);
-    if (!(variance > kMinContrast * kMinContrast)) {
+    if (!(variance > kContrastOfGain * kContrastOfGain)) {
       return std::nullopt;
     }
     line.gain = (xy / sum - x / sum * (y / sum)) / variance;

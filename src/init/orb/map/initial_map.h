@@ -22,6 +22,9 @@
 
 namespace dsorb::init_orb {
 
+/// Points within it tell of each other, for an image diagonal of 800 px [px].
+constexpr double kNeighbourRadius = 60;
+
 /// Inverse depth that the caller knows, as a Gaussian in the map's unit.
 struct KnownInverseDepth {
   double mean = 0;      ///< [1/unit]

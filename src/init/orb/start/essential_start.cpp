@@ -34,9 +34,10 @@ constexpr int kMinCorners = 60;
 constexpr double kMinTrackShare = 0.5;  // of the reference's live tracks that are left
 constexpr double kMinFrontShare = 0.8;  // of the corners, in front of the camera
 constexpr double kFartherShare = 0.75;  // of the corners, which are farther than the near part
-/// An attempt is left out where the last one from this reference, extrapolated by the growth of the
-/// parallax, misses the gate by more than this factor.
-constexpr double kRetryMargin = 1.5;
+/// Factor by which errors miss the gate that make more work on a start vain: an attempt is left out
+/// where the last one from this reference, extrapolated by the growth of the parallax, misses by
+/// more, and corners are refined no further, which saves a sixth of the time.
+constexpr double kHopelessFactor = 1.5;
 constexpr int kMaxSkippedFrames = 1;       // but so many times in a row at most
 constexpr std::size_t kGrownUpFrames = 8;  // of a start whose rows move; with fewer its direction
 constexpr double kYoungSigmaDeg = 0.5;     // has to be as sure as this
@@ -99,9 +100,6 @@ constexpr double kMinRotationResidual = 0.5;  // rotation-compensated flow; less
 /// Least noise of the tracks in the competition of models [px]. With the measured 0.1 px a rotation
 /// never wins on real images.
 constexpr double kMinTrackNoise = 0.5;
-/// A start is refined no further where its errors would have to shrink by this factor to pass,
-/// which saves a sixth of the time.
-constexpr double kHopelessFactor = 1.5;
 /// Largest factor on the deviations of known depths with which they still give a scale, where they
 /// are used for nothing else.
 constexpr double kMaxInflation = 2;
@@ -138,7 +136,7 @@ bool worthTheTime(const ReferenceView& view, double rotation_residual, const Gat
   const bool was_young = last.gate && last.reason == InitReason::kSettling;
   if (was_young) return view.frames.size() >= kGrownUpFrames;
   return last.skipped >= kMaxSkippedFrames ||
-         !refusedUnless(kRetryMargin, last, rotation_residual, gate);
+         !refusedUnless(kHopelessFactor, last, rotation_residual, gate);
 }
 
 /// Whether a start that passes should wait all the same: its rows move, and of a few frames their

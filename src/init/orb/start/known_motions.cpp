@@ -22,7 +22,7 @@
 namespace dsorb::init_orb {
 namespace {
 
-constexpr double kMinNoise = 0.05;  // of the tracks [px]
+constexpr double kMinNoise = 0.05;  // of tracks, however well they fit [px]
 /// Standard deviations above its mean at which the chi-square of a contradiction refuses.
 constexpr double kContradiction = 5;
 
@@ -118,7 +118,6 @@ std::optional<InitialMap> boundByMotions(InitialMap map,
 
 /// Largest relative deviation, after it was widened, with which depths still give a start.
 constexpr double kMaxRelativeSigma = 0.15;
-constexpr double kMinInnovationNoise = 0.05;  // [px]
 constexpr double kMaxInnovationNoise = 1;     // [px]; more is no noise but a pose that does not fit
 constexpr double kInnovationFreedom = 4;      // of the t-distribution of an innovation
 constexpr double kInflationStep = 1.2;
@@ -126,10 +125,8 @@ constexpr int kInflations = 26;  // up to 95
 /// Log likelihood by which another inflation may be worse than the best and still be believed: two
 /// standard deviations.
 constexpr double kLikelihoodGap = 2;
-/// Median epipolar distance of a motion from known depths over that of the best motion, and the
-/// least one that counts [px].
+/// Median epipolar distance of a motion from known depths over that of the best motion.
 constexpr double kMaxMisfit = 2;
-constexpr double kMinMisfit = 0.05;
 
 /// Corners of all tracks whose depth is known, in metres; the newest frame where the camera has
 /// only turned.
@@ -177,7 +174,7 @@ std::vector<DepthInnovation> innovationsOf(const InitialMap& map, const PinholeC
     innovations.push_back({speed.dot(error) / square, known.variance, 1 / square});
   }
   const double noise =
-      std::clamp(kMadToSigma * medianInPlace(across), kMinInnovationNoise, kMaxInnovationNoise);
+      std::clamp(kMadToSigma * medianInPlace(across), kMinNoise, kMaxInnovationNoise);
   for (DepthInnovation& innovation : innovations) innovation.image_variance *= noise * noise;
   return innovations;
 }
@@ -277,7 +274,7 @@ bool fitsLikeTheBest(const SE3& T_cur_ref, const Matches& matches, const Attempt
   const auto misfit = [&](const SE3& motion) {
     return medianOf(epipolarDistances(motion, matches, context.camera));
   };
-  return misfit(T_cur_ref) <= kMaxMisfit * std::max(kMinMisfit, misfit(best->T_cur_ref));
+  return misfit(T_cur_ref) <= kMaxMisfit * std::max(kMinNoise, misfit(best->T_cur_ref));
 }
 
 KnownDepthStart startOfKnownDepths(const ReferenceView& view,
