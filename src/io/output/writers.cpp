@@ -21,6 +21,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -301,9 +302,6 @@ class PointsPly {
 
   void retireKeyframe(const KeyframeSnapshot& keyframe) { waiting_ += vertices(keyframe); }
 
-  /// Whether as many points wait for update() as should be kept in memory.
-  [[nodiscard]] bool isFull() const { return waiting_.size() > kMostWaiting; }
-
   /// Brings the file up to date.
   void update() {
     file_.append(waiting_);
@@ -325,8 +323,6 @@ class PointsPly {
   }
 
  private:
-  static constexpr std::size_t kMostWaiting = 1 << 18;  // [bytes]
-
   GrowingFile file_;
   std::string waiting_;       // since the last update
   std::uintmax_t bytes_ = 0;  // of the vertices in the file
@@ -336,9 +332,7 @@ class PointsPly {
 
 namespace {
 
-constexpr std::string_view kHead = "{\n \"initializations\": [";
-constexpr std::string_view kTail = "]\n}\n";
-constexpr int kDepth = 2;  // of an initialization in the file
+constexpr const char* kStarts = "initializations";
 
 template <typename Matrix>
 io::Json rows(const Matrix& matrix) {
@@ -431,8 +425,8 @@ class InitializationWriter {
  public:
   /// Writes the empty list. @throws IoError where it cannot be written
   InitializationWriter(fs::path path, std::string initializer)
-      : file_(std::move(path)), initializer_(std::move(initializer)) {
-    file_.append(kHead, kTail);
+      : path_(std::move(path)), initializer_(std::move(initializer)) {
+    io::replaceFile(path_, io::jsonText({{kStarts, io::Json::array()}}));
   }
 
   void setCamera(const PinholeCamera& camera) { camera_ = camera; }
@@ -458,9 +452,9 @@ class InitializationWriter {
     }
     for (const io::InitStepNote& step : record.steps()) {
       if (!step.result) continue;
-      const std::string text = io::jsonText(describe(step, milliseconds), kDepth);
-      file_.append(fmt::format("{}\n  {}", separator_, text), fmt::format("\n {}", kTail));
-      separator_ = ",";
+      io::Json all = io::Json::parse(std::ifstream(path_));
+      all[kStarts].push_back(describe(step, milliseconds));
+      io::replaceFile(path_, io::jsonText(all));
     }
   }
 
@@ -504,11 +498,10 @@ class InitializationWriter {
     return json;
   }
 
-  io::GrowingFile file_;
+  fs::path path_;
   std::string initializer_;
   PinholeCamera camera_;
   Progress progress_;
-  const char* separator_ = "";
 };
 
 namespace {
@@ -516,12 +509,6 @@ namespace {
 /// What run.json says until finish(): the run was killed.
 std::string firstSummary(const RunInfo& info) {
   return io::jsonText(io::runJson(info, {}, io::RunRecord(), {}));
-}
-
-/// Keyframes from which on run.json and points.ply are brought up to date again: each a tenth after
-/// the one before.
-std::size_t nextWriting(std::size_t keyframes) {
-  return keyframes + std::max<std::size_t>(1, keyframes / 10);
 }
 
 }  // namespace
@@ -547,10 +534,8 @@ class RunWriter::Impl {
     keyframes.update(record, record.keyframes());
     initializations.update(record, timing.work_milliseconds);
     writeInitialFigures();
-    const std::size_t count = record.keyframes().size();
-    if (!keyframes_changed || (count < next_writing && !points.isFull())) return;
+    if (!keyframes_changed) return;
     points.update();
-    next_writing = nextWriting(count);
     writeRunJson(RunStatus::kError, nullptr);
     keyframes_changed = false;
   }
@@ -614,7 +599,6 @@ class RunWriter::Impl {
   InitializationWriter initializations;
   io::PointsPly points;
   bool keyframes_changed = false;
-  std::size_t next_writing = 0;  // number of keyframes
   int frames_dropped = 0;
   std::vector<std::string> unreadable;
 };
