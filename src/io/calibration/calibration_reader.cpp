@@ -534,8 +534,7 @@ Calibration readKalibrCamera(const KeyedValues& values) {
   const std::string distortion = values.text("distortion_model", "the model of the distortion");
   const LensWord& model =
       findLens(kKalibrModels, camera + " " + distortion, values["distortion_model"]);
-  Lens lens;
-  lens.model = model.model;
+  Lens lens{model.model};
   setParameters(projection.parameters, values["intrinsics"], lens);
   readSize(values["resolution"], lens);
   const char* key =
@@ -588,8 +587,7 @@ Calibration readOrb(const KeyedValues& values, const std::string& group) {
   const KeyedValues camera = values.within("Camera");
   const std::string key = camera.find({"type", "model"});
   const LensWord& model = key.empty() ? kOrbModels.front() : findLens(kOrbModels, camera[key]);
-  Lens lens;
-  lens.model = model.model;
+  Lens lens{model.model};
   readSize(camera, lens);
   readParameters(values.within(group), model.parameters, lens);
   return finished(values[group + ".fx"], lens);
@@ -624,8 +622,7 @@ const Strings kVinsGroups = {
 Calibration readVins(const KeyedValues& values) {
   const std::string key = "model_type";
   const LensWord& model = findLens(kVinsModels, values[key]);
-  Lens lens;
-  lens.model = model.model;
+  Lens lens{model.model};
   readSize(values, lens);
   const std::string first = readParameters(values, model.parameters, lens, kVinsGroups);
   if (values.has("rolling_shutter") && values.number("rolling_shutter") != 0) {
@@ -649,8 +646,7 @@ Calibration readSvo(const KeyedValues& camera, int /*number*/) {
   const LensWord distortion = model(kSvoModels, "distortion.type");
   const char* intrinsics = camera.has("intrinsics") ? "intrinsics" : "intrinsics.data";
   const std::string key = camera.find({"distortion.parameters", "distortion.parameters.data"});
-  Lens lens;
-  lens.model = distortion.model;
+  Lens lens{distortion.model};
   readSize(camera, lens);
   setParameters("fx fy cx cy", camera[intrinsics], lens);
   if (lens.model != LensModel::kPinhole) {  // for which SVO writes four zeros
@@ -684,8 +680,7 @@ std::string basaltPath(int number) {
 Calibration readBasalt(const KeyedValues& values, const KeyedValues& camera, int number) {
   const std::string key = "camera_type";
   const LensWord& model = findLens(kBasaltModels, camera[key]);
-  Lens lens;
-  lens.model = model.model;
+  Lens lens{model.model};
   lens.coefficients[1] = model.word == "ucm" ? 1 : 0;  // beta
   readSize(values[fmt::format("value0.resolution[{}]", number)], lens);
   readParameters(camera.within("intrinsics"), model.parameters, lens);
@@ -1016,8 +1011,7 @@ const LensWords kColmapModels = {
 Calibration readColmapCamera(const Field& field, const std::string& word) {
   const LensWord& model = findLens(kColmapModels, word, field);
   std::vector<double> numbers = field.numbers();
-  Lens lens;
-  lens.model = model.model;
+  Lens lens{model.model};
   setSize(numbers[0], numbers[1], lens, field);
   numbers.erase(numbers.begin(), numbers.begin() + 2);
   setParameters(model.parameters, numbers, lens, field);

@@ -196,14 +196,6 @@ Playlist selectLive(const SequenceOptions& options) {
   return playlist;
 }
 
-/// What a sequence is rectified with.
-struct SequenceCalibration {
-  Rectifier rectifier;
-  Lens lens;
-  BrightnessModel brightness;
-  std::vector<std::string> warnings;  ///< one sentence each
-};
-
 std::string orDefault(const std::string& given, const fs::path& found) {
   return given.empty() ? found.string() : given;
 }
@@ -349,53 +341,6 @@ PhotometricCalibration readPhotometry(const std::string& response,
   return photometric;
 }
 
-/// Reads the calibration files that options name or that lie beside the images, and fits them to
-/// the first image's size. Where they do not say how the sensor is read, it is by its rows, which
-/// are columns of an image that was turned.
-/// @throws IoError naming the file at fault
-/// @throws ConfigError where options contradict each other or the data set
-SequenceCalibration calibrateSequence(const SequenceOptions& options,
-                                      const DatasetLayout& layout,
-                                      const SourceImage& first) {
-  std::vector<std::string> warnings;
-  Geometry geometry = readGeometry(options, layout, first);
-  if (options.horizontal_view > 0 && isUpright(first.pixels.cols, first.pixels.rows)) {
-    warnings.push_back(
-        "the images are upright: --hfov is what they show from left to right, along "
-        "their short side");
-  }
-  const std::string response = orDefault(options.response_file, layout.response);
-  const std::string vignette = orDefault(options.vignette_file, layout.vignette);
-  const BrightnessModel brightness = brightnessModel(options, response, vignette, warnings);
-  const int turn = turnOf(options, first, geometry.calibration.lens);
-  cv::Size size = first.pixels.size();
-  if (turn % 180 != 0) std::swap(size.width, size.height);
-  try {
-    fitSize(size, geometry, warnings);
-    Lens& lens = geometry.calibration.lens;
-    if (brightness == BrightnessModel::kCalibrated) {
-      geometry.calibration.photometric = readPhotometry(response, vignette, lens);
-    }
-    fitOutput(options, first.turn, turn, geometry, warnings);
-    const int width = outputWidth(options, lens);
-    if (width > 0 && width != options.width) {
-      warnings.push_back(
-          fmt::format("images of {} are made smaller, to a width of {}; --width 0 keeps them",
-                      pixelText(lens.width, lens.height),
-                      width));
-    }
-    Rectifier rectifier(geometry.calibration);
-    for (const std::string& doubt : rectifier.warnings()) {
-      warnings.push_back(fmt::format("{}: {}", geometry.source, doubt));
-    }
-    return {std::move(rectifier), lens, brightness, std::move(warnings)};
-  } catch (const std::invalid_argument& error) {
-    throw IoError(fmt::format("{}: {}", geometry.source, error.what()));
-  } catch (const std::bad_alloc&) {
-    throw IoError(fmt::format("{}: no memory for images of this size", geometry.source));
-  }
-}
-
 /// An image beside the sequence.
 /// @param what it is; `of` which images it has to have the size
 /// @throws IoError where it is unreadable or of another depth or size
@@ -511,6 +456,7 @@ class SequenceReader::Impl {
     return selectVideo(options, *dataset.images);
   }
   void calibrate(const SequenceOptions& options);
+  void rectify(const SequenceOptions& options, const SourceImage& image);
   void readMasks(const std::string& given);
   [[nodiscard]] cv::Size inputSize() const {
     return {rectifier->inputWidth(), rectifier->inputHeight()};
@@ -548,14 +494,53 @@ class SequenceReader::Impl {
   std::unique_ptr<FrameQueue> queue;  // last: its thread stops first
 };
 
+/// Reads the calibration files that options name or that lie beside the images, and fits them to
+/// the first image's size. Where they do not say how the sensor is read, it is by its rows, which
+/// are columns of an image that was turned.
+/// @throws IoError naming the file at fault
+/// @throws ConfigError where options contradict each other or the data set
+void SequenceReader::Impl::rectify(const SequenceOptions& options, const SourceImage& image) {
+  std::vector<std::string>& warnings = dataset.warnings;
+  Geometry geometry = readGeometry(options, layout, image);
+  if (options.horizontal_view > 0 && isUpright(image.pixels.cols, image.pixels.rows)) {
+    warnings.push_back(
+        "the images are upright: --hfov is what they show from left to right, along "
+        "their short side");
+  }
+  const std::string response = orDefault(options.response_file, layout.response);
+  const std::string vignette = orDefault(options.vignette_file, layout.vignette);
+  brightness = brightnessModel(options, response, vignette, warnings);
+  const int turn = turnOf(options, image, geometry.calibration.lens);
+  cv::Size size = image.pixels.size();
+  if (turn % 180 != 0) std::swap(size.width, size.height);
+  try {
+    fitSize(size, geometry, warnings);
+    if (brightness == BrightnessModel::kCalibrated) {
+      geometry.calibration.photometric =
+          readPhotometry(response, vignette, geometry.calibration.lens);
+    }
+    fitOutput(options, image.turn, turn, geometry, warnings);
+    lens = geometry.calibration.lens;
+    const int width = outputWidth(options, lens);
+    if (width > 0 && width != options.width) {
+      warnings.push_back(
+          fmt::format("images of {} are made smaller, to a width of {}; --width 0 keeps them",
+                      pixelText(lens.width, lens.height),
+                      width));
+    }
+    rectifier.emplace(geometry.calibration);
+    for (const std::string& doubt : rectifier->warnings()) {
+      warnings.push_back(fmt::format("{}: {}", geometry.source, doubt));
+    }
+  } catch (const std::invalid_argument& error) {
+    throw IoError(fmt::format("{}: {}", geometry.source, error.what()));
+  } catch (const std::bad_alloc&) {
+    throw IoError(fmt::format("{}: no memory for images of this size", geometry.source));
+  }
+}
+
 void SequenceReader::Impl::calibrate(const SequenceOptions& options) {
-  SequenceCalibration calibration =
-      calibrateSequence(options, layout, firstImage(!options.lens && isGuess(options, layout)));
-  rectifier.emplace(std::move(calibration.rectifier));
-  lens = calibration.lens;
-  brightness = calibration.brightness;
-  dataset.warnings.insert(
-      dataset.warnings.end(), calibration.warnings.begin(), calibration.warnings.end());
+  rectify(options, firstImage(!options.lens && isGuess(options, layout)));
   // To an unknown response a ratio of exposures is a guess, which free brightness may correct.
   if (brightness == BrightnessModel::kPerfect) dataset.exposures.clear();
   bits = options.bits;

@@ -197,6 +197,15 @@ std::string jsonText(const Json& value) {
   return text + '\n';
 }
 
+Json cameraJson(const PinholeCamera& camera) {
+  return {{"fx", camera.fx},
+          {"fy", camera.fy},
+          {"cx", camera.cx},
+          {"cy", camera.cy},
+          {"width", camera.width},
+          {"height", camera.height}};
+}
+
 double shortest(float value) {
   const std::string text = fmt::format("{}", value);
   double result = value;

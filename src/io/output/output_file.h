@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/error.h"
 #include "dsorb/geometry/se3.h"
 
@@ -82,6 +83,9 @@ using Json = nlohmann::ordered_json;
 /// shortest that read back the same, but a `timestamp` has nine decimals as in every file; nan and
 /// infinity become null.
 [[nodiscard]] std::string jsonText(const Json& value);
+
+/// The intrinsics as every file has them.
+[[nodiscard]] Json cameraJson(const PinholeCamera& camera);
 
 /// The double whose shortest text is that of the float: 0.1f gives 0.1.
 [[nodiscard]] double shortest(float value);
