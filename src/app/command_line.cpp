@@ -29,18 +29,22 @@
 namespace dsorb::app {
 namespace {
 
+/// Whole text as a number. @return empty where it is none
+template <typename Number>
+std::optional<Number> parsed(const std::string& text) {
+  Number value{};
+  const char* const end = text.data() + text.size();
+  const auto [stop, error] = std::from_chars(text.data(), end, value);
+  return error == std::errc() && stop == end ? std::optional(value) : std::nullopt;
+}
+
 template <typename Number>
 Number number(const ConfigAssignment& word) {
-  Number value{};
-  const char* const end = word.value.data() + word.value.size();
-  const auto [stop, error] = std::from_chars(word.value.data(), end, value);
-  if (error != std::errc() || stop != end) {
-    throw ConfigError(fmt::format("{}={}: expected a {}number",
-                                  word.key,
-                                  word.value,
-                                  std::is_integral_v<Number> ? "whole " : ""));
-  }
-  return value;
+  if (const auto value = parsed<Number>(word.value)) return *value;
+  throw ConfigError(fmt::format("{}={}: expected a {}number",
+                                word.key,
+                                word.value,
+                                std::is_integral_v<Number> ? "whole " : ""));
 }
 
 int notNegative(const ConfigAssignment& word) {
@@ -186,31 +190,21 @@ const std::map<std::string, PlacesMode> kPlacesModes = {
 constexpr double kMaxSpeed = 1e6;    // times real time
 constexpr double kMaxSeconds = 1e9;  // from the first image
 
-template <typename Number>
-bool isNumberIn(const std::string& text, Number low, Number high) {
-  Number value{};
-  const char* const end = text.data() + text.size();
-  const auto [stop, error] = std::from_chars(text.data(), end, value);
-  return error == std::errc() && stop == end && value >= low && value <= high;
-}
-
 /// Says what is expected, which a failed conversion of CLI11 does not.
 CLI::Validator wholeNumber(int low) {
   return {[low](const std::string& text) {
-            return isNumberIn(text, low, std::numeric_limits<int>::max())
-                       ? std::string()
-                       : fmt::format("'{}' must be a whole number{}",
-                                     text,
-                                     low == 0  ? ", not negative"
-                                     : low > 0 ? fmt::format(" from {}", low)
-                                               : "");
+            if (parsed<int>(text).value_or(low - 1) >= low) return std::string();
+            return fmt::format("'{}' must be a whole number{}",
+                               text,
+                               low == 0 ? ", not negative" : fmt::format(" from {}", low));
           },
           ""};
 }
 
 CLI::Validator numberIn(double low, double high) {
   return {[low, high](const std::string& text) {
-            return isNumberIn(text, low, high)
+            const double value = parsed<double>(text).value_or(low - 1);
+            return value >= low && value <= high
                        ? std::string()
                        : fmt::format("'{}' must be a number in [{}, {}]", text, low, high);
           },
@@ -238,14 +232,6 @@ struct Flags {
   bool pipelined = false;
 };
 
-template <typename Value>
-std::vector<std::string> namesOf(const std::map<std::string, Value>& values) {
-  std::vector<std::string> names;
-  names.reserve(values.size());
-  for (const auto& entry : values) names.push_back(entry.first);
-  return names;
-}
-
 void addInputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
   app.add_option(
          "DATASET",
@@ -257,7 +243,7 @@ void addInputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
                  flags.format,
                  "default auto: recognised by what lies in the folder; camera plays a "
                  "video file in its own time")
-      ->check(CLI::IsMember(namesOf(kFormats)));
+      ->check(CLI::IsMember(kFormats));
   app.add_option("--calib", request.sequence.calibration_file, "geometric calibration")
       ->type_name("FILE");
   app.add_option(
@@ -293,7 +279,7 @@ void addInputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
                  flags.mode,
                  "photometry; default calibrated where response and vignette are there, else "
                  "uncalibrated")
-      ->check(CLI::IsMember(namesOf(kModes)));
+      ->check(CLI::IsMember(kModes));
   app.add_option("--bits",
                  request.sequence.bits,
                  "that values of 16-bit images take, 9 to 16; default: 10 or 12 where all values "
@@ -387,7 +373,7 @@ void addMethodFlags(CLI::App& app, Flags& flags, CommandLine& request) {
       ->type_name("NAME,...");
   app.add_option("--threads", flags.threads, "default 0: all the machine has")
       ->type_name("N")
-      ->check(wholeNumber(std::numeric_limits<int>::min()));
+      ->check(wholeNumber(0));
   app.add_option("--on-lost", flags.on_lost, "stop or restart; default restart: a new segment")
       ->check(CLI::IsMember({"stop", "restart"}));
   app.add_option("--places",
@@ -395,7 +381,7 @@ void addMethodFlags(CLI::App& app, Flags& flags, CommandLine& request) {
                  "what is done where a place is seen again: off (default of cameras and with "
                  "--speed); join: segments that show one place become one; loops (default): also "
                  "closed where they are open by more than their uncertainty, which needs Ceres")
-      ->check(CLI::IsMember(namesOf(kPlacesModes)));
+      ->check(CLI::IsMember(kPlacesModes));
   app.add_option(
          "--load-map",
          request.load_map,
@@ -439,7 +425,7 @@ void addOutputFlags(CLI::App& app, Flags& flags, CommandLine& request) {
                "written to standard output as PPM");
   app.add_flag("--quiet", request.quiet, "print errors only");
   app.add_option("--progress", flags.progress, "default auto: a bar where a terminal is")
-      ->check(CLI::IsMember(namesOf(kProgressModes)));
+      ->check(CLI::IsMember(kProgressModes));
 }
 
 /// The first argument that looks like an option but is not one.

@@ -143,18 +143,14 @@ class Feeder {
   Clock::time_point begin_ = Clock::now();
 };
 
-/// The report after an error; nothing where finishing fails as well.
-std::optional<OdometryReport> finishAfterError(std::optional<Odometry>& odometry) {
-  try {
-    if (odometry) return odometry->finish();
-  } catch (const std::exception&) {  // must not hide the first one
-  }
-  return std::nullopt;
-}
-
 /// Writes the results so far after an error. A second error must not hide the first.
 void writeAfterError(RunOutputs& outputs, std::optional<Odometry>& odometry) {
-  const std::optional<OdometryReport> report = finishAfterError(odometry);
+  std::optional<OdometryReport> report;
+  try {
+    if (odometry) report = odometry->finish();
+  } catch (const std::exception&) {
+    report.reset();
+  }
   try {
     outputs.finish(RunStatus::kError, report ? &*report : nullptr);
   } catch (const std::exception&) {
@@ -184,10 +180,8 @@ SequenceReader openSequence(const CommandLine& request, RunOutputs& outputs) {
   } catch (const ConfigError&) {
     throw;
   } catch (const std::exception&) {
-    try {
-      outputs.finish(RunStatus::kError, nullptr);
-    } catch (const std::exception&) {  // must not hide the first one
-    }
+    std::optional<Odometry> none;
+    writeAfterError(outputs, none);
     throw;
   }
 }

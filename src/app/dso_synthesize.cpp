@@ -1,7 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "dsorb/error.h"
-#include "dsorb/io/config.h"
-
 #include "app/dataset_writer.h"
 #include "platform/process.h"
 #include "synthetic/sequence.h"
@@ -9,13 +6,11 @@
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
 
-#include <array>
 #include <cmath>
 #include <cstdio>
 #include <exception>
+#include <map>
 #include <string>
-#include <utility>
-#include <vector>
 
 namespace {
 
@@ -42,34 +37,20 @@ struct CommandLine {
   bool quiet = false;
 };
 
-constexpr std::array<std::pair<const char*, SequenceKind>, 8> kKinds = {{
-    {"street", SequenceKind::kStreet},
-    {"room", SequenceKind::kRoom},
-    {"plane", SequenceKind::kPlane},
-    {"static", SequenceKind::kStatic},
-    {"rotation", SequenceKind::kRotation},
-    {"cut", SequenceKind::kCut},
-    {"block", SequenceKind::kBlock},
-    {"round", SequenceKind::kRound},
-}};
-
-/// @throws dsorb::ConfigError on a word that names no kind of sequence
-SequenceKind kindOf(const std::string& word) {
-  std::vector<std::string> names;
-  for (const auto& [name, kind] : kKinds) {
-    if (word == name) return kind;
-    names.emplace_back(name);
-  }
-  throw dsorb::ConfigError(
-      fmt::format("unknown kind of sequence '{}'; the closest valid kind is '{}'",
-                  word,
-                  dsorb::closestName(word, names)));
-}
+const std::map<std::string, SequenceKind> kKinds = {{"street", SequenceKind::kStreet},
+                                                    {"room", SequenceKind::kRoom},
+                                                    {"plane", SequenceKind::kPlane},
+                                                    {"static", SequenceKind::kStatic},
+                                                    {"rotation", SequenceKind::kRotation},
+                                                    {"cut", SequenceKind::kCut},
+                                                    {"block", SequenceKind::kBlock},
+                                                    {"round", SequenceKind::kRound}};
 
 void addOptions(CLI::App& app, CommandLine& line) {
   SequenceOptions& sequence = line.sequence;
   sequence.noise_sigma = kDefaultNoise;
   app.add_option("KIND", line.kind, "street, room, plane, static, rotation, cut, block or round")
+      ->check(CLI::IsMember(kKinds))
       ->required();
   app.add_option("--output,-o", line.output, "folder, listed in its ../sequences.json")->required();
   app.add_option("--width", sequence.width, "image width [px]")
@@ -125,27 +106,12 @@ void addOptions(CLI::App& app, CommandLine& line) {
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
   app.add_flag("--quiet", line.quiet, "no progress line");
-  app.set_version_flag("--version", "dso_synthesize " DSORB_VERSION);
 }
 
-/// Names the closest valid option for words that none of them takes.
-/// @throws dsorb::ConfigError
-void rejectUnknownWords(const CLI::App& app) {
-  const std::vector<std::string> words = app.remaining();
-  if (words.empty()) return;
-  std::vector<std::string> names;
-  for (const CLI::Option* option : app.get_options()) {
-    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
-  }
-  throw dsorb::ConfigError(fmt::format("unknown option '{}'; the closest valid option is '{}'",
-                                       words.front(),
-                                       dsorb::closestName(words.front(), names)));
-}
-
-/// Sequence options of a parsed command line. @throws dsorb::ConfigError
+/// Sequence options of a parsed command line.
 SequenceOptions sequenceOptions(const CommandLine& line) {
   SequenceOptions options = line.sequence;
-  options.kind = kindOf(line.kind);
+  options.kind = kKinds.at(line.kind);
   if (line.fov_deg > 0) {
     options.fx = 0.5 * options.width / std::tan(0.5 * line.fov_deg * kRadiansPerDegree);
   }
@@ -179,15 +145,14 @@ void synthesize(const CommandLine& line) {
 
 int run(int argc, char** argv) {
   CLI::App app("Renders a synthetic sequence with its truth as a data set in the layout of DSO");
+  app.set_version_flag("--version", "dso_synthesize " DSORB_VERSION);
   CommandLine line;
   addOptions(app, line);
-  app.allow_extras();
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : kUsageError;
   }
-  rejectUnknownWords(app);
   synthesize(line);
   return 0;
 }
@@ -197,9 +162,6 @@ int run(int argc, char** argv) {
 int main(int argc, char** argv) {
   try {
     return run(argc, argv);
-  } catch (const dsorb::ConfigError& error) {
-    fmt::print(stderr, "dso_synthesize: {}\n", error.what());
-    return kUsageError;
   } catch (const std::exception& error) {
     fmt::print(stderr, "dso_synthesize: {}\n", error.what());
     return kRuntimeError;

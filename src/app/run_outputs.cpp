@@ -8,21 +8,12 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <filesystem>
+#include <system_error>
 #include <utility>
 
 namespace dsorb::app {
-namespace {
 
 namespace fs = std::filesystem;
-
-/// Without links where these can be followed, which those of a process's own streams cannot.
-fs::path resolved(const fs::path& path) {
-  std::error_code error;
-  const fs::path canonical = fs::weakly_canonical(path, error);
-  return error ? fs::absolute(path).lexically_normal() : canonical;
-}
-
-}  // namespace
 
 RunOutputs::RunOutputs(const CommandLine& request, RunInfo info)
     : folder_(request.output),
@@ -31,7 +22,9 @@ RunOutputs::RunOutputs(const CommandLine& request, RunInfo info)
       info_(std::move(info)) {
   if (record_.empty()) return;
   io::refuseOthers(record_);
-  if (io::isOutputFile(resolved(record_).lexically_relative(resolved(folder_)))) {
+  std::error_code none;
+  const fs::path place = fs::weakly_canonical(record_, none);
+  if (io::isOutputFile(place.lexically_relative(fs::weakly_canonical(folder_, none)))) {
     throw ConfigError(fmt::format(
         "--record {}: the run itself writes a file of this name; choose another", record_));
   }

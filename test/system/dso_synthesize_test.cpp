@@ -78,8 +78,8 @@ TEST(DsoSynthesize, HelpsWithWrongOptions) {
     EXPECT_EQ(run.exit_code, 2) << arguments;
     EXPECT_THAT(run.output, testing::HasSubstr(help)) << arguments;
   };
-  expectUsage("stret" + output, "'street'");
-  expectUsage("street --widht 320" + output, "'--width'");
+  expectUsage("stret" + output, "street");
+  expectUsage("street --widht 320" + output, "--widht");
   expectUsage("street --frames 0" + output, "--frames");
   expectUsage("street --noise many" + output, "--noise");
   expectUsage("street", "--output");

@@ -54,7 +54,7 @@ TEST_F(SequenceErrorsTest, TruncatedImagesEndTheSequenceAfterTheFramesBefore) {
     const fs::path broken = root() / "images" / ("000003" + suffix);
     fs::resize_file(broken, fs::file_size(broken) / 2);
     testing::internal::CaptureStderr();
-    for (const int prefetch : {0, 2}) {
+    for (const bool prefetch : {false, true}) {
       SequenceOptions o = options();
       o.prefetch = prefetch;
       SequenceReader reader(o);

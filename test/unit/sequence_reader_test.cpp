@@ -106,7 +106,7 @@ TEST_F(SequenceReaderTest, StartEndAndReverseSelectImages) {
   o.reverse = true;
   EXPECT_THAT(indicesOf(o), ElementsAre(3, 2));
   o.end = 100000;
-  o.prefetch = 0;
+  o.prefetch = false;
   EXPECT_THAT(indicesOf(o), ElementsAre(5, 4, 3, 2));
   o.start = 6;
   EXPECT_THROW(SequenceReader{o}, ConfigError);
@@ -117,7 +117,7 @@ TEST_F(SequenceReaderTest, StartEndAndReverseSelectImages) {
 
 TEST_F(SequenceReaderTest, SkippedImagesAreLeftOut) {
   writeDso(9);
-  for (const int prefetch : {0, 1, 3}) {
+  for (const bool prefetch : {false, true}) {
     SequenceOptions o = options();
     o.prefetch = prefetch;
     SequenceReader reader(o);
@@ -369,7 +369,7 @@ TEST_F(SequenceReaderTest, FormatCanBeForced) {
 
 TEST_F(SequenceReaderTest, ReadingAheadGivesTheSameFramesAndStopsAtAnyTime) {
   writeDso(12);
-  for (const int prefetch : {0, 1, 5, 100}) {
+  for (const bool prefetch : {false, true}) {
     SequenceOptions o = options();
     o.prefetch = prefetch;
     SequenceReader reader(o);

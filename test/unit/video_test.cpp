@@ -116,7 +116,7 @@ TEST_F(VideoTest, PartsAreSelected) {
 }
 
 TEST_F(VideoTest, SkippedImagesAreLeftOut) {
-  for (const int prefetch : {0, 2}) {
+  for (const bool prefetch : {false, true}) {
     SequenceOptions o = viewOf(video());
     o.prefetch = prefetch;
     SequenceReader reader(o);

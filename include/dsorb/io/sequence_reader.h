@@ -62,7 +62,8 @@ struct SequenceOptions {
   int width = -1;
   bool reverse = false;          ///< read from end - 1 down to start, both included
   bool skip_unreadable = false;  ///< pass over image files that cannot be read
-  int prefetch = 2;  ///< images prepared ahead by a thread; 0, and with cameras: none, no thread
+  /// Each image is prepared while the one before is used, in a thread; not with cameras.
+  bool prefetch = true;
 };
 
 /// One rectified and photometrically corrected image with its pyramid.

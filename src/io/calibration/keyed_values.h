@@ -8,18 +8,14 @@
 
 #include <cstddef>
 #include <filesystem>
-#include <functional>
 #include <map>
 #include <memory>
 #include <string>
 #include <vector>
 
-namespace dsorb {
+namespace dsorb::io {
 
-/// Makes the error of a file from what is wrong.
-using Complain = std::function<IoError(const std::string& what)>;
-
-namespace io {
+struct Field;
 
 /// A scalar or a list of scalars of a file, as words.
 struct KeyedValue {
@@ -61,10 +57,8 @@ class KeyedValues {
                                             const std::string& what) const;
 
   [[nodiscard]] IoError error(const std::string& key, const std::string& what) const;
-  /// The same to be made later; the values must live until then.
-  [[nodiscard]] Complain complain(const std::string& key) const {
-    return [this, key](const std::string& what) { return error(key, what); };
-  }
+  /// The value of a key, there or not; the values must live as long.
+  [[nodiscard]] Field operator[](const std::string& key) const;
   [[nodiscard]] const std::filesystem::path& file() const { return file_; }
 
  private:
@@ -74,6 +68,21 @@ class KeyedValues {
   std::string prefix_;
   std::shared_ptr<std::map<std::string, KeyedValue>> values_;
 };
+
+/// The value of one key, for those who read it and complain of it.
+struct Field {
+  const KeyedValues& values;
+  std::string key;
+
+  [[nodiscard]] bool has() const { return values.has(key); }
+  [[nodiscard]] std::string text(const std::string& what) const { return values.text(key, what); }
+  [[nodiscard]] std::vector<double> numbers() const { return values.numbers(key); }
+  [[nodiscard]] IoError error(const std::string& what) const { return values.error(key, what); }
+};
+
+inline Field KeyedValues::operator[](const std::string& key) const {
+  return {*this, key};
+}
 
 /// Most values that are read of a file, aliases counted as what they stand for.
 inline constexpr std::size_t kMaxYamlValues = 100000;
@@ -93,5 +102,4 @@ inline constexpr std::size_t kMaxYamlValues = 100000;
 [[nodiscard]] std::vector<ConfigAssignment> readYamlAssignments(const std::string& text,
                                                                 const std::string& name);
 
-}  // namespace io
-}  // namespace dsorb
+}  // namespace dsorb::io

@@ -444,15 +444,14 @@ std::optional<DatasetLayout> findDso(const fs::path& path) {
   return std::nullopt;
 }
 
-/// Number N of a folder image_N, or image_0N of raw data; empty for other names.
-std::optional<int> kittiCamera(const fs::path& folder) {
-  const std::string name = folder.filename().string();
-  for (const std::string_view prefix : {"image_0", "image_"}) {
-    if (name.size() != prefix.size() + 1 || name.compare(0, prefix.size(), prefix) != 0) continue;
-    const int camera = name.back() - '0';
-    if (camera >= 0 && camera <= 3) return camera;
-  }
-  return std::nullopt;
+// Folders of KITTI's odometry data and of its raw data, grey images first.
+constexpr std::array<const char*, 4> kKittiFolders = {"image_0", "image_2", "image_1", "image_3"};
+constexpr std::array<const char*, 4> kRawFolders = {"image_00", "image_02", "image_01", "image_03"};
+
+bool isKittiFolder(const fs::path& folder) {
+  const auto is_name = [name = folder.filename()](const char* own) { return name == own; };
+  return std::any_of(kKittiFolders.begin(), kKittiFolders.end(), is_name) ||
+         std::any_of(kRawFolders.begin(), kRawFolders.end(), is_name);
 }
 
 /// The one drive below the folder of a day of KITTI's raw data.
@@ -475,12 +474,12 @@ fs::path onlyDrive(const fs::path& day) {
 
 /// The folder image_N that is meant by a path; empty where there is none.
 fs::path kittiFolder(const fs::path& path) {
-  if (kittiCamera(path)) return path;
-  if (path.filename() == "data" && kittiCamera(path.parent_path())) return path.parent_path();
-  for (const char* folder : {"image_0", "image_2", "image_1", "image_3"}) {
+  if (isKittiFolder(path)) return path;
+  if (path.filename() == "data" && isKittiFolder(path.parent_path())) return path.parent_path();
+  for (const char* folder : kKittiFolders) {
     if (fs::is_directory(path / folder)) return path / folder;
   }
-  for (const char* folder : {"image_00", "image_02", "image_01", "image_03"}) {
+  for (const char* folder : kRawFolders) {
     if (fs::is_directory(path / folder / "data")) return path / folder;
   }
   return {};

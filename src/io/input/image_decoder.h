@@ -5,7 +5,6 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -22,13 +21,8 @@ std::vector<std::uint8_t> readFile(const std::filesystem::path& file);
 /// Decodes PNG, JPEG, PNM, BMP, TIFF and WebP to one grey channel of 8 or 16 bits, as stored.
 /// @param name of the file, for messages
 /// @throws IoError where the bytes are no image, are truncated, have another depth, or
-///         more than kMaxPixels, which is told before they are decoded
+///         more than kMaxPixels, which of PNG and JPEG is told before they are decoded
 cv::Mat decodeGrey(const std::vector<std::uint8_t>& bytes, const std::string& name);
-
-/// Size of an image as its header tells it, without decoding: PNG, PNM, BMP, TIFF or WebP.
-/// @param bytes the file or its beginning
-/// @return empty where it is none of these, or where the size does not stand in these bytes
-[[nodiscard]] std::optional<cv::Size> sizeInHeader(const std::vector<std::uint8_t>& bytes);
 
 /// Suffix of a file in lower case, with its dot.
 std::string lowerSuffix(const std::filesystem::path& file);

@@ -18,23 +18,20 @@
 #include <opencv2/core.hpp>
 #include <opencv2/core/mat.hpp>
 #include <opencv2/core/types.hpp>
-#include <tbb/concurrent_queue.h>
 
 #include <algorithm>
-#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <exception>
 #include <filesystem>
 #include <functional>
+#include <future>
 #include <memory>
 #include <new>
 #include <optional>
 #include <stdexcept>
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -58,89 +55,45 @@ struct Playlist {
   }
 };
 
-/// Makes the frames 0 .. count - 1 in order, some ahead of their use in a thread of its own. The
-/// maker ends the queue earlier by making nothing, or by an exception, which is delivered in its
-/// place.
-class PrefetchQueue {
+/// Makes the frames 0 .. count - 1 in order, each while the one before is used where that is
+/// wanted. The maker ends them earlier by making nothing, or by an exception.
+class FrameQueue {
  public:
-  /// @param depth frames that are made ahead at most; 0: no thread, they are made when asked for
-  PrefetchQueue(std::size_t count,
-                int depth,
-                std::function<std::optional<SequenceFrame>(std::size_t)> make)
-      : count_(count), make_(std::move(make)) {
-    if (depth <= 0) return;
-    made_.set_capacity(std::max(1, depth - 1));  // and one that waits for its place
-    worker_ = std::thread([this] { work(); });
-  }
-  ~PrefetchQueue() {
-    stopped_ = true;
-    for (Entry entry; made_.try_pop(entry);) {
-    }
-    if (worker_.joinable()) worker_.join();
-  }
-  PrefetchQueue(const PrefetchQueue&) = delete;
-  PrefetchQueue& operator=(const PrefetchQueue&) = delete;
+  using Make = std::function<std::optional<SequenceFrame>(std::size_t)>;
+
+  FrameQueue(std::size_t count, bool is_ahead, Make make)
+      : count_(count), is_ahead_(is_ahead), make_(std::move(make)) {}
 
   /// Leaves out the next frames; those not yet begun are never made.
-  void skip(std::size_t frames) {
-    delivered_ += std::min(frames, count_ - delivered_);
-    wanted_ = delivered_;
-  }
+  void skip(std::size_t frames) { next_ += std::min(frames, count_ - next_); }
 
   /// @return the next frame; empty after the last one or after an exception
   std::optional<SequenceFrame> next() {
-    if (delivered_ == count_) return std::nullopt;
-    Entry entry;
-    do {
-      if (worker_.joinable()) {
-        made_.pop(entry);
-      } else {
-        entry = makeEntry(delivered_);
-      }
-    } while (entry.position < delivered_ && entry.item);  // begun before a skip
-    if (!entry.item) delivered_ = count_;
-    if (entry.error) std::rethrow_exception(entry.error);
-    if (!entry.item) return std::nullopt;
-    ++delivered_;
-    return std::move(entry.item);
+    while (next_ < count_) {
+      if (!frame_.valid()) begin();
+      const std::size_t begun = begun_;
+      const std::size_t wanted = std::exchange(next_, count_);  // stays there after an exception
+      std::optional<SequenceFrame> frame = frame_.get();
+      if (!frame) return frame;
+      next_ = std::max(wanted, begun + 1);
+      if (is_ahead_ && next_ < count_) begin();
+      if (begun == wanted) return frame;  // not begun before a skip
+    }
+    return std::nullopt;
   }
 
  private:
-  struct Entry {
-    std::size_t position = 0;
-    std::optional<SequenceFrame> item;
-    std::exception_ptr error;
-  };
-
-  Entry makeEntry(std::size_t position) {
-    Entry entry;
-    entry.position = position;
-    try {
-      entry.item = make_(position);
-    } catch (...) {
-      entry.error = std::current_exception();
-    }
-    return entry;
-  }
-
-  void work() {
-    bool ended = false;
-    for (std::size_t position = 0; !ended && !stopped_; ++position) {
-      position = std::max(position, wanted_.load());
-      if (position >= count_) return;
-      Entry entry = makeEntry(position);
-      ended = !entry.item;
-      made_.push(std::move(entry));
-    }
+  void begin() {
+    begun_ = next_;
+    frame_ = std::async(is_ahead_ ? std::launch::async : std::launch::deferred, make_, begun_);
   }
 
   const std::size_t count_;
-  const std::function<std::optional<SequenceFrame>(std::size_t)> make_;
-  std::size_t delivered_ = 0;  // of the consumer's thread alone
-  tbb::concurrent_bounded_queue<Entry> made_;
-  std::atomic<std::size_t> wanted_ = 0;  // frames before are skipped
-  std::atomic<bool> stopped_ = false;
-  std::thread worker_;
+  const bool is_ahead_;
+  const Make make_;
+  std::size_t next_ = 0;                             // to be delivered
+  std::size_t begun_ = 0;                            // that `frame_` becomes
+  std::future<std::optional<SequenceFrame>> frame_;  // last: its end is waited for
 };
 
 namespace {
@@ -242,14 +195,6 @@ Playlist selectLive(const SequenceOptions& options) {
   playlist.count = options.end >= 0 ? static_cast<std::size_t>(options.end) : kEndless;
   return playlist;
 }
-
-/// What a sequence is rectified with.
-struct SequenceCalibration {
-  Rectifier rectifier;
-  Lens lens;
-  BrightnessModel brightness;
-  std::vector<std::string> warnings;  ///< one sentence each
-};
 
 std::string orDefault(const std::string& given, const fs::path& found) {
   return given.empty() ? found.string() : given;
@@ -396,53 +341,6 @@ PhotometricCalibration readPhotometry(const std::string& response,
   return photometric;
 }
 
-/// Reads the calibration files that options name or that lie beside the images, and fits them to
-/// the first image's size. Where they do not say how the sensor is read, it is by its rows, which
-/// are columns of an image that was turned.
-/// @throws IoError naming the file at fault
-/// @throws ConfigError where options contradict each other or the data set
-SequenceCalibration calibrateSequence(const SequenceOptions& options,
-                                      const DatasetLayout& layout,
-                                      const SourceImage& first) {
-  std::vector<std::string> warnings;
-  Geometry geometry = readGeometry(options, layout, first);
-  if (options.horizontal_view > 0 && isUpright(first.pixels.cols, first.pixels.rows)) {
-    warnings.push_back(
-        "the images are upright: --hfov is what they show from left to right, along "
-        "their short side");
-  }
-  const std::string response = orDefault(options.response_file, layout.response);
-  const std::string vignette = orDefault(options.vignette_file, layout.vignette);
-  const BrightnessModel brightness = brightnessModel(options, response, vignette, warnings);
-  const int turn = turnOf(options, first, geometry.calibration.lens);
-  cv::Size size = first.pixels.size();
-  if (turn % 180 != 0) std::swap(size.width, size.height);
-  try {
-    fitSize(size, geometry, warnings);
-    Lens& lens = geometry.calibration.lens;
-    if (brightness == BrightnessModel::kCalibrated) {
-      geometry.calibration.photometric = readPhotometry(response, vignette, lens);
-    }
-    fitOutput(options, first.turn, turn, geometry, warnings);
-    const int width = outputWidth(options, lens);
-    if (width > 0 && width != options.width) {
-      warnings.push_back(
-          fmt::format("images of {} are made smaller, to a width of {}; --width 0 keeps them",
-                      pixelText(lens.width, lens.height),
-                      width));
-    }
-    Rectifier rectifier(geometry.calibration);
-    for (const std::string& doubt : rectifier.warnings()) {
-      warnings.push_back(fmt::format("{}: {}", geometry.source, doubt));
-    }
-    return {std::move(rectifier), lens, brightness, std::move(warnings)};
-  } catch (const std::invalid_argument& error) {
-    throw IoError(fmt::format("{}: {}", geometry.source, error.what()));
-  } catch (const std::bad_alloc&) {
-    throw IoError(fmt::format("{}: no memory for images of this size", geometry.source));
-  }
-}
-
 /// An image beside the sequence.
 /// @param what it is; `of` which images it has to have the size
 /// @throws IoError where it is unreadable or of another depth or size
@@ -508,11 +406,11 @@ double millisecondsSince(std::chrono::steady_clock::time_point start) {
       .count();
 }
 
-/// Images that may be prepared ahead without taking much memory.
-int imagesAhead(const PinholeCamera& camera) {
+/// Whether an image may be prepared ahead without taking much memory.
+bool fitsInMemory(const PinholeCamera& camera) {
   constexpr double kBytesAhead = 100e6;
   constexpr double kBytesPerPixel = 16;  // of a pyramid
-  return static_cast<int>(kBytesAhead / (kBytesPerPixel * camera.width * camera.height));
+  return kBytesPerPixel * camera.width * camera.height <= kBytesAhead;
 }
 
 /// @param mask empty or of 8 bits
@@ -532,10 +430,9 @@ class SequenceReader::Impl {
         skip_unreadable(options.skip_unreadable && !isStream()) {
     playlist = select(options);
     calibrate(options);
-    const int prefetch = layout.format == SequenceFormat::kCamera
-                             ? 0
-                             : std::min(options.prefetch, imagesAhead(rectifier->camera()));
-    queue = std::make_unique<PrefetchQueue>(playlist.count, prefetch, [this](std::size_t position) {
+    const bool is_ahead = options.prefetch && layout.format != SequenceFormat::kCamera &&
+                          fitsInMemory(rectifier->camera());
+    queue = std::make_unique<FrameQueue>(playlist.count, is_ahead, [this](std::size_t position) {
       return prepare(playlist.index(position));
     });
   }
@@ -559,6 +456,7 @@ class SequenceReader::Impl {
     return selectVideo(options, *dataset.images);
   }
   void calibrate(const SequenceOptions& options);
+  void rectify(const SequenceOptions& options, const SourceImage& image);
   void readMasks(const std::string& given);
   [[nodiscard]] cv::Size inputSize() const {
     return {rectifier->inputWidth(), rectifier->inputHeight()};
@@ -590,21 +488,59 @@ class SequenceReader::Impl {
   std::optional<std::pair<FrameId, double>> before;  // the frame and its time
   std::optional<SourceImage> first;                  // decoded for its size, until it is read
   std::optional<bool> mosaic;                        // empty: too dark to tell, so far
-  bool combed = false;                               // an image is interlaced
   std::vector<std::string> unreadable;
-  int bits = 0;                          // of 16-bit images; 0: not known before the first of them
-  bool exceeded = false;                 // by the values of one
-  std::unique_ptr<PrefetchQueue> queue;  // last: its thread stops first
+  int bits = 0;                       // of 16-bit images; 0: not known before the first of them
+  bool exceeded = false;              // by the values of one
+  std::unique_ptr<FrameQueue> queue;  // last: its thread stops first
 };
 
+/// Reads the calibration files that options name or that lie beside the images, and fits them to
+/// the first image's size. Where they do not say how the sensor is read, it is by its rows, which
+/// are columns of an image that was turned.
+/// @throws IoError naming the file at fault
+/// @throws ConfigError where options contradict each other or the data set
+void SequenceReader::Impl::rectify(const SequenceOptions& options, const SourceImage& image) {
+  std::vector<std::string>& warnings = dataset.warnings;
+  Geometry geometry = readGeometry(options, layout, image);
+  if (options.horizontal_view > 0 && isUpright(image.pixels.cols, image.pixels.rows)) {
+    warnings.push_back(
+        "the images are upright: --hfov is what they show from left to right, along "
+        "their short side");
+  }
+  const std::string response = orDefault(options.response_file, layout.response);
+  const std::string vignette = orDefault(options.vignette_file, layout.vignette);
+  brightness = brightnessModel(options, response, vignette, warnings);
+  const int turn = turnOf(options, image, geometry.calibration.lens);
+  cv::Size size = image.pixels.size();
+  if (turn % 180 != 0) std::swap(size.width, size.height);
+  try {
+    fitSize(size, geometry, warnings);
+    if (brightness == BrightnessModel::kCalibrated) {
+      geometry.calibration.photometric =
+          readPhotometry(response, vignette, geometry.calibration.lens);
+    }
+    fitOutput(options, image.turn, turn, geometry, warnings);
+    lens = geometry.calibration.lens;
+    const int width = outputWidth(options, lens);
+    if (width > 0 && width != options.width) {
+      warnings.push_back(
+          fmt::format("images of {} are made smaller, to a width of {}; --width 0 keeps them",
+                      pixelText(lens.width, lens.height),
+                      width));
+    }
+    rectifier.emplace(geometry.calibration);
+    for (const std::string& doubt : rectifier->warnings()) {
+      warnings.push_back(fmt::format("{}: {}", geometry.source, doubt));
+    }
+  } catch (const std::invalid_argument& error) {
+    throw IoError(fmt::format("{}: {}", geometry.source, error.what()));
+  } catch (const std::bad_alloc&) {
+    throw IoError(fmt::format("{}: no memory for images of this size", geometry.source));
+  }
+}
+
 void SequenceReader::Impl::calibrate(const SequenceOptions& options) {
-  SequenceCalibration calibration =
-      calibrateSequence(options, layout, firstImage(!options.lens && isGuess(options, layout)));
-  rectifier.emplace(std::move(calibration.rectifier));
-  lens = calibration.lens;
-  brightness = calibration.brightness;
-  dataset.warnings.insert(
-      dataset.warnings.end(), calibration.warnings.begin(), calibration.warnings.end());
+  rectify(options, firstImage(!options.lens && isGuess(options, layout)));
   // To an unknown response a ratio of exposures is a guess, which free brightness may correct.
   if (brightness == BrightnessModel::kPerfect) dataset.exposures.clear();
   bits = options.bits;
@@ -760,12 +696,6 @@ std::optional<SequenceFrame> SequenceReader::Impl::prepare(int index) {
   result.late = image->late;
   if (!image->warning.empty()) result.warnings.push_back(image->warning);
   demosaic(image->pixels, result.warnings);
-  if (!combed && (combed = isInterlaced(image->pixels))) {
-    result.warnings.push_back(fmt::format(
-        "{}: interlaced, though nothing says so: every second row is of another moment; "
-        "ffmpeg -i FILE -vf yadif NEW takes them apart",
-        result.image_file));
-  }
   leaveOutBars(image->pixels, result.warnings);
   const cv::Mat own = masks.empty() ? cv::Mat() : maskOf(result.image_file, masks, inputSize());
   if (image->pixels.depth() == CV_16U) chooseBits(image->pixels, result.warnings);

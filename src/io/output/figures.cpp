@@ -12,89 +12,29 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <stdexcept>
 #include <string>
 #include <string_view>
-#include <utility>
 #include <vector>
 
 namespace dsorb::io {
 namespace {
 
-constexpr int kSubpixelBits = 4;
-
-/// Data values along a line of pixels.
-struct Axis {
-  int first = 0;  ///< pixel of `low`
-  int last = 0;   ///< pixel of `high`
-  double low = 0;
-  double high = 0;
-
-  [[nodiscard]] double length() const { return high - low; }
-  void include(double value) {
-    low = std::min(low, value);
-    high = std::max(high, value);
-  }
-  void widenTo(double length) {
-    const double margin = 0.5 * (length - this->length());
-    low -= margin;
-    high += margin;
-  }
-  /// In the 1/16 px of OpenCV's drawing functions.
-  [[nodiscard]] int subpixel(double value) const {
-    const double pixel = first + (value - low) / length() * (last - first);
-    return static_cast<int>(std::lround(pixel * (1 << kSubpixelBits)));
-  }
-};
-
-constexpr int kLeftMargin = 58;
-constexpr int kRightMargin = 16;
-constexpr int kTopMargin = 30;
-constexpr int kBottomMargin = 44;
+constexpr int kSubpixelBits = 4;  // of OpenCV's drawing functions
+constexpr int kBarWidth = 90;
+constexpr double kMaxFigureWidth = 1600;  // [px]
+constexpr int kFirstColour = 26;
+constexpr int kLastColour = 240;
 const cv::Scalar kInk(60, 60, 60);
 const cv::Scalar kGrid(225, 225, 225);
-
-/// A blank figure.
-cv::Mat blankCanvas(int width, int height) {
-  return {height, width, CV_8UC3, cv::Scalar::all(255)};
-}
+const cv::Scalar kPathColour(180, 110, 30);
+const cv::Scalar kKeyframeColour(40, 40, 220);
+const cv::Scalar kStartColour(60, 160, 40);
 
 /// Text in the style of all figures; (x, y) is its left base point.
 void drawText(cv::Mat& canvas, const std::string& text, const cv::Point& at, double scale) {
   cv::putText(canvas, text, at, cv::FONT_HERSHEY_SIMPLEX, scale, kInk, 1, cv::LINE_AA);
 }
-
-/// 1, 2 or 5 times a power of ten: at most eight of them along an axis.
-double roundStep(const Axis& values) {
-  const double raw = values.length() / 8;
-  const double power = std::pow(10.0, std::floor(std::log10(raw)));
-  for (const double factor : {1.0, 2.0, 5.0}) {
-    if (factor * power >= raw) return factor * power;
-  }
-  return 10 * power;
-}
-
-/// Calls f with the multiples of a step inside of an axis, their subpixel and their text.
-template <typename F>
-void forEachTick(const Axis& axis, double step, const F& f) {
-  constexpr double kTolerance = 1e-6;  // share of a step; keeps ends that are ticks
-  const auto first = std::lround(std::ceil(axis.low / step - kTolerance));
-  const auto last = std::lround(std::floor(axis.high / step + kTolerance));
-  for (auto i = first; i <= last; ++i) {
-    const double value = static_cast<double>(i) * step;
-    f(axis.subpixel(value), fmt::format("{:.6g}", value));
-  }
-}
-
-constexpr int kBarWidth = 90;
-constexpr double kMaxFigureWidth = 1600;  // [px]
-constexpr std::size_t kMaxPanels = 4;
-constexpr int kFirstColour = 26;
-constexpr int kLastColour = 240;
-const cv::Scalar kPathColour(180, 110, 30);
-const cv::Scalar kKeyframeColour(40, 40, 220);
-const cv::Scalar kStartColour(60, 160, 40);
 
 float quantile(std::vector<float> values, double share) {
   if (values.empty()) return 0;
@@ -133,101 +73,34 @@ void drawColourBar(cv::Mat& canvas, const cv::Mat& colours, float low, float hig
   drawText(canvas, "1/depth", {left, 14}, 0.4);
 }
 
-/// Points of one segment seen from above: x to the right, z up.
-struct SegmentPath {
-  int segment = 0;
-  std::vector<cv::Point2d> frames;
-  std::vector<cv::Point2d> keyframes;
-};
-
-/// Segments with the most frames, in the order of the sequence.
-std::vector<SegmentPath> longestPaths(const RunRecord& record) {
-  std::map<int, SegmentPath> all;
-  const auto add = [&](const Entries& entries, std::vector<cv::Point2d> SegmentPath::*points) {
-    for (const PosedEntry& entry : entries) {
-      const Eigen::Vector3d place = record.T_world_cam(entry).translation();
-      (all[record.segmentOf(entry)].*points).emplace_back(place.x(), place.z());
-    }
-  };
-  add(record.frames(), &SegmentPath::frames);
-  add(record.keyframes(), &SegmentPath::keyframes);
-  std::vector<SegmentPath> paths;
-  for (auto& [segment, path] : all) {
-    path.segment = segment;
-    if (!path.frames.empty()) paths.push_back(std::move(path));
+/// Places of one segment's entries seen from above: x to the right, z up.
+std::vector<cv::Point2d> seenFromAbove(const RunRecord& record,
+                                       const Entries& entries,
+                                       int segment) {
+  std::vector<cv::Point2d> places;
+  for (const PosedEntry& entry : entries) {
+    if (record.segmentOf(entry) != segment) continue;
+    const Eigen::Vector3d place = record.T_world_cam(entry).translation();
+    places.emplace_back(place.x(), -place.z());
   }
-  const auto longer = [](const auto& a, const auto& b) {
-    return a.frames.size() > b.frames.size();
-  };
-  std::stable_sort(paths.begin(), paths.end(), longer);
-  paths.resize(std::min(paths.size(), kMaxPanels));
-  std::sort(paths.begin(), paths.end(), [](const auto& a, const auto& b) {
-    return a.segment < b.segment;
-  });
-  return paths;
+  return places;
 }
 
-/// Grid and numbers, a step apart on both axes.
-void drawGrid(cv::Mat& canvas, const Axis& x, const Axis& z, double step) {
-  const auto draw = [&](const cv::Point& from, const cv::Point& to) {
-    cv::line(canvas, from, to, kGrid, 1, cv::LINE_AA, kSubpixelBits);
-    return cv::Point(from.x >> kSubpixelBits, from.y >> kSubpixelBits);
-  };
-  forEachTick(x, step, [&](int at, const std::string& text) {
-    const cv::Point base = draw({at, z.subpixel(z.low)}, {at, z.subpixel(z.high)});
-    drawText(canvas, text, base + cv::Point(-4 * static_cast<int>(text.size()), 16), 0.4);
-  });
-  forEachTick(z, step, [&](int at, const std::string& text) {
-    const cv::Point base = draw({x.subpixel(x.low), at}, {x.subpixel(x.high), at});
-    drawText(canvas, text, base + cv::Point(-8 - 8 * static_cast<int>(text.size()), 4), 0.4);
-  });
+/// 1, 2 or 5 times a power of ten, at most eight of which lie within a length.
+double gridStep(double length) {
+  const double power = std::pow(10.0, std::floor(std::log10(length / 8)));
+  for (const double factor : {1.0, 2.0, 5.0}) {
+    if (8 * factor * power >= length) return factor * power;
+  }
+  return 10 * power;
 }
 
-/// @param metric whether the path is told in metres
-void drawPath(cv::Mat& canvas, const cv::Rect& area, const SegmentPath& path, bool metric) {
-  const cv::Rect plot(area.x + kLeftMargin,
-                      area.y + kTopMargin,
-                      area.width - kLeftMargin - kRightMargin,
-                      area.height - kTopMargin - kBottomMargin);
-  // The origin, the reference camera, is always in view.
-  Axis x{plot.x, plot.x + plot.width - 1};
-  Axis z{plot.y + plot.height - 1, plot.y};
-  for (const cv::Point2d& point : path.frames) {
-    x.include(point.x);
-    z.include(point.y);
-  }
-  // One unit is equally long on both axes.
-  const double per_pixel =
-      1.1 * std::max({x.length() / plot.width, z.length() / plot.height, 1e-6});
-  x.widenTo(per_pixel * plot.width);
-  z.widenTo(per_pixel * plot.height);
-  drawText(canvas,
-           fmt::format("segment {}: {} frames (blue), {} keyframes (red), start green",
-                       path.segment,
-                       path.frames.size(),
-                       path.keyframes.size()),
-           {plot.x, plot.y - 10},
-           0.5);
-  drawGrid(canvas, x, z, std::max(roundStep(x), roundStep(z)));
-  cv::rectangle(canvas, plot, kInk, 1);
-  drawText(canvas,
-           metric ? "x right, z up [m]"
-                  : "x right, z up; unit: mean inverse depth of the reference is 1",
-           {plot.x, plot.y + plot.height + 36},
-           0.42);
-  const auto pixel = [&](const cv::Point2d& point) {
-    return cv::Point(x.subpixel(point.x), z.subpixel(point.y));
-  };
-  const auto dot = [&](const cv::Point2d& point, int radius, const cv::Scalar& colour) {
-    const int size = radius << kSubpixelBits;
-    cv::circle(canvas, pixel(point), size, colour, cv::FILLED, cv::LINE_AA, kSubpixelBits);
-  };
-  std::vector<cv::Point> pixels;
-  pixels.reserve(path.frames.size());
-  for (const cv::Point2d& point : path.frames) pixels.push_back(pixel(point));
-  cv::polylines(canvas, pixels, false, kPathColour, 2, cv::LINE_AA, kSubpixelBits);
-  for (const cv::Point2d& point : path.keyframes) dot(point, 4, kKeyframeColour);
-  dot({0, 0}, 5, kStartColour);
+/// Lines of a grid through a point, given in subpixels.
+void drawCross(cv::Mat& canvas, const cv::Point& at) {
+  const int x = at.x >> kSubpixelBits;
+  const int y = at.y >> kSubpixelBits;
+  cv::line(canvas, {x, 0}, {x, canvas.rows}, kGrid);
+  cv::line(canvas, {0, y}, {canvas.cols, y}, kGrid);
 }
 
 }  // namespace
@@ -257,7 +130,7 @@ cv::Mat drawInverseDepth(const InitializationResult& result) {
   const double scale = std::min(1.0, kMaxFigureWidth / reference.width());
   cv::Mat grey = greyImage(reference);
   if (scale < 1) cv::resize(grey, grey, {}, scale, scale, cv::INTER_AREA);
-  cv::Mat canvas = blankCanvas(grey.cols + kBarWidth, grey.rows);
+  cv::Mat canvas(grey.rows, grey.cols + kBarWidth, CV_8UC3, cv::Scalar::all(255));
   cv::Mat image = canvas(cv::Rect({0, 0}, grey.size()));
   cv::cvtColor(grey, image, cv::COLOR_GRAY2BGR);
   const cv::Mat colours = inverseDepthColours();
@@ -275,18 +148,51 @@ cv::Mat drawInverseDepth(const InitializationResult& result) {
 }
 
 cv::Mat drawTrajectory(const RunRecord& record) {
-  const std::vector<SegmentPath> paths = longestPaths(record);
-  const int columns = paths.size() > 1 ? 2 : 1;
-  const int rows = std::max(1, (static_cast<int>(paths.size()) + 1) / 2);
-  const cv::Size panel(columns > 1 ? 560 : 800, columns > 1 ? 480 : 680);
-  cv::Mat canvas = blankCanvas(columns * panel.width, rows * panel.height);
-  for (std::size_t i = 0; i < paths.size(); ++i) {
-    const int column = static_cast<int>(i) % columns;
-    const int row = static_cast<int>(i) / columns;
-    const cv::Point corner(column * panel.width, row * panel.height);
-    drawPath(canvas, {corner, panel}, paths[i], record.unitOf(paths[i].segment).has_value());
+  constexpr int kSide = 800;   // [px]
+  constexpr int kMargin = 40;  // [px]
+  cv::Mat canvas(kSide, kSide, CV_8UC3, cv::Scalar::all(255));
+  const int segment = record.longestSegment();
+  const auto frames = seenFromAbove(record, record.frames(), segment);
+  const auto keyframes = seenFromAbove(record, record.keyframes(), segment);
+  if (frames.empty()) {
+    drawText(canvas, "never initialized", {kMargin, kMargin}, 0.6);
+    return canvas;
   }
-  if (paths.empty()) drawText(canvas, "never initialized", {40, 60}, 0.6);
+  cv::Point2d low;  // the origin, the reference camera, is always in view
+  cv::Point2d high;
+  for (const cv::Point2d& place : frames) {
+    low = {std::min(low.x, place.x), std::min(low.y, place.y)};
+    high = {std::max(high.x, place.x), std::max(high.y, place.y)};
+  }
+  const double length = std::max({high.x - low.x, high.y - low.y, 1e-3});
+  const cv::Point2d centre = (low + high) / 2;
+  const auto pixel = [&](const cv::Point2d& place) {
+    const cv::Point2d at = (place - centre) * ((kSide - 2 * kMargin) / length);
+    return cv::Point((at + cv::Point2d(kSide, kSide) / 2) * (1 << kSubpixelBits));
+  };
+  const double step = gridStep(length);
+  const auto lines = static_cast<int>(std::max(cv::norm(low), cv::norm(high)) / step) + 1;
+  for (int i = -lines; i <= lines; ++i) drawCross(canvas, pixel({i * step, i * step}));
+  const auto dot = [&](const cv::Point2d& place, int radius, const cv::Scalar& colour) {
+    const int size = radius << kSubpixelBits;
+    cv::circle(canvas, pixel(place), size, colour, cv::FILLED, cv::LINE_AA, kSubpixelBits);
+  };
+  std::vector<cv::Point> path;
+  path.reserve(frames.size());
+  for (const cv::Point2d& place : frames) path.push_back(pixel(place));
+  cv::polylines(canvas, path, false, kPathColour, 2, cv::LINE_AA, kSubpixelBits);
+  for (const cv::Point2d& place : keyframes) dot(place, 4, kKeyframeColour);
+  dot({0, 0}, 5, kStartColour);
+  drawText(canvas,
+           fmt::format("segment {}: {} frames (blue), {} keyframes (red), start green; "
+                       "x right, z up, grid {:g}{}",
+                       segment,
+                       frames.size(),
+                       keyframes.size(),
+                       step,
+                       record.unitOf(segment) ? " m" : ""),
+           {kMargin / 2, kMargin / 2},
+           0.45);
   return canvas;
 }
 

@@ -18,8 +18,7 @@ namespace dsorb::io {
 /// colour bar.
 [[nodiscard]] cv::Mat drawInverseDepth(const InitializationResult& result);
 
-/// Top view (x to the right, z up) of every segment's trajectory and keyframes, a panel each; of
-/// many segments the longest.
+/// Top view (x to the right, z up) of the trajectory and keyframes of the longest segment.
 [[nodiscard]] cv::Mat drawTrajectory(const RunRecord& record);
 
 /// Writes a PNG, replacing the file as a whole. @throws IoError

@@ -22,8 +22,9 @@ constexpr const char* kSummary = "run.json";
 constexpr const char* kFigures = "figures";
 
 FileHandle openForWriting(const fs::path& path) {
-  FileHandle file(std::fopen(path.string().c_str(), "wb"));
+  FileHandle file(std::fopen(path.string().c_str(), "w+b"));
   if (!file) throw writeError(path);
+  std::setvbuf(file.get(), nullptr, _IONBF, 0);
   return file;
 }
 
@@ -55,40 +56,28 @@ IoError writeError(const fs::path& path) {
 
 GrowingFile::GrowingFile(fs::path path) : path_(std::move(path)), file_(openForWriting(path_)) {}
 
-void GrowingFile::append(std::string_view text, std::string_view end) {
-  const std::uintmax_t begin = size_ - end_.size();
+void GrowingFile::append(std::string_view text) {
   try {
-    write(begin, std::string(text).append(end));
+    write(size_, text);
   } catch (const IoError&) {
-    try {
-      write(begin, end_);  // it has its place on the disk
-    } catch (const IoError&) {
-      // The first error says more.
-    }
     std::error_code ignored;
     fs::resize_file(path_, size_, ignored);
     throw;
   }
-  size_ = begin + text.size() + end.size();
-  end_ = end;
+  size_ += text.size();
 }
 
 void GrowingFile::write(std::uintmax_t position, std::string_view text) {
-  if (file_ && std::fseek(file_.get(), static_cast<long>(position), SEEK_SET) == 0 &&
-      std::fwrite(text.data(), 1, text.size(), file_.get()) == text.size() &&
-      std::fflush(file_.get()) == 0) {
-    return;
+  if (std::fseek(file_.get(), static_cast<long>(position), SEEK_SET) != 0 ||
+      std::fwrite(text.data(), 1, text.size(), file_.get()) != text.size()) {
+    throw writeError(path_);
   }
-  const IoError error = writeError(path_);
-  file_.reset(std::fopen(path_.string().c_str(), "r+b"));  // what waits to be written goes
-  throw error;
 }
 
 std::string GrowingFile::read(std::uintmax_t position, std::size_t bytes) const {
   std::string text(bytes, '\0');
-  std::ifstream file(path_, std::ios::binary);
-  if (!file.seekg(static_cast<std::streamoff>(position)) ||
-      !file.read(text.data(), static_cast<std::streamsize>(bytes))) {
+  if (std::fseek(file_.get(), static_cast<long>(position), SEEK_SET) != 0 ||
+      std::fread(text.data(), 1, bytes, file_.get()) != bytes) {
     throw IoError(path_.string() + ": what was written there cannot be read back");
   }
   return text;
@@ -164,11 +153,6 @@ namespace {
 
 constexpr const char* kTimestampKey = "timestamp";
 
-bool isFlat(const Json& value) {
-  return std::none_of(
-      value.begin(), value.end(), [](const Json& element) { return element.is_structured(); });
-}
-
 /// A path may hold bytes that are no UTF-8.
 std::string dumped(const Json& value) {
   return value.dump(-1, ' ', false, Json::error_handler_t::replace);
@@ -177,7 +161,8 @@ std::string dumped(const Json& value) {
 /// Arrays of numbers and matrices stay on one line.
 bool onOneLine(const Json& value) {
   if (!value.is_array()) return !value.is_structured() || value.empty();
-  return isFlat(value);
+  return std::none_of(
+      value.begin(), value.end(), [](const Json& element) { return element.is_structured(); });
 }
 
 void write(const Json& value, int depth, std::string& text) {
@@ -207,13 +192,18 @@ void write(const Json& value, int depth, std::string& text) {
 }  // namespace
 
 std::string jsonText(const Json& value) {
-  return jsonText(value, 0) + '\n';
+  std::string text;
+  write(value, 0, text);
+  return text + '\n';
 }
 
-std::string jsonText(const Json& value, int depth) {
-  std::string text;
-  write(value, depth, text);
-  return text;
+Json cameraJson(const PinholeCamera& camera) {
+  return {{"fx", camera.fx},
+          {"fy", camera.fy},
+          {"cx", camera.cx},
+          {"cy", camera.cy},
+          {"width", camera.width},
+          {"height", camera.height}};
 }
 
 double shortest(float value) {

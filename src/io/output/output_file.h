@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/error.h"
 #include "dsorb/geometry/se3.h"
 
@@ -29,10 +30,9 @@ class GrowingFile {
  public:
   /// Starts with an empty file. @throws IoError where it cannot be created
   explicit GrowingFile(std::filesystem::path path);
-  /// @param end of the file for now: the next record takes its place
   /// @throws IoError where not all could be written, for example on a full disk; the file is then
   ///         as before
-  void append(std::string_view text, std::string_view end = {});
+  void append(std::string_view text);
   /// Overwrites what stands at a position. @throws IoError
   void write(std::uintmax_t position, std::string_view text);
   /// @throws IoError where not all of it can be read
@@ -40,9 +40,8 @@ class GrowingFile {
 
  private:
   std::filesystem::path path_;
-  FileHandle file_;
-  std::uintmax_t size_ = 0;  ///< of what was appended
-  std::string end_;          ///< of it, which the next record replaces
+  FileHandle file_;          // without a buffer: nothing waits to be written after a failure
+  std::uintmax_t size_ = 0;  // of what was appended
 };
 
 /// Replaces a file by this content: readers see the old or the new one, never a part.
@@ -85,9 +84,8 @@ using Json = nlohmann::ordered_json;
 /// infinity become null.
 [[nodiscard]] std::string jsonText(const Json& value);
 
-/// The same for a value inside of another, without a line break at the end.
-/// @param depth number of objects and arrays around it
-[[nodiscard]] std::string jsonText(const Json& value, int depth);
+/// The intrinsics as every file has them.
+[[nodiscard]] Json cameraJson(const PinholeCamera& camera);
 
 /// The double whose shortest text is that of the float: 0.1f gives 0.1.
 [[nodiscard]] double shortest(float value);

@@ -5,7 +5,6 @@
 #include "dsorb/init/metric_scale.h"
 
 #include "io/output/figures.h"
-#include "io/output/run_json.h"
 #include "io/output/run_record.h"
 
 #include <fmt/format.h>

@@ -4,16 +4,19 @@
 #include "dsorb/camera/pinhole_camera.h"
 
 #include "base/timed.h"
+#include "camera/lens_models.h"
 #include "io/output/figures.h"
 #include "io/output/output_file.h"
-#include "io/output/run_json.h"
 #include "io/output/run_record.h"
+#include "platform/process.h"
+#include "self_calibration/refined_camera.h"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <chrono>
 #include <cmath>
 #include <cstddef>
@@ -21,6 +24,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -31,7 +35,48 @@ namespace dsorb {
 
 namespace fs = std::filesystem;
 
+const char* name(RunStatus status) {
+  constexpr std::array<const char*, 6> kNames = {
+      "tracked", "partly_tracked", "lost", "never_initialized", "interrupted", "error"};
+  return kNames.at(static_cast<std::size_t>(status));
+}
+
 namespace io {
+
+/// Time that the stages of a run took [s].
+struct RunSeconds {
+  double total = 0;
+  double reading = 0;
+  double initializing = 0;
+  double tracking = 0;
+  double mapping = 0;
+  double writing = 0;  // files of the output folder but the last run.json
+};
+
+/// Outcome of a run as far as its record does not contain it.
+struct RunEnd {
+  RunStatus status = RunStatus::kError;
+  int frames_dropped = 0;
+  std::vector<std::string> unreadable;  // files that were passed over
+  RunSeconds seconds;
+};
+
+/// The cameras of a run as far as they are known.
+struct RunCameras {
+  std::optional<PinholeCamera> camera;  // of the rectified images
+  std::optional<Lens> lens;             // of the images as they were taken
+  RefinedCamera refined;                // by the window
+  std::optional<FoundCamera> found;     // by earlier passes, as `lens`
+  std::optional<Readout> readout;       // estimated, of the newest keyframe
+
+  /// Whether `refined` may be the next run's calibration. The window holds principal point,
+  /// distortion and readout as they were found: where the images did not tell the focal length
+  /// beside these, its own standard deviation is too small.
+  [[nodiscard]] bool areSettled() const {
+    return refined.isSettled() && (!found || found->isKnown());
+  }
+};
+
 namespace {
 
 constexpr std::size_t kPoseColumns = 7;  // translation and quaternion (x y z w)
@@ -240,6 +285,203 @@ void writeTracks(const fs::path& path, const std::vector<MapTrack>& tracks) {
   replaceFile(path, head + points + sights);
 }
 
+constexpr double kSigmas = 3;  // that a readout must differ from none by
+
+/// Last line of camera.txt: a readout that shows, "auto" for one that does not; none of a global
+/// shutter.
+std::string readoutLine(const Lens& lens) {
+  const auto [seconds, sigma] = lens.readout;
+  if (!lens.readout.isRolling()) return {};
+  const bool shows = std::abs(seconds) > kSigmas * sigma;
+  const std::string milliseconds =
+      fmt::format("{:.4g}", lens.backwards ? -1000 * seconds : 1000 * seconds);
+  return fmt::format(
+      "readout {}{}\n", shows ? milliseconds : "auto", lens.columns ? " columns" : "");
+}
+
+bool isUtf8(const std::string& text) {
+  try {
+    return !Json(text).dump().empty();
+  } catch (const Json::type_error&) {
+    return false;
+  }
+}
+
+/// RFC 8089; names of files may hold any bytes.
+std::string fileUri(const std::string& path) {
+  std::string uri = "file://";
+  for (const char c : path) {
+    const bool plain = std::isalnum(static_cast<unsigned char>(c)) != 0 || std::strchr("/-._~", c);
+    uri += plain ? std::string(1, c) : fmt::format("%{:02X}", static_cast<unsigned char>(c));
+  }
+  return uri;
+}
+
+/// Calibration file of images as they were taken, as DSO's camera.txt.
+/// @param lens a pinhole or kRadTan
+std::string calibrationFile(const Lens& lens) {
+  const std::string numbers = fmt::format("{} {} {} {}", lens.fx, lens.fy, lens.cx, lens.cy);
+  const std::string size = fmt::format("{} {}\n", lens.width, lens.height);
+  const auto& k = lens.coefficients;
+  const std::string model =
+      lens.model == LensModel::kRadTan
+          ? fmt::format("RadTan {} {} {} {} {} {}\n", numbers, k[0], k[1], k[2], k[3], k[4]) +
+                size + "crop\n"
+          : "Pinhole " + numbers + " 0\n" + size + "none\n";
+  return model + size + readoutLine(lens);
+}
+
+Json lensJson(const Lens& lens) {
+  return {{"model", nameOf(lens.model).name},
+          {"fx", lens.fx},
+          {"fy", lens.fy},
+          {"cx", lens.cx},
+          {"cy", lens.cy},
+          {"coefficients", coefficientsOf(lens)},
+          {"width", lens.width},
+          {"height", lens.height}};
+}
+
+/// The camera and, where the window estimates it, how sure that is.
+Json refinedJson(const RunCameras& cameras) {
+  const auto& [camera, sigmas, radial, moved, segment] = cameras.refined.estimate();
+  Json json = cameraJson(*camera);
+  if (!sigmas) return json;
+  json["sigma"] = {
+      {"fx", (*sigmas)[0]}, {"fy", (*sigmas)[1]}, {"cx", (*sigmas)[2]}, {"cy", (*sigmas)[3]}};
+  if (radial) {
+    json["k1"] = radial->k1;
+    json["sigma"]["k1"] = radial->sigma;
+  }
+  json["moved"] = moved;
+  json["settled"] = cameras.areSettled();
+  return json;
+}
+
+Json foundJson(const FoundCamera& found) {
+  Json json = lensJson(found.lens);
+  json["readout"] = 1000 * found.lens.readout.seconds;
+  json["sigma"] = {{"focal", found.lens.fx * found.lens.focal_sigma},
+                   {"center", found.center_sigma},
+                   {"k1", found.k1_sigma},
+                   {"readout", 1000 * found.lens.readout.sigma}};
+  json["views"] = found.views;
+  json["corners"] = found.corners;
+  json["error"] = found.error;
+  json["known"] = found.isKnown();
+  if (found.focal_change_sigma > 0) {
+    json["focal_change"] = {{"relative", found.focal_change},
+                            {"sigma", found.focal_change_sigma},
+                            {"contradicts_one_camera", found.changes()}};
+    json["image_shift"] = {{"rms", found.shift}, {"contradicts_one_camera", found.isStabilized()}};
+  }
+  json["text"] = describe(found);
+  return json;
+}
+
+/// What a start holds against the readout and a window against the lens.
+void addDoubts(const RunRecord& record, Json& json) {
+  if (const std::optional<Readout>& suspected = record.facts().suspected_readout) {
+    json["rolling_shutter_suspected"] = {{"milliseconds", 1000 * suspected->seconds},
+                                         {"sigma", 1000 * suspected->sigma}};
+  }
+  if (const std::optional<CameraScore>& camera = record.facts().contradicted_camera) {
+    const CameraScore parts = camera->contradicting();
+    Json& suspected = json["calibration_suspected"];
+    if (parts.focal_sigma > 0) {
+      suspected["focal_change"] = parts.focal_change;
+      suspected["focal_sigma"] = parts.focal_sigma;
+    }
+    if (parts.radial.sigma > 0) {
+      suspected["radial"] = parts.radial.k1;
+      suspected["radial_sigma"] = parts.radial.sigma;
+    }
+  }
+  if (record.facts().stuck_share > 0) json["stuck_share"] = record.facts().stuck_share;
+}
+
+/// Joins and loops, in their order.
+void addChanges(const MapChanges& changes, Json& json) {
+  for (const SegmentsJoined& joined : changes.joins) {
+    const Eigen::Vector3d& t = joined.S_into_segment.motion.translation();
+    const Eigen::Vector4d q = joined.S_into_segment.motion.unitQuaternion().coeffs();
+    const auto sigma = [&](int i) { return std::sqrt(joined.covariance(i, i)); };
+    json["joined"].push_back(
+        {{"segment", joined.segment},
+         {"into", joined.into},
+         {"scale", joined.S_into_segment.scale},
+         {"pose", {t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w()}},
+         {"sigmas", {sigma(0), sigma(1), sigma(2), sigma(3), sigma(4), sigma(5), sigma(6)}},
+         {"keyframes", joined.keyframes},
+         {"matches", joined.matches},
+         {"wrong_probability", joined.wrong_probability}});
+  }
+  for (const LoopsClosed& closed : changes.loops) {
+    json["loops"].push_back({{"segment", closed.segment}, {"loops", closed.loops}});
+  }
+}
+
+/// Content of run.json.
+Json runJson(const RunInfo& info,
+             const RunCameras& cameras,
+             const RunRecord& record,
+             const RunEnd& end) {
+  const RunFacts& facts = record.facts();
+  Json json = {{"program", info.program},
+               {"version", info.version},
+               {"dataset", info.dataset},
+               {"initializer", info.initializer},
+               {"camera", nullptr}};
+  if (!isUtf8(info.dataset)) json["dataset_uri"] = fileUri(info.dataset);
+  if (cameras.lens) json["lens"] = lensJson(*cameras.lens);
+  if (cameras.camera) json["camera"] = cameraJson(*cameras.camera);
+  const std::optional<PinholeCamera>& refined = cameras.refined.estimate().camera;
+  if (cameras.camera && refined && refined->matrix() != cameras.camera->matrix()) {
+    json["refined_camera"] = refinedJson(cameras);
+  }
+  if (cameras.found) json["found_camera"] = foundJson(*cameras.found);
+  if (cameras.readout) {
+    json["readout"] = {{"milliseconds", 1000 * cameras.readout->seconds},
+                       {"sigma", 1000 * cameras.readout->sigma}};
+  }
+  addDoubts(record, json);
+  json["frames_given"] = facts.frames_given;
+  json["frames_tracked"] = facts.frames_tracked;
+  json["frames_missed"] = facts.frames_missed;
+  json["frames_dropped"] = end.frames_dropped;
+  if (!end.unreadable.empty()) json["unreadable"] = end.unreadable;
+  json["keyframes"] = record.keyframes().size();
+  json["segments"] = facts.segments.size();
+  json["units"] = Json::array();
+  for (std::size_t i = 0; i < facts.units.size(); ++i) {
+    Json unit = {{"segment", facts.segments[i]}, {"unit", "free"}};
+    if (const auto& metric = facts.units[i]) {
+      unit["unit"] = "metre";
+      unit["relative_sigma"] = metric->relative_sigma;
+    }
+    json["units"].push_back(std::move(unit));
+  }
+  addChanges(record.changes(), json);
+  json["refused"] = Json::object();
+  for (const RefusalReason reason :
+       {RefusalReason::kAdjustment, RefusalReason::kDirection, RefusalReason::kDepth}) {
+    const auto count = facts.refusals.find(reason);
+    json["refused"][name(reason)] = count == facts.refusals.end() ? 0 : count->second;
+  }
+  json["answers"] = Json::object();
+  for (const auto& [reason, count] : facts.answers) json["answers"][name(reason)] = count;
+  json["status"] = name(end.status);
+  json["seconds"] = {{"total", end.seconds.total},
+                     {"reading", end.seconds.reading},
+                     {"initializing", end.seconds.initializing},
+                     {"tracking", end.seconds.tracking},
+                     {"mapping", end.seconds.mapping},
+                     {"writing", end.seconds.writing}};
+  json["peak_memory_mb"] = platform::peakMemory();
+  json["threads"] = info.threads;
+  return json;
+}
+
 }  // namespace
 
 /// trajectory.txt or keyframes.txt: grows with the estimates of the moment, ends as the final poses
@@ -301,9 +543,6 @@ class PointsPly {
 
   void retireKeyframe(const KeyframeSnapshot& keyframe) { waiting_ += vertices(keyframe); }
 
-  /// Whether as many points wait for update() as should be kept in memory.
-  [[nodiscard]] bool isFull() const { return waiting_.size() > kMostWaiting; }
-
   /// Brings the file up to date.
   void update() {
     file_.append(waiting_);
@@ -325,8 +564,6 @@ class PointsPly {
   }
 
  private:
-  static constexpr std::size_t kMostWaiting = 1 << 18;  // [bytes]
-
   GrowingFile file_;
   std::string waiting_;       // since the last update
   std::uintmax_t bytes_ = 0;  // of the vertices in the file
@@ -336,9 +573,7 @@ class PointsPly {
 
 namespace {
 
-constexpr std::string_view kHead = "{\n \"initializations\": [";
-constexpr std::string_view kTail = "]\n}\n";
-constexpr int kDepth = 2;  // of an initialization in the file
+constexpr const char* kStarts = "initializations";
 
 template <typename Matrix>
 io::Json rows(const Matrix& matrix) {
@@ -431,8 +666,8 @@ class InitializationWriter {
  public:
   /// Writes the empty list. @throws IoError where it cannot be written
   InitializationWriter(fs::path path, std::string initializer)
-      : file_(std::move(path)), initializer_(std::move(initializer)) {
-    file_.append(kHead, kTail);
+      : path_(std::move(path)), initializer_(std::move(initializer)) {
+    io::replaceFile(path_, io::jsonText({{kStarts, io::Json::array()}}));
   }
 
   void setCamera(const PinholeCamera& camera) { camera_ = camera; }
@@ -458,9 +693,9 @@ class InitializationWriter {
     }
     for (const io::InitStepNote& step : record.steps()) {
       if (!step.result) continue;
-      const std::string text = io::jsonText(describe(step, milliseconds), kDepth);
-      file_.append(fmt::format("{}\n  {}", separator_, text), fmt::format("\n {}", kTail));
-      separator_ = ",";
+      io::Json all = io::Json::parse(std::ifstream(path_));
+      all[kStarts].push_back(describe(step, milliseconds));
+      io::replaceFile(path_, io::jsonText(all));
     }
   }
 
@@ -504,11 +739,10 @@ class InitializationWriter {
     return json;
   }
 
-  io::GrowingFile file_;
+  fs::path path_;
   std::string initializer_;
   PinholeCamera camera_;
   Progress progress_;
-  const char* separator_ = "";
 };
 
 namespace {
@@ -516,12 +750,6 @@ namespace {
 /// What run.json says until finish(): the run was killed.
 std::string firstSummary(const RunInfo& info) {
   return io::jsonText(io::runJson(info, {}, io::RunRecord(), {}));
-}
-
-/// Keyframes from which on run.json and points.ply are brought up to date again: each a tenth after
-/// the one before.
-std::size_t nextWriting(std::size_t keyframes) {
-  return keyframes + std::max<std::size_t>(1, keyframes / 10);
 }
 
 }  // namespace
@@ -547,10 +775,8 @@ class RunWriter::Impl {
     keyframes.update(record, record.keyframes());
     initializations.update(record, timing.work_milliseconds);
     writeInitialFigures();
-    const std::size_t count = record.keyframes().size();
-    if (!keyframes_changed || (count < next_writing && !points.isFull())) return;
+    if (!keyframes_changed) return;
     points.update();
-    next_writing = nextWriting(count);
     writeRunJson(RunStatus::kError, nullptr);
     keyframes_changed = false;
   }
@@ -589,16 +815,16 @@ class RunWriter::Impl {
   }
 
   void writeRunJson(RunStatus status, const OdometryReport* report) const {
-    io::RunSeconds written = seconds;
-    written.total = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    io::RunEnd now = end;
+    now.status = status;
+    now.seconds.total =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     if (report != nullptr) {
-      written.initializing = report->initializing_seconds;
-      written.tracking = report->tracking_seconds;
-      written.mapping = report->mapping_seconds;
+      now.seconds.initializing = report->initializing_seconds;
+      now.seconds.tracking = report->tracking_seconds;
+      now.seconds.mapping = report->mapping_seconds;
     }
-    const io::Json json =
-        io::runJson(info, cameras, record, {status, frames_dropped, unreadable, written});
-    io::replaceFile(folder / "run.json", io::jsonText(json));
+    io::replaceFile(folder / "run.json", io::jsonText(io::runJson(info, cameras, record, now)));
   }
 
   fs::path folder;
@@ -606,7 +832,7 @@ class RunWriter::Impl {
   RunInfo info;
   io::RunCameras cameras;
   std::chrono::steady_clock::time_point begin = std::chrono::steady_clock::now();
-  io::RunSeconds seconds;
+  io::RunEnd end;  // as far as it is known
   io::RunRecord record;
   io::GrowingFile frames_csv;
   io::TrajectoryWriter trajectory;
@@ -614,9 +840,6 @@ class RunWriter::Impl {
   InitializationWriter initializations;
   io::PointsPly points;
   bool keyframes_changed = false;
-  std::size_t next_writing = 0;  // number of keyframes
-  int frames_dropped = 0;
-  std::vector<std::string> unreadable;
 };
 
 RunWriter::RunWriter(const std::string& folder, const RunInfo& info)
@@ -672,23 +895,23 @@ void RunWriter::onKeyframeRetired(const KeyframeSnapshot& keyframe) {
 
 void RunWriter::frameDone(const FrameTiming& timing, const std::string& image_file) {
   Impl& run = *impl_;
-  run.seconds.reading += timing.reading_milliseconds * 1e-3;
+  run.end.seconds.reading += timing.reading_milliseconds * 1e-3;
   if (!run.record.estimate()) return;
   const OdometryState state = run.record.estimate()->state;
   const bool initializing =
       state == OdometryState::kInitializing || state == OdometryState::kInitialized;
-  (initializing ? run.seconds.initializing : run.seconds.tracking) +=
+  (initializing ? run.end.seconds.initializing : run.end.seconds.tracking) +=
       timing.work_milliseconds * 1e-3;
-  timed(run.seconds.writing, [&] { run.writeFrame(timing, image_file); });
+  timed(run.end.seconds.writing, [&] { run.writeFrame(timing, image_file); });
   run.record.nextFrame();
 }
 
 void RunWriter::setDropped(int frames) {
-  impl_->frames_dropped = frames;
+  impl_->end.frames_dropped = frames;
 }
 
 void RunWriter::setUnreadable(std::vector<std::string> files) {
-  impl_->unreadable = std::move(files);
+  impl_->end.unreadable = std::move(files);
 }
 
 RunStatus RunWriter::outcome() const {
@@ -708,7 +931,7 @@ bool RunWriter::calibrationSuspected() const {
 
 void RunWriter::finish(RunStatus status, const OdometryReport* report) {
   Impl& run = *impl_;
-  timed(run.seconds.writing, [&] { run.writeFinalFiles(outcome()); });
+  timed(run.end.seconds.writing, [&] { run.writeFinalFiles(outcome()); });
   run.writeRunJson(status, report);
 }
 
