@@ -39,7 +39,7 @@ const std::vector<MechanismName>& mechanisms() {
       {Mechanism::kProof, "proof", "after a miss the images must show a pose"},
       {Mechanism::kExpected, "expected", "far epipolar searches begin at the depths around"},
       {Mechanism::kContrast, "contrast", "images of little contrast get the usual one"},
-      {Mechanism::kEdges, "edges", "tracks on edges are open along them, or go where most are"}};
+      {Mechanism::kEdges, "edges", "tracks on edges go where most are on edges"}};
   return all;
 }
 

@@ -5,7 +5,6 @@
 #include "estimate/warp.h"
 #include "support/assign_map.h"
 #include "support/matchers.h"
-#include "support/painted_frame.h"
 #include "support/plane_scene.h"
 
 #include <gtest/gtest.h>
@@ -112,61 +111,6 @@ TEST(CornerRefinement, KeepsTheMapWhereTheImagesDoNotFit) {
   EXPECT_FALSE(report.accepted);
   EXPECT_FALSE(report.fits);  // a start from such tracks is refused
   expectSame(made.map, before);
-}
-
-/// Bars on the left and blobs on the right of a plane that moves sideways by 4 px a frame.
-InitialMap makeBars(const PinholeCamera& camera) {
-  const Paint blob = blobs(1);
-  Random random(3);
-  InitialMap map;
-  for (int k = 0; k < 3; ++k) {
-    const auto paint = [&blob, k](float x, float y) {
-      const float u = x - 4.0F * static_cast<float>(k);
-      return u > 120 ? blob(u, y) : 128 + 100 * std::sin(0.4F * u + 0.1F * y);
-    };
-    map.frames.push_back({paintFrame(k, camera.width, camera.height, paint),
-                          SE3(Eigen::Matrix3d::Identity(), Eigen::Vector3d(0.02 * k, 0, 0)),
-                          {},
-                          {}});
-  }
-  for (int x = 20; x <= 200; x += 10) {
-    if (std::abs(x - 120) < 20) continue;
-    for (int y = 20; y <= 220; y += 10) {
-      map.corners.push_back({{x, y}, random.uniform(0.95, 1.05)});
-      for (std::size_t k = 1; k < 3; ++k) {
-        const Eigen::Vector2d noise{random.gaussian(), random.gaussian()};
-        map.observations.push_back(
-            {map.corners.size() - 1,
-             k,
-             Eigen::Vector2d(x + 4.0 * static_cast<double>(k), y) + 0.2 * noise});
-      }
-    }
-  }
-  return map;
-}
-
-TEST(CornerRefinement, LeavesCornersOnEdgesOpenAlongThem) {
-  const PinholeCamera camera{200, 200, 119.5, 119.5, 240, 240};
-  const Eigen::Vector2d across = Eigen::Vector2d(0.4, 0.1).normalized();
-  const Eigen::Vector2d along(-across.y(), across.x());
-  GeometricOptions geometric;
-  geometric.sigma = 0.2;
-  for (const bool edges : {true, false}) {
-    InitialMap map = makeBars(camera);
-    ASSERT_TRUE(refineCorners(map, camera, geometric, {}, edges).accepted);
-    int bars = 0;
-    for (const CornerObservation& observation : map.observations) {
-      if (map.corners[observation.corner].pixel.x() > 100) continue;
-      ++bars;
-      if (!edges) {
-        EXPECT_GT((observation.whitening * along).norm(), 2);
-        continue;
-      }
-      EXPECT_LT((observation.whitening * along).norm(), 0.5);
-      EXPECT_GT((observation.whitening * across).norm(), 5);
-    }
-    EXPECT_GT(bars, 300);
-  }
 }
 
 TEST(CornerRefinement, EndsAfterTheFirstRoundWhereItIsHopeless) {

@@ -17,7 +17,6 @@
 #include "init/orb/map/initial_map.h"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 
 #include <algorithm>
@@ -214,10 +213,6 @@ constexpr double kMinCornerSigma = 0.05;  // of a corner however strong its grad
 constexpr double kMaxTurnDeg = 15;        // of the direction of translation; beyond it, rejected
 constexpr double kSettledDeg = .03;       // less in a round: the others change nothing
 constexpr double kMinGradient = 1;        // rms in the weakest direction [grey levels / px]
-/// Share of the squared gradient across an edge that shows along it by the way pixels sample it: it
-/// tells nothing of the place along.
-constexpr double kSampledShare = 1.0 / 60;
-constexpr double kOpenSigma = 10;  // at most, of a corner along the edge that it is on [px]
 /// Share of the corners that must match the images.
 constexpr double kMinFittingShare = 0.5;
 constexpr int kBrightnessRounds = 2;  // the pixels hardly move in the others
@@ -250,19 +245,6 @@ bool strongEnough(const Eigen::Matrix2d& information) {
          kPatchPixels * kMinGradient * kMinGradient * information.trace();
 }
 
-/// Takes off what the gradient across an edge seems to tell of the place along it.
-/// @return whether the edge tells its place across
-bool openAlongEdge(Eigen::Matrix2d& information) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(information);
-  const double across = axes.eigenvalues()[1];
-  if (kSampledShare * across < kPatchPixels * kMinGradient * kMinGradient) return false;
-  constexpr double kOpen = kImageNoise * kImageNoise / (kOpenSigma * kOpenSigma);
-  const double along = std::max(kOpen, axes.eigenvalues()[0] - kSampledShare * across);
-  information = axes.eigenvectors() * Eigen::Vector2d(along, across).asDiagonal() *
-                axes.eigenvectors().transpose();
-  return true;
-}
-
 /// Measures every observation in a posed frame again.
 std::vector<std::optional<Measurement>> measureAll(const InitialMap& map,
                                                    const PinholeCamera& camera,
@@ -289,19 +271,20 @@ struct CornerSummary {
   bool fits = true;
   std::optional<Eigen::Matrix2d> whitening;  // none: too weak
 
-  void finish(bool edges) {
-    Eigen::Matrix2d mean = information / std::max(1, patches);
-    if ((edges && openAlongEdge(mean)) || strongEnough(mean)) whitening = whiteningOf(mean);
+  void finish() {
+    const Eigen::Matrix2d mean = information / std::max(1, patches);
+    if (strongEnough(mean)) whitening = whiteningOf(mean);
   }
 };
 
 /// Replaces observations in posed frames by new measurements; those without keep the old pixel.
 /// @param patches of the corners; those of dropped corners go with them
 /// @param sigma   of old pixels
-/// @param edges   whether corners on edges are open along them
 /// @return        error of the patches' pixels [grey levels]
-double measureCorners(
-    InitialMap& map, Patches& patches, const PinholeCamera& camera, double sigma, bool edges) {
+double measureCorners(InitialMap& map,
+                      Patches& patches,
+                      const PinholeCamera& camera,
+                      double sigma) {
   const std::vector<std::optional<Measurement>> measurements = measureAll(map, camera, patches);
   std::vector<CornerSummary> summaries(map.corners.size());
   for (std::size_t i = 0; i < measurements.size(); ++i) {
@@ -311,7 +294,7 @@ double measureCorners(
     ++summary.patches;
     if (measurements[i]->mean_residual > kMaxResidual) summary.fits = false;
   }
-  for (CornerSummary& summary : summaries) summary.finish(edges);
+  for (CornerSummary& summary : summaries) summary.finish();
   double square = 0;
   double weight = 0;
   for (std::size_t i = 0; i < measurements.size(); ++i) {
@@ -357,15 +340,14 @@ GeometricOptions refinedAdjustment(const GeometricOptions& geometric) {
 RefinementReport refineCorners(InitialMap& map,
                                const PinholeCamera& camera,
                                const GeometricOptions& geometric,
-                               const std::function<bool(const InitialMap&)>& hopeless,
-                               bool edges) {
+                               const std::function<bool(const InitialMap&)>& hopeless) {
   RefinementReport report;
   const GeometricOptions adjusted = refinedAdjustment(geometric);
   InitialMap refined = map;
   Patches patches = cutPatches(refined);
   for (int round = 0; round < kRounds; ++round) {
     if (round < kBrightnessRounds) estimateBrightness(refined, camera);
-    report.last_rms = measureCorners(refined, patches, camera, geometric.sigma, edges);
+    report.last_rms = measureCorners(refined, patches, camera, geometric.sigma);
     if (round == 0) report.first_rms = report.last_rms;
     const SE3 before = newestPose(refined);
     auto solved = adjustOnce(std::move(refined), camera, adjusted, {kIterations});

@@ -31,11 +31,9 @@ struct RefinementReport {
 /// @param geometric of the adjustment before: sigma of the tracks
 /// @param hopeless  asked after the first round, which nearly reaches what the others do: whether
 ///                  they would be in vain; they are left out then
-/// @param edges     whether corners on edges are open along them
 RefinementReport refineCorners(InitialMap& map,
                                const PinholeCamera& camera,
                                const GeometricOptions& geometric,
-                               const std::function<bool(const InitialMap&)>& hopeless = {},
-                               bool edges = true);
+                               const std::function<bool(const InitialMap&)>& hopeless = {});
 
 }  // namespace dsorb::init_orb

@@ -231,11 +231,10 @@ Outcome<Reconstruction> refineStart(Reconstruction made,
   RefinementReport refinement;
   if (!skip.has(Mechanism::kRefinement)) {
     refinement = context.clock.time("refine", [&] {
-      const auto hopeless = [&](const InitialMap& begun) {
+      return refineCorners(map, camera, adjusted, [&](const InitialMap& begun) {
         return doubtful && !skip.has(Mechanism::kHopeless) &&
                missesByFar(begun, refined, view, context);
-      };
-      return refineCorners(map, camera, adjusted, hopeless, !skip.has(Mechanism::kEdges));
+      });
     });
   }
   if (!refinement.fits) return InitReason::kPoorQuality;
