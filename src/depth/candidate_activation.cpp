@@ -121,9 +121,14 @@ ExpectedPattern expectPattern(const CandidatePoint& candidate,
 constexpr float kSearchSlack = 1;
 constexpr float kClipSlack = 1e-3F;  // of a clipped line's ends to the border, of its length
 
+float longestSearch(const PyramidLevel& level) {
+  return static_cast<float>(kMaxSearchShare * static_cast<double>(level.width() + level.height()));
+}
+
 /// Part of the image where the pattern can be sampled up to `slack` pixels further on.
 struct SearchArea {
   float low_x, low_y, high_x, high_y;
+  float longest;  ///< search
 
   SearchArea(const PyramidLevel& level, const ExpectedPattern& pattern, float slack)
       : low_x(kNearBorder + kLineRounding + slack + pattern.extent_x),
@@ -131,7 +136,8 @@ struct SearchArea {
         high_x(static_cast<float>(level.width()) - kFarBorder - kLineRounding - slack -
                pattern.extent_x),
         high_y(static_cast<float>(level.height()) - kFarBorder - kLineRounding - slack -
-               pattern.extent_y) {}
+               pattern.extent_y),
+        longest(longestSearch(level)) {}
 
   [[nodiscard]] bool contains(const Vector2f& p) const {
     return p.x() > low_x && p.y() > low_y && p.x() < high_x && p.y() < high_y;
@@ -203,8 +209,7 @@ std::optional<Segment> planSearch(CandidatePoint& candidate,
                                   const EpipolarPair& pair,
                                   const SearchArea& area,
                                   const DepthOptions& options,
-                                  const Expectation& expected,
-                                  float longest) {
+                                  const Expectation& expected) {
   const bool known = candidate.hasDepth();
   const Vector3f near = pair.geometry.at(
       candidate.patch.pixel, expected.counts ? expected.min : candidate.min_inverse_depth);
@@ -214,7 +219,7 @@ std::optional<Segment> planSearch(CandidatePoint& candidate,
   const Vector3f far =
       pair.geometry.at(candidate.patch.pixel, expected.counts ? expected.max : far_depth);
   Vector2f line = Vector2f(far.hnormalized()) - segment.near;
-  if (!known && !expected.counts) line *= longest / line.norm();
+  if (!known && !expected.counts) line *= area.longest / line.norm();
   if (expected.counts) area.clip(segment.near, line);
   segment.length = line.norm();
   const bool ends_inside = near.z() > 0 && far.z() > 0 && area.contains(segment.near) &&
@@ -242,7 +247,7 @@ std::optional<Segment> planSearch(CandidatePoint& candidate,
     return std::nullopt;
   }
   segment.error = std::min(segment.error, kMaxError);
-  if (!expected.counts) segment.length = std::min(segment.length, longest);
+  if (!expected.counts) segment.length = std::min(segment.length, area.longest);
   return segment;
 }
 
@@ -497,12 +502,10 @@ void searchEpipolarLine(CandidatePoint& candidate,
                         const PyramidLevel& level,
                         const DepthOptions& options) {
   if (candidate.finished) return;
-  const auto longest =
-      static_cast<float>(kMaxSearchShare * static_cast<double>(level.width() + level.height()));
-  const Expectation expected = expectationOf(candidate, pair, longest);
+  const Expectation expected = expectationOf(candidate, pair, longestSearch(level));
   const ExpectedPattern pattern = expectPattern(candidate, pair, expected.scale);
   const SearchArea area(level, pattern, kSearchSlack);
-  std::optional<Segment> segment = planSearch(candidate, pair, area, options, expected, longest);
+  std::optional<Segment> segment = planSearch(candidate, pair, area, options, expected);
   if (!segment) return;
   segment->near = searchDiscrete(candidate, *segment, level, pattern);
   Match match = refineMatch(candidate, *segment, level, pattern);

@@ -9,7 +9,7 @@
 namespace dsorb {
 
 const std::vector<MechanismName>& mechanisms() {
-  static const std::vector<MechanismName> all = {
+  static const std::vector<MechanismName> kAll = {
       {Mechanism::kPool, "pool", "further references while the first one waits"},
       {Mechanism::kFar, "far", "descriptors where optical flow loses most corners"},
       {Mechanism::kBlank, "blank", "frames that show nothing are passed over"},
@@ -40,7 +40,7 @@ const std::vector<MechanismName>& mechanisms() {
       {Mechanism::kExpected, "expected", "far epipolar searches begin at the depths around"},
       {Mechanism::kContrast, "contrast", "images of little contrast get the usual one"},
       {Mechanism::kEdges, "edges", "tracks on edges go where most are on edges"}};
-  return all;
+  return kAll;
 }
 
 Skips parseSkips(const std::string& names) {

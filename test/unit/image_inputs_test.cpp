@@ -157,6 +157,30 @@ TEST_F(ImageInputsTest, MosaicsAreRecognisedAndBecomeGrey) {
   }
 }
 
+TEST_F(ImageInputsTest, RowsOfTwoMomentsAreRecognised) {
+  cv::Mat image(240, 320, CV_8UC1);
+  for (int y = 0; y < image.rows; ++y) {
+    for (int x = 0; x < image.cols; ++x) {
+      image.at<std::uint8_t>(y, x) = cv::saturate_cast<std::uint8_t>(
+          128 + 60 * std::sin(0.2 * x) + 50 * std::sin(0.15 * y + 0.1 * x));
+    }
+  }
+  EXPECT_FALSE(isInterlaced(image));
+  cv::Mat combed = image.clone();  // the camera turned by 6 px between the two
+  for (int y = 1; y < image.rows; y += 2) {
+    image.row(y).colRange(6, 320).copyTo(combed.row(y).colRange(0, 314));
+  }
+  EXPECT_TRUE(isInterlaced(combed));
+  cv::Mat bgr;
+  cv::merge(std::vector<cv::Mat>(3, combed), bgr);
+  EXPECT_TRUE(isInterlaced(bgr));
+  writeDso(1);
+  writeText(root() / "camera.txt", "Pinhole 250 250 159.5 119.5 0\n320 240\nnone\n320 240\n");
+  writeImage(root() / "images" / "000000.png", combed);
+  SequenceReader reader(options());
+  EXPECT_THAT(reader.next()->warnings, ElementsAre(HasSubstr("000000.png: interlaced")));
+}
+
 TEST_F(ImageInputsTest, ASequenceOfMosaicsIsToldOnce) {
   writeDso(3);
   for (int i = 0; i < 3; ++i) {

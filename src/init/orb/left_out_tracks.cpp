@@ -89,9 +89,9 @@ double stillCells(const Matches& matches,
          static_cast<double>(std::count(taken.begin(), taken.end(), 1));
 }
 
-constexpr double kMinError = 1;     // rms over the frames from which a track may contradict [px]
-constexpr double kErrorFactor = 5;  // and by which it exceeds the median of all tracks [-]
-constexpr std::size_t kVoters = 5;  // nearest tracks that vote on a point
+constexpr double kMinError = 1;       // rms over the frames from which a track may contradict [px]
+constexpr double kErrorFactor = 5;    // and by which it exceeds the median of all tracks [-]
+constexpr std::size_t kVoters = 5;    // nearest tracks that vote on a point
 constexpr double kMaxShare = 0.4;     // of contradicting neighbours that a point may have
 constexpr int kIterations = 3;        // of Gauss-Newton on one inverse depth
 constexpr std::size_t kMinVotes = 3;  // fewer tracks close by decide nothing

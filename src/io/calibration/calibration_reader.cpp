@@ -206,6 +206,7 @@ std::string readParameters(const KeyedValues& values,
   std::string first;
   for (const Parameter& parameter : parametersOf(list)) {
     Strings keys;
+    keys.reserve(groups.size());
     for (const std::string& group : groups) keys.push_back(group + parameter.key);
     const std::string key = values.find(keys);
     if (first.empty()) first = key;
@@ -1039,6 +1040,7 @@ Calibration readColmap(const std::filesystem::path& file,
                        const CameraChoice& choice) {
   KeyedValues values(file);
   std::vector<NamedCamera> cameras;
+  cameras.reserve(lines.size());
   for (const TextLine& line : lines) {
     const Strings words = splitWords(line.text);
     if (words.size() < 4) throw line.error("expected 'ID MODEL width height ...'");

@@ -113,10 +113,9 @@ void addElement(const std::string& path, const tinyxml2::XMLElement& element, Ke
 KeyedValues::KeyedValues(std::filesystem::path file)
     : file_(std::move(file)), values_(std::make_shared<std::map<std::string, KeyedValue>>()) {}
 
-void KeyedValues::add(const std::string& key, KeyedValue value) {
-  const int line = value.line;
-  const auto [place, is_new] = values_->try_emplace(key, std::move(value));
-  if (!is_new) place->second.again = line;
+void KeyedValues::add(const std::string& key, const KeyedValue& value) {
+  const auto [place, is_new] = values_->try_emplace(key, value);
+  if (!is_new) place->second.again = value.line;
 }
 
 KeyedValues KeyedValues::within(const std::string& path) const {

@@ -34,7 +34,7 @@ class KeyedValues {
   explicit KeyedValues(std::filesystem::path file);
 
   /// A key that comes again is told to whoever asks for its value.
-  void add(const std::string& key, KeyedValue value);
+  void add(const std::string& key, const KeyedValue& value);
   [[nodiscard]] const std::map<std::string, KeyedValue>& all() const { return *values_; }
 
   /// Those whose keys begin with a path and a dot, by what follows.

@@ -120,8 +120,8 @@ std::optional<double> secondsOfDate(const std::string& date, const std::string& 
   }
   const int y = month <= 2 ? year - 1 : year;  // years begin with March
   const int m = (month + 9) % 12;
-  const double days = 365.0 * y + y / 4 - y / 100 + y / 400 + (153 * m + 2) / 5 + day - 719469;
-  return ((days * 24 + hour) * 60 + minute) * 60 + second;
+  const int days = 365 * y + y / 4 - y / 100 + y / 400 + (153 * m + 2) / 5 + day - 719469;
+  return ((days * 24.0 + hour) * 60 + minute) * 60 + second;
 }
 
 double readExposure(const TextLine& line, const std::string& word) {

@@ -23,6 +23,15 @@ constexpr double kLeastContrast = 0.02;  // of the block's mean
 constexpr double kMosaicSigmas = 5;
 constexpr double kDarkShare = 8. / 255;  // of the largest value that the image has
 
+// No block of these 450 images votes for interlacing. In an interlaced hand-held video .1 to .8 of
+// them do where the camera moves, fewer where it nearly stands.
+constexpr int kGrid = 8;              // blocks looked at, across and down
+constexpr int kBlock = 16;            // [px]
+constexpr int kLeastTextured = 16;    // blocks
+constexpr int kLeastDifference = 3;   // mean of neighbouring rows [grey levels]
+constexpr double kRowRatio = 1.5;     // of differences to the next row and to the one after it
+constexpr double kCombedShare = 0.1;  // of the blocks
+
 enum class Vote { kDark, kPlain, kMosaic };
 
 /// @param image of 16 bits
@@ -137,6 +146,30 @@ std::optional<bool> isMosaic(const cv::Mat& image) {
   }
   if (2 * light < blocks || light == 0) return std::nullopt;
   return votes > kLeastShare * light;
+}
+
+bool isInterlaced(const cv::Mat& image) {
+  const int channels = image.channels();
+  if (image.depth() != CV_8U || image.rows < 2 * kBlock || image.cols < kBlock) return false;
+  int textured = 0;
+  int votes = 0;
+  for (int block = 0; block < kGrid * kGrid; ++block) {
+    const int top = (image.rows - kBlock - 2) * (block / kGrid) / (kGrid - 1);
+    const int left = (image.cols - kBlock) * (block % kGrid) / (kGrid - 1);
+    int next = 0;
+    int after = 0;
+    for (int y = top; y < top + kBlock; ++y) {
+      for (int x = left; x < left + kBlock; ++x) {
+        const int at = x * channels + channels / 2;  // green
+        next += std::abs(image.ptr(y)[at] - image.ptr(y + 1)[at]);
+        after += std::abs(image.ptr(y)[at] - image.ptr(y + 2)[at]);
+      }
+    }
+    if (next < kLeastDifference * kBlock * kBlock) continue;
+    ++textured;
+    votes += next > kRowRatio * after ? 1 : 0;
+  }
+  return textured >= kLeastTextured && votes > kCombedShare * textured;
 }
 
 cv::Mat greyOfMosaic(const cv::Mat& image) {

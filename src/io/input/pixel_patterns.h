@@ -29,6 +29,10 @@ struct BitDepth {
 /// its 3x3 neighbours, by weights 1 2 1 either way, at its place.
 [[nodiscard]] cv::Mat greyOfMosaic(const cv::Mat& image);
 
+/// Whether the rows of an image of 8 bits, grey or BGR, are of two moments in turn: in many of its
+/// blocks neighbouring rows differ more than those of one moment do.
+[[nodiscard]] bool isInterlaced(const cv::Mat& image);
+
 /// Bars beside a picture of another shape than the image's (letterbox, pillarbox) [px].
 struct BlackBars {
   int left = 0;

@@ -488,6 +488,7 @@ class SequenceReader::Impl {
   std::optional<std::pair<FrameId, double>> before;  // the frame and its time
   std::optional<SourceImage> first;                  // decoded for its size, until it is read
   std::optional<bool> mosaic;                        // empty: too dark to tell, so far
+  bool combed = false;                               // an image is interlaced
   std::vector<std::string> unreadable;
   int bits = 0;                       // of 16-bit images; 0: not known before the first of them
   bool exceeded = false;              // by the values of one
@@ -503,7 +504,7 @@ void SequenceReader::Impl::rectify(const SequenceOptions& options, const SourceI
   std::vector<std::string>& warnings = dataset.warnings;
   Geometry geometry = readGeometry(options, layout, image);
   if (options.horizontal_view > 0 && isUpright(image.pixels.cols, image.pixels.rows)) {
-    warnings.push_back(
+    warnings.emplace_back(
         "the images are upright: --hfov is what they show from left to right, along "
         "their short side");
   }
@@ -696,6 +697,12 @@ std::optional<SequenceFrame> SequenceReader::Impl::prepare(int index) {
   result.late = image->late;
   if (!image->warning.empty()) result.warnings.push_back(image->warning);
   demosaic(image->pixels, result.warnings);
+  if (!combed && (combed = isInterlaced(image->pixels))) {
+    result.warnings.push_back(fmt::format(
+        "{}: interlaced, though nothing says so: every second row is of another moment; "
+        "ffmpeg -i FILE -vf yadif NEW takes them apart",
+        result.image_file));
+  }
   leaveOutBars(image->pixels, result.warnings);
   const cv::Mat own = masks.empty() ? cv::Mat() : maskOf(result.image_file, masks, inputSize());
   if (image->pixels.depth() == CV_16U) chooseBits(image->pixels, result.warnings);

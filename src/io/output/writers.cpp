@@ -421,6 +421,19 @@ void addChanges(const MapChanges& changes, Json& json) {
   }
 }
 
+Json unitsJson(const RunFacts& facts) {
+  Json units = Json::array();
+  for (std::size_t i = 0; i < facts.units.size(); ++i) {
+    Json unit = {{"segment", facts.segments[i]}, {"unit", "free"}};
+    if (const auto& metric = facts.units[i]) {
+      unit["unit"] = "metre";
+      unit["relative_sigma"] = metric->relative_sigma;
+    }
+    units.push_back(std::move(unit));
+  }
+  return units;
+}
+
 /// Content of run.json.
 Json runJson(const RunInfo& info,
              const RunCameras& cameras,
@@ -452,15 +465,7 @@ Json runJson(const RunInfo& info,
   if (!end.unreadable.empty()) json["unreadable"] = end.unreadable;
   json["keyframes"] = record.keyframes().size();
   json["segments"] = facts.segments.size();
-  json["units"] = Json::array();
-  for (std::size_t i = 0; i < facts.units.size(); ++i) {
-    Json unit = {{"segment", facts.segments[i]}, {"unit", "free"}};
-    if (const auto& metric = facts.units[i]) {
-      unit["unit"] = "metre";
-      unit["relative_sigma"] = metric->relative_sigma;
-    }
-    json["units"].push_back(std::move(unit));
-  }
+  json["units"] = unitsJson(facts);
   addChanges(record.changes(), json);
   json["refused"] = Json::object();
   for (const RefusalReason reason :

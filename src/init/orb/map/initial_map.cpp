@@ -84,8 +84,8 @@ Sums sumAround(const DepthPrior& prior, int x, int y, int radius) {
 }
 
 constexpr int kMinPairs = 10;
-constexpr int kIterations = 5;      // of re-weighting
-constexpr double kMaxGain = 5;      // and its inverse; more is no exposure change
+constexpr int kIterations = 5;  // of re-weighting
+constexpr double kMaxGain = 5;  // and its inverse; more is no exposure change
 
 /// Mean grey value of the residual pattern; nullopt where it leaves the image or is invalid.
 std::optional<double> patchMean(const PyramidLevel& level, const Eigen::Vector2f& at) {
@@ -160,7 +160,7 @@ Eigen::Vector2f shownPixel(const InitialMap& map,
                            const PinholeCamera& camera,
                            const CornerObservation& observation,
                            const std::optional<RollingShutter>& shutter) {
-  const Eigen::Vector2f pixel = observation.pixel.cast<float>();
+  Eigen::Vector2f pixel = observation.pixel.cast<float>();
   if (!shutter) return pixel;
   const Corner& corner = map.corners[observation.corner];
   const SE3& T_cam_ref = *map.frames[observation.frame].T_cam_ref;

@@ -297,17 +297,15 @@ void tellPlane(const std::optional<Competition>& plane,
   if (plane) evidence.plane_cost_ratio = std::min(plane->cost_ratio, kMaxCostRatio);
 }
 
-/// @param plane       where motions of a plane have competed
-/// @param live_tracks that a corner could have been made of
-/// @param doubtful    see refineStart()
+/// @param plane    where motions of a plane have competed
+/// @param doubtful see refineStart()
 JudgedStart refineAndJudge(const MotionCandidate& candidate,
                            const std::optional<Competition>& plane,
                            const ReferenceView& view,
-                           int live_tracks,
                            bool doubtful,
                            const AttemptContext& context) {
   Reconstruction start{candidate.map, {}};
-  start.live_tracks = live_tracks;
+  start.live_tracks = candidate.live_tracks;
   start.report.pose_prior = candidate.motions_used;
   StartEvidence evidence{start.live_tracks, candidate.front_share, 1, {}};
   tellPlane(plane, evidence, start.report);
@@ -357,7 +355,7 @@ JudgedStart startFromKnownDepth(const ReferenceView& view,
   auto [candidate, report] = context.clock.time(
       "known_depth", [&] { return startOfKnownDepths(view, rotation, context); });
   JudgedStart start{InitReason::kPoorQuality, {}};
-  if (candidate) start = refineAndJudge(*candidate, {}, view, report.corners, false, context);
+  if (candidate) start = refineAndJudge(*candidate, {}, view, false, context);
   if (start.made && !fitsLikeTheBest(*start.made->map.frames.back().T_cam_ref, matches, context)) {
     report.contradicted = true;
     start = {InitReason::kPoorQuality, {}};
@@ -386,13 +384,12 @@ JudgedStart startFromMotion(const ReferenceView& view,
   const bool doubtful =
       isYoung(view, std::numeric_limits<double>::infinity()) ||
       refusedUnless(1, view.last, rotation.median_residual, context.options.orb.gate);
-  const int live = view.tracks.size();
-  JudgedStart start = refineAndJudge(*best, {}, view, live, doubtful, context);
+  JudgedStart start = refineAndJudge(*best, {}, view, doubtful, context);
   if (!start.made || context.options.skip.has(Mechanism::kPlane)) return start;
   const std::optional<Competition> plane =
       clock.time("planes", [&] { return comparePlane(selected, view, matches, context, *best); });
   if (!plane) return start;
-  return plane->replaced ? refineAndJudge(*best, plane, view, live, false, context)
+  return plane->replaced ? refineAndJudge(*best, plane, view, false, context)
                          : judgeWithPlane(std::move(start), *plane, context);
 }
 
@@ -477,6 +474,7 @@ std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,
   auto robust = adjustRobustly(std::move(start), context.camera, options);
   if (!robust) return std::nullopt;
   MotionCandidate candidate;
+  candidate.live_tracks = view.tracks.size();
   candidate.map = std::move(*robust);
   candidate.motions_used =
       adjustWithMotions(candidate.map, knownMotions(view.frames, frames), context.camera, options);

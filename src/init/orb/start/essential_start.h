@@ -52,6 +52,7 @@ int occupiedCells(const InitialMap& map, const PinholeCamera& camera);
 /// A motion with the map that follows from it, adjusted over a few frames.
 struct MotionCandidate {
   InitialMap map;
+  int live_tracks = 0;     ///< that a corner could have been made of
   double front_share = 0;  ///< of the corners, in front of the camera
   double cost = 0;         ///< mean robust cost of all tracks in these frames, lost corners at the
                            ///< cost of the severe limit

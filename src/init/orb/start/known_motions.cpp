@@ -118,8 +118,8 @@ std::optional<InitialMap> boundByMotions(InitialMap map,
 
 /// Largest relative deviation, after it was widened, with which depths still give a start.
 constexpr double kMaxRelativeSigma = 0.15;
-constexpr double kMaxInnovationNoise = 1;     // [px]; more is no noise but a pose that does not fit
-constexpr double kInnovationFreedom = 4;      // of the t-distribution of an innovation
+constexpr double kMaxInnovationNoise = 1;  // [px]; more is no noise but a pose that does not fit
+constexpr double kInnovationFreedom = 4;   // of the t-distribution of an innovation
 constexpr double kInflationStep = 1.2;
 constexpr int kInflations = 26;  // up to 95
 /// Log likelihood by which another inflation may be worse than the best and still be believed: two
@@ -298,6 +298,7 @@ KnownDepthStart startOfKnownDepths(const ReferenceView& view,
   if (!robust || !weighDepths(camera, *robust, start.report)) return start;
   MotionCandidate& candidate = start.candidate.emplace();
   candidate.map = std::move(*robust);
+  candidate.live_tracks = start.report.corners;
   candidate.motions_used =
       adjustWithMotions(candidate.map, knownMotions(view.frames, frames), camera, options);
   candidate.front_share = 1;
