@@ -17,8 +17,8 @@
 
 namespace dsorb::odometry {
 
-/// Thins the points of one host where they are more than wanted: the most certain one of each cell
-/// of a grid with about as many cells as points wanted.
+/// Thins the points of one host to about the wanted number: one in a cell of a grid, the most
+/// certain.
 /// @return indices of the kept points, ascending
 [[nodiscard]] std::vector<std::size_t> thinOnGrid(const std::vector<MapPoint>& points,
                                                   int width,

@@ -121,7 +121,7 @@ TEST(Seeding, ThinningKeepsTheMostCertainOfEveryCell) {
          static_cast<float>(random.uniform(0.001, 0.1))});
   }
   const std::vector<std::size_t> kept = odometry::thinOnGrid(points, 640, 480, 800);
-  EXPECT_LE(kept.size(), 850U);
+  EXPECT_LE(kept.size(), 800U);
   EXPECT_GT(kept.size(), 700U);
   double all = 0, thinned = 0;
   for (const MapPoint& point : points) all += static_cast<double>(point.variance) / 5000;
