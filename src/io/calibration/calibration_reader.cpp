@@ -1038,15 +1038,17 @@ bool isColmap(const std::vector<TextLine>& lines) {
 Calibration readColmap(const std::filesystem::path& file,
                        const std::vector<TextLine>& lines,
                        const CameraChoice& choice) {
-  KeyedValues values(file);
   std::vector<NamedCamera> cameras;
   cameras.reserve(lines.size());
   for (const TextLine& line : lines) {
     const Strings words = splitWords(line.text);
-    if (words.size() < 4) throw line.error("expected 'ID MODEL width height ...'");
-    values.add(words[0], {{words.begin() + 2, words.end()}, line.number});
-    cameras.push_back({{words[0]}, [&values, id = words[0], model = words[1]] {
-                         return readColmapCamera(values[id], model);
+    cameras.push_back({{words[0]}, [&file, &line, words] {
+                         if (words.size() < 4) {
+                           throw line.error("expected 'ID MODEL width height ...'");
+                         }
+                         KeyedValues values(file);
+                         values.add(words[0], {{words.begin() + 2, words.end()}, line.number});
+                         return readColmapCamera(values[words[0]], words[1]);
                        }});
   }
   return readChosen(file, cameras, choice);

@@ -20,6 +20,7 @@
 #include <cstdio>
 #include <cstring>
 #include <fstream>
+#include <limits>
 #include <sstream>
 #include <string>
 #include <string_view>
@@ -228,8 +229,64 @@ bool isLeftToOpenCv(const std::vector<std::uint8_t>& bytes) {
          begins(bytes, "RIFF");
 }
 
-/// Whether a binary PGM or PPM holds the pixels that its header announces: OpenCV does not refuse
-/// others silently.
+/// A number of an image's header; bytes behind its end are 0.
+std::uint32_t number(const std::vector<std::uint8_t>& bytes,
+                     std::size_t at,
+                     int count,
+                     bool is_big = false) {
+  std::uint32_t value = 0;
+  for (int k = 0; k < count; ++k) {
+    const std::size_t i = at + static_cast<std::size_t>(is_big ? k : count - 1 - k);
+    value = value << 8U | (i < bytes.size() ? bytes[i] : 0U);
+  }
+  return value;
+}
+
+cv::Size sizeOf(std::uint32_t width, std::uint32_t height) {
+  constexpr std::uint32_t kMost = std::numeric_limits<int>::max();
+  return {static_cast<int>(std::min(width, kMost)), static_cast<int>(std::min(height, kMost))};
+}
+
+/// The entries 256 and 257 of the first directory.
+cv::Size tiffSize(const std::vector<std::uint8_t>& bytes) {
+  const bool big = bytes[0] == 'M';
+  const std::size_t directory = number(bytes, 4, 4, big);
+  const std::uint32_t entries = number(bytes, directory, 2, big);
+  std::array<std::uint32_t, 2> size{};
+  for (std::uint32_t k = 0; k < entries; ++k) {
+    const std::size_t entry = directory + 2 + std::size_t{12} * k;
+    const std::uint32_t tag = number(bytes, entry, 2, big);
+    const int count = number(bytes, entry + 2, 2, big) == 3 ? 2 : 4;  // SHORT or LONG
+    if (tag == 256 || tag == 257) size.at(tag - 256) = number(bytes, entry + 8, count, big);
+  }
+  return sizeOf(size[0], size[1]);
+}
+
+cv::Size webpSize(const std::vector<std::uint8_t>& bytes) {
+  const std::uint32_t bits = number(bytes, 21, 4);
+  switch (bytes.size() > 15 ? bytes[15] : 0) {
+    case 'X':
+      return sizeOf(1 + number(bytes, 24, 3), 1 + number(bytes, 27, 3));
+    case 'L':
+      return sizeOf(1 + (bits & 0x3FFFU), 1 + (bits >> 14U & 0x3FFFU));
+    default:
+      return sizeOf(number(bytes, 26, 2) & 0x3FFFU, number(bytes, 28, 2) & 0x3FFFU);
+  }
+}
+
+/// Size in the header of a BMP, TIFF or WebP: OpenCV takes the memory for it before it looks at the
+/// rest. Zero for others.
+cv::Size headerSize(const std::vector<std::uint8_t>& bytes) {
+  if (begins(bytes, "BM")) {
+    const std::uint32_t height = number(bytes, 22, 4);  // negative: from top to bottom
+    return sizeOf(number(bytes, 18, 4), std::min(height, 0U - height));
+  }
+  if (begins(bytes, "II") || begins(bytes, "MM")) return tiffSize(bytes);
+  return begins(bytes, "RIFF") ? webpSize(bytes) : cv::Size();
+}
+
+/// Whether a binary PGM or PPM holds the pixels that its header announces: OpenCV says on the
+/// terminal where others do not.
 bool isCompletePnm(const std::vector<std::uint8_t>& bytes) {
   constexpr std::ptrdiff_t kLongestHeader = 4096;  // with its comments
   const auto size = static_cast<std::ptrdiff_t>(bytes.size());
@@ -271,7 +328,9 @@ cv::Mat decodeGrey(const std::vector<std::uint8_t>& bytes, const std::string& na
   cv::Mat image;
   if (begins(bytes, kPng)) image = decodeAs<PngFile>(bytes, name);
   if (begins(bytes, kJpeg)) image = decodeAs<JpegFile>(bytes, name);
-  if (image.channels() == 4 || isLeftToOpenCv(bytes)) image = decodeByOpenCv(bytes);
+  const bool left = isLeftToOpenCv(bytes);
+  if (left) checkSize(headerSize(bytes), name);
+  if (image.channels() == 4 || left) image = decodeByOpenCv(bytes);
   if (image.empty()) {
     throw IoError(fmt::format(
         "{}: the image cannot be decoded; expected a whole PNG, JPEG, PNM, BMP, TIFF or WebP",

@@ -85,7 +85,9 @@ class FrameQueue {
  private:
   void begin() {
     begun_ = next_;
-    frame_ = std::async(is_ahead_ ? std::launch::async : std::launch::deferred, make_, begun_);
+    constexpr auto kAhead =
+        std::launch::async | std::launch::deferred;  // without a thread to spare
+    frame_ = std::async(is_ahead_ ? kAhead : std::launch::deferred, make_, begun_);
   }
 
   const std::size_t count_;

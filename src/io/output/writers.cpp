@@ -24,7 +24,6 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -671,8 +670,8 @@ class InitializationWriter {
  public:
   /// Writes the empty list. @throws IoError where it cannot be written
   InitializationWriter(fs::path path, std::string initializer)
-      : path_(std::move(path)), initializer_(std::move(initializer)) {
-    io::replaceFile(path_, io::jsonText({{kStarts, io::Json::array()}}));
+      : file_(std::move(path)), initializer_(std::move(initializer)) {
+    file_.append(io::jsonText({{kStarts, io::Json::array()}}));
   }
 
   void setCamera(const PinholeCamera& camera) { camera_ = camera; }
@@ -698,9 +697,7 @@ class InitializationWriter {
     }
     for (const io::InitStepNote& step : record.steps()) {
       if (!step.result) continue;
-      io::Json all = io::Json::parse(std::ifstream(path_));
-      all[kStarts].push_back(describe(step, milliseconds));
-      io::replaceFile(path_, io::jsonText(all));
+      append(io::jsonText({{kStarts, io::Json::array({describe(step, milliseconds)})}}));
     }
   }
 
@@ -713,6 +710,14 @@ class InitializationWriter {
     double total_milliseconds = 0;
     double attempt_milliseconds = 0;  ///< since the last reset
   };
+
+  /// Puts the only start of a document behind those of the file; their end is overwritten.
+  void append(std::string alone) {
+    constexpr std::string_view kTail = "\n ]\n}\n";
+    if (end_ > 0) alone.replace(0, alone.find('[') + 1, ",");
+    file_.write(end_, alone);
+    end_ += alone.size() - kTail.size();
+  }
 
   [[nodiscard]] io::Json describe(const io::InitStepNote& step, double milliseconds) const {
     const InitializationResult& result = *step.result;
@@ -744,7 +749,8 @@ class InitializationWriter {
     return json;
   }
 
-  fs::path path_;
+  io::GrowingFile file_;
+  std::uintmax_t end_ = 0;  // of the last start in it
   std::string initializer_;
   PinholeCamera camera_;
   Progress progress_;
