@@ -57,14 +57,20 @@ IoError writeError(const fs::path& path) {
 GrowingFile::GrowingFile(fs::path path) : path_(std::move(path)), file_(openForWriting(path_)) {}
 
 void GrowingFile::append(std::string_view text) {
+  replaceEnd(size_, text);
+}
+
+void GrowingFile::replaceEnd(std::uintmax_t position, std::string_view text) {
+  const std::string before = read(position, size_ - position);
   try {
-    write(size_, text);
+    write(position, text);
   } catch (const IoError&) {
     std::error_code ignored;
-    fs::resize_file(path_, size_, ignored);
+    fs::resize_file(path_, position, ignored);
+    write(position, before);
     throw;
   }
-  size_ += text.size();
+  size_ = position + text.size();
 }
 
 void GrowingFile::write(std::uintmax_t position, std::string_view text) {

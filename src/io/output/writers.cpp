@@ -715,7 +715,7 @@ class InitializationWriter {
   void append(std::string alone) {
     constexpr std::string_view kTail = "\n ]\n}\n";
     if (end_ > 0) alone.replace(0, alone.find('[') + 1, ",");
-    file_.write(end_, alone);
+    file_.replaceEnd(end_, alone);
     end_ += alone.size() - kTail.size();
   }
 
