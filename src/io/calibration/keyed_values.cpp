@@ -64,7 +64,7 @@ class YamlValues {
       }
       ++place;
     }
-    values_.add(path, std::move(value));
+    values_.add(path, value);
   }
 
   KeyedValues& values_;
