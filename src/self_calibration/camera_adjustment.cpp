@@ -128,6 +128,7 @@ struct Reduced {
   std::vector<EliminatedCorner> corners;
 };
 
+/// Of the unknowns of a view, behind those of the lens.
 Index rowOf(std::size_t view) {
   return kLensDim + kViewDim * static_cast<Index>(view);
 }
@@ -146,21 +147,15 @@ void addSight(const Residual& r, double w, Index row, Reduced& system) {
 }
 
 /// Sums what the sights of one corner say, and finds how it follows lens and views.
-void addCorner(const Scene& scene,
-               const SightRange& range,
-               double noise,
-               double damping,
-               Reduced& system,
-               EliminatedCorner& corner) {
+EliminatedCorner addCorner(
+    const Scene& scene, const SightRange& range, double noise, double damping, Reduced& system) {
+  EliminatedCorner corner;
   Eigen::Matrix3d H = Eigen::Matrix3d::Zero();
   Eigen::Vector3d b = Eigen::Vector3d::Zero();
-  corner.C =
-      Eigen::Matrix3Xd::Zero(3, kLensDim + kViewDim * static_cast<Index>(range.last - range.first));
-  corner.rows.clear();
+  corner.C = Eigen::Matrix3Xd::Zero(3, rowOf(range.last - range.first));
   const double information = 1 / (noise * noise);
   for (std::size_t i = range.first; i < range.last; ++i) {
     const Sight& sight = scene.sights[i];
-    const Index column = kLensDim + kViewDim * static_cast<Index>(i - range.first);
     corner.rows.push_back(rowOf(sight.view));
     const Residual r = residualOf<true>(scene, sight);
     if (!r.in_front) continue;
@@ -168,7 +163,7 @@ void addCorner(const Scene& scene,
     H += w * r.by_corner.transpose() * r.by_corner;
     b += w * r.by_corner.transpose() * r.error;
     corner.C.leftCols<kLensDim>() += w * r.by_corner.transpose() * r.by_lens;
-    corner.C.middleCols<kViewDim>(column) = w * r.by_corner.transpose() * r.by_view;
+    corner.C.middleCols<kViewDim>(rowOf(i - range.first)) = w * r.by_corner.transpose() * r.by_view;
     addSight(r, w, corner.rows.back(), system);
   }
   H.diagonal() *= 1 + damping;
@@ -176,6 +171,7 @@ void addCorner(const Scene& scene,
   const Eigen::LLT<Eigen::Matrix3d> factor(H);
   corner.coupling = factor.solve(corner.C);
   corner.gradient = factor.solve(b);
+  return corner;
 }
 
 /// Takes the part of an eliminated corner out of the rows of lens and views.
@@ -184,16 +180,15 @@ void subtractCorner(const EliminatedCorner& corner, Reduced& system) {
   const auto lens = corner.C.leftCols<kLensDim>();
   system.H.topLeftCorner<kLensDim, kLensDim>() -= lens.transpose() * Y.leftCols<kLensDim>();
   system.b.head<kLensDim>() -= lens.transpose() * corner.gradient;
-  const auto columnOf = [](std::size_t i) { return kLensDim + kViewDim * static_cast<Index>(i); };
   for (std::size_t a = 0; a < corner.rows.size(); ++a) {
-    const auto view = corner.C.middleCols<kViewDim>(columnOf(a));
+    const auto view = corner.C.middleCols<kViewDim>(rowOf(a));
     const Index row = corner.rows[a];
     system.b.segment<kViewDim>(row) -= view.transpose() * corner.gradient;
     system.H.block<kViewDim, kLensDim>(row, 0) -= view.transpose() * Y.leftCols<kLensDim>();
     for (std::size_t c = 0; c < corner.rows.size(); ++c) {
       if (corner.rows[c] > row) continue;
       system.H.block<kViewDim, kViewDim>(row, corner.rows[c]) -=
-          view.transpose() * Y.middleCols<kViewDim>(columnOf(c));
+          view.transpose() * Y.middleCols<kViewDim>(rowOf(c));
     }
   }
 }
@@ -204,10 +199,11 @@ Reduced linearize(const Scene& scene, const LensPrior& prior, double noise, doub
   Reduced system{Eigen::MatrixXd::Zero(size, size),
                  Eigen::VectorXd::Zero(size),
                  Eigen::VectorXd::Zero(size),
-                 std::vector<EliminatedCorner>(ranges.size())};
-  for (std::size_t i = 0; i < ranges.size(); ++i) {
-    addCorner(scene, ranges[i], noise, damping, system, system.corners[i]);
-    subtractCorner(system.corners[i], system);
+                 {}};
+  system.corners.reserve(ranges.size());
+  for (const SightRange& range : ranges) {
+    system.corners.push_back(addCorner(scene, range, noise, damping, system));
+    subtractCorner(system.corners.back(), system);
   }
   system.H.diagonal() += damping * system.diagonal;
   const auto constrain = [&system](Index row, double sigma, double deviation) {
