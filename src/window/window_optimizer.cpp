@@ -26,6 +26,14 @@ constexpr int kNullSpaceFrom =
 constexpr FactorDamping kDamping{1e-5, 0.25, 100, 0, 1e-2};  // @source DSO as published
 constexpr int kMaxUndone = 3;  // steps undone in one adjustment; then the iteration ends
 
+// Limits of a step that ends the iteration, scaled units: a, b, rotation, translation times mean
+// inverse depth. @source DSO as published
+constexpr double kSmallA = 5e-4;
+constexpr double kSmallB = 5e-5;
+constexpr double kSmallRotation = 5e-5;
+constexpr double kSmallTranslation = 5e-5;
+constexpr double kSlack = 1.2;  // factor on all four
+
 // Outlier threshold (13 + 0.75 sqrt(E))^2 with E the 70 % quantile. @source DSO as published
 constexpr double kThresholdQuantile = 0.7;
 constexpr float kThresholdConstant = 0.5F * 26.0F;  // root of a patch energy [grey levels]
@@ -165,7 +173,8 @@ class WindowOptimizer::Adjustment {
     commit(window_);
     std::swap(memory_.current_, memory_.trial_);
     energy_ = trial_energy_;
-    return true;
+    report_.converged = report_.iterations > 1 && isSmall();
+    return !report_.converged;
   }
 
   bool reject(const DampedStep& step) {
@@ -176,7 +185,7 @@ class WindowOptimizer::Adjustment {
     restore();
     ++report_.undone_steps;
     report_.finite = std::isfinite(trial_energy_) || !options_.published;
-    return report_.finite && report_.undone_steps < kMaxUndone;
+    return report_.finite && report_.undone_steps < kMaxUndone && !isSmall();
   }
 
   OptimizationReport finish();
@@ -202,6 +211,7 @@ class WindowOptimizer::Adjustment {
   void applyStep();
   void save();
   void restore();
+  [[nodiscard]] bool isSmall() const;
 
   WindowOptimizer& memory_;
   const WindowOptions& options_;
@@ -262,6 +272,26 @@ void WindowOptimizer::Adjustment::applyStep() {
   for (std::size_t i = 0; i < points_.size(); ++i) {
     at(i).inverse_depth += static_cast<float>(depth_step_[i]);
   }
+}
+
+bool WindowOptimizer::Adjustment::isSmall() const {
+  double a = 0, b = 0, rotation = 0, translation = 0, depths = 0;
+  for (Index row = kCameraDim; row < step_.size(); row += window_.frameDimension()) {
+    translation += step_.segment<3>(row).squaredNorm();
+    rotation += step_.segment<3>(row + 3).squaredNorm();
+    a += step_[row + 6] * step_[row + 6];
+    b += step_[row + 7] * step_[row + 7];
+  }
+  for (const Keyframe& keyframe : window_.keyframes) {
+    for (const WindowPoint& point : keyframe.points) {
+      depths += std::abs(static_cast<double>(point.inverse_depth));
+    }
+  }
+  const auto frames = static_cast<double>(window_.keyframes.size());
+  const double mean_depth = points_.empty() ? 0 : depths / static_cast<double>(points_.size());
+  return std::sqrt(a / frames) < kSlack * kSmallA && std::sqrt(b / frames) < kSlack * kSmallB &&
+         std::sqrt(rotation / frames) < kSlack * kSmallRotation &&
+         std::sqrt(translation / frames) * mean_depth < kSlack * kSmallTranslation;
 }
 
 /// Moves the first estimates of the newest keyframe and of those of which the marginal prior knows
