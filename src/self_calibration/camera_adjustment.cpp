@@ -128,7 +128,7 @@ struct Reduced {
   std::vector<EliminatedCorner> corners;
 };
 
-/// Of the unknowns of a view, behind those of the lens.
+/// Row and column of the first unknown of a view, behind those of the lens.
 Index rowOf(std::size_t view) {
   return kLensDim + kViewDim * static_cast<Index>(view);
 }
