@@ -269,7 +269,7 @@ class AdjustmentProblem {
       Eigen::Vector3d step =
           corner.gradient + corner.coupling.leftCols<kLensDim>() * step_.head<kLensDim>();
       for (std::size_t k = 0; k < corner.rows.size(); ++k) {
-        step += corner.coupling.middleCols<kViewDim>(kLensDim + kViewDim * static_cast<Index>(k)) *
+        step += corner.coupling.middleCols<kViewDim>(rowOf(k)) *
                 step_.segment<kViewDim>(corner.rows[k]);
       }
       moved_.corners[i] -= step;

@@ -3,6 +3,7 @@
 
 #include "dsorb/image/frame_priors.h"
 
+#include "base/erase_marked.h"
 #include "base/median.h"
 #include "base/parallel.h"
 #include "image/cell_grid.h"

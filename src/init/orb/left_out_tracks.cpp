@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/left_out_tracks.h"
 
+#include "base/erase_marked.h"
 #include "base/median.h"
 #include "base/parallel.h"
 #include "estimate/warp.h"

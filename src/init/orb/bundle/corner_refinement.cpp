@@ -4,6 +4,7 @@
 #include "dsorb/camera/pinhole_camera.h"
 
 #include "base/angles.h"
+#include "base/erase_marked.h"
 #include "base/lanes.h"
 #include "base/parallel.h"
 #include "base/target_clones.h"

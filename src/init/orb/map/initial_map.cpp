@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "init/orb/map/initial_map.h"
 
+#include "base/erase_marked.h"
 #include "base/parallel.h"
 #include "estimate/robust_loss.h"
 #include "estimate/rolling_shutter.h"

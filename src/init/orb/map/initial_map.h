@@ -7,7 +7,6 @@
 #include "dsorb/image/frame_priors.h"
 #include "dsorb/init/result.h"
 
-#include "base/erase_marked.h"
 #include "estimate/rolling_shutter.h"
 #include "geometry/motion_prior.h"
 #include "geometry/row_motion.h"
