@@ -3,8 +3,6 @@
 
 #include "platform/files.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
@@ -28,19 +26,16 @@ std::string_view trimmed(std::string_view text) {
 
 std::string readText(const std::filesystem::path& file, std::size_t most_bytes) {
   std::string text;
-  switch (platform::readWhole(file, most_bytes, text)) {
-    case platform::Reading::kDone:
-      break;
-    case platform::Reading::kFailed:
-      throw lineError(
-          file, 0, "cannot be opened for reading: " + std::generic_category().message(errno));
-    case platform::Reading::kTooLarge:
-      throw lineError(
-          file,
-          0,
-          fmt::format("too large; at most {} KiB of text are expected", most_bytes >> 10U));
-    case platform::Reading::kNobodyWrites:
-      throw lineError(file, 0, "a pipe that nobody writes to");
+  const platform::Reading reading = platform::readWhole(file, most_bytes, text);
+  if (reading == platform::Reading::kFailed) {
+    throw fileError(
+        file, "cannot be opened for reading: {}", std::generic_category().message(errno));
+  }
+  if (reading == platform::Reading::kTooLarge) {
+    throw fileError(file, "too large; at most {} KiB of text are expected", most_bytes >> 10U);
+  }
+  if (reading == platform::Reading::kNobodyWrites) {
+    throw fileError(file, "a pipe that nobody writes to");
   }
   if (text.compare(0, kByteOrderMark.size(), kByteOrderMark) == 0) {
     text.erase(0, kByteOrderMark.size());
@@ -103,16 +98,12 @@ bool parseNumber(std::string_view text, double& value) {
   return error == std::errc() && rest == end && std::isfinite(value);
 }
 
-IoError TextLine::error(const std::string& what) const {
-  return lineError(*file, number, what);
-}
-
 std::vector<double> TextLine::numbers(const std::vector<std::string>& words,
                                       const std::string& what) const {
   std::vector<double> values;
   for (const std::string& word : words) {
     if (!parseNumber(word, values.emplace_back())) {
-      throw error(fmt::format("'{}' is not a finite number; expected {}", quotable(word), what));
+      throw error("'{}' is not a finite number; expected {}", quotable(word), what);
     }
   }
   return values;

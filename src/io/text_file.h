@@ -3,6 +3,8 @@
 
 #include "dsorb/error.h"
 
+#include <fmt/format.h>
+
 #include <cstddef>
 #include <filesystem>
 #include <memory>
@@ -12,6 +14,25 @@
 
 namespace dsorb {
 
+/// Message "FILE:LINE: what"; the line is left out where it is 0.
+[[nodiscard]] IoError lineError(const std::filesystem::path& file,
+                                int line,
+                                const std::string& what);
+/// The same of a text with {} for each part.
+template <typename First, typename... Parts>
+[[nodiscard]] IoError lineError(const std::filesystem::path& file,
+                                int line,
+                                std::string_view text,
+                                const First& first,
+                                const Parts&... parts) {
+  return lineError(file, line, fmt::format(fmt::runtime(text), first, parts...));
+}
+/// Message "FILE: what".
+template <typename... Parts>
+[[nodiscard]] IoError fileError(const std::filesystem::path& file, const Parts&... what) {
+  return lineError(file, 0, what...);
+}
+
 /// A line with content, trimmed of white space and carriage return.
 struct TextLine {
   int number = 0;  ///< position in the file, from 1
@@ -19,7 +40,10 @@ struct TextLine {
   std::shared_ptr<const std::filesystem::path> file;
 
   /// Message "FILE:LINE: what".
-  [[nodiscard]] IoError error(const std::string& what) const;
+  template <typename... Parts>
+  [[nodiscard]] IoError error(const Parts&... what) const {
+    return lineError(*file, number, what...);
+  }
   /// Words as finite numbers.
   /// @param what names the expectation in the message, for example "fx fy cx cy 0"
   /// @throws IoError naming the word that is no finite number
@@ -41,9 +65,6 @@ std::string readText(const std::filesystem::path& file, std::size_t most_bytes);
 /// Lines of a text file without empty lines and lines that start with '#'.
 /// @throws IoError as readText() does
 std::vector<TextLine> readLines(const std::filesystem::path& file, std::size_t most_bytes);
-
-/// Message "FILE:LINE: what"; the line is left out where it is 0.
-IoError lineError(const std::filesystem::path& file, int line, const std::string& what);
 
 /// Words between white space, commas not included.
 std::vector<std::string> splitWords(std::string_view text);

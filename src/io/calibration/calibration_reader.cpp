@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <cmath>
 #include <functional>
 #include <iterator>
@@ -37,35 +38,17 @@ constexpr std::size_t kMaxJsonValues = 400000;
 
 // What all forms of calibration files have in common.
 
-/// A lens model as a program calls it, and its parameters in the order or with the keys that it has
-/// there: names as "fx fy cx cy k1 [k2]", where those behind the bracket may be missing, of
-/// setParameter(), or "key=name".
+/// A lens model as a program calls it ("a|b" by two names, in large or small letters), and its
+/// parameters there: names of setParameter() in their order, where those behind a bracket may be
+/// missing; "key=name" where its key is another; "1=name" where it is 1. A bar ends a list and
+/// begins the next one.
 struct LensWord {
-  std::string_view word;  // in large or small letters
+  std::string_view word;
   LensModel model;
   std::string_view parameters;
 };
 
 using LensWords = std::vector<LensWord>;
-
-/// Checks the numbers of lenses that project by an angle, a sphere or an ellipsoid.
-void checkCoefficients(const Lens& lens, const Field& field) {
-  const auto [a, b] = std::pair(lens.coefficients[0], lens.coefficients[1]);
-  if (lens.model == LensModel::kFov && !(a >= 0 && a < M_PI)) {
-    throw field.error(fmt::format("omega {}; expected 0 <= omega < pi", a));
-  }
-  if (lens.model == LensModel::kDoubleSphere && !(a > -1 && a < 1 && b >= 0 && b <= 1)) {
-    throw field.error(
-        fmt::format("xi {}, alpha {}; expected -1 < xi < 1 and 0 <= alpha <= 1", a, b));
-  }
-  if (lens.model == LensModel::kExtendedUnified && !(a >= 0 && a <= 1 && b > 0)) {
-    throw field.error(
-        fmt::format("alpha {}, beta {}; expected 0 <= alpha <= 1 and beta > 0", a, b));
-  }
-  if (lens.model == LensModel::kUnified && !(a >= 0)) {
-    throw field.error(fmt::format("xi {}; expected at least 0", a));
-  }
-}
 
 /// One of a list of parameters.
 struct Parameter {
@@ -79,31 +62,29 @@ std::vector<Parameter> parametersOf(std::string_view list) {
   bool is_needed = true;
   for (std::string word : splitWords(list)) {
     is_needed = is_needed && word.front() != '[';
-    word.erase(
-        std::remove_if(word.begin(), word.end(), [](char c) { return c == '[' || c == ']'; }),
-        word.end());
+    word.erase(0, word.find_first_not_of('['));
+    word.erase(std::min(word.find(']'), word.size()));
     const std::size_t equals = word.find('=');  // npos + 1 is 0
     parameters.push_back({word.substr(0, equals), word.substr(equals + 1), is_needed});
   }
   return parameters;
 }
 
-/// The model of a word, which the field has or stands for.
-const LensWord& findLens(const LensWords& models, const std::string& word, const Field& field) {
+/// The model of this name, or the first whose name begins with these words.
+const LensWord& findLens(const LensWords& models, const std::string& words, const Field& field) {
   Strings known;
   for (const LensWord& model : models) {
-    if (strcasecmp(std::string(model.word).c_str(), word.c_str()) == 0) return model;
-    known.emplace_back(model.word);
+    for (std::string name : io::spellings(model.word)) {
+      if (words.find(' ') == std::string::npos) name.erase(std::min(name.find(' '), name.size()));
+      if (strcasecmp(name.c_str(), words.c_str()) == 0) return model;
+      if (std::find(known.begin(), known.end(), name) == known.end()) known.push_back(name);
+    }
   }
   throw field.error(
-      fmt::format("'{}' is no lens model that is known here; expected {}. Where the lens can be "
-                  "calibrated with one of docs/calibration.md, write that as camera.txt",
-                  quotable(word),
-                  fmt::join(known, ", ")));
-}
-
-const LensWord& findLens(const LensWords& models, const Field& field) {
-  return findLens(models, field.text("a lens model"), field);
+      "'{}' is no lens model that is known here; expected {}. Where the lens can be calibrated "
+      "with one of docs/calibration.md, write that as camera.txt",
+      quotable(words),
+      fmt::join(known, ", "));
 }
 
 /// What a readout is read of: parseReadout(), and perhaps "columns" behind it.
@@ -111,12 +92,22 @@ constexpr const char* kReadoutKey = "readout_ms";
 constexpr const char* kReadoutForm =
     "milliseconds from the first to the last row, -1000 to 1000, or auto, and perhaps 'columns'";
 
-void readReadout(const Field& field, Lens& lens) {
+/// Our own key, that of VINS, and that of SVO.
+void readReadout(const KeyedValues& values, Lens& lens) {
+  const Field shutter = values["rolling_shutter_tr"];
+  if (shutter.has() && values["rolling_shutter"].number() != 0) {
+    lens.readout.seconds = shutter.number();
+  }
+  const Field line = values["line-delay-nanoseconds"];
+  if (line.has() && lens.height > 0) {
+    lens.readout.seconds = 1e-9 * line.number() * (lens.height - 1);
+  }
+  const Field field = values[kReadoutKey];
   if (!field.has()) return;
   const Strings words = splitWords(field.text(kReadoutForm));
   const bool columns = words.size() == 2 && words.back() == "columns";
   const auto readout = words.size() == 1 || columns ? parseReadout(words.front()) : std::nullopt;
-  if (!readout) throw field.error(fmt::format("{} are expected", kReadoutForm));
+  if (!readout) throw field.error("{} are expected", kReadoutForm);
   lens.readout = *readout;
   lens.columns = columns;
 }
@@ -125,8 +116,7 @@ void readReadout(const Field& field, Lens& lens) {
 void setSize(double width, double height, Lens& lens, const Field& field) {
   for (const double size : {width, height}) {
     if (!(size >= 1 && size <= kMaxSize) || size != std::floor(size)) {
-      throw field.error(
-          fmt::format("image size {}x{}; expected positive whole numbers", width, height));
+      throw field.error("image size {}x{}; expected positive whole numbers", width, height);
     }
   }
   lens.width = static_cast<int>(width);
@@ -135,30 +125,28 @@ void setSize(double width, double height, Lens& lens, const Field& field) {
 
 /// The size by the keys that programs have for it, where they are there.
 void readSize(const KeyedValues& values, Lens& lens) {
-  const std::string width = values.find({"image_width", "image_Width", "width", "cols", "w"});
-  const std::string height = values.find({"image_height", "image_Height", "height", "rows", "h"});
-  if (width.empty() && height.empty()) return;
-  if (width.empty() || height.empty()) {
-    throw values.error(width + height, "width and height of the images are expected together");
+  const Field width = values["image_width|image_Width|width|cols|w"];
+  const Field height = values["image_height|image_Height|height|rows|h"];
+  if (width.has() != height.has()) {
+    throw(width.has() ? width : height)
+        .error("width and height of the images are expected together");
   }
-  setSize(values.number(width), values.number(height), lens, values[width]);
+  if (width.has()) setSize(width.number(), height.number(), lens, width);
 }
 
 /// The size as a list of width and height.
 void readSize(const Field& field, Lens& lens) {
-  const auto size = field.values.numbers(field.key, 2, "width, height");
+  const auto size = field.numbers(2, "width, height");
   setSize(size[0], size[1], lens, field);
 }
 
 /// A parameter of a lens: fx, fy (f: both), cx, cy, or a coefficient as nameOf(model) has them;
 /// others must be 0.
 void setParameter(std::string_view name, double value, Lens& lens, const Field& field) {
-  if (name == "f") lens.fx = lens.fy = value;
-  const std::array<std::pair<std::string_view, double*>, 4> plain = {
-      {{"fx", &lens.fx}, {"fy", &lens.fy}, {"cx", &lens.cx}, {"cy", &lens.cy}}};
-  for (const auto& [own, number] : plain) {
-    if (name == own) *number = value;
-  }
+  if (name == "f" || name == "fx") lens.fx = value;
+  if (name == "f" || name == "fy") lens.fy = value;
+  if (name == "cx") lens.cx = value;
+  if (name == "cy") lens.cy = value;
   if (name.front() == 'f' || name.front() == 'c') return;
   const LensModelName& model = nameOf(lens.model);
   const Strings names = splitWords(model.coefficient_names);
@@ -167,76 +155,102 @@ void setParameter(std::string_view name, double value, Lens& lens, const Field& 
     lens.coefficients[static_cast<std::size_t>(place - names.begin())] = value;
   } else if (value != 0) {
     throw field.error(
-        fmt::format("the distortion coefficient {} is {}, which lenses of the model {} "
-                    "do not have here ({}); calibrate without it, or with a model of "
-                    "docs/calibration.md",
-                    name,
-                    value,
-                    model.name,
-                    names.empty() ? "no distortion" : model.coefficient_names));
+        "the distortion coefficient {} is {}, which lenses of the model {} do not have here ({}); "
+        "calibrate without it, or with a model of docs/calibration.md",
+        name,
+        value,
+        model.name,
+        names.empty() ? "no distortion" : model.coefficient_names);
   }
 }
 
-/// Parameters in the order of a list.
+/// Parameters in the order of a list. Where it has none, all numbers must be 0.
 void setParameters(std::string_view list,
                    const std::vector<double>& values,
                    Lens& lens,
                    const Field& field) {
   const std::vector<Parameter> parameters = parametersOf(list);
   const bool too_few = values.size() < parameters.size() && parameters[values.size()].is_needed;
+  const auto zeros = std::count(values.begin(), values.end(), 0.0);
+  if (list.empty() && zeros == static_cast<std::ptrdiff_t>(values.size())) return;
   if (values.size() > parameters.size() || too_few) {
-    throw field.error(fmt::format("{} numbers; expected '{}'", values.size(), list));
+    throw field.error(
+        "{} numbers; expected {}",
+        values.size(),
+        list.empty() ? "none of a lens without distortion" : fmt::format("'{}'", list));
   }
   for (std::size_t i = 0; i < values.size(); ++i) {
     setParameter(parameters[i].name, values[i], lens, field);
   }
 }
 
-void setParameters(std::string_view list, const Field& field, Lens& lens) {
-  setParameters(list, field.numbers(), lens, field);
-}
-
 /// Parameters by keys of their own.
 /// @param groups that a key may stand in, each with the dot behind it
-/// @return key of the first one
-std::string readParameters(const KeyedValues& values,
-                           std::string_view list,
-                           Lens& lens,
-                           const Strings& groups = {""}) {
-  std::string first;
+/// @return the first one
+Field readParameters(const KeyedValues& values,
+                     std::string_view list,
+                     Lens& lens,
+                     const Strings& groups = {""}) {
+  std::optional<Field> first;
   for (const Parameter& parameter : parametersOf(list)) {
-    Strings keys;
-    keys.reserve(groups.size());
-    for (const std::string& group : groups) keys.push_back(group + parameter.key);
-    const std::string key = values.find(keys);
-    if (first.empty()) first = key;
-    if (!key.empty()) setParameter(parameter.name, values.number(key), lens, values[key]);
-    if (key.empty() && parameter.is_needed) {
-      throw values.error(keys.front(), "is missing; a number is expected");
+    std::string spellings;
+    for (const std::string& group : groups) spellings += group + parameter.key + "|";
+    const Field field = values[spellings];
+    double constant = 0;
+    if (parseNumber(parameter.key, constant)) {
+      setParameter(parameter.name, constant, lens, field);
+    } else if (field.has()) {
+      setParameter(parameter.name, field.number(), lens, field);
+    } else if (parameter.is_needed) {
+      throw field.error("is missing; a number is expected");
     }
+    if (!first) first = field;
   }
-  return first;
+  return *first;
 }
 
-/// Focal lengths, the range of a sphere's coefficients, and a principal point inside of the image,
-/// where its size is known.
+/// A rule for the first two coefficients of a model.
+struct CoefficientRule {
+  LensModel model;
+  const char* expected;
+  bool (*holds)(double, double);
+};
+constexpr std::array<CoefficientRule, 4> kRules = {
+    {{LensModel::kFov, "0 <= omega < pi", [](double a, double) { return a >= 0 && a < M_PI; }},
+     {LensModel::kDoubleSphere,
+      "-1 < xi < 1 and 0 <= alpha <= 1",
+      [](double a, double b) { return a > -1 && a < 1 && b >= 0 && b <= 1; }},
+     {LensModel::kExtendedUnified,
+      "0 <= alpha <= 1 and beta > 0",
+      [](double a, double b) { return a >= 0 && a <= 1 && b > 0; }},
+     {LensModel::kUnified, "xi of at least 0", [](double a, double) { return a >= 0; }}}};
+
+/// Focal lengths, coefficients, and a principal point inside of the image, where its size is known.
 void checkLens(const Lens& lens, const Field& field) {
   if (!(lens.fx > 0 && lens.fy > 0)) {
-    throw field.error(
-        fmt::format("focal lengths {} {}; expected positive numbers", lens.fx, lens.fy));
+    throw field.error("focal lengths {} {}; expected positive numbers", lens.fx, lens.fy);
   }
-  checkCoefficients(lens, field);
+  for (const CoefficientRule& rule : kRules) {
+    if (rule.model != lens.model || rule.holds(lens.coefficients[0], lens.coefficients[1]))
+      continue;
+    throw field.error("{} {}; expected {}",
+                      nameOf(lens.model).coefficient_names,
+                      fmt::join(coefficientsOf(lens), " "),
+                      rule.expected);
+  }
   if (lens.width == 0) return;
   if (lens.cx >= 0 && lens.cy >= 0 && lens.cx < lens.width && lens.cy < lens.height) return;
-  throw field.error(fmt::format("principal point {} {}; expected inside the image of {}",
-                                lens.cx,
-                                lens.cy,
-                                pixelText(lens.width, lens.height)));
+  throw field.error("principal point {} {}; expected inside the image of {}",
+                    lens.cx,
+                    lens.cy,
+                    pixelText(lens.width, lens.height));
 }
 
 /// A calibration, once its lens was checked and is of the plainest model that says the same: images
-/// without a distortion are not resampled. The file may say the readout, too.
-Calibration finished(const Field& field, Lens lens) {
+/// without a distortion are not resampled.
+/// @param values which may say the readout, too
+/// @param field  for complaints
+Calibration finished(const KeyedValues& values, const Field& field, Lens lens) {
   checkLens(lens, field);
   const auto& k = lens.coefficients;
   if (lens.model == LensModel::kRational && k[5] == 0 && k[6] == 0 && k[7] == 0) {
@@ -247,7 +261,7 @@ Calibration finished(const Field& field, Lens lens) {
     lens.model = LensModel::kPinhole;
     calibration.rectification.mode = RectificationMode::kNone;
   }
-  readReadout(field.values[kReadoutKey], lens);
+  readReadout(values, lens);
   calibration.lens = lens;
   return calibration;
 }
@@ -328,12 +342,12 @@ bool areAllSame(const std::vector<NamedCamera>& cameras) {
 }
 
 std::string listed(const std::vector<NamedCamera>& cameras) {
-  std::string list;
+  Strings list;
   for (const NamedCamera& camera : cameras) {
-    list += fmt::format("{}{}", list.empty() ? "" : ", ", camera.names.front());
-    if (isTopic(camera.names.back())) list += fmt::format(" ({})", camera.names.back());
+    list.push_back(camera.names.front());
+    if (isTopic(camera.names.back())) list.back() += fmt::format(" ({})", camera.names.back());
   }
-  return list;
+  return fmt::format("{}", fmt::join(list, ", "));
 }
 
 /// The calibration of the camera that is chosen, or of all where they are the same.
@@ -341,142 +355,291 @@ std::string listed(const std::vector<NamedCamera>& cameras) {
 Calibration readChosen(const std::filesystem::path& file,
                        const std::vector<NamedCamera>& cameras,
                        const CameraChoice& choice) {
-  if (cameras.empty()) throw lineError(file, 0, "has no camera; at least one is expected");
-  const bool nameless = cameras.size() == 1 && cameras.front().names.empty();
-  if (nameless) return cameras.front().read();
+  if (cameras.empty()) throw fileError(file, "has no camera; at least one is expected");
+  const bool one = cameras.size() == 1;
+  if (one && cameras.front().names.empty()) return cameras.front().read();
   if (const NamedCamera* camera = find(cameras, choice)) return camera->read();
-  if (!choice.name.empty() && (cameras.size() > 1 || !isTopic(choice.name))) {
-    throw lineError(file,
-                    0,
-                    fmt::format("has no camera '{}'; choose one with --camera: {}",
-                                quotable(choice.name),
-                                listed(cameras)));
+  if (!choice.name.empty() && !(one && isTopic(choice.name))) {
+    throw fileError(file,
+                    "has no camera '{}'; choose one with --camera: {}",
+                    quotable(choice.name),
+                    listed(cameras));
   }
-  if (cameras.size() == 1 || areAllSame(cameras)) return cameras.front().read();
-  throw lineError(
-      file,
-      0,
-      fmt::format("has {} cameras, and the images do not say which one took them; choose it with "
+  if (one || areAllSame(cameras)) return cameras.front().read();
+  throw fileError(file,
+                  "has {} cameras, and the images do not say which one took them; choose it with "
                   "--camera: {}",
                   cameras.size(),
-                  listed(cameras)));
+                  listed(cameras));
 }
 
-/// Whether all numbers of a list are 0, or there is none.
-bool isZero(const std::vector<double>& numbers) {
-  return std::all_of(numbers.begin(), numbers.end(), [](double n) { return n == 0; });
+// Forms that differ by their keys alone.
+
+/// Where a form has what.
+struct Form {
+  std::string_view cameras;    ///< paths of several cameras, by their numbers; empty: one camera
+  std::string_view name;       ///< key of a camera's own name, beside cam0, cam1 ...; empty: none
+  Strings model;               ///< keys of the words that make up that of a model
+  std::string_view otherwise;  ///< the word where there is none
+  std::string_view size;       ///< list of width and height; empty: the usual keys, or none
+  /// Lists for those of the parameters, or the groups that their keys may stand in.
+  Strings places;
+  LensWords models;
+};
+
+constexpr std::string_view kPinholeNumbers = "fx fy cx cy [k1 k2 p1 p2 k3 k4 k5 k6]";
+constexpr std::string_view kFisheyeNumbers = "fx fy cx cy [k1 k2 k3 k4]";
+
+// EuRoC's sensor.yaml is one camera of Kalibr's camchain.yaml, with longer names.
+/// @source Kalibr's wiki, "Supported models"
+const Form kKalibr = {
+    "cam{}",
+    "rostopic",
+    {"camera_model", "distortion_model"},
+    "",
+    "resolution",
+    {"intrinsics", "distortion_coeffs|distortion_coefficients"},
+    {{"pinhole radtan|pinhole radial-tangential|pinhole plumb_bob",
+      LensModel::kRadTan,
+      "fx fy cx cy|k1 k2 p1 p2 [k3]"},
+     {"pinhole equidistant", LensModel::kEquidistant, "fx fy cx cy|k1 k2 k3 k4"},
+     {"pinhole fov", LensModel::kFov, "fx fy cx cy|omega"},
+     {"pinhole none", LensModel::kPinhole, "fx fy cx cy|"},
+     {"omni radtan|omni radial-tangential", LensModel::kUnified, "xi fx fy cx cy|k1 k2 p1 p2"},
+     {"omni none", LensModel::kUnified, "xi fx fy cx cy|"},
+     {"ds none", LensModel::kDoubleSphere, "xi alpha fx fy cx cy|"},
+     {"eucm none", LensModel::kExtendedUnified, "alpha beta fx fy cx cy|"}}};
+// SVO and aslam.
+const Form kSvo = {
+    "cameras[{}].camera",
+    "label",
+    {"type", "distortion.type"},
+    "",
+    "",
+    {"intrinsics", "distortion.parameters"},
+    {{"pinhole none", LensModel::kPinhole, "fx fy cx cy|"},
+     {"pinhole radial-tangential", LensModel::kRadTan, "fx fy cx cy|[k1 k2 p1 p2 k3]"},
+     {"pinhole equidistant", LensModel::kEquidistant, "fx fy cx cy|[k1 k2 k3 k4]"},
+     {"pinhole fisheye", LensModel::kFov, "fx fy cx cy|[omega]"}}};
+const Form kBasalt = {"value0.intrinsics[{}]",
+                      "",
+                      {"camera_type"},
+                      "",
+                      "value0.resolution[{}]",
+                      {"intrinsics."},
+                      {{"pinhole", LensModel::kPinhole, "fx fy cx cy"},
+                       {"pinhole-radtan8", LensModel::kRational, kPinholeNumbers},
+                       {"kb4", LensModel::kEquidistant, kFisheyeNumbers},
+                       {"fov", LensModel::kFov, "fx fy cx cy [w=omega]"},
+                       {"ucm", LensModel::kExtendedUnified, "fx fy cx cy [alpha 1=beta]"},
+                       {"eucm", LensModel::kExtendedUnified, "fx fy cx cy [alpha beta]"},
+                       {"ds", LensModel::kDoubleSphere, "fx fy cx cy [xi alpha]"}}};
+const Form kVins = {
+    "",
+    "",
+    {"model_type"},
+    "",
+    "",
+    {"projection_parameters.", "distortion_parameters.", "mirror_parameters."},
+    {{"PINHOLE", LensModel::kRadTan, kPinholeNumbers},
+     {"PINHOLE_FULL", LensModel::kRational, "fx fy cx cy [k1 k2 k3 k4 k5 k6 p1 p2]"},
+     {"KANNALA_BRANDT",
+      LensModel::kEquidistant,
+      "mu=fx mv=fy u0=cx v0=cy [k2=k1 k3=k2 k4=k3 k5=k4]"},
+     {"MEI", LensModel::kUnified, "gamma1=fx gamma2=fy u0=cx v0=cy [xi k1 k2 p1 p2]"}}};
+// ORB-SLAM2 and 3, and stella_vslam, which nests the same keys.
+const Form kOrbs = {"",
+                    "",
+                    {"Camera.type|Camera.model"},
+                    "PinHole",
+                    "",
+                    {"Camera."},
+                    {{"PinHole|perspective", LensModel::kRadTan, kPinholeNumbers},
+                     {"Rectified", LensModel::kPinhole, "fx fy cx cy"},
+                     {"KannalaBrandt8|fisheye", LensModel::kEquidistant, kFisheyeNumbers}}};
+
+/// The model that the words of a form's keys call.
+const LensWord& readModel(const KeyedValues& values, const Form& form) {
+  std::string words;
+  const LensWord* model = nullptr;
+  for (const std::string& key : form.model) {
+    const Field field = values[key];
+    if (!field.has() && !form.otherwise.empty()) {
+      words = form.otherwise;
+    } else {
+      words += (words.empty() ? "" : " ") + field.text("a lens model");
+    }
+    model = &findLens(form.models, words, field);
+  }
+  return *model;
 }
 
-/// Reads one of a list of cameras that are called cam0, cam1 and so on, and perhaps by a name of
-/// their own.
-/// @param paths of the cameras by their numbers
-/// @param name  key of a camera's own name
-template <typename Paths, typename Read>
-Calibration readOneOf(const KeyedValues& values,
-                      const CameraChoice& choice,
-                      const Paths& paths,
-                      const std::string& name,
-                      const Read& read) {
-  std::vector<NamedCamera> cameras;
+/// @return the first parameter, or the list with the first ones
+Field readNumbers(const KeyedValues& values,
+                  const Form& form,
+                  std::string_view parameters,
+                  Lens& lens) {
+  if (form.places.front().back() == '.') {
+    return readParameters(values, parameters, lens, form.places);
+  }
+  const Strings lists = io::spellings(parameters);
+  for (std::size_t i = 0; i < lists.size(); ++i) {
+    setParameters(lists[i], values[form.places[i]].numbers(), lens, values[form.places[i]]);
+  }
+  return values[form.places.front()];
+}
+
+/// The camera of a form.
+/// @param lens with its size where that stands elsewhere
+Calibration readCamera(const KeyedValues& values, const Form& form, Lens lens = {}) {
+  const LensWord& model = readModel(values, form);
+  lens.model = model.model;
+  if (lens.width == 0 && form.size.empty()) readSize(values, lens);
+  if (lens.width == 0 && !form.size.empty()) readSize(values[form.size], lens);
+  const Field first = readNumbers(values, form, model.parameters, lens);
+  return finished(values, first, lens);
+}
+
+std::string numbered(std::string_view path, int number) {
+  return fmt::format(fmt::runtime(path), number);
+}
+
+/// Whether there are cameras at a form's paths.
+bool hasCameras(const KeyedValues& values, const Form& form) {
   for (int i = 0; i < kMaxCameras; ++i) {
-    const std::string path = paths(i);
-    if (!values.hasPath(path)) continue;
+    if (values.has(numbered(form.cameras, i))) return true;
+  }
+  return false;
+}
+
+/// One of the cameras of a form.
+Calibration readOneOf(const KeyedValues& values, const Form& form, const CameraChoice& choice) {
+  std::vector<NamedCamera> cameras;
+  const bool sized = form.size.find('{') != std::string_view::npos;
+  for (int i = 0; i < kMaxCameras; ++i) {
+    const std::string path = numbered(form.cameras, i);
+    if (!values.has(path)) continue;
     const KeyedValues camera = values.within(path);
-    if (camera.empty()) throw values.error(path, "a mapping that describes a camera is expected");
-    NamedCamera named{{fmt::format("cam{}", i)}, [camera, &read, i] { return read(camera, i); }};
-    if (camera.has(name)) named.names.push_back(camera.text(name, "a name"));
+    if (camera.empty()) throw values[path].error("a mapping that describes a camera is expected");
+    NamedCamera named{{fmt::format("cam{}", i)}, [&values, camera, &form, sized, i] {
+                        Lens lens;
+                        if (sized) readSize(values[numbered(form.size, i)], lens);
+                        return readCamera(camera, form, lens);
+                      }};
+    const Field name = camera[form.name];
+    if (name.has()) named.names.push_back(name.text("a name"));
     cameras.push_back(std::move(named));
   }
   return readChosen(values.file(), cameras, choice);
 }
 
+Calibration readOrbs(const KeyedValues& values, const CameraChoice& choice) {
+  for (const char* stereo : {"LEFT.K", "StereoRectifier"}) {
+    if (!values.has(stereo)) continue;
+    throw values[stereo].error(
+        "the numbers of Camera are those of images that this program rectifies for two cameras; "
+        "write camera.txt with those of the left or right one");
+  }
+  std::vector<NamedCamera> cameras;
+  for (const Strings& names : {Strings{"Camera1", "cam0", "left"}, {"Camera2", "cam1", "right"}}) {
+    if (!values.has(names.front())) continue;
+    cameras.push_back({names, [&values, group = names.front()] {
+                         Lens lens;
+                         readSize(values.within("Camera"), lens);
+                         Form form = kOrbs;
+                         form.places = {group + "."};
+                         return readCamera(values, form, lens);
+                       }});
+  }
+  if (!cameras.empty()) return readChosen(values.file(), cameras, choice);
+  Lens lens;
+  readSize(values.within("Camera"), lens);
+  return readCamera(values, kOrbs, lens);
+}
+
 // ROS' camera_info (camera_matrix or K, distortion_coefficients or D, distortion_model, binning,
-// roi), or what cv::FileStorage wrote. A matrix is a list, or a group with `data`.
+// roi), or what cv::FileStorage wrote.
 
 /// Keys of the matrices of a camera.
 struct MatrixKeys {
-  Strings matrix;
-  Strings distortion;
+  std::string_view matrix;
+  std::string_view distortion;
   Strings names;  // of the camera
 };
 
 const std::array<MatrixKeys, 3> kCameras = {{
-    {{"camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "k"},
-     {"distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs", "D", "d"},
+    {"camera_matrix|cameraMatrix|Camera_Matrix|K|k",
+     "distortion_coefficients|Distortion_Coefficients|distCoeffs|dist_coeffs|D|d",
      {}},
-    {{"M1", "K1", "cameraMatrix1", "camera_matrix_1"},
-     {"D1", "distCoeffs1", "dist_coeffs_1"},
+    {"M1|K1|cameraMatrix1|camera_matrix_1",
+     "D1|distCoeffs1|dist_coeffs_1",
      {"M1", "cam0", "left", "1"}},
-    {{"M2", "K2", "cameraMatrix2", "camera_matrix_2"},
-     {"D2", "distCoeffs2", "dist_coeffs_2"},
+    {"M2|K2|cameraMatrix2|camera_matrix_2",
+     "D2|distCoeffs2|dist_coeffs_2",
      {"M2", "cam1", "right", "2"}},
 }};
 
-/// The first key that is there, or `data` below it; empty: none.
-std::string findMatrix(const KeyedValues& values, const Strings& keys) {
-  Strings all;
-  for (const std::string& key : keys) all.insert(all.end(), {key, key + ".data"});
-  return values.find(all);
-}
-
-void readMatrix(const KeyedValues& values, const std::string& key, Lens& lens) {
-  const std::vector<double> k = values.numbers(key, 9, "the 9 of a 3x3 matrix");
-  if (isZero(k)) throw values.error(key, "is 0: nobody has calibrated this camera");
-  if (k[1] != 0 || k[3] != 0 || k[6] != 0 || k[7] != 0 || k[8] != 1) {
-    throw values.error(key, "expected fx 0 cx, 0 fy cy, 0 0 1");
+/// fx, fy, cx, cy of a 3x3 matrix, or of a 3x4 one of a rectified camera, whose last column is
+/// where it stands.
+void readMatrix(const Field& field, std::size_t columns, Lens& lens) {
+  const auto m =
+      field.numbers(3 * columns, fmt::format("the {} of a 3x{} matrix", 3 * columns, columns));
+  const auto at = [&](std::size_t row, std::size_t column) { return m[row * columns + column]; };
+  if (at(0, 0) == 0 && at(1, 1) == 0) throw field.error("is 0: nobody has calibrated this camera");
+  if (at(0, 1) != 0 || at(1, 0) != 0 || at(2, 0) != 0 || at(2, 1) != 0 || at(2, 2) != 1) {
+    throw field.error("expected fx 0 cx, 0 fy cy, 0 0 1 in the first three columns");
   }
-  setParameters("fx fy cx cy", {k[0], k[4], k[2], k[5]}, lens, values[key]);
+  setParameters("fx fy cx cy", {at(0, 0), at(1, 1), at(0, 2), at(1, 2)}, lens, field);
 }
 
 /// OpenCV's lens is the rational one, whatever it is called; the numbers that it lacks are 0.
 constexpr std::string_view kOpenCv = "[k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tau_x tau_y]";
-const LensWords kRosModels = {{"plumb_bob", LensModel::kRational, kOpenCv},
-                              {"rational_polynomial", LensModel::kRational, kOpenCv},
-                              {"radtan", LensModel::kRational, kOpenCv},
-                              {"equidistant", LensModel::kEquidistant, "[k1 k2 k3 k4 k5 k6 k7 k8]"},
-                              {"fisheye", LensModel::kEquidistant, "[k1 k2 k3 k4 k5 k6 k7 k8]"},
-                              {"none", LensModel::kPinhole, kOpenCv}};
+const LensWords kRosModels = {
+    {"plumb_bob|rational_polynomial|radtan", LensModel::kRational, kOpenCv},
+    {"equidistant|fisheye", LensModel::kEquidistant, "[k1 k2 k3 k4 k5 k6 k7 k8]"},
+    {"none", LensModel::kPinhole, kOpenCv}};
 
-void readDistortion(const KeyedValues& values, const std::string& key, Lens& lens) {
-  const std::string model_key = "distortion_model";
-  const bool fisheye = values.has("fisheye_model") && values.number("fisheye_model") != 0;
-  std::string word = fisheye ? "fisheye" : "plumb_bob";
-  if (!fisheye && values.has(model_key)) word = values.text(model_key, "a word");
-  if (word.empty()) word = "none";
-  const bool omnidir = values.has("xi");  // of OpenCV
-  const LensWord& model =
-      omnidir ? kRosModels.front() : findLens(kRosModels, word, values[model_key]);
-  lens.model = omnidir ? LensModel::kUnified : model.model;
-  setParameters(model.parameters, values[key], lens);
-  if (omnidir) lens.coefficients[0] = values.numbers("xi", 1, "xi")[0];
+void readDistortion(const KeyedValues& values, const Field& numbers, Lens& lens) {
+  const Field model_field = values["distortion_model"];
+  const Field fisheye = values["fisheye_model"];
+  const Field omnidir = values["xi"];  // of OpenCV
+  std::string word = "plumb_bob";
+  if (fisheye.has() && fisheye.number() != 0) {
+    word = "fisheye";
+  } else if (model_field.has() && !omnidir.has()) {
+    word = model_field.text("a word");
+  }
+  const LensWord& model = findLens(kRosModels, word.empty() ? "none" : word, model_field);
+  lens.model = omnidir.has() ? LensModel::kUnified : model.model;
+  setParameters(model.parameters, numbers.numbers(), lens, numbers);
+  if (omnidir.has()) lens.coefficients[0] = omnidir.number();
 }
 
 /// A whole number of at least 0 that may be missing.
-double countAt(const KeyedValues& values, const std::string& key) {
-  const double number = values.has(key) ? values.number(key) : 0;
+double countAt(const Field& field) {
+  const double number = field.has() ? field.number() : 0;
   if (number >= 0 && number <= kMaxSize && number == std::floor(number)) return number;
-  throw values.error(key, "a whole number is expected, not negative");
+  throw field.error("a whole number is expected, not negative");
 }
 
 /// K is that of the whole sensor: the region comes first, then its pixels are added up.
 /// @source REP 104 of ROS
 void cut(const KeyedValues& values, Calibration& calibration) {
   Lens& lens = calibration.lens;
-  const double x = countAt(values, "roi.x_offset"), y = countAt(values, "roi.y_offset");
-  const double width = countAt(values, "roi.width"), height = countAt(values, "roi.height");
-  const double bin_x = std::max(1.0, countAt(values, "binning_x"));
-  const double bin_y = std::max(1.0, countAt(values, "binning_y"));
+  const double x = countAt(values["roi.x_offset"]), y = countAt(values["roi.y_offset"]);
+  const double width = countAt(values["roi.width"]), height = countAt(values["roi.height"]);
+  const double bin_x = std::max(1.0, countAt(values["binning_x"]));
+  const double bin_y = std::max(1.0, countAt(values["binning_y"]));
   const double cut_width = width > 0 ? width : lens.width - x;
   const double cut_height = height > 0 ? height : lens.height - y;
   const bool whole = x == 0 && y == 0 && cut_width == lens.width && cut_height == lens.height;
   if (whole && bin_x == 1 && bin_y == 1) return;
   if (lens.width == 0 || x + cut_width > lens.width || y + cut_height > lens.height) {
-    throw values.error(values.has("roi.width") ? "roi.width" : "binning_x",
-                       fmt::format("a region of {} at {} {} is no part of images of {}",
-                                   pixelText(cut_width, cut_height),
-                                   x,
-                                   y,
-                                   pixelText(lens.width, lens.height)));
+    throw values["roi.width|binning_x"].error("a region of {} at {} {} is no part of images of {}",
+                                              pixelText(cut_width, cut_height),
+                                              x,
+                                              y,
+                                              pixelText(lens.width, lens.height));
   }
   calibration.cut = true;
   lens.fx /= bin_x;
@@ -489,14 +652,14 @@ void cut(const KeyedValues& values, Calibration& calibration) {
 Calibration readMatrices(const KeyedValues& values, const CameraChoice& choice) {
   std::vector<NamedCamera> cameras;
   for (const MatrixKeys& keys : kCameras) {
-    const std::string matrix = findMatrix(values, keys.matrix);
-    if (matrix.empty()) continue;
+    const Field matrix = values[keys.matrix];
+    if (!matrix.has()) continue;
     cameras.push_back({keys.names, [&values, &keys, matrix] {
                          Lens lens;
                          readSize(values, lens);
-                         readMatrix(values, matrix, lens);
-                         readDistortion(values, findMatrix(values, keys.distortion), lens);
-                         Calibration calibration = finished(values[matrix], lens);
+                         readMatrix(matrix, 3, lens);
+                         readDistortion(values, values[keys.distortion], lens);
+                         Calibration calibration = finished(values, matrix, lens);
                          cut(values, calibration);
                          return calibration;
                        }});
@@ -505,207 +668,22 @@ Calibration readMatrices(const KeyedValues& values, const CameraChoice& choice) 
   return readChosen(values.file(), cameras, choice);
 }
 
-// EuRoC's sensor.yaml or Kalibr's camchain.yaml.
-
-/// Words for projection and distortion, with the order of the coefficients.
-/// @source Kalibr's wiki, "Supported models"; EuRoC has longer names
-const LensWords kKalibrModels = {
-    {"pinhole radtan", LensModel::kRadTan, "k1 k2 p1 p2 [k3]"},
-    {"pinhole radial-tangential", LensModel::kRadTan, "k1 k2 p1 p2 [k3]"},
-    {"pinhole plumb_bob", LensModel::kRadTan, "k1 k2 p1 p2 [k3]"},
-    {"pinhole equidistant", LensModel::kEquidistant, "k1 k2 k3 k4"},
-    {"pinhole fov", LensModel::kFov, "omega"},
-    {"pinhole none", LensModel::kPinhole, ""},
-    {"omni radtan", LensModel::kUnified, "k1 k2 p1 p2"},
-    {"omni radial-tangential", LensModel::kUnified, "k1 k2 p1 p2"},
-    {"omni none", LensModel::kUnified, ""},
-    {"ds none", LensModel::kDoubleSphere, ""},
-    {"eucm none", LensModel::kExtendedUnified, ""}};
-
-/// Numbers of Kalibr's projections.
-const LensWords kKalibrProjections = {
-    {"pinhole", LensModel::kPinhole, "fx fy cx cy"},
-    {"omni", LensModel::kUnified, "xi fx fy cx cy"},
-    {"ds", LensModel::kDoubleSphere, "xi alpha fx fy cx cy"},
-    {"eucm", LensModel::kExtendedUnified, "alpha beta fx fy cx cy"}};
-
-Calibration readKalibrCamera(const KeyedValues& values) {
-  const std::string camera = values.text("camera_model", "pinhole, omni, ds or eucm");
-  const LensWord& projection = findLens(kKalibrProjections, camera, values["camera_model"]);
-  const std::string distortion = values.text("distortion_model", "the model of the distortion");
-  const LensWord& model =
-      findLens(kKalibrModels, camera + " " + distortion, values["distortion_model"]);
-  Lens lens{model.model};
-  setParameters(projection.parameters, values["intrinsics"], lens);
-  readSize(values["resolution"], lens);
-  const char* key =
-      values.has("distortion_coeffs") ? "distortion_coeffs" : "distortion_coefficients";
-  if (!model.parameters.empty()) {
-    setParameters(model.parameters, values[key], lens);
-  } else if (!isZero(values.numbers(key))) {
-    throw values.error(key, "numbers, but distortion_model is none");
-  }
-  return finished(values["intrinsics"], lens);
-}
-
-std::string kalibrPath(int number) {
-  return fmt::format("cam{}", number);
-}
-
-/// Whether it is a chain of cameras; a sensor.yaml is one camera.
-bool isChain(const KeyedValues& values) {
-  for (int i = 0; i < kMaxCameras; ++i) {
-    if (values.hasPath(kalibrPath(i))) return true;
-  }
-  return false;
-}
-
-Calibration readKalibr(const KeyedValues& values, const CameraChoice& choice) {
-  if (!isChain(values)) return readKalibrCamera(values);
-  return readOneOf(values, choice, kalibrPath, "rostopic", [](const KeyedValues& camera, int) {
-    return readKalibrCamera(camera);
-  });
-}
-
-// Settings of ORB-SLAM2 and 3, and of stella_vslam, which nests the same keys.
-
-constexpr std::string_view kPinholeNumbers = "fx fy cx cy [k1 k2 p1 p2 k3 k4 k5 k6]";
-constexpr std::string_view kFisheyeNumbers = "fx fy cx cy [k1 k2 k3 k4]";
-const LensWords kOrbModels = {{"PinHole", LensModel::kRadTan, kPinholeNumbers},
-                              {"perspective", LensModel::kRadTan, kPinholeNumbers},
-                              {"Rectified", LensModel::kPinhole, "fx fy cx cy"},
-                              {"KannalaBrandt8", LensModel::kEquidistant, kFisheyeNumbers},
-                              {"fisheye", LensModel::kEquidistant, kFisheyeNumbers}};
-
-/// @param group of the camera, Camera or Camera1 or Camera2
-Calibration readOrb(const KeyedValues& values, const std::string& group) {
-  for (const char* stereo : {"LEFT.K", "StereoRectifier"}) {
-    if (!values.hasPath(stereo)) continue;
-    throw values.error(stereo,
-                       "the numbers of Camera are those of images that this program rectifies for "
-                       "two cameras; write camera.txt with those of the left or right one");
-  }
-  const KeyedValues camera = values.within("Camera");
-  const std::string key = camera.find({"type", "model"});
-  const LensWord& model = key.empty() ? kOrbModels.front() : findLens(kOrbModels, camera[key]);
-  Lens lens{model.model};
-  readSize(camera, lens);
-  readParameters(values.within(group), model.parameters, lens);
-  return finished(values[group + ".fx"], lens);
-}
-
-Calibration readOrbs(const KeyedValues& values, const CameraChoice& choice) {
-  std::vector<NamedCamera> cameras;
-  const auto add = [&](const char* group, Strings names) {
-    cameras.push_back({std::move(names), [&values, group] { return readOrb(values, group); }});
-  };
-  const bool several = values.hasPath("Camera2");
-  const char* first = values.hasPath("Camera1") ? "Camera1" : "Camera";
-  const bool nameless = !several && !values.hasPath("Camera1");
-  add(first, nameless ? Strings{} : Strings{first, "cam0", "left"});
-  if (several) add("Camera2", {"Camera2", "cam1", "right"});
-  return readChosen(values.file(), cameras, choice);
-}
-
-// VINS: a file a camera.
-
-const LensWords kVinsModels = {
-    {"PINHOLE", LensModel::kRadTan, kPinholeNumbers},
-    {"PINHOLE_FULL", LensModel::kRational, "fx fy cx cy [k1 k2 k3 k4 k5 k6 p1 p2]"},
-    {"KANNALA_BRANDT",
-     LensModel::kEquidistant,
-     "mu=fx mv=fy u0=cx v0=cy [k2=k1 k3=k2 k4=k3 k5=k4]"},
-    {"MEI", LensModel::kUnified, "gamma1=fx gamma2=fy u0=cx v0=cy [xi k1 k2 p1 p2]"}};
-/// Groups that parameters may stand in.
-const Strings kVinsGroups = {
-    "projection_parameters.", "distortion_parameters.", "mirror_parameters."};
-
-Calibration readVins(const KeyedValues& values) {
-  const std::string key = "model_type";
-  const LensWord& model = findLens(kVinsModels, values[key]);
-  Lens lens{model.model};
-  readSize(values, lens);
-  const std::string first = readParameters(values, model.parameters, lens, kVinsGroups);
-  if (values.has("rolling_shutter") && values.number("rolling_shutter") != 0) {
-    lens.readout.seconds = values.number("rolling_shutter_tr");
-  }
-  return finished(values[first], lens);
-}
-
-// SVO and aslam: a list of cameras.
-
-const LensWords kSvoModels = {{"none", LensModel::kPinhole, ""},
-                              {"radial-tangential", LensModel::kRadTan, "[k1 k2 p1 p2 k3]"},
-                              {"equidistant", LensModel::kEquidistant, "[k1 k2 k3 k4]"},
-                              {"fisheye", LensModel::kFov, "[omega]"}};
-
-Calibration readSvo(const KeyedValues& camera, int /*number*/) {
-  const auto model = [&](const LensWords& models, const std::string& key) {
-    return findLens(models, camera[key]);
-  };
-  (void)model({{"pinhole", LensModel::kPinhole, ""}}, "type");
-  const LensWord distortion = model(kSvoModels, "distortion.type");
-  const char* intrinsics = camera.has("intrinsics") ? "intrinsics" : "intrinsics.data";
-  const std::string key = camera.find({"distortion.parameters", "distortion.parameters.data"});
-  Lens lens{distortion.model};
-  readSize(camera, lens);
-  setParameters("fx fy cx cy", camera[intrinsics], lens);
-  if (lens.model != LensModel::kPinhole) {  // for which SVO writes four zeros
-    setParameters(distortion.parameters, camera[key], lens);
-  }
-  if (camera.has("line-delay-nanoseconds") && lens.height > 0) {
-    lens.readout.seconds = 1e-9 * camera.number("line-delay-nanoseconds") * (lens.height - 1);
-  }
-  return finished(camera[intrinsics], lens);
-}
-
-std::string svoPath(int number) {
-  return fmt::format("cameras[{}].camera", number);
-}
-
-// Basalt.
-
-const LensWords kBasaltModels = {{"pinhole", LensModel::kPinhole, "fx fy cx cy"},
-                                 {"pinhole-radtan8", LensModel::kRational, kPinholeNumbers},
-                                 {"kb4", LensModel::kEquidistant, kFisheyeNumbers},
-                                 {"fov", LensModel::kFov, "fx fy cx cy [w=omega]"},
-                                 {"ucm", LensModel::kExtendedUnified, "fx fy cx cy [alpha]"},
-                                 {"eucm", LensModel::kExtendedUnified, "fx fy cx cy [alpha beta]"},
-                                 {"ds", LensModel::kDoubleSphere, "fx fy cx cy [xi alpha]"}};
-
-std::string basaltPath(int number) {
-  return fmt::format("value0.intrinsics[{}]", number);
-}
-
-/// @param values of the whole file
-Calibration readBasalt(const KeyedValues& values, const KeyedValues& camera, int number) {
-  const std::string key = "camera_type";
-  const LensWord& model = findLens(kBasaltModels, camera[key]);
-  Lens lens{model.model};
-  lens.coefficients[1] = model.word == "ucm" ? 1 : 0;  // beta
-  readSize(values[fmt::format("value0.resolution[{}]", number)], lens);
-  readParameters(camera.within("intrinsics"), model.parameters, lens);
-  return finished(values[basaltPath(number) + ".intrinsics.fx"], lens);
-}
-
 // transforms.json of nerfstudio and instant-ngp.
 
 constexpr std::string_view kNerfNumbers = "[k1 k2 k3 k4 p1 p2]";
 const LensWords kNerfModels = {{"OPENCV", LensModel::kRadTan, kNerfNumbers},
-                               {"PINHOLE", LensModel::kPinhole, kNerfNumbers},
-                               {"SIMPLE_PINHOLE", LensModel::kPinhole, kNerfNumbers},
+                               {"PINHOLE|SIMPLE_PINHOLE", LensModel::kPinhole, kNerfNumbers},
                                {"OPENCV_FISHEYE", LensModel::kEquidistant, kNerfNumbers}};
 
 /// Frames may have a lens each, which must be that of the first one.
 void checkFrames(const KeyedValues& values) {
-  const KeyedValues first = values.within("frames[0]");
   const std::string keys = "camera_model fl_x fl_y cx cy w h k1 k2 k3 k4 p1 p2";
-  for (int i = 0; values.hasPath(fmt::format("frames[{}]", i)); ++i) {
-    const KeyedValues frame = values.within(fmt::format("frames[{}]", i));
-    for (const std::string& key : splitWords(keys)) {
-      const KeyedValues& all = values.has(key) ? values : first;
-      if (!frame.has(key) || (all.has(key) && all.text(key, "") == frame.text(key, ""))) continue;
-      throw frame.error(key, "another lens than that of other frames; expected one for all");
+  for (const std::string& key : splitWords(keys)) {
+    const Field all = values[key + "|frames[0]." + key];
+    for (int i = 0; values.has(fmt::format("frames[{}]", i)); ++i) {
+      const Field own = values[fmt::format("frames[{}].{}", i, key)];
+      if (!own.has() || (all.has() && all.text("") == own.text(""))) continue;
+      throw own.error("another lens than that of other frames; expected one for all");
     }
   }
 }
@@ -713,68 +691,65 @@ void checkFrames(const KeyedValues& values) {
 /// Focal lengths and principal point; instant-ngp may have the field of view [rad] in their place.
 void readNerfProjection(const KeyedValues& camera, Lens& lens) {
   const auto size = [&](const char* key, int pixels) {
-    if (pixels == 0) throw camera.error(key, "is missing; a number of pixels is expected");
+    if (pixels == 0) throw camera[key].error("is missing; a number of pixels is expected");
     return static_cast<double>(pixels);
   };
   const auto focal = [](double pixels, double angle) { return 0.5 * pixels / std::tan(angle / 2); };
-  const bool by_angle = !camera.has("fl_x") && camera.has("camera_angle_x");
-  lens.fx = by_angle ? focal(size("w", lens.width), camera.number("camera_angle_x"))
-                     : camera.number("fl_x");
-  lens.fy = lens.fx;
-  if (by_angle && camera.has("camera_angle_y")) {
-    lens.fy = focal(size("h", lens.height), camera.number("camera_angle_y"));
-  }
-  if (camera.has("fl_y")) lens.fy = camera.number("fl_y");
-  lens.cx = (camera.has("cx") ? camera.number("cx") : size("w", lens.width) / 2) - kHalfPixel;
-  lens.cy = (camera.has("cy") ? camera.number("cy") : size("h", lens.height) / 2) - kHalfPixel;
+  const auto either = [&](const char* key, double value) {
+    return camera[key].has() ? camera[key].number() : value;
+  };
+  const Field angle_x = camera["camera_angle_x"], angle_y = camera["camera_angle_y"];
+  const bool by_angle = !camera["fl_x"].has() && angle_x.has();
+  lens.fx = by_angle ? focal(size("w", lens.width), angle_x.number()) : camera["fl_x"].number();
+  const bool two_angles = by_angle && angle_y.has();
+  lens.fy = either("fl_y", two_angles ? focal(size("h", lens.height), angle_y.number()) : lens.fx);
+  lens.cx = (camera["cx"].has() ? camera["cx"].number() : size("w", lens.width) / 2) - kHalfPixel;
+  lens.cy = (camera["cy"].has() ? camera["cy"].number() : size("h", lens.height) / 2) - kHalfPixel;
 }
 
 Calibration readNerf(const KeyedValues& values) {
   checkFrames(values);
   for (const char* key : {"rolling_shutter", "distortion_params"}) {
-    if (isZero(values.numbers(key))) continue;
-    throw values.error(key, "is not read here; expected none, or only zeros");
+    const std::vector<double> numbers = values[key].numbers();
+    if (std::all_of(numbers.begin(), numbers.end(), [](double n) { return n == 0; })) continue;
+    throw values[key].error("is not read here; expected none, or only zeros");
   }
-  const bool of_frames = values.has("frames[0].fl_x") && !values.has("fl_x");
+  const bool of_frames = values["frames[0].fl_x"].has() && !values["fl_x"].has();
   const KeyedValues camera = of_frames ? values.within("frames[0]") : values;
-  const std::string key = "camera_model";
-  const KeyedValues& named = camera.has(key) ? camera : values;
-  const bool fisheye = values.has("is_fisheye") && values.text("is_fisheye", "") == "true";
+  const Field own = camera["camera_model"];
+  const Field model = own.has() ? own : values["camera_model"];
+  const Field fisheye = values["is_fisheye"];
   Lens lens;
-  lens.model = named.has(key) ? findLens(kNerfModels, named[key]).model
-               : fisheye      ? LensModel::kEquidistant
-                              : LensModel::kRadTan;
+  lens.model = model.has() ? findLens(kNerfModels, model.text("a lens model"), model).model
+               : fisheye.has() && fisheye.text("") == "true" ? LensModel::kEquidistant
+                                                             : LensModel::kRadTan;
   readSize(camera, lens);
   readNerfProjection(camera, lens);
   readParameters(camera, kNerfNumbers, lens);
-  return finished(values[of_frames ? "frames[0].fl_x" : "fl_x"], lens);
+  return finished(values, camera["fl_x"], lens);
 }
 
 /// Lens of a YAML, JSON or XML file of any program that is known.
 Calibration readKeyed(const KeyedValues& values, const CameraChoice& choice) {
   const bool matrices = std::any_of(kCameras.begin(), kCameras.end(), [&](const MatrixKeys& keys) {
-    return !findMatrix(values, keys.matrix).empty();
+    return values[keys.matrix].has();
   });
   if (matrices) return readMatrices(values, choice);
-  const bool frames = values.hasPath("frames[0]");
-  if (values.has("fl_x") || values.has("camera_angle_x") || frames) return readNerf(values);
-  if (values.has("camera_model") || isChain(values)) return readKalibr(values, choice);
-  if (values.hasPath("Camera") || values.hasPath("Camera1")) return readOrbs(values, choice);
-  if (values.has("model_type")) return readVins(values);
-  if (values.hasPath(svoPath(0))) return readOneOf(values, choice, svoPath, "label", readSvo);
-  if (values.hasPath(basaltPath(0))) {
-    return readOneOf(values, choice, basaltPath, "", [&](const KeyedValues& camera, int i) {
-      return readBasalt(values, camera, i);
-    });
+  if (values["fl_x|camera_angle_x"].has() || values.has("frames[0]")) return readNerf(values);
+  for (const Form* form : {&kKalibr, &kSvo, &kBasalt}) {
+    if (hasCameras(values, *form)) return readOneOf(values, *form, choice);
   }
-  if (values.has("cam0_calib")) {
-    throw values.error("cam0_calib",
-                       "the lens stands in the file that this names; give that one with --calib");
+  if (values["camera_model"].has()) return readCamera(values, kKalibr);
+  if (values.has("Camera") || values.has("Camera1")) return readOrbs(values, choice);
+  if (values["model_type"].has()) return readCamera(values, kVins);
+  const Field named = values["cam0_calib"];
+  if (named.has()) {
+    throw named.error("the lens stands in the file that this names; give that one with --calib");
   }
-  throw values.error("",
-                     "no calibration that is known here: expected camera_matrix (ROS, OpenCV), "
-                     "camera_model (EuRoC, Kalibr), Camera.fx (ORB-SLAM), model_type (VINS) or "
-                     "another form of docs/calibration.md");
+  throw fileError(values.file(),
+                  "no calibration that is known here: expected camera_matrix (ROS, OpenCV), "
+                  "camera_model (EuRoC, Kalibr), Camera.fx (ORB-SLAM), model_type (VINS) or "
+                  "another form of docs/calibration.md");
 }
 
 /// First line of camera.txt.
@@ -782,8 +757,7 @@ const LensWords kModels = {
     {"Pinhole", LensModel::kPinhole, "fx fy cx cy [omega]"},  // which is 0
     {"FOV", LensModel::kFov, "fx fy cx cy omega"},
     {"RadTan", LensModel::kRadTan, "fx fy cx cy k1 k2 p1 p2 [k3]"},
-    {"EquiDistant", LensModel::kEquidistant, "fx fy cx cy k1 k2 k3 k4"},
-    {"KannalaBrandt", LensModel::kEquidistant, "fx fy cx cy k1 k2 k3 k4"},
+    {"EquiDistant|KannalaBrandt", LensModel::kEquidistant, "fx fy cx cy k1 k2 k3 k4"},
     {"Rational", LensModel::kRational, "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"},
     {"DoubleSphere", LensModel::kDoubleSphere, "fx fy cx cy xi alpha"},
     {"EUCM", LensModel::kExtendedUnified, "fx fy cx cy alpha beta"},
@@ -802,9 +776,7 @@ KeyedValues dsoValues(const std::filesystem::path& file, const std::vector<TextL
   for (std::size_t i = 0; i < lines.size(); ++i) {
     Strings words = splitWords(lines[i].text);
     const bool readout = i > 0 && i + 1 == lines.size() && words.front() == "readout";
-    if (!readout && i >= kLines.size()) {
-      throw lines[i].error("more than four lines");
-    }
+    if (!readout && i >= kLines.size()) throw lines[i].error("more than four lines");
     if (readout) words.erase(words.begin());
     values.add(readout ? kReadoutKey : kLines.at(i), {words, lines[i].number});
   }
@@ -813,29 +785,24 @@ KeyedValues dsoValues(const std::filesystem::path& file, const std::vector<TextL
 
 /// First line of camera.txt; without a name its numbers tell the model.
 void readModel(const KeyedValues& values, Lens& lens) {
-  if (!values.has(kModel)) {
-    throw values.error("", "is empty; expected a camera model, as 'Pinhole fx fy cx cy 0'");
+  const Field field = values[kModel];
+  if (!field.has()) {
+    throw fileError(values.file(), "is empty; expected a camera model, as 'Pinhole fx fy cx cy 0'");
   }
-  Strings words = splitWords(values.text(kModel, ""));
+  Strings words = field.content.words;
   double last = 0;
-  if (!parseNumber(words.front(), last)) {
-    // It has a name.
-  } else if (words.size() == 8) {
-    words.insert(words.begin(), "RadTan");
-  } else if (words.size() == 5 && parseNumber(words.back(), last)) {
-    words.insert(words.begin(), last == 0 ? "Pinhole" : "FOV");
-  } else {
-    throw values.error(
-        kModel,
-        fmt::format("{} numbers without a name; expected 5 (Pinhole or FOV) or 8 (RadTan)",
-                    words.size()));
+  const bool named = !parseNumber(words.front(), last);
+  if (!named && words.size() != 8 && !(words.size() == 5 && parseNumber(words.back(), last))) {
+    throw field.error("{} numbers without a name; expected 5 (Pinhole or FOV) or 8 (RadTan)",
+                      words.size());
   }
-  const LensWord& model = findLens(kModels, words.front(), values[kModel]);
-  words.erase(words.begin());
-  KeyedValues numbers(values.file());
-  numbers.add(kModel, {words, values.all().at(kModel).line});
+  if (!named)
+    words.insert(words.begin(), words.size() == 8 ? "RadTan" : last == 0 ? "Pinhole" : "FOV");
+  const LensWord& model = findLens(kModels, words.front(), field);
+  Field numbers = field;
+  numbers.content.words.assign(words.begin() + 1, words.end());
   lens.model = model.model;
-  setParameters(model.parameters, numbers[kModel], lens);
+  setParameters(model.parameters, numbers.numbers(), lens, field);
 }
 
 /// Relative intrinsics let pixel (0, 0) cover [0, 1]; ours has its centre at (0, 0).
@@ -849,8 +816,9 @@ void scaleToPixels(int width, int height, Camera& camera) {
 }
 
 /// Third line: a word, or the relative intrinsics of the output camera.
-void readMode(const KeyedValues& values, Rectification& target) {
-  const std::string text = values.text(kOutput, "");
+void readMode(const Field& field, Rectification& target) {
+  const std::string what = "crop, full, none, or relative 'fx fy cx cy 0'";
+  const std::string text = field.text(what);
   const std::array<std::pair<const char*, RectificationMode>, 3> modes = {
       {{"crop", RectificationMode::kCrop},
        {"full", RectificationMode::kFull},
@@ -859,18 +827,16 @@ void readMode(const KeyedValues& values, Rectification& target) {
     target.mode = mode;
     if (text == word) return;
   }
-  const std::string what = "crop, full, none, or relative 'fx fy cx cy 0'";
   double number = 0;
-  if (!parseNumber(splitWords(text).front(), number)) {
-    throw values.error(kOutput, fmt::format("'{}'; expected {}", quotable(text), what));
+  if (!parseNumber(field.content.words.front(), number)) {
+    throw field.error("'{}'; expected {}", quotable(text), what);
   }
-  const std::vector<double> n = values.numbers(kOutput, 5, what);
+  const std::vector<double> n = field.numbers(5, what);
   if (!(n[0] > 0 && n[1] > 0 && n[2] >= 0 && n[2] <= 1 && n[3] >= 0 && n[3] <= 1 && n[4] == 0)) {
-    throw values.error(kOutput,
-                       fmt::format("'{}'; expected intrinsics relative to the output size: "
-                                   "positive focal lengths, principal point between 0 and 1, "
-                                   "and 0 for no distortion",
-                                   quotable(text)));
+    throw field.error(
+        "'{}'; expected intrinsics relative to the output size: positive focal "
+        "lengths, principal point between 0 and 1, and 0 for no distortion",
+        quotable(text));
   }
   target.mode = RectificationMode::kExplicit;
   target.camera.fx = n[0];
@@ -879,41 +845,37 @@ void readMode(const KeyedValues& values, Rectification& target) {
   target.camera.cy = n[3];
 }
 
-void readRectification(const KeyedValues& values, Calibration& calibration) {
-  Rectification& target = calibration.rectification;
-  const Lens& lens = calibration.lens;
-  Lens output = lens;
-  if (values.has(kOutput)) readMode(values, target);
-  if (values.has(kOutputSize)) readSize(values[kOutputSize], output);
-  target.width = output.width;
-  target.height = output.height;
-  if (target.mode == RectificationMode::kExplicit) {
-    scaleToPixels(target.width, target.height, target.camera);
-  }
-  if (target.mode != RectificationMode::kNone) return;
-  if (isDistorted(lens)) {
-    throw values.error(kOutput,
-                       fmt::format("'none' would leave the distortion of the {} lens of line 1 in "
-                                   "the images; expected crop or full. Of images that are "
-                                   "undistorted already, line 1 is 'Pinhole fx fy cx cy 0'",
-                                   nameOf(lens.model).name));
-  }
-  if (target.width != lens.width || target.height != lens.height) {
-    throw values.error(kOutputSize,
-                       fmt::format("'none' cannot turn {} into {}; expected equal sizes, or crop",
-                                   pixelText(lens.width, lens.height),
-                                   pixelText(target.width, target.height)));
-  }
-}
-
 /// camera.txt of DSO.
 Calibration readDso(const KeyedValues& values) {
   Lens lens;
   readModel(values, lens);
   readSize(values[kInputSize], lens);
   if (lens.cx < 1 && lens.cy < 1) scaleToPixels(lens.width, lens.height, lens);
-  Calibration calibration = finished(values[kModel], lens);
-  readRectification(values, calibration);
+  Calibration calibration = finished(values, values[kModel], lens);
+  lens = calibration.lens;
+  Rectification& target = calibration.rectification;
+  const Field output = values[kOutput], size = values[kOutputSize];
+  Lens sized = lens;
+  if (output.has()) readMode(output, target);
+  if (size.has()) readSize(size, sized);
+  target.width = sized.width;
+  target.height = sized.height;
+  if (target.mode == RectificationMode::kExplicit) {
+    scaleToPixels(target.width, target.height, target.camera);
+  }
+  if (target.mode != RectificationMode::kNone) return calibration;
+  if (isDistorted(lens)) {
+    throw output.error(
+        "'none' would leave the distortion of the {} lens of line 1 in the images; "
+        "expected crop or full. Of images that are undistorted already, line 1 is "
+        "'Pinhole fx fy cx cy 0'",
+        nameOf(lens.model).name);
+  }
+  if (target.width != lens.width || target.height != lens.height) {
+    throw size.error("'none' cannot turn {} into {}; expected equal sizes, or crop",
+                     pixelText(lens.width, lens.height),
+                     pixelText(target.width, target.height));
+  }
   return calibration;
 }
 
@@ -928,37 +890,23 @@ KeyedValues keyed(const std::filesystem::path& file, const std::vector<TextLine>
   return values;
 }
 
-/// fx, fy, cx, cy of a 3x3 matrix, or of a 3x4 one of a rectified camera, whose last column is
-/// where it stands.
-void readProjection(const KeyedValues& values, const std::string& key, Lens& lens) {
-  const std::size_t columns = key.front() == 'K' ? 3 : 4;
-  const auto m = values.numbers(
-      key, 3 * columns, fmt::format("the {} of a 3x{} matrix", 3 * columns, columns));
-  const auto at = [&](std::size_t row, std::size_t column) { return m[row * columns + column]; };
-  if (at(0, 1) != 0 || at(1, 0) != 0 || at(2, 0) != 0 || at(2, 1) != 0 || at(2, 2) != 1) {
-    throw values.error(key, "expected fx 0 cx, 0 fy cy, 0 0 1 in the first three columns");
-  }
-  setParameters("fx fy cx cy", {at(0, 0), at(1, 1), at(0, 2), at(1, 2)}, lens, values[key]);
-}
-
 /// Both kinds of images have the calibration of their size; most recordings are rectified.
 Calibration readRaw(const KeyedValues& values, const std::string& number, const CameraChoice& c) {
-  Lens raw;
+  Lens raw{LensModel::kRadTan};
   Lens rectified;
-  const std::string raw_size = "S_" + number, rectified_size = "S_rect_" + number;
-  if (values.has(raw_size)) readSize(values[raw_size], raw);
-  if (values.has(rectified_size)) readSize(values[rectified_size], rectified);
+  const Field raw_size = values["S_" + number], rectified_size = values["S_rect_" + number];
+  if (raw_size.has()) readSize(raw_size, raw);
+  if (rectified_size.has()) readSize(rectified_size, rectified);
   const auto fits = [&](const Lens& l) { return l.width == c.width && l.height == c.height; };
-  const std::string projection = "P_rect_" + number, matrix = "K_" + number;
-  if (values.has(projection) && (fits(rectified) || !fits(raw))) {
-    readProjection(values, projection, rectified);
-    return finished(values[projection], rectified);
+  const Field projection = values["P_rect_" + number], matrix = values["K_" + number];
+  if (projection.has() && (fits(rectified) || !fits(raw))) {
+    readMatrix(projection, 4, rectified);
+    return finished(values, projection, rectified);
   }
-  readProjection(values, matrix, raw);
-  raw.model = LensModel::kRadTan;
-  const std::string distortion = "D_" + number;
-  setParameters("k1 k2 p1 p2 k3", values[distortion], raw);
-  return finished(values[matrix], raw);
+  readMatrix(matrix, 3, raw);
+  const Field distortion = values["D_" + number];
+  setParameters("k1 k2 p1 p2 k3", distortion.numbers(), raw, distortion);
+  return finished(values, matrix, raw);
 }
 
 /// KITTI's calib.txt, where image_2 is P2, and calib_cam_to_cam.txt, where image_02 is P_rect_02,
@@ -977,17 +925,16 @@ Calibration readKitti(const std::filesystem::path& file,
                       const CameraChoice& choice) {
   const KeyedValues values = keyed(file, lines);
   std::vector<NamedCamera> cameras;
-  for (const char number : {'0', '1', '2', '3'}) {
-    const std::string projection = std::string("P") + number;
-    const std::string two = std::string("0") + number;
-    if (values.has(projection)) {
-      cameras.push_back({{std::string("image_") + number, projection, std::string(1, number)},
-                         [&values, projection] {
+  for (const std::string number : {"0", "1", "2", "3"}) {
+    const Field projection = values["P" + number];
+    const std::string two = "0" + number;
+    if (projection.has()) {
+      cameras.push_back({{"image_" + number, "P" + number, number}, [&values, projection] {
                            Lens lens;
-                           readProjection(values, projection, lens);
-                           return finished(values[projection], lens);
+                           readMatrix(projection, 4, lens);
+                           return finished(values, projection, lens);
                          }});
-    } else if (values.has("P_rect_" + two) || values.has("K_" + two)) {
+    } else if (values["P_rect_" + two + "|K_" + two].has()) {
       cameras.push_back({{"image_" + two, two, "P_rect_" + two, "K_" + two},
                          [&values, two, choice] { return readRaw(values, two, choice); }});
     }
@@ -1009,8 +956,24 @@ const LensWords kColmapModels = {
     {"RADIAL_FISHEYE", LensModel::kEquidistant, "f cx cy k1 k2"},
     {"FOV", LensModel::kFov, "fx fy cx cy omega"}};
 
-Calibration readColmapCamera(const Field& field, const std::string& word) {
-  const LensWord& model = findLens(kColmapModels, word, field);
+/// Lines of a number, a name in capitals, and more.
+bool isColmap(const std::vector<TextLine>& lines) {
+  if (lines.empty()) return false;
+  const Strings words = splitWords(lines.front().text);
+  double id = 0;
+  return words.size() > 2 && parseNumber(words[0], id) && words[1].size() > 2 &&
+         std::isupper(static_cast<unsigned char>(words[1].front())) != 0 &&
+         words[1].find_first_not_of("ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_") == std::string::npos;
+}
+
+/// A line "ID MODEL width height ..." of COLMAP, whose pixels have their centres at .5.
+Calibration readColmapCamera(const std::filesystem::path& file, const TextLine& line) {
+  const Strings words = splitWords(line.text);
+  if (words.size() < 4) throw line.error("expected 'ID MODEL width height ...'");
+  KeyedValues values(file);
+  values.add(words[0], {{words.begin() + 2, words.end()}, line.number});
+  const Field field = values[words[0]];
+  const LensWord& model = findLens(kColmapModels, words[1], field);
   std::vector<double> numbers = field.numbers();
   Lens lens{model.model};
   setSize(numbers[0], numbers[1], lens, field);
@@ -1018,21 +981,7 @@ Calibration readColmapCamera(const Field& field, const std::string& word) {
   setParameters(model.parameters, numbers, lens, field);
   lens.cx -= kHalfPixel;
   lens.cy -= kHalfPixel;
-  return finished(field, lens);
-}
-
-/// Lines of a number, a name in capitals, and more.
-bool isColmap(const std::vector<TextLine>& lines) {
-  if (lines.empty()) return false;
-  const Strings words = splitWords(lines.front().text);
-  double id = 0;
-  return words.size() > 2 && parseNumber(words[0], id) && words[1].size() > 2 &&
-         std::all_of(words[1].begin(),
-                     words[1].end(),
-                     [](unsigned char c) {
-                       return std::isupper(c) != 0 || std::isdigit(c) != 0 || c == '_';
-                     }) &&
-         std::isupper(static_cast<unsigned char>(words[1].front())) != 0;
+  return finished(values, field, lens);
 }
 
 Calibration readColmap(const std::filesystem::path& file,
@@ -1041,15 +990,8 @@ Calibration readColmap(const std::filesystem::path& file,
   std::vector<NamedCamera> cameras;
   cameras.reserve(lines.size());
   for (const TextLine& line : lines) {
-    const Strings words = splitWords(line.text);
-    cameras.push_back({{words[0]}, [&file, &line, words] {
-                         if (words.size() < 4) {
-                           throw line.error("expected 'ID MODEL width height ...'");
-                         }
-                         KeyedValues values(file);
-                         values.add(words[0], {{words.begin() + 2, words.end()}, line.number});
-                         return readColmapCamera(values[words[0]], words[1]);
-                       }});
+    cameras.push_back(
+        {{splitWords(line.text).front()}, [&] { return readColmapCamera(file, line); }});
   }
   return readChosen(file, cameras, choice);
 }

@@ -7,6 +7,7 @@
 #include <yaml-cpp/yaml.h>
 
 #include <algorithm>
+#include <optional>
 #include <sstream>
 #include <string_view>
 #include <utility>
@@ -29,12 +30,10 @@ class YamlValues {
   void add(const std::string& path, const YAML::Node& node, int depth = 0) {
     count_ += node.IsSequence() ? 1 + node.size() : 1;
     if (count_ > most_values_) {
-      throw error(
-          node,
-          fmt::format("more than {} values, counted with what aliases stand for", most_values_));
+      throw error(node, "more than {} values, counted with what aliases stand for", most_values_);
     }
     if (depth > kMaxDepth) {
-      throw error(node, fmt::format("more than {} groups within each other", kMaxDepth));
+      throw error(node, "more than {} groups within each other", kMaxDepth);
     }
     if (node.IsMap()) {
       for (const auto& entry : node) {
@@ -51,8 +50,9 @@ class YamlValues {
 
  private:
   static int lineOf(const YAML::Node& node) { return node.Mark().line + 1; }
-  [[nodiscard]] IoError error(const YAML::Node& node, const std::string& what) const {
-    return lineError(values_.file(), lineOf(node), what);
+  template <typename... Parts>
+  [[nodiscard]] IoError error(const YAML::Node& node, const Parts&... what) const {
+    return lineError(values_.file(), lineOf(node), what...);
   }
   void addList(const std::string& path, const YAML::Node& list, int depth) {
     KeyedValue value{{}, lineOf(list), KeyedValue::kList};
@@ -110,6 +110,18 @@ void addElement(const std::string& path, const tinyxml2::XMLElement& element, Ke
 
 }  // namespace
 
+std::vector<std::string> spellings(std::string_view words) {
+  std::vector<std::string> result(1);
+  for (const char c : words) {
+    if (c == '|') {
+      result.emplace_back();
+    } else {
+      result.back() += c;
+    }
+  }
+  return result;
+}
+
 KeyedValues::KeyedValues(std::filesystem::path file)
     : file_(std::move(file)), values_(std::make_shared<std::map<std::string, KeyedValue>>()) {}
 
@@ -129,64 +141,46 @@ bool KeyedValues::empty() const {
   return first == values_->end() || first->first.compare(0, prefix_.size(), prefix_) != 0;
 }
 
-bool KeyedValues::has(const std::string& key) const {
-  const auto value = values_->find(prefix_ + key);
-  return value != values_->end() && value->second.kind != KeyedValue::kNull;
+bool KeyedValues::has(const std::string& path) const {
+  return (*this)[path].has() || !within(path).empty();
 }
 
-bool KeyedValues::hasPath(const std::string& path) const {
-  return has(path) || !within(path).empty();
-}
-
-std::string KeyedValues::find(const std::vector<std::string>& spellings) const {
-  const auto found = std::find_if(
-      spellings.begin(), spellings.end(), [this](const std::string& key) { return has(key); });
-  return found == spellings.end() ? std::string() : *found;
-}
-
-const KeyedValue& KeyedValues::at(const std::string& key) const {
-  const KeyedValue& value = values_->at(prefix_ + key);
-  if (value.again != 0) throw lineError(file_, value.again, prefix_ + key + ": is there twice");
-  return value;
-}
-
-std::string KeyedValues::text(const std::string& key, const std::string& what) const {
-  if (!has(key)) throw error(key, what + " is expected");
-  return fmt::format("{}", fmt::join(at(key).words, " "));
-}
-
-double KeyedValues::number(const std::string& key) const {
-  return numbers(key, 1, "a number").front();
-}
-
-std::vector<double> KeyedValues::numbers(const std::string& key) const {
-  std::vector<double> result;
-  if (!has(key)) return result;
-  for (const std::string& word : at(key).words) {
-    double value = 0;
-    if (!parseNumber(word, value)) {
-      throw error(
-          key,
-          fmt::format("entry {}, '{}', is not a finite number", result.size() + 1, quotable(word)));
+Field KeyedValues::operator[](std::string_view spellings) const {
+  std::optional<Field> none;
+  for (const std::string& key : io::spellings(spellings)) {
+    for (const std::string& path : {prefix_ + key, prefix_ + key + ".data"}) {
+      const auto found = values_->find(path);
+      const bool there = found != values_->end();
+      Field field{file_, path, there ? found->second : KeyedValue{{}, 0, KeyedValue::kNull}};
+      if (field.has()) return field;
+      if (!none) none = std::move(field);
     }
-    result.push_back(value);
+  }
+  return *none;
+}
+
+std::string Field::text(std::string_view what) const {
+  if (!has()) throw error("{} is expected", what);
+  if (content.again != 0) throw lineError(file, content.again, "{}: is there twice", key);
+  return fmt::format("{}", fmt::join(content.words, " "));
+}
+
+std::vector<double> Field::numbers() const {
+  std::vector<double> result;
+  if (!has()) return result;
+  if (content.again != 0) throw lineError(file, content.again, "{}: is there twice", key);
+  for (const std::string& word : content.words) {
+    if (!parseNumber(word, result.emplace_back())) {
+      throw error("entry {}, '{}', is not a finite number", result.size(), quotable(word));
+    }
   }
   return result;
 }
 
-std::vector<double> KeyedValues::numbers(const std::string& key,
-                                         std::size_t count,
-                                         const std::string& what) const {
-  std::vector<double> result = numbers(key);
-  if (result.size() == count) return result;
-  throw error(key, fmt::format("{} numbers; expected {}", result.size(), what));
-}
-
-IoError KeyedValues::error(const std::string& key, const std::string& what) const {
-  const auto value = values_->find(prefix_ + key);
-  return lineError(file_,
-                   value == values_->end() ? 0 : value->second.line,
-                   key.empty() ? what : fmt::format("{}{}: {}", prefix_, key, what));
+std::vector<double> Field::numbers(std::size_t count, std::string_view what) const {
+  std::vector<double> result = numbers();
+  if (result.size() != count) throw error("{} numbers; expected {}", result.size(), what);
+  return result;
 }
 
 /// The first line of cv::FileStorage, "%YAML:1.0", is no YAML.
@@ -204,8 +198,8 @@ KeyedValues yamlValues(const std::string& text,
     if (!root.IsMap()) {
       throw lineError(name,
                       documents.first,
-                      fmt::format("{}a mapping is expected, lines of 'key: value'",
-                                  root.IsNull() ? "not YAML: " : ""));
+                      "{}a mapping is expected, lines of 'key: value'",
+                      root.IsNull() ? "not YAML: " : "");
     }
     YamlValues(values, most_values).add("", root);
   } catch (const YAML::Exception& error) {
@@ -220,7 +214,7 @@ KeyedValues xmlValues(const std::filesystem::path& file, const std::string& text
     throw lineError(file, document.ErrorLineNum(), "no XML");
   }
   const tinyxml2::XMLElement* root = document.FirstChildElement("opencv_storage");
-  if (root == nullptr) throw lineError(file, 0, "an XML file of OpenCV is expected");
+  if (root == nullptr) throw fileError(file, "an XML file of OpenCV is expected");
   KeyedValues values(file);
   addElement("", *root, values);
   return values;
@@ -237,10 +231,9 @@ std::vector<ConfigAssignment> readYamlAssignments(const std::string& text,
     });
     std::vector<ConfigAssignment> assignments;
     for (const auto& [key, value] : in_order) {
-      if (value.again != 0)
-        throw lineError(name, value.again, fmt::format("key '{}' is given twice", key));
+      if (value.again != 0) throw lineError(name, value.again, "key '{}' is given twice", key);
       if (value.kind != KeyedValue::kScalar) {
-        throw values.error(key, "expected a single value or a group of indented keys");
+        throw values[key].error("expected a single value or a group of indented keys");
       }
       assignments.push_back({key, value.words.front(), fmt::format("{}:{}", name, value.line)});
     }

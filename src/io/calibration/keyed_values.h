@@ -11,11 +11,10 @@
 #include <map>
 #include <memory>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace dsorb::io {
-
-struct Field;
 
 /// A scalar or a list of scalars of a file, as words.
 struct KeyedValue {
@@ -27,8 +26,13 @@ struct KeyedValue {
   int again = 0;  ///< line where the file has its key again; 0: it has not
 };
 
+/// The words between bars: "width|w" are two.
+[[nodiscard]] std::vector<std::string> spellings(std::string_view words);
+
+struct Field;
+
 /// Scalars and lists of a YAML, JSON or XML file by the whole path of their keys, as in
-/// "cameras[0].camera.label". Every complaint names file, line and key.
+/// "cameras[0].camera.label". A copy shares them.
 class KeyedValues {
  public:
   explicit KeyedValues(std::filesystem::path file);
@@ -40,49 +44,41 @@ class KeyedValues {
   /// Those whose keys begin with a path and a dot, by what follows.
   [[nodiscard]] KeyedValues within(const std::string& path) const;
   [[nodiscard]] bool empty() const;
-  [[nodiscard]] bool has(const std::string& key) const;
   /// Whether there is a value or a group of this path.
-  [[nodiscard]] bool hasPath(const std::string& path) const;
-  /// The first of several spellings that is there; empty: none.
-  [[nodiscard]] std::string find(const std::vector<std::string>& spellings) const;
-
-  /// Words with spaces between them.
-  /// @param what is expected, for the complaint where there is none
-  [[nodiscard]] std::string text(const std::string& key, const std::string& what) const;
-  [[nodiscard]] double number(const std::string& key) const;
-  [[nodiscard]] std::vector<double> numbers(const std::string& key) const;
-  /// @param count how many there must be
-  [[nodiscard]] std::vector<double> numbers(const std::string& key,
-                                            std::size_t count,
-                                            const std::string& what) const;
-
-  [[nodiscard]] IoError error(const std::string& key, const std::string& what) const;
-  /// The value of a key, there or not; the values must live as long.
-  [[nodiscard]] Field operator[](const std::string& key) const;
+  [[nodiscard]] bool has(const std::string& path) const;
+  /// The value of a key, there or not; of several spellings the first that is there, or else the
+  /// first. A list may be a group that has it as `data`.
+  [[nodiscard]] Field operator[](std::string_view spellings) const;
   [[nodiscard]] const std::filesystem::path& file() const { return file_; }
 
  private:
-  [[nodiscard]] const KeyedValue& at(const std::string& key) const;
-
   std::filesystem::path file_;
   std::string prefix_;
   std::shared_ptr<std::map<std::string, KeyedValue>> values_;
 };
 
-/// The value of one key, for those who read it and complain of it.
+/// The value of one key, for those who read it and complain of it: with file, line and key.
 struct Field {
-  const KeyedValues& values;
-  std::string key;
+  std::filesystem::path file;
+  std::string key;     ///< with its whole path
+  KeyedValue content;  ///< null where there is none
 
-  [[nodiscard]] bool has() const { return values.has(key); }
-  [[nodiscard]] std::string text(const std::string& what) const { return values.text(key, what); }
-  [[nodiscard]] std::vector<double> numbers() const { return values.numbers(key); }
-  [[nodiscard]] IoError error(const std::string& what) const { return values.error(key, what); }
+  [[nodiscard]] bool has() const { return content.kind != KeyedValue::kNull; }
+  /// Words with spaces between them.
+  /// @param what is expected, for the complaint where there is none
+  [[nodiscard]] std::string text(std::string_view what) const;
+  [[nodiscard]] std::vector<double> numbers() const;
+  /// @param count how many there must be
+  [[nodiscard]] std::vector<double> numbers(std::size_t count, std::string_view what) const;
+  [[nodiscard]] double number() const { return numbers(1, "a number").front(); }
+
+  template <typename... Parts>
+  [[nodiscard]] IoError error(std::string_view what, const Parts&... parts) const {
+    return lineError(file,
+                     content.line,
+                     (key.empty() ? "" : key + ": ") + fmt::format(fmt::runtime(what), parts...));
+  }
 };
-
-inline Field KeyedValues::operator[](const std::string& key) const {
-  return {*this, key};
-}
 
 /// Most values that are read of a file, aliases counted as what they stand for.
 inline constexpr std::size_t kMaxYamlValues = 100000;
