@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/output/output_file.h"
 
+#include "io/text_file.h"
+
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <charconv>
 #include <fstream>
@@ -50,27 +53,20 @@ bool isSummaryOf(const std::string& program, const fs::path& run_json) {
 }  // namespace
 
 IoError writeError(const fs::path& path) {
-  return IoError(fmt::format(
-      "{}: cannot be written: {}", path.string(), std::generic_category().message(errno)));
+  return fileError(path, "cannot be written: {}", std::generic_category().message(errno));
 }
 
 GrowingFile::GrowingFile(fs::path path) : path_(std::move(path)), file_(openForWriting(path_)) {}
 
 void GrowingFile::append(std::string_view text) {
-  replaceEnd(size_, text);
-}
-
-void GrowingFile::replaceEnd(std::uintmax_t position, std::string_view text) {
-  const std::string before = read(position, size_ - position);
   try {
-    write(position, text);
+    write(size_, text);
   } catch (const IoError&) {
     std::error_code ignored;
-    fs::resize_file(path_, position, ignored);
-    write(position, before);
+    fs::resize_file(path_, size_, ignored);
     throw;
   }
-  size_ = position + text.size();
+  size_ += text.size();
 }
 
 void GrowingFile::write(std::uintmax_t position, std::string_view text) {
@@ -84,7 +80,7 @@ std::string GrowingFile::read(std::uintmax_t position, std::size_t bytes) const 
   std::string text(bytes, '\0');
   if (std::fseek(file_.get(), static_cast<long>(position), SEEK_SET) != 0 ||
       std::fread(text.data(), 1, bytes, file_.get()) != bytes) {
-    throw IoError(path_.string() + ": what was written there cannot be read back");
+    throw fileError(path_, "what was written there cannot be read back");
   }
   return text;
 }
@@ -108,11 +104,24 @@ bool isFinite(const SE3& pose) {
   return pose.unitQuaternion().coeffs().allFinite() && pose.translation().allFinite();
 }
 
+namespace {
+
+/// Translation, quaternion with qw not negative.
+std::array<double, 7> numbersOf(const SE3& pose) {
+  const Eigen::Vector3d& t = pose.translation();
+  const Eigen::Vector4d& q = pose.unitQuaternion().coeffs();
+  const double sign = q.w() < 0 ? -1 : 1;
+  return {t.x(), t.y(), t.z(), sign * q.x(), sign * q.y(), sign * q.z(), sign * q.w()};
+}
+
+}  // namespace
+
 std::string tumLine(double timestamp, const SE3& T_world_cam) {
-  const Eigen::Vector3d& t = T_world_cam.translation();
-  Eigen::Vector4d q = T_world_cam.unitQuaternion().coeffs();
-  if (q.w() < 0) q = -q;
-  return fmt::format("{:.9f} {:.9f} {:.9f}\n", timestamp, fmt::join(t, " "), fmt::join(q, " "));
+  return fmt::format("{:.9f} {:.9f}\n", timestamp, fmt::join(numbersOf(T_world_cam), " "));
+}
+
+Json poseJson(const SE3& pose) {
+  return isFinite(pose) ? Json(numbersOf(pose)) : Json();
 }
 
 bool isOutputFile(const fs::path& name) {
@@ -126,21 +135,18 @@ bool isOutputFile(const fs::path& name) {
 OutputFolder::OutputFolder(const fs::path& folder,
                            const std::string& program,
                            std::string_view run_json) {
+  const auto refused = [&folder](const std::string& why) {
+    return IoError(fmt::format("output folder {}: {}", folder.string(), why));
+  };
   try {
     fs::create_directories(folder);
-    if (!platform::lockFolder(folder, lock_)) {
-      throw IoError(fmt::format("output folder {}: another run writes into it", folder.string()));
-    }
-    if (fs::is_symlink(folder / kFigures)) {
-      throw IoError(fmt::format(
-          "output folder {}: {} there is a link; move it away", folder.string(), kFigures));
-    }
+    if (!platform::lockFolder(folder, lock_)) throw refused("another run writes into it");
+    if (fs::is_symlink(folder / kFigures)) throw refused("figures there is a link; move it away");
     const std::vector<fs::path> old = outputFilesIn(folder);
     if (!old.empty() && !isSummaryOf(program, folder / kSummary)) {
-      throw IoError(
-          fmt::format("output folder {}: {} there is not from a run of {}; it would be replaced. "
-                      "Choose another folder or move it away",
-                      folder.string(),
+      throw refused(
+          fmt::format("{} there is not from a run of {}; it would be replaced. Choose another "
+                      "folder or move it away",
                       old.front().generic_string(),
                       program));
     }
@@ -150,8 +156,7 @@ OutputFolder::OutputFolder(const fs::path& folder,
       if (name != kSummary) fs::remove(folder / name);
     }
   } catch (const fs::filesystem_error& error) {
-    throw IoError(fmt::format(
-        "output folder {}: cannot be prepared: {}", folder.string(), error.code().message()));
+    throw refused("cannot be prepared: " + error.code().message());
   }
 }
 
@@ -177,12 +182,10 @@ void write(const Json& value, int depth, std::string& text) {
     return;
   }
   const bool object = value.is_object();
-  text += object ? '{' : '[';
-  const char* separator = "\n";
+  const char* separator = object ? "{" : "[";
   for (const auto& [key, element] : value.items()) {
-    text += separator;
-    separator = ",\n";
-    text.append(static_cast<std::size_t>(depth) + 1, ' ');
+    text += fmt::format("{}\n{:{}}", separator, "", depth + 1);
+    separator = ",";
     if (object) text += dumped(key) + ": ";
     if (object && key == kTimestampKey && element.is_number_float()) {
       text += fmt::format("{:.9f}", element.get<double>());
@@ -190,9 +193,7 @@ void write(const Json& value, int depth, std::string& text) {
       write(element, depth + 1, text);
     }
   }
-  text += '\n';
-  text.append(static_cast<std::size_t>(depth), ' ');
-  text += object ? '}' : ']';
+  text += fmt::format("\n{:{}}{}", "", depth, object ? '}' : ']');
 }
 
 }  // namespace

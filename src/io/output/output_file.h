@@ -33,8 +33,6 @@ class GrowingFile {
   /// @throws IoError where not all could be written, for example on a full disk; the file is then
   ///         as before
   void append(std::string_view text);
-  /// The same in place of what stands behind a position, which is not longer. @throws IoError
-  void replaceEnd(std::uintmax_t position, std::string_view text);
   /// Overwrites what stands at a position. @throws IoError
   void write(std::uintmax_t position, std::string_view text);
   /// @throws IoError where not all of it can be read
@@ -88,6 +86,9 @@ using Json = nlohmann::ordered_json;
 
 /// The intrinsics as every file has them.
 [[nodiscard]] Json cameraJson(const PinholeCamera& camera);
+
+/// [tx, ty, tz, qx, qy, qz, qw], qw not negative; null where not finite.
+[[nodiscard]] Json poseJson(const SE3& pose);
 
 /// The double whose shortest text is that of the float: 0.1f gives 0.1.
 [[nodiscard]] double shortest(float value);

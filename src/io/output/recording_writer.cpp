@@ -6,6 +6,7 @@
 
 #include "io/output/figures.h"
 #include "io/output/run_record.h"
+#include "io/text_file.h"
 
 #include <fmt/format.h>
 
@@ -24,16 +25,7 @@ namespace fs = std::filesystem;
 constexpr int kFormatVersion = 1;
 constexpr const char* kFormat = "dsorb-recording";
 
-/// [tx, ty, tz, qx, qy, qz, qw], qw not negative; null where not finite.
-Json poseJson(const SE3& T_world_cam) {
-  if (!isFinite(T_world_cam)) return {};
-  Eigen::Vector4d q = T_world_cam.unitQuaternion().coeffs();
-  if (q.w() < 0) q = -q;
-  const Eigen::Vector3d& t = T_world_cam.translation();
-  return {t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w()};
-}
-
-Json poseJson(const std::optional<SE3>& T_world_cam) {
+Json poseOrNull(const std::optional<SE3>& T_world_cam) {
   return T_world_cam ? poseJson(*T_world_cam) : Json();
 }
 
@@ -64,7 +56,7 @@ Json poseLine(const FrameEstimate& estimate) {
           {"segment", estimate.segment},
           {"state", name(estimate.state)},
           {"is_keyframe", estimate.is_keyframe},
-          {"pose", poseJson(estimate.T_world_cam)},
+          {"pose", poseOrNull(estimate.T_world_cam)},
           {"keyframe", estimate.keyframe ? Json(estimate.keyframe->value) : Json()},
           {"rmse", known ? Json(*estimate.tracking_rmse) : Json()},
           {"affine", {estimate.affine.a, estimate.affine.b}}};
@@ -117,28 +109,23 @@ bool isRecording(const fs::path& path) {
   return begin == header;
 }
 
+fs::path imageFolder(const fs::path& path) {
+  return path.stem().string() + "_images";
+}
+
 /// The recording's path, once its folders are there.
 /// @throws IoError where images would go among those of others
-fs::path prepared(const fs::path& path, const fs::path& images) {
-  const fs::path folder = fs::absolute(path).parent_path() / images;
+fs::path prepared(const fs::path& path) {
+  const fs::path folder = fs::absolute(path).parent_path() / imageFolder(path);
   refuseOthers(path);
   std::error_code error;
   fs::create_directories(folder, error);
-  if (error) {
-    throw IoError(fmt::format("{}: cannot be created: {}", folder.string(), error.message()));
-  }
-  if (fs::is_symlink(folder) || (!fs::is_empty(folder) && !isRecording(path))) {
-    throw IoError(
-        fmt::format("{}: holds files of others, where the images of {} would go; choose "
-                    "another name for the recording",
-                    folder.string(),
-                    path.string()));
-  }
-  return path;
-}
-
-fs::path imageFolder(const fs::path& path) {
-  return path.stem().string() + "_images";
+  if (error) throw fileError(folder, "cannot be created: {}", error.message());
+  if (!fs::is_symlink(folder) && (fs::is_empty(folder) || isRecording(path))) return path;
+  throw fileError(folder,
+                  "holds files of others, where the images of {} would go; choose another name "
+                  "for the recording",
+                  path.string());
 }
 
 }  // namespace
@@ -153,9 +140,7 @@ void refuseOthers(const fs::path& path) {
 RecordingWriter::RecordingWriter(const fs::path& path,
                                  const RunInfo& info,
                                  const PinholeCamera& camera)
-    : file_(prepared(path, imageFolder(path))),
-      folder_(fs::absolute(path).parent_path()),
-      images_(imageFolder(path)) {
+    : file_(prepared(path)), folder_(fs::absolute(path).parent_path()), images_(imageFolder(path)) {
   writeLine(headerLine(info, camera));
 }
 

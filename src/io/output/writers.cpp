@@ -8,6 +8,7 @@
 #include "io/output/figures.h"
 #include "io/output/output_file.h"
 #include "io/output/run_record.h"
+#include "io/text_file.h"
 #include "platform/process.h"
 #include "self_calibration/refined_camera.h"
 
@@ -24,6 +25,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <limits>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -42,22 +44,18 @@ const char* name(RunStatus status) {
 
 namespace io {
 
-/// Time that the stages of a run took [s].
-struct RunSeconds {
-  double total = 0;
-  double reading = 0;
-  double initializing = 0;
-  double tracking = 0;
-  double mapping = 0;
-  double writing = 0;  // files of the output folder but the last run.json
-};
-
 /// Outcome of a run as far as its record does not contain it.
 struct RunEnd {
   RunStatus status = RunStatus::kError;
   int frames_dropped = 0;
   std::vector<std::string> unreadable;  // files that were passed over
-  RunSeconds seconds;
+  // Time that its stages took [s]; writing is that of all files but the last run.json.
+  double total = 0;
+  double reading = 0;
+  double initializing = 0;
+  double tracking = 0;
+  double mapping = 0;
+  double writing = 0;
 };
 
 /// The cameras of a run as far as they are known.
@@ -107,17 +105,6 @@ std::string covarianceFields(const std::optional<Matrix6d>& covariance) {
   return fields;
 }
 
-Entries byTime(Entries entries) {
-  std::stable_sort(entries.begin(), entries.end(), [](const PosedEntry& a, const PosedEntry& b) {
-    return a.timestamp < b.timestamp;
-  });
-  return entries;
-}
-
-std::string lineOf(const PosedEntry& entry, const RunRecord& record) {
-  return tumLine(entry.timestamp, record.T_world_cam(entry));
-}
-
 /// First line of frames.csv.
 std::string frameTableHeader() {
   std::string header =
@@ -154,23 +141,26 @@ std::string frameTableLine(const FrameEstimate& estimate,
       covarianceFields(estimate.world_covariance));
 }
 
-/// Replaces a file by the lines of a segment's entries, sorted by time.
-void writeTum(const fs::path& path, const RunRecord& record, const Entries& entries, int segment) {
-  std::string text;
-  for (const PosedEntry& entry : byTime(entries)) {
-    if (record.segmentOf(entry) == segment) text += lineOf(entry, record);
-  }
-  replaceFile(path, text);
+/// A pose as a row of KITTI's: the 3x4 matrix, row by row.
+/// @source KITTI odometry benchmark, format of poses
+std::string kittiLine(double /*timestamp*/, const SE3& T_world_cam) {
+  const Eigen::Matrix<double, 3, 4, Eigen::RowMajor> T = T_world_cam.matrix().topRows<3>();
+  return fmt::format("{:.9e}\n", fmt::join(T.data(), T.data() + T.size(), " "));
 }
 
-/// All entries, of one segment, as lines of a 3x4 matrix, row by row.
-/// @source KITTI odometry benchmark, format of poses
-void writeKitti(const fs::path& path, const RunRecord& record) {
+/// Replaces a file by the lines of a segment's entries, sorted by time.
+void writePoses(const fs::path& path,
+                const RunRecord& record,
+                Entries entries,
+                int segment,
+                std::string (*line)(double, const SE3&) = tumLine) {
+  std::stable_sort(entries.begin(), entries.end(), [](const PosedEntry& a, const PosedEntry& b) {
+    return a.timestamp < b.timestamp;
+  });
   std::string text;
-  for (const PosedEntry& entry : byTime(record.frames())) {
-    const Eigen::Matrix<double, 3, 4, Eigen::RowMajor> T =
-        record.T_world_cam(entry).matrix().topRows<3>();
-    text += fmt::format("{:.9e}\n", fmt::join(T.data(), T.data() + T.size(), " "));
+  for (const PosedEntry& entry : entries) {
+    if (record.segmentOf(entry) == segment)
+      text += line(entry.timestamp, record.T_world_cam(entry));
   }
   replaceFile(path, text);
 }
@@ -402,18 +392,15 @@ void addDoubts(const RunRecord& record, Json& json) {
 /// Joins and loops, in their order.
 void addChanges(const MapChanges& changes, Json& json) {
   for (const SegmentsJoined& joined : changes.joins) {
-    const Eigen::Vector3d& t = joined.S_into_segment.motion.translation();
-    const Eigen::Vector4d q = joined.S_into_segment.motion.unitQuaternion().coeffs();
-    const auto sigma = [&](int i) { return std::sqrt(joined.covariance(i, i)); };
-    json["joined"].push_back(
-        {{"segment", joined.segment},
-         {"into", joined.into},
-         {"scale", joined.S_into_segment.scale},
-         {"pose", {t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w()}},
-         {"sigmas", {sigma(0), sigma(1), sigma(2), sigma(3), sigma(4), sigma(5), sigma(6)}},
-         {"keyframes", joined.keyframes},
-         {"matches", joined.matches},
-         {"wrong_probability", joined.wrong_probability}});
+    const auto sigmas = joined.covariance.diagonal().cwiseSqrt().eval();
+    json["joined"].push_back({{"segment", joined.segment},
+                              {"into", joined.into},
+                              {"scale", joined.S_into_segment.scale},
+                              {"pose", poseJson(joined.S_into_segment.motion)},
+                              {"sigmas", std::vector<double>(sigmas.begin(), sigmas.end())},
+                              {"keyframes", joined.keyframes},
+                              {"matches", joined.matches},
+                              {"wrong_probability", joined.wrong_probability}});
   }
   for (const LoopsClosed& closed : changes.loops) {
     json["loops"].push_back({{"segment", closed.segment}, {"loops", closed.loops}});
@@ -469,18 +456,18 @@ Json runJson(const RunInfo& info,
   json["refused"] = Json::object();
   for (const RefusalReason reason :
        {RefusalReason::kAdjustment, RefusalReason::kDirection, RefusalReason::kDepth}) {
-    const auto count = facts.refusals.find(reason);
-    json["refused"][name(reason)] = count == facts.refusals.end() ? 0 : count->second;
+    json["refused"][name(reason)] =
+        facts.refusals.count(reason) > 0 ? facts.refusals.at(reason) : 0;
   }
   json["answers"] = Json::object();
   for (const auto& [reason, count] : facts.answers) json["answers"][name(reason)] = count;
   json["status"] = name(end.status);
-  json["seconds"] = {{"total", end.seconds.total},
-                     {"reading", end.seconds.reading},
-                     {"initializing", end.seconds.initializing},
-                     {"tracking", end.seconds.tracking},
-                     {"mapping", end.seconds.mapping},
-                     {"writing", end.seconds.writing}};
+  json["seconds"] = {{"total", end.total},
+                     {"reading", end.reading},
+                     {"initializing", end.initializing},
+                     {"tracking", end.tracking},
+                     {"mapping", end.mapping},
+                     {"writing", end.writing}};
   json["peak_memory_mb"] = platform::peakMemory();
   json["threads"] = info.threads;
   return json;
@@ -506,15 +493,15 @@ class TrajectoryWriter {
         file_ = GrowingFile(numbered(entry.segment));
       }
       segment_ = entry.segment;
-      file_.append(lineOf(entry, record));
+      file_.append(tumLine(entry.timestamp, record.T_world_cam(entry)));
     }
   }
 
   void finish(const RunRecord& record, const Entries& entries) const {
-    writeTum(path(""), record, entries, record.longestSegment());
+    writePoses(path(""), record, entries, record.longestSegment());
     if (record.facts().segments.size() > 1) {
       for (const int segment : record.facts().segments) {
-        writeTum(numbered(segment), record, entries, segment);
+        writePoses(numbered(segment), record, entries, segment);
       }
     }
     std::error_code error;  // files of segments that are part of another one now
@@ -670,8 +657,8 @@ class InitializationWriter {
  public:
   /// Writes the empty list. @throws IoError where it cannot be written
   InitializationWriter(fs::path path, std::string initializer)
-      : file_(std::move(path)), initializer_(std::move(initializer)) {
-    file_.append(io::jsonText({{kStarts, io::Json::array()}}));
+      : path_(std::move(path)), initializer_(std::move(initializer)) {
+    io::replaceFile(path_, io::jsonText({{kStarts, io::Json::array()}}));
   }
 
   void setCamera(const PinholeCamera& camera) { camera_ = camera; }
@@ -698,6 +685,7 @@ class InitializationWriter {
     for (const io::InitStepNote& step : record.steps()) {
       if (!step.result) continue;
       append(io::jsonText({{kStarts, io::Json::array({describe(step, milliseconds)})}}));
+      has_starts_ = true;
     }
   }
 
@@ -711,12 +699,16 @@ class InitializationWriter {
     double attempt_milliseconds = 0;  ///< since the last reset
   };
 
-  /// Puts the only start of a document behind those of the file; their end is overwritten.
-  void append(std::string alone) {
+  /// Puts the only start of a document behind those of the file.
+  void append(const std::string& alone) const {
     constexpr std::string_view kTail = "\n ]\n}\n";
-    if (end_ > 0) alone.replace(0, alone.find('[') + 1, ",");
-    file_.replaceEnd(end_, alone);
-    end_ += alone.size() - kTail.size();
+    std::string text = alone;
+    if (has_starts_) {
+      text = readText(path_, std::numeric_limits<std::size_t>::max());
+      text.replace(text.size() - kTail.size(), kTail.size(), ",");
+      text += alone.substr(alone.find('[') + 1);
+    }
+    io::replaceFile(path_, text);
   }
 
   [[nodiscard]] io::Json describe(const io::InitStepNote& step, double milliseconds) const {
@@ -749,27 +741,20 @@ class InitializationWriter {
     return json;
   }
 
-  io::GrowingFile file_;
-  std::uintmax_t end_ = 0;  // of the last start in it
+  fs::path path_;
+  bool has_starts_ = false;
   std::string initializer_;
   PinholeCamera camera_;
   Progress progress_;
 };
 
-namespace {
-
-/// What run.json says until finish(): the run was killed.
-std::string firstSummary(const RunInfo& info) {
-  return io::jsonText(io::runJson(info, {}, io::RunRecord(), {}));
-}
-
-}  // namespace
-
 class RunWriter::Impl {
  public:
   Impl(const std::string& folder_name, const RunInfo& run_info)
       : folder(folder_name),
-        prepared(folder, run_info.program, firstSummary(run_info)),
+        // Until finish() the summary says that the run was killed.
+        prepared(
+            folder, run_info.program, io::jsonText(io::runJson(run_info, {}, io::RunRecord(), {}))),
         info(run_info),
         frames_csv(folder / "frames.csv"),
         trajectory(folder, "trajectory"),
@@ -797,7 +782,11 @@ class RunWriter::Impl {
     trajectory.finish(record, record.frames());
     keyframes.finish(record, record.keyframes());
     if (record.facts().segments.size() == 1 && outcome == RunStatus::kTracked) {
-      io::writeKitti(folder / "trajectory_kitti.txt", record);
+      io::writePoses(folder / "trajectory_kitti.txt",
+                     record,
+                     record.frames(),
+                     record.longestSegment(),
+                     io::kittiLine);
     }
     points.finish(record.changes());
     io::writePng(folder / "figures" / "trajectory.png", io::drawTrajectory(record));
@@ -828,12 +817,11 @@ class RunWriter::Impl {
   void writeRunJson(RunStatus status, const OdometryReport* report) const {
     io::RunEnd now = end;
     now.status = status;
-    now.seconds.total =
-        std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    now.total = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     if (report != nullptr) {
-      now.seconds.initializing = report->initializing_seconds;
-      now.seconds.tracking = report->tracking_seconds;
-      now.seconds.mapping = report->mapping_seconds;
+      now.initializing = report->initializing_seconds;
+      now.tracking = report->tracking_seconds;
+      now.mapping = report->mapping_seconds;
     }
     io::replaceFile(folder / "run.json", io::jsonText(io::runJson(info, cameras, record, now)));
   }
@@ -906,14 +894,13 @@ void RunWriter::onKeyframeRetired(const KeyframeSnapshot& keyframe) {
 
 void RunWriter::frameDone(const FrameTiming& timing, const std::string& image_file) {
   Impl& run = *impl_;
-  run.end.seconds.reading += timing.reading_milliseconds * 1e-3;
+  run.end.reading += timing.reading_milliseconds * 1e-3;
   if (!run.record.estimate()) return;
   const OdometryState state = run.record.estimate()->state;
   const bool initializing =
       state == OdometryState::kInitializing || state == OdometryState::kInitialized;
-  (initializing ? run.end.seconds.initializing : run.end.seconds.tracking) +=
-      timing.work_milliseconds * 1e-3;
-  timed(run.end.seconds.writing, [&] { run.writeFrame(timing, image_file); });
+  (initializing ? run.end.initializing : run.end.tracking) += timing.work_milliseconds * 1e-3;
+  timed(run.end.writing, [&] { run.writeFrame(timing, image_file); });
   run.record.nextFrame();
 }
 
@@ -942,13 +929,13 @@ bool RunWriter::calibrationSuspected() const {
 
 void RunWriter::finish(RunStatus status, const OdometryReport* report) {
   Impl& run = *impl_;
-  timed(run.end.seconds.writing, [&] { run.writeFinalFiles(outcome()); });
+  timed(run.end.writing, [&] { run.writeFinalFiles(outcome()); });
   run.writeRunJson(status, report);
 }
 
 void RunWriter::writeKeyframes(const std::string& path) const {
   const io::RunRecord& record = impl_->record;
-  io::writeTum(path, record, record.keyframes(), record.longestSegment());
+  io::writePoses(path, record, record.keyframes(), record.longestSegment());
 }
 
 }  // namespace dsorb
