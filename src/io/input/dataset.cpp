@@ -51,6 +51,8 @@ constexpr double kLeastMicroseconds = 1e3;
 constexpr double kLeastNanoseconds = 1e6;
 constexpr double kMostNanoseconds = 1e11;
 
+constexpr const char* kRawCalibration = "../calib_cam_to_cam.txt";  // of KITTI, for a whole day
+
 struct Unit {
   const char* name;
   double per_second;
@@ -127,8 +129,8 @@ std::optional<double> secondsOfDate(const std::string& date, const std::string& 
 double readExposure(const TextLine& line, const std::string& word) {
   const double exposure = line.numbers({word}, "an exposure in milliseconds").front();
   if (exposure == 0 || (exposure >= kMinExposure && exposure <= kMaxExposure)) return exposure;
-  throw line.error(fmt::format(
-      "exposure {}; expected 0 (not known) or {:g} to {:g} ms", word, kMinExposure, kMaxExposure));
+  throw line.error(
+      "exposure {}; expected 0 (not known) or {:g} to {:g} ms", word, kMinExposure, kMaxExposure);
 }
 
 /// Lines "id seconds [exposure in ms]" of DSO (the id is not used), "seconds", or "2011-09-26
@@ -141,9 +143,9 @@ std::vector<TimeEntry> readTimes(const fs::path& file) {
     const std::vector<std::string> words = splitWords(line.text);
     if (columns == 0) columns = words.size();
     if (words.empty() || words.size() > 3 || (words.size() == 1) != (columns == 1)) {
-      throw line.error(fmt::format(
+      throw line.error(
           "'{}'; expected 'id seconds [exposure_ms]', or the seconds alone in every line",
-          quotable(line.text)));
+          quotable(line.text));
     }
     TimeEntry entry{0, 0, line.number};
     const auto date = words.size() == 2 ? secondsOfDate(words[0], words[1]) : std::nullopt;
@@ -247,10 +249,10 @@ void checkIncreasing(const fs::path& file, const std::vector<TimeEntry>& entries
     if (entries[i].timestamp > entries[i - 1].timestamp) continue;
     throw lineError(file,
                     entries[i].line,
-                    fmt::format("time {} s is not after that of line {}, {} s",
-                                entries[i].timestamp,
-                                entries[i - 1].line,
-                                entries[i - 1].timestamp));
+                    "time {} s is not after that of line {}, {} s",
+                    entries[i].timestamp,
+                    entries[i - 1].line,
+                    entries[i - 1].timestamp);
   }
 }
 
@@ -260,10 +262,8 @@ void assignTimes(const fs::path& file,
                  bool nanoseconds = false) {
   const auto images = static_cast<std::size_t>(dataset.images->size());
   if (entries.size() != images) {
-    throw lineError(
-        file,
-        0,
-        fmt::format("{} times for {} images; expected one line for each", entries.size(), images));
+    throw fileError(
+        file, "{} times for {} images; expected one line for each", entries.size(), images);
   }
   checkIncreasing(file, entries);
   settleUnit(file, nanoseconds, entries, dataset.warnings);
@@ -280,10 +280,10 @@ std::vector<TimeEntry> kittiEntries(const fs::path& file, const ImageSource& ima
     std::size_t number = 0;
     const auto [rest, error] = std::from_chars(stem.data(), stem.data() + stem.size(), number);
     if (error != std::errc() || rest != stem.data() + stem.size()) {
-      throw IoError(fmt::format("{}: expected a name like 000000.png", images.name(i)));
+      throw fileError(images.name(i), "expected a name like 000000.png");
     }
     if (number >= all.size()) {
-      throw lineError(file, 0, fmt::format("{} times, none for {}", all.size(), images.name(i)));
+      throw fileError(file, "{} times, none for {}", all.size(), images.name(i));
     }
     entries.push_back(all[number]);
   }
@@ -309,7 +309,7 @@ ImageList readEurocList(const fs::path& file) {
     const char* end = stamp.data() + stamp.size();
     const auto [rest, error] = std::from_chars(stamp.data(), end, nanoseconds);
     if (name.empty() || error != std::errc() || rest != end) {
-      throw line.error(fmt::format("'{}'; expected 'nanoseconds,filename'", quotable(line.text)));
+      throw line.error("'{}'; expected 'nanoseconds,filename'", quotable(line.text));
     }
     list.files.push_back(file.parent_path() / "data" / name);
     list.times.push_back({secondsFromNanoseconds(nanoseconds), 0, line.number});
@@ -324,9 +324,8 @@ ImageList readTumList(const fs::path& file) {
   for (const TextLine& line : readLines(file, kMaxListBytes)) {
     const std::vector<std::string> words = splitWords(line.text);
     if (words.size() != 2 && words.size() != 4) {
-      throw line.error(
-          fmt::format("'{}'; expected 'seconds filename', or that of an image and of its depth",
-                      quotable(line.text)));
+      throw line.error("'{}'; expected 'seconds filename', or that of an image and of its depth",
+                       quotable(line.text));
     }
     const bool second = words.size() == 4 && words[1].find("depth") != std::string::npos;
     const std::size_t place = second ? 2 : 0;
@@ -381,7 +380,7 @@ Dataset openDataset(const DatasetLayout& layout) {
   if (layout.format == SequenceFormat::kEuroc || layout.format == SequenceFormat::kTum) {
     const ImageList list = layout.format == SequenceFormat::kEuroc ? readEurocList(layout.images)
                                                                    : readTumList(layout.images);
-    if (list.files.empty()) throw lineError(layout.images, 0, "names no images");
+    if (list.files.empty()) throw fileError(layout.images, "names no images");
     dataset.images = openImageList(list.files);
     const bool nanoseconds = layout.format == SequenceFormat::kEuroc;
     assignTimes(layout.images, list.times, dataset, nanoseconds);
@@ -406,6 +405,37 @@ Dataset openDataset(const DatasetLayout& layout) {
 
 namespace {
 
+/// Where a format has its images and what belongs to them, relative to the folder of a data set.
+struct Place {
+  SequenceFormat format;
+  const char* images;
+  const char* base;         // of the files beside them
+  const char* calibration;  // from there
+  const char* times;        // from there
+};
+
+// In the order of recognition: from the most particular layout to the least; grey images first.
+constexpr std::array<Place, 19> kPlaces = {
+    {{SequenceFormat::kEuroc, "mav0/cam0/data.csv", "mav0/cam0", "sensor.yaml", ""},
+     {SequenceFormat::kEuroc, "cam0/data.csv", "cam0", "sensor.yaml", ""},
+     {SequenceFormat::kEuroc, "data.csv", "", "sensor.yaml", ""},
+     {SequenceFormat::kEuroc, "mav0/cam1/data.csv", "mav0/cam1", "sensor.yaml", ""},
+     {SequenceFormat::kEuroc, "cam1/data.csv", "cam1", "sensor.yaml", ""},
+     {SequenceFormat::kKitti, "image_0", "", "calib.txt", "times.txt"},
+     {SequenceFormat::kKitti, "image_2", "", "calib.txt", "times.txt"},
+     {SequenceFormat::kKitti, "image_1", "", "calib.txt", "times.txt"},
+     {SequenceFormat::kKitti, "image_3", "", "calib.txt", "times.txt"},
+     {SequenceFormat::kKitti, "image_00/data", "", kRawCalibration, "image_00/timestamps.txt"},
+     {SequenceFormat::kKitti, "image_02/data", "", kRawCalibration, "image_02/timestamps.txt"},
+     {SequenceFormat::kKitti, "image_01/data", "", kRawCalibration, "image_01/timestamps.txt"},
+     {SequenceFormat::kKitti, "image_03/data", "", kRawCalibration, "image_03/timestamps.txt"},
+     {SequenceFormat::kTum, "rgb.txt", "", "camera.txt", ""},
+     {SequenceFormat::kTum, "associations.txt", "", "camera.txt", ""},
+     {SequenceFormat::kTum, "association.txt", "", "camera.txt", ""},
+     {SequenceFormat::kTum, "associate.txt", "", "camera.txt", ""},
+     {SequenceFormat::kDso, "images", "", "camera.txt", "times.txt"},
+     {SequenceFormat::kDso, "images.zip", "", "camera.txt", "times.txt"}}};
+
 /// The file when it exists, else an empty path. What else has its name, a folder or a broken link,
 /// is left to those who read it: they complain.
 fs::path existing(const fs::path& file) {
@@ -416,11 +446,12 @@ fs::path existing(const fs::path& file) {
 DatasetLayout beside(SequenceFormat format,
                      const fs::path& images,
                      const fs::path& base,
-                     const char* calibration = "camera.txt") {
+                     const char* calibration = "camera.txt",
+                     const char* times = "times.txt") {
   DatasetLayout layout;
   layout.format = format;
   layout.images = images;
-  layout.times = existing(base / "times.txt");
+  if (*times != 0) layout.times = existing(base / times);
   layout.calibration = existing((base / calibration).lexically_normal());
   layout.response = existing(base / "pcalib.txt");
   layout.vignette = existing(base / "vignette.png");
@@ -428,93 +459,63 @@ DatasetLayout beside(SequenceFormat format,
   return layout;
 }
 
-std::optional<DatasetLayout> findDso(const fs::path& path) {
-  if (fs::is_regular_file(path) && lowerSuffix(path) == ".zip") {
-    return beside(SequenceFormat::kDso, path, path.parent_path());
-  }
-  for (const char* images : {"images", "images.zip"}) {
-    if (fs::exists(path / images)) {
-      return beside(SequenceFormat::kDso, path / images, path);
-    }
-  }
-  const bool image_folder = fs::is_directory(path) && holdsImages(path);
-  if (image_folder && fs::is_regular_file(path.parent_path() / "camera.txt")) {
-    return beside(SequenceFormat::kDso, path, path.parent_path());
-  }
-  return std::nullopt;
-}
-
-// Folders of KITTI's odometry data and of its raw data, grey images first.
-constexpr std::array<const char*, 4> kKittiFolders = {"image_0", "image_2", "image_1", "image_3"};
-constexpr std::array<const char*, 4> kRawFolders = {"image_00", "image_02", "image_01", "image_03"};
-
-bool isKittiFolder(const fs::path& folder) {
-  const auto is_name = [name = folder.filename()](const char* own) { return name == own; };
-  return std::any_of(kKittiFolders.begin(), kKittiFolders.end(), is_name) ||
-         std::any_of(kRawFolders.begin(), kRawFolders.end(), is_name);
-}
-
-/// The one drive below the folder of a day of KITTI's raw data.
+/// The one drive below the folder of a day of KITTI's raw data; empty: it is no such folder.
 fs::path onlyDrive(const fs::path& day) {
   fs::path drive;
   if (!fs::is_regular_file(day / "calib_cam_to_cam.txt")) return drive;
   for (const fs::directory_entry& entry : fs::directory_iterator(day)) {
-    if (!entry.is_directory() || entry.path().string().find("_drive_") == std::string::npos)
-      continue;
+    const bool is_drive = entry.path().string().find("_drive_") != std::string::npos;
+    if (!entry.is_directory() || !is_drive) continue;
     if (!drive.empty()) {
-      throw IoError(fmt::format("{}: several drives, as {} and {}; name one",
-                                day.string(),
-                                drive.filename().string(),
-                                entry.path().filename().string()));
+      throw fileError(day,
+                      "several drives, as {} and {}; name one",
+                      drive.filename().string(),
+                      entry.path().filename().string());
     }
     drive = entry.path();
   }
   return drive;
 }
 
-/// The folder image_N that is meant by a path; empty where there is none.
-fs::path kittiFolder(const fs::path& path) {
-  if (isKittiFolder(path)) return path;
-  if (path.filename() == "data" && isKittiFolder(path.parent_path())) return path.parent_path();
-  for (const char* folder : kKittiFolders) {
-    if (fs::is_directory(path / folder)) return path / folder;
-  }
-  for (const char* folder : kRawFolders) {
-    if (fs::is_directory(path / folder / "data")) return path / folder;
-  }
-  return {};
+/// The layout of a place in a folder, which the path has or, of KITTI, lies in.
+std::optional<DatasetLayout> layoutAt(const Place& place,
+                                      const fs::path& folder,
+                                      const fs::path& path) {
+  const fs::path images = folder / place.images;
+  const bool below = *images.lexically_relative(path).begin() != "..";
+  const bool euroc = place.format == SequenceFormat::kEuroc;
+  if (!below || !fs::exists(images)) return std::nullopt;
+  if (euroc && !fs::is_directory(images.parent_path() / "data")) return std::nullopt;
+  const fs::path base = *place.base == 0 ? folder : folder / place.base;
+  return beside(place.format, images, base, place.calibration, place.times);
 }
 
-std::optional<DatasetLayout> findKitti(const fs::path& path) {
-  fs::path folder = kittiFolder(path);
-  if (folder.empty() && fs::is_directory(path)) {
-    const fs::path drive = onlyDrive(path);
-    if (!drive.empty()) folder = kittiFolder(drive);
+std::optional<DatasetLayout> findPlace(SequenceFormat format, const fs::path& path) {
+  std::vector<fs::path> folders = {path};
+  if (format == SequenceFormat::kKitti) {
+    for (const fs::path& other :
+         {path.parent_path(), path.parent_path().parent_path(), onlyDrive(path)}) {
+      if (!other.empty()) folders.push_back(other);
+    }
   }
-  if (folder.empty()) return std::nullopt;
-  const fs::path base = folder.parent_path();
-  const bool raw = fs::is_directory(folder / "data");
-  if (!raw) return beside(SequenceFormat::kKitti, folder, base, "calib.txt");
-  DatasetLayout layout =
-      beside(SequenceFormat::kKitti, folder / "data", base, "../calib_cam_to_cam.txt");
-  layout.times = existing(folder / "timestamps.txt");
-  return layout;
-}
-
-std::optional<DatasetLayout> findEuroc(const fs::path& path) {
-  for (const fs::path& camera :
-       {path / "mav0" / "cam0", path / "cam0", path, path / "mav0" / "cam1", path / "cam1"}) {
-    if (!fs::is_regular_file(camera / "data.csv") || !fs::is_directory(camera / "data")) continue;
-    return beside(SequenceFormat::kEuroc, camera / "data.csv", camera, "sensor.yaml");
+  for (const Place& place : kPlaces) {
+    if (place.format != format) continue;
+    for (const fs::path& folder : folders) {
+      if (auto layout = layoutAt(place, folder, path)) return layout;
+    }
   }
   return std::nullopt;
 }
 
-std::optional<DatasetLayout> findTum(const fs::path& path) {
-  for (const char* list : {"rgb.txt", "associations.txt", "association.txt", "associate.txt"}) {
-    if (fs::is_regular_file(path / list)) return beside(SequenceFormat::kTum, path / list, path);
-  }
-  return std::nullopt;
+/// Beside the places: an archive, and a folder of images beside a calibration.
+std::optional<DatasetLayout> findDso(const fs::path& path) {
+  const bool archive = fs::is_regular_file(path) && lowerSuffix(path) == ".zip";
+  if (archive) return beside(SequenceFormat::kDso, path, path.parent_path());
+  if (auto layout = findPlace(SequenceFormat::kDso, path)) return layout;
+  const bool folder = fs::is_directory(path) && holdsImages(path) &&
+                      fs::is_regular_file(path.parent_path() / "camera.txt");
+  if (!folder) return std::nullopt;
+  return beside(SequenceFormat::kDso, path, path.parent_path());
 }
 
 std::optional<DatasetLayout> findImages(const fs::path& path) {
@@ -532,25 +533,21 @@ DatasetLayout besideVideo(SequenceFormat format, const fs::path& file) {
   return layout;
 }
 
-std::optional<DatasetLayout> findVideo(const fs::path& path) {
+std::optional<DatasetLayout> find(SequenceFormat format, const fs::path& path) {
+  if (format == SequenceFormat::kDso) return findDso(path);
+  if (format == SequenceFormat::kImages) return findImages(path);
+  if (format != SequenceFormat::kVideo) return findPlace(format, path);
   if (!fs::is_regular_file(path) || hasImageSuffix(path)) return std::nullopt;
-  return besideVideo(SequenceFormat::kVideo, path);
+  return besideVideo(format, path);
 }
 
-struct Finder {
-  SequenceFormat format;
-  std::optional<DatasetLayout> (*find)(const fs::path&);
-  const char* expectation;
-};
-
-// In the order of recognition: from the most particular layout to the least.
-constexpr std::array<Finder, 6> kFinders = {{
-    {SequenceFormat::kEuroc, findEuroc, "EuRoC: mav0/cam0/data.csv and mav0/cam0/data"},
-    {SequenceFormat::kKitti, findKitti, "KITTI: image_0 or image_2, of raw data image_00/data"},
-    {SequenceFormat::kTum, findTum, "TUM RGB-D: rgb.txt or associations.txt"},
-    {SequenceFormat::kDso, findDso, "DSO: images or images.zip"},
-    {SequenceFormat::kImages, findImages, "a folder of images"},
-    {SequenceFormat::kVideo, findVideo, "a video file"},
+constexpr std::array<std::pair<SequenceFormat, const char*>, 6> kExpectations = {{
+    {SequenceFormat::kEuroc, "EuRoC: mav0/cam0/data.csv and mav0/cam0/data"},
+    {SequenceFormat::kKitti, "KITTI: image_0 or image_2, of raw data image_00/data"},
+    {SequenceFormat::kTum, "TUM RGB-D: rgb.txt or associations.txt"},
+    {SequenceFormat::kDso, "DSO: images or images.zip"},
+    {SequenceFormat::kImages, "a folder of images"},
+    {SequenceFormat::kVideo, "a video file"},
 }};
 
 /// Files that people name, and what to do with them.
@@ -558,12 +555,9 @@ void refuseWhatIsNoSequence(const fs::path& path, const fs::path& clean) {
   std::error_code error;
   if (!fs::is_regular_file(clean, error)) return;
   const std::string suffix = lowerSuffix(clean);
-  if (hasImageSuffix(clean)) {
-    throw IoError(fmt::format("{}: one image; expected a folder of images", path.string()));
-  }
+  if (hasImageSuffix(clean)) throw fileError(path, "one image; expected a folder of images");
   if (suffix == ".bag" || suffix == ".mcap" || suffix == ".db3") {
-    throw IoError(
-        fmt::format("{}: a ROS bag, which `dsorb run` of the Python package reads", path.string()));
+    throw fileError(path, "a ROS bag, which `dsorb run` of the Python package reads");
   }
 }
 
@@ -579,20 +573,18 @@ DatasetLayout findDataset(const fs::path& path, SequenceFormat format) {
     layout.images = path;
     return layout;
   }
-  if (!fs::exists(path, error)) {
-    throw IoError(fmt::format("{}: no such file or folder", path.string()));
-  }
+  if (!fs::exists(path, error)) throw fileError(path, "no such file or folder");
   // Without "." and trailing slashes, so that the parent folder is the one meant.
   fs::path clean = fs::absolute(path).lexically_normal();
   if (!clean.has_filename()) clean = clean.parent_path();
   refuseWhatIsNoSequence(path, clean);
   std::string expected;
-  for (const Finder& finder : kFinders) {
-    if (format != SequenceFormat::kAuto && format != finder.format) continue;
-    if (auto layout = finder.find(clean)) return *layout;
-    expected += (expected.empty() ? "" : "; ") + std::string(finder.expectation);
+  for (const auto& [own, expectation] : kExpectations) {
+    if (format != SequenceFormat::kAuto && format != own) continue;
+    if (auto layout = find(own, clean)) return *layout;
+    expected += (expected.empty() ? "" : "; ") + std::string(expectation);
   }
-  throw IoError(fmt::format("{}: no data set; expected {}", path.string(), expected));
+  throw fileError(path, "no data set; expected {}", expected);
 }
 
 }  // namespace dsorb

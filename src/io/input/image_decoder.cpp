@@ -20,8 +20,6 @@
 #include <cstdio>
 #include <cstring>
 #include <fstream>
-#include <limits>
-#include <sstream>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -93,10 +91,10 @@ void onProgress(j_common_ptr jpeg) {
 /// @throws IoError where there are more pixels than are decoded
 void checkSize(const cv::Size& size, const std::string& name) {
   if (std::int64_t{size.width} * size.height <= kMaxPixels) return;
-  throw IoError(fmt::format("{}: {}; expected {} megapixels at most",
-                            name,
-                            pixelText(size.width, size.height),
-                            kMaxPixels >> 20U));
+  throw fileError(name,
+                  "{}; expected {} megapixels at most",
+                  pixelText(size.width, size.height),
+                  kMaxPixels >> 20U);
 }
 
 /// A file in memory that one of the libraries reads, and what the library holds for it.
@@ -213,8 +211,7 @@ cv::Mat decodeAs(const std::vector<std::uint8_t>& bytes, const std::string& name
   File file(bytes);
   cv::Mat image;
   if (file.decode(name, image)) return image;
-  throw IoError(
-      fmt::format("{}: the image is truncated or damaged: {}", name, file.complaint.text.data()));
+  throw fileError(name, "the image is truncated or damaged: {}", file.complaint.text.data());
 }
 
 constexpr std::array<std::string_view, 10> kImageSuffixes = {
@@ -229,116 +226,33 @@ bool isLeftToOpenCv(const std::vector<std::uint8_t>& bytes) {
          begins(bytes, "RIFF");
 }
 
-/// A number of an image's header; bytes behind its end are 0.
-std::uint32_t number(const std::vector<std::uint8_t>& bytes,
-                     std::size_t at,
-                     int count,
-                     bool is_big = false) {
-  std::uint32_t value = 0;
-  for (int k = 0; k < count; ++k) {
-    const std::size_t i = at + static_cast<std::size_t>(is_big ? k : count - 1 - k);
-    value = value << 8U | (i < bytes.size() ? bytes[i] : 0U);
-  }
-  return value;
-}
-
-cv::Size sizeOf(std::uint32_t width, std::uint32_t height) {
-  constexpr std::uint32_t kMost = std::numeric_limits<int>::max();
-  return {static_cast<int>(std::min(width, kMost)), static_cast<int>(std::min(height, kMost))};
-}
-
-/// The entries 256 and 257 of the first directory.
-cv::Size tiffSize(const std::vector<std::uint8_t>& bytes) {
-  const bool big = bytes[0] == 'M';
-  const std::size_t directory = number(bytes, 4, 4, big);
-  const std::uint32_t entries = number(bytes, directory, 2, big);
-  std::array<std::uint32_t, 2> size{};
-  for (std::uint32_t k = 0; k < entries; ++k) {
-    const std::size_t entry = directory + 2 + std::size_t{12} * k;
-    const std::uint32_t tag = number(bytes, entry, 2, big);
-    const int count = number(bytes, entry + 2, 2, big) == 3 ? 2 : 4;  // SHORT or LONG
-    if (tag == 256 || tag == 257) size.at(tag - 256) = number(bytes, entry + 8, count, big);
-  }
-  return sizeOf(size[0], size[1]);
-}
-
-cv::Size webpSize(const std::vector<std::uint8_t>& bytes) {
-  const std::uint32_t bits = number(bytes, 21, 4);
-  switch (bytes.size() > 15 ? bytes[15] : 0) {
-    case 'X':
-      return sizeOf(1 + number(bytes, 24, 3), 1 + number(bytes, 27, 3));
-    case 'L':
-      return sizeOf(1 + (bits & 0x3FFFU), 1 + (bits >> 14U & 0x3FFFU));
-    default:
-      return sizeOf(number(bytes, 26, 2) & 0x3FFFU, number(bytes, 28, 2) & 0x3FFFU);
-  }
-}
-
-/// Size in the header of a BMP, TIFF or WebP: OpenCV takes the memory for it before it looks at the
-/// rest. Zero for others.
-cv::Size headerSize(const std::vector<std::uint8_t>& bytes) {
-  if (begins(bytes, "BM")) {
-    const std::uint32_t height = number(bytes, 22, 4);  // negative: from top to bottom
-    return sizeOf(number(bytes, 18, 4), std::min(height, 0U - height));
-  }
-  if (begins(bytes, "II") || begins(bytes, "MM")) return tiffSize(bytes);
-  return begins(bytes, "RIFF") ? webpSize(bytes) : cv::Size();
-}
-
-/// Whether a binary PGM or PPM holds the pixels that its header announces: OpenCV says on the
-/// terminal where others do not.
-bool isCompletePnm(const std::vector<std::uint8_t>& bytes) {
-  constexpr std::ptrdiff_t kLongestHeader = 4096;  // with its comments
-  const auto size = static_cast<std::ptrdiff_t>(bytes.size());
-  std::istringstream header(
-      std::string(bytes.begin() + 2, bytes.begin() + std::min(size, kLongestHeader)));
-  std::array<std::uint64_t, 3> numbers{};
-  for (std::uint64_t& number : numbers) {
-    while ((header >> std::ws).peek() == '#') header.ignore(kLongestHeader, '\n');
-    header >> number;
-  }
-  const std::uint64_t values = numbers[0] * numbers[1] * (bytes[1] == '6' ? 3 : 1);
-  const auto begin = static_cast<std::uint64_t>(std::max<std::streamoff>(header.tellg(), 0)) + 3;
-  return begin + values * (numbers[2] > 255 ? 2 : 1) <= bytes.size();
-}
-
 }  // namespace
 
 std::vector<std::uint8_t> readFile(const std::filesystem::path& file) {
   std::error_code error;
   const auto size = std::filesystem::file_size(file, error);  // none of what is no regular file
-  if (error) throw IoError(fmt::format("{}: cannot be read: {}", file.string(), error.message()));
-  if (size > kMaxImageBytes) {
-    throw IoError(fmt::format("{}: {} MiB are too many for an image", file.string(), size >> 20U));
-  }
-  std::ifstream stream(file, std::ios::binary);
-  if (!stream) throw IoError(fmt::format("{}: cannot be read", file.string()));
+  if (error) throw fileError(file, "cannot be read: {}", error.message());
+  if (size > kMaxImageBytes) throw fileError(file, "{} MiB are too many for an image", size >> 20U);
   std::vector<std::uint8_t> bytes(size);
-  if (size > 0 &&
-      !stream.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(size))) {
-    throw IoError(fmt::format("{}: cannot be read", file.string()));
-  }
+  std::ifstream stream(file, std::ios::binary);
+  stream.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(size));
+  if (!stream) throw fileError(file, "cannot be read");
   return bytes;
 }
 
 cv::Mat decodeGrey(const std::vector<std::uint8_t>& bytes, const std::string& name) {
-  if (bytes.empty() || ((begins(bytes, "P5") || begins(bytes, "P6")) && !isCompletePnm(bytes))) {
-    throw IoError(fmt::format("{}: the image is truncated", name));
-  }
+  if (bytes.empty()) throw fileError(name, "the image is truncated");
   cv::Mat image;
   if (begins(bytes, kPng)) image = decodeAs<PngFile>(bytes, name);
   if (begins(bytes, kJpeg)) image = decodeAs<JpegFile>(bytes, name);
-  const bool left = isLeftToOpenCv(bytes);
-  if (left) checkSize(headerSize(bytes), name);
-  if (image.channels() == 4 || left) image = decodeByOpenCv(bytes);
+  if (image.channels() == 4 || isLeftToOpenCv(bytes)) image = decodeByOpenCv(bytes);
   if (image.empty()) {
-    throw IoError(fmt::format(
-        "{}: the image cannot be decoded; expected a whole PNG, JPEG, PNM, BMP, TIFF or WebP",
-        name));
+    throw fileError(
+        name, "the image cannot be decoded; expected a whole PNG, JPEG, PNM, BMP, TIFF or WebP");
   }
   checkSize(image.size(), name);
   if (image.type() != CV_8UC1 && image.type() != CV_16UC1) {
-    throw IoError(fmt::format("{}: neither 8 nor 16 bits a channel", name));
+    throw fileError(name, "neither 8 nor 16 bits a channel");
   }
   return image;
 }

@@ -21,7 +21,7 @@ std::vector<std::uint8_t> readFile(const std::filesystem::path& file);
 /// Decodes PNG, JPEG, PNM, BMP, TIFF and WebP to one grey channel of 8 or 16 bits, as stored.
 /// @param name of the file, for messages
 /// @throws IoError where the bytes are no image, are truncated, have another depth, or
-///         more than kMaxPixels, which is told before they are decoded, but for a PNM
+///         more than kMaxPixels, which of a PNG or JPEG is told before they are decoded
 cv::Mat decodeGrey(const std::vector<std::uint8_t>& bytes, const std::string& name);
 
 /// Suffix of a file in lower case, with its dot.

@@ -5,7 +5,6 @@
 #include "io/input/image_source.h"
 #include "io/text_file.h"
 
-#include <fmt/format.h>
 #include <zip.h>
 
 #include <algorithm>
@@ -143,20 +142,20 @@ std::vector<std::uint8_t> readEntry(zip_t* archive,
                                     const ArchiveEntry& entry,
                                     const std::string& name) {
   if (entry.bytes > kMaxImageBytes) {
-    throw IoError(fmt::format("{}: {} MiB are too many for an image", name, entry.bytes >> 20U));
+    throw fileError(name, "{} MiB are too many for an image", entry.bytes >> 20U);
   }
   const std::unique_ptr<zip_file_t, CloseEntry> file(zip_fopen_index(archive, entry.position, 0));
   std::vector<std::uint8_t> bytes(entry.bytes);
   if (file && zip_fread(file.get(), bytes.data(), bytes.size()) == std::int64_t(bytes.size())) {
     return bytes;
   }
-  throw IoError(fmt::format("{}: cannot be read from the archive", name));
+  throw fileError(name, "cannot be read from the archive");
 }
 
 std::unique_ptr<ImageStore> openArchive(const fs::path& path) {
   int code = 0;
   const std::shared_ptr<zip_t> archive(zip_open(path.c_str(), ZIP_RDONLY, &code), CloseArchive());
-  if (!archive) throw IoError(fmt::format("{}: no readable zip archive", path.string()));
+  if (!archive) throw fileError(path, "no readable zip archive");
   std::map<std::string, ArchiveEntry> entries;
   std::vector<std::string> names;
   std::vector<std::string> unread;
@@ -165,7 +164,7 @@ std::unique_ptr<ImageStore> openArchive(const fs::path& path) {
     zip_stat_t entry;
     const auto position = static_cast<zip_uint64_t>(i);
     if (zip_stat_index(archive.get(), position, 0, &entry) != 0) {
-      throw IoError(fmt::format("{}: entry {} cannot be read", path.string(), i));
+      throw fileError(path, "entry {} cannot be read", i);
     }
     const std::string name = (path / entry.name).string();
     if (isImage(name)) {
@@ -182,9 +181,7 @@ std::unique_ptr<ImageStore> openArchive(const fs::path& path) {
 fs::directory_iterator contents(const fs::path& folder) {
   std::error_code error;
   fs::directory_iterator entries(folder, error);
-  if (error) {
-    throw IoError(fmt::format("{}: cannot be opened: {}", folder.string(), error.message()));
-  }
+  if (error) throw fileError(folder, "cannot be opened: {}", error.message());
   return entries;
 }
 
@@ -214,7 +211,7 @@ std::unique_ptr<ImageStore> openImageList(const std::vector<fs::path>& files) {
 std::unique_ptr<ImageStore> openImageStore(const fs::path& path,
                                            const std::vector<fs::path>& others) {
   auto images = fs::is_directory(path) ? openFolder(path, others) : openArchive(path);
-  if (images->size() == 0) throw IoError(fmt::format("{}: holds no images", path.string()));
+  if (images->size() == 0) throw fileError(path, "holds no images");
   return images;
 }
 
