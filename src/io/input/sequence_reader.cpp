@@ -122,11 +122,8 @@ Playlist selectImages(const SequenceOptions& options, const std::vector<double>&
   const int size = static_cast<int>(timestamps.size());
   check(options);
   if (options.start < 0 || options.start >= size) {
-    throw ConfigError(
-        fmt::format("start: {} lies outside the sequence of {} images; expected 0 to {}",
-                    options.start,
-                    size,
-                    size - 1));
+    throw ConfigError(fmt::format(
+        "start: {} lies outside the sequence; expected 0 to {}", options.start, size - 1));
   }
   int end = options.end < 0 ? size : std::min(options.end, size);
   if (end <= options.start) {
@@ -257,9 +254,7 @@ Geometry readGeometry(const SequenceOptions& options,
                               "given; expected one of them"
                             : "--camera " + options.camera + ": there is no calibration with it");
     }
-    if (size.empty()) {
-      throw IoError(fmt::format("{}: the first image cannot be read", options.path));
-    }
+    if (size.empty()) throw fileError(options.path, "the first image cannot be read");
     Lens lens = stated ? lensOfFieldOfView(options.horizontal_view, size.width, size.height)
                        : unknownLens(size.width, size.height);
     lens.fy *= first.pixel_aspect;
@@ -335,10 +330,10 @@ PhotometricCalibration readPhotometry(const std::string& response,
   photometric.response = readResponse(response);
   readVignette(vignette, photometric);
   if (photometric.vignette_width != lens.width || photometric.vignette_height != lens.height) {
-    throw IoError(fmt::format("{}: {}; expected the size of the images, {}",
-                              vignette,
-                              pixelText(photometric.vignette_width, photometric.vignette_height),
-                              pixelText(lens.width, lens.height)));
+    throw fileError(vignette,
+                    "{}; expected the size of the images, {}",
+                    pixelText(photometric.vignette_width, photometric.vignette_height),
+                    pixelText(lens.width, lens.height));
   }
   return photometric;
 }
@@ -350,15 +345,14 @@ cv::Mat readBeside(
     const fs::path& file, int depth, cv::Size size, const char* what, const char* of) {
   cv::Mat image = decodeGrey(readFile(file), file.string());
   if (image.depth() != depth) {
-    throw IoError(
-        fmt::format("{}: {} of {} bits is expected", file.string(), what, depth == CV_8U ? 8 : 16));
+    throw fileError(file, "{} of {} bits is expected", what, depth == CV_8U ? 8 : 16);
   }
   if (image.size() == size) return image;
-  throw IoError(fmt::format("{}: {}; expected the size of the {}, {}",
-                            file.string(),
-                            pixelText(image.cols, image.rows),
-                            of,
-                            pixelText(size.width, size.height)));
+  throw fileError(file,
+                  "{}; expected the size of the {}, {}",
+                  pixelText(image.cols, image.rows),
+                  of,
+                  pixelText(size.width, size.height));
 }
 
 /// The mask of one image alone: under the image's name, or with .png after or instead of its
@@ -371,11 +365,11 @@ cv::Mat maskOf(const std::string& image, const fs::path& folder, cv::Size size) 
     if (!fs::is_regular_file(folder / candidate)) continue;
     return readBeside(folder / candidate, CV_8U, size, "a mask", "images");
   }
-  throw IoError(fmt::format("{}: no mask for {}; expected one for each image, here {} or {}",
-                            folder.string(),
-                            image,
-                            name.string(),
-                            png.string()));
+  throw fileError(folder,
+                  "no mask for {}; expected one for each image, here {} or {}",
+                  image,
+                  name.string(),
+                  png.string());
 }
 
 /// Priors of an image from its depth image, the file of its name with the suffix .png: 16 bits,
@@ -389,9 +383,7 @@ std::shared_ptr<FramePriors> depthOf(const std::string& image,
                                      cv::Size size) {
   constexpr float kMetres = 1e-3F;  // of a value
   const fs::path file = folder / fs::path(image).filename().replace_extension(".png");
-  if (!fs::is_regular_file(file)) {
-    throw IoError(fmt::format("{}: no depth image for {}", file.string(), image));
-  }
+  if (!fs::is_regular_file(file)) throw fileError(file, "no depth image for {}", image);
   cv::Mat metres;
   readBeside(file, CV_16U, size, "a depth image", "rectified images")
       .convertTo(metres, CV_32F, kMetres);
@@ -457,22 +449,234 @@ class SequenceReader::Impl {
     }
     return selectVideo(options, *dataset.images);
   }
-  void calibrate(const SequenceOptions& options);
-  void rectify(const SequenceOptions& options, const SourceImage& image);
-  void readMasks(const std::string& given);
   [[nodiscard]] cv::Size inputSize() const {
     return {rectifier->inputWidth(), rectifier->inputHeight()};
   }
-  [[nodiscard]] SourceImage firstImage(bool needed);
-  [[nodiscard]] std::optional<SourceImage> read(int index);
-  [[nodiscard]] std::optional<SourceImage> readSized(int index);
-  [[nodiscard]] std::optional<SequenceFrame> prepare(int index);
-  [[nodiscard]] std::shared_ptr<const FramePriors> priorsOf(const SequenceFrame& frame,
-                                                            const FrameInfo& info);
-  void demosaic(cv::Mat& image, std::vector<std::string>& warnings);
-  void chooseBits(const cv::Mat& image, std::vector<std::string>& warnings);
-  void leaveOutBars(const cv::Mat& image, std::vector<std::string>& warnings);
-  [[nodiscard]] std::uint16_t largestValue(const cv::Mat& image);
+  /// Reads the calibration files that options name or that lie beside the images, and fits them to
+  /// the first image's size. Where they do not say how the sensor is read, it is by its rows, which
+  /// are columns of an image that was turned.
+  /// @throws IoError naming the file at fault
+  /// @throws ConfigError where options contradict each other or the data set
+  void rectify(const SequenceOptions& options, const SourceImage& image) {
+    std::vector<std::string>& warnings = dataset.warnings;
+    Geometry geometry = readGeometry(options, layout, image);
+    if (options.horizontal_view > 0 && isUpright(image.pixels.cols, image.pixels.rows)) {
+      warnings.emplace_back(
+          "the images are upright: --hfov is what they show from left to right, along "
+          "their short side");
+    }
+    const std::string response = orDefault(options.response_file, layout.response);
+    const std::string vignette = orDefault(options.vignette_file, layout.vignette);
+    brightness = brightnessModel(options, response, vignette, warnings);
+    const int turn = turnOf(options, image, geometry.calibration.lens);
+    cv::Size size = image.pixels.size();
+    if (turn % 180 != 0) std::swap(size.width, size.height);
+    try {
+      fitSize(size, geometry, warnings);
+      if (brightness == BrightnessModel::kCalibrated) {
+        geometry.calibration.photometric =
+            readPhotometry(response, vignette, geometry.calibration.lens);
+      }
+      fitOutput(options, image.turn, turn, geometry, warnings);
+      lens = geometry.calibration.lens;
+      const int width = outputWidth(options, lens);
+      if (width > 0 && width != options.width) {
+        warnings.push_back(
+            fmt::format("images of {} are made smaller, to a width of {}; --width 0 keeps them",
+                        pixelText(lens.width, lens.height),
+                        width));
+      }
+      rectifier.emplace(geometry.calibration);
+      for (const std::string& doubt : rectifier->warnings()) {
+        warnings.push_back(fmt::format("{}: {}", geometry.source, doubt));
+      }
+    } catch (const std::invalid_argument& error) {
+      throw fileError(geometry.source, "{}", error.what());
+    } catch (const std::bad_alloc&) {
+      throw fileError(geometry.source, "no memory for images of this size");
+    }
+  }
+
+  void calibrate(const SequenceOptions& options) {
+    rectify(options, firstImage(!options.lens && isGuess(options, layout)));
+    // To an unknown response a ratio of exposures is a guess, which free brightness may correct.
+    if (brightness == BrightnessModel::kPerfect) dataset.exposures.clear();
+    bits = options.bits;
+    if (bits != 0) rectifier->setBits(bits);
+    readMasks(options.mask);
+    if (options.depth_sigma > 0) {
+      depths = fs::path(options.path) / "depth";
+      depth_sigma = options.depth_sigma;
+      if (!fs::is_directory(depths)) throw fileError(depths, "no such folder of depth images");
+    }
+    if (!options.gyroscope_file.empty()) {
+      gyroscope.emplace(options.gyroscope_file, options.R_cam_gyro);
+    }
+  }
+
+  void readMasks(const std::string& given) {
+    masks = fs::is_directory(given) ? fs::path(given) : layout.masks;
+    if (!given.empty() && masks != given) {
+      if (!fs::exists(given)) throw IoError(given + ": no such mask or folder of masks");
+      mask = readBeside(given, CV_8U, inputSize(), "a mask", "images");
+    }
+    try {
+      rectifier->setMask(viewOf(mask));
+    } catch (const std::invalid_argument& error) {
+      throw fileError(given, "{}", error.what());
+    }
+  }
+
+  /// Empty where the first image cannot be read, which it says in its turn; where the size is
+  /// needed, and of a stream, it is said at once.
+  SourceImage firstImage(bool needed) {
+    try {
+      first = read(playlist.index(0));
+      return first.value_or(SourceImage());
+    } catch (const IoError&) {
+      if (isStream() || needed) throw;
+      return {};
+    }
+  }
+
+  std::optional<SourceImage> read(int index) {
+    if (first && index == playlist.index(0)) return std::exchange(first, std::nullopt);
+    try {
+      return dataset.images->image(index);
+    } catch (const std::bad_alloc&) {
+      throw fileError(dataset.images->name(index), "no memory for this image");
+    }
+  }
+
+  /// Over an image and some others of the sequence. Those that cannot be read complain in their
+  /// turn.
+  std::uint16_t largestValue(const cv::Mat& image) {
+    double largest = 0;
+    cv::minMaxLoc(image, nullptr, &largest);
+    for (std::size_t i = 1; i <= kDepthSamples; ++i) {
+      try {
+        double value = 0;
+        const auto other = read(playlist.index((playlist.expected - 1) * i / kDepthSamples));
+        if (!other || other->pixels.depth() != CV_16U) continue;
+        cv::minMaxLoc(other->pixels, nullptr, &value);
+        largest = std::max(largest, value);
+      } catch (const IoError&) {
+        continue;
+      }
+    }
+    return static_cast<std::uint16_t>(largest);
+  }
+
+  /// Chooses the bits with the first 16-bit image; later ones must keep to them.
+  void chooseBits(const cv::Mat& image, std::vector<std::string>& warnings) {
+    if (bits == 0) {
+      const BitDepth depth = recogniseBitDepth(largestValue(image));
+      bits = depth.bits;
+      rectifier->setBits(bits);
+      if (!depth.warning.empty()) warnings.push_back(depth.warning);
+    }
+    double largest = 0;
+    if (bits < 16 && !exceeded) cv::minMaxLoc(image, nullptr, &largest);
+    if (largest < std::exp2(bits)) return;
+    exceeded = true;
+    warnings.push_back(
+        fmt::format("a value of {} does not fit into {} bits and counts as the largest "
+                    "that does; say with --bits how many the images have",
+                    largest,
+                    bits));
+  }
+
+  void leaveOutBars(const cv::Mat& image, std::vector<std::string>& warnings) {
+    const bool had_bars = bars.bars().any();
+    if (!bars.look(image)) return;
+    rectifier->setMask(viewOf(withoutBars(bars.bars(), image.size(), mask)));
+    if (!had_bars) warnings.push_back(describe(bars.bars()));
+  }
+
+  /// The first image that is light enough decides for all.
+  void demosaic(cv::Mat& image, std::vector<std::string>& warnings) {
+    if (image.channels() != 1) return;
+    if (!mosaic) {
+      mosaic = isMosaic(image);
+      if (mosaic.value_or(false)) {
+        warnings.emplace_back(
+            "the images are mosaics of colours (Bayer): the mean over its neighbours, with the "
+            "weights 1 2 1, replaces each pixel");
+      }
+    }
+    if (mosaic.value_or(false)) image = greyOfMosaic(image);
+  }
+
+  std::optional<SourceImage> readSized(int index) {
+    std::optional<SourceImage> image = read(index);
+    if (!image || image->pixels.size() == inputSize()) return image;
+    throw fileError(dataset.images->name(image->index),
+                    "{}; expected {} as calibrated",
+                    pixelText(image->pixels.cols, image->pixels.rows),
+                    pixelText(rectifier->inputWidth(), rectifier->inputHeight()));
+  }
+
+  /// Depth and rotation that are known beside the image.
+  std::shared_ptr<const FramePriors> priorsOf(const SequenceFrame& frame, const FrameInfo& info) {
+    std::shared_ptr<FramePriors> priors;
+    if (!depths.empty()) {
+      const PinholeCamera& camera = rectifier->camera();
+      priors = depthOf(frame.image_file, depths, depth_sigma, {camera.width, camera.height});
+    }
+    const auto last = std::exchange(before, std::make_pair(info.id, info.timestamp));
+    if (!gyroscope || !last) return priors;
+    const auto turn = gyroscope->between(last->first, last->second, info.timestamp);
+    if (!turn) return priors;
+    if (!priors) priors = std::make_shared<FramePriors>();
+    priors->pose = turn;
+    return priors;
+  }
+
+  std::optional<SequenceFrame> prepare(int index) {
+    SequenceFrame result;
+    auto start = std::chrono::steady_clock::now();
+    std::optional<SourceImage> image;
+    try {
+      image = readSized(index);
+    } catch (const IoError& error) {
+      if (isStream()) throw;
+      if (!skip_unreadable)
+        throw IoError(fmt::format("{}; --skip-unreadable passes over such images", error.what()));
+      result.image_file = dataset.images->name(index);
+      result.warnings.push_back(fmt::format("{}; passed over", error.what()));
+      return result;
+    }
+    if (!image || playlist.isAfterEnd(image->timestamp)) return std::nullopt;
+    result.index = image->index;
+    result.image_file = dataset.images->name(image->index);
+    result.late = image->late;
+    if (!image->warning.empty()) result.warnings.push_back(image->warning);
+    demosaic(image->pixels, result.warnings);
+    if (!combed && (combed = isInterlaced(image->pixels))) {
+      result.warnings.push_back(fmt::format(
+          "{}: interlaced, though nothing says so: every second row is of another moment; "
+          "ffmpeg -i FILE -vf yadif NEW takes them apart",
+          result.image_file));
+    }
+    leaveOutBars(image->pixels, result.warnings);
+    const cv::Mat own = masks.empty() ? cv::Mat() : maskOf(result.image_file, masks, inputSize());
+    if (image->pixels.depth() == CV_16U) chooseBits(image->pixels, result.warnings);
+    const ImageView rectified = rectifier->rectify(rawImage(image->pixels), viewOf(own));
+    FrameInfo info;
+    const auto entry = static_cast<std::size_t>(image->index);
+    info.id = FrameId{image->index};
+    info.timestamp = image->timestamp ? *image->timestamp : dataset.timestamps[entry];
+    if (!dataset.exposures.empty()) info.exposure = dataset.exposures[entry];
+    info.response_slope = rectifier->responseSlope();
+    info.row_times = rectifier->rowTimes();
+    info.priors = priorsOf(result, info);
+    result.read_milliseconds = millisecondsSince(start);
+
+    start = std::chrono::steady_clock::now();
+    result.frame = Frame::create(rectified, info);
+    result.pyramid_milliseconds = millisecondsSince(start);
+    return result;
+  }
 
   DatasetLayout layout;
   Dataset dataset;
@@ -496,234 +700,6 @@ class SequenceReader::Impl {
   bool exceeded = false;              // by the values of one
   std::unique_ptr<FrameQueue> queue;  // last: its thread stops first
 };
-
-/// Reads the calibration files that options name or that lie beside the images, and fits them to
-/// the first image's size. Where they do not say how the sensor is read, it is by its rows, which
-/// are columns of an image that was turned.
-/// @throws IoError naming the file at fault
-/// @throws ConfigError where options contradict each other or the data set
-void SequenceReader::Impl::rectify(const SequenceOptions& options, const SourceImage& image) {
-  std::vector<std::string>& warnings = dataset.warnings;
-  Geometry geometry = readGeometry(options, layout, image);
-  if (options.horizontal_view > 0 && isUpright(image.pixels.cols, image.pixels.rows)) {
-    warnings.emplace_back(
-        "the images are upright: --hfov is what they show from left to right, along "
-        "their short side");
-  }
-  const std::string response = orDefault(options.response_file, layout.response);
-  const std::string vignette = orDefault(options.vignette_file, layout.vignette);
-  brightness = brightnessModel(options, response, vignette, warnings);
-  const int turn = turnOf(options, image, geometry.calibration.lens);
-  cv::Size size = image.pixels.size();
-  if (turn % 180 != 0) std::swap(size.width, size.height);
-  try {
-    fitSize(size, geometry, warnings);
-    if (brightness == BrightnessModel::kCalibrated) {
-      geometry.calibration.photometric =
-          readPhotometry(response, vignette, geometry.calibration.lens);
-    }
-    fitOutput(options, image.turn, turn, geometry, warnings);
-    lens = geometry.calibration.lens;
-    const int width = outputWidth(options, lens);
-    if (width > 0 && width != options.width) {
-      warnings.push_back(
-          fmt::format("images of {} are made smaller, to a width of {}; --width 0 keeps them",
-                      pixelText(lens.width, lens.height),
-                      width));
-    }
-    rectifier.emplace(geometry.calibration);
-    for (const std::string& doubt : rectifier->warnings()) {
-      warnings.push_back(fmt::format("{}: {}", geometry.source, doubt));
-    }
-  } catch (const std::invalid_argument& error) {
-    throw IoError(fmt::format("{}: {}", geometry.source, error.what()));
-  } catch (const std::bad_alloc&) {
-    throw IoError(fmt::format("{}: no memory for images of this size", geometry.source));
-  }
-}
-
-void SequenceReader::Impl::calibrate(const SequenceOptions& options) {
-  rectify(options, firstImage(!options.lens && isGuess(options, layout)));
-  // To an unknown response a ratio of exposures is a guess, which free brightness may correct.
-  if (brightness == BrightnessModel::kPerfect) dataset.exposures.clear();
-  bits = options.bits;
-  if (bits != 0) rectifier->setBits(bits);
-  readMasks(options.mask);
-  if (options.depth_sigma > 0) {
-    depths = fs::path(options.path) / "depth";
-    depth_sigma = options.depth_sigma;
-    if (!fs::is_directory(depths)) {
-      throw IoError(fmt::format("{}: no such folder of depth images", depths.string()));
-    }
-  }
-  if (!options.gyroscope_file.empty()) {
-    gyroscope.emplace(options.gyroscope_file, options.R_cam_gyro);
-  }
-}
-
-void SequenceReader::Impl::readMasks(const std::string& given) {
-  masks = fs::is_directory(given) ? fs::path(given) : layout.masks;
-  if (!given.empty() && masks != given) {
-    if (!fs::exists(given)) throw IoError(given + ": no such mask or folder of masks");
-    mask = readBeside(given, CV_8U, inputSize(), "a mask", "images");
-  }
-  try {
-    rectifier->setMask(viewOf(mask));
-  } catch (const std::invalid_argument& error) {
-    throw IoError(fmt::format("{}: {}", given, error.what()));
-  }
-}
-
-/// Empty where the first image cannot be read, which it says in its turn; where the size is needed,
-/// and of a stream, it is said at once.
-SourceImage SequenceReader::Impl::firstImage(bool needed) {
-  try {
-    first = read(playlist.index(0));
-    return first.value_or(SourceImage());
-  } catch (const IoError&) {
-    if (isStream() || needed) throw;
-    return {};
-  }
-}
-
-std::optional<SourceImage> SequenceReader::Impl::read(int index) {
-  if (first && index == playlist.index(0)) return std::exchange(first, std::nullopt);
-  try {
-    return dataset.images->image(index);
-  } catch (const std::bad_alloc&) {
-    throw IoError(fmt::format("{}: no memory for this image", dataset.images->name(index)));
-  }
-}
-
-/// Over an image and some others of the sequence. Those that cannot be read complain in their turn.
-std::uint16_t SequenceReader::Impl::largestValue(const cv::Mat& image) {
-  double largest = 0;
-  cv::minMaxLoc(image, nullptr, &largest);
-  for (std::size_t i = 1; i <= kDepthSamples; ++i) {
-    try {
-      double value = 0;
-      const auto other = read(playlist.index((playlist.expected - 1) * i / kDepthSamples));
-      if (!other || other->pixels.depth() != CV_16U) continue;
-      cv::minMaxLoc(other->pixels, nullptr, &value);
-      largest = std::max(largest, value);
-    } catch (const IoError&) {
-      continue;
-    }
-  }
-  return static_cast<std::uint16_t>(largest);
-}
-
-/// Chooses the bits with the first 16-bit image; later ones must keep to them.
-void SequenceReader::Impl::chooseBits(const cv::Mat& image, std::vector<std::string>& warnings) {
-  if (bits == 0) {
-    const BitDepth depth = recogniseBitDepth(largestValue(image));
-    bits = depth.bits;
-    rectifier->setBits(bits);
-    if (!depth.warning.empty()) warnings.push_back(depth.warning);
-  }
-  double largest = 0;
-  if (bits < 16 && !exceeded) cv::minMaxLoc(image, nullptr, &largest);
-  if (largest < std::exp2(bits)) return;
-  exceeded = true;
-  warnings.push_back(
-      fmt::format("a value of {} does not fit into {} bits and counts as the largest "
-                  "that does; say with --bits how many the images have",
-                  largest,
-                  bits));
-}
-
-void SequenceReader::Impl::leaveOutBars(const cv::Mat& image, std::vector<std::string>& warnings) {
-  const bool had_bars = bars.bars().any();
-  if (!bars.look(image)) return;
-  rectifier->setMask(viewOf(withoutBars(bars.bars(), image.size(), mask)));
-  if (!had_bars) warnings.push_back(describe(bars.bars()));
-}
-
-/// The first image that is light enough decides for all.
-void SequenceReader::Impl::demosaic(cv::Mat& image, std::vector<std::string>& warnings) {
-  if (image.channels() != 1) return;
-  if (!mosaic) {
-    mosaic = isMosaic(image);
-    if (mosaic.value_or(false)) {
-      warnings.emplace_back(
-          "the images are mosaics of colours (Bayer): the mean over its neighbours, with the "
-          "weights 1 2 1, replaces each pixel");
-    }
-  }
-  if (mosaic.value_or(false)) image = greyOfMosaic(image);
-}
-
-std::optional<SourceImage> SequenceReader::Impl::readSized(int index) {
-  std::optional<SourceImage> image = read(index);
-  if (!image || image->pixels.size() == inputSize()) return image;
-  throw IoError(fmt::format("{}: {}; expected {} as calibrated",
-                            dataset.images->name(image->index),
-                            pixelText(image->pixels.cols, image->pixels.rows),
-                            pixelText(rectifier->inputWidth(), rectifier->inputHeight())));
-}
-
-/// Depth and rotation that are known beside the image.
-std::shared_ptr<const FramePriors> SequenceReader::Impl::priorsOf(const SequenceFrame& frame,
-                                                                  const FrameInfo& info) {
-  std::shared_ptr<FramePriors> priors;
-  if (!depths.empty()) {
-    const PinholeCamera& camera = rectifier->camera();
-    priors = depthOf(frame.image_file, depths, depth_sigma, {camera.width, camera.height});
-  }
-  const auto last = std::exchange(before, std::make_pair(info.id, info.timestamp));
-  if (!gyroscope || !last) return priors;
-  const auto turn = gyroscope->between(last->first, last->second, info.timestamp);
-  if (!turn) return priors;
-  if (!priors) priors = std::make_shared<FramePriors>();
-  priors->pose = turn;
-  return priors;
-}
-
-std::optional<SequenceFrame> SequenceReader::Impl::prepare(int index) {
-  SequenceFrame result;
-  auto start = std::chrono::steady_clock::now();
-  std::optional<SourceImage> image;
-  try {
-    image = readSized(index);
-  } catch (const IoError& error) {
-    if (isStream()) throw;
-    if (!skip_unreadable)
-      throw IoError(fmt::format("{}; --skip-unreadable passes over such images", error.what()));
-    result.image_file = dataset.images->name(index);
-    result.warnings.push_back(fmt::format("{}; passed over", error.what()));
-    return result;
-  }
-  if (!image || playlist.isAfterEnd(image->timestamp)) return std::nullopt;
-  result.index = image->index;
-  result.image_file = dataset.images->name(image->index);
-  result.late = image->late;
-  if (!image->warning.empty()) result.warnings.push_back(image->warning);
-  demosaic(image->pixels, result.warnings);
-  if (!combed && (combed = isInterlaced(image->pixels))) {
-    result.warnings.push_back(fmt::format(
-        "{}: interlaced, though nothing says so: every second row is of another moment; "
-        "ffmpeg -i FILE -vf yadif NEW takes them apart",
-        result.image_file));
-  }
-  leaveOutBars(image->pixels, result.warnings);
-  const cv::Mat own = masks.empty() ? cv::Mat() : maskOf(result.image_file, masks, inputSize());
-  if (image->pixels.depth() == CV_16U) chooseBits(image->pixels, result.warnings);
-  const ImageView rectified = rectifier->rectify(rawImage(image->pixels), viewOf(own));
-  FrameInfo info;
-  const auto entry = static_cast<std::size_t>(image->index);
-  info.id = FrameId{image->index};
-  info.timestamp = image->timestamp ? *image->timestamp : dataset.timestamps[entry];
-  if (!dataset.exposures.empty()) info.exposure = dataset.exposures[entry];
-  info.response_slope = rectifier->responseSlope();
-  info.row_times = rectifier->rowTimes();
-  info.priors = priorsOf(result, info);
-  result.read_milliseconds = millisecondsSince(start);
-
-  start = std::chrono::steady_clock::now();
-  result.frame = Frame::create(rectified, info);
-  result.pyramid_milliseconds = millisecondsSince(start);
-  return result;
-}
 
 SequenceReader::SequenceReader(const SequenceOptions& options)
     : impl_(std::make_unique<Impl>(options)) {}
@@ -792,11 +768,11 @@ constexpr double kMaxLevel = 255;  // [grey levels]
 std::vector<float> readResponse(const fs::path& file) {
   const std::vector<TextLine> lines = readLines(file, kMaxCalibrationBytes);
   const std::string what = "at least 256 increasing numbers on one line";
-  if (lines.empty()) throw lineError(file, 0, "is empty; expected " + what);
+  if (lines.empty()) throw fileError(file, "is empty; expected {}", what);
   const TextLine& line = lines.front();
   const std::vector<double> raw = line.numbers(splitWords(line.text), what);
   if (raw.size() < kMinResponseEntries) {
-    throw line.error(fmt::format("{} numbers; expected {}", raw.size(), what));
+    throw line.error("{} numbers; expected {}", raw.size(), what);
   }
   std::vector<float> response;
   response.reserve(raw.size());
@@ -804,8 +780,8 @@ std::vector<float> readResponse(const fs::path& file) {
   for (std::size_t i = 0; i < raw.size(); ++i) {
     response.push_back(static_cast<float>(kMaxLevel * (raw[i] - raw.front()) / range));
     if (i > 0 && !(response[i] > response[i - 1] && raw[i] > raw[i - 1])) {
-      throw line.error(fmt::format(
-          "number {} ({}) is not above the one before; expected {}", i + 1, raw[i], what));
+      throw line.error(
+          "number {} ({}) is not above the one before; expected {}", i + 1, raw[i], what);
     }
   }
   return response;
@@ -815,7 +791,7 @@ void readVignette(const std::filesystem::path& file, PhotometricCalibration& cal
   const cv::Mat image = decodeGrey(readFile(file), file.string());
   double maximum = 0;
   cv::minMaxLoc(image, nullptr, &maximum);
-  if (maximum <= 0) throw lineError(file, 0, "the vignette is black everywhere");
+  if (maximum <= 0) throw fileError(file, "the vignette is black everywhere");
   cv::Mat attenuation;
   image.convertTo(attenuation, CV_32F, 1 / maximum);
   calibration.vignette_width = image.cols;

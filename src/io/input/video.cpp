@@ -3,6 +3,7 @@
 
 #include "io/input/codecs.h"
 #include "io/input/image_source.h"
+#include "io/text_file.h"
 
 #include <fmt/format.h>
 
@@ -31,7 +32,7 @@ class VideoFile : public ImageSource {
   explicit VideoFile(const std::filesystem::path& file)
       : file_(file.string()), capture_(openCapture(file_)) {
     if (!capture_->grab()) {
-      throw IoError(fmt::format("{}: holds no image that can be decoded", file_));
+      throw fileError(file_, "holds no image that can be decoded");
     }
     begin_ = capture_->time();
     takeDoubts();
@@ -52,7 +53,7 @@ class VideoFile : public ImageSource {
     image.index = index_;
     image.timestamp = capture_->time();
     if (!capture_->retrieve(image.pixels)) {
-      throw IoError(fmt::format("{}: cannot be decoded", name(index_)));
+      throw fileError(name(index_), "cannot be decoded");
     }
     image.warning = warning_;
     told_ = true;
@@ -103,13 +104,12 @@ class VideoFile : public ImageSource {
     const int count = index_ + 1;
     const double expected = count / (1 - std::min(missing, 0.999));
     if (missing < kMissingShare || expected < count + kFewImages) return;
-    throw IoError(
-        fmt::format("{}: ends after {} of about {:.0f} images, {:.0f} % before the end that "
-                    "it announces; is the file complete?",
-                    file_,
+    throw fileError(file_,
+                    "ends after {} of about {:.0f} images, {:.0f} % before the end that it "
+                    "announces; is the file complete?",
                     count,
                     expected,
-                    100 * missing));
+                    100 * missing);
   }
 
   std::string file_;
@@ -173,7 +173,7 @@ class Taker {
     const bool answered =
         changed_.wait_for(lock, kOpeningPatience + kMargin, [this] { return opened_ || ended_; });
     if (failure_) std::rethrow_exception(failure_);
-    if (!answered) throw IoError(fmt::format("{}: cannot be opened within ten seconds", address_));
+    if (!answered) throw fileError(address_, "cannot be opened within ten seconds");
   }
 
   /// Waits for an image that was not given yet.
@@ -190,9 +190,9 @@ class Taker {
     if (failure_) std::rethrow_exception(failure_);
     if (came && is_file_) return std::nullopt;
     if (Clock::now() - last_sign_ >= kPatience) {
-      throw IoError(fmt::format("{}: no image for five seconds", address_));
+      throw fileError(address_, "no image for five seconds");
     }
-    throw IoError(fmt::format("{}: the camera went away after {} images", address_, count_));
+    throw fileError(address_, "the camera went away after {} images", count_);
   }
 
   /// @return whether run() is at its end; where it is not, it ends after the read that it is in
@@ -225,7 +225,7 @@ class Taker {
       image.timestamp = is_file_ ? capture->time() : since_1970 + elapsed.count();
       if (!capture->retrieve(image.pixels)) {
         if (!is_file_) return;
-        throw IoError(fmt::format("{}, image {}: cannot be decoded", address_, count_));
+        throw fileError(address_, "image {} cannot be decoded", count_);
       }
       image.turn = capture->turn();
       image.pixels = image.pixels.clone();  // the capture writes over its own
