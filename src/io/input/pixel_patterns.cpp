@@ -65,25 +65,21 @@ constexpr int kAlikePixels = 4;   // [px]
 constexpr double kPicture = 0.3;  // least share of the image that is picture; less: a dark image
 constexpr int kBarMargin = 8;     // [px] a block of JPEG or H.264
 
-/// Whether a line of the image looks as a bar does.
-/// @param low,high of the lines before it, widened by this one
-bool isBlack(const cv::Mat& line, double& low, double& high) {
-  double least = 0;
-  double most = 0;
-  cv::minMaxLoc(line.reshape(1), &least, &most);
-  low = std::min(low, least);
-  high = std::max(high, most);
-  return high <= kBlack && high - low <= kEven;
-}
-
-/// Black lines from one side on. @param line gives the i-th one from there
+/// Black lines from one side on: least and greatest of all of them as a bar's.
+/// @param line gives the i-th one from there
 template <typename Line>
 int blackLines(int count, const Line& line) {
   double low = kBlack;
   double high = 0;
-  int i = 0;
-  while (i < count && isBlack(line(i), low, high)) ++i;
-  return i;
+  for (int i = 0; i < count; ++i) {
+    double least = 0;
+    double most = 0;
+    cv::minMaxLoc(cv::Mat(line(i)).reshape(1), &least, &most);
+    low = std::min(low, least);
+    high = std::max(high, most);
+    if (high > kBlack || high - low > kEven) return i;
+  }
+  return count;
 }
 
 /// Both, or none where they are not alike.

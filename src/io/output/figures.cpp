@@ -3,6 +3,7 @@
 
 #include "dsorb/error.h"
 
+#include "base/median.h"
 #include "io/output/output_file.h"
 
 #include <fmt/format.h>
@@ -36,13 +37,6 @@ void drawText(cv::Mat& canvas, const std::string& text, const cv::Point& at, dou
   cv::putText(canvas, text, at, cv::FONT_HERSHEY_SIMPLEX, scale, kInk, 1, cv::LINE_AA);
 }
 
-float quantile(std::vector<float> values, double share) {
-  if (values.empty()) return 0;
-  const auto rank = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), values.begin() + rank, values.end());
-  return values[static_cast<std::size_t>(rank)];
-}
-
 /// 256 colours from far (blue) to near (red), without the dark ends of the map.
 cv::Mat inverseDepthColours() {
   cv::Mat ramp(1, 256, CV_8UC1);
@@ -56,21 +50,19 @@ cv::Mat inverseDepthColours() {
 }
 
 void drawColourBar(cv::Mat& canvas, const cv::Mat& colours, float low, float high) {
-  const int left = canvas.cols - kBarWidth + 10;
   const int top = 24;
-  const int height = canvas.rows - 2 * top;
-  for (int y = 0; y < height; ++y) {
-    const int index = 255 - 255 * y / std::max(1, height - 1);
-    canvas(cv::Rect(left, top + y, 16, 1)).setTo(colours.at<cv::Vec3b>(0, index));
-  }
+  const cv::Rect bar(canvas.cols - kBarWidth + 10, top, 16, canvas.rows - 2 * top);
+  cv::Mat ramp;
+  cv::rotate(colours, ramp, cv::ROTATE_90_COUNTERCLOCKWISE);
+  cv::resize(ramp, canvas(bar), bar.size(), 0, 0, cv::INTER_NEAREST);
   for (int i = 0; i <= 4; ++i) {
     const float value = high + (low - high) * static_cast<float>(i) / 4;
     drawText(canvas,
              fmt::format("{:.2f}", static_cast<double>(value)),
-             {left + 22, top + 5 + (height - 1) * i / 4},
+             {bar.x + 22, top + 5 + (bar.height - 1) * i / 4},
              0.4);
   }
-  drawText(canvas, "1/depth", {left, 14}, 0.4);
+  drawText(canvas, "1/depth", {bar.x, 14}, 0.4);
 }
 
 /// Places of one segment's entries seen from above: x to the right, z up.
@@ -95,24 +87,14 @@ double gridStep(double length) {
   return 10 * power;
 }
 
-/// Lines of a grid through a point, given in subpixels.
-void drawCross(cv::Mat& canvas, const cv::Point& at) {
-  const int x = at.x >> kSubpixelBits;
-  const int y = at.y >> kSubpixelBits;
-  cv::line(canvas, {x, 0}, {x, canvas.rows}, kGrid);
-  cv::line(canvas, {0, y}, {canvas.cols, y}, kGrid);
-}
-
 }  // namespace
 
 cv::Mat greyImage(const Frame& frame) {
   cv::Mat grey(frame.height(), frame.width(), CV_8UC1);
-  for (int y = 0; y < grey.rows; ++y) {
-    for (int x = 0; x < grey.cols; ++x) {
-      const float value = frame.level(0).at(x, y).intensity;
-      grey.at<uchar>(y, x) = std::isfinite(value) ? cv::saturate_cast<uchar>(value) : uchar{0};
-    }
-  }
+  grey.forEach<uchar>([&](uchar& pixel, const int* at) {
+    const float value = frame.level(0).at(at[1], at[0]).intensity;
+    pixel = std::isfinite(value) ? cv::saturate_cast<uchar>(value) : uchar{0};
+  });
   return grey;
 }
 
@@ -124,8 +106,8 @@ cv::Mat drawInverseDepth(const InitializationResult& result) {
       values.push_back(point.inverse_depth);
     }
   }
-  const float low = quantile(values, 0.02);
-  const float high = std::max(quantile(values, 0.98), low + 1e-6F);
+  const float low = quantileInPlace(values, 0.02);
+  const float high = std::max(quantileInPlace(values, 0.98), low + 1e-6F);
 
   const double scale = std::min(1.0, kMaxFigureWidth / reference.width());
   cv::Mat grey = greyImage(reference);
@@ -172,7 +154,11 @@ cv::Mat drawTrajectory(const RunRecord& record) {
   };
   const double step = gridStep(length);
   const auto lines = static_cast<int>(std::max(cv::norm(low), cv::norm(high)) / step) + 1;
-  for (int i = -lines; i <= lines; ++i) drawCross(canvas, pixel({i * step, i * step}));
+  for (int i = -lines; i <= lines; ++i) {
+    const cv::Point at = pixel({i * step, i * step}) / (1 << kSubpixelBits);
+    cv::line(canvas, {at.x, 0}, {at.x, kSide}, kGrid);
+    cv::line(canvas, {0, at.y}, {kSide, at.y}, kGrid);
+  }
   const auto dot = [&](const cv::Point2d& place, int radius, const cv::Scalar& colour) {
     const int size = radius << kSubpixelBits;
     cv::circle(canvas, pixel(place), size, colour, cv::FILLED, cv::LINE_AA, kSubpixelBits);

@@ -26,10 +26,7 @@ void RunRecord::addInitStep(const InitStep& step, int segment) {
 }
 
 void RunRecord::addInitialization(InitializationResult result, int segment) {
-  if (std::find(facts_.segments.begin(), facts_.segments.end(), segment) == facts_.segments.end()) {
-    facts_.segments.push_back(segment);
-    facts_.units.push_back(result.metric);
-  }
+  facts_.segments.try_emplace(segment, result.metric);
   if (result.metric) toMetres(*result.metric, result);
   noteReadout(result);
   noteStuck(result);
@@ -47,19 +44,20 @@ void RunRecord::addInitialization(InitializationResult result, int segment) {
   for (auto frame = recognized.base(); frame != result.frames.end(); ++frame) {
     const PosedFrame& posed = *frame;
     if (!posed.T_cam_ref || !isFinite(*posed.T_cam_ref)) continue;
-    PosedEntry entry{posed.frame->id(),
-                     posed.frame->timestamp(),
-                     segment,
-                     reference,
-                     *posed.T_cam_ref,
-                     start,
-                     (posed.frame->timestamp() - begin) / duration};
+    const double time = posed.frame->timestamp();
+    const PosedEntry entry{posed.frame->id(),
+                           time,
+                           segment,
+                           reference,
+                           *posed.T_cam_ref,
+                           start,
+                           (time - begin) / duration};
     frames_.push_back(entry);
     for (const Repeat& repeat : repeats_) {
       if (repeat.of != posed.frame->id()) continue;
-      entry.id = repeat.id;
-      entry.timestamp = repeat.timestamp;
       frames_.push_back(entry);
+      frames_.back().id = repeat.id;
+      frames_.back().timestamp = repeat.timestamp;
     }
   }
   repeats_.clear();
@@ -75,12 +73,10 @@ void RunRecord::noteReadout(const InitializationResult& result) {
   const double interval =
       result.frames[1].frame->timestamp() - result.frames.front().frame->timestamp();
   if (std::abs(score.seconds) > std::min(std::abs(interval), kLongest)) return;
-  const auto deviations = [](const Readout& readout) {
-    return std::abs(readout.seconds) / readout.sigma;
-  };
-  const double known =
-      facts_.suspected_readout ? deviations(*facts_.suspected_readout) : kSuspicious;
-  if (deviations(score) > known) facts_.suspected_readout = score;
+  const Readout known = facts_.suspected_readout.value_or(Readout{kSuspicious, 1});
+  if (std::abs(score.seconds) * known.sigma > std::abs(known.seconds) * score.sigma) {
+    facts_.suspected_readout = score;
+  }
 }
 
 void RunRecord::noteStuck(const InitializationResult& result) {
@@ -97,9 +93,8 @@ void RunRecord::addRefusal(const StartRefusal& refusal) {
 }
 
 std::optional<MetricScale> RunRecord::unitOf(int segment) const {
-  const auto found = std::find(facts_.segments.begin(), facts_.segments.end(), segment);
-  if (found == facts_.segments.end()) return std::nullopt;
-  return facts_.units[static_cast<std::size_t>(found - facts_.segments.begin())];
+  const auto found = facts_.segments.find(segment);
+  return found == facts_.segments.end() ? std::nullopt : found->second;
 }
 
 void RunRecord::addFrame(const FrameEstimate& estimate) {
@@ -142,9 +137,10 @@ void RunRecord::addFrame(const FrameEstimate& estimate) {
 
 void RunRecord::noteCamera(const KeyframeSnapshot& keyframe) {
   if (!keyframe.camera_score || !keyframe.camera_score->suspicious()) return;
-  const bool most = !facts_.contradicted_camera ||
-                    keyframe.camera_score->deviations() > facts_.contradicted_camera->deviations();
-  if (most) facts_.contradicted_camera = keyframe.camera_score;
+  const CameraScore known = facts_.contradicted_camera.value_or(CameraScore());
+  if (keyframe.camera_score->deviations() > known.deviations()) {
+    facts_.contradicted_camera = keyframe.camera_score;
+  }
 }
 
 void RunRecord::addKeyframe(const KeyframeSnapshot& keyframe) {
@@ -166,15 +162,10 @@ void RunRecord::nextFrame() {
 
 void RunRecord::addJoin(const SegmentsJoined& joined) {
   changes_.add(joined);
-  const auto found = std::find(facts_.segments.begin(), facts_.segments.end(), joined.segment);
-  if (found == facts_.segments.end()) return;
-  if (std::find(facts_.segments.begin(), facts_.segments.end(), joined.into) ==
-      facts_.segments.end()) {
-    *found = joined.into;  // that is of a map of before
-    return;
-  }
-  facts_.units.erase(facts_.units.begin() + (found - facts_.segments.begin()));
-  facts_.segments.erase(found);
+  auto segment = facts_.segments.extract(joined.segment);
+  if (segment.empty()) return;
+  segment.key() = joined.into;  // which may be that of a map of before
+  facts_.segments.insert(std::move(segment));
 }
 
 SE3 RunRecord::T_world_cam(const PosedEntry& entry) const {

@@ -72,11 +72,10 @@ struct RunFacts {
   int frames_given = 0;
   OdometryState last_state = OdometryState::kInitializing;  ///< after the newest frame
   int frames_tracked = 0;
-  int frames_missed = 0;      ///< without a pose while a map stood
-  std::vector<int> segments;  ///< with a start that stayed, and not joined to another one
-  /// Scale of each of them, in metres of its start's unit; where there is one, all of the segment
-  /// is told in metres.
-  std::vector<std::optional<MetricScale>> units;
+  int frames_missed = 0;  ///< without a pose while a map stood
+  /// Segments with a start that stayed, and not joined to another one, with their unit: metres of
+  /// the start's unit; where there is one, all of the segment is told in metres.
+  std::map<int, std::optional<MetricScale>> segments;
   /// What a start that took all rows for exposed at one time says of the readout, where that is not
   /// 0 by more than three standard deviations; the surest of them.
   std::optional<Readout> suspected_readout;

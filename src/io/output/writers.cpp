@@ -76,9 +76,6 @@ struct RunCameras {
 
 namespace {
 
-constexpr std::size_t kPoseColumns = 7;  // translation and quaternion (x y z w)
-constexpr int kCovarianceColumns = 21;   // upper triangle of 6 x 6
-
 /// Text as RFC 4180 has it: in quotes where it holds a comma, a quote or a line break.
 std::string csvField(const std::string& text) {
   if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
@@ -88,19 +85,19 @@ std::string csvField(const std::string& text) {
 }
 
 std::string poseFields(const std::optional<SE3>& pose) {
-  if (!pose || !isFinite(*pose)) return std::string(kPoseColumns, ',');
+  if (!pose || !isFinite(*pose)) return ",,,,,,,";
   return fmt::format(",{:.9f},{:.9f}",
                      fmt::join(pose->translation(), ","),
                      fmt::join(pose->unitQuaternion().coeffs(), ","));
 }
 
 std::string covarianceFields(const std::optional<Matrix6d>& covariance) {
-  if (!covariance || !covariance->allFinite()) return std::string(kCovarianceColumns, ',');
+  const bool known = covariance && covariance->allFinite();
   std::string fields;
-  for (int row = 0; row < 6; ++row) {
-    for (int column = row; column < 6; ++column) {
-      fields += fmt::format(",{:.6e}", (*covariance)(row, column));
-    }
+  for (int i = 0; i < 36; ++i) {
+    const int row = i / 6, column = i % 6;
+    if (column < row) continue;
+    fields += known ? fmt::format(",{:.6e}", (*covariance)(row, column)) : ",";
   }
   return fields;
 }
@@ -111,10 +108,8 @@ std::string frameTableHeader() {
       "index,timestamp,state,milliseconds,is_keyframe,tracking_rmse,segment,image,keyframe,rel_tx,"
       "rel_ty,rel_tz,rel_qx,rel_qy,rel_qz,rel_qw";
   for (const char* prefix : {"cov", "world_cov"}) {
-    for (int row = 0; row < 6; ++row) {
-      for (int column = row; column < 6; ++column) {
-        header += fmt::format(",{}_{}{}", prefix, row, column);
-      }
+    for (int i = 0; i < 36; ++i) {
+      if (i / 6 <= i % 6) header += fmt::format(",{}_{}{}", prefix, i / 6, i % 6);
     }
   }
   return header + "\n";
@@ -125,20 +120,19 @@ std::string frameTableLine(const FrameEstimate& estimate,
                            double milliseconds,
                            const std::string& image_file) {
   const double rmse = estimate.tracking_rmse.value_or(-1);
-  return fmt::format(
-      "{},{:.9f},{},{:.3f},{},{},{},{},{}{}{}{}\n",
-      estimate.frame->id().value,
-      estimate.frame->timestamp(),
-      name(estimate.state),
-      milliseconds,
-      estimate.is_keyframe ? 1 : 0,
-      std::isfinite(rmse) && rmse >= 0 ? fmt::format("{:.4f}", static_cast<float>(rmse)) : "",
-      estimate.segment,
-      csvField(image_file),
-      estimate.keyframe ? fmt::to_string(estimate.keyframe->value) : "",
-      poseFields(estimate.T_cam_keyframe),
-      covarianceFields(estimate.covariance),
-      covarianceFields(estimate.world_covariance));
+  return fmt::format("{},{:.9f},{},{:.3f},{:d},{},{},{},{}{}{}{}\n",
+                     estimate.frame->id().value,
+                     estimate.frame->timestamp(),
+                     name(estimate.state),
+                     milliseconds,
+                     estimate.is_keyframe,
+                     std::isfinite(rmse) && rmse >= 0 ? fmt::format("{:.4f}", rmse) : "",
+                     estimate.segment,
+                     csvField(image_file),
+                     estimate.keyframe ? fmt::to_string(estimate.keyframe->value) : "",
+                     poseFields(estimate.T_cam_keyframe),
+                     covarianceFields(estimate.covariance),
+                     covarianceFields(estimate.world_covariance));
 }
 
 /// A pose as a row of KITTI's: the 3x4 matrix, row by row.
@@ -409,13 +403,10 @@ void addChanges(const MapChanges& changes, Json& json) {
 
 Json unitsJson(const RunFacts& facts) {
   Json units = Json::array();
-  for (std::size_t i = 0; i < facts.units.size(); ++i) {
-    Json unit = {{"segment", facts.segments[i]}, {"unit", "free"}};
-    if (const auto& metric = facts.units[i]) {
-      unit["unit"] = "metre";
-      unit["relative_sigma"] = metric->relative_sigma;
-    }
-    units.push_back(std::move(unit));
+  for (const auto& [segment, metric] : facts.segments) {
+    Json& unit =
+        units.emplace_back(Json{{"segment", segment}, {"unit", metric ? "metre" : "free"}});
+    if (metric) unit["relative_sigma"] = metric->relative_sigma;
   }
   return units;
 }
@@ -500,7 +491,7 @@ class TrajectoryWriter {
   void finish(const RunRecord& record, const Entries& entries) const {
     writePoses(path(""), record, entries, record.longestSegment());
     if (record.facts().segments.size() > 1) {
-      for (const int segment : record.facts().segments) {
+      for (const auto& [segment, unit] : record.facts().segments) {
         writePoses(numbered(segment), record, entries, segment);
       }
     }
