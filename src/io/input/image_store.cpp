@@ -9,7 +9,7 @@
 
 #include <algorithm>
 #include <map>
-#include <string_view>
+#include <string>
 #include <utility>
 
 namespace dsorb {
@@ -32,48 +32,25 @@ bool isDigit(char c) {
   return c >= '0' && c <= '9';
 }
 
-/// The digits that begin at a position, which moves behind them.
-std::string_view takeDigits(std::string_view name, std::size_t& position) {
-  const std::size_t begin = position;
-  while (position < name.size() && isDigit(name[position])) ++position;
-  return name.substr(begin, position - begin);
-}
-
-std::string_view withoutLeadingZeros(std::string_view digits) {
-  digits.remove_prefix(std::min(digits.find_first_not_of('0'), digits.size()));
-  return digits;
-}
-
-/// Orders names as people count: 2.png comes before 10.png, and 1.25.png before 1.5.png.
-bool countsBefore(std::string_view left, std::string_view right) {
-  std::size_t l = 0;
-  std::size_t r = 0;
-  while (l < left.size() && r < right.size()) {
-    if (!isDigit(left[l]) || !isDigit(right[r])) {
-      if (left[l] != right[r]) return left[l] < right[r];
-      ++l;
-      ++r;
-      continue;
+/// What orders names as people count: 2.png comes before 10.png, and 1.25.png before 1.5.png. A
+/// number has its length before it, without leading zeros; a fraction is as it stands. The suffix
+/// does not count: image.png comes before "image 2.png".
+std::string orderOf(const std::string& file) {
+  const std::string name = file.substr(0, file.rfind('.'));
+  std::string order;
+  for (std::size_t i = 0; i < name.size();) {
+    const std::size_t begin = i;
+    while (i < name.size() && isDigit(name[i])) ++i;
+    const bool fraction = begin > 1 && name[begin - 1] == '.' && isDigit(name[begin - 2]);
+    std::string digits = name.substr(begin, i - begin);
+    if (i > begin && !fraction) {
+      digits.erase(0, digits.find_first_not_of('0'));
+      order += {'0', static_cast<char>(digits.size())};
     }
-    const bool fraction = l > 1 && left[l - 1] == '.' && isDigit(left[l - 2]);
-    std::string_view a = takeDigits(left, l);
-    std::string_view b = takeDigits(right, r);
-    if (!fraction) {
-      a = withoutLeadingZeros(a);
-      b = withoutLeadingZeros(b);
-      if (a.size() != b.size()) return a.size() < b.size();
-    }
-    if (a != b) return a < b;
+    order += digits;
+    if (i < name.size()) order += name[i++];
   }
-  if (l < left.size() || r < right.size()) return l == left.size();
-  return left < right;  // they differ by leading zeros
-}
-
-/// The same of files, whose suffix counts last: image.png comes before "image 2.png".
-bool comesBefore(const std::string& left, const std::string& right) {
-  const std::string_view l = std::string_view(left).substr(0, left.rfind('.'));
-  const std::string_view r = std::string_view(right).substr(0, right.rfind('.'));
-  return l == r ? left < right : countsBefore(l, r);
+  return order;
 }
 
 bool isNumbered(const fs::path& name) {
@@ -128,7 +105,11 @@ std::unique_ptr<ImageStore> inOrder(std::vector<std::string> names,
                                     ImageStore::Read read) {
   std::vector<std::string> accessories = takeAccessories(others, names);
   accessories.insert(accessories.end(), left_out.begin(), left_out.end());
-  std::sort(names.begin(), names.end(), comesBefore);
+  std::vector<std::pair<std::string, std::string>> ordered;
+  for (std::string& name : names) ordered.emplace_back(orderOf(name), std::move(name));
+  std::sort(ordered.begin(), ordered.end());
+  std::transform(
+      ordered.begin(), ordered.end(), names.begin(), [](auto& name) { return name.second; });
   return std::make_unique<ImageStore>(std::move(names), std::move(accessories), std::move(read));
 }
 
