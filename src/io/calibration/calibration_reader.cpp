@@ -320,21 +320,17 @@ const NamedCamera* find(const std::vector<NamedCamera>& cameras, const CameraCho
   return findFolder(cameras, topic, static_cast<int>(std::distance(topic.begin(), topic.end())));
 }
 
-bool areSame(const Calibration& a, const Calibration& b) {
+/// Whether it does not matter which one is meant.
+bool areAllSame(const std::vector<NamedCamera>& cameras) {
   const auto numbers = [](const Lens& l) {
     return std::tuple(std::tuple(l.model, l.fx, l.fy, l.cx, l.cy, l.coefficients),
                       std::tuple(l.width, l.height),
                       std::tuple(l.readout.seconds, l.readout.sigma, l.columns));
   };
-  return numbers(a.lens) == numbers(b.lens);
-}
-
-/// Whether it does not matter which one is meant.
-bool areAllSame(const std::vector<NamedCamera>& cameras) {
   try {
-    const Calibration first = cameras.front().read();
+    const auto first = numbers(cameras.front().read().lens);
     return std::all_of(cameras.begin() + 1, cameras.end(), [&](const NamedCamera& camera) {
-      return areSame(first, camera.read());
+      return numbers(camera.read().lens) == first;
     });
   } catch (const IoError&) {
     return false;
@@ -819,14 +815,10 @@ void scaleToPixels(int width, int height, Camera& camera) {
 void readMode(const Field& field, Rectification& target) {
   const std::string what = "crop, full, none, or relative 'fx fy cx cy 0'";
   const std::string text = field.text(what);
-  const std::array<std::pair<const char*, RectificationMode>, 3> modes = {
-      {{"crop", RectificationMode::kCrop},
-       {"full", RectificationMode::kFull},
-       {"none", RectificationMode::kNone}}};
-  for (const auto& [word, mode] : modes) {
-    target.mode = mode;
-    if (text == word) return;
-  }
+  target.mode = RectificationMode::kCrop;
+  if (text == "crop") return;
+  target.mode = text == "full" ? RectificationMode::kFull : RectificationMode::kNone;
+  if (text == "full" || text == "none") return;
   double number = 0;
   if (!parseNumber(field.content.words.front(), number)) {
     throw field.error("'{}'; expected {}", quotable(text), what);

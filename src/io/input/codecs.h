@@ -39,9 +39,7 @@ class Capture {
 /// Turns an image clockwise by 0, 90, 180 or 270 degrees.
 [[nodiscard]] inline cv::Mat turned(const cv::Mat& image, int degrees) {
   cv::Mat result = image;
-  if (degrees == 90) cv::rotate(image, result, cv::ROTATE_90_CLOCKWISE);
-  if (degrees == 180) cv::rotate(image, result, cv::ROTATE_180);
-  if (degrees == 270) cv::rotate(image, result, cv::ROTATE_90_COUNTERCLOCKWISE);
+  if (degrees > 0) cv::rotate(image, result, cv::ROTATE_90_CLOCKWISE + degrees / 90 - 1);
   return result;
 }
 

@@ -44,21 +44,18 @@ constexpr double kLongGap = 100;        // times the usual step
 // Seconds since 1970 that a camera's clock shows: 1980 to 2100.
 constexpr double kFirstEpoch = 3.2e8;
 constexpr double kLastEpoch = 4.1e9;
-// Steps of clocks that begin with the recording, in their units: as seconds nothing is tracked over
-// the first.
-constexpr double kLeastMilliseconds = 8;
-constexpr double kLeastMicroseconds = 1e3;
-constexpr double kLeastNanoseconds = 1e6;
-constexpr double kMostNanoseconds = 1e11;
-
 constexpr const char* kRawCalibration = "../calib_cam_to_cam.txt";  // of KITTI, for a whole day
 
 struct Unit {
   const char* name;
   double per_second;
+  double
+      longest_step;  // of a clock that begins with the recording, where that is no smaller unit's
 };
-constexpr std::array<Unit, 4> kUnits = {
-    {{"seconds", 1}, {"milliseconds", 1e3}, {"microseconds", 1e6}, {"nanoseconds", 1e9}}};
+constexpr std::array<Unit, 4> kUnits = {{{"seconds", 1, 8},
+                                         {"milliseconds", 1e3, 1e3},
+                                         {"microseconds", 1e6, 1e6},
+                                         {"nanoseconds", 1e9, 1e11}}};
 
 /// Median time between neighbours. @param entries at least two
 double medianStep(const std::vector<TimeEntry>& entries) {
@@ -76,18 +73,14 @@ bool isEpoch(double first, double step, const Unit& unit) {
          step_seconds <= kLongStep;
 }
 
-/// The unit in which numbers are times of a camera.
+/// The unit in which numbers are times of a camera; seconds where they are in none.
 const Unit& unitOf(double first, double step) {
-  for (const Unit& unit : kUnits) {
-    if (isEpoch(first, step, unit)) return unit;
-  }
-  if (step < kLeastMilliseconds || step > kMostNanoseconds) return kUnits[0];
-  if (step < kLeastMicroseconds) return kUnits[1];
-  return step < kLeastNanoseconds ? kUnits[2] : kUnits[3];
-}
-
-std::string stepText(double seconds) {
-  return seconds < kShortStep ? fmt::format("{:.3g} s", seconds) : fmt::format("{:.6g} s", seconds);
+  const auto epoch = std::find_if(
+      kUnits.begin(), kUnits.end(), [&](const Unit& unit) { return isEpoch(first, step, unit); });
+  if (epoch != kUnits.end()) return *epoch;
+  const auto relative = std::find_if(
+      kUnits.begin(), kUnits.end(), [&](const Unit& unit) { return step < unit.longest_step; });
+  return relative == kUnits.end() ? kUnits.front() : *relative;
 }
 
 void warnOfGap(const fs::path& file,
@@ -181,10 +174,9 @@ std::optional<std::vector<TimeEntry>> timesInNames(const ImageSource& images) {
   const double first = entries.front().timestamp;
   const double step = medianStep(entries);
   const Unit& unit = unitOf(first, step);
-  const bool recent = isEpoch(first, step, unit);
-  const bool relative = fractions ? unit.per_second == 1 && step >= kShortestStep
-                                  : step >= kLeastNanoseconds && step <= kMostNanoseconds;
-  if (!recent && !relative) return std::nullopt;
+  const bool relative =
+      fractions ? &unit == &kUnits.front() && step >= kShortestStep : &unit == &kUnits.back();
+  if (!isEpoch(first, step, unit) && !relative) return std::nullopt;
   return entries;
 }
 
@@ -209,16 +201,15 @@ void settleUnit(const fs::path& file,
     for (TimeEntry& entry : entries) {
       entry.timestamp = factor < 1 ? entry.timestamp / unit.per_second : entry.timestamp * factor;
     }
-    warnings.push_back(fmt::format("{}: times are taken as {}: as {} the images would be {} apart",
-                                   file.string(),
-                                   unit.name,
-                                   expected.name,
-                                   stepText(step)));
+    warnings.push_back(
+        fmt::format("{}: times are taken as {}: as {} the images would be {:.3g} s apart",
+                    file.string(),
+                    unit.name,
+                    expected.name,
+                    step));
   } else if (step > kLongStep || step < kShortStep) {
-    warnings.push_back(fmt::format("{}: images are {} apart; are the times in {}?",
-                                   file.string(),
-                                   stepText(step),
-                                   expected.name));
+    warnings.push_back(fmt::format(
+        "{}: images are {:.3g} s apart; are the times in {}?", file.string(), step, expected.name));
   }
   warnOfGap(file, entries, warnings);
 }
