@@ -33,6 +33,7 @@ struct TimeEntry {
   double timestamp = 0;    // [s]
   double exposure_ms = 0;  // 0: not given
   int line = 0;
+  fs::path image;  // where the same list names it
 };
 
 constexpr double kMinExposure = 1e-6;   // [ms]
@@ -281,50 +282,33 @@ std::vector<TimeEntry> kittiEntries(const fs::path& file, const ImageSource& ima
   return entries;
 }
 
-/// Images named by a list, with the time of each.
-struct ImageList {
-  std::vector<fs::path> files;
-  std::vector<TimeEntry> times;
-};
-
 /// "timestamp [ns],filename" of EuRoC's data.csv.
-ImageList readEurocList(const fs::path& file) {
-  ImageList list;
-  for (const TextLine& line : readLines(file, kMaxListBytes)) {
-    const std::size_t comma = line.text.find(',');
-    const std::string_view stamp = trimmed(std::string_view(line.text).substr(0, comma));
-    const std::string_view name = comma == std::string::npos
-                                      ? std::string_view()
-                                      : trimmed(std::string_view(line.text).substr(comma + 1));
-    std::int64_t nanoseconds = 0;
-    const char* end = stamp.data() + stamp.size();
-    const auto [rest, error] = std::from_chars(stamp.data(), end, nanoseconds);
-    if (name.empty() || error != std::errc() || rest != end) {
-      throw line.error("'{}'; expected 'nanoseconds,filename'", quotable(line.text));
-    }
-    list.files.push_back(file.parent_path() / "data" / name);
-    list.times.push_back({secondsFromNanoseconds(nanoseconds), 0, line.number});
+TimeEntry eurocEntry(const fs::path& folder, const TextLine& line) {
+  const std::string_view text = line.text;
+  const std::size_t comma = text.find(',');
+  const std::string_view stamp = trimmed(text.substr(0, comma));
+  const auto name = trimmed(comma == text.npos ? std::string_view() : text.substr(comma + 1));
+  std::int64_t nanoseconds = 0;
+  const char* end = stamp.data() + stamp.size();
+  const auto [rest, error] = std::from_chars(stamp.data(), end, nanoseconds);
+  if (name.empty() || error != std::errc() || rest != end) {
+    throw line.error("'{}'; expected 'nanoseconds,filename'", quotable(text));
   }
-  return list;
+  return {secondsFromNanoseconds(nanoseconds), 0, line.number, folder / "data" / name};
 }
 
 /// "seconds filename" of TUM's rgb.txt, or two of these a line, of which one is a depth image's, of
 /// its associations.txt.
-ImageList readTumList(const fs::path& file) {
-  ImageList list;
-  for (const TextLine& line : readLines(file, kMaxListBytes)) {
-    const std::vector<std::string> words = splitWords(line.text);
-    if (words.size() != 2 && words.size() != 4) {
-      throw line.error("'{}'; expected 'seconds filename', or that of an image and of its depth",
-                       quotable(line.text));
-    }
-    const bool second = words.size() == 4 && words[1].find("depth") != std::string::npos;
-    const std::size_t place = second ? 2 : 0;
-    list.files.push_back(file.parent_path() / words[place + 1]);
-    list.times.push_back(
-        {line.numbers({words[place]}, "a time in seconds").front(), 0, line.number});
+TimeEntry tumEntry(const fs::path& folder, const TextLine& line) {
+  const std::vector<std::string> words = splitWords(line.text);
+  if (words.size() != 2 && words.size() != 4) {
+    throw line.error("'{}'; expected 'seconds filename', or that of an image and of its depth",
+                     quotable(line.text));
   }
-  return list;
+  const bool second = words.size() == 4 && words[1].find("depth") != std::string::npos;
+  const std::size_t place = second ? 2 : 0;
+  const double time = line.numbers({words[place]}, "a time in seconds").front();
+  return {time, 0, line.number, folder / words[place + 1]};
 }
 
 Dataset openVideoDataset(const fs::path& file) {
@@ -369,12 +353,16 @@ Dataset openDataset(const DatasetLayout& layout) {
     return dataset;
   }
   if (layout.format == SequenceFormat::kEuroc || layout.format == SequenceFormat::kTum) {
-    const ImageList list = layout.format == SequenceFormat::kEuroc ? readEurocList(layout.images)
-                                                                   : readTumList(layout.images);
-    if (list.files.empty()) throw fileError(layout.images, "names no images");
-    dataset.images = openImageList(list.files);
-    const bool nanoseconds = layout.format == SequenceFormat::kEuroc;
-    assignTimes(layout.images, list.times, dataset, nanoseconds);
+    const bool euroc = layout.format == SequenceFormat::kEuroc;
+    std::vector<TimeEntry> entries;
+    std::vector<fs::path> files;
+    for (const TextLine& line : readLines(layout.images, kMaxListBytes)) {
+      entries.push_back((euroc ? eurocEntry : tumEntry)(layout.images.parent_path(), line));
+      files.push_back(entries.back().image);
+    }
+    if (files.empty()) throw fileError(layout.images, "names no images");
+    dataset.images = openImageList(files);
+    assignTimes(layout.images, std::move(entries), dataset, euroc);
     return dataset;
   }
   auto images = openImageStore(layout.images, layout.others);

@@ -20,6 +20,7 @@
 #include <cstdio>
 #include <cstring>
 #include <fstream>
+#include <sstream>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -226,6 +227,23 @@ bool isLeftToOpenCv(const std::vector<std::uint8_t>& bytes) {
          begins(bytes, "RIFF");
 }
 
+/// Whether a binary PGM or PPM holds the pixels that its header announces: OpenCV says on the
+/// terminal where others do not.
+bool isCompletePnm(const std::vector<std::uint8_t>& bytes) {
+  constexpr std::ptrdiff_t kLongestHeader = 4096;  // with its comments
+  const auto size = static_cast<std::ptrdiff_t>(bytes.size());
+  std::istringstream header(
+      std::string(bytes.begin() + 2, bytes.begin() + std::min(size, kLongestHeader)));
+  std::array<std::uint64_t, 3> numbers{};
+  for (std::uint64_t& number : numbers) {
+    while ((header >> std::ws).peek() == '#') header.ignore(kLongestHeader, '\n');
+    header >> number;
+  }
+  const std::uint64_t values = numbers[0] * numbers[1] * (bytes[1] == '6' ? 3 : 1);
+  const auto begin = static_cast<std::uint64_t>(std::max<std::streamoff>(header.tellg(), 0)) + 3;
+  return begin + values * (numbers[2] > 255 ? 2 : 1) <= bytes.size();
+}
+
 }  // namespace
 
 std::vector<std::uint8_t> readFile(const std::filesystem::path& file) {
@@ -241,7 +259,9 @@ std::vector<std::uint8_t> readFile(const std::filesystem::path& file) {
 }
 
 cv::Mat decodeGrey(const std::vector<std::uint8_t>& bytes, const std::string& name) {
-  if (bytes.empty()) throw fileError(name, "the image is truncated");
+  if (bytes.empty() || ((begins(bytes, "P5") || begins(bytes, "P6")) && !isCompletePnm(bytes))) {
+    throw fileError(name, "the image is truncated");
+  }
   cv::Mat image;
   if (begins(bytes, kPng)) image = decodeAs<PngFile>(bytes, name);
   if (begins(bytes, kJpeg)) image = decodeAs<JpegFile>(bytes, name);
