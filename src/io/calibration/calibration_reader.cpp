@@ -94,9 +94,8 @@ constexpr const char* kReadoutForm =
 
 /// Our own key, that of VINS, and that of SVO.
 void readReadout(const KeyedValues& values, Lens& lens) {
-  const Field shutter = values["rolling_shutter_tr"];
-  if (shutter.has() && values["rolling_shutter"].number() != 0) {
-    lens.readout.seconds = shutter.number();
+  for (const double rolling : values["rolling_shutter"].numbers()) {
+    if (rolling != 0) lens.readout.seconds = values["rolling_shutter_tr"].number();
   }
   const Field line = values["line-delay-nanoseconds"];
   if (line.has() && lens.height > 0) {
