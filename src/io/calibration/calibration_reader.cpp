@@ -208,34 +208,32 @@ Field readParameters(const KeyedValues& values,
   return *first;
 }
 
-/// A rule for the first two coefficients of a model.
-struct CoefficientRule {
+/// What a coefficient of a model may be.
+struct CoefficientRange {
   LensModel model;
-  const char* expected;
-  bool (*holds)(double, double);
+  std::size_t place;
+  double low;
+  double high;
 };
-constexpr std::array<CoefficientRule, 4> kRules = {
-    {{LensModel::kFov, "0 <= omega < pi", [](double a, double) { return a >= 0 && a < M_PI; }},
-     {LensModel::kDoubleSphere,
-      "-1 < xi < 1 and 0 <= alpha <= 1",
-      [](double a, double b) { return a > -1 && a < 1 && b >= 0 && b <= 1; }},
-     {LensModel::kExtendedUnified,
-      "0 <= alpha <= 1 and beta > 0",
-      [](double a, double b) { return a >= 0 && a <= 1 && b > 0; }},
-     {LensModel::kUnified, "xi of at least 0", [](double a, double) { return a >= 0; }}}};
+constexpr double kLarge = 1e6;
+constexpr std::array<CoefficientRange, 6> kRanges = {
+    {{LensModel::kFov, 0, 0, 3.14},
+     {LensModel::kDoubleSphere, 0, -0.999, 0.999},
+     {LensModel::kDoubleSphere, 1, 0, 1},
+     {LensModel::kExtendedUnified, 0, 0, 1},
+     {LensModel::kExtendedUnified, 1, 1e-6, kLarge},
+     {LensModel::kUnified, 0, 0, kLarge}}};
 
 /// Focal lengths, coefficients, and a principal point inside of the image, where its size is known.
 void checkLens(const Lens& lens, const Field& field) {
   if (!(lens.fx > 0 && lens.fy > 0)) {
     throw field.error("focal lengths {} {}; expected positive numbers", lens.fx, lens.fy);
   }
-  for (const CoefficientRule& rule : kRules) {
-    if (rule.model != lens.model || rule.holds(lens.coefficients[0], lens.coefficients[1]))
-      continue;
-    throw field.error("{} {}; expected {}",
-                      nameOf(lens.model).coefficient_names,
-                      fmt::join(coefficientsOf(lens), " "),
-                      rule.expected);
+  for (const auto& [model, place, low, high] : kRanges) {
+    const double value = lens.coefficients.at(place);
+    if (model != lens.model || (value >= low && value <= high)) continue;
+    const Strings names = splitWords(nameOf(model).coefficient_names);
+    throw field.error("{} {}; expected {} to {}", names[place], value, low, high);
   }
   if (lens.width == 0) return;
   if (lens.cx >= 0 && lens.cy >= 0 && lens.cx < lens.width && lens.cy < lens.height) return;

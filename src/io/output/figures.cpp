@@ -51,6 +51,7 @@ cv::Mat inverseDepthColours() {
 
 void drawColourBar(cv::Mat& canvas, const cv::Mat& colours, float low, float high) {
   const int top = 24;
+  if (canvas.rows <= 2 * top) return;
   const cv::Rect bar(canvas.cols - kBarWidth + 10, top, 16, canvas.rows - 2 * top);
   cv::Mat ramp;
   cv::rotate(colours, ramp, cv::ROTATE_90_COUNTERCLOCKWISE);
