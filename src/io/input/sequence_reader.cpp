@@ -183,18 +183,6 @@ Playlist selectVideo(const SequenceOptions& options, ImageSource& video) {
   return playlist;
 }
 
-/// Images of a camera: `end` of them, or without end.
-/// @throws ConfigError on any other selection
-Playlist selectLive(const SequenceOptions& options) {
-  if (options.start > 0 || options.from > 0 || options.to > 0 || options.every != 1 ||
-      options.reverse) {
-    throw ConfigError("start, from, to, every and reverse do not apply to a camera; end does");
-  }
-  Playlist playlist;
-  playlist.count = options.end >= 0 ? static_cast<std::size_t>(options.end) : kEndless;
-  return playlist;
-}
-
 std::string orDefault(const std::string& given, const fs::path& found) {
   return given.empty() ? found.string() : given;
 }
@@ -233,36 +221,37 @@ struct Geometry {
   std::string source;
 };
 
-Geometry geometryOf(const Lens& lens, const std::string& source) {
-  Geometry geometry;
-  geometry.calibration.lens = lens;
-  if (!isDistorted(lens)) geometry.calibration.rectification.mode = RectificationMode::kNone;
-  geometry.source = source;
-  return geometry;
+/// A lens as it is given or guessed.
+Geometry readLens(const SequenceOptions& options, const SourceImage& first) {
+  const bool stated = options.horizontal_view > 0;
+  const cv::Size size = first.pixels.size();
+  Calibration calibration;
+  if (options.lens) {
+    calibration.lens = *options.lens;
+  } else if (!options.calibration_file.empty() || !options.camera.empty()) {
+    throw ConfigError(stated ? "a calibration file or a camera of one, and a field of view are "
+                               "given; expected one of them"
+                             : "--camera " + options.camera + ": there is no calibration with it");
+  } else if (size.empty()) {
+    throw fileError(options.path, "the first image cannot be read");
+  } else {
+    calibration.lens = stated ? lensOfFieldOfView(options.horizontal_view, size.width, size.height)
+                              : unknownLens(size.width, size.height);
+    calibration.lens.fy *= first.pixel_aspect;
+  }
+  const bool bent = isDistorted(calibration.lens);
+  calibration.rectification.mode = bent ? RectificationMode::kCrop : RectificationMode::kNone;
+  return {calibration, options.lens ? "lens" : stated ? "field of view" : "unknown camera"};
 }
 
 Geometry readGeometry(const SequenceOptions& options,
                       const DatasetLayout& layout,
                       const SourceImage& first) {
-  const cv::Size size = first.pixels.size();
-  if (options.lens) return geometryOf(*options.lens, "lens");
-  if (isGuess(options, layout)) {
-    const bool stated = options.horizontal_view > 0;
-    if (!options.calibration_file.empty() || !options.camera.empty()) {
-      throw ConfigError(stated
-                            ? "a calibration file or a camera of one, and a field of view are "
-                              "given; expected one of them"
-                            : "--camera " + options.camera + ": there is no calibration with it");
-    }
-    if (size.empty()) throw fileError(options.path, "the first image cannot be read");
-    Lens lens = stated ? lensOfFieldOfView(options.horizontal_view, size.width, size.height)
-                       : unknownLens(size.width, size.height);
-    lens.fy *= first.pixel_aspect;
-    return geometryOf(lens, stated ? "field of view" : "unknown camera");
-  }
+  if (options.lens || isGuess(options, layout)) return readLens(options, first);
   const std::string file = orDefault(options.calibration_file, layout.calibration);
-  const CameraChoice choice{options.camera, layout.images, size.width, size.height};
-  return {readCalibration(file, choice), file};
+  return {
+      readCalibration(file, {options.camera, layout.images, first.pixels.cols, first.pixels.rows}),
+      file};
 }
 
 /// Width that images get; 0: as the calibration says.
@@ -273,54 +262,14 @@ int outputWidth(const SequenceOptions& options, const Lens& lens) {
   return lens.width * kMostGuessedSide / side;
 }
 
-bool isUpright(double width, double height) {
-  return height > width;
-}
-
 /// How far the calibration must be turned with the images, which the sensor has otherwise: not at
 /// all where it has the shape of images that were turned to the side.
 int turnOf(const SequenceOptions& options, const SourceImage& first, const Lens& lens) {
-  if (first.pixels.empty() || options.lens || lens.focal_sigma > 0) return 0;
-  const bool upright =
-      lens.width > 0 ? isUpright(lens.width, lens.height) : isUpright(lens.cx, lens.cy);
-  const bool same = upright == isUpright(first.pixels.cols, first.pixels.rows);
-  const bool square = first.pixels.cols == first.pixels.rows;
-  return first.turn % 180 != 0 && same && !square ? 0 : first.turn;
-}
-
-/// The calibration for images of the size that they have.
-void fitSize(cv::Size size, Geometry& geometry, std::vector<std::string>& warnings) {
-  Calibration& calibration = geometry.calibration;
-  const Lens lens = calibration.lens;
-  if (size.empty()) return;
-  calibration = calibrationForSize(calibration, size.width, size.height);
-  if (lens.width == 0 || calibration.lens.width == lens.width) return;
-  warnings.push_back(fmt::format("{}: for images of {}, scaled to these of {}",
-                                 geometry.source,
-                                 pixelText(lens.width, lens.height),
-                                 pixelText(size.width, size.height)));
-}
-
-/// The calibration for images that were turned, and for the width that is wanted.
-void fitOutput(const SequenceOptions& options,
-               int image_turn,
-               int turn,
-               Geometry& geometry,
-               std::vector<std::string>& warnings) {
-  Calibration& calibration = geometry.calibration;
-  const bool known = calibration.lens.columns || calibration.lens.readout.seconds != 0;
-  if (turn != 0) {
-    calibration = turned(calibration, turn);
-    warnings.push_back(
-        fmt::format("{}: the images were turned by {} degrees to be upright; the "
-                    "calibration is taken to be the sensor's and turned with them",
-                    geometry.source,
-                    turn));
-  }
-  const int width = outputWidth(options, calibration.lens);
-  if (width > 0) calibration = withOutputWidth(calibration, width);
-  if (options.readout) calibration.lens.readout = *options.readout;
-  if (!known && turn == 0 && !options.lens) turnReadout(image_turn, calibration.lens);
+  const auto [width, height] = first.pixels.size();
+  if (width == 0 || options.lens || lens.focal_sigma > 0) return 0;
+  const bool upright = lens.width > 0 ? lens.height > lens.width : lens.cy > lens.cx;
+  const bool same = upright == height > width && width != height;
+  return first.turn % 180 != 0 && same ? 0 : first.turn;
 }
 
 PhotometricCalibration readPhotometry(const std::string& response,
@@ -442,12 +391,17 @@ class SequenceReader::Impl {
     return layout.format == SequenceFormat::kCamera || layout.format == SequenceFormat::kVideo;
   }
   [[nodiscard]] int selected() const { return static_cast<int>(playlist.expected); }
+  /// Of a camera `end` images, or without end.
   [[nodiscard]] Playlist select(const SequenceOptions& options) {
-    if (layout.format == SequenceFormat::kCamera) return selectLive(options);
-    if (layout.format != SequenceFormat::kVideo) {
-      return selectImages(options, dataset.timestamps);
+    if (layout.format == SequenceFormat::kVideo) return selectVideo(options, *dataset.images);
+    if (layout.format != SequenceFormat::kCamera) return selectImages(options, dataset.timestamps);
+    if (options.start > 0 || options.from > 0 || options.to > 0 || options.every != 1 ||
+        options.reverse) {
+      throw ConfigError("start, from, to, every and reverse do not apply to a camera; end does");
     }
-    return selectVideo(options, *dataset.images);
+    Playlist live;
+    live.count = options.end >= 0 ? static_cast<std::size_t>(options.end) : kEndless;
+    return live;
   }
   [[nodiscard]] cv::Size inputSize() const {
     return {rectifier->inputWidth(), rectifier->inputHeight()};
@@ -458,43 +412,67 @@ class SequenceReader::Impl {
   /// @throws IoError naming the file at fault
   /// @throws ConfigError where options contradict each other or the data set
   void rectify(const SequenceOptions& options, const SourceImage& image) {
-    std::vector<std::string>& warnings = dataset.warnings;
     Geometry geometry = readGeometry(options, layout, image);
-    if (options.horizontal_view > 0 && isUpright(image.pixels.cols, image.pixels.rows)) {
-      warnings.emplace_back(
-          "the images are upright: --hfov is what they show from left to right, along "
-          "their short side");
+    if (options.horizontal_view > 0 && image.pixels.rows > image.pixels.cols) {
+      dataset.warnings.emplace_back(
+          "the images are upright: --hfov is what they show from left to right, along their short "
+          "side");
     }
-    const std::string response = orDefault(options.response_file, layout.response);
-    const std::string vignette = orDefault(options.vignette_file, layout.vignette);
-    brightness = brightnessModel(options, response, vignette, warnings);
-    const int turn = turnOf(options, image, geometry.calibration.lens);
-    cv::Size size = image.pixels.size();
-    if (turn % 180 != 0) std::swap(size.width, size.height);
     try {
-      fitSize(size, geometry, warnings);
-      if (brightness == BrightnessModel::kCalibrated) {
-        geometry.calibration.photometric =
-            readPhotometry(response, vignette, geometry.calibration.lens);
-      }
-      fitOutput(options, image.turn, turn, geometry, warnings);
-      lens = geometry.calibration.lens;
-      const int width = outputWidth(options, lens);
-      if (width > 0 && width != options.width) {
-        warnings.push_back(
-            fmt::format("images of {} are made smaller, to a width of {}; --width 0 keeps them",
-                        pixelText(lens.width, lens.height),
-                        width));
-      }
+      fit(options, image, geometry);
       rectifier.emplace(geometry.calibration);
-      for (const std::string& doubt : rectifier->warnings()) {
-        warnings.push_back(fmt::format("{}: {}", geometry.source, doubt));
-      }
     } catch (const std::invalid_argument& error) {
       throw fileError(geometry.source, "{}", error.what());
     } catch (const std::bad_alloc&) {
       throw fileError(geometry.source, "no memory for images of this size");
     }
+    lens = geometry.calibration.lens;
+    for (const std::string& doubt : rectifier->warnings()) {
+      dataset.warnings.push_back(fmt::format("{}: {}", geometry.source, doubt));
+    }
+  }
+
+  /// Fits a calibration to the size of the images, their brightness, how they were turned, and the
+  /// width that is wanted.
+  void fit(const SequenceOptions& options, const SourceImage& image, Geometry& geometry) {
+    std::vector<std::string>& warnings = dataset.warnings;
+    Calibration& calibration = geometry.calibration;
+    const Lens read = calibration.lens;
+    const int turn = turnOf(options, image, read);
+    cv::Size size = image.pixels.size();
+    if (turn % 180 != 0) std::swap(size.width, size.height);
+    if (!size.empty()) calibration = calibrationForSize(calibration, size.width, size.height);
+    if (read.width != 0 && calibration.lens.width != read.width) {
+      warnings.push_back(fmt::format("{}: for images of {}, scaled to these of {}",
+                                     geometry.source,
+                                     pixelText(read.width, read.height),
+                                     pixelText(size.width, size.height)));
+    }
+    const std::string response = orDefault(options.response_file, layout.response);
+    const std::string vignette = orDefault(options.vignette_file, layout.vignette);
+    brightness = brightnessModel(options, response, vignette, warnings);
+    if (brightness == BrightnessModel::kCalibrated) {
+      calibration.photometric = readPhotometry(response, vignette, calibration.lens);
+    }
+    if (turn != 0) {
+      calibration = turned(calibration, turn);
+      warnings.push_back(
+          fmt::format("{}: the images were turned by {} degrees to be upright; the calibration is "
+                      "taken to be the sensor's and turned with them",
+                      geometry.source,
+                      turn));
+    }
+    const int width = outputWidth(options, calibration.lens);
+    if (width > 0) calibration = withOutputWidth(calibration, width);
+    if (width > 0 && width != options.width) {
+      warnings.push_back(
+          fmt::format("images of {} are made smaller, to a width of {}; --width 0 keeps them",
+                      pixelText(calibration.lens.width, calibration.lens.height),
+                      width));
+    }
+    if (options.readout) calibration.lens.readout = *options.readout;
+    const bool known = read.columns || read.readout.seconds != 0;
+    if (!known && turn == 0 && !options.lens) turnReadout(image.turn, calibration.lens);
   }
 
   void calibrate(const SequenceOptions& options) {
@@ -759,12 +737,6 @@ std::optional<SequenceFrame> SequenceReader::next() {
   }
 }
 
-namespace {
-
-constexpr double kMaxLevel = 255;  // [grey levels]
-
-}  // namespace
-
 std::vector<float> readResponse(const fs::path& file) {
   const std::vector<TextLine> lines = readLines(file, kMaxCalibrationBytes);
   const std::string what = "at least 256 increasing numbers on one line";
@@ -778,7 +750,7 @@ std::vector<float> readResponse(const fs::path& file) {
   response.reserve(raw.size());
   const double range = raw.back() - raw.front();
   for (std::size_t i = 0; i < raw.size(); ++i) {
-    response.push_back(static_cast<float>(kMaxLevel * (raw[i] - raw.front()) / range));
+    response.push_back(static_cast<float>(255 * (raw[i] - raw.front()) / range));
     if (i > 0 && !(response[i] > response[i - 1] && raw[i] > raw[i - 1])) {
       throw line.error(
           "number {} ({}) is not above the one before; expected {}", i + 1, raw[i], what);
