@@ -370,14 +370,12 @@ Calibration readChosen(const std::filesystem::path& file,
 
 /// Where a form has what.
 struct Form {
-  std::string_view cameras;    ///< paths of several cameras, by their numbers; empty: one camera
-  std::string_view name;       ///< key of a camera's own name, beside cam0, cam1 ...; empty: none
-  Strings model;               ///< keys of the words that make up that of a model
-  std::string_view otherwise;  ///< the word where there is none
-  std::string_view size;       ///< list of width and height; empty: the usual keys, or none
-  /// Lists for those of the parameters, or the groups that their keys may stand in.
-  Strings places;
+  Strings model;   ///< keys of the words that make up that of a model; none: the first model
+  Strings places;  ///< lists for those of the parameters, or groups that their keys may stand in
   LensWords models;
+  std::string_view cameras = "";  ///< paths of several cameras, by their numbers; empty: one camera
+  std::string_view name = "";     ///< key of a camera's own name, beside cam0, cam1 ...
+  std::string_view size = "";     ///< list of width and height; empty: the usual keys, or none
 };
 
 constexpr std::string_view kPinholeNumbers = "fx fy cx cy [k1 k2 p1 p2 k3 k4 k5 k6]";
@@ -386,11 +384,7 @@ constexpr std::string_view kFisheyeNumbers = "fx fy cx cy [k1 k2 k3 k4]";
 // EuRoC's sensor.yaml is one camera of Kalibr's camchain.yaml, with longer names.
 /// @source Kalibr's wiki, "Supported models"
 const Form kKalibr = {
-    "cam{}",
-    "rostopic",
     {"camera_model", "distortion_model"},
-    "",
-    "resolution",
     {"intrinsics", "distortion_coeffs|distortion_coefficients"},
     {{"pinhole radtan|pinhole radial-tangential|pinhole plumb_bob",
       LensModel::kRadTan,
@@ -401,24 +395,21 @@ const Form kKalibr = {
      {"omni radtan|omni radial-tangential", LensModel::kUnified, "xi fx fy cx cy|k1 k2 p1 p2"},
      {"omni none", LensModel::kUnified, "xi fx fy cx cy|"},
      {"ds none", LensModel::kDoubleSphere, "xi alpha fx fy cx cy|"},
-     {"eucm none", LensModel::kExtendedUnified, "alpha beta fx fy cx cy|"}}};
+     {"eucm none", LensModel::kExtendedUnified, "alpha beta fx fy cx cy|"}},
+    "cam{}",
+    "rostopic",
+    "resolution"};
 // SVO and aslam.
 const Form kSvo = {
-    "cameras[{}].camera",
-    "label",
     {"type", "distortion.type"},
-    "",
-    "",
     {"intrinsics", "distortion.parameters"},
     {{"pinhole none", LensModel::kPinhole, "fx fy cx cy|"},
      {"pinhole radial-tangential", LensModel::kRadTan, "fx fy cx cy|[k1 k2 p1 p2 k3]"},
      {"pinhole equidistant", LensModel::kEquidistant, "fx fy cx cy|[k1 k2 k3 k4]"},
-     {"pinhole fisheye", LensModel::kFov, "fx fy cx cy|[omega]"}}};
-const Form kBasalt = {"value0.intrinsics[{}]",
-                      "",
-                      {"camera_type"},
-                      "",
-                      "value0.resolution[{}]",
+     {"pinhole fisheye", LensModel::kFov, "fx fy cx cy|[omega]"}},
+    "cameras[{}].camera",
+    "label"};
+const Form kBasalt = {{"camera_type"},
                       {"intrinsics."},
                       {{"pinhole", LensModel::kPinhole, "fx fy cx cy"},
                        {"pinhole-radtan8", LensModel::kRational, kPinholeNumbers},
@@ -426,13 +417,12 @@ const Form kBasalt = {"value0.intrinsics[{}]",
                        {"fov", LensModel::kFov, "fx fy cx cy [w=omega]"},
                        {"ucm", LensModel::kExtendedUnified, "fx fy cx cy [alpha 1=beta]"},
                        {"eucm", LensModel::kExtendedUnified, "fx fy cx cy [alpha beta]"},
-                       {"ds", LensModel::kDoubleSphere, "fx fy cx cy [xi alpha]"}}};
+                       {"ds", LensModel::kDoubleSphere, "fx fy cx cy [xi alpha]"}},
+                      "value0.intrinsics[{}]",
+                      "",
+                      "value0.resolution[{}]"};
 const Form kVins = {
-    "",
-    "",
     {"model_type"},
-    "",
-    "",
     {"projection_parameters.", "distortion_parameters.", "mirror_parameters."},
     {{"PINHOLE", LensModel::kRadTan, kPinholeNumbers},
      {"PINHOLE_FULL", LensModel::kRational, "fx fy cx cy [k1 k2 k3 k4 k5 k6 p1 p2]"},
@@ -441,11 +431,7 @@ const Form kVins = {
       "mu=fx mv=fy u0=cx v0=cy [k2=k1 k3=k2 k4=k3 k5=k4]"},
      {"MEI", LensModel::kUnified, "gamma1=fx gamma2=fy u0=cx v0=cy [xi k1 k2 p1 p2]"}}};
 // ORB-SLAM2 and 3, and stella_vslam, which nests the same keys.
-const Form kOrbs = {"",
-                    "",
-                    {"Camera.type|Camera.model"},
-                    "PinHole",
-                    "",
+const Form kOrbs = {{"Camera.type|Camera.model"},
                     {"Camera."},
                     {{"PinHole|perspective", LensModel::kRadTan, kPinholeNumbers},
                      {"Rectified", LensModel::kPinhole, "fx fy cx cy"},
@@ -454,15 +440,10 @@ const Form kOrbs = {"",
 /// The model that the words of a form's keys call.
 const LensWord& readModel(const KeyedValues& values, const Form& form) {
   std::string words;
-  const LensWord* model = nullptr;
+  const LensWord* model = &form.models.front();
   for (const std::string& key : form.model) {
-    const Field field = values[key];
-    if (!field.has() && !form.otherwise.empty()) {
-      words = form.otherwise;
-    } else {
-      words += (words.empty() ? "" : " ") + field.text("a lens model");
-    }
-    model = &findLens(form.models, words, field);
+    words += (words.empty() ? "" : " ") + values[key].text("a lens model");
+    model = &findLens(form.models, words, values[key]);
   }
   return *model;
 }
@@ -533,21 +514,20 @@ Calibration readOrbs(const KeyedValues& values, const CameraChoice& choice) {
         "the numbers of Camera are those of images that this program rectifies for two cameras; "
         "write camera.txt with those of the left or right one");
   }
+  const auto read = [&values](const std::string& group) {
+    Lens lens;
+    readSize(values.within("Camera"), lens);
+    Form form = kOrbs;
+    form.places = {group + "."};
+    if (!values[form.model.front()].has()) form.model.clear();
+    return readCamera(values, form, lens);
+  };
   std::vector<NamedCamera> cameras;
   for (const Strings& names : {Strings{"Camera1", "cam0", "left"}, {"Camera2", "cam1", "right"}}) {
-    if (!values.has(names.front())) continue;
-    cameras.push_back({names, [&values, group = names.front()] {
-                         Lens lens;
-                         readSize(values.within("Camera"), lens);
-                         Form form = kOrbs;
-                         form.places = {group + "."};
-                         return readCamera(values, form, lens);
-                       }});
+    const std::string& group = names.front();
+    if (values.has(group)) cameras.push_back({names, [read, group] { return read(group); }});
   }
-  if (!cameras.empty()) return readChosen(values.file(), cameras, choice);
-  Lens lens;
-  readSize(values.within("Camera"), lens);
-  return readCamera(values, kOrbs, lens);
+  return cameras.empty() ? read("Camera") : readChosen(values.file(), cameras, choice);
 }
 
 // ROS' camera_info (camera_matrix or K, distortion_coefficients or D, distortion_model, binning,

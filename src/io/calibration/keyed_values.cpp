@@ -22,54 +22,48 @@ std::string joined(const std::string& path, const std::string& key) {
 }
 
 /// Notes the values of a document under their paths.
-class YamlValues {
- public:
-  YamlValues(KeyedValues& values, std::size_t most_values)
-      : values_(values), most_values_(most_values) {}
+struct YamlReader {
+  KeyedValues& values;
+  std::size_t most_values;
+  std::size_t count = 0;
 
   void add(const std::string& path, const YAML::Node& node, int depth = 0) {
-    count_ += node.IsSequence() ? 1 + node.size() : 1;
-    if (count_ > most_values_) {
-      throw error(node, "more than {} values, counted with what aliases stand for", most_values_);
+    const int line = node.Mark().line + 1;
+    count += node.IsSequence() ? 1 + node.size() : 1;
+    if (count > most_values) {
+      throw lineError(values.file(),
+                      line,
+                      "more than {} values, counted with what aliases stand for",
+                      most_values);
     }
     if (depth > kMaxDepth) {
-      throw error(node, "more than {} groups within each other", kMaxDepth);
+      throw lineError(values.file(), line, "more than {} groups within each other", kMaxDepth);
     }
     if (node.IsMap()) {
       for (const auto& entry : node) {
-        if (!entry.first.IsScalar()) throw error(entry.first, "not YAML: a key is expected");
+        if (!entry.first.IsScalar()) {
+          throw lineError(values.file(),
+                          entry.first.Mark().line + 1,
+                          std::string("not YAML: a key is expected"));
+        }
         add(joined(path, entry.first.Scalar()), entry.second, depth + 1);
       }
     } else if (node.IsSequence()) {
-      addList(path, node, depth);
+      KeyedValue list{{}, line, KeyedValue::kList};
+      int place = 0;
+      for (const auto& item : node) {
+        if (item.IsScalar()) list.words.push_back(item.Scalar());
+        if (item.IsMap() || item.IsSequence()) {
+          add(fmt::format("{}[{}]", path, place), item, depth + 1);
+        }
+        ++place;
+      }
+      values.add(path, list);
     } else {
       const auto kind = node.IsScalar() ? KeyedValue::kScalar : KeyedValue::kNull;
-      values_.add(path, {{node.Scalar()}, lineOf(node), kind});
+      values.add(path, {{node.Scalar()}, line, kind});
     }
   }
-
- private:
-  static int lineOf(const YAML::Node& node) { return node.Mark().line + 1; }
-  template <typename... Parts>
-  [[nodiscard]] IoError error(const YAML::Node& node, const Parts&... what) const {
-    return lineError(values_.file(), lineOf(node), what...);
-  }
-  void addList(const std::string& path, const YAML::Node& list, int depth) {
-    KeyedValue value{{}, lineOf(list), KeyedValue::kList};
-    int place = 0;
-    for (const auto& item : list) {
-      if (item.IsScalar()) value.words.push_back(item.Scalar());
-      if (item.IsMap() || item.IsSequence()) {
-        add(fmt::format("{}[{}]", path, place), item, depth + 1);
-      }
-      ++place;
-    }
-    values_.add(path, value);
-  }
-
-  KeyedValues& values_;
-  std::size_t most_values_;
-  std::size_t count_ = 0;
 };
 
 /// Lines where documents begin to have content; 0: there is none.
@@ -201,7 +195,7 @@ KeyedValues yamlValues(const std::string& text,
                       "{}a mapping is expected, lines of 'key: value'",
                       root.IsNull() ? "not YAML: " : "");
     }
-    YamlValues(values, most_values).add("", root);
+    YamlReader{values, most_values}.add("", root);
   } catch (const YAML::Exception& error) {
     throw lineError(name, error.mark.is_null() ? 0 : error.mark.line + 1, "not YAML: " + error.msg);
   }
