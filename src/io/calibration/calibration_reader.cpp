@@ -14,7 +14,6 @@
 #include <cctype>
 #include <cmath>
 #include <functional>
-#include <iterator>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -269,7 +268,7 @@ struct NamedCamera {
   std::function<Calibration()> read;
 };
 
-constexpr int kFolders = 3;  // of a path that may be called as a camera: mav0/cam1/data.csv
+constexpr std::size_t kFolders = 3;  // of a path that may be called as a camera: mav0/cam1/data.csv
 
 bool isTopic(const std::string& name) {
   return !name.empty() && name.front() == '/';
@@ -291,30 +290,27 @@ bool isCalled(const NamedCamera& camera, std::string_view name) {
   });
 }
 
-/// The camera that the last folder is called after that is called after one.
-const NamedCamera* findFolder(const std::vector<NamedCamera>& cameras,
-                              const std::filesystem::path& path,
-                              int folders) {
-  const std::vector<std::filesystem::path> parts(path.begin(), path.end());
-  for (auto part = parts.rbegin(); part != parts.rend() && folders > 0; ++part, --folders) {
+/// The camera that is called as the choice says, or, where it says nothing or a topic, as the last
+/// part of a path that is called as one.
+const NamedCamera* find(const std::vector<NamedCamera>& cameras, const CameraChoice& choice) {
+  Strings words;
+  const std::filesystem::path path =
+      choice.name.empty() ? choice.images : std::filesystem::path(choice.name);
+  if (!choice.name.empty()) words.push_back(choice.name);
+  if (choice.name.empty() || isTopic(choice.name)) {
+    const std::vector<std::filesystem::path> parts(path.begin(), path.end());
+    const std::size_t count = choice.name.empty() ? std::min(parts.size(), kFolders) : parts.size();
+    for (std::size_t i = 1; i <= count; ++i) {
+      const std::filesystem::path& part = parts[parts.size() - i];
+      words.insert(words.end(), {part.string(), part.stem().string()});
+    }
+  }
+  for (const std::string& word : words) {
     for (const NamedCamera& camera : cameras) {
-      if (isCalled(camera, part->string()) || isCalled(camera, part->stem().string())) {
-        return &camera;
-      }
+      if (isCalled(camera, word)) return &camera;
     }
   }
   return nullptr;
-}
-
-const NamedCamera* find(const std::vector<NamedCamera>& cameras, const CameraChoice& choice) {
-  if (choice.name.empty()) return findFolder(cameras, choice.images, kFolders);
-  const auto called = std::find_if(cameras.begin(), cameras.end(), [&](const NamedCamera& camera) {
-    return isCalled(camera, choice.name);
-  });
-  if (called != cameras.end()) return &*called;
-  if (!isTopic(choice.name)) return nullptr;
-  const std::filesystem::path topic = choice.name;
-  return findFolder(cameras, topic, static_cast<int>(std::distance(topic.begin(), topic.end())));
 }
 
 /// Whether it does not matter which one is meant.
