@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "io/input/image_source.h"
+
 #include <opencv2/core.hpp>
 
 #include <cstdint>
@@ -17,18 +19,15 @@ class Capture {
 
   /// Goes to the next image. @return false where there is none
   virtual bool grab() = 0;
-  /// The image that was grabbed: 8 bits BGR, upright. @return false where it cannot be decoded
-  virtual bool retrieve(cv::Mat& image) = 0;
+  /// The image that was grabbed: 8 bits BGR, upright, and how it was turned for that.
+  /// @return false where it cannot be decoded
+  virtual bool retrieve(SourceImage& image) = 0;
   /// Time of the image that was grabbed, from the container [s]; it always increases.
   [[nodiscard]] virtual double time() const { return 0; }
   /// Rate of the images [1/s]; 30 where the container does not say it.
   [[nodiscard]] virtual double rate() const { return 0; }
   /// Number of images as the container tells or as its length and rate let one guess; 0: unknown.
   [[nodiscard]] virtual int announced() const { return 0; }
-  /// How far images are turned clockwise to be upright: 0, 90, 180 or 270 degrees.
-  [[nodiscard]] virtual int turn() const { return 0; }
-  /// Width of a pixel over its height, of upright images.
-  [[nodiscard]] virtual double pixelAspect() const { return 1; }
   /// After the last image: the share of its length that the container announces and does not have,
   /// sound included; 0 where nothing is announced but guesses.
   [[nodiscard]] virtual double missingShare() const { return 0; }

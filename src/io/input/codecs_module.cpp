@@ -33,7 +33,9 @@ class Device final : public Capture {
     }
   }
   bool grab() override { return capture_.grab(); }
-  bool retrieve(cv::Mat& image) override { return capture_.retrieve(image) && !image.empty(); }
+  bool retrieve(SourceImage& image) override {
+    return capture_.retrieve(image.pixels) && !image.pixels.empty();
+  }
 
  private:
   cv::VideoCapture capture_;

@@ -53,21 +53,21 @@ struct Free {
 template <typename T>
 using Owned = std::unique_ptr<T, Free>;
 
+#if LIBAVUTIL_VERSION_MAJOR >= 59
 bool isInterlaced(const AVFrame& frame) {
-#if LIBAVUTIL_VERSION_MAJOR >= 59
   return (frame.flags & AV_FRAME_FLAG_INTERLACED) != 0;
-#else
-  return frame.interlaced_frame != 0;
-#endif
 }
-
 bool topFieldFirst(const AVFrame& frame) {
-#if LIBAVUTIL_VERSION_MAJOR >= 59
   return (frame.flags & AV_FRAME_FLAG_TOP_FIELD_FIRST) != 0;
-#else
-  return frame.top_field_first != 0;
-#endif
 }
+#else
+bool isInterlaced(const AVFrame& frame) {
+  return frame.interlaced_frame != 0;
+}
+bool topFieldFirst(const AVFrame& frame) {
+  return frame.top_field_first != 0;
+}
+#endif
 
 const void* sideData(const AVStream& stream, AVPacketSideDataType type) {
 #if LIBAVCODEC_VERSION_MAJOR >= 61
@@ -123,7 +123,7 @@ class FfmpegCapture final : public Capture {
     }
   }
 
-  bool retrieve(cv::Mat& image) override {
+  bool retrieve(SourceImage& image) override {
     const AVFrame& frame = *frame_;
     std::array<const std::uint8_t*, 4> data{};
     std::array<int, 4> strides{};
@@ -155,15 +155,15 @@ class FfmpegCapture final : public Capture {
     const int done = sws_scale(
         converter_.get(), data.data(), strides.data(), 0, height, rows.data(), step.data());
     if (done != height) return false;
-    image = turned(interlaced ? interpolateRows(bgr, first) : bgr.clone(), turn_);
+    image.pixels = turned(interlaced ? interpolateRows(bgr, first) : bgr.clone(), turn_);
+    image.turn = turn_;
+    image.pixel_aspect = pixel_aspect_;
     return true;
   }
 
   [[nodiscard]] double time() const override { return time_; }
   [[nodiscard]] double rate() const override { return rate_; }
   [[nodiscard]] int announced() const override { return announced_; }
-  [[nodiscard]] int turn() const override { return turn_; }
-  [[nodiscard]] double pixelAspect() const override { return pixel_aspect_; }
 
   /// Times count from 0 in some containers and from their first image in others: the end that is
   /// nearer counts. FFmpeg mends the length of an AVI that is cut off, but not its number of

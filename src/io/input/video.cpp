@@ -52,13 +52,9 @@ class VideoFile : public ImageSource {
     SourceImage image;
     image.index = index_;
     image.timestamp = capture_->time();
-    if (!capture_->retrieve(image.pixels)) {
-      throw fileError(name(index_), "cannot be decoded");
-    }
+    if (!capture_->retrieve(image)) throw fileError(name(index_), "cannot be decoded");
     image.warning = warning_;
     told_ = true;
-    image.turn = capture_->turn();
-    image.pixel_aspect = capture_->pixelAspect();
     return image;
   }
 
@@ -223,11 +219,10 @@ class Taker {
       SourceImage image;
       const auto elapsed = std::chrono::duration<double>(Clock::now() - begin);
       image.timestamp = is_file_ ? capture->time() : since_1970 + elapsed.count();
-      if (!capture->retrieve(image.pixels)) {
+      if (!capture->retrieve(image)) {
         if (!is_file_) return;
         throw fileError(address_, "image {} cannot be decoded", count_);
       }
-      image.turn = capture->turn();
       image.pixels = image.pixels.clone();  // the capture writes over its own
       if (is_file_) waitFor(begin, capture->time());
       if (!keep(std::move(image))) return;
