@@ -141,7 +141,7 @@ std::vector<TimeEntry> readTimes(const fs::path& file) {
           "'{}'; expected 'id seconds [exposure_ms]', or the seconds alone in every line",
           quotable(line.text));
     }
-    TimeEntry entry{0, 0, line.number};
+    TimeEntry entry{0, 0, line.number, {}};
     const auto date = words.size() == 2 ? secondsOfDate(words[0], words[1]) : std::nullopt;
     const std::string& number = words.size() == 1 ? words[0] : words[1];
     entry.timestamp = date ? *date : line.numbers({number}, "a time in seconds").front();

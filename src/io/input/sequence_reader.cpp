@@ -268,7 +268,7 @@ int turnOf(const SequenceOptions& options, const SourceImage& first, const Lens&
   const auto [width, height] = first.pixels.size();
   if (width == 0 || options.lens || lens.focal_sigma > 0) return 0;
   const bool upright = lens.width > 0 ? lens.height > lens.width : lens.cy > lens.cx;
-  const bool same = upright == height > width && width != height;
+  const bool same = upright == (height > width) && width != height;
   return first.turn % 180 != 0 && same ? 0 : first.turn;
 }
 
