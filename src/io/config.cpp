@@ -12,6 +12,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <map>
 #include <numeric>
 
 namespace dsorb {
@@ -20,19 +21,17 @@ namespace {
 constexpr const char* kVariantKey = "initializer.kind";
 constexpr std::size_t kMaxCompared = 64;  // characters of a wrong name, which a file may make long
 
-/// As an ending of a key is accepted too, words are compared with endings of as many parts.
+/// The key that is closest as a whole, or by an ending, which is accepted too.
 std::string closestKey(const std::string& word, const std::vector<OptionField>& fields) {
-  const auto parts = std::count(word.begin(), word.end(), '.') + 1;
+  std::map<std::string, std::string> keys;  // by all their endings
   std::vector<std::string> endings;
   for (const OptionField& field : fields) {
-    std::size_t begin = field.key.size();
-    for (auto part = parts; part > 0 && begin != std::string::npos && begin > 0; --part) {
-      begin = field.key.rfind('.', begin - 1);
+    for (std::string ending = field.key;; ending.erase(0, ending.find('.') + 1)) {
+      if (keys.emplace(ending, field.key).second) endings.push_back(ending);
+      if (ending.find('.') == std::string::npos) break;
     }
-    endings.push_back(begin == std::string::npos ? field.key : field.key.substr(begin + 1));
   }
-  const auto closest = std::find(endings.begin(), endings.end(), closestName(word, endings));
-  return fields[static_cast<std::size_t>(closest - endings.begin())].key;
+  return keys.at(closestName(word, endings));
 }
 
 /// Whether `key` ends with `end` at a dot: "b.c" is an end of "a.b.c".

@@ -113,6 +113,9 @@ void check(const SequenceOptions& options) {
   if (options.to > 0 && options.to < options.from) {
     throw ConfigError(fmt::format("to: {} s is before from: {} s", options.to, options.from));
   }
+  if (options.end >= 0 && options.end <= options.start) {
+    throw ConfigError(fmt::format("end: {} is not above start: {}", options.end, options.start));
+  }
 }
 
 /// Images selected by start, end, from, to, every and reverse.
@@ -126,9 +129,6 @@ Playlist selectImages(const SequenceOptions& options, const std::vector<double>&
         "start: {} lies outside the sequence; expected 0 to {}", options.start, size - 1));
   }
   int end = options.end < 0 ? size : std::min(options.end, size);
-  if (end <= options.start) {
-    throw ConfigError(fmt::format("end: {} is not above start: {}", options.end, options.start));
-  }
   const double begin = timestamps.front();
   const auto index_of = [&](auto time) { return static_cast<int>(time - timestamps.begin()); };
   const int start =
@@ -157,9 +157,6 @@ Playlist selectImages(const SequenceOptions& options, const std::vector<double>&
 Playlist selectVideo(const SequenceOptions& options, ImageSource& video) {
   check(options);
   if (options.reverse) throw ConfigError("reverse: a video is read forwards only");
-  if (options.end >= 0 && options.end <= options.start) {
-    throw ConfigError(fmt::format("end: {} is not above start: {}", options.end, options.start));
-  }
   Playlist playlist;
   playlist.first = options.start;
   if (options.from > 0) {
@@ -391,7 +388,7 @@ class SequenceReader::Impl {
     return layout.format == SequenceFormat::kCamera || layout.format == SequenceFormat::kVideo;
   }
   [[nodiscard]] int selected() const { return static_cast<int>(playlist.expected); }
-  /// Of a camera `end` images, or without end.
+  /// A camera gives `end` images, or images without end.
   [[nodiscard]] Playlist select(const SequenceOptions& options) {
     if (layout.format == SequenceFormat::kVideo) return selectVideo(options, *dataset.images);
     if (layout.format != SequenceFormat::kCamera) return selectImages(options, dataset.timestamps);
