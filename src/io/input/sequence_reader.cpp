@@ -125,8 +125,11 @@ Playlist selectImages(const SequenceOptions& options, const std::vector<double>&
   const int size = static_cast<int>(timestamps.size());
   check(options);
   if (options.start < 0 || options.start >= size) {
-    throw ConfigError(fmt::format(
-        "start: {} lies outside the sequence; expected 0 to {}", options.start, size - 1));
+    throw ConfigError(
+        fmt::format("start: {} lies outside the sequence of {} images; expected 0 to {}",
+                    options.start,
+                    size,
+                    size - 1));
   }
   int end = options.end < 0 ? size : std::min(options.end, size);
   const double begin = timestamps.front();
