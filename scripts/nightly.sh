@@ -4,8 +4,9 @@
 #   attack   test/attack on the package in build/python
 #   soak     200,000 rendered frames
 #   lost     rendered clips whose camera is lost, and what is found again
-#   fuzz     each parser, 10 minutes (needs the fuzzers of .ci/run)
-#   contract those of all initializers under the sanitizers of clang (needs that build of .ci/run)
+#   fuzz     each parser, 10 minutes (fuzz and contract need the build of clang of .ci/run)
+#   contract those of all initializers under the sanitizers of clang, with Ceres
+#   threads  what has threads, under ThreadSanitizer
 #   memory   that it does not grow with the length of a run
 #   wheels   scripts/wheels/build.sh, tried in empty roots (on Debian 12, as root)
 #   portability  what macOS and Windows would say of the code, as far as Debian's compilers can tell
@@ -13,7 +14,7 @@
 set -uo pipefail
 cd "$(dirname "$0")/.."
 export DSORB_BUILD_DIR=${DSORB_BUILD_DIR:-$PWD/build}
-[ $# -gt 0 ] || set -- attack soak lost fuzz contract memory wheels portability
+[ $# -gt 0 ] || set -- attack soak lost fuzz contract threads memory wheels portability
 
 attack() {
   local python=${DSORB_PYTHON:-python3} script failed=0
@@ -25,7 +26,16 @@ attack() {
 soak() { scripts/soak.sh 200000; }
 lost() { scripts/lost_clips.py "$(mktemp -d)" --bin "$DSORB_BUILD_DIR/bin"; }
 fuzz() { DSORB_BUILD_DIR=$PWD/build-clang scripts/fuzz.sh 600s; }
-contract() { ctest --test-dir build-clang --output-on-failure --parallel "$(nproc)" -L contract --repeat until-pass:3; }
+contract() {
+  cmake -S . -B build-clang -DDSORB_WITH_CERES=ON >/dev/null && DSORB_BUILD_DIR=build-clang scripts/build.sh -- dso_dataset contract_tests &&
+    ctest --test-dir build-clang --output-on-failure --parallel "$(nproc)" -L contract --repeat until-pass:3
+}
+threads() {
+  local room
+  room=$(mktemp -d)/room
+  "$DSORB_BUILD_DIR/bin/dso_synthesize" room --output "$room" --frames 40 --width 320 --height 240 --quiet &&
+    DSORB_SANITIZE=thread DSORB_FRAMES=25 DSORB_CMAKE_FLAGS=-DDSORB_WERROR=ON scripts/check_sanitizers.sh "$room"
+}
 memory() { python3 scripts/check_memory.py; }
 wheels() { scripts/wheels/build.sh x86_64 && scripts/wheels/try.sh; }
 portability() {
