@@ -13,6 +13,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <deque>
 #include <map>
 #include <optional>
 #include <set>
@@ -27,11 +28,20 @@ constexpr std::size_t kAskedCandidates = 3;  // that a frame is compared with
 constexpr double kPatchSlope = 0.02;         // of a depth, that pixels beside the corner differ
 constexpr std::size_t kLoopGap = 10;         // keyframes between two ends of a loop at least
 constexpr std::size_t kLoopSpacing = 3;  // keyframes from one query to the next; links see as many
+constexpr std::size_t kLosses = 4;       // whose views are remembered, the newest
+constexpr int kSeenBy = 2;               // keyframes that agree where segments lie, as SIFT sees them
+constexpr double kWrongView = 0.01;      // probability at most that one of these sees another place
 
 }  // namespace
 
 class Place::Impl {
  public:
+  /// The views before and after a loss.
+  struct Loss {
+    place::RecentViews before;
+    place::RecentViews after;
+  };
+
   explicit Impl(const PlaceOptions& chosen) : options(chosen), arena(chosen.num_threads) {}
 
   void noteStart(const InitStep& step, int segment) {
@@ -40,7 +50,18 @@ class Place::Impl {
       if (posed.T_cam_ref) start_frames[posed.frame->id()] = posed.frame;
     }
     if (step.result->metric && segments.count(segment) == 0) metric.insert(segment);
+    if (recent.segment().value_or(segment) != segment) {
+      losses.push_back({std::exchange(recent, {}), {}});
+      if (losses.size() > kLosses) losses.pop_front();
+    }
     ++stretch;
+  }
+
+  void remember(FrameId id, const Frame& frame) {
+    recent.add(id, frame);
+    if (losses.empty()) return;
+    place::RecentViews& after = losses.back().after;
+    if (after.size() < place::RecentViews::kViews) after.add(id, frame);
   }
 
   void noteFrame(const FrameEstimate& estimate) {
@@ -48,7 +69,7 @@ class Place::Impl {
     if (!estimate.is_keyframe || positions.count(estimate.frame->id()) > 0) return;
     const FrameId id = estimate.frame->id();
     timed(report.adding_seconds, [&] { views[id] = place::describeView(*estimate.frame); });
-    recent.add(id, *estimate.frame);
+    remember(id, *estimate.frame);
     const auto told = early.find(id);
     if (told == early.end()) return;
     enter(told->second);
@@ -56,7 +77,7 @@ class Place::Impl {
   }
 
   void noteKeyframe(const KeyframeSnapshot& keyframe) {
-    recent.tell(keyframe);
+    tellViews(keyframe);
     const auto known = positions.find(keyframe.id);
     if (known != positions.end()) {
       store.update(known->second, keyframe);
@@ -66,8 +87,8 @@ class Place::Impl {
     if (start != start_frames.end()) {
       timed(report.adding_seconds,
             [&] { views[keyframe.id] = place::describeView(*start->second); });
-      recent.add(keyframe.id, *start->second);
-      recent.tell(keyframe);
+      remember(keyframe.id, *start->second);
+      tellViews(keyframe);
     }
     if (views.count(keyframe.id) > 0) {
       enter(keyframe);
@@ -75,6 +96,14 @@ class Place::Impl {
     }
     early[keyframe.id] = keyframe;
     early[keyframe.id].points.clear();
+  }
+
+  void tellViews(const KeyframeSnapshot& keyframe) {
+    recent.tell(keyframe);
+    for (Loss& loss : losses) {
+      loss.before.tell(keyframe);
+      loss.after.tell(keyframe);
+    }
   }
 
   void enter(const KeyframeSnapshot& keyframe) {
@@ -181,13 +210,30 @@ class Place::Impl {
     return std::min(a, b);
   }
 
+  /// ORB asks all segments; those before and after a loss that it does not join are asked by SIFT.
+  [[nodiscard]] std::vector<place::Join> allJoins() {
+    std::vector<place::Join> joins =
+        place::joinsOf(store, sureLinks(1, [&](std::size_t query, std::size_t candidate) {
+                         return store[query].segment != store[candidate].segment;
+                       }));
+    for (Loss& loss : losses) {
+      const bool joined = std::any_of(joins.begin(), joins.end(), [&](const place::Join& join) {
+        return join.into == loss.before.segment() && join.segment == loss.after.segment();
+      });
+      if (joined) continue;
+      for (place::Join join : place::joinsOf(store, loss.before.linksTo(loss.after, positions))) {
+        if (join.keyframes < kSeenBy) continue;
+        join.wrong_probability = std::pow(kWrongView, join.keyframes);
+        joins.push_back(join);
+      }
+    }
+    return joins;
+  }
+
   void join() {
-    const auto links = sureLinks(1, [&](std::size_t query, std::size_t candidate) {
-      return store[query].segment != store[candidate].segment;
-    });
     std::map<int, std::pair<int, Similarity>> root;  // of a segment, and its world from that one's
     for (const int segment : segments) root[segment] = {segment, {}};
-    for (const place::Join& join : place::joinsOf(store, links)) {
+    for (const place::Join& join : allJoins()) {
       const auto [root_a, S_root_a] = root[join.into];
       const auto [root_b, S_root_b] = root[join.segment];
       if (root_a == root_b) continue;
@@ -252,6 +298,7 @@ class Place::Impl {
   std::map<FrameId, place::View> views;       // of frames that become keyframes
   std::map<FrameId, KeyframeSnapshot> early;  // told before their frames
   place::RecentViews recent;
+  std::deque<Loss> losses;
   std::set<int> segments;
   std::set<int> metric;  // segments told in metres
   std::vector<OdometryObserver*> observers;

@@ -1,14 +1,17 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "place/recent_views.h"
 
+#include "base/median.h"
 #include "base/parallel.h"
 #include "features/feature_matches.h"
 #include "features/pose_from_matches.h"
 #include "features/scale_features.h"
 #include "image/cell_grid.h"
 #include "image/image_scale.h"
+#include "place/appearance.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <limits>
 #include <set>
@@ -17,7 +20,6 @@
 namespace dsorb::place {
 namespace {
 
-constexpr std::size_t kViews = 16;    // that are remembered
 constexpr std::size_t kShared = 3;    // views before and after, whose points a view shows, too
 constexpr int kPatience = 4;          // frames that are looked for in vain
 constexpr std::size_t kBlind = 4;     // times fewer corners than the newest view: covered, blurred
@@ -25,25 +27,30 @@ constexpr int kCorners = 1000;        // of a view
 constexpr int kLevel = 1;             // of the pyramid, on which they are found
 constexpr int kMargin = 8;            // of invalid pixels [px]
 constexpr std::size_t kMinSeen = 20;  // corners of the frame that agree with its pose
-/// Cells of 48 that these corners lie in at the end. A repeated wallpaper was taken for another
+/// Cells of a view that these corners lie in at the end. A repeated wallpaper was taken for another
 /// stretch of itself with 5, two poses that were wrong by degrees had 13 and 14, right ones 19
 /// to 32.
 constexpr std::size_t kMinCells = 16;
-constexpr int kColumns = 8;
-constexpr int kRows = 6;
 constexpr double kNear = 12;          // of a corner to where a pose shows its point, the same [px]
 constexpr float kSameCorner = 0.7F;   // distance of the descriptors of one corner at most [-]
 constexpr int kRounds = 2;            // of corners that a pose leads to, after the first
 constexpr float kMaxToDepth = 8;      // of a corner to a point, for 800 px [px]
 constexpr double kDepthSigma = 0.05;  // of a depth taken from there, of the depth
 constexpr std::uint64_t kSampleSeed = 48;
-constexpr int kPatch = 4;  // pixels around a corner that have its depth [px]
+/// Share of the cells that look otherwise at most. Of rooms that have the same walls and other
+/// furniture two of three views have more than .19, one in forty less than .12; views of the same
+/// place have 0 to .15, from far aside .2.
+constexpr double kMaxContradicted = 0.12;
+constexpr int kPatch = 4;                // pixels around a corner that have its depth [px]
+constexpr std::size_t kLinkSpacing = 2;  // views of another segment from one query to the next
+constexpr std::size_t kMinRatios = 10;   // corners whose depth both segments know
+constexpr double kMedianLoss = 1.25;     // standard deviation of a median over that of a mean
 
 Features describe(const GreyImage& image) {
   Features features = findScaleFeatures(image, kCorners);
-  constexpr float kStep = 1 << kLevel;
+  constexpr float kScale = 1 << kLevel;
   for (cv::KeyPoint& point : features.points) {
-    point.pt = kStep * (point.pt + cv::Point2f(0.5F, 0.5F)) - cv::Point2f(0.5F, 0.5F);
+    point.pt = kScale * (point.pt + cv::Point2f(0.5F, 0.5F)) - cv::Point2f(0.5F, 0.5F);
   }
   return features;
 }
@@ -52,32 +59,101 @@ GreyImage imageOf(const Frame& frame) {
   return greyImage(frame.level(kLevel), 1, kMargin);
 }
 
+/// Depths of points around a keyframe as it sees them, by pixel.
+class DepthLookup {
+ public:
+  DepthLookup(const std::vector<DepthSample>& depths, const PinholeCamera& camera)
+      : depths_(depths),
+        radius_(kMaxToDepth * static_cast<float>(imageScale(camera.width, camera.height))),
+        grid_(pixelsOf(depths), CellGrid(camera.width, camera.height, radius_)) {}
+  /// Inverse depth of the nearest point, 0 where none is near [1/unit].
+  [[nodiscard]] double at(const Eigen::Vector2f& pixel) const {
+    const auto sample = grid_.nearest<1>(pixel, radius_);
+    if (sample.count == 0) return 0;
+    return static_cast<double>(depths_[sample.nearest[0].point].inverse_depth);
+  }
+
+ private:
+  static std::vector<Eigen::Vector2f> pixelsOf(const std::vector<DepthSample>& depths) {
+    std::vector<Eigen::Vector2f> pixels;
+    pixels.reserve(depths.size());
+    for (const DepthSample& sample : depths) pixels.push_back(sample.pixel);
+    return pixels;
+  }
+
+  const std::vector<DepthSample>& depths_;
+  float radius_;
+  PointGrid grid_;
+};
+
+/// What the views around one show of their points, in it.
+std::vector<DepthSample> depthsOf(const std::deque<RecentView>& views, std::size_t view) {
+  const KeyframeSnapshot& at = *views[view].keyframe;
+  const SE3 T_cam_world = at.T_world_cam.inverse();
+  std::vector<DepthSample> depths;
+  const std::size_t end = std::min(views.size(), view + kShared + 1);
+  for (std::size_t i = view - std::min(view, kShared); i < end; ++i) {
+    const std::optional<KeyframeSnapshot>& host = views[i].keyframe;
+    if (!host || host->segment != at.segment) continue;
+    const SE3 T_cam_host = T_cam_world * host->T_world_cam;
+    for (const MapPoint& point : host->points) {
+      if (!(point.inverse_depth > 0)) continue;
+      const Eigen::Vector3d p = T_cam_host * (host->camera.unproject(point.pixel.cast<double>()) /
+                                              static_cast<double>(point.inverse_depth));
+      if (!(p.z() > 0)) continue;
+      const Eigen::Vector2d pixel = at.camera.project(p);
+      if (!at.camera.contains(pixel)) continue;
+      depths.push_back({pixel.cast<float>(), static_cast<float>(1 / p.z()), 1});
+    }
+  }
+  return depths;
+}
+
+/// Calls call(i) for each view, in parallel.
+template <typename Call>
+void forEachView(const std::deque<RecentView>& views, const Call& call) {
+  forEachRange(views.size(), 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) call(i);
+  });
+}
+
+void describeAll(std::deque<RecentView>& views) {
+  forEachView(views, [&](std::size_t i) {
+    if (views[i].features.points.empty()) views[i].features = describe(views[i].image);
+  });
+}
+
 /// Features of a view that are near a point, and where they are in the world.
 struct Located {
   Features features;
   std::vector<Eigen::Vector3d> points;
 };
 
-Located locate(const Features& features,
-               const std::vector<DepthSample>& depths,
-               const KeyframeSnapshot& keyframe) {
-  const PinholeCamera& camera = keyframe.camera;
-  const auto radius = kMaxToDepth * static_cast<float>(imageScale(camera.width, camera.height));
-  std::vector<Eigen::Vector2f> pixels;
-  pixels.reserve(depths.size());
-  for (const DepthSample& sample : depths) pixels.push_back(sample.pixel);
-  const PointGrid grid(std::move(pixels), CellGrid(camera.width, camera.height, radius));
+Located locate(const std::deque<RecentView>& views, std::size_t view) {
+  const Features& features = views[view].features;
+  const KeyframeSnapshot& keyframe = *views[view].keyframe;
+  const std::vector<DepthSample> depths = depthsOf(views, view);
+  const DepthLookup lookup(depths, keyframe.camera);
   Located located;
   for (std::size_t i = 0; i < features.points.size(); ++i) {
     const cv::Point2f& pixel = features.points[i].pt;
-    const auto sample = grid.nearest<1>({pixel.x, pixel.y}, radius);
-    if (sample.count == 0) continue;
+    const double inverse_depth = lookup.at({pixel.x, pixel.y});
+    if (inverse_depth == 0) continue;
     located.features.points.push_back(features.points[i]);
     located.features.descriptors.push_back(features.descriptors.row(static_cast<int>(i)));
-    const float inverse_depth = depths[sample.nearest[0].point].inverse_depth;
-    located.points.push_back(keyframe.T_world_cam * (camera.unproject({pixel.x, pixel.y}) /
-                                                     static_cast<double>(inverse_depth)));
+    located.points.push_back(keyframe.T_world_cam *
+                             (keyframe.camera.unproject({pixel.x, pixel.y}) / inverse_depth));
   }
+  return located;
+}
+
+/// By view; empty where it is not of the segment.
+std::vector<Located> locateAll(const std::deque<RecentView>& views, int segment) {
+  std::vector<Located> located(views.size());
+  forEachView(views, [&](std::size_t i) {
+    const std::optional<KeyframeSnapshot>& told = views[i].keyframe;
+    if (told && told->segment == segment) located[i] = locate(views, i);
+  });
   return located;
 }
 
@@ -128,13 +204,23 @@ void addPairs(const Located& view,
   }
 }
 
+/// A view among others.
+struct Placed {
+  std::size_t host = 0;  // the view that shows most of it
+  SE3 T_world_cam;
+  SE3 T_cam_host;
+  Matrix6d covariance;                   // of exp(xi) * T_cam_host
+  std::vector<Eigen::Vector2f> corners;  // that agree [px]
+  std::vector<double> depths;            // of these, in the unit of the world
+};
+
 /// The pose that most agree with.
 /// @param T_world_host of a camera that has the points before it
 /// @param min_cells    that corners which agree lie in
-std::optional<RecognizedPlace> placeOfMost(const Pairs& pairs,
-                                           const PinholeCamera& camera,
-                                           const SE3& T_world_host,
-                                           std::size_t min_cells) {
+std::optional<Placed> placeOfMost(const Pairs& pairs,
+                                  const PinholeCamera& camera,
+                                  const SE3& T_world_host,
+                                  std::size_t min_cells) {
   const SE3 T_host_world = T_world_host.inverse();
   std::vector<PointObservation> matches;
   for (std::size_t i = 0; i < pairs.points.size(); ++i) {
@@ -143,22 +229,22 @@ std::optional<RecognizedPlace> placeOfMost(const Pairs& pairs,
   }
   const std::optional<MatchedPose> pose = poseFromMatches(matches, camera, kSampleSeed);
   if (!pose) return std::nullopt;
-  RecognizedPlace place;
-  place.T_world_cam = T_world_host * pose->T_cam_host.inverse();
-  place.T_cam_keyframe = pose->T_cam_host;
-  place.covariance = pose->covariance;
+  Placed placed;
+  placed.T_world_cam = T_world_host * pose->T_cam_host.inverse();
+  placed.T_cam_host = pose->T_cam_host;
+  placed.covariance = pose->covariance;
   std::set<std::pair<double, double>> seen;
   std::set<std::size_t> covered;
-  const CellGrid cells(camera.width, camera.height, kColumns, kRows);
+  const CellGrid cells(camera.width, camera.height, kViewColumns, kViewRows);
   for (std::size_t i = 0; i < matches.size(); ++i) {
     const PointObservation& match = matches[i];
     if (pose->inlier[i] == 0 || !seen.emplace(match.pixel.x(), match.pixel.y()).second) continue;
     covered.insert(cells.at(match.pixel.x(), match.pixel.y()));
-    const double z = (pose->T_cam_host * (match.host_ray / match.inverse_depth)).z();
-    addDepth(match.pixel.cast<float>(), z, kDepthSigma * z, place);
+    placed.corners.emplace_back(match.pixel.cast<float>());
+    placed.depths.push_back((pose->T_cam_host * (match.host_ray / match.inverse_depth)).z());
   }
   if (seen.size() < kMinSeen || covered.size() < min_cells) return std::nullopt;
-  return place;
+  return placed;
 }
 
 bool hasFewer(const Pairs& a, const Pairs& b) {
@@ -172,6 +258,63 @@ Pairs allOf(const std::vector<Pairs>& parts) {
     all.pixels.insert(all.pixels.end(), part.pixels.begin(), part.pixels.end());
   }
   return all;
+}
+
+/// Whether an image shows other things than the points of the views where a pose has them.
+bool isContradicted(const std::deque<RecentView>& views,
+                    int segment,
+                    const GreyImage& image,
+                    const FramePose& pose) {
+  std::vector<ImagedKeyframe> keyframes;
+  for (const RecentView& view : views) {
+    if (!view.keyframe || view.keyframe->segment != segment) continue;
+    keyframes.push_back({&*view.keyframe, view.image.grey});
+  }
+  return contradictedShare(keyframes, image, pose.camera, pose.T_cam_world.inverse()) >
+         kMaxContradicted;
+}
+
+/// Where features are seen among views; after a first pose they are looked for near it.
+std::optional<Placed> search(const std::deque<RecentView>& views,
+                             const std::vector<Located>& located,
+                             const Features& features,
+                             const PinholeCamera& camera) {
+  const std::vector<Eigen::Vector2f> corners = positionsOf(features);
+  std::optional<Placed> placed;
+  for (int round = 0; round <= kRounds; ++round) {
+    std::optional<FramePose> guess;
+    if (placed) guess = FramePose{camera, placed->T_world_cam.inverse()};
+    std::vector<Pairs> found(views.size());
+    forEachView(views,
+                [&](std::size_t i) { addPairs(located[i], features, corners, guess, found[i]); });
+    const auto most = static_cast<std::size_t>(
+        std::max_element(found.begin(), found.end(), hasFewer) - found.begin());
+    if (!views[most].keyframe) return std::nullopt;
+    placed = placeOfMost(
+        allOf(found), camera, views[most].keyframe->T_world_cam, round == kRounds ? kMinCells : 0);
+    if (!placed) return std::nullopt;
+    placed->host = most;
+  }
+  return placed;
+}
+
+/// Length of a view's own unit in that of the world where it was placed.
+struct Unit {
+  double scale = 1;
+  double log_variance = 0;
+};
+
+std::optional<Unit> unitOf(const Placed& placed, const DepthLookup& own) {
+  std::vector<double> logs;
+  for (std::size_t i = 0; i < placed.corners.size(); ++i) {
+    const double inverse_depth = own.at(placed.corners[i]);
+    if (inverse_depth > 0) logs.push_back(std::log(placed.depths[i] * inverse_depth));
+  }
+  if (logs.size() < kMinRatios) return std::nullopt;
+  const double median = medianInPlace(logs);
+  for (double& value : logs) value = std::abs(value - median);
+  const double deviation = kMedianLoss * kMadToSigma * medianInPlace(logs);
+  return Unit{std::exp(median), deviation * deviation / static_cast<double>(logs.size())};
 }
 
 }  // namespace
@@ -189,79 +332,75 @@ void RecentViews::tell(const KeyframeSnapshot& keyframe) {
   }
 }
 
-std::vector<DepthSample> RecentViews::depthsOf(std::size_t view) const {
-  const KeyframeSnapshot& at = *views_[view].keyframe;
-  const SE3 T_cam_world = at.T_world_cam.inverse();
-  std::vector<DepthSample> depths;
-  const std::size_t end = std::min(views_.size(), view + kShared + 1);
-  for (std::size_t i = view - std::min(view, kShared); i < end; ++i) {
-    const std::optional<KeyframeSnapshot>& host = views_[i].keyframe;
-    if (!host || host->segment != at.segment) continue;
-    const SE3 T_cam_host = T_cam_world * host->T_world_cam;
-    for (const MapPoint& point : host->points) {
-      if (!(point.inverse_depth > 0)) continue;
-      const Eigen::Vector3d p = T_cam_host * (host->camera.unproject(point.pixel.cast<double>()) /
-                                              static_cast<double>(point.inverse_depth));
-      if (!(p.z() > 0)) continue;
-      const Eigen::Vector2d pixel = at.camera.project(p);
-      if (!at.camera.contains(pixel)) continue;
-      depths.push_back({pixel.cast<float>(), static_cast<float>(1 / p.z()), 1});
-    }
-  }
-  return depths;
-}
-
-void RecentViews::describe() {
-  forEachRange(views_.size(), 1, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      if (views_[i].image.grey.empty()) continue;
-      views_[i].features = place::describe(views_[i].image);
-      views_[i].image = {};
-    }
-  });
-}
-
-std::optional<RecognizedPlace> RecentViews::find(const Frame& frame, const PinholeCamera& camera) {
-  if (asked_ >= kPatience || views_.empty()) return std::nullopt;
-  describe();
-  const Features features = place::describe(imageOf(frame));
-  if (kBlind * features.points.size() < views_.back().features.points.size()) return std::nullopt;
-  ++asked_;
+std::optional<int> RecentViews::segment() const {
   const auto newest = std::find_if(views_.rbegin(), views_.rend(), [](const RecentView& view) {
     return view.keyframe.has_value();
   });
   if (newest == views_.rend()) return std::nullopt;
-  const int segment = newest->keyframe->segment;
-  std::vector<Located> views(views_.size());
-  const auto for_each_view = [this](const auto& call) {
-    forEachRange(views_.size(), 1, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t i = begin; i < end; ++i) call(i);
-    });
-  };
-  for_each_view([&](std::size_t i) {
-    const std::optional<KeyframeSnapshot>& told = views_[i].keyframe;
-    if (told && told->segment == segment) {
-      views[i] = locate(views_[i].features, depthsOf(i), *told);
-    }
-  });
-  const std::vector<Eigen::Vector2f> corners = positionsOf(features);
-  std::optional<RecognizedPlace> place;
-  for (int round = 0; round <= kRounds; ++round) {
-    std::optional<FramePose> guess;
-    if (place) guess = FramePose{camera, place->T_world_cam.inverse()};
-    std::vector<Pairs> found(views_.size());
-    for_each_view([&](std::size_t i) { addPairs(views[i], features, corners, guess, found[i]); });
-    const auto most = std::max_element(found.begin(), found.end(), hasFewer) - found.begin();
-    const RecentView& host = views_[static_cast<std::size_t>(most)];
-    if (!host.keyframe) return std::nullopt;
-    place = placeOfMost(
-        allOf(found), camera, host.keyframe->T_world_cam, round == kRounds ? kMinCells : 0);
-    if (!place) return std::nullopt;
-    place->keyframe = host.id;
+  return newest->keyframe->segment;
+}
+
+std::optional<RecognizedPlace> RecentViews::find(const Frame& frame, const PinholeCamera& camera) {
+  const std::optional<int> segment = this->segment();
+  if (asked_ >= kPatience || !segment) return std::nullopt;
+  describeAll(views_);
+  const GreyImage image = imageOf(frame);
+  const Features features = describe(image);
+  if (kBlind * features.points.size() < views_.back().features.points.size()) return std::nullopt;
+  ++asked_;
+  const std::optional<Placed> placed =
+      search(views_, locateAll(views_, *segment), features, camera);
+  if (!placed || isContradicted(views_, *segment, image, {camera, placed->T_world_cam.inverse()})) {
+    return std::nullopt;
   }
   asked_ = 0;
-  place->segment = segment;
+  RecognizedPlace place;
+  place.segment = *segment;
+  place.T_world_cam = placed->T_world_cam;
+  place.keyframe = views_[placed->host].id;
+  place.T_cam_keyframe = placed->T_cam_host;
+  place.covariance = placed->covariance;
+  for (std::size_t i = 0; i < placed->corners.size(); ++i) {
+    const double z = placed->depths[i];
+    addDepth(placed->corners[i], z, kDepthSigma * z, place);
+  }
   return place;
+}
+
+std::vector<Link> RecentViews::linksTo(RecentViews& others,
+                                       const std::map<FrameId, std::size_t>& positions) {
+  std::vector<Link> links;
+  const std::optional<int> segment = this->segment();
+  if (!segment) return links;
+  describeAll(views_);
+  describeAll(others.views_);
+  const std::vector<Located> located = locateAll(views_, *segment);
+  for (std::size_t i = 0; i < others.views_.size(); i += kLinkSpacing) {
+    const RecentView& view = others.views_[i];
+    if (!view.keyframe) continue;
+    const PinholeCamera& camera = view.keyframe->camera;
+    const std::optional<Placed> placed = search(views_, located, view.features, camera);
+    if (!placed ||
+        isContradicted(views_, *segment, view.image, {camera, placed->T_world_cam.inverse()})) {
+      continue;
+    }
+    const std::vector<DepthSample> depths = depthsOf(others.views_, i);
+    const std::optional<Unit> unit = unitOf(*placed, DepthLookup(depths, camera));
+    if (!unit) continue;
+    Link link;
+    link.from = positions.at(view.id);
+    link.to = positions.at(views_[placed->host].id);
+    link.S_to_from = Similarity{placed->T_world_cam, unit->scale} *
+                     Similarity{view.keyframe->T_world_cam.inverse(), 1};
+    Matrix7d covariance = Matrix7d::Zero();
+    covariance.topLeftCorner<6, 6>() = placed->covariance;
+    covariance(6, 6) = unit->log_variance;
+    const Matrix7d adjoint = Similarity{placed->T_world_cam, 1}.adjoint();
+    link.covariance = adjoint * covariance * adjoint.transpose();
+    link.matches = static_cast<int>(placed->corners.size());
+    links.push_back(link);
+  }
+  return links;
 }
 
 void addDepth(const Eigen::Vector2f& pixel, double depth, double sigma, RecognizedPlace& place) {

@@ -7,19 +7,31 @@
 
 #include "features/feature_matches.h"
 #include "features/grey_image.h"
+#include "place/recognition.h"
 
 #include <cstddef>
 #include <deque>
+#include <map>
 #include <optional>
 #include <vector>
 
 namespace dsorb::place {
 
-/// The newest keyframes as SIFT sees them, for a frame that shows their place from another side.
+/// A keyframe with its image at half the size.
+struct RecentView {
+  FrameId id;
+  std::optional<KeyframeSnapshot> keyframe;  ///< as told last
+  GreyImage image;
+  Features features;  ///< none before it is asked for
+};
+
+/// Sixteen keyframes as SIFT sees them, for a frame that shows their place from another side.
 /// Nothing is described before it is asked for.
 class RecentViews {
  public:
-  /// Remembers a keyframe by its image at half the size.
+  static constexpr std::size_t kViews = 16;
+
+  /// Remembers a keyframe by its image at half the size, in place of the oldest where all are there.
   void add(FrameId id, const Frame& frame);
   /// What is told of a keyframe, the newest counts.
   void tell(const KeyframeSnapshot& keyframe);
@@ -31,17 +43,17 @@ class RecentViews {
   /// @param camera of the frame
   [[nodiscard]] std::optional<RecognizedPlace> find(const Frame& frame,
                                                     const PinholeCamera& camera);
+  /// Links of every second view of another segment to these. Runs in parallel inside the caller's
+  /// arena.
+  /// @param positions of keyframes in the store
+  [[nodiscard]] std::vector<Link> linksTo(RecentViews& others,
+                                          const std::map<FrameId, std::size_t>& positions);
+
+  /// Segment of the newest view that was told.
+  [[nodiscard]] std::optional<int> segment() const;
+  [[nodiscard]] std::size_t size() const { return views_.size(); }
 
  private:
-  struct RecentView {
-    FrameId id;
-    std::optional<KeyframeSnapshot> keyframe;  // as told last
-    GreyImage image;                           // until it is described
-    Features features;
-  };
-  void describe();
-  [[nodiscard]] std::vector<DepthSample> depthsOf(std::size_t view) const;
-
   std::deque<RecentView> views_;  // the newest last
   int asked_ = 0;                 // without an answer, since the newest keyframe
 };

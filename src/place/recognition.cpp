@@ -21,8 +21,6 @@ constexpr std::size_t kMinMatches = 8;  // of a pose
 constexpr std::uint64_t kSeed = 49;     // of samples; any number
 constexpr double kRadius = 6;           // of the search around a prediction, the same width [px]
 constexpr int kAlike = 60;              // distance of descriptors of one corner at most [bits]
-constexpr int kViewColumns = 8;
-constexpr int kViewRows = 6;
 constexpr double kCell = 16;  // of the lookup of features [px]
 // Shares of links between 12 rooms that have the same walls and nothing else in common (.052 to
 // .111), and of those that match one stretch of a wall with another (.103 to .124).

@@ -13,6 +13,10 @@
 
 namespace dsorb::place {
 
+// Cells of a view, by which it is said how much of it something covers.
+constexpr int kViewColumns = 8;
+constexpr int kViewRows = 6;
+
 /// How much of what a view should show of a map it shows.
 struct Evidence {
   int views = 0;          ///< that show the place by themselves

@@ -22,6 +22,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <map>
 #include <string>
 #include <utility>
 #include <vector>
@@ -324,18 +325,25 @@ FramePtr roomFrame(int id, const synthetic::View& view) {
 }
 
 /// Keyframes of a rendered room by the truth, with every sixth pixel as a point.
-void tellRoom(const synthetic::Scene& room, place::RecentViews& views) {
-  for (int k = 0; k < 6; ++k) {
+/// @param S_world_room of the segment, whose number is that of the first keyframe
+void tellRoom(const synthetic::Scene& room,
+              place::RecentViews& views,
+              int first = 0,
+              const Similarity& S_world_room = {}) {
+  for (int k = first; k < first + 6; ++k) {
+    const SE3 pose = synthetic::roomPose(5 * k, 1);
     KeyframeSnapshot keyframe;
     keyframe.id = FrameId{k};
+    keyframe.segment = first;
     keyframe.camera = kRoomCamera;
-    keyframe.T_world_cam = synthetic::roomPose(5 * k, 1);
-    const synthetic::View view = synthetic::render(room, kRoomCamera, keyframe.T_world_cam);
+    keyframe.T_world_cam = S_world_room.moved(pose);
+    const synthetic::View view = synthetic::render(room, kRoomCamera, pose);
     for (int y = 0; y < view.height; y += 6) {
       for (int x = 0; x < view.width; x += 6) {
         MapPoint point;
         point.pixel = Eigen::Vector2i(x, y).cast<float>();
-        point.inverse_depth = view.inverse_depth[static_cast<std::size_t>(y * view.width + x)];
+        point.inverse_depth = view.inverse_depth[static_cast<std::size_t>(y * view.width + x)] /
+                              static_cast<float>(S_world_room.scale);
         keyframe.points.push_back(point);
       }
     }
@@ -375,6 +383,52 @@ TEST(RecentViewsTest, FindNoOtherRoomAndGiveUp) {
     EXPECT_FALSE(isFound(synthetic::makeRoom(other)));
   }
   EXPECT_FALSE(isFound(synthetic::makeRoom(5))) << "is looked for no more after four in vain";
+}
+
+/// The room `seed` with the walls, the floor and the ceiling of another one.
+synthetic::Scene refurnished(const synthetic::Scene& walls, std::uint64_t seed) {
+  synthetic::Scene room = synthetic::makeRoom(seed);
+  for (std::size_t i = 0; i < room.textures.size(); ++i) {
+    room.textures[i] = walls.textures[i % walls.textures.size()];
+  }
+  return room;
+}
+
+TEST(RecentViewsTest, FindNoRoomThatHasTheSameWalls) {
+  const synthetic::Scene walls = synthetic::makeRoom(5);
+  place::RecentViews views;
+  tellRoom(refurnished(walls, 22), views);
+  const auto isFound = [&](std::uint64_t seed) {
+    const synthetic::View view =
+        synthetic::render(refurnished(walls, seed), kRoomCamera, synthetic::roomPose(12, 1));
+    return views.find(*roomFrame(50, view), kRoomCamera).has_value();
+  };
+  EXPECT_FALSE(isFound(21));
+  EXPECT_TRUE(isFound(22));
+  EXPECT_FALSE(isFound(23));
+}
+
+TEST(RecentViewsTest, LinkAnotherSegmentOfTheSameRoomAndNoneOfAnotherRoom) {
+  place::RecentViews views;
+  tellRoom(synthetic::makeRoom(5), views);
+  std::map<FrameId, std::size_t> positions;
+  for (int k = 0; k < 12; ++k) positions[FrameId{k}] = static_cast<std::size_t>(k);
+  const Similarity S_world_room{SE3(so3Exp({0.1, 0.4, 0}), Eigen::Vector3d(1, 2, 3)), 2.5};
+  place::RecentViews same;
+  tellRoom(synthetic::makeRoom(5), same, 6, S_world_room);
+  const std::vector<place::Link> links = views.linksTo(same, positions);
+  ASSERT_EQ(links.size(), 3U) << "every second of six";
+  for (const place::Link& link : links) {
+    const Similarity off = link.S_to_from * S_world_room;  // nothing
+    EXPECT_LT(off.motion.log().norm(), 0.05);
+    EXPECT_NEAR(off.scale, 1, 0.01);
+    EXPECT_GE(link.from, 6U);
+    EXPECT_LT(link.to, 6U);
+    EXPECT_EQ(link.covariance.llt().info(), Eigen::Success);
+  }
+  place::RecentViews other;
+  tellRoom(synthetic::makeRoom(21), other, 6, S_world_room);
+  EXPECT_TRUE(views.linksTo(other, positions).empty());
 }
 
 class MapFileTest : public ::testing::Test {

@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "place/appearance.h"
+
+#include "image/cell_grid.h"
+#include "place/recognition.h"
+
+#include <Eigen/Core>
+#include <opencv2/imgproc.hpp>
+
+#include <cstddef>
+
+namespace dsorb::place {
+namespace {
+
+constexpr int kPatchStep = 2;                                 // between the pixels of a patch
+constexpr int kPatchReach = 3;                                // steps from its middle to its border
+constexpr int kPatchSide = 2 * kPatchReach + 1;               // pixels of a patch in a row
+constexpr std::size_t kMiddle = kPatchSide * kPatchSide / 2;  // pixel of a patch
+constexpr double kBorder = 2;                                 // of images, for interpolation [px]
+constexpr float kMinDeviation = 5;     // of a patch that can be compared [grey levels]
+constexpr float kAlikePatches = 0.6F;  // correlation of two patches of one place at least
+constexpr int kMinPatches = 8;         // of a cell that can be compared
+constexpr double kMinAlike = 0.25;     // share of a cell's patches, that it shows the place
+
+using Patch = Eigen::Matrix<float, 1, kPatchSide * kPatchSide>;
+using Patches = Eigen::Matrix<float, Eigen::Dynamic, kPatchSide * kPatchSide, Eigen::RowMajor>;
+
+/// Where two images show the patches of points; one row a point.
+struct Places {
+  std::vector<cv::Vec2f> host;  // at half the size [px]
+  std::vector<cv::Vec2f> seen;
+  std::vector<std::size_t> cells;  // by point
+};
+
+cv::Vec2f halved(const Eigen::Vector2d& pixel) {
+  const Eigen::Vector2f half = (0.5 * (pixel.array() + 0.5) - 0.5).cast<float>();
+  return {half.x(), half.y()};
+}
+
+/// Adds a point's patch where both images show all of it. Its pixels are as far away as it is.
+void addPatch(const MapPoint& point,
+              const PinholeCamera& host,
+              const SE3& T_cam_host,
+              const PinholeCamera& camera,
+              Places& places) {
+  const Eigen::Vector2d middle = point.pixel.cast<double>();
+  const double depth = 1 / static_cast<double>(point.inverse_depth);
+  const std::size_t before = places.host.size();
+  for (int i = 0; i < kPatchSide * kPatchSide; ++i) {
+    const Eigen::Vector2d offset(i % kPatchSide - kPatchReach, i / kPatchSide - kPatchReach);
+    const Eigen::Vector2d pixel = middle + kPatchStep * offset;
+    const Eigen::Vector3d p = T_cam_host * (depth * host.unproject(pixel));
+    const Eigen::Vector2d seen = camera.project(p);
+    if (!(p.z() > 0) || !camera.contains(seen, kBorder) || !host.contains(pixel, kBorder)) {
+      places.host.resize(before);
+      places.seen.resize(before);
+      return;
+    }
+    places.host.push_back(halved(pixel));
+    places.seen.push_back(halved(seen));
+  }
+  const CellGrid cells(camera.width, camera.height, kViewColumns, kViewRows);
+  const Eigen::Vector2d seen = camera.project(T_cam_host * (depth * host.unproject(middle)));
+  places.cells.push_back(cells.at(seen.x(), seen.y()));
+}
+
+Patches patchesAt(const cv::Mat& image, const std::vector<cv::Vec2f>& pixels) {
+  const auto rows = static_cast<Eigen::Index>(pixels.size()) / (kPatchSide * kPatchSide);
+  cv::Mat grey;
+  cv::remap(image,
+            grey,
+            cv::Mat(pixels).reshape(2, static_cast<int>(rows)),
+            cv::noArray(),
+            cv::INTER_LINEAR);
+  Patches patches(rows, kPatchSide * kPatchSide);
+  grey.convertTo(cv::Mat(grey.size(), CV_32F, patches.data()), CV_32F);
+  return patches;
+}
+
+}  // namespace
+
+double contradictedShare(const std::vector<ImagedKeyframe>& keyframes,
+                         const GreyImage& image,
+                         const PinholeCamera& camera,
+                         const SE3& T_world_cam) {
+  std::vector<int> compared(kViewColumns * kViewRows, 0);
+  std::vector<int> alike(compared);
+  for (const auto& [keyframe, host_image] : keyframes) {
+    const SE3 T_cam_host = T_world_cam.inverse() * keyframe->T_world_cam;
+    Places places;
+    for (const MapPoint& point : keyframe->points) {
+      if (!(point.inverse_depth > 0)) continue;
+      addPatch(point, keyframe->camera, T_cam_host, camera, places);
+    }
+    if (places.cells.empty()) continue;
+    const Patches host = patchesAt(host_image, places.host);
+    const Patches seen = patchesAt(image.grey, places.seen);
+    for (std::size_t i = 0; i < places.cells.size(); ++i) {
+      const auto row = static_cast<Eigen::Index>(i);
+      const Patch a = host.row(row).array() - host.row(row).mean();
+      const Patch b = seen.row(row).array() - seen.row(row).mean();
+      const cv::Vec2f& middle = places.seen[i * Patch::SizeAtCompileTime + kMiddle];
+      if (a.norm() < kMinDeviation * kPatchSide || !image.usable({middle[0], middle[1]})) continue;
+      ++compared[places.cells[i]];
+      if (a.dot(b) > kAlikePatches * a.norm() * b.norm()) ++alike[places.cells[i]];
+    }
+  }
+  int cells = 0;
+  int otherwise = 0;
+  for (std::size_t i = 0; i < compared.size(); ++i) {
+    if (compared[i] < kMinPatches) continue;
+    ++cells;
+    if (alike[i] < kMinAlike * compared[i]) ++otherwise;
+  }
+  return cells > 0 ? static_cast<double>(otherwise) / cells : 1;
+}
+
+}  // namespace dsorb::place

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/geometry/se3.h"
+#include "dsorb/odometry/observer.h"
+
+#include "features/grey_image.h"
+
+#include <opencv2/core.hpp>
+
+#include <vector>
+
+namespace dsorb::place {
+
+/// A keyframe with its image at half the size, 8 bit.
+struct ImagedKeyframe {
+  const KeyframeSnapshot* keyframe = nullptr;
+  cv::Mat image;
+};
+
+/// How far an image contradicts the pose that it was given among keyframes: the share of its cells,
+/// 8 by 6, in which the points of the keyframes look otherwise. What stands in the way of a point
+/// contradicts it, too, so a right pose has some of them. 1 where no cell can be compared.
+/// @param image  at half the size
+/// @param camera of the whole image
+[[nodiscard]] double contradictedShare(const std::vector<ImagedKeyframe>& keyframes,
+                                       const GreyImage& image,
+                                       const PinholeCamera& camera,
+                                       const SE3& T_world_cam);
+
+}  // namespace dsorb::place
