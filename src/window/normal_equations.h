@@ -330,7 +330,9 @@ struct WindowEquations : LinearSystem<float> {
   int used = 0;  ///< residuals in the system
 };
 
-using WindowElimination = DepthElimination<float>;
+/// Sums in double precision: what the inverse depths leave of gauge directions is a small
+/// difference.
+using WindowElimination = DepthElimination<float, double>;
 
 /// Points of one host that are summed one after the other.
 struct Chunk {

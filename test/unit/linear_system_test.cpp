@@ -50,12 +50,18 @@ struct RandomSystem {
   }
 };
 
-constexpr double kTolerance = 1e-12;
+template <typename Scalar>
+class LinearSystemOf : public testing::Test {
+ protected:
+  static constexpr double kTolerance = sizeof(Scalar) == sizeof(float) ? 1e-5 : 1e-12;
+};
+using Types = testing::Types<float, double>;
+TYPED_TEST_SUITE(LinearSystemOf, Types);
 
-TEST(LinearSystem, SolutionEqualsThatOfTheDenseSystem) {
-  const RandomSystem<double> random;
+TYPED_TEST(LinearSystemOf, SolutionEqualsThatOfTheDenseSystem) {
+  const RandomSystem<TypeParam> random;
   for (const double damping : {0.0, 0.3}) {
-    DampedSolver solver;
+    DampedSolver<TypeParam> solver;
     const auto decrease = solver.solve(random.system, damping);
     ASSERT_TRUE(decrease);
     Eigen::MatrixXd dense = random.dense;
@@ -64,38 +70,37 @@ TEST(LinearSystem, SolutionEqualsThatOfTheDenseSystem) {
     const Eigen::VectorXd expected = -dense.ldlt().solve(random.right);
     const Eigen::VectorXd depths =
         Eigen::Map<const Eigen::VectorXd>(solver.depthStep().data(), kPoints);
-    EXPECT_LT(relativeDifference(solver.step(), expected.head(kSize)), kTolerance);
-    EXPECT_LT(relativeDifference(depths, expected.tail(kPoints)), kTolerance);
+    EXPECT_LT(relativeDifference(solver.step(), expected.head(kSize)), this->kTolerance);
+    EXPECT_LT(relativeDifference(depths, expected.tail(kPoints)), this->kTolerance);
     EXPECT_EQ(depths[kUnknownPoint], 0);
     const double predicted =
         -random.right.dot(expected) - 0.5 * expected.dot(random.dense * expected);
-    EXPECT_NEAR(*decrease / predicted, 1, kTolerance);
+    EXPECT_NEAR(*decrease / predicted, 1, this->kTolerance);
   }
 }
 
-TEST(LinearSystem, EliminationOfSinglePrecisionIsAsGood) {
+TYPED_TEST(LinearSystemOf, DoubleSumsOfSinglePrecisionAreAsGood) {
   const RandomSystem<float> random;
-  const RandomSystem<double> exact;
   Eigen::MatrixXd H = random.system.H;
   Eigen::VectorXd b = random.system.b;
-  DepthElimination<float> elimination;
+  DepthElimination<float, double> elimination;
   elimination.damp(random.system, 0);
   elimination.eliminate(random.system, H, b);
-  Eigen::MatrixXd H_exact = exact.system.H;
-  Eigen::VectorXd b_exact = exact.system.b;
-  DepthElimination<double> of_double;
-  of_double.damp(exact.system, 0);
-  of_double.eliminate(exact.system, H_exact, b_exact);
+  DepthElimination<float> single;
+  Eigen::MatrixXd H_single = random.system.H;
+  Eigen::VectorXd b_single = random.system.b;
+  single.damp(random.system, 0);
+  single.eliminate(random.system, H_single, b_single);
   EXPECT_LT(
-      relativeDifference(H.triangularView<Eigen::Lower>(), H_exact.triangularView<Eigen::Lower>()),
+      relativeDifference(H.triangularView<Eigen::Lower>(), H_single.triangularView<Eigen::Lower>()),
       1e-5);
-  EXPECT_LT(relativeDifference(b, b_exact), 1e-5);
+  EXPECT_LT(relativeDifference(b, b_single), 1e-5);
 }
 
-TEST(LinearSystem, SolutionIsBitIdenticalForAnyNumberOfThreads) {
-  const RandomSystem<double> random;
+TYPED_TEST(LinearSystemOf, SolutionIsBitIdenticalForAnyNumberOfThreads) {
+  const RandomSystem<TypeParam> random;
   const auto solve = [&] {
-    DampedSolver solver;
+    DampedSolver<TypeParam> solver;
     solver.solve(random.system, 0.1);
     return std::make_pair(solver.step(), solver.depthStep());
   };

@@ -226,8 +226,11 @@ std::vector<PosedFrame> poseFrames(const CoarseAttempt& attempt, LevelAligner& a
 }
 
 constexpr std::array<int, 5> kIterations = {5, 5, 10, 30, 50};  // per level, finest first
-constexpr std::size_t kRivals = 3;   // of an estimate, aligned on all levels
-constexpr double kConverged = 0.98;  // of the energy left by a pass: the next one would not help
+constexpr int kScreenIterations = 15;  // on the coarsest level, of every hypothesis
+constexpr std::size_t kFinalists = 2;  // aligned on all levels
+constexpr double kTranslation = 0.1;   // of a hypothesis, in units of the mean depth
+constexpr std::size_t kRivals = 3;     // of an estimate, aligned on all levels
+constexpr double kConverged = 0.98;    // of the energy left by a pass: the next one would not help
 // Passes after the first one took away up to 0.27 of its energy, those after the second one no more
 // each than it did (20 contests on five sequences; one estimate of 80 did better, and lost).
 constexpr double kMaxLaterGain = 0.35;
@@ -246,6 +249,16 @@ Alignment hypothesis(const Alignment& rotation, const Eigen::Vector3d& t) {
   result.T_cur_ref = SE3::exp(turn) * rotation.T_cur_ref;
   result.T_cur_ref.setTranslation(t);
   result.snapped = true;
+  return result;
+}
+
+std::vector<Alignment> hypotheses(const Alignment& rotation) {
+  std::vector<Alignment> result;
+  for (int axis = 0; axis < 3; ++axis) {
+    for (const double sign : {-1.0, 1.0}) {
+      result.push_back(hypothesis(rotation, sign * kTranslation * Eigen::Vector3d::Unit(axis)));
+    }
+  }
   return result;
 }
 
@@ -345,7 +358,24 @@ std::vector<Estimate> screenDirections(const AlignmentTask& task,
 }
 
 constexpr int kRotationIterations = 10;
-constexpr double kMinMatchShare = 0.8;     // of the points in view
+constexpr double kMinMatchShare = 0.8;  // of the points in view, else the grid is searched
+constexpr double kGridStep = 1.5;       // [px of the coarsest level], within the alignment's reach
+constexpr int kGridRadius = 3;          // steps: 72 px of level 0 with five levels
+
+std::vector<Alignment> gridAround(const Alignment& center, const PinholeCamera& camera) {
+  std::vector<Alignment> grid;
+  for (int i = -kGridRadius; i <= kGridRadius; ++i) {
+    for (int j = -kGridRadius; j <= kGridRadius; ++j) {
+      Vector6d turn = Vector6d::Zero();
+      turn[3] = kGridStep * i / camera.fy;
+      turn[4] = kGridStep * j / camera.fx;
+      grid.push_back(center);
+      grid.back().T_cur_ref = SE3::exp(turn) * center.T_cur_ref;
+    }
+  }
+  return grid;
+}
+
 constexpr float kSelectionFactor = 2;      // on the selector's thresholds, level 0
 constexpr int kFirstGridSpacing = 5;       // of the grid maxima, levels from 1 [px]
 constexpr int kMinPoints = 100;            // of level 0, else the frame is no reference
@@ -561,6 +591,36 @@ void alignLevels(const AlignmentTask& task, int finest, Estimate& estimate) {
   }
 }
 
+std::optional<Estimate> betterHypothesis(const AlignmentTask& task,
+                                         const Alignment& rotation,
+                                         const Estimate& given) {
+  const int top = static_cast<int>(given.levels.size()) - 1;
+  const LevelView coarsest = viewOf(task.frame, task.camera, top);
+  std::vector<std::pair<double, Alignment>> screened;
+  for (const Alignment& start : hypotheses(rotation)) {
+    PointLevel points = given.levels.back();
+    restart(points);
+    Alignment alignment = start;
+    const LevelReport report =
+        task.aligner.align(coarsest, kScreenIterations, Unknowns::kAll, points, alignment);
+    screened.emplace_back(robustEnergy(report), start);
+  }
+  std::stable_sort(screened.begin(), screened.end(), [](const auto& a, const auto& b) {
+    return a.first < b.first;
+  });
+  std::vector<Estimate> finalists;
+  for (std::size_t i = 0; i < std::min(kFinalists, screened.size()); ++i) {
+    finalists.push_back({given.levels, screened[i].second, {}});
+    for (PointLevel& level : finalists.back().levels) restart(level);
+  }
+  forEachOf(finalists, 0, task, [](const AlignmentTask& own, Estimate& trial) {
+    alignLevels(own, 0, trial);
+  });
+  sortByEnergy(finalists);
+  if (finalists.empty() || !(finalists.front().energy() < given.energy())) return std::nullopt;
+  return std::move(finalists.front());
+}
+
 void converge(const AlignmentTask& task, const Aim& aim, Estimate& estimate) {
   double before = HUGE_VAL;
   for (int left = task.options.max_passes - 1; left >= 0; --left) {
@@ -623,9 +683,12 @@ RotationMatch RotationSearch::find(const LevelView& coarsest,
     candidate.T_cur_ref.setTranslation(Eigen::Vector3d::Zero());
     candidate.snapped = false;
   }
-  Alignment rotation = best(coarsest, candidates);
-  const bool matches = refine(coarsest, rotation) >= kMinMatchShare;
-  return {rotation, matches};
+  const Alignment start = best(coarsest, candidates);
+  Alignment near = start;
+  if (refine(coarsest, near) >= kMinMatchShare) return {near, true};
+  Alignment far = best(coarsest, gridAround(start, coarsest.camera));
+  const bool matches = refine(coarsest, far) >= kMinMatchShare;
+  return matches ? RotationMatch{far, true} : RotationMatch{best(coarsest, {near, far}), false};
 }
 
 CoarseInitializer::CoarseInitializer(const InitializerOptions& options, const PinholeCamera& camera)
@@ -734,6 +797,11 @@ LevelReport CoarseInitializer::track(const FramePtr& frame) {
   Estimate estimate{std::move(attempt_.levels), next.alignment, {}};
   const AlignmentTask task{*frame, camera_, options_.coarse, aligner_};
   converge(task, {kMatchShare, HUGE_VAL}, estimate);
+  if (!options_.coarse.published && snapped_since_ == 0 && estimate.alignment.snapped) {
+    if (auto better = betterHypothesis(task, next.rotation, estimate)) {
+      estimate = std::move(*better);
+    }
+  }
   attempt_.levels = std::move(estimate.levels);
   next.alignment = estimate.alignment;
   ++tracked_;

@@ -144,7 +144,8 @@ ReprojectionState::ReprojectionState(const InitialMap& map, const PoseRows& rows
       });
 }
 
-void ReprojectionState::moveFrom(const ReprojectionState& from, const DampedSolver& solution) {
+void ReprojectionState::moveFrom(const ReprojectionState& from,
+                                 const DampedSolver<double>& solution) {
   for (std::size_t f = 0; f < from.T_cam_ref.size(); ++f) {
     const auto at = static_cast<Eigen::Index>(f) * kPoseSize;
     T_cam_ref[f] = SE3::exp(solution.step().segment<kPoseSize>(at)) * from.T_cam_ref[f];
