@@ -37,8 +37,8 @@ constexpr int kRounds = 2;            // of corners that a pose leads to, after 
 constexpr float kMaxToDepth = 8;      // of a corner to a point, for 800 px [px]
 constexpr double kDepthSigma = 0.05;  // of a depth taken from there, of the depth
 constexpr std::uint64_t kSampleSeed = 48;
-/// Share of the cells that look otherwise at most. Of rooms that have the same walls and other
-/// furniture two of three views have more than .19, one in forty less than .12; views of the same
+/// Share of the cells that look otherwise at most. Views of rooms that have the same walls and
+/// other furniture have .19 and more, one in eleven .12 to .18, one in 168 less; those of the same
 /// place have 0 to .15, from far aside .2.
 constexpr double kMaxContradicted = 0.12;
 constexpr int kPatch = 4;                // pixels around a corner that have its depth [px]
@@ -147,7 +147,7 @@ Located locate(const std::deque<RecentView>& views, std::size_t view) {
   return located;
 }
 
-/// By view; empty where it is not of the segment.
+/// The features of each view; none where it is not of the segment.
 std::vector<Located> locateAll(const std::deque<RecentView>& views, int segment) {
   std::vector<Located> located(views.size());
   forEachView(views, [&](std::size_t i) {
