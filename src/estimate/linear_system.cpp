@@ -9,54 +9,50 @@
 
 #include <algorithm>
 #include <cmath>
-#include <type_traits>
 
 namespace dsorb {
 namespace {
 
 constexpr std::size_t kRows = 8;  // of the reduced system, summed at a time
 
-template <typename Sum>
-using LanesOf = std::conditional_t<std::is_same_v<Sum, float>, Lanes, DoubleLanes>;
+constexpr std::size_t kWidth = sizeof(DoubleLanes) / sizeof(double);
 
 /// Some points of a system.
-template <typename Scalar, typename Sum>
+template <typename Scalar>
 struct PointBlock {
   const Scalar* coupling;  // c, one row a point
   std::size_t stride;      // of a row, a multiple of kRows
-  const Sum* inverse;      // 1 / h
+  const double* inverse;   // 1 / h
   const Scalar* gradient;  // b
   std::size_t count;
 };
 
 /// Sum of c c^T / h, row-major, of each row the blocks of kRows from its diagonal on, then that of
 /// c b / h. One tile of the matrix at a time stays in registers.
-template <typename Scalar, typename Sum>
-DSORB_ALWAYS_INLINE void sumBlock(const PointBlock<Scalar, Sum>& block, Sum* matrix) {
-  using SumLanes = LanesOf<Sum>;
-  constexpr std::size_t kWidth = sizeof(SumLanes) / sizeof(Sum);
+template <typename Scalar>
+DSORB_ALWAYS_INLINE void sumBlock(const PointBlock<Scalar>& block, double* matrix) {
   constexpr std::size_t kParts = kRows / kWidth;
-  constexpr std::size_t kPoints = DepthElimination<Scalar, Sum>::kBlock;
+  constexpr std::size_t kPoints = DepthElimination<Scalar>::kBlock;
   const std::size_t stride = block.stride;
-  Sum* vector = matrix + stride * stride;
+  double* vector = matrix + stride * stride;
   for (std::size_t row = 0; row < stride; row += kRows) {
-    Sum scaled[kPoints][kRows];
+    double scaled[kPoints][kRows];
     for (std::size_t part = 0; part < kRows; part += kWidth) {
-      SumLanes sum = {};
+      DoubleLanes sum = {};
       for (std::size_t i = 0; i < block.count; ++i) {
-        SumLanes coupling;
+        DoubleLanes coupling;
         load(block.coupling + i * stride + row + part, coupling);
         coupling *= block.inverse[i];
         store(coupling, scaled[i] + part);
-        sum += coupling * static_cast<Sum>(block.gradient[i]);
+        sum += coupling * static_cast<double>(block.gradient[i]);
       }
       store(sum, vector + row + part);
     }
     for (std::size_t column = row; column < stride; column += kRows) {
       for (std::size_t first = 0; first < kRows; first += kWidth) {
-        SumLanes sums[kWidth][kParts] = {};
+        DoubleLanes sums[kWidth][kParts] = {};
         for (std::size_t i = 0; i < block.count; ++i) {
-          SumLanes coupling[kParts];
+          DoubleLanes coupling[kParts];
           for (std::size_t part = 0; part < kParts; ++part) {
             load(block.coupling + i * stride + column + part * kWidth, coupling[part]);
           }
@@ -77,54 +73,44 @@ DSORB_ALWAYS_INLINE void sumBlock(const PointBlock<Scalar, Sum>& block, Sum* mat
 }
 
 /// @param step filled up with zeros to the stride
-template <typename Scalar, typename Sum>
-DSORB_ALWAYS_INLINE void substituteBlock(const PointBlock<Scalar, Sum>& block,
-                                         const Sum* step,
+template <typename Scalar>
+DSORB_ALWAYS_INLINE void substituteBlock(const PointBlock<Scalar>& block,
+                                         const double* step,
                                          double* depth_step) {
-  constexpr std::size_t kWidth = sizeof(LanesOf<Sum>) / sizeof(Sum);
   for (std::size_t i = 0; i < block.count; ++i) {
-    LanesOf<Sum> sum = {};
+    DoubleLanes sum = {};
     for (std::size_t k = 0; k < block.stride; k += kWidth) {
-      LanesOf<Sum> coupling;
-      LanesOf<Sum> by;
+      DoubleLanes coupling;
+      DoubleLanes by;
       load(block.coupling + i * block.stride + k, coupling);
       load(step + k, by);
       sum += coupling * by;
     }
-    depth_step[i] = static_cast<double>(-block.inverse[i] *
-                                        (static_cast<Sum>(block.gradient[i]) + sumLanes(sum)));
+    depth_step[i] = -block.inverse[i] * (static_cast<double>(block.gradient[i]) + sumLanes(sum));
   }
 }
 
-DSORB_TARGET_CLONES void sum(const PointBlock<float, float>& block, float* matrix) {
+DSORB_TARGET_CLONES void sum(const PointBlock<float>& block, double* matrix) {
   sumBlock(block, matrix);
 }
-DSORB_TARGET_CLONES void sum(const PointBlock<float, double>& block, double* matrix) {
+DSORB_TARGET_CLONES void sum(const PointBlock<double>& block, double* matrix) {
   sumBlock(block, matrix);
 }
-DSORB_TARGET_CLONES void sum(const PointBlock<double, double>& block, double* matrix) {
-  sumBlock(block, matrix);
-}
-DSORB_TARGET_CLONES void substitute(const PointBlock<float, float>& block,
-                                    const float* step,
-                                    double* depth_step) {
-  substituteBlock(block, step, depth_step);
-}
-DSORB_TARGET_CLONES void substitute(const PointBlock<float, double>& block,
+DSORB_TARGET_CLONES void substitute(const PointBlock<float>& block,
                                     const double* step,
                                     double* depth_step) {
   substituteBlock(block, step, depth_step);
 }
-DSORB_TARGET_CLONES void substitute(const PointBlock<double, double>& block,
+DSORB_TARGET_CLONES void substitute(const PointBlock<double>& block,
                                     const double* step,
                                     double* depth_step) {
   substituteBlock(block, step, depth_step);
 }
 
 /// Calls function(number, block) for all blocks of points.
-template <typename Scalar, typename Sum, typename Function>
+template <typename Scalar, typename Function>
 void forEachBlock(const LinearSystem<Scalar>& system,
-                  const std::vector<Sum>& inverse,
+                  const std::vector<double>& inverse,
                   std::size_t size,
                   Function&& function) {
   const std::size_t points = system.points();
@@ -132,11 +118,11 @@ void forEachBlock(const LinearSystem<Scalar>& system,
     for (std::size_t number = begin; number < end; ++number) {
       const std::size_t first = number * size;
       function(number,
-               PointBlock<Scalar, Sum>{system.coupling.data() + first * system.stride,
-                                       system.stride,
-                                       inverse.data() + first,
-                                       system.depth_gradient.data() + first,
-                                       std::min(size, points - first)});
+               PointBlock<Scalar>{system.coupling.data() + first * system.stride,
+                                  system.stride,
+                                  inverse.data() + first,
+                                  system.depth_gradient.data() + first,
+                                  std::min(size, points - first)});
     }
   });
 }
@@ -155,57 +141,53 @@ void LinearSystem<Scalar>::reset(Eigen::Index size, std::size_t points) {
   depth_gradient.assign(points, 0);
 }
 
-template <typename Scalar, typename Sum>
-void DepthElimination<Scalar, Sum>::damp(const LinearSystem<Scalar>& system, double damping) {
-  const auto factor = static_cast<Sum>(1 + damping);
+template <typename Scalar>
+void DepthElimination<Scalar>::damp(const LinearSystem<Scalar>& system, double damping) {
+  const double factor = 1 + damping;
   inverse_.resize(system.points());
   std::transform(system.depth_hessian.begin(),
                  system.depth_hessian.end(),
                  inverse_.begin(),
-                 [factor](Scalar h) { return h > 0 ? 1 / (factor * static_cast<Sum>(h)) : 0; });
+                 [factor](Scalar h) { return h > 0 ? 1 / (factor * static_cast<double>(h)) : 0; });
 }
 
-template <typename Scalar, typename Sum>
-void DepthElimination<Scalar, Sum>::eliminate(const LinearSystem<Scalar>& system,
-                                              Eigen::MatrixXd& H,
-                                              Eigen::VectorXd& b) {
+template <typename Scalar>
+void DepthElimination<Scalar>::eliminate(const LinearSystem<Scalar>& system,
+                                         Eigen::MatrixXd& H,
+                                         Eigen::VectorXd& b) {
   const std::size_t stride = system.stride;
   const std::size_t blocks = (system.points() + kBlock - 1) / kBlock;
   const std::size_t part = stride * stride + stride;
   partial_.resize(blocks * part);
-  forEachBlock(
-      system, inverse_, kBlock, [&](std::size_t number, const PointBlock<Scalar, Sum>& block) {
-        sum(block, partial_.data() + number * part);
-      });
+  forEachBlock(system, inverse_, kBlock, [&](std::size_t number, const PointBlock<Scalar>& block) {
+    sum(block, partial_.data() + number * part);
+  });
   for (std::size_t block = 0; block < blocks; ++block) {
-    const Sum* matrix = partial_.data() + block * part;
-    const Sum* vector = matrix + stride * stride;
+    const double* matrix = partial_.data() + block * part;
+    const double* vector = matrix + stride * stride;
     for (Eigen::Index r = 0; r < H.rows(); ++r) {
-      const Sum* row = matrix + static_cast<std::size_t>(r) * stride;
-      for (Eigen::Index c = r; c < H.rows(); ++c) H(c, r) -= static_cast<double>(row[c]);
-      b[r] -= static_cast<double>(vector[r]);
+      const double* row = matrix + static_cast<std::size_t>(r) * stride;
+      for (Eigen::Index c = r; c < H.rows(); ++c) H(c, r) -= row[c];
+      b[r] -= vector[r];
     }
   }
 }
 
-template <typename Scalar, typename Sum>
-void DepthElimination<Scalar, Sum>::substituteBack(const LinearSystem<Scalar>& system,
-                                                   const Eigen::VectorXd& step,
-                                                   std::vector<double>& depth_step) const {
-  std::vector<Sum> padded(system.stride, 0);
+template <typename Scalar>
+void DepthElimination<Scalar>::substituteBack(const LinearSystem<Scalar>& system,
+                                              const Eigen::VectorXd& step,
+                                              std::vector<double>& depth_step) const {
+  std::vector<double> padded(system.stride, 0);
   for (Eigen::Index i = 0; i < step.size(); ++i) {
-    padded[static_cast<std::size_t>(i)] = static_cast<Sum>(step[i]);
+    padded[static_cast<std::size_t>(i)] = step[i];
   }
   depth_step.resize(system.points());
-  forEachBlock(
-      system, inverse_, kBlock, [&](std::size_t number, const PointBlock<Scalar, Sum>& block) {
-        substitute(block, padded.data(), depth_step.data() + number * kBlock);
-      });
+  forEachBlock(system, inverse_, kBlock, [&](std::size_t number, const PointBlock<Scalar>& block) {
+    substitute(block, padded.data(), depth_step.data() + number * kBlock);
+  });
 }
 
-template <typename Scalar>
-std::optional<double> DampedSolver<Scalar>::solve(const LinearSystem<Scalar>& system,
-                                                  double damping) {
+std::optional<double> DampedSolver::solve(const LinearSystem<double>& system, double damping) {
   const Eigen::VectorXd diagonal = system.H.diagonal();
   reduced_ = system.H;
   reduced_.diagonal() += damping * diagonal;
@@ -218,9 +200,8 @@ std::optional<double> DampedSolver<Scalar>::solve(const LinearSystem<Scalar>& sy
   double decrease = step_.dot(damping * diagonal.cwiseProduct(step_) - system.b);
   elimination_.substituteBack(system, step_, depth_step_);
   for (std::size_t i = 0; i < depth_step_.size(); ++i) {
-    const auto h = static_cast<double>(system.depth_hessian[i]);
-    const auto b = static_cast<double>(system.depth_gradient[i]);
-    decrease += depth_step_[i] * (damping * h * depth_step_[i] - b);
+    decrease += depth_step_[i] *
+                (damping * system.depth_hessian[i] * depth_step_[i] - system.depth_gradient[i]);
   }
   return std::isfinite(decrease) ? std::optional(0.5 * decrease) : std::nullopt;
 }
@@ -228,9 +209,6 @@ std::optional<double> DampedSolver<Scalar>::solve(const LinearSystem<Scalar>& sy
 template struct LinearSystem<float>;
 template struct LinearSystem<double>;
 template class DepthElimination<float>;
-template class DepthElimination<float, double>;
 template class DepthElimination<double>;
-template class DampedSolver<float>;
-template class DampedSolver<double>;
 
 }  // namespace dsorb

@@ -24,8 +24,6 @@ struct PointSums {
 /// @tparam Scalar of the numbers by point
 template <typename Scalar>
 struct LinearSystem {
-  using Number = Scalar;
-
   Eigen::MatrixXd H;                   ///< of the states
   Eigen::VectorXd b;                   ///< gradient of half the squared error
   std::size_t stride = 0;              ///< of `coupling`: size() rounded up to 8
@@ -61,10 +59,10 @@ struct LinearSystem {
 
 /// Takes the inverse depths out of a system and puts them back. Sums run over blocks of points
 /// whose order is fixed, in parallel inside the caller's arena: the same bits for any number of
-/// threads. Keeps its memory for the next time.
-/// @tparam Sum precision of the steps and of the sums within a block; over blocks they are double
+/// threads, and in double precision: what the inverse depths leave of gauge directions is a small
+/// difference. Keeps its memory for the next time.
 /// @source Triggs et al., Bundle Adjustment - A Modern Synthesis, section 6.1 (Schur complement)
-template <typename Scalar, typename Sum = Scalar>
+template <typename Scalar>
 class DepthElimination {
  public:
   static constexpr std::size_t kBlock = 128;  ///< points
@@ -80,23 +78,22 @@ class DepthElimination {
                       std::vector<double>& depth_step) const;
 
  private:
-  std::vector<Sum> inverse_;  // of the damped depth Hessian, by point
-  std::vector<Sum> partial_;  // by block: matrix, then vector
+  std::vector<double> inverse_;  // of the damped depth Hessian, by point
+  std::vector<double> partial_;  // by block: matrix, then vector
 };
 
 /// Solves a system whose diagonal is scaled by 1 + damping.
-template <typename Scalar>
 class DampedSolver {
  public:
   /// @return decrease of the cost, half the squared error, that the equations predict; nullopt when
   ///         they are degenerate
-  std::optional<double> solve(const LinearSystem<Scalar>& system, double damping);
+  std::optional<double> solve(const LinearSystem<double>& system, double damping);
 
   [[nodiscard]] const Eigen::VectorXd& step() const { return step_; }
   [[nodiscard]] const std::vector<double>& depthStep() const { return depth_step_; }
 
  private:
-  DepthElimination<Scalar> elimination_;
+  DepthElimination<double> elimination_;
   Eigen::MatrixXd reduced_;
   Eigen::VectorXd right_;
   Eigen::VectorXd step_;

@@ -20,12 +20,11 @@ struct Stopping {
 /// A problem for minimize() over states of frames and inverse depths, solved by elimination. Ends
 /// where the cost changes, or is predicted to change, by less than the share of itself.
 /// @tparam Model     linearize(state, equations) and move(state, solver, moved state)
-/// @tparam Equations has a LinearSystem `system` and a `cost`, infinite or NaN where there is none
+/// @tparam Equations has a LinearSystem<double> `system` and a `cost`, infinite or NaN where there
+/// is none
 template <typename Model, typename State, typename Equations>
 class SchurProblem {
  public:
-  using Solver = DampedSolver<typename decltype(Equations::system)::Number>;
-
   SchurProblem(Model model, State state, const Stopping& stopping)
       : model_(std::move(model)),
         cost_change_(stopping.cost_change),
@@ -38,9 +37,7 @@ class SchurProblem {
   [[nodiscard]] double cost() const { return equations_.cost; }
   /// No entry of the gradient is worth a step.
   [[nodiscard]] bool atMinimum() const {
-    const auto small = [](auto entry) {
-      return std::abs(static_cast<double>(entry)) < kMinGradient;
-    };
+    const auto small = [](double entry) { return std::abs(entry) < kMinGradient; };
     const auto& system = equations_.system;
     return std::all_of(system.b.data(), system.b.data() + system.b.size(), small) &&
            std::all_of(system.depth_gradient.begin(), system.depth_gradient.end(), small);
@@ -72,7 +69,7 @@ class SchurProblem {
   State moved_;
   Equations equations_;
   Equations moved_equations_;
-  Solver solver_;
+  DampedSolver solver_;
 };
 
 /// Moves a problem to its minimum.

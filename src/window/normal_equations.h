@@ -330,9 +330,7 @@ struct WindowEquations : LinearSystem<float> {
   int used = 0;  ///< residuals in the system
 };
 
-/// Sums in double precision: what the inverse depths leave of gauge directions is a small
-/// difference.
-using WindowElimination = DepthElimination<float, double>;
+using WindowElimination = DepthElimination<float>;
 
 /// Points of one host that are summed one after the other.
 struct Chunk {

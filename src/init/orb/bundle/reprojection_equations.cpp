@@ -144,8 +144,7 @@ ReprojectionState::ReprojectionState(const InitialMap& map, const PoseRows& rows
       });
 }
 
-void ReprojectionState::moveFrom(const ReprojectionState& from,
-                                 const DampedSolver<double>& solution) {
+void ReprojectionState::moveFrom(const ReprojectionState& from, const DampedSolver& solution) {
   for (std::size_t f = 0; f < from.T_cam_ref.size(); ++f) {
     const auto at = static_cast<Eigen::Index>(f) * kPoseSize;
     T_cam_ref[f] = SE3::exp(solution.step().segment<kPoseSize>(at)) * from.T_cam_ref[f];

@@ -54,7 +54,7 @@ struct ReprojectionState {
 
   ReprojectionState(const InitialMap& map, const PoseRows& rows);
   /// Becomes another state after a step.
-  void moveFrom(const ReprojectionState& from, const DampedSolver<double>& solution);
+  void moveFrom(const ReprojectionState& from, const DampedSolver& solution);
   void writeTo(InitialMap& map, const PoseRows& rows) const;
 };
 
@@ -91,7 +91,7 @@ class ReprojectionProblem {
 
   void linearize(const ReprojectionState& state, ReprojectionEquations& equations) const;
   static void move(const ReprojectionState& from,
-                   const DampedSolver<double>& solution,
+                   const DampedSolver& solution,
                    ReprojectionState& to) {
     to.moveFrom(from, solution);
   }

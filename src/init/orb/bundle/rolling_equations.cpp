@@ -130,9 +130,7 @@ class RollingProblem {
 
   void linearize(const RollingState& state, ReprojectionEquations& equations) const;
 
-  void move(const RollingState& from,
-            const DampedSolver<double>& solution,
-            RollingState& to) const {
+  void move(const RollingState& from, const DampedSolver& solution, RollingState& to) const {
     to.geometry.moveFrom(from.geometry, solution);
     for (std::size_t f = 0; f < from.motion_change.size(); ++f) {
       const int at = rows_.of(static_cast<int>(f) * kPoseSize);

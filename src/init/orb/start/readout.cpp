@@ -205,7 +205,7 @@ std::optional<Readout> scoreReadout(const InitialMap& map,
   Eigen::VectorXd scale = Eigen::VectorXd::Zero(system.size());
   if (!map.scaleKnown()) scale.head(rows.size) = scaleDirection(state.T_cam_ref, kPoseSize);
   const Marginals marginals(system, scale, state.inverse_depth);
-  DampedSolver<double> solver;
+  DampedSolver solver;
   constexpr double kScaleDamping = 1e-6;  // the scale is free
   if (!marginals.usable() || !solver.solve(system, kScaleDamping)) return std::nullopt;
   const Eigen::MatrixXd gradients =
