@@ -226,11 +226,8 @@ std::vector<PosedFrame> poseFrames(const CoarseAttempt& attempt, LevelAligner& a
 }
 
 constexpr std::array<int, 5> kIterations = {5, 5, 10, 30, 50};  // per level, finest first
-constexpr int kScreenIterations = 15;  // on the coarsest level, of every hypothesis
-constexpr std::size_t kFinalists = 2;  // aligned on all levels
-constexpr double kTranslation = 0.1;   // of a hypothesis, in units of the mean depth
-constexpr std::size_t kRivals = 3;     // of an estimate, aligned on all levels
-constexpr double kConverged = 0.98;    // of the energy left by a pass: the next one would not help
+constexpr std::size_t kRivals = 3;   // of an estimate, aligned on all levels
+constexpr double kConverged = 0.98;  // of the energy left by a pass: the next one would not help
 // Passes after the first one took away up to 0.27 of its energy, those after the second one no more
 // each than it did (20 contests on five sequences; one estimate of 80 did better, and lost).
 constexpr double kMaxLaterGain = 0.35;
@@ -249,16 +246,6 @@ Alignment hypothesis(const Alignment& rotation, const Eigen::Vector3d& t) {
   result.T_cur_ref = SE3::exp(turn) * rotation.T_cur_ref;
   result.T_cur_ref.setTranslation(t);
   result.snapped = true;
-  return result;
-}
-
-std::vector<Alignment> hypotheses(const Alignment& rotation) {
-  std::vector<Alignment> result;
-  for (int axis = 0; axis < 3; ++axis) {
-    for (const double sign : {-1.0, 1.0}) {
-      result.push_back(hypothesis(rotation, sign * kTranslation * Eigen::Vector3d::Unit(axis)));
-    }
-  }
   return result;
 }
 
@@ -591,36 +578,6 @@ void alignLevels(const AlignmentTask& task, int finest, Estimate& estimate) {
   }
 }
 
-std::optional<Estimate> betterHypothesis(const AlignmentTask& task,
-                                         const Alignment& rotation,
-                                         const Estimate& given) {
-  const int top = static_cast<int>(given.levels.size()) - 1;
-  const LevelView coarsest = viewOf(task.frame, task.camera, top);
-  std::vector<std::pair<double, Alignment>> screened;
-  for (const Alignment& start : hypotheses(rotation)) {
-    PointLevel points = given.levels.back();
-    restart(points);
-    Alignment alignment = start;
-    const LevelReport report =
-        task.aligner.align(coarsest, kScreenIterations, Unknowns::kAll, points, alignment);
-    screened.emplace_back(robustEnergy(report), start);
-  }
-  std::stable_sort(screened.begin(), screened.end(), [](const auto& a, const auto& b) {
-    return a.first < b.first;
-  });
-  std::vector<Estimate> finalists;
-  for (std::size_t i = 0; i < std::min(kFinalists, screened.size()); ++i) {
-    finalists.push_back({given.levels, screened[i].second, {}});
-    for (PointLevel& level : finalists.back().levels) restart(level);
-  }
-  forEachOf(finalists, 0, task, [](const AlignmentTask& own, Estimate& trial) {
-    alignLevels(own, 0, trial);
-  });
-  sortByEnergy(finalists);
-  if (finalists.empty() || !(finalists.front().energy() < given.energy())) return std::nullopt;
-  return std::move(finalists.front());
-}
-
 void converge(const AlignmentTask& task, const Aim& aim, Estimate& estimate) {
   double before = HUGE_VAL;
   for (int left = task.options.max_passes - 1; left >= 0; --left) {
@@ -797,11 +754,6 @@ LevelReport CoarseInitializer::track(const FramePtr& frame) {
   Estimate estimate{std::move(attempt_.levels), next.alignment, {}};
   const AlignmentTask task{*frame, camera_, options_.coarse, aligner_};
   converge(task, {kMatchShare, HUGE_VAL}, estimate);
-  if (!options_.coarse.published && snapped_since_ == 0 && estimate.alignment.snapped) {
-    if (auto better = betterHypothesis(task, next.rotation, estimate)) {
-      estimate = std::move(*better);
-    }
-  }
   attempt_.levels = std::move(estimate.levels);
   next.alignment = estimate.alignment;
   ++tracked_;

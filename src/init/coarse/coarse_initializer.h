@@ -125,15 +125,6 @@ struct Aim {
 /// Aligns the frame on all levels again and again while that helps.
 void converge(const AlignmentTask& task, const Aim& aim, Estimate& estimate);
 
-/// Tries motions along the axes, each turned so that points of unit depth stay where the rotation
-/// alone has them: what tells them apart is relief, which the alignment from no translation may see
-/// inside out.
-/// @param rotation best pure rotation
-/// @return the best estimate, when its energy is below that of the given one
-[[nodiscard]] std::optional<Estimate> betterHypothesis(const AlignmentTask& task,
-                                                       const Alignment& rotation,
-                                                       const Estimate& given);
-
 /// Outcome of a contest between motions.
 struct Contest {
   Estimate winner;
