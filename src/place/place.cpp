@@ -217,8 +217,10 @@ class Place::Impl {
                          return store[query].segment != store[candidate].segment;
                        }));
     for (Loss& loss : losses) {
+      const std::optional<int> a = loss.before.segment();
+      const std::optional<int> b = loss.after.segment();
       const bool joined = std::any_of(joins.begin(), joins.end(), [&](const place::Join& join) {
-        return join.into == loss.before.segment() && join.segment == loss.after.segment();
+        return (join.into == a && join.segment == b) || (join.into == b && join.segment == a);
       });
       if (joined) continue;
       for (place::Join join : place::joinsOf(store, loss.before.linksTo(loss.after, positions))) {
