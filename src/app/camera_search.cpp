@@ -7,6 +7,7 @@
 #include "app/progress_bar.h"
 
 #include <array>
+#include <utility>
 
 namespace dsorb::app {
 namespace {
@@ -28,12 +29,16 @@ std::optional<FoundCamera> pass(SequenceReader& reader,
   odometry.addObserver(&finder);
   ProgressBar progress(reader.selected(), request.progress, request.quiet);
   int next_look = kFirstLook;
+  int given = 0;
   while (const auto input = reader.next()) {
     if (interrupt.requested()) return std::nullopt;
     const FrameEstimate estimate = odometry.process(input->frame);
     progress.update(estimate, 0);
     if (estimate.state == OdometryState::kLost) odometry.restart();
-    if (finder.frames() < next_look) continue;
+    ++given;
+    // To see the rest costs less than a look that does not tell.
+    const bool ends_soon = 2 * (reader.selected() - given) < given;
+    if (finder.frames() < next_look || ends_soon) continue;
     auto found = finder.find();
     if (found && found->lens.focal_sigma < kEnough * next_look) return found;
     next_look *= 2;
@@ -47,7 +52,7 @@ bool isSearched(const SequenceReader& reader) {
   return reader.lens().focal_sigma > 0 && reader.format() != SequenceFormat::kCamera;
 }
 
-std::optional<FoundCamera> searchCamera(SequenceReader first,
+std::optional<FoundCamera> searchCamera(SequenceReader& reader,
                                         CommandLine request,
                                         const Interrupt& interrupt) {
   // Corners tell the camera. Starts and points need only carry the poses from which these are
@@ -56,7 +61,7 @@ std::optional<FoundCamera> searchCamera(SequenceReader first,
   for (const Mechanism left_out : {Mechanism::kClusters, Mechanism::kTail, Mechanism::kProof}) {
     request.skip.add(left_out);
   }
-  Lens guess = first.lens();
+  Lens guess = reader.lens();
   if (!request.sequence.readout) guess.readout = kUnknownReadout;
   for (const double factor : kFocals) {
     if (factor != 1) {
@@ -65,9 +70,9 @@ std::optional<FoundCamera> searchCamera(SequenceReader first,
       sequence.lens->readout = {};
       sequence.lens->fx *= factor;
       sequence.lens->fy *= factor;
-      first = SequenceReader(sequence);
+      reader = SequenceReader(sequence, std::move(reader));
     }
-    auto found = pass(first, guess, request, interrupt);
+    auto found = pass(reader, guess, request, interrupt);
     if (found || interrupt.requested()) return found;
   }
   return std::nullopt;

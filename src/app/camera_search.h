@@ -15,9 +15,9 @@ namespace dsorb::app {
 
 /// Passes over a recording, as much of it as it takes, until its camera is found; again with
 /// another field of view where a pass found nothing.
-/// @param first opened, for the first pass
+/// @param reader opened, for the first pass; keeps what it decoded
 /// @return nothing where the images do not tell, or after an interrupt
-[[nodiscard]] std::optional<FoundCamera> searchCamera(SequenceReader first,
+[[nodiscard]] std::optional<FoundCamera> searchCamera(SequenceReader& reader,
                                                       CommandLine request,
                                                       const Interrupt& interrupt);
 

@@ -263,10 +263,10 @@ RunResult runDataset(const CommandLine& request, Interrupt& interrupt) {
   RunResult result;
   try {
     if (isSearched(reader)) {
-      result.camera = searchCamera(std::move(reader), request, interrupt);
+      result.camera = searchCamera(reader, request, interrupt);
       SequenceOptions sequence = request.sequence;
       if (result.camera) sequence.lens = result.camera->lens;
-      reader = SequenceReader(sequence);
+      reader = SequenceReader(sequence, std::move(reader));
       if (!result.camera) {
         warn(request, {"these images do not tell the camera: the run begins with a guess of it"});
         result.camera.emplace().lens = reader.lens();

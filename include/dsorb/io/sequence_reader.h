@@ -86,6 +86,9 @@ class SequenceReader {
   /// @throws IoError on a missing or malformed data set or calibration
   /// @throws ConfigError on options that contradict each other or the data set
   explicit SequenceReader(const SequenceOptions& options);
+  /// Reads with other options of its lens what another reader, whose lens was a guess, has begun:
+  /// images that it still has are not decoded again.
+  SequenceReader(const SequenceOptions& options, SequenceReader before);
   ~SequenceReader();
   SequenceReader(SequenceReader&&) noexcept;  ///< the other may only be destroyed or assigned to
   SequenceReader& operator=(

@@ -27,6 +27,7 @@
 #include <filesystem>
 #include <functional>
 #include <future>
+#include <map>
 #include <memory>
 #include <new>
 #include <optional>
@@ -101,6 +102,7 @@ class FrameQueue {
 namespace {
 
 constexpr std::size_t kEndless = std::size_t{1} << 30U;
+constexpr std::size_t kMostKept = std::size_t{128} << 20U;  // of decoded images [bytes]
 constexpr double kTimeTolerance = 1e-6;  // [s] "--to 1.2" means the image at 12 * 0.1 s, too
 
 void check(const SequenceOptions& options) {
@@ -373,6 +375,8 @@ class SequenceReader::Impl {
         skip_unreadable(options.skip_unreadable && !isStream()) {
     playlist = select(options);
     calibrate(options);
+    const bool is_read_again = lens.focal_sigma > 0 && !options.lens;
+    if (is_read_again && layout.format != SequenceFormat::kCamera) room = kMostKept;
     const bool is_ahead = options.prefetch && layout.format != SequenceFormat::kCamera &&
                           fitsInMemory(rectifier->camera());
     queue = std::make_unique<FrameQueue>(playlist.count, is_ahead, [this](std::size_t position) {
@@ -519,11 +523,32 @@ class SequenceReader::Impl {
 
   std::optional<SourceImage> read(int index) {
     if (first && index == playlist.index(0)) return std::exchange(first, std::nullopt);
+    if (const auto kept = decoded.find(index); kept != decoded.end()) return kept->second;
     try {
-      return dataset.images->image(index);
+      std::optional<SourceImage> image = dataset.images->image(index);
+      if (image && room > 0) keep(*image);
+      return image;
     } catch (const std::bad_alloc&) {
       throw fileError(dataset.images->name(index), "no memory for this image");
     }
+  }
+
+  /// For a reader of the same images; none where there is no room for all.
+  void keep(const SourceImage& image) {
+    const std::size_t size = image.pixels.total() * image.pixels.elemSize();
+    room -= std::min(room, size);
+    if (room == 0) return decoded.clear();
+    SourceImage& kept = decoded[image.index] = image;
+    kept.pixels = image.pixels.clone();
+  }
+
+  /// Goes on where another reader of the same images ended.
+  void takeOver(Impl& other) {
+    other.queue.reset();
+    room = 0;
+    if (other.decoded.empty()) return;
+    decoded = std::move(other.decoded);
+    dataset.images = std::move(other.dataset.images);
   }
 
   /// Over an image and some others of the sequence. Those that cannot be read complain in their
@@ -671,6 +696,8 @@ class SequenceReader::Impl {
   std::optional<Gyroscope> gyroscope;
   std::optional<std::pair<FrameId, double>> before;  // the frame and its time
   std::optional<SourceImage> first;                  // decoded for its size, until it is read
+  std::map<int, SourceImage> decoded;                // all that were read, or none
+  std::size_t room = 0;                              // for more of them [bytes]
   std::optional<bool> mosaic;                        // empty: too dark to tell, so far
   bool combed = false;                               // an image is interlaced
   std::vector<std::string> unreadable;
@@ -681,6 +708,10 @@ class SequenceReader::Impl {
 
 SequenceReader::SequenceReader(const SequenceOptions& options)
     : impl_(std::make_unique<Impl>(options)) {}
+SequenceReader::SequenceReader(const SequenceOptions& options, SequenceReader before)
+    : SequenceReader(options) {
+  impl_->takeOver(*before.impl_);
+}
 SequenceReader::~SequenceReader() = default;
 SequenceReader::SequenceReader(SequenceReader&&) noexcept = default;
 SequenceReader& SequenceReader::operator=(SequenceReader&&) noexcept = default;
