@@ -40,6 +40,12 @@ double phaseOf(const Scene& scene, std::size_t view) {
   return static_cast<double>(view) / last - 0.5;
 }
 
+/// What the distance of a ray from the axis is multiplied by, at the square of that distance.
+double bendAt(const LensVector& lens, double squared) {
+  return 1 +
+         squared * (lens[kRadial] + squared * (lens[kRadial + 1] + squared * lens[kRadial + 2]));
+}
+
 /// @tparam Derivatives whether they are wanted
 template <bool Derivatives>
 Residual residualOf(const Scene& scene, const Sight& sight) {
@@ -53,15 +59,16 @@ Residual residualOf(const Scene& scene, const Sight& sight) {
   const Eigen::Vector2d focal(fx, scene.aspect * fx);
   const Eigen::Vector2d ray = p.head<2>() / p.z();
   const double squared = ray.squaredNorm();
-  const double k1 = scene.lens[kRadial], k2 = scene.lens[kRadial + 1];
-  const double bend = 1 + squared * (k1 + squared * k2);
+  const auto k = scene.lens.segment<3>(kRadial);
+  const double bend = bendAt(scene.lens, squared);
   const Eigen::Vector2d shift = bend * focal.cwiseProduct(ray);
   r.error = shift + scene.lens.segment<2>(kCenter) + scene.shifts[sight.view] - sight.pixel +
             scene.lens[kReadout] * sight.drift;
   if constexpr (!Derivatives) return r;
   const Eigen::Matrix2d by_ray =
       focal.asDiagonal() *
-      (bend * Eigen::Matrix2d::Identity() + 2 * (k1 + 2 * k2 * squared) * ray * ray.transpose());
+      (bend * Eigen::Matrix2d::Identity() +
+       2 * (k[0] + squared * (2 * k[1] + 3 * squared * k[2])) * ray * ray.transpose());
   Matrix23 ray_by_point;
   ray_by_point << 1, 0, -ray.x(), 0, 1, -ray.y();
   const Matrix23 by_point = by_ray * ray_by_point / p.z();
@@ -71,6 +78,7 @@ Residual residualOf(const Scene& scene, const Sight& sight) {
   r.by_lens.middleCols<2>(kCenter).setIdentity();
   r.by_lens.col(kRadial) = squared * focal.cwiseProduct(ray);
   r.by_lens.col(kRadial + 1) = squared * r.by_lens.col(kRadial);
+  r.by_lens.col(kRadial + 2) = squared * r.by_lens.col(kRadial + 1);
   r.by_lens.col(kReadout) = sight.drift;
   r.by_lens.col(kZoom) = phase * shift;
   return r;
@@ -138,12 +146,12 @@ void addSight(const Residual& r, double w, Index row, Reduced& system) {
   const Eigen::Matrix<double, kLensDim, kLensDim> lens = w * r.by_lens.transpose() * r.by_lens;
   const Eigen::Matrix<double, kViewDim, kViewDim> view = w * r.by_view.transpose() * r.by_view;
   system.H.topLeftCorner<kLensDim, kLensDim>() += lens;
-  system.H.block<kViewDim, kLensDim>(row, 0) += w * r.by_view.transpose() * r.by_lens;
+  system.H.block<kViewDim, kLensDim>(row, 0).noalias() += w * r.by_view.transpose() * r.by_lens;
   system.H.block<kViewDim, kViewDim>(row, row) += view;
   system.diagonal.head<kLensDim>() += lens.diagonal();
   system.diagonal.segment<kViewDim>(row) += view.diagonal();
-  system.b.head<kLensDim>() += w * r.by_lens.transpose() * r.error;
-  system.b.segment<kViewDim>(row) += w * r.by_view.transpose() * r.error;
+  system.b.head<kLensDim>().noalias() += w * r.by_lens.transpose() * r.error;
+  system.b.segment<kViewDim>(row).noalias() += w * r.by_view.transpose() * r.error;
 }
 
 /// Sums what the sights of one corner say, and finds how it follows lens and views.
@@ -178,16 +186,18 @@ EliminatedCorner addCorner(
 void subtractCorner(const EliminatedCorner& corner, Reduced& system) {
   const auto& Y = corner.coupling;
   const auto lens = corner.C.leftCols<kLensDim>();
-  system.H.topLeftCorner<kLensDim, kLensDim>() -= lens.transpose() * Y.leftCols<kLensDim>();
-  system.b.head<kLensDim>() -= lens.transpose() * corner.gradient;
+  system.H.topLeftCorner<kLensDim, kLensDim>().noalias() -=
+      lens.transpose() * Y.leftCols<kLensDim>();
+  system.b.head<kLensDim>().noalias() -= lens.transpose() * corner.gradient;
   for (std::size_t a = 0; a < corner.rows.size(); ++a) {
     const auto view = corner.C.middleCols<kViewDim>(rowOf(a));
     const Index row = corner.rows[a];
-    system.b.segment<kViewDim>(row) -= view.transpose() * corner.gradient;
-    system.H.block<kViewDim, kLensDim>(row, 0) -= view.transpose() * Y.leftCols<kLensDim>();
+    system.b.segment<kViewDim>(row).noalias() -= view.transpose() * corner.gradient;
+    system.H.block<kViewDim, kLensDim>(row, 0).noalias() -=
+        view.transpose() * Y.leftCols<kLensDim>();
     for (std::size_t c = 0; c < corner.rows.size(); ++c) {
       if (corner.rows[c] > row) continue;
-      system.H.block<kViewDim, kViewDim>(row, corner.rows[c]) -=
+      system.H.block<kViewDim, kViewDim>(row, corner.rows[c]).noalias() -=
           view.transpose() * Y.middleCols<kViewDim>(rowOf(c));
     }
   }
@@ -326,9 +336,7 @@ Eigen::Vector2d rayOf(const Scene& scene, const Sight& sight) {
                                    .cwiseQuotient(Eigen::Vector2d(fx, scene.aspect * fx));
   Eigen::Vector2d ray = seen;
   for (int i = 0; i < kIterations; ++i) {
-    const double squared = ray.squaredNorm();
-    const double bend = 1 + squared * (scene.lens[kRadial] + squared * scene.lens[kRadial + 1]);
-    ray = seen / std::max(bend, kLeastBend);
+    ray = seen / std::max(bendAt(scene.lens, ray.squaredNorm()), kLeastBend);
   }
   return ray;
 }

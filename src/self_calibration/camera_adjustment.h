@@ -10,14 +10,14 @@
 
 namespace dsorb::self_calibration {
 
-/// Numbers of a camera: logarithm of fx [px], cx, cy [px], k1, k2, readout [s], and what the first
-/// one grows by from the first view to the last.
+/// Numbers of a camera: logarithm of fx [px], cx, cy [px], k1, k2, k3, readout [s], and what the
+/// first one grows by from the first view to the last.
 constexpr int kLogFocal = 0;
 constexpr int kCenter = 1;
 constexpr int kRadial = 3;
-constexpr int kReadout = 5;
-constexpr int kZoom = 6;
-constexpr int kLensDim = 7;
+constexpr int kReadout = 6;
+constexpr int kZoom = 7;
+constexpr int kLensDim = 8;
 using LensVector = Eigen::Matrix<double, kLensDim, 1>;
 
 /// What is known of the numbers beforehand; one without a standard deviation is held.

@@ -61,6 +61,7 @@ constexpr double kReadoutShows = 1;  // a readout above is nearer to the truth t
 constexpr double kCenterSigma = 0.02;  // share of the longer side
 constexpr double kK1Sigma = 0.3;
 constexpr double kK2Sigma = 0.15;
+constexpr double kK3Sigma = 0.05;  // once another one shows
 
 /// How far the corners that two images share have moved: the median [px]; infinite where they
 /// share too few.
@@ -96,7 +97,7 @@ LensVector numbersOf(const Lens& lens) {
   LensVector numbers;
   const bool bent = lens.model == LensModel::kRadTan;
   numbers << std::log(lens.fx), lens.cx, lens.cy, bent ? lens.coefficients[0] : 0,
-      bent ? lens.coefficients[1] : 0, lens.readout.seconds, 0;
+      bent ? lens.coefficients[1] : 0, bent ? lens.coefficients[4] : 0, lens.readout.seconds, 0;
   return numbers;
 }
 
@@ -108,7 +109,7 @@ LensPrior priorOf(const Lens& guess) {
   LensPrior prior{numbersOf(guess), LensVector::Zero()};
   if (guess.focal_sigma > 0) {
     const double center = centerSigma(guess);
-    prior.sigma << guess.focal_sigma, center, center, kK1Sigma, kK2Sigma, 0, 0;
+    prior.sigma << guess.focal_sigma, center, center, kK1Sigma, kK2Sigma, 0, 0, 0;
   }
   prior.sigma[self_calibration::kReadout] = guess.readout.sigma;
   prior.sigma /= kFoundCamera;  // must count as the corners do
@@ -336,6 +337,20 @@ class CameraFinder::Impl {
       changed = hold(self_calibration::kRadial + 1) || changed;
     }
     if (changed) adjust(prior, noise, kIterations, scene);
+    if (prior.sigma[self_calibration::kRadial] > 0) bendFurther(noise, prior, scene);
+  }
+
+  /// Adds the third coefficient of a distortion where it shows.
+  static void bendFurther(double noise, LensPrior& prior, Scene& scene) {
+    constexpr int kThird = self_calibration::kRadial + 2;
+    LensPrior further = prior;
+    further.sigma[kThird] = kK3Sigma / kFoundCamera;
+    Scene bent = scene;
+    adjust(further, noise, kIterations, bent);
+    const double sigma = kFoundCamera * lensSigmas(further, noise, bent)[kThird];
+    if (!(std::abs(bent.lens[kThird]) > kShows * sigma)) return;
+    prior = further;
+    scene = std::move(bent);
   }
 
   [[nodiscard]] FoundCamera told(const Scene& scene, const LensVector& sigmas) const {
@@ -348,7 +363,7 @@ class CameraFinder::Impl {
     const double k1 = scene.lens[self_calibration::kRadial];
     const double k2 = scene.lens[self_calibration::kRadial + 1];
     lens.model = k1 == 0 && k2 == 0 ? LensModel::kPinhole : LensModel::kRadTan;
-    lens.coefficients = {k1, k2};
+    lens.coefficients = {k1, k2, 0, 0, scene.lens[self_calibration::kRadial + 2]};
     lens.readout = {scene.lens[self_calibration::kReadout], sigmas[self_calibration::kReadout]};
     lens.focal_sigma = sigmas[self_calibration::kLogFocal];
     found.center_sigma =
