@@ -15,7 +15,8 @@ namespace dsorb {
 /// that neighbouring corners share.
 struct FoundCamera {
   /// Lens of the images as they were taken: a pinhole where no distortion shows, else kRadTan with
-  /// k1 and k2; its `readout` and `focal_sigma` have their standard deviations.
+  /// k1, k2 and, where it shows, k3; its `readout` and `focal_sigma` have their standard
+  /// deviations.
   Lens lens;
   double center_sigma = 0;        ///< of the principal point [px]
   double k1_sigma = 0;            ///< of the first radial coefficient
@@ -33,7 +34,7 @@ struct FoundCamera {
   [[nodiscard]] bool isStabilized() const { return shift_gain > 1; }
   /// Whether the focal length changes by more than chance explains: zoom, focus breathing.
   [[nodiscard]] bool changes() const {
-    return focal_change_sigma > 0 && std::abs(focal_change) > 4 * focal_change_sigma;
+    return focal_change_sigma > 0 && std::abs(focal_change) > 2 * focal_change_sigma;
   }
 };
 
