@@ -348,6 +348,20 @@ TEST_F(SequenceReaderTest, TumRgbd) {
   EXPECT_THAT(openingComplaint(options()), HasSubstr("rgb.txt:1"));
 }
 
+TEST_F(SequenceReaderTest, WhatAPassWithAGuessDecodedIsNotDecodedAgain) {
+  const fs::path folder = root() / "holiday";
+  writeGreyImages(folder, 3, ".pgm");
+  SequenceOptions o = optionsFor(folder);
+  SequenceReader pass(o);
+  EXPECT_EQ(readAll(pass).size(), 3U);
+  writeText(folder / "000002.pgm", "no image");
+  o.lens = pass.lens();
+  SequenceReader again(o, std::move(pass));
+  const auto frames = readAll(again);
+  ASSERT_EQ(frames.size(), 3U);
+  EXPECT_EQ(levelOf(frames[2]), 20);
+}
+
 TEST_F(SequenceReaderTest, PlainFolderWithACalibration) {
   writeGreyImages(root() / "holiday", 2, ".pgm");
   SequenceOptions o = optionsFor(root() / "holiday");
