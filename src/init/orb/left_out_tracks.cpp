@@ -21,10 +21,11 @@ namespace dsorb::init_orb {
 namespace {
 
 constexpr int kEdgeRadius = 7;       // of the square whose gradients are looked at [px]
-constexpr float kMaxEdgeRatio = 30;  // of the eigenvalues of a corner's gradient tensor
-// Share of the tracks; with fewer corners the others go. Bars have 3 to 19 %, TartanAir's bare
-// corridors 52.
-constexpr double kMinCornerShare = 0.3;
+constexpr float kMaxEdgeRatio = 10;  // of the eigenvalues of a corner's gradient tensor
+// Share of the tracks; with fewer corners the others go. Bars have 0 to 20 %: drawn at an angle
+// they show steps of pixels, which raise the smaller eigenvalue. TartanAir's bare corridors have
+// 26 % at least, other recordings 37.
+constexpr double kMinCornerShare = 0.25;
 
 /// Whether the gradients around a place have one direction only: a misfit of a fraction of a pixel
 /// across the edge then moves a track by several times as much along it.
