@@ -27,6 +27,7 @@ soak() { scripts/soak.sh 200000; }
 lost() { scripts/lost_clips.py "$(mktemp -d)" --bin "$DSORB_BUILD_DIR/bin"; }
 fuzz() { DSORB_BUILD_DIR=$PWD/build-clang scripts/fuzz.sh 600s; }
 contract() {
+  [ -e build-clang/build.ninja ] || { echo "nightly.sh: contract needs the build of .ci/run" >&2; return 1; }
   cmake -S . -B build-clang -DDSORB_WITH_CERES=ON >/dev/null && DSORB_BUILD_DIR=build-clang scripts/build.sh -- dso_dataset contract_tests &&
     ctest --test-dir build-clang --output-on-failure --parallel "$(nproc)" -L contract --repeat until-pass:3
 }

@@ -9,7 +9,7 @@ set -euo pipefail
 cd "$(dirname "$0")/../.."
 wheels=$PWD/out/wheels roots=$(mkdir -p "${DSORB_CACHE:-.cache/wheels}/roots" && readlink -f "${DSORB_CACHE:-.cache/wheels}/roots")
 arch=${DSORB_ARCH:-$(uname -m)} options=
-[ "$arch" = "$(uname -m)" ] || options='--calib camera.txt --to 1'
+[ "$arch" = "$(uname -m)" ] || options='--calib camera.txt --to 2.1'
 [ $# -gt 0 ] || set -- bullseye jammy bookworm noble trixie
 [ -e "$roots/clip/clip.mp4" ] || scripts/wheels/clip.sh "$roots/clip"
 sed -n '/^```python/,/^```/p' README.md | grep -v '^```' >"$roots/clip/readme.py"

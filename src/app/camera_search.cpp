@@ -37,7 +37,8 @@ std::optional<FoundCamera> pass(SequenceReader& reader,
     if (estimate.state == OdometryState::kLost) odometry.restart();
     ++given;
     // To see the rest costs less than a look that does not tell.
-    const bool ends_soon = 2 * (reader.selected() - given) < given;
+    const int left = reader.selected() - given;  // below 0: more than was announced
+    const bool ends_soon = left >= 0 && 2 * left < given;
     if (finder.frames() < next_look || ends_soon) continue;
     auto found = finder.find();
     if (found && found->lens.focal_sigma < kEnough * next_look) return found;
@@ -66,6 +67,7 @@ std::optional<FoundCamera> searchCamera(SequenceReader& reader,
   for (const double factor : kFocals) {
     if (factor != 1) {
       SequenceOptions sequence = request.sequence;
+      sequence.keep_decoded = true;
       sequence.lens = guess;
       sequence.lens->readout = {};
       sequence.lens->fx *= factor;

@@ -176,7 +176,9 @@ void requireFiles(const CommandLine& request) {
 /// cannot be read the output folder says so.
 SequenceReader openSequence(const CommandLine& request, RunOutputs& outputs) {
   try {
-    return SequenceReader(request.sequence);
+    SequenceOptions sequence = request.sequence;
+    sequence.keep_decoded = true;
+    return SequenceReader(sequence);
   } catch (const ConfigError&) {
     throw;
   } catch (const std::exception&) {

@@ -17,10 +17,12 @@ constexpr int kPatchReach = 3;                                // steps from its 
 constexpr int kPatchSide = 2 * kPatchReach + 1;               // pixels of a patch in a row
 constexpr std::size_t kMiddle = kPatchSide * kPatchSide / 2;  // pixel of a patch
 constexpr double kBorder = 2;                                 // of images, for interpolation [px]
-constexpr float kMinDeviation = 5;     // of a patch that can be compared [grey levels]
-constexpr float kAlikePatches = 0.6F;  // correlation of two patches of one place at least
-constexpr int kMinPatches = 8;         // of a cell that can be compared
-constexpr double kMinAlike = 0.25;     // share of a cell's patches, that it shows the place
+constexpr float kMinDeviation = 5;        // of a patch that can be compared [grey levels]
+constexpr float kAlikePatches = 0.6F;     // correlation of two patches of one place at least
+constexpr int kMinPatches = 8;            // of a cell that can be compared
+constexpr double kMinAlike = 0.25;        // share of a cell's patches, that it shows the place
+constexpr int kMinCells = 8;              // that can be compared
+constexpr std::size_t kMaxPoints = 2000;  // of a keyframe
 
 using Patch = Eigen::Matrix<float, 1, kPatchSide * kPatchSide>;
 using Patches = Eigen::Matrix<float, Eigen::Dynamic, kPatchSide * kPatchSide, Eigen::RowMajor>;
@@ -88,7 +90,9 @@ double contradictedShare(const std::vector<ImagedKeyframe>& keyframes,
   for (const auto& [keyframe, host_image] : keyframes) {
     const SE3 T_cam_host = T_world_cam.inverse() * keyframe->T_world_cam;
     Places places;
-    for (const MapPoint& point : keyframe->points) {
+    const std::size_t step = 1 + keyframe->points.size() / kMaxPoints;
+    for (std::size_t i = 0; i < keyframe->points.size(); i += step) {
+      const MapPoint& point = keyframe->points[i];
       if (!(point.inverse_depth > 0)) continue;
       addPatch(point, keyframe->camera, T_cam_host, camera, places);
     }
@@ -112,7 +116,7 @@ double contradictedShare(const std::vector<ImagedKeyframe>& keyframes,
     ++cells;
     if (alike[i] < kMinAlike * compared[i]) ++otherwise;
   }
-  return cells > 0 ? static_cast<double>(otherwise) / cells : 1;
+  return cells < kMinCells ? 1 : static_cast<double>(otherwise) / cells;
 }
 
 }  // namespace dsorb::place

@@ -21,7 +21,8 @@ struct ImagedKeyframe {
 
 /// How far an image contradicts the pose that it was given among keyframes: the share of its cells,
 /// 8 by 6, in which the points of the keyframes look otherwise. What stands in the way of a point
-/// contradicts it, too, so a right pose has some of them. 1 where no cell can be compared.
+/// contradicts it, too, so a right pose has some of them. 1 where fewer than eight cells can be
+/// compared.
 /// @param image  at half the size
 /// @param camera of the whole image
 [[nodiscard]] double contradictedShare(const std::vector<ImagedKeyframe>& keyframes,

@@ -29,6 +29,16 @@ bool agree(const KeyframeStore& store, const Link& a, const Link& b) {
          std::abs(std::log(a.S_to_from.scale / b.S_to_from.scale)) < kSameShare;
 }
 
+/// The same link the other way round.
+Link turned(const Link& link) {
+  Link result = link;
+  std::swap(result.from, result.to);
+  result.S_to_from = link.S_to_from.inverse();
+  const Matrix7d adjoint = result.S_to_from.adjoint();
+  result.covariance = adjoint * link.covariance * adjoint.transpose();
+  return result;
+}
+
 /// The link by the candidate that a query shows most of.
 std::optional<Link> bestLink(const KeyframeStore& store,
                              const BinaryIndex& index,
@@ -70,12 +80,7 @@ std::vector<Join> joinsOf(const KeyframeStore& store, const std::vector<Link>& l
   for (const Link& link : links) {
     const int from = store[link.from].segment;
     const int to = store[link.to].segment;
-    Link turned = link;
-    if (from < to) {
-      std::swap(turned.from, turned.to);
-      turned.S_to_from = link.S_to_from.inverse();
-    }
-    by_pair[{std::min(from, to), std::max(from, to)}].push_back(turned);
+    by_pair[{std::min(from, to), std::max(from, to)}].push_back(from < to ? turned(link) : link);
   }
   std::vector<Join> joins;
   for (const auto& [pair, all] : by_pair) {
@@ -95,12 +100,14 @@ std::vector<Join> joinsOf(const KeyframeStore& store, const std::vector<Link>& l
           return a->matches < b->matches;
         });
     Join join{pair.second, pair.first, surest.S_to_from, surest.covariance, 0, 0, 1};
-    std::set<std::size_t> keyframes;
+    std::set<std::size_t> from;
+    std::set<std::size_t> to;
     for (const Link* link : supporters) {
-      keyframes.insert(link->from);
+      from.insert(link->from);
+      to.insert(link->to);
       join.matches += link->matches;
     }
-    join.keyframes = static_cast<int>(keyframes.size());
+    join.keyframes = static_cast<int>(std::max(from.size(), to.size()));
     join.wrong_probability = surest.wrong_probability;
     joins.push_back(join);
   }

@@ -29,8 +29,10 @@ constexpr double kPatchSlope = 0.02;         // of a depth, that pixels beside t
 constexpr std::size_t kLoopGap = 10;         // keyframes between two ends of a loop at least
 constexpr std::size_t kLoopSpacing = 3;  // keyframes from one query to the next; links see as many
 constexpr std::size_t kLosses = 4;       // whose views are remembered, the newest
-constexpr int kSeenBy = 2;               // keyframes that agree where segments lie, as SIFT sees them
-constexpr double kWrongView = 0.01;      // probability at most that one of these sees another place
+constexpr int kSeenBy = 2;  // keyframes that agree where segments lie, as SIFT sees them
+// Probability that one of these sees another place: 1 of 168 views of rooms with the same walls
+// did.
+constexpr double kWrongView = 0.006;
 
 }  // namespace
 
@@ -50,18 +52,20 @@ class Place::Impl {
       if (posed.T_cam_ref) start_frames[posed.frame->id()] = posed.frame;
     }
     if (step.result->metric && segments.count(segment) == 0) metric.insert(segment);
+    ++stretch;
+  }
+
+  void remember(FrameId id, const Frame& frame, int segment) {
     if (recent.segment().value_or(segment) != segment) {
       losses.push_back({std::exchange(recent, {}), {}});
       if (losses.size() > kLosses) losses.pop_front();
     }
-    ++stretch;
-  }
-
-  void remember(FrameId id, const Frame& frame) {
-    recent.add(id, frame);
+    const std::optional<place::RecentView> view = place::viewOf(id, frame);
+    if (!view) return;
+    recent.add(*view);
     if (losses.empty()) return;
     place::RecentViews& after = losses.back().after;
-    if (after.size() < place::RecentViews::kViews) after.add(id, frame);
+    if (after.size() < place::RecentViews::kViews) after.add(*view);
   }
 
   void noteFrame(const FrameEstimate& estimate) {
@@ -69,7 +73,7 @@ class Place::Impl {
     if (!estimate.is_keyframe || positions.count(estimate.frame->id()) > 0) return;
     const FrameId id = estimate.frame->id();
     timed(report.adding_seconds, [&] { views[id] = place::describeView(*estimate.frame); });
-    remember(id, *estimate.frame);
+    remember(id, *estimate.frame, estimate.segment);
     const auto told = early.find(id);
     if (told == early.end()) return;
     enter(told->second);
@@ -87,7 +91,7 @@ class Place::Impl {
     if (start != start_frames.end()) {
       timed(report.adding_seconds,
             [&] { views[keyframe.id] = place::describeView(*start->second); });
-      remember(keyframe.id, *start->second);
+      remember(keyframe.id, *start->second, keyframe.segment);
       tellViews(keyframe);
     }
     if (views.count(keyframe.id) > 0) {
@@ -226,7 +230,7 @@ class Place::Impl {
       for (place::Join join : place::joinsOf(store, loss.before.linksTo(loss.after, positions))) {
         if (join.keyframes < kSeenBy) continue;
         join.wrong_probability = std::pow(kWrongView, join.keyframes);
-        joins.push_back(join);
+        if (join.wrong_probability <= options.max_wrong_probability) joins.push_back(join);
       }
     }
     return joins;

@@ -38,7 +38,7 @@ constexpr float kMaxToDepth = 8;      // of a corner to a point, for 800 px [px]
 constexpr double kDepthSigma = 0.05;  // of a depth taken from there, of the depth
 constexpr std::uint64_t kSampleSeed = 48;
 /// Share of the cells that look otherwise at most. Views of rooms that have the same walls and
-/// other furniture have .19 and more, one in eleven .12 to .18, one in 168 less; those of the same
+/// other furniture have .19 and more, one in twelve .12 to .18, one in 168 less; those of the same
 /// place have 0 to .15, from far aside .2.
 constexpr double kMaxContradicted = 0.12;
 constexpr int kPatch = 4;                // pixels around a corner that have its depth [px]
@@ -319,9 +319,13 @@ std::optional<Unit> unitOf(const Placed& placed, const DepthLookup& own) {
 
 }  // namespace
 
-void RecentViews::add(FrameId id, const Frame& frame) {
-  if (frame.pyramid().levels() <= kLevel) return;
-  views_.push_back({id, {}, imageOf(frame), {}});
+std::optional<RecentView> viewOf(FrameId id, const Frame& frame) {
+  if (frame.pyramid().levels() <= kLevel) return std::nullopt;
+  return RecentView{id, {}, imageOf(frame), {}};
+}
+
+void RecentViews::add(const RecentView& view) {
+  views_.push_back(view);
   if (views_.size() > kViews) views_.pop_front();
   asked_ = 0;
 }

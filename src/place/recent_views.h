@@ -25,14 +25,17 @@ struct RecentView {
   Features features;  ///< none before it is asked for
 };
 
+/// What is remembered of a frame; nothing where its pyramid has one level only.
+[[nodiscard]] std::optional<RecentView> viewOf(FrameId id, const Frame& frame);
+
 /// Sixteen keyframes as SIFT sees them, for a frame that shows their place from another side.
 /// Nothing is described before it is asked for.
 class RecentViews {
  public:
   static constexpr std::size_t kViews = 16;
 
-  /// Remembers a keyframe by its image at half the size, in place of the oldest where all are there.
-  void add(FrameId id, const Frame& frame);
+  /// Remembers a keyframe, in place of the oldest where all are there.
+  void add(const RecentView& view);
   /// What is told of a keyframe, the newest counts.
   void tell(const KeyframeSnapshot& keyframe);
 

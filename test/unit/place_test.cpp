@@ -347,7 +347,7 @@ void tellRoom(const synthetic::Scene& room,
         keyframe.points.push_back(point);
       }
     }
-    views.add(keyframe.id, *roomFrame(k, view));
+    views.add(*place::viewOf(keyframe.id, *roomFrame(k, view)));
     views.tell(keyframe);
   }
 }
@@ -426,6 +426,10 @@ TEST(RecentViewsTest, LinkAnotherSegmentOfTheSameRoomAndNoneOfAnotherRoom) {
     EXPECT_LT(link.to, 6U);
     EXPECT_EQ(link.covariance.llt().info(), Eigen::Success);
   }
+  // The other way round each keyframe counts as well.
+  const std::vector<place::Link> back = same.linksTo(views, positions);
+  ASSERT_EQ(back.size(), 3U);
+  EXPECT_LT((back.front().S_to_from * S_world_room.inverse()).motion.log().norm(), 0.1);
   place::RecentViews other;
   tellRoom(synthetic::makeRoom(21), other, 6, S_world_room);
   EXPECT_TRUE(views.linksTo(other, positions).empty());

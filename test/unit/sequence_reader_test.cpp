@@ -352,11 +352,15 @@ TEST_F(SequenceReaderTest, WhatAPassWithAGuessDecodedIsNotDecodedAgain) {
   const fs::path folder = root() / "holiday";
   writeGreyImages(folder, 3, ".pgm");
   SequenceOptions o = optionsFor(folder);
+  o.keep_decoded = true;
   SequenceReader pass(o);
   EXPECT_EQ(readAll(pass).size(), 3U);
   writeText(folder / "000002.pgm", "no image");
   o.lens = pass.lens();
-  SequenceReader again(o, std::move(pass));
+  SequenceReader second(o, std::move(pass));
+  EXPECT_EQ(readAll(second).size(), 3U);
+  o.keep_decoded = false;
+  SequenceReader again(o, std::move(second));
   const auto frames = readAll(again);
   ASSERT_EQ(frames.size(), 3U);
   EXPECT_EQ(levelOf(frames[2]), 20);

@@ -64,6 +64,9 @@ struct SequenceOptions {
   bool skip_unreadable = false;  ///< pass over image files that cannot be read
   /// Each image is prepared while the one before is used, in a thread; not with cameras.
   bool prefetch = true;
+  /// Where the lens is a guess: keeps decoded images, 128 MB at most, for a reader that goes on
+  /// from this one; not of cameras.
+  bool keep_decoded = false;
 };
 
 /// One rectified and photometrically corrected image with its pyramid.
@@ -86,8 +89,8 @@ class SequenceReader {
   /// @throws IoError on a missing or malformed data set or calibration
   /// @throws ConfigError on options that contradict each other or the data set
   explicit SequenceReader(const SequenceOptions& options);
-  /// Reads with other options of its lens what another reader, whose lens was a guess, has begun:
-  /// images that it still has are not decoded again.
+  /// Reads the images of another reader again, with options that differ in the lens alone: those
+  /// that it kept are not decoded again.
   SequenceReader(const SequenceOptions& options, SequenceReader before);
   ~SequenceReader();
   SequenceReader(SequenceReader&&) noexcept;  ///< the other may only be destroyed or assigned to

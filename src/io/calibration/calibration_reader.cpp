@@ -87,20 +87,21 @@ const LensWord& findLens(const LensWords& models, const std::string& words, cons
 }
 
 /// What a readout is read of: parseReadout(), and perhaps "columns" behind it.
-constexpr const char* kReadoutKey = "readout_ms";
 constexpr const char* kReadoutForm =
     "milliseconds from the first to the last row, -1000 to 1000, or auto, and perhaps 'columns'";
 
 /// Our own key, that of VINS, and that of SVO.
 void readReadout(const KeyedValues& values, Lens& lens) {
-  for (const double rolling : values["rolling_shutter"].numbers()) {
-    if (rolling != 0) lens.readout.seconds = values["rolling_shutter_tr"].number();
+  for (const std::string& word : values["rolling_shutter"].content.words) {
+    double rolling = 0;  // in files of others it is a word
+    if (!parseNumber(word, rolling) || rolling == 0) continue;
+    lens.readout.seconds = values["rolling_shutter_tr"].number();
   }
   const Field line = values["line-delay-nanoseconds"];
   if (line.has() && lens.height > 0) {
     lens.readout.seconds = 1e-9 * line.number() * (lens.height - 1);
   }
-  const Field field = values[kReadoutKey];
+  const Field field = values["readout_ms|readout"];
   if (!field.has()) return;
   const Strings words = splitWords(field.text(kReadoutForm));
   const bool columns = words.size() == 2 && words.back() == "columns";
@@ -192,7 +193,9 @@ Field readParameters(const KeyedValues& values,
   std::optional<Field> first;
   for (const Parameter& parameter : parametersOf(list)) {
     std::string spellings;
-    for (const std::string& group : groups) spellings += group + parameter.key + "|";
+    for (const std::string& group : groups) {
+      spellings += (spellings.empty() ? "" : "|") + group + parameter.key;
+    }
     const Field field = values[spellings];
     double constant = 0;
     if (parseNumber(parameter.key, constant)) {
@@ -747,7 +750,7 @@ KeyedValues dsoValues(const std::filesystem::path& file, const std::vector<TextL
     const bool readout = i > 0 && i + 1 == lines.size() && words.front() == "readout";
     if (!readout && i >= kLines.size()) throw lines[i].error("more than four lines");
     if (readout) words.erase(words.begin());
-    values.add(readout ? kReadoutKey : kLines.at(i), {words, lines[i].number});
+    values.add(readout ? "readout" : kLines.at(i), {words, lines[i].number});
   }
   return values;
 }
@@ -935,9 +938,7 @@ bool isColmap(const std::vector<TextLine>& lines) {
 Calibration readColmapCamera(const std::filesystem::path& file, const TextLine& line) {
   const Strings words = splitWords(line.text);
   if (words.size() < 4) throw line.error("expected 'ID MODEL width height ...'");
-  KeyedValues values(file);
-  values.add(words[0], {{words.begin() + 2, words.end()}, line.number});
-  const Field field = values[words[0]];
+  const Field field{file, "", {{words.begin() + 2, words.end()}, line.number}};
   const LensWord& model = findLens(kColmapModels, words[1], field);
   std::vector<double> numbers = field.numbers();
   Lens lens{model.model};
@@ -946,7 +947,7 @@ Calibration readColmapCamera(const std::filesystem::path& file, const TextLine& 
   setParameters(model.parameters, numbers, lens, field);
   lens.cx -= kHalfPixel;
   lens.cy -= kHalfPixel;
-  return finished(values, field, lens);
+  return finished(KeyedValues(file), field, lens);
 }
 
 Calibration readColmap(const std::filesystem::path& file,

@@ -172,6 +172,7 @@ std::vector<double> Field::numbers() const {
 }
 
 std::vector<double> Field::numbers(std::size_t count, std::string_view what) const {
+  if (!has()) throw error("is missing; expected {}", what);
   std::vector<double> result = numbers();
   if (result.size() != count) throw error("{} numbers; expected {}", result.size(), what);
   return result;

@@ -6,6 +6,8 @@
 
 #include "io/text_file.h"
 
+#include <fmt/format.h>
+
 #include <cstddef>
 #include <filesystem>
 #include <map>

@@ -50,8 +50,8 @@ constexpr const char* kRawCalibration = "../calib_cam_to_cam.txt";  // of KITTI,
 struct Unit {
   const char* name;
   double per_second;
-  double
-      longest_step;  // of a clock that begins with the recording, where that is no smaller unit's
+  /// A longer step from one image to the next is one of a smaller unit.
+  double longest_step;
 };
 constexpr std::array<Unit, 4> kUnits = {{{"seconds", 1, 8},
                                          {"milliseconds", 1e3, 1e3},

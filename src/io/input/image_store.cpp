@@ -106,10 +106,12 @@ std::unique_ptr<ImageStore> inOrder(std::vector<std::string> names,
   std::vector<std::string> accessories = takeAccessories(others, names);
   accessories.insert(accessories.end(), left_out.begin(), left_out.end());
   std::vector<std::pair<std::string, std::string>> ordered;
+  ordered.reserve(names.size());
   for (std::string& name : names) ordered.emplace_back(orderOf(name), std::move(name));
   std::sort(ordered.begin(), ordered.end());
-  std::transform(
-      ordered.begin(), ordered.end(), names.begin(), [](auto& name) { return name.second; });
+  std::transform(ordered.begin(), ordered.end(), names.begin(), [](auto& name) {
+    return std::move(name.second);
+  });
   return std::make_unique<ImageStore>(std::move(names), std::move(accessories), std::move(read));
 }
 

@@ -372,11 +372,12 @@ class SequenceReader::Impl {
   explicit Impl(const SequenceOptions& options)
       : layout(layoutOf(options)),
         dataset(openDataset(layout)),
-        skip_unreadable(options.skip_unreadable && !isStream()) {
+        skip_unreadable(options.skip_unreadable && !isStream()),
+        keep_decoded(options.keep_decoded) {
     playlist = select(options);
     calibrate(options);
-    const bool is_read_again = lens.focal_sigma > 0 && !options.lens;
-    if (is_read_again && layout.format != SequenceFormat::kCamera) room = kMostKept;
+    const bool is_kept = options.keep_decoded && lens.focal_sigma > 0;
+    if (is_kept && layout.format != SequenceFormat::kCamera) room = kMostKept;
     const bool is_ahead = options.prefetch && layout.format != SequenceFormat::kCamera &&
                           fitsInMemory(rectifier->camera());
     queue = std::make_unique<FrameQueue>(playlist.count, is_ahead, [this](std::size_t position) {
@@ -523,7 +524,10 @@ class SequenceReader::Impl {
 
   std::optional<SourceImage> read(int index) {
     if (first && index == playlist.index(0)) return std::exchange(first, std::nullopt);
-    if (const auto kept = decoded.find(index); kept != decoded.end()) return kept->second;
+    if (const auto kept = decoded.find(index); kept != decoded.end()) {
+      if (keep_decoded) return kept->second;
+      return std::move(decoded.extract(kept).mapped());
+    }
     try {
       std::optional<SourceImage> image = dataset.images->image(index);
       if (image && room > 0) keep(*image);
@@ -546,7 +550,10 @@ class SequenceReader::Impl {
   void takeOver(Impl& other) {
     other.queue.reset();
     room = 0;
-    if (other.decoded.empty()) return;
+    if (other.decoded.empty() || other.layout.images != layout.images ||
+        other.playlist.first != playlist.first || other.playlist.step != playlist.step) {
+      return;
+    }
     decoded = std::move(other.decoded);
     dataset.images = std::move(other.dataset.images);
   }
@@ -684,6 +691,7 @@ class SequenceReader::Impl {
   DatasetLayout layout;
   Dataset dataset;
   bool skip_unreadable;
+  bool keep_decoded;
   Playlist playlist;
   BrightnessModel brightness = BrightnessModel::kUncalibrated;
   std::optional<Rectifier> rectifier;

@@ -676,7 +676,6 @@ class InitializationWriter {
     for (const io::InitStepNote& step : record.steps()) {
       if (!step.result) continue;
       append(io::jsonText({{kStarts, io::Json::array({describe(step, milliseconds)})}}));
-      has_starts_ = true;
     }
   }
 
@@ -691,15 +690,15 @@ class InitializationWriter {
   };
 
   /// Puts the only start of a document behind those of the file.
-  void append(const std::string& alone) const {
+  void append(const std::string& alone) {
     constexpr std::string_view kTail = "\n ]\n}\n";
-    std::string text = alone;
-    if (has_starts_) {
-      text = readText(path_, std::numeric_limits<std::size_t>::max());
-      text.replace(text.size() - kTail.size(), kTail.size(), ",");
-      text += alone.substr(alone.find('[') + 1);
+    if (text_.empty()) {
+      text_ = alone;
+    } else {
+      text_.replace(text_.size() - kTail.size(), kTail.size(), ",");
+      text_ += alone.substr(alone.find('[') + 1);
     }
-    io::replaceFile(path_, text);
+    io::replaceFile(path_, text_);
   }
 
   [[nodiscard]] io::Json describe(const io::InitStepNote& step, double milliseconds) const {
@@ -733,7 +732,7 @@ class InitializationWriter {
   }
 
   fs::path path_;
-  bool has_starts_ = false;
+  std::string text_;  // of the file; empty: there is no start yet
   std::string initializer_;
   PinholeCamera camera_;
   Progress progress_;
