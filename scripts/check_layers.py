@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: BSD-3-Clause
-"""Fails when a source file includes what its layer may not know (data flows one way), or when two headers define a type
-of one name in one namespace: programs that include both are undefined, and no compiler says so."""
+"""Fails when a source file includes what its layer may not know (data flows one way), when two headers define a type
+of one name in one namespace (programs that include both are undefined, and no compiler says so), or when a file of tests
+is in no program."""
 import re
 import subprocess
 import sys
@@ -127,11 +128,20 @@ def wrong_includes(path):
                 yield number, f'{header} may be included only in {", ".join(allowed)}'
 
 
+def tests_in_no_program():
+    paths = subprocess.run(['git', 'ls-files', 'test/*_test.cpp'], capture_output=True, text=True, check=True).stdout.split()
+    with open('test/CMakeLists.txt') as file:
+        listed = file.read()
+    return [f'{path}: in no program of test/CMakeLists.txt' for path in paths
+            if path.removeprefix('test/') not in listed]
+
+
 def main():
     paths = subprocess.run(['git', 'ls-files', 'include/*.h', 'src/*.h', 'src/*.cpp'],
                            capture_output=True, text=True, check=True).stdout.split()
     faults = [f'{path}:{number}: {text}' for path in paths for number, text in wrong_includes(path)]
     faults += defined_twice(paths)
+    faults += tests_in_no_program()
     print('\n'.join(faults) or f'layers: {len(paths)} files, no wrong arrow')
     return 1 if faults else 0
 

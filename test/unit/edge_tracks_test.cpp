@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 namespace dsorb::init_orb {
@@ -48,6 +49,15 @@ TEST(EdgeTracks, StayWhereMostAreCorners) {
   CornerTracks tracks = tracksEverywhere();
   leaveOutEdges(bars(80)->level(0), tracks);
   EXPECT_EQ(tracks.size(), tracksEverywhere().size());
+}
+
+TEST(EdgeTracks, GoWhereBarsShowStepsOfPixels) {
+  const FramePtr steps = paintFrame(0, kSide, kSide, [](float x, float y) {
+    return 130 + 90 * std::clamp(8 * std::sin(0.3F * x + 0.1F * y), -1.0F, 1.0F);
+  });
+  CornerTracks tracks = tracksEverywhere();
+  leaveOutEdges(steps->level(0), tracks);
+  EXPECT_EQ(tracks.size(), 0);
 }
 
 }  // namespace
