@@ -2,10 +2,13 @@
 #include "track/tracking_reference.h"
 
 #include "base/parallel.h"
+#include "estimate/sampling.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
+#include <tuple>
 
 namespace dsorb::track {
 namespace {
@@ -134,8 +137,8 @@ void TrackingReferenceBuilder::fill(const std::vector<DepthSample>& samples,
                                     TrackingReference& reference) {
   DepthAccumulator& finest = maps_[0];
   finest.reset(finest.width, finest.height);
-  for (const DepthSample& sample : samples) {
-    if (!isUsable(sample, reference.frame->level(0))) continue;
+  keepUsable(samples, reference.frame->level(0));
+  for (const DepthSample& sample : usable_) {
     const std::size_t to = finest.index(nearest(sample.pixel.x()), nearest(sample.pixel.y()));
     finest.weighted_depth[to] += sample.weight * sample.inverse_depth;
     finest.weight[to] += sample.weight;
@@ -144,7 +147,7 @@ void TrackingReferenceBuilder::fill(const std::vector<DepthSample>& samples,
   const int levels = reference.frame->pyramid().levels();
   reference.points.assign(static_cast<std::size_t>(levels), {});
   for (std::size_t l = 0; l < reference.points.size(); ++l) {
-    reference.points[l].reserve(std::min(kDilated * samples.size(), maps_[l].weight.size()));
+    reference.points[l].reserve(std::min(kDilated * usable_.size(), maps_[l].weight.size()));
   }
   runBoth([&] { list(0, reference); },
           [&] {
@@ -153,7 +156,25 @@ void TrackingReferenceBuilder::fill(const std::vector<DepthSample>& samples,
   for (int l = 0; l < levels; ++l) moveToMiddle(l, reference);
 }
 
-/// Points of one level, row by row, so that neighbours in the list are neighbours in the image.
+/// Row by row, so that neighbours in the list are neighbours in the image, whatever their order
+/// was.
+void TrackingReferenceBuilder::keepUsable(const std::vector<DepthSample>& samples,
+                                          const PyramidLevel& level) {
+  usable_.clear();
+  std::copy_if(samples.begin(),
+               samples.end(),
+               std::back_inserter(usable_),
+               [&level](const DepthSample& sample) { return isUsable(sample, level); });
+  const auto place = [](const DepthSample& sample) {
+    const Eigen::Vector2f& pixel = sample.pixel;
+    return std::make_tuple(nearest(pixel.y()), pixel.x(), pixel.y(), sample.inverse_depth);
+  };
+  std::sort(usable_.begin(), usable_.end(), [&place](const DepthSample& l, const DepthSample& r) {
+    return place(l) < place(r);
+  });
+}
+
+/// Points of one level: on the finest the samples themselves, then pixels row by row.
 void TrackingReferenceBuilder::list(int index, TrackingReference& reference) {
   const PyramidLevel& level = reference.frame->level(index);
   const PinholeCamera camera = reference.camera.atLevel(index);
@@ -162,16 +183,29 @@ void TrackingReferenceBuilder::list(int index, TrackingReference& reference) {
   const auto cx = static_cast<float>(camera.cx);
   const auto cy = static_cast<float>(camera.cy);
   ReferencePoints& points = reference.points[static_cast<std::size_t>(index)];
+  const auto add = [&](float x, float y, float inverse_depth, float intensity) {
+    if (!std::isfinite(intensity)) return;
+    points.append((x - cx) * inverse_fx, (y - cy) * inverse_fy, inverse_depth, intensity);
+  };
+  const bool exact = index == 0;
+  if (exact) {
+    for (const DepthSample& sample : usable_) {
+      const float x = sample.pixel.x();
+      const float y = sample.pixel.y();
+      add(x, y, sample.inverse_depth, interpolateIntensity(level, x, y));
+    }
+  }
   DepthAccumulator& map = maps_[static_cast<std::size_t>(index)];
   dilate(map, index < 2 ? DilationNeighbours::kDiagonal : DilationNeighbours::kDirect);
   for (int y = kBorder; y < level.height() - kBorder; ++y) {
     for (int x = kBorder; x < level.width() - kBorder; ++x) {
       const std::size_t here = map.index(x, y);
-      if (map.weight[here] == 0 || !std::isfinite(level.intensity(x, y))) continue;
-      points.append((static_cast<float>(x) - cx) * inverse_fx,
-                    (static_cast<float>(y) - cy) * inverse_fy,
-                    map.weighted_depth[here] / map.weight[here],
-                    level.intensity(x, y));
+      const float weight = map.weight[here];
+      if (weight == 0 || (exact && weight > 0)) continue;
+      add(static_cast<float>(x),
+          static_cast<float>(y),
+          map.weighted_depth[here] / weight,
+          level.intensity(x, y));
     }
   }
 }

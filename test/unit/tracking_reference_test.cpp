@@ -73,14 +73,15 @@ std::vector<Eigen::Vector2d> pixels(const TrackingReference& reference,
   return result;
 }
 
-TEST(TrackingReference, FinestLevelTakesTheNearestPixelsAndWidensThemDiagonally) {
+TEST(TrackingReference, FinestLevelKeepsExactPositionsAndWidensThemDiagonally) {
   const PinholeCamera camera = smallCamera();
   const TexturedPlane scene;
   const FramePtr frame = scene.render(camera, SE3(), {FrameId{0}});
   const TrackingReference reference = referenceOf(frame, camera, {{{50.3F, 40.6F}, 0.5F, 2.0F}});
   const std::vector<Eigen::Vector2d> found = pixels(reference, camera, 0);
   // The sample belongs to pixel (50, 41); dilation reaches the four pixels diagonal to that.
-  const std::vector<Eigen::Vector2d> expected = {{49, 40}, {51, 40}, {50, 41}, {49, 42}, {51, 42}};
+  const std::vector<Eigen::Vector2d> expected = {
+      {50.3, 40.6}, {49, 40}, {51, 40}, {49, 42}, {51, 42}};
   ASSERT_EQ(found.size(), expected.size());
   for (std::size_t i = 0; i < found.size(); ++i) {
     EXPECT_LT((found[i] - expected[i]).norm(), 1e-4) << found[i].transpose();
