@@ -121,7 +121,6 @@ void FrameTracker::setTarget(TrackingTarget target) {
   target_ = std::move(target.keyframe);
   tracker_.setReference(std::move(target.reference));
   if (reference().frame->id() == previous_) affine_ = reference().affine;
-  first_rmse_.reset();
 }
 
 track::TrackingStart FrameTracker::startOf(const Frame& frame) const {
@@ -239,7 +238,6 @@ void FrameTracker::noteMotion(const Frame& frame, TrackedPose& pose) {
 void FrameTracker::noteFit(const Frame& frame, const track::TrackingResult& result) {
   rmse_ = result.rmse[0];
   largest_rmse_ = std::max(rmse_, kMemory * largest_rmse_.value_or(0));
-  if (!first_rmse_) first_rmse_ = rmse_;
   missed_ = false;
   affine_ = result.affine;
   exposure_ = frame.exposure();
@@ -282,8 +280,6 @@ bool FrameTracker::needsKeyframe(const Frame& frame, const track::TrackingResult
   cues.log_gain = std::log(
       brightnessTransfer(target.affine, target.frame->exposure(), result.affine, frame.exposure())
           .gain);
-  cues.rmse = result.rmse[0];
-  cues.first_rmse = *first_rmse_;
   cues.width_plus_height = frame.width() + frame.height();
   return window::needsKeyframe(cues, options_.window);
 }

@@ -136,7 +136,6 @@ class FrameTracker {
   double exposure_ = 1;                 // [s]
   double rmse_ = 0;                     // level 0 [grey levels]
   std::optional<double> largest_rmse_;  // of late [grey levels]
-  std::optional<double> first_rmse_;    // of the first one tracked against the target
 };
 
 }  // namespace dsorb::odometry

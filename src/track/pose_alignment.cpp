@@ -61,7 +61,6 @@ DSORB_ALWAYS_INLINE void storeSome(const Lanes& lanes, std::size_t count, float*
 struct LaneEnergy {
   Lanes energy = {};
   MaskOf<Lanes> used = {};
-  MaskOf<Lanes> saturated = {};
 };
 
 /// Residuals of at most eight points, of which the first is number `i`.
@@ -104,7 +103,6 @@ DSORB_ALWAYS_INLINE void evaluateLanes(const AlignmentSetting& s,
   huberEnergies(r, weight, energy);
   sums.energy += unsaturated ? energy : (used ? bound : zero);
   sums.used -= used;  // a lane that is true holds -1
-  sums.saturated -= used & ~unsaturated;
   storeSome(p.u, count, samples.u + i);
   storeSome(p.v, count, samples.v + i);
   storeSome(rho * p.inverse_z, count, samples.rho + i);
@@ -139,7 +137,7 @@ DSORB_ALWAYS_INLINE BlockEnergy evaluatePoints(const AlignmentSetting& setting,
   if (whole < count) {
     evaluateLanes<kRolling>(setting, points, samples, {whole, count - whole}, sums);
   }
-  return {sumLanes(sums.energy), sumOf(sums.used), sumOf(sums.saturated)};
+  return {sumLanes(sums.energy), sumOf(sums.used)};
 }
 
 DSORB_TARGET_CLONES
@@ -209,15 +207,13 @@ DSORB_ALWAYS_INLINE void accumulatePoints(const AlignmentSetting& setting,
 }
 
 // Constants of the damped iteration: front end of DSO as published.
-constexpr double kCutoff = 20;                 // larger residuals are saturated [grey levels]
-constexpr double kMaxSaturatedFraction = 0.6;  // the cut-off is doubled while more are saturated
+constexpr double kCutoff = 20;          // larger residuals are saturated [grey levels]
 constexpr double kLambdaFloor = 0.001;  // after a rejected step; steps below it are extrapolated
 constexpr FactorDamping kDamping{0.01, 0.5, 4, 0, kLambdaFloor};
-constexpr double kStopNorm = 1e-3;       // of a step in scaled units; it is taken unseen
-constexpr double kRotationScale = 0.5;   // [rad]
-constexpr double kGainScale = 10;        // of a [-]
-constexpr double kOffsetScale = 1000;    // of b [grey levels]
-constexpr double kMaxCutoffFactor = 50;  // doubling ends above it
+constexpr double kStopNorm = 1e-3;      // of a step in scaled units; it is taken unseen
+constexpr double kRotationScale = 0.5;  // [rad]
+constexpr double kGainScale = 10;       // of a [-]
+constexpr double kOffsetScale = 1000;   // of b [grey levels]
 constexpr std::size_t kBlocksPerTask = 16;
 constexpr std::size_t kNoiseStride = 4;  // points from one that the noise is told by to the next
 
@@ -370,7 +366,6 @@ Evaluation PoseAlignment::evaluate(const AlignmentLevel& level,
   for (const BlockEnergy& block : block_energies_) {
     sum.energy += static_cast<double>(block.energy);
     sum.used += block.used;
-    sum.saturated += block.saturated;
   }
   return sum;
 }
@@ -427,24 +422,12 @@ RollingEquations PoseAlignment::rollingEquations() {
   return sumBlocks<kRollingParameters>();
 }
 
-Evaluation PoseAlignment::evaluateRaisingCutoff(const AlignmentLevel& level,
-                                                const AlignmentState& state,
-                                                double& cutoff) {
-  Evaluation evaluation = evaluate(level, state, cutoff);
-  while (evaluation.saturatedFraction() > kMaxSaturatedFraction &&
-         cutoff < kMaxCutoffFactor * kCutoff) {
-    cutoff *= 2;
-    evaluation = evaluate(level, state, cutoff);
-  }
-  return evaluation;
-}
-
 /// One level for minimize().
 class PoseAlignment::Problem {
  public:
   Problem(PoseAlignment& alignment, const AlignmentLevel& level, AlignmentState& state)
       : alignment_(alignment), level_(level), state_(state) {
-    current_ = alignment.evaluateRaisingCutoff(level, state, cutoff_);
+    current_ = alignment.evaluate(level, state, kCutoff);
     if (level.rows != nullptr) {
       const double variance = kResidualsPerMeasurement * current_.meanEnergy();
       velocity_.emplace(*level.rows, variance);
@@ -467,7 +450,7 @@ class PoseAlignment::Problem {
     trial_state_ = state_.plus(step_);
     last_ = scaledNorm(step_) <= kStopNorm;
     if (last_) return 0;
-    trial_ = alignment_.evaluate(level_, trial_state_, cutoff_);
+    trial_ = alignment_.evaluate(level_, trial_state_, kCutoff);
     trial_prior_ = priorEnergy(trial_state_);
     const double decrease = current_.meanEnergy(prior_) - trial_.meanEnergy(trial_prior_);
     refused_ = !(decrease > 0);
@@ -489,10 +472,9 @@ class PoseAlignment::Problem {
     if (!velocity_) return equations_;
     return withoutVelocity(rolling_);
   }
-  [[nodiscard]] bool cutoffRaised() const { return cutoff_ > kCutoff; }
   /// PoseAlignment::noise() of the current state.
   double noise() {
-    if (refused_) (void)alignment_.evaluate(level_, state_, cutoff_);
+    if (refused_) (void)alignment_.evaluate(level_, state_, kCutoff);
     return alignment_.noise();
   }
 
@@ -524,7 +506,6 @@ class PoseAlignment::Problem {
   PoseAlignment& alignment_;
   const AlignmentLevel& level_;
   AlignmentState& state_;
-  double cutoff_ = kCutoff;
   Evaluation current_;
   PoseEquations equations_;
   std::optional<VelocityTerm> velocity_;  // of a rolling shutter, which has these equations, too
@@ -551,7 +532,6 @@ LevelResult PoseAlignment::align(const AlignmentLevel& level,
   result.inside_fraction =
       static_cast<double>(current.used) /
       static_cast<double>(std::max<std::size_t>(level.reference.at(level.level).size(), 1));
-  result.cutoff_raised = problem.cutoffRaised();
   result.equations = problem.equations();
   return result;
 }

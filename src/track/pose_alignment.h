@@ -99,9 +99,8 @@ struct SampleArrays {
 };
 
 struct BlockEnergy {
-  float energy;   ///< Huber energy, saturated points at their bound
-  int used;       ///< points inside the frame, saturated ones included
-  int saturated;  ///< points with a residual above the cut-off
+  float energy;  ///< Huber energy, saturated points at their bound
+  int used;      ///< points inside the frame, saturated ones included
 };
 
 /// Residuals of `count` <= kAlignmentBlock points.
@@ -160,14 +159,10 @@ struct AlignmentLevel {
 struct Evaluation {
   double energy = 0;  ///< sum of Huber energies [grey levels^2]
   int used = 0;       ///< points inside the frame, saturated ones included
-  int saturated = 0;
 
   /// @param prior energy beside that of the points
   [[nodiscard]] double meanEnergy(double prior = 0) const {
     return used > 0 ? (energy + prior) / used : std::numeric_limits<double>::quiet_NaN();
-  }
-  [[nodiscard]] double saturatedFraction() const {
-    return used > 0 ? static_cast<double>(saturated) / used : 0.0;
   }
 };
 
@@ -188,7 +183,6 @@ struct LevelResult {
   double noise = 0;            ///< the same as the median tells it: without the errors of the map
   double inside_fraction = 0;  ///< points inside the frame, of all points of the level
   int iterations = 0;
-  bool cutoff_raised = false;
   PoseEquations equations;  ///< of the state found
 };
 
@@ -225,9 +219,6 @@ class PoseAlignment {
   [[nodiscard]] AlignmentEquations<kParameters> sumBlocks();
   void resize(std::size_t points);
   [[nodiscard]] SampleArrays samplesFrom(std::size_t first);
-  [[nodiscard]] Evaluation evaluateRaisingCutoff(const AlignmentLevel& level,
-                                                 const AlignmentState& state,
-                                                 double& cutoff);
 
   BrightnessModel brightness_;
   AlignmentSetting setting_{};

@@ -112,9 +112,6 @@ bool addDisplacement(const PinholeCamera& camera,
 constexpr std::array<int, kTrackingLevels> kMaxIterations = {10, 20, 50, 50, 50};
 constexpr double kAbortFactor = 1.5;   // a hypothesis ends at a level worse than this x the best
 constexpr double kAcceptFactor = 1.5;  // the search ends below this x the previous frame's rmse
-constexpr double kMaxAbsoluteLogGain = 1.2;
-constexpr double kMaxRelativeLogGain = 1.5;
-constexpr double kMaxOffset = 200;  // [grey levels]
 
 // Evidence for the limits of TrackerOptions.
 //
@@ -295,15 +292,6 @@ BrightnessTransfer Tracker::transferTo(const Frame& frame, const AffineBrightnes
       reference_.affine, reference_.frame->exposure(), affine, frame.exposure());
 }
 
-bool Tracker::isPlausible(const AffineBrightness& affine, const Frame& frame) const {
-  if (brightness_ == BrightnessModel::kUncalibrated) {
-    const BrightnessTransfer transfer = transferTo(frame, affine);
-    return std::abs(std::log(transfer.gain)) <= kMaxRelativeLogGain &&
-           std::abs(transfer.offset) <= kMaxOffset;
-  }
-  return std::abs(affine.a) <= kMaxAbsoluteLogGain && std::abs(affine.b) <= kMaxOffset;
-}
-
 /// Whether the gain agrees with the previous frame's or with what the grey levels say.
 bool Tracker::isSupported(const AlignmentState& state,
                           const Frame& frame,
@@ -324,7 +312,6 @@ Tracker::Descent Tracker::descend(const Frame& frame,
   descent.failure = TrackingFailure::kDiverged;
   const std::optional<RowsOfFrame> rows = rowsOf(frame, known);
   if (rows) descent.state.motion = rows->predict(start.T_cur_ref);
-  bool repeated = false;
   for (int level = reference_.levels() - 1; level >= 0; --level) {
     const auto l = static_cast<std::size_t>(level);
     if (rows) {
@@ -341,18 +328,9 @@ Tracker::Descent Tracker::descend(const Frame& frame,
     if (!std::isfinite(result.rmse) || result.rmse > kAbortFactor * bounds[l]) {
       return descent;
     }
-    if (result.cutoff_raised && !repeated) {
-      repeated = true;
-      ++level;
-    }
   }
-  if (!isPlausible(descent.state.affine, frame)) {
-    descent.failure = TrackingFailure::kBrightness;
-  } else if (descent.inside_fraction < options_.min_inside_fraction) {
-    descent.failure = TrackingFailure::kTooFewInside;
-  } else {
-    descent.failure = TrackingFailure::kNone;
-  }
+  const bool inside = descent.inside_fraction >= options_.min_inside_fraction;
+  descent.failure = inside ? TrackingFailure::kNone : TrackingFailure::kTooFewInside;
   return descent;
 }
 

@@ -107,7 +107,7 @@ enum class TrackingFailure {
   kNone,
   kBlank,          ///< the frame shows nothing
   kDiverged,       ///< non-finite, or worse than earlier hypotheses on some level
-  kBrightness,     ///< implausible brightness
+  kBrightness,     ///< a gain that the grey levels do not show
   kTooFewInside,   ///< too few reference points project into the frame
   kLargeResidual,  ///< the best hypothesis fits badly
 };
@@ -173,7 +173,6 @@ class Tracker {
                                                                 const GreyComparison& grey) const;
   [[nodiscard]] BrightnessTransfer transferTo(const Frame& frame,
                                               const AffineBrightness& affine) const;
-  [[nodiscard]] bool isPlausible(const AffineBrightness& affine, const Frame& frame) const;
   [[nodiscard]] bool isSupported(const AlignmentState& state,
                                  const Frame& frame,
                                  const TrackingStart& start) const;

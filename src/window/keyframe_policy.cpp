@@ -14,7 +14,6 @@ constexpr double kTranslationWeight = 44.8;  // of the flow by translation over 
                                              // 0.04 * 1120
 constexpr double kFlowWeight = 22.4;         // of the whole flow over width + height; 0.02 * 1120
 constexpr double kBrightnessWeight = 2;      // of the absolute log gain
-constexpr double kRmseRatio = 2;             // of the tracking error to that of the first frame
 constexpr double kMinAliveShare = 0.05;      // a keyframe with fewer of its points left leaves
 constexpr double kMaxLogGain = 0.7;          // to the newest keyframe; more leaves
 constexpr double kDistanceOffset = 1e-5;     // relative to the window's extent; keeps scores finite
@@ -61,8 +60,7 @@ bool needsKeyframe(const KeyframeCues& cues, const WindowOptions& options) {
                        kFlowWeight * std::sqrt(cues.full_flow)) /
                       cues.width_plus_height;
   const double brightness = kBrightnessWeight * std::abs(cues.log_gain);
-  return options.keyframe_frequency * (flow + brightness) > 1 ||
-         cues.rmse > kRmseRatio * cues.first_rmse;
+  return options.keyframe_frequency * (flow + brightness) > 1;
 }
 
 std::vector<bool> chooseLeaving(const std::vector<KeyframeSummary>& keyframes,

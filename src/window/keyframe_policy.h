@@ -16,8 +16,6 @@ struct KeyframeCues {
   double translation_flow = 0;  ///< mean squared flow by translation alone [px^2]
   double full_flow = 0;         ///< mean squared flow [px^2]
   double log_gain = 0;          ///< brightness, reference to frame
-  double rmse = 0;              ///< of tracking, level 0 [grey levels]
-  double first_rmse = 0;        ///< of the first frame tracked on the same reference
   int width_plus_height = 0;    ///< [px]
 };
 

@@ -11,13 +11,11 @@ namespace {
 
 KeyframeCues quiet() {
   KeyframeCues cues;
-  cues.rmse = 5;
-  cues.first_rmse = 4;
   cues.width_plus_height = 1120;
   return cues;
 }
 
-TEST(NeedsKeyframeTest, FlowBrightnessAndErrorEachSuffice) {
+TEST(NeedsKeyframeTest, FlowAndBrightnessEachSuffice) {
   const WindowOptions options;
   EXPECT_FALSE(needsKeyframe(quiet(), options));
   KeyframeCues cues = quiet();
@@ -30,9 +28,6 @@ TEST(NeedsKeyframeTest, FlowBrightnessAndErrorEachSuffice) {
   EXPECT_TRUE(needsKeyframe(cues, options));
   cues = quiet();
   cues.log_gain = -0.51;
-  EXPECT_TRUE(needsKeyframe(cues, options));
-  cues = quiet();
-  cues.rmse = 8.1;
   EXPECT_TRUE(needsKeyframe(cues, options));
 }
 

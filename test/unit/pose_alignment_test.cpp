@@ -139,7 +139,6 @@ TEST(PoseAlignment, GradientOfTheEnergyMatchesCentralDifferences) {
   constexpr double kCutoff = 200;  // nothing is saturated: the energy is smooth
   const AlignmentState state{scene.T_cur_ref * smallMotion(), {0.03, 2.0}};
   const Evaluation start = alignment.evaluate(scene.level(0), state, kCutoff);
-  ASSERT_EQ(start.saturated, 0);
   const PoseEquations system = alignment.normalEquations();
   const Vector8d gradient = 2 * system.b;
   for (int i = 0; i < 8; ++i) {
@@ -300,15 +299,6 @@ TEST(PoseAlignment, PerfectPhotometryFixesBrightness) {
   alignment.align(scene.level(0), 20, state);
   EXPECT_EQ(state.affine.a, 0);
   EXPECT_EQ(state.affine.b, 0);
-}
-
-TEST(PoseAlignment, RaisesTheCutoffWhileMostPointsAreSaturated) {
-  const Scene scene(3, {0, 70});
-  PoseAlignment alignment;
-  AlignmentState state{scene.T_cur_ref, {}};
-  const LevelResult result = alignment.align(scene.level(0), 30, state);
-  EXPECT_TRUE(result.cutoff_raised);
-  EXPECT_NEAR(state.affine.b, 70, 0.4);  // measured 0.2, margin x2
 }
 
 TEST(PoseAlignment, WithoutAnyPointInsideTheRmseIsNotANumber) {

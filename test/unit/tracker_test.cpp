@@ -102,16 +102,6 @@ TEST_F(TrackerTest, SaysTooFewInsideWhenTheSceneLeavesTheImage) {
   EXPECT_THAT(result.T_cur_ref, Se3Near(turned, 1e-9, 1e-9)) << "the guess is kept";
 }
 
-TEST_F(TrackerTest, RefusesImplausibleBrightnessByMode) {
-  const FramePtr dark = render(SE3(), {-1.35, 0});  // beyond 1.2, the bound of calibrated cameras
-  EXPECT_EQ(
-      makeTracker({}, 0, BrightnessModel::kCalibrated).track(*dark, {{SE3()}, {}, 100}).failure,
-      TrackingFailure::kBrightness);
-  EXPECT_TRUE(makeTracker({}, 0, BrightnessModel::kUncalibrated)  // bound 1.5
-                  .track(*dark, {{SE3()}, {}, 100})
-                  .good());
-}
-
 TEST_F(TrackerTest, AStepOfTheGainMustShowInTheGreyLevels) {
   const double gain = std::log(2);
   TrackerOptions options;
