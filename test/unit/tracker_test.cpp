@@ -24,10 +24,8 @@ class TrackerTest : public ::testing::Test {
  protected:
   TrackerTest() : first_(plane_.render(camera_, SE3(), {FrameId{0}})) {}
 
-  Tracker makeTracker(const TrackerOptions& options = {},
-                      float offset = 0,
-                      BrightnessModel brightness = {}) {
-    Tracker tracker(options, brightness);
+  Tracker makeTracker(const TrackerOptions& options = {}, float offset = 0) {
+    Tracker tracker(options);
     tracker.setReference(referenceOf(first_, camera_, plane_.samples(camera_, SE3(), 4, offset)));
     return tracker;
   }
