@@ -21,7 +21,7 @@ constexpr float kMinDeviation = 5;        // of a patch that can be compared [gr
 constexpr float kAlikePatches = 0.6F;     // correlation of two patches of one place at least
 constexpr int kMinPatches = 8;            // of a cell that can be compared
 constexpr double kMinAlike = 0.25;        // share of a cell's patches, that it shows the place
-constexpr int kMinCells = 8;              // that can be compared
+constexpr int kMinCompared = 8;           // that can be compared
 constexpr std::size_t kMaxPoints = 2000;  // of a keyframe
 
 using Patch = Eigen::Matrix<float, 1, kPatchSide * kPatchSide>;
@@ -116,7 +116,7 @@ double contradictedShare(const std::vector<ImagedKeyframe>& keyframes,
     ++cells;
     if (alike[i] < kMinAlike * compared[i]) ++otherwise;
   }
-  return cells < kMinCells ? 1 : static_cast<double>(otherwise) / cells;
+  return cells < kMinCompared ? 1 : static_cast<double>(otherwise) / cells;
 }
 
 }  // namespace dsorb::place
