@@ -7,6 +7,7 @@
 #   fuzz     each parser, 10 minutes (fuzz and contract need the build of clang of .ci/run)
 #   contract those of all initializers under the sanitizers of clang, with Ceres
 #   threads  what has threads, under ThreadSanitizer
+#   lint     what changed since the last tag
 #   memory   that it does not grow with the length of a run
 #   wheels   scripts/wheels/build.sh, tried in empty roots (on Debian 12, as root)
 #   portability  what macOS and Windows would say of the code, as far as Debian's compilers can tell
@@ -14,7 +15,7 @@
 set -uo pipefail
 cd "$(dirname "$0")/.."
 export DSORB_BUILD_DIR=${DSORB_BUILD_DIR:-$PWD/build}
-[ $# -gt 0 ] || set -- attack soak lost fuzz contract threads memory wheels portability
+[ $# -gt 0 ] || set -- attack soak lost fuzz contract threads lint memory wheels portability
 
 attack() {
   local python=${DSORB_PYTHON:-python3} script failed=0
@@ -37,6 +38,7 @@ threads() {
   "$DSORB_BUILD_DIR/bin/dso_synthesize" room --output "$room" --frames 40 --width 320 --height 240 --quiet &&
     DSORB_SANITIZE=thread DSORB_FRAMES=25 DSORB_CMAKE_FLAGS=-DDSORB_WERROR=ON scripts/check_sanitizers.sh "$room"
 }
+lint() { scripts/lint.sh --since "$(git describe --tags --abbrev=0)"; }
 memory() { python3 scripts/check_memory.py; }
 wheels() { scripts/wheels/build.sh x86_64 && scripts/wheels/try.sh; }
 portability() {
