@@ -651,7 +651,7 @@ const LensWords kNerfModels = {{"OPENCV", LensModel::kRadTan, kNerfNumbers},
 void checkFrames(const KeyedValues& values) {
   const std::string keys = "camera_model fl_x fl_y cx cy w h k1 k2 k3 k4 p1 p2";
   for (const std::string& key : splitWords(keys)) {
-    const Field all = values[key + "|frames[0]." + key];
+    const Field all = values[fmt::format("{0}|frames[0].{0}", key)];
     for (int i = 0; values.has(fmt::format("frames[{}]", i)); ++i) {
       const Field own = values[fmt::format("frames[{}].{}", i, key)];
       if (!own.has() || (all.has() && all.text("") == own.text(""))) continue;
@@ -902,7 +902,7 @@ Calibration readKitti(const std::filesystem::path& file,
                            readMatrix(projection, 4, lens);
                            return finished(values, projection, lens);
                          }});
-    } else if (values["P_rect_" + two + "|K_" + two].has()) {
+    } else if (values[fmt::format("P_rect_{0}|K_{0}", two)].has()) {
       cameras.push_back({{"image_" + two, two, "P_rect_" + two, "K_" + two},
                          [&values, two, choice] { return readRaw(values, two, choice); }});
     }
