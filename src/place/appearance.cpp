@@ -67,14 +67,14 @@ void addPatch(const MapPoint& point,
 }
 
 Patches patchesAt(const cv::Mat& image, const std::vector<cv::Vec2f>& pixels) {
-  const auto rows = static_cast<Eigen::Index>(pixels.size()) / (kPatchSide * kPatchSide);
+  const Eigen::Index rows = static_cast<Eigen::Index>(pixels.size()) / Patch::SizeAtCompileTime;
   cv::Mat grey;
   cv::remap(image,
             grey,
             cv::Mat(pixels).reshape(2, static_cast<int>(rows)),
             cv::noArray(),
             cv::INTER_LINEAR);
-  Patches patches(rows, kPatchSide * kPatchSide);
+  Patches patches(rows, Patch::SizeAtCompileTime);
   grey.convertTo(cv::Mat(grey.size(), CV_32F, patches.data()), CV_32F);
   return patches;
 }
@@ -85,7 +85,8 @@ double contradictedShare(const std::vector<ImagedKeyframe>& keyframes,
                          const GreyImage& image,
                          const PinholeCamera& camera,
                          const SE3& T_world_cam) {
-  std::vector<int> compared(kViewColumns * kViewRows, 0);
+  constexpr std::size_t kCells = std::size_t{kViewColumns} * kViewRows;
+  std::vector<int> compared(kCells, 0);
   std::vector<int> alike(compared);
   for (const auto& [keyframe, host_image] : keyframes) {
     const SE3 T_cam_host = T_world_cam.inverse() * keyframe->T_world_cam;

@@ -21,7 +21,7 @@ constexpr std::size_t kMinMatches = 8;  // of a pose
 constexpr std::uint64_t kSeed = 49;     // of samples; any number
 constexpr double kRadius = 6;           // of the search around a prediction, the same width [px]
 constexpr int kAlike = 60;              // distance of descriptors of one corner at most [bits]
-constexpr double kCell = 16;  // of the lookup of features [px]
+constexpr double kCell = 16;            // of the lookup of features [px]
 // Shares of links between 12 rooms that have the same walls and nothing else in common (.052 to
 // .111), and of those that match one stretch of a wall with another (.103 to .124).
 constexpr double kSharedWalls = 0.08;
@@ -60,6 +60,7 @@ class Lookup {
  private:
   static std::vector<Eigen::Vector2f> asFloats(const std::vector<Eigen::Vector2d>& pixels) {
     std::vector<Eigen::Vector2f> floats;
+    floats.reserve(pixels.size());
     for (const Eigen::Vector2d& pixel : pixels) floats.emplace_back(pixel.cast<float>());
     return floats;
   }
@@ -148,6 +149,7 @@ Matched matchPoints(const KeyframeStore& store,
                     const std::vector<StoredPoint>& points,
                     const View& view) {
   std::vector<BinaryDescriptor> descriptors;
+  descriptors.reserve(points.size());
   for (const StoredPoint& point : points) {
     descriptors.push_back(store[point.keyframe].view.descriptors[point.feature]);
   }
@@ -260,12 +262,11 @@ struct Seen {
   Evidence evidence;
 };
 
-void lookFrom(const KeyframeStore& store,
+Seen lookFrom(const KeyframeStore& store,
               const std::vector<std::size_t>& cameras,
               const std::vector<StoredPoint>& points,
-              const Similarity& S_cameras_points,
-              bool backward,
-              Seen& seen) {
+              const Similarity& S_cameras_points) {
+  Seen seen;
   for (const std::size_t k : cameras) {
     const StoredKeyframe& keyframe = store[k];
     const Query query{&keyframe.view, keyframe.camera, keyframe.radial};
@@ -277,7 +278,6 @@ void lookFrom(const KeyframeStore& store,
     for (const auto& [point, feature] : found.pairs) {
       seen.sights.push_back(
           sightOf(store, points[point], T_cam_map, keyframe.camera, lookup.pixel(feature)));
-      seen.sights.back().backward = backward;
     }
     Evidence& sum = seen.evidence;
     sum.predicted += found.evidence.predicted;
@@ -287,6 +287,7 @@ void lookFrom(const KeyframeStore& store,
     sum.log_chance += found.evidence.log_chance;
     sum.cells = std::max(sum.cells, found.evidence.cells);
   }
+  return seen;
 }
 
 Seen lookBothWays(const KeyframeStore& store,
@@ -295,10 +296,18 @@ Seen lookBothWays(const KeyframeStore& store,
                   const Similarity& S_to_from) {
   const std::vector<std::size_t> ours = store.neighbourhood(from, kReach);
   const std::vector<std::size_t> theirs = store.neighbourhood(to, kReach);
-  Seen seen;
-  lookFrom(store, theirs, store.pointsOf(ours), S_to_from, false, seen);
-  lookFrom(store, ours, store.pointsOf(theirs), S_to_from.inverse(), true, seen);
-  if (seen.evidence.predicted > 0) seen.evidence.chance /= seen.evidence.predicted;
+  Seen seen = lookFrom(store, theirs, store.pointsOf(ours), S_to_from);
+  Seen back = lookFrom(store, ours, store.pointsOf(theirs), S_to_from.inverse());
+  for (Sight& sight : back.sights) sight.backward = true;
+  seen.sights.insert(seen.sights.end(), back.sights.begin(), back.sights.end());
+  Evidence& sum = seen.evidence;
+  sum.views += back.evidence.views;
+  sum.predicted += back.evidence.predicted;
+  sum.found += back.evidence.found;
+  sum.chance += back.evidence.chance;
+  sum.log_chance += back.evidence.log_chance;
+  sum.cells = std::max(sum.cells, back.evidence.cells);
+  if (sum.predicted > 0) sum.chance /= sum.predicted;
   return seen;
 }
 
