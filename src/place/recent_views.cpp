@@ -264,13 +264,14 @@ Pairs allOf(const std::vector<Pairs>& parts) {
 bool isContradicted(const std::deque<RecentView>& views,
                     int segment,
                     const GreyImage& image,
-                    const FramePose& pose) {
+                    const PinholeCamera& camera,
+                    const Placed& placed) {
   std::vector<ImagedKeyframe> keyframes;
   for (const RecentView& view : views) {
     if (!view.keyframe || view.keyframe->segment != segment) continue;
     keyframes.push_back({&*view.keyframe, view.image.grey});
   }
-  return contradictedShare(keyframes, image, pose.camera, pose.T_cam_world.inverse()) >
+  return contradictedShare(keyframes, image, camera, placed.T_world_cam, placed.corners) >
          kMaxContradicted;
 }
 
@@ -354,7 +355,7 @@ std::optional<RecognizedPlace> RecentViews::find(const Frame& frame, const Pinho
   ++asked_;
   const std::optional<Placed> placed =
       search(views_, locateAll(views_, *segment), features, camera);
-  if (!placed || isContradicted(views_, *segment, image, {camera, placed->T_world_cam.inverse()})) {
+  if (!placed || isContradicted(views_, *segment, image, camera, *placed)) {
     return std::nullopt;
   }
   asked_ = 0;
@@ -384,10 +385,7 @@ std::vector<Link> RecentViews::linksTo(RecentViews& others,
     if (!view.keyframe) continue;
     const PinholeCamera& camera = view.keyframe->camera;
     const std::optional<Placed> placed = search(views_, located, view.features, camera);
-    if (!placed ||
-        isContradicted(views_, *segment, view.image, {camera, placed->T_world_cam.inverse()})) {
-      continue;
-    }
+    if (!placed || isContradicted(views_, *segment, view.image, camera, *placed)) continue;
     const std::vector<DepthSample> depths = depthsOf(others.views_, i);
     const std::optional<Unit> unit = unitOf(*placed, DepthLookup(depths, camera));
     if (!unit) continue;
