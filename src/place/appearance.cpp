@@ -25,6 +25,7 @@ constexpr int kMinCorners = 2;         // of a cell that shows the place
 /// Share of the patches in those cells that are alike, that patches tell: rooms with the same walls
 /// have .47 to .95, views of the same place .14 to .25 where they tell nothing, .44 to .9 else.
 constexpr double kTelling = 0.4;
+constexpr double kByChance = 0.1;         // the same of another place: patches of a dog have .03
 constexpr int kMinCompared = 8;           // that can be compared
 constexpr std::size_t kMaxPoints = 2000;  // of a keyframe
 
@@ -91,10 +92,10 @@ std::vector<int> cornersByCell(const std::vector<Eigen::Vector2f>& corners,
   return counts;
 }
 
-/// Whether patches look alike where corners say that they show the same.
-bool patchesTell(const std::vector<int>& compared,
-                 const std::vector<int>& alike,
-                 const std::vector<int>& corners) {
+/// Share of the patches that look alike where corners say that they show the same.
+double alikeAtCorners(const std::vector<int>& compared,
+                      const std::vector<int>& alike,
+                      const std::vector<int>& corners) {
   int all = 0;
   int same = 0;
   for (std::size_t i = 0; i < corners.size(); ++i) {
@@ -102,7 +103,7 @@ bool patchesTell(const std::vector<int>& compared,
     all += compared[i];
     same += alike[i];
   }
-  return same >= kTelling * all;
+  return all > 0 ? static_cast<double>(same) / all : 0;
 }
 
 }  // namespace
@@ -137,7 +138,9 @@ double contradictedShare(const std::vector<ImagedKeyframe>& keyframes,
       if (a.dot(b) > kAlikePatches * a.norm() * b.norm()) ++alike[places.cells[i]];
     }
   }
-  if (!patchesTell(compared, alike, cornersByCell(corners, camera))) return 0;
+  const double at_corners = alikeAtCorners(compared, alike, cornersByCell(corners, camera));
+  if (at_corners < kByChance) return 1;
+  if (at_corners < kTelling) return 0;
   int cells = 0;
   int otherwise = 0;
   for (std::size_t i = 0; i < compared.size(); ++i) {

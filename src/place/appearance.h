@@ -22,8 +22,9 @@ struct ImagedKeyframe {
 /// How far an image contradicts the pose that it was given among keyframes: the share of its cells,
 /// 8 by 6, in which the points of the keyframes look otherwise. What stands in the way of a point
 /// contradicts it, too, so a right pose has some of them. 1 where fewer than eight cells can be
-/// compared; 0 where not even the cells of corners that agree with the pose look alike, as patches
-/// tell nothing there: the camera has turned too far, or depths are too coarse.
+/// compared, or nothing is alike; 0 where the cells of corners that agree with the pose are hardly
+/// more alike than others, as patches tell nothing there: the camera has turned too far, or depths
+/// are too coarse.
 /// @param image   at half the size
 /// @param camera  of the whole image
 /// @param corners that agree with the pose [px of the whole image]
