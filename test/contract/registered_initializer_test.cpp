@@ -96,7 +96,7 @@ TEST(RegisteredInitializer, UnknownNamesAreAnsweredWithThoseThereAre) {
 
 TEST(RegisteredInitializer, RefusesNamesThatAreTakenOrEmptyAndEmptyFactories) {
   const RegisteredInitializer registered("waiting", makeWaiting);
-  for (const char* name : {"waiting", "orb", "orb-v1", ""}) {
+  for (const char* name : {"waiting", "orb", "coarse", ""}) {
     EXPECT_THROW(RegisteredInitializer(name, makeWaiting), std::invalid_argument) << name;
   }
   EXPECT_THROW(RegisteredInitializer("empty", nullptr), std::invalid_argument);
