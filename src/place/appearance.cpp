@@ -25,7 +25,7 @@ constexpr int kMinCorners = 2;         // of a cell that shows the place
 /// Share of the patches in those cells that are alike, that patches tell: rooms with the same walls
 /// have .47 to .95, views of the same place .14 to .25 where they tell nothing, .44 to .9 else.
 constexpr double kTelling = 0.4;
-constexpr double kByChance = 0.1;         // the same of another place: patches of a dog have .03
+constexpr double kByChance = 0.1;         // the same by a wrong pose, which had .03
 constexpr int kMinCompared = 8;           // that can be compared
 constexpr std::size_t kMaxPoints = 2000;  // of a keyframe
 
@@ -66,7 +66,7 @@ void addPatch(const MapPoint& point,
     places.host.push_back(halved(pixel));
     places.seen.push_back(halved(seen));
   }
-  const CellGrid cells(camera.width, camera.height, kViewColumns, kViewRows);
+  const CellGrid cells = viewCells(camera);
   const Eigen::Vector2d seen = camera.project(T_cam_host * (depth * host.unproject(middle)));
   places.cells.push_back(cells.at(seen.x(), seen.y()));
 }
@@ -86,8 +86,8 @@ Patches patchesAt(const cv::Mat& image, const std::vector<cv::Vec2f>& pixels) {
 
 std::vector<int> cornersByCell(const std::vector<Eigen::Vector2f>& corners,
                                const PinholeCamera& camera) {
-  const CellGrid cells(camera.width, camera.height, kViewColumns, kViewRows);
-  std::vector<int> counts(std::size_t{kViewColumns} * kViewRows, 0);
+  const CellGrid cells = viewCells(camera);
+  std::vector<int> counts(cells.size(), 0);
   for (const Eigen::Vector2f& corner : corners) ++counts[cells.at(corner.x(), corner.y())];
   return counts;
 }
@@ -113,8 +113,7 @@ double contradictedShare(const std::vector<ImagedKeyframe>& keyframes,
                          const PinholeCamera& camera,
                          const SE3& T_world_cam,
                          const std::vector<Eigen::Vector2f>& corners) {
-  constexpr std::size_t kCells = std::size_t{kViewColumns} * kViewRows;
-  std::vector<int> compared(kCells, 0);
+  std::vector<int> compared(viewCells(camera).size(), 0);
   std::vector<int> alike(compared);
   for (const auto& [keyframe, host_image] : keyframes) {
     const SE3 T_cam_host = T_world_cam.inverse() * keyframe->T_world_cam;

@@ -235,7 +235,7 @@ std::optional<Placed> placeOfMost(const Pairs& pairs,
   placed.covariance = pose->covariance;
   std::set<std::pair<double, double>> seen;
   std::set<std::size_t> covered;
-  const CellGrid cells(camera.width, camera.height, kViewColumns, kViewRows);
+  const CellGrid cells = viewCells(camera);
   for (std::size_t i = 0; i < matches.size(); ++i) {
     const PointObservation& match = matches[i];
     if (pose->inlier[i] == 0 || !seen.emplace(match.pixel.x(), match.pixel.y()).second) continue;

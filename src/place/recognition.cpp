@@ -106,7 +106,7 @@ Found findPredicted(const KeyframeStore& store,
                     const SE3& T_view_world) {
   const PinholeCamera& camera = query.camera;
   const double radius = kRadius * pixelScale(camera);
-  const CellGrid cells(camera.width, camera.height, kViewColumns, kViewRows);
+  const CellGrid cells = viewCells(camera);
   std::set<std::size_t> covered;
   std::vector<int> owner(query.view->size(), -1);
   Found found;

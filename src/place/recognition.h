@@ -4,6 +4,7 @@
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/geometry/similarity.h"
 
+#include "image/cell_grid.h"
 #include "place/alignment.h"
 #include "place/keyframe_store.h"
 
@@ -13,9 +14,10 @@
 
 namespace dsorb::place {
 
-// Cells of a view, by which it is said how much of it something covers.
-constexpr int kViewColumns = 8;
-constexpr int kViewRows = 6;
+/// Cells of a view, by which it is said how much of it something covers.
+[[nodiscard]] inline CellGrid viewCells(const PinholeCamera& camera) {
+  return {camera.width, camera.height, 8, 6};
+}
 
 /// How much of what a view should show of a map it shows.
 struct Evidence {

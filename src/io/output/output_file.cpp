@@ -69,6 +69,16 @@ void GrowingFile::append(std::string_view text) {
   size_ += text.size();
 }
 
+void GrowingFile::replaceEnd(std::string_view end, std::string_view text) {
+  size_ -= end.size();
+  try {
+    append(text);
+  } catch (const IoError&) {
+    append(end);
+    throw;
+  }
+}
+
 void GrowingFile::write(std::uintmax_t position, std::string_view text) {
   if (std::fseek(file_.get(), static_cast<long>(position), SEEK_SET) != 0 ||
       std::fwrite(text.data(), 1, text.size(), file_.get()) != text.size()) {

@@ -33,6 +33,8 @@ class GrowingFile {
   /// @throws IoError where not all could be written, for example on a full disk; the file is then
   ///         as before
   void append(std::string_view text);
+  /// The same in place of what the file ends with. @throws IoError as append()
+  void replaceEnd(std::string_view end, std::string_view text);
   /// Overwrites what stands at a position. @throws IoError
   void write(std::uintmax_t position, std::string_view text);
   /// @throws IoError where not all of it can be read

@@ -648,8 +648,8 @@ class InitializationWriter {
  public:
   /// Writes the empty list. @throws IoError where it cannot be written
   InitializationWriter(fs::path path, std::string initializer)
-      : path_(std::move(path)), initializer_(std::move(initializer)) {
-    io::replaceFile(path_, io::jsonText({{kStarts, io::Json::array()}}));
+      : file_(std::move(path)), initializer_(std::move(initializer)) {
+    file_.append(end_);
   }
 
   void setCamera(const PinholeCamera& camera) { camera_ = camera; }
@@ -692,13 +692,9 @@ class InitializationWriter {
   /// Puts the only start of a document behind those of the file.
   void append(const std::string& alone) {
     constexpr std::string_view kTail = "\n ]\n}\n";
-    if (text_.empty()) {
-      text_ = alone;
-    } else {
-      text_.replace(text_.size() - kTail.size(), kTail.size(), ",");
-      text_ += alone.substr(alone.find('[') + 1);
-    }
-    io::replaceFile(path_, text_);
+    const bool is_first = end_ != kTail;
+    file_.replaceEnd(end_, is_first ? alone : "," + alone.substr(alone.find('[') + 1));
+    end_ = kTail;
   }
 
   [[nodiscard]] io::Json describe(const io::InitStepNote& step, double milliseconds) const {
@@ -731,8 +727,8 @@ class InitializationWriter {
     return json;
   }
 
-  fs::path path_;
-  std::string text_;  // of the file; empty: there is no start yet
+  io::GrowingFile file_;
+  std::string end_ = io::jsonText({{kStarts, io::Json::array()}});  // that the next start replaces
   std::string initializer_;
   PinholeCamera camera_;
   Progress progress_;
