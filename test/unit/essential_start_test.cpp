@@ -218,33 +218,47 @@ TEST(StartGate, NamesWhatIsMissing) {
   const auto judge = [&](const GateOptions& options, const StartEvidence& evidence) {
     return judgeStart(scene.start, scene.camera, options, evidence).reason;
   };
-  EXPECT_EQ(judge({}, {300, 1, 1, {}}), InitReason::kDone);
-  EXPECT_EQ(judge({}, {700, 1, 1, {}}), InitReason::kTooFewPoints);
-  EXPECT_EQ(judge({}, {300, 0.7, 1, {}}), InitReason::kDegenerateMotion);
-  EXPECT_EQ(judge({}, {300, 1, 1, 1.01}), InitReason::kDegenerateMotion) << "a plane";
-  EXPECT_EQ(judge({}, {300, 1, 1, 1.5}), InitReason::kDone);
+  EXPECT_EQ(judge({}, {{300}, 1, 1, {}}), InitReason::kDone);
+  EXPECT_EQ(judge({}, {{700}, 1, 1, {}}), InitReason::kTooFewPoints);
+  EXPECT_EQ(judge({}, {{300}, 0.7, 1, {}}), InitReason::kDegenerateMotion);
+  EXPECT_EQ(judge({}, {{300}, 1, 1, 1.01}), InitReason::kDegenerateMotion) << "a plane";
+  EXPECT_EQ(judge({}, {{300}, 1, 1, 1.5}), InitReason::kDone);
   GateOptions options;
   options.max_depth_sigma = 1e-4;
-  EXPECT_EQ(judge(options, {300, 1, 1, {}}), InitReason::kTooLittleParallax);
+  EXPECT_EQ(judge(options, {{300}, 1, 1, {}}), InitReason::kTooLittleParallax);
   options = {};
   options.max_wrong_probability = 1e-12;
-  EXPECT_EQ(judge(options, {300, 1, 1, {}}), InitReason::kPoorQuality);
+  EXPECT_EQ(judge(options, {{300}, 1, 1, {}}), InitReason::kPoorQuality);
 }
 
 TEST(StartGate, AMapNeedsHalfOfTheTracks) {
   InitialMap map;
   map.corners.resize(100);
-  EXPECT_TRUE(hasEnoughCorners(map, 200));
-  EXPECT_FALSE(hasEnoughCorners(map, 201));
+  EXPECT_TRUE(hasEnoughCorners(map, {200}));
+  EXPECT_FALSE(hasEnoughCorners(map, {201}));
+  EXPECT_TRUE(hasEnoughCorners(map, {201, true}));
   map.corners.resize(59);
-  EXPECT_FALSE(hasEnoughCorners(map, 59));
+  EXPECT_FALSE(hasEnoughCorners(map, {59, true}));
+}
+
+TEST(StartGate, LostMatchesWidenWhatIsPredicted) {
+  const SyntheticMap scene = mapWithCovariances({300, 5, 0.1, 0.05}, 14);
+  const auto corners = static_cast<int>(scene.start.corners.size());
+  const auto judge = [&](int matches) {
+    return judgeStart(scene.start, scene.camera, {}, {{matches, true}, 1, 1, {}});
+  };
+  const GateReport half = judge(2 * corners);
+  const GateReport third = judge(3 * corners);
+  EXPECT_DOUBLE_EQ(judge(corners).direction_sigma_deg, half.direction_sigma_deg);
+  EXPECT_NEAR(third.direction_sigma_deg, 1.5 * half.direction_sigma_deg, 1e-9);
+  EXPECT_NEAR(third.depth_sigma, 1.5 * half.depth_sigma, 1e-9);
 }
 
 TEST(StartGate, MisfitWidensWhatIsPredicted) {
   SyntheticMap scene = mapWithCovariances({300, 5, 0.1, 0.05}, 14);
-  const GateReport fits = judgeStart(scene.start, scene.camera, {}, {300, 1, 1, {}});
+  const GateReport fits = judgeStart(scene.start, scene.camera, {}, {{300}, 1, 1, {}});
   widenCovariances(scene.start, 2);
-  const GateReport misfits = judgeStart(scene.start, scene.camera, {}, {300, 1, 2, {}});
+  const GateReport misfits = judgeStart(scene.start, scene.camera, {}, {{300}, 1, 2, {}});
   EXPECT_DOUBLE_EQ(misfits.direction_sigma_deg, 2 * fits.direction_sigma_deg);
   EXPECT_DOUBLE_EQ(misfits.depth_sigma, 2 * fits.depth_sigma);
   EXPECT_GT(misfits.wrong_probability, fits.wrong_probability);

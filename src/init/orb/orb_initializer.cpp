@@ -37,10 +37,15 @@ Outcome<Reconstruction> addPoints(Reconstruction made,
   return filled;
 }
 
-/// A map that has lost half of its tracks to dynamic regions and to neighbours that contradict them
-/// is none to start with, however sure the rest looks.
-Outcome<Reconstruction> refuseRemains(Reconstruction made) {
-  if (!hasEnoughCorners(made.map, made.live_tracks)) return InitReason::kPoorQuality;
+/// Refuses a map that has lost so much to dynamic regions and to neighbours that contradict it that
+/// it is not sure any more.
+/// @param passed judgement before
+Outcome<Reconstruction> refuseRemains(Reconstruction made,
+                                      const GateReport& passed,
+                                      const GateOptions& options) {
+  if (!hasEnoughCorners(made.map, made.live)) return InitReason::kTooFewPoints;
+  const double lost = lostTracksFactor(made.map, made.live);
+  if (!errorsPass(passed, passed.lost_factor / lost, options)) return InitReason::kPoorQuality;
   return made;
 }
 
@@ -138,10 +143,13 @@ Attempt attemptFrom(ReferenceView seen, const AttemptContext& context) {
     start.made->map.stuck = stuck;
     start.made->report.add("stuck_tracks", static_cast<double>(stuck.size()));
   }
-  auto made = std::move(start.made)
-                  .then([&](Made m) { return addPoints(std::move(m), view, context); })
-                  .then(refuseRemains)
-                  .then([&](Made m) { return poseOtherFrames(std::move(m), context); });
+  auto made =
+      std::move(start.made)
+          .then([&](Made m) { return addPoints(std::move(m), view, context); })
+          .then([&](Made m) {
+            return refuseRemains(std::move(m), *start.summary.gate, context.options.orb.gate);
+          })
+          .then([&](Made m) { return poseOtherFrames(std::move(m), context); });
   start.summary.reason = made.reason();
   if (made) made->report.add("corners", static_cast<double>(made->map.corners.size()));
   return {std::move(made), start.summary, start.motion};

@@ -172,7 +172,10 @@ ReferenceView ReferencePool::view(int reference) const {
   if (!from.far.empty()) {
     addFeatures(from.far, *frames_[static_cast<std::size_t>(from.frame)], tracks);
   }
-  return {{frames_.begin() + from.frame, frames_.end()}, std::move(tracks), from.last};
+  return {{frames_.begin() + from.frame, frames_.end()},
+          std::move(tracks),
+          from.last,
+          !from.far.empty()};
 }
 
 bool ReferencePool::mayStartEarly(int reference) const {

@@ -54,6 +54,7 @@ struct GateReport {
   double plane_probability = 0;           ///< second: the other motion that a plane allows
   double direction_sigma_deg = 0;         ///< larger axis of the direction's covariance, x 1.5
   double second_sigma_deg = 0;            ///< smaller axis, x 1.5: scale of its t-distribution
+  double lost_factor = 1;   ///< of these sigmas and of depth_sigma, for tracks that were lost
   double misfit = 1;        ///< errors of the corners over what noise of the images explains
   double depth_sigma = 0;   ///< predicted relative error of a corner's inverse depth, median
   double parallax_deg = 0;  ///< median angle under which both cameras see a corner
@@ -76,11 +77,18 @@ struct AttemptSummary {
   bool tried = false;                         ///< with this frame: it took its time
 };
 
+/// Tracks that a start could have been made of.
+struct LiveTracks {
+  int count = 0;
+  bool matched = false;  ///< by descriptors, some of them
+};
+
 /// Input of an attempt: frames and tracks since one reference.
 struct ReferenceView {
   std::vector<FramePtr> frames;      ///< the reference first
   CornerTracks tracks;               ///< one entry a frame
   AttemptSummary last;               ///< the attempt before
+  bool matched = false;              ///< descriptors, for some of the tracks
   std::optional<Readout> readout{};  ///< that the tracks were moved to the middle rows with
 };
 
@@ -88,7 +96,7 @@ struct ReferenceView {
 struct Reconstruction {
   InitialMap map;
   InitReport report;
-  int live_tracks = 0;                            ///< of the reference
+  LiveTracks live{};                              ///< of the reference
   GeometricOptions adjustment{};                  ///< that fits the map's observations
   std::optional<DepthPriorReport> depth_prior{};  ///< where the caller knows depths
 };

@@ -31,7 +31,7 @@ namespace {
 
 // Without the first two a start of a turning Kinect was 123 degrees off, with 58 corners.
 constexpr int kMinCorners = 60;
-constexpr double kMinTrackShare = 0.5;  // of the reference's live tracks that are left
+constexpr double kTrackShare = 0.5;     // of the reference's live tracks, left in a start
 constexpr double kMinFrontShare = 0.8;  // of the corners, in front of the camera
 constexpr double kFartherShare = 0.75;  // of the corners, which are farther than the near part
 /// Factor by which errors miss the gate that make more work on a start vain: an attempt is left out
@@ -305,11 +305,11 @@ JudgedStart refineAndJudge(const MotionCandidate& candidate,
                            bool doubtful,
                            const AttemptContext& context) {
   Reconstruction start{candidate.map, {}};
-  start.live_tracks = candidate.live_tracks;
+  start.live = {candidate.live_tracks, view.matched};
   start.report.pose_prior = candidate.motions_used;
-  StartEvidence evidence{start.live_tracks, candidate.front_share, 1, {}};
+  StartEvidence evidence{start.live, candidate.front_share, 1, {}};
   tellPlane(plane, evidence, start.report);
-  start.report.add("tracks", start.live_tracks);
+  start.report.add("tracks", start.live.count);
   auto refined = refineStart(std::move(start), view, doubtful, evidence, context);
   if (!refined) return {refined.reason(), {}};
   const GateReport gate =
@@ -412,9 +412,14 @@ double misfitOf(double median_error) {
   return std::max(1.0, median_error / kMedianLength);
 }
 
-bool hasEnoughCorners(const InitialMap& map, int live_tracks) {
+bool hasEnoughCorners(const InitialMap& map, const LiveTracks& live) {
   const auto corners = static_cast<double>(map.corners.size());
-  return corners >= kMinCorners && corners >= kMinTrackShare * live_tracks;
+  return corners >= kMinCorners && (live.matched || corners >= kTrackShare * live.count);
+}
+
+double lostTracksFactor(const InitialMap& map, const LiveTracks& live) {
+  const auto corners = static_cast<double>(std::max<std::size_t>(map.corners.size(), 1));
+  return std::max(1.0, kTrackShare * live.count / corners);
 }
 
 int occupiedCells(const InitialMap& map, const PinholeCamera& camera) {
@@ -430,18 +435,19 @@ GateReport judgeStart(const InitialMap& map,
   GateReport report;
   report.misfit = evidence.misfit;
   report.parallax_deg = medianParallaxDeg(map, camera);
-  const Eigen::Vector2d sigmas =
-      variance_factors::kStartDirection * directionSigmasDeg(map.frames.back());
+  report.lost_factor = lostTracksFactor(map, evidence.live);
+  const Eigen::Vector2d sigmas = report.lost_factor * variance_factors::kStartDirection *
+                                 directionSigmasDeg(map.frames.back());
   report.direction_sigma_deg = sigmas[1];
   report.second_sigma_deg = sigmas[0];
-  report.depth_sigma = depthSigma(map.corners);
+  report.depth_sigma = report.lost_factor * depthSigma(map.corners);
   report.error_probability = tailProbability(sigmas, options.wrong_angle_deg);
   if (evidence.plane_cost_ratio) {
     report.plane_probability = rivalProbability(*evidence.plane_cost_ratio,
                                                 static_cast<double>(occupiedCells(map, camera)));
   }
   report.wrong_probability = 1 - (1 - report.error_probability) * (1 - report.plane_probability);
-  if (!hasEnoughCorners(map, evidence.live_tracks)) {
+  if (!hasEnoughCorners(map, evidence.live)) {
     report.reason = InitReason::kTooFewPoints;
   } else if (evidence.front_share < kMinFrontShare ||
              !(report.plane_probability <= options.max_wrong_probability)) {
@@ -549,6 +555,7 @@ Attempt startFromEssential(const ReferenceView& view, const AttemptContext& cont
     depth_prior = start.depth_prior;
     if (start.made) {
       summary.tried = true;
+      summary.gate = start.gate;
       askReadout(*start.made, context);
       tellDepthPrior(*depth_prior, *start.made);
       return {std::move(start.made), summary, start.motion};
