@@ -29,5 +29,23 @@ TEST(PlaneStart, AllFramesTellWhichMotionIsRight) {
   EXPECT_LE(given, 52U);  // measured 17, 11 and 14; by two images alone 24, 15 and 28
 }
 
+TEST(PlaneStart, ImagesMayBeFarApart) {
+  for (const unsigned seed : {51U, 53U, 54U}) {
+    synthetic::SequenceOptions options;
+    options.kind = synthetic::SequenceKind::kPlane;
+    options.seed = seed;
+    options.rate = 1.5;
+    options.width = 320;
+    options.height = 240;
+    options.length = 8;
+    const RenderedSequence& sequence = rendered(options);
+    const auto initializer = makeInitializer({}, sequence.camera());
+    const InitRun run = feed(*initializer, sequence.frames());
+    ASSERT_TRUE(run.result) << seed << " " << run.log();
+    EXPECT_EQ(run.steps.size(), 3U) << seed;
+    EXPECT_LT(startErrors(*run.result, sequence).direction_deg, 0.5) << seed;
+  }
+}
+
 }  // namespace
 }  // namespace dsorb

@@ -42,7 +42,6 @@ PointGrid gridOf(const std::vector<Eigen::Vector2f>& pixels, float cell_size) {
       CellGrid(static_cast<int>(farthest.x()) + 1, static_cast<int>(farthest.y()) + 1, cell_size)};
 }
 
-constexpr int kMinFilled = 50;     // beside the corners; fewer: the attempt fails
 constexpr int kCandidates = 3000;  // pixels of the reference that are searched
 /// Variance of a grey value that makes information of covariances [grey levels^2].
 constexpr double kGreyVariance = 50;
@@ -242,7 +241,6 @@ Outcome<Reconstruction> fillFirstWindow(Reconstruction start, const AttemptConte
   if (!report.finite || report.residuals == 0) return InitReason::kPoorQuality;
   takePoints(window, corner_of, map);
   if (map.scaleKnown() && start.depth_prior) fuseKnownDepths(map, start.depth_prior->inflation);
-  if (static_cast<int>(map.points.size()) < kMinFilled) return InitReason::kTooFewPoints;
   return start;
 }
 
