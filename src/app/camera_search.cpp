@@ -7,22 +7,44 @@
 #include "app/progress_bar.h"
 
 #include <array>
+#include <cmath>
 #include <utility>
 
 namespace dsorb::app {
 namespace {
 
 constexpr int kFirstLook = 120;  // images with a pose; the next after twice as many
+/// Images with a pose by which corners tell a guess that the odometry does not bear for long.
+constexpr int kEarlyLook = kFirstLook / 4;
+constexpr double kBorne = 0.4;  // error of the focal length that it does bear, its logarithm
 /// Standard deviation of the focal length by which a pass ends, relative, for each image with a
 /// pose: what it is to tell is less exact the longer it takes.
 constexpr double kEnough = 0.005 / 120;
 /// Focal lengths of the passes, times the guess: the next one where a pass found nothing.
 constexpr std::array<double, 3> kFocals = {1, 1.6, 0.6};
 
+/// Begins again, with images that are rectified with a lens.
+void rectifyWith(const Lens& lens, const CommandLine& request, SequenceReader& reader) {
+  SequenceOptions sequence = request.sequence;
+  sequence.keep_decoded = true;
+  sequence.lens = lens;
+  sequence.lens->readout = {};
+  reader = SequenceReader(sequence, std::move(reader));
+}
+
+/// Whether a camera is known to be farther from the one that images are rectified with than an
+/// odometry bears.
+bool isFar(const Lens& found, const Lens& images) {
+  const double difference = std::abs(std::log(found.fx / images.fx));
+  return difference > kBorne && 3 * found.focal_sigma < difference;
+}
+
+/// @param looks_early whether it ends as soon as images must be rectified with another camera
 std::optional<FoundCamera> pass(SequenceReader& reader,
                                 const Lens& guess,
                                 const CommandLine& request,
-                                const Interrupt& interrupt) {
+                                const Interrupt& interrupt,
+                                bool looks_early) {
   const Config config = configFor(request, reader.brightness(), reader.lens().focal_sigma);
   Odometry odometry(reader.camera(), config.options);
   CameraFinder finder(guess, reader.lens(), reader.camera(), config.options.num_threads);
@@ -36,6 +58,11 @@ std::optional<FoundCamera> pass(SequenceReader& reader,
     progress.update(estimate, 0);
     if (estimate.state == OdometryState::kLost) odometry.restart();
     ++given;
+    if (looks_early && finder.frames() == kEarlyLook) {
+      looks_early = false;
+      auto early = finder.find();
+      if (early && isFar(early->lens, reader.lens())) return early;
+    }
     // To see the rest costs less than a look that does not tell.
     const int left = reader.selected() - given;  // below 0: more than was announced
     const bool ends_soon = left >= 0 && 2 * left < given;
@@ -66,15 +93,16 @@ std::optional<FoundCamera> searchCamera(SequenceReader& reader,
   if (!request.sequence.readout) guess.readout = kUnknownReadout;
   for (const double factor : kFocals) {
     if (factor != 1) {
-      SequenceOptions sequence = request.sequence;
-      sequence.keep_decoded = true;
-      sequence.lens = guess;
-      sequence.lens->readout = {};
-      sequence.lens->fx *= factor;
-      sequence.lens->fy *= factor;
-      reader = SequenceReader(sequence, std::move(reader));
+      Lens lens = guess;
+      lens.fx *= factor;
+      lens.fy *= factor;
+      rectifyWith(lens, request, reader);
     }
-    auto found = pass(reader, guess, request, interrupt);
+    auto found = pass(reader, guess, request, interrupt, true);
+    if (found && isFar(found->lens, reader.lens())) {
+      rectifyWith(found->lens, request, reader);
+      if (auto again = pass(reader, guess, request, interrupt, false)) found = again;
+    }
     if (found || interrupt.requested()) return found;
   }
   return std::nullopt;

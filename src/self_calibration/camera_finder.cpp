@@ -303,8 +303,7 @@ class CameraFinder::Impl {
     });
     corners.resize(std::min(corners.size(), kMostCorners));
     Scene scene;
-    scene.lens = numbersOf(guess_);
-    scene.lens[self_calibration::kLogFocal] = std::log(images_.fx);
+    scene.lens = numbersOf(images_);
     scene.aspect = images_.fy / images_.fx;
     for (const View& view : views) scene.views.push_back(view.T_cam_world);
     for (std::size_t i = 0; i < corners.size(); ++i) {

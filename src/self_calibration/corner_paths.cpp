@@ -14,15 +14,8 @@ namespace {
 
 constexpr int kCorners = 500;        // followed at a time
 constexpr double kFewest = 0.7;      // share of them below which new ones are found
-constexpr float kMaxReturn = 0.3F;   // between a corner and where its way back ends [px]
 constexpr float kMaxCorrection = 2;  // of a step by the first image of the corner [px]
 constexpr std::size_t kPathsPerTask = 32;
-
-LucasKanadeOptions onFinestLevel() {
-  LucasKanadeOptions options;
-  options.max_level = 0;
-  return options;
-}
 
 }  // namespace
 
@@ -40,7 +33,7 @@ std::vector<Sighting> CornerPaths::add(const Frame& frame) {
   time_ = frame.timestamp();
   std::size_t kept = 0;
   for (std::size_t i = 0; i < paths_.size(); ++i) {
-    if (alive[i] != 0) paths_[kept++] = paths_[i];
+    if (alive[i] != 0) std::swap(paths_[kept++], paths_[i]);
   }
   paths_.resize(kept);
   if (static_cast<double>(kept) < kFewest * kCorners) find(frame, gain);
@@ -56,17 +49,15 @@ std::vector<char> CornerPaths::follow(double interval) {
   const cv::Size size(newest_.levels().front().width, newest_.levels().front().height);
   forEachRange(paths_.size(), kPathsPerTask, [&](std::size_t begin, std::size_t end) {
     LucasKanade step((LucasKanadeOptions()));
-    LucasKanade alignment(onFinestLevel());
     for (std::size_t i = begin; i < end; ++i) {
       Path& path = paths_[i];
       Eigen::Vector2f guess = path.place;
       if (!step.follow(before_, newest_, guess) || !isUsable(guess, size, {})) continue;
-      Eigen::Vector2f place = guess;
-      Eigen::Vector2f back = path.origin;
-      if (!alignment.follow(*path.host, newest_, path.origin, place)) continue;
+      PatchPose pose{guess, path.shape};
+      if (!path.patch->align(newest_.levels().front(), pose)) continue;
+      const Eigen::Vector2f place = pose.place;
       if (!isUsable(place, size, {}) || (place - guess).norm() > kMaxCorrection) continue;
-      if (!alignment.follow(newest_, *path.host, place, back)) continue;
-      if ((back - path.origin).norm() > kMaxReturn) continue;
+      path.shape = pose.shape;
       path.velocity = (place - path.place) / static_cast<float>(interval);
       path.place = place;
       alive[i] = 1;
@@ -82,11 +73,10 @@ void CornerPaths::find(const Frame& frame, float gain) {
   std::vector<Eigen::Vector2f> known;
   known.reserve(paths_.size());
   for (const Path& path : paths_) known.push_back(path.place);
-  auto host = std::make_shared<FlowPyramid>();
-  host->build(frame.level(0), gain, onFinestLevel());
   const GreyImage image = greyImage(frame.level(0), gain, LucasKanadeOptions().window / 2);
   for (const Eigen::Vector2f& place : chooseCorners(image.grey, image.valid, known, options)) {
-    paths_.push_back({next_++, host, place, place});
+    auto patch = std::make_unique<ShapedPatch>(newest_.levels().front(), place);
+    paths_.push_back({next_++, std::move(patch), place});
   }
 }
 

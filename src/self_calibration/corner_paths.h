@@ -4,6 +4,7 @@
 #include "dsorb/image/frame.h"
 
 #include "features/lucas_kanade.h"
+#include "self_calibration/shaped_patch.h"
 
 #include <Eigen/Core>
 
@@ -31,10 +32,10 @@ class CornerPaths {
  private:
   struct Path {
     int corner = 0;
-    std::shared_ptr<const FlowPyramid> host;  ///< image that it was found in, finest level
-    Eigen::Vector2f origin;                   ///< there [px]
-    Eigen::Vector2f place;                    ///< in the newest image [px]
+    std::unique_ptr<const ShapedPatch> patch;  ///< of the image that it was found in
+    Eigen::Vector2f place;                     ///< in the newest image [px]
     Eigen::Vector2f velocity = Eigen::Vector2f::Zero();
+    Eigen::Matrix2f shape = Eigen::Matrix2f::Identity();  ///< what a step there becomes
   };
   /// Follows all paths into the newest image. @return by path, whether it goes on
   [[nodiscard]] std::vector<char> follow(double interval);

@@ -554,6 +554,7 @@ class SequenceReader::Impl {
         other.playlist.first != playlist.first || other.playlist.step != playlist.step) {
       return;
     }
+    if (keep_decoded) room = other.room;
     decoded = std::move(other.decoded);
     dataset.images = std::move(other.dataset.images);
   }
