@@ -101,7 +101,8 @@ std::optional<FoundCamera> searchCamera(SequenceReader& reader,
     auto found = pass(reader, guess, request, interrupt, true);
     if (found && isFar(found->lens, reader.lens())) {
       rectifyWith(found->lens, request, reader);
-      if (auto again = pass(reader, guess, request, interrupt, false)) found = again;
+      const auto again = pass(reader, guess, request, interrupt, false);
+      if (again && again->lens.focal_sigma < found->lens.focal_sigma) found = again;
     }
     if (found || interrupt.requested()) return found;
   }

@@ -14,6 +14,7 @@ namespace {
 constexpr float kScharr = 1.0F / 32;
 constexpr int kMostSteps = 12;
 constexpr float kLeastStep = 0.01F;     // [px]
+constexpr float kLeastShaping = 0.1F;   // of the shape, at the border [px]
 constexpr float kMostUnlike = 0.2F;     // differences' share of the variance of a patch
 constexpr float kMostStretched = 2.5F;  // area, or its inverse
 
@@ -90,7 +91,7 @@ DSORB_TARGET_CLONES void sumDifferences(const FlowLevel& image,
 
 }  // namespace
 
-/// Of an image from a patch, means taken out.
+/// Differences of an image from a patch, means taken out.
 struct ShapedPatch::Difference {
   bool inside = false;
   Vector6f by_pose;   // with the slopes of the patch, summed
@@ -162,7 +163,7 @@ bool ShapedPatch::align(const FlowLevel& image, PatchPose& pose) const {
     pose.place -= move;
     const float area = pose.shape.determinant();
     if (!(area < kMostStretched && area * kMostStretched > 1)) return false;
-    if (std::hypot(move.norm(), kPatchReach * change.norm()) < kLeastStep)
+    if (move.norm() < kLeastStep && kPatchReach * change.norm() < kLeastShaping)
       return difference.squares < kMostUnlike * variance_;
   }
   return false;
