@@ -456,11 +456,11 @@ struct HypotheticalDepth {
 
 /// Sum over all targets; `states` remembers which left the image for good.
 template <bool kRolling>
-DSORB_ALWAYS_INLINE FitSums sumTargets(const CandidatePoint& candidate,
-                                       const HostRays& rays,
-                                       const std::vector<TargetImage>& targets,
-                                       const HypotheticalDepth& depth,
-                                       std::vector<FitState>& states) {
+DSORB_ALWAYS_INLINE FitSums sumTargetsAs(const CandidatePoint& candidate,
+                                         const HostRays& rays,
+                                         const std::vector<TargetImage>& targets,
+                                         const HypotheticalDepth& depth,
+                                         std::vector<FitState>& states) {
   FitSums sum;
   for (std::size_t i = 0; i < targets.size(); ++i) {
     if (states[i] == FitState::kOutOfBounds) continue;
@@ -479,20 +479,14 @@ DSORB_ALWAYS_INLINE FitSums sumTargets(const CandidatePoint& candidate,
   return sum;
 }
 
-DSORB_TARGET_CLONES FitSums evaluateGlobal(const CandidatePoint& candidate,
-                                           const HostRays& rays,
-                                           const std::vector<TargetImage>& targets,
-                                           const HypotheticalDepth& depth,
-                                           std::vector<FitState>& states) {
-  return sumTargets<false>(candidate, rays, targets, depth, states);
-}
-
-DSORB_TARGET_CLONES FitSums evaluateRolling(const CandidatePoint& candidate,
-                                            const HostRays& rays,
-                                            const std::vector<TargetImage>& targets,
-                                            const HypotheticalDepth& depth,
-                                            std::vector<FitState>& states) {
-  return sumTargets<true>(candidate, rays, targets, depth, states);
+DSORB_TARGET_CLONES FitSums sumTargets(const CandidatePoint& candidate,
+                                       const HostRays& rays,
+                                       const std::vector<TargetImage>& targets,
+                                       const HypotheticalDepth& depth,
+                                       std::vector<FitState>& states) {
+  const bool rolling = !targets.empty() && targets.front().corrected;
+  return rolling ? sumTargetsAs<true>(candidate, rays, targets, depth, states)
+                 : sumTargetsAs<false>(candidate, rays, targets, depth, states);
 }
 
 }  // namespace
@@ -606,11 +600,9 @@ DepthFit fitDepth(const CandidatePoint& candidate,
   const CandidateVerdict weak =
       candidate.finished ? CandidateVerdict::kDrop : CandidateVerdict::kWait;
   const float first_limit = kPatternOutlierEnergy * (options.published ? kLooseLimit : 1);
-  const bool rolling = !targets.empty() && targets.front().corrected;
-  const auto evaluate_all = rolling ? evaluateRolling : evaluateGlobal;
   std::vector<FitState> states(targets.size(), FitState::kIn);
   float depth = candidate.middle();
-  FitSums terms = evaluate_all(candidate, rays, targets, {depth, first_limit}, states);
+  FitSums terms = sumTargets(candidate, rays, targets, {depth, first_limit}, states);
   DepthFit fit;
   fit.verdict = weak;
   if (!std::isfinite(terms.energy) || terms.curvature < kMinInformation) return fit;
@@ -620,7 +612,7 @@ DepthFit fitDepth(const CandidatePoint& candidate,
     const float step = terms.gradient / ((1 + damping) * terms.curvature);
     std::vector<FitState> trial_states = states;
     const FitSums trial =
-        evaluate_all(candidate, rays, targets, {depth - step, kPatternOutlierEnergy}, trial_states);
+        sumTargets(candidate, rays, targets, {depth - step, kPatternOutlierEnergy}, trial_states);
     if (!std::isfinite(trial.energy) || trial.curvature < kMinInformation) return fit;
     if (trial.energy < terms.energy) {
       depth -= step;

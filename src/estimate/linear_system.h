@@ -31,6 +31,17 @@ struct LinearSystem {
   std::vector<Scalar> depth_hessian;   ///< h; 0: the point has no part
   std::vector<Scalar> depth_gradient;  ///< b_d
 
+  LinearSystem() = default;
+  /// The same in another precision.
+  template <typename Other>
+  explicit LinearSystem(const LinearSystem<Other>& other)
+      : H(other.H),
+        b(other.b),
+        stride(other.stride),
+        coupling(other.coupling.begin(), other.coupling.end()),
+        depth_hessian(other.depth_hessian.begin(), other.depth_hessian.end()),
+        depth_gradient(other.depth_gradient.begin(), other.depth_gradient.end()) {}
+
   /// Sets all to zero but the couplings, which stay as they are while the sizes do.
   void reset(Eigen::Index size, std::size_t points);
   [[nodiscard]] Eigen::Index size() const { return H.rows(); }

@@ -6,8 +6,7 @@
 
 namespace dsorb {
 
-template <typename Scalar>
-Marginals::Marginals(const LinearSystem<Scalar>& system,
+Marginals::Marginals(const LinearSystem<double>& system,
                      const Eigen::VectorXd& scale,
                      const std::vector<double>& inverse_depth)
     : scale_(scale), ratio_(Eigen::VectorXd::Zero(system.size())) {
@@ -15,8 +14,8 @@ Marginals::Marginals(const LinearSystem<Scalar>& system,
   for (std::size_t i = 0; i < inverse_depth.size(); ++i) {
     depth_sum_ += inverse_depth[i];
     if (!system.known(i)) continue;
-    const double variance = 1 / static_cast<double>(system.depth_hessian[i]);
-    ratio_ += variance * system.couplingOf(i).template cast<double>();
+    const double variance = 1 / system.depth_hessian[i];
+    ratio_ += variance * system.couplingOf(i);
     variance_sum += variance;
   }
   ratio_ /= depth_sum_;
@@ -28,7 +27,7 @@ Marginals::Marginals(const LinearSystem<Scalar>& system,
   }
   Eigen::MatrixXd reduced = system.H;
   Eigen::VectorXd right = system.b;
-  DepthElimination<Scalar> elimination;
+  DepthElimination<double> elimination;
   elimination.damp(system, 0);
   elimination.eliminate(system, reduced, right);
   if (reduced.size() == 0) return;
@@ -55,29 +54,11 @@ Eigen::MatrixXd Marginals::clusteredRoots(const Eigen::MatrixXd& gradients,
   return std::sqrt(clusters / free) * cholesky_.solve(gradients);
 }
 
-template <typename Scalar>
-void Marginals::depthEffect(const LinearSystem<Scalar>& system,
+void Marginals::depthEffect(const LinearSystem<double>& system,
                             std::size_t point,
                             double inverse_depth,
                             Eigen::Ref<Eigen::VectorXd> effect) const {
-  effect = system.couplingOf(point).template cast<double>() /
-               static_cast<double>(system.depth_hessian[point]) -
-           inverse_depth * ratio_;
+  effect = system.couplingOf(point) / system.depth_hessian[point] - inverse_depth * ratio_;
 }
-
-template Marginals::Marginals(const LinearSystem<float>&,
-                              const Eigen::VectorXd&,
-                              const std::vector<double>&);
-template Marginals::Marginals(const LinearSystem<double>&,
-                              const Eigen::VectorXd&,
-                              const std::vector<double>&);
-template void Marginals::depthEffect(const LinearSystem<float>&,
-                                     std::size_t,
-                                     double,
-                                     Eigen::Ref<Eigen::VectorXd>) const;
-template void Marginals::depthEffect(const LinearSystem<double>&,
-                                     std::size_t,
-                                     double,
-                                     Eigen::Ref<Eigen::VectorXd>) const;
 
 }  // namespace dsorb

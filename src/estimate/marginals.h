@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "dsorb/geometry/se3.h"
-
 #include "estimate/linear_system.h"
 
 #include <Eigen/Cholesky>
@@ -13,17 +11,6 @@
 #include <vector>
 
 namespace dsorb {
-
-/// Direction in which all translations grow together: it leaves every residual unchanged.
-/// @param frame_size unknowns of a frame, its translation first
-inline Eigen::VectorXd scaleDirection(const std::vector<SE3>& poses, int frame_size) {
-  const auto frames = static_cast<Eigen::Index>(poses.size());
-  Eigen::VectorXd direction = Eigen::VectorXd::Zero(frames * frame_size);
-  for (Eigen::Index f = 0; f < frames; ++f) {
-    direction.segment<3>(f * frame_size) = poses[static_cast<std::size_t>(f)].translation();
-  }
-  return direction;
-}
 
 /// Marginal covariances of the frames' states whose inverse depths are eliminated from a system, in
 /// the gauge "reference pose and mean inverse depth fixed", for errors of unit variance.
@@ -43,8 +30,7 @@ class Marginals {
   /// @param scale         n; zeros for states that are no translations, all zeros where the system
   ///                      knows the scale: there is no gauge to be fixed then
   /// @param inverse_depth rho, of all points; filled up with zeros where the system's are
-  template <typename Scalar>
-  Marginals(const LinearSystem<Scalar>& system,
+  Marginals(const LinearSystem<double>& system,
             const Eigen::VectorXd& scale,
             const std::vector<double>& inverse_depth);
 
@@ -67,18 +53,16 @@ class Marginals {
   [[nodiscard]] Eigen::MatrixXd clusteredRoots(const Eigen::MatrixXd& gradients,
                                                Eigen::Index frames) const;
   /// g_i: how much an inverse depth falls by a unit of every state, in the gauge.
-  template <typename Scalar>
-  void depthEffect(const LinearSystem<Scalar>& system,
+  void depthEffect(const LinearSystem<double>& system,
                    std::size_t point,
                    double inverse_depth,
                    Eigen::Ref<Eigen::VectorXd> effect) const;
   /// What an inverse depth has in its variance beside g_i^T S^- g_i; at least rho_i^2 v.
-  template <typename Scalar>
-  [[nodiscard]] double ownVariance(const LinearSystem<Scalar>& system,
+  [[nodiscard]] double ownVariance(const LinearSystem<double>& system,
                                    std::size_t point,
                                    double inverse_depth) const {
-    const double own = std::max(0.0, 1 - 2 * inverse_depth / depth_sum_) /
-                       static_cast<double>(system.depth_hessian[point]);
+    const double own =
+        std::max(0.0, 1 - 2 * inverse_depth / depth_sum_) / system.depth_hessian[point];
     return own + inverse_depth * inverse_depth * depth_variance_;
   }
   /// v: variance of the mean inverse depth, poses known, over its square.

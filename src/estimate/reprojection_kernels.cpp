@@ -91,7 +91,8 @@ DSORB_ALWAYS_INLINE void weigh(const LossSetting& loss,
     sums.cost += 0.5 * weight * square * (2.0 - weight);
   } else {
     DoubleLanes ratio;
-    cauchyWeights(square, loss.limit, ratio, weight);
+    cauchyRatios(square, loss.limit, ratio);
+    weight = 1.0 / ratio;
     product *= ratio;
   }
   sums.weighted_square += weight * square;

@@ -57,10 +57,14 @@ constexpr double kCauchyLimit = 2.385;  // of normalised errors: 95 % efficient 
 
 /// Cauchy's loss is limit^2 log(ratio) with ratio = 1 + r^2 / limit^2; its weight is 1 / ratio.
 /// @param squared r^2, in lanes or alone
-template <typename T, typename Scalar>
-DSORB_ALWAYS_INLINE void cauchyWeights(const T& squared, Scalar limit, T& ratio, T& weight) {
-  ratio = Scalar(1) + squared * (1 / (limit * limit));
-  weight = Scalar(1) / ratio;
+template <typename T>
+DSORB_ALWAYS_INLINE void cauchyRatios(const T& squared, double limit, T& ratio) {
+  ratio = 1.0 + squared * (1 / (limit * limit));
+}
+inline double cauchyRatio(double squared, double limit) {
+  double ratio = 1;
+  cauchyRatios(squared, limit, ratio);
+  return ratio;
 }
 
 }  // namespace dsorb

@@ -131,12 +131,7 @@ void keepPredicted(const DescribedFrame& from,
   });
 }
 
-LucasKanadeOptions refinement() {
-  LucasKanadeOptions options;
-  options.max_level = 0;
-  options.min_eigenvalue = kMinTexture;
-  return options;
-}
+constexpr LucasKanadeOptions kRefinement{0, kMinTexture};
 
 /// The images of two frames, for Lucas-Kanade. Kept only while they are compared: many frames wait.
 struct ImagePair {
@@ -146,8 +141,8 @@ struct ImagePair {
 
   ImagePair(const DescribedFrame& from_frame, const DescribedFrame& to_frame)
       : valid(to_frame.valid) {
-    from.build(from_frame.frame->level(0), from_frame.gain, refinement());
-    to.build(to_frame.frame->level(0), to_frame.gain, refinement());
+    from.build(from_frame.frame->level(0), from_frame.gain, kRefinement);
+    to.build(to_frame.frame->level(0), to_frame.gain, kRefinement);
   }
 };
 
@@ -264,7 +259,7 @@ std::vector<Eigen::Vector2f> findAgain(const DescribedFrame& from, const Describ
   const std::vector<int> partner = findPartners(from, to);
   const ImagePair images(from, to);
   forEachRange(places.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
-    LucasKanade flow(refinement());
+    LucasKanade flow(kRefinement);
     for (std::size_t i = begin; i < end; ++i) {
       if (partner[i] < 0) continue;
       Eigen::Vector2f place = to.positions[static_cast<std::size_t>(partner[i])];

@@ -20,10 +20,7 @@ namespace {
 constexpr double kMinDistance = 8;  // between corners, for an image diagonal of 800 px [px]
 
 LucasKanadeOptions flowOptions(const FeatureTrackOptions& options) {
-  LucasKanadeOptions flow;
-  flow.max_level = options.max_level;
-  flow.min_eigenvalue = options.min_eigenvalue;
-  return flow;
+  return {options.max_level, options.min_eigenvalue};
 }
 
 /// Level 0 of a pyramid as OpenCV wants it.
@@ -83,7 +80,7 @@ void FeatureTracks::start(const Frame& reference) {
 
 void FeatureTracks::show(const Frame& frame, float gain) {
   const bool all_valid = pyramid_.build(frame.level(0), gain, flowOptions(options_));
-  valid_ = all_valid ? cv::Mat() : validMask(frame.level(0), LucasKanadeOptions().window / 2);
+  valid_ = all_valid ? cv::Mat() : validMask(frame.level(0), kFlowWindow / 2);
 }
 
 void FeatureTracks::addCorners() {

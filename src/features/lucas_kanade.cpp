@@ -15,24 +15,21 @@ constexpr float kMaxIntensity = 255;      // [grey levels]
 constexpr std::ptrdiff_t kPart = kLanes;  // of a template's step: intensity, dx, dy
 constexpr std::ptrdiff_t kTemplateStep = 3 * kPart;
 
-/// Columns of a window, filled up to whole lanes.
-constexpr int columnsOf(int window) {
-  return (window + kLanes - 1) / kLanes * kLanes;
-}
+constexpr std::ptrdiff_t kPatchStride = kFlowColumns + kLanes;
+constexpr int kMaxIterations = 30;  // on each level
+constexpr float kMinStep = 0.01F;   // a smaller one ends the iteration [px of the level]
 
-/// Pixels around a level, so that a window whose first pixel is between -window and the size can be
-/// read with its gradients.
-constexpr int borderOf(int window) {
-  return columnsOf(window) + kLanes + 2;
-}
+/// Pixels around a level, so that a window whose first pixel is between -kFlowWindow and the size
+/// can be read with its gradients.
+constexpr int kBorder = kFlowColumns + kLanes + 2;
 
-void resize(FlowLevel& level, int width, int height, int border) {
+void resize(FlowLevel& level, int width, int height) {
   level.width = width;
   level.height = height;
-  level.stride = width + 2 * border;
+  level.stride = width + 2 * kBorder;
   level.memory.resize(static_cast<std::size_t>(level.stride) *
-                      static_cast<std::size_t>(height + 2 * border));
-  level.origin = border * level.stride + border;
+                      static_cast<std::size_t>(height + 2 * kBorder));
+  level.origin = kBorder * level.stride + kBorder;
 }
 
 /// Pixel that stands for one outside: the image continues mirrored, the outermost pixel not
@@ -43,19 +40,19 @@ int mirrored(int index, int size) {
   return std::min(folded, period - folded);
 }
 
-void extendRow(FlowLevel& level, int y, int border) {
+void extendRow(FlowLevel& level, int y) {
   float* row = level.row(y);
-  for (int k = 1; k <= border; ++k) {
+  for (int k = 1; k <= kBorder; ++k) {
     row[-k] = row[mirrored(-k, level.width)];
     row[level.width - 1 + k] = row[mirrored(level.width - 1 + k, level.width)];
   }
 }
 
-void extendColumns(FlowLevel& level, int border) {
-  for (int k = 1; k <= border; ++k) {
+void extendColumns(FlowLevel& level) {
+  for (int k = 1; k <= kBorder; ++k) {
     for (const int y : {-k, level.height - 1 + k}) {
-      const float* source = level.row(mirrored(y, level.height)) - border;
-      std::copy(source, source + level.stride, level.row(y) - border);
+      const float* source = level.row(mirrored(y, level.height)) - kBorder;
+      std::copy(source, source + level.stride, level.row(y) - kBorder);
     }
   }
 }
@@ -95,17 +92,16 @@ struct WindowCorner {
   float fx, fy;
 };
 
-DSORB_ALWAYS_INLINE bool cornerAt(
-    const FlowLevel& level, float x, float y, int window, WindowCorner& corner) {
-  const float half = 0.5F * static_cast<float>(window - 1);
-  const float left = std::floor(x - half);
-  const float top = std::floor(y - half);
+DSORB_ALWAYS_INLINE bool cornerAt(const FlowLevel& level, float x, float y, WindowCorner& corner) {
+  constexpr float kHalf = 0.5F * (kFlowWindow - 1);
+  const float left = std::floor(x - kHalf);
+  const float top = std::floor(y - kHalf);
   // Written so that NaN is outside.
-  if (!(left >= static_cast<float>(-window) && top >= static_cast<float>(-window) &&
-        left < static_cast<float>(level.width) && top < static_cast<float>(level.height))) {
+  if (!(left >= -kFlowWindow && top >= -kFlowWindow && left < static_cast<float>(level.width) &&
+        top < static_cast<float>(level.height))) {
     return false;
   }
-  corner = {static_cast<int>(left), static_cast<int>(top), x - half - left, y - half - top};
+  corner = {static_cast<int>(left), static_cast<int>(top), x - kHalf - left, y - kHalf - top};
   return true;
 }
 
@@ -125,22 +121,18 @@ struct Tensor {
 };
 
 /// Interpolates the window with one more pixel on every side.
-DSORB_ALWAYS_INLINE void cutPatch(const FlowLevel& level,
-                                  const WindowCorner& at,
-                                  int window,
-                                  float* patch) {
-  const int stride = columnsOf(window) + kLanes;
-  for (int column = 0; column < stride; column += kLanes) {
+DSORB_ALWAYS_INLINE void cutPatch(const FlowLevel& level, const WindowCorner& at, float* patch) {
+  for (int column = 0; column < kPatchStride; column += kLanes) {
     const float* source = level.row(at.y - 1) + at.x - 1 + column;
     float* target = patch + column;
     Lanes upper;
     interpolateRow(source, at.fx, upper);
-    for (int row = 0; row < window + 2; ++row) {
+    for (int row = 0; row < kFlowWindow + 2; ++row) {
       source += level.stride;
       Lanes lower;
       interpolateRow(source, at.fx, lower);
       store(upper + at.fy * (lower - upper), target);
-      target += stride;
+      target += kPatchStride;
       upper = lower;
     }
   }
@@ -161,38 +153,39 @@ DSORB_ALWAYS_INLINE void smooth(const float* p, std::ptrdiff_t step, Lanes& valu
 struct Inside {
   int left, right, top, bottom;
 
-  Inside(const FlowLevel& level, const WindowCorner& at, int window)
+  Inside(const FlowLevel& level, const WindowCorner& at)
       : left(std::max(0, -at.x)),
-        right(std::min(window, level.width - 1 - at.x)),
+        right(std::min(kFlowWindow, level.width - 1 - at.x)),
         top(std::max(0, -at.y)),
-        bottom(std::min(window, level.height - 1 - at.y)) {}
+        bottom(std::min(kFlowWindow, level.height - 1 - at.y)) {}
 };
 
 /// Intensities and gradients of a patch; no gradients beyond the window and outside the image.
-DSORB_ALWAYS_INLINE void makeTemplate(
-    const float* patch, int window, const Inside& inside, float* target, Tensor& tensor) {
-  const std::ptrdiff_t stride = columnsOf(window) + kLanes;
+DSORB_ALWAYS_INLINE void makeTemplate(const float* patch,
+                                      const Inside& inside,
+                                      float* target,
+                                      Tensor& tensor) {
   Lanes xx = {};
   Lanes xy = {};
   Lanes yy = {};
-  for (int column = 0; column < window; column += kLanes) {
+  for (int column = 0; column < kFlowWindow; column += kLanes) {
     Lanes used;
     for (int k = 0; k < kLanes; ++k) {
       used[k] = column + k >= inside.left && column + k < inside.right ? 1.0F : 0.0F;
     }
     const float* p = patch + column;
-    for (int row = 0; row < window; ++row, p += stride) {
+    for (int row = 0; row < kFlowWindow; ++row, p += kPatchStride) {
       Lanes before;
       Lanes after;
       Lanes intensity;
-      smooth(p, stride, before);
-      smooth(p + 2, stride, after);
+      smooth(p, kPatchStride, before);
+      smooth(p + 2, kPatchStride, after);
       const float row_used = row >= inside.top && row < inside.bottom ? 1.0F : 0.0F;
       const Lanes dx = row_used * used * (after - before);
       smooth(p, 1, before);
-      smooth(p + 2 * stride, 1, after);
+      smooth(p + 2 * kPatchStride, 1, after);
       const Lanes dy = row_used * used * (after - before);
-      load(p + stride + 1, intensity);
+      load(p + kPatchStride + 1, intensity);
       store(intensity, target);
       store(dx, target + kPart);
       store(dy, target + 2 * kPart);
@@ -212,15 +205,14 @@ struct Slope {
 
 DSORB_ALWAYS_INLINE Slope compare(const FlowLevel& level,
                                   const WindowCorner& at,
-                                  int window,
                                   const float* source) {
   Lanes sum_x = {};
   Lanes sum_y = {};
-  for (int column = 0; column < window; column += kLanes) {
+  for (int column = 0; column < kFlowWindow; column += kLanes) {
     const float* pixels = level.row(at.y) + at.x + column;
     Lanes upper;
     interpolateRow(pixels, at.fx, upper);
-    for (int row = 0; row < window; ++row) {
+    for (int row = 0; row < kFlowWindow; ++row) {
       pixels += level.stride;
       Lanes lower;
       Lanes intensity;
@@ -244,9 +236,6 @@ DSORB_ALWAYS_INLINE Slope compare(const FlowLevel& level,
 struct LevelTask {
   const FlowLevel& from;
   const FlowLevel& to;
-  int window;
-  int max_iterations;
-  float min_step;
   float min_eigenvalue;
   float* patch;
   float* memory;
@@ -257,29 +246,29 @@ struct LevelTask {
 DSORB_TARGET_CLONES bool followOnLevel(
     const LevelTask& task, float x, float y, float& u, float& v) {
   WindowCorner at{};
-  if (!cornerAt(task.from, x, y, task.window, at)) return false;
+  if (!cornerAt(task.from, x, y, at)) return false;
   Tensor tensor{};
-  cutPatch(task.from, at, task.window, task.patch);
-  makeTemplate(task.patch, task.window, Inside(task.from, at, task.window), task.memory, tensor);
+  cutPatch(task.from, at, task.patch);
+  makeTemplate(task.patch, Inside(task.from, at), task.memory, tensor);
   const float difference = tensor.xx - tensor.yy;
   const float root = std::sqrt(difference * difference + 4 * tensor.xy * tensor.xy);
   const float least = 0.5F * (tensor.xx + tensor.yy - root);
   const float determinant = tensor.xx * tensor.yy - tensor.xy * tensor.xy;
-  const auto pixels = static_cast<float>(task.window * task.window);
-  if (!(least >= task.min_eigenvalue * pixels && determinant > 0)) return false;
+  constexpr float kPixels = kFlowWindow * kFlowWindow;
+  if (!(least >= task.min_eigenvalue * kPixels && determinant > 0)) return false;
   float last_x = 0;
   float last_y = 0;
-  for (int iteration = 0; iteration < task.max_iterations; ++iteration) {
-    if (!cornerAt(task.to, u, v, task.window, at)) return false;
-    const Slope b = compare(task.to, at, task.window, task.memory);
+  for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
+    if (!cornerAt(task.to, u, v, at)) return false;
+    const Slope b = compare(task.to, at, task.memory);
     const float step_x = (tensor.xy * b.y - tensor.yy * b.x) / determinant;
     const float step_y = (tensor.xy * b.x - tensor.xx * b.y) / determinant;
     u += step_x;
     v += step_y;
-    if (step_x * step_x + step_y * step_y <= task.min_step * task.min_step) break;
+    if (step_x * step_x + step_y * step_y <= kMinStep * kMinStep) break;
     // Back and forth: the middle.
-    if (iteration > 0 && std::abs(step_x + last_x) < task.min_step &&
-        std::abs(step_y + last_y) < task.min_step) {
+    if (iteration > 0 && std::abs(step_x + last_x) < kMinStep &&
+        std::abs(step_y + last_y) < kMinStep) {
       u -= 0.5F * step_x;
       v -= 0.5F * step_y;
       break;
@@ -293,29 +282,28 @@ DSORB_TARGET_CLONES bool followOnLevel(
 }  // namespace
 
 bool FlowPyramid::build(const PyramidLevel& image, float gain, const LucasKanadeOptions& options) {
-  const int border = borderOf(options.window);
   int count = 1;
   for (int width = image.width(), height = image.height(); count <= options.max_level; ++count) {
     width = (width + 1) / 2;
     height = (height + 1) / 2;
-    if (width <= options.window || height <= options.window) break;
+    if (width <= kFlowWindow || height <= kFlowWindow) break;
   }
   levels_.resize(static_cast<std::size_t>(count));
   FlowLevel& first = levels_.front();
-  resize(first, image.width(), image.height(), border);
+  resize(first, image.width(), image.height());
   std::vector<char> valid(static_cast<std::size_t>(image.height()));
   forEachRange(valid.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const int y = static_cast<int>(i);
       valid[i] = copyRow(image.row(y), image.width(), gain, first.row(y)) ? 1 : 0;
-      extendRow(first, y, border);
+      extendRow(first, y);
     }
   });
-  extendColumns(first, border);
+  extendColumns(first);
   for (std::size_t l = 1; l < levels_.size(); ++l) {
     const FlowLevel& fine = levels_[l - 1];
     FlowLevel& coarse = levels_[l];
-    resize(coarse, (fine.width + 1) / 2, (fine.height + 1) / 2, border);
+    resize(coarse, (fine.width + 1) / 2, (fine.height + 1) / 2);
     forEachRange(static_cast<std::size_t>(coarse.height),
                  kTaskGrain,
                  [&](std::size_t begin, std::size_t end) {
@@ -323,19 +311,12 @@ bool FlowPyramid::build(const PyramidLevel& image, float gain, const LucasKanade
                    for (std::size_t i = begin; i < end; ++i) {
                      const int y = static_cast<int>(i);
                      halveRow(fine, 2 * y, smoothed.data(), coarse.row(y), coarse.width);
-                     extendRow(coarse, y, border);
+                     extendRow(coarse, y);
                    }
                  });
-    extendColumns(coarse, border);
+    extendColumns(coarse);
   }
   return std::find(valid.begin(), valid.end(), char{0}) == valid.end();
-}
-
-LucasKanade::LucasKanade(const LucasKanadeOptions& options) : options_(options) {
-  const auto columns = static_cast<std::size_t>(columnsOf(options.window));
-  const auto rows = static_cast<std::size_t>(options.window);
-  patch_.resize((columns + kLanes) * (rows + 2) + kLanes);  // gradients read beyond the last row
-  template_.resize(static_cast<std::size_t>(kTemplateStep) / kLanes * columns * rows);
 }
 
 bool LucasKanade::follow(const FlowPyramid& from,
@@ -350,9 +331,6 @@ bool LucasKanade::follow(const FlowPyramid& from,
     const Eigen::Vector2f at = start / static_cast<float>(1 << level);
     const bool found = followOnLevel({from.levels()[l],
                                       to.levels()[l],
-                                      options_.window,
-                                      options_.max_iterations,
-                                      static_cast<float>(options_.min_step),
                                       static_cast<float>(options_.min_eigenvalue),
                                       patch_.data(),
                                       template_.data()},

@@ -3,8 +3,11 @@
 
 #include "dsorb/image/pyramid.h"
 
+#include "base/lanes.h"
+
 #include <Eigen/Core>
 
+#include <array>
 #include <cstddef>
 #include <vector>
 
@@ -13,11 +16,11 @@ namespace dsorb {
 /// Forward and backward again may miss the start by it [px].
 constexpr float kMaxBackwardError = 1;
 
+constexpr int kFlowWindow = 21;  ///< side of the aligned patch [px]
+constexpr int kFlowColumns = (kFlowWindow + kLanes - 1) / kLanes * kLanes;  ///< in whole lanes
+
 struct LucasKanadeOptions {
-  int window = 21;              ///< side of the aligned patch [px]
   int max_level = 4;            ///< coarsest level of the pyramid
-  int max_iterations = 30;      ///< on each level
-  double min_step = 0.01;       ///< a smaller one ends the iteration [px of the level]
   double min_eigenvalue = 0.3;  ///< of the mean gradient tensor [grey levels^2 / px^2]
 };
 
@@ -53,7 +56,7 @@ class FlowPyramid {
 ///         Scharr's operator
 class LucasKanade {
  public:
-  explicit LucasKanade(const LucasKanadeOptions& options);
+  explicit LucasKanade(const LucasKanadeOptions& options) : options_(options) {}
 
   /// @param from, to pyramids of the same size
   /// @param place    in `from` [px]; gets the place in `to`
@@ -70,8 +73,10 @@ class LucasKanade {
 
  private:
   LucasKanadeOptions options_;
-  std::vector<float> patch_;     ///< interpolated, one pixel more on every side
-  std::vector<float> template_;  ///< by column of lanes, then row: intensity, dx, dy
+  // Interpolated, one pixel more on every side; gradients read beyond the last row.
+  std::array<float, std::size_t{kFlowColumns + kLanes} * (kFlowWindow + 2) + kLanes> patch_{};
+  // Intensity, dx, dy, row by row in each column of lanes.
+  std::array<float, std::size_t{3} * kFlowColumns * kFlowWindow> template_{};
 };
 
 }  // namespace dsorb

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "geometry/row_motion.h"
 
+#include <cstddef>
+
 namespace dsorb {
 
 RowMotion motionThrough(const TimedPose& pose, const std::vector<TimedPose>& neighbours) {
@@ -25,6 +27,19 @@ RowMotion motionThrough(const TimedPose& pose, const std::vector<TimedPose>& nei
     break;
   }
   return motion;
+}
+
+std::vector<RowMotion> motionsAlong(const std::vector<TimedPose>& poses) {
+  std::vector<RowMotion> motions;
+  const std::size_t count = poses.size();
+  for (std::size_t k = 0; k < count; ++k) {
+    std::vector<TimedPose> neighbours;
+    for (const std::size_t other : {k - 1, k + 1, k - 2, k + 2}) {  // wraps below 0
+      if (other < count) neighbours.push_back(poses[other]);
+    }
+    motions.push_back(motionThrough(poses[k], neighbours));
+  }
+  return motions;
 }
 
 }  // namespace dsorb

@@ -31,4 +31,7 @@ struct TimedPose {
 /// @param neighbours the nearest first, of which two count
 RowMotion motionThrough(const TimedPose& pose, const std::vector<TimedPose>& neighbours);
 
+/// Motion at each of some poses, in the order of time, by the two nearest others.
+std::vector<RowMotion> motionsAlong(const std::vector<TimedPose>& poses);
+
 }  // namespace dsorb

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "dsorb/image/affine_brightness.h"
 #include "dsorb/image/frame.h"
 
 #include <optional>
@@ -10,6 +11,29 @@ namespace dsorb {
 /// Least standard deviation of an image's grey values that tells the gain to another one [grey
 /// levels].
 constexpr double kContrastOfGain = 5;
+
+/// Line through pairs of grey values, by weighted least squares.
+class GreyLine {
+ public:
+  void add(double from, double to, double weight = 1) {
+    n_ += weight;
+    x_ += weight * from;
+    y_ += weight * to;
+    xx_ += weight * from * from;
+    xy_ += weight * from * to;
+  }
+  /// @return nullopt where the contrast is too low to tell the gain
+  [[nodiscard]] std::optional<BrightnessTransfer> transfer() const {
+    const double variance = xx_ / n_ - x_ / n_ * (x_ / n_);
+    if (!(variance > kContrastOfGain * kContrastOfGain)) return std::nullopt;
+    const double gain = (xy_ / n_ - x_ / n_ * (y_ / n_)) / variance;
+    return BrightnessTransfer{gain, (y_ - gain * x_) / n_};
+  }
+  [[nodiscard]] double weight() const { return n_; }
+
+ private:
+  double n_ = 0, x_ = 0, y_ = 0, xx_ = 0, xy_ = 0;
+};
 
 /// Whether a frame shows next to nothing beside another one of its camera: black, covered,
 /// overexposed or full of noise alone. A shorter exposure excuses it.

@@ -137,9 +137,9 @@ std::unique_ptr<Initializer> makeInitializer(const InitializerOptions& options,
   switch (options.kind) {
     case InitializerKind::kOrb:
       refuseImpatience(options.orb);
-      return std::make_unique<init_orb::ORBInitializer>(options, camera);
+      return init_orb::makeOrbInitializer(options, camera);
     case InitializerKind::kCoarse:
-      return std::make_unique<init_coarse::CoarseInitializer>(options, camera);
+      return init_coarse::makeCoarseInitializer(options, camera);
     case InitializerKind::kRegistered:
       return makeRegistered(options, camera);
   }

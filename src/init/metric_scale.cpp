@@ -91,8 +91,7 @@ struct RatioLoss {
     const double sigma = spread * std::max(log_ratio.sigma, kMinSpread);
     const double error = (log_ratio.value - mean) / (kCauchyLimit * sigma);
     square = error * error;
-    double own = 1;
-    cauchyWeights(square, 1.0, ratio, own);
+    ratio = cauchyRatio(square, 1);
     weight = 1 / (sigma * sigma * ratio);
   }
 

@@ -6,6 +6,8 @@
 
 #include "base/timed.h"
 
+#include <cstddef>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -44,17 +46,36 @@ class StageClock {
 };
 
 /// The step of an initializer that cannot tell yet.
-[[nodiscard]] InitStep needsMoreFrames(InitReason reason);
+[[nodiscard]] inline InitStep needsMoreFrames(InitReason reason) {
+  return {InitStatus::kNeedsMoreFrames, reason, std::nullopt};
+}
 
 /// Remembers the resets of an initializer and makes the steps that tell of them.
 class ResetLog {
  public:
-  void clear();
-  [[nodiscard]] InitStep restart(InitReason reason);
+  void clear() {
+    restarts_ = 0;
+    latest_.clear();
+  }
+  [[nodiscard]] InitStep restart(InitReason reason) {
+    ++restarts_;
+    if (latest_.size() == kKept) latest_.erase(latest_.begin());
+    latest_.push_back(reason);
+    return {InitStatus::kRestarted, reason, std::nullopt};
+  }
   /// @param result its report gets counts, resets and stages; its invariants are checked
-  [[nodiscard]] InitStep finish(InitializationResult result, const StageClock& clock) const;
+  [[nodiscard]] InitStep finish(InitializationResult result, const StageClock& clock) const {
+    InitReport& report = result.report;
+    report.restarts = restarts_;
+    report.earlier_resets = latest_;
+    report.stages = clock.stages();
+    checkInvariants(result);
+    return {InitStatus::kInitialized, InitReason::kDone, std::move(result)};
+  }
 
  private:
+  static constexpr std::size_t kKept = 32;  // reasons; a camera may stand in the dark for hours
+
   int restarts_ = 0;
   std::vector<InitReason> latest_;
 };

@@ -528,6 +528,22 @@ class Odometry::Impl {
   FrameEstimate last_estimate_;
 };
 
+const char* name(OdometryState state) {
+  switch (state) {
+    case OdometryState::kInitializing:
+      return "initializing";
+    case OdometryState::kInitialized:
+      return "initialized";
+    case OdometryState::kTracked:
+      return "tracked";
+    case OdometryState::kLost:
+      return "lost";
+    case OdometryState::kMissed:
+      return "missed";
+  }
+  return "unknown";
+}
+
 Odometry::Odometry(const PinholeCamera& camera, const OdometryOptions& options)
     : impl_(std::make_unique<Impl>(camera, options, nullptr)) {}
 

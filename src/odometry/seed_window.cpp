@@ -68,25 +68,27 @@ std::vector<MapPoint> pointsOf(const InitializationResult& result, std::size_t h
   return points;
 }
 
-/// Motion of a frame while its rows are read, from its posed neighbours.
-RowMotion motionOf(const InitializationResult& result, std::size_t frame) {
-  const auto posed_at = [&](std::size_t i) {
-    return TimedPose{result.frames[i].frame->timestamp(), *result.frames[i].T_cam_ref};
-  };
-  std::vector<TimedPose> neighbours;
-  for (const std::size_t i : {frame - 1, frame + 1, frame - 2, frame + 2}) {  // wraps below 0
-    if (i < result.frames.size() && result.frames[i].T_cam_ref) neighbours.push_back(posed_at(i));
-  }
-  return motionThrough(posed_at(frame), neighbours);
-}
+/// Motions of the frames while their rows are read, from their posed neighbours.
+struct FrameMotions {
+  std::vector<RowMotion> of_frame;
+  Vector6d sigma;  // standard deviation of the velocities
+};
 
-/// Standard deviation of the velocities of motionOf().
-Vector6d motionSigma(const InitializationResult& result) {
-  RecentMotion motion;
+FrameMotions motionsOf(const InitializationResult& result) {
+  std::vector<TimedPose> poses;
+  RecentMotion recent;
   for (const PosedFrame& posed : result.frames) {
-    if (posed.T_cam_ref) motion.push({{posed.frame->timestamp(), *posed.T_cam_ref}});
+    if (!posed.T_cam_ref) continue;
+    poses.push_back({posed.frame->timestamp(), *posed.T_cam_ref});
+    recent.push({poses.back()});
   }
-  return motion.sigma();
+  const std::vector<RowMotion> along = motionsAlong(poses);
+  FrameMotions motions{{}, recent.sigma()};
+  auto next = along.begin();
+  for (const PosedFrame& posed : result.frames) {
+    motions.of_frame.push_back(posed.T_cam_ref ? *next++ : RowMotion());
+  }
+  return motions;
 }
 
 /// Thins the points of one host to its share of the wanted number.
@@ -115,12 +117,13 @@ std::vector<SelectedPixel> selected(const window::Keyframe& keyframe,
 }
 
 /// The posed frames behind the reference.
-std::vector<window::TrackedFrame> othersOf(const InitializationResult& result) {
+std::vector<window::TrackedFrame> othersOf(const InitializationResult& result,
+                                           const FrameMotions& motions) {
   std::vector<window::TrackedFrame> others;
   for (std::size_t i = 1; i < result.frames.size(); ++i) {
     const PosedFrame& posed = result.frames[i];
     if (!posed.T_cam_ref) continue;
-    others.push_back({posed.frame, *posed.T_cam_ref, posed.affine, motionOf(result, i)});
+    others.push_back({posed.frame, *posed.T_cam_ref, posed.affine, motions.of_frame[i]});
   }
   return others;
 }
@@ -238,12 +241,12 @@ window::Window seedWindow(const InitializationResult& result,
   const std::vector<std::size_t> keyframes = keyframesOf(result, options.window);
   std::vector<std::vector<MapPoint>> points;
   std::size_t total = 0;
-  const Vector6d sigma = motionSigma(result);
+  const FrameMotions motions = motionsOf(result);
   for (const std::size_t i : keyframes) {
     const PosedFrame& posed = result.frames[i];
-    const RowMotion motion = motionOf(result, i);
+    const RowMotion& motion = motions.of_frame[i];
     window::addKeyframe(window, posed.frame, *posed.T_cam_ref, posed.affine, options.window)
-        .setMotion(motion, {motion, sigma});
+        .setMotion(motion, {motion, motions.sigma});
     points.push_back(pointsOf(result, i));
     total += points.back().size();
   }
@@ -258,7 +261,7 @@ window::Window seedWindow(const InitializationResult& result,
     const int wanted = options.depth.candidates_per_keyframe;
     window::fillUp(window,
                    selected(reference, selector, stuck, wanted),
-                   othersOf(result),
+                   othersOf(result, motions),
                    options.window,
                    options.depth);
   }

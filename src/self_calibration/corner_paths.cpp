@@ -73,7 +73,7 @@ void CornerPaths::find(const Frame& frame, float gain) {
   std::vector<Eigen::Vector2f> known;
   known.reserve(paths_.size());
   for (const Path& path : paths_) known.push_back(path.place);
-  const GreyImage image = greyImage(frame.level(0), gain, LucasKanadeOptions().window / 2);
+  const GreyImage image = greyImage(frame.level(0), gain, kFlowWindow / 2);
   for (const Eigen::Vector2f& place : chooseCorners(image.grey, image.valid, known, options)) {
     auto patch = std::make_unique<ShapedPatch>(newest_.levels().front(), place);
     paths_.push_back({next_++, std::move(patch), place});

@@ -63,22 +63,24 @@ struct LaneEnergy {
   MaskOf<Lanes> used = {};
 };
 
-/// Residuals of at most eight points, of which the first is number `i`.
+constexpr float kCutoff = 20;  // larger residuals are saturated [grey levels]; DSO as published
+
+/// Residuals of at most eight points.
 template <bool kRolling>
 DSORB_ALWAYS_INLINE void evaluateLanes(const AlignmentSetting& s,
-                                       const PointArrays& points,
-                                       const SampleArrays& samples,
-                                       std::pair<std::size_t, std::size_t> first_count,
+                                       const ReferencePoints& points,
+                                       const AlignmentBlock& eight,
+                                       AlignmentSamples& samples,
                                        LaneEnergy& sums) {
-  const auto [i, count] = first_count;
+  const auto [i, count] = eight;
   Lanes ray_x;
   Lanes ray_y;
   Lanes rho;
   Lanes grey;
-  loadSome(points.ray_x + i, count, ray_x);
-  loadSome(points.ray_y + i, count, ray_y);
-  loadSome(points.inverse_depth + i, count, rho);
-  loadSome(points.intensity + i, count, grey);
+  loadSome(points.ray_x.data() + i, count, ray_x);
+  loadSome(points.ray_y.data() + i, count, ray_y);
+  loadSome(points.inverse_depth.data() + i, count, rho);
+  loadSome(points.intensity.data() + i, count, grey);
   WarpedPoint<Lanes> p;
   SampleArea<Lanes> area = {};
   MaskOf<Lanes> inside;
@@ -93,67 +95,61 @@ DSORB_ALWAYS_INLINE void evaluateLanes(const AlignmentSetting& s,
   const Lanes r = seen.intensity - (unclipped < ceiling ? unclipped : ceiling);
   const Lanes magnitude = r < 0.0F ? -r : r;
   const auto used = (rho > 0.0F) & inside & (magnitude <= std::numeric_limits<float>::max());
-  const auto unsaturated = used & (magnitude <= s.cutoff);
+  const auto unsaturated = used & (magnitude <= kCutoff);
   Lanes zero = {};
   Lanes bound;
-  fill(kHuberThreshold * (2.0F * s.cutoff - kHuberThreshold), bound);
+  fill(kHuberThreshold * (2.0F * kCutoff - kHuberThreshold), bound);
   Lanes weight;
   Lanes energy;
   huberWeights(r, weight);
   huberEnergies(r, weight, energy);
   sums.energy += unsaturated ? energy : (used ? bound : zero);
   sums.used -= used;  // a lane that is true holds -1
-  storeSome(p.u, count, samples.u + i);
-  storeSome(p.v, count, samples.v + i);
-  storeSome(rho * p.inverse_z, count, samples.rho + i);
-  storeSome(seen.dx, count, samples.dx + i);
-  storeSome(seen.dy, count, samples.dy + i);
-  storeSome(unsaturated ? r : zero, count, samples.residual + i);
-  storeSome(unsaturated ? weight : zero, count, samples.weight + i);
+  storeSome(p.u, count, samples.u.data() + i);
+  storeSome(p.v, count, samples.v.data() + i);
+  storeSome(rho * p.inverse_z, count, samples.rho.data() + i);
+  storeSome(seen.dx, count, samples.dx.data() + i);
+  storeSome(seen.dy, count, samples.dy.data() + i);
+  storeSome(unsaturated ? r : zero, count, samples.residual.data() + i);
+  storeSome(unsaturated ? weight : zero, count, samples.weight.data() + i);
   if constexpr (kRolling) {
     Lanes time;
     rowTime(s.target.shutter, p.x, p.y, time);
     // The time of a point behind the camera may be no number, which no weight removes.
-    storeSome(unsaturated ? time : zero, count, samples.time + i);
+    storeSome(unsaturated ? time : zero, count, samples.time.data() + i);
   }
+}
+
+template <bool kRolling>
+DSORB_ALWAYS_INLINE void evaluatePoints(const AlignmentSetting& setting,
+                                        const ReferencePoints& points,
+                                        const AlignmentBlock& block,
+                                        AlignmentSamples& samples,
+                                        LaneEnergy& result) {
+  LaneEnergy sums;  // a local one stays in registers
+  const std::size_t end = block.first + block.count;
+  const std::size_t whole = end - block.count % kLanes;
+  for (std::size_t i = block.first; i < whole; i += kLanes) {
+    evaluateLanes<kRolling>(setting, points, {i, kLanes}, samples, sums);
+  }
+  if (whole < end) evaluateLanes<kRolling>(setting, points, {whole, end - whole}, samples, sums);
+  result = sums;
+}
+
+DSORB_TARGET_CLONES
+void evaluateBlock(const AlignmentSetting& setting,
+                   const ReferencePoints& points,
+                   const AlignmentBlock& block,
+                   AlignmentSamples& samples,
+                   LaneEnergy& sums) {
+  setting.target.corrected ? evaluatePoints<true>(setting, points, block, samples, sums)
+                           : evaluatePoints<false>(setting, points, block, samples, sums);
 }
 
 int sumOf(const MaskOf<Lanes>& counts) {
   int sum = 0;
   for (int k = 0; k < kLanes; ++k) sum += counts[k];
   return sum;
-}
-
-template <bool kRolling>
-DSORB_ALWAYS_INLINE BlockEnergy evaluatePoints(const AlignmentSetting& setting,
-                                               const PointArrays& points,
-                                               const SampleArrays& samples,
-                                               std::size_t count) {
-  LaneEnergy sums;
-  const std::size_t whole = count / kLanes * kLanes;
-  for (std::size_t i = 0; i < whole; i += kLanes) {
-    evaluateLanes<kRolling>(setting, points, samples, {i, kLanes}, sums);
-  }
-  if (whole < count) {
-    evaluateLanes<kRolling>(setting, points, samples, {whole, count - whole}, sums);
-  }
-  return {sumLanes(sums.energy), sumOf(sums.used)};
-}
-
-DSORB_TARGET_CLONES
-BlockEnergy evaluateGlobalBlock(const AlignmentSetting& setting,
-                                const PointArrays& points,
-                                const SampleArrays& samples,
-                                std::size_t count) {
-  return evaluatePoints<false>(setting, points, samples, count);
-}
-
-DSORB_TARGET_CLONES
-BlockEnergy evaluateRollingBlock(const AlignmentSetting& setting,
-                                 const PointArrays& points,
-                                 const SampleArrays& samples,
-                                 std::size_t count) {
-  return evaluatePoints<true>(setting, points, samples, count);
 }
 
 template <int kParameters, int... kRows>
@@ -170,9 +166,9 @@ DSORB_ALWAYS_INLINE void accumulateRows(const Columns<kParameters>& columns,
 
 template <int kParameters>
 DSORB_ALWAYS_INLINE void accumulatePoints(const AlignmentSetting& setting,
-                                          const PointArrays& points,
-                                          const SampleArrays& samples,
-                                          std::size_t count,
+                                          const ReferencePoints& points,
+                                          const AlignmentSamples& samples,
+                                          const AlignmentBlock& block,
                                           float* sums) {
   constexpr bool kRolling = kParameters == kRollingParameters;
   Columns<kParameters> columns;
@@ -180,26 +176,28 @@ DSORB_ALWAYS_INLINE void accumulatePoints(const AlignmentSetting& setting,
   auto& J = columns.value;
   const float gain = setting.target.gain;
   const float b_reference = setting.affine_b_reference;
-  for (std::size_t i = 0; i < count; ++i) {
+  for (std::size_t i = 0; i < block.count; ++i) {
+    const std::size_t from = block.first + i;
     WarpedPoint<float> p;
-    p.u = samples.u[i];
-    p.v = samples.v[i];
+    p.u = samples.u[from];
+    p.v = samples.v[from];
     RayGradient<float> gradient;
-    rayGradient(setting.target.warp, p, samples.dx[i], samples.dy[i], gradient);
+    rayGradient(setting.target.warp, p, samples.dx[from], samples.dy[from], gradient);
     float by_pose[6];
-    poseJacobian(p, gradient, samples.rho[i], by_pose);
+    poseJacobian(p, gradient, samples.rho[from], by_pose);
     for (std::size_t k = 0; k < 6; ++k) J[k][i] = by_pose[k];
-    const bool clipped = gain * points.intensity[i] + setting.target.offset >= setting.ceiling;
-    J[6][i] = clipped ? 0.0F : gain * (b_reference - points.intensity[i]);
+    const float grey = points.intensity[from];
+    const bool clipped = gain * grey + setting.target.offset >= setting.ceiling;
+    J[6][i] = clipped ? 0.0F : gain * (b_reference - grey);
     J[7][i] = clipped ? 0.0F : -1.0F;
     if constexpr (kRolling) {
-      for (std::size_t k = 0; k < 6; ++k) J[8 + k][i] = samples.time[i] * by_pose[k];
+      for (std::size_t k = 0; k < 6; ++k) J[8 + k][i] = samples.time[from] * by_pose[k];
     }
-    J[kParameters][i] = samples.residual[i];
-    weight[i] = samples.weight[i];
+    J[kParameters][i] = samples.residual[from];
+    weight[i] = samples.weight[from];
   }
-  const std::size_t padded = (count + kLanes - 1) / kLanes * kLanes;
-  for (std::size_t i = count; i < padded; ++i) {
+  const std::size_t padded = (block.count + kLanes - 1) / kLanes * kLanes;
+  for (std::size_t i = block.count; i < padded; ++i) {
     for (auto& column : J) column[i] = 0.0F;
     weight[i] = 0.0F;
   }
@@ -207,7 +205,6 @@ DSORB_ALWAYS_INLINE void accumulatePoints(const AlignmentSetting& setting,
 }
 
 // Constants of the damped iteration: front end of DSO as published.
-constexpr double kCutoff = 20;          // larger residuals are saturated [grey levels]
 constexpr double kLambdaFloor = 0.001;  // after a rejected step; steps below it are extrapolated
 constexpr FactorDamping kDamping{0.01, 0.5, 4, 0, kLambdaFloor};
 constexpr double kStopNorm = 1e-3;      // of a step in scaled units; it is taken unseen
@@ -216,17 +213,6 @@ constexpr double kGainScale = 10;       // of a [-]
 constexpr double kOffsetScale = 1000;   // of b [grey levels]
 constexpr std::size_t kBlocksPerTask = 16;
 constexpr std::size_t kNoiseStride = 4;  // points from one that the noise is told by to the next
-
-std::size_t blockCount(std::size_t points) {
-  return (points + kAlignmentBlock - 1) / kAlignmentBlock;
-}
-
-PointArrays at(const ReferencePoints& points, std::size_t begin) {
-  return {points.ray_x.data() + begin,
-          points.ray_y.data() + begin,
-          points.inverse_depth.data() + begin,
-          points.intensity.data() + begin};
-}
 
 AlignmentSetting makeSetting(const AlignmentLevel& level, const AlignmentState& state) {
   const TrackingReference& reference = level.reference;
@@ -262,17 +248,15 @@ double scaledNorm(const Vector14d& step) {
   return scaled.norm();
 }
 
-/// Pose and brightness with the velocity free.
-PoseEquations withoutVelocity(const RollingEquations& all) {
-  constexpr int kVelocity = kRollingParameters - kAlignmentParameters;
-  const Eigen::Matrix<double, kVelocity, kAlignmentParameters> coupling =
-      all.H.bottomLeftCorner<kVelocity, kAlignmentParameters>();
-  const Eigen::Matrix<double, kVelocity, kAlignmentParameters> solved =
-      all.H.bottomRightCorner<kVelocity, kVelocity>().ldlt().solve(coupling);
-  PoseEquations reduced;
-  reduced.H = all.H.topLeftCorner<kAlignmentParameters, kAlignmentParameters>() -
-              coupling.transpose() * solved;
-  reduced.b = all.b.head<kAlignmentParameters>() - solved.transpose() * all.b.tail<kVelocity>();
+/// Pose and brightness with the velocity, where it is among the unknowns, free.
+PoseEquations withoutVelocity(const SmallMatrix& H, const SmallVector& b) {
+  PoseEquations reduced{H.topLeftCorner<8, 8>(), b.head<8>()};
+  const Eigen::Index velocity = b.size() - kAlignmentParameters;
+  if (velocity == 0) return reduced;
+  const Eigen::Matrix<double, 6, 8> coupling = H.bottomLeftCorner<6, 8>();
+  const Eigen::Matrix<double, 6, 8> solved = H.bottomRightCorner<6, 6>().ldlt().solve(coupling);
+  reduced.H -= coupling.transpose() * solved;
+  reduced.b -= solved.transpose() * b.tail<6>();
   return reduced;
 }
 
@@ -305,62 +289,53 @@ double VelocityTerm::energy(const SE3& T_cur_ref, const Vector6d& velocity) cons
   return error(T_cur_ref, velocity).cwiseAbs2().dot(information_);
 }
 
-BlockEnergy evaluateBlock(const AlignmentSetting& setting,
-                          const PointArrays& points,
-                          const SampleArrays& samples,
-                          std::size_t count) {
-  return setting.target.corrected ? evaluateRollingBlock(setting, points, samples, count)
-                                  : evaluateGlobalBlock(setting, points, samples, count);
-}
-
 DSORB_TARGET_CLONES
 void accumulateBlock(const AlignmentSetting& setting,
-                     const PointArrays& points,
-                     const SampleArrays& samples,
-                     std::size_t count,
+                     const ReferencePoints& points,
+                     const AlignmentSamples& samples,
+                     const AlignmentBlock& block,
                      float* sums) {
-  accumulatePoints<kAlignmentParameters>(setting, points, samples, count, sums);
+  accumulatePoints<kAlignmentParameters>(setting, points, samples, block, sums);
 }
 
 DSORB_TARGET_CLONES
 void accumulateRollingBlock(const AlignmentSetting& setting,
-                            const PointArrays& points,
-                            const SampleArrays& samples,
-                            std::size_t count,
+                            const ReferencePoints& points,
+                            const AlignmentSamples& samples,
+                            const AlignmentBlock& block,
                             float* sums) {
-  accumulatePoints<kRollingParameters>(setting, points, samples, count, sums);
+  accumulatePoints<kRollingParameters>(setting, points, samples, block, sums);
 }
 
-void PoseAlignment::resize(std::size_t points) {
+template <typename Function>
+void PoseAlignment::forEachBlock(const Function& function) {
+  forEachRange(block_energies_.size(), kBlocksPerTask, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t number = begin; number < end; ++number) {
+      const std::size_t first = number * kAlignmentBlock;
+      const std::size_t count = std::min(kAlignmentBlock, points_->size() - first);
+      function(number, AlignmentBlock{first, count});
+    }
+  });
+}
+
+Evaluation PoseAlignment::evaluate(const AlignmentLevel& level, const AlignmentState& state) {
+  points_ = &level.reference.at(level.level);
+  setting_ = makeSetting(level, state);
   for (std::vector<float>* values : {&samples_.u,
                                      &samples_.v,
                                      &samples_.rho,
                                      &samples_.dx,
                                      &samples_.dy,
                                      &samples_.residual,
-                                     &samples_.weight}) {
-    values->resize(points);
+                                     &samples_.weight,
+                                     &samples_.time}) {
+    values->resize(points_->size());
   }
-  if (setting_.target.corrected) samples_.time.resize(points);
-  block_energies_.resize(blockCount(points));
-  block_sums_.resize(blockCount(points) *
-                     (setting_.target.corrected ? kRollingSums : kAlignmentSums));
-}
-
-Evaluation PoseAlignment::evaluate(const AlignmentLevel& level,
-                                   const AlignmentState& state,
-                                   double cutoff) {
-  points_ = &level.reference.at(level.level);
-  setting_ = makeSetting(level, state);
-  setting_.cutoff = static_cast<float>(cutoff);
-  resize(points_->size());
-  forEachRange(block_energies_.size(), kBlocksPerTask, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t block = begin; block < end; ++block) {
-      const std::size_t first = block * kAlignmentBlock;
-      const std::size_t count = std::min(kAlignmentBlock, points_->size() - first);
-      block_energies_[block] =
-          evaluateBlock(setting_, at(*points_, first), samplesFrom(first), count);
-    }
+  block_energies_.resize((points_->size() + kAlignmentBlock - 1) / kAlignmentBlock);
+  forEachBlock([&](std::size_t number, const AlignmentBlock& block) {
+    LaneEnergy sums;
+    evaluateBlock(setting_, *points_, block, samples_, sums);
+    block_energies_[number] = {sumLanes(sums.energy), sumOf(sums.used)};
   });
   Evaluation sum;
   for (const BlockEnergy& block : block_energies_) {
@@ -370,30 +345,15 @@ Evaluation PoseAlignment::evaluate(const AlignmentLevel& level,
   return sum;
 }
 
-SampleArrays PoseAlignment::samplesFrom(std::size_t first) {
-  return {samples_.u.data() + first,
-          samples_.v.data() + first,
-          samples_.rho.data() + first,
-          samples_.dx.data() + first,
-          samples_.dy.data() + first,
-          samples_.residual.data() + first,
-          samples_.weight.data() + first,
-          setting_.target.corrected ? samples_.time.data() + first : nullptr};
-}
-
 template <int kParameters>
 AlignmentEquations<kParameters> PoseAlignment::sumBlocks() {
   constexpr std::size_t kSums = triangleSums(kParameters);
   constexpr auto kAccumulate =
       kParameters == kRollingParameters ? accumulateRollingBlock : accumulateBlock;
   const std::size_t blocks = block_energies_.size();
-  forEachRange(blocks, kBlocksPerTask, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t block = begin; block < end; ++block) {
-      const std::size_t first = block * kAlignmentBlock;
-      const std::size_t count = std::min(kAlignmentBlock, points_->size() - first);
-      float* const sums = block_sums_.data() + block * kSums;
-      kAccumulate(setting_, at(*points_, first), samplesFrom(first), count, sums);
-    }
+  block_sums_.resize(blocks * kSums);
+  forEachBlock([&](std::size_t number, const AlignmentBlock& block) {
+    kAccumulate(setting_, *points_, samples_, block, block_sums_.data() + number * kSums);
   });
   std::array<double, kSums> total{};
   for (std::size_t block = 0; block < blocks; ++block) {
@@ -427,7 +387,7 @@ class PoseAlignment::Problem {
  public:
   Problem(PoseAlignment& alignment, const AlignmentLevel& level, AlignmentState& state)
       : alignment_(alignment), level_(level), state_(state) {
-    current_ = alignment.evaluate(level, state, kCutoff);
+    current_ = alignment.evaluate(level, state);
     if (level.rows != nullptr) {
       const double variance = kResidualsPerMeasurement * current_.meanEnergy();
       velocity_.emplace(*level.rows, variance);
@@ -437,11 +397,7 @@ class PoseAlignment::Problem {
   }
 
   std::optional<double> solve(double lambda) {
-    if (velocity_) return solveRolling(lambda);
-    const Eigen::Index free =
-        alignment_.brightness_ == BrightnessModel::kPerfect ? 6 : kAlignmentParameters;
-    step_.head(free) =
-        -solveDamped(equations_.H.topLeftCorner(free, free), equations_.b.head(free), lambda);
+    step_.head(b_.size()) = -solveDamped(H_, b_, lambda);
     if (lambda < kLambdaFloor) step_ *= std::pow(kLambdaFloor / lambda, 0.25);
     return step_.allFinite() ? std::optional(0.0) : std::nullopt;
   }
@@ -450,7 +406,7 @@ class PoseAlignment::Problem {
     trial_state_ = state_.plus(step_);
     last_ = scaledNorm(step_) <= kStopNorm;
     if (last_) return 0;
-    trial_ = alignment_.evaluate(level_, trial_state_, kCutoff);
+    trial_ = alignment_.evaluate(level_, trial_state_);
     trial_prior_ = priorEnergy(trial_state_);
     const double decrease = current_.meanEnergy(prior_) - trial_.meanEnergy(trial_prior_);
     refused_ = !(decrease > 0);
@@ -468,13 +424,10 @@ class PoseAlignment::Problem {
   [[nodiscard]] static bool reject(const DampedStep& step) { return step.predicted.has_value(); }
 
   [[nodiscard]] const Evaluation& current() const { return current_; }
-  [[nodiscard]] PoseEquations equations() const {
-    if (!velocity_) return equations_;
-    return withoutVelocity(rolling_);
-  }
+  [[nodiscard]] PoseEquations equations() const { return withoutVelocity(H_, b_); }
   /// PoseAlignment::noise() of the current state.
   double noise() {
-    if (refused_) (void)alignment_.evaluate(level_, state_, kCutoff);
+    if (refused_) (void)alignment_.evaluate(level_, state_);
     return alignment_.noise();
   }
 
@@ -483,33 +436,32 @@ class PoseAlignment::Problem {
     return velocity_ ? velocity_->energy(state.T_cur_ref, state.motion.velocity) : 0;
   }
   void linearize() {
-    if (!velocity_) {
-      equations_ = alignment_.normalEquations();
-      return;
+    if (velocity_) {
+      RollingEquations equations = alignment_.rollingEquations();
+      velocity_->addTo(state_.T_cur_ref, state_.motion.velocity, equations.H, equations.b);
+      H_ = equations.H;
+      b_ = equations.b;
+    } else {
+      const PoseEquations equations = alignment_.normalEquations();
+      H_ = equations.H;
+      b_ = equations.b;
     }
-    rolling_ = alignment_.rollingEquations();
-    velocity_->addTo(state_.T_cur_ref, state_.motion.velocity, rolling_.H, rolling_.b);
     if (alignment_.brightness_ != BrightnessModel::kPerfect) return;
     for (const Eigen::Index i : {6, 7}) {
-      rolling_.H.row(i).setZero();
-      rolling_.H.col(i).setZero();
-      rolling_.H(i, i) = 1;
-      rolling_.b[i] = 0;
+      H_.row(i).setZero();
+      H_.col(i).setZero();
+      H_(i, i) = 1;
+      b_[i] = 0;
     }
-  }
-  std::optional<double> solveRolling(double lambda) {
-    step_ = -solveDamped(rolling_.H, rolling_.b, lambda);
-    if (lambda < kLambdaFloor) step_ *= std::pow(kLambdaFloor / lambda, 0.25);
-    return step_.allFinite() ? std::optional(0.0) : std::nullopt;
   }
 
   PoseAlignment& alignment_;
   const AlignmentLevel& level_;
   AlignmentState& state_;
   Evaluation current_;
-  PoseEquations equations_;
-  std::optional<VelocityTerm> velocity_;  // of a rolling shutter, which has these equations, too
-  RollingEquations rolling_;
+  std::optional<VelocityTerm> velocity_;  // of a rolling shutter: an unknown then
+  SmallMatrix H_;
+  SmallVector b_;
   double prior_ = 0;  // energy of the velocity [grey levels^2]
   double trial_prior_ = 0;
   Vector14d step_ = Vector14d::Zero();

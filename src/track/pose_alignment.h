@@ -73,58 +73,41 @@ constexpr std::size_t kRollingSums = triangleSums(kRollingParameters);
 struct AlignmentSetting {
   TargetImage target;        ///< level of the frame
   float affine_b_reference;  ///< [grey levels]
-  float cutoff;              ///< [grey levels]
   /// Grey level at which the frame is clipped; infinite where it is not.
   float ceiling = std::numeric_limits<float>::infinity();
 };
 
-/// Reference points; arrays of the same length.
-struct PointArrays {
-  const float* ray_x;
-  const float* ray_y;
-  const float* inverse_depth;
-  const float* intensity;
-};
-
 /// What an evaluation leaves for the normal equations, one value per point.
-struct SampleArrays {
-  float* u;         ///< normalised image coordinate in the frame
-  float* v;         ///<
-  float* rho;       ///< inverse depth in the frame [1/unit]
-  float* dx;        ///< image gradient [grey levels / px]
-  float* dy;        ///<
-  float* residual;  ///< [grey levels]; 0 where the point is not used
-  float* weight;    ///< Huber weight; 0 where the point is not used or saturated
-  float* time;      ///< of the row that sees it, from the middle row; rolling shutter only [s]
+struct AlignmentSamples {
+  std::vector<float> u, v;      ///< normalised image coordinates in the frame
+  std::vector<float> rho;       ///< inverse depth in the frame [1/unit]
+  std::vector<float> dx, dy;    ///< image gradient [grey levels / px]
+  std::vector<float> residual;  ///< [grey levels]; 0 where the point is not used
+  std::vector<float> weight;    ///< Huber weight; 0 where the point is not used or saturated
+  std::vector<float> time;      ///< of the row that sees it, from the middle row; rolling shutter
+                                ///< only [s]
 };
 
-struct BlockEnergy {
-  float energy;  ///< Huber energy, saturated points at their bound
-  int used;      ///< points inside the frame, saturated ones included
+/// Some points, at most kAlignmentBlock.
+struct AlignmentBlock {
+  std::size_t first, count;
 };
 
-/// Residuals of `count` <= kAlignmentBlock points.
-/// r = I_frame(p') - min(gain I_reference + offset, ceiling), p' the projection of the point.
-BlockEnergy evaluateBlock(const AlignmentSetting& setting,
-                          const PointArrays& points,
-                          const SampleArrays& samples,
-                          std::size_t count);
-
-/// Weighted sums of products of Jacobians and residuals of `count` <= kAlignmentBlock points.
+/// Weighted sums of products of Jacobians and residuals of a block.
 /// Jacobian of r by a left increment [translation; rotation] of the pose, then by a and b of the
 /// frame: with (g_x, g_y) = (fx dI/dx, fy dI/dy), each product of these with the derivative of (u,
 /// v).
 void accumulateBlock(const AlignmentSetting& setting,
-                     const PointArrays& points,
-                     const SampleArrays& samples,
-                     std::size_t count,
+                     const ReferencePoints& points,
+                     const AlignmentSamples& samples,
+                     const AlignmentBlock& block,
                      float* sums);
 /// The same for a rolling shutter. Then come derivatives by the velocity of the rows: those by the
 /// pose times the time of the row.
 void accumulateRollingBlock(const AlignmentSetting& setting,
-                            const PointArrays& points,
-                            const SampleArrays& samples,
-                            std::size_t count,
+                            const ReferencePoints& points,
+                            const AlignmentSamples& samples,
+                            const AlignmentBlock& block,
                             float* sums);
 
 using Vector8d = Eigen::Matrix<double, 8, 1>;
@@ -186,15 +169,15 @@ struct LevelResult {
   PoseEquations equations;  ///< of the state found
 };
 
-/// Direct alignment of one pyramid level: residuals, normal equations and the damped iteration.
+/// Direct alignment of one pyramid level: residuals r = I_frame(p') - min(gain I_reference +
+/// offset, ceiling), p' the projection of the point, normal equations and the damped iteration.
 /// Owns buffers that are used again from call to call. The bits of the result do not depend on the
 /// number of threads.
 class PoseAlignment {
  public:
   explicit PoseAlignment(BrightnessModel brightness = {}) : brightness_(brightness) {}
 
-  /// @param cutoff larger residuals are saturated [grey levels]
-  Evaluation evaluate(const AlignmentLevel& level, const AlignmentState& state, double cutoff);
+  Evaluation evaluate(const AlignmentLevel& level, const AlignmentState& state);
 
   /// Normal equations of the last state evaluated.
   [[nodiscard]] PoseEquations normalEquations();
@@ -211,19 +194,23 @@ class PoseAlignment {
 
  private:
   class Problem;
-  struct Samples {
-    std::vector<float> u, v, rho, dx, dy, residual, weight, time;
+
+  /// Sums of one block.
+  struct BlockEnergy {
+    float energy;  ///< Huber energy, saturated points at their bound
+    int used;      ///< points inside the frame, saturated ones included
   };
 
   template <int kParameters>
   [[nodiscard]] AlignmentEquations<kParameters> sumBlocks();
-  void resize(std::size_t points);
-  [[nodiscard]] SampleArrays samplesFrom(std::size_t first);
+  /// Calls function(number, block) for all blocks of the points.
+  template <typename Function>
+  void forEachBlock(const Function& function);
 
   BrightnessModel brightness_;
   AlignmentSetting setting_{};
   const ReferencePoints* points_ = nullptr;  // of the last evaluation
-  Samples samples_;
+  AlignmentSamples samples_;
   std::vector<BlockEnergy> block_energies_;
   std::vector<float> block_sums_;  // kAlignmentSums or kRollingSums a block
   std::vector<float> deviations_;  // of residuals [grey levels]

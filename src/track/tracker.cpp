@@ -58,7 +58,6 @@ bool repeats(const TimedPose& newest, const TimedPose& previous, const TimedPose
 constexpr std::size_t kPoints = 600;    // looked at
 constexpr std::size_t kMinPoints = 20;  // that are not clipped
 constexpr double kTail = 0.05;          // of the points at either end, left out
-constexpr double kMinContrast = 5;      // standard deviation in the reference [grey levels]
 
 // An image is clipped at its largest or smallest grey level if many points have it.
 constexpr double kManyPoints = 0.02;  // of all
@@ -206,27 +205,14 @@ std::optional<BrightnessTransfer> GreyComparison::transfer() const {
   const GreyRange reference_range = unclippedRange(reference_);
   const GreyRange frame_range = unclippedRange(frame_);
   const auto [begin, end] = withoutTails(frame_.size());
-  double n = 0;
-  double x = 0;
-  double y = 0;
-  double xx = 0;
-  double xy = 0;
+  GreyLine line;
   for (std::size_t i = begin; i < end; ++i) {
     if (!reference_range.contains(reference_[i]) || !frame_range.contains(frame_[i])) continue;
-    const auto from = static_cast<double>(reference_[i]);
-    const auto to = static_cast<double>(frame_[i]);
-    n += 1;
-    x += from;
-    y += to;
-    xx += from * from;
-    xy += from * to;
+    line.add(static_cast<double>(reference_[i]), static_cast<double>(frame_[i]));
   }
-  if (n < static_cast<double>(kMinPoints)) return std::nullopt;
-  const double variance = xx / n - x / n * (x / n);
-  if (!(variance > kMinContrast * kMinContrast)) return std::nullopt;
-  const double gain = (xy / n - x / n * (y / n)) / variance;
-  if (!(gain > 0)) return std::nullopt;
-  return BrightnessTransfer{gain, (y - gain * x) / n};
+  if (line.weight() < static_cast<double>(kMinPoints)) return std::nullopt;
+  const std::optional<BrightnessTransfer> fitted = line.transfer();
+  return fitted && fitted->gain > 0 ? fitted : std::nullopt;
 }
 
 double GreyComparison::misfit(const BrightnessTransfer& transfer) const {

@@ -62,9 +62,7 @@ Vector5d gaussNewtonStep(const SE3& T_cur_ref, const Rays& rays, double inverse_
     const EpipolarResidual residual =
         epipolarResidual(T_cur_ref, rays.reference[i], rays.target[i], basis);
     const double whitened = residual.value * inverse_sigma;
-    double ratio = 1;
-    double weight = 1;
-    cauchyWeights(whitened * whitened, 1.0, ratio, weight);
+    const double weight = 1 / cauchyRatio(whitened * whitened, 1);
     H += weight * residual.J.transpose() * residual.J;
     b -= weight * residual.J.transpose() * residual.value;
   }

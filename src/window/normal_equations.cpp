@@ -13,6 +13,8 @@
 namespace dsorb::window {
 namespace {
 
+using Eigen::Index;
+
 /// Derivatives of the target's pixel by the host's, times -1 [-].
 struct RayJacobian {
   float xx, xy, yx, yy;
@@ -208,21 +210,6 @@ DSORB_ALWAYS_INLINE bool sumPatch(const WindowPoint& point,
   return true;
 }
 
-DSORB_TARGET_CLONES bool sumGlobalPatch(const WindowPoint& point,
-                                        const HostRays& rays,
-                                        const PairGeometry& pair,
-                                        PatchSums& sums) {
-  return sumPatch<false>(point, rays, pair, sums);
-}
-
-DSORB_TARGET_CLONES bool sumRollingPatch(const WindowPoint& point,
-                                         const HostRays& rays,
-                                         const PairGeometry& pair,
-                                         PatchSums& sums) {
-  return sumPatch<true>(point, rays, pair, sums);
-}
-
-using Eigen::Index;
 using Rows = Eigen::Matrix<float, kPoseRows, kRowLanes, Eigen::RowMajor>;
 using Square = Eigen::Matrix<float, kPoseRows, kPoseLanes, Eigen::RowMajor>;
 using Matrix6 = Eigen::Matrix<double, kPoseRows, kPoseRows>;
@@ -262,11 +249,169 @@ Matrix6 symmetric(const float (&sums)[kPoseRows][kPoseLanes]) {
   return square.selfadjointView<Eigen::Upper>();
 }
 
-using Eigen::Index;
-
 constexpr std::size_t kChunk = 128;  // points of one part of the work
 constexpr std::size_t kChunksPerTask = 2;
 constexpr float kMinDepthCurvature = 1e-10F;
+
+/// One residual in relative coordinates: rows of the products with the 2x2 patch block.
+struct ResidualTerms {
+  PatchSums patch;
+  ResidualGeometry geometry;
+  alignas(32) float x[kRowLanes] = {};  // patch block times geometry, brightness, residual
+  alignas(32) float y[kRowLanes] = {};
+};
+
+DSORB_ALWAYS_INLINE void sumRows(ResidualTerms& terms, std::size_t lanes) {
+  const PatchSums& p = terms.patch;
+  const ResidualGeometry& g = terms.geometry;
+  for (std::size_t i = 0; i < lanes; ++i) {
+    terms.x[i] = p.xx * g.x[i] + p.xy * g.y[i];
+    terms.y[i] = p.xy * g.x[i] + p.yy * g.y[i];
+  }
+  terms.x[kLaneA] = p.xa;
+  terms.x[kLaneB] = p.xb;
+  terms.x[kLaneResidual] = p.xr;
+  terms.y[kLaneA] = p.ya;
+  terms.y[kLaneB] = p.yb;
+  terms.y[kLaneResidual] = p.yr;
+}
+
+/// The camera's columns in the rows of the pose, and its rows.
+DSORB_ALWAYS_INLINE void accumulateCamera(const ResidualTerms& terms, PairSums& sums) {
+  const ResidualGeometry& g = terms.geometry;
+  Lanes x;
+  Lanes y;
+  Lanes rest_x;
+  Lanes rest_y;
+  load(terms.x, x);
+  load(terms.y, y);
+  load(terms.x + kLanes, rest_x);
+  load(terms.y + kLanes, rest_y);
+  for (std::size_t row = 0; row < kPoseRows; ++row) {
+    addLanes(g.x[row] * rest_x + g.y[row] * rest_y, sums.rows[row] + kLanes);
+  }
+  for (std::size_t i = 0; i < kCameraDim; ++i) {
+    const float jx = g.x[kLaneCamera + i];
+    const float jy = g.y[kLaneCamera + i];
+    addLanes(jx * x + jy * y, sums.rows[kPoseRows + i]);
+    addLanes(jx * rest_x + jy * rest_y, sums.rows[kPoseRows + i] + kLanes);
+  }
+}
+
+/// Adds one residual. In single precision: a chunk is short, and chunks are added in double
+/// precision.
+/// @param camera whether something is estimated of it
+DSORB_ALWAYS_INLINE void accumulate(const ResidualTerms& terms, bool camera, PairSums& sums) {
+  const ResidualGeometry& g = terms.geometry;
+  Lanes x;
+  Lanes y;
+  load(terms.x, x);
+  load(terms.y, y);
+  for (std::size_t row = 0; row < kPoseRows; ++row) {
+    addLanes(g.x[row] * x + g.y[row] * y, sums.rows[row]);
+  }
+  Lanes residual;
+  residualColumn(g, terms.x, terms.y, residual);
+  addLanes(residual, sums.residual);
+  if (camera) accumulateCamera(terms, sums);
+  const PatchSums& p = terms.patch;
+  sums.brightness[0] += p.aa;
+  sums.brightness[1] += p.ab;
+  sums.brightness[2] += p.bb;
+  sums.brightness[3] += p.ar;
+  sums.brightness[4] += p.br;
+}
+
+using CameraMatrix = Eigen::Matrix<double, kCameraDim, kCameraDim>;
+
+/// Double-precision sums of one ordered pair over all chunks of its host.
+struct PairBlocks {
+  Matrix8d H = Matrix8d::Zero();
+  Vector8d b = Vector8d::Zero();
+  Eigen::Matrix<double, kFrameDim, kCameraDim> H_camera =
+      Eigen::Matrix<double, kFrameDim, kCameraDim>::Zero();
+  CameraMatrix camera = CameraMatrix::Zero();
+  CameraVector b_camera = CameraVector::Zero();
+
+  void add(const PairSums& sums) {
+    using Row = Eigen::Matrix<double, 1, kRowLanes>;
+    const auto row_of = [&sums](Index i) -> Row {
+      return Eigen::Map<const Eigen::Matrix<float, 1, kRowLanes>>(sums.rows[i]).cast<double>();
+    };
+    const auto single = [](float value) { return static_cast<double>(value); };
+    for (Index i = 0; i < kPoseRows; ++i) {
+      const Row row = row_of(i);
+      H.row(i) += row.head<kFrameDim>();
+      b[i] += single(sums.residual[i]);
+      H_camera.row(i) += row.segment<kCameraDim>(kLaneCamera);
+    }
+    for (Index i = 0; i < kCameraDim; ++i) {
+      const Row row = row_of(kPoseRows + i);
+      H_camera(6, i) += row[kLaneA];
+      H_camera(7, i) += row[kLaneB];
+      b_camera[i] += row[kLaneResidual];
+      camera.row(i) += row.segment<kCameraDim>(kLaneCamera);
+    }
+    H(6, 6) += single(sums.brightness[0]);
+    H(6, 7) += single(sums.brightness[1]);
+    H(7, 7) += single(sums.brightness[2]);
+    b[6] += single(sums.brightness[3]);
+    b[7] += single(sums.brightness[4]);
+  }
+  /// Rounding makes the two triangles differ; the upper one counts.
+  void makeSymmetric() {
+    H = Matrix8d(H.selfadjointView<Eigen::Upper>());
+    camera = CameraMatrix(camera.selfadjointView<Eigen::Upper>());
+  }
+};
+
+/// Adds one pair to the system of absolute states.
+void addPair(const PairBlocks& blocks,
+             const PairGeometry& pair,
+             const PairRows& rows,
+             LinearSystem<float>& out) {
+  const auto [host, target] = rows;
+  const Matrix8d host_H = pair.to_host * blocks.H;
+  const auto to_target = pair.to_target.asDiagonal();
+  const Matrix8d host_block = host_H * pair.to_host.transpose();
+  out.H.block<8, 8>(host, host) += 0.5 * (host_block + host_block.transpose());
+  out.H.block<8, 8>(target, target) += to_target * blocks.H * to_target;
+  addBoth(Matrix8d(host_H * to_target), host, target, out.H);
+  out.b.segment<8>(host) += pair.to_host * blocks.b;
+  out.b.segment<8>(target) += to_target * blocks.b;
+  using CameraBlock = Eigen::Matrix<double, kFrameDim, kCameraDim>;
+  addBoth(CameraBlock(pair.to_host * blocks.H_camera), host, 0, out.H);
+  addBoth(CameraBlock(to_target * blocks.H_camera), target, 0, out.H);
+  out.H.topLeftCorner<kCameraDim, kCameraDim>() += blocks.camera;
+  out.b.head<kCameraDim>() += blocks.b_camera;
+}
+
+/// Asks for the part of the target's image that evaluatePatch() will read: the images of a window
+/// are larger than the caches, and waiting for them takes longer than computing with them.
+DSORB_ALWAYS_INLINE void prefetchPatch(const WindowPoint& point,
+                                       const HostRays& rays,
+                                       const PairGeometry& pair) {
+  float ray_x = 0;
+  float ray_y = 0;
+  rays.at(point.patch.pixel.x(), point.patch.pixel.y(), ray_x, ray_y);
+  WarpedPoint<float> p;
+  warpPoint(pair.current.warp, ray_x, ray_y, point.inverse_depth, p);
+  const float margin = kPatternRadius + kFarBorder;
+  const TargetImage& target = pair.current;
+  const bool inside = p.x > margin && p.y > margin &&
+                      p.x < static_cast<float>(target.width) - margin &&
+                      p.y < static_cast<float>(target.height) - margin;
+  if (!inside) return;
+  // The pattern, its interpolation and its gradients.
+  constexpr int kSide = 2 * kPatternRadius + 3;
+  constexpr int kBefore = kPatternRadius + 1;
+  const float* row = target.pixels + (static_cast<std::ptrdiff_t>(p.y) - kBefore) * target.width +
+                     (static_cast<std::ptrdiff_t>(p.x) - kBefore);
+  for (int y = 0; y <= kSide; ++y, row += target.width) {
+    __builtin_prefetch(row);
+    __builtin_prefetch(row + kSide);
+  }
+}
 
 /// Everything the evaluation of one chunk reads and writes.
 struct ChunkContext {
@@ -478,12 +623,12 @@ void linearizeChunk(const ChunkContext& context, Chunk& chunk) {
 
 }  // namespace
 
-bool evaluatePatch(const WindowPoint& point,
-                   const HostRays& rays,
-                   const PairGeometry& pair,
-                   PatchSums& sums) {
-  return pair.current.corrected ? sumRollingPatch(point, rays, pair, sums)
-                                : sumGlobalPatch(point, rays, pair, sums);
+DSORB_TARGET_CLONES bool evaluatePatch(const WindowPoint& point,
+                                       const HostRays& rays,
+                                       const PairGeometry& pair,
+                                       PatchSums& sums) {
+  return pair.current.corrected ? sumPatch<true>(point, rays, pair, sums)
+                                : sumPatch<false>(point, rays, pair, sums);
 }
 
 bool evaluateGeometry(const WindowPoint& point,
@@ -507,59 +652,6 @@ bool evaluateGeometry(const WindowPoint& point,
   if (camera.intrinsics) addLens({ray_x, ray_y}, pair, p, camera.radial, geometry);
   if (camera.readout) addReadout(point, rays, pair, p, geometry);
   return true;
-}
-
-using Eigen::Index;
-
-void PairBlocks::add(const PairSums& sums) {
-  using Row = Eigen::Matrix<double, 1, kRowLanes>;
-  const auto row_of = [&sums](Index i) -> Row {
-    return Eigen::Map<const Eigen::Matrix<float, 1, kRowLanes>>(sums.rows[i]).cast<double>();
-  };
-  const auto single = [](float value) { return static_cast<double>(value); };
-  for (Index i = 0; i < kPoseRows; ++i) {
-    const Row row = row_of(i);
-    H.row(i) += row.head<kFrameDim>();
-    b[i] += single(sums.residual[i]);
-    H_camera.row(i) += row.segment<kCameraDim>(kLaneCamera);
-  }
-  for (Index i = 0; i < kCameraDim; ++i) {
-    const Row row = row_of(kPoseRows + i);
-    H_camera(6, i) += row[kLaneA];
-    H_camera(7, i) += row[kLaneB];
-    b_camera[i] += row[kLaneResidual];
-    camera.row(i) += row.segment<kCameraDim>(kLaneCamera);
-  }
-  H(6, 6) += single(sums.brightness[0]);
-  H(6, 7) += single(sums.brightness[1]);
-  H(7, 7) += single(sums.brightness[2]);
-  b[6] += single(sums.brightness[3]);
-  b[7] += single(sums.brightness[4]);
-}
-
-void addPair(const PairBlocks& blocks,
-             const PairGeometry& pair,
-             const PairRows& rows,
-             LinearSystem<float>& out) {
-  const auto [host, target] = rows;
-  const Matrix8d host_H = pair.to_host * blocks.H;
-  const auto to_target = pair.to_target.asDiagonal();
-  const Matrix8d host_block = host_H * pair.to_host.transpose();
-  out.H.block<8, 8>(host, host) += 0.5 * (host_block + host_block.transpose());
-  out.H.block<8, 8>(target, target) += to_target * blocks.H * to_target;
-  const Matrix8d cross = host_H * to_target;
-  out.H.block<8, 8>(host, target) += cross;
-  out.H.block<8, 8>(target, host) += cross.transpose();
-  out.b.segment<8>(host) += pair.to_host * blocks.b;
-  out.b.segment<8>(target) += to_target * blocks.b;
-  const Eigen::Matrix<double, kFrameDim, kCameraDim> host_camera = pair.to_host * blocks.H_camera;
-  const Eigen::Matrix<double, kFrameDim, kCameraDim> target_camera = to_target * blocks.H_camera;
-  out.H.block<kFrameDim, kCameraDim>(host, 0) += host_camera;
-  out.H.block<kFrameDim, kCameraDim>(target, 0) += target_camera;
-  out.H.block<kCameraDim, kFrameDim>(0, host) += host_camera.transpose();
-  out.H.block<kCameraDim, kFrameDim>(0, target) += target_camera.transpose();
-  out.H.topLeftCorner<kCameraDim, kCameraDim>() += blocks.camera;
-  out.b.head<kCameraDim>() += blocks.b_camera;
 }
 
 void addVelocities(const VelocitySums& sums,

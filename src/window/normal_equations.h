@@ -61,33 +61,6 @@ struct ResidualGeometry {
   float host_time = 0;
 };
 
-/// Asks for the part of the target's image that evaluatePatch() will read: the images of a window
-/// are larger than the caches, and waiting for them takes longer than computing with them.
-DSORB_ALWAYS_INLINE void prefetchPatch(const WindowPoint& point,
-                                       const HostRays& rays,
-                                       const PairGeometry& pair) {
-  float ray_x = 0;
-  float ray_y = 0;
-  rays.at(point.patch.pixel.x(), point.patch.pixel.y(), ray_x, ray_y);
-  WarpedPoint<float> p;
-  warpPoint(pair.current.warp, ray_x, ray_y, point.inverse_depth, p);
-  const float margin = kPatternRadius + kFarBorder;
-  const TargetImage& target = pair.current;
-  const bool inside = p.x > margin && p.y > margin &&
-                      p.x < static_cast<float>(target.width) - margin &&
-                      p.y < static_cast<float>(target.height) - margin;
-  if (!inside) return;
-  // The pattern, its interpolation and its gradients.
-  constexpr int kSide = 2 * kPatternRadius + 3;
-  constexpr int kBefore = kPatternRadius + 1;
-  const float* row = target.pixels + (static_cast<std::ptrdiff_t>(p.y) - kBefore) * target.width +
-                     (static_cast<std::ptrdiff_t>(p.x) - kBefore);
-  for (int y = 0; y <= kSide; ++y, row += target.width) {
-    __builtin_prefetch(row);
-    __builtin_prefetch(row + kSide);
-  }
-}
-
 /// Residuals of the pattern at the current state.
 /// @param point host pixel, inverse depth, host intensities and weights
 /// @return      false if any pixel leaves the image, lies behind the camera or is invalid
@@ -123,14 +96,6 @@ bool evaluateGeometry(const WindowPoint& point,
                       EstimatedCamera camera,
                       ResidualGeometry& geometry);
 
-/// Sums of one ordered pair over one chunk: rows of the relative normal equations (translation,
-/// rotation, camera; lanes as above) and the brightness block.
-struct PairSums {
-  alignas(32) float rows[kPoseRows + kCameraDim][kRowLanes];
-  float residual[kPoseLanes];  // column of the residual in the rows of the pose
-  float brightness[5];         // aa, ab, bb, ar, br
-};
-
 /// Products of the residual with the rows of the pose.
 /// @param x, y the patch block times geometry, brightness, residual: kRowLanes of them
 DSORB_ALWAYS_INLINE void residualColumn(const ResidualGeometry& g,
@@ -144,105 +109,19 @@ DSORB_ALWAYS_INLINE void residualColumn(const ResidualGeometry& g,
   column = x[kLaneResidual] * by_x + y[kLaneResidual] * by_y;
 }
 
-/// One residual in relative coordinates: rows of the products with the 2x2 patch block.
-struct ResidualTerms {
-  PatchSums patch;
-  ResidualGeometry geometry;
-  alignas(32) float x[kRowLanes] = {};  // patch block times geometry, brightness, residual
-  alignas(32) float y[kRowLanes] = {};
-};
-
-DSORB_ALWAYS_INLINE void sumRows(ResidualTerms& terms, std::size_t lanes) {
-  const PatchSums& p = terms.patch;
-  const ResidualGeometry& g = terms.geometry;
-  for (std::size_t i = 0; i < lanes; ++i) {
-    terms.x[i] = p.xx * g.x[i] + p.xy * g.y[i];
-    terms.y[i] = p.xy * g.x[i] + p.yy * g.y[i];
-  }
-  terms.x[kLaneA] = p.xa;
-  terms.x[kLaneB] = p.xb;
-  terms.x[kLaneResidual] = p.xr;
-  terms.y[kLaneA] = p.ya;
-  terms.y[kLaneB] = p.yb;
-  terms.y[kLaneResidual] = p.yr;
-}
-
-/// The camera's columns in the rows of the pose, and its rows.
-DSORB_ALWAYS_INLINE void accumulateCamera(const ResidualTerms& terms, PairSums& sums) {
-  const ResidualGeometry& g = terms.geometry;
-  Lanes x;
-  Lanes y;
-  Lanes rest_x;
-  Lanes rest_y;
-  load(terms.x, x);
-  load(terms.y, y);
-  load(terms.x + kLanes, rest_x);
-  load(terms.y + kLanes, rest_y);
-  for (std::size_t row = 0; row < kPoseRows; ++row) {
-    addLanes(g.x[row] * rest_x + g.y[row] * rest_y, sums.rows[row] + kLanes);
-  }
-  for (std::size_t i = 0; i < kCameraDim; ++i) {
-    const float jx = g.x[kLaneCamera + i];
-    const float jy = g.y[kLaneCamera + i];
-    addLanes(jx * x + jy * y, sums.rows[kPoseRows + i]);
-    addLanes(jx * rest_x + jy * rest_y, sums.rows[kPoseRows + i] + kLanes);
-  }
-}
-
-/// Adds one residual. In single precision: a chunk is short, and chunks are added in double
-/// precision.
-/// @param camera whether something is estimated of it
-DSORB_ALWAYS_INLINE void accumulate(const ResidualTerms& terms, bool camera, PairSums& sums) {
-  const ResidualGeometry& g = terms.geometry;
-  Lanes x;
-  Lanes y;
-  load(terms.x, x);
-  load(terms.y, y);
-  for (std::size_t row = 0; row < kPoseRows; ++row) {
-    addLanes(g.x[row] * x + g.y[row] * y, sums.rows[row]);
-  }
-  Lanes residual;
-  residualColumn(g, terms.x, terms.y, residual);
-  addLanes(residual, sums.residual);
-  if (camera) accumulateCamera(terms, sums);
-  const PatchSums& p = terms.patch;
-  sums.brightness[0] += p.aa;
-  sums.brightness[1] += p.ab;
-  sums.brightness[2] += p.bb;
-  sums.brightness[3] += p.ar;
-  sums.brightness[4] += p.br;
-}
-
-using CameraMatrix = Eigen::Matrix<double, kCameraDim, kCameraDim>;
-
-/// Double-precision sums of one ordered pair over all chunks of its host.
-struct PairBlocks {
-  Matrix8d H = Matrix8d::Zero();
-  Vector8d b = Vector8d::Zero();
-  Eigen::Matrix<double, kFrameDim, kCameraDim> H_camera =
-      Eigen::Matrix<double, kFrameDim, kCameraDim>::Zero();
-  CameraMatrix camera = CameraMatrix::Zero();
-  CameraVector b_camera = CameraVector::Zero();
-
-  void add(const PairSums& sums);
-  /// Rounding makes the two triangles differ; the upper one counts.
-  void makeSymmetric() {
-    H = Matrix8d(H.selfadjointView<Eigen::Upper>());
-    camera = CameraMatrix(camera.selfadjointView<Eigen::Upper>());
-  }
-};
-
 /// Places of a pair in the system: first row of the state of a keyframe.
 struct PairRows {
   Eigen::Index host = 0;
   Eigen::Index target = 0;
 };
 
-/// Adds one pair to the system of absolute states.
-void addPair(const PairBlocks& blocks,
-             const PairGeometry& pair,
-             const PairRows& rows,
-             LinearSystem<float>& out);
+/// Sums of one ordered pair over one chunk: rows of the relative normal equations (translation,
+/// rotation, camera; lanes as above) and the brightness block.
+struct PairSums {
+  alignas(32) float rows[kPoseRows + kCameraDim][kRowLanes];
+  float residual[kPoseLanes];  // column of the residual in the rows of the pose
+  float brightness[5];         // aa, ab, bb, ar, br
+};
 
 /// Sums over a chunk of points for one ordered pair. Lanes of a row as above;
 /// times as in ResidualGeometry. Single precision is enough: priors hold the velocities.

@@ -49,26 +49,27 @@ double squaredRms(const WindowEquations& equations) {
   return equations.energy / (kPatternSize * std::max(1, equations.used));
 }
 
-void commit(Window& window) {
+template <typename Function>
+void forEachObservation(Window& window, const Function& function) {
   for (Keyframe& keyframe : window.keyframes) {
     for (WindowPoint& point : keyframe.points) {
-      for (Observation& observation : point) {
-        observation.state = observation.trial_state;
-        observation.energy = observation.trial_energy;
-      }
+      for (Observation& observation : point) function(observation);
     }
   }
 }
 
+void commit(Window& window) {
+  forEachObservation(window, [](Observation& observation) {
+    observation.state = observation.trial_state;
+    observation.energy = observation.trial_energy;
+  });
+}
+
 void resetResiduals(Window& window) {
-  for (Keyframe& keyframe : window.keyframes) {
-    for (WindowPoint& point : keyframe.points) {
-      for (Observation& observation : point) {
-        observation.state = ResidualState::kIn;
-        observation.energy = 0;
-      }
-    }
-  }
+  forEachObservation(window, [](Observation& observation) {
+    observation.state = ResidualState::kIn;
+    observation.energy = 0;
+  });
 }
 
 /// Notes the final evaluation in one point and removes unused residuals.
@@ -87,14 +88,10 @@ void closePoint(WindowPoint& point, const Window& window) {
 
 void adaptThresholds(std::size_t first, Window& window) {
   std::vector<std::vector<float>> energies(window.keyframes.size());
-  for (const Keyframe& keyframe : window.keyframes) {
-    for (const WindowPoint& point : keyframe.points) {
-      for (const Observation& observation : point) {
-        if (observation.trial_state == ResidualState::kOutOfBounds) continue;
-        energies[observation.target].push_back(observation.trial_raw);
-      }
-    }
-  }
+  forEachObservation(window, [&](const Observation& observation) {
+    if (observation.trial_state == ResidualState::kOutOfBounds) return;
+    energies[observation.target].push_back(observation.trial_raw);
+  });
   for (std::size_t k = first; k < energies.size(); ++k) {
     float& threshold = window.keyframes[k].energy_threshold;
     if (energies[k].empty()) {

@@ -23,32 +23,31 @@ class CoarseCovarianceTest : public testing::Test {
  protected:
   CoarseCovarianceTest() {
     const TwoRoomViews views = twoRoomViews();
-    attempt_.camera = views.camera;
-    attempt_.frames.push_back({views.reference, {}, {}});
+    camera_ = views.camera;
     tracked_.frame = views.frame;
     tracked_.alignment.T_cur_ref = views.T_cur_ref;
     std::vector<SelectedPixel> pixels;
     for (int y = 30; y < 210; y += 15) {
       for (int x = 30; x < 290; x += 15) pixels.push_back({x, y, 1});
     }
-    points_ = makePointLevel(attempt_.frames.front().frame->level(0), pixels);
+    points_ = makePointLevel(views.reference->level(0), pixels);
     Random random(3);
     for (float& depth : points_.trial_inverse_depth) {
       depth = static_cast<float>(random.uniform(0.2, 0.3));
     }
   }
-  CoarseAttempt attempt_;
+  PinholeCamera camera_;
   AlignedFrame tracked_;
   PointLevel points_;
 };
 
 TEST_F(CoarseCovarianceTest, EqualsTheDenseInverseWithTheMeanInverseDepthFixed) {
-  LevelAligner aligner(attempt_.options);
-  const auto result = uncertaintyOf(attempt_, tracked_, points_, {}, aligner);
+  LevelAligner aligner{CoarseOptions{}};
+  const auto result = uncertaintyOf(tracked_, camera_, points_, {}, aligner);
   ASSERT_TRUE(result);
 
   const LevelState state = aligner.evaluate(
-      viewOf(*tracked_.frame, attempt_.camera, 0), Unknowns::kPose, points_, tracked_.alignment);
+      viewOf(*tracked_.frame, camera_, 0), Unknowns::kPose, points_, tracked_.alignment);
   const LinearSystem<float>& system = aligner.evaluated();
   std::vector<std::size_t> good;
   for (std::size_t i = 0; i < points_.x.size(); ++i) {
@@ -90,18 +89,18 @@ TEST_F(CoarseCovarianceTest, EqualsTheDenseInverseWithTheMeanInverseDepthFixed) 
 }
 
 TEST_F(CoarseCovarianceTest, KnownDepthsSharpenThePose) {
-  LevelAligner aligner(attempt_.options);
-  const auto alone = uncertaintyOf(attempt_, tracked_, points_, {}, aligner);
+  LevelAligner aligner{CoarseOptions{}};
+  const auto alone = uncertaintyOf(tracked_, camera_, points_, {}, aligner);
   const std::vector<float> known(points_.x.size(), 1e6F);
-  const auto sharper = uncertaintyOf(attempt_, tracked_, points_, known, aligner);
+  const auto sharper = uncertaintyOf(tracked_, camera_, points_, known, aligner);
   ASSERT_TRUE(alone && sharper);
   EXPECT_LT(sharper->pose.trace(), alone->pose.trace());
 }
 
 TEST_F(CoarseCovarianceTest, NothingWithoutGoodPoints) {
-  LevelAligner aligner(attempt_.options);
+  LevelAligner aligner{CoarseOptions{}};
   std::fill(points_.good.begin(), points_.good.end(), std::uint8_t{0});
-  EXPECT_FALSE(uncertaintyOf(attempt_, tracked_, points_, {}, aligner));
+  EXPECT_FALSE(uncertaintyOf(tracked_, camera_, points_, {}, aligner));
 }
 
 }  // namespace

@@ -31,7 +31,7 @@ std::vector<FramePtr> framesOf(const SyntheticSequence& sequence) {
 }
 
 /// Answers until the result, or to all frames.
-std::vector<InitStep> feed(CoarseInitializer& initializer, const std::vector<FramePtr>& frames) {
+std::vector<InitStep> feed(Initializer& initializer, const std::vector<FramePtr>& frames) {
   std::vector<InitStep> steps;
   for (const FramePtr& frame : frames) {
     steps.push_back(initializer.addFrame(frame));
@@ -61,8 +61,8 @@ TEST(CoarseInitializer, StartsWhenSettledAfterLeavingThePriorWithUnitMeanInverse
   for (const Case& c : {Case{CoarseOptions{}, 6, 0.2}, Case{referenceCoarseOptions(), 9, 0.5}}) {
     InitializerOptions options;
     options.coarse = c.coarse;
-    CoarseInitializer initializer(options, sequence.camera());
-    const std::vector<InitStep> steps = feed(initializer, frames);
+    const auto initializer = makeCoarseInitializer(options, sequence.camera());
+    const std::vector<InitStep> steps = feed(*initializer, frames);
     ASSERT_TRUE(steps.back().result);
     const InitializationResult& result = *steps.back().result;
     EXPECT_EQ(steps.size(), c.frames);
@@ -81,7 +81,7 @@ TEST(CoarseInitializer, StartsWhenSettledAfterLeavingThePriorWithUnitMeanInverse
       ASSERT_TRUE(result.frames[k].T_cam_ref) << k;
       EXPECT_LT(rotationErrorDeg(*result.frames[k].T_cam_ref, truth), c.max_rotation_deg) << k;
     }
-    EXPECT_THROW((void)initializer.addFrame(frames.back()), std::logic_error);
+    EXPECT_THROW((void)initializer->addFrame(frames.back()), std::logic_error);
   }
 }
 
@@ -91,8 +91,8 @@ TEST(CoarseInitializer, WaitsForParallaxButNotForEver) {
   const auto framesUntilStart = [&](double wanted_parallax_deg) {
     InitializerOptions options;
     options.coarse.wanted_parallax_deg = wanted_parallax_deg;
-    CoarseInitializer initializer(options, sequence.camera());
-    const std::vector<InitStep> steps = feed(initializer, frames);
+    const auto initializer = makeCoarseInitializer(options, sequence.camera());
+    const std::vector<InitStep> steps = feed(*initializer, frames);
     EXPECT_TRUE(steps.back().result) << name(steps.back().reason);
     return steps.size();
   };
@@ -103,13 +103,13 @@ TEST(CoarseInitializer, SameResultForAnyThreadsAndAfterReset) {
   const SyntheticSequence sequence(sequenceOf(SequenceKind::kRoom, 8));
   const std::vector<FramePtr> frames = framesOf(sequence);
   InitializerOptions options;
-  CoarseInitializer one(options, sequence.camera());
+  const auto one = makeCoarseInitializer(options, sequence.camera());
   options.num_threads = 4;
-  CoarseInitializer four(options, sequence.camera());
-  const std::vector<InitStep> first = feed(one, frames);
-  const std::vector<InitStep> parallel = feed(four, frames);
-  one.reset();
-  const std::vector<InitStep> again = feed(one, frames);
+  const auto four = makeCoarseInitializer(options, sequence.camera());
+  const std::vector<InitStep> first = feed(*one, frames);
+  const std::vector<InitStep> parallel = feed(*four, frames);
+  one->reset();
+  const std::vector<InitStep> again = feed(*one, frames);
   ASSERT_TRUE(first.back().result && parallel.back().result && again.back().result);
   expectEqual(*first.back().result, *parallel.back().result);
   expectEqual(*first.back().result, *again.back().result);
@@ -125,8 +125,8 @@ TEST(CoarseInitializer, NeverStartsStandingOrTurningAndDropsOldFrames) {
       InitializerOptions options;
       options.coarse = coarse;
       options.coarse.max_frames = coarse.max_frames > 0 ? 10 : 0;
-      CoarseInitializer initializer(options, sequence.camera());
-      for (const InitStep& step : feed(initializer, framesOf(sequence))) {
+      const auto initializer = makeCoarseInitializer(options, sequence.camera());
+      for (const InitStep& step : feed(*initializer, framesOf(sequence))) {
         EXPECT_EQ(step.status, InitStatus::kNeedsMoreFrames) << name(step.reason);
       }
     }
@@ -137,8 +137,8 @@ TEST(CoarseInitializer, RestartsAfterASceneCut) {
   const SyntheticSequence sequence(sequenceOf(SequenceKind::kCut, 10));  // cut before frame 5
   InitializerOptions options;
   options.coarse.settle_frames = 5;  // the cut comes before the result
-  CoarseInitializer initializer(options, sequence.camera());
-  const std::vector<InitStep> steps = feed(initializer, framesOf(sequence));
+  const auto initializer = makeCoarseInitializer(options, sequence.camera());
+  const std::vector<InitStep> steps = feed(*initializer, framesOf(sequence));
   ASSERT_EQ(steps.size(), 10U);
   for (std::size_t i = 0; i < steps.size(); ++i) {
     EXPECT_EQ(steps[i].status, i == 5 ? InitStatus::kRestarted : InitStatus::kNeedsMoreFrames)
@@ -149,26 +149,27 @@ TEST(CoarseInitializer, RestartsAfterASceneCut) {
 
 TEST(CoarseInitializer, DarkFramesAreNoReference) {
   const std::vector<std::uint8_t> black(320 * 240, 0);
-  CoarseInitializer initializer(InitializerOptions{}, PinholeCamera{200, 200, 160, 120, 320, 240});
+  const auto initializer =
+      makeCoarseInitializer(InitializerOptions{}, PinholeCamera{200, 200, 160, 120, 320, 240});
   for (int i = 0; i < 3; ++i) {
     FrameInfo info;
     info.id = {i};
     info.timestamp = i;
     const InitStep step =
-        initializer.addFrame(Frame::create(ImageView(black.data(), 320, 240), info));
+        initializer->addFrame(Frame::create(ImageView(black.data(), 320, 240), info));
     EXPECT_EQ(step.status, InitStatus::kNeedsMoreFrames);
     EXPECT_EQ(step.reason, InitReason::kTooFewPoints);
   }
   FrameInfo repeated;
   repeated.timestamp = 2;
   EXPECT_THROW(
-      (void)initializer.addFrame(Frame::create(ImageView(black.data(), 320, 240), repeated)),
+      (void)initializer->addFrame(Frame::create(ImageView(black.data(), 320, 240), repeated)),
       std::invalid_argument);
   repeated.timestamp = 1;
   EXPECT_THROW(
-      (void)initializer.addFrame(Frame::create(ImageView(black.data(), 320, 240), repeated)),
+      (void)initializer->addFrame(Frame::create(ImageView(black.data(), 320, 240), repeated)),
       std::invalid_argument);
-  EXPECT_THROW((void)initializer.addFrame(nullptr), std::invalid_argument);
+  EXPECT_THROW((void)initializer->addFrame(nullptr), std::invalid_argument);
 }
 
 }  // namespace

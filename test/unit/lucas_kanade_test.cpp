@@ -78,23 +78,6 @@ TEST(LucasKanade, RefusesWhatHasNoTextureOrLiesOutside) {
   EXPECT_FALSE(lucas_kanade.follow(scene, scene, place));
 }
 
-TEST(LucasKanade, TakesWindowsOfAnySize) {
-  const Paint scene = blobs(13);
-  for (const int window : {8, 16, 31}) {
-    LucasKanadeOptions options;
-    options.window = window;
-    FlowPyramid from;
-    FlowPyramid to;
-    from.build(paintFrame(0, kFlowWidth, kFlowHeight, scene)->level(0), 1, options);
-    to.build(
-        paintFrame(1, kFlowWidth, kFlowHeight, shifted(scene, 1.3F, 0.6F))->level(0), 1, options);
-    LucasKanade lucas_kanade(options);
-    Eigen::Vector2f place(150, 120);
-    ASSERT_TRUE(lucas_kanade.follow(from, to, place)) << window;
-    EXPECT_LT((place - Eigen::Vector2f(151.3F, 120.6F)).norm(), 0.1F) << window;
-  }
-}
-
 /// Level 0 of a painted scene as OpenCV takes it.
 cv::Mat eightBit(const Paint& scene) {
   cv::Mat grey(kFlowHeight, kFlowWidth, CV_8UC1);

@@ -36,14 +36,14 @@ Eigen::VectorXd asVector(const std::vector<double>& values) {
   return Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
 }
 
-/// The same, observation by observation.
+/// As they are defined, observation by observation.
 ReprojectionEquations ceresEquations(const SyntheticMap& scene,
-                                     const PoseRows& rows,
+                                     const UnknownRows& rows,
                                      const GeometricOptions& options) {
   const InitialMap& map = scene.start;
   ReprojectionEquations e;
   LinearSystem<double>& system = e.system;
-  system.reset(rows.size, wholeLanes(map.corners.size()));
+  system.reset(rows.size(), wholeLanes(map.corners.size()));
   for (const CornerObservation& o : map.observations) {
     const Corner& corner = map.corners[o.corner];
     const auto projection = projectHosted(scene.camera,
@@ -59,7 +59,7 @@ ReprojectionEquations ceresEquations(const SyntheticMap& scene,
     const auto corner_index = o.corner;
     system.H.block<6, 6>(row, row) += weight * J.transpose() * J;
     system.b.segment<6>(row) += weight * J.transpose() * r;
-    Eigen::Map<Vector6d>(system.sumsOf(corner_index, static_cast<std::size_t>(row)).coupling) +=
+    Eigen::Map<Vector6d>(system.coupling.data() + corner_index * system.stride + row) +=
         weight * J.transpose() * d;
     system.depth_hessian[corner_index] += weight * d.squaredNorm();
     system.depth_gradient[corner_index] += weight * d.dot(r);
@@ -72,7 +72,7 @@ ReprojectionEquations ceresEquations(const SyntheticMap& scene,
 
 TEST(ReprojectionEquations, InLanesEqualThoseOneByOne) {
   const SyntheticMap scene = someMap();
-  const PoseRows rows(scene.start);
+  const UnknownRows rows(scene.start);
   for (const RobustLoss loss : {RobustLoss::kHuber, RobustLoss::kCauchy}) {
     const GeometricOptions options = optionsWith(loss);
     const ReprojectionEquations expected = ceresEquations(scene, rows, options);
@@ -98,13 +98,13 @@ TEST(ReprojectionEquations, HaveNoCostWhereAPointIsBehindACamera) {
   const GeometricOptions options = optionsWith(RobustLoss::kHuber);
   EXPECT_FALSE(reprojectionCost(scene.start, scene.camera, options));
   // The others still count.
-  const PoseRows rows(scene.start);
+  const UnknownRows rows(scene.start);
   EXPECT_GT(linearize(scene.start, rows, scene.camera, options).rows, 500);
 }
 
 TEST(ReprojectionEquations, AreBitIdenticalForAnyNumberOfThreads) {
   const SyntheticMap scene = someMap();
-  const PoseRows rows(scene.start);
+  const UnknownRows rows(scene.start);
   const auto make = [&] {
     return linearize(scene.start, rows, scene.camera, optionsWith(RobustLoss::kCauchy));
   };

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "init/orb/bundle/rolling_equations.h"
-
 #include "dsorb/camera/row_times.h"
 
 #include "base/random.h"
 #include "init/orb/bundle/geometric_covariance.h"
+#include "init/orb/bundle/reprojection_equations.h"
 #include "init/orb/bundle/robust_adjustment.h"
 #include "support/synthetic_map.h"
 
@@ -134,17 +133,16 @@ TEST(RollingEquations, GradientByMotionsIsTheNumericOne) {
   const PinholeCamera& camera = made.scene.camera;
   const GeometricOptions options = rollingOptions();
   const InitialMap map = mapWith(made, made.motions);
-  const PoseRows rows(map);
-  const ReprojectionEquations equations = linearizeRolling(map, rows, camera, options);
-  const MotionRows of{rows.size};
+  const UnknownRows rows(map);
+  const ReprojectionEquations equations = linearize(map, rows, camera, options);
   const auto cost = [&](std::size_t frame, Eigen::Index entry, double change) {
     std::vector<RowMotion> motions = made.motions;
     Vector6d& changed = entry < 6 ? motions[frame].velocity : motions[frame].acceleration;
     changed[entry % 6] += change;
-    return linearizeRolling(mapWith(made, motions), rows, camera, options).cost;
+    return linearize(mapWith(made, motions), rows, camera, options).cost;
   };
   for (const std::size_t frame : {std::size_t{0}, std::size_t{1}, std::size_t{4}}) {
-    const int row = frame == 0 ? of.ofReference() : of.of(rows.first[frame]);
+    const int row = frame == 0 ? rows.motionOfReference() : rows.motion(rows.first[frame]);
     Eigen::VectorXd expected(12);
     for (Eigen::Index i = 0; i < 12; ++i) {
       const double step = i < 6 ? 0.02 : 2;  // far above the single precision of the pixels
@@ -174,10 +172,8 @@ TEST(RollingEquations, SolutionFindsPosesAndMotionsThatAGlobalShutterMisses) {
 TEST(RollingEquations, KnownDepthsTakePart) {
   const RollingMap made = makeRollingMap(0.01);
   InitialMap map = mapWith(made, made.motions);
-  const PoseRows rows(map);
-  const auto linearized = [&] {
-    return linearizeRolling(map, rows, made.scene.camera, rollingOptions());
-  };
+  const UnknownRows rows(map);
+  const auto linearized = [&] { return linearize(map, rows, made.scene.camera, rollingOptions()); };
   const ReprojectionEquations without = linearized();
   map.metres = 1;
   map.corners[3].known = {map.corners[3].inverse_depth + 0.01, 1e-4};
@@ -202,7 +198,7 @@ TEST(RollingEquations, MarginalsOfPosesAreWiderThanThoseWithKnownMotions) {
   const GeometricMarginals global(map, made.scene.camera, rollingOptions());
   const auto variances = [&](const GeometricMarginals& found) {
     const Eigen::MatrixXd roots = found.marginals.inGauge(found.marginals.roots());
-    return Eigen::VectorXd(roots.rowwise().squaredNorm().head(global.rows.size));
+    return Eigen::VectorXd(roots.rowwise().squaredNorm().head(global.rows.poses));
   };
   ASSERT_TRUE(unknown.marginals.usable() && known.marginals.usable());
   EXPECT_GT((variances(unknown).array() / variances(known).array()).minCoeff(), 1);

@@ -227,17 +227,6 @@ constexpr double kMaxLogGain = 1;       // beyond the exposures; free, a flat re
 constexpr float kMaxPixelStep = 0.25F;  // of the projection by one depth step [px]
 constexpr float kMaxInverseDepth = 50.0F;
 
-/// First and one past the last of the parameters that may change.
-struct Span {
-  int begin;
-  int end;
-  [[nodiscard]] int size() const { return end - begin; }
-};
-
-Span span(Unknowns unknowns, bool brightness) {
-  return {unknowns == Unknowns::kRotation ? 3 : 0, brightness ? 8 : 6};
-}
-
 bool plausibleBrightness(const Alignment& alignment) {
   return std::abs(alignment.log_gain - alignment.exposure_log_gain) < kMaxLogGain;
 }
@@ -465,7 +454,8 @@ LevelState LevelAligner::evaluate(const LevelView& view,
 }
 
 Vector8d LevelAligner::solve(Unknowns unknowns, double damping) {
-  const Span free = span(unknowns, !options_.published);
+  const int first = unknowns == Unknowns::kRotation ? 3 : 0;
+  const int size = (options_.published ? 6 : 8) - first;
   Eigen::MatrixXd H = accepted_.H;
   Eigen::VectorXd b = accepted_.b;
   H.diagonal() *= 1.0 + damping;
@@ -474,9 +464,8 @@ Vector8d LevelAligner::solve(Unknowns unknowns, double damping) {
     elimination_.eliminate(accepted_, H, b);
   }
   Vector8d step = Vector8d::Zero();
-  step.segment(free.begin, free.size()) = -H.block(free.begin, free.begin, free.size(), free.size())
-                                               .ldlt()
-                                               .solve(b.segment(free.begin, free.size()));
+  step.segment(first, size) =
+      -H.block(first, first, size, size).ldlt().solve(b.segment(first, size));
   return step.allFinite() ? step : Vector8d::Zero();
 }
 

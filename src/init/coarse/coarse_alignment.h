@@ -3,6 +3,7 @@
 
 #include "dsorb/camera/pinhole_camera.h"
 #include "dsorb/geometry/se3.h"
+#include "dsorb/image/frame.h"
 #include "dsorb/image/pyramid.h"
 #include "dsorb/options/coarse.h"
 
@@ -103,6 +104,11 @@ struct LevelView {
   const PyramidLevel* image;
   PinholeCamera camera;
 };
+
+/// View of one level of a frame.
+[[nodiscard]] inline LevelView viewOf(const Frame& frame, const PinholeCamera& camera, int level) {
+  return {&frame.level(level), camera.atLevel(level)};
+}
 
 /// Quadratic terms on every inverse depth.
 struct DepthPull {

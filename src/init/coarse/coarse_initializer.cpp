@@ -7,8 +7,10 @@
 #include "base/random.h"
 #include "estimate/marginals.h"
 #include "image/cell_grid.h"
+#include "image/frame_check.h"
 #include "image/photometric.h"
 #include "image/pixel_selector.h"
+#include "init/reset_log.h"
 #include "init/result.h"
 #include "init/waiting_frames.h"
 
@@ -52,22 +54,18 @@ std::vector<PointLevel> fixedLevels(const std::vector<PointLevel>& levels) {
   return fixed;
 }
 
-/// Coarse-to-fine alignment of one frame at known inverse depths; the finest level is the last.
-LevelReport alignFrame(const CoarseAttempt& attempt,
-                       const Frame& frame,
+/// Coarse-to-fine alignment at the depths of `levels`, those of points that are good in `all`.
+/// @return report of the finest level
+LevelReport alignFrame(const AlignmentTask& task,
                        Unknowns unknowns,
-                       LevelAligner& aligner,
-                       std::pair<std::vector<PointLevel>&, Alignment&> state) {
-  auto& [fixed, alignment] = state;
+                       const std::vector<PointLevel>& all,
+                       std::vector<PointLevel>& levels,
+                       Alignment& alignment) {
   LevelReport report;
-  for (int l = static_cast<int>(fixed.size()) - 1; l >= 0; --l) {
-    PointLevel& points = fixed[static_cast<std::size_t>(l)];
-    points.good = attempt.levels[static_cast<std::size_t>(l)].good;
-    report = aligner.align(viewOf(frame, attempt.camera, l),
-                           kPoseIterations[static_cast<std::size_t>(l)],
-                           unknowns,
-                           points,
-                           alignment);
+  for (std::size_t l = levels.size(); l-- > 0;) {
+    levels[l].good = all[l].good;
+    const LevelView view = viewOf(task.frame, task.camera, static_cast<int>(l));
+    report = task.aligner.align(view, kPoseIterations[l], unknowns, levels[l], alignment);
   }
   return report;
 }
@@ -90,139 +88,9 @@ Alignment leastOf(const std::vector<Alignment>& candidates, const Energy& energy
   return *best;
 }
 
-/// Start of an earlier frame's alignment: its own estimate, that of the frame after it, or what
-/// lies between the latter and the reference; the best on the coarsest level.
-Alignment bestStart(const CoarseAttempt& attempt,
-                    const AlignedFrame& tracked,
-                    const std::pair<Alignment, double>& next,
-                    LevelAligner& aligner,
-                    PointLevel& coarsest) {
-  const int level = static_cast<int>(attempt.levels.size()) - 1;
-  std::vector<Alignment> starts = {tracked.alignment, tracked.alignment, next.first};
-  starts[1].T_cur_ref = SE3::exp(next.second * next.first.T_cur_ref.log());
-  return leastOf(starts, [&](const Alignment& start) {
-    coarsest.good = attempt.levels.back().good;
-    return energyPerPoint(aligner.evaluate(
-        viewOf(*tracked.frame, attempt.camera, level), Unknowns::kPose, coarsest, start));
-  });
-}
-
 /// Mean squared residual of the good points of level 0 [grey levels^2].
 double residualVariance(const LevelState& state) {
   return energyPerPoint(state) / kPatternSize;
-}
-
-/// Whether a point was seen well enough in the newest frame to be handed over.
-bool isFit(const CoarseAttempt& attempt, std::size_t i) {
-  const PointLevel& points = attempt.levels.front();
-  return attempt.options.published ||
-         (points.good[i] != 0 && points.energy[i] <= kPatternOutlierEnergy);
-}
-
-/// Indices of the points to hand over, ascending.
-std::vector<std::size_t> randomPoints(const CoarseAttempt& attempt) {
-  const PointLevel& points = attempt.levels.front();
-  const double share = static_cast<double>(kHandoverPoints) / points.size();
-  Random random(static_cast<std::uint64_t>(attempt.seed));
-  std::vector<std::size_t> kept;
-  for (std::size_t i = 0; i < points.x.size(); ++i) {
-    if (isFit(attempt, i) && random.uniform() < share) kept.push_back(i);
-  }
-  return kept;
-}
-
-/// The point of the largest curvature of each cell of a grid with as many cells as points wanted.
-std::vector<std::size_t> spreadPoints(const CoarseAttempt& attempt) {
-  const PointLevel& points = attempt.levels.front();
-  const PinholeCamera& camera = attempt.camera;
-  const double area = static_cast<double>(camera.width) * camera.height;
-  const CellGrid cells(camera.width, camera.height, std::sqrt(area / kHandoverPoints));
-  std::vector<std::size_t> fit;
-  for (std::size_t i = 0; i < points.x.size(); ++i) {
-    if (isFit(attempt, i)) fit.push_back(i);
-  }
-  return bestOfCells(
-      cells,
-      fit,
-      [&](std::size_t i) { return Eigen::Vector2f(points.x[i], points.y[i]); },
-      [&](std::size_t a, std::size_t b) { return points.curvature[a] > points.curvature[b]; });
-}
-
-/// Formal variance of an inverse depth at a known pose.
-double formalVariance(const PointLevel& points, std::size_t i, double residual_variance) {
-  return residual_variance / std::max(static_cast<double>(points.curvature[i]), 1.0);
-}
-
-std::vector<InitPoint> makePoints(const CoarseAttempt& attempt, LevelAligner& aligner) {
-  const PointLevel& points = attempt.levels.front();
-  PointLevel fixed = points;
-  fixed.trial_inverse_depth = fixed.inverse_depth = fixed.smoothed;
-  const auto uncertainty = uncertaintyOf(attempt, attempt.frames.back(), fixed, {}, aligner);
-  std::vector<InitPoint> result;
-  for (const std::size_t i :
-       attempt.options.published ? randomPoints(attempt) : spreadPoints(attempt)) {
-    InitPoint point;
-    point.pixel = {points.x[i] - kPixelOffset, points.y[i] - kPixelOffset};
-    point.inverse_depth = std::max(points.smoothed[i], kMinInverseDepth);
-    const double variance = uncertainty ? uncertainty->inverse_depth[i] : 0.0;
-    const float smoothing = neighbourSpread(points, i);  // has the own uncertainty in it, too
-    point.variance = std::max(static_cast<float>(variance > 0 ? variance : kUnknownVariance),
-                              smoothing * smoothing);
-    point.observations = 2;
-    result.push_back(point);
-  }
-  return result;
-}
-
-/// Probability that the newest frame's direction is wrong, by its own errors or because a motion
-/// elsewhere is the right one; nothing where one of them was not looked at.
-std::optional<double> wrongProbability(const PosedFrame& newest,
-                                       const Quality& quality,
-                                       const CoarseAttempt& attempt) {
-  const CoarseOptions& o = attempt.options;
-  if (o.published || !(o.min_rival_margin > 0) || !newest.covariance) return std::nullopt;
-  const double errors =
-      tailProbability(kDirectionScale * directionSigmasDeg(newest), attempt.wrong_angle_deg);
-  const double rival =
-      rivalProbability(1.0 + std::min(quality.rival_margin, kTellingMargin), kRivalSamples);
-  return 1 - (1 - errors) * (1 - rival);
-}
-
-/// Poses of all frames at the final inverse depths, the newest first, so that each starts from a
-/// neighbour's; the order of the result is that of the frames.
-std::vector<PosedFrame> poseFrames(const CoarseAttempt& attempt, LevelAligner& aligner) {
-  const std::vector<AlignedFrame>& frames = attempt.frames;
-  const Frame& reference = *frames.front().frame;
-  std::vector<PosedFrame> posed(frames.size());
-  posed.front() = {frames.front().frame, SE3(), {}, std::nullopt};
-  std::vector<PointLevel> fixed = fixedLevels(attempt.levels);
-  const std::vector<float>& known = attempt.levels.front().curvature;
-  Alignment next = frames.back().alignment;
-  for (std::size_t k = frames.size() - 1; k > 0; --k) {
-    const double fraction = static_cast<double>(k) / static_cast<double>(k + 1);
-    Alignment alignment = frames[k].alignment;
-    if (k + 1 < frames.size()) {
-      alignment = bestStart(attempt, frames[k], {next, fraction}, aligner, fixed.back());
-    }
-    const LevelReport report =
-        alignFrame(attempt, *frames[k].frame, Unknowns::kPose, aligner, {fixed, alignment});
-    posed[k].frame = frames[k].frame;
-    const bool newest = k + 1 == frames.size();
-    if (!newest && (report.inlierShare() < kMinPoseInlierShare ||
-                    report.visibleShare() < kMinPoseVisibleShare)) {
-      continue;
-    }
-    posed[k].T_cam_ref = alignment.T_cur_ref;
-    posed[k].affine = relativeBrightness(reference, *frames[k].frame, alignment);
-    const auto uncertainty = uncertaintyOf(attempt,
-                                           {frames[k].frame, alignment, {}},
-                                           fixed.front(),
-                                           newest ? std::vector<float>{} : known,
-                                           aligner);
-    if (uncertainty) posed[k].covariance = uncertainty->pose;
-    next = alignment;
-  }
-  return posed;
 }
 
 constexpr std::array<int, 5> kIterations = {5, 5, 10, 30, 50};  // per level, finest first
@@ -363,6 +231,55 @@ std::vector<Alignment> gridAround(const Alignment& center, const PinholeCamera& 
   return grid;
 }
 
+struct RotationMatch {
+  Alignment rotation;
+  bool matches = false;  // the images do, nearly everywhere in view: it may well be the motion
+};
+
+/// Finds the pure rotation that explains a frame best, on the coarsest level alone: from the best
+/// of the given starts, or, where the images do not match from there, from a grid of rotations
+/// around it.
+class RotationSearch {
+ public:
+  explicit RotationSearch(const CoarseOptions& options) : aligner_(options) {}
+
+  /// @param points coarsest level of the reference
+  void setReference(const PointLevel& points) { points_ = points; }
+
+  /// @param starts at least one; their translations are left out
+  RotationMatch find(const LevelView& coarsest, std::vector<Alignment> starts) {
+    for (Alignment& start : starts) {
+      start.T_cur_ref.setTranslation(Eigen::Vector3d::Zero());
+      start.snapped = false;
+    }
+    const Alignment start = best(coarsest, starts);
+    Alignment near = start;
+    if (refine(coarsest, near) >= kMinMatchShare) return {near, true};
+    Alignment far = best(coarsest, gridAround(start, coarsest.camera));
+    const bool matches = refine(coarsest, far) >= kMinMatchShare;
+    return matches ? RotationMatch{far, true} : RotationMatch{best(coarsest, {near, far}), false};
+  }
+
+ private:
+  /// Points out of view or far off count as outliers.
+  Alignment best(const LevelView& view, const std::vector<Alignment>& candidates) {
+    return leastOf(candidates, [&](const Alignment& candidate) {
+      std::fill(points_.good.begin(), points_.good.end(), std::uint8_t{1});
+      return aligner_.evaluate(view, Unknowns::kRotation, points_, candidate)
+          .sums.robustEnergy(points_.size());
+    });
+  }
+  /// @return share of the points in view that match
+  double refine(const LevelView& view, Alignment& alignment) {
+    std::fill(points_.good.begin(), points_.good.end(), std::uint8_t{1});
+    return aligner_.align(view, kRotationIterations, Unknowns::kRotation, points_, alignment)
+        .inlierShare();
+  }
+
+  LevelAligner aligner_;
+  PointLevel points_;
+};
+
 constexpr float kSelectionFactor = 2;      // on the selector's thresholds, level 0
 constexpr int kFirstGridSpacing = 5;       // of the grid maxima, levels from 1 [px]
 constexpr int kMinPoints = 100;            // of level 0, else the frame is no reference
@@ -409,22 +326,462 @@ double spreadAcross(const PointLevel& level) {
   return std::sqrt(std::max(smaller_eigenvalue, 0.0));
 }
 
+/// Log of the ratio of exposures, new to reference; 0 when one is unknown.
+double logExposureRatio(const Frame& reference, const Frame& frame) {
+  return std::log(brightnessTransfer({}, reference.exposure(), {}, frame.exposure()).gain);
+}
+
+/// Whether the newest frame is a fit end of the attempt.
+struct Quality {
+  InitReason reason = InitReason::kDone;  // kDone, or what is missing
+  double parallax_deg = 0;                // median, rotation-compensated
+  double relative_sigma = 0;              // median of the good points of level 0
+  double rival_margin = 0;  // energy of the best motion elsewhere over its own, less 1
+};
+
+/// The best pure rotation against the estimate of the newest frame.
+struct RotationTest {
+  LevelState full;  // of the estimate
+  Alignment rotation;
+  double motion_gain = 0;  // share of the energy of the rotation that translation removes
+};
+
+/// Direct initializer: aligns each new frame with the first one, pose, brightness and the inverse
+/// depths of the first frame's points together, coarse to fine. A prior holds translation and
+/// depths until the images explain a motion well enough ("snap"); after some more frames it hands
+/// over.
+/// @source front end of DSO as published with Engel et al., arXiv:1607.02565
+class CoarseInitializer final : public Initializer {
+ public:
+  CoarseInitializer(const InitializerOptions& options, const PinholeCamera& camera)
+      : options_(options),
+        o_(options_.coarse),
+        camera_(camera),
+        arena_(options.num_threads),
+        frame_check_(camera),
+        aligner_(options.coarse),
+        rotation_search_(options.coarse) {}
+
+  [[nodiscard]] InitStep addFrame(FramePtr frame) override {
+    if (done_) throw std::logic_error("addFrame after a result: call reset() first");
+    frame_check_.accept(frame);
+    return arena_.run([&]() -> InitStep {
+      if (frames_.empty()) {
+        const bool enough = setReference(frame);
+        return needsMoreFrames(enough ? InitReason::kFirstFrame : InitReason::kTooFewPoints);
+      }
+      return assess(clock_.time("alignment", [&] { return track(frame); }));
+    });
+  }
+
+  void reset() override {
+    clock_.clear();
+    clear();
+    done_ = false;
+    resets_.clear();
+    frame_check_.restart();
+    last_motion_ = SE3();
+  }
+
+ private:
+  void clear() {
+    frames_.clear();
+    levels_.clear();
+    snapped_since_ = tracked_ = refusals_ = 0;
+    inlier_share_ = 0;
+  }
+
+  /// Makes the frame the first one.
+  /// @return false when it has too few points
+  bool setReference(const FramePtr& frame) {
+    clear();
+    levels_ = clock_.time("points", [&] { return selectPoints(*frame, o_, options_.seed); });
+    const PointLevel& finest = levels_.front();
+    const double diagonal = std::hypot(frame->width(), frame->height());
+    if (finest.size() < kMinPoints || spreadAcross(finest) < kMinSpread * diagonal) return false;
+    Alignment still;
+    still.balanced = !o_.published;
+    frames_.push_back({frame, still, still});
+    rotation_search_.setReference(levels_.back());
+    return true;
+  }
+
+  [[nodiscard]] AlignmentTask taskOf(const Frame& frame) { return {frame, camera_, o_, aligner_}; }
+  [[nodiscard]] LevelView coarsestOf(const Frame& frame) const {
+    return viewOf(frame, camera_, static_cast<int>(levels_.size()) - 1);
+  }
+
+  /// The estimate of the last frame, and what it becomes by the last relative motion.
+  [[nodiscard]] std::vector<Alignment> startValues(const Frame& frame,
+                                                   const Alignment& last) const {
+    Alignment start = last;
+    const Frame& reference = *frames_.front().frame;
+    const double log_ratio = logExposureRatio(reference, frame);
+    start.exposure_log_gain = log_ratio;
+    std::vector<Alignment> starts;
+    if (o_.published) {
+      start.log_gain = log_ratio;
+      start.offset = 0;
+      starts = {start};
+    } else {
+      start.log_gain += log_ratio - logExposureRatio(reference, *frames_.back().frame);
+      starts = {start, start};
+      starts.back().T_cur_ref = last_motion_ * start.T_cur_ref;
+    }
+    if (!start.snapped) {
+      for (Alignment& value : starts) value.T_cur_ref.setTranslation(Eigen::Vector3d::Zero());
+    }
+    return starts;
+  }
+
+  /// The start that fits the coarsest level better.
+  [[nodiscard]] Alignment bestStart(const Frame& frame, const std::vector<Alignment>& starts) {
+    PointLevel& points = levels_.back();
+    points.trial_inverse_depth = points.inverse_depth;
+    return leastOf(starts, [&](const Alignment& alignment) {
+      return aligner_.evaluate(coarsestOf(frame), Unknowns::kPose, points, alignment)
+          .sums.robustEnergy(points.size());
+    });
+  }
+
+  /// Aligns the newest frame on all levels; the report is that of the finest.
+  LevelReport track(const FramePtr& frame) {
+    const AlignedFrame last = frames_.back();
+    if (!last.alignment.snapped) {
+      for (PointLevel& level : levels_) flatten(level);
+    }
+    AlignedFrame next{frame, {}, {}};
+    next.alignment = bestStart(*frame, startValues(*frame, last.alignment));
+    if (!o_.published) {
+      const RotationMatch match =
+          rotation_search_.find(coarsestOf(*frame), startValues(*frame, last.rotation));
+      next.rotation = match.rotation;
+      if (match.matches && !last.alignment.snapped) next.alignment = match.rotation;
+    }
+    Estimate estimate{std::move(levels_), next.alignment, {}};
+    converge(taskOf(*frame), {kMatchShare, HUGE_VAL}, estimate);
+    levels_ = std::move(estimate.levels);
+    next.alignment = estimate.alignment;
+    ++tracked_;
+    if (o_.published) {
+      next.rotation = next.alignment;
+      next.rotation.T_cur_ref.setTranslation(Eigen::Vector3d::Zero());
+    }
+    last_motion_ = next.alignment.T_cur_ref * last.alignment.T_cur_ref.inverse();
+    frames_.push_back(next);
+    if (next.alignment.snapped) confirmSnap();
+    return estimate.finest;
+  }
+
+  /// Brings the prior back where a pure rotation explains the newest frame nearly as well.
+  void confirmSnap() {
+    AlignedFrame& newest = frames_.back();
+    if (snapped_since_ == 0 && o_.min_snap_gain > 0) {
+      const RotationTest test = testRotation();
+      if (test.motion_gain < o_.min_snap_gain) {
+        newest.alignment = newest.rotation = test.rotation;
+        return;
+      }
+    }
+    if (snapped_since_ == 0) snapped_since_ = tracked_;
+  }
+
+  [[nodiscard]] RotationTest testRotation() {
+    std::vector<PointLevel> fixed = fixedLevels(levels_);
+    const AlignedFrame& newest = frames_.back();
+    RotationTest test;
+    test.rotation = newest.rotation;
+    test.full = aligner_.evaluate(
+        viewOf(*newest.frame, camera_, 0), Unknowns::kPose, fixed.front(), newest.alignment);
+    const LevelReport still =
+        alignFrame(taskOf(*newest.frame), Unknowns::kRotation, levels_, fixed, test.rotation);
+    test.motion_gain = 1.0 - energyPerPoint(test.full) / energyPerPoint(still.state);
+    return test;
+  }
+
+  /// Median angle between the rays to the good points from the reference and the newest frame.
+  [[nodiscard]] double parallaxDeg() const {
+    const PointLevel& points = levels_.front();
+    const SE3& T = frames_.back().alignment.T_cur_ref;
+    std::vector<double> angles;
+    for (std::size_t i = 0; i < points.x.size(); ++i) {
+      if (points.good[i] == 0) continue;
+      const Eigen::Vector3d ray =
+          T.unitQuaternion() * camera_.unproject({points.x[i], points.y[i]});
+      const Eigen::Vector3d moved = ray + static_cast<double>(points.smoothed[i]) * T.translation();
+      angles.push_back(angleDeg(ray, moved));
+    }
+    return medianOf(std::move(angles));
+  }
+
+  /// A later frame would tell depths better; but it may also be lost.
+  [[nodiscard]] bool waitsForParallax() const {
+    return tracked_ <= snapped_since_ + kMaxSettleFrames && parallaxDeg() < o_.wanted_parallax_deg;
+  }
+
+  InitStep assess(const LevelReport& finest) {
+    const AlignedFrame newest = frames_.back();
+    const bool tests = o_.max_outlier_share < 1;
+    const double cut_share = kMaxInlierDrop * std::exchange(inlier_share_, finest.inlierShare());
+    if (tests && inlier_share_ < std::max(1.0 - o_.max_outlier_share, cut_share)) {
+      return startOver(newest.frame, InitReason::kTrackingLost, true);
+    }
+    if (tests && finest.visibleShare() < kMinVisibleShare) {
+      // Without parallax nothing is lost but old frames: the camera has turned away.
+      return newest.alignment.snapped
+                 ? startOver(newest.frame, InitReason::kTrackingLost, true)
+                 : startOver(newest.frame, InitReason::kTooLittleParallax, false);
+    }
+    InitReason reason = InitReason::kTooLittleParallax;
+    if (newest.alignment.snapped) {
+      reason = InitReason::kSettling;
+      if (tracked_ > snapped_since_ + o_.settle_frames && !waitsForParallax()) {
+        InitStep step = conclude(finest);
+        if (step.result) return step;
+        reason = step.reason;
+      }
+    }
+    refusals_ = reason == InitReason::kPoorQuality ? refusals_ + 1 : 0;
+    if (refusals_ >= kMaxRefusals) return startOver(newest.frame, reason, true);
+    if (o_.max_frames > 0 && tracked_ + 1 >= o_.max_frames) {
+      const bool parallax = newest.alignment.snapped && reason != InitReason::kTooLittleParallax &&
+                            reason != InitReason::kDegenerateMotion;
+      return startOver(newest.frame, parallax ? InitReason::kTimeout : reason, parallax);
+    }
+    if (frames_.size() >
+        std::min(waitingFrames(*newest.frame, options_.max_waiting_mb), kKeptFrames)) {
+      const std::size_t dropped =
+          leastMissed(frames_, [](const AlignedFrame& f) -> const Frame& { return *f.frame; });
+      frames_.erase(frames_.begin() + static_cast<std::ptrdiff_t>(dropped));
+    }
+    return needsMoreFrames(reason);
+  }
+
+  /// Drops everything before the frame. @param lost everything is wrong, not just old
+  InitStep startOver(const FramePtr& frame, InitReason reason, bool lost) {
+    setReference(frame);
+    if (!lost) return needsMoreFrames(reason);
+    last_motion_ = SE3();
+    return resets_.restart(reason);
+  }
+
+  /// Judges an attempt that has settled.
+  [[nodiscard]] Quality judge() {
+    Quality quality;
+    quality.parallax_deg = parallaxDeg();
+    if (quality.parallax_deg < o_.min_parallax_deg) {
+      quality.reason = InitReason::kTooLittleParallax;
+      return quality;
+    }
+    const RotationTest test = testRotation();
+    const PointLevel& points = levels_.front();
+    std::vector<double> sigmas;
+    for (std::size_t i = 0; i < points.x.size(); ++i) {
+      if (points.good[i] == 0) continue;
+      const double curvature = std::max(static_cast<double>(points.curvature[i]), 1.0);
+      sigmas.push_back(std::sqrt(residualVariance(test.full) / curvature) /
+                       static_cast<double>(points.smoothed[i]));
+    }
+    quality.relative_sigma = medianOf(std::move(sigmas));
+    if (test.motion_gain < o_.min_motion_gain) {
+      quality.reason = InitReason::kDegenerateMotion;
+    } else if (1.0 - test.full.sums.inlierShare() > o_.max_outlier_share ||
+               (o_.max_relative_sigma > 0 && quality.relative_sigma > o_.max_relative_sigma)) {
+      quality.reason = InitReason::kPoorQuality;
+    }
+    return quality;
+  }
+
+  /// Lets motions in other directions compete with the estimate and takes over the best.
+  /// @return margin of the contest
+  double challenge(const LevelReport& finest) {
+    AlignedFrame& newest = frames_.back();
+    Contest result =
+        contest(taskOf(*newest.frame), newest.rotation, {levels_, newest.alignment, finest});
+    levels_ = std::move(result.winner.levels);
+    newest.alignment = result.winner.alignment;
+    return result.margin;
+  }
+
+  InitStep conclude(const LevelReport& finest) {
+    Quality quality = clock_.time("quality", [&] { return judge(); });
+    // An estimate of poor quality may still be improved by a rival. After one refusal the rivals,
+    // which take a quarter of a second, are not tried again.
+    const bool contested = quality.reason == InitReason::kDone ||
+                           (quality.reason != InitReason::kTooLittleParallax && refusals_ == 0);
+    if (contested && o_.min_rival_margin > 0) {
+      const double margin = clock_.time("rivals", [&] { return challenge(finest); });
+      quality = clock_.time("quality", [&] { return judge(); });
+      quality.rival_margin = margin;
+      if (quality.reason == InitReason::kDone && margin < o_.min_rival_margin) {
+        quality.reason = InitReason::kDegenerateMotion;
+      }
+    }
+    if (quality.reason != InitReason::kDone) return needsMoreFrames(quality.reason);
+    InitStep step = resets_.finish(handOver(quality), clock_);
+    done_ = true;
+    clear();
+    return step;
+  }
+
+  /// Aligns every frame to the final inverse depths and gathers the result, scaled and checked.
+  [[nodiscard]] InitializationResult handOver(const Quality& quality) {
+    InitializationResult result;
+    result.frames = poseFrames();
+    result.points = makePoints();
+    normalizeScale(result);
+    InitReport& report = result.report;
+    report.model = "direct";
+    report.median_relative_sigma = quality.relative_sigma;
+    report.wrong_probability = wrongProbability(result.frames.back(), quality);
+    report.add("parallax_deg", quality.parallax_deg);
+    return result;
+  }
+
+  /// Probability that the newest frame's direction is wrong, by its own errors or because a motion
+  /// elsewhere is the right one; nothing where one of them was not looked at.
+  [[nodiscard]] std::optional<double> wrongProbability(const PosedFrame& newest,
+                                                       const Quality& quality) const {
+    if (o_.published || !(o_.min_rival_margin > 0) || !newest.covariance) return std::nullopt;
+    const double errors = tailProbability(kDirectionScale * directionSigmasDeg(newest),
+                                          options_.orb.gate.wrong_angle_deg);
+    const double rival =
+        rivalProbability(1.0 + std::min(quality.rival_margin, kTellingMargin), kRivalSamples);
+    return 1 - (1 - errors) * (1 - rival);
+  }
+
+  /// Poses of all frames at the final inverse depths, the newest first, so that each starts from a
+  /// neighbour's; the order of the result is that of the frames.
+  [[nodiscard]] std::vector<PosedFrame> poseFrames() {
+    const Frame& reference = *frames_.front().frame;
+    std::vector<PosedFrame> posed(frames_.size());
+    posed.front() = {frames_.front().frame, SE3(), {}, std::nullopt};
+    std::vector<PointLevel> fixed = fixedLevels(levels_);
+    Alignment next = frames_.back().alignment;
+    for (std::size_t k = frames_.size() - 1; k > 0; --k) {
+      const Frame& frame = *frames_[k].frame;
+      const bool newest = k + 1 == frames_.size();
+      Alignment alignment = newest ? next : earlierStart(k, next, fixed.back());
+      const LevelReport report =
+          alignFrame(taskOf(frame), Unknowns::kPose, levels_, fixed, alignment);
+      posed[k].frame = frames_[k].frame;
+      if (!newest && (report.inlierShare() < kMinPoseInlierShare ||
+                      report.visibleShare() < kMinPoseVisibleShare)) {
+        continue;
+      }
+      posed[k].T_cam_ref = alignment.T_cur_ref;
+      posed[k].affine = {alignment.log_gain - logExposureRatio(reference, frame), alignment.offset};
+      const auto uncertainty =
+          uncertaintyOf({frames_[k].frame, alignment, {}},
+                        camera_,
+                        fixed.front(),
+                        newest ? std::vector<float>{} : levels_.front().curvature,
+                        aligner_);
+      if (uncertainty) posed[k].covariance = uncertainty->pose;
+      next = alignment;
+    }
+    return posed;
+  }
+
+  /// Start of an earlier frame's alignment: its own estimate, that of the frame after it, or what
+  /// lies between the latter and the reference; the best on the coarsest level.
+  [[nodiscard]] Alignment earlierStart(std::size_t k, const Alignment& next, PointLevel& coarsest) {
+    const double fraction = static_cast<double>(k) / static_cast<double>(k + 1);
+    std::vector<Alignment> starts = {frames_[k].alignment, frames_[k].alignment, next};
+    starts[1].T_cur_ref = SE3::exp(fraction * next.T_cur_ref.log());
+    return leastOf(starts, [&](const Alignment& start) {
+      coarsest.good = levels_.back().good;
+      return energyPerPoint(
+          aligner_.evaluate(coarsestOf(*frames_[k].frame), Unknowns::kPose, coarsest, start));
+    });
+  }
+
+  [[nodiscard]] std::vector<InitPoint> makePoints() {
+    const PointLevel& points = levels_.front();
+    PointLevel fixed = points;
+    fixed.trial_inverse_depth = fixed.inverse_depth = fixed.smoothed;
+    const auto uncertainty = uncertaintyOf(frames_.back(), camera_, fixed, {}, aligner_);
+    std::vector<InitPoint> result;
+    for (const std::size_t i : o_.published ? randomPoints() : spreadPoints()) {
+      InitPoint point;
+      point.pixel = {points.x[i] - kPixelOffset, points.y[i] - kPixelOffset};
+      point.inverse_depth = std::max(points.smoothed[i], kMinInverseDepth);
+      const double variance = uncertainty ? uncertainty->inverse_depth[i] : 0.0;
+      const float smoothing = neighbourSpread(points, i);  // has the own uncertainty in it, too
+      point.variance = std::max(static_cast<float>(variance > 0 ? variance : kUnknownVariance),
+                                smoothing * smoothing);
+      point.observations = 2;
+      result.push_back(point);
+    }
+    return result;
+  }
+
+  /// Indices of some points, whether they were seen well or not, ascending.
+  [[nodiscard]] std::vector<std::size_t> randomPoints() const {
+    const PointLevel& points = levels_.front();
+    const double share = static_cast<double>(kHandoverPoints) / points.size();
+    Random random(static_cast<std::uint64_t>(options_.seed));
+    std::vector<std::size_t> kept;
+    for (std::size_t i = 0; i < points.x.size(); ++i) {
+      if (random.uniform() < share) kept.push_back(i);
+    }
+    return kept;
+  }
+
+  /// The point of the largest curvature that the newest frame sees well in each cell of a grid with
+  /// as many cells as points wanted.
+  [[nodiscard]] std::vector<std::size_t> spreadPoints() const {
+    const PointLevel& points = levels_.front();
+    const double area = static_cast<double>(camera_.width) * camera_.height;
+    const CellGrid cells(camera_.width, camera_.height, std::sqrt(area / kHandoverPoints));
+    std::vector<std::size_t> fit;
+    for (std::size_t i = 0; i < points.x.size(); ++i) {
+      if (points.good[i] != 0 && points.energy[i] <= kPatternOutlierEnergy) fit.push_back(i);
+    }
+    return bestOfCells(
+        cells,
+        fit,
+        [&](std::size_t i) { return Eigen::Vector2f(points.x[i], points.y[i]); },
+        [&](std::size_t a, std::size_t b) { return points.curvature[a] > points.curvature[b]; });
+  }
+
+  InitializerOptions options_;
+  const CoarseOptions& o_;
+  PinholeCamera camera_;
+  TaskArena arena_;
+  FrameCheck frame_check_;
+  LevelAligner aligner_;
+  RotationSearch rotation_search_;
+
+  // The attempt: front frame the reference, back frame the newest.
+  std::vector<AlignedFrame> frames_;
+  std::vector<PointLevel> levels_;  // finest first, as the newest frame left them
+  StageClock clock_;
+  int snapped_since_ = 0;    // frames tracked up to the one that snapped, 0: not yet
+  int tracked_ = 0;          // frames since the reference
+  int refusals_ = 0;         // frames in a row that settled in poor quality
+  double inlier_share_ = 0;  // of the newest frame
+  bool done_ = false;
+  ResetLog resets_;
+  SE3 last_motion_;  // from the frame before the newest to the newest
+};
+
 }  // namespace
 
-std::optional<Uncertainty> uncertaintyOf(const CoarseAttempt& attempt,
-                                         const AlignedFrame& tracked,
+std::optional<Uncertainty> uncertaintyOf(const AlignedFrame& tracked,
+                                         const PinholeCamera& camera,
                                          PointLevel& points,
                                          const std::vector<float>& curvature,
                                          LevelAligner& aligner) {
   const LevelState state = aligner.evaluate(
-      viewOf(*tracked.frame, attempt.camera, 0), Unknowns::kPose, points, tracked.alignment);
-  LinearSystem<float> system = aligner.evaluated();
+      viewOf(*tracked.frame, camera, 0), Unknowns::kPose, points, tracked.alignment);
+  LinearSystem<double> system(aligner.evaluated());
   std::vector<double> depths(points.x.size(), 0.0);
   std::vector<std::size_t> known;
   for (std::size_t i = 0; i < points.x.size(); ++i) {
     const float elsewhere = curvature.empty() ? 0.0F : curvature[i];
     const float total = points.trial_good[i] != 0 ? points.trial_curvature[i] + elsewhere : 0.0F;
-    system.depth_hessian[i] = total < kMinCurvature ? 0.0F : total;
+    system.depth_hessian[i] = total < kMinCurvature ? 0 : static_cast<double>(total);
     if (!system.known(i)) continue;
     depths[i] = static_cast<double>(points.trial_inverse_depth[i]);
     known.push_back(i);
@@ -457,94 +814,6 @@ std::optional<Uncertainty> uncertaintyOf(const CoarseAttempt& attempt,
     result.inverse_depth[i] = variance * (marginals.ownVariance(system, i, depths[i]) +
                                           inflation(kDepthEffectivePoints) * from_pose[k]);
   }
-  return result;
-}
-
-LevelView viewOf(const Frame& frame, const PinholeCamera& camera, int level) {
-  return {&frame.level(level), camera.atLevel(level)};
-}
-
-double logExposureRatio(const Frame& reference, const Frame& frame) {
-  if (!(reference.exposure() > 0 && frame.exposure() > 0)) return 0;
-  return std::log(frame.exposure() / reference.exposure());
-}
-
-AffineBrightness relativeBrightness(const Frame& reference,
-                                    const Frame& frame,
-                                    const Alignment& alignment) {
-  return {alignment.log_gain - logExposureRatio(reference, frame), alignment.offset};
-}
-
-double parallaxDeg(const CoarseAttempt& attempt) {
-  const PointLevel& points = attempt.levels.front();
-  const SE3& T = attempt.frames.back().alignment.T_cur_ref;
-  std::vector<double> angles;
-  for (std::size_t i = 0; i < points.x.size(); ++i) {
-    if (points.good[i] == 0) continue;
-    const Eigen::Vector3d ray =
-        T.unitQuaternion() * attempt.camera.unproject({points.x[i], points.y[i]});
-    const Eigen::Vector3d moved = ray + static_cast<double>(points.smoothed[i]) * T.translation();
-    angles.push_back(angleDeg(ray, moved));
-  }
-  return medianOf(std::move(angles));
-}
-
-RotationTest testRotation(const CoarseAttempt& attempt, LevelAligner& aligner) {
-  std::vector<PointLevel> fixed = fixedLevels(attempt.levels);
-  const AlignedFrame& newest = attempt.frames.back();
-  const LevelState full = aligner.evaluate(
-      viewOf(*newest.frame, attempt.camera, 0), Unknowns::kPose, fixed.front(), newest.alignment);
-  RotationTest test;
-  test.rotation = newest.rotation;
-  const LevelReport still =
-      alignFrame(attempt, *newest.frame, Unknowns::kRotation, aligner, {fixed, test.rotation});
-  test.motion_gain = 1.0 - energyPerPoint(full) / energyPerPoint(still.state);
-  return test;
-}
-
-Quality judge(const CoarseAttempt& attempt, LevelAligner& aligner) {
-  Quality quality;
-  std::vector<PointLevel> fixed = fixedLevels(attempt.levels);
-  const AlignedFrame& newest = attempt.frames.back();
-  const LevelState full = aligner.evaluate(
-      viewOf(*newest.frame, attempt.camera, 0), Unknowns::kPose, fixed.front(), newest.alignment);
-  quality.inlier_share = full.sums.inlierShare();
-  quality.parallax_deg = parallaxDeg(attempt);
-  if (quality.parallax_deg < attempt.options.min_parallax_deg) {
-    quality.reason = InitReason::kTooLittleParallax;
-    return quality;
-  }
-  std::vector<double> sigmas;
-  for (std::size_t i = 0; i < fixed.front().x.size(); ++i) {
-    if (fixed.front().good[i] == 0) continue;
-    const double variance = formalVariance(attempt.levels.front(), i, residualVariance(full));
-    sigmas.push_back(std::sqrt(variance) / static_cast<double>(fixed.front().smoothed[i]));
-  }
-  quality.relative_sigma = medianOf(std::move(sigmas));
-  quality.motion_gain = testRotation(attempt, aligner).motion_gain;
-
-  const CoarseOptions& o = attempt.options;
-  if (quality.motion_gain < o.min_motion_gain) {
-    quality.reason = InitReason::kDegenerateMotion;
-  } else if (1.0 - quality.inlier_share > o.max_outlier_share ||
-             (o.max_relative_sigma > 0 && quality.relative_sigma > o.max_relative_sigma)) {
-    quality.reason = InitReason::kPoorQuality;
-  }
-  return quality;
-}
-
-InitializationResult handOver(const CoarseAttempt& attempt,
-                              const Quality& quality,
-                              LevelAligner& aligner) {
-  InitializationResult result;
-  result.frames = poseFrames(attempt, aligner);
-  result.points = makePoints(attempt, aligner);
-  normalizeScale(result);
-  InitReport& report = result.report;
-  report.model = "direct";
-  report.median_relative_sigma = quality.relative_sigma;
-  report.wrong_probability = wrongProbability(result.frames.back(), quality, attempt);
-  report.add("parallax_deg", quality.parallax_deg);
   return result;
 }
 
@@ -617,250 +886,9 @@ Contest contest(const AlignmentTask& task, const Alignment& rotation, const Esti
   return {std::move(finalists.front()), margin};
 }
 
-double RotationSearch::energy(const LevelView& view, const Alignment& alignment) {
-  std::fill(points_.good.begin(), points_.good.end(), std::uint8_t{1});
-  return aligner_.evaluate(view, Unknowns::kRotation, points_, alignment)
-      .sums.robustEnergy(points_.size());
-}
-
-Alignment RotationSearch::best(const LevelView& view, const std::vector<Alignment>& candidates) {
-  return leastOf(candidates, [&](const Alignment& candidate) { return energy(view, candidate); });
-}
-
-double RotationSearch::refine(const LevelView& view, Alignment& alignment) {
-  std::fill(points_.good.begin(), points_.good.end(), std::uint8_t{1});
-  return aligner_.align(view, kRotationIterations, Unknowns::kRotation, points_, alignment)
-      .inlierShare();
-}
-
-RotationMatch RotationSearch::find(const LevelView& coarsest,
-                                   const std::vector<Alignment>& starts) {
-  std::vector<Alignment> candidates = starts;
-  for (Alignment& candidate : candidates) {
-    candidate.T_cur_ref.setTranslation(Eigen::Vector3d::Zero());
-    candidate.snapped = false;
-  }
-  const Alignment start = best(coarsest, candidates);
-  Alignment near = start;
-  if (refine(coarsest, near) >= kMinMatchShare) return {near, true};
-  Alignment far = best(coarsest, gridAround(start, coarsest.camera));
-  const bool matches = refine(coarsest, far) >= kMinMatchShare;
-  return matches ? RotationMatch{far, true} : RotationMatch{best(coarsest, {near, far}), false};
-}
-
-CoarseInitializer::CoarseInitializer(const InitializerOptions& options, const PinholeCamera& camera)
-    : options_(options),
-      camera_(camera),
-      arena_(options.num_threads),
-      frame_check_(camera),
-      aligner_(options.coarse),
-      rotation_search_(options.coarse) {
-  reset();
-}
-
-void CoarseInitializer::reset() {
-  clock_.clear();
-  attempt_ = CoarseAttempt{};
-  attempt_.camera = camera_;
-  attempt_.options = options_.coarse;
-  attempt_.wrong_angle_deg = options_.orb.gate.wrong_angle_deg;
-  attempt_.seed = options_.seed;
-  snapped_since_ = tracked_ = refusals_ = 0;
-  inlier_share_ = 0;
-  done_ = false;
-  resets_.clear();
-  frame_check_.restart();
-  last_motion_ = SE3();
-}
-
-InitStep CoarseInitializer::addFrame(FramePtr frame) {
-  if (done_) throw std::logic_error("addFrame after a result: call reset() first");
-  frame_check_.accept(frame);
-  return arena_.run([&]() -> InitStep {
-    if (attempt_.frames.empty()) {
-      const bool enough = setReference(frame);
-      return needsMoreFrames(enough ? InitReason::kFirstFrame : InitReason::kTooFewPoints);
-    }
-    return assess(clock_.time("alignment", [&] { return track(frame); }));
-  });
-}
-
-bool CoarseInitializer::setReference(const FramePtr& frame) {
-  snapped_since_ = tracked_ = refusals_ = 0;
-  inlier_share_ = 0;
-  attempt_.frames.clear();
-  attempt_.levels =
-      clock_.time("points", [&] { return selectPoints(*frame, options_.coarse, options_.seed); });
-  const PointLevel& finest = attempt_.levels.front();
-  const double diagonal = std::hypot(frame->width(), frame->height());
-  if (finest.size() < kMinPoints || spreadAcross(finest) < kMinSpread * diagonal) return false;
-  Alignment still;
-  still.balanced = !options_.coarse.published;
-  attempt_.frames.push_back({frame, still, still});
-  rotation_search_.setReference(attempt_.levels.back());
-  return true;
-}
-
-std::vector<Alignment> CoarseInitializer::startValues(const Frame& frame,
-                                                      const Alignment& last,
-                                                      const SE3& motion) const {
-  Alignment start = last;
-  const Frame& reference = *attempt_.frames.front().frame;
-  const double log_ratio = logExposureRatio(reference, frame);
-  start.exposure_log_gain = log_ratio;
-  std::vector<Alignment> starts;
-  if (options_.coarse.published) {
-    start.log_gain = log_ratio;
-    start.offset = 0;
-    starts = {start};
-  } else {
-    start.log_gain += log_ratio - logExposureRatio(reference, *attempt_.frames.back().frame);
-    starts = {start, start};
-    starts.back().T_cur_ref = motion * start.T_cur_ref;
-  }
-  if (!start.snapped) {
-    for (Alignment& value : starts) value.T_cur_ref.setTranslation(Eigen::Vector3d::Zero());
-  }
-  return starts;
-}
-
-Alignment CoarseInitializer::bestStart(const Frame& frame, const std::vector<Alignment>& starts) {
-  const int coarsest = static_cast<int>(attempt_.levels.size()) - 1;
-  const auto view = viewOf(frame, camera_, coarsest);
-  PointLevel& points = attempt_.levels.back();
-  points.trial_inverse_depth = points.inverse_depth;
-  return leastOf(starts, [&](const Alignment& alignment) {
-    return aligner_.evaluate(view, Unknowns::kPose, points, alignment)
-        .sums.robustEnergy(points.size());
-  });
-}
-
-LevelReport CoarseInitializer::track(const FramePtr& frame) {
-  std::vector<PointLevel>& levels = attempt_.levels;
-  const bool was_snapped = attempt_.frames.back().alignment.snapped;
-  if (!was_snapped) {
-    for (PointLevel& level : levels) flatten(level);
-  }
-  const AlignedFrame& last = attempt_.frames.back();
-  AlignedFrame next{frame, {}, {}};
-  next.alignment = bestStart(*frame, startValues(*frame, last.alignment, last_motion_));
-  if (!options_.coarse.published) {
-    const RotationMatch match =
-        rotation_search_.find(viewOf(*frame, camera_, static_cast<int>(levels.size()) - 1),
-                              startValues(*frame, last.rotation, last_motion_));
-    next.rotation = match.rotation;
-    if (match.matches && !was_snapped) next.alignment = match.rotation;
-  }
-  Estimate estimate{std::move(attempt_.levels), next.alignment, {}};
-  const AlignmentTask task{*frame, camera_, options_.coarse, aligner_};
-  converge(task, {kMatchShare, HUGE_VAL}, estimate);
-  attempt_.levels = std::move(estimate.levels);
-  next.alignment = estimate.alignment;
-  ++tracked_;
-  if (options_.coarse.published) {
-    next.rotation = next.alignment;
-    next.rotation.T_cur_ref.setTranslation(Eigen::Vector3d::Zero());
-  }
-  last_motion_ = next.alignment.T_cur_ref * last.alignment.T_cur_ref.inverse();
-  attempt_.frames.push_back(next);
-  if (next.alignment.snapped) confirmSnap();
-  return estimate.finest;
-}
-
-void CoarseInitializer::confirmSnap() {
-  AlignedFrame& newest = attempt_.frames.back();
-  if (snapped_since_ == 0 && options_.coarse.min_snap_gain > 0) {
-    const RotationTest test = testRotation(attempt_, aligner_);
-    if (test.motion_gain < options_.coarse.min_snap_gain) {
-      newest.alignment = newest.rotation = test.rotation;
-      return;
-    }
-  }
-  if (snapped_since_ == 0) snapped_since_ = tracked_;
-}
-
-/// A later frame would tell depths better; but it may also be lost.
-bool CoarseInitializer::waitsForParallax() const {
-  return tracked_ <= snapped_since_ + kMaxSettleFrames &&
-         parallaxDeg(attempt_) < options_.coarse.wanted_parallax_deg;
-}
-
-InitStep CoarseInitializer::assess(const LevelReport& finest) {
-  const CoarseOptions& o = options_.coarse;
-  const AlignedFrame newest = attempt_.frames.back();
-  const bool tests = o.max_outlier_share < 1;
-  const double cut_share = kMaxInlierDrop * std::exchange(inlier_share_, finest.inlierShare());
-  if (tests && inlier_share_ < std::max(1.0 - o.max_outlier_share, cut_share)) {
-    return startOver(newest.frame, InitReason::kTrackingLost, true);
-  }
-  if (tests && finest.visibleShare() < kMinVisibleShare) {
-    // Without parallax nothing is lost but old frames: the camera has turned away.
-    return newest.alignment.snapped
-               ? startOver(newest.frame, InitReason::kTrackingLost, true)
-               : startOver(newest.frame, InitReason::kTooLittleParallax, false);
-  }
-  InitReason reason = InitReason::kTooLittleParallax;
-  if (newest.alignment.snapped) {
-    reason = InitReason::kSettling;
-    if (tracked_ > snapped_since_ + o.settle_frames && !waitsForParallax()) {
-      InitStep step = conclude(finest);
-      if (step.result) return step;
-      reason = step.reason;
-    }
-  }
-  refusals_ = reason == InitReason::kPoorQuality ? refusals_ + 1 : 0;
-  if (refusals_ >= kMaxRefusals) return startOver(newest.frame, reason, true);
-  if (o.max_frames > 0 && tracked_ + 1 >= o.max_frames) {
-    const bool parallax = newest.alignment.snapped && reason != InitReason::kTooLittleParallax &&
-                          reason != InitReason::kDegenerateMotion;
-    return startOver(newest.frame, parallax ? InitReason::kTimeout : reason, parallax);
-  }
-  if (attempt_.frames.size() >
-      std::min(waitingFrames(*newest.frame, options_.max_waiting_mb), kKeptFrames)) {
-    const std::size_t dropped = leastMissed(
-        attempt_.frames, [](const AlignedFrame& f) -> const Frame& { return *f.frame; });
-    attempt_.frames.erase(attempt_.frames.begin() + static_cast<std::ptrdiff_t>(dropped));
-  }
-  return needsMoreFrames(reason);
-}
-
-double CoarseInitializer::challenge(const LevelReport& finest) {
-  AlignedFrame& newest = attempt_.frames.back();
-  const AlignmentTask task{*newest.frame, camera_, options_.coarse, aligner_};
-  Contest result =
-      contest(task, newest.rotation, Estimate{attempt_.levels, newest.alignment, finest});
-  attempt_.levels = std::move(result.winner.levels);
-  newest.alignment = result.winner.alignment;
-  return result.margin;
-}
-
-InitStep CoarseInitializer::conclude(const LevelReport& finest) {
-  const CoarseOptions& o = options_.coarse;
-  Quality quality = clock_.time("quality", [&] { return judge(attempt_, aligner_); });
-  // An estimate of poor quality may still be improved by a rival. After one refusal the rivals,
-  // which take a quarter of a second, are not tried again.
-  const bool contested = quality.reason == InitReason::kDone ||
-                         (quality.reason != InitReason::kTooLittleParallax && refusals_ == 0);
-  if (contested && o.min_rival_margin > 0) {
-    const double margin = clock_.time("rivals", [&] { return challenge(finest); });
-    quality = clock_.time("quality", [&] { return judge(attempt_, aligner_); });
-    quality.rival_margin = margin;
-    if (quality.reason == InitReason::kDone && margin < o.min_rival_margin) {
-      quality.reason = InitReason::kDegenerateMotion;
-    }
-  }
-  if (quality.reason != InitReason::kDone) return needsMoreFrames(quality.reason);
-  InitStep step = resets_.finish(handOver(attempt_, quality, aligner_), clock_);
-  done_ = true;
-  attempt_ = CoarseAttempt{};
-  return step;
-}
-
-InitStep CoarseInitializer::startOver(const FramePtr& frame, InitReason reason, bool lost) {
-  setReference(frame);
-  if (!lost) return needsMoreFrames(reason);
-  last_motion_ = SE3();
-  return resets_.restart(reason);
+std::unique_ptr<Initializer> makeCoarseInitializer(const InitializerOptions& options,
+                                                   const PinholeCamera& camera) {
+  return std::make_unique<CoarseInitializer>(options, camera);
 }
 
 }  // namespace dsorb::init_coarse

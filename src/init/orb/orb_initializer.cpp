@@ -4,12 +4,16 @@
 #include "dsorb/init/metric_scale.h"
 
 #include "base/median.h"
+#include "base/parallel.h"
 #include "image/contrast.h"
+#include "image/frame_check.h"
 #include "init/orb/bundle/map_assembly.h"
 #include "init/orb/first_window.h"
 #include "init/orb/left_out_tracks.h"
+#include "init/orb/reference_pool.h"
 #include "init/orb/start/essential_start.h"
 #include "init/orb/start/readout.h"
+#include "init/reset_log.h"
 #include "init/result.h"
 #include "two_view/model_selection.h"
 
@@ -155,103 +159,135 @@ Attempt attemptFrom(ReferenceView seen, const AttemptContext& context) {
   return {std::move(made), start.summary, start.motion};
 }
 
-ORBInitializer::ORBInitializer(const InitializerOptions& options, const PinholeCamera& camera)
-    : options_(options),
-      camera_(camera),
-      arena_(options.num_threads),
-      frame_check_(camera),
-      pool_(makePool(options)) {}
+namespace {
 
-InitStep ORBInitializer::addFrame(FramePtr frame) {
-  if (spent_) throw std::logic_error("addFrame after a result: call reset() first");
-  frame_check_.accept(frame);
-  return arena_.run([&] { return advance(std::move(frame)); });
-}
+/// Initializer from corners: motion between a reference and the newest frame, geometric adjustment
+/// of the frames since the reference, semi-dense inverse depth of the reference.
+/// @source [Gladkova], algorithm 1 (full reference: docs/references.md)
+class ORBInitializer final : public Initializer {
+ public:
+  ORBInitializer(const InitializerOptions& options, const PinholeCamera& camera)
+      : options_(options),
+        camera_(camera),
+        arena_(options.num_threads),
+        frame_check_(camera),
+        pool_(makePool(options)) {}
 
-void ORBInitializer::reset() {
-  pool_.clear();
-  clock_.clear();
-  resets_.clear();
-  frame_check_.restart();
-  spent_ = false;
-  blank_ = 0;
-  put_off_ = 0;
-}
+  [[nodiscard]] InitStep addFrame(FramePtr frame) override {
+    if (spent_) throw std::logic_error("addFrame after a result: call reset() first");
+    frame_check_.accept(frame);
+    return arena_.run([&] { return advance(std::move(frame)); });
+  }
 
-InitStep ORBInitializer::advance(FramePtr frame) {
-  if (pool_.empty()) {
-    return startOver(std::move(frame), needsMoreFrames(InitReason::kFirstFrame));
+  void reset() override {
+    pool_.clear();
+    clock_.clear();
+    resets_.clear();
+    frame_check_.restart();
+    spent_ = false;
+    blank_ = 0;
+    put_off_ = 0;
   }
-  if (pool_.tooFewCorners()) {
-    return startOver(std::move(frame), needsMoreFrames(InitReason::kTooFewPoints));
-  }
-  if (!options_.skip.has(Mechanism::kBlank) && blank_ < kMaxBlank &&
-      isBlank(*frame, pool_.newest())) {
-    ++blank_;
-    return needsMoreFrames(InitReason::kTooFewPoints);
-  }
-  blank_ = 0;
-  clock_.time("tracking", [&] { pool_.advance(frame); });
-  if (pool_.dropLost()) {
-    return startOver(std::move(frame),
-                     onlyRotated() ? needsMoreFrames(InitReason::kTooLittleParallax)
-                                   : resets_.restart(InitReason::kTrackingLost));
-  }
-  Attempt attempt = tryReferences();
-  if (attempt.made) {
-    InitStep started = resets_.finish(toResult(std::move(*attempt.made)), clock_);
-    spent_ = true;
-    return started;
-  }
-  const InitReason failure = attempt.made.reason();
-  if (const auto reason = pool_.giveUp(failure)) {
-    return startOver(std::move(frame),
-                     *reason == InitReason::kTooLittleParallax ? needsMoreFrames(*reason)
-                                                               : resets_.restart(*reason));
-  }
-  clock_.time("corners", [&] { pool_.addWhenDue(); });
-  InitStep step = needsMoreFrames(failure);
-  step.motion = attempt.motion;
-  return step;
-}
 
-Attempt ORBInitializer::tryReferences() {
-  Attempt first;  // its reason is the answer when none succeeds
-  if (hurried_ && put_off_ < kMaxPutOff) {
-    ++put_off_;
-    first.made = InitReason::kHurried;
+  void setHurried(bool hurried) override { hurried_ = hurried; }
+
+ private:
+  InitStep advance(FramePtr frame) {
+    if (pool_.empty()) {
+      return startOver(std::move(frame), needsMoreFrames(InitReason::kFirstFrame));
+    }
+    if (pool_.tooFewCorners()) {
+      return startOver(std::move(frame), needsMoreFrames(InitReason::kTooFewPoints));
+    }
+    if (!options_.skip.has(Mechanism::kBlank) && blank_ < kMaxBlank &&
+        isBlank(*frame, pool_.newest())) {
+      ++blank_;
+      return needsMoreFrames(InitReason::kTooFewPoints);
+    }
+    blank_ = 0;
+    clock_.time("tracking", [&] { pool_.advance(frame); });
+    if (pool_.dropLost()) {
+      return startOver(std::move(frame),
+                       onlyRotated() ? needsMoreFrames(InitReason::kTooLittleParallax)
+                                     : resets_.restart(InitReason::kTrackingLost));
+    }
+    Attempt attempt = tryReferences();
+    if (attempt.made) {
+      InitStep started = resets_.finish(toResult(std::move(*attempt.made)), clock_);
+      spent_ = true;
+      return started;
+    }
+    const InitReason failure = attempt.made.reason();
+    if (const auto reason = pool_.giveUp(failure)) {
+      return startOver(std::move(frame),
+                       *reason == InitReason::kTooLittleParallax ? needsMoreFrames(*reason)
+                                                                 : resets_.restart(*reason));
+    }
+    clock_.time("corners", [&] { pool_.addWhenDue(); });
+    InitStep step = needsMoreFrames(failure);
+    step.motion = attempt.motion;
+    return step;
+  }
+
+  /// Tries the references, oldest first, until one passes.
+  Attempt tryReferences() {
+    Attempt first;  // its reason is the answer when none succeeds
+    if (hurried_ && put_off_ < kMaxPutOff) {
+      ++put_off_;
+      first.made = InitReason::kHurried;
+      return first;
+    }
+    put_off_ = 0;
+    std::optional<WaitingMotion> surest;
+    int tried = 0;
+    for (const int reference : pool_.turns()) {
+      if (tried == kMaxAttempts) break;
+      if (pool_.age(reference) < options_.orb.min_frames && !pool_.mayStartEarly(reference)) {
+        continue;
+      }
+      Attempt next = attemptFrom(pool_.view(reference), {camera_, options_, clock_});
+      if (next.made) return next;
+      pool_.remember(reference, next.summary);
+      tried += next.summary.tried ? 1 : 0;
+      keepSurest(next.motion, surest);
+      if (reference == 0) first = std::move(next);
+    }
+    first.motion = surest;
     return first;
   }
-  put_off_ = 0;
-  std::optional<WaitingMotion> surest;
-  int tried = 0;
-  for (const int reference : pool_.turns()) {
-    if (tried == kMaxAttempts) break;
-    if (pool_.age(reference) < options_.orb.min_frames && !pool_.mayStartEarly(reference)) {
-      continue;
-    }
-    Attempt next = attemptFrom(pool_.view(reference), {camera_, options_, clock_});
-    if (next.made) return next;
-    pool_.remember(reference, next.summary);
-    tried += next.summary.tried ? 1 : 0;
-    keepSurest(next.motion, surest);
-    if (reference == 0) first = std::move(next);
+
+  /// Whether the corners left the image only because the camera rotated.
+  [[nodiscard]] bool onlyRotated() const {
+    const CornerTracks tracks = pool_.newestTracks();
+    return tracks.size() >= kMinRotationTracks &&
+           rotationResidualDeg(tracks.matchesTo(tracks.frames() - 1), camera_) <
+               kMinRotationResidualDeg;
   }
-  first.motion = surest;
-  return first;
-}
 
-/// Whether the corners left the image only because the camera rotated.
-bool ORBInitializer::onlyRotated() const {
-  const CornerTracks tracks = pool_.newestTracks();
-  return tracks.size() >= kMinRotationTracks &&
-         rotationResidualDeg(tracks.matchesTo(tracks.frames() - 1), camera_) <
-             kMinRotationResidualDeg;
-}
+  /// Makes the frame the only reference. @return the step
+  InitStep startOver(FramePtr frame, InitStep step) {
+    clock_.time("corners", [&] { pool_.start(std::move(frame)); });
+    return step;
+  }
 
-InitStep ORBInitializer::startOver(FramePtr frame, InitStep step) {
-  clock_.time("corners", [&] { pool_.start(std::move(frame)); });
-  return step;
+  InitializerOptions options_;
+  PinholeCamera camera_;
+  TaskArena arena_;
+  FrameCheck frame_check_;
+  ReferencePool pool_;
+  StageClock clock_;
+  ResetLog resets_;
+  bool spent_ = false;
+  bool hurried_ = false;
+  int blank_ = 0;    // frames in a row that show nothing
+  int put_off_ = 0;  // attempts in a row, for want of time
+};
+
+}  // namespace
+
+std::unique_ptr<Initializer> makeOrbInitializer(const InitializerOptions& options,
+                                                const PinholeCamera& camera) {
+  return std::make_unique<ORBInitializer>(options, camera);
 }
 
 }  // namespace dsorb::init_orb

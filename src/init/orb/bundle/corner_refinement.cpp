@@ -129,15 +129,8 @@ DSORB_TARGET_CLONES bool linearizePatch(const TargetImage& target,
                                         const Eigen::Vector2f& ray,
                                         float inverse_depth,
                                         Lanes& totals) {
-  return linearizeAs<false>(target, patch, ray, inverse_depth, totals);
-}
-
-DSORB_TARGET_CLONES bool linearizePatchRolling(const TargetImage& target,
-                                               const CornerPatch& patch,
-                                               const Eigen::Vector2f& ray,
-                                               float inverse_depth,
-                                               Lanes& totals) {
-  return linearizeAs<true>(target, patch, ray, inverse_depth, totals);
+  return target.corrected ? linearizeAs<true>(target, patch, ray, inverse_depth, totals)
+                          : linearizeAs<false>(target, patch, ray, inverse_depth, totals);
 }
 
 /// @return nullopt where the patch leaves the image or touches an invalid pixel
@@ -174,12 +167,11 @@ class FrameMeasurer {
                                                    const std::optional<CornerPatch>& patch) const {
     const Eigen::Vector3d ray = camera_.unproject(corner.pixel);
     Lanes sums;
-    const auto sum_up = target_.corrected ? linearizePatchRolling : linearizePatch;
-    if (!patch || !sum_up(target_,
-                          *patch,
-                          ray.head<2>().cast<float>(),
-                          static_cast<float>(corner.inverse_depth),
-                          sums)) {
+    if (!patch || !linearizePatch(target_,
+                                  *patch,
+                                  ray.head<2>().cast<float>(),
+                                  static_cast<float>(corner.inverse_depth),
+                                  sums)) {
       return std::nullopt;
     }
     const auto sum = [&sums](int k) { return static_cast<double>(sums[k]); };

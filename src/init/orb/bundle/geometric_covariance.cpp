@@ -3,7 +3,6 @@
 
 #include "estimate/variance_factors.h"
 #include "init/orb/bundle/robust_adjustment.h"
-#include "init/orb/bundle/rolling_equations.h"
 
 #include <algorithm>
 #include <cmath>
@@ -16,37 +15,11 @@
 namespace dsorb::init_orb {
 namespace {
 
-/// Derivatives of an observation by the pose of the frame and, with a rolling shutter, by the
-/// motions.
-ObservationGradient gradientOf(const InitialMap& map,
-                               const PoseRows& pose_rows,
-                               Eigen::Index size,
-                               const PinholeCamera& camera) {
-  std::optional<RowTimesOfMap> times;
-  if (!map.motions.empty()) times.emplace(map, camera);
-  return
-      [&map, &pose_rows, size, times = std::move(times)](std::size_t i, const Vector6d& by_pose) {
-        Eigen::VectorXd gradient = Eigen::VectorXd::Zero(size);
-        const CornerObservation& observation = map.observations[i];
-        const int row = pose_rows.first[observation.frame];
-        if (times) {
-          addByFactors(by_pose,
-                       motionFactors(times->target[i], times->host[observation.corner]),
-                       map.frames[observation.frame].T_cam_ref->adjoint(),
-                       MotionRows{pose_rows.size}.ofFactors(row),
-                       gradient);
-        } else {
-          gradient.segment<kPoseSize>(row) = by_pose;
-        }
-        return gradient;
-      };
-}
-
-void setPoseCovariances(InitialMap& map, const PoseRows& pose_rows, const Eigen::MatrixXd& joint) {
+void setPoseCovariances(InitialMap& map, const UnknownRows& rows, const Eigen::MatrixXd& joint) {
   std::vector<std::size_t> frames;
   for (std::size_t k = 1; k < map.frames.size(); ++k) {
     map.frames[k].covariance.reset();
-    if (pose_rows.first[k] >= 0) frames.push_back(k);
+    if (rows.first[k] >= 0) frames.push_back(k);
   }
   setJointCovariance(map, std::move(frames), joint);
 }
@@ -56,20 +29,13 @@ void setPoseCovariances(InitialMap& map, const PoseRows& pose_rows, const Eigen:
 GeometricMarginals::GeometricMarginals(const InitialMap& map,
                                        const PinholeCamera& camera,
                                        const GeometricOptions& options)
-    : rows(map),
-      equations(map.motions.empty() ? linearize(map, rows, camera, options)
-                                    : linearizeRolling(map, rows, camera, options)) {
+    : rows(map), equations(linearize(map, rows, camera, options)) {
   const std::vector<double>& h = equations.system.depth_hessian;
   const auto last = h.begin() + static_cast<std::ptrdiff_t>(map.corners.size());
   const bool all_known = std::all_of(h.begin(), last, [](double value) { return value > 0; });
-  if (rows.size == 0 || map.corners.empty() || !all_known) return;
-  const ReprojectionState state(map, rows);
-  scale = Eigen::VectorXd::Zero(equations.system.size());
-  if (!map.scaleKnown()) {
-    scale.head(rows.size) = scaleDirection(state.T_cam_ref, kPoseSize);
-    if (!map.motions.empty()) scaleMotions(map, rows, scale);
-  }
-  marginals = Marginals(equations.system, scale, state.inverse_depth);
+  if (rows.poses == 0 || map.corners.empty() || !all_known) return;
+  scale = map.scaleKnown() ? Eigen::VectorXd::Zero(rows.size()) : rows.scaleDirection(map);
+  marginals = Marginals(equations.system, scale, ReprojectionState(map, rows).inverse_depth);
   const auto unknowns = equations.system.size() + static_cast<Eigen::Index>(map.corners.size());
   const double redundancy =
       equations.rows - static_cast<double>(unknowns) + (map.scaleKnown() ? 0 : 1);
@@ -82,7 +48,7 @@ Eigen::MatrixXd cellGradients(const InitialMap& map,
                               const LinearSystem<double>& system,
                               const PinholeCamera& camera,
                               const GeometricOptions& options,
-                              const ObservationGradient& gradient_of) {
+                              const AddGradient& add) {
   std::vector<Eigen::Index> column(kErrorCells, -1);
   std::vector<std::size_t> cell(map.corners.size());
   Eigen::Index cells = 0;
@@ -96,12 +62,12 @@ Eigen::MatrixXd cellGradients(const InitialMap& map,
     if (!map.frames[observation.frame].T_cam_ref) continue;
     const auto projection = projectCorner(map, camera, observation);
     if (!projection) continue;
-    const Eigen::Matrix2d whitening = observation.whitening / options.sigma;
-    const Eigen::Vector2d error = whitening * (projection->pixel - observation.pixel);
-    gradients.col(column[cell[observation.corner]]) +=
-        gradient_of(i,
-                    robustWeight(error.norm(), options) * projection->J_pose.transpose() *
-                        (whitening.transpose() * error));
+    const WhitenedError error(observation, *projection, options.sigma);
+    const Eigen::Vector2d unwhitened =
+        observation.whitening.transpose() / options.sigma * error.value;
+    add(i,
+        robustWeight(error.value.norm(), options) * projection->J_pose.transpose() * unwhitened,
+        gradients.col(column[cell[observation.corner]]));
   }
   for (std::size_t i = 0; i < cell.size(); ++i) {
     gradients.col(column[cell[i]]) -=
@@ -116,7 +82,7 @@ void setCovariances(InitialMap& map,
                     double own_factor) {
   const LinearSystem<double>& system = joint.equations.system;
   const Marginals& marginals = joint.marginals;
-  const int size = joint.rows.size;
+  const int size = joint.rows.poses;
   const double mean_variance = marginals.depthVariance();
   const Eigen::MatrixXd in_gauge = marginals.inGauge(roots);
   const auto poses = in_gauge.topRows(size);
@@ -141,7 +107,7 @@ double setCovariances(InitialMap& map,
   const GeometricMarginals joint(map, camera, options);
   if (!joint.variance_factor) return std::numeric_limits<double>::quiet_NaN();
   const LinearSystem<double>& system = joint.equations.system;
-  const int size = joint.rows.size;
+  const int size = joint.rows.poses;
   const double factor = *joint.variance_factor;
   map.cluster_variance_scale = 1;
   if (!skip.has(Mechanism::kTail)) {
@@ -152,10 +118,17 @@ double setCovariances(InitialMap& map,
     setCovariances(map, joint, roots, factor * size / kPoseSize);
     return factor;
   }
+  const RowTimesOfMap times(map, camera);
+  const auto add = [&](std::size_t i, const Vector6d& by_pose, Eigen::Ref<Eigen::VectorXd> all) {
+    const CornerObservation& observation = map.observations[i];
+    joint.rows.addByFactors(by_pose,
+                            joint.rows.first[observation.frame],
+                            times.factors(i, observation.corner),
+                            map.frames[observation.frame].T_cam_ref->adjoint(),
+                            all);
+  };
   const Eigen::MatrixXd clustered = joint.marginals.clusteredRoots(
-      cellGradients(
-          map, system, camera, options, gradientOf(map, joint.rows, system.size(), camera)),
-      size / kPoseSize);
+      cellGradients(map, system, camera, options, add), size / kPoseSize);
   roots.conservativeResize(Eigen::NoChange, roots.cols() + clustered.cols());
   roots.rightCols(clustered.cols()) = std::sqrt(map.cluster_variance_scale) * clustered;
   // Errors of one track in all frames are one error.

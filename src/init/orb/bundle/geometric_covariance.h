@@ -18,10 +18,10 @@
 
 namespace dsorb::init_orb {
 
-/// Gradient by all unknowns of the frames that the error of an observation contributes, of that by
-/// a left increment of its frame's pose.
-using ObservationGradient =
-    std::function<Eigen::VectorXd(std::size_t observation, const Vector6d& by_pose)>;
+/// Adds the gradient by all unknowns of the frames that the error of an observation contributes, of
+/// that by a left increment of its frame's pose.
+using AddGradient = std::function<void(
+    std::size_t observation, const Vector6d& by_pose, Eigen::Ref<Eigen::VectorXd> all)>;
 
 /// Gradients summed over the corners of each cell of the image, inverse depths eliminated, one
 /// column a cell: they are independent samples of an error whose covariance is unknown.
@@ -29,7 +29,7 @@ Eigen::MatrixXd cellGradients(const InitialMap& map,
                               const LinearSystem<double>& system,
                               const PinholeCamera& camera,
                               const GeometricOptions& options,
-                              const ObservationGradient& gradient_of);
+                              const AddGradient& add);
 
 /// Marginals of an adjusted map.
 struct GeometricMarginals {
@@ -37,9 +37,9 @@ struct GeometricMarginals {
                      const PinholeCamera& camera,
                      const GeometricOptions& options);
 
-  PoseRows rows;
+  UnknownRows rows;
   ReprojectionEquations equations;
-  Eigen::VectorXd scale;  ///< scaleDirection(); zeros where the map's scale is known
+  Eigen::VectorXd scale;  ///< of UnknownRows; zeros where the map's scale is known
   Marginals marginals;
   /// A-posteriori: sum w e^2 / (observations - parameters) [-]; none without redundancy, or where
   /// the equations do not determine every corner and pose.

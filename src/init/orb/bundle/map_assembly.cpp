@@ -33,20 +33,6 @@ std::vector<TimedPose> posesOf(InitialMap map, const PinholeCamera& camera) {
   return poses;
 }
 
-std::vector<RowMotion> parabolasThrough(const std::vector<TimedPose>& poses) {
-  std::vector<RowMotion> motions;
-  const std::size_t count = poses.size();
-  for (std::size_t k = 0; k < count; ++k) {
-    std::vector<TimedPose> neighbours;
-    if (k > 0) neighbours.push_back(poses[k - 1]);
-    if (k + 1 < count) neighbours.push_back(poses[k + 1]);
-    if (k + 2 < count) neighbours.push_back(poses[k + 2]);
-    if (k > 1) neighbours.push_back(poses[k - 2]);
-    motions.push_back(motionThrough(poses[k], neighbours));
-  }
-  return motions;
-}
-
 }  // namespace
 
 std::vector<std::vector<PointObservation>> observationsByFrame(const InitialMap& map,
@@ -110,14 +96,14 @@ std::vector<std::size_t> poseOtherFrames(InitialMap& map, const PinholeCamera& c
 }
 
 std::vector<RowMotion> motionsByPoses(const InitialMap& map, const PinholeCamera& camera) {
-  return parabolasThrough(posesOf(map, camera));
+  return motionsAlong(posesOf(map, camera));
 }
 
 void estimateMotions(InitialMap& map, const PinholeCamera& camera) {
   if (!isRolling(*map.frames.front().frame)) return;
   if (map.motions.empty()) normalizeCornerScale(map);
   const std::vector<TimedPose> poses = posesOf(map, camera);
-  const std::vector<RowMotion> means = parabolasThrough(poses);
+  const std::vector<RowMotion> means = motionsAlong(poses);
   RecentMotion shown;
   for (const TimedPose& pose : poses) shown.push({pose});
   const Vector6d sigma = variance_factors::kRowMotion * shown.sigma();

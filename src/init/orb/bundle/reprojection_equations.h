@@ -13,11 +13,22 @@
 
 #include <Eigen/Core>
 
+#include <array>
 #include <cstddef>
 #include <optional>
+#include <utility>
 #include <vector>
 
+/// Normal equations of a map's reprojection errors. Where rows were exposed at different times,
+/// observations are kept at the time of the middle row, where the map's motions have moved them;
+/// what these motions are wrong by is unknown as well: an observation depends on the velocity of
+/// its frame as on its pose, times the time of the row that sees it, and on that of the reference,
+/// times that of the hosting row.
+/// @source Schubert et al., Direct Sparse Odometry with Rolling Shutter, ECCV 2018
 namespace dsorb::init_orb {
+
+constexpr int kMotionSize = 2 * kPoseSize;
+using Motion = Eigen::Matrix<double, kMotionSize, 1>;  ///< velocity, then acceleration
 
 /// Normal equations of known motions, poses' left increments in six rows each. They are Gaussians,
 /// because adjustWithMotions() refuses those that contradict the images. Known translations are in
@@ -36,30 +47,77 @@ struct MotionEquations {
 MotionEquations motionEquations(const std::vector<KnownMotion>& motions,
                                 const std::vector<SE3>& T_cam_ref);
 
-constexpr std::size_t kCornerBlock = 64;  ///< corners that one thread takes at a time
+/// How the pose between two rows depends on the left increments of a frame's pose, on its velocity
+/// and acceleration, and on the reference's velocity and acceleration, the latter two seen from the
+/// frame: one factor each.
+constexpr int kFactors = 5;
+using MotionFactors = Eigen::Matrix<double, kFactors, 1>;
+/// @param target, host times of the rows [s]
+inline MotionFactors motionFactors(double target, double host) {
+  return {1, target, 0.5 * target * target, -host, -0.5 * host * host};
+}
 
-/// Rows of the posed frames' unknowns in the equations.
-struct PoseRows {
-  explicit PoseRows(const InitialMap& map);
+/// Rows of the unknowns: the poses of the posed frames, then, where rows move, velocity and
+/// acceleration of the same frames, then those of the reference.
+struct UnknownRows {
+  explicit UnknownRows(const InitialMap& map);
 
-  std::vector<int> first;  ///< one a frame; -1 for the reference and unposed frames
-  int size = 0;            ///< of all poses together
+  std::vector<int> first;  ///< of each frame's pose; -1 for the reference and unposed frames
+  int poses = 0;           ///< rows of all poses together
+  bool rolling = false;    ///< whether rows move
+
+  [[nodiscard]] int frames() const { return poses / kPoseSize; }
+  [[nodiscard]] int motion(int pose_row) const { return poses + 2 * pose_row; }
+  [[nodiscard]] int motionOfReference() const { return motion(poses); }
+  [[nodiscard]] int size() const { return rolling ? motionOfReference() + kMotionSize : poses; }
+  /// Index of a frame's motion; none where the frame takes no part.
+  [[nodiscard]] std::optional<std::size_t> motionIndex(std::size_t frame) const {
+    const int row = frame == 0 ? poses : first[frame];
+    return row < 0 ? std::nullopt : std::optional(static_cast<std::size_t>(row / kPoseSize));
+  }
+  /// Adds to a vector of all unknowns what a vector by a pose's increments means for them.
+  /// @param adjoint of the pose
+  void addByFactors(const Vector6d& by_pose,
+                    int pose_row,
+                    const MotionFactors& of_observation,
+                    const Matrix6d& adjoint,
+                    Eigen::Ref<Eigen::VectorXd> all) const;
+  /// Direction in which all translations grow together, over all unknowns.
+  [[nodiscard]] Eigen::VectorXd scaleDirection(const InitialMap& map) const;
+
+  /// Rows of the unknowns that the factors stand for.
+  [[nodiscard]] std::array<int, kFactors> ofFactors(int pose_row) const {
+    const int of_frame = motion(pose_row);
+    const int of_reference = motionOfReference();
+    return {pose_row, of_frame, of_frame + kPoseSize, of_reference, of_reference + kPoseSize};
+  }
 };
 
-/// State of an adjustment: poses of the posed frames after the reference, and inverse depths of the
-/// corners, filled up with zeros to whole lanes.
+/// Times of the rows that see the corners, relative to the middle rows [s].
+struct RowTimesOfMap {
+  std::vector<double> host;    ///< one a corner
+  std::vector<double> target;  ///< one an observation
+
+  /// @param map with motions; zeros without
+  RowTimesOfMap(const InitialMap& map, const PinholeCamera& camera);
+
+  [[nodiscard]] MotionFactors factors(std::size_t observation, std::size_t corner) const {
+    return motionFactors(target[observation], host[corner]);
+  }
+};
+
+/// State of an adjustment.
 struct ReprojectionState {
-  std::vector<SE3> T_cam_ref;
-  std::vector<double> inverse_depth;
+  std::vector<SE3> T_cam_ref;         ///< of the posed frames after the reference
+  std::vector<double> inverse_depth;  ///< of the corners, filled up with zeros to whole lanes
+  /// Added to the map's motions: one a posed frame, then that of the reference. Empty: none.
+  std::vector<Motion> motion_change;
 
-  ReprojectionState(const InitialMap& map, const PoseRows& rows);
-  /// Becomes another state after a step.
-  void moveFrom(const ReprojectionState& from, const DampedSolver& solution);
-  void writeTo(InitialMap& map, const PoseRows& rows) const;
+  ReprojectionState(const InitialMap& map, const UnknownRows& rows);
 };
 
-/// Robustly weighted normal equations over poses (left increments) and inverse depths, the latter
-/// as many as ReprojectionState has. Points behind a camera have no part.
+/// Robustly weighted normal equations over UnknownRows and the inverse depths of a
+/// ReprojectionState, with the map's priors of the velocities. Points behind a camera have no part.
 struct ReprojectionEquations {
   LinearSystem<double> system;
   double cost = 0;             ///< half the sum of the robust loss, as Ceres counts it; infinite
@@ -68,66 +126,46 @@ struct ReprojectionEquations {
   int rows = 0;                ///< scalar observations
 };
 
-/// What the caller knows of the inverse depths and of the motions between posed frames.
-class KnownTerms {
- public:
-  KnownTerms(const InitialMap& map, const PoseRows& rows);
-  /// @param equations whose first unknowns are the poses
-  void addTo(ReprojectionEquations& equations, const ReprojectionState& state) const;
-
- private:
-  std::vector<KnownInverseDepth> depths_;  ///< by corner; empty: none
-  std::vector<KnownMotion> motions_;       ///< frames are indices of posed ones
-};
-
-/// Observations in posed frames, arranged for the kernels. Runs in parallel
-/// inside the caller's arena; sums are added in an order that does not depend on it.
-class ReprojectionProblem {
- public:
-  ReprojectionProblem(const InitialMap& map,
-                      const PoseRows& rows,
-                      const PinholeCamera& camera,
-                      const GeometricOptions& options);
-
-  void linearize(const ReprojectionState& state, ReprojectionEquations& equations) const;
-  static void move(const ReprojectionState& from,
-                   const DampedSolver& solution,
-                   ReprojectionState& to) {
-    to.moveFrom(from, solution);
-  }
-
-  [[nodiscard]] std::size_t frames() const { return observations_.size(); }
-  /// Corners, filled up to whole lanes.
-  [[nodiscard]] std::size_t stride() const { return ray_x_.size(); }
-
- private:
-  struct FrameObservations {
-    std::vector<double> pixel_x, pixel_y, information_xx, information_xy, information_yy;
-  };
-  [[nodiscard]] ObservationRun run(std::size_t frame,
-                                   std::size_t first,
-                                   std::size_t count,
-                                   const ReprojectionState& state) const;
-
-  PinholeCamera camera_;
-  LossSetting loss_;
-  std::vector<double> ray_x_;
-  std::vector<double> ray_y_;
-  std::vector<FrameObservations> observations_;  ///< by posed frame
-  KnownTerms known_;
-};
-
-/// Equations of a map.
 ReprojectionEquations linearize(const InitialMap& map,
-                                const PoseRows& pose_rows,
+                                const UnknownRows& rows,
                                 const PinholeCamera& camera,
                                 const GeometricOptions& options);
+
+/// Error of an observation over its noise, with derivatives by its frame's pose and inverse depth.
+struct WhitenedError {
+  Eigen::Vector2d value;
+  Eigen::Matrix<double, 2, kPoseSize> J_pose;
+  Eigen::Vector2d J_depth;
+
+  /// @param sigma that the observation's whitening lacks
+  WhitenedError(const CornerObservation& observation,
+                const HostedProjection& projection,
+                double sigma) {
+    const Eigen::Matrix2d whitening = observation.whitening / sigma;
+    value = whitening * (projection.pixel - observation.pixel);
+    J_pose = whitening * projection.J_pose;
+    J_depth = whitening * projection.J_inverse_depth;
+  }
+  /// The component that no inverse depth changes; nothing where the images show none.
+  [[nodiscard]] std::optional<double> across() const {
+    const double length = J_depth.norm();
+    if (!(length > 0)) return std::nullopt;
+    return std::abs(J_depth.x() * value.y() - J_depth.y() * value.x()) / length;
+  }
+};
 
 /// Where the corner of an observation is expected; nullopt behind the camera.
 /// @param observation of a frame with pose
 std::optional<HostedProjection> projectCorner(const InitialMap& map,
                                               const PinholeCamera& camera,
                                               const CornerObservation& observation);
+
+/// The error of an observation at the map's estimate; nullopt behind the camera.
+/// @param observation of a frame with pose
+std::optional<WhitenedError> errorOf(const InitialMap& map,
+                                     const PinholeCamera& camera,
+                                     const CornerObservation& observation,
+                                     double sigma = 1);
 
 /// Robust loss of one observation, as Ceres counts it. @param error whitened, at least 0
 double robustCost(double error, const GeometricOptions& options);
@@ -140,10 +178,18 @@ std::optional<double> reprojectionCost(const InitialMap& map,
                                        const PinholeCamera& camera,
                                        const GeometricOptions& options);
 
-/// solveWithSchur() of a map whose frames were each exposed at one time.
-std::optional<int> solveReprojections(InitialMap& map,
-                                      const PinholeCamera& camera,
-                                      const GeometricOptions& options,
-                                      const Stopping& stopping);
+/// Moves the poses of all posed frames but the first and the inverse depths of the corners to the
+/// minimum of the reprojection errors with the robust loss of the options; where rows move, the
+/// motions as well, and pixels to where the motions found would have them at the times of the
+/// middle rows. The scale stays about where it was.
+/// @param map observations sorted by corner; every corner in front of all cameras that see it
+/// @return    iterations, or nullopt when no usable numbers were found
+/// @source Triggs et al., Bundle Adjustment - A Modern Synthesis, section 6.1 (Schur complement);
+///         Madsen, Nielsen, Tingleff, Methods for Non-Linear Least Squares Problems, algorithm 3.16
+///         (damping)
+std::optional<int> solveGeometry(InitialMap& map,
+                                 const PinholeCamera& camera,
+                                 const GeometricOptions& options,
+                                 const Stopping& stopping = {});
 
 }  // namespace dsorb::init_orb

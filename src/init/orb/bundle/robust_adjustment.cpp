@@ -4,7 +4,6 @@
 #include "base/median.h"
 #include "base/parallel.h"
 #include "features/corner_tracks.h"
-#include "init/orb/bundle/rolling_equations.h"
 
 #include <algorithm>
 #include <cmath>
@@ -51,9 +50,8 @@ std::vector<char> cornersAbove(const InitialMap& map,
 std::vector<double> reprojectionErrors(const InitialMap& map, const PinholeCamera& camera) {
   const auto error = [&](const CornerObservation& observation) {
     if (!isPosed(map, observation)) return std::numeric_limits<double>::quiet_NaN();
-    const auto projection = projectCorner(map, camera, observation);
-    return projection ? (observation.whitening * (projection->pixel - observation.pixel)).norm()
-                      : std::numeric_limits<double>::infinity();
+    const auto found = errorOf(map, camera, observation);
+    return found ? found->value.norm() : std::numeric_limits<double>::infinity();
   };
   std::vector<double> errors(map.observations.size());
   forEachRange(errors.size(), kTaskGrain, [&](std::size_t begin, std::size_t end) {
@@ -63,14 +61,6 @@ std::vector<double> reprojectionErrors(const InitialMap& map, const PinholeCamer
 }
 
 }  // namespace
-
-std::optional<int> solveGeometry(InitialMap& map,
-                                 const PinholeCamera& camera,
-                                 const GeometricOptions& options,
-                                 const Stopping& stopping) {
-  return map.motions.empty() ? solveReprojections(map, camera, options, stopping)
-                             : solveRolling(map, camera, options, stopping);
-}
 
 std::optional<InitialMap> adjustOnce(InitialMap map,
                                      const PinholeCamera& camera,
@@ -119,14 +109,9 @@ double tailExcess(const InitialMap& map, const PinholeCamera& camera) {
   across.reserve(map.observations.size());
   for (const CornerObservation& observation : map.observations) {
     if (!isPosed(map, observation)) continue;
-    const auto projection = projectCorner(map, camera, observation);
-    if (!projection) continue;
-    const Eigen::Vector2d line = observation.whitening * projection->J_inverse_depth;
-    const Eigen::Vector2d error = observation.whitening * (projection->pixel - observation.pixel);
-    const double length = line.norm();
-    if (length > 0) {
-      across.push_back(std::abs(line.x() * error.y() - line.y() * error.x()) / length);
-    }
+    const auto error = errorOf(map, camera, observation);
+    const auto off = error ? error->across() : std::nullopt;
+    if (off) across.push_back(*off);
   }
   const double median = medianInPlace(across);
   if (!(median > 0)) return 0;

@@ -15,19 +15,6 @@ namespace dsorb::init_orb {
 constexpr double kSevereLimit = 8;  ///< of an error; corners above it go at once [px]
 constexpr double kNormalLimit = 3;  ///< least limit once the severe errors are gone [px]
 
-/// Moves the poses of all posed frames but the first and the inverse depths of the corners to the
-/// minimum of the reprojection errors with the robust loss of the options, and touches nothing
-/// else. The scale stays about where it was.
-/// @param map observations sorted by corner; every corner in front of all cameras that see it
-/// @return    iterations, or nullopt when no usable numbers were found
-/// @source Triggs et al., Bundle Adjustment - A Modern Synthesis, section 6.1 (Schur complement);
-///         Madsen, Nielsen, Tingleff, Methods for Non-Linear Least Squares Problems, algorithm 3.16
-///         (damping)
-std::optional<int> solveGeometry(InitialMap& map,
-                                 const PinholeCamera& camera,
-                                 const GeometricOptions& options,
-                                 const Stopping& stopping = {});
-
 /// Adjusts poses and corners in two rounds, each followed by the removal of corners whose largest
 /// error is above a multiple of the robust standard deviation. Corners behind the camera stay,
 /// because they are evidence against the motion.

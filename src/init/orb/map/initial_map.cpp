@@ -90,17 +90,13 @@ constexpr double kMaxGain = 5;  // and its inverse; more is no exposure change
 
 /// Mean grey value of the residual pattern; nullopt where it leaves the image or is invalid.
 std::optional<double> patchMean(const PyramidLevel& level, const Eigen::Vector2f& at) {
-  if (!canSample(level, at.x(), at.y(), kPatternRadius)) {
-    return std::nullopt;
-  }
+  if (!canSample(level, at.x(), at.y(), kPatternRadius)) return std::nullopt;
   float sum = 0;
   for (const PatternOffset& offset : kPattern) {
     sum += interpolateIntensity(
         level, at.x() + static_cast<float>(offset.x), at.y() + static_cast<float>(offset.y));
   }
-  if (!std::isfinite(sum)) {
-    return std::nullopt;
-  }
+  if (!std::isfinite(sum)) return std::nullopt;
   return static_cast<double>(sum) / kPatternSize;
 }
 
@@ -111,38 +107,22 @@ struct GreyPair {
 
 /// target = gain reference + offset, Huber weights.
 std::optional<BrightnessTransfer> fitLine(const std::vector<GreyPair>& pairs) {
-  if (pairs.size() < kMinPairs) {
-    return std::nullopt;
-  }
+  if (pairs.size() < kMinPairs) return std::nullopt;
   BrightnessTransfer line;
   for (int iteration = 0; iteration < kIterations; ++iteration) {
-    double sum = 0;
-    double x = 0;
-    double y = 0;
-    double xx = 0;
-    double xy = 0;
+    GreyLine sums;
     for (const GreyPair& pair : pairs) {
       const double error = pair.target - line.gain * pair.reference - line.offset;
       // The first round has no line yet.
       const double weight =
           iteration == 0 ? 1.0 : static_cast<double>(huberWeight(static_cast<float>(error)));
-      sum += weight;
-      x += weight * pair.reference;
-      y += weight * pair.target;
-      xx += weight * pair.reference * pair.reference;
-      xy += weight * pair.reference * pair.target;
+      sums.add(pair.reference, pair.target, weight);
     }
-    const double variance = xx / sum - x / sum * (x / sum);
-    if (!(variance > kContrastOfGain * kContrastOfGain)) {
-      return std::nullopt;
-    }
-    line.gain = (xy / sum - x / sum * (y / sum)) / variance;
-    line.offset = (y - line.gain * x) / sum;
+    const auto fitted = sums.transfer();
+    if (!fitted) return std::nullopt;
+    line = *fitted;
   }
-  if (!(line.gain > 1 / kMaxGain && line.gain < kMaxGain)) {
-    return std::nullopt;
-  }
-  return line;
+  return line.gain > 1 / kMaxGain && line.gain < kMaxGain ? std::optional(line) : std::nullopt;
 }
 
 /// Brightness of a frame whose reference has none; none either where nothing can be said.
@@ -175,9 +155,8 @@ Eigen::Vector2f shownPixel(const InitialMap& map,
 
 KnownTerm knownTerm(const KnownInverseDepth& known, double inverse_depth) {
   const double error = (inverse_depth - known.mean) / std::sqrt(known.variance);
-  double ratio = 1;
-  double weight = 1;
-  cauchyWeights(error * error, kCauchyLimit, ratio, weight);
+  const double ratio = cauchyRatio(error * error, kCauchyLimit);
+  const double weight = 1 / ratio;
   return {weight / known.variance,
           weight * error / std::sqrt(known.variance),
           0.5 * kCauchyLimit * kCauchyLimit * std::log(ratio),
