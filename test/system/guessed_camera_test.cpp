@@ -179,10 +179,10 @@ TEST(GuessedCamera, ARadialDistortionIsFound) {
   distort(renderedRoom() / "images", bent / "images", camera, kDistortion, kLonger);
   const double truth = static_cast<double>(kLonger) * focal;
   const auto found = runOn(bent.string(), out, guess(truth, 640, -0.1))["found_camera"];
-  EXPECT_NEAR(found["fx"].get<double>() / truth, 1, 0.02) << found.dump(2);
-  EXPECT_NEAR(found["coefficients"][0].get<double>(), static_cast<double>(kDistortion), 0.03);
-  EXPECT_FALSE(found["known"].get<bool>()) << found.dump(2);  // measured: 1.6 %
-  EXPECT_FALSE(std::filesystem::exists(out / "refined_camera.txt"));
+  EXPECT_NEAR(found["fx"].get<double>() / truth, 1, 0.01) << found.dump(2);  // measured: .0001
+  EXPECT_NEAR(found["coefficients"][0].get<double>(), static_cast<double>(kDistortion), 0.01);
+  EXPECT_TRUE(found["known"].get<bool>()) << found.dump(2);  // measured: .67 %
+  EXPECT_TRUE(std::filesystem::exists(out / "refined_camera.txt"));
 }
 
 struct RealCamera {
