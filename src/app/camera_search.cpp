@@ -58,7 +58,7 @@ std::optional<FoundCamera> pass(SequenceReader& reader,
     progress.update(estimate, 0);
     if (estimate.state == OdometryState::kLost) odometry.restart();
     ++given;
-    if (looks_early && finder.frames() == kEarlyLook) {
+    if (looks_early && finder.frames() >= kEarlyLook) {
       looks_early = false;
       auto early = finder.find();
       if (early && isFar(early->lens, reader.lens())) return early;

@@ -228,6 +228,8 @@ class CameraFinder::Impl {
     LensPrior prior = priorOf(guess_);
     double noise = kFirstNoise * imageScale(images_.width, images_.height);
     Scene scene = sceneOf(views);
+    // What is held stays as the guess says.
+    scene.lens = (prior.sigma.array() > 0).select(scene.lens, prior.mean);
     startBest(prior, noise, scene);
     if (scene.corners.size() < kFewestCorners) return std::nullopt;
     for (int round = 0; round < 2; ++round) {

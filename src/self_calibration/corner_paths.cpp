@@ -73,8 +73,11 @@ void CornerPaths::find(const Frame& frame, float gain) {
   std::vector<Eigen::Vector2f> known;
   known.reserve(paths_.size());
   for (const Path& path : paths_) known.push_back(path.place);
-  const GreyImage image = greyImage(frame.level(0), gain, kFlowWindow / 2);
+  const GreyImage image = greyImage(frame.level(0), gain, kPatchReach + 1);
+  const Eigen::Vector2f end(static_cast<float>(image.grey.cols - 2),
+                            static_cast<float>(image.grey.rows - 2));
   for (const Eigen::Vector2f& place : chooseCorners(image.grey, image.valid, known, options)) {
+    if (std::min(place.minCoeff(), (end - place).minCoeff()) < kPatchReach) continue;
     auto patch = std::make_unique<ShapedPatch>(newest_.levels().front(), place);
     paths_.push_back({next_++, std::move(patch), place});
   }

@@ -6,8 +6,6 @@
 
 #include <Eigen/LU>
 
-#include <cmath>
-
 namespace dsorb::self_calibration {
 namespace {
 
@@ -17,12 +15,6 @@ constexpr float kLeastStep = 0.01F;     // [px]
 constexpr float kLeastShaping = 0.1F;   // of the shape, at the border [px]
 constexpr float kMostUnlike = 0.2F;     // differences' share of the variance of a patch
 constexpr float kMostStretched = 2.5F;  // area, or its inverse
-
-float sumOf(const Lanes& lanes) {
-  float sum = 0;
-  for (int k = 0; k < kLanes; ++k) sum += lanes[k];
-  return sum;
-}
 
 /// Interpolates a row of a patch.
 /// @param begin first place [px] @param step from one to the next
@@ -142,15 +134,16 @@ ShapedPatch::Difference ShapedPatch::compare(const FlowLevel& image, const Patch
   if (!difference.inside) return difference;
   LaneSums sums;
   sumDifferences(image, pose, {value_.data(), dx_.data(), dy_.data()}, sums);
-  const float mean = sumOf(sums.e) / (kPatchSide * kPatchSide);
-  difference.by_pose << sumOf(sums.dx), sumOf(sums.dy), sumOf(sums.dx_u), sumOf(sums.dx_v),
-      sumOf(sums.dy_u), sumOf(sums.dy_v);
+  const float mean = sumLanes(sums.e) / (kPatchSide * kPatchSide);
+  difference.by_pose << sumLanes(sums.dx), sumLanes(sums.dy), sumLanes(sums.dx_u),
+      sumLanes(sums.dx_v), sumLanes(sums.dy_u), sumLanes(sums.dy_v);
   difference.by_pose -= mean * slopes_;
-  difference.squares = sumOf(sums.squares) - mean * mean * (kPatchSide * kPatchSide);
+  difference.squares = sumLanes(sums.squares) - mean * mean * (kPatchSide * kPatchSide);
   return difference;
 }
 
 bool ShapedPatch::align(const FlowLevel& image, PatchPose& pose) const {
+  if (information_.info() != Eigen::Success) return false;
   for (int i = 0; i < kMostSteps; ++i) {
     const Difference difference = compare(image, pose);
     if (!difference.inside) return false;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "base/lanes.h"
 #include "features/lucas_kanade.h"
 
 #include <Eigen/Cholesky>
@@ -13,7 +14,8 @@ namespace dsorb::self_calibration {
 
 constexpr int kPatchReach = 10;  // to either side of the middle [px]
 constexpr int kPatchSide = 2 * kPatchReach + 1;
-constexpr int kPatchStride = (kPatchSide + 7) / 8 * 8;  // whole lanes; 0 behind a row
+constexpr int kPatchStride =
+    (kPatchSide + kLanes - 1) / kLanes * kLanes;  // whole lanes; 0 behind a row
 
 /// Where an image shows a patch of another one.
 struct PatchPose {

@@ -36,7 +36,7 @@ struct Uncertainty {
 ///                  this frame alone tells them
 /// @return nothing where the frame does not determine the pose
 /// @source inverse of the Gauss-Newton system with the inverse depths eliminated; effective points
-///         as in init/orb/geometric_covariance
+///         as in init/orb/bundle/geometric_covariance
 [[nodiscard]] std::optional<Uncertainty> uncertaintyOf(const AlignedFrame& tracked,
                                                        const PinholeCamera& camera,
                                                        PointLevel& points,

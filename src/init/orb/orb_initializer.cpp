@@ -41,15 +41,18 @@ Outcome<Reconstruction> addPoints(Reconstruction made,
   return filled;
 }
 
-/// Refuses a map that has lost so much to dynamic regions and to neighbours that contradict it that
-/// it is not sure any more.
+/// Judges the errors anew of a map that has lost corners to dynamic regions and to neighbours that
+/// contradict them, and refuses it where it is not sure any more.
 /// @param passed judgement before
 Outcome<Reconstruction> refuseRemains(Reconstruction made,
                                       const GateReport& passed,
                                       const GateOptions& options) {
   if (!hasEnoughCorners(made.map, made.live)) return InitReason::kTooFewPoints;
-  const double lost = lostTracksFactor(made.map, made.live);
-  if (!errorsPass(passed, passed.lost_factor / lost, options)) return InitReason::kPoorQuality;
+  const double larger = lostTracksFactor(made.map, made.live) / passed.lost_factor;
+  if (!errorsPass(passed, 1 / larger, options)) return InitReason::kPoorQuality;
+  const Eigen::Vector2d sigmas(passed.second_sigma_deg, passed.direction_sigma_deg);
+  const double errors = tailProbability(larger * sigmas, options.wrong_angle_deg);
+  made.report.wrong_probability = 1 - (1 - errors) * (1 - passed.plane_probability);
   return made;
 }
 

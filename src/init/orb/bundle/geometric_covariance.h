@@ -54,7 +54,8 @@ struct GeometricMarginals {
 /// covariance over cells of the image is added, and the part of the variance that an inverse depth
 /// has of its own counts once for all frames. Errors that are no noise (occlusions, wrong warps) do
 /// not average out over cells either, and show in the tails of the errors: the clustered covariance
-/// is multiplied by 1 + kTailVarianceFactor * tailExcess, kept in `map.cluster_variance_scale`.
+/// is multiplied by 1 + variance_factors::kStartTail * tailExcess, kept in
+/// `map.cluster_variance_scale`.
 /// @param map adjusted, mean inverse depth 1, every corner observed in a posed frame
 /// @return the variance factor s^2 [-]; nothing is set and NaN returned when the problem has no
 ///         redundancy or is degenerate

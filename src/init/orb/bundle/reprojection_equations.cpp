@@ -621,7 +621,9 @@ ReprojectionEquations linearize(const InitialMap& map,
 std::optional<double> reprojectionCost(const InitialMap& map,
                                        const PinholeCamera& camera,
                                        const GeometricOptions& options) {
-  const double cost = linearize(map, UnknownRows(map), camera, options).cost;
+  UnknownRows rows(map);
+  rows.rolling = false;  // pixels are where the middle rows see them: motions have no part
+  const double cost = linearize(map, rows, camera, options).cost;
   return std::isfinite(cost) ? std::optional(cost) : std::nullopt;
 }
 

@@ -16,7 +16,6 @@
 #include <array>
 #include <cstddef>
 #include <optional>
-#include <utility>
 #include <vector>
 
 /// Normal equations of a map's reprojection errors. Where rows were exposed at different times,

@@ -197,12 +197,13 @@ Outcome<double> completeMap(InitialMap& map,
 /// Whether a start whose refinement has begun misses by so much that the rest of the refinement
 /// would be in vain: the gate, or, where rows move, what is asked of a young start.
 bool missesByFar(InitialMap map,
+                 const LiveTracks& live,
                  const GeometricOptions& adjusted,
                  const ReferenceView& view,
                  const AttemptContext& context) {
   if (!completeMap(map, adjusted, true, context)) return false;
   const GateOptions& options = context.options.orb.gate;
-  const GateReport gate = judgeStart(map, context.camera, options, {});
+  const GateReport gate = judgeStart(map, context.camera, options, {live, 1, 1, {}});
   return !errorsPass(gate, kHopelessFactor, options) ||
          isYoung(view, gate.direction_sigma_deg / kHopelessFactor);
 }
@@ -233,7 +234,7 @@ Outcome<Reconstruction> refineStart(Reconstruction made,
     refinement = context.clock.time("refine", [&] {
       return refineCorners(map, camera, adjusted, [&](const InitialMap& begun) {
         return doubtful && !skip.has(Mechanism::kHopeless) &&
-               missesByFar(begun, refined, view, context);
+               missesByFar(begun, made.live, refined, view, context);
       });
     });
   }

@@ -30,8 +30,7 @@ double misfitOf(double median_error);
 bool hasEnoughCorners(const InitialMap& map, const LiveTracks& live);
 
 /// What the errors of a start are multiplied by for live tracks that it does not explain: 1 where
-/// it explains half of them, in proportion more where fewer. From images 3 to 7 m apart KITTI has
-/// 47 of 50 starts with it, and 35 where half of the matches had to be explained.
+/// it explains half of them, in proportion more where fewer.
 double lostTracksFactor(const InitialMap& map, const LiveTracks& live);
 
 /// What is known of a start beside its map.

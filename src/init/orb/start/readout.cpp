@@ -199,7 +199,7 @@ std::optional<Readout> scoreReadout(const InitialMap& map,
   }
   const LinearSystem<double> system = systemWithReadout(map, rows, by_readout, camera, options);
   Eigen::VectorXd scale = Eigen::VectorXd::Zero(system.size());
-  if (!map.scaleKnown()) scale.head(rows.poses) = rows.scaleDirection(map);
+  if (!map.scaleKnown()) scale.head(rows.poses) = rows.scaleDirection(map).head(rows.poses);
   const Marginals marginals(system, scale, ReprojectionState(map, rows).inverse_depth);
   DampedSolver solver;
   constexpr double kScaleDamping = 1e-6;  // the scale is free
