@@ -100,7 +100,8 @@ ShapedPatch::ShapedPatch(const FlowLevel& image, const Eigen::Vector2f& middle) 
     const float* row = image.row(y + v) + x;
     const float* below = image.row(y + v + 1) + x;
     for (int u = -kPatchReach; u <= kPatchReach; ++u) {
-      const auto at = static_cast<std::size_t>((v + kPatchReach) * kPatchStride + u + kPatchReach);
+      const int cell = (v + kPatchReach) * kPatchStride + u + kPatchReach;
+      const auto at = static_cast<std::size_t>(cell);
       const float dx = kScharr * (3 * (above[u + 1] - above[u - 1] + below[u + 1] - below[u - 1]) +
                                   10 * (row[u + 1] - row[u - 1]));
       const float dy = kScharr * (3 * (below[u - 1] - above[u - 1] + below[u + 1] - above[u + 1]) +
