@@ -194,8 +194,8 @@ struct RealCamera {
 
 class GuessOfARealCamera : public testing::TestWithParam<RealCamera> {};
 
-// Measured: room_hand .6 %, tartanair .9 %, EuRoC, whose lens is strongly distorted, 2.5 to 5 %
-// off, which is more than its sigma says.
+// Measured with a guess of 65 degrees: room_hand and tartanair .03 %, EuRoC, whose lens is strongly
+// distorted, .5 %.
 TEST_P(GuessOfARealCamera, EndsNearTheTruthOrIsSaidNotToBeKnown) {
   const auto sequence = realData(GetParam().sequence);
   if (!std::filesystem::exists(sequence)) GTEST_SKIP() << "no " << sequence;
@@ -206,7 +206,7 @@ TEST_P(GuessOfARealCamera, EndsNearTheTruthOrIsSaidNotToBeKnown) {
                              guess(GetParam().fx, GetParam().width, error))["found_camera"];
     const bool known = found["known"].get<bool>();
     EXPECT_TRUE(known || !GetParam().settles) << found.dump(2);
-    EXPECT_NEAR(found["fx"].get<double>() / GetParam().fx, 1, 0.04) << error;
+    EXPECT_NEAR(found["fx"].get<double>() / GetParam().fx, 1, 0.02) << error;
   }
 }
 
