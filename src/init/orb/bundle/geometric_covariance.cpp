@@ -118,14 +118,15 @@ double setCovariances(InitialMap& map,
     return factor;
   }
   const RowTimesOfMap times(map, camera);
-  const auto add = [&](std::size_t i, const Vector6d& by_pose, Eigen::Ref<Eigen::VectorXd> all) {
-    const CornerObservation& observation = map.observations[i];
-    joint.rows.addByFactors(by_pose,
-                            joint.rows.first[observation.frame],
-                            times.factors(i, observation.corner),
-                            map.frames[observation.frame].T_cam_ref->adjoint(),
-                            all);
-  };
+  const auto add =
+      [&](std::size_t i, const Vector6d& by_pose, const Eigen::Ref<Eigen::VectorXd>& all) {
+        const CornerObservation& observation = map.observations[i];
+        joint.rows.addByFactors(by_pose,
+                                joint.rows.first[observation.frame],
+                                times.factors(i, observation.corner),
+                                map.frames[observation.frame].T_cam_ref->adjoint(),
+                                all);
+      };
   const Eigen::MatrixXd clustered = joint.marginals.clusteredRoots(
       cellGradients(map, system, camera, options, add), size / kPoseSize);
   roots.conservativeResize(Eigen::NoChange, roots.cols() + clustered.cols());
