@@ -74,11 +74,10 @@ void CornerPaths::find(const Frame& frame, float gain) {
   known.reserve(paths_.size());
   for (const Path& path : paths_) known.push_back(path.place);
   const GreyImage image = greyImage(frame.level(0), gain, kPatchReach + 1);
-  const Eigen::Vector2f end(static_cast<float>(image.grey.cols - 2),
-                            static_cast<float>(image.grey.rows - 2));
+  const FlowLevel& finest = newest_.levels().front();
   for (const Eigen::Vector2f& place : chooseCorners(image.grey, image.valid, known, options)) {
-    if (std::min(place.minCoeff(), (end - place).minCoeff()) < kPatchReach) continue;
-    auto patch = std::make_unique<ShapedPatch>(newest_.levels().front(), place);
+    if (!isInside(finest, {place})) continue;
+    auto patch = std::make_unique<ShapedPatch>(finest, place);
     paths_.push_back({next_++, std::move(patch), place});
   }
 }

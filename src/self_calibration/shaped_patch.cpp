@@ -90,6 +90,13 @@ struct ShapedPatch::Difference {
   float squares = 0;  // summed
 };
 
+bool isInside(const FlowLevel& image, const PatchPose& pose) {
+  const Eigen::Vector2f reach = kPatchReach * pose.shape.cwiseAbs().rowwise().sum();
+  const Eigen::Vector2f end(static_cast<float>(image.width - 2),
+                            static_cast<float>(image.height - 2));
+  return (pose.place - reach).minCoeff() >= 0 && (end - pose.place - reach).minCoeff() >= 0;
+}
+
 ShapedPatch::ShapedPatch(const FlowLevel& image, const Eigen::Vector2f& middle) {
   const auto x = static_cast<int>(middle.x());
   const auto y = static_cast<int>(middle.y());
@@ -127,11 +134,7 @@ ShapedPatch::ShapedPatch(const FlowLevel& image, const Eigen::Vector2f& middle) 
 
 ShapedPatch::Difference ShapedPatch::compare(const FlowLevel& image, const PatchPose& pose) const {
   Difference difference;
-  const Eigen::Vector2f reach = kPatchReach * pose.shape.cwiseAbs().rowwise().sum();
-  const Eigen::Vector2f end(static_cast<float>(image.width - 2),
-                            static_cast<float>(image.height - 2));
-  difference.inside =
-      (pose.place - reach).minCoeff() >= 0 && (end - pose.place - reach).minCoeff() >= 0;
+  difference.inside = isInside(image, pose);
   if (!difference.inside) return difference;
   LaneSums sums;
   sumDifferences(image, pose, {value_.data(), dx_.data(), dy_.data()}, sums);

@@ -23,12 +23,15 @@ struct PatchPose {
   Eigen::Matrix2f shape = Eigen::Matrix2f::Identity();  ///< what a step from there becomes
 };
 
+/// Whether all of a patch lies in an image.
+[[nodiscard]] bool isInside(const FlowLevel& image, const PatchPose& pose);
+
 /// A patch of an image, found in others that stretch, turn and shear it: one that only moves ends
 /// beside its corner as soon as the view changes.
 /// @source Baker and Matthews, Lucas-Kanade 20 Years On, IJCV 2004 (inverse compositional)
 class ShapedPatch {
  public:
-  /// @param middle whole pixel, well inside the image
+  /// @param middle whole pixel; the patch lies inside
   ShapedPatch(const FlowLevel& image, const Eigen::Vector2f& middle);
 
   /// @param pose where the search begins; gets where it ends

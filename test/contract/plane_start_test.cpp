@@ -9,15 +9,20 @@
 namespace dsorb {
 namespace {
 
+synthetic::SequenceOptions plane(unsigned seed) {
+  synthetic::SequenceOptions options;
+  options.kind = synthetic::SequenceKind::kPlane;
+  options.seed = seed;
+  options.width = 320;
+  options.height = 240;
+  return options;
+}
+
 TEST(PlaneStart, AllFramesTellWhichMotionIsRight) {
   std::size_t given = 0;
   for (const unsigned seed : {1U, 2U, 3U}) {
-    synthetic::SequenceOptions options;
-    options.kind = synthetic::SequenceKind::kPlane;
-    options.seed = seed;
+    synthetic::SequenceOptions options = plane(seed);
     options.speed = 0.3;
-    options.width = 320;
-    options.height = 240;
     options.length = 30;
     const RenderedSequence& sequence = rendered(options);
     const auto initializer = makeInitializer({}, sequence.camera());
@@ -31,12 +36,8 @@ TEST(PlaneStart, AllFramesTellWhichMotionIsRight) {
 
 TEST(PlaneStart, ImagesMayBeFarApart) {
   for (const unsigned seed : {51U, 53U, 54U}) {
-    synthetic::SequenceOptions options;
-    options.kind = synthetic::SequenceKind::kPlane;
-    options.seed = seed;
+    synthetic::SequenceOptions options = plane(seed);
     options.rate = 1.5;
-    options.width = 320;
-    options.height = 240;
     options.length = 8;
     const RenderedSequence& sequence = rendered(options);
     const auto initializer = makeInitializer({}, sequence.camera());

@@ -54,7 +54,10 @@ inline const RenderedSequence& rendered(const synthetic::SequenceOptions& option
       << " " << options.exposure_changes << " " << options.seed << " " << options.fx << " "
       << options.width << " " << options.height << " " << options.moving_object << " "
       << options.moving_object_share << " " << options.moving_object_plain << " "
-      << options.camera_speed << " " << options.speed;
+      << options.camera_speed << " " << options.speed << " " << options.rate << " "
+      << options.readout << " " << options.motion_blur << " " << options.light << " "
+      << options.vignette << " " << options.nonlinear_response << " "
+      << options.rendering.supersampling;
   return sequences.try_emplace(key.str(), options).first->second;
 }
 

@@ -48,11 +48,9 @@ Outcome<Reconstruction> refuseRemains(Reconstruction made,
                                       const GateReport& passed,
                                       const GateOptions& options) {
   if (!hasEnoughCorners(made.map, made.live)) return InitReason::kTooFewPoints;
-  const double larger = lostTracksFactor(made.map, made.live) / passed.lost_factor;
-  if (!errorsPass(passed, 1 / larger, options)) return InitReason::kPoorQuality;
-  const Eigen::Vector2d sigmas(passed.second_sigma_deg, passed.direction_sigma_deg);
-  const double errors = tailProbability(larger * sigmas, options.wrong_angle_deg);
-  made.report.wrong_probability = 1 - (1 - errors) * (1 - passed.plane_probability);
+  const double shrunk_by = passed.lost_factor / lostTracksFactor(made.map, made.live);
+  if (!errorsPass(passed, shrunk_by, options)) return InitReason::kPoorQuality;
+  made.report.wrong_probability = wrongProbability(passed, shrunk_by, options);
   return made;
 }
 

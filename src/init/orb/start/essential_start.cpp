@@ -147,6 +147,12 @@ bool isYoung(const ReferenceView& view, double direction_sigma_deg) {
   return rows_move && view.frames.size() < kGrownUpFrames && direction_sigma_deg > kYoungSigmaDeg;
 }
 
+/// Tail of the direction's errors if they had shrunk by a factor.
+double errorProbability(const GateReport& report, double shrunk_by, const GateOptions& options) {
+  const Eigen::Vector2d sigmas(report.second_sigma_deg, report.direction_sigma_deg);
+  return tailProbability(sigmas / shrunk_by, options.wrong_angle_deg);
+}
+
 /// The essential matrix's motion, unless a rotation explains the matches better.
 Outcome<SelectedMotion> selectMotion(const Matches& matches,
                                      const RotationFit& rotation,
@@ -442,12 +448,12 @@ GateReport judgeStart(const InitialMap& map,
   report.direction_sigma_deg = sigmas[1];
   report.second_sigma_deg = sigmas[0];
   report.depth_sigma = report.lost_factor * depthSigma(map.corners);
-  report.error_probability = tailProbability(sigmas, options.wrong_angle_deg);
+  report.error_probability = errorProbability(report, 1, options);
   if (evidence.plane_cost_ratio) {
     report.plane_probability = rivalProbability(*evidence.plane_cost_ratio,
                                                 static_cast<double>(occupiedCells(map, camera)));
   }
-  report.wrong_probability = 1 - (1 - report.error_probability) * (1 - report.plane_probability);
+  report.wrong_probability = wrongProbability(report, 1, options);
   if (!hasEnoughCorners(map, evidence.live)) {
     report.reason = InitReason::kTooFewPoints;
   } else if (evidence.front_share < kMinFrontShare ||
@@ -462,10 +468,12 @@ GateReport judgeStart(const InitialMap& map,
 }
 
 bool errorsPass(const GateReport& report, double shrunk_by, const GateOptions& options) {
-  const Eigen::Vector2d sigmas(report.second_sigma_deg, report.direction_sigma_deg);
   return report.depth_sigma / shrunk_by <= options.max_depth_sigma &&
-         tailProbability(sigmas / shrunk_by, options.wrong_angle_deg) <=
-             options.max_wrong_probability;
+         errorProbability(report, shrunk_by, options) <= options.max_wrong_probability;
+}
+
+double wrongProbability(const GateReport& report, double shrunk_by, const GateOptions& options) {
+  return 1 - (1 - errorProbability(report, shrunk_by, options)) * (1 - report.plane_probability);
 }
 
 std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,

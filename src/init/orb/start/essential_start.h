@@ -51,6 +51,9 @@ GateReport judgeStart(const InitialMap& map,
 /// Whether a start would pass by its errors alone if they had shrunk by a factor.
 bool errorsPass(const GateReport& report, double shrunk_by, const GateOptions& options);
 
+/// Probability that a start is wrong if its errors had shrunk by a factor.
+double wrongProbability(const GateReport& report, double shrunk_by, const GateOptions& options);
+
 /// Cells of the image with corners in them.
 int occupiedCells(const InitialMap& map, const PinholeCamera& camera);
 
