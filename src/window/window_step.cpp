@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "window/window_step.h"
 
+#include "dsorb/camera/calibration.h"
+
 #include "estimate/variance_factors.h"
 #include "geometry/symmetric_eigen.h"
 #include "window/normal_equations.h"
@@ -9,6 +11,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -28,6 +31,7 @@ constexpr double kPriorNoise = 49;
 constexpr double kPreconditionerOffset = 10;  // @source DSO as published
 
 // Standard deviations by which phones and webcams differ, for a guessed camera.
+// They go with the focal length; these are for one that is known to kStatedFocalSigma.
 constexpr double kAspectSigma = 0.003;  // relative, of the ratio of the two focal lengths
 constexpr double kCenterSigma = 0.02;   // of the principal point, as a share of the width
 constexpr double kRadialSigma = 0.1;    // of the radial distortion k1
@@ -99,15 +103,22 @@ double cameraScale(Index row) {
   return row == kRadial ? kRadialScale : kCameraScale;
 }
 
+/// Sigmas of the rest of a camera over those of one whose field of view is a guess: who found the
+/// focal length has found the rest as well.
+double shareOfGuess(const PriorOptions& options) {
+  return std::min(1.0, options.focal_sigma / kStatedFocalSigma);
+}
+
 /// Information of a camera of which the field of view is a guess: mean focal length, ratio of the
 /// two, principal point. It must count as the pixels do, whose errors are not independent.
 Eigen::Matrix4d guessInformation(const PinholeCamera& camera, const PriorOptions& options) {
-  const double center = kCenterSigma * camera.width;
+  const double share = shareOfGuess(options);
+  const double center = share * kCenterSigma * camera.width;
   Eigen::Matrix4d whiten = Eigen::Matrix4d::Zero();
   whiten.row(0).head<2>() << 0.5 / camera.fx, 0.5 / camera.fy;
   whiten.row(0) /= options.focal_sigma;
   whiten.row(1).head<2>() << 1 / camera.fx, -1 / camera.fy;
-  whiten.row(1) /= kAspectSigma;
+  whiten.row(1) /= share * kAspectSigma;
   whiten(2, 2) = whiten(3, 3) = 1 / center;
   const double weight = kPriorNoise * variance_factors::kWindow * variance_factors::kWindow *
                         kCameraScale * kCameraScale;
@@ -146,7 +157,8 @@ StatePrior statePrior(const Window& window, const WindowOptions& options) {
   const EstimatedCamera camera = estimatedCamera(window, options);
   if (camera.radial) {
     prior.guess = guessInformation(window.first_camera, options.prior);
-    const double scaled = variance_factors::kWindow * kRadialScale / kRadialSigma;
+    const double scaled =
+        variance_factors::kWindow * kRadialScale / (shareOfGuess(options.prior) * kRadialSigma);
     prior.information[kRadial] = kPriorNoise * scaled * scaled;
   } else if (camera.intrinsics) {
     prior.information.head<kIntrinsicsDim>().setConstant(options.prior.intrinsics);
