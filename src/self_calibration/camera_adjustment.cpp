@@ -16,6 +16,7 @@ namespace {
 
 using Eigen::Index;
 using Matrix23 = Eigen::Matrix<double, 2, 3>;
+constexpr int kPoseDim = 6;
 constexpr int kViewDim = 8;  // pose and shift
 using Matrix2V = Eigen::Matrix<double, 2, kViewDim>;
 
@@ -183,6 +184,8 @@ EliminatedCorner addCorner(
 }
 
 /// Takes the part of an eliminated corner out of the rows of lens and views.
+/// @tparam Used the first unknowns of a view, which are not held
+template <Index Used>
 void subtractCorner(const EliminatedCorner& corner, Reduced& system) {
   const auto& Y = corner.coupling;
   const auto lens = corner.C.leftCols<kLensDim>();
@@ -190,15 +193,14 @@ void subtractCorner(const EliminatedCorner& corner, Reduced& system) {
       lens.transpose() * Y.leftCols<kLensDim>();
   system.b.head<kLensDim>().noalias() -= lens.transpose() * corner.gradient;
   for (std::size_t a = 0; a < corner.rows.size(); ++a) {
-    const auto view = corner.C.middleCols<kViewDim>(rowOf(a));
+    const auto view = corner.C.middleCols<Used>(rowOf(a));
     const Index row = corner.rows[a];
-    system.b.segment<kViewDim>(row).noalias() -= view.transpose() * corner.gradient;
-    system.H.block<kViewDim, kLensDim>(row, 0).noalias() -=
-        view.transpose() * Y.leftCols<kLensDim>();
+    system.b.segment<Used>(row).noalias() -= view.transpose() * corner.gradient;
+    system.H.block<Used, kLensDim>(row, 0).noalias() -= view.transpose() * Y.leftCols<kLensDim>();
     for (std::size_t c = 0; c < corner.rows.size(); ++c) {
       if (corner.rows[c] > row) continue;
-      system.H.block<kViewDim, kViewDim>(row, corner.rows[c]).noalias() -=
-          view.transpose() * Y.middleCols<kViewDim>(rowOf(c));
+      system.H.block<Used, Used>(row, corner.rows[c]).noalias() -=
+          view.transpose() * Y.middleCols<Used>(rowOf(c));
     }
   }
 }
@@ -211,9 +213,11 @@ Reduced linearize(const Scene& scene, const LensPrior& prior, double noise, doub
                  Eigen::VectorXd::Zero(size),
                  {}};
   system.corners.reserve(ranges.size());
+  const auto subtract =
+      prior.shift_sigma > 0 ? &subtractCorner<kViewDim> : &subtractCorner<kPoseDim>;
   for (const SightRange& range : ranges) {
     system.corners.push_back(addCorner(scene, range, noise, damping, system));
-    subtractCorner(system.corners.back(), system);
+    subtract(system.corners.back(), system);
   }
   system.H.diagonal() += damping * system.diagonal;
   const auto constrain = [&system](Index row, double sigma, double deviation) {
