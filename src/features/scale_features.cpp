@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <opencv2/features2d.hpp>
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 
@@ -40,6 +41,13 @@ Distances scaleDistances(const Features& from, const Features& to) {
   Eigen::Map<Descriptors>(distances.row(0), cosines.rows(), cosines.cols()) =
       (2 - 2 * cosines.array()).max(0.0F).sqrt().matrix();
   return distances;
+}
+
+float scaleDistance(const Features& from, std::size_t i, const Features& to, std::size_t j) {
+  const float cosine = matrixOf(from)
+                           .row(static_cast<Eigen::Index>(i))
+                           .dot(matrixOf(to).row(static_cast<Eigen::Index>(j)));
+  return std::sqrt(std::max(0.0F, 2 - 2 * cosine));
 }
 
 }  // namespace dsorb

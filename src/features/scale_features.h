@@ -4,6 +4,8 @@
 #include "features/feature_matches.h"
 #include "features/grey_image.h"
 
+#include <cstddef>
+
 namespace dsorb {
 
 /// SIFT features of an image: they find a thing again from a side from which ORB's do not, at ten
@@ -16,5 +18,7 @@ Features findScaleFeatures(const GreyImage& image, int count);
 
 /// Distances between their descriptors [-].
 Distances scaleDistances(const Features& from, const Features& to);
+/// That of two of them [-].
+float scaleDistance(const Features& from, std::size_t i, const Features& to, std::size_t j);
 
 }  // namespace dsorb

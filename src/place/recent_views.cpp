@@ -21,6 +21,7 @@ namespace dsorb::place {
 namespace {
 
 constexpr std::size_t kShared = 3;    // views before and after, whose points a view shows, too
+constexpr std::size_t kAtOnce = 4;    // views that are described for one frame
 constexpr int kPatience = 4;          // frames that are looked for in vain
 constexpr std::size_t kBlind = 4;     // times fewer corners than the newest view: covered, blurred
 constexpr int kCorners = 1000;        // of a view
@@ -117,9 +118,18 @@ void forEachView(const std::deque<RecentView>& views, const Call& call) {
   });
 }
 
-void describeAll(std::deque<RecentView>& views) {
-  forEachView(views, [&](std::size_t i) {
-    if (views[i].features.points.empty()) views[i].features = describe(views[i].image);
+/// Describes some of those that are not yet, spaced, the newest first.
+void describeSome(std::deque<RecentView>& views, std::size_t count) {
+  constexpr std::size_t kSpacing = RecentViews::kViews / kAtOnce;
+  std::vector<RecentView*> next;
+  for (std::size_t offset = 1; offset <= kSpacing; ++offset) {
+    for (std::size_t back = offset; back <= views.size(); back += kSpacing) {
+      RecentView& view = views[views.size() - back];
+      if (view.features.points.empty() && next.size() < count) next.push_back(&view);
+    }
+  }
+  forEachRange(next.size(), 1, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) next[i]->features = describe(next[i]->image);
   });
 }
 
@@ -152,7 +162,8 @@ std::vector<Located> locateAll(const std::deque<RecentView>& views, int segment)
   std::vector<Located> located(views.size());
   forEachView(views, [&](std::size_t i) {
     const std::optional<KeyframeSnapshot>& told = views[i].keyframe;
-    if (told && told->segment == segment) located[i] = locate(views, i);
+    const bool is_described = !views[i].features.points.empty();
+    if (is_described && told && told->segment == segment) located[i] = locate(views, i);
   });
   return located;
 }
@@ -169,21 +180,24 @@ struct FramePose {
   SE3 T_cam_world;
 };
 
-/// Leaves the distances of points to corners near where a pose shows them.
-void keepNear(const std::vector<Eigen::Vector3d>& points,
-              const std::vector<Eigen::Vector2f>& corners,
-              const FramePose& pose,
-              Distances& distances) {
+/// Distances of points to the corners near where a pose shows them.
+Distances distancesNear(const Located& view,
+                        const Features& frame,
+                        const std::vector<Eigen::Vector2f>& corners,
+                        const FramePose& pose) {
+  Distances distances(view.points.size(), corners.size());
   const double radius = kNear * imageScale(pose.camera.width, pose.camera.height);
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const Eigen::Vector3d p = pose.T_cam_world * points[i];
+  for (std::size_t i = 0; i < view.points.size(); ++i) {
+    const Eigen::Vector3d p = pose.T_cam_world * view.points[i];
+    if (!(p.z() > 0)) continue;
     const Eigen::Vector2d place = pose.camera.project(p);
-    float* row = distances.row(i);
     for (std::size_t j = 0; j < corners.size(); ++j) {
-      const bool is_near = p.z() > 0 && (corners[j].cast<double>() - place).norm() < radius;
-      if (!is_near || row[j] > kSameCorner) row[j] = Distances::kNone;
+      if (!((corners[j].cast<double>() - place).norm() < radius)) continue;
+      const float distance = scaleDistance(view.features, i, frame, j);
+      if (distance <= kSameCorner) distances.row(i)[j] = distance;
     }
   }
+  return distances;
 }
 
 /// @param guess of the frame; else its corners are looked for everywhere
@@ -193,8 +207,8 @@ void addPairs(const Located& view,
               const std::optional<FramePose>& guess,
               Pairs& pairs) {
   if (view.points.empty()) return;
-  Distances distances = scaleDistances(view.features, frame);
-  if (guess) keepNear(view.points, corners, *guess, distances);
+  const Distances distances =
+      guess ? distancesNear(view, frame, corners, *guess) : scaleDistances(view.features, frame);
   const std::vector<int> partner =
       partnersOf(distances, corners, kMaxRatio, std::numeric_limits<float>::max());
   for (std::size_t i = 0; i < partner.size(); ++i) {
@@ -348,7 +362,7 @@ std::optional<int> RecentViews::segment() const {
 std::optional<RecognizedPlace> RecentViews::find(const Frame& frame, const PinholeCamera& camera) {
   const std::optional<int> segment = this->segment();
   if (asked_ >= kPatience || !segment) return std::nullopt;
-  describeAll(views_);
+  describeSome(views_, kAtOnce);
   const GreyImage image = imageOf(frame);
   const Features features = describe(image);
   if (kBlind * features.points.size() < views_.back().features.points.size()) return std::nullopt;
@@ -377,8 +391,8 @@ std::vector<Link> RecentViews::linksTo(RecentViews& others,
   std::vector<Link> links;
   const std::optional<int> segment = this->segment();
   if (!segment) return links;
-  describeAll(views_);
-  describeAll(others.views_);
+  describeSome(views_, kViews);
+  describeSome(others.views_, kViews);
   const std::vector<Located> located = locateAll(views_, *segment);
   for (std::size_t i = 0; i < others.views_.size(); i += kLinkSpacing) {
     const RecentView& view = others.views_[i];

@@ -29,7 +29,7 @@ struct RecentView {
 [[nodiscard]] std::optional<RecentView> viewOf(FrameId id, const Frame& frame);
 
 /// Sixteen keyframes as SIFT sees them, for a frame that shows their place from another side.
-/// Nothing is described before it is asked for.
+/// Nothing is described before it is asked for, and four of them for one frame at most.
 class RecentViews {
  public:
   static constexpr std::size_t kViews = 16;
