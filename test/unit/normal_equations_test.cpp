@@ -125,6 +125,22 @@ TEST(StatePriorTest, GradientOfAGuessedCameraIsThatOfItsEnergy) {
   EXPECT_LT(100 * together.dot(prior.guess * together), apart.dot(prior.guess * apart));
 }
 
+TEST(StatePriorTest, ACameraThatWasFoundHoldsAsAWhole) {
+  WindowOptions options;
+  options.optimizer.optimize_intrinsics = true;
+  options.prior.focal_sigma = 0.15;
+  const WindowScene scene = perturbedScene(options);
+  const StatePrior guessed = statePrior(scene.window, options);
+  options.prior.focal_sigma /= 10;
+  const StatePrior found = statePrior(scene.window, options);
+  EXPECT_TRUE(found.guess.isApprox(100 * guessed.guess, 1e-9));
+  EXPECT_NEAR(found.information[kRadial], 100 * guessed.information[kRadial], 1e-6);
+  options.prior.focal_sigma = 0.5;  // the field of view is less known; phones are as they are
+  const StatePrior unknown = statePrior(scene.window, options);
+  EXPECT_DOUBLE_EQ(unknown.guess(2, 2), guessed.guess(2, 2));
+  EXPECT_DOUBLE_EQ(unknown.information[kRadial], guessed.information[kRadial]);
+}
+
 /// One residual of the window with the same quadratic energy in 4 whitened residuals: square root
 /// of the patch block times the relative Jacobian.
 class PatchCost : public ceres::SizedCostFunction<4, 8, 8, 1> {
