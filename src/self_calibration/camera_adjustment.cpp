@@ -123,6 +123,7 @@ std::vector<SightRange> rangesOf(const Scene& scene) {
 
 /// A corner, eliminated: its step is -(gradient + coupling * step of lens and of its views).
 struct EliminatedCorner {
+  std::size_t first = 0;      // of its sights
   std::vector<Index> rows;    // of the blocks of its views
   Eigen::Matrix3Xd C;         // of the corner with the lens, then with its views
   Eigen::Matrix3Xd coupling;  // H^-1 C
@@ -159,6 +160,7 @@ void addSight(const Residual& r, double w, Index row, Reduced& system) {
 EliminatedCorner addCorner(
     const Scene& scene, const SightRange& range, double noise, double damping, Reduced& system) {
   EliminatedCorner corner;
+  corner.first = range.first;
   Eigen::Matrix3d H = Eigen::Matrix3d::Zero();
   Eigen::Vector3d b = Eigen::Vector3d::Zero();
   corner.C = Eigen::Matrix3Xd::Zero(3, rowOf(range.last - range.first));
@@ -259,6 +261,23 @@ class ScaledSystem {
   Eigen::LDLT<Eigen::MatrixXd> factor_;
 };
 
+/// Where a pinhole camera with a global shutter would see a corner, on the plane z = 1.
+Eigen::Vector2d rayOf(const Scene& scene, const Sight& sight) {
+  constexpr int kIterations = 10;
+  constexpr double kLeastBend = 0.3;
+  const double fx =
+      std::exp(scene.lens[kLogFocal] + phaseOf(scene, sight.view) * scene.lens[kZoom]);
+  const Eigen::Vector2d pixel =
+      sight.pixel - scene.shifts[sight.view] - scene.lens[kReadout] * sight.drift;
+  const Eigen::Vector2d seen = (pixel - scene.lens.segment<2>(kCenter))
+                                   .cwiseQuotient(Eigen::Vector2d(fx, scene.aspect * fx));
+  Eigen::Vector2d ray = seen;
+  for (int i = 0; i < kIterations; ++i) {
+    ray = seen / std::max(bendAt(scene.lens, ray.squaredNorm()), kLeastBend);
+  }
+  return ray;
+}
+
 /// For minimize().
 class AdjustmentProblem {
  public:
@@ -279,14 +298,7 @@ class AdjustmentProblem {
       moved_.shifts[i] += step_.segment<2>(rowOf(i) + 6);
     }
     for (std::size_t i = 0; i < moved_.corners.size(); ++i) {
-      const EliminatedCorner& corner = system_.corners[i];
-      Eigen::Vector3d step =
-          corner.gradient + corner.coupling.leftCols<kLensDim>() * step_.head<kLensDim>();
-      for (std::size_t k = 0; k < corner.rows.size(); ++k) {
-        step += corner.coupling.middleCols<kViewDim>(rowOf(k)) *
-                step_.segment<kViewDim>(corner.rows[k]);
-      }
-      moved_.corners[i] -= step;
+      moved_.corners[i] = movedCorner(i, system_.corners[i]);
     }
     moved_cost_ = costOf(moved_, prior_, noise_);
     return moved_cost_ < cost_ ? std::optional(cost_ - moved_cost_) : std::nullopt;
@@ -300,6 +312,30 @@ class AdjustmentProblem {
   [[nodiscard]] static bool reject(const DampedStep& /*step*/) { return true; }
 
  private:
+  /// A corner where the step wants its pixel and its inverse depth in the view that sees it first:
+  /// the other views' pixels are nearly linear in these, and not in its position.
+  [[nodiscard]] Eigen::Vector3d movedCorner(std::size_t index,
+                                            const EliminatedCorner& corner) const {
+    constexpr double kLeastShare = 0.1;  // of an inverse depth
+    Eigen::Vector3d step =
+        -corner.gradient - corner.coupling.leftCols<kLensDim>() * step_.head<kLensDim>();
+    for (std::size_t k = 0; k < corner.rows.size(); ++k) {
+      step -=
+          corner.coupling.middleCols<kViewDim>(rowOf(k)) * step_.segment<kViewDim>(corner.rows[k]);
+    }
+    const Eigen::Vector3d& before = scene_.corners[index];
+    Sight sight = scene_.sights[corner.first];
+    const Residual r = residualOf<true>(scene_, sight);
+    if (!r.in_front) return before + step;
+    sight.pixel += r.error + r.by_lens * step_.head<kLensDim>() +
+                   r.by_view * step_.segment<kViewDim>(corner.rows.front()) + r.by_corner * step;
+    const SE3& view = moved_.views[sight.view];
+    const double z = (scene_.views[sight.view] * before).z();
+    const double share = 2 - (view * (before + step)).z() / z;  // of the inverse depth
+    const Eigen::Vector3d ray = rayOf(moved_, sight).homogeneous();
+    return view.inverse() * (z / std::max(share, kLeastShare) * ray);
+  }
+
   const LensPrior& prior_;
   double noise_;
   Scene& scene_;
@@ -326,23 +362,6 @@ void keepOnly(const std::vector<char>& kept, Scene& scene) {
   }
   scene.corners = std::move(corners);
   scene.sights = std::move(sights);
-}
-
-/// Where a pinhole camera with a global shutter would see a corner, on the plane z = 1.
-Eigen::Vector2d rayOf(const Scene& scene, const Sight& sight) {
-  constexpr int kIterations = 10;
-  constexpr double kLeastBend = 0.3;
-  const double fx =
-      std::exp(scene.lens[kLogFocal] + phaseOf(scene, sight.view) * scene.lens[kZoom]);
-  const Eigen::Vector2d pixel =
-      sight.pixel - scene.shifts[sight.view] - scene.lens[kReadout] * sight.drift;
-  const Eigen::Vector2d seen = (pixel - scene.lens.segment<2>(kCenter))
-                                   .cwiseQuotient(Eigen::Vector2d(fx, scene.aspect * fx));
-  Eigen::Vector2d ray = seen;
-  for (int i = 0; i < kIterations; ++i) {
-    ray = seen / std::max(bendAt(scene.lens, ray.squaredNorm()), kLeastBend);
-  }
-  return ray;
 }
 
 }  // namespace
@@ -391,7 +410,7 @@ void leaveOutAbove(double limit, Scene& scene) {
 double adjust(const LensPrior& prior, double noise, int max_iterations, Scene& scene) {
   scene.shifts.resize(scene.views.size(), Eigen::Vector2d::Zero());
   AdjustmentProblem problem(prior, noise, scene);
-  FactorDamping damping{1e-4, 0.2, 5, kLeastDamping, kLeastDamping, 1e8, 8};
+  FactorDamping damping{1e-6, 0.2, 5, kLeastDamping, kLeastDamping, 1e8, 8};
   minimize(problem, damping, max_iterations);
   return problem.cost();
 }

@@ -6,6 +6,7 @@
 
 #include <cmath>
 #include <random>
+#include <vector>
 
 namespace dsorb::self_calibration {
 namespace {
@@ -70,6 +71,49 @@ TEST(CameraAdjustment, FindsLensAndReadoutFromAWrongGuess) {
   for (int i = 0; i < kLensDim; ++i) {
     EXPECT_NEAR(scene.lens[i], truth()[i], 2e-3 * std::max(1.0, std::abs(truth()[i]))) << i;
   }
+}
+
+/// A camera that drives straight on through a street, where a focal length hardly shows.
+Scene street() {
+  std::mt19937 random(11);
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  Scene scene;
+  scene.lens = truth();
+  scene.lens[kRadial + 2] = 0;
+  for (int i = 0; i < 30; ++i) {
+    Vector6d motion;
+    motion << 0, 0, -0.4 * i, 0.01 * std::sin(0.7 * i), 0.004 * i, 0;
+    scene.views.push_back(SE3::exp(motion));
+  }
+  while (scene.corners.size() < 300) {
+    const double side = uniform(random) > 0 ? 6 : -6;
+    const double y = 3 * uniform(random), z = 26 + 22 * uniform(random);
+    std::vector<Sight> sights;
+    for (std::size_t view = 0; view < scene.views.size(); ++view) {
+      const Eigen::Vector3d p = scene.views[view] * Eigen::Vector3d(side, y, z);
+      if (p.z() < 1 || p.head<2>().norm() > 0.8 * p.z()) continue;
+      const Eigen::Vector2d error(uniform(random), uniform(random));
+      sights.push_back({view, scene.corners.size(), seen(scene.lens, p) + 0.1 * error});
+    }
+    if (sights.size() < 4) continue;
+    scene.sights.insert(scene.sights.end(), sights.begin(), sights.end());
+    scene.corners.emplace_back(0, 0, 0);
+  }
+  return scene;
+}
+
+TEST(CameraAdjustment, FollowsTheValleyOfACameraThatMovesStraightOn) {
+  Scene scene = street();
+  scene.lens = wide().mean;
+  scene.lens[kLogFocal] = std::log(800.0);
+  placeCorners(scene);
+  LensPrior prior = wide();
+  prior.sigma[kReadout] = prior.sigma[kRadial + 2] = 0;
+  adjust(prior, 0.06, 30, scene);
+  const double off = scene.lens[kLogFocal] - truth()[kLogFocal];
+  const double sigma = lensSigmas(prior, 0.06, scene)[kLogFocal];
+  EXPECT_LT(std::abs(off), 3 * sigma) << off << " +- " << sigma;
+  EXPECT_LT(sigma, 0.02);  // .009
 }
 
 TEST(CameraAdjustment, SigmasAreThoseOfTheNoise) {
