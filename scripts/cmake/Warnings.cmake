@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # dsorb_compile_options(TARGET): warnings, arithmetic, sanitizers and the instruction set, private to our targets.
 function(dsorb_compile_options target)
-  target_compile_options(${target} PRIVATE -Wall -Wextra -Wconversion -Wshadow)
+  # No ABI tells how the vectors of base/lanes.h are passed; functions that take or return them are always inlined.
+  target_compile_options(${target} PRIVATE -Wall -Wextra -Wconversion -Wshadow -Wno-psabi)
   # Eigen's fast square root of floats starts from the processor's estimate, whose bits are the maker's own.
   target_compile_definitions(${target} PRIVATE EIGEN_FAST_MATH=0)
-  if(CMAKE_CXX_COMPILER_ID STREQUAL GNU AND CMAKE_CXX_COMPILER_VERSION VERSION_LESS 12)
-    target_compile_options(${target} PRIVATE -Wno-psabi) # of base/shuffle.h, which is always inlined
-  endif()
   if(DSORB_WERROR)
     target_compile_options(${target} PRIVATE -Werror)
   endif()

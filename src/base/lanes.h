@@ -7,13 +7,15 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <type_traits>
 
 #define DSORB_ALWAYS_INLINE inline __attribute__((always_inline))
 
 namespace dsorb {
 
 /// Eight floats in one (AVX) or two (SSE) registers; element-wise operators are the compiler's.
-/// Pass by reference: passing by value would depend on the instruction set.
+/// Functions that take or return them by value are always inlined: how these are passed depends on
+/// the instruction set.
 using Lanes = float __attribute__((vector_size(32)));
 constexpr int kLanes = 8;
 
@@ -27,32 +29,44 @@ constexpr int kDoubleLanes = 4;
 DSORB_ALWAYS_INLINE void load(const float* source, Lanes& lanes) {
   std::memcpy(&lanes, source, sizeof(Lanes));
 }
+DSORB_ALWAYS_INLINE Lanes load(const float* source) {
+  Lanes lanes;
+  load(source, lanes);
+  return lanes;
+}
 DSORB_ALWAYS_INLINE void store(const Lanes& lanes, float* target) {
   std::memcpy(target, &lanes, sizeof(Lanes));
 }
 DSORB_ALWAYS_INLINE void addLanes(const Lanes& lanes, float* target) {
-  Lanes sum;
-  load(target, sum);
-  store(sum + lanes, target);
-}
-DSORB_ALWAYS_INLINE void fill(float value, Lanes& lanes) {
-  lanes = Lanes{value, value, value, value, value, value, value, value};
+  store(load(target) + lanes, target);
 }
 
-DSORB_ALWAYS_INLINE void load(const double* source, DoubleLanes& lanes) {
+DSORB_ALWAYS_INLINE DoubleLanes loadDoubles(const double* source) {
+  DoubleLanes lanes;
   std::memcpy(&lanes, source, sizeof(DoubleLanes));
+  return lanes;
 }
 /// Four floats, widened.
-DSORB_ALWAYS_INLINE void load(const float* source, DoubleLanes& lanes) {
+DSORB_ALWAYS_INLINE DoubleLanes loadDoubles(const float* source) {
   float values __attribute__((vector_size(16)));
   std::memcpy(&values, source, sizeof(values));
-  lanes = __builtin_convertvector(values, DoubleLanes);
+  return __builtin_convertvector(values, DoubleLanes);
 }
 DSORB_ALWAYS_INLINE void store(const DoubleLanes& lanes, double* target) {
   std::memcpy(target, &lanes, sizeof(DoubleLanes));
 }
-DSORB_ALWAYS_INLINE void fill(double value, DoubleLanes& lanes) {
-  lanes = DoubleLanes{value, value, value, value};
+
+/// The same number in all lanes.
+/// @tparam T a number, Lanes or DoubleLanes
+template <typename T, typename Scalar>
+DSORB_ALWAYS_INLINE T spread(Scalar value) {
+  if constexpr (std::is_arithmetic_v<T>) {
+    return static_cast<T>(value);
+  } else if constexpr (std::is_same_v<T, Lanes>) {
+    return T{value, value, value, value, value, value, value, value};
+  } else {
+    return T{value, value, value, value};
+  }
 }
 
 /// Stores lane k of six vectors side by side at target + k * stride, for each k.
@@ -91,17 +105,17 @@ DSORB_ALWAYS_INLINE bool inAnyLane(const LaneMask& mask) {
 }
 
 /// Square roots of all lanes, at once where the file is compiled with -fno-math-errno.
-DSORB_ALWAYS_INLINE void squareRoots(Lanes& lanes) {
+DSORB_ALWAYS_INLINE Lanes squareRoots(const Lanes& lanes) {
   float values[kLanes];
   store(lanes, values);
   for (float& value : values) value = std::sqrt(value);
-  load(values, lanes);
+  return load(values);
 }
 
 /// Sums over the lanes of eight vectors at once. Every sum is added in the same, fixed order.
-/// @param v    eight vectors
-/// @param sums lane i is the sum over the lanes of v[i]
-DSORB_ALWAYS_INLINE void sumLanes(const Lanes (&v)[8], Lanes& sums) {
+/// @param v eight vectors
+/// @return  lane i is the sum over the lanes of v[i]
+DSORB_ALWAYS_INLINE Lanes sumLanes(const Lanes (&v)[8]) {
   Lanes pairs[4];
   for (std::size_t i = 0; i < 4; ++i) {
     const Lanes& a = v[2 * i];
@@ -116,7 +130,7 @@ DSORB_ALWAYS_INLINE void sumLanes(const Lanes (&v)[8], Lanes& sums) {
     quads[i] = DSORB_SHUFFLE(a, b, 0, 1, 8, 9, 4, 5, 12, 13) +
                DSORB_SHUFFLE(a, b, 2, 3, 10, 11, 6, 7, 14, 15);
   }
-  sums = DSORB_SHUFFLE(quads[0], quads[1], 0, 1, 2, 3, 8, 9, 10, 11) +
+  return DSORB_SHUFFLE(quads[0], quads[1], 0, 1, 2, 3, 8, 9, 10, 11) +
          DSORB_SHUFFLE(quads[0], quads[1], 4, 5, 6, 7, 12, 13, 14, 15);
 }
 

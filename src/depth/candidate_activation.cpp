@@ -55,12 +55,8 @@ struct ExpectedPattern {
 Vector2f shiftToRow(const CandidatePoint& candidate,
                     const EpipolarPair& pair,
                     float inverse_depth) {
-  const Vector2f& pixel = candidate.patch.pixel;
-  float ray_x = 0;
-  float ray_y = 0;
-  pair.rays.at(pixel.x(), pixel.y(), ray_x, ray_y);
-  WarpedPoint<float> p;
-  warpPoint(pair.warp, ray_x, ray_y, inverse_depth, p);
+  const Vector2f ray = pair.rays.at(candidate.patch.pixel);
+  WarpedPoint<float> p = warpPoint(pair.warp, ray.x(), ray.y(), inverse_depth);
   if (!p.front) return {0, 0};
   const Vector2f middle(p.x, p.y);
   moveToRow(*pair.shutter, pair.warp, inverse_depth * p.inverse_z, p);
@@ -254,15 +250,11 @@ std::optional<Segment> planSearch(CandidatePoint& candidate,
 DSORB_ALWAYS_INLINE float patchEnergy(const PyramidLevel& level,
                                       const ExpectedPattern& pattern,
                                       const Vector2f& at) {
-  Lanes seen;
-  interpolateIntensities(level.data(), level.width(), at.x() + pattern.x, at.y() + pattern.y, seen);
+  const Lanes seen =
+      interpolateIntensities(level.data(), level.width(), at.x() + pattern.x, at.y() + pattern.y);
   const Lanes residual = seen - pattern.intensity;
-  Lanes weight;
-  huberWeights(residual, weight);
-  Lanes energy;
-  huberEnergies(residual, weight, energy);
-  Lanes invalid;
-  fill(kInvalidEnergy, invalid);
+  const Lanes energy = huberEnergies(residual, huberWeights(residual));
+  const auto invalid = spread<Lanes>(kInvalidEnergy);
   return sumLanes(energy < invalid ? energy : invalid);  // NaN is invalid
 }
 
@@ -272,8 +264,8 @@ DSORB_TARGET_CLONES Vector2f searchDiscrete(CandidatePoint& candidate,
                                             const PyramidLevel& level,
                                             const ExpectedPattern& pattern) {
   const int positions = std::min(static_cast<int>(1.9999F + segment.length), kMaxPositions);
-  const float spread = segment.near.x() * 1000;  // sub-pixel phase that differs between candidates
-  const float phase = spread - std::floor(spread);
+  const float varied = segment.near.x() * 1000;  // sub-pixel phase that differs between candidates
+  const float phase = varied - std::floor(varied);
   const Vector2f start = segment.near - phase * segment.direction;
   std::array<float, kMaxPositions> energies{};
   int best = 0;
@@ -306,17 +298,14 @@ DSORB_ALWAYS_INLINE LineTerms lineTerms(const CandidatePoint& candidate,
                                         const PyramidLevel& level,
                                         const ExpectedPattern& pattern) {
   LineTerms terms;
-  Lanes host_weight;
-  load(candidate.patch.root_weight.data(), host_weight);
-  LaneSamples seen;
-  interpolateLanes(level.data(), level.width(), at.x() + pattern.x, at.y() + pattern.y, seen);
+  const Lanes host_weight = load(candidate.patch.root_weight.data());
+  const LaneSamples seen =
+      interpolateLanes(level.data(), level.width(), at.x() + pattern.x, at.y() + pattern.y);
   const Lanes residual = seen.intensity - pattern.intensity;
   const Lanes slope = seen.dx * direction.x() + seen.dy * direction.y();
-  Lanes weight;
-  huberWeights(residual, weight);
-  Lanes energies;
-  huberEnergies<Lanes>(residual, weight, host_weight * host_weight * weight, energies);
-  const float energy = sumLanes(energies);
+  const Lanes weight = huberWeights(residual);
+  const float energy =
+      sumLanes(huberEnergies<Lanes>(residual, weight, host_weight * host_weight * weight));
   if (!std::isfinite(energy)) return terms;
   terms.energy = energy;
   terms.curvature += sumLanes(weight * slope * slope);
@@ -427,23 +416,16 @@ DSORB_ALWAYS_INLINE std::optional<FitSums> evaluateTarget(const CandidatePoint& 
                                                           const HostRays& rays,
                                                           const TargetImage& target,
                                                           float inverse_depth) {
-  WarpedPattern pattern;
-  warpPattern<kRolling>(target, rays, candidate.patch.pixel, inverse_depth, pattern);
+  const WarpedPattern pattern =
+      warpPattern<kRolling>(target, rays, candidate.patch.pixel, inverse_depth);
   if (!inAllLanes(pattern.inside)) return std::nullopt;
-  Lanes weight;
-  Lanes residual;
-  Lanes huber;
-  load(candidate.patch.root_weight.data(), weight);
-  patternResidual(target, candidate.patch, pattern.seen, residual);
-  huberWeights(residual, huber);
-  Lanes flow_x;
-  Lanes flow_y;
-  depthFlow(target.warp, pattern.at, flow_x, flow_y);
-  const Lanes slope = pattern.seen.dx * flow_x + pattern.seen.dy * flow_y;
+  const Lanes weight = load(candidate.patch.root_weight.data());
+  const Lanes residual = patternResidual(target, candidate.patch, pattern.seen);
+  const Lanes huber = huberWeights(residual);
+  const DepthFlow<Lanes> flow = depthFlow(target.warp, pattern.at);
+  const Lanes slope = pattern.seen.dx * flow.x + pattern.seen.dy * flow.y;
   const Lanes w = weight * weight * huber;
-  Lanes energies;
-  huberEnergies(residual, huber, w, energies);
-  const float energy = sumLanes(energies);
+  const float energy = sumLanes(huberEnergies(residual, huber, w));
   if (!std::isfinite(energy)) return std::nullopt;
   return FitSums{energy, sumLanes(w * slope * slope), sumLanes(w * slope * residual), 0};
 }

@@ -91,9 +91,15 @@ struct HostRays {
 
   /// @tparam T float or Lanes
   template <typename T>
-  DSORB_ALWAYS_INLINE void at(const T& pixel_x, const T& pixel_y, T& ray_x, T& ray_y) const {
-    ray_x = (pixel_x - cx) * inverse_fx;
-    ray_y = (pixel_y - cy) * inverse_fy;
+  [[nodiscard]] DSORB_ALWAYS_INLINE T x(const T& pixel) const {
+    return (pixel - cx) * inverse_fx;
+  }
+  template <typename T>
+  [[nodiscard]] DSORB_ALWAYS_INLINE T y(const T& pixel) const {
+    return (pixel - cy) * inverse_fy;
+  }
+  [[nodiscard]] Eigen::Vector2f at(const Eigen::Vector2f& pixel) const {
+    return {x(pixel.x()), y(pixel.y())};
   }
 };
 
@@ -107,29 +113,24 @@ struct WarpedPattern {
 /// @param pixel         centre of the pattern in the host [px]
 /// @param inverse_depth [1/unit]
 template <bool kRolling = false>
-DSORB_ALWAYS_INLINE void warpPattern(const TargetImage& target,
-                                     const HostRays& rays,
-                                     const Eigen::Vector2f& pixel,
-                                     float inverse_depth,
-                                     WarpedPattern& pattern) {
-  Lanes ray_x;
-  Lanes ray_y;
-  rays.at<Lanes>(pixel.x() + kPatternX, pixel.y() + kPatternY, ray_x, ray_y);
-  projectInto<kRolling>(target, ray_x, ray_y, inverse_depth, pattern.at);
-  SampleArea<Lanes> area = {};
-  sampleArea(target.width, target.height, area);
-  sampleTarget(target, area, pattern.at, pattern.seen, pattern.inside);
+DSORB_ALWAYS_INLINE WarpedPattern warpPattern(const TargetImage& target,
+                                              const HostRays& rays,
+                                              const Eigen::Vector2f& pixel,
+                                              float inverse_depth) {
+  const Lanes ray_x = rays.x<Lanes>(pixel.x() + kPatternX);
+  const Lanes ray_y = rays.y<Lanes>(pixel.y() + kPatternY);
+  WarpedPattern pattern;
+  pattern.at = projectInto<kRolling>(target, ray_x, ray_y, inverse_depth);
+  pattern.seen = sampleTarget(target, pattern.at, pattern.inside);
   unbendGradients<kRolling>(target, pattern.at, pattern.seen);
+  return pattern;
 }
 
 /// What it shows less what the host lets expect, I - (gain I_host + offset) [grey levels].
-DSORB_ALWAYS_INLINE void patternResidual(const TargetImage& target,
-                                         const HostPatch& host,
-                                         const LaneSamples& seen,
-                                         Lanes& residual) {
-  Lanes grey;
-  load(host.grey.data(), grey);
-  residual = seen.intensity - (target.gain * grey + target.offset);
+DSORB_ALWAYS_INLINE Lanes patternResidual(const TargetImage& target,
+                                          const HostPatch& host,
+                                          const LaneSamples& seen) {
+  return seen.intensity - (target.gain * load(host.grey.data()) + target.offset);
 }
 
 }  // namespace dsorb

@@ -40,9 +40,8 @@ DSORB_ALWAYS_INLINE void sumBlock(const PointBlock<Scalar>& block, double* matri
     for (std::size_t part = 0; part < kRows; part += kWidth) {
       DoubleLanes sum = {};
       for (std::size_t i = 0; i < block.count; ++i) {
-        DoubleLanes coupling;
-        load(block.coupling + i * stride + row + part, coupling);
-        coupling *= block.inverse[i];
+        const DoubleLanes coupling =
+            block.inverse[i] * loadDoubles(block.coupling + i * stride + row + part);
         store(coupling, scaled[i] + part);
         sum += coupling * static_cast<double>(block.gradient[i]);
       }
@@ -54,7 +53,7 @@ DSORB_ALWAYS_INLINE void sumBlock(const PointBlock<Scalar>& block, double* matri
         for (std::size_t i = 0; i < block.count; ++i) {
           DoubleLanes coupling[kParts];
           for (std::size_t part = 0; part < kParts; ++part) {
-            load(block.coupling + i * stride + column + part * kWidth, coupling[part]);
+            coupling[part] = loadDoubles(block.coupling + i * stride + column + part * kWidth);
           }
           for (std::size_t k = 0; k < kWidth; ++k) {
             for (std::size_t part = 0; part < kParts; ++part) {
@@ -80,11 +79,7 @@ DSORB_ALWAYS_INLINE void substituteBlock(const PointBlock<Scalar>& block,
   for (std::size_t i = 0; i < block.count; ++i) {
     DoubleLanes sum = {};
     for (std::size_t k = 0; k < block.stride; k += kWidth) {
-      DoubleLanes coupling;
-      DoubleLanes by;
-      load(block.coupling + i * block.stride + k, coupling);
-      load(step + k, by);
-      sum += coupling * by;
+      sum += loadDoubles(block.coupling + i * block.stride + k) * loadDoubles(step + k);
     }
     depth_step[i] = -block.inverse[i] * (static_cast<double>(block.gradient[i]) + sumLanes(sum));
   }

@@ -33,26 +33,16 @@ struct Projection {
   Mask front;
 };
 
-DSORB_ALWAYS_INLINE void project(const Warp<double>& frame,
-                                 const ObservationRun& run,
-                                 std::size_t i,
-                                 Projection& out) {
-  DoubleLanes ray_x;
-  DoubleLanes ray_y;
-  DoubleLanes rho;
-  DoubleLanes seen_x;
-  DoubleLanes seen_y;
-  load(run.ray_x + i, ray_x);
-  load(run.ray_y + i, ray_y);
-  load(run.inverse_depth + i, rho);
-  load(run.pixel_x + i, seen_x);
-  load(run.pixel_y + i, seen_y);
-  WarpedPoint<DoubleLanes> point;
-  warpPoint(frame, ray_x, ray_y, rho, point);
-  pixelJacobian(frame, point, rho, out.J);
-  out.error_x = point.x - seen_x;
-  out.error_y = point.y - seen_y;
-  out.front = point.front;
+DSORB_ALWAYS_INLINE Projection project(const Warp<double>& frame,
+                                       const ObservationRun& run,
+                                       std::size_t i) {
+  const DoubleLanes rho = loadDoubles(run.inverse_depth + i);
+  const WarpedPoint<DoubleLanes> point =
+      warpPoint(frame, loadDoubles(run.ray_x + i), loadDoubles(run.ray_y + i), rho);
+  return {point.x - loadDoubles(run.pixel_x + i),
+          point.y - loadDoubles(run.pixel_y + i),
+          pixelJacobian(frame, point, rho),
+          point.front};
 }
 
 /// Inverse covariances of four observations, zero where there is none, later times the weight.
@@ -67,10 +57,8 @@ DSORB_ALWAYS_INLINE void weigh(const LossSetting& loss,
                                Information& information,
                                DoubleLanes& product,
                                LaneSums& sums) {
-  DoubleLanes zero;
-  DoubleLanes one;
-  fill(0, zero);
-  fill(1, one);
+  const DoubleLanes zero = {};
+  const auto one = spread<DoubleLanes>(1.0);
   const Mask known = information.xx > zero;
   const Mask used = known & at.front;
   sums.observations += used ? one : zero;
@@ -87,11 +75,10 @@ DSORB_ALWAYS_INLINE void weigh(const LossSetting& loss,
   if constexpr (kLoss == RobustLoss::kHuber) {
     DoubleLanes norm = square;
     for (int k = 0; k < kDoubleLanes; ++k) norm[k] = std::sqrt(norm[k]);
-    huberWeights<DoubleLanes>(norm, one * loss.limit, weight);
+    weight = huberWeights<DoubleLanes>(norm, one * loss.limit);
     sums.cost += 0.5 * weight * square * (2.0 - weight);
   } else {
-    DoubleLanes ratio;
-    cauchyRatios(square, loss.limit, ratio);
+    const DoubleLanes ratio = cauchyRatio(square, loss.limit);
     weight = 1.0 / ratio;
     product *= ratio;
   }
@@ -142,18 +129,16 @@ DSORB_ALWAYS_INLINE void addSums(const Projection& at,
         sums.hessian[entry++] += x * J.x[c] + y * J.y[c];
       }
     }
-    if constexpr (kDepths) coupling[r] = x * J.depth_x + y * J.depth_y;
+    if constexpr (kDepths) coupling[r] = x * J.depth.x + y * J.depth.y;
   }
   if constexpr (kDepths) {
     storeTransposed(coupling, depths.coupling + i * depths.stride, depths.stride);
-    const DoubleLanes x = information.xx * J.depth_x + information.xy * J.depth_y;
-    const DoubleLanes y = information.xy * J.depth_x + information.yy * J.depth_y;
-    DoubleLanes hessian;
-    DoubleLanes gradient;
-    load(depths.hessian + i, hessian);
-    load(depths.gradient + i, gradient);
-    store(hessian + x * J.depth_x + y * J.depth_y, depths.hessian + i);
-    store(gradient + J.depth_x * error_x + J.depth_y * error_y, depths.gradient + i);
+    const DoubleLanes x = information.xx * J.depth.x + information.xy * J.depth.y;
+    const DoubleLanes y = information.xy * J.depth.x + information.yy * J.depth.y;
+    double* const hessian = depths.hessian + i;
+    double* const gradient = depths.gradient + i;
+    store(loadDoubles(hessian) + x * J.depth.x + y * J.depth.y, hessian);
+    store(loadDoubles(gradient) + J.depth.x * error_x + J.depth.y * error_y, gradient);
   }
 }
 
@@ -167,15 +152,12 @@ DSORB_ALWAYS_INLINE void linearizeAs(const Warp<double>& frame,
   const double half_square = 0.5 * loss.limit * loss.limit;
   for (std::size_t begin = 0; begin < run.count; begin += kErrorFactors * kDoubleLanes) {
     const std::size_t end = std::min(run.count, begin + kErrorFactors * kDoubleLanes);
-    DoubleLanes product;
-    fill(1, product);
+    auto product = spread<DoubleLanes>(1.0);
     for (std::size_t i = begin; i < end; i += kDoubleLanes) {
-      Projection at;
-      project(frame, run, i, at);
-      Information information;
-      load(run.information_xx + i, information.xx);
-      load(run.information_xy + i, information.xy);
-      load(run.information_yy + i, information.yy);
+      const Projection at = project(frame, run, i);
+      Information information{loadDoubles(run.information_xx + i),
+                              loadDoubles(run.information_xy + i),
+                              loadDoubles(run.information_yy + i)};
       weigh<kLoss>(loss, at, information, product, sums);
       addSums<kDepths>(at, information, i, depths, sums);
     }

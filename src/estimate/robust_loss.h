@@ -25,15 +25,14 @@ inline float huberWeight(float residual) {
 /// @param magnitude |r|
 /// @param threshold the same in all lanes
 template <typename T>
-DSORB_ALWAYS_INLINE void huberWeights(const T& magnitude, const T& threshold, T& weight) {
-  weight = threshold / (magnitude > threshold ? magnitude : threshold);
+DSORB_ALWAYS_INLINE T huberWeights(const T& magnitude, const T& threshold) {
+  return threshold / (magnitude > threshold ? magnitude : threshold);
 }
 
 /// Huber weights of residuals in grey levels.
-DSORB_ALWAYS_INLINE void huberWeights(const Lanes& residual, Lanes& weight) {
-  Lanes threshold;
-  fill(kHuberThreshold, threshold);
-  huberWeights<Lanes>(residual < 0.0F ? -residual : residual, threshold, weight);
+DSORB_ALWAYS_INLINE Lanes huberWeights(const Lanes& residual) {
+  const Lanes magnitude = residual < 0.0F ? -residual : residual;
+  return huberWeights(magnitude, spread<Lanes>(kHuberThreshold));
 }
 
 /// Huber's loss, r^2 up to the threshold, 2 threshold |r| - threshold^2 above, by its weight w:
@@ -41,16 +40,13 @@ DSORB_ALWAYS_INLINE void huberWeights(const Lanes& residual, Lanes& weight) {
 /// @param huber  w
 /// @param weight w times what the residual counts beside it
 template <typename T>
-DSORB_ALWAYS_INLINE void huberEnergies(const T& residual,
-                                       const T& huber,
-                                       const T& weight,
-                                       T& energy) {
-  energy = weight * residual * residual * (2.0F - huber);
+DSORB_ALWAYS_INLINE T huberEnergies(const T& residual, const T& huber, const T& weight) {
+  return weight * residual * residual * (2.0F - huber);
 }
 /// Huber energies of residuals whose other weight is 1.
 template <typename T>
-DSORB_ALWAYS_INLINE void huberEnergies(const T& residual, const T& huber, T& energy) {
-  huberEnergies(residual, huber, huber, energy);
+DSORB_ALWAYS_INLINE T huberEnergies(const T& residual, const T& huber) {
+  return huberEnergies(residual, huber, huber);
 }
 
 constexpr double kCauchyLimit = 2.385;  // of normalised errors: 95 % efficient where normal
@@ -58,13 +54,8 @@ constexpr double kCauchyLimit = 2.385;  // of normalised errors: 95 % efficient 
 /// Cauchy's loss is limit^2 log(ratio) with ratio = 1 + r^2 / limit^2; its weight is 1 / ratio.
 /// @param squared r^2, in lanes or alone
 template <typename T>
-DSORB_ALWAYS_INLINE void cauchyRatios(const T& squared, double limit, T& ratio) {
-  ratio = 1.0 + squared * (1 / (limit * limit));
-}
-inline double cauchyRatio(double squared, double limit) {
-  double ratio = 1;
-  cauchyRatios(squared, limit, ratio);
-  return ratio;
+DSORB_ALWAYS_INLINE T cauchyRatio(const T& squared, double limit) {
+  return 1.0 + squared * (1 / (limit * limit));
 }
 
 }  // namespace dsorb

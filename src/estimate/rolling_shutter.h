@@ -79,23 +79,19 @@ inline RollingShutter makeRollingShutter(const RowTimes& times,
 
 /// Time of a pixel relative to the middle row, as a share of the readout. @tparam T float or Lanes
 template <typename T>
-DSORB_ALWAYS_INLINE void rowShare(const RollingShutter& s, const T& x, const T& y, T& share) {
+DSORB_ALWAYS_INLINE T rowShare(const RollingShutter& s, const T& x, const T& y) {
   const T a = s.scale_x * x + s.shift_x;
   const T b = s.scale_y * y + s.shift_y;
   const float* c = s.share;
-  if (s.straight) {
-    share = c[0] + a * c[1] + b * c[2];
-    return;
-  }
-  share = c[0] + a * (c[1] + a * (c[3] + a * c[6]) + b * (c[4] + a * c[7])) +
-          b * (c[2] + b * (c[5] + a * c[8] + b * c[9]));
+  if (s.straight) return c[0] + a * c[1] + b * c[2];
+  return c[0] + a * (c[1] + a * (c[3] + a * c[6]) + b * (c[4] + a * c[7])) +
+         b * (c[2] + b * (c[5] + a * c[8] + b * c[9]));
 }
 
 /// The same in seconds.
 template <typename T>
-DSORB_ALWAYS_INLINE void rowTime(const RollingShutter& s, const T& x, const T& y, T& time) {
-  rowShare(s, x, y, time);
-  time = s.readout * time;
+DSORB_ALWAYS_INLINE T rowTime(const RollingShutter& s, const T& x, const T& y) {
+  return s.readout * rowShare(s, x, y);
 }
 
 /// First and second derivative by the time of a point times its inverse depth, (u, v, 1).
@@ -108,11 +104,14 @@ struct RowFlow {
 /// @param rho   inverse depth [1/unit]
 /// @param forth from the middle row to another; else back
 template <typename T, typename Depth>
-DSORB_ALWAYS_INLINE void rowFlow(
-    const RollingShutter& s, const T (&ray)[2], const Depth& rho, bool forth, RowFlow<T>& flow) {
+DSORB_ALWAYS_INLINE RowFlow<T> rowFlow(const RollingShutter& s,
+                                       const T (&ray)[2],
+                                       const Depth& rho,
+                                       bool forth) {
   const float* w = s.velocity + 3;
   const T& u = ray[0];
   const T& v = ray[1];
+  RowFlow<T> flow;
   T* d = flow.first;
   d[0] = w[1] - w[2] * v + rho * s.velocity[0];
   d[1] = w[2] * u - w[0] + rho * s.velocity[1];
@@ -121,6 +120,7 @@ DSORB_ALWAYS_INLINE void rowFlow(
   for (int i = 0; i < 3; ++i) {
     flow.second[i] = rows[i][0] * u + rows[i][1] * v + (rows[i][2] + rho * rows[i][3]);
   }
+  return flow;
 }
 
 /// Moves the pixel of a projected point to the row that sees it; u and v stay those of the middle
@@ -132,11 +132,9 @@ DSORB_ALWAYS_INLINE void moveToRow(const RollingShutter& s,
                                    const T& rho,
                                    WarpedPoint<T>& p) {
   constexpr int kIterations = 2;  // each multiplies the error by the rows passed in a row's time
-  RowFlow<T> flow;
-  rowFlow(s, {p.u, p.v}, rho, true, flow);
+  const RowFlow<T> flow = rowFlow(s, {p.u, p.v}, rho, true);
   for (int i = 0; i < kIterations; ++i) {
-    T t;
-    rowTime(s, p.x, p.y, t);
+    const T t = rowTime(s, p.x, p.y);
     const T half = 0.5F * t;
     const T nearer = t * (flow.first[2] + half * flow.second[2]);
     // Without a division where the pixel only tells the row.
@@ -181,12 +179,10 @@ inline Eigen::Vector2f pixelInMiddle(const RollingShutter& s,
   const auto cy = static_cast<float>(camera.cy);
   const Eigen::Vector2f ideal = unbend(s.radial, {(pixel.x() - cx) / fx, (pixel.y() - cy) / fy});
   const float ray[2] = {ideal.x(), ideal.y()};
-  float t = 0;
-  rowTime(s, pixel.x(), pixel.y(), t);
-  RowFlow<float> flow;
-  rowFlow(s, ray, inverse_depth, false, flow);
+  const float t = rowTime(s, pixel.x(), pixel.y());
+  RowFlow<float> flow = rowFlow(s, ray, inverse_depth, false);
   const auto moved = [&](int i) { return -t * (flow.first[i] - 0.5F * t * flow.second[i]); };
-  rowFlow(s, ray, inverse_depth * (1.0F + moved(2)), false, flow);  // its inverse depth in the row
+  flow = rowFlow(s, ray, inverse_depth * (1.0F + moved(2)), false);  // inverse depth in the row
   const float scale = 1.0F / (1.0F + moved(2));
   return {fx * (ray[0] + moved(0)) * scale + cx, fy * (ray[1] + moved(1)) * scale + cy};
 }

@@ -39,11 +39,11 @@ inline bool canSample(const PyramidLevel& level, float x, float y, float margin 
 
 /// Between four neighbours. @tparam T a number or several in a register
 template <typename T, typename Scalar>
-DSORB_ALWAYS_INLINE void bilinear(
-    const T (&top)[2], const T (&bottom)[2], const Scalar& fx, const Scalar& fy, T& value) {
+DSORB_ALWAYS_INLINE T
+bilinear(const T (&top)[2], const T (&bottom)[2], const Scalar& fx, const Scalar& fy) {
   const T upper = top[0] + fx * (top[1] - top[0]);
   const T lower = bottom[0] + fx * (bottom[1] - bottom[0]);
-  value = upper + fy * (lower - upper);
+  return upper + fy * (lower - upper);
 }
 
 /// The four pixels around a position and where it lies between them.
@@ -68,9 +68,7 @@ struct InterpolationCell {
     const Scalar upper[2] = {static_cast<Scalar>(value(top)), static_cast<Scalar>(value(top + 1))};
     const Scalar lower[2] = {static_cast<Scalar>(value(bottom)),
                              static_cast<Scalar>(value(bottom + 1))};
-    Scalar result;
-    bilinear(upper, lower, fx, fy, result);
-    return result;
+    return bilinear(upper, lower, fx, fy);
   }
 
   [[nodiscard]] Scalar intensity() const {
@@ -119,8 +117,10 @@ inline Sample<float> interpolateWithCellGradient(const PyramidLevel& level, floa
 /// Four pixels of a row, from left of the position to two right of it.
 using PixelQuad = float __attribute__((vector_size(16)));
 
-DSORB_ALWAYS_INLINE void loadAround(const float* pixel, PixelQuad& quad) {
+DSORB_ALWAYS_INLINE PixelQuad loadAround(const float* pixel) {
+  PixelQuad quad;
   std::memcpy(&quad, pixel - 1, sizeof(PixelQuad));
+  return quad;
 }
 
 /// Columns `first` and `first + 1` of eight quads.
@@ -140,22 +140,21 @@ DSORB_ALWAYS_INLINE void twoColumns(const PixelQuad (&quads)[kLanes], Lanes (&co
 }
 
 /// Intensities alone at eight positions; the caller guarantees canSample().
-DSORB_ALWAYS_INLINE void interpolateIntensities(
-    const float* image, std::ptrdiff_t width, const Lanes& x, const Lanes& y, Lanes& intensity) {
+DSORB_ALWAYS_INLINE Lanes interpolateIntensities(const float* image,
+                                                 std::ptrdiff_t width,
+                                                 const Lanes& x,
+                                                 const Lanes& y) {
   PixelQuad edges[kLanes];
   Lanes fx;
   for (int k = 0; k < kLanes; ++k) {
     const InterpolationCell<float> cell(image, width, x[k], y[k]);
-    PixelQuad top;
-    PixelQuad bottom;
-    loadAround(cell.top, top);
-    loadAround(cell.bottom, bottom);
-    edges[k] = top + cell.fy * (bottom - top);
+    const PixelQuad top = loadAround(cell.top);
+    edges[k] = top + cell.fy * (loadAround(cell.bottom) - top);
     fx[k] = cell.fx;
   }
   Lanes sides[2];
   twoColumns<1>(edges, sides);
-  intensity = sides[0] + fx * (sides[1] - sides[0]);
+  return sides[0] + fx * (sides[1] - sides[0]);
 }
 
 /// Samples at eight positions.
@@ -166,11 +165,10 @@ struct LaneSamples {
 };
 
 /// Eight positions at once.
-DSORB_ALWAYS_INLINE void interpolateLanes(const float* image,
-                                          std::ptrdiff_t width,
-                                          const Lanes& x,
-                                          const Lanes& y,
-                                          LaneSamples& samples) {
+DSORB_ALWAYS_INLINE LaneSamples interpolateLanes(const float* image,
+                                                 std::ptrdiff_t width,
+                                                 const Lanes& x,
+                                                 const Lanes& y) {
   PixelQuad tops[kLanes];
   PixelQuad bottoms[kLanes];
   PixelQuad outsides[kLanes];  // the two above the cell, the two below it
@@ -178,12 +176,10 @@ DSORB_ALWAYS_INLINE void interpolateLanes(const float* image,
   Lanes fy;
   for (int k = 0; k < kLanes; ++k) {
     const InterpolationCell<float> cell(image, width, x[k], y[k]);
-    PixelQuad above;
-    PixelQuad below;
-    loadAround(cell.top - width, above);
-    loadAround(cell.top, tops[k]);
-    loadAround(cell.bottom, bottoms[k]);
-    loadAround(cell.bottom + width, below);
+    tops[k] = loadAround(cell.top);
+    bottoms[k] = loadAround(cell.bottom);
+    const PixelQuad above = loadAround(cell.top - width);
+    const PixelQuad below = loadAround(cell.bottom + width);
     outsides[k] = DSORB_SHUFFLE(above, below, 1, 2, 5, 6);
     fx[k] = cell.fx;
     fy[k] = cell.fy;
@@ -204,15 +200,14 @@ DSORB_ALWAYS_INLINE void interpolateLanes(const float* image,
   const Lanes lower_dx[2] = {bottom[1][0] - bottom[0][0], bottom[1][1] - bottom[0][1]};
   const Lanes upper_dy[2] = {lower[0] - above[0], lower[1] - above[1]};
   const Lanes lower_dy[2] = {below[0] - upper[0], below[1] - upper[1]};
-  bilinear(upper, lower, fx, fy, samples.intensity);
-  bilinear(upper_dx, lower_dx, fx, fy, samples.dx);
-  bilinear(upper_dy, lower_dy, fx, fy, samples.dy);
-  const Lanes gradients = samples.dx + samples.dy;
+  const Lanes dx = bilinear(upper_dx, lower_dx, fx, fy);
+  const Lanes dy = bilinear(upper_dy, lower_dy, fx, fy);
+  const Lanes gradients = dx + dy;
   const auto valid = gradients == gradients;  // no NaN
   const Lanes zero = {};
-  samples.intensity = valid ? samples.intensity : gradients;
-  samples.dx = valid ? 0.5F * samples.dx : zero;
-  samples.dy = valid ? 0.5F * samples.dy : zero;
+  return {valid ? bilinear(upper, lower, fx, fy) : gradients,
+          valid ? 0.5F * dx : zero,
+          valid ? 0.5F * dy : zero};
 }
 
 }  // namespace dsorb

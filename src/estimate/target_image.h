@@ -46,30 +46,27 @@ inline TargetImage makeTargetImage(const PinholeCamera& camera,
 /// @param ray_x, ray_y of the point in the host, z = 1
 /// @param rho          inverse depth in the host [1/unit], one for all lanes or one each
 template <bool kRolling, typename Depth>
-DSORB_ALWAYS_INLINE void projectInto(const TargetImage& target,
-                                     const Lanes& ray_x,
-                                     const Lanes& ray_y,
-                                     const Depth& rho,
-                                     WarpedPoint<Lanes>& point) {
-  warpPoint(target.warp, ray_x, ray_y, rho, point);
+DSORB_ALWAYS_INLINE WarpedPoint<Lanes> projectInto(const TargetImage& target,
+                                                   const Lanes& ray_x,
+                                                   const Lanes& ray_y,
+                                                   const Depth& rho) {
+  WarpedPoint<Lanes> point = warpPoint(target.warp, ray_x, ray_y, rho);
   if constexpr (kRolling) {
     const Lanes target_rho = rho * point.inverse_z;
     moveToRow(target.shutter, target.warp, target_rho, point);
   }
+  return point;
 }
 
 /// Samples at projected points; outside the image at the nearest position inside.
-/// @param area   of the image, sampleArea()
 /// @param inside the point is in front and inside the image
-DSORB_ALWAYS_INLINE void sampleTarget(const TargetImage& target,
-                                      const SampleArea<Lanes>& area,
-                                      const WarpedPoint<Lanes>& point,
-                                      LaneSamples& samples,
-                                      MaskOf<Lanes>& inside) {
-  SamplePosition<Lanes> at;
-  clampToArea(area, point, at);
-  interpolateLanes(target.pixels, target.width, at.x, at.y, samples);
+DSORB_ALWAYS_INLINE LaneSamples sampleTarget(const TargetImage& target,
+                                             const WarpedPoint<Lanes>& point,
+                                             MaskOf<Lanes>& inside) {
+  const auto area = sampleArea<Lanes>(target.width, target.height);
+  const SamplePosition<Lanes> at = clampToArea(area, point);
   inside = point.front & at.inside;
+  return interpolateLanes(target.pixels, target.width, at.x, at.y);
 }
 
 /// Makes the gradients of samples those by the pixel of a pinhole camera.

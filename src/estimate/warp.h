@@ -10,7 +10,6 @@
 #include <Eigen/Core>
 
 #include <optional>
-#include <type_traits>
 #include <utility>
 
 /// How a point hosted in one frame, with a ray and an inverse depth, meets another image. All
@@ -49,16 +48,6 @@ Warp<Scalar> makeWarp(const PinholeCamera& camera, const SE3& T_target_host) {
 template <typename T>
 using MaskOf = decltype(std::declval<T>() > std::declval<T>());
 
-/// The same number in all lanes.
-template <typename T, typename Scalar>
-DSORB_ALWAYS_INLINE void spread(Scalar value, T& lanes) {
-  if constexpr (std::is_arithmetic_v<T>) {
-    lanes = static_cast<T>(value);
-  } else {
-    fill(value, lanes);
-  }
-}
-
 template <typename T>
 struct WarpedPoint {
   T u, v;           ///< ray in the target, z = 1
@@ -71,29 +60,34 @@ struct WarpedPoint {
 /// @param ray_x, ray_y of the point in the host, z = 1
 /// @param rho          inverse depth in the host [1/unit], one for all lanes or one each
 template <typename Scalar, typename T, typename Depth>
-DSORB_ALWAYS_INLINE void warpPoint(
-    const Warp<Scalar>& w, const T& ray_x, const T& ray_y, const Depth& rho, WarpedPoint<T>& out) {
+DSORB_ALWAYS_INLINE WarpedPoint<T> warpPoint(const Warp<Scalar>& w,
+                                             const T& ray_x,
+                                             const T& ray_y,
+                                             const Depth& rho) {
   const T px = w.R[0] * ray_x + w.R[1] * ray_y + (w.R[2] + rho * w.t[0]);
   const T py = w.R[3] * ray_x + w.R[4] * ray_y + (w.R[5] + rho * w.t[1]);
   const T pz = w.R[6] * ray_x + w.R[7] * ray_y + (w.R[8] + rho * w.t[2]);
-  T min_z;
-  spread(static_cast<Scalar>(kMinWarpZ), min_z);
+  const T min_z = spread<T>(static_cast<Scalar>(kMinWarpZ));
+  WarpedPoint<T> out;
   out.front = pz > min_z;
   out.inverse_z = Scalar{1} / (out.front ? pz : min_z);
   out.u = px * out.inverse_z;
   out.v = py * out.inverse_z;
   out.x = w.fx * out.u + w.cx;
   out.y = w.fy * out.v + w.cy;
+  return out;
 }
 
-/// Derivatives of the pixel by the inverse depth alone [px unit].
+/// Derivatives of the pixel by the inverse depth alone.
+template <typename T>
+struct DepthFlow {
+  T x, y;  ///< [px unit]
+};
+
 template <typename Scalar, typename T>
-DSORB_ALWAYS_INLINE void depthFlow(const Warp<Scalar>& w,
-                                   const WarpedPoint<T>& p,
-                                   T& flow_x,
-                                   T& flow_y) {
-  flow_x = w.fx * p.inverse_z * (w.t[0] - p.u * w.t[2]);
-  flow_y = w.fy * p.inverse_z * (w.t[1] - p.v * w.t[2]);
+DSORB_ALWAYS_INLINE DepthFlow<T> depthFlow(const Warp<Scalar>& w, const WarpedPoint<T>& p) {
+  return {w.fx * p.inverse_z * (w.t[0] - p.u * w.t[2]),
+          w.fy * p.inverse_z * (w.t[1] - p.v * w.t[2])};
 }
 
 /// Derivatives of the pixel (x, y), one row each, by a left increment [translation; rotation] of
@@ -101,19 +95,18 @@ DSORB_ALWAYS_INLINE void depthFlow(const Warp<Scalar>& w,
 template <typename T>
 struct PixelJacobian {
   T x[6], y[6];
-  T depth_x, depth_y;  ///< [px unit]
+  DepthFlow<T> depth;
 };
 
 template <typename Scalar, typename T, typename Depth>
-DSORB_ALWAYS_INLINE void pixelJacobian(const Warp<Scalar>& w,
-                                       const WarpedPoint<T>& p,
-                                       const Depth& rho,
-                                       PixelJacobian<T>& J) {
+DSORB_ALWAYS_INLINE PixelJacobian<T> pixelJacobian(const Warp<Scalar>& w,
+                                                   const WarpedPoint<T>& p,
+                                                   const Depth& rho) {
   const T fx_rho = w.fx * rho * p.inverse_z;
   const T fy_rho = w.fy * rho * p.inverse_z;
   const T uv = p.u * p.v;
-  spread(Scalar{0}, J.x[1]);
-  spread(Scalar{0}, J.y[0]);
+  PixelJacobian<T> J;
+  J.x[1] = J.y[0] = spread<T>(Scalar{0});
   J.x[0] = fx_rho;
   J.x[2] = -fx_rho * p.u;
   J.x[3] = -w.fx * uv;
@@ -124,7 +117,8 @@ DSORB_ALWAYS_INLINE void pixelJacobian(const Warp<Scalar>& w,
   J.y[3] = -w.fy - w.fy * p.v * p.v;
   J.y[4] = w.fy * uv;
   J.y[5] = w.fy * p.u;
-  depthFlow(w, p, J.depth_x, J.depth_y);
+  J.depth = depthFlow(w, p);
+  return J;
 }
 
 /// An image gradient in units of the ray: (gx, gy) = (fx dI/dx, fy dI/dy) [grey levels], and what
@@ -136,11 +130,13 @@ struct RayGradient {
 };
 
 template <typename Scalar, typename T>
-DSORB_ALWAYS_INLINE void rayGradient(
-    const Warp<Scalar>& w, const WarpedPoint<T>& p, const T& dx, const T& dy, RayGradient<T>& g) {
-  g.x = dx * w.fx;
-  g.y = dy * w.fy;
-  g.radial = p.u * g.x + p.v * g.y;
+DSORB_ALWAYS_INLINE RayGradient<T> rayGradient(const Warp<Scalar>& w,
+                                               const WarpedPoint<T>& p,
+                                               const T& dx,
+                                               const T& dy) {
+  const T x = dx * w.fx;
+  const T y = dy * w.fy;
+  return {x, y, p.u * x + p.v * y};
 }
 
 /// The gradient times the rows of pixelJacobian(): derivatives of the intensity by the pose ...
@@ -161,11 +157,10 @@ DSORB_ALWAYS_INLINE void poseJacobian(const WarpedPoint<T>& p,
 
 /// ... and by the inverse depth.
 template <typename Scalar, typename T>
-DSORB_ALWAYS_INLINE void depthJacobian(const Warp<Scalar>& w,
-                                       const WarpedPoint<T>& p,
-                                       const RayGradient<T>& g,
-                                       T& J) {
-  J = p.inverse_z * (g.x * w.t[0] + g.y * w.t[1] - g.radial * w.t[2]);
+DSORB_ALWAYS_INLINE T depthJacobian(const Warp<Scalar>& w,
+                                    const WarpedPoint<T>& p,
+                                    const RayGradient<T>& g) {
+  return p.inverse_z * (g.x * w.t[0] + g.y * w.t[1] - g.radial * w.t[2]);
 }
 
 /// The border rule of sampling.h spread over lanes: closer to the border the nearest position
@@ -176,10 +171,8 @@ struct SampleArea {
 };
 
 template <typename T>
-DSORB_ALWAYS_INLINE void sampleArea(int width, int height, SampleArea<T>& area) {
-  spread(kNearBorder, area.min);
-  spread(lastSample(width), area.max_x);
-  spread(lastSample(height), area.max_y);
+DSORB_ALWAYS_INLINE SampleArea<T> sampleArea(int width, int height) {
+  return {spread<T>(kNearBorder), spread<T>(lastSample(width)), spread<T>(lastSample(height))};
 }
 
 /// A position moved to the nearest one inside; NaN becomes the border, too.
@@ -190,14 +183,14 @@ struct SamplePosition {
 };
 
 template <typename T>
-DSORB_ALWAYS_INLINE void clampToArea(const SampleArea<T>& area,
-                                     const WarpedPoint<T>& p,
-                                     SamplePosition<T>& at) {
+DSORB_ALWAYS_INLINE SamplePosition<T> clampToArea(const SampleArea<T>& area,
+                                                  const WarpedPoint<T>& p) {
   const T low_x = p.x > area.min ? p.x : area.min;
   const T low_y = p.y > area.min ? p.y : area.min;
-  at.x = low_x < area.max_x ? low_x : area.max_x;
-  at.y = low_y < area.max_y ? low_y : area.max_y;
-  at.inside = (p.x == at.x) & (p.y == at.y);
+  const T x = low_x < area.max_x ? low_x : area.max_x;
+  const T y = low_y < area.max_y ? low_y : area.max_y;
+  const MaskOf<T> inside = (p.x == x) & (p.y == y);
+  return {x, y, inside};
 }
 
 /// Pixel of a hosted point in another camera with its derivatives.
@@ -217,16 +210,14 @@ inline std::optional<HostedProjection> projectHosted(const PinholeCamera& camera
                                                      const Eigen::Vector3d& host_ray,
                                                      double rho) {
   const auto warp = makeWarp<double>(camera, T_cam_host);
-  WarpedPoint<double> p;
-  warpPoint(warp, host_ray.x(), host_ray.y(), rho, p);
+  const WarpedPoint<double> p = warpPoint(warp, host_ray.x(), host_ray.y(), rho);
   if (!p.front) return std::nullopt;
-  PixelJacobian<double> J;
-  pixelJacobian(warp, p, rho, J);
+  const PixelJacobian<double> J = pixelJacobian(warp, p, rho);
   HostedProjection out;
   out.pixel = {p.x, p.y};
   out.J_pose << Eigen::Map<const Eigen::RowVector<double, 6>>(J.x),
       Eigen::Map<const Eigen::RowVector<double, 6>>(J.y);
-  out.J_inverse_depth = {J.depth_x, J.depth_y};
+  out.J_inverse_depth = {J.depth.x, J.depth.y};
   return out;
 }
 

@@ -107,12 +107,9 @@ DSORB_ALWAYS_INLINE bool cornerAt(const FlowLevel& level, float x, float y, Wind
 
 /// Eight pixels that lie beside each other and share one fraction, for a row that the lines above
 /// and below it share as well: the samplers of src/estimate take a position for every pixel.
-DSORB_ALWAYS_INLINE void interpolateRow(const float* row, float fx, Lanes& value) {
-  Lanes left;
-  Lanes right;
-  load(row, left);
-  load(row + 1, right);
-  value = left + fx * (right - left);
+DSORB_ALWAYS_INLINE Lanes interpolateRow(const float* row, float fx) {
+  const Lanes left = load(row);
+  return left + fx * (load(row + 1) - left);
 }
 
 /// Gradient tensor of the window, summed.
@@ -125,12 +122,10 @@ DSORB_ALWAYS_INLINE void cutPatch(const FlowLevel& level, const WindowCorner& at
   for (int column = 0; column < kPatchStride; column += kLanes) {
     const float* source = level.row(at.y - 1) + at.x - 1 + column;
     float* target = patch + column;
-    Lanes upper;
-    interpolateRow(source, at.fx, upper);
+    Lanes upper = interpolateRow(source, at.fx);
     for (int row = 0; row < kFlowWindow + 2; ++row) {
       source += level.stride;
-      Lanes lower;
-      interpolateRow(source, at.fx, lower);
+      const Lanes lower = interpolateRow(source, at.fx);
       store(upper + at.fy * (lower - upper), target);
       target += kPatchStride;
       upper = lower;
@@ -139,14 +134,8 @@ DSORB_ALWAYS_INLINE void cutPatch(const FlowLevel& level, const WindowCorner& at
 }
 
 /// Scharr's weights across the derivative, 3 10 3, of the pixels at p, p + step, p + 2 step.
-DSORB_ALWAYS_INLINE void smooth(const float* p, std::ptrdiff_t step, Lanes& value) {
-  Lanes a;
-  Lanes b;
-  Lanes c;
-  load(p, a);
-  load(p + step, b);
-  load(p + 2 * step, c);
-  value = (3.0F / 32) * (a + c) + (10.0F / 32) * b;
+DSORB_ALWAYS_INLINE Lanes smooth(const float* p, std::ptrdiff_t step) {
+  return (3.0F / 32) * (load(p) + load(p + 2 * step)) + (10.0F / 32) * load(p + step);
 }
 
 /// Columns and rows of a window that lie inside the image.
@@ -175,18 +164,10 @@ DSORB_ALWAYS_INLINE void makeTemplate(const float* patch,
     }
     const float* p = patch + column;
     for (int row = 0; row < kFlowWindow; ++row, p += kPatchStride) {
-      Lanes before;
-      Lanes after;
-      Lanes intensity;
-      smooth(p, kPatchStride, before);
-      smooth(p + 2, kPatchStride, after);
       const float row_used = row >= inside.top && row < inside.bottom ? 1.0F : 0.0F;
-      const Lanes dx = row_used * used * (after - before);
-      smooth(p, 1, before);
-      smooth(p + 2 * kPatchStride, 1, after);
-      const Lanes dy = row_used * used * (after - before);
-      load(p + kPatchStride + 1, intensity);
-      store(intensity, target);
+      const Lanes dx = row_used * used * (smooth(p + 2, kPatchStride) - smooth(p, kPatchStride));
+      const Lanes dy = row_used * used * (smooth(p + 2 * kPatchStride, 1) - smooth(p, 1));
+      store(load(p + kPatchStride + 1), target);
       store(dx, target + kPart);
       store(dy, target + 2 * kPart);
       target += kTemplateStep;
@@ -210,22 +191,14 @@ DSORB_ALWAYS_INLINE Slope compare(const FlowLevel& level,
   Lanes sum_y = {};
   for (int column = 0; column < kFlowWindow; column += kLanes) {
     const float* pixels = level.row(at.y) + at.x + column;
-    Lanes upper;
-    interpolateRow(pixels, at.fx, upper);
+    Lanes upper = interpolateRow(pixels, at.fx);
     for (int row = 0; row < kFlowWindow; ++row) {
       pixels += level.stride;
-      Lanes lower;
-      Lanes intensity;
-      Lanes dx;
-      Lanes dy;
-      interpolateRow(pixels, at.fx, lower);
-      load(source, intensity);
-      load(source + kPart, dx);
-      load(source + 2 * kPart, dy);
+      const Lanes lower = interpolateRow(pixels, at.fx);
+      const Lanes difference = upper + at.fy * (lower - upper) - load(source);
+      sum_x += difference * load(source + kPart);
+      sum_y += difference * load(source + 2 * kPart);
       source += kTemplateStep;
-      const Lanes difference = upper + at.fy * (lower - upper) - intensity;
-      sum_x += difference * dx;
-      sum_y += difference * dy;
       upper = lower;
     }
   }

@@ -121,8 +121,7 @@ PatchResidual evaluatePatch(const PhotometricProblem& problem,
   const PyramidLevel& image = *problem.images[frame];
   const auto warp = makeWarp<double>(problem.camera, T_cam_ref);
   const Eigen::Vector3d centre = problem.camera.unproject(host.pixel.cast<double>());
-  SampleArea<double> area;
-  sampleArea(image.width(), image.height(), area);
+  const auto area = sampleArea<double>(image.width(), image.height());
   PatchResidual out;
   out.inside = true;
   PatchVector grey;
@@ -131,17 +130,15 @@ PatchResidual evaluatePatch(const PhotometricProblem& problem,
     const PatternOffset& offset = kPattern[static_cast<std::size_t>(j)];
     const double ray_x = centre.x() + offset.x / warp.fx;
     const double ray_y = centre.y() + offset.y / warp.fy;
-    WarpedPoint<double> point;
-    warpPoint(warp, ray_x, ray_y, inverse_depth, point);
-    SamplePosition<double> at;
-    clampToArea(area, point, at);
+    const WarpedPoint<double> point = warpPoint(warp, ray_x, ray_y, inverse_depth);
+    const SamplePosition<double> at = clampToArea(area, point);
     const Sample<double> sample = interpolate(image, at.x, at.y);
     const bool inside = point.front && at.inside;
-    RayGradient<double> gradient;
-    rayGradient(warp, point, inside ? sample.dx : 0, inside ? sample.dy : 0, gradient);
+    const RayGradient<double> gradient =
+        rayGradient(warp, point, inside ? sample.dx : 0, inside ? sample.dy : 0);
     Vector6d J_pose;
     poseJacobian(point, gradient, inverse_depth * point.inverse_z, J_pose.data());
-    depthJacobian(warp, point, gradient, out.J_inverse_depth[j]);
+    out.J_inverse_depth[j] = depthJacobian(warp, point, gradient);
     out.J_pose.row(j) = J_pose;
     out.inside = out.inside && inside && std::isfinite(sample.intensity);
     grey[j] = sample.intensity;

@@ -29,37 +29,25 @@ constexpr float kKnee = 40.0F;
 using Ints = std::int32_t __attribute__((vector_size(sizeof(Lanes))));
 using Hashes = std::uint32_t __attribute__((vector_size(sizeof(Lanes))));
 
-DSORB_ALWAYS_INLINE void clamp(const Lanes& x, float low, float high, Lanes& out) {
-  Lanes lowest;
-  Lanes highest;
-  fill(low, lowest);
-  fill(high, highest);
-  const Lanes raised = x < low ? lowest : x;
-  out = raised > high ? highest : raised;
-}
-
-DSORB_ALWAYS_INLINE void smoothStep(const Lanes& x, Lanes& out) {
-  Lanes t;
-  clamp(x, 0, 1, t);
-  out = t * t * (3.0F - 2.0F * t);
+DSORB_ALWAYS_INLINE Lanes clamp(const Lanes& x, float low, float high) {
+  const Lanes raised = x < low ? spread<Lanes>(low) : x;
+  return raised > high ? spread<Lanes>(high) : raised;
 }
 
 /// Contrast left of detail whose cells have this size [px].
-DSORB_ALWAYS_INLINE void visibility(const Lanes& cell, Lanes& out) {
-  smoothStep((cell - kFadedCell) / (kFullCell - kFadedCell), out);
+DSORB_ALWAYS_INLINE Lanes visibility(const Lanes& cell) {
+  const Lanes t = clamp((cell - kFadedCell) / (kFullCell - kFadedCell), 0, 1);
+  return t * t * (3.0F - 2.0F * t);
 }
 
-DSORB_ALWAYS_INLINE void floorToInt(const Lanes& x, Ints& out) {
+DSORB_ALWAYS_INLINE Ints floorToInt(const Lanes& x) {
   const Ints i = __builtin_convertvector(x, Ints);
-  out = i + (x < __builtin_convertvector(i, Lanes));
+  return i + (x < __builtin_convertvector(i, Lanes));
 }
 
 /// Uniform in [-1, 1), a function of lattice point and seed alone.
 /// @source integer finaliser of the murmur kind; constants by C. Wellons, "hash-prospector"
-DSORB_ALWAYS_INLINE void latticeValue(const Ints& x,
-                                      const Ints& y,
-                                      std::uint32_t seed,
-                                      Lanes& out) {
+DSORB_ALWAYS_INLINE Lanes latticeValue(const Ints& x, const Ints& y, std::uint32_t seed) {
   Hashes h = (Hashes)x * 0x9E3779B1U + (Hashes)y * 0x85EBCA77U;
   h ^= seed;
   h ^= h >> 15U;
@@ -67,58 +55,36 @@ DSORB_ALWAYS_INLINE void latticeValue(const Ints& x,
   h ^= h >> 12U;
   h *= 0x297A2D39U;
   h ^= h >> 15U;
-  out = __builtin_convertvector((Ints)h, Lanes) * 0x1.0p-31F;
+  return __builtin_convertvector((Ints)h, Lanes) * 0x1.0p-31F;
 }
 
 /// Value noise in [-1, 1]: lattice values joined by cubic steps.
-DSORB_ALWAYS_INLINE void valueNoise(const Lanes& x,
-                                    const Lanes& y,
-                                    std::uint32_t seed,
-                                    Lanes& out) {
-  Ints ix;
-  Ints iy;
-  floorToInt(x, ix);
-  floorToInt(y, iy);
+DSORB_ALWAYS_INLINE Lanes valueNoise(const Lanes& x, const Lanes& y, std::uint32_t seed) {
+  const Ints ix = floorToInt(x);
+  const Ints iy = floorToInt(y);
   const Lanes fx = x - __builtin_convertvector(ix, Lanes);
   const Lanes fy = y - __builtin_convertvector(iy, Lanes);
   const Lanes sx = fx * fx * (3.0F - 2.0F * fx);
   const Lanes sy = fy * fy * (3.0F - 2.0F * fy);
-  Lanes v00;
-  Lanes v01;
-  Lanes v10;
-  Lanes v11;
-  latticeValue(ix, iy, seed, v00);
-  latticeValue(ix + 1, iy, seed, v01);
-  latticeValue(ix, iy + 1, seed, v10);
-  latticeValue(ix + 1, iy + 1, seed, v11);
-  const Lanes top = v00 + sx * (v01 - v00);
-  const Lanes bottom = v10 + sx * (v11 - v10);
-  out = top + sy * (bottom - top);
+  const Lanes v00 = latticeValue(ix, iy, seed);
+  const Lanes v10 = latticeValue(ix, iy + 1, seed);
+  const Lanes top = v00 + sx * (latticeValue(ix + 1, iy, seed) - v00);
+  const Lanes bottom = v10 + sx * (latticeValue(ix + 1, iy + 1, seed) - v10);
+  return top + sy * (bottom - top);
 }
 
 /// Integral of a pulse train of period 1, pulses centred at 0.5.
 /// @param fill pulse width
-DSORB_ALWAYS_INLINE void pulseIntegral(const Lanes& at, float fill, Lanes& out) {
-  Ints periods;
-  floorToInt(at, periods);
-  const Lanes whole = __builtin_convertvector(periods, Lanes);
-  Lanes part;
-  clamp(at - whole - 0.5F * (1.0F - fill), 0, fill, part);
-  out = whole * fill + part;
+DSORB_ALWAYS_INLINE Lanes pulseIntegral(const Lanes& at, float fill) {
+  const Lanes whole = __builtin_convertvector(floorToInt(at), Lanes);
+  return whole * fill + clamp(at - whole - 0.5F * (1.0F - fill), 0, fill);
 }
 
 /// Painted share of a pixel in one direction: pulse train under a box filter.
 /// @param x position [periods]; @param fill pulse width; @param width filter
-DSORB_ALWAYS_INLINE void pulseCoverage(const Lanes& x, float fill, const Lanes& width, Lanes& out) {
-  if (fill >= 1.0F) {
-    dsorb::fill(1, out);
-    return;
-  }
-  Lanes after;
-  Lanes before;
-  pulseIntegral(x + 0.5F * width, fill, after);
-  pulseIntegral(x - 0.5F * width, fill, before);
-  out = (after - before) / width;
+DSORB_ALWAYS_INLINE Lanes pulseCoverage(const Lanes& x, float fill, const Lanes& width) {
+  if (fill >= 1.0F) return spread<Lanes>(1.0F);
+  return (pulseIntegral(x + 0.5F * width, fill) - pulseIntegral(x - 0.5F * width, fill)) / width;
 }
 
 /// Position in a train of unit cells: the cell, its neighbour across the nearer border, and the
@@ -129,12 +95,13 @@ struct CellBlend {
   Lanes share;
 };
 
-DSORB_ALWAYS_INLINE void blendCells(const Lanes& x, const Lanes& width, CellBlend& out) {
-  floorToInt(x, out.cell);
-  const Lanes offset = x - __builtin_convertvector(out.cell, Lanes) - 0.5F;
+DSORB_ALWAYS_INLINE CellBlend blendCells(const Lanes& x, const Lanes& width) {
+  const Ints cell = floorToInt(x);
+  const Lanes offset = x - __builtin_convertvector(cell, Lanes) - 0.5F;
   const Lanes from_middle = offset < 0.0F ? -offset : offset;
-  out.neighbour = offset < 0.0F ? out.cell - 1 : out.cell + 1;
-  clamp(0.5F - (0.5F - from_middle) / width, 0, 0.5F, out.share);
+  return {cell,
+          offset < 0.0F ? cell - 1 : cell + 1,
+          clamp(0.5F - (0.5F - from_middle) / width, 0, 0.5F)};
 }
 
 /// Painted share and random deviation in one row of tiles.
@@ -143,20 +110,19 @@ struct TileRow {
   Lanes deviation;
 };
 
-DSORB_ALWAYS_INLINE void sampleRow(
-    const TileLayer& layer, const Lanes& x, const Lanes& width, const Ints& row, TileRow& out) {
+DSORB_ALWAYS_INLINE TileRow sampleRow(const TileLayer& layer,
+                                      const Lanes& x,
+                                      const Lanes& width,
+                                      const Ints& row) {
   constexpr std::uint32_t kSeed = 0x51ED27U;
   const Lanes shifted = x + layer.shift * __builtin_convertvector(row & 1, Lanes);
-  pulseCoverage(shifted, layer.fill_u, width, out.coverage);
-  fill(0, out.deviation);
-  if (!(layer.spread > 0)) return;
-  CellBlend blend{};
-  blendCells(shifted, width, blend);
-  latticeValue(blend.cell, row, kSeed, out.deviation);
-  if (!inAnyLane(blend.share > 0.0F)) return;
-  Lanes beside;
-  latticeValue(blend.neighbour, row, kSeed, beside);
-  out.deviation += blend.share * (beside - out.deviation);
+  TileRow out{pulseCoverage(shifted, layer.fill_u, width), {}};
+  if (!(layer.spread > 0)) return out;
+  const CellBlend blend = blendCells(shifted, width);
+  out.deviation = latticeValue(blend.cell, row, kSeed);
+  if (!inAnyLane(blend.share > 0.0F)) return out;
+  out.deviation += blend.share * (latticeValue(blend.neighbour, row, kSeed) - out.deviation);
+  return out;
 }
 
 /// Surface coordinates of several pixels and their change over one pixel.
@@ -172,29 +138,21 @@ DSORB_ALWAYS_INLINE void paintTiles(const TileLayer& layer,
                                     const Footprints& at,
                                     const Lanes& offset,
                                     Lanes& grey) {
-  Lanes width_u = kEdgeWidth * at.size_u / layer.period_u;
-  Lanes width_v = kEdgeWidth * at.size_v / layer.period_v;
   constexpr float kLargest = std::numeric_limits<float>::max();
-  clamp(width_u, 1e-4F, kLargest, width_u);
-  clamp(width_v, 1e-4F, kLargest, width_v);
-  Lanes visible_u;
-  Lanes visible_v;
-  visibility(layer.period_u / at.size_u, visible_u);
-  visibility(layer.period_v / at.size_v, visible_v);
+  const Lanes width_u = clamp(kEdgeWidth * at.size_u / layer.period_u, 1e-4F, kLargest);
+  const Lanes width_v = clamp(kEdgeWidth * at.size_v / layer.period_v, 1e-4F, kLargest);
+  const Lanes visible_u = visibility(layer.period_u / at.size_u);
+  const Lanes visible_v = visibility(layer.period_v / at.size_v);
   const Lanes x = at.u / layer.period_u + offset;
   const Lanes y = at.v / layer.period_v + offset;
-  CellBlend rows{};
-  blendCells(y, width_v, rows);
-  TileRow row{};
-  sampleRow(layer, x, width_u, rows.cell, row);
+  const CellBlend rows = blendCells(y, width_v);
+  TileRow row = sampleRow(layer, x, width_u, rows.cell);
   if (inAnyLane(rows.share > 0.0F)) {
-    TileRow next{};
-    sampleRow(layer, x, width_u, rows.neighbour, next);
+    const TileRow next = sampleRow(layer, x, width_u, rows.neighbour);
     row.coverage += rows.share * (next.coverage - row.coverage);
     row.deviation += rows.share * (next.deviation - row.deviation);
   }
-  Lanes coverage_v;
-  pulseCoverage(y, layer.fill_v, width_v, coverage_v);
+  const Lanes coverage_v = pulseCoverage(y, layer.fill_v, width_v);
   const Lanes coverage = (layer.fill_u + visible_u * (row.coverage - layer.fill_u)) *
                          (layer.fill_v + visible_v * (coverage_v - layer.fill_v));
   const Lanes tile = layer.grey + layer.spread * visible_u * visible_v * row.deviation;
@@ -204,15 +162,9 @@ DSORB_ALWAYS_INLINE void paintTiles(const TileLayer& layer,
 /// Steepens noise of large cells, so that blotches have outlines that stay a few pixels wide from
 /// near and far, as a lens shows them.
 /// @param cell [px]
-DSORB_ALWAYS_INLINE void outline(const Lanes& noise,
-                                 const Lanes& cell,
-                                 float crispness,
-                                 Lanes& out) {
-  Lanes steep;
-  clamp(cell / kOutlineCell, 1, crispness, steep);
-  Lanes bounded;
-  clamp(steep * noise, -1, 1, bounded);
-  out = bounded * (1.5F - 0.5F * bounded * bounded);
+DSORB_ALWAYS_INLINE Lanes outlined(const Lanes& noise, const Lanes& cell, float crispness) {
+  const Lanes bounded = clamp(clamp(cell / kOutlineCell, 1, crispness) * noise, -1, 1);
+  return bounded * (1.5F - 0.5F * bounded * bounded);
 }
 
 /// Adds the octaves of noise; those too fine for all of the pixels cost nothing.
@@ -228,36 +180,30 @@ DSORB_ALWAYS_INLINE void addNoise(const Texture& texture,
     const Lanes cell = cell_v < cell_u ? cell_v : cell_u;
     const LaneMask shown = cell > kFadedCell;
     if (!inAnyLane(shown)) continue;
-    Lanes noise;
-    Lanes visible;
-    valueNoise(at.u / layer.cell_u + offset, at.v / layer.cell_v + offset, seed, noise);
-    outline(noise, cell, texture.crispness, noise);
-    visibility(cell, visible);
-    grey = shown ? grey + layer.amplitude * visible * noise : grey;
+    const Lanes noise =
+        valueNoise(at.u / layer.cell_u + offset, at.v / layer.cell_v + offset, seed);
+    const Lanes steep = outlined(noise, cell, texture.crispness);
+    grey = shown ? grey + layer.amplitude * visibility(cell) * steep : grey;
   }
 }
 
 /// One member of kLanes footprints.
-DSORB_ALWAYS_INLINE void gather(const Footprint* at, float Footprint::*member, Lanes& out) {
+DSORB_ALWAYS_INLINE Lanes gather(const Footprint* at, float Footprint::*member) {
   float values[kLanes];
   for (int k = 0; k < kLanes; ++k) values[k] = at[k].*member;
-  load(values, out);
+  return load(values);
 }
 
 /// @param at    of kLanes pixels
 /// @param greys kLanes of them
 DSORB_ALWAYS_INLINE void sampleLanes(const Texture& texture, const Footprint* at, float* greys) {
-  Footprints lanes;
-  gather(at, &Footprint::u, lanes.u);
-  gather(at, &Footprint::v, lanes.v);
-  gather(at, &Footprint::size_u, lanes.size_u);
-  gather(at, &Footprint::size_v, lanes.size_v);
+  const Footprints lanes{gather(at, &Footprint::u),
+                         gather(at, &Footprint::v),
+                         gather(at, &Footprint::size_u),
+                         gather(at, &Footprint::size_v)};
   // Moves the grid of every texture elsewhere, so that equal layers do not line up.
-  Lanes offset;
-  latticeValue(Ints{} + 17, Ints{} + 29, texture.seed, offset);
-  offset += 1.0F;
-  Lanes grey;
-  fill(texture.grey, grey);
+  const Lanes offset = 1.0F + latticeValue(Ints{} + 17, Ints{} + 29, texture.seed);
+  auto grey = spread<Lanes>(texture.grey);
   for (const TileLayer& layer : texture.tiles) paintTiles(layer, lanes, offset, grey);
   addNoise(texture, lanes, offset, grey);
   store(grey, greys);

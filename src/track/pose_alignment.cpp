@@ -35,23 +35,17 @@ DSORB_ALWAYS_INLINE void accumulateRow(const Columns<kParameters>& columns,
   constexpr int kTerms = kParameters + 1 - kRow;
   Lanes total[kTerms] = {};
   for (std::size_t i = 0; i < padded; i += kLanes) {
-    Lanes weighted;
-    Lanes factor;
-    load(weight + i, weighted);
-    load(columns.value[kRow] + i, factor);
-    weighted *= factor;
-    for (int j = 0; j < kTerms; ++j) {
-      load(columns.value[kRow + j] + i, factor);
-      total[j] += weighted * factor;
-    }
+    const Lanes weighted = load(weight + i) * load(columns.value[kRow] + i);
+    for (int j = 0; j < kTerms; ++j) total[j] += weighted * load(columns.value[kRow + j] + i);
   }
   for (int j = 0; j < kTerms; ++j) sums[j] = sumLanes(total[j]);
 }
 
 /// The first `count` of eight, zeros after them.
-DSORB_ALWAYS_INLINE void loadSome(const float* from, std::size_t count, Lanes& lanes) {
-  lanes = Lanes{};
+DSORB_ALWAYS_INLINE Lanes loadSome(const float* from, std::size_t count) {
+  Lanes lanes = {};
   std::memcpy(&lanes, from, count * sizeof(float));
+  return lanes;
 }
 DSORB_ALWAYS_INLINE void storeSome(const Lanes& lanes, std::size_t count, float* to) {
   std::memcpy(to, &lanes, count * sizeof(float));
@@ -73,37 +67,24 @@ DSORB_ALWAYS_INLINE void evaluateLanes(const AlignmentSetting& s,
                                        AlignmentSamples& samples,
                                        LaneEnergy& sums) {
   const auto [i, count] = eight;
-  Lanes ray_x;
-  Lanes ray_y;
-  Lanes rho;
-  Lanes grey;
-  loadSome(points.ray_x.data() + i, count, ray_x);
-  loadSome(points.ray_y.data() + i, count, ray_y);
-  loadSome(points.inverse_depth.data() + i, count, rho);
-  loadSome(points.intensity.data() + i, count, grey);
-  WarpedPoint<Lanes> p;
-  SampleArea<Lanes> area = {};
+  const Lanes ray_x = loadSome(points.ray_x.data() + i, count);
+  const Lanes ray_y = loadSome(points.ray_y.data() + i, count);
+  const Lanes rho = loadSome(points.inverse_depth.data() + i, count);
+  const Lanes grey = loadSome(points.intensity.data() + i, count);
+  const WarpedPoint<Lanes> p = projectInto<kRolling>(s.target, ray_x, ray_y, rho);
   MaskOf<Lanes> inside;
-  LaneSamples seen;
-  projectInto<kRolling>(s.target, ray_x, ray_y, rho, p);
-  sampleArea(s.target.width, s.target.height, area);
-  sampleTarget(s.target, area, p, seen, inside);
+  LaneSamples seen = sampleTarget(s.target, p, inside);
   unbendGradients<kRolling>(s.target, p, seen);
   const Lanes unclipped = s.target.gain * grey + s.target.offset;
-  Lanes ceiling;
-  fill(s.ceiling, ceiling);
+  const auto ceiling = spread<Lanes>(s.ceiling);
   const Lanes r = seen.intensity - (unclipped < ceiling ? unclipped : ceiling);
   const Lanes magnitude = r < 0.0F ? -r : r;
   const auto used = (rho > 0.0F) & inside & (magnitude <= std::numeric_limits<float>::max());
   const auto unsaturated = used & (magnitude <= kCutoff);
-  Lanes zero = {};
-  Lanes bound;
-  fill(kHuberThreshold * (2.0F * kCutoff - kHuberThreshold), bound);
-  Lanes weight;
-  Lanes energy;
-  huberWeights(r, weight);
-  huberEnergies(r, weight, energy);
-  sums.energy += unsaturated ? energy : (used ? bound : zero);
+  const Lanes zero = {};
+  const auto bound = spread<Lanes>(kHuberThreshold * (2.0F * kCutoff - kHuberThreshold));
+  const Lanes weight = huberWeights(r);
+  sums.energy += unsaturated ? huberEnergies(r, weight) : (used ? bound : zero);
   sums.used -= used;  // a lane that is true holds -1
   storeSome(p.u, count, samples.u.data() + i);
   storeSome(p.v, count, samples.v.data() + i);
@@ -113,8 +94,7 @@ DSORB_ALWAYS_INLINE void evaluateLanes(const AlignmentSetting& s,
   storeSome(unsaturated ? r : zero, count, samples.residual.data() + i);
   storeSome(unsaturated ? weight : zero, count, samples.weight.data() + i);
   if constexpr (kRolling) {
-    Lanes time;
-    rowTime(s.target.shutter, p.x, p.y, time);
+    const Lanes time = rowTime(s.target.shutter, p.x, p.y);
     // The time of a point behind the camera may be no number, which no weight removes.
     storeSome(unsaturated ? time : zero, count, samples.time.data() + i);
   }
@@ -181,8 +161,8 @@ DSORB_ALWAYS_INLINE void accumulatePoints(const AlignmentSetting& setting,
     WarpedPoint<float> p;
     p.u = samples.u[from];
     p.v = samples.v[from];
-    RayGradient<float> gradient;
-    rayGradient(setting.target.warp, p, samples.dx[from], samples.dy[from], gradient);
+    const RayGradient<float> gradient =
+        rayGradient(setting.target.warp, p, samples.dx[from], samples.dy[from]);
     float by_pose[6];
     poseJacobian(p, gradient, samples.rho[from], by_pose);
     for (std::size_t k = 0; k < 6; ++k) J[k][i] = by_pose[k];

@@ -187,8 +187,8 @@ GreyComparison::GreyComparison(const TrackingReference& reference,
   const auto warp = makeWarp<float>(reference.camera, T_cur_ref);
   const std::size_t stride = std::max<std::size_t>(points.size() / kPoints, 1);
   for (std::size_t i = 0; i < points.size(); i += stride) {
-    WarpedPoint<float> p;
-    warpPoint(warp, points.ray_x[i], points.ray_y[i], points.inverse_depth[i], p);
+    const WarpedPoint<float> p =
+        warpPoint(warp, points.ray_x[i], points.ray_y[i], points.inverse_depth[i]);
     if (!p.front || !canSample(level, p.x, p.y)) continue;
     const float intensity = interpolateIntensity(level, p.x, p.y);
     if (!std::isfinite(intensity)) continue;

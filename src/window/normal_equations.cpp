@@ -20,15 +20,13 @@ struct RayJacobian {
   float xx, xy, yx, yy;
 };
 
-DSORB_ALWAYS_INLINE void rayJacobian(const Warp<float>& warp,
-                                     const WarpedPoint<float>& p,
-                                     RayJacobian& J) {
+RayJacobian rayJacobian(const Warp<float>& warp, const WarpedPoint<float>& p) {
   const float* R = warp.R;
   const float fx_over_fy = warp.fx / warp.fy;
-  J.xx = (R[6] * p.u - R[0]) * p.inverse_z;
-  J.xy = fx_over_fy * (R[7] * p.u - R[1]) * p.inverse_z;
-  J.yx = (R[6] * p.v - R[3]) * p.inverse_z / fx_over_fy;
-  J.yy = (R[7] * p.v - R[4]) * p.inverse_z;
+  return {(R[6] * p.u - R[0]) * p.inverse_z,
+          fx_over_fy * (R[7] * p.u - R[1]) * p.inverse_z,
+          (R[6] * p.v - R[3]) * p.inverse_z / fx_over_fy,
+          (R[7] * p.v - R[4]) * p.inverse_z};
 }
 
 /// Shifts of a projected pixel by fx, fy, cx, cy and the radial distortion, for a ray that stays:
@@ -57,8 +55,7 @@ void addLens(const Eigen::Vector2f& ray,
              bool estimates_radial,
              ResidualGeometry& geometry) {
   const float radial = pair.current.shutter.radial;
-  RayJacobian by_ray;
-  rayJacobian(pair.first, p, by_ray);
+  const RayJacobian by_ray = rayJacobian(pair.first, p);
   const auto host = lensShifts(ray, pair.first, radial);
   const auto target = lensShifts({p.u, p.v}, pair.first, radial);
   const auto add = [&](std::size_t i, std::size_t lane, double scale) {
@@ -74,8 +71,7 @@ void addLens(const Eigen::Vector2f& ray,
 /// @param forth from the middle row to another; else back
 Eigen::Vector2f velocityAt(
     const RollingShutter& shutter, const Eigen::Vector2f& ray, float rho, float time, bool forth) {
-  RowFlow<float> flow;
-  rowFlow(shutter, {ray.x(), ray.y()}, rho, forth, flow);
+  const RowFlow<float> flow = rowFlow(shutter, {ray.x(), ray.y()}, rho, forth);
   const float sign = forth ? 1.0F : -1.0F;
   const float t = sign * time;
   const auto moved = [&](int i) { return t * (flow.first[i] + 0.5F * t * flow.second[i]); };
@@ -95,22 +91,19 @@ void addReadout(const WindowPoint& point,
   constexpr auto kScale = static_cast<float>(kReadoutScale);
   const Warp<float>& warp = pair.first;
   const Eigen::Vector2f& seen = point.patch.seen;
-  Eigen::Vector2f ray;
-  rays.at(seen.x(), seen.y(), ray.x(), ray.y());
-  float share = 0;
-  rowShare(pair.host_shutter, seen.x(), seen.y(), share);
+  const auto by_readout = [](const RollingShutter& shutter,
+                             const Eigen::Vector2f& pixel,
+                             const Eigen::Vector2f& ray,
+                             float rho,
+                             bool forth) -> Eigen::Vector2f {
+    const float share = rowShare(shutter, pixel.x(), pixel.y());
+    return share * velocityAt(shutter, ray, rho, shutter.readout * share, forth);
+  };
   const Eigen::Vector2f host =
-      share *
-      velocityAt(
-          pair.host_shutter, ray, point.inverse_depth, pair.host_shutter.readout * share, false);
-  rowShare(pair.current.shutter, p.x, p.y, share);
-  const Eigen::Vector2f target = share * velocityAt(pair.current.shutter,
-                                                    {p.u, p.v},
-                                                    point.inverse_depth * p.inverse_z,
-                                                    pair.current.shutter.readout * share,
-                                                    true);
-  RayJacobian by_ray;
-  rayJacobian(warp, p, by_ray);
+      by_readout(pair.host_shutter, seen, rays.at(seen), point.inverse_depth, false);
+  const Eigen::Vector2f target = by_readout(
+      pair.current.shutter, {p.x, p.y}, {p.u, p.v}, point.inverse_depth * p.inverse_z, true);
+  const RayJacobian by_ray = rayJacobian(warp, p);
   const float moved_x = warp.fx * host.x();
   const float moved_y = warp.fy * host.y();
   geometry.x[kLaneReadout] =
@@ -126,28 +119,23 @@ void addTimes(const WindowPoint& point,
               const WarpedPoint<float>& p,
               ResidualGeometry& geometry) {
   const TargetImage& target = pair.current;
-  RowFlow<float> flow;
-  rowFlow(target.shutter, {p.u, p.v}, point.inverse_depth * p.inverse_z, true, flow);
-  float time = 0;
-  rowTime(target.shutter, p.x, p.y, time);
+  const RowFlow<float> flow =
+      rowFlow(target.shutter, {p.u, p.v}, point.inverse_depth * p.inverse_z, true);
+  const float time = rowTime(target.shutter, p.x, p.y);
   const float* d = flow.first;
   const float x = p.x + time * target.warp.fx * (d[0] - p.u * d[2]);
   const float y = p.y + time * target.warp.fy * (d[1] - p.v * d[2]);
-  rowTime(target.shutter, x, y, geometry.target_time);
-  rowTime(pair.host_shutter, point.patch.seen.x(), point.patch.seen.y(), geometry.host_time);
-  geometry.target_time *= static_cast<float>(kVelocityScale);
-  geometry.host_time *= static_cast<float>(kVelocityScale);
+  const Eigen::Vector2f& seen = point.patch.seen;
+  constexpr auto kScale = static_cast<float>(kVelocityScale);
+  geometry.target_time = kScale * rowTime(target.shutter, x, y);
+  geometry.host_time = kScale * rowTime(pair.host_shutter, seen.x(), seen.y());
 }
 
 /// The square of the mean of the roots of gradientWeight in host and target.
-DSORB_ALWAYS_INLINE void meanWeights(const Lanes& squared_gradient,
-                                     const Lanes& host_root,
-                                     Lanes& weight) {
+DSORB_ALWAYS_INLINE Lanes meanWeights(const Lanes& squared_gradient, const Lanes& host_root) {
   constexpr float kC = 50.0F;
-  Lanes root = squared_gradient + kC * kC;
-  squareRoots(root);
-  const Lanes mean = 0.5F * (kC / root + host_root);
-  weight = mean * mean;
+  const Lanes mean = 0.5F * (kC / squareRoots(squared_gradient + kC * kC) + host_root);
+  return mean * mean;
 }
 
 template <bool kRolling>
@@ -155,40 +143,27 @@ DSORB_ALWAYS_INLINE bool sumPatch(const WindowPoint& point,
                                   const HostRays& rays,
                                   const PairGeometry& pair,
                                   PatchSums& sums) {
-  WarpedPattern pattern;
-  warpPattern<kRolling>(pair.current, rays, point.patch.pixel, point.inverse_depth, pattern);
+  const WarpedPattern pattern =
+      warpPattern<kRolling>(pair.current, rays, point.patch.pixel, point.inverse_depth);
   if (!inAllLanes(pattern.inside)) return false;
   const LaneSamples& seen = pattern.seen;
-  Lanes host;
-  Lanes host_weight;
-  Lanes residual;
-  load(point.patch.grey.data(), host);
-  load(point.patch.root_weight.data(), host_weight);
-  patternResidual(pair.current, point.patch, seen, residual);
-
+  const Lanes residual = patternResidual(pair.current, point.patch, seen);
   const Lanes squared_gradient = seen.dx * seen.dx + seen.dy * seen.dy;
-  Lanes weight;
-  meanWeights(squared_gradient, host_weight, weight);
-  Lanes huber;
-  huberWeights(residual, huber);
-  const Lanes w = weight * huber;
-  Lanes energy;
-  huberEnergies(residual, huber, w, energy);
+  const Lanes huber = huberWeights(residual);
+  const Lanes w = meanWeights(squared_gradient, load(point.patch.root_weight.data())) * huber;
   const Lanes wx = w * seen.dx;
   const Lanes wy = w * seen.dy;
   const Lanes wr = w * residual;
-  const Lanes radiance = host - pair.host_offset_first;
+  const Lanes radiance = load(point.patch.grey.data()) - pair.host_offset_first;
   const Lanes wa = w * radiance;
-  Lanes totals;
-  sumLanes({energy,
-            w * w * squared_gradient,
-            wx * seen.dx,
-            wx * seen.dy,
-            wy * seen.dy,
-            wx * radiance,
-            wy * radiance,
-            wx},
-           totals);
+  Lanes totals = sumLanes({huberEnergies(residual, huber, w),
+                           w * w * squared_gradient,
+                           wx * seen.dx,
+                           wx * seen.dy,
+                           wy * seen.dy,
+                           wx * radiance,
+                           wy * radiance,
+                           wx});
   sums.energy = totals[0];
   if (!std::isfinite(sums.energy)) return false;
   sums.texture = totals[1];
@@ -198,7 +173,7 @@ DSORB_ALWAYS_INLINE bool sumPatch(const WindowPoint& point,
   sums.xa = totals[5];
   sums.ya = totals[6];
   sums.xb = totals[7];
-  sumLanes({wy, wa * radiance, wa, w, wx * residual, wy * residual, wa * residual, wr}, totals);
+  totals = sumLanes({wy, wa * radiance, wa, w, wx * residual, wy * residual, wa * residual, wr});
   sums.yb = totals[0];
   sums.aa = totals[1];
   sums.ab = totals[2];
@@ -279,14 +254,10 @@ DSORB_ALWAYS_INLINE void sumRows(ResidualTerms& terms, std::size_t lanes) {
 /// The camera's columns in the rows of the pose, and its rows.
 DSORB_ALWAYS_INLINE void accumulateCamera(const ResidualTerms& terms, PairSums& sums) {
   const ResidualGeometry& g = terms.geometry;
-  Lanes x;
-  Lanes y;
-  Lanes rest_x;
-  Lanes rest_y;
-  load(terms.x, x);
-  load(terms.y, y);
-  load(terms.x + kLanes, rest_x);
-  load(terms.y + kLanes, rest_y);
+  const Lanes x = load(terms.x);
+  const Lanes y = load(terms.y);
+  const Lanes rest_x = load(terms.x + kLanes);
+  const Lanes rest_y = load(terms.y + kLanes);
   for (std::size_t row = 0; row < kPoseRows; ++row) {
     addLanes(g.x[row] * rest_x + g.y[row] * rest_y, sums.rows[row] + kLanes);
   }
@@ -303,16 +274,12 @@ DSORB_ALWAYS_INLINE void accumulateCamera(const ResidualTerms& terms, PairSums& 
 /// @param camera whether something is estimated of it
 DSORB_ALWAYS_INLINE void accumulate(const ResidualTerms& terms, bool camera, PairSums& sums) {
   const ResidualGeometry& g = terms.geometry;
-  Lanes x;
-  Lanes y;
-  load(terms.x, x);
-  load(terms.y, y);
+  const Lanes x = load(terms.x);
+  const Lanes y = load(terms.y);
   for (std::size_t row = 0; row < kPoseRows; ++row) {
     addLanes(g.x[row] * x + g.y[row] * y, sums.rows[row]);
   }
-  Lanes residual;
-  residualColumn(g, terms.x, terms.y, residual);
-  addLanes(residual, sums.residual);
+  addLanes(residualColumn(g, terms.x, terms.y), sums.residual);
   if (camera) accumulateCamera(terms, sums);
   const PatchSums& p = terms.patch;
   sums.brightness[0] += p.aa;
@@ -391,11 +358,8 @@ void addPair(const PairBlocks& blocks,
 DSORB_ALWAYS_INLINE void prefetchPatch(const WindowPoint& point,
                                        const HostRays& rays,
                                        const PairGeometry& pair) {
-  float ray_x = 0;
-  float ray_y = 0;
-  rays.at(point.patch.pixel.x(), point.patch.pixel.y(), ray_x, ray_y);
-  WarpedPoint<float> p;
-  warpPoint(pair.current.warp, ray_x, ray_y, point.inverse_depth, p);
+  const Eigen::Vector2f ray = rays.at(point.patch.pixel);
+  const WarpedPoint<float> p = warpPoint(pair.current.warp, ray.x(), ray.y(), point.inverse_depth);
   const float margin = kPatternRadius + kFarBorder;
   const TargetImage& target = pair.current;
   const bool inside = p.x > margin && p.y > margin &&
@@ -462,19 +426,15 @@ DSORB_ALWAYS_INLINE Eigen::Vector2f couple(const ResidualTerms& terms,
   const PatchSums& p = terms.patch;
   const float jx = terms.geometry.depth_x;
   const float jy = terms.geometry.depth_y;
-  Lanes x;
-  Lanes y;
-  load(terms.x, x);
-  load(terms.y, y);
+  const Lanes x = load(terms.x);
+  const Lanes y = load(terms.y);
   alignas(32) float relative[kFrameDim];
   store(x * jx + y * jy, relative);
   alignas(32) float by_host[kFrameDim];
   alignas(32) float by_target[kFrameDim];
   Lanes sum = {};
   for (Index k = 0; k < kFrameDim; ++k) {
-    Lanes column;
-    load(pair.to_host_single.col(k).data(), column);
-    sum += column * relative[k];
+    sum += load(pair.to_host_single.col(k).data()) * relative[k];
   }
   store(sum, by_host);
   for (Index i = 0; i < kFrameDim; ++i) by_target[i] = pair.to_target_single[i] * relative[i];
@@ -636,20 +596,16 @@ bool evaluateGeometry(const WindowPoint& point,
                       const PairGeometry& pair,
                       EstimatedCamera camera,
                       ResidualGeometry& geometry) {
-  float ray_x = 0;
-  float ray_y = 0;
-  rays.at(point.patch.pixel.x(), point.patch.pixel.y(), ray_x, ray_y);
-  WarpedPoint<float> p;
-  warpPoint(pair.first, ray_x, ray_y, point.inverse_depth, p);
+  const Eigen::Vector2f ray = rays.at(point.patch.pixel);
+  const WarpedPoint<float> p = warpPoint(pair.first, ray.x(), ray.y(), point.inverse_depth);
   if (!p.front) return false;
-  PixelJacobian<float> J;
-  pixelJacobian(pair.first, p, point.inverse_depth, J);
+  const PixelJacobian<float> J = pixelJacobian(pair.first, p, point.inverse_depth);
   std::copy_n(J.x, kPoseRows, geometry.x);
   std::copy_n(J.y, kPoseRows, geometry.y);
-  geometry.depth_x = J.depth_x;
-  geometry.depth_y = J.depth_y;
+  geometry.depth_x = J.depth.x;
+  geometry.depth_y = J.depth.y;
   if (pair.current.corrected) addTimes(point, pair, p, geometry);
-  if (camera.intrinsics) addLens({ray_x, ray_y}, pair, p, camera.radial, geometry);
+  if (camera.intrinsics) addLens(ray, pair, p, camera.radial, geometry);
   if (camera.readout) addReadout(point, rays, pair, p, geometry);
   return true;
 }

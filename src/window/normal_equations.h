@@ -98,15 +98,10 @@ bool evaluateGeometry(const WindowPoint& point,
 
 /// Products of the residual with the rows of the pose.
 /// @param x, y the patch block times geometry, brightness, residual: kRowLanes of them
-DSORB_ALWAYS_INLINE void residualColumn(const ResidualGeometry& g,
-                                        const float* x,
-                                        const float* y,
-                                        Lanes& column) {
-  Lanes by_x;
-  Lanes by_y;
-  load(g.x, by_x);
-  load(g.y, by_y);
-  column = x[kLaneResidual] * by_x + y[kLaneResidual] * by_y;
+DSORB_ALWAYS_INLINE Lanes residualColumn(const ResidualGeometry& g,
+                                         const float* x,
+                                         const float* y) {
+  return x[kLaneResidual] * load(g.x) + y[kLaneResidual] * load(g.y);
 }
 
 /// Places of a pair in the system: first row of the state of a keyframe.
@@ -141,10 +136,8 @@ struct VelocitySums {
 DSORB_ALWAYS_INLINE void accumulateVelocities(
     const ResidualGeometry& g, const float* x, const float* y, bool camera, VelocitySums& sums) {
   static_assert(kPoseLanes == kLanes && kRowLanes - kPoseLanes == kLanes);
-  Lanes pose_x;
-  Lanes pose_y;
-  load(x, pose_x);
-  load(y, pose_y);
+  const Lanes pose_x = load(x);
+  const Lanes pose_y = load(y);
   for (std::size_t row = 0; row < kPoseRows; ++row) {
     const Lanes pose = g.x[row] * pose_x + g.y[row] * pose_y;
     const Lanes by_target = g.target_time * pose;
@@ -155,15 +148,12 @@ DSORB_ALWAYS_INLINE void accumulateVelocities(
     addLanes(g.target_time * by_host, sums.target_host[row]);
     addLanes(g.host_time * by_host, sums.host_host[row]);
   }
-  Lanes residual;
-  residualColumn(g, x, y, residual);
+  const Lanes residual = residualColumn(g, x, y);
   addLanes(g.target_time * residual, sums.target_residual);
   addLanes(g.host_time * residual, sums.host_residual);
   if (!camera) return;
-  Lanes rest_x;
-  Lanes rest_y;
-  load(x + kLanes, rest_x);
-  load(y + kLanes, rest_y);
+  const Lanes rest_x = load(x + kLanes);
+  const Lanes rest_y = load(y + kLanes);
   for (std::size_t row = 0; row < kPoseRows; ++row) {
     const Lanes rest = g.x[row] * rest_x + g.y[row] * rest_y;
     addLanes(g.target_time * rest, sums.by_target[row] + kLanes);

@@ -27,8 +27,7 @@ DSORB_TARGET_CLONES void multiplyAdd(Lanes (&sums)[kChains], const Lanes& factor
 void BM_MultiplyAdd(benchmark::State& state) {
   constexpr int kRounds = 1000;
   Lanes sums[kChains] = {};
-  Lanes factor;
-  fill(0.5F, factor);
+  const auto factor = spread<Lanes>(0.5F);
   for (auto _ : state) {
     multiplyAdd(sums, factor, kRounds);
     benchmark::DoNotOptimize(sums);
@@ -41,9 +40,7 @@ BENCHMARK(BM_MultiplyAdd);
 DSORB_TARGET_CLONES void addUp(const float* values, std::size_t count, Lanes (&sums)[kChains]) {
   for (std::size_t i = 0; i < count; i += kLanes * kChains) {
     for (std::size_t k = 0; k < kChains; ++k) {
-      Lanes lanes;
-      load(values + i + k * kLanes, lanes);
-      sums[k] += lanes;
+      sums[k] += load(values + i + k * kLanes);
     }
   }
 }

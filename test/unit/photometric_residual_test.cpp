@@ -114,11 +114,8 @@ Vector2d seenAfter(Window window, double change, int row = kReadout) {
   const PairTable pairs(window);
   const WindowPoint& point = window.keyframes[0].points[0];
   const TargetImage& target = pairs.at(0, 1).current;
-  float ray_x = 0;
-  float ray_y = 0;
-  pairs.rays().at(point.patch.pixel.x(), point.patch.pixel.y(), ray_x, ray_y);
-  WarpedPoint<float> p;
-  warpPoint(target.warp, ray_x, ray_y, point.inverse_depth, p);
+  const Eigen::Vector2f ray = pairs.rays().at(point.patch.pixel);
+  WarpedPoint<float> p = warpPoint(target.warp, ray.x(), ray.y(), point.inverse_depth);
   moveToRow(target.shutter, target.warp, point.inverse_depth * p.inverse_z, p);
   return {p.x, p.y};
 }
@@ -149,10 +146,9 @@ TEST(PhotometricResidualTest, DerivativesByADistortedLensAgreeWithDifferences) {
   const WindowPoint& point = window.keyframes[0].points[0];
   ResidualGeometry geometry;
   ASSERT_TRUE(evaluateGeometry(point, pairs.rays(), pair, {true, false, true}, geometry));
-  WarpedPoint<float> p;
   const Eigen::Vector3f ray =
       window.camera().unproject(point.patch.pixel.cast<double>()).cast<float>();
-  warpPoint(pair.current.warp, ray.x(), ray.y(), point.inverse_depth, p);
+  const WarpedPoint<float> p = warpPoint(pair.current.warp, ray.x(), ray.y(), point.inverse_depth);
   const float ratio = pair.first.fy / pair.first.fx;
   for (const int row : {0, 1, 2, 3, kRadial}) {
     const double step = row == kRadial ? 0.3 : 1e-3;  // hundredths of a pixel
@@ -274,14 +270,10 @@ TEST(PhotometricResidualTest, SumsAgreeWithTheDefinitionPixelByPixel) {
   ASSERT_TRUE(evaluatePatch(point, kRays, pair, sums));
   double energy = 0, texture = 0, xx = 0, ya = 0, br = 0;
   for (std::size_t k = 0; k < kPattern.size(); ++k) {
-    float ray_x = 0;
-    float ray_y = 0;
-    kRays.at(point.patch.pixel.x() + static_cast<float>(kPattern[k].x),
-             point.patch.pixel.y() + static_cast<float>(kPattern[k].y),
-             ray_x,
-             ray_y);
-    WarpedPoint<float> at;
-    warpPoint(pair.current.warp, ray_x, ray_y, point.inverse_depth, at);
+    const Eigen::Vector2f offset(patternX(k), patternY(k));
+    const Eigen::Vector2f ray = kRays.at(point.patch.pixel + offset);
+    const WarpedPoint<float> at =
+        warpPoint(pair.current.warp, ray.x(), ray.y(), point.inverse_depth);
     const Sample<float> sample = interpolate(level, at.x, at.y);
     const float r =
         sample.intensity - (pair.current.gain * point.patch.grey[k] + pair.current.offset);

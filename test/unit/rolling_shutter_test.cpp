@@ -107,10 +107,8 @@ TEST(RollingShutter, SoItIsOfACarThatDrivesAhead) {
 TEST(RollingShutter, LanesAndLevelsAgreeWithSinglePixels) {
   const RollingShutter fine = makeRollingShutter(rowsOf(0.025), handMotion());
   const RollingShutter coarse = makeRollingShutter(rowsOf(0.025), handMotion(), 2);
-  float at_fine = 0;
-  float at_coarse = 0;
-  rowTime(fine, 101.5F, 201.5F, at_fine);
-  rowTime(coarse, 25.0F, 50.0F, at_coarse);  // pixels 100 to 103, 200 to 203
+  const float at_fine = rowTime(fine, 101.5F, 201.5F);
+  const float at_coarse = rowTime(coarse, 25.0F, 50.0F);  // pixels 100 to 103, 200 to 203
   EXPECT_NEAR(at_coarse, at_fine, 1e-8);
   Lanes x;
   Lanes y;
@@ -118,11 +116,9 @@ TEST(RollingShutter, LanesAndLevelsAgreeWithSinglePixels) {
     x[k] = 50.0F * static_cast<float>(k);
     y[k] = 30.0F * static_cast<float>(k);
   }
-  Lanes times;
-  rowTime(fine, x, y, times);
+  const Lanes times = rowTime(fine, x, y);
   for (int k = 0; k < kLanes; ++k) {
-    float alone = 0;
-    rowTime(fine, static_cast<float>(x[k]), static_cast<float>(y[k]), alone);
+    const float alone = rowTime(fine, static_cast<float>(x[k]), static_cast<float>(y[k]));
     EXPECT_NEAR(times[k], alone, 1e-9);
   }
 }

@@ -49,10 +49,9 @@ TEST_F(InterpolateTest, CellGradientIsTheDerivative) {
 }
 
 TEST_F(InterpolateTest, AllFormsGiveTheSameNumbers) {
-  LaneSamples eight;
   const Lanes x = {1, 5.5F, 7.25F, 29, 12.125F, 3.75F, 20.5F, 28.875F};
   const Lanes y = {21, 1, 9.5F, 4.75F, 17.25F, 20.875F, 13, 2.5F};
-  interpolateLanes(level().data(), level().width(), x, y, eight);
+  const LaneSamples eight = interpolateLanes(level().data(), level().width(), x, y);
   for (int k = 0; k < kLanes; ++k) {
     const Sample<float> one = interpolate(level(), x[k], y[k]);
     const Sample<double> precise =
@@ -73,8 +72,7 @@ TEST(InterpolateInvalidTest, AllFormsSayThatAPixelOfTheirsIsInvalid) {
   const Lanes x = {11.5F, 12.25F, 10.5F, 13.5F, 12.5F, 9.75F, 14.25F, 10.5F};
   const Lanes y = {9.5F, 10.75F, 10.5F, 9.5F, 8.5F, 10.5F, 10.5F, 8.5F};
   const bool valid[kLanes] = {false, false, false, false, false, true, true, true};
-  LaneSamples eight;
-  interpolateLanes(level.data(), level.width(), x, y, eight);
+  const LaneSamples eight = interpolateLanes(level.data(), level.width(), x, y);
   for (int k = 0; k < kLanes; ++k) {
     const Sample<float> one = interpolate(level, x[k], y[k]);
     EXPECT_EQ(!std::isnan(one.intensity), valid[k]) << k;

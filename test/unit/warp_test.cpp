@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <type_traits>
 
@@ -65,15 +66,9 @@ struct Points {
       values[1][k] = static_cast<Scalar>(point.y);
       values[2][k] = static_cast<Scalar>(point.rho);
     }
-    if constexpr (kCount<T> == 1) {
-      x = values[0][0];
-      y = values[1][0];
-      rho = values[2][0];
-    } else {
-      load(values[0], x);
-      load(values[1], y);
-      load(values[2], rho);
-    }
+    std::memcpy(&x, values[0], sizeof(T));
+    std::memcpy(&y, values[1], sizeof(T));
+    std::memcpy(&rho, values[2], sizeof(T));
   }
 };
 
@@ -93,9 +88,8 @@ class WarpOf : public testing::Test {
 
   Warp<Scalar> warp = makeWarp<Scalar>(kWarpCamera, somePose());
   Points<T> points;
-  WarpedPoint<T> warped;
+  WarpedPoint<T> warped = warpPoint(warp, points.x, points.y, points.rho);
 
-  WarpOf() { warpPoint(warp, points.x, points.y, points.rho, warped); }
   [[nodiscard]] Eigen::MatrixXd numeric(int k) const {
     return numericJacobian([k](const Eigen::VectorXd& step) { return pixelAt(k, step); }, 7);
   }
@@ -116,12 +110,11 @@ TYPED_TEST(WarpOf, ProjectsAsCameraAndPoseDo) {
 }
 
 TYPED_TEST(WarpOf, PixelJacobianMatchesCentralDifferences) {
-  PixelJacobian<TypeParam> J;
-  pixelJacobian(this->warp, this->warped, this->points.rho, J);
+  const auto J = pixelJacobian(this->warp, this->warped, this->points.rho);
   for (int k = 0; k < kCount<TypeParam>; ++k) {
     Eigen::MatrixXd made(2, 7);
     for (int i = 0; i < 6; ++i) made.col(i) << at(J.x[i], k), at(J.y[i], k);
-    made.col(6) << at(J.depth_x, k), at(J.depth_y, k);
+    made.col(6) << at(J.depth.x, k), at(J.depth.y, k);
     const Eigen::MatrixXd expected = this->numeric(k);
     EXPECT_LT(relativeDifference(made.leftCols(6), expected.leftCols(6)), this->kTolerance);
     EXPECT_LT(relativeDifference(made.col(6), expected.col(6)), this->kTolerance);
@@ -130,17 +123,13 @@ TYPED_TEST(WarpOf, PixelJacobianMatchesCentralDifferences) {
 
 TYPED_TEST(WarpOf, ContractedJacobiansMatchCentralDifferences) {
   const Eigen::RowVector2d gradient(3, -7);
-  TypeParam dx;
-  TypeParam dy;
   using Number = typename TestFixture::Scalar;
-  spread(static_cast<Number>(gradient[0]), dx);
-  spread(static_cast<Number>(gradient[1]), dy);
-  RayGradient<TypeParam> g;
-  rayGradient(this->warp, this->warped, dx, dy, g);
+  const auto dx = spread<TypeParam>(static_cast<Number>(gradient[0]));
+  const auto dy = spread<TypeParam>(static_cast<Number>(gradient[1]));
+  const auto g = rayGradient(this->warp, this->warped, dx, dy);
   TypeParam J[6];
-  TypeParam J_depth;
   poseJacobian(this->warped, g, this->points.rho * this->warped.inverse_z, J);
-  depthJacobian(this->warp, this->warped, g, J_depth);
+  const TypeParam J_depth = depthJacobian(this->warp, this->warped, g);
   for (int k = 0; k < kCount<TypeParam>; ++k) {
     Eigen::RowVectorXd made(7);
     for (int i = 0; i < 6; ++i) made[i] = at(J[i], k);
@@ -154,8 +143,7 @@ TYPED_TEST(WarpOf, ContractedJacobiansMatchCentralDifferences) {
 TYPED_TEST(WarpOf, PointsBehindAreMarkedAndStayFinite) {
   auto turned = makeWarp<typename TestFixture::Scalar>(
       kWarpCamera, SE3(so3Exp({0, M_PI, 0}), Eigen::Vector3d(0, 0, 0)));
-  WarpedPoint<TypeParam> behind;
-  warpPoint(turned, this->points.x, this->points.y, this->points.rho, behind);
+  const auto behind = warpPoint(turned, this->points.x, this->points.y, this->points.rho);
   for (int k = 0; k < kCount<TypeParam>; ++k) {
     EXPECT_EQ(at(behind.front, k), 0);
     EXPECT_NE(at(this->warped.front, k), 0);
@@ -164,15 +152,12 @@ TYPED_TEST(WarpOf, PointsBehindAreMarkedAndStayFinite) {
 }
 
 TEST(Warp, PositionsOutsideMoveToTheBorder) {
-  SampleArea<float> area;
-  sampleArea(640, 480, area);
+  const auto area = sampleArea<float>(640, 480);
   const auto moved = [&](float x, float y) {
     WarpedPoint<float> point{};
     point.x = x;
     point.y = y;
-    SamplePosition<float> position;
-    clampToArea(area, point, position);
-    return position;
+    return clampToArea(area, point);
   };
   EXPECT_TRUE(moved(1, 477.9F).inside);
   EXPECT_TRUE(moved(637, 1).inside);

@@ -103,29 +103,22 @@ DSORB_ALWAYS_INLINE float evaluatePoint(const LevelWarp& w,
                                         const float* grey,
                                         Residual& out) {
   if (!(inverse_depth > 0)) return HUGE_VALF;
-  WarpedPattern pattern;
-  warpPattern(w.target, w.rays, pixel, inverse_depth, pattern);
+  const WarpedPattern pattern = warpPattern(w.target, w.rays, pixel, inverse_depth);
   if (!inAllLanes(pattern.inside)) return HUGE_VALF;
   const WarpedPoint<Lanes>& p = pattern.at;
   const LaneSamples& seen = pattern.seen;
-  Lanes reference;
-  load(grey, reference);
-  out.J[6] = -w.target.gain * reference;
+  out.J[6] = -w.target.gain * load(grey);
   out.r = w.scale * (seen.intensity + out.J[6] - w.target.offset);
   out.J[6] = w.scale * out.J[6] - w.scale_rate * out.r;
-  fill(-w.scale, out.J[7]);
-  huberWeights(out.r, out.weight);
-  RayGradient<Lanes> gradient;
-  rayGradient<float, Lanes>(w.target.warp, p, w.scale * seen.dx, w.scale * seen.dy, gradient);
+  out.J[7] = spread<Lanes>(-w.scale);
+  out.weight = huberWeights(out.r);
+  const auto gradient =
+      rayGradient<float, Lanes>(w.target.warp, p, w.scale * seen.dx, w.scale * seen.dy);
   poseJacobian<Lanes>(p, gradient, inverse_depth * p.inverse_z, out.J);
-  Lanes flow_x;
-  Lanes flow_y;
-  depthFlow(w.target.warp, p, flow_x, flow_y);
-  out.J_depth = w.scale * (seen.dx * flow_x + seen.dy * flow_y);
-  out.squared_flow = flow_x * flow_x + flow_y * flow_y;
-  Lanes energy;
-  huberEnergies(out.r, out.weight, energy);
-  return sumLanes(energy);
+  const DepthFlow<Lanes> flow = depthFlow(w.target.warp, p);
+  out.J_depth = w.scale * (seen.dx * flow.x + seen.dy * flow.y);
+  out.squared_flow = flow.x * flow.x + flow.y * flow.y;
+  return sumLanes(huberEnergies(out.r, out.weight));
 }
 
 /// Float sums of one block of points, a lane each for the pattern's pixels.
@@ -143,9 +136,7 @@ DSORB_ALWAYS_INLINE void couple(const LevelWarp& w,
   Lanes products[kParameters];
   const Lanes weighted = s.weight * s.J_depth;
   for (std::size_t k = 0; k < kParameters; ++k) products[k] = weighted * s.J[k];
-  Lanes coupling;
-  sumLanes(products, coupling);
-  store(coupling, &system.coupling[i * kParameters]);
+  store(sumLanes(products), &system.coupling[i * kParameters]);
   const float depth = points.trial_inverse_depth[i];
   const float curvature = sumLanes(weighted * s.J_depth);
   points.trial_curvature[i] = curvature;

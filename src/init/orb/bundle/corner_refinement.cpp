@@ -86,29 +86,17 @@ DSORB_ALWAYS_INLINE bool linearizeAs(const TargetImage& target,
   Lanes terms[8] = {};
   const float step_x = 1.0F / target.warp.fx;
   const float step_y = 1.0F / target.warp.fy;
-  SampleArea<Lanes> area;
-  sampleArea(target.width, target.height, area);
   for (std::size_t i = 0; i < kPatchLanes; i += kLanes) {
-    Lanes offset_x;
-    Lanes offset_y;
-    Lanes used;
-    Lanes grey;
-    load(&kOffsets.x[i], offset_x);
-    load(&kOffsets.y[i], offset_y);
-    load(&kOffsets.used[i], used);
-    load(&patch[i], grey);
-    const Lanes ray_x = ray.x() + step_x * offset_x;
-    const Lanes ray_y = ray.y() + step_y * offset_y;
-    WarpedPoint<Lanes> point;
-    projectInto<kRolling>(target, ray_x, ray_y, inverse_depth, point);
-    LaneSamples samples;
+    const Lanes used = load(&kOffsets.used[i]);
+    const Lanes ray_x = ray.x() + step_x * load(&kOffsets.x[i]);
+    const Lanes ray_y = ray.y() + step_y * load(&kOffsets.y[i]);
+    const WarpedPoint<Lanes> point = projectInto<kRolling>(target, ray_x, ray_y, inverse_depth);
     MaskOf<Lanes> inside;
-    sampleTarget(target, area, point, samples, inside);
+    const LaneSamples samples = sampleTarget(target, point, inside);
     if (!inAllLanes(inside)) return false;
-    const Lanes residual = (samples.intensity - target.gain * grey - target.offset) * used;
-    Lanes weight;
-    huberWeights(residual, weight);
-    weight *= used;
+    const Lanes residual =
+        (samples.intensity - target.gain * load(&patch[i]) - target.offset) * used;
+    const Lanes weight = huberWeights(residual) * used;
     const Lanes wx = weight * samples.dx;
     const Lanes wy = weight * samples.dy;
     terms[0] += wx * samples.dx;
@@ -120,7 +108,7 @@ DSORB_ALWAYS_INLINE bool linearizeAs(const TargetImage& target,
     terms[6] += weight;
     terms[7] += residual < 0.0F ? -residual : residual;
   }
-  sumLanes(terms, totals);
+  totals = sumLanes(terms);
   return true;
 }
 

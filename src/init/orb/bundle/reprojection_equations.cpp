@@ -545,9 +545,7 @@ RowTimesOfMap::RowTimesOfMap(const InitialMap& map, const PinholeCamera& camera)
     : host(map.corners.size()), target(map.observations.size()) {
   if (map.motions.empty()) return;
   const auto time_at = [](const RollingShutter& shutter, const Eigen::Vector2f& pixel) {
-    float time = 0;
-    rowTime(shutter, pixel.x(), pixel.y(), time);
-    return static_cast<double>(time);
+    return static_cast<double>(rowTime(shutter, pixel.x(), pixel.y()));
   };
   std::vector<RollingShutter> shutters;
   for (std::size_t k = 0; k < map.frames.size(); ++k) shutters.push_back(*shutterOf(map, k));
@@ -598,9 +596,7 @@ double robustCost(double error, const GeometricOptions& options) {
   const double limit = options.loss_threshold;
   const double weight = robustWeight(error, options);
   if (options.loss == RobustLoss::kCauchy) return -0.5 * limit * limit * std::log(weight);
-  double energy = 0;
-  huberEnergies(error, weight, energy);
-  return 0.5 * energy;
+  return 0.5 * huberEnergies(error, weight);
 }
 
 double robustWeight(double error, const GeometricOptions& options) {
