@@ -43,7 +43,7 @@ class CoarseCovarianceTest : public testing::Test {
 
 TEST_F(CoarseCovarianceTest, EqualsTheDenseInverseWithTheMeanInverseDepthFixed) {
   LevelAligner aligner{CoarseOptions{}};
-  const auto result = uncertaintyOf(tracked_, camera_, points_, {}, aligner);
+  const auto result = uncertaintyOf(tracked_, camera_, points_, aligner);
   ASSERT_TRUE(result);
 
   const LevelState state = aligner.evaluate(
@@ -88,19 +88,10 @@ TEST_F(CoarseCovarianceTest, EqualsTheDenseInverseWithTheMeanInverseDepthFixed) 
   for (const double ratio : ratios) EXPECT_LT(std::abs(std::log(ratio)), std::log(2));
 }
 
-TEST_F(CoarseCovarianceTest, KnownDepthsSharpenThePose) {
-  LevelAligner aligner{CoarseOptions{}};
-  const auto alone = uncertaintyOf(tracked_, camera_, points_, {}, aligner);
-  const std::vector<float> known(points_.x.size(), 1e6F);
-  const auto sharper = uncertaintyOf(tracked_, camera_, points_, known, aligner);
-  ASSERT_TRUE(alone && sharper);
-  EXPECT_LT(sharper->pose.trace(), alone->pose.trace());
-}
-
 TEST_F(CoarseCovarianceTest, NothingWithoutGoodPoints) {
   LevelAligner aligner{CoarseOptions{}};
   std::fill(points_.good.begin(), points_.good.end(), std::uint8_t{0});
-  EXPECT_FALSE(uncertaintyOf(tracked_, camera_, points_, {}, aligner));
+  EXPECT_FALSE(uncertaintyOf(tracked_, camera_, points_, aligner));
 }
 
 }  // namespace

@@ -15,13 +15,11 @@ struct CoarseOptions {
   double wanted_parallax_deg = 1.5;  ///< median; 0: not waited for
   int max_points = 6000;             ///< of a level; 0: as the density says
   int max_passes = 4;                ///< over all levels, for a frame that does not match at once
-  double min_snap_gain = 0.2;      ///< least motion gain, below it the prior comes back; 0: no test
-  double min_rival_margin = 0.15;  ///< energy of the best motion elsewhere, less 1; 0: no rivals
-  double max_parent_distance = 2;  ///< pixels of the coarser level; 0: no limit
-  double min_parallax_deg = 0.7;   ///< of the result, median; 0: no test
-  double min_motion_gain = 0.4;    ///< share of the residual energy that translation removes
+  double min_rival_margin = 0.15;    ///< energy of the best motion elsewhere, less 1; 0: no rivals
+  double max_parent_distance = 2;    ///< pixels of the coarser level; 0: no limit
+  double min_parallax_deg = 0.7;     ///< of the result, median; 0: no test
+  double min_motion_gain = 0.4;      ///< share of the residual energy that translation removes
   double max_outlier_share = 0.65;   ///< of the points in view, more: tracking is lost; 1: no test
-  double max_relative_sigma = 0.35;  ///< median of the result's inverse depths; 0: no test
   int max_frames = 40;               ///< since the reference; 0: wait for ever
 };
 
@@ -33,13 +31,11 @@ DescribeFor<Options, CoarseOptions> describe(Visitor& visit, Options& o) {
   visit.field("wanted_parallax_deg", o.wanted_parallax_deg, Range{0, 45}, "deg");
   visit.field("max_points", o.max_points, Range{0, 1000000}, "points");
   visit.field("max_passes", o.max_passes, Range{1, 100}, "passes");
-  visit.field("min_snap_gain", o.min_snap_gain, Range{0, 1}, "");
   visit.field("min_rival_margin", o.min_rival_margin, Range{0, 10}, "");
   visit.field("max_parent_distance", o.max_parent_distance, Range{0, 1000}, "px of the level");
   visit.field("min_parallax_deg", o.min_parallax_deg, Range{0, 45}, "deg");
   visit.field("min_motion_gain", o.min_motion_gain, Range{0, 1}, "");
   visit.field("max_outlier_share", o.max_outlier_share, Range{0, 1}, "");
-  visit.field("max_relative_sigma", o.max_relative_sigma, Range{0, 100}, "");
   visit.field("max_frames", o.max_frames, Range{0, 1000}, "frames");
 }
 

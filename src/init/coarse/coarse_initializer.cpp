@@ -35,9 +35,7 @@ constexpr float kMinCurvature = 1;  // [grey levels^2 unit^2]; less tells nothin
 
 // Per level, finest first, when a frame is aligned to known depths from a good start.
 constexpr std::array<int, 5> kPoseIterations = {2, 3, 5, 10, 10};
-constexpr double kMinPoseInlierShare = 0.5;   // of the points in view, else a frame has no pose
-constexpr double kMinPoseVisibleShare = 0.2;  // of all points, else a frame has no pose
-constexpr double kUnknownVariance = 1;        // of an inverse depth the newest frame does not tell
+constexpr double kUnknownVariance = 1;  // of an inverse depth the newest frame does not tell
 
 /// Scale of the t-distribution of a direction's errors over the sigmas of its covariance, and what
 /// the energies of a whole image are worth, in independent samples, between motions. Both were
@@ -285,9 +283,7 @@ constexpr int kFirstGridSpacing = 5;       // of the grid maxima, levels from 1 
 constexpr int kMinPoints = 100;            // of level 0, else the frame is no reference
 constexpr double kMinSpread = 0.02;        // of them across their main direction [diagonals]
 constexpr double kMinVisibleShare = 0.25;  // points in view, else the reference is too far away
-constexpr double kMaxInlierDrop = 0.5;     // of the share of the frame before: the scene was cut
 constexpr int kMaxSettleFrames = 5;        // to wait for the wanted parallax; as published
-constexpr int kMaxRefusals = 3;            // for poor quality; then the estimate is given up
 constexpr double kMatchShare = 0.8;        // of all points; once over the levels was enough
 constexpr std::size_t kKeptFrames = 40;    // in memory at most
 
@@ -341,8 +337,7 @@ struct Quality {
 
 /// The best pure rotation against the estimate of the newest frame.
 struct RotationTest {
-  LevelState full;  // of the estimate
-  Alignment rotation;
+  LevelState full;         // of the estimate
   double motion_gain = 0;  // share of the energy of the rotation that translation removes
 };
 
@@ -387,8 +382,7 @@ class CoarseInitializer final : public Initializer {
   void clear() {
     frames_.clear();
     levels_.clear();
-    snapped_since_ = tracked_ = refusals_ = 0;
-    inlier_share_ = 0;
+    snapped_since_ = tracked_ = 0;
   }
 
   /// Makes the frame the first one.
@@ -469,32 +463,19 @@ class CoarseInitializer final : public Initializer {
     }
     last_motion_ = next.alignment.T_cur_ref * last.alignment.T_cur_ref.inverse();
     frames_.push_back(next);
-    if (next.alignment.snapped) confirmSnap();
+    if (next.alignment.snapped && snapped_since_ == 0) snapped_since_ = tracked_;
     return estimate.finest;
-  }
-
-  /// Brings the prior back where a pure rotation explains the newest frame nearly as well.
-  void confirmSnap() {
-    AlignedFrame& newest = frames_.back();
-    if (snapped_since_ == 0 && o_.min_snap_gain > 0) {
-      const RotationTest test = testRotation();
-      if (test.motion_gain < o_.min_snap_gain) {
-        newest.alignment = newest.rotation = test.rotation;
-        return;
-      }
-    }
-    if (snapped_since_ == 0) snapped_since_ = tracked_;
   }
 
   [[nodiscard]] RotationTest testRotation() {
     std::vector<PointLevel> fixed = fixedLevels(levels_);
     const AlignedFrame& newest = frames_.back();
     RotationTest test;
-    test.rotation = newest.rotation;
+    Alignment rotation = newest.rotation;
     test.full = aligner_.evaluate(
         viewOf(*newest.frame, camera_, 0), Unknowns::kPose, fixed.front(), newest.alignment);
     const LevelReport still =
-        alignFrame(taskOf(*newest.frame), Unknowns::kRotation, levels_, fixed, test.rotation);
+        alignFrame(taskOf(*newest.frame), Unknowns::kRotation, levels_, fixed, rotation);
     test.motion_gain = 1.0 - energyPerPoint(test.full) / energyPerPoint(still.state);
     return test;
   }
@@ -522,8 +503,7 @@ class CoarseInitializer final : public Initializer {
   InitStep assess(const LevelReport& finest) {
     const AlignedFrame newest = frames_.back();
     const bool tests = o_.max_outlier_share < 1;
-    const double cut_share = kMaxInlierDrop * std::exchange(inlier_share_, finest.inlierShare());
-    if (tests && inlier_share_ < std::max(1.0 - o_.max_outlier_share, cut_share)) {
+    if (tests && finest.inlierShare() < 1.0 - o_.max_outlier_share) {
       return startOver(newest.frame, InitReason::kTrackingLost, true);
     }
     if (tests && finest.visibleShare() < kMinVisibleShare) {
@@ -541,8 +521,6 @@ class CoarseInitializer final : public Initializer {
         reason = step.reason;
       }
     }
-    refusals_ = reason == InitReason::kPoorQuality ? refusals_ + 1 : 0;
-    if (refusals_ >= kMaxRefusals) return startOver(newest.frame, reason, true);
     if (o_.max_frames > 0 && tracked_ + 1 >= o_.max_frames) {
       const bool parallax = newest.alignment.snapped && reason != InitReason::kTooLittleParallax &&
                             reason != InitReason::kDegenerateMotion;
@@ -585,8 +563,7 @@ class CoarseInitializer final : public Initializer {
     quality.relative_sigma = medianOf(std::move(sigmas));
     if (test.motion_gain < o_.min_motion_gain) {
       quality.reason = InitReason::kDegenerateMotion;
-    } else if (1.0 - test.full.sums.inlierShare() > o_.max_outlier_share ||
-               (o_.max_relative_sigma > 0 && quality.relative_sigma > o_.max_relative_sigma)) {
+    } else if (1.0 - test.full.sums.inlierShare() > o_.max_outlier_share) {
       quality.reason = InitReason::kPoorQuality;
     }
     return quality;
@@ -605,17 +582,10 @@ class CoarseInitializer final : public Initializer {
 
   InitStep conclude(const LevelReport& finest) {
     Quality quality = clock_.time("quality", [&] { return judge(); });
-    // An estimate of poor quality may still be improved by a rival. After one refusal the rivals,
-    // which take a quarter of a second, are not tried again.
-    const bool contested = quality.reason == InitReason::kDone ||
-                           (quality.reason != InitReason::kTooLittleParallax && refusals_ == 0);
-    if (contested && o_.min_rival_margin > 0) {
-      const double margin = clock_.time("rivals", [&] { return challenge(finest); });
-      quality = clock_.time("quality", [&] { return judge(); });
-      quality.rival_margin = margin;
-      if (quality.reason == InitReason::kDone && margin < o_.min_rival_margin) {
+    if (quality.reason == InitReason::kDone && o_.min_rival_margin > 0) {
+      quality.rival_margin = clock_.time("rivals", [&] { return challenge(finest); });
+      if (quality.rival_margin < o_.min_rival_margin)
         quality.reason = InitReason::kDegenerateMotion;
-      }
     }
     if (quality.reason != InitReason::kDone) return needsMoreFrames(quality.reason);
     InitStep step = resets_.finish(handOver(quality), clock_);
@@ -650,57 +620,36 @@ class CoarseInitializer final : public Initializer {
     return 1 - (1 - errors) * (1 - rival);
   }
 
-  /// Poses of all frames at the final inverse depths, the newest first, so that each starts from a
-  /// neighbour's; the order of the result is that of the frames.
+  /// Poses of all frames at the final inverse depths, the newest first: each other one starts on
+  /// the way from the reference to the one after it.
   [[nodiscard]] std::vector<PosedFrame> poseFrames() {
     const Frame& reference = *frames_.front().frame;
     std::vector<PosedFrame> posed(frames_.size());
     posed.front() = {frames_.front().frame, SE3(), {}, std::nullopt};
     std::vector<PointLevel> fixed = fixedLevels(levels_);
-    Alignment next = frames_.back().alignment;
     for (std::size_t k = frames_.size() - 1; k > 0; --k) {
       const Frame& frame = *frames_[k].frame;
-      const bool newest = k + 1 == frames_.size();
-      Alignment alignment = newest ? next : earlierStart(k, next, fixed.back());
-      const LevelReport report =
-          alignFrame(taskOf(frame), Unknowns::kPose, levels_, fixed, alignment);
-      posed[k].frame = frames_[k].frame;
-      if (!newest && (report.inlierShare() < kMinPoseInlierShare ||
-                      report.visibleShare() < kMinPoseVisibleShare)) {
-        continue;
+      Alignment alignment = frames_[k].alignment;
+      if (k + 1 < frames_.size()) {
+        const double fraction = static_cast<double>(k) / static_cast<double>(k + 1);
+        alignment.T_cur_ref = SE3::exp(fraction * posed[k + 1].T_cam_ref->log());
       }
+      alignFrame(taskOf(frame), Unknowns::kPose, levels_, fixed, alignment);
+      posed[k].frame = frames_[k].frame;
       posed[k].T_cam_ref = alignment.T_cur_ref;
       posed[k].affine = {alignment.log_gain - logExposureRatio(reference, frame), alignment.offset};
       const auto uncertainty =
-          uncertaintyOf({frames_[k].frame, alignment, {}},
-                        camera_,
-                        fixed.front(),
-                        newest ? std::vector<float>{} : levels_.front().curvature,
-                        aligner_);
+          uncertaintyOf({frames_[k].frame, alignment, {}}, camera_, fixed.front(), aligner_);
       if (uncertainty) posed[k].covariance = uncertainty->pose;
-      next = alignment;
     }
     return posed;
-  }
-
-  /// Start of an earlier frame's alignment: its own estimate, that of the frame after it, or what
-  /// lies between the latter and the reference; the best on the coarsest level.
-  [[nodiscard]] Alignment earlierStart(std::size_t k, const Alignment& next, PointLevel& coarsest) {
-    const double fraction = static_cast<double>(k) / static_cast<double>(k + 1);
-    std::vector<Alignment> starts = {frames_[k].alignment, frames_[k].alignment, next};
-    starts[1].T_cur_ref = SE3::exp(fraction * next.T_cur_ref.log());
-    return leastOf(starts, [&](const Alignment& start) {
-      coarsest.good = levels_.back().good;
-      return energyPerPoint(
-          aligner_.evaluate(coarsestOf(*frames_[k].frame), Unknowns::kPose, coarsest, start));
-    });
   }
 
   [[nodiscard]] std::vector<InitPoint> makePoints() {
     const PointLevel& points = levels_.front();
     PointLevel fixed = points;
     fixed.trial_inverse_depth = fixed.inverse_depth = fixed.smoothed;
-    const auto uncertainty = uncertaintyOf(frames_.back(), camera_, fixed, {}, aligner_);
+    const auto uncertainty = uncertaintyOf(frames_.back(), camera_, fixed, aligner_);
     std::vector<InitPoint> result;
     for (const std::size_t i : o_.published ? randomPoints() : spreadPoints()) {
       InitPoint point;
@@ -757,10 +706,8 @@ class CoarseInitializer final : public Initializer {
   std::vector<AlignedFrame> frames_;
   std::vector<PointLevel> levels_;  // finest first, as the newest frame left them
   StageClock clock_;
-  int snapped_since_ = 0;    // frames tracked up to the one that snapped, 0: not yet
-  int tracked_ = 0;          // frames since the reference
-  int refusals_ = 0;         // frames in a row that settled in poor quality
-  double inlier_share_ = 0;  // of the newest frame
+  int snapped_since_ = 0;  // frames tracked up to the one that snapped, 0: not yet
+  int tracked_ = 0;        // frames since the reference
   bool done_ = false;
   ResetLog resets_;
   SE3 last_motion_;  // from the frame before the newest to the newest
@@ -771,7 +718,6 @@ class CoarseInitializer final : public Initializer {
 std::optional<Uncertainty> uncertaintyOf(const AlignedFrame& tracked,
                                          const PinholeCamera& camera,
                                          PointLevel& points,
-                                         const std::vector<float>& curvature,
                                          LevelAligner& aligner) {
   const LevelState state = aligner.evaluate(
       viewOf(*tracked.frame, camera, 0), Unknowns::kPose, points, tracked.alignment);
@@ -779,9 +725,8 @@ std::optional<Uncertainty> uncertaintyOf(const AlignedFrame& tracked,
   std::vector<double> depths(points.x.size(), 0.0);
   std::vector<std::size_t> known;
   for (std::size_t i = 0; i < points.x.size(); ++i) {
-    const float elsewhere = curvature.empty() ? 0.0F : curvature[i];
-    const float total = points.trial_good[i] != 0 ? points.trial_curvature[i] + elsewhere : 0.0F;
-    system.depth_hessian[i] = total < kMinCurvature ? 0 : static_cast<double>(total);
+    const float curvature = points.trial_good[i] != 0 ? points.trial_curvature[i] : 0.0F;
+    system.depth_hessian[i] = curvature < kMinCurvature ? 0 : static_cast<double>(curvature);
     if (!system.known(i)) continue;
     depths[i] = static_cast<double>(points.trial_inverse_depth[i]);
     known.push_back(i);

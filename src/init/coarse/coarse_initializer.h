@@ -31,16 +31,13 @@ struct Uncertainty {
 /// Covariance of pose and inverse depths together. Neighbouring patterns overlap, and errors of the
 /// smoothed inverse depths are common to many points: all good points carry the information of a
 /// few independent ones.
-/// @param points    level 0, trial inverse depths the ones to judge at
-/// @param curvature of each inverse depth known from another frame [grey levels^2 unit^2]; empty:
-///                  this frame alone tells them
+/// @param points level 0, trial inverse depths the ones to judge at
 /// @return nothing where the frame does not determine the pose
 /// @source inverse of the Gauss-Newton system with the inverse depths eliminated; effective points
 ///         as in init/orb/bundle/geometric_covariance
 [[nodiscard]] std::optional<Uncertainty> uncertaintyOf(const AlignedFrame& tracked,
                                                        const PinholeCamera& camera,
                                                        PointLevel& points,
-                                                       const std::vector<float>& curvature,
                                                        LevelAligner& aligner);
 
 /// Points of all levels, finest first, with their terms in the newest frame.
