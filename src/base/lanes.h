@@ -73,23 +73,8 @@ DSORB_ALWAYS_INLINE T spread(Scalar value) {
 DSORB_ALWAYS_INLINE void storeTransposed(const DoubleLanes (&v)[6],
                                          double* target,
                                          std::size_t stride) {
-  using Pair = double __attribute__((vector_size(16)));
-  DoubleLanes even[3];  // lanes 0 and 2 of each pair of vectors
-  DoubleLanes odd[3];   // lanes 1 and 3
-  for (std::size_t i = 0; i < 3; ++i) {
-    even[i] = DSORB_SHUFFLE(v[2 * i], v[2 * i + 1], 0, 4, 2, 6);
-    odd[i] = DSORB_SHUFFLE(v[2 * i], v[2 * i + 1], 1, 5, 3, 7);
-  }
-  const Pair tails[4] = {DSORB_SHUFFLE(even[2], even[2], 0, 1),
-                         DSORB_SHUFFLE(odd[2], odd[2], 0, 1),
-                         DSORB_SHUFFLE(even[2], even[2], 2, 3),
-                         DSORB_SHUFFLE(odd[2], odd[2], 2, 3)};
-  store(DSORB_SHUFFLE(even[0], even[1], 0, 1, 4, 5), target);
-  store(DSORB_SHUFFLE(odd[0], odd[1], 0, 1, 4, 5), target + stride);
-  store(DSORB_SHUFFLE(even[0], even[1], 2, 3, 6, 7), target + 2 * stride);
-  store(DSORB_SHUFFLE(odd[0], odd[1], 2, 3, 6, 7), target + 3 * stride);
-  for (std::size_t k = 0; k < 4; ++k) {
-    std::memcpy(target + k * stride + 4, &tails[k], sizeof(Pair));
+  for (int k = 0; k < kDoubleLanes; ++k, target += stride) {
+    for (int i = 0; i < 6; ++i) target[i] = v[i][k];
   }
 }
 
