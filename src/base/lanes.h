@@ -26,12 +26,9 @@ using LaneMask = std::int32_t __attribute__((vector_size(sizeof(Lanes))));
 using DoubleLanes = double __attribute__((vector_size(32)));
 constexpr int kDoubleLanes = 4;
 
-DSORB_ALWAYS_INLINE void load(const float* source, Lanes& lanes) {
-  std::memcpy(&lanes, source, sizeof(Lanes));
-}
 DSORB_ALWAYS_INLINE Lanes load(const float* source) {
   Lanes lanes;
-  load(source, lanes);
+  std::memcpy(&lanes, source, sizeof(Lanes));
   return lanes;
 }
 DSORB_ALWAYS_INLINE void store(const Lanes& lanes, float* target) {

@@ -58,17 +58,13 @@ DSORB_TARGET_CLONES void sumDifferences(const FlowLevel& image,
     sampleRow(image, begin, step, row);
     Lanes dx = {}, dy = {};
     for (int k = 0; k < kPatchStride; k += kLanes, at += kLanes) {
-      Lanes e, value, gx, gy, u;
-      load(row + k, e);
-      load(patch[0] + at, value);
-      load(patch[1] + at, gx);
-      load(patch[2] + at, gy);
+      Lanes u;
       for (int i = 0; i < kLanes; ++i) u[i] = static_cast<float>(k + i - kPatchReach);
-      e -= value;
+      const Lanes e = load(row + k) - load(patch[0] + at);
       sums.e += e;
       sums.squares += e * e;
-      gx *= e;
-      gy *= e;
+      const Lanes gx = e * load(patch[1] + at);
+      const Lanes gy = e * load(patch[2] + at);
       dx += gx;
       dy += gy;
       sums.dx_u += u * gx;
